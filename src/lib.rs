@@ -1,0 +1,3 @@
+//! turbid: declarative pipelines that design and simulate spatial frequency domain imaging systems.
+
+pub mod registry;

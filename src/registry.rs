@@ -1,0 +1,33 @@
+//! The stages that this program knows, one row each.
+
+use turbid_contract::{Stage, StageRow};
+
+/// A table of stages by the name that `use:` takes.
+#[derive(Clone, Default)]
+pub struct Registry {
+    rows: Vec<StageRow>,
+}
+
+impl Registry {
+    /// The stages that turbid ships.
+    pub fn builtin() -> Self {
+        Self::default()
+    }
+
+    /// Adds a stage; one of the same name replaces it.
+    #[must_use]
+    pub fn with<S: Stage>(mut self) -> Self {
+        self.rows.retain(|row| row.name != S::NAME);
+        self.rows.push(StageRow::of::<S>());
+        self.rows.sort_by_key(|row| row.name);
+        self
+    }
+
+    pub fn find(&self, name: &str) -> Option<&StageRow> {
+        self.rows.iter().find(|row| row.name == name)
+    }
+
+    pub fn rows(&self) -> &[StageRow] {
+        &self.rows
+    }
+}

@@ -1,0 +1,122 @@
+//! What a running stage may ask of the world: seed, cancellation, progress, measurements, files, checkpoints.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, OnceLock};
+
+use crate::error::Error;
+
+/// The engine's side of [`Ctx`]. All methods may be called from any thread.
+pub trait Host: Sync {
+    /// Seed of all random streams of this instance.
+    fn seed(&self) -> u64;
+    fn cancelled(&self) -> bool;
+    /// Whether `limit_s` seconds have passed since this instance began. The only clock that a stage ever sees.
+    fn time_is_up(&self, limit_s: f64) -> bool;
+    /// `done` of `total` units of work; `None` where the total is unknown.
+    fn progress(&self, done: f64, total: Option<f64>, unit: &str);
+    /// A figure for the record and the summary (never for an output).
+    fn measure(&self, name: &str, value: f64, unit: &str);
+    fn warn(&self, message: &str);
+    /// Whether the optional port `port` is to be computed.
+    fn wants(&self, port: &str) -> bool;
+    /// Bytes of the input file that the field `at` names: the bytes that were hashed.
+    fn file(&self, at: &str) -> Option<Arc<[u8]>>;
+    /// Keeps `state` so that a longer or a killed run can continue; `progress` orders checkpoints of one state.
+    fn checkpoint(&self, state: &[u8], progress: u64);
+    /// The furthest checkpoint whose progress does not exceed `at_most`.
+    fn resume(&self, at_most: u64) -> Option<Vec<u8>>;
+    /// Does `work(0) .. work(n - 1)` on the threads of the run, in any order.
+    fn tiles(&self, n: usize, work: &(dyn Fn(usize) + Sync));
+    /// How many threads `tiles` may use; never let it show in an output.
+    fn threads(&self) -> usize;
+}
+
+/// A running stage's view of the world.
+#[derive(Clone, Copy)]
+pub struct Ctx<'a> {
+    host: &'a dyn Host,
+}
+
+impl<'a> Ctx<'a> {
+    pub fn new(host: &'a dyn Host) -> Self {
+        Self { host }
+    }
+
+    /// Does `work` for each tile on all threads; results in tile order, whatever the thread count.
+    ///
+    /// Error: [`Error::Interrupted`] when the run was cancelled; tiles not yet begun are then left out.
+    pub fn map_tiles<T: Send + Sync>(&self, n: usize, work: impl Fn(usize) -> T + Sync) -> Result<Vec<T>, Error> {
+        let slots: Vec<OnceLock<T>> = (0..n).map(|_| OnceLock::new()).collect();
+        self.host.tiles(n, &|i| {
+            if !self.host.cancelled() {
+                let _ = slots[i].set(work(i));
+            }
+        });
+        slots.into_iter().map(OnceLock::into_inner).collect::<Option<Vec<T>>>().ok_or(Error::Interrupted)
+    }
+
+    /// [`Error::Interrupted`] once the run was cancelled; call it between pieces of serial work.
+    pub fn checked(&self) -> Result<(), Error> {
+        if self.host.cancelled() { Err(Error::Interrupted) } else { Ok(()) }
+    }
+
+    pub fn warn(&self, message: impl AsRef<str>) {
+        self.host.warn(message.as_ref());
+    }
+}
+
+impl<'a> std::ops::Deref for Ctx<'a> {
+    type Target = dyn Host + 'a;
+    fn deref(&self) -> &Self::Target {
+        self.host
+    }
+}
+
+/// A host for tests and for use of a stage as a library: no engine, no store, one thread.
+#[derive(Default)]
+pub struct MemoryHost {
+    pub seed: u64,
+    pub wanted: Vec<String>,
+    pub files: BTreeMap<String, Arc<[u8]>>,
+    pub warnings: Mutex<Vec<String>>,
+    pub measures: Mutex<BTreeMap<String, f64>>,
+    pub checkpoints: Mutex<BTreeMap<u64, Vec<u8>>>,
+}
+
+impl Host for MemoryHost {
+    fn seed(&self) -> u64 {
+        self.seed
+    }
+    fn cancelled(&self) -> bool {
+        false
+    }
+    fn time_is_up(&self, _: f64) -> bool {
+        false
+    }
+    fn progress(&self, _: f64, _: Option<f64>, _: &str) {}
+    fn measure(&self, name: &str, value: f64, _: &str) {
+        self.measures.lock().expect("no holder panics").insert(name.to_owned(), value);
+    }
+    fn warn(&self, message: &str) {
+        self.warnings.lock().expect("no holder panics").push(message.to_owned());
+    }
+    fn wants(&self, port: &str) -> bool {
+        self.wanted.iter().any(|w| w == port)
+    }
+    fn file(&self, at: &str) -> Option<Arc<[u8]>> {
+        self.files.get(at).cloned()
+    }
+    fn checkpoint(&self, state: &[u8], progress: u64) {
+        self.checkpoints.lock().expect("no holder panics").insert(progress, state.to_vec());
+    }
+    fn resume(&self, at_most: u64) -> Option<Vec<u8>> {
+        let kept = self.checkpoints.lock().expect("no holder panics");
+        kept.range(..=at_most).next_back().map(|(_, state)| state.clone())
+    }
+    fn tiles(&self, n: usize, work: &(dyn Fn(usize) + Sync)) {
+        (0..n).for_each(work);
+    }
+    fn threads(&self) -> usize {
+        1
+    }
+}

@@ -1,0 +1,31 @@
+//! What stages and the engine agree on: the [`Stage`] trait, ports, artifacts, payload types, [`Ctx`], errors.
+//!
+//! No physics and no files live here. A stage depends on this crate and on `turbid-optics`, on nothing else of
+//! turbid; the engine knows stages only through [`StageRow`].
+
+pub mod artifact;
+pub mod canonical;
+pub mod ctx;
+pub mod error;
+pub mod payload;
+pub mod port;
+pub mod problem;
+pub mod quantity;
+pub mod stage;
+
+pub use artifact::{
+    Artifact, ArtifactKind, Attributes, Cells, Column, ImageStack, Layer, LayerInfo, LayerKind, Record, Table,
+};
+pub use ctx::{Ctx, Host, MemoryHost};
+pub use error::Error;
+pub use payload::Payload;
+pub use port::{Arity, Axes, InPort, InPorts, InputSource, Known, Many, OutPort, OutPorts};
+pub use problem::{Problem, Problems};
+pub use quantity::{AngleDeg, Density, Length, PerLength, Power, Ratio, Seconds, Wavelength};
+pub use stage::{FileUse, ParamError, Prepared, Stage, StagePlan, StageRow};
+
+// One version of these for every stage.
+pub use ndarray;
+pub use schemars;
+pub use serde;
+pub use serde_json;

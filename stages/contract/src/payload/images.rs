@@ -1,0 +1,89 @@
+//! Payloads that are image stacks; each documents its layers.
+
+use crate::artifact::{Artifact, ArtifactKind, ImageStack};
+use crate::error::Error;
+use crate::payload::Payload;
+
+macro_rules! image_payload {
+    ($(#[$doc:meta])* $name:ident, $payload:literal) => {
+        $(#[$doc])*
+        #[derive(Clone, Debug, PartialEq)]
+        pub struct $name(pub ImageStack);
+
+        impl Payload for $name {
+            const NAME: &'static str = $payload;
+            const KIND: ArtifactKind = ArtifactKind::Images;
+
+            fn into_artifact(self) -> Artifact {
+                Artifact::Images(self.0)
+            }
+
+            fn from_artifact(artifact: Artifact) -> Result<Self, Error> {
+                match artifact {
+                    Artifact::Images(stack) => Ok(Self(stack)),
+                    other => Err(Error::failed(format!(concat!($payload, " must be an image stack, not {:?}"), other.kind()))),
+                }
+            }
+        }
+    };
+}
+
+image_payload!(
+    /// A projected pattern: layers `pattern`, values in [0, 1], with f_x, phase, orientation.
+    Pattern, "pattern"
+);
+image_payload!(
+    /// Camera frames: layers `radiance` (W mm^-2 sr^-1) with f_x, phase, orientation, wavelength, and `radiance_se`.
+    ///
+    /// A sinusoid is (1 + cos(2 pi f_x u + phase)) / 2; f_x = 0 is one frame at 1/2. So with L(P) the response to
+    /// pattern P, frame = L(1)/2 + Re(e^{i phase} L(e^{i 2 pi f_x u}))/2.
+    Frames, "frames"
+);
+image_payload!(
+    /// Per-pixel covariance of the quantities behind frames: covariance layers `cov` with `pair`.
+    ///
+    /// The attribute `quantities` lists them in order: `[{"part": "dc"|"re"|"im", "f_x_per_mm": f,
+    /// "orientation_deg": o, "wavelength_nm": w?}]` with dc = L(1)/2 (so that it is M_DC) and
+    /// re + i im = L(e^{i 2 pi f_x u})/2 (so that its modulus is M_AC). All pairs i <= j are stored.
+    Covariance, "covariance"
+);
+image_payload!(
+    /// Demodulated frames: for each f_x value layers `m_dc` and `m_ac` (W mm^-2 sr^-1; at f_x = 0 both are M_DC),
+    /// their `_se` layers, covariance layers `cov` whose `pair` indexes this stack's layers, and `mask`.
+    Modulation, "modulation"
+);
+image_payload!(
+    /// Phase of the fringe: layers `phase` (rad, wrapped to (-pi, pi]) and `phase_se` for each f_x > 0.
+    Phase, "phase"
+);
+image_payload!(
+    /// Calibrated reflectance: layers `r_d` (1) for each f_x with `r_d_se`, covariance layers `cov` with `pair`, `mask`.
+    ///
+    /// Attributes: `convention`, `g`, `n` and the reference's properties.
+    Reflectance, "reflectance"
+);
+image_payload!(
+    /// Optical property maps: `mu_a`, `mu_s_prime` (mm^-1), `mu_a_se`, `mu_s_prime_se`, `mask`.
+    Maps, "maps"
+);
+image_payload!(
+    /// What the camera truly looks at, at pixel centres: `mu_a`, `mu_s_prime` (mm^-1), `height` (world z of the first
+    /// hit, mm), `depth` (along the camera axis, mm), `normal_x|y|z`, `object` (index into the attribute `objects`), `mask`.
+    Truth, "truth"
+);
+image_payload!(
+    /// Frame under uniform white light: layers `radiance` and `radiance_se`.
+    White, "white"
+);
+image_payload!(
+    /// Estimate, truth and relative error of maps side by side, for people.
+    Errors, "errors"
+);
+image_payload!(
+    /// A picture for people: layers `red`, `green`, `blue` (or `grey`) in [0, 1].
+    Preview, "preview"
+);
+image_payload!(
+    /// Where a look-up table can be trusted: over (mu_a, mu_s') nodes, noise gains and the sign of the Jacobian.
+    Validity, "validity"
+);

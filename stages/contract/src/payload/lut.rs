@@ -1,0 +1,44 @@
+//! Look-up tables: reflectance over a grid of (mu_a, mu_s') for one or more spatial frequencies.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::artifact::{Artifact, ArtifactKind, Table};
+use crate::error::Error;
+use crate::payload::Payload;
+
+/// What a reflectance means; travels with every reflectance and table, and must agree where they meet.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Convention {
+    /// pi x radiance along the normal / irradiance, specular reflection left out: what a camera measures.
+    #[default]
+    Camera,
+    /// Power that leaves into the hemisphere / power incident, specular reflection left out.
+    HemisphericalIncident,
+    /// Power that leaves into the hemisphere / power that entered.
+    HemisphericalEntered,
+}
+
+/// One row per node and spatial frequency: columns `mu_a`, `mu_s_prime`, `f_x` (mm^-1), `r_d`, `r_d_se` (1).
+///
+/// Order: f_x outermost, then mu_a, then mu_s'. Attributes: `f_x`, `mu_a`, `mu_s_prime` (the axes), `g`, `n`,
+/// `thickness` (mm, null for a half-space), `convention`, `model`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Lut(pub Table);
+
+impl Payload for Lut {
+    const NAME: &'static str = "lut";
+    const KIND: ArtifactKind = ArtifactKind::Table;
+
+    fn into_artifact(self) -> Artifact {
+        Artifact::Table(self.0)
+    }
+
+    fn from_artifact(artifact: Artifact) -> Result<Self, Error> {
+        match artifact {
+            Artifact::Table(table) => Ok(Self(table)),
+            other => Err(Error::failed(format!("lut must be a table, not {:?}", other.kind()))),
+        }
+    }
+}

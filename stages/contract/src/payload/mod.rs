@@ -1,0 +1,30 @@
+//! Payload types: what ports carry. Two ports join only if their payload types are the same.
+
+mod images;
+mod lut;
+mod mask;
+mod metrics;
+mod scene;
+
+pub use images::{
+    Covariance, Errors, Frames, Maps, Modulation, Pattern, Phase, Preview, Reflectance, Truth, Validity, White,
+};
+pub use lut::{Convention, Lut};
+pub use mask::MaskReason;
+pub use metrics::Metrics;
+pub use scene::*;
+
+use crate::artifact::{Artifact, ArtifactKind};
+use crate::error::Error;
+
+/// A typed view of an artifact.
+pub trait Payload: Sized {
+    /// Name that ports, `show` and error messages use.
+    const NAME: &'static str;
+    const KIND: ArtifactKind;
+
+    fn into_artifact(self) -> Artifact;
+
+    /// Error: the artifact is not of this payload's shape (an older VERSION, or a bug).
+    fn from_artifact(artifact: Artifact) -> Result<Self, Error>;
+}

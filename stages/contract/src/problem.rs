@@ -1,0 +1,67 @@
+//! Mistakes in a pipeline file, each with the field it is about; collected, so that all are reported at once.
+
+use std::fmt;
+
+/// One mistake: which field, what stands there, the rule, and the way out.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Problem {
+    /// Field path below `with`, keys and list indices joined by dots: `objects.polyp.spheroid.diameters.0`.
+    pub path: String,
+    /// What is wrong, with value and unit: `mu_a = -3 mm^-1 must be >= 0`.
+    pub message: String,
+    /// The way out, where there is one to name.
+    pub hint: Option<String>,
+}
+
+impl fmt::Display for Problem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.path, self.message)?;
+        if let Some(hint) = &self.hint {
+            write!(f, " ({hint})")?;
+        }
+        Ok(())
+    }
+}
+
+/// The mistakes and warnings found so far in one stage.
+#[derive(Clone, Debug, Default)]
+pub struct Problems {
+    found: Vec<Problem>,
+    warnings: Vec<Problem>,
+}
+
+impl Problems {
+    /// Reports a mistake at `path`.
+    pub fn push(&mut self, path: impl Into<String>, message: impl Into<String>) {
+        self.found.push(Problem { path: path.into(), message: message.into(), hint: None });
+    }
+
+    /// Reports a mistake at `path` together with a way out.
+    pub fn push_with_hint(&mut self, path: impl Into<String>, message: impl Into<String>, hint: impl Into<String>) {
+        self.found.push(Problem { path: path.into(), message: message.into(), hint: Some(hint.into()) });
+    }
+
+    /// Reports something legal that the user probably did not mean; never stops a run.
+    pub fn warn(&mut self, path: impl Into<String>, message: impl Into<String>) {
+        self.warnings.push(Problem { path: path.into(), message: message.into(), hint: None });
+    }
+
+    /// Reports `name = value unit must RULE` unless `holds`; written so that NaN never holds.
+    pub fn require(&mut self, holds: bool, path: impl Into<String>, value: f64, unit: &str, rule: &str) {
+        if !holds {
+            let path = path.into();
+            let name = path.rsplit('.').find(|part| part.parse::<usize>().is_err()).unwrap_or(&path).to_owned();
+            let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
+            self.push(path, format!("{name} = {value}{unit} must {rule}"));
+        }
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.found.is_empty()
+    }
+
+    /// Takes the mistakes and the warnings out.
+    pub fn into_parts(self) -> (Vec<Problem>, Vec<Problem>) {
+        (self.found, self.warnings)
+    }
+}

@@ -1,0 +1,193 @@
+//! Physical quantities as they stand in pipeline files: a number in the house unit, or a string with a unit.
+
+use std::fmt;
+
+use serde::de::{self, Deserialize, Deserializer, Visitor};
+use serde::{Serialize, Serializer};
+
+/// Unit name, dimension, factor to the house unit of that dimension.
+const UNITS: &[(&str, &str, f64)] = &[
+    ("mm", "length", 1.0),
+    ("um", "length", 1e-3),
+    ("µm", "length", 1e-3),
+    ("nm", "length", 1e-6),
+    ("cm", "length", 10.0),
+    ("m", "length", 1e3),
+    ("mm^-1", "inverse length", 1.0),
+    ("1/mm", "inverse length", 1.0),
+    ("/mm", "inverse length", 1.0),
+    ("cm^-1", "inverse length", 0.1),
+    ("1/cm", "inverse length", 0.1),
+    ("/cm", "inverse length", 0.1),
+    ("m^-1", "inverse length", 1e-3),
+    ("1/m", "inverse length", 1e-3),
+    ("/m", "inverse length", 1e-3),
+    ("deg", "angle", 1.0),
+    ("°", "angle", 1.0),
+    ("rad", "angle", 180.0 / std::f64::consts::PI),
+    ("mrad", "angle", 0.18 / std::f64::consts::PI),
+    ("W", "power", 1.0),
+    ("mW", "power", 1e-3),
+    ("uW", "power", 1e-6),
+    ("µW", "power", 1e-6),
+    ("s", "time", 1.0),
+    ("ms", "time", 1e-3),
+    ("min", "time", 60.0),
+    ("h", "time", 3600.0),
+    ("%", "ratio", 0.01),
+];
+
+/// Parses `"0.5 m"` into the house unit of `dimension`; `scale` converts that to the unit of the type.
+fn parse_quantity(text: &str, dimension: &str, unit: &str, scale: f64) -> Result<f64, String> {
+    let text = text.trim();
+    let split = text
+        .char_indices()
+        .find(|&(i, c)| !(c.is_ascii_digit() || "+-._".contains(c) || is_exponent(text, i, c)))
+        .map_or(text.len(), |(i, _)| i);
+    let (number, name) = (text[..split].trim(), text[split..].trim());
+    let value: f64 =
+        number.parse().map_err(|_| format!("`{text}` is not a number with a unit; write for example `2 {unit}`"))?;
+    if name.is_empty() {
+        return Err(format!(
+            "`{text}` is text; write the number without quotes, or with a unit such as `{text} {unit}`"
+        ));
+    }
+    match UNITS.iter().find(|(known, _, _)| *known == name) {
+        Some(&(_, found, factor)) if found == dimension => Ok(value * factor * scale),
+        Some((_, found, _)) => Err(format!("`{text}` has the dimension {found}; {dimension} in {unit} is wanted")),
+        None => {
+            let known: Vec<&str> = UNITS.iter().filter(|u| u.1 == dimension).map(|u| u.0).collect();
+            Err(format!("unit `{name}` is not known; for {dimension} write {}", known.join(", ")))
+        }
+    }
+}
+
+fn is_exponent(text: &str, i: usize, c: char) -> bool {
+    (c == 'e' || c == 'E') && i > 0 && text[i + 1..].starts_with(|d: char| d.is_ascii_digit() || d == '-' || d == '+')
+}
+
+macro_rules! quantity {
+    ($(#[$doc:meta])* $name:ident, $dimension:literal, $unit:literal, $scale:expr) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd)]
+        pub struct $name(pub f64);
+
+        impl $name {
+            /// The unit of the number inside.
+            pub const UNIT: &'static str = $unit;
+        }
+
+        impl From<f64> for $name {
+            fn from(value: f64) -> Self {
+                Self(value)
+            }
+        }
+
+        impl fmt::Display for $name {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                write!(f, "{} {}", self.0, $unit)
+            }
+        }
+
+        impl Serialize for $name {
+            fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+                // -0.0 and 0.0 are the same quantity and must have the same key.
+                serializer.serialize_f64(if self.0 == 0.0 { 0.0 } else { self.0 })
+            }
+        }
+
+        impl<'de> Deserialize<'de> for $name {
+            fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+                struct Wanted;
+                impl Visitor<'_> for Wanted {
+                    type Value = f64;
+                    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                        f.write_str(concat!("a number in ", $unit, ", or text with a unit of ", $dimension))
+                    }
+                    fn visit_f64<E: de::Error>(self, v: f64) -> Result<f64, E> {
+                        if v.is_finite() { Ok(v) } else { Err(E::custom(format!("{v} is not a finite number"))) }
+                    }
+                    fn visit_i64<E: de::Error>(self, v: i64) -> Result<f64, E> {
+                        Ok(v as f64)
+                    }
+                    fn visit_u64<E: de::Error>(self, v: u64) -> Result<f64, E> {
+                        Ok(v as f64)
+                    }
+                    fn visit_str<E: de::Error>(self, v: &str) -> Result<f64, E> {
+                        let value = parse_quantity(v, $dimension, $unit, $scale).map_err(E::custom)?;
+                        self.visit_f64(value)
+                    }
+                }
+                deserializer.deserialize_any(Wanted).map($name)
+            }
+        }
+
+        impl schemars::JsonSchema for $name {
+            fn schema_name() -> std::borrow::Cow<'static, str> {
+                stringify!($name).into()
+            }
+            fn json_schema(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
+                schemars::json_schema!({
+                    "description": concat!("number in ", $unit, ", or text with a unit of ", $dimension),
+                    "type": ["number", "string"],
+                    "unit": $unit
+                })
+            }
+        }
+    };
+}
+
+quantity!(
+    /// A length in mm.
+    Length, "length", "mm", 1.0
+);
+quantity!(
+    /// A coefficient or a spatial frequency in mm^-1.
+    PerLength, "inverse length", "mm^-1", 1.0
+);
+quantity!(
+    /// One of the paper's densities in m^-1; only `scene` knows them.
+    Density, "inverse length", "m^-1", 1e3
+);
+quantity!(
+    /// A wavelength in nm.
+    Wavelength, "length", "nm", 1e6
+);
+quantity!(
+    /// An angle in degrees (keys end in `_deg`).
+    AngleDeg, "angle", "deg", 1.0
+);
+quantity!(
+    /// A power in W.
+    Power, "power", "W", 1.0
+);
+quantity!(
+    /// A span of time in s.
+    Seconds, "time", "s", 1.0
+);
+quantity!(
+    /// A pure number; `"1 %"` is 0.01.
+    Ratio, "ratio", "1", 1.0
+);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn length(json: &str) -> Result<f64, String> {
+        serde_json::from_str::<Length>(json).map(|l| l.0).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn units_convert_and_wrong_dimensions_are_named() {
+        assert_eq!(length("3"), Ok(3.0));
+        assert_eq!(length("\"0.5 m\""), Ok(500.0));
+        assert_eq!(length("\"1e2 um\""), Ok(0.1));
+        assert_eq!(length("\"-2cm\""), Ok(-20.0));
+        assert!(length("\"4 deg\"").unwrap_err().contains("has the dimension angle"));
+        assert!(length("\"4 furlong\"").unwrap_err().contains("not known"));
+        assert!(length("\"4\"").unwrap_err().contains("without quotes"));
+        assert_eq!(serde_json::from_str::<Density>("\"0.1 mm^-1\"").unwrap().0, 100.0);
+        assert_eq!(serde_json::to_string(&Length(-0.0)).unwrap(), "0.0");
+    }
+}

@@ -1,0 +1,168 @@
+//! The [`Stage`] trait, and [`StageRow`]: a stage as the engine sees it, a row of plain functions.
+
+use schemars::JsonSchema;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+
+use crate::artifact::Artifact;
+use crate::canonical::canonical_value;
+use crate::ctx::Ctx;
+use crate::error::Error;
+use crate::port::{InPort, InPorts, InputSource, Known, OutPort, OutPorts};
+use crate::problem::Problems;
+
+/// An input file that the params name.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FileUse {
+    /// Field path below `with`: `objects.polyp.mesh.file`.
+    pub at: String,
+    /// As written; relative to the YAML file that names it.
+    pub path: String,
+}
+
+/// What a stage is going to do, for `turbid plan`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct StagePlan {
+    /// Method taken, with the reason where it was chosen by `auto`.
+    pub method: Option<String>,
+    pub needs: Vec<String>,
+    /// Capabilities that this instance does not need and does not pay for.
+    pub left_out: Vec<String>,
+    pub seconds: Option<f64>,
+    pub bytes: Option<u64>,
+}
+
+/// A pure function of params, inputs and a seed.
+///
+/// A stage opens no file, reads no clock and prints nothing (all through [`Ctx`]); its outputs depend neither on
+/// the thread count nor on the vector width nor on which optional ports are wanted.
+pub trait Stage: 'static {
+    /// What `use:` names.
+    const NAME: &'static str;
+    /// Raised when the same params and inputs would give other bytes.
+    const VERSION: u32;
+    /// One sentence for `turbid stages`.
+    const ABOUT: &'static str;
+    /// Cheap enough to run in memory during check and plan.
+    const INSTANT: bool = false;
+    /// Names of the params that only say when to stop: a longer run continues the checkpoint of a shorter one.
+    const STOPPING: &'static [&'static str] = &[];
+
+    /// Unknown fields refused, defaults filled; quantities as in [`crate::quantity`].
+    type Params: DeserializeOwned + Serialize + JsonSchema;
+    type In: InPorts;
+    type Out: OutPorts;
+
+    /// Whether the seed matters; only then is it in the key.
+    fn draws(_params: &Self::Params) -> bool {
+        false
+    }
+
+    /// The input files that the params name.
+    fn files(_params: &Self::Params) -> Vec<FileUse> {
+        Vec::new()
+    }
+
+    /// Params as they enter the key; override it where a field holds a path (write its file name) or where several
+    /// spellings mean the same.
+    fn canonical(params: &Self::Params) -> Result<Value, String> {
+        canonical_value(params)
+    }
+
+    /// Reports every mistake with its field path, before anything runs.
+    fn check(params: &Self::Params, known: &Known, problems: &mut Problems);
+
+    /// Method, capabilities needed and left out, estimated cost.
+    fn plan(_params: &Self::Params, _known: &Known) -> StagePlan {
+        StagePlan::default()
+    }
+
+    fn run(params: &Self::Params, inputs: <Self::In as InPorts>::Loaded<'_>, ctx: Ctx<'_>) -> Result<Self::Out, Error>;
+}
+
+/// Why params could not be read: the field and the rule.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ParamError {
+    /// Field path below `with`; empty for `with` itself.
+    pub path: Vec<String>,
+    pub message: String,
+}
+
+/// What the engine needs to know of an instance's params.
+#[derive(Clone, Debug)]
+pub struct Prepared {
+    /// Canonical params, defaults filled: what is hashed, stored and explained.
+    pub canonical: Value,
+    pub draws: bool,
+    pub files: Vec<FileUse>,
+}
+
+/// A stage as the engine sees it. `params` is always the JSON value of `with` after substitution.
+#[derive(Clone)]
+pub struct StageRow {
+    pub name: &'static str,
+    pub version: u32,
+    pub about: &'static str,
+    pub instant: bool,
+    pub stopping: &'static [&'static str],
+    pub inputs: fn() -> Vec<InPort>,
+    pub outputs: fn() -> Vec<OutPort>,
+    pub schema: fn() -> Value,
+    pub prepare: fn(params: &Value) -> Result<Prepared, ParamError>,
+    pub check: fn(params: &Value, known: &Known, problems: &mut Problems),
+    pub plan: fn(params: &Value, known: &Known) -> StagePlan,
+    #[allow(clippy::type_complexity)]
+    pub run: fn(params: &Value, inputs: &dyn InputSource, ctx: Ctx<'_>) -> Result<Vec<(&'static str, Artifact)>, Error>,
+}
+
+impl StageRow {
+    /// The row of stage `S`.
+    pub fn of<S: Stage>() -> Self {
+        Self {
+            name: S::NAME,
+            version: S::VERSION,
+            about: S::ABOUT,
+            instant: S::INSTANT,
+            stopping: S::STOPPING,
+            inputs: <S::In as InPorts>::ports,
+            outputs: <S::Out as OutPorts>::ports,
+            schema: || schemars::schema_for!(S::Params).to_value(),
+            prepare: |params| {
+                let params = read_params::<S::Params>(params)?;
+                let canonical = S::canonical(&params).map_err(|message| ParamError { path: Vec::new(), message })?;
+                Ok(Prepared { canonical, draws: S::draws(&params), files: S::files(&params) })
+            },
+            check: |params, known, problems| match read_params::<S::Params>(params) {
+                Ok(params) => S::check(&params, known, problems),
+                Err(error) => problems.push(error.path.join("."), error.message),
+            },
+            plan: |params, known| match read_params::<S::Params>(params) {
+                Ok(params) => S::plan(&params, known),
+                Err(_) => StagePlan::default(),
+            },
+            run: |params, inputs, ctx| {
+                let params =
+                    read_params::<S::Params>(params).map_err(|e| Error::invalid(e.path.join("."), e.message))?;
+                let inputs = <S::In as InPorts>::load(inputs)?;
+                Ok(S::run(&params, inputs, ctx)?.into_artifacts())
+            },
+        }
+    }
+}
+
+fn read_params<P: DeserializeOwned>(params: &Value) -> Result<P, ParamError> {
+    serde_path_to_error::deserialize(params).map_err(|error| {
+        let path = error
+            .path()
+            .iter()
+            .filter_map(|segment| match segment {
+                serde_path_to_error::Segment::Seq { index } => Some(index.to_string()),
+                serde_path_to_error::Segment::Map { key } => Some(key.clone()),
+                serde_path_to_error::Segment::Enum { variant } => Some(variant.clone()),
+                serde_path_to_error::Segment::Unknown => None,
+            })
+            .collect();
+        ParamError { path, message: error.into_inner().to_string() }
+    })
+}
