@@ -1,0 +1,162 @@
+//! The preview: a top view and a side view with objects, camera, projector and their fields.
+
+use glam::{DVec2, DVec3};
+use turbid_contract::ImageStack;
+use turbid_contract::LayerInfo;
+use turbid_contract::ndarray::Array2;
+use turbid_contract::payload::{Preview, Scene};
+use turbid_optics::view::View;
+
+use crate::assemble::{is_void, object_at, solid};
+
+/// Height and width of each of the two panels, pixels.
+const PANEL: usize = 360;
+const GAP: usize = 8;
+
+const PAPER: [f32; 3] = [0.97, 0.97, 0.95];
+const GAP_COLOUR: [f32; 3] = [0.75, 0.75, 0.75];
+const CAMERA: [f32; 3] = [0.05, 0.25, 0.75];
+const PROJECTOR: [f32; 3] = [0.85, 0.45, 0.0];
+/// Objects in the order of their names (colour-blind safe: Paul Tol's light scheme).
+const OBJECTS: [[f32; 3]; 6] = [
+    [0.93, 0.75, 0.73],
+    [0.60, 0.80, 0.93],
+    [0.67, 0.67, 0.0],
+    [0.73, 0.80, 0.20],
+    [1.0, 0.67, 0.73],
+    [0.87, 0.87, 0.6],
+];
+
+/// Top view (x to the right, y up) beside side view (x to the right, z up, cut through the camera's look_at).
+pub fn sketch(scene: &Scene) -> Preview {
+    let views = [
+        scene.camera.as_ref().map(|c| (c.position, c.look_at, c.up, c.field, CAMERA)),
+        scene.projector.as_ref().map(|p| (p.position, p.look_at, p.up, p.field, PROJECTOR)),
+    ];
+    let views: Vec<(View, [f32; 3])> = views
+        .into_iter()
+        .flatten()
+        .filter_map(|(position, look_at, up, field, colour)| {
+            View::new(position.into(), look_at.into(), up.into(), field.into()).ok().map(|v| (v, colour))
+        })
+        .collect();
+    let cut = views.first().map_or(DVec3::ZERO, |(v, _)| v.look_at);
+    let (low, high) = extent(scene, &views);
+    let colour_of = |p: DVec3| {
+        object_at(scene, p).filter(|(_, o)| !is_void(scene, o)).map(|(name, _)| {
+            let index = scene.objects.keys().position(|k| k == name).expect("it came from there");
+            OBJECTS[index % OBJECTS.len()]
+        })
+    };
+    let from_above = |x: f64, y: f64| {
+        // The first object that a ray straight down meets, seen just below its skin.
+        let ray = DVec3::new(x, y, high.z);
+        let mut entries: Vec<f64> = scene
+            .objects
+            .values()
+            .filter_map(|o| solid(&o.shape).interval(ray, DVec3::NEG_Z))
+            .flat_map(|(enter, leave)| [enter.max(0.0), leave.max(0.0)])
+            .collect();
+        entries.sort_by(f64::total_cmp);
+        entries.into_iter().find_map(|t| colour_of(ray - (t + 1e-6 * (1.0 + t)) * DVec3::Z))
+    };
+    let top = Panel::new(DVec2::new(low.x, low.y), DVec2::new(high.x, high.y));
+    let side = Panel::new(DVec2::new(low.x, low.z), DVec2::new(high.x, high.z));
+    let panels = [
+        top.draw(from_above, &views, |p| DVec2::new(p.x, p.y)),
+        side.draw(|x, z| colour_of(DVec3::new(x, cut.y, z)), &views, |p| DVec2::new(p.x, p.z)),
+    ];
+    let mut stack = ImageStack::new(PANEL, 2 * PANEL + GAP);
+    for (channel, name) in ["red", "green", "blue"].into_iter().enumerate() {
+        let data = Array2::from_shape_fn((PANEL, 2 * PANEL + GAP), |(row, column)| match column {
+            c if c < PANEL => panels[0][row * PANEL + c][channel],
+            c if c < PANEL + GAP => GAP_COLOUR[channel],
+            c => panels[1][row * PANEL + c - PANEL - GAP][channel],
+        });
+        stack.push(LayerInfo::value(name, "1"), data);
+    }
+    Preview(stack)
+}
+
+/// What both panels show: pinholes, the corners of their fields, and finite objects, with a margin of 5 %.
+fn extent(scene: &Scene, views: &[(View, [f32; 3])]) -> (DVec3, DVec3) {
+    let mut points = Vec::new();
+    for (view, _) in views {
+        points.push(view.position);
+        points.extend(corners(view));
+    }
+    for object in scene.objects.values() {
+        let (low, high) = solid(&object.shape).bounds();
+        if low.x.is_finite() {
+            points.extend([low, high]);
+        } else {
+            points.push(DVec3::new(0.0, 0.0, high.z));
+        }
+    }
+    let low = points.iter().copied().reduce(DVec3::min).unwrap_or(DVec3::splat(-1.0));
+    let high = points.iter().copied().reduce(DVec3::max).unwrap_or(DVec3::splat(1.0));
+    let margin = 0.05 * (high - low).max_element().max(1e-6);
+    (low - margin, high + margin)
+}
+
+fn corners(view: &View) -> [DVec3; 4] {
+    [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)].map(|(x, y)| view.plane_point(x, y))
+}
+
+/// A square window on the world with the same scale along both axes.
+struct Panel {
+    corner: DVec2,
+    mm_per_pixel: f64,
+}
+
+impl Panel {
+    fn new(low: DVec2, high: DVec2) -> Self {
+        let width = (high - low).max_element();
+        Self { corner: 0.5 * (low + high) + 0.5 * width * DVec2::new(-1.0, 1.0), mm_per_pixel: width / PANEL as f64 }
+    }
+
+    fn draw(
+        &self,
+        colour: impl Fn(f64, f64) -> Option<[f32; 3]>,
+        views: &[(View, [f32; 3])],
+        flatten: impl Fn(DVec3) -> DVec2,
+    ) -> Vec<[f32; 3]> {
+        let mut pixels: Vec<[f32; 3]> = (0..PANEL * PANEL)
+            .map(|i| {
+                let at = DVec2::new((i % PANEL) as f64 + 0.5, -((i / PANEL) as f64 + 0.5));
+                let p = self.corner + self.mm_per_pixel * at;
+                colour(p.x, p.y).unwrap_or(PAPER)
+            })
+            .collect();
+        for (view, ink) in views {
+            let field = corners(view).map(&flatten);
+            let pinhole = flatten(view.position);
+            for i in 0..4 {
+                self.line(&mut pixels, field[i], field[(i + 1) % 4], *ink, 1);
+                self.line(&mut pixels, pinhole, field[i], *ink, 3);
+            }
+            let arm = 5.0 * self.mm_per_pixel;
+            for (a, b) in [(DVec2::X, DVec2::Y), (DVec2::Y, DVec2::X)] {
+                for side in -2..=2 {
+                    let shift = f64::from(side) * self.mm_per_pixel * b;
+                    self.line(&mut pixels, pinhole - arm * a + shift, pinhole + arm * a + shift, *ink, 1);
+                }
+            }
+        }
+        pixels
+    }
+
+    /// Draws every `dash`-th pixel of a line.
+    fn line(&self, pixels: &mut [[f32; 3]], from: DVec2, to: DVec2, ink: [f32; 3], dash: usize) {
+        let place = |p: DVec2| (p - self.corner) / self.mm_per_pixel * DVec2::new(1.0, -1.0);
+        let (from, to) = (place(from), place(to));
+        let steps = (to - from).abs().max_element().ceil().max(1.0) as usize;
+        for i in (0..=steps).step_by(dash) {
+            let p = from + (i as f64 / steps as f64) * (to - from);
+            let (column, row) = (p.x.floor(), p.y.floor());
+            if (0.0..PANEL as f64).contains(&column) && (0.0..PANEL as f64).contains(&row) {
+                pixels[row as usize * PANEL + column as usize] = ink;
+            }
+        }
+    }
+}

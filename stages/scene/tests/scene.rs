@@ -1,0 +1,265 @@
+//! The stage as the engine calls it: what it makes of good parameters, and what it says of wrong ones.
+
+use serde_json::{Value, json};
+use turbid_contract::payload::{Payload, Scene, Shape};
+use turbid_contract::{Artifact, Axes, Ctx, Error, InputSource, Known, MemoryHost, Problem, Problems, StageRow};
+use turbid_scene::SceneStage;
+
+struct NoInputs;
+
+impl InputSource for NoInputs {
+    fn one(&self, _: &str) -> Result<Option<Artifact>, Error> {
+        Ok(None)
+    }
+    fn many(&self, _: &str) -> Vec<Axes> {
+        Vec::new()
+    }
+    fn load(&self, port: &str, _: usize) -> Result<Artifact, Error> {
+        Err(Error::failed(port))
+    }
+}
+
+fn carcinoma() -> Value {
+    json!({
+        "media": {
+            "healthy": {"A_rho": 25, "S_rho": 4236, "g": 0.8, "n": 1.0},
+            "scc": {"mu_a": 0.12, "mu_s_prime": 0.64, "g": 0.8, "n": 1.0},
+        },
+        "objects": {
+            "tissue": {"slab": {"thickness": 2000, "top": 0}, "medium": "healthy"},
+            "polyp": {"spheroid": {"diameters": [40, 40, 80], "center": [0, 0, 0]}, "medium": "scc", "priority": 1},
+        },
+        "camera": {"position": [0, 0, 500], "look_at": [0, 0, 0], "field": [64, 64], "pixels": [64, 64]},
+        "projector": {"position": [0, 35, 500], "look_at": [0, 0, 0], "field": [128, 128], "power": 5},
+    })
+}
+
+/// `carcinoma` with the value at a JSON pointer replaced, or taken out where `value` is null.
+fn with(pointer: &str, value: Value) -> Value {
+    let mut params = carcinoma();
+    let (parent, key) = pointer.rsplit_once('/').unwrap();
+    let map = params.pointer_mut(parent).unwrap();
+    match map {
+        Value::Array(items) => items[key.parse::<usize>().unwrap()] = value,
+        Value::Object(map) if value.is_null() => drop(map.remove(key)),
+        Value::Object(map) => drop(map.insert(key.to_owned(), value)),
+        other => panic!("{other}"),
+    }
+    params
+}
+
+fn check(params: &Value) -> (Vec<Problem>, Vec<Problem>) {
+    let mut problems = Problems::default();
+    (StageRow::of::<SceneStage>().check)(params, &Known::default(), &mut problems);
+    problems.into_parts()
+}
+
+fn run(params: &Value, wanted: &[&str]) -> Vec<(&'static str, Artifact)> {
+    let host = MemoryHost { wanted: wanted.iter().map(|&w| w.to_owned()).collect(), ..MemoryHost::default() };
+    (StageRow::of::<SceneStage>().run)(params, &NoInputs, Ctx::new(&host)).unwrap()
+}
+
+fn scene(params: &Value) -> Scene {
+    Scene::from_artifact(run(params, &[]).remove(0).1).unwrap()
+}
+
+#[test]
+fn the_carcinoma_scene_is_accepted_and_survives_the_record() {
+    let (mistakes, warnings) = check(&carcinoma());
+    assert!(mistakes.is_empty() && warnings.is_empty(), "{mistakes:?} {warnings:?}");
+    let scene = scene(&carcinoma());
+    assert_eq!(scene.media["healthy"].mu_s, [4.236]);
+    assert_eq!(scene.objects["tissue"].shape, Shape::Slab { top: 0.0, bottom: -2000.0 });
+    assert_eq!(Scene::from_artifact(scene.clone().into_artifact()).unwrap(), scene);
+}
+
+/// What means the same gives the same bytes, so that nothing downstream becomes stale.
+#[test]
+fn equal_meaning_equal_scene() {
+    let original = scene(&carcinoma());
+    let same = [
+        ("/media/healthy", json!({"mu_a": 0.025, "mu_s": 4.236, "g": 0.8, "n": 1})),
+        ("/media/healthy", json!({"mu_a": 0.025, "mu_s_prime": 0.8472, "g": 0.8, "n": 1})),
+        ("/media/healthy", json!({"A_rho": "0.025 mm^-1", "S_rho": "42.36 cm^-1", "g": "80 %", "n": 1})),
+        ("/media/unused", json!({"mu_a": 1, "mu_s": 1, "g": 0, "n": 1.4})),
+        ("/objects/tissue/slab/thickness", json!("2 m")),
+        ("/objects/polyp/spheroid/center", json!([-0.0, 0, 0])),
+        ("/lights", json!({})),
+        ("/camera/up", json!([0, 1, 0])),
+    ];
+    for (pointer, value) in same {
+        assert_eq!(scene(&with(pointer, value.clone())), original, "{pointer}: {value}");
+    }
+    assert_ne!(scene(&with("/media/healthy/A_rho", json!(25.000001))), original);
+    let ball = scene(&with(
+        "/objects/polyp",
+        json!({"spheroid": {"diameters": [4, 4, 4], "center": [0, 0, 9]}, "medium": "scc"}),
+    ));
+    assert_eq!(ball.objects["polyp"].shape, Shape::Sphere { diameter: 4.0, center: [0.0, 0.0, 9.0] });
+    let block =
+        scene(&with("/objects/tissue/slab", json!({"thickness": 8, "top": 1, "size": [60, 70], "center": [5, 6]})));
+    assert_eq!(block.objects["tissue"].shape, Shape::Box { size: [60.0, 70.0, 8.0], center: [5.0, 6.0, -3.0] });
+}
+
+#[test]
+fn channels_broadcast_single_numbers() {
+    let mut params = with("/media/healthy", json!({"mu_a": [0.1, 0.2], "mu_s": 5, "g": 0.8, "n": 1}));
+    params["wavelength_nm"] = json!([530, "0.635 um"]);
+    let scene = scene(&params);
+    assert_eq!(scene.wavelengths_nm, [530.0, 635.0]);
+    assert_eq!(
+        (&scene.media["healthy"].mu_a[..], &scene.media["healthy"].mu_s[..]),
+        (&[0.1, 0.2][..], &[5.0, 5.0][..])
+    );
+}
+
+/// Each mistake: where it stands, and words that the message or the way out must have.
+#[test]
+fn mistakes_are_named() {
+    let two = |second: Value| {
+        let mut p = carcinoma();
+        p["objects"] = json!({"a": {"box": {"size": [4, 4, 4], "center": [0, 0, 0]}, "medium": "scc"}, "b": second});
+        p
+    };
+    let table: Vec<(Value, &str, &[&str])> = vec![
+        (with("/media/healthy/A_rho", json!(-3)), "media.healthy.A_rho", &["A_rho = -3 m^-1", ">= 0"]),
+        (with("/media/scc/mu_s_prime", json!(-0.5)), "media.scc.mu_s_prime", &["-0.5 mm^-1", ">= 0"]),
+        (with("/media/scc/g", json!(1)), "media.scc.g", &["g = 1", "(-1, 1)"]),
+        (with("/media/scc/g", json!(-1.5)), "media.scc.g", &["g = -1.5"]),
+        (with("/media/scc/g", Value::Null), "media.scc", &["missing field `g`"]),
+        (with("/media/scc/n", Value::Null), "media.scc", &["missing field `n`"]),
+        (with("/media/scc/n", json!(0.9)), "media.scc.n", &["n = 0.9"]),
+        (with("/media/scc/mu_q", json!(1)), "media.scc.mu_q", &["unknown field `mu_q`", "mu_a"]),
+        (with("/media/scc/mu_a", json!("0.1 mm")), "media.scc.mu_a", &["dimension length", "inverse length"]),
+        (with("/media/scc/mu_a", Value::Null), "media.scc", &["exactly one pair", "mu_s_prime"]),
+        (with("/media/scc/A_rho", json!(1)), "media.scc", &["exactly one pair"]),
+        (with("/media/scc/mu_a", json!([0.1, 0.2])), "media.scc.mu_a", &["2 values", "wavelength_nm"]),
+        (with("/wavelength_nm", json!([500, 500])), "wavelength_nm.1", &["500 nm", "twice"]),
+        (with("/wavelength_nm", json!([-5])), "wavelength_nm.0", &["-5 nm", "> 0"]),
+        (with("/objects", json!({})), "objects", &["no object"]),
+        (
+            with("/objects/tissue/medium", json!("heathy")),
+            "objects.tissue.medium",
+            &["`heathy`", "did you mean `healthy`"],
+        ),
+        (with("/objects/tissue/medium", json!("bone")), "objects.tissue.medium", &["`bone`", "known: healthy, scc"]),
+        (with("/objects/tissue/medium", Value::Null), "objects.tissue.medium", &["has no medium"]),
+        (
+            with("/objects/tissue/slab/thickness", json!(0)),
+            "objects.tissue.slab.thickness",
+            &["thickness = 0 mm", "> 0"],
+        ),
+        (with("/objects/polyp/spheroid/diameters/2", json!(-80)), "objects.polyp.spheroid.diameters.2", &["-80 mm"]),
+        (with("/objects/polyp/spheroid/diameters", json!([1, 2])), "objects.polyp.spheroid.diameters", &["length"]),
+        (with("/objects/tissue/slab/center", json!([1, 2])), "objects.tissue.slab.center", &["infinite", "size"]),
+        (with("/objects/tissue/slab", Value::Null), "objects.tissue", &["no shape", "spheroid"]),
+        (
+            with("/objects/tissue/sphere", json!({"diameter": 1, "center": [0, 0, 0]})),
+            "objects.tissue",
+            &["more than one shape"],
+        ),
+        (with("/objects/tissue/cone", json!({})), "objects.tissue.cone", &["unknown field `cone`"]),
+        (with("/objects/tissue/surface", json!("mirror")), "objects.tissue.surface", &["mirror", "lambertian"]),
+        (
+            with("/objects/tissue/surface", json!({"lambertian": 1.5})),
+            "objects.tissue.surface.lambertian",
+            &["1.5", "[0, 1]"],
+        ),
+        (
+            with("/objects/polyp/priority", json!(0)),
+            "objects.tissue",
+            &["polyp and tissue overlap", "priority 0", "higher"],
+        ),
+        (
+            two(json!({"box": {"size": [4, 4, 4], "center": [3.9, 0, 0]}, "medium": "scc"})),
+            "objects.b",
+            &["a and b overlap"],
+        ),
+        (with("/lights", json!({"lamp": {"point": {}}})), "lights.lamp", &["leave `lights` empty"]),
+        (with("/camera/pixels", json!([0, 64])), "camera.pixels.0", &["pixels = 0", ">= 1"]),
+        (with("/camera/pixels", json!([100_000, 100_000])), "camera.pixels", &["10000000000 pixels"]),
+        (with("/camera/field", json!([64, 0])), "camera.field.1", &["0 mm", "> 0"]),
+        (with("/camera/position", json!([0, 0, -5])), "camera.position", &["inside the solid polyp", "carve"]),
+        (with("/camera/position", json!([0, 0, 0])), "camera.look_at", &["own position"]),
+        (with("/camera/position", json!([500, 0, 0])), "camera.position", &["plane z = 0 mm"]),
+        (with("/camera/up", json!([0, 0, 1])), "camera.up", &["along its up vector", "[0, 1, 0]"]),
+        (with("/camera/up", json!([0, 0, 0])), "camera.up", &["along its up vector"]),
+        (with("/camera/specular", json!("some")), "camera.specular", &["some", "exclude"]),
+        (with("/projector/position", json!([100, 0, -1000])), "projector.position", &["inside the solid tissue"]),
+        (with("/projector/power", json!(0)), "projector.power", &["power = 0 W", "> 0"]),
+        (with("/projector/power", json!("5 mm")), "projector.power", &["dimension length", "power"]),
+        (with("/projector/profile", json!("round")), "projector.profile", &["round", "uniform_intensity", "flat"]),
+        (with("/projector/pixels", json!([0, 1])), "projector.pixels.0", &["pixels = 0"]),
+        (with("/projector/look_at", json!([0, 35, 900])), "projector.look_at", &["lights nothing"]),
+        (with("/media/healthy/n", json!(1.4)), "camera.specular", &["tissue has n != 1", "exclude"]),
+    ];
+    for (params, path, words) in table {
+        let (mistakes, _) = check(&params);
+        let found = mistakes.iter().find(|m| m.path == path);
+        let Some(found) = found else { panic!("nothing at {path}, but {mistakes:?}") };
+        let text = found.to_string();
+        assert!(words.iter().all(|w| text.contains(w)), "{path}: `{text}` lacks one of {words:?}");
+        let run = (StageRow::of::<SceneStage>().run)(&params, &NoInputs, Ctx::new(&MemoryHost::default()));
+        assert!(matches!(run, Err(Error::Invalid(_))), "{path}: ran all the same");
+    }
+}
+
+#[test]
+fn legal_oddities_are_accepted() {
+    let touching = {
+        let mut p = carcinoma();
+        p["objects"] = json!({
+            "left": {"slab": {"thickness": 100, "top": 0, "size": [50, 100], "center": [-25, 0]}, "medium": "healthy"},
+            "right": {"slab": {"thickness": 100, "top": 0, "size": [50, 100], "center": [25, 0]}, "medium": "scc"},
+            "ball": {"sphere": {"diameter": 3, "center": [0, 0, 1.5]}, "surface": {"lambertian": 1}},
+        });
+        p
+    };
+    let carved = {
+        let mut p = with("/camera/position", json!([0, 0, -50]));
+        p["media"]["air"] = json!({"mu_a": 0, "mu_s": 0, "g": 0, "n": 1});
+        p["camera"]["look_at"] = json!([0, 0, -60]);
+        p["objects"]["hole"] =
+            json!({"sphere": {"diameter": 9, "center": [0, 0, -50]}, "medium": "air", "priority": 2});
+        p
+    };
+    let refracting = {
+        let mut p = with("/media/healthy/n", json!(1.4));
+        p["camera"]["specular"] = json!("exclude");
+        p
+    };
+    for params in [touching, carved, refracting, with("/camera", Value::Null), with("/projector", Value::Null)] {
+        let (mistakes, _) = check(&params);
+        assert!(mistakes.is_empty(), "{mistakes:?}");
+    }
+    let (mistakes, warnings) = check(&with("/camera/look_at", json!([0, 0, 600])));
+    assert!(mistakes.is_empty() && warnings[0].path == "camera.look_at", "{mistakes:?} {warnings:?}");
+}
+
+/// The sketch shows tissue and polyp in their colours, and is made only when wanted.
+#[test]
+fn the_sketch_shows_the_objects() {
+    let ports = run(&carcinoma(), &["preview"]);
+    assert_eq!(ports.iter().map(|p| p.0).collect::<Vec<_>>(), ["scene", "preview"]);
+    let Artifact::Images(stack) = &ports[1].1 else { panic!("the preview is no image") };
+    let names: Vec<&str> = stack.layers.iter().map(|l| l.info.name.as_str()).collect();
+    assert_eq!(names, ["red", "green", "blue"]);
+    let mut colours: Vec<[u32; 3]> = (0..stack.rows())
+        .flat_map(|r| (0..stack.columns()).map(move |c| (r, c)))
+        .map(|at| [0, 1, 2].map(|k| stack.layers[k].data[at].to_bits()))
+        .collect();
+    colours.sort_unstable();
+    colours.dedup();
+    // Paper, gap, camera, projector, two objects.
+    assert_eq!(colours.len(), 6);
+    assert_eq!(run(&carcinoma(), &[]).len(), 1);
+}
+
+/// The schema is what editors and `turbid stages` show: every field of the grammar is in it.
+#[test]
+fn the_schema_names_every_field() {
+    let schema = (StageRow::of::<SceneStage>().schema)().to_string();
+    for field in ["A_rho", "mu_s_prime", "spheroid", "priority", "lambertian", "profile", "specular", "wavelength_nm"] {
+        assert!(schema.contains(field), "{field} is missing");
+    }
+}
