@@ -1,1 +1,19 @@
-//! turbid demodulate.
+//! Demodulation: from the frames of shifted sinusoids to M_DC, M_AC and the phase of each pixel, with their errors.
+//!
+//! ```yaml
+//! fringes:
+//!   use: demodulate
+//!   in: {frames: frames, covariance: frames.covariance}
+//!   with: {method: phase_shift, low_signal: 3}
+//! ```
+//! Frames are told apart by what their layers say (f_x, phase, orientation, wavelength), never by their names. Each
+//! f_x > 0 needs three phases or more that differ; the steps may be unequal. A frame at f_x = 0 is M_DC itself.
+//! Theory and measured figures: `docs/theory/demodulate.md`.
+
+pub mod noise;
+mod pass;
+pub mod phase_shift;
+mod set;
+mod stage;
+
+pub use stage::{Demodulate, In, Method, Out, Params};

@@ -1,0 +1,168 @@
+//! N-phase demodulation: the least-squares sinusoid through N frames whose phase steps are known.
+//!
+//! frame_n = dc + re cos(d_n) - im sin(d_n), so that M_DC = dc, M_AC = |re + i im| and phi = arg(re + i im).
+
+/// Linear weights that turn the N frames of one spatial frequency into (dc, re, im).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Weights {
+    /// `weights[q][n]` for q = dc, re, im. dc sums to 1, re and im to 0.
+    pub weights: [Vec<f64>; 3],
+}
+
+/// Smallest pivot of the normal matrix per frame, below which the steps do not fix a sinusoid: the noise of the
+/// amplitude would be some 1000 times that of a frame.
+const SMALLEST_PIVOT: f64 = 1e-6;
+
+impl Weights {
+    /// Weights for the steps `phases_rad`: with N equal steps dc is the mean and re + i im = (2/N) sum I_n e^{-i d_n}.
+    ///
+    /// `None` where the steps do not fix a sinusoid: fewer than three phases that differ modulo 2 pi.
+    pub fn least_squares(phases_rad: &[f64]) -> Option<Self> {
+        let design: Vec<[f64; 3]> = phases_rad.iter().map(|&d| [1.0, libm::cos(d), -libm::sin(d)]).collect();
+        let mut normal = [[0.0; 3]; 3];
+        for row in &design {
+            for i in 0..3 {
+                for j in 0..3 {
+                    normal[i][j] += row[i] * row[j];
+                }
+            }
+        }
+        let inverse = invert_spd(&normal, SMALLEST_PIVOT * phases_rad.len() as f64)?;
+        let weights = inverse.map(|w| design.iter().map(|x| w[0] * x[0] + w[1] * x[1] + w[2] * x[2]).collect());
+        Some(Self { weights })
+    }
+
+    /// Weights for `n` equal frames without a fringe (f_x = 0): their mean; re and im stay 0.
+    pub fn mean(n: usize) -> Self {
+        Self { weights: [vec![1.0 / n as f64; n], vec![0.0; n], vec![0.0; n]] }
+    }
+
+    /// (dc, re, im) of each pixel; `frames` are N planes of one length, `out` three of that length.
+    ///
+    /// Works on differences to the first frame, which are exact in f64 for f32 frames: constants give re = im = 0
+    /// exactly, and no digits are lost where M_AC << M_DC.
+    pub fn apply(&self, frames: &[&[f32]], out: &mut [Vec<f64>; 3]) {
+        let first = frames[0];
+        let [dc, re, im] = out;
+        for ((dc, (re, im)), &base) in dc.iter_mut().zip(re.iter_mut().zip(im.iter_mut())).zip(first) {
+            (*dc, *re, *im) = (f64::from(base), 0.0, 0.0);
+        }
+        for (n, frame) in frames.iter().enumerate().skip(1) {
+            let [a, b, c] = [self.weights[0][n], self.weights[1][n], self.weights[2][n]];
+            for ((dc, (re, im)), (&base, &value)) in
+                dc.iter_mut().zip(re.iter_mut().zip(im.iter_mut())).zip(first.iter().zip(*frame))
+            {
+                let step = f64::from(value) - f64::from(base);
+                *dc += a * step;
+                *re += b * step;
+                *im += c * step;
+            }
+        }
+    }
+}
+
+/// Inverse of a symmetric positive definite 3 x 3 matrix by Gauss-Jordan; `None` if a pivot is not above `least`.
+fn invert_spd(matrix: &[[f64; 3]; 3], least: f64) -> Option<[[f64; 3]; 3]> {
+    let mut a = *matrix;
+    let mut inverse = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    for k in 0..3 {
+        let pivot = a[k][k];
+        if pivot.is_nan() || pivot <= least {
+            return None;
+        }
+        for j in 0..3 {
+            a[k][j] /= pivot;
+            inverse[k][j] /= pivot;
+        }
+        for i in (0..3).filter(|&i| i != k) {
+            let factor = a[i][k];
+            for j in 0..3 {
+                a[i][j] -= factor * a[k][j];
+                inverse[i][j] -= factor * inverse[k][j];
+            }
+        }
+    }
+    Some(inverse)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::PI;
+
+    fn demodulate(phases: &[f64], frames: &[f32]) -> [f64; 3] {
+        let weights = Weights::least_squares(phases).expect("the steps fix a sinusoid");
+        let planes: Vec<&[f32]> = frames.chunks(1).collect();
+        let mut out = [vec![0.0], vec![0.0], vec![0.0]];
+        weights.apply(&planes, &mut out);
+        out.map(|v| v[0])
+    }
+
+    fn equal_steps(n: usize) -> Vec<f64> {
+        (0..n).map(|k| 2.0 * PI * k as f64 / n as f64).collect()
+    }
+
+    /// Equal and unequal steps give back the sinusoid; the tolerance is the rounding of the frames to f32,
+    /// at most 2^-24 (dc + ac) each, times the 1-norm of the weights.
+    #[test]
+    fn a_sinusoid_comes_back() {
+        let mut step_sets: Vec<Vec<f64>> = (3..13).map(equal_steps).collect();
+        step_sets.push(vec![0.3, 1.9, 4.0]);
+        step_sets.push(vec![-7.0, 0.1, 2.0, 2.1, 5.5]);
+        for phases in &step_sets {
+            for (dc, ac, phi) in [(0.5, 0.25, 0.4), (1.0, 1e-6, -2.0), (1e4, 1e-2, 3.0), (0.0, 1.0, 0.0)] {
+                let frames: Vec<f32> = phases.iter().map(|d| (dc + ac * libm::cos(phi + d)) as f32).collect();
+                let got = demodulate(phases, &frames);
+                let want = [dc, ac * libm::cos(phi), ac * libm::sin(phi)];
+                let weights = Weights::least_squares(phases).unwrap().weights;
+                for q in 0..3 {
+                    let norm: f64 = weights[q].iter().map(|w| w.abs()).sum();
+                    let tolerance = (2.0_f64.powi(-24) + 1e-15) * (dc + ac) * norm;
+                    assert!((got[q] - want[q]).abs() <= tolerance, "{phases:?} {dc} {ac}: {got:?} for {want:?}");
+                }
+            }
+        }
+    }
+
+    /// The three-phase amplitude formula, (sqrt 2 / 3) sqrt((I1-I2)^2 + (I2-I3)^2 + (I3-I1)^2), to 8 ulp.
+    #[test]
+    fn three_equal_steps_are_the_known_formula() {
+        for frames in [[0.2_f32, 0.7, 0.4], [1.0, 1.0 + f32::EPSILON, 1.0], [1e4, 1e4, 9999.5]] {
+            let [a, b, c] = frames.map(f64::from);
+            let known = 2.0_f64.sqrt() / 3.0 * ((a - b).powi(2) + (b - c).powi(2) + (c - a).powi(2)).sqrt();
+            let [dc, re, im] = demodulate(&equal_steps(3), &frames);
+            assert!(((re * re + im * im).sqrt() / known - 1.0).abs() < 2e-15, "{frames:?}");
+            assert!((dc / ((a + b + c) / 3.0) - 1.0).abs() < 1e-15);
+        }
+    }
+
+    /// Constants have no fringe, to the last bit.
+    #[test]
+    fn constant_frames_have_exactly_no_fringe() {
+        for n in 3..9 {
+            assert_eq!(demodulate(&equal_steps(n), &vec![0.1_f32; n]), [f64::from(0.1_f32), 0.0, 0.0]);
+        }
+    }
+
+    /// N equal steps reject every harmonic m but m = jN +- 1.
+    #[test]
+    fn harmonics_are_rejected_as_the_theory_says() {
+        for n in 3..9_usize {
+            for m in 2..12_usize {
+                let frames: Vec<f32> = equal_steps(n).iter().map(|d| libm::cos(m as f64 * d) as f32).collect();
+                let [_, re, im] = demodulate(&equal_steps(n), &frames);
+                let leaks = m % n == 1 || m % n == n - 1;
+                let amplitude = (re * re + im * im).sqrt();
+                assert!(if leaks { (amplitude - 1.0).abs() < 1e-6 } else { amplitude < 1e-6 }, "N = {n}, m = {m}");
+            }
+        }
+    }
+
+    /// Two phases, repeated phases, or steps a whole turn apart fix no sinusoid.
+    #[test]
+    fn steps_that_fix_no_sinusoid_are_refused() {
+        for phases in [vec![], vec![0.0, 2.0], vec![0.0, 2.0, 2.0], vec![0.0, 1.0, 2.0 * PI], vec![0.0, 1e-4, 2e-4]] {
+            assert_eq!(Weights::least_squares(&phases), None, "{phases:?}");
+        }
+    }
+}

@@ -1,0 +1,108 @@
+//! The stage `demodulate`: layers in, layers out, one fused pass over blocks of rows.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use turbid_contract::ndarray::Array2;
+use turbid_contract::payload::{Covariance, Frames, Modulation, Phase};
+use turbid_contract::{Ctx, Error, ImageStack, Known, LayerKind, Problems, Stage, StagePlan, in_ports, out_ports};
+
+use crate::pass::{Group, Pass, Tally};
+use crate::set::{Noise, channels};
+
+/// How fringes are separated from the mean.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Method {
+    /// Least-squares sinusoid through N >= 3 frames with known phases.
+    #[default]
+    PhaseShift,
+}
+
+/// Params of `demodulate`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Params {
+    pub method: Method,
+    /// A pixel whose M_DC or M_AC is not above this many of its standard errors is masked. At 3 the Rician bias of
+    /// M_AC is 6 %; 0 masks only what is not above 0.
+    pub low_signal: f64,
+}
+
+impl Default for Params {
+    fn default() -> Self {
+        Self { method: Method::PhaseShift, low_signal: 3.0 }
+    }
+}
+
+in_ports! {
+    pub struct In {
+        /// Camera frames: three phases or more for each f_x > 0, one for f_x = 0.
+        frames: one Frames,
+        /// Covariance behind the frames, where pixels of several frames share paths.
+        covariance: optional Covariance,
+    }
+}
+
+out_ports! {
+    pub struct Out {
+        /// M_DC and M_AC for each f_x, with standard errors and covariance where they are known.
+        modulation: one Modulation,
+        /// Wrapped phase for each f_x > 0.
+        phase: optional Phase,
+    }
+}
+
+/// `use: demodulate`
+pub struct Demodulate;
+
+impl Stage for Demodulate {
+    const NAME: &'static str = "demodulate";
+    const VERSION: u32 = 1;
+    const ABOUT: &'static str =
+        "M_DC, M_AC and phase of each pixel from frames of shifted sinusoids, with standard errors";
+
+    type Params = Params;
+    type In = In<'static>;
+    type Out = Out;
+
+    fn check(params: &Params, _known: &Known, problems: &mut Problems) {
+        let holds = params.low_signal >= 0.0 && params.low_signal.is_finite();
+        problems.require(holds, "low_signal", params.low_signal, "", "be >= 0 (standard errors)");
+    }
+
+    fn plan(_params: &Params, known: &Known) -> StagePlan {
+        let covariance = known.connected.iter().any(|port| port == "covariance");
+        StagePlan {
+            method: Some("phase_shift".into()),
+            left_out: if covariance { Vec::new() } else { vec!["covariance of the frames (not connected)".into()] },
+            ..StagePlan::default()
+        }
+    }
+
+    fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
+        let frames = &inputs.frames.0;
+        let sharing = frames.layers.iter().filter(|l| l.info.kind == LayerKind::Value).map(|l| frames.sharing(&l.info));
+        let sharing = sharing.fold(1.0, f64::max);
+        let wants_phase = ctx.wants("phase");
+        let mut values = Group::default();
+        let mut phases = Group::default();
+        for channel in channels(&inputs.frames)? {
+            let noise = Noise::of_channel(&channel, &inputs.frames, inputs.covariance.as_ref())?;
+            let pass = Pass::new(&channel, noise.as_ref(), frames, params.low_signal, wants_phase);
+            let mut planes = vec![Array2::zeros((frames.rows(), frames.columns())); pass.plane_count()];
+            let tiles = ctx.fill_planes(&mut planes, |pixels, planes| pass.run(pixels, planes))?;
+            let mut tally = Tally::new(&channel);
+            tiles.iter().for_each(|tile| tally.add(tile));
+            tally.report(&channel, noise.is_some(), ctx);
+            pass.describe(planes, &tally, sharing, &mut values, &mut phases);
+        }
+        let stack = |group: Group| {
+            let mut stack = ImageStack::new(frames.rows(), frames.columns());
+            stack.attributes = frames.attributes.clone();
+            group.into_iter_ordered().for_each(|(info, data)| stack.push(info, data));
+            stack
+        };
+        let phase = wants_phase.then(|| Phase(stack(phases)));
+        Ok(Out { modulation: Modulation(stack(values)), phase })
+    }
+}

@@ -1,0 +1,274 @@
+//! The stage as the engine calls it: what goes in, what comes out, and what is refused.
+
+use std::f64::consts::PI;
+
+use turbid_contract::ndarray::Array2;
+use turbid_contract::payload::{Covariance, Frames, MaskReason};
+use turbid_contract::{Ctx, Error, ImageStack, Known, LayerInfo, LayerKind, MemoryHost, Problems, Stage};
+use turbid_demodulate::{Demodulate, In, Out, Params};
+
+/// A pattern's response at one pixel: M_DC and the complex fringe amplitude of each f_x.
+struct Truth {
+    dc: f64,
+    fringes: Vec<(f64, f64, f64)>,
+}
+
+fn push(stack: &mut ImageStack, f_x: f64, phase: f64, value: &dyn Fn(usize, usize) -> f64, se: Option<f64>) {
+    let mut info = LayerInfo::value("radiance", "W mm^-2 sr^-1").with_f_x(f_x);
+    info.phase_rad = Some(phase);
+    let dim = (stack.rows(), stack.columns());
+    stack.push(info.clone(), Array2::from_shape_fn(dim, |(r, c)| value(r, c) as f32));
+    if let Some(se) = se {
+        stack.push(info.standard_error(), Array2::from_elem(dim, se as f32));
+    }
+}
+
+fn frames(
+    rows: usize,
+    columns: usize,
+    truth: &Truth,
+    steps: usize,
+    se: Option<f64>,
+    noise: &mut dyn FnMut() -> f64,
+) -> Frames {
+    let mut stack = ImageStack::new(rows, columns);
+    let mut plane = |stack: &mut ImageStack, f_x, phase, mean: f64| {
+        let values = Array2::from_shape_fn((rows, columns), |_| mean + noise());
+        push(stack, f_x, phase, &|r, c| values[(r, c)], se);
+    };
+    plane(&mut stack, 0.0, 0.0, truth.dc);
+    for &(f_x, m_ac, phi) in &truth.fringes {
+        for k in 0..steps {
+            let d = 2.0 * PI * k as f64 / steps as f64;
+            plane(&mut stack, f_x, d, truth.dc + m_ac * (phi + d).cos());
+        }
+    }
+    Frames(stack)
+}
+
+fn demodulate(frames: Frames, covariance: Option<Covariance>, wanted: &[&str]) -> Result<(Out, MemoryHost), Error> {
+    let host = MemoryHost { wanted: wanted.iter().map(|w| w.to_string()).collect(), ..MemoryHost::default() };
+    let inputs = In { frames, covariance, source: std::marker::PhantomData };
+    let out = Demodulate::run(&Params::default(), inputs, Ctx::new(&host))?;
+    Ok((out, host))
+}
+
+fn at(stack: &ImageStack, name: &str, f_x: Option<f64>) -> f64 {
+    f64::from(stack.find(name, f_x).unwrap_or_else(|| panic!("layer {name} at {f_x:?}")).data[(0, 0)])
+}
+
+/// Uniform in [-sqrt 3, sqrt 3): variance 1.
+fn noise(seed: u64) -> impl FnMut() -> f64 {
+    let mut state = seed;
+    move || {
+        state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = (state ^ (state >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        (((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64 - 0.5) * 12.0_f64.sqrt()
+    }
+}
+
+/// M_DC, M_AC and phase of known fringes, from 1 pixel up, at M_DC / M_AC from 1 to 1e6; tolerance: frames rounded to f32,
+/// 2^-24 (M_DC + M_AC) each, times the 1-norm of the weights (2/N sum |cos| <= 4/3), and the result's own rounding.
+#[test]
+fn known_fringes_come_back() {
+    for (rows, columns) in [(1, 1), (3, 700)] {
+        for ratio in [1.0, 1e2, 1e4, 1e6] {
+            for steps in [3, 4, 5] {
+                let (dc, m_ac, phi) = (0.7, 0.7 / ratio, 2.5);
+                let truth = Truth { dc, fringes: vec![(0.1, m_ac, phi)] };
+                let (out, _) =
+                    demodulate(frames(rows, columns, &truth, steps, None, &mut || 0.0), None, &["phase"]).unwrap();
+                let stack = &out.modulation.0;
+                let rounding = 2.0_f64.powi(-24) * (dc + m_ac);
+                for (name, f_x, want) in [("m_dc", 0.0, dc), ("m_ac", 0.0, dc), ("m_dc", 0.1, dc), ("m_ac", 0.1, m_ac)]
+                {
+                    let got = at(stack, name, Some(f_x));
+                    assert!(
+                        (got - want).abs() <= 1.4 * rounding + 1e-7 * want,
+                        "{name} {f_x}: {got} for {want} ({steps})"
+                    );
+                }
+                let phase = at(&out.phase.as_ref().unwrap().0, "phase", Some(0.1));
+                assert!((phase - phi).abs() <= 1.4 * rounding / m_ac + 3e-7, "phase {phase} at ratio {ratio}");
+                assert!(stack.find("mask", None).unwrap().data.iter().all(|&m| m == 0.0));
+                assert!(stack.find("m_ac_se", None).is_none(), "no standard error where none is known");
+            }
+        }
+    }
+}
+
+/// Standard errors from independent frames against the spread of 40,000 noisy pixels. The relative error of a sampled standard
+/// deviation is sqrt(kurtosis - 1) / (2 sqrt n) <= 0.4 %; 5 sigma = 2 %. Covariances: |error| <= 5 s_a s_b / sqrt n.
+#[test]
+fn standard_errors_are_the_spread() {
+    let sigma = 0.004;
+    let truth = Truth { dc: 0.5, fringes: vec![(0.1, 0.2, 0.7), (0.2, 0.1, -2.0)] };
+    let mut next = noise(7);
+    let (out, host) =
+        demodulate(frames(200, 200, &truth, 3, Some(sigma), &mut || sigma * next()), None, &["phase"]).unwrap();
+    let stack = &out.modulation.0;
+    let values: Vec<_> = stack.layers.iter().filter(|l| l.info.kind == LayerKind::Value).collect();
+    let moments = |a: &Array2<f32>, b: &Array2<f32>| {
+        let n = a.len() as f64;
+        let mean = |x: &Array2<f32>| x.iter().map(|&v| f64::from(v)).sum::<f64>() / n;
+        let (ma, mb) = (mean(a), mean(b));
+        a.iter().zip(b).map(|(&x, &y)| (f64::from(x) - ma) * (f64::from(y) - mb)).sum::<f64>() / n
+    };
+    for layer in &values {
+        let spread = moments(&layer.data, &layer.data).sqrt();
+        let se = f64::from(stack.standard_error(&layer.info).unwrap().data[(0, 0)]);
+        assert!(
+            (spread / se - 1.0).abs() < 0.02,
+            "{} {:?}: spread {spread}, se {se}",
+            layer.info.name,
+            layer.info.f_x_per_mm
+        );
+        let mean_se = layer.info.mean_se.unwrap();
+        assert!((mean_se * 200.0 / se - 1.0).abs() < 0.02);
+    }
+    let mut pairs = 0;
+    for cov in stack.layers.iter().filter(|l| l.info.kind == LayerKind::Covariance) {
+        let [a, b] = cov.info.pair.unwrap().map(|k| &stack.layers[k as usize]);
+        let scale = (moments(&a.data, &a.data) * moments(&b.data, &b.data)).sqrt();
+        let mean: f64 = cov.data.iter().map(|&v| f64::from(v)).sum::<f64>() / cov.data.len() as f64;
+        assert!((moments(&a.data, &b.data) - mean).abs() < 5.0 * scale / 200.0, "pair {:?}", cov.info.pair);
+        pairs += 1;
+    }
+    assert_eq!(pairs, 10, "pairs of m_ac(0), m_dc, m_ac at 0.1 and 0.2");
+    let phase = &out.phase.unwrap().0;
+    let layer = phase.find("phase", Some(0.2)).unwrap();
+    let se = f64::from(phase.find("phase_se", Some(0.2)).unwrap().data[(0, 0)]);
+    assert!((moments(&layer.data, &layer.data).sqrt() / se - 1.0).abs() < 0.05);
+    // The Rician bias s^2 / (2 M_AC), s^2 = 2 sigma^2 / 3, at the highest f_x.
+    let bias = host.measures.lock().unwrap()["rician_bias"];
+    let want = 100.0 * (2.0 * sigma * sigma / 3.0) / (2.0 * 0.1 * 0.1);
+    assert!((bias / want - 1.0).abs() < 0.01, "{bias} % for {want} %");
+}
+
+fn covariance(quantities: &[(&str, f64)], matrix: &[&[f64]]) -> Covariance {
+    let mut stack = ImageStack::new(1, 1);
+    let list: Vec<_> = quantities
+        .iter()
+        .map(|(part, f)| serde_json::json!({"part": part, "f_x_per_mm": f, "orientation_deg": 0.0}))
+        .collect();
+    stack.attributes.insert("quantities".into(), list.into());
+    for (i, row) in matrix.iter().enumerate() {
+        for (j, &value) in row.iter().enumerate().skip(i) {
+            let mut info = LayerInfo::new("cov", LayerKind::Covariance, "1");
+            info.pair = Some([i as u32, j as u32]);
+            stack.push(info, Array2::from_elem((1, 1), value as f32));
+        }
+    }
+    Covariance(stack)
+}
+
+/// With a covariance given: var M_AC = g^T C g along Z, cov(M_DC, M_AC) = g^T c; the same paths in every frame make M_DC at
+/// f_x = 0 and M_DC at f_x > 0 one number.
+#[test]
+fn a_given_covariance_is_propagated() {
+    let c = [[4.0, 1.0, 0.5], [1.0, 3.0, -0.4], [0.5, -0.4, 2.0]].map(|row| row.map(|v| 1e-6 * v));
+    let cov = covariance(&[("dc", 0.0), ("re", 0.1), ("im", 0.1)], &[&c[0], &c[1], &c[2]]);
+    let (cos, sin) = (0.6, 0.8);
+    let truth = Truth { dc: 0.5, fringes: vec![(0.1, 0.2, 0.8_f64.atan2(0.6))] };
+    let (out, _) = demodulate(frames(1, 1, &truth, 3, None, &mut || 0.0), Some(cov), &[]).unwrap();
+    let stack = &out.modulation.0;
+    let variance = cos * cos * c[1][1] + 2.0 * cos * sin * c[1][2] + sin * sin * c[2][2];
+    assert!((at(stack, "m_ac_se", Some(0.1)) / variance.sqrt() - 1.0).abs() < 1e-5);
+    assert!((at(stack, "m_dc_se", Some(0.1)) / c[0][0].sqrt() - 1.0).abs() < 1e-6);
+    let pair = |a: (&str, f64), b: (&str, f64)| {
+        let index = |q: (&str, f64)| {
+            stack.layers.iter().position(|l| l.info.name == q.0 && l.info.f_x_per_mm == Some(q.1)).unwrap() as u32
+        };
+        let wanted = Some([index(a), index(b)]);
+        f64::from(stack.layers.iter().find(|l| l.info.pair == wanted).unwrap().data[(0, 0)])
+    };
+    let want = cos * c[0][1] + sin * c[0][2];
+    assert!((pair(("m_ac", 0.0), ("m_ac", 0.1)) / want - 1.0).abs() < 1e-5);
+    assert!((pair(("m_ac", 0.0), ("m_dc", 0.1)) / c[0][0] - 1.0).abs() < 1e-6);
+}
+
+/// Every reason to mask, each with zeros in all value layers.
+#[test]
+fn masked_pixels_hold_zero_and_the_reason() {
+    let mut stack = ImageStack::new(1, 5);
+    // good; NaN in one frame; nothing at all; fringe below 3 standard errors; negative mean
+    let dc = [0.5, 0.5, 0.0, 0.5, -0.5];
+    let ac = [0.2, 0.2, 0.0, 0.01, 0.2];
+    for (f_x, k) in [(0.0, 0), (0.1, 0), (0.1, 1), (0.1, 2)] {
+        let phase = 2.0 * PI * f64::from(k) / 3.0;
+        let mut info = LayerInfo::value("radiance", "W mm^-2 sr^-1").with_f_x(f_x);
+        info.phase_rad = Some(phase);
+        let value = |c: usize| {
+            if c == 1 && k == 2 { f64::NAN } else { dc[c] + if f_x > 0.0 { ac[c] * phase.cos() } else { 0.0 } }
+        };
+        stack.push(info.clone(), Array2::from_shape_fn((1, 5), |(_, c)| value(c) as f32));
+        stack.push(info.standard_error(), Array2::from_shape_fn((1, 5), |(_, c)| if c == 2 { 0.0 } else { 0.01 }));
+    }
+    let (out, _) = demodulate(Frames(stack), None, &["phase"]).unwrap();
+    let stack = &out.modulation.0;
+    let mask: Vec<f32> = stack.find("mask", None).unwrap().data.iter().copied().collect();
+    let want =
+        [MaskReason::Good, MaskReason::NotFinite, MaskReason::Background, MaskReason::LowSignal, MaskReason::LowSignal];
+    assert_eq!(mask, want.map(MaskReason::code));
+    for layer in stack.layers.iter().chain(&out.phase.unwrap().0.layers).filter(|l| l.info.kind != LayerKind::Mask) {
+        assert!(layer.data.iter().skip(1).all(|&v| v == 0.0), "{}", layer.info.name);
+    }
+}
+
+/// A fringe that is only the rounding of f32 frames is no signal, even without standard errors.
+#[test]
+fn rounding_is_no_fringe() {
+    let truth = Truth { dc: 0.7, fringes: vec![(0.1, 1e-9, 1.0)] };
+    let (out, _) = demodulate(frames(1, 1, &truth, 3, None, &mut || 0.0), None, &[]).unwrap();
+    assert_eq!(at(&out.modulation.0, "mask", None), f64::from(MaskReason::LowSignal.code()));
+}
+
+/// Two orientations and two wavelengths stay apart.
+#[test]
+fn orientations_and_wavelengths_are_separate_layers() {
+    let mut stack = ImageStack::new(1, 1);
+    for (channel, wavelength) in [600.0, 700.0].into_iter().enumerate() {
+        for (turn, orientation) in [0.0, 90.0].into_iter().enumerate() {
+            for k in 0..3 {
+                let mut info = LayerInfo::value("radiance", "1").with_f_x(0.1);
+                info.phase_rad = Some(2.0 * PI * f64::from(k) / 3.0);
+                (info.orientation_deg, info.wavelength_nm) = (Some(orientation), Some(wavelength));
+                let m_ac = 0.1 + 0.1 * channel as f64 + 0.05 * turn as f64;
+                stack
+                    .push(info.clone(), Array2::from_elem((1, 1), (0.5 + m_ac * info.phase_rad.unwrap().cos()) as f32));
+            }
+        }
+    }
+    let (out, _) = demodulate(Frames(stack), None, &[]).unwrap();
+    let found: Vec<_> = out.modulation.0.layers.iter().filter(|l| l.info.name == "m_ac").collect();
+    assert_eq!(found.len(), 4);
+    for (layer, want) in found.iter().zip([0.1, 0.15, 0.2, 0.25]) {
+        assert!((f64::from(layer.data[(0, 0)]) - want).abs() < 1e-6, "{:?}", layer.info);
+    }
+    assert_eq!(out.modulation.0.layers.iter().filter(|l| l.info.kind == LayerKind::Mask).count(), 2);
+}
+
+/// Frames and covariances that do not do are named.
+#[test]
+fn wrong_inputs_are_named() {
+    let truth = Truth { dc: 0.5, fringes: vec![(0.1, 0.2, 0.0)] };
+    let make = |steps| frames(1, 1, &truth, steps, None, &mut || 0.0);
+    let message = |frames, cov| demodulate(frames, cov, &[]).map(|_| ()).unwrap_err().to_string();
+    assert!(message(make(2), None).contains("2 phases at f_x = 0.1 mm^-1"));
+    assert!(message(Frames(ImageStack::new(1, 1)), None).contains("no layer with values"));
+    let mut anonymous = make(3);
+    anonymous.0.layers[1].info.f_x_per_mm = None;
+    assert!(message(anonymous, None).contains("does not say its f_x"));
+    let mut timeless = make(3);
+    timeless.0.layers[1].info.phase_rad = None;
+    assert!(message(timeless, None).contains("does not say its phase"));
+    assert!(message(make(3), Some(covariance(&[("dc", 0.0)], &[&[1.0]]))).contains("lacks `re` at f_x = 0.1"));
+    assert!(message(make(3), Some(Covariance(ImageStack::new(2, 1)))).contains("1 x 2 pixels"));
+    let lists_only = covariance(&[("dc", 0.0), ("re", 0.1), ("im", 0.1)], &[]);
+    assert!(message(make(3), Some(lists_only)).contains("lacks the pair"));
+
+    let mut problems = Problems::default();
+    Demodulate::check(&Params { low_signal: -1.0, ..Params::default() }, &Known::default(), &mut problems);
+    assert!(problems.into_parts().0[0].to_string().contains("low_signal = -1 must be >= 0"));
+}
