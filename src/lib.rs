@@ -1,3 +1,4 @@
 //! turbid: declarative pipelines that design and simulate spatial frequency domain imaging systems.
 
+pub mod preview;
 pub mod registry;

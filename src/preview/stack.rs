@@ -1,0 +1,246 @@
+//! Image stacks as figures: one panel per layer, grouped as a reader compares them.
+
+use ndarray::Array2;
+use serde_json::Value;
+use turbid_contract::payload::MaskReason;
+use turbid_contract::{Attributes, ImageStack, Layer, LayerInfo, LayerKind};
+
+use super::arrange::{Grouped, arrange};
+use super::colour::{ColourMap, category};
+use super::figure::{Figure, Section};
+use super::notation::{base, f_x, in_unit, is_error, particulars, quantity};
+use super::number::{number, with_error};
+use super::panel::{Bar, Note, Panel, paint};
+use super::pixels::{Reduce, fit};
+use super::range::{Range, Statistics};
+use super::text::Text;
+
+/// Longer side of an image on the screen, in pixels.
+const LARGE: usize = 288;
+const SMALL: usize = 144;
+/// More panels than this in a section tell nobody anything.
+const MOST_PANELS: usize = 48;
+
+/// A layer with what a panel needs to know of it.
+struct Seen<'a> {
+    layer: &'a Layer,
+    good: Array2<bool>,
+    /// None where no pixel is good.
+    statistics: Option<Statistics>,
+}
+
+pub fn figure(stack: &ImageStack, title: &str) -> Figure {
+    let masks: Vec<&Layer> = stack.layers.iter().filter(|l| l.info.kind == LayerKind::Mask).collect();
+    let clean = |l: &Layer| l.info.kind == LayerKind::Mask && l.data.iter().all(|&m| m == 0.0);
+    let alone = masks.len() == stack.layers.len();
+    let kinds = [
+        (Text::new(), LARGE, [LayerKind::Value, LayerKind::Mask]),
+        (Text::plain("Standard errors"), SMALL, [LayerKind::StandardError; 2]),
+        (Text::plain("Covariances"), SMALL, [LayerKind::Covariance; 2]),
+    ];
+    let mut figure = Figure { heading: title.to_owned(), ..Figure::default() };
+    let mut dropped = 0;
+    for (heading, side, kinds) in kinds {
+        let mut seen: Vec<Seen> = stack
+            .layers
+            .iter()
+            .filter(|l| kinds.contains(&l.info.kind) && (alone || !clean(l)))
+            .map(|layer| see(layer, &masks))
+            .collect();
+        dropped += seen.len().saturating_sub(MOST_PANELS);
+        seen.truncate(MOST_PANELS);
+        if !seen.is_empty() {
+            figure.sections.push(Section { heading, rows: rows(stack, &seen, side) });
+        }
+    }
+    figure.remarks = remarks(stack, &masks, &figure, dropped);
+    figure
+}
+
+/// A pixel is good where it is a number and no mask that speaks for the layer names a reason against it.
+fn see<'a>(layer: &'a Layer, masks: &[&Layer]) -> Seen<'a> {
+    let mut good = layer.data.mapv(f32::is_finite);
+    if layer.info.kind != LayerKind::Mask {
+        for mask in masks.iter().filter(|mask| speaks_for(&mask.info, &layer.info)) {
+            good.zip_mut_with(&mask.data, |good, &reason| *good &= reason == 0.0);
+        }
+    }
+    let statistics = Statistics::of(&layer.data, &good);
+    Seen { layer, good, statistics }
+}
+
+/// A mask speaks for the layers that share what it says about f_x and wavelength.
+fn speaks_for(mask: &LayerInfo, layer: &LayerInfo) -> bool {
+    let agree = |mask: Option<f64>, layer: Option<f64>| mask.is_none() || mask == layer;
+    agree(mask.f_x_per_mm, layer.f_x_per_mm) && agree(mask.wavelength_nm, layer.wavelength_nm)
+}
+
+/// Layers side by side in one row: all of a quantity; with phases, those of one spatial frequency.
+fn same_row(a: &LayerInfo, b: &LayerInfo) -> bool {
+    let phased = a.phase_rad.is_some() && b.phase_rad.is_some();
+    base(&a.name) == base(&b.name)
+        && a.kind == b.kind
+        && a.wavelength_nm == b.wavelength_nm
+        && (!phased || (a.f_x_per_mm == b.f_x_per_mm && a.orientation_deg == b.orientation_deg))
+}
+
+/// Layers on one scale: estimate and truth of a quantity, the phases of one spatial frequency.
+fn same_scale(a: &LayerInfo, b: &LayerInfo) -> bool {
+    same_row(a, b) && a.f_x_per_mm == b.f_x_per_mm && is_error(&a.name) == is_error(&b.name) && a.pair == b.pair
+}
+
+fn rows(stack: &ImageStack, seen: &[Seen], side: usize) -> Vec<Vec<Panel>> {
+    let mut groups: Vec<Grouped<Panel>> = Vec::new();
+    let mut firsts: Vec<&LayerInfo> = Vec::new();
+    for one in seen {
+        let info = &one.layer.info;
+        let scale: Vec<&Statistics> = seen
+            .iter()
+            .filter(|other| same_scale(&other.layer.info, info))
+            .filter_map(|other| other.statistics.as_ref())
+            .collect();
+        let panel = panel(stack, one, Range::robust(&scale), side);
+        match firsts.iter().position(|first| same_row(first, info)) {
+            Some(i) => groups[i].push(panel),
+            None => {
+                firsts.push(info);
+                groups.push(vec![panel]);
+            }
+        }
+    }
+    arrange(groups, if side == LARGE { 4 } else { 6 })
+}
+
+fn panel(stack: &ImageStack, seen: &Seen, range: Option<Range>, side: usize) -> Panel {
+    let info = &seen.layer.info;
+    if let Some(names) = categories(info, &stack.attributes) {
+        return categorical(seen, &names, side);
+    }
+    let map = colour_map(info);
+    let range = range.map(|r| match map {
+        ColourMap::Diverging => r.around_zero(),
+        ColourMap::Cyclic => {
+            Range { low: -std::f64::consts::PI, high: std::f64::consts::PI, under: false, over: false }
+        }
+        ColourMap::Sequential => r,
+    });
+    let reduce = if map == ColourMap::Cyclic { Reduce::First } else { Reduce::Mean };
+    let pixels = fit(&seen.layer.data, &seen.good, side, reduce);
+    let image = paint(&pixels, |v| map.colour(range.map_or(0.5, |r| r.position(v))));
+    let title = match info.kind {
+        // The section's heading says what these are.
+        LayerKind::StandardError => quantity(base(&info.name)),
+        LayerKind::Covariance => covariance_title(stack, info),
+        _ => quantity(&info.name),
+    };
+    Panel {
+        title: title.join(in_unit(&info.unit)),
+        subtitle: particulars(info),
+        image,
+        bar: range.map(|range| Bar { map, range }),
+        notes: notes(seen, info),
+    }
+}
+
+fn colour_map(info: &LayerInfo) -> ColourMap {
+    let signed = is_error(&info.name) || ["normal_x", "normal_y"].contains(&info.name.as_str());
+    let off_diagonal = info.kind == LayerKind::Covariance && info.pair.is_none_or(|[i, j]| i != j);
+    if signed || off_diagonal {
+        ColourMap::Diverging
+    } else if info.name == "phase" && info.kind == LayerKind::Value {
+        ColourMap::Cyclic
+    } else {
+        ColourMap::Sequential
+    }
+}
+
+fn notes(seen: &Seen, info: &LayerInfo) -> Vec<Note> {
+    let plain = |text| Note { swatch: None, text };
+    let Some(s) = &seen.statistics else { return vec![plain(Text::plain("every pixel is masked"))] };
+    let mean = info.mean_se.map_or_else(|| number(s.mean, 4), |se| with_error(s.mean, se));
+    let mut notes = vec![
+        plain(Text::plain("mean ").join(mean)),
+        plain(Text::plain("min ").join(number(s.min, 3)).then(", max ").join(number(s.max, 3))),
+    ];
+    let masked = seen.good.iter().filter(|good| !**good).count();
+    if masked > 0 {
+        notes.push(plain(share(masked, seen.good.len()).then(" masked")));
+    }
+    notes
+}
+
+/// `12.3 %`, and never `0 %` of something that is there.
+fn share(part: usize, whole: usize) -> Text {
+    number(100.0 * part as f64 / whole as f64, 3).then(" %")
+}
+
+/// Names of the categories that a layer's pixels are, by their number.
+fn categories(info: &LayerInfo, attributes: &Attributes) -> Option<Vec<String>> {
+    if info.kind == LayerKind::Mask {
+        return Some(MaskReason::ALL.map(|reason| reason.text().to_owned()).to_vec());
+    }
+    let names = attributes.get("objects").filter(|_| info.name == "object")?.as_array()?;
+    Some(names.iter().map(|n| n.as_str().map_or_else(|| n.to_string(), str::to_owned)).collect())
+}
+
+fn categorical(seen: &Seen, names: &[String], side: usize) -> Panel {
+    let pixels = fit(&seen.layer.data, &seen.good, side, Reduce::MostFrequent);
+    // Index 0 of the palette is pale: good pixels should step back, an object should not.
+    let first = usize::from(seen.layer.info.kind != LayerKind::Mask);
+    let colour = |v: f64| category(v as usize % 1000 + first);
+    let mut values: Vec<f32> = seen.layer.data.iter().zip(&seen.good).filter(|(_, g)| **g).map(|(v, _)| *v).collect();
+    values.sort_by(f32::total_cmp);
+    let whole = seen.good.len();
+    let notes = values.chunk_by(|a, b| a == b).map(|run| {
+        let value = f64::from(run[0]);
+        let name = names.get(value as usize).filter(|_| value >= 0.0 && value.fract() == 0.0);
+        let name = name.cloned().unwrap_or_else(|| format!("{value}"));
+        Note { swatch: Some(colour(value)), text: Text::plain(name + ", ").join(share(run.len(), whole)) }
+    });
+    Panel {
+        title: quantity(&seen.layer.info.name),
+        subtitle: particulars(&seen.layer.info),
+        image: paint(&pixels, colour),
+        bar: None,
+        notes: notes.collect(),
+    }
+}
+
+/// `var M_AC` or `cov M_DC, M_AC`, from the attribute `quantities` or the layers that `pair` points to.
+fn covariance_title(stack: &ImageStack, info: &LayerInfo) -> Text {
+    let Some([i, j]) = info.pair else { return quantity(&info.name) };
+    let name = |index: u32| -> Text {
+        if let Some(Value::Array(quantities)) = stack.attributes.get("quantities") {
+            let Some(q) = quantities.get(index as usize) else { return Text::plain(format!("[{index}]")) };
+            let part = q["part"].as_str().unwrap_or("?").to_owned();
+            let at = q["f_x_per_mm"].as_f64().filter(|_| part != "dc");
+            return Text::plain(part).join(at.map_or(Text::new(), |f| Text::plain(", ").join(f_x(f))));
+        }
+        stack.layers.get(index as usize).map_or(Text::plain(format!("[{index}]")), |l| {
+            let at =
+                l.info.f_x_per_mm.map_or(Text::new(), |f| Text::plain("(").then(super::number::plain(f)).then(")"));
+            quantity(&l.info.name).join(at)
+        })
+    };
+    if i == j { Text::plain("var ").join(name(i)) } else { Text::plain("cov ").join(name(i)).then("; ").join(name(j)) }
+}
+
+fn remarks(stack: &ImageStack, masks: &[&Layer], figure: &Figure, dropped: usize) -> Vec<Text> {
+    let panels = || figure.sections.iter().flat_map(|s| s.rows.iter().flatten());
+    let bars = || panels().filter_map(|p| p.bar.as_ref());
+    let mut said = vec![format!("{} × {} pixels", stack.columns(), stack.rows())];
+    if bars().any(|bar| bar.range.under || bar.range.over) {
+        said.push("a pointed bar: up to 0.5 % of the pixels lie beyond that end".to_owned());
+    }
+    let not_a_number = stack.layers.iter().any(|l| l.data.iter().any(|v| !v.is_finite()));
+    let masked = masks.iter().any(|m| m.data.iter().any(|&r| r != 0.0));
+    if masked || not_a_number {
+        said.push("striped: masked".to_owned());
+    } else if !masks.is_empty() {
+        said.push("no pixel is masked".to_owned());
+    }
+    if dropped > 0 {
+        said.push(format!("{dropped} further layers are not shown"));
+    }
+    vec![Text::plain(said.join("; "))]
+}
