@@ -1,0 +1,227 @@
+//! `foreach:` — the axes that a stage adds, expanded to a grid.
+
+use std::collections::HashSet;
+use std::path::Path;
+
+use serde_json::Value;
+
+use super::axis::{self, MAX_INSTANCES};
+use super::csv;
+use super::draw::Draw;
+use super::node::{Data, Entry, Node};
+use super::parse::join;
+use super::reader::Reader;
+use super::source::{SourceFile, Span};
+use super::suggest;
+
+/// The axes that a stage adds to those of its inputs.
+#[derive(Clone, Debug)]
+pub struct Foreach {
+    /// Axes in the order in which they are written.
+    pub names: Vec<String>,
+    /// One row of values (in the order of `names`) per instance, the last axis varying fastest; a stage without
+    /// `foreach` has one row without values. With a `draw`, one point stands for all.
+    pub rows: Vec<Vec<Value>>,
+    /// Points that are drawn at run time.
+    pub draw: Option<Draw>,
+}
+
+impl Default for Foreach {
+    fn default() -> Self {
+        Self { names: Vec::new(), rows: vec![Vec::new()], draw: None }
+    }
+}
+
+/// Axes that go together: one for a list, several for `zip`, `csv` and `draw`.
+struct Group {
+    at: Span,
+    names: Vec<String>,
+    rows: Vec<Vec<Value>>,
+}
+
+impl Foreach {
+    /// Reads the section (vars put in); `None` if it is wrong and reported.
+    pub fn parse(section: &Entry, path: &str, reader: &mut Reader<'_>) -> Option<Self> {
+        let rule = "a map of axes, such as {mu_a: [0.01, 0.1]}";
+        if !reader.is_map(&section.value, section.at, path, rule) {
+            return None;
+        }
+        let mut groups: Vec<Group> = Vec::new();
+        let mut draw = None;
+        let mut complete = true;
+        for entry in section.value.entries().iter().filter(|e| e.key != "zip") {
+            let path = join(path, &entry.key);
+            let group = match csv_of(entry) {
+                _ if entry.key == "draw" => {
+                    draw = Draw::parse(&entry.value, entry.at, &path, reader);
+                    draw.as_ref().map(|d: &Draw| {
+                        let (names, row) = d.representative();
+                        Group { at: entry.at, names, rows: vec![row] }
+                    })
+                }
+                Some(file) => csv_group(file, entry.at, &path, reader),
+                None => plain_axis(entry, &path, reader),
+            };
+            complete &= group.is_some();
+            groups.extend(group);
+        }
+        if let Some(zip) = section.value.entry("zip") {
+            complete &= apply_zip(&mut groups, zip, &join(path, "zip"), complete, reader).is_some();
+        }
+        complete &= names_are_distinct(&groups, path, reader);
+        if !complete {
+            return None;
+        }
+        let points = draw.as_ref().map_or(1, |d| d.n as u128);
+        let count = groups.iter().fold(points, |n, g| n.saturating_mul(g.rows.len() as u128));
+        if count > MAX_INSTANCES as u128 {
+            let sizes: Vec<String> = groups.iter().map(|g| format!("{} {}", g.rows.len(), g.names.join("+"))).collect();
+            let message = format!("{count} instances ({}) are more than {MAX_INSTANCES}", sizes.join(" x "));
+            reader.error(section.at, path, message, "pair axes by `zip`, or draw points".to_owned());
+            return None;
+        }
+        let names = groups.iter().flat_map(|g| g.names.clone()).collect();
+        Some(Self { names, rows: grid(&groups), draw })
+    }
+}
+
+/// All combinations, the last group varying fastest.
+fn grid(groups: &[Group]) -> Vec<Vec<Value>> {
+    groups.iter().fold(vec![Vec::new()], |rows, group| {
+        let mut longer = Vec::with_capacity(rows.len() * group.rows.len());
+        for row in &rows {
+            for more in &group.rows {
+                longer.push(row.iter().chain(more).cloned().collect());
+            }
+        }
+        longer
+    })
+}
+
+fn plain_axis(entry: &Entry, path: &str, reader: &mut Reader<'_>) -> Option<Group> {
+    let named = reader.name(&entry.key, entry.at, path, "an axis");
+    let values = axis::values(&entry.value, entry.at, path, reader)?;
+    let rows = values.into_iter().map(|v| vec![v]).collect();
+    named.then(|| Group { at: entry.at, names: vec![entry.key.clone()], rows })
+}
+
+/// `csv: file`, or `name: {csv: file}`.
+fn csv_of(entry: &Entry) -> Option<&Node> {
+    match entry.value.entries() {
+        _ if entry.key == "csv" => Some(&entry.value),
+        [one] if one.key == "csv" => Some(&one.value),
+        _ => None,
+    }
+}
+
+fn csv_group(file: &Node, at: Span, path: &str, reader: &mut Reader<'_>) -> Option<Group> {
+    let name = reader.text(file, at, path, "the path of a CSV file")?;
+    let base = reader.sources.get(file.span.file as usize).map(|s| s.base.clone()).unwrap_or_default();
+    let full = base.join(name);
+    match read_table(&full) {
+        Ok(csv::Table { names, rows }) => Some(Group { at, names, rows }),
+        Err(why) => {
+            reader.error(file.span, path, format!("`{}`: {why}", full.display()), None);
+            None
+        }
+    }
+}
+
+fn read_table(path: &Path) -> Result<csv::Table, String> {
+    let table = csv::parse(&SourceFile::read(path)?.text)?;
+    let mut seen = HashSet::new();
+    match table.rows.iter().position(|row| !seen.insert(Value::from(row.clone()).to_string())) {
+        Some(twice) => Err(format!("row {} repeats an earlier one", twice + 1)),
+        None => Ok(table),
+    }
+}
+
+/// `zip: [[a, b]]`: the named axes become one group at the place of the first.
+fn apply_zip(groups: &mut Vec<Group>, zip: &Entry, path: &str, complete: bool, reader: &mut Reader<'_>) -> Option<()> {
+    let rule = "a list of lists of axes, such as [[a, b]]";
+    let Data::List(lists) = &zip.value.data else {
+        reader.wrong(&zip.value, zip.at, path, rule);
+        return None;
+    };
+    let mut holds = Some(());
+    for (i, list) in lists.iter().enumerate() {
+        let path = join(path, &i.to_string());
+        if zip_one(groups, list, zip.at, &path, complete, reader).is_none() {
+            holds = None;
+        }
+    }
+    holds
+}
+
+fn zip_one(
+    groups: &mut Vec<Group>,
+    list: &Node,
+    key: Span,
+    path: &str,
+    complete: bool,
+    reader: &mut Reader<'_>,
+) -> Option<()> {
+    let Data::List(names) = &list.data else {
+        reader.wrong(list, key, path, "a list of axes that go together, such as [a, b]");
+        return None;
+    };
+    let mut places = Vec::new();
+    for (i, name) in names.iter().enumerate() {
+        let path = join(path, &i.to_string());
+        let text = reader.text(name, list.span, &path, "the name of an axis")?;
+        match groups.iter().position(|g| g.names == [text]) {
+            Some(place) if places.contains(&place) => {
+                reader.error(name.span, &path, format!("`{text}` is paired with itself"), None);
+                return None;
+            }
+            Some(place) => places.push(place),
+            // An axis that is wrong itself is not in `groups`; say nothing of what follows from that.
+            None if !complete => return None,
+            None => {
+                let known = groups.iter().filter(|g| g.names.len() == 1).map(|g| g.names[0].as_str());
+                let hint = suggest::hint(text, known);
+                reader.error(name.span, &path, format!("`{text}` is no axis of this stage that could be paired"), hint);
+                return None;
+            }
+        }
+    }
+    let &[first, ref others @ ..] = places.as_slice() else {
+        reader.error(list.span, path, "zip needs the names of two or more axes", None);
+        return None;
+    };
+    for &other in others {
+        let (a, b) = (&groups[first], &groups[other]);
+        if a.rows.len() != b.rows.len() {
+            let (a, n, b, m) = (&a.names[0], a.rows.len(), &b.names[0], b.rows.len());
+            reader.error(
+                list.span,
+                path,
+                format!("`{a}` has {n} values and `{b}` has {m}; paired axes need equally many"),
+                None,
+            );
+            return None;
+        }
+    }
+    for &other in others {
+        let paired = std::mem::take(&mut groups[other].rows);
+        let names = std::mem::take(&mut groups[other].names);
+        groups[first].names.extend(names);
+        groups[first].rows.iter_mut().zip(paired).for_each(|(row, more)| row.extend(more));
+    }
+    groups.retain(|g| !g.names.is_empty());
+    Some(())
+}
+
+fn names_are_distinct(groups: &[Group], path: &str, reader: &mut Reader<'_>) -> bool {
+    let mut seen = HashSet::new();
+    let mut distinct = true;
+    for group in groups {
+        for name in &group.names {
+            if !seen.insert(name.as_str()) {
+                reader.error(group.at, path, format!("the axis `{name}` is given twice"), None);
+                distinct = false;
+            }
+        }
+    }
+    distinct
+}

@@ -1,0 +1,141 @@
+//! `include:` — pipeline files made of several — with the including file winning, key by key.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use super::diagnostic::{Diagnostic, Report};
+use super::node::{Data, Node};
+use super::parse::{join, parse};
+use super::reader::Reader;
+use super::source::{SourceFile, Span};
+
+/// More files than this are a mistake (and bound what repeated includes can cost).
+const MAX_FILES: usize = 100;
+
+/// Reads `path` and everything it includes into one tree.
+pub fn read_all(path: &Path, sources: &mut Vec<SourceFile>, report: &mut Report) -> Option<Node> {
+    match SourceFile::read(path) {
+        Ok(file) => read_one(file, path, &mut Vec::new(), sources, report),
+        Err(why) => {
+            let mut lost = Diagnostic::error(why, None);
+            lost.file = path.display().to_string();
+            report.push(lost);
+            None
+        }
+    }
+}
+
+fn read_one(
+    file: SourceFile,
+    path: &Path,
+    open: &mut Vec<PathBuf>,
+    sources: &mut Vec<SourceFile>,
+    report: &mut Report,
+) -> Option<Node> {
+    let base = file.base.clone();
+    let index = sources.len();
+    sources.push(file);
+    let mut own = parse(sources, index, report)?;
+    let whole = Span { file: index as u32, ..Span::default() };
+    match &own.data {
+        Data::Map(_) => {}
+        Data::Null => {
+            Reader { sources, report }.error(
+                whole,
+                "",
+                "the file is empty",
+                "`turbid new` writes a first pipeline".to_owned(),
+            );
+            return None;
+        }
+        _ => {
+            let message =
+                format!("a pipeline file is a map with `pipeline:` and `stages:`, but this is {}", own.described());
+            Reader { sources, report }.error(own.span, "", message, None);
+            return None;
+        }
+    }
+    let Some((wanted, key)) = take_include(&mut own) else { return Some(own) };
+
+    open.push(identity(path));
+    let mut merged: Option<Node> = None;
+    for (name, span) in include_names(&wanted, key, &mut Reader { sources, report }) {
+        let included = base.join(&name);
+        if open.contains(&identity(&included)) {
+            Reader { sources, report }.error(span, "include", format!("`{name}` includes itself"), None);
+            continue;
+        }
+        if sources.len() >= MAX_FILES {
+            Reader { sources, report }.error(
+                span,
+                "include",
+                format!("more than {MAX_FILES} files are included"),
+                None,
+            );
+            break;
+        }
+        match SourceFile::read(&included) {
+            Ok(file) => {
+                if let Some(tree) = read_one(file, &included, open, sources, report) {
+                    merged = Some(match merged {
+                        Some(before) => overlay(before, tree),
+                        None => tree,
+                    });
+                }
+            }
+            Err(why) => {
+                Reader { sources, report }.error(span, "include", format!("`{}`: {why}", included.display()), None);
+            }
+        }
+    }
+    open.pop();
+    Some(match merged {
+        Some(below) => overlay(below, own),
+        None => own,
+    })
+}
+
+/// The same file under any spelling of its path.
+fn identity(path: &Path) -> PathBuf {
+    std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf())
+}
+
+fn take_include(root: &mut Node) -> Option<(Node, Span)> {
+    let Data::Map(entries) = &mut root.data else { return None };
+    let at = entries.iter().position(|e| e.key == "include")?;
+    let entry = entries.remove(at);
+    Some((entry.value, entry.at))
+}
+
+fn include_names(wanted: &Node, key: Span, reader: &mut Reader<'_>) -> Vec<(String, Span)> {
+    let rule = "the path of a pipeline file, or a list of them";
+    let items: Vec<(String, &Node)> = match &wanted.data {
+        Data::List(items) => items.iter().enumerate().map(|(i, n)| (join("include", &i.to_string()), n)).collect(),
+        _ => vec![("include".to_owned(), wanted)],
+    };
+    items
+        .into_iter()
+        .filter_map(|(path, node)| reader.text(node, key, &path, rule).map(|name| (name.to_owned(), node.span)))
+        .collect()
+}
+
+/// Maps merge key by key, `above` winning; everything else is replaced. Keys keep the order of `below`.
+pub fn overlay(below: Node, above: Node) -> Node {
+    match (below.data, above.data) {
+        (Data::Map(mut entries), Data::Map(more)) => {
+            let places: HashMap<String, usize> = entries.iter().enumerate().map(|(i, e)| (e.key.clone(), i)).collect();
+            for entry in more {
+                match places.get(&entry.key).map(|i| &mut entries[*i]) {
+                    Some(known) => {
+                        let old = std::mem::replace(&mut known.value, Node::new(entry.at, Data::Null));
+                        known.value = overlay(old, entry.value);
+                        known.at = entry.at;
+                    }
+                    None => entries.push(entry),
+                }
+            }
+            Node { span: above.span, data: Data::Map(entries) }
+        }
+        (_, data) => Node { span: above.span, data },
+    }
+}

@@ -1,0 +1,284 @@
+//! YAML text to a [`Spec`]: stages, vars, axes, studies, each with its place in the file.
+//!
+//! The engine's floor of grammar: it knows neither stages nor physics. The text becomes a tree whose keys and values
+//! know their places ([`parse`]), included files and `--set` overrides are merged into it, vars are put in, and each
+//! section is read into plain types. Mistakes are collected in a [`Report`]; reading goes on after each of them.
+
+mod axis;
+mod csv;
+pub mod diagnostic;
+mod draw;
+mod foreach;
+mod input;
+mod merge;
+mod node;
+mod overrides;
+mod parse;
+mod reader;
+mod recover;
+mod scalar;
+mod schema;
+mod source;
+mod stage;
+mod study;
+mod substitute;
+mod suggest;
+mod template;
+mod vars;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+use turbid_contract::Axes;
+
+pub use diagnostic::{Diagnostic, Report, Severity};
+pub use draw::{Distribution, Draw, DrawMethod};
+pub use foreach::Foreach;
+pub use input::{InputSpec, SourceRef};
+pub use recover::{ParamProblem, read_params};
+pub use schema::schema;
+pub use source::{SourceFile, Span};
+pub use stage::StageSpec;
+pub use study::StudySpec;
+pub use suggest::{hint as known_or_nearest, nearest};
+
+use node::{Data, Entry, Node};
+use parse::join;
+use reader::Reader;
+use vars::Vars;
+
+/// The keys of a pipeline file.
+const ROOT_KEYS: [&str; 7] = ["pipeline", "about", "seed", "vars", "include", "stages", "studies"];
+
+/// A pipeline as it stands in its files.
+#[derive(Clone, Debug)]
+pub struct Spec {
+    /// The name; that of the file where `pipeline:` is left out.
+    pub pipeline: String,
+    pub about: Option<String>,
+    /// 0 where it is left out.
+    pub seed: u64,
+    /// With references to other vars put in.
+    pub vars: BTreeMap<String, Value>,
+    /// In the order of the file.
+    pub stages: Vec<StageSpec>,
+    pub studies: Vec<StudySpec>,
+    /// The file, what it includes, and the overrides.
+    pub sources: Vec<SourceFile>,
+    /// As given: `stages.frames.with.samples=64`.
+    pub overrides: Vec<String>,
+    root: Node,
+}
+
+/// A part of a stage that a mistake can be in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Section {
+    /// The stage as a whole.
+    Stage,
+    Use,
+    In,
+    With,
+    Foreach,
+    Product,
+    Seed,
+}
+
+impl Section {
+    fn key(self) -> Option<&'static str> {
+        match self {
+            Self::Stage => None,
+            Self::Use => Some("use"),
+            Self::In => Some("in"),
+            Self::With => Some("with"),
+            Self::Foreach => Some("foreach"),
+            Self::Product => Some("product"),
+            Self::Seed => Some("seed"),
+        }
+    }
+}
+
+/// Reads a pipeline file, what it includes, and the overrides; on any mistake, all of them.
+pub fn load(path: &Path, overrides: &[String]) -> Result<Spec, Report> {
+    match read(path, overrides) {
+        (Some(spec), report) if !report.has_errors() => Ok(spec),
+        (_, report) => Err(report),
+    }
+}
+
+/// What can be read of a pipeline file, and its mistakes: lets the caller add those that it finds in what was read,
+/// so that the user sees all at once. Stages with [`StageSpec::broken`] set are reported already.
+pub fn read(path: &Path, overrides: &[String]) -> (Option<Spec>, Report) {
+    let mut report = Report::default();
+    let mut sources = Vec::new();
+    let Some(mut root) = merge::read_all(path, &mut sources, &mut report) else { return (None, report) };
+    overrides::apply(&mut root, overrides, &mut sources, &mut report);
+    let mut reader = Reader { sources: &sources, report: &mut report };
+    reader.known_keys(&root, "", &ROOT_KEYS, "a pipeline");
+    let vars = Vars::resolve(root.entry("vars"), &mut reader);
+    let pipeline = read_name(&root, path, &mut reader);
+    let about = root.entry("about").and_then(|e| reader.text(&e.value, e.at, "about", "a text")).map(str::to_owned);
+    let seed = root.entry("seed").and_then(|e| {
+        let value = vars.expand(&e.value, "seed", &mut reader);
+        reader.whole_number(&value, e.at, "seed")
+    });
+    let stages = read_stages(&root, &vars, &mut reader);
+    let studies = study::parse_all(root.entry("studies"), &root, &mut reader);
+    let spec = Spec {
+        pipeline,
+        about,
+        seed: seed.unwrap_or(0),
+        vars: vars.values,
+        stages,
+        studies,
+        sources,
+        overrides: overrides.to_vec(),
+        root,
+    };
+    (Some(spec), report)
+}
+
+fn read_name(root: &Node, path: &Path, reader: &mut Reader<'_>) -> String {
+    let stem = || path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+    let Some(entry) = root.entry("pipeline") else {
+        let name = stem();
+        if !reader::is_name(&name) {
+            let hint = "add `pipeline: NAME`".to_owned();
+            reader.error(root.span, "pipeline", "the pipeline has no name, and that of the file cannot be one", hint);
+        }
+        return name;
+    };
+    let name = reader.text(&entry.value, entry.at, "pipeline", "the name of the pipeline").map(str::to_owned);
+    if let Some(name) = &name {
+        reader.name(name, entry.value.span, "pipeline", "a pipeline");
+    }
+    name.unwrap_or_else(stem)
+}
+
+fn read_stages(root: &Node, vars: &Vars, reader: &mut Reader<'_>) -> Vec<StageSpec> {
+    let Some(section) = root.entry("stages") else {
+        let hint = "add `stages:` with one entry per step; `turbid new` writes an example".to_owned();
+        reader.error(Span { column: 1, line: 1, len: 1, ..root.span }, "stages", "the pipeline has no stages", hint);
+        return Vec::new();
+    };
+    if !reader.is_map(&section.value, section.at, "stages", "a map of stages, such as `tissue: {use: scene}`") {
+        return Vec::new();
+    }
+    let entries = section.value.entries();
+    if entries.is_empty() {
+        reader.error(section.at, "stages", "the pipeline has no stages", None);
+    }
+    let foreach: Vec<Option<Foreach>> = entries.iter().map(|e| stage::parse_foreach(e, vars, reader)).collect();
+    // A stage may use the axes of any stage before it, so all must be known before `with` is read.
+    let axes: BTreeSet<String> = foreach.iter().flatten().flat_map(|f| f.names.clone()).collect();
+    let hopeless = foreach.iter().any(Option::is_none);
+    let mut axes: Vec<&str> = axes.iter().map(String::as_str).collect();
+    let unread = if hopeless { written_axes(entries) } else { Vec::new() };
+    axes.extend(unread.iter().map(String::as_str));
+    let sections = stage::Sections { vars, axes: &axes };
+    let read = entries.iter().zip(foreach).enumerate();
+    read.filter_map(|(i, (entry, foreach))| stage::parse(i, entry, foreach, &sections, reader)).collect()
+}
+
+/// Names below `foreach` as written: where axes are wrong, what uses them is not wrong too.
+fn written_axes(stages: &[Entry]) -> Vec<String> {
+    let below = |e: &Entry| e.value.get("foreach").map(|f| f.entries().to_vec()).unwrap_or_default();
+    stages.iter().flat_map(below).map(|e| e.key).collect()
+}
+
+impl Spec {
+    /// The params of an instance of a stage: `with`, with vars and the axes of the instance put in.
+    pub fn params(&self, stage: usize, axes: &Axes) -> Result<Value, Vec<Diagnostic>> {
+        let with = &self.stages[stage].with;
+        with.params(axes, &self.vars).map_err(|wrong| self.unfilled(stage, axes, wrong))
+    }
+
+    /// Turns the params of one instance (from [`Self::params`]) into those of another of the same stage, touching
+    /// only what depends on axes.
+    pub fn refill(&self, stage: usize, axes: &Axes, params: &mut Value) -> Result<(), Vec<Diagnostic>> {
+        let with = &self.stages[stage].with;
+        with.refill(params, axes, &self.vars).map_err(|wrong| self.unfilled(stage, axes, wrong))
+    }
+
+    fn unfilled(&self, stage: usize, axes: &Axes, wrong: Vec<template::Unfilled>) -> Vec<Diagnostic> {
+        let diagnostic = |u: template::Unfilled| {
+            let known = axes.keys().map(String::as_str);
+            let hint = u.name.and_then(|name| suggest::hint(&name, known));
+            self.diagnostic(stage, Section::With, &u.path, u.message, hint)
+        };
+        wrong.into_iter().map(diagnostic).collect()
+    }
+
+    /// The directory that the file name at this field path below `with` is relative to: that of the YAML file in which
+    /// it (or the var or axis that it is made of) stands; for an override, the working directory.
+    pub fn input_file_base(&self, stage: usize, at: &str) -> PathBuf {
+        let with = self.stage_node(stage).get("with");
+        let steps = at.split('.').filter(|s| !s.is_empty());
+        let node = steps.fold(with, |node, step| node.and_then(|n| n.step(step)).map(|(_, n)| n).or(node));
+        let file = node.map_or(0, |n| self.origin(n, 0));
+        self.sources.get(file as usize).map(|s| s.base.clone()).unwrap_or_default()
+    }
+
+    /// The file in which the value of `node` stands, through `${name}` alone.
+    fn origin(&self, node: &Node, depth: usize) -> u32 {
+        if let Data::Text { text, .. } = &node.data
+            && depth < parse::MAX_DEPTH
+            && let Ok(cut) = substitute::pieces(text)
+            && let [substitute::Piece::Name(name)] = cut.as_slice()
+        {
+            let axis = |e: &Entry| e.value.get("foreach").and_then(|f| f.get(name)).map(|n| n.span.file);
+            let axis = self.root.get("stages").and_then(|s| s.entries().iter().find_map(axis));
+            let var = self.root.get("vars").and_then(|v| v.get(name)).map(|n| self.origin(n, depth + 1));
+            return axis.or(var).unwrap_or(node.span.file);
+        }
+        node.span.file
+    }
+
+    /// An error at the deepest part of `path` (below the section) that stands in the file.
+    pub fn diagnostic<S: AsRef<str>>(
+        &self,
+        stage: usize,
+        section: Section,
+        path: &[S],
+        message: impl Into<String>,
+        hint: Option<String>,
+    ) -> Diagnostic {
+        let spec = &self.stages[stage];
+        let mut full = join("stages", &spec.name);
+        let mut at = self.root.get("stages").and_then(|s| s.entries().get(spec.entry)).map(|e| (e.at, &e.value));
+        let mut complete = true;
+        for step in section.key().into_iter().chain(path.iter().map(AsRef::as_ref)) {
+            full = join(&full, step);
+            match at.and_then(|(_, node)| node.step(step)) {
+                Some(next) if complete => at = Some(next),
+                _ => complete = false,
+            }
+        }
+        let Some((key, node)) = at else { return Diagnostic::error(message, hint) };
+        let message = message.into();
+        // What is missing is missing below a key; what is unknown is the key; what is wrong is the value.
+        let about_key = !complete || node.span.len == 0 || message.starts_with("there is no key");
+        let look_alike = || match &node.data {
+            Data::Text { text, plain: true } if complete => scalar::look_alike(text),
+            _ => None,
+        };
+        let hint = hint.or_else(look_alike);
+        let place = if about_key { key } else { node.span };
+        Diagnostic { follow_up: node.is_broken(), ..Diagnostic::at(&self.sources, place, full, message).hint(hint) }
+    }
+
+    /// What this version reads and checks but does not run yet: drawn points and studies.
+    pub fn not_yet(&self) -> Vec<Diagnostic> {
+        let drawn = self.stages.iter().enumerate().filter(|(_, s)| s.foreach.draw.is_some()).map(|(i, _)| {
+            let message = "points are read and checked, but drawing them comes with a later version";
+            let hint = "until then, list the values, or use `linspace`, `logspace` or `csv`".to_owned();
+            self.diagnostic(i, Section::Foreach, &["draw"], message, Some(hint))
+        });
+        drawn.collect()
+    }
+
+    fn stage_node(&self, stage: usize) -> &Node {
+        let stages = self.root.get("stages").expect("a spec with a stage has a section of stages");
+        &stages.entries()[self.stages[stage].entry].value
+    }
+}

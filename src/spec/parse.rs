@@ -1,0 +1,472 @@
+//! YAML text to [`Node`]s. Works on the parser's events, without recursion, so that every key and value has its
+//! exact place, every repeated key is found at once, and no input can exhaust the stack or the memory.
+
+use std::collections::{HashMap, HashSet};
+
+use serde_yaml::granit_parser::{Event, Marker, Options, Parser, ScalarStyle, Span as Marks, StructureStyle, Tag};
+
+use super::diagnostic::{Diagnostic, Report};
+use super::node::{Data, Entry, Node};
+use super::scalar::{Plain, plain};
+use super::source::{SourceFile, Span};
+
+/// Deeper nesting is no pipeline; it also bounds every recursive walk over a [`Node`].
+pub const MAX_DEPTH: usize = 64;
+/// Values in one file, copies made by aliases included.
+pub const MAX_NODES: usize = 500_000;
+/// A file with more mistakes than this is something else than a pipeline.
+const MAX_MISTAKES: usize = 40;
+
+/// Parses `sources[file]`; `None` if no tree could be made of it. Mistakes go to `report`.
+pub fn parse(sources: &[SourceFile], file: usize, report: &mut Report) -> Option<Node> {
+    let mut builder = Builder::new(file as u32);
+    let done = builder.read(&sources[file].text);
+    let root = match done {
+        Ok(()) => builder.root.take(),
+        Err(fatal) => {
+            builder.mistakes.push(fatal);
+            None
+        }
+    };
+    for m in builder.mistakes {
+        report.push(Diagnostic::at(sources, m.span, m.path, m.message).hint(m.hint));
+    }
+    root
+}
+
+struct Mistake {
+    span: Span,
+    path: String,
+    message: String,
+    hint: Option<String>,
+}
+
+/// A list or map whose end has not come yet.
+struct Open {
+    span: Span,
+    flow: bool,
+    anchor: usize,
+    kind: Kind,
+}
+
+enum Kind {
+    List(Vec<Node>),
+    Map { entries: Vec<Entry>, seen: HashMap<String, u32>, key: Option<(String, Span)>, merges: Vec<Node> },
+}
+
+struct Builder {
+    file: u32,
+    open: Vec<Open>,
+    root: Option<Node>,
+    anchors: HashMap<usize, Node>,
+    unfinished: HashSet<usize>,
+    nodes: usize,
+    documents: usize,
+    mistakes: Vec<Mistake>,
+}
+
+impl Builder {
+    fn new(file: u32) -> Self {
+        Self {
+            file,
+            open: Vec::new(),
+            root: None,
+            anchors: HashMap::new(),
+            unfinished: HashSet::new(),
+            nodes: 0,
+            documents: 0,
+            mistakes: Vec::new(),
+        }
+    }
+
+    fn read(&mut self, text: &str) -> Result<(), Mistake> {
+        let mut options = Options::default();
+        options.set_emit_comments(false);
+        options.flow_nesting_limit = MAX_DEPTH;
+        options.block_nesting_limit = MAX_DEPTH;
+        for event in Parser::new_from_str_with_options(text, options) {
+            let (event, marks) = event.map_err(|error| {
+                let at = *error.marker();
+                self.syntax_error(&error.info(), at, text)
+            })?;
+            self.take(event, marks)?;
+            if self.mistakes.len() >= MAX_MISTAKES {
+                let span = self.span(&marks);
+                return Err(self.mistake(span, "too many mistakes; the rest of the file is not read", None));
+            }
+        }
+        Ok(())
+    }
+
+    fn take(&mut self, event: Event<'_>, marks: Marks) -> Result<(), Mistake> {
+        match event {
+            Event::DocumentStart(..) => {
+                self.documents += 1;
+                if self.documents > 1 {
+                    let hint = "a pipeline file is one document: take out the line `---`, or make two files";
+                    let span = self.span(&marks);
+                    return Err(self.mistake(span, "a second YAML document begins here", Some(hint.to_owned())));
+                }
+                Ok(())
+            }
+            Event::Scalar(text, style, anchor, tag) => self.scalar(&text, style, anchor, tag.as_deref(), &marks),
+            Event::SequenceStart(style, anchor, tag) => {
+                self.begin(Kind::List(Vec::new()), style, anchor, tag.as_deref(), &marks)
+            }
+            Event::MappingStart(style, anchor, tag) => {
+                let kind = Kind::Map { entries: Vec::new(), seen: HashMap::new(), key: None, merges: Vec::new() };
+                self.begin(kind, style, anchor, tag.as_deref(), &marks)
+            }
+            Event::SequenceEnd | Event::MappingEnd => self.end(&marks),
+            Event::Alias(id) => self.alias(id, &marks),
+            _ => Ok(()),
+        }
+    }
+
+    fn scalar(
+        &mut self,
+        text: &str,
+        style: ScalarStyle,
+        anchor: usize,
+        tag: Option<&Tag>,
+        marks: &Marks,
+    ) -> Result<(), Mistake> {
+        let span = self.span(marks);
+        self.check_tag(tag, span)?;
+        if self.wants_key() {
+            return self.take_key(text, style, span);
+        }
+        let as_text = style != ScalarStyle::Plain || tag.and_then(Tag::core_suffix) == Some("str");
+        let data = if as_text {
+            Data::Text { text: text.to_owned(), plain: false }
+        } else {
+            match plain(text) {
+                Plain::Null => Data::Null,
+                Plain::Bool(b) => Data::Bool(b),
+                Plain::Number(n) => Data::Number(n),
+                Plain::Text => Data::Text { text: text.to_owned(), plain: true },
+                Plain::NotFinite => {
+                    let message = format!("`{}` is not a finite number", shortened(text));
+                    let mistake = self.mistake(span, message, None);
+                    self.mistakes.push(mistake);
+                    Data::Broken
+                }
+            }
+        };
+        self.finish(Node::new(span, data), anchor)
+    }
+
+    fn begin(
+        &mut self,
+        kind: Kind,
+        style: StructureStyle,
+        anchor: usize,
+        tag: Option<&Tag>,
+        marks: &Marks,
+    ) -> Result<(), Mistake> {
+        let span = self.span(marks);
+        self.check_tag(tag, span)?;
+        if self.wants_key() {
+            return Err(self.mistake(span, "a key must be a single word or text, not a list or a map", None));
+        }
+        if self.open.len() >= MAX_DEPTH {
+            return Err(self.mistake(span, format!("lists and maps are nested more than {MAX_DEPTH} deep"), None));
+        }
+        if anchor > 0 {
+            self.unfinished.insert(anchor);
+        }
+        self.open.push(Open { span, flow: style == StructureStyle::Flow, anchor, kind });
+        Ok(())
+    }
+
+    fn end(&mut self, marks: &Marks) -> Result<(), Mistake> {
+        let open = self.open.pop().expect("the parser closes only what it opened");
+        let end = self.marker(&marks.end);
+        let len = match open.flow {
+            true if end.line == open.span.line => end.column.saturating_sub(open.span.column),
+            // Its first line: the excerpt ends the mark where the line ends.
+            true => u32::MAX,
+            false => 0,
+        };
+        let span = Span { len, ..open.span };
+        let data = match open.kind {
+            Kind::List(items) => Data::List(items),
+            Kind::Map { mut entries, mut seen, merges, .. } => {
+                for merged in merges.iter().flat_map(Node::entries) {
+                    if !seen.contains_key(&merged.key) {
+                        seen.insert(merged.key.clone(), merged.at.line);
+                        entries.push(merged.clone());
+                    }
+                }
+                Data::Map(entries)
+            }
+        };
+        self.unfinished.remove(&open.anchor);
+        self.finish(Node::new(span, data), open.anchor)
+    }
+
+    fn alias(&mut self, id: usize, marks: &Marks) -> Result<(), Mistake> {
+        let span = self.span(marks);
+        if self.wants_key() {
+            return Err(self.mistake(span, "an alias cannot be a key", None));
+        }
+        if self.unfinished.contains(&id) {
+            return Err(self.mistake(span, "this alias stands inside the value that it names", None));
+        }
+        let Some(node) = self.anchors.get(&id) else {
+            return Err(self.mistake(span, "this alias names no anchor", None));
+        };
+        let size = node.size();
+        self.count(size, span)?;
+        let node = self.anchors[&id].clone();
+        if self.open.len() + depth(&node) > MAX_DEPTH {
+            return Err(self.mistake(span, format!("aliases nest lists and maps more than {MAX_DEPTH} deep"), None));
+        }
+        self.finish(node, 0)
+    }
+
+    /// Puts a finished value where it belongs.
+    fn finish(&mut self, node: Node, anchor: usize) -> Result<(), Mistake> {
+        self.count(1, node.span)?;
+        if anchor > 0 {
+            self.count(node.size(), node.span)?;
+            self.anchors.insert(anchor, node.clone());
+        }
+        match self.open.last_mut().map(|o| &mut o.kind) {
+            None => self.root = Some(node),
+            Some(Kind::List(items)) => items.push(node),
+            Some(Kind::Map { entries, seen, key, .. }) => {
+                let (name, at) = key.take().expect("a value follows its key");
+                if name == "<<" {
+                    return self.merge(node, at);
+                }
+                match seen.get(&name).copied() {
+                    Some(line) => {
+                        let message = format!("the key `{}` stands twice in this map", shortened(&name));
+                        let mut mistake = self.mistake(at, message, Some(format!("it is first in line {line}")));
+                        mistake.path = join(&mistake.path, &name);
+                        self.mistakes.push(mistake);
+                    }
+                    None => {
+                        seen.insert(name.clone(), at.line);
+                        entries.push(Entry { key: name, at, value: node });
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// `<<: *base` and `<<: [*one, *two]`: keys written in the map win, then the earlier of the merged maps.
+    fn merge(&mut self, node: Node, at: Span) -> Result<(), Mistake> {
+        let maps = match node.data {
+            Data::Map(_) => vec![node],
+            Data::List(items) => items,
+            _ => vec![node],
+        };
+        if maps.iter().any(|m| !matches!(m.data, Data::Map(_))) {
+            return Err(self.mistake(at, "`<<` merges a map or a list of maps", None));
+        }
+        if let Some(Open { kind: Kind::Map { merges, .. }, .. }) = self.open.last_mut() {
+            merges.extend(maps);
+        }
+        Ok(())
+    }
+
+    fn wants_key(&self) -> bool {
+        matches!(self.open.last(), Some(Open { kind: Kind::Map { key: None, .. }, .. }))
+    }
+
+    fn take_key(&mut self, text: &str, style: ScalarStyle, span: Span) -> Result<(), Mistake> {
+        if style == ScalarStyle::Plain && plain(text) == Plain::Null {
+            return Err(self.mistake(span, "a key is missing, or is null", None));
+        }
+        if let Some(Open { kind: Kind::Map { key, .. }, .. }) = self.open.last_mut() {
+            *key = Some((text.to_owned(), span));
+        }
+        Ok(())
+    }
+
+    fn check_tag(&self, tag: Option<&Tag>, span: Span) -> Result<(), Mistake> {
+        match tag {
+            Some(tag) if tag.core_suffix().is_none() => {
+                let message = format!("the tag `{}` means nothing in a pipeline file", shortened(&tag.original()));
+                Err(self.mistake(span, message, Some("quote a text that begins with `!`".to_owned())))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn count(&mut self, nodes: usize, span: Span) -> Result<(), Mistake> {
+        self.nodes += nodes;
+        if self.nodes <= MAX_NODES {
+            return Ok(());
+        }
+        let message = format!("the file holds more than {MAX_NODES} values, copies made by aliases included");
+        Err(self.mistake(span, message, None))
+    }
+
+    fn mistake(&self, span: Span, message: impl Into<String>, hint: Option<String>) -> Mistake {
+        Mistake { span, path: self.path(), message: message.into(), hint }
+    }
+
+    /// The keys and indices that lead to where the parser is.
+    fn path(&self) -> String {
+        self.open.iter().fold(String::new(), |path, open| match &open.kind {
+            Kind::List(items) => join(&path, &items.len().to_string()),
+            Kind::Map { key: Some((key, _)), .. } => join(&path, key),
+            Kind::Map { key: None, .. } => path,
+        })
+    }
+
+    fn span(&self, marks: &Marks) -> Span {
+        let (start, end) = (self.marker(&marks.start), self.marker(&marks.end));
+        let len = if end.line == start.line { end.column.saturating_sub(start.column) } else { u32::MAX };
+        Span { len, ..start }
+    }
+
+    fn marker(&self, marker: &Marker) -> Span {
+        let small = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
+        Span { file: self.file, line: small(marker.line()), column: small(marker.col() + 1), len: 0 }
+    }
+
+    fn syntax_error(&self, info: &str, at: Marker, text: &str) -> Mistake {
+        let span = self.marker(&at);
+        if info.contains("recursion limit") {
+            return self.mistake(span, format!("lists and maps are nested more than {MAX_DEPTH} deep"), None);
+        }
+        let line = text.lines().nth(at.line().saturating_sub(1)).unwrap_or_default();
+        let indented_by_tab = line.trim_start_matches(' ').starts_with('\t');
+        let way_out = if indented_by_tab || info.contains("tab") {
+            "indent with spaces: YAML allows no tabs there"
+        } else if info.contains("mapping values") {
+            "a text that holds `: ` needs quotes; keys of one map stand in one column"
+        } else if info.contains("anchor") {
+            "a text that begins with `*` or `&` needs quotes"
+        } else if line.trim_start().starts_with('%') || line.contains(": @") || line.contains(": `") {
+            "a text that begins with `%`, `@` or a backquote needs quotes"
+        } else {
+            "check brackets, quotes and indentation here and in the lines above"
+        };
+        Mistake {
+            span,
+            path: String::new(),
+            message: format!("this is not YAML: {info}"),
+            hint: Some(way_out.to_owned()),
+        }
+    }
+}
+
+pub fn depth(node: &Node) -> usize {
+    match &node.data {
+        Data::List(items) => 1 + items.iter().map(depth).max().unwrap_or(0),
+        Data::Map(entries) => 1 + entries.iter().map(|e| depth(&e.value)).max().unwrap_or(0),
+        _ => 0,
+    }
+}
+
+/// `path.step`, or `step` alone at the top.
+pub fn join(path: &str, step: &str) -> String {
+    if path.is_empty() { shortened(step) } else { format!("{path}.{}", shortened(step)) }
+}
+
+pub fn shortened(text: &str) -> String {
+    const MAX: usize = 60;
+    let clean = |c: char| if c.is_control() { ' ' } else { c };
+    match text.chars().count() {
+        0..=MAX => text.chars().map(clean).collect(),
+        _ => text.chars().take(MAX).map(clean).chain("...".chars()).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> (Option<Node>, String) {
+        let sources = [SourceFile::new("f", "", text)];
+        let mut report = Report::default();
+        let node = parse(&sources, 0, &mut report);
+        (node, report.to_string())
+    }
+
+    fn good(text: &str) -> Node {
+        let (node, report) = read(text);
+        assert_eq!(report, "", "{text}");
+        node.expect("a file without mistakes has a tree")
+    }
+
+    #[test]
+    fn every_key_and_value_has_its_place() {
+        let root = good("µ: {a: [1, 'zwei'], b: }\nlist:\n  - x: 1.5\n");
+        let place = |s: Span| (s.line, s.column, s.len);
+        let inner = root.get("µ").unwrap();
+        assert_eq!(place(root.entry("µ").unwrap().at), (1, 1, 1));
+        assert_eq!(place(inner.span), (1, 4, 21));
+        assert_eq!(place(inner.entry("a").unwrap().at), (1, 5, 1));
+        assert_eq!(place(inner.get("a").unwrap().step("1").unwrap().1.span), (1, 12, 6));
+        let x = root.get("list").unwrap().step("0").unwrap().1;
+        assert_eq!(place(x.get("x").unwrap().span), (3, 8, 3));
+        assert_eq!(root.to_json(), serde_json::json!({"µ": {"a": [1, "zwei"], "b": null}, "list": [{"x": 1.5}]}));
+    }
+
+    #[test]
+    fn merge_keys_and_aliases_copy_and_written_keys_win() {
+        let root = good("base: &b {x: 1, y: 2}\nmore: &m {y: 3, z: 4}\nall: {<<: [*b, *m], x: 0}\nsame: *b\n");
+        assert_eq!(root.get("all").unwrap().to_json(), serde_json::json!({"x": 0, "y": 2, "z": 4}));
+        assert_eq!(root.get("same").unwrap().to_json(), serde_json::json!({"x": 1, "y": 2}));
+    }
+
+    #[test]
+    fn carriage_returns_change_nothing() {
+        let root = good("a: 1\r\nb: text\r\n");
+        assert_eq!(root.to_json(), serde_json::json!({"a": 1, "b": "text"}));
+    }
+
+    #[test]
+    fn all_repeated_keys_and_infinite_numbers_are_found_at_once() {
+        let (_, report) = read("a: {x: 1, x: 2}\nb: .nan\na: 3\nc: [1e999]\n");
+        for place in ["f:1:11: error: a.x:", "f:2:4: error: b:", "f:3:1: error: a:", "f:4:5: error: c.0:"] {
+            assert!(report.contains(place), "{place} in\n{report}");
+        }
+    }
+
+    #[test]
+    fn hostile_texts_get_one_message() {
+        let deep_flow = "[".repeat(100_000);
+        let deep_block: String = (0..2000).map(|i| format!("{}a:\n", " ".repeat(i))).collect();
+        let bomb = (1..12).fold("a0: &a0 [x, x]\n".to_owned(), |t, i| {
+            let j = i - 1;
+            t + &format!("a{i}: &a{i} [{}]\n", vec![format!("*a{j}"); 9].join(", "))
+        });
+        let chain = (1..200).fold("a0: &a0 [x]\n".to_owned(), |t, i| t + &format!("a{i}: &a{i} [*a{}]\n", i - 1));
+        for (text, says) in [
+            (deep_flow.as_str(), "64 deep"),
+            (&deep_block, "64 deep"),
+            (&bomb, "500000 values"),
+            (&chain, "64 deep"),
+            ("a: &x [*x]", "inside the value that it names"),
+            ("a: *nowhere", "not YAML"),
+            ("a: 1\n---\nb: 2\n", "second YAML document"),
+            ("a: !python/object {}\n", "tag `!python/object`"),
+            ("a:\n\tb: 1\n", "no tabs"),
+            ("a: b: c\n", "not YAML"),
+            ("a: [1, 2\nb: 3\n", "not YAML"),
+            ("a: \"open\n", "not YAML"),
+            ("? [a, b]\n: 1\n", "not a list or a map"),
+            (": 1\n", "a key is missing"),
+            ("<<: 3\n", "merges a map"),
+        ] {
+            let (node, report) = read(text);
+            assert!(node.is_none(), "{says}");
+            assert!(report.contains(says), "{says}: {report}");
+            assert_eq!(report.matches("error:").count(), 1, "{report}");
+        }
+    }
+
+    #[test]
+    fn megabytes_of_repeated_keys_end_early() {
+        let (node, report) = read(&"a: 1\n".repeat(200_000));
+        assert!(node.is_none() && report.contains("too many mistakes"));
+    }
+}

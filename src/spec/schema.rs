@@ -1,0 +1,222 @@
+//! JSON Schema of a whole pipeline file, for editors: completion, descriptions, and red lines while typing.
+
+use serde_json::{Map, Value, json};
+use turbid_contract::{Arity, StageRow};
+
+use super::study::ERRORS;
+use crate::registry::Registry;
+
+/// Where each stage's own definitions live: `#/$defs/render.Params`.
+const DEFS: &str = "#/$defs/";
+
+/// The schema (draft 2020-12) of pipelines made of the stages of `registry`.
+pub fn schema(registry: &Registry) -> Value {
+    let mut defs = shared();
+    let mut kinds = Vec::new();
+    for row in registry.rows() {
+        let (with, own) = params(row);
+        defs.extend(own);
+        kinds.push(json!({
+            "if": {"properties": {"use": {"const": row.name}}, "required": ["use"]},
+            "then": {"properties": {"in": inputs(row), "with": with}}
+        }));
+    }
+    let names: Vec<Value> = registry.rows().iter().map(|r| json!({"const": r.name, "description": r.about})).collect();
+    defs.insert(
+        "stage".to_owned(),
+        json!({
+            "type": "object",
+            "additionalProperties": false,
+            "required": ["use"],
+            "properties": {
+                "use": {"description": "The kind of stage.", "oneOf": names},
+                "in": {"description": "Which outputs feed the ports.", "type": "object"},
+                "with": {"description": "The parameters.", "type": "object"},
+                "foreach": {"$ref": "#/$defs/foreach"},
+                "product": {"description": "Combine inputs with different axes to a grid.", "type": "boolean"},
+                "seed": {
+                    "description": "Replaces the digests of the inputs in the seed: common random numbers.",
+                    "anyOf": [{"type": "integer", "minimum": 0}, {"$ref": "#/$defs/substitution"}]
+                }
+            },
+            "allOf": kinds
+        }),
+    );
+    json!({
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "turbid pipeline",
+        "type": "object",
+        "additionalProperties": false,
+        "properties": {
+            "pipeline": {"description": "The name of the pipeline.", "$ref": "#/$defs/name"},
+            "about": {"description": "What it is about.", "type": "string"},
+            "seed": {"description": "Seed of all random numbers.", "type": "integer", "minimum": 0},
+            "vars": {"description": "Named values for ${name}.", "type": "object", "propertyNames": {"$ref": "#/$defs/name"}},
+            "include": {
+                "description": "Files merged below this one, relative to it.",
+                "anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]
+            },
+            "stages": {
+                "description": "The steps.",
+                "type": "object",
+                "propertyNames": {"$ref": "#/$defs/name"},
+                "additionalProperties": {"$ref": "#/$defs/stage"}
+            },
+            "studies": {
+                "description": "Sweeps over the whole pipeline.",
+                "type": "object",
+                "propertyNames": {"$ref": "#/$defs/name"},
+                "additionalProperties": {"$ref": "#/$defs/study"}
+            }
+        },
+        "$defs": defs
+    })
+}
+
+/// Definitions that belong to the grammar.
+fn shared() -> Map<String, Value> {
+    let three = |what: &str| json!({"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3, "description": what});
+    let pair = |what: &str| json!({"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2, "description": what});
+    let scalar = json!({"type": ["number", "string", "boolean"]});
+    let defs = json!({
+        "name": {"type": "string", "pattern": "^[\\p{L}\\p{N}_][\\p{L}\\p{N}_-]{0,79}$"},
+        "substitution": {"description": "a var or an axis: ${name}", "type": "string", "pattern": "\\$\\{"},
+        "source": {
+            "anyOf": [
+                {"type": "string", "description": "stage or stage.port"},
+                {
+                    "type": "object", "additionalProperties": false, "required": ["from"],
+                    "properties": {
+                        "from": {"type": "string", "description": "stage or stage.port"},
+                        "where": {"type": "object", "additionalProperties": scalar, "description": "only instances with these values"},
+                        "over": {"type": "array", "items": {"type": "string"}, "description": "the axes that are gathered"}
+                    }
+                }
+            ]
+        },
+        "sources": {"anyOf": [{"$ref": "#/$defs/source"}, {"type": "array", "minItems": 1, "items": {"$ref": "#/$defs/source"}}]},
+        "values": {
+            "anyOf": [
+                {"type": "array", "minItems": 1, "items": scalar},
+                {"$ref": "#/$defs/substitution"},
+                {"type": "object", "additionalProperties": false, "minProperties": 1, "maxProperties": 1, "properties": {
+                    "linspace": three("first, last, count; both ends included"),
+                    "logspace": three("first, last, count; both ends included, given as values"),
+                    "range": {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 3, "description": "first, last (left out), step"},
+                    "csv": {"type": "string", "description": "a file whose columns are axes that go together"}
+                }}
+            ]
+        },
+        "foreach": {
+            "description": "Axes: one instance of the stage for each combination of values.",
+            "type": "object",
+            "properties": {
+                "zip": {"type": "array", "items": {"type": "array", "minItems": 2, "items": {"type": "string"}}, "description": "axes that go together"},
+                "csv": {"type": "string", "description": "a file whose columns are axes that go together"},
+                "draw": {"$ref": "#/$defs/draw"}
+            },
+            "additionalProperties": {"$ref": "#/$defs/values"}
+        },
+        "draw": {
+            "description": "One joint set of points, on one axis `draw` (checked now, drawn by a later version).",
+            "type": "object",
+            "required": ["n"],
+            "properties": {
+                "n": {"type": "integer", "minimum": 1, "maximum": 1_000_000},
+                "method": {"enum": ["sobol", "lhs", "random"], "default": "sobol"}
+            },
+            "additionalProperties": {
+                "type": "object", "additionalProperties": false, "minProperties": 1, "maxProperties": 1,
+                "properties": {"uniform": pair("first, last"), "loguniform": pair("first, last, both above 0")}
+            }
+        },
+        "study": {
+            "description": "Error of an estimate against what is varied (checked now, run by a later version).",
+            "type": "object", "additionalProperties": false, "required": ["vary", "estimate", "error"],
+            "properties": {
+                "about": {"type": "string"},
+                "vary": {"type": "object", "additionalProperties": {"$ref": "#/$defs/values"}, "description": "paths as --set takes them"},
+                "estimate": {"type": "string", "description": "stage.port or stage.quantity"},
+                "truth": {"type": "string", "description": "stage.port"},
+                "error": {"enum": ERRORS}
+            }
+        }
+    });
+    match defs {
+        Value::Object(map) => map,
+        _ => unreachable!("an object was written above"),
+    }
+}
+
+/// The ports of a stage.
+fn inputs(row: &StageRow) -> Value {
+    let ports = (row.inputs)();
+    let required: Vec<&str> =
+        ports.iter().filter(|p| matches!(p.arity, Arity::One | Arity::Some)).map(|p| p.name).collect();
+    let each: Map<String, Value> = ports
+        .iter()
+        .map(|p| {
+            let source = if matches!(p.arity, Arity::Many | Arity::Some) { "sources" } else { "source" };
+            let about = format!("{} ({})", p.about, p.payload);
+            (p.name.to_owned(), json!({"description": about, "$ref": format!("{DEFS}{source}")}))
+        })
+        .collect();
+    json!({"type": "object", "additionalProperties": false, "required": required, "properties": each})
+}
+
+/// The schema of a stage's params with its definitions, renamed so that stages do not disturb each other.
+fn params(row: &StageRow) -> (Value, Map<String, Value>) {
+    let mut schema = (row.schema)();
+    let mut own = Map::new();
+    if let Value::Object(map) = &mut schema {
+        map.remove("$schema");
+        if let Some(Value::Object(defs)) = map.remove("$defs") {
+            own = defs.into_iter().map(|(name, def)| (format!("{}.{name}", row.name), def)).collect();
+        }
+    }
+    let prefix = format!("{DEFS}{}.", row.name);
+    adapt(&mut schema, &prefix);
+    own.values_mut().for_each(|def| adapt(def, &prefix));
+    (schema, own)
+}
+
+/// Renames references, and lets `${name}` stand wherever a value stands.
+fn adapt(schema: &mut Value, prefix: &str) {
+    match schema {
+        Value::Object(map) => {
+            if let Some(Value::String(reference)) = map.get_mut("$ref")
+                && let Some(name) = reference.strip_prefix(DEFS)
+            {
+                *reference = format!("{prefix}{name}");
+            }
+            for (key, part) in map.iter_mut() {
+                adapt(part, prefix);
+                match (key.as_str(), part) {
+                    ("properties" | "patternProperties", Value::Object(fields)) => {
+                        fields.values_mut().for_each(substitutable);
+                    }
+                    ("items" | "additionalProperties", part) => substitutable(part),
+                    ("prefixItems", Value::Array(items)) => items.iter_mut().for_each(substitutable),
+                    _ => {}
+                }
+            }
+        }
+        Value::Array(items) => items.iter_mut().for_each(|item| adapt(item, prefix)),
+        _ => {}
+    }
+}
+
+fn substitutable(schema: &mut Value) {
+    let Value::Object(map) = schema else { return };
+    let takes_text = |t: &Value| t == "string" || t.as_array().is_some_and(|types| types.contains(&json!("string")));
+    if map.get("type").is_some_and(takes_text) {
+        return;
+    }
+    // Description and default stay outside, where editors look for them.
+    let mut outside = Map::new();
+    for key in ["description", "default", "title"] {
+        outside.extend(map.remove(key).map(|value| (key.to_owned(), value)));
+    }
+    outside.insert("anyOf".to_owned(), json!([std::mem::take(map), {"$ref": "#/$defs/substitution"}]));
+    *map = outside;
+}

@@ -1,0 +1,94 @@
+//! The texts that a specification is made of: pipeline files, and `--set` overrides as one-line texts.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+/// Larger files are not pipelines; refusing them keeps a wrong argument from costing minutes.
+const MAX_BYTES: u64 = 8 << 20;
+
+/// A place in one of the source files.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Span {
+    /// Index into [`super::Spec::sources`].
+    pub file: u32,
+    /// From 1; 0 means the file as a whole.
+    pub line: u32,
+    /// From 1, in characters.
+    pub column: u32,
+    /// Length in characters; what is longer than its line is cut at the end of it.
+    pub len: u32,
+}
+
+/// A text that values come from.
+#[derive(Clone, Debug)]
+pub struct SourceFile {
+    /// As the user named it, or as an `include:` made it; `--set` for an override.
+    pub name: String,
+    /// What relative paths in it are relative to.
+    pub base: PathBuf,
+    /// UTF-8, without byte order mark.
+    pub text: String,
+    /// Byte at which each line starts; made when the first mistake is shown.
+    starts: OnceLock<Vec<usize>>,
+}
+
+impl SourceFile {
+    /// Reads a pipeline file; the error says in plain words why it cannot be one.
+    pub fn read(path: &Path) -> Result<Self, String> {
+        let unreadable = |e: std::io::Error| match e.kind() {
+            std::io::ErrorKind::NotFound => "the file does not exist".to_owned(),
+            std::io::ErrorKind::PermissionDenied => "the file may not be read (permission denied)".to_owned(),
+            _ => format!("the file cannot be read: {e}"),
+        };
+        // Asked before opening: to open a pipe that nobody writes to would wait for ever.
+        let kind = std::fs::metadata(path).map_err(unreadable)?;
+        if kind.is_dir() {
+            return Err("this is a directory, not a pipeline file".to_owned());
+        }
+        if !kind.is_file() {
+            return Err("this is not a regular file".to_owned());
+        }
+        let mut bytes = Vec::new();
+        File::open(path).and_then(|f| f.take(MAX_BYTES + 1).read_to_end(&mut bytes)).map_err(unreadable)?;
+        if bytes.len() as u64 > MAX_BYTES {
+            return Err(format!("the file is larger than {} MiB, which no pipeline file is", MAX_BYTES >> 20));
+        }
+        let text = decode(bytes)?;
+        let base = path.parent().map(Path::to_path_buf).unwrap_or_default();
+        Ok(Self::new(path.display().to_string(), base, text))
+    }
+
+    pub fn new(name: impl Into<String>, base: impl Into<PathBuf>, text: impl Into<String>) -> Self {
+        Self { name: name.into(), base: base.into(), text: text.into(), starts: OnceLock::new() }
+    }
+
+    /// The text of line `line` (from 1), without its line break.
+    pub fn line(&self, line: u32) -> Option<&str> {
+        let starts = self
+            .starts
+            .get_or_init(|| std::iter::once(0).chain(self.text.match_indices('\n').map(|(at, _)| at + 1)).collect());
+        let start = *starts.get((line as usize).checked_sub(1)?)?;
+        self.text[start..].lines().next()
+    }
+}
+
+fn decode(bytes: Vec<u8>) -> Result<String, String> {
+    let utf16 = bytes.starts_with(&[0xff, 0xfe]) || bytes.starts_with(&[0xfe, 0xff]);
+    let mut text = String::from_utf8(bytes).map_err(|e| {
+        if utf16 {
+            return "the file is UTF-16; save it as UTF-8".to_owned();
+        }
+        let at = e.utf8_error().valid_up_to();
+        let line = e.as_bytes()[..at].iter().filter(|b| **b == b'\n').count() + 1;
+        format!("the file is not UTF-8 text (byte {at}, line {line}); save it as UTF-8")
+    })?;
+    if text.starts_with('\u{feff}') {
+        text.remove(0);
+    }
+    if text.contains('\0') {
+        return Err("the file holds NUL bytes, so it is not a text file".to_owned());
+    }
+    Ok(text)
+}

@@ -1,0 +1,103 @@
+//! `studies:` — sweeps over a whole pipeline. Read and checked here; running them comes later.
+
+use serde_json::Value;
+
+use super::axis;
+use super::node::{Data, Entry, Node};
+use super::overrides;
+use super::parse::join;
+use super::reader::Reader;
+use super::source::Span;
+use super::suggest;
+
+/// What a study can report about an estimate.
+pub const ERRORS: [&str; 5] = ["rmse_percent", "bias_percent", "masked_percent", "rmse", "bias"];
+
+/// `{vary: {stages.frames.with.samples: [16, 64]}, estimate: maps.mu_a, truth: frames.truth, error: rmse_percent}`
+#[derive(Clone, Debug, PartialEq)]
+pub struct StudySpec {
+    pub name: String,
+    /// Paths as `--set` takes them, each with its values.
+    pub vary: Vec<(String, Vec<Value>)>,
+    pub estimate: String,
+    pub truth: Option<String>,
+    pub error: String,
+}
+
+impl StudySpec {
+    /// Reads a study; `root` is the pipeline that it varies.
+    pub fn parse(entry: &Entry, root: &Node, reader: &mut Reader<'_>) -> Option<Self> {
+        let path = join("studies", &entry.key);
+        let named = reader.name(&entry.key, entry.at, &path, "a study");
+        if !reader.is_map(&entry.value, entry.at, &path, "a map with `vary`, `estimate`, `truth`, `error`") {
+            return None;
+        }
+        let keys = ["about", "vary", "estimate", "truth", "error"];
+        let known = reader.known_keys(&entry.value, &path, &keys, "a study");
+        let mut required = |key: &str, what: &str| {
+            let found = entry.value.entry(key);
+            if found.is_none() && known {
+                reader.error(entry.at, &path, format!("`{key}` is missing: {what}"), None);
+            }
+            found
+        };
+        let vary = required("vary", "what the study changes, such as {vars.samples: [16, 64]}");
+        let estimate = required("estimate", "what it looks at, such as maps.mu_a");
+        let error = required("error", "the error that it reports, such as rmse_percent");
+        let vary = vary.and_then(|e| parse_vary(e, root, &join(&path, "vary"), reader));
+        let estimate = estimate.and_then(|e| parse_result(e, root, &join(&path, "estimate"), reader));
+        let truth = entry.value.entry("truth").map(|e| parse_result(e, root, &join(&path, "truth"), reader));
+        let error = error.and_then(|e| {
+            let path = join(&path, "error");
+            let name = reader.text(&e.value, e.at, &path, "the name of an error")?;
+            if !ERRORS.contains(&name) {
+                let hint = suggest::hint(name, ERRORS);
+                reader.error(e.value.span, &path, format!("`{name}` is no error that a study knows"), hint);
+                return None;
+            }
+            Some(name.to_owned())
+        });
+        if !named || !known || matches!(truth, Some(None)) {
+            return None;
+        }
+        Some(Self { name: entry.key.clone(), vary: vary?, estimate: estimate?, truth: truth.flatten(), error: error? })
+    }
+}
+
+fn parse_vary(section: &Entry, root: &Node, path: &str, reader: &mut Reader<'_>) -> Option<Vec<(String, Vec<Value>)>> {
+    if !reader.is_map(&section.value, section.at, path, "a map such as {vars.samples: [16, 64]}") {
+        return None;
+    }
+    let mut found = Vec::new();
+    for entry in section.value.entries() {
+        let path = format!("{path}.{}", entry.key);
+        if let Err((message, hint)) = overrides::check_path(root, &entry.key) {
+            reader.error(entry.at, &path, message, hint);
+            continue;
+        }
+        let values = axis::values(&entry.value, entry.at, &path, reader);
+        found.extend(values.map(|v| (entry.key.clone(), v)));
+    }
+    (found.len() == section.value.entries().len()).then_some(found)
+}
+
+/// `stage.port`: the stage must be there.
+fn parse_result(entry: &Entry, root: &Node, path: &str, reader: &mut Reader<'_>) -> Option<String> {
+    let text = reader.text(&entry.value, entry.at, path, "a result such as maps.mu_a")?;
+    let stage = text.split('.').next().unwrap_or(text);
+    let stages = root.get("stages").map(Node::entries).unwrap_or_default();
+    if stages.iter().any(|s| s.key == stage) {
+        return Some(text.to_owned());
+    }
+    let hint = suggest::hint(stage, stages.iter().map(|s| s.key.as_str()));
+    let place: Span = entry.value.span;
+    reader.error(place, path, format!("there is no stage `{stage}`"), hint);
+    None
+}
+
+/// Reads all studies.
+pub fn parse_all(section: Option<&Entry>, root: &Node, reader: &mut Reader<'_>) -> Vec<StudySpec> {
+    let Some(section) = section.filter(|s| !matches!(s.value.data, Data::Null)) else { return Vec::new() };
+    reader.is_map(&section.value, section.at, "studies", "a map of studies");
+    section.value.entries().iter().filter_map(|e| StudySpec::parse(e, root, reader)).collect()
+}
