@@ -1,5 +1,6 @@
 //! turbid: declarative pipelines that design and simulate spatial frequency domain imaging systems.
 
+pub mod export;
 pub mod preview;
 pub mod registry;
 pub mod spec;
