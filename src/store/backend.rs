@@ -1,0 +1,154 @@
+//! Where the bytes of records and blobs are kept: the seam behind which a remote store fits.
+
+use std::fs::{self, File};
+use std::io;
+use std::path::{Path, PathBuf};
+
+use turbid_contract::ArtifactKind;
+
+use crate::digest::Digest;
+use crate::store::disk;
+use crate::store::error::StoreError;
+use crate::store::frame::Kind;
+use crate::store::packs::Packs;
+use crate::store::record::Blob;
+
+/// Blobs shorter than this go into packs.
+pub(super) const PACKED_BELOW: u64 = 64 << 10;
+
+/// Keeps bytes by digest (blobs) and by key (records). Knows no codec; calls may come from any thread.
+pub(super) trait Backend: Send + Sync {
+    /// The bytes of a record; `None` where there is none, or a damaged one.
+    fn record(&self, key: &Digest) -> Option<Vec<u8>>;
+    /// Replaces the record. The blobs that it names have been written before.
+    fn publish(&self, key: &Digest, bytes: &[u8]) -> Result<(), StoreError>;
+    /// Whether the blob is there in full length; cheap, its bytes are not read.
+    fn holds(&self, blob: &Blob) -> bool;
+    /// The bytes, as they are: the caller checks the digest. `None` where there are none.
+    fn read(&self, blob: &Blob) -> Result<Option<Vec<u8>>, StoreError>;
+    /// Writes a blob; nothing happens where the same bytes are there already.
+    fn write(&self, blob: &Blob, bytes: &[u8]) -> Result<(), StoreError>;
+    /// Sets a damaged blob aside, so that the backend does not hold it any more.
+    fn quarantine(&self, blob: &Blob) -> Result<(), StoreError>;
+}
+
+/// A folder of the local file system: small pieces in packs, large blobs as files of their own.
+pub(super) struct Folder {
+    root: PathBuf,
+    pub packs: Packs,
+}
+
+pub(super) fn extension(kind: ArtifactKind) -> &'static str {
+    match kind {
+        ArtifactKind::Images => "exr",
+        ArtifactKind::Table | ArtifactKind::Record => "parquet",
+    }
+}
+
+impl Folder {
+    pub fn open(root: &Path) -> Result<Self, StoreError> {
+        Ok(Self { root: root.to_owned(), packs: Packs::open(root)? })
+    }
+
+    /// Where a loose blob lies: `blobs/ab/abcd....exr`.
+    pub fn loose_path(&self, blob: &Blob) -> PathBuf {
+        let name = blob.digest.to_string();
+        let mut path = self.root.join("blobs");
+        path.push(&name[..2]);
+        path.push(format!("{name}.{}", extension(blob.kind)));
+        path
+    }
+
+    /// All loose blobs: digest, path, length. Other files in the folder are not blobs.
+    pub fn loose(&self) -> Vec<(Digest, PathBuf, u64)> {
+        let mut found = Vec::new();
+        for folder in fs::read_dir(self.root.join("blobs")).into_iter().flatten().flatten() {
+            for entry in fs::read_dir(folder.path()).into_iter().flatten().flatten() {
+                let path = entry.path();
+                let digest = path.file_stem().and_then(|stem| stem.to_str()).and_then(|stem| stem.parse().ok());
+                if let (Some(digest), Ok(meta)) = (digest, entry.metadata()) {
+                    found.push((digest, path, meta.len()));
+                }
+            }
+        }
+        found.sort();
+        found
+    }
+
+    /// Moves a loose file into quarantine.
+    pub fn set_aside(&self, path: &Path) -> Result<(), StoreError> {
+        let folder = self.root.join("quarantine");
+        let target = folder.join(path.file_name().expect("a blob's path ends in its name"));
+        fs::create_dir_all(&folder).map_err(StoreError::io("create a folder of the store", &folder))?;
+        match fs::rename(path, &target) {
+            Err(e) if e.kind() != io::ErrorKind::NotFound => {
+                Err(StoreError::io("move a damaged blob to quarantine", path)(e))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Makes the store forget a packed blob; its bytes, as they are, go into quarantine.
+    fn set_packed_aside(&self, blob: &Blob, bytes: &[u8]) -> Result<(), StoreError> {
+        let path = self.root.join("quarantine").join(format!("{}.{}", blob.digest, extension(blob.kind)));
+        // Forgetting matters; a copy of the damaged bytes is only for people.
+        let _ = disk::publish(&self.root.join("tmp"), &path, bytes, false, false);
+        self.packs.append(Kind::ForgetBlob, &blob.digest, &[])
+    }
+}
+
+impl Backend for Folder {
+    fn record(&self, key: &Digest) -> Option<Vec<u8>> {
+        self.packs.record(key)
+    }
+
+    fn publish(&self, key: &Digest, bytes: &[u8]) -> Result<(), StoreError> {
+        self.packs.append(Kind::Record, key, bytes)
+    }
+
+    fn holds(&self, blob: &Blob) -> bool {
+        match self.packs.blob_length(&blob.digest) {
+            Some(length) => length == blob.bytes,
+            None if blob.bytes < PACKED_BELOW => false,
+            None => fs::metadata(self.loose_path(blob)).is_ok_and(|m| m.is_file() && m.len() == blob.bytes),
+        }
+    }
+
+    fn read(&self, blob: &Blob) -> Result<Option<Vec<u8>>, StoreError> {
+        if let Some(bytes) = self.packs.blob(&blob.digest) {
+            return Ok(Some(bytes));
+        }
+        let path = self.loose_path(blob);
+        // No longer than the record says: a damaged file must not decide how much memory is taken.
+        let read = File::open(&path).and_then(|file| {
+            let length = file.metadata()?.len().min(blob.bytes + 1);
+            disk::read_at(&file, 0, length as usize)
+        });
+        match read {
+            Ok(bytes) => Ok(Some(bytes)),
+            Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
+            Err(e) => Err(StoreError::io("read a blob", &path)(e)),
+        }
+    }
+
+    fn write(&self, blob: &Blob, bytes: &[u8]) -> Result<(), StoreError> {
+        if self.holds(blob) && self.read(blob)?.is_some_and(|there| there == bytes) {
+            return Ok(());
+        }
+        if blob.bytes < PACKED_BELOW {
+            return self.packs.append(Kind::Blob, &blob.digest, bytes);
+        }
+        let path = self.loose_path(blob);
+        if path.exists() {
+            self.set_aside(&path)?;
+        }
+        disk::publish(&self.root.join("tmp"), &path, bytes, true, true).map_err(StoreError::io("write a blob", &path))
+    }
+
+    fn quarantine(&self, blob: &Blob) -> Result<(), StoreError> {
+        match self.packs.blob(&blob.digest) {
+            Some(bytes) => self.set_packed_aside(blob, &bytes),
+            None => self.set_aside(&self.loose_path(blob)),
+        }
+    }
+}

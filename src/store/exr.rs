@@ -1,0 +1,150 @@
+//! Image stacks as multi-part EXR: one part a layer, channel `Y`, f32.
+//!
+//! Everything but the pixels is in one attribute `turbid` of the first part (canonical JSON in ASCII). Names of parts are
+//! for people and never read. Scan lines in increasing order and a single custom attribute: with tiles, an unspecified
+//! order or two attributes (they sit in a hash map) the same image would give other bytes each time.
+
+use std::collections::HashSet;
+use std::io::Cursor;
+
+use exr::prelude::{
+    AnyChannel, AnyChannels, AttributeValue, Blocks, Compression, Encoding, FlatSamples, Image, ImageAttributes,
+    IntegerBounds, Layer as Part, LayerAttributes, Layers, LineOrder, ReadChannels, ReadLayers, Text, WritableImage,
+};
+use serde::{Deserialize, Serialize};
+use smallvec::smallvec;
+use turbid_contract::canonical::{canonical_text, canonical_value};
+use turbid_contract::ndarray::Array2;
+use turbid_contract::{Attributes, ImageStack, LayerInfo, LayerKind};
+
+use crate::store::error::StoreError;
+
+const ATTRIBUTE: &str = "turbid";
+
+/// The content of the attribute.
+#[derive(Serialize, Deserialize)]
+struct Description {
+    attributes: Attributes,
+    layers: Vec<LayerInfo>,
+}
+
+/// Encodes a stack. Errors: no layer; a pixel that is not finite.
+pub(super) fn encode(stack: &ImageStack) -> Result<Vec<u8>, StoreError> {
+    if stack.layers.is_empty() {
+        return Err(StoreError::unfit("an image stack without layers cannot be stored"));
+    }
+    let description = Description {
+        attributes: stack.attributes.clone(),
+        layers: stack.layers.iter().map(|layer| layer.info.clone()).collect(),
+    };
+    let json = ascii(&canonical_text(&canonical_value(&description).map_err(StoreError::unfit)?));
+    let size = (stack.columns(), stack.rows());
+    let mut names = HashSet::new();
+    let mut parts = Layers::new();
+    for (i, layer) in stack.layers.iter().enumerate() {
+        if let Some(((row, column), value)) = layer.data.indexed_iter().find(|(_, value)| !value.is_finite()) {
+            return Err(StoreError::unfit(format!(
+                "layer {i} `{}` has the value {value} at row {row}, column {column}; every pixel must be finite (mask it)",
+                layer.info.name
+            )));
+        }
+        // Masks are long runs of one value; the others hardly shrink, and cost time.
+        let mask = layer.info.kind == LayerKind::Mask;
+        let compression = if mask { Compression::RLE } else { Compression::Uncompressed };
+        let encoding = Encoding { compression, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
+        let mut attributes = LayerAttributes::named(part_name(&layer.info, i, &mut names).as_str());
+        if i == 0 {
+            attributes.other.insert(Text::from(ATTRIBUTE), AttributeValue::Text(Text::from(json.as_str())));
+        }
+        let pixels = FlatSamples::F32(layer.data.iter().copied().collect());
+        parts.push(Part::new(size, attributes, encoding, AnyChannels::sort(smallvec![AnyChannel::new("Y", pixels)])));
+    }
+    let image = Image { attributes: ImageAttributes::new(IntegerBounds::from_dimensions(size)), layer_data: parts };
+    let mut bytes = Vec::new();
+    // Without threads of its own: the store is called from the threads of a run.
+    image
+        .write()
+        .non_parallel()
+        .to_buffered(Cursor::new(&mut bytes))
+        .map_err(|e| StoreError::unfit(format!("the images cannot be written as EXR: {e}")))?;
+    Ok(bytes)
+}
+
+/// Decodes what [`encode`] wrote.
+pub(super) fn decode(bytes: &[u8]) -> Result<ImageStack, StoreError> {
+    let wrong = |what: &str| StoreError::unfit(format!("not an image stack of this turbid: {what}"));
+    let image = exr::prelude::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .all_layers()
+        .all_attributes()
+        .non_parallel()
+        .from_buffered(Cursor::new(bytes))
+        .map_err(|e| wrong(&e.to_string()))?;
+    let parts = image.layer_data;
+    let first = parts.first().ok_or_else(|| wrong("it has no part"))?;
+    let json = match first.attributes.other.get(&Text::from(ATTRIBUTE)) {
+        Some(AttributeValue::Text(text)) => text.to_string(),
+        _ => return Err(wrong("the attribute `turbid` is missing")),
+    };
+    let description: Description = serde_json::from_str(&json).map_err(|e| wrong(&e.to_string()))?;
+    let (columns, rows) = (first.size.0, first.size.1);
+    if description.layers.len() != parts.len() || rows == 0 || columns == 0 {
+        return Err(wrong("its parts are not those that it describes"));
+    }
+    let mut stack = ImageStack::new(rows, columns);
+    stack.attributes = description.attributes;
+    for (info, part) in description.layers.into_iter().zip(parts) {
+        let pixels = match part.channel_data.list.into_iter().next().map(|channel| channel.sample_data) {
+            Some(FlatSamples::F32(pixels)) => pixels,
+            _ => return Err(wrong("a part has no channel of 32-bit floats")),
+        };
+        let data = Array2::from_shape_vec((rows, columns), pixels).map_err(|e| wrong(&e.to_string()))?;
+        stack.push(info, data);
+    }
+    Ok(stack)
+}
+
+/// JSON in ASCII: other characters as `\uXXXX`, which no reader of EXR headers can get wrong.
+fn ascii(json: &str) -> String {
+    let mut text = String::with_capacity(json.len());
+    for c in json.chars() {
+        if c.is_ascii() {
+            text.push(c);
+        } else {
+            let mut units = [0; 2];
+            c.encode_utf16(&mut units).iter().for_each(|unit| text.push_str(&format!("\\u{unit:04x}")));
+        }
+    }
+    text
+}
+
+/// A name such as `m_ac.fx0.1.phase120` that no other part has.
+fn part_name(info: &LayerInfo, index: usize, taken: &mut HashSet<String>) -> String {
+    let plain = |c: char| if c.is_ascii_alphanumeric() || "_-".contains(c) { c } else { '_' };
+    let mut name: String = info.name.chars().take(40).map(plain).collect();
+    if name.is_empty() {
+        name.push_str("layer");
+    }
+    let mut add = |tag: &str, value: Option<f64>| {
+        if let Some(value) = value {
+            // Rounded: the true number is in the attribute.
+            name.push_str(&format!(".{tag}{}", (value * 1e4).round() / 1e4));
+        }
+    };
+    add("fx", info.f_x_per_mm);
+    add("phase", info.phase_rad.map(f64::to_degrees));
+    add("orientation", info.orientation_deg);
+    add("nm", info.wavelength_nm);
+    if let Some([i, j]) = info.pair {
+        name.push_str(&format!(".{i}-{j}"));
+    }
+    // Numbers of absurd size are long when written out, and EXR's names are short.
+    name.truncate(180);
+    if !taken.insert(name.clone()) {
+        name.push_str(&format!(".part{index}"));
+        taken.insert(name.clone());
+    }
+    name
+}

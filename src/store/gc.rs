@@ -1,0 +1,153 @@
+//! `cache gc`: makes the store fit into a size, the least recently used first.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::Path;
+
+use serde::Serialize;
+
+use crate::digest::Digest;
+use crate::store::Store;
+use crate::store::backend::Backend;
+use crate::store::checkpoint::Checkpoint;
+use crate::store::error::StoreError;
+use crate::store::frame::HEADER;
+use crate::store::lock::{self, Try};
+use crate::store::record::InstanceRecord;
+
+/// What `gc` removed and kept. Bytes are those of files, the index left out.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct GcReport {
+    pub bytes_before: u64,
+    pub bytes_after: u64,
+    pub records_removed: u64,
+    pub records_kept: u64,
+    pub checkpoints_removed: u64,
+    /// Records among the roots that had to go, because the roots alone exceed the size.
+    pub roots_removed: u64,
+}
+
+/// Something that is kept or removed as a whole.
+enum Item {
+    Record(Box<InstanceRecord>, u64),
+    Checkpoint(Checkpoint),
+}
+
+impl Store {
+    /// Removes what no record names, and the least recently used records with their blobs, and checkpoints, until the
+    /// store's files take at most `max_size` bytes. What `roots` (keys of records) name goes last.
+    ///
+    /// Error: [`StoreError::Busy`] while a run uses the store.
+    pub fn gc(&self, max_size: u64, roots: &[Digest]) -> Result<GcReport, StoreError> {
+        self.alone(|| self.collect(max_size, roots))
+    }
+
+    fn collect(&self, max_size: u64, roots: &[Digest]) -> Result<GcReport, StoreError> {
+        let roots: BTreeSet<&Digest> = roots.iter().collect();
+        let mut items: Vec<(bool, u64, Item)> = Vec::new();
+        for (key, place) in self.folder.packs.records() {
+            let record = self.folder.record(&key).and_then(|bytes| InstanceRecord::decode(&key, &bytes));
+            // A record that no run would accept only takes room.
+            if let Some(record) = record.filter(|record| record.blobs().all(|blob| self.folder.holds(blob))) {
+                let item = Item::Record(Box::new(record), HEADER as u64 + place.length);
+                items.push((roots.contains(&key), place.used, item));
+            }
+        }
+        for checkpoint in self.checkpoints.all() {
+            items.push((false, checkpoint.written, Item::Checkpoint(checkpoint)));
+        }
+        items.sort_by_key(|(root, used, _)| (std::cmp::Reverse(*root), std::cmp::Reverse(*used)));
+
+        let before = self.stat();
+        let mut report = GcReport { bytes_before: before.bytes, ..GcReport::default() };
+        let (mut records, mut blobs) = (BTreeSet::new(), BTreeSet::new());
+        let (mut size, mut full) = (0, false);
+        for (root, _, item) in &items {
+            let (fresh, cost) = match item {
+                Item::Record(record, bytes) => {
+                    let fresh: BTreeMap<Digest, u64> = record
+                        .blobs()
+                        .filter(|blob| !blobs.contains(&blob.digest))
+                        .map(|blob| (blob.digest, blob.bytes + self.frame_header(&blob.digest)))
+                        .collect();
+                    let cost = bytes + fresh.values().sum::<u64>();
+                    (fresh, cost)
+                }
+                Item::Checkpoint(checkpoint) => (BTreeMap::new(), checkpoint.bytes),
+            };
+            // Once something does not fit, nothing that was used less recently stays either.
+            full |= size + cost > max_size;
+            match item {
+                Item::Record(..) if full => {
+                    report.records_removed += 1;
+                    report.roots_removed += u64::from(*root);
+                }
+                Item::Record(record, _) => {
+                    size += cost;
+                    records.insert(record.key);
+                    blobs.extend(fresh.into_keys());
+                }
+                Item::Checkpoint(checkpoint) if full => {
+                    let path = &checkpoint.path;
+                    fs::remove_file(path).map_err(StoreError::io("remove a checkpoint", path))?;
+                    report.checkpoints_removed += 1;
+                }
+                Item::Checkpoint(_) => size += cost,
+            }
+        }
+        report.records_kept = records.len() as u64;
+        // Records first: a crash between leaves blobs that nobody names, not records whose blobs are gone.
+        self.folder.packs.compact(&records, &blobs)?;
+        for (digest, path, _) in self.folder.loose() {
+            if !blobs.contains(&digest) {
+                remove(&path)?;
+            }
+        }
+        for folder in ["quarantine", "tmp"] {
+            for entry in fs::read_dir(self.root.join(folder)).into_iter().flatten().flatten() {
+                remove(&entry.path())?;
+            }
+        }
+        report.bytes_after = self.stat().bytes;
+        Ok(report)
+    }
+
+    /// Length of the frame around a packed blob.
+    fn frame_header(&self, digest: &Digest) -> u64 {
+        if self.folder.packs.blob_length(digest).is_some() { HEADER as u64 } else { 0 }
+    }
+
+    /// Rewrites the packs into few, without what newer entries replace; does nothing while a run uses the store.
+    pub(super) fn gather_packs(&self) -> Result<(), StoreError> {
+        let packs = &self.folder.packs;
+        let gathered = self.alone(|| {
+            let keys = |all: Vec<(Digest, _)>| all.into_iter().map(|(key, _)| key).collect();
+            packs.compact(&keys(packs.records()), &keys(packs.blobs()))
+        });
+        match gathered {
+            Err(StoreError::Busy { .. }) => Ok(()),
+            other => other,
+        }
+    }
+
+    /// Does `work` while no other process uses the store.
+    fn alone<T>(&self, work: impl FnOnce() -> Result<T, StoreError>) -> Result<T, StoreError> {
+        let mut in_use = self.in_use.lock().expect("no holder panics");
+        *in_use = None;
+        match lock::try_exclusive(&self.lock_path()) {
+            Try::Held => Err(StoreError::Busy { path: self.root.clone() }),
+            // Without locks nobody can know; a run that loses a blob computes it again.
+            Try::Taken(_) | Try::Unsupported if self.read_only => Err(StoreError::Busy { path: self.root.clone() }),
+            held @ (Try::Taken(_) | Try::Unsupported) => {
+                self.folder.packs.refresh()?;
+                let done = work();
+                drop(held);
+                done
+            }
+        }
+    }
+}
+
+fn remove(path: &Path) -> Result<(), StoreError> {
+    fs::remove_file(path).map_err(StoreError::io("remove a file of the store", path))
+}

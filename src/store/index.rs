@@ -1,0 +1,207 @@
+//! The packed index: where in the packs each key has its newest frame. Only a cache of what the packs say.
+
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+use std::hash::{BuildHasherDefault, Hasher};
+
+use crate::digest::Digest;
+use crate::store::frame::{Frame, HEADER, Kind};
+
+/// Digests are uniformly random already; their first bytes are the hash.
+#[derive(Default)]
+pub(super) struct FirstBytes(u64);
+
+impl Hasher for FirstBytes {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+    fn write(&mut self, bytes: &[u8]) {
+        if let Some(first) = bytes.first_chunk() {
+            self.0 = u64::from_le_bytes(*first);
+        }
+    }
+    fn write_usize(&mut self, _: usize) {}
+}
+
+pub(super) type Map<T> = HashMap<Digest, T, BuildHasherDefault<FirstBytes>>;
+
+/// Where a key's newest frame is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Place {
+    /// Index into the list of packs; [`Place::FORGOTTEN`] where the newest frame says that older ones do not hold.
+    pub pack: u32,
+    /// Of the frame's header.
+    pub offset: u64,
+    /// Of the payload.
+    pub length: u64,
+    pub stamp: u64,
+    /// Unix time, s, when a record was last used or published.
+    pub used: u64,
+}
+
+impl Place {
+    pub const FORGOTTEN: u32 = u32::MAX;
+    const BYTES: usize = 36;
+
+    pub fn is_here(&self) -> bool {
+        self.pack != Self::FORGOTTEN
+    }
+
+    /// End of the frame.
+    pub fn end(&self) -> u64 {
+        self.offset + HEADER as u64 + self.length
+    }
+}
+
+/// The newest frame of every record and every packed blob.
+#[derive(Default)]
+pub(super) struct Index {
+    pub records: Map<Place>,
+    pub blobs: Map<Place>,
+}
+
+impl Index {
+    /// Takes in a frame (not [`Kind::Used`]) that stands at `offset` of a pack; frames may come in any order.
+    pub fn apply(&mut self, pack: u32, offset: u64, frame: &Frame) {
+        let (map, here) = match frame.kind {
+            Kind::Record => (&mut self.records, true),
+            Kind::Blob => (&mut self.blobs, true),
+            Kind::ForgetRecord => (&mut self.records, false),
+            Kind::ForgetBlob => (&mut self.blobs, false),
+            Kind::Used => return,
+        };
+        let pack = if here { pack } else { Place::FORGOTTEN };
+        let new = Place { pack, offset, length: frame.length, stamp: frame.stamp, used: frame.stamp / 1_000_000_000 };
+        match map.entry(frame.key) {
+            Entry::Vacant(slot) => {
+                slot.insert(new);
+            }
+            Entry::Occupied(mut slot) if slot.get().stamp <= new.stamp => {
+                slot.insert(Place { used: new.used.max(slot.get().used), ..new });
+            }
+            Entry::Occupied(_) => {}
+        }
+    }
+
+    pub fn mark_used(&mut self, key: &Digest, time_s: u64) {
+        if let Some(place) = self.records.get_mut(key) {
+            place.used = place.used.max(time_s);
+        }
+    }
+}
+
+const MAGIC: &[u8; 16] = b"turbid index 1\n\0";
+
+/// The bytes of the index file: magic, packs with the length that the index covers, places, BLAKE3 of it all.
+pub(super) fn encode(packs: &[(String, u64)], index: &Index) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(64 + (32 + Place::BYTES) * (index.records.len() + index.blobs.len()));
+    bytes.extend_from_slice(MAGIC);
+    bytes.extend_from_slice(&(packs.len() as u64).to_le_bytes());
+    for (name, covered) in packs {
+        bytes.extend_from_slice(&(name.len() as u64).to_le_bytes());
+        bytes.extend_from_slice(name.as_bytes());
+        bytes.extend_from_slice(&covered.to_le_bytes());
+    }
+    for map in [&index.records, &index.blobs] {
+        bytes.extend_from_slice(&(map.len() as u64).to_le_bytes());
+        for (key, place) in map {
+            bytes.extend_from_slice(&key.0);
+            bytes.extend_from_slice(&place.pack.to_le_bytes());
+            for number in [place.offset, place.length, place.stamp, place.used] {
+                bytes.extend_from_slice(&number.to_le_bytes());
+            }
+        }
+    }
+    let digest = Digest::of(&bytes);
+    bytes.extend_from_slice(&digest.0);
+    bytes
+}
+
+/// Reads an index file; `None` where it is damaged, torn or of another format.
+pub(super) fn decode(bytes: &[u8]) -> Option<(Vec<(String, u64)>, Index)> {
+    let (body, digest) = bytes.split_at_checked(bytes.len().checked_sub(32)?)?;
+    if !body.starts_with(MAGIC) || Digest::of(body).0 != digest {
+        return None;
+    }
+    let mut rest = &body[MAGIC.len()..];
+    let packs = (0..number(&mut rest)?)
+        .map(|_| {
+            let length = usize::try_from(number(&mut rest)?).ok()?;
+            let name = std::str::from_utf8(take(&mut rest, length)?).ok()?.to_owned();
+            Some((name, number(&mut rest)?))
+        })
+        .collect::<Option<Vec<_>>>()?;
+    let mut index = Index::default();
+    for map in [&mut index.records, &mut index.blobs] {
+        let n = usize::try_from(number(&mut rest)?).ok()?;
+        let places = take(&mut rest, n.checked_mul(32 + Place::BYTES)?)?;
+        map.reserve(n);
+        for entry in places.chunks_exact(32 + Place::BYTES) {
+            let (key, mut numbers) = entry.split_at(32);
+            let pack = u32::from_le_bytes(take(&mut numbers, 4)?.try_into().ok()?);
+            let mut next = || number(&mut numbers);
+            let place = Place { pack, offset: next()?, length: next()?, stamp: next()?, used: next()? };
+            map.insert(Digest(key.try_into().ok()?), place);
+        }
+    }
+    Some((packs, index))
+}
+
+fn take<'a>(rest: &mut &'a [u8], n: usize) -> Option<&'a [u8]> {
+    let (taken, left) = rest.split_at_checked(n)?;
+    *rest = left;
+    Some(taken)
+}
+
+fn number(rest: &mut &[u8]) -> Option<u64> {
+    Some(u64::from_le_bytes(take(rest, 8)?.try_into().ok()?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn example() -> (Vec<(String, u64)>, Index) {
+        let mut index = Index::default();
+        for i in 0..20u64 {
+            let place = Place { pack: (i % 3) as u32, offset: i, length: 2 * i, stamp: 3 * i, used: 4 * i };
+            index.records.insert(Digest::of(&[i as u8]), place);
+            index.blobs.insert(Digest::of(&[i as u8, 0]), Place { pack: Place::FORGOTTEN, ..place });
+        }
+        (vec![("a.pack".to_owned(), 10), ("b.pack".to_owned(), 0)], index)
+    }
+
+    #[test]
+    fn an_index_survives_the_round_trip_and_no_flipped_bit() {
+        let (packs, index) = example();
+        let bytes = encode(&packs, &index);
+        let (packs_again, again) = decode(&bytes).expect("it is whole");
+        assert_eq!((packs_again, &again.records, &again.blobs), (packs, &index.records, &index.blobs));
+        for bit in 0..bytes.len() * 8 {
+            let mut flipped = bytes.clone();
+            flipped[bit / 8] ^= 1 << (bit % 8);
+            assert!(decode(&flipped).is_none(), "bit {bit}");
+        }
+        for cut in 0..bytes.len() {
+            assert!(decode(&bytes[..cut]).is_none(), "cut at {cut}");
+        }
+    }
+
+    /// Whatever the order in which packs are read, the newest frame of a key holds.
+    #[test]
+    fn the_newest_frame_holds_in_any_order() {
+        use crate::store::frame;
+        let key = Digest::of(b"k");
+        let frames: Vec<Frame> = [(Kind::Blob, 1), (Kind::ForgetBlob, 2), (Kind::Blob, 3)]
+            .map(|(kind, stamp)| frame::decode(&frame::encode(kind, &key, stamp, b"")).expect("whole").0)
+            .to_vec();
+        for order in [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]] {
+            let mut index = Index::default();
+            order.iter().for_each(|&i| index.apply(7, 100 * i as u64, &frames[i]));
+            assert_eq!((index.blobs[&key].offset, index.blobs[&key].pack), (200, 7), "{order:?}");
+            let mut index = Index::default();
+            order.iter().filter(|&&i| i < 2).for_each(|&i| index.apply(7, 0, &frames[i]));
+            assert!(!index.blobs[&key].is_here(), "{order:?}");
+        }
+    }
+}

@@ -1,0 +1,286 @@
+//! The content-addressed store: blobs under the digest of their bytes, one record per instance key.
+//!
+//! A torn or missing piece is a miss, never an error and never a wrong hit: records carry a checksum that every
+//! look-up verifies, and a blob's bytes are compared with its digest whenever they are read. `docs/store.md` describes
+//! the files. Only this module knows EXR and Parquet.
+
+mod backend;
+mod checkpoint;
+mod codec;
+mod disk;
+mod error;
+mod exr;
+mod frame;
+mod gc;
+mod index;
+mod lock;
+mod packs;
+mod parquet;
+mod record;
+mod verify;
+
+#[cfg(test)]
+mod tests;
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+
+use turbid_contract::Artifact;
+
+use crate::digest::Digest;
+use backend::{Backend, Folder};
+use checkpoint::Checkpoints;
+use lock::{KeyLocks, Try};
+
+pub use codec::{decode, encode};
+pub use error::StoreError;
+pub use gc::GcReport;
+pub use lock::KeyLock;
+pub use record::{Blob, Cost, InstanceRecord, PortRecord, Provenance};
+pub use verify::{Finding, Stat, VerifyReport};
+
+/// Raised when an older turbid would misread the folder.
+const FORMAT: u64 = 1;
+/// More short packs than this are gathered into few when a run ends and no other is at work.
+const MANY_SHORT_PACKS: usize = 64;
+
+/// A store; shared by all threads of a run. Ends with [`Store::finish`] (dropping it does the same).
+pub struct Store {
+    root: PathBuf,
+    read_only: bool,
+    folder: Folder,
+    checkpoints: Checkpoints,
+    locks: KeyLocks,
+    /// Shared lock that keeps `gc` out, taken with the first write or read of a blob.
+    in_use: Mutex<Option<Use>>,
+}
+
+/// How this process keeps `gc` out.
+enum Use {
+    #[expect(dead_code, reason = "held, not read: closing the file gives the lock back")]
+    Locked(fs::File),
+    /// The file system has no locks.
+    Unlocked,
+}
+
+impl Store {
+    /// Opens the store below `outputs` for runs; creates what is missing.
+    ///
+    /// Errors: `outputs` is not a folder or cannot be written to; the store is of a newer format.
+    pub fn open(outputs: &Path) -> Result<Self, StoreError> {
+        let root = outputs.join("store");
+        if !check_format(&root)? {
+            fs::create_dir_all(&root).map_err(StoreError::io("create the outputs folder", &root))?;
+            disk::publish(&root.join("tmp"), &root.join("format"), format_text().as_bytes(), true, false)
+                .map_err(StoreError::io("write to the outputs folder", &root))?;
+        }
+        Self::at(root, false)
+    }
+
+    /// Opens the store for looking only: nothing is created or changed, a missing store is an empty one.
+    pub fn open_read_only(outputs: &Path) -> Result<Self, StoreError> {
+        let root = outputs.join("store");
+        check_format(&root)?;
+        Self::at(root, true)
+    }
+
+    /// Whether a run could write to `outputs`; leaves no trace. Errors as [`Store::open`].
+    pub fn check(outputs: &Path) -> Result<(), StoreError> {
+        let root = outputs.join("store");
+        check_format(&root)?;
+        let nearest = root.ancestors().find(|p| p.exists()).unwrap_or(Path::new("."));
+        let nearest = if nearest.as_os_str().is_empty() { Path::new(".") } else { nearest };
+        tempfile::tempfile_in(nearest).map(drop).map_err(StoreError::io("write to the outputs folder", nearest))
+    }
+
+    fn at(root: PathBuf, read_only: bool) -> Result<Self, StoreError> {
+        Ok(Self {
+            read_only,
+            folder: Folder::open(&root)?,
+            checkpoints: Checkpoints::new(&root),
+            locks: KeyLocks::new(&root),
+            in_use: Mutex::new(None),
+            root,
+        })
+    }
+
+    /// The record of an instance, if it is undamaged and every blob that it names is there in full length.
+    ///
+    /// Blobs are not read. Never waits; finds what other runs published before this store was opened or before the
+    /// last [`Store::lock`].
+    pub fn record(&self, key: &Digest) -> Option<Arc<InstanceRecord>> {
+        let record = InstanceRecord::decode(key, &self.folder.record(key)?)?;
+        let whole = record.blobs().all(|blob| self.folder.holds(blob));
+        whole.then(|| Arc::new(record))
+    }
+
+    /// Encodes and writes an artifact. Does nothing where the same bytes are there already.
+    ///
+    /// Errors: [`StoreError::Unfit`] names the layer or column and the position of what is not finite; a full disk.
+    pub fn put(&self, artifact: &Artifact) -> Result<Blob, StoreError> {
+        let bytes = encode(artifact)?;
+        let blob = Blob { digest: Digest::of(&bytes), kind: artifact.kind(), bytes: bytes.len() as u64 };
+        self.begin_use(&|| false)?;
+        self.folder.write(&blob, &bytes)?;
+        Ok(blob)
+    }
+
+    /// The bytes of a blob, verified.
+    ///
+    /// Errors: [`StoreError::Missing`]; [`StoreError::Damaged`], after which the blob is in quarantine and every
+    /// record that names it is a miss.
+    pub fn bytes(&self, blob: &Blob) -> Result<Vec<u8>, StoreError> {
+        let digest = blob.digest;
+        if !self.read_only {
+            self.begin_use(&|| false)?;
+        }
+        let bytes = self.folder.read(blob)?.ok_or(StoreError::Missing { digest })?;
+        if Digest::of(&bytes) == digest {
+            return Ok(bytes);
+        }
+        if !self.read_only {
+            self.folder.quarantine(blob)?;
+        }
+        Err(StoreError::Damaged { digest })
+    }
+
+    /// Reads an artifact. Errors as [`Store::bytes`].
+    pub fn get(&self, blob: &Blob) -> Result<Artifact, StoreError> {
+        decode(blob.kind, &self.bytes(blob)?)
+    }
+
+    /// Publishes a record, after its blobs; it replaces an older one of the same key.
+    ///
+    /// Errors: a number in it that is not finite; a full disk.
+    pub fn publish(&self, record: &InstanceRecord) -> Result<(), StoreError> {
+        let bytes = record.encode()?;
+        self.begin_use(&|| false)?;
+        self.folder.publish(&record.key, &bytes)
+    }
+
+    /// Waits until no other run works on `key`, then takes in what other runs have published meanwhile: look the
+    /// record up once more. Where the file system has no locks, two runs may do the same work; no harm.
+    ///
+    /// Error: [`StoreError::Cancelled`].
+    pub fn lock(&self, key: &Digest, cancelled: &dyn Fn() -> bool) -> Result<KeyLock, StoreError> {
+        self.begin_use(cancelled)?;
+        let lock = self.locks.take(key, cancelled)?;
+        self.folder.packs.refresh()?;
+        Ok(lock)
+    }
+
+    /// Keeps a state from which a killed or longer run can go on; `progress` orders the states of one key.
+    ///
+    /// The furthest state of each of the three highest octaves of progress is kept.
+    pub fn checkpoint(&self, state_key: &Digest, progress: u64, state: &[u8]) -> Result<(), StoreError> {
+        self.begin_use(&|| false)?;
+        self.checkpoints.write(state_key, progress, state)
+    }
+
+    /// The furthest undamaged checkpoint with `progress <= at_most`.
+    pub fn resume(&self, state_key: &Digest, at_most: u64) -> Option<(u64, Vec<u8>)> {
+        self.checkpoints.resume(state_key, at_most)
+    }
+
+    /// All undamaged records, the newest first, whether or not their blobs are still there.
+    pub fn records(&self) -> impl Iterator<Item = InstanceRecord> {
+        let all = self.folder.packs.records();
+        all.into_iter().filter_map(|(key, _)| InstanceRecord::decode(&key, &self.folder.record(&key)?))
+    }
+
+    /// The file that holds exactly this blob; `None` for a blob in a pack (see [`Store::materialise`]).
+    pub fn file_of(&self, blob: &Blob) -> Option<PathBuf> {
+        if self.folder.packs.blob_length(&blob.digest).is_some() {
+            return None;
+        }
+        Some(self.folder.loose_path(blob)).filter(|path| path.is_file())
+    }
+
+    /// Writes a copy of a blob to `path`, verified, atomically. Errors as [`Store::bytes`].
+    pub fn materialise(&self, blob: &Blob, path: &Path) -> Result<(), StoreError> {
+        let bytes = self.bytes(blob)?;
+        disk::publish(&self.root.join("tmp"), path, &bytes, false, true).map_err(StoreError::io("write a copy", path))
+    }
+
+    /// Digests of all blobs that records name and that are there, sorted.
+    pub fn digests(&self) -> Vec<Digest> {
+        let mut all: Vec<_> = self
+            .records()
+            .flat_map(|record| record.blobs().copied().collect::<Vec<_>>())
+            .filter(|blob| self.folder.holds(blob))
+            .map(|blob| blob.digest)
+            .collect();
+        all.sort_unstable();
+        all.dedup();
+        all
+    }
+
+    /// Brings everything to the disk and writes the index. Nothing is lost without it, but the next opening is slower.
+    pub fn finish(&self) -> Result<(), StoreError> {
+        if self.read_only {
+            return Ok(());
+        }
+        self.folder.packs.finish()?;
+        if self.folder.packs.short_packs() > MANY_SHORT_PACKS {
+            self.gather_packs()?;
+        }
+        Ok(())
+    }
+
+    /// Takes the shared lock that keeps `gc` out, once.
+    fn begin_use(&self, cancelled: &dyn Fn() -> bool) -> Result<(), StoreError> {
+        let mut in_use = self.in_use.lock().expect("no holder panics");
+        if in_use.is_none() {
+            *in_use = Some(lock::poll(cancelled, || match lock::try_shared(&self.lock_path()) {
+                Try::Taken(file) => Some(Use::Locked(file)),
+                Try::Unsupported => Some(Use::Unlocked),
+                Try::Held => None,
+            })?);
+            // A `gc` may have come between the opening and now.
+            self.folder.packs.refresh()?;
+        }
+        Ok(())
+    }
+
+    fn lock_path(&self) -> PathBuf {
+        self.root.join("locks").join("gc")
+    }
+}
+
+impl Drop for Store {
+    fn drop(&mut self) {
+        // Whoever wants to know calls `finish`; nothing is lost here.
+        let _ = self.finish();
+    }
+}
+
+fn format_text() -> String {
+    format!(
+        "{FORMAT}\n\
+         The number above is the format of this turbid store. The files here are a cache: `turbid cache gc` makes it smaller,\n\
+         and the whole folder may be deleted when no run is at work; results are then computed anew. docs/store.md of turbid\n\
+         describes the files.\n"
+    )
+}
+
+/// Whether a store of a known format is there.
+///
+/// A format file that does not begin with a number is damaged and is written anew.
+fn check_format(root: &Path) -> Result<bool, StoreError> {
+    let path = root.join("format");
+    match fs::read(&path) {
+        Ok(bytes) => {
+            let text = String::from_utf8_lossy(&bytes);
+            match text.lines().next().and_then(|line| line.trim().parse::<u64>().ok()) {
+                Some(found) if found > FORMAT => {
+                    Err(StoreError::NewerFormat { path: root.to_owned(), found, known: FORMAT })
+                }
+                found => Ok(found == Some(FORMAT)),
+            }
+        }
+        Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(false),
+        Err(e) => Err(StoreError::io("open the store", &path)(e)),
+    }
+}

@@ -1,0 +1,193 @@
+//! Tables and records as Parquet: the unit of a column in its field's metadata, attributes as canonical JSON in the
+//! file's key-value metadata under `turbid`.
+
+use std::collections::{BTreeMap, HashMap};
+use std::sync::Arc;
+
+use arrow_array::cast::AsArray;
+use arrow_array::types::{Float64Type, Int64Type};
+use arrow_array::{
+    Array, ArrayRef, BooleanArray, Float64Array, Int64Array, RecordBatch, RecordBatchOptions, StringArray,
+};
+use arrow_schema::{DataType, Field, Schema};
+use bytes::Bytes;
+use parquet::arrow::ArrowWriter;
+use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
+use parquet::basic::{Compression, ZstdLevel};
+use parquet::file::metadata::KeyValue;
+use parquet::file::properties::WriterProperties;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use turbid_contract::canonical::{canonical_text, canonical_value};
+use turbid_contract::{ArtifactKind, Attributes, Cells, Column, Record, Table};
+
+use crate::store::error::StoreError;
+
+const KEY: &str = "turbid";
+const UNIT: &str = "unit";
+/// Marks text columns that hold JSON.
+const JSON: &str = "json";
+const ROW_GROUP: usize = 65_536;
+
+/// What the file says besides its columns.
+#[derive(Serialize, Deserialize)]
+struct Description {
+    kind: ArtifactKind,
+    attributes: Attributes,
+}
+
+/// A column on its way to or from the file.
+struct RawColumn {
+    name: String,
+    metadata: HashMap<String, String>,
+    cells: Cells,
+}
+
+/// Encodes a table. Error: a cell that is not finite.
+pub(super) fn encode_table(table: &Table) -> Result<Vec<u8>, StoreError> {
+    let columns = table.columns.iter().map(|column| {
+        let Column { name, unit, cells } = column;
+        if let Cells::F64(cells) = cells
+            && let Some(row) = cells.iter().position(|cell| !cell.is_finite())
+        {
+            return Err(StoreError::unfit(format!(
+                "column `{name}` has the value {} in row {row}; every cell must be finite",
+                cells[row]
+            )));
+        }
+        let metadata = HashMap::from([(UNIT.to_owned(), unit.clone())]);
+        Ok(RawColumn { name: name.clone(), metadata, cells: cells.clone() })
+    });
+    let description = Description { kind: ArtifactKind::Table, attributes: table.attributes.clone() };
+    write(columns.collect::<Result<_, _>>()?, table.rows(), &description)
+}
+
+/// Decodes what [`encode_table`] wrote.
+pub(super) fn decode_table(bytes: &[u8]) -> Result<Table, StoreError> {
+    let (columns, attributes, _) = read(bytes, ArtifactKind::Table)?;
+    let columns = columns.into_iter().map(|mut column| Column {
+        name: column.name,
+        unit: column.metadata.remove(UNIT).unwrap_or_default(),
+        cells: column.cells,
+    });
+    Ok(Table { columns: columns.collect(), attributes })
+}
+
+/// Encodes a record as a table of one row, a column a field.
+pub(super) fn encode_record(record: &Record) -> Result<Vec<u8>, StoreError> {
+    let mut columns = Vec::with_capacity(record.fields.len());
+    for (name, value) in &record.fields {
+        let value = canonical_value(value).map_err(StoreError::unfit)?;
+        let plain = match &value {
+            Value::Bool(value) => Some(Cells::Bool(vec![*value])),
+            Value::String(text) => Some(Cells::Text(vec![text.clone()])),
+            Value::Number(n) if n.is_f64() => n.as_f64().map(|x| Cells::F64(vec![x])),
+            Value::Number(n) => n.as_i64().map(|n| Cells::I64(vec![n])),
+            Value::Null | Value::Array(_) | Value::Object(_) => None,
+        };
+        let mut metadata = HashMap::new();
+        let cells = plain.unwrap_or_else(|| {
+            metadata.insert(JSON.to_owned(), "true".to_owned());
+            Cells::Text(vec![canonical_text(&value)])
+        });
+        columns.push(RawColumn { name: name.clone(), metadata, cells });
+    }
+    write(columns, 1, &Description { kind: ArtifactKind::Record, attributes: Attributes::new() })
+}
+
+/// Decodes what [`encode_record`] wrote.
+pub(super) fn decode_record(bytes: &[u8]) -> Result<Record, StoreError> {
+    let (columns, _, rows) = read(bytes, ArtifactKind::Record)?;
+    if rows != 1 {
+        return Err(wrong(format!("a record has one row, not {rows}")));
+    }
+    let mut fields = BTreeMap::new();
+    for column in columns {
+        let is_json = column.metadata.contains_key(JSON);
+        let value = match column.cells {
+            Cells::Bool(cells) => Value::from(cells[0]),
+            Cells::I64(cells) => Value::from(cells[0]),
+            Cells::F64(cells) => Value::from(cells[0]),
+            Cells::Text(cells) if is_json => serde_json::from_str(&cells[0]).map_err(wrong)?,
+            Cells::Text(mut cells) => Value::String(cells.swap_remove(0)),
+        };
+        fields.insert(column.name, value);
+    }
+    Ok(Record { fields })
+}
+
+fn wrong(what: impl std::fmt::Display) -> StoreError {
+    StoreError::unfit(format!("not a table or record of this turbid: {what}"))
+}
+
+fn write(columns: Vec<RawColumn>, rows: usize, description: &Description) -> Result<Vec<u8>, StoreError> {
+    let failed = |e: &dyn std::fmt::Display| StoreError::unfit(format!("the table cannot be written as Parquet: {e}"));
+    let text = canonical_text(&canonical_value(description).map_err(StoreError::unfit)?);
+    let mut fields = Vec::with_capacity(columns.len());
+    let mut arrays: Vec<ArrayRef> = Vec::with_capacity(columns.len());
+    for RawColumn { name, metadata, cells } in columns {
+        let (data_type, array): (_, ArrayRef) = match cells {
+            Cells::F64(cells) => (DataType::Float64, Arc::new(Float64Array::from(cells))),
+            Cells::I64(cells) => (DataType::Int64, Arc::new(Int64Array::from(cells))),
+            Cells::Bool(cells) => (DataType::Boolean, Arc::new(BooleanArray::from(cells))),
+            Cells::Text(cells) => (DataType::Utf8, Arc::new(StringArray::from(cells))),
+        };
+        fields.push(Field::new(name, data_type, false).with_metadata(metadata));
+        arrays.push(array);
+    }
+    let schema = Arc::new(Schema::new(fields));
+    let options = RecordBatchOptions::new().with_row_count(Some(rows));
+    let batch = RecordBatch::try_new_with_options(schema.clone(), arrays, &options).map_err(|e| failed(&e))?;
+    let zstd = ZstdLevel::try_new(3).expect("zstd knows level 3");
+    let properties = WriterProperties::builder()
+        .set_compression(Compression::ZSTD(zstd))
+        .set_max_row_group_row_count(Some(ROW_GROUP))
+        // Without a version: a new turbid must not change the bytes of an old result.
+        .set_created_by("turbid".to_owned())
+        .set_key_value_metadata(Some(vec![KeyValue::new(KEY.to_owned(), text)]))
+        .build();
+    let mut writer = ArrowWriter::try_new(Vec::new(), schema, Some(properties)).map_err(|e| failed(&e))?;
+    writer.write(&batch).map_err(|e| failed(&e))?;
+    writer.into_inner().map_err(|e| failed(&e))
+}
+
+fn read(bytes: &[u8], kind: ArtifactKind) -> Result<(Vec<RawColumn>, Attributes, usize), StoreError> {
+    let builder = ParquetRecordBatchReaderBuilder::try_new(Bytes::copy_from_slice(bytes)).map_err(wrong)?;
+    let metadata = builder.metadata().file_metadata();
+    let rows = usize::try_from(metadata.num_rows()).map_err(wrong)?;
+    let pairs = metadata.key_value_metadata();
+    let text = pairs.and_then(|pairs| pairs.iter().find(|pair| pair.key == KEY)).and_then(|pair| pair.value.as_ref());
+    let text = text.ok_or_else(|| wrong("its metadata are missing"))?;
+    let description: Description = serde_json::from_str(text).map_err(wrong)?;
+    if description.kind != kind {
+        return Err(wrong(format!("it is a {:?}, not a {kind:?}", description.kind)));
+    }
+    let schema = builder.schema().clone();
+    let batches: Vec<RecordBatch> =
+        builder.with_batch_size(ROW_GROUP).build().map_err(wrong)?.collect::<Result<_, _>>().map_err(wrong)?;
+    let mut columns = Vec::with_capacity(schema.fields().len());
+    for (i, field) in schema.fields().iter().enumerate() {
+        let chunks = batches.iter().map(|batch| batch.column(i));
+        let cells = match field.data_type() {
+            DataType::Float64 => {
+                Cells::F64(chunks.flat_map(|c| c.as_primitive::<Float64Type>().values().iter().copied()).collect())
+            }
+            DataType::Int64 => {
+                Cells::I64(chunks.flat_map(|c| c.as_primitive::<Int64Type>().values().iter().copied()).collect())
+            }
+            DataType::Boolean => {
+                Cells::Bool(chunks.flat_map(|c| (0..c.len()).map(|row| c.as_boolean().value(row))).collect())
+            }
+            DataType::Utf8 => Cells::Text(
+                chunks.flat_map(|c| (0..c.len()).map(|row| c.as_string::<i32>().value(row).to_owned())).collect(),
+            ),
+            other => return Err(wrong(format!("column `{}` has the type {other}", field.name()))),
+        };
+        if cells.len() != rows {
+            return Err(wrong(format!("column `{}` has {} cells, not {rows}", field.name(), cells.len())));
+        }
+        let metadata = field.metadata().iter().map(|(k, v)| (k.to_string(), v.to_string())).collect();
+        columns.push(RawColumn { name: field.name().clone(), metadata, cells });
+    }
+    Ok((columns, description.attributes, rows))
+}

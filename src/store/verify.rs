@@ -1,0 +1,238 @@
+//! `cache verify` and `cache stat`: what is in the store, and whether it is what it should be.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+use std::fs;
+use std::path::PathBuf;
+
+use serde::Serialize;
+
+use crate::digest::Digest;
+use crate::store::backend::Backend;
+use crate::store::error::StoreError;
+use crate::store::frame::Kind;
+use crate::store::record::{Blob, InstanceRecord};
+use crate::store::{Store, index};
+
+/// What is in the store. Bytes are those of files.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Stat {
+    pub records: u64,
+    pub packed_blobs: u64,
+    pub loose_blobs: u64,
+    pub loose_bytes: u64,
+    pub packs: u64,
+    pub pack_bytes: u64,
+    pub checkpoints: u64,
+    pub checkpoint_bytes: u64,
+    pub quarantined: u64,
+    pub quarantine_bytes: u64,
+    pub bytes: u64,
+}
+
+/// Something that is not as it should be; the next run heals all of it by computing what is missing.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Finding {
+    /// The bytes of a blob have another digest.
+    DamagedBlob {
+        digest: Digest,
+    },
+    /// A record whose checksum is wrong.
+    DamagedRecord {
+        key: Digest,
+    },
+    /// A record names a blob that is not there in full length.
+    MissingBlob {
+        digest: Digest,
+        stage: String,
+        port: String,
+    },
+    DamagedCheckpoint {
+        path: PathBuf,
+    },
+    /// Bytes between the frames of a pack: an entry whose header is damaged, or a write that was cut short.
+    DamagedPack {
+        name: String,
+        bytes: u64,
+    },
+    /// The index named entries that no pack holds any more.
+    LostEntries {
+        entries: u64,
+    },
+    DamagedIndex,
+}
+
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::DamagedBlob { digest } => write!(f, "blob {}: its bytes have another digest", digest.short()),
+            Self::DamagedRecord { key } => write!(f, "record {}: wrong checksum", key.short()),
+            Self::MissingBlob { digest, stage, port } => {
+                write!(f, "blob {} of {stage}.{port} is missing or too short", digest.short())
+            }
+            Self::DamagedCheckpoint { path } => write!(f, "checkpoint {}: wrong checksum", path.display()),
+            Self::DamagedPack { name, bytes } => write!(f, "pack {name}: {bytes} bytes belong to no entry"),
+            Self::LostEntries { entries } => write!(f, "{entries} entries of the index are in no pack"),
+            Self::DamagedIndex => f.write_str("the index is damaged (it is only a cache)"),
+        }
+    }
+}
+
+/// What `verify` read, and what it found.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct VerifyReport {
+    pub records: u64,
+    pub blobs: u64,
+    pub checkpoints: u64,
+    /// Bytes of the blobs.
+    pub bytes: u64,
+    pub findings: Vec<Finding>,
+    /// Whether what was found has been removed from the store.
+    pub repaired: bool,
+}
+
+impl VerifyReport {
+    pub fn is_clean(&self) -> bool {
+        self.findings.is_empty()
+    }
+}
+
+impl Store {
+    /// Reads everything and compares it with its digests and checksums.
+    ///
+    /// Damaged blobs go to quarantine in any case, so that the next run computes them anew. `repair` also
+    /// forgets the records that a run would not accept, removes damaged checkpoints, cleans the packs if no run
+    /// is at work, and writes the index.
+    pub fn verify(&self, repair: bool) -> Result<VerifyReport, StoreError> {
+        let mut report = VerifyReport::default();
+        if !self.read_only {
+            self.begin_use(&|| false)?;
+        }
+        if fs::read(self.root.join("index")).is_ok_and(|bytes| index::decode(&bytes).is_none()) {
+            report.findings.push(Finding::DamagedIndex);
+        }
+        match self.folder.packs.lost() {
+            0 => {}
+            entries => report.findings.push(Finding::LostEntries { entries }),
+        }
+        let garbage = self.folder.packs.garbage();
+        report.findings.extend(garbage.into_iter().map(|(name, bytes)| Finding::DamagedPack { name, bytes }));
+
+        let mut records = Vec::new();
+        let mut unfit = BTreeSet::new();
+        for (key, _) in self.folder.packs.records() {
+            match self.folder.record(&key).and_then(|bytes| InstanceRecord::decode(&key, &bytes)) {
+                Some(record) => records.push(record),
+                None => {
+                    report.findings.push(Finding::DamagedRecord { key });
+                    unfit.insert(key);
+                }
+            }
+        }
+        report.records = records.len() as u64;
+        self.verify_blobs(&records, &mut report)?;
+        for record in &records {
+            for (port, held) in &record.ports {
+                if !self.folder.holds(&held.blob) || report.found_damaged(&held.blob.digest) {
+                    let (stage, port) = (record.provenance.stage.clone(), port.clone());
+                    report.findings.push(Finding::MissingBlob { digest: held.blob.digest, stage, port });
+                    unfit.insert(record.key);
+                }
+            }
+        }
+        let mut damaged_checkpoints = Vec::new();
+        for checkpoint in self.checkpoints.all() {
+            report.checkpoints += 1;
+            if checkpoint.read().is_none() {
+                damaged_checkpoints.push(checkpoint.path.clone());
+                report.findings.push(Finding::DamagedCheckpoint { path: checkpoint.path });
+            }
+        }
+        if repair && !self.read_only && !report.is_clean() {
+            unfit.iter().try_for_each(|key| self.folder.packs.append(Kind::ForgetRecord, key, &[]))?;
+            damaged_checkpoints.iter().for_each(|path| drop(fs::remove_file(path)));
+            let dirty = report.findings.iter().any(|f| matches!(f, Finding::DamagedPack { .. }));
+            self.folder.packs.finish()?;
+            if dirty {
+                self.gather_packs()?;
+            }
+            report.repaired = true;
+        }
+        Ok(report)
+    }
+
+    /// Reads every blob, packed or loose; sets the damaged ones aside.
+    fn verify_blobs(&self, records: &[InstanceRecord], report: &mut VerifyReport) -> Result<(), StoreError> {
+        let named: BTreeMap<Digest, Blob> =
+            records.iter().flat_map(InstanceRecord::blobs).map(|blob| (blob.digest, *blob)).collect();
+        for (digest, place) in self.folder.packs.blobs() {
+            report.blobs += 1;
+            report.bytes += place.length;
+            if self.folder.packs.blob(&digest).is_none_or(|bytes| Digest::of(&bytes) != digest) {
+                report.findings.push(Finding::DamagedBlob { digest });
+                if !self.read_only {
+                    // A blob that no record names has no kind; it is only forgotten.
+                    match named.get(&digest) {
+                        Some(blob) => self.folder.quarantine(blob)?,
+                        None => self.folder.packs.append(Kind::ForgetBlob, &digest, &[])?,
+                    }
+                }
+            }
+        }
+        for (digest, path, bytes) in self.folder.loose() {
+            report.blobs += 1;
+            report.bytes += bytes;
+            let whole = hash_file(&path).map_err(StoreError::io("read a blob", &path))?;
+            if whole != digest {
+                report.findings.push(Finding::DamagedBlob { digest });
+                if !self.read_only {
+                    self.folder.set_aside(&path)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Counts what is in the store.
+    pub fn stat(&self) -> Stat {
+        let loose = self.folder.loose();
+        let checkpoints = self.checkpoints.all();
+        let quarantine: Vec<u64> = fs::read_dir(self.root.join("quarantine"))
+            .into_iter()
+            .flatten()
+            .flatten()
+            .map(|entry| entry.metadata().map_or(0, |m| m.len()))
+            .collect();
+        let (packs, pack_bytes) = self.folder.packs.size();
+        let mut stat = Stat {
+            records: self.folder.packs.records().len() as u64,
+            packed_blobs: self.folder.packs.blobs().len() as u64,
+            loose_blobs: loose.len() as u64,
+            loose_bytes: loose.iter().map(|(_, _, bytes)| bytes).sum(),
+            packs: packs as u64,
+            pack_bytes,
+            checkpoints: checkpoints.len() as u64,
+            checkpoint_bytes: checkpoints.iter().map(|c| c.bytes).sum(),
+            quarantined: quarantine.len() as u64,
+            quarantine_bytes: quarantine.iter().sum(),
+            bytes: 0,
+        };
+        let index = fs::metadata(self.root.join("index")).map_or(0, |m| m.len());
+        stat.bytes = stat.loose_bytes + stat.pack_bytes + stat.checkpoint_bytes + stat.quarantine_bytes + index;
+        stat
+    }
+}
+
+impl VerifyReport {
+    fn found_damaged(&self, wanted: &Digest) -> bool {
+        self.findings.iter().any(|f| matches!(f, Finding::DamagedBlob { digest } if digest == wanted))
+    }
+}
+
+/// Digest of a file without holding it in memory.
+fn hash_file(path: &std::path::Path) -> std::io::Result<Digest> {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update_reader(fs::File::open(path)?)?;
+    Ok(Digest(*hasher.finalize().as_bytes()))
+}
