@@ -1,1 +1,27 @@
-//! turbid render.
+//! Stage `render`: what the camera of a scene sees under projected sinusoids, with standard errors.
+//!
+//! ```yaml
+//! use: render
+//! in: {scene: tissue}
+//! with: {f_x: [0, 0.1], phases: 3, samples: 256}
+//! ```
+//! Unbiased volumetric path tracing, backward from the pixels. All spatial frequencies, phases and orientations come from the
+//! same paths: a path carries the complex response to exp(i 2 pi f_x u), of which every frame is a linear combination.
+
+pub mod camera;
+pub mod light;
+pub mod moments;
+pub mod path;
+pub mod world;
+
+mod frames;
+mod params;
+mod plan;
+mod rig;
+mod stage;
+mod state;
+mod trace;
+mod truth;
+
+pub use params::{Method, Params};
+pub use stage::{Out, RenderStage};

@@ -1,0 +1,87 @@
+//! What a path costs and how much it varies: `cargo run --release -p turbid-render --example cost [paths per pixel]`.
+//!
+//! Camera 500 mm straight above, projector at (35, 0, 500), f_x = 0.1 across the pixels, slab of 2 m, g = 0.8, n = 1, one core.
+//! rv = variance per path / mean^2 (for M_AC of the component along the mean phase), so 1e4 rv paths give 1 %.
+
+use glam::{DVec2, DVec3};
+use turbid_optics::solid::Solid;
+use turbid_optics::view::View;
+use turbid_render::camera::Camera;
+use turbid_render::light::{Carrier, Light};
+use turbid_render::moments::Moments;
+use turbid_render::path::{Nee, Setting, Walker};
+use turbid_render::world::{Body, Material, World};
+
+fn main() {
+    let paths: u32 = std::env::args().nth(1).map_or(64, |n| n.parse().expect("a number of paths"));
+    let view = |position: [f64; 3], field: f64| {
+        View::new(position.into(), DVec3::ZERO, DVec3::Y, DVec2::splat(field)).expect("not along y")
+    };
+    let camera = Camera { view: view([0.0, 0.0, 500.0], 64.0), columns: 64, rows: 64 };
+    let light = Light::new(view([35.0, 0.0, 500.0], 256.0), 5.0, false);
+    let carriers = [Carrier::new(0.1, 0.0)];
+    println!(
+        "medium, estimator: flights/path, ns/flight, M flights/s, rv DC, rv AC, s to 1 % DC, AC (4096 px, 2 cores)"
+    );
+    for (name, a_rho, s_rho) in
+        [("M1 (100, 5000)", 100.0, 5000.0), ("M2 (25, 4236)", 25.0, 4236.0), ("M3 (1, 20000)", 1.0, 20000.0)]
+    {
+        let medium = Material { mu_a: a_rho / 1000.0, mu_s: s_rho / 1000.0, g: 0.8, lambertian: None };
+        let bodies = vec![Body { solid: Solid::Slab { bottom: -2000.0, top: 0.0 }, material: 1 }];
+        let world = World { bodies, materials: vec![Material::VOID, medium] };
+        for nee in [Nee::Point, Nee::Line] {
+            let setting = Setting {
+                world: &world,
+                camera: &camera,
+                light: &light,
+                carriers: &carriers,
+                key: [1, 2],
+                channel: 0,
+                nee,
+            };
+            let mut walker = Walker::new(setting);
+            let mut moments = Moments::new(camera.pixels(), 3);
+            let began = cpu_seconds();
+            for pixel in 0..camera.pixels() {
+                for sample in 0..paths {
+                    moments.add(pixel, walker.path(pixel, sample));
+                }
+            }
+            let seconds = cpu_seconds() - began;
+            let flights = walker.take_flights() as f64;
+            // Pooled over the pixels: mean variance over mean square.
+            let (mut v_dc, mut m_dc, mut v_ac, mut m_ac) = (0.0, 0.0, 0.0, 0.0);
+            for pixel in 0..camera.pixels() {
+                let m = |i| moments.mean(pixel, i, paths);
+                let c = |i, j| moments.covariance(pixel, i, j, paths) * f64::from(paths);
+                v_dc += c(0, 0);
+                m_dc += m(0);
+                // The mean phase is known here: that of the carrier at the pixel.
+                let x = (pixel % 64) as f64 - 31.5;
+                let (sin, cos) = carriers[0].at(DVec3::new(x, 0.0, 0.0));
+                v_ac += cos * cos * c(1, 1) + 2.0 * sin * cos * c(1, 2) + sin * sin * c(2, 2);
+                m_ac += cos * m(1) + sin * m(2);
+            }
+            let n = camera.pixels() as f64;
+            let (rv_dc, rv_ac) = (v_dc / n / (m_dc / n).powi(2), v_ac / n / (m_ac / n).powi(2));
+            let total = n * f64::from(paths);
+            let seconds_to = |rv: f64| n * rv * 1e4 * seconds / total / 2.0;
+            println!(
+                "{name}, {nee:?}: {:.1}, {:.1}, {:.1}, {rv_dc:.2}, {rv_ac:.2}, {:.1}, {:.1}; means {:.5e} {:.5e}",
+                flights / total,
+                1e9 * seconds / flights,
+                1e-6 * flights / seconds,
+                seconds_to(rv_dc),
+                seconds_to(rv_ac),
+                m_dc / n,
+                m_ac / n,
+            );
+        }
+    }
+}
+
+/// Seconds that this thread has had a core, so that other work on the machine does not count (Linux; 0 elsewhere).
+fn cpu_seconds() -> f64 {
+    let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
+    text.split(' ').next().and_then(|ns| ns.parse::<f64>().ok()).unwrap_or(0.0) * 1e-9
+}

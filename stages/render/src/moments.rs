@@ -1,0 +1,100 @@
+//! Sums over the paths of each pixel, from which means, variances and covariances follow.
+
+/// For each of `pixels` pixels: the sum of the `q` responses, then the sums of their products (i <= j, row by row).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Moments {
+    q: usize,
+    sums: Vec<f64>,
+}
+
+impl Moments {
+    pub fn new(pixels: usize, q: usize) -> Self {
+        Self { q, sums: vec![0.0; pixels * stride(q)] }
+    }
+
+    /// From the numbers that `sums` gave.
+    pub fn from_sums(q: usize, sums: Vec<f64>) -> Self {
+        assert_eq!(sums.len() % stride(q), 0, "{} sums for {q} responses", sums.len());
+        Self { q, sums }
+    }
+
+    pub fn sums(&self) -> &[f64] {
+        &self.sums
+    }
+
+    /// How many numbers a pixel holds.
+    pub fn stride(&self) -> usize {
+        stride(self.q)
+    }
+
+    /// Adds one path.
+    #[inline]
+    pub fn add(&mut self, pixel: usize, response: &[f64]) {
+        let sums = &mut self.sums[pixel * stride(self.q)..][..stride(self.q)];
+        // Most paths see nothing.
+        if response[0] == 0.0 {
+            return;
+        }
+        let (values, mut products) = sums.split_at_mut(self.q);
+        for (i, (sum, &x)) in values.iter_mut().zip(response).enumerate() {
+            *sum += x;
+            let (row, rest) = products.split_at_mut(self.q - i);
+            for (product, &y) in row.iter_mut().zip(&response[i..]) {
+                *product += x * y;
+            }
+            products = rest;
+        }
+    }
+
+    /// Adds the sums of pixels `first ..` in `other`.
+    pub fn fold(&mut self, first: usize, other: &Moments) {
+        let place = first * self.stride();
+        for (sum, &part) in self.sums[place..].iter_mut().zip(&other.sums) {
+            *sum += part;
+        }
+    }
+
+    /// Mean response i of a pixel over n paths.
+    pub fn mean(&self, pixel: usize, i: usize, n: u32) -> f64 {
+        self.sums[pixel * self.stride() + i] / f64::from(n)
+    }
+
+    /// Covariance of the means i and j of a pixel over n >= 2 paths.
+    pub fn covariance(&self, pixel: usize, i: usize, j: usize, n: u32) -> f64 {
+        let (i, j) = (i.min(j), i.max(j));
+        let sums = &self.sums[pixel * self.stride()..][..self.stride()];
+        let product = sums[self.q + i * self.q - i * (i + 1) / 2 + j];
+        let n = f64::from(n);
+        (product - sums[i] * sums[j] / n) / (n * (n - 1.0))
+    }
+}
+
+fn stride(q: usize) -> usize {
+    q + q * (q + 1) / 2
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Against the definition, on responses whose sums are exact in binary.
+    #[test]
+    fn means_and_covariances_are_those_of_the_paths() {
+        let paths = [[1.0, -2.0, 0.5], [0.0, 0.0, 0.0], [3.0, 0.25, -1.0], [2.0, 2.0, 8.0]];
+        let mut moments = Moments::new(3, 3);
+        for half in paths.chunks(2) {
+            let mut part = Moments::new(1, 3);
+            half.iter().for_each(|path| part.add(0, path));
+            moments.fold(1, &part);
+        }
+        let mean = |i: usize| paths.iter().map(|p| p[i]).sum::<f64>() / 4.0;
+        for i in 0..3 {
+            assert_eq!(moments.mean(1, i, 4), mean(i));
+            assert_eq!(moments.mean(0, i, 4), 0.0);
+            for j in 0..3 {
+                let cov = paths.iter().map(|p| (p[i] - mean(i)) * (p[j] - mean(j))).sum::<f64>() / 3.0 / 4.0;
+                assert!((moments.covariance(1, i, j, 4) - cov).abs() < 1e-15, "{i} {j}");
+            }
+        }
+    }
+}

@@ -1,0 +1,198 @@
+//! The parameters of a render, and what is wrong with them for a given scene.
+
+use serde::{Deserialize, Serialize};
+use turbid_contract::payload::{Scene, Surface};
+use turbid_contract::schemars::JsonSchema;
+use turbid_contract::{AngleDeg, PerLength, Problems, Ratio, Seconds};
+
+use crate::light::Carrier;
+use crate::plan::flights_per_path;
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(crate = "turbid_contract::schemars")]
+pub struct Params {
+    /// Spatial frequencies, mm^-1; 0 is one frame at half the pattern.
+    pub f_x: Vec<PerLength>,
+    /// Frames per spatial frequency, shifted by 2 pi / phases.
+    #[serde(default = "three")]
+    pub phases: u32,
+    /// Directions along which the pattern varies, turned from world x towards world y.
+    #[serde(default = "along_x")]
+    pub orientation_deg: Vec<AngleDeg>,
+    /// Paths per pixel; with `target_error` the most there will be.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub samples: Option<u32>,
+    /// Stop once the median over the pixels of SE(M_AC) / M_AC at the highest f_x is this small.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub target_error: Option<Ratio>,
+    /// Stop after this time, with whatever samples were reached.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_seconds: Option<Seconds>,
+    #[serde(default)]
+    pub method: Method,
+}
+
+/// How the radiance is found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+#[schemars(crate = "turbid_contract::schemars")]
+pub enum Method {
+    /// The cheapest method that is right for the scene; `plan` says which.
+    #[default]
+    Auto,
+    /// Path tracing, every pixel on its own.
+    Path,
+    /// Path tracing, with a smooth surface fitted to the pixels of a laterally uniform scene.
+    Fit,
+    /// The deterministic transport solver for laterally uniform scenes.
+    Rte,
+}
+
+fn three() -> u32 {
+    3
+}
+
+fn along_x() -> Vec<AngleDeg> {
+    vec![AngleDeg(0.0)]
+}
+
+/// The most frames that one instance may make.
+const MOST_FRAMES: usize = 4096;
+/// A path of more flights than this would not end while somebody waits.
+const MOST_FLIGHTS: f64 = 1e8;
+
+impl Params {
+    /// Carriers with f_x > 0: by frequency, then orientation.
+    pub fn carriers(&self) -> Vec<Carrier> {
+        let positive = self.f_x.iter().map(|f| f.0).filter(|&f| f > 0.0);
+        positive.flat_map(|f| self.orientation_deg.iter().map(move |o| Carrier::new(f, o.0))).collect()
+    }
+
+    /// What is wrong whatever the scene.
+    pub fn check(&self, problems: &mut Problems) {
+        if self.f_x.is_empty() {
+            problems.push_with_hint(
+                "f_x",
+                "f_x is empty: nothing would be projected",
+                "list at least one, such as [0, 0.1]",
+            );
+        }
+        for (i, f) in self.f_x.iter().enumerate() {
+            problems.require(f.0 >= 0.0, format!("f_x.{i}"), f.0, "mm^-1", "be >= 0");
+            if self.f_x[..i].contains(f) {
+                problems.push(format!("f_x.{i}"), format!("f_x = {f} stands twice"));
+            }
+        }
+        let phases = f64::from(self.phases);
+        problems.require(self.phases >= 3, "phases", phases, "", "be >= 3: fewer do not fix mean, amplitude and phase");
+        if self.orientation_deg.is_empty() {
+            problems.push_with_hint("orientation_deg", "orientation_deg is empty", "leave it out for [0]");
+        }
+        for (i, o) in self.orientation_deg.iter().enumerate() {
+            problems.require(o.0.abs() <= 360.0, format!("orientation_deg.{i}"), o.0, "deg", "lie in [-360, 360]");
+            if self.orientation_deg[..i].contains(o) {
+                problems.push(format!("orientation_deg.{i}"), format!("orientation_deg = {o} stands twice"));
+            }
+        }
+        let frames = self.f_x.len().saturating_mul(self.phases as usize).saturating_mul(self.orientation_deg.len());
+        if frames > MOST_FRAMES {
+            problems.push("f_x", format!("f_x, phases and orientations make {frames} frames, more than {MOST_FRAMES}"));
+        }
+        if let Some(samples) = self.samples {
+            let rule = "be >= 2: a standard error needs two paths";
+            problems.require(samples >= 2, "samples", f64::from(samples), "", rule);
+            if (2..64).contains(&samples) {
+                let text = "standard errors from fewer than 64 paths per pixel are themselves uncertain";
+                problems.warn("samples", format!("samples = {samples}: {text}"));
+            }
+        }
+        if let Some(target) = self.target_error {
+            problems.require(target.0 > 0.0 && target.0 < 1.0, "target_error", target.0, "", "lie in (0, 1)");
+        }
+        if let Some(limit) = self.max_seconds {
+            problems.require(limit.0 > 0.0, "max_seconds", limit.0, "s", "be > 0");
+        }
+        if self.samples.is_none() && self.target_error.is_none() && self.max_seconds.is_none() {
+            problems.push_with_hint(
+                "samples",
+                "nothing says when to stop",
+                "give samples, target_error or max_seconds",
+            );
+        }
+        if matches!(self.method, Method::Fit | Method::Rte) {
+            problems.push_with_hint(
+                "method",
+                "this version renders by path tracing only",
+                "write `method: path`, or leave it out",
+            );
+        }
+    }
+
+    /// What is wrong with them for this scene.
+    pub fn check_scene(&self, scene: &Scene, problems: &mut Problems) {
+        let cameras = scene.camera.as_ref().map(|c| ("camera", c.field, c.pixels));
+        let projectors = scene.projector.as_ref().and_then(|p| p.pixels.map(|n| ("projector", p.field, n)));
+        if scene.camera.is_none() {
+            problems.push_with_hint("", "the scene has no camera", "add `camera` to the scene");
+        }
+        if scene.projector.is_none() {
+            problems.push_with_hint(
+                "",
+                "the scene has no projector, so all would be dark",
+                "add `projector` to the scene",
+            );
+        }
+        for (who, field, pixels) in cameras.into_iter().chain(projectors) {
+            let pitch = [field[0] / f64::from(pixels[0]), field[1] / f64::from(pixels[1])];
+            self.check_resolution(who, pitch, problems);
+        }
+        for (name, object) in &scene.objects {
+            let medium = object.medium.as_ref().and_then(|m| scene.media.get(m));
+            if let Some(medium) = medium
+                && object.surface == Surface::Smooth
+                && medium.n != 1.0
+            {
+                problems.push_with_hint(
+                    "",
+                    format!("the smooth surface of {name} separates n = {} from n = 1, and refraction is not rendered by this version", medium.n),
+                    "set n: 1.0 in the medium for a matched boundary",
+                );
+            }
+        }
+        let flights = flights_per_path(scene);
+        if flights > MOST_FLIGHTS {
+            problems.push_with_hint(
+                "",
+                format!("a path would make about {flights:.0e} flights: light that is hardly absorbed does not leave an object this thick"),
+                "make the object thinner or give its medium some absorption",
+            );
+        }
+    }
+
+    /// No carrier may have more than half a cycle per pixel, along either side of the pixels.
+    fn check_resolution(&self, who: &str, pitch: [f64; 2], problems: &mut Problems) {
+        for (i, f) in self.f_x.iter().enumerate() {
+            let worst = self
+                .orientation_deg
+                .iter()
+                .map(|o| {
+                    let (x, y) = Carrier::new(f.0, o.0).along();
+                    (x.abs() * pitch[0]).max(y.abs() * pitch[1])
+                })
+                .fold(0.0, f64::max);
+            // Room for the rounding of a pitch that was meant to be exactly half a period.
+            if worst > 0.5 * (1.0 + 1e-9) {
+                let most = 0.5 / worst * f.0;
+                problems.push_with_hint(
+                    format!("f_x.{i}"),
+                    format!(
+                        "f_x = {f} is beyond what the {who}'s pixels of {} x {} mm resolve ({most:.4} mm^-1)",
+                        pitch[0], pitch[1]
+                    ),
+                    format!("give the {who} more pixels or a smaller field, or lower f_x"),
+                );
+            }
+        }
+    }
+}

@@ -1,0 +1,445 @@
+//! One path from the camera: free flights, analog absorption, and what it sees of the light at each of its turns.
+//!
+//! A path is walked backward from a random point of its pixel. At every scattering the light is estimated one scattering
+//! ahead, by one point on a line (see [`Nee::Line`]); what lies behind a boundary is estimated at the real collision.
+//! `docs/theory/render.md` derives the weights.
+
+use std::f64::consts::FRAC_1_PI;
+
+use glam::DVec3;
+use turbid_optics::elementary::{ln, sin_cos_turns};
+use turbid_optics::henyey_greenstein as hg;
+use turbid_optics::philox::{philox4x32, unit, unit_fine};
+
+use crate::camera::Camera;
+use crate::light::{Arrival, Carrier, Light};
+use crate::world::{Piece, Skin, World};
+
+/// How scatterings look for the light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Nee {
+    /// At the scattering itself. The reference that the others are tested against.
+    Point,
+    /// One scattering ahead: a point on a line along the path's own next direction or along one drawn around the light,
+    /// one sample of the two, weighted by the balance heuristic. Takes the Henyey-Greenstein peak out of the variance.
+    Line,
+}
+
+/// Light is looked for with probability min(1, (TAU_SURE / tau)^4) at optical distance tau from it.
+const TAU_SURE: f64 = 3.0;
+
+/// A path of more flights than this is taken for endless: in a closed white cavity light has nowhere to go.
+const MOST_FLIGHTS: u64 = 2_000_000_000;
+
+/// Everything that stays the same over the paths of one channel.
+#[derive(Clone, Copy)]
+pub struct Setting<'a> {
+    pub world: &'a World,
+    pub camera: &'a Camera,
+    pub light: &'a Light,
+    /// Those with f_x > 0.
+    pub carriers: &'a [Carrier],
+    pub key: [u32; 2],
+    pub channel: u32,
+    pub nee: Nee,
+}
+
+/// Random numbers of one path: blocks of four, addressed by number.
+#[derive(Clone, Copy)]
+struct Stream {
+    key: [u32; 2],
+    pixel: u32,
+    sample: u32,
+    channel: u32,
+}
+
+impl Stream {
+    #[inline]
+    fn block(&self, number: u64) -> [u32; 4] {
+        // 2^48 blocks a path, 2^16 channels.
+        let high = (number >> 32) as u32 | (self.channel << 16);
+        philox4x32([number as u32, high, self.sample, self.pixel], self.key)
+    }
+}
+
+/// Walks paths and keeps their scratch.
+pub struct Walker<'a> {
+    setting: Setting<'a>,
+    spans: Vec<(f64, f64)>,
+    pieces: Vec<Piece>,
+    /// Response to the pattern 1, then (re, im) of the response to each carrier; of the last path.
+    response: Vec<f64>,
+    flights: u64,
+    endless: bool,
+}
+
+/// How a flight ended.
+enum End {
+    Scattered { crossed: bool },
+    Surface { skin: Skin, normal: DVec3, rho: f64 },
+    Gone,
+}
+
+/// Where a path stands.
+struct Place {
+    r: DVec3,
+    /// Direction of flight.
+    w: DVec3,
+    material: usize,
+    skin: Option<Skin>,
+    /// No boundary is nearer than this.
+    clear: f64,
+    /// Optical depth of absorption that is left until the path ends.
+    life: f64,
+}
+
+/// Where the next scattering is looked for.
+struct Line {
+    r: DVec3,
+    /// Unit vector along it.
+    e: DVec3,
+    /// mm within the material.
+    length: f64,
+    material: usize,
+    /// Unit vector from r to the light.
+    towards: DVec3,
+    /// Normal of the boundary through which the light comes, towards it.
+    exit: Option<DVec3>,
+}
+
+/// What lies between a point and the light.
+struct Sight {
+    /// Optical depth; opaque bodies do not count.
+    tau: f64,
+    blocked: bool,
+    /// Normal, towards the light, of the first boundary on the way.
+    exit: Option<DVec3>,
+}
+
+impl<'a> Walker<'a> {
+    pub fn new(setting: Setting<'a>) -> Self {
+        let response = vec![0.0; 1 + 2 * setting.carriers.len()];
+        Self { setting, spans: Vec::new(), pieces: Vec::new(), response, flights: 0, endless: false }
+    }
+
+    /// Whether a path had to be cut because it would not end.
+    pub fn endless(&self) -> bool {
+        self.endless
+    }
+
+    /// Flights since the last call.
+    pub fn take_flights(&mut self) -> u64 {
+        std::mem::take(&mut self.flights)
+    }
+
+    /// One path of a pixel: its radiance (W mm^-2 sr^-1) in response to the pattern 1, then re and im of that to each
+    /// carrier. The same numbers whenever and wherever it is called.
+    pub fn path(&mut self, pixel: usize, sample: u32) -> &[f64] {
+        self.response.fill(0.0);
+        let s = self.setting;
+        let stream = Stream { key: s.key, pixel: pixel as u32, sample, channel: s.channel };
+        let [jx, jy, ja, jb] = stream.block(0);
+        let w = s.camera.ray(pixel, unit(jx), unit(jy));
+        // Absorption at a rate mu_a along the way ends the path: drawn once, exact for any albedo and any sequence of media.
+        let life = -ln(unit_fine(ja, jb));
+        let mut at = Place { r: s.camera.view.position, w, material: 0, skin: None, clear: 0.0, life };
+        // Whether the flight that comes next has been scored ahead, up to its first boundary or wholly.
+        let (mut ahead, mut wholly) = (false, false);
+        if s.nee == Nee::Line {
+            self.first_flight(&at, &stream);
+            (ahead, wholly) = (true, true);
+        }
+        let mut number = 2;
+        loop {
+            // Even blocks walk, the odd block behind each looks for light.
+            let [a, b, c, d] = stream.block(number);
+            number += 2;
+            self.flights += 1;
+            if number > 2 * MOST_FLIGHTS {
+                self.endless = true;
+                break;
+            }
+            let roulette = unit(d);
+            match self.fly(&mut at, -ln(unit_fine(a, d))) {
+                End::Gone => break,
+                End::Surface { skin, normal, rho } => {
+                    at.skin = Some(skin);
+                    at.clear = 0.0;
+                    self.look_from_surface(&at, normal, rho);
+                    if roulette >= rho {
+                        break;
+                    }
+                    at.w = cosine_direction(normal, unit(b), unit(c));
+                    (ahead, wholly) = (false, false);
+                }
+                End::Scattered { crossed } => {
+                    at.skin = None;
+                    if !(ahead && (wholly || !crossed)) {
+                        self.look_from_collision(&mut at, roulette);
+                    }
+                    wholly = false;
+                    let next = hg::sample(s.world.materials[at.material].g, at.w, unit(b), unit(c));
+                    if s.nee == Nee::Line {
+                        self.look_ahead(&mut at, next, roulette, || stream.block(number - 1));
+                        ahead = true;
+                    }
+                    at.w = next;
+                }
+            }
+        }
+        &self.response
+    }
+
+    /// One free flight through whatever is in the way, over `tau` scattering mean free paths.
+    #[inline]
+    fn fly(&mut self, at: &mut Place, tau: f64) -> End {
+        let world = self.setting.world;
+        let here = &world.materials[at.material];
+        if at.clear > 0.0 {
+            // A medium: the last flight ended in it by a scattering.
+            let s = tau / here.mu_s;
+            if s >= at.clear {
+                at.clear = world.clearance(at.r);
+            }
+            if s < at.clear {
+                at.life -= here.mu_a * s;
+                if at.life < 0.0 {
+                    return End::Gone;
+                }
+                at.r += s * at.w;
+                at.clear -= s;
+                return End::Scattered { crossed: false };
+            }
+        }
+        self.fly_across(at, tau)
+    }
+
+    /// The same through boundaries.
+    fn fly_across(&mut self, at: &mut Place, mut tau: f64) -> End {
+        let world = self.setting.world;
+        let mut crossed = false;
+        let mut before: Option<usize> = None;
+        for piece in world.trace(at.r, at.w, at.skin, &mut self.spans) {
+            let material = &world.materials[piece.material];
+            if let Some(rho) = material.lambertian {
+                let Some(body) = before else {
+                    // Rounding put the start of the ray into an opaque body: a set of measure zero.
+                    return End::Gone;
+                };
+                let r = at.r + piece.start * at.w;
+                let normal = world.bodies[body].solid.normal(r);
+                // The surface faces the ray: the outside of the body if the ray comes from there.
+                let inside = normal.dot(at.w) > 0.0;
+                at.r = r;
+                let normal = if inside { -normal } else { normal };
+                return End::Surface { skin: Skin { body, inside }, normal, rho };
+            }
+            let length = piece.end - piece.start;
+            let to_scattering = if material.mu_s > 0.0 { tau / material.mu_s } else { f64::INFINITY };
+            let flown = length.min(to_scattering);
+            if material.mu_a > 0.0 {
+                at.life -= material.mu_a * flown;
+                if at.life < 0.0 {
+                    return End::Gone;
+                }
+            }
+            if to_scattering < length {
+                at.r += (piece.start + to_scattering) * at.w;
+                at.material = piece.material;
+                at.clear = world.clearance(at.r);
+                return End::Scattered { crossed };
+            }
+            if material.mu_s > 0.0 {
+                tau -= length * material.mu_s;
+            }
+            crossed = true;
+            before = piece.wall;
+        }
+        End::Gone
+    }
+
+    /// Optical depth towards the light, `distance` away.
+    fn sight(&mut self, r: DVec3, towards: DVec3, distance: f64, skin: Option<Skin>) -> Sight {
+        let world = self.setting.world;
+        let mut sight = Sight { tau: 0.0, blocked: false, exit: None };
+        for piece in world.trace(r, towards, skin, &mut self.spans) {
+            if piece.start >= distance {
+                break;
+            }
+            if sight.exit.is_none()
+                && let Some(body) = piece.wall
+            {
+                let normal = world.bodies[body].solid.normal(r + piece.end * towards);
+                sight.exit = Some(if normal.dot(towards) < 0.0 { -normal } else { normal });
+            }
+            let material = &world.materials[piece.material];
+            if material.lambertian.is_some() {
+                sight.blocked = true;
+            } else if piece.material != 0 {
+                sight.tau += material.mu_t() * (piece.end.min(distance) - piece.start);
+            }
+        }
+        sight
+    }
+
+    fn deposit(&mut self, radiance: f64, arrival: &Arrival) {
+        self.response[0] += radiance;
+        for (carrier, re_im) in self.setting.carriers.iter().zip(self.response[1..].chunks_exact_mut(2)) {
+            let (sin, cos) = carrier.at(arrival.on_plane);
+            re_im[0] += radiance * cos;
+            re_im[1] += radiance * sin;
+        }
+    }
+
+    /// Light that a Lambertian surface throws into the path.
+    fn look_from_surface(&mut self, at: &Place, normal: DVec3, rho: f64) {
+        let Some(arrival) = self.setting.light.arrival(at.r) else { return };
+        let cos = normal.dot(arrival.towards);
+        if cos <= 0.0 || rho == 0.0 {
+            return;
+        }
+        let sight = self.sight(at.r, arrival.towards, arrival.distance, at.skin);
+        if !sight.blocked {
+            let radiance = rho * FRAC_1_PI * cos * arrival.irradiance * libm::exp(-sight.tau);
+            self.deposit(radiance, &arrival);
+        }
+    }
+
+    /// Light scattered into the path at a collision.
+    fn look_from_collision(&mut self, at: &mut Place, roulette: f64) {
+        let Some(arrival) = self.setting.light.arrival(at.r) else { return };
+        let sight = self.sight(at.r, arrival.towards, arrival.distance, None);
+        let chance = chance_to_look(sight.tau);
+        if sight.blocked || roulette >= chance {
+            return;
+        }
+        let g = self.setting.world.materials[at.material].g;
+        let p = hg::density(g, at.w.dot(arrival.towards));
+        self.deposit(p * arrival.irradiance * libm::exp(-sight.tau) / chance, &arrival);
+    }
+
+    /// Exact single scattering of the camera's ray: one point in each scattering piece that it crosses.
+    fn first_flight(&mut self, at: &Place, stream: &Stream) {
+        let world = self.setting.world;
+        let mut pieces = std::mem::take(&mut self.pieces);
+        pieces.clear();
+        pieces.extend(world.trace(at.r, at.w, None, &mut self.spans));
+        let (mut tau, mut entrance) = (0.0, None);
+        for (i, piece) in pieces.iter().enumerate() {
+            let material = &world.materials[piece.material];
+            if material.lambertian.is_some() {
+                break;
+            }
+            let length = piece.end - piece.start;
+            if material.mu_s > 0.0 {
+                let start = at.r + piece.start * at.w;
+                let (towards, _) = self.setting.light.towards(start);
+                // Where the ray came in is where the light comes in, if it comes from that side.
+                let normal = entrance.map(|body: usize| world.bodies[body].solid.normal(start));
+                let exit = normal.map(|n| if n.dot(at.w) > 0.0 { -n } else { n }).filter(|n| n.dot(towards) > 0.0);
+                let [u, ..] = stream.block(1 + ((i as u64) << 32));
+                let line = Line { r: start, e: at.w, length, material: piece.material, towards, exit };
+                self.score(&line, libm::exp(-tau), unit(u));
+            }
+            if piece.material != 0 {
+                tau += material.mu_t() * length;
+            }
+            entrance = piece.wall;
+        }
+        self.pieces = pieces;
+    }
+
+    /// The light that the next scattering will see, from one point on a line (the one-sample light lobe).
+    #[inline]
+    fn look_ahead(&mut self, at: &mut Place, own: DVec3, roulette: f64, random: impl FnOnce() -> [u32; 4]) {
+        let world = self.setting.world;
+        let material = world.materials[at.material];
+        // The light is at least `clear` away: most collisions are settled by that, without a ray.
+        if roulette >= chance_to_look(material.mu_t() * at.clear) {
+            return;
+        }
+        at.clear = world.clearance(at.r);
+        if roulette >= chance_to_look(material.mu_t() * at.clear) {
+            return;
+        }
+        let (towards, distance) = self.setting.light.towards(at.r);
+        let sight = self.sight(at.r, towards, distance, None);
+        let chance = chance_to_look(sight.tau);
+        if roulette >= chance {
+            return;
+        }
+        let g = material.g;
+        let [choice, b, c, u] = random();
+        let e = if choice >> 31 == 0 { own } else { hg::sample(g, towards, unit(b), unit(c)) };
+        // 2 p_A / (p_A + p_B): p_A would have sent the path along e, p_B is the lobe around the light.
+        let (own_q, lobe_q) = (hg::denominator(g, at.w.dot(e)), hg::denominator(g, e.dot(towards)));
+        let ratio = own_q / lobe_q;
+        let balance = 2.0 / (1.0 + ratio * ratio.sqrt());
+        let length = world
+            .trace(at.r, e, None, &mut self.spans)
+            .next()
+            .map_or(f64::INFINITY, |piece| if piece.material == at.material { piece.end } else { 0.0 });
+        if length > 0.0 {
+            let line = Line { r: at.r, e, length, material: at.material, towards, exit: sight.exit };
+            self.score(&line, balance / chance, unit(u));
+        }
+    }
+
+    /// weight times the integral over s in (0, length) of exp(-mu_t s) mu_s p(e . L) (light at r + s e), from one s.
+    #[inline]
+    fn score(&mut self, line: &Line, weight: f64, u: f64) {
+        let &Line { r, e, length, towards, .. } = line;
+        let material = self.setting.world.materials[line.material];
+        let mu_t = material.mu_t();
+        // Below a plane the optical depth to the light falls by mu_t (e . n) / (L . n) per mm: then this rate makes every s
+        // score the same. Elsewhere it is a guess, kept where the weight cannot explode: [-1, 2] mu_t.
+        let steepness = line.exit.map_or(0.0, |n| e.dot(n) / towards.dot(n).max(1e-3));
+        let rate = (1.0 - steepness).clamp(-1.0, 2.0) * mu_t;
+        let (s, inverse_density) = sample_exponential(rate, length, mu_t, u);
+        let at = r + s * e;
+        let Some(arrival) = self.setting.light.arrival(at) else { return };
+        let sight = self.sight(at, arrival.towards, arrival.distance, None);
+        if sight.blocked {
+            return;
+        }
+        let p = hg::density(material.g, e.dot(arrival.towards));
+        let attenuation = libm::exp(-(mu_t * s + sight.tau));
+        self.deposit(weight * material.mu_s * p * arrival.irradiance * attenuation * inverse_density, &arrival);
+    }
+}
+
+/// Probability of looking for light at optical distance `tau`; falls slower than the light does.
+#[inline]
+fn chance_to_look(tau: f64) -> f64 {
+    if tau <= TAU_SURE {
+        return 1.0;
+    }
+    let ratio = TAU_SURE / tau;
+    ratio * ratio * ratio * ratio
+}
+
+/// s in (0, length) with a density proportional to exp(-rate s), and one over that density. A rate too small to be told from
+/// zero is zero; on an infinite length, where only positive rates have a density, `fallback` stands in.
+#[inline]
+fn sample_exponential(rate: f64, length: f64, fallback: f64, u: f64) -> (f64, f64) {
+    if length == f64::INFINITY {
+        let rate = if rate > 1e-4 * fallback { rate } else { fallback };
+        return (-ln(u) / rate, 1.0 / (rate * u));
+    }
+    let depth = rate * length;
+    if depth.abs() < 1e-8 {
+        return (u * length, length);
+    }
+    // A growing density is a falling one seen from the other end.
+    let steep = depth.abs();
+    let mass = -libm::expm1(-steep);
+    let left = 1.0 - u * mass;
+    let s = (-ln(left) / rate.abs()).min(length);
+    (if rate > 0.0 { s } else { length - s }, mass / (rate.abs() * left))
+}
+
+/// A direction off a surface with a density proportional to the cosine.
+fn cosine_direction(normal: DVec3, u: f64, turns: f64) -> DVec3 {
+    let (sin_phi, cos_phi) = sin_cos_turns(turns);
+    hg::turn(normal, u.sqrt(), (1.0 - u).sqrt(), sin_phi, cos_phi)
+}

@@ -1,0 +1,78 @@
+//! From the scene of the pipeline to the world, camera and light that paths meet.
+
+use glam::DVec3;
+use turbid_contract::Error;
+use turbid_contract::payload::{Profile, Scene, Shape, Surface};
+use turbid_optics::solid::Solid;
+use turbid_optics::view::View;
+
+use crate::camera::Camera;
+use crate::light::Light;
+use crate::world::{Body, Material, World};
+
+/// The scene ready for tracing.
+pub struct Rig {
+    pub camera: Camera,
+    pub light: Light,
+    /// One per channel; they differ in their materials only.
+    pub worlds: Vec<World>,
+    /// For each body, the place of its object in the scene.
+    pub object_of: Vec<usize>,
+}
+
+impl Rig {
+    pub fn of(scene: &Scene) -> Result<Self, Error> {
+        let missing = |what: &str| Error::failed(format!("the scene has no {what} that can be used"));
+        let c = scene.camera.as_ref().ok_or_else(|| missing("camera"))?;
+        let p = scene.projector.as_ref().ok_or_else(|| missing("projector"))?;
+        let view = |position: [f64; 3], look_at: [f64; 3], up: [f64; 3], field: [f64; 2]| {
+            View::new(position.into(), look_at.into(), up.into(), field.into())
+        };
+        let camera_view = view(c.position, c.look_at, c.up, c.field).map_err(|_| missing("camera"))?;
+        let light_view = view(p.position, p.look_at, p.up, p.field).map_err(|_| missing("projector"))?;
+        let camera = Camera { view: camera_view, columns: c.pixels[0] as usize, rows: c.pixels[1] as usize };
+        let mut order: Vec<usize> = (0..scene.objects.len()).collect();
+        let objects: Vec<_> = scene.objects.values().collect();
+        order.sort_by_key(|&i| std::cmp::Reverse(objects[i].priority));
+        let worlds = (0..scene.channels()).map(|channel| {
+            let mut materials = vec![Material::VOID];
+            let bodies = order.iter().map(|&i| {
+                let medium = objects[i].medium.as_ref().map(|m| &scene.media[m]);
+                let material = match (objects[i].surface, medium) {
+                    (Surface::Lambertian(rho), _) => Material { lambertian: Some(rho), ..Material::VOID },
+                    (Surface::Smooth, Some(m)) => {
+                        let (mu_a, mu_s) = (m.mu_a[channel], m.mu_s[channel]);
+                        // Without scattering g means nothing; equal materials shall be one.
+                        Material { mu_a, mu_s, g: if mu_s > 0.0 { m.g } else { 0.0 }, lambertian: None }
+                    }
+                    (Surface::Smooth, None) => Material::VOID,
+                };
+                let index = materials.iter().position(|m| *m == material).unwrap_or(materials.len());
+                if index == materials.len() {
+                    materials.push(material);
+                }
+                Body { solid: solid(&objects[i].shape), material: index }
+            });
+            let bodies = bodies.collect();
+            World { bodies, materials }
+        });
+        let light = Light::new(light_view, p.power, p.profile == Profile::Flat);
+        Ok(Self { camera, light, worlds: worlds.collect(), object_of: order })
+    }
+}
+
+fn solid(shape: &Shape) -> Solid {
+    match *shape {
+        Shape::Slab { top, bottom } => Solid::Slab { bottom, top },
+        Shape::Box { size, center } => {
+            let (half, center) = (0.5 * DVec3::from(size), DVec3::from(center));
+            Solid::Box { low: center - half, high: center + half }
+        }
+        Shape::Sphere { diameter, center } => {
+            Solid::Ellipsoid { center: center.into(), radii: DVec3::splat(0.5 * diameter) }
+        }
+        Shape::Spheroid { diameters, center } => {
+            Solid::Ellipsoid { center: center.into(), radii: 0.5 * DVec3::from(diameters) }
+        }
+    }
+}

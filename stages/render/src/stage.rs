@@ -1,0 +1,89 @@
+//! The stage: checks, traces, and fills the ports that are wanted.
+
+use turbid_contract::payload::{Covariance, Frames, Scene, Truth, White};
+use turbid_contract::{Ctx, Error, Known, Problems, Stage, StagePlan, in_ports, out_ports};
+
+use crate::frames::Images;
+use crate::params::Params;
+use crate::rig::Rig;
+use crate::trace::trace;
+use crate::truth::truth;
+
+in_ports! {
+    pub struct In {
+        /// The scene to look at.
+        scene: one Scene,
+    }
+}
+
+out_ports! {
+    pub struct Out {
+        /// Radiance for every spatial frequency, orientation and phase, with standard errors.
+        frames: one Frames,
+        /// Per pixel, of M_DC and of re, im of every f_x > 0.
+        covariance: optional Covariance,
+        /// mu_a, mu_s_prime, height, depth, normal, object at the pixel centres.
+        truth: optional Truth,
+        /// The frame under the pattern 1.
+        white: optional White,
+    }
+}
+
+pub struct RenderStage;
+
+impl Stage for RenderStage {
+    const NAME: &'static str = "render";
+    const VERSION: u32 = 1;
+    const ABOUT: &'static str =
+        "Renders camera frames under projected sinusoids by unbiased path tracing, with standard errors";
+    const STOPPING: &'static [&'static str] = &["samples", "target_error", "max_seconds"];
+
+    type Params = Params;
+    type In = In<'static>;
+    type Out = Out;
+
+    fn draws(_: &Params) -> bool {
+        true
+    }
+
+    fn check(params: &Params, known: &Known, problems: &mut Problems) {
+        params.check(problems);
+        if let Some(scene) = known.get::<Scene>("scene") {
+            params.check_scene(&scene, problems);
+        }
+    }
+
+    fn plan(params: &Params, known: &Known) -> StagePlan {
+        crate::plan::plan(params, known.get::<Scene>("scene").as_ref())
+    }
+
+    fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
+        let scene = inputs.scene;
+        let mut problems = Problems::default();
+        params.check(&mut problems);
+        params.check_scene(&scene, &mut problems);
+        if let Some(problem) = problems.into_parts().0.into_iter().next() {
+            return Err(Error::Invalid(problem));
+        }
+        let rig = Rig::of(&scene)?;
+        let (channels, n) = trace(params, &rig, ctx)?;
+        let images = Images {
+            params,
+            rows: rig.camera.rows,
+            columns: rig.camera.columns,
+            wavelengths_nm: &scene.wavelengths_nm,
+            channels: &channels,
+            n,
+        };
+        ctx.measure("samples", f64::from(n), "1");
+        if let Some(error) = images.relative_error() {
+            ctx.measure("relative_error", error, "1");
+        }
+        Ok(Out {
+            frames: images.frames(),
+            covariance: ctx.wants("covariance").then(|| images.covariance()),
+            truth: ctx.wants("truth").then(|| truth(&scene, &rig.worlds[0], &rig.object_of, &rig.camera)),
+            white: ctx.wants("white").then(|| images.white()),
+        })
+    }
+}

@@ -1,0 +1,171 @@
+//! Rounds of paths over tiles of pixels, folded in order, until a stopping rule holds.
+
+use turbid_contract::{Ctx, Error};
+use turbid_optics::philox;
+
+use crate::frames::Images;
+use crate::moments::Moments;
+use crate::params::Params;
+use crate::path::{Nee, Setting, Walker};
+use crate::rig::Rig;
+use crate::state::State;
+
+/// Paths per pixel that are summed before they are added to the image: in f64, and always the same ones, so that neither the
+/// thread count nor a stop in between shows in the result.
+const BATCH: u32 = 8;
+/// Pixels of a tile.
+const TILE: usize = 256;
+/// Tiles and batches of a round are chosen so that it holds about this many batches of a pixel.
+const ROUND: usize = 1 << 13;
+/// The error target is tested after this many paths per pixel and after every doubling.
+const FIRST_TEST: u32 = 64;
+/// Seconds between checkpoints.
+const CHECKPOINT_EVERY_S: f64 = 10.0;
+
+/// The sums of every channel, and the paths per pixel that they hold.
+///
+/// Continues the furthest checkpoint that a fresh run would have passed through.
+pub fn trace(params: &Params, rig: &Rig, ctx: Ctx<'_>) -> Result<(Vec<Moments>, u32), Error> {
+    let carriers = params.carriers();
+    let q = 1 + 2 * carriers.len();
+    let job = Job { params, rig, carriers: &carriers, ctx };
+    let cap = params.samples.unwrap_or(u32::MAX);
+    let whole = cap / BATCH * BATCH;
+    let mut state = resume(params, rig, q, whole, ctx);
+    let resumed_at = state.samples;
+    let mut next_checkpoint_s = CHECKPOINT_EVERY_S;
+    let stopped = |state: &State| {
+        let reached = params.target_error.is_some_and(|target| state.history.iter().any(|&(_, e)| e <= target.0));
+        reached || (state.samples > 0 && params.max_seconds.is_some_and(|limit| ctx.time_is_up(limit.0)))
+    };
+    while state.samples < whole && !stopped(&state) {
+        let mut next_test = FIRST_TEST;
+        while next_test <= state.samples {
+            next_test = next_test.saturating_mul(2);
+        }
+        let until = whole.min(next_test);
+        let most = (ROUND / (rig.camera.pixels() * rig.worlds.len())).max(1) as u32 * BATCH;
+        let until = until.min(state.samples.saturating_add(most));
+        if let Err(interrupted) = job.round(&mut state, until) {
+            if state.samples > resumed_at {
+                ctx.checkpoint(&state.to_bytes(), u64::from(state.samples));
+            }
+            return Err(interrupted);
+        }
+        if state.samples == next_test {
+            let error = job.images(&state.channels, state.samples).relative_error();
+            // Where nothing is lit there is nothing to wait for.
+            state.history.push((state.samples, error.unwrap_or(0.0)));
+        }
+        ctx.progress(f64::from(state.samples), params.samples.map(f64::from), "paths per pixel");
+        if ctx.time_is_up(next_checkpoint_s) {
+            while ctx.time_is_up(next_checkpoint_s) {
+                next_checkpoint_s += CHECKPOINT_EVERY_S;
+            }
+            ctx.checkpoint(&state.to_bytes(), u64::from(state.samples));
+        }
+    }
+    if state.samples > resumed_at {
+        ctx.checkpoint(&state.to_bytes(), u64::from(state.samples));
+    }
+    let cut_short = stopped(&state);
+    if whole < cap && params.samples.is_some() && !cut_short {
+        // The last, partial batch is not part of any checkpoint: a longer run has it whole.
+        job.round(&mut state, cap)?;
+    }
+    ctx.measure("flights", state.flights as f64, "1");
+    Ok((state.channels, state.samples))
+}
+
+/// The furthest checkpoint at which a fresh run would not have stopped before.
+fn resume(params: &Params, rig: &Rig, q: usize, whole: u32, ctx: Ctx<'_>) -> State {
+    let (channels, pixels) = (rig.worlds.len(), rig.camera.pixels());
+    let mut at_most = whole;
+    while let Some(bytes) = ctx.resume(u64::from(at_most)) {
+        let Some(state) = State::from_bytes(&bytes, channels, pixels, q) else {
+            ctx.warn("a checkpoint of this render could not be read; it starts anew");
+            break;
+        };
+        let met = params.target_error.and_then(|t| state.history.iter().find(|(_, e)| *e <= t.0)).map(|h| h.0);
+        match met {
+            Some(n) if n < state.samples => at_most = n,
+            _ => return state,
+        }
+    }
+    State::new(channels, pixels, q)
+}
+
+struct Job<'a> {
+    params: &'a Params,
+    rig: &'a Rig,
+    carriers: &'a [crate::light::Carrier],
+    ctx: Ctx<'a>,
+}
+
+impl Job<'_> {
+    fn images<'b>(&'b self, channels: &'b [Moments], n: u32) -> Images<'b> {
+        let camera = &self.rig.camera;
+        Images { params: self.params, rows: camera.rows, columns: camera.columns, wavelengths_nm: &[], channels, n }
+    }
+
+    /// Adds the paths `state.samples .. until` of every pixel.
+    fn round(&self, state: &mut State, until: u32) -> Result<(), Error> {
+        let pixels = self.rig.camera.pixels();
+        let tiles = pixels.div_ceil(TILE);
+        let key = philox::key(self.ctx.seed());
+        let batches = (until - state.samples).div_ceil(BATCH) as usize;
+        let from = state.samples;
+        // Batch after batch, each over all tiles: the order in which they are folded below.
+        let parts = self.ctx.map_tiles(self.rig.worlds.len() * batches * tiles, |i| {
+            let (channel, batch, tile) = (i / tiles / batches, (i / tiles % batches) as u32, i % tiles);
+            let setting = Setting {
+                world: &self.rig.worlds[channel],
+                camera: &self.rig.camera,
+                light: &self.rig.light,
+                carriers: self.carriers,
+                key,
+                channel: channel as u32,
+                nee: Nee::Line,
+            };
+            let first = from + batch * BATCH;
+            let samples = first..until.min(first.saturating_add(BATCH));
+            let pixels = tile * TILE..pixels.min((tile + 1) * TILE);
+            self.tile(setting, pixels, samples)
+        })?;
+        // Nothing of a round that did not come to its end may enter the state.
+        self.ctx.checked()?;
+        if parts.iter().any(|part| part.endless) {
+            return Err(Error::failed_with_hint(
+                "a path of light does not end: it is in a closed space that absorbs nothing",
+                "give a surface a reflectance below 1, or a medium some absorption",
+            ));
+        }
+        for (i, part) in parts.into_iter().enumerate() {
+            state.channels[i / tiles / batches].fold((i % tiles) * TILE, &part.moments);
+            state.flights += part.flights;
+        }
+        state.samples = until;
+        Ok(())
+    }
+
+    fn tile(&self, setting: Setting<'_>, pixels: std::ops::Range<usize>, samples: std::ops::Range<u32>) -> Part {
+        let mut walker = Walker::new(setting);
+        let mut moments = Moments::new(pixels.len(), 1 + 2 * self.carriers.len());
+        for (place, pixel) in pixels.enumerate() {
+            // What was begun is thrown away with the whole round.
+            if self.ctx.cancelled() || walker.endless() {
+                break;
+            }
+            for sample in samples.clone() {
+                moments.add(place, walker.path(pixel, sample));
+            }
+        }
+        Part { moments, flights: walker.take_flights(), endless: walker.endless() }
+    }
+}
+
+struct Part {
+    moments: Moments,
+    flights: u64,
+    endless: bool,
+}

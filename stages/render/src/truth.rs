@@ -1,0 +1,74 @@
+//! The truth port: what stands at the centre of every pixel.
+
+use serde_json::json;
+use turbid_contract::ndarray::Array2;
+use turbid_contract::payload::{MaskReason, Scene, Truth};
+use turbid_contract::{ImageStack, LayerInfo, LayerKind};
+
+use crate::camera::Camera;
+use crate::world::World;
+
+/// The first thing that the ray through a pixel's centre meets that is not void.
+///
+/// `names` are the objects in the order of the scene; `object_of` gives for each body its place among them.
+pub fn truth(scene: &Scene, world: &World, object_of: &[usize], camera: &Camera) -> Truth {
+    let (rows, columns) = (camera.rows, camera.columns);
+    let mut stack = ImageStack::new(rows, columns);
+    let names: Vec<&String> = scene.objects.keys().collect();
+    stack.attributes.insert("objects".to_owned(), json!(names));
+    let mut spans = Vec::new();
+    let hits: Vec<Option<Hit>> = (0..camera.pixels()).map(|p| first_hit(world, camera, p, &mut spans)).collect();
+    let mut push = |info: LayerInfo, value: &dyn Fn(&Hit) -> f64| {
+        let data = hits.iter().map(|hit| hit.as_ref().map_or(0.0, |h| value(h) as f32)).collect();
+        stack.push(info, Array2::from_shape_vec((rows, columns), data).expect("one value per pixel"));
+    };
+    // Optical properties of the object; an opaque one has none and shows 0.
+    let media: Vec<_> = scene.objects.values().map(|o| o.medium.as_ref().map(|m| &scene.media[m])).collect();
+    for channel in 0..scene.channels() {
+        let wavelength = scene.wavelengths_nm.get(channel).copied();
+        let info = |name: &str| LayerInfo { wavelength_nm: wavelength, ..LayerInfo::value(name, "mm^-1") };
+        let of = |hit: &Hit| media[object_of[hit.body]];
+        push(info("mu_a"), &|hit| of(hit).map_or(0.0, |m| m.mu_a[channel]));
+        push(info("mu_s_prime"), &|hit| of(hit).map_or(0.0, |m| m.mu_s[channel] * (1.0 - m.g)));
+    }
+    push(LayerInfo::value("height", "mm"), &|hit| hit.height);
+    push(LayerInfo::value("depth", "mm"), &|hit| hit.depth);
+    for (i, name) in ["normal_x", "normal_y", "normal_z"].into_iter().enumerate() {
+        push(LayerInfo::value(name, "1"), &|hit| hit.normal[i]);
+    }
+    push(LayerInfo::value("object", "1"), &|hit| object_of[hit.body] as f64);
+    let mask =
+        hits.iter().map(|h| if h.is_some() { MaskReason::Good } else { MaskReason::Background }.code()).collect();
+    let mask = Array2::from_shape_vec((rows, columns), mask).expect("one value per pixel");
+    stack.push(LayerInfo::new("mask", LayerKind::Mask, "1"), mask);
+    Truth(stack)
+}
+
+struct Hit {
+    /// The body that fills the space behind the boundary.
+    body: usize,
+    /// World z, mm.
+    height: f64,
+    /// Along the camera's axis, mm.
+    depth: f64,
+    /// Towards the camera.
+    normal: glam::DVec3,
+}
+
+fn first_hit(world: &World, camera: &Camera, pixel: usize, spans: &mut Vec<(f64, f64)>) -> Option<Hit> {
+    let (origin, w) = (camera.view.position, camera.ray(pixel, 0.5, 0.5));
+    let mut wall: Option<usize> = None;
+    for piece in world.trace(origin, w, None, spans) {
+        if piece.material != 0 {
+            let r = origin + piece.start * w;
+            let normal = world.bodies[wall?].solid.normal(r);
+            let normal = if normal.dot(w) > 0.0 { -normal } else { normal };
+            // Which body fills it: the first, in order of priority, that holds a point just inside.
+            let inside = origin + (piece.start + 1e-6 * (piece.end - piece.start).min(1.0)) * w;
+            let body = world.bodies.iter().position(|b| b.solid.contains(inside))?;
+            return Some(Hit { body, height: r.z, depth: piece.start * w.dot(camera.view.forward), normal });
+        }
+        wall = piece.wall;
+    }
+    None
+}

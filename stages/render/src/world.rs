@@ -1,0 +1,189 @@
+//! The scene as a ray sees it: convex bodies in order of priority, and the pieces that they cut a ray into.
+
+use glam::DVec3;
+use turbid_optics::solid::Solid;
+
+/// What fills a piece of a ray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Material {
+    /// mm^-1.
+    pub mu_a: f64,
+    /// mm^-1.
+    pub mu_s: f64,
+    pub g: f64,
+    /// Diffuse reflectance of an opaque body; `None` where light can enter.
+    pub lambertian: Option<f64>,
+}
+
+impl Material {
+    pub const VOID: Self = Self { mu_a: 0.0, mu_s: 0.0, g: 0.0, lambertian: None };
+
+    pub fn mu_t(&self) -> f64 {
+        self.mu_a + self.mu_s
+    }
+}
+
+/// A solid and what fills it, as an index into [`World::materials`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Body {
+    pub solid: Solid,
+    pub material: usize,
+}
+
+/// Bodies, highest priority first; material 0 is void.
+#[derive(Clone, Debug)]
+pub struct World {
+    pub bodies: Vec<Body>,
+    pub materials: Vec<Material>,
+}
+
+/// A point on the surface of a body from which a ray starts, and on which side: with it, no rounding of the point can
+/// put the ray on the wrong side, because bodies are convex.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Skin {
+    pub body: usize,
+    pub inside: bool,
+}
+
+/// Part of a ray within one material.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Piece {
+    pub start: f64,
+    /// Infinite on the way out.
+    pub end: f64,
+    pub material: usize,
+    /// The body whose surface lies at `end`; `None` where `end` is infinite.
+    pub wall: Option<usize>,
+}
+
+/// Pieces shorter than this (mm) are rounding of touching faces.
+const NOTHING: f64 = 1e-10;
+
+impl World {
+    /// Cuts the ray origin + t direction, t > 0, at the bodies. `spans` is scratch.
+    pub fn trace<'a>(
+        &'a self,
+        origin: DVec3,
+        direction: DVec3,
+        skin: Option<Skin>,
+        spans: &'a mut Vec<(f64, f64)>,
+    ) -> Pieces<'a> {
+        spans.clear();
+        for body in &self.bodies {
+            // An empty span never holds a t.
+            spans.push(body.solid.interval(origin, direction).unwrap_or((0.0, 0.0)));
+        }
+        if let Some(Skin { body, inside }) = skin {
+            spans[body] = if inside { (f64::NEG_INFINITY, spans[body].1) } else { (0.0, 0.0) };
+        }
+        Pieces { world: self, spans, t: 0.0 }
+    }
+
+    /// No boundary lies within this distance (mm) of `p`.
+    #[inline]
+    pub fn clearance(&self, p: DVec3) -> f64 {
+        self.bodies.iter().fold(f64::INFINITY, |least, body| least.min(body.solid.clearance(p)))
+    }
+}
+
+/// The pieces of a ray in order; the last one ends at infinity.
+pub struct Pieces<'a> {
+    world: &'a World,
+    spans: &'a [(f64, f64)],
+    t: f64,
+}
+
+impl Pieces<'_> {
+    /// Material at t, and where and at which body it ends.
+    #[inline]
+    fn at(&self, t: f64) -> Piece {
+        let (mut end, mut wall) = (f64::INFINITY, None);
+        for (i, &(enter, leave)) in self.spans.iter().enumerate() {
+            if leave <= t {
+                continue;
+            }
+            let next = if enter > t { enter } else { leave };
+            if next < end {
+                (end, wall) = (next, Some(i));
+            }
+            if enter <= t {
+                // The first that holds t has the highest priority; those after it do not show.
+                return Piece { start: t, end, material: self.world.bodies[i].material, wall };
+            }
+        }
+        Piece { start: t, end, material: 0, wall }
+    }
+}
+
+impl Iterator for Pieces<'_> {
+    type Item = Piece;
+
+    #[inline]
+    fn next(&mut self) -> Option<Piece> {
+        if self.t == f64::INFINITY {
+            return None;
+        }
+        let mut piece = self.at(self.t);
+        while piece.end - piece.start < NOTHING {
+            piece = self.at(piece.end);
+        }
+        // Neighbours of one material are one piece: no boundary lies between them.
+        while piece.end < f64::INFINITY {
+            let next = self.at(piece.end);
+            if next.material != piece.material && next.end - next.start >= NOTHING {
+                break;
+            }
+            (piece.end, piece.wall) = (next.end, next.wall);
+        }
+        self.t = piece.end;
+        Some(piece)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn world() -> World {
+        let medium = |mu_s| Material { mu_a: 0.1, mu_s, g: 0.0, lambertian: None };
+        World {
+            // Highest priority first: void ball in a ball in a slab, beside a block that touches the slab.
+            bodies: vec![
+                Body { solid: Solid::Ellipsoid { center: DVec3::ZERO, radii: DVec3::splat(1.0) }, material: 0 },
+                Body { solid: Solid::Ellipsoid { center: DVec3::ZERO, radii: DVec3::splat(2.0) }, material: 2 },
+                Body { solid: Solid::Slab { bottom: -10.0, top: 0.0 }, material: 1 },
+                Body { solid: Solid::Slab { bottom: -20.0, top: -10.0 }, material: 1 },
+            ],
+            materials: vec![Material::VOID, medium(1.0), medium(2.0)],
+        }
+    }
+
+    fn cut(origin: DVec3, direction: DVec3, skin: Option<Skin>) -> Vec<(f64, f64, usize)> {
+        let (world, mut spans) = (world(), Vec::new());
+        world.trace(origin, direction, skin, &mut spans).map(|p| (p.start, p.end, p.material)).collect()
+    }
+
+    #[test]
+    fn priorities_carve_and_touching_slabs_of_one_medium_are_one() {
+        let inf = f64::INFINITY;
+        assert_eq!(
+            cut(DVec3::new(0.0, 0.0, 5.0), DVec3::NEG_Z, None),
+            [(0.0, 3.0, 0), (3.0, 4.0, 2), (4.0, 6.0, 0), (6.0, 7.0, 2), (7.0, 25.0, 1), (25.0, inf, 0)]
+        );
+        assert_eq!(cut(DVec3::new(5.0, 0.0, -3.0), DVec3::Z, None), [(0.0, 3.0, 1), (3.0, inf, 0)]);
+        assert_eq!(cut(DVec3::new(5.0, 0.0, 1.0), DVec3::X, None), [(0.0, inf, 0)]);
+    }
+
+    /// From the skin of the outer ball, slightly off by rounding, the side is the one that was said.
+    #[test]
+    fn a_skin_settles_the_side() {
+        for off in [-1e-15, 0.0, 1e-15] {
+            let p = DVec3::new(0.0, 0.0, 2.0 + off);
+            let outside = cut(p, DVec3::Z, Some(Skin { body: 1, inside: false }));
+            assert_eq!(outside, [(0.0, f64::INFINITY, 0)]);
+            let inside = cut(p, DVec3::NEG_Z, Some(Skin { body: 1, inside: true }));
+            assert_eq!(inside[0].2, 2);
+            assert!((inside[0].1 - 1.0).abs() < 1e-14);
+        }
+    }
+}
