@@ -10,6 +10,8 @@ use super::source::{SourceFile, Span};
 const SHOWN: usize = 110;
 /// More mistakes than this are counted, not shown.
 const MAX_SHOWN: usize = 50;
+/// More mistakes than this are not even looked at.
+const MAX_FOUND: usize = 200;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
@@ -36,8 +38,10 @@ pub struct Diagnostic {
     pub message: String,
     /// The way out.
     pub hint: Option<String>,
-    /// The source line, without its line break.
+    /// The source line, without its line break; of a long line, what stands around `column`.
     pub source: String,
+    /// Characters of the line that are left out before `source`.
+    skipped: u32,
     /// Follows from a mistake that is reported at the same place already.
     pub(super) follow_up: bool,
 }
@@ -55,6 +59,7 @@ impl Diagnostic {
             message: message.into(),
             hint,
             source: String::new(),
+            skipped: 0,
             follow_up: false,
         }
     }
@@ -62,15 +67,25 @@ impl Diagnostic {
     /// An error at `span` of one of `sources`.
     pub(super) fn at(sources: &[SourceFile], span: Span, path: impl Into<String>, message: impl Into<String>) -> Self {
         let file = sources.get(span.file as usize);
+        let line = file.and_then(|f| f.line(span.line)).unwrap_or_default();
+        let (source, skipped) = around(line, span.column);
         Self {
             file: file.map(|f| f.name.clone()).unwrap_or_default(),
             line: span.line,
             column: span.column,
             len: span.len,
             path: path.into(),
-            source: file.and_then(|f| f.line(span.line)).unwrap_or_default().to_owned(),
+            source,
+            skipped,
             ..Self::error(message, None)
         }
+    }
+
+    /// The same mistake, shown in another spelling of its line.
+    #[must_use]
+    pub(super) fn shown_in(self, line: &str) -> Self {
+        let (source, skipped) = around(line, self.column);
+        Self { source, skipped, ..self }
     }
 
     #[must_use]
@@ -115,7 +130,7 @@ impl Diagnostic {
         }
         writeln!(f, "{}", self.message)?;
         if self.line > 0 {
-            let (text, caret) = excerpt(&self.source, self.column as usize, self.len as usize);
+            let (text, caret) = excerpt(&self.source, self.skipped, self.column, self.len);
             let number = self.line.to_string();
             writeln!(f, " {cyan}{number:>4} |{reset} {text}")?;
             writeln!(f, " {:>4} {cyan}|{reset} {mark}{caret}{reset}", "")?;
@@ -127,29 +142,35 @@ impl Diagnostic {
     }
 }
 
-/// The part of `line` around `column`, and the carets to stand below it.
-fn excerpt(line: &str, column: usize, len: usize) -> (String, String) {
-    let chars: Vec<char> = line.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
-    let at = column.saturating_sub(1).min(chars.len());
-    let from = if chars.len() <= SHOWN { 0 } else { at.saturating_sub(SHOWN / 2) };
-    let to = chars.len().min(from + SHOWN);
-    let mut text: String = chars[from..to].iter().collect();
-    let mut caret = " ".repeat(at - from);
-    if from > 0 {
-        text.insert_str(0, "... ");
-        caret.insert_str(0, "    ");
+/// What is shown of a line, and how many characters are left out before it.
+fn around(line: &str, column: u32) -> (String, u32) {
+    let at = column.saturating_sub(1) as usize;
+    // Bytes are at least as many as characters, so short lines need no counting.
+    let skipped = if line.len() <= SHOWN { 0 } else { at.saturating_sub(SHOWN / 2) };
+    let plain = |c: char| if c.is_control() { ' ' } else { c };
+    let mut shown: String = line.chars().skip(skipped).take(SHOWN + 1).map(plain).collect();
+    if shown.chars().count() > SHOWN {
+        shown.pop();
+        shown.push_str(" ...");
     }
-    if to < chars.len() {
-        text.push_str(" ...");
-    }
-    caret.push_str(&"^".repeat(len.clamp(1, (to - at).max(1))));
-    (text.trim_end().to_owned(), caret)
+    (shown, skipped as u32)
+}
+
+/// The line as shown, and the carets to stand below it.
+fn excerpt(source: &str, skipped: u32, column: u32, len: u32) -> (String, String) {
+    let before = if skipped > 0 { "... " } else { "" };
+    let shown = source.strip_suffix(" ...").unwrap_or(source).chars().count();
+    let at = (column.saturating_sub(1).saturating_sub(skipped) as usize).min(shown);
+    let caret = " ".repeat(before.len() + at) + &"^".repeat((len as usize).clamp(1, (shown - at).max(1)));
+    (format!("{before}{source}").trim_end().to_owned(), caret)
 }
 
 /// Mistakes and warnings, in the order of their places, each once.
 #[derive(Clone, Debug, Default)]
 pub struct Report {
     found: Vec<Diagnostic>,
+    /// Mistakes beyond those in `found`.
+    more: usize,
 }
 
 impl Report {
@@ -161,6 +182,15 @@ impl Report {
 
     pub fn extend(&mut self, more: impl IntoIterator<Item = Diagnostic>) {
         more.into_iter().for_each(|d| self.push(d));
+    }
+
+    /// Whether further mistakes are only counted.
+    pub(super) fn is_full(&self) -> bool {
+        self.found.len() >= MAX_FOUND
+    }
+
+    pub(super) fn count(&mut self) {
+        self.more += 1;
     }
 
     pub fn into_vec(self) -> Vec<Diagnostic> {
@@ -195,8 +225,9 @@ impl Report {
         for diagnostic in all.iter().take(MAX_SHOWN) {
             diagnostic.write(&mut text, colour).expect("writing to a String cannot fail");
         }
-        if all.len() > MAX_SHOWN {
-            writeln!(text, "and {} more", all.len() - MAX_SHOWN).expect("writing to a String cannot fail");
+        let more = all.len().saturating_sub(MAX_SHOWN) + self.more;
+        if more > 0 {
+            writeln!(text, "and {more} more").expect("writing to a String cannot fail");
         }
         text
     }

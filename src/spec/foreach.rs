@@ -14,6 +14,12 @@ use super::reader::Reader;
 use super::source::{SourceFile, Span};
 use super::suggest;
 
+/// Keys of a `foreach` that are not themselves axes.
+pub const GRAMMAR: [&str; 3] = ["zip", "csv", "draw"];
+
+/// More axes than this on one stage are a mistake.
+const MAX_AXES: usize = 100;
+
 /// The axes that a stage adds to those of its inputs.
 #[derive(Clone, Debug)]
 pub struct Foreach {
@@ -44,6 +50,10 @@ impl Foreach {
     pub fn parse(section: &Entry, path: &str, reader: &mut Reader<'_>) -> Option<Self> {
         let rule = "a map of axes, such as {mu_a: [0.01, 0.1]}";
         if !reader.is_map(&section.value, section.at, path, rule) {
+            return None;
+        }
+        if section.value.entries().len() > MAX_AXES {
+            reader.error(section.at, path, format!("more than {MAX_AXES} axes on one stage"), None);
             return None;
         }
         let mut groups: Vec<Group> = Vec::new();
@@ -128,7 +138,7 @@ fn csv_group(file: &Node, at: Span, path: &str, reader: &mut Reader<'_>) -> Opti
 }
 
 fn read_table(path: &Path) -> Result<csv::Table, String> {
-    let table = csv::parse(&SourceFile::read(path)?.text)?;
+    let table = csv::parse(&SourceFile::read(path, "a CSV file", 64 << 20)?.text)?;
     let mut seen = HashSet::new();
     match table.rows.iter().position(|row| !seen.insert(Value::from(row.clone()).to_string())) {
         Some(twice) => Err(format!("row {} repeats an earlier one", twice + 1)),

@@ -7,14 +7,16 @@ use super::diagnostic::{Diagnostic, Report};
 use super::node::{Data, Node};
 use super::parse::{join, parse};
 use super::reader::Reader;
-use super::source::{SourceFile, Span};
+use super::source::{MAX_PIPELINE, SourceFile, Span};
+
+const WHAT: &str = "a pipeline file";
 
 /// More files than this are a mistake (and bound what repeated includes can cost).
 const MAX_FILES: usize = 100;
 
 /// Reads `path` and everything it includes into one tree.
 pub fn read_all(path: &Path, sources: &mut Vec<SourceFile>, report: &mut Report) -> Option<Node> {
-    match SourceFile::read(path) {
+    match SourceFile::read(path, WHAT, MAX_PIPELINE) {
         Ok(file) => read_one(file, path, &mut Vec::new(), sources, report),
         Err(why) => {
             let mut lost = Diagnostic::error(why, None);
@@ -65,6 +67,7 @@ fn read_one(
             Reader { sources, report }.error(span, "include", format!("`{name}` includes itself"), None);
             continue;
         }
+        let left = MAX_PIPELINE.saturating_sub(sources.iter().map(|s| s.text.len() as u64).sum());
         if sources.len() >= MAX_FILES {
             Reader { sources, report }.error(
                 span,
@@ -74,7 +77,7 @@ fn read_one(
             );
             break;
         }
-        match SourceFile::read(&included) {
+        match SourceFile::read(&included, WHAT, left) {
             Ok(file) => {
                 if let Some(tree) = read_one(file, &included, open, sources, report) {
                     merged = Some(match merged {

@@ -51,6 +51,9 @@ use vars::Vars;
 /// The keys of a pipeline file.
 const ROOT_KEYS: [&str; 7] = ["pipeline", "about", "seed", "vars", "include", "stages", "studies"];
 
+/// More stages than this are a mistake (instances are made by `foreach`).
+const MAX_STAGES: usize = 10_000;
+
 /// A pipeline as it stands in its files.
 #[derive(Clone, Debug)]
 pub struct Spec {
@@ -165,25 +168,30 @@ fn read_stages(root: &Node, vars: &Vars, reader: &mut Reader<'_>) -> Vec<StageSp
         return Vec::new();
     }
     let entries = section.value.entries();
+    if entries.len() > MAX_STAGES {
+        let message = format!("{} stages are more than {MAX_STAGES}", entries.len());
+        reader.error(section.at, "stages", message, "`foreach` makes many instances of one stage".to_owned());
+        return Vec::new();
+    }
     if entries.is_empty() {
         reader.error(section.at, "stages", "the pipeline has no stages", None);
     }
     let foreach: Vec<Option<Foreach>> = entries.iter().map(|e| stage::parse_foreach(e, vars, reader)).collect();
     // A stage may use the axes of any stage before it, so all must be known before `with` is read.
-    let axes: BTreeSet<String> = foreach.iter().flatten().flat_map(|f| f.names.clone()).collect();
-    let hopeless = foreach.iter().any(Option::is_none);
-    let mut axes: Vec<&str> = axes.iter().map(String::as_str).collect();
-    let unread = if hopeless { written_axes(entries) } else { Vec::new() };
-    axes.extend(unread.iter().map(String::as_str));
+    let mut axes: BTreeSet<String> = foreach.iter().flatten().flat_map(|f| f.names.clone()).collect();
+    if foreach.iter().any(Option::is_none) {
+        axes.extend(written_axes(entries));
+    }
     let sections = stage::Sections { vars, axes: &axes };
     let read = entries.iter().zip(foreach).enumerate();
-    read.filter_map(|(i, (entry, foreach))| stage::parse(i, entry, foreach, &sections, reader)).collect()
+    read.map(|(i, (entry, foreach))| stage::parse(i, entry, foreach, &sections, reader)).collect()
 }
 
 /// Names below `foreach` as written: where axes are wrong, what uses them is not wrong too.
 fn written_axes(stages: &[Entry]) -> Vec<String> {
     let below = |e: &Entry| e.value.get("foreach").map(|f| f.entries().to_vec()).unwrap_or_default();
-    stages.iter().flat_map(below).map(|e| e.key).collect()
+    let is_axis = |key: &String| !foreach::GRAMMAR.contains(&key.as_str());
+    stages.iter().flat_map(below).map(|e| e.key).filter(is_axis).collect()
 }
 
 impl Spec {
@@ -264,17 +272,23 @@ impl Spec {
         };
         let hint = hint.or_else(look_alike);
         let place = if about_key { key } else { node.span };
-        Diagnostic { follow_up: node.is_broken(), ..Diagnostic::at(&self.sources, place, full, message).hint(hint) }
+        let mut diagnostic = Diagnostic::at(&self.sources, place, full, message).hint(hint);
+        diagnostic.follow_up = node.is_broken();
+        diagnostic
     }
 
-    /// What this version reads and checks but does not run yet: drawn points and studies.
+    /// What this version reads and checks but does not run yet: drawn points (errors), studies (warnings).
     pub fn not_yet(&self) -> Vec<Diagnostic> {
         let drawn = self.stages.iter().enumerate().filter(|(_, s)| s.foreach.draw.is_some()).map(|(i, _)| {
             let message = "points are read and checked, but drawing them comes with a later version";
             let hint = "until then, list the values, or use `linspace`, `logspace` or `csv`".to_owned();
             self.diagnostic(i, Section::Foreach, &["draw"], message, Some(hint))
         });
-        drawn.collect()
+        let studies = self.root.entry("studies").filter(|_| !self.studies.is_empty()).map(|entry| {
+            let message = "studies are read and checked, but running them comes with a later version";
+            Diagnostic::at(&self.sources, entry.at, "studies", message).warning()
+        });
+        drawn.chain(studies).collect()
     }
 
     fn stage_node(&self, stage: usize) -> &Node {

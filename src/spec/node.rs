@@ -81,7 +81,7 @@ impl Node {
     /// What stands here, in words: `the text "abc"`, `a list`.
     pub fn described(&self) -> String {
         match &self.data {
-            Data::Null => "nothing".to_owned(),
+            Data::Null => "empty".to_owned(),
             Data::Bool(b) => format!("{b}"),
             Data::Number(n) => format!("{n}"),
             Data::Text { text, .. } if text.chars().count() <= 60 => format!("the text \"{text}\""),

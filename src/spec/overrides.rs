@@ -28,7 +28,7 @@ pub fn apply(root: &mut Node, overrides: &[String], sources: &mut Vec<SourceFile
         let node = parse(sources, file, &mut found);
         sources[file] = SourceFile::new("--set", "", text.clone());
         // The mistakes show the text as typed, not the blanked one.
-        report.extend(found.into_vec().into_iter().map(|d| Diagnostic { source: text.clone(), ..d }));
+        report.extend(found.into_vec().into_iter().map(|d| d.shown_in(text)));
         let Some(node) = node else { continue };
         let span = Span { file: file as u32, line: 1, column: 1, len: path.chars().count() as u32 };
         if matches!(node.data, Data::Null) && value.trim().is_empty() {

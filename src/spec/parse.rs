@@ -22,7 +22,8 @@ pub fn parse(sources: &[SourceFile], file: usize, report: &mut Report) -> Option
     let mut builder = Builder::new(file as u32);
     let done = builder.read(&sources[file].text);
     let root = match done {
-        Ok(()) => builder.root.take(),
+        // A file without any value, or with comments only, is an empty document.
+        Ok(()) => builder.root.take().or(Some(Node::new(Span { file: file as u32, ..Span::default() }, Data::Null))),
         Err(fatal) => {
             builder.mistakes.push(fatal);
             None
@@ -51,7 +52,24 @@ struct Open {
 
 enum Kind {
     List(Vec<Node>),
-    Map { entries: Vec<Entry>, seen: HashMap<String, u32>, key: Option<(String, Span)>, merges: Vec<Node> },
+    Map { entries: Vec<Entry>, seen: Seen, key: Option<(String, Span)>, merges: Vec<Node> },
+}
+
+/// Places of the keys of a map; empty while the map is small enough to be walked along.
+#[derive(Default)]
+struct Seen(HashMap<String, usize>);
+
+impl Seen {
+    fn find(&mut self, entries: &[Entry], key: &str) -> Option<usize> {
+        const SMALL: usize = 12;
+        if entries.len() < SMALL {
+            return entries.iter().position(|e| e.key == key);
+        }
+        for (i, entry) in entries.iter().enumerate().skip(self.0.len()) {
+            self.0.insert(entry.key.clone(), i);
+        }
+        self.0.get(key).copied()
+    }
 }
 
 struct Builder {
@@ -114,7 +132,7 @@ impl Builder {
                 self.begin(Kind::List(Vec::new()), style, anchor, tag.as_deref(), &marks)
             }
             Event::MappingStart(style, anchor, tag) => {
-                let kind = Kind::Map { entries: Vec::new(), seen: HashMap::new(), key: None, merges: Vec::new() };
+                let kind = Kind::Map { entries: Vec::new(), seen: Seen::default(), key: None, merges: Vec::new() };
                 self.begin(kind, style, anchor, tag.as_deref(), &marks)
             }
             Event::SequenceEnd | Event::MappingEnd => self.end(&marks),
@@ -193,8 +211,7 @@ impl Builder {
             Kind::List(items) => Data::List(items),
             Kind::Map { mut entries, mut seen, merges, .. } => {
                 for merged in merges.iter().flat_map(Node::entries) {
-                    if !seen.contains_key(&merged.key) {
-                        seen.insert(merged.key.clone(), merged.at.line);
+                    if seen.find(&entries, &merged.key).is_none() {
                         entries.push(merged.clone());
                     }
                 }
@@ -240,17 +257,14 @@ impl Builder {
                 if name == "<<" {
                     return self.merge(node, at);
                 }
-                match seen.get(&name).copied() {
+                match seen.find(entries, &name).map(|at| entries[at].at.line) {
                     Some(line) => {
                         let message = format!("the key `{}` stands twice in this map", shortened(&name));
                         let mut mistake = self.mistake(at, message, Some(format!("it is first in line {line}")));
                         mistake.path = join(&mistake.path, &name);
                         self.mistakes.push(mistake);
                     }
-                    None => {
-                        seen.insert(name.clone(), at.line);
-                        entries.push(Entry { key: name, at, value: node });
-                    }
+                    None => entries.push(Entry { key: name, at, value: node }),
                 }
             }
         }

@@ -1,5 +1,6 @@
 //! What the readers of all sections share: reporting at a place, and "this must be a text, a map, a whole number".
 
+use super::axis;
 use super::diagnostic::{Diagnostic, Report};
 use super::node::{Data, Node};
 use super::parse::join;
@@ -15,6 +16,10 @@ pub struct Reader<'a> {
 
 impl Reader<'_> {
     pub fn error(&mut self, span: Span, path: &str, message: impl Into<String>, hint: impl Into<Option<String>>) {
+        // Beyond that they are counted only: in a huge line each excerpt costs a walk along it.
+        if self.report.is_full() {
+            return self.report.count();
+        }
         self.report.push(Diagnostic::at(self.sources, span, path, message).hint(hint));
     }
 
@@ -29,7 +34,7 @@ impl Reader<'_> {
         };
         let name = path.rsplit('.').next().unwrap_or(path);
         let place = if node.span.len == 0 { key } else { node.span };
-        self.error(place, path, format!("`{name}` is {} but must be {rule}", node.described()), hint);
+        self.error(place, path, format!("`{name}` is {}, but must be {rule}", node.described()), hint);
     }
 
     pub fn text<'n>(&mut self, node: &'n Node, key: Span, path: &str, rule: &str) -> Option<&'n str> {
@@ -54,7 +59,7 @@ impl Reader<'_> {
 
     pub fn whole_number(&mut self, node: &Node, key: Span, path: &str) -> Option<u64> {
         if let Data::Number(n) = &node.data
-            && let Some(n) = n.as_u64()
+            && let Some(n) = axis::normal(n).as_u64()
         {
             return Some(n);
         }
@@ -75,6 +80,10 @@ impl Reader<'_> {
         let mut all_known = true;
         for entry in node.entries().iter().filter(|e| !known.contains(&e.key.as_str())) {
             all_known = false;
+            if self.report.is_full() {
+                self.report.count();
+                continue;
+            }
             let hint = suggest::hint(&entry.key, known.iter().copied());
             let message = format!("{what} has no key `{}`", super::parse::shortened(&entry.key));
             self.error(entry.at, &join(path, &entry.key), message, hint);

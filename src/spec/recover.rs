@@ -131,7 +131,7 @@ fn describe(error: &ParamError) -> (ParamProblem, Option<String>) {
     let field = path.iter().rev().find(|step| step.parse::<usize>().is_err());
     let field = field.map_or_else(|| "`with`".to_owned(), |name| format!("`{name}`"));
     let message = match typed(message) {
-        Some((is, must)) => format!("{field} is {is} but must be {must}"),
+        Some((is, must)) => format!("{field} is {is}, but must be {must}"),
         None => message.to_owned(),
     };
     (ParamProblem { path, message, hint: None }, None)
@@ -146,7 +146,7 @@ fn typed(message: &str) -> Option<(String, String)> {
         Some(("integer" | "boolean", value)) => value.replace('`', ""),
         Some(("floating", value)) => value.replace("point `", "").replace('`', ""),
         _ => match is {
-            "null" => "nothing".to_owned(),
+            "null" => "empty".to_owned(),
             "map" => "a map".to_owned(),
             "sequence" => "a list".to_owned(),
             length if length.parse::<usize>().is_ok() => format!("{length} values"),
@@ -244,8 +244,8 @@ mod tests {
             "camera.position.1: ",
             "camera.pixles: there is no key `pixles` here | did you mean `pixels`?",
             "sampels: there is no key `sampels` here | did you mean `samples`?",
-            "f_x.1: `f_x` is the text \"fast\" but must be a number | ",
-            "f_x.2: `f_x` is true but must be a number | ",
+            "f_x.1: `f_x` is the text \"fast\", but must be a number | ",
+            "f_x.2: `f_x` is true, but must be a number | ",
             "method: there is no choice `pth` here | did you mean `path`?",
             "colour: there is no key `colour` here | ",
         ];
@@ -270,11 +270,11 @@ mod tests {
     #[test]
     fn wrong_kinds_are_said_in_plain_words() {
         for (params, says) in [
-            (json!({"samples": -3}), "samples: `samples` is -3 but must be a whole number, 0 or more"),
-            (json!({"samples": 1.5}), "samples: `samples` is 1.5 but must be a whole number, 0 or more"),
-            (json!({"camera": 3}), "camera: `camera` is 3 but must be a map"),
-            (json!({"camera": {"pixels": [1]}}), "camera.pixels: `pixels` is 1 values but must be a list of 2 values"),
-            (json!({"f_x": 0.1}), "f_x: `f_x` is 0.1 but must be a list"),
+            (json!({"samples": -3}), "samples: `samples` is -3, but must be a whole number, 0 or more"),
+            (json!({"samples": 1.5}), "samples: `samples` is 1.5, but must be a whole number, 0 or more"),
+            (json!({"camera": 3}), "camera: `camera` is 3, but must be a map"),
+            (json!({"camera": {"pixels": [1]}}), "camera.pixels: `pixels` is 1 values, but must be a list of 2 values"),
+            (json!({"f_x": 0.1}), "f_x: `f_x` is 0.1, but must be a list"),
         ] {
             let found = problems(params);
             assert!(found.iter().any(|f| f.starts_with(says)), "{says}\n{found:#?}");

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 /// Larger files are not pipelines; refusing them keeps a wrong argument from costing minutes.
-const MAX_BYTES: u64 = 8 << 20;
+pub const MAX_PIPELINE: u64 = 8 << 20;
 
 /// A place in one of the source files.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -35,8 +35,8 @@ pub struct SourceFile {
 }
 
 impl SourceFile {
-    /// Reads a pipeline file; the error says in plain words why it cannot be one.
-    pub fn read(path: &Path) -> Result<Self, String> {
+    /// Reads a text file of at most `max` bytes; the error says in plain words why it cannot be `what`.
+    pub fn read(path: &Path, what: &str, max: u64) -> Result<Self, String> {
         let unreadable = |e: std::io::Error| match e.kind() {
             std::io::ErrorKind::NotFound => "the file does not exist".to_owned(),
             std::io::ErrorKind::PermissionDenied => "the file may not be read (permission denied)".to_owned(),
@@ -45,15 +45,15 @@ impl SourceFile {
         // Asked before opening: to open a pipe that nobody writes to would wait for ever.
         let kind = std::fs::metadata(path).map_err(unreadable)?;
         if kind.is_dir() {
-            return Err("this is a directory, not a pipeline file".to_owned());
+            return Err(format!("this is a directory, not {what}"));
         }
         if !kind.is_file() {
             return Err("this is not a regular file".to_owned());
         }
         let mut bytes = Vec::new();
-        File::open(path).and_then(|f| f.take(MAX_BYTES + 1).read_to_end(&mut bytes)).map_err(unreadable)?;
-        if bytes.len() as u64 > MAX_BYTES {
-            return Err(format!("the file is larger than {} MiB, which no pipeline file is", MAX_BYTES >> 20));
+        File::open(path).and_then(|f| f.take(max + 1).read_to_end(&mut bytes)).map_err(unreadable)?;
+        if bytes.len() as u64 > max {
+            return Err(format!("the file is larger than {} MiB, too large for {what}", max >> 20));
         }
         let text = decode(bytes)?;
         let base = path.parent().map(Path::to_path_buf).unwrap_or_default();

@@ -1,5 +1,7 @@
 //! `stages:` — one step of the pipeline each.
 
+use std::collections::BTreeSet;
+
 use super::foreach::Foreach;
 use super::input::InputSpec;
 use super::node::{Data, Entry, Node};
@@ -33,7 +35,7 @@ pub struct StageSpec {
 /// What `${}` may name: vars, and the axes of the whole pipeline.
 pub struct Sections<'a> {
     pub vars: &'a Vars,
-    pub axes: &'a [&'a str],
+    pub axes: &'a BTreeSet<String>,
 }
 
 /// Reads the `foreach` of a stage.
@@ -54,16 +56,14 @@ pub fn parse(
     foreach: Option<Foreach>,
     sections: &Sections<'_>,
     reader: &mut Reader<'_>,
-) -> Option<StageSpec> {
+) -> StageSpec {
     let path = join("stages", &entry.key);
-    if !reader.name(&entry.key, entry.at, &path, "a stage") {
-        return None;
-    }
+    let named = reader.name(&entry.key, entry.at, &path, "a stage");
     let mut stage = StageSpec {
         name: entry.key.clone(),
         use_name: String::new(),
         inputs: Vec::new(),
-        broken: foreach.is_none(),
+        broken: foreach.is_none() || !named,
         foreach: foreach.unwrap_or_default(),
         product: false,
         seed: None,
@@ -72,7 +72,7 @@ pub fn parse(
     };
     if !reader.is_map(&entry.value, entry.at, &path, "a map with `use`, and with `in` and `with` where needed") {
         stage.broken = true;
-        return Some(stage);
+        return stage;
     }
     stage.broken |= !reader.known_keys(&entry.value, &path, &KEYS, "a stage");
     match entry.value.entry("use") {
@@ -118,7 +118,7 @@ pub fn parse(
         let value = sections.vars.expand(&e.value, &path, reader);
         stage.seed = reader.whole_number(&value, e.at, &path);
     }
-    Some(stage)
+    stage
 }
 
 /// A section that is there and not empty.

@@ -13,6 +13,9 @@ use super::suggest;
 /// What a study can report about an estimate.
 pub const ERRORS: [&str; 5] = ["rmse_percent", "bias_percent", "masked_percent", "rmse", "bias"];
 
+/// More than this in one study is a mistake.
+const MAX_VARIED: usize = 100;
+
 /// `{vary: {stages.frames.with.samples: [16, 64]}, estimate: maps.mu_a, truth: frames.truth, error: rmse_percent}`
 #[derive(Clone, Debug, PartialEq)]
 pub struct StudySpec {
@@ -66,6 +69,10 @@ impl StudySpec {
 
 fn parse_vary(section: &Entry, root: &Node, path: &str, reader: &mut Reader<'_>) -> Option<Vec<(String, Vec<Value>)>> {
     if !reader.is_map(&section.value, section.at, path, "a map such as {vars.samples: [16, 64]}") {
+        return None;
+    }
+    if section.value.entries().len() > MAX_VARIED {
+        reader.error(section.at, path, format!("a study varies at most {MAX_VARIED} things"), None);
         return None;
     }
     let mut found = Vec::new();

@@ -1,10 +1,11 @@
 //! `with:` of a stage, prepared once so that each of 10,000 instances only touches what holds `${axis}`.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde_json::{Map, Value};
 use turbid_contract::Axes;
 
+use super::axis;
 use super::node::{Data, Node};
 use super::parse::join;
 use super::reader::Reader;
@@ -30,6 +31,15 @@ enum Step {
     Index(usize),
 }
 
+impl Step {
+    fn text(&self) -> String {
+        match self {
+            Self::Key(key) => key.clone(),
+            Self::Index(i) => i.to_string(),
+        }
+    }
+}
+
 /// A name that an instance does not know.
 pub struct Unfilled {
     /// Below `with`.
@@ -46,9 +56,9 @@ impl Default for Template {
 
 impl Template {
     /// Prepares `node`; `axes` are the names that any instance of the pipeline may carry.
-    pub fn compile(node: &Node, path: &str, vars: &Vars, axes: &[&str], reader: &mut Reader<'_>) -> Self {
+    pub fn compile(node: &Node, path: &str, vars: &Vars, axes: &BTreeSet<String>, reader: &mut Reader<'_>) -> Self {
         let mut slots = Vec::new();
-        let base = build(node, path, &mut Vec::new(), &mut slots, &mut Build { vars, axes, reader });
+        let base = build(node, &mut Vec::new(), &mut slots, &mut Build { path, vars, axes, reader });
         Self { base, slots }
     }
 
@@ -82,7 +92,8 @@ impl Slot {
                 return Err((Some(name.clone()), format!("`${{{name}}}` is an axis that this stage does not carry")));
             }
         }
-        fill(&self.cut, |name| find(name).expect("all names were looked up above")).map_err(|message| (None, message))
+        let filled = fill(&self.cut, |name| find(name).expect("all names were looked up above"));
+        filled.map(normalised).map_err(|message| (None, message))
     }
 
     fn place<'v>(&self, params: &'v mut Value) -> &'v mut Value {
@@ -93,23 +104,32 @@ impl Slot {
     }
 
     fn path(&self) -> Vec<String> {
-        let text = |step: &Step| match step {
-            Step::Key(key) => key.clone(),
-            Step::Index(i) => i.to_string(),
-        };
-        self.steps.iter().map(text).collect()
+        self.steps.iter().map(Step::text).collect()
+    }
+}
+
+/// `samples: 1e3` is a whole number too: 1000.0 becomes 1000, which every number field takes.
+fn normalised(value: Value) -> Value {
+    match value {
+        Value::Number(n) => axis::normal(&n),
+        Value::Array(items) => items.into_iter().map(normalised).collect(),
+        Value::Object(map) => Value::Object(map.into_iter().map(|(key, v)| (key, normalised(v))).collect()),
+        other => other,
     }
 }
 
 struct Build<'a, 'r, 's> {
+    /// Of the whole; that of a part is made only for a message.
+    path: &'a str,
     vars: &'a Vars,
-    axes: &'a [&'a str],
+    axes: &'a BTreeSet<String>,
     reader: &'r mut Reader<'s>,
 }
 
-fn build(node: &Node, path: &str, steps: &mut Vec<Step>, slots: &mut Vec<Slot>, with: &mut Build<'_, '_, '_>) -> Value {
+fn build(node: &Node, steps: &mut Vec<Step>, slots: &mut Vec<Slot>, with: &mut Build<'_, '_, '_>) -> Value {
     match &node.data {
         Data::Text { text, .. } if is_dynamic(text) => {
+            let path = &steps.iter().fold(with.path.to_owned(), |path, step| join(&path, &step.text()));
             let cut = match pieces(text) {
                 Ok(cut) => cut,
                 Err(message) => {
@@ -120,12 +140,12 @@ fn build(node: &Node, path: &str, steps: &mut Vec<Step>, slots: &mut Vec<Slot>, 
             if !with.vars.check_names(&cut, with.axes, node, path, with.reader) {
                 return Value::Null;
             }
-            if cut.iter().any(|p| matches!(p, Piece::Name(name) if with.axes.contains(&name.as_str()))) {
+            if cut.iter().any(|p| matches!(p, Piece::Name(name) if with.axes.contains(name))) {
                 slots.push(Slot { steps: steps.clone(), cut });
                 return Value::Null;
             }
             let filled = fill(&cut, |name| &with.vars.values[name]).and_then(|value| with.vars.pay(value, path));
-            filled.unwrap_or_else(|message| {
+            filled.map(normalised).unwrap_or_else(|message| {
                 with.reader.error(node.span, path, message, None);
                 Value::Null
             })
@@ -134,7 +154,7 @@ fn build(node: &Node, path: &str, steps: &mut Vec<Step>, slots: &mut Vec<Slot>, 
             let mut values = Vec::with_capacity(items.len());
             for (i, item) in items.iter().enumerate() {
                 steps.push(Step::Index(i));
-                values.push(build(item, &join(path, &i.to_string()), steps, slots, with));
+                values.push(build(item, steps, slots, with));
                 steps.pop();
             }
             Value::Array(values)
@@ -143,12 +163,12 @@ fn build(node: &Node, path: &str, steps: &mut Vec<Step>, slots: &mut Vec<Slot>, 
             let mut map = Map::new();
             for entry in entries {
                 steps.push(Step::Key(entry.key.clone()));
-                let value = build(&entry.value, &join(path, &entry.key), steps, slots, with);
+                let value = build(&entry.value, steps, slots, with);
                 map.insert(entry.key.clone(), value);
                 steps.pop();
             }
             Value::Object(map)
         }
-        _ => node.to_json(),
+        _ => normalised(node.to_json()),
     }
 }

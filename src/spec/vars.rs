@@ -120,7 +120,7 @@ impl Vars {
                 return None;
             }
         };
-        if !self.check_names(&cut, &[], node, path, reader) {
+        if !self.check_names(&cut, &BTreeSet::new(), node, path, reader) {
             return None;
         }
         let filled = fill(&cut, |name| &self.values[name]).and_then(|value| self.pay(value, path));
@@ -128,16 +128,23 @@ impl Vars {
     }
 
     /// Reports names that are neither vars nor `axes`; whether all names can be used.
-    pub fn check_names(&self, cut: &[Piece], axes: &[&str], node: &Node, path: &str, reader: &mut Reader<'_>) -> bool {
+    pub fn check_names(
+        &self,
+        cut: &[Piece],
+        axes: &BTreeSet<String>,
+        node: &Node,
+        path: &str,
+        reader: &mut Reader<'_>,
+    ) -> bool {
         let mut usable = true;
         for piece in cut {
             let Piece::Name(name) = piece else { continue };
-            if self.values.contains_key(name) || axes.contains(&name.as_str()) {
+            if self.values.contains_key(name) || axes.contains(name) {
                 continue;
             }
             usable = false;
             if !self.is_broken(name) {
-                let known = self.values.keys().map(String::as_str).chain(axes.iter().copied());
+                let known = self.values.keys().map(String::as_str).chain(axes.iter().map(String::as_str));
                 let hint = suggest::hint(name, known)
                     .or_else(|| Some("this pipeline has no vars and no axes of that name".to_owned()));
                 let what = if axes.is_empty() { "a var" } else { "a var or an axis" };
