@@ -12,6 +12,9 @@ impl Registry {
     /// The stages that turbid ships.
     pub fn builtin() -> Self {
         Self::default()
+            .with::<turbid_compare::Compare>()
+            .with::<turbid_demodulate::Demodulate>()
+            .with::<turbid_scene::SceneStage>()
     }
 
     /// Adds a stage; one of the same name replaces it.

@@ -1,0 +1,152 @@
+//! `turbid cache`: how big the store is, whether it is sound, what it holds, and making room.
+
+use clap::{Args, Subcommand};
+
+use crate::run::log::roots;
+use crate::store::Store;
+
+use super::{Done, Failure, OutputsDir, print};
+
+#[derive(Args)]
+pub struct Cache {
+    #[command(subcommand)]
+    command: Command,
+    #[command(flatten)]
+    outputs: OutputsDir,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// How many results the store holds and how big it is
+    Stat {
+        #[arg(long)]
+        json: bool,
+    },
+    /// Read everything and compare it with its digest
+    Verify {
+        /// Move damaged pieces to quarantine, so that the next run makes them again
+        #[arg(long)]
+        repair: bool,
+        #[arg(long)]
+        json: bool,
+    },
+    /// Print the sorted digests of all blobs
+    Digests,
+    /// Remove the least recently used results until the store is small enough
+    Gc {
+        /// For example 500MB or 20GB
+        #[arg(long, value_name = "SIZE", value_parser = parse_size)]
+        max_size: u64,
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+impl Cache {
+    pub fn run(&self) -> Done {
+        let outputs = self.outputs.path();
+        let fail = |e: crate::store::StoreError| Failure::Failed(e.to_string());
+        match &self.command {
+            Command::Stat { json } => {
+                let stat = self.outputs.store_to_read()?.stat();
+                print(&if *json {
+                    to_json(&stat)
+                } else {
+                    format!(
+                        "{} results, {} blobs, {}",
+                        stat.records,
+                        stat.packed_blobs + stat.loose_blobs,
+                        size_text(stat.bytes)
+                    )
+                });
+            }
+            Command::Verify { repair, json } => {
+                let store = if *repair {
+                    Store::open(outputs).map_err(|e| Failure::Input(e.to_string()))?
+                } else {
+                    self.outputs.store_to_read()?
+                };
+                let report = store.verify(*repair).map_err(fail)?;
+                if *json {
+                    print(&to_json(&report));
+                } else if report.is_clean() {
+                    print(&format!("{} records and {} blobs read, all sound", report.records, report.blobs));
+                } else {
+                    report.findings.iter().for_each(|finding| print(&finding.to_string()));
+                    print(if report.repaired {
+                        "repaired; the next run makes again what is missing"
+                    } else {
+                        "`turbid cache verify --repair` cleans up; the next run makes again what is missing"
+                    });
+                }
+                if !report.is_clean() && !report.repaired {
+                    return Err(Failure::Said);
+                }
+            }
+            Command::Digests => {
+                let digests = self.outputs.store_to_read()?.digests();
+                print(&digests.iter().map(|d| format!("{d}\n")).collect::<String>());
+            }
+            Command::Gc { max_size, json } => {
+                let store = Store::open(outputs).map_err(|e| Failure::Input(e.to_string()))?;
+                let report = store.gc(*max_size, &roots(outputs)).map_err(fail)?;
+                print(&if *json {
+                    to_json(&report)
+                } else {
+                    format!(
+                        "removed {} results, freed {}, {} left",
+                        report.records_removed,
+                        size_text(report.bytes_before.saturating_sub(report.bytes_after)),
+                        size_text(report.bytes_after)
+                    )
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
+fn to_json(report: &impl serde::Serialize) -> String {
+    serde_json::to_string(report).expect("reports are plain data")
+}
+
+fn size_text(bytes: u64) -> String {
+    let units = [("GB", 1e9), ("MB", 1e6), ("kB", 1e3)];
+    match units.iter().find(|(_, size)| bytes as f64 >= *size) {
+        Some((unit, size)) => format!("{:.1} {unit}", bytes as f64 / size),
+        None => format!("{bytes} bytes"),
+    }
+}
+
+/// `500MB`, `20 GB`, `1GiB`, or plain bytes.
+fn parse_size(text: &str) -> Result<u64, String> {
+    let text = text.trim();
+    let split = text.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(text.len());
+    let number: f64 = text[..split].parse().map_err(|_| format!("`{text}` is not a size; write for example 500MB"))?;
+    let factor = match text[split..].trim().to_ascii_lowercase().as_str() {
+        "" | "b" => 1.0,
+        "kb" | "k" => 1e3,
+        "mb" | "m" => 1e6,
+        "gb" | "g" => 1e9,
+        "tb" | "t" => 1e12,
+        "kib" => 1024.0,
+        "mib" => 1024.0 * 1024.0,
+        "gib" => 1024.0 * 1024.0 * 1024.0,
+        unit => return Err(format!("unit `{unit}` is not known; write kB, MB, GB or TB")),
+    };
+    Ok((number * factor) as u64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::parse_size;
+
+    #[test]
+    fn sizes_have_units() {
+        assert_eq!(parse_size("500MB"), Ok(500_000_000));
+        assert_eq!(parse_size("1.5 kB"), Ok(1500));
+        assert_eq!(parse_size("1GiB"), Ok(1 << 30));
+        assert_eq!(parse_size("0"), Ok(0));
+        assert!(parse_size("ten").is_err() && parse_size("5 furlongs").is_err());
+    }
+}

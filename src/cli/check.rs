@@ -1,0 +1,60 @@
+//! `turbid check`: every mistake that can be found before a run.
+
+use clap::Args;
+
+use crate::registry::Registry;
+use crate::resolve::Resolver;
+use crate::spec::{Diagnostic, Report};
+use crate::store::Store;
+
+use super::{Done, Failure, Pipeline, print};
+
+#[derive(Args)]
+pub struct Check {
+    #[command(flatten)]
+    pipeline: Pipeline,
+    /// Print the mistakes as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+impl Check {
+    pub fn run(&self, registry: &Registry) -> Done {
+        let done = self.check(registry);
+        if self.json
+            && let Ok(report) | Err(Failure::Report(report)) = &done
+        {
+            print(&report.to_json().to_string());
+            return if report.has_errors() { Err(Failure::Report(Report::default())) } else { Ok(()) };
+        }
+        let report = done?;
+        for warning in report.diagnostics() {
+            print(&warning.to_string());
+        }
+        Ok(())
+    }
+
+    /// The warnings of a file without mistakes.
+    fn check(&self, registry: &Registry) -> Result<Report, Failure> {
+        let plan = self.pipeline.plan(registry, &[])?;
+        // A store that cannot be used is a mistake too.
+        Store::check(self.pipeline.outputs.path()).map_err(|e| Failure::Input(e.to_string()))?;
+        let store = self.pipeline.store_to_read()?;
+        let resolver = Resolver::new(&plan, &store);
+        let survey = resolver.survey(&[]);
+        let mut report = Report::from(survey.problems);
+        report.extend(plan.spec.not_yet().into_iter().map(Diagnostic::warning));
+        if report.has_errors() {
+            return Err(report.into());
+        }
+        if !self.json {
+            let (stages, instances) = (plan.needed.len(), plan.needed_instances().count());
+            print(&json_free_summary(&plan.spec.pipeline, stages, instances));
+        }
+        Ok(report)
+    }
+}
+
+fn json_free_summary(pipeline: &str, stages: usize, instances: usize) -> String {
+    format!("{pipeline}: {stages} stages, {instances} instances, no mistakes")
+}

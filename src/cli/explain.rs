@@ -1,0 +1,72 @@
+//! `turbid explain`: the fields in which a stage differs from the nearest earlier result.
+
+use clap::Args;
+
+use crate::explain::History;
+use crate::plan::Plan;
+use crate::registry::Registry;
+use crate::resolve::{Resolver, State};
+
+use super::{Done, Failure, Pipeline, print, report_of};
+
+#[derive(Args)]
+pub struct Explain {
+    #[command(flatten)]
+    pipeline: Pipeline,
+    /// The stage to explain
+    stage: String,
+}
+
+impl Explain {
+    pub fn run(&self, registry: &Registry) -> Done {
+        let plan: Plan = self.pipeline.plan(registry, std::slice::from_ref(&self.stage))?;
+        let stage = plan.spec.stages.iter().position(|s| s.name == self.stage).ok_or_else(|| {
+            Failure::Input(format!("there is no stage `{}` in pipeline `{}`", self.stage, plan.spec.pipeline))
+        })?;
+        let store = self.pipeline.store_to_read()?;
+        let resolver = Resolver::new(&plan, &store);
+        let survey = resolver.survey(&[]);
+        let report = report_of(&plan, &survey);
+        if report.has_errors() {
+            return Err(report.into());
+        }
+        let history = History::read(&store);
+        let mut text = String::new();
+        for id in plan.instances_of(stage) {
+            text.push_str(&plan.label(id));
+            match &survey.states[id] {
+                Some(State::Hit(record)) => text.push_str(&format!(": up to date, key {}\n", record.key)),
+                Some(State::Waits(on)) => {
+                    let names: Vec<&str> = on.iter().map(|&s| plan.spec.stages[s].name.as_str()).collect();
+                    text.push_str(&format!(": waits for {}; explain those first\n", names.join(", ")));
+                }
+                Some(State::Run { job, reasons }) => {
+                    text.push_str(&format!(": runs ({})\n", reasons.join("; ")));
+                    match history.nearest(&plan, id, &job.dependencies) {
+                        None => text.push_str("  no earlier result of this kind of stage\n"),
+                        Some((record, differences)) => {
+                            let from = &record.provenance;
+                            text.push_str(&format!(
+                                "  nearest earlier result: {} of {}, key {}\n",
+                                from.stage, from.pipeline, record.key
+                            ));
+                            for difference in differences {
+                                let side =
+                                    |text: &Option<String>| text.clone().unwrap_or_else(|| "(nothing)".to_owned());
+                                text.push_str(&format!(
+                                    "  {}\n    before: {}\n    now:    {}\n",
+                                    difference.field,
+                                    side(&difference.before),
+                                    side(&difference.now)
+                                ));
+                            }
+                        }
+                    }
+                }
+                None => text.push_str(": not needed\n"),
+            }
+        }
+        print(&text);
+        Ok(())
+    }
+}

@@ -1,0 +1,63 @@
+//! `turbid export`: an output as .npz, .mat, .tiff or .csv.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use crate::export::export;
+use crate::registry::Registry;
+use crate::resolve::{Resolver, State};
+
+use super::select::Selector;
+use super::{Done, Failure, Pipeline, print, report_of};
+
+#[derive(Args)]
+pub struct Export {
+    #[command(flatten)]
+    pipeline: Pipeline,
+    /// STAGE[axis=value,…].PORT
+    #[arg(value_name = "STAGE.PORT")]
+    selector: String,
+    /// The file to write: .npz, .mat, .tiff or .csv
+    #[arg(long, value_name = "FILE")]
+    to: PathBuf,
+}
+
+impl Export {
+    pub fn run(&self, registry: &Registry) -> Done {
+        let selector = Selector::parse(&self.selector)?;
+        let Some(port) = &selector.port else {
+            return Err(Failure::Input(format!("`{}` names no output; write {}.PORT", self.selector, selector.stage)));
+        };
+        let plan = self.pipeline.plan(registry, &[format!("{}.{port}", selector.stage)])?;
+        let ids = selector.instances(&plan)?;
+        let [id] = ids.as_slice() else {
+            let some: Vec<String> = ids.iter().take(3).map(|&id| plan.label(id)).collect();
+            return Err(Failure::Input(format!(
+                "`{}` names {} instances ({}, …); pick one with [axis=value]",
+                self.selector,
+                ids.len(),
+                some.join(", ")
+            )));
+        };
+        let store = self.pipeline.store_to_read()?;
+        let resolver = Resolver::new(&plan, &store);
+        let survey = resolver.survey(&[]);
+        let report = report_of(&plan, &survey);
+        if report.has_errors() {
+            return Err(report.into());
+        }
+        let Some(State::Hit(record)) = &survey.states[*id] else {
+            return Err(Failure::Failed(format!(
+                "{} has not run yet with these parameters; try `turbid run {} {}`",
+                plan.label(*id),
+                self.pipeline.file.display(),
+                self.selector
+            )));
+        };
+        let artifact = store.get(&record.ports[port].blob).map_err(|e| Failure::Failed(e.to_string()))?;
+        export(&artifact, &self.to).map_err(|e| Failure::Input(e.to_string()))?;
+        print(&format!("wrote {}", self.to.display()));
+        Ok(())
+    }
+}

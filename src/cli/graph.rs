@@ -1,0 +1,68 @@
+//! `turbid graph`: the stages and how they feed each other, as Mermaid or DOT.
+
+use clap::{Args, ValueEnum};
+
+use crate::plan::Plan;
+use crate::registry::Registry;
+
+use super::{Done, Pipeline, print};
+
+#[derive(Args)]
+pub struct Graph {
+    #[command(flatten)]
+    pipeline: Pipeline,
+    #[arg(long, value_enum, default_value_t = Format::Mermaid)]
+    format: Format,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Format {
+    Mermaid,
+    Dot,
+}
+
+impl Graph {
+    pub fn run(&self, registry: &Registry) -> Done {
+        let plan = self.pipeline.plan(registry, &[])?;
+        print(&draw(&plan, self.format));
+        Ok(())
+    }
+}
+
+fn draw(plan: &Plan, format: Format) -> String {
+    let mut text = match format {
+        Format::Mermaid => "flowchart LR\n".to_owned(),
+        Format::Dot => "digraph pipeline {\n  rankdir=LR;\n  node [shape=box];\n".to_owned(),
+    };
+    for (index, stage) in plan.spec.stages.iter().enumerate() {
+        let count = plan.instances_of(index).len();
+        let times = if count == 1 { String::new() } else { format!(" × {count}") };
+        let line = match format {
+            Format::Mermaid => format!("  s{index}[\"{}{times}<br/>{}\"]\n", stage.name, stage.use_name),
+            Format::Dot => format!("  s{index} [label=\"{}{times}\\n{}\"];\n", stage.name, stage.use_name),
+        };
+        text.push_str(&line);
+    }
+    let mut edges: Vec<(usize, usize, String)> = Vec::new();
+    for instance in &plan.instances {
+        for wire in &instance.wires {
+            for (source, port) in &wire.from {
+                let label = if *port == wire.port { wire.port.to_owned() } else { format!("{port} → {}", wire.port) };
+                let edge = (plan.instances[*source].stage, instance.stage, label);
+                if !edges.contains(&edge) {
+                    edges.push(edge);
+                }
+            }
+        }
+    }
+    for (from, to, label) in edges {
+        text.push_str(&match format {
+            Format::Mermaid => format!("  s{from} -->|{label}| s{to}\n"),
+            Format::Dot => format!("  s{from} -> s{to} [label=\"{label}\"];\n"),
+        });
+    }
+    if matches!(format, Format::Dot) {
+        text.push_str("}\n");
+    }
+    text
+}

@@ -1,0 +1,157 @@
+//! `turbid run`: run what is stale, then say what was done and where it lies.
+
+use std::collections::BTreeMap;
+
+use clap::Args;
+use serde_json::json;
+
+use crate::plan::Plan;
+use crate::registry::Registry;
+use crate::resolve::{Resolver, State};
+use crate::run::log::{Logged, RunLog, note_up_to_date};
+use crate::run::progress::{Json, choose};
+use crate::run::{self, End, Interrupt, Options, Summary, latest};
+use crate::store::Store;
+
+use super::{Done, Failure, Pipeline, print, report_of};
+
+#[derive(Args)]
+pub struct Run {
+    #[command(flatten)]
+    pipeline: Pipeline,
+    /// Stages (or STAGE.PORT) to bring up to date; all leaves by default
+    #[arg(value_name = "STAGE")]
+    targets: Vec<String>,
+    /// Run a stage even where its result is stored
+    #[arg(long, value_name = "STAGE")]
+    force: Vec<String>,
+    /// Go on with what does not depend on a failed stage
+    #[arg(long)]
+    keep_going: bool,
+    /// Threads to use; all by default
+    #[arg(short = 'j', long = "jobs", value_name = "N")]
+    jobs: Option<std::num::NonZeroUsize>,
+    /// Print events as JSON lines
+    #[arg(long)]
+    json: bool,
+}
+
+impl Run {
+    pub fn run(&self, registry: &Registry) -> Done {
+        let began = std::time::Instant::now();
+        let plan = self.pipeline.plan(registry, &self.targets)?;
+        let force = self.forced(&plan)?;
+        let outputs = self.pipeline.outputs.path();
+        let store = Store::open(outputs).map_err(|e| Failure::Input(e.to_string()))?;
+        let resolver = Resolver::new(&plan, &store);
+        let survey = resolver.survey(&force);
+        let report = report_of(&plan, &survey);
+        if report.has_errors() {
+            return Err(report.into());
+        }
+        let progress = choose(self.json);
+        for warning in report.diagnostics() {
+            progress.warn(&warning.path, &warning.message);
+        }
+        let stale = survey.states.iter().flatten().any(|state| !matches!(state, State::Hit(_)));
+        let jobs = self.jobs.or(std::thread::available_parallelism().ok()).map_or(1, std::num::NonZeroUsize::get);
+        let options = Options { jobs, keep_going: self.keep_going, force };
+        let summary = if stale {
+            let interrupt = Interrupt::listen().map_err(|e| Failure::Failed(format!("signals: {e}")))?;
+            let log = RunLog::begin(outputs, &plan).map_err(Failure::Failed)?;
+            let logged = Logged { log: &log, progress: progress.as_ref() };
+            let summary = run::run(&resolver, survey, &options, &logged, &interrupt);
+            store.finish().map_err(|e| Failure::Failed(e.to_string()))?;
+            log.end(&plan, &summary);
+            summary
+        } else {
+            let summary = run::run(&resolver, survey, &options, progress.as_ref(), &Interrupt::default());
+            note_up_to_date(outputs, &plan, &summary);
+            summary
+        };
+        let folder = latest::publish(&plan, &store, &summary, outputs);
+        let seconds = began.elapsed().as_secs_f64();
+        if self.json {
+            Json::event(json!({
+                "event": "finished", "hits": summary.hits(), "ran": summary.ran(), "failed": summary.failed(),
+                "seconds": seconds, "interrupted": summary.interrupted,
+            }));
+        } else {
+            print(&table(&plan, &summary, seconds));
+            if let Ok(folder) = &folder {
+                print(&format!("results and pictures: {}", folder.display()));
+            }
+        }
+        if summary.failed() > 0 {
+            return Err(Failure::Said);
+        }
+        if summary.interrupted {
+            return Err(Failure::Interrupted);
+        }
+        folder.map(drop).map_err(Failure::Failed)
+    }
+
+    fn forced(&self, plan: &Plan) -> Result<Vec<usize>, Failure> {
+        self.force
+            .iter()
+            .map(|name| {
+                plan.spec.stages.iter().position(|s| &s.name == name).ok_or_else(|| {
+                    Failure::Input(format!("--force: there is no stage `{name}` in pipeline `{}`", plan.spec.pipeline))
+                })
+            })
+            .collect()
+    }
+}
+
+/// The measure that stands for a stage's error in the summary.
+const ERROR: &str = "error_percent";
+
+/// One row per stage: state, seconds, error.
+fn table(plan: &Plan, summary: &Summary, seconds: f64) -> String {
+    let mut rows = vec![["stage".to_owned(), "state".to_owned(), "seconds".to_owned(), "error".to_owned()]];
+    for &stage in &plan.needed {
+        let ends: Vec<&End> = plan.instances_of(stage).filter_map(|id| summary.ends.get(&id)).collect();
+        let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
+        let (mut wall, mut error) = (0.0, None::<f64>);
+        for end in &ends {
+            let word = match end {
+                End::Hit(_) => "hit",
+                End::Ran(_) => "ran",
+                End::Failed(_) => "failed",
+                End::Skipped => "not run",
+            };
+            *counts.entry(word).or_default() += 1;
+            if let End::Ran(record) = end {
+                wall += record.cost.wall_s;
+            }
+            if let End::Hit(record) | End::Ran(record) = end
+                && let Some((_, value, _)) = record.measures.iter().find(|(name, _, _)| name == ERROR)
+            {
+                error = Some(error.map_or(*value, |e| e.max(*value)));
+            }
+        }
+        let state = match counts.iter().next() {
+            Some((word, 1)) if counts.len() == 1 => (*word).to_owned(),
+            _ => counts.iter().map(|(word, n)| format!("{n} {word}")).collect::<Vec<_>>().join(", "),
+        };
+        let wall = if counts.contains_key("ran") { format!("{wall:.2}") } else { String::new() };
+        let error = error.map(|e| format!("{e:.3} %")).unwrap_or_default();
+        rows.push([plan.spec.stages[stage].name.clone(), state, wall, error]);
+    }
+    let width = |column: usize| rows.iter().map(|r| r[column].chars().count()).max().unwrap_or(0);
+    let widths = [width(0), width(1), width(2), width(3)];
+    let mut text = String::new();
+    for [stage, state, wall, error] in &rows {
+        let line =
+            format!("{stage:<0$}  {state:<1$}  {wall:>2$}  {error:>3$}", widths[0], widths[1], widths[2], widths[3]);
+        text.push_str(line.trim_end());
+        text.push('\n');
+    }
+    text.push_str(&format!(
+        "{} up to date, {} ran, {} failed in {seconds:.2} s\n",
+        summary.hits(),
+        summary.ran(),
+        summary.failed()
+    ));
+    text
+}

@@ -1,0 +1,99 @@
+//! `STAGE[axis=value,…][.PORT]`: which instances and port a command is about.
+
+use crate::key::value_text;
+use crate::plan::{InstanceId, Plan};
+
+use super::Failure;
+
+/// A parsed selector.
+#[derive(Debug, Default, PartialEq)]
+pub struct Selector {
+    pub stage: String,
+    pub axes: Vec<(String, String)>,
+    pub port: Option<String>,
+}
+
+impl Selector {
+    pub fn parse(text: &str) -> Result<Self, Failure> {
+        let wrong = || {
+            Failure::Input(format!("`{text}` must look like STAGE, STAGE.PORT or STAGE[axis=value,axis=value].PORT"))
+        };
+        let (head, tail) = match text.split_once('[') {
+            None => {
+                return Ok(match text.split_once('.') {
+                    Some((stage, port)) => Self { stage: stage.into(), axes: Vec::new(), port: Some(port.into()) },
+                    None => Self { stage: text.into(), ..Self::default() },
+                });
+            }
+            Some((head, tail)) => (head, tail),
+        };
+        let (inside, rest) = tail.split_once(']').ok_or_else(wrong)?;
+        let axes: Option<Vec<(String, String)>> = inside
+            .split(',')
+            .map(|pair| pair.split_once('=').map(|(n, v)| (n.trim().to_owned(), v.trim().to_owned())))
+            .collect();
+        let port = match rest.strip_prefix('.') {
+            Some(port) => Some(port.to_owned()),
+            None if rest.is_empty() => None,
+            None => return Err(wrong()),
+        };
+        Ok(Self { stage: head.into(), axes: axes.ok_or_else(wrong)?, port })
+    }
+
+    /// The instances of the plan that it names; an error where there is none.
+    pub fn instances(&self, plan: &Plan) -> Result<Vec<InstanceId>, Failure> {
+        let stage = plan.spec.stages.iter().position(|s| s.name == self.stage).ok_or_else(|| {
+            let names: Vec<&str> = plan.spec.stages.iter().map(|s| s.name.as_str()).collect();
+            Failure::Input(format!("there is no stage `{}`; the pipeline has {}", self.stage, names.join(", ")))
+        })?;
+        if let Some(port) = &self.port
+            && !plan.outputs(stage).iter().any(|p| p.name == port)
+        {
+            let names: Vec<&str> = plan.outputs(stage).iter().map(|p| p.name).collect();
+            return Err(Failure::Input(format!(
+                "stage `{}` has no output `{port}`; it has {}",
+                self.stage,
+                names.join(", ")
+            )));
+        }
+        let fits = |id: &InstanceId| {
+            self.axes.iter().all(|(name, wanted)| {
+                plan.instances[*id].axes.get(name).is_some_and(|value| {
+                    let same_number = matches!((wanted.parse::<f64>(), value.as_f64()), (Ok(a), Some(b)) if a == b);
+                    same_number || value_text(value) == *wanted
+                })
+            })
+        };
+        let found: Vec<InstanceId> = plan.instances_of(stage).filter(fits).collect();
+        if found.is_empty() {
+            let some: Vec<String> = plan.instances_of(stage).take(5).map(|id| plan.label(id)).collect();
+            return Err(Failure::Input(format!(
+                "no instance of `{}` has these axes; there are {}",
+                self.stage,
+                some.join(", ")
+            )));
+        }
+        Ok(found)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn selectors_read_stage_axes_and_port() {
+        let parse = |t: &str| Selector::parse(t).ok();
+        let axes = vec![("A".to_owned(), "1.5".to_owned()), ("b".to_owned(), "x".to_owned())];
+        assert_eq!(parse("s").unwrap().stage, "s");
+        assert_eq!(parse("s.frames").unwrap().port.as_deref(), Some("frames"));
+        assert_eq!(
+            parse("s[A=1.5,b=x].p"),
+            Some(Selector { stage: "s".into(), axes: axes.clone(), port: Some("p".into()) })
+        );
+        assert_eq!(parse("s[A=1.5,b=x]"), Some(Selector { stage: "s".into(), axes, port: None }));
+        assert_eq!(parse("s[A]"), None);
+        assert_eq!(parse("s[A=1"), None);
+        assert_eq!(parse("s[A=1]x"), None);
+    }
+}

@@ -1,0 +1,241 @@
+//! `turbid show`: what the stored outputs hold: digest, path, layers, units, statistics, cost.
+
+use clap::Args;
+use serde_json::{Map, Value, json};
+use turbid_contract::{Artifact, Cells, ImageStack, LayerKind, Table};
+
+use crate::plan::{InstanceId, Plan};
+use crate::registry::Registry;
+use crate::resolve::{Resolver, State};
+use crate::store::{InstanceRecord, Store};
+
+use super::select::Selector;
+use super::{Done, Failure, Pipeline, print, report_of};
+
+#[derive(Args)]
+pub struct Show {
+    #[command(flatten)]
+    pipeline: Pipeline,
+    /// STAGE[axis=value,…][.PORT]; everything by default
+    #[arg(value_name = "STAGE")]
+    selector: Option<String>,
+    #[arg(long)]
+    json: bool,
+}
+
+impl Show {
+    pub fn run(&self, registry: &Registry) -> Done {
+        let selector = self.selector.as_deref().map(Selector::parse).transpose()?;
+        let targets: Vec<String> = selector.iter().map(|s| s.stage.clone()).collect();
+        let plan = self.pipeline.plan(registry, &targets)?;
+        let ids = match &selector {
+            Some(selector) => selector.instances(&plan)?,
+            None => plan.needed_instances().collect(),
+        };
+        let store = self.pipeline.store_to_read()?;
+        let resolver = Resolver::new(&plan, &store);
+        let survey = resolver.survey(&[]);
+        let report = report_of(&plan, &survey);
+        if report.has_errors() {
+            return Err(report.into());
+        }
+        let port = selector.as_ref().and_then(|s| s.port.as_deref());
+        let mut instances = Vec::new();
+        for id in ids {
+            match &survey.states[id] {
+                Some(State::Hit(record)) => instances.push(instance(&plan, &store, id, record, port)?),
+                _ if selector.is_some() => {
+                    let hint = format!(
+                        "turbid run {} {}",
+                        self.pipeline.file.display(),
+                        plan.spec.stages[plan.instances[id].stage].name
+                    );
+                    return Err(Failure::Failed(format!(
+                        "{} has not run yet with these parameters; try `{hint}`",
+                        plan.label(id)
+                    )));
+                }
+                _ => {}
+            }
+        }
+        if self.json {
+            print(&json!({ "instances": instances }).to_string());
+        } else if instances.is_empty() {
+            print("nothing has run yet");
+        } else {
+            print(&instances.iter().map(text).collect::<Vec<_>>().join("\n"));
+        }
+        Ok(())
+    }
+}
+
+fn instance(
+    plan: &Plan,
+    store: &Store,
+    id: InstanceId,
+    record: &InstanceRecord,
+    port: Option<&str>,
+) -> Result<Value, Failure> {
+    let mut ports = Map::new();
+    for (name, described) in record.ports.iter().filter(|(name, _)| port.is_none_or(|p| p == *name)) {
+        let artifact = store
+            .get(&described.blob)
+            .map_err(|e| Failure::Failed(format!("{}.{name}: {e}; a run makes it again", plan.label(id))))?;
+        let mut entry = json!({
+            "payload": described.payload, "digest": described.blob.digest.to_string(), "bytes": described.blob.bytes,
+            "path": store.file_of(&described.blob).map(|p| p.display().to_string()),
+        });
+        match &artifact {
+            Artifact::Images(stack) => {
+                entry["rows"] = json!(stack.rows());
+                entry["columns"] = json!(stack.columns());
+                entry["layers"] = layers(stack);
+                entry["attributes"] = json!(stack.attributes);
+            }
+            Artifact::Table(table) => {
+                entry["rows"] = json!(table.rows());
+                entry["columns"] = columns(table);
+                entry["attributes"] = json!(table.attributes);
+            }
+            Artifact::Record(record) => {
+                entry["rows"] = json!(1);
+                entry["fields"] = json!(record.fields);
+                entry["columns"] =
+                    Value::from(record.fields.keys().map(|name| json!({"name": name, "unit": ""})).collect::<Vec<_>>());
+            }
+        }
+        ports.insert(name.clone(), entry);
+    }
+    if let Some(port) = port
+        && ports.is_empty()
+    {
+        return Err(Failure::Failed(format!(
+            "{} has no output `{port}` stored; ask for it with `run FILE {}.{port}`",
+            plan.label(id),
+            record.provenance.stage
+        )));
+    }
+    let instance = &plan.instances[id];
+    let measures: Map<String, Value> = record
+        .measures
+        .iter()
+        .map(|(name, value, unit)| (name.clone(), json!({"value": value, "unit": unit})))
+        .collect();
+    Ok(json!({
+        "stage": plan.spec.stages[instance.stage].name, "use": record.use_name, "axes": instance.axes,
+        "key": record.key.to_string(), "seconds": record.cost.wall_s, "cpu_seconds": record.cost.cpu_s,
+        "peak_bytes": record.cost.peak_bytes, "alone": record.cost.alone, "measures": measures,
+        "warnings": record.warnings, "ports": ports,
+    }))
+}
+
+/// Statistics skip masked pixels, except those of the mask itself.
+fn layers(stack: &ImageStack) -> Value {
+    let mask = stack.layers.iter().find(|l| l.info.kind == LayerKind::Mask);
+    let rows: Vec<Value> = stack
+        .layers
+        .iter()
+        .map(|layer| {
+            let good = |i: usize| {
+                layer.info.kind == LayerKind::Mask || mask.is_none_or(|m| m.data.as_slice().is_none_or(|m| m[i] == 0.0))
+            };
+            let (mut n, mut sum, mut min, mut max) = (0u64, 0.0, f64::INFINITY, f64::NEG_INFINITY);
+            for (_, &pixel) in layer.data.iter().enumerate().filter(|(i, _)| good(*i)) {
+                let pixel = f64::from(pixel);
+                (n, sum, min, max) = (n + 1, sum + pixel, min.min(pixel), max.max(pixel));
+            }
+            let mut entry = serde_json::to_value(&layer.info).expect("layer infos are plain data");
+            let some = |v: f64| if n > 0 { json!(v) } else { Value::Null };
+            entry["min"] = some(min);
+            entry["mean"] = some(sum / n.max(1) as f64);
+            entry["max"] = some(max);
+            entry["pixels"] = json!(n);
+            for name in ["f_x_per_mm", "phase_rad", "mean_se"] {
+                if entry.get(name).is_none() {
+                    entry[name] = Value::Null;
+                }
+            }
+            entry
+        })
+        .collect();
+    rows.into()
+}
+
+fn columns(table: &Table) -> Value {
+    let rows: Vec<Value> = table
+        .columns
+        .iter()
+        .map(|column| {
+            let numbers: Option<Vec<f64>> = match &column.cells {
+                Cells::F64(v) => Some(v.clone()),
+                Cells::I64(v) => Some(v.iter().map(|&i| i as f64).collect()),
+                Cells::Bool(_) | Cells::Text(_) => None,
+            };
+            let stat = |f: &dyn Fn(&[f64]) -> f64| numbers.as_deref().filter(|v| !v.is_empty()).map(f);
+            json!({
+                "name": column.name, "unit": column.unit,
+                "min": stat(&|v| v.iter().copied().fold(f64::INFINITY, f64::min)),
+                "mean": stat(&|v| v.iter().sum::<f64>() / v.len() as f64),
+                "max": stat(&|v| v.iter().copied().fold(f64::NEG_INFINITY, f64::max)),
+            })
+        })
+        .collect();
+    rows.into()
+}
+
+/// The same for people.
+fn text(instance: &Value) -> String {
+    let word = |v: &Value| v.as_str().unwrap_or_default().to_owned();
+    let number = |v: &Value| v.as_f64().map_or_else(|| "-".to_owned(), |v| format!("{v:.6}"));
+    let axes: Vec<String> = instance["axes"]
+        .as_object()
+        .into_iter()
+        .flatten()
+        .map(|(n, v)| format!("{n}={}", crate::key::value_text(v)))
+        .collect();
+    let axes = if axes.is_empty() { String::new() } else { format!("[{}]", axes.join(",")) };
+    let mut out = format!(
+        "{}{axes} ({})  {:.2} s, {:.2} CPU s, peak {:.0} MB\n",
+        word(&instance["stage"]),
+        word(&instance["use"]),
+        instance["seconds"].as_f64().unwrap_or(0.0),
+        instance["cpu_seconds"].as_f64().unwrap_or(0.0),
+        instance["peak_bytes"].as_f64().unwrap_or(0.0) / 1e6
+    );
+    for (name, measure) in instance["measures"].as_object().into_iter().flatten() {
+        out.push_str(&format!("  {name} = {} {}\n", number(&measure["value"]), word(&measure["unit"])));
+    }
+    for (name, port) in instance["ports"].as_object().into_iter().flatten() {
+        out.push_str(&format!("  {name}: {}  {}\n", word(&port["payload"]), &word(&port["digest"])[..16]));
+        if let Some(path) = port["path"].as_str() {
+            out.push_str(&format!("    {path}\n"));
+        }
+        for layer in port["layers"].as_array().into_iter().flatten() {
+            let mut label = word(&layer["name"]);
+            for (key, unit) in [("f_x_per_mm", "/mm"), ("phase_rad", "rad"), ("wavelength_nm", "nm")] {
+                if let Some(value) = layer[key].as_f64() {
+                    label.push_str(&format!(" {value:.4}{unit}"));
+                }
+            }
+            out.push_str(&format!(
+                "    {label:<32} min {} mean {} ± {} max {} {}\n",
+                number(&layer["min"]),
+                number(&layer["mean"]),
+                number(&layer["mean_se"]),
+                number(&layer["max"]),
+                word(&layer["unit"])
+            ));
+        }
+        for column in port["columns"].as_array().into_iter().flatten() {
+            out.push_str(&format!(
+                "    {:<24} min {} mean {} max {} {}\n",
+                word(&column["name"]),
+                number(&column["min"]),
+                number(&column["mean"]),
+                number(&column["max"]),
+                word(&column["unit"])
+            ));
+        }
+    }
+    out
+}

@@ -1,0 +1,139 @@
+//! `turbid stages`: the kinds of stages, or the manual of one: params, units, defaults, ports.
+
+use clap::Args;
+use serde_json::{Value, json};
+use turbid_contract::{Arity, StageRow};
+
+use crate::registry::Registry;
+use crate::spec::nearest;
+
+use super::{Done, Failure, print};
+
+#[derive(Args)]
+pub struct Stages {
+    /// The stage whose manual to print
+    name: Option<String>,
+    #[arg(long)]
+    json: bool,
+}
+
+impl Stages {
+    pub fn run(&self, registry: &Registry) -> Done {
+        match &self.name {
+            None if self.json => {
+                print(&Value::from(registry.rows().iter().map(to_json).collect::<Vec<_>>()).to_string())
+            }
+            None => {
+                for row in registry.rows() {
+                    print(&format!("{:<14} {}", row.name, row.about));
+                }
+            }
+            Some(name) => {
+                let row = registry.find(name).ok_or_else(|| {
+                    let hint = nearest(name, registry.rows().iter().map(|r| r.name));
+                    Failure::Input(format!(
+                        "there is no stage kind `{name}`{}",
+                        hint.map(|h| format!("; did you mean `{h}`?")).unwrap_or_default()
+                    ))
+                })?;
+                print(&if self.json { to_json(row).to_string() } else { manual(row) });
+            }
+        }
+        Ok(())
+    }
+}
+
+fn to_json(row: &StageRow) -> Value {
+    let inputs: Vec<Value> = (row.inputs)()
+        .iter()
+        .map(|p| json!({"name": p.name, "payload": p.payload, "arity": arity(p.arity), "about": p.about}))
+        .collect();
+    let outputs: Vec<Value> = (row.outputs)()
+        .iter()
+        .map(|p| json!({"name": p.name, "payload": p.payload, "optional": p.optional, "about": p.about}))
+        .collect();
+    json!({"name": row.name, "version": row.version, "about": row.about, "in": inputs, "out": outputs, "with": (row.schema)()})
+}
+
+fn arity(arity: Arity) -> &'static str {
+    match arity {
+        Arity::One => "one",
+        Arity::Optional => "optional",
+        Arity::Many => "many",
+        Arity::Some => "one or more",
+    }
+}
+
+fn manual(row: &StageRow) -> String {
+    let mut text = format!("{} (version {})\n  {}\n", row.name, row.version, row.about);
+    let inputs = (row.inputs)();
+    if !inputs.is_empty() {
+        text.push_str("\nin:\n");
+        for port in inputs {
+            text.push_str(&format!("  {:<14} {} ({}): {}\n", port.name, port.payload, arity(port.arity), port.about));
+        }
+    }
+    text.push_str("\nout:\n");
+    for port in (row.outputs)() {
+        let when = if port.optional { " (when wanted)" } else { "" };
+        text.push_str(&format!("  {:<14} {}{when}: {}\n", port.name, port.payload, port.about));
+    }
+    let schema = (row.schema)();
+    text.push_str("\nwith:\n");
+    fields(&schema, &schema, 1, &mut text);
+    if !row.stopping.is_empty() {
+        text.push_str(&format!(
+            "\nA longer run continues a shorter one: {} only say when to stop.\n",
+            row.stopping.join(", ")
+        ));
+    }
+    text
+}
+
+/// How deep the manual follows fields; deeper ones are in `turbid schema`.
+const DEPTH: usize = 4;
+
+fn fields(root: &Value, schema: &Value, depth: usize, text: &mut String) {
+    let schema = follow(root, schema);
+    let required: Vec<&str> = schema["required"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
+    for (name, field) in schema["properties"].as_object().into_iter().flatten() {
+        let target = follow(root, field);
+        let about = field["description"].as_str().or(target["description"].as_str()).unwrap_or_default();
+        let default = match field.get("default") {
+            Some(Value::Null) | None if required.contains(&name.as_str()) => " (required)".to_owned(),
+            Some(Value::Null) | None => String::new(),
+            Some(default) => format!(" [{default}]"),
+        };
+        text.push_str(&format!("{:width$}{name}{default}: {}\n", "", about.replace('\n', " "), width = 2 * depth));
+        if depth < DEPTH {
+            fields(root, target, depth + 1, text);
+            for inner in ["items", "additionalProperties"] {
+                if target[inner].is_object() {
+                    fields(root, &target[inner], depth + 1, text);
+                }
+            }
+        }
+    }
+    for choice in ["oneOf", "anyOf"] {
+        for option in schema[choice].as_array().into_iter().flatten() {
+            if let Some(name) = option["const"].as_str() {
+                let about = option["description"].as_str().unwrap_or_default().replace('\n', " ");
+                text.push_str(&format!("{:width$}- {name}: {about}\n", "", width = 2 * depth));
+            } else if depth < DEPTH {
+                fields(root, option, depth, text);
+            }
+        }
+    }
+}
+
+fn follow<'a>(root: &'a Value, schema: &'a Value) -> &'a Value {
+    let mut schema = schema;
+    // A schema that refers to itself ends at the depth limit of the caller.
+    while let Some(pointer) = schema["$ref"].as_str().and_then(|r| r.strip_prefix('#')) {
+        match root.pointer(pointer) {
+            Some(target) => schema = target,
+            None => break,
+        }
+    }
+    schema
+}

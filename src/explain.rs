@@ -1,0 +1,129 @@
+//! Why an instance runs: the fields in which its dependencies differ from the nearest earlier result.
+
+use std::collections::{BTreeMap, HashMap};
+use std::sync::Arc;
+
+use crate::key::{Dependencies, axes_text};
+use crate::plan::{InstanceId, Plan};
+use crate::store::{InstanceRecord, Store};
+
+/// A field that differs; `None` where one side does not have it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Difference {
+    pub field: String,
+    pub before: Option<String>,
+    pub now: Option<String>,
+}
+
+/// Earlier results, by kind of stage.
+pub struct History {
+    by_use: HashMap<String, Vec<Arc<InstanceRecord>>>,
+}
+
+/// Comparing with every record of a big sweep would be quadratic; the latest ones are near enough.
+const COMPARED: usize = 256;
+
+impl History {
+    pub fn read(store: &Store) -> Self {
+        let mut by_use: HashMap<String, Vec<Arc<InstanceRecord>>> = HashMap::new();
+        for record in store.records() {
+            by_use.entry(record.use_name.clone()).or_default().push(Arc::new(record));
+        }
+        for records in by_use.values_mut() {
+            // Latest first; the key only makes the order complete.
+            records.sort_by(|a, b| (b.provenance.started, b.key).cmp(&(a.provenance.started, a.key)));
+        }
+        Self { by_use }
+    }
+
+    /// The earlier record with the fewest differences; among equals the same label first, then the latest.
+    pub fn nearest(
+        &self,
+        plan: &Plan,
+        id: InstanceId,
+        now: &Dependencies,
+    ) -> Option<(Arc<InstanceRecord>, Vec<Difference>)> {
+        let instance = &plan.instances[id];
+        let label = &plan.spec.stages[instance.stage].name;
+        let axes = axes_text(&instance.axes);
+        let records = self.by_use.get(&now.use_name)?;
+        let same = |r: &Arc<InstanceRecord>| {
+            r.provenance.pipeline == plan.spec.pipeline
+                && &r.provenance.stage == label
+                && axes_text(&r.provenance.axes) == axes
+        };
+        // The last result under this very label is what the user compares with.
+        if let Some(record) = records.iter().find(|r| same(r)) {
+            return Some((record.clone(), differences(&dependencies_of(record), now)));
+        }
+        records
+            .iter()
+            .take(COMPARED)
+            .map(|record| (record.clone(), differences(&dependencies_of(record), now)))
+            .min_by_key(|(_, differences)| differences.len())
+    }
+
+    /// Short reasons for `plan` and `run`.
+    pub fn reasons(&self, plan: &Plan, id: InstanceId, now: &Dependencies) -> Vec<String> {
+        let Some((record, differences)) = self.nearest(plan, id, now) else {
+            return vec!["no earlier result".to_owned()];
+        };
+        if differences.is_empty() {
+            return vec!["its stored result is damaged or gone".to_owned()];
+        }
+        if record.provenance.pipeline != plan.spec.pipeline
+            || record.provenance.stage != plan.spec.stages[plan.instances[id].stage].name
+        {
+            return vec!["no earlier result".to_owned()];
+        }
+        let mut reasons: Vec<String> = differences.iter().take(4).map(Difference::short).collect();
+        if differences.len() > 4 {
+            reasons.push(format!("and {} more fields", differences.len() - 4));
+        }
+        reasons
+    }
+}
+
+impl Difference {
+    fn short(&self) -> String {
+        let clip = |text: &Option<String>| match text {
+            Some(text) if text.chars().count() > 40 => format!("{}…", text.chars().take(12).collect::<String>()),
+            Some(text) => text.clone(),
+            None => "nothing".to_owned(),
+        };
+        if self.field.starts_with("in.") {
+            return format!("input {} changed", &self.field[3..]);
+        }
+        format!("{}: {} -> {}", self.field, clip(&self.before), clip(&self.now))
+    }
+}
+
+/// The dependencies that a record was made from.
+pub fn dependencies_of(record: &InstanceRecord) -> Dependencies {
+    Dependencies {
+        use_name: record.use_name.clone(),
+        version: record.version,
+        params: record.params.clone(),
+        inputs: record.inputs.clone(),
+        files: record.files.clone(),
+        seed: record.seed,
+    }
+}
+
+/// The fields in which two sets of dependencies differ.
+pub fn differences(before: &Dependencies, now: &Dependencies) -> Vec<Difference> {
+    let before: BTreeMap<String, String> = before.lines().into_iter().collect();
+    let now: BTreeMap<String, String> = now.lines().into_iter().collect();
+    let mut fields: Vec<&String> = before.keys().chain(now.keys()).collect();
+    fields.sort();
+    fields.dedup();
+    fields
+        .into_iter()
+        .filter(|field| before.get(*field) != now.get(*field))
+        .map(|field| Difference {
+            field: field.clone(),
+            before: before.get(field).cloned(),
+            now: now.get(field).cloned(),
+        })
+        .collect()
+}

@@ -1,0 +1,32 @@
+//! Mistakes in params, found although the graph is not whole: so that the user sees all mistakes at once.
+
+use turbid_contract::{Axes, Known, Problems};
+
+use crate::spec::{Diagnostic, Section, Spec, read_params};
+
+use super::StageInfo;
+
+/// Reads and checks the params of every stage that can be read by itself.
+pub fn params(spec: &Spec, infos: &[Option<StageInfo>]) -> Vec<Diagnostic> {
+    let mut found = Vec::new();
+    for (stage, info) in infos.iter().enumerate() {
+        let Some(info) = info else { continue };
+        let stage_spec = &spec.stages[stage];
+        let first = stage_spec.foreach.rows.first();
+        let axes: Axes = stage_spec.foreach.names.iter().cloned().zip(first.into_iter().flatten().cloned()).collect();
+        // Axes that come with inputs are not known here; what depends on them is found in a whole graph.
+        let Ok(params) = spec.params(stage, &axes) else { continue };
+        let (prepared, problems) = read_params(&info.row, &params);
+        found.extend(problems.into_iter().map(|p| spec.diagnostic(stage, Section::With, &p.path, p.message, p.hint)));
+        if prepared.is_some() {
+            let connected = stage_spec.inputs.iter().map(|i| i.port.clone()).collect();
+            let mut problems = Problems::default();
+            (info.row.check)(&params, &Known { connected, ..Known::default() }, &mut problems);
+            for problem in problems.into_parts().0 {
+                let path: Vec<&str> = problem.path.split('.').filter(|p| !p.is_empty()).collect();
+                found.push(spec.diagnostic(stage, Section::With, &path, problem.message, problem.hint));
+            }
+        }
+    }
+    found
+}

@@ -1,0 +1,387 @@
+//! Spec and registry -> checked graph of stage instances: ports exist, payloads match, axes join, no cycle, pruned.
+
+mod axes;
+mod lint;
+mod ports;
+mod targets;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
+
+use turbid_contract::{Arity, Axes, InPort, OutPort, StageRow};
+
+use crate::registry::Registry;
+use crate::spec::{Diagnostic, Report, Section, Spec, nearest};
+
+pub use axes::{MAX_INSTANCES, same_value};
+pub use targets::Target;
+
+use axes::{Joined, Piece};
+use ports::Link;
+
+/// Previews are made of stages with at most this many instances; beyond it people read `instances.parquet`.
+pub const PREVIEW_INSTANCES: usize = 64;
+
+/// An instance: index into [`Plan::instances`].
+pub type InstanceId = usize;
+
+/// A stage's kind with its ports, listed once.
+pub(crate) struct StageInfo {
+    pub name: &'static str,
+    pub row: StageRow,
+    pub inputs: Vec<InPort>,
+    pub outputs: Vec<OutPort>,
+}
+
+/// One stage at one point of its axes.
+#[derive(Debug)]
+pub struct Instance {
+    pub stage: usize,
+    pub axes: Axes,
+    /// Sorted by port.
+    pub wires: Vec<Wire>,
+}
+
+/// What feeds one input port.
+#[derive(Debug)]
+pub struct Wire {
+    pub port: &'static str,
+    pub many: bool,
+    /// Producing instances with the port taken from each; in order of axis values for a many port.
+    pub from: Vec<(InstanceId, &'static str)>,
+}
+
+/// The checked graph of a pipeline.
+pub struct Plan {
+    pub spec: Spec,
+    infos: Vec<StageInfo>,
+    /// In topological order of stages; instances of one stage are neighbours.
+    pub instances: Vec<Instance>,
+    ranges: Vec<Range<InstanceId>>,
+    /// Stages that the targets need, in topological order.
+    pub needed: Vec<usize>,
+    wanted: Vec<BTreeSet<&'static str>>,
+    /// Consumers of each stage.
+    consumers: Vec<BTreeSet<usize>>,
+}
+
+impl Plan {
+    /// Checks the whole file against the registry, then keeps what the targets need (all leaves by default).
+    ///
+    /// `report` holds what reading the file found already; on any mistake all of them come back, those in params too.
+    pub fn build(spec: Spec, mut report: Report, registry: &Registry, targets: &[Target]) -> Result<Self, Report> {
+        let mut problems = Vec::new();
+        let infos = infos(&spec, registry, &mut problems);
+        let links = ports::link(&spec, &infos, &mut problems);
+        let order = match topological(&spec, &links) {
+            Ok(order) => order,
+            Err(cycle) => {
+                let names: Vec<&str> = cycle.iter().map(|&s| spec.stages[s].name.as_str()).collect();
+                let message = format!("the stages feed each other in a circle: {}", names.join(" -> "));
+                problems.push(spec.diagnostic(cycle[0], Section::In, &[] as &[&str], message, None));
+                problems.extend(lint::params(&spec, &infos));
+                report.extend(problems);
+                return Err(report);
+            }
+        };
+        let mut instances: Vec<Instance> = Vec::new();
+        let mut ranges = vec![0..0; spec.stages.len()];
+        let mut broken: BTreeSet<usize> =
+            (0..spec.stages.len()).filter(|&s| infos[s].is_none() || spec.stages[s].broken).collect();
+        for &stage in &order {
+            if links[stage].iter().any(|l| l.sources.iter().any(|(_, s)| broken.contains(&s.stage)))
+                || broken.contains(&stage)
+            {
+                broken.insert(stage);
+                continue;
+            }
+            match expand(&spec, stage, &links[stage], &instances, &ranges) {
+                Ok(mut fresh) => {
+                    ranges[stage] = instances.len()..instances.len() + fresh.len();
+                    instances.append(&mut fresh);
+                    if instances.len() > MAX_INSTANCES {
+                        let message = format!("the pipeline has more than {MAX_INSTANCES} instances");
+                        report.push(spec.diagnostic(stage, Section::Foreach, &[] as &[&str], message, None));
+                        report.extend(problems);
+                        return Err(report);
+                    }
+                }
+                Err((section, path, message, hint)) => {
+                    let path: Vec<&str> = path.iter().map(String::as_str).collect();
+                    problems.push(spec.diagnostic(stage, section, &path, message, hint));
+                    broken.insert(stage);
+                }
+            }
+        }
+        if !problems.is_empty() || report.has_errors() {
+            problems.extend(lint::params(&spec, &infos));
+            report.extend(problems);
+            return Err(report);
+        }
+        let infos: Vec<StageInfo> = infos.into_iter().map(|i| i.expect("every unknown stage was reported")).collect();
+        let mut consumers = vec![BTreeSet::new(); spec.stages.len()];
+        for (stage, links) in links.iter().enumerate() {
+            for (_, source) in links.iter().flat_map(|l| &l.sources) {
+                consumers[source.stage].insert(stage);
+            }
+        }
+        let (needed, wanted) = targets::select(&spec, &infos, &links, &order, &consumers, &ranges, targets)
+            .map_err(|message| Report::from(Diagnostic::error(message, None)))?;
+        Ok(Self { spec, infos, instances, ranges, needed, wanted, consumers })
+    }
+
+    pub fn row(&self, stage: usize) -> &StageRow {
+        &self.infos[stage].row
+    }
+
+    pub fn inputs(&self, stage: usize) -> &[InPort] {
+        &self.infos[stage].inputs
+    }
+
+    pub fn outputs(&self, stage: usize) -> &[OutPort] {
+        &self.infos[stage].outputs
+    }
+
+    /// The instances of a stage.
+    pub fn instances_of(&self, stage: usize) -> Range<InstanceId> {
+        self.ranges[stage].clone()
+    }
+
+    /// Ports of a stage that are to be there after the run.
+    pub fn wanted(&self, stage: usize) -> &BTreeSet<&'static str> {
+        &self.wanted[stage]
+    }
+
+    pub fn consumers(&self, stage: usize) -> &BTreeSet<usize> {
+        &self.consumers[stage]
+    }
+
+    /// `frames` or `frames[A_rho=1,S_rho=5000]`.
+    pub fn label(&self, id: InstanceId) -> String {
+        let instance = &self.instances[id];
+        let name = &self.spec.stages[instance.stage].name;
+        if instance.axes.is_empty() {
+            name.clone()
+        } else {
+            format!("{name}[{}]", crate::key::axes_text(&instance.axes))
+        }
+    }
+
+    /// The needed instances, in an order in which inputs come first.
+    pub fn needed_instances(&self) -> impl Iterator<Item = InstanceId> + '_ {
+        self.needed.iter().flat_map(|&stage| self.instances_of(stage))
+    }
+}
+
+fn infos(spec: &Spec, registry: &Registry, problems: &mut Vec<Diagnostic>) -> Vec<Option<StageInfo>> {
+    let info = |(at, stage): (usize, &crate::spec::StageSpec)| {
+        if stage.use_name.is_empty() {
+            return None;
+        }
+        let Some(row) = registry.find(&stage.use_name) else {
+            let names: Vec<&str> = registry.rows().iter().map(|r| r.name).collect();
+            let hint = match nearest(&stage.use_name, names.iter().copied()) {
+                Some(name) => format!("did you mean `{name}`?"),
+                None => format!("known stages: {}", names.join(", ")),
+            };
+            problems.push(spec.diagnostic(
+                at,
+                Section::Use,
+                &[] as &[&str],
+                format!("there is no stage kind `{}`", stage.use_name),
+                Some(hint),
+            ));
+            return None;
+        };
+        Some(StageInfo { name: row.name, row: row.clone(), inputs: (row.inputs)(), outputs: (row.outputs)() })
+    };
+    spec.stages.iter().enumerate().map(info).collect()
+}
+
+/// Stages in an order in which inputs come first (file order where free), or a cycle.
+fn topological(spec: &Spec, links: &[Vec<Link>]) -> Result<Vec<usize>, Vec<usize>> {
+    #[derive(Clone, Copy, PartialEq)]
+    enum Mark {
+        New,
+        Open,
+        Done,
+    }
+    let sources = |stage: usize| -> Vec<usize> {
+        links[stage].iter().flat_map(|l| l.sources.iter().map(|(_, s)| s.stage)).collect()
+    };
+    let mut marks = vec![Mark::New; spec.stages.len()];
+    let mut order = Vec::new();
+    for root in 0..spec.stages.len() {
+        // An explicit stack: a chain of a million stages must not end the process.
+        let mut path: Vec<(usize, Vec<usize>)> = Vec::new();
+        if marks[root] == Mark::New {
+            marks[root] = Mark::Open;
+            path.push((root, sources(root)));
+        }
+        while let Some((stage, rest)) = path.last_mut() {
+            match rest.pop() {
+                Some(next) if marks[next] == Mark::New => {
+                    marks[next] = Mark::Open;
+                    path.push((next, sources(next)));
+                }
+                Some(next) if marks[next] == Mark::Open => {
+                    let start = path.iter().position(|(s, _)| *s == next).expect("open stages are on the path");
+                    let mut cycle: Vec<usize> = path[start..].iter().map(|(s, _)| *s).collect();
+                    cycle.reverse();
+                    let first = cycle.iter().copied().min().expect("a cycle has stages");
+                    let turn = cycle.iter().position(|&s| s == first).expect("it is in it");
+                    cycle.rotate_left(turn);
+                    cycle.push(first);
+                    return Err(cycle);
+                }
+                Some(_) => {}
+                None => {
+                    marks[*stage] = Mark::Done;
+                    order.push(*stage);
+                    path.pop();
+                }
+            }
+        }
+    }
+    Ok(order)
+}
+
+type Mistake = (Section, Vec<String>, String, Option<String>);
+
+/// The instances of a stage, from those of its sources and its own `foreach`.
+fn expand(
+    spec: &Spec,
+    stage: usize,
+    links: &[Link],
+    instances: &[Instance],
+    ranges: &[Range<InstanceId>],
+) -> Result<Vec<Instance>, Mistake> {
+    let stage_spec = &spec.stages[stage];
+    let at_port = |link: &Link, message: String, hint: Option<String>| {
+        (Section::In, vec![link.port.name.to_owned()], message, hint)
+    };
+    // Axes that one and optional ports bring; a many port gathers the others.
+    let mut brought = BTreeSet::new();
+    let mut selected: Vec<Vec<(usize, Axes)>> = Vec::new();
+    for link in links {
+        for (source, found) in &link.sources {
+            let some = select(instances, ranges[found.stage].clone(), source).map_err(|(m, h)| at_port(link, m, h))?;
+            if !matches!(link.port.arity, Arity::Many | Arity::Some) {
+                brought.extend(some.first().into_iter().flat_map(|(_, axes)| axes.keys().cloned()));
+            }
+            selected.push(some);
+        }
+    }
+    let mut pieces = Vec::new();
+    let mut feeds: Vec<(&Link, &'static str)> = Vec::new();
+    let mut some = selected.iter();
+    for link in links {
+        let many = matches!(link.port.arity, Arity::Many | Arity::Some);
+        for (source, found) in &link.sources {
+            let chosen: Vec<(usize, &Axes)> =
+                some.next().expect("one per source").iter().map(|(i, a)| (*i, a)).collect();
+            let has: BTreeSet<String> = chosen.first().into_iter().flat_map(|(_, axes)| axes.keys().cloned()).collect();
+            let gathered = match (&source.over, many) {
+                (Some(over), _) => {
+                    if let Some(unknown) = over.iter().find(|name| !has.contains(*name)) {
+                        let message = format!("`{}` has no axis `{unknown}` to gather over", source.stage);
+                        return Err(at_port(
+                            link,
+                            message,
+                            nearest(unknown, has.iter().map(String::as_str)).map(|n| format!("did you mean `{n}`?")),
+                        ));
+                    }
+                    over.iter().cloned().collect()
+                }
+                (None, true) => has.difference(&brought).cloned().collect(),
+                (None, false) => BTreeSet::new(),
+            };
+            let (names, entries) = axes::gather(&chosen, &gathered);
+            pieces.push(Piece {
+                label: format!("input `{}` ({}.{})", link.port.name, source.stage, found.port.name),
+                names,
+                entries,
+            });
+            feeds.push((link, found.port.name));
+        }
+    }
+    let (names, joined) = axes::join(&pieces, stage_spec.product).map_err(|message| {
+        let hint = message
+            .contains("neither contains the other")
+            .then(|| "say `product: true` to take every combination".to_owned());
+        (Section::In, Vec::new(), message, hint)
+    })?;
+    if let Some(name) = stage_spec.foreach.names.iter().find(|n| names.contains(n)) {
+        let message = format!("an input of `{}` carries the axis `{name}` already", stage_spec.name);
+        return Err((Section::Foreach, vec![name.clone()], message, Some("give the new axis another name".to_owned())));
+    }
+    let points: Vec<Axes> = if stage_spec.foreach.names.is_empty() {
+        vec![Axes::new()]
+    } else {
+        stage_spec
+            .foreach
+            .rows
+            .iter()
+            .map(|row| stage_spec.foreach.names.iter().cloned().zip(row.iter().cloned()).collect())
+            .collect()
+    };
+    if points.len().saturating_mul(joined.len()) > MAX_INSTANCES {
+        let message = format!(
+            "`{}` has {} x {} instances, more than {MAX_INSTANCES}",
+            stage_spec.name,
+            joined.len(),
+            points.len()
+        );
+        return Err((Section::Foreach, Vec::new(), message, None));
+    }
+    let mut fresh = Vec::with_capacity(points.len() * joined.len());
+    for row in &joined {
+        for point in &points {
+            let mut axes = row.axes.clone();
+            axes.extend(point.iter().map(|(n, v)| (n.clone(), v.clone())));
+            fresh.push(Instance { stage, axes, wires: wires(&pieces, &feeds, row) });
+        }
+    }
+    Ok(fresh)
+}
+
+fn wires(pieces: &[Piece], feeds: &[(&Link, &'static str)], row: &Joined) -> Vec<Wire> {
+    let mut by_port: BTreeMap<&'static str, Wire> = BTreeMap::new();
+    for ((piece, &(link, out)), &pick) in pieces.iter().zip(feeds).zip(&row.picks) {
+        let many = matches!(link.port.arity, Arity::Many | Arity::Some);
+        let wire =
+            by_port.entry(link.port.name).or_insert_with(|| Wire { port: link.port.name, many, from: Vec::new() });
+        wire.from.extend(piece.entries[pick].1.iter().map(|&id| (id, out)));
+    }
+    by_port.into_values().collect()
+}
+
+/// The instances that `where` leaves, without the axes that it fixes.
+#[allow(clippy::type_complexity)]
+fn select(
+    instances: &[Instance],
+    range: Range<InstanceId>,
+    source: &crate::spec::SourceRef,
+) -> Result<Vec<(usize, Axes)>, (String, Option<String>)> {
+    let mut chosen: Vec<(usize, Axes)> = range.map(|id| (id, instances[id].axes.clone())).collect();
+    for (name, value) in &source.filter {
+        let Some((_, axes)) = chosen.first() else { break };
+        if !axes.contains_key(name) {
+            let hint = nearest(name, axes.keys().map(String::as_str)).map(|n| format!("did you mean `{n}`?"));
+            return Err((format!("`{}` has no axis `{name}`", source.stage), hint));
+        }
+        let mut values: Vec<String> = chosen.iter().map(|(_, a)| crate::key::value_text(&a[name])).collect();
+        chosen.retain(|(_, axes)| same_value(&axes[name], value));
+        if chosen.is_empty() {
+            values.sort();
+            values.dedup();
+            values.truncate(12);
+            let message = format!("`{}` has no {name} = {}", source.stage, crate::key::value_text(value));
+            return Err((message, Some(format!("it has {}", values.join(", ")))));
+        }
+    }
+    for (_, axes) in &mut chosen {
+        axes.retain(|name, _| !source.filter.contains_key(name));
+    }
+    Ok(chosen)
+}

@@ -1,0 +1,82 @@
+//! What the user asked for, and what follows from it: the needed stages and the wanted ports.
+
+use std::collections::BTreeSet;
+use std::ops::Range;
+
+use crate::spec::{Spec, nearest};
+
+use super::ports::Link;
+use super::{InstanceId, PREVIEW_INSTANCES, StageInfo};
+
+/// `STAGE` or `STAGE.PORT` on the command line.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Target {
+    pub stage: String,
+    pub port: Option<String>,
+}
+
+impl Target {
+    pub fn parse(text: &str) -> Self {
+        match text.split_once('.') {
+            Some((stage, port)) => Self { stage: stage.to_owned(), port: Some(port.to_owned()) },
+            None => Self { stage: text.to_owned(), port: None },
+        }
+    }
+}
+
+type Selection = (Vec<usize>, Vec<BTreeSet<&'static str>>);
+
+/// Needed stages in topological order, and for each stage of the file the ports that must be there.
+///
+/// A required port is always made. An optional one only if a needed stage consumes it or a target names it; a
+/// preview also where the stage has few instances, because someone is going to look.
+pub(super) fn select(
+    spec: &Spec,
+    infos: &[StageInfo],
+    links: &[Vec<Link>],
+    order: &[usize],
+    consumers: &[BTreeSet<usize>],
+    ranges: &[Range<InstanceId>],
+    targets: &[Target],
+) -> Result<Selection, String> {
+    let mut needed: BTreeSet<usize> = BTreeSet::new();
+    let mut wanted: Vec<BTreeSet<&'static str>> = vec![BTreeSet::new(); infos.len()];
+    if targets.is_empty() {
+        needed.extend((0..infos.len()).filter(|&stage| consumers[stage].is_empty()));
+    }
+    for target in targets {
+        let Some(stage) = spec.stages.iter().position(|s| s.name == target.stage) else {
+            let names: Vec<&str> = spec.stages.iter().map(|s| s.name.as_str()).collect();
+            let hint = nearest(&target.stage, names.iter().copied()).map(|n| format!("; did you mean `{n}`?"));
+            let hint = hint.unwrap_or_else(|| format!("; the pipeline has {}", names.join(", ")));
+            return Err(format!("there is no stage `{}` in pipeline `{}`{hint}", target.stage, spec.pipeline));
+        };
+        needed.insert(stage);
+        if let Some(name) = &target.port {
+            let Some(port) = infos[stage].outputs.iter().find(|p| p.name == name) else {
+                let names: Vec<&str> = infos[stage].outputs.iter().map(|p| p.name).collect();
+                return Err(format!(
+                    "stage `{}` ({}) has no output `{name}`; it has {}",
+                    target.stage,
+                    infos[stage].name,
+                    names.join(", ")
+                ));
+            };
+            wanted[stage].insert(port.name);
+        }
+    }
+    for &stage in order.iter().rev() {
+        if needed.contains(&stage) {
+            for (_, source) in links[stage].iter().flat_map(|l| &l.sources) {
+                needed.insert(source.stage);
+                wanted[source.stage].insert(source.port.name);
+            }
+        }
+    }
+    for &stage in &needed {
+        let few = ranges[stage].len() <= PREVIEW_INSTANCES;
+        let made = infos[stage].outputs.iter().filter(|p| !p.optional || (p.preview && few));
+        wanted[stage].extend(made.map(|p| p.name));
+    }
+    Ok((order.iter().copied().filter(|s| needed.contains(s)).collect(), wanted))
+}

@@ -1,0 +1,370 @@
+//! Which instances are up to date: keys, states with reasons, and every mistake that can be seen before a run.
+
+use std::collections::{BTreeMap, HashMap};
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, OnceLock};
+
+use serde_json::Value;
+use turbid_contract::{
+    Artifact, Axes, Ctx, Error, InputSource, Known, MemoryHost, Prepared, Problem, Problems, StagePlan,
+};
+
+use crate::digest::Digest;
+use crate::explain::History;
+use crate::key::{Dependencies, InputContent, instance_seed};
+use crate::plan::{InstanceId, Plan, Wire};
+use crate::spec::{Diagnostic, Section, Severity, read_params};
+use crate::store::{Blob, InstanceRecord, Store, encode};
+
+/// The blobs of an instance by port.
+pub type Outputs = BTreeMap<String, Blob>;
+
+/// An instance that can run: all its inputs are there.
+#[derive(Clone, Debug)]
+pub struct Job {
+    pub params: Value,
+    pub dependencies: Dependencies,
+    pub key: Digest,
+    pub state_key: Option<Digest>,
+    pub seed: u64,
+    pub files: BTreeMap<String, InputFile>,
+}
+
+/// An input file as it was when its digest went into the key.
+#[derive(Clone, Debug)]
+pub struct InputFile {
+    pub path: PathBuf,
+    pub digest: Digest,
+}
+
+/// What a run would do with an instance.
+pub enum State {
+    /// The store holds its outputs.
+    Hit(Arc<InstanceRecord>),
+    /// It has to run.
+    Run { job: Box<Job>, reasons: Vec<String> },
+    /// It has no key until these stages have run.
+    Waits(Vec<usize>),
+}
+
+/// Finds states; remembers files and what instant stages made.
+pub struct Resolver<'a> {
+    pub plan: &'a Plan,
+    pub store: &'a Store,
+    history: OnceLock<History>,
+    files: Mutex<HashMap<PathBuf, Result<(Digest, Arc<[u8]>), String>>>,
+    instant: Mutex<HashMap<InstanceId, Arc<BTreeMap<String, Arc<Artifact>>>>>,
+}
+
+/// States of all needed instances, with the mistakes and warnings found on the way.
+pub struct Survey {
+    pub states: Vec<Option<State>>,
+    pub outputs: Vec<Option<Arc<Outputs>>>,
+    /// The plan of every instance that is not a hit.
+    pub plans: HashMap<InstanceId, StagePlan>,
+    pub problems: Vec<Diagnostic>,
+}
+
+/// A sweep repeats its mistakes; this many are enough to see what is wrong.
+const MANY_PROBLEMS: usize = 100;
+
+impl<'a> Resolver<'a> {
+    pub fn new(plan: &'a Plan, store: &'a Store) -> Self {
+        Self { plan, store, history: OnceLock::new(), files: Mutex::default(), instant: Mutex::default() }
+    }
+
+    /// Finds the state of each needed instance and checks those that are not up to date.
+    ///
+    /// `force` names stages that run even where the store holds their outputs.
+    pub fn survey(&self, force: &[usize]) -> Survey {
+        let n = self.plan.instances.len();
+        let mut survey = Survey {
+            states: (0..n).map(|_| None).collect(),
+            outputs: vec![None; n],
+            plans: HashMap::new(),
+            problems: Vec::new(),
+        };
+        for id in self.plan.needed_instances() {
+            if survey.problems.len() >= MANY_PROBLEMS {
+                break;
+            }
+            match self.state(id, &survey.outputs, force) {
+                Ok(State::Hit(record)) => {
+                    survey.outputs[id] = Some(Arc::new(outputs_of(&record)));
+                    survey.states[id] = Some(State::Hit(record));
+                }
+                Ok(state) => {
+                    match self.check(id, &survey.outputs) {
+                        Ok((plan, mut warnings)) => {
+                            survey.plans.insert(id, plan);
+                            survey.problems.append(&mut warnings);
+                        }
+                        Err(mut mistakes) => survey.problems.append(&mut mistakes),
+                    }
+                    if let State::Run { job, .. } = &state
+                        && self.plan.row(self.plan.instances[id].stage).instant
+                        && !self.plan.consumers(self.plan.instances[id].stage).is_empty()
+                        && !survey.problems.iter().any(is_error)
+                    {
+                        match self.run_instant(id, job, &survey.outputs) {
+                            Ok(outputs) => survey.outputs[id] = Some(Arc::new(outputs)),
+                            Err(error) => survey.problems.push(self.error_diagnostic(id, &error)),
+                        }
+                    }
+                    survey.states[id] = Some(state);
+                }
+                Err(mut mistakes) => survey.problems.append(&mut mistakes),
+            }
+        }
+        survey
+    }
+
+    /// The state of one instance, given the outputs of those before it.
+    pub fn state(
+        &self,
+        id: InstanceId,
+        outputs: &[Option<Arc<Outputs>>],
+        force: &[usize],
+    ) -> Result<State, Vec<Diagnostic>> {
+        let instance = &self.plan.instances[id];
+        let mut waits: Vec<usize> = Vec::new();
+        for (source, port) in instance.wires.iter().flat_map(|w| &w.from) {
+            let known = outputs[*source].as_ref().is_some_and(|o| o.contains_key(*port));
+            let stage = self.plan.instances[*source].stage;
+            if !known && !waits.contains(&stage) {
+                waits.push(stage);
+            }
+        }
+        if !waits.is_empty() {
+            return Ok(State::Waits(waits));
+        }
+        let job = self.job(id, outputs)?;
+        let record = self.store.record(&job.key);
+        if force.contains(&instance.stage) {
+            return Ok(State::Run { job: Box::new(job), reasons: vec!["forced".to_owned()] });
+        }
+        let Some(record) = record else {
+            let history = self.history.get_or_init(|| History::read(self.store));
+            let reasons = history.reasons(self.plan, id, &job.dependencies);
+            return Ok(State::Run { job: Box::new(job), reasons });
+        };
+        let missing: Vec<&str> =
+            self.plan.wanted(instance.stage).iter().copied().filter(|port| !record.ports.contains_key(*port)).collect();
+        if missing.is_empty() {
+            return Ok(State::Hit(record));
+        }
+        Ok(State::Run { job: Box::new(job), reasons: vec![format!("newly wanted: {}", missing.join(", "))] })
+    }
+
+    /// Params with their canonical form, or every mistake in them.
+    pub fn prepare(&self, id: InstanceId) -> Result<(Value, Prepared), Vec<Diagnostic>> {
+        let instance = &self.plan.instances[id];
+        let params = self.plan.spec.params(instance.stage, &instance.axes)?;
+        let (prepared, errors) = read_params(self.plan.row(instance.stage), &params);
+        match prepared {
+            Some(prepared) if errors.is_empty() => Ok((params, prepared)),
+            _ => Err(errors
+                .into_iter()
+                .map(|e| self.plan.spec.diagnostic(instance.stage, Section::With, &e.path, e.message, e.hint))
+                .collect()),
+        }
+    }
+
+    /// Key and everything behind it; the inputs must be there.
+    fn job(&self, id: InstanceId, outputs: &[Option<Arc<Outputs>>]) -> Result<Job, Vec<Diagnostic>> {
+        let instance = &self.plan.instances[id];
+        let stage = &self.plan.spec.stages[instance.stage];
+        let row = self.plan.row(instance.stage);
+        let (params, prepared) = self.prepare(id)?;
+        let digest_of = |(source, port): &(InstanceId, &str)| {
+            outputs[*source].as_ref().and_then(|o| o.get(*port)).expect("the inputs are there").digest
+        };
+        let inputs: Vec<(String, InputContent)> = instance
+            .wires
+            .iter()
+            .map(|wire| {
+                let axes = |id: InstanceId| if wire.many { self.plan.instances[id].axes.clone() } else { Axes::new() };
+                let content = wire.from.iter().map(|from| (axes(from.0), digest_of(from))).collect();
+                (wire.port.to_owned(), content)
+            })
+            .collect();
+        let mut files = BTreeMap::new();
+        for file in &prepared.files {
+            let (path, digest, _) = self.file(instance.stage, &file.at, &file.path).map_err(|d| vec![*d])?;
+            files.insert(file.at.clone(), InputFile { path, digest });
+        }
+        let seed = instance_seed(self.plan.spec.seed, row.name, &instance.axes, &inputs, stage.seed);
+        let dependencies = Dependencies {
+            use_name: row.name.to_owned(),
+            version: row.version,
+            params: prepared.canonical,
+            inputs,
+            files: files
+                .iter()
+                .map(|(at, file)| {
+                    let name = file.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+                    (at.clone(), name, file.digest)
+                })
+                .collect(),
+            seed: prepared.draws.then_some(seed),
+        };
+        let state_key = dependencies.state_key(row.stopping);
+        Ok(Job { params, key: dependencies.key(), state_key, dependencies, seed, files })
+    }
+
+    /// Reads an input file once; a missing one is the user's mistake.
+    fn file(&self, stage: usize, at: &str, written: &str) -> Result<(PathBuf, Digest, Arc<[u8]>), Box<Diagnostic>> {
+        let path = self.plan.spec.input_file_base(stage, at).join(written);
+        let mut files = self.files.lock().expect("no holder panics");
+        let read = files.entry(path.clone()).or_insert_with(|| match std::fs::read(&path) {
+            Ok(bytes) => Ok((Digest::of(&bytes), bytes.into())),
+            Err(error) => Err(format!("{}: {error}", path.display())),
+        });
+        match read {
+            Ok((digest, bytes)) => Ok((path, *digest, bytes.clone())),
+            Err(message) => {
+                let path: Vec<&str> = at.split('.').collect();
+                Err(Box::new(self.plan.spec.diagnostic(stage, Section::With, &path, message.clone(), None)))
+            }
+        }
+    }
+
+    /// Bytes of an input file for the stage that runs: those that were hashed, or an error.
+    pub fn reread(&self, file: &InputFile) -> Result<Arc<[u8]>, String> {
+        let bytes =
+            std::fs::read(&file.path).map_err(|e| format!("{} vanished during the run: {e}", file.path.display()))?;
+        if Digest::of(&bytes) == file.digest {
+            Ok(bytes.into())
+        } else {
+            Err(format!("{} changed during the run; run again", file.path.display()))
+        }
+    }
+
+    /// The stage's own check and plan, with all inputs that are known by now.
+    fn check(
+        &self,
+        id: InstanceId,
+        outputs: &[Option<Arc<Outputs>>],
+    ) -> Result<(StagePlan, Vec<Diagnostic>), Vec<Diagnostic>> {
+        let instance = &self.plan.instances[id];
+        let row = self.plan.row(instance.stage);
+        let (params, prepared) = self.prepare(id)?;
+        let mut known =
+            Known { connected: instance.wires.iter().map(|w| w.port.to_owned()).collect(), ..Known::default() };
+        for wire in &instance.wires {
+            if let [(source, port)] = wire.from.as_slice()
+                && self.plan.row(self.plan.instances[*source].stage).instant
+                && let Some(artifact) = self.artifact(*source, port, outputs)
+            {
+                known.artifacts.insert(wire.port.to_owned(), artifact);
+            }
+        }
+        for file in &prepared.files {
+            let (_, _, bytes) = self.file(instance.stage, &file.at, &file.path).map_err(|d| vec![*d])?;
+            known.files.insert(file.at.clone(), bytes);
+        }
+        let mut problems = Problems::default();
+        (row.check)(&params, &known, &mut problems);
+        let (mistakes, warnings) = problems.into_parts();
+        let place = |p: Problem| self.problem_diagnostic(id, p);
+        if !mistakes.is_empty() {
+            return Err(mistakes.into_iter().map(place).collect());
+        }
+        let warnings = warnings.into_iter().map(|p| place(p).warning()).collect();
+        Ok(((row.plan)(&params, &known), warnings))
+    }
+
+    fn problem_diagnostic(&self, id: InstanceId, problem: Problem) -> Diagnostic {
+        let path: Vec<&str> = problem.path.split('.').filter(|p| !p.is_empty()).collect();
+        self.plan.spec.diagnostic(self.plan.instances[id].stage, Section::With, &path, problem.message, problem.hint)
+    }
+
+    fn error_diagnostic(&self, id: InstanceId, error: &Error) -> Diagnostic {
+        match error {
+            Error::Invalid(problem) => self.problem_diagnostic(id, problem.clone()),
+            other => self.plan.spec.diagnostic(
+                self.plan.instances[id].stage,
+                Section::Stage,
+                &[] as &[&str],
+                other.to_string(),
+                None,
+            ),
+        }
+    }
+
+    /// What an instance made, from memory or from the store.
+    fn artifact(&self, id: InstanceId, port: &str, outputs: &[Option<Arc<Outputs>>]) -> Option<Arc<Artifact>> {
+        let kept = self.instant.lock().expect("no holder panics").get(&id).cloned();
+        if let Some(artifact) = kept.and_then(|ports| ports.get(port).cloned()) {
+            return Some(artifact);
+        }
+        let blob = outputs[id].as_ref()?.get(port)?;
+        self.store.get(blob).ok().map(Arc::new)
+    }
+
+    /// Runs an instant stage in memory, so that what follows has a key and can be checked.
+    fn run_instant(&self, id: InstanceId, job: &Job, outputs: &[Option<Arc<Outputs>>]) -> Result<Outputs, Error> {
+        let instance = &self.plan.instances[id];
+        let files: Result<_, Error> =
+            job.files.iter().map(|(at, file)| Ok((at.clone(), self.reread(file).map_err(Error::failed)?))).collect();
+        let wanted = self.plan.wanted(instance.stage);
+        let previews =
+            self.plan.outputs(instance.stage).iter().filter(|p| p.preview).map(|p| p.name).collect::<Vec<_>>();
+        let host = MemoryHost {
+            seed: job.seed,
+            files: files?,
+            // Nobody depends on pictures: they are left to the run.
+            wanted: wanted.iter().filter(|p| !previews.contains(p)).map(|p| (*p).to_owned()).collect(),
+            ..MemoryHost::default()
+        };
+        let inputs = KnownInputs { resolver: self, wires: &instance.wires, outputs };
+        let made = (self.plan.row(instance.stage).run)(&job.params, &inputs, Ctx::new(&host))?;
+        let mut blobs = Outputs::new();
+        let mut artifacts = BTreeMap::new();
+        for (port, artifact) in made {
+            let bytes = encode(&artifact).map_err(|e| Error::failed(e.to_string()))?;
+            let blob = Blob { digest: Digest::of(&bytes), kind: artifact.kind(), bytes: bytes.len() as u64 };
+            blobs.insert(port.to_owned(), blob);
+            artifacts.insert(port.to_owned(), Arc::new(artifact));
+        }
+        self.instant.lock().expect("no holder panics").insert(id, Arc::new(artifacts));
+        Ok(blobs)
+    }
+}
+
+fn is_error(diagnostic: &Diagnostic) -> bool {
+    diagnostic.severity == Severity::Error
+}
+
+/// The ports that a record holds.
+pub fn outputs_of(record: &InstanceRecord) -> Outputs {
+    record.ports.iter().map(|(name, port)| (name.clone(), port.blob)).collect()
+}
+
+/// Inputs of an instant stage during check and plan.
+struct KnownInputs<'a> {
+    resolver: &'a Resolver<'a>,
+    wires: &'a [Wire],
+    outputs: &'a [Option<Arc<Outputs>>],
+}
+
+impl InputSource for KnownInputs<'_> {
+    fn one(&self, port: &str) -> Result<Option<Artifact>, Error> {
+        match self.wires.iter().find(|w| w.port == port) {
+            Some(_) => self.load(port, 0).map(Some),
+            None => Ok(None),
+        }
+    }
+
+    fn many(&self, port: &str) -> Vec<Axes> {
+        let from = self.wires.iter().find(|w| w.port == port).map_or(&[][..], |w| &w.from);
+        from.iter().map(|(id, _)| self.resolver.plan.instances[*id].axes.clone()).collect()
+    }
+
+    fn load(&self, port: &str, index: usize) -> Result<Artifact, Error> {
+        let wire = self.wires.iter().find(|w| w.port == port).expect("the stage asks for its own ports");
+        let (id, out) = wire.from[index];
+        let artifact = self.resolver.artifact(id, out, self.outputs);
+        artifact.map(|a| Artifact::clone(&a)).ok_or_else(|| Error::failed(format!("input `{port}` cannot be read")))
+    }
+}

@@ -1,0 +1,205 @@
+//! Running one instance: lock, look again, run, publish.
+
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Mutex};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use cpu_time::ThreadTime;
+use serde_json::{Value, json};
+use turbid_contract::{Artifact, Ctx, Error};
+
+use crate::plan::InstanceId;
+use crate::resolve::{Job, Outputs, Resolver};
+use crate::store::{Cost, InstanceRecord, PortRecord, Provenance, StoreError};
+
+use super::host::InstanceHost;
+use super::inputs::StoredInputs;
+use super::{Interrupt, Progress};
+
+/// What became of a running instance.
+pub enum Outcome {
+    Ran(Arc<InstanceRecord>),
+    /// Another run made it while this one waited for the lock.
+    Found(Arc<InstanceRecord>),
+    /// An input of this producer is damaged.
+    Damaged(InstanceId),
+    Failed(String),
+    Interrupted,
+}
+
+#[allow(clippy::too_many_arguments)]
+pub fn execute(
+    resolver: &Resolver<'_>,
+    id: InstanceId,
+    job: &Job,
+    outputs: HashMap<InstanceId, Arc<Outputs>>,
+    forced: bool,
+    alone: bool,
+    pool: &rayon::ThreadPool,
+    progress: &dyn Progress,
+    interrupt: &Interrupt,
+) -> Outcome {
+    let (plan, store) = (resolver.plan, resolver.store);
+    let instance = &plan.instances[id];
+    let label = plan.label(id);
+    let wanted = plan.wanted(instance.stage);
+    // Held until the record is published: a second run waits here and then finds it.
+    let _lock = match store.lock(&job.key, &|| interrupt.requested()) {
+        Ok(lock) => lock,
+        Err(StoreError::Cancelled) => return Outcome::Interrupted,
+        Err(error) => return Outcome::Failed(error.to_string()),
+    };
+    let earlier = store.record(&job.key);
+    if let Some(record) = &earlier
+        && !forced
+        && wanted.iter().all(|port| record.ports.contains_key(*port))
+    {
+        return Outcome::Found(record.clone());
+    }
+    let mut files = BTreeMap::new();
+    for (at, file) in &job.files {
+        match resolver.reread(file) {
+            Ok(bytes) => drop(files.insert(at.clone(), bytes)),
+            Err(message) => return Outcome::Failed(message),
+        }
+    }
+    let host = InstanceHost::new(resolver, job, &label, wanted, files, pool, progress, interrupt);
+    let inputs = StoredInputs { plan, store, wires: &instance.wires, outputs, damaged: Mutex::new(None) };
+    let started = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
+    if alone {
+        reset_peak_memory();
+    }
+    let own_cpu = ThreadTime::now();
+    let row = plan.row(instance.stage);
+    let made = catch_unwind(AssertUnwindSafe(|| (row.run)(&job.params, &inputs, Ctx::new(&host))));
+    let made = match made {
+        Ok(Ok(made)) => made,
+        Ok(Err(Error::Interrupted)) => return Outcome::Interrupted,
+        Ok(Err(error)) => {
+            return match inputs.damaged.into_inner().expect("no holder panics") {
+                Some(producer) => Outcome::Damaged(producer),
+                None => Outcome::Failed(error.to_string()),
+            };
+        }
+        Err(panic) => return Outcome::Failed(panic_text(panic.as_ref())),
+    };
+    let cost = Cost {
+        wall_s: host.wall().as_secs_f64(),
+        cpu_s: (own_cpu.elapsed() + host.tile_cpu()).as_secs_f64(),
+        peak_bytes: peak_memory(),
+        alone,
+    };
+    let mut ports = match publish_blobs(resolver, id, made, wanted) {
+        Ok(ports) => ports,
+        Err(message) => return Outcome::Failed(message),
+    };
+    if let Some(earlier) = &earlier {
+        let differing = ports
+            .iter()
+            .find(|(name, port)| earlier.ports.get(*name).is_some_and(|e| e.blob.digest != port.blob.digest));
+        if let Some((name, _)) = differing {
+            let text = format!(
+                "output `{name}` came out different from the stored one for the same key; {} must raise its VERSION (now {})",
+                row.name, row.version
+            );
+            if !forced {
+                return Outcome::Failed(text);
+            }
+            progress.warn(&label, &text);
+        } else {
+            for (name, port) in &earlier.ports {
+                ports.entry(name.clone()).or_insert_with(|| port.clone());
+            }
+        }
+    }
+    let record = InstanceRecord {
+        key: job.key,
+        use_name: job.dependencies.use_name.clone(),
+        version: job.dependencies.version,
+        params: job.dependencies.params.clone(),
+        inputs: job.dependencies.inputs.clone(),
+        files: job.dependencies.files.clone(),
+        seed: job.dependencies.seed,
+        state_key: job.state_key,
+        ports,
+        cost,
+        measures: host.measures(),
+        warnings: host.warnings(),
+        provenance: Provenance {
+            pipeline: plan.spec.pipeline.clone(),
+            stage: plan.spec.stages[instance.stage].name.clone(),
+            axes: instance.axes.clone(),
+            turbid_version: env!("CARGO_PKG_VERSION").to_owned(),
+            started,
+        },
+    };
+    if host.stopped_by_time()
+        && let Some(reached) = reached_record(job, &record)
+        && let Err(error) = store.publish(&reached)
+    {
+        return Outcome::Failed(error.to_string());
+    }
+    match store.publish(&record) {
+        Ok(()) => Outcome::Ran(Arc::new(record)),
+        Err(error) => Outcome::Failed(error.to_string()),
+    }
+}
+
+fn publish_blobs(
+    resolver: &Resolver<'_>,
+    id: InstanceId,
+    made: Vec<(&'static str, Artifact)>,
+    wanted: &BTreeSet<&'static str>,
+) -> Result<BTreeMap<String, PortRecord>, String> {
+    let stage = resolver.plan.instances[id].stage;
+    let mut ports = BTreeMap::new();
+    for (name, artifact) in made {
+        let described = resolver.plan.outputs(stage).iter().find(|p| p.name == name);
+        let described = described.expect("out_ports! names the ports that it lists");
+        assert_eq!(artifact.kind(), described.kind, "port {name} of {}", resolver.plan.row(stage).name);
+        let blob = resolver.store.put(&artifact).map_err(|e| format!("output `{name}`: {e}"))?;
+        ports.insert(name.to_owned(), PortRecord { payload: described.payload.to_owned(), blob });
+    }
+    match wanted.iter().find(|name| !ports.contains_key(**name)) {
+        Some(name) => Err(format!("{} did not make its output `{name}`", resolver.plan.row(stage).name)),
+        None => Ok(ports),
+    }
+}
+
+/// A run that the clock stopped is the same as one that asked for the samples it reached; it is stored as that too.
+///
+/// Under the key that was asked for it stays as well, so that the same file is up to date the second time.
+fn reached_record(job: &Job, record: &InstanceRecord) -> Option<InstanceRecord> {
+    let samples = record.measures.iter().find(|(name, _, _)| name == "samples")?.1;
+    let mut dependencies = job.dependencies.clone();
+    let Value::Object(params) = &mut dependencies.params else { return None };
+    params.insert("samples".to_owned(), json!(samples as u64));
+    for name in ["target_error", "max_seconds"] {
+        if let Some(value) = params.get_mut(name) {
+            *value = Value::Null;
+        }
+    }
+    Some(InstanceRecord { key: dependencies.key(), params: dependencies.params, ..record.clone() })
+}
+
+pub fn panic_text(panic: &(dyn std::any::Any + Send)) -> String {
+    let text = panic
+        .downcast_ref::<String>()
+        .cloned()
+        .or_else(|| panic.downcast_ref::<&str>().map(|s| (*s).to_owned()))
+        .unwrap_or_else(|| "an assertion failed".to_owned());
+    format!("internal error, please report it: {text}")
+}
+
+/// Starts a new high-water mark of this process's memory (Linux; elsewhere the mark is that of the process).
+fn reset_peak_memory() {
+    let _ = std::fs::write("/proc/self/clear_refs", "5");
+}
+
+/// High-water mark of this process's memory in bytes, 0 where the system does not tell.
+fn peak_memory() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"));
+    line.and_then(|l| l.trim().trim_end_matches("kB").trim().parse::<u64>().ok()).map_or(0, |kb| kb * 1024)
+}

@@ -1,0 +1,163 @@
+//! `outputs/runs`: what ran, when, from which files; its keys are the roots of garbage collection.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use serde_json::{Value, json};
+
+use crate::digest::Digest;
+use crate::plan::Plan;
+use crate::store::InstanceRecord;
+
+use super::{End, Progress, Summary};
+
+/// So many runs protect their results from garbage collection.
+const LATEST_RUNS: usize = 16;
+
+/// The folder of one run: configuration at its start, events while it goes, metrics and roots at its end.
+pub struct RunLog {
+    folder: PathBuf,
+    events: Mutex<File>,
+}
+
+impl RunLog {
+    /// Begins the folder of a run that has something to do.
+    pub fn begin(outputs: &Path, plan: &Plan) -> Result<Self, String> {
+        let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let id = blake3::hash(format!("{} {}", now.as_nanos(), std::process::id()).as_bytes()).to_hex();
+        let folder = outputs.join("runs").join(format!("{}-{}", timestamp(now.as_secs()), &id[..6]));
+        let fail = |e: std::io::Error| format!("{}: {e}", folder.display());
+        fs::create_dir_all(&folder).map_err(fail)?;
+        for (index, source) in plan.spec.sources.iter().enumerate() {
+            let name = Path::new(&source.name).file_name().unwrap_or_default().to_string_lossy();
+            fs::write(folder.join(format!("{index}-{name}")), &source.text).map_err(fail)?;
+        }
+        let configuration = json!({
+            "pipeline": plan.spec.pipeline, "overrides": plan.spec.overrides,
+            "turbid_version": env!("CARGO_PKG_VERSION"),
+            "stages": plan.needed.iter().map(|&s| {
+                let row = plan.row(s);
+                json!({"stage": plan.spec.stages[s].name, "use": row.name, "version": row.version, "instances": plan.instances_of(s).len()})
+            }).collect::<Vec<_>>(),
+        });
+        fs::write(folder.join("configuration.json"), format!("{configuration:#}\n")).map_err(fail)?;
+        let events = OpenOptions::new().create(true).append(true).open(folder.join("events.jsonl")).map_err(fail)?;
+        Ok(Self { folder, events: Mutex::new(events) })
+    }
+
+    fn event(&self, value: &Value) {
+        let mut file = self.events.lock().expect("no holder panics");
+        // The log is a service; a full disk shows where results are stored.
+        let _ = writeln!(file, "{value}");
+    }
+
+    /// Writes roots and metrics; best effort for the same reason.
+    pub fn end(&self, plan: &Plan, summary: &Summary) {
+        let mut roots = String::new();
+        let mut metrics = Vec::new();
+        for id in plan.needed_instances() {
+            if let Some(record) = summary.record(id) {
+                roots.push_str(&format!("{}\n", record.key));
+            }
+            if let Some(End::Ran(record)) = summary.ends.get(&id) {
+                metrics.push(json!({
+                    "instance": plan.label(id), "wall_s": record.cost.wall_s, "cpu_s": record.cost.cpu_s,
+                    "peak_bytes": record.cost.peak_bytes, "alone": record.cost.alone, "measures": record.measures,
+                    "warnings": record.warnings,
+                }));
+            }
+        }
+        let _ = fs::write(self.folder.join("roots"), roots);
+        let _ = fs::write(self.folder.join("metrics.json"), format!("{:#}\n", Value::from(metrics)));
+        self.event(
+            &json!({"event": "finished", "hits": summary.hits(), "ran": summary.ran(), "failed": summary.failed()}),
+        );
+    }
+}
+
+/// Keys of the records that the latest runs named: what garbage collection removes last.
+pub fn roots(outputs: &Path) -> Vec<Digest> {
+    let mut folders: Vec<PathBuf> =
+        fs::read_dir(outputs.join("runs")).into_iter().flatten().flatten().map(|e| e.path()).collect();
+    // Names begin with the time.
+    folders.sort();
+    let text = folders.iter().rev().take(LATEST_RUNS).map(|f| fs::read_to_string(f.join("roots")).unwrap_or_default());
+    text.collect::<String>().lines().filter_map(|line| line.parse().ok()).collect()
+}
+
+/// One line for a run that found everything up to date.
+pub fn note_up_to_date(outputs: &Path, plan: &Plan, summary: &Summary) {
+    let line = json!({
+        "time": timestamp(SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs())),
+        "pipeline": plan.spec.pipeline, "hits": summary.hits(),
+    });
+    let _ = fs::create_dir_all(outputs.join("runs"));
+    if let Ok(mut file) = OpenOptions::new().create(true).append(true).open(outputs.join("runs").join("log.jsonl")) {
+        let _ = writeln!(file, "{line}");
+    }
+}
+
+/// Tells the log and somebody else.
+pub struct Logged<'a> {
+    pub log: &'a RunLog,
+    pub progress: &'a dyn Progress,
+}
+
+impl Progress for Logged<'_> {
+    fn started(&self, label: &str, reasons: &[String]) {
+        self.log.event(&json!({"event": "started", "instance": label, "reasons": reasons}));
+        self.progress.started(label, reasons);
+    }
+    fn advanced(&self, label: &str, done: f64, total: Option<f64>, unit: &str) {
+        self.progress.advanced(label, done, total, unit);
+    }
+    fn ran(&self, label: &str, record: &InstanceRecord) {
+        self.log.event(
+            &json!({"event": "ran", "instance": label, "key": record.key.to_string(), "seconds": record.cost.wall_s}),
+        );
+        self.progress.ran(label, record);
+    }
+    fn found(&self, label: &str) {
+        self.log.event(&json!({"event": "found", "instance": label}));
+        self.progress.found(label);
+    }
+    fn failed(&self, label: &str, message: &str) {
+        self.log.event(&json!({"event": "failed", "instance": label, "message": message}));
+        self.progress.failed(label, message);
+    }
+    fn warn(&self, label: &str, message: &str) {
+        self.log.event(&json!({"event": "warning", "instance": label, "message": message}));
+        self.progress.warn(label, message);
+    }
+}
+
+/// `20260131T235959Z` of seconds since 1970.
+pub fn timestamp(seconds: u64) -> String {
+    let (days, rest) = ((seconds / 86_400) as i64, seconds % 86_400);
+    // Days since 0000-03-01 in years of 400-year eras (Howard Hinnant's civil calendar).
+    let z = days + 719_468;
+    let (era, day_of_era) = (z.div_euclid(146_097), z.rem_euclid(146_097));
+    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let month_index = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * month_index + 2) / 5 + 1;
+    let month = if month_index < 10 { month_index + 3 } else { month_index - 9 };
+    let year = year_of_era + era * 400 + i64::from(month <= 2);
+    format!("{year:04}{month:02}{day:02}T{:02}{:02}{:02}Z", rest / 3600, rest / 60 % 60, rest % 60)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::timestamp;
+
+    #[test]
+    fn timestamps_are_civil_dates() {
+        assert_eq!(timestamp(0), "19700101T000000Z");
+        assert_eq!(timestamp(951_782_399), "20000228T235959Z");
+        assert_eq!(timestamp(951_782_400), "20000229T000000Z");
+        assert_eq!(timestamp(4_102_444_800), "21000101T000000Z");
+    }
+}

@@ -1,0 +1,310 @@
+//! Runs what is stale: a scheduler over build states, side by side within a thread budget.
+//!
+//! Want -> Ready -> Running -> Done | Failed | Skipped; every transition is in [`Schedule`].
+
+mod execute;
+mod host;
+mod inputs;
+mod interrupt;
+pub mod latest;
+pub mod log;
+pub mod progress;
+
+use std::collections::{BTreeSet, HashMap};
+use std::sync::{Arc, mpsc};
+use std::time::{Duration, Instant};
+
+use crate::plan::{InstanceId, Plan};
+use crate::resolve::{Job, Outputs, Resolver, State, Survey, outputs_of};
+use crate::spec::Diagnostic;
+use crate::store::InstanceRecord;
+
+pub use interrupt::Interrupt;
+pub use progress::Progress;
+
+use execute::Outcome;
+pub use execute::panic_text;
+
+/// How to run.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Threads of the run, and at most this many instances at once.
+    pub jobs: usize,
+    /// Go on with what does not depend on a failed instance.
+    pub keep_going: bool,
+    /// Stages that run even where the store holds their outputs.
+    pub force: Vec<usize>,
+}
+
+/// How an instance ended.
+#[derive(Clone, Debug)]
+pub enum End {
+    Hit(Arc<InstanceRecord>),
+    Ran(Arc<InstanceRecord>),
+    Failed(String),
+    /// Something that it needs failed, or the run stopped before its turn.
+    Skipped,
+}
+
+/// What a run did.
+pub struct Summary {
+    pub ends: HashMap<InstanceId, End>,
+    pub seconds: f64,
+    pub interrupted: bool,
+}
+
+impl Summary {
+    pub fn count(&self, which: impl Fn(&End) -> bool) -> usize {
+        self.ends.values().filter(|end| which(end)).count()
+    }
+
+    pub fn hits(&self) -> usize {
+        self.count(|end| matches!(end, End::Hit(_)))
+    }
+
+    pub fn ran(&self) -> usize {
+        self.count(|end| matches!(end, End::Ran(_)))
+    }
+
+    pub fn failed(&self) -> usize {
+        self.count(|end| matches!(end, End::Failed(_)))
+    }
+
+    pub fn record(&self, id: InstanceId) -> Option<&Arc<InstanceRecord>> {
+        match self.ends.get(&id) {
+            Some(End::Hit(record) | End::Ran(record)) => Some(record),
+            _ => None,
+        }
+    }
+}
+
+/// A damaged input makes its producer run again; this often, then the disk is to blame.
+const MAX_REPAIRS: usize = 3;
+
+/// Runs what the survey found stale. The survey must be free of errors.
+pub fn run(
+    resolver: &Resolver<'_>,
+    survey: Survey,
+    options: &Options,
+    progress: &dyn Progress,
+    interrupt: &Interrupt,
+) -> Summary {
+    let began = Instant::now();
+    let mut schedule = Schedule::new(resolver, survey, options);
+    if !schedule.ready.is_empty() {
+        schedule.work(progress, interrupt);
+    }
+    for id in resolver.plan.needed_instances() {
+        schedule.ends.entry(id).or_insert(End::Skipped);
+    }
+    Summary { ends: schedule.ends, seconds: began.elapsed().as_secs_f64(), interrupted: interrupt.requested() }
+}
+
+/// Build states of all needed instances.
+struct Schedule<'a> {
+    resolver: &'a Resolver<'a>,
+    plan: &'a Plan,
+    options: &'a Options,
+    outputs: Vec<Option<Arc<Outputs>>>,
+    /// Instances that consume an instance (needed ones only).
+    dependents: HashMap<InstanceId, Vec<InstanceId>>,
+    /// Want: how many of its producers are not done.
+    missing: HashMap<InstanceId, usize>,
+    ready: BTreeSet<InstanceId>,
+    running: BTreeSet<InstanceId>,
+    ends: HashMap<InstanceId, End>,
+    forced: BTreeSet<InstanceId>,
+    repairs: HashMap<InstanceId, usize>,
+    stopping: bool,
+}
+
+impl<'a> Schedule<'a> {
+    fn new(resolver: &'a Resolver<'a>, survey: Survey, options: &'a Options) -> Self {
+        let plan = resolver.plan;
+        let mut schedule = Self {
+            resolver,
+            plan,
+            options,
+            outputs: vec![None; plan.instances.len()],
+            dependents: HashMap::new(),
+            missing: HashMap::new(),
+            ready: BTreeSet::new(),
+            running: BTreeSet::new(),
+            ends: HashMap::new(),
+            forced: BTreeSet::new(),
+            repairs: HashMap::new(),
+            stopping: false,
+        };
+        let mut stale = false;
+        for (id, state) in survey.states.into_iter().enumerate() {
+            match state {
+                Some(State::Hit(record)) => {
+                    schedule.outputs[id] = Some(Arc::new(outputs_of(&record)));
+                    schedule.ends.insert(id, End::Hit(record));
+                }
+                Some(_) => stale = true,
+                None => {}
+            }
+        }
+        if stale {
+            schedule.connect();
+        }
+        schedule
+    }
+
+    fn connect(&mut self) {
+        for id in self.plan.needed_instances() {
+            let sources: BTreeSet<InstanceId> =
+                self.plan.instances[id].wires.iter().flat_map(|w| w.from.iter().map(|f| f.0)).collect();
+            for &source in &sources {
+                self.dependents.entry(source).or_default().push(id);
+            }
+            if self.ends.contains_key(&id) {
+                continue;
+            }
+            let missing = sources.iter().filter(|s| !self.ends.contains_key(s)).count();
+            self.missing.insert(id, missing);
+            if missing == 0 {
+                self.ready.insert(id);
+            }
+        }
+    }
+
+    fn work(&mut self, progress: &dyn Progress, interrupt: &Interrupt) {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(self.options.jobs)
+            .thread_name(|i| format!("turbid-{i}"))
+            .build()
+            .expect("the system can start threads");
+        let (send, receive) = mpsc::channel::<(InstanceId, Outcome)>();
+        std::thread::scope(|scope| {
+            loop {
+                while self.running.len() < self.options.jobs && !self.stopping && !interrupt.requested() {
+                    let Some(id) = self.ready.pop_first() else { break };
+                    let Some((job, reasons)) = self.start(id, progress) else { continue };
+                    progress.started(&self.plan.label(id), &reasons);
+                    self.running.insert(id);
+                    let alone = self.running.len() == 1;
+                    let forced = self.forced.contains(&id);
+                    let outputs = self.inputs_of(id);
+                    let (send, pool, resolver) = (send.clone(), &pool, self.resolver);
+                    scope.spawn(move || {
+                        let outcome =
+                            execute::execute(resolver, id, &job, outputs, forced, alone, pool, progress, interrupt);
+                        // The receiver outlives every worker: it stands outside the scope.
+                        let _ = send.send((id, outcome));
+                    });
+                }
+                if self.running.is_empty() {
+                    break;
+                }
+                if let Ok((id, outcome)) = receive.recv_timeout(Duration::from_secs(1)) {
+                    self.running.remove(&id);
+                    self.finish(id, outcome, progress);
+                }
+            }
+        });
+    }
+
+    /// Ready -> Running, or straight to Done where another path or another run made it meanwhile.
+    fn start(&mut self, id: InstanceId, progress: &dyn Progress) -> Option<(Box<Job>, Vec<String>)> {
+        match self.resolver.state(id, &self.outputs, &self.options.force) {
+            Ok(State::Run { job, reasons }) => {
+                if self.options.force.contains(&self.plan.instances[id].stage) {
+                    self.forced.insert(id);
+                }
+                Some((job, reasons))
+            }
+            Ok(State::Hit(record)) => {
+                self.done(id, End::Hit(record));
+                None
+            }
+            Ok(State::Waits(stages)) => {
+                unreachable!("{} is ready but waits for stages {stages:?}", self.plan.label(id))
+            }
+            Err(diagnostics) => {
+                let text: Vec<String> = diagnostics.iter().map(Diagnostic::to_string).collect();
+                self.fail(id, text.join("\n"), progress);
+                None
+            }
+        }
+    }
+
+    /// The outputs of the producers of `id`, and no others.
+    fn inputs_of(&self, id: InstanceId) -> HashMap<InstanceId, Arc<Outputs>> {
+        let sources = self.plan.instances[id].wires.iter().flat_map(|w| w.from.iter().map(|f| f.0));
+        sources.map(|s| (s, self.outputs[s].clone().expect("a ready instance has its inputs"))).collect()
+    }
+
+    fn finish(&mut self, id: InstanceId, outcome: Outcome, progress: &dyn Progress) {
+        match outcome {
+            Outcome::Ran(record) => {
+                progress.ran(&self.plan.label(id), &record);
+                self.done(id, End::Ran(record));
+            }
+            Outcome::Found(record) => {
+                progress.found(&self.plan.label(id));
+                self.done(id, End::Hit(record));
+            }
+            Outcome::Damaged(producer) => self.repair(id, producer, progress),
+            Outcome::Failed(message) => self.fail(id, message, progress),
+            Outcome::Interrupted => {}
+        }
+    }
+
+    fn done(&mut self, id: InstanceId, end: End) {
+        if let End::Hit(record) | End::Ran(record) = &end {
+            self.outputs[id] = Some(Arc::new(outputs_of(record)));
+        }
+        self.ends.insert(id, end);
+        for dependent in self.dependents.get(&id).cloned().unwrap_or_default() {
+            if let Some(missing) = self.missing.get_mut(&dependent) {
+                *missing -= 1;
+                if *missing == 0 {
+                    self.missing.remove(&dependent);
+                    self.ready.insert(dependent);
+                }
+            }
+        }
+        self.missing.remove(&id);
+    }
+
+    fn fail(&mut self, id: InstanceId, message: String, progress: &dyn Progress) {
+        progress.failed(&self.plan.label(id), &message);
+        self.ends.insert(id, End::Failed(message));
+        self.stopping |= !self.options.keep_going;
+    }
+
+    /// A blob of `producer` is damaged: it runs again, and `id` waits for it.
+    fn repair(&mut self, id: InstanceId, producer: InstanceId, progress: &dyn Progress) {
+        let times = self.repairs.entry(producer).or_default();
+        *times += 1;
+        let (times, label) = (*times, self.plan.label(producer));
+        if times > MAX_REPAIRS {
+            self.fail(
+                id,
+                format!("the stored outputs of {label} were damaged {times} times over; check the disk"),
+                progress,
+            );
+            return;
+        }
+        if self.outputs[producer].take().is_some() {
+            progress.warn(&label, "a stored output is damaged or gone; it is made again");
+            self.ends.remove(&producer);
+            self.want(producer);
+        }
+        self.want(id);
+    }
+
+    /// Anything -> Want or Ready, by what its producers have.
+    fn want(&mut self, id: InstanceId) {
+        let sources: BTreeSet<InstanceId> =
+            self.plan.instances[id].wires.iter().flat_map(|w| w.from.iter().map(|f| f.0)).collect();
+        let missing = sources.iter().filter(|s| self.outputs[**s].is_none()).count();
+        if missing == 0 {
+            self.ready.insert(id);
+        } else {
+            self.missing.insert(id, missing);
+        }
+    }
+}

@@ -1,0 +1,15 @@
+//! The program as a user runs it, in one binary.
+
+#[path = "all/space.rs"]
+mod space;
+
+#[path = "all/commands.rs"]
+mod commands;
+#[path = "all/crash.rs"]
+mod crash;
+#[path = "all/floors.rs"]
+mod floors;
+#[path = "all/reproducible.rs"]
+mod reproducible;
+#[path = "all/rerun.rs"]
+mod rerun;

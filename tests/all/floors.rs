@@ -1,0 +1,168 @@
+//! The arrows of docs/architecture.md, read from the manifests and the sources.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+fn read(path: impl AsRef<Path>) -> String {
+    let path = path.as_ref();
+    fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+}
+
+fn stage_crates() -> Vec<String> {
+    let mut names: Vec<String> = fs::read_dir(root().join("stages"))
+        .expect("the folder of stages")
+        .map(|entry| entry.expect("an entry").file_name().to_string_lossy().into_owned())
+        .collect();
+    names.sort();
+    names
+}
+
+/// Names of the dependencies in one section of a manifest.
+fn dependencies(manifest: &str, section: &str) -> BTreeSet<String> {
+    let mut names = BTreeSet::new();
+    let mut inside = false;
+    for line in manifest.lines() {
+        if line.starts_with('[') {
+            inside = line.trim() == format!("[{section}]");
+        } else if inside && let Some((name, _)) = line.split_once(['=', '.']) {
+            names.insert(name.trim().to_owned());
+        }
+    }
+    names
+}
+
+fn sources(folder: &Path) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let path = entry.path();
+        if path.is_dir() {
+            found.extend(sources(&path));
+        } else if path.extension().is_some_and(|e| e == "rs") {
+            found.push(path);
+        }
+    }
+    found.sort();
+    found
+}
+
+/// Stages meet at payload types: contract and optics are all of turbid that they may know, tests included.
+#[test]
+fn no_stage_depends_on_a_stage() {
+    for name in stage_crates() {
+        let manifest = read(root().join("stages").join(&name).join("Cargo.toml"));
+        let allowed: &[&str] = match name.as_str() {
+            "contract" | "optics" => &[],
+            _ => &["turbid-contract", "turbid-optics"],
+        };
+        for section in ["dependencies", "dev-dependencies", "build-dependencies"] {
+            let known = dependencies(&manifest, section);
+            assert!(!known.is_empty() || section != "dependencies", "{name}: the manifest was not understood");
+            for dependency in known.iter().filter(|d| d.starts_with("turbid")) {
+                assert!(allowed.contains(&dependency.as_str()), "stages/{name} [{section}] has {dependency}");
+            }
+        }
+    }
+}
+
+/// Only the store writes EXR and Parquet, and only the root package can.
+#[test]
+fn file_formats_stay_in_the_root_package() {
+    for name in stage_crates() {
+        let manifest = read(root().join("stages").join(&name).join("Cargo.toml"));
+        for dependency in dependencies(&manifest, "dependencies") {
+            let format =
+                ["exr", "parquet", "arrow-array", "arrow-schema", "png", "polars"].contains(&dependency.as_str());
+            assert!(!format, "stages/{name} has {dependency}");
+        }
+    }
+    for path in sources(&root().join("src")) {
+        let inside = path.strip_prefix(root()).expect("below the root").to_string_lossy().replace('\\', "/");
+        let text = read(&path);
+        for format in ["exr::", "parquet::"] {
+            let used = text.lines().any(|l| l.trim_start().starts_with("use ") && l.contains(&format!("use {format}")));
+            assert!(!used || inside.starts_with("src/store"), "{inside} uses {format}");
+        }
+    }
+}
+
+/// A stage opens no file, reads no clock, prints nothing: all of that goes through `Ctx`.
+#[test]
+fn stages_touch_the_world_only_through_ctx() {
+    let forbidden =
+        ["std::fs", "std::net", "std::process", "std::time", "std::env", "SystemTime", "println!", "eprintln!", "dbg!"];
+    for name in stage_crates() {
+        for path in sources(&root().join("stages").join(&name).join("src")) {
+            let text = read(&path);
+            // Unit tests may read their tables and say what they measured.
+            let code = text.split("#[cfg(test)]").next().unwrap_or_default();
+            for line in code.lines().filter(|l| !l.trim_start().starts_with("//")) {
+                for word in forbidden {
+                    assert!(!line.contains(word), "{}: `{word}` in {line}", path.display());
+                }
+            }
+        }
+    }
+}
+
+/// The engine names no physics: whatever it knows of a stage it knows from its row.
+#[test]
+fn the_engine_names_no_physics() {
+    let words = ["mu_a", "mu_s", "f_x", "phase_rad", "reflectance", "albedo"];
+    for file in ["key.rs", "resolve.rs", "explain.rs", "plan", "run", "store"] {
+        let path = root().join("src").join(file);
+        let files = if path.is_dir() { sources(&path) } else { vec![path] };
+        for path in files {
+            let text = read(&path);
+            let code = text.split("#[cfg(test)]").next().unwrap_or_default();
+            for line in code.lines().filter(|l| !l.trim_start().starts_with("//")) {
+                for word in words {
+                    assert!(!line.contains(word), "{}: `{word}` in {line}", path.display());
+                }
+            }
+        }
+    }
+}
+
+/// The transcendental functions of the standard library differ between machines; optics and `libm` do not.
+#[test]
+fn stages_use_portable_transcendentals() {
+    let forbidden = [
+        ".ln()",
+        ".exp()",
+        ".sin()",
+        ".cos()",
+        ".sin_cos()",
+        ".tan()",
+        ".powf(",
+        ".log10()",
+        ".log2()",
+        ".exp_m1()",
+        ".ln_1p()",
+        ".atan2(",
+        ".acos()",
+        ".asin()",
+        ".atan()",
+        ".sinh()",
+        ".cosh()",
+        ".tanh()",
+        ".hypot(",
+        ".cbrt()",
+        ".mul_add(",
+    ];
+    for name in stage_crates() {
+        for path in sources(&root().join("stages").join(&name).join("src")) {
+            let text = read(&path);
+            let code = text.split("#[cfg(test)]").next().unwrap_or_default();
+            for line in code.lines().filter(|l| !l.trim_start().starts_with("//")) {
+                for word in forbidden {
+                    assert!(!line.contains(word), "{}: `{word}` in {line}", path.display());
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,132 @@
+//! What runs again and what does not.
+
+use crate::space::{SMALL, Space, counts, states};
+
+const INSTANCES: u64 = 7;
+
+#[test]
+fn the_second_run_finds_everything_up_to_date() {
+    let space = Space::with(SMALL);
+    assert!(states(&space, &[]).iter().all(|(_, state)| state != "hit"));
+    assert_eq!(counts(&space, &[]), (0, INSTANCES));
+    let digests = space.digests();
+    assert_eq!(counts(&space, &[]), (INSTANCES, 0));
+    assert!(states(&space, &[]).iter().all(|(_, state)| state == "hit"));
+    assert_eq!(space.digests(), digests);
+}
+
+/// Comments, key order, 1 or 1.0, quantities in other units, labels and pipeline names are not in the key.
+#[test]
+fn spelling_is_not_in_the_key() {
+    let space = Space::with(SMALL);
+    counts(&space, &[]);
+    let respelt = SMALL
+        .replace("pipeline: small", "# a comment\npipeline: other")
+        .replace("A_rho: 50, S_rho: 5000", "S_rho: 5.0e3, A_rho: \"0.05 mm^-1\"")
+        .replace("thickness: 30", "thickness: \"3 cm\"")
+        .replace("tissue", "sample_scene")
+        .replace("phantom_modulation", "m2");
+    space.write("p.yaml", &respelt);
+    assert_eq!(counts(&space, &[]), (INSTANCES, 0));
+}
+
+/// One changed parameter: what ran had been shown as run or waits, what was shown as hit was a hit.
+#[test]
+fn plan_tells_what_run_will_do() {
+    let space = Space::with(SMALL);
+    counts(&space, &[]);
+    let change = ["--set", "stages.tissue.with.media.m.A_rho=60"];
+    let planned = states(&space, &change);
+    let hits = planned.iter().filter(|(_, state)| state == "hit").count() as u64;
+    let stale: Vec<&str> = planned.iter().filter(|(_, s)| s != "hit").map(|(n, _)| n.as_str()).collect();
+    assert_eq!(stale, ["tissue", "frames", "modulation", "reflectance"]);
+    assert_eq!(counts(&space, &change), (hits, INSTANCES - hits));
+}
+
+#[test]
+fn explain_names_the_field_and_both_values() {
+    let space = Space::with(SMALL);
+    counts(&space, &[]);
+    let text = space.turbid(&["explain", "p.yaml", "frames", "--set", "vars.samples=32"]).ok();
+    assert!(text.contains("with.samples") && text.contains("before: 16") && text.contains("now:    32"), "{text}");
+}
+
+/// A change that does not alter the bytes of a stage stops there: two coefficients that mean the same.
+#[test]
+fn unchanged_bytes_stop_the_wave() {
+    let space = Space::with(SMALL);
+    counts(&space, &[]);
+    // mu_s' = 5 (1 - 0.8) = 1: other params, the same scene.
+    let respelt = SMALL.replace("{A_rho: 50, S_rho: 5000, g: 0.8, n: 1.0}", "{mu_a: 0.05, mu_s: 5, g: 0.8, n: 1.0}");
+    assert_ne!(respelt, SMALL);
+    space.write("p.yaml", &respelt);
+    let (hits, ran) = counts(&space, &[]);
+    assert_eq!(hits + ran, INSTANCES);
+    assert!(ran <= 1, "only the scene may run again, {ran} did");
+}
+
+/// A seed moves only what draws.
+#[test]
+fn a_new_seed_moves_only_what_draws() {
+    let space = Space::with(SMALL);
+    counts(&space, &[]);
+    space.write("p.yaml", &SMALL.replace("seed: 7", "seed: 8"));
+    let stale: Vec<String> = states(&space, &[]).into_iter().filter(|(_, s)| s == "run").map(|(n, _)| n).collect();
+    assert_eq!(stale, ["frames", "phantom_frames"]);
+}
+
+/// Only what a target needs runs, and an optional port only when somebody wants it.
+#[test]
+fn targets_prune_and_optional_ports_wait_to_be_wanted() {
+    let space = Space::with(SMALL);
+    assert_eq!(counts(&space, &["frames"]), (0, 2));
+    let ports = |space: &Space| -> Vec<String> {
+        let shown = space.turbid(&["show", "p.yaml", "frames", "--json"]).json();
+        shown["instances"][0]["ports"].as_object().expect("ports").keys().cloned().collect()
+    };
+    assert_eq!(ports(&space), ["frames"]);
+    let frames =
+        space.turbid(&["show", "p.yaml", "frames", "--json"]).json()["instances"][0]["ports"]["frames"]["digest"]
+            .clone();
+    // A further port: the same frames, bit for bit, and the new port beside them.
+    assert_eq!(counts(&space, &["frames.truth"]), (1, 1));
+    assert_eq!(ports(&space), ["frames", "truth"]);
+    let again =
+        space.turbid(&["show", "p.yaml", "frames", "--json"]).json()["instances"][0]["ports"]["frames"]["digest"]
+            .clone();
+    assert_eq!(frames, again);
+}
+
+#[test]
+fn force_runs_a_stage_again_with_the_same_bytes() {
+    let space = Space::with(SMALL);
+    counts(&space, &[]);
+    let digests = space.digests();
+    let (_, ran) = counts(&space, &["--force", "frames"]);
+    assert_eq!(ran, 1);
+    assert_eq!(space.digests(), digests);
+}
+
+/// Axes: a grid of scenes, joined by value, gathered, selected.
+#[test]
+fn a_sweep_has_one_instance_per_point() {
+    let sweep = SMALL
+        .replace(
+            "  tissue:\n    use: scene\n",
+            "  tissue:\n    use: scene\n    foreach: {A_rho: [10, 50], S_rho: {linspace: [4000, 6000, 3]}}\n",
+        )
+        .replace("A_rho: 50, S_rho: 5000", "A_rho: \"${A_rho}\", S_rho: \"${S_rho}\"");
+    let space = Space::with(&sweep);
+    // 6 x (tissue, frames, modulation, reflectance) and 3 of the phantom.
+    assert_eq!(counts(&space, &[]), (0, 27));
+    assert_eq!(counts(&space, &[]), (27, 0));
+    let one = space.turbid(&["show", "p.yaml", "frames[A_rho=10,S_rho=6000]", "--json"]).json();
+    assert_eq!(one["instances"].as_array().map(Vec::len), Some(1));
+    // The seed depends on the axes: no two instances share their random streams, whatever their order.
+    let reordered = sweep.replace("A_rho: [10, 50]", "A_rho: [50, 10]");
+    space.write("p.yaml", &reordered);
+    assert_eq!(counts(&space, &[]), (27, 0));
+    let more = sweep.replace("A_rho: [10, 50]", "A_rho: [10, 50, 90]");
+    space.write("p.yaml", &more);
+    assert_eq!(counts(&space, &[]), (27, 12));
+}
