@@ -38,7 +38,7 @@ pub(super) struct Folder {
     pub packs: Packs,
 }
 
-pub(super) fn extension(kind: ArtifactKind) -> &'static str {
+pub fn extension(kind: ArtifactKind) -> &'static str {
     match kind {
         ArtifactKind::Images => "exr",
         ArtifactKind::Table | ArtifactKind::Record => "parquet",

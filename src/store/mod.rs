@@ -34,6 +34,7 @@ use backend::{Backend, Folder};
 use checkpoint::Checkpoints;
 use lock::{KeyLocks, Try};
 
+pub use backend::extension;
 pub use codec::{decode, encode};
 pub use error::StoreError;
 pub use gc::GcReport;
