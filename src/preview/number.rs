@@ -36,6 +36,8 @@ pub fn number(value: f64, digits: usize) -> Text {
         // From the rounded digits, so that 9.9996 becomes 10.00 and not 9.9996 rounded twice.
         let rounded: f64 = text.parse().expect("the number that format wrote");
         Text::plain(minus(format!("{rounded:.places$}")))
+    } else if mantissa == "1" {
+        Text::plain("10").sup(minus(exponent.to_string()))
     } else {
         Text::plain(minus(mantissa.to_owned())).join(times_power(exponent))
     }

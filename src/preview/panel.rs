@@ -1,5 +1,6 @@
 //! One image of a figure: title, pixels, colour bar, notes.
 
+use super::axis::Axis;
 use super::canvas::{Canvas, GREY, INK, Rgb};
 use super::colour::{ColourMap, hatch};
 use super::number::times_power;
@@ -31,6 +32,13 @@ pub struct Bar {
     pub range: Range,
 }
 
+/// Axes of a plot, at its left and under it.
+#[derive(Clone, Debug)]
+pub struct Axes {
+    pub x: Axis,
+    pub y: Axis,
+}
+
 /// An image with what belongs to it.
 #[derive(Clone, Debug)]
 pub struct Panel {
@@ -38,6 +46,7 @@ pub struct Panel {
     pub subtitle: Text,
     pub image: Canvas,
     pub bar: Option<Bar>,
+    pub axes: Option<Axes>,
     pub notes: Vec<Note>,
 }
 
@@ -63,7 +72,12 @@ impl Panel {
         let bar = self.bar.as_ref().map_or(0, Bar::width);
         let notes = self.notes.iter().map(|n| n.text.width(Size::Small) + n.swatch.map_or(0, |_| SWATCH + 6));
         let texts = [self.title.width(Size::Normal), self.subtitle.width(Size::Small)];
-        (self.image.width() + 2 + bar).max(texts.into_iter().chain(notes).max().unwrap_or(0))
+        (self.gutter() + self.image.width() + 2 + bar).max(texts.into_iter().chain(notes).max().unwrap_or(0))
+    }
+
+    /// Width of what stands left of the image.
+    fn gutter(&self) -> i64 {
+        self.axes.as_ref().map_or(0, |axes| axes.y.gutter())
     }
 
     /// Height over the image, where `subtitles` says whether the row has any.
@@ -71,9 +85,10 @@ impl Panel {
         TITLE_LINE + if subtitles { NOTE_LINE } else { 0 } + 2
     }
 
-    /// Height of the image or its bar.
+    /// Height of the image with its axis, or of its bar.
     pub fn body(&self) -> i64 {
-        self.image.height().max(if self.bar.is_some() { BAR_HEIGHT } else { 0 }) + 2
+        let skirt = self.axes.as_ref().map_or(0, |axes| axes.x.skirt());
+        (self.image.height() + skirt).max(if self.bar.is_some() { BAR_HEIGHT } else { 0 }) + 2
     }
 
     /// Height of the notes.
@@ -83,20 +98,25 @@ impl Panel {
 
     /// Draws with the top left corner at (x, y); `head` and `body` are those of the row.
     pub fn draw(&self, canvas: &mut Canvas, x: i64, y: i64, head: i64, body: i64) {
-        self.title.draw(canvas, x, y + 15, Size::Normal, INK);
-        self.subtitle.draw(canvas, x, y + 15 + NOTE_LINE + 1, Size::Small, GREY);
-        let top = y + head + 1;
-        canvas.paste(x + 1, top, &self.image);
-        canvas.frame(x + 1, top, self.image.width(), self.image.height(), GREY);
+        let left = x + self.gutter();
+        self.title.draw(canvas, left, y + 15, Size::Normal, INK);
+        self.subtitle.draw(canvas, left, y + 15 + NOTE_LINE + 1, Size::Small, GREY);
+        let (width, height, top) = (self.image.width(), self.image.height(), y + head + 1);
+        canvas.paste(left + 1, top, &self.image);
+        canvas.frame(left + 1, top, width, height, GREY);
+        if let Some(axes) = &self.axes {
+            axes.x.draw_below(canvas, left + 1, top + height + 1, width);
+            axes.y.draw_left(canvas, left, top, height);
+        }
         if let Some(bar) = &self.bar {
-            bar.draw(canvas, x + 1 + self.image.width() + BAR_GAP, top, self.image.height().max(BAR_HEIGHT));
+            bar.draw(canvas, left + 1 + width + BAR_GAP, top, height.max(BAR_HEIGHT));
         }
         for (i, note) in self.notes.iter().enumerate() {
             let base = y + head + body + 3 + NOTE_LINE * (i as i64 + 1) - 2;
-            let mut left = x;
+            let mut left = left;
             if let Some(colour) = note.swatch {
-                canvas.fill(x + 1, base - SWATCH + 2, SWATCH - 1, SWATCH - 1, colour);
-                canvas.frame(x + 1, base - SWATCH + 2, SWATCH - 1, SWATCH - 1, GREY);
+                canvas.fill(left + 1, base - SWATCH + 2, SWATCH - 1, SWATCH - 1, colour);
+                canvas.frame(left + 1, base - SWATCH + 2, SWATCH - 1, SWATCH - 1, GREY);
                 left += SWATCH + 6;
             }
             note.text.draw(canvas, left, base, Size::Small, GREY);
@@ -126,11 +146,11 @@ impl Bar {
             first += 18;
         }
         // Pixels beyond an end: the bar ends in a point there.
-        if self.range.over {
+        if self.range.over() {
             first += BAR_WIDTH / 2;
             point(canvas, x, first, -1, self.map.colour(1.0));
         }
-        if self.range.under {
+        if self.range.under() {
             last -= BAR_WIDTH / 2;
             point(canvas, x, last - 1, 1, self.map.colour(0.0));
         }
@@ -141,10 +161,10 @@ impl Bar {
         }
         canvas.fill(x - 1, first, 1, span, GREY);
         canvas.fill(x + BAR_WIDTH, first, 1, span, GREY);
-        if !self.range.over {
+        if !self.range.over() {
             canvas.fill(x - 1, first - 1, BAR_WIDTH + 2, 1, GREY);
         }
-        if !self.range.under {
+        if !self.range.under() {
             canvas.fill(x - 1, last, BAR_WIDTH + 2, 1, GREY);
         }
         for (value, label) in ticks.values.iter().zip(&ticks.labels) {

@@ -32,10 +32,8 @@ impl Statistics {
 pub struct Range {
     pub low: f64,
     pub high: f64,
-    /// Some pixels lie below.
-    pub under: bool,
-    /// Some pixels lie above.
-    pub over: bool,
+    /// The lowest and the highest pixel.
+    extremes: [f64; 2],
 }
 
 impl Range {
@@ -55,14 +53,30 @@ impl Range {
         } else {
             (wide.0 - 0.1 * wide.0.abs(), wide.0 + 0.1 * wide.0.abs())
         };
-        Some(Self { low, high, under: min < low, over: max > high })
+        Some(Self { low, high, extremes: [min, max] })
+    }
+
+    /// A whole turn of an angle in rad, from -pi to pi.
+    pub fn turn() -> Self {
+        let pi = std::f64::consts::PI;
+        Self { low: -pi, high: pi, extremes: [-pi, pi] }
+    }
+
+    /// Some pixels lie below.
+    pub fn under(&self) -> bool {
+        self.extremes[0] < self.low
+    }
+
+    /// Some pixels lie above.
+    pub fn over(&self) -> bool {
+        self.extremes[1] > self.high
     }
 
     /// The same range, widened to have zero in its middle.
     #[must_use]
     pub fn around_zero(self) -> Self {
         let end = self.high.max(-self.low);
-        Self { low: -end, high: end, under: self.under && -end >= self.low, over: self.over && end <= self.high }
+        Self { low: -end, high: end, ..self }
     }
 
     /// Where a value lies: 0 at the low end, 1 at the high end.
@@ -84,10 +98,10 @@ mod tests {
     #[test]
     fn outliers_do_not_wash_out_the_picture() {
         let mut values: Vec<f32> = (0..1000).map(|i| i as f32).collect();
-        assert_eq!(range(&values), Some(Range { low: 0.0, high: 999.0, under: false, over: false }));
+        assert_eq!(range(&values), Some(Range { low: 0.0, high: 999.0, extremes: [0.0, 999.0] }));
         values[0] = -1e6;
         let r = range(&values).unwrap();
-        assert!(r.low == 5.0 && r.high == 994.0 && r.under && r.over, "{r:?}");
+        assert!(r.low == 5.0 && r.high == 994.0 && r.under() && r.over(), "{r:?}");
     }
 
     /// Whatever the pixels, the range is finite, not empty, and holds the bulk of them.

@@ -17,7 +17,14 @@ pub fn figure(stack: &ImageStack, title: &str) -> Option<Figure> {
     let layer = |name| stack.find(name, None).map(|l| &l.data);
     let channels =
         [layer("red").or(layer("grey"))?, layer("green").or(layer("grey"))?, layer("blue").or(layer("grey"))?];
-    let panel = Panel { title: Text::new(), subtitle: Text::new(), image: picture(channels), bar: None, notes: vec![] };
+    let panel = Panel {
+        title: Text::new(),
+        subtitle: Text::new(),
+        image: picture(channels),
+        bar: None,
+        axes: None,
+        notes: vec![],
+    };
     let section = Section { heading: Text::new(), rows: vec![vec![panel]] };
     Some(Figure { heading: title.to_owned(), sections: vec![section], remarks: vec![] })
 }

@@ -119,9 +119,7 @@ fn panel(stack: &ImageStack, seen: &Seen, range: Option<Range>, side: usize) -> 
     let map = colour_map(info);
     let range = range.map(|r| match map {
         ColourMap::Diverging => r.around_zero(),
-        ColourMap::Cyclic => {
-            Range { low: -std::f64::consts::PI, high: std::f64::consts::PI, under: false, over: false }
-        }
+        ColourMap::Cyclic => Range::turn(),
         ColourMap::Sequential => r,
     });
     let reduce = if map == ColourMap::Cyclic { Reduce::First } else { Reduce::Mean };
@@ -138,6 +136,7 @@ fn panel(stack: &ImageStack, seen: &Seen, range: Option<Range>, side: usize) -> 
         subtitle: particulars(info),
         image,
         bar: range.map(|range| Bar { map, range }),
+        axes: None,
         notes: notes(seen, info),
     }
 }
@@ -202,6 +201,7 @@ fn categorical(seen: &Seen, names: &[String], side: usize) -> Panel {
         subtitle: particulars(&seen.layer.info),
         image: paint(&pixels, colour),
         bar: None,
+        axes: None,
         notes: notes.collect(),
     }
 }
@@ -229,7 +229,7 @@ fn remarks(stack: &ImageStack, masks: &[&Layer], figure: &Figure, dropped: usize
     let panels = || figure.sections.iter().flat_map(|s| s.rows.iter().flatten());
     let bars = || panels().filter_map(|p| p.bar.as_ref());
     let mut said = vec![format!("{} × {} pixels", stack.columns(), stack.rows())];
-    if bars().any(|bar| bar.range.under || bar.range.over) {
+    if bars().any(|bar| bar.range.under() || bar.range.over()) {
         said.push("a pointed bar: up to 0.5 % of the pixels lie beyond that end".to_owned());
     }
     let not_a_number = stack.layers.iter().any(|l| l.data.iter().any(|v| !v.is_finite()));

@@ -3,11 +3,11 @@
 use ndarray::Array2;
 use serde_json::json;
 use turbid_contract::payload::MaskReason;
-use turbid_contract::{Artifact, ImageStack, LayerInfo, LayerKind, Record};
+use turbid_contract::{Artifact, Cells, ImageStack, LayerInfo, LayerKind, Record, Table};
 
-use super::canvas::Rgb;
+use super::canvas::Canvas;
 use super::colour::HATCH;
-use super::picture;
+use super::{draw, picture};
 
 type Pixel = fn(usize, usize) -> f32;
 
@@ -19,15 +19,8 @@ fn stack(rows: usize, columns: usize, layers: &[(LayerInfo, Pixel)]) -> ImageSta
     stack
 }
 
-fn png(stack: ImageStack) -> Vec<u8> {
-    picture(&Artifact::Images(stack), "a title").expect("a stack of layers has a picture")
-}
-
-fn decode(bytes: &[u8]) -> (u32, u32, Vec<Rgb>) {
-    let mut reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info().expect("a PNG");
-    let mut pixels = vec![0; reader.output_buffer_size().expect("it fits")];
-    let info = reader.next_frame(&mut pixels).expect("whole");
-    (info.width, info.height, pixels.chunks(3).map(|p| [p[0], p[1], p[2]]).collect())
+fn drawn(stack: ImageStack) -> Canvas {
+    draw(&Artifact::Images(stack), "a title").expect("a stack of layers has a picture")
 }
 
 fn value(name: &str, unit: &str) -> LayerInfo {
@@ -75,13 +68,13 @@ fn every_payload_has_a_picture() {
         for (rows, columns) in [(1, 1), (1, 40), (64, 64), (3, 700)] {
             let mut images = stack(rows, columns, &layers);
             images.attributes.insert("objects".into(), json!(["slab", "polyp"]));
-            let (width, height, pixels) = decode(&png(images.clone()));
+            let canvas = drawn(images.clone());
+            let (width, height) = (canvas.width(), canvas.height());
             assert!(width > 60 && height > 40 && width < 3000 && height < 3000, "{payload}: {width} x {height}");
             // Margins stay white: nothing is cut.
-            let white = |x: u32, y: u32| pixels[(y * width + x) as usize] == [255; 3];
+            let white = |x, y| canvas.get(x, y) == Some([255; 3]);
             assert!((0..height).all(|y| white(0, y) && white(width - 1, y)), "{payload} {rows} x {columns}");
             assert!((0..width).all(|x| white(x, 0) && white(x, height - 1)), "{payload} {rows} x {columns}");
-            assert_eq!(png(images.clone()), png(images), "{payload}");
         }
     }
 }
@@ -101,10 +94,14 @@ fn masked_pixels_are_never_coloured_as_data() {
             for layer in &mut dirty.layers[..2] {
                 layer.data.slice_mut(ndarray::s![..20, ..20]).fill(held);
             }
-            assert_eq!(png(clean.clone()), png(dirty), "{held} in {n} pixels shows");
+            assert!(drawn(clean.clone()) == drawn(dirty), "{held} in {n} pixels shows");
         }
     }
-    let striped = |images: ImageStack| decode(&png(images)).2.iter().filter(|p| HATCH.contains(p)).count();
+    let striped = |images: ImageStack| {
+        let canvas = drawn(images);
+        let pixels = (0..canvas.height()).flat_map(|y| (0..canvas.width()).map(move |x| (x, y)));
+        pixels.filter(|&(x, y)| canvas.get(x, y).is_some_and(|c| HATCH.contains(&c))).count()
+    };
     // 40 pixels are shown 7 times enlarged (their standard errors 4 times), and a quarter of them is masked.
     assert_eq!(striped(stack(40, 40, &layers)), 400 * (7 * 7 + 4 * 4));
 }
@@ -129,7 +126,8 @@ fn extreme_layers_have_pictures() {
                 info.mean_se = Some(if i % 2 == 0 { 0.0 } else { 1e-12 });
                 let mut images = stack(5, 4, &[(info, pixel)]);
                 images.attributes.insert("objects".into(), json!(["slab"]));
-                let (width, height, _) = decode(&png(images));
+                let canvas = drawn(images);
+                let (width, height) = (canvas.width(), canvas.height());
                 assert!(width < 1500 && height < 1500, "{name} {kind:?} {i}: {width} x {height}");
             }
         }
@@ -140,4 +138,52 @@ fn extreme_layers_have_pictures() {
 fn records_and_empty_stacks_have_none() {
     assert_eq!(picture(&Artifact::Record(Record::default()), "scene"), None);
     assert_eq!(picture(&Artifact::Images(ImageStack::new(3, 3)), "nothing"), None);
+}
+
+/// Rows in the order of the payload: f_x outermost, then mu_a, then mu_s'.
+fn lut(f_x: &[f64], mu_a: &[f64], mu_s_prime: &[f64], r_d: impl Fn(f64, f64, f64) -> f64) -> Table {
+    let mut columns: [Vec<f64>; 4] = Default::default();
+    for &f in f_x {
+        for (&a, &s) in mu_a.iter().flat_map(|a| mu_s_prime.iter().map(move |s| (a, s))) {
+            for (column, value) in columns.iter_mut().zip([a, s, f, r_d(f, a, s)]) {
+                column.push(value);
+            }
+        }
+    }
+    let mut table = Table::default();
+    for (name, cells) in ["mu_a", "mu_s_prime", "f_x", "r_d"].into_iter().zip(columns) {
+        table.push(name, "1", Cells::F64(cells));
+    }
+    table
+}
+
+#[test]
+fn tables_with_a_full_grid_have_pictures_and_others_none() {
+    let log = |n: usize| -> Vec<f64> { (0..n).map(|i| libm::exp2(i as f64 - 9.0)).collect() };
+    let reflectance = |f: f64, a: f64, s: f64| s / (s + 4.0 * a + f);
+    for (frequencies, n, m) in [(1, 1, 1), (2, 1, 4), (2, 2, 2), (3, 13, 30), (20, 3, 3)] {
+        let f_x: Vec<f64> = (0..frequencies).map(|i| f64::from(i) * 0.05).collect();
+        for value in [reflectance, |_, _, _| 0.0, |_, _, _| 1e-30, |f, _, _| if f > 0.0 { f64::NAN } else { 0.5 }] {
+            let table = lut(&f_x, &log(n), &log(m), value);
+            let canvas = draw(&Artifact::Table(table), "a table").unwrap();
+            assert!(canvas.width() > 300 && canvas.height() > 300, "{frequencies} {n} {m}");
+        }
+    }
+    let mut torn = lut(&[0.0, 0.1], &log(3), &log(3), reflectance);
+    for column in &mut torn.columns {
+        let Cells::F64(cells) = &mut column.cells else { unreachable!() };
+        cells.pop();
+    }
+    let mut metrics = Table::default();
+    metrics.push("mu_a", "mm^-1", Cells::F64(vec![0.1]));
+    for table in [torn, metrics, Table::default(), lut(&[], &[], &[], reflectance)] {
+        assert_eq!(draw(&Artifact::Table(table), "no grid"), None);
+    }
+}
+
+#[test]
+fn the_same_artifact_gives_the_same_bytes() {
+    let images = Artifact::Images(stack(64, 64, &[(value("mu_a", "mm^-1"), RAMP), (mask(), |r, _| (r % 4) as f32)]));
+    assert_eq!(picture(&images, "maps"), picture(&images, "maps"));
+    assert_ne!(picture(&images, "maps"), picture(&images, "other maps"));
 }
