@@ -1,7 +1,22 @@
-//! Shared physics as plain functions of `f64`: geometry, media, random numbers. Knows no stage and no file.
+//! Shared physics as plain functions of `f64`: geometry, media, random numbers, diffusion and transport models of
+//! reflectance, interpolation of their tables. Knows no stage and no file.
+//!
+//! Lengths mm, coefficients and spatial frequencies mm^-1. Transcendental functions come from `libm` or are our own
+//! and sums have a fixed order, so results have the same bits on every machine.
 
+pub mod diffusion;
 pub mod elementary;
+mod error;
+pub mod fresnel;
 pub mod henyey_greenstein;
+pub mod log_grid;
+pub mod medium;
 pub mod philox;
+pub mod quadrature;
+pub mod rte;
 pub mod solid;
 pub mod view;
+
+pub use error::Error;
+pub use log_grid::LogGrid;
+pub use medium::{Medium, Reflectance};

@@ -1,0 +1,278 @@
+//! Radiative transport: reflectance of a half-space or a slab under a normally incident, spatially modulated plane wave.
+//!
+//! Method (`docs/theory/rte.md`): Galerkin in depth with orthonormal exponentials (half-space) or upwind Legendre cells
+//! (slab), rays in quadrature directions with Fresnel's surfaces, sources as delta-M moments, GMRES over the orders
+//! of scattering, the last collision towards the camera with the exact phase function.
+
+mod angles;
+mod depth;
+mod gmres;
+mod orders;
+mod spectrum;
+mod transport;
+
+pub use orders::Orders;
+
+use std::f64::consts::{PI, TAU};
+
+use angles::{Azimuths, Cosines};
+use depth::{Depth, Rays, Sweeper};
+use transport::Transport;
+
+use crate::diffusion::check_f_x;
+use crate::fresnel::normal_reflectance;
+use crate::{Error, Medium, Reflectance};
+
+/// What a half-space or a slab in vacuum does with the light that falls on it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Response {
+    pub reflectance: Reflectance,
+    /// Power that leaves at the far side / power incident, unscattered light included; 0 for a half-space.
+    pub transmittance: f64,
+}
+
+/// Reflectance of a half-space (`thickness` `None`) or of a slab with the same outside on both sides, `thickness` in mm.
+///
+/// `f_x_per_mm` >= 0 is the spatial frequency of the incident plane wave. Absolute error below 1e-5 for |g| <= 0.9;
+/// milliseconds. A slab's hemispherical values hold the unscattered light that its far side reflects, `camera` does not
+/// (it is a collimated beam, not a radiance).
+///
+/// Errors: a property out of range; iterations that do not converge.
+pub fn reflectance(medium: &Medium, thickness: Option<f64>, f_x_per_mm: f64) -> Result<Reflectance, Error> {
+    Ok(respond(medium, thickness, f_x_per_mm)?.reflectance)
+}
+
+/// As [`reflectance`], with the transmittance.
+pub fn respond(medium: &Medium, thickness: Option<f64>, f_x_per_mm: f64) -> Result<Response, Error> {
+    medium.check()?;
+    check_f_x(f_x_per_mm)?;
+    if let Some(d) = thickness {
+        Error::unless(d > 0.0 && d.is_finite(), "thickness", d, "mm", "be a finite number > 0")?;
+    }
+    if medium.mu_s_prime == 0.0 {
+        return Ok(clear(medium, thickness));
+    }
+    if thickness.is_none() && f_x_per_mm == 0.0 && medium.mu_a < NEARLY_CONSERVATIVE * medium.mu_s_prime {
+        return nearly_conservative(medium);
+    }
+    let optical = Optical::new(medium, thickness, f_x_per_mm, Orders::degree(medium.g, medium.n));
+    let orders = Orders::new(medium.g, medium.n, optical.kappa);
+    solve(&optical, &orders)
+}
+
+/// Below this mu_a / mu_s' a uniformly lit half-space is extrapolated: its light goes deeper than 1e4 / mu_s'.
+const NEARLY_CONSERVATIVE: f64 = 1e-9;
+
+/// A half-space with next to no absorption under uniform light.
+///
+/// Its response is analytic in x = sqrt(mu_a / mu_s'): a parabola through three solvable x, x^3 being below 1e-11.
+/// Without absorption all that entered comes back.
+fn nearly_conservative(medium: &Medium) -> Result<Response, Error> {
+    let x = (medium.mu_a / medium.mu_s_prime).sqrt();
+    let nodes = [1.0, 2.0, 3.0].map(|factor| factor * NEARLY_CONSERVATIVE.sqrt());
+    let (mut camera, mut entered) = (0.0, 0.0);
+    for (i, node) in nodes.iter().enumerate() {
+        let weight: f64 =
+            nodes.iter().enumerate().filter(|&(j, _)| j != i).map(|(_, other)| (x - other) / (node - other)).product();
+        let at_node = reflectance(&Medium { mu_a: node * node * medium.mu_s_prime, ..*medium }, None, 0.0)?;
+        camera += weight * at_node.camera;
+        entered += weight * at_node.hemispherical_entered;
+    }
+    if medium.mu_a == 0.0 {
+        entered = 1.0;
+    }
+    let hemispherical_incident = (1.0 - normal_reflectance(medium.n)) * entered;
+    let reflectance = Reflectance { camera, hemispherical_incident, hemispherical_entered: entered };
+    Ok(Response { reflectance, transmittance: 0.0 })
+}
+
+/// As [`respond`], with orders of one's own: what `benches/rte.rs` compares.
+pub fn respond_with(
+    medium: &Medium,
+    thickness: Option<f64>,
+    f_x_per_mm: f64,
+    orders: impl Fn(f64) -> Orders,
+) -> Result<Response, Error> {
+    medium.check()?;
+    let optical = Optical::new(medium, thickness, f_x_per_mm, orders(0.0).degree);
+    solve(&optical, &orders(optical.kappa))
+}
+
+/// A medium in units of its delta-M scaled optical depth.
+struct Optical {
+    albedo: f64,
+    /// Legendre moments of the scaled phase function.
+    beta: Vec<f64>,
+    /// Exact less truncated phase function, times the albedo, forward and backward: what the last collision adds.
+    excess: [f64; 2],
+    /// 2 pi f_x.
+    kappa: f64,
+    thickness: Option<f64>,
+    n: f64,
+}
+
+impl Optical {
+    fn new(medium: &Medium, thickness: Option<f64>, f_x: f64, degree: usize) -> Self {
+        let Medium { g, n, .. } = *medium;
+        let albedo = medium.albedo();
+        let power = |l: usize| libm::pow(g, l as f64);
+        // delta-M: the part g^(L + 1) of the scattering is taken as no deflection at all. A backward peak (g < 0) must
+        // not be moved forward: there the moments are cut.
+        let peak = if g > 0.0 { power(degree + 1) } else { 0.0 };
+        let scale = 1.0 - albedo * peak;
+        let beta: Vec<f64> = (0..=degree).map(|l| (power(l) - peak) / (1.0 - peak)).collect();
+        let scaled_albedo = albedo * (1.0 - peak) / scale;
+        let exact = |cos: f64| {
+            let base = 1.0 + g * g - 2.0 * g * cos;
+            (1.0 - g * g) / (base * base.sqrt())
+        };
+        let excess = [1.0, -1.0].map(|cos| {
+            let truncated: f64 =
+                beta.iter().enumerate().map(|(l, b)| (2 * l + 1) as f64 * b * if l % 2 == 0 { 1.0 } else { cos }).sum();
+            scaled_albedo * (exact(cos) / (1.0 - peak) - truncated)
+        });
+        let per_mm = medium.mu_t() * scale;
+        Self {
+            albedo: scaled_albedo,
+            beta,
+            excess,
+            kappa: TAU * f_x / per_mm,
+            thickness: thickness.map(|d| d * per_mm),
+            n,
+        }
+    }
+
+    /// The basis over depth, and whether it is a slab's.
+    fn depth(&self) -> (Depth, bool) {
+        // Decay rates in the plane wave's frame: a mode of rate k tilts to sqrt(k^2 + kappa^2).
+        let tilted = |k: f64| (k * k + self.kappa * self.kappa).sqrt();
+        let slow = spectrum::slow_rates(self.albedo, &self.beta, 2);
+        let slowest = tilted(slow.first().copied().unwrap_or(1.0));
+        match self.thickness {
+            // exp(-40): the far side is out of reach of double precision.
+            Some(tau) if tau * slowest < 40.0 => (Depth::slab(&orders::cells(tau, self.kappa), 6), true),
+            _ => {
+                let next = tilted(slow.get(1).copied().unwrap_or(1.0));
+                (Depth::half_space(&orders::rates(slowest, next, self.kappa)), false)
+            }
+        }
+    }
+}
+
+fn solve(optical: &Optical, orders: &Orders) -> Result<Response, Error> {
+    let (depth, slab) = optical.depth();
+    let cosines = Cosines::new(optical.n, orders.cosines);
+    let azimuths = Azimuths::new(orders.modes, orders.azimuths);
+    let transport = Transport::new(&cosines, &azimuths, &depth, slab, orders.degree, optical.kappa);
+
+    let r = normal_reflectance(optical.n);
+    let beam = Beam::new(&depth, slab, r);
+    // P_l0(1) = sqrt(l + 1/2)
+    let once = transport.axial(|l, z| {
+        let up = if l % 2 == 0 { beam.up[z] } else { -beam.up[z] };
+        optical.albedo * optical.beta[l] * (l as f64 + 0.5).sqrt() * (beam.down[z] + up)
+    });
+    let scatter = transport.by_degree(|l| optical.albedo * optical.beta[l]);
+    let mut first = vec![0.0; once.len()];
+    transport.apply(&once, &mut first);
+    let mut source = vec![0.0; once.len()];
+    let flux = gmres::solve_fixed_point(
+        &first,
+        |x, y| {
+            source.iter_mut().zip(x).zip(&scatter).for_each(|((s, x), c)| *s = c * x);
+            transport.apply(&source, y);
+        },
+        orders.tolerance,
+        400,
+    )
+    .map_err(|residual| Error::NotConverged { what: "transport equation", residual, wanted: orders.tolerance })?;
+
+    let all: Vec<f64> = once.iter().zip(&flux).zip(&scatter).map(|((q, x), c)| q + c * x).collect();
+    let exits = transport.apply(&all, &mut source);
+    let leaves =
+        |exit: &Rays| transport.over_hemisphere(|i, ray| cosines.mu[i] * (1.0 - cosines.rho[i]) * exit.re[ray]);
+    // Towards the camera the last collision sees the exact phase function (Nakajima and Tanaka's TMS correction).
+    let [mut down, mut up] = transport.along_normal(&all);
+    let [forward, backward] = optical.excess.map(|excess| 0.5 * excess);
+    for z in 0..depth.len() {
+        down[z] += forward * beam.down[z] + backward * beam.up[z];
+        up[z] += backward * beam.down[z] + forward * beam.up[z];
+    }
+    let radiance = leave_along_normal(&depth, slab, r, down, up) / TAU;
+
+    let enters = 1.0 - r;
+    let entered = leaves(&exits.top) + beam.back;
+    Ok(Response {
+        reflectance: Reflectance {
+            camera: PI * enters * enters / (optical.n * optical.n) * radiance,
+            hemispherical_incident: enters * entered,
+            hemispherical_entered: entered,
+        },
+        transmittance: if slab { enters * (leaves(&exits.bottom) + beam.through) } else { 0.0 },
+    })
+}
+
+/// The unscattered beam of unit power that entered at normal incidence, to and fro in a slab.
+struct Beam {
+    down: Vec<f64>,
+    up: Vec<f64>,
+    /// Power that leaves at the top and at the bottom.
+    back: f64,
+    through: f64,
+}
+
+impl Beam {
+    fn new(depth: &Depth, slab: bool, r: f64) -> Self {
+        let (mut down, mut flow) = (Rays::zero(depth.len(), false), real(1.0));
+        Sweeper::new(depth, &real(1.0)).down(&mut down, &mut flow);
+        let mut beam = Self { down: down.re, up: vec![0.0; depth.len()], back: 0.0, through: 0.0 };
+        if slab {
+            let t = flow.re[0];
+            let again = 1.0 / (1.0 - r * r * t * t);
+            for z in 0..depth.len() {
+                let (place, sign) = depth.mirrored(z);
+                beam.up[place] = sign * again * r * t * beam.down[z];
+            }
+            beam.down.iter_mut().for_each(|x| *x *= again);
+            beam.back = again * (1.0 - r) * r * t * t;
+            beam.through = again * (1.0 - r) * t;
+        }
+        beam
+    }
+}
+
+fn real(value: f64) -> Rays {
+    Rays { re: vec![value], im: Vec::new() }
+}
+
+/// What reaches the top along the normal from sources `down` and `up` over depth, reflections at the surfaces included.
+fn leave_along_normal(depth: &Depth, slab: bool, r: f64, down: Vec<f64>, up: Vec<f64>) -> f64 {
+    let sweeper = Sweeper::new(depth, &real(1.0));
+    let mut top = real(0.0);
+    sweeper.up(&mut Rays { re: up, im: Vec::new() }, &mut top);
+    if !slab {
+        return top.re[0];
+    }
+    let mut bottom = real(r * top.re[0]);
+    sweeper.down(&mut Rays { re: down, im: Vec::new() }, &mut bottom);
+    let mut across = real(1.0);
+    sweeper.down(&mut Rays::zero(depth.len(), false), &mut across);
+    let t = across.re[0];
+    top.re[0] + t * r * bottom.re[0] / (1.0 - r * r * t * t)
+}
+
+/// A medium that does not scatter.
+fn clear(medium: &Medium, thickness: Option<f64>) -> Response {
+    let r = normal_reflectance(medium.n);
+    let (mut back, mut through) = (0.0, 0.0);
+    if let Some(d) = thickness {
+        let t = libm::exp(-medium.mu_a * d);
+        let again = 1.0 / (1.0 - r * r * t * t);
+        back = again * (1.0 - r) * r * t * t;
+        through = again * (1.0 - r) * t;
+    }
+    Response {
+        reflectance: Reflectance { camera: 0.0, hemispherical_incident: (1.0 - r) * back, hemispherical_entered: back },
+        transmittance: (1.0 - r) * through,
+    }
+}
