@@ -90,6 +90,7 @@ impl Folder {
 
     /// Makes the store forget a packed blob; its bytes, as they are, go into quarantine.
     fn set_packed_aside(&self, blob: &Blob, bytes: &[u8]) -> Result<(), StoreError> {
+        self.packs.note_damage();
         let path = self.root.join("quarantine").join(format!("{}.{}", blob.digest, extension(blob.kind)));
         // Forgetting matters; a copy of the damaged bytes is only for people.
         let _ = disk::publish(&self.root.join("tmp"), &path, bytes, false, false);

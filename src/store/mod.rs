@@ -17,6 +17,7 @@ mod lock;
 mod packs;
 mod parquet;
 mod record;
+mod state;
 mod verify;
 
 #[cfg(test)]
@@ -44,8 +45,6 @@ pub use verify::{Finding, Stat, VerifyReport};
 
 /// Raised when an older turbid would misread the folder.
 const FORMAT: u64 = 1;
-/// More short packs than this are gathered into few when a run ends and no other is at work.
-const MANY_SHORT_PACKS: usize = 64;
 
 /// A store; shared by all threads of a run. Ends with [`Store::finish`] (dropping it does the same).
 pub struct Store {
@@ -202,7 +201,9 @@ impl Store {
     /// Writes a copy of a blob to `path`, verified, atomically. Errors as [`Store::bytes`].
     pub fn materialise(&self, blob: &Blob, path: &Path) -> Result<(), StoreError> {
         let bytes = self.bytes(blob)?;
-        disk::publish(&self.root.join("tmp"), path, &bytes, false, true).map_err(StoreError::io("write a copy", path))
+        // The path may be in another file system than the store.
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        disk::publish(folder, path, &bytes, false, true).map_err(StoreError::io("write a copy", path))
     }
 
     /// Digests of all blobs that records name and that are there, sorted.
@@ -224,7 +225,7 @@ impl Store {
             return Ok(());
         }
         self.folder.packs.finish()?;
-        if self.folder.packs.short_packs() > MANY_SHORT_PACKS {
+        if self.folder.packs.wants_gathering() {
             self.gather_packs()?;
         }
         Ok(())

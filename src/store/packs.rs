@@ -1,42 +1,29 @@
 //! Packs: append-only files of frames. Each writing process appends to a pack of its own, so writers never meet.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Seek};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, RwLock};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, RwLock};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use crate::digest::{Digest, PartHasher};
 use crate::store::disk;
 use crate::store::error::StoreError;
-use crate::store::frame::{self, Frame, HEADER, Kind};
-use crate::store::index::{self, Index, Map, Place};
+use crate::store::frame::{self, Kind};
+use crate::store::index::{Map, Place};
 use crate::store::lock;
+use crate::store::state::{State, read, read_payload};
 
 /// A pack this long takes no further frames.
 const FULL: u64 = 64 << 20;
 /// What is published reaches the disk within about this time.
 const SYNC_EVERY: Duration = Duration::from_secs(1);
+/// More packs than this that still take frames are gathered into few (of which at most one still takes frames).
+const MANY_SHORT_PACKS: usize = 64;
 /// A record's last use is noted once a day at most, so that a run of hits writes nothing.
 const NOTE_USE_AFTER_S: u64 = 86_400;
-
-struct Pack {
-    name: String,
-    file: Arc<File>,
-    /// The index knows all frames up to here.
-    covered: u64,
-}
-
-/// What is known of the packs.
-struct State {
-    packs: Vec<Pack>,
-    index: Index,
-    /// Whether the index file lacks something that `index` holds.
-    stale: bool,
-    /// Frames that the index file names and that the packs no longer hold.
-    lost: u64,
-}
 
 /// The pack that this process appends to, under a lock that says so.
 struct Writer {
@@ -53,6 +40,8 @@ pub(super) struct Packs {
     state: RwLock<State>,
     writer: Mutex<Option<Writer>>,
     touched: Mutex<BTreeSet<Digest>>,
+    /// Whether something in the packs was found damaged.
+    damaged: AtomicBool,
     opened_s: u64,
 }
 
@@ -69,6 +58,7 @@ impl Packs {
             state: RwLock::new(State::load(root)?),
             writer: Mutex::new(None),
             touched: Mutex::new(BTreeSet::new()),
+            damaged: AtomicBool::new(false),
             opened_s: now_ns() / 1_000_000_000,
         })
     }
@@ -84,7 +74,10 @@ impl Packs {
     /// The payload of the record of `key`; `None` where there is none or where it is damaged.
     pub fn record(&self, key: &Digest) -> Option<Vec<u8>> {
         let (place, file) = self.state().find(Kind::Record, key)?;
-        let bytes = read(&file, &place, Kind::Record, key)?;
+        let Some(bytes) = read(&file, &place, Kind::Record, key) else {
+            self.note_damage();
+            return None;
+        };
         if place.used.saturating_add(NOTE_USE_AFTER_S) < self.opened_s {
             self.touched.lock().expect("no holder panics").insert(*key);
         }
@@ -99,7 +92,19 @@ impl Packs {
     /// The bytes where the blob should be, damaged or not (`None`: not packed, or beyond reading).
     pub fn blob(&self, digest: &Digest) -> Option<Vec<u8>> {
         let (place, file) = self.state().find(Kind::Blob, digest)?;
-        disk::read_at(&file, place.offset + HEADER as u64, usize::try_from(place.length).ok()?).ok()
+        read_payload(&file, &place)
+    }
+
+    /// What is damaged is left behind when the packs are next gathered, at the end of this run if it is alone.
+    pub fn note_damage(&self) {
+        self.damaged.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether gathering the packs would be worth it: damage, or many packs that still take frames.
+    pub fn wants_gathering(&self) -> bool {
+        let state = self.state();
+        let short = state.packs.iter().filter(|pack| pack.covered < FULL).count();
+        self.damaged.load(Ordering::Relaxed) || state.garbage > 0 || short > MANY_SHORT_PACKS
     }
 
     /// All records with their place, the newest first.
@@ -117,11 +122,6 @@ impl Packs {
     pub fn size(&self) -> (usize, u64) {
         let state = self.state();
         (state.packs.len(), state.packs.iter().map(|p| p.file.metadata().map_or(0, |m| m.len())).sum())
-    }
-
-    /// Number of packs that still take frames; gathering them leaves at most one.
-    pub fn short_packs(&self) -> usize {
-        self.state().packs.iter().filter(|pack| pack.covered < FULL).count()
     }
 
     /// Frames that the index file named when it was read and that no pack held.
@@ -281,10 +281,13 @@ impl Packs {
         for (pack, offset, kind, key) in kept {
             let (place, file) = state.find(kind, &key).expect("it is in the index");
             debug_assert_eq!((place.pack, place.offset), (pack, offset));
-            // What is damaged is left behind.
-            let frame = disk::read_at(&file, offset, HEADER + place.length as usize).ok();
-            if let Some(frame) = frame.filter(|bytes| frame::decode(bytes).is_some()) {
-                written = written.and_then(|()| write(&frame));
+            // What is damaged is left behind; a blob is whole if its bytes have its digest, whatever became of its header.
+            let payload = match kind {
+                Kind::Blob => read_payload(&file, &place).filter(|bytes| Digest::of(bytes) == key),
+                _ => read(&file, &place, kind, &key),
+            };
+            if let Some(payload) = payload {
+                written = written.and_then(|()| write(&frame::encode(kind, &key, place.stamp, &payload)));
             }
         }
         if !used.is_empty() {
@@ -308,6 +311,7 @@ impl Packs {
             let _ = fs::remove_file(self.root.join("locks").join(&pack.name));
         }
         *state = State::empty();
+        self.damaged.store(false, Ordering::Relaxed);
         state.refresh(&self.root)?;
         state.save(&self.root)
     }
@@ -327,14 +331,6 @@ impl Packs {
 
 fn here(map: &Map<Place>) -> Vec<(Digest, Place)> {
     map.iter().filter(|(_, place)| place.is_here()).map(|(key, place)| (*key, *place)).collect()
-}
-
-/// The payload of an undamaged frame of `kind` and `key`.
-fn read(file: &File, place: &Place, kind: Kind, key: &Digest) -> Option<Vec<u8>> {
-    let mut bytes = disk::read_at(file, place.offset, HEADER + usize::try_from(place.length).ok()?).ok()?;
-    frame::decode(&bytes).filter(|(frame, _)| frame.kind == kind && frame.key == *key)?;
-    bytes.drain(..HEADER);
-    Some(bytes)
 }
 
 fn sync(root: &Path, slot: &mut Option<Writer>) -> Result<(), StoreError> {
@@ -361,147 +357,5 @@ impl Writer {
             .and_then(|()| self.file.stream_position())
             .map(|end| end - bytes.len() as u64)
             .map_err(|error| (self.file.set_len(before).is_ok(), error))
-    }
-}
-
-impl State {
-    fn empty() -> Self {
-        Self { packs: Vec::new(), index: Index::default(), stale: false, lost: 0 }
-    }
-
-    fn load(root: &Path) -> Result<Self, StoreError> {
-        let mut state = Self::empty();
-        let saved = fs::read(root.join("index")).ok().and_then(|bytes| index::decode(&bytes));
-        let Some((packs, index)) = saved else {
-            state.stale = true;
-            state.refresh(root)?;
-            return Ok(state);
-        };
-        let mut lengths = Vec::with_capacity(packs.len());
-        for (name, covered) in packs {
-            let file = File::open(root.join("packs").join(&name)).ok();
-            let length = file.as_ref().and_then(|f| f.metadata().ok()).map_or(0, |m| m.len());
-            state.stale |= length < covered;
-            // A pack that is gone keeps its number; `refresh` drops it.
-            let Some(file) = file else {
-                lengths.push(None);
-                continue;
-            };
-            lengths.push(Some((state.packs.len() as u32, length)));
-            state.packs.push(Pack { name, file: Arc::new(file), covered: covered.min(length) });
-        }
-        if state.stale || lengths.iter().any(Option::is_none) {
-            // Pieces are missing: forget them, and let what is left be read again below.
-            let keep = |place: &mut Place| {
-                if !place.is_here() {
-                    return true;
-                }
-                match lengths.get(place.pack as usize) {
-                    Some(Some((pack, length))) if place.end() <= *length => {
-                        place.pack = *pack;
-                        true
-                    }
-                    _ => false,
-                }
-            };
-            state.index = index;
-            for map in [&mut state.index.records, &mut state.index.blobs] {
-                let before = map.len();
-                map.retain(|_, place| keep(place));
-                state.lost += (before - map.len()) as u64;
-            }
-            state.stale = true;
-            // An older frame of a lost key may stand in another pack.
-            state.packs.iter_mut().for_each(|pack| pack.covered = 0);
-        } else {
-            state.index = index;
-        }
-        state.refresh(root)?;
-        Ok(state)
-    }
-
-    fn find(&self, kind: Kind, key: &Digest) -> Option<(Place, Arc<File>)> {
-        let map = if kind == Kind::Record { &self.index.records } else { &self.index.blobs };
-        let place = map.get(key).filter(|place| place.is_here())?;
-        Some((*place, self.packs.get(place.pack as usize)?.file.clone()))
-    }
-
-    fn stamp_of(&self, kind: Kind, key: &Digest) -> Option<u64> {
-        match kind {
-            Kind::Record | Kind::ForgetRecord => self.index.records.get(key),
-            Kind::Blob | Kind::ForgetBlob => self.index.blobs.get(key),
-            Kind::Used => None,
-        }
-        .map(|place| place.stamp)
-    }
-
-    fn take_in(&mut self, pack: u32, offset: u64, frame: &Frame, payload: &[u8]) {
-        self.index.apply(pack, offset, frame);
-        if frame.kind == Kind::Used {
-            frame::used_pairs(payload).for_each(|(key, time_s)| self.index.mark_used(&key, time_s));
-        }
-        let covered = &mut self.packs[pack as usize].covered;
-        *covered = (*covered).max(offset + HEADER as u64 + frame.length);
-        self.stale = true;
-    }
-
-    fn refresh(&mut self, root: &Path) -> Result<(), StoreError> {
-        let folder = root.join("packs");
-        let mut names = BTreeMap::new();
-        match fs::read_dir(&folder) {
-            Ok(entries) => {
-                for entry in entries.flatten() {
-                    if let Ok(name) = entry.file_name().into_string()
-                        && name.ends_with(".pack")
-                    {
-                        names.insert(name, ());
-                    }
-                }
-            }
-            Err(e) if e.kind() == io::ErrorKind::NotFound => {}
-            Err(e) => return Err(StoreError::io("read the store", &folder)(e)),
-        }
-        if self.packs.iter().any(|pack| !names.contains_key(&pack.name)) {
-            // `gc` has written fresh packs, or somebody removed one: what is known may be wrong, so read it all.
-            let lost = self.lost;
-            *self = Self { stale: true, lost, ..Self::empty() };
-        }
-        for name in names.into_keys() {
-            let known = self.packs.iter().position(|pack| pack.name == name);
-            let pack = match known {
-                Some(pack) => pack,
-                None => {
-                    let Ok(file) = File::open(folder.join(&name)) else { continue };
-                    self.packs.push(Pack { name, file: Arc::new(file), covered: 0 });
-                    self.packs.len() - 1
-                }
-            };
-            // What cannot be read now is a miss now.
-            let _ = self.read_tail(pack);
-        }
-        Ok(())
-    }
-
-    /// Takes in the frames beyond what is covered.
-    fn read_tail(&mut self, pack: usize) -> io::Result<()> {
-        let Pack { file, covered, .. } = &self.packs[pack];
-        let (file, covered) = (file.clone(), *covered);
-        let Some(fresh) = file.metadata()?.len().checked_sub(covered).filter(|&n| n > 0) else { return Ok(()) };
-        let bytes = disk::read_at(&file, covered, fresh as usize)?;
-        for (at, frame) in frame::scan(&bytes).frames {
-            let start = at as usize + HEADER;
-            let payload = &bytes[start..start + frame.length as usize];
-            self.take_in(pack as u32, covered + at, &frame, payload);
-        }
-        Ok(())
-    }
-
-    fn save(&mut self, root: &Path) -> Result<(), StoreError> {
-        let packs: Vec<_> = self.packs.iter().map(|pack| (pack.name.clone(), pack.covered)).collect();
-        let path = root.join("index");
-        disk::publish(&root.join("tmp"), &path, &index::encode(&packs, &self.index), false, false)
-            .map_err(StoreError::io("write the index of the store", &path))?;
-        self.stale = false;
-        Ok(())
     }
 }

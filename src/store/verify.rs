@@ -101,9 +101,9 @@ impl VerifyReport {
 impl Store {
     /// Reads everything and compares it with its digests and checksums.
     ///
-    /// Damaged blobs go to quarantine in any case, so that the next run computes them anew. `repair` also
-    /// forgets the records that a run would not accept, removes damaged checkpoints, cleans the packs if no run
-    /// is at work, and writes the index.
+    /// Damaged blobs go to quarantine in any case, so that the next run computes them anew, and damaged pieces of packs
+    /// are left behind when the store is closed (if no other process uses it). `repair` also forgets the records
+    /// whose blobs are gone and removes damaged checkpoints, so that the next `verify` is clean even before a run.
     pub fn verify(&self, repair: bool) -> Result<VerifyReport, StoreError> {
         let mut report = VerifyReport::default();
         if !self.read_only {
@@ -117,6 +117,9 @@ impl Store {
             entries => report.findings.push(Finding::LostEntries { entries }),
         }
         let garbage = self.folder.packs.garbage();
+        if !garbage.is_empty() {
+            self.folder.packs.note_damage();
+        }
         report.findings.extend(garbage.into_iter().map(|(name, bytes)| Finding::DamagedPack { name, bytes }));
 
         let mut records = Vec::new();
@@ -152,11 +155,7 @@ impl Store {
         if repair && !self.read_only && !report.is_clean() {
             unfit.iter().try_for_each(|key| self.folder.packs.append(Kind::ForgetRecord, key, &[]))?;
             damaged_checkpoints.iter().for_each(|path| drop(fs::remove_file(path)));
-            let dirty = report.findings.iter().any(|f| matches!(f, Finding::DamagedPack { .. }));
-            self.folder.packs.finish()?;
-            if dirty {
-                self.gather_packs()?;
-            }
+            self.finish()?;
             report.repaired = true;
         }
         Ok(report)
@@ -166,16 +165,17 @@ impl Store {
     fn verify_blobs(&self, records: &[InstanceRecord], report: &mut VerifyReport) -> Result<(), StoreError> {
         let named: BTreeMap<Digest, Blob> =
             records.iter().flat_map(InstanceRecord::blobs).map(|blob| (blob.digest, *blob)).collect();
-        for (digest, place) in self.folder.packs.blobs() {
+        let packs = &self.folder.packs;
+        for (digest, place) in packs.blobs() {
             report.blobs += 1;
             report.bytes += place.length;
-            if self.folder.packs.blob(&digest).is_none_or(|bytes| Digest::of(&bytes) != digest) {
+            if packs.blob(&digest).is_none_or(|bytes| Digest::of(&bytes) != digest) {
                 report.findings.push(Finding::DamagedBlob { digest });
                 if !self.read_only {
                     // A blob that no record names has no kind; it is only forgotten.
                     match named.get(&digest) {
                         Some(blob) => self.folder.quarantine(blob)?,
-                        None => self.folder.packs.append(Kind::ForgetBlob, &digest, &[])?,
+                        None => packs.append(Kind::ForgetBlob, &digest, &[])?,
                     }
                 }
             }
@@ -183,8 +183,7 @@ impl Store {
         for (digest, path, bytes) in self.folder.loose() {
             report.blobs += 1;
             report.bytes += bytes;
-            let whole = hash_file(&path).map_err(StoreError::io("read a blob", &path))?;
-            if whole != digest {
+            if hash_file(&path).ok() != Some(digest) {
                 report.findings.push(Finding::DamagedBlob { digest });
                 if !self.read_only {
                     self.folder.set_aside(&path)?;

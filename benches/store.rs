@@ -1,0 +1,106 @@
+//! What the store costs: look-ups, opening, and the encoding of images. `cargo bench --bench store`
+//!
+//! Prints the best of several rounds, in a temporary folder.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use serde_json::json;
+use turbid::digest::Digest;
+use turbid::store::{Cost, InstanceRecord, PortRecord, Provenance, Store};
+use turbid_contract::ndarray::Array2;
+use turbid_contract::{Artifact, ImageStack, LayerInfo, Record};
+
+fn key(i: u64) -> Digest {
+    Digest::of(&i.to_le_bytes())
+}
+
+/// About as long as the params of the paper's scenes.
+fn scene(i: u64) -> serde_json::Value {
+    json!({
+        "media": {"healthy": {"A_rho": 25.0, "S_rho": 4236.0, "g": 0.8, "n": 1.0}, "scc": {"A_rho": i, "S_rho": 3721.0, "g": 0.8, "n": 1.0}},
+        "objects": {
+            "tissue": {"slab": {"thickness": 2000.0, "top": 0.0}, "medium": "healthy", "priority": 0},
+            "polyp": {"spheroid": {"diameters": [40.0, 40.0, 80.0], "center": [0.0, 0.0, 0.0]}, "medium": "scc", "priority": 1}
+        },
+        "camera": {"position": [0.0, 0.0, 500.0], "look_at": [0.0, 0.0, 0.0], "field": [64.0, 64.0], "pixels": [64, 64]},
+        "projector": {"position": [0.0, 35.0, 500.0], "look_at": [0.0, 0.0, 0.0], "field": [128.0, 128.0], "power": 5.0}
+    })
+}
+
+fn fill(outputs: &Path, records: u64) -> Duration {
+    let store = Store::open(outputs).expect("a fresh store opens");
+    let begin = Instant::now();
+    for i in 0..records {
+        let params = scene(i);
+        let artifact = Artifact::Record(Record { fields: BTreeMap::from([("scene".to_owned(), params.clone())]) });
+        let blob = store.put(&artifact).expect("there is room");
+        let record = InstanceRecord {
+            key: key(i),
+            use_name: "scene".into(),
+            version: 1,
+            ports: BTreeMap::from([("scene".into(), PortRecord { payload: "scene".into(), blob })]),
+            cost: Cost::default(),
+            params,
+            inputs: Vec::new(),
+            files: Vec::new(),
+            seed: None,
+            state_key: None,
+            measures: Vec::new(),
+            warnings: Vec::new(),
+            provenance: Provenance::default(),
+        };
+        store.publish(&record).expect("there is room");
+    }
+    store.finish().expect("there is room");
+    begin.elapsed()
+}
+
+fn best(rounds: usize, mut work: impl FnMut()) -> Duration {
+    let time = |work: &mut dyn FnMut()| {
+        let begin = Instant::now();
+        work();
+        begin.elapsed()
+    };
+    (0..rounds).map(|_| time(&mut work)).min().unwrap_or_default()
+}
+
+fn main() {
+    for records in [1000, 100_000] {
+        let outputs = tempfile::tempdir().expect("a temporary folder");
+        let wrote = fill(outputs.path(), records);
+        let open = || Store::open(outputs.path()).expect("it opens");
+        println!("{records} records: put and publish {:.1} us each", 1e6 * wrote.as_secs_f64() / records as f64);
+        println!("  open: {:.3?}", best(9, || std::mem::forget(open())));
+        let store = open();
+        let look_up = || (0..1000).for_each(|i| assert!(store.record(&key(i * records / 1000)).is_some()));
+        println!("  1000 look-ups: {:.3?}", best(9, look_up));
+        println!("  all digests: {:.3?}", best(3, || assert_eq!(store.digests().len() as u64, records)));
+        std::fs::remove_file(outputs.path().join("store/index")).expect("it was written");
+        println!("  open without the index: {:.3?}", best(3, || std::mem::forget(open())));
+    }
+
+    let outputs = tempfile::tempdir().expect("a temporary folder");
+    let store = Store::open(outputs.path()).expect("a fresh store opens");
+    let stack = |seed: u64| {
+        let mut stack = ImageStack::new(500, 500);
+        for layer in 0..16 {
+            let pixels = Array2::from_shape_fn((500, 500), |(r, c)| {
+                (key(seed ^ (layer << 32 | ((r * 500 + c) as u64 / 4))).first_u64() >> 40) as f32
+            });
+            stack.push(LayerInfo::value("radiance", "W mm^-2 sr^-1").with_f_x(layer as f64), pixels);
+        }
+        Artifact::Images(stack)
+    };
+    let mb = 500.0 * 500.0 * 16.0 * 4.0 / 1e6;
+    let stacks: Vec<Artifact> = (0..5).map(stack).collect();
+    let rate = |time: Duration| mb / time.as_secs_f64();
+    println!("500 x 500 x 16 layers, {mb} MB:");
+    println!("  encode: {:.0} MB/s", rate(best(5, || drop(turbid::store::encode(&stacks[0])))));
+    let mut next = stacks.iter();
+    let put = best(5, || assert!(store.put(next.next().expect("five rounds")).is_ok()));
+    println!("  put (fsync included): {:.0} MB/s", rate(put));
+    let blob = store.put(&stacks[0]).expect("it is there");
+    println!("  get: {:.0} MB/s", rate(best(5, || drop(store.get(&blob).expect("it is there")))));
+}
