@@ -26,6 +26,9 @@ mod suggest;
 mod template;
 mod vars;
 
+#[cfg(test)]
+mod tests;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
@@ -273,7 +276,10 @@ impl Spec {
         let hint = hint.or_else(look_alike);
         let place = if about_key { key } else { node.span };
         let mut diagnostic = Diagnostic::at(&self.sources, place, full, message).hint(hint);
-        diagnostic.follow_up = node.is_broken();
+        let unread = section.key().is_some_and(|key| spec.unread.contains(&key));
+        let lacks = section == Section::With || path.is_empty();
+        diagnostic.follow_up =
+            node.is_broken() || unread && lacks || section == Section::With && spec.with.is_broken(path);
         diagnostic
     }
 

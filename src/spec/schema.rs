@@ -182,27 +182,34 @@ fn params(row: &StageRow) -> (Value, Map<String, Value>) {
 
 /// Renames references, and lets `${name}` stand wherever a value stands.
 fn adapt(schema: &mut Value, prefix: &str) {
-    match schema {
-        Value::Object(map) => {
-            if let Some(Value::String(reference)) = map.get_mut("$ref")
-                && let Some(name) = reference.strip_prefix(DEFS)
-            {
-                *reference = format!("{prefix}{name}");
-            }
-            for (key, part) in map.iter_mut() {
-                adapt(part, prefix);
-                match (key.as_str(), part) {
-                    ("properties" | "patternProperties", Value::Object(fields)) => {
-                        fields.values_mut().for_each(substitutable);
-                    }
-                    ("items" | "additionalProperties", part) => substitutable(part),
-                    ("prefixItems", Value::Array(items)) => items.iter_mut().for_each(substitutable),
-                    _ => {}
+    let Value::Object(map) = schema else { return };
+    if let Some(Value::String(reference)) = map.get_mut("$ref")
+        && let Some(name) = reference.strip_prefix(DEFS)
+    {
+        *reference = format!("{prefix}{name}");
+    }
+    for (keyword, part) in map.iter_mut() {
+        match (keyword.as_str(), part) {
+            ("properties" | "patternProperties", Value::Object(fields)) => {
+                for field in fields.values_mut() {
+                    adapt(field, prefix);
+                    substitutable(field);
                 }
             }
+            ("items" | "additionalProperties", part) => {
+                adapt(part, prefix);
+                substitutable(part);
+            }
+            ("prefixItems", Value::Array(items)) => {
+                for item in items {
+                    adapt(item, prefix);
+                    substitutable(item);
+                }
+            }
+            ("anyOf" | "oneOf" | "allOf", Value::Array(parts)) => parts.iter_mut().for_each(|p| adapt(p, prefix)),
+            ("not" | "if" | "then" | "else", part) => adapt(part, prefix),
+            _ => {}
         }
-        Value::Array(items) => items.iter_mut().for_each(|item| adapt(item, prefix)),
-        _ => {}
     }
 }
 

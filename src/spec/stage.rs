@@ -7,6 +7,7 @@ use super::input::InputSpec;
 use super::node::{Data, Entry, Node};
 use super::parse::join;
 use super::reader::Reader;
+use super::suggest;
 use super::template::Template;
 use super::vars::Vars;
 
@@ -27,6 +28,8 @@ pub struct StageSpec {
     pub seed: Option<u64>,
     /// Part of the stage is wrong and reported; what follows from that need not be.
     pub broken: bool,
+    /// Sections that are misspelt or could not be read whole: what they lack is not reported.
+    pub(super) unread: Vec<&'static str>,
     /// Place among the entries of `stages:`.
     pub(super) entry: usize,
     pub(super) with: Template,
@@ -67,6 +70,7 @@ pub fn parse(
         foreach: foreach.unwrap_or_default(),
         product: false,
         seed: None,
+        unread: Vec::new(),
         entry: index,
         with: Template::default(),
     };
@@ -74,7 +78,11 @@ pub fn parse(
         stage.broken = true;
         return stage;
     }
-    stage.broken |= !reader.known_keys(&entry.value, &path, &KEYS, "a stage");
+    if !reader.known_keys(&entry.value, &path, &KEYS, "a stage") {
+        stage.broken = true;
+        let unknown = entry.value.entries().iter().map(|e| e.key.as_str()).filter(|k| !KEYS.contains(k));
+        stage.unread.extend(unknown.filter_map(|key| suggest::nearest(key, KEYS)));
+    }
     match entry.value.entry("use") {
         Some(e) => {
             match reader.text(&e.value, e.at, &join(&path, "use"), "the name of a stage (see `turbid stages`)") {
@@ -83,7 +91,7 @@ pub fn parse(
             }
         }
         None => {
-            if !stage.broken {
+            if !stage.unread.contains(&"use") {
                 reader.error(
                     entry.at,
                     &path,
@@ -97,7 +105,10 @@ pub fn parse(
     if let Some(section) = filled(&entry.value, "in") {
         let (inputs, complete) = InputSpec::parse_all(section, &join(&path, "in"), sections.vars, reader);
         stage.inputs = inputs;
-        stage.broken |= !complete;
+        if !complete {
+            stage.broken = true;
+            stage.unread.push("in");
+        }
     }
     if let Some(section) = filled(&entry.value, "with") {
         let path = join(&path, "with");
@@ -105,6 +116,7 @@ pub fn parse(
             stage.with = Template::compile(&section.value, &path, sections.vars, sections.axes, reader);
         } else {
             stage.broken = true;
+            stage.unread.push("with");
         }
     }
     if let Some(e) = filled(&entry.value, "product") {

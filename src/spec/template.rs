@@ -17,6 +17,8 @@ use super::vars::Vars;
 pub struct Template {
     base: Value,
     slots: Vec<Slot>,
+    /// Places whose value could not be made, and was reported; null stands there.
+    broken: Vec<Vec<String>>,
 }
 
 #[derive(Clone, Debug)]
@@ -50,7 +52,7 @@ pub struct Unfilled {
 
 impl Default for Template {
     fn default() -> Self {
-        Self { base: Value::Object(Map::new()), slots: Vec::new() }
+        Self { base: Value::Object(Map::new()), slots: Vec::new(), broken: Vec::new() }
     }
 }
 
@@ -58,8 +60,17 @@ impl Template {
     /// Prepares `node`; `axes` are the names that any instance of the pipeline may carry.
     pub fn compile(node: &Node, path: &str, vars: &Vars, axes: &BTreeSet<String>, reader: &mut Reader<'_>) -> Self {
         let mut slots = Vec::new();
-        let base = build(node, &mut Vec::new(), &mut slots, &mut Build { path, vars, axes, reader });
-        Self { base, slots }
+        let mut with = Build { path, vars, axes, broken: Vec::new(), reader };
+        let base = build(node, &mut Vec::new(), &mut slots, &mut with);
+        Self { base, slots, broken: with.broken }
+    }
+
+    /// Whether a mistake at `path` follows from one that is reported.
+    pub fn is_broken<S: AsRef<str>>(&self, path: &[S]) -> bool {
+        let begins = |whole: &[S], part: &[String]| {
+            whole.len() >= part.len() && whole.iter().zip(part).all(|(a, b)| a.as_ref() == b)
+        };
+        self.broken.iter().any(|broken| begins(path, broken))
     }
 
     /// The params of an instance with these axes.
@@ -123,30 +134,15 @@ struct Build<'a, 'r, 's> {
     path: &'a str,
     vars: &'a Vars,
     axes: &'a BTreeSet<String>,
+    broken: Vec<Vec<String>>,
     reader: &'r mut Reader<'s>,
 }
 
 fn build(node: &Node, steps: &mut Vec<Step>, slots: &mut Vec<Slot>, with: &mut Build<'_, '_, '_>) -> Value {
     match &node.data {
         Data::Text { text, .. } if is_dynamic(text) => {
-            let path = &steps.iter().fold(with.path.to_owned(), |path, step| join(&path, &step.text()));
-            let cut = match pieces(text) {
-                Ok(cut) => cut,
-                Err(message) => {
-                    with.reader.error(node.span, path, message, None);
-                    return Value::Null;
-                }
-            };
-            if !with.vars.check_names(&cut, with.axes, node, path, with.reader) {
-                return Value::Null;
-            }
-            if cut.iter().any(|p| matches!(p, Piece::Name(name) if with.axes.contains(name))) {
-                slots.push(Slot { steps: steps.clone(), cut });
-                return Value::Null;
-            }
-            let filled = fill(&cut, |name| &with.vars.values[name]).and_then(|value| with.vars.pay(value, path));
-            filled.map(normalised).unwrap_or_else(|message| {
-                with.reader.error(node.span, path, message, None);
+            build_text(node, text, steps, slots, with).unwrap_or_else(|| {
+                with.broken.push(steps.iter().map(Step::text).collect());
                 Value::Null
             })
         }
@@ -171,4 +167,31 @@ fn build(node: &Node, steps: &mut Vec<Step>, slots: &mut Vec<Slot>, with: &mut B
         }
         _ => normalised(node.to_json()),
     }
+}
+
+/// A text with `${}`; `None` if it is wrong and reported.
+fn build_text(
+    node: &Node,
+    text: &str,
+    steps: &[Step],
+    slots: &mut Vec<Slot>,
+    with: &mut Build<'_, '_, '_>,
+) -> Option<Value> {
+    let path = steps.iter().fold(with.path.to_owned(), |path, step| join(&path, &step.text()));
+    let mut value = || {
+        let cut = pieces(text)?;
+        if !with.vars.check_names(&cut, with.axes, node, &path, with.reader) {
+            return Ok(None);
+        }
+        if cut.iter().any(|p| matches!(p, Piece::Name(name) if with.axes.contains(name))) {
+            slots.push(Slot { steps: steps.to_vec(), cut });
+            return Ok(Some(Value::Null));
+        }
+        let value = fill(&cut, |name| &with.vars.values[name])?;
+        with.vars.pay(value, &path).map(|value| Some(normalised(value)))
+    };
+    value().unwrap_or_else(|message: String| {
+        with.reader.error(node.span, &path, message, None);
+        None
+    })
 }

@@ -1,0 +1,264 @@
+//! Whole files, as a user writes them.
+
+use std::path::PathBuf;
+
+use serde_json::{Value, json};
+use turbid_contract::Axes;
+
+use super::*;
+
+/// Files in a directory of their own.
+struct Files(tempfile::TempDir);
+
+impl Files {
+    fn new(files: &[(&str, &str)]) -> Self {
+        let dir = tempfile::tempdir().expect("a temporary directory can be made");
+        for (name, text) in files {
+            let path = dir.path().join(name);
+            std::fs::create_dir_all(path.parent().expect("it lies in the directory")).expect("it can be made");
+            std::fs::write(path, text).expect("it can be written");
+        }
+        Self(dir)
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn load(&self, overrides: &[&str]) -> Result<Spec, Report> {
+        load(&self.path("main.yaml"), &overrides.iter().map(|s| (*s).to_owned()).collect::<Vec<_>>())
+    }
+}
+
+fn spec(text: &str) -> Spec {
+    Files::new(&[("main.yaml", text)]).load(&[]).unwrap_or_else(|report| panic!("{report}"))
+}
+
+fn mistakes(text: &str) -> String {
+    Files::new(&[("main.yaml", text)]).load(&[]).expect_err("it holds mistakes").to_string()
+}
+
+fn rows(foreach: &str) -> (Vec<String>, Value) {
+    let spec = spec(&format!("stages: {{s: {{use: x, foreach: {foreach}}}}}"));
+    (spec.stages[0].foreach.names.clone(), json!(spec.stages[0].foreach.rows))
+}
+
+#[test]
+fn the_whole_grammar_is_read() {
+    let spec = spec(concat!(
+        "pipeline: whole\nabout: All of it\nseed: 7\n",
+        "vars: {f_x: 0.1, both: [0, \"${f_x}\"]}\n",
+        "stages:\n",
+        "  tissue: {use: scene}\n",
+        "  frames:\n",
+        "    use: render\n",
+        "    in: {scene: tissue, pattern: {from: tissue.preview, where: {mu_a: 2.0}, over: [g]}, more: [a, b.c]}\n",
+        "    with: {f_x: \"${both}\", samples: 1e3, label: \"f_x = ${f_x}\", cost: \"$${5}\"}\n",
+        "    product: true\n    seed: 18446744073709551615\n",
+        "studies:\n",
+        "  s: {vary: {vars.f_x: {linspace: [0, 1, 3]}}, estimate: frames.mu_a, truth: frames.truth, error: rmse_percent}\n",
+    ));
+    assert_eq!((spec.pipeline.as_str(), spec.about.as_deref(), spec.seed), ("whole", Some("All of it"), 7));
+    let frames = &spec.stages[1];
+    assert_eq!((frames.use_name.as_str(), frames.product, frames.seed), ("render", true, Some(u64::MAX)));
+    let source = |stage: &str, port: Option<&str>| SourceRef {
+        stage: stage.to_owned(),
+        port: port.map(str::to_owned),
+        filter: BTreeMap::new(),
+        over: None,
+    };
+    assert_eq!(frames.inputs[0].sources, [source("tissue", None)]);
+    let filtered = SourceRef {
+        filter: [("mu_a".to_owned(), json!(2))].into(),
+        over: Some(vec!["g".to_owned()]),
+        ..source("tissue", Some("preview"))
+    };
+    assert_eq!(frames.inputs[1].sources, [filtered]);
+    assert_eq!(frames.inputs[2].sources, [source("a", None), source("b", Some("c"))]);
+    let params = spec.params(1, &Axes::new()).expect("it needs no axes");
+    assert_eq!(params, json!({"f_x": [0, 0.1], "samples": 1000, "label": "f_x = 0.1", "cost": "${5}"}));
+    assert_eq!(spec.studies[0].vary, [("vars.f_x".to_owned(), vec![json!(0), json!(0.5), json!(1)])]);
+    assert_eq!(spec.not_yet().len(), 1);
+}
+
+#[test]
+fn foreach_makes_a_grid_whose_last_axis_varies_fastest() {
+    let (names, values) = rows("{a: [1, 2.0], b: [x, y]}");
+    assert_eq!(
+        (names, values),
+        (vec!["a".to_owned(), "b".to_owned()], json!([[1, "x"], [1, "y"], [2, "x"], [2, "y"]]))
+    );
+    assert_eq!(
+        rows("{a: [1, 2], c: {range: [0, 2]}, b: [x, y], zip: [[a, b]]}"),
+        (
+            vec!["a".to_owned(), "b".to_owned(), "c".to_owned()],
+            json!([[1, "x", 0], [1, "x", 1], [2, "y", 0], [2, "y", 1]])
+        )
+    );
+    assert_eq!(rows("{}").1, json!([[]]));
+    assert_eq!(spec("stages: {s: {use: x}}").stages[0].foreach.rows, [Vec::<Value>::new()]);
+}
+
+/// A draw stands as one point in the middle of its distributions until it can be drawn.
+#[test]
+fn draws_are_read_and_stand_as_one_point() {
+    let foreach = "{draw: {n: 1000, method: lhs, mu_a: {loguniform: [1e-4, 1e-2]}, g: {uniform: [0.5, 1]}}}";
+    let (names, values) = rows(foreach);
+    assert_eq!(names, ["draw", "mu_a", "g"]);
+    assert_eq!(values[0][0], json!(0));
+    assert!((values[0][1].as_f64().unwrap() - 1e-3).abs() < 1e-18);
+    assert_eq!(values[0][2], json!(0.75));
+    let spec = spec(&format!("stages: {{s: {{use: x, foreach: {foreach}}}}}"));
+    assert_eq!(spec.stages[0].foreach.draw.as_ref().map(|d| (d.n, d.method)), Some((1000, DrawMethod::Lhs)));
+    assert!(spec.not_yet()[0].message.contains("later version"));
+}
+
+#[test]
+fn csv_columns_are_axes_that_go_together() {
+    let files = Files::new(&[
+        ("main.yaml", "stages: {s: {use: x, foreach: {csv: data/m.csv, k: [1, 2]}}}"),
+        ("data/m.csv", "mu_a,g\n0.1,0.8\n0.2,0.9\n"),
+    ]);
+    let foreach = &files.load(&[]).expect("it is right").stages[0].foreach;
+    assert_eq!(foreach.names, ["mu_a", "g", "k"]);
+    assert_eq!(json!(foreach.rows), json!([[0.1, 0.8, 1], [0.1, 0.8, 2], [0.2, 0.9, 1], [0.2, 0.9, 2]]));
+}
+
+/// Params of an instance made afresh and by refilling those of another are equal.
+#[test]
+fn refilled_params_are_those_made_afresh() {
+    let spec = spec(concat!(
+        "vars: {k: 3}\nstages:\n  s:\n    use: x\n    foreach: {a: [1, 2, 0.5], b: [u, v]}\n",
+        "    with: {list: [0, \"${a}\", {deep: \"${b}-${k}\"}], k: \"${k}\", fixed: {x: 1}}\n",
+    ));
+    let foreach = &spec.stages[0].foreach;
+    let mut reused = None;
+    for row in &foreach.rows {
+        let axes: Axes = foreach.names.iter().cloned().zip(row.iter().cloned()).collect();
+        let fresh = spec.params(0, &axes).expect("all axes are there");
+        let expected = json!({
+            "list": [0, axes["a"], {"deep": format!("{}-3", axes["b"].as_str().unwrap())}], "k": 3, "fixed": {"x": 1}
+        });
+        assert_eq!(fresh, expected);
+        let reused = reused.get_or_insert_with(|| fresh.clone());
+        spec.refill(0, &axes, reused).expect("all axes are there");
+        assert_eq!(*reused, fresh);
+    }
+    let lost = spec.params(0, &[("a".to_owned(), json!(1))].into()).expect_err("b is not there");
+    assert!(lost[0].to_string().contains("`${b}` is an axis that this stage does not carry"), "{}", lost[0]);
+}
+
+/// The including file wins key by key, a later include over an earlier one; each path is relative to its own file.
+#[test]
+fn includes_merge_and_paths_stay_with_their_files() {
+    let files = Files::new(&[
+        ("main.yaml", "include: [lib/base.yaml, lib/more.yaml]\nvars: {a: 1}\nstages: {s: {with: {y: 5, own: o.obj}}}"),
+        (
+            "lib/base.yaml",
+            "vars: {a: 0, b: 0, file: v.obj}\nstages: {s: {use: x, with: {x: 1, y: 1, mesh: {file: m.obj}, v: \"${file}\"}}}",
+        ),
+        ("lib/more.yaml", "vars: {b: 2}\nstages: {t: {use: z}}"),
+    ]);
+    let spec = files.load(&["stages.s.with.given=g.obj"]).expect("it is right");
+    assert_eq!((&spec.vars["a"], &spec.vars["b"]), (&json!(1), &json!(2)));
+    let params = spec.params(0, &Axes::new()).expect("it needs no axes");
+    assert_eq!((&params["x"], &params["y"]), (&json!(1), &json!(5)));
+    assert_eq!(spec.stages.iter().map(|s| s.name.as_str()).collect::<Vec<_>>(), ["s", "t"]);
+    assert_eq!(spec.input_file_base(0, "mesh.file"), files.path("lib"));
+    assert_eq!(spec.input_file_base(0, "v"), files.path("lib"));
+    assert_eq!(spec.input_file_base(0, "own"), files.path(""));
+    assert_eq!(spec.input_file_base(0, "given"), PathBuf::new());
+}
+
+#[test]
+fn overrides_are_typed_and_recorded() {
+    let text = "vars: {x: 1}\nstages: {s: {use: x, with: {list: [1, 2], t: \"${x}\"}}}";
+    let files = Files::new(&[("main.yaml", text)]);
+    let given = ["vars.x=0.5", "stages.s.with.list.1=[3, a]", "stages.s.with.new.deep='7'", "seed=9", "vars.x=0.25"];
+    let spec = files.load(&given).expect("they are right");
+    assert_eq!(spec.params(0, &Axes::new()).unwrap(), json!({"list": [1, [3, "a"]], "t": 0.25, "new": {"deep": "7"}}));
+    assert_eq!((spec.seed, spec.overrides.as_slice()), (9, given.map(str::to_owned).as_slice()));
+}
+
+#[test]
+fn mistakes_of_a_stage_are_placed_at_what_stands_in_the_file() {
+    let spec = spec("stages:\n  s:\n    use: scene\n    with:\n      media: {m: {g: 2}}\n      size: 1_000\n");
+    let place = |section, path: &[&str]| {
+        let d = spec.diagnostic(0, section, path, "wrong", None);
+        (d.line, d.column, d.path)
+    };
+    assert_eq!(place(Section::With, &["media", "m", "g"]), (5, 22, "stages.s.with.media.m.g".to_owned()));
+    assert_eq!(place(Section::With, &["media", "m", "n"]), (5, 15, "stages.s.with.media.m.n".to_owned()));
+    assert_eq!(place(Section::With, &[]), (4, 5, "stages.s.with".to_owned()));
+    assert_eq!(place(Section::In, &["frames"]), (2, 3, "stages.s.in.frames".to_owned()));
+    assert_eq!(place(Section::Use, &[]), (3, 10, "stages.s.use".to_owned()));
+    let d = spec.diagnostic(0, Section::With, &["size"], "`size` is the text \"1_000\"", None);
+    assert_eq!(d.hint.as_deref(), Some("YAML reads `1_000` as text; write `1000`"));
+}
+
+/// What follows from a reported mistake is not reported: a misspelt section, a name that is not known, a `.nan`.
+#[test]
+fn nothing_is_reported_twice_under_two_names() {
+    let files = Files::new(&[(
+        "main.yaml",
+        "stages: {s: {use: x, wiht: {a: 1}}, t: {use: x, with: {a: \"${nix}\", b: .nan, c: 1}, in: {p: [}]}}}",
+    )]);
+    assert!(files.load(&[]).is_err());
+    let text = "stages: {s: {use: x, wiht: {a: 1}}, t: {use: x, with: {a: \"${nix}\", b: .nan, c: 1}, in: {p: []}}}";
+    let files = Files::new(&[("main.yaml", text)]);
+    let (spec, mut report) = read(&files.path("main.yaml"), &[]);
+    let spec = spec.expect("much of it can be read");
+    let before = report.errors();
+    assert_eq!(before, 4, "{report}");
+    report.push(spec.diagnostic(0, Section::With, &["a"], "`a` is missing", None));
+    report.push(spec.diagnostic(1, Section::With, &["a"], "`a` is empty", None));
+    report.push(spec.diagnostic(1, Section::With, &["b"], "`b` is empty", None));
+    report.push(spec.diagnostic(1, Section::In, &[] as &[&str], "needs the input `p`", None));
+    assert_eq!(report.errors(), before, "{report}");
+    report.push(spec.diagnostic(1, Section::With, &["c"], "`c` is wrong", None));
+    assert_eq!(report.errors(), before + 1);
+}
+
+#[test]
+fn many_mistakes_come_in_the_order_of_the_file() {
+    let report = mistakes(concat!(
+        "pipeline: a b\nseed: 1e99\nvars: {a: \"${b}\", b: \"${a}\"}\nstages:\n",
+        "  s: {use: 5, seed: -1, product: yes, foreach: {x: [], y: {linspace: [0, 1]}}}\n  t: scene\n",
+    ));
+    let places: Vec<&str> =
+        report.lines().filter(|l| l.contains("error:")).map(|l| l.split("error: ").nth(1).unwrap()).collect();
+    let paths: Vec<&str> = places.iter().map(|p| p.split(':').next().unwrap()).collect();
+    assert_eq!(
+        paths,
+        [
+            "pipeline",
+            "seed",
+            "vars.a",
+            "stages.s.use",
+            "stages.s.seed",
+            "stages.s.product",
+            "stages.s.foreach.x",
+            "stages.s.foreach.y.linspace",
+            "stages.t"
+        ],
+        "{report}"
+    );
+}
+
+/// Values multiply through vars and grids; what would fill the memory is refused before it is made.
+#[test]
+fn what_multiplies_is_bounded() {
+    let lists = (1..60).fold("vars:\n  a0: [x, y]\n".to_owned(), |t, i| {
+        t + &format!("  a{i}: [\"${{a{j}}}\", \"${{a{j}}}\"]\n", j = i - 1)
+    });
+    assert!(mistakes(&lists).contains("makes more than"));
+    let texts = (1..60)
+        .fold("vars:\n  a0: xxxxxxxx\n".to_owned(), |t, i| t + &format!("  a{i}: \"${{a{j}}}${{a{j}}}\"\n", j = i - 1));
+    assert!(mistakes(&texts).contains("grows beyond"));
+    let chain = (0..200).fold("vars:\n".to_owned(), |t, i| t + &format!("  a{i}: \"${{a{}}}\"\n", i + 1));
+    assert!(mistakes(&chain).contains("chain of more than 64"));
+    let grid = "stages: {s: {use: x, foreach: {a: {range: [0, 1001]}, b: {range: [0, 1000]}}}}";
+    assert!(mistakes(grid).contains("1001000 instances (1001 a x 1000 b) are more than 1000000"));
+    let ring = Files::new(&[("main.yaml", "include: other.yaml"), ("other.yaml", "include: main.yaml")]);
+    assert!(ring.load(&[]).unwrap_err().to_string().contains("`main.yaml` includes itself"));
+}
