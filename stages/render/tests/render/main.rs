@@ -1,0 +1,6 @@
+//! Laws that a rendered image obeys, and promises of the stage.
+
+mod laws;
+mod setup;
+mod stage;
+mod unbiased;

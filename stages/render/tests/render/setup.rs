@@ -1,0 +1,181 @@
+//! Scenes for the tests, and ways to run them.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use serde_json::{Value, json};
+use turbid_contract::payload::{Camera, Medium, Object, Payload, Profile, Projector, Scene, Shape, Surface};
+use turbid_contract::{Artifact, Axes, Ctx, Error, Host, ImageStack, InputSource, MemoryHost, StageRow};
+use turbid_render::RenderStage;
+
+pub fn medium(mu_a: f64, mu_s: f64, g: f64) -> Medium {
+    Medium { mu_a: vec![mu_a], mu_s: vec![mu_s], g, n: 1.0 }
+}
+
+pub fn object(shape: Shape, medium: &str, priority: i32) -> Object {
+    Object { shape, medium: Some(medium.to_owned()), priority, surface: Surface::Smooth }
+}
+
+pub fn lambertian(shape: Shape, rho: f64) -> Object {
+    Object { shape, medium: None, priority: 0, surface: Surface::Lambertian(rho) }
+}
+
+pub const FLOOR: Shape = Shape::Slab { top: 0.0, bottom: -2000.0 };
+
+/// Camera and projector `distance` above the origin, `apart` from each other along y.
+pub fn rig(distance: f64, apart: f64, field: f64, pixels: u32, lit: f64) -> (Camera, Projector) {
+    let camera = Camera {
+        position: [0.0, 0.0, distance],
+        look_at: [0.0; 3],
+        up: [0.0, 1.0, 0.0],
+        field: [field; 2],
+        pixels: [pixels; 2],
+        specular: None,
+    };
+    let projector = Projector {
+        position: [0.0, apart, distance],
+        look_at: [0.0; 3],
+        up: [0.0, 1.0, 0.0],
+        field: [lit; 2],
+        power: 5.0,
+        profile: Profile::Flat,
+        pixels: None,
+    };
+    (camera, projector)
+}
+
+pub fn scene(media: &[(&str, Medium)], objects: Vec<Object>, (camera, projector): (Camera, Projector)) -> Scene {
+    let name = |i| char::from(b'a' + i as u8).to_string();
+    Scene {
+        wavelengths_nm: Vec::new(),
+        media: media.iter().map(|(name, m)| ((*name).to_owned(), m.clone())).collect(),
+        objects: objects.into_iter().enumerate().map(|(i, o)| (name(i), o)).collect(),
+        camera: Some(camera),
+        projector: Some(projector),
+    }
+}
+
+/// The scene on the one input port.
+pub struct Input(pub Scene);
+
+impl InputSource for Input {
+    fn one(&self, port: &str) -> Result<Option<Artifact>, Error> {
+        Ok((port == "scene").then(|| self.0.clone().into_artifact()))
+    }
+    fn many(&self, _: &str) -> Vec<Axes> {
+        Vec::new()
+    }
+    fn load(&self, port: &str, _: usize) -> Result<Artifact, Error> {
+        Err(Error::failed(port))
+    }
+}
+
+/// A host with several threads, or one that stops after some time checks.
+pub struct TestHost {
+    pub memory: MemoryHost,
+    pub threads: usize,
+    /// How many more times `time_is_up` says no.
+    pub patience: AtomicUsize,
+}
+
+impl TestHost {
+    pub fn new(seed: u64, wanted: &[&str], threads: usize) -> Self {
+        let wanted = wanted.iter().map(|&w| w.to_owned()).collect();
+        let memory = MemoryHost { seed, wanted, ..MemoryHost::default() };
+        Self { memory, threads, patience: AtomicUsize::new(usize::MAX) }
+    }
+}
+
+impl Host for TestHost {
+    fn seed(&self) -> u64 {
+        self.memory.seed()
+    }
+    fn cancelled(&self) -> bool {
+        false
+    }
+    fn time_is_up(&self, _: f64) -> bool {
+        let left = self.patience.load(Ordering::Relaxed);
+        if left != usize::MAX && left > 0 {
+            self.patience.store(left - 1, Ordering::Relaxed);
+        }
+        left == 0
+    }
+    fn progress(&self, _: f64, _: Option<f64>, _: &str) {}
+    fn measure(&self, name: &str, value: f64, unit: &str) {
+        self.memory.measure(name, value, unit);
+    }
+    fn warn(&self, message: &str) {
+        self.memory.warn(message);
+    }
+    fn wants(&self, port: &str) -> bool {
+        self.memory.wants(port)
+    }
+    fn file(&self, _: &str) -> Option<std::sync::Arc<[u8]>> {
+        None
+    }
+    fn checkpoint(&self, state: &[u8], progress: u64) {
+        self.memory.checkpoint(state, progress);
+    }
+    fn resume(&self, at_most: u64) -> Option<Vec<u8>> {
+        self.memory.resume(at_most)
+    }
+    fn tiles(&self, n: usize, work: &(dyn Fn(usize) + Sync)) {
+        let next = AtomicUsize::new(0);
+        std::thread::scope(|scope| {
+            for _ in 0..self.threads {
+                scope.spawn(|| {
+                    loop {
+                        let i = next.fetch_add(1, Ordering::Relaxed);
+                        if i >= n {
+                            break;
+                        }
+                        // Backwards, so that no order is taken for granted.
+                        work(n - 1 - i);
+                    }
+                });
+            }
+        });
+    }
+    fn threads(&self) -> usize {
+        self.threads
+    }
+}
+
+/// All ports by name.
+pub fn run_on(host: &dyn Host, scene: &Scene, params: &Value) -> Result<BTreeMap<&'static str, ImageStack>, Error> {
+    let ports = (StageRow::of::<RenderStage>().run)(params, &Input(scene.clone()), Ctx::new(host))?;
+    let stack = |artifact| if let Artifact::Images(stack) = artifact { stack } else { panic!("images were expected") };
+    Ok(ports.into_iter().map(|(name, artifact)| (name, stack(artifact))).collect())
+}
+
+pub fn run(scene: &Scene, params: &Value, seed: u64) -> BTreeMap<&'static str, ImageStack> {
+    run_on(&TestHost::new(seed, &["covariance", "truth", "white"], 2), scene, params).unwrap()
+}
+
+/// Mean over the image, and its standard error, of the first radiance layer at f_x = 0 (radiance at half the pattern).
+pub fn dc(scene: &Scene, samples: u32, seed: u64) -> (f64, f64) {
+    let frames = &run(scene, &json!({"f_x": [0], "samples": samples}), seed)["frames"];
+    let layer = frames.find("radiance", Some(0.0)).unwrap();
+    (layer.data.mapv(f64::from).mean().unwrap(), layer.info.mean_se.unwrap())
+}
+
+/// M_DC, M_AC and the standard error of M_AC of the only pixel at the only f_x > 0.
+pub fn amplitude(ports: &BTreeMap<&'static str, ImageStack>, f_x: f64) -> (f64, f64, f64) {
+    let frames: Vec<f64> = ports["frames"]
+        .layers
+        .iter()
+        .filter(|l| l.info.name == "radiance" && l.info.f_x_per_mm == Some(f_x))
+        .map(|l| f64::from(l.data[(0, 0)]))
+        .collect();
+    let [a, b, c] = frames[..] else { panic!("three phases") };
+    let (re, im) = ((2.0 * a - b - c) / 3.0, (c - b) / 3f64.sqrt());
+    let cov = |i: u32, j: u32| {
+        let layer = ports["covariance"].layers.iter().find(|l| l.info.pair == Some([i, j])).unwrap();
+        f64::from(layer.data[(0, 0)])
+    };
+    let quantities = ports["covariance"].attributes["quantities"].as_array().unwrap();
+    let at = quantities.iter().position(|q| q["part"] == "re" && q["f_x_per_mm"] == json!(f_x)).unwrap() as u32;
+    let m = (re * re + im * im).sqrt();
+    let along = re * re * cov(at, at) + 2.0 * re * im * cov(at, at + 1) + im * im * cov(at + 1, at + 1);
+    ((a + b + c) / 3.0, m, along.sqrt() / m)
+}
