@@ -1,1 +1,20 @@
-//! turbid calibrate.
+//! Calibration: the modulation of a sample over that of a reference phantom, times what the phantom is known to reflect.
+//!
+//! ```yaml
+//! r_d:
+//!   use: calibrate
+//!   in: {sample: fringes, reference: phantom_fringes}
+//!   with: {reference: {mu_a: 0.026, mu_s_prime: 4.75, g: 0.8, n: 1.0}, model: rte, convention: camera, smooth: 0}
+//! ```
+//! R_d(f_x) = M_sample(f_x) / M_reference(f_x) x R_model(f_x), pixel by pixel: source profile, vignetting, carrier phase,
+//! MTF and exposure cancel. Theory and measured figures: `docs/theory/calibrate.md`.
+
+pub mod gauss;
+mod model;
+mod ratio;
+pub mod reference;
+mod stage;
+
+pub use model::{Model, ReferenceMedium};
+pub use ratio::{Arm, calibrate};
+pub use stage::{Calibrate, In, Out, Params};

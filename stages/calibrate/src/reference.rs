@@ -1,0 +1,125 @@
+//! The reference arm: M_AC of the phantom, smoothed where wanted, with its noise, and what a mean over pixels owes to it.
+
+use crate::gauss::{Gauss, Plane};
+
+/// One quantity of the reference at one f_x, ready to divide by.
+pub struct Reference {
+    /// Smoothed value; 0 where the reference has none.
+    pub value: Plane,
+    /// Variance of `value`; `None` where the noise is not known.
+    pub variance: Option<Plane>,
+    /// sum_j w_ij over good pixels.
+    weight: Plane,
+}
+
+/// Good pixels as 1, masked ones as 0, and the smoothing to apply.
+pub struct Smoothing<'a> {
+    pub gauss: &'a Gauss,
+    pub good: &'a Plane,
+}
+
+impl Smoothing<'_> {
+    /// sum_j w_ij x_j over good pixels.
+    fn sum(&self, x: &Plane) -> Plane {
+        self.gauss.sum(&product(self.good, x))
+    }
+
+    /// Smooths a value and its standard error, whose pixels are independent.
+    pub fn reference(&self, value: &Plane, se: Option<&Plane>) -> Reference {
+        let weight = self.gauss.sum(self.good);
+        let value = quotient(&self.sum(value), &weight);
+        let variance = se.map(|se| self.covariance(&product(se, se), &weight));
+        Reference { value, variance, weight }
+    }
+
+    /// Smooths the covariance of two quantities of one pixel.
+    pub fn smoothed_covariance(&self, covariance: &Plane) -> Plane {
+        self.covariance(covariance, &self.gauss.sum(self.good))
+    }
+
+    fn covariance(&self, covariance: &Plane, weight: &Plane) -> Plane {
+        let squares = self.gauss.sum_of_squares(&product(self.good, covariance));
+        quotient(&squares, &product(weight, weight))
+    }
+
+    /// Variance of sum_i s_i `value_i` by the reference's own noise: smoothing makes neighbours share it, so their
+    /// errors add up instead of averaging out.
+    pub fn variance_of_sum(&self, reference: &Reference, sensitivity: &Plane, se: &Plane) -> f64 {
+        let back = self.gauss.sum(&quotient(sensitivity, &reference.weight));
+        let terms = back.pixels.iter().zip(&se.pixels).zip(&self.good.pixels);
+        terms.map(|((back, se), good)| (good * back * se).powi(2)).sum()
+    }
+}
+
+fn zip(a: &Plane, b: &Plane, f: impl Fn(f64, f64) -> f64) -> Plane {
+    Plane { columns: a.columns, pixels: a.pixels.iter().zip(&b.pixels).map(|(&a, &b)| f(a, b)).collect() }
+}
+
+fn product(a: &Plane, b: &Plane) -> Plane {
+    zip(a, b, |a, b| a * b)
+}
+
+/// a / b, and 0 where b is 0: there is nothing near that pixel.
+fn quotient(a: &Plane, b: &Plane) -> Plane {
+    zip(a, b, |a, b| if b > 0.0 { a / b } else { 0.0 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plane(columns: usize, pixel: impl Fn(usize) -> f64, n: usize) -> Plane {
+        Plane { columns, pixels: (0..n).map(pixel).collect() }
+    }
+
+    /// A constant stays constant whatever the holes; a masked pixel, whatever it holds, has no say.
+    #[test]
+    fn constants_survive_holes() {
+        let n = 12 * 9;
+        let good = plane(12, |i| if i % 7 == 3 { 0.0 } else { 1.0 }, n);
+        let value = plane(12, |i| if i % 7 == 3 { 1e30 } else { 0.3 }, n);
+        let gauss = Gauss::new(1.5);
+        let smoothing = Smoothing { gauss: &gauss, good: &good };
+        let smooth = smoothing.reference(&value, None);
+        assert!(smooth.value.pixels.iter().all(|v| (v - 0.3).abs() < 1e-14));
+    }
+
+    /// Far from the border the variance falls to 1 / (4 pi sigma^2) (a Gaussian cut at 4 sigma: to 0.1 %); without
+    /// smoothing it stays.
+    #[test]
+    fn smoothing_averages_noise_as_the_closed_form() {
+        let n = 61 * 61;
+        let (good, se) = (plane(61, |_| 1.0, n), plane(61, |_| 0.2, n));
+        for sigma in [1.0_f64, 3.0] {
+            let gauss = Gauss::new(sigma);
+            let smoothing = Smoothing { gauss: &gauss, good: &good };
+            let variance = smoothing.reference(&good, Some(&se)).variance.unwrap().pixels[n / 2];
+            let want = 0.04 / (4.0 * std::f64::consts::PI * sigma * sigma);
+            assert!((variance / want - 1.0).abs() < 1e-3, "sigma {sigma}: {variance} for {want}");
+        }
+        let gauss = Gauss::new(0.0);
+        let smoothing = Smoothing { gauss: &gauss, good: &good };
+        assert_eq!(smoothing.reference(&good, Some(&se)).variance.unwrap().pixels[0], 0.2_f64 * 0.2);
+    }
+
+    /// var sum_i s_i v_i = s^T W V W^T s, against the matrix written out.
+    #[test]
+    fn the_variance_of_a_sum_is_the_matrix_product() {
+        let (columns, n) = (5, 20);
+        let good = plane(columns, |i| if i == 7 { 0.0 } else { 1.0 }, n);
+        let se = plane(columns, |i| 0.1 + 0.01 * i as f64, n);
+        let s = plane(columns, |i| if i == 7 { 0.0 } else { (i as f64).cos() }, n);
+        let gauss = Gauss::new(1.2);
+        let smoothing = Smoothing { gauss: &gauss, good: &good };
+        let mut want = 0.0;
+        for j in 0..n {
+            let unit = plane(columns, |i| if i == j { 1.0 } else { 0.0 }, n);
+            let response = smoothing.reference(&unit, None).value;
+            let total: f64 = response.pixels.iter().zip(&s.pixels).map(|(r, s)| r * s).sum();
+            want += (total * se.pixels[j]).powi(2);
+        }
+        let reference = smoothing.reference(&good, Some(&se));
+        let got = smoothing.variance_of_sum(&reference, &s, &se);
+        assert!((got / want - 1.0).abs() < 1e-12, "{got} for {want}");
+    }
+}

@@ -1,0 +1,216 @@
+//! The stage `calibrate`: matches the layers of sample and reference by what they say, and calibrates each wavelength.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use turbid_contract::payload::{Convention, Modulation, Reflectance};
+use turbid_contract::{
+    Ctx, Error, ImageStack, Known, LayerInfo, LayerKind, Problems, Stage, StagePlan, in_ports, out_ports, serde_json,
+};
+
+use crate::gauss::Gauss;
+use crate::model::{Model, ReferenceMedium};
+use crate::ratio::{Arm, calibrate};
+
+/// Params of `calibrate`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Params {
+    /// The phantom that the reference shows.
+    pub reference: ReferenceMedium,
+    #[serde(default)]
+    pub model: Model,
+    /// What the reflectance means; the table that inverts it must say the same.
+    #[serde(default)]
+    pub convention: Convention,
+    /// Standard deviation in px of the Gaussian that smooths the reference; 0 leaves it alone.
+    #[serde(default)]
+    pub smooth: f64,
+}
+
+/// The widest smoothing that makes sense: beyond it the source profile no longer cancels.
+const WIDEST_SMOOTHING_PX: f64 = 100.0;
+
+in_ports! {
+    pub struct In {
+        /// Modulation of the sample.
+        sample: one Modulation,
+        /// Modulation of the reference phantom, same geometry, same f_x.
+        reference: one Modulation,
+    }
+}
+
+out_ports! {
+    pub struct Out {
+        /// R_d for each f_x, with standard errors and covariance where both arms know theirs.
+        reflectance: one Reflectance,
+    }
+}
+
+/// `use: calibrate`
+pub struct Calibrate;
+
+impl Stage for Calibrate {
+    const NAME: &'static str = "calibrate";
+    const VERSION: u32 = 1;
+    const ABOUT: &'static str = "reflectance of a sample from its modulation and that of a reference phantom";
+
+    type Params = Params;
+    type In = In<'static>;
+    type Out = Out;
+
+    fn check(params: &Params, _known: &Known, problems: &mut Problems) {
+        params.reference.check(problems);
+        let smooth = params.smooth;
+        let rule = "lie in [0, 100]";
+        problems.require((0.0..=WIDEST_SMOOTHING_PX).contains(&smooth), "smooth", smooth, "px", rule);
+    }
+
+    fn plan(params: &Params, _known: &Known) -> StagePlan {
+        let left_out = if params.smooth == 0.0 { vec!["smoothing of the reference".into()] } else { Vec::new() };
+        let method = match params.model {
+            Model::Rte => "rte",
+            Model::Diffusion => "diffusion",
+        };
+        StagePlan { method: Some(method.into()), left_out, ..StagePlan::default() }
+    }
+
+    fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
+        let model = |f_x: f64| params.reference.reflectance(params.model, params.convention, f_x);
+        let mut stack = reflectance(&inputs.sample.0, &inputs.reference.0, params.smooth, model, ctx)?;
+        let facts = [
+            ("convention", serde_json::to_value(params.convention)),
+            ("model", serde_json::to_value(params.model)),
+            ("g", serde_json::to_value(params.reference.g)),
+            ("n", serde_json::to_value(params.reference.n)),
+            ("reference", serde_json::to_value(params.reference)),
+        ];
+        for (name, value) in facts {
+            stack.attributes.insert(name.into(), value.expect("names and finite numbers are JSON"));
+        }
+        Ok(Out { reflectance: Reflectance(stack) })
+    }
+}
+
+/// A quantity to calibrate: the layer of the sample, and the f_x at which it counts.
+struct Quantity {
+    layer: usize,
+    f_x_per_mm: f64,
+}
+
+fn reflectance(
+    sample: &ImageStack,
+    reference: &ImageStack,
+    smooth: f64,
+    model: impl Fn(f64) -> Result<f64, Error>,
+    ctx: Ctx<'_>,
+) -> Result<ImageStack, Error> {
+    let size = |s: &ImageStack| format!("{} x {} pixels", s.columns(), s.rows());
+    if size(sample) != size(reference) {
+        let what = format!("the sample has {}, the reference {}", size(sample), size(reference));
+        return Err(Error::failed_with_hint(what, "both must be seen by the same camera"));
+    }
+    let wavelengths = wavelengths(sample);
+    if wavelengths.is_empty() {
+        return Err(Error::failed("the sample holds no layer `m_ac`"));
+    }
+    if wavelengths.len() > 1 {
+        let what = format!("the sample has {} wavelengths, the phantom is given for one", wavelengths.len());
+        return Err(Error::invalid("reference", what));
+    }
+    let gauss = Gauss::new(smooth);
+    let mut stack = ImageStack::new(sample.rows(), sample.columns());
+    stack.attributes = sample.attributes.clone();
+    let (mut values, mut errors, mut covariances, mut masks) = (vec![], vec![], vec![], vec![]);
+    for wavelength_nm in wavelengths {
+        let quantities = quantities(sample, wavelength_nm);
+        let layers: Result<Vec<usize>, Error> =
+            quantities.iter().map(|q| counterpart(reference, &sample.layers[q.layer].info)).collect();
+        let model: Result<Vec<f64>, Error> = quantities.iter().map(|q| model(q.f_x_per_mm)).collect();
+        let arm = |stack, layers| Arm { stack, layers, wavelength_nm };
+        let sample_arm = arm(sample, quantities.iter().map(|q| q.layer).collect());
+        let calibrated = calibrate(&sample_arm, &arm(reference, layers?), &model?, &gauss, ctx)?;
+        if calibrated.se.is_empty() {
+            ctx.warn("no standard errors: the sample or the reference does not know its own");
+        }
+        let first = values.len() as u32;
+        let masked = calibrated.mask.iter().filter(|&&m| m != 0.0).count();
+        ctx.measure("masked", 100.0 * masked as f64 / calibrated.mask.len() as f64, "%");
+        for ((mut info, data), q) in calibrated.r_d.into_iter().zip(&quantities) {
+            info.f_x_per_mm = Some(q.f_x_per_mm);
+            info.orientation_deg = sample.layers[q.layer].info.orientation_deg.filter(|_| q.f_x_per_mm > 0.0);
+            values.push((info, data));
+        }
+        let described = values[first as usize..].iter().map(|(info, _)| info.standard_error());
+        errors.extend(described.collect::<Vec<_>>().into_iter().zip(calibrated.se));
+        for ([a, b], data) in calibrated.covariances {
+            let mut info = LayerInfo::new("cov", LayerKind::Covariance, "1");
+            info.pair = Some([first + a as u32, first + b as u32]);
+            info.wavelength_nm = wavelength_nm;
+            covariances.push((info, data));
+        }
+        let mut info = LayerInfo::new("mask", LayerKind::Mask, "1");
+        info.wavelength_nm = wavelength_nm;
+        masks.push((info, calibrated.mask));
+    }
+    values.into_iter().chain(errors).chain(covariances).chain(masks).for_each(|(info, data)| stack.push(info, data));
+    Ok(stack)
+}
+
+fn is_value(info: &LayerInfo, name: &str) -> bool {
+    info.kind == LayerKind::Value && info.name == name
+}
+
+/// Wavelengths of the modulation, in the order of its layers.
+fn wavelengths(stack: &ImageStack) -> Vec<Option<f64>> {
+    let mut found = Vec::new();
+    for layer in stack.layers.iter().filter(|l| is_value(&l.info, "m_ac")) {
+        if !found.contains(&layer.info.wavelength_nm) {
+            found.push(layer.info.wavelength_nm);
+        }
+    }
+    found
+}
+
+/// M_AC of each f_x; where there was no frame at f_x = 0, the mean of the fringes of the lowest f_x stands for it.
+fn quantities(stack: &ImageStack, wavelength_nm: Option<f64>) -> Vec<Quantity> {
+    let of = |name: &'static str| {
+        let layers = stack.layers.iter().enumerate();
+        let layers = layers.filter(move |(_, l)| is_value(&l.info, name) && l.info.wavelength_nm == wavelength_nm);
+        layers.map(|(layer, l)| Quantity { layer, f_x_per_mm: l.info.f_x_per_mm.unwrap_or(0.0) })
+    };
+    let mut found: Vec<Quantity> = of("m_ac").collect();
+    if found.iter().all(|q| q.f_x_per_mm > 0.0) {
+        let lowest = of("m_dc").min_by(|a, b| a.f_x_per_mm.total_cmp(&b.f_x_per_mm));
+        found.splice(0..0, lowest.map(|q| Quantity { f_x_per_mm: 0.0, ..q }));
+    }
+    found
+}
+
+/// The layer of the reference that shows the same quantity.
+fn counterpart(reference: &ImageStack, wanted: &LayerInfo) -> Result<usize, Error> {
+    let same = |info: &LayerInfo| {
+        is_value(info, &wanted.name)
+            && info.wavelength_nm == wanted.wavelength_nm
+            && info.f_x_per_mm == wanted.f_x_per_mm
+            && info.orientation_deg == wanted.orientation_deg
+    };
+    reference.layers.iter().position(|l| same(&l.info)).ok_or_else(|| {
+        let has: Vec<String> =
+            reference.layers.iter().filter(|l| is_value(&l.info, &wanted.name)).map(|l| place(&l.info)).collect();
+        Error::failed_with_hint(
+            format!("the sample has {} at {}, the reference has it at {}", wanted.name, place(wanted), has.join("; ")),
+            "render or measure the reference at the f_x, orientation and wavelength of the sample",
+        )
+    })
+}
+
+fn place(info: &LayerInfo) -> String {
+    let mut text = format!("f_x = {} mm^-1", info.f_x_per_mm.unwrap_or(0.0));
+    if let Some(orientation) = info.orientation_deg {
+        text += &format!(", {orientation} deg");
+    }
+    if let Some(wavelength) = info.wavelength_nm {
+        text += &format!(", {wavelength} nm");
+    }
+    text
+}

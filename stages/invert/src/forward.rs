@@ -1,0 +1,60 @@
+//! The forward surface: ln R at two spatial frequencies over p = (ln mu_a, ln mu_s').
+
+use turbid_optics::LogGrid;
+
+/// Two look-up tables on the same nodes: the lower f_x first.
+pub struct Forward {
+    grids: [LogGrid; 2],
+}
+
+/// ln R at both f_x, and its Jacobian: `jacobian[k]` = d ln R_k / d (ln mu_a, ln mu_s').
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Point {
+    pub ln_r: [f64; 2],
+    pub jacobian: [[f64; 2]; 2],
+}
+
+impl Forward {
+    /// The two grids must have the same nodes.
+    pub fn new(grids: [LogGrid; 2]) -> Self {
+        assert!(grids[0].u() == grids[1].u() && grids[0].v() == grids[1].v(), "both f_x have the same nodes");
+        Self { grids }
+    }
+
+    /// Nodes along ln mu_a and ln mu_s'.
+    pub fn nodes(&self) -> [&[f64]; 2] {
+        [self.grids[0].u(), self.grids[0].v()]
+    }
+
+    /// Smallest and largest node of ln mu_a and of ln mu_s'.
+    pub fn bounds(&self) -> [[f64; 2]; 2] {
+        self.nodes().map(|nodes| [nodes[0], nodes[nodes.len() - 1]])
+    }
+
+    /// The surface at `p`; beyond the nodes it goes on straight in log-log, as a help for what lies just inside.
+    pub fn at(&self, p: [f64; 2]) -> Point {
+        let bounds = self.bounds();
+        let inside = [0, 1].map(|k| p[k].clamp(bounds[k][0], bounds[k][1]));
+        let beyond = [p[0] - inside[0], p[1] - inside[1]];
+        let mut point = Point { ln_r: [0.0; 2], jacobian: [[0.0; 2]; 2] };
+        for (k, grid) in self.grids.iter().enumerate() {
+            let jet = grid.log_jet(inside[0], inside[1]).expect("the point was brought inside");
+            point.ln_r[k] = jet.w + jet.w_u * beyond[0] + jet.w_v * beyond[1];
+            point.jacobian[k] = [jet.w_u, jet.w_v];
+        }
+        point
+    }
+}
+
+/// Inverse of a 2 x 2 matrix; `None` where it has none.
+pub fn inverse(m: &[[f64; 2]; 2]) -> Option<[[f64; 2]; 2]> {
+    let determinant = m[0][0] * m[1][1] - m[0][1] * m[1][0];
+    let inverse = [[m[1][1], -m[0][1]], [-m[1][0], m[0][0]]].map(|row| row.map(|x| x / determinant));
+    inverse.iter().flatten().all(|x| x.is_finite()).then_some(inverse)
+}
+
+/// C_p = G C G^T.
+pub fn sandwich(g: &[[f64; 2]; 2], c: &[[f64; 2]; 2]) -> [[f64; 2]; 2] {
+    let gc = [0, 1].map(|i| [0, 1].map(|j| g[i][0] * c[0][j] + g[i][1] * c[1][j]));
+    [0, 1].map(|i| [0, 1].map(|j| gc[i][0] * g[j][0] + gc[i][1] * g[j][1]))
+}
