@@ -11,6 +11,8 @@ pub struct Statistics {
     pub min: f64,
     pub mean: f64,
     pub max: f64,
+    /// Root of the mean square.
+    pub rms: f64,
     /// Good pixels, ascending.
     sorted: Vec<f64>,
 }
@@ -23,7 +25,8 @@ impl Statistics {
         sorted.sort_by(f64::total_cmp);
         let (min, max) = (*sorted.first()?, *sorted.last()?);
         let mean = sorted.iter().sum::<f64>() / sorted.len() as f64;
-        Some(Self { min, mean, max, sorted })
+        let rms = (sorted.iter().map(|v| v * v).sum::<f64>() / sorted.len() as f64).sqrt();
+        Some(Self { min, mean, max, rms, sorted })
     }
 }
 

@@ -161,6 +161,9 @@ fn notes(seen: &Seen, info: &LayerInfo) -> Vec<Note> {
         plain(Text::plain("mean ").join(mean)),
         plain(Text::plain("min ").join(number(s.min, 3)).then(", max ").join(number(s.max, 3))),
     ];
+    if is_error(&info.name) {
+        notes[0].text = notes[0].text.clone().then(", RMS ").join(number(s.rms, 3));
+    }
     let masked = seen.good.iter().filter(|good| !**good).count();
     if masked > 0 {
         notes.push(plain(share(masked, seen.good.len()).then(" masked")));

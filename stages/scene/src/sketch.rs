@@ -5,6 +5,7 @@ use turbid_contract::ImageStack;
 use turbid_contract::LayerInfo;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Preview, Scene};
+use turbid_contract::serde_json::{Value, json};
 use turbid_optics::view::View;
 
 use crate::assemble::{is_void, object_at, solid};
@@ -13,8 +14,13 @@ use crate::assemble::{is_void, object_at, solid};
 const PANEL: usize = 360;
 const GAP: usize = 8;
 
+/// Where the bar that gives the scale starts.
+const BAR_LEFT: usize = 10;
+const BAR_ROW: usize = PANEL - 12;
+
 const PAPER: [f32; 3] = [0.97, 0.97, 0.95];
 const GAP_COLOUR: [f32; 3] = [0.75, 0.75, 0.75];
+const BAR_COLOUR: [f32; 3] = [0.125; 3];
 const CAMERA: [f32; 3] = [0.05, 0.25, 0.75];
 const PROJECTOR: [f32; 3] = [0.85, 0.45, 0.0];
 /// Objects in the order of their names (colour-blind safe: Paul Tol's light scheme).
@@ -75,7 +81,35 @@ pub fn sketch(scene: &Scene) -> Preview {
         });
         stack.push(LayerInfo::value(name, "1"), data);
     }
+    stack.attributes.insert("labels".into(), labels([&top, &side]));
+    stack.attributes.insert("legend".into(), legend(scene));
     Preview(stack)
+}
+
+/// What each panel shows and how long its bar is; `preview` has the letters.
+fn labels(panels: [&Panel; 2]) -> Value {
+    let words = panels.iter().zip([("from above", 0), ("from the side, cut", PANEL + GAP)]);
+    let labels = words.flat_map(|(panel, (view, left))| {
+        let (length, _) = panel.bar();
+        let scale = format!("{length} mm");
+        [
+            json!({"text": view, "row": 18, "column": left + 8}),
+            json!({"text": scale, "row": BAR_ROW - 6, "column": left + BAR_LEFT}),
+        ]
+    });
+    labels.collect()
+}
+
+/// Objects with their media, camera and projector, in the colours of the sketch.
+fn legend(scene: &Scene) -> Value {
+    let objects = scene.objects.iter().enumerate().filter(|(_, (_, o))| !is_void(scene, o));
+    let said =
+        |name: &str, medium: Option<&String>| medium.map_or_else(|| name.to_owned(), |m| format!("{name} ({m})"));
+    let mut entries: Vec<(String, [f32; 3])> =
+        objects.map(|(i, (name, o))| (said(name, o.medium.as_ref()), OBJECTS[i % OBJECTS.len()])).collect();
+    entries.extend(scene.camera.iter().map(|_| ("camera and what it sees".to_owned(), CAMERA)));
+    entries.extend(scene.projector.iter().map(|_| ("projector and what it lights".to_owned(), PROJECTOR)));
+    entries.into_iter().map(|(text, colour)| json!({"text": text, "colour": colour})).collect()
 }
 
 /// What both panels show: pinholes, the corners of their fields, and finite objects, with a margin of 5 %.
@@ -143,7 +177,21 @@ impl Panel {
                 }
             }
         }
+        let (_, pixels_long) = self.bar();
+        for column in BAR_LEFT..BAR_LEFT + pixels_long {
+            for row in BAR_ROW..BAR_ROW + 2 {
+                pixels[row * PANEL + column] = BAR_COLOUR;
+            }
+        }
         pixels
+    }
+
+    /// A round length in mm, up to a third of the panel, and how many pixels that are.
+    fn bar(&self) -> (f64, usize) {
+        let third = self.mm_per_pixel * PANEL as f64 / 3.0;
+        let power = libm::exp10(libm::floor(libm::log10(third)));
+        let length = [5.0, 2.0, 1.0].map(|digit| digit * power).into_iter().find(|l| *l <= third).unwrap_or(third);
+        (length, (length / self.mm_per_pixel) as usize)
     }
 
     /// Draws every `dash`-th pixel of a line.

@@ -250,8 +250,16 @@ fn the_sketch_shows_the_objects() {
         .collect();
     colours.sort_unstable();
     colours.dedup();
-    // Paper, gap, camera, projector, two objects.
-    assert_eq!(colours.len(), 6);
+    // Paper, gap, the bar of the scale, camera, projector, two objects.
+    assert_eq!(colours.len(), 7);
+    let legend: Vec<&str> =
+        stack.attributes["legend"].as_array().unwrap().iter().filter_map(|e| e["text"].as_str()).collect();
+    assert_eq!(legend, ["polyp (scc)", "tissue (healthy)", "camera and what it sees", "projector and what it lights"]);
+    // A margin of 5 % of 540 mm (the polyp's foot to the camera) on either side: 128 + 54 mm of field are seen from above,
+    // 594 mm from the side, and a bar is the longest round length within a third of that.
+    let labels = stack.attributes["labels"].as_array().unwrap();
+    let labels: Vec<&str> = labels.iter().filter_map(|e| e["text"].as_str()).collect();
+    assert_eq!(labels, ["from above", "50 mm", "from the side, cut", "100 mm"]);
     assert_eq!(run(&carcinoma(), &[]).len(), 1);
 }
 
