@@ -1,1 +1,29 @@
-//! turbid lut.
+//! `build_lut`: a look-up table of reflectance over (mu_a, mu_s') for one or more spatial frequencies.
+//!
+//! ```yaml
+//! use: build_lut
+//! with:
+//!   model: rte                        # or diffusion
+//!   f_x: [0, 0.1]                     # mm^-1, increasing
+//!   g: 0.8
+//!   n: 1.4
+//!   mu_a: {logspace: [1e-4, 0.5, 28]} # default; also {linspace: ..} or a list, mm^-1
+//!   mu_s_prime: {logspace: [0.1, 5, 18]}
+//!   thickness: 10                     # mm; left out: a half-space
+//!   convention: camera                # default; or hemispherical_incident, hemispherical_entered
+//! ```
+//!
+//! The table is read by bicubic interpolation of ln R over (ln mu_a, ln mu_s'): with the default nodes its error stays
+//! below 0.1 % (`docs/theory/build_lut.md`). `validity` maps the noise gains and the sign of the Jacobian.
+
+mod nodes;
+mod params;
+mod stage;
+mod table;
+mod validity;
+
+pub use nodes::Nodes;
+pub use params::{Model, Params};
+pub use stage::{BuildLut, In, Out};
+pub use table::{Convention, Recipe};
+pub use validity::{Report, examine};

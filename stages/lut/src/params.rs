@@ -1,0 +1,105 @@
+//! Params of `build_lut`, and everything that can be wrong with them.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use turbid_contract::payload::Convention;
+use turbid_contract::{Length, Problems, Ratio};
+
+use crate::nodes::Nodes;
+use crate::table::{self, Recipe};
+
+/// Where the reflectance comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Model {
+    /// Radiative transport, absolute error below 1e-5.
+    Rte,
+    /// Diffusion approximation with exact Fresnel moments; half-space only, 1 to 40 % off.
+    Diffusion,
+}
+
+/// Params of `build_lut`; `g` and `n` have no default.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Params {
+    pub model: Model,
+    /// Spatial frequencies, mm^-1, increasing.
+    pub f_x: Nodes,
+    #[serde(default = "default_mu_a")]
+    pub mu_a: Nodes,
+    #[serde(default = "default_mu_s_prime")]
+    pub mu_s_prime: Nodes,
+    /// Mean cosine of the scattering angle (Henyey-Greenstein).
+    pub g: Ratio,
+    /// Refractive index relative to the outside.
+    pub n: Ratio,
+    /// Thickness of a slab, mm; left out for a half-space.
+    #[serde(default)]
+    pub thickness: Option<Length>,
+    #[serde(default)]
+    pub convention: Convention,
+}
+
+fn default_mu_a() -> Nodes {
+    Nodes::logspace(1e-4, 0.5, 28)
+}
+
+fn default_mu_s_prime() -> Nodes {
+    Nodes::logspace(0.1, 5.0, 18)
+}
+
+impl Params {
+    /// Reports every mistake.
+    pub fn check(&self, problems: &mut Problems) {
+        let not_negative = |x: f64| x >= 0.0 && x.is_finite();
+        axis("f_x", &self.f_x.0, 1, not_negative, "be a finite number >= 0", problems);
+        let positive = |x: f64| x > 0.0 && x.is_finite();
+        for (name, nodes) in [("mu_a", &self.mu_a.0), ("mu_s_prime", &self.mu_s_prime.0)] {
+            axis(name, nodes, 2, positive, "be a finite number > 0 (the axis is logarithmic)", problems);
+        }
+        problems.require(self.g.0.abs() < 1.0, "g", self.g.0, "", "lie in (-1, 1)");
+        problems.require(self.n.0 >= 1.0 && self.n.0.is_finite(), "n", self.n.0, "", "be a finite number >= 1");
+        if let Some(Length(d)) = self.thickness {
+            problems.require(positive(d), "thickness", d, "mm", "be a finite number > 0");
+            if self.model == Model::Diffusion {
+                let message = "the diffusion model knows the half-space only";
+                problems.push_with_hint("thickness", message, "leave `thickness` out or take `model: rte`");
+            }
+        }
+        if self.f_x.0.len() == 1 {
+            problems.warn("f_x", "one spatial frequency cannot tell mu_a from mu_s': no map can be made of this table");
+        }
+    }
+
+    /// The table as plain numbers.
+    pub fn recipe(&self) -> Recipe {
+        Recipe {
+            transport: self.model == Model::Rte,
+            f_x: self.f_x.0.clone(),
+            mu_a: self.mu_a.0.clone(),
+            mu_s_prime: self.mu_s_prime.0.clone(),
+            g: self.g.0,
+            n: self.n.0,
+            thickness: self.thickness.map(|d| d.0),
+            convention: match self.convention {
+                Convention::Camera => table::Convention::Camera,
+                Convention::HemisphericalIncident => table::Convention::HemisphericalIncident,
+                Convention::HemisphericalEntered => table::Convention::HemisphericalEntered,
+            },
+        }
+    }
+}
+
+fn axis(name: &str, nodes: &[f64], least: usize, holds: impl Fn(f64) -> bool, rule: &str, problems: &mut Problems) {
+    if nodes.len() < least {
+        problems.push(name, format!("{name} has {} nodes; at least {least} are needed", nodes.len()));
+    }
+    for (i, &node) in nodes.iter().enumerate() {
+        let at = format!("{name}.{i}");
+        problems.require(holds(node), at.as_str(), node, "mm^-1", rule);
+        // Only where both are numbers at all, or one mistake is told twice.
+        if i > 0 && node <= nodes[i - 1] {
+            problems.push(at, format!("{name} must increase, but {node} follows {} (mm^-1)", nodes[i - 1]));
+        }
+    }
+}

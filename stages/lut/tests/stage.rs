@@ -1,0 +1,122 @@
+//! The stage as the engine calls it: a small table end to end, and every mistake of its params.
+
+use serde_json::{Value, json};
+use turbid_contract::payload::{Lut, Validity};
+use turbid_contract::{Artifact, Axes, Ctx, Error, InputSource, Known, MemoryHost, Payload, Problems, StageRow};
+use turbid_lut::BuildLut;
+use turbid_optics::{Medium, diffusion, rte};
+
+struct NoInputs;
+
+impl InputSource for NoInputs {
+    fn one(&self, _: &str) -> Result<Option<Artifact>, Error> {
+        Ok(None)
+    }
+    fn many(&self, _: &str) -> Vec<Axes> {
+        Vec::new()
+    }
+    fn load(&self, port: &str, _: usize) -> Result<Artifact, Error> {
+        Err(Error::failed(format!("nothing on `{port}`")))
+    }
+}
+
+fn build(params: &Value, host: &MemoryHost) -> (Lut, Option<Validity>) {
+    let outputs = (StageRow::of::<BuildLut>().run)(params, &NoInputs, Ctx::new(host)).unwrap();
+    let find = |port: &str| outputs.iter().find(|(name, _)| *name == port).map(|(_, artifact)| artifact.clone());
+    (Lut::from_artifact(find("lut").unwrap()).unwrap(), find("validity").map(|a| Validity::from_artifact(a).unwrap()))
+}
+
+fn problems(params: &Value) -> Vec<String> {
+    let mut problems = Problems::default();
+    (StageRow::of::<BuildLut>().check)(params, &Known::default(), &mut problems);
+    problems.into_parts().0.iter().map(ToString::to_string).collect()
+}
+
+/// Every row of the table is the model's value at its node, f_x outermost, mu_s' innermost; attributes tell the rest.
+#[test]
+fn rows_are_the_models_values() {
+    for model in ["rte", "diffusion"] {
+        let params = json!({
+            "model": model, "f_x": [0, 0.1], "g": 0.5, "n": 1.4, "convention": "hemispherical_entered",
+            "mu_a": [0.01, 0.1], "mu_s_prime": {"logspace": [0.5, 2, 3]}
+        });
+        let (Lut(table), validity) = build(&params, &MemoryHost::default());
+        assert!(validity.is_none());
+        let column = |name| table.f64s(name).unwrap();
+        let names: Vec<&str> = table.columns.iter().map(|c| c.name.as_str()).collect();
+        assert_eq!(names, ["mu_a", "mu_s_prime", "f_x", "r_d", "r_d_se"]);
+        assert_eq!(column("f_x"), [[0.0; 6], [0.1; 6]].concat());
+        assert_eq!(column("mu_a"), [[0.01; 3], [0.1; 3], [0.01; 3], [0.1; 3]].concat());
+        for i in 0..table.rows() {
+            let medium = Medium { mu_a: column("mu_a")[i], mu_s_prime: column("mu_s_prime")[i], g: 0.5, n: 1.4 };
+            let solve = if model == "rte" { rte::reflectance } else { diffusion::reflectance };
+            let truth = solve(&medium, None, column("f_x")[i]).unwrap().hemispherical_entered;
+            assert_eq!(column("r_d")[i], truth);
+        }
+        assert_eq!(table.attributes["convention"], json!("hemispherical_entered"));
+        assert_eq!(table.attributes["model"], json!(model));
+        assert_eq!(table.attributes["thickness"], Value::Null);
+        assert_eq!(table.attributes["mu_a"], json!([0.01, 0.1]));
+    }
+}
+
+/// The default range is invertible at (0, 0.1) mm^-1, and the noise gain is worst where absorption is faintest.
+#[test]
+fn validity_of_the_default_range() {
+    let host = MemoryHost { wanted: vec!["validity".into()], ..MemoryHost::default() };
+    let params = json!({"model": "diffusion", "f_x": [0, 0.1], "g": 0.8, "n": 1.4});
+    let (_, validity) = build(&params, &host);
+    let Validity(stack) = validity.unwrap();
+    assert_eq!(host.measures.lock().unwrap()["invertible"], 1.0);
+    assert!(host.warnings.lock().unwrap().is_empty());
+    let gain = &stack.find("noise_gain_mu_a", None).unwrap().data;
+    let (rows, columns) = gain.dim();
+    assert_eq!((rows, columns), (28, 18));
+    // Row 0 is the largest mu_a, the last column the largest mu_s'.
+    // R -> 1 as 1 - c sqrt(mu_a / mu_s') there: hardly any signal in mu_a.
+    let (faint, strong) = (gain[(rows - 1, columns - 1)], gain[(0, columns - 1)]);
+    let largest = gain.iter().fold(0.0f32, |a, &b| a.max(b));
+    assert!(faint == largest && faint > 2.0 * strong, "{faint} {strong} {largest}");
+    let sign = &stack.find("jacobian_sign", None).unwrap().data;
+    assert!(sign.iter().all(|&s| s == sign[(0, 0)] && s != 0.0));
+}
+
+/// Two frequencies that say the same cannot be inverted; the table is made, with a warning.
+#[test]
+fn a_blind_table_warns() {
+    let host = MemoryHost::default();
+    build(&json!({"model": "diffusion", "f_x": [0, 1e-12], "g": 0.8, "n": 1.4}), &host);
+    assert_eq!(host.measures.lock().unwrap()["invertible"], 0.0);
+    assert!(host.warnings.lock().unwrap()[0].contains("folds"));
+}
+
+#[test]
+fn every_mistake_has_its_field() {
+    let with = |key: &str, value: Value| {
+        let mut params = json!({"model": "rte", "f_x": [0, 0.1], "g": 0.8, "n": 1.4});
+        params[key] = value;
+        params
+    };
+    for (key, value, message) in [
+        ("model", json!("mie"), "model: unknown variant `mie`"),
+        ("f_x", json!([]), "f_x: f_x has 0 nodes; at least 1 are needed"),
+        ("f_x", json!([0.1, 0.0]), "f_x.1: f_x must increase, but 0 follows 0.1 (mm^-1)"),
+        ("f_x", json!([-0.1, 0.0]), "f_x.0: f_x = -0.1 mm^-1 must be a finite number >= 0"),
+        ("mu_a", json!([0.1]), "mu_a: mu_a has 1 nodes; at least 2 are needed"),
+        ("mu_a", json!([0, 0.1]), "mu_a.0: mu_a = 0 mm^-1 must be a finite number > 0 (the axis is logarithmic)"),
+        ("mu_a", json!({"logspace": [0.1, 1, 1]}), "mu_a: count = 1 must lie in 2..=10000"),
+        ("mu_s_prime", json!([1, 1]), "mu_s_prime.1: mu_s_prime must increase, but 1 follows 1 (mm^-1)"),
+        ("mu_s_prime", json!("2 mm"), "mu_s_prime: `2 mm` has the dimension length"),
+        ("g", json!(1.0), "g: g = 1 must lie in (-1, 1)"),
+        ("n", json!(0.9), "n: n = 0.9 must be a finite number >= 1"),
+        ("thickness", json!(0), "thickness: thickness = 0 mm must be a finite number > 0"),
+        ("convention", json!("lambert"), "convention: unknown variant `lambert`"),
+        ("colour", json!(1), "unknown field `colour`"),
+    ] {
+        let found = problems(&with(key, value.clone()));
+        assert!(found.iter().any(|p| p.contains(message)), "{key} = {value}: {found:?}");
+    }
+    assert!(problems(&json!({"model": "rte", "f_x": [0], "n": 1.4}))[0].contains("missing field `g`"));
+    let slab = json!({"model": "diffusion", "f_x": [0], "g": 0.8, "n": 1.4, "thickness": 2});
+    assert!(problems(&slab)[0].contains("knows the half-space only"));
+}
