@@ -12,8 +12,10 @@ impl Registry {
     /// The stages that turbid ships.
     pub fn builtin() -> Self {
         Self::default()
+            .with::<turbid_calibrate::Calibrate>()
             .with::<turbid_compare::Compare>()
             .with::<turbid_demodulate::Demodulate>()
+            .with::<turbid_invert::Invert>()
             .with::<turbid_scene::SceneStage>()
     }
 

@@ -31,18 +31,16 @@ pub struct Pixels<'a> {
     pub good: &'a [bool],
 }
 
-/// Scores the `selected` pixels. `None` where the region has no pixel, or a truth of 0, to which no error is relative.
+/// Scores the `selected` pixels. Those with a truth of 0 are left out, for no error is relative to 0; `None` where no
+/// pixel is left.
 ///
 /// Where no standard errors are known, `mean_se` is that of the scatter of the pixels, which holds true structure too.
 pub fn score(pixels: &Pixels<'_>, selected: &[bool]) -> Option<Score> {
-    let chosen = || (0..selected.len()).filter(|&i| selected[i]);
+    let chosen = || (0..selected.len()).filter(|&i| selected[i] && pixels.truth[i] != 0.0);
     let all = chosen().count() as u64;
     let (mut n, mut sum, mut truth, mut variances, mut squares) = (0_u64, 0.0, 0.0, 0.0, 0.0);
     for i in chosen().filter(|&i| pixels.good[i]) {
         let (e, t) = (f64::from(pixels.estimate[i]), f64::from(pixels.truth[i]));
-        if t == 0.0 {
-            return None;
-        }
         n += 1;
         sum += e;
         truth += t;

@@ -73,12 +73,15 @@ impl Stage for Compare {
         let mut found: Vec<(&str, String, Score)> = Vec::new();
         for (name, selection) in &regions {
             for quantity in &quantities {
-                match score(&quantity.pixels(), &selection.0) {
-                    Some(score) => found.push((name, quantity.name.clone(), score)),
-                    None => ctx.warn(format!(
-                        "region `{name}`: the truth of {} is 0 somewhere, no error is relative to that; the row is left out",
-                        quantity.name
-                    )),
+                let without = (0..selection.0.len()).filter(|&i| selection.0[i] && quantity.truth[i] == 0.0).count();
+                if without > 0 {
+                    let name_of = &quantity.name;
+                    ctx.warn(format!(
+                        "region `{name}`: {without} pixels without {name_of} are left out, nothing is relative to 0"
+                    ));
+                }
+                if let Some(score) = score(&quantity.pixels(), &selection.0) {
+                    found.push((name, quantity.name.clone(), score));
                 }
             }
         }

@@ -4,6 +4,8 @@
 //! u = ln(R_0 / (R_top - R_0)), v = logit(R_1 / R_0). R_top is the reflectance that R_0 tends to without absorption: there
 //! ln mu_a runs as 2 ln(R_top - R_0), which is a straight line in this u, and a pole in ln R_0.
 
+use turbid_optics::elementary::ln;
+
 use crate::forward::{Forward, inverse};
 
 /// Largest error of ln mu_a or ln mu_s' that the resampling may add.
@@ -43,7 +45,7 @@ impl Coordinates {
     pub fn at(&self, r: [f64; 2]) -> Option<[f64; 2]> {
         let (below_top, fringe_free) = (self.r_top - r[0], r[0] - r[1]);
         let inside = r[0] > 0.0 && r[1] > 0.0 && below_top > 0.0 && fringe_free > 0.0;
-        inside.then(|| [libm::log(r[0] / below_top), libm::log(r[1] / fringe_free)])
+        inside.then(|| [ln(r[0] / below_top), ln(r[1] / fringe_free)])
     }
 
     /// d (u, v) / d (ln R_0, ln R_1).

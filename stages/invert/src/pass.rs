@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use turbid_contract::payload::MaskReason;
+use turbid_optics::elementary::exp;
 
 use crate::forward::sandwich;
 use crate::inverse::{Found, InverseTable};
@@ -18,6 +19,8 @@ pub struct Inverter<'a> {
     pub nodes_outside: Option<&'a Nodes>,
     /// Smallest and largest R_0 of the look-up table.
     pub r_0_range: [f64; 2],
+    /// Whether the covariance of each pixel is written down.
+    pub wants_covariance: bool,
 }
 
 /// What is known of the pixels, row by row.
@@ -73,8 +76,8 @@ impl Inverter<'_> {
         }
     }
 
-    /// Inverts `pixels` into the planes mu_a, mu_s', their standard errors and the covariances aa, as, ss of mu
-    /// where noise is known, the side of the table where `nodes_outside` is given, and the mask.
+    /// Inverts `pixels` into the planes mu_a, mu_s', where noise is known their standard errors and, if
+    /// wanted, the covariances aa, as, ss of mu, the side of the table where `nodes_outside` is given, and the mask.
     pub fn run(&self, input: &Input<'_>, pixels: Range<usize>, planes: &mut [&mut [f32]]) -> Tally {
         let mut tally = Tally::default();
         let (mask, planes) = planes.split_last_mut().expect("the mask is the last plane");
@@ -92,7 +95,7 @@ impl Inverter<'_> {
                     continue;
                 }
             };
-            let mu = p.map(libm::exp);
+            let mu = p.map(exp);
             planes[0][o] = mu[0] as f32;
             planes[1][o] = mu[1] as f32;
             tally.good += 1;
@@ -111,9 +114,11 @@ impl Inverter<'_> {
                 }
                 planes[2][o] = variances[0].sqrt() as f32;
                 planes[3][o] = variances[1].sqrt() as f32;
-                planes[4][o] = variances[0] as f32;
-                planes[5][o] = c(0, 1) as f32;
-                planes[6][o] = variances[1] as f32;
+                if self.wants_covariance {
+                    planes[4][o] = variances[0] as f32;
+                    planes[5][o] = c(0, 1) as f32;
+                    planes[6][o] = variances[1] as f32;
+                }
                 tally.variances[0] += variances[0];
                 tally.variances[1] += variances[1];
             }
@@ -127,7 +132,14 @@ impl Inverter<'_> {
 
     /// How many planes [`Self::run`] fills.
     pub fn plane_count(&self, noise: bool) -> usize {
-        2 + if noise { 5 } else { 0 } + usize::from(self.nodes_outside.is_some()) + 1
+        2 + if !noise {
+            0
+        } else if self.wants_covariance {
+            5
+        } else {
+            2
+        } + usize::from(self.nodes_outside.is_some())
+            + 1
     }
 }
 

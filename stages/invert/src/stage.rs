@@ -124,6 +124,7 @@ impl Stage for Invert {
             nodes_inside: nodes.as_ref().filter(|_| params.method == Method::Nearest),
             nodes_outside: nodes.as_ref().filter(|_| params.outside == Outside::Nearest),
             r_0_range: r_0_range(&forward),
+            wants_covariance: ctx.wants("covariance"),
         };
         let mut maps = Layers::default();
         let mut covariance = Layers::default();
@@ -138,7 +139,7 @@ impl Stage for Invert {
         attributes.insert("f_x".into(), f_x.to_vec().into());
         attributes.insert("table_error".into(), table.worst_error.into());
         let quantities = serde_json::json!([{"part": "mu_a"}, {"part": "mu_s_prime"}]);
-        let covariance = (ctx.wants("covariance") && !covariance.values.is_empty()).then(|| {
+        let covariance = (!covariance.values.is_empty()).then(|| {
             let mut stack = covariance.into_stack(stack, attributes.clone());
             stack.attributes.insert("quantities".into(), quantities);
             Covariance(stack)
@@ -214,7 +215,7 @@ fn invert(
     }
     if known {
         infos.iter().for_each(|info| maps.others.push((info.standard_error(), next())));
-        for pair in [[0, 0], [0, 1], [1, 1]] {
+        for pair in [[0, 0], [0, 1], [1, 1]].into_iter().filter(|_| inverter.wants_covariance) {
             let mut info = LayerInfo::new("cov", LayerKind::Covariance, "mm^-2");
             (info.pair, info.wavelength_nm) = (Some(pair), wavelength_nm);
             covariances.values.push((info, next()));

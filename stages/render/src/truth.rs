@@ -16,6 +16,9 @@ pub fn truth(scene: &Scene, world: &World, object_of: &[usize], camera: &Camera)
     let mut stack = ImageStack::new(rows, columns);
     let names: Vec<&String> = scene.objects.keys().collect();
     stack.attributes.insert("objects".to_owned(), json!(names));
+    if let Some(camera) = &scene.camera {
+        stack.attributes.insert("field".to_owned(), json!(camera.field));
+    }
     let mut spans = Vec::new();
     let hits: Vec<Option<Hit>> = (0..camera.pixels()).map(|p| first_hit(world, camera, p, &mut spans)).collect();
     let mut push = |info: LayerInfo, value: &dyn Fn(&Hit) -> f64| {

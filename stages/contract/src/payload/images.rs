@@ -69,6 +69,7 @@ image_payload!(
 image_payload!(
     /// What the camera truly looks at, at pixel centres: `mu_a`, `mu_s_prime` (mm^-1), `height` (world z of the first
     /// hit, mm), `depth` (along the camera axis, mm), `normal_x|y|z`, `object` (index into the attribute `objects`), `mask`.
+    /// The attribute `field` is what the camera sees in the plane of its look_at: width and height in mm.
     Truth, "truth"
 );
 image_payload!(

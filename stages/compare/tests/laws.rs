@@ -1,0 +1,196 @@
+//! The stage as the engine calls it: regions, masks, figures, refusals.
+
+use std::collections::BTreeMap;
+
+use turbid_compare::{Compare, Disk, In, Out, Params, Region};
+use turbid_contract::ndarray::Array2;
+use turbid_contract::payload::{Maps, MaskReason, Truth};
+use turbid_contract::{
+    Cells, Ctx, Error, ImageStack, Known, LayerInfo, LayerKind, Length, MemoryHost, Problems, Stage, Table,
+    serde_json::json,
+};
+
+const SIDE: usize = 40;
+
+/// A disk of 10 mm (object 1) in a field of 20 x 20 mm; the top row is background.
+fn truth() -> Truth {
+    let mut stack = ImageStack::new(SIDE, SIDE);
+    let inside = |r: usize, c: usize| (r as f64 - 19.5).hypot(c as f64 - 19.5) < 10.0;
+    let plane = |f: &dyn Fn(usize, usize) -> f32| Array2::from_shape_fn((SIDE, SIDE), |(r, c)| f(r, c));
+    stack.push(LayerInfo::value("mu_a", "mm^-1"), plane(&|r, c| if inside(r, c) { 0.12 } else { 0.06 }));
+    stack.push(LayerInfo::value("mu_s_prime", "mm^-1"), plane(&|_, _| 0.8));
+    stack.push(LayerInfo::value("object", "1"), plane(&|r, c| f32::from(u8::from(inside(r, c)))));
+    let mask = plane(&|r, _| if r == 0 { MaskReason::Background.code() } else { 0.0 });
+    stack.push(LayerInfo::new("mask", LayerKind::Mask, "1"), mask);
+    stack.attributes.insert("objects".into(), json!(["tissue", "polyp", "hidden"]));
+    stack.attributes.insert("field".into(), json!([20.0, 20.0]));
+    Truth(stack)
+}
+
+/// The truth times a factor, with standard errors of 1 % and one masked pixel in the middle.
+fn estimate(factor: f32, sharing: f64) -> Maps {
+    let Truth(truth) = truth();
+    let mut stack = ImageStack::new(SIDE, SIDE);
+    let mut mask = Array2::zeros((SIDE, SIDE));
+    mask[(20, 20)] = MaskReason::LowSignal.code();
+    for name in ["mu_a", "mu_s_prime"] {
+        let mut data = &truth.find(name, None).unwrap().data * factor;
+        data[(20, 20)] = 0.0;
+        let se = &data * 0.01;
+        let mut info = LayerInfo::value(name, "mm^-1");
+        let variances: f64 = se.iter().map(|&s| f64::from(s).powi(2)).sum();
+        info.mean_se = Some((variances * sharing).sqrt() / (SIDE * SIDE - 1) as f64);
+        stack.push(info.clone(), data);
+        stack.push(info.standard_error(), se);
+    }
+    stack.push(LayerInfo::new("mask", LayerKind::Mask, "1"), mask);
+    Maps(stack)
+}
+
+fn compare(estimate: Maps, truth: Truth, params: &Params) -> Result<(Out, MemoryHost), Error> {
+    let host = MemoryHost { wanted: vec!["errors".into()], ..MemoryHost::default() };
+    let out = Compare::run(params, In { estimate, truth, source: std::marker::PhantomData }, Ctx::new(&host))?;
+    Ok((out, host))
+}
+
+fn texts<'a>(table: &'a Table, name: &str) -> &'a [String] {
+    match &table.columns.iter().find(|c| c.name == name).unwrap().cells {
+        Cells::Text(v) => v,
+        other => panic!("{name}: {other:?}"),
+    }
+}
+
+fn cell(table: &Table, region: &str, quantity: &str, column: &str) -> f64 {
+    let (regions, quantities) = (texts(table, "region"), texts(table, "quantity"));
+    let row = (0..table.rows()).find(|&i| regions[i] == region && quantities[i] == quantity).unwrap();
+    match &table.columns.iter().find(|c| c.name == column).unwrap().cells {
+        Cells::F64(v) => v[row],
+        Cells::I64(v) => v[row] as f64,
+        other => panic!("{column}: {other:?}"),
+    }
+}
+
+/// A map that is 5 % too high is 5 % too high everywhere: bias = RMSE = 5 %; hidden objects have no row.
+#[test]
+fn a_constant_factor_is_its_own_bias() {
+    let (out, host) = compare(estimate(1.05, 1.0), truth(), &Params::default()).unwrap();
+    let table = &out.metrics.0;
+    let names: Vec<&str> = table.columns.iter().map(|c| c.name.as_str()).collect();
+    let want =
+        ["region", "quantity", "n", "mean", "mean_se", "truth", "bias_percent", "rmse_percent", "masked_percent"];
+    assert_eq!(names, want);
+    assert_eq!(texts(table, "region"), ["all", "all", "tissue", "tissue", "polyp", "polyp"]);
+    for region in ["all", "tissue", "polyp"] {
+        for quantity in ["mu_a", "mu_s_prime"] {
+            // Five roundings to f32.
+            assert!((cell(table, region, quantity, "bias_percent") - 5.0).abs() < 1e-4);
+            assert!((cell(table, region, quantity, "rmse_percent") - 5.0).abs() < 1e-4);
+        }
+    }
+    let n = cell(table, "polyp", "mu_a", "n");
+    assert_eq!(cell(table, "all", "mu_a", "n"), (SIDE * (SIDE - 1) - 1) as f64, "background and masked pixels are out");
+    assert!((cell(table, "polyp", "mu_a", "masked_percent") - 100.0 / (n + 1.0)).abs() < 1e-9);
+    assert!((cell(table, "polyp", "mu_a", "mean_se") / (0.01 * 0.126 / n.sqrt()) - 1.0).abs() < 1e-5);
+    assert!((host.measures.lock().unwrap()["worst_bias"] - 5.0).abs() < 1e-4);
+}
+
+/// What pixels share (a smoothed reference) does not average out in a region either.
+#[test]
+fn shared_noise_stays_in_the_mean() {
+    let se = |sharing| {
+        let (out, _) = compare(estimate(1.0, sharing), truth(), &Params::default()).unwrap();
+        cell(&out.metrics.0, "tissue", "mu_a", "mean_se")
+    };
+    assert!((se(9.0) / se(1.0) - 3.0).abs() < 1e-6);
+}
+
+/// Named regions alone; erosion takes away the rim, so many mm or so many px of it.
+#[test]
+fn regions_are_what_they_say() {
+    let polyp = Region { object: Some("polyp".into()), ..Region::default() };
+    let regions = BTreeMap::from([
+        ("whole".to_owned(), polyp.clone()),
+        ("core".to_owned(), Region { erode_mm: Some(Length(2.0)), ..polyp.clone() }),
+        ("core_px".to_owned(), Region { erode_px: Some(4.0), ..polyp.clone() }),
+        (
+            "spot".to_owned(),
+            Region {
+                disk: Some(Disk { center: [Length(0.0), Length(0.0)], diameter: Length(4.0) }),
+                ..Region::default()
+            },
+        ),
+    ]);
+    let (out, _) = compare(estimate(1.0, 1.0), truth(), &Params { regions }).unwrap();
+    let n = |region| cell(&out.metrics.0, region, "mu_a", "n") + 1.0;
+    let disk = |radius_px: f64| std::f64::consts::PI * radius_px * radius_px;
+    // The centres of foreign pixels begin half a px beyond the edge. A digital disk of radius r px is off by some sqrt(r) px.
+    for (region, want) in [("whole", disk(10.0)), ("core", disk(6.5)), ("core_px", disk(6.5)), ("spot", disk(4.0))] {
+        assert!((n(region) / want - 1.0).abs() < 0.1, "{region}: {} px for {want}", n(region));
+    }
+    assert_eq!(n("core"), n("core_px"));
+    assert_eq!(texts(&out.metrics.0, "region").len(), 8);
+}
+
+/// The picture port: estimate, truth, percent, and zeros where a mask is.
+#[test]
+fn errors_are_shown_in_percent() {
+    let (out, _) = compare(estimate(1.05, 1.0), truth(), &Params::default()).unwrap();
+    let errors = out.errors.unwrap().0;
+    let at = |name: &str, r: usize, c: usize| errors.find(name, None).unwrap().data[(r, c)];
+    assert_eq!((at("mu_a_truth", 5, 5), at("mask", 5, 5)), (0.06, 0.0));
+    assert!((at("mu_a_error", 5, 5) - 5.0).abs() < 1e-4);
+    assert_eq!((at("mu_a_error", 20, 20), at("mask", 20, 20)), (0.0, MaskReason::LowSignal.code()));
+    assert_eq!((at("mu_a_error", 0, 3), at("mask", 0, 3)), (0.0, MaskReason::Background.code()));
+}
+
+/// A medium without absorption has no relative error: its pixels are left out, with a word.
+#[test]
+fn nothing_is_relative_to_zero() {
+    let mut dark = truth();
+    dark.0.layers[0].data.mapv_inplace(|v| if v > 0.1 { 0.0 } else { v });
+    let (out, host) = compare(estimate(1.0, 1.0), dark, &Params::default()).unwrap();
+    assert!(cell(&out.metrics.0, "all", "mu_a", "bias_percent").abs() < 1e-4);
+    assert_eq!(texts(&out.metrics.0, "region"), ["all", "all", "tissue", "tissue", "polyp"]);
+    assert!(host.warnings.lock().unwrap().iter().any(|w| w.contains("region `polyp`") && w.contains("without mu_a")));
+    let numbers = out.metrics.0.columns.iter().filter_map(|c| match &c.cells {
+        Cells::F64(v) => Some(v),
+        _ => None,
+    });
+    assert!(numbers.flatten().all(|v| v.is_finite()));
+}
+
+/// What does not fit is named, with the field path where there is one.
+#[test]
+fn mistakes_are_named() {
+    let message = |e, t, region: Option<Region>| {
+        let regions = region.map(|r| ("r".to_owned(), r)).into_iter().collect();
+        compare(e, t, &Params { regions }).map(|_| ()).unwrap_err().to_string()
+    };
+    let one = || estimate(1.0, 1.0);
+    assert!(message(Maps(ImageStack::new(1, 1)), truth(), None).contains("1 x 1 pixels, the truth 40 x 40"));
+    assert!(message(Maps(ImageStack::new(SIDE, SIDE)), truth(), None).contains("share no quantity"));
+    let unknown = Region { object: Some("polip".into()), ..Region::default() };
+    let text = message(one(), truth(), Some(unknown));
+    assert!(text.starts_with("regions.r.object") && text.contains("tissue, polyp, hidden"), "{text}");
+    let hidden = Region { object: Some("hidden".into()), ..Region::default() };
+    assert!(message(one(), truth(), Some(hidden)).contains("holds no pixel"));
+    let mut fieldless = truth();
+    fieldless.0.attributes.remove("field");
+    let eroded = Region { erode_mm: Some(Length(1.0)), ..Region::default() };
+    assert!(message(one(), fieldless, Some(eroded)).contains("how many mm"));
+
+    let mut problems = Problems::default();
+    let wrong = Region {
+        erode_mm: Some(Length(-1.0)),
+        erode_px: Some(f64::INFINITY),
+        disk: Some(Disk { center: [Length(0.0); 2], diameter: Length(0.0) }),
+        ..Region::default()
+    };
+    let regions = BTreeMap::from([("a".to_owned(), Region::default()), ("b".to_owned(), wrong)]);
+    Compare::check(&Params { regions }, &Known::default(), &mut problems);
+    let paths: Vec<String> = problems.into_parts().0.into_iter().map(|p| p.path).collect();
+    assert_eq!(
+        paths,
+        ["regions.a", "regions.b.erode_px", "regions.b.erode_mm", "regions.b.erode_px", "regions.b.disk.diameter"]
+    );
+}
