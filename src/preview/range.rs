@@ -13,20 +13,24 @@ pub struct Statistics {
     pub max: f64,
     /// Root of the mean square.
     pub rms: f64,
-    /// Good pixels, ascending.
-    sorted: Vec<f64>,
+    /// The pixels that `CLIPPED` of the good ones lie below and above.
+    bulk: [f64; 2],
 }
 
 impl Statistics {
     /// None where no pixel is good.
     pub fn of(data: &Array2<f32>, good: &Array2<bool>) -> Option<Self> {
         let values = data.iter().zip(good).filter(|(_, good)| **good).map(|(v, _)| f64::from(*v));
-        let mut sorted: Vec<f64> = values.collect();
-        sorted.sort_by(f64::total_cmp);
-        let (min, max) = (*sorted.first()?, *sorted.last()?);
-        let mean = sorted.iter().sum::<f64>() / sorted.len() as f64;
-        let rms = (sorted.iter().map(|v| v * v).sum::<f64>() / sorted.len() as f64).sqrt();
-        Some(Self { min, mean, max, rms, sorted })
+        let mut values: Vec<f64> = values.collect();
+        let n = values.len();
+        let min = values.iter().copied().reduce(f64::min)?;
+        let max = values.iter().copied().reduce(f64::max)?;
+        let mean = values.iter().sum::<f64>() / n as f64;
+        let rms = (values.iter().map(|v| v * v).sum::<f64>() / n as f64).sqrt();
+        // Two order statistics need no sorted image.
+        let few = (n as f64 * CLIPPED) as usize;
+        let bulk = [few, n - 1 - few].map(|rank| *values.select_nth_unstable_by(rank, f64::total_cmp).1);
+        Some(Self { min, mean, max, rms, bulk })
     }
 }
 
@@ -45,8 +49,7 @@ impl Range {
     pub fn robust(layers: &[&Statistics]) -> Option<Self> {
         let fold = |of: fn(&Statistics) -> f64, pick: fn(f64, f64) -> f64| layers.iter().map(|s| of(s)).reduce(pick);
         let (min, max) = (fold(|s| s.min, f64::min)?, fold(|s| s.max, f64::max)?);
-        let low = fold(|s| s.sorted[(s.sorted.len() as f64 * CLIPPED) as usize], f64::min)?;
-        let high = fold(|s| s.sorted[s.sorted.len() - 1 - (s.sorted.len() as f64 * CLIPPED) as usize], f64::max)?;
+        let (low, high) = (fold(|s| s.bulk[0], f64::min)?, fold(|s| s.bulk[1], f64::max)?);
         let wide = if high > low && (high - low) < 0.8 * (max - min) { (low, high) } else { (min, max) };
         // Layers of one number: the number in the middle of a tenth on either side.
         let (low, high) = if wide.0 < wide.1 {
