@@ -16,6 +16,8 @@ impl Registry {
             .with::<turbid_compare::Compare>()
             .with::<turbid_demodulate::Demodulate>()
             .with::<turbid_invert::Invert>()
+            .with::<turbid_lut::BuildLut>()
+            .with::<turbid_render::RenderStage>()
             .with::<turbid_scene::SceneStage>()
     }
 

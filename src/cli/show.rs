@@ -183,10 +183,23 @@ fn columns(table: &Table) -> Value {
     rows.into()
 }
 
+/// Five digits that count, without an exponent where that reads well.
+fn significant(value: f64) -> String {
+    let size = value.abs();
+    if value == 0.0 || value.fract() == 0.0 && size < 1e9 {
+        format!("{value}")
+    } else if (1e-3..1e6).contains(&size) {
+        let digits = (4 - size.log10().floor() as i32).clamp(0, 8) as usize;
+        format!("{value:.digits$}")
+    } else {
+        format!("{value:.4e}")
+    }
+}
+
 /// The same for people.
 fn text(instance: &Value) -> String {
     let word = |v: &Value| v.as_str().unwrap_or_default().to_owned();
-    let number = |v: &Value| v.as_f64().map_or_else(|| "-".to_owned(), |v| format!("{v:.6}"));
+    let number = |v: &Value| v.as_f64().map_or_else(|| "-".to_owned(), significant);
     let axes: Vec<String> = instance["axes"]
         .as_object()
         .into_iter()

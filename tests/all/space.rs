@@ -21,7 +21,7 @@ stages:
   phantom:
     use: scene
     with:
-      media: {m: &reference {mu_a: 0.05, mu_s_prime: 1, g: 0.8, n: 1.0}}
+      media: {m: &reference {mu_a: 0.05, mu_s_prime: 1.2, g: 0.8, n: 1.0}}
       objects: {block: {slab: {thickness: 30, top: 0}, medium: m}}
       camera: *camera
       projector: *projector
