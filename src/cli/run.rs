@@ -103,8 +103,8 @@ impl Run {
     }
 }
 
-/// The measure that stands for a stage's error in the summary.
-const ERROR: &str = "error_percent";
+/// Measures whose names begin so stand for a stage's error in the summary.
+const ERROR: &str = "error: ";
 
 /// One row per stage: state, seconds, error.
 fn table(plan: &Plan, summary: &Summary, seconds: f64) -> String {
@@ -112,7 +112,7 @@ fn table(plan: &Plan, summary: &Summary, seconds: f64) -> String {
     for &stage in &plan.needed {
         let ends: Vec<&End> = plan.instances_of(stage).filter_map(|id| summary.ends.get(&id)).collect();
         let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
-        let (mut wall, mut error) = (0.0, None::<f64>);
+        let (mut wall, mut error) = (0.0, None::<(f64, &str)>);
         for end in &ends {
             let word = match end {
                 End::Hit(_) => "hit",
@@ -125,9 +125,11 @@ fn table(plan: &Plan, summary: &Summary, seconds: f64) -> String {
                 wall += record.cost.wall_s;
             }
             if let End::Hit(record) | End::Ran(record) = end
-                && let Some((_, value, _)) = record.measures.iter().find(|(name, _, _)| name == ERROR)
+                && let Some((what, value)) =
+                    record.measures.iter().find_map(|(n, v, _)| Some((n.strip_prefix(ERROR)?, *v)))
+                && error.is_none_or(|(worst, _)| value > worst)
             {
-                error = Some(error.map_or(*value, |e| e.max(*value)));
+                error = Some((value, what));
             }
         }
         let state = match counts.iter().next() {
@@ -135,7 +137,7 @@ fn table(plan: &Plan, summary: &Summary, seconds: f64) -> String {
             _ => counts.iter().map(|(word, n)| format!("{n} {word}")).collect::<Vec<_>>().join(", "),
         };
         let wall = if counts.contains_key("ran") { format!("{wall:.2}") } else { String::new() };
-        let error = error.map(|e| format!("{e:.3} %")).unwrap_or_default();
+        let error = error.map(|(value, what)| format!("{value:.2} % {what}")).unwrap_or_default();
         rows.push([plan.spec.stages[stage].name.clone(), state, wall, error]);
     }
     let width = |column: usize| rows.iter().map(|r| r[column].chars().count()).max().unwrap_or(0);
@@ -143,7 +145,7 @@ fn table(plan: &Plan, summary: &Summary, seconds: f64) -> String {
     let mut text = String::new();
     for [stage, state, wall, error] in &rows {
         let line =
-            format!("{stage:<0$}  {state:<1$}  {wall:>2$}  {error:>3$}", widths[0], widths[1], widths[2], widths[3]);
+            format!("{stage:<0$}  {state:<1$}  {wall:>2$}  {error:<3$}", widths[0], widths[1], widths[2], widths[3]);
         text.push_str(line.trim_end());
         text.push('\n');
     }

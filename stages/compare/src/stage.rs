@@ -86,7 +86,7 @@ impl Stage for Compare {
             }
         }
         let worst = |f: fn(&Score) -> f64| found.iter().map(|(_, _, s)| f(s).abs()).fold(0.0, f64::max);
-        ctx.measure("worst_bias", worst(|s| s.bias_percent), "%");
+        ctx.measure("error: worst bias", worst(|s| s.bias_percent), "%");
         ctx.measure("worst_rmse", worst(|s| s.rmse_percent), "%");
         let errors = ctx.wants("errors").then(|| errors(&quantities, rows, columns));
         Ok(Out { metrics: table(&found), errors })

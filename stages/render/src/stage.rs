@@ -77,7 +77,7 @@ impl Stage for RenderStage {
         };
         ctx.measure("samples", f64::from(n), "1");
         if let Some(error) = images.relative_error() {
-            ctx.measure("relative_error", error, "1");
+            ctx.measure("error: m_ac per pixel", 100.0 * error, "%");
         }
         Ok(Out {
             frames: images.frames(),
