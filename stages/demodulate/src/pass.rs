@@ -178,36 +178,55 @@ impl<'a> Pass<'a> {
     /// Finds the pixels that carry no measurement, and sets all their planes to 0.
     fn mask(&self, linear: &[[Vec<f64>; 3]], planes: &mut [&mut [f32]], tally: &mut Tally) {
         let quantities = self.quantity_count();
-        let known = self.blocks.is_some();
         let (mask, planes) = planes.split_last_mut().expect("the mask is the last plane");
-        for i in 0..mask.len() {
-            let se = |q: usize| if known { f64::from(planes[quantities + q][i]) } else { 0.0 };
-            let finite = linear.iter().flatten().all(|v| v[i].is_finite()) && planes.iter().all(|p| p[i].is_finite());
-            let dark = linear.iter().enumerate().all(|(k, l)| l[0][i] == 0.0 && se(2 * k) == 0.0);
-            let weak = || {
-                linear.iter().enumerate().any(|(k, [dc, _, _])| {
-                    let m_ac = f64::from(planes[2 * k + 1][i]);
-                    // Frames are f32: an amplitude of their rounding is no signal, whatever their standard errors.
-                    dc[i] <= self.low_signal * se(2 * k)
-                        || m_ac <= self.low_signal * se(2 * k + 1)
-                        || m_ac <= f64::from(f32::EPSILON) * dc[i]
-                })
-            };
-            tally.pixels += 1;
-            let reason = match (finite, dark) {
-                (false, _) => MaskReason::NotFinite,
-                (true, true) => MaskReason::Background,
-                (true, false) if weak() => MaskReason::LowSignal,
-                (true, false) => MaskReason::Good,
-            };
-            mask[i] = reason.code();
-            if reason == MaskReason::Good {
-                tally.good += 1;
-                (0..quantities).for_each(|q| tally.variances[q] += se(q) * se(q));
-            } else {
-                planes.iter_mut().for_each(|p| p[i] = 0.0);
+        let n = mask.len();
+        tally.pixels += n as u64;
+        let flags = self.flags(linear, planes);
+        let flags = &flags[..n];
+        for (mask, &flags) in mask.iter_mut().zip(flags) {
+            *mask = reason(flags).code();
+        }
+        for (i, _) in flags.iter().enumerate().filter(|&(_, &flags)| reason(flags) != MaskReason::Good) {
+            planes.iter_mut().for_each(|p| p[i] = 0.0);
+        }
+        tally.good += flags.iter().filter(|&&flags| reason(flags) == MaskReason::Good).count() as u64;
+        if self.blocks.is_some() {
+            // Masked pixels hold 0 by now.
+            for q in 0..quantities {
+                let se = planes[quantities + q].iter().map(|&se| f64::from(se));
+                tally.variances[q] += se.map(|se| se * se).sum::<f64>();
             }
         }
+    }
+
+    /// What speaks for and against each pixel of a chunk, fringe by fringe.
+    fn flags(&self, linear: &[[Vec<f64>; 3]], planes: &[&mut [f32]]) -> [u8; CHUNK] {
+        let mut flags = [0; CHUNK];
+        let zeros = [0.0_f32; CHUNK];
+        for (k, [dc, re, im]) in linear.iter().enumerate() {
+            let n = dc.len();
+            let se =
+                |q: usize| if self.blocks.is_some() { &planes[self.quantity_count() + q][..n] } else { &zeros[..n] };
+            let (m_ac, dc_se, ac_se) = (&planes[2 * k + 1][..n], se(2 * k), se(2 * k + 1));
+            let (re, im) = (&re[..n], &im[..n]);
+            for i in 0..n {
+                let (m_ac, dc_se, ac_se) = (f64::from(m_ac[i]), f64::from(dc_se[i]), f64::from(ac_se[i]));
+                let finite = (dc[i] + re[i] + im[i] + m_ac).is_finite();
+                let lit = (dc[i] != 0.0) | (dc_se != 0.0);
+                // Frames are f32: an amplitude of their rounding is no signal, whatever their standard errors.
+                let weak = (dc[i] <= self.low_signal * dc_se)
+                    | (m_ac <= self.low_signal * ac_se)
+                    | (m_ac <= f64::from(f32::EPSILON) * dc[i]);
+                flags[i] |= (u8::from(!finite) * NOT_FINITE) | (u8::from(lit) * LIT) | (u8::from(weak) * WEAK);
+            }
+        }
+        // Their noise must be finite too: errors and covariances.
+        for plane in planes.iter().skip(self.quantity_count()) {
+            for (flags, value) in flags.iter_mut().zip(plane.iter()) {
+                *flags |= u8::from(!value.is_finite()) * NOT_FINITE;
+            }
+        }
+        flags
     }
 
     /// Gives the planes their descriptions and sorts them into the two stacks.
@@ -259,6 +278,23 @@ impl<'a> Pass<'a> {
             phases.masks.push((mask.clone(), data.clone()));
         }
         values.masks.push((mask, data));
+    }
+}
+
+const NOT_FINITE: u8 = 1;
+/// Some fringe has a mean or a variance.
+const LIT: u8 = 2;
+const WEAK: u8 = 4;
+
+fn reason(flags: u8) -> MaskReason {
+    if flags & NOT_FINITE != 0 {
+        MaskReason::NotFinite
+    } else if flags & LIT == 0 {
+        MaskReason::Background
+    } else if flags & WEAK != 0 {
+        MaskReason::LowSignal
+    } else {
+        MaskReason::Good
     }
 }
 
