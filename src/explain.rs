@@ -31,7 +31,7 @@ impl History {
         }
         for records in by_use.values_mut() {
             // Latest first; the key only makes the order complete.
-            records.sort_by(|a, b| (b.provenance.started, b.key).cmp(&(a.provenance.started, a.key)));
+            records.sort_by_key(|r| std::cmp::Reverse((r.provenance.started, r.key)));
         }
         Self { by_use }
     }

@@ -47,13 +47,20 @@ pub enum State {
     Waits(Vec<usize>),
 }
 
+/// A file's digest and content.
+type FileBytes = (Digest, Arc<[u8]>);
+/// What an instant stage made, by port.
+type Made = BTreeMap<String, Arc<Artifact>>;
+/// A stage's plan with its warnings, or its mistakes.
+type Checked = Result<(StagePlan, Vec<Diagnostic>), Vec<Diagnostic>>;
+
 /// Finds states; remembers files and what instant stages made.
 pub struct Resolver<'a> {
     pub plan: &'a Plan,
     pub store: &'a Store,
     history: OnceLock<History>,
-    files: Mutex<HashMap<PathBuf, Result<(Digest, Arc<[u8]>), String>>>,
-    instant: Mutex<HashMap<InstanceId, Arc<BTreeMap<String, Arc<Artifact>>>>>,
+    files: Mutex<HashMap<PathBuf, Result<FileBytes, String>>>,
+    instant: Mutex<HashMap<InstanceId, Arc<Made>>>,
 }
 
 /// States of all needed instances, with the mistakes and warnings found on the way.
@@ -190,7 +197,7 @@ impl<'a> Resolver<'a> {
             .collect();
         let mut files = BTreeMap::new();
         for file in &prepared.files {
-            let (path, digest, _) = self.file(instance.stage, &file.at, &file.path).map_err(|d| vec![*d])?;
+            let (path, (digest, _)) = self.file(instance.stage, &file.at, &file.path).map_err(|d| vec![*d])?;
             files.insert(file.at.clone(), InputFile { path, digest });
         }
         let seed = instance_seed(self.plan.spec.seed, row.name, &instance.axes, &inputs, stage.seed);
@@ -213,7 +220,7 @@ impl<'a> Resolver<'a> {
     }
 
     /// Reads an input file once; a missing one is the user's mistake.
-    fn file(&self, stage: usize, at: &str, written: &str) -> Result<(PathBuf, Digest, Arc<[u8]>), Box<Diagnostic>> {
+    fn file(&self, stage: usize, at: &str, written: &str) -> Result<(PathBuf, FileBytes), Box<Diagnostic>> {
         let path = self.plan.spec.input_file_base(stage, at).join(written);
         let mut files = self.files.lock().expect("no holder panics");
         let read = files.entry(path.clone()).or_insert_with(|| match std::fs::read(&path) {
@@ -221,7 +228,7 @@ impl<'a> Resolver<'a> {
             Err(error) => Err(format!("{}: {error}", path.display())),
         });
         match read {
-            Ok((digest, bytes)) => Ok((path, *digest, bytes.clone())),
+            Ok(found) => Ok((path, found.clone())),
             Err(message) => {
                 let path: Vec<&str> = at.split('.').collect();
                 Err(Box::new(self.plan.spec.diagnostic(stage, Section::With, &path, message.clone(), None)))
@@ -241,11 +248,7 @@ impl<'a> Resolver<'a> {
     }
 
     /// The stage's own check and plan, with all inputs that are known by now.
-    fn check(
-        &self,
-        id: InstanceId,
-        outputs: &[Option<Arc<Outputs>>],
-    ) -> Result<(StagePlan, Vec<Diagnostic>), Vec<Diagnostic>> {
+    fn check(&self, id: InstanceId, outputs: &[Option<Arc<Outputs>>]) -> Checked {
         let instance = &self.plan.instances[id];
         let row = self.plan.row(instance.stage);
         let (params, prepared) = self.prepare(id)?;
@@ -260,7 +263,7 @@ impl<'a> Resolver<'a> {
             }
         }
         for file in &prepared.files {
-            let (_, _, bytes) = self.file(instance.stage, &file.at, &file.path).map_err(|d| vec![*d])?;
+            let (_, (_, bytes)) = self.file(instance.stage, &file.at, &file.path).map_err(|d| vec![*d])?;
             known.files.insert(file.at.clone(), bytes);
         }
         let mut problems = Problems::default();

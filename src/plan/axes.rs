@@ -19,8 +19,11 @@ pub struct Piece {
     /// Who brings it, for messages: `input "frames" (shots.frames)`.
     pub label: String,
     pub names: Vec<String>,
-    pub entries: Vec<(Vec<Value>, Vec<usize>)>,
+    pub entries: Vec<Entry>,
 }
+
+/// A point of some axes (their values in the order of the names), and the instances that stand there.
+pub type Entry = (Vec<Value>, Vec<usize>);
 
 /// One instance: its axes, and for each piece the index of the entry it takes.
 #[derive(Debug, PartialEq)]
@@ -125,10 +128,7 @@ fn nested(pieces: &[Piece]) -> Result<(), String> {
 }
 
 /// Groups the instances of a source by the axes that remain after `gathered` are taken out, lists in order of values.
-pub fn gather(
-    instances: &[(usize, &Axes)],
-    gathered: &BTreeSet<String>,
-) -> (Vec<String>, Vec<(Vec<Value>, Vec<usize>)>) {
+pub fn gather(instances: &[(usize, &Axes)], gathered: &BTreeSet<String>) -> (Vec<String>, Vec<Entry>) {
     let names: Vec<String> = instances
         .first()
         .map(|(_, axes)| axes.keys().filter(|n| !gathered.contains(*n)).cloned().collect())
