@@ -28,10 +28,13 @@ pub fn link(spec: &Spec, stages: &[Option<StageInfo>], problems: &mut Vec<Diagno
 fn link_stage(spec: &Spec, stages: &[Option<StageInfo>], at: usize, problems: &mut Vec<Diagnostic>) -> Vec<Link> {
     let Some(info) = &stages[at] else { return Vec::new() };
     let mut links = Vec::new();
+    let mut misspelt = Vec::new();
     for input in &spec.stages[at].inputs {
         let Some(port) = info.inputs.iter().find(|p| p.name == input.port) else {
             let names: Vec<&str> = info.inputs.iter().map(|p| p.name).collect();
-            let hint = nearest(&input.port, names.iter().copied()).map(|name| format!("did you mean `{name}`?"));
+            let meant = nearest(&input.port, names.iter().copied());
+            misspelt.extend(meant);
+            let hint = meant.map(|name| format!("did you mean `{name}`?"));
             let has =
                 if names.is_empty() { "it takes no inputs".to_owned() } else { format!("it has {}", names.join(", ")) };
             let message = format!("{} has no input `{}`; {has}", info.name, input.port);
@@ -64,7 +67,8 @@ fn link_stage(spec: &Spec, stages: &[Option<StageInfo>], at: usize, problems: &m
         links.push(Link { port: port.clone(), sources });
     }
     for port in info.inputs.iter().filter(|p| matches!(p.arity, Arity::One | Arity::Some)) {
-        if !spec.stages[at].inputs.iter().any(|i: &InputSpec| i.port == port.name) {
+        let given = spec.stages[at].inputs.iter().any(|i: &InputSpec| i.port == port.name);
+        if !given && !misspelt.contains(&port.name) {
             let message = format!("{} needs the input `{}` ({})", info.name, port.name, port.payload);
             let hint = format!("add `in: {{{}: STAGE}}`", port.name);
             problems.push(spec.diagnostic(at, Section::In, &[] as &[&str], message, Some(hint)));

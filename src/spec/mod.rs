@@ -270,7 +270,7 @@ impl Spec {
         // What is missing is missing below a key; what is unknown is the key; what is wrong is the value.
         let about_key = !complete || node.span.len == 0 || message.starts_with("there is no key");
         let look_alike = || match &node.data {
-            Data::Text { text, plain: true } if complete => scalar::look_alike(text),
+            Data::Text { text, plain: true } if complete => scalar::look_alike(text, message.contains("true or false")),
             _ => None,
         };
         let hint = hint.or_else(look_alike);
@@ -279,7 +279,7 @@ impl Spec {
         let unread = section.key().is_some_and(|key| spec.unread.contains(&key));
         let lacks = section == Section::With || path.is_empty();
         diagnostic.follow_up =
-            node.is_broken() || unread && lacks || section == Section::With && spec.with.is_broken(path);
+            complete && node.holds_broken() || unread && lacks || section == Section::With && spec.with.is_broken(path);
         diagnostic
     }
 

@@ -69,6 +69,16 @@ impl Node {
         }
     }
 
+    /// Whether this value, or one below it, is wrong and reported.
+    pub fn holds_broken(&self) -> bool {
+        match &self.data {
+            Data::Broken => true,
+            Data::List(items) => items.iter().any(Self::holds_broken),
+            Data::Map(entries) => entries.iter().any(|e| e.value.holds_broken()),
+            _ => false,
+        }
+    }
+
     /// Number of values in this tree, itself included.
     pub fn size(&self) -> usize {
         1 + match &self.data {

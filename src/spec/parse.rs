@@ -345,13 +345,19 @@ impl Builder {
     }
 
     fn syntax_error(&self, info: &str, at: Marker, text: &str) -> Mistake {
-        let span = self.marker(&at);
+        let mut span = self.marker(&at);
         if info.contains("recursion limit") {
             return self.mistake(span, format!("lists and maps are nested more than {MAX_DEPTH} deep"), None);
         }
         let line = text.lines().nth(at.line().saturating_sub(1)).unwrap_or_default();
-        let indented_by_tab = line.trim_start_matches(' ').starts_with('\t');
-        let way_out = if indented_by_tab || info.contains("tab") {
+        let is_tabbed = |line: &str| line.trim_start_matches(' ').starts_with('\t');
+        let way_out = if is_tabbed(line) || info.contains("found a tab") || info.contains("tabs") {
+            // A scalar that runs on into a tabbed line is reported at its own start; the tab is what must go.
+            let below = text.lines().enumerate().skip(at.line().saturating_sub(1));
+            if let Some((i, line)) = below.take(3).find(|(_, line)| is_tabbed(line)) {
+                let column = line.find('\t').unwrap_or(0) + 1;
+                span = Span { line: i as u32 + 1, column: column as u32, ..span };
+            }
             "indent with spaces: YAML allows no tabs there"
         } else if info.contains("mapping values") {
             "a text that holds `: ` needs quotes; keys of one map stand in one column"

@@ -29,7 +29,7 @@ impl Reader<'_> {
             return;
         }
         let hint = match &node.data {
-            Data::Text { text, plain: true } => look_alike(text),
+            Data::Text { text, plain: true } => look_alike(text, rule.contains("true or false")),
             _ => None,
         };
         let name = path.rsplit('.').next().unwrap_or(path);

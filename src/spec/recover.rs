@@ -130,16 +130,24 @@ fn describe(error: &ParamError) -> (ParamProblem, Option<String>) {
     }
     let field = path.iter().rev().find(|step| step.parse::<usize>().is_err());
     let field = field.map_or_else(|| "`with`".to_owned(), |name| format!("`{name}`"));
-    let message = match typed(message) {
-        Some((is, must)) => format!("{field} is {is}, but must be {must}"),
-        None => message.to_owned(),
+    let message = match (lengths(message), typed(message)) {
+        (Some((has, must)), _) => format!("{field} has {has} values, but must have {must}"),
+        (_, Some((is, must))) => format!("{field} is {is}, but must be {must}"),
+        _ => message.to_owned(),
     };
     (ParamProblem { path, message, hint: None }, None)
 }
 
+/// `invalid length 2, expected an array of length 3`
+fn lengths(message: &str) -> Option<(&str, &str)> {
+    let (has, must) = message.strip_prefix("invalid length ")?.split_once(", expected ")?;
+    let must = must.strip_prefix("an array of length ").or_else(|| must.strip_prefix("a tuple of size "))?;
+    Some((has, must))
+}
+
 /// `invalid type: string "abc", expected u32` in plain words: what stands there, what must.
 fn typed(message: &str) -> Option<(String, String)> {
-    let rest = ["invalid type: ", "invalid value: ", "invalid length "].iter().find_map(|p| message.strip_prefix(p))?;
+    let rest = ["invalid type: ", "invalid value: "].iter().find_map(|p| message.strip_prefix(p))?;
     let (is, must) = rest.rsplit_once(", expected ")?;
     let is = match is.split_once(' ') {
         Some(("string", text)) => format!("the text {text}"),
@@ -149,7 +157,6 @@ fn typed(message: &str) -> Option<(String, String)> {
             "null" => "empty".to_owned(),
             "map" => "a map".to_owned(),
             "sequence" => "a list".to_owned(),
-            length if length.parse::<usize>().is_ok() => format!("{length} values"),
             other => other.to_owned(),
         },
     };
@@ -273,7 +280,7 @@ mod tests {
             (json!({"samples": -3}), "samples: `samples` is -3, but must be a whole number, 0 or more"),
             (json!({"samples": 1.5}), "samples: `samples` is 1.5, but must be a whole number, 0 or more"),
             (json!({"camera": 3}), "camera: `camera` is 3, but must be a map"),
-            (json!({"camera": {"pixels": [1]}}), "camera.pixels: `pixels` is 1 values, but must be a list of 2 values"),
+            (json!({"camera": {"pixels": [1]}}), "camera.pixels: `pixels` has 1 values, but must have 2"),
             (json!({"f_x": 0.1}), "f_x: `f_x` is 0.1, but must be a list"),
         ] {
             let found = problems(params);

@@ -73,12 +73,12 @@ fn is_decimal(unsigned: &str) -> bool {
     digits(whole) && digits(fraction) && !(whole.is_empty() && fraction.is_empty()) && exponent_holds
 }
 
-/// The way out where text was probably meant as something else: `1_000`, `1e`, `0,5`, `yes`, `NaN`.
-pub fn look_alike(text: &str) -> Option<String> {
+/// The way out where text was probably meant as a number (`1_000`, `1e`, `0,5`, `NaN`) or as a boolean (`yes`).
+pub fn look_alike(text: &str, wants_bool: bool) -> Option<String> {
     let reads = |as_what: &str| Some(format!("YAML reads `{text}` as text; write {as_what}"));
     match text.to_ascii_lowercase().as_str() {
-        "yes" | "on" => return reads("`true`"),
-        "no" | "off" => return reads("`false`"),
+        "yes" | "on" if wants_bool => return reads("`true`"),
+        "no" | "off" if wants_bool => return reads("`false`"),
         "nan" | "inf" | "+inf" | "-inf" | "infinity" => return Some("numbers must be finite".to_owned()),
         _ => {}
     }
@@ -156,7 +156,7 @@ mod tests {
             ("tissue", None),
             ("", None),
         ] {
-            let found = look_alike(text);
+            let found = look_alike(text, true);
             match way_out {
                 Some(w) => assert!(found.as_deref().is_some_and(|f| f.contains(w)), "{text}: {found:?}"),
                 None => assert_eq!(found, None, "{text}"),

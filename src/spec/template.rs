@@ -65,12 +65,9 @@ impl Template {
         Self { base, slots, broken: with.broken }
     }
 
-    /// Whether a mistake at `path` follows from one that is reported.
+    /// Whether a mistake at `path` follows from one that is reported: there, below it, or around it.
     pub fn is_broken<S: AsRef<str>>(&self, path: &[S]) -> bool {
-        let begins = |whole: &[S], part: &[String]| {
-            whole.len() >= part.len() && whole.iter().zip(part).all(|(a, b)| a.as_ref() == b)
-        };
-        self.broken.iter().any(|broken| begins(path, broken))
+        self.broken.iter().any(|broken| broken.iter().zip(path).all(|(a, b)| a == b.as_ref()))
     }
 
     /// The params of an instance with these axes.

@@ -77,7 +77,7 @@ impl Vars {
             return;
         }
         let value = self.expand(&entry.value, &path, reader);
-        if holds_broken(&value) {
+        if value.holds_broken() {
             self.broken.insert(name.to_owned());
         } else {
             self.values.insert(name.to_owned(), value.to_json());
@@ -178,14 +178,5 @@ fn names_in(node: &Node) -> Vec<String> {
         Data::List(items) => items.iter().flat_map(names_in).collect(),
         Data::Map(entries) => entries.iter().flat_map(|e| names_in(&e.value)).collect(),
         _ => Vec::new(),
-    }
-}
-
-fn holds_broken(node: &Node) -> bool {
-    match &node.data {
-        Data::Broken => true,
-        Data::List(items) => items.iter().any(holds_broken),
-        Data::Map(entries) => entries.iter().any(|e| holds_broken(&e.value)),
-        _ => false,
     }
 }
