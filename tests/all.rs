@@ -13,3 +13,5 @@ mod floors;
 mod reproducible;
 #[path = "all/rerun.rs"]
 mod rerun;
+#[path = "all/wrong_files.rs"]
+mod wrong_files;

@@ -32,7 +32,7 @@ impl Reader<'_> {
             Data::Text { text, plain: true } => look_alike(text, rule.contains("true or false")),
             _ => None,
         };
-        let name = path.rsplit('.').next().unwrap_or(path);
+        let name = path.rsplit('.').find(|step| step.parse::<usize>().is_err()).unwrap_or(path);
         let place = if node.span.len == 0 { key } else { node.span };
         self.error(place, path, format!("`{name}` is {}, but must be {rule}", node.described()), hint);
     }

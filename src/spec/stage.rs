@@ -81,7 +81,8 @@ pub fn parse(
     if !reader.known_keys(&entry.value, &path, &KEYS, "a stage") {
         stage.broken = true;
         let unknown = entry.value.entries().iter().map(|e| e.key.as_str()).filter(|k| !KEYS.contains(k));
-        stage.unread.extend(unknown.filter_map(|key| suggest::nearest(key, KEYS)));
+        let meant = unknown.filter_map(|key| suggest::nearest(key, KEYS));
+        stage.unread.extend(meant.filter(|key| entry.value.entry(key).is_none()));
     }
     match entry.value.entry("use") {
         Some(e) => {
