@@ -119,6 +119,8 @@ impl Inverter<'_> {
                     planes[5][o] = c(0, 1) as f32;
                     planes[6][o] = variances[1] as f32;
                 }
+                tally.curvature_bias += variances[0] / (2.0 * mu[0]);
+                tally.mu_a += mu[0];
                 tally.variances[0] += variances[0];
                 tally.variances[1] += variances[1];
             }
@@ -158,12 +160,17 @@ pub struct Tally {
     pub outside: u64,
     /// Of mu_a and mu_s' over good pixels.
     pub variances: [f64; 2],
+    /// By how much noise raises mu_a = exp(p) in the mean, to leading order, and the mu_a that it belongs to.
+    pub curvature_bias: f64,
+    pub mu_a: f64,
 }
 
 impl Tally {
     pub fn add(mut self, tile: &Self) -> Self {
         self.good += tile.good;
         self.outside += tile.outside;
+        self.curvature_bias += tile.curvature_bias;
+        self.mu_a += tile.mu_a;
         (0..2).for_each(|k| self.variances[k] += tile.variances[k]);
         self
     }

@@ -193,6 +193,9 @@ fn invert(
     let tally = tiles.iter().fold(Tally::default(), Tally::add);
     let all = (stack.rows() * stack.columns()) as f64;
     ctx.measure("masked", 100.0 * (1.0 - tally.good as f64 / all), "%");
+    if tally.mu_a > 0.0 {
+        ctx.measure("noise_bias_mu_a", 100.0 * tally.curvature_bias / tally.mu_a, "%");
+    }
     if tally.good == 0 {
         ctx.warn("all pixels are masked");
     }

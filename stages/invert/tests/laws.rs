@@ -144,7 +144,7 @@ fn standard_errors_are_the_spread() {
             [0, 1].map(|k| truth[k] * (1.0 + se[k] * e[k]))
         })
         .collect();
-    let (out, _) =
+    let (out, host) =
         invert(reflectance(&r, Some((se, rho))), lut(&F_X, r_d), &Params::default(), &["covariance"]).unwrap();
     let maps = &out.maps.0;
     let planes = ["mu_a", "mu_s_prime"].map(|name| layer(maps, name));
@@ -159,6 +159,11 @@ fn standard_errors_are_the_spread() {
         let mean_se = maps.layers[k].info.mean_se.unwrap();
         assert!((mean_se / (stated / count as f64).sqrt() - 1.0).abs() < 1e-6);
     }
+    // The leading bias by noise is half the relative variance.
+    let relative =
+        layer(maps, "mu_a_se").iter().zip(&planes[0]).map(|(s, m)| (s / m).powi(2)).sum::<f64>() / count as f64;
+    let bias = host.measures.lock().unwrap()["noise_bias_mu_a"];
+    assert!((bias / (50.0 * relative) - 1.0).abs() < 0.01, "{bias} %");
     let covariance = &out.covariance.unwrap().0;
     let cross = covariance.layers.iter().find(|l| l.info.pair == Some([0, 1])).unwrap();
     let stated = mean(&cross.data.iter().map(|&v| f64::from(v)).collect::<Vec<_>>());
