@@ -1,11 +1,13 @@
 //! What the store costs: look-ups, opening, and the encoding of images. `cargo bench --bench store`
 //!
-//! Prints the best of several rounds, in a temporary folder.
+//! CPU time of the calling thread (user and system), the best of several rounds, in a temporary folder; wall time where
+//! it says so.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use cpu_time::ThreadTime;
 use serde_json::json;
 use turbid::digest::Digest;
 use turbid::store::{Cost, InstanceRecord, PortRecord, Provenance, Store};
@@ -59,7 +61,7 @@ fn fill(outputs: &Path, records: u64) -> Duration {
 
 fn best(rounds: usize, mut work: impl FnMut()) -> Duration {
     let time = |work: &mut dyn FnMut()| {
-        let begin = Instant::now();
+        let begin = ThreadTime::now();
         work();
         begin.elapsed()
     };
@@ -71,11 +73,17 @@ fn main() {
         let outputs = tempfile::tempdir().expect("a temporary folder");
         let wrote = fill(outputs.path(), records);
         let open = || Store::open(outputs.path()).expect("it opens");
-        println!("{records} records: put and publish {:.1} us each", 1e6 * wrote.as_secs_f64() / records as f64);
+        println!("{records} records: put and publish {:.1} us each (wall)", 1e6 * wrote.as_secs_f64() / records as f64);
         println!("  open: {:.3?}", best(9, || std::mem::forget(open())));
         let store = open();
         let look_up = || (0..1000).for_each(|i| assert!(store.record(&key(i * records / 1000)).is_some()));
         println!("  1000 look-ups: {:.3?}", best(9, look_up));
+        // What a look-up is made of.
+        let bytes = serde_json::to_vec(&*store.record(&key(0)).expect("it is there")).expect("it came from JSON");
+        let parse = || (0..1000).for_each(|_| assert!(serde_json::from_slice::<InstanceRecord>(&bytes).is_ok()));
+        println!("    of which parsing {} bytes: {:.3?}", bytes.len(), best(9, parse));
+        let hash = || (0..1000).for_each(|_| assert!(Digest::of(std::hint::black_box(&bytes)) != key(0)));
+        println!("    of which hashing: {:.3?}", best(9, hash));
         println!("  all digests: {:.3?}", best(3, || assert_eq!(store.digests().len() as u64, records)));
         std::fs::remove_file(outputs.path().join("store/index")).expect("it was written");
         println!("  open without the index: {:.3?}", best(3, || std::mem::forget(open())));
@@ -99,8 +107,9 @@ fn main() {
     println!("500 x 500 x 16 layers, {mb} MB:");
     println!("  encode: {:.0} MB/s", rate(best(5, || drop(turbid::store::encode(&stacks[0])))));
     let mut next = stacks.iter();
+    let begin = Instant::now();
     let put = best(5, || assert!(store.put(next.next().expect("five rounds")).is_ok()));
-    println!("  put (fsync included): {:.0} MB/s", rate(put));
+    println!("  put: {:.0} MB/s, wall with fsync {:.0} MB/s", rate(put), rate(begin.elapsed() / 5));
     let blob = store.put(&stacks[0]).expect("it is there");
     println!("  get: {:.0} MB/s", rate(best(5, || drop(store.get(&blob).expect("it is there")))));
 }
