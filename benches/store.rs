@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use cpu_time::ThreadTime;
 use serde_json::json;
 use turbid::digest::Digest;
-use turbid::store::{Cost, InstanceRecord, PortRecord, Provenance, Store};
+use turbid::store::{Cost, InstanceRecord, PortRecord, Provenance, Recipe, Store};
 use turbid_contract::ndarray::Array2;
 use turbid_contract::{Artifact, ImageStack, LayerInfo, Record};
 
@@ -44,16 +44,13 @@ fn fill(outputs: &Path, records: u64) -> Duration {
             version: 1,
             ports: BTreeMap::from([("scene".into(), PortRecord { payload: "scene".into(), blob })]),
             cost: Cost::default(),
-            params,
-            inputs: Vec::new(),
-            files: Vec::new(),
             seed: None,
             state_key: None,
             measures: Vec::new(),
             warnings: Vec::new(),
             provenance: Provenance::default(),
         };
-        store.publish(&record).expect("there is room");
+        store.publish(&record, &Recipe { params, ..Recipe::default() }).expect("there is room");
     }
     store.finish().expect("there is room");
     begin.elapsed()

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use crate::key::{Dependencies, axes_text};
 use crate::plan::{InstanceId, Plan};
-use crate::store::{InstanceRecord, Store};
+use crate::store::{InstanceRecord, Recipe, Store};
 
 /// A field that differs; `None` where one side does not have it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -15,9 +15,12 @@ pub struct Difference {
     pub now: Option<String>,
 }
 
+/// An earlier result and what went into it.
+pub type Earlier = (InstanceRecord, Recipe);
+
 /// Earlier results, by kind of stage.
 pub struct History {
-    by_use: HashMap<String, Vec<Arc<InstanceRecord>>>,
+    by_use: HashMap<String, Vec<Arc<Earlier>>>,
 }
 
 /// Comparing with every record of a big sweep would be quadratic; the latest ones are near enough.
@@ -25,29 +28,25 @@ const COMPARED: usize = 256;
 
 impl History {
     pub fn read(store: &Store) -> Self {
-        let mut by_use: HashMap<String, Vec<Arc<InstanceRecord>>> = HashMap::new();
-        for record in store.records() {
-            by_use.entry(record.use_name.clone()).or_default().push(Arc::new(record));
+        let mut by_use: HashMap<String, Vec<Arc<Earlier>>> = HashMap::new();
+        for earlier in store.records() {
+            by_use.entry(earlier.0.use_name.clone()).or_default().push(Arc::new(earlier));
         }
         for records in by_use.values_mut() {
             // Latest first; the key only makes the order complete.
-            records.sort_by_key(|r| std::cmp::Reverse((r.provenance.started, r.key)));
+            records.sort_by_key(|earlier| std::cmp::Reverse((earlier.0.provenance.started, earlier.0.key)));
         }
         Self { by_use }
     }
 
     /// The earlier record with the fewest differences; among equals the same label first, then the latest.
-    pub fn nearest(
-        &self,
-        plan: &Plan,
-        id: InstanceId,
-        now: &Dependencies,
-    ) -> Option<(Arc<InstanceRecord>, Vec<Difference>)> {
+    pub fn nearest(&self, plan: &Plan, id: InstanceId, now: &Dependencies) -> Option<(Arc<Earlier>, Vec<Difference>)> {
         let instance = &plan.instances[id];
         let label = &plan.spec.stages[instance.stage].name;
         let axes = axes_text(&instance.axes);
         let records = self.by_use.get(&now.use_name)?;
-        let same = |r: &Arc<InstanceRecord>| {
+        let same = |r: &Arc<Earlier>| {
+            let r = &r.0;
             r.provenance.pipeline == plan.spec.pipeline
                 && &r.provenance.stage == label
                 && axes_text(&r.provenance.axes) == axes
@@ -71,8 +70,8 @@ impl History {
         if differences.is_empty() {
             return vec!["its stored result is damaged or gone".to_owned()];
         }
-        if record.provenance.pipeline != plan.spec.pipeline
-            || record.provenance.stage != plan.spec.stages[plan.instances[id].stage].name
+        if record.0.provenance.pipeline != plan.spec.pipeline
+            || record.0.provenance.stage != plan.spec.stages[plan.instances[id].stage].name
         {
             return vec!["no earlier result".to_owned()];
         }
@@ -99,13 +98,13 @@ impl Difference {
 }
 
 /// The dependencies that a record was made from.
-pub fn dependencies_of(record: &InstanceRecord) -> Dependencies {
+pub fn dependencies_of((record, recipe): &Earlier) -> Dependencies {
     Dependencies {
         use_name: record.use_name.clone(),
         version: record.version,
-        params: record.params.clone(),
-        inputs: record.inputs.clone(),
-        files: record.files.clone(),
+        params: recipe.params.clone(),
+        inputs: recipe.inputs.clone(),
+        files: recipe.files.clone(),
         seed: record.seed,
     }
 }

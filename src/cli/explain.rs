@@ -45,6 +45,7 @@ impl Explain {
                     match history.nearest(&plan, id, &job.dependencies) {
                         None => text.push_str("  no earlier result of this kind of stage\n"),
                         Some((record, differences)) => {
+                            let (record, _) = &*record;
                             let from = &record.provenance;
                             text.push_str(&format!(
                                 "  nearest earlier result: {} of {}, key {}\n",

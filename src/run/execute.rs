@@ -9,9 +9,10 @@ use cpu_time::ThreadTime;
 use serde_json::{Value, json};
 use turbid_contract::{Artifact, Ctx, Error};
 
+use crate::key::Dependencies;
 use crate::plan::InstanceId;
 use crate::resolve::{Job, Outputs, Resolver};
-use crate::store::{Cost, InstanceRecord, PortRecord, Provenance, StoreError};
+use crate::store::{Cost, InstanceRecord, PortRecord, Provenance, Recipe, StoreError};
 
 use super::host::InstanceHost;
 use super::inputs::StoredInputs;
@@ -117,9 +118,6 @@ pub fn execute(
         key: job.key,
         use_name: job.dependencies.use_name.clone(),
         version: job.dependencies.version,
-        params: job.dependencies.params.clone(),
-        inputs: job.dependencies.inputs.clone(),
-        files: job.dependencies.files.clone(),
         seed: job.dependencies.seed,
         state_key: job.state_key,
         ports,
@@ -135,12 +133,12 @@ pub fn execute(
         },
     };
     if host.stopped_by_time()
-        && let Some(reached) = reached_record(job, &record)
-        && let Err(error) = store.publish(&reached)
+        && let Some((reached, recipe)) = reached_record(job, &record)
+        && let Err(error) = store.publish(&reached, &recipe)
     {
         return Outcome::Failed(error.to_string());
     }
-    match store.publish(&record) {
+    match store.publish(&record, &recipe(&job.dependencies)) {
         Ok(()) => Outcome::Ran(Arc::new(record)),
         Err(error) => Outcome::Failed(error.to_string()),
     }
@@ -170,7 +168,7 @@ fn publish_blobs(
 /// A run that the clock stopped is the same as one that asked for the samples it reached; it is stored as that too.
 ///
 /// Under the key that was asked for it stays as well, so that the same file is up to date the second time.
-fn reached_record(job: &Job, record: &InstanceRecord) -> Option<InstanceRecord> {
+fn reached_record(job: &Job, record: &InstanceRecord) -> Option<(InstanceRecord, Recipe)> {
     let samples = record.measures.iter().find(|(name, _, _)| name == "samples")?.1;
     let mut dependencies = job.dependencies.clone();
     let Value::Object(params) = &mut dependencies.params else { return None };
@@ -180,7 +178,12 @@ fn reached_record(job: &Job, record: &InstanceRecord) -> Option<InstanceRecord> 
             *value = Value::Null;
         }
     }
-    Some(InstanceRecord { key: dependencies.key(), params: dependencies.params, ..record.clone() })
+    Some((InstanceRecord { key: dependencies.key(), ..record.clone() }, recipe(&dependencies)))
+}
+
+fn recipe(dependencies: &Dependencies) -> Recipe {
+    let Dependencies { params, inputs, files, .. } = dependencies.clone();
+    Recipe { params, inputs, files }
 }
 
 pub fn panic_text(panic: &(dyn std::any::Any + Send)) -> String {

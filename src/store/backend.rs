@@ -20,6 +20,8 @@ pub(super) const PACKED_BELOW: u64 = 64 << 10;
 pub(super) trait Backend: Send + Sync {
     /// The bytes of a record; `None` where there is none, or a damaged one.
     fn record(&self, key: &Digest) -> Option<Vec<u8>>;
+    /// At least the head of a record, not checked beyond its name; fast.
+    fn record_head(&self, key: &Digest) -> Option<Vec<u8>>;
     /// Replaces the record. The blobs that it names have been written before.
     fn publish(&self, key: &Digest, bytes: &[u8]) -> Result<(), StoreError>;
     /// Whether the blob is there in full length; cheap, its bytes are not read.
@@ -101,6 +103,10 @@ impl Folder {
 impl Backend for Folder {
     fn record(&self, key: &Digest) -> Option<Vec<u8>> {
         self.packs.record(key)
+    }
+
+    fn record_head(&self, key: &Digest) -> Option<Vec<u8>> {
+        self.packs.record_head(key)
     }
 
     fn publish(&self, key: &Digest, bytes: &[u8]) -> Result<(), StoreError> {

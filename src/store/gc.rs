@@ -37,7 +37,7 @@ impl Store {
     /// Removes what no record names, and the least recently used records with their blobs, and checkpoints, until the
     /// store's files take at most `max_size` bytes. What `roots` (keys of records) name goes last.
     ///
-    /// Error: [`StoreError::Busy`] while a run uses the store.
+    /// To be called when no other thread works on the store. Error: [`StoreError::Busy`] while another process uses it.
     pub fn gc(&self, max_size: u64, roots: &[Digest]) -> Result<GcReport, StoreError> {
         self.alone(|| self.collect(max_size, roots))
     }
@@ -46,7 +46,7 @@ impl Store {
         let roots: BTreeSet<&Digest> = roots.iter().collect();
         let mut items: Vec<(bool, u64, Item)> = Vec::new();
         for (key, place) in self.folder.packs.records() {
-            let record = self.folder.record(&key).and_then(|bytes| InstanceRecord::decode(&key, &bytes));
+            let record = self.folder.record_head(&key).and_then(|bytes| InstanceRecord::decode_head(&key, &bytes));
             // A record that no run would accept only takes room.
             if let Some(record) = record.filter(|record| record.blobs().all(|blob| self.folder.holds(blob))) {
                 let item = Item::Record(Box::new(record), HEADER as u64 + place.length);

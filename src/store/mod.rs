@@ -40,7 +40,7 @@ pub use codec::{decode, encode};
 pub use error::StoreError;
 pub use gc::GcReport;
 pub use lock::KeyLock;
-pub use record::{Blob, Cost, InstanceRecord, PortRecord, Provenance};
+pub use record::{Blob, Cost, InstanceRecord, PortRecord, Provenance, Recipe};
 pub use verify::{Finding, Stat, VerifyReport};
 
 /// Raised when an older turbid would misread the folder.
@@ -111,7 +111,10 @@ impl Store {
     /// Blobs are not read. Never waits; finds what other runs published before this store was opened or before the
     /// last [`Store::lock`].
     pub fn record(&self, key: &Digest) -> Option<Arc<InstanceRecord>> {
-        let record = InstanceRecord::decode(key, &self.folder.record(key)?)?;
+        let Some(record) = InstanceRecord::decode_head(key, &self.folder.record_head(key)?) else {
+            self.folder.packs.note_damage();
+            return None;
+        };
         let whole = record.blobs().all(|blob| self.folder.holds(blob));
         whole.then(|| Arc::new(record))
     }
@@ -154,8 +157,8 @@ impl Store {
     /// Publishes a record, after its blobs; it replaces an older one of the same key.
     ///
     /// Errors: a number in it that is not finite; a full disk.
-    pub fn publish(&self, record: &InstanceRecord) -> Result<(), StoreError> {
-        let bytes = record.encode()?;
+    pub fn publish(&self, record: &InstanceRecord, recipe: &Recipe) -> Result<(), StoreError> {
+        let bytes = record.encode(recipe)?;
         self.begin_use(&|| false)?;
         self.folder.publish(&record.key, &bytes)
     }
@@ -184,8 +187,8 @@ impl Store {
         self.checkpoints.resume(state_key, at_most)
     }
 
-    /// All undamaged records, the newest first, whether or not their blobs are still there.
-    pub fn records(&self) -> impl Iterator<Item = InstanceRecord> {
+    /// All undamaged records with what went in, the newest first, whether or not their blobs are still there.
+    pub fn records(&self) -> impl Iterator<Item = (InstanceRecord, Recipe)> {
         let all = self.folder.packs.records();
         all.into_iter().filter_map(|(key, _)| InstanceRecord::decode(&key, &self.folder.record(&key)?))
     }
@@ -208,8 +211,9 @@ impl Store {
 
     /// Digests of all blobs that records name and that are there, sorted.
     pub fn digests(&self) -> Vec<Digest> {
-        let mut all: Vec<_> = self
-            .records()
+        let records = self.folder.packs.records().into_iter();
+        let mut all: Vec<_> = records
+            .filter_map(|(key, _)| InstanceRecord::decode_head(&key, &self.folder.record_head(&key)?))
             .flat_map(|record| record.blobs().copied().collect::<Vec<_>>())
             .filter(|blob| self.folder.holds(blob))
             .map(|blob| blob.digest)
@@ -219,14 +223,18 @@ impl Store {
         all
     }
 
-    /// Brings everything to the disk and writes the index. Nothing is lost without it, but the next opening is slower.
+    /// Brings everything to the disk, writes the index, and leaves behind what was found damaged. To be called when no
+    /// other thread works on the store. Nothing is lost without it, but the next opening is slower.
+    ///
+    /// Error: what was published could not be brought to the disk.
     pub fn finish(&self) -> Result<(), StoreError> {
         if self.read_only {
             return Ok(());
         }
         self.folder.packs.finish()?;
         if self.folder.packs.wants_gathering() {
-            self.gather_packs()?;
+            // The old packs hold everything until the new ones do: no reason to fail a run.
+            let _ = self.gather_packs();
         }
         Ok(())
     }

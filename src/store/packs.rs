@@ -14,7 +14,8 @@ use crate::store::error::StoreError;
 use crate::store::frame::{self, Kind};
 use crate::store::index::{Map, Place};
 use crate::store::lock;
-use crate::store::state::{State, read, read_payload};
+use crate::store::record::head_end;
+use crate::store::state::{State, read, read_payload, read_start};
 
 /// A pack this long takes no further frames.
 const FULL: u64 = 64 << 20;
@@ -22,6 +23,8 @@ const FULL: u64 = 64 << 20;
 const SYNC_EVERY: Duration = Duration::from_secs(1);
 /// More packs than this that still take frames are gathered into few (of which at most one still takes frames).
 const MANY_SHORT_PACKS: usize = 64;
+/// Few records have a longer head than this; one read takes it in.
+const HEAD: usize = 1024;
 /// A record's last use is noted once a day at most, so that a run of hits writes nothing.
 const NOTE_USE_AFTER_S: u64 = 86_400;
 
@@ -74,14 +77,25 @@ impl Packs {
     /// The payload of the record of `key`; `None` where there is none or where it is damaged.
     pub fn record(&self, key: &Digest) -> Option<Vec<u8>> {
         let (place, file) = self.state().find(Kind::Record, key)?;
-        let Some(bytes) = read(&file, &place, Kind::Record, key) else {
+        let bytes = read(&file, &place, Kind::Record, key);
+        if bytes.is_none() {
             self.note_damage();
-            return None;
+        }
+        bytes
+    }
+
+    /// At least the head of the record of `key`, as it is. This is a use of the record.
+    pub fn record_head(&self, key: &Digest) -> Option<Vec<u8>> {
+        let (place, file) = self.state().find(Kind::Record, key)?;
+        let head = read_start(&file, &place, HEAD);
+        let head = match head.as_deref().and_then(head_end) {
+            Some(end) if end > HEAD => read_start(&file, &place, end),
+            _ => head,
         };
         if place.used.saturating_add(NOTE_USE_AFTER_S) < self.opened_s {
             self.touched.lock().expect("no holder panics").insert(*key);
         }
-        Some(bytes)
+        head
     }
 
     /// Length of a packed blob.
@@ -233,20 +247,23 @@ impl Packs {
                 payload.extend_from_slice(&key.0);
                 payload.extend_from_slice(&self.opened_s.to_le_bytes());
             }
-            self.append(Kind::Used, &Digest::of(&payload), &payload)?;
+            // Only gc asks for it: no reason to fail a run of hits on a full disk.
+            let _ = self.append(Kind::Used, &Digest::of(&payload), &payload);
         }
         sync(&self.root, &mut self.writer.lock().expect("no holder panics"))?;
         self.refresh()?;
         let mut state = self.state_mut();
         if state.stale {
-            state.save(&self.root)?;
+            // Only a cache: without it the next opening is slower.
+            let _ = state.save(&self.root);
         }
         Ok(())
     }
 
     /// Writes the kept records and blobs into fresh packs and removes all others. Needs the store alone.
     pub fn compact(&self, records: &BTreeSet<Digest>, blobs: &BTreeSet<Digest>) -> Result<(), StoreError> {
-        *self.writer.lock().expect("no holder panics") = None;
+        let mut writer = self.writer.lock().expect("no holder panics");
+        *writer = None;
         let mut state = self.state_mut();
         let folder = self.root.join("packs");
         let mut kept: Vec<(u32, u64, Kind, Digest)> = Vec::new();

@@ -48,7 +48,9 @@ pub struct Provenance {
     pub started: u64,
 }
 
-/// One record per key. Numbers must be finite; [`Store::publish`](crate::store::Store::publish) sees to it.
+/// What an instance made and what it cost: all that a hit needs. One per key, kept together with its [`Recipe`].
+///
+/// Numbers must be finite; [`Store::publish`](crate::store::Store::publish) sees to it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct InstanceRecord {
     pub key: Digest,
@@ -57,12 +59,6 @@ pub struct InstanceRecord {
     /// The ports that are in the store.
     pub ports: BTreeMap<String, PortRecord>,
     pub cost: Cost,
-    /// Canonical params.
-    pub params: Value,
-    /// Content digests of the inputs; ports sorted by name.
-    pub inputs: Vec<(String, Vec<(Axes, Digest)>)>,
-    /// Field path, file name, content digest.
-    pub files: Vec<(String, String, Digest)>,
     pub seed: Option<u64>,
     /// The key without the stopping params, under which checkpoints are kept.
     pub state_key: Option<Digest>,
@@ -72,8 +68,23 @@ pub struct InstanceRecord {
     pub provenance: Provenance,
 }
 
+/// What went into an instance. Read only to explain: parsing it takes longer than all else of a look-up.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Recipe {
+    /// Canonical params.
+    pub params: Value,
+    /// Content digests of the inputs; ports sorted by name.
+    pub inputs: Vec<(String, Vec<(Axes, Digest)>)>,
+    /// Field path, file name, content digest.
+    pub files: Vec<(String, String, Digest)>,
+}
+
+/// Bytes before the head: its length (4, little-endian) and the first 16 bytes of its BLAKE3.
+pub(super) const LEAD: usize = 20;
+
 impl InstanceRecord {
-    pub(super) fn encode(&self) -> Result<Vec<u8>, StoreError> {
+    /// Lead, head (the record as JSON), recipe (as JSON). The head has a check of its own, so that a look-up reads no more.
+    pub(super) fn encode(&self, recipe: &Recipe) -> Result<Vec<u8>, StoreError> {
         let wrong =
             |what: &str| StoreError::unfit(format!("the record of `{}` cannot be stored: {what}", self.use_name));
         // JSON would write NaN as null, and the record would be a miss for ever.
@@ -83,16 +94,38 @@ impl InstanceRecord {
         if let Some((name, value, _)) = self.measures.iter().find(|m| !m.1.is_finite()) {
             return Err(wrong(&format!("measure `{name}` = {value} is not finite")));
         }
-        serde_json::to_vec(self).map_err(|e| wrong(&e.to_string()))
+        let head = serde_json::to_vec(self).map_err(|e| wrong(&e.to_string()))?;
+        let length = u32::try_from(head.len()).map_err(|_| wrong("it is longer than 4 GiB"))?;
+        let mut bytes = length.to_le_bytes().to_vec();
+        bytes.extend_from_slice(&Digest::of(&head).0[..16]);
+        bytes.extend_from_slice(&head);
+        serde_json::to_writer(&mut bytes, recipe).map_err(|e| wrong(&e.to_string()))?;
+        Ok(bytes)
     }
 
-    /// `None` where the bytes are not a record of `key`.
-    pub(super) fn decode(key: &Digest, bytes: &[u8]) -> Option<Self> {
-        serde_json::from_slice::<Self>(bytes).ok().filter(|record| record.key == *key)
+    /// The record of `key` at the start of `bytes`; `None` where it is damaged or not one of `key`.
+    pub(super) fn decode_head(key: &Digest, bytes: &[u8]) -> Option<Self> {
+        let head = bytes.get(LEAD..head_end(bytes)?)?;
+        if Digest::of(head).0[..16] != bytes[4..LEAD] {
+            return None;
+        }
+        serde_json::from_slice::<Self>(head).ok().filter(|record| record.key == *key)
+    }
+
+    /// Record and recipe.
+    pub(super) fn decode(key: &Digest, bytes: &[u8]) -> Option<(Self, Recipe)> {
+        let record = Self::decode_head(key, bytes)?;
+        Some((record, serde_json::from_slice(&bytes[head_end(bytes)?..]).ok()?))
     }
 
     /// The blobs of all ports.
     pub fn blobs(&self) -> impl Iterator<Item = &Blob> {
         self.ports.values().map(|port| &port.blob)
     }
+}
+
+/// Where the head of a record ends.
+pub(super) fn head_end(bytes: &[u8]) -> Option<usize> {
+    let length = u32::from_le_bytes(*bytes.first_chunk()?);
+    LEAD.checked_add(usize::try_from(length).ok()?)
 }

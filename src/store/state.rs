@@ -177,7 +177,13 @@ impl State {
 
 /// What stands where the payload should be.
 pub(super) fn read_payload(file: &File, place: &Place) -> Option<Vec<u8>> {
-    disk::read_at(file, place.offset + HEADER as u64, usize::try_from(place.length).ok()?).ok()
+    read_start(file, place, usize::try_from(place.length).ok()?)
+}
+
+/// What stands where the first `length` bytes of the payload should be, less where it is shorter.
+pub(super) fn read_start(file: &File, place: &Place, length: usize) -> Option<Vec<u8>> {
+    let length = usize::try_from(place.length).map_or(length, |all| all.min(length));
+    disk::read_at(file, place.offset + HEADER as u64, length).ok()
 }
 
 /// The payload of an undamaged frame of `kind` and `key`.

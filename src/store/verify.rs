@@ -126,7 +126,7 @@ impl Store {
         let mut unfit = BTreeSet::new();
         for (key, _) in self.folder.packs.records() {
             match self.folder.record(&key).and_then(|bytes| InstanceRecord::decode(&key, &bytes)) {
-                Some(record) => records.push(record),
+                Some((record, _)) => records.push(record),
                 None => {
                     report.findings.push(Finding::DamagedRecord { key });
                     unfit.insert(key);

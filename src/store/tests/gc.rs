@@ -9,7 +9,9 @@ fn gc_takes_the_least_recently_used_first_and_roots_last() {
     old_pack(outputs.path(), 20, 4..8);
     old_pack(outputs.path(), 10, 8..12);
     let here = |store: &Store| (0..12).filter(|&i| store.record(&key(i)).is_some()).collect::<Vec<u64>>();
-    let room = |records: u64| records * (record(11, &[]).encode().unwrap().len() as u64 + frame::HEADER as u64) + 200;
+    let room = |records: u64| {
+        records * (record(11, &[]).encode(&recipe(11)).unwrap().len() as u64 + frame::HEADER as u64) + 200
+    };
     let store = Store::open(outputs.path()).unwrap();
     // A look-up is a use, noted when the run ends.
     assert!(store.record(&key(1)).is_some());

@@ -44,9 +44,6 @@ fn record(i: u64, ports: &[(&str, Blob)]) -> InstanceRecord {
         version: 1,
         ports: ports.iter().map(port).collect(),
         cost: Cost { wall_s: 0.1, cpu_s: 0.3, peak_bytes: 1 << 20, alone: true },
-        params: json!({"f_x": [0.0, 0.1], "n": i}),
-        inputs: vec![("scene".into(), vec![(Axes::from([("A_rho".into(), json!(1.0))]), key(i + 1))])],
-        files: vec![("mesh.file".into(), "tube.stl".into(), key(i + 2))],
         seed: Some(u64::MAX),
         state_key: None,
         measures: vec![("paths".into(), 1e9, "1".into())],
@@ -55,10 +52,18 @@ fn record(i: u64, ports: &[(&str, Blob)]) -> InstanceRecord {
     }
 }
 
+fn recipe(i: u64) -> Recipe {
+    Recipe {
+        params: json!({"f_x": [0.0, 0.1], "n": i}),
+        inputs: vec![("scene".into(), vec![(Axes::from([("A_rho".into(), json!(1.0))]), key(i + 1))])],
+        files: vec![("mesh.file".into(), "tube.stl".into(), key(i + 2))],
+    }
+}
+
 /// Puts `artifact` and publishes a record of `i` that names it.
 fn publish(store: &Store, i: u64, artifact: &Artifact) -> Result<Blob, StoreError> {
     let blob = store.put(artifact)?;
-    store.publish(&record(i, &[("out", blob)]))?;
+    store.publish(&record(i, &[("out", blob)]), &recipe(i))?;
     Ok(blob)
 }
 
@@ -139,8 +144,9 @@ fn filled(n: u64) -> (TempDir, Vec<Digest>) {
 /// A pack that a process wrote `days` ago: records of `range`, without blobs.
 fn old_pack(outputs: &Path, days: u64, range: std::ops::Range<u64>) {
     let stamp = packs::now_ns() - days * 86_400 * 1_000_000_000;
-    let frames =
-        range.flat_map(|i| frame::encode(frame::Kind::Record, &key(i), stamp + i, &record(i, &[]).encode().unwrap()));
+    let frames = range.flat_map(|i| {
+        frame::encode(frame::Kind::Record, &key(i), stamp + i, &record(i, &[]).encode(&recipe(i)).unwrap())
+    });
     fs::create_dir_all(outputs.join("store/packs")).unwrap();
     fs::write(outputs.join(format!("store/packs/{days}-days.pack")), frames.collect::<Vec<u8>>()).unwrap();
 }
@@ -168,13 +174,13 @@ fn a_newer_record_replaces_an_older_one() {
     let outputs = folder();
     let store = Store::open(outputs.path()).unwrap();
     let (first, second) = (store.put(&small(1)).unwrap(), store.put(&large(2)).unwrap());
-    store.publish(&record(0, &[("out", first)])).unwrap();
-    store.publish(&record(0, &[("more", second), ("out", first)])).unwrap();
+    store.publish(&record(0, &[("out", first)]), &recipe(0)).unwrap();
+    store.publish(&record(0, &[("more", second), ("out", first)]), &recipe(0)).unwrap();
     drop(store);
     fs::remove_file(outputs.path().join("store/index")).unwrap();
     let store = Store::open(outputs.path()).unwrap();
     assert_eq!(store.record(&key(0)).unwrap().ports.len(), 2);
-    assert_eq!(store.records().count(), 1);
+    assert_eq!(store.records().map(|(_, recipe)| recipe).collect::<Vec<_>>(), [recipe(0)]);
     fs::remove_file(store.file_of(&second).expect("it is a file")).unwrap();
     assert!(store.record(&key(0)).is_none(), "one port is missing");
     assert_eq!(store.records().count(), 1, "`explain` still finds it");
@@ -186,7 +192,7 @@ fn numbers_that_are_not_finite_do_not_become_records() {
     let store = Store::open(outputs.path()).unwrap();
     let mut wrong = record(0, &[]);
     wrong.measures[0].1 = f64::NAN;
-    let message = store.publish(&wrong).unwrap_err().to_string();
+    let message = store.publish(&wrong, &recipe(0)).unwrap_err().to_string();
     assert!(message.contains("measure `paths` = NaN is not finite"), "{message}");
 }
 
@@ -256,7 +262,7 @@ fn looking_creates_nothing() {
     fs::remove_file(outputs.path().join("store/index")).unwrap();
     let before = files(outputs.path());
     let store = Store::open_read_only(outputs.path()).unwrap();
-    assert!(store.records().all(|r| store.get(&r.ports["out"].blob).is_ok()));
+    assert!(store.records().all(|(r, _)| store.get(&r.ports["out"].blob).is_ok()));
     drop(store);
     assert_eq!(files(outputs.path()), before);
 }
