@@ -227,3 +227,54 @@ fn substitutable(schema: &mut Value) {
     outside.insert("anyOf".to_owned(), json!([std::mem::take(map), {"$ref": "#/$defs/substitution"}]));
     *map = outside;
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+
+    fn references<'a>(schema: &'a Value, found: &mut BTreeSet<&'a str>) {
+        match schema {
+            Value::Object(map) => {
+                found.extend(map.get("$ref").and_then(Value::as_str));
+                map.values().for_each(|part| references(part, found));
+            }
+            Value::Array(parts) => parts.iter().for_each(|part| references(part, found)),
+            _ => {}
+        }
+    }
+
+    /// Every stage has its own part, and no reference leads nowhere.
+    #[test]
+    fn the_schema_is_closed_and_knows_every_stage() {
+        let registry = Registry::builtin();
+        let schema = schema(&registry);
+        let mut found = BTreeSet::new();
+        references(&schema, &mut found);
+        for reference in found {
+            let pointer = reference.strip_prefix('#').expect("references stay in the document");
+            assert!(schema.pointer(pointer).is_some(), "{reference}");
+        }
+        let kinds = schema["$defs"]["stage"]["allOf"].as_array().expect("one part for each stage");
+        let named = |row: &StageRow| kinds.iter().any(|k| k["if"]["properties"]["use"]["const"] == row.name);
+        assert!(registry.rows().iter().all(named));
+    }
+
+    /// `${name}` may stand for any value, once: what takes text anyway is left alone.
+    #[test]
+    fn values_may_be_substituted() {
+        let mut schema = json!({"type": "object", "properties": {
+            "properties": {"type": "integer", "description": "d"},
+            "label": {"type": "string"},
+            "f_x": {"type": "array", "items": {"$ref": "#/$defs/PerLength"}}
+        }});
+        adapt(&mut schema, "#/$defs/render.");
+        let substitution = json!({"$ref": "#/$defs/substitution"});
+        let fields = &schema["properties"];
+        assert_eq!(fields["properties"], json!({"description": "d", "anyOf": [{"type": "integer"}, substitution]}));
+        assert_eq!(fields["label"], json!({"type": "string"}));
+        let item = json!({"anyOf": [{"$ref": "#/$defs/render.PerLength"}, substitution]});
+        assert_eq!(fields["f_x"]["anyOf"][0], json!({"type": "array", "items": item}));
+    }
+}
