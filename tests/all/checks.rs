@@ -1,0 +1,43 @@
+//! The pipelines in `pipelines/checks`: scenes whose closed form stands in the head comment of the file.
+
+use std::f64::consts::PI;
+
+use serde_json::Value;
+
+use crate::space::Space;
+
+/// Statistics of the value layers `name` of a port, by f_x, after a run of a check.
+fn layers(check: &str, port: &str, name: &str) -> Vec<Value> {
+    let file = format!("{}/pipelines/checks/{check}.yaml", env!("CARGO_MANIFEST_DIR"));
+    let space = Space::new();
+    space.turbid(&["run", &file, "--json"]).ok();
+    let shown = space.turbid(&["show", &file, port, "--json"]).json();
+    let ports = shown["instances"][0]["ports"].as_object().expect("ports");
+    let layers = ports.values().next().expect("one port")["layers"].as_array().expect("layers").clone();
+    layers.into_iter().filter(|l| l["name"] == name).collect()
+}
+
+fn number(layer: &Value, name: &str) -> f64 {
+    layer[name].as_f64().unwrap_or_else(|| panic!("{name}: {layer}"))
+}
+
+/// f32 images: 1e-6 relative where nothing is random, 4 standard errors where paths are.
+#[test]
+fn closed_forms_come_out() {
+    let dc = 0.4 * 5.0 / (200.0 * 200.0) / (2.0 * PI);
+    for (name, expected) in [("m_dc", dc), ("m_ac", dc * (0.1 * PI).sin() / (0.1 * PI))] {
+        let found = layers("lambertian_plane", "fringes.modulation", name);
+        let layer = found.iter().find(|l| l["f_x_per_mm"] == 0.05).expect("the fringe");
+        let off = number(layer, "mean") - expected;
+        assert!(off.abs() <= 4.0 * number(layer, "mean_se") + 1e-6 * expected, "{name}: {layer}");
+    }
+    let frame = &layers("single_scattering", "frames.frames", "radiance")[0];
+    let backward = (1.0 - 0.8) / (4.0 * PI * 1.8f64.powi(2));
+    let expected = 0.5 * 5.0 / (200.0 * 200.0) * 0.5e-6 * backward;
+    // The inverse square from 100 m over the mean depth: 2e-5.
+    assert!((number(frame, "mean") / expected - 1.0).abs() < 3e-5, "{frame}, {expected:e}");
+    let frame = &layers("beer_lambert", "frames.frames", "radiance")[0];
+    let bare = 0.8 * 5.0 / (200.0 * 200.0) / (2.0 * PI);
+    let expected = bare * 0.5 * ((-1.2f64).exp() + (-0.4f64).exp());
+    assert!((number(frame, "mean") - expected).abs() <= 4.0 * number(frame, "mean_se"), "{frame}, {expected:e}");
+}
