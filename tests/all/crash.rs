@@ -2,20 +2,31 @@
 
 use std::fs;
 use std::io::{Read, Seek, SeekFrom, Write};
+use std::path::Path;
 use std::time::Duration;
 
 use crate::space::{SMALL, Space, counts};
 
-fn reference() -> String {
+/// A space in which the pipeline has run, and its digests.
+fn finished() -> (Space, String) {
     let space = Space::with(SMALL);
     counts(&space, &[]);
-    space.digests()
+    let digests = space.digests();
+    (space, digests)
+}
+
+/// Lets the owner write to a file of the store, which are read-only against slips of people.
+fn unlock(path: &Path) {
+    let mut permissions = fs::metadata(path).expect("it is there").permissions();
+    #[allow(clippy::permissions_set_readonly_false)]
+    permissions.set_readonly(false);
+    fs::set_permissions(path, permissions).expect("it is ours");
 }
 
 /// Kills the program at moments spread over its run; after each the next run goes on.
 #[test]
 fn killed_runs_lose_nothing() {
-    let reference = reference();
+    let (_, reference) = finished();
     let space = Space::with(SMALL);
     for round in 0..12u64 {
         let mut child = space.start(&["run", "p.yaml"]);
@@ -31,7 +42,7 @@ fn killed_runs_lose_nothing() {
 
 #[test]
 fn two_runs_at_once_share_a_store() {
-    let reference = reference();
+    let (_, reference) = finished();
     let space = Space::with(SMALL);
     let mut children: Vec<_> = (0..3).map(|_| space.start(&["run", "p.yaml"])).collect();
     for child in &mut children {
@@ -46,29 +57,29 @@ fn two_runs_at_once_share_a_store() {
 /// Any file of the store cut short or gone: the next run heals it.
 #[test]
 fn truncated_and_missing_pieces_are_made_again() {
-    let reference = reference();
-    let whole = Space::with(SMALL);
-    counts(&whole, &[]);
+    let (whole, reference) = finished();
     let files = whole.files("outputs/store");
     assert!(files.len() >= 3, "{files:?}");
-    for (index, _) in files.iter().enumerate() {
-        for keep in [0.0, 0.5] {
-            let space = Space::with(SMALL);
-            counts(&space, &[]);
-            let path = space.files("outputs/store")[index].clone();
-            if keep == 0.0 {
+    for file in &files {
+        let inside = file.strip_prefix(whole.path()).expect("below it");
+        for keep in [0, 1, 2] {
+            let space = Space::copy_of(&whole);
+            let path = space.path().join(inside);
+            if keep == 0 {
                 fs::remove_file(&path).expect("it is ours");
             } else {
-                let half = fs::metadata(&path).expect("it is there").len() / 2;
-                let mut permissions = fs::metadata(&path).expect("it is there").permissions();
-                #[allow(clippy::permissions_set_readonly_false)]
-                permissions.set_readonly(false);
-                fs::set_permissions(&path, permissions).expect("it is ours");
-                fs::OpenOptions::new().write(true).open(&path).expect("it is ours").set_len(half).expect("it is ours");
+                unlock(&path);
+                let length = fs::metadata(&path).expect("it is there").len() * keep / 3;
+                fs::OpenOptions::new()
+                    .write(true)
+                    .open(&path)
+                    .expect("it is ours")
+                    .set_len(length)
+                    .expect("it is ours");
             }
             counts(&space, &[]);
-            assert_eq!(space.digests(), reference, "{}", path.display());
-            assert_eq!(counts(&space, &[]).1, 0, "{}", path.display());
+            assert_eq!(space.digests(), reference, "{} cut to {keep}/3", inside.display());
+            assert_eq!(counts(&space, &[]).1, 0, "{} cut to {keep}/3", inside.display());
         }
     }
 }
@@ -76,22 +87,12 @@ fn truncated_and_missing_pieces_are_made_again() {
 /// A flipped bit: found by verify, healed by repair and a run, never a wrong result.
 #[test]
 fn flipped_bits_are_found_and_healed() {
-    let reference = reference();
-    let whole = Space::with(SMALL);
-    counts(&whole, &[]);
-    let count = whole.files("outputs/store").len();
-    for index in 0..count {
-        let space = Space::with(SMALL);
-        counts(&space, &[]);
-        let path = space.files("outputs/store")[index].clone();
+    let (whole, reference) = finished();
+    for file in whole.files("outputs/store") {
+        let space = Space::copy_of(&whole);
+        let path = space.path().join(file.strip_prefix(whole.path()).expect("below it"));
         let length = fs::metadata(&path).expect("it is there").len();
-        if length == 0 {
-            continue;
-        }
-        let mut permissions = fs::metadata(&path).expect("it is there").permissions();
-        #[allow(clippy::permissions_set_readonly_false)]
-        permissions.set_readonly(false);
-        fs::set_permissions(&path, permissions).expect("it is ours");
+        unlock(&path);
         let mut file = fs::OpenOptions::new().read(true).write(true).open(&path).expect("it is ours");
         let mut byte = [0];
         file.seek(SeekFrom::Start(length * 2 / 3)).expect("inside");

@@ -109,10 +109,11 @@ fn stages_touch_the_world_only_through_ctx() {
     }
 }
 
-/// The engine names no physics: whatever it knows of a stage it knows from its row.
+/// The engine names no physics: whatever it knows of a stage it knows from its row. (The store knows what describes a
+/// layer, `f_x_per_mm` among it, because the contract does.)
 #[test]
 fn the_engine_names_no_physics() {
-    let words = ["mu_a", "mu_s", "f_x", "phase_rad", "reflectance", "albedo"];
+    let words = ["mu_a", "mu_s", "m_ac", "reflectance", "radiance", "albedo", "scatter"];
     for file in ["key.rs", "resolve.rs", "explain.rs", "plan", "run", "store"] {
         let path = root().join("src").join(file);
         let files = if path.is_dir() { sources(&path) } else { vec![path] };

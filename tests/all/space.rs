@@ -63,6 +63,14 @@ impl Space {
         space
     }
 
+    /// A space with everything that `other` holds.
+    pub fn copy_of(other: &Self) -> Self {
+        let space = Self::new();
+        let done = Command::new("cp").arg("-a").arg(format!("{}/.", other.path().display())).arg(space.path()).status();
+        assert!(done.expect("cp is there").success());
+        space
+    }
+
     pub fn path(&self) -> &Path {
         self.folder.path()
     }
@@ -96,7 +104,7 @@ impl Space {
         self.turbid(&["cache", "digests"]).ok()
     }
 
-    /// All files below a folder of the space, sorted.
+    /// All files below a folder of the space that hold something, sorted.
     pub fn files(&self, below: &str) -> Vec<PathBuf> {
         let mut found = Vec::new();
         let mut open = vec![self.path().join(below)];
@@ -105,7 +113,7 @@ impl Space {
                 let kind = entry.file_type().expect("the entry was listed");
                 if kind.is_dir() {
                     open.push(entry.path());
-                } else if kind.is_file() {
+                } else if kind.is_file() && entry.metadata().is_ok_and(|m| m.len() > 0) {
                     found.push(entry.path());
                 }
             }
