@@ -16,14 +16,19 @@ pub struct Cosines {
 
 impl Cosines {
     /// `count` Gauss nodes; for n > 1 half of them on either side of the critical angle, those inside the escape cone
-    /// crowded towards it, where Fresnel's transmittance has a square root.
-    pub fn new(n: f64, count: usize) -> Self {
+    /// crowded towards it, where Fresnel's transmittance has a square root. `fine`: crowded towards grazing too, for
+    /// patterns finer than a mean free path.
+    pub fn new(n: f64, count: usize, fine: bool) -> Self {
+        let below = |end: f64, count: usize| {
+            let rule = gauss_legendre_on(0.0, 1.0, count).into_iter();
+            rule.map(move |(t, w)| if fine { (end * t * t, 2.0 * end * t * w) } else { (end * t, end * w) })
+        };
         let mut nodes: Vec<(f64, f64)> = Vec::with_capacity(count);
         if n == 1.0 {
-            nodes = gauss_legendre_on(0.0, 1.0, count);
+            nodes.extend(below(1.0, count));
         } else {
             let critical = fresnel::critical_cos(n);
-            nodes.extend(gauss_legendre_on(0.0, critical, count / 2));
+            nodes.extend(below(critical, count / 2));
             // mu - critical = t^2 (1 - critical): the cosine outside, and so Fresnel's formulas, are analytic in t.
             nodes.extend(
                 gauss_legendre_on(0.0, 1.0, count.div_ceil(2))
@@ -48,11 +53,38 @@ pub struct Azimuths {
 }
 
 impl Azimuths {
-    pub fn new(modes: usize, count: usize) -> Self {
-        let phi: Vec<f64> = (0..count).map(|p| (p as f64 + 0.5) * FRAC_PI_2 / count as f64).collect();
-        let mode = (0..modes).map(|m| phi.iter().map(|&phi| phased_mode(m, phi)).collect()).collect();
-        Self { cos: phi.iter().map(|&phi| libm::cos(phi)).collect(), weight: vec![1.0 / count as f64; count], mode }
+    /// How many azimuths the modes and the factor 1 / (1 + i kappa cos phi) need: midpoints converge as
+    /// (kappa / (1 + sqrt(1 + kappa^2)))^(4 count); for large kappa nodes crowd where cos phi = 0.
+    pub fn needed(modes: usize, kappa: f64) -> usize {
+        let r = kappa / (1.0 + (1.0 + kappa * kappa).sqrt());
+        let evenly = (libm::log(1e-8) / (4.0 * libm::log(r))).ceil();
+        (modes / 2 + 1).max(if evenly <= EVENLY { evenly as usize } else { crowded(kappa) + modes / 2 })
     }
+
+    pub fn new(modes: usize, count: usize, kappa: f64) -> Self {
+        let nodes: Vec<(f64, f64)> = if count <= EVENLY as usize && count < crowded(kappa) {
+            (0..count).map(|p| ((p as f64 + 0.5) * FRAC_PI_2 / count as f64, 1.0 / count as f64)).collect()
+        } else {
+            // pi/2 - phi = sinh(t) / kappa: the pole at cos phi = i / kappa keeps its distance in t.
+            gauss_legendre_on(0.0, libm::asinh(FRAC_PI_2 * kappa), count)
+                .into_iter()
+                .map(|(t, weight)| (FRAC_PI_2 - libm::sinh(t) / kappa, weight * libm::cosh(t) / (kappa * FRAC_PI_2)))
+                .collect()
+        };
+        let mode = (0..modes).map(|m| nodes.iter().map(|&(phi, _)| phased_mode(m, phi)).collect()).collect();
+        Self {
+            cos: nodes.iter().map(|&(phi, _)| libm::cos(phi)).collect(),
+            weight: nodes.iter().map(|&(_, weight)| weight).collect(),
+            mode,
+        }
+    }
+}
+
+/// The most azimuths spaced evenly.
+const EVENLY: f64 = 24.0;
+
+fn crowded(kappa: f64) -> usize {
+    (14.0 + 3.0 * libm::log(1.0 + kappa)) as usize
 }
 
 fn phased_mode(m: usize, phi: f64) -> f64 {
@@ -95,7 +127,7 @@ mod tests {
     /// Orthonormal under the quadrature, both parities, up to its degree; 1e-13 is rounding of some 30 terms.
     #[test]
     fn legendre_functions_are_orthonormal() {
-        let cosines = Cosines::new(1.0, 24);
+        let cosines = Cosines::new(1.0, 24, false);
         for m in [0, 1, 5] {
             let p = legendre(20, m, &cosines.mu);
             for a in 0..p.len() {
@@ -111,10 +143,10 @@ mod tests {
     #[test]
     fn weights_fill_the_sphere() {
         for n in [1.0, 1.0 + 1e-12, 1.4, 3.0] {
-            let total: f64 = Cosines::new(n, 20).weight.iter().sum();
+            let total: f64 = Cosines::new(n, 20, n > 1.2).weight.iter().sum();
             assert!((total - 1.0).abs() < 1e-12, "n = {n}: {total}");
         }
-        let azimuths = Azimuths::new(9, 9);
+        let azimuths = Azimuths::new(9, 9, 0.5);
         for a in 0..9 {
             for b in (a % 2..9).step_by(2) {
                 let mean: f64 = (0..9).map(|p| azimuths.weight[p] * azimuths.mode[a][p] * azimuths.mode[b][p]).sum();

@@ -1,11 +1,13 @@
 //! GMRES: a linear system known only through what its matrix does to a vector.
 
-/// Solves `x - apply(x) = b`; `None` with the residual reached if `max_steps` do not suffice.
+/// Solves `x - apply(x) = b`; `Err` with the relative residual reached if `max_steps` do not suffice.
 ///
-/// Modified Gram-Schmidt, no restart: memory is `max_steps` vectors, and convergence is monotone.
+/// `precondition` turns a vector into an approximate solution for it, in place (applied from the right: the residual
+/// is the true one). Modified Gram-Schmidt, no restart: memory is one vector per step, convergence is monotone.
 pub fn solve_fixed_point(
     b: &[f64],
     mut apply: impl FnMut(&[f64], &mut [f64]),
+    precondition: impl Fn(&mut [f64]),
     tolerance: f64,
     max_steps: usize,
 ) -> Result<Vec<f64>, f64> {
@@ -21,8 +23,10 @@ pub fn solve_fixed_point(
     let mut right = vec![norm];
     for step in 0..max_steps {
         let mut next = vec![0.0; n];
-        apply(&basis[step], &mut next);
-        next.iter_mut().zip(&basis[step]).for_each(|(y, x)| *y = x - *y);
+        let mut guess = basis[step].clone();
+        precondition(&mut guess);
+        apply(&guess, &mut next);
+        next.iter_mut().zip(&guess).for_each(|(y, x)| *y = x - *y);
         let mut column = Vec::with_capacity(step + 2);
         for v in &basis {
             let h = dot(v, &next);
@@ -42,7 +46,9 @@ pub fn solve_fixed_point(
         right[step] = c * last;
         right.push(-s * last);
         if right[step + 1].abs() <= tolerance * norm || length <= 1e-15 * radius {
-            return Ok(combine(&basis, &columns, &right));
+            let mut x = combine(&basis, &columns, &right);
+            precondition(&mut x);
+            return Ok(x);
         }
         basis.push(next.iter().map(|x| x / length).collect());
     }
@@ -102,9 +108,9 @@ mod tests {
         let mut ax = vec![0.0; n];
         apply(&wanted, &mut ax);
         let b: Vec<f64> = wanted.iter().zip(&ax).map(|(x, y)| x - y).collect();
-        let x = solve_fixed_point(&b, apply, 1e-13, 60).unwrap();
+        let x = solve_fixed_point(&b, apply, |x| x.iter_mut().for_each(|x| *x *= 1.3), 1e-13, 60).unwrap();
         assert!(x.iter().zip(&wanted).all(|(x, w)| (x - w).abs() < 1e-9), "{x:?}");
-        assert!(solve_fixed_point(&b, apply, 1e-13, 2).unwrap_err() > 1e-13);
-        assert_eq!(solve_fixed_point(&[0.0; 3], |_, y| y.fill(1.0), 1e-9, 5), Ok(vec![0.0; 3]));
+        assert!(solve_fixed_point(&b, apply, |_| {}, 1e-13, 2).unwrap_err() > 1e-13);
+        assert_eq!(solve_fixed_point(&[0.0; 3], |_, y| y.fill(1.0), |_| {}, 1e-9, 5), Ok(vec![0.0; 3]));
     }
 }

@@ -4,6 +4,7 @@
 //! (slab), rays in quadrature directions with Fresnel's surfaces, sources as delta-M moments, GMRES over the orders
 //! of scattering, the last collision towards the camera with the exact phase function.
 
+mod acceleration;
 mod angles;
 mod depth;
 mod gmres;
@@ -15,11 +16,12 @@ pub use orders::Orders;
 
 use std::f64::consts::{PI, TAU};
 
+use acceleration::Acceleration;
 use angles::{Azimuths, Cosines};
 use depth::{Depth, Rays, Sweeper};
 use transport::Transport;
 
-use crate::diffusion::check_f_x;
+use crate::diffusion::{a_robin, check_f_x};
 use crate::fresnel::normal_reflectance;
 use crate::{Error, Medium, Reflectance};
 
@@ -52,23 +54,61 @@ pub fn respond(medium: &Medium, thickness: Option<f64>, f_x_per_mm: f64) -> Resu
     if medium.mu_s_prime == 0.0 {
         return Ok(clear(medium, thickness));
     }
-    if thickness.is_none() && f_x_per_mm == 0.0 && medium.mu_a < NEARLY_CONSERVATIVE * medium.mu_s_prime {
-        return nearly_conservative(medium);
+    if thickness.is_none() {
+        // To first order in its depth, light that is spread by a coarse pattern is as good as absorbed:
+        // mu_eff^2 = 3 mu_a mu_s' + (2 pi f_x)^2.
+        let q = TAU * (f_x_per_mm / medium.mu_s_prime);
+        let loss = medium.mu_a / medium.mu_s_prime + q * q / 3.0;
+        if loss < NEARLY_CONSERVATIVE {
+            return nearly_conservative(medium, loss);
+        }
+    }
+    if let Some(d) = thickness
+        && medium.mu_t() * d < THIN
+    {
+        return thin(medium, d, f_x_per_mm);
     }
     let optical = Optical::new(medium, thickness, f_x_per_mm, Orders::degree(medium.g, medium.n));
     let orders = Orders::new(medium.g, medium.n, optical.kappa);
     solve(&optical, &orders)
 }
 
-/// Below this mu_a / mu_s' a uniformly lit half-space is extrapolated: its light goes deeper than 1e4 / mu_s'.
+/// Below this optical thickness a slab's response is linear in it to double precision.
+const THIN: f64 = 1e-9;
+
+/// A slab so thin that its cells would underflow: the straight line from no slab to one of optical thickness [`THIN`].
+fn thin(medium: &Medium, thickness: f64, f_x_per_mm: f64) -> Result<Response, Error> {
+    let share = medium.mu_t() * thickness / THIN;
+    // The same slab of 1 mm, so that a medium of 1e-300 mm^-1 has a solvable twin.
+    let dense = THIN / medium.mu_t();
+    let twin = Medium { mu_a: medium.mu_a * dense, mu_s_prime: medium.mu_s_prime * dense, ..*medium };
+    let end =
+        respond_with(&twin, Some(1.0), f_x_per_mm * thickness / share, |kappa| Orders::new(medium.g, medium.n, kappa))?;
+    let start = clear(&Medium { mu_a: 0.0, ..*medium }, Some(thickness));
+    let between = |a: f64, b: f64| a + share * (b - a);
+    let (a, b) = (start.reflectance, end.reflectance);
+    Ok(Response {
+        reflectance: Reflectance {
+            camera: between(a.camera, b.camera),
+            hemispherical_incident: between(a.hemispherical_incident, b.hemispherical_incident),
+            hemispherical_entered: between(a.hemispherical_entered, b.hemispherical_entered),
+        },
+        transmittance: between(start.transmittance, end.transmittance),
+    })
+}
+
+/// Beyond this kappa the pattern is finer than the mean free path and the source has a boundary layer.
+const FINE: f64 = 2.0;
+
+/// Below this loss, mu_eff^2 / (3 mu_s'^2), a half-space is extrapolated: its light goes deeper than 1e4 / mu_s'.
 const NEARLY_CONSERVATIVE: f64 = 1e-9;
 
-/// A half-space with next to no absorption under uniform light.
+/// A half-space that loses next to nothing to absorption and to the pattern.
 ///
-/// Its response is analytic in x = sqrt(mu_a / mu_s'): a parabola through three solvable x, x^3 being below 1e-11.
-/// Without absorption all that entered comes back.
-fn nearly_conservative(medium: &Medium) -> Result<Response, Error> {
-    let x = (medium.mu_a / medium.mu_s_prime).sqrt();
+/// Its response is analytic in x = sqrt(loss): a parabola through three solvable x, x^3 being below 1e-11. Without
+/// any loss all that entered comes back.
+fn nearly_conservative(medium: &Medium, loss: f64) -> Result<Response, Error> {
+    let x = loss.sqrt();
     let nodes = [1.0, 2.0, 3.0].map(|factor| factor * NEARLY_CONSERVATIVE.sqrt());
     let (mut camera, mut entered) = (0.0, 0.0);
     for (i, node) in nodes.iter().enumerate() {
@@ -78,7 +118,7 @@ fn nearly_conservative(medium: &Medium) -> Result<Response, Error> {
         camera += weight * at_node.camera;
         entered += weight * at_node.hemispherical_entered;
     }
-    if medium.mu_a == 0.0 {
+    if loss == 0.0 {
         entered = 1.0;
     }
     let hemispherical_incident = (1.0 - normal_reflectance(medium.n)) * entered;
@@ -91,7 +131,7 @@ pub fn respond_with(
     medium: &Medium,
     thickness: Option<f64>,
     f_x_per_mm: f64,
-    orders: impl Fn(f64) -> Orders,
+    mut orders: impl FnMut(f64) -> Orders,
 ) -> Result<Response, Error> {
     medium.check()?;
     let optical = Optical::new(medium, thickness, f_x_per_mm, orders(0.0).degree);
@@ -136,7 +176,9 @@ impl Optical {
             albedo: scaled_albedo,
             beta,
             excess,
-            kappa: TAU * f_x / per_mm,
+            // A yet finer pattern changes no convention by more than 1e-9: what the camera sees is at its limit, the
+            // rest fades as 1 / kappa.
+            kappa: (TAU * f_x / per_mm).min(1e10),
             thickness: thickness.map(|d| d * per_mm),
             n,
         }
@@ -161,8 +203,8 @@ impl Optical {
 
 fn solve(optical: &Optical, orders: &Orders) -> Result<Response, Error> {
     let (depth, slab) = optical.depth();
-    let cosines = Cosines::new(optical.n, orders.cosines);
-    let azimuths = Azimuths::new(orders.modes, orders.azimuths);
+    let cosines = Cosines::new(optical.n, orders.cosines, optical.kappa > FINE);
+    let azimuths = Azimuths::new(orders.modes, orders.azimuths, optical.kappa);
     let transport = Transport::new(&cosines, &azimuths, &depth, slab, orders.degree, optical.kappa);
 
     let r = normal_reflectance(optical.n);
@@ -176,12 +218,15 @@ fn solve(optical: &Optical, orders: &Orders) -> Result<Response, Error> {
     let mut first = vec![0.0; once.len()];
     transport.apply(&once, &mut first);
     let mut source = vec![0.0; once.len()];
+    let g = optical.beta.get(1).copied().unwrap_or(0.0);
+    let acceleration = Acceleration::new(&depth, optical.albedo, g, optical.kappa, a_robin(optical.n));
     let flux = gmres::solve_fixed_point(
         &first,
         |x, y| {
             source.iter_mut().zip(x).zip(&scatter).for_each(|((s, x), c)| *s = c * x);
             transport.apply(&source, y);
         },
+        |x| acceleration.apply(x, |z| transport.fluence(z)),
         orders.tolerance,
         400,
     )

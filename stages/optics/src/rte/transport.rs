@@ -1,7 +1,7 @@
 //! The transport operator: from sources, as moments over angle and depth, to the fluxes that they cause.
 
 use super::angles::{Azimuths, Cosines, legendre};
-use super::depth::{Depth, Rays, Sweeper, axpy};
+use super::depth::{Depth, Rays, Sweeper, accumulate, axpy};
 
 /// Moments of one azimuthal mode and one mirror parity (of l - m).
 struct Block {
@@ -121,6 +121,12 @@ impl<'a> Transport<'a> {
         out
     }
 
+    /// Place of the fluence (l = m = 0) at depth coefficient `z` in a moment vector.
+    pub fn fluence(&self, z: usize) -> usize {
+        // The first block is m = 0, even, and l = 0 its first degree.
+        z * self.blocks[0].degrees.len()
+    }
+
     /// Downward and upward value along the normal of the moment vector `y`, over depth (psi or source at mu = +-1).
     pub fn along_normal(&self, y: &[f64]) -> [Vec<f64>; 2] {
         let mut parts = [vec![0.0; self.depth.len()], vec![0.0; self.depth.len()]];
@@ -169,9 +175,7 @@ impl<'a> Transport<'a> {
             for z in 0..depths {
                 by_mu.fill(0.0);
                 let row = &source[block.offset + z * width..][..width];
-                for (a, &y) in row.iter().enumerate() {
-                    axpy(y, &block.emit[a * n..(a + 1) * n], &mut by_mu);
-                }
+                accumulate(row, &block.emit, &mut by_mu);
                 for (p, &mode) in self.azimuths.mode[block.m].iter().enumerate() {
                     let at = z * rays + p * n..z * rays + (p + 1) * n;
                     axpy(mode, &by_mu, &mut down[at.clone()]);
@@ -241,9 +245,7 @@ impl<'a> Transport<'a> {
                     axpy(if block.odd { -mode * weight } else { mode * weight }, &up[at], &mut by_mu);
                 }
                 let row = &mut flux[block.offset + z * width..][..width];
-                for (i, &psi) in by_mu.iter().enumerate() {
-                    axpy(psi, &block.collect[i * width..(i + 1) * width], row);
-                }
+                accumulate(&by_mu, &block.collect, row);
             }
         }
     }

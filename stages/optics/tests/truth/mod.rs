@@ -7,7 +7,6 @@ use turbid_optics::Medium;
 pub enum Quantity {
     HemisphericalIncident,
     Camera,
-    #[allow(dead_code, reason = "half-spaces transmit nothing")]
     Transmittance,
 }
 
@@ -51,7 +50,6 @@ pub fn half_spaces() -> Vec<Truth> {
 }
 
 /// Half-spaces and slabs of extreme albedo, thickness and anisotropy, f_x = 0; pure absorbers left out.
-#[allow(dead_code, reason = "each test binary uses its own tables")]
 pub fn extremes() -> Vec<Truth> {
     let mut truths = Vec::new();
     for row in rows(include_str!("../reference/slab_extreme.csv")) {
@@ -70,7 +68,6 @@ pub fn extremes() -> Vec<Truth> {
 }
 
 /// Slabs and half-spaces without slides by adding-doubling, f_x = 0; the specular part taken off.
-#[allow(dead_code, reason = "each test binary uses its own tables")]
 pub fn adding_doubling() -> Vec<Truth> {
     rows(include_str!("../reference/adding_doubling.csv"))
         .flat_map(|r| {
