@@ -7,6 +7,7 @@ pub mod digest;
 pub mod explain;
 pub mod export;
 pub mod key;
+pub mod memo;
 pub mod plan;
 pub mod preview;
 pub mod registry;

@@ -126,6 +126,30 @@ impl<'a> Resolver<'a> {
         survey
     }
 
+    /// The survey of a plan whose every instance is known to be up to date.
+    pub fn up_to_date(&self, records: Vec<Arc<InstanceRecord>>) -> Survey {
+        let n = self.plan.instances.len();
+        let mut survey = Survey {
+            states: (0..n).map(|_| None).collect(),
+            outputs: vec![None; n],
+            plans: HashMap::new(),
+            problems: Vec::new(),
+        };
+        for (id, record) in self.plan.needed_instances().zip(records) {
+            survey.states[id] = Some(State::Hit(record));
+        }
+        survey
+    }
+
+    /// The input files that were read, with what they held.
+    pub fn files_read(&self) -> Vec<(PathBuf, Digest)> {
+        let files = self.files.lock().expect("no holder panics");
+        let mut read: Vec<(PathBuf, Digest)> =
+            files.iter().filter_map(|(path, content)| Some((path.clone(), content.as_ref().ok()?.0))).collect();
+        read.sort();
+        read
+    }
+
     /// The state of one instance, given the outputs of those before it.
     pub fn state(
         &self,

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use clap::Args;
 use serde_json::json;
 
+use crate::memo;
 use crate::plan::Plan;
 use crate::registry::Registry;
 use crate::resolve::{Resolver, State};
@@ -44,7 +45,13 @@ impl Run {
         let outputs = self.pipeline.outputs.path();
         let store = Store::open(outputs).map_err(|e| Failure::Input(e.to_string()))?;
         let resolver = Resolver::new(&plan, &store);
-        let survey = resolver.survey(&force);
+        let memos = outputs.join("store").join("memos");
+        let remembered = if force.is_empty() { memo::recall(&plan, &store, &memos) } else { None };
+        let recalled = remembered.is_some();
+        let survey = match remembered {
+            Some(records) => resolver.up_to_date(records),
+            None => resolver.survey(&force),
+        };
         let report = report_of(&plan, &survey);
         if report.has_errors() {
             return Err(report.into());
@@ -69,6 +76,11 @@ impl Run {
             note_up_to_date(outputs, &plan, &summary);
             summary
         };
+        if !recalled
+            && let Some(records) = plan.needed_instances().map(|id| summary.record(id)).collect::<Option<Vec<_>>>()
+        {
+            memo::keep(&plan, &records, &resolver.files_read(), &memos);
+        }
         let folder = latest::publish(&plan, &store, &summary, outputs);
         let seconds = began.elapsed().as_secs_f64();
         if self.json {

@@ -27,20 +27,51 @@ pub fn choose(json: bool) -> Box<dyn Progress> {
     } else if std::io::stderr().is_terminal() {
         Box::new(Terminal::default())
     } else {
-        Box::new(Lines)
+        Box::new(Lines::default())
     }
 }
 
-/// One line per event on stderr.
-pub struct Lines;
+/// One line per event on stderr; of many instances of a stage only now and then one.
+#[derive(Default)]
+pub struct Lines {
+    crowds: Mutex<HashMap<String, Crowd>>,
+}
+
+/// What has been said of the instances of one stage.
+#[derive(Default)]
+struct Crowd {
+    done: usize,
+    said: usize,
+    last: Option<Instant>,
+}
+
+/// After so many lines of one stage, one in [`PAUSE`] is enough.
+const FEW: usize = 16;
+const PAUSE: Duration = Duration::from_secs(2);
+
+impl Lines {
+    fn crowd(&self, label: &str, done: bool, line: impl FnOnce(usize) -> String) {
+        let stage = label.split('[').next().unwrap_or(label);
+        let mut crowds = self.crowds.lock().expect("no holder panics");
+        let crowd = crowds.entry(stage.to_owned()).or_default();
+        crowd.done += usize::from(done);
+        if crowd.said < FEW || crowd.last.is_some_and(|last| last.elapsed() > PAUSE) {
+            (crowd.said, crowd.last) = (crowd.said + 1, Some(Instant::now()));
+            say(&line(crowd.done));
+        }
+    }
+}
 
 impl Progress for Lines {
     fn started(&self, label: &str, reasons: &[String]) {
-        say(&format!("run   {label}: {}", reasons.join("; ")));
+        self.crowd(label, false, |_| format!("run   {label}: {}", reasons.join("; ")));
     }
     fn advanced(&self, _: &str, _: f64, _: Option<f64>, _: &str) {}
     fn ran(&self, label: &str, record: &InstanceRecord) {
-        say(&format!("done  {label} in {:.2} s", record.cost.wall_s));
+        self.crowd(label, true, |done| {
+            let of_many = if done > FEW { format!(" ({done} done)") } else { String::new() };
+            format!("done  {label} in {:.2} s{of_many}", record.cost.wall_s)
+        });
     }
     fn found(&self, label: &str) {
         say(&format!("found {label}: another run made it"));

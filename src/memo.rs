@@ -1,0 +1,128 @@
+//! The short way of a run that has nothing to do: which records an unchanged pipeline led to last time.
+//!
+//! Only a cache of keys, never of results: the records are looked up and their blobs checked as always. Whatever keys
+//! depend on (text, axes, overrides, stages and their VERSIONs, input files, this very program) is compared, and so are
+//! the digests of all outputs, because the keys further down were made from them.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::UNIX_EPOCH;
+
+use crate::digest::{Digest, PartHasher};
+use crate::key::axes_text;
+use crate::plan::Plan;
+use crate::store::{InstanceRecord, Store};
+
+const FORMAT: &str = "turbid memo 1";
+/// Kept for so many pipelines (or overrides of them); the oldest go.
+const KEPT: usize = 64;
+
+/// Identifies a plan by everything that its keys depend on but the content of input files.
+pub fn identity(plan: &Plan) -> Digest {
+    let mut parts = PartHasher::new(FORMAT);
+    parts.add("program", program().as_bytes());
+    for source in &plan.spec.sources {
+        parts.add(&source.name, source.text.as_bytes());
+    }
+    for given in &plan.spec.overrides {
+        parts.add("set", given.as_bytes());
+    }
+    for &stage in &plan.needed {
+        let row = plan.row(stage);
+        parts.add(row.name, &row.version.to_le_bytes());
+        for port in plan.wanted(stage) {
+            parts.add("wanted", port.as_bytes());
+        }
+    }
+    for id in plan.needed_instances() {
+        parts.add("axes", axes_text(&plan.instances[id].axes).as_bytes());
+    }
+    parts.finish()
+}
+
+/// A program that was built anew may make other keys although no VERSION was raised.
+fn program() -> String {
+    let described = std::env::current_exe().and_then(fs::metadata);
+    let written = |m: &fs::Metadata| {
+        m.modified().ok().and_then(|t| t.duration_since(UNIX_EPOCH).ok()).map_or(0, |d| d.as_nanos())
+    };
+    let described = described.map(|m| format!("{} {}", m.len(), written(&m))).unwrap_or_default();
+    format!("{} {described}", env!("CARGO_PKG_VERSION"))
+}
+
+/// The records of all needed instances, if everything is as it was; `None` sends the caller the long way.
+pub fn recall(plan: &Plan, store: &Store, folder: &Path) -> Option<Vec<Arc<InstanceRecord>>> {
+    let bytes = fs::read(folder.join(identity(plan).to_string())).ok()?;
+    let (body, checksum) = bytes.split_at_checked(bytes.len().checked_sub(32)?)?;
+    if Digest::of(body).0 != checksum {
+        return None;
+    }
+    let mut rest = body;
+    let mut take = |n: usize| -> Option<&[u8]> {
+        let (head, tail) = rest.split_at_checked(n)?;
+        rest = tail;
+        Some(head)
+    };
+    let number = |bytes: &[u8]| bytes.try_into().map(u64::from_le_bytes).ok().and_then(|n| usize::try_from(n).ok());
+    for _ in 0..number(take(8)?)? {
+        let length = number(take(8)?)?;
+        let path = PathBuf::from(String::from_utf8(take(length)?.to_vec()).ok()?);
+        let digest = take(32)?;
+        if Digest::of(&fs::read(path).ok()?).0 != digest {
+            return None;
+        }
+    }
+    let ids: Vec<_> = plan.needed_instances().collect();
+    if rest.len() != 64 * ids.len() {
+        return None;
+    }
+    let found = ids.iter().zip(rest.chunks_exact(64)).map(|(&id, entry)| {
+        let record = store.record(&Digest(entry[..32].try_into().ok()?))?;
+        let wanted = plan.wanted(plan.instances[id].stage);
+        let whole =
+            outputs_digest(&record).0 == entry[32..] && wanted.iter().all(|port| record.ports.contains_key(*port));
+        whole.then_some(record)
+    });
+    found.collect()
+}
+
+/// Notes the records of a plan that is up to date. Best effort: without it the next run is only slower.
+pub fn keep(plan: &Plan, records: &[&Arc<InstanceRecord>], files: &[(PathBuf, Digest)], folder: &Path) {
+    let mut body = Vec::with_capacity(64 * records.len() + 64);
+    body.extend((files.len() as u64).to_le_bytes());
+    for (path, digest) in files {
+        let Some(path) = path.to_str() else { return };
+        body.extend((path.len() as u64).to_le_bytes());
+        body.extend(path.as_bytes());
+        body.extend(digest.0);
+    }
+    for record in records {
+        body.extend(record.key.0);
+        body.extend(outputs_digest(record).0);
+    }
+    body.extend(Digest::of(&body).0);
+    let _ = write(folder, &identity(plan).to_string(), &body);
+}
+
+fn write(folder: &Path, name: &str, body: &[u8]) -> std::io::Result<()> {
+    fs::create_dir_all(folder)?;
+    let mut file = tempfile::NamedTempFile::new_in(folder)?;
+    std::io::Write::write_all(&mut file, body)?;
+    file.persist(folder.join(name)).map_err(|e| e.error)?;
+    let mut kept: Vec<_> =
+        fs::read_dir(folder)?.flatten().map(|e| (e.metadata().and_then(|m| m.modified()).ok(), e.path())).collect();
+    kept.sort();
+    for (_, path) in kept.iter().rev().skip(KEPT) {
+        fs::remove_file(path)?;
+    }
+    Ok(())
+}
+
+fn outputs_digest(record: &InstanceRecord) -> Digest {
+    let mut parts = PartHasher::new(FORMAT);
+    for (name, port) in &record.ports {
+        parts.add(name, &port.blob.digest.0);
+    }
+    parts.finish()
+}
