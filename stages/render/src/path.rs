@@ -13,7 +13,7 @@ use turbid_optics::philox::{philox4x32, unit, unit_fine};
 
 use crate::camera::Camera;
 use crate::light::{Arrival, Carrier, Light};
-use crate::world::{Piece, Skin, World};
+use crate::world::{Material, Piece, Skin, World};
 
 /// How scatterings look for the light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,6 +27,12 @@ pub enum Nee {
 
 /// Light is looked for with probability min(1, (TAU_SURE / tau)^4) at optical distance tau from it.
 const TAU_SURE: f64 = 3.0;
+
+/// Where mu_a is below this part of mu_s', deep paths end by roulette (elsewhere it does not pay: measured) ...
+const WEAK_ABSORPTION: f64 = 0.01;
+/// ... against the weight (1 + WINDOW mu_eff d)^4 at distance d from the nearest boundary. It must not outrun absorption: light
+/// comes back from there like exp(-mu_eff d), so below WINDOW = 1/2 the weight times its square falls with d.
+const WINDOW: f64 = 0.4;
 
 /// A path of more flights than this is taken for endless: in a closed white cavity light has nowhere to go.
 const MOST_FLIGHTS: u64 = 2_000_000_000;
@@ -69,6 +75,10 @@ pub struct Walker<'a> {
     pieces: Vec<Piece>,
     /// Response to the pattern 1, then (re, im) of the response to each carrier; of the last path.
     response: Vec<f64>,
+    /// What the path stands for, after the roulettes it survived.
+    weight: f64,
+    /// For each material WINDOW mu_eff (mm^-1), 0 where there is no roulette.
+    windows: Vec<f64>,
     flights: u64,
     endless: bool,
 }
@@ -89,6 +99,8 @@ struct Place {
     skin: Option<Skin>,
     /// No boundary is nearer than this.
     clear: f64,
+    /// Distance of the nearest boundary, where it has just been asked for.
+    deep: Option<f64>,
     /// Optical depth of absorption that is left until the path ends.
     life: f64,
 }
@@ -119,7 +131,14 @@ struct Sight {
 impl<'a> Walker<'a> {
     pub fn new(setting: Setting<'a>) -> Self {
         let response = vec![0.0; 1 + 2 * setting.carriers.len()];
-        Self { setting, spans: Vec::new(), pieces: Vec::new(), response, flights: 0, endless: false }
+        let window = |m: &Material| {
+            let reduced = m.mu_s * (1.0 - m.g);
+            let weak = setting.nee == Nee::Line && m.mu_a < WEAK_ABSORPTION * reduced;
+            if weak { WINDOW * (3.0 * m.mu_a * (m.mu_a + reduced)).sqrt() } else { 0.0 }
+        };
+        let windows = setting.world.materials.iter().map(window).collect();
+        let (spans, pieces) = (Vec::new(), Vec::new());
+        Self { setting, spans, pieces, response, weight: 1.0, windows, flights: 0, endless: false }
     }
 
     /// Whether a path had to be cut because it would not end.
@@ -136,13 +155,14 @@ impl<'a> Walker<'a> {
     /// carrier. The same numbers whenever and wherever it is called.
     pub fn path(&mut self, pixel: usize, sample: u32) -> &[f64] {
         self.response.fill(0.0);
+        self.weight = 1.0;
         let s = self.setting;
         let stream = Stream { key: s.key, pixel: pixel as u32, sample, channel: s.channel };
         let [jx, jy, ja, jb] = stream.block(0);
         let w = s.camera.ray(pixel, unit(jx), unit(jy));
         // Absorption at a rate mu_a along the way ends the path: drawn once, exact for any albedo and any sequence of media.
         let life = -ln(unit_fine(ja, jb));
-        let mut at = Place { r: s.camera.view.position, w, material: 0, skin: None, clear: 0.0, life };
+        let mut at = Place { r: s.camera.view.position, w, material: 0, skin: None, clear: 0.0, deep: None, life };
         // Whether the flight that comes next has been scored ahead, up to its first boundary or wholly.
         let (mut ahead, mut wholly) = (false, false);
         if s.nee == Nee::Line {
@@ -178,6 +198,11 @@ impl<'a> Walker<'a> {
                         self.look_from_collision(&mut at, roulette);
                     }
                     wholly = false;
+                    if let Some(distance) = at.deep.take()
+                        && self.ends_deep(at.material, distance, || stream.block((1 << 46) | number))
+                    {
+                        break;
+                    }
                     let next = hg::sample(s.world.materials[at.material].g, at.w, unit(b), unit(c));
                     if s.nee == Nee::Line {
                         self.look_ahead(&mut at, next, roulette, || stream.block(number - 1));
@@ -190,6 +215,19 @@ impl<'a> Walker<'a> {
         &self.response
     }
 
+    /// Roulette of deep paths where absorption is weak.
+    #[inline]
+    fn ends_deep(&mut self, material: usize, distance: f64, random: impl FnOnce() -> [u32; 4]) -> bool {
+        let x = 1.0 + self.windows[material] * distance;
+        let window = x * x * x * x;
+        if self.weight >= 0.5 * window {
+            return false;
+        }
+        let survives = unit(random()[0]) * window < self.weight;
+        self.weight = window;
+        !survives
+    }
+
     /// One free flight through whatever is in the way, over `tau` scattering mean free paths.
     #[inline]
     fn fly(&mut self, at: &mut Place, tau: f64) -> End {
@@ -200,6 +238,7 @@ impl<'a> Walker<'a> {
             let s = tau / here.mu_s;
             if s >= at.clear {
                 at.clear = world.clearance(at.r);
+                at.deep = Some(at.clear);
             }
             if s < at.clear {
                 at.life -= here.mu_a * s;
@@ -283,6 +322,7 @@ impl<'a> Walker<'a> {
     }
 
     fn deposit(&mut self, radiance: f64, arrival: &Arrival) {
+        let radiance = self.weight * radiance;
         self.response[0] += radiance;
         for (carrier, re_im) in self.setting.carriers.iter().zip(self.response[1..].chunks_exact_mut(2)) {
             let (sin, cos) = carrier.at(arrival.on_plane);
@@ -359,6 +399,7 @@ impl<'a> Walker<'a> {
             return;
         }
         at.clear = world.clearance(at.r);
+        at.deep = Some(at.clear);
         if roulette >= chance_to_look(material.mu_t() * at.clear) {
             return;
         }

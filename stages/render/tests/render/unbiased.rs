@@ -14,6 +14,8 @@ const TISSUE: usize = 1;
 const CORE: usize = 2;
 const DYE: usize = 3;
 const WHITE: usize = 4;
+/// Absorbs so weakly that deep paths are roulettes.
+const PALE: usize = 5;
 
 fn world(bodies: Vec<(Solid, usize)>) -> World {
     let medium = |mu_a, mu_s, g| Material { mu_a, mu_s, g, lambertian: None };
@@ -25,6 +27,7 @@ fn world(bodies: Vec<(Solid, usize)>) -> World {
             medium(0.4, 4.0, 0.5),
             medium(0.3, 0.0, 0.0),
             Material { lambertian: Some(0.8), ..Material::VOID },
+            medium(0.002, 5.0, 0.5),
         ],
     }
 }
@@ -49,6 +52,8 @@ fn scenes() -> Vec<(&'static str, World)> {
         ("air gap", world(vec![(slab(0.0, -0.5), TISSUE), (slab(-1.5, -500.0), CORE)])),
         ("hole", world(vec![(ball([0.0, 0.5, -1.0], 0.9), VOID), (slab(0.0, -500.0), TISSUE)])),
         ("thin layer on a white floor", world(vec![(slab(0.0, -0.5), TISSUE), (slab(-0.5, -9.0), WHITE)])),
+        ("pale half-space with a core", world(vec![(ball([0.5, 0.0, -4.0], 3.0), CORE), (slab(0.0, -500.0), PALE)])),
+        ("pale half-space", world(vec![(slab(0.0, -500.0), PALE)])),
         (
             "white block and box corner",
             world(vec![
