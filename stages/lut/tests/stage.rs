@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 use turbid_contract::payload::{Lut, Validity};
-use turbid_contract::{Artifact, Axes, Ctx, Error, InputSource, Known, MemoryHost, Payload, Problems, StageRow};
+use turbid_contract::{Artifact, Axes, Ctx, Error, InputSource, Known, MemoryHost, Payload, Problems, Stage, StageRow};
 use turbid_lut::BuildLut;
 use turbid_optics::{Medium, diffusion, rte};
 
@@ -119,4 +119,16 @@ fn every_mistake_has_its_field() {
     assert!(problems(&json!({"model": "rte", "f_x": [0], "n": 1.4}))[0].contains("missing field `g`"));
     let slab = json!({"model": "diffusion", "f_x": [0], "g": 0.8, "n": 1.4, "thickness": 2});
     assert!(problems(&slab)[0].contains("knows the half-space only"));
+}
+
+/// Guards VERSION: the bits of a small table, the same on every machine. If this changes on purpose, raise VERSION.
+#[test]
+fn bytes_of_version_1() {
+    let params = json!({
+        "model": "rte", "f_x": [0, 0.1], "g": 0.8, "n": 1.4, "mu_a": [0.01, 0.1], "mu_s_prime": [0.5, 2.0]
+    });
+    let (Lut(table), _) = build(&params, &MemoryHost::default());
+    let bits =
+        table.f64s("r_d").unwrap().iter().fold(0u64, |hash, r| (hash ^ r.to_bits()).wrapping_mul(0x0100_0000_01b3));
+    assert_eq!((BuildLut::VERSION, format!("{bits:016x}").as_str()), (1, "7bcccf6f0209e333"));
 }

@@ -35,8 +35,8 @@ pub struct Response {
 
 /// Reflectance of a half-space (`thickness` `None`) or of a slab with the same outside on both sides, `thickness` in mm.
 ///
-/// `f_x_per_mm` >= 0 is the spatial frequency of the incident plane wave. Absolute error below 1e-5 for |g| <= 0.9;
-/// milliseconds. A slab's hemispherical values hold the unscattered light that its far side reflects, `camera` does not
+/// `f_x_per_mm` >= 0 is the spatial frequency of the incident plane wave. Absolute error below 1e-5 for |g| <= 0.9 in
+/// about a millisecond; for |g| up to 0.99 some 1e-5 (the camera's up to 1e-4) in a tenth of a second, beyond slower still. A slab's hemispherical values hold the unscattered light that its far side reflects, `camera` does not
 /// (it is a collimated beam, not a radiance).
 ///
 /// Errors: a property out of range; iterations that do not converge.
@@ -126,14 +126,16 @@ fn nearly_conservative(medium: &Medium, loss: f64) -> Result<Response, Error> {
     Ok(Response { reflectance, transmittance: 0.0 })
 }
 
-/// As [`respond`], with orders of one's own: what `benches/rte.rs` compares.
+/// As [`respond`], with orders of one's own as a function of kappa = 2 pi f_x per optical depth: what
+/// `benches/rte.rs --orders` compares. The degree is that at kappa = 0.
 pub fn respond_with(
     medium: &Medium,
     thickness: Option<f64>,
     f_x_per_mm: f64,
-    mut orders: impl FnMut(f64) -> Orders,
+    orders: impl Fn(f64) -> Orders,
 ) -> Result<Response, Error> {
     medium.check()?;
+    check_f_x(f_x_per_mm)?;
     let optical = Optical::new(medium, thickness, f_x_per_mm, orders(0.0).degree);
     solve(&optical, &orders(optical.kappa))
 }
@@ -204,8 +206,10 @@ impl Optical {
 fn solve(optical: &Optical, orders: &Orders) -> Result<Response, Error> {
     let (depth, slab) = optical.depth();
     let cosines = Cosines::new(optical.n, orders.cosines, optical.kappa > FINE);
-    let azimuths = Azimuths::new(orders.modes, orders.azimuths, optical.kappa);
-    let transport = Transport::new(&cosines, &azimuths, &depth, slab, orders.degree, optical.kappa);
+    let degree = optical.beta.len() - 1;
+    let modes = if optical.kappa == 0.0 { 1 } else { orders.modes.clamp(1, degree + 1) };
+    let azimuths = Azimuths::new(modes, orders.azimuths.max(1), optical.kappa);
+    let transport = Transport::new(&cosines, &azimuths, &depth, slab, degree, optical.kappa);
 
     let r = normal_reflectance(optical.n);
     let beam = Beam::new(&depth, slab, r);
