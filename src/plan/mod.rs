@@ -356,13 +356,15 @@ fn wires(pieces: &[Piece], feeds: &[(&Link, &'static str)], row: &Joined) -> Vec
     by_port.into_values().collect()
 }
 
+/// A mistake with its way out.
+type Hinted = (String, Option<String>);
+
 /// The instances that `where` leaves, without the axes that it fixes.
-#[allow(clippy::type_complexity)]
 fn select(
     instances: &[Instance],
     range: Range<InstanceId>,
     source: &crate::spec::SourceRef,
-) -> Result<Vec<(usize, Axes)>, (String, Option<String>)> {
+) -> Result<Vec<(InstanceId, Axes)>, Hinted> {
     let mut chosen: Vec<(usize, Axes)> = range.map(|id| (id, instances[id].axes.clone())).collect();
     for (name, value) in &source.filter {
         let Some((_, axes)) = chosen.first() else { break };

@@ -29,18 +29,31 @@ pub enum Outcome {
     Interrupted,
 }
 
-#[allow(clippy::too_many_arguments)]
-pub fn execute(
-    resolver: &Resolver<'_>,
-    id: InstanceId,
-    job: &Job,
-    outputs: HashMap<InstanceId, Arc<Outputs>>,
-    forced: bool,
-    alone: bool,
-    pool: &rayon::ThreadPool,
-    progress: &dyn Progress,
-    interrupt: &Interrupt,
-) -> Outcome {
+/// What all instances of a run share.
+#[derive(Clone, Copy)]
+pub struct Worker<'a> {
+    pub resolver: &'a Resolver<'a>,
+    pub pool: &'a rayon::ThreadPool,
+    pub progress: &'a dyn Progress,
+    pub interrupt: &'a Interrupt,
+}
+
+/// One instance that is to run.
+pub struct Task {
+    pub id: InstanceId,
+    pub job: Box<Job>,
+    /// The outputs of its producers.
+    pub outputs: HashMap<InstanceId, Arc<Outputs>>,
+    pub forced: bool,
+    /// Whether nothing else ran when it began.
+    pub alone: bool,
+}
+
+/// Runs an instance to its end; called on a thread of its own.
+pub fn execute(worker: Worker<'_>, task: Task) -> Outcome {
+    let Worker { resolver, progress, interrupt, .. } = worker;
+    let Task { id, job, outputs, forced, alone } = task;
+    let job = job.as_ref();
     let (plan, store) = (resolver.plan, resolver.store);
     let instance = &plan.instances[id];
     let label = plan.label(id);
@@ -65,7 +78,7 @@ pub fn execute(
             Err(message) => return Outcome::Failed(message),
         }
     }
-    let host = InstanceHost::new(resolver, job, &label, wanted, files, pool, progress, interrupt);
+    let host = InstanceHost::new(worker, job, &label, wanted, files);
     let inputs = StoredInputs { plan, store, wires: &instance.wires, outputs, damaged: Mutex::new(None) };
     let started = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
     if alone {

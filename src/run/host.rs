@@ -9,21 +9,18 @@ use cpu_time::ThreadTime;
 use rayon::prelude::*;
 use turbid_contract::Host;
 
-use crate::resolve::{Job, Resolver};
+use crate::resolve::Job;
 
-use super::{Interrupt, Progress};
+use super::execute::Worker;
 
 /// Everything a running instance can reach.
 pub struct InstanceHost<'a> {
-    pub resolver: &'a Resolver<'a>,
-    pub job: &'a Job,
-    pub label: &'a str,
-    pub wanted: &'a BTreeSet<&'static str>,
+    worker: Worker<'a>,
+    job: &'a Job,
+    label: &'a str,
+    wanted: &'a BTreeSet<&'static str>,
     /// Content of the input files, by the field that names them.
-    pub files: BTreeMap<String, Arc<[u8]>>,
-    pub pool: &'a rayon::ThreadPool,
-    pub progress: &'a dyn Progress,
-    pub interrupt: &'a Interrupt,
+    files: BTreeMap<String, Arc<[u8]>>,
     began: Instant,
     /// CPU time spent in tiles, on any thread.
     tile_cpu_ns: AtomicU64,
@@ -33,26 +30,19 @@ pub struct InstanceHost<'a> {
 }
 
 impl<'a> InstanceHost<'a> {
-    #[allow(clippy::too_many_arguments)]
     pub fn new(
-        resolver: &'a Resolver<'a>,
+        worker: Worker<'a>,
         job: &'a Job,
         label: &'a str,
         wanted: &'a BTreeSet<&'static str>,
         files: BTreeMap<String, Arc<[u8]>>,
-        pool: &'a rayon::ThreadPool,
-        progress: &'a dyn Progress,
-        interrupt: &'a Interrupt,
     ) -> Self {
         Self {
-            resolver,
+            worker,
             job,
             label,
             wanted,
             files,
-            pool,
-            progress,
-            interrupt,
             began: Instant::now(),
             tile_cpu_ns: AtomicU64::new(0),
             time_was_up: AtomicBool::new(false),
@@ -89,7 +79,7 @@ impl Host for InstanceHost<'_> {
     }
 
     fn cancelled(&self) -> bool {
-        self.interrupt.requested()
+        self.worker.interrupt.requested()
     }
 
     fn time_is_up(&self, limit_s: f64) -> bool {
@@ -101,7 +91,7 @@ impl Host for InstanceHost<'_> {
     }
 
     fn progress(&self, done: f64, total: Option<f64>, unit: &str) {
-        self.progress.advanced(self.label, done, total, unit);
+        self.worker.progress.advanced(self.label, done, total, unit);
     }
 
     fn measure(&self, name: &str, value: f64, unit: &str) {
@@ -114,7 +104,7 @@ impl Host for InstanceHost<'_> {
     fn warn(&self, message: &str) {
         let mut warnings = self.warnings.lock().expect("no holder panics");
         if !warnings.iter().any(|known| known == message) {
-            self.progress.warn(self.label, message);
+            self.worker.progress.warn(self.label, message);
             warnings.push(message.to_owned());
         }
     }
@@ -129,7 +119,7 @@ impl Host for InstanceHost<'_> {
 
     fn checkpoint(&self, state: &[u8], progress: u64) {
         if let Some(key) = &self.job.state_key
-            && let Err(error) = self.resolver.store.checkpoint(key, progress, state)
+            && let Err(error) = self.worker.resolver.store.checkpoint(key, progress, state)
         {
             self.warn(&format!("a checkpoint could not be kept: {error}"));
         }
@@ -137,11 +127,11 @@ impl Host for InstanceHost<'_> {
 
     fn resume(&self, at_most: u64) -> Option<Vec<u8>> {
         let key = self.job.state_key.as_ref()?;
-        self.resolver.store.resume(key, at_most).map(|(_, state)| state)
+        self.worker.resolver.store.resume(key, at_most).map(|(_, state)| state)
     }
 
     fn tiles(&self, n: usize, work: &(dyn Fn(usize) + Sync)) {
-        self.pool.install(|| {
+        self.worker.pool.install(|| {
             (0..n).into_par_iter().with_max_len(1).for_each(|i| {
                 let began = ThreadTime::now();
                 work(i);
@@ -151,6 +141,6 @@ impl Host for InstanceHost<'_> {
     }
 
     fn threads(&self) -> usize {
-        self.pool.current_num_threads()
+        self.worker.pool.current_num_threads()
     }
 }

@@ -22,8 +22,8 @@ use crate::store::InstanceRecord;
 pub use interrupt::Interrupt;
 pub use progress::Progress;
 
-use execute::Outcome;
 pub use execute::panic_text;
+use execute::{Outcome, Task, Worker};
 
 /// How to run.
 #[derive(Clone, Debug)]
@@ -184,13 +184,17 @@ impl<'a> Schedule<'a> {
                     let Some((job, reasons)) = self.start(id, progress) else { continue };
                     progress.started(&self.plan.label(id), &reasons);
                     self.running.insert(id);
-                    let alone = self.running.len() == 1;
-                    let forced = self.forced.contains(&id);
-                    let outputs = self.inputs_of(id);
-                    let (send, pool, resolver) = (send.clone(), &pool, self.resolver);
+                    let task = Task {
+                        id,
+                        job,
+                        outputs: self.inputs_of(id),
+                        forced: self.forced.contains(&id),
+                        alone: self.running.len() == 1,
+                    };
+                    let worker = Worker { resolver: self.resolver, pool: &pool, progress, interrupt };
+                    let send = send.clone();
                     scope.spawn(move || {
-                        let outcome =
-                            execute::execute(resolver, id, &job, outputs, forced, alone, pool, progress, interrupt);
+                        let outcome = execute::execute(worker, task);
                         // The receiver outlives every worker: it stands outside the scope.
                         let _ = send.send((id, outcome));
                     });

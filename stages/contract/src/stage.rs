@@ -98,6 +98,9 @@ pub struct Prepared {
     pub files: Vec<FileUse>,
 }
 
+/// What a run made: the artifact of each port.
+pub type Made = Vec<(&'static str, Artifact)>;
+
 /// A stage as the engine sees it. `params` is always the JSON value of `with` after substitution.
 #[derive(Clone)]
 pub struct StageRow {
@@ -112,8 +115,7 @@ pub struct StageRow {
     pub prepare: fn(params: &Value) -> Result<Prepared, ParamError>,
     pub check: fn(params: &Value, known: &Known, problems: &mut Problems),
     pub plan: fn(params: &Value, known: &Known) -> StagePlan,
-    #[allow(clippy::type_complexity)]
-    pub run: fn(params: &Value, inputs: &dyn InputSource, ctx: Ctx<'_>) -> Result<Vec<(&'static str, Artifact)>, Error>,
+    pub run: fn(params: &Value, inputs: &dyn InputSource, ctx: Ctx<'_>) -> Result<Made, Error>,
 }
 
 impl StageRow {
