@@ -4,6 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use turbid_contract::payload::Convention;
 use turbid_contract::{Length, Problems, Ratio};
+use turbid_optics::rte;
 
 use crate::nodes::Nodes;
 use crate::table::{self, Recipe};
@@ -59,6 +60,12 @@ impl Params {
         }
         problems.require(self.g.0.abs() < 1.0, "g", self.g.0, "", "lie in (-1, 1)");
         problems.require(self.n.0 >= 1.0 && self.n.0.is_finite(), "n", self.n.0, "", "be a finite number >= 1");
+        if self.model == Model::Rte
+            && self.g.0.abs() < 1.0
+            && let Err(error) = rte::solvable(self.g.0, self.n.0)
+        {
+            problems.push("g", error.to_string());
+        }
         if let Some(Length(d)) = self.thickness {
             problems.require(positive(d), "thickness", d, "mm", "be a finite number > 0");
             if self.model == Model::Diffusion {

@@ -108,6 +108,7 @@ fn every_mistake_has_its_field() {
         ("mu_s_prime", json!([1, 1]), "mu_s_prime.1: mu_s_prime must increase, but 1 follows 1 (mm^-1)"),
         ("mu_s_prime", json!("2 mm"), "mu_s_prime: `2 mm` has the dimension length"),
         ("g", json!(1.0), "g: g = 1 must lie in (-1, 1)"),
+        ("g", json!(0.99999), "g: g = 0.99999 must lie within +-0.999 for the transport solver"),
         ("n", json!(0.9), "n: n = 0.9 must be a finite number >= 1"),
         ("thickness", json!(0), "thickness: thickness = 0 mm must be a finite number > 0"),
         ("convention", json!("lambert"), "convention: unknown variant `lambert`"),

@@ -195,6 +195,13 @@ fn no_medium_gives_nonsense() {
         (Medium { mu_a: -3.0, ..medium }, None, 0.0, "mu_a = -3 mm^-1 must be a finite number >= 0"),
         (Medium { mu_s_prime: f64::NAN, ..medium }, None, 0.0, "mu_s_prime = NaN mm^-1 must be a finite number >= 0"),
         (Medium { g: 1.0, ..medium }, None, 0.0, "g = 1 must lie in (-1, 1)"),
+        (
+            Medium { g: 0.9999, ..medium },
+            None,
+            0.0,
+            "g = 0.9999 must lie within +-0.999 for the transport solver (+-0.99 if negative): a narrower peak takes too \
+             many moments",
+        ),
         (Medium { n: 0.99, ..medium }, None, 0.0, "n = 0.99 must be a finite number >= 1"),
         (medium, Some(0.0), 0.0, "thickness = 0 mm must be a finite number > 0"),
         (medium, None, f64::INFINITY, "f_x = inf mm^-1 must be a finite number >= 0"),

@@ -54,6 +54,7 @@ pub fn respond(medium: &Medium, thickness: Option<f64>, f_x_per_mm: f64) -> Resu
     if medium.mu_s_prime == 0.0 {
         return Ok(clear(medium, thickness));
     }
+    solvable(medium.g, medium.n)?;
     if thickness.is_none() {
         // To first order in its depth, light that is spread by a coarse pattern is as good as absorbed:
         // mu_eff^2 = 3 mu_a mu_s' + (2 pi f_x)^2.
@@ -124,6 +125,13 @@ fn nearly_conservative(medium: &Medium, loss: f64) -> Result<Response, Error> {
     let hemispherical_incident = (1.0 - normal_reflectance(medium.n)) * entered;
     let reflectance = Reflectance { camera, hemispherical_incident, hemispherical_entered: entered };
     Ok(Response { reflectance, transmittance: 0.0 })
+}
+
+/// Error: the phase function's peak is so narrow that its moments are too many to solve for.
+pub fn solvable(g: f64, n: f64) -> Result<(), Error> {
+    let rule =
+        "lie within +-0.999 for the transport solver (+-0.99 if negative): a narrower peak takes too many moments";
+    Error::unless(g.abs() < 1.0 && Orders::degree(g, n) <= 1000, "g", g, "", rule)
 }
 
 /// As [`respond`], with orders of one's own as a function of kappa = 2 pi f_x per optical depth: what
