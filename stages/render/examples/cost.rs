@@ -23,12 +23,24 @@ fn main() {
     println!(
         "medium, estimator: flights/path, ns/flight, M flights/s, rv DC, rv AC, s to 1 % DC, AC (4096 px, 2 cores)"
     );
-    for (name, a_rho, s_rho) in
-        [("M1 (100, 5000)", 100.0, 5000.0), ("M2 (25, 4236)", 25.0, 4236.0), ("M3 (1, 20000)", 1.0, 20000.0)]
-    {
+    let media = [
+        ("M1 (100, 5000)", 100.0, 5000.0),
+        ("M2 (25, 4236)", 25.0, 4236.0),
+        ("M2 with a lesion", 25.0, 4236.0),
+        ("M3 (1, 20000)", 1.0, 20000.0),
+    ];
+    for (name, a_rho, s_rho) in media {
         let medium = Material { mu_a: a_rho / 1000.0, mu_s: s_rho / 1000.0, g: 0.8, lambertian: None };
-        let bodies = vec![Body { solid: Solid::Slab { bottom: -2000.0, top: 0.0 }, material: 1 }];
-        let world = World { bodies, materials: vec![Material::VOID, medium] };
+        let lesion = Material { mu_a: 0.096, mu_s: 3.721, ..medium };
+        let mut bodies = vec![Body { solid: Solid::Slab { bottom: -2000.0, top: 0.0 }, material: 1 }];
+        if name.ends_with("lesion") {
+            // A spheroid cut level with the surface by a void box.
+            let spheroid = Solid::Ellipsoid { center: DVec3::ZERO, radii: DVec3::new(18.0, 18.0, 12.0) };
+            let cut = Solid::Box { low: DVec3::new(-100.0, -100.0, 0.0), high: DVec3::new(100.0, 100.0, 30.0) };
+            bodies.insert(0, Body { solid: spheroid, material: 2 });
+            bodies.insert(0, Body { solid: cut, material: 0 });
+        }
+        let world = World { bodies, materials: vec![Material::VOID, medium, lesion] };
         for nee in [Nee::Point, Nee::Line] {
             let setting = Setting {
                 world: &world,
