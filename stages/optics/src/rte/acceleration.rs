@@ -5,7 +5,7 @@ use super::depth::Depth;
 /// r -> r + y, with y the diffusion answer to the scattering of r's fluence.
 ///
 /// Without it the iteration needs ever more steps as the albedo nears 1 in thick slabs: 400 do not suffice at
-/// 1 - 1e-9 and 1e4 mean free paths, where 30 do with it. It changes the steps, not the answer.
+/// 1 - 1e-9 and 1e4 mean free paths, where it takes 25 (g = .5) to 62 (g = .9). It changes the steps, not the answer.
 pub struct Acceleration {
     n: usize,
     reach: usize,
