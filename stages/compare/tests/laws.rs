@@ -91,7 +91,7 @@ fn a_constant_factor_is_its_own_bias() {
     assert_eq!(cell(table, "all", "mu_a", "n"), (SIDE * (SIDE - 1) - 1) as f64, "background and masked pixels are out");
     assert!((cell(table, "polyp", "mu_a", "masked_percent") - 100.0 / (n + 1.0)).abs() < 1e-9);
     assert!((cell(table, "polyp", "mu_a", "mean_se") / (0.01 * 0.126 / n.sqrt()) - 1.0).abs() < 1e-5);
-    assert!((host.measures.lock().unwrap()["worst_bias"] - 5.0).abs() < 1e-4);
+    assert!((host.measures.lock().unwrap()["error: worst bias"] - 5.0).abs() < 1e-4);
 }
 
 /// What pixels share (a smoothed reference) does not average out in a region either.

@@ -120,7 +120,7 @@ pub fn load_optional<T: Payload>(source: &dyn InputSource, port: &'static str) -
 
 /// Declares the inputs of a stage.
 ///
-/// ```ignore
+/// ```text
 /// in_ports! {
 ///     pub struct In {
 ///         /// Camera frames.
