@@ -17,4 +17,4 @@ mod stage;
 
 pub use model::{Model, ReferenceMedium};
 pub use ratio::{Arm, calibrate};
-pub use stage::{Calibrate, In, Out, Params};
+pub use stage::{Calibrate, In, NoiseBias, Out, Params};

@@ -58,12 +58,14 @@ pub struct Calibrated {
 
 /// R_d = sample / reference x `model`, with `model` the reflectance of the reference at each f_x.
 ///
-/// Errors are known where both arms know theirs; then they hold the noise of both.
+/// Errors are known where both arms know theirs; then they hold the noise of both. `corrects` takes off what the noise of
+/// the reference adds to the mean of the ratio.
 pub fn calibrate(
     sample: &Arm<'_>,
     reference: &Arm<'_>,
     model: &[f64],
     gauss: &Gauss,
+    corrects: bool,
     ctx: Ctx<'_>,
 ) -> Result<Calibrated, Error> {
     let dim = (sample.stack.rows(), sample.stack.columns());
@@ -105,6 +107,11 @@ pub fn calibrate(
         for (o, i) in pixels.enumerate() {
             for (k, r_d) in r_d.iter_mut().enumerate() {
                 *r_d = f64::from(values[k][i]) / references[k].value.pixels[i] * model[k];
+                if let (true, Some(variance)) = (corrects, &references[k].variance) {
+                    // E[1 / M] = (1 + var M / M^2) / E[M] to second order.
+                    let m = references[k].value.pixels[i];
+                    *r_d /= 1.0 + variance.pixels[i] / (m * m);
+                }
             }
             let carried = sample_mask.as_ref().map_or(0.0, |m| m[i]);
             let weak = || good.pixels[i] == 0.0 || references.iter().any(|r| is_weak(r, i));

@@ -11,6 +11,17 @@ use crate::gauss::Gauss;
 use crate::model::{Model, ReferenceMedium};
 use crate::ratio::{Arm, calibrate};
 
+/// What becomes of the part of the mean that dividing by a noisy reference adds, var M / M^2 of the smoothed reference.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum NoiseBias {
+    /// Taken off pixel by pixel; without standard errors nothing changes.
+    #[default]
+    Correct,
+    /// Left in: R_d is the plain ratio.
+    Keep,
+}
+
 /// Params of `calibrate`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -25,6 +36,8 @@ pub struct Params {
     /// Standard deviation in px of the Gaussian that smooths the reference; 0 leaves it alone.
     #[serde(default)]
     pub smooth: f64,
+    #[serde(default)]
+    pub noise_bias: NoiseBias,
 }
 
 /// The widest smoothing that makes sense: beyond it the source profile no longer cancels.
@@ -76,7 +89,7 @@ impl Stage for Calibrate {
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
         let model = |f_x: f64| params.reference.reflectance(params.model, params.convention, f_x);
-        let mut stack = reflectance(&inputs.sample.0, &inputs.reference.0, params.smooth, model, ctx)?;
+        let mut stack = reflectance(&inputs.sample.0, &inputs.reference.0, params, model, ctx)?;
         let facts = [
             ("convention", serde_json::to_value(params.convention)),
             ("model", serde_json::to_value(params.model)),
@@ -100,7 +113,7 @@ struct Quantity {
 fn reflectance(
     sample: &ImageStack,
     reference: &ImageStack,
-    smooth: f64,
+    params: &Params,
     model: impl Fn(f64) -> Result<f64, Error>,
     ctx: Ctx<'_>,
 ) -> Result<ImageStack, Error> {
@@ -117,10 +130,11 @@ fn reflectance(
         let what = format!("the sample has {} wavelengths, the phantom is given for one", wavelengths.len());
         return Err(Error::invalid("reference", what));
     }
-    let gauss = Gauss::new(smooth);
+    let gauss = Gauss::new(params.smooth);
     let mut stack = ImageStack::new(sample.rows(), sample.columns());
     stack.attributes = sample.attributes.clone();
     let (mut values, mut errors, mut covariances, mut masks) = (vec![], vec![], vec![], vec![]);
+    let corrects = params.noise_bias == NoiseBias::Correct;
     for wavelength_nm in wavelengths {
         let quantities = quantities(sample, wavelength_nm);
         let layers: Result<Vec<usize>, Error> =
@@ -128,7 +142,7 @@ fn reflectance(
         let model: Result<Vec<f64>, Error> = quantities.iter().map(|q| model(q.f_x_per_mm)).collect();
         let arm = |stack, layers| Arm { stack, layers, wavelength_nm };
         let sample_arm = arm(sample, quantities.iter().map(|q| q.layer).collect());
-        let calibrated = calibrate(&sample_arm, &arm(reference, layers?), &model?, &gauss, ctx)?;
+        let calibrated = calibrate(&sample_arm, &arm(reference, layers?), &model?, &gauss, corrects, ctx)?;
         if calibrated.se.is_empty() {
             ctx.warn("no standard errors: the sample or the reference does not know its own");
         }

@@ -1,6 +1,6 @@
 //! The stage as the engine calls it: what cancels, what the errors cover, what is refused.
 
-use turbid_calibrate::{Calibrate, In, Model, Out, Params, ReferenceMedium};
+use turbid_calibrate::{Calibrate, In, Model, NoiseBias, Out, Params, ReferenceMedium};
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Convention, MaskReason, Modulation};
 use turbid_contract::{
@@ -13,7 +13,13 @@ const PHANTOM: Medium = Medium { mu_a: 0.02, mu_s_prime: 1.5, g: 0.8, n: 1.4 };
 fn params(smooth: f64) -> Params {
     let Medium { mu_a, mu_s_prime, g, n } = PHANTOM;
     let reference = ReferenceMedium { mu_a: PerLength(mu_a), mu_s_prime: PerLength(mu_s_prime), g, n };
-    Params { reference, model: Model::Diffusion, convention: Convention::HemisphericalEntered, smooth }
+    Params {
+        reference,
+        model: Model::Diffusion,
+        convention: Convention::HemisphericalEntered,
+        smooth,
+        noise_bias: NoiseBias::Correct,
+    }
 }
 
 fn model(f_x: f64) -> Reflectance {
@@ -170,6 +176,26 @@ fn errors_cover_the_noise_of_both_arms() {
             );
         }
         assert!((mean_of(&cov) / (product / n) - 1.0).abs() < 2.0 * limit, "smooth {smooth}");
+    }
+}
+
+/// The mean of the ratio to a reference with 10 % of noise comes back: what is left is of fourth order, 3 x 0.1^4 = 0.03 %, and its
+/// own error, 0.1 / 200 = 0.05 %. Uncorrected it is 0.1^2 = 1 % too high, up to the same order.
+#[test]
+fn a_noisy_reference_does_not_move_the_mean() {
+    let (side, se) = (200, 0.1);
+    for (noise_bias, want) in [(NoiseBias::Correct, 0.0), (NoiseBias::Keep, se * se)] {
+        let mut next = noise(4);
+        let flat = || [Array2::ones((side, side)), Array2::ones((side, side))];
+        let noisy = Array2::from_shape_fn((side, side), |_| (1.0 + se * next()) as f32);
+        let reference = modulation([noisy.clone(), noisy], Some(([se, se], se * se)));
+        let sample = modulation(flat(), Some(([1e-3, 1e-3], 0.0)));
+        let out = calibrate(sample, reference, &Params { noise_bias, ..params(0.0) }).unwrap().reflectance.0;
+        let good: Vec<f64> =
+            out.find("r_d", Some(0.0)).unwrap().data.iter().map(|&v| f64::from(v)).filter(|&v| v > 0.0).collect();
+        let bias = good.iter().sum::<f64>() / good.len() as f64 / model(0.0).hemispherical_entered - 1.0;
+        assert!((bias - want).abs() < 0.0003 + 4.0 * 0.0005, "{noise_bias:?}: {bias} for {want}");
+        assert_eq!(good.len(), 40_000);
     }
 }
 

@@ -14,6 +14,7 @@ pub mod noise;
 mod pass;
 pub mod phase_shift;
 mod set;
+mod signal;
 mod stage;
 
-pub use stage::{Demodulate, In, Method, Out, Params};
+pub use stage::{Demodulate, In, Method, NoiseBias, Out, Params};

@@ -6,10 +6,12 @@ use std::ops::Range;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::MaskReason;
 use turbid_contract::planes::mean_se;
-use turbid_contract::{Ctx, ImageStack, LayerInfo, LayerKind};
+use turbid_contract::{Ctx, Error, ImageStack, LayerInfo, LayerKind};
 
 use crate::noise::{Block, Gradient, OF_M_DC, along_and_across};
 use crate::set::{Channel, Noise};
+use crate::signal::{Noisy, weak_in_row};
+use crate::stage::{NoiseBias, Params};
 
 type Described = (LayerInfo, Array2<f32>);
 
@@ -42,6 +44,7 @@ pub struct Pass<'a> {
     /// Pairs of the quantities m_dc (2 k) and m_ac (2 k + 1) of fringe k whose covariance is stored.
     pairs: Vec<[usize; 2]>,
     low_signal: f64,
+    corrects: bool,
     wants_phase: bool,
 }
 
@@ -50,7 +53,7 @@ impl<'a> Pass<'a> {
         channel: &'a Channel,
         noise: Option<&'a Noise<'_>>,
         stack: &'a ImageStack,
-        low_signal: f64,
+        params: &Params,
         wants_phase: bool,
     ) -> Self {
         let count = channel.fringes.len();
@@ -65,7 +68,8 @@ impl<'a> Pass<'a> {
             frames: frames.collect(),
             pairs: if noise.is_some() { pairs.collect() } else { Vec::new() },
             blocks,
-            low_signal,
+            low_signal: params.low_signal,
+            corrects: params.noise_bias == NoiseBias::Correct,
             wants_phase,
         }
     }
@@ -144,8 +148,12 @@ impl<'a> Pass<'a> {
                     let variance = block(k, k).variance(&across, first + i);
                     let m_ac = (re[i] * re[i] + im[i] * im[i]).sqrt();
                     if m_ac > 0.0 && variance.is_finite() {
-                        tally.rician[k] += variance / (2.0 * m_ac);
+                        let bias = variance / (2.0 * m_ac);
+                        tally.rician[k] += bias;
                         tally.m_ac[k] += m_ac;
+                        if self.corrects {
+                            planes[2 * k + 1][i] = (m_ac - bias) as f32;
+                        }
                     }
                     if self.wants_phase {
                         planes[phase][i] = if m_ac > 0.0 { (variance.sqrt() / m_ac) as f32 } else { 0.0 };
@@ -199,6 +207,47 @@ impl<'a> Pass<'a> {
         }
     }
 
+    /// The second pass: masks the pixels around which a signal does not stand above `low_signal` standard errors. The tally
+    /// of what they take away.
+    pub fn drop_weak(&self, planes: &mut [Array2<f32>], ctx: Ctx<'_>) -> Result<Tally, Error> {
+        let mut dropped = Tally::new(self.channel);
+        if self.blocks.is_none() || self.low_signal == 0.0 {
+            return Ok(dropped);
+        }
+        let (count, columns) = (self.quantity_count(), planes[0].ncols());
+        let mut weak = vec![Array2::zeros(planes[0].dim())];
+        let pixels: Vec<&[f32]> = planes.iter().map(|p| p.as_slice().expect("planes are row-major")).collect();
+        // At f_x = 0 both quantities are M_DC.
+        let stored = |&q: &usize| q % 2 == 1 || self.channel.fringes[q / 2].f_x_per_mm > 0.0;
+        let quantities: Vec<Noisy<'_>> = (0..count).filter(stored).map(|q| [pixels[q], pixels[count + q]]).collect();
+        let mask = pixels[pixels.len() - 1];
+        ctx.fill_planes(&mut weak, |range, out| {
+            for (row, out) in (range.start / columns..range.end / columns).zip(out[0].chunks_mut(columns)) {
+                let found = weak_in_row(&quantities, mask, columns, row, self.low_signal);
+                out.iter_mut().zip(found).for_each(|(out, weak)| *out = f32::from(u8::from(weak)));
+            }
+        })?;
+        let weak = weak[0].as_slice().expect("planes are row-major");
+        let tiles = ctx.fill_planes(planes, |range, planes| {
+            let mut dropped = Tally::new(self.channel);
+            let (mask, planes) = planes.split_last_mut().expect("the mask is the last plane");
+            for (o, _) in weak[range].iter().enumerate().filter(|&(_, &weak)| weak != 0.0) {
+                if mask[o] != 0.0 {
+                    continue;
+                }
+                mask[o] = MaskReason::LowSignal.code();
+                dropped.good += 1;
+                for q in 0..count {
+                    dropped.variances[q] += f64::from(planes[count + q][o]).powi(2);
+                }
+                planes.iter_mut().for_each(|p| p[o] = 0.0);
+            }
+            dropped
+        })?;
+        tiles.iter().for_each(|tile| dropped.add(tile));
+        Ok(dropped)
+    }
+
     /// What speaks for and against each pixel of a chunk, fringe by fringe.
     fn flags(&self, linear: &[[Vec<f64>; 3]], planes: &[&mut [f32]]) -> [u8; CHUNK] {
         let mut flags = [0; CHUNK];
@@ -207,16 +256,14 @@ impl<'a> Pass<'a> {
             let n = dc.len();
             let se =
                 |q: usize| if self.blocks.is_some() { &planes[self.quantity_count() + q][..n] } else { &zeros[..n] };
-            let (m_ac, dc_se, ac_se) = (&planes[2 * k + 1][..n], se(2 * k), se(2 * k + 1));
+            let (m_ac, dc_se) = (&planes[2 * k + 1][..n], se(2 * k));
             let (re, im) = (&re[..n], &im[..n]);
             for i in 0..n {
-                let (m_ac, dc_se, ac_se) = (f64::from(m_ac[i]), f64::from(dc_se[i]), f64::from(ac_se[i]));
+                let (m_ac, dc_se) = (f64::from(m_ac[i]), f64::from(dc_se[i]));
                 let finite = (dc[i] + re[i] + im[i] + m_ac).is_finite();
                 let lit = (dc[i] != 0.0) | (dc_se != 0.0);
                 // Frames are f32: an amplitude of their rounding is no signal, whatever their standard errors.
-                let weak = (dc[i] <= self.low_signal * dc_se)
-                    | (m_ac <= self.low_signal * ac_se)
-                    | (m_ac <= f64::from(f32::EPSILON) * dc[i]);
+                let weak = (dc[i] <= 0.0) | (m_ac <= 0.0) | (m_ac <= f64::from(f32::EPSILON) * dc[i]);
                 flags[i] |= (u8::from(!finite) * NOT_FINITE) | (u8::from(lit) * LIT) | (u8::from(weak) * WEAK);
             }
         }
@@ -328,6 +375,12 @@ impl Tally {
         for (sum, part) in pairs {
             sum.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
         }
+    }
+
+    /// Takes away what [`Pass::drop_weak`] dropped.
+    pub fn less(&mut self, dropped: &Self) {
+        self.good -= dropped.good;
+        self.variances.iter_mut().zip(&dropped.variances).for_each(|(sum, part)| *sum -= part);
     }
 
     /// Measures the Rician bias of the mean M_AC at the highest f_x, and warns where nothing is left.

@@ -18,19 +18,31 @@ pub enum Method {
     PhaseShift,
 }
 
+/// What becomes of the Rician bias s^2 / (2 M_AC), which noise of variance s^2 across the phasor adds to M_AC.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum NoiseBias {
+    /// Taken off pixel by pixel; without standard errors nothing changes.
+    #[default]
+    Correct,
+    /// Left in: M_AC is the amplitude of the sinusoid through the frames.
+    Keep,
+}
+
 /// Params of `demodulate`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Params {
     pub method: Method,
-    /// A pixel whose M_DC or M_AC is not above this many of its standard errors is masked. At 3 the Rician bias of
-    /// M_AC is 6 %; 0 masks only what is not above 0.
+    /// A pixel is masked where M_DC or M_AC of its 24 neighbours is in the mean not above this many of their standard
+    /// errors; 0 masks only what is not above 0 itself.
     pub low_signal: f64,
+    pub noise_bias: NoiseBias,
 }
 
 impl Default for Params {
     fn default() -> Self {
-        Self { method: Method::PhaseShift, low_signal: 3.0 }
+        Self { method: Method::PhaseShift, low_signal: 3.0, noise_bias: NoiseBias::Correct }
     }
 }
 
@@ -88,11 +100,12 @@ impl Stage for Demodulate {
         let mut phases = Group::default();
         for channel in channels(&inputs.frames)? {
             let noise = Noise::of_channel(&channel, &inputs.frames, inputs.covariance.as_ref())?;
-            let pass = Pass::new(&channel, noise.as_ref(), frames, params.low_signal, wants_phase);
+            let pass = Pass::new(&channel, noise.as_ref(), frames, params, wants_phase);
             let mut planes = vec![Array2::zeros((frames.rows(), frames.columns())); pass.plane_count()];
             let tiles = ctx.fill_planes(&mut planes, |pixels, planes| pass.run(pixels, planes))?;
             let mut tally = Tally::new(&channel);
             tiles.iter().for_each(|tile| tally.add(tile));
+            tally.less(&pass.drop_weak(&mut planes, ctx)?);
             tally.report(&channel, noise.is_some(), ctx);
             pass.describe(planes, &tally, sharing, &mut values, &mut phases);
         }

@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Covariance, Frames, MaskReason};
 use turbid_contract::{Ctx, Error, ImageStack, Known, LayerInfo, LayerKind, MemoryHost, Problems, Stage};
-use turbid_demodulate::{Demodulate, In, Out, Params};
+use turbid_demodulate::{Demodulate, In, NoiseBias, Out, Params};
 
 /// A pattern's response at one pixel: M_DC and the complex fringe amplitude of each f_x.
 struct Truth {
@@ -47,9 +47,18 @@ fn frames(
 }
 
 fn demodulate(frames: Frames, covariance: Option<Covariance>, wanted: &[&str]) -> Result<(Out, MemoryHost), Error> {
+    with(&Params::default(), frames, covariance, wanted)
+}
+
+fn with(
+    params: &Params,
+    frames: Frames,
+    covariance: Option<Covariance>,
+    wanted: &[&str],
+) -> Result<(Out, MemoryHost), Error> {
     let host = MemoryHost { wanted: wanted.iter().map(|w| w.to_string()).collect(), ..MemoryHost::default() };
     let inputs = In { frames, covariance, source: std::marker::PhantomData };
-    let out = Demodulate::run(&Params::default(), inputs, Ctx::new(&host))?;
+    let out = Demodulate::run(params, inputs, Ctx::new(&host))?;
     Ok((out, host))
 }
 
@@ -146,6 +155,41 @@ fn standard_errors_are_the_spread() {
     assert!((bias / want - 1.0).abs() < 0.01, "{bias} % for {want} %");
 }
 
+/// With 29 % of noise in each of 40,000 pixels the mean of M_AC comes back: what is left is s^4 / (8 M^4) = 0.08 %, and the
+/// mean's own error of 0.15 %. Uncorrected it is s^2 / (2 M^2) = 4 % too high.
+#[test]
+fn the_rician_bias_is_taken_off() {
+    let (m_ac, snr) = (0.2, 3.5);
+    let sigma = m_ac / snr * 1.5_f64.sqrt();
+    let truth = Truth { dc: 0.5, fringes: vec![(0.1, m_ac, 0.7)] };
+    for (noise_bias, want) in [(NoiseBias::Correct, 0.0), (NoiseBias::Keep, 0.5 / (snr * snr))] {
+        let mut next = noise(3);
+        let frames = frames(200, 200, &truth, 3, Some(sigma), &mut || sigma * next());
+        let (out, _) = with(&Params { noise_bias, ..Params::default() }, frames, None, &[]).unwrap();
+        // Some 1 % are masked, for what their neighbours show.
+        let data = &out.modulation.0.find("m_ac", Some(0.1)).unwrap().data;
+        let good: Vec<f64> = data.iter().map(|&v| f64::from(v)).filter(|&v| v > 0.0).collect();
+        assert!(good.len() > 39_000, "{}", good.len());
+        let bias = good.iter().sum::<f64>() / good.len() as f64 / m_ac - 1.0;
+        assert!((bias - want).abs() < 0.0008 + 4.0 * 0.0015, "{noise_bias:?}: {bias} for {want}");
+    }
+}
+
+/// Noise does not choose its pixels: with a signal of 2 standard errors all are masked, with 4.2 none, although in 16 and
+/// 12 % of them the pixel's own signal is on the other side of 3.
+#[test]
+fn the_mask_is_blind_to_the_noise_of_the_pixel() {
+    for (snr, want) in [(2.0, 1.0), (4.2, 0.0)] {
+        let sigma = 0.2 / snr * 1.5_f64.sqrt();
+        let truth = Truth { dc: 0.5, fringes: vec![(0.1, 0.2, 0.7)] };
+        let mut next = noise(3);
+        let (out, _) = demodulate(frames(60, 60, &truth, 3, Some(sigma), &mut || sigma * next()), None, &[]).unwrap();
+        let mask = &out.modulation.0.find("mask", None).unwrap().data;
+        let masked = mask.iter().filter(|&&m| m != 0.0).count() as f64 / 3600.0;
+        assert!((masked - want).abs() < 0.01, "signal {snr}: {masked}");
+    }
+}
+
 fn covariance(quantities: &[(&str, f64)], matrix: &[&[f64]]) -> Covariance {
     let mut stack = ImageStack::new(1, 1);
     let list: Vec<_> = quantities
@@ -191,10 +235,12 @@ fn a_given_covariance_is_propagated() {
 /// Every reason to mask, each with zeros in all value layers.
 #[test]
 fn masked_pixels_hold_zero_and_the_reason() {
-    let mut stack = ImageStack::new(1, 5);
-    // good; NaN in one frame; nothing at all; fringe below 3 standard errors; negative mean
-    let dc = [0.5, 0.5, 0.0, 0.5, -0.5];
-    let ac = [0.2, 0.2, 0.0, 0.01, 0.2];
+    // good; NaN in one frame; nothing at all; negative mean; good ones; fringes below 3 standard errors, of which the
+    // first two have strong neighbours.
+    let dc = [0.5, 0.5, 0.0, -0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5];
+    let ac = [0.2, 0.2, 0.0, 0.2, 0.2, 0.2, 0.01, 0.01, 0.01, 0.01];
+    let columns = dc.len();
+    let mut stack = ImageStack::new(1, columns);
     for (f_x, k) in [(0.0, 0), (0.1, 0), (0.1, 1), (0.1, 2)] {
         let phase = 2.0 * PI * f64::from(k) / 3.0;
         let mut info = LayerInfo::value("radiance", "W mm^-2 sr^-1").with_f_x(f_x);
@@ -202,18 +248,26 @@ fn masked_pixels_hold_zero_and_the_reason() {
         let value = |c: usize| {
             if c == 1 && k == 2 { f64::NAN } else { dc[c] + if f_x > 0.0 { ac[c] * phase.cos() } else { 0.0 } }
         };
-        stack.push(info.clone(), Array2::from_shape_fn((1, 5), |(_, c)| value(c) as f32));
-        stack.push(info.standard_error(), Array2::from_shape_fn((1, 5), |(_, c)| if c == 2 { 0.0 } else { 0.01 }));
+        stack.push(info.clone(), Array2::from_shape_fn((1, columns), |(_, c)| value(c) as f32));
+        let se = |c: usize| if c == 2 { 0.0 } else { 0.01 };
+        stack.push(info.standard_error(), Array2::from_shape_fn((1, columns), |(_, c)| se(c)));
     }
     let (out, _) = demodulate(Frames(stack), None, &["phase"]).unwrap();
     let stack = &out.modulation.0;
     let mask: Vec<f32> = stack.find("mask", None).unwrap().data.iter().copied().collect();
-    let want =
-        [MaskReason::Good, MaskReason::NotFinite, MaskReason::Background, MaskReason::LowSignal, MaskReason::LowSignal];
+    use MaskReason::{Background, Good, LowSignal, NotFinite};
+    let want = [Good, NotFinite, Background, LowSignal, Good, Good, Good, Good, LowSignal, LowSignal];
     assert_eq!(mask, want.map(MaskReason::code));
     for layer in stack.layers.iter().chain(&out.phase.unwrap().0.layers).filter(|l| l.info.kind != LayerKind::Mask) {
-        assert!(layer.data.iter().skip(1).all(|&v| v == 0.0), "{}", layer.info.name);
+        let masked = layer.data.iter().zip(want).filter(|(_, reason)| *reason != Good);
+        assert!(masked.into_iter().all(|(&v, _)| v == 0.0), "{}", layer.info.name);
     }
+    let info = &stack.find("m_ac", Some(0.1)).unwrap().info;
+    let good: f64 = stack.standard_error(info).unwrap().data.iter().map(|&se| f64::from(se).powi(2)).sum();
+    assert!(
+        (info.mean_se.unwrap() / (good.sqrt() / 5.0) - 1.0).abs() < 1e-6,
+        "the mean's error counts good pixels only"
+    );
 }
 
 /// A fringe that is only the rounding of f32 frames is no signal, even without standard errors.

@@ -44,6 +44,33 @@ impl Forward {
         }
         point
     }
+
+    /// d^2 ln R_k / d p^2 of both at `p`, or at the nearest point of the table.
+    pub fn curvature(&self, p: [f64; 2]) -> [[[f64; 2]; 2]; 2] {
+        let bounds = self.bounds();
+        let [u, v] = [0, 1].map(|k| p[k].clamp(bounds[k][0], bounds[k][1]));
+        [0, 1].map(|k| {
+            let [uu, uv, vv] = self.grids[k].log_curvature(u, v).expect("the point was brought inside");
+            [[uu, uv], [uv, vv]]
+        })
+    }
+}
+
+/// By how much noise raises the mean of ln mu_a and ln mu_s' found at `p`, to second order in the noise; `gain` is
+/// d p / d ln R, `c_r` the covariance of R relative to R, `c_p` that of p.
+///
+/// R itself is unbiased, so ln R is low by c_r / 2; the curvature of ln R(p) bends what is left.
+pub fn noise_bias(
+    curvature: &[[[f64; 2]; 2]; 2],
+    gain: &[[f64; 2]; 2],
+    c_r: &[[f64; 2]; 2],
+    c_p: &[[f64; 2]; 2],
+) -> [f64; 2] {
+    let low = [0, 1].map(|m| {
+        let bend: f64 = curvature[m].iter().flatten().zip(c_p.iter().flatten()).map(|(f, c)| f * c).sum();
+        -0.5 * (c_r[m][m] + bend)
+    });
+    gain.map(|row| row[0] * low[0] + row[1] * low[1])
 }
 
 /// Inverse of a 2 x 2 matrix; `None` where it has none.

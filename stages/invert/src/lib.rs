@@ -15,4 +15,4 @@ pub mod nearest;
 mod pass;
 mod stage;
 
-pub use stage::{In, Invert, Method, Out, Outside, Params};
+pub use stage::{In, Invert, Method, NoiseBias, Out, Outside, Params};

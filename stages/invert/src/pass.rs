@@ -5,7 +5,7 @@ use std::ops::Range;
 use turbid_contract::payload::MaskReason;
 use turbid_optics::elementary::exp;
 
-use crate::forward::sandwich;
+use crate::forward::{Forward, noise_bias, sandwich};
 use crate::inverse::{Found, InverseTable};
 use crate::nearest::Nodes;
 
@@ -19,6 +19,10 @@ pub struct Inverter<'a> {
     pub nodes_outside: Option<&'a Nodes>,
     /// Smallest and largest R_0 of the look-up table.
     pub r_0_range: [f64; 2],
+    /// The surface that the table was made of, to find what noise adds to the mean.
+    pub forward: &'a Forward,
+    /// Whether that is taken off again.
+    pub corrects: bool,
     /// Whether the covariance of each pixel is written down.
     pub wants_covariance: bool,
 }
@@ -95,7 +99,7 @@ impl Inverter<'_> {
                     continue;
                 }
             };
-            let mu = p.map(exp);
+            let mut mu = p.map(exp);
             planes[0][o] = mu[0] as f32;
             planes[1][o] = mu[1] as f32;
             tally.good += 1;
@@ -104,6 +108,20 @@ impl Inverter<'_> {
                 let covariance = noise.covariance.map_or(0.0, |c| f64::from(c[i]) / (r[0] * r[1]));
                 let c_r = [[relative[0] * relative[0], covariance], [covariance, relative[1] * relative[1]]];
                 let c_p = sandwich(&gain, &c_r);
+                // A node is no function of the noise that could be bent back.
+                if outside.is_none() && self.nodes_inside.is_none() {
+                    let bias = noise_bias(&self.forward.curvature(p), &gain, &c_r, &c_p);
+                    // mu = exp(p): a scatter of p raises its mean as that of a lognormal.
+                    let factor = [0, 1].map(|k| exp(bias[k] + 0.5 * c_p[k][k]));
+                    let plain = mu[0];
+                    if self.corrects {
+                        mu = [mu[0] / factor[0], mu[1] / factor[1]];
+                    }
+                    if factor[0].is_finite() {
+                        tally.noise_bias += plain - plain / factor[0];
+                    }
+                    (planes[0][o], planes[1][o]) = (mu[0] as f32, mu[1] as f32);
+                }
                 let c = |a: usize, b: usize| c_p[a][b] * mu[a] * mu[b];
                 // A covariance rounded to f32 may leave a variance below 0 by a rounding error, that is 0.
                 let variances = [c(0, 0).max(0.0), c(1, 1).max(0.0)];
@@ -119,7 +137,6 @@ impl Inverter<'_> {
                     planes[5][o] = c(0, 1) as f32;
                     planes[6][o] = variances[1] as f32;
                 }
-                tally.curvature_bias += variances[0] / (2.0 * mu[0]);
                 tally.mu_a += mu[0];
                 tally.variances[0] += variances[0];
                 tally.variances[1] += variances[1];
@@ -160,8 +177,8 @@ pub struct Tally {
     pub outside: u64,
     /// Of mu_a and mu_s' over good pixels.
     pub variances: [f64; 2],
-    /// By how much noise raises mu_a = exp(p) in the mean, to leading order, and the mu_a that it belongs to.
-    pub curvature_bias: f64,
+    /// By how much noise raises mu_a in the mean, to second order, and the mu_a that it belongs to.
+    pub noise_bias: f64,
     pub mu_a: f64,
 }
 
@@ -169,7 +186,7 @@ impl Tally {
     pub fn add(mut self, tile: &Self) -> Self {
         self.good += tile.good;
         self.outside += tile.outside;
-        self.curvature_bias += tile.curvature_bias;
+        self.noise_bias += tile.noise_bias;
         self.mu_a += tile.mu_a;
         (0..2).for_each(|k| self.variances[k] += tile.variances[k]);
         self

@@ -38,12 +38,25 @@ pub enum Outside {
     Nearest,
 }
 
+/// What becomes of the part of the mean that noise adds: p(R) is curved, so noise that is zero in the mean of R is not
+/// zero in the mean of mu_a.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum NoiseBias {
+    /// Taken off pixel by pixel, to second order in the standard errors; without these nothing changes.
+    #[default]
+    Correct,
+    /// Left in: each pixel holds exactly the properties that have its reflectance.
+    Keep,
+}
+
 /// Params of `invert`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Params {
     pub method: Method,
     pub outside: Outside,
+    pub noise_bias: NoiseBias,
     /// The two spatial frequencies to use; the lowest and the highest of the reflectance if left out.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub f_x: Option<[PerLength; 2]>,
@@ -124,6 +137,8 @@ impl Stage for Invert {
             nodes_inside: nodes.as_ref().filter(|_| params.method == Method::Nearest),
             nodes_outside: nodes.as_ref().filter(|_| params.outside == Outside::Nearest),
             r_0_range: r_0_range(&forward),
+            forward: &forward,
+            corrects: params.noise_bias == NoiseBias::Correct,
             wants_covariance: ctx.wants("covariance"),
         };
         let mut maps = Layers::default();
@@ -194,7 +209,7 @@ fn invert(
     let all = (stack.rows() * stack.columns()) as f64;
     ctx.measure("masked", 100.0 * (1.0 - tally.good as f64 / all), "%");
     if tally.mu_a > 0.0 {
-        ctx.measure("noise_bias_mu_a", 100.0 * tally.curvature_bias / tally.mu_a, "%");
+        ctx.measure("noise_bias_mu_a", 100.0 * tally.noise_bias / tally.mu_a, "%");
     }
     if tally.good == 0 {
         ctx.warn("all pixels are masked");

@@ -3,12 +3,12 @@
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Convention, Lut, MaskReason, Reflectance};
 use turbid_contract::{
-    Cells, Ctx, Error, ImageStack, Known, LayerInfo, LayerKind, MemoryHost, PerLength, Problems, Stage, Table,
+    Cells, Ctx, Error, ImageStack, Known, Layer, LayerInfo, LayerKind, MemoryHost, PerLength, Problems, Stage, Table,
     serde_json,
 };
 use turbid_invert::forward::Forward;
 use turbid_invert::inverse::{Found, InverseTable};
-use turbid_invert::{In, Invert, Method, Out, Outside, Params};
+use turbid_invert::{In, Invert, Method, NoiseBias, Out, Outside, Params};
 use turbid_optics::{LogGrid, Medium, diffusion};
 
 const F_X: [f64; 2] = [0.0, 0.1];
@@ -112,7 +112,8 @@ fn off_grid_media_come_back() {
 fn the_ill_conditioned_corner_is_honest() {
     let media = [[0.058, 0.75], [0.026, 4.75], [0.001, 4.0]];
     let r: Vec<[f64; 2]> = media.iter().map(|m| F_X.map(|f| r_d(m[0], m[1], f))).collect();
-    let (out, _) = invert(reflectance(&r, Some(([0.01, 0.01], 0.0))), lut(&F_X, r_d), &Params::default(), &[]).unwrap();
+    let params = Params { noise_bias: NoiseBias::Keep, ..Params::default() };
+    let (out, _) = invert(reflectance(&r, Some(([0.01, 0.01], 0.0))), lut(&F_X, r_d), &params, &[]).unwrap();
     let maps = &out.maps.0;
     let (mu_a, se) = (layer(maps, "mu_a"), layer(maps, "mu_a_se"));
     for (k, m) in media.iter().enumerate() {
@@ -123,11 +124,8 @@ fn the_ill_conditioned_corner_is_honest() {
     assert!(gain[0] > 2.0 && gain[0] < 4.0 && gain[1] > 8.0 && gain[2] > 20.0, "{gain:?}");
 }
 
-/// Standard errors and covariance against the spread of 20,000 noisy pixels (correlated noise of 0.3 %). A sampled
-/// deviation is off by 0.5 %; curvature adds gain^2 x noise, below 1 %: limit 3 %.
-#[test]
-fn standard_errors_are_the_spread() {
-    let (count, se, rho) = (20_000, [0.003, 0.003], 0.7);
+/// Pairs with correlated relative noise around those of one medium.
+fn noisy(medium: [f64; 2], se: [f64; 2], rho: f64, count: usize) -> Vec<[f64; 2]> {
     let mut state = 5_u64;
     let mut uniform = || {
         state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
@@ -136,15 +134,52 @@ fn standard_errors_are_the_spread() {
         ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
     };
     let mut normal = || (0..12).map(|_| uniform()).sum::<f64>() - 6.0;
-    let truth = F_X.map(|f| r_d(0.058, 0.75, f));
-    let r: Vec<[f64; 2]> = (0..count)
-        .map(|_| {
-            let (a, b) = (normal(), normal());
-            let e = [a, rho * a + (1.0_f64 - rho * rho).sqrt() * b];
-            [0, 1].map(|k| truth[k] * (1.0 + se[k] * e[k]))
-        })
-        .collect();
-    let (out, host) =
+    let truth = F_X.map(|f| r_d(medium[0], medium[1], f));
+    let one = |_| {
+        let (a, b) = (normal(), normal());
+        let e = [a, rho * a + (1.0_f64 - rho * rho).sqrt() * b];
+        [0, 1].map(|k| truth[k] * (1.0 + se[k] * e[k]))
+    };
+    (0..count).map(one).collect()
+}
+
+/// The mean over 40,000 noisy pixels is the truth up to 24 % of noise in mu_a, where left alone it is 1 to 3 % too high; the measure
+/// says by how much. Tolerance: 4 standard errors of the mean, 1e-4 of the table, and a tenth of the second-order
+/// term for the orders that are left out.
+#[test]
+fn noise_does_not_move_the_mean() {
+    for medium in [[0.025, 0.85], [0.096, 0.74], [0.05, 0.6]] {
+        for se in [[0.02, 0.03], [0.05, 0.07], [0.09, 0.12]] {
+            let r = noisy(medium, se, 0.7, 40_000);
+            let run = |noise_bias| {
+                let params = Params { noise_bias, ..Params::default() };
+                let (out, host) = invert(reflectance(&r, Some((se, 0.7))), lut(&F_X, r_d), &params, &[]).unwrap();
+                let layers = [0, 1].map(|k| &out.maps.0.layers[k]);
+                assert_eq!(layers[0].data.iter().filter(|&&v| v == 0.0).count(), 0, "no pixel is lost");
+                let mean = |l: &Layer| l.data.iter().map(|&v| f64::from(v)).sum::<f64>() / 40_000.0;
+                let bias = [0, 1].map(|k| mean(layers[k]) / medium[k] - 1.0);
+                let mean_se = [0, 1].map(|k| layers[k].info.mean_se.unwrap() / medium[k]);
+                (bias, mean_se, host.measures.lock().unwrap()["noise_bias_mu_a"] / 100.0)
+            };
+            let (kept, ..) = run(NoiseBias::Keep);
+            let (bias, mean_se, measured) = run(NoiseBias::Correct);
+            for k in 0..2 {
+                let limit = 4.0 * mean_se[k] + 1e-4 + 0.1 * kept[k].abs();
+                assert!(bias[k].abs() < limit, "{medium:?}, noise {se:?}: {bias:?}, kept {kept:?}");
+            }
+            assert!((kept[0] - measured).abs() < 4.0 * mean_se[0] + 1e-4 + 0.1 * kept[0], "{measured} for {kept:?}");
+            assert!(se[0] < 0.09 || kept[0] > 0.01, "{medium:?}: there is something to correct, {kept:?}");
+        }
+    }
+}
+
+/// Standard errors and covariance against the spread of 20,000 noisy pixels (correlated noise of 0.3 %). A sampled
+/// deviation is off by 0.5 %; curvature adds gain^2 x noise, below 1 %: limit 3 %.
+#[test]
+fn standard_errors_are_the_spread() {
+    let (count, se, rho) = (20_000, [0.003, 0.003], 0.7);
+    let r = noisy([0.058, 0.75], se, rho, count);
+    let (out, _) =
         invert(reflectance(&r, Some((se, rho))), lut(&F_X, r_d), &Params::default(), &["covariance"]).unwrap();
     let maps = &out.maps.0;
     let planes = ["mu_a", "mu_s_prime"].map(|name| layer(maps, name));
@@ -159,11 +194,6 @@ fn standard_errors_are_the_spread() {
         let mean_se = maps.layers[k].info.mean_se.unwrap();
         assert!((mean_se / (stated / count as f64).sqrt() - 1.0).abs() < 1e-6);
     }
-    // The leading bias by noise is half the relative variance.
-    let relative =
-        layer(maps, "mu_a_se").iter().zip(&planes[0]).map(|(s, m)| (s / m).powi(2)).sum::<f64>() / count as f64;
-    let bias = host.measures.lock().unwrap()["noise_bias_mu_a"];
-    assert!((bias / (50.0 * relative) - 1.0).abs() < 0.01, "{bias} %");
     let covariance = &out.covariance.unwrap().0;
     let cross = covariance.layers.iter().find(|l| l.info.pair == Some([0, 1])).unwrap();
     let stated = mean(&cross.data.iter().map(|&v| f64::from(v)).collect::<Vec<_>>());

@@ -78,6 +78,27 @@ impl LogGrid {
         Some(jet)
     }
 
+    /// Second derivatives of ln f by (u, u), (u, v) and (v, v) at (u, v) = (ln x, ln y); `None` as in [`Self::log_jet`].
+    pub fn log_curvature(&self, u: f64, v: f64) -> Option<[f64; 3]> {
+        let (i, j) = (cell(&self.u, u)?, cell(&self.v, v)?);
+        let (h_u, h_v) = (self.u[i + 1] - self.u[i], self.v[j + 1] - self.v[j]);
+        let along = |t: f64, h: f64| {
+            let (a, da) = hermite(t, h);
+            [a, da, hermite_curvature(t, h)]
+        };
+        let (a, b) = (along((u - self.u[i]) / h_u, h_u), along((v - self.v[j]) / h_v, h_v));
+        let mut curvature = [0.0; 3];
+        for (p, corner_u) in [0, 1].into_iter().enumerate() {
+            for (q, corner_v) in [0, 1].into_iter().enumerate() {
+                let [w, w_u, w_v, w_uv] = self.jets[(i + corner_u) * self.v.len() + j + corner_v];
+                for (sum, (a, b)) in curvature.iter_mut().zip([(a[2], b[0]), (a[1], b[1]), (a[0], b[2])]) {
+                    *sum += a[p] * (b[q] * w + b[q + 2] * w_v) + a[p + 2] * (b[q] * w_u + b[q + 2] * w_uv);
+                }
+            }
+        }
+        Some(curvature)
+    }
+
     /// ln of the nodes along x.
     pub fn u(&self) -> &[f64] {
         &self.u
@@ -97,6 +118,12 @@ fn hermite(t: f64, h: f64) -> ([f64; 4], [f64; 4]) {
         [s * s * (1.0 + 2.0 * t), t * t * (3.0 - 2.0 * t), h * t * s * s, -h * t * t * s],
         [-6.0 * t * s / h, 6.0 * t * s / h, s * (1.0 - 3.0 * t), t * (3.0 * t - 2.0)],
     )
+}
+
+/// Second derivatives by the coordinate of the weights of [`hermite`].
+fn hermite_curvature(t: f64, h: f64) -> [f64; 4] {
+    let bend = (12.0 * t - 6.0) / (h * h);
+    [bend, -bend, (6.0 * t - 4.0) / h, (6.0 * t - 2.0) / h]
 }
 
 fn cell(nodes: &[f64], at: f64) -> Option<usize> {
@@ -169,7 +196,7 @@ mod tests {
         (x, y, grid)
     }
 
-    /// Bicubics in log-log come back exactly, value and gradient, to rounding (1e-11 for values of some 100).
+    /// Bicubics in log-log come back exactly, value, gradient and curvature, to rounding (1e-11 for values of some 100).
     #[test]
     fn bicubics_are_reproduced() {
         let w = |u: f64, v: f64| 0.3 + u - 0.2 * u * u * v + 0.05 * u * u * u * v * v * v - v * v;
@@ -181,6 +208,9 @@ mod tests {
             assert!((jet.w - w(u, v)).abs() < 1e-11, "{jet:?} {}", w(u, v));
             assert!((jet.w_u - w_u(u, v)).abs() < 1e-11, "{jet:?} {}", w_u(u, v));
             assert!((jet.w_v - w_v(u, v)).abs() < 1e-11, "{jet:?} {}", w_v(u, v));
+            let want = [-0.4 * v + 0.3 * u * v * v * v, -0.4 * u + 0.45 * u * u * v * v, 0.3 * u * u * u * v - 2.0];
+            let curvature = grid.log_curvature(u, v).unwrap();
+            assert!(curvature.iter().zip(want).all(|(c, w)| (c - w).abs() < 1e-10), "{curvature:?} for {want:?}");
         }
     }
 
