@@ -8,13 +8,15 @@
 use std::f64::consts::TAU;
 
 /// ln x for normal x > 0; within 1 ulp.
-#[inline]
+#[inline(always)]
 pub fn ln(x: f64) -> f64 {
     const LN2_HIGH: f64 = 6.931_471_803_691_238_164_90e-1;
     const LN2_LOW: f64 = 1.908_214_929_270_587_700_02e-10;
+    const TWO_52: f64 = 4_503_599_627_370_496.0;
     // x = 2^k (1 + f) with 1 + f in [sqrt(1/2), sqrt(2)): adding to the bits carries into the exponent at sqrt(2).
     let shifted = x.to_bits().wrapping_add(0x3FF0_0000_0000_0000 - 0x3FE6_A09E_667F_3BCD);
-    let k = ((shifted >> 52) as i64 - 1023) as f64;
+    // In the low bits of 2^52 an integer is a float, on every vector unit.
+    let k = f64::from_bits(TWO_52.to_bits() | (shifted >> 52)) - (TWO_52 + 1023.0);
     let f = f64::from_bits((shifted & 0x000F_FFFF_FFFF_FFFF) + 0x3FE6_A09E_667F_3BCD) - 1.0;
     let s = f / (2.0 + f);
     let z = s * s;
@@ -30,7 +32,7 @@ pub fn ln(x: f64) -> f64 {
 }
 
 /// e^x for |x| <= 700; within 2 ulp. Beyond that range the result is meaningless: the caller knows its numbers.
-#[inline]
+#[inline(always)]
 pub fn exp(x: f64) -> f64 {
     const LN2_HIGH: f64 = 6.931_471_803_691_238_164_90e-1;
     const LN2_LOW: f64 = 1.908_214_929_270_587_700_02e-10;
@@ -55,7 +57,7 @@ pub fn exp(x: f64) -> f64 {
 }
 
 /// (sin, cos) of 2 pi `turns`, |turns| < 2^49; within 2e-16 of the exact value at that argument.
-#[inline]
+#[inline(always)]
 pub fn sin_cos_turns(turns: f64) -> (f64, f64) {
     // Adding 1.5 * 2^52 rounds to the nearest integer, and leaves that integer in the low bits.
     const ROUND: f64 = 6_755_399_441_055_744.0;

@@ -10,13 +10,13 @@ use crate::elementary::sin_cos_turns;
 
 /// 1 + g^2 - 2 g cos(theta), the denominator of the phase function to the power 2/3; written so that it loses no digits
 /// at g -> 1, theta -> 0.
-#[inline]
+#[inline(always)]
 pub fn denominator(g: f64, cos: f64) -> f64 {
     (1.0 - g) * (1.0 - g) + 2.0 * g * (1.0 - cos)
 }
 
 /// Probability of scattering by theta, per steradian; integrates to 1 over the sphere.
-#[inline]
+#[inline(always)]
 pub fn density(g: f64, cos: f64) -> f64 {
     let q = denominator(g, cos);
     (1.0 - g) * (1.0 + g) / (4.0 * PI * q * q.sqrt())
@@ -26,14 +26,14 @@ pub fn density(g: f64, cos: f64) -> f64 {
 ///
 /// 2 (1-g)^2 (1-u) (1+g u) / (1 - g + 2 g u)^2: the textbook (1 + g^2 - s^2) / 2g without its division by g and without its
 /// cancellation at small angles; g = 0 needs no case of its own.
-#[inline]
+#[inline(always)]
 pub fn sample_one_minus_cos(g: f64, u: f64) -> f64 {
     let ratio = (1.0 - g) / (1.0 - g + 2.0 * g * u);
     2.0 * ratio * ratio * (1.0 - u) * (1.0 + g * u)
 }
 
 /// A direction scattered from the unit vector `w`, for uniforms u in (0, 1) and `turns` in [0, 1) or [-1/2, 1/2).
-#[inline]
+#[inline(always)]
 pub fn sample(g: f64, w: DVec3, u: f64, turns: f64) -> DVec3 {
     let h = sample_one_minus_cos(g, u);
     let (sin_phi, cos_phi) = sin_cos_turns(turns);
@@ -41,7 +41,7 @@ pub fn sample(g: f64, w: DVec3, u: f64, turns: f64) -> DVec3 {
 }
 
 /// The unit vector at angle theta from the unit vector `w`, azimuth phi about it; stays of unit length over any number of turns.
-#[inline]
+#[inline(always)]
 pub fn turn(w: DVec3, cos_theta: f64, sin_theta: f64, sin_phi: f64, cos_phi: f64) -> DVec3 {
     // Orthonormal basis without a branch: Duff et al., J. Comput. Graph. Tech. 6 (1), 1 (2017).
     let sign = 1f64.copysign(w.z);

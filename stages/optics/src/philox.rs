@@ -3,7 +3,7 @@
 //! Source: Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC'11 (2011).
 
 /// The ten rounds: 128 random bits for a counter and a key.
-#[inline]
+#[inline(always)]
 pub fn philox4x32(mut counter: [u32; 4], mut key: [u32; 2]) -> [u32; 4] {
     for _ in 0..10 {
         let p0 = u64::from(counter[0]) * 0xD251_1F53;
@@ -21,17 +21,18 @@ pub fn key(seed: u64) -> [u32; 2] {
 }
 
 /// Uniform in (0, 1) with 32 bits; never 0 or 1.
-#[inline]
+#[inline(always)]
 pub fn unit(bits: u32) -> f64 {
     (f64::from(bits) + 0.5) * (1.0 / 4_294_967_296.0)
 }
 
 /// Uniform in (0, 1) with 52 bits: `bits`, refined by the upper 20 bits of `low`; never 0 or 1.
-#[inline]
+#[inline(always)]
 pub fn unit_fine(bits: u32, low: u32) -> f64 {
     let joined = (u64::from(bits) << 20) | u64::from(low >> 12);
-    // Signed, because that conversion is one instruction.
-    ((joined as i64) as f64 + 0.5) * (1.0 / 4_503_599_627_370_496.0)
+    // In the low bits of 2^52 an integer is a float, on every vector unit.
+    const TWO_52: f64 = 4_503_599_627_370_496.0;
+    ((f64::from_bits(TWO_52.to_bits() | joined) - TWO_52) + 0.5) * (1.0 / TWO_52)
 }
 
 #[cfg(test)]

@@ -52,9 +52,25 @@ impl Solid {
         }
     }
 
+    /// A distance (mm, >= 0) within which the ray from `p` along `w` meets no surface; exact for slabs, elsewhere the clearance.
+    #[inline(always)]
+    pub fn reach(&self, p: DVec3, w: DVec3) -> f64 {
+        match *self {
+            Self::Slab { bottom, top } => {
+                // Behind the ray a plane is at a negative distance; in it (0 / 0), out of the way.
+                let ahead = |plane: f64| {
+                    let t = (plane - p.z) / w.z;
+                    if t >= 0.0 { t } else { f64::INFINITY }
+                };
+                ahead(bottom).min(ahead(top))
+            }
+            _ => self.clearance(p),
+        }
+    }
+
     /// A distance (mm, >= 0) within which of `p` there is no point of the surface; exact but for ellipsoids that are
     /// not spheres, where it is at least the shortest semi-axis over the longest times the true one.
-    #[inline]
+    #[inline(always)]
     pub fn clearance(&self, p: DVec3) -> f64 {
         match *self {
             Self::Slab { bottom, top } => (p.z - bottom).abs().min((p.z - top).abs()),

@@ -9,6 +9,8 @@
 //! same paths: a path carries the complex response to exp(i 2 pi f_x u), of which every frame is a linear combination.
 
 pub mod camera;
+pub mod flock;
+pub mod level;
 pub mod light;
 pub mod moments;
 pub mod path;

@@ -36,6 +36,7 @@ const WINDOW: f64 = 0.4;
 
 /// A path of more flights than this is taken for endless: in a closed white cavity light has nowhere to go.
 const MOST_FLIGHTS: u64 = 2_000_000_000;
+pub const MOST_BLOCKS: u64 = 2 * MOST_FLIGHTS;
 
 /// Everything that stays the same over the paths of one channel.
 #[derive(Clone, Copy)]
@@ -62,10 +63,14 @@ struct Stream {
 impl Stream {
     #[inline]
     fn block(&self, number: u64) -> [u32; 4] {
-        // 2^48 blocks a path, 2^16 channels.
-        let high = (number >> 32) as u32 | (self.channel << 16);
-        philox4x32([number as u32, high, self.sample, self.pixel], self.key)
+        philox4x32(counter(number, self.channel, self.sample, self.pixel), self.key)
     }
+}
+
+/// Where a block of random numbers stands: 2^48 blocks a path, 2^16 channels.
+#[inline(always)]
+pub fn counter(number: u64, channel: u32, sample: u32, pixel: u32) -> [u32; 4] {
+    [number as u32, (number >> 32) as u32 | (channel << 16), sample, pixel]
 }
 
 /// Walks paths and keeps their scratch.
@@ -73,10 +78,8 @@ pub struct Walker<'a> {
     setting: Setting<'a>,
     spans: Vec<(f64, f64)>,
     pieces: Vec<Piece>,
-    /// Response to the pattern 1, then (re, im) of the response to each carrier; of the last path.
-    response: Vec<f64>,
-    /// What the path stands for, after the roulettes it survived.
-    weight: f64,
+    /// Path after path: the response to the pattern 1, then (re, im) of the response to each carrier.
+    responses: Vec<f64>,
     /// For each material WINDOW mu_eff (mm^-1), 0 where there is no roulette.
     windows: Vec<f64>,
     flights: u64,
@@ -90,19 +93,30 @@ enum End {
     Gone,
 }
 
-/// Where a path stands.
-struct Place {
-    r: DVec3,
+/// A path between two flights.
+#[derive(Clone, Copy, Debug)]
+pub struct Place {
+    pub r: DVec3,
     /// Direction of flight.
-    w: DVec3,
-    material: usize,
-    skin: Option<Skin>,
+    pub w: DVec3,
+    pub material: usize,
+    pub skin: Option<Skin>,
     /// No boundary is nearer than this.
-    clear: f64,
-    /// Distance of the nearest boundary, where it has just been asked for.
-    deep: Option<f64>,
+    pub clear: f64,
     /// Optical depth of absorption that is left until the path ends.
-    life: f64,
+    pub life: f64,
+    /// What the path stands for, after the roulettes it survived.
+    pub weight: f64,
+    pub pixel: u32,
+    pub sample: u32,
+    /// Block of random numbers of the next flight.
+    pub number: u64,
+    /// Whether the next flight has been scored ahead, up to its first boundary ...
+    pub ahead: bool,
+    /// ... or wholly.
+    pub wholly: bool,
+    /// Which of the walker's responses is its own.
+    pub response: usize,
 }
 
 /// Where the next scattering is looked for.
@@ -130,7 +144,6 @@ struct Sight {
 
 impl<'a> Walker<'a> {
     pub fn new(setting: Setting<'a>) -> Self {
-        let response = vec![0.0; 1 + 2 * setting.carriers.len()];
         let window = |m: &Material| {
             let reduced = m.mu_s * (1.0 - m.g);
             let weak = setting.nee == Nee::Line && m.mu_a < WEAK_ABSORPTION * reduced;
@@ -138,7 +151,7 @@ impl<'a> Walker<'a> {
         };
         let windows = setting.world.materials.iter().map(window).collect();
         let (spans, pieces) = (Vec::new(), Vec::new());
-        Self { setting, spans, pieces, response, weight: 1.0, windows, flights: 0, endless: false }
+        Self { setting, spans, pieces, responses: Vec::new(), windows, flights: 0, endless: false }
     }
 
     /// Whether a path had to be cut because it would not end.
@@ -154,77 +167,129 @@ impl<'a> Walker<'a> {
     /// One path of a pixel: its radiance (W mm^-2 sr^-1) in response to the pattern 1, then re and im of that to each
     /// carrier. The same numbers whenever and wherever it is called.
     pub fn path(&mut self, pixel: usize, sample: u32) -> &[f64] {
-        self.response.fill(0.0);
-        self.weight = 1.0;
+        self.clear_responses(1);
+        let mut at = self.begin(pixel, sample, 0);
+        while self.step(&mut at) {}
+        &self.responses
+    }
+
+    /// Makes room for the responses of `paths` paths.
+    pub fn clear_responses(&mut self, paths: usize) {
+        self.responses.clear();
+        self.responses.resize(paths * self.stride(), 0.0);
+    }
+
+    pub fn response(&self, path: usize) -> &[f64] {
+        &self.responses[path * self.stride()..][..self.stride()]
+    }
+
+    pub fn setting(&self) -> &Setting<'a> {
+        &self.setting
+    }
+
+    /// WINDOW mu_eff of a material, 0 where deep paths play no roulette.
+    pub fn window(&self, material: usize) -> f64 {
+        self.windows[material]
+    }
+
+    /// Flights made on its behalf.
+    pub fn count_flights(&mut self, flights: usize) {
+        self.flights += flights as u64;
+    }
+
+    fn stride(&self) -> usize {
+        1 + 2 * self.setting.carriers.len()
+    }
+
+    fn stream(&self, at: &Place) -> Stream {
+        let s = self.setting;
+        Stream { key: s.key, pixel: at.pixel, sample: at.sample, channel: s.channel }
+    }
+
+    /// A path at the camera, its single scattering seen to.
+    pub fn begin(&mut self, pixel: usize, sample: u32, response: usize) -> Place {
         let s = self.setting;
         let stream = Stream { key: s.key, pixel: pixel as u32, sample, channel: s.channel };
         let [jx, jy, ja, jb] = stream.block(0);
-        let w = s.camera.ray(pixel, unit(jx), unit(jy));
-        // Absorption at a rate mu_a along the way ends the path: drawn once, exact for any albedo and any sequence of media.
-        let life = -ln(unit_fine(ja, jb));
-        let mut at = Place { r: s.camera.view.position, w, material: 0, skin: None, clear: 0.0, deep: None, life };
-        // Whether the flight that comes next has been scored ahead, up to its first boundary or wholly.
-        let (mut ahead, mut wholly) = (false, false);
-        if s.nee == Nee::Line {
+        let line = s.nee == Nee::Line;
+        let at = Place {
+            r: s.camera.view.position,
+            w: s.camera.ray(pixel, unit(jx), unit(jy)),
+            material: 0,
+            skin: None,
+            clear: 0.0,
+            // Absorption at a rate mu_a along the way ends the path: drawn once, exact for any albedo and sequence of media.
+            life: -ln(unit_fine(ja, jb)),
+            weight: 1.0,
+            pixel: pixel as u32,
+            sample,
+            number: 2,
+            ahead: line,
+            wholly: line,
+            response,
+        };
+        if line {
             self.first_flight(&at, &stream);
-            (ahead, wholly) = (true, true);
         }
-        let mut number = 2;
-        loop {
-            // Even blocks walk, the odd block behind each looks for light.
-            let [a, b, c, d] = stream.block(number);
-            number += 2;
-            self.flights += 1;
-            if number > 2 * MOST_FLIGHTS {
-                self.endless = true;
-                break;
+        at
+    }
+
+    /// One flight and what follows from it; false where the path has ended.
+    pub fn step(&mut self, at: &mut Place) -> bool {
+        let stream = self.stream(at);
+        // Even blocks walk, the odd block behind each looks for light.
+        let [a, b, c, d] = stream.block(at.number);
+        at.number += 2;
+        self.flights += 1;
+        if at.number > MOST_BLOCKS {
+            self.endless = true;
+            return false;
+        }
+        let roulette = unit(d);
+        match self.fly(at, -ln(unit_fine(a, d))) {
+            End::Gone => false,
+            End::Surface { skin, normal, rho } => {
+                at.skin = Some(skin);
+                at.clear = 0.0;
+                self.look_from_surface(at, normal, rho);
+                if roulette >= rho {
+                    return false;
+                }
+                at.w = cosine_direction(normal, unit(b), unit(c));
+                (at.ahead, at.wholly) = (false, false);
+                true
             }
-            let roulette = unit(d);
-            match self.fly(&mut at, -ln(unit_fine(a, d))) {
-                End::Gone => break,
-                End::Surface { skin, normal, rho } => {
-                    at.skin = Some(skin);
-                    at.clear = 0.0;
-                    self.look_from_surface(&at, normal, rho);
-                    if roulette >= rho {
-                        break;
-                    }
-                    at.w = cosine_direction(normal, unit(b), unit(c));
-                    (ahead, wholly) = (false, false);
+            End::Scattered { crossed } => {
+                at.skin = None;
+                if !(at.ahead && (at.wholly || !crossed)) {
+                    self.look_from_collision(at, roulette);
                 }
-                End::Scattered { crossed } => {
-                    at.skin = None;
-                    if !(ahead && (wholly || !crossed)) {
-                        self.look_from_collision(&mut at, roulette);
-                    }
-                    wholly = false;
-                    if let Some(distance) = at.deep.take()
-                        && self.ends_deep(at.material, distance, || stream.block((1 << 46) | number))
-                    {
-                        break;
-                    }
-                    let next = hg::sample(s.world.materials[at.material].g, at.w, unit(b), unit(c));
-                    if s.nee == Nee::Line {
-                        self.look_ahead(&mut at, next, roulette, || stream.block(number - 1));
-                        ahead = true;
-                    }
-                    at.w = next;
+                at.wholly = false;
+                if self.windows[at.material] > 0.0 && self.ends_deep(at) {
+                    return false;
                 }
+                let next = hg::sample(self.setting.world.materials[at.material].g, at.w, unit(b), unit(c));
+                if self.setting.nee == Nee::Line {
+                    self.look_ahead(at, next, roulette);
+                    at.ahead = true;
+                }
+                at.w = next;
+                true
             }
         }
-        &self.response
     }
 
     /// Roulette of deep paths where absorption is weak.
     #[inline]
-    fn ends_deep(&mut self, material: usize, distance: f64, random: impl FnOnce() -> [u32; 4]) -> bool {
-        let x = 1.0 + self.windows[material] * distance;
-        let window = x * x * x * x;
-        if self.weight >= 0.5 * window {
+    fn ends_deep(&mut self, at: &mut Place) -> bool {
+        at.clear = self.setting.world.clearance(at.r);
+        let window = deep_weight(self.windows[at.material], at.clear);
+        if at.weight >= 0.5 * window {
             return false;
         }
-        let survives = unit(random()[0]) * window < self.weight;
-        self.weight = window;
+        let [random, ..] = self.stream(at).block((1 << 46) | at.number);
+        let survives = unit(random) * window < at.weight;
+        at.weight = window;
         !survives
     }
 
@@ -238,7 +303,6 @@ impl<'a> Walker<'a> {
             let s = tau / here.mu_s;
             if s >= at.clear {
                 at.clear = world.clearance(at.r);
-                at.deep = Some(at.clear);
             }
             if s < at.clear {
                 at.life -= here.mu_a * s;
@@ -321,10 +385,11 @@ impl<'a> Walker<'a> {
         sight
     }
 
-    fn deposit(&mut self, radiance: f64, arrival: &Arrival) {
-        let radiance = self.weight * radiance;
-        self.response[0] += radiance;
-        for (carrier, re_im) in self.setting.carriers.iter().zip(self.response[1..].chunks_exact_mut(2)) {
+    fn deposit(&mut self, path: usize, radiance: f64, arrival: &Arrival) {
+        let stride = self.stride();
+        let response = &mut self.responses[path * stride..][..stride];
+        response[0] += radiance;
+        for (carrier, re_im) in self.setting.carriers.iter().zip(response[1..].chunks_exact_mut(2)) {
             let (sin, cos) = carrier.at(arrival.on_plane);
             re_im[0] += radiance * cos;
             re_im[1] += radiance * sin;
@@ -341,7 +406,7 @@ impl<'a> Walker<'a> {
         let sight = self.sight(at.r, arrival.towards, arrival.distance, at.skin);
         if !sight.blocked {
             let radiance = rho * FRAC_1_PI * cos * arrival.irradiance * libm::exp(-sight.tau);
-            self.deposit(radiance, &arrival);
+            self.deposit(at.response, at.weight * radiance, &arrival);
         }
     }
 
@@ -355,7 +420,8 @@ impl<'a> Walker<'a> {
         }
         let g = self.setting.world.materials[at.material].g;
         let p = hg::density(g, at.w.dot(arrival.towards));
-        self.deposit(p * arrival.irradiance * libm::exp(-sight.tau) / chance, &arrival);
+        let radiance = at.weight * p * arrival.irradiance * libm::exp(-sight.tau) / chance;
+        self.deposit(at.response, radiance, &arrival);
     }
 
     /// Exact single scattering of the camera's ray: one point in each scattering piece that it crosses.
@@ -379,7 +445,7 @@ impl<'a> Walker<'a> {
                 let exit = normal.map(|n| if n.dot(at.w) > 0.0 { -n } else { n }).filter(|n| n.dot(towards) > 0.0);
                 let [u, ..] = stream.block(1 + ((i as u64) << 32));
                 let line = Line { r: start, e: at.w, length, material: piece.material, towards, exit };
-                self.score(&line, libm::exp(-tau), unit(u));
+                self.score(at.response, &line, libm::exp(-tau), unit(u));
             }
             if piece.material != 0 {
                 tau += material.mu_t() * length;
@@ -391,7 +457,7 @@ impl<'a> Walker<'a> {
 
     /// The light that the next scattering will see, from one point on a line (the one-sample light lobe).
     #[inline]
-    fn look_ahead(&mut self, at: &mut Place, own: DVec3, roulette: f64, random: impl FnOnce() -> [u32; 4]) {
+    fn look_ahead(&mut self, at: &mut Place, own: DVec3, roulette: f64) {
         let world = self.setting.world;
         let material = world.materials[at.material];
         // The light is at least `clear` away: most collisions are settled by that, without a ray.
@@ -399,7 +465,6 @@ impl<'a> Walker<'a> {
             return;
         }
         at.clear = world.clearance(at.r);
-        at.deep = Some(at.clear);
         if roulette >= chance_to_look(material.mu_t() * at.clear) {
             return;
         }
@@ -410,7 +475,7 @@ impl<'a> Walker<'a> {
             return;
         }
         let g = material.g;
-        let [choice, b, c, u] = random();
+        let [choice, b, c, u] = self.stream(at).block(at.number - 1);
         let e = if choice >> 31 == 0 { own } else { hg::sample(g, towards, unit(b), unit(c)) };
         // 2 p_A / (p_A + p_B): p_A would have sent the path along e, p_B is the lobe around the light.
         let (own_q, lobe_q) = (hg::denominator(g, at.w.dot(e)), hg::denominator(g, e.dot(towards)));
@@ -422,13 +487,13 @@ impl<'a> Walker<'a> {
             .map_or(f64::INFINITY, |piece| if piece.material == at.material { piece.end } else { 0.0 });
         if length > 0.0 {
             let line = Line { r: at.r, e, length, material: at.material, towards, exit: sight.exit };
-            self.score(&line, balance / chance, unit(u));
+            self.score(at.response, &line, at.weight * balance / chance, unit(u));
         }
     }
 
     /// weight times the integral over s in (0, length) of exp(-mu_t s) mu_s p(e . L) (light at r + s e), from one s.
     #[inline]
-    fn score(&mut self, line: &Line, weight: f64, u: f64) {
+    fn score(&mut self, path: usize, line: &Line, weight: f64, u: f64) {
         let &Line { r, e, length, towards, .. } = line;
         let material = self.setting.world.materials[line.material];
         let mu_t = material.mu_t();
@@ -445,13 +510,21 @@ impl<'a> Walker<'a> {
         }
         let p = hg::density(material.g, e.dot(arrival.towards));
         let attenuation = libm::exp(-(mu_t * s + sight.tau));
-        self.deposit(weight * material.mu_s * p * arrival.irradiance * attenuation * inverse_density, &arrival);
+        let radiance = weight * material.mu_s * p * arrival.irradiance * attenuation * inverse_density;
+        self.deposit(path, radiance, &arrival);
     }
 }
 
+/// Weight below half of which a path at distance `clear` from every boundary plays roulette for it; `window` is WINDOW mu_eff.
+#[inline(always)]
+pub fn deep_weight(window: f64, clear: f64) -> f64 {
+    let x = 1.0 + window * clear;
+    x * x * x * x
+}
+
 /// Probability of looking for light at optical distance `tau`; falls slower than the light does.
-#[inline]
-fn chance_to_look(tau: f64) -> f64 {
+#[inline(always)]
+pub fn chance_to_look(tau: f64) -> f64 {
     if tau <= TAU_SURE {
         return 1.0;
     }

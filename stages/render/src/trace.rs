@@ -3,7 +3,9 @@
 use turbid_contract::{Ctx, Error};
 use turbid_optics::philox;
 
+use crate::flock;
 use crate::frames::Images;
+use crate::level::level;
 use crate::moments::Moments;
 use crate::params::Params;
 use crate::path::{Nee, Setting, Walker};
@@ -151,13 +153,11 @@ impl Job<'_> {
     fn tile(&self, setting: Setting<'_>, pixels: std::ops::Range<usize>, samples: std::ops::Range<u32>) -> Part {
         let mut walker = Walker::new(setting);
         let mut moments = Moments::new(pixels.len(), 1 + 2 * self.carriers.len());
-        for (place, pixel) in pixels.enumerate() {
-            // What was begun is thrown away with the whole round.
-            if self.ctx.cancelled() || walker.endless() {
-                break;
-            }
-            for sample in samples.clone() {
-                moments.add(place, walker.path(pixel, sample));
+        // What was begun is thrown away with the whole round.
+        if !self.ctx.cancelled() {
+            flock::walk(&mut walker, level(), pixels.clone(), samples.clone());
+            for path in 0..pixels.len() * samples.len() {
+                moments.add(path / samples.len(), walker.response(path));
             }
         }
         Part { moments, flights: walker.take_flights(), endless: walker.endless() }

@@ -37,7 +37,7 @@ fn ball(center: [f64; 3], radius: f64) -> Solid {
 }
 
 /// Priority falls from the first body to the last.
-fn scenes() -> Vec<(&'static str, World)> {
+pub fn scenes() -> Vec<(&'static str, World)> {
     let slab = |top: f64, bottom: f64| Solid::Slab { bottom, top };
     let cuboid = |low: [f64; 3], high: [f64; 3]| Solid::Box { low: low.into(), high: high.into() };
     let dome = Solid::Ellipsoid { center: DVec3::ZERO, radii: DVec3::new(2.0, 2.0, 3.0) };

@@ -1,0 +1,230 @@
+//! Paths walked side by side: flights inside one medium, nearly all there are, in lanes; whatever else befalls a path is left to
+//! the [`Walker`], whose bits the lanes reproduce.
+
+use std::ops::Range;
+
+use fearless_simd::{Level, Simd, dispatch};
+use glam::DVec3;
+use turbid_optics::elementary::ln;
+use turbid_optics::henyey_greenstein as hg;
+use turbid_optics::philox::{philox4x32, unit, unit_fine};
+use turbid_optics::solid::Solid;
+
+use crate::path::{MOST_BLOCKS, Place, Walker, chance_to_look, counter, deep_weight};
+use crate::world::Body;
+
+/// Two vectors of eight f64, or four of four: enough independent work to hide latencies.
+const LANES: usize = 16;
+/// With no more paths than this left, lanes are dearer than one path after the other.
+const FEW: usize = 2;
+
+type Lane = [f64; LANES];
+
+/// What became of a lane's flight.
+const PLAIN: u64 = 0;
+/// It met a boundary, a roulette or a look for light: it has not been made.
+const ODD: u64 = 1;
+/// Absorbed.
+const GONE: u64 = 2;
+
+/// The paths in flight. All of them are in a medium, and scored ahead up to the next boundary.
+#[derive(Default)]
+struct Bundle {
+    r: [Lane; 3],
+    w: [Lane; 3],
+    life: Lane,
+    weight: Lane,
+    mu_s: Lane,
+    mu_a: Lane,
+    g: Lane,
+    /// Of the roulette of deep paths.
+    window: Lane,
+    number: [u64; LANES],
+    sample: [u32; LANES],
+    pixel: [u32; LANES],
+    verdict: [u64; LANES],
+}
+
+/// Walks the paths `samples` of the pixels `pixels` and leaves their responses in the walker, pixel by pixel.
+pub fn walk(walker: &mut Walker<'_>, level: Level, pixels: Range<usize>, samples: Range<u32>) {
+    let per_pixel = samples.len();
+    let paths = pixels.len() * per_pixel;
+    walker.clear_responses(paths);
+    let (setting, mut bundle) = (*walker.setting(), Bundle::default());
+    let mut places: Vec<Place> = Vec::with_capacity(LANES);
+    let mut next = 0;
+    loop {
+        while places.len() < LANES && next < paths {
+            let (pixel, sample) = (pixels.start + next / per_pixel, samples.start + (next % per_pixel) as u32);
+            let mut place = walker.begin(pixel, sample, next);
+            next += 1;
+            if settles(walker, &mut place) {
+                bundle.put(places.len(), &place, walker);
+                places.push(place);
+            }
+        }
+        if walker.endless() {
+            return;
+        }
+        if places.len() <= FEW {
+            break;
+        }
+        dispatch!(level, simd => simd.vectorize(#[inline(always)] || bundle.fly(setting.key, setting.channel, &setting.world.bodies)));
+        // Odd flights are counted where they are made.
+        let odd = bundle.verdict[..places.len()].iter().filter(|&&v| v == ODD).count();
+        walker.count_flights(places.len() - odd);
+        // Backwards: the lane that fills a gap has been seen to.
+        for lane in (0..places.len()).rev() {
+            let mut alive = bundle.verdict[lane] != GONE;
+            if bundle.verdict[lane] == ODD {
+                bundle.get(lane, &mut places[lane]);
+                alive = settles(walker, &mut places[lane]);
+                bundle.put(lane, &places[lane], walker);
+            }
+            if !alive {
+                places.swap_remove(lane);
+                bundle.copy(places.len(), lane);
+            }
+        }
+    }
+    for (lane, place) in places.iter_mut().enumerate() {
+        bundle.get(lane, place);
+        while walker.step(place) {}
+    }
+}
+
+/// One odd flight, and those after it until the path is in a medium again, scored ahead; false where it has ended.
+fn settles(walker: &mut Walker<'_>, place: &mut Place) -> bool {
+    loop {
+        if !walker.step(place) {
+            return false;
+        }
+        if place.ahead && !place.wholly {
+            return true;
+        }
+    }
+}
+
+impl Bundle {
+    fn put(&mut self, lane: usize, place: &Place, walker: &Walker<'_>) {
+        for (axis, (r, w)) in place.r.to_array().into_iter().zip(place.w.to_array()).enumerate() {
+            self.r[axis][lane] = r;
+            self.w[axis][lane] = w;
+        }
+        let material = &walker.setting().world.materials[place.material];
+        self.life[lane] = place.life;
+        self.weight[lane] = place.weight;
+        self.mu_s[lane] = material.mu_s;
+        self.mu_a[lane] = material.mu_a;
+        self.g[lane] = material.g;
+        self.window[lane] = walker.window(place.material);
+        self.number[lane] = place.number;
+        self.sample[lane] = place.sample;
+        self.pixel[lane] = place.pixel;
+    }
+
+    /// What flights in lanes change.
+    fn get(&self, lane: usize, place: &mut Place) {
+        place.r = self.at(lane);
+        place.w = self.along(lane);
+        place.life = self.life[lane];
+        place.number = self.number[lane];
+        place.clear = 0.0;
+    }
+
+    fn copy(&mut self, from: usize, to: usize) {
+        for axis in 0..3 {
+            self.r[axis][to] = self.r[axis][from];
+            self.w[axis][to] = self.w[axis][from];
+        }
+        let lanes = [&mut self.life, &mut self.weight, &mut self.mu_s, &mut self.mu_a, &mut self.g, &mut self.window];
+        for lane in lanes {
+            lane[to] = lane[from];
+        }
+        self.number[to] = self.number[from];
+        self.sample[to] = self.sample[from];
+        self.pixel[to] = self.pixel[from];
+    }
+
+    #[inline(always)]
+    fn at(&self, i: usize) -> DVec3 {
+        DVec3::new(self.r[0][i], self.r[1][i], self.r[2][i])
+    }
+
+    #[inline(always)]
+    fn along(&self, i: usize) -> DVec3 {
+        DVec3::new(self.w[0][i], self.w[1][i], self.w[2][i])
+    }
+
+    /// One flight of every lane, made where nothing odd comes of it.
+    #[inline(always)]
+    fn fly(&mut self, key: [u32; 2], channel: u32, bodies: &[Body]) {
+        let random = self.draw(key, channel);
+        let (mut step, mut life, mut end) = ([0.0; LANES], [0.0; LANES], [[0.0; LANES]; 3]);
+        for i in 0..LANES {
+            step[i] = -ln(unit_fine(random[0][i], random[3][i])) / self.mu_s[i];
+            life[i] = self.life[i] - self.mu_a[i] * step[i];
+            let r = self.at(i) + step[i] * self.along(i);
+            (end[0][i], end[1][i], end[2][i]) = (r.x, r.y, r.z);
+        }
+        let reach = nearest(bodies, |solid, i| solid.reach(self.at(i), self.along(i)));
+        let clear = nearest(bodies, |solid, i| solid.clearance(DVec3::new(end[0][i], end[1][i], end[2][i])));
+        for i in 0..LANES {
+            let looks = unit(random[3][i]) < chance_to_look((self.mu_a[i] + self.mu_s[i]) * clear[i]);
+            let plays = self.weight[i] < 0.5 * deep_weight(self.window[i], clear[i]);
+            let endless = self.number[i] >= MOST_BLOCKS;
+            let (crosses, dies) = (step[i] >= reach[i], life[i] < 0.0);
+            let odd = crosses | (!dies & (looks | plays | endless));
+            self.verdict[i] = if odd {
+                ODD
+            } else if dies {
+                GONE
+            } else {
+                PLAIN
+            };
+            let w = hg::sample(self.g[i], self.along(i), unit(random[1][i]), unit(random[2][i]));
+            for (axis, w) in [w.x, w.y, w.z].into_iter().enumerate() {
+                self.r[axis][i] = if odd { self.r[axis][i] } else { end[axis][i] };
+                self.w[axis][i] = if odd { self.w[axis][i] } else { w };
+            }
+            self.life[i] = if odd { self.life[i] } else { life[i] };
+            self.number[i] += if odd { 0 } else { 2 };
+        }
+    }
+
+    /// The block of random numbers of each lane's flight.
+    #[inline(always)]
+    fn draw(&self, key: [u32; 2], channel: u32) -> [[u32; LANES]; 4] {
+        let mut random = [[0; LANES]; 4];
+        let [first, second, third, fourth] = &mut random;
+        for i in 0..LANES {
+            let block = philox4x32(counter(self.number[i], channel, self.sample[i], self.pixel[i]), key);
+            (first[i], second[i], third[i], fourth[i]) = (block[0], block[1], block[2], block[3]);
+        }
+        random
+    }
+}
+
+/// The least over the bodies of what `distance` says of a solid and a lane.
+#[inline(always)]
+fn nearest(bodies: &[Body], distance: impl Fn(Solid, usize) -> f64) -> Lane {
+    let mut least = [f64::INFINITY; LANES];
+    for body in bodies {
+        // Said again in each arm, so that its loop is about one kind of solid and goes by vectors.
+        match body.solid {
+            Solid::Slab { bottom, top } => lower(&mut least, |i| distance(Solid::Slab { bottom, top }, i)),
+            Solid::Box { low, high } => lower(&mut least, |i| distance(Solid::Box { low, high }, i)),
+            Solid::Ellipsoid { center, radii } => {
+                lower(&mut least, |i| distance(Solid::Ellipsoid { center, radii }, i))
+            }
+        }
+    }
+    least
+}
+
+#[inline(always)]
+fn lower(least: &mut Lane, distance: impl Fn(usize) -> f64) {
+    for (i, least) in least.iter_mut().enumerate() {
+        *least = least.min(distance(i));
+    }
+}
