@@ -66,6 +66,14 @@ fn is_exponent(text: &str, i: usize, c: char) -> bool {
     (c == 'e' || c == 'E') && i > 0 && text[i + 1..].starts_with(|d: char| d.is_ascii_digit() || d == '-' || d == '+')
 }
 
+/// What a quantity may be written as.
+fn described(dimension: &str, unit: &str) -> String {
+    match unit {
+        "1" => "number, or text such as `1 %`".to_owned(),
+        _ => format!("number in {unit}, or text with a unit of {dimension}"),
+    }
+}
+
 macro_rules! quantity {
     ($(#[$doc:meta])* $name:ident, $dimension:literal, $unit:literal, $scale:expr) => {
         $(#[$doc])*
@@ -102,7 +110,7 @@ macro_rules! quantity {
                 impl Visitor<'_> for Wanted {
                     type Value = f64;
                     fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                        f.write_str(concat!("a number in ", $unit, ", or text with a unit of ", $dimension))
+                        write!(f, "a {}", described($dimension, $unit))
                     }
                     fn visit_f64<E: de::Error>(self, v: f64) -> Result<f64, E> {
                         if v.is_finite() { Ok(v) } else { Err(E::custom(format!("{v} is not a finite number"))) }
@@ -128,7 +136,7 @@ macro_rules! quantity {
             }
             fn json_schema(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
                 schemars::json_schema!({
-                    "description": concat!("number in ", $unit, ", or text with a unit of ", $dimension),
+                    "description": described($dimension, $unit),
                     "type": ["number", "string"],
                     "unit": $unit
                 })
