@@ -1,7 +1,7 @@
 //! Whether a signal stands above its noise around a pixel: judged by the pixel's neighbours, never by the pixel itself.
 //!
 //! A limit on the pixel's own signal keeps those that noise has lifted and drops those that it has lowered: at 27 % of noise
-//! per pixel a limit of 3 standard errors raises the mean of what is left by 7 %. Neighbours know as much about the
+//! per pixel a limit of 3 standard errors raises the mean of what is left by 6 %. Neighbours know as much about the
 //! signal and nothing about the pixel's own noise, so what they drop leaves the mean alone.
 
 /// Neighbours on each side of a pixel.
