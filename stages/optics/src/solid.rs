@@ -16,8 +16,16 @@ pub enum Solid {
 impl Solid {
     /// The part of the line origin + t direction inside the solid, as (t of entry, t of exit), entry < exit; the ends
     /// are infinite where the solid is. A line that only touches is outside.
+    #[inline]
     pub fn interval(&self, origin: DVec3, direction: DVec3) -> Option<(f64, f64)> {
-        let (enter, leave) = match *self {
+        let (enter, leave) = self.span(origin, direction);
+        (enter < leave).then_some((enter, leave))
+    }
+
+    /// The same without a branch: entry >= exit where the line misses the solid.
+    #[inline(always)]
+    pub fn span(&self, origin: DVec3, direction: DVec3) -> (f64, f64) {
+        match *self {
             Self::Slab { bottom, top } => between(origin.z, direction.z, bottom, top),
             Self::Box { low, high } => {
                 let x = between(origin.x, direction.x, low.x, high.x);
@@ -33,14 +41,10 @@ impl Solid {
                 let d2 = d.length_squared();
                 let nearest = -o.dot(d) / d2;
                 let inside = 1.0 - (o + nearest * d).length_squared();
-                if inside <= 0.0 {
-                    return None;
-                }
-                let half = (inside / d2).sqrt();
+                let half = (inside.max(0.0) / d2).sqrt();
                 (nearest - half, nearest + half)
             }
-        };
-        (enter < leave).then_some((enter, leave))
+        }
     }
 
     /// Whether the point lies in the solid or on its surface.
@@ -125,18 +129,13 @@ impl Solid {
     }
 }
 
-/// Where o + t d lies between two parallel planes: (t of entry, t of exit), empty as (inf, -inf).
-#[inline]
+/// Where o + t d lies between two parallel planes: (t of entry, t of exit), entry >= exit where nowhere.
+#[inline(always)]
 fn between(o: f64, d: f64, low: f64, high: f64) -> (f64, f64) {
-    if d > 0.0 {
-        ((low - o) / d, (high - o) / d)
-    } else if d < 0.0 {
-        ((high - o) / d, (low - o) / d)
-    } else if low < o && o < high {
-        (f64::NEG_INFINITY, f64::INFINITY)
-    } else {
-        (f64::INFINITY, f64::NEG_INFINITY)
-    }
+    // Along the planes (d = 0): -inf and inf between them, the same infinity twice outside; in one of them 0 / 0, which min and
+    // max pass over, leaving the other's infinity twice.
+    let (a, b) = ((low - o) / d, (high - o) / d);
+    (a.min(b), a.max(b))
 }
 
 #[cfg(test)]

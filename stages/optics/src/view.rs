@@ -66,17 +66,24 @@ impl View {
     /// Where the line from the pinhole through `p` meets the field's plane; `None` where it does not.
     #[inline]
     pub fn project(&self, p: DVec3) -> Option<DVec3> {
+        let (on_plane, ahead) = self.projects(p);
+        ahead.then_some(on_plane)
+    }
+
+    /// The same without a branch: the point means nothing where the second is false.
+    #[inline(always)]
+    pub fn projects(&self, p: DVec3) -> (DVec3, bool) {
         let height = self.look_at.z - self.position.z;
         let t = height / (p.z - self.position.z);
         // Also false for NaN and for points beside or behind the pinhole.
-        (t > 0.0 && t.is_finite()).then(|| self.position + t * (p - self.position))
+        (self.position + t * (p - self.position), (t > 0.0) & (t < f64::INFINITY))
     }
 
     /// Whether a point of the field's plane lies inside the field.
-    #[inline]
+    #[inline(always)]
     pub fn in_field(&self, on_plane: DVec3) -> bool {
         let d = on_plane - self.look_at;
-        d.dot(self.right).abs() <= 0.5 * self.field.x && d.dot(self.top).abs() <= 0.5 * self.field.y
+        (d.dot(self.right).abs() <= 0.5 * self.field.x) & (d.dot(self.top).abs() <= 0.5 * self.field.y)
     }
 
     /// Distance of the pinhole from the field's plane, mm.

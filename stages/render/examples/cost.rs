@@ -53,7 +53,7 @@ fn main() {
                 channel: 0,
                 nee,
             };
-            let mut walker = Walker::new(setting);
+            let mut walker = Walker::new(setting, level());
             let mut moments = Moments::new(camera.pixels(), 3);
             let began = cpu_seconds();
             // As the stage walks them: 256 pixels, 8 paths each; the point estimator is there for its variance only.
@@ -61,7 +61,7 @@ fn main() {
             for first in (0..camera.pixels()).step_by(pixels) {
                 for sample in (0..paths).step_by(batch) {
                     let samples = sample..paths.min(sample + batch as u32);
-                    flock::walk(&mut walker, level(), first..first + pixels, samples.clone());
+                    flock::walk(&mut walker, first..first + pixels, samples.clone());
                     for path in 0..pixels * samples.len() {
                         moments.add(first + path / samples.len(), walker.response(path));
                     }

@@ -3,18 +3,17 @@
 
 use std::ops::Range;
 
-use fearless_simd::{Level, Simd, dispatch};
+use fearless_simd::{Simd, dispatch};
 use glam::DVec3;
 use turbid_optics::elementary::ln;
 use turbid_optics::henyey_greenstein as hg;
 use turbid_optics::philox::{philox4x32, unit, unit_fine};
 use turbid_optics::solid::Solid;
 
+use crate::look::LANES;
 use crate::path::{MOST_BLOCKS, Place, Walker, chance_to_look, counter, deep_weight};
 use crate::world::Body;
 
-/// Two vectors of eight f64, or four of four: enough independent work to hide latencies.
-const LANES: usize = 16;
 /// With no more paths than this left, lanes are dearer than one path after the other.
 const FEW: usize = 2;
 
@@ -22,10 +21,12 @@ type Lane = [f64; LANES];
 
 /// What became of a lane's flight.
 const PLAIN: u64 = 0;
-/// It met a boundary, a roulette or a look for light: it has not been made.
+/// It met a boundary or a roulette (or light has to be looked for one by one): it has not been made.
 const ODD: u64 = 1;
 /// Absorbed.
 const GONE: u64 = 2;
+/// Made, and its end is a place from which to look for light.
+const LOOK: u64 = 3;
 
 /// The paths in flight. All of them are in a medium, and scored ahead up to the next boundary.
 #[derive(Default)]
@@ -43,14 +44,19 @@ struct Bundle {
     sample: [u32; LANES],
     pixel: [u32; LANES],
     verdict: [u64; LANES],
+    /// Direction before it, and the number that decides on looks.
+    came: [Lane; 3],
+    roulette: Lane,
 }
 
 /// Walks the paths `samples` of the pixels `pixels` and leaves their responses in the walker, pixel by pixel.
-pub fn walk(walker: &mut Walker<'_>, level: Level, pixels: Range<usize>, samples: Range<u32>) {
+pub fn walk(walker: &mut Walker<'_>, pixels: Range<usize>, samples: Range<u32>) {
     let per_pixel = samples.len();
     let paths = pixels.len() * per_pixel;
     walker.clear_responses(paths);
     let (setting, mut bundle) = (*walker.setting(), Bundle::default());
+    let body_of = walker.body_of().map(<[u64]>::to_vec);
+    let (level, queues) = (walker.level(), body_of.is_some());
     let mut places: Vec<Place> = Vec::with_capacity(LANES);
     let mut next = 0;
     loop {
@@ -69,7 +75,7 @@ pub fn walk(walker: &mut Walker<'_>, level: Level, pixels: Range<usize>, samples
         if places.len() <= FEW {
             break;
         }
-        dispatch!(level, simd => simd.vectorize(#[inline(always)] || bundle.fly(setting.key, setting.channel, &setting.world.bodies)));
+        dispatch!(level, simd => simd.vectorize(#[inline(always)] || bundle.fly(setting.key, setting.channel, &setting.world.bodies, queues)));
         // Odd flights are counted where they are made.
         let odd = bundle.verdict[..places.len()].iter().filter(|&&v| v == ODD).count();
         walker.count_flights(places.len() - odd);
@@ -81,6 +87,13 @@ pub fn walk(walker: &mut Walker<'_>, level: Level, pixels: Range<usize>, samples
                 alive = settles(walker, &mut places[lane]);
                 bundle.put(lane, &places[lane], walker);
             }
+            if let (LOOK, Some(body_of)) = (bundle.verdict[lane], &body_of) {
+                let place = &mut places[lane];
+                bundle.get(lane, place);
+                let own = std::mem::replace(&mut place.w, point(&bundle.came, lane));
+                let material = &setting.world.materials[place.material];
+                walker.queue_look(place, own, bundle.roulette[lane], material, body_of[place.material]);
+            }
             if !alive {
                 places.swap_remove(lane);
                 bundle.copy(places.len(), lane);
@@ -91,6 +104,7 @@ pub fn walk(walker: &mut Walker<'_>, level: Level, pixels: Range<usize>, samples
         bundle.get(lane, place);
         while walker.step(place) {}
     }
+    walker.gather();
 }
 
 /// One odd flight, and those after it until the path is in a medium again, scored ahead; false where it has ended.
@@ -148,17 +162,17 @@ impl Bundle {
 
     #[inline(always)]
     fn at(&self, i: usize) -> DVec3 {
-        DVec3::new(self.r[0][i], self.r[1][i], self.r[2][i])
+        point(&self.r, i)
     }
 
     #[inline(always)]
     fn along(&self, i: usize) -> DVec3 {
-        DVec3::new(self.w[0][i], self.w[1][i], self.w[2][i])
+        point(&self.w, i)
     }
 
     /// One flight of every lane, made where nothing odd comes of it.
     #[inline(always)]
-    fn fly(&mut self, key: [u32; 2], channel: u32, bodies: &[Body]) {
+    fn fly(&mut self, key: [u32; 2], channel: u32, bodies: &[Body], queues: bool) {
         let random = self.draw(key, channel);
         let (mut step, mut life, mut end) = ([0.0; LANES], [0.0; LANES], [[0.0; LANES]; 3]);
         for i in 0..LANES {
@@ -170,21 +184,24 @@ impl Bundle {
         let reach = nearest(bodies, |solid, i| solid.reach(self.at(i), self.along(i)));
         let clear = nearest(bodies, |solid, i| solid.clearance(DVec3::new(end[0][i], end[1][i], end[2][i])));
         for i in 0..LANES {
-            let looks = unit(random[3][i]) < chance_to_look((self.mu_a[i] + self.mu_s[i]) * clear[i]);
+            self.roulette[i] = unit(random[3][i]);
+            let looks = self.roulette[i] < chance_to_look((self.mu_a[i] + self.mu_s[i]) * clear[i]);
             let plays = self.weight[i] < 0.5 * deep_weight(self.window[i], clear[i]);
             let endless = self.number[i] >= MOST_BLOCKS;
             let (crosses, dies) = (step[i] >= reach[i], life[i] < 0.0);
-            let odd = crosses | (!dies & (looks | plays | endless));
-            self.verdict[i] = if odd {
-                ODD
-            } else if dies {
+            let odd = crosses | (!dies & (plays | endless | (looks & !queues)));
+            let made = if dies {
                 GONE
+            } else if looks {
+                LOOK
             } else {
                 PLAIN
             };
+            self.verdict[i] = if odd { ODD } else { made };
             let w = hg::sample(self.g[i], self.along(i), unit(random[1][i]), unit(random[2][i]));
             for (axis, w) in [w.x, w.y, w.z].into_iter().enumerate() {
                 self.r[axis][i] = if odd { self.r[axis][i] } else { end[axis][i] };
+                self.came[axis][i] = self.w[axis][i];
                 self.w[axis][i] = if odd { self.w[axis][i] } else { w };
             }
             self.life[i] = if odd { self.life[i] } else { life[i] };
@@ -203,6 +220,11 @@ impl Bundle {
         }
         random
     }
+}
+
+#[inline(always)]
+fn point(axes: &[Lane; 3], i: usize) -> DVec3 {
+    DVec3::new(axes[0][i], axes[1][i], axes[2][i])
 }
 
 /// The least over the bodies of what `distance` says of a solid and a lane.

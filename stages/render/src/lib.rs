@@ -12,6 +12,7 @@ pub mod camera;
 pub mod flock;
 pub mod level;
 pub mod light;
+pub mod look;
 pub mod moments;
 pub mod path;
 pub mod world;

@@ -45,7 +45,7 @@ impl Light {
     }
 
     /// Unit vector from `p` to the pinhole, and the distance.
-    #[inline]
+    #[inline(always)]
     pub fn towards(&self, p: DVec3) -> (DVec3, f64) {
         let d = self.view.position - p;
         let distance = d.length();
@@ -55,7 +55,14 @@ impl Light {
     /// What arrives at `p`; `None` outside the field.
     #[inline]
     pub fn arrival(&self, p: DVec3) -> Option<Arrival> {
-        let on_plane = self.view.project(p).filter(|&q| self.view.in_field(q))?;
+        let (arrival, lit) = self.arrives(p);
+        lit.then_some(arrival)
+    }
+
+    /// The same without a branch: what it says means nothing where the second is false.
+    #[inline(always)]
+    pub fn arrives(&self, p: DVec3) -> (Arrival, bool) {
+        let (on_plane, ahead) = self.view.projects(p);
         let (towards, distance) = self.towards(p);
         let intensity = match self.emission {
             Emission::Intensity(i) => i,
@@ -65,7 +72,8 @@ impl Light {
                 e * h * h / (cos * cos * cos)
             }
         };
-        Some(Arrival { towards, distance, irradiance: intensity / (distance * distance), on_plane })
+        let arrival = Arrival { towards, distance, irradiance: intensity / (distance * distance), on_plane };
+        (arrival, ahead & self.view.in_field(on_plane))
     }
 }
 
@@ -99,7 +107,7 @@ impl Carrier {
     }
 
     /// (sin, cos) of the carrier's phase at a point of the pattern's plane.
-    #[inline]
+    #[inline(always)]
     pub fn at(&self, on_plane: DVec3) -> (f64, f64) {
         sin_cos_turns(self.along.0 * on_plane.x + self.along.1 * on_plane.y)
     }

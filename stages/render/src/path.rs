@@ -6,6 +6,7 @@
 
 use std::f64::consts::FRAC_1_PI;
 
+use fearless_simd::Level;
 use glam::DVec3;
 use turbid_optics::elementary::{ln, sin_cos_turns};
 use turbid_optics::henyey_greenstein as hg;
@@ -13,6 +14,7 @@ use turbid_optics::philox::{philox4x32, unit, unit_fine};
 
 use crate::camera::Camera;
 use crate::light::{Arrival, Carrier, Light};
+use crate::look::{self, Queue};
 use crate::world::{Material, Piece, Skin, World};
 
 /// How scatterings look for the light.
@@ -80,6 +82,12 @@ pub struct Walker<'a> {
     pieces: Vec<Piece>,
     /// Path after path: the response to the pattern 1, then (re, im) of the response to each carrier.
     responses: Vec<f64>,
+    /// The part of it that comes by the queue; apart, so that it does not matter when the queue is flushed.
+    queued: Vec<f64>,
+    queue: Queue,
+    level: Level,
+    /// For each material its body, where looks ahead are free of branches.
+    body_of: Option<Vec<u64>>,
     /// For each material WINDOW mu_eff (mm^-1), 0 where there is no roulette.
     windows: Vec<f64>,
     flights: u64,
@@ -143,7 +151,7 @@ struct Sight {
 }
 
 impl<'a> Walker<'a> {
-    pub fn new(setting: Setting<'a>) -> Self {
+    pub fn new(setting: Setting<'a>, level: Level) -> Self {
         let window = |m: &Material| {
             let reduced = m.mu_s * (1.0 - m.g);
             let weak = setting.nee == Nee::Line && m.mu_a < WEAK_ABSORPTION * reduced;
@@ -151,7 +159,9 @@ impl<'a> Walker<'a> {
         };
         let windows = setting.world.materials.iter().map(window).collect();
         let (spans, pieces) = (Vec::new(), Vec::new());
-        Self { setting, spans, pieces, responses: Vec::new(), windows, flights: 0, endless: false }
+        let body_of = look::bodies_by_material(setting.world);
+        let (responses, queued, queue) = (Vec::new(), Vec::new(), Queue::default());
+        Self { setting, spans, pieces, responses, queued, queue, level, body_of, windows, flights: 0, endless: false }
     }
 
     /// Whether a path had to be cut because it would not end.
@@ -170,6 +180,7 @@ impl<'a> Walker<'a> {
         self.clear_responses(1);
         let mut at = self.begin(pixel, sample, 0);
         while self.step(&mut at) {}
+        self.gather();
         &self.responses
     }
 
@@ -177,6 +188,16 @@ impl<'a> Walker<'a> {
     pub fn clear_responses(&mut self, paths: usize) {
         self.responses.clear();
         self.responses.resize(paths * self.stride(), 0.0);
+        self.queued.clear();
+        self.queued.resize(paths * self.stride(), 0.0);
+    }
+
+    /// Completes the responses, once all paths have ended.
+    pub fn gather(&mut self) {
+        self.queue.flush(self.level, &self.setting, &mut self.queued);
+        for (response, queued) in self.responses.iter_mut().zip(&self.queued) {
+            *response += queued;
+        }
     }
 
     pub fn response(&self, path: usize) -> &[f64] {
@@ -190,6 +211,16 @@ impl<'a> Walker<'a> {
     /// WINDOW mu_eff of a material, 0 where deep paths play no roulette.
     pub fn window(&self, material: usize) -> f64 {
         self.windows[material]
+    }
+
+    /// For each material the body that it fills, where looks can go by the queue.
+    pub fn body_of(&self) -> Option<&[u64]> {
+        self.body_of.as_deref()
+    }
+
+    /// The vector instructions to use.
+    pub fn level(&self) -> Level {
+        self.level
     }
 
     /// Flights made on its behalf.
@@ -410,6 +441,15 @@ impl<'a> Walker<'a> {
         }
     }
 
+    /// Leaves a look ahead to the queue.
+    #[inline]
+    pub fn queue_look(&mut self, at: &Place, own: DVec3, roulette: f64, material: &Material, body: u64) {
+        self.queue.push(at, own, roulette, material, body);
+        if self.queue.is_full() {
+            self.queue.flush(self.level, &self.setting, &mut self.queued);
+        }
+    }
+
     /// Light scattered into the path at a collision.
     fn look_from_collision(&mut self, at: &mut Place, roulette: f64) {
         let Some(arrival) = self.setting.light.arrival(at.r) else { return };
@@ -468,6 +508,11 @@ impl<'a> Walker<'a> {
         if roulette >= chance_to_look(material.mu_t() * at.clear) {
             return;
         }
+        if let Some(body_of) = &self.body_of {
+            let body = body_of[at.material];
+            self.queue_look(at, own, roulette, &material, body);
+            return;
+        }
         let (towards, distance) = self.setting.light.towards(at.r);
         let sight = self.sight(at.r, towards, distance, None);
         let chance = chance_to_look(sight.tau);
@@ -497,11 +542,8 @@ impl<'a> Walker<'a> {
         let &Line { r, e, length, towards, .. } = line;
         let material = self.setting.world.materials[line.material];
         let mu_t = material.mu_t();
-        // Below a plane the optical depth to the light falls by mu_t (e . n) / (L . n) per mm: then this rate makes every s
-        // score the same. Elsewhere it is a guess, kept where the weight cannot explode: [-1, 2] mu_t.
-        let steepness = line.exit.map_or(0.0, |n| e.dot(n) / towards.dot(n).max(1e-3));
-        let rate = (1.0 - steepness).clamp(-1.0, 2.0) * mu_t;
-        let (s, inverse_density) = sample_exponential(rate, length, mu_t, u);
+        let steepness = line.exit.map_or(0.0, |n| e.dot(n) / towards.dot(n));
+        let (s, inverse_density) = look::ahead(steepness, length, mu_t, u);
         let at = r + s * e;
         let Some(arrival) = self.setting.light.arrival(at) else { return };
         let sight = self.sight(at, arrival.towards, arrival.distance, None);
@@ -530,26 +572,6 @@ pub fn chance_to_look(tau: f64) -> f64 {
     }
     let ratio = TAU_SURE / tau;
     ratio * ratio * ratio * ratio
-}
-
-/// s in (0, length) with a density proportional to exp(-rate s), and one over that density. A rate too small to be told from
-/// zero is zero; on an infinite length, where only positive rates have a density, `fallback` stands in.
-#[inline]
-fn sample_exponential(rate: f64, length: f64, fallback: f64, u: f64) -> (f64, f64) {
-    if length == f64::INFINITY {
-        let rate = if rate > 1e-4 * fallback { rate } else { fallback };
-        return (-ln(u) / rate, 1.0 / (rate * u));
-    }
-    let depth = rate * length;
-    if depth.abs() < 1e-8 {
-        return (u * length, length);
-    }
-    // A growing density is a falling one seen from the other end.
-    let steep = depth.abs();
-    let mass = -libm::expm1(-steep);
-    let left = 1.0 - u * mass;
-    let s = (-ln(left) / rate.abs()).min(length);
-    (if rate > 0.0 { s } else { length - s }, mass / (rate.abs() * left))
 }
 
 /// A direction off a surface with a density proportional to the cosine.

@@ -151,11 +151,11 @@ impl Job<'_> {
     }
 
     fn tile(&self, setting: Setting<'_>, pixels: std::ops::Range<usize>, samples: std::ops::Range<u32>) -> Part {
-        let mut walker = Walker::new(setting);
+        let mut walker = Walker::new(setting, level());
         let mut moments = Moments::new(pixels.len(), 1 + 2 * self.carriers.len());
         // What was begun is thrown away with the whole round.
         if !self.ctx.cancelled() {
-            flock::walk(&mut walker, level(), pixels.clone(), samples.clone());
+            flock::walk(&mut walker, pixels.clone(), samples.clone());
             for path in 0..pixels.len() * samples.len() {
                 moments.add(path / samples.len(), walker.response(path));
             }

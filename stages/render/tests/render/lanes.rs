@@ -30,7 +30,7 @@ fn lanes_and_levels_do_not_show() {
             nee: Nee::Line,
         };
         for (pixels, samples) in [(0..16, 8..16), (5..6, 0..3)] {
-            let mut alone = Walker::new(setting);
+            let mut alone = Walker::new(setting, named(""));
             let (mut expected, mut seen) = (Vec::new(), false);
             for (pixel, sample) in pixels.clone().flat_map(|p| samples.clone().map(move |s| (p, s))) {
                 expected.push(alone.path(pixel, sample).to_vec());
@@ -39,8 +39,8 @@ fn lanes_and_levels_do_not_show() {
             assert!(seen || pixels.len() == 1, "{name} is dark");
             let flights = alone.take_flights();
             for level in ["baseline", "v3", "v4"] {
-                let mut walker = Walker::new(setting);
-                flock::walk(&mut walker, named(level), pixels.clone(), samples.clone());
+                let mut walker = Walker::new(setting, named(level));
+                flock::walk(&mut walker, pixels.clone(), samples.clone());
                 for (path, expected) in expected.iter().enumerate() {
                     assert_eq!(walker.response(path), expected, "{name}, {level}: path {path}");
                 }
