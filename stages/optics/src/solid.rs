@@ -61,12 +61,13 @@ impl Solid {
     pub fn reach(&self, p: DVec3, w: DVec3) -> f64 {
         match *self {
             Self::Slab { bottom, top } => {
-                // Behind the ray a plane is at a negative distance; in it (0 / 0), out of the way.
-                let ahead = |plane: f64| {
-                    let t = (plane - p.z) / w.z;
-                    if t >= 0.0 { t } else { f64::INFINITY }
-                };
-                ahead(bottom).min(ahead(top))
+                // The plane that the ray comes to first, with one division: from outside the nearer one.
+                let upward = if p.z < bottom { bottom } else { top };
+                let downward = if p.z > top { top } else { bottom };
+                let plane = if w.z > 0.0 { upward } else { downward };
+                let t = (plane - p.z) / w.z;
+                // Behind the ray, or along it (0 / 0), it is not in the way.
+                if t >= 0.0 { t } else { f64::INFINITY }
             }
             _ => self.clearance(p),
         }

@@ -43,7 +43,7 @@ fn main() {
             bodies.insert(0, Body { solid: cut, material: 0 });
         }
         let world = World { bodies, materials: vec![Material::VOID, medium, lesion] };
-        for nee in [Nee::Line] {
+        for nee in [Nee::Point, Nee::Line] {
             let setting = Setting {
                 world: &world,
                 camera: &camera,
@@ -56,8 +56,8 @@ fn main() {
             let mut walker = Walker::new(setting, level());
             let mut moments = Moments::new(camera.pixels(), 3);
             let began = cpu_seconds();
-            // As the stage walks them: 256 pixels, 8 paths each; the point estimator is there for its variance only.
-            let (pixels, batch) = (if nee == Nee::Line { 256 } else { 1 }, 8);
+            // As the stage walks them.
+            let (pixels, batch) = (1024, 8);
             for first in (0..camera.pixels()).step_by(pixels) {
                 for sample in (0..paths).step_by(batch) {
                     let samples = sample..paths.min(sample + batch as u32);

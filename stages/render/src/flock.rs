@@ -11,7 +11,7 @@ use turbid_optics::philox::{philox4x32, unit, unit_fine};
 use turbid_optics::solid::Solid;
 
 use crate::look::LANES;
-use crate::path::{MOST_BLOCKS, Place, Walker, chance_to_look, counter, deep_weight};
+use crate::path::{MOST_BLOCKS, Place, Walker, counter, deep_weight, rarity};
 use crate::world::Body;
 
 /// With no more paths than this left, lanes are dearer than one path after the other.
@@ -36,6 +36,7 @@ struct Bundle {
     life: Lane,
     weight: Lane,
     mu_s: Lane,
+    free_path: Lane,
     mu_a: Lane,
     g: Lane,
     /// Of the roulette of deep paths.
@@ -129,6 +130,7 @@ impl Bundle {
         self.life[lane] = place.life;
         self.weight[lane] = place.weight;
         self.mu_s[lane] = material.mu_s;
+        self.free_path[lane] = walker.free_path(place.material);
         self.mu_a[lane] = material.mu_a;
         self.g[lane] = material.g;
         self.window[lane] = walker.window(place.material);
@@ -151,7 +153,15 @@ impl Bundle {
             self.r[axis][to] = self.r[axis][from];
             self.w[axis][to] = self.w[axis][from];
         }
-        let lanes = [&mut self.life, &mut self.weight, &mut self.mu_s, &mut self.mu_a, &mut self.g, &mut self.window];
+        let lanes = [
+            &mut self.life,
+            &mut self.weight,
+            &mut self.mu_s,
+            &mut self.free_path,
+            &mut self.mu_a,
+            &mut self.g,
+            &mut self.window,
+        ];
         for lane in lanes {
             lane[to] = lane[from];
         }
@@ -176,7 +186,7 @@ impl Bundle {
         let random = self.draw(key, channel);
         let (mut step, mut life, mut end) = ([0.0; LANES], [0.0; LANES], [[0.0; LANES]; 3]);
         for i in 0..LANES {
-            step[i] = -ln(unit_fine(random[0][i], random[3][i])) / self.mu_s[i];
+            step[i] = -ln(unit_fine(random[0][i], random[3][i])) * self.free_path[i];
             life[i] = self.life[i] - self.mu_a[i] * step[i];
             let r = self.at(i) + step[i] * self.along(i);
             (end[0][i], end[1][i], end[2][i]) = (r.x, r.y, r.z);
@@ -185,7 +195,7 @@ impl Bundle {
         let clear = nearest(bodies, |solid, i| solid.clearance(DVec3::new(end[0][i], end[1][i], end[2][i])));
         for i in 0..LANES {
             self.roulette[i] = unit(random[3][i]);
-            let looks = self.roulette[i] < chance_to_look((self.mu_a[i] + self.mu_s[i]) * clear[i]);
+            let looks = self.roulette[i] * rarity((self.mu_a[i] + self.mu_s[i]) * clear[i]) < 1.0;
             let plays = self.weight[i] < 0.5 * deep_weight(self.window[i], clear[i]);
             let endless = self.number[i] >= MOST_BLOCKS;
             let (crosses, dies) = (step[i] >= reach[i], life[i] < 0.0);

@@ -10,7 +10,7 @@ use turbid_optics::philox::{philox4x32, unit};
 use turbid_optics::solid::Solid;
 
 use crate::light::{Carrier, Light};
-use crate::path::{Place, Setting, chance_to_look, counter};
+use crate::path::{Place, Setting, counter, rarity};
 use crate::world::{Body, Material, World};
 
 /// Overlaps are resolved for so many bodies at most.
@@ -181,12 +181,12 @@ impl Looks {
         }
         let tau1 = optical_depth(world, &spans(&world.bodies, &r1, &towards), &distance);
         for i in 0..LANES {
-            let chance = chance_to_look(tau[i]);
+            let rarity = rarity(tau[i]);
             let p = hg::density(self.g[i], at(&e, i).dot(at(&towards, i)));
             let dark = ((self.mu_a[i] + self.mu_s[i]) * s[i] + tau1[i]).min(DARK);
-            let weight = self.weight[i] * balance[i] / chance * inverse_density[i];
+            let weight = self.weight[i] * balance[i] * rarity * inverse_density[i];
             let radiance = weight * self.mu_s[i] * p * irradiance[i] * exp(-dark);
-            let seen = (self.roulette[i] < chance) & lit[i] & (length[i] > 0.0);
+            let seen = (self.roulette[i] * rarity < 1.0) & lit[i] & (length[i] > 0.0);
             self.radiance[i] = if seen { radiance } else { 0.0 };
         }
     }

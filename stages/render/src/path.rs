@@ -86,6 +86,8 @@ pub struct Walker<'a> {
     queued: Vec<f64>,
     queue: Queue,
     level: Level,
+    /// For each material 1 / mu_s, infinite where nothing scatters.
+    free_paths: Vec<f64>,
     /// For each material its body, where looks ahead are free of branches.
     body_of: Option<Vec<u64>>,
     /// For each material WINDOW mu_eff (mm^-1), 0 where there is no roulette.
@@ -159,9 +161,23 @@ impl<'a> Walker<'a> {
         };
         let windows = setting.world.materials.iter().map(window).collect();
         let (spans, pieces) = (Vec::new(), Vec::new());
+        let free_paths = setting.world.materials.iter().map(|m| 1.0 / m.mu_s).collect();
         let body_of = look::bodies_by_material(setting.world);
         let (responses, queued, queue) = (Vec::new(), Vec::new(), Queue::default());
-        Self { setting, spans, pieces, responses, queued, queue, level, body_of, windows, flights: 0, endless: false }
+        Self {
+            setting,
+            spans,
+            pieces,
+            responses,
+            queued,
+            queue,
+            level,
+            free_paths,
+            body_of,
+            windows,
+            flights: 0,
+            endless: false,
+        }
     }
 
     /// Whether a path had to be cut because it would not end.
@@ -211,6 +227,11 @@ impl<'a> Walker<'a> {
     /// WINDOW mu_eff of a material, 0 where deep paths play no roulette.
     pub fn window(&self, material: usize) -> f64 {
         self.windows[material]
+    }
+
+    /// mm, in a material; infinite where nothing scatters.
+    pub fn free_path(&self, material: usize) -> f64 {
+        self.free_paths[material]
     }
 
     /// For each material the body that it fills, where looks can go by the queue.
@@ -331,7 +352,7 @@ impl<'a> Walker<'a> {
         let here = &world.materials[at.material];
         if at.clear > 0.0 {
             // A medium: the last flight ended in it by a scattering.
-            let s = tau / here.mu_s;
+            let s = tau * self.free_paths[at.material];
             if s >= at.clear {
                 at.clear = world.clearance(at.r);
             }
@@ -369,7 +390,7 @@ impl<'a> Walker<'a> {
                 return End::Surface { skin: Skin { body, inside }, normal, rho };
             }
             let length = piece.end - piece.start;
-            let to_scattering = if material.mu_s > 0.0 { tau / material.mu_s } else { f64::INFINITY };
+            let to_scattering = tau * self.free_paths[piece.material];
             let flown = length.min(to_scattering);
             if material.mu_a > 0.0 {
                 at.life -= material.mu_a * flown;
@@ -454,13 +475,13 @@ impl<'a> Walker<'a> {
     fn look_from_collision(&mut self, at: &mut Place, roulette: f64) {
         let Some(arrival) = self.setting.light.arrival(at.r) else { return };
         let sight = self.sight(at.r, arrival.towards, arrival.distance, None);
-        let chance = chance_to_look(sight.tau);
-        if sight.blocked || roulette >= chance {
+        let rarity = rarity(sight.tau);
+        if sight.blocked || roulette * rarity >= 1.0 {
             return;
         }
         let g = self.setting.world.materials[at.material].g;
         let p = hg::density(g, at.w.dot(arrival.towards));
-        let radiance = at.weight * p * arrival.irradiance * libm::exp(-sight.tau) / chance;
+        let radiance = at.weight * p * arrival.irradiance * libm::exp(-sight.tau) * rarity;
         self.deposit(at.response, radiance, &arrival);
     }
 
@@ -501,11 +522,11 @@ impl<'a> Walker<'a> {
         let world = self.setting.world;
         let material = world.materials[at.material];
         // The light is at least `clear` away: most collisions are settled by that, without a ray.
-        if roulette >= chance_to_look(material.mu_t() * at.clear) {
+        if roulette * rarity(material.mu_t() * at.clear) >= 1.0 {
             return;
         }
         at.clear = world.clearance(at.r);
-        if roulette >= chance_to_look(material.mu_t() * at.clear) {
+        if roulette * rarity(material.mu_t() * at.clear) >= 1.0 {
             return;
         }
         if let Some(body_of) = &self.body_of {
@@ -515,8 +536,8 @@ impl<'a> Walker<'a> {
         }
         let (towards, distance) = self.setting.light.towards(at.r);
         let sight = self.sight(at.r, towards, distance, None);
-        let chance = chance_to_look(sight.tau);
-        if roulette >= chance {
+        let rarity = rarity(sight.tau);
+        if roulette * rarity >= 1.0 {
             return;
         }
         let g = material.g;
@@ -532,7 +553,7 @@ impl<'a> Walker<'a> {
             .map_or(f64::INFINITY, |piece| if piece.material == at.material { piece.end } else { 0.0 });
         if length > 0.0 {
             let line = Line { r: at.r, e, length, material: at.material, towards, exit: sight.exit };
-            self.score(at.response, &line, at.weight * balance / chance, unit(u));
+            self.score(at.response, &line, at.weight * balance * rarity, unit(u));
         }
     }
 
@@ -564,14 +585,11 @@ pub fn deep_weight(window: f64, clear: f64) -> f64 {
     x * x * x * x
 }
 
-/// Probability of looking for light at optical distance `tau`; falls slower than the light does.
+/// One over the probability of looking for light at optical distance `tau`; that falls slower than the light does.
 #[inline(always)]
-pub fn chance_to_look(tau: f64) -> f64 {
-    if tau <= TAU_SURE {
-        return 1.0;
-    }
-    let ratio = TAU_SURE / tau;
-    ratio * ratio * ratio * ratio
+pub fn rarity(tau: f64) -> f64 {
+    let x = (tau * (1.0 / TAU_SURE)).max(1.0);
+    x * x * x * x
 }
 
 /// A direction off a surface with a density proportional to the cosine.

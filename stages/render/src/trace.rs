@@ -15,10 +15,10 @@ use crate::state::State;
 /// Paths per pixel that are summed before they are added to the image: in f64, and always the same ones, so that neither the
 /// thread count nor a stop in between shows in the result.
 const BATCH: u32 = 8;
-/// Pixels of a tile.
-const TILE: usize = 256;
+/// Pixels of a tile: enough paths (with a batch of each) that lanes run dry for a small part of its time only.
+const TILE: usize = 1024;
 /// Tiles and batches of a round are chosen so that it holds about this many batches of a pixel.
-const ROUND: usize = 1 << 13;
+const ROUND: usize = 1 << 15;
 /// The error target is tested after this many paths per pixel and after every doubling.
 const FIRST_TEST: u32 = 64;
 /// Seconds between checkpoints.

@@ -1,5 +1,6 @@
 //! Laws that a rendered image obeys, and promises of the stage.
 
+mod golden;
 mod lanes;
 mod laws;
 mod setup;
