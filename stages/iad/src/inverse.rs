@@ -1,0 +1,301 @@
+//! From measured reflectance and transmittance back to mu_a and mu_s'.
+//!
+//! Newton's method in (ln mu_a, ln mu_s') on two residuals that are nearly linear in them whatever the slab: the logit
+//! of the absorbed fraction, and the logarithm of the reflectance beyond that of an unscattering slab with the same
+//! transmittance, over the transmittance. The start comes from a table of the four-point model, followed by that
+//! model's own solution.
+
+use crate::forward::{Depths, Plan};
+use crate::slab::Surface;
+use crate::{Error, Slab};
+
+/// Readings of a collimated beam, as fractions of the incident light; specular reflection included.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reading {
+    pub m_r: f64,
+    pub m_t: f64,
+    /// Standard error of either, >= 0: readings beyond a limit by no more than it count as lying on the limit.
+    pub sigma: f64,
+}
+
+/// Limits on which a solution lies.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Flags {
+    /// All light comes back: mu_a = 0. The readings were scaled to M_R + M_T = 1, within their standard error.
+    pub conservative: bool,
+    /// The surfaces explain M_R: mu_s' = 0.
+    pub no_scatter: bool,
+}
+
+/// The medium that explains a reading.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fit {
+    pub mu_a_per_mm: f64,
+    pub mu_s_prime_per_mm: f64,
+    /// Larger of the relative errors of M_R and M_T in the fit; up to sigma on a limit, else below 1e-8.
+    pub residual: f64,
+    /// Newton steps at the full quadrature.
+    pub iterations: usize,
+    pub flags: Flags,
+}
+
+/// The inverse of [`Plan`]: prepared once per slab, then used for any number of readings, from any thread.
+pub struct Inverse<const N: usize> {
+    plan: Plan<N>,
+    coarse: Plan<4>,
+    /// (unknowns, residuals) of the coarse model.
+    table: Vec<([f64; 2], [f64; 2])>,
+    surfaces: Surfaces,
+}
+
+/// The surfaces as the beam along the normal meets them.
+#[derive(Clone, Copy)]
+struct Surfaces {
+    top: Surface,
+    bottom: Surface,
+}
+
+impl Surfaces {
+    /// Transmittance and reflectance without scattering, for the fraction `pass` that one passage leaves.
+    fn clear(&self, pass: f64) -> (f64, f64) {
+        let rounds = 1.0 / (1.0 - self.top.inside * self.bottom.inside * pass * pass);
+        let back = self.top.through * self.top.through * self.bottom.inside * pass * pass * rounds;
+        (self.top.through * self.bottom.through * pass * rounds, self.top.outside + back)
+    }
+
+    /// The passage that leaves this transmittance without scattering.
+    fn pass(&self, transmittance: f64) -> f64 {
+        let through = self.top.through * self.bottom.through;
+        let echo = self.top.inside * self.bottom.inside;
+        2.0 * transmittance / (through + (through * through + 4.0 * echo * transmittance * transmittance).sqrt())
+    }
+}
+
+/// A fit is one only if it meets both readings this well (relative).
+const RESIDUAL: f64 = 1e-8;
+/// Transmittance below this counts as none: its logarithms and ratios leave the range of numbers.
+const DARK: f64 = 1e-290;
+const ROUNDING: f64 = 8.0 * f64::EPSILON;
+
+impl<const N: usize> Inverse<N> {
+    /// As [`Plan::new`]; also fails on an infinite thickness and on slides that absorb.
+    pub fn new(slab: &Slab) -> Result<Self, Error> {
+        let plan = Plan::new(slab)?;
+        if !slab.thickness_mm.is_finite() {
+            return Err(Error::InvalidThickness { value_mm: slab.thickness_mm });
+        }
+        for tau in [slab.top.tau, slab.bottom.tau] {
+            if tau > 0.0 {
+                return Err(Error::AbsorbingSlide { tau });
+            }
+        }
+        let surfaces =
+            Surfaces { top: Surface::new(slab.n, slab.top, 1.0), bottom: Surface::new(slab.n, slab.bottom, 1.0) };
+        let coarse = Plan::new(slab)?;
+        let mut table = Vec::with_capacity(256);
+        for i in 0..16 {
+            for j in 0..16 {
+                let unknowns = [-18.0 + 1.4 * f64::from(i), -12.0 + 1.4 * f64::from(j)];
+                if let Some(residuals) = model(&coarse, unknowns).and_then(|read| residuals(&surfaces, read)) {
+                    table.push((unknowns, residuals));
+                }
+            }
+        }
+        Ok(Self { plan, coarse, table, surfaces })
+    }
+
+    pub fn plan(&self) -> &Plan<N> {
+        &self.plan
+    }
+
+    /// mu_a and mu_s' from M_R and M_T.
+    pub fn invert(&self, reading: &Reading) -> Result<Fit, Error> {
+        let Reading { m_r, m_t, sigma } = *reading;
+        for (name, value) in [("M_R", m_r), ("M_T", m_t), ("sigma", sigma)] {
+            if !value.is_finite() {
+                return Err(Error::NotFinite { name });
+            }
+        }
+        if sigma < 0.0 {
+            return Err(Error::Range { name: "sigma", value: sigma, must: "be >= 0" });
+        }
+        if m_t < 0.0 {
+            return Err(Error::Range { name: "M_T", value: m_t, must: "be >= 0" });
+        }
+        if m_r < 0.0 {
+            return Err(Error::BelowSpecular { min: self.surfaces.top.outside });
+        }
+        let within = sigma.max(ROUNDING);
+        let excess = (m_r - 1.0) + m_t;
+        if excess > within {
+            return Err(Error::TooMuchLight { excess });
+        }
+        let conservative = excess >= -within;
+        if m_t < DARK {
+            return Err(self.opaque(m_r, conservative));
+        }
+
+        let pass = self.surfaces.pass(m_t);
+        let (t_empty, r_empty) = self.surfaces.clear(1.0);
+        if m_t > t_empty + within {
+            return Err(Error::AboveMax { max: t_empty });
+        }
+        let r_clear = self.surfaces.clear(pass.min(1.0)).1;
+        if m_r < r_clear - within {
+            return Err(Error::BelowSpecular { min: r_clear });
+        }
+        let flags = Flags { conservative, no_scatter: m_r <= r_clear + within };
+        if flags.no_scatter {
+            let tau = if conservative { 0.0 } else { -libm::log(pass.min(1.0)) };
+            return Ok(self.fit(reading, [tau, 0.0], 0, flags));
+        }
+        if conservative {
+            let total = m_r + m_t;
+            return self.conservative(&Reading { m_r: (m_r / total).max(r_empty), m_t: m_t / total, sigma }, flags);
+        }
+        self.search(reading, flags)
+    }
+
+    fn search(&self, reading: &Reading, flags: Flags) -> Result<Fit, Error> {
+        let Reading { m_r, m_t, .. } = *reading;
+        let absorbed = (1.0 - m_t) - m_r;
+        let wanted = residuals(&self.surfaces, [m_r, m_t, absorbed]).expect("between the limits, as checked");
+        let distance = |f: &[f64; 2]| {
+            let [a, b] = [f[0] - wanted[0], f[1] - wanted[1]];
+            a * a + b * b
+        };
+        let nearest = self.table.iter().min_by(|a, b| distance(&a.1).total_cmp(&distance(&b.1)));
+        let start = nearest.map_or([-3.0, 0.0], |entry| entry.0);
+        let (start, _) = newton(&self.coarse, &self.surfaces, wanted, start, 1e-4);
+        let (found, iterations) = newton(&self.plan, &self.surfaces, wanted, start, 1e-13);
+        let fit = self.fit(reading, found.map(libm::exp), iterations, flags);
+        if fit.residual <= RESIDUAL {
+            return Ok(fit);
+        }
+        Err(Error::NotConverged { best: [fit.mu_a_per_mm, fit.mu_s_prime_per_mm], residual: fit.residual })
+    }
+
+    /// Without absorption M_R / M_T alone decides; it grows with mu_s', so halving finds it.
+    fn conservative(&self, reading: &Reading, flags: Flags) -> Result<Fit, Error> {
+        let wanted = reading.m_r / reading.m_t;
+        let found = bisect(-40.0, 40.0, |x| {
+            self.plan.respond_to_beam(self.plan.depths_of(0.0, libm::exp(x))).is_some_and(|[r, t, _]| r / t < wanted)
+        });
+        let fit = self.fit(reading, [0.0, libm::exp(found)], 0, flags);
+        if fit.residual <= RESIDUAL {
+            return Ok(fit);
+        }
+        Err(Error::NotConverged { best: [0.0, fit.mu_s_prime_per_mm], residual: fit.residual })
+    }
+
+    /// What a slab without transmittance tells: the ratio of a half-space.
+    fn opaque(&self, m_r: f64, conservative: bool) -> Error {
+        let min = self.surfaces.top.outside;
+        if m_r < min {
+            return Error::BelowSpecular { min };
+        }
+        if conservative {
+            return Error::Underdetermined { ratio: 0.0 };
+        }
+        let found = bisect(-80.0, 40.0, |x| {
+            self.plan.respond_to_beam(self.plan.half_space(libm::exp(x))).is_some_and(|[r, ..]| r > m_r)
+        });
+        Error::Underdetermined { ratio: libm::exp(found) }
+    }
+
+    fn fit(&self, reading: &Reading, depths: [f64; 2], iterations: usize, flags: Flags) -> Fit {
+        let read = self.plan.respond_to_beam(self.plan.depths_of(depths[0], depths[1]));
+        let relative = |value: f64, read: f64| if value == read { 0.0 } else { (value - read).abs() / read.abs() };
+        let d = self.plan.slab().thickness_mm;
+        Fit {
+            mu_a_per_mm: depths[0] / d,
+            mu_s_prime_per_mm: depths[1] / d,
+            residual: read.map_or(f64::INFINITY, |[r, t, _]| relative(r, reading.m_r).max(relative(t, reading.m_t))),
+            iterations,
+            flags,
+        }
+    }
+}
+
+impl<const N: usize> Plan<N> {
+    /// From mu_a d and mu_s' d.
+    fn depths_of(&self, absorption: f64, scattering: f64) -> Depths {
+        let d = self.slab().thickness_mm;
+        self.depths(absorption / d, scattering / d)
+    }
+}
+
+/// [R, T, absorbed] at (ln mu_a d, ln mu_s' d).
+fn model<const N: usize>(plan: &Plan<N>, unknowns: [f64; 2]) -> Option<[f64; 3]> {
+    let [absorption, scattering] = unknowns.map(libm::exp);
+    plan.respond_to_beam(plan.depths_of(absorption, scattering))
+}
+
+/// The two residual functions of [R, T, absorbed]; `None` where they have no logarithm.
+fn residuals(surfaces: &Surfaces, [r, t, absorbed]: [f64; 3]) -> Option<[f64; 2]> {
+    let beyond = r - surfaces.clear(surfaces.pass(t)).1;
+    let f = [libm::log(absorbed / t), libm::log(beyond / t)];
+    f.iter().all(|x| x.is_finite()).then_some(f)
+}
+
+/// Newton's method with halved steps; returns where it could not come closer, and the steps taken.
+fn newton<const N: usize>(
+    plan: &Plan<N>,
+    surfaces: &Surfaces,
+    wanted: [f64; 2],
+    start: [f64; 2],
+    tolerance: f64,
+) -> ([f64; 2], usize) {
+    const STEPS: usize = 60;
+    const H: f64 = 1e-6;
+    let miss = |x: [f64; 2]| {
+        model(plan, x).and_then(|read| residuals(surfaces, read)).map(|f| [f[0] - wanted[0], f[1] - wanted[1]])
+    };
+    let size = |f: [f64; 2]| f[0].abs().max(f[1].abs());
+    let mut x = start;
+    let Some(mut f) = miss(x) else { return (x, 0) };
+    for step in 0..STEPS {
+        if size(f) <= tolerance {
+            return (x, step);
+        }
+        let (Some(a), Some(b)) = (miss([x[0] + H, x[1]]), miss([x[0], x[1] + H])) else { return (x, step) };
+        let jacobian = [[(a[0] - f[0]) / H, (b[0] - f[0]) / H], [(a[1] - f[1]) / H, (b[1] - f[1]) / H]];
+        let determinant = jacobian[0][0] * jacobian[1][1] - jacobian[0][1] * jacobian[1][0];
+        let mut move_by = [
+            -(f[0] * jacobian[1][1] - f[1] * jacobian[0][1]) / determinant,
+            -(f[1] * jacobian[0][0] - f[0] * jacobian[1][0]) / determinant,
+        ];
+        let longest = size(move_by);
+        if !longest.is_finite() {
+            return (x, step);
+        }
+        // A factor of 20 in either coefficient is as far as one tangent is trusted.
+        let limit = (3.0 / longest).min(1.0);
+        move_by = move_by.map(|m| m * limit);
+        let mut better = None;
+        for _ in 0..12 {
+            let next = [x[0] + move_by[0], x[1] + move_by[1]];
+            if let Some(g) = miss(next).filter(|&g| size(g) < size(f)) {
+                better = Some((next, g));
+                break;
+            }
+            move_by = move_by.map(|m| 0.5 * m);
+        }
+        let Some((next, g)) = better else { return (x, step) };
+        (x, f) = (next, g);
+    }
+    (x, STEPS)
+}
+
+/// The x in [low, high] where `below` turns from true to false, to the last bit.
+fn bisect(mut low: f64, mut high: f64, below: impl Fn(f64) -> bool) -> f64 {
+    for _ in 0..64 {
+        let middle = 0.5 * (low + high);
+        if below(middle) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    0.5 * (low + high)
+}

@@ -1,0 +1,29 @@
+//! Reflectance and transmittance of scattering slabs between slides, and the way back to mu_a and mu_s'.
+//!
+//! [`Plan`] is the forward model with N quadrature points, prepared once per slab; [`Inverse`] wraps it and turns
+//! readings M_R, M_T into mu_a and mu_s'. Both are plain data without globals: share them between threads.
+//!
+//! ```
+//! use turbid_iad::{Inverse, Reading, Slab};
+//!
+//! let inverse = Inverse::<16>::new(&Slab::bare(1.4, 0.8, 1.0))?;
+//! let fit = inverse.invert(&Reading { m_r: 0.3, m_t: 0.2, sigma: 1e-3 })?;
+//! let back = inverse.plan().forward(fit.mu_a_per_mm, fit.mu_s_prime_per_mm)?;
+//! assert!((back.ur1 - 0.3).abs() < 1e-9 && (back.ut1 - 0.2).abs() < 1e-9);
+//! # Ok::<(), turbid_iad::Error>(())
+//! ```
+//!
+//! Lengths mm, coefficients mm^-1. Henyey-Greenstein scattering, collimated light along the normal and diffuse light.
+//! Only + - * / and square roots besides `libm`: the same bits on every machine.
+
+mod angles;
+mod error;
+mod forward;
+mod inverse;
+mod matrix;
+mod slab;
+
+pub use error::Error;
+pub use forward::{Plan, Response};
+pub use inverse::{Fit, Flags, Inverse, Reading};
+pub use slab::{Slab, Slide, Surface, unscattered};
