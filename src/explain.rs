@@ -21,7 +21,12 @@ pub type Earlier = (InstanceRecord, Recipe);
 /// Earlier results, by kind of stage.
 pub struct History {
     by_use: HashMap<String, Vec<Arc<Earlier>>>,
+    /// The latest of each stage at each point of its axes.
+    by_label: HashMap<Label, Arc<Earlier>>,
 }
+
+/// Kind, pipeline, stage, axes.
+type Label = (String, String, String, String);
 
 /// Comparing with every record of a big sweep would be quadratic; the latest ones are near enough.
 const COMPARED: usize = 256;
@@ -36,26 +41,30 @@ impl History {
             // Latest first; the key only makes the order complete.
             records.sort_by_key(|earlier| std::cmp::Reverse((earlier.0.provenance.started, earlier.0.key)));
         }
-        Self { by_use }
+        let mut by_label = HashMap::new();
+        for earlier in by_use.values().flatten() {
+            let from = &earlier.0.provenance;
+            let label = (earlier.0.use_name.clone(), from.pipeline.clone(), from.stage.clone(), axes_text(&from.axes));
+            by_label.entry(label).or_insert_with(|| earlier.clone());
+        }
+        Self { by_use, by_label }
     }
 
-    /// The earlier record with the fewest differences; among equals the same label first, then the latest.
-    pub fn nearest(&self, plan: &Plan, id: InstanceId, now: &Dependencies) -> Option<(Arc<Earlier>, Vec<Difference>)> {
+    /// The last result under the very label of the instance: what the user compares with.
+    fn same_label(&self, plan: &Plan, id: InstanceId, now: &Dependencies) -> Option<&Arc<Earlier>> {
         let instance = &plan.instances[id];
-        let label = &plan.spec.stages[instance.stage].name;
+        let stage = plan.spec.stages[instance.stage].name.clone();
         let axes = axes_text(&instance.axes);
-        let records = self.by_use.get(&now.use_name)?;
-        let same = |r: &Arc<Earlier>| {
-            let r = &r.0;
-            r.provenance.pipeline == plan.spec.pipeline
-                && &r.provenance.stage == label
-                && axes_text(&r.provenance.axes) == axes
-        };
-        // The last result under this very label is what the user compares with.
-        if let Some(record) = records.iter().find(|r| same(r)) {
+        self.by_label.get(&(now.use_name.clone(), plan.spec.pipeline.clone(), stage, axes))
+    }
+
+    /// The earlier result of the same label, or else the one with the fewest differences; among equals the latest.
+    pub fn nearest(&self, plan: &Plan, id: InstanceId, now: &Dependencies) -> Option<(Arc<Earlier>, Vec<Difference>)> {
+        if let Some(record) = self.same_label(plan, id, now) {
             return Some((record.clone(), differences(&dependencies_of(record), now)));
         }
-        records
+        self.by_use
+            .get(&now.use_name)?
             .iter()
             .take(COMPARED)
             .map(|record| (record.clone(), differences(&dependencies_of(record), now)))
@@ -64,16 +73,12 @@ impl History {
 
     /// Short reasons for `plan` and `run`.
     pub fn reasons(&self, plan: &Plan, id: InstanceId, now: &Dependencies) -> Vec<String> {
-        let Some((record, differences)) = self.nearest(plan, id, now) else {
+        let Some(earlier) = self.same_label(plan, id, now) else {
             return vec!["no earlier result".to_owned()];
         };
+        let differences = differences(&dependencies_of(earlier), now);
         if differences.is_empty() {
             return vec!["its stored result is damaged or gone".to_owned()];
-        }
-        if record.0.provenance.pipeline != plan.spec.pipeline
-            || record.0.provenance.stage != plan.spec.stages[plan.instances[id].stage].name
-        {
-            return vec!["no earlier result".to_owned()];
         }
         let mut reasons: Vec<String> = differences.iter().take(4).map(Difference::short).collect();
         if differences.len() > 4 {

@@ -1,12 +1,13 @@
 //! Which instances are up to date: keys, states with reasons, and every mistake that can be seen before a run.
 
+use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock};
 
 use serde_json::Value;
 use turbid_contract::{
-    Artifact, Axes, Ctx, Error, InputSource, Known, MemoryHost, Prepared, Problem, Problems, StagePlan,
+    Artifact, Axes, Ctx, Error, FileUse, InputSource, Known, MemoryHost, Prepared, Problem, Problems, StagePlan,
 };
 
 use crate::digest::Digest;
@@ -42,7 +43,7 @@ pub enum State {
     /// The store holds its outputs.
     Hit(Arc<InstanceRecord>),
     /// It has to run.
-    Run { job: Box<Job>, reasons: Vec<String> },
+    Run { reasons: Vec<String> },
     /// It has no key until these stages have run.
     Waits(Vec<usize>),
 }
@@ -91,24 +92,31 @@ impl<'a> Resolver<'a> {
             plans: HashMap::new(),
             problems: Vec::new(),
         };
+        let mut first_of: HashMap<Digest, InstanceId> = HashMap::new();
         for id in self.plan.needed_instances() {
             if survey.problems.len() >= MANY_PROBLEMS {
                 break;
             }
             match self.state(id, &survey.outputs, force) {
-                Ok(State::Hit(record)) => {
+                Ok((State::Hit(record), _)) => {
                     survey.outputs[id] = Some(Arc::new(outputs_of(&record)));
                     survey.states[id] = Some(State::Hit(record));
                 }
-                Ok(state) => {
-                    match self.check(id, &survey.outputs) {
+                Ok((mut state, job)) => {
+                    if let (State::Run { reasons }, Some(job)) = (&mut state, &job) {
+                        let first = *first_of.entry(job.key).or_insert(id);
+                        if first != id {
+                            *reasons = vec![format!("the same as {}", self.plan.label(first))];
+                        }
+                    }
+                    match self.check(id, job.as_ref(), &survey.outputs) {
                         Ok((plan, mut warnings)) => {
                             survey.plans.insert(id, plan);
                             survey.problems.append(&mut warnings);
                         }
                         Err(mut mistakes) => survey.problems.append(&mut mistakes),
                     }
-                    if let State::Run { job, .. } = &state
+                    if let Some(job) = &job
                         && self.plan.row(self.plan.instances[id].stage).instant
                         && !self.plan.consumers(self.plan.instances[id].stage).is_empty()
                         && !survey.problems.iter().any(is_error)
@@ -150,13 +158,13 @@ impl<'a> Resolver<'a> {
         read
     }
 
-    /// The state of one instance, given the outputs of those before it.
+    /// The state of one instance, given the outputs of those before it, and its job if it has to run.
     pub fn state(
         &self,
         id: InstanceId,
         outputs: &[Option<Arc<Outputs>>],
         force: &[usize],
-    ) -> Result<State, Vec<Diagnostic>> {
+    ) -> Result<(State, Option<Job>), Vec<Diagnostic>> {
         let instance = &self.plan.instances[id];
         let mut waits: Vec<usize> = Vec::new();
         for (source, port) in instance.wires.iter().flat_map(|w| &w.from) {
@@ -167,24 +175,24 @@ impl<'a> Resolver<'a> {
             }
         }
         if !waits.is_empty() {
-            return Ok(State::Waits(waits));
+            return Ok((State::Waits(waits), None));
         }
         let job = self.job(id, outputs)?;
         let record = self.store.record(&job.key);
         if force.contains(&instance.stage) {
-            return Ok(State::Run { job: Box::new(job), reasons: vec!["forced".to_owned()] });
+            return Ok((State::Run { reasons: vec!["forced".to_owned()] }, Some(job)));
         }
         let Some(record) = record else {
             let history = self.history.get_or_init(|| History::read(self.store));
             let reasons = history.reasons(self.plan, id, &job.dependencies);
-            return Ok(State::Run { job: Box::new(job), reasons });
+            return Ok((State::Run { reasons }, Some(job)));
         };
         let missing: Vec<&str> =
             self.plan.wanted(instance.stage).iter().copied().filter(|port| !record.ports.contains_key(*port)).collect();
         if missing.is_empty() {
-            return Ok(State::Hit(record));
+            return Ok((State::Hit(record), None));
         }
-        Ok(State::Run { job: Box::new(job), reasons: vec![format!("newly wanted: {}", missing.join(", "))] })
+        Ok((State::Run { reasons: vec![format!("newly wanted: {}", missing.join(", "))] }, Some(job)))
     }
 
     /// Params with their canonical form, or every mistake in them.
@@ -219,11 +227,7 @@ impl<'a> Resolver<'a> {
                 (wire.port.to_owned(), content)
             })
             .collect();
-        let mut files = BTreeMap::new();
-        for file in &prepared.files {
-            let (path, (digest, _)) = self.file(instance.stage, &file.at, &file.path).map_err(|d| vec![*d])?;
-            files.insert(file.at.clone(), InputFile { path, digest });
-        }
+        let files = self.input_files(instance.stage, &prepared)?;
         let seed = instance_seed(self.plan.spec.seed, row.name, &instance.axes, &inputs, stage.seed);
         let dependencies = Dependencies {
             use_name: row.name.to_owned(),
@@ -241,6 +245,21 @@ impl<'a> Resolver<'a> {
         };
         let state_key = dependencies.state_key(row.stopping);
         Ok(Job { params, key: dependencies.key(), state_key, dependencies, seed, files })
+    }
+
+    fn input_files(&self, stage: usize, prepared: &Prepared) -> Result<BTreeMap<String, InputFile>, Vec<Diagnostic>> {
+        let read = |file: &FileUse| {
+            let (path, (digest, _)) = self.file(stage, &file.at, &file.path).map_err(|d| vec![*d])?;
+            Ok((file.at.clone(), InputFile { path, digest }))
+        };
+        prepared.files.iter().map(read).collect()
+    }
+
+    /// The bytes of an input file that was read before.
+    fn content(&self, path: &Path) -> Arc<[u8]> {
+        let files = self.files.lock().expect("no holder panics");
+        let read = files.get(path).and_then(|read| read.as_ref().ok());
+        read.map(|(_, bytes)| bytes.clone()).expect("its digest is known, so it was read")
     }
 
     /// Reads an input file once; a missing one is the user's mistake.
@@ -272,10 +291,16 @@ impl<'a> Resolver<'a> {
     }
 
     /// The stage's own check and plan, with all inputs that are known by now.
-    fn check(&self, id: InstanceId, outputs: &[Option<Arc<Outputs>>]) -> Checked {
+    fn check(&self, id: InstanceId, job: Option<&Job>, outputs: &[Option<Arc<Outputs>>]) -> Checked {
         let instance = &self.plan.instances[id];
         let row = self.plan.row(instance.stage);
-        let (params, prepared) = self.prepare(id)?;
+        let (params, files) = match job {
+            Some(job) => (Cow::Borrowed(&job.params), Cow::Borrowed(&job.files)),
+            None => {
+                let (params, prepared) = self.prepare(id)?;
+                (Cow::Owned(params), Cow::Owned(self.input_files(instance.stage, &prepared)?))
+            }
+        };
         let mut known =
             Known { connected: instance.wires.iter().map(|w| w.port.to_owned()).collect(), ..Known::default() };
         for wire in &instance.wires {
@@ -286,10 +311,7 @@ impl<'a> Resolver<'a> {
                 known.artifacts.insert(wire.port.to_owned(), artifact);
             }
         }
-        for file in &prepared.files {
-            let (_, (_, bytes)) = self.file(instance.stage, &file.at, &file.path).map_err(|d| vec![*d])?;
-            known.files.insert(file.at.clone(), bytes);
-        }
+        known.files.extend(files.iter().map(|(at, file)| (at.clone(), self.content(&file.path))));
         let mut problems = Problems::default();
         (row.check)(&params, &known, &mut problems);
         let (mistakes, warnings) = problems.into_parts();

@@ -6,6 +6,7 @@ use crate::explain::History;
 use crate::plan::Plan;
 use crate::registry::Registry;
 use crate::resolve::{Resolver, State};
+use crate::spec::Report;
 
 use super::{Done, Failure, Pipeline, print, report_of};
 
@@ -40,8 +41,10 @@ impl Explain {
                     let names: Vec<&str> = on.iter().map(|&s| plan.spec.stages[s].name.as_str()).collect();
                     text.push_str(&format!(": waits for {}; explain those first\n", names.join(", ")));
                 }
-                Some(State::Run { job, reasons }) => {
+                Some(State::Run { reasons }) => {
                     text.push_str(&format!(": runs ({})\n", reasons.join("; ")));
+                    let (_, job) = resolver.state(id, &survey.outputs, &[]).map_err(Report::from)?;
+                    let job = job.expect("an instance that runs has a job");
                     match history.nearest(&plan, id, &job.dependencies) {
                         None => text.push_str("  no earlier result of this kind of stage\n"),
                         Some((record, differences)) => {

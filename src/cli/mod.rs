@@ -183,12 +183,15 @@ fn report_of(plan: &Plan, survey: &Survey) -> Report {
     report
 }
 
-/// Prints to stdout; a closed pipe (`turbid show | head`) is a normal end.
+/// Prints to stdout; a closed pipe (`turbid show | head`) is a normal end, a full disk behind `>` is not.
 fn print(text: &str) {
     let mut out = std::io::stdout().lock();
-    let _ = out.write_all(text.as_bytes());
-    if !text.ends_with('\n') {
-        let _ = out.write_all(b"\n");
+    let newline = if text.ends_with('\n') { "" } else { "\n" };
+    let written = out.write_all(text.as_bytes()).and_then(|()| out.write_all(newline.as_bytes()));
+    if let Err(error) = written.and_then(|()| out.flush())
+        && error.kind() != std::io::ErrorKind::BrokenPipe
+    {
+        let _ = writeln!(std::io::stderr(), "error: what was to be printed could not be written: {error}");
+        std::process::exit(1);
     }
-    let _ = out.flush();
 }

@@ -81,12 +81,20 @@ fn to_json(plan: &Plan, survey: &Survey) -> Value {
 fn to_text(plan: &Plan, survey: &Survey) -> String {
     let mut text = String::new();
     let mut seconds = 0.0;
+    // Of the instances of a stage only the first says what they have in common.
+    let mut said = None;
     for id in plan.needed_instances() {
         let Some(found) = &survey.states[id] else { continue };
         let (word, reasons) = state(plan, found);
         let why = if reasons.is_empty() { String::new() } else { format!(" ({})", reasons.join("; ")) };
         text.push_str(&format!("{word:<5} {}{why}\n", plan.label(id)));
         if let Some(detail) = survey.plans.get(&id) {
+            seconds += detail.seconds.unwrap_or(0.0);
+            let common = Some((plan.instances[id].stage, &detail.method, &detail.needs, &detail.left_out));
+            if said == common {
+                continue;
+            }
+            said = common;
             if let Some(method) = &detail.method {
                 text.push_str(&format!("        method: {method}\n"));
             }
@@ -96,10 +104,9 @@ fn to_text(plan: &Plan, survey: &Survey) -> String {
             if !detail.left_out.is_empty() {
                 text.push_str(&format!("        left out: {}\n", detail.left_out.join(", ")));
             }
-            seconds += detail.seconds.unwrap_or(0.0);
         }
     }
-    if seconds > 0.0 {
+    if seconds >= 0.05 {
         text.push_str(&format!("about {seconds:.1} s of work\n"));
     }
     text

@@ -107,9 +107,15 @@ impl Run {
         self.force
             .iter()
             .map(|name| {
-                plan.spec.stages.iter().position(|s| &s.name == name).ok_or_else(|| {
+                let stage = plan.spec.stages.iter().position(|s| &s.name == name).ok_or_else(|| {
                     Failure::Input(format!("--force: there is no stage `{name}` in pipeline `{}`", plan.spec.pipeline))
-                })
+                })?;
+                if plan.needed.contains(&stage) {
+                    Ok(stage)
+                } else {
+                    let asked = self.targets.join(", ");
+                    Err(Failure::Input(format!("--force {name}: {asked} does not need it; name it as a target too")))
+                }
             })
             .collect()
     }

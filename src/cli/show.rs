@@ -1,5 +1,7 @@
 //! `turbid show`: what the stored outputs hold: digest, path, layers, units, statistics, cost.
 
+use std::path::Path;
+
 use clap::Args;
 use serde_json::{Map, Value, json};
 use turbid_contract::{Artifact, Cells, ImageStack, LayerKind, Table};
@@ -7,7 +9,8 @@ use turbid_contract::{Artifact, Cells, ImageStack, LayerKind, Table};
 use crate::plan::{InstanceId, Plan};
 use crate::registry::Registry;
 use crate::resolve::{Resolver, State};
-use crate::store::{InstanceRecord, Store};
+use crate::run::latest::copy_of;
+use crate::store::{Blob, InstanceRecord, Store};
 
 use super::select::Selector;
 use super::{Done, Failure, Pipeline, print, report_of};
@@ -43,7 +46,9 @@ impl Show {
         let mut instances = Vec::new();
         for id in ids {
             match &survey.states[id] {
-                Some(State::Hit(record)) => instances.push(instance(&plan, &store, id, record, port)?),
+                Some(State::Hit(record)) => {
+                    instances.push(instance(&plan, &store, id, record, port, self.pipeline.outputs.path())?)
+                }
                 _ if selector.is_some() => {
                     let hint = format!(
                         "turbid run {} {}",
@@ -75,15 +80,18 @@ fn instance(
     id: InstanceId,
     record: &InstanceRecord,
     port: Option<&str>,
+    outputs: &Path,
 ) -> Result<Value, Failure> {
     let mut ports = Map::new();
+    // A blob in a pack has no file of its own, but people have a copy by name.
+    let path = |blob: &Blob, port: &str| store.file_of(blob).or_else(|| copy_of(plan, id, port, blob, outputs));
     for (name, described) in record.ports.iter().filter(|(name, _)| port.is_none_or(|p| p == *name)) {
         let artifact = store
             .get(&described.blob)
             .map_err(|e| Failure::Failed(format!("{}.{name}: {e}; a run makes it again", plan.label(id))))?;
         let mut entry = json!({
             "payload": described.payload, "digest": described.blob.digest.to_string(), "bytes": described.blob.bytes,
-            "path": store.file_of(&described.blob).map(|p| p.display().to_string()),
+            "path": path(&described.blob, name).map(|p| p.display().to_string()),
         });
         match &artifact {
             Artifact::Images(stack) => {
@@ -100,8 +108,11 @@ fn instance(
             Artifact::Record(record) => {
                 entry["rows"] = json!(1);
                 entry["fields"] = json!(record.fields);
-                entry["columns"] =
-                    Value::from(record.fields.keys().map(|name| json!({"name": name, "unit": ""})).collect::<Vec<_>>());
+                let column = |(name, value): (&String, &Value)| {
+                    let number = value.as_f64();
+                    json!({"name": name, "unit": "", "min": number, "mean": number, "max": number})
+                };
+                entry["columns"] = record.fields.iter().map(column).collect();
             }
         }
         ports.insert(name.clone(), entry);
@@ -196,9 +207,20 @@ fn significant(value: f64) -> String {
     }
 }
 
+/// A description in one line of the screen.
+fn shortened(text: &str) -> String {
+    const MOST: usize = 100;
+    if text.chars().count() <= MOST {
+        return text.to_owned();
+    }
+    text.chars().take(MOST - 1).chain(['…']).collect()
+}
+
 /// The same for people.
 fn text(instance: &Value) -> String {
     let word = |v: &Value| v.as_str().unwrap_or_default().to_owned();
+    // The unit of pure numbers is for programs.
+    let unit = |v: &Value| if v == "1" { String::new() } else { word(v) };
     let number = |v: &Value| v.as_f64().map_or_else(|| "-".to_owned(), significant);
     let axes: Vec<String> = instance["axes"]
         .as_object()
@@ -216,7 +238,7 @@ fn text(instance: &Value) -> String {
         instance["peak_bytes"].as_f64().unwrap_or(0.0) / 1e6
     );
     for (name, measure) in instance["measures"].as_object().into_iter().flatten() {
-        out.push_str(&format!("  {name} = {} {}\n", number(&measure["value"]), word(&measure["unit"])));
+        out.push_str(&format!("  {name} = {} {}\n", number(&measure["value"]), unit(&measure["unit"])));
     }
     for (name, port) in instance["ports"].as_object().into_iter().flatten() {
         out.push_str(&format!("  {name}: {}  {}\n", word(&port["payload"]), &word(&port["digest"])[..16]));
@@ -236,17 +258,20 @@ fn text(instance: &Value) -> String {
                 number(&layer["mean"]),
                 number(&layer["mean_se"]),
                 number(&layer["max"]),
-                word(&layer["unit"])
+                unit(&layer["unit"])
             ));
         }
-        for column in port["columns"].as_array().into_iter().flatten() {
+        for (name, value) in port["fields"].as_object().into_iter().flatten() {
+            out.push_str(&format!("    {name:<24} {}\n", shortened(&crate::key::value_text(value))));
+        }
+        for column in port["columns"].as_array().into_iter().flatten().filter(|_| port["fields"].is_null()) {
             out.push_str(&format!(
                 "    {:<24} min {} mean {} max {} {}\n",
                 word(&column["name"]),
                 number(&column["min"]),
                 number(&column["mean"]),
                 number(&column["max"]),
-                word(&column["unit"])
+                unit(&column["unit"])
             ));
         }
     }

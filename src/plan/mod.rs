@@ -5,7 +5,7 @@ mod lint;
 mod ports;
 mod targets;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::ops::Range;
 
 use turbid_contract::{Arity, Axes, InPort, OutPort, StageRow};
@@ -73,12 +73,23 @@ impl Plan {
         let mut problems = Vec::new();
         let infos = infos(&spec, registry, &mut problems);
         let links = ports::link(&spec, &infos, &mut problems);
-        let order = match topological(&spec, &links) {
+        let order = match topological(&spec) {
             Ok(order) => order,
             Err(cycle) => {
                 let names: Vec<&str> = cycle.iter().map(|&s| spec.stages[s].name.as_str()).collect();
                 let message = format!("the stages feed each other in a circle: {}", names.join(" -> "));
-                problems.push(spec.diagnostic(cycle[0], Section::In, &[] as &[&str], message, None));
+                // Payloads that do not match along the circle are the same mistake, and show where it is.
+                let inputs: Vec<String> = names.iter().map(|name| format!("stages.{name}.in")).collect();
+                let along = |p: &Diagnostic| inputs.iter().any(|i| p.path.starts_with(i.as_str()));
+                let (mismatches, others): (Vec<_>, Vec<_>) = problems.into_iter().partition(along);
+                problems = others;
+                problems.push(match mismatches.into_iter().next() {
+                    Some(mut first) => {
+                        first.hint = Some(std::mem::replace(&mut first.message, message));
+                        first
+                    }
+                    None => spec.diagnostic(cycle[0], Section::In, &[] as &[&str], message, None),
+                });
                 problems.extend(lint::params(&spec, &infos));
                 report.extend(problems);
                 return Err(report);
@@ -199,15 +210,19 @@ fn infos(spec: &Spec, registry: &Registry, problems: &mut Vec<Diagnostic>) -> Ve
 }
 
 /// Stages in an order in which inputs come first (file order where free), or a cycle.
-fn topological(spec: &Spec, links: &[Vec<Link>]) -> Result<Vec<usize>, Vec<usize>> {
+///
+/// By the names that inputs give, whether or not ports and payloads fit: those hardly ever do in a circle.
+fn topological(spec: &Spec) -> Result<Vec<usize>, Vec<usize>> {
     #[derive(Clone, Copy, PartialEq)]
     enum Mark {
         New,
         Open,
         Done,
     }
+    let places: HashMap<&str, usize> = spec.stages.iter().enumerate().map(|(i, s)| (s.name.as_str(), i)).collect();
     let sources = |stage: usize| -> Vec<usize> {
-        links[stage].iter().flat_map(|l| l.sources.iter().map(|(_, s)| s.stage)).collect()
+        let named = spec.stages[stage].inputs.iter().flat_map(|input| &input.sources);
+        named.filter_map(|source| places.get(source.stage.as_str()).copied()).collect()
     };
     let mut marks = vec![Mark::New; spec.stages.len()];
     let mut order = Vec::new();

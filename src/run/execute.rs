@@ -7,7 +7,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use cpu_time::ThreadTime;
 use serde_json::{Value, json};
-use turbid_contract::{Artifact, Ctx, Error};
+use turbid_contract::{Artifact, Ctx, Error, StageRow};
 
 use crate::key::Dependencies;
 use crate::plan::InstanceId;
@@ -41,7 +41,7 @@ pub struct Worker<'a> {
 /// One instance that is to run.
 pub struct Task {
     pub id: InstanceId,
-    pub job: Box<Job>,
+    pub job: Job,
     /// The outputs of its producers.
     pub outputs: HashMap<InstanceId, Arc<Outputs>>,
     pub forced: bool,
@@ -53,7 +53,7 @@ pub struct Task {
 pub fn execute(worker: Worker<'_>, task: Task) -> Outcome {
     let Worker { resolver, progress, interrupt, .. } = worker;
     let Task { id, job, outputs, forced, alone } = task;
-    let job = job.as_ref();
+    let job = &job;
     let (plan, store) = (resolver.plan, resolver.store);
     let instance = &plan.instances[id];
     let label = plan.label(id);
@@ -86,7 +86,11 @@ pub fn execute(worker: Worker<'_>, task: Task) -> Outcome {
     }
     let own_cpu = ThreadTime::now();
     let row = plan.row(instance.stage);
-    let made = catch_unwind(AssertUnwindSafe(|| (row.run)(&job.params, &inputs, Ctx::new(&host))));
+    // What the clock stopped once is added to at the samples that it reached then: no clock would stop there again.
+    let timed = job.params.get("max_seconds").is_some_and(|limit| !limit.is_null());
+    let reached = earlier.as_ref().filter(|_| timed && !forced).and_then(|record| reached_params(job, record));
+    let params = reached.as_ref().unwrap_or(&job.params);
+    let made = catch_unwind(AssertUnwindSafe(|| (row.run)(params, &inputs, Ctx::new(&host))));
     let made = match made {
         Ok(Ok(made)) => made,
         Ok(Err(Error::Interrupted)) => return Outcome::Interrupted,
@@ -120,7 +124,9 @@ pub fn execute(worker: Worker<'_>, task: Task) -> Outcome {
             if !forced {
                 return Outcome::Failed(text);
             }
-            progress.warn(&label, &text);
+            if !timed {
+                progress.warn(&label, &text);
+            }
         } else {
             for (name, port) in &earlier.ports {
                 ports.entry(name.clone()).or_insert_with(|| port.clone());
@@ -146,7 +152,7 @@ pub fn execute(worker: Worker<'_>, task: Task) -> Outcome {
         },
     };
     if host.stopped_by_time()
-        && let Some((reached, recipe)) = reached_record(job, &record)
+        && let Some((reached, recipe)) = reached_record(job, &record, row)
         && let Err(error) = store.publish(&reached, &recipe)
     {
         return Outcome::Failed(error.to_string());
@@ -181,17 +187,19 @@ fn publish_blobs(
 /// A run that the clock stopped is the same as one that asked for the samples it reached; it is stored as that too.
 ///
 /// Under the key that was asked for it stays as well, so that the same file is up to date the second time.
-fn reached_record(job: &Job, record: &InstanceRecord) -> Option<(InstanceRecord, Recipe)> {
-    let samples = record.measures.iter().find(|(name, _, _)| name == "samples")?.1;
-    let mut dependencies = job.dependencies.clone();
-    let Value::Object(params) = &mut dependencies.params else { return None };
-    params.insert("samples".to_owned(), json!(samples as u64));
-    for name in ["target_error", "max_seconds"] {
-        if let Some(value) = params.get_mut(name) {
-            *value = Value::Null;
-        }
-    }
+fn reached_record(job: &Job, record: &InstanceRecord, row: &StageRow) -> Option<(InstanceRecord, Recipe)> {
+    let params = (row.prepare)(&reached_params(job, record)?).ok()?.canonical;
+    let dependencies = Dependencies { params, ..job.dependencies.clone() };
     Some((InstanceRecord { key: dependencies.key(), ..record.clone() }, recipe(&dependencies)))
+}
+
+/// The params that ask for just the samples of a record.
+fn reached_params(job: &Job, record: &InstanceRecord) -> Option<Value> {
+    let samples = record.measures.iter().find(|(name, _, _)| name == "samples")?.1;
+    let mut params = job.params.as_object()?.clone();
+    params.retain(|name, _| name != "target_error" && name != "max_seconds");
+    params.insert("samples".to_owned(), json!(samples as u64));
+    Some(Value::Object(params))
 }
 
 fn recipe(dependencies: &Dependencies) -> Recipe {

@@ -5,13 +5,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use turbid_contract::{Artifact, ArtifactKind, Cells, Table};
+use turbid_contract::{Artifact, ArtifactKind, Axes, Cells, Table};
 
-use crate::digest::PartHasher;
+use crate::digest::{Digest, PartHasher};
 use crate::key::{axes_text, value_text};
-use crate::plan::{PREVIEW_INSTANCES, Plan};
+use crate::plan::{InstanceId, PREVIEW_INSTANCES, Plan};
 use crate::preview;
-use crate::store::{Blob, InstanceRecord, Store, encode, extension};
+use crate::store::{Blob, InstanceRecord, PortRecord, Store, encode, extension};
 
 use super::Summary;
 
@@ -41,8 +41,7 @@ pub fn publish(plan: &Plan, store: &Store, summary: &Summary, outputs: &Path) ->
             continue;
         }
         for (id, record) in records {
-            let axes = axes_text(&plan.instances[id].axes);
-            let place = if axes.is_empty() { name.clone() } else { format!("{name}/{}", file_name(&axes)) };
+            let place = place(&plan.spec.stages[stage].name, &plan.instances[id].axes);
             for (port, described) in &record.ports {
                 let content = described.blob.digest.to_string();
                 let path = format!("{place}/{port}.{}", extension(described.blob.kind));
@@ -53,9 +52,7 @@ pub fn publish(plan: &Plan, store: &Store, summary: &Summary, outputs: &Path) ->
                 }
                 if before.get(&picture) == Some(&content) && folder.join(&picture).exists() {
                     now.insert(picture, content.clone());
-                } else if described.blob.kind != ArtifactKind::Record && before.get(&path) != Some(&content)
-                    || before.contains_key(&picture)
-                {
+                } else if drawn(described) && before.get(&path) != Some(&content) || before.contains_key(&picture) {
                     let title = format!("{} · {port}", plan.label(id));
                     if draw(store, &described.blob, &title, &folder.join(&picture))? {
                         now.insert(picture, content.clone());
@@ -75,6 +72,11 @@ pub fn publish(plan: &Plan, store: &Store, summary: &Summary, outputs: &Path) ->
         write(&folder.join(LINKS), text.as_bytes())?;
     }
     Ok(folder)
+}
+
+/// Whether somebody would look at a picture of it: not of the covariances of every pair of quantities.
+fn drawn(port: &PortRecord) -> bool {
+    port.blob.kind != ArtifactKind::Record && port.payload != "covariance"
 }
 
 /// Files of stages that are still in the pipeline but were not asked for this time.
@@ -135,6 +137,22 @@ fn draw(store: &Store, blob: &Blob, title: &str, at: &Path) -> Result<bool, Stri
     Ok(true)
 }
 
+/// The file of `latest/<pipeline>` that holds a copy of this blob of an instance, if it is there and up to date.
+pub fn copy_of(plan: &Plan, id: InstanceId, port: &str, blob: &Blob, outputs: &Path) -> Option<PathBuf> {
+    let folder = outputs.join("latest").join(file_name(&plan.spec.pipeline));
+    let instance = &plan.instances[id];
+    let place = place(&plan.spec.stages[instance.stage].name, &instance.axes);
+    let path = format!("{place}/{port}.{}", extension(blob.kind));
+    let current = read_links(&folder).get(&path) == Some(&blob.digest.to_string());
+    Some(folder.join(path)).filter(|path| current && path.is_file())
+}
+
+/// `stage` or `stage/axes`.
+fn place(stage: &str, axes: &Axes) -> String {
+    let axes = axes_text(axes);
+    if axes.is_empty() { file_name(stage) } else { format!("{}/{}", file_name(stage), file_name(&axes)) }
+}
+
 /// One row per instance: axes, key, seconds, and digest and path of each port.
 fn write_instances(
     at: &Path,
@@ -168,9 +186,16 @@ fn write_instances(
     write(at, &bytes)
 }
 
-/// A name that every file system takes.
+/// A name that every file system takes: other characters replaced, the end cut off; then a digest keeps it distinct.
 fn file_name(text: &str) -> String {
-    text.chars().map(|c| if c.is_alphanumeric() || "-_=,.+ ".contains(c) { c } else { '_' }).take(200).collect()
+    const MOST: usize = 200;
+    let plain: String =
+        text.chars().map(|c| if c.is_alphanumeric() || "-_=,.+ ".contains(c) { c } else { '_' }).collect();
+    if plain == text && text.len() <= MOST {
+        return plain;
+    }
+    let end = (0..=MOST.min(plain.len())).rev().find(|&i| plain.is_char_boundary(i)).unwrap_or(0);
+    format!("{}-{}", &plain[..end], &Digest::of(text.as_bytes()).to_string()[..8])
 }
 
 fn prepare(at: &Path) -> Result<(), String> {
@@ -200,7 +225,12 @@ mod tests {
     }
 
     #[test]
-    fn file_names_hold_no_separators() {
-        assert_eq!(file_name("A_rho=1,name=a/b"), "A_rho=1,name=a_b");
+    fn file_names_are_plain_short_and_distinct() {
+        assert_eq!(file_name("A_rho=1,S_rho=0.5"), "A_rho=1,S_rho=0.5");
+        let odd = ["a/b", "a_b", "a:b", &"n".repeat(300), &"n".repeat(301), &"\u{1F600}".repeat(90), &"ä".repeat(300)];
+        let names = odd.map(file_name);
+        assert!(names.iter().all(|n| n.len() < 255 && !n.contains(['/', ':'])), "{names:?}");
+        let distinct: std::collections::BTreeSet<_> = names.iter().collect();
+        assert_eq!(distinct.len(), odd.len(), "{names:?}");
     }
 }

@@ -14,10 +14,11 @@ use std::collections::{BTreeSet, HashMap};
 use std::sync::{Arc, mpsc};
 use std::time::{Duration, Instant};
 
+use crate::digest::Digest;
 use crate::plan::{InstanceId, Plan};
 use crate::resolve::{Job, Outputs, Resolver, State, Survey, outputs_of};
 use crate::spec::Diagnostic;
-use crate::store::InstanceRecord;
+use crate::store::{Cost, InstanceRecord};
 
 pub use interrupt::Interrupt;
 pub use progress::Progress;
@@ -115,6 +116,10 @@ struct Schedule<'a> {
     ends: HashMap<InstanceId, End>,
     forced: BTreeSet<InstanceId>,
     repairs: HashMap<InstanceId, usize>,
+    /// Keys that this run makes or has made, each with the instance that does.
+    made_by: HashMap<Digest, InstanceId>,
+    /// Instances that wait for another with the same key, which is running.
+    twins: HashMap<InstanceId, Vec<InstanceId>>,
     stopping: bool,
 }
 
@@ -133,6 +138,8 @@ impl<'a> Schedule<'a> {
             ends: HashMap::new(),
             forced: BTreeSet::new(),
             repairs: HashMap::new(),
+            made_by: HashMap::new(),
+            twins: HashMap::new(),
             stopping: false,
         };
         let mut stale = false;
@@ -210,20 +217,35 @@ impl<'a> Schedule<'a> {
         });
     }
 
-    /// Ready -> Running, or straight to Done where another path or another run made it meanwhile.
-    fn start(&mut self, id: InstanceId, progress: &dyn Progress) -> Option<(Box<Job>, Vec<String>)> {
+    /// Ready -> Running, or straight to Done where an instance of the same key or another run made it meanwhile.
+    fn start(&mut self, id: InstanceId, progress: &dyn Progress) -> Option<(Job, Vec<String>)> {
         match self.resolver.state(id, &self.outputs, &self.options.force) {
-            Ok(State::Run { job, reasons }) => {
+            Ok((State::Run { reasons }, job)) => {
+                let job = job.expect("an instance that runs has a job");
+                if let Some(first) = self.made_by.get(&job.key).filter(|first| self.running.contains(first)) {
+                    self.twins.entry(*first).or_default().push(id);
+                    return None;
+                }
+                self.made_by.insert(job.key, id);
                 if self.options.force.contains(&self.plan.instances[id].stage) {
                     self.forced.insert(id);
                 }
                 Some((job, reasons))
             }
-            Ok(State::Hit(record)) => {
-                self.done(id, End::Hit(record));
+            Ok((State::Hit(record), _)) => {
+                // It was planned to run, and so it did: once for all instances of its key.
+                let end = match self.made_by.get(&record.key) {
+                    Some(&first) if first != id => {
+                        let shared = Arc::new(self.shared(id, &record));
+                        progress.ran(&self.plan.label(id), &shared);
+                        End::Ran(shared)
+                    }
+                    _ => End::Hit(record),
+                };
+                self.done(id, end);
                 None
             }
-            Ok(State::Waits(stages)) => {
+            Ok((State::Waits(stages), _)) => {
                 unreachable!("{} is ready but waits for stages {stages:?}", self.plan.label(id))
             }
             Err(diagnostics) => {
@@ -234,6 +256,16 @@ impl<'a> Schedule<'a> {
         }
     }
 
+    /// The record of an instance whose work another one of the same key did: at no cost.
+    fn shared(&self, id: InstanceId, record: &InstanceRecord) -> InstanceRecord {
+        let mut own = record.clone();
+        let instance = &self.plan.instances[id];
+        own.provenance.stage = self.plan.spec.stages[instance.stage].name.clone();
+        own.provenance.axes = instance.axes.clone();
+        own.cost = Cost::default();
+        own
+    }
+
     /// The outputs of the producers of `id`, and no others.
     fn inputs_of(&self, id: InstanceId) -> HashMap<InstanceId, Arc<Outputs>> {
         let sources = self.plan.instances[id].wires.iter().flat_map(|w| w.from.iter().map(|f| f.0));
@@ -241,6 +273,7 @@ impl<'a> Schedule<'a> {
     }
 
     fn finish(&mut self, id: InstanceId, outcome: Outcome, progress: &dyn Progress) {
+        self.ready.extend(self.twins.remove(&id).unwrap_or_default());
         match outcome {
             Outcome::Ran(record) => {
                 progress.ran(&self.plan.label(id), &record);

@@ -197,6 +197,11 @@ impl Report {
         self.found
     }
 
+    /// Whether something is said about exactly this path.
+    pub fn mentions(&self, path: &str) -> bool {
+        self.diagnostics().iter().any(|d| d.path == path)
+    }
+
     pub fn has_errors(&self) -> bool {
         self.found.iter().any(|d| d.severity == Severity::Error)
     }

@@ -128,7 +128,11 @@ pub fn read(path: &Path, overrides: &[String]) -> (Option<Spec>, Report) {
         let value = vars.expand(&e.value, "seed", &mut reader);
         reader.whole_number(&value, e.at, "seed")
     });
-    let stages = read_stages(&root, &vars, &mut reader);
+    // The stages may be in an included file that could not be read.
+    let stages = match root.entry("stages") {
+        None if reader.report.mentions("include") => Vec::new(),
+        _ => read_stages(&root, &vars, &mut reader),
+    };
     let studies = study::parse_all(root.entry("studies"), &root, &mut reader);
     let spec = Spec {
         pipeline,
@@ -190,11 +194,25 @@ fn read_stages(root: &Node, vars: &Vars, reader: &mut Reader<'_>) -> Vec<StageSp
     read.map(|(i, (entry, foreach))| stage::parse(i, entry, foreach, &sections, reader)).collect()
 }
 
-/// Names below `foreach` as written: where axes are wrong, what uses them is not wrong too.
+/// Names below `foreach` as written: where axes are wrong, what uses them is not wrong too. The names in a CSV file that
+/// cannot be read are not known, so any name in the stages may be one of them.
 fn written_axes(stages: &[Entry]) -> Vec<String> {
-    let below = |e: &Entry| e.value.get("foreach").map(|f| f.entries().to_vec()).unwrap_or_default();
-    let is_axis = |key: &String| !foreach::GRAMMAR.contains(&key.as_str());
-    stages.iter().flat_map(below).map(|e| e.key).filter(is_axis).collect()
+    let sections = stages.iter().filter_map(|e| e.value.get("foreach")).flat_map(Node::entries);
+    let mut names = Vec::new();
+    for entry in sections {
+        match entry.key.as_str() {
+            "csv" => names.extend(stages.iter().flat_map(|e| vars::names_in(&e.value))),
+            "draw" => names.extend(entry.value.entries().iter().map(|e| e.key.clone())),
+            key if !foreach::GRAMMAR.contains(&key) => {
+                names.push(entry.key.clone());
+                if entry.value.get("csv").is_some() {
+                    names.extend(stages.iter().flat_map(|e| vars::names_in(&e.value)));
+                }
+            }
+            _ => {}
+        }
+    }
+    names
 }
 
 impl Spec {

@@ -168,7 +168,8 @@ impl Vars {
     }
 }
 
-fn names_in(node: &Node) -> Vec<String> {
+/// The names in every `${}` of a tree.
+pub(super) fn names_in(node: &Node) -> Vec<String> {
     let names = |text: &String| {
         let cut = pieces(text).unwrap_or_default();
         cut.into_iter().filter_map(|p| if let Piece::Name(name) = p { Some(name) } else { None }).collect()

@@ -139,14 +139,17 @@ impl Backend for Folder {
     }
 
     fn write(&self, blob: &Blob, bytes: &[u8]) -> Result<(), StoreError> {
-        if self.holds(blob) && self.read(blob)?.is_some_and(|there| there == bytes) {
+        let there = self.read(blob);
+        if self.holds(blob) && matches!(&there, Ok(Some(there)) if there == bytes) {
             return Ok(());
         }
         if blob.bytes < PACKED_BELOW {
             return self.packs.append(Kind::Blob, &blob.digest, bytes);
         }
         let path = self.loose_path(blob);
-        if path.exists() {
+        // Only what was read and is wrong: another instance may be publishing the same bytes right now, and if the disk
+        // is full there must be no moment without them.
+        if !matches!(there, Ok(None)) {
             self.set_aside(&path)?;
         }
         disk::publish(&self.root.join("tmp"), &path, bytes, true, true).map_err(StoreError::io("write a blob", &path))

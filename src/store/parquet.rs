@@ -139,9 +139,13 @@ fn write(columns: Vec<RawColumn>, rows: usize, description: &Description) -> Res
     let schema = Arc::new(Schema::new(fields));
     let options = RecordBatchOptions::new().with_row_count(Some(rows));
     let batch = RecordBatch::try_new_with_options(schema.clone(), arrays, &options).map_err(|e| failed(&e))?;
-    let zstd = ZstdLevel::try_new(3).expect("zstd knows level 3");
+    // Of a single row nothing is to be gained, and setting up zstd for each column costs more than all the rest.
+    let compression = match description.kind {
+        ArtifactKind::Record => Compression::UNCOMPRESSED,
+        _ => Compression::ZSTD(ZstdLevel::try_new(3).expect("zstd knows level 3")),
+    };
     let properties = WriterProperties::builder()
-        .set_compression(Compression::ZSTD(zstd))
+        .set_compression(compression)
         .set_max_row_group_row_count(Some(ROW_GROUP))
         // Without a version: a new turbid must not change the bytes of an old result.
         .set_created_by("turbid".to_owned())

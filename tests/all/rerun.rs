@@ -130,3 +130,82 @@ fn a_sweep_has_one_instance_per_point() {
     space.write("p.yaml", &more);
     assert_eq!(counts(&space, &[]), (27, 12));
 }
+
+/// Two stages with the same params and inputs are one piece of work, done once; both ran, as the plan had said.
+#[test]
+fn instances_of_the_same_key_share_one_result() {
+    let twins = SMALL.replace("A_rho: 50, S_rho: 5000, g: 0.8, n: 1.0", "mu_a: 0.05, mu_s_prime: 1.2, g: 0.8, n: 1.0");
+    let space = Space::with(&twins);
+    let plan = space.turbid(&["plan", "p.yaml"]).ok();
+    assert!(plan.contains("phantom (the same as tissue)"), "{plan}");
+    assert_eq!(counts(&space, &[]), (0, INSTANCES));
+    let text = space.turbid(&["cache", "stat", "--json"]).json();
+    // One scene, one render, one demodulation, one calibration.
+    assert_eq!(text["records"], 4, "{text}");
+    assert_eq!(counts(&space, &[]), (INSTANCES, 0));
+}
+
+/// What the clock stopped is the run that asks for the samples it reached: the same key, the same bytes, and a further
+/// port is added to just those samples.
+#[test]
+fn a_run_stopped_by_seconds_is_stored_under_the_samples_it_reached() {
+    let space = Space::with(&SMALL.replace("samples: \"${samples}\"}", "samples: 10000000, max_seconds: 0.1}"));
+    assert_eq!(counts(&space, &["frames"]), (0, 2));
+    assert_eq!(counts(&space, &["frames"]), (2, 0));
+    let shown = |more: &[&str]| {
+        let mut arguments = vec!["show", "p.yaml", "frames", "--json"];
+        arguments.extend(more);
+        space.turbid(&arguments).json()["instances"][0].clone()
+    };
+    let first = shown(&[]);
+    let samples = first["measures"]["samples"]["value"].as_f64().expect("a render measures its samples");
+    assert_eq!(counts(&space, &["frames.truth"]), (1, 1));
+    assert_eq!(shown(&[])["ports"]["frames"]["digest"], first["ports"]["frames"]["digest"]);
+    let set = [format!("stages.frames.with.samples={samples}"), "stages.frames.with.max_seconds=null".to_owned()];
+    let plainly = ["frames", "--set", &set[0], "--set", &set[1]];
+    assert_eq!(counts(&space, &plainly), (2, 0));
+    let fresh = Space::with(&SMALL.replace("samples: \"${samples}\"", &format!("samples: {samples}")));
+    assert_eq!(counts(&fresh, &["frames"]), (0, 2));
+    let digest =
+        fresh.turbid(&["show", "p.yaml", "frames", "--json"]).json()["instances"][0]["ports"]["frames"]["digest"]
+            .clone();
+    assert_eq!(digest, first["ports"]["frames"]["digest"]);
+}
+
+/// A new point of a sweep has no earlier result; a changed stage at a known point names what changed.
+#[test]
+fn reasons_compare_with_the_same_point() {
+    let sweep = SMALL
+        .replace("  tissue:\n    use: scene\n", "  tissue:\n    use: scene\n    foreach: {A_rho: [10, 50]}\n")
+        .replace("A_rho: 50,", "A_rho: \"${A_rho}\",");
+    let space = Space::with(&sweep);
+    counts(&space, &["tissue"]);
+    space.write("p.yaml", &sweep.replace("[10, 50]", "[10, 50, 90]").replacen("thickness: 30", "thickness: 31", 1));
+    let plan = space.turbid(&["plan", "p.yaml", "tissue"]).ok();
+    assert!(plan.contains("tissue[A_rho=50] (with.objects.block.slab.thickness: 30.0 -> 31.0)"), "{plan}");
+    assert!(plan.contains("tissue[A_rho=90] (no earlier result)"), "{plan}");
+}
+
+#[test]
+fn a_forced_stage_must_be_asked_for() {
+    let space = Space::with(SMALL);
+    let error = space.turbid(&["run", "p.yaml", "frames", "--force", "reflectance"]).fails(2);
+    assert!(error.contains("--force reflectance: frames does not need it"), "{error}");
+    assert!(!space.outputs().exists());
+}
+
+/// Every output has a file for people and programs to open, also those that live in a pack.
+#[test]
+fn show_gives_a_file_of_every_port() {
+    let space = Space::with(SMALL);
+    counts(&space, &[]);
+    let shown = space.turbid(&["show", "p.yaml", "--json"]).json();
+    for instance in shown["instances"].as_array().expect("a list") {
+        for (port, described) in instance["ports"].as_object().expect("ports") {
+            let path = described["path"].as_str().unwrap_or_else(|| panic!("{port} has no path"));
+            let bytes = std::fs::read(space.path().join(path)).expect("the file is there");
+            assert_eq!(Some(blake3::hash(&bytes).to_hex().as_str()), described["digest"].as_str(), "{path}");
+        }
+    }
+    assert!(!space.outputs().join("latest/small/frames/covariance.png").exists(), "nobody looks at covariances");
+}

@@ -114,6 +114,10 @@ fn flipped_bits_are_healed() {
                 // What `verify` has found is a miss for the next run.
                 let report = Store::open(damaged.path()).unwrap().verify(false).unwrap();
                 assert!(!report.is_clean() || name.ends_with("format"), "{case} is noticed");
+            } else {
+                // A hit reads the head of its record only: what is wrong behind it is noticed by `verify`.
+                run(&Store::open(damaged.path()).unwrap(), n);
+                Store::open(damaged.path()).unwrap().verify(false).unwrap();
             }
             Store::open_read_only(damaged.path()).unwrap().resume(&key(0), 1).inspect(|(_, s)| assert_eq!(s, b"state"));
             if case.contains("checkpoints") {
