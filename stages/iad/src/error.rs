@@ -25,6 +25,10 @@ pub enum Error {
     BelowSpecular { min: f64 },
     /// M_T exceeds what this M_R leaves to any absorbing slab.
     AboveMax { max: f64 },
+    /// More light came straight through than came through at all.
+    UnscatteredExceedsTotal { m_t: f64, m_u: f64 },
+    /// M_U gives a total attenuation that no g in (-1, 1) joins to the mu_a and mu_s' of M_R and M_T.
+    Inconsistent { mu_t_per_mm: f64, mu_a_per_mm: f64, mu_s_prime_per_mm: f64 },
     /// No light comes through: only mu_a / mu_s' = `ratio` can be told (that of a half-space).
     Underdetermined { ratio: f64 },
     /// The search ended at mu_a, mu_s' = `best` (mm^-1) with the readings missed by `residual`.
@@ -50,6 +54,11 @@ impl fmt::Display for Error {
             }
             Self::BelowSpecular { min } => write!(f, "M_R must be at least {min:.6}, what the surfaces alone reflect"),
             Self::AboveMax { max } => write!(f, "M_T must be at most {max:.6}, what an empty slab lets through"),
+            Self::UnscatteredExceedsTotal { m_t, m_u } => write!(f, "M_U = {m_u} must not exceed M_T = {m_t}"),
+            Self::Inconsistent { mu_t_per_mm, mu_a_per_mm, mu_s_prime_per_mm } => write!(
+                f,
+                "M_U means mu_t = {mu_t_per_mm:.4e} mm^-1; no g in (-1, 1) joins it to mu_a = {mu_a_per_mm:.4e} and mu_s' = {mu_s_prime_per_mm:.4e} mm^-1"
+            ),
             Self::Underdetermined { ratio } => {
                 write!(f, "no light comes through: only mu_a / mu_s' = {ratio:.6e} can be told; a thinner sample helps")
             }

@@ -17,13 +17,15 @@
 //! Only + - * / and square roots besides `libm`: the same bits on every machine.
 
 mod angles;
+mod anisotropy;
 mod error;
 mod forward;
 mod inverse;
 mod matrix;
 mod slab;
 
+pub use anisotropy::{FitWithG, invert_with_g};
 pub use error::Error;
 pub use forward::{Plan, Response};
 pub use inverse::{Fit, Flags, Inverse, Reading};
-pub use slab::{Slab, Slide, Surface, unscattered};
+pub use slab::{Slab, Slide, Surface, unscattered, unscattered_depth};

@@ -106,3 +106,17 @@ pub fn unscattered(slab: &Slab, cos: f64, tau: f64) -> (f64, f64) {
     let reflected = top.outside + top.through * top.through * bottom.inside * pass * pass * rounds;
     (reflected, top.through * bottom.through * pass * rounds)
 }
+
+/// The optical thickness that leaves this unscattered transmittance of a beam along the normal, in (0, what an empty slab
+/// lets through].
+pub fn unscattered_depth(slab: &Slab, transmittance: f64) -> Result<f64, Error> {
+    slab.check()?;
+    let (top, bottom) = (Surface::new(slab.n, slab.top, 1.0), Surface::new(slab.n, slab.bottom, 1.0));
+    let (through, echo) = (top.through * bottom.through, top.inside * bottom.inside);
+    let pass =
+        2.0 * transmittance / (through + (through * through + 4.0 * echo * transmittance * transmittance).sqrt());
+    if pass > 1.0 {
+        return Err(Error::AboveMax { max: through / (1.0 - echo) });
+    }
+    Ok(-libm::log(pass))
+}

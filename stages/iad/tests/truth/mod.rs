@@ -6,6 +6,7 @@ use turbid_iad::{Slab, Slide};
 
 pub const FORWARD: &str = include_str!("../reference/adding_doubling_forward.csv");
 pub const INVERSE: &str = include_str!("../reference/iad_inverse_rt.csv");
+pub const INVERSE_WITH_G: &str = include_str!("../reference/iad_inverse_rtu.csv");
 pub const ROBUST: &str = include_str!("../reference/iad_robust_inputs.csv");
 pub const CHANDRASEKHAR: &str = include_str!("../reference/chandrasekhar_isotropic.csv");
 pub const EXTREME: &str = include_str!("../reference/slab_extreme.csv");
