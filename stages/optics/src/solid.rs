@@ -56,7 +56,7 @@ impl Solid {
         }
     }
 
-    /// A distance (mm, >= 0) within which the ray from `p` along `w` meets no surface; exact for slabs, elsewhere the clearance.
+    /// The distance (mm, >= 0) at which the ray from `p` along `w` meets the surface first, infinite where it does not.
     #[inline(always)]
     pub fn reach(&self, p: DVec3, w: DVec3) -> f64 {
         match *self {
@@ -69,7 +69,11 @@ impl Solid {
                 // Behind the ray, or along it (0 / 0), it is not in the way.
                 if t >= 0.0 { t } else { f64::INFINITY }
             }
-            _ => self.clearance(p),
+            _ => {
+                let (enter, leave) = self.span(p, w);
+                let t = if enter >= 0.0 { enter } else { leave };
+                if (enter < leave) & (t >= 0.0) { t } else { f64::INFINITY }
+            }
         }
     }
 
@@ -189,6 +193,22 @@ mod tests {
                 }
             }
             assert!(hits > 20, "{solid:?}: {hits} hits");
+        }
+    }
+
+    /// The ray meets the surface where `interval` says, from within, from outside, and not behind.
+    #[test]
+    fn reach_is_the_first_end_ahead() {
+        for solid in solids() {
+            let mut met = 0;
+            for i in 0..1000 {
+                let (p, w) = (1.5 * spread(i), (spread(i + 1000) - spread(i)).normalize());
+                let ends = solid.interval(p, w).map_or([f64::INFINITY; 2], |(enter, leave)| [enter, leave]);
+                let expected = ends.into_iter().find(|&t| t >= 0.0).unwrap_or(f64::INFINITY);
+                assert_eq!(solid.reach(p, w), expected, "{solid:?} {p} {w}");
+                met += usize::from(expected < f64::INFINITY);
+            }
+            assert!((20..1000).contains(&met), "{solid:?}: {met} rays meet it");
         }
     }
 
