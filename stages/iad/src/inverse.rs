@@ -32,7 +32,7 @@ pub struct Flags {
 pub struct Fit {
     pub mu_a_per_mm: f64,
     pub mu_s_prime_per_mm: f64,
-    /// Larger of the relative errors of M_R and M_T in the fit; up to sigma on a limit, else below 1e-8.
+    /// Larger of the relative errors of M_R and M_T in the fit, below 1e-8; on a limit, beyond sigma.
     pub residual: f64,
     /// Newton steps at the full quadrature.
     pub iterations: usize,
@@ -205,7 +205,13 @@ impl<const N: usize> Inverse<N> {
 
     fn fit(&self, reading: &Reading, depths: [f64; 2], iterations: usize, flags: Flags) -> Fit {
         let read = self.plan.respond_to_beam(self.plan.depths_of(depths[0], depths[1]));
-        let relative = |value: f64, read: f64| if value == read { 0.0 } else { (value - read).abs() / read.abs() };
+        // On a limit the reading was moved within its error, which is no residual.
+        let on_limit = flags.conservative || flags.no_scatter;
+        let allowed = if on_limit { reading.sigma.max(ROUNDING) } else { 0.0 };
+        let relative = |value: f64, read: f64| {
+            let miss = (value - read).abs() - allowed;
+            if miss <= 0.0 { 0.0 } else { miss / read.abs() }
+        };
         let d = self.plan.slab().thickness_mm;
         Fit {
             mu_a_per_mm: depths[0] / d,
