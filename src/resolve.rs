@@ -94,7 +94,7 @@ impl<'a> Resolver<'a> {
         };
         let mut first_of: HashMap<Digest, InstanceId> = HashMap::new();
         for id in self.plan.needed_instances() {
-            if survey.problems.len() >= MANY_PROBLEMS {
+            if survey.problems.iter().filter(|p| is_error(p)).count() >= MANY_PROBLEMS {
                 break;
             }
             match self.state(id, &survey.outputs, force) {
@@ -110,9 +110,14 @@ impl<'a> Resolver<'a> {
                         }
                     }
                     match self.check(id, job.as_ref(), &survey.outputs) {
-                        Ok((plan, mut warnings)) => {
+                        Ok((plan, warnings)) => {
                             survey.plans.insert(id, plan);
-                            survey.problems.append(&mut warnings);
+                            for warning in warnings {
+                                // The instances of a sweep warn of the same thing.
+                                if !survey.problems.contains(&warning) {
+                                    survey.problems.push(warning);
+                                }
+                            }
                         }
                         Err(mut mistakes) => survey.problems.append(&mut mistakes),
                     }

@@ -161,7 +161,7 @@ pub fn main(registry: Registry) -> ExitCode {
         }
         Failure::Report(report) => {
             let colour = stderr.is_terminal() && std::env::var_os("NO_COLOR").is_none();
-            let _ = writeln!(stderr, "{}", report.render(colour));
+            let _ = writeln!(stderr, "{}", report.render(colour).trim_end());
             ExitCode::from(2)
         }
         Failure::Failed(message) => {

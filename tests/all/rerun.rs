@@ -209,3 +209,16 @@ fn show_gives_a_file_of_every_port() {
     }
     assert!(!space.outputs().join("latest/small/frames/covariance.png").exists(), "nobody looks at covariances");
 }
+
+/// What every instance of a sweep warns of is said once, and no instance is left out for it.
+#[test]
+fn a_sweep_warns_once_and_is_planned_whole() {
+    let sweep = SMALL
+        .replace("  tissue:\n    use: scene\n", "  tissue:\n    use: scene\n    foreach: {A_rho: {range: [1, 151]}}\n")
+        .replace("A_rho: 50,", "A_rho: \"${A_rho}\",");
+    let space = Space::with(&sweep);
+    let planned = states(&space, &["frames"]);
+    assert_eq!(planned.len(), 300);
+    let checked = space.turbid(&["check", "p.yaml"]).ok();
+    assert_eq!(checked.matches("samples = 16").count(), 2, "frames and phantom_frames, once each: {checked}");
+}
