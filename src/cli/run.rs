@@ -42,6 +42,7 @@ impl Run {
         let began = std::time::Instant::now();
         let plan = self.pipeline.plan(registry, &self.targets)?;
         let force = self.forced(&plan)?;
+        let simd = simd_level()?;
         let outputs = self.pipeline.outputs.path();
         let store = Store::open(outputs).map_err(|e| Failure::Input(e.to_string()))?;
         let resolver = Resolver::new(&plan, &store);
@@ -62,7 +63,7 @@ impl Run {
         }
         let stale = survey.states.iter().flatten().any(|state| !matches!(state, State::Hit(_)));
         let jobs = self.jobs.or(std::thread::available_parallelism().ok()).map_or(1, std::num::NonZeroUsize::get);
-        let options = Options { jobs, keep_going: self.keep_going, force };
+        let options = Options { jobs, keep_going: self.keep_going, force, simd };
         let summary = if stale {
             let interrupt = Interrupt::listen().map_err(|e| Failure::Failed(format!("signals: {e}")))?;
             let log = RunLog::begin(outputs, &plan).map_err(Failure::Failed)?;
@@ -118,6 +119,16 @@ impl Run {
                 }
             })
             .collect()
+    }
+}
+
+/// `TURBID_SIMD` forces a level of vector instructions, for tests: results must not depend on it.
+fn simd_level() -> Result<String, Failure> {
+    let asked = std::env::var("TURBID_SIMD").unwrap_or_default();
+    match asked.as_str() {
+        "" | "best" => Ok(String::new()),
+        "baseline" | "v3" | "v4" => Ok(asked),
+        _ => Err(Failure::Input(format!("TURBID_SIMD = {asked} must be baseline, v3, v4 or best"))),
     }
 }
 

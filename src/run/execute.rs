@@ -16,7 +16,7 @@ use crate::store::{Cost, InstanceRecord, PortRecord, Provenance, Recipe, StoreEr
 
 use super::host::InstanceHost;
 use super::inputs::StoredInputs;
-use super::{Interrupt, Progress};
+use super::{Interrupt, Options, Progress};
 
 /// What became of a running instance.
 pub enum Outcome {
@@ -34,6 +34,7 @@ pub enum Outcome {
 pub struct Worker<'a> {
     pub resolver: &'a Resolver<'a>,
     pub pool: &'a rayon::ThreadPool,
+    pub options: &'a Options,
     pub progress: &'a dyn Progress,
     pub interrupt: &'a Interrupt,
 }

@@ -143,4 +143,8 @@ impl Host for InstanceHost<'_> {
     fn threads(&self) -> usize {
         self.worker.pool.current_num_threads()
     }
+
+    fn simd(&self) -> &str {
+        &self.worker.options.simd
+    }
 }

@@ -35,6 +35,8 @@ pub struct Options {
     pub keep_going: bool,
     /// Stages that run even where the store holds their outputs.
     pub force: Vec<usize>,
+    /// `baseline`, `v3`, `v4`, or empty for the best level of vector instructions.
+    pub simd: String,
 }
 
 /// How an instance ended.
@@ -198,7 +200,8 @@ impl<'a> Schedule<'a> {
                         forced: self.forced.contains(&id),
                         alone: self.running.len() == 1,
                     };
-                    let worker = Worker { resolver: self.resolver, pool: &pool, progress, interrupt };
+                    let worker =
+                        Worker { resolver: self.resolver, pool: &pool, options: self.options, progress, interrupt };
                     let send = send.clone();
                     scope.spawn(move || {
                         let outcome = execute::execute(worker, task);

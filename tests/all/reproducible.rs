@@ -38,3 +38,12 @@ fn a_continued_run_equals_a_fresh_one() {
         assert_eq!(fresh[port]["digest"], continued[port]["digest"], "{port}");
     }
 }
+
+/// A level that does not exist would run as the best one and prove nothing.
+#[test]
+fn an_unknown_vector_width_is_refused() {
+    let space = Space::with(SMALL);
+    let output = space.command(&["run", "p.yaml"]).env("TURBID_SIMD", "v9").output().expect("the program starts");
+    assert_eq!(output.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("TURBID_SIMD = v9 must be baseline, v3, v4 or best"));
+}

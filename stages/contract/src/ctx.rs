@@ -29,6 +29,11 @@ pub trait Host: Sync {
     fn tiles(&self, n: usize, work: &(dyn Fn(usize) + Sync));
     /// How many threads `tiles` may use; never let it show in an output.
     fn threads(&self) -> usize;
+    /// The level of vector instructions that is asked for: `baseline`, `v3`, `v4`, or empty for the best there is.
+    /// Results do not depend on it.
+    fn simd(&self) -> &str {
+        ""
+    }
 }
 
 /// A running stage's view of the world.

@@ -8,7 +8,7 @@ use turbid_optics::solid::Solid;
 use turbid_optics::view::View;
 use turbid_render::camera::Camera;
 use turbid_render::flock;
-use turbid_render::level::level;
+use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
 use turbid_render::moments::Moments;
 use turbid_render::path::{Nee, Setting, Walker};
@@ -53,7 +53,7 @@ fn main() {
                 channel: 0,
                 nee,
             };
-            let mut walker = Walker::new(setting, level());
+            let mut walker = Walker::new(setting, named(&std::env::var("TURBID_SIMD").unwrap_or_default()));
             let mut moments = Moments::new(camera.pixels(), 3);
             let began = cpu_seconds();
             // As the stage walks them.

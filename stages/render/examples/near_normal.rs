@@ -12,7 +12,7 @@ use turbid_optics::rte::reflectance;
 use turbid_optics::solid::Solid;
 use turbid_optics::view::View;
 use turbid_render::camera::Camera;
-use turbid_render::level::level;
+use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
 use turbid_render::moments::Moments;
 use turbid_render::path::{Nee, Setting, Walker};
@@ -87,7 +87,7 @@ fn render((a_rho, s_rho): (f64, f64), seed: u32, paths: u32, apart: f64, distanc
         let workers: Vec<_> = (0..threads)
             .map(|t| {
                 scope.spawn(move || {
-                    let mut walker = Walker::new(setting, level());
+                    let mut walker = Walker::new(setting, named(""));
                     let mut moments = Moments::new(n, 5);
                     for pixel in (t..n).step_by(threads) {
                         (0..paths).for_each(|sample| moments.add(pixel, walker.path(pixel, sample)));

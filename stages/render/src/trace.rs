@@ -5,7 +5,7 @@ use turbid_optics::philox;
 
 use crate::flock;
 use crate::frames::Images;
-use crate::level::level;
+use crate::level::named;
 use crate::moments::Moments;
 use crate::params::Params;
 use crate::path::{Nee, Setting, Walker};
@@ -151,7 +151,7 @@ impl Job<'_> {
     }
 
     fn tile(&self, setting: Setting<'_>, pixels: std::ops::Range<usize>, samples: std::ops::Range<u32>) -> Part {
-        let mut walker = Walker::new(setting, level());
+        let mut walker = Walker::new(setting, named(self.ctx.simd()));
         let mut moments = Moments::new(pixels.len(), 1 + 2 * self.carriers.len());
         // What was begun is thrown away with the whole round.
         if !self.ctx.cancelled() {

@@ -4,7 +4,7 @@ use glam::{DVec2, DVec3};
 use turbid_optics::solid::Solid;
 use turbid_optics::view::View;
 use turbid_render::camera::Camera;
-use turbid_render::level::level;
+use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
 use turbid_render::moments::Moments;
 use turbid_render::path::{Nee, Setting, Walker};
@@ -88,7 +88,7 @@ fn line_and_point_estimators_agree() {
                 channel: 0,
                 nee,
             };
-            let mut walker = Walker::new(setting, level());
+            let mut walker = Walker::new(setting, named(""));
             let mut moments = Moments::new(16, 3);
             for pixel in 0..16 {
                 for sample in 0..paths {
