@@ -58,13 +58,16 @@ pub fn values(node: &Node, key: Span, path: &str, reader: &mut Reader<'_>) -> Op
         reader.error(node.span, path, "an axis needs at least one value", None);
         return None;
     }
-    let mut seen = HashSet::new();
-    if let Some(twice) = found.iter().find(|v| !seen.insert(v.to_string())) {
-        let place = if node.span.len == 0 { key } else { node.span };
-        reader.error(place, path, format!("the value {twice} stands twice on this axis"), None);
-        return None;
-    }
     Some(found)
+}
+
+/// Reports the first value that stands twice; whether all are distinct.
+pub fn distinct(values: &[Value], node: &Node, key: Span, path: &str, reader: &mut Reader<'_>) -> bool {
+    let mut seen = HashSet::new();
+    let Some(twice) = values.iter().find(|v| !seen.insert(v.to_string())) else { return true };
+    let place = if node.span.len == 0 { key } else { node.span };
+    reader.error(place, path, format!("the value {twice} stands twice on this axis"), None);
+    false
 }
 
 /// One value of an axis: a number, a text, true or false.

@@ -59,6 +59,7 @@ impl Foreach {
         let mut groups: Vec<Group> = Vec::new();
         let mut draw = None;
         let mut complete = true;
+        let zip = section.value.entry("zip");
         for entry in section.value.entries().iter().filter(|e| e.key != "zip") {
             let path = join(path, &entry.key);
             let group = match csv_of(entry) {
@@ -70,12 +71,12 @@ impl Foreach {
                     })
                 }
                 Some(file) => csv_group(file, entry.at, &path, reader),
-                None => plain_axis(entry, &path, reader),
+                None => plain_axis(entry, zip.is_some_and(|zip| pairs(zip, &entry.key)), &path, reader),
             };
             complete &= group.is_some();
             groups.extend(group);
         }
-        if let Some(zip) = section.value.entry("zip") {
+        if let Some(zip) = zip {
             complete &= apply_zip(&mut groups, zip, &join(path, "zip"), complete, reader).is_some();
         }
         complete &= names_are_distinct(&groups, path, reader);
@@ -108,9 +109,20 @@ fn grid(groups: &[Group]) -> Vec<Vec<Value>> {
     })
 }
 
-fn plain_axis(entry: &Entry, path: &str, reader: &mut Reader<'_>) -> Option<Group> {
+/// Whether `zip` pairs the axis `name` with others.
+fn pairs(zip: &Entry, name: &str) -> bool {
+    let named = |node: &Node| matches!(&node.data, Data::Text { text, .. } if text == name);
+    matches!(&zip.value.data, Data::List(lists)
+        if lists.iter().any(|list| matches!(&list.data, Data::List(names) if names.iter().any(named))))
+}
+
+/// An axis of its own; where it is paired with others its values may repeat, for then only the pairs must differ.
+fn plain_axis(entry: &Entry, paired: bool, path: &str, reader: &mut Reader<'_>) -> Option<Group> {
     let named = reader.name(&entry.key, entry.at, path, "an axis");
     let values = axis::values(&entry.value, entry.at, path, reader)?;
+    if !paired && !axis::distinct(&values, &entry.value, entry.at, path, reader) {
+        return None;
+    }
     let rows = values.into_iter().map(|v| vec![v]).collect();
     named.then(|| Group { at: entry.at, names: vec![entry.key.clone()], rows })
 }
@@ -139,11 +151,16 @@ fn csv_group(file: &Node, at: Span, path: &str, reader: &mut Reader<'_>) -> Opti
 
 fn read_table(path: &Path) -> Result<csv::Table, String> {
     let table = csv::parse(&SourceFile::read(path, "a CSV file", 64 << 20)?.text)?;
-    let mut seen = HashSet::new();
-    match table.rows.iter().position(|row| !seen.insert(Value::from(row.clone()).to_string())) {
+    match repeated(&table.rows) {
         Some(twice) => Err(format!("row {} repeats an earlier one", twice + 1)),
         None => Ok(table),
     }
+}
+
+/// The first row that an earlier one equals.
+fn repeated(rows: &[Vec<Value>]) -> Option<usize> {
+    let mut seen = HashSet::new();
+    rows.iter().position(|row| !seen.insert(Value::from(row.clone()).to_string()))
 }
 
 /// `zip: [[a, b]]`: the named axes become one group at the place of the first.
@@ -217,6 +234,13 @@ fn zip_one(
         let names = std::mem::take(&mut groups[other].names);
         groups[first].names.extend(names);
         groups[first].rows.iter_mut().zip(paired).for_each(|(row, more)| row.extend(more));
+    }
+    if let Some(twice) = repeated(&groups[first].rows) {
+        let group = &groups[first];
+        let values = group.names.iter().zip(&group.rows[twice]).map(|(name, value)| format!("{name} = {value}"));
+        let message = format!("{} stands twice among the pairs", values.collect::<Vec<_>>().join(", "));
+        reader.error(list.span, path, message, None);
+        return None;
     }
     groups.retain(|g| !g.names.is_empty());
     Some(())

@@ -82,7 +82,8 @@ fn parse_vary(section: &Entry, root: &Node, path: &str, reader: &mut Reader<'_>)
             reader.error(entry.at, &path, message, hint);
             continue;
         }
-        let values = axis::values(&entry.value, entry.at, &path, reader);
+        let values = axis::values(&entry.value, entry.at, &path, reader)
+            .filter(|values| axis::distinct(values, &entry.value, entry.at, &path, reader));
         found.extend(values.map(|v| (entry.key.clone(), v)));
     }
     (found.len() == section.value.entries().len()).then_some(found)

@@ -95,6 +95,8 @@ fn foreach_makes_a_grid_whose_last_axis_varies_fastest() {
             json!([[1, "x", 0], [1, "x", 1], [2, "y", 0], [2, "y", 1]])
         )
     );
+    // Paired axes may repeat a value, as the columns of a table do; only the pairs must differ.
+    assert_eq!(rows("{a: [1, 2, 0], b: [0, 0, 1], zip: [[a, b]]}").1, json!([[1, 0], [2, 0], [0, 1]]));
     assert_eq!(rows("{}").1, json!([[]]));
     assert_eq!(spec("stages: {s: {use: x}}").stages[0].foreach.rows, [Vec::<Value>::new()]);
 }

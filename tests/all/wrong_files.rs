@@ -47,6 +47,8 @@ const WRONG: &[(&str, &str, &str, &str)] = &[
     ("  tissue:\n    use: scene\n", "  tissue:\n    use: scene\n    foreach: {a: {linspace: [0, 1, 2000000]}}\n", "7:29: stages.tissue.foreach.a.linspace: 2000000 values are more than 1000000 instances", ""),
     ("    use: scene\n", "    use: scene\n    foreach: {a: {range: [0, 1001]}, b: {range: [0, 1000]}}\n", "7:5: stages.tissue.foreach: 1001000 instances (1001 a x 1000 b) are more than 1000000", "pair axes by `zip`, or draw points"),
     ("    use: scene\n", "    use: scene\n    foreach: {a: [1, 2], b: [1, 2, 3], zip: [[a, b]]}\n", "7:46: stages.tissue.foreach.zip.0: `a` has 2 values and `b` has 3; paired axes need equally many", ""),
+    ("    use: scene\n", "    use: scene\n    foreach: {a: [1, 2, 1], b: [3, 4, 3], zip: [[a, b]]}\n", "7:49: stages.tissue.foreach.zip.0: a = 1, b = 3 stands twice among the pairs", ""),
+    ("    use: scene\n", "    use: scene\n    foreach: {a: [1, 2, 1]}\n", "7:18: stages.tissue.foreach.a: the value 1 stands twice on this axis", ""),
     ("    use: scene\n", "    use: scene\n    foreach: {csv: table.csv}\n", "7:20: stages.tissue.foreach.csv: `table.csv`: the file does not exist", ""),
     ("    use: scene\n", "    use: scene\n    foreach: {draw: {n: 10, mu_a: {loguniform: [0, 1]}}}\n", "7:48: stages.tissue.foreach.draw.mu_a.loguniform: loguniform takes [first, last] with first < last, both above 0", ""),
     ("mu_a: 0.05", "mu_a: -0.05", "8:25: stages.tissue.with.media.m.mu_a: mu_a = -0.05 mm^-1 must be >= 0", ""),
