@@ -97,7 +97,7 @@ struct Pipeline {
 #[derive(Args)]
 struct OutputsDir {
     /// Where results are kept
-    #[arg(long, value_name = "DIR", env = "TURBID_OUTPUTS", default_value = "outputs")]
+    #[arg(long, global = true, value_name = "DIR", env = "TURBID_OUTPUTS", default_value = "outputs")]
     outputs: PathBuf,
 }
 

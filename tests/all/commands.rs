@@ -59,7 +59,8 @@ fn graph_stages_schema_and_new_print() {
 fn cache_commands_work_on_a_store() {
     let space = Space::with(SMALL);
     counts(&space, &[]);
-    let stat = space.turbid(&["cache", "stat", "--json"]).json();
+    let stat = space.turbid(&["cache", "stat", "--json", "--outputs", "outputs"]).json();
+    assert_eq!(stat, space.turbid(&["cache", "--outputs", "outputs", "stat", "--json"]).json());
     assert!(stat["records"].as_u64() >= Some(7) && stat["bytes"].as_u64() > Some(0));
     space.turbid(&["cache", "verify"]).ok();
     space.turbid(&["cache", "gc", "--max-size", "10GB"]).ok();
