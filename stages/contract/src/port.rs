@@ -153,7 +153,7 @@ macro_rules! in_ports {
                     about: concat!($($doc),*).trim_ascii(),
                 }),*]
             }
-            #[allow(unused_variables)]
+            #[allow(unused_variables, reason = "a stage without inputs reads no source")]
             fn load<'a>(source: &'a dyn $crate::InputSource) -> Result<$name<'a>, $crate::Error> {
                 Ok($name {
                     $($port: $crate::in_ports!(@load $arity $payload, source, stringify!($port)),)*

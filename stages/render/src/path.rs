@@ -3,6 +3,8 @@
 //! A path is walked backward from a random point of its pixel. At every scattering the light is estimated one scattering
 //! ahead, by one point on a line (see [`Nee::Line`]); what lies behind a boundary is estimated at the real collision.
 //! `docs/theory/render.md` derives the weights.
+//!
+//! Longer than its neighbours: beginning, stepping and scoring a path share one state, and the order of their draws is the contract.
 
 use std::f64::consts::FRAC_1_PI;
 
