@@ -1,0 +1,99 @@
+//! From parameters to a checked scene: every mistake with its field, value, unit, rule and way out.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use glam::DVec3;
+use turbid_contract::payload::{Medium, Object, Scene, Shape, Surface};
+use turbid_contract::{Length, Problems};
+use turbid_optics::solid::Solid;
+
+use crate::params::Params;
+
+mod medium;
+mod object;
+mod view;
+mod whole;
+
+use medium::medium;
+use object::object;
+use view::{camera, projector};
+use whole::check_whole;
+
+/// The scene that the parameters describe; meaningless where `problems` got something.
+pub fn assemble(params: &Params, problems: &mut Problems) -> Scene {
+    let channels = params.wavelength_nm.len().max(1);
+    let wavelengths_nm: Vec<f64> = params.wavelength_nm.iter().map(|w| w.0).collect();
+    for (i, &w) in wavelengths_nm.iter().enumerate() {
+        problems.require(w > 0.0, format!("wavelength_nm.{i}"), w, "nm", "be > 0");
+        if wavelengths_nm[..i].contains(&w) {
+            problems.push(format!("wavelength_nm.{i}"), format!("wavelength_nm = {w} nm stands twice"));
+        }
+    }
+    if let Some(name) = params.lights.keys().next() {
+        problems.push_with_hint(
+            format!("lights.{name}"),
+            "the projector is the only kind of light that this version knows",
+            "leave `lights` empty",
+        );
+    }
+    let mut media: BTreeMap<String, Medium> =
+        params.media.iter().map(|(name, m)| (name.clone(), medium(name, m, channels, params, problems))).collect();
+    let mut objects = BTreeMap::new();
+    for (name, o) in &params.objects {
+        if let Some(object) = object(name, o, params, problems) {
+            objects.insert(name.clone(), object);
+        }
+    }
+    if params.objects.is_empty() {
+        problems.push_with_hint("objects", "the scene has no object", "name at least one solid and its medium");
+    }
+    let camera = camera(params, problems);
+    let projector = projector(params, problems);
+    let scene = {
+        let used: BTreeSet<&str> = objects.values().filter_map(|o: &Object| o.medium.as_deref()).collect();
+        media.retain(|name, _| used.contains(name.as_str()));
+        Scene { wavelengths_nm, media, objects, camera, projector }
+    };
+    if problems.is_empty() {
+        check_whole(&scene, problems);
+    }
+    scene
+}
+
+/// The solid of a shape.
+pub fn solid(shape: &Shape) -> Solid {
+    match *shape {
+        Shape::Slab { top, bottom } => Solid::Slab { bottom, top },
+        Shape::Box { size, center } => {
+            let (half, center) = (0.5 * DVec3::from(size), DVec3::from(center));
+            Solid::Box { low: center - half, high: center + half }
+        }
+        Shape::Sphere { diameter, center } => {
+            Solid::Ellipsoid { center: center.into(), radii: DVec3::splat(0.5 * diameter) }
+        }
+        Shape::Spheroid { diameters, center } => {
+            Solid::Ellipsoid { center: center.into(), radii: 0.5 * DVec3::from(diameters) }
+        }
+    }
+}
+
+/// The object that fills a point: the one of highest priority, if any.
+pub fn object_at(scene: &Scene, p: DVec3) -> Option<(&str, &Object)> {
+    scene
+        .objects
+        .iter()
+        .filter(|(_, o)| solid(&o.shape).contains(p))
+        .max_by_key(|(_, o)| o.priority)
+        .map(|(name, o)| (name.as_str(), o))
+}
+
+/// Whether light passes through the object as through nothing.
+pub fn is_void(scene: &Scene, object: &Object) -> bool {
+    object.surface == Surface::Smooth
+        && object.medium.as_ref().is_some_and(|m| scene.media.get(m).is_some_and(Medium::is_void))
+}
+
+fn plain<const N: usize>(lengths: [Length; N]) -> [f64; N] {
+    // -0.0 and 0.0 are the same place and must give the same bytes.
+    lengths.map(|l| l.0 + 0.0)
+}

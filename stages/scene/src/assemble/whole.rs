@@ -1,0 +1,91 @@
+//! What can only be seen with all parts of a scene in place.
+
+use glam::{DVec2, DVec3};
+use turbid_contract::Problems;
+use turbid_contract::payload::{Object, Scene, Surface};
+use turbid_optics::solid::Solid;
+use turbid_optics::view::View;
+
+use crate::assemble::{is_void, object_at, solid};
+use crate::overlap::overlap;
+
+/// Overlaps, eyes inside solids, lights that light nothing.
+pub fn check_whole(scene: &Scene, problems: &mut Problems) {
+    let objects: Vec<(&String, &Object)> = scene.objects.iter().collect();
+    for (i, (a_name, a)) in objects.iter().enumerate() {
+        for (b_name, b) in &objects[i + 1..] {
+            if a.priority == b.priority && overlap(&solid(&a.shape), &solid(&b.shape)) {
+                problems.push_with_hint(
+                    format!("objects.{b_name}"),
+                    format!("{a_name} and {b_name} overlap and have the same priority {}", a.priority),
+                    "give the one that shall win a higher `priority`",
+                );
+            }
+        }
+    }
+    let places = [
+        ("camera", scene.camera.as_ref().map(|c| c.position)),
+        ("projector", scene.projector.as_ref().map(|p| p.position)),
+    ];
+    for (who, position) in places {
+        if let Some(position) = position
+            && let Some((name, object)) = object_at(scene, position.into())
+            && !is_void(scene, object)
+        {
+            problems.push_with_hint(
+                format!("{who}.position"),
+                format!("the {who} at {position:?} mm is inside the solid {name}"),
+                "move it out, or carve a hole with an object of higher priority whose medium has mu_a = mu_s = 0",
+            );
+        }
+    }
+    if let Some(p) = &scene.projector
+        && !sees_something(scene, p.position, p.look_at, p.up, p.field)
+    {
+        problems.push_with_hint(
+            "projector.look_at",
+            "the projector lights nothing: no ray of its field meets an object",
+            "check position, look_at and field against the objects",
+        );
+    }
+    if let Some(c) = &scene.camera {
+        if !sees_something(scene, c.position, c.look_at, c.up, c.field) {
+            problems.warn("camera.look_at", "the camera sees no object");
+        }
+        let refracting = scene
+            .objects
+            .iter()
+            .find(|(_, o)| o.surface == Surface::Smooth && o.medium.as_ref().is_some_and(|m| scene.media[m].n != 1.0));
+        if let (Some((name, _)), None) = (refracting, c.specular) {
+            problems.push_with_hint(
+                "camera.specular",
+                format!("the smooth surface of {name} has n != 1, so it must be said whether its reflexes are seen"),
+                "write `specular: exclude` (crossed polarisers) or `specular: include`",
+            );
+        }
+    }
+}
+
+/// Whether a ray of the view meets anything that is not void: on a grid of 65 x 65 and at every object's middle.
+fn sees_something(scene: &Scene, position: [f64; 3], look_at: [f64; 3], up: [f64; 3], field: [f64; 2]) -> bool {
+    let Ok(view) = View::new(position.into(), look_at.into(), up.into(), DVec2::from(field)) else {
+        return false;
+    };
+    let solids: Vec<Solid> = scene.objects.values().filter(|o| !is_void(scene, o)).map(|o| solid(&o.shape)).collect();
+    let meets = |direction: DVec3| {
+        solids.iter().any(|s| s.interval(view.position, direction).is_some_and(|(_, leave)| leave > 0.0))
+    };
+    let steps = 64;
+    let grid = (0..=steps).flat_map(|i| (0..=steps).map(move |j| (f64::from(i), f64::from(j))));
+    let n = f64::from(steps);
+    // An object smaller than the grid's mesh is found by its middle.
+    let middles = solids.iter().filter_map(|s| {
+        let (low, high) = s.bounds();
+        let middle = 0.5 * (low + high);
+        middle.is_finite().then_some(middle)
+    });
+    grid.map(|(i, j)| view.direction(i / n, j / n)).any(meets)
+        || middles
+            .filter(|&m| view.project(m).is_some_and(|p| view.in_field(p)))
+            .any(|m| meets((m - view.position).normalize()))
+}

@@ -1,0 +1,38 @@
+//! The parameters of a scene as they stand in a pipeline file.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use turbid_contract::Wavelength;
+use turbid_contract::schemars::JsonSchema;
+
+mod medium;
+mod object;
+mod shape;
+mod surface;
+mod view;
+
+pub use medium::MediumParams;
+pub use object::ObjectParams;
+pub use shape::{BoxParams, SlabParams, SphereParams, SpheroidParams};
+pub use surface::SurfaceParams;
+pub use view::{CameraParams, ProjectorParams};
+
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(crate = "turbid_contract::schemars")]
+pub struct Params {
+    /// One wavelength per channel; every list in `media` then has one entry for each.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub wavelength_nm: Vec<Wavelength>,
+    pub media: BTreeMap<String, MediumParams>,
+    pub objects: BTreeMap<String, ObjectParams>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub camera: Option<CameraParams>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub projector: Option<ProjectorParams>,
+    /// No kind of light beside the projector is known yet: must be empty.
+    #[serde(default)]
+    pub lights: BTreeMap<String, Value>,
+}

@@ -1,0 +1,29 @@
+//! An object as it stands in a pipeline file.
+
+use serde::{Deserialize, Serialize};
+use turbid_contract::schemars::JsonSchema;
+
+use super::{BoxParams, SlabParams, SphereParams, SpheroidParams, SurfaceParams};
+
+/// A solid: exactly one of `slab`, `box`, `sphere`, `spheroid`, with its medium.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(crate = "turbid_contract::schemars")]
+pub struct ObjectParams {
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub slab: Option<SlabParams>,
+    #[serde(default, rename = "box", skip_serializing_if = "Option::is_none")]
+    pub cuboid: Option<BoxParams>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sphere: Option<SphereParams>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub spheroid: Option<SpheroidParams>,
+    /// Name of an entry of `media`; may be left out below an opaque surface.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub medium: Option<String>,
+    /// Where objects overlap, the higher priority wins.
+    #[serde(default)]
+    pub priority: i32,
+    #[serde(default)]
+    pub surface: SurfaceParams,
+}

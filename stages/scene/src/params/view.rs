@@ -1,0 +1,49 @@
+//! Camera and projector as they stand in a pipeline file.
+
+use serde::{Deserialize, Serialize};
+use turbid_contract::payload::{Profile, Specular};
+use turbid_contract::schemars::JsonSchema;
+use turbid_contract::{Length, Power};
+
+/// A pinhole camera; its field is measured in the plane z = look_at.z.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(crate = "turbid_contract::schemars")]
+pub struct CameraParams {
+    pub position: [Length; 3],
+    pub look_at: [Length; 3],
+    #[serde(default = "y_up")]
+    pub up: [f64; 3],
+    /// Width and height seen in the plane z = look_at.z, centred on look_at.
+    pub field: [Length; 2],
+    /// Columns and rows.
+    pub pixels: [u32; 2],
+    /// Whether light that never entered a medium is seen; required where a smooth surface has n != 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub specular: Option<Specular>,
+}
+
+/// A pinhole projector; its field is measured in the plane z = look_at.z, outside it there is no light.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(crate = "turbid_contract::schemars")]
+pub struct ProjectorParams {
+    pub position: [Length; 3],
+    pub look_at: [Length; 3],
+    #[serde(default = "y_up")]
+    pub up: [f64; 3],
+    /// Width and height lit in the plane z = look_at.z, centred on look_at.
+    pub field: [Length; 2],
+    /// W inside the field at pattern value 1.
+    pub power: Power,
+    /// `uniform_intensity`: the same W/sr in every direction; `flat`: the same irradiance on the plane z = look_at.z.
+    #[serde(default)]
+    pub profile: Profile,
+    /// Columns and rows; bounds the spatial frequencies that it can show.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pixels: Option<[u32; 2]>,
+}
+
+fn y_up() -> [f64; 3] {
+    [0.0, 1.0, 0.0]
+}
