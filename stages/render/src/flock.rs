@@ -11,7 +11,8 @@ use turbid_optics::philox::{philox4x32, unit, unit_fine};
 use turbid_optics::solid::Solid;
 
 use crate::look::LANES;
-use crate::path::{MOST_BLOCKS, Place, Walker, counter, deep_weight, rarity};
+use crate::nee::rarity;
+use crate::path::{MOST_BLOCKS, Place, Walker, counter, deep_weight};
 use crate::world::Body;
 
 /// With no more paths than this left, lanes are dearer than one path after the other.

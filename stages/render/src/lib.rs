@@ -14,6 +14,7 @@ pub mod level;
 pub mod light;
 pub mod look;
 pub mod moments;
+pub mod nee;
 pub mod path;
 pub mod world;
 

@@ -10,7 +10,8 @@ use turbid_optics::philox::{philox4x32, unit};
 use turbid_optics::solid::Solid;
 
 use crate::light::{Carrier, Light};
-use crate::path::{Place, Setting, counter, rarity};
+use crate::nee::rarity;
+use crate::path::{Place, Setting, counter};
 use crate::world::{Body, Material, World};
 
 /// Overlaps are resolved for so many bodies at most.

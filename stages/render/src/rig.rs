@@ -43,7 +43,7 @@ impl Rig {
                     (Surface::Smooth, Some(m)) => {
                         let (mu_a, mu_s) = (m.mu_a[channel], m.mu_s[channel]);
                         // Without scattering g means nothing; equal materials shall be one.
-                        Material { mu_a, mu_s, g: if mu_s > 0.0 { m.g } else { 0.0 }, lambertian: None }
+                        Material { mu_a, mu_s, g: if mu_s > 0.0 { m.g } else { 0.0 }, n: m.n, lambertian: None }
                     }
                     (Surface::Smooth, None) => Material::VOID,
                 };

@@ -11,12 +11,14 @@ pub struct Material {
     /// mm^-1.
     pub mu_s: f64,
     pub g: f64,
+    /// Refractive index.
+    pub n: f64,
     /// Diffuse reflectance of an opaque body; `None` where light can enter.
     pub lambertian: Option<f64>,
 }
 
 impl Material {
-    pub const VOID: Self = Self { mu_a: 0.0, mu_s: 0.0, g: 0.0, lambertian: None };
+    pub const VOID: Self = Self { mu_a: 0.0, mu_s: 0.0, g: 0.0, n: 1.0, lambertian: None };
 
     pub fn mu_t(&self) -> f64 {
         self.mu_a + self.mu_s
@@ -37,11 +39,20 @@ pub struct World {
     pub materials: Vec<Material>,
 }
 
-/// A point on the surface of a body from which a ray starts, and on which side: with it, no rounding of the point can
-/// put the ray on the wrong side, because bodies are convex.
+/// Part of a body's surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Wall {
+    /// Index into [`World::bodies`].
+    pub body: usize,
+    /// Which of its faces; 0 for bodies of one smooth piece.
+    pub face: u32,
+}
+
+/// A point on a wall from which a ray starts, and on which side of the body: with it, no rounding of the point can put the
+/// ray on the wrong side.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Skin {
-    pub body: usize,
+    pub wall: Wall,
     pub inside: bool,
 }
 
@@ -52,8 +63,8 @@ pub struct Piece {
     /// Infinite on the way out.
     pub end: f64,
     pub material: usize,
-    /// The body whose surface lies at `end`; `None` where `end` is infinite.
-    pub wall: Option<usize>,
+    /// What lies at `end`; `None` where `end` is infinite.
+    pub wall: Option<Wall>,
 }
 
 /// Pieces shorter than this (mm) are rounding of touching faces.
@@ -73,10 +84,15 @@ impl World {
             // An empty span never holds a t.
             spans.push(body.solid.interval(origin, direction).unwrap_or((0.0, 0.0)));
         }
-        if let Some(Skin { body, inside }) = skin {
+        if let Some(Skin { wall: Wall { body, .. }, inside }) = skin {
             spans[body] = if inside { (f64::NEG_INFINITY, spans[body].1) } else { (0.0, 0.0) };
         }
         Pieces { world: self, spans, t: 0.0 }
+    }
+
+    /// Unit normal, out of the body, at a point of a wall.
+    pub fn normal(&self, wall: Wall, p: DVec3) -> DVec3 {
+        self.bodies[wall.body].solid.normal(p)
     }
 
     /// No boundary lies within this distance (mm) of `p`.
@@ -104,7 +120,7 @@ impl Pieces<'_> {
             }
             let next = if enter > t { enter } else { leave };
             if next < end {
-                (end, wall) = (next, Some(i));
+                (end, wall) = (next, Some(Wall { body: i, face: 0 }));
             }
             if enter <= t {
                 // The first that holds t has the highest priority; those after it do not show.
@@ -145,7 +161,7 @@ mod tests {
     use super::*;
 
     fn world() -> World {
-        let medium = |mu_s| Material { mu_a: 0.1, mu_s, g: 0.0, lambertian: None };
+        let medium = |mu_s| Material { mu_a: 0.1, mu_s, g: 0.0, n: 1.0, lambertian: None };
         World {
             // Highest priority first: void ball in a ball in a slab, beside a block that touches the slab.
             bodies: vec![
@@ -179,9 +195,10 @@ mod tests {
     fn a_skin_settles_the_side() {
         for off in [-1e-15, 0.0, 1e-15] {
             let p = DVec3::new(0.0, 0.0, 2.0 + off);
-            let outside = cut(p, DVec3::Z, Some(Skin { body: 1, inside: false }));
+            let wall = Wall { body: 1, face: 0 };
+            let outside = cut(p, DVec3::Z, Some(Skin { wall, inside: false }));
             assert_eq!(outside, [(0.0, f64::INFINITY, 0)]);
-            let inside = cut(p, DVec3::NEG_Z, Some(Skin { body: 1, inside: true }));
+            let inside = cut(p, DVec3::NEG_Z, Some(Skin { wall, inside: true }));
             assert_eq!(inside[0].2, 2);
             assert!((inside[0].1 - 1.0).abs() < 1e-14);
         }

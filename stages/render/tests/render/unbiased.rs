@@ -19,7 +19,7 @@ const WHITE: usize = 4;
 const PALE: usize = 5;
 
 fn world(bodies: Vec<(Solid, usize)>) -> World {
-    let medium = |mu_a, mu_s, g| Material { mu_a, mu_s, g, lambertian: None };
+    let medium = |mu_a, mu_s, g| Material { mu_a, mu_s, g, n: 1.0, lambertian: None };
     World {
         bodies: bodies.into_iter().map(|(solid, material)| Body { solid, material }).collect(),
         materials: vec![
