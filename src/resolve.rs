@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock};
 
+use rayon::prelude::*;
 use serde_json::Value;
 use turbid_contract::{
     Artifact, Axes, Ctx, Error, FileUse, InputSource, Known, MemoryHost, Prepared, Problem, Problems, StagePlan,
@@ -75,6 +76,23 @@ pub struct Survey {
 
 /// A sweep repeats its mistakes; this many are enough to see what is wrong.
 const MANY_PROBLEMS: usize = 100;
+/// Instances that are looked at side by side ...
+const BLOCK: usize = 2048;
+/// ... and how many are not worth it.
+const FEW: usize = 32;
+
+/// What a look at one instance found, or the mistakes in it.
+type Looked = Result<Look, Vec<Diagnostic>>;
+
+struct Look {
+    state: State,
+    /// `None` for a hit, and for one that waits.
+    key: Option<Digest>,
+    /// `None` for a hit.
+    checked: Option<Checked>,
+    /// What an instant stage made, where it was run.
+    made: Option<Result<Outputs, Diagnostic>>,
+}
 
 impl<'a> Resolver<'a> {
     pub fn new(plan: &'a Plan, store: &'a Store) -> Self {
@@ -93,50 +111,81 @@ impl<'a> Resolver<'a> {
             problems: Vec::new(),
         };
         let mut first_of: HashMap<Digest, InstanceId> = HashMap::new();
-        for id in self.plan.needed_instances() {
-            if survey.problems.iter().filter(|p| is_error(p)).count() >= MANY_PROBLEMS {
-                break;
-            }
-            match self.state(id, &survey.outputs, force) {
-                Ok((State::Hit(record), _)) => {
-                    survey.outputs[id] = Some(Arc::new(outputs_of(&record)));
-                    survey.states[id] = Some(State::Hit(record));
+        for &stage in &self.plan.needed {
+            let ids: Vec<InstanceId> = self.plan.instances_of(stage).collect();
+            // Instances of one stage know nothing of each other. A block is as much as is looked at in vain after many mistakes.
+            for block in ids.chunks(BLOCK) {
+                let errors = survey.problems.iter().filter(|p| is_error(p)).count();
+                if errors >= MANY_PROBLEMS {
+                    return survey;
                 }
-                Ok((mut state, job)) => {
-                    if let (State::Run { reasons }, Some(job)) = (&mut state, &job) {
-                        let first = *first_of.entry(job.key).or_insert(id);
-                        if first != id {
-                            *reasons = vec![format!("the same as {}", self.plan.label(first))];
-                        }
-                    }
-                    match self.check(id, job.as_ref(), &survey.outputs) {
-                        Ok((plan, warnings)) => {
-                            survey.plans.insert(id, plan);
-                            for warning in warnings {
-                                // The instances of a sweep warn of the same thing.
-                                if !survey.problems.contains(&warning) {
-                                    survey.problems.push(warning);
-                                }
-                            }
-                        }
-                        Err(mut mistakes) => survey.problems.append(&mut mistakes),
-                    }
-                    if let Some(job) = &job
-                        && self.plan.row(self.plan.instances[id].stage).instant
-                        && !self.plan.consumers(self.plan.instances[id].stage).is_empty()
-                        && !survey.problems.iter().any(is_error)
-                    {
-                        match self.run_instant(id, job, &survey.outputs) {
-                            Ok(outputs) => survey.outputs[id] = Some(Arc::new(outputs)),
-                            Err(error) => survey.problems.push(self.error_diagnostic(id, &error)),
-                        }
-                    }
-                    survey.states[id] = Some(state);
+                let look = |&id: &InstanceId| self.look(id, &survey.outputs, force, errors == 0);
+                let looked: Vec<Looked> = if block.len() < FEW {
+                    block.iter().map(look).collect()
+                } else {
+                    block.par_iter().map(look).collect()
+                };
+                for (&id, looked) in block.iter().zip(looked) {
+                    self.enter(id, looked, &mut survey, &mut first_of);
                 }
-                Err(mut mistakes) => survey.problems.append(&mut mistakes),
             }
         }
         survey
+    }
+
+    /// State, check and, for instant stages, outputs of one instance.
+    fn look(&self, id: InstanceId, outputs: &[Option<Arc<Outputs>>], force: &[usize], sound: bool) -> Looked {
+        let (state, job) = match self.state(id, outputs, force) {
+            Ok((state @ State::Hit(_), _)) => return Ok(Look { state, key: None, checked: None, made: None }),
+            Ok(found) => found,
+            Err(mistakes) => return Err(mistakes),
+        };
+        let checked = self.check(id, job.as_ref(), outputs);
+        let stage = self.plan.instances[id].stage;
+        let consumed = self.plan.row(stage).instant && !self.plan.consumers(stage).is_empty();
+        let made = match &job {
+            Some(job) if consumed && sound && checked.is_ok() => {
+                Some(self.run_instant(id, job, outputs).map_err(|error| self.error_diagnostic(id, &error)))
+            }
+            _ => None,
+        };
+        Ok(Look { state, key: job.map(|job| job.key), checked: Some(checked), made })
+    }
+
+    /// Adds what was seen of an instance, in the order of instances.
+    fn enter(&self, id: InstanceId, looked: Looked, survey: &mut Survey, first_of: &mut HashMap<Digest, InstanceId>) {
+        let Look { mut state, key, checked, made } = match looked {
+            Ok(look) => look,
+            Err(mut mistakes) => return survey.problems.append(&mut mistakes),
+        };
+        if let State::Hit(record) = &state {
+            survey.outputs[id] = Some(Arc::new(outputs_of(record)));
+        }
+        if let (State::Run { reasons }, Some(key)) = (&mut state, key) {
+            let first = *first_of.entry(key).or_insert(id);
+            if first != id {
+                *reasons = vec![format!("the same as {}", self.plan.label(first))];
+            }
+        }
+        match checked {
+            Some(Ok((plan, warnings))) => {
+                survey.plans.insert(id, plan);
+                for warning in warnings {
+                    // The instances of a sweep warn of the same thing.
+                    if !survey.problems.contains(&warning) {
+                        survey.problems.push(warning);
+                    }
+                }
+            }
+            Some(Err(mut mistakes)) => survey.problems.append(&mut mistakes),
+            None => {}
+        }
+        match made {
+            Some(Ok(outputs)) => survey.outputs[id] = Some(Arc::new(outputs)),
+            Some(Err(error)) => survey.problems.push(error),
+            None => {}
+        }
+        survey.states[id] = Some(state);
     }
 
     /// The survey of a plan whose every instance is known to be up to date.
@@ -359,14 +408,13 @@ impl<'a> Resolver<'a> {
     /// Runs an instant stage in memory, so that what follows has a key and can be checked.
     fn run_instant(&self, id: InstanceId, job: &Job, outputs: &[Option<Arc<Outputs>>]) -> Result<Outputs, Error> {
         let instance = &self.plan.instances[id];
-        let files: Result<_, Error> =
-            job.files.iter().map(|(at, file)| Ok((at.clone(), self.reread(file).map_err(Error::failed)?))).collect();
+        let files = job.files.iter().map(|(at, file)| (at.clone(), self.content(&file.path))).collect();
         let wanted = self.plan.wanted(instance.stage);
         let previews =
             self.plan.outputs(instance.stage).iter().filter(|p| p.preview).map(|p| p.name).collect::<Vec<_>>();
         let host = MemoryHost {
             seed: job.seed,
-            files: files?,
+            files,
             // Nobody depends on pictures: they are left to the run.
             wanted: wanted.iter().filter(|p| !previews.contains(p)).map(|p| (*p).to_owned()).collect(),
             ..MemoryHost::default()

@@ -1,7 +1,8 @@
 //! `turbid plan`: every instance as hit, run (reasons) or waits, with the method taken and what is left out.
 
 use clap::Args;
-use serde_json::{Value, json};
+use serde::Serialize;
+use turbid_contract::Axes;
 
 use crate::plan::Plan;
 use crate::registry::Registry;
@@ -31,7 +32,7 @@ impl PlanCommand {
             return Err(report.into());
         }
         if self.json {
-            print(&to_json(&plan, &survey).to_string());
+            print(&to_json(&plan, &survey));
         } else {
             print(&to_text(&plan, &survey));
         }
@@ -50,32 +51,54 @@ fn state(plan: &Plan, state: &State) -> (&'static str, Vec<String>) {
     }
 }
 
-fn to_json(plan: &Plan, survey: &Survey) -> Value {
-    let instances: Vec<Value> = plan
-        .needed_instances()
-        .filter_map(|id| survey.states[id].as_ref().map(|s| (id, s)))
-        .map(|(id, found)| {
-            let instance = &plan.instances[id];
-            let (word, reasons) = state(plan, found);
-            let mut row = json!({
-                "stage": plan.spec.stages[instance.stage].name, "axes": instance.axes, "state": word, "reasons": reasons,
-                "left_out": [],
-            });
-            if let Some(detail) = survey.plans.get(&id) {
-                row["left_out"] = json!(detail.left_out);
-                row["needs"] = json!(detail.needs);
-                row["method"] = json!(detail.method);
-                row["seconds"] = json!(detail.seconds);
-                row["bytes"] = json!(detail.bytes);
-            }
-            row
-        })
-        .collect();
-    let unneeded: Vec<&str> = (0..plan.spec.stages.len())
-        .filter(|s| !plan.needed.contains(s))
-        .map(|s| plan.spec.stages[s].name.as_str())
-        .collect();
-    json!({"instances": instances, "stages_left_out": unneeded})
+/// What `--json` says of an instance; the plan's part is left out for those that are up to date.
+#[derive(Serialize)]
+struct Row<'a> {
+    axes: &'a Axes,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bytes: Option<Option<u64>>,
+    left_out: &'a [String],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    method: Option<&'a Option<String>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    needs: Option<&'a [String]>,
+    reasons: Vec<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    seconds: Option<Option<f64>>,
+    stage: &'a str,
+    state: &'a str,
+}
+
+#[derive(Serialize)]
+struct Listing<'a> {
+    instances: Vec<Row<'a>>,
+    stages_left_out: Vec<&'a str>,
+}
+
+fn to_json(plan: &Plan, survey: &Survey) -> String {
+    let found = plan.needed_instances().filter_map(|id| survey.states[id].as_ref().map(|s| (id, s)));
+    let row = |(id, found)| {
+        let instance = &plan.instances[id];
+        let (word, reasons) = state(plan, found);
+        let detail = survey.plans.get(&id);
+        Row {
+            axes: &instance.axes,
+            bytes: detail.map(|d| d.bytes),
+            left_out: detail.map_or(&[], |d| &d.left_out),
+            method: detail.map(|d| &d.method),
+            needs: detail.map(|d| d.needs.as_slice()),
+            reasons,
+            seconds: detail.map(|d| d.seconds),
+            stage: &plan.spec.stages[instance.stage].name,
+            state: word,
+        }
+    };
+    let unneeded = (0..plan.spec.stages.len()).filter(|s| !plan.needed.contains(s));
+    let listing = Listing {
+        instances: found.map(row).collect(),
+        stages_left_out: unneeded.map(|s| plan.spec.stages[s].name.as_str()).collect(),
+    };
+    serde_json::to_string(&listing).expect("names and finite numbers")
 }
 
 fn to_text(plan: &Plan, survey: &Survey) -> String {
