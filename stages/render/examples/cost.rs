@@ -32,7 +32,7 @@ fn main() {
         ("M3 (1, 20000)", 1.0, 20000.0),
     ];
     for (name, a_rho, s_rho) in media {
-        let medium = Material { mu_a: a_rho / 1000.0, mu_s: s_rho / 1000.0, g: 0.8, n: 1.0, lambertian: None };
+        let medium = Material::medium(a_rho / 1000.0, s_rho / 1000.0, 0.8, 1.0);
         let lesion = Material { mu_a: 0.096, mu_s: 3.721, ..medium };
         let mut bodies = vec![Body { solid: Solid::Slab { bottom: -2000.0, top: 0.0 }, material: 1 }];
         if name.ends_with("lesion") {

@@ -69,7 +69,7 @@ fn render((a_rho, s_rho): (f64, f64), seed: u32, paths: u32, apart: f64, distanc
     let camera = Camera { view: view(0.0, SIDE as f64), columns: SIDE, rows: SIDE };
     let light = Light::new(view(apart, lit), 1.0, true);
     let carriers = [Carrier::new(F_X[1], 0.0), Carrier::new(F_X[2], 0.0)];
-    let medium = Material { mu_a, mu_s, g: 0.8, n: 1.0, lambertian: None };
+    let medium = Material::medium(mu_a, mu_s, 0.8, 1.0);
     let bodies = vec![Body { solid: Solid::Slab { bottom: -1000.0, top: 0.0 }, material: 1 }];
     let world = World { bodies, materials: vec![Material::VOID, medium] };
     let setting = Setting {

@@ -9,6 +9,7 @@
 //! same paths: a path carries the complex response to exp(i 2 pi f_x u), of which every frame is a linear combination.
 
 pub mod camera;
+pub mod finish;
 pub mod flock;
 pub mod level;
 pub mod light;

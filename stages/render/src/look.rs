@@ -113,7 +113,7 @@ pub fn bodies_by_material(world: &World) -> Option<Vec<u64>> {
     let mut body_of = vec![0; world.materials.len()];
     for (i, body) in world.bodies.iter().enumerate() {
         let repeated = body.material != 0 && world.bodies[..i].iter().any(|other| other.material == body.material);
-        if i == MOST_BODIES || repeated || world.materials[body.material].lambertian.is_some() {
+        if i == MOST_BODIES || repeated || world.materials[body.material].is_opaque() {
             return None;
         }
         body_of[body.material] = i as u64;

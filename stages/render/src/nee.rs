@@ -53,7 +53,7 @@ impl Walker<'_> {
                 sight.exit = Some(if normal.dot(towards) < 0.0 { -normal } else { normal });
             }
             let material = &world.materials[piece.material];
-            if material.lambertian.is_some() {
+            if material.is_opaque() {
                 sight.blocked = true;
             } else if piece.material != 0 {
                 sight.tau += material.mu_t() * (piece.end.min(distance) - piece.start);
@@ -119,7 +119,7 @@ impl Walker<'_> {
         let (mut tau, mut entrance) = (0.0, None);
         for (i, piece) in pieces.iter().enumerate() {
             let material = &world.materials[piece.material];
-            if material.lambertian.is_some() {
+            if material.is_opaque() {
                 break;
             }
             let length = piece.end - piece.start;

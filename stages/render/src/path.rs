@@ -10,6 +10,7 @@ use turbid_optics::henyey_greenstein as hg;
 use turbid_optics::philox::{philox4x32, unit, unit_fine};
 
 use crate::camera::Camera;
+use crate::finish::Finish;
 use crate::light::{Carrier, Light};
 use crate::look::{self, Queue};
 use crate::world::{Material, Piece, Skin, Wall, World};
@@ -347,7 +348,7 @@ impl<'a> Walker<'a> {
         let mut before: Option<Wall> = None;
         for piece in world.trace(at.r, at.w, at.skin, &mut self.spans) {
             let material = &world.materials[piece.material];
-            if let Some(rho) = material.lambertian {
+            if let Finish::Lambertian(rho) = material.finish {
                 let Some(wall) = before else {
                     // Rounding put the start of the ray into an opaque body: a set of measure zero.
                     return End::Gone;

@@ -39,11 +39,11 @@ impl Rig {
             let bodies = order.iter().map(|&i| {
                 let medium = objects[i].medium.as_ref().map(|m| &scene.media[m]);
                 let material = match (objects[i].surface, medium) {
-                    (Surface::Lambertian(rho), _) => Material { lambertian: Some(rho), ..Material::VOID },
+                    (Surface::Lambertian(rho), _) => Material::lambertian(rho),
                     (Surface::Smooth, Some(m)) => {
                         let (mu_a, mu_s) = (m.mu_a[channel], m.mu_s[channel]);
                         // Without scattering g means nothing; equal materials shall be one.
-                        Material { mu_a, mu_s, g: if mu_s > 0.0 { m.g } else { 0.0 }, n: m.n, lambertian: None }
+                        Material::medium(mu_a, mu_s, if mu_s > 0.0 { m.g } else { 0.0 }, m.n)
                     }
                     (Surface::Smooth, None) => Material::VOID,
                 };

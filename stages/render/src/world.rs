@@ -3,6 +3,8 @@
 use glam::DVec3;
 use turbid_optics::solid::Solid;
 
+use crate::finish::Finish;
+
 /// What fills a piece of a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Material {
@@ -13,12 +15,27 @@ pub struct Material {
     pub g: f64,
     /// Refractive index.
     pub n: f64,
-    /// Diffuse reflectance of an opaque body; `None` where light can enter.
-    pub lambertian: Option<f64>,
+    /// What light meets at the wall of a body of it.
+    pub finish: Finish,
 }
 
 impl Material {
-    pub const VOID: Self = Self { mu_a: 0.0, mu_s: 0.0, g: 0.0, n: 1.0, lambertian: None };
+    pub const VOID: Self = Self::medium(0.0, 0.0, 0.0, 1.0);
+
+    /// One that light can enter, with smooth walls.
+    pub const fn medium(mu_a: f64, mu_s: f64, g: f64, n: f64) -> Self {
+        Self { mu_a, mu_s, g, n, finish: Finish::Smooth }
+    }
+
+    pub fn lambertian(rho: f64) -> Self {
+        Self { finish: Finish::Lambertian(rho), ..Self::VOID }
+    }
+
+    /// Whether light cannot enter.
+    #[inline(always)]
+    pub fn is_opaque(&self) -> bool {
+        self.finish.is_opaque()
+    }
 
     pub fn mu_t(&self) -> f64 {
         self.mu_a + self.mu_s
@@ -161,7 +178,7 @@ mod tests {
     use super::*;
 
     fn world() -> World {
-        let medium = |mu_s| Material { mu_a: 0.1, mu_s, g: 0.0, n: 1.0, lambertian: None };
+        let medium = |mu_s| Material::medium(0.1, mu_s, 0.0, 1.0);
         World {
             // Highest priority first: void ball in a ball in a slab, beside a block that touches the slab.
             bodies: vec![

@@ -19,7 +19,7 @@ const WHITE: usize = 4;
 const PALE: usize = 5;
 
 fn world(bodies: Vec<(Solid, usize)>) -> World {
-    let medium = |mu_a, mu_s, g| Material { mu_a, mu_s, g, n: 1.0, lambertian: None };
+    let medium = |mu_a, mu_s, g| Material::medium(mu_a, mu_s, g, 1.0);
     World {
         bodies: bodies.into_iter().map(|(solid, material)| Body { solid, material }).collect(),
         materials: vec![
@@ -27,7 +27,7 @@ fn world(bodies: Vec<(Solid, usize)>) -> World {
             medium(0.05, 2.0, 0.7),
             medium(0.4, 4.0, 0.5),
             medium(0.3, 0.0, 0.0),
-            Material { lambertian: Some(0.8), ..Material::VOID },
+            Material::lambertian(0.8),
             medium(0.002, 5.0, 0.5),
         ],
     }

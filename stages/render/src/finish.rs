@@ -1,0 +1,19 @@
+//! Finishes: what a ray meets at the wall of a body.
+
+/// How the wall of a body treats light.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Finish {
+    /// A boundary that obeys Fresnel and Snell where the refractive indices differ, nothing where they do not.
+    #[default]
+    Smooth,
+    /// Opaque, reflecting this fraction of the light with a radiance that is the same in all directions.
+    Lambertian(f64),
+}
+
+impl Finish {
+    /// Whether light cannot enter the body.
+    #[inline(always)]
+    pub fn is_opaque(&self) -> bool {
+        !matches!(self, Self::Smooth)
+    }
+}
