@@ -8,6 +8,7 @@ use turbid_optics::solid::Solid;
 use turbid_optics::view::View;
 use turbid_render::camera::Camera;
 use turbid_render::flock;
+use turbid_render::lamp::Steady;
 use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
 use turbid_render::moments::Moments;
@@ -48,6 +49,7 @@ fn main() {
                 world: &world,
                 camera: &camera,
                 light: &light,
+                steady: &Steady::NONE,
                 carriers: &carriers,
                 key: [1, 2],
                 channel: 0,

@@ -12,6 +12,7 @@ use turbid_optics::rte::reflectance;
 use turbid_optics::solid::Solid;
 use turbid_optics::view::View;
 use turbid_render::camera::Camera;
+use turbid_render::lamp::Steady;
 use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
 use turbid_render::moments::Moments;
@@ -76,6 +77,7 @@ fn render((a_rho, s_rho): (f64, f64), seed: u32, paths: u32, apart: f64, distanc
         world: &world,
         camera: &camera,
         light: &light,
+        steady: &Steady::NONE,
         carriers: &carriers,
         key: [seed, 0],
         channel: 0,

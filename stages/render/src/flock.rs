@@ -95,6 +95,7 @@ pub fn walk(walker: &mut Walker<'_>, pixels: Range<usize>, samples: Range<u32>) 
                 let own = std::mem::replace(&mut place.w, point(&bundle.came, lane));
                 let material = &setting.world.materials[place.material];
                 walker.queue_look(place, own, bundle.roulette[lane], material, body_of[place.material]);
+                walker.look_at_lamps(place, own, bundle.roulette[lane]);
             }
             if !alive {
                 places.swap_remove(lane);

@@ -11,6 +11,7 @@ use turbid_optics::elementary::sin_cos_turns;
 use crate::light::Carrier;
 use crate::moments::Moments;
 use crate::params::Params;
+use crate::response::{Layout, ONE};
 
 const RADIANCE: &str = "W mm^-2 sr^-1";
 
@@ -21,6 +22,7 @@ pub struct Images<'a> {
     pub columns: usize,
     /// Empty for one channel without a named wavelength.
     pub wavelengths_nm: &'a [f64],
+    pub layout: Layout,
     pub channels: &'a [Moments],
     pub n: u32,
 }
@@ -43,11 +45,8 @@ impl Images<'_> {
         let mut total_variance = 0.0;
         for pixel in 0..pixels {
             mean.push(terms.iter().map(|&(i, w)| w * moments.mean(pixel, i, self.n)).sum::<f64>() as f32);
-            let pairs = terms.iter().flat_map(|a| terms.iter().map(move |b| (a, b)));
-            let variance: f64 =
-                pairs.map(|(&(i, wi), &(j, wj))| wi * wj * moments.covariance(pixel, i, j, self.n)).sum();
             // Rounding may leave a sum of squares just below zero.
-            let variance = variance.max(0.0);
+            let variance = self.covariance_of(channel, pixel, terms, terms).max(0.0);
             total_variance += variance;
             se.push(variance.sqrt() as f32);
         }
@@ -59,8 +58,25 @@ impl Images<'_> {
         stack.push(se_info, image(se));
     }
 
-    /// Frame = L(1)/2 + Re(e^{i phase} L(e^{i 2 pi f_x u}))/2, so of the responses (1, re, im) the weights
-    /// (1/2, cos(phase)/2, -sin(phase)/2).
+    /// What steady light adds to every frame.
+    fn steady(&self) -> impl Iterator<Item = (usize, f64)> {
+        self.layout.steady().map(|i| (i, 1.0)).into_iter()
+    }
+
+    /// M_DC = L(1)/2 and the steady light.
+    fn dc(&self) -> Vec<(usize, f64)> {
+        [(ONE, 0.5)].into_iter().chain(self.steady()).collect()
+    }
+
+    /// Covariance of two sums of weight x mean response.
+    fn covariance_of(&self, channel: usize, pixel: usize, a: &[(usize, f64)], b: &[(usize, f64)]) -> f64 {
+        let moments = &self.channels[channel];
+        let pairs = a.iter().flat_map(|a| b.iter().map(move |b| (a, b)));
+        pairs.map(|(&(i, wi), &(j, wj))| wi * wj * moments.covariance(pixel, i, j, self.n)).sum()
+    }
+
+    /// Frame = L(1)/2 + Re(e^{i phase} L(e^{i 2 pi f_x u}))/2 and the steady light, so of the responses (1, re, im, steady) the
+    /// weights (1/2, cos(phase)/2, -sin(phase)/2, 1).
     pub fn frames(&self) -> Frames {
         let mut stack = ImageStack::new(self.rows, self.columns);
         self.attributes(&mut stack);
@@ -71,7 +87,7 @@ impl Images<'_> {
                 info.wavelength_nm = self.wavelength(channel);
                 if f.0 == 0.0 {
                     info.phase_rad = Some(0.0);
-                    self.push(&mut stack, info, channel, &[(0, 0.5)]);
+                    self.push(&mut stack, info, channel, &self.dc());
                     continue;
                 }
                 for o in &self.params.orientation_deg {
@@ -80,8 +96,9 @@ impl Images<'_> {
                         let turns = f64::from(k) / f64::from(self.params.phases);
                         info.phase_rad = Some(TAU * turns);
                         let (sin, cos) = sin_cos_turns(turns);
-                        let re = 1 + 2 * carrier;
-                        let terms = [(0, 0.5), (re, 0.5 * cos), (re + 1, -0.5 * sin)];
+                        let re = self.layout.re(carrier);
+                        let mut terms = vec![(ONE, 0.5), (re, 0.5 * cos), (re + 1, -0.5 * sin)];
+                        terms.extend(self.steady());
                         self.push(&mut stack, info.clone(), channel, &terms);
                     }
                     carrier += 1;
@@ -97,7 +114,10 @@ impl Images<'_> {
         let mut stack = ImageStack::new(self.rows, self.columns);
         self.attributes(&mut stack);
         let mut quantities = Vec::new();
-        for (channel, moments) in self.channels.iter().enumerate() {
+        let (re, im) = (|i| vec![(self.layout.re(i), 0.5)], |i| vec![(self.layout.re(i) + 1, 0.5)]);
+        let terms: Vec<Vec<(usize, f64)>> =
+            [self.dc()].into_iter().chain((0..carriers.len()).flat_map(|i| [re(i), im(i)])).collect();
+        for channel in 0..self.channels.len() {
             let first = quantities.len();
             let quantity = |part: &str, carrier: Option<&Carrier>| -> Value {
                 let mut q = json!({"part": part, "f_x_per_mm": carrier.map_or(0.0, Carrier::f_x)});
@@ -116,9 +136,8 @@ impl Images<'_> {
                 let mut info = LayerInfo::new("cov", LayerKind::Covariance, "W^2 mm^-4 sr^-2");
                 info.pair = Some([(first + i) as u32, (first + j) as u32]);
                 info.wavelength_nm = self.wavelength(channel);
-                // All three are half of the responses that the paths carry.
                 let data = Array2::from_shape_fn((self.rows, self.columns), |(row, column)| {
-                    let cov = 0.25 * moments.covariance(row * self.columns + column, i, j, self.n);
+                    let cov = self.covariance_of(channel, row * self.columns + column, &terms[i], &terms[j]);
                     (if i == j { cov.max(0.0) } else { cov }) as f32
                 });
                 stack.push(info, data);
@@ -128,14 +147,15 @@ impl Images<'_> {
         Covariance(stack)
     }
 
-    /// The response to the pattern 1.
+    /// The response to the pattern 1 and the steady light.
     pub fn white(&self) -> White {
         let mut stack = ImageStack::new(self.rows, self.columns);
         self.attributes(&mut stack);
         for channel in 0..self.channels.len() {
             let mut info = LayerInfo::value("radiance", RADIANCE);
             info.wavelength_nm = self.wavelength(channel);
-            self.push(&mut stack, info, channel, &[(0, 1.0)]);
+            let terms: Vec<_> = [(ONE, 1.0)].into_iter().chain(self.steady()).collect();
+            self.push(&mut stack, info, channel, &terms);
         }
         White(stack)
     }
@@ -146,15 +166,17 @@ impl Images<'_> {
         let carriers = self.params.carriers();
         let highest = carriers.iter().map(Carrier::f_x).fold(0.0, f64::max);
         let carrier = carriers.iter().position(|c| c.f_x() == highest);
-        let of_channel = |moments: &Moments| {
+        let dc = self.dc();
+        let of_channel = |(channel, moments): (usize, &Moments)| {
             let mut errors: Vec<f64> = (0..self.rows * self.columns)
                 .filter_map(|pixel| {
                     let cov = |i, j| moments.covariance(pixel, i, j, self.n);
                     let Some(carrier) = carrier else {
-                        let dc = moments.mean(pixel, 0, self.n);
-                        return (dc > 0.0).then(|| cov(0, 0).max(0.0).sqrt() / dc);
+                        let mean: f64 = dc.iter().map(|&(i, w)| w * moments.mean(pixel, i, self.n)).sum();
+                        let variance = self.covariance_of(channel, pixel, &dc, &dc).max(0.0);
+                        return (mean > 0.0).then(|| variance.sqrt() / mean);
                     };
-                    let (re, im) = (1 + 2 * carrier, 2 + 2 * carrier);
+                    let (re, im) = (self.layout.re(carrier), self.layout.re(carrier) + 1);
                     let (x, y) = (moments.mean(pixel, re, self.n), moments.mean(pixel, im, self.n));
                     let m2 = x * x + y * y;
                     // Variance along the phase of the mean.
@@ -168,6 +190,6 @@ impl Images<'_> {
             let middle = errors.len() / 2;
             Some(*errors.select_nth_unstable_by(middle, f64::total_cmp).1)
         };
-        self.channels.iter().filter_map(of_channel).max_by(f64::total_cmp)
+        self.channels.iter().enumerate().filter_map(of_channel).max_by(f64::total_cmp)
     }
 }

@@ -11,12 +11,14 @@
 pub mod camera;
 pub mod finish;
 pub mod flock;
+pub mod lamp;
 pub mod level;
 pub mod light;
 pub mod look;
 pub mod moments;
 pub mod nee;
 pub mod path;
+pub mod response;
 pub mod world;
 
 mod frames;

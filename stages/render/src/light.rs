@@ -44,6 +44,17 @@ impl Light {
         Self { view, emission }
     }
 
+    /// One that gives no light, for scenes without a projector.
+    pub fn none() -> Self {
+        let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
+        let view = View { position: z, look_at: DVec3::ZERO, field: glam::DVec2::ZERO, right: x, top: y, forward: -z };
+        Self { view, emission: Emission::Intensity(0.0) }
+    }
+
+    pub fn shines(&self) -> bool {
+        self.emission != Emission::Intensity(0.0)
+    }
+
     /// Unit vector from `p` to the pinhole, and the distance.
     #[inline(always)]
     pub fn towards(&self, p: DVec3) -> (DVec3, f64) {

@@ -74,20 +74,19 @@ impl Queue {
         self.paths.push(place.response);
     }
 
-    /// Looks, and adds to `responses`: of each path to the pattern 1, then (re, im) to each carrier.
+    /// Looks, and adds to `responses`, which are as [`crate::response::Layout`] says.
     pub fn flush(&mut self, level: Level, setting: &Setting<'_>, responses: &mut [f64]) {
         if !self.paths.is_empty() {
             dispatch!(level, simd => simd.vectorize(#[inline(always)] || {
                 self.looks.look(setting.key, setting.channel, setting.world, setting.light);
-                self.add(setting.carriers, responses);
+                self.add(setting.carriers, setting.layout().width(), responses);
             }));
         }
         self.paths.clear();
     }
 
     #[inline(always)]
-    fn add(&self, carriers: &[Carrier], responses: &mut [f64]) {
-        let stride = 1 + 2 * carriers.len();
+    fn add(&self, carriers: &[Carrier], stride: usize, responses: &mut [f64]) {
         let Looks { radiance, on_plane, .. } = &self.looks;
         for (&path, radiance) in self.paths.iter().zip(radiance) {
             responses[path * stride] += radiance;

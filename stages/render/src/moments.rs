@@ -31,8 +31,8 @@ impl Moments {
     #[inline]
     pub fn add(&mut self, pixel: usize, response: &[f64]) {
         let sums = &mut self.sums[pixel * stride(self.q)..][..stride(self.q)];
-        // Most paths see nothing.
-        if response[0] == 0.0 {
+        // Most paths see nothing: neither the projector nor, at the end where there is any, steady light.
+        if response[0] == 0.0 && response[self.q - 1] == 0.0 {
             return;
         }
         let (values, mut products) = sums.split_at_mut(self.q);

@@ -136,11 +136,20 @@ impl Params {
         if scene.camera.is_none() {
             problems.push_with_hint("", "the scene has no camera", "add `camera` to the scene");
         }
-        if scene.projector.is_none() {
+        if scene.projector.is_none() && scene.lights.is_empty() {
             problems.push_with_hint(
                 "",
                 "the scene has no projector, so all would be dark",
                 "add `projector` to the scene",
+            );
+        }
+        if let (None, Some(i)) = (&scene.projector, self.f_x.iter().position(|f| f.0 > 0.0))
+            && !scene.lights.is_empty()
+        {
+            problems.push_with_hint(
+                format!("f_x.{i}"),
+                format!("f_x = {}: the scene has no projector that could show a pattern", self.f_x[i]),
+                "add `projector` to the scene, or write f_x: [0] for the steady lights alone",
             );
         }
         for (who, field, pixels) in cameras.into_iter().chain(projectors) {

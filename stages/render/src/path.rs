@@ -11,8 +11,10 @@ use turbid_optics::philox::{philox4x32, unit, unit_fine};
 
 use crate::camera::Camera;
 use crate::finish::Finish;
+use crate::lamp::Steady;
 use crate::light::{Carrier, Light};
 use crate::look::{self, Queue};
+use crate::response::Layout;
 use crate::world::{Material, Piece, Skin, Wall, World};
 
 /// How scatterings look for the light.
@@ -41,11 +43,18 @@ pub struct Setting<'a> {
     pub world: &'a World,
     pub camera: &'a Camera,
     pub light: &'a Light,
+    pub steady: &'a Steady,
     /// Those with f_x > 0.
     pub carriers: &'a [Carrier],
     pub key: [u32; 2],
     pub channel: u32,
     pub nee: Nee,
+}
+
+impl Setting<'_> {
+    pub fn layout(&self) -> Layout {
+        Layout { carriers: self.carriers.len(), steady: self.steady.shines() }
+    }
 }
 
 /// Random numbers of one path: blocks of four, addressed by number.
@@ -75,7 +84,7 @@ pub struct Walker<'a> {
     pub(crate) setting: Setting<'a>,
     pub(crate) spans: Vec<(f64, f64)>,
     pub(crate) pieces: Vec<Piece>,
-    /// Path after path: the response to the pattern 1, then (re, im) of the response to each carrier.
+    /// Path after path, each as [`Layout`] says.
     pub(crate) responses: Vec<f64>,
     /// The part of it that comes by the queue; apart, so that it does not matter when the queue is flushed.
     pub(crate) queued: Vec<f64>,
@@ -93,9 +102,18 @@ pub struct Walker<'a> {
 
 /// How a flight ended.
 enum End {
-    Scattered { crossed: bool },
-    Surface { skin: Skin, normal: DVec3, rho: f64 },
+    Scattered {
+        crossed: bool,
+    },
+    Surface {
+        skin: Skin,
+        normal: DVec3,
+        rho: f64,
+    },
+    /// Nothing more comes of it.
     Gone,
+    /// On its way to infinity.
+    Left,
 }
 
 /// A path between two flights.
@@ -162,8 +180,7 @@ impl<'a> Walker<'a> {
         std::mem::take(&mut self.flights)
     }
 
-    /// One path of a pixel: its radiance (W mm^-2 sr^-1) in response to the pattern 1, then re and im of that to each
-    /// carrier. The same numbers whenever and wherever it is called.
+    /// One path of a pixel: its radiances (W mm^-2 sr^-1) as [`Layout`] says. The same numbers whenever and wherever it is called.
     pub fn path(&mut self, pixel: usize, sample: u32) -> &[f64] {
         self.clear_responses(1);
         let mut at = self.begin(pixel, sample, 0);
@@ -222,7 +239,7 @@ impl<'a> Walker<'a> {
     }
 
     pub(crate) fn stride(&self) -> usize {
-        1 + 2 * self.setting.carriers.len()
+        self.setting.layout().width()
     }
 
     pub(crate) fn stream(&self, at: &Place) -> Stream {
@@ -272,6 +289,10 @@ impl<'a> Walker<'a> {
         let roulette = unit(d);
         match self.fly(at, -ln(unit_fine(a, d))) {
             End::Gone => false,
+            End::Left => {
+                self.see_ambient(at);
+                false
+            }
             End::Surface { skin, normal, rho } => {
                 at.skin = Some(skin);
                 at.clear = 0.0;
@@ -382,7 +403,7 @@ impl<'a> Walker<'a> {
             crossed = true;
             before = piece.wall;
         }
-        End::Gone
+        End::Left
     }
 }
 

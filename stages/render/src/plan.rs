@@ -1,9 +1,10 @@
 //! What a render is going to do: method, what the scene needs, what is left out, how long it will take.
 
 use turbid_contract::StagePlan;
-use turbid_contract::payload::{Medium, Scene, Shape, Surface};
+use turbid_contract::payload::{Lamp, Medium, Scene, Shape, Surface};
 
 use crate::params::{Method, Params};
+use crate::response::Layout;
 
 /// ns per flight on one core, without looking for light (measured; see docs/theory/render.md).
 const NS_PER_FLIGHT: f64 = 38.0;
@@ -63,6 +64,10 @@ pub fn plan(params: &Params, scene: Option<&Scene>) -> StagePlan {
         sort(scene.objects.values().any(|o| matches!(o.surface, Surface::Lambertian(_))), "Lambertian surfaces");
         sort(scene.objects.len() > 1, "shadow rays through several objects");
         sort(scene.channels() > 1, "several channels");
+        let ambient = scene.lights.values().filter(|l| matches!(l, Lamp::Ambient { .. })).count();
+        sort(scene.projector.is_some(), "projector");
+        sort(scene.lights.len() > ambient, "steady lights");
+        sort(ambient > 0, "ambient light");
     }
     sort(params.f_x.iter().any(|f| f.0 > 0.0), "carriers");
     sort(params.orientation_deg.len() > 1, "several orientations");
@@ -81,7 +86,7 @@ pub fn plan(params: &Params, scene: Option<&Scene>) -> StagePlan {
             let per_path = NS_PER_PATH + NS_PER_FLIGHT * flights;
             plan.seconds = Some(pixels * f64::from(samples) * per_path * 1e-9);
         }
-        let q = 1 + 2 * params.carriers().len();
+        let q = Layout { carriers: params.carriers().len(), steady: !scene.lights.is_empty() }.width();
         let frames = 2 * params.phases as usize * params.f_x.len() * params.orientation_deg.len();
         // Sums of two generations, and f32 layers.
         plan.bytes = Some((pixels * (16 * (q + q * (q + 1) / 2) + 4 * frames) as f64) as u64);

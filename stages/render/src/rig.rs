@@ -1,19 +1,23 @@
-//! From the scene of the pipeline to the world, camera and light that paths meet.
+//! From the scene of the pipeline to the world, camera and lights that paths meet.
 
 use glam::DVec3;
 use turbid_contract::Error;
-use turbid_contract::payload::{Profile, Scene, Shape, Surface};
+use turbid_contract::payload::{self, Profile, Scene, Shape, Surface};
 use turbid_optics::solid::Solid;
 use turbid_optics::view::View;
 
 use crate::camera::Camera;
+use crate::lamp::{Lamp, Steady};
 use crate::light::Light;
 use crate::world::{Body, Material, World};
 
 /// The scene ready for tracing.
 pub struct Rig {
     pub camera: Camera,
-    pub light: Light,
+    /// The projector's, one per channel; dark where there is none.
+    pub lights: Vec<Light>,
+    /// One per channel.
+    pub steady: Vec<Steady>,
     /// One per channel; they differ in their materials only.
     pub worlds: Vec<World>,
     /// For each body, the place of its object in the scene.
@@ -24,12 +28,17 @@ impl Rig {
     pub fn of(scene: &Scene) -> Result<Self, Error> {
         let missing = |what: &str| Error::failed(format!("the scene has no {what} that can be used"));
         let c = scene.camera.as_ref().ok_or_else(|| missing("camera"))?;
-        let p = scene.projector.as_ref().ok_or_else(|| missing("projector"))?;
         let view = |position: [f64; 3], look_at: [f64; 3], up: [f64; 3], field: [f64; 2]| {
             View::new(position.into(), look_at.into(), up.into(), field.into())
         };
         let camera_view = view(c.position, c.look_at, c.up, c.field).map_err(|_| missing("camera"))?;
-        let light_view = view(p.position, p.look_at, p.up, p.field).map_err(|_| missing("projector"))?;
+        let lights = match &scene.projector {
+            None => vec![Light::none(); scene.channels()],
+            Some(p) => {
+                let view = view(p.position, p.look_at, p.up, p.field).map_err(|_| missing("projector"))?;
+                p.power.iter().map(|&power| Light::new(view, power, p.profile == Profile::Flat)).collect()
+            }
+        };
         let camera = Camera { view: camera_view, columns: c.pixels[0] as usize, rows: c.pixels[1] as usize };
         let mut order: Vec<usize> = (0..scene.objects.len()).collect();
         let objects: Vec<_> = scene.objects.values().collect();
@@ -56,9 +65,30 @@ impl Rig {
             let bodies = bodies.collect();
             World { bodies, materials }
         });
-        let light = Light::new(light_view, p.power, p.profile == Profile::Flat);
-        Ok(Self { camera, light, worlds: worlds.collect(), object_of: order })
+        let steady = (0..scene.channels()).map(|channel| steady(scene, channel)).collect();
+        Ok(Self { camera, lights, steady, worlds: worlds.collect(), object_of: order })
     }
+}
+
+fn steady(scene: &Scene, channel: usize) -> Steady {
+    let mut steady = Steady::default();
+    for lamp in scene.lights.values() {
+        match lamp {
+            payload::Lamp::Point { position, power } => {
+                steady.lamps.push(Lamp::point((*position).into(), power[channel]));
+            }
+            payload::Lamp::Spot { position, look_at, angle_deg, power } => {
+                let (from, to) = (DVec3::from(*position), DVec3::from(*look_at));
+                steady.lamps.push(Lamp::spot(from, (to - from).normalize(), *angle_deg, power[channel]));
+            }
+            payload::Lamp::Collimated { position, look_at, diameter, power } => {
+                let (from, to) = (DVec3::from(*position), DVec3::from(*look_at));
+                steady.lamps.push(Lamp::beam(from, (to - from).normalize(), *diameter, power[channel]));
+            }
+            payload::Lamp::Ambient { radiance } => steady.ambient += radiance[channel],
+        }
+    }
+    steady
 }
 
 fn solid(shape: &Shape) -> Solid {

@@ -5,6 +5,7 @@ use turbid_contract::{Ctx, Error, Known, Problems, Stage, StagePlan, in_ports, o
 
 use crate::frames::Images;
 use crate::params::Params;
+use crate::response::Layout;
 use crate::rig::Rig;
 use crate::trace::trace;
 use crate::truth::truth;
@@ -24,7 +25,7 @@ out_ports! {
         covariance: optional Covariance,
         /// mu_a, mu_s_prime, height, depth, normal, object at the pixel centres.
         truth: optional Truth,
-        /// The frame under the pattern 1.
+        /// The frame under the pattern 1 and the steady lights.
         white: optional White,
     }
 }
@@ -72,6 +73,7 @@ impl Stage for RenderStage {
             rows: rig.camera.rows,
             columns: rig.camera.columns,
             wavelengths_nm: &scene.wavelengths_nm,
+            layout: Layout { carriers: params.carriers().len(), steady: rig.steady[0].shines() },
             channels: &channels,
             n,
         };

@@ -9,6 +9,7 @@ use crate::level::named;
 use crate::moments::Moments;
 use crate::params::Params;
 use crate::path::{Nee, Setting, Walker};
+use crate::response::Layout;
 use crate::rig::Rig;
 use crate::state::State;
 
@@ -29,8 +30,9 @@ const CHECKPOINT_EVERY_S: f64 = 10.0;
 /// Continues the furthest checkpoint that a fresh run would have passed through.
 pub fn trace(params: &Params, rig: &Rig, ctx: Ctx<'_>) -> Result<(Vec<Moments>, u32), Error> {
     let carriers = params.carriers();
-    let q = 1 + 2 * carriers.len();
-    let job = Job { params, rig, carriers: &carriers, ctx };
+    let layout = Layout { carriers: carriers.len(), steady: rig.steady[0].shines() };
+    let q = layout.width();
+    let job = Job { params, rig, carriers: &carriers, layout, ctx };
     let cap = params.samples.unwrap_or(u32::MAX);
     let whole = cap / BATCH * BATCH;
     let mut state = resume(params, rig, q, whole, ctx);
@@ -101,13 +103,22 @@ struct Job<'a> {
     params: &'a Params,
     rig: &'a Rig,
     carriers: &'a [crate::light::Carrier],
+    layout: Layout,
     ctx: Ctx<'a>,
 }
 
 impl Job<'_> {
     fn images<'b>(&'b self, channels: &'b [Moments], n: u32) -> Images<'b> {
         let camera = &self.rig.camera;
-        Images { params: self.params, rows: camera.rows, columns: camera.columns, wavelengths_nm: &[], channels, n }
+        Images {
+            params: self.params,
+            rows: camera.rows,
+            columns: camera.columns,
+            wavelengths_nm: &[],
+            layout: self.layout,
+            channels,
+            n,
+        }
     }
 
     /// Adds the paths `state.samples .. until` of every pixel.
@@ -123,7 +134,8 @@ impl Job<'_> {
             let setting = Setting {
                 world: &self.rig.worlds[channel],
                 camera: &self.rig.camera,
-                light: &self.rig.light,
+                light: &self.rig.lights[channel],
+                steady: &self.rig.steady[channel],
                 carriers: self.carriers,
                 key,
                 channel: channel as u32,
@@ -152,7 +164,7 @@ impl Job<'_> {
 
     fn tile(&self, setting: Setting<'_>, pixels: std::ops::Range<usize>, samples: std::ops::Range<u32>) -> Part {
         let mut walker = Walker::new(setting, named(self.ctx.simd()));
-        let mut moments = Moments::new(pixels.len(), 1 + 2 * self.carriers.len());
+        let mut moments = Moments::new(pixels.len(), self.layout.width());
         // What was begun is thrown away with the whole round.
         if !self.ctx.cancelled() {
             flock::walk(&mut walker, pixels.clone(), samples.clone());

@@ -4,7 +4,7 @@ use glam::{DVec2, DVec3};
 use turbid_contract::ImageStack;
 use turbid_contract::LayerInfo;
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::{Preview, Scene};
+use turbid_contract::payload::{Lamp, Preview, Scene};
 use turbid_contract::serde_json::{Value, json};
 use turbid_optics::view::View;
 
@@ -23,6 +23,7 @@ const GAP_COLOUR: [f32; 3] = [0.75, 0.75, 0.75];
 const BAR_COLOUR: [f32; 3] = [0.125; 3];
 const CAMERA: [f32; 3] = [0.05, 0.25, 0.75];
 const PROJECTOR: [f32; 3] = [0.85, 0.45, 0.0];
+const LAMP: [f32; 3] = [0.75, 0.0, 0.35];
 /// Objects in the order of their names (colour-blind safe: Paul Tol's light scheme).
 const OBJECTS: [[f32; 3]; 6] = [
     [0.93, 0.75, 0.73],
@@ -47,7 +48,8 @@ pub fn sketch(scene: &Scene) -> Preview {
         })
         .collect();
     let cut = views.first().map_or(DVec3::ZERO, |(v, _)| v.look_at);
-    let (low, high) = extent(scene, &views);
+    let lamps = lamps(scene);
+    let (low, high) = extent(scene, &views, &lamps);
     let colour_of = |p: DVec3| {
         object_at(scene, p).filter(|(_, o)| !is_void(scene, o)).map(|(name, _)| {
             let index = scene.objects.keys().position(|k| k == name).expect("it came from there");
@@ -69,8 +71,8 @@ pub fn sketch(scene: &Scene) -> Preview {
     let top = Panel::new(DVec2::new(low.x, low.y), DVec2::new(high.x, high.y));
     let side = Panel::new(DVec2::new(low.x, low.z), DVec2::new(high.x, high.z));
     let panels = [
-        top.draw(from_above, &views, |p| DVec2::new(p.x, p.y)),
-        side.draw(|x, z| colour_of(DVec3::new(x, cut.y, z)), &views, |p| DVec2::new(p.x, p.z)),
+        top.draw(from_above, &views, &lamps, |p| DVec2::new(p.x, p.y)),
+        side.draw(|x, z| colour_of(DVec3::new(x, cut.y, z)), &views, &lamps, |p| DVec2::new(p.x, p.z)),
     ];
     let mut stack = ImageStack::new(PANEL, 2 * PANEL + GAP);
     for (channel, name) in ["red", "green", "blue"].into_iter().enumerate() {
@@ -84,6 +86,18 @@ pub fn sketch(scene: &Scene) -> Preview {
     stack.attributes.insert("labels".into(), labels([&top, &side]));
     stack.attributes.insert("legend".into(), legend(scene));
     Preview(stack)
+}
+
+/// Where lights stand and what they look at.
+fn lamps(scene: &Scene) -> Vec<(DVec3, DVec3)> {
+    let place = |lamp: &Lamp| match *lamp {
+        Lamp::Point { position, .. } => Some((position.into(), position.into())),
+        Lamp::Spot { position, look_at, .. } | Lamp::Collimated { position, look_at, .. } => {
+            Some((position.into(), look_at.into()))
+        }
+        Lamp::Ambient { .. } => None,
+    };
+    scene.lights.values().filter_map(place).collect()
 }
 
 /// What each panel shows and how long its bar is; `preview` has the letters.
@@ -109,12 +123,13 @@ fn legend(scene: &Scene) -> Value {
         objects.map(|(i, (name, o))| (said(name, o.medium.as_ref()), OBJECTS[i % OBJECTS.len()])).collect();
     entries.extend(scene.camera.iter().map(|_| ("camera and what it sees".to_owned(), CAMERA)));
     entries.extend(scene.projector.iter().map(|_| ("projector and what it lights".to_owned(), PROJECTOR)));
+    entries.extend((!scene.lights.is_empty()).then(|| ("steady lights".to_owned(), LAMP)));
     entries.into_iter().map(|(text, colour)| json!({"text": text, "colour": colour})).collect()
 }
 
 /// What both panels show: pinholes, the corners of their fields, and finite objects, with a margin of 5 %.
-fn extent(scene: &Scene, views: &[(View, [f32; 3])]) -> (DVec3, DVec3) {
-    let mut points = Vec::new();
+fn extent(scene: &Scene, views: &[(View, [f32; 3])], lamps: &[(DVec3, DVec3)]) -> (DVec3, DVec3) {
+    let mut points: Vec<DVec3> = lamps.iter().flat_map(|&(from, to)| [from, to]).collect();
     for (view, _) in views {
         points.push(view.position);
         points.extend(corners(view));
@@ -153,6 +168,7 @@ impl Panel {
         &self,
         colour: impl Fn(f64, f64) -> Option<[f32; 3]>,
         views: &[(View, [f32; 3])],
+        lamps: &[(DVec3, DVec3)],
         flatten: impl Fn(DVec3) -> DVec2,
     ) -> Vec<[f32; 3]> {
         let mut pixels: Vec<[f32; 3]> = (0..PANEL * PANEL)
@@ -169,13 +185,11 @@ impl Panel {
                 self.line(&mut pixels, field[i], field[(i + 1) % 4], *ink, 1);
                 self.line(&mut pixels, pinhole, field[i], *ink, 3);
             }
-            let arm = 5.0 * self.mm_per_pixel;
-            for (a, b) in [(DVec2::X, DVec2::Y), (DVec2::Y, DVec2::X)] {
-                for side in -2..=2 {
-                    let shift = f64::from(side) * self.mm_per_pixel * b;
-                    self.line(&mut pixels, pinhole - arm * a + shift, pinhole + arm * a + shift, *ink, 1);
-                }
-            }
+            self.cross(&mut pixels, pinhole, *ink);
+        }
+        for &(from, to) in lamps {
+            self.line(&mut pixels, flatten(from), flatten(to), LAMP, 3);
+            self.cross(&mut pixels, flatten(from), LAMP);
         }
         let (_, pixels_long) = self.bar();
         for column in BAR_LEFT..BAR_LEFT + pixels_long {
@@ -184,6 +198,16 @@ impl Panel {
             }
         }
         pixels
+    }
+
+    fn cross(&self, pixels: &mut [[f32; 3]], middle: DVec2, ink: [f32; 3]) {
+        let arm = 5.0 * self.mm_per_pixel;
+        for (a, b) in [(DVec2::X, DVec2::Y), (DVec2::Y, DVec2::X)] {
+            for side in -2..=2 {
+                let shift = f64::from(side) * self.mm_per_pixel * b;
+                self.line(pixels, middle - arm * a + shift, middle + arm * a + shift, ink, 1);
+            }
+        }
     }
 
     /// A round length in mm, up to a third of the panel, and how many pixels that are.

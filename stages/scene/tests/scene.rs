@@ -1,7 +1,7 @@
 //! The stage as the engine calls it: what it makes of good parameters, and what it says of wrong ones.
 
 use serde_json::{Value, json};
-use turbid_contract::payload::{Payload, Scene, Shape};
+use turbid_contract::payload::{Lamp, Payload, Scene, Shape};
 use turbid_contract::{Artifact, Axes, Ctx, Error, InputSource, Known, MemoryHost, Problem, Problems, StageRow};
 use turbid_scene::SceneStage;
 
@@ -46,6 +46,27 @@ fn with(pointer: &str, value: Value) -> Value {
         other => panic!("{other}"),
     }
     params
+}
+
+/// Lights survive the record; a scene without any has the record it had before there were lights.
+#[test]
+fn lights_are_kept_by_name() {
+    let lit = with(
+        "/lights",
+        json!({
+            "sky": {"ambient": {"radiance": 1e-6}},
+            "lamp": {"spot": {"position": [0, -100, 200], "look_at": [0, 0, 0], "angle_deg": "0.5 rad", "power": "20 mW"}},
+        }),
+    );
+    let (mistakes, warnings) = check(&lit);
+    assert!(mistakes.is_empty() && warnings.is_empty(), "{mistakes:?} {warnings:?}");
+    let lit = scene(&lit);
+    assert_eq!(lit.lights["sky"], Lamp::Ambient { radiance: vec![1e-6] });
+    let Lamp::Spot { angle_deg, ref power, .. } = lit.lights["lamp"] else { panic!("{:?}", lit.lights) };
+    assert!((angle_deg - 0.5f64.to_degrees()).abs() < 1e-12 && power == &[0.02]);
+    assert_eq!(Scene::from_artifact(lit.clone().into_artifact()).unwrap(), lit);
+    let Artifact::Record(record) = scene(&carcinoma()).into_artifact() else { panic!("a record") };
+    assert!(!record.fields.contains_key("lights"));
 }
 
 fn check(params: &Value) -> (Vec<Problem>, Vec<Problem>) {
@@ -121,6 +142,7 @@ fn mistakes_are_named() {
         p["objects"] = json!({"a": {"box": {"size": [4, 4, 4], "center": [0, 0, 0]}, "medium": "scc"}, "b": second});
         p
     };
+    let light = |lamp: Value| with("/lights", json!({"lamp": lamp}));
     let table: Vec<(Value, &str, &[&str])> = vec![
         (with("/media/healthy/A_rho", json!(-3)), "media.healthy.A_rho", &["A_rho = -3 m^-1", ">= 0"]),
         (with("/media/scc/mu_s_prime", json!(-0.5)), "media.scc.mu_s_prime", &["-0.5 mm^-1", ">= 0"]),
@@ -175,7 +197,40 @@ fn mistakes_are_named() {
             "objects.b",
             &["a and b overlap"],
         ),
-        (with("/lights", json!({"lamp": {"point": {}}})), "lights.lamp", &["leave `lights` empty"]),
+        (light(json!({"moon": {}})), "lights.lamp", &["moon", "ambient"]),
+        (light(json!({"point": {"power": 1}})), "lights.lamp.point", &["position"]),
+        (light(json!({"point": {"position": [0, 0, 9], "power": 0}})), "lights.lamp.point.power", &["0 W", "> 0"]),
+        (
+            light(json!({"point": {"position": [0, 0, 9], "power": 1}})),
+            "lights.lamp.point.position",
+            &["light lamp", "inside the solid polyp"],
+        ),
+        (
+            light(json!({"point": {"position": [0, 0, 90], "power": [1, 2]}})),
+            "lights.lamp.point.power",
+            &["names no wavelengths"],
+        ),
+        (
+            light(json!({"spot": {"position": [0, 0, 90], "look_at": [0, 0, 90], "angle_deg": 360, "power": 1}})),
+            "lights.lamp.spot.look_at",
+            &["own position"],
+        ),
+        (
+            light(json!({"spot": {"position": [0, 0, 90], "look_at": [0, 0, 0], "angle_deg": 360, "power": 1}})),
+            "lights.lamp.spot.angle_deg",
+            &["360 deg", "full angle"],
+        ),
+        (
+            light(json!({"collimated": {"position": [0, 0, 90], "look_at": [0, 0, 0], "diameter": -1, "power": 1}})),
+            "lights.lamp.collimated.diameter",
+            &["-1 mm", "> 0"],
+        ),
+        (
+            light(json!({"collimated": {"position": [50, 0, 9], "look_at": [50, 9, 9], "diameter": 20, "power": 1}})),
+            "lights.lamp.collimated.position",
+            &["rim", "inside the solid tissue"],
+        ),
+        (light(json!({"ambient": {"radiance": -2}})), "lights.lamp.ambient.radiance", &["W mm^-2 sr^-1", "> 0"]),
         (with("/camera/pixels", json!([0, 64])), "camera.pixels.0", &["pixels = 0", ">= 1"]),
         (with("/camera/pixels", json!([100_000, 100_000])), "camera.pixels", &["10000000000 pixels"]),
         (with("/camera/field", json!([64, 0])), "camera.field.1", &["0 mm", "> 0"]),

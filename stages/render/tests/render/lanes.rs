@@ -4,11 +4,12 @@ use glam::{DVec2, DVec3};
 use turbid_optics::view::View;
 use turbid_render::camera::Camera;
 use turbid_render::flock;
+use turbid_render::lamp::Steady;
 use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
 use turbid_render::path::{Nee, Setting, Walker};
 
-use crate::unbiased::scenes;
+use crate::unbiased::{lamps, scenes};
 
 /// In every odd scene, for whole and partial bundles, from channels and samples beyond the first.
 #[test]
@@ -19,11 +20,12 @@ fn lanes_and_levels_do_not_show() {
     let camera = Camera { view: view([4.0, -3.0, 25.0], 5.0), columns: 4, rows: 4 };
     let light = Light::new(view([-9.0, 8.0, 20.0], 6.0), 1.0, false);
     let carriers = [Carrier::new(0.15, 20.0), Carrier::new(0.3, 110.0)];
-    for (name, world) in scenes() {
+    for ((name, world), steady) in scenes().into_iter().flat_map(|s| [(s.clone(), Steady::NONE), (s, lamps())]) {
         let setting = Setting {
             world: &world,
             camera: &camera,
             light: &light,
+            steady: &steady,
             carriers: &carriers,
             key: [7, 0],
             channel: 3,

@@ -3,6 +3,7 @@
 mod golden;
 mod lanes;
 mod laws;
+mod lights;
 mod setup;
 mod stage;
 mod unbiased;

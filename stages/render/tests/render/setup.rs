@@ -37,7 +37,7 @@ pub fn rig(distance: f64, apart: f64, field: f64, pixels: u32, lit: f64) -> (Cam
         look_at: [0.0; 3],
         up: [0.0, 1.0, 0.0],
         field: [lit; 2],
-        power: 5.0,
+        power: vec![5.0],
         profile: Profile::Flat,
         pixels: None,
     };
@@ -52,6 +52,7 @@ pub fn scene(media: &[(&str, Medium)], objects: Vec<Object>, (camera, projector)
         objects: objects.into_iter().enumerate().map(|(i, o)| (name(i), o)).collect(),
         camera: Some(camera),
         projector: Some(projector),
+        lights: BTreeMap::new(),
     }
 }
 

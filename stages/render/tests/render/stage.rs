@@ -149,11 +149,18 @@ fn channels_are_scenes_of_their_own() {
         m.mu_a = vec![m.mu_a[0], 3.0 * m.mu_a[0]];
         m.mu_s = vec![m.mu_s[0]; 2];
     }
+    s.projector.as_mut().unwrap().power = vec![5.0, 2.5];
     let both = run(&s, &json!({"f_x": [0], "samples": 64}), 1);
     let alone = run(&ball_on_slab(8), &json!({"f_x": [0], "samples": 64}), 1);
     let of = |w: f64| both["frames"].layers.iter().find(|l| l.info.wavelength_nm == Some(w)).unwrap();
     assert_eq!(of(530.0).data, alone["frames"].layers[0].data);
-    assert!(of(635.0).data.sum() < 0.8 * of(530.0).data.sum());
+    let dim = of(635.0).data.sum();
+    assert!(dim < 0.8 * 0.5 * of(530.0).data.sum());
+    // Powers of two scale every bit.
+    s.projector.as_mut().unwrap().power = vec![5.0, 5.0];
+    let bright = &run(&s, &json!({"f_x": [0], "samples": 64}), 1)["frames"];
+    let bright = bright.layers.iter().find(|l| l.info.wavelength_nm == Some(635.0)).unwrap();
+    assert_eq!(bright.data, of(635.0).data.mapv(|x| 2.0 * x));
     assert_eq!(both["covariance"].attributes["quantities"].as_array().unwrap().len(), 2);
 }
 

@@ -4,6 +4,7 @@ use glam::{DVec2, DVec3};
 use turbid_optics::solid::Solid;
 use turbid_optics::view::View;
 use turbid_render::camera::Camera;
+use turbid_render::lamp::{Lamp, Steady};
 use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
 use turbid_render::moments::Moments;
@@ -65,7 +66,18 @@ pub fn scenes() -> Vec<(&'static str, World)> {
     ]
 }
 
-/// Per pixel and per response (1, re, im) the two estimators differ by nothing but noise: z over all of them has rms 1 and no
+/// A point, a cone whose edge crosses the view, a slanted beam, and light from all sides.
+pub fn lamps() -> Steady {
+    let (from, to) = (DVec3::new(5.0, -6.0, 12.0), DVec3::new(0.5, -0.5, 0.0));
+    let lamps = vec![
+        Lamp::point(DVec3::new(-4.0, 1.0, 9.0), 2.0),
+        Lamp::spot(from, (to - from).normalize(), 14.0, 0.5),
+        Lamp::beam(DVec3::new(0.0, 9.0, 20.0), DVec3::new(0.0, -0.4, -0.916_515_138_991_168), 3.0, 0.05),
+    ];
+    Steady { lamps, ambient: 1e-4 }
+}
+
+/// Per pixel and per response (1, re, im, steady) the two estimators differ by nothing but noise: z over all of them has rms 1 and no
 /// outlier. 4 x 4 pixels, tilted camera and light, a lit field that ends within the view.
 #[test]
 fn line_and_point_estimators_agree() {
@@ -75,7 +87,7 @@ fn line_and_point_estimators_agree() {
     let camera = Camera { view: view([4.0, -3.0, 25.0], 5.0), columns: 4, rows: 4 };
     let light = Light::new(view([-9.0, 8.0, 20.0], 6.0), 1.0, false);
     let carriers = [Carrier::new(0.15, 20.0)];
-    let paths = 4000;
+    let (steady, paths) = (lamps(), 4000);
     for (name, world) in scenes() {
         let render = |nee: Nee| {
             let seed = if nee == Nee::Line { 1 } else { 2 };
@@ -83,13 +95,14 @@ fn line_and_point_estimators_agree() {
                 world: &world,
                 camera: &camera,
                 light: &light,
+                steady: &steady,
                 carriers: &carriers,
                 key: [seed, 0],
                 channel: 0,
                 nee,
             };
             let mut walker = Walker::new(setting, named(""));
-            let mut moments = Moments::new(16, 3);
+            let mut moments = Moments::new(16, 4);
             for pixel in 0..16 {
                 for sample in 0..paths {
                     moments.add(pixel, walker.path(pixel, sample));
@@ -100,7 +113,7 @@ fn line_and_point_estimators_agree() {
         let (line, point) = (render(Nee::Line), render(Nee::Point));
         let mut scores = Vec::new();
         let (mut sums, mut variances) = ([0.0; 2], [0.0; 2]);
-        for (pixel, i) in (0..16).flat_map(|pixel| (0..3).map(move |i| (pixel, i))) {
+        for (pixel, i) in (0..16).flat_map(|pixel| (0..4).map(move |i| (pixel, i))) {
             let [a, b] = [&line, &point].map(|m| (m.mean(pixel, i, paths), m.covariance(pixel, i, i, paths)));
             if i == 0 {
                 sums = [sums[0] + a.0, sums[1] + b.0];
@@ -114,7 +127,7 @@ fn line_and_point_estimators_agree() {
         let rms = (scores.iter().map(|z| z * z).sum::<f64>() / scores.len() as f64).sqrt();
         let worst = scores.iter().fold(0.0, |worst: f64, z| worst.max(z.abs()));
         let precision = variances[0].sqrt() / sums[0];
-        // 16 independent pixels of 3 correlated responses: rms of z has a spread of about 0.15.
+        // 16 independent pixels of 4 correlated responses: rms of z has a spread of about 0.15.
         assert!(z.abs() < 4.0, "{name}: images differ by {z} sigma (+- {precision:.4} relative)");
         assert!((0.5..1.5).contains(&rms) && worst < 4.5, "{name}: rms z {rms}, worst {worst}");
         assert!(precision < 0.025, "{name}: too noisy to tell: {precision}");

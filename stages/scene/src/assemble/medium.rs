@@ -3,6 +3,7 @@
 use turbid_contract::Problems;
 use turbid_contract::payload::Medium;
 
+use crate::assemble::check_length;
 use crate::params::{MediumParams, Params};
 use crate::per_channel::PerChannel;
 
@@ -16,19 +17,8 @@ pub fn medium(name: &str, m: &MediumParams, channels: usize, params: &Params, pr
             let path = if is_list { format!("{}.{i}", at(field)) } else { at(field) };
             problems.require(v >= 0.0, path, v, unit, "be >= 0");
         }
-        if is_list && given.len() != channels {
-            let (message, hint) = if params.wavelength_nm.is_empty() {
-                (
-                    format!("{field} lists {} values, but the scene names no wavelengths", given.len()),
-                    "add `wavelength_nm: [..]` beside `media`, or give one number",
-                )
-            } else {
-                (
-                    format!("{field} lists {} values for {channels} wavelengths", given.len()),
-                    "give one value per wavelength, or one number for all",
-                )
-            };
-            problems.push_with_hint(at(field), message, hint);
+        if is_list {
+            check_length(&at(field), given.len(), params, problems);
         }
         if is_list { given } else { vec![given[0]; channels] }
     };

@@ -8,12 +8,15 @@ use turbid_contract::{Length, Problems};
 use turbid_optics::solid::Solid;
 
 use crate::params::Params;
+use crate::per_channel::PerChannel;
 
+mod lamp;
 mod medium;
 mod object;
 mod view;
 mod whole;
 
+use lamp::lamp;
 use medium::medium;
 use object::object;
 use view::{camera, projector};
@@ -29,13 +32,6 @@ pub fn assemble(params: &Params, problems: &mut Problems) -> Scene {
             problems.push(format!("wavelength_nm.{i}"), format!("wavelength_nm = {w} nm stands twice"));
         }
     }
-    if let Some(name) = params.lights.keys().next() {
-        problems.push_with_hint(
-            format!("lights.{name}"),
-            "the projector is the only kind of light that this version knows",
-            "leave `lights` empty",
-        );
-    }
     let mut media: BTreeMap<String, Medium> =
         params.media.iter().map(|(name, m)| (name.clone(), medium(name, m, channels, params, problems))).collect();
     let mut objects = BTreeMap::new();
@@ -49,10 +45,11 @@ pub fn assemble(params: &Params, problems: &mut Problems) -> Scene {
     }
     let camera = camera(params, problems);
     let projector = projector(params, problems);
+    let lights = params.lights.iter().map(|(name, l)| (name.clone(), lamp(name, l, params, problems))).collect();
     let scene = {
         let used: BTreeSet<&str> = objects.values().filter_map(|o: &Object| o.medium.as_deref()).collect();
         media.retain(|name, _| used.contains(name.as_str()));
-        Scene { wavelengths_nm, media, objects, camera, projector }
+        Scene { wavelengths_nm, media, objects, camera, projector, lights }
     };
     if problems.is_empty() {
         check_whole(&scene, problems);
@@ -96,4 +93,51 @@ pub fn is_void(scene: &Scene, object: &Object) -> bool {
 fn plain<const N: usize>(lengths: [Length; N]) -> [f64; N] {
     // -0.0 and 0.0 are the same place and must give the same bytes.
     lengths.map(|l| l.0 + 0.0)
+}
+
+/// One value per channel, each tested by `rule`; a list must have as many values as there are wavelengths.
+fn per_channel<T>(
+    path: &str,
+    given: &PerChannel<T>,
+    number: impl Fn(&T) -> f64,
+    params: &Params,
+    problems: &mut Problems,
+    rule: impl Fn(String, f64, &mut Problems),
+) -> Vec<f64> {
+    let channels = params.wavelength_nm.len().max(1);
+    match given {
+        PerChannel::One(value) => {
+            rule(path.to_owned(), number(value), problems);
+            vec![number(value); channels]
+        }
+        PerChannel::Each(values) => {
+            for (i, value) in values.iter().enumerate() {
+                rule(format!("{path}.{i}"), number(value), problems);
+            }
+            check_length(path, values.len(), params, problems);
+            values.iter().map(number).collect()
+        }
+    }
+}
+
+/// A list has one value per channel.
+fn check_length(path: &str, given: usize, params: &Params, problems: &mut Problems) {
+    let name = path.rsplit('.').next().unwrap_or(path);
+    let channels = params.wavelength_nm.len().max(1);
+    if given == channels {
+        return;
+    }
+    if params.wavelength_nm.is_empty() {
+        problems.push_with_hint(
+            path,
+            format!("{name} lists {given} values, but the scene names no wavelengths"),
+            "add `wavelength_nm: [..]` beside `media`, or give one number",
+        );
+    } else {
+        problems.push_with_hint(
+            path,
+            format!("{name} lists {given} values for {channels} wavelengths"),
+            "give one value per wavelength, or one number for all",
+        );
+    }
 }

@@ -4,7 +4,7 @@ use turbid_contract::Problems;
 use turbid_contract::payload::{Camera, Projector};
 use turbid_optics::view::{View, ViewError};
 
-use crate::assemble::plain;
+use crate::assemble::{per_channel, plain};
 use crate::params::Params;
 
 /// The largest image that a scene may ask for, pixels.
@@ -27,7 +27,16 @@ pub fn camera(params: &Params, problems: &mut Problems) -> Option<Camera> {
 pub fn projector(params: &Params, problems: &mut Problems) -> Option<Projector> {
     let p = params.projector.as_ref()?;
     check_view("projector", plain(p.position), plain(p.look_at), p.up, plain(p.field), problems);
-    problems.require(p.power.0 > 0.0, "projector.power", p.power.0, "W", "be > 0");
+    let power = per_channel(
+        "projector.power",
+        &p.power,
+        |v| v.0,
+        params,
+        problems,
+        |path, v, problems| {
+            problems.require(v > 0.0, path, v, "W", "be > 0");
+        },
+    );
     if let Some(pixels) = p.pixels {
         check_pixels("projector", pixels, problems);
     }
@@ -36,7 +45,7 @@ pub fn projector(params: &Params, problems: &mut Problems) -> Option<Projector> 
         look_at: plain(p.look_at),
         up: p.up,
         field: plain(p.field),
-        power: p.power.0,
+        power,
         profile: p.profile,
         pixels: p.pixels,
     })

@@ -2,7 +2,8 @@
 
 use glam::{DVec2, DVec3};
 use turbid_contract::Problems;
-use turbid_contract::payload::{Object, Scene, Surface};
+use turbid_contract::payload::{Lamp, Object, Scene, Surface};
+use turbid_optics::elementary::sin_cos_turns;
 use turbid_optics::solid::Solid;
 use turbid_optics::view::View;
 
@@ -23,17 +24,11 @@ pub fn check_whole(scene: &Scene, problems: &mut Problems) {
             }
         }
     }
-    let places = [
-        ("camera", scene.camera.as_ref().map(|c| c.position)),
-        ("projector", scene.projector.as_ref().map(|p| p.position)),
-    ];
-    for (who, position) in places {
-        if let Some(position) = position
-            && let Some((name, object)) = object_at(scene, position.into())
-            && !is_void(scene, object)
-        {
+    for (who, path, points) in places(scene) {
+        let solid_around = |p: &[f64; 3]| object_at(scene, (*p).into()).filter(|(_, o)| !is_void(scene, o));
+        if let Some((position, (name, _))) = points.iter().find_map(|p| Some((p, solid_around(p)?))) {
             problems.push_with_hint(
-                format!("{who}.position"),
+                path,
                 format!("the {who} at {position:?} mm is inside the solid {name}"),
                 "move it out, or carve a hole with an object of higher priority whose medium has mu_a = mu_s = 0",
             );
@@ -64,6 +59,32 @@ pub fn check_whole(scene: &Scene, problems: &mut Problems) {
             );
         }
     }
+}
+
+/// Where camera, projector and lights stand: what, the field that says so, the points.
+fn places(scene: &Scene) -> Vec<(String, String, Vec<[f64; 3]>)> {
+    let mut places = Vec::new();
+    places.extend(scene.camera.iter().map(|c| ("camera".into(), "camera.position".into(), vec![c.position])));
+    places.extend(scene.projector.iter().map(|p| ("projector".into(), "projector.position".into(), vec![p.position])));
+    for (name, lamp) in &scene.lights {
+        let path = |kind: &str| format!("lights.{name}.{kind}.position");
+        match lamp {
+            Lamp::Point { position, .. } => places.push((format!("light {name}"), path("point"), vec![*position])),
+            Lamp::Spot { position, .. } => places.push((format!("light {name}"), path("spot"), vec![*position])),
+            Lamp::Collimated { position, look_at, diameter, .. } => {
+                let (center, end) = (DVec3::from(*position), DVec3::from(*look_at));
+                let (x, y) = (end - center).normalize().any_orthonormal_pair();
+                let rim = (0..16).map(|i| {
+                    let (sin, cos) = sin_cos_turns(f64::from(i) / 16.0);
+                    (center + 0.5 * diameter * (cos * x + sin * y)).to_array()
+                });
+                let disc = std::iter::once(*position).chain(rim).collect();
+                places.push((format!("rim or centre of the light {name}"), path("collimated"), disc));
+            }
+            Lamp::Ambient { .. } => {}
+        }
+    }
+    places
 }
 
 /// Whether a ray of the view meets anything that is not void: on a grid of 65 x 65 and at every object's middle.

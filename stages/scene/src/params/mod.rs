@@ -3,16 +3,17 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 use turbid_contract::Wavelength;
 use turbid_contract::schemars::JsonSchema;
 
+mod lamp;
 mod medium;
 mod object;
 mod shape;
 mod surface;
 mod view;
 
+pub use lamp::{AmbientParams, CollimatedParams, LampParams, PointParams, SpotParams};
 pub use medium::MediumParams;
 pub use object::ObjectParams;
 pub use shape::{BoxParams, SlabParams, SphereParams, SpheroidParams};
@@ -32,7 +33,7 @@ pub struct Params {
     pub camera: Option<CameraParams>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub projector: Option<ProjectorParams>,
-    /// No kind of light beside the projector is known yet: must be empty.
+    /// Steady lights beside the projector: every frame gets them in full.
     #[serde(default)]
-    pub lights: BTreeMap<String, Value>,
+    pub lights: BTreeMap<String, LampParams>,
 }

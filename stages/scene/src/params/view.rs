@@ -5,6 +5,8 @@ use turbid_contract::payload::{Profile, Specular};
 use turbid_contract::schemars::JsonSchema;
 use turbid_contract::{Length, Power};
 
+use crate::per_channel::PerChannel;
+
 /// A pinhole camera; its field is measured in the plane z = look_at.z.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -34,8 +36,8 @@ pub struct ProjectorParams {
     pub up: [f64; 3],
     /// Width and height lit in the plane z = look_at.z, centred on look_at.
     pub field: [Length; 2],
-    /// W inside the field at pattern value 1.
-    pub power: Power,
+    /// W inside the field at pattern value 1, for all channels or one value each.
+    pub power: PerChannel<Power>,
     /// `uniform_intensity`: the same W/sr in every direction; `flat`: the same irradiance on the plane z = look_at.z.
     #[serde(default)]
     pub profile: Profile,

@@ -1,4 +1,4 @@
-//! The scene: media, objects, camera, projector, all in mm, mm^-1 and W.
+//! The scene: media, objects, camera, projector, lights, all in mm, mm^-1 and W.
 
 use std::collections::BTreeMap;
 
@@ -8,10 +8,12 @@ use crate::artifact::{Artifact, ArtifactKind, Record};
 use crate::error::Error;
 use crate::payload::Payload;
 
+mod lamp;
 mod shape;
 mod surface;
 mod view;
 
+pub use lamp::Lamp;
 pub use shape::Shape;
 pub use surface::Surface;
 pub use view::{Camera, Profile, Projector, Specular};
@@ -29,6 +31,9 @@ pub struct Scene {
     pub objects: BTreeMap<String, Object>,
     pub camera: Option<Camera>,
     pub projector: Option<Projector>,
+    /// Steady lights, by name.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub lights: BTreeMap<String, Lamp>,
 }
 
 impl Scene {

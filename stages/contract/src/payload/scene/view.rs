@@ -46,8 +46,8 @@ pub struct Projector {
     pub up: [f64; 3],
     /// mm lit in the plane z = look_at.z.
     pub field: [f64; 2],
-    /// W inside the field at pattern value 1.
-    pub power: f64,
+    /// W inside the field at pattern value 1, one value per channel.
+    pub power: Vec<f64>,
     pub profile: Profile,
     /// Columns, rows; bounds the f_x that it can show.
     pub pixels: Option<[u32; 2]>,
