@@ -15,6 +15,7 @@ impl Registry {
             .with::<turbid_calibrate::Calibrate>()
             .with::<turbid_compare::Compare>()
             .with::<turbid_demodulate::Demodulate>()
+            .with::<turbid_dis::CalibrateDis>()
             .with::<turbid_invert::Invert>()
             .with::<turbid_lut::BuildLut>()
             .with::<turbid_render::RenderStage>()

@@ -4,6 +4,7 @@ mod images;
 mod lut;
 mod mask;
 mod metrics;
+mod readings;
 mod scene;
 
 pub use images::{
@@ -12,6 +13,7 @@ pub use images::{
 pub use lut::{Convention, Lut};
 pub use mask::MaskReason;
 pub use metrics::Metrics;
+pub use readings::Readings;
 pub use scene::*;
 
 use crate::artifact::{Artifact, ArtifactKind};
