@@ -26,6 +26,13 @@ pub fn unit(bits: u32) -> f64 {
     (f64::from(bits) + 0.5) * (1.0 / 4_294_967_296.0)
 }
 
+/// Uniform in (0, 1) with 23 bits, the lowest eight of each number: as good as independent of the [`unit`] of any of them.
+#[inline(always)]
+pub fn spare(a: u32, b: u32, c: u32) -> f64 {
+    let joined = (a & 0xFF) << 15 | (b & 0xFF) << 7 | (c & 0xFF) >> 1;
+    (f64::from(joined) + 0.5) * (1.0 / 8_388_608.0)
+}
+
 /// Uniform in (0, 1) with 52 bits: `bits`, refined by the upper 20 bits of `low`; never 0 or 1.
 #[inline(always)]
 pub fn unit_fine(bits: u32, low: u32) -> f64 {

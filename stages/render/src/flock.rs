@@ -13,6 +13,7 @@ use turbid_optics::solid::Solid;
 use crate::look::LANES;
 use crate::nee::rarity;
 use crate::path::{MOST_BLOCKS, Place, Walker, counter, deep_weight};
+use crate::single::{self, Frame};
 use crate::world::Body;
 
 /// With no more paths than this left, lanes are dearer than one path after the other.
@@ -51,8 +52,17 @@ struct Bundle {
     roulette: Lane,
 }
 
-/// Walks the paths `samples` of the pixels `pixels` and leaves their responses in the walker, pixel by pixel.
+/// Walks the paths `samples` of the pixels `pixels` and leaves their responses in the walker, pixel by pixel: in f32 lanes where
+/// they hold the scene, else in those of f64.
 pub fn walk(walker: &mut Walker<'_>, pixels: Range<usize>, samples: Range<u32>) {
+    match Frame::of(walker) {
+        Some(frame) => single::walk(walker, &frame, pixels, samples),
+        None => walk_double(walker, pixels, samples),
+    }
+}
+
+/// The same in f64 lanes, bit for bit what [`Walker::path`] says.
+pub fn walk_double(walker: &mut Walker<'_>, pixels: Range<usize>, samples: Range<u32>) {
     let per_pixel = samples.len();
     let paths = pixels.len() * per_pixel;
     walker.clear_responses(paths);

@@ -19,6 +19,7 @@ pub mod moments;
 pub mod nee;
 pub mod path;
 pub mod response;
+pub mod single;
 pub mod world;
 
 mod frames;

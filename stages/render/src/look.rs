@@ -15,7 +15,9 @@ use crate::path::{Place, Setting, counter};
 use crate::world::{Body, Material, World};
 
 /// Overlaps are resolved for so many bodies at most.
-const MOST_BODIES: usize = 3;
+pub const MOST_BODIES: usize = 3;
+/// A density that falls by less than this along a line is taken as even, before its `mass` loses digits.
+pub const FLAT: f64 = 0.02;
 /// Optical depth at which nothing is left; [`exp`] needs a bound.
 const DARK: f64 = 700.0;
 
@@ -310,8 +312,8 @@ pub fn ahead(steepness: f64, length: f64, mu_t: f64, u: f64) -> (f64, f64) {
     let mass = 1.0 - exp(-steep.min(DARK));
     let left = 1.0 - u * mass;
     let fallen = (-ln(left) / rate.abs()).min(length);
-    // A growing density is a falling one seen from the other end; a flat one is taken as even, before `mass` loses digits.
+    // A growing density is a falling one seen from the other end.
     let s = if rate > 0.0 { fallen } else { length - fallen };
-    let flat = steep < 1e-3;
+    let flat = steep < FLAT;
     (if flat { u * length } else { s }, if flat { length } else { mass / (rate.abs() * left) })
 }

@@ -13,7 +13,7 @@ use crate::path::{Place, Stream, Walker};
 use crate::world::{Material, Skin};
 
 /// Light is looked for with probability min(1, (TAU_SURE / tau)^4) at optical distance tau from it.
-const TAU_SURE: f64 = 3.0;
+pub const TAU_SURE: f64 = 3.0;
 
 /// Where the next scattering is looked for.
 struct Line {
@@ -168,8 +168,8 @@ impl<'a> Walker<'a> {
         let mut pieces = std::mem::take(&mut self.pieces);
         pieces.clear();
         pieces.extend(world.trace(at.r, at.w, None, &mut self.spans));
-        let (mut tau, mut entrance) = (0.0, None);
-        for (i, piece) in pieces.iter().enumerate() {
+        let (mut tau, mut entrance, mut scored) = (0.0, None, 0);
+        for piece in &pieces {
             let material = &world.materials[piece.material];
             if material.is_opaque() {
                 break;
@@ -183,10 +183,11 @@ impl<'a> Walker<'a> {
                     let (towards, _) = source.towards(start);
                     // Where the ray came in is where the light comes in, if it comes from that side.
                     let exit = normal.filter(|n| n.dot(towards) > 0.0);
-                    let [u, ..] = stream.block(first_block(source, i));
+                    let [.., u] = stream.block(first_block(source, scored));
                     let line = Line { r: start, e: at.w, length, material: piece.material, towards, exit };
                     self.score(at.response, &line, libm::exp(-tau), unit(u), source);
                 }
+                scored += 1;
             }
             if piece.material != 0 {
                 tau += material.mu_t() * length;

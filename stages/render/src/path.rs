@@ -7,7 +7,7 @@ use fearless_simd::Level;
 use glam::DVec3;
 use turbid_optics::elementary::{ln, sin_cos_turns};
 use turbid_optics::henyey_greenstein as hg;
-use turbid_optics::philox::{philox4x32, unit, unit_fine};
+use turbid_optics::philox::{philox4x32, spare, unit, unit_fine};
 
 use crate::camera::Camera;
 use crate::finish::Finish;
@@ -88,6 +88,8 @@ pub struct Walker<'a> {
     pub(crate) responses: Vec<f64>,
     /// The part of it that comes by the queue; apart, so that it does not matter when the queue is flushed.
     pub(crate) queued: Vec<f64>,
+    /// The part that comes by f32 lanes.
+    single: Vec<f64>,
     pub(crate) queue: Queue,
     pub(crate) level: Level,
     /// For each material 1 / mu_s, infinite where nothing scatters.
@@ -160,6 +162,7 @@ impl<'a> Walker<'a> {
             pieces,
             responses,
             queued,
+            single: Vec::new(),
             queue,
             level,
             free_paths,
@@ -203,6 +206,22 @@ impl<'a> Walker<'a> {
         for (response, queued) in self.responses.iter_mut().zip(&self.queued) {
             *response += queued;
         }
+    }
+
+    /// Zeros for the responses that come by f32 lanes; see [`Walker::add_single`].
+    pub(crate) fn take_single(&mut self) -> Vec<f64> {
+        let mut single = std::mem::take(&mut self.single);
+        single.clear();
+        single.resize(self.responses.len(), 0.0);
+        single
+    }
+
+    /// Adds what f32 lanes have seen.
+    pub(crate) fn add_single(&mut self, single: Vec<f64>) {
+        for (response, single) in self.responses.iter_mut().zip(&single) {
+            *response += single;
+        }
+        self.single = single;
     }
 
     pub fn response(&self, path: usize) -> &[f64] {
@@ -310,7 +329,7 @@ impl<'a> Walker<'a> {
                     self.look_from_collision(at, roulette);
                 }
                 at.wholly = false;
-                if self.windows[at.material] > 0.0 && self.ends_deep(at) {
+                if self.windows[at.material] > 0.0 && self.ends_deep(at, spare(b, c, d)) {
                     return false;
                 }
                 let next = hg::sample(self.setting.world.materials[at.material].g, at.w, unit(b), unit(c));
@@ -326,14 +345,13 @@ impl<'a> Walker<'a> {
 
     /// Roulette of deep paths where absorption is weak.
     #[inline]
-    fn ends_deep(&mut self, at: &mut Place) -> bool {
+    fn ends_deep(&mut self, at: &mut Place, random: f64) -> bool {
         at.clear = self.setting.world.clearance(at.r);
         let window = deep_weight(self.windows[at.material], at.clear);
         if at.weight >= 0.5 * window {
             return false;
         }
-        let [random, ..] = self.stream(at).block((1 << 46) | at.number);
-        let survives = unit(random) * window < at.weight;
+        let survives = random * window < at.weight;
         at.weight = window;
         !survives
     }

@@ -1,4 +1,4 @@
-//! Paths in lanes are the paths of the scalar walker, bit for bit, whatever the vector instructions.
+//! Paths in lanes are the paths of the scalar walker: bit for bit in f64, to rounding in f32; whatever the vector instructions.
 
 use glam::{DVec2, DVec3};
 use turbid_optics::view::View;
@@ -8,12 +8,13 @@ use turbid_render::lamp::Steady;
 use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
 use turbid_render::path::{Nee, Setting, Walker};
+use turbid_render::single::{self, Frame};
 
 use crate::unbiased::{lamps, scenes};
 
 /// In every odd scene, for whole and partial bundles, from channels and samples beyond the first.
 #[test]
-fn lanes_and_levels_do_not_show() {
+fn f64_lanes_and_levels_do_not_show() {
     let view = |position: [f64; 3], field: f64| {
         View::new(position.into(), DVec3::ZERO, DVec3::Y, DVec2::splat(field)).unwrap()
     };
@@ -42,12 +43,95 @@ fn lanes_and_levels_do_not_show() {
             let flights = alone.take_flights();
             for level in ["baseline", "v3", "v4"] {
                 let mut walker = Walker::new(setting, named(level));
-                flock::walk(&mut walker, pixels.clone(), samples.clone());
+                flock::walk_double(&mut walker, pixels.clone(), samples.clone());
                 for (path, expected) in expected.iter().enumerate() {
                     assert_eq!(walker.response(path), expected, "{name}, {level}: path {path}");
                 }
                 assert_eq!(walker.take_flights(), flights, "{name}, {level}");
             }
         }
+    }
+}
+
+fn camera_and_light() -> (Camera, Light) {
+    let view = |position: [f64; 3], field: f64| {
+        View::new(position.into(), DVec3::ZERO, DVec3::Y, DVec2::splat(field)).unwrap()
+    };
+    let camera = Camera { view: view([4.0, -3.0, 25.0], 5.0), columns: 4, rows: 4 };
+    (camera, Light::new(view([-9.0, 8.0, 20.0], 6.0), 1.0, false))
+}
+
+/// The same random numbers: path for path f32 lanes say what the scalar walker says, but for the few whose decisions rounding
+/// turns. Those go either way, so that the sums agree.
+#[test]
+fn f32_lanes_are_the_scalar_paths_to_rounding() {
+    let (camera, light) = camera_and_light();
+    let carriers = [Carrier::new(0.15, 20.0), Carrier::new(0.3, 110.0)];
+    for ((name, world), steady) in scenes().into_iter().flat_map(|s| [(s.clone(), Steady::NONE), (s, lamps())]) {
+        let setting = Setting {
+            world: &world,
+            camera: &camera,
+            light: &light,
+            steady: &steady,
+            carriers: &carriers,
+            key: [7, 0],
+            channel: 3,
+            nee: Nee::Line,
+        };
+        let (samples, mut alone, mut lanes) =
+            (0..256, Walker::new(setting, named("")), Walker::new(setting, named("")));
+        let frame = Frame::of(&lanes).expect("f32 holds these scenes");
+        single::walk(&mut lanes, &frame, 0..16, samples.clone());
+        // Per response: sum of magnitudes, of differences and of their squares.
+        let (mut sums, mut turned, mut path) = ([[0.0; 3]; 6], 0, 0);
+        for (pixel, sample) in (0..16).flat_map(|p| samples.clone().map(move |s| (p, s))) {
+            let expected = alone.path(pixel, sample).to_vec();
+            for ((sum, a), b) in sums.iter_mut().zip(&expected).zip(lanes.response(path)) {
+                let d = b - a;
+                *sum = [sum[0] + a.abs(), sum[1] + d, sum[2] + d * d];
+            }
+            turned += usize::from((expected[0] - lanes.response(path)[0]).abs() > 1e-3 * expected[0]);
+            path += 1;
+        }
+        assert!(turned <= 8, "{name}: {turned} of {path} paths are others");
+        let (a, b) = (alone.take_flights() as f64, lanes.take_flights() as f64);
+        assert!((a / b - 1.0).abs() < 5e-3, "{name}: {a} flights, in lanes {b}");
+        for [sum, difference, square] in sums {
+            // Rounding alone makes 1e-7 to 1e-6 of a path's response, far below 1e-5 of their sum.
+            let noise = 4.5 * square.sqrt() + 1e-5 * sum;
+            assert!(difference.abs() <= noise, "{name}: off by {} of {sum:e}", difference / sum);
+        }
+    }
+}
+
+/// A path is the same among other neighbours, and at every vector width.
+#[test]
+fn f32_lanes_and_levels_do_not_show() {
+    let (camera, light) = camera_and_light();
+    let carriers = [Carrier::new(0.15, 20.0)];
+    for ((name, world), steady) in scenes().into_iter().flat_map(|s| [(s.clone(), Steady::NONE), (s, lamps())]) {
+        let setting = Setting {
+            world: &world,
+            camera: &camera,
+            light: &light,
+            steady: &steady,
+            carriers: &carriers,
+            key: [7, 0],
+            channel: 3,
+            nee: Nee::Line,
+        };
+        let walked = |level: &str, pixels: std::ops::Range<usize>, samples: std::ops::Range<u32>| {
+            let mut walker = Walker::new(setting, named(level));
+            let frame = Frame::of(&walker).expect("f32 holds these scenes");
+            single::walk(&mut walker, &frame, pixels.clone(), samples.clone());
+            let paths = 0..pixels.len() * samples.len();
+            paths.map(|path| walker.response(path).to_vec()).collect::<Vec<_>>()
+        };
+        let expected = walked("v4", 0..16, 8..24);
+        assert!(expected.iter().any(|r| r[0] > 0.0), "{name} is dark");
+        for level in ["baseline", "v3"] {
+            assert_eq!(walked(level, 0..16, 8..24), expected, "{name}, {level}");
+        }
+        assert_eq!(walked("v4", 5..6, 9..13), expected[5 * 16 + 1..5 * 16 + 5], "{name}");
     }
 }

@@ -1,9 +1,10 @@
-//! The line estimator against point next-event estimation at every collision, in scenes that try to mislead it.
+//! The line estimator, in lanes, against point next-event estimation at every collision, in scenes that try to mislead it.
 
 use glam::{DVec2, DVec3};
 use turbid_optics::solid::Solid;
 use turbid_optics::view::View;
 use turbid_render::camera::Camera;
+use turbid_render::flock;
 use turbid_render::lamp::{Lamp, Steady};
 use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
@@ -103,9 +104,10 @@ fn line_and_point_estimators_agree() {
             };
             let mut walker = Walker::new(setting, named(""));
             let mut moments = Moments::new(16, 4);
-            for pixel in 0..16 {
-                for sample in 0..paths {
-                    moments.add(pixel, walker.path(pixel, sample));
+            for sample in (0..paths).step_by(100) {
+                flock::walk(&mut walker, 0..16, sample..sample + 100);
+                for path in 0..1600 {
+                    moments.add(path / 100, walker.response(path));
                 }
             }
             moments

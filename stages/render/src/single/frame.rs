@@ -1,0 +1,175 @@
+//! What the f32 lanes know of a render, and when f32 is enough.
+
+use glam::DVec3;
+
+use super::ground::Ground;
+use crate::finish::Finish;
+use crate::light::Emission;
+use crate::path::{Nee, Setting, Walker};
+use crate::world::Material;
+
+/// Coordinates up to so many mean free paths: their last digit is 2^-12 of one, and the error made by it, of either sign from
+/// flight to flight, stays below 1e-4.
+const RANGE: f64 = 4096.0;
+/// Cycles of a carrier across the field, beyond which its phase loses 1e-4 rad.
+const CYCLES: f64 = 256.0;
+/// Coefficients (mm^-1) and lengths (mm) beyond these leave too little of the exponents of f32.
+const LARGEST: f64 = 1e9;
+
+/// A world and a light as the lanes see them.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// What local coordinates count from, mm: exact where most of the light is.
+    pub origin: DVec3,
+    /// Square of the distance (mm) from it to which lanes go.
+    pub range_squared: f32,
+    pub ground: Ground,
+    /// Of each material.
+    pub media: Vec<Medium>,
+    /// Of each body, mm^-1.
+    pub mu_t: Vec<f32>,
+    /// For each body whether anything is in it.
+    pub filled: Vec<bool>,
+    /// Whether a path that leaves all bodies has ended: boundaries do not turn it, and there is no light from infinity.
+    pub dark: bool,
+    /// Whether looks go in lanes: transparent bodies without repeated media, few enough for `look.rs`.
+    pub looks: bool,
+    /// Whether there are lamps, for which looks go one by one.
+    pub lamps: bool,
+    /// Whether paths start in lanes.
+    pub starts: bool,
+    /// Whether any medium has a roulette of deep paths.
+    pub windows: bool,
+    pub light: Lamp,
+    /// Numbers of a path's response.
+    pub stride: usize,
+    /// Cycles per mm along x and y, and at the origin, of each carrier.
+    pub carriers: Vec<[f32; 3]>,
+}
+
+/// A material, mm^-1.
+#[derive(Clone, Copy, Debug)]
+pub struct Medium {
+    /// mm.
+    pub free_path: f32,
+    pub mu_a: f32,
+    pub mu_s: f32,
+    pub g: f32,
+    /// WINDOW mu_eff.
+    pub window: f32,
+}
+
+/// The projector about the local origin.
+#[derive(Clone, Copy, Debug)]
+pub struct Lamp {
+    pub position: [f32; 3],
+    /// z of the field's plane.
+    pub plane: f32,
+    /// Centre of the field, x and y.
+    pub center: [f32; 2],
+    /// Unit vectors along its sides, x and y, and half their lengths, mm.
+    pub right: [f32; 2],
+    pub top: [f32; 2],
+    pub half: [f32; 2],
+    /// Square of the distance of the field's centre, mm^2: there the irradiance is 1 in lanes,
+    pub strength: f32,
+    /// and this in W mm^-2.
+    pub irradiance: f64,
+    pub flat: bool,
+}
+
+impl Frame {
+    /// `None` where f32 cannot hold the render.
+    pub fn of(walker: &Walker<'_>) -> Option<Self> {
+        let s = walker.setting();
+        if s.nee != Nee::Line {
+            return None;
+        }
+        let shortest = (0..s.world.materials.len()).map(|m| walker.free_path(m)).fold(f64::INFINITY, f64::min);
+        let range = (RANGE * shortest).min(LARGEST);
+        let view = &s.light.view;
+        let cycles = view.field.length() * s.carriers.iter().fold(0.0, |most: f64, c| most.max(c.f_x()));
+        let dense = s.world.materials.iter().any(|m| m.mu_t() > LARGEST || (m.mu_s > 0.0 && m.mu_s < 1.0 / LARGEST));
+        let far = (view.position - view.look_at).length() > LARGEST;
+        if cycles > CYCLES || dense || far {
+            return None;
+        }
+        let origin = seen(s);
+        // What the camera sees of the plane through the origin must lie within the range.
+        let corners = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)].map(|(x, y)| {
+            let (from, along) = (s.camera.view.position, s.camera.view.direction(x, y));
+            from + (origin.z - from.z) / along.z * along
+        });
+        if !corners.iter().all(|corner| (corner - origin).length() <= range) {
+            return None;
+        }
+        let media = s.world.materials.iter().enumerate();
+        let media = media.map(|(i, m)| Medium {
+            free_path: walker.free_path(i) as f32,
+            mu_a: m.mu_a as f32,
+            mu_s: m.mu_s as f32,
+            g: m.g as f32,
+            window: walker.window(i) as f32,
+        });
+        let (strength, flat) = match s.light.emission {
+            Emission::Intensity(i) => (i, false),
+            Emission::Irradiance(e) => (e * view.height() * view.height(), true),
+        };
+        let center = view.look_at - origin;
+        let reach = (view.position - view.look_at).length_squared();
+        let flat_unit = |v: DVec3| [v.x as f32, v.y as f32];
+        let light = Lamp {
+            position: (view.position - origin).as_vec3().to_array(),
+            plane: center.z as f32,
+            center: flat_unit(center),
+            right: flat_unit(view.right),
+            top: flat_unit(view.top),
+            half: [0.5 * view.field.x as f32, 0.5 * view.field.y as f32],
+            strength: reach as f32,
+            irradiance: strength / reach,
+            flat,
+        };
+        let carriers = s.carriers.iter().map(|c| {
+            let (x, y) = c.along();
+            let turns = x * origin.x + y * origin.y;
+            [x as f32, y as f32, (turns - turns.round()) as f32]
+        });
+        let straight = |m: &Material| m.is_opaque() || (m.n == 1.0 && m.finish == Finish::Smooth);
+        let straight = s.world.materials.iter().all(straight);
+        let looks = straight && walker.body_of().is_some() && s.light.shines();
+        Some(Self {
+            origin,
+            range_squared: (range * range) as f32,
+            ground: Ground::about(s.world, origin, range)?,
+            media: media.collect(),
+            mu_t: s.world.bodies.iter().map(|body| s.world.materials[body.material].mu_t() as f32).collect(),
+            filled: s.world.bodies.iter().map(|body| body.material != 0).collect(),
+            dark: straight && s.steady.ambient == 0.0,
+            looks,
+            lamps: !s.steady.lamps.is_empty(),
+            starts: looks && !s.steady.shines(),
+            stride: walker.stride(),
+            windows: (0..s.world.materials.len()).any(|m| walker.window(m) > 0.0),
+            light,
+            carriers: carriers.collect(),
+        })
+    }
+
+    /// In local coordinates.
+    pub fn local(&self, p: DVec3) -> [f32; 3] {
+        (p - self.origin).as_vec3().to_array()
+    }
+
+    pub fn world(&self, p: [f32; 3]) -> DVec3 {
+        self.origin + DVec3::from(p.map(f64::from))
+    }
+}
+
+/// Where the middle of the image meets the first body that is not void; without one, where the camera looks.
+fn seen(s: &Setting<'_>) -> DVec3 {
+    let view = &s.camera.view;
+    let mut spans = Vec::new();
+    let along = view.direction(0.5, 0.5);
+    let mut pieces = s.world.trace(view.position, along, None, &mut spans);
+    pieces.find(|piece| piece.material != 0).map_or(view.look_at, |piece| view.position + piece.start * along)
+}

@@ -1,0 +1,201 @@
+//! Looks for light one scattering ahead, in f32 lanes: `Walker::look_ahead` for worlds of few transparent bodies.
+
+use fearless_simd::prelude::*;
+
+use super::frame::{Frame, Lamp};
+use super::ground::Span;
+use super::lane::{F, LANES, M, U, V, choose, exp, hg_denominator, hg_sample, ln, philox, sin_cos_turns, splat, unit};
+use super::rows::Rows;
+use crate::look::{FLAT, MOST_BODIES};
+use crate::nee::TAU_SURE;
+
+/// Optical depth (optical distance to the light) beyond which it counts as none: e^-80 of it.
+const DARK: f32 = 80.0;
+
+/// Columns: r, the direction in which the path came, the one in which it goes on, weight, roulette, mu_a, mu_s, g;
+pub type Looks = Rows<14, 5>;
+/// and block of random numbers, sample, pixel, response, body.
+const FIRST_BLOCK: u32 = 1;
+
+/// The first 16 looks, or as many as there are: adds to the responses of their paths, which are as
+/// [`Layout`](crate::response::Layout) says.
+#[inline(always)]
+pub fn look<S: Simd>(simd: S, looks: &Looks, frame: &Frame, key: [u32; 2], high: u32, responses: &mut [f64]) {
+    let (floats, [number, sample, pixel, path, body]) = looks.load(simd);
+    let [rx, ry, rz, cx, cy, cz, ox, oy, oz, weight, roulette, mu_a, mu_s, g] = floats;
+    let (r, came, own) = (V { x: rx, y: ry, z: rz }, V { x: cx, y: cy, z: cz }, V { x: ox, y: oy, z: oz });
+    let (zero, mu_t) = (splat(simd, 0.0), mu_a + mu_s);
+    let (towards, distance) = to_light(r, &frame.light);
+    let to_light = spans(simd, frame, r, towards);
+    let tau = optical_depth(simd, frame, &to_light, distance);
+    let (wall, wall_body) = first_piece(simd, frame, body, &to_light);
+
+    // The line: along the path's own direction, or one from the lobe around the light. A camera's ray has no choice.
+    let [choice, b, c, u] = philox(simd, number, high, sample, pixel, key);
+    let first = number.simd_eq(FIRST_BLOCK);
+    let lobe = hg_sample(g, towards, unit(b), unit(c));
+    let goes_on = (choice >> 31).simd_eq(0) | first;
+    let e =
+        V { x: choose(goes_on, own.x, lobe.x), y: choose(goes_on, own.y, lobe.y), z: choose(goes_on, own.z, lobe.z) };
+    let ratio = hg_denominator(g, came.dot(e)) / hg_denominator(g, e.dot(towards));
+    let balance = choose(first, splat(simd, 1.0), 2.0 / (1.0 + ratio * ratio.sqrt()));
+    let (length, _) = first_piece(simd, frame, body, &spans(simd, frame, r, e));
+    let steepness = steepness(simd, frame, r, towards, wall, wall_body, e);
+    let (s, inverse_density) = ahead(simd, steepness, length, mu_t, unit(!u));
+
+    let r1 = r.plus(s, e);
+    let (arriving, irradiance, lit, x, y) = arrives(simd, &frame.light, r1);
+    let (towards1, distance1) = arriving;
+    let tau1 = optical_depth(simd, frame, &spans(simd, frame, r1, towards1), distance1);
+    let dark = mu_t * s + tau1;
+    // Nor was it looked for by roulette.
+    let rarity = choose(first, splat(simd, 1.0), rarity(simd, tau));
+    let q = hg_denominator(g, e.dot(towards1));
+    let p = (1.0 - g) * (1.0 + g) * (0.25 * std::f32::consts::FRAC_1_PI) / (q * q.sqrt());
+    let seen = (roulette * rarity).simd_lt(1.0) & lit & length.simd_gt(0.0) & dark.simd_lt(DARK);
+    let fraction = weight * balance * rarity * inverse_density * mu_s * p;
+    let radiance = choose(seen, fraction * irradiance * exp(-dark.min(splat(simd, DARK))), zero);
+
+    let stride = frame.stride;
+    let count = looks.len().min(LANES);
+    let mut add = |place: usize, x: F<S>| {
+        for (&path, &x) in path.as_slice()[..count].iter().zip(x.as_slice()) {
+            responses[path as usize * stride + place] += f64::from(x) * frame.light.irradiance;
+        }
+    };
+    add(0, radiance);
+    for (j, &[along_x, along_y, start]) in frame.carriers.iter().enumerate() {
+        // Outside the field the place on its plane means nothing, not even a number.
+        let (x, y) = (choose(seen, x, zero), choose(seen, y, zero));
+        let (sin, cos) = sin_cos_turns(x * along_x + y * along_y + start);
+        add(1 + 2 * j, radiance * cos);
+        add(2 + 2 * j, radiance * sin);
+    }
+}
+
+/// Unit vector to the light, and the distance.
+#[inline(always)]
+fn to_light<S: Simd>(p: V<S>, lamp: &Lamp) -> (V<S>, F<S>) {
+    let d = p.from(lamp.position).times(splat(p.x.token(), -1.0));
+    let distance = d.dot(d).sqrt();
+    (d.times(1.0 / distance), distance)
+}
+
+/// (direction and distance of the light, irradiance, whether it is lit, where on the pattern's plane).
+#[inline(always)]
+#[allow(clippy::type_complexity, reason = "read once, at once")]
+fn arrives<S: Simd>(simd: S, lamp: &Lamp, p: V<S>) -> ((V<S>, F<S>), F<S>, M<S>, F<S>, F<S>) {
+    let (towards, distance) = to_light(p, lamp);
+    // Along the ray from the light by what the plane is away from p: no digits are lost where that is little.
+    let d = p.from(lamp.position);
+    let f = (lamp.plane - p.z) / d.z;
+    let (x, y) = (p.x + f * d.x, p.y + f * d.y);
+    let (u, v) = (x - lamp.center[0], y - lamp.center[1]);
+    let across = (u * lamp.right[0] + v * lamp.right[1]).abs().simd_le(lamp.half[0]);
+    let along = (u * lamp.top[0] + v * lamp.top[1]).abs().simd_le(lamp.half[1]);
+    // Behind the light 1 + f < 0.
+    let ahead = (1.0 + f).simd_gt(0.0) & f.abs().simd_lt(f32::INFINITY);
+    let strength = if lamp.flat {
+        // On the plane E = I cos / R^2 with R = h / cos.
+        let cos = towards.z.abs();
+        lamp.strength / (cos * cos * cos)
+    } else {
+        splat(simd, lamp.strength)
+    };
+    ((towards, distance), strength / (distance * distance), ahead & across & along, x, y)
+}
+
+type Spans<S> = [Span<S>; MOST_BODIES];
+
+#[inline(always)]
+fn spans<S: Simd>(simd: S, frame: &Frame, r: V<S>, w: V<S>) -> Spans<S> {
+    let nowhere = Span { enter: splat(simd, 0.0), leave: splat(simd, 0.0) };
+    let mut spans = [nowhere; MOST_BODIES];
+    for (j, span) in spans.iter_mut().enumerate().take(frame.ground.bodies()) {
+        *span = frame.ground.span(simd, j, r, w);
+    }
+    spans
+}
+
+/// Where the piece of the own body that a ray starts in ends, and at which body's surface.
+#[inline(always)]
+fn first_piece<S: Simd>(simd: S, frame: &Frame, body: U<S>, spans: &Spans<S>) -> (F<S>, U<S>) {
+    let (mut distance, mut wall) = (splat(simd, f32::INFINITY), U::splat(simd, 0));
+    for (j, span) in spans.iter().enumerate().take(frame.ground.bodies()) {
+        let j = j as u32;
+        // Its own body ends it by its exit, one of higher priority by its entry: not one that is missed or behind.
+        let own = body.simd_eq(j);
+        let carves = body.simd_gt(j) & span.enter.simd_lt(span.leave) & span.leave.simd_gt(0.0);
+        let end = choose(own, span.leave, span.enter);
+        let nearer = (carves | own) & end.simd_lt(distance);
+        distance = choose(nearer, end, distance);
+        wall = nearer.select(U::splat(simd, j), wall);
+    }
+    (distance, wall)
+}
+
+/// Along the first `distance` of rays: what of each body is not carved out by those of higher priority, by inclusion and exclusion.
+#[inline(always)]
+fn optical_depth<S: Simd>(simd: S, frame: &Frame, spans: &Spans<S>, distance: F<S>) -> F<S> {
+    let (zero, mut tau) = (splat(simd, 0.0), splat(simd, 0.0));
+    for (j, &mu_t) in frame.mu_t.iter().enumerate() {
+        if mu_t == 0.0 {
+            continue;
+        }
+        // Lengths common to body j and to every one of a set of higher bodies, the set by its bits.
+        for set in 0..1_usize << j {
+            let sign = if set.count_ones() % 2 == 0 { mu_t } else { -mu_t };
+            let (mut enter, mut leave) = (spans[j].enter.max(zero), spans[j].leave.min(distance));
+            for (k, span) in spans[..j].iter().enumerate() {
+                if set >> k & 1 == 1 {
+                    (enter, leave) = (span.enter.max(enter), span.leave.min(leave));
+                }
+            }
+            tau += (leave - enter).max(zero) * sign;
+        }
+    }
+    tau
+}
+
+/// (e . n) / (L . n), n the normal of the wall through which the light comes.
+#[inline(always)]
+fn steepness<S: Simd>(simd: S, frame: &Frame, r: V<S>, towards: V<S>, wall: F<S>, wall_body: U<S>, e: V<S>) -> F<S> {
+    let mut ratio = splat(simd, 0.0);
+    let p = r.plus(wall, towards);
+    for j in 0..frame.ground.bodies() {
+        let n = frame.ground.normal(simd, j, p);
+        ratio = choose(wall_body.simd_eq(j as u32), e.dot(n) / towards.dot(n), ratio);
+    }
+    ratio
+}
+
+/// One over the probability of looking; see `nee::rarity`.
+#[inline(always)]
+pub fn rarity<S: Simd>(simd: S, tau: F<S>) -> F<S> {
+    let x = (tau * (1.0 / TAU_SURE as f32)).max(splat(simd, 1.0));
+    let square = x * x;
+    square * square
+}
+
+/// s in (0, length) from a density proportional to exp(-rate s), and one over that density; see `crate::look::ahead`.
+#[inline(always)]
+fn ahead<S: Simd>(simd: S, steepness: F<S>, length: F<S>, mu_t: F<S>, u: F<S>) -> (F<S>, F<S>) {
+    let one = splat(simd, 1.0);
+    let rate =
+        choose(steepness.simd_eq(steepness), (1.0 - steepness).max(splat(simd, -1.0)).min(splat(simd, 2.0)), one)
+            * mu_t;
+    // On an infinite length only positive rates have a density.
+    let endless = length.simd_ge(f32::MAX) & rate.simd_le(mu_t * 1e-4);
+    let rate = choose(endless, mu_t, rate);
+    let steep = (rate * length).abs();
+    let rest = exp(-steep.min(splat(simd, DARK)));
+    let mass = 1.0 - rest;
+    // `u` is one minus the scalar's: fine where little is left.
+    let left = rest + u * mass;
+    let inverse = 1.0 / rate.abs();
+    let fallen = (-ln(left) * inverse).min(length);
+    // A growing density is a falling one seen from the other end.
+    let s = choose(rate.simd_gt(0.0), fallen, length - fallen);
+    let flat = steep.simd_lt(FLAT as f32);
+    (choose(flat, (1.0 - u) * length, s), choose(flat, length, mass * inverse / left))
+}

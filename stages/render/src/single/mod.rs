@@ -1,0 +1,15 @@
+//! The f32 lanes: paths walked sixteen abreast in single precision, where that holds the scene ([`Frame::of`]).
+//!
+//! What befalls a path beside flights inside one convex body is left to the scalar [`Walker`](crate::path::Walker), as in `flock.rs`;
+//! random numbers are the same, so a path differs from the scalar one by rounding only.
+
+pub mod frame;
+pub mod ground;
+pub mod lane;
+mod look;
+mod rows;
+mod start;
+mod walk;
+
+pub use frame::Frame;
+pub use walk::walk;
