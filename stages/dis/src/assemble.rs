@@ -7,7 +7,7 @@ use turbid_contract::Problems;
 
 use crate::light::{Beam, Method, Setup, Target};
 use crate::opening::{Opening, Outline};
-use crate::params::{BeamParams, MediumParams, MethodParam, Params, RoundParams, SquareParams};
+use crate::params::{BeamParams, MediumParams, MethodParam, Params, RoundParams, SeesParam, SquareParams};
 use crate::plate::Plate;
 use crate::sphere::{Baffle, Port, Sphere};
 
@@ -176,6 +176,7 @@ fn spheres(params: &Params, problems: &mut Problems) -> Option<[Sphere; 2]> {
         sample,
         ports,
         baffle,
+        sees_sample: params.spheres.ports.detector.sees == SeesParam::All,
     };
     let behind = exit.map(|exit| (Port::Exit, exit));
     Some([

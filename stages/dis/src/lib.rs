@@ -11,7 +11,7 @@
 //!     ports:
 //!       entrance: {square: {side: 10}}          # opposite the sample in the first sphere
 //!       sample: {square: {side: 10}}            # or round: {diameter: 10}
-//!       detector: {round: {diameter: 10}, polar_deg: 90}   # in either sphere, 90 deg from the sample
+//!       detector: {round: {diameter: 10}, polar_deg: 90, sees: wall}   # in either sphere; sees: all by default
 //!       exit: {round: {diameter: 10}}           # default: none; opposite the sample in the second sphere
 //!     neck: 0                         # default; mm from the rim of the sample port to the sample
 //!     baffle: {diameter: 20, position: 0.5}     # default: none; between sample and detector

@@ -57,11 +57,11 @@ pub struct Setup {
 const FAINT: f64 = 0.25;
 
 enum At {
-    /// Inside the sphere, on its way; `counted`: what reaches the detector was already added as an expected value.
+    /// Inside the sphere, on its way.
     Flight {
         r: DVec3,
         u: DVec3,
-        counted: bool,
+        falls: Falls,
     },
     /// Leaves the point `r` of the wall by the cosine law.
     Glow {
@@ -80,6 +80,16 @@ enum At {
     End,
 }
 
+/// What light that falls into the detector on this flight does there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Falls {
+    Counts,
+    /// Was already added, as an expected value.
+    Counted,
+    /// Comes from where the detector does not look.
+    Unseen,
+}
+
 struct History<'a> {
     setup: &'a Setup,
     /// The sphere in which the photon is.
@@ -96,10 +106,10 @@ impl Setup {
     pub fn photon(&self, random: Stream) -> Score {
         let mut history = History { setup: self, side: 0, weight: 1.0, direct: true, score: Score::default(), random };
         let (r, u) = history.launch();
-        let mut at = At::Flight { r, u, counted: false };
+        let mut at = At::Flight { r, u, falls: Falls::Counts };
         loop {
             at = match at {
-                At::Flight { r, u, counted } => history.fly(r, u, counted),
+                At::Flight { r, u, falls } => history.fly(r, u, falls),
                 At::Glow { r } => history.glow(r),
                 At::Neck { r, u } => history.neck(r, u),
                 At::Face { r, u } => history.face(r, u),
@@ -126,7 +136,7 @@ impl History<'_> {
         (r, u)
     }
 
-    fn fly(&mut self, r: DVec3, u: DVec3, counted: bool) -> At {
+    fn fly(&mut self, r: DVec3, u: DVec3, falls: Falls) -> At {
         let q = self.sphere().far(r, u);
         if let Some(distance) = self.sphere().to_baffle(r, u, (q - r).length()) {
             return self.baffle(r + distance * u, u);
@@ -136,12 +146,14 @@ impl History<'_> {
                 Target::Cap(shares) => self.cap(q, shares),
                 _ => At::Neck { r: q, u },
             },
-            Some(Port::Detector) => {
-                if !counted {
+            Some(Port::Detector) => match falls {
+                Falls::Counts => {
                     self.score.detected[self.side] += self.weight;
+                    At::End
                 }
-                At::End
-            }
+                Falls::Counted => At::End,
+                Falls::Unseen => self.end(Fate::Unseen),
+            },
             Some(Port::Entrance) => self.end(Fate::Entrance),
             Some(Port::Exit) => self.end(Fate::Exit),
             None => self.meet_white(At::Glow { r: q }),
@@ -190,11 +202,11 @@ impl History<'_> {
                     return At::End;
                 }
                 let u = (self.sphere().radius * anywhere(&mut self.random) - r).normalize();
-                At::Flight { r, u, counted: true }
+                At::Flight { r, u, falls: Falls::Counted }
             }
             Method::Counted => {
                 let inwards = -r.normalize();
-                At::Flight { r, u: lambertian(inwards, &mut self.random), counted: false }
+                At::Flight { r, u: lambertian(inwards, &mut self.random), falls: Falls::Counts }
             }
         }
     }
@@ -246,9 +258,11 @@ impl History<'_> {
         let Some(baffle) = sphere.baffle else { return At::End };
         let normal = if u.dot(baffle.normal) < 0.0 { baffle.normal } else { -baffle.normal };
         let onward = lambertian(normal, &mut self.random);
-        let counted = self.setup.method != Method::Counted;
-        let next = self.meet_white(At::Flight { r, u: onward, counted });
-        if counted && let (At::Flight { .. }, Some(detector)) = (&next, sphere.detector()) {
+        let falls = if self.setup.method == Method::Counted { Falls::Counts } else { Falls::Counted };
+        let next = self.meet_white(At::Flight { r, u: onward, falls });
+        if falls == Falls::Counted
+            && let (At::Flight { .. }, Some(detector)) = (&next, sphere.detector())
+        {
             let q = detector.point(&mut self.random);
             let way = q - r;
             let distance2 = way.length_squared();
@@ -291,7 +305,8 @@ impl History<'_> {
                 }
                 u = lambertian(normal, &mut self.random);
             } else if to_sphere < to_plane {
-                return At::Flight { r: r + to_sphere * u, u, counted: false };
+                let falls = if sphere.sees_sample { Falls::Counts } else { Falls::Unseen };
+                return At::Flight { r: r + to_sphere * u, u, falls };
             } else {
                 r += to_plane * u;
                 r.z = -sphere.plane;

@@ -97,6 +97,8 @@ pub struct DetectorParams {
     /// Angle at the centre of the sphere between sample and detector, 0 to 180.
     #[serde(default = "beside")]
     pub polar_deg: AngleDeg,
+    #[serde(default)]
+    pub sees: SeesParam,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -109,6 +111,17 @@ pub struct RoundParams {
 #[serde(deny_unknown_fields)]
 pub struct SquareParams {
     pub side: Length,
+}
+
+/// What a detector looks at.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum SeesParam {
+    /// All that falls into its port.
+    #[default]
+    All,
+    /// Wall only: light straight from the sample does not count, as behind a field stop or a baffle that takes no room.
+    Wall,
 }
 
 /// A round plate across the line from the middle of the sample port to the middle of the detector.

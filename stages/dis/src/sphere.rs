@@ -34,6 +34,8 @@ pub struct Sphere {
     /// All other ports.
     pub ports: Vec<(Port, Opening)>,
     pub baffle: Option<Baffle>,
+    /// Whether the detector takes light that comes straight from the sample or its neck.
+    pub sees_sample: bool,
 }
 
 impl Sphere {

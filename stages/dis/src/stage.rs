@@ -197,6 +197,7 @@ fn attributes(table: &mut Table, experiment: &Experiment) {
             "exit": share(second, Port::Exit),
             "neck": first.plane - Sphere::rim(first.radius, first.sample.outline),
             "baffle": first.baffle.is_some(),
+            "sees_sample": first.sees_sample && first.baffle.is_none(),
         }),
     );
 }

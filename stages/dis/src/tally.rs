@@ -13,12 +13,14 @@ pub enum Fate {
     Exit,
     /// Absorbed by wall, neck or baffle.
     Wall,
+    /// Fell into a detector that does not look where it came from.
+    Unseen,
     /// Taken (or given, < 0) by roulette; 0 on average.
     Roulette,
 }
 
 /// Number of fates.
-pub const FATES: usize = 7;
+pub const FATES: usize = 8;
 
 /// Light that fell on the sample, and what a plate without sides, behind a port without rim, would have sent back and on beyond what was
 /// collected.

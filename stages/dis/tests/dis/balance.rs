@@ -13,7 +13,15 @@ fn cap(fraction: f64, sphere: f64) -> Outline {
 
 fn sphere(radius: f64, reflectance: f64, sample: Outline, ports: Vec<(Port, Opening)>) -> Sphere {
     let plane = Sphere::rim(radius, sample);
-    Sphere { radius, reflectance, plane, sample: Opening::new(sample, 0.0, radius), ports, baffle: None }
+    Sphere {
+        radius,
+        reflectance,
+        plane,
+        sample: Opening::new(sample, 0.0, radius),
+        ports,
+        baffle: None,
+        sees_sample: true,
+    }
 }
 
 fn tally(setup: &Setup, photons: u64, stream: u32) -> Tally {

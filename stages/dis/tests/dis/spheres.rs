@@ -22,6 +22,7 @@ fn spheres(reflectance: f64, sample: Outline, neck: f64, baffle: Option<f64>) ->
             sample: Opening::new(sample, 0.0, radius),
             ports: vec![(far, Opening::new(outline, 0.5, radius)), detector],
             baffle: baffle.map(|radius| Baffle { center: 0.5 * (a + b), normal: (b - a).normalize(), radius }),
+            sees_sample: true,
         }
     };
     [one(Port::Entrance), one(Port::Exit)]
@@ -52,7 +53,11 @@ fn cases() -> Vec<Setup> {
         (0.95, square, 0.0, Target::Open, cone),
         (0.0, square, 0.0, Target::Medium(MEDIUM), parallel),
     ] {
-        cases.push(Setup { spheres: spheres(reflectance, sample, neck, None), target, beam, method: Method::Summed });
+        let mut setup =
+            Setup { spheres: spheres(reflectance, sample, neck, None), target, beam, method: Method::Summed };
+        cases.push(setup.clone());
+        setup.spheres.iter_mut().for_each(|sphere| sphere.sees_sample = false);
+        cases.push(setup);
     }
     cases
 }
