@@ -5,6 +5,7 @@
 //! and sums have a fixed order, so results have the same bits on every machine.
 
 pub mod diffusion;
+pub mod distortion;
 pub mod elementary;
 mod error;
 pub mod fresnel;

@@ -37,6 +37,9 @@ const WINDOW: f64 = 0.4;
 const MOST_FLIGHTS: u64 = 2_000_000_000;
 pub const MOST_BLOCKS: u64 = 2 * MOST_FLIGHTS;
 
+/// Random numbers of the place on the lens: no flight and no look has them.
+const LENS_BLOCK: u64 = 1 << 45;
+
 /// Everything that stays the same over the paths of one channel.
 #[derive(Clone, Copy)]
 pub struct Setting<'a> {
@@ -272,9 +275,15 @@ impl<'a> Walker<'a> {
         let stream = Stream { key: s.key, pixel: pixel as u32, sample, channel: s.channel };
         let [jx, jy, ja, jb] = stream.block(0);
         let line = s.nee == Nee::Line;
+        let (r, w) = if s.camera.has_aperture() {
+            let [u, v, ..] = stream.block(LENS_BLOCK);
+            s.camera.ray_through(pixel, unit(jx), unit(jy), unit(u), unit(v))
+        } else {
+            s.camera.ray(pixel, unit(jx), unit(jy))
+        };
         let at = Place {
-            r: s.camera.view.position,
-            w: s.camera.ray(pixel, unit(jx), unit(jy)),
+            r,
+            w,
             material: 0,
             skin: None,
             clear: 0.0,

@@ -72,7 +72,12 @@ pub fn plan(params: &Params, scene: Option<&Scene>) -> StagePlan {
     sort(params.f_x.iter().any(|f| f.0 > 0.0), "carriers");
     sort(params.orientation_deg.len() > 1, "several orientations");
     sort(params.target_error.is_some(), "error target");
-    for what in ["BVH", "Fresnel boundaries", "textures", "lens distortion"] {
+    let camera = scene.and_then(|s| s.camera.as_ref());
+    let projector = scene.and_then(|s| s.projector.as_ref());
+    let distorted = camera.is_some_and(|c| c.distortion.is_some()) || projector.is_some_and(|p| p.distortion.is_some());
+    sort(distorted, "lens distortion");
+    sort(camera.is_some_and(|c| c.aperture.is_some()), "depth of field");
+    for what in ["BVH", "Fresnel boundaries", "textures"] {
         sort(false, what);
     }
     if let Some(scene) = scene

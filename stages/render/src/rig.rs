@@ -2,9 +2,9 @@
 
 use glam::DVec3;
 use turbid_contract::Error;
-use turbid_contract::payload::{self, Profile, Scene, Shape, Surface};
+use turbid_contract::payload::{self, Profile, Projection, Scene, Shape, Surface};
 use turbid_optics::solid::Solid;
-use turbid_optics::view::View;
+use turbid_optics::view::{Lens, View, ViewError};
 
 use crate::camera::Camera;
 use crate::lamp::{Lamp, Steady};
@@ -28,14 +28,11 @@ impl Rig {
     pub fn of(scene: &Scene) -> Result<Self, Error> {
         let missing = |what: &str| Error::failed(format!("the scene has no {what} that can be used"));
         let c = scene.camera.as_ref().ok_or_else(|| missing("camera"))?;
-        let view = |position: [f64; 3], look_at: [f64; 3], up: [f64; 3], field: [f64; 2]| {
-            View::new(position.into(), look_at.into(), up.into(), field.into())
-        };
-        let camera_view = view(c.position, c.look_at, c.up, c.field).map_err(|_| missing("camera"))?;
+        let camera_view = camera_view(c).map_err(|_| missing("camera"))?;
         let lights = match &scene.projector {
             None => vec![Light::none(); scene.channels()],
             Some(p) => {
-                let view = view(p.position, p.look_at, p.up, p.field).map_err(|_| missing("projector"))?;
+                let view = projector_view(p).map_err(|_| missing("projector"))?;
                 p.power.iter().map(|&power| Light::new(view, power, p.profile == Profile::Flat)).collect()
             }
         };
@@ -68,6 +65,26 @@ impl Rig {
         let steady = (0..scene.channels()).map(|channel| steady(scene, channel)).collect();
         Ok(Self { camera, lights, steady, worlds: worlds.collect(), object_of: order })
     }
+}
+
+fn camera_view(c: &payload::Camera) -> Result<View, ViewError> {
+    let [position, look_at, up] = [c.position, c.look_at, c.up].map(DVec3::from);
+    if c.projection == Projection::Fisheye {
+        return View::fisheye(position, look_at, up, c.field.into());
+    }
+    let mut view = View::new(position, look_at, up, c.field.into())?;
+    if c.projection == Projection::Orthographic {
+        view.lens = Lens::Orthographic;
+    }
+    if let Some(a) = c.aperture {
+        view.lens = Lens::Thin { radius: 0.5 * a.diameter, focus: a.focus };
+    }
+    c.distortion.map_or(Ok(view), |d| view.distorted(d.coefficients()))
+}
+
+fn projector_view(p: &payload::Projector) -> Result<View, ViewError> {
+    let view = View::new(p.position.into(), p.look_at.into(), p.up.into(), p.field.into())?;
+    p.distortion.map_or(Ok(view), |d| view.distorted(d.coefficients()))
 }
 
 fn steady(scene: &Scene, channel: usize) -> Steady {

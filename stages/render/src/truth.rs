@@ -59,17 +59,20 @@ struct Hit {
 }
 
 fn first_hit(world: &World, camera: &Camera, pixel: usize, spans: &mut Vec<(f64, f64)>) -> Option<Hit> {
-    let (origin, w) = (camera.view.position, camera.ray(pixel, 0.5, 0.5));
+    let (origin, w) = camera.ray(pixel, 0.5, 0.5);
     let mut wall = None;
     for piece in world.trace(origin, w, None, spans) {
         if piece.material != 0 {
             let r = origin + piece.start * w;
+            // Parallel rays start beside the camera's place.
+            let axis = camera.view.forward;
+            let depth = piece.start * w.dot(axis) + (origin - camera.view.position).dot(axis);
             let normal = world.normal(wall?, r);
             let normal = if normal.dot(w) > 0.0 { -normal } else { normal };
             // Which body fills it: the first, in order of priority, that holds a point just inside.
             let inside = origin + (piece.start + 1e-6 * (piece.end - piece.start).min(1.0)) * w;
             let body = world.bodies.iter().position(|b| b.solid.contains(inside))?;
-            return Some(Hit { body, height: r.z, depth: piece.start * w.dot(camera.view.forward), normal });
+            return Some(Hit { body, height: r.z, depth, normal });
         }
         wall = piece.wall;
     }

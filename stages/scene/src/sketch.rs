@@ -6,9 +6,9 @@ use turbid_contract::LayerInfo;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Lamp, Preview, Scene};
 use turbid_contract::serde_json::{Value, json};
-use turbid_optics::view::View;
+use turbid_optics::view::{Lens, View};
 
-use crate::assemble::{is_void, object_at, solid};
+use crate::assemble::{camera_view, is_void, object_at, projector_view, solid};
 
 /// Height and width of each of the two panels, pixels.
 const PANEL: usize = 360;
@@ -17,6 +17,9 @@ const GAP: usize = 8;
 /// Where the bar that gives the scale starts.
 const BAR_LEFT: usize = 10;
 const BAR_ROW: usize = PANEL - 12;
+
+/// Pieces of each side of a field whose edge is not straight.
+const EDGE_STEPS: u32 = 16;
 
 const PAPER: [f32; 3] = [0.97, 0.97, 0.95];
 const GAP_COLOUR: [f32; 3] = [0.75, 0.75, 0.75];
@@ -36,17 +39,9 @@ const OBJECTS: [[f32; 3]; 6] = [
 
 /// Top view (x to the right, y up) beside side view (x to the right, z up, cut through the camera's look_at).
 pub fn sketch(scene: &Scene) -> Preview {
-    let views = [
-        scene.camera.as_ref().map(|c| (c.position, c.look_at, c.up, c.field, CAMERA)),
-        scene.projector.as_ref().map(|p| (p.position, p.look_at, p.up, p.field, PROJECTOR)),
-    ];
-    let views: Vec<(View, [f32; 3])> = views
-        .into_iter()
-        .flatten()
-        .filter_map(|(position, look_at, up, field, colour)| {
-            View::new(position.into(), look_at.into(), up.into(), field.into()).ok().map(|v| (v, colour))
-        })
-        .collect();
+    let camera = scene.camera.as_ref().and_then(|c| camera_view(c).ok()).map(|v| (v, CAMERA));
+    let projector = scene.projector.as_ref().and_then(|p| projector_view(p).ok()).map(|v| (v, PROJECTOR));
+    let views: Vec<(View, [f32; 3])> = camera.into_iter().chain(projector).collect();
     let cut = views.first().map_or(DVec3::ZERO, |(v, _)| v.look_at);
     let lamps = lamps(scene);
     let (low, high) = extent(scene, &views, &lamps);
@@ -132,7 +127,7 @@ fn extent(scene: &Scene, views: &[(View, [f32; 3])], lamps: &[(DVec3, DVec3)]) -
     let mut points: Vec<DVec3> = lamps.iter().flat_map(|&(from, to)| [from, to]).collect();
     for (view, _) in views {
         points.push(view.position);
-        points.extend(corners(view));
+        points.extend(edge(view).into_iter().flat_map(|(from, to)| [from, to]));
     }
     for object in scene.objects.values() {
         let (low, high) = solid(&object.shape).bounds();
@@ -148,8 +143,19 @@ fn extent(scene: &Scene, views: &[(View, [f32; 3])], lamps: &[(DVec3, DVec3)]) -
     (low - margin, high + margin)
 }
 
-fn corners(view: &View) -> [DVec3; 4] {
-    [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)].map(|(x, y)| view.plane_point(x, y))
+/// Along the edge of the field, with where the ray to each comes from.
+fn edge(view: &View) -> Vec<(DVec3, DVec3)> {
+    let corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0), (0.0, 0.0)];
+    let straight = view.distortion.is_none() && view.lens != Lens::Fisheye;
+    let steps = if straight { 1 } else { EDGE_STEPS };
+    let sides = corners.windows(2).flat_map(|ends| {
+        let ((x0, y0), (x1, y1)) = (ends[0], ends[1]);
+        (0..steps).map(move |i| {
+            let t = f64::from(i) / f64::from(steps);
+            (x0 + t * (x1 - x0), y0 + t * (y1 - y0))
+        })
+    });
+    sides.map(|(x, y)| (view.ray(x, y).0, view.seen(x, y))).collect()
 }
 
 /// A square window on the world with the same scale along both axes.
@@ -179,12 +185,14 @@ impl Panel {
             })
             .collect();
         for (view, ink) in views {
-            let field = corners(view).map(&flatten);
-            let pinhole = flatten(view.position);
-            for i in 0..4 {
-                self.line(&mut pixels, field[i], field[(i + 1) % 4], *ink, 1);
-                self.line(&mut pixels, pinhole, field[i], *ink, 3);
+            let edge: Vec<(DVec2, DVec2)> = edge(view).into_iter().map(|(a, b)| (flatten(a), flatten(b))).collect();
+            for (i, &(from, to)) in edge.iter().enumerate() {
+                self.line(&mut pixels, to, edge[(i + 1) % edge.len()].1, *ink, 1);
+                if i % (edge.len() / 4) == 0 {
+                    self.line(&mut pixels, from, to, *ink, 3);
+                }
             }
+            let pinhole = flatten(view.position);
             self.cross(&mut pixels, pinhole, *ink);
         }
         for &(from, to) in lamps {

@@ -142,6 +142,12 @@ fn mistakes_are_named() {
         p["objects"] = json!({"a": {"box": {"size": [4, 4, 4], "center": [0, 0, 0]}, "medium": "scc"}, "b": second});
         p
     };
+    let two_camera = |projection: &str, more: Value| {
+        let mut params = with("/camera/projection", json!(projection));
+        let camera = params["camera"].as_object_mut().unwrap();
+        camera.extend(more.as_object().unwrap().clone());
+        params
+    };
     let light = |lamp: Value| with("/lights", json!({"lamp": lamp}));
     let table: Vec<(Value, &str, &[&str])> = vec![
         (with("/media/healthy/A_rho", json!(-3)), "media.healthy.A_rho", &["A_rho = -3 m^-1", ">= 0"]),
@@ -234,6 +240,21 @@ fn mistakes_are_named() {
         (with("/camera/pixels", json!([0, 64])), "camera.pixels.0", &["pixels = 0", ">= 1"]),
         (with("/camera/pixels", json!([100_000, 100_000])), "camera.pixels", &["10000000000 pixels"]),
         (with("/camera/field", json!([64, 0])), "camera.field.1", &["0 mm", "> 0"]),
+        (with("/camera/aperture", json!(0)), "camera.aperture", &["aperture = 0 mm", "> 0"]),
+        (with("/camera/focus", json!(400)), "camera.focus", &["400 mm", "through a pinhole", "aperture"]),
+        (with("/camera/projection", json!("wide")), "camera.projection", &["wide", "fisheye"]),
+        (with("/camera/distortion", json!({"k4": 1})), "camera.distortion.k4", &["k4", "k3"]),
+        // The corner lies at 45 / 500: r (1 - 50 r^2) has its fold at 0.082, where the image's radius is 0.054.
+        (with("/camera/distortion", json!({"k1": -50})), "camera.distortion", &["folds", "smaller"]),
+        (with("/projector/distortion", json!({"k1": -30})), "projector.distortion", &["folds the projector's image"]),
+        (two_camera("fisheye", json!({"aperture": 2})), "camera.aperture", &["pinhole"]),
+        (two_camera("orthographic", json!({"distortion": {"k1": 0.1}})), "camera.distortion", &["pinhole"]),
+        (two_camera("fisheye", json!({"field": [3000, 2000]})), "camera.field", &["pi rad"]),
+        (
+            two_camera("orthographic", json!({"position": [0, 25, 41], "look_at": [0, 0, 20], "field": [64, 64]})),
+            "camera.position",
+            &["inside the solid"],
+        ),
         (with("/camera/position", json!([0, 0, -5])), "camera.position", &["inside the solid polyp", "carve"]),
         (with("/camera/position", json!([0, 0, 0])), "camera.look_at", &["own position"]),
         (with("/camera/position", json!([500, 0, 0])), "camera.position", &["plane z = 0 mm"]),

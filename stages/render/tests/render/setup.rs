@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use serde_json::{Value, json};
-use turbid_contract::payload::{Camera, Medium, Object, Payload, Profile, Projector, Scene, Shape, Surface};
+use turbid_contract::payload::{
+    Camera, Medium, Object, Payload, Profile, Projection, Projector, Scene, Shape, Surface,
+};
 use turbid_contract::{Artifact, Axes, Ctx, Error, Host, ImageStack, InputSource, MemoryHost, StageRow};
 use turbid_render::RenderStage;
 
@@ -31,6 +33,9 @@ pub fn rig(distance: f64, apart: f64, field: f64, pixels: u32, lit: f64) -> (Cam
         field: [field; 2],
         pixels: [pixels; 2],
         specular: None,
+        projection: Projection::Pinhole,
+        distortion: None,
+        aperture: None,
     };
     let projector = Projector {
         position: [0.0, apart, distance],
@@ -40,6 +45,7 @@ pub fn rig(distance: f64, apart: f64, field: f64, pixels: u32, lit: f64) -> (Cam
         power: vec![5.0],
         profile: Profile::Flat,
         pixels: None,
+        distortion: None,
     };
     (camera, projector)
 }

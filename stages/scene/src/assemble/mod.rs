@@ -20,6 +20,7 @@ use lamp::lamp;
 use medium::medium;
 use object::object;
 use view::{camera, projector};
+pub use view::{camera_view, projector_view};
 use whole::check_whole;
 
 /// The scene that the parameters describe; meaningless where `problems` got something.

@@ -1,13 +1,13 @@
 //! What can only be seen with all parts of a scene in place.
 
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 use turbid_contract::Problems;
 use turbid_contract::payload::{Lamp, Object, Scene, Surface};
 use turbid_optics::elementary::sin_cos_turns;
 use turbid_optics::solid::Solid;
 use turbid_optics::view::View;
 
-use crate::assemble::{is_void, object_at, solid};
+use crate::assemble::{camera_view, is_void, object_at, projector_view, solid};
 use crate::overlap::overlap;
 
 /// Overlaps, eyes inside solids, lights that light nothing.
@@ -35,7 +35,7 @@ pub fn check_whole(scene: &Scene, problems: &mut Problems) {
         }
     }
     if let Some(p) = &scene.projector
-        && !sees_something(scene, p.position, p.look_at, p.up, p.field)
+        && !projector_view(p).is_ok_and(|view| sees_something(scene, &view))
     {
         problems.push_with_hint(
             "projector.look_at",
@@ -44,7 +44,7 @@ pub fn check_whole(scene: &Scene, problems: &mut Problems) {
         );
     }
     if let Some(c) = &scene.camera {
-        if !sees_something(scene, c.position, c.look_at, c.up, c.field) {
+        if !camera_view(c).is_ok_and(|view| sees_something(scene, &view)) {
             problems.warn("camera.look_at", "the camera sees no object");
         }
         let refracting = scene
@@ -64,7 +64,15 @@ pub fn check_whole(scene: &Scene, problems: &mut Problems) {
 /// Where camera, projector and lights stand: what, the field that says so, the points.
 fn places(scene: &Scene) -> Vec<(String, String, Vec<[f64; 3]>)> {
     let mut places = Vec::new();
-    places.extend(scene.camera.iter().map(|c| ("camera".into(), "camera.position".into(), vec![c.position])));
+    if let Some(c) = &scene.camera
+        && let Ok(view) = camera_view(c)
+    {
+        // Where rays start: at the pinhole, on the rim of the lens, or at the corners of an orthographic image.
+        let corners = [(0.5, 0.5), (0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)].map(|(x, y)| view.ray(x, y).0);
+        let rim = (0..16).map(|i| view.ray_through(0.5, 0.5, 1.0, f64::from(i) / 16.0).0);
+        let origins = corners.into_iter().chain(rim).map(DVec3::into).collect();
+        places.push(("camera".into(), "camera.position".into(), origins));
+    }
     places.extend(scene.projector.iter().map(|p| ("projector".into(), "projector.position".into(), vec![p.position])));
     for (name, lamp) in &scene.lights {
         let path = |kind: &str| format!("lights.{name}.{kind}.position");
@@ -88,13 +96,10 @@ fn places(scene: &Scene) -> Vec<(String, String, Vec<[f64; 3]>)> {
 }
 
 /// Whether a ray of the view meets anything that is not void: on a grid of 65 x 65 and at every object's middle.
-fn sees_something(scene: &Scene, position: [f64; 3], look_at: [f64; 3], up: [f64; 3], field: [f64; 2]) -> bool {
-    let Ok(view) = View::new(position.into(), look_at.into(), up.into(), DVec2::from(field)) else {
-        return false;
-    };
+fn sees_something(scene: &Scene, view: &View) -> bool {
     let solids: Vec<Solid> = scene.objects.values().filter(|o| !is_void(scene, o)).map(|o| solid(&o.shape)).collect();
-    let meets = |direction: DVec3| {
-        solids.iter().any(|s| s.interval(view.position, direction).is_some_and(|(_, leave)| leave > 0.0))
+    let meets = |(origin, along): (DVec3, DVec3)| {
+        solids.iter().any(|s| s.interval(origin, along).is_some_and(|(_, leave)| leave > 0.0))
     };
     let steps = 64;
     let grid = (0..=steps).flat_map(|i| (0..=steps).map(move |j| (f64::from(i), f64::from(j))));
@@ -105,8 +110,7 @@ fn sees_something(scene: &Scene, position: [f64; 3], look_at: [f64; 3], up: [f64
         let middle = 0.5 * (low + high);
         middle.is_finite().then_some(middle)
     });
-    grid.map(|(i, j)| view.direction(i / n, j / n)).any(meets)
-        || middles
-            .filter(|&m| view.project(m).is_some_and(|p| view.in_field(p)))
-            .any(|m| meets((m - view.position).normalize()))
+    let in_field = |(x, y): &(f64, f64)| (0.0..=1.0).contains(x) && (0.0..=1.0).contains(y);
+    grid.map(|(i, j)| view.ray(i / n, j / n)).any(meets)
+        || middles.filter_map(|m| view.image_position(m)).filter(in_field).any(|(x, y)| meets(view.ray(x, y)))
 }

@@ -18,7 +18,7 @@ pub use medium::MediumParams;
 pub use object::ObjectParams;
 pub use shape::{BoxParams, SlabParams, SphereParams, SpheroidParams};
 pub use surface::SurfaceParams;
-pub use view::{CameraParams, ProjectorParams};
+pub use view::{CameraParams, DistortionParams, ProjectorParams};
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]

@@ -1,13 +1,13 @@
 //! Camera and projector as they stand in a pipeline file.
 
 use serde::{Deserialize, Serialize};
-use turbid_contract::payload::{Profile, Specular};
+use turbid_contract::payload::{Profile, Projection, Specular};
 use turbid_contract::schemars::JsonSchema;
 use turbid_contract::{Length, Power};
 
 use crate::per_channel::PerChannel;
 
-/// A pinhole camera; its field is measured in the plane z = look_at.z.
+/// A camera; its field is measured in the plane z = look_at.z.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(crate = "turbid_contract::schemars")]
@@ -23,6 +23,18 @@ pub struct CameraParams {
     /// Whether light that never entered a medium is seen; required where a smooth surface has n != 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub specular: Option<Specular>,
+    /// A fisheye sees field / distance of look_at as an angle, in rad.
+    #[serde(default)]
+    pub projection: Projection,
+    /// Of a pinhole.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub distortion: Option<DistortionParams>,
+    /// Diameter of the lens of a pinhole camera; without it everything is sharp.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub aperture: Option<Length>,
+    /// Where the plane of focus (parallel to the plane z = look_at.z) cuts the axis, from the lens; look_at if left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub focus: Option<Length>,
 }
 
 /// A pinhole projector; its field is measured in the plane z = look_at.z, outside it there is no light.
@@ -44,6 +56,20 @@ pub struct ProjectorParams {
     /// Columns and rows; bounds the spatial frequencies that it can show.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pixels: Option<[u32; 2]>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub distortion: Option<DistortionParams>,
+}
+
+/// Lens distortion after Brown and Conrady, in the unit "distance of look_at"; what is left out is 0.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+#[schemars(crate = "turbid_contract::schemars")]
+pub struct DistortionParams {
+    pub k1: f64,
+    pub k2: f64,
+    pub p1: f64,
+    pub p2: f64,
+    pub k3: f64,
 }
 
 fn y_up() -> [f64; 3] {

@@ -9,11 +9,13 @@ use crate::error::Error;
 use crate::payload::Payload;
 
 mod lamp;
+mod lens;
 mod shape;
 mod surface;
 mod view;
 
 pub use lamp::Lamp;
+pub use lens::{Aperture, Distortion, Projection};
 pub use shape::Shape;
 pub use surface::Surface;
 pub use view::{Camera, Profile, Projector, Specular};
