@@ -251,7 +251,7 @@ fn mistakes_are_named() {
         (two_camera("orthographic", json!({"distortion": {"k1": 0.1}})), "camera.distortion", &["pinhole"]),
         (two_camera("fisheye", json!({"field": [3000, 2000]})), "camera.field", &["pi rad"]),
         (
-            two_camera("orthographic", json!({"position": [0, 25, 41], "look_at": [0, 0, 20], "field": [64, 64]})),
+            two_camera("orthographic", json!({"position": [0, 25, 30], "look_at": [0, 0, 20], "field": [10, 64]})),
             "camera.position",
             &["inside the solid"],
         ),
