@@ -1,4 +1,4 @@
-//! Demodulation of 2048 x 2048 frames on one thread, beside a loop that only copies them: best of 7.
+//! Demodulation of 2048 x 2048 frames on one thread, the sweep and the whole stage, beside a loop that only copies: best of 5 x 8.
 
 use std::hint::black_box;
 use std::marker::PhantomData;
@@ -7,6 +7,9 @@ use std::time::Instant;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::Frames;
 use turbid_contract::{Ctx, ImageStack, LayerInfo, MemoryHost, Stage};
+use turbid_demodulate::fused::{Planes, amplitudes};
+use turbid_demodulate::level::named;
+use turbid_demodulate::phase_shift::Weights;
 use turbid_demodulate::{Demodulate, In, Params};
 
 const SIDE: usize = 2048;
@@ -26,39 +29,72 @@ fn frames(steps: usize, se: bool) -> Frames {
     Frames(stack)
 }
 
-/// CPU seconds of this thread where the system tells (a busy machine shows less), else wall seconds.
-fn seconds(work: impl FnOnce()) -> f64 {
+/// CPU seconds of this thread where the system tells (a busy machine shows less), else wall seconds; of one of 8 rounds,
+/// since some systems count in ticks of 4 ms.
+fn seconds(mut work: impl FnMut()) -> f64 {
+    with_own(|| (), |()| work())
+}
+
+/// The same where each round uses up something that is made beforehand.
+fn with_own<T>(make: impl Fn() -> T, mut work: impl FnMut(T)) -> f64 {
+    const ROUNDS: usize = 8;
     let on_cpu = || std::fs::read_to_string("/proc/thread-self/schedstat").ok()?.split(' ').next()?.parse::<f64>().ok();
-    let (start, before) = (Instant::now(), on_cpu());
-    work();
-    match (before, on_cpu()) {
-        (Some(before), Some(after)) => (after - before) * 1e-9,
-        _ => start.elapsed().as_secs_f64(),
-    }
+    let best = (0..5).map(|_| {
+        let own: Vec<T> = (0..ROUNDS).map(|_| make()).collect();
+        let (start, before) = (Instant::now(), on_cpu());
+        own.into_iter().for_each(&mut work);
+        match (before, on_cpu()) {
+            (Some(before), Some(after)) => (after - before) * 1e-9,
+            _ => start.elapsed().as_secs_f64(),
+        }
+    });
+    best.fold(f64::INFINITY, f64::min) / ROUNDS as f64
 }
 
 fn main() {
     let pixels = (SIDE * SIDE) as f64;
+    let line = |what: &str, steps: usize, seconds: f64| {
+        let (one, all) = (pixels / seconds * 1e-6, steps as f64 * pixels / seconds * 1e-6);
+        println!("N = {steps}, {what:28} {one:6.0} {all:6.0} ({:.1} ms)", 1e3 * seconds);
+    };
     println!("2048 x 2048 px, one thread; Mpx/s of one frame's pixels, and of all frames read");
-    for steps in [3, 4, 8] {
+    for steps in [3, 8] {
+        let input = frames(steps, false);
+        let planes: Vec<&[f32]> = input.0.layers.iter().map(|l| l.data.as_slice().expect("row-major")).collect();
+        let phases: Vec<f64> = input.0.layers.iter().map(|l| l.info.phase_rad.expect("given")).collect();
+        let weights = Weights::least_squares(&phases).expect("equal steps");
+        let mut out: [Vec<f32>; 3] = [const { Vec::new() }; 3].map(|_: Vec<f32>| vec![1.0; SIDE * SIDE]);
+        // As many bytes as the sweep for AC + DC reads and writes.
+        let copying = seconds(|| {
+            for k in 0..2 {
+                out[k].copy_from_slice(black_box(planes[k]));
+            }
+            black_box(planes[2].iter().fold(0_u32, |sum, v| sum ^ v.to_bits()));
+        });
+        line("copy loop", steps, copying);
+        for level in ["baseline", "v3", "v4"] {
+            for wanted in ["AC, DC", "AC, DC, phase"] {
+                let sweep = seconds(|| {
+                    let [m_dc, m_ac, phase] = &mut out;
+                    let phase = if wanted == "AC, DC" { &mut [][..] } else { phase };
+                    amplitudes(named(level), black_box(&planes), &weights, Planes { m_dc, m_ac, phase });
+                });
+                line(&format!("sweep {level}: {wanted}"), steps, sweep);
+            }
+        }
         for (what, se, wanted) in
             [("AC, DC", false, ""), ("AC, DC, phase", false, "phase"), ("AC, DC, errors", true, "")]
         {
             let host = MemoryHost { wanted: vec![wanted.into()], ..MemoryHost::default() };
             let input = frames(steps, se);
-            let best = |work: &dyn Fn() -> f64| (0..7).map(|_| work()).fold(f64::INFINITY, f64::min);
-            let whole = best(&|| {
-                let inputs = In { frames: input.clone(), covariance: None, source: PhantomData };
-                seconds(|| drop(black_box(Demodulate::run(&Params::default(), inputs, Ctx::new(&host)))))
-            });
-            let copying = best(&|| seconds(|| drop(black_box(input.clone()))));
-            println!(
-                "N = {steps}, {what:15} {:6.0} {:6.0} ({:.1} ms; copying the frames {:.1} ms)",
-                pixels / whole * 1e-6,
-                steps as f64 * pixels / whole * 1e-6,
-                1e3 * whole,
-                1e3 * copying
+            let whole = with_own(
+                || input.clone(),
+                |frames| {
+                    let inputs = In { frames, covariance: None, source: PhantomData };
+                    drop(black_box(Demodulate::run(&Params::default(), inputs, Ctx::new(&host))));
+                },
             );
+            line(&format!("stage: {what}"), steps, whole);
         }
     }
 }

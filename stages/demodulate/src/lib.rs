@@ -10,6 +10,8 @@
 //! f_x > 0 needs three phases or more that differ; the steps may be unequal. A frame at f_x = 0 is M_DC itself.
 //! Theory and measured figures: `docs/theory/demodulate.md`.
 
+pub mod fused;
+pub mod level;
 pub mod noise;
 mod pass;
 pub mod phase_shift;

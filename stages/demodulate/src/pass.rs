@@ -3,11 +3,14 @@
 use std::borrow::Cow;
 use std::ops::Range;
 
+use fearless_simd::{Level, Simd, dispatch};
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::MaskReason;
 use turbid_contract::planes::mean_se;
 use turbid_contract::{Ctx, Error, ImageStack, LayerInfo, LayerKind};
 
+use crate::fused::{Planes, amplitudes, phases};
+use crate::level::named;
 use crate::noise::{Block, Gradient, OF_M_DC, along_and_across};
 use crate::set::{Channel, Noise};
 use crate::signal::{Noisy, weak_in_row};
@@ -31,7 +34,7 @@ impl Group {
 }
 
 /// Pixels that are worked on at a time: their f64 intermediates stay in the first-level cache.
-const CHUNK: usize = 256;
+const CHUNK: usize = 512;
 
 /// One fused pass over the frames of a channel. Planes in order: m_dc, m_ac of each fringe; where noise is known
 /// their standard errors in the same order and the covariance of each pair; phase (and its standard error) of
@@ -43,9 +46,14 @@ pub struct Pass<'a> {
     blocks: Option<Vec<Block<'a>>>,
     /// Pairs of the quantities m_dc (2 k) and m_ac (2 k + 1) of fringe k whose covariance is stored.
     pairs: Vec<[usize; 2]>,
+    /// Reasons that the frames bring along.
+    carried: Option<Cow<'a, [f32]>>,
     low_signal: f64,
+    /// A frame that reaches it is saturated.
+    saturation: f32,
     corrects: bool,
     wants_phase: bool,
+    level: Level,
 }
 
 impl<'a> Pass<'a> {
@@ -55,6 +63,7 @@ impl<'a> Pass<'a> {
         stack: &'a ImageStack,
         params: &Params,
         wants_phase: bool,
+        simd: &str,
     ) -> Self {
         let count = channel.fringes.len();
         let blocks = noise.map(|n| upper(count).map(|(a, b)| n.block(channel, a, b)).collect());
@@ -68,9 +77,12 @@ impl<'a> Pass<'a> {
             frames: frames.collect(),
             pairs: if noise.is_some() { pairs.collect() } else { Vec::new() },
             blocks,
+            carried: stack.mask(channel.wavelength_nm).map(|mask| mask.pixels()),
             low_signal: params.low_signal,
+            saturation: params.saturation.map_or(f32::INFINITY, |level| level as f32),
             corrects: params.noise_bias == NoiseBias::Correct,
             wants_phase,
+            level: named(simd),
         }
     }
 
@@ -93,35 +105,66 @@ impl<'a> Pass<'a> {
         let mut start = pixels.start;
         while start < pixels.end {
             let chunk = start..(start + CHUNK).min(pixels.end);
-            linear.resize_with(self.frames.len(), || [const { Vec::new() }; 3]);
-            for (k, (out, frames)) in linear.iter_mut().zip(&self.frames).enumerate() {
-                let parts: Vec<&[f32]> = frames.iter().map(|f| &f[chunk.clone()]).collect();
-                out.iter_mut().for_each(|v| v.resize(chunk.len(), 0.0));
-                self.channel.fringes[k].weights.apply(&parts, out);
-            }
             let mut parts: Vec<&mut [f32]> =
                 planes.iter_mut().map(|p| &mut p[chunk.start - pixels.start..chunk.end - pixels.start]).collect();
-            self.values(&linear, &mut parts);
             if let Some(blocks) = &self.blocks {
+                self.linear(chunk.clone(), &mut linear);
+                self.values(&linear, &mut parts);
                 self.errors(blocks, chunk.start, &linear, &mut parts, &mut tally);
+            } else {
+                self.amplitudes(chunk.clone(), &mut parts);
             }
-            self.phases(&linear, &mut parts);
-            self.mask(&linear, &mut parts, &mut tally);
+            self.mask(chunk.clone(), &mut parts, &mut tally);
             start = chunk.end;
         }
         tally
     }
 
-    fn values(&self, linear: &[[Vec<f64>; 3]], planes: &mut [&mut [f32]]) {
-        for (k, [dc, re, im]) in linear.iter().enumerate() {
-            let [m_dc, m_ac] = &mut planes[2 * k..2 * k + 2] else { unreachable!("two planes for each fringe") };
-            m_dc.iter_mut().zip(dc).for_each(|(out, dc)| *out = *dc as f32);
-            if self.channel.fringes[k].f_x_per_mm == 0.0 {
+    /// Without noise to propagate nothing but the amplitudes and phases has to be kept.
+    fn amplitudes(&self, chunk: Range<usize>, planes: &mut [&mut [f32]]) {
+        let (values, phases) = planes.split_at_mut(self.quantity_count());
+        let mut phases = phases.iter_mut();
+        for ((fringe, frames), out) in self.channel.fringes.iter().zip(&self.frames).zip(values.chunks_mut(2)) {
+            let parts: Vec<&[f32]> = frames.iter().map(|f| &f[chunk.clone()]).collect();
+            let [m_dc, m_ac] = out else { unreachable!("two planes for each fringe") };
+            if fringe.f_x_per_mm == 0.0 {
+                fringe.weights.mean_of(&parts, m_dc);
                 m_ac.copy_from_slice(m_dc);
             } else {
-                m_ac.iter_mut().zip(re.iter().zip(im)).for_each(|(out, (re, im))| {
-                    *out = (re * re + im * im).sqrt() as f32;
-                });
+                let phase: &mut [f32] = match self.wants_phase {
+                    true => phases.next().expect("a plane for the phase of each fringe"),
+                    false => &mut [],
+                };
+                amplitudes(self.level, &parts, &fringe.weights, Planes { m_dc, m_ac, phase });
+            }
+        }
+    }
+
+    fn linear(&self, chunk: Range<usize>, linear: &mut Vec<[Vec<f64>; 3]>) {
+        linear.resize_with(self.frames.len(), || [const { Vec::new() }; 3]);
+        for (k, (out, frames)) in linear.iter_mut().zip(&self.frames).enumerate() {
+            let parts: Vec<&[f32]> = frames.iter().map(|f| &f[chunk.clone()]).collect();
+            out.iter_mut().for_each(|v| v.resize(chunk.len(), 0.0));
+            self.channel.fringes[k].weights.apply(&parts, out);
+        }
+    }
+
+    fn values(&self, linear: &[[Vec<f64>; 3]], planes: &mut [&mut [f32]]) {
+        let first = 2 * self.quantity_count() + self.pairs.len();
+        let (values, others) = planes.split_at_mut(first);
+        let mut planes = others.iter_mut();
+        for ((out, [dc, re, im]), fringe) in values.chunks_mut(2).zip(linear).zip(&self.channel.fringes) {
+            let [m_dc, m_ac] = out else { unreachable!("two planes for each fringe") };
+            m_dc.iter_mut().zip(dc).for_each(|(out, dc)| *out = *dc as f32);
+            if fringe.f_x_per_mm == 0.0 {
+                m_ac.copy_from_slice(m_dc);
+                continue;
+            }
+            m_ac.iter_mut().zip(re.iter().zip(im)).for_each(|(out, (re, im))| {
+                *out = (re * re + im * im).sqrt() as f32;
+            });
+            if self.wants_phase {
+                phases(self.level, re, im, planes.next().expect("a plane for the phase of each fringe"));
             }
         }
     }
@@ -171,35 +214,32 @@ impl<'a> Pass<'a> {
         }
     }
 
-    fn phases(&self, linear: &[[Vec<f64>; 3]], planes: &mut [&mut [f32]]) {
-        if !self.wants_phase {
-            return;
-        }
-        let errors = if self.blocks.is_some() { self.quantity_count() } else { 0 };
-        let first = self.quantity_count() + errors + self.pairs.len();
-        let fringes = linear.iter().zip(&self.channel.fringes).filter(|(_, f)| f.f_x_per_mm > 0.0);
-        for (plane, ([_, re, im], _)) in planes[first..].iter_mut().zip(fringes) {
-            plane.iter_mut().zip(re.iter().zip(im)).for_each(|(out, (re, im))| *out = libm::atan2(*im, *re) as f32);
-        }
-    }
-
     /// Finds the pixels that carry no measurement, and sets all their planes to 0.
-    fn mask(&self, linear: &[[Vec<f64>; 3]], planes: &mut [&mut [f32]], tally: &mut Tally) {
-        let quantities = self.quantity_count();
+    fn mask(&self, chunk: Range<usize>, planes: &mut [&mut [f32]], tally: &mut Tally) {
         let (mask, planes) = planes.split_last_mut().expect("the mask is the last plane");
         let n = mask.len();
         tally.pixels += n as u64;
-        let flags = self.flags(linear, planes);
-        let flags = &flags[..n];
-        for (mask, &flags) in mask.iter_mut().zip(flags) {
+        let mut flags = [0_u32; CHUNK];
+        let flags = &mut flags[..n];
+        self.flags(planes, flags);
+        self.frame_flags(chunk.clone(), flags);
+        for (mask, &flags) in mask.iter_mut().zip(flags.iter()) {
             *mask = reason(flags).code();
         }
-        for (i, _) in flags.iter().enumerate().filter(|&(_, &flags)| reason(flags) != MaskReason::Good) {
-            planes.iter_mut().for_each(|p| p[i] = 0.0);
+        if let Some(carried) = &self.carried {
+            let carried = carried[chunk].iter();
+            mask.iter_mut().zip(carried).filter(|(_, c)| **c != 0.0).for_each(|(mask, &carried)| *mask = carried);
         }
-        tally.good += flags.iter().filter(|&&flags| reason(flags) == MaskReason::Good).count() as u64;
+        let good = mask.iter().filter(|&&m| m == 0.0).count();
+        tally.good += good as u64;
+        if good < n {
+            for (i, _) in mask.iter().enumerate().filter(|(_, m)| **m != 0.0) {
+                planes.iter_mut().for_each(|p| p[i] = 0.0);
+            }
+        }
         if self.blocks.is_some() {
             // Masked pixels hold 0 by now.
+            let quantities = self.quantity_count();
             for q in 0..quantities {
                 let se = planes[quantities + q].iter().map(|&se| f64::from(se));
                 tally.variances[q] += se.map(|se| se * se).sum::<f64>();
@@ -248,32 +288,45 @@ impl<'a> Pass<'a> {
         Ok(dropped)
     }
 
-    /// What speaks for and against each pixel of a chunk, fringe by fringe.
-    fn flags(&self, linear: &[[Vec<f64>; 3]], planes: &[&mut [f32]]) -> [u8; CHUNK] {
-        let mut flags = [0; CHUNK];
-        let zeros = [0.0_f32; CHUNK];
-        for (k, [dc, re, im]) in linear.iter().enumerate() {
-            let n = dc.len();
-            let se =
-                |q: usize| if self.blocks.is_some() { &planes[self.quantity_count() + q][..n] } else { &zeros[..n] };
-            let (m_ac, dc_se) = (&planes[2 * k + 1][..n], se(2 * k));
-            let (re, im) = (&re[..n], &im[..n]);
-            for i in 0..n {
-                let (m_ac, dc_se) = (f64::from(m_ac[i]), f64::from(dc_se[i]));
-                let finite = (dc[i] + re[i] + im[i] + m_ac).is_finite();
-                let lit = (dc[i] != 0.0) | (dc_se != 0.0);
-                // Frames are f32: an amplitude of their rounding is no signal, whatever their standard errors.
-                let weak = (dc[i] <= 0.0) | (m_ac <= 0.0) | (m_ac <= f64::from(f32::EPSILON) * dc[i]);
-                flags[i] |= (u8::from(!finite) * NOT_FINITE) | (u8::from(lit) * LIT) | (u8::from(weak) * WEAK);
+    /// What the planes say for and against each pixel of a chunk, fringe by fringe.
+    fn flags(&self, planes: &[&mut [f32]], flags: &mut [u32]) {
+        let n = flags.len();
+        let count = self.quantity_count();
+        for k in 0..self.channel.fringes.len() {
+            let (m_dc, m_ac) = (&planes[2 * k][..n], &planes[2 * k + 1][..n]);
+            dispatch!(self.level, simd => simd.vectorize(#[inline(always)] || {
+                for i in 0..n {
+                    // Frames are f32: an amplitude of their rounding is no signal, whatever their standard errors.
+                    let weak = (m_dc[i] <= 0.0) | (m_ac[i] <= 0.0) | (m_ac[i] <= f32::EPSILON * m_dc[i]);
+                    // An infinite frame leaves infinities or differences of them.
+                    let finite = (m_dc[i] + m_ac[i]).is_finite();
+                    let lit = m_dc[i] != 0.0;
+                    flags[i] |=
+                        (u32::from(!finite) * NOT_FINITE) | (u32::from(lit) * LIT) | (u32::from(weak) * WEAK);
+                }
+            }));
+            if self.blocks.is_some() {
+                let dc_se = &planes[count + 2 * k][..n];
+                flags.iter_mut().zip(dc_se).for_each(|(flags, &se)| *flags |= u32::from(se != 0.0) * LIT);
             }
         }
         // Their noise must be finite too: errors and covariances.
-        for plane in planes.iter().skip(self.quantity_count()) {
+        for plane in planes.iter().skip(count) {
             for (flags, value) in flags.iter_mut().zip(plane.iter()) {
-                *flags |= u8::from(!value.is_finite()) * NOT_FINITE;
+                *flags |= u32::from(!value.is_finite()) * NOT_FINITE;
             }
         }
-        flags
+    }
+
+    fn frame_flags(&self, chunk: Range<usize>, flags: &mut [u32]) {
+        if self.saturation == f32::INFINITY {
+            return;
+        }
+        for frame in self.frames.iter().flatten() {
+            for (flags, &value) in flags.iter_mut().zip(&frame[chunk.clone()]) {
+                *flags |= u32::from(value >= self.saturation) * SATURATED;
+            }
+        }
     }
 
     /// Gives the planes their descriptions and sorts them into the two stacks.
@@ -328,14 +381,17 @@ impl<'a> Pass<'a> {
     }
 }
 
-const NOT_FINITE: u8 = 1;
+const NOT_FINITE: u32 = 1;
 /// Some fringe has a mean or a variance.
-const LIT: u8 = 2;
-const WEAK: u8 = 4;
+const LIT: u32 = 2;
+const WEAK: u32 = 4;
+const SATURATED: u32 = 8;
 
-fn reason(flags: u8) -> MaskReason {
+fn reason(flags: u32) -> MaskReason {
     if flags & NOT_FINITE != 0 {
         MaskReason::NotFinite
+    } else if flags & SATURATED != 0 {
+        MaskReason::Saturated
     } else if flags & LIT == 0 {
         MaskReason::Background
     } else if flags & WEAK != 0 {

@@ -37,6 +37,15 @@ impl Weights {
         Self { weights: [vec![1.0 / n as f64; n], vec![0.0; n], vec![0.0; n]] }
     }
 
+    /// The dc of each pixel alone; same bits as [`Self::apply`].
+    pub fn mean_of(&self, frames: &[&[f32]], out: &mut [f32]) {
+        for (i, out) in out.iter_mut().enumerate() {
+            let base = f64::from(frames[0][i]);
+            let steps = frames.iter().zip(&self.weights[0]).skip(1);
+            *out = steps.fold(base, |sum, (frame, weight)| sum + weight * (f64::from(frame[i]) - base)) as f32;
+        }
+    }
+
     /// (dc, re, im) of each pixel; `frames` are N planes of one length, `out` three of that length.
     ///
     /// Works on differences to the first frame, which are exact in f64 for f32 frames: constants give re = im = 0

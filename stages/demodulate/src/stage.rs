@@ -38,11 +38,14 @@ pub struct Params {
     /// errors; 0 masks only what is not above 0 itself.
     pub low_signal: f64,
     pub noise_bias: NoiseBias,
+    /// A pixel is masked where a frame reaches this level (unit of the frames); frames may bring a mask of their own.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub saturation: Option<f64>,
 }
 
 impl Default for Params {
     fn default() -> Self {
-        Self { method: Method::PhaseShift, low_signal: 3.0, noise_bias: NoiseBias::Correct }
+        Self { method: Method::PhaseShift, low_signal: 3.0, noise_bias: NoiseBias::Correct, saturation: None }
     }
 }
 
@@ -69,7 +72,7 @@ pub struct Demodulate;
 
 impl Stage for Demodulate {
     const NAME: &'static str = "demodulate";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const ABOUT: &'static str =
         "M_DC, M_AC and phase of each pixel from frames of shifted sinusoids, with standard errors";
 
@@ -80,6 +83,9 @@ impl Stage for Demodulate {
     fn check(params: &Params, _known: &Known, problems: &mut Problems) {
         let holds = params.low_signal >= 0.0 && params.low_signal.is_finite();
         problems.require(holds, "low_signal", params.low_signal, "", "be >= 0 (standard errors)");
+        if let Some(level) = params.saturation {
+            problems.require(level > 0.0 && level.is_finite(), "saturation", level, "", "be > 0 (unit of the frames)");
+        }
     }
 
     fn plan(_params: &Params, known: &Known) -> StagePlan {
@@ -100,7 +106,7 @@ impl Stage for Demodulate {
         let mut phases = Group::default();
         for channel in channels(&inputs.frames)? {
             let noise = Noise::of_channel(&channel, &inputs.frames, inputs.covariance.as_ref())?;
-            let pass = Pass::new(&channel, noise.as_ref(), frames, params, wants_phase);
+            let pass = Pass::new(&channel, noise.as_ref(), frames, params, wants_phase, ctx.simd());
             let mut planes = vec![Array2::zeros((frames.rows(), frames.columns())); pass.plane_count()];
             let tiles = ctx.fill_planes(&mut planes, |pixels, planes| pass.run(pixels, planes))?;
             let mut tally = Tally::new(&channel);

@@ -270,6 +270,51 @@ fn masked_pixels_hold_zero_and_the_reason() {
     );
 }
 
+/// A saturated frame and a mask that the frames bring along mask the pixel, each with its reason; its values are 0.
+#[test]
+fn saturated_and_masked_frames_are_masked() {
+    let truth = Truth { dc: 0.5, fringes: vec![(0.1, 0.2, 0.0)] };
+    let mut input = frames(1, 40, &truth, 3, Some(0.001), &mut || 0.0);
+    for layer in &mut input.0.layers {
+        if layer.info.kind == LayerKind::Value
+            && layer.info.phase_rad == Some(0.0)
+            && layer.info.f_x_per_mm == Some(0.1)
+        {
+            layer.data[(0, 7)] = 0.95;
+        }
+    }
+    let mut mask = Array2::zeros((1, 40));
+    mask[(0, 20)] = MaskReason::Background.code();
+    input.0.push(LayerInfo::new("mask", LayerKind::Mask, "1"), mask);
+    for with_errors in [true, false] {
+        let mut frames = input.clone();
+        if !with_errors {
+            frames.0.layers.retain(|l| l.info.kind != LayerKind::StandardError);
+        }
+        let params = Params { saturation: Some(0.9), ..Params::default() };
+        let (out, _) = with(&params, frames, None, &["phase"]).unwrap();
+        let stack = &out.modulation.0;
+        let mask = &stack.find("mask", None).unwrap().data;
+        for (c, want) in [(6, MaskReason::Good), (7, MaskReason::Saturated), (20, MaskReason::Background)] {
+            assert_eq!(mask[(0, c)], want.code(), "column {c}, errors {with_errors}");
+            let m_ac = stack.find("m_ac", Some(0.1)).unwrap().data[(0, c)];
+            assert_eq!(m_ac == 0.0, want != MaskReason::Good, "column {c}");
+        }
+    }
+}
+
+/// The bytes do not depend on whether the phase is wanted.
+#[test]
+fn wanting_the_phase_changes_nothing_else() {
+    for steps in [3, 7] {
+        let truth = Truth { dc: 0.5, fringes: vec![(0.1, 0.02, 2.0), (0.3, 0.2, 0.0)] };
+        let mut next = noise(11);
+        let input = frames(5, 77, &truth, steps, None, &mut || 0.01 * next());
+        let plain = demodulate(input.clone(), None, &[]).unwrap().0.modulation;
+        assert_eq!(plain, demodulate(input, None, &["phase"]).unwrap().0.modulation);
+    }
+}
+
 /// A fringe that is only the rounding of f32 frames is no signal, even without standard errors.
 #[test]
 fn rounding_is_no_fringe() {
