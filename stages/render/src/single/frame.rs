@@ -97,7 +97,7 @@ impl Frame {
         let origin = seen(s);
         // What the camera sees of the plane through the origin must lie within the range.
         let corners = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)].map(|(x, y)| {
-            let (from, along) = (s.camera.view.position, s.camera.view.direction(x, y));
+            let (from, along) = s.camera.view.ray(x, y);
             from + (origin.z - from.z) / along.z * along
         });
         if !corners.iter().all(|corner| (corner - origin).length() <= range) {
@@ -136,7 +136,7 @@ impl Frame {
         });
         let straight = |m: &Material| m.is_opaque() || (m.n == 1.0 && m.finish == Finish::Smooth);
         let straight = s.world.materials.iter().all(straight);
-        let looks = straight && walker.body_of().is_some() && s.light.shines();
+        let looks = straight && walker.body_of().is_some() && s.light.shines() && view.distortion.is_none();
         Some(Self {
             origin,
             range_squared: (range * range) as f32,
@@ -147,7 +147,7 @@ impl Frame {
             dark: straight && s.steady.ambient == 0.0,
             looks,
             lamps: !s.steady.lamps.is_empty(),
-            starts: looks && !s.steady.shines(),
+            starts: looks && !s.steady.shines() && !s.camera.has_aperture(),
             stride: walker.stride(),
             windows: (0..s.world.materials.len()).any(|m| walker.window(m) > 0.0),
             light,
@@ -169,7 +169,7 @@ impl Frame {
 fn seen(s: &Setting<'_>) -> DVec3 {
     let view = &s.camera.view;
     let mut spans = Vec::new();
-    let along = view.direction(0.5, 0.5);
-    let mut pieces = s.world.trace(view.position, along, None, &mut spans);
-    pieces.find(|piece| piece.material != 0).map_or(view.look_at, |piece| view.position + piece.start * along)
+    let (from, along) = view.ray(0.5, 0.5);
+    let mut pieces = s.world.trace(from, along, None, &mut spans);
+    pieces.find(|piece| piece.material != 0).map_or(view.look_at, |piece| from + piece.start * along)
 }

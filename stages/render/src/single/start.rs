@@ -71,7 +71,7 @@ impl Starts {
         life: f32,
     ) -> bool {
         let s = walker.setting();
-        let (from, along) = (s.camera.view.position, s.camera.ray(ids.pixel as usize, jitter.0, jitter.1));
+        let (from, along) = s.camera.ray(ids.pixel as usize, jitter.0, jitter.1);
         let mut met = None;
         for (j, body) in s.world.bodies.iter().enumerate() {
             let (enter, leave) = body.solid.span(from, along);
