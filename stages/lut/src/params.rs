@@ -17,6 +17,8 @@ pub enum Model {
     Rte,
     /// Diffusion approximation with exact Fresnel moments; half-space only, 1 to 40 % off.
     Diffusion,
+    /// One white Monte Carlo run, rescaled to every node; half-space only, with standard errors.
+    MonteCarlo,
 }
 
 /// Params of `build_lut`; `g` and `n` have no default.
@@ -39,7 +41,13 @@ pub struct Params {
     pub thickness: Option<Length>,
     #[serde(default)]
     pub convention: Convention,
+    /// Paths of `model: monte_carlo`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub samples: Option<u64>,
 }
+
+/// Paths of a Monte Carlo table where `samples` is left out.
+pub const SAMPLES: u64 = 4_000_000;
 
 fn default_mu_a() -> Nodes {
     Nodes::logspace(1e-4, 0.5, 28)
@@ -68,9 +76,19 @@ impl Params {
         }
         if let Some(Length(d)) = self.thickness {
             problems.require(positive(d), "thickness", d, "mm", "be a finite number > 0");
-            if self.model == Model::Diffusion {
-                let message = "the diffusion model knows the half-space only";
+            if self.model != Model::Rte {
+                let message = "only the transport model knows slabs; the others know the half-space";
                 problems.push_with_hint("thickness", message, "leave `thickness` out or take `model: rte`");
+            }
+        }
+        if let Some(samples) = self.samples {
+            if self.model == Model::MonteCarlo {
+                let rule = "lie in [1000, 1e12]: standard errors come from the spread of 128 parts";
+                let holds = (1000..=1_000_000_000_000).contains(&samples);
+                problems.require(holds, "samples", samples as f64, "", rule);
+            } else {
+                let message = "only `model: monte_carlo` has samples";
+                problems.push_with_hint("samples", message, "leave `samples` out");
             }
         }
         if self.f_x.0.len() == 1 {

@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 use turbid_contract::payload::{Lut, Validity};
 use turbid_contract::{Artifact, Axes, Ctx, Error, InputSource, Known, MemoryHost, Payload, Problems, Stage, StageRow};
-use turbid_lut::BuildLut;
+use turbid_lut::{BuildLut, Convention, Nodes, Recipe, monte_carlo};
 use turbid_optics::{Medium, diffusion, rte};
 
 struct NoInputs;
@@ -112,6 +112,7 @@ fn every_mistake_has_its_field() {
         ("n", json!(0.9), "n: n = 0.9 must be a finite number >= 1"),
         ("thickness", json!(0), "thickness: thickness = 0 mm must be a finite number > 0"),
         ("convention", json!("lambert"), "convention: unknown variant `lambert`"),
+        ("samples", json!(1000), "samples: only `model: monte_carlo` has samples"),
         ("colour", json!(1), "unknown field `colour`"),
     ] {
         let found = problems(&with(key, value.clone()));
@@ -119,7 +120,7 @@ fn every_mistake_has_its_field() {
     }
     assert!(problems(&json!({"model": "rte", "f_x": [0], "n": 1.4}))[0].contains("missing field `g`"));
     let slab = json!({"model": "diffusion", "f_x": [0], "g": 0.8, "n": 1.4, "thickness": 2});
-    assert!(problems(&slab)[0].contains("knows the half-space only"));
+    assert!(problems(&slab)[0].contains("only the transport model knows slabs"));
 }
 
 /// Guards VERSION: the bits of a small table, the same on every machine. If this changes on purpose, raise VERSION.
@@ -132,4 +133,59 @@ fn bytes_of_version_1() {
     let bits =
         table.f64s("r_d").unwrap().iter().fold(0u64, |hash, r| (hash ^ r.to_bits()).wrapping_mul(0x0100_0000_01b3));
     assert_eq!((BuildLut::VERSION, format!("{bits:016x}").as_str()), (1, "7bcccf6f0209e333"));
+}
+
+/// What the Monte Carlo table reads between its own nodes: the transport solver's T at those nodes, interpolated to the table's,
+/// against the solver there. Every fifth node of the default axes.
+#[test]
+fn interpolation_of_the_white_run_is_below_its_noise() {
+    let every_fifth = |nodes: Vec<f64>| nodes.into_iter().step_by(5).collect::<Vec<f64>>();
+    let recipe = Recipe {
+        transport: true,
+        f_x: vec![0.0, 0.1],
+        mu_a: every_fifth(Nodes::logspace(1e-4, 0.5, 26).0),
+        mu_s_prime: every_fifth(Nodes::logspace(0.1, 5.0, 16).0),
+        g: 0.5,
+        n: 1.0,
+        thickness: None,
+        convention: Convention::Camera,
+    };
+    let white = monte_carlo::white(&recipe);
+    let at = |kappa: f64, alpha: f64| {
+        rte::reflectance(&Medium { mu_a: alpha, mu_s_prime: 1.0, g: 0.5, n: 1.0 }, None, kappa).unwrap().camera
+    };
+    let t: Vec<f64> = white.kappa.iter().flat_map(|&k| white.alpha.iter().map(move |&a| at(k, a))).collect();
+    let found = monte_carlo::estimate(&recipe, &white, &[t.clone(), t]).unwrap();
+    let mut worst = 0.0f64;
+    for row in 0..recipe.rows() {
+        for (i, truth) in recipe.row(row).unwrap().into_iter().enumerate() {
+            worst = worst.max((found.r_d[row * recipe.mu_s_prime.len() + i] / truth - 1.0).abs());
+        }
+    }
+    assert!(worst < 1e-4, "interpolation adds {worst:.1e}");
+    println!("interpolation adds {worst:.1e}");
+}
+
+/// Against the transport solver, for both conventions and with internal reflection: nodes share their paths, so only each one's z is
+/// judged, and that the paths say anything.
+#[test]
+fn the_monte_carlo_table_is_the_solvers_within_its_errors() {
+    for (convention, n) in [("camera", 1.0), ("camera", 1.4), ("hemispherical_entered", 1.4)] {
+        let params = json!({
+            "model": "monte_carlo", "samples": 60_000, "f_x": [0, 0.1], "g": 0.8, "n": n, "convention": convention,
+            "mu_a": {"logspace": [1e-3, 0.3, 5]}, "mu_s_prime": {"logspace": [0.3, 3, 4]}
+        });
+        let (Lut(table), _) = build(&params, &MemoryHost { seed: 7, ..MemoryHost::default() });
+        let column = |name| table.f64s(name).unwrap();
+        let mut precise = 0;
+        for i in 0..table.rows() {
+            let medium = Medium { mu_a: column("mu_a")[i], mu_s_prime: column("mu_s_prime")[i], g: 0.8, n };
+            let truth = rte::reflectance(&medium, None, column("f_x")[i]).unwrap();
+            let truth = if convention == "camera" { truth.camera } else { truth.hemispherical_entered };
+            let (r, se) = (column("r_d")[i], column("r_d_se")[i]);
+            assert!((r - truth).abs() < 4.5 * se, "{convention}, {n}, node {i}: {r} +- {se}, solver {truth}");
+            precise += usize::from(se < 0.02 * r);
+        }
+        assert!(precise * 4 > table.rows() * 3, "{convention}, {n}: {precise} of {} nodes within 2 %", table.rows());
+    }
 }

@@ -10,6 +10,7 @@ pub mod elementary;
 mod error;
 pub mod fresnel;
 pub mod henyey_greenstein;
+pub mod level;
 pub mod log_grid;
 pub mod medium;
 pub mod philox;

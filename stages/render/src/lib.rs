@@ -12,7 +12,7 @@ pub mod camera;
 pub mod finish;
 pub mod flock;
 pub mod lamp;
-pub mod level;
+pub use turbid_optics::level;
 pub mod light;
 pub mod look;
 pub mod moments;
