@@ -34,6 +34,8 @@ pub struct Frame {
     pub dark: bool,
     /// Whether looks go in lanes: transparent bodies without repeated media, few enough for `look.rs`.
     pub looks: bool,
+    /// Whether there is nothing to look for: no light but from infinity.
+    pub blind: bool,
     /// Whether there are lamps, for which looks go one by one.
     pub lamps: bool,
     /// Whether paths start in lanes.
@@ -136,6 +138,7 @@ impl Frame {
         });
         let straight = |m: &Material| m.is_opaque() || (m.n == 1.0 && m.finish == Finish::Smooth);
         let straight = s.world.materials.iter().all(straight);
+        let blind = !s.light.shines() && s.steady.lamps.is_empty();
         let looks = straight && walker.body_of().is_some() && s.light.shines() && view.distortion.is_none();
         Some(Self {
             origin,
@@ -147,7 +150,8 @@ impl Frame {
             dark: straight && s.steady.ambient == 0.0,
             looks,
             lamps: !s.steady.lamps.is_empty(),
-            starts: looks && !s.steady.shines() && !s.camera.has_aperture(),
+            blind,
+            starts: (looks || (blind && straight)) && !s.steady.shines() && !s.camera.has_aperture(),
             stride: walker.stride(),
             windows: (0..s.world.materials.len()).any(|m| walker.window(m) > 0.0),
             light,

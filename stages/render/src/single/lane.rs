@@ -128,7 +128,13 @@ pub fn philox<S: Simd>(simd: S, number: U<S>, high: u32, sample: U<S>, pixel: U<
     let (n, s, p) = (simd.widen_u32x16(number), simd.widen_u32x16(sample), simd.widen_u32x16(pixel));
     let high = u64x8::splat(simd, u64::from(high));
     let (low, upper) = (rounds([n.0, high, s.0, p.0], key), rounds([n.1, high, s.1, p.1], key));
-    [0, 1, 2, 3].map(|i| simd.narrow_u64x8(low[i], upper[i]))
+    // No `map`: what is not inlined loses the vector instructions.
+    [
+        simd.narrow_u64x8(low[0], upper[0]),
+        simd.narrow_u64x8(low[1], upper[1]),
+        simd.narrow_u64x8(low[2], upper[2]),
+        simd.narrow_u64x8(low[3], upper[3]),
+    ]
 }
 
 /// In words of 64 bits, of which the upper halves hold what the products left: the next product does not look at them.

@@ -44,7 +44,7 @@ impl<const FLOATS: usize, const WORDS: usize> Rows<FLOATS, WORDS> {
     }
 
     pub fn get(&self, i: usize) -> ([f32; FLOATS], [u32; WORDS]) {
-        (self.floats.map(|column| column[i]), self.words.map(|column| column[i]))
+        (std::array::from_fn(|k| self.floats[k][i]), std::array::from_fn(|k| self.words[k][i]))
     }
 
     /// Appends the lanes in `mask`, in their order; there is room for 16.
@@ -76,8 +76,15 @@ impl<const FLOATS: usize, const WORDS: usize> Rows<FLOATS, WORDS> {
     /// The first 16 records.
     #[inline(always)]
     pub fn load<S: Simd>(&self, simd: S) -> ([F<S>; FLOATS], [U<S>; WORDS]) {
-        let floats = self.floats.each_ref().map(|column| F::from_slice(simd, &column[..LANES]));
-        (floats, self.words.each_ref().map(|column| U::from_slice(simd, &column[..LANES])))
+        // No `map`: what is not inlined loses the vector instructions.
+        let (mut floats, mut words) = ([F::splat(simd, 0.0); FLOATS], [U::splat(simd, 0); WORDS]);
+        for (x, column) in floats.iter_mut().zip(&self.floats) {
+            *x = F::from_slice(simd, &column[..LANES]);
+        }
+        for (x, column) in words.iter_mut().zip(&self.words) {
+            *x = U::from_slice(simd, &column[..LANES]);
+        }
+        (floats, words)
     }
 
     /// Overwrites the first 16.
@@ -93,12 +100,12 @@ impl<const FLOATS: usize, const WORDS: usize> Rows<FLOATS, WORDS> {
 
     /// Removes the first 16, or all if there are fewer.
     #[inline(always)]
-    pub fn drop_first(&mut self) {
+    pub fn drop_first<S: Simd>(&mut self, simd: S) {
         for column in &mut self.floats {
-            column.copy_within(LANES..2 * LANES, 0);
+            F::from_slice(simd, &column[LANES..2 * LANES]).store_slice(&mut column[..LANES]);
         }
         for column in &mut self.words {
-            column.copy_within(LANES..2 * LANES, 0);
+            U::from_slice(simd, &column[LANES..2 * LANES]).store_slice(&mut column[..LANES]);
         }
         self.len = self.len.saturating_sub(LANES);
     }

@@ -94,7 +94,9 @@ impl Starts {
         let r = frame.local(from + enter * along);
         let w = along.as_vec3().to_array();
         let words = [1, ids.sample, ids.pixel, ids.path, body as u32];
-        looks.push([r[0], r[1], r[2], w[0], w[1], w[2], w[0], w[1], w[2], 1.0, 0.0, m.mu_a, m.mu_s, m.g], words);
+        if !frame.blind {
+            looks.push([r[0], r[1], r[2], w[0], w[1], w[2], w[0], w[1], w[2], 1.0, 0.0, m.mu_a, m.mu_s, m.g], words);
+        }
         let floats = [r[0], r[1], r[2], w[0], w[1], w[2], life, 0.0, 1.0, m.free_path, m.mu_a, m.mu_s, m.g, m.window];
         self.ready.push(floats, [2, ids.sample, ids.pixel, ids.path, material as u32, body as u32]);
         true

@@ -111,7 +111,7 @@ impl<'a, S: Simd> Flock<'a, S> {
                 #[inline(always)]
                 || look(simd, looks, frame, key, high, responses),
             );
-            self.looks.drop_first();
+            self.looks.drop_first(simd);
         }
     }
 
@@ -154,7 +154,7 @@ impl<'a, S: Simd> Flock<'a, S> {
         let roulette = unit_short(d);
         let looks = (roulette * rarity(simd, (mu_a + mu_s) * passage.clear)).simd_lt(1.0);
         let goes_on = alive & !crosses & !gone;
-        let looks = looks & goes_on;
+        let looks = if frame.blind { M::splat(simd, false) } else { looks & goes_on };
         let e = hg_sample(g, w, unit_short(b), unit_short(c));
         if frame.looks && looks.any_true() {
             self.looks.pack(

@@ -1,0 +1,99 @@
+//! Flights per second of one core, bare and with next-event estimation, by vector width; and what odd scenes leave of it.
+//!
+//! `cargo bench -p turbid-render --bench kernel`. CPU time, best of three; a flight ends at a collision, at a boundary or by absorption.
+
+use glam::{DVec2, DVec3};
+use turbid_optics::solid::Solid;
+use turbid_optics::view::View;
+use turbid_render::camera::Camera;
+use turbid_render::flock;
+use turbid_render::lamp::Steady;
+use turbid_render::level::named;
+use turbid_render::light::{Carrier, Light};
+use turbid_render::path::{Nee, Setting, Walker};
+use turbid_render::world::{Body, Material, World};
+
+fn main() {
+    println!("M flights/s on one core; flights per path");
+    println!("{:46} {:>9} {:>9} {:>9}", "", "baseline", "v3", "v4");
+    let (m1, m2, m3) = (medium(0.1, 5.0), medium(0.025, 4.236), medium(0.001, 20.0));
+    for (name, tissue) in [("(100, 5000)", m1), ("(25, 4236)", m2), ("(1, 20000)", m3)] {
+        row(&format!("half-space {name}, bare"), &half_space(tissue), false);
+        row(&format!("half-space {name}"), &half_space(tissue), true);
+    }
+    let tumour = Material { mu_a: 0.096, mu_s: 3.721, ..m2 };
+    let ball = |radii: [f64; 3]| Solid::Ellipsoid { center: DVec3::ZERO, radii: radii.into() };
+    let cut = Solid::Box { low: DVec3::new(-100.0, -100.0, 0.0), high: DVec3::new(100.0, 100.0, 30.0) };
+    let floor = Solid::Slab { bottom: -2000.0, top: 0.0 };
+    row("(25, 4236), half-embedded spheroid of 40 mm", &world(&[(ball([20.0; 3]), tumour), (floor, m2)]), true);
+    let lesion = [(cut, Material::VOID), (ball([18.0, 18.0, 12.0]), tumour), (floor, m2)];
+    row("(25, 4236), spheroid cut level", &world(&lesion), true);
+    let layers = [(Solid::Slab { bottom: -1.0, top: 0.0 }, tumour), (Solid::Slab { bottom: -2000.0, top: -1.0 }, m2)];
+    row("(25, 4236) under 1 mm of another", &world(&layers), true);
+    let white = Solid::Box { low: DVec3::new(-5.0, -5.0, 0.0), high: DVec3::new(5.0, 5.0, 5.0) };
+    row("(25, 4236), white block on it", &world(&[(white, Material::lambertian(0.8)), (floor, m2)]), true);
+}
+
+fn medium(mu_a: f64, mu_s: f64) -> Material {
+    Material::medium(mu_a, mu_s, 0.8, 1.0)
+}
+
+fn half_space(tissue: Material) -> World {
+    world(&[(Solid::Slab { bottom: -2000.0, top: 0.0 }, tissue)])
+}
+
+/// Highest priority first.
+fn world(parts: &[(Solid, Material)]) -> World {
+    let mut world = World { bodies: Vec::new(), materials: vec![Material::VOID] };
+    for &(solid, material) in parts {
+        let known = world.materials.iter().position(|m| *m == material);
+        world.bodies.push(Body { solid, material: known.unwrap_or(world.materials.len()) });
+        if known.is_none() {
+            world.materials.push(material);
+        }
+    }
+    world
+}
+
+fn row(name: &str, world: &World, lit: bool) {
+    let view = |position: [f64; 3], field: f64| {
+        View::new(position.into(), DVec3::ZERO, DVec3::Y, DVec2::splat(field)).expect("not along y")
+    };
+    let camera = Camera { view: view([0.0, 0.0, 500.0], 64.0), columns: 64, rows: 64 };
+    let light = if lit { Light::new(view([35.0, 0.0, 500.0], 256.0), 5.0, false) } else { Light::none() };
+    let carriers = [Carrier::new(0.1, 0.0)];
+    print!("{name:46}");
+    let samples = if world.materials.iter().any(|m| m.mu_s > 10.0) { 8 } else { 32 };
+    let mut per_path = 0.0;
+    for level in ["baseline", "v3", "v4"] {
+        let setting = Setting {
+            world,
+            camera: &camera,
+            light: &light,
+            steady: &Steady::NONE,
+            carriers: &carriers,
+            key: [1, 2],
+            channel: 0,
+            nee: Nee::Line,
+        };
+        let mut walker = Walker::new(setting, named(level));
+        let mut best = 0.0;
+        for _ in 0..3 {
+            let began = cpu_seconds();
+            for first in (0..4096).step_by(1024) {
+                flock::walk(&mut walker, first..first + 1024, 0..samples);
+            }
+            let flights = walker.take_flights() as f64;
+            best = f64::max(best, 1e-6 * flights / (cpu_seconds() - began));
+            per_path = flights / (4096.0 * f64::from(samples));
+        }
+        print!(" {best:9.1}");
+    }
+    println!("   {per_path:.1}");
+}
+
+/// Seconds that this thread has had a core, so that other work on the machine does not count (Linux; 0 elsewhere).
+fn cpu_seconds() -> f64 {
+    let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
+    text.split(' ').next().and_then(|ns| ns.parse::<f64>().ok()).unwrap_or(0.0) * 1e-9
+}
