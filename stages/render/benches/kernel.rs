@@ -24,14 +24,14 @@ fn main() {
     let tumour = Material { mu_a: 0.096, mu_s: 3.721, ..m2 };
     let ball = |radii: [f64; 3]| Solid::Ellipsoid { center: DVec3::ZERO, radii: radii.into() };
     let cut = Solid::Box { low: DVec3::new(-100.0, -100.0, 0.0), high: DVec3::new(100.0, 100.0, 30.0) };
-    let floor = Solid::Slab { bottom: -2000.0, top: 0.0 };
-    row("(25, 4236), half-embedded spheroid of 40 mm", &world(&[(ball([20.0; 3]), tumour), (floor, m2)]), true);
-    let lesion = [(cut, Material::VOID), (ball([18.0, 18.0, 12.0]), tumour), (floor, m2)];
+    let floor = || Solid::Slab { bottom: -2000.0, top: 0.0 };
+    row("(25, 4236), half-embedded spheroid of 40 mm", &world(&[(ball([20.0; 3]), tumour), (floor(), m2)]), true);
+    let lesion = [(cut, Material::VOID), (ball([18.0, 18.0, 12.0]), tumour), (floor(), m2)];
     row("(25, 4236), spheroid cut level", &world(&lesion), true);
     let layers = [(Solid::Slab { bottom: -1.0, top: 0.0 }, tumour), (Solid::Slab { bottom: -2000.0, top: -1.0 }, m2)];
     row("(25, 4236) under 1 mm of another", &world(&layers), true);
     let white = Solid::Box { low: DVec3::new(-5.0, -5.0, 0.0), high: DVec3::new(5.0, 5.0, 5.0) };
-    row("(25, 4236), white block on it", &world(&[(white, Material::lambertian(0.8)), (floor, m2)]), true);
+    row("(25, 4236), white block on it", &world(&[(white, Material::lambertian(0.8)), (floor(), m2)]), true);
 }
 
 fn medium(mu_a: f64, mu_s: f64) -> Material {
@@ -45,7 +45,7 @@ fn half_space(tissue: Material) -> World {
 /// Highest priority first.
 fn world(parts: &[(Solid, Material)]) -> World {
     let mut world = World { bodies: Vec::new(), materials: vec![Material::VOID] };
-    for &(solid, material) in parts {
+    for (solid, material) in parts.iter().cloned() {
         let known = world.materials.iter().position(|m| *m == material);
         world.bodies.push(Body { solid, material: known.unwrap_or(world.materials.len()) });
         if known.is_none() {

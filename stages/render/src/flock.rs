@@ -251,16 +251,21 @@ fn point(axes: &[Lane; 3], i: usize) -> DVec3 {
 
 /// The least over the bodies of what `distance` says of a solid and a lane.
 #[inline(always)]
-fn nearest(bodies: &[Body], distance: impl Fn(Solid, usize) -> f64) -> Lane {
+fn nearest(bodies: &[Body], distance: impl Fn(&Solid, usize) -> f64) -> Lane {
     let mut least = [f64::INFINITY; LANES];
     for body in bodies {
         // Said again in each arm, so that its loop is about one kind of solid and goes by vectors.
         match body.solid {
-            Solid::Slab { bottom, top } => lower(&mut least, |i| distance(Solid::Slab { bottom, top }, i)),
-            Solid::Box { low, high } => lower(&mut least, |i| distance(Solid::Box { low, high }, i)),
+            Solid::Slab { bottom, top } => lower(&mut least, |i| distance(&Solid::Slab { bottom, top }, i)),
+            Solid::Box { low, high } => lower(&mut least, |i| distance(&Solid::Box { low, high }, i)),
             Solid::Ellipsoid { center, radii } => {
-                lower(&mut least, |i| distance(Solid::Ellipsoid { center, radii }, i))
+                lower(&mut least, |i| distance(&Solid::Ellipsoid { center, radii }, i))
             }
+            Solid::Cylinder { axis, radius, bottom, top } => {
+                lower(&mut least, |i| distance(&Solid::Cylinder { axis, radius, bottom, top }, i))
+            }
+            // Lane by lane.
+            ref solid => lower(&mut least, |i| distance(solid, i)),
         }
     }
     least

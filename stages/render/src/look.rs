@@ -114,7 +114,8 @@ pub fn bodies_by_material(world: &World) -> Option<Vec<u64>> {
     let mut body_of = vec![0; world.materials.len()];
     for (i, body) in world.bodies.iter().enumerate() {
         let repeated = body.material != 0 && world.bodies[..i].iter().any(|other| other.material == body.material);
-        if i == MOST_BODIES || repeated || world.materials[body.material].is_opaque() {
+        let other = matches!(body.solid, Solid::Turned(_) | Solid::Carved(_) | Solid::Mesh(_));
+        if i == MOST_BODIES || repeated || other || world.materials[body.material].is_opaque() {
             return None;
         }
         body_of[body.material] = i as u64;
@@ -230,16 +231,21 @@ fn spans(bodies: &[Body], r: &Axes, w: &Axes) -> [Span; MOST_BODIES] {
     for (span, body) in spans.iter_mut().zip(bodies) {
         // Said again in each arm, so that its loop is about one kind of solid and goes by vectors.
         match body.solid {
-            Solid::Slab { bottom, top } => fill(span, Solid::Slab { bottom, top }, r, w),
-            Solid::Box { low, high } => fill(span, Solid::Box { low, high }, r, w),
-            Solid::Ellipsoid { center, radii } => fill(span, Solid::Ellipsoid { center, radii }, r, w),
+            Solid::Slab { bottom, top } => fill(span, &Solid::Slab { bottom, top }, r, w),
+            Solid::Box { low, high } => fill(span, &Solid::Box { low, high }, r, w),
+            Solid::Ellipsoid { center, radii } => fill(span, &Solid::Ellipsoid { center, radii }, r, w),
+            Solid::Cylinder { axis, radius, bottom, top } => {
+                fill(span, &Solid::Cylinder { axis, radius, bottom, top }, r, w)
+            }
+            // Kept away by `bodies_by_material`.
+            ref solid => fill(span, solid, r, w),
         }
     }
     spans
 }
 
 #[inline(always)]
-fn fill(span: &mut Span, solid: Solid, r: &Axes, w: &Axes) {
+fn fill(span: &mut Span, solid: &Solid, r: &Axes, w: &Axes) {
     for i in 0..LANES {
         (span.enter[i], span.leave[i]) = solid.span(at(r, i), at(w, i));
     }
@@ -286,6 +292,13 @@ fn steepness(bodies: &[Body], r: &Axes, towards: &Axes, wall: &Wall, e: &Axes) -
                     DVec3::new(one_if(x), one_if(!x & y), one_if(!x & !y))
                 }
                 Solid::Ellipsoid { center, radii } => (p - center) / (radii * radii),
+                Solid::Cylinder { axis, radius, bottom, top } => {
+                    let out = p.truncate() - axis;
+                    let side = (out.length() - radius).abs() <= (p.z - bottom).abs().min((p.z - top).abs());
+                    DVec3::new(if side { out.x } else { 0.0 }, if side { out.y } else { 0.0 }, one_if(!side))
+                }
+                // Kept away by `bodies_by_material`.
+                ref solid => solid.normal(0, p),
             };
             let through = at(e, i).dot(n) / at(towards, i).dot(n);
             *ratio = if wall.body[i] == j as u64 { through } else { *ratio };

@@ -15,7 +15,7 @@ use crate::lamp::Steady;
 use crate::light::{Carrier, Light};
 use crate::look::{self, Queue};
 use crate::response::Layout;
-use crate::world::{Material, Piece, Skin, Wall, World};
+use crate::world::{Material, Piece, Skin, Spans, Wall, World};
 
 /// How scatterings look for the light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -85,7 +85,7 @@ pub fn counter(number: u64, channel: u32, sample: u32, pixel: u32) -> [u32; 4] {
 /// Walks paths and keeps their scratch.
 pub struct Walker<'a> {
     pub(crate) setting: Setting<'a>,
-    pub(crate) spans: Vec<(f64, f64)>,
+    pub(crate) spans: Spans,
     pub(crate) pieces: Vec<Piece>,
     /// Path after path, each as [`Layout`] says.
     pub(crate) responses: Vec<f64>,
@@ -155,7 +155,7 @@ impl<'a> Walker<'a> {
             if weak { WINDOW * (3.0 * m.mu_a * (m.mu_a + reduced)).sqrt() } else { 0.0 }
         };
         let windows = setting.world.materials.iter().map(window).collect();
-        let (spans, pieces) = (Vec::new(), Vec::new());
+        let (spans, pieces) = (Spans::default(), Vec::new());
         let free_paths = setting.world.materials.iter().map(|m| 1.0 / m.mu_s).collect();
         let body_of = look::bodies_by_material(setting.world);
         let (responses, queued, queue) = (Vec::new(), Vec::new(), Queue::default());

@@ -20,12 +20,7 @@ const LEFT_BY_ROULETTE: f64 = 0.45;
 /// flights; and it does not stay longer than twice the object's thickness on average (mean chord theorem).
 pub fn flights_per_path(scene: &Scene) -> f64 {
     let in_object = |medium: &Medium, shape: &Shape| -> f64 {
-        let thickness = match *shape {
-            Shape::Slab { top, bottom } => top - bottom,
-            Shape::Box { size, .. } => size.into_iter().fold(f64::INFINITY, f64::min),
-            Shape::Sphere { diameter, .. } => diameter,
-            Shape::Spheroid { diameters, .. } => diameters.into_iter().fold(f64::INFINITY, f64::min),
-        };
+        let thickness = thickness(shape);
         let channels = medium.mu_a.iter().zip(&medium.mu_s);
         let flights = channels.map(|(&mu_a, &mu_s)| {
             let k = (mu_a / (3.0 * (mu_a + mu_s * (1.0 - medium.g)).max(f64::MIN_POSITIVE))).sqrt();
@@ -41,6 +36,25 @@ pub fn flights_per_path(scene: &Scene) -> f64 {
         .values()
         .filter_map(|o| o.medium.as_ref().and_then(|m| scene.media.get(m)).map(|m| in_object(m, &o.shape)))
         .fold(1.0, f64::max)
+}
+
+/// The least extent of a shape, mm.
+fn thickness(shape: &Shape) -> f64 {
+    let least = |extents: [f64; 3]| extents.into_iter().fold(f64::INFINITY, f64::min);
+    match shape {
+        Shape::Slab { top, bottom } => top - bottom,
+        Shape::Box { size, .. } => least(*size),
+        Shape::Sphere { diameter, .. } => *diameter,
+        Shape::Spheroid { diameters, .. } => least(*diameters),
+        Shape::Cylinder { diameter, length, .. } => diameter.min(*length),
+        Shape::Tube { inner_diameter, outer_diameter, .. } => 0.5 * (outer_diameter - inner_diameter),
+        Shape::SphereShell { inner_diameter, outer_diameter, .. } => 0.5 * (outer_diameter - inner_diameter),
+        Shape::Mesh(mesh) => least([0, 1, 2].map(|axis| {
+            let along = || mesh.vertices.iter().map(|v| v[axis]);
+            along().fold(f64::NEG_INFINITY, f64::max) - along().fold(f64::INFINITY, f64::min)
+        })),
+        Shape::Turned { shape, .. } => thickness(shape),
+    }
 }
 
 /// The plan for known params and, where it is known, scene.
@@ -77,7 +91,9 @@ pub fn plan(params: &Params, scene: Option<&Scene>) -> StagePlan {
     let distorted = camera.is_some_and(|c| c.distortion.is_some()) || projector.is_some_and(|p| p.distortion.is_some());
     sort(distorted, "lens distortion");
     sort(camera.is_some_and(|c| c.aperture.is_some()), "depth of field");
-    for what in ["BVH", "Fresnel boundaries", "textures"] {
+    let meshes = scene.is_some_and(|s| s.objects.values().any(|o| matches!(o.shape, Shape::Mesh(_))));
+    sort(meshes, "BVH");
+    for what in ["Fresnel boundaries", "textures"] {
         sort(false, what);
     }
     if let Some(scene) = scene

@@ -1,9 +1,11 @@
 //! From the scene of the pipeline to the world, camera and lights that paths meet.
 
+use std::sync::Arc;
+
 use glam::DVec3;
 use turbid_contract::Error;
-use turbid_contract::payload::{self, Profile, Projection, Scene, Shape, Surface};
-use turbid_optics::solid::Solid;
+use turbid_contract::payload::{self, Port, Profile, Projection, Scene, Shape, Surface};
+use turbid_optics::solid::{Frame, Mesh, Solid};
 use turbid_optics::view::{Lens, View, ViewError};
 
 use crate::camera::Camera;
@@ -40,9 +42,10 @@ impl Rig {
         let mut order: Vec<usize> = (0..scene.objects.len()).collect();
         let objects: Vec<_> = scene.objects.values().collect();
         order.sort_by_key(|&i| std::cmp::Reverse(objects[i].priority));
+        let solids: Vec<Solid> = order.iter().map(|&i| solid(&objects[i].shape)).collect();
         let worlds = (0..scene.channels()).map(|channel| {
             let mut materials = vec![Material::VOID];
-            let bodies = order.iter().map(|&i| {
+            let bodies = order.iter().zip(&solids).map(|(&i, solid)| {
                 let medium = objects[i].medium.as_ref().map(|m| &scene.media[m]);
                 let material = match (objects[i].surface, medium) {
                     (Surface::Lambertian(rho), _) => Material::lambertian(rho),
@@ -57,7 +60,7 @@ impl Rig {
                 if index == materials.len() {
                     materials.push(material);
                 }
-                Body { solid: solid(&objects[i].shape), material: index }
+                Body { solid: solid.clone(), material: index }
             });
             let bodies = bodies.collect();
             World { bodies, materials }
@@ -120,6 +123,23 @@ fn solid(shape: &Shape) -> Solid {
         }
         Shape::Spheroid { diameters, center } => {
             Solid::Ellipsoid { center: center.into(), radii: 0.5 * DVec3::from(diameters) }
+        }
+        Shape::Cylinder { diameter, length, center, axis } => {
+            Solid::cylinder(diameter, length, center.into(), axis.into())
+        }
+        Shape::Tube { inner_diameter, outer_diameter, top, bottom, center } => {
+            Solid::tube(inner_diameter, outer_diameter, center.into(), bottom, top)
+        }
+        Shape::SphereShell { inner_diameter, outer_diameter, center, ref ports } => {
+            let holes = ports.iter().map(|port| match *port {
+                Port::Round { direction, diameter } => Solid::round_port(diameter, center.into(), direction.into()),
+                Port::Square { direction, side } => Solid::square_port(side, center.into(), direction.into()),
+            });
+            Solid::sphere_shell(inner_diameter, outer_diameter, center.into(), holes.collect())
+        }
+        Shape::Mesh(ref mesh) => Solid::Mesh(Arc::new(Mesh::new(&mesh.vertices, &mesh.triangles))),
+        Shape::Turned { ref shape, about, rotation_deg } => {
+            solid(shape).turned(Frame::turned_about(about.into(), rotation_deg))
         }
     }
 }

@@ -6,7 +6,7 @@ use turbid_contract::payload::{MaskReason, Scene, Truth};
 use turbid_contract::{ImageStack, LayerInfo, LayerKind};
 
 use crate::camera::Camera;
-use crate::world::World;
+use crate::world::{Spans, World};
 
 /// The first thing that the ray through a pixel's centre meets that is not void.
 ///
@@ -19,7 +19,7 @@ pub fn truth(scene: &Scene, world: &World, object_of: &[usize], camera: &Camera)
     if let Some(camera) = &scene.camera {
         stack.attributes.insert("field".to_owned(), json!(camera.field));
     }
-    let mut spans = Vec::new();
+    let mut spans = Spans::default();
     let hits: Vec<Option<Hit>> = (0..camera.pixels()).map(|p| first_hit(world, camera, p, &mut spans)).collect();
     let mut push = |info: LayerInfo, value: &dyn Fn(&Hit) -> f64| {
         let data = hits.iter().map(|hit| hit.as_ref().map_or(0.0, |h| value(h) as f32)).collect();
@@ -58,7 +58,7 @@ struct Hit {
     normal: glam::DVec3,
 }
 
-fn first_hit(world: &World, camera: &Camera, pixel: usize, spans: &mut Vec<(f64, f64)>) -> Option<Hit> {
+fn first_hit(world: &World, camera: &Camera, pixel: usize, spans: &mut Spans) -> Option<Hit> {
     let (origin, w) = camera.ray(pixel, 0.5, 0.5);
     let mut wall = None;
     for piece in world.trace(origin, w, None, spans) {

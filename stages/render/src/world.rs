@@ -1,7 +1,7 @@
-//! The scene as a ray sees it: convex bodies in order of priority, and the pieces that they cut a ray into.
+//! The scene as a ray sees it: bodies in order of priority, and the pieces that they cut a ray into.
 
 use glam::DVec3;
-use turbid_optics::solid::Solid;
+use turbid_optics::solid::{Solid, Start, Stay};
 
 use crate::finish::Finish;
 
@@ -43,7 +43,7 @@ impl Material {
 }
 
 /// A solid and what fills it, as an index into [`World::materials`].
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Body {
     pub solid: Solid,
     pub material: usize,
@@ -87,29 +87,37 @@ pub struct Piece {
 /// Pieces shorter than this (mm) are rounding of touching faces.
 const NOTHING: f64 = 1e-10;
 
+/// Scratch of [`World::trace`]: where the ray stays in each body.
+#[derive(Clone, Debug, Default)]
+pub struct Spans {
+    stays: Vec<Stay>,
+    /// Of each body, where its stays end in that list.
+    ends: Vec<usize>,
+}
+
 impl World {
-    /// Cuts the ray origin + t direction, t > 0, at the bodies. `spans` is scratch.
+    /// Cuts the ray origin + t direction, t > 0, at the bodies.
     pub fn trace<'a>(
         &'a self,
         origin: DVec3,
         direction: DVec3,
         skin: Option<Skin>,
-        spans: &'a mut Vec<(f64, f64)>,
+        spans: &'a mut Spans,
     ) -> Pieces<'a> {
-        spans.clear();
-        for body in &self.bodies {
-            // An empty span never holds a t.
-            spans.push(body.solid.interval(origin, direction).unwrap_or((0.0, 0.0)));
-        }
-        if let Some(Skin { wall: Wall { body, .. }, inside }) = skin {
-            spans[body] = if inside { (f64::NEG_INFINITY, spans[body].1) } else { (0.0, 0.0) };
+        spans.stays.clear();
+        spans.ends.clear();
+        for (i, body) in self.bodies.iter().enumerate() {
+            let skin = skin.filter(|skin| skin.wall.body == i);
+            let start = skin.map(|skin| Start { face: skin.wall.face, inside: skin.inside });
+            body.solid.cut(origin, direction, start, &mut spans.stays);
+            spans.ends.push(spans.stays.len());
         }
         Pieces { world: self, spans, t: 0.0 }
     }
 
     /// Unit normal, out of the body, at a point of a wall.
     pub fn normal(&self, wall: Wall, p: DVec3) -> DVec3 {
-        self.bodies[wall.body].solid.normal(p)
+        self.bodies[wall.body].solid.normal(wall.face, p)
     }
 
     /// No boundary lies within this distance (mm) of `p`.
@@ -122,7 +130,7 @@ impl World {
 /// The pieces of a ray in order; the last one ends at infinity.
 pub struct Pieces<'a> {
     world: &'a World,
-    spans: &'a [(f64, f64)],
+    spans: &'a Spans,
     t: f64,
 }
 
@@ -131,13 +139,15 @@ impl Pieces<'_> {
     #[inline]
     fn at(&self, t: f64) -> Piece {
         let (mut end, mut wall) = (f64::INFINITY, None);
-        for (i, &(enter, leave)) in self.spans.iter().enumerate() {
-            if leave <= t {
-                continue;
-            }
-            let next = if enter > t { enter } else { leave };
+        let mut first = 0;
+        for (i, &last) in self.spans.ends.iter().enumerate() {
+            // The first stay that is not over: the others begin behind it.
+            let stay = self.spans.stays[first..last].iter().find(|stay| stay.leave > t);
+            first = last;
+            let Some(&Stay { enter, leave, into, out_of }) = stay else { continue };
+            let (next, face) = if enter > t { (enter, into) } else { (leave, out_of) };
             if next < end {
-                (end, wall) = (next, Some(Wall { body: i, face: 0 }));
+                (end, wall) = (next, Some(Wall { body: i, face }));
             }
             if enter <= t {
                 // The first that holds t has the highest priority; those after it do not show.
@@ -192,7 +202,7 @@ mod tests {
     }
 
     fn cut(origin: DVec3, direction: DVec3, skin: Option<Skin>) -> Vec<(f64, f64, usize)> {
-        let (world, mut spans) = (world(), Vec::new());
+        let (world, mut spans) = (world(), Spans::default());
         world.trace(origin, direction, skin, &mut spans).map(|p| (p.start, p.end, p.material)).collect()
     }
 

@@ -16,6 +16,7 @@
 //! `priority` wins, so an object of a medium with mu_a = mu_s = 0 carves a hole.
 
 pub mod assemble;
+mod axis;
 pub mod overlap;
 pub mod params;
 mod per_channel;

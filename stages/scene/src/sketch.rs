@@ -8,7 +8,7 @@ use turbid_contract::payload::{Lamp, Preview, Scene};
 use turbid_contract::serde_json::{Value, json};
 use turbid_optics::view::{Lens, View};
 
-use crate::assemble::{camera_view, is_void, object_at, projector_view, solid};
+use crate::assemble::{Placed, camera_view, is_void, object_at, placed, projector_view};
 
 /// Height and width of each of the two panels, pixels.
 const PANEL: usize = 360;
@@ -44,22 +44,20 @@ pub fn sketch(scene: &Scene) -> Preview {
     let views: Vec<(View, [f32; 3])> = camera.into_iter().chain(projector).collect();
     let cut = views.first().map_or(DVec3::ZERO, |(v, _)| v.look_at);
     let lamps = lamps(scene);
-    let (low, high) = extent(scene, &views, &lamps);
+    let objects = placed(scene);
+    let (low, high) = extent(&objects, &views, &lamps);
     let colour_of = |p: DVec3| {
-        object_at(scene, p).filter(|(_, o)| !is_void(scene, o)).map(|(name, _)| {
-            let index = scene.objects.keys().position(|k| k == name).expect("it came from there");
-            OBJECTS[index % OBJECTS.len()]
-        })
+        let seen = object_at(&objects, p).filter(|&i| !is_void(scene, objects[i].object));
+        seen.map(|i| OBJECTS[i % OBJECTS.len()])
     };
     let from_above = |x: f64, y: f64| {
         // The first object that a ray straight down meets, seen just below its skin.
         let ray = DVec3::new(x, y, high.z);
-        let mut entries: Vec<f64> = scene
-            .objects
-            .values()
-            .filter_map(|o| solid(&o.shape).interval(ray, DVec3::NEG_Z))
-            .flat_map(|(enter, leave)| [enter.max(0.0), leave.max(0.0)])
-            .collect();
+        let mut stays = Vec::new();
+        for placed in &objects {
+            placed.solid.cut(ray, DVec3::NEG_Z, None, &mut stays);
+        }
+        let mut entries: Vec<f64> = stays.iter().flat_map(|s| [s.enter.max(0.0), s.leave.max(0.0)]).collect();
         entries.sort_by(f64::total_cmp);
         entries.into_iter().find_map(|t| colour_of(ray - (t + 1e-6 * (1.0 + t)) * DVec3::Z))
     };
@@ -123,14 +121,14 @@ fn legend(scene: &Scene) -> Value {
 }
 
 /// What both panels show: pinholes, the corners of their fields, and finite objects, with a margin of 5 %.
-fn extent(scene: &Scene, views: &[(View, [f32; 3])], lamps: &[(DVec3, DVec3)]) -> (DVec3, DVec3) {
+fn extent(objects: &[Placed<'_>], views: &[(View, [f32; 3])], lamps: &[(DVec3, DVec3)]) -> (DVec3, DVec3) {
     let mut points: Vec<DVec3> = lamps.iter().flat_map(|&(from, to)| [from, to]).collect();
     for (view, _) in views {
         points.push(view.position);
         points.extend(edge(view).into_iter().flat_map(|(from, to)| [from, to]));
     }
-    for object in scene.objects.values() {
-        let (low, high) = solid(&object.shape).bounds();
+    for placed in objects {
+        let (low, high) = placed.solid.bounds();
         if low.x.is_finite() {
             points.extend([low, high]);
         } else {

@@ -111,6 +111,29 @@ fn equal_meaning_equal_scene() {
     for (pointer, value) in same {
         assert_eq!(scene(&with(pointer, value.clone())), original, "{pointer}: {value}");
     }
+    let polyp = |shape: Value| {
+        let mut object = json!({"medium": "scc", "priority": 1});
+        object.as_object_mut().unwrap().extend(shape.as_object().unwrap().clone());
+        scene(&with("/objects/polyp", object))
+    };
+    let same = [
+        [
+            json!({"cylinder": {"diameter": 4, "length": 9, "center": [1, 2, 3], "axis": "-x"}}),
+            json!({"cylinder": {"diameter": 4, "length": 9, "center": [1, 2, 3], "axis": [2, 0, 0]}}),
+        ],
+        [
+            json!({"box": {"size": [1, 2, 3], "center": [1, 2, 3], "rotation_deg": [0, "-0 deg", 0]}}),
+            json!({"box": {"size": [1, 2, 3], "center": [1, 2, 3]}}),
+        ],
+        [
+            json!({"sphere_shell": {"inner_diameter": 9, "wall": 1, "ports": [{"round": {"direction": "z", "diameter": 2}}]}}),
+            json!({"sphere_shell": {"inner_diameter": 9, "wall": 1, "center": [0, 0, 0],
+                "ports": [{"round": {"direction": [0, 0, 7], "diameter": "2 mm"}}]}}),
+        ],
+    ];
+    for [a, b] in same {
+        assert_eq!(polyp(a.clone()), polyp(b), "{a}");
+    }
     assert_ne!(scene(&with("/media/healthy/A_rho", json!(25.000001))), original);
     let ball = scene(&with(
         "/objects/polyp",
@@ -237,6 +260,51 @@ fn mistakes_are_named() {
             &["rim", "inside the solid tissue"],
         ),
         (light(json!({"ambient": {"radiance": -2}})), "lights.lamp.ambient.radiance", &["W mm^-2 sr^-1", "> 0"]),
+        (
+            two(json!({"cylinder": {"diameter": 2, "length": 9, "center": [2.5, 0, 0], "axis": "x"}, "medium": "scc"})),
+            "objects.b",
+            &["a and b overlap"],
+        ),
+        (
+            two(json!({"tube": {"inner_diameter": 5.6, "outer_diameter": 9, "length": 1, "top": 0}, "medium": "scc"})),
+            "objects.b",
+            &["a and b overlap"],
+        ),
+        (
+            two(json!({"cylinder": {"diameter": 0, "length": 9, "center": [0, 0, 0]}, "medium": "scc"})),
+            "objects.b.cylinder.diameter",
+            &["diameter = 0 mm", "> 0"],
+        ),
+        (
+            two(
+                json!({"cylinder": {"diameter": 1, "length": 9, "center": [0, 0, 0], "axis": [0, 0, 0]}, "medium": "scc"}),
+            ),
+            "objects.b.cylinder.axis",
+            &["no direction", "not zero"],
+        ),
+        (
+            two(json!({"cylinder": {"diameter": 1, "length": 9, "center": [0, 0, 0], "axis": "up"}, "medium": "scc"})),
+            "objects.b.cylinder.axis",
+            &["`up` is no direction"],
+        ),
+        (
+            two(json!({"tube": {"inner_diameter": 9, "outer_diameter": 9, "length": 1, "top": 0}, "medium": "scc"})),
+            "objects.b.tube.outer_diameter",
+            &["outer_diameter = 9 mm must be > inner_diameter = 9 mm", "thickness"],
+        ),
+        (
+            two(json!({"sphere_shell": {"inner_diameter": 50, "wall": 0}, "surface": {"lambertian": 0.9}})),
+            "objects.b.sphere_shell.wall",
+            &["wall = 0 mm", "> 0"],
+        ),
+        (
+            two(json!({
+                "sphere_shell": {"inner_diameter": 50, "wall": 5, "ports": [{"square": {"direction": "z", "side": 40}}]},
+                "surface": {"lambertian": 0.9},
+            })),
+            "objects.b.sphere_shell.ports.0.square.side",
+            &["side = 40 mm", "not narrower", "50 mm"],
+        ),
         (with("/camera/pixels", json!([0, 64])), "camera.pixels.0", &["pixels = 0", ">= 1"]),
         (with("/camera/pixels", json!([100_000, 100_000])), "camera.pixels", &["10000000000 pixels"]),
         (with("/camera/field", json!([64, 0])), "camera.field.1", &["0 mm", "> 0"]),
@@ -304,7 +372,22 @@ fn legal_oddities_are_accepted() {
         p["camera"]["specular"] = json!("exclude");
         p
     };
-    for params in [touching, carved, refracting, with("/camera", Value::Null), with("/projector", Value::Null)] {
+    // A rod fills the bore of a tube to its wall, a ball lies in a hollow sphere, a turned box lies on one face.
+    let fitting = {
+        let mut p = carcinoma();
+        p["objects"] = json!({
+            "tissue": {"tube": {"inner_diameter": 8, "outer_diameter": 20, "length": 100, "top": 0}, "medium": "healthy"},
+            "rod": {"cylinder": {"diameter": 8, "length": 100, "center": [0, 0, -50]}, "medium": "scc"},
+            "cap": {"sphere_shell": {"inner_diameter": 4, "wall": 1, "center": [30, 0, 3]}, "surface": {"lambertian": 1}},
+            "ball": {"sphere": {"diameter": 4, "center": [30, 0, 3]}, "medium": "scc"},
+            "block": {"box": {"size": [4, 4, 4], "center": [-30, 0, 2], "rotation_deg": [0, 0, 30]}, "medium": "scc"},
+            "floor": {"box": {"size": [30, 60, 1], "center": [-30, 0, -0.5]}, "medium": "healthy"},
+            "across": {"cylinder": {"diameter": 2, "length": 5, "center": [-30, 0, 5], "axis": [1, 1, 0]}, "medium": "scc"},
+        });
+        p
+    };
+    for params in [touching, carved, refracting, fitting, with("/camera", Value::Null), with("/projector", Value::Null)]
+    {
         let (mistakes, _) = check(&params);
         assert!(mistakes.is_empty(), "{mistakes:?}");
     }
@@ -343,7 +426,18 @@ fn the_sketch_shows_the_objects() {
 #[test]
 fn the_schema_names_every_field() {
     let schema = (StageRow::of::<SceneStage>().schema)().to_string();
-    for field in ["A_rho", "mu_s_prime", "spheroid", "priority", "lambertian", "profile", "specular", "wavelength_nm"] {
+    for field in [
+        "A_rho",
+        "mu_s_prime",
+        "spheroid",
+        "sphere_shell",
+        "rotation_deg",
+        "priority",
+        "lambertian",
+        "profile",
+        "specular",
+        "wavelength_nm",
+    ] {
         assert!(schema.contains(field), "{field} is missing");
     }
 }

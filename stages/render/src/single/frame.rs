@@ -6,7 +6,7 @@ use super::ground::Ground;
 use crate::finish::Finish;
 use crate::light::Emission;
 use crate::path::{Nee, Setting, Walker};
-use crate::world::Material;
+use crate::world::{Material, Spans};
 
 /// Coordinates up to so many mean free paths: their last digit is 2^-12 of one, and the error made by it, of either sign from
 /// flight to flight, stays below 1e-4.
@@ -172,7 +172,7 @@ impl Frame {
 /// Where the middle of the image meets the first body that is not void; without one, where the camera looks.
 fn seen(s: &Setting<'_>) -> DVec3 {
     let view = &s.camera.view;
-    let mut spans = Vec::new();
+    let mut spans = Spans::default();
     let (from, along) = view.ray(0.5, 0.5);
     let mut pieces = s.world.trace(from, along, None, &mut spans);
     pieces.find(|piece| piece.material != 0).map_or(view.look_at, |piece| from + piece.start * along)

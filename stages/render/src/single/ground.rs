@@ -37,7 +37,7 @@ pub struct Span<S: Simd> {
 }
 
 impl Ground {
-    /// `None` where f32 cannot hold it: bodies with curved or upright faces further than `range` (mm) from `origin`.
+    /// `None` where f32 cannot hold it, or there are other shapes than these: bodies with curved or upright faces further than `range` (mm) from `origin`.
     pub fn about(world: &World, origin: DVec3, range: f64) -> Option<Self> {
         let local = |p: DVec3| (p - origin).as_vec3().to_array();
         let shape = |solid: &Solid| {
@@ -54,6 +54,8 @@ impl Ground {
                     inverse_radii: radii.recip().as_vec3().to_array(),
                     least: (radii.min_element() * (1.0 - 1e-6)) as f32,
                 }),
+                // The lanes of f64 take what is rarer.
+                _ => None,
             }
         };
         let shapes = world.bodies.iter().map(|body| shape(&body.solid)).collect::<Option<Vec<_>>>()?;

@@ -63,21 +63,23 @@ fn lambertian_plane_has_radiance_rho_e_over_pi() {
 /// carved into it does not. A pure absorber alone is black.
 #[test]
 fn absorbers_follow_beer_lambert() {
-    let layer = Shape::Slab { top: 0.0, bottom: -4.0 };
-    let floor = Shape::Slab { top: -4.0, bottom: -10.0 };
+    let layer = || Shape::Slab { top: 0.0, bottom: -4.0 };
+    let floor = || Shape::Slab { top: -4.0, bottom: -10.0 };
     let media = [("dye", medium(0.3, 0.0, 0.8)), ("air", medium(0.0, 0.0, 0.0))];
     let view = rig(1000.0, 0.0, 0.001, 1, 100.0);
     let hole = object(Shape::Box { size: [9.0, 9.0, 1.5], center: [0.0, 0.0, -2.0] }, "air", 1);
-    let bare = dc(&scene(&[], vec![lambertian(floor, 0.6)], view.clone()), 8, 1).0;
-    for (objects, thickness) in [(vec![object(layer, "dye", 0)], 4.0_f64), (vec![object(layer, "dye", 0), hole], 2.5)] {
+    let bare = dc(&scene(&[], vec![lambertian(floor(), 0.6)], view.clone()), 8, 1).0;
+    for (objects, thickness) in
+        [(vec![object(layer(), "dye", 0)], 4.0_f64), (vec![object(layer(), "dye", 0), hole], 2.5)]
+    {
         let mut objects: Vec<Object> = objects;
-        objects.push(lambertian(floor, 0.6));
+        objects.push(lambertian(floor(), 0.6));
         // Paths die in the layer one by one: by analog absorption exp(-1.2) of them reach the floor.
         let (mean, se) = dc(&scene(&media, objects, view.clone()), 40_000, 1);
         let expected = bare * (-2.0 * 0.3 * thickness).exp();
         assert!((mean - expected).abs() < 4.5 * se + 1e-6 * expected, "{thickness}: {mean} +- {se}, {expected}");
     }
-    let (mean, se) = dc(&scene(&media, vec![object(layer, "dye", 0)], view), 64, 1);
+    let (mean, se) = dc(&scene(&media, vec![object(layer(), "dye", 0)], view), 64, 1);
     assert_eq!((mean, se), (0.0, 0.0));
 }
 
@@ -167,7 +169,7 @@ fn half_spaces_match_the_transport_table() {
 #[test]
 fn a_white_slab_gives_back_all_light() {
     let (tau, thickness) = (2.0, 0.5);
-    let slab = Shape::Slab { top: 0.0, bottom: -thickness };
+    let slab = || Shape::Slab { top: 0.0, bottom: -thickness };
     let (nodes, weights) = gauss_12();
     let (mut sum, mut variance) = (0.0, 0.0);
     for side in [1.0, -1.0] {
@@ -177,7 +179,8 @@ fn a_white_slab_gives_back_all_light() {
             let z = if side > 0.0 { 0.0 } else { -thickness };
             camera.look_at = [0.0, 0.0, z];
             camera.position = [distance * (1.0 - mu * mu).sqrt(), 0.0, z + side * mu * distance];
-            let s = scene(&[("m", medium(0.0, tau / thickness, 0.3))], vec![object(slab, "m", 0)], (camera, projector));
+            let s =
+                scene(&[("m", medium(0.0, tau / thickness, 0.3))], vec![object(slab(), "m", 0)], (camera, projector));
             let (mean, se) = dc(&s, 20_000, 5);
             let weight = 2.0 * w * mu * 2.0 * PI / irradiance(60.0);
             sum += weight * mean;

@@ -1,7 +1,7 @@
 //! The line estimator, in lanes, against point next-event estimation at every collision, in scenes that try to mislead it.
 
 use glam::{DVec2, DVec3};
-use turbid_optics::solid::Solid;
+use turbid_optics::solid::{Frame, Solid};
 use turbid_optics::view::View;
 use turbid_render::camera::Camera;
 use turbid_render::flock;
@@ -67,6 +67,38 @@ pub fn scenes() -> Vec<(&'static str, World)> {
     ]
 }
 
+/// Bodies that the lanes of f32 leave to those of f64, most of them to be met twice.
+pub fn shaped_scenes() -> Vec<(&'static str, World)> {
+    let slab = |top: f64, bottom: f64| Solid::Slab { bottom, top };
+    let cuboid = |low: [f64; 3], high: [f64; 3]| Solid::Box { low: low.into(), high: high.into() };
+    let upright = |radius: f64, bottom: f64, top: f64| Solid::Cylinder { axis: DVec2::ZERO, radius, bottom, top };
+    let tilt = Frame::turned(DVec3::new(0.3, 0.0, -1.5), [20.0, -35.0, 10.0]);
+    let port = |w: DVec3| Solid::round_port(2.4, DVec3::ZERO, w.normalize());
+    let shell = Solid::sphere_shell(
+        4.0,
+        5.0,
+        DVec3::ZERO,
+        vec![port(DVec3::new(4.0, -3.0, 25.0)), port(DVec3::new(-9.0, 8.0, 20.0))],
+    );
+    vec![
+        ("cylinder in a slab", world(vec![(upright(1.2, -2.0, 0.5), CORE), (slab(0.0, -500.0), TISSUE)])),
+        (
+            "tube on a floor, a ball in its bore",
+            world(vec![
+                (Solid::tube(4.0, 6.0, DVec2::ZERO, -1.5, 0.0), TISSUE),
+                (ball([0.4, 0.0, -0.7], 0.8), CORE),
+                (slab(-1.5, -20.0), TISSUE),
+            ]),
+        ),
+        ("hollow sphere with two ports", world(vec![(shell.clone(), TISSUE)])),
+        ("white hollow sphere with two ports", world(vec![(ball([0.0, 0.0, -1.0], 0.9), CORE), (shell, WHITE)])),
+        (
+            "turned box in a slab",
+            world(vec![(cuboid([-1.0, -1.5, -0.5], [1.0, 1.5, 1.5]).turned(tilt), CORE), (slab(0.0, -500.0), TISSUE)]),
+        ),
+    ]
+}
+
 /// A point, a cone whose edge crosses the view, a slanted beam, and light from all sides.
 pub fn lamps() -> Steady {
     let (from, to) = (DVec3::new(5.0, -6.0, 12.0), DVec3::new(0.5, -0.5, 0.0));
@@ -89,7 +121,7 @@ fn line_and_point_estimators_agree() {
     let light = Light::new(view([-9.0, 8.0, 20.0], 6.0), 1.0, false);
     let carriers = [Carrier::new(0.15, 20.0)];
     let (steady, paths) = (lamps(), 4000);
-    for (name, world) in scenes() {
+    for (name, world) in scenes().into_iter().chain(shaped_scenes()) {
         let render = |nee: Nee| {
             let seed = if nee == Nee::Line { 1 } else { 2 };
             let setting = Setting {

@@ -1,11 +1,12 @@
 //! From parameters to a checked scene: every mistake with its field, value, unit, rule and way out.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 use glam::DVec3;
-use turbid_contract::payload::{Medium, Object, Scene, Shape, Surface};
+use turbid_contract::payload::{Medium, Object, Port, Scene, Shape, Surface};
 use turbid_contract::{Length, Problems};
-use turbid_optics::solid::Solid;
+use turbid_optics::solid::{Frame, Mesh, Solid};
 
 use crate::params::Params;
 use crate::per_channel::PerChannel;
@@ -13,6 +14,7 @@ use crate::per_channel::PerChannel;
 mod lamp;
 mod medium;
 mod object;
+mod shape;
 mod view;
 mod whole;
 
@@ -72,17 +74,41 @@ pub fn solid(shape: &Shape) -> Solid {
         Shape::Spheroid { diameters, center } => {
             Solid::Ellipsoid { center: center.into(), radii: 0.5 * DVec3::from(diameters) }
         }
+        Shape::Cylinder { diameter, length, center, axis } => {
+            Solid::cylinder(diameter, length, center.into(), axis.into())
+        }
+        Shape::Tube { inner_diameter, outer_diameter, top, bottom, center } => {
+            Solid::tube(inner_diameter, outer_diameter, center.into(), bottom, top)
+        }
+        Shape::SphereShell { inner_diameter, outer_diameter, center, ref ports } => {
+            let holes = ports.iter().map(|port| match *port {
+                Port::Round { direction, diameter } => Solid::round_port(diameter, center.into(), direction.into()),
+                Port::Square { direction, side } => Solid::square_port(side, center.into(), direction.into()),
+            });
+            Solid::sphere_shell(inner_diameter, outer_diameter, center.into(), holes.collect())
+        }
+        Shape::Mesh(ref mesh) => Solid::Mesh(Arc::new(Mesh::new(&mesh.vertices, &mesh.triangles))),
+        Shape::Turned { ref shape, about, rotation_deg } => {
+            solid(shape).turned(Frame::turned_about(about.into(), rotation_deg))
+        }
     }
 }
 
-/// The object that fills a point: the one of highest priority, if any.
-pub fn object_at(scene: &Scene, p: DVec3) -> Option<(&str, &Object)> {
-    scene
-        .objects
-        .iter()
-        .filter(|(_, o)| solid(&o.shape).contains(p))
-        .max_by_key(|(_, o)| o.priority)
-        .map(|(name, o)| (name.as_str(), o))
+/// The objects of a scene with their solids.
+pub struct Placed<'a> {
+    pub name: &'a str,
+    pub object: &'a Object,
+    pub solid: Solid,
+}
+
+/// In the order of their names.
+pub fn placed(scene: &Scene) -> Vec<Placed<'_>> {
+    scene.objects.iter().map(|(name, object)| Placed { name, object, solid: solid(&object.shape) }).collect()
+}
+
+/// The object that fills a point, by its place: the one of highest priority, if any.
+pub fn object_at(objects: &[Placed<'_>], p: DVec3) -> Option<usize> {
+    (0..objects.len()).filter(|&i| objects[i].solid.contains(p)).max_by_key(|&i| objects[i].object.priority)
 }
 
 /// Whether light passes through the object as through nothing.

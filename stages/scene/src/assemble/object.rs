@@ -1,21 +1,19 @@
 //! Objects: shape, surface and medium of each.
 
 use turbid_contract::Problems;
-use turbid_contract::payload::{Object, Shape, Surface};
+use turbid_contract::payload::{Object, Surface};
 
-use crate::assemble::plain;
+use crate::assemble::shape::shapes;
 use crate::params::{ObjectParams, Params, SurfaceParams};
+
+const SHAPES_HINT: &str = "give exactly one of slab, box, sphere, spheroid, cylinder, tube, sphere_shell";
 
 pub fn object(name: &str, o: &ObjectParams, params: &Params, problems: &mut Problems) -> Option<Object> {
     let at = |field: &str| format!("objects.{name}.{field}");
     let shapes = shapes(name, o, problems);
     if shapes.len() != 1 {
         let rule = if shapes.is_empty() { "has no shape" } else { "has more than one shape" };
-        problems.push_with_hint(
-            format!("objects.{name}"),
-            format!("{name} {rule}"),
-            "give exactly one of slab, box, sphere, spheroid",
-        );
+        problems.push_with_hint(format!("objects.{name}"), format!("{name} {rule}"), SHAPES_HINT);
     }
     let surface = surface(name, o, problems);
     match &o.medium {
@@ -38,56 +36,7 @@ pub fn object(name: &str, o: &ObjectParams, params: &Params, problems: &mut Prob
     }
     // Light never enters an opaque object: what lies below cannot matter.
     let medium = if surface == Surface::Smooth { o.medium.clone() } else { None };
-    Some(Object { shape: *shapes.first()?, medium, priority: o.priority, surface })
-}
-
-/// Every shape that it names; a scene needs exactly one.
-fn shapes(name: &str, o: &ObjectParams, problems: &mut Problems) -> Vec<Shape> {
-    let at = |field: &str| format!("objects.{name}.{field}");
-    let mut positive = |field: &str, v: f64| {
-        problems.require(v > 0.0, at(field), v, "mm", "be > 0");
-        v
-    };
-    let mut shapes = Vec::new();
-    if let Some(s) = &o.slab {
-        let thickness = positive("slab.thickness", s.thickness.0);
-        let (top, bottom) = (s.top.0, s.top.0 - thickness);
-        shapes.push(match s.size {
-            None => Shape::Slab { top, bottom },
-            Some(size) => {
-                let (x, y) = (positive("slab.size.0", size[0].0), positive("slab.size.1", size[1].0));
-                let center = s.center.unwrap_or_default();
-                Shape::Box { size: [x, y, thickness], center: [center[0].0, center[1].0, top - 0.5 * thickness] }
-            }
-        });
-    }
-    if let Some(b) = &o.cuboid {
-        let size = [0, 1, 2].map(|i| positive(&format!("box.size.{i}"), b.size[i].0));
-        shapes.push(Shape::Box { size, center: plain(b.center) });
-    }
-    if let Some(s) = &o.sphere {
-        shapes.push(Shape::Sphere { diameter: positive("sphere.diameter", s.diameter.0), center: plain(s.center) });
-    }
-    if let Some(s) = &o.spheroid {
-        let diameters = [0, 1, 2].map(|i| positive(&format!("spheroid.diameters.{i}"), s.diameters[i].0));
-        let center = plain(s.center);
-        shapes.push(if diameters[0] == diameters[1] && diameters[1] == diameters[2] {
-            Shape::Sphere { diameter: diameters[0], center }
-        } else {
-            Shape::Spheroid { diameters, center }
-        });
-    }
-    if let Some(s) = &o.slab
-        && s.center.is_some()
-        && s.size.is_none()
-    {
-        problems.push_with_hint(
-            at("slab.center"),
-            "a slab that is infinite sideways has no center",
-            "add `size: [x, y]`, or leave `center` out",
-        );
-    }
-    shapes
+    Some(Object { shape: shapes.into_iter().next()?, medium, priority: o.priority, surface })
 }
 
 /// What light meets at its skin.

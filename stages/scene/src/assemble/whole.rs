@@ -2,31 +2,34 @@
 
 use glam::DVec3;
 use turbid_contract::Problems;
-use turbid_contract::payload::{Lamp, Object, Scene, Surface};
+use turbid_contract::payload::{Lamp, Scene, Surface};
 use turbid_optics::elementary::sin_cos_turns;
 use turbid_optics::solid::Solid;
 use turbid_optics::view::View;
 
-use crate::assemble::{camera_view, is_void, object_at, projector_view, solid};
+use crate::assemble::{Placed, camera_view, is_void, object_at, placed, projector_view};
 use crate::overlap::overlap;
 
 /// Overlaps, eyes inside solids, lights that light nothing.
 pub fn check_whole(scene: &Scene, problems: &mut Problems) {
-    let objects: Vec<(&String, &Object)> = scene.objects.iter().collect();
-    for (i, (a_name, a)) in objects.iter().enumerate() {
-        for (b_name, b) in &objects[i + 1..] {
-            if a.priority == b.priority && overlap(&solid(&a.shape), &solid(&b.shape)) {
+    let objects = placed(scene);
+    for (i, a) in objects.iter().enumerate() {
+        for b in &objects[i + 1..] {
+            if a.object.priority == b.object.priority && overlap(&a.solid, &b.solid) {
                 problems.push_with_hint(
-                    format!("objects.{b_name}"),
-                    format!("{a_name} and {b_name} overlap and have the same priority {}", a.priority),
+                    format!("objects.{}", b.name),
+                    format!("{} and {} overlap and have the same priority {}", a.name, b.name, a.object.priority),
                     "give the one that shall win a higher `priority`",
                 );
             }
         }
     }
+    let solid_around = |p: &[f64; 3]| {
+        let found = object_at(&objects, (*p).into()).map(|i| &objects[i]);
+        found.filter(|o| !is_void(scene, o.object))
+    };
     for (who, path, points) in places(scene) {
-        let solid_around = |p: &[f64; 3]| object_at(scene, (*p).into()).filter(|(_, o)| !is_void(scene, o));
-        if let Some((position, (name, _))) = points.iter().find_map(|p| Some((p, solid_around(p)?))) {
+        if let Some((position, Placed { name, .. })) = points.iter().find_map(|p| Some((p, solid_around(p)?))) {
             problems.push_with_hint(
                 path,
                 format!("the {who} at {position:?} mm is inside the solid {name}"),
@@ -34,8 +37,9 @@ pub fn check_whole(scene: &Scene, problems: &mut Problems) {
             );
         }
     }
+    let solids: Vec<&Solid> = objects.iter().filter(|o| !is_void(scene, o.object)).map(|o| &o.solid).collect();
     if let Some(p) = &scene.projector
-        && !projector_view(p).is_ok_and(|view| sees_something(scene, &view))
+        && !projector_view(p).is_ok_and(|view| sees_something(&solids, &view))
     {
         problems.push_with_hint(
             "projector.look_at",
@@ -44,7 +48,7 @@ pub fn check_whole(scene: &Scene, problems: &mut Problems) {
         );
     }
     if let Some(c) = &scene.camera {
-        if !camera_view(c).is_ok_and(|view| sees_something(scene, &view)) {
+        if !camera_view(c).is_ok_and(|view| sees_something(&solids, &view)) {
             problems.warn("camera.look_at", "the camera sees no object");
         }
         let refracting = scene
@@ -96,10 +100,13 @@ fn places(scene: &Scene) -> Vec<(String, String, Vec<[f64; 3]>)> {
 }
 
 /// Whether a ray of the view meets anything that is not void: on a grid of 65 x 65 and at every object's middle.
-fn sees_something(scene: &Scene, view: &View) -> bool {
-    let solids: Vec<Solid> = scene.objects.values().filter(|o| !is_void(scene, o)).map(|o| solid(&o.shape)).collect();
+fn sees_something(solids: &[&Solid], view: &View) -> bool {
     let meets = |(origin, along): (DVec3, DVec3)| {
-        solids.iter().any(|s| s.interval(origin, along).is_some_and(|(_, leave)| leave > 0.0))
+        let mut stays = Vec::new();
+        solids.iter().any(|solid| {
+            solid.cut(origin, along, None, &mut stays);
+            stays.iter().any(|stay| stay.leave > 0.0)
+        })
     };
     let steps = 64;
     let grid = (0..=steps).flat_map(|i| (0..=steps).map(move |j| (f64::from(i), f64::from(j))));

@@ -16,7 +16,10 @@ mod view;
 pub use lamp::{AmbientParams, CollimatedParams, LampParams, PointParams, SpotParams};
 pub use medium::MediumParams;
 pub use object::ObjectParams;
-pub use shape::{BoxParams, SlabParams, SphereParams, SpheroidParams};
+pub use shape::{
+    BoxParams, CylinderParams, PortParams, RoundPortParams, SlabParams, SphereParams, SphereShellParams,
+    SpheroidParams, SquarePortParams, TubeParams,
+};
 pub use surface::SurfaceParams;
 pub use view::{CameraParams, DistortionParams, ProjectorParams};
 

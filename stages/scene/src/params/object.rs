@@ -3,9 +3,11 @@
 use serde::{Deserialize, Serialize};
 use turbid_contract::schemars::JsonSchema;
 
-use super::{BoxParams, SlabParams, SphereParams, SpheroidParams, SurfaceParams};
+use super::{
+    BoxParams, CylinderParams, SlabParams, SphereParams, SphereShellParams, SpheroidParams, SurfaceParams, TubeParams,
+};
 
-/// A solid: exactly one of `slab`, `box`, `sphere`, `spheroid`, with its medium.
+/// A solid: exactly one of `slab`, `box`, `sphere`, `spheroid`, `cylinder`, `tube`, `sphere_shell`, with its medium.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(crate = "turbid_contract::schemars")]
@@ -18,6 +20,12 @@ pub struct ObjectParams {
     pub sphere: Option<SphereParams>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub spheroid: Option<SpheroidParams>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cylinder: Option<CylinderParams>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tube: Option<TubeParams>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sphere_shell: Option<SphereShellParams>,
     /// Name of an entry of `media`; may be left out below an opaque surface.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub medium: Option<String>,

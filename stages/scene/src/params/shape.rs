@@ -1,8 +1,10 @@
 //! Shapes as they stand in a pipeline file.
 
 use serde::{Deserialize, Serialize};
-use turbid_contract::Length;
 use turbid_contract::schemars::JsonSchema;
+use turbid_contract::{AngleDeg, Length};
+
+use crate::axis::Axis;
 
 /// Everything between two horizontal planes; infinite sideways unless `size` is given.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -26,6 +28,9 @@ pub struct SlabParams {
 pub struct BoxParams {
     pub size: [Length; 3],
     pub center: [Length; 3],
+    /// About its center, by these angles about the world's x, then y, then z axis.
+    #[serde(default, skip_serializing_if = "is_straight")]
+    pub rotation_deg: [AngleDeg; 3],
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -43,4 +48,81 @@ pub struct SpheroidParams {
     /// Along x, y and z.
     pub diameters: [Length; 3],
     pub center: [Length; 3],
+    /// About its center, by these angles about the world's x, then y, then z axis.
+    #[serde(default, skip_serializing_if = "is_straight")]
+    pub rotation_deg: [AngleDeg; 3],
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(crate = "turbid_contract::schemars")]
+pub struct CylinderParams {
+    pub diameter: Length,
+    pub length: Length,
+    pub center: [Length; 3],
+    /// `x`, `y`, `z`, or a vector along it; z where left out.
+    #[serde(default)]
+    pub axis: Axis,
+}
+
+/// A hollow cylinder with open ends, along z.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(crate = "turbid_contract::schemars")]
+pub struct TubeParams {
+    pub inner_diameter: Length,
+    pub outer_diameter: Length,
+    pub length: Length,
+    /// World z of its upper end.
+    pub top: Length,
+    /// World x and y of its axis; [0, 0] where left out.
+    #[serde(default)]
+    pub center: [Length; 2],
+}
+
+/// A hollow sphere with holes through its wall.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(crate = "turbid_contract::schemars")]
+pub struct SphereShellParams {
+    pub inner_diameter: Length,
+    /// Its thickness.
+    pub wall: Length,
+    #[serde(default)]
+    pub ports: Vec<PortParams>,
+    /// [0, 0, 0] where left out.
+    #[serde(default)]
+    pub center: [Length; 3],
+}
+
+/// A straight hole about a line from the center of a sphere shell.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+#[schemars(crate = "turbid_contract::schemars")]
+pub enum PortParams {
+    Round(RoundPortParams),
+    /// Two of its sides are horizontal, or along x where it looks up or down.
+    Square(SquarePortParams),
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(crate = "turbid_contract::schemars")]
+pub struct RoundPortParams {
+    /// From the center of the sphere; its length does not matter.
+    pub direction: Axis,
+    pub diameter: Length,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(crate = "turbid_contract::schemars")]
+pub struct SquarePortParams {
+    /// From the center of the sphere; its length does not matter.
+    pub direction: Axis,
+    pub side: Length,
+}
+
+fn is_straight(rotation_deg: &[AngleDeg; 3]) -> bool {
+    rotation_deg.iter().all(|angle| angle.0 == 0.0)
 }

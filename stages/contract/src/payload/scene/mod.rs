@@ -10,13 +10,15 @@ use crate::payload::Payload;
 
 mod lamp;
 mod lens;
+mod mesh;
 mod shape;
 mod surface;
 mod view;
 
 pub use lamp::Lamp;
 pub use lens::{Aperture, Distortion, Projection};
-pub use shape::Shape;
+pub use mesh::Mesh;
+pub use shape::{Port, Shape};
 pub use surface::Surface;
 pub use view::{Camera, Profile, Projector, Specular};
 

@@ -1,0 +1,332 @@
+//! A solid bounded by a closed surface of triangles.
+//!
+//! Invariant: a line crosses the surface an even number of times, whatever edge or vertex it is aimed at. Which triangles it crosses
+//! is decided in the plane across the line by the signs of 2 x 2 determinants of the projected vertices. A vertex is projected alike
+//! for all its triangles, the signs are those of exact arithmetic, and where a determinant is exactly 0 the line counts as
+//! shifted by an infinitesimal (e, e^2). So it crosses the projected triangles as in exact geometry a line crosses a closed surface.
+
+use glam::DVec3;
+
+use super::bvh::Tree;
+use super::{Start, Stay};
+
+/// Cells of the distance grid along the longest side.
+const CELLS: f64 = 40.0;
+
+/// What a closed, consistently oriented surface of triangles encloses: outward normals by the right-hand rule.
+///
+/// Faces are numbered in the order of its tree.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mesh {
+    /// Corners are relative to this point, which keeps their digits.
+    center: DVec3,
+    corners: Vec<[DVec3; 3]>,
+    normals: Vec<DVec3>,
+    tree: Tree,
+    /// Half the size of the bounding box.
+    half: DVec3,
+    grid: Grid,
+}
+
+/// Distances from the surface at the middles of cubes that fill the bounding box.
+#[derive(Clone, Debug, PartialEq)]
+struct Grid {
+    cell: f64,
+    counts: [usize; 3],
+    distances: Vec<f32>,
+}
+
+/// Where a line crosses a triangle.
+#[derive(Clone, Copy, Debug)]
+struct Crossing {
+    t: f64,
+    face: u32,
+    /// +1 into the solid, -1 out of it.
+    turn: i32,
+}
+
+impl Mesh {
+    /// The solid within triangles of vertices (mm) that are known to be closed and oriented.
+    ///
+    /// # Panics
+    /// Without triangles, or with an index beyond the vertices.
+    pub fn new(vertices: &[[f64; 3]], triangles: &[[u32; 3]]) -> Self {
+        assert!(!triangles.is_empty(), "a mesh has triangles");
+        let nowhere = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        let at = |i: u32| DVec3::from(vertices[i as usize]);
+        let used = triangles.iter().flatten();
+        let (low, high) = used.fold(nowhere, |(low, high), &i| (low.min(at(i)), high.max(at(i))));
+        let center = 0.5 * (low + high);
+        let half = (high - center).max(center - low);
+        let all: Vec<[DVec3; 3]> = triangles.iter().map(|t| t.map(|i| at(i) - center)).collect();
+        let boxes: Vec<_> = all.iter().map(|[a, b, c]| (a.min(*b).min(*c), a.max(*b).max(*c))).collect();
+        let tree = Tree::over(&boxes);
+        let corners: Vec<[DVec3; 3]> = tree.order().iter().map(|&i| all[i as usize]).collect();
+        let normals = corners.iter().map(|[a, b, c]| (b - a).cross(c - a).normalize_or_zero()).collect();
+        let mut mesh = Self { center, corners, normals, tree, half, grid: Grid::none() };
+        mesh.grid = Grid::around(&mesh);
+        mesh
+    }
+
+    pub fn triangles(&self) -> usize {
+        self.corners.len()
+    }
+
+    pub(super) fn bounds(&self) -> (DVec3, DVec3) {
+        (self.center - self.half, self.center + self.half)
+    }
+
+    pub(super) fn normal(&self, face: u32) -> DVec3 {
+        self.normals[face as usize]
+    }
+
+    pub(super) fn contains(&self, p: DVec3) -> bool {
+        if (p - self.center).abs().cmpgt(self.half).any() {
+            return false;
+        }
+        // Any direction would do; this one lies in no plane that people draw.
+        let direction = DVec3::new(0.436_436, 0.872_871, 0.218_218).normalize();
+        let mut turns = 0;
+        self.crossings(p, direction, |c| turns -= if c.t > 0.0 { c.turn } else { 0 });
+        turns > 0
+    }
+
+    pub(super) fn cut(&self, origin: DVec3, direction: DVec3, start: Option<Start>, stays: &mut Vec<Stay>) {
+        let mut crossings = Vec::new();
+        // What lies so near to a start on the surface is rounding.
+        let near = start.map_or(0.0, |_| 1e-12 * (self.half.max_element() + self.center.abs().max_element()));
+        let (mut about, mut beyond) = (0, 0);
+        self.crossings(origin, direction, |c| {
+            if c.t > -near && start.is_none_or(|s| s.face != c.face) {
+                beyond += if c.t > near { c.turn } else { 0 };
+                about += usize::from(c.t <= near);
+                crossings.push(c);
+            }
+        });
+        if crossings.is_empty() && start.is_none_or(|s| !s.inside) {
+            return;
+        }
+        crossings.sort_by(|a, b| a.t.total_cmp(&b.t));
+        // From the inside a ray leaves once more often than it enters. What is far away tells whether anything near is real.
+        let mut inside = start.map_or(beyond < 0, |s| s.inside);
+        if about > 0 {
+            let wanted = -i32::from(inside) - beyond;
+            let real = crossings[..about].iter().find(|c| c.turn == wanted).map(|c| Crossing { t: c.t.max(0.0), ..*c });
+            crossings.splice(..about, real);
+        }
+        let mut enter = Stay { enter: f64::NEG_INFINITY, leave: f64::INFINITY, into: 0, out_of: 0 };
+        for c in crossings {
+            if c.turn < 0 && inside {
+                stays.push(Stay { leave: c.t, out_of: c.face, ..enter });
+                inside = false;
+            } else if c.turn > 0 && !inside {
+                enter = Stay { enter: c.t, into: c.face, ..enter };
+                inside = true;
+            }
+        }
+    }
+
+    /// Every crossing of the line, ahead of its origin and behind it.
+    #[inline]
+    fn crossings(&self, origin: DVec3, direction: DVec3, mut met: impl FnMut(Crossing)) {
+        let line = Line::new(origin - self.center, direction, self.half.max_element());
+        self.tree.visit(
+            |low, high| line.may_meet(low, high),
+            |places| {
+                for place in places {
+                    if let Some((t, turn)) = line.meets(&self.corners[place]) {
+                        met(Crossing { t, face: place as u32, turn });
+                    }
+                }
+            },
+        );
+    }
+
+    /// At most the distance from the surface: exact near it, from the grid elsewhere.
+    pub(super) fn clearance(&self, p: DVec3) -> f64 {
+        let q = p - self.center;
+        let outside = (q.abs() - self.half).max(DVec3::ZERO).length();
+        // 1e-14 of the coordinates is more than what these differences round.
+        let rounding = 1e-14 * (p.abs().max_element() + self.center.abs().max_element());
+        if outside > self.half.max_element() {
+            return (outside - rounding).max(0.0);
+        }
+        let nearby = self.grid.at(q, self.half);
+        let (bound, at_most) = nearby;
+        let clear = if bound > self.grid.cell { bound } else { self.distance(q, at_most).max(bound) };
+        (clear.max(outside) - rounding).max(0.0)
+    }
+
+    /// Distance of a point (relative to the center) from the surface, known to be at most `at_most`.
+    fn distance(&self, q: DVec3, at_most: f64) -> f64 {
+        let square = self.tree.nearest(q, at_most * at_most * (1.0 + 1e-12), |places| {
+            self.corners[places].iter().map(|corners| distance_squared(q, corners)).fold(f64::INFINITY, f64::min)
+        });
+        square.sqrt()
+    }
+}
+
+impl Grid {
+    fn none() -> Self {
+        Self { cell: 0.0, counts: [0; 3], distances: Vec::new() }
+    }
+
+    fn around(mesh: &Mesh) -> Self {
+        let cell = 2.0 * mesh.half.max_element() / CELLS;
+        let counts = (2.0 * mesh.half / cell).to_array().map(|n| (n.ceil() as usize).max(1));
+        let mut grid = Self { cell, counts, distances: Vec::with_capacity(counts.iter().product()) };
+        for i in 0..counts.iter().product() {
+            let place = [i % counts[0], i / counts[0] % counts[1], i / counts[0] / counts[1]];
+            let q = grid.middle(place, mesh.half);
+            // The neighbour's distance and the way from it bound this one.
+            let known = if place[0] > 0 { f64::from(grid.distances[i - 1]) + cell } else { f64::INFINITY };
+            let distance = mesh.distance(q, known * (1.0 + 1e-6)) as f32;
+            grid.distances.push(distance);
+        }
+        grid
+    }
+
+    fn middle(&self, place: [usize; 3], half: DVec3) -> DVec3 {
+        DVec3::from(place.map(|i| i as f64 + 0.5)) * self.cell - half
+    }
+
+    /// Bounds of the distance from the surface at `q`: at least, at most.
+    #[inline]
+    fn at(&self, q: DVec3, half: DVec3) -> (f64, f64) {
+        let scaled = (q + half) / self.cell;
+        // A negative number becomes 0.
+        let place = [0, 1, 2].map(|axis| (scaled[axis] as usize).min(self.counts[axis] - 1));
+        let index = place[0] + self.counts[0] * (place[1] + self.counts[1] * place[2]);
+        let (distance, away) = (f64::from(self.distances[index]), (q - self.middle(place, half)).length());
+        // f32 rounds by 6e-8.
+        (distance * (1.0 - 1e-7) - away, distance * (1.0 + 1e-7) + away)
+    }
+}
+
+/// A line, with what is needed to project points across it (Woop, Benthin and Wald 2013).
+struct Line {
+    origin: DVec3,
+    /// x, y, z of the projection: z is the axis along which the line runs most, and the three are right-handed.
+    axes: [usize; 3],
+    shear: DVec3,
+    /// One over the direction, never infinite.
+    inverse: DVec3,
+    /// What rounding may move a projected point by.
+    slack: f64,
+}
+
+impl Line {
+    fn new(origin: DVec3, direction: DVec3, size: f64) -> Self {
+        let along = direction.abs();
+        let z = if along.x >= along.y && along.x >= along.z {
+            0
+        } else if along.y >= along.z {
+            1
+        } else {
+            2
+        };
+        let (x, y) = ((z + 1) % 3, (z + 2) % 3);
+        let axes = if direction[z] < 0.0 { [y, x, z] } else { [x, y, z] };
+        let d = direction[z];
+        let shear = DVec3::new(direction[axes[0]] / d, direction[axes[1]] / d, 1.0 / d);
+        let inverse = DVec3::from(direction.to_array().map(|d| 1.0 / if d.abs() < 1e-200 { 1e-200 } else { d }));
+        Self { origin, axes, shear, inverse, slack: 1e-14 * (origin.abs().max_element() + size) }
+    }
+
+    /// Whether the whole line meets a box, or nearly.
+    #[inline]
+    fn may_meet(&self, low: DVec3, high: DVec3) -> bool {
+        let a = (low - self.origin - self.slack) * self.inverse;
+        let b = (high - self.origin + self.slack) * self.inverse;
+        let (near, far) = (a.min(b), a.max(b));
+        near.max_element() <= far.min_element()
+    }
+
+    fn project(&self, p: DVec3) -> (f64, f64, f64) {
+        let p = p - self.origin;
+        let [x, y, z] = self.axes;
+        (p[x] - self.shear.x * p[z], p[y] - self.shear.y * p[z], self.shear.z * p[z])
+    }
+
+    /// Where it crosses a triangle, and whether against its normal (+1) or along it (-1).
+    #[inline]
+    fn meets(&self, [a, b, c]: &[DVec3; 3]) -> Option<(f64, i32)> {
+        let [a, b, c] = [a, b, c].map(|&p| self.project(p));
+        let sign = side(b, c);
+        if sign == 0 || side(c, a) != sign || side(a, b) != sign {
+            return None;
+        }
+        let weights = [area(b, c), area(c, a), area(a, b)];
+        let sum: f64 = weights.iter().sum();
+        let (low, high) = (a.2.min(b.2).min(c.2), a.2.max(b.2).max(c.2));
+        let t = if sum == 0.0 {
+            // Seen on edge: anywhere within it.
+            0.5 * (low + high)
+        } else {
+            ((weights[0] * a.2 + weights[1] * b.2 + weights[2] * c.2) / sum).clamp(low, high)
+        };
+        // Counterclockwise, seen along the line: its normal runs along it.
+        Some((t, -sign))
+    }
+}
+
+/// Twice the area of the triangle of the line, p and q, seen along the line.
+#[inline]
+fn area(p: (f64, f64, f64), q: (f64, f64, f64)) -> f64 {
+    p.0 * q.1 - p.1 * q.0
+}
+
+/// Its exact sign. Products that differ after rounding differ alike before; where they do not, what rounding took away decides.
+#[inline]
+fn side(p: (f64, f64, f64), q: (f64, f64, f64)) -> i32 {
+    let (one, other) = (p.0 * q.1, p.1 * q.0);
+    if one > other {
+        return 1;
+    }
+    if one < other {
+        return -1;
+    }
+    let (lost, other_lost) = (libm::fma(p.0, q.1, -one), libm::fma(p.1, q.0, -other));
+    // The line moved by (e, e^2), where the determinant is 0.
+    let tie = if p.1 == q.1 { sign(q.0 - p.0) } else { sign(p.1 - q.1) };
+    if lost == other_lost { tie } else { sign(lost - other_lost) }
+}
+
+fn sign(x: f64) -> i32 {
+    i32::from(x > 0.0) - i32::from(x < 0.0)
+}
+
+/// The square of the distance of a point from a triangle (Ericson, Real-Time Collision Detection, 5.1.5).
+pub fn distance_squared(p: DVec3, &[a, b, c]: &[DVec3; 3]) -> f64 {
+    let (ab, ac, ap) = (b - a, c - a, p - a);
+    let (d1, d2) = (ab.dot(ap), ac.dot(ap));
+    if d1 <= 0.0 && d2 <= 0.0 {
+        return ap.length_squared();
+    }
+    let bp = p - b;
+    let (d3, d4) = (ab.dot(bp), ac.dot(bp));
+    if d3 >= 0.0 && d4 <= d3 {
+        return bp.length_squared();
+    }
+    let vc = d1 * d4 - d3 * d2;
+    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
+        return (ap - d1 / (d1 - d3) * ab).length_squared();
+    }
+    let cp = p - c;
+    let (d5, d6) = (ab.dot(cp), ac.dot(cp));
+    if d6 >= 0.0 && d5 <= d6 {
+        return cp.length_squared();
+    }
+    let vb = d5 * d2 - d1 * d6;
+    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
+        return (ap - d2 / (d2 - d6) * ac).length_squared();
+    }
+    let va = d3 * d6 - d5 * d4;
+    if va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0 {
+        let along = (d4 - d3) / ((d4 - d3) + (d5 - d6));
+        return (bp - along * (c - b)).length_squared();
+    }
+    let normal = ab.cross(ac);
+    let height = ap.dot(normal);
+    height * height / normal.length_squared()
+}
