@@ -22,12 +22,14 @@ pub struct Experiment {
     /// True reflectance of the standard, and what it is taken for.
     pub standard: [f64; 2],
     pub photons: u64,
+    /// Limit of bounces on white surfaces.
+    pub bounces: Option<u32>,
 }
 
 impl Experiment {
     /// The setup with this at the sample port.
     pub fn with(&self, target: Target) -> Setup {
-        Setup { spheres: self.spheres.clone(), target, beam: self.beam, method: self.method }
+        Setup { spheres: self.spheres.clone(), target, beam: self.beam, method: self.method, bounces: self.bounces }
     }
 }
 
@@ -60,7 +62,15 @@ pub fn assemble(params: &Params, problems: &mut Problems) -> Option<Experiment> 
     }
     let (spheres, beam) = (spheres?, beam?);
     leaks(params, problems);
-    Some(Experiment { media, spheres, beam, method, standard: [reflectance, taken], photons: params.samples })
+    Some(Experiment {
+        media,
+        spheres,
+        beam,
+        method,
+        standard: [reflectance, taken],
+        photons: params.samples,
+        bounces: params.spheres.bounces,
+    })
 }
 
 fn media(params: &Params, problems: &mut Problems) -> Vec<(String, Plate)> {
@@ -141,6 +151,9 @@ fn spheres(params: &Params, problems: &mut Problems) -> Option<[Sphere; 2]> {
     problems.require(polar_fits, "spheres.ports.detector.polar_deg", polar, "deg", "lie in [0, 180]");
     if p.diameter.0 <= 0.0 || !polar_fits {
         return None;
+    }
+    if p.bounces == Some(0) {
+        problems.push("spheres.bounces", "bounces = 0 must be > 0: no light would leave the wall");
     }
     let radius = 0.5 * p.diameter.0;
     let mut port = |name: &str, round, square, turns| {

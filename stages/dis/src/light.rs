@@ -51,6 +51,8 @@ pub struct Setup {
     pub target: Target,
     pub beam: Beam,
     pub method: Method,
+    /// Light ends on the white surfaces of the spheres when it has left them so many times; `None`: never.
+    pub bounces: Option<u32>,
 }
 
 /// Weights below this play roulette on their way back into the sample or on the wall.
@@ -95,6 +97,8 @@ struct History<'a> {
     /// The sphere in which the photon is.
     side: usize,
     weight: f64,
+    /// How often it may still leave a white surface.
+    bounces: Option<u32>,
     /// Whether it has met nothing yet.
     direct: bool,
     score: Score,
@@ -104,7 +108,15 @@ struct History<'a> {
 impl Setup {
     /// Sends one photon of weight 1.
     pub fn photon(&self, random: Stream) -> Score {
-        let mut history = History { setup: self, side: 0, weight: 1.0, direct: true, score: Score::default(), random };
+        let mut history = History {
+            setup: self,
+            side: 0,
+            weight: 1.0,
+            bounces: self.bounces,
+            direct: true,
+            score: Score::default(),
+            random,
+        };
         let (r, u) = history.launch();
         let mut at = At::Flight { r, u, falls: Falls::Counts };
         loop {
@@ -169,6 +181,11 @@ impl History<'_> {
     fn meet_white(&mut self, then: At) -> At {
         self.direct = false;
         let reflectance = self.sphere().reflectance;
+        match &mut self.bounces {
+            Some(0) => return self.end(Fate::Wall),
+            Some(left) => *left -= 1,
+            None => {}
+        }
         if self.setup.method == Method::Counted {
             return if self.random.uniform() < reflectance { then } else { self.end(Fate::Wall) };
         }
@@ -215,18 +232,33 @@ impl History<'_> {
     fn glow_summed(&mut self, r: DVec3) -> At {
         let sphere = &self.setup.spheres[self.side];
         let (reflectance, wall) = (sphere.reflectance, sphere.wall_fraction());
-        let ends = 1.0 - reflectance * wall;
-        let sent = self.weight / ends;
+        let again = reflectance * wall;
+        // 1 + again + again^2 + ..., to the last bounce.
+        let series = match self.bounces {
+            None => 1.0 / (1.0 - again),
+            Some(left) => (0..left).fold(1.0, |sum, _| 1.0 + again * sum),
+        };
+        let sent = self.weight * series;
         self.score.detected[self.side] += sent * sphere.port_fraction(Port::Detector);
         self.score.book(Fate::Entrance, sent * sphere.port_fraction(Port::Entrance));
         self.score.book(Fate::Exit, sent * sphere.port_fraction(Port::Exit));
-        self.score.book(Fate::Wall, sent * wall * (1.0 - reflectance));
+        self.score.book(Fate::Wall, self.weight - sent * (1.0 - wall));
         self.weight = sent * sphere.sample.fraction;
         if !self.survives() {
             return At::End;
         }
-        // The first bounce is where it is; from the second on, all of the wall is alike.
-        let from = if self.random.uniform() < ends {
+        // Which bounce sends it to the sample: the first is where it is; from the second on, all of the wall is alike.
+        let mut chance = self.random.uniform() * series - 1.0;
+        let first = chance < 0.0;
+        if let Some(left) = &mut self.bounces {
+            let mut share = again;
+            while chance >= 0.0 && *left > 0 {
+                *left -= 1;
+                chance -= share;
+                share *= again;
+            }
+        }
+        let from = if first {
             r
         } else {
             loop {

@@ -59,6 +59,9 @@ pub struct SpheresParams {
     /// Distance from the rim of the sample port to the sample; its side is white like the wall.
     #[serde(default)]
     pub neck: Length,
+    /// Light that has left white surfaces so many times ends there, as in renderers that cut paths; left out: no limit, as in nature.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bounces: Option<u32>,
     /// In either sphere, between sample and detector.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub baffle: Option<BaffleParams>,

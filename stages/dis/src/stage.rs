@@ -196,6 +196,7 @@ fn attributes(table: &mut Table, experiment: &Experiment) {
             "detector": share(first, Port::Detector),
             "exit": share(second, Port::Exit),
             "neck": first.plane - Sphere::rim(first.radius, first.sample.outline),
+            "bounces": experiment.bounces,
             "baffle": first.baffle.is_some(),
             "sees_sample": first.sees_sample && first.baffle.is_none(),
         }),

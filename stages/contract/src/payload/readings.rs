@@ -12,7 +12,7 @@ use crate::payload::Payload;
 ///
 /// Attributes: `thickness` (mm), `slides` (index, or null), `r_standard`, and `spheres`: `diameter` (mm), `wall_reflectance`, the shares of a
 /// sphere's surface that `sample`, `entrance` (reflectance sphere), `detector` (both) and `exit` (transmittance sphere) take,
-/// `neck` (mm), `baffle` (true or false) and `sees_sample` (whether light falls straight from the sample into a detector).
+/// `neck` (mm), `bounces` (their limit, or null), `baffle` (true or false) and `sees_sample` (whether light falls straight from the sample into a detector).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Readings(pub Table);
 

@@ -71,7 +71,8 @@ fn readings_meet_the_energy_balance() {
             sphere(radius, reflectance, share(port), vec![detector]),
         ];
         let read = |target, stream| {
-            let setup = Setup { spheres: spheres.clone(), target, beam: PARALLEL, method: Method::Summed };
+            let setup =
+                Setup { spheres: spheres.clone(), target, beam: PARALLEL, method: Method::Summed, bounces: None };
             tally(&setup, 20_000, 8 * k as u32 + stream)
         };
         let normals = Normals {

@@ -53,11 +53,17 @@ fn cases() -> Vec<Setup> {
         (0.95, square, 0.0, Target::Open, cone),
         (0.0, square, 0.0, Target::Medium(MEDIUM), parallel),
     ] {
-        let mut setup =
-            Setup { spheres: spheres(reflectance, sample, neck, None), target, beam, method: Method::Summed };
+        let mut setup = Setup {
+            spheres: spheres(reflectance, sample, neck, None),
+            target,
+            beam,
+            method: Method::Summed,
+            bounces: None,
+        };
         cases.push(setup.clone());
         setup.spheres.iter_mut().for_each(|sphere| sphere.sees_sample = false);
-        cases.push(setup);
+        cases.push(setup.clone());
+        cases.push(Setup { bounces: Some(cases.len() as u32 % 4 + 1), ..setup });
     }
     cases
 }
@@ -105,7 +111,7 @@ fn a_baffle_hides_the_sample() {
     for (baffle, seen) in [(Some(8.0), false), (None, true)] {
         let spheres = spheres(0.0, Outline::Round { radius: 5.0 }, 0.0, baffle);
         let beam = Beam { radius: 0.5, cos_half_angle: 1.0 };
-        let setup = Setup { spheres, target: Target::Medium(MEDIUM), beam, method: Method::Traced };
+        let setup = Setup { spheres, target: Target::Medium(MEDIUM), beam, method: Method::Traced, bounces: None };
         let tally = tally(&setup, 20_000, 200);
         assert_eq!([tally.mean(0) > 0.0, tally.mean(1) > 0.0], [seen; 2]);
     }
@@ -130,7 +136,7 @@ fn white_spheres_share_by_area() {
     let spheres = spheres(1.0, Outline::Round { radius: 5.0 }, 0.0, None);
     let [detector, entrance] = [Port::Detector, Port::Entrance].map(|port| spheres[0].port_fraction(port));
     let beam = Beam { radius: 0.5, cos_half_angle: 0.98 };
-    let setup = Setup { spheres, target: Target::White(1.0), beam, method: Method::Summed };
+    let setup = Setup { spheres, target: Target::White(1.0), beam, method: Method::Summed, bounces: None };
     let tally = tally(&setup, 40_000, 300);
     let (expected, se) = (detector / (detector + entrance), tally.covariance(0, 0).sqrt());
     assert!((tally.mean(0) - expected).abs() < 4.5 * se, "{} +- {se}, {expected}", tally.mean(0));

@@ -93,6 +93,7 @@ fn mistakes_are_named() {
             json!(1.01),
             "spheres.wall_reflectance: wall_reflectance = 1.01 must lie in [0, 1]",
         ),
+        ("spheres.bounces", json!(0), "spheres.bounces: bounces = 0 must be > 0: no light would leave the wall"),
         ("spheres.neck", json!(-1), "spheres.neck: neck = -1 mm must be >= 0"),
         (
             "spheres.ports.sample",
