@@ -2,9 +2,11 @@
 
 use turbid_optics::LogGrid;
 
-/// Two look-up tables on the same nodes: the lower f_x first.
+use crate::surface::Surface;
+
+/// The surfaces at two f_x, on the same nodes: the lower f_x first.
 pub struct Forward {
-    grids: [LogGrid; 2],
+    surfaces: [Surface; 2],
 }
 
 /// ln R at both f_x, and its Jacobian: `jacobian[k]` = d ln R_k / d (ln mu_a, ln mu_s').
@@ -18,41 +20,28 @@ impl Forward {
     /// The two grids must have the same nodes.
     pub fn new(grids: [LogGrid; 2]) -> Self {
         assert!(grids[0].u() == grids[1].u() && grids[0].v() == grids[1].v(), "both f_x have the same nodes");
-        Self { grids }
+        Self { surfaces: grids.map(Surface::new) }
     }
 
     /// Nodes along ln mu_a and ln mu_s'.
     pub fn nodes(&self) -> [&[f64]; 2] {
-        [self.grids[0].u(), self.grids[0].v()]
+        self.surfaces[0].nodes()
     }
 
     /// Smallest and largest node of ln mu_a and of ln mu_s'.
     pub fn bounds(&self) -> [[f64; 2]; 2] {
-        self.nodes().map(|nodes| [nodes[0], nodes[nodes.len() - 1]])
+        self.surfaces[0].bounds()
     }
 
-    /// The surface at `p`; beyond the nodes it goes on straight in log-log, as a help for what lies just inside.
+    /// Both surfaces at `p`, see [`Surface::at`].
     pub fn at(&self, p: [f64; 2]) -> Point {
-        let bounds = self.bounds();
-        let inside = [0, 1].map(|k| p[k].clamp(bounds[k][0], bounds[k][1]));
-        let beyond = [p[0] - inside[0], p[1] - inside[1]];
-        let mut point = Point { ln_r: [0.0; 2], jacobian: [[0.0; 2]; 2] };
-        for (k, grid) in self.grids.iter().enumerate() {
-            let jet = grid.log_jet(inside[0], inside[1]).expect("the point was brought inside");
-            point.ln_r[k] = jet.w + jet.w_u * beyond[0] + jet.w_v * beyond[1];
-            point.jacobian[k] = [jet.w_u, jet.w_v];
-        }
-        point
+        let [(low, low_slope), (high, high_slope)] = [0, 1].map(|k| self.surfaces[k].at(p));
+        Point { ln_r: [low, high], jacobian: [low_slope, high_slope] }
     }
 
     /// d^2 ln R_k / d p^2 of both at `p`, or at the nearest point of the table.
     pub fn curvature(&self, p: [f64; 2]) -> [[[f64; 2]; 2]; 2] {
-        let bounds = self.bounds();
-        let [u, v] = [0, 1].map(|k| p[k].clamp(bounds[k][0], bounds[k][1]));
-        [0, 1].map(|k| {
-            let [uu, uv, vv] = self.grids[k].log_curvature(u, v).expect("the point was brought inside");
-            [[uu, uv], [uv, vv]]
-        })
+        [0, 1].map(|k| self.surfaces[k].curvature(p))
     }
 }
 

@@ -224,6 +224,11 @@ impl InverseTable {
         }
     }
 
+    /// The exact inverse of the surface that the table was made of, from what the table says; `None` if Newton's method does not get there.
+    pub fn exact(&self, forward: &Forward, r: [f64; 2], start: [f64; 2]) -> Option<[f64; 2]> {
+        solve(forward, &self.coordinates, self.coordinates.at(r)?, start)
+    }
+
     /// Compares the table at the centres of cells, where bilinear interpolation is worst, with the exact inverse.
     fn check(&mut self, forward: &Forward) {
         let good: Vec<usize> = (0..self.cells.len()).filter(|&c| self.cells[c] == Cell::Good).collect();

@@ -7,12 +7,17 @@
 //!   with: {method: table, outside: mask}
 //! ```
 //! `table` resamples the look-up table once to ln mu_a, ln mu_s' over uniform coordinates of the reflectance pair and then
-//! fetches bilinearly; `nearest` takes the nearest node. Theory and measured figures: `docs/theory/invert.md`.
+//! fetches bilinearly; `bicubic` solves for each pixel, `linear` and `nearest` are the plain ways; `least_squares` takes
+//! all f_x at once. Theory and measured figures: `docs/theory/invert.md`.
 
 pub mod forward;
 pub mod inverse;
+mod least_squares;
+mod linear;
 pub mod nearest;
+mod pair;
 mod pass;
 mod stage;
+mod surface;
 
 pub use stage::{In, Invert, Method, NoiseBias, Out, Outside, Params};

@@ -292,7 +292,7 @@ fn f_x_can_be_chosen() {
     let last = r_d(0.05, 1.0, 0.2);
     input.0.push(LayerInfo::value("r_d", "1").with_f_x(0.2), Array2::from_elem((1, 1), last as f32));
     for f_x in [None, Some([0.0, 0.1]), Some([0.1, 0.2])] {
-        let params = Params { f_x: f_x.map(|f| f.map(PerLength)), ..Params::default() };
+        let params = Params { f_x: f_x.map(|f| f.map(PerLength).to_vec()), ..Params::default() };
         let (out, _) = invert(input.clone(), lut(&three, r_d), &params, &[]).unwrap();
         assert!((layer(&out.maps.0, "mu_a")[0] / 0.05 - 1.0).abs() < 1e-3, "{f_x:?}");
         assert_eq!(out.maps.0.attributes["f_x"], serde_json::json!(f_x.unwrap_or([0.0, 0.2])));
@@ -318,7 +318,7 @@ fn mismatches_are_named() {
         message(good(), lut(&[0.0, 0.2], r_d), &params)
             .contains("the table has f_x = 0, 0.2 mm^-1, the reflectance needs 0.1")
     );
-    let other = Params { f_x: Some([0.0, 0.3].map(PerLength)), ..Params::default() };
+    let other = Params { f_x: Some([0.0, 0.3].map(PerLength).to_vec()), ..Params::default() };
     assert!(message(good(), lut(&F_X, r_d), &other).contains("the reflectance has f_x = 0, 0.1, not 0.3 mm^-1"));
     let mut single = good();
     single.0.layers.truncate(1);
@@ -334,8 +334,109 @@ fn mismatches_are_named() {
     assert!(message(good(), short, &params).contains("7 rows for 2 f_x"));
 
     let mut problems = Problems::default();
-    let wrong = Params { f_x: Some([-0.1, -0.2].map(PerLength)), ..Params::default() };
+    let wrong = Params { f_x: Some([-0.1, -0.2].map(PerLength).to_vec()), ..Params::default() };
     Invert::check(&wrong, &Known::default(), &mut problems);
     let paths: Vec<String> = problems.into_parts().0.into_iter().map(|p| p.path).collect();
     assert_eq!(paths, ["f_x.0", "f_x.1"]);
+}
+
+/// A table that is a power law is plane in log-log: there `linear` and `bicubic` are exact, and pixels on nodes and edges too.
+#[test]
+fn linear_is_exact_where_the_table_is_plane() {
+    let plane = |a: f64, s: f64, f: f64| 0.3 * libm::pow(a, -0.1) * libm::pow(s, if f > 0.0 { 0.4 } else { 0.1 });
+    let (a, s) = (nodes(RANGE[0], 41), nodes(RANGE[1], 41));
+    let media: Vec<[f64; 2]> = scattered(200).chain([[a[3], s[7]], [a[20], 0.9 * s[20] + 0.1 * s[21]]]).collect();
+    let r: Vec<[f64; 2]> = media.iter().map(|m| F_X.map(|f| 0.1 * plane(m[0], m[1], f))).collect();
+    for method in [Method::Linear, Method::Bicubic] {
+        let params = Params { method, ..Params::default() };
+        let table = lut(&F_X, |a, s, f| 0.1 * plane(a, s, f));
+        let (out, _) = invert(reflectance(&r, None), table, &params, &[]).unwrap();
+        let (mu_a, mu_s_prime) = (layer(&out.maps.0, "mu_a"), layer(&out.maps.0, "mu_s_prime"));
+        let mut good = 0;
+        for (k, m) in media.iter().enumerate().filter(|(k, _)| mu_a[*k] > 0.0) {
+            // The reflectance is stored in f32: 6e-8, times gains of 15 and 5.
+            assert!(
+                (mu_a[k] / m[0] - 1.0).abs() < 2e-6 && (mu_s_prime[k] / m[1] - 1.0).abs() < 2e-6,
+                "{method:?} {m:?}"
+            );
+            good += 1;
+        }
+        // R_1 >= R_0 for large mu_s' has no place in the table.
+        assert!(good > 60, "{method:?}: {good}");
+    }
+}
+
+/// Noise-free media come back: `bicubic` to the spline of the table (41 x 41 nodes: below 1e-4), `linear` to its chords
+/// (R is curved: below 1 % with these nodes).
+#[test]
+fn methods_invert_the_model() {
+    let media: Vec<[f64; 2]> = scattered(500).collect();
+    let r: Vec<[f64; 2]> = media.iter().map(|m| F_X.map(|f| r_d(m[0], m[1], f))).collect();
+    for (method, limit) in [(Method::Bicubic, 3e-4), (Method::LeastSquares, 3e-4), (Method::Linear, 2e-2)] {
+        let params = Params { method, ..Params::default() };
+        let (out, _) = invert(reflectance(&r, None), lut(&F_X, r_d), &params, &[]).unwrap();
+        let (mu_a, mu_s_prime) = (layer(&out.maps.0, "mu_a"), layer(&out.maps.0, "mu_s_prime"));
+        let (mut worst, mut masked) = (0.0f64, 0);
+        for (k, m) in media.iter().enumerate() {
+            if mu_a[k] == 0.0 {
+                masked += 1;
+                continue;
+            }
+            // f32 times the gain of the corner adds some 1e-4.
+            worst = worst.max((mu_a[k] / m[0] - 1.0).abs()).max((mu_s_prime[k] / m[1] - 1.0).abs());
+        }
+        assert!(worst < limit, "{method:?}: {worst:.1e}");
+        // A chord leaves out a sliver along the edge.
+        assert!(masked <= if method == Method::Linear { 10 } else { 0 }, "{method:?}: {masked} masked");
+    }
+}
+
+/// Reflectance at any f_x, with independent relative noise `se`.
+fn reflectance_at(f_x: &[f64], r: &[Vec<f64>], se: f64) -> Reflectance {
+    let mut stack = ImageStack::new(1, r.len());
+    stack.attributes = reflectance(&[[0.5, 0.4]], None).0.attributes;
+    for (k, f) in f_x.iter().enumerate() {
+        let info = LayerInfo::value("r_d", "1").with_f_x(*f);
+        let plane = |scale: f64| Array2::from_shape_fn((1, r.len()), |(_, c)| (scale * r[c][k]) as f32);
+        stack.push(info.clone(), plane(1.0));
+        stack.push(info.standard_error(), plane(se));
+    }
+    Reflectance(stack)
+}
+
+/// Least squares over five f_x: the spread of 4000 noisy pixels is what the standard errors say (a sampled deviation is off by
+/// 1.1 %, curvature adds gain x noise = 1 %: limit 5 %), the mean is the truth (4 standard errors), and two f_x know less.
+#[test]
+fn least_squares_uses_all_frequencies() {
+    let (f_x, medium, se, count) = ([0.0, 0.05, 0.1, 0.15, 0.2], [0.058, 0.75], 0.004, 4000);
+    let mut state = 9_u64;
+    let mut normal = || {
+        let mut sum = -6.0;
+        for _ in 0..12 {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            sum += (state >> 11) as f64 / (1_u64 << 53) as f64;
+        }
+        sum
+    };
+    let truth = f_x.map(|f| r_d(medium[0], medium[1], f));
+    let r: Vec<Vec<f64>> = (0..count).map(|_| truth.iter().map(|t| t * (1.0 + se * normal())).collect()).collect();
+    let run = |f_x_used: Option<Vec<PerLength>>| {
+        let params = Params { method: Method::LeastSquares, f_x: f_x_used, ..Params::default() };
+        let (out, _) = invert(reflectance_at(&f_x, &r, se), lut(&f_x, r_d), &params, &[]).unwrap();
+        let maps = out.maps.0;
+        ["mu_a", "mu_s_prime"].map(|name| {
+            let (values, se) = (layer(&maps, name), layer(&maps, &format!("{name}_se")));
+            let n = count as f64;
+            let mean = values.iter().sum::<f64>() / n;
+            let sd = (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt();
+            (mean, sd, (se.iter().map(|s| s * s).sum::<f64>() / n).sqrt())
+        })
+    };
+    let (all, two) = (run(None), run(Some(vec![PerLength(0.0), PerLength(0.1)])));
+    for k in 0..2 {
+        let (mean, sd, stated) = all[k];
+        assert!((sd / stated - 1.0).abs() < 0.05, "{k}: {sd} for {stated}");
+        assert!((mean - medium[k]).abs() < 4.0 * stated / (count as f64).sqrt() + 2e-4 * medium[k], "{k}: {mean}");
+        assert!(stated < 0.95 * two[k].2, "{k}: {stated} against {} with two f_x", two[k].2);
+    }
 }

@@ -1,0 +1,104 @@
+//! Two reflectances to mu_a and mu_s'.
+
+use turbid_contract::payload::MaskReason;
+
+use crate::forward::{Forward, inverse, noise_bias, sandwich};
+use crate::inverse::{Found, InverseTable};
+use crate::linear::Triangles;
+use crate::nearest::Nodes;
+use crate::pass::{Solved, Spread};
+
+/// How a pair that the table holds becomes a pair of properties.
+pub enum Inside<'a> {
+    /// Bilinear in the inverse table.
+    Table,
+    /// The nearest node of the look-up table.
+    Nearest(&'a Nodes),
+    /// Linear in ln R over triangles of the nodes.
+    Linear(&'a Triangles<'a>),
+    /// The exact inverse of the bicubic surface.
+    Bicubic,
+}
+
+/// How a pixel is inverted.
+pub struct Inverter<'a> {
+    pub inside: Inside<'a>,
+    /// Always there: it knows what lies inside, and where to begin.
+    pub table: &'a InverseTable,
+    /// Gives pixels outside the value of the nearest node (`outside: nearest`).
+    pub nodes_outside: Option<&'a Nodes>,
+    /// Smallest and largest R_0 of the look-up table.
+    pub r_0_range: [f64; 2],
+    /// The surface that the table was made of.
+    pub forward: &'a Forward,
+}
+
+/// Properties with d p / d (ln R_0, ln R_1).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Known {
+    pub p: [f64; 2],
+    pub gain: [[f64; 2]; 2],
+    pub outside: Option<MaskReason>,
+    /// Whether p follows the noise.
+    pub smooth: bool,
+}
+
+impl Inverter<'_> {
+    /// `c_r`: covariance of R relative to R, where it is known.
+    pub fn solve(&self, r: [f64; 2], c_r: Option<[[f64; 2]; 2]>) -> Result<Solved, MaskReason> {
+        let Known { p, gain, outside, smooth } = self.invert(r)?;
+        let noise = c_r.map(|c_r| {
+            let covariance = sandwich(&gain, &c_r);
+            let bias = smooth.then(|| noise_bias(&self.forward.curvature(p), &gain, &c_r, &covariance));
+            Spread { covariance, bias }
+        });
+        Ok(Solved { p, noise, outside })
+    }
+
+    pub fn invert(&self, r: [f64; 2]) -> Result<Known, MaskReason> {
+        if !(r[0].is_finite() && r[1].is_finite()) {
+            return Err(MaskReason::NotFinite);
+        }
+        match (self.table.find(r), self.nodes_outside) {
+            (Found::Properties { p, gain }, _) => self.within(r, p, gain),
+            (Found::Outside, Some(nodes)) if r[0] > 0.0 && r[1] > 0.0 => nearest(nodes, r, Some(self.reason(r))),
+            (Found::Outside, _) => Err(self.reason(r)),
+            (Found::Folded, _) => Err(MaskReason::Ambiguous),
+        }
+    }
+
+    /// By the chosen method, from what the table says.
+    fn within(&self, r: [f64; 2], p: [f64; 2], gain: [[f64; 2]; 2]) -> Result<Known, MaskReason> {
+        match self.inside {
+            Inside::Table => Ok(Known { p, gain, outside: None, smooth: true }),
+            Inside::Nearest(nodes) => nearest(nodes, r, None),
+            Inside::Linear(triangles) => {
+                let (p, gain) = triangles.find(r, p).ok_or_else(|| self.reason(r))?;
+                Ok(Known { p, gain, outside: None, smooth: false })
+            }
+            Inside::Bicubic => {
+                let p = self.table.exact(self.forward, r, p).ok_or(MaskReason::Ambiguous)?;
+                let gain = inverse(&self.forward.at(p).jacobian).ok_or(MaskReason::Ambiguous)?;
+                Ok(Known { p, gain, outside: None, smooth: true })
+            }
+        }
+    }
+
+    /// On which side of the table a pair lies.
+    fn reason(&self, r: [f64; 2]) -> MaskReason {
+        let [darkest, brightest] = self.r_0_range;
+        if r[0] < darkest {
+            MaskReason::BelowTable
+        } else if r[0] > brightest {
+            MaskReason::AboveTable
+        } else {
+            MaskReason::ModulationOutsideTable
+        }
+    }
+}
+
+fn nearest(nodes: &Nodes, r: [f64; 2], outside: Option<MaskReason>) -> Result<Known, MaskReason> {
+    let node = nodes.nearest(r);
+    let gain = node.gain.ok_or(MaskReason::Ambiguous)?;
+    Ok(Known { p: node.p, gain, outside, smooth: false })
+}
