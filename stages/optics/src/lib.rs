@@ -15,6 +15,7 @@ pub mod log_grid;
 pub mod medium;
 pub mod philox;
 pub mod quadrature;
+pub mod refraction;
 pub mod rte;
 pub mod solid;
 pub mod view;

@@ -97,6 +97,23 @@ pub enum Source<'a> {
 }
 
 impl Source<'_> {
+    /// A number for each.
+    pub fn place(&self) -> usize {
+        match self {
+            Self::Projector(_) => 0,
+            Self::Lamp(i, _) => i + 1,
+        }
+    }
+
+    /// Where it is, and its direction where that is the same everywhere.
+    pub fn origin(&self) -> (DVec3, Option<DVec3>) {
+        match self {
+            Self::Projector(light) => (light.view.position, None),
+            Self::Lamp(_, Lamp::Point { position, .. } | Lamp::Spot { position, .. }) => (*position, None),
+            Self::Lamp(_, Lamp::Beam { center, along, .. }) => (*center, Some(*along)),
+        }
+    }
+
     #[inline]
     pub fn towards(&self, p: DVec3) -> (DVec3, f64) {
         match self {

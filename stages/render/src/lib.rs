@@ -14,12 +14,14 @@ pub mod flock;
 pub mod lamp;
 pub use turbid_optics::level;
 pub mod light;
+pub mod link;
 pub mod look;
 pub mod moments;
 pub mod nee;
 pub mod path;
 pub mod response;
 pub mod single;
+pub mod strata;
 pub mod world;
 
 mod frames;

@@ -12,6 +12,7 @@ use turbid_optics::solid::Solid;
 use crate::light::{Carrier, Light};
 use crate::nee::rarity;
 use crate::path::{Place, Setting, counter};
+use crate::strata::Bending;
 use crate::world::{Body, Material, World};
 
 /// Overlaps are resolved for so many bodies at most.
@@ -111,6 +112,9 @@ impl Queue {
 
 /// For each material the body that it fills, where this module's looks are right for the world.
 pub fn bodies_by_material(world: &World) -> Option<Vec<u64>> {
+    if Bending::of(world) != Bending::Nowhere {
+        return None;
+    }
     let mut body_of = vec![0; world.materials.len()];
     for (i, body) in world.bodies.iter().enumerate() {
         let repeated = body.material != 0 && world.bodies[..i].iter().any(|other| other.material == body.material);

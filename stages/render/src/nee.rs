@@ -7,10 +7,10 @@ use turbid_optics::henyey_greenstein as hg;
 use turbid_optics::philox::unit;
 
 use crate::lamp::Source;
-use crate::light::Arrival;
+use crate::link::{Chance, Heading};
 use crate::look;
 use crate::path::{Place, Stream, Walker};
-use crate::world::{Material, Skin};
+use crate::world::Material;
 
 /// Light is looked for with probability min(1, (TAU_SURE / tau)^4) at optical distance tau from it.
 pub const TAU_SURE: f64 = 3.0;
@@ -29,21 +29,13 @@ struct Line {
     exit: Option<DVec3>,
 }
 
-/// What lies between a point and the light.
-struct Sight {
-    /// Optical depth; opaque bodies do not count.
-    tau: f64,
-    blocked: bool,
-    /// Normal, towards the light, of the first boundary on the way.
-    exit: Option<DVec3>,
-}
-
-/// Random numbers of the first flight's look in its `piece`-th piece. Each lamp has its own (bits 33 to 45), apart from those of
-/// flights and of the projector.
-fn first_block(source: Source<'_>, piece: usize) -> u64 {
+/// Random numbers of the look along a ray, in its `piece`-th piece, beside the flight's block `number`. Each lamp has its own, apart
+/// from those of flights and of the projector.
+fn first_block(stream: &Stream, source: Source<'_>, number: u64, piece: usize) -> [u32; 4] {
     match source {
-        Source::Projector(_) => 1 + ((piece as u64) << 32),
-        Source::Lamp(i, _) => (3 << 46) | ((i as u64) << 33) | piece as u64,
+        Source::Projector(_) => stream.block(number + ((piece as u64) << 32)),
+        Source::Lamp(i, _) if number == 1 => stream.block((3 << 46) | ((i as u64) << 33) | piece as u64),
+        Source::Lamp(..) => stream.aside(number, source.place(), piece, 0),
     }
 }
 
@@ -63,31 +55,7 @@ impl<'a> Walker<'a> {
         projector.into_iter().chain(lamps.iter().enumerate().map(|(i, lamp)| Source::Lamp(i, lamp)))
     }
 
-    /// Optical depth towards the light, `distance` away.
-    fn sight(&mut self, r: DVec3, towards: DVec3, distance: f64, skin: Option<Skin>) -> Sight {
-        let world = self.setting.world;
-        let mut sight = Sight { tau: 0.0, blocked: false, exit: None };
-        for piece in world.trace(r, towards, skin, &mut self.spans) {
-            if piece.start >= distance {
-                break;
-            }
-            if sight.exit.is_none()
-                && let Some(wall) = piece.wall
-            {
-                let normal = world.normal(wall, r + piece.end * towards);
-                sight.exit = Some(if normal.dot(towards) < 0.0 { -normal } else { normal });
-            }
-            let material = &world.materials[piece.material];
-            if material.is_opaque() {
-                sight.blocked = true;
-            } else if piece.material != 0 {
-                sight.tau += material.mu_t() * (piece.end.min(distance) - piece.start);
-            }
-        }
-        sight
-    }
-
-    fn deposit(&mut self, path: usize, radiance: f64, arrival: &Arrival, source: Source<'_>) {
+    fn deposit(&mut self, path: usize, radiance: f64, on_plane: DVec3, source: Source<'_>) {
         let layout = self.setting.layout();
         let response = &mut self.responses[path * layout.width()..][..layout.width()];
         if let (Source::Lamp(..), Some(steady)) = (source, layout.steady()) {
@@ -96,7 +64,7 @@ impl<'a> Walker<'a> {
         }
         response[0] += radiance;
         for (carrier, re_im) in self.setting.carriers.iter().zip(response[1..].chunks_exact_mut(2)) {
-            let (sin, cos) = carrier.at(arrival.on_plane);
+            let (sin, cos) = carrier.at(on_plane);
             re_im[0] += radiance * cos;
             re_im[1] += radiance * sin;
         }
@@ -118,15 +86,18 @@ impl<'a> Walker<'a> {
     }
 
     fn surface_lit(&mut self, at: &Place, normal: DVec3, rho: f64, source: Source<'_>) {
-        let Some(arrival) = source.arrival(at.r) else { return };
-        let cos = normal.dot(arrival.towards);
-        if cos <= 0.0 || rho == 0.0 {
+        if rho == 0.0 {
             return;
         }
-        let sight = self.sight(at.r, arrival.towards, arrival.distance, at.skin);
-        if !sight.blocked {
-            let radiance = rho * FRAC_1_PI * cos * arrival.irradiance * libm::exp(-sight.tau);
-            self.deposit(at.response, at.weight * radiance, &arrival, source);
+        let (stream, skin) = (self.stream(at), at.skin);
+        let link = self.link(source, at.r, skin, true);
+        let detour = self.detour(source, at.r, skin, &Chance { stream: &stream, number: at.number, place: 0 });
+        for link in [link, detour].into_iter().flatten() {
+            let cos = normal.dot(link.towards);
+            if cos > 0.0 {
+                let radiance = rho * FRAC_1_PI * cos * link.irradiance * libm::exp(-link.tau);
+                self.deposit(at.response, at.weight * radiance, link.on_plane, source);
+            }
         }
     }
 
@@ -150,28 +121,33 @@ impl<'a> Walker<'a> {
     }
 
     fn collision_lit(&mut self, at: &Place, roulette: f64, source: Source<'_>) {
-        let Some(arrival) = source.arrival(at.r) else { return };
-        let sight = self.sight(at.r, arrival.towards, arrival.distance, None);
-        let rarity = rarity(sight.tau);
-        if sight.blocked || roulette * rarity >= 1.0 {
+        let stream = self.stream(at);
+        let link = self.link(source, at.r, None, true);
+        let rarity = rarity(link.map_or(0.0, |link| link.tau));
+        if roulette * rarity >= 1.0 {
             return;
         }
+        let detour = self.detour(source, at.r, None, &Chance { stream: &stream, number: at.number, place: 0 });
         let g = self.setting.world.materials[at.material].g;
-        let p = hg::density(g, at.w.dot(arrival.towards));
-        let radiance = at.weight * p * arrival.irradiance * libm::exp(-sight.tau) * rarity;
-        self.deposit(at.response, radiance, &arrival, source);
+        for link in [link, detour].into_iter().flatten() {
+            let p = hg::density(g, at.w.dot(link.towards));
+            let radiance = at.weight * p * link.irradiance * libm::exp(-link.tau) * rarity;
+            self.deposit(at.response, radiance, link.on_plane, source);
+        }
     }
 
-    /// Exact single scattering of the camera's ray: one point in each scattering piece that it crosses.
-    pub(crate) fn first_flight(&mut self, at: &Place, stream: &Stream) {
+    /// Exact single scattering of a ray that starts outside or at a wall: one point in each scattering piece that it crosses, up to
+    /// where it is bent or ends.
+    pub(crate) fn look_along(&mut self, at: &Place, stream: &Stream) {
         let world = self.setting.world;
         let mut pieces = std::mem::take(&mut self.pieces);
         pieces.clear();
-        pieces.extend(world.trace(at.r, at.w, None, &mut self.spans));
-        let (mut tau, mut entrance, mut scored) = (0.0, None, 0);
+        pieces.extend(world.trace(at.r, at.w, at.skin, &mut self.spans));
+        let (mut tau, mut entrance, mut scored) = (0.0, at.skin.map(|skin| skin.wall), 0);
+        let n = pieces.first().map_or(1.0, |piece| world.materials[piece.material].n);
         for piece in &pieces {
             let material = &world.materials[piece.material];
-            if material.is_opaque() {
+            if material.is_opaque() || material.n != n {
                 break;
             }
             let length = piece.end - piece.start;
@@ -179,13 +155,15 @@ impl<'a> Walker<'a> {
                 let start = at.r + piece.start * at.w;
                 let normal = entrance.map(|wall| world.normal(wall, start));
                 let normal = normal.map(|n| if n.dot(at.w) > 0.0 { -n } else { n });
+                let inside = start + 0.5 * length.min(1.0 / material.mu_t()) * at.w;
                 for source in self.sources() {
-                    let (towards, _) = source.towards(start);
+                    let towards = self.heading_from_wall(source, start, inside);
                     // Where the ray came in is where the light comes in, if it comes from that side.
                     let exit = normal.filter(|n| n.dot(towards) > 0.0);
-                    let [.., u] = stream.block(first_block(source, scored));
+                    let [.., u] = first_block(stream, source, at.number - 1, scored);
                     let line = Line { r: start, e: at.w, length, material: piece.material, towards, exit };
-                    self.score(at.response, &line, libm::exp(-tau), unit(u), source);
+                    let chance = Chance { stream, number: at.number - 1, place: scored };
+                    self.score(at.response, &line, at.weight * libm::exp(-tau), unit(u), source, &chance);
                 }
                 scored += 1;
             }
@@ -231,14 +209,14 @@ impl<'a> Walker<'a> {
     fn line_lit(&mut self, at: &Place, own: DVec3, roulette: f64, source: Source<'_>) {
         let world = self.setting.world;
         let material = world.materials[at.material];
-        let (towards, distance) = source.towards(at.r);
-        let sight = self.sight(at.r, towards, distance, None);
-        let rarity = rarity(sight.tau);
+        let Heading { towards, tau, exit } = self.heading(source, at.r, material.mu_t() * at.clear);
+        let rarity = rarity(tau);
         if roulette * rarity >= 1.0 {
             return;
         }
         let g = material.g;
-        let [choice, b, c, u] = self.stream(at).block(line_block(source, at.number - 1));
+        let stream = self.stream(at);
+        let [choice, b, c, u] = stream.block(line_block(source, at.number - 1));
         let e = if choice >> 31 == 0 { own } else { hg::sample(g, towards, unit(b), unit(c)) };
         // 2 p_A / (p_A + p_B): p_A would have sent the path along e, p_B is the lobe around the light.
         let (own_q, lobe_q) = (hg::denominator(g, at.w.dot(e)), hg::denominator(g, e.dot(towards)));
@@ -249,29 +227,28 @@ impl<'a> Walker<'a> {
             .next()
             .map_or(f64::INFINITY, |piece| if piece.material == at.material { piece.end } else { 0.0 });
         if length > 0.0 {
-            let line = Line { r: at.r, e, length, material: at.material, towards, exit: sight.exit };
-            self.score(at.response, &line, at.weight * balance * rarity, unit(u), source);
+            let line = Line { r: at.r, e, length, material: at.material, towards, exit };
+            let chance = Chance { stream: &stream, number: at.number - 1, place: 0 };
+            self.score(at.response, &line, at.weight * balance * rarity, unit(u), source, &chance);
         }
     }
 
     /// weight times the integral over s in (0, length) of exp(-mu_t s) mu_s p(e . L) (light at r + s e), from one s.
     #[inline]
-    fn score(&mut self, path: usize, line: &Line, weight: f64, u: f64, source: Source<'_>) {
+    fn score(&mut self, path: usize, line: &Line, weight: f64, u: f64, source: Source<'_>, chance: &Chance<'_>) {
         let &Line { r, e, length, towards, .. } = line;
         let material = self.setting.world.materials[line.material];
         let mu_t = material.mu_t();
         let steepness = line.exit.map_or(0.0, |n| e.dot(n) / towards.dot(n));
         let (s, inverse_density) = look::ahead(steepness, length, mu_t, u);
         let at = r + s * e;
-        let Some(arrival) = source.arrival(at) else { return };
-        let sight = self.sight(at, arrival.towards, arrival.distance, None);
-        if sight.blocked {
-            return;
+        let (link, detour) = (self.link(source, at, None, true), self.detour(source, at, None, chance));
+        for link in [link, detour].into_iter().flatten() {
+            let p = hg::density(material.g, e.dot(link.towards));
+            let attenuation = libm::exp(-(mu_t * s + link.tau));
+            let radiance = weight * material.mu_s * p * link.irradiance * attenuation * inverse_density;
+            self.deposit(path, radiance, link.on_plane, source);
         }
-        let p = hg::density(material.g, e.dot(arrival.towards));
-        let attenuation = libm::exp(-(mu_t * s + sight.tau));
-        let radiance = weight * material.mu_s * p * arrival.irradiance * attenuation * inverse_density;
-        self.deposit(path, radiance, &arrival, source);
     }
 }
 

@@ -1,12 +1,14 @@
 //! The parameters of a render, and what is wrong with them for a given scene.
 
 use serde::{Deserialize, Serialize};
-use turbid_contract::payload::{Scene, Surface};
+use turbid_contract::payload::{Scene, Specular};
 use turbid_contract::schemars::JsonSchema;
 use turbid_contract::{AngleDeg, PerLength, Problems, Ratio, Seconds};
 
 use crate::light::Carrier;
 use crate::plan::flights_per_path;
+use crate::rig::Rig;
+use crate::strata::Bending;
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -156,16 +158,20 @@ impl Params {
             let pitch = [field[0] / f64::from(pixels[0]), field[1] / f64::from(pixels[1])];
             self.check_resolution(who, pitch, problems);
         }
-        for (name, object) in &scene.objects {
-            let medium = object.medium.as_ref().and_then(|m| scene.media.get(m));
-            if let Some(medium) = medium
-                && object.surface == Surface::Smooth
-                && medium.n != 1.0
-            {
+        if let Ok(rig) = Rig::of(scene) {
+            if rig.worlds.iter().any(|world| Bending::of(world) == Bending::Anywhere) {
                 problems.push_with_hint(
                     "",
-                    format!("the smooth surface of {name} separates n = {} from n = 1, and refraction is not rendered by this version", medium.n),
-                    "set n: 1.0 in the medium for a matched boundary",
+                    "refraction is rendered at slabs only by this version, and an object of another shape has an index other than its surroundings",
+                    "give it and what surrounds it the same n",
+                );
+            }
+            let bends = rig.worlds.iter().any(|world| Bending::of(world) != Bending::Nowhere);
+            if bends && scene.camera.as_ref().is_some_and(|c| c.specular == Some(Specular::Include)) {
+                problems.push_with_hint(
+                    "",
+                    "the glint of the projector on smooth surfaces is not rendered by this version",
+                    "write `specular: exclude` in the camera",
                 );
             }
         }

@@ -8,13 +8,16 @@ use glam::DVec3;
 use turbid_optics::elementary::{ln, sin_cos_turns};
 use turbid_optics::henyey_greenstein as hg;
 use turbid_optics::philox::{philox4x32, spare, unit, unit_fine};
+use turbid_optics::refraction::refract;
 
 use crate::camera::Camera;
 use crate::finish::Finish;
 use crate::lamp::Steady;
 use crate::light::{Carrier, Light};
+use crate::link::Way;
 use crate::look::{self, Queue};
 use crate::response::Layout;
+use crate::strata::Bending;
 use crate::world::{Material, Piece, Skin, Spans, Wall, World};
 
 /// How scatterings look for the light.
@@ -74,9 +77,17 @@ impl Stream {
     pub(crate) fn block(&self, number: u64) -> [u32; 4] {
         philox4x32(counter(number, self.channel, self.sample, self.pixel), self.key)
     }
+
+    /// Random numbers for what few scenes need, apart from all others: four bits each for `source` and `place`, seven for `decision`.
+    /// Beyond that numbers are used again, for other things.
+    pub(crate) fn aside(&self, number: u64, source: usize, place: usize, decision: u32) -> [u32; 4] {
+        let code = source.min(15) << 11 | place.min(15) << 7 | decision.min(127) as usize;
+        let aside = Self { channel: self.channel | 1 << 15, ..*self };
+        aside.block((code as u64) << 33 | number)
+    }
 }
 
-/// Where a block of random numbers stands: 2^48 blocks a path, 2^16 channels.
+/// Where a block of random numbers stands: 2^48 blocks a path, 2^15 channels (twice).
 #[inline(always)]
 pub fn counter(number: u64, channel: u32, sample: u32, pixel: u32) -> [u32; 4] {
     [number as u32, (number >> 32) as u32 | (channel << 16), sample, pixel]
@@ -87,6 +98,9 @@ pub struct Walker<'a> {
     pub(crate) setting: Setting<'a>,
     pub(crate) spans: Spans,
     pub(crate) pieces: Vec<Piece>,
+    pub(crate) way: Way,
+    /// Where light bends in the world.
+    pub(crate) bending: Bending,
     /// Path after path, each as [`Layout`] says.
     pub(crate) responses: Vec<f64>,
     /// The part of it that comes by the queue; apart, so that it does not matter when the queue is flushed.
@@ -114,6 +128,13 @@ enum End {
         skin: Skin,
         normal: DVec3,
         rho: f64,
+    },
+    /// At a smooth wall between materials of different refractive index; `skin` is on this side.
+    Boundary {
+        skin: Skin,
+        normal: DVec3,
+        from: usize,
+        to: usize,
     },
     /// Nothing more comes of it.
     Gone,
@@ -163,6 +184,8 @@ impl<'a> Walker<'a> {
             setting,
             spans,
             pieces,
+            way: Way::default(),
+            bending: Bending::of(setting.world),
             responses,
             queued,
             single: Vec::new(),
@@ -298,7 +321,7 @@ impl<'a> Walker<'a> {
             response,
         };
         if line {
-            self.first_flight(&at, &stream);
+            self.look_along(&at, &stream);
         }
         at
     }
@@ -330,6 +353,22 @@ impl<'a> Walker<'a> {
                 }
                 at.w = cosine_direction(normal, unit(b), unit(c));
                 (at.ahead, at.wholly) = (false, false);
+                true
+            }
+            End::Boundary { skin, normal, from, to } => {
+                let [n_from, n_to] = [from, to].map(|m| self.setting.world.materials[m].n);
+                let refraction = refract(at.w, normal, n_from, n_to);
+                let reflected = roulette < refraction.reflectance;
+                (at.w, at.skin, at.material) = match refraction.refracted {
+                    Some(refracted) if !reflected => (refracted, Some(Skin { inside: !skin.inside, ..skin }), to),
+                    _ => (refraction.reflected, Some(skin), from),
+                };
+                at.clear = 0.0;
+                let line = self.setting.nee == Nee::Line;
+                (at.ahead, at.wholly) = (line, line);
+                if line {
+                    self.look_along(at, &stream);
+                }
                 true
             }
             End::Scattered { crossed } => {
@@ -394,6 +433,7 @@ impl<'a> Walker<'a> {
         let world = self.setting.world;
         let mut crossed = false;
         let mut before: Option<Wall> = None;
+        let mut from: Option<usize> = None;
         for piece in world.trace(at.r, at.w, at.skin, &mut self.spans) {
             let material = &world.materials[piece.material];
             if let Finish::Lambertian(rho) = material.finish {
@@ -408,6 +448,14 @@ impl<'a> Walker<'a> {
                 at.r = r;
                 let normal = if inside { -normal } else { normal };
                 return End::Surface { skin: Skin { wall, inside }, normal, rho };
+            }
+            if let (Some(wall), Some(from)) = (before, from)
+                && world.materials[from].n != material.n
+            {
+                at.r += piece.start * at.w;
+                let normal = world.normal(wall, at.r);
+                let skin = Skin { wall, inside: normal.dot(at.w) > 0.0 };
+                return End::Boundary { skin, normal, from, to: piece.material };
             }
             let length = piece.end - piece.start;
             let to_scattering = tau * self.free_paths[piece.material];
@@ -428,7 +476,7 @@ impl<'a> Walker<'a> {
                 tau -= length * material.mu_s;
             }
             crossed = true;
-            before = piece.wall;
+            (before, from) = (piece.wall, Some(piece.material));
         }
         End::Left
     }

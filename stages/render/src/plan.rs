@@ -78,6 +78,7 @@ pub fn plan(params: &Params, scene: Option<&Scene>) -> StagePlan {
         sort(scene.objects.values().any(|o| matches!(o.surface, Surface::Lambertian(_))), "Lambertian surfaces");
         sort(scene.objects.len() > 1, "shadow rays through several objects");
         sort(scene.channels() > 1, "several channels");
+        sort(scene.media.values().any(|m| m.n != 1.0), "Fresnel boundaries");
         let ambient = scene.lights.values().filter(|l| matches!(l, Lamp::Ambient { .. })).count();
         sort(scene.projector.is_some(), "projector");
         sort(scene.lights.len() > ambient, "steady lights");
@@ -93,9 +94,7 @@ pub fn plan(params: &Params, scene: Option<&Scene>) -> StagePlan {
     sort(camera.is_some_and(|c| c.aperture.is_some()), "depth of field");
     let meshes = scene.is_some_and(|s| s.objects.values().any(|o| matches!(o.shape, Shape::Mesh(_))));
     sort(meshes, "BVH");
-    for what in ["Fresnel boundaries", "textures"] {
-        sort(false, what);
-    }
+    sort(false, "textures");
     if let Some(scene) = scene
         && let Some(camera) = &scene.camera
     {

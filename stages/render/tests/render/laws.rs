@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use serde_json::json;
-use turbid_contract::payload::{Object, Profile, Shape};
+use turbid_contract::payload::{Medium, Object, Profile, Shape};
 use turbid_optics::henyey_greenstein::density;
 
 use crate::setup::*;
@@ -114,11 +114,20 @@ fn single_scattering_is_the_integral_along_the_ray() {
     }
 }
 
-/// Camera reflectance pi L / E of matched half-spaces against the discrete-ordinates table, as z scores over all values: from
+/// Camera reflectance pi L / E of half-spaces against the discrete-ordinates tables, as z scores over all values: from
 /// 1 km away, where light and camera are parallel to 1e-6, and with the lit field 10 / mu_eff beyond the view.
 #[test]
 fn half_spaces_match_the_transport_table() {
-    let table = include_str!("reference/rte_halfspace_camera.csv");
+    match_table(1.0, include_str!("reference/rte_halfspace_camera.csv"), 16_000);
+}
+
+/// The same where light is refracted.
+#[test]
+fn refracting_half_spaces_match_the_transport_table() {
+    match_table(1.4, include_str!("reference/rte_halfspace_camera_n14.csv"), 10_000);
+}
+
+fn match_table(n: f64, table: &str, samples: u32) {
     let mut z = Vec::new();
     let mut rows: Vec<[f64; 6]> = Vec::new();
     for line in table.lines().filter(|l| !l.starts_with(['#', 'g'])) {
@@ -130,13 +139,9 @@ fn half_spaces_match_the_transport_table() {
         let mu_eff = (3.0 * mu_a * (mu_a + mu_s_prime)).sqrt();
         let lit = (20.0 / mu_eff).max(40.0);
         let slab = Shape::Slab { top: 0.0, bottom: -1000.0 };
-        let s = scene(
-            &[("m", medium(mu_a, mu_s_prime / (1.0 - g), g))],
-            vec![object(slab, "m", 0)],
-            rig(1e6, 0.0, 0.001, 1, lit),
-        );
+        let medium = Medium { n, ..medium(mu_a, mu_s_prime / (1.0 - g), g) };
+        let s = scene(&[("m", medium)], vec![object(slab, "m", 0)], rig(1e6, 0.0, 0.001, 1, lit));
         let f_x: Vec<f64> = same_medium.iter().map(|r| r[3]).collect();
-        let samples = 16_000;
         let ports = run(&s, &json!({"f_x": f_x, "samples": samples}), 17);
         let factor = PI / irradiance(lit);
         for &[.., f, r, err] in same_medium {
@@ -164,33 +169,62 @@ fn half_spaces_match_the_transport_table() {
     assert!(mean.abs() < 3.0 * spread && (sd - 1.0).abs() < 3.0 * spread / 2f64.sqrt(), "mean {mean}, rms {sd} of {n}");
 }
 
+/// Slabs that refract against the transport solver, at normal incidence: thin ones, in which light that the far side reflects
+/// unscattered counts, and a dense one.
+#[test]
+fn refracting_slabs_match_the_transport_solver() {
+    let mut z = Vec::new();
+    for (n, g, mu_a, mu_s, thickness) in
+        [(1.4, 0.8, 0.02, 2.0, 0.2), (1.4, 0.0, 0.1, 1.0, 3.0), (2.5, 0.5, 0.05, 4.0, 0.5), (1.33, -0.5, 0.0, 1.0, 0.1)]
+    {
+        let lit = 200.0;
+        let m = Medium { n, ..medium(mu_a, mu_s, g) };
+        let slab = Shape::Slab { top: 0.0, bottom: -thickness };
+        let s = scene(&[("m", m)], vec![object(slab, "m", 0)], rig(1e6, 0.0, 0.001, 1, lit));
+        let (mean, se) = dc(&s, 20_000, 23);
+        let medium = turbid_optics::Medium { mu_a, mu_s_prime: mu_s * (1.0 - g), g, n };
+        let truth = turbid_optics::rte::respond(&medium, Some(thickness), 0.0).unwrap().reflectance.camera;
+        let factor = 2.0 * PI / irradiance(lit);
+        z.push((mean * factor - truth) / (se * factor));
+        assert!(z.last().unwrap().abs() < 4.0, "n {n}, {thickness} mm: {} +- {}, {truth}", mean * factor, se * factor);
+        assert!(se < 0.05 * mean, "n {n}: {se} of {mean}");
+    }
+    assert!((z.iter().sum::<f64>() / z.len() as f64).abs() < 4.0 / (z.len() as f64).sqrt(), "{z:?}");
+}
+
 /// What does not absorb gives back all it got: R + T = 1 for a slab of albedo 1, from 12 + 12 views at the Gauss nodes of
-/// mu (radiance is smooth but for its edge at mu = 0, where the rule is good to 3e-4 of the whole).
+/// mu (radiance is smooth but for its edge at mu = 0, where the rule is good to 3e-4 of the whole). What is reflected and
+/// transmitted without scattering is no radiance but a beam: (r + t^2 / (1 - r^2 e^-2tau) ...) in closed form.
 #[test]
 fn a_white_slab_gives_back_all_light() {
-    let (tau, thickness) = (2.0, 0.5);
+    let (tau, thickness) = (2.0_f64, 0.5);
     let slab = || Shape::Slab { top: 0.0, bottom: -thickness };
     let (nodes, weights) = gauss_12();
-    let (mut sum, mut variance) = (0.0, 0.0);
-    for side in [1.0, -1.0] {
-        for (mu, w) in nodes.iter().zip(weights) {
-            let distance = 1e5;
-            let (mut camera, projector) = rig(distance, 0.0, 0.001, 1, 60.0);
-            let z = if side > 0.0 { 0.0 } else { -thickness };
-            camera.look_at = [0.0, 0.0, z];
-            camera.position = [distance * (1.0 - mu * mu).sqrt(), 0.0, z + side * mu * distance];
-            let s =
-                scene(&[("m", medium(0.0, tau / thickness, 0.3))], vec![object(slab(), "m", 0)], (camera, projector));
-            let (mean, se) = dc(&s, 20_000, 5);
-            let weight = 2.0 * w * mu * 2.0 * PI / irradiance(60.0);
-            sum += weight * mean;
-            variance += (weight * se).powi(2);
+    for n in [1.0, 1.5] {
+        let (mut sum, mut variance) = (0.0, 0.0);
+        for side in [1.0, -1.0] {
+            for (mu, w) in nodes.iter().zip(weights) {
+                let distance = 1e5;
+                let (mut camera, projector) = rig(distance, 0.0, 0.001, 1, 60.0);
+                let z = if side > 0.0 { 0.0 } else { -thickness };
+                camera.look_at = [0.0, 0.0, z];
+                camera.position = [distance * (1.0 - mu * mu).sqrt(), 0.0, z + side * mu * distance];
+                let m = Medium { n, ..medium(0.0, tau / thickness, 0.3) };
+                let s = scene(&[("m", m)], vec![object(slab(), "m", 0)], (camera, projector));
+                let (mean, se) = dc(&s, 20_000, 5);
+                let weight = 2.0 * w * mu * 2.0 * PI / irradiance(60.0);
+                sum += weight * mean;
+                variance += (weight * se).powi(2);
+            }
         }
+        // A beam between two faces of reflectance r: the geometric series.
+        let r = ((n - 1.0) / (n + 1.0)).powi(2);
+        let through = (-tau).exp();
+        let unscattered = r + (1.0 - r).powi(2) * through * (1.0 + r * through) / (1.0 - (r * through).powi(2));
+        let (total, se) = (sum + unscattered, variance.sqrt());
+        assert!((total - 1.0).abs() < 4.0 * se + 3e-4, "n {n}: R + T = {total} +- {se}");
+        assert!(se < 3e-3, "{se}");
     }
-    let unscattered = (-tau).exp();
-    let (total, se) = (sum + unscattered, variance.sqrt());
-    assert!((total - 1.0).abs() < 4.0 * se + 3e-4, "R + T = {total} +- {se}");
-    assert!(se < 3e-3, "{se}");
 }
 
 /// Nodes and weights of the 12-point Gauss-Legendre rule on (0, 1), by Newton's method.
@@ -237,6 +271,37 @@ fn camera_and_projector_may_change_places() {
     (swapped_camera.field, swapped_projector.field) = (projector.field, camera.field);
     let (a, a_se) = dc(&scene(&media, objects(), (camera, projector)), 2000, 7);
     let (b, b_se) = dc(&scene(&media, objects(), (swapped_camera, swapped_projector)), 2000, 8);
+    let z = (a - b) / f64::hypot(a_se, b_se);
+    assert!(z.abs() < 4.0, "{a} +- {a_se}, swapped {b} +- {b_se}");
+    assert!(a_se < 0.03 * a && b_se < 0.03 * b, "{a} +- {a_se}, {b} +- {b_se}");
+}
+
+/// The same across refracting planes: a tilted view of tissue under a glass plate, with an air gap between.
+#[test]
+fn places_may_change_across_refraction() {
+    let media = [
+        ("m", Medium { n: 1.4, ..medium(0.02, 2.0, 0.8) }),
+        ("core", Medium { n: 1.4, ..medium(0.3, 5.0, 0.5) }),
+        ("glass", Medium { n: 1.5, ..medium(0.01, 0.0, 0.0) }),
+    ];
+    let objects = || {
+        vec![
+            object(Shape::Slab { top: 0.0, bottom: -6.0 }, "m", 0),
+            object(Shape::Sphere { diameter: 3.0, center: [2.0, 1.0, -2.0] }, "core", 1),
+            object(Shape::Slab { top: 1.0, bottom: 0.5 }, "glass", 0),
+            lambertian(Shape::Box { size: [2.0, 2.0, 3.0], center: [0.0, -3.0, 3.0] }, 0.8),
+        ]
+    };
+    let (mut camera, mut projector) = rig(40.0, 0.0, 8.0, 4, 5.0);
+    camera.position = [20.0, 3.0, 30.0];
+    projector.position = [-6.0, 34.0, 30.0];
+    projector.look_at = [1.0, 0.5, 0.0];
+    let (mut swapped_camera, mut swapped_projector) = (camera.clone(), projector.clone());
+    (swapped_camera.position, swapped_camera.look_at) = (projector.position, projector.look_at);
+    (swapped_projector.position, swapped_projector.look_at) = (camera.position, camera.look_at);
+    (swapped_camera.field, swapped_projector.field) = (projector.field, camera.field);
+    let (a, a_se) = dc(&scene(&media, objects(), (camera, projector)), 4000, 7);
+    let (b, b_se) = dc(&scene(&media, objects(), (swapped_camera, swapped_projector)), 4000, 8);
     let z = (a - b) / f64::hypot(a_se, b_se);
     assert!(z.abs() < 4.0, "{a} +- {a_se}, swapped {b} +- {b_se}");
     assert!(a_se < 0.03 * a && b_se < 0.03 * b, "{a} +- {a_se}, {b} +- {b_se}");

@@ -19,6 +19,10 @@ const DYE: usize = 3;
 const WHITE: usize = 4;
 /// Absorbs so weakly that deep paths are roulettes.
 const PALE: usize = 5;
+const WET: usize = 6;
+const WET_CORE: usize = 7;
+const GLASS: usize = 8;
+const DENSE: usize = 9;
 
 fn world(bodies: Vec<(Solid, usize)>) -> World {
     let medium = |mu_a, mu_s, g| Material::medium(mu_a, mu_s, g, 1.0);
@@ -31,6 +35,10 @@ fn world(bodies: Vec<(Solid, usize)>) -> World {
             medium(0.3, 0.0, 0.0),
             Material::lambertian(0.8),
             medium(0.002, 5.0, 0.5),
+            Material::medium(0.05, 2.0, 0.7, 1.4),
+            Material::medium(0.4, 4.0, 0.5, 1.4),
+            Material::medium(0.01, 0.0, 0.0, 1.5),
+            Material::medium(0.05, 1.0, -0.3, 2.5),
         ],
     }
 }
@@ -62,6 +70,24 @@ pub fn scenes() -> Vec<(&'static str, World)> {
             world(vec![
                 (cuboid([-1.0, 0.5, 0.0], [1.0, 1.5, 2.0]), WHITE),
                 (cuboid([-3.0, -3.0, -4.0], [0.3, 3.0, 0.0]), TISSUE),
+            ]),
+        ),
+        ("wet half-space with a core", world(vec![(ball([0.5, 0.0, -1.5], 1.0), WET_CORE), (slab(0.0, -500.0), WET)])),
+        (
+            "thin dense slab between glass plates over a white floor",
+            world(vec![
+                (slab(0.5, 0.0), GLASS),
+                (slab(0.0, -0.4), DENSE),
+                (slab(-0.4, -0.8), GLASS),
+                (slab(-2.0, -3.0), WHITE),
+            ]),
+        ),
+        (
+            "white block beside glass over an air gap over wet tissue",
+            world(vec![
+                (cuboid([-1.0, 0.5, 0.3], [1.0, 1.5, 2.0]), WHITE),
+                (slab(0.3, 0.0), GLASS),
+                (slab(-0.5, -500.0), WET),
             ]),
         ),
     ]

@@ -1,0 +1,356 @@
+//! Links: the ways by which light from the projector reaches a point without being scattered.
+//!
+//! `docs/theory/render.md` derives the irradiance of a link through refracting boundaries.
+
+use glam::DVec3;
+use turbid_optics::philox::unit;
+use turbid_optics::refraction::{Crossing, Leg};
+
+use crate::lamp::Source;
+use crate::path::{Stream, Walker};
+use crate::strata::{Bending, Strata};
+use crate::world::Skin;
+
+/// Light that reaches a point.
+#[derive(Clone, Copy, Debug)]
+pub struct Link {
+    /// Unit vector from the point against the light.
+    pub towards: DVec3,
+    /// On a surface there that faces it, at pattern value 1, over n^2 (W mm^-2), without attenuation; over the probability of
+    /// having looked at this link.
+    pub irradiance: f64,
+    /// Optical depth on the way.
+    pub tau: f64,
+    /// Normal, towards the light, of the first boundary on the way.
+    pub exit: Option<DVec3>,
+    /// Where the pattern's plane lies on the way.
+    pub on_plane: DVec3,
+    /// Whether it is inside the field.
+    pub lit: bool,
+}
+
+/// Where light comes from, be it lit or not, and how far off it is.
+pub(crate) struct Heading {
+    pub towards: DVec3,
+    /// Optical depth; opaque bodies do not count.
+    pub tau: f64,
+    /// As of a [`Link`].
+    pub exit: Option<DVec3>,
+}
+
+/// What lies on a straight way.
+struct Sight {
+    /// Optical depth; opaque bodies do not count.
+    tau: f64,
+    blocked: bool,
+    /// Normal, along the way, of the first boundary on it.
+    exit: Option<DVec3>,
+}
+
+/// Which random numbers decide on a detour.
+pub(crate) struct Chance<'a> {
+    pub stream: &'a Stream,
+    /// Of the block beside which they stand.
+    pub number: u64,
+    /// Of the look on its ray.
+    pub place: usize,
+}
+
+/// Ways other than the straight one are looked for with this probability: they carry a few per cent of the light.
+const DETOURS: f64 = 0.125;
+/// The least and the most probable reflection on a detour.
+const RARE: f64 = 0.05;
+const OFTEN: f64 = 0.95;
+
+/// A straight stretch of a way.
+#[derive(Clone, Copy, Debug)]
+struct Stretch {
+    leg: Leg,
+    up: bool,
+    /// World z of its end.
+    until: f64,
+}
+
+/// A way through parallel planes: stretches, and what happens between them.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Way {
+    stretches: Vec<Stretch>,
+    /// (n on the side where the light is, n on the other side, reflected).
+    events: Vec<(f64, f64, bool)>,
+}
+
+impl Way {
+    fn clear(&mut self) {
+        self.stretches.clear();
+        self.events.clear();
+    }
+
+    fn go(&mut self, n: f64, from: f64, until: f64, up: bool) {
+        self.stretches.push(Stretch { leg: Leg { n, depth: (until - from).abs() }, up, until });
+    }
+}
+
+impl Walker<'_> {
+    /// What lies on the straight way from r along `towards`.
+    fn sight(&mut self, r: DVec3, towards: DVec3, distance: f64, skin: Option<Skin>) -> Sight {
+        let world = self.setting.world;
+        let mut sight = Sight { tau: 0.0, blocked: false, exit: None };
+        for piece in world.trace(r, towards, skin, &mut self.spans) {
+            if piece.start >= distance {
+                break;
+            }
+            if sight.exit.is_none()
+                && let Some(wall) = piece.wall
+            {
+                let normal = world.normal(wall, r + piece.end * towards);
+                sight.exit = Some(if normal.dot(towards) < 0.0 { -normal } else { normal });
+            }
+            let material = &world.materials[piece.material];
+            if material.is_opaque() {
+                sight.blocked = true;
+            } else if piece.material != 0 {
+                sight.tau += material.mu_t() * (piece.end.min(distance) - piece.start);
+            }
+        }
+        sight
+    }
+
+    /// The way by which most of the light of a source comes, if it is open: the straight one, or the one that only refraction bends.
+    /// `lit`: only where it lies inside the source's field.
+    #[inline]
+    pub(crate) fn link(&mut self, source: Source<'_>, r: DVec3, skin: Option<Skin>, lit: bool) -> Option<Link> {
+        if self.bending == Bending::Nowhere {
+            return self.straight(source, r, skin, 1.0);
+        }
+        self.on_scratch(|walker, way| {
+            walker.without_reflections(source, r, skin, way)?;
+            match way.stretches[..] {
+                // Exact for horizontal beams, too.
+                [only] => walker.straight(source, r, skin, only.leg.n),
+                _ => walker.along(source, r, skin, way, 1.0),
+            }
+        })
+        .filter(|link| link.lit || !lit)
+    }
+
+    /// Through index n all the way.
+    #[inline]
+    fn straight(&mut self, source: Source<'_>, r: DVec3, skin: Option<Skin>, n: f64) -> Option<Link> {
+        let arrival = source.arrival(r)?;
+        let sight = self.sight(r, arrival.towards, arrival.distance, skin);
+        (!sight.blocked).then_some(Link {
+            towards: arrival.towards,
+            irradiance: arrival.irradiance / (n * n),
+            tau: sight.tau,
+            exit: sight.exit,
+            on_plane: arrival.on_plane,
+            lit: true,
+        })
+    }
+
+    /// Where to look for a source from r, inside a medium and at least the optical depth `tau` away.
+    #[inline]
+    pub(crate) fn heading(&mut self, source: Source<'_>, r: DVec3, tau: f64) -> Heading {
+        let (towards, distance) = source.towards(r);
+        if self.bending == Bending::Nowhere {
+            let sight = self.sight(r, towards, distance, None);
+            return Heading { towards, tau: sight.tau, exit: sight.exit };
+        }
+        match self.link(source, r, None, false) {
+            Some(Link { towards, tau, exit, .. }) => Heading { towards, tau, exit },
+            None => Heading { towards, tau, exit: None },
+        }
+    }
+
+    /// Towards a source from where a ray comes in at `start`; where light is bent, from a point on it inside.
+    pub(crate) fn heading_from_wall(&mut self, source: Source<'_>, start: DVec3, inside: DVec3) -> DVec3 {
+        let bent = if self.bending == Bending::Nowhere { None } else { self.link(source, inside, None, false) };
+        bent.map_or_else(|| source.towards(start).0, |link| link.towards)
+    }
+
+    /// One of the other lit ways, by chance.
+    #[inline]
+    pub(crate) fn detour(
+        &mut self,
+        source: Source<'_>,
+        r: DVec3,
+        skin: Option<Skin>,
+        chance: &Chance<'_>,
+    ) -> Option<Link> {
+        if self.bending == Bending::Nowhere {
+            return None;
+        }
+        let draw =
+            |decision: u32| unit(chance.stream.aside(chance.number, source.place(), chance.place, decision + 1)[0]);
+        if draw(0) >= DETOURS {
+            return None;
+        }
+        self.on_scratch(|walker, way| {
+            let probability = walker.with_reflections(source, r, skin, way, draw)?;
+            walker.along(source, r, skin, way, DETOURS * probability)
+        })
+        .filter(|link| link.lit)
+    }
+
+    fn on_scratch<T>(&mut self, work: impl FnOnce(&mut Self, &mut Way) -> Option<T>) -> Option<T> {
+        let mut way = std::mem::take(&mut self.way);
+        way.clear();
+        let result = work(self, &mut way);
+        self.way = way;
+        result
+    }
+
+    /// Up or down through the layers to the light; `None` where something opaque fills one of them.
+    fn without_reflections(&self, source: Source<'_>, r: DVec3, skin: Option<Skin>, way: &mut Way) -> Option<()> {
+        let Bending::AtPlanes(strata) = &self.bending else { return None };
+        let target = Target::of(source);
+        let up = target.is_above(r.z);
+        let (mut layer, last) = (self.layer(strata, r, skin, up), strata.layer(target.origin.z, !up));
+        let mut z = r.z;
+        while layer != last {
+            let (edge, next) = strata.onward(layer, up)?;
+            if strata.layers[next].opaque {
+                return None;
+            }
+            let (n, beyond) = (strata.layers[layer].n, strata.layers[next].n);
+            way.go(n, z, edge, up);
+            way.events.push((n, beyond, false));
+            (layer, z) = (next, edge);
+        }
+        way.go(strata.layers[last].n, z, target.origin.z, up);
+        Some(())
+    }
+
+    /// A way with reflections, and its probability. At a plane it is reflected with a probability near the reflectance for the
+    /// slope of the straight line: ways with more reflections are steeper, so none weighs more than it brings.
+    fn with_reflections(
+        &self,
+        source: Source<'_>,
+        r: DVec3,
+        skin: Option<Skin>,
+        way: &mut Way,
+        draw: impl Fn(u32) -> f64,
+    ) -> Option<f64> {
+        let Bending::AtPlanes(strata) = &self.bending else { return None };
+        let target = Target::of(source);
+        let n_least = strata.layers.iter().map(|layer| layer.n).fold(f64::INFINITY, f64::min);
+        let straight = source.towards(r).0;
+        let slope =
+            Crossing::new([Leg { n: n_least, depth: straight.z.abs() }].into_iter(), straight.truncate().length())?;
+        let mut up = draw(1) < 0.5;
+        let mut probability = 0.5;
+        let (mut layer, mut z) = (self.layer(strata, r, skin, up), r.z);
+        let last = strata.layer(target.origin.z, !target.is_above(r.z));
+        for decision in (2..).step_by(2) {
+            let onward = strata.onward(layer, up);
+            if layer == last && up == target.is_above(z) {
+                let ends = onward.is_none() || draw(decision) < 0.5;
+                probability *= if onward.is_none() { 1.0 } else { 0.5 };
+                if ends {
+                    way.go(strata.layers[last].n, z, target.origin.z, up);
+                    break;
+                }
+            }
+            let (edge, next) = onward?;
+            if strata.layers[next].opaque {
+                return None;
+            }
+            let (n, beyond) = (strata.layers[layer].n, strata.layers[next].n);
+            let likely = slope.reflectance(n, beyond).clamp(RARE, OFTEN);
+            let reflected = draw(decision + 1) < likely;
+            probability *= if reflected { likely } else { 1.0 - likely };
+            way.go(n, z, edge, up);
+            way.events.push((n, beyond, reflected));
+            z = edge;
+            if reflected {
+                up = !up;
+            } else {
+                layer = next;
+            }
+        }
+        // Without a reflection it is no detour.
+        way.events.iter().any(|event| event.2).then_some(probability)
+    }
+
+    /// The light that comes by a way, over the probability with which the way was chosen.
+    fn along(&mut self, source: Source<'_>, r: DVec3, skin: Option<Skin>, way: &Way, probability: f64) -> Option<Link> {
+        let target = Target::of(source);
+        let legs = way.stretches.iter().map(|stretch| stretch.leg);
+        let (n, n_source) = (way.stretches[0].leg.n, way.stretches[way.stretches.len() - 1].leg.n);
+        let across = target.towards.unwrap_or(target.origin - r).truncate();
+        let crossing = match target.towards {
+            None => Crossing::new(legs, across.length())?,
+            Some(towards) => Crossing::at_slope(legs, n_source, across.length() / towards.z.abs())?,
+        };
+        let sideways = across.try_normalize().map_or(DVec3::ZERO, |across| across.extend(0.0));
+        let mut link = Link {
+            towards: DVec3::ZERO,
+            irradiance: 1.0 / probability,
+            tau: 0.0,
+            exit: None,
+            on_plane: DVec3::ZERO,
+            lit: false,
+        };
+        for &(n, beyond, reflected) in &way.events {
+            let reflectance = crossing.reflectance(n, beyond);
+            link.irradiance *= if reflected { reflectance } else { 1.0 - reflectance };
+        }
+        let (mut p, mut skin) = (r, skin);
+        for (i, &Stretch { leg, up, until }) in way.stretches.iter().enumerate() {
+            let (sin, cos) = (crossing.sin(leg.n), crossing.cos(leg.n));
+            let w = sin * sideways + (if up { cos } else { -cos }) * DVec3::Z;
+            let last = i + 1 == way.stretches.len();
+            let distance = if last { source.towards(p).1 } else { leg.depth / cos };
+            let sight = self.sight(p, w, distance, skin);
+            if sight.blocked {
+                return None;
+            }
+            link.tau += sight.tau;
+            if i == 0 {
+                (link.towards, link.exit) = (w, sight.exit);
+            }
+            if !last {
+                p += leg.depth * crossing.tan(leg.n) * sideways;
+                p.z = until;
+                skin = None;
+            }
+        }
+        // From the last wall on it is the light's own cone: there are its intensity and the place on its pattern.
+        if let Some(arrival) = source.arrival(p) {
+            let spread = match target.towards {
+                None => arrival.distance * arrival.distance * crossing.spread(n_source, n),
+                Some(_) => crossing.cos(n_source) / crossing.cos(n),
+            };
+            link.irradiance *= arrival.irradiance * spread / (n * n);
+            (link.on_plane, link.lit) = (arrival.on_plane, true);
+        }
+        Some(link)
+    }
+
+    /// The layer around a point; on a surface the one that the surface faces, else on an edge the one where light goes on.
+    fn layer(&self, strata: &Strata, r: DVec3, skin: Option<Skin>, up: bool) -> usize {
+        let faces = skin.map(|skin| {
+            let z = self.setting.world.normal(skin.wall, r).z;
+            if skin.inside { -z } else { z }
+        });
+        strata.layer(r.z, faces.map_or(up, |z| z > 0.0 || (z == 0.0 && up)))
+    }
+}
+
+/// Where a way has to arrive.
+struct Target {
+    origin: DVec3,
+    /// Towards the source, where that is the same direction everywhere.
+    towards: Option<DVec3>,
+}
+
+impl Target {
+    fn of(source: Source<'_>) -> Self {
+        let (origin, along) = source.origin();
+        Self { origin, towards: along.map(|along| -along) }
+    }
+
+    fn is_above(&self, z: f64) -> bool {
+        self.towards.map_or(self.origin.z > z, |towards| towards.z > 0.0)
+    }
+}

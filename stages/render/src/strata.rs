@@ -1,0 +1,136 @@
+//! Strata: worlds whose refractive index changes at horizontal planes only.
+
+use turbid_optics::solid::Solid;
+
+use crate::world::World;
+
+/// The refractive index as a function of z.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Strata {
+    /// World z of the planes between the layers, from below upwards.
+    pub edges: Vec<f64>,
+    /// From below upwards: one more than there are edges.
+    pub layers: Vec<Layer>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Layer {
+    pub n: f64,
+    /// No light passes.
+    pub opaque: bool,
+}
+
+/// Where light bends in a world.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Bending {
+    /// Nowhere: all that light can enter has one refractive index.
+    Nowhere,
+    AtPlanes(Strata),
+    /// At walls for which there is no closed form.
+    Anywhere,
+}
+
+impl Bending {
+    pub fn of(world: &World) -> Self {
+        let clear = |i: usize| !world.materials[i].is_opaque();
+        let bends = world.bodies.iter().any(|b| clear(b.material) && world.materials[b.material].n != 1.0);
+        if !bends {
+            return Self::Nowhere;
+        }
+        Strata::of(world).map_or(Self::Anywhere, Self::AtPlanes)
+    }
+}
+
+impl Strata {
+    /// `None` where something that is not a slab has an index other than its surroundings.
+    pub fn of(world: &World) -> Option<Self> {
+        let mut edges: Vec<f64> = Vec::new();
+        for body in &world.bodies {
+            if let Solid::Slab { bottom, top } = body.solid {
+                edges.extend([bottom, top]);
+            }
+        }
+        edges.sort_by(f64::total_cmp);
+        edges.dedup();
+        let mut strata = Self { edges: Vec::new(), layers: vec![Layer { n: 1.0, opaque: false }] };
+        for (i, &edge) in edges.iter().enumerate() {
+            let middle = edges.get(i + 1).map_or(edge + 1.0, |next| 0.5 * (edge + next));
+            let holds =
+                |solid: &Solid| matches!(*solid, Solid::Slab { bottom, top } if bottom < middle && middle < top);
+            let material = world.bodies.iter().find(|b| holds(&b.solid)).map_or(0, |b| b.material);
+            let material = &world.materials[material];
+            let layer = Layer { n: material.n, opaque: material.is_opaque() };
+            if strata.layers.last() != Some(&layer) {
+                strata.edges.push(edge);
+                strata.layers.push(layer);
+            }
+        }
+        let in_its_layer = |body: &crate::world::Body| {
+            let material = &world.materials[body.material];
+            if matches!(body.solid, Solid::Slab { .. }) || material.is_opaque() {
+                return true;
+            }
+            let (low, high) = body.solid.bounds();
+            let (first, last) =
+                (strata.edges.partition_point(|&e| e <= low.z), strata.edges.partition_point(|&e| e < high.z));
+            strata.layers[first..=last].iter().all(|layer| layer.opaque || layer.n == material.n)
+        };
+        world.bodies.iter().all(in_its_layer).then_some(strata)
+    }
+
+    /// The layer around a point at height z; on an edge the upper one if `up`.
+    #[inline]
+    pub fn layer(&self, z: f64, up: bool) -> usize {
+        if up { self.edges.partition_point(|&e| e <= z) } else { self.edges.partition_point(|&e| e < z) }
+    }
+
+    /// The next plane from within a layer, its z and the layer behind it; `None` on the way out.
+    #[inline]
+    pub fn onward(&self, layer: usize, up: bool) -> Option<(f64, usize)> {
+        let (edge, next) = if up { (layer, layer + 1) } else { (layer.wrapping_sub(1), layer.wrapping_sub(1)) };
+        self.edges.get(edge).map(|&z| (z, next))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::world::{Body, Material};
+    use glam::DVec3;
+
+    #[test]
+    fn slabs_become_layers_by_priority_and_other_bodies_must_match() {
+        let slab = |bottom, top, material| Body { solid: Solid::Slab { bottom, top }, material };
+        let ball =
+            |z: f64, material| Body { solid: Solid::Ellipsoid { center: z * DVec3::Z, radii: DVec3::ONE }, material };
+        let world = |bodies| World {
+            bodies,
+            materials: vec![
+                Material::VOID,
+                Material::medium(0.1, 1.0, 0.8, 1.4),
+                Material::medium(0.2, 2.0, 0.8, 1.4),
+                Material::lambertian(0.5),
+            ],
+        };
+        // A hole in glass over a floor; two slabs of one index are one layer.
+        let strata = Strata::of(&world(vec![
+            slab(-3.0, -2.0, 0),
+            slab(-10.0, 0.0, 1),
+            slab(0.0, 1.0, 2),
+            slab(-20.0, -10.0, 3),
+        ]));
+        let strata = strata.unwrap();
+        assert_eq!(strata.edges, [-20.0, -10.0, -3.0, -2.0, 1.0]);
+        let kinds: Vec<_> = strata.layers.iter().map(|l| (l.n, l.opaque)).collect();
+        assert_eq!(kinds, [(1.0, false), (1.0, true), (1.4, false), (1.0, false), (1.4, false), (1.0, false)]);
+        assert_eq!([strata.layer(-2.0, true), strata.layer(-2.0, false), strata.layer(0.0, true)], [4, 3, 4]);
+        assert_eq!([strata.onward(0, false), strata.onward(5, true)], [None, None]);
+        assert_eq!([strata.onward(3, false), strata.onward(3, true)], [Some((-3.0, 2)), Some((-2.0, 4))]);
+        for (z, planes) in [(-5.0, true), (-1.0, true), (0.0, true), (0.5, false), (5.0, false)] {
+            let bending = Bending::of(&world(vec![ball(z, 2), slab(-10.0, 1.0, 1)]));
+            assert_eq!(matches!(bending, Bending::AtPlanes(_)), planes, "ball at {z}");
+        }
+        assert!(matches!(Bending::of(&world(vec![ball(0.0, 0), slab(-10.0, 1.0, 1)])), Bending::Anywhere));
+        assert_eq!(Bending::of(&world(vec![ball(0.0, 0), slab(-10.0, 1.0, 3)])), Bending::Nowhere);
+    }
+}
