@@ -160,9 +160,13 @@ fn given<'a>(channel: &Channel, frames: &ImageStack, stack: &ImageStack) -> Resu
         .and_then(|list| serde_json::from_value(list.clone()).ok())
         .ok_or_else(|| Error::failed("the covariance does not list its quantities"))?;
     let find = |part: &str, fringe: &Fringe| {
-        listed
-            .iter()
-            .position(|q| q.is(part, fringe, channel.wavelength_nm))
+        // A fringe's own M_DC, where it has one, before that of all.
+        let own = |q: &&Quantity| q.f_x_per_mm == Some(fringe.f_x_per_mm);
+        let is = |q: &&Quantity| q.is(part, fringe, channel.wavelength_nm);
+        let mut order = listed.iter().filter(own).chain(listed.iter()).filter(is);
+        order
+            .next()
+            .and_then(|found| listed.iter().position(|q| std::ptr::eq(q, found)))
             .ok_or_else(|| Error::failed(format!("the covariance lacks `{part}` at f_x = {} mm^-1", fringe.f_x_per_mm)))
     };
     let mut quantities = Vec::new();

@@ -169,8 +169,14 @@ impl View {
                 held.then_some(on_plane)?
             }
         };
+        Some(self.position_of(on_plane))
+    }
+
+    /// The image position of a point of the field's plane: undoes [`Self::plane_point`].
+    #[inline]
+    pub fn position_of(&self, on_plane: DVec3) -> (f64, f64) {
         let d = on_plane - self.look_at;
-        Some((0.5 + d.dot(self.right) / self.field.x, 0.5 - d.dot(self.top) / self.field.y))
+        (0.5 + d.dot(self.right) / self.field.x, 0.5 - d.dot(self.top) / self.field.y)
     }
 
     /// A point of the field's plane relative to look_at, in units of its distance, to the right and down the image.

@@ -13,6 +13,7 @@ use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
 use turbid_render::moments::Moments;
 use turbid_render::path::{Nee, Setting, Walker};
+use turbid_render::pictures::Pictures;
 use turbid_render::world::{Body, Material, World};
 
 fn main() {
@@ -51,6 +52,7 @@ fn main() {
                 light: &light,
                 steady: &Steady::NONE,
                 carriers: &carriers,
+                pictures: &Pictures::NONE,
                 key: [1, 2],
                 channel: 0,
                 nee,

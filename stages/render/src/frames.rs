@@ -1,28 +1,23 @@
 //! From sums over paths to images: frames, their standard errors, covariances, white light.
 
-use std::f64::consts::TAU;
-
 use serde_json::{Value, json};
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Covariance, Frames, White};
 use turbid_contract::{ImageStack, LayerInfo, LayerKind};
-use turbid_optics::elementary::sin_cos_turns;
 
-use crate::light::Carrier;
 use crate::moments::Moments;
-use crate::params::Params;
-use crate::response::{Layout, ONE};
+use crate::response::ONE;
+use crate::shown::{Shown, Terms};
 
 const RADIANCE: &str = "W mm^-2 sr^-1";
 
 /// The sums of all channels, after `n` paths per pixel.
 pub struct Images<'a> {
-    pub params: &'a Params,
+    pub shown: &'a Shown,
     pub rows: usize,
     pub columns: usize,
     /// Empty for one channel without a named wavelength.
     pub wavelengths_nm: &'a [f64],
-    pub layout: Layout,
     pub channels: &'a [Moments],
     pub n: u32,
 }
@@ -58,16 +53,6 @@ impl Images<'_> {
         stack.push(se_info, image(se));
     }
 
-    /// What steady light adds to every frame.
-    fn steady(&self) -> impl Iterator<Item = (usize, f64)> {
-        self.layout.steady().map(|i| (i, 1.0)).into_iter()
-    }
-
-    /// M_DC = L(1)/2 and the steady light.
-    fn dc(&self) -> Vec<(usize, f64)> {
-        [(ONE, 0.5)].into_iter().chain(self.steady()).collect()
-    }
-
     /// Covariance of two sums of weight x mean response.
     fn covariance_of(&self, channel: usize, pixel: usize, a: &[(usize, f64)], b: &[(usize, f64)]) -> f64 {
         let moments = &self.channels[channel];
@@ -75,69 +60,43 @@ impl Images<'_> {
         pairs.map(|(&(i, wi), &(j, wj))| wi * wj * moments.covariance(pixel, i, j, self.n)).sum()
     }
 
-    /// Frame = L(1)/2 + Re(e^{i phase} L(e^{i 2 pi f_x u}))/2 and the steady light, so of the responses (1, re, im, steady) the
-    /// weights (1/2, cos(phase)/2, -sin(phase)/2, 1).
+    /// A frame for every layer of what is shown.
     pub fn frames(&self) -> Frames {
         let mut stack = ImageStack::new(self.rows, self.columns);
         self.attributes(&mut stack);
         for channel in 0..self.channels.len() {
-            let mut carrier = 0;
-            for f in &self.params.f_x {
-                let mut info = LayerInfo::value("radiance", RADIANCE).with_f_x(f.0);
-                info.wavelength_nm = self.wavelength(channel);
-                if f.0 == 0.0 {
-                    info.phase_rad = Some(0.0);
-                    self.push(&mut stack, info, channel, &self.dc());
-                    continue;
-                }
-                for o in &self.params.orientation_deg {
-                    info.orientation_deg = Some(o.0);
-                    for k in 0..self.params.phases {
-                        let turns = f64::from(k) / f64::from(self.params.phases);
-                        info.phase_rad = Some(TAU * turns);
-                        let (sin, cos) = sin_cos_turns(turns);
-                        let re = self.layout.re(carrier);
-                        let mut terms = vec![(ONE, 0.5), (re, 0.5 * cos), (re + 1, -0.5 * sin)];
-                        terms.extend(self.steady());
-                        self.push(&mut stack, info.clone(), channel, &terms);
-                    }
-                    carrier += 1;
-                }
+            for (info, terms) in &self.shown.frames {
+                let wavelength_nm = self.wavelength(channel);
+                let info = LayerInfo { unit: RADIANCE.to_owned(), wavelength_nm, ..info.clone() };
+                self.push(&mut stack, info, channel, terms);
             }
         }
         Frames(stack)
     }
 
-    /// Covariances of M_DC and of re, im of every carrier.
+    /// Covariances of the quantities behind the frames.
     pub fn covariance(&self) -> Covariance {
-        let carriers = self.params.carriers();
         let mut stack = ImageStack::new(self.rows, self.columns);
         self.attributes(&mut stack);
+        let shown = &self.shown.quantities;
         let mut quantities = Vec::new();
-        let (re, im) = (|i| vec![(self.layout.re(i), 0.5)], |i| vec![(self.layout.re(i) + 1, 0.5)]);
-        let terms: Vec<Vec<(usize, f64)>> =
-            [self.dc()].into_iter().chain((0..carriers.len()).flat_map(|i| [re(i), im(i)])).collect();
         for channel in 0..self.channels.len() {
             let first = quantities.len();
-            let quantity = |part: &str, carrier: Option<&Carrier>| -> Value {
-                let mut q = json!({"part": part, "f_x_per_mm": carrier.map_or(0.0, Carrier::f_x)});
-                q["orientation_deg"] = json!(carrier.map_or(0.0, Carrier::orientation_deg));
+            quantities.extend(shown.iter().map(|q| {
+                let mut said =
+                    json!({"part": q.part, "f_x_per_mm": q.f_x_per_mm, "orientation_deg": q.orientation_deg});
                 if let Some(w) = self.wavelength(channel) {
-                    q["wavelength_nm"] = json!(w);
+                    said["wavelength_nm"] = json!(w);
                 }
-                q
-            };
-            quantities.push(quantity("dc", None));
-            for carrier in &carriers {
-                quantities.extend(["re", "im"].map(|part| quantity(part, Some(carrier))));
-            }
-            let q = quantities.len() - first;
-            for (i, j) in (0..q).flat_map(|i| (i..q).map(move |j| (i, j))) {
+                said
+            }));
+            for (i, j) in (0..shown.len()).flat_map(|i| (i..shown.len()).map(move |j| (i, j))) {
                 let mut info = LayerInfo::new("cov", LayerKind::Covariance, "W^2 mm^-4 sr^-2");
                 info.pair = Some([(first + i) as u32, (first + j) as u32]);
                 info.wavelength_nm = self.wavelength(channel);
                 let data = Array2::from_shape_fn((self.rows, self.columns), |(row, column)| {
-                    let cov = self.covariance_of(channel, row * self.columns + column, &terms[i], &terms[j]);
+                    let pixel = row * self.columns + column;
+                    let cov = self.covariance_of(channel, pixel, &shown[i].terms, &shown[j].terms);
                     (if i == j { cov.max(0.0) } else { cov }) as f32
                 });
                 stack.push(info, data);
@@ -154,7 +113,8 @@ impl Images<'_> {
         for channel in 0..self.channels.len() {
             let mut info = LayerInfo::value("radiance", RADIANCE);
             info.wavelength_nm = self.wavelength(channel);
-            let terms: Vec<_> = [(ONE, 1.0)].into_iter().chain(self.steady()).collect();
+            let steady = self.shown.layout.steady().map(|i| (i, 1.0));
+            let terms: Terms = [(ONE, 1.0)].into_iter().chain(steady).collect();
             self.push(&mut stack, info, channel, &terms);
         }
         White(stack)
@@ -163,21 +123,19 @@ impl Images<'_> {
     /// Median over the lit pixels of SE(M_AC) / M_AC at the highest f_x and its first orientation (of M_DC where no f_x is
     /// > 0), the worst of the channels; `None` where no pixel is lit.
     pub fn relative_error(&self) -> Option<f64> {
-        let carriers = self.params.carriers();
-        let highest = carriers.iter().map(Carrier::f_x).fold(0.0, f64::max);
-        let carrier = carriers.iter().position(|c| c.f_x() == highest);
-        let dc = self.dc();
+        let (dc, fringe) = self.shown.watched();
         let of_channel = |(channel, moments): (usize, &Moments)| {
+            let mean = |pixel: usize, terms: &Terms| -> f64 {
+                terms.iter().map(|&(i, w)| w * moments.mean(pixel, i, self.n)).sum()
+            };
             let mut errors: Vec<f64> = (0..self.rows * self.columns)
                 .filter_map(|pixel| {
-                    let cov = |i, j| moments.covariance(pixel, i, j, self.n);
-                    let Some(carrier) = carrier else {
-                        let mean: f64 = dc.iter().map(|&(i, w)| w * moments.mean(pixel, i, self.n)).sum();
-                        let variance = self.covariance_of(channel, pixel, &dc, &dc).max(0.0);
-                        return (mean > 0.0).then(|| variance.sqrt() / mean);
+                    let cov = |a: &Terms, b: &Terms| self.covariance_of(channel, pixel, a, b);
+                    let Some([re, im]) = fringe else {
+                        let dc_mean = mean(pixel, dc);
+                        return (dc_mean > 0.0).then(|| cov(dc, dc).max(0.0).sqrt() / dc_mean);
                     };
-                    let (re, im) = (self.layout.re(carrier), self.layout.re(carrier) + 1);
-                    let (x, y) = (moments.mean(pixel, re, self.n), moments.mean(pixel, im, self.n));
+                    let (x, y) = (mean(pixel, re), mean(pixel, im));
                     let m2 = x * x + y * y;
                     // Variance along the phase of the mean.
                     let along = (x * x * cov(re, re) + 2.0 * x * y * cov(re, im) + y * y * cov(im, im)) / m2;

@@ -63,6 +63,14 @@ impl<'a> Walker<'a> {
             return;
         }
         response[0] += radiance;
+        let pictures = self.setting.pictures;
+        if pictures.layers() > 0 {
+            let (x, y) = self.setting.light.view.position_of(arrival.on_plane);
+            let around = pictures.around(x, y);
+            for (i, seen) in response[layout.picture(0)..][..layout.pictures].iter_mut().enumerate() {
+                *seen += radiance * pictures.value(i, &around);
+            }
+        }
         for (carrier, re_im) in self.setting.carriers.iter().zip(response[1..].chunks_exact_mut(2)) {
             let (sin, cos) = carrier.at(on_plane);
             re_im[0] += radiance * cos;

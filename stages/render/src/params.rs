@@ -1,9 +1,9 @@
 //! The parameters of a render, and what is wrong with them for a given scene.
 
 use serde::{Deserialize, Serialize};
-use turbid_contract::payload::{Scene, Specular};
+use turbid_contract::payload::{Pattern, Scene, Specular};
 use turbid_contract::schemars::JsonSchema;
-use turbid_contract::{AngleDeg, PerLength, Problems, Ratio, Seconds};
+use turbid_contract::{AngleDeg, Error, LayerInfo, PerLength, Problem, Problems, Ratio, Seconds};
 
 use crate::light::Carrier;
 use crate::plan::flights_per_path;
@@ -14,7 +14,8 @@ use crate::strata::Bending;
 #[serde(deny_unknown_fields)]
 #[schemars(crate = "turbid_contract::schemars")]
 pub struct Params {
-    /// Spatial frequencies, mm^-1; 0 is one frame at half the pattern.
+    /// Spatial frequencies, mm^-1; 0 is one frame at half the pattern. Left out where a pattern is given.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub f_x: Vec<PerLength>,
     /// Frames per spatial frequency, shifted by 2 pi / phases.
     #[serde(default = "three")]
@@ -71,9 +72,9 @@ impl Params {
         positive.flat_map(|f| self.orientation_deg.iter().map(move |o| Carrier::new(f, o.0))).collect()
     }
 
-    /// What is wrong whatever the scene.
-    pub fn check(&self, problems: &mut Problems) {
-        if self.f_x.is_empty() {
+    /// What is wrong whatever the scene; `patterned`: what is shown comes by the port `pattern`.
+    pub fn check(&self, patterned: bool, problems: &mut Problems) {
+        if self.f_x.is_empty() && !patterned {
             problems.push_with_hint(
                 "f_x",
                 "f_x is empty: nothing would be projected",
@@ -129,6 +130,57 @@ impl Params {
                 "write `method: path`, or leave it out",
             );
         }
+    }
+
+    /// With the fringes that the layers of a pattern say.
+    pub fn showing(&self, pattern: &Pattern) -> Self {
+        let mut shown = Self { f_x: Vec::new(), orientation_deg: Vec::new(), ..self.clone() };
+        for info in pattern.0.layers.iter().map(|l| &l.info) {
+            let (f, o) = (info.f_x_per_mm.map(PerLength), AngleDeg(info.orientation_deg.unwrap_or(0.0)));
+            shown.f_x.extend(f.filter(|f| !shown.f_x.contains(f)));
+            shown.orientation_deg.extend((!shown.orientation_deg.contains(&o)).then_some(o));
+        }
+        shown
+    }
+
+    /// Where f_x is given beside a pattern, both must say the same.
+    ///
+    /// Error: the fringes of the pattern's layers are others than f_x, orientation_deg and phases ask for.
+    pub fn agree_with(&self, layers: &[&LayerInfo]) -> Result<(), Error> {
+        if self.f_x.is_empty() {
+            return Ok(());
+        }
+        let mut asked = Vec::new();
+        for f in &self.f_x {
+            let fringes = if f.0 == 0.0 { 1 } else { self.orientation_deg.len() };
+            for o in &self.orientation_deg[..fringes] {
+                let orientation = if f.0 == 0.0 { 0.0 } else { o.0 };
+                asked.push((f.0, orientation, if f.0 == 0.0 { 1 } else { self.phases as usize }));
+            }
+        }
+        let of = |info: &LayerInfo| {
+            let f = info.f_x_per_mm.unwrap_or(f64::NAN);
+            (f, if f == 0.0 { 0.0 } else { info.orientation_deg.unwrap_or(0.0) })
+        };
+        let count = |f: f64, o: f64| layers.iter().filter(|info| of(info) == (f, o)).count();
+        let other = |message: String| {
+            let hint = Some("leave f_x, phases and orientation_deg out: the pattern says them".to_owned());
+            Error::Invalid(Problem { path: "f_x".to_owned(), message, hint })
+        };
+        let total: usize = asked.iter().map(|a| a.2).sum();
+        if let Some((f, o, n)) = asked.iter().find(|(f, o, n)| count(*f, *o) != *n) {
+            return Err(other(format!(
+                "f_x = {f} mm^-1 at {o} deg asks for {n} frames, the pattern has {} such layers",
+                count(*f, *o)
+            )));
+        }
+        if total != layers.len() {
+            return Err(other(format!(
+                "f_x, phases and orientation_deg ask for {total} frames, the pattern has {} layers",
+                layers.len()
+            )));
+        }
+        Ok(())
     }
 
     /// What is wrong with them for this scene.

@@ -16,6 +16,7 @@ use crate::lamp::Steady;
 use crate::light::{Carrier, Light};
 use crate::link::Way;
 use crate::look::{self, Queue};
+use crate::pictures::Pictures;
 use crate::response::Layout;
 use crate::strata::Bending;
 use crate::world::{Material, Piece, Skin, Spans, Wall, World};
@@ -52,6 +53,7 @@ pub struct Setting<'a> {
     pub steady: &'a Steady,
     /// Those with f_x > 0.
     pub carriers: &'a [Carrier],
+    pub pictures: &'a Pictures,
     pub key: [u32; 2],
     pub channel: u32,
     pub nee: Nee,
@@ -59,7 +61,7 @@ pub struct Setting<'a> {
 
 impl Setting<'_> {
     pub fn layout(&self) -> Layout {
-        Layout { carriers: self.carriers.len(), steady: self.steady.shines() }
+        Layout { carriers: self.carriers.len(), pictures: self.pictures.layers(), steady: self.steady.shines() }
     }
 }
 
@@ -178,7 +180,9 @@ impl<'a> Walker<'a> {
         let windows = setting.world.materials.iter().map(window).collect();
         let (spans, pieces) = (Spans::default(), Vec::new());
         let free_paths = setting.world.materials.iter().map(|m| 1.0 / m.mu_s).collect();
-        let body_of = look::bodies_by_material(setting.world);
+        // Pictures are looked up one by one.
+        let lanes = setting.pictures.layers() == 0;
+        let body_of = if lanes { look::bodies_by_material(setting.world) } else { None };
         let (responses, queued, queue) = (Vec::new(), Vec::new(), Queue::default());
         Self {
             setting,

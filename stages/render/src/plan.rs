@@ -58,7 +58,7 @@ fn thickness(shape: &Shape) -> f64 {
 }
 
 /// The plan for known params and, where it is known, scene.
-pub fn plan(params: &Params, scene: Option<&Scene>) -> StagePlan {
+pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool) -> StagePlan {
     let mut plan = StagePlan {
         method: Some(match params.method {
             Method::Auto => "path (auto: the only method of this version)".to_owned(),
@@ -86,6 +86,7 @@ pub fn plan(params: &Params, scene: Option<&Scene>) -> StagePlan {
     }
     sort(params.f_x.iter().any(|f| f.0 > 0.0), "carriers");
     sort(params.orientation_deg.len() > 1, "several orientations");
+    sort(patterned, "pattern images");
     sort(params.target_error.is_some(), "error target");
     let camera = scene.and_then(|s| s.camera.as_ref());
     let projector = scene.and_then(|s| s.projector.as_ref());
@@ -106,7 +107,7 @@ pub fn plan(params: &Params, scene: Option<&Scene>) -> StagePlan {
             let per_path = NS_PER_PATH + NS_PER_FLIGHT * flights;
             plan.seconds = Some(pixels * f64::from(samples) * per_path * 1e-9);
         }
-        let q = Layout { carriers: params.carriers().len(), steady: !scene.lights.is_empty() }.width();
+        let q = Layout { carriers: params.carriers().len(), pictures: 0, steady: !scene.lights.is_empty() }.width();
         let frames = 2 * params.phases as usize * params.f_x.len() * params.orientation_deg.len();
         // Sums of two generations, and f32 layers.
         plan.bytes = Some((pixels * (16 * (q + q * (q + 1) / 2) + 4 * frames) as f64) as u64);

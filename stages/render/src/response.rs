@@ -1,10 +1,13 @@
 //! What the numbers are that a path brings home.
 
-/// In this order: the response to the pattern 1; re and im of that to each carrier; that to steady light, where there is any.
+/// In this order: the response to the pattern 1; re and im of that to each carrier; that to each picture; that to steady light, where
+/// there is any.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layout {
     /// Carriers with f_x > 0.
     pub carriers: usize,
+    /// Patterns that are images.
+    pub pictures: usize,
     /// Whether there is light that no pattern modulates.
     pub steady: bool,
 }
@@ -15,12 +18,17 @@ pub const ONE: usize = 0;
 impl Layout {
     /// How many numbers a path has.
     pub fn width(&self) -> usize {
-        1 + 2 * self.carriers + usize::from(self.steady)
+        1 + 2 * self.carriers + self.pictures + usize::from(self.steady)
     }
 
     /// Place of re of a carrier; im follows.
     pub fn re(&self, carrier: usize) -> usize {
         1 + 2 * carrier
+    }
+
+    /// Place of the response to a picture.
+    pub fn picture(&self, picture: usize) -> usize {
+        1 + 2 * self.carriers + picture
     }
 
     /// Place of the response to steady light.

@@ -1,12 +1,12 @@
 //! The stage: checks, traces, and fills the ports that are wanted.
 
-use turbid_contract::payload::{Covariance, Frames, Scene, Truth, White};
+use turbid_contract::payload::{Covariance, Frames, Pattern, Scene, Truth, White};
 use turbid_contract::{Ctx, Error, Known, Problems, Stage, StagePlan, in_ports, out_ports};
 
 use crate::frames::Images;
 use crate::params::Params;
-use crate::response::Layout;
 use crate::rig::Rig;
+use crate::shown::Shown;
 use crate::trace::trace;
 use crate::truth::truth;
 
@@ -14,6 +14,8 @@ in_ports! {
     pub struct In {
         /// The scene to look at.
         scene: one Scene,
+        /// What the projector shows instead of sinusoids: layers that cover its field, a frame for each.
+        pattern: optional Pattern,
     }
 }
 
@@ -21,7 +23,7 @@ out_ports! {
     pub struct Out {
         /// Radiance for every spatial frequency, orientation and phase, with standard errors.
         frames: one Frames,
-        /// Per pixel, of M_DC and of re, im of every f_x > 0.
+        /// Per pixel, of M_DC and of re, im of every f_x > 0 (with a pattern: of those fringes whose phases its layers tell).
         covariance: optional Covariance,
         /// mu_a, mu_s_prime, height, depth, normal, object at the pixel centres.
         truth: optional Truth,
@@ -48,32 +50,48 @@ impl Stage for RenderStage {
     }
 
     fn check(params: &Params, known: &Known, problems: &mut Problems) {
-        params.check(problems);
+        params.check(known.connected.iter().any(|port| port == "pattern"), problems);
         if let Some(scene) = known.get::<Scene>("scene") {
             params.check_scene(&scene, problems);
+            if known.connected.iter().any(|port| port == "pattern") && scene.projector.is_none() {
+                problems.push_with_hint(
+                    "",
+                    "there is a pattern, but the scene has no projector to show it",
+                    "add `projector` to the scene, or leave the input `pattern` out",
+                );
+            }
         }
     }
 
     fn plan(params: &Params, known: &Known) -> StagePlan {
-        crate::plan::plan(params, known.get::<Scene>("scene").as_ref())
+        let patterned = known.connected.iter().any(|port| port == "pattern");
+        crate::plan::plan(params, known.get::<Scene>("scene").as_ref(), patterned)
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
         let scene = inputs.scene;
         let mut problems = Problems::default();
-        params.check(&mut problems);
-        params.check_scene(&scene, &mut problems);
+        params.check(inputs.pattern.is_some(), &mut problems);
+        let asked = inputs.pattern.as_ref().map_or_else(|| params.clone(), |pattern| params.showing(pattern));
+        asked.check_scene(&scene, &mut problems);
         if let Some(problem) = problems.into_parts().0.into_iter().next() {
             return Err(Error::Invalid(problem));
         }
         let rig = Rig::of(&scene)?;
-        let (channels, n) = trace(params, &rig, ctx)?;
+        let steady = rig.steady[0].shines();
+        let shown = match (&inputs.pattern, &scene.projector) {
+            (None, _) => Shown::sinusoids(params, steady),
+            (Some(pattern), Some(projector)) => Shown::pattern(pattern, params, projector, steady)?,
+            (Some(_), None) => {
+                return Err(Error::failed("there is a pattern, but the scene has no projector to show it"));
+            }
+        };
+        let (channels, n) = trace(params, &rig, &shown, ctx)?;
         let images = Images {
-            params,
+            shown: &shown,
             rows: rig.camera.rows,
             columns: rig.camera.columns,
             wavelengths_nm: &scene.wavelengths_nm,
-            layout: Layout { carriers: params.carriers().len(), steady: rig.steady[0].shines() },
             channels: &channels,
             n,
         };

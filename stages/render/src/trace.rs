@@ -9,8 +9,8 @@ use crate::level::named;
 use crate::moments::Moments;
 use crate::params::Params;
 use crate::path::{Nee, Setting, Walker};
-use crate::response::Layout;
 use crate::rig::Rig;
+use crate::shown::Shown;
 use crate::state::State;
 
 /// Paths per pixel that are summed before they are added to the image: in f64, and always the same ones, so that neither the
@@ -28,11 +28,9 @@ const CHECKPOINT_EVERY_S: f64 = 10.0;
 /// The sums of every channel, and the paths per pixel that they hold.
 ///
 /// Continues the furthest checkpoint that a fresh run would have passed through.
-pub fn trace(params: &Params, rig: &Rig, ctx: Ctx<'_>) -> Result<(Vec<Moments>, u32), Error> {
-    let carriers = params.carriers();
-    let layout = Layout { carriers: carriers.len(), steady: rig.steady[0].shines() };
-    let q = layout.width();
-    let job = Job { params, rig, carriers: &carriers, layout, ctx };
+pub fn trace(params: &Params, rig: &Rig, shown: &Shown, ctx: Ctx<'_>) -> Result<(Vec<Moments>, u32), Error> {
+    let q = shown.layout.width();
+    let job = Job { rig, shown, ctx };
     let cap = params.samples.unwrap_or(u32::MAX);
     let whole = cap / BATCH * BATCH;
     let mut state = resume(params, rig, q, whole, ctx);
@@ -100,25 +98,15 @@ fn resume(params: &Params, rig: &Rig, q: usize, whole: u32, ctx: Ctx<'_>) -> Sta
 }
 
 struct Job<'a> {
-    params: &'a Params,
     rig: &'a Rig,
-    carriers: &'a [crate::light::Carrier],
-    layout: Layout,
+    shown: &'a Shown,
     ctx: Ctx<'a>,
 }
 
 impl Job<'_> {
     fn images<'b>(&'b self, channels: &'b [Moments], n: u32) -> Images<'b> {
         let camera = &self.rig.camera;
-        Images {
-            params: self.params,
-            rows: camera.rows,
-            columns: camera.columns,
-            wavelengths_nm: &[],
-            layout: self.layout,
-            channels,
-            n,
-        }
+        Images { shown: self.shown, rows: camera.rows, columns: camera.columns, wavelengths_nm: &[], channels, n }
     }
 
     /// Adds the paths `state.samples .. until` of every pixel.
@@ -136,7 +124,8 @@ impl Job<'_> {
                 camera: &self.rig.camera,
                 light: &self.rig.lights[channel],
                 steady: &self.rig.steady[channel],
-                carriers: self.carriers,
+                carriers: &self.shown.carriers,
+                pictures: &self.shown.pictures,
                 key,
                 channel: channel as u32,
                 nee: Nee::Line,
@@ -164,7 +153,7 @@ impl Job<'_> {
 
     fn tile(&self, setting: Setting<'_>, pixels: std::ops::Range<usize>, samples: std::ops::Range<u32>) -> Part {
         let mut walker = Walker::new(setting, named(self.ctx.simd()));
-        let mut moments = Moments::new(pixels.len(), self.layout.width());
+        let mut moments = Moments::new(pixels.len(), self.shown.layout.width());
         // What was begun is thrown away with the whole round.
         if !self.ctx.cancelled() {
             flock::walk(&mut walker, pixels.clone(), samples.clone());

@@ -8,6 +8,7 @@ use turbid_render::lamp::Steady;
 use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
 use turbid_render::path::{Nee, Setting, Walker};
+use turbid_render::pictures::Pictures;
 use turbid_render::single::{self, Frame};
 
 use crate::unbiased::{lamps, scenes, shaped_scenes};
@@ -30,6 +31,7 @@ fn f64_lanes_and_levels_do_not_show() {
             light: &light,
             steady: &steady,
             carriers: &carriers,
+            pictures: &Pictures::NONE,
             key: [7, 0],
             channel: 3,
             nee: Nee::Line,
@@ -76,6 +78,7 @@ fn f32_lanes_are_the_scalar_paths_to_rounding() {
             light: &light,
             steady: &steady,
             carriers: &carriers,
+            pictures: &Pictures::NONE,
             key: [7, 0],
             channel: 3,
             nee: Nee::Line,
@@ -118,6 +121,7 @@ fn f32_lanes_and_levels_do_not_show() {
             light: &light,
             steady: &steady,
             carriers: &carriers,
+            pictures: &Pictures::NONE,
             key: [7, 0],
             channel: 3,
             nee: Nee::Line,

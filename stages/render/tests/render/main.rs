@@ -4,6 +4,7 @@ mod golden;
 mod lanes;
 mod laws;
 mod lights;
+mod patterns;
 mod sensors;
 mod setup;
 mod stage;

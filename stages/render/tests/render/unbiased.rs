@@ -10,6 +10,7 @@ use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
 use turbid_render::moments::Moments;
 use turbid_render::path::{Nee, Setting, Walker};
+use turbid_render::pictures::Pictures;
 use turbid_render::world::{Body, Material, World};
 
 const VOID: usize = 0;
@@ -156,6 +157,7 @@ fn line_and_point_estimators_agree() {
                 light: &light,
                 steady: &steady,
                 carriers: &carriers,
+                pictures: &Pictures::NONE,
                 key: [seed, 0],
                 channel: 0,
                 nee,
