@@ -11,6 +11,7 @@ use turbid_render::lamp::Steady;
 use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
 use turbid_render::path::{Nee, Setting, Walker};
+use turbid_render::pictures::Pictures;
 use turbid_render::world::{Body, Material, World};
 
 fn main() {
@@ -72,6 +73,7 @@ fn row(name: &str, world: &World, lit: bool) {
             light: &light,
             steady: &Steady::NONE,
             carriers: &carriers,
+            pictures: &Pictures::NONE,
             key: [1, 2],
             channel: 0,
             nee: Nee::Line,
