@@ -65,7 +65,7 @@ impl<'a> Walker<'a> {
         response[0] += radiance;
         let pictures = self.setting.pictures;
         if pictures.layers() > 0 {
-            let (x, y) = self.setting.light.view.position_of(arrival.on_plane);
+            let (x, y) = self.setting.light.view.position_of(on_plane);
             let around = pictures.around(x, y);
             for (i, seen) in response[layout.picture(0)..][..layout.pictures].iter_mut().enumerate() {
                 *seen += radiance * pictures.value(i, &around);
