@@ -1,6 +1,6 @@
 //! Flights per second of one core, bare and with next-event estimation, by vector width; and what odd scenes leave of it.
 //!
-//! `cargo bench -p turbid-render --bench kernel`. CPU time, best of three; a flight ends at a collision, at a boundary or by absorption.
+//! `cargo bench -p turbid-render --bench kernel [-- v4]`. CPU time, best of three; a flight ends at a collision, at a boundary or by absorption.
 
 use glam::{DVec2, DVec3};
 use turbid_optics::solid::Solid;
@@ -13,6 +13,8 @@ use turbid_render::light::{Carrier, Light};
 use turbid_render::path::{Nee, Setting, Walker};
 use turbid_render::pictures::Pictures;
 use turbid_render::world::{Body, Material, World};
+
+const LEVELS: [&str; 3] = ["baseline", "v3", "v4"];
 
 fn main() {
     println!("M flights/s on one core; flights per path");
@@ -31,6 +33,8 @@ fn main() {
     row("(25, 4236), spheroid cut level", &world(&lesion), true);
     let layers = [(Solid::Slab { bottom: -1.0, top: 0.0 }, tumour), (Solid::Slab { bottom: -2000.0, top: -1.0 }, m2)];
     row("(25, 4236) under 1 mm of another", &world(&layers), true);
+    let tube = Solid::tube(40.0, 50.0, DVec2::ZERO, -100.0, 0.0);
+    row("(25, 4236), tube of 40 mm bore, 5 mm wall", &world(&[(tube, m2)]), true);
     let white = Solid::Box { low: DVec3::new(-5.0, -5.0, 0.0), high: DVec3::new(5.0, 5.0, 5.0) };
     row("(25, 4236), white block on it", &world(&[(white, Material::lambertian(0.8)), (floor(), m2)]), true);
 }
@@ -66,7 +70,9 @@ fn row(name: &str, world: &World, lit: bool) {
     print!("{name:46}");
     let samples = if world.materials.iter().any(|m| m.mu_s > 10.0) { 8 } else { 32 };
     let mut per_path = 0.0;
-    for level in ["baseline", "v3", "v4"] {
+    let asked: Vec<String> = std::env::args().collect();
+    let only = |level: &&str| asked.iter().any(|a| a == level) || !LEVELS.iter().any(|l| asked.iter().any(|a| a == l));
+    for level in LEVELS.iter().filter(|level| only(level)) {
         let setting = Setting {
             world,
             camera: &camera,

@@ -25,12 +25,13 @@ fn main() {
     let light = Light::new(view([35.0, 0.0, 500.0], 256.0), 5.0, false);
     let carriers = [Carrier::new(0.1, 0.0)];
     println!(
-        "medium, estimator: flights/path, ns/flight, M flights/s, rv DC, rv AC, s to 1 % DC, AC (4096 px, 2 cores)"
+        "medium, estimator: flights/path, ns/flight, M flights/s, rv DC, rv AC, s to 1 % DC, AC (of these pixels, 2 cores)"
     );
     let media = [
         ("M1 (100, 5000)", 100.0, 5000.0),
         ("M2 (25, 4236)", 25.0, 4236.0),
         ("M2 with a lesion", 25.0, 4236.0),
+        ("M2 with a dome", 25.0, 4236.0),
         ("M3 (1, 20000)", 1.0, 20000.0),
     ];
     for (name, a_rho, s_rho) in media {
@@ -43,6 +44,13 @@ fn main() {
             let cut = Solid::Box { low: DVec3::new(-100.0, -100.0, 0.0), high: DVec3::new(100.0, 100.0, 30.0) };
             bodies.insert(0, Body { solid: spheroid, material: 2 });
             bodies.insert(0, Body { solid: cut, material: 0 });
+        }
+        if name.ends_with("dome") {
+            // A sphere of 40 mm, half embedded.
+            bodies.insert(
+                0,
+                Body { solid: Solid::Ellipsoid { center: DVec3::ZERO, radii: DVec3::splat(20.0) }, material: 2 },
+            );
         }
         let world = World { bodies, materials: vec![Material::VOID, medium, lesion] };
         for nee in [Nee::Point, Nee::Line] {
@@ -73,33 +81,50 @@ fn main() {
             }
             let seconds = cpu_seconds() - began;
             let flights = walker.take_flights() as f64;
-            // Pooled over the pixels: mean variance over mean square.
-            let (mut v_dc, mut m_dc, mut v_ac, mut m_ac) = (0.0, 0.0, 0.0, 0.0);
-            for pixel in 0..camera.pixels() {
-                let m = |i| moments.mean(pixel, i, paths);
-                let c = |i, j| moments.covariance(pixel, i, j, paths) * f64::from(paths);
-                v_dc += c(0, 0);
-                m_dc += m(0);
-                // The mean phase is known here: that of the carrier at the pixel.
-                let x = (pixel % 64) as f64 - 31.5;
-                let (sin, cos) = carriers[0].at(DVec3::new(x, 0.0, 0.0));
-                v_ac += cos * cos * c(1, 1) + 2.0 * sin * cos * c(1, 2) + sin * sin * c(2, 2);
-                m_ac += cos * m(1) + sin * m(2);
+            let total = camera.pixels() as f64 * f64::from(paths);
+            // By the distance of a pixel from the middle, mm.
+            let regions: &[(&str, f64, f64)] = if name.ends_with("dome") {
+                &[("dome", 0.0, 18.0), ("rim", 18.0, 26.0), ("surround", 26.0, 99.0)]
+            } else {
+                &[("all", 0.0, 99.0)]
+            };
+            for &(region, from, to) in regions {
+                // Pooled over its pixels: mean variance over mean square.
+                let (mut v_dc, mut m_dc, mut v_ac, mut m_ac, mut n) = (0.0, 0.0, 0.0, 0.0, 0.0);
+                for pixel in 0..camera.pixels() {
+                    let (x, y) = ((pixel % 64) as f64 - 31.5, (pixel / 64) as f64 - 31.5);
+                    if !(from..to).contains(&x.hypot(y)) {
+                        continue;
+                    }
+                    let m = |i| moments.mean(pixel, i, paths);
+                    let c = |i, j| moments.covariance(pixel, i, j, paths) * f64::from(paths);
+                    v_dc += c(0, 0);
+                    m_dc += m(0);
+                    // The mean phase: on a flat surface that of the carrier at the pixel; else as found.
+                    let (sin, cos) = if name.ends_with("dome") {
+                        let modulus = m(1).hypot(m(2)).max(f64::MIN_POSITIVE);
+                        (m(2) / modulus, m(1) / modulus)
+                    } else {
+                        carriers[0].at(DVec3::new(x, 0.0, 0.0))
+                    };
+                    v_ac += cos * cos * c(1, 1) + 2.0 * sin * cos * c(1, 2) + sin * sin * c(2, 2);
+                    m_ac += cos * m(1) + sin * m(2);
+                    n += 1.0;
+                }
+                let (rv_dc, rv_ac) = (v_dc / n / (m_dc / n).powi(2), v_ac / n / (m_ac / n).powi(2));
+                // At the mean time of a path, whichever region.
+                let seconds_to = |rv: f64| n * rv * 1e4 * seconds / total / 2.0;
+                println!(
+                    "{name}, {nee:?}, {region} ({n} px): {:.1}, {:.1}, {:.1}, {rv_dc:.2}, {rv_ac:.2}, {:.1}, {:.1}; means {:.5e} {:.5e}",
+                    flights / total,
+                    1e9 * seconds / flights,
+                    1e-6 * flights / seconds,
+                    seconds_to(rv_dc),
+                    seconds_to(rv_ac),
+                    m_dc / n,
+                    m_ac / n,
+                );
             }
-            let n = camera.pixels() as f64;
-            let (rv_dc, rv_ac) = (v_dc / n / (m_dc / n).powi(2), v_ac / n / (m_ac / n).powi(2));
-            let total = n * f64::from(paths);
-            let seconds_to = |rv: f64| n * rv * 1e4 * seconds / total / 2.0;
-            println!(
-                "{name}, {nee:?}: {:.1}, {:.1}, {:.1}, {rv_dc:.2}, {rv_ac:.2}, {:.1}, {:.1}; means {:.5e} {:.5e}",
-                flights / total,
-                1e9 * seconds / flights,
-                1e-6 * flights / seconds,
-                seconds_to(rv_dc),
-                seconds_to(rv_ac),
-                m_dc / n,
-                m_ac / n,
-            );
         }
     }
 }

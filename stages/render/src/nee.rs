@@ -128,6 +128,13 @@ impl<'a> Walker<'a> {
         }
     }
 
+    /// The same from a collision from which lanes look for the projector.
+    pub(crate) fn look_at_lamps_from_collision(&mut self, at: &Place, roulette: f64) {
+        for (i, lamp) in self.setting.steady.lamps.iter().enumerate() {
+            self.collision_lit(at, roulette, Source::Lamp(i, lamp));
+        }
+    }
+
     fn collision_lit(&mut self, at: &Place, roulette: f64, source: Source<'_>) {
         let stream = self.stream(at);
         let link = self.link(source, at.r, None, true);

@@ -1,12 +1,14 @@
 //! What the f32 lanes know of a render, and when f32 is enough.
 
 use glam::DVec3;
+use turbid_optics::solid::Solid;
 
-use super::ground::Ground;
+use super::ground::{Ground, Part};
+use super::look::MOST_BODIES;
 use crate::finish::Finish;
 use crate::light::Emission;
 use crate::path::{Nee, Setting, Walker};
-use crate::world::{Material, Spans};
+use crate::world::{Material, Spans, World};
 
 /// Coordinates up to so many mean free paths: their last digit is 2^-12 of one, and the error made by it, of either sign from
 /// flight to flight, stays below 1e-4.
@@ -28,8 +30,14 @@ pub struct Frame {
     pub media: Vec<Medium>,
     /// Of each body, mm^-1.
     pub mu_t: Vec<f32>,
-    /// For each body whether anything is in it.
-    pub filled: Vec<bool>,
+    /// Highest priority first; as in `ground`.
+    pub parts: Vec<Part>,
+    /// Whether a body lets no light through.
+    pub opaque: Vec<bool>,
+    /// Whether there are bodies that lanes know by their distance only.
+    pub others: bool,
+    /// Whether light goes straight through all boundaries, and lanes know them.
+    pub straight: bool,
     /// Whether a path that leaves all bodies has ended: boundaries do not turn it, and there is no light from infinity.
     pub dark: bool,
     /// Whether looks go in lanes: transparent bodies without repeated media, few enough for `look.rs`.
@@ -136,22 +144,31 @@ impl Frame {
             let turns = x * origin.x + y * origin.y;
             [x as f32, y as f32, (turns - turns.round()) as f32]
         });
-        let straight = |m: &Material| m.is_opaque() || (m.n == 1.0 && m.finish == Finish::Smooth);
+        let parts = parts(s.world);
+        let ground = Ground::about(&parts, origin, range);
+        let others = (0..parts.len()).any(|j| ground.is_other(j));
+        let matt = |m: &Material| matches!(m.finish, Finish::Lambertian(_));
+        let straight = |m: &Material| matt(m) || (m.n == 1.0 && m.finish == Finish::Smooth);
         let straight = s.world.materials.iter().all(straight);
         let blind = !s.light.shines() && s.steady.lamps.is_empty();
-        let looks = straight && walker.body_of().is_some() && s.light.shines() && view.distortion.is_none();
+        // Pictures and lenses are looked up one by one.
+        let plain = s.light.shines() && view.distortion.is_none() && s.pictures.layers() == 0;
+        let looks = straight && !others && can_look(s.world, &parts) && plain;
         Some(Self {
             origin,
             range_squared: (range * range) as f32,
-            ground: Ground::about(s.world, origin, range)?,
+            ground,
             media: media.collect(),
-            mu_t: s.world.bodies.iter().map(|body| s.world.materials[body.material].mu_t() as f32).collect(),
-            filled: s.world.bodies.iter().map(|body| body.material != 0).collect(),
-            dark: straight && s.steady.ambient == 0.0,
+            mu_t: parts.iter().map(|part| s.world.materials[part.material].mu_t() as f32).collect(),
+            opaque: parts.iter().map(|part| s.world.materials[part.material].is_opaque()).collect(),
+            straight: straight && !others,
+            others,
+            parts,
+            dark: straight && !others && s.steady.ambient == 0.0,
             looks,
             lamps: !s.steady.lamps.is_empty(),
             blind,
-            starts: (looks || (blind && straight)) && !s.steady.shines() && !s.camera.has_aperture(),
+            starts: (looks || (blind && straight && !others)) && !s.steady.shines() && !s.camera.has_aperture(),
             stride: walker.stride(),
             windows: (0..s.world.materials.len()).any(|m| walker.window(m) > 0.0),
             light,
@@ -176,4 +193,53 @@ fn seen(s: &Setting<'_>) -> DVec3 {
     let (from, along) = view.ray(0.5, 0.5);
     let mut pieces = s.world.trace(from, along, None, &mut spans);
     pieces.find(|piece| piece.material != 0).map_or(view.look_at, |piece| from + piece.start * along)
+}
+
+/// The bodies of a world; the holes of carved ones are voids before them, where there is nothing else to be seen in a hole.
+fn parts(world: &World) -> Vec<Part> {
+    let mut parts = Vec::with_capacity(world.bodies.len());
+    for (i, body) in world.bodies.iter().enumerate() {
+        let m = &world.materials[body.material];
+        let filled = body.material != 0;
+        let mut part = |solid: &Solid, material: usize, open: bool| {
+            parts.push(Part { solid: solid.clone(), material, filled: material != 0, open });
+        };
+        let open = m.mu_s > 0.0 && !m.is_opaque();
+        match &body.solid {
+            Solid::Carved(carved)
+                if filled && !world.bodies[i + 1..].iter().any(|below| overlap(&below.solid, &carved.whole)) =>
+            {
+                carved.holes.iter().for_each(|hole| part(hole, 0, false));
+                part(&carved.whole, body.material, open);
+            }
+            solid => part(solid, body.material, open),
+        }
+    }
+    parts
+}
+
+/// Whether bounding boxes share more than faces.
+fn overlap(a: &Solid, b: &Solid) -> bool {
+    let ((a_low, a_high), (b_low, b_high)) = (a.bounds(), b.bounds());
+    a_low.cmplt(b_high).all() && b_low.cmplt(a_high).all()
+}
+
+/// Whether looks in lanes are right: few bodies that they know, without repeated media (those are one where they touch), and nothing that carves
+/// opaque ones.
+fn can_look(world: &World, parts: &[Part]) -> bool {
+    parts.len() <= MOST_BODIES
+        && parts.iter().enumerate().all(|(i, part)| {
+            let above = &parts[..i];
+            let repeated = part.filled && above.iter().any(|other| other.material == part.material);
+            let opaque = world.materials[part.material].is_opaque();
+            !(repeated || (opaque && above.iter().any(|other| overlap(&other.solid, &part.solid))))
+        })
+}
+
+impl Frame {
+    /// Distance (mm) of the nearest surface that lanes do not know.
+    pub fn clearance(&self, p: DVec3) -> f64 {
+        let others = self.parts.iter().enumerate().filter(|(j, _)| self.ground.is_other(*j));
+        others.map(|(_, part)| part.solid.clearance(p)).fold(f64::INFINITY, f64::min)
+    }
 }

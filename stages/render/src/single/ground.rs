@@ -5,21 +5,57 @@ use glam::DVec3;
 use turbid_optics::solid::Solid;
 
 use super::lane::{F, M, U, V, choose, splat};
-use crate::world::World;
 
 /// A convex solid, mm from the local origin.
 #[derive(Clone, Copy, Debug)]
 enum Shape {
-    Slab { bottom: f32, top: f32 },
-    Box { low: [f32; 3], high: [f32; 3] },
-    Ellipsoid { center: [f32; 3], inverse_radii: [f32; 3], least: f32 },
+    Slab {
+        bottom: f32,
+        top: f32,
+    },
+    Box {
+        low: [f32; 3],
+        high: [f32; 3],
+    },
+    Ellipsoid {
+        center: [f32; 3],
+        inverse_radii: [f32; 3],
+        least: f32,
+    },
+    Cylinder {
+        axis: [f32; 2],
+        radius: f32,
+        bottom: f32,
+        top: f32,
+    },
+    /// Known by its distance only.
+    Other,
 }
 
 /// Bodies, highest priority first.
 #[derive(Clone, Debug)]
 pub struct Ground {
     shapes: Vec<Shape>,
+    /// mm; what lies between bodies and is thinner is not there.
+    sliver: f32,
 }
+
+/// A convex body as the lanes see it.
+#[derive(Clone, Debug)]
+pub struct Part {
+    pub solid: Solid,
+    pub material: usize,
+    /// Whether there is anything in it.
+    pub filled: bool,
+    /// Whether flights go on in it: it scatters.
+    pub open: bool,
+}
+
+/// Of the range: some last digits of the largest coordinates.
+const SLIVER: f64 = 2.4e-7;
+/// Bodies between which flights go on in lanes, and boundaries that one may cross.
+const MOST_PARTS: usize = 8;
+const MOST_WALLS: usize = 4;
 
 /// What a flight within a body meets.
 pub struct Passage<S: Simd> {
@@ -27,6 +63,18 @@ pub struct Passage<S: Simd> {
     pub crosses: M<S>,
     /// Within this distance of its end there is nothing but its own body; where it does not cross.
     pub clear: F<S>,
+}
+
+/// Where flights that leave their body, or meet one of higher priority, come to.
+pub struct Onward<S: Simd> {
+    /// mm to the end of their own body, and to where the next one that is filled begins.
+    pub leaves: F<S>,
+    pub enters: F<S>,
+    /// That body, where `open` says that flights go on in it.
+    pub body: U<S>,
+    pub open: M<S>,
+    /// Nothing more comes.
+    pub escapes: M<S>,
 }
 
 /// Where rays enter and leave a body.
@@ -37,29 +85,40 @@ pub struct Span<S: Simd> {
 }
 
 impl Ground {
-    /// `None` where f32 cannot hold it, or there are other shapes than these: bodies with curved or upright faces further than `range` (mm) from `origin`.
-    pub fn about(world: &World, origin: DVec3, range: f64) -> Option<Self> {
+    /// Bodies with curved or upright faces further than `range` (mm) from `origin` are others too: f32 does not hold them.
+    pub fn about(parts: &[Part], origin: DVec3, range: f64) -> Self {
         let local = |p: DVec3| (p - origin).as_vec3().to_array();
         let shape = |solid: &Solid| {
             let (low, high) = solid.bounds();
-            let near = (low - origin).abs().max((high - origin).abs()).max_element() <= range;
+            let far = (low - origin).abs().max((high - origin).abs());
             match *solid {
                 // Only its planes count, and what is far from the origin is far from paths.
                 Solid::Slab { bottom, top } => {
-                    Some(Shape::Slab { bottom: (bottom - origin.z) as f32, top: (top - origin.z) as f32 })
+                    Shape::Slab { bottom: (bottom - origin.z) as f32, top: (top - origin.z) as f32 }
                 }
-                Solid::Box { low, high } => near.then(|| Shape::Box { low: local(low), high: local(high) }),
-                Solid::Ellipsoid { center, radii } => near.then(|| Shape::Ellipsoid {
+                Solid::Box { low, high } if far.max_element() <= range => {
+                    Shape::Box { low: local(low), high: local(high) }
+                }
+                Solid::Ellipsoid { center, radii } if far.max_element() <= range => Shape::Ellipsoid {
                     center: local(center),
                     inverse_radii: radii.recip().as_vec3().to_array(),
                     least: (radii.min_element() * (1.0 - 1e-6)) as f32,
-                }),
-                // The lanes of f64 take what is rarer.
-                _ => None,
+                },
+                Solid::Cylinder { axis, radius, bottom, top } if far.x.max(far.y) <= range => Shape::Cylinder {
+                    axis: (axis - origin.truncate()).as_vec2().to_array(),
+                    radius: radius as f32,
+                    bottom: (bottom - origin.z) as f32,
+                    top: (top - origin.z) as f32,
+                },
+                _ => Shape::Other,
             }
         };
-        let shapes = world.bodies.iter().map(|body| shape(&body.solid)).collect::<Option<Vec<_>>>()?;
-        Some(Self { shapes })
+        Self { shapes: parts.iter().map(|part| shape(&part.solid)).collect(), sliver: (range * SLIVER) as f32 }
+    }
+
+    /// Whether body `j` is known by its distance only.
+    pub fn is_other(&self, j: usize) -> bool {
+        matches!(self.shapes[j], Shape::Other)
     }
 
     pub fn bodies(&self) -> usize {
@@ -74,6 +133,9 @@ impl Ground {
         let mut crosses = M::splat(simd, false);
         let mut clear = splat(simd, f32::INFINITY);
         for (j, shape) in self.shapes.iter().enumerate() {
+            if matches!(shape, Shape::Other) {
+                continue;
+            }
             let j = j as u32;
             let (own, above) = (body.simd_eq(j), body.simd_gt(j));
             // How deep inside the end lies, at least; negative outside.
@@ -94,6 +156,13 @@ impl Ground {
                     let q = end.from(center).scaled(inverse_radii);
                     ((1.0 - q.dot(q).sqrt()) * least, self.meets(simd, *shape, above, r, w, s))
                 }
+                Shape::Cylinder { axis, radius, bottom, top } => {
+                    let (x, y) = (end.x - axis[0], end.y - axis[1]);
+                    let side = radius - (x * x + y * y).sqrt();
+                    let depth = side.min((top - end.z).min(end.z - bottom));
+                    (depth, self.meets(simd, *shape, above, r, w, s))
+                }
+                Shape::Other => unreachable!("passed over"),
             };
             crosses |= (own & depth.simd_le(0.0)) | (above & meets);
             clear = choose(own | above, clear.min(depth.abs()), clear);
@@ -109,6 +178,52 @@ impl Ground {
         }
         let Span { enter, leave } = span(simd, shape, r, w);
         enter.simd_lt(leave) & leave.simd_gt(0.0) & enter.simd_le(s)
+    }
+
+    /// Follows rays from within `body` straight through boundaries and voids to the next filled body.
+    #[inline(always)]
+    pub fn onward<S: Simd>(&self, simd: S, parts: &[Part], body: U<S>, r: V<S>, w: V<S>) -> Onward<S> {
+        let (never, zero, no) = (splat(simd, f32::INFINITY), splat(simd, 0.0), M::splat(simd, false));
+        let mut onward = Onward { leaves: never, enters: never, body, open: no, escapes: no };
+        if parts.len() == 1 {
+            onward.escapes = M::splat(simd, true);
+        }
+        if parts.len() == 1 || parts.len() > MOST_PARTS {
+            return onward;
+        }
+        let mut spans = [Span { enter: zero, leave: zero }; MOST_PARTS];
+        for (j, span) in spans.iter_mut().enumerate().take(parts.len()) {
+            *span = self.span(simd, j, r, w);
+            // One that is missed lies nowhere.
+            let hit = span.enter.simd_lt(span.leave);
+            *span = Span { enter: choose(hit, span.enter, never), leave: choose(hit, span.leave, -never) };
+            let (own, above) = (body.simd_eq(j as u32), body.simd_gt(j as u32));
+            let end = choose(own, span.leave, choose(above & span.leave.simd_gt(zero), span.enter, never));
+            onward.leaves = onward.leaves.min(end);
+        }
+        onward.leaves = onward.leaves.max(zero);
+        let mut t = onward.leaves;
+        let mut found = no;
+        for _ in 0..MOST_WALLS {
+            let just_behind = t + self.sliver;
+            let (mut holder, mut filled, mut open, mut next) = (body, no, no, never);
+            for (j, (span, part)) in spans.iter().zip(parts).enumerate().rev() {
+                let (begun, over) = (span.enter.simd_le(just_behind), span.leave.simd_le(just_behind));
+                let holds = begun & !over;
+                holder = holds.select(U::splat(simd, j as u32), holder);
+                filled = if part.filled { filled | holds } else { filled & !holds };
+                open = if part.open { open | holds } else { open & !holds };
+                next = next.min(choose(over, never, choose(begun, span.leave, span.enter)));
+            }
+            onward.body = found.select(onward.body, holder);
+            onward.open |= !found & open;
+            found |= filled;
+            t = choose(found, t, next);
+        }
+        onward.enters = t;
+        onward.open &= t.simd_lt(f32::MAX);
+        onward.escapes = t.simd_ge(f32::MAX);
+        onward
     }
 
     /// Where rays enter and leave body `j`.
@@ -130,6 +245,13 @@ impl Ground {
                 let y = off.y.simd_le(off.z);
                 V { x: choose(x, one, zero), y: choose(!x & y, one, zero), z: choose(!x & !y, one, zero) }
             }
+            Shape::Cylinder { axis, radius, bottom, top } => {
+                let (x, y) = (p.x - axis[0], p.y - axis[1]);
+                let side = (radius - (x * x + y * y).sqrt()).abs();
+                let round = side.simd_le((top - p.z).abs().min((p.z - bottom).abs()));
+                V { x: choose(round, x, zero), y: choose(round, y, zero), z: choose(round, zero, one) }
+            }
+            Shape::Other => unreachable!("lanes look past simple bodies only"),
             Shape::Ellipsoid { center, inverse_radii: i, .. } => {
                 p.from(center).scaled([i[0] * i[0], i[1] * i[1], i[2] * i[2]])
             }
@@ -157,6 +279,20 @@ fn span<S: Simd>(simd: S, shape: Shape, r: V<S>, w: V<S>) -> Span<S> {
             let half = ((1.0 - p.dot(p)).max(splat(simd, 0.0)) * inverse).sqrt();
             Span { enter: nearest - half, leave: nearest + half }
         }
+        Shape::Cylinder { axis, radius, bottom, top } => {
+            let inverse_radius = 1.0 / radius;
+            let (ox, oy) = ((r.x - axis[0]) * inverse_radius, (r.y - axis[1]) * inverse_radius);
+            let (dx, dy) = (w.x * inverse_radius, w.y * inverse_radius);
+            // Along the axis the side is infinitely far, or nowhere.
+            let d2 = (dx * dx + dy * dy).max(splat(simd, 1e-30));
+            let inverse = 1.0 / d2;
+            let nearest = -((ox * dx + oy * dy) * inverse);
+            let (px, py) = (ox + nearest * dx, oy + nearest * dy);
+            let half = ((1.0 - (px * px + py * py)).max(splat(simd, 0.0)) * inverse).sqrt();
+            let caps = between(r.z, w.z, bottom, top);
+            Span { enter: (nearest - half).max(caps.enter), leave: (nearest + half).min(caps.leave) }
+        }
+        Shape::Other => unreachable!("lanes cut simple bodies only"),
     }
 }
 

@@ -124,10 +124,10 @@ pub fn sin_cos_turns<S: Simd>(turns: F<S>) -> (F<S>, F<S>) {
 
 /// Four random numbers in each lane: Philox4x32-10 of `turbid_optics::philox` at (number, high, sample, pixel).
 #[inline(always)]
-pub fn philox<S: Simd>(simd: S, number: U<S>, high: u32, sample: U<S>, pixel: U<S>, key: [u32; 2]) -> [U<S>; 4] {
-    let (n, s, p) = (simd.widen_u32x16(number), simd.widen_u32x16(sample), simd.widen_u32x16(pixel));
-    let high = u64x8::splat(simd, u64::from(high));
-    let (low, upper) = (rounds([n.0, high, s.0, p.0], key), rounds([n.1, high, s.1, p.1], key));
+pub fn philox<S: Simd>(simd: S, number: U<S>, high: U<S>, sample: U<S>, pixel: U<S>, key: [u32; 2]) -> [U<S>; 4] {
+    let (n, h) = (simd.widen_u32x16(number), simd.widen_u32x16(high));
+    let (s, p) = (simd.widen_u32x16(sample), simd.widen_u32x16(pixel));
+    let (low, upper) = (rounds([n.0, h.0, s.0, p.0], key), rounds([n.1, h.1, s.1, p.1], key));
     // No `map`: what is not inlined loses the vector instructions.
     [
         simd.narrow_u64x8(low[0], upper[0]),
@@ -266,7 +266,7 @@ mod tests {
     #[inline(always)]
     fn draw<S: Simd>(simd: S, n: [u32; LANES], s: [u32; LANES], p: [u32; LANES]) -> [[u32; LANES]; 4] {
         let [n, s, p] = [n, s, p].map(|x| U::load_array(simd, x));
-        philox(simd, n, 3 << 16, s, p, [5, 0xFFFF_FFFF]).map(|x| x.to_array())
+        philox(simd, n, U::splat(simd, 3 << 16), s, p, [5, 0xFFFF_FFFF]).map(|x| x.to_array())
     }
 
     /// Angles and lengths after a turn, from every start, to a few roundings; and a walk of a million turns keeps its length.

@@ -6,21 +6,49 @@ use super::frame::{Frame, Lamp};
 use super::ground::Span;
 use super::lane::{F, LANES, M, U, V, choose, exp, hg_denominator, hg_sample, ln, philox, sin_cos_turns, splat, unit};
 use super::rows::Rows;
-use crate::look::{FLAT, MOST_BODIES};
+use crate::look::FLAT;
 use crate::nee::TAU_SURE;
 
 /// Optical depth (optical distance to the light) beyond which it counts as none: e^-80 of it.
 const DARK: f32 = 80.0;
 
+/// Overlaps are resolved for so many bodies at most.
+pub const MOST_BODIES: usize = 4;
+
+/// The number of a look along a camera's ray, whose lower bits say in which piece of it, among those that scatter.
+pub const FIRST: u32 = 1 << 31;
+/// The number of a look of a collision to which the path came across a boundary: unforeseen, it is looked at as it is. Others have the
+/// (odd) block of random numbers behind their flight's.
+pub const POINT: u32 = 1 << 30;
+
 /// Columns: r, the direction in which the path came, the one in which it goes on, weight, roulette, mu_a, mu_s, g;
+/// number, sample, pixel, response, body.
 pub type Looks = Rows<14, 5>;
-/// and block of random numbers, sample, pixel, response, body.
-const FIRST_BLOCK: u32 = 1;
+
+/// Looks for light while so many wait.
+#[inline(always)]
+pub fn look_while<S: Simd>(
+    simd: S,
+    looks: &mut Looks,
+    many: usize,
+    frame: &Frame,
+    key: [u32; 2],
+    high: u32,
+    responses: &mut [f64],
+) {
+    while looks.len() >= many {
+        simd.vectorize(
+            #[inline(always)]
+            || look(simd, looks, frame, key, high, responses),
+        );
+        looks.drop_first(simd);
+    }
+}
 
 /// The first 16 looks, or as many as there are: adds to the responses of their paths, which are as
 /// [`Layout`](crate::response::Layout) says.
 #[inline(always)]
-pub fn look<S: Simd>(simd: S, looks: &Looks, frame: &Frame, key: [u32; 2], high: u32, responses: &mut [f64]) {
+fn look<S: Simd>(simd: S, looks: &Looks, frame: &Frame, key: [u32; 2], high: u32, responses: &mut [f64]) {
     let (floats, [number, sample, pixel, path, body]) = looks.load(simd);
     let [rx, ry, rz, cx, cy, cz, ox, oy, oz, weight, roulette, mu_a, mu_s, g] = floats;
     let (r, came, own) = (V { x: rx, y: ry, z: rz }, V { x: cx, y: cy, z: cz }, V { x: ox, y: oy, z: oz });
@@ -31,8 +59,10 @@ pub fn look<S: Simd>(simd: S, looks: &Looks, frame: &Frame, key: [u32; 2], high:
     let (wall, wall_body) = first_piece(simd, frame, body, &to_light);
 
     // The line: along the path's own direction, or one from the lobe around the light. A camera's ray has no choice.
-    let [choice, b, c, u] = philox(simd, number, high, sample, pixel, key);
-    let first = number.simd_eq(FIRST_BLOCK);
+    let (first, point) = (number.simd_ge(FIRST), (number & (FIRST | POINT)).simd_eq(POINT));
+    let block = first.select(U::splat(simd, 1), number);
+    let high = first.select(number & (FIRST - 1), U::splat(simd, 0)) | high;
+    let [choice, b, c, u] = philox(simd, block, high, sample, pixel, key);
     let lobe = hg_sample(g, towards, unit(b), unit(c));
     let goes_on = (choice >> 31).simd_eq(0) | first;
     let e =
@@ -42,18 +72,23 @@ pub fn look<S: Simd>(simd: S, looks: &Looks, frame: &Frame, key: [u32; 2], high:
     let (length, _) = first_piece(simd, frame, body, &spans(simd, frame, r, e));
     let steepness = steepness(simd, frame, r, towards, wall, wall_body, e);
     let (s, inverse_density) = ahead(simd, steepness, length, mu_t, unit(!u));
+    let s = choose(point, zero, s);
 
     let r1 = r.plus(s, e);
     let (arriving, irradiance, lit, x, y) = arrives(simd, &frame.light, r1);
     let (towards1, distance1) = arriving;
-    let tau1 = optical_depth(simd, frame, &spans(simd, frame, r1, towards1), distance1);
+    let to_light1 = spans(simd, frame, r1, towards1);
+    let tau1 = optical_depth(simd, frame, &to_light1, distance1);
     let dark = mu_t * s + tau1;
     // Nor was it looked for by roulette.
     let rarity = choose(first, splat(simd, 1.0), rarity(simd, tau));
-    let q = hg_denominator(g, e.dot(towards1));
+    let cos = choose(point, came.dot(towards1), e.dot(towards1));
+    let q = hg_denominator(g, cos);
     let p = (1.0 - g) * (1.0 + g) * (0.25 * std::f32::consts::FRAC_1_PI) / (q * q.sqrt());
-    let seen = (roulette * rarity).simd_lt(1.0) & lit & length.simd_gt(0.0) & dark.simd_lt(DARK);
-    let fraction = weight * balance * rarity * inverse_density * mu_s * p;
+    let clear = lit & !blocked(simd, frame, &to_light1, distance1) & (length.simd_gt(0.0) | point);
+    let seen = (roulette * rarity).simd_lt(1.0) & clear & dark.simd_lt(DARK);
+    let ahead = choose(point, splat(simd, 1.0), balance * inverse_density * mu_s);
+    let fraction = weight * rarity * ahead * p;
     let radiance = choose(seen, fraction * irradiance * exp(-dark.min(splat(simd, DARK))), zero);
 
     let stride = frame.stride;
@@ -155,6 +190,16 @@ fn optical_depth<S: Simd>(simd: S, frame: &Frame, spans: &Spans<S>, distance: F<
         }
     }
     tau
+}
+
+/// Whether an opaque body stands in the first `distance` of rays; nothing carves those.
+#[inline(always)]
+fn blocked<S: Simd>(simd: S, frame: &Frame, spans: &Spans<S>, distance: F<S>) -> M<S> {
+    let mut blocked = M::splat(simd, false);
+    for (span, _) in spans.iter().zip(&frame.opaque).filter(|(_, opaque)| **opaque) {
+        blocked |= span.enter.simd_lt(span.leave) & span.leave.simd_gt(0.0) & span.enter.simd_lt(distance);
+    }
+    blocked
 }
 
 /// (e . n) / (L . n), n the normal of the wall through which the light comes.

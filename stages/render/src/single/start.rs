@@ -8,9 +8,10 @@ use turbid_optics::philox::unit as unit_of;
 
 use super::frame::Frame;
 use super::lane::{LANES, U, ln, philox, unit};
-use super::look::Looks;
+use super::look::{FIRST, Looks, look_while};
 use super::walk::{Paths, settles};
-use crate::path::{Place, Walker};
+use crate::path::{Place, Setting, Walker};
+use crate::world::Piece;
 
 /// Paths still to be begun, and those ready for lanes.
 pub struct Starts {
@@ -31,7 +32,14 @@ impl Starts {
 
     /// Begins up to sixteen paths.
     #[inline(always)]
-    pub fn make<S: Simd>(&mut self, simd: S, walker: &mut Walker<'_>, frame: &Frame, looks: &mut Looks) {
+    pub fn make<S: Simd>(
+        &mut self,
+        simd: S,
+        walker: &mut Walker<'_>,
+        frame: &Frame,
+        looks: &mut Looks,
+        responses: &mut [f64],
+    ) {
         let (first, per_pixel) = (self.next, self.samples.len());
         let count = (self.pixels.len() * per_pixel - first).min(LANES);
         let (mut pixel, mut sample) = ([0; LANES], [0; LANES]);
@@ -43,7 +51,7 @@ impl Starts {
         self.next += count;
         let (key, high) = (walker.setting().key, walker.setting().channel << 16);
         let (p, s) = (U::load_array(simd, pixel), U::load_array(simd, sample));
-        let [jx, jy, ja, _] = philox(simd, U::splat(simd, 0), high, s, p, key);
+        let [jx, jy, ja, _] = philox(simd, U::splat(simd, 0), U::splat(simd, high), s, p, key);
         let life = -ln(unit(ja));
         for i in 0..count {
             let jitter = (unit_of(jx[i]), unit_of(jy[i]));
@@ -52,56 +60,119 @@ impl Starts {
             if !made {
                 let mut place = walker.begin(pixel[i] as usize, sample[i], first + i);
                 if settles(walker, frame, &mut place) {
-                    let (floats, words) = frame.row(walker, &place);
+                    let (floats, words) = frame.row(&place);
                     self.ready.push(floats, words);
                 }
             }
+            look_while(simd, looks, LANES, frame, key, high, responses);
         }
     }
 
-    /// A path whose ray meets nothing but one medium: it starts where the ray enters. False where things are not so simple.
+    /// A path whose ray meets a medium before any surface: it starts where the ray enters, its single scattering left to looks in
+    /// every piece. False where things are not so simple.
     #[inline(never)]
     fn enter(
         &mut self,
-        walker: &Walker<'_>,
+        walker: &mut Walker<'_>,
         frame: &Frame,
         looks: &mut Looks,
         ids: Ids,
         jitter: (f64, f64),
         life: f32,
     ) -> bool {
-        let s = walker.setting();
+        let s = *walker.setting();
         let (from, along) = s.camera.ray(ids.pixel as usize, jitter.0, jitter.1);
-        let mut met = None;
-        for (j, body) in s.world.bodies.iter().enumerate() {
-            let (enter, leave) = body.solid.span(from, along);
-            if enter < leave && leave > 0.0 && frame.filled[j] {
-                if met.is_some() || enter <= 0.0 || !s.world.materials[body.material].mu_s.is_normal() {
-                    return false;
+        let mut pieces = std::mem::take(&mut walker.pieces);
+        pieces.clear();
+        match &frame.parts[..] {
+            [only] => {
+                let (start, end) = only.solid.span(from, along);
+                if start < end && end > 0.0 {
+                    pieces.push(Piece { start, end, material: only.material, wall: None });
                 }
-                met = Some((j, enter));
-            } else if enter < leave && leave > 0.0 {
-                // A void may hide a part of it.
-                return false;
             }
+            _ => pieces.extend(s.world.trace(from, along, None, &mut walker.spans).filter(|p| p.material != 0)),
         }
-        let Some((body, enter)) = met else {
-            // Nothing to see.
-            return true;
-        };
-        let material = s.world.bodies[body].material;
-        let m = &frame.media[material];
-        let r = frame.local(from + enter * along);
+        let ready = self.ready.len();
+        let made = self.enter_pieces(&s, frame, looks, ids, (from, along), life, &pieces);
+        if made && self.ready.len() == ready {
+            // The camera's ray is a flight, wherever it ended.
+            walker.count_flights(1);
+        }
+        walker.pieces = pieces;
+        made
+    }
+
+    #[allow(clippy::too_many_arguments, reason = "the second half of `enter`")]
+    fn enter_pieces(
+        &mut self,
+        s: &Setting<'_>,
+        frame: &Frame,
+        looks: &mut Looks,
+        ids: Ids,
+        (from, along): (DVec3, DVec3),
+        life: f32,
+        pieces: &[Piece],
+    ) -> bool {
+        let material = |piece: &Piece| &s.world.materials[piece.material];
+        let seen = pieces.iter().position(|piece| material(piece).is_opaque()).unwrap_or(pieces.len());
+        let scattering = pieces[..seen].iter().filter(|piece| material(piece).mu_s > 0.0).count();
+        if pieces.first().is_some_and(|piece| piece.start <= 0.0)
+            || scattering > MOST_PIECES
+            || (scattering == 0 && seen < pieces.len())
+        {
+            return false;
+        }
+        let (mut tau, mut absorbed, mut scored) = (0.0, 0.0, 0);
         let w = along.as_vec3().to_array();
-        let words = [1, ids.sample, ids.pixel, ids.path, body as u32];
-        if !frame.blind {
-            looks.push([r[0], r[1], r[2], w[0], w[1], w[2], w[0], w[1], w[2], 1.0, 0.0, m.mu_a, m.mu_s, m.g], words);
+        for piece in &pieces[..seen] {
+            let (length, medium) = (piece.end - piece.start, material(piece));
+            if medium.mu_s > 0.0 {
+                let r = frame.local(from + piece.start * along);
+                // A point of it says which body it is.
+                let inside = from + (piece.start + 0.5 * length.min(1.0 / medium.mu_t())) * along;
+                let Some(body) = frame.parts.iter().position(|part| part.solid.contains(inside)) else { continue };
+                let m = &frame.media[piece.material];
+                let left = life - absorbed as f32;
+                if scored == 0 && left > 0.0 {
+                    let coefficients = [m.free_path, m.mu_a, m.mu_s, m.g, m.window];
+                    let [free_path, mu_a, mu_s, g, window] = coefficients;
+                    let row = [
+                        r[0],
+                        r[1],
+                        r[2],
+                        w[0],
+                        w[1],
+                        w[2],
+                        left,
+                        0.0,
+                        1.0,
+                        free_path,
+                        mu_a,
+                        mu_s,
+                        g,
+                        window,
+                        f32::INFINITY,
+                    ];
+                    let words = [2, ids.sample, ids.pixel, ids.path, piece.material as u32, body as u32];
+                    self.ready.push(row, words);
+                }
+                if !frame.blind {
+                    let weight = libm::exp(-tau) as f32;
+                    let row = [r[0], r[1], r[2], w[0], w[1], w[2], w[0], w[1], w[2], weight, 0.0, m.mu_a, m.mu_s, m.g];
+                    looks.push(row, [FIRST | scored, ids.sample, ids.pixel, ids.path, body as u32]);
+                }
+                scored += 1;
+            }
+            absorbed += medium.mu_a * length;
+            tau += medium.mu_t() * length;
         }
-        let floats = [r[0], r[1], r[2], w[0], w[1], w[2], life, 0.0, 1.0, m.free_path, m.mu_a, m.mu_s, m.g, m.window];
-        self.ready.push(floats, [2, ids.sample, ids.pixel, ids.path, material as u32, body as u32]);
         true
     }
 }
+
+/// Looks along one camera's ray in lanes.
+const MOST_PIECES: usize = 8;
 
 /// Which path it is.
 #[derive(Clone, Copy)]
@@ -113,26 +184,27 @@ struct Ids {
 
 impl Frame {
     /// The highest body around a point that lanes may carry.
-    pub fn body_at(&self, walker: &Walker<'_>, place: &Place) -> Option<usize> {
-        let world = walker.setting().world;
-        let body = world.bodies.iter().position(|body| body.solid.contains(place.r))?;
+    pub fn body_at(&self, place: &Place) -> Option<usize> {
+        let body = self.parts.iter().position(|part| part.solid.contains(place.r))?;
         let near = (place.r - self.origin).length_squared() < f64::from(self.range_squared);
-        (near && world.bodies[body].material == place.material).then_some(body)
+        (near && self.parts[body].material == place.material).then_some(body)
     }
 
     /// The row of a path in its medium.
-    pub fn row(&self, walker: &Walker<'_>, place: &Place) -> ([f32; 14], [u32; 6]) {
-        let body = self.body_at(walker, place).expect("only settled paths are put into lanes");
+    pub fn row(&self, place: &Place) -> ([f32; 15], [u32; 6]) {
+        let body = self.body_at(place).expect("only settled paths are put into lanes");
         let m = &self.media[place.material];
         let ([x, y, z], [a, b, c]) = (self.local(place.r), place.w.as_vec3().to_array());
         let (life, weight) = (place.life as f32, place.weight as f32);
-        let floats = [x, y, z, a, b, c, life, 0.0, weight, m.free_path, m.mu_a, m.mu_s, m.g, m.window];
+        // Asked for when it is needed.
+        let clear = if self.others { 0.0 } else { f32::INFINITY };
+        let floats = [x, y, z, a, b, c, life, 0.0, weight, m.free_path, m.mu_a, m.mu_s, m.g, m.window, clear];
         let (path, material) = (place.response as u32, place.material as u32);
         (floats, [place.number as u32, place.sample, place.pixel, path, material, body as u32])
     }
 
     /// The path of a row, for the scalar walker.
-    pub fn place(&self, floats: [f32; 14], words: [u32; 6]) -> Place {
+    pub fn place(&self, floats: [f32; 15], words: [u32; 6]) -> Place {
         let [x, y, z, a, b, c, life, lost, weight, ..] = floats;
         let [number, sample, pixel, path, material, _] = words;
         Place {

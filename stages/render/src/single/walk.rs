@@ -7,17 +7,17 @@ use fearless_simd::prelude::*;
 
 use super::frame::Frame;
 use super::lane::{F, LANES, M, U, V, choose, hg_sample, ln, philox, spare, splat, unit, unit_short};
-use super::look::{Looks, look, rarity};
+use super::look::{Looks, POINT, look_while, rarity};
 use super::rows::Rows;
 use super::start::Starts;
 use crate::path::{Place, Walker};
 
-/// Columns: r, w, what is left of life, what its rounding lost, weight, free path, mu_a, mu_s, g, window;
-/// block of random numbers, sample, pixel, response, material, body.
-pub type Paths = Rows<14, 6>;
+/// Columns: r, w, what is left of life, what its rounding lost, weight, free path, mu_a, mu_s, g, window, distance
+/// within which there is no surface that lanes do not know; block of random numbers, sample, pixel, response, material, body.
+pub type Paths = Rows<15, 6>;
 
 /// Blocks of random numbers that lanes count to.
-const MOST_BLOCKS: u64 = 1 << 31;
+const MOST_BLOCKS: u64 = POINT as u64;
 
 /// Walks the paths `samples` of the pixels `pixels` and leaves their responses in the walker, pixel by pixel.
 pub fn walk(walker: &mut Walker<'_>, frame: &Frame, pixels: Range<usize>, samples: Range<u32>) {
@@ -38,20 +38,28 @@ pub fn settles(walker: &mut Walker<'_>, frame: &Frame, place: &mut Place) -> boo
         if !walker.step(place) {
             return false;
         }
-        if place.ahead && !place.wholly && place.number < MOST_BLOCKS && frame.body_at(walker, place).is_some() {
+        if place.ahead && !place.wholly && place.number < MOST_BLOCKS && frame.body_at(place).is_some() {
             return true;
         }
     }
+}
+
+fn with_room(mut floats: [f32; 15], known: f32) -> [f32; 15] {
+    floats[14] = known;
+    floats
 }
 
 /// The paths in flight.
 struct Flock<'a, S: Simd> {
     simd: S,
     frame: &'a Frame,
-    floats: [F<S>; 14],
+    floats: [F<S>; 15],
     words: [U<S>; 6],
     /// By bits.
     alive: u64,
+    /// Flights that only ask how far they may go, by bits, and the lengths of all.
+    asking: u64,
+    steps: [f32; LANES],
     looks: Looks,
     /// For what goes through memory.
     memory: Paths,
@@ -60,8 +68,18 @@ struct Flock<'a, S: Simd> {
 impl<'a, S: Simd> Flock<'a, S> {
     #[inline(always)]
     fn new(simd: S, frame: &'a Frame) -> Self {
-        let (floats, words) = ([splat(simd, 0.0); 14], [U::splat(simd, 0); 6]);
-        Self { simd, frame, floats, words, alive: 0, looks: Looks::default(), memory: Paths::default() }
+        let (floats, words) = ([splat(simd, 0.0); 15], [U::splat(simd, 0); 6]);
+        Self {
+            simd,
+            frame,
+            floats,
+            words,
+            alive: 0,
+            asking: 0,
+            steps: [0.0; LANES],
+            looks: Looks::default(),
+            memory: Paths::default(),
+        }
     }
 
     #[inline(always)]
@@ -74,8 +92,7 @@ impl<'a, S: Simd> Flock<'a, S> {
             if dead != 0 {
                 let wanted = dead.count_ones() as usize;
                 while starts.ready.len() < wanted && starts.more() {
-                    starts.make(simd, walker, self.frame, &mut self.looks);
-                    self.look_while(LANES, key, high, responses);
+                    starts.make(simd, walker, self.frame, &mut self.looks, responses);
                 }
                 let mut filled = dead;
                 while filled.count_ones() as usize > starts.ready.len() {
@@ -88,57 +105,89 @@ impl<'a, S: Simd> Flock<'a, S> {
                 }
             }
             flights += self.alive.count_ones() as usize;
-            let (odd, looking) = self.fly(key, high);
-            if looking != 0 && (self.frame.lamps || !self.frame.looks) {
-                self.look_singly(walker, looking);
+            let (odd, looking, unforeseen) = self.fly(key, high, responses);
+            if looking | unforeseen != 0 && (self.frame.lamps || !self.frame.looks) {
+                self.look_singly(walker, looking, unforeseen);
             }
             if odd != 0 {
                 flights -= odd.count_ones() as usize;
                 self.settle(walker, odd);
             }
-            self.look_while(LANES, key, high, responses);
+            look_while(simd, &mut self.looks, LANES, self.frame, key, high, responses);
         }
-        self.look_while(1, key, high, responses);
+        look_while(simd, &mut self.looks, 1, self.frame, key, high, responses);
         walker.count_flights(flights);
-    }
-
-    /// Looks for light while so many wait.
-    #[inline(always)]
-    fn look_while(&mut self, many: usize, key: [u32; 2], high: u32, responses: &mut [f64]) {
-        while self.looks.len() >= many {
-            let (simd, looks, frame) = (self.simd, &self.looks, self.frame);
-            simd.vectorize(
-                #[inline(always)]
-                || look(simd, looks, frame, key, high, responses),
-            );
-            self.looks.drop_first(simd);
-        }
     }
 
     /// One flight of every lane that lives. Those that meet a boundary, to be made by the scalar walker from where they stand;
     /// and those that look for light, queued where lanes can look.
     #[inline(always)]
-    fn fly(&mut self, key: [u32; 2], high: u32) -> (u64, u64) {
+    fn fly(&mut self, key: [u32; 2], high: u32, responses: &mut [f64]) -> (u64, u64, u64) {
         let (simd, frame) = (self.simd, self.frame);
-        let [rx, ry, rz, wx, wy, wz, life, lost, weight, free_path, mu_a, mu_s, g, window] = self.floats;
+        let [rx, ry, rz, wx, wy, wz, life, lost, weight, free_path, mu_a, mu_s, g, window, known] = self.floats;
         let [number, sample, pixel, path, material, body] = self.words;
         let (r, w) = (V { x: rx, y: ry, z: rz }, V { x: wx, y: wy, z: wz });
         let alive = M::from_bitmask(simd, self.alive);
-        let [a, b, c, d] = philox(simd, number, high, sample, pixel, key);
-        let s = -ln(unit(a)) * free_path;
-        let end = r.plus(s, w);
+        let [a, b, c, d] = philox(simd, number, U::splat(simd, high), sample, pixel, key);
+        let tau = -ln(unit(a));
+        let s = tau * free_path;
+        let mut end = r.plus(s, w);
+        let mut absorbed = mu_a * s;
+        let mut passage = frame.ground.pass(simd, body, r, w, s, end);
+        if frame.others {
+            let asks = s.simd_ge(known);
+            self.asking = (asks & !passage.crosses & alive).to_bitmask();
+            s.store_array(&mut self.steps);
+            passage.crosses |= asks;
+            passage.clear = passage.clear.min(known - s);
+        }
+        let far = end.dot(end).simd_gt(frame.range_squared) | number.simd_ge(MOST_BLOCKS as u32);
+        let (mut here, mut body, mut material) = ([free_path, mu_a, mu_s, g, window], body, material);
+        let no = M::splat(simd, false);
+        // `beyond`: in another medium, or behind a gap; touching bodies of one medium are one.
+        let (mut escapes, mut crossed, mut beyond) = (no, no, no);
+        if frame.straight && (passage.crosses & alive).any_true() {
+            // The rest of the flight in the next body, if it stays in that.
+            let on = frame.ground.onward(simd, &frame.parts, body, r, w);
+            escapes = if frame.dark { passage.crosses & on.escapes } else { no };
+            crossed = passage.crosses & on.open;
+            if (crossed & alive).any_true() {
+                let mut there = here;
+                let mut its = material;
+                for (j, part) in frame.parts.iter().enumerate() {
+                    let (m, at) = (&frame.media[part.material], on.body.simd_eq(j as u32));
+                    for (x, y) in there.iter_mut().zip([m.free_path, m.mu_a, m.mu_s, m.g, m.window]) {
+                        *x = choose(at, splat(simd, y), *x);
+                    }
+                    its = at.select(U::splat(simd, part.material as u32), its);
+                }
+                let rest = (tau - on.leaves / free_path).max(splat(simd, 0.0)) * there[0];
+                let from = r.plus(on.enters, w);
+                let to = r.plus(on.enters + rest, w);
+                let second = frame.ground.pass(simd, on.body, from, w, rest, to);
+                crossed &= !second.crosses & !to.dot(to).simd_gt(frame.range_squared);
+                absorbed = choose(crossed, mu_a * on.leaves + there[1] * rest, absorbed);
+                end = V {
+                    x: choose(crossed, to.x, end.x),
+                    y: choose(crossed, to.y, end.y),
+                    z: choose(crossed, to.z, end.z),
+                };
+                for (x, y) in here.iter_mut().zip(there) {
+                    *x = choose(crossed, y, *x);
+                }
+                beyond = crossed & (!its.simd_eq(material) | on.enters.simd_gt(on.leaves));
+                (material, body) = (crossed.select(its, material), crossed.select(on.body, body));
+                passage.clear = choose(crossed, second.clear, passage.clear);
+                passage.crosses &= !crossed;
+            }
+        }
+        let [free_path, mu_a, mu_s, g, window] = here;
         // Compensated: at high albedo each flight takes less than the last digit of what is left.
-        let taken = -(mu_a * s) - lost;
+        let taken = -absorbed - lost;
         let left = life + taken;
         let lost = (left - life) - taken;
-        let passage = frame.ground.pass(simd, body, r, w, s, end);
         let dies = left.simd_lt(0.0);
-        let crosses = passage.crosses | end.dot(end).simd_gt(frame.range_squared) | number.simd_ge(MOST_BLOCKS as u32);
-        let escapes = if frame.dark && (crosses & alive).any_true() {
-            passage.crosses & self.escapes(body, r, w)
-        } else {
-            M::splat(simd, false)
-        };
+        let crosses = passage.crosses | (far & !crossed);
         let odd = alive & crosses & !escapes;
         let mut gone = (dies & !crosses) | escapes;
         let mut heavier = weight;
@@ -152,10 +201,21 @@ impl<'a, S: Simd> Flock<'a, S> {
             heavier = choose(plays, deep, weight);
         }
         let roulette = unit_short(d);
-        let looks = (roulette * rarity(simd, (mu_a + mu_s) * passage.clear)).simd_lt(1.0);
+        let near = (roulette * rarity(simd, (mu_a + mu_s) * passage.clear)).simd_lt(1.0);
         let goes_on = alive & !crosses & !gone;
-        let looks = if frame.blind { M::splat(simd, false) } else { looks & goes_on };
+        let near = if frame.blind { no } else { near & alive & !crosses & !dies };
+        let looks = near & goes_on;
         let e = hg_sample(g, w, unit_short(b), unit_short(c));
+        // Its single scattering was scored along the whole ray, from the camera.
+        let unforeseen = near & beyond & !number.simd_eq(2);
+        if frame.looks && unforeseen.any_true() {
+            self.looks.pack(
+                unforeseen,
+                &[end.x, end.y, end.z, wx, wy, wz, wx, wy, wz, weight, roulette, mu_a, mu_s, g],
+                &[number | POINT, sample, pixel, path, body],
+            );
+            look_while(simd, &mut self.looks, LANES, frame, key, high, responses);
+        }
         if frame.looks && looks.any_true() {
             self.looks.pack(
                 looks,
@@ -163,15 +223,17 @@ impl<'a, S: Simd> Flock<'a, S> {
                 &[number + 1, sample, pixel, path, body],
             );
         }
-        if (frame.lamps || !frame.looks) && looks.any_true() {
+        if (frame.lamps || !frame.looks) && near.any_true() {
             // The scalar walker needs the direction in which the path came.
-            let (mut floats, words) = (self.floats, self.words);
+            let mut floats = self.floats;
+            let words = [number, sample, pixel, path, material, body];
             (floats[0], floats[1], floats[2]) = (end.x, end.y, end.z);
             (floats[6], floats[7], floats[8]) = (e.x, e.y, e.z);
             floats[9] = heavier;
-            floats[10] = roulette;
+            (floats[10], floats[11]) = (roulette, weight);
             self.memory.store(&floats, &words);
         }
+        let old = self.floats;
         let step = |new: F<S>, old: F<S>| choose(goes_on, new, old);
         self.floats = [
             step(end.x, rx),
@@ -181,57 +243,55 @@ impl<'a, S: Simd> Flock<'a, S> {
             step(e.y, wy),
             step(e.z, wz),
             step(left, life),
-            step(lost, self.floats[7]),
+            step(lost, old[7]),
             step(heavier, weight),
-            free_path,
-            mu_a,
-            mu_s,
-            g,
-            window,
+            step(free_path, old[9]),
+            step(mu_a, old[10]),
+            step(mu_s, old[11]),
+            step(g, old[12]),
+            step(window, old[13]),
+            step(known - s, old[14]),
         ];
-        self.words = [goes_on.select(number + 2, number), sample, pixel, path, material, body];
+        self.words = [
+            goes_on.select(number + 2, number),
+            sample,
+            pixel,
+            path,
+            goes_on.select(material, self.words[4]),
+            goes_on.select(body, self.words[5]),
+        ];
         let odd = odd.to_bitmask();
         self.alive = goes_on.to_bitmask() | odd;
-        (odd, looks.to_bitmask())
+        (odd, looks.to_bitmask(), unforeseen.to_bitmask())
     }
 
-    /// Whether rays that leave their body meet nothing more, where boundaries do not turn them.
-    #[inline(always)]
-    fn escapes(&self, body: U<S>, r: V<S>, w: V<S>) -> M<S> {
-        let (simd, filled) = (self.simd, &self.frame.filled);
-        let mut escapes = M::splat(simd, true);
-        if filled.len() == 1 {
-            return escapes;
-        }
-        let span = |j: usize| self.frame.ground.span(simd, j, r, w);
-        let mut leaves = splat(simd, 0.0);
-        for j in 0..filled.len() {
-            leaves = choose(body.simd_eq(j as u32), span(j).leave, leaves);
-        }
-        for (j, &filled) in filled.iter().enumerate() {
-            let span = span(j);
-            let meets = span.enter.simd_lt(span.leave) & span.leave.simd_gt(0.0);
-            // A void on the way through the own body: there is more of that behind it.
-            let hides = if filled { meets } else { meets & span.enter.simd_lt(leaves) };
-            escapes &= !hides | body.simd_eq(j as u32);
-        }
-        escapes
-    }
-
-    /// Looks that lanes cannot make.
+    /// Looks that lanes cannot make: ahead, and at collisions behind boundaries.
     #[inline(never)]
-    fn look_singly(&mut self, walker: &mut Walker<'_>, mut looking: u64) {
-        while looking != 0 {
-            let lane = looking.trailing_zeros() as usize;
-            looking &= looking - 1;
+    fn look_singly(&mut self, walker: &mut Walker<'_>, looking: u64, unforeseen: u64) {
+        let mut lanes = looking | unforeseen;
+        while lanes != 0 {
+            let lane = lanes.trailing_zeros() as usize;
+            lanes &= lanes - 1;
             let (floats, words) = self.memory.get(lane);
             let mut place = self.frame.place(floats, words);
-            (place.number, place.weight) = (place.number + 2, f64::from(floats[9]));
-            let own = [floats[6], floats[7], floats[8]].map(f64::from).into();
-            if self.frame.looks {
-                walker.look_at_lamps(&place, own, f64::from(floats[10]));
-            } else {
-                walker.look_ahead(&mut place, own, f64::from(floats[10]));
+            place.number += 2;
+            let roulette = f64::from(floats[10]);
+            if unforeseen >> lane & 1 == 1 {
+                place.weight = f64::from(floats[11]);
+                if self.frame.looks {
+                    walker.look_at_lamps_from_collision(&place, roulette);
+                } else {
+                    walker.look_from_collision(&mut place, roulette);
+                }
+            }
+            if looking >> lane & 1 == 1 {
+                place.weight = f64::from(floats[9]);
+                let own = [floats[6], floats[7], floats[8]].map(f64::from).into();
+                if self.frame.looks {
+                    walker.look_at_lamps(&place, own, roulette);
+                } else {
+                    walker.look_ahead(&mut place, own, roulette);
+                }
             }
         }
     }
@@ -246,8 +306,16 @@ impl<'a, S: Simd> Flock<'a, S> {
             lanes &= lanes - 1;
             let (floats, words) = self.memory.get(lane);
             let mut place = self.frame.place(floats, words);
+            if self.asking >> lane & 1 == 1 {
+                let known = (self.frame.clearance(place.r) * (1.0 - 1e-6)) as f32;
+                if self.steps[lane] < known {
+                    // The same flight again, with more room.
+                    self.memory.set(lane, with_room(floats, known), words);
+                    continue;
+                }
+            }
             if settles(walker, self.frame, &mut place) {
-                let (floats, words) = self.frame.row(walker, &place);
+                let (floats, words) = self.frame.row(&place);
                 self.memory.set(lane, floats, words);
             } else {
                 self.alive &= !(1 << lane);
