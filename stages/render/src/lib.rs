@@ -11,6 +11,7 @@
 pub mod camera;
 pub mod finish;
 pub mod flock;
+pub mod forward;
 pub mod lamp;
 pub use turbid_optics::level;
 pub mod light;
@@ -28,6 +29,7 @@ pub mod world;
 mod frames;
 mod params;
 mod plan;
+mod power;
 mod rig;
 mod shown;
 mod stage;

@@ -32,6 +32,9 @@ pub struct Params {
     /// Stop after this time, with whatever samples were reached.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_seconds: Option<Seconds>,
+    /// Photons of each wavelength for the port `power`.
+    #[serde(default = "hundred_thousand")]
+    pub photons: u32,
     #[serde(default)]
     pub method: Method,
 }
@@ -50,6 +53,10 @@ pub enum Method {
     Fit,
     /// The deterministic transport solver for laterally uniform scenes.
     Rte,
+}
+
+fn hundred_thousand() -> u32 {
+    100_000
 }
 
 fn three() -> u32 {
@@ -110,6 +117,8 @@ impl Params {
                 problems.warn("samples", format!("samples = {samples}: {text}"));
             }
         }
+        let rule = "be >= 2: a standard error needs two";
+        problems.require(self.photons >= 2, "photons", f64::from(self.photons), "", rule);
         if let Some(target) = self.target_error {
             problems.require(target.0 > 0.0 && target.0 < 1.0, "target_error", target.0, "", "lie in (0, 1)");
         }

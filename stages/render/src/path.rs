@@ -75,6 +75,10 @@ pub(crate) struct Stream {
 }
 
 impl Stream {
+    pub(crate) fn new(key: [u32; 2], pixel: u32, sample: u32, channel: u32) -> Self {
+        Self { key, pixel, sample, channel }
+    }
+
     #[inline]
     pub(crate) fn block(&self, number: u64) -> [u32; 4] {
         philox4x32(counter(number, self.channel, self.sample, self.pixel), self.key)
@@ -119,6 +123,18 @@ pub struct Walker<'a> {
     windows: Vec<f64>,
     flights: u64,
     endless: bool,
+    ending: Ending,
+}
+
+/// What became of a path that has ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// On its way to infinity.
+    Left,
+    /// In this body or at its surface.
+    Absorbed(usize),
+    /// It would not end.
+    Endless,
 }
 
 /// How a flight ended.
@@ -200,12 +216,18 @@ impl<'a> Walker<'a> {
             windows,
             flights: 0,
             endless: false,
+            ending: Ending::Left,
         }
     }
 
     /// Whether a path had to be cut because it would not end.
     pub fn endless(&self) -> bool {
         self.endless
+    }
+
+    /// How the last path ended.
+    pub fn ending(&self) -> Ending {
+        self.ending
     }
 
     /// Flights since the last call.
@@ -339,12 +361,19 @@ impl<'a> Walker<'a> {
         self.flights += 1;
         if at.number > MOST_BLOCKS {
             self.endless = true;
+            self.ending = Ending::Endless;
             return false;
         }
         let roulette = unit(d);
         match self.fly(at, -ln(unit_fine(a, d))) {
-            End::Gone => false,
+            End::Gone => {
+                // The first, in order of priority, that holds the place.
+                let body = self.setting.world.bodies.iter().position(|body| body.solid.contains(at.r));
+                self.ending = body.map_or(Ending::Left, Ending::Absorbed);
+                false
+            }
             End::Left => {
+                self.ending = Ending::Left;
                 self.see_ambient(at);
                 false
             }
@@ -353,6 +382,7 @@ impl<'a> Walker<'a> {
                 at.clear = 0.0;
                 self.look_from_surface(at, normal, rho);
                 if roulette >= rho {
+                    self.ending = Ending::Absorbed(skin.wall.body);
                     return false;
                 }
                 at.w = cosine_direction(normal, unit(b), unit(c));
@@ -422,6 +452,7 @@ impl<'a> Walker<'a> {
             if s < at.clear {
                 at.life -= here.mu_a * s;
                 if at.life < 0.0 {
+                    at.r += (s + at.life / here.mu_a) * at.w;
                     return End::Gone;
                 }
                 at.r += s * at.w;
@@ -467,6 +498,8 @@ impl<'a> Walker<'a> {
             if material.mu_a > 0.0 {
                 at.life -= material.mu_a * flown;
                 if at.life < 0.0 {
+                    // The life went out before its end.
+                    at.r += (piece.start + flown + at.life / material.mu_a) * at.w;
                     return End::Gone;
                 }
             }

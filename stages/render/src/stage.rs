@@ -1,10 +1,12 @@
 //! The stage: checks, traces, and fills the ports that are wanted.
 
-use turbid_contract::payload::{Covariance, Frames, Pattern, Scene, Truth, White};
+use turbid_contract::payload::{Covariance, Frames, Pattern, Power, Scene, Truth, White};
 use turbid_contract::{Ctx, Error, Known, Problems, Stage, StagePlan, in_ports, out_ports};
 
+use crate::forward::tally;
 use crate::frames::Images;
 use crate::params::Params;
+use crate::power::power;
 use crate::rig::Rig;
 use crate::shown::Shown;
 use crate::trace::trace;
@@ -29,6 +31,8 @@ out_ports! {
         truth: optional Truth,
         /// The frame under the pattern 1 and the steady lights.
         white: optional White,
+        /// Where the power of all lights went, at pattern value 1: out of the scene, and into each object.
+        power: optional Power,
     }
 }
 
@@ -95,6 +99,17 @@ impl Stage for RenderStage {
             channels: &channels,
             n,
         };
+        let power = if ctx.wants("power") {
+            if rig.steady.iter().zip(&rig.lights).any(|(steady, light)| steady.lamps.is_empty() && !light.shines()) {
+                return Err(Error::failed_with_hint(
+                    "the port `power` shares out the power of the lights, but ambient light has none",
+                    "add a projector or a light with a power",
+                ));
+            }
+            Some(power(&scene, &rig.object_of, &tally(&rig, params.photons, ctx)?))
+        } else {
+            None
+        };
         ctx.measure("samples", f64::from(n), "1");
         if let Some(error) = images.relative_error() {
             ctx.measure("error: m_ac per pixel", 100.0 * error, "%");
@@ -104,6 +119,7 @@ impl Stage for RenderStage {
             covariance: ctx.wants("covariance").then(|| images.covariance()),
             truth: ctx.wants("truth").then(|| truth(&scene, &rig.worlds[0], &rig.object_of, &rig.camera)),
             white: ctx.wants("white").then(|| images.white()),
+            power,
         })
     }
 }

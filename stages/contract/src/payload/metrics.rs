@@ -1,4 +1,4 @@
-//! Metrics: what `compare` found, one row per region and quantity.
+//! Tables of figures: what `compare` found, and where power went.
 
 use crate::artifact::{Artifact, ArtifactKind, Table};
 use crate::error::Error;
@@ -20,6 +20,28 @@ impl Payload for Metrics {
         match artifact {
             Artifact::Table(table) => Ok(Self(table)),
             other => Err(Error::failed(format!("metrics must be a table, not {:?}", other.kind()))),
+        }
+    }
+}
+
+/// Where the power of the lights went. Columns detector (`left upwards`, `left downwards`, `absorbed in OBJECT`), wavelength_nm (where
+/// the scene names wavelengths), power and power_se (W), share and share_se (of the power of all lights). The attribute `photons` says
+/// how many were walked for each wavelength.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Power(pub Table);
+
+impl Payload for Power {
+    const NAME: &'static str = "power";
+    const KIND: ArtifactKind = ArtifactKind::Table;
+
+    fn into_artifact(self) -> Artifact {
+        Artifact::Table(self.0)
+    }
+
+    fn from_artifact(artifact: Artifact) -> Result<Self, Error> {
+        match artifact {
+            Artifact::Table(table) => Ok(Self(table)),
+            other => Err(Error::failed(format!("power must be a table, not {:?}", other.kind()))),
         }
     }
 }

@@ -12,7 +12,7 @@ pub use images::{
 };
 pub use lut::{Convention, Lut};
 pub use mask::MaskReason;
-pub use metrics::Metrics;
+pub use metrics::{Metrics, Power};
 pub use readings::Readings;
 pub use scene::*;
 

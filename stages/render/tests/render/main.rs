@@ -5,6 +5,7 @@ mod lanes;
 mod laws;
 mod lights;
 mod patterns;
+mod power;
 mod sensors;
 mod setup;
 mod stage;

@@ -1,0 +1,208 @@
+//! Light walked forward from its sources, to where it ends: the power that leaves the scene, and that absorbed in each object.
+//!
+//! The flights and walls are those of the paths from the camera ([`Walker::step`]); nothing is looked for on the way.
+
+use std::f64::consts::FRAC_1_PI;
+
+use glam::DVec3;
+use turbid_contract::{Ctx, Error};
+use turbid_optics::elementary::{ln, sin_cos_turns};
+use turbid_optics::henyey_greenstein::turn;
+use turbid_optics::philox::{self, unit, unit_fine};
+
+use crate::lamp::{Lamp, Steady};
+use crate::level::named;
+use crate::light::{Emission, Light};
+use crate::path::{Ending, Nee, Place, Setting, Stream, Walker};
+use crate::pictures::Pictures;
+use crate::rig::Rig;
+
+/// The pixel in whose stead photons draw their random numbers; no image has so many.
+const PIXEL: u32 = u32::MAX;
+/// Photons of a tile.
+const TILE: usize = 4096;
+/// Blocks of random numbers of the start: above those of flights, below those of lamps.
+const START: u64 = 1 << 44;
+
+/// Where photons ended, of `photons`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tally {
+    pub photons: u64,
+    /// W that all of them stand for.
+    pub power: f64,
+    /// Out of the scene, upwards and downwards.
+    pub left: [u64; 2],
+    /// In each body or at its surface.
+    pub absorbed: Vec<u64>,
+}
+
+/// What became of `photons` photons of each channel's lights. Light from infinity has no power to share out and is left out.
+pub fn tally(rig: &Rig, photons: u32, ctx: Ctx<'_>) -> Result<Vec<Tally>, Error> {
+    let tiles = (photons as usize).div_ceil(TILE);
+    let key = philox::key(ctx.seed());
+    let (dark, still) = (Light::none(), Steady::NONE);
+    let parts = ctx.map_tiles(rig.worlds.len() * tiles, |i| {
+        let (channel, tile) = (i / tiles, i % tiles);
+        let setting = Setting {
+            world: &rig.worlds[channel],
+            camera: &rig.camera,
+            // Nothing to look for.
+            light: &dark,
+            steady: &still,
+            carriers: &[],
+            pictures: &Pictures::NONE,
+            key,
+            channel: channel as u32,
+            nee: Nee::Point,
+        };
+        let sources = Sources::of(&rig.lights[channel], &rig.steady[channel]);
+        let mut walker = Walker::new(setting, named(ctx.simd()));
+        let mut left = [0; 2];
+        let mut absorbed = vec![0; rig.worlds[channel].bodies.len()];
+        walker.clear_responses(1);
+        for photon in (tile * TILE) as u32..photons.min(((tile + 1) * TILE) as u32) {
+            let stream = Stream::new(key, PIXEL, photon, channel as u32);
+            let mut at = sources.start(&stream, photon);
+            while walker.step(&mut at) {}
+            match walker.ending() {
+                Ending::Left => left[usize::from(at.w.z <= 0.0)] += 1,
+                Ending::Absorbed(body) => absorbed[body] += 1,
+                // The tile is thrown away.
+                Ending::Endless => break,
+            }
+        }
+        (left, absorbed, walker.endless())
+    })?;
+    if parts.iter().any(|part| part.2) {
+        return Err(Error::failed("a photon does not end: it is in a closed space that absorbs nothing"));
+    }
+    let channels = parts.chunks(tiles).enumerate().map(|(channel, parts)| {
+        let power = Sources::of(&rig.lights[channel], &rig.steady[channel]).power();
+        let absorbed = vec![0; rig.worlds[channel].bodies.len()];
+        let mut sum = Tally { photons: u64::from(photons), power, left: [0; 2], absorbed };
+        for (left, absorbed, _) in parts {
+            sum.left.iter_mut().zip(left).for_each(|(sum, n)| *sum += n);
+            sum.absorbed.iter_mut().zip(absorbed).for_each(|(sum, n)| *sum += n);
+        }
+        sum
+    });
+    Ok(channels.collect())
+}
+
+/// All that shines with a power, with the running sums of powers.
+struct Sources<'a> {
+    light: &'a Light,
+    lamps: &'a [Lamp],
+    /// Of the projector, then of the lamps.
+    sums: Vec<f64>,
+}
+
+impl<'a> Sources<'a> {
+    fn of(light: &'a Light, steady: &'a Steady) -> Self {
+        let mut sum = light.power();
+        let mut sums = vec![sum];
+        for lamp in &steady.lamps {
+            sum += lamp.power();
+            sums.push(sum);
+        }
+        Self { light, lamps: &steady.lamps, sums }
+    }
+
+    fn power(&self) -> f64 {
+        self.sums[self.lamps.len()]
+    }
+
+    /// A photon at its start, each with the same share of the power.
+    fn start(&self, stream: &Stream, photon: u32) -> Place {
+        let [choice, low, ja, jb] = stream.block(START);
+        let chosen = unit_fine(choice, low) * self.power();
+        let source = self.sums.iter().position(|&sum| chosen < sum).unwrap_or(self.lamps.len());
+        let mut draws = (START + 1..).map(|number| {
+            let [u, v, w, _] = stream.block(number);
+            [unit(u), unit(v), unit(w)]
+        });
+        let (r, w) = match source.checked_sub(1) {
+            None => emit(self.light, &mut draws),
+            Some(i) => shine(&self.lamps[i], draws.next().expect("they never end")),
+        };
+        Place {
+            r,
+            w,
+            material: 0,
+            skin: None,
+            clear: 0.0,
+            life: -ln(unit_fine(ja, jb)),
+            weight: 1.0,
+            pixel: PIXEL,
+            sample: photon,
+            number: 2,
+            ahead: false,
+            wholly: false,
+            response: 0,
+        }
+    }
+}
+
+/// A ray of the projector at pattern value 1: an even place of the pattern, kept with the probability of its flux.
+fn emit(light: &Light, draws: &mut impl Iterator<Item = [f64; 3]>) -> (DVec3, DVec3) {
+    let view = &light.view;
+    // The place of the field nearest to the pinhole has the highest irradiance I h / R^3.
+    let foot = view.position - view.look_at;
+    let aside = |along: DVec3, side: f64| foot.dot(along).clamp(-0.5 * side, 0.5 * side);
+    let nearest =
+        view.look_at + aside(view.right, view.field.x) * view.right + aside(view.top, view.field.y) * view.top;
+    let least = (nearest - view.position).length();
+    loop {
+        let [x, y, keep] = draws.next().expect("they never end");
+        let ratio = least / (view.plane_point(x, y) - view.position).length();
+        if matches!(light.emission, Emission::Irradiance(_)) || keep < ratio * ratio * ratio {
+            return view.ray(x, y);
+        }
+    }
+}
+
+/// A ray of a lamp.
+fn shine(lamp: &Lamp, [u, v, _]: [f64; 3]) -> (DVec3, DVec3) {
+    let (sin, cos) = sin_cos_turns(v);
+    match *lamp {
+        Lamp::Point { position, .. } => {
+            let z = 1.0 - 2.0 * u;
+            (position, turn(DVec3::Z, z, (1.0 - z * z).sqrt(), sin, cos))
+        }
+        Lamp::Spot { position, axis, half: (sin_half, cos_half), .. } => {
+            // 1 - cos(half), without cancellation for narrow cones.
+            let depth = if cos_half > 0.0 { sin_half * sin_half / (1.0 + cos_half) } else { 1.0 - cos_half };
+            let fall = u * depth;
+            (position, turn(axis, 1.0 - fall, (fall * (2.0 - fall)).sqrt(), sin, cos))
+        }
+        Lamp::Beam { center, along, radius, .. } => {
+            let (x, y) = along.any_orthonormal_pair();
+            (center + radius * u.sqrt() * (cos * x + sin * y), along)
+        }
+    }
+}
+
+impl Light {
+    /// W inside the field at pattern value 1.
+    fn power(&self) -> f64 {
+        match self.emission {
+            Emission::Intensity(0.0) => 0.0,
+            Emission::Intensity(i) => i * self.view.solid_angle(),
+            Emission::Irradiance(e) => e * self.view.field.x * self.view.field.y,
+        }
+    }
+}
+
+impl Lamp {
+    /// W.
+    fn power(&self) -> f64 {
+        match *self {
+            Self::Point { intensity, .. } => intensity * 4.0 / FRAC_1_PI,
+            Self::Spot { half: (sin, cos), intensity, .. } => {
+                let depth = if cos > 0.0 { sin * sin / (1.0 + cos) } else { 1.0 - cos };
+                2.0 * depth * intensity / FRAC_1_PI
+            }
+            Self::Beam { radius, irradiance, .. } => radius * radius * irradiance / FRAC_1_PI,
+        }
+    }
+}
