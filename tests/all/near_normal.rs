@@ -117,6 +117,8 @@ fn standard_errors_are_the_spread_of_independent_renders() {
         "vars.S_rhos=[3721]",
         "vars.models=[rte]",
         "vars.conventions=[camera]",
+        // Pixels of their own, so that there are 144 of them.
+        "stages.frames.with.method=path",
         "stages.table.with.mu_a={logspace: [0.01, 0.4, 16]}",
         "stages.table.with.mu_s_prime={logspace: [0.2, 3, 14]}",
     ]);

@@ -220,5 +220,6 @@ fn a_sweep_warns_once_and_is_planned_whole() {
     let planned = states(&space, &["frames"]);
     assert_eq!(planned.len(), 300);
     let checked = space.turbid(&["check", "p.yaml"]).ok();
-    assert_eq!(checked.matches("samples = 16").count(), 2, "frames and phantom_frames, once each: {checked}");
+    // phantom_frames is fitted, and needs no 64 paths for each pixel.
+    assert_eq!(checked.matches("samples = 16").count(), 1, "frames, once: {checked}");
 }

@@ -79,7 +79,9 @@ pub fn calibrate(
             None => vec![1.0; dim.0 * dim.1],
         },
     };
-    let smoothing = Smoothing { gauss, good: &good };
+    // Rounding of the layers' f32 alone is no sharing.
+    let sharing = (0..count).map(|k| reference.stack.sharing(reference.info(k))).fold(1.0, f64::max);
+    let smoothing = Smoothing { gauss, good: &good, sharing: if sharing > 1.001 { sharing } else { 1.0 } };
     let (sample_se, reference_se): (Vec<_>, Vec<_>) = (0..count).map(|k| (sample.se(k), reference.se(k))).unzip();
     let known = sample_se.iter().chain(&reference_se).all(Option::is_some);
     let reference_se: Vec<Option<Plane>> = reference_se.iter().map(|se| se.as_ref().map(|se| plane(se))).collect();

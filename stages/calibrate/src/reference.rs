@@ -16,6 +16,8 @@ pub struct Reference {
 pub struct Smoothing<'a> {
     pub gauss: &'a Gauss,
     pub good: &'a Plane,
+    /// How many pixels are as noisy as one, their errors being common: 1 where they are independent.
+    pub sharing: f64,
 }
 
 impl Smoothing<'_> {
@@ -24,7 +26,7 @@ impl Smoothing<'_> {
         self.gauss.sum(&product(self.good, x))
     }
 
-    /// Smooths a value and its standard error, whose pixels are independent.
+    /// Smooths a value and its standard error.
     pub fn reference(&self, value: &Plane, se: Option<&Plane>) -> Reference {
         let weight = self.gauss.sum(self.good);
         let value = quotient(&self.sum(value), &weight);
@@ -37,9 +39,16 @@ impl Smoothing<'_> {
         self.covariance(covariance, &self.gauss.sum(self.good))
     }
 
+    /// That of independent pixels falls to sum w^2 / (sum w)^2; it grows by as many of them as share their error.
     fn covariance(&self, covariance: &Plane, weight: &Plane) -> Plane {
         let squares = self.gauss.sum_of_squares(&product(self.good, covariance));
-        quotient(&squares, &product(weight, weight))
+        let weight_squared = product(weight, weight);
+        let independent = quotient(&squares, &weight_squared);
+        if self.sharing <= 1.0 {
+            return independent;
+        }
+        let pixels = quotient(&weight_squared, &self.gauss.sum_of_squares(self.good));
+        zip(&independent, &pixels, |variance, pixels| variance * self.sharing.min(pixels))
     }
 
     /// Variance of sum_i s_i `value_i` by the reference's own noise: smoothing makes neighbours share it, so their
@@ -79,7 +88,7 @@ mod tests {
         let good = plane(12, |i| if i % 7 == 3 { 0.0 } else { 1.0 }, n);
         let value = plane(12, |i| if i % 7 == 3 { 1e30 } else { 0.3 }, n);
         let gauss = Gauss::new(1.5);
-        let smoothing = Smoothing { gauss: &gauss, good: &good };
+        let smoothing = Smoothing { gauss: &gauss, good: &good, sharing: 1.0 };
         let smooth = smoothing.reference(&value, None);
         assert!(smooth.value.pixels.iter().all(|v| (v - 0.3).abs() < 1e-14));
     }
@@ -92,14 +101,25 @@ mod tests {
         let (good, se) = (plane(61, |_| 1.0, n), plane(61, |_| 0.2, n));
         for sigma in [1.0_f64, 3.0] {
             let gauss = Gauss::new(sigma);
-            let smoothing = Smoothing { gauss: &gauss, good: &good };
+            let smoothing = Smoothing { gauss: &gauss, good: &good, sharing: 1.0 };
             let variance = smoothing.reference(&good, Some(&se)).variance.unwrap().pixels[n / 2];
             let want = 0.04 / (4.0 * std::f64::consts::PI * sigma * sigma);
             assert!((variance / want - 1.0).abs() < 1e-3, "sigma {sigma}: {variance} for {want}");
         }
         let gauss = Gauss::new(0.0);
-        let smoothing = Smoothing { gauss: &gauss, good: &good };
+        let smoothing = Smoothing { gauss: &gauss, good: &good, sharing: 1.0 };
         assert_eq!(smoothing.reference(&good, Some(&se)).variance.unwrap().pixels[0], 0.2_f64 * 0.2);
+    }
+
+    /// An error that all pixels share stays what it is, whatever the smoothing and the border.
+    #[test]
+    fn smoothing_leaves_common_noise() {
+        let n = 12 * 9;
+        let (good, se) = (plane(12, |i| if i == 40 { 0.0 } else { 1.0 }, n), plane(12, |_| 0.2, n));
+        let gauss = Gauss::new(2.0);
+        let smoothing = Smoothing { gauss: &gauss, good: &good, sharing: n as f64 };
+        let variance = smoothing.reference(&good, Some(&se)).variance.unwrap();
+        assert!(variance.pixels.iter().all(|v| (v - 0.04).abs() < 1e-15), "{variance:?}");
     }
 
     /// var sum_i s_i v_i = s^T W V W^T s, against the matrix written out.
@@ -110,7 +130,7 @@ mod tests {
         let se = plane(columns, |i| 0.1 + 0.01 * i as f64, n);
         let s = plane(columns, |i| if i == 7 { 0.0 } else { (i as f64).cos() }, n);
         let gauss = Gauss::new(1.2);
-        let smoothing = Smoothing { gauss: &gauss, good: &good };
+        let smoothing = Smoothing { gauss: &gauss, good: &good, sharing: 1.0 };
         let mut want = 0.0;
         for j in 0..n {
             let unit = plane(columns, |i| if i == j { 1.0 } else { 0.0 }, n);

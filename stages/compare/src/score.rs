@@ -66,7 +66,8 @@ pub fn score(pixels: &Pixels<'_>, selected: &[bool]) -> Option<Score> {
     Some(Score {
         n,
         mean,
-        mean_se: (variances * pixels.sharing).sqrt() / count,
+        // Errors common to all pixels have the sharing of their count; a region has no more.
+        mean_se: (variances * pixels.sharing.min(count)).sqrt() / count,
         truth,
         bias_percent: 100.0 * (mean / truth - 1.0),
         rmse_percent: 100.0 * (squares / count).sqrt(),

@@ -45,7 +45,7 @@ pub struct Compare;
 
 impl Stage for Compare {
     const NAME: &'static str = "compare";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const ABOUT: &'static str = "bias, RMS error and masked share of maps against the truth, for each region";
 
     type Params = Params;

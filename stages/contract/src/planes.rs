@@ -85,6 +85,14 @@ impl ImageStack {
     }
 }
 
+impl ImageStack {
+    /// The attribute `sharing`: the same for quantities that are yet to be made from the layers, where the errors of pixels are
+    /// common as in a fitted image; 1 where they are independent.
+    pub fn common_sharing(&self) -> f64 {
+        self.attributes.get("sharing").and_then(serde_json::Value::as_f64).unwrap_or(1.0)
+    }
+}
+
 /// Whether two descriptions mean the same quantity: equal name, f_x, phase, orientation, wavelength.
 fn same_quantity(a: &LayerInfo, b: &LayerInfo) -> bool {
     a.name == b.name
@@ -96,8 +104,10 @@ fn same_quantity(a: &LayerInfo, b: &LayerInfo) -> bool {
 
 /// Standard error of the mean of `n` pixels whose variances add up to `variances`, `sharing` as in
 /// [`ImageStack::sharing`]; `None` without pixels.
+///
+/// Errors that are the same in all n pixels have the sharing n: of a part of an image it cannot be more.
 pub fn mean_se(variances: f64, n: u64, sharing: f64) -> Option<f64> {
-    (n > 0).then(|| (variances * sharing).sqrt() / n as f64)
+    (n > 0).then(|| (variances * sharing.min(n as f64)).sqrt() / n as f64)
 }
 
 #[cfg(test)]
@@ -138,5 +148,7 @@ mod tests {
         info.mean_se = Some(0.5);
         assert_eq!(stack.sharing(&info), 4.0);
         assert_eq!(mean_se(1.0, 0, 1.0), None);
+        // Two of the four pixels have no more noise in their mean than one.
+        assert_eq!(mean_se(2.0 * 0.25, 2, 4.0), Some(0.5));
     }
 }

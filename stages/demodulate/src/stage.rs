@@ -72,7 +72,7 @@ pub struct Demodulate;
 
 impl Stage for Demodulate {
     const NAME: &'static str = "demodulate";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     const ABOUT: &'static str =
         "M_DC, M_AC and phase of each pixel from frames of shifted sinusoids, with standard errors";
 
@@ -100,7 +100,7 @@ impl Stage for Demodulate {
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
         let frames = &inputs.frames.0;
         let sharing = frames.layers.iter().filter(|l| l.info.kind == LayerKind::Value).map(|l| frames.sharing(&l.info));
-        let sharing = sharing.fold(1.0, f64::max);
+        let sharing = sharing.fold(frames.common_sharing(), f64::max);
         let wants_phase = ctx.wants("phase");
         let mut values = Group::default();
         let mut phases = Group::default();

@@ -55,14 +55,25 @@ struct Bundle {
 /// Walks the paths `samples` of the pixels `pixels` and leaves their responses in the walker, pixel by pixel: in f32 lanes where
 /// they hold the scene, else in those of f64.
 pub fn walk(walker: &mut Walker<'_>, pixels: Range<usize>, samples: Range<u32>) {
+    let pixels: Vec<u32> = (pixels.start as u32..pixels.end as u32).collect();
+    walk_among(walker, &pixels, samples);
+}
+
+/// The same for pixels that need not be neighbours.
+pub fn walk_among(walker: &mut Walker<'_>, pixels: &[u32], samples: Range<u32>) {
     match Frame::of(walker) {
         Some(frame) => single::walk(walker, &frame, pixels, samples),
-        None => walk_double(walker, pixels, samples),
+        None => walk_double_among(walker, pixels, samples),
     }
 }
 
 /// The same in f64 lanes, bit for bit what [`Walker::path`] says.
 pub fn walk_double(walker: &mut Walker<'_>, pixels: Range<usize>, samples: Range<u32>) {
+    let pixels: Vec<u32> = (pixels.start as u32..pixels.end as u32).collect();
+    walk_double_among(walker, &pixels, samples);
+}
+
+fn walk_double_among(walker: &mut Walker<'_>, pixels: &[u32], samples: Range<u32>) {
     let per_pixel = samples.len();
     let paths = pixels.len() * per_pixel;
     walker.clear_responses(paths);
@@ -73,7 +84,7 @@ pub fn walk_double(walker: &mut Walker<'_>, pixels: Range<usize>, samples: Range
     let mut next = 0;
     loop {
         while places.len() < LANES && next < paths {
-            let (pixel, sample) = (pixels.start + next / per_pixel, samples.start + (next % per_pixel) as u32);
+            let (pixel, sample) = (pixels[next / per_pixel] as usize, samples.start + (next % per_pixel) as u32);
             let mut place = walker.begin(pixel, sample, next);
             next += 1;
             if settles(walker, &mut place) {

@@ -5,21 +5,24 @@ use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Covariance, Frames, White};
 use turbid_contract::{ImageStack, LayerInfo, LayerKind};
 
-use crate::moments::Moments;
+use crate::field::{Field, Watched, relative_error};
 use crate::response::ONE;
 use crate::shown::{Shown, Terms};
 
 const RADIANCE: &str = "W mm^-2 sr^-1";
 
-/// The sums of all channels, after `n` paths per pixel.
+/// The estimates of all channels.
 pub struct Images<'a> {
     pub shown: &'a Shown,
     pub rows: usize,
     pub columns: usize,
     /// Empty for one channel without a named wavelength.
     pub wavelengths_nm: &'a [f64],
-    pub channels: &'a [Moments],
+    pub channels: &'a [Box<dyn Field + 'a>],
+    /// Paths per traced pixel.
     pub n: u32,
+    /// Where the errors of pixels are common: how many times the variance of an image mean exceeds that of independent pixels.
+    pub sharing: Option<f64>,
 }
 
 impl Images<'_> {
@@ -29,35 +32,29 @@ impl Images<'_> {
 
     fn attributes(&self, stack: &mut ImageStack) {
         stack.attributes.insert("samples".to_owned(), json!(self.n));
+        if let Some(sharing) = self.sharing {
+            stack.attributes.insert("sharing".to_owned(), json!(sharing));
+        }
     }
 
     /// Adds `sum of weight x response` as a value layer, and its standard error.
     fn push(&self, stack: &mut ImageStack, mut info: LayerInfo, channel: usize, terms: &[(usize, f64)]) {
-        let moments = &self.channels[channel];
+        let field = &self.channels[channel];
         let pixels = self.rows * self.columns;
         let mut mean = Vec::with_capacity(pixels);
         let mut se = Vec::with_capacity(pixels);
-        let mut total_variance = 0.0;
+        let mut total = 0.0;
         for pixel in 0..pixels {
-            mean.push(terms.iter().map(|&(i, w)| w * moments.mean(pixel, i, self.n)).sum::<f64>() as f32);
-            // Rounding may leave a sum of squares just below zero.
-            let variance = self.covariance_of(channel, pixel, terms, terms).max(0.0);
-            total_variance += variance;
+            mean.push(terms.iter().map(|&(i, w)| w * field.mean(pixel, i)).sum::<f64>() as f32);
+            let variance = field.variance(pixel, terms);
+            total += variance;
             se.push(variance.sqrt() as f32);
         }
-        // Pixels have paths of their own, so their errors are independent.
-        info.mean_se = Some(total_variance.sqrt() / pixels as f64);
+        info.mean_se = Some(field.variance_of_mean(terms, total).sqrt());
         let image = |data| Array2::from_shape_vec((self.rows, self.columns), data).expect("one value per pixel");
         let se_info = info.standard_error();
         stack.push(info, image(mean));
         stack.push(se_info, image(se));
-    }
-
-    /// Covariance of two sums of weight x mean response.
-    fn covariance_of(&self, channel: usize, pixel: usize, a: &[(usize, f64)], b: &[(usize, f64)]) -> f64 {
-        let moments = &self.channels[channel];
-        let pairs = a.iter().flat_map(|a| b.iter().map(move |b| (a, b)));
-        pairs.map(|(&(i, wi), &(j, wj))| wi * wj * moments.covariance(pixel, i, j, self.n)).sum()
     }
 
     /// A frame for every layer of what is shown.
@@ -80,7 +77,7 @@ impl Images<'_> {
         self.attributes(&mut stack);
         let shown = &self.shown.quantities;
         let mut quantities = Vec::new();
-        for channel in 0..self.channels.len() {
+        for (channel, field) in self.channels.iter().enumerate() {
             let first = quantities.len();
             quantities.extend(shown.iter().map(|q| {
                 let mut said =
@@ -96,7 +93,7 @@ impl Images<'_> {
                 info.wavelength_nm = self.wavelength(channel);
                 let data = Array2::from_shape_fn((self.rows, self.columns), |(row, column)| {
                     let pixel = row * self.columns + column;
-                    let cov = self.covariance_of(channel, pixel, &shown[i].terms, &shown[j].terms);
+                    let cov = field.covariance(pixel, &shown[i].terms, &shown[j].terms);
                     (if i == j { cov.max(0.0) } else { cov }) as f32
                 });
                 stack.push(info, data);
@@ -123,31 +120,8 @@ impl Images<'_> {
     /// Median over the lit pixels of SE(M_AC) / M_AC at the highest f_x and its first orientation (of M_DC where no f_x is
     /// > 0), the worst of the channels; `None` where no pixel is lit.
     pub fn relative_error(&self) -> Option<f64> {
-        let (dc, fringe) = self.shown.watched();
-        let of_channel = |(channel, moments): (usize, &Moments)| {
-            let mean = |pixel: usize, terms: &Terms| -> f64 {
-                terms.iter().map(|&(i, w)| w * moments.mean(pixel, i, self.n)).sum()
-            };
-            let mut errors: Vec<f64> = (0..self.rows * self.columns)
-                .filter_map(|pixel| {
-                    let cov = |a: &Terms, b: &Terms| self.covariance_of(channel, pixel, a, b);
-                    let Some([re, im]) = fringe else {
-                        let dc_mean = mean(pixel, dc);
-                        return (dc_mean > 0.0).then(|| cov(dc, dc).max(0.0).sqrt() / dc_mean);
-                    };
-                    let (x, y) = (mean(pixel, re), mean(pixel, im));
-                    let m2 = x * x + y * y;
-                    // Variance along the phase of the mean.
-                    let along = (x * x * cov(re, re) + 2.0 * x * y * cov(re, im) + y * y * cov(im, im)) / m2;
-                    (m2 > 0.0).then(|| (along.max(0.0) / m2).sqrt())
-                })
-                .collect();
-            if errors.is_empty() {
-                return None;
-            }
-            let middle = errors.len() / 2;
-            Some(*errors.select_nth_unstable_by(middle, f64::total_cmp).1)
-        };
-        self.channels.iter().enumerate().filter_map(of_channel).max_by(f64::total_cmp)
+        let watched = Watched::of(self.shown);
+        let errors = self.channels.iter().filter_map(|field| relative_error(field.as_ref(), &watched));
+        errors.max_by(f64::total_cmp)
     }
 }

@@ -9,6 +9,7 @@
 //! same paths: a path carries the complex response to exp(i 2 pi f_x u), of which every frame is a linear combination.
 
 pub mod camera;
+pub mod field;
 pub mod finish;
 pub mod flock;
 pub mod forward;
@@ -26,9 +27,12 @@ pub mod single;
 pub mod strata;
 pub mod world;
 
+mod fit;
 mod frames;
+mod method;
 mod params;
 mod plan;
+mod polynomials;
 mod power;
 mod rig;
 mod shown;
@@ -36,6 +40,7 @@ mod stage;
 mod state;
 mod trace;
 mod truth;
+mod uniform;
 
 pub use params::{Method, Params};
 pub use stage::{Out, RenderStage};

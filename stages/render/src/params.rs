@@ -6,9 +6,11 @@ use turbid_contract::schemars::JsonSchema;
 use turbid_contract::{AngleDeg, Error, LayerInfo, PerLength, Problem, Problems, Ratio, Seconds};
 
 use crate::light::Carrier;
+use crate::method::Taken;
 use crate::plan::flights_per_path;
 use crate::rig::Rig;
 use crate::strata::Bending;
+use crate::uniform::obstacle;
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -112,10 +114,6 @@ impl Params {
         if let Some(samples) = self.samples {
             let rule = "be >= 2: a standard error needs two paths";
             problems.require(samples >= 2, "samples", f64::from(samples), "", rule);
-            if (2..64).contains(&samples) {
-                let text = "standard errors from fewer than 64 paths per pixel are themselves uncertain";
-                problems.warn("samples", format!("samples = {samples}: {text}"));
-            }
         }
         let rule = "be >= 2: a standard error needs two";
         problems.require(self.photons >= 2, "photons", f64::from(self.photons), "", rule);
@@ -132,11 +130,11 @@ impl Params {
                 "give samples, target_error or max_seconds",
             );
         }
-        if matches!(self.method, Method::Fit | Method::Rte) {
+        if self.method == Method::Rte {
             problems.push_with_hint(
                 "method",
-                "this version renders by path tracing only",
-                "write `method: path`, or leave it out",
+                "this version has no deterministic images",
+                "write `method: fit` or `method: auto`",
             );
         }
     }
@@ -235,6 +233,19 @@ impl Params {
                     "write `specular: exclude` in the camera",
                 );
             }
+        }
+        let taken = Taken::of(self, scene, false);
+        match obstacle(scene, self.target_error.map(|t| t.0)) {
+            Some(reason) if self.method == Method::Fit => problems.push_with_hint(
+                "method",
+                format!("a smooth surface over the pixels would not be the image: {reason}"),
+                "write `method: path` or `method: auto`",
+            ),
+            _ => {}
+        }
+        if let (Taken::Path { .. }, Some(samples @ 2..64)) = (taken, self.samples) {
+            let text = "standard errors from fewer than 64 paths per pixel are themselves uncertain";
+            problems.warn("samples", format!("samples = {samples}: {text}"));
         }
         let flights = flights_per_path(scene);
         if flights > MOST_FLIGHTS {

@@ -3,6 +3,8 @@
 use turbid_contract::StagePlan;
 use turbid_contract::payload::{Lamp, Medium, Scene, Shape, Surface};
 
+use crate::fit::Lattice;
+use crate::method::Taken;
 use crate::params::{Method, Params};
 use crate::response::Layout;
 
@@ -12,6 +14,9 @@ const NS_PER_FLIGHT: f64 = 38.0;
 const NS_PER_PATH: f64 = 2200.0;
 /// What the roulette of deep paths leaves of the flights in weakly absorbing media (measured: 405 of 902).
 const LEFT_BY_ROULETTE: f64 = 0.45;
+
+/// Variance of M_AC over paths / M_AC^2, at f_x l' of about 0.1 (1.5 to 5 in four scenes; see docs/theory/render.md).
+const VARIANCE_PER_PATH: f64 = 4.0;
 
 /// Flights that a path makes on average in the object where it makes most.
 ///
@@ -59,10 +64,17 @@ fn thickness(shape: &Shape) -> f64 {
 
 /// The plan for known params and, where it is known, scene.
 pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool) -> StagePlan {
+    let taken = match params.method {
+        Method::Path => Some(Taken::Path { because: None }),
+        _ => scene.map(|scene| Taken::of(params, scene, patterned)),
+    };
     let mut plan = StagePlan {
-        method: Some(match params.method {
-            Method::Auto => "path (auto: the only method of this version)".to_owned(),
-            _ => "path".to_owned(),
+        method: Some(match (params.method, &taken) {
+            (_, None) => "auto: known once the scene is".to_owned(),
+            (Method::Auto, Some(Taken::Fit)) => "fit (auto: the scene is laterally uniform)".to_owned(),
+            (_, Some(Taken::Fit)) => "fit".to_owned(),
+            (_, Some(Taken::Path { because: Some(because) })) => format!("path (auto: {because})"),
+            (_, Some(Taken::Path { because: None })) => "path".to_owned(),
         }),
         ..StagePlan::default()
     };
@@ -84,6 +96,9 @@ pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool) -> StagePla
         sort(scene.lights.len() > ambient, "steady lights");
         sort(ambient > 0, "ambient light");
     }
+    if let Some(taken) = &taken {
+        sort(*taken != Taken::Fit, "paths for every pixel");
+    }
     sort(params.f_x.iter().any(|f| f.0 > 0.0), "carriers");
     sort(params.orientation_deg.len() > 1, "several orientations");
     sort(patterned, "pattern images");
@@ -99,13 +114,22 @@ pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool) -> StagePla
     if let Some(scene) = scene
         && let Some(camera) = &scene.camera
     {
-        let pixels = f64::from(camera.pixels[0]) * f64::from(camera.pixels[1]) * scene.channels() as f64;
-        if let Some(samples) = params.samples {
+        let [columns, rows] = camera.pixels.map(|n| n as usize);
+        let channels = scene.channels() as f64;
+        let pixels = (columns * rows) as f64 * channels;
+        let lattice = Lattice::over(columns, rows);
+        let traced = (lattice.columns.len() * lattice.rows.len()) as f64;
+        let (traced, terms) =
+            if taken == Some(Taken::Fit) { (traced, 6.0) } else { (pixels / channels, pixels / channels) };
+        // The error of a fit of 6 terms is that of as many pixels with all the paths.
+        let for_target = params.target_error.map(|t| (VARIANCE_PER_PATH * terms / traced / (t.0 * t.0)).max(8.0));
+        let most = params.samples.map(f64::from);
+        if let Some(samples) = for_target.into_iter().chain(most).reduce(f64::min) {
             let flights = flights_per_path(scene);
             // Many flights are those of a weakly absorbing medium.
             let flights = if flights > 300.0 { LEFT_BY_ROULETTE * flights } else { flights };
             let per_path = NS_PER_PATH + NS_PER_FLIGHT * flights;
-            plan.seconds = Some(pixels * f64::from(samples) * per_path * 1e-9);
+            plan.seconds = Some(traced * channels * samples * per_path * 1e-9);
         }
         let q = Layout { carriers: params.carriers().len(), pictures: 0, steady: !scene.lights.is_empty() }.width();
         let frames = 2 * params.phases as usize * params.f_x.len() * params.orientation_deg.len();

@@ -5,11 +5,11 @@ use turbid_contract::{Ctx, Error, Known, Problems, Stage, StagePlan, in_ports, o
 
 use crate::forward::tally;
 use crate::frames::Images;
+use crate::method::{Taken, sums};
 use crate::params::Params;
 use crate::power::power;
 use crate::rig::Rig;
 use crate::shown::Shown;
-use crate::trace::trace;
 use crate::truth::truth;
 
 in_ports! {
@@ -40,7 +40,7 @@ pub struct RenderStage;
 
 impl Stage for RenderStage {
     const NAME: &'static str = "render";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     const ABOUT: &'static str =
         "Renders camera frames under projected sinusoids by unbiased path tracing, with standard errors";
     const STOPPING: &'static [&'static str] = &["samples", "target_error", "max_seconds"];
@@ -90,14 +90,17 @@ impl Stage for RenderStage {
                 return Err(Error::failed("there is a pattern, but the scene has no projector to show it"));
             }
         };
-        let (channels, n) = trace(params, &rig, &shown, ctx)?;
+        let taken = Taken::of(params, &scene, inputs.pattern.is_some());
+        let traced = sums(&taken, params, &rig, &shown, ctx)?;
+        let estimate = traced.estimate(&rig, &shown, ctx)?;
         let images = Images {
             shown: &shown,
             rows: rig.camera.rows,
             columns: rig.camera.columns,
             wavelengths_nm: &scene.wavelengths_nm,
-            channels: &channels,
-            n,
+            channels: &estimate.channels,
+            n: estimate.n,
+            sharing: estimate.sharing,
         };
         let power = if ctx.wants("power") {
             if rig.steady.iter().zip(&rig.lights).any(|(steady, light)| steady.lamps.is_empty() && !light.shines()) {
@@ -110,7 +113,7 @@ impl Stage for RenderStage {
         } else {
             None
         };
-        ctx.measure("samples", f64::from(n), "1");
+        ctx.measure("samples", f64::from(estimate.n), "1");
         if let Some(error) = images.relative_error() {
             ctx.measure("error: m_ac per pixel", 100.0 * error, "%");
         }

@@ -4,7 +4,6 @@ use turbid_contract::{Ctx, Error};
 use turbid_optics::philox;
 
 use crate::flock;
-use crate::frames::Images;
 use crate::level::named;
 use crate::moments::Moments;
 use crate::params::Params;
@@ -20,20 +19,32 @@ const BATCH: u32 = 8;
 const TILE: usize = 1024;
 /// Tiles and batches of a round are chosen so that it holds about this many batches of a pixel.
 const ROUND: usize = 1 << 15;
-/// The error target is tested after this many paths per pixel and after every doubling.
-const FIRST_TEST: u32 = 64;
 /// Seconds between checkpoints.
 const CHECKPOINT_EVERY_S: f64 = 10.0;
+
+/// What to trace, and how to judge it.
+pub struct Task<'a> {
+    pub params: &'a Params,
+    pub rig: &'a Rig,
+    pub shown: &'a Shown,
+    /// Which pixels.
+    pub pixels: &'a [u32],
+    /// The error target is tested after this many paths per pixel and after every doubling.
+    pub first_test: u32,
+    /// Relative error of the image that sums of all channels give; `None` where it is dark.
+    pub error: &'a (dyn Fn(&[Moments], u32) -> Option<f64> + Sync),
+}
 
 /// The sums of every channel, and the paths per pixel that they hold.
 ///
 /// Continues the furthest checkpoint that a fresh run would have passed through.
-pub fn trace(params: &Params, rig: &Rig, shown: &Shown, ctx: Ctx<'_>) -> Result<(Vec<Moments>, u32), Error> {
-    let q = shown.layout.width();
-    let job = Job { rig, shown, ctx };
+pub fn trace(task: &Task<'_>, ctx: Ctx<'_>) -> Result<(Vec<Moments>, u32), Error> {
+    let params = task.params;
+    let q = task.shown.layout.width();
+    let job = Job { task, ctx };
     let cap = params.samples.unwrap_or(u32::MAX);
     let whole = cap / BATCH * BATCH;
-    let mut state = resume(params, rig, q, whole, ctx);
+    let mut state = resume(task, q, whole, ctx);
     let resumed_at = state.samples;
     let mut next_checkpoint_s = CHECKPOINT_EVERY_S;
     let stopped = |state: &State| {
@@ -41,12 +52,12 @@ pub fn trace(params: &Params, rig: &Rig, shown: &Shown, ctx: Ctx<'_>) -> Result<
         reached || (state.samples > 0 && params.max_seconds.is_some_and(|limit| ctx.time_is_up(limit.0)))
     };
     while state.samples < whole && !stopped(&state) {
-        let mut next_test = FIRST_TEST;
+        let mut next_test = task.first_test;
         while next_test <= state.samples {
             next_test = next_test.saturating_mul(2);
         }
         let until = whole.min(next_test);
-        let most = (ROUND / (rig.camera.pixels() * rig.worlds.len())).max(1) as u32 * BATCH;
+        let most = (ROUND / (task.pixels.len() * task.rig.worlds.len())).max(1) as u32 * BATCH;
         let until = until.min(state.samples.saturating_add(most));
         if let Err(interrupted) = job.round(&mut state, until) {
             if state.samples > resumed_at {
@@ -55,7 +66,7 @@ pub fn trace(params: &Params, rig: &Rig, shown: &Shown, ctx: Ctx<'_>) -> Result<
             return Err(interrupted);
         }
         if state.samples == next_test {
-            let error = job.images(&state.channels, state.samples).relative_error();
+            let error = (task.error)(&state.channels, state.samples);
             // Where nothing is lit there is nothing to wait for.
             state.history.push((state.samples, error.unwrap_or(0.0)));
         }
@@ -80,15 +91,16 @@ pub fn trace(params: &Params, rig: &Rig, shown: &Shown, ctx: Ctx<'_>) -> Result<
 }
 
 /// The furthest checkpoint at which a fresh run would not have stopped before.
-fn resume(params: &Params, rig: &Rig, q: usize, whole: u32, ctx: Ctx<'_>) -> State {
-    let (channels, pixels) = (rig.worlds.len(), rig.camera.pixels());
+fn resume(task: &Task<'_>, q: usize, whole: u32, ctx: Ctx<'_>) -> State {
+    let (channels, pixels) = (task.rig.worlds.len(), task.pixels.len());
     let mut at_most = whole;
     while let Some(bytes) = ctx.resume(u64::from(at_most)) {
         let Some(state) = State::from_bytes(&bytes, channels, pixels, q) else {
             ctx.warn("a checkpoint of this render could not be read; it starts anew");
             break;
         };
-        let met = params.target_error.and_then(|t| state.history.iter().find(|(_, e)| *e <= t.0)).map(|h| h.0);
+        let target = task.params.target_error;
+        let met = target.and_then(|t| state.history.iter().find(|(_, e)| *e <= t.0)).map(|h| h.0);
         match met {
             Some(n) if n < state.samples => at_most = n,
             _ => return state,
@@ -98,41 +110,35 @@ fn resume(params: &Params, rig: &Rig, q: usize, whole: u32, ctx: Ctx<'_>) -> Sta
 }
 
 struct Job<'a> {
-    rig: &'a Rig,
-    shown: &'a Shown,
+    task: &'a Task<'a>,
     ctx: Ctx<'a>,
 }
 
 impl Job<'_> {
-    fn images<'b>(&'b self, channels: &'b [Moments], n: u32) -> Images<'b> {
-        let camera = &self.rig.camera;
-        Images { shown: self.shown, rows: camera.rows, columns: camera.columns, wavelengths_nm: &[], channels, n }
-    }
-
     /// Adds the paths `state.samples .. until` of every pixel.
     fn round(&self, state: &mut State, until: u32) -> Result<(), Error> {
-        let pixels = self.rig.camera.pixels();
-        let tiles = pixels.div_ceil(TILE);
+        let (rig, all) = (self.task.rig, self.task.pixels);
+        let tiles = all.len().div_ceil(TILE);
         let key = philox::key(self.ctx.seed());
         let batches = (until - state.samples).div_ceil(BATCH) as usize;
         let from = state.samples;
         // Batch after batch, each over all tiles: the order in which they are folded below.
-        let parts = self.ctx.map_tiles(self.rig.worlds.len() * batches * tiles, |i| {
+        let parts = self.ctx.map_tiles(rig.worlds.len() * batches * tiles, |i| {
             let (channel, batch, tile) = (i / tiles / batches, (i / tiles % batches) as u32, i % tiles);
             let setting = Setting {
-                world: &self.rig.worlds[channel],
-                camera: &self.rig.camera,
-                light: &self.rig.lights[channel],
-                steady: &self.rig.steady[channel],
-                carriers: &self.shown.carriers,
-                pictures: &self.shown.pictures,
+                world: &rig.worlds[channel],
+                camera: &rig.camera,
+                light: &rig.lights[channel],
+                steady: &rig.steady[channel],
+                carriers: &self.task.shown.carriers,
+                pictures: &self.task.shown.pictures,
                 key,
                 channel: channel as u32,
                 nee: Nee::Line,
             };
             let first = from + batch * BATCH;
             let samples = first..until.min(first.saturating_add(BATCH));
-            let pixels = tile * TILE..pixels.min((tile + 1) * TILE);
+            let pixels = &all[tile * TILE..all.len().min((tile + 1) * TILE)];
             self.tile(setting, pixels, samples)
         })?;
         // Nothing of a round that did not come to its end may enter the state.
@@ -151,12 +157,12 @@ impl Job<'_> {
         Ok(())
     }
 
-    fn tile(&self, setting: Setting<'_>, pixels: std::ops::Range<usize>, samples: std::ops::Range<u32>) -> Part {
+    fn tile(&self, setting: Setting<'_>, pixels: &[u32], samples: std::ops::Range<u32>) -> Part {
         let mut walker = Walker::new(setting, named(self.ctx.simd()));
-        let mut moments = Moments::new(pixels.len(), self.shown.layout.width());
+        let mut moments = Moments::new(pixels.len(), self.task.shown.layout.width());
         // What was begun is thrown away with the whole round.
         if !self.ctx.cancelled() {
-            flock::walk(&mut walker, pixels.clone(), samples.clone());
+            flock::walk_among(&mut walker, pixels, samples.clone());
             for path in 0..pixels.len() * samples.len() {
                 moments.add(path / samples.len(), walker.response(path));
             }

@@ -14,15 +14,15 @@ use crate::path::{Place, Setting, Walker};
 use crate::world::Piece;
 
 /// Paths still to be begun, and those ready for lanes.
-pub struct Starts {
-    pixels: Range<usize>,
+pub struct Starts<'a> {
+    pixels: &'a [u32],
     samples: Range<u32>,
     next: usize,
     pub ready: Paths,
 }
 
-impl Starts {
-    pub fn new(pixels: Range<usize>, samples: Range<u32>) -> Self {
+impl<'a> Starts<'a> {
+    pub fn new(pixels: &'a [u32], samples: Range<u32>) -> Self {
         Self { pixels, samples, next: 0, ready: Paths::default() }
     }
 
@@ -45,7 +45,7 @@ impl Starts {
         let (mut pixel, mut sample) = ([0; LANES], [0; LANES]);
         for i in 0..count {
             let path = first + i;
-            pixel[i] = (self.pixels.start + path / per_pixel) as u32;
+            pixel[i] = self.pixels[path / per_pixel];
             sample[i] = self.samples.start + (path % per_pixel) as u32;
         }
         self.next += count;

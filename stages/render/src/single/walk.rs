@@ -20,12 +20,12 @@ pub type Paths = Rows<15, 6>;
 const MOST_BLOCKS: u64 = POINT as u64;
 
 /// Walks the paths `samples` of the pixels `pixels` and leaves their responses in the walker, pixel by pixel.
-pub fn walk(walker: &mut Walker<'_>, frame: &Frame, pixels: Range<usize>, samples: Range<u32>) {
+pub fn walk(walker: &mut Walker<'_>, frame: &Frame, pixels: &[u32], samples: Range<u32>) {
     let paths = pixels.len() * samples.len();
     walker.clear_responses(paths);
     let mut responses = walker.take_single();
     dispatch!(walker.level(), simd => simd.vectorize(#[inline(always)] || {
-        Flock::new(simd, frame).run(walker, Starts::new(pixels.clone(), samples.clone()), &mut responses);
+        Flock::new(simd, frame).run(walker, Starts::new(pixels, samples.clone()), &mut responses);
     }));
     walker.gather();
     walker.add_single(responses);
@@ -83,7 +83,7 @@ impl<'a, S: Simd> Flock<'a, S> {
     }
 
     #[inline(always)]
-    fn run(mut self, walker: &mut Walker<'_>, mut starts: Starts, responses: &mut [f64]) {
+    fn run(mut self, walker: &mut Walker<'_>, mut starts: Starts<'_>, responses: &mut [f64]) {
         let simd = self.simd;
         let (key, high) = (walker.setting().key, walker.setting().channel << 16);
         let mut flights = 0;

@@ -1,0 +1,311 @@
+//! The image of a laterally uniform scene as a smooth surface fitted to pixels that hold few paths each.
+//!
+//! The responses of a pixel, divided by the light that falls on its centre and freed from the carrier's phase there, vary over
+//! the image as slowly as the angles of view and light do: low polynomials in pixel position, fitted by least squares.
+
+use crate::field::Field;
+use crate::light::{Carrier, Emission, Light};
+use crate::moments::Moments;
+use crate::polynomials::Polynomials;
+use crate::rig::Rig;
+use crate::world::Spans;
+
+/// No more pixels than this are traced along a side: a polynomial needs no more places, only more paths.
+const MOST_ALONG: usize = 64;
+/// The order where nothing speaks for a higher one ...
+const LEAST_ORDER: usize = 2;
+/// ... and the highest that is tried.
+const MOST_ORDER: usize = 6;
+/// A higher order is taken if its terms are larger than their noise by this many standard deviations of the noise's square.
+const SIGNIFICANT: f64 = 5.0;
+
+/// The pixels that are traced: a lattice over the image, every pixel where it is small.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Lattice {
+    pub columns: Vec<usize>,
+    pub rows: Vec<usize>,
+}
+
+impl Lattice {
+    pub fn over(columns: usize, rows: usize) -> Self {
+        let every = |n: usize| {
+            let step = n.div_ceil(MOST_ALONG);
+            // As far from one end as from the other.
+            (0..n).skip((n - 1) % step / 2).step_by(step).collect()
+        };
+        Self { columns: every(columns), rows: every(rows) }
+    }
+
+    /// Their numbers in an image of `columns`, row by row.
+    pub fn pixels(&self, columns: usize) -> Vec<u32> {
+        self.rows.iter().flat_map(|r| self.columns.iter().map(move |c| (r * columns + c) as u32)).collect()
+    }
+}
+
+/// What is known of a pixel beforehand.
+#[derive(Clone, Debug)]
+struct Guide {
+    /// Irradiance at the centre of what is seen, but for the power of the light.
+    gain: f64,
+    /// (sin, cos) of each carrier there.
+    phases: Vec<(f64, f64)>,
+}
+
+/// What the light would be at the centre of a pixel; `None` where it meets nothing.
+fn guide(rig: &Rig, carriers: &[Carrier], pixel: usize) -> Option<Guide> {
+    let (world, camera) = (&rig.worlds[0], &rig.camera);
+    let (origin, w) = camera.ray(pixel, 0.5, 0.5);
+    let mut spans = Spans::default();
+    let piece = world.trace(origin, w, None, &mut spans).find(|piece| piece.material != 0)?;
+    let r = origin + piece.start * w;
+    // Channels differ in their power, which the coefficients hold.
+    let emission = match rig.lights[0].emission {
+        Emission::Intensity(_) => Emission::Intensity(1.0),
+        Emission::Irradiance(_) => Emission::Irradiance(1.0),
+    };
+    let (arrival, _) = Light { emission, ..rig.lights[0] }.arrives(r);
+    let phases = carriers.iter().map(|c| c.at(arrival.on_plane)).collect();
+    Some(Guide { gain: arrival.irradiance * arrival.towards.z.abs(), phases })
+}
+
+/// A fitted image of one channel: response = gain x (carrier) x sum over k of coefficient_k p_k(pixel).
+pub struct Fitted {
+    columns: usize,
+    guides: Vec<Guide>,
+    /// p_0 .. of every column and row of the image.
+    along_x: Vec<Vec<f64>>,
+    along_y: Vec<Vec<f64>>,
+    /// Degrees in x and y of each term, total degree ascending.
+    terms: Vec<(usize, usize)>,
+    /// Reduced responses: 1, then re, im of each carrier.
+    q: usize,
+    /// `[term][response]`.
+    coefficients: Vec<f64>,
+    /// `[response][response][term][term]`.
+    covariances: Vec<f64>,
+    /// Of the polynomials.
+    pub order: usize,
+    /// Whether the highest order that was tried would still have been worth it.
+    pub rough: bool,
+}
+
+/// Sum over p of a_p b_p C_p, C the covariances of reduced responses.
+struct Reduced {
+    /// `[pixel][response]`.
+    values: Vec<f64>,
+    /// `[pixel][response][response]`.
+    covariances: Vec<f64>,
+}
+
+impl Fitted {
+    /// From the sums of the lattice's pixels after `n` >= 2 paths each. Every pixel must look at something.
+    pub fn new(rig: &Rig, carriers: &[Carrier], lattice: &Lattice, moments: &Moments, n: u32) -> Option<Self> {
+        let (columns, rows, q) = (rig.camera.columns, rig.camera.rows, 1 + 2 * carriers.len());
+        let guides = (0..columns * rows).map(|p| guide(rig, carriers, p)).collect::<Option<Vec<_>>>()?;
+        let polynomials = |places: &[usize]| {
+            let places: Vec<f64> = places.iter().map(|&p| p as f64).collect();
+            Polynomials::new(&places, MOST_ORDER)
+        };
+        let (x, y) = (polynomials(&lattice.columns), polynomials(&lattice.rows));
+        let along_x: Vec<Vec<f64>> = (0..columns).map(|c| x.at(c as f64)).collect();
+        let along_y: Vec<Vec<f64>> = (0..rows).map(|r| y.at(r as f64)).collect();
+        let mut terms: Vec<(usize, usize)> =
+            (0..=x.degree()).flat_map(|i| (0..=y.degree()).map(move |j| (i, j))).collect();
+        terms.retain(|(i, j)| i + j <= MOST_ORDER);
+        terms.sort_by_key(|&(i, j)| (i + j, i));
+        let pixels = lattice.pixels(columns);
+        let reduced = reduce(&pixels, &guides, moments, n, q);
+        // A term's place at each traced pixel; orthonormal, so that a coefficient is a plain sum.
+        let basis: Vec<Vec<f64>> = terms
+            .iter()
+            .map(|&(i, j)| {
+                let at = |&p: &u32| along_x[p as usize % columns][i] * along_y[p as usize / columns][j];
+                pixels.iter().map(at).collect()
+            })
+            .collect();
+        let coefficients: Vec<f64> = basis
+            .iter()
+            .flat_map(|p| (0..q).map(|a| p.iter().enumerate().map(|(i, p)| p * reduced.values[i * q + a]).sum()))
+            .collect();
+        let (order, rough) = order(&terms, &basis, &coefficients, &reduced, q);
+        terms.retain(|(i, j)| i + j <= order);
+        let m = terms.len();
+        let mut covariances = vec![0.0; q * q * m * m];
+        for (k, l) in (0..m).flat_map(|k| (k..m).map(move |l| (k, l))) {
+            let mut sums = vec![0.0; q * q];
+            for (i, (pk, pl)) in basis[k].iter().zip(&basis[l]).enumerate() {
+                let weight = pk * pl;
+                sums.iter_mut().zip(&reduced.covariances[i * q * q..]).for_each(|(s, c)| *s += weight * c);
+            }
+            for (ab, sum) in sums.into_iter().enumerate() {
+                covariances[(ab * m + k) * m + l] = sum;
+                covariances[(ab * m + l) * m + k] = sum;
+            }
+        }
+        let coefficients = coefficients[..m * q].to_vec();
+        Some(Self { columns, guides, along_x, along_y, terms, q, coefficients, covariances, order, rough })
+    }
+
+    /// How many times the variance of the mean of M_DC exceeds that of independent pixels.
+    pub fn sharing(&self) -> f64 {
+        let terms = [(0, 1.0)];
+        let total: f64 = (0..self.pixels()).map(|p| self.variance(p, &terms)).sum();
+        let n = self.pixels() as f64;
+        if total > 0.0 { (self.variance_of_mean(&terms, total) * n * n / total).max(1.0) } else { 1.0 }
+    }
+
+    /// p_k of a pixel for every term.
+    fn basis(&self, pixel: usize) -> impl Iterator<Item = f64> + Clone + '_ {
+        let (x, y) = (&self.along_x[pixel % self.columns], &self.along_y[pixel / self.columns]);
+        self.terms.iter().map(move |&(i, j)| x[i] * y[j])
+    }
+
+    /// Response i as a sum of weight x reduced response.
+    fn in_reduced(&self, pixel: usize, i: usize) -> [(usize, f64); 2] {
+        let guide = &self.guides[pixel];
+        if i == 0 {
+            return [(0, guide.gain), (0, 0.0)];
+        }
+        let re = i - (i - 1) % 2;
+        let (sin, cos) = guide.phases[(i - 1) / 2];
+        let (of_re, of_im) = if i == re { (cos, -sin) } else { (sin, cos) };
+        [(re, guide.gain * of_re), (re + 1, guide.gain * of_im)]
+    }
+
+    /// The sum of weight x response over `terms` by reduced responses, each once.
+    fn collect(&self, pixel: usize, terms: &[(usize, f64)]) -> Vec<(usize, f64)> {
+        let mut sums: Vec<(usize, f64)> = Vec::with_capacity(2 * terms.len());
+        for &(i, weight) in terms {
+            for (a, w) in self.in_reduced(pixel, i) {
+                match sums.iter_mut().find(|s| s.0 == a) {
+                    Some(sum) => sum.1 += weight * w,
+                    None => sums.push((a, weight * w)),
+                }
+            }
+        }
+        sums
+    }
+
+    /// Covariance of two sums of weight x coefficient.
+    fn between(&self, a: usize, b: usize, left: &[f64], right: &[f64]) -> f64 {
+        let m = self.terms.len();
+        let block = &self.covariances[(a * self.q + b) * m * m..][..m * m];
+        let rows = block.chunks_exact(m).zip(left);
+        rows.map(|(row, l)| l * row.iter().zip(right).map(|(c, r)| c * r).sum::<f64>()).sum()
+    }
+}
+
+impl Field for Fitted {
+    fn pixels(&self) -> usize {
+        self.guides.len()
+    }
+
+    fn mean(&self, pixel: usize, i: usize) -> f64 {
+        let reduced = |a: usize| -> f64 {
+            self.basis(pixel).enumerate().map(|(k, p)| p * self.coefficients[k * self.q + a]).sum()
+        };
+        self.in_reduced(pixel, i).into_iter().map(|(a, w)| if w == 0.0 { 0.0 } else { w * reduced(a) }).sum()
+    }
+
+    fn covariance(&self, pixel: usize, a: &[(usize, f64)], b: &[(usize, f64)]) -> f64 {
+        let basis: Vec<f64> = self.basis(pixel).collect();
+        let (left, right) = (self.collect(pixel, a), self.collect(pixel, b));
+        let pairs = left.iter().flat_map(|l| right.iter().map(move |r| (l, r)));
+        pairs
+            .filter(|(l, r)| l.1 * r.1 != 0.0)
+            .map(|(&(a, wa), &(b, wb))| wa * wb * self.between(a, b, &basis, &basis))
+            .sum()
+    }
+
+    fn variance(&self, pixel: usize, terms: &[(usize, f64)]) -> f64 {
+        let basis: Vec<f64> = self.basis(pixel).collect();
+        let sums = self.collect(pixel, terms);
+        let mut variance = 0.0;
+        for (i, &(a, wa)) in sums.iter().enumerate() {
+            for &(b, wb) in &sums[i..] {
+                let twice = if a == b { 1.0 } else { 2.0 };
+                if wa * wb != 0.0 {
+                    variance += twice * wa * wb * self.between(a, b, &basis, &basis);
+                }
+            }
+        }
+        variance.max(0.0)
+    }
+
+    fn variance_of_mean(&self, terms: &[(usize, f64)], _: f64) -> f64 {
+        let m = self.terms.len();
+        // Weight of every coefficient in the mean.
+        let mut weights: Vec<(usize, Vec<f64>)> = Vec::new();
+        for pixel in 0..self.pixels() {
+            for (a, w) in self.collect(pixel, terms) {
+                let place = weights.iter().position(|entry| entry.0 == a).unwrap_or_else(|| {
+                    weights.push((a, vec![0.0; m]));
+                    weights.len() - 1
+                });
+                weights[place].1.iter_mut().zip(self.basis(pixel)).for_each(|(sum, p)| *sum += w * p);
+            }
+        }
+        let pairs = weights.iter().flat_map(|l| weights.iter().map(move |r| (l, r)));
+        let variance: f64 = pairs.map(|(l, r)| self.between(l.0, r.0, &l.1, &r.1)).sum();
+        let n = self.pixels() as f64;
+        (variance / (n * n)).max(0.0)
+    }
+}
+
+/// Responses of the traced pixels divided by the gain and turned back by the carriers' phases, with covariances.
+fn reduce(pixels: &[u32], guides: &[Guide], moments: &Moments, n: u32, q: usize) -> Reduced {
+    let mut values = Vec::with_capacity(pixels.len() * q);
+    let mut covariances = Vec::with_capacity(pixels.len() * q * q);
+    for (place, &pixel) in pixels.iter().enumerate() {
+        let guide = &guides[pixel as usize];
+        // Reduced response a as a sum over responses; the turn undoes that of `in_reduced`.
+        let of = |a: usize| -> [(usize, f64); 2] {
+            if a == 0 {
+                return [(0, 1.0 / guide.gain), (0, 0.0)];
+            }
+            let re = a - (a - 1) % 2;
+            let (sin, cos) = guide.phases[(a - 1) / 2];
+            let (of_re, of_im) = if a == re { (cos, sin) } else { (-sin, cos) };
+            [(re, of_re / guide.gain), (re + 1, of_im / guide.gain)]
+        };
+        values.extend((0..q).map(|a| of(a).iter().map(|&(i, w)| w * moments.mean(place, i, n)).sum::<f64>()));
+        for (a, b) in (0..q).flat_map(|a| (0..q).map(move |b| (a, b))) {
+            let (left, right) = (of(a), of(b));
+            let pairs = left.iter().flat_map(|l| right.iter().map(move |r| (l, r)));
+            covariances.push(pairs.map(|(l, r)| l.1 * r.1 * moments.covariance(place, l.0, r.0, n)).sum());
+        }
+    }
+    Reduced { values, covariances }
+}
+
+/// The lowest order beyond which the terms of every further order are noise, and whether the highest is not.
+///
+/// For each response and order the sum of (coefficient / its standard error)^2 over the terms is compared with their number k:
+/// noise gives k +- sqrt(2 k).
+fn order(
+    terms: &[(usize, usize)],
+    basis: &[Vec<f64>],
+    coefficients: &[f64],
+    reduced: &Reduced,
+    q: usize,
+) -> (usize, bool) {
+    let mut order = LEAST_ORDER;
+    let mut rough = false;
+    for degree in LEAST_ORDER + 1..=MOST_ORDER {
+        let of_degree: Vec<usize> = (0..terms.len()).filter(|&k| terms[k].0 + terms[k].1 == degree).collect();
+        let count = of_degree.len() as f64;
+        let significant = (0..q).any(|a| {
+            let squares = of_degree.iter().map(|&k| {
+                let places = basis[k].iter().enumerate();
+                let variance: f64 = places.map(|(i, p)| p * p * reduced.covariances[(i * q + a) * q + a]).sum();
+                let c = coefficients[k * q + a];
+                if variance > 0.0 { c * c / variance } else { 0.0 }
+            });
+            squares.sum::<f64>() - count > SIGNIFICANT * (2.0 * count).sqrt()
+        });
+        if significant {
+            (order, rough) = (degree, degree == MOST_ORDER);
+        }
+    }
+    (order, rough)
+}
