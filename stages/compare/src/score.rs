@@ -20,6 +20,7 @@ pub struct Score {
 }
 
 /// The pixels to score.
+#[derive(Clone, Copy)]
 pub struct Pixels<'a> {
     pub estimate: &'a [f32],
     /// Standard error of each pixel, where known.
@@ -91,7 +92,9 @@ mod tests {
         };
         let got = score(&pixels, &[true, true, true, false]).unwrap();
         assert_eq!((got.n, got.mean, got.truth), (2, 2.25, 2.5));
-        assert!((got.mean_se - (4.0 * 0.3125_f64).sqrt() / 2.0).abs() < 1e-15);
+        assert!((got.mean_se - (2.0 * 0.3125_f64).sqrt() / 2.0).abs() < 1e-15, "two pixels share no more than two");
+        let apart = score(&Pixels { sharing: 1.5, ..pixels }, &[true, true, true, false]).unwrap();
+        assert!((apart.mean_se - (1.5 * 0.3125_f64).sqrt() / 2.0).abs() < 1e-15);
         assert!((got.bias_percent + 10.0).abs() < 1e-12);
         assert!((got.rmse_percent - 100.0 * ((0.25 + 0.0625) / 2.0_f64).sqrt()).abs() < 1e-12);
         assert!((got.masked_percent - 100.0 / 3.0).abs() < 1e-12);
