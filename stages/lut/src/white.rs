@@ -130,7 +130,7 @@ impl White {
                 photon.length += t;
                 let reflects = fresnel::reflectance(self.n, photon.w.z);
                 if !camera {
-                    let rho = photon.r.x.hypot(photon.r.y);
+                    let rho = across(photon.r);
                     self.score(tally, photon.length, rho, photon.weight * (1.0 - reflects), life);
                 }
                 let [u, ..] = block(step, 3);
@@ -159,7 +159,7 @@ impl White {
             let seen = camera && roulette * rarity < 1.0;
             if seen && (crossed || !photon.ahead) {
                 let p = hg::density(self.g, photon.w.z);
-                let rho = photon.r.x.hypot(photon.r.y);
+                let rho = across(photon.r);
                 let value = photon.weight * rarity * p * exp(-depth.min(DARK));
                 self.score(tally, photon.length + depth, rho, value, life);
             }
@@ -193,7 +193,7 @@ impl White {
         let s = s.min(farthest);
         let p = photon.r + s * e;
         let value = photon.weight * rarity * balance * exp(-depth.min(DARK)) * mass * hg::density(self.g, e.z);
-        self.score(tally, photon.length + s - p.z, p.x.hypot(p.y), value, life);
+        self.score(tally, photon.length + s - p.z, across(p), value, life);
     }
 
     /// Enters light that left after `length` at distance `rho`, in scattering mean free paths, of a path that ends at `life`.
@@ -242,6 +242,11 @@ impl White {
             Convention::HemisphericalEntered => 1.0,
         }
     }
+}
+
+/// Distance from the z axis.
+fn across(r: DVec3) -> f64 {
+    (r.x * r.x + r.y * r.y).sqrt()
 }
 
 /// One over the probability of looking.
