@@ -17,5 +17,7 @@ mod near_normal;
 mod reproducible;
 #[path = "all/rerun.rs"]
 mod rerun;
+#[path = "all/spheres.rs"]
+mod spheres;
 #[path = "all/wrong_files.rs"]
 mod wrong_files;

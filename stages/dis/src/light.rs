@@ -325,9 +325,18 @@ impl History<'_> {
         let setup = self.setup;
         let sphere = &setup.spheres[self.side];
         loop {
-            let to_plane = if u.z < 0.0 { ((r.z + sphere.plane) / -u.z).max(0.0) } else { f64::INFINITY };
+            // The flat sample cuts off the bulge of the sphere: light that has reached the bulge met the plane before (distance < 0).
+            let to_plane = if u.z < 0.0 { (r.z + sphere.plane) / -u.z } else { f64::INFINITY };
             let (b, c) = (r.dot(u), r.length_squared() - sphere.radius * sphere.radius);
-            let to_sphere = if b < 0.0 && b * b > c { (-b - (b * b - c).sqrt()).max(0.0) } else { f64::INFINITY };
+            // Inside the sphere already; but not what has just come to its surface on the way out (rounding leaves 1e-16).
+            let inside = c < -1e-9 * sphere.radius * sphere.radius;
+            let to_sphere = if u.z > 0.0 && (inside || (c <= 0.0 && b < 0.0)) {
+                0.0
+            } else if b < 0.0 && c > 0.0 && b * b > c {
+                -b - (b * b - c).sqrt()
+            } else {
+                f64::INFINITY
+            };
             let (to_side, normal) = sphere.sample.wall(r, u);
             if to_plane.min(to_sphere) > to_side {
                 // A hair inside: a point on the edge of sphere and side would be in neither.

@@ -34,7 +34,7 @@ const TILE: u64 = 8192;
 
 impl Stage for CalibrateDis {
     const NAME: &'static str = "calibrate_dis";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const ABOUT: &'static str = "Simulates a double integrating sphere: M_R, M_T and lost light of a list of media";
 
     type Params = Params;

@@ -142,3 +142,32 @@ fn white_spheres_share_by_area() {
     assert!((tally.mean(0) - expected).abs() < 4.5 * se, "{} +- {se}, {expected}", tally.mean(0));
     assert_eq!(tally.fate(Fate::Wall), 0.0);
 }
+
+/// An empty plate between two round ports: what crosses it of diffuse light is the view factor of two parallel discs of radius a at the distance
+/// d, (X - sqrt(X^2 - 4)) / 2 with X = 2 + (d / a)^2. The holes of the wall opposite and the first bounce break the evenness by their share; 4.5 sigma.
+#[test]
+fn an_empty_plate_is_two_discs() {
+    let mut spheres = spheres(1.0, Outline::Round { radius: 5.0 }, 0.0, None);
+    let radius = 25.0;
+    for (k, port) in [Port::Entrance, Port::Exit].into_iter().enumerate() {
+        let hole = |turns| Opening::new(Outline::Round { radius: 0.5 }, turns, radius);
+        spheres[k].ports = vec![(port, hole(0.5)), (Port::Detector, hole(0.25))];
+    }
+    // Uneven is what falls through holes, and the first bounce, at the far pole.
+    let holes = 2.0 * spheres[0].port_fraction(Port::Detector);
+    let uneven = holes + 1.0 - spheres[1].wall_fraction();
+    let empty = Plate { mu_a: 0.0, mu_s: 0.0, size: [f64::INFINITY; 2], ..MEDIUM };
+    let beam = Beam { radius: 0.5, cos_half_angle: 1.0 };
+    for thickness in [1.0, 4.0] {
+        let target = Target::Medium(Plate { thickness, ..empty });
+        // An exit in the way of the beam would leave no diffuse light.
+        let mut spheres = spheres.clone();
+        spheres[1].ports.remove(0);
+        let setup = Setup { spheres, target, beam, method: Method::Summed, bounces: None };
+        let (lost, se) = tally(&setup, 60_000, 400).ratio(7, 5);
+        let x = 2.0 + (thickness / 5.0) * (thickness / 5.0);
+        let expected = 1.0 - 0.5 * (x - (x * x - 4.0f64).sqrt());
+        assert!((lost - expected).abs() < 4.5 * se + uneven * expected, "{thickness}: {lost} +- {se}, {expected}");
+        assert!(se < 0.05 * expected, "{se} says nothing about {expected}");
+    }
+}
