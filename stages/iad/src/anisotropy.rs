@@ -1,6 +1,6 @@
 //! mu_a, mu_s' and g from M_R, M_T and the unscattered transmittance M_U.
 
-use crate::{Error, Fit, Inverse, Reading, Slab, unscattered_depth};
+use crate::{Error, Experiment, Fit, Instrument, Inverse, Measurement, Reading, Slab, Spheres, unscattered_depth};
 
 /// The medium with its anisotropy.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -14,6 +14,26 @@ pub struct FitWithG {
 /// M_U fixes mu_t, hence the mu_s that is wanted; the mu_s found from M_R and M_T grows with the g assumed, about as
 /// 1 / (1 - g), so that their log ratio over -ln(1 - g) is close to a line of slope 1: secant steps within a bracket.
 pub fn invert_with_g<const N: usize>(slab: &Slab, reading: &Reading, m_u: f64) -> Result<FitWithG, Error> {
+    search(slab, reading.m_t + reading.sigma, m_u, |slab| Inverse::<N>::new(slab)?.invert(reading))
+}
+
+/// [`invert_with_g`] behind an instrument; M_U is the transmittance of the sample itself.
+pub fn solve_with_g<const N: usize>(
+    slab: &Slab,
+    instrument: &Instrument,
+    measured: &Measurement,
+    m_u: f64,
+) -> Result<FitWithG, Error> {
+    let at_most = if instrument.spheres == Spheres::None { measured.m_t + measured.m_t_se } else { 1.0 };
+    search(slab, at_most, m_u, |slab| Ok(Experiment::<N>::new(slab, instrument)?.solve(measured)?.fit))
+}
+
+fn search(
+    slab: &Slab,
+    at_most: f64,
+    m_u: f64,
+    invert: impl Fn(&Slab) -> Result<Fit, Error>,
+) -> Result<FitWithG, Error> {
     const STEPS: usize = 60;
     if !m_u.is_finite() {
         return Err(Error::NotFinite { name: "M_U" });
@@ -23,13 +43,13 @@ pub fn invert_with_g<const N: usize>(slab: &Slab, reading: &Reading, m_u: f64) -
     }
     slab.check()?;
     let mu_t = unscattered_depth(slab, m_u)? / slab.thickness_mm;
-    if m_u > reading.m_t + reading.sigma {
-        return Err(Error::UnscatteredExceedsTotal { m_t: reading.m_t, m_u });
+    if m_u > at_most {
+        return Err(Error::UnscatteredExceedsTotal { m_t: at_most, m_u });
     }
     let anisotropy = |v: f64| -libm::expm1(-v);
     let solve = |v: f64| -> Result<(f64, Fit), Error> {
         let g = anisotropy(v);
-        let fit = Inverse::<N>::new(&Slab { g, ..*slab })?.invert(reading)?;
+        let fit = invert(&Slab { g, ..*slab })?;
         let ratio = fit.mu_s_prime_per_mm / (1.0 - g) / (mu_t - fit.mu_a_per_mm);
         if ratio > 0.0 && ratio.is_finite() { Ok((libm::log(ratio), fit)) } else { Err(inconsistent(mu_t, &fit)) }
     };

@@ -25,6 +25,8 @@ pub enum Error {
     BelowSpecular { min: f64 },
     /// M_T exceeds what this M_R leaves to any absorbing slab.
     AboveMax { max: f64 },
+    /// No value of the one unknown gives this reading.
+    OutOfReach { name: &'static str, value: f64, min: f64, max: f64 },
     /// More light came straight through than came through at all.
     UnscatteredExceedsTotal { m_t: f64, m_u: f64 },
     /// M_U gives a total attenuation that no g in (-1, 1) joins to the mu_a and mu_s' of M_R and M_T.
@@ -54,6 +56,9 @@ impl fmt::Display for Error {
             }
             Self::BelowSpecular { min } => write!(f, "M_R must be at least {min:.6}, what the surfaces alone reflect"),
             Self::AboveMax { max } => write!(f, "M_T must be at most {max:.6}, what an empty slab lets through"),
+            Self::OutOfReach { name, value, min, max } => {
+                write!(f, "{name} = {value} must lie in {min:.6} to {max:.6}, what the known coefficient leaves")
+            }
             Self::UnscatteredExceedsTotal { m_t, m_u } => write!(f, "M_U = {m_u} must not exceed M_T = {m_t}"),
             Self::Inconsistent { mu_t_per_mm, mu_a_per_mm, mu_s_prime_per_mm } => write!(
                 f,

@@ -165,7 +165,7 @@ impl<const N: usize> Plan<N> {
     }
 
     /// `None` where the quadrature fails, as for all that follows from it.
-    fn respond(&self, depths: Depths) -> Option<Response> {
+    pub(crate) fn respond(&self, depths: Depths) -> Option<Response> {
         let (ur1_unscattered, ut1_unscattered) = unscattered(&self.slab, 1.0, depths.tau);
         let [beam, diffuse] = self.light(&depths, [self.beam(), self.diffuse()])?;
         Some(Response {

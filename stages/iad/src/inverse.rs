@@ -5,6 +5,8 @@
 //! transmittance, over the transmittance. The start comes from a table of the four-point model, followed by that
 //! model's own solution.
 
+use rayon::prelude::*;
+
 use crate::forward::{Depths, Plan};
 use crate::slab::Surface;
 use crate::{Error, Slab};
@@ -42,15 +44,15 @@ pub struct Fit {
 /// The inverse of [`Plan`]: prepared once per slab, then used for any number of readings, from any thread.
 pub struct Inverse<const N: usize> {
     plan: Plan<N>,
-    coarse: Plan<4>,
+    pub(crate) coarse: Plan<4>,
     /// (unknowns, residuals) of the coarse model.
-    table: Vec<([f64; 2], [f64; 2])>,
-    surfaces: Surfaces,
+    pub(crate) table: Vec<([f64; 2], [f64; 2])>,
+    pub(crate) surfaces: Surfaces,
 }
 
 /// The surfaces as the beam along the normal meets them.
 #[derive(Clone, Copy)]
-struct Surfaces {
+pub(crate) struct Surfaces {
     top: Surface,
     bottom: Surface,
 }
@@ -72,22 +74,26 @@ impl Surfaces {
 }
 
 /// A fit is one only if it meets both readings this well (relative).
-const RESIDUAL: f64 = 1e-8;
+pub(crate) const RESIDUAL: f64 = 1e-8;
 /// Transmittance below this counts as none: its logarithms and ratios leave the range of numbers.
-const DARK: f64 = 1e-290;
-const ROUNDING: f64 = 8.0 * f64::EPSILON;
+pub(crate) const DARK: f64 = 1e-290;
+pub(crate) const ROUNDING: f64 = 8.0 * f64::EPSILON;
 
 impl<const N: usize> Inverse<N> {
     /// As [`Plan::new`]; also fails on an infinite thickness and on slides that absorb.
     pub fn new(slab: &Slab) -> Result<Self, Error> {
-        let plan = Plan::new(slab)?;
-        if !slab.thickness_mm.is_finite() {
-            return Err(Error::InvalidThickness { value_mm: slab.thickness_mm });
-        }
         for tau in [slab.top.tau, slab.bottom.tau] {
             if tau > 0.0 {
                 return Err(Error::AbsorbingSlide { tau });
             }
+        }
+        Self::prepare(slab)
+    }
+
+    pub(crate) fn prepare(slab: &Slab) -> Result<Self, Error> {
+        let plan = Plan::new(slab)?;
+        if !slab.thickness_mm.is_finite() {
+            return Err(Error::InvalidThickness { value_mm: slab.thickness_mm });
         }
         let surfaces =
             Surfaces { top: Surface::new(slab.n, slab.top, 1.0), bottom: Surface::new(slab.n, slab.bottom, 1.0) };
@@ -106,6 +112,11 @@ impl<const N: usize> Inverse<N> {
 
     pub fn plan(&self) -> &Plan<N> {
         &self.plan
+    }
+
+    /// [`Self::invert`] of many, on all threads; the same bits as one by one.
+    pub fn invert_batch(&self, readings: &[Reading]) -> Vec<Result<Fit, Error>> {
+        readings.par_iter().map(|r| self.invert(r)).collect()
     }
 
     /// mu_a and mu_s' from M_R and M_T.
@@ -225,7 +236,7 @@ impl<const N: usize> Inverse<N> {
 
 impl<const N: usize> Plan<N> {
     /// From mu_a d and mu_s' d.
-    fn depths_of(&self, absorption: f64, scattering: f64) -> Depths {
+    pub(crate) fn depths_of(&self, absorption: f64, scattering: f64) -> Depths {
         let d = self.slab().thickness_mm;
         self.depths(absorption / d, scattering / d)
     }
@@ -238,10 +249,14 @@ fn model<const N: usize>(plan: &Plan<N>, unknowns: [f64; 2]) -> Option<[f64; 3]>
 }
 
 /// The two residual functions of [R, T, absorbed]; `None` where they have no logarithm.
-fn residuals(surfaces: &Surfaces, [r, t, absorbed]: [f64; 3]) -> Option<[f64; 2]> {
-    let beyond = r - surfaces.clear(surfaces.pass(t)).1;
-    let f = [libm::log(absorbed / t), libm::log(beyond / t)];
+fn residuals(surfaces: &Surfaces, read: [f64; 3]) -> Option<[f64; 2]> {
+    let f = parts(surfaces, read).map(|x| libm::log(x / read[1]));
     f.iter().all(|x| x.is_finite()).then_some(f)
+}
+
+/// What is absorbed, and what is reflected beyond an unscattering slab of the same transmittance.
+pub(crate) fn parts(surfaces: &Surfaces, [r, t, absorbed]: [f64; 3]) -> [f64; 2] {
+    [absorbed, r - surfaces.clear(surfaces.pass(t)).1]
 }
 
 /// Newton's method with halved steps; returns where it could not come closer, and the steps taken.
@@ -252,11 +267,20 @@ fn newton<const N: usize>(
     start: [f64; 2],
     tolerance: f64,
 ) -> ([f64; 2], usize) {
-    const STEPS: usize = 60;
-    const H: f64 = 1e-6;
     let miss = |x: [f64; 2]| {
         model(plan, x).and_then(|read| residuals(surfaces, read)).map(|f| [f[0] - wanted[0], f[1] - wanted[1]])
     };
+    newton_on(miss, start, tolerance)
+}
+
+/// The same on any two residuals of two logarithms.
+pub(crate) fn newton_on(
+    miss: impl Fn([f64; 2]) -> Option<[f64; 2]>,
+    start: [f64; 2],
+    tolerance: f64,
+) -> ([f64; 2], usize) {
+    const STEPS: usize = 60;
+    const H: f64 = 1e-6;
     let size = |f: [f64; 2]| f[0].abs().max(f[1].abs());
     let mut x = start;
     let Some(mut f) = miss(x) else { return (x, 0) };
@@ -294,7 +318,7 @@ fn newton<const N: usize>(
 }
 
 /// The x in [low, high] where `below` turns from true to false, to the last bit.
-fn bisect(mut low: f64, mut high: f64, below: impl Fn(f64) -> bool) -> f64 {
+pub(crate) fn bisect(mut low: f64, mut high: f64, below: impl Fn(f64) -> bool) -> f64 {
     for _ in 0..64 {
         let middle = 0.5 * (low + high);
         if below(middle) {

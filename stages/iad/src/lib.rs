@@ -19,13 +19,22 @@
 mod angles;
 mod anisotropy;
 mod error;
+mod experiment;
 mod forward;
 mod inverse;
+pub mod laboratory;
 mod matrix;
 mod slab;
+mod spheres;
+#[cfg(feature = "stage")]
+mod stage;
 
-pub use anisotropy::{FitWithG, invert_with_g};
+pub use anisotropy::{FitWithG, invert_with_g, solve_with_g};
 pub use error::Error;
+pub use experiment::{Experiment, From, Known, Measurement, Solution};
 pub use forward::{Plan, Response};
 pub use inverse::{Fit, Flags, Inverse, Reading};
 pub use slab::{Slab, Slide, Surface, unscattered, unscattered_depth};
+pub use spheres::{Instrument, Lost, Seen, Sphere, Spheres};
+#[cfg(feature = "stage")]
+pub use stage::{CalibrateIad, FromParam, In, Out, Params, SlidesParams, SpheresParams};

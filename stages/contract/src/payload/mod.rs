@@ -1,5 +1,6 @@
 //! Payload types: what ports carry. Two ports join only if their payload types are the same.
 
+mod fit;
 mod images;
 mod lut;
 mod mask;
@@ -7,6 +8,7 @@ mod metrics;
 mod readings;
 mod scene;
 
+pub use fit::Fit;
 pub use images::{
     Covariance, Errors, Frames, Maps, Modulation, Pattern, Phase, Preview, Reflectance, Truth, Validity, White,
 };

@@ -9,6 +9,8 @@ pub const INVERSE: &str = include_str!("../reference/iad_inverse_rt.csv");
 pub const INVERSE_WITH_G: &str = include_str!("../reference/iad_inverse_rtu.csv");
 pub const ROBUST: &str = include_str!("../reference/iad_robust_inputs.csv");
 pub const CHANDRASEKHAR: &str = include_str!("../reference/chandrasekhar_isotropic.csv");
+pub const INVERSE_DIS: &str = include_str!("../reference/iad_inverse_dis.csv");
+pub const BALANCE: &str = include_str!("../reference/dis_energy_balance.csv");
 pub const EXTREME: &str = include_str!("../reference/slab_extreme.csv");
 
 pub fn rows(table: &str) -> Vec<Vec<f64>> {

@@ -1,0 +1,30 @@
+//! Fit: what inverse adding-doubling found behind readings.
+
+use crate::artifact::{Artifact, ArtifactKind, Table};
+use crate::error::Error;
+use crate::payload::Payload;
+
+/// One row per medium.
+///
+/// Columns `medium` (text); `mu_a`, `mu_s_prime` and `mu_a_se`, `mu_s_prime_se` (mm^-1), `mu_cov` (their covariance, mm^-2), `g`, `g_se`;
+/// `status` (text): `ok`, `conservative` (mu_a = 0 within the standard errors), `no_scatter` (mu_s' = 0 likewise), or the name of
+/// what failed, with the reason in `message`. A row that failed holds zeros: read `status` first. A standard error that the
+/// readings do not determine is 0 and `status` ends in `, no_se`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fit(pub Table);
+
+impl Payload for Fit {
+    const NAME: &'static str = "fit";
+    const KIND: ArtifactKind = ArtifactKind::Table;
+
+    fn into_artifact(self) -> Artifact {
+        Artifact::Table(self.0)
+    }
+
+    fn from_artifact(artifact: Artifact) -> Result<Self, Error> {
+        match artifact {
+            Artifact::Table(table) => Ok(Self(table)),
+            other => Err(Error::failed(format!("a fit must be a table, not {:?}", other.kind()))),
+        }
+    }
+}

@@ -1,0 +1,330 @@
+//! Files of laboratories, from bytes: CSV with named columns, and the basic header of `.rxt`.
+
+use std::cell::Cell;
+use std::fmt;
+
+use crate::spheres::{Instrument, Sphere, Spheres};
+
+/// A mistake in a file; line and column count from 1.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FileError {
+    pub line: usize,
+    pub column: usize,
+    pub message: String,
+}
+
+impl fmt::Display for FileError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "line {}, column {}: {}", self.line, self.column, self.message)
+    }
+}
+
+fn wrong<T>(line: usize, column: usize, message: impl Into<String>) -> Result<T, FileError> {
+    Err(FileError { line, column, message: message.into() })
+}
+
+/// Columns of a file, and what its header says.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Sheet {
+    /// Name of each row.
+    pub media: Vec<String>,
+    /// Numbers in house units by the column's name.
+    pub columns: Vec<(String, Vec<f64>)>,
+    pub header: Option<Header>,
+}
+
+/// What the header of an `.rxt` file says.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Header {
+    pub n_sample: f64,
+    pub n_slides: f64,
+    pub thickness_mm: f64,
+    pub instrument: Instrument,
+}
+
+impl Sheet {
+    pub fn column(&self, name: &str) -> Option<&[f64]> {
+        self.columns.iter().find(|c| c.0 == name).map(|c| c.1.as_slice())
+    }
+
+    pub fn rows(&self) -> usize {
+        self.media.len()
+    }
+}
+
+/// Columns that a CSV may have, and the dimension of each: a fraction, a coefficient, or a wavelength.
+const COLUMNS: [(&str, &str); 18] = [
+    ("m_r", "1"),
+    ("m_r_se", "1"),
+    ("m_t", "1"),
+    ("m_t_se", "1"),
+    ("m_rt_cov", "1"),
+    ("m_u", "1"),
+    ("m_u_se", "1"),
+    ("lost_r", "1"),
+    ("lost_r_se", "1"),
+    ("lost_t", "1"),
+    ("lost_t_se", "1"),
+    ("lost_r_diffuse", "1"),
+    ("lost_r_diffuse_se", "1"),
+    ("lost_t_diffuse", "1"),
+    ("lost_t_diffuse_se", "1"),
+    ("g", "1"),
+    ("n", "1"),
+    ("wavelength", "nm"),
+];
+
+/// Units that stand behind a column's name in brackets, with the factor to the house unit.
+const UNITS: [(&str, &str, f64); 5] =
+    [("1", "1", 1.0), ("%", "1", 0.01), ("nm", "nm", 1.0), ("um", "nm", 1000.0), ("µm", "nm", 1000.0)];
+
+/// Lines `medium,m_r [%],m_t,...`: names from the table of readings, units in brackets (fractions without), `#` comments.
+///
+/// `medium` is text; `wavelength` (nm) may stand for it. `m_r` and `m_t` are needed; a cell may not be empty.
+pub fn read_csv(bytes: &[u8]) -> Result<Sheet, FileError> {
+    let text = text(bytes)?;
+    let mut lines = text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty() && !l.trim_start().starts_with('#'));
+    let Some((first, head)) = lines.next() else { return wrong(1, 1, "the file holds no line of column names") };
+    let mut sheet = Sheet::default();
+    let mut factors = Vec::new();
+    for (column, cell) in cells(head) {
+        let (name, unit) = match cell.split_once('[') {
+            None => (cell, None),
+            Some((name, unit)) => match unit.strip_suffix(']') {
+                Some(unit) => (name.trim(), Some(unit.trim())),
+                None => return wrong(first + 1, column, format!("`{cell}` lacks a closing bracket")),
+            },
+        };
+        if factors.iter().any(|(known, _)| *known == name) {
+            return wrong(first + 1, column, format!("column `{name}` stands twice"));
+        }
+        if name == "medium" {
+            factors.push((name, 0.0));
+            continue;
+        }
+        let Some((_, dimension)) = COLUMNS.iter().find(|c| c.0 == name) else {
+            let known: Vec<&str> = COLUMNS.iter().map(|c| c.0).collect();
+            return wrong(first + 1, column, format!("column `{name}` is not known: medium, {}", known.join(", ")));
+        };
+        let unit = unit.unwrap_or(dimension);
+        let Some((_, _, factor)) = UNITS.iter().find(|u| u.0 == unit && u.1 == *dimension) else {
+            return wrong(first + 1, column, format!("unit `{unit}` does not fit `{name}`, which is in {dimension}"));
+        };
+        // A covariance of two readings in % carries the factor twice.
+        factors.push((name, if name == "m_rt_cov" { factor * factor } else { *factor }));
+        sheet.columns.push((name.to_owned(), Vec::new()));
+    }
+    for needed in ["m_r", "m_t"] {
+        if sheet.column(needed).is_none() {
+            return wrong(first + 1, 1, format!("column `{needed}` is missing"));
+        }
+    }
+    for (index, line) in lines {
+        let row = cells(line);
+        if row.len() != factors.len() {
+            let message = format!("{} cells, but {} columns are named in line {}", row.len(), factors.len(), first + 1);
+            return wrong(index + 1, 1, message);
+        }
+        let mut medium = None;
+        let mut numbers = sheet.columns.iter_mut();
+        for ((column, cell), (name, factor)) in row.into_iter().zip(&factors) {
+            if *name == "medium" {
+                medium = Some(cell.to_owned());
+            } else if let Some((_, values)) = numbers.next() {
+                values.push(number(cell, index + 1, column, name)? * factor);
+            }
+        }
+        let wavelength = sheet.column("wavelength").and_then(|c| c.last()).map(|w| format!("{w} nm"));
+        let named = medium.or(wavelength).unwrap_or_else(|| format!("row {}", sheet.media.len() + 1));
+        sheet.media.push(named);
+    }
+    if sheet.media.is_empty() {
+        return wrong(first + 2, 1, "no row of readings follows the column names");
+    }
+    Ok(sheet)
+}
+
+/// Cells of a line with the column (in characters) where each begins.
+fn cells(line: &str) -> Vec<(usize, &str)> {
+    let mut found = Vec::new();
+    let mut at = 1;
+    for cell in line.split(',') {
+        let lead = cell.chars().take_while(|c| c.is_whitespace()).count();
+        found.push((at + lead, cell.trim()));
+        at += cell.chars().count() + 1;
+    }
+    found
+}
+
+fn text(bytes: &[u8]) -> Result<&str, FileError> {
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    std::str::from_utf8(bytes).or_else(|error| {
+        let before = &bytes[..error.valid_up_to()];
+        let line = before.iter().filter(|&&b| b == b'\n').count();
+        let column = before.iter().rev().take_while(|&&b| b != b'\n').count();
+        wrong(line + 1, column + 1, "not UTF-8 text")
+    })
+}
+
+fn number(cell: &str, line: usize, column: usize, name: &str) -> Result<f64, FileError> {
+    match cell.parse::<f64>() {
+        Ok(value) if value.is_finite() => Ok(value),
+        Ok(value) => wrong(line, column, format!("{name} = {value} must be a finite number")),
+        Err(_) if cell.is_empty() => wrong(line, column, format!("{name} is empty; a number is wanted")),
+        Err(_) => wrong(line, column, format!("{name} = `{cell}` is not a number")),
+    }
+}
+
+/// An `.rxt` file: the line `IAD1`, `#` comments, the numbers of the basic header, then a row per measurement.
+///
+/// Header: n_sample, n_slides, thickness of sample and slides (mm), beam diameter (mm), reflectance of the standard, number of spheres; diameters of
+/// the sphere, its sample, entrance and detector port (mm) and the wall's reflectance, of the reflectance and of the transmittance
+/// sphere; number of readings per row (2 or 3). Rows: wavelength (nm), M_R, M_T and, of three, M_U. The dialect with letters for columns is refused.
+pub fn read_rxt(bytes: &[u8]) -> Result<Sheet, FileError> {
+    let text = text(bytes)?;
+    let mut lines = text.lines().enumerate();
+    match lines.next() {
+        Some((_, first)) if first.trim_end().starts_with("IAD1") => {}
+        _ => return wrong(1, 1, "an .rxt file opens with the line IAD1"),
+    }
+    // Every number with its place; a row of readings must stay on its line.
+    let mut words = Vec::new();
+    for (index, line) in lines {
+        let line = line.split('#').next().unwrap_or_default();
+        let mut at = 1;
+        for word in line.split(char::is_whitespace) {
+            if !word.is_empty() {
+                words.push((index + 1, at, word));
+            }
+            at += word.chars().count() + 1;
+        }
+    }
+    let end = text.lines().count() + 1;
+    let mut words = words.into_iter().peekable();
+    let mut next = |name: &str| -> Result<(usize, usize, f64), FileError> {
+        match words.next() {
+            Some((line, column, word)) => Ok((line, column, number(word, line, column, name)?)),
+            None => wrong(end, 1, format!("the file ends where {name} should stand")),
+        }
+    };
+    let place = Cell::new((1, 1));
+    let mut head = |name: &str, holds: fn(f64) -> bool, rule: &str| -> Result<f64, FileError> {
+        let (line, column, value) = next(name)?;
+        place.set((line, column));
+        if holds(value) { Ok(value) } else { wrong(line, column, format!("{name} = {value} must {rule}")) }
+    };
+    let index: fn(f64) -> bool = |x| x >= 1.0;
+    let size: fn(f64) -> bool = |x| x > 0.0;
+    let share: fn(f64) -> bool = |x| x > 0.0 && x <= 1.0;
+    let zero_up: fn(f64) -> bool = |x| x >= 0.0;
+    let n_sample = head("n_sample", index, "be an index >= 1")?;
+    let n_slides = head("n_slides", index, "be an index >= 1")?;
+    let thickness_mm = head("sample thickness", size, "be > 0 mm")?;
+    head("slide thickness", zero_up, "be >= 0 mm")?;
+    head("beam diameter", zero_up, "be >= 0 mm")?;
+    let r_standard = head("reflectance of the standard", share, "lie in (0, 1]")?;
+    let count = head("number of spheres", |x| [0.0, 1.0, 2.0].contains(&x), "be 0, 1 or 2")?;
+    let mut pair = Vec::with_capacity(2);
+    for name in ["reflectance sphere", "transmittance sphere"] {
+        let diameter = head(&format!("diameter of the {name}"), size, "be > 0 mm")?;
+        let mut port = |port: &str| head(&format!("{port} port of the {name}"), zero_up, "be >= 0 mm");
+        let ports = [port("sample")?, port("entrance")?, port("detector")?];
+        let wall = head(&format!("wall reflectance of the {name}"), |x| (0.0..=1.0).contains(&x), "lie in [0, 1]")?;
+        // Each port as a chord of the sphere: wider than the sphere it is no port.
+        if let Some(port) = ports.iter().find(|&&port| port >= diameter) {
+            let message = format!("a port of {port} mm does not fit the {name} of {diameter} mm");
+            let (line, column) = place.get();
+            return wrong(line, column, message);
+        }
+        pair.push(Sphere::with_round_ports(diameter, ports[0], ports[1], ports[2], wall));
+    }
+    let per_row = head("number of readings", |x| x == 2.0 || x == 3.0, "be 2 or 3 (M_R, M_T, M_U)")? as usize;
+    let spheres = match (count as usize, pair.as_slice()) {
+        (1, &[r, t]) => Spheres::One([r, t]),
+        (2, &[r, t]) => Spheres::Two([r, t]),
+        _ => Spheres::None,
+    };
+    let instrument = Instrument { spheres, r_standard, ..Instrument::NONE };
+    let header = Header { n_sample, n_slides, thickness_mm, instrument };
+    let names = ["wavelength", "m_r", "m_t", "m_u"];
+    let mut sheet = Sheet { header: Some(header), ..Sheet::default() };
+    sheet.columns = names[..per_row + 1].iter().map(|n| ((*n).to_owned(), Vec::new())).collect();
+    let mut rest = words.peekable();
+    while let Some(&(row, column, _)) = rest.peek() {
+        for (k, name) in names[..per_row + 1].iter().enumerate() {
+            match rest.next() {
+                Some((line, column, word)) if line == row => {
+                    sheet.columns[k].1.push(number(word, line, column, name)?);
+                }
+                _ => return wrong(row, column, format!("a row of {} numbers lacks {name}", per_row + 1)),
+            }
+        }
+        if let Some(&(line, column, word)) = rest.peek()
+            && line == row
+        {
+            return wrong(line, column, format!("`{word}` is more than the {} numbers of a row", per_row + 1));
+        }
+        let wavelength = sheet.columns[0].1.last().copied().unwrap_or_default();
+        sheet.media.push(format!("{wavelength} nm"));
+    }
+    if sheet.media.is_empty() {
+        return wrong(end, 1, "no row of readings follows the header");
+    }
+    Ok(sheet)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RXT: &str = "IAD1  # a comment\n# sample\n1.40 1.50\n1.0 1.0 5 # mm\n0.985\n2\n101.6 25.4 12.7 5 0.97\n101.6 25.4 0 5 0.97\n3\n\
+        633 0.30 0.25 0.001\n650 0.31 0.26 0.002\n";
+
+    #[test]
+    fn rxt_is_read() {
+        let sheet = read_rxt(RXT.as_bytes()).expect("well formed");
+        let header = sheet.header.clone().expect("an rxt has one");
+        assert_eq!((header.n_sample, header.n_slides, header.thickness_mm), (1.4, 1.5, 1.0));
+        assert_eq!(header.instrument.r_standard, 0.985);
+        assert!(matches!(header.instrument.spheres, Spheres::Two([a, b]) if a.third > 0.0 && b.third == 0.0));
+        assert_eq!(sheet.column("m_t"), Some(&[0.25, 0.26][..]));
+        assert_eq!((sheet.media[1].as_str(), sheet.column("m_u")), ("650 nm", Some(&[0.001, 0.002][..])));
+    }
+
+    #[test]
+    fn csv_is_read() {
+        let sheet = read_csv(b"# of today\n medium, m_r [%], m_t,wavelength [um]\nmilk,30,0.2,0.633\nink,5,0.01,0.7\n")
+            .expect("well formed");
+        assert_eq!(sheet.media, ["milk", "ink"]);
+        assert!((sheet.column("m_r").expect("there")[0] - 0.3).abs() < 1e-15);
+        assert_eq!(sheet.column("wavelength"), Some(&[633.0, 700.0][..]));
+    }
+
+    /// Each mistake is found where it stands.
+    #[test]
+    fn mistakes_have_a_place() {
+        let csv = |text: &str| read_csv(text.as_bytes()).map(|_| ()).expect_err(text);
+        let place = |e: &FileError| (e.line, e.column);
+        assert_eq!(place(&csv("m_r,m_t\n0.1,0.2\n0.3, x\n")), (3, 6));
+        assert_eq!(place(&csv("m_r,m_t\n0.1,nan\n")), (2, 5));
+        assert_eq!(place(&csv("m_r,m_t\n0.1,\n")), (2, 5));
+        assert_eq!(place(&csv("m_r,m_t\n0.1,0.2,0.3\n")), (2, 1));
+        assert_eq!(place(&csv("m_r,m_x\n0.1,0.2\n")), (1, 5));
+        assert_eq!(place(&csv("m_r,m_t [mm]\n0.1,0.2\n")), (1, 5));
+        assert_eq!(place(&csv("m_r,m_r\n")), (1, 5));
+        assert_eq!(place(&csv("m_r\n1\n")), (1, 1));
+        assert_eq!(place(&csv("")), (1, 1));
+        assert_eq!(place(&csv("m_r,m_t\n")), (2, 1));
+        assert_eq!(read_csv(b"m_r,m_t\n0.1,\xff\n").map_err(|e| place(&e)), Err((2, 5)));
+        let rxt =
+            |from: &str, to: &str| place(&read_rxt(RXT.replacen(from, to, 1).as_bytes()).map(|_| ()).expect_err(to));
+        assert_eq!(rxt("IAD1", "IAD2"), (1, 1));
+        assert_eq!(rxt("1.40", "0.90"), (3, 1));
+        assert_eq!(rxt("0.985", "1.2"), (5, 1));
+        assert_eq!(rxt("\n2\n", "\n3\n"), (6, 1));
+        assert_eq!(rxt("0.25 0.001", "0.25 x"), (10, 15));
+        assert_eq!(rxt("0.25 0.001", "0.25"), (10, 1));
+        assert_eq!(rxt("0.25 0.001", "0.25 0.001 7"), (10, 21));
+        assert_eq!(rxt("\n3\n", "\nr t\n"), (9, 1));
+    }
+}

@@ -1,0 +1,161 @@
+//! The stage `calibrate_iad` as the engine calls it.
+#![cfg(feature = "stage")]
+
+use std::sync::Arc;
+
+use turbid_contract::payload::Readings;
+use turbid_contract::{Cells, Ctx, Known, MemoryHost, Problems, Stage, Table, serde_json};
+use turbid_iad::{CalibrateIad, Experiment, In, Instrument, Lost, Params, Slab, Sphere, Spheres};
+
+const RXT: &str = include_str!("../../../pipelines/data/phantom.rxt");
+
+fn params(json: &str) -> Params {
+    serde_json::from_str(json).expect(json)
+}
+
+fn input(readings: Option<Readings>) -> In<'static> {
+    In { readings, source: std::marker::PhantomData }
+}
+
+/// Problems of these params, with this file.
+fn problems(json: &str, file: Option<&str>, connected: bool) -> Vec<String> {
+    let mut known = Known::default();
+    known.files.extend(file.map(|text| ("file".to_owned(), Arc::from(text.as_bytes()))));
+    known.connected.extend(connected.then(|| "readings".to_owned()));
+    let mut problems = Problems::default();
+    CalibrateIad::check(&params(json), &known, &mut problems);
+    problems.into_parts().0.iter().map(ToString::to_string).collect()
+}
+
+fn run(json: &str, file: Option<&str>, readings: Option<Readings>) -> Table {
+    let mut host = MemoryHost::default();
+    host.files.extend(file.map(|text| ("file".to_owned(), Arc::from(text.as_bytes()))));
+    CalibrateIad::run(&params(json), input(readings), Ctx::new(&host)).expect("runs").fit.0
+}
+
+fn texts<'a>(table: &'a Table, name: &str) -> &'a [String] {
+    match table.columns.iter().find(|c| c.name == name).map(|c| &c.cells) {
+        Some(Cells::Text(texts)) => texts,
+        other => panic!("{name}: {other:?}"),
+    }
+}
+
+/// The shipped file was computed from these media with N = 64 and rounded to five digits: mu_a within 3e-4 mm^-1, mu_s' within 5e-4,
+/// g within 2e-4. (A reading moves by 5e-6; here d mu_a / d M_T is up to 10 mm^-1 and N = 32 departs from 64 by 1e-5 in R.)
+#[test]
+fn the_shipped_file_is_read_back() {
+    let fit = run(r#"{"file": "phantom.rxt", "N": 32}"#, Some(RXT), None);
+    let truth =
+        [(0.060, 2.00, 0.70), (0.045, 1.75, 0.72), (0.020, 1.55, 0.74), (0.010, 1.39, 0.75), (0.006, 1.26, 0.76)];
+    let column = |name: &str| fit.f64s(name).expect("a column").to_vec();
+    assert!(texts(&fit, "status").iter().all(|s| s == "ok"), "{fit:?}");
+    for (i, (mu_a, mu_s_prime, g)) in truth.into_iter().enumerate() {
+        let found = [column("mu_a")[i], column("mu_s_prime")[i], column("g")[i]];
+        assert!(
+            (found[0] - mu_a).abs() < 3e-4 && (found[1] - mu_s_prime).abs() < 5e-4 && (found[2] - g).abs() < 2e-4,
+            "{i}: {found:?}"
+        );
+    }
+}
+
+/// Readings with attributes as `calibrate_dis` writes them; rows that have no medium say so and hold zeros.
+#[test]
+fn readings_of_spheres_with_lost_light() {
+    let (n, g) = (1.0, 0.8);
+    let sphere = Sphere {
+        sample: 0.0032,
+        third: 0.003,
+        detector: 0.001,
+        wall_reflectance: 0.98,
+        detector_reflectance: 0.0,
+        sees_sample: false,
+        flat: true,
+    };
+    let instrument = Instrument {
+        spheres: Spheres::Two([sphere, Sphere { third: 0.002, ..sphere }]),
+        r_standard: 0.99,
+        straight: true,
+        ..Instrument::NONE
+    };
+    let lost = Lost { beam: [0.02, 0.01], diffuse: [0.03, 0.02] };
+    let experiment = Experiment::<16>::new(&Slab::bare(n, g, 1.0), &instrument).expect("a slab");
+    let [m_r, m_t] = experiment.readings(0.025, 0.85, &lost).expect("within range");
+    let mut table = Table::default();
+    table.push("medium", "", Cells::Text(vec!["healthy".into(), "impossible".into()]));
+    let both = |x: f64, y: f64| Cells::F64(vec![x, y]);
+    table.push("m_r", "1", both(m_r, 0.9));
+    table.push("m_t", "1", both(m_t, 0.9));
+    for (name, value) in [("m_r_se", 1e-4), ("m_t_se", 1e-4), ("m_rt_cov", -9e-9), ("lost_r", 0.02), ("lost_t", 0.01)] {
+        table.push(name, "1", both(value, value));
+    }
+    for (name, value) in [("lost_r_diffuse", 0.03), ("lost_t_diffuse", 0.02), ("lost_t_se", 1e-5), ("g", g), ("n", n)] {
+        table.push(name, "1", both(value, value));
+    }
+    let spheres = serde_json::json!({"diameter": 100.0, "wall_reflectance": 0.98, "sample": 0.0032, "entrance": 0.003, "detector": 0.001,
+        "exit": 0.002, "sees_sample": false, "baffle": false});
+    for (name, value) in [
+        ("thickness", 1.0.into()),
+        ("slides", serde_json::Value::Null),
+        ("r_standard", 0.99.into()),
+        ("spheres", spheres),
+    ] {
+        table.attributes.insert(name.into(), value);
+    }
+    let fit = run("{}", None, Some(Readings(table)));
+    assert_eq!(texts(&fit, "status"), ["ok", "too_much_light"]);
+    assert!(texts(&fit, "message")[1].contains("exceeds 1"), "{fit:?}");
+    let column = |name: &str| fit.f64s(name).expect("a column");
+    assert!(
+        (column("mu_a")[0] / 0.025 - 1.0).abs() < 1e-7 && (column("mu_s_prime")[0] / 0.85 - 1.0).abs() < 1e-7,
+        "{fit:?}"
+    );
+    assert!(column("mu_a_se")[0] > 0.0 && column("mu_s_prime_se")[0] > 0.0 && column("mu_a")[1] == 0.0);
+}
+
+#[test]
+fn mistakes_are_named_before_anything_runs() {
+    let csv = "m_r,m_t\n0.3,0.2\n";
+    let one = |json: &str, wanted: &str| {
+        let found = problems(json, Some(csv), false);
+        assert!(found.len() == 1 && found[0].contains(wanted), "{json}: {found:?}");
+    };
+    assert!(problems(r#"{"file": "a.csv", "n": 1.4, "g": 0.8, "thickness": 1}"#, Some(csv), false).is_empty());
+    one(r#"{"file": "a.csv", "n": 0.9, "g": 0.8, "thickness": 1}"#, "n = 0.9 must be a refractive index >= 1");
+    one(r#"{"file": "a.csv", "n": 1.4, "g": 1, "thickness": 1}"#, "g = 1 must lie in (-1, 1)");
+    one(r#"{"file": "a.csv", "n": 1.4, "thickness": 1}"#, "g stands neither here nor in the readings");
+    one(r#"{"file": "a.csv", "n": 1.4, "g": 0.8}"#, "thickness stands neither here nor");
+    one(r#"{"file": "a.csv", "n": 1.4, "g": 0.8, "thickness": 0}"#, "thickness = 0 mm must be > 0");
+    one(r#"{"file": "a.txt", "n": 1.4, "g": 0.8, "thickness": 1}"#, "must end in .csv or .rxt");
+    one(r#"{"file": "a.csv", "n": 1.4, "g": 0.8, "thickness": 1, "N": 12}"#, "N = 12 must be 8, 16, 32 or 64");
+    one(r#"{"file": "a.csv", "n": 1.4, "g": 0.8, "thickness": 1, "mu_a": 0.1, "mu_s_prime": 1}"#, "nothing is left");
+    let spheres = |with: &str| {
+        format!(
+            r#"{{"file": "a.csv", "n": 1.4, "g": 0.8, "thickness": 1, "spheres": {{"count": 2, "diameter": 100, "detector": 3, {with}}}}}"#
+        )
+    };
+    one(&spheres(r#""sample": 10, "wall_reflectance": 1.01"#), "wall_reflectance = 1.01 must lie in [0, 1]");
+    one(
+        &spheres(r#""sample": 120, "wall_reflectance": 0.98"#),
+        "sample = 120 mm must be > 0 and smaller than the sphere",
+    );
+    let full_of_ports = spheres(r#""sample": 99, "entrance": 99, "wall_reflectance": 0.98"#)
+        .replace(r#""detector": 3"#, r#""detector": 99"#);
+    one(&full_of_ports, "ports together");
+    assert!(problems("{}", None, false)[0].contains("no readings"));
+    assert!(problems(r#"{"file": "a.rxt"}"#, Some(RXT), true)[0].contains("give one of them"));
+    let broken = problems(r#"{"file": "a.rxt"}"#, Some(&RXT.replacen("IAD1", "IAD7", 1)), false);
+    assert!(broken[0].contains("a.rxt:1:1"), "{broken:?}");
+    let full = r#"{"file": "a.csv", "n": 1.4, "g": 0.8, "thickness": 1}"#;
+    assert!(problems(full, Some("m_r,m_t\n0.3,x\n"), false)[0].contains("a.csv:2:5: m_t = `x` is not a number"));
+    assert!(serde_json::from_str::<Params>(r#"{"thick": 1}"#).is_err());
+}
+
+/// Figures that guard VERSION: other bits of the same readings need a higher one.
+#[test]
+fn golden() {
+    let fit = run(r#"{"file": "a.csv", "n": 1.4, "g": 0.8, "thickness": 1, "N": 8}"#, Some("m_r,m_t\n0.3,0.2\n"), None);
+    let bits = |name: &str| fit.f64s(name).expect("a column")[0].to_bits();
+    assert_eq!((CalibrateIad::VERSION, bits("mu_a"), bits("mu_s_prime")), (1, GOLDEN[0], GOLDEN[1]));
+}
+
+const GOLDEN: [u64; 2] = [4_597_320_004_890_042_039, 4_613_125_534_212_758_258];
