@@ -16,6 +16,7 @@ impl Registry {
             .with::<turbid_compare::Compare>()
             .with::<turbid_demodulate::Demodulate>()
             .with::<turbid_dis::CalibrateDis>()
+            .with::<turbid_iad::CalibrateIad>()
             .with::<turbid_invert::Invert>()
             .with::<turbid_lut::BuildLut>()
             .with::<turbid_render::RenderStage>()
