@@ -40,4 +40,7 @@ fn closed_forms_come_out() {
     let bare = 0.8 * 5.0 / (200.0 * 200.0) / (2.0 * PI);
     let expected = bare * 0.5 * ((-1.2f64).exp() + (-0.4f64).exp());
     assert!((number(frame, "mean") - expected).abs() <= 4.0 * number(frame, "mean_se"), "{frame}, {expected:e}");
+    let frame = &layers("mesh_beer_lambert", "frames.frames", "radiance")[0];
+    let expected = (-0.8f64).exp() * 0.6 * 5.0 / (100.0 * 100.0) / (2.0 * PI);
+    assert!((number(frame, "mean") - expected).abs() <= 4.0 * number(frame, "mean_se"), "{frame}, {expected:e}");
 }

@@ -1,7 +1,9 @@
 //! The stage: instant, draws nothing, one record and a sketch.
 
+use turbid_contract::canonical::canonical_value;
 use turbid_contract::payload::{Preview, Scene};
-use turbid_contract::{Ctx, Error, Known, Problems, Stage, StagePlan, in_ports, out_ports};
+use turbid_contract::serde_json::Value;
+use turbid_contract::{Ctx, Error, FileUse, Known, Problems, Stage, StagePlan, in_ports, out_ports};
 
 use crate::assemble::assemble;
 use crate::params::Params;
@@ -32,8 +34,23 @@ impl Stage for SceneStage {
     type In = In<'static>;
     type Out = Out;
 
-    fn check(params: &Params, _: &Known, problems: &mut Problems) {
-        assemble(params, problems);
+    fn files(params: &Params) -> Vec<FileUse> {
+        let meshes = params.objects.iter().filter_map(|(name, o)| Some((name, o.mesh.as_ref()?)));
+        meshes.map(|(name, m)| FileUse { at: format!("objects.{name}.mesh.file"), path: m.file.clone() }).collect()
+    }
+
+    fn canonical(params: &Params) -> Result<Value, String> {
+        let mut params = params.clone();
+        for mesh in params.objects.values_mut().filter_map(|o| o.mesh.as_mut()) {
+            // Where the file lies does not matter: its content and name are in the key.
+            let name = mesh.file.rsplit(['/', '\\']).next().unwrap_or_default().to_owned();
+            mesh.file = name;
+        }
+        canonical_value(&params)
+    }
+
+    fn check(params: &Params, known: &Known, problems: &mut Problems) {
+        assemble(params, &|at| known.files.get(at).cloned(), problems);
     }
 
     fn plan(_: &Params, _: &Known) -> StagePlan {
@@ -42,7 +59,7 @@ impl Stage for SceneStage {
 
     fn run(params: &Params, _: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
         let mut problems = Problems::default();
-        let scene = assemble(params, &mut problems);
+        let scene = assemble(params, &|at| ctx.file(at), &mut problems);
         if let Some(problem) = problems.into_parts().0.into_iter().next() {
             return Err(Error::Invalid(problem));
         }

@@ -5,6 +5,8 @@
 //! for all its triangles, the signs are those of exact arithmetic, and where a determinant is exactly 0 the line counts as
 //! shifted by an infinitesimal (e, e^2). So it crosses the projected triangles as in exact geometry a line crosses a closed surface.
 
+use std::sync::OnceLock;
+
 use glam::DVec3;
 
 use super::bvh::Tree;
@@ -25,7 +27,8 @@ pub struct Mesh {
     tree: Tree,
     /// Half the size of the bounding box.
     half: DVec3,
-    grid: Grid,
+    /// Made when first asked for.
+    grid: OnceLock<Grid>,
 }
 
 /// Distances from the surface at the middles of cubes that fill the bounding box.
@@ -63,9 +66,7 @@ impl Mesh {
         let tree = Tree::over(&boxes);
         let corners: Vec<[DVec3; 3]> = tree.order().iter().map(|&i| all[i as usize]).collect();
         let normals = corners.iter().map(|[a, b, c]| (b - a).cross(c - a).normalize_or_zero()).collect();
-        let mut mesh = Self { center, corners, normals, tree, half, grid: Grid::none() };
-        mesh.grid = Grid::around(&mesh);
-        mesh
+        Self { center, corners, normals, tree, half, grid: OnceLock::new() }
     }
 
     pub fn triangles(&self) -> usize {
@@ -151,9 +152,9 @@ impl Mesh {
         if outside > self.half.max_element() {
             return (outside - rounding).max(0.0);
         }
-        let nearby = self.grid.at(q, self.half);
-        let (bound, at_most) = nearby;
-        let clear = if bound > self.grid.cell { bound } else { self.distance(q, at_most).max(bound) };
+        let grid = self.grid.get_or_init(|| Grid::around(self));
+        let (bound, at_most) = grid.at(q, self.half);
+        let clear = if bound > grid.cell { bound } else { self.distance(q, at_most).max(bound) };
         (clear.max(outside) - rounding).max(0.0)
     }
 
@@ -167,10 +168,6 @@ impl Mesh {
 }
 
 impl Grid {
-    fn none() -> Self {
-        Self { cell: 0.0, counts: [0; 3], distances: Vec::new() }
-    }
-
     fn around(mesh: &Mesh) -> Self {
         let cell = 2.0 * mesh.half.max_element() / CELLS;
         let counts = (2.0 * mesh.half / cell).to_array().map(|n| (n.ceil() as usize).max(1));

@@ -5,9 +5,12 @@ mod golden;
 mod lanes;
 mod laws;
 mod lights;
+mod meshes;
 mod patterns;
 mod power;
 mod sensors;
 mod setup;
+#[path = "../../../optics/tests/shapes/mod.rs"]
+mod shapes;
 mod stage;
 mod unbiased;

@@ -26,7 +26,9 @@ pub use view::{camera_view, projector_view};
 use whole::check_whole;
 
 /// The scene that the parameters describe; meaningless where `problems` got something.
-pub fn assemble(params: &Params, problems: &mut Problems) -> Scene {
+///
+/// `file` gives the bytes of the input file that a field names.
+pub fn assemble(params: &Params, file: &dyn Fn(&str) -> Option<Arc<[u8]>>, problems: &mut Problems) -> Scene {
     let channels = params.wavelength_nm.len().max(1);
     let wavelengths_nm: Vec<f64> = params.wavelength_nm.iter().map(|w| w.0).collect();
     for (i, &w) in wavelengths_nm.iter().enumerate() {
@@ -39,7 +41,7 @@ pub fn assemble(params: &Params, problems: &mut Problems) -> Scene {
         params.media.iter().map(|(name, m)| (name.clone(), medium(name, m, channels, params, problems))).collect();
     let mut objects = BTreeMap::new();
     for (name, o) in &params.objects {
-        if let Some(object) = object(name, o, params, problems) {
+        if let Some(object) = object(name, o, params, file, problems) {
             objects.insert(name.clone(), object);
         }
     }

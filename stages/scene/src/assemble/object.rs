@@ -1,18 +1,31 @@
 //! Objects: shape, surface and medium of each.
 
-use turbid_contract::Problems;
-use turbid_contract::payload::{Object, Surface};
+use std::sync::Arc;
 
-use crate::assemble::shape::shapes;
+use turbid_contract::Problems;
+use turbid_contract::payload::{Object, Shape, Surface};
+
+use crate::assemble::shape::{mesh, shapes};
 use crate::params::{ObjectParams, Params, SurfaceParams};
 
-const SHAPES_HINT: &str = "give exactly one of slab, box, sphere, spheroid, cylinder, tube, sphere_shell";
+const SHAPES_HINT: &str = "give exactly one of slab, box, sphere, spheroid, cylinder, tube, sphere_shell, mesh";
 
-pub fn object(name: &str, o: &ObjectParams, params: &Params, problems: &mut Problems) -> Option<Object> {
+pub fn object(
+    name: &str,
+    o: &ObjectParams,
+    params: &Params,
+    file: &dyn Fn(&str) -> Option<Arc<[u8]>>,
+    problems: &mut Problems,
+) -> Option<Object> {
     let at = |field: &str| format!("objects.{name}.{field}");
-    let shapes = shapes(name, o, problems);
-    if shapes.len() != 1 {
-        let rule = if shapes.is_empty() { "has no shape" } else { "has more than one shape" };
+    let mut shapes = shapes(name, o, problems);
+    let mut given = shapes.len();
+    if let Some(m) = &o.mesh {
+        given += 1;
+        shapes.extend(mesh(name, m, file, problems).map(Shape::Mesh));
+    }
+    if given != 1 {
+        let rule = if given == 0 { "has no shape" } else { "has more than one shape" };
         problems.push_with_hint(format!("objects.{name}"), format!("{name} {rule}"), SHAPES_HINT);
     }
     let surface = surface(name, o, problems);

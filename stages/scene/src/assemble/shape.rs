@@ -1,10 +1,13 @@
 //! Shapes: from what a pipeline file says to solids with their dimensions in mm.
 
-use turbid_contract::payload::{Port, Shape};
+use std::sync::Arc;
+
+use turbid_contract::payload::{Mesh, Port, Shape};
 use turbid_contract::{AngleDeg, Problems};
 
 use crate::assemble::plain;
-use crate::params::{ObjectParams, PortParams};
+use crate::mesh::Placing;
+use crate::params::{MeshParams, ObjectParams, PortParams};
 
 /// Every shape that it names; a scene needs exactly one.
 pub fn shapes(name: &str, o: &ObjectParams, problems: &mut Problems) -> Vec<Shape> {
@@ -125,6 +128,39 @@ pub fn shapes(name: &str, o: &ObjectParams, problems: &mut Problems) -> Vec<Shap
         );
     }
     shapes
+}
+
+/// The mesh of a file in its place; `None` where it bounds no solid.
+pub fn mesh(
+    name: &str,
+    m: &MeshParams,
+    file: &dyn Fn(&str) -> Option<Arc<[u8]>>,
+    problems: &mut Problems,
+) -> Option<Mesh> {
+    let at = |field: &str| format!("objects.{name}.mesh.{field}");
+    problems.require(m.scale.0 > 0.0, at("scale"), m.scale.0, "", "be > 0");
+    if m.scale.0 <= 0.0 {
+        return None;
+    }
+    let Some(bytes) = file(&at("file")) else {
+        problems.push(at("file"), format!("`{}` has not been read", m.file));
+        return None;
+    };
+    let placing =
+        Placing { scale: m.scale.0, rotation_deg: m.rotation_deg.map(|a| a.0 + 0.0), position: plain(m.position) };
+    let soup = match crate::mesh::read(&bytes) {
+        Ok(soup) => soup,
+        Err(error) => {
+            problems.push(at("file"), format!("`{}`: {error}", m.file));
+            return None;
+        }
+    };
+    let mesh = crate::mesh::place(&soup, &placing);
+    let wrong = crate::mesh::check(&mesh);
+    for (what, way_out) in &wrong {
+        problems.push_with_hint(at("file"), format!("`{}`: {what}", m.file), *way_out);
+    }
+    wrong.is_empty().then_some(mesh)
 }
 
 /// The shape turned about its center, or as it is where it is not turned.

@@ -17,7 +17,7 @@ pub use lamp::{AmbientParams, CollimatedParams, LampParams, PointParams, SpotPar
 pub use medium::MediumParams;
 pub use object::ObjectParams;
 pub use shape::{
-    BoxParams, CylinderParams, PortParams, RoundPortParams, SlabParams, SphereParams, SphereShellParams,
+    BoxParams, CylinderParams, MeshParams, PortParams, RoundPortParams, SlabParams, SphereParams, SphereShellParams,
     SpheroidParams, SquarePortParams, TubeParams,
 };
 pub use surface::SurfaceParams;

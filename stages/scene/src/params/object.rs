@@ -4,10 +4,11 @@ use serde::{Deserialize, Serialize};
 use turbid_contract::schemars::JsonSchema;
 
 use super::{
-    BoxParams, CylinderParams, SlabParams, SphereParams, SphereShellParams, SpheroidParams, SurfaceParams, TubeParams,
+    BoxParams, CylinderParams, MeshParams, SlabParams, SphereParams, SphereShellParams, SpheroidParams, SurfaceParams,
+    TubeParams,
 };
 
-/// A solid: exactly one of `slab`, `box`, `sphere`, `spheroid`, `cylinder`, `tube`, `sphere_shell`, with its medium.
+/// A solid: exactly one of `slab`, `box`, `sphere`, `spheroid`, `cylinder`, `tube`, `sphere_shell`, `mesh`, with its medium.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(crate = "turbid_contract::schemars")]
@@ -26,6 +27,8 @@ pub struct ObjectParams {
     pub tube: Option<TubeParams>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sphere_shell: Option<SphereShellParams>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mesh: Option<MeshParams>,
     /// Name of an entry of `media`; may be left out below an opaque surface.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub medium: Option<String>,

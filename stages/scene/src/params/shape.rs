@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use turbid_contract::schemars::JsonSchema;
-use turbid_contract::{AngleDeg, Length};
+use turbid_contract::{AngleDeg, Length, Ratio};
 
 use crate::axis::Axis;
 
@@ -121,6 +121,27 @@ pub struct SquarePortParams {
     /// From the center of the sphere; its length does not matter.
     pub direction: Axis,
     pub side: Length,
+}
+
+/// A closed surface of triangles from an STL, PLY, OBJ or glTF file; lengths of the file times `scale` are mm.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(crate = "turbid_contract::schemars")]
+pub struct MeshParams {
+    pub file: String,
+    /// mm per unit of the file; 1 where left out.
+    #[serde(default = "one")]
+    pub scale: Ratio,
+    /// Where the file's origin comes to lie; [0, 0, 0] where left out.
+    #[serde(default)]
+    pub position: [Length; 3],
+    /// About the file's origin, by these angles about the world's x, then y, then z axis.
+    #[serde(default, skip_serializing_if = "is_straight")]
+    pub rotation_deg: [AngleDeg; 3],
+}
+
+fn one() -> Ratio {
+    Ratio(1.0)
 }
 
 fn is_straight(rotation_deg: &[AngleDeg; 3]) -> bool {
