@@ -35,19 +35,19 @@ const WRONG: &[(&str, &str, &str, &str)] = &[
     (
         "f 2 3 4\n",
         "",
-        "`lump.obj`: 3 edges with one triangle only: the surface has holes; the first is at (0.0000, 1.0000, 1.0000) mm",
+        "`lump.obj`: 3 edges with one triangle only: the surface has holes; the first is at (1.0000, 1.0000, 0.0000) mm",
         "fill the holes, or merge vertices that should be one",
     ),
     (
         "f 2 3 4\n",
         "f 2 4 3\n",
-        "`lump.obj`: 3 edges whose two triangles have normals to different sides; the first is at (0.0000, 1.0000, 1.0000) mm",
+        "`lump.obj`: 3 edges whose two triangles have normals to different sides; the first is at (1.0000, 1.0000, 0.0000) mm",
         "recalculate normals so that all point outwards",
     ),
     (
         "f 2 3 4\n",
         "f 2 3 4\nf 2 3 4\n",
-        "`lump.obj`: 3 edges with more than two triangles: the surface is not that of a solid; the first is at (0.0000, 1.0000, 1.0000) mm",
+        "`lump.obj`: 3 edges with more than two triangles: the surface is not that of a solid; the first is at (1.0000, 1.0000, 0.0000) mm",
         "take out inner faces and doubles",
     ),
     (
@@ -59,7 +59,7 @@ const WRONG: &[(&str, &str, &str, &str)] = &[
     (
         "f 2 3 4\n",
         "f 2 3 4\nv 0.2 0.2 -1\nv 0.4 0.2 -1\nv 0.2 0.4 -1\nv 0.2 0.2 1\nf 5 7 6\nf 5 6 8\nf 5 8 7\nf 6 7 8\n",
-        "`lump.obj`: 3 pairs of triangles run through each other, the first at (0.2000, 0.3000, 0.0000) mm",
+        "`lump.obj`: 3 pairs of triangles run through each other, the first at (0.3000, 0.2000, 0.0000) mm",
         "unite the parts (boolean union) in a mesh editor, or make them objects of their own with different priorities",
     ),
 ];
@@ -74,7 +74,7 @@ fn each_broken_mesh_gets_its_message() {
         assert!(LUMP.contains(from), "{from}");
         space.write("lump.obj", &LUMP.replacen(from, to, 1));
         let shown = space.turbid(&["check", "p.yaml"]).fails(2);
-        let place = format!("p.yaml:8:28: error: stages.lump.with.objects.lump.mesh.file: {message}\n");
+        let place = format!("p.yaml:8:29: error: stages.lump.with.objects.lump.mesh.file: {message}\n");
         let hint = if way_out.is_empty() { String::new() } else { format!("      = {way_out}\n") };
         if !shown.contains(&place) || !shown.contains(&hint) || shown.matches(" error: ").count() != 1 {
             failures += &format!("{from} -> {to}\nexpected: {place}{hint}{shown}\n");
@@ -83,7 +83,7 @@ fn each_broken_mesh_gets_its_message() {
     assert_eq!(failures, "");
     std::fs::remove_file(space.path().join("lump.obj")).expect("it is there");
     assert!(
-        space.turbid(&["check", "p.yaml"]).fails(2).contains("8:28: error: stages.lump.with.objects.lump.mesh.file: ")
+        space.turbid(&["check", "p.yaml"]).fails(2).contains("8:29: error: stages.lump.with.objects.lump.mesh.file: ")
     );
 }
 
