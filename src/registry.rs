@@ -19,6 +19,7 @@ impl Registry {
             .with::<turbid_iad::CalibrateIad>()
             .with::<turbid_invert::Invert>()
             .with::<turbid_lut::BuildLut>()
+            .with::<turbid_profilometry::Profilometry>()
             .with::<turbid_render::RenderStage>()
             .with::<turbid_scene::SceneStage>()
     }

@@ -70,10 +70,14 @@ impl Stage for Compare {
         }
         let regions = regions(params, truth)?;
         let quantities = quantities(estimate, truth)?;
-        let mut found: Vec<(&str, String, Score)> = Vec::new();
+        let mut found: Vec<Row<'_>> = Vec::new();
         for (name, selection) in &regions {
             for quantity in &quantities {
-                let without = (0..selection.0.len()).filter(|&i| selection.0[i] && quantity.truth[i] == 0.0).count();
+                let without = if quantity.is_position() {
+                    0
+                } else {
+                    (0..selection.0.len()).filter(|&i| selection.0[i] && quantity.truth[i] == 0.0).count()
+                };
                 if without > 0 {
                     let name_of = &quantity.name;
                     ctx.warn(format!(
@@ -81,11 +85,12 @@ impl Stage for Compare {
                     ));
                 }
                 if let Some(score) = score(&quantity.pixels(), &selection.0) {
-                    found.push((name, quantity.name.clone(), score));
+                    let unit = quantity.info.unit.clone();
+                    found.push(Row { region: name, quantity: quantity.name.clone(), unit, score });
                 }
             }
         }
-        let worst = |f: fn(&Score) -> f64| found.iter().map(|(_, _, s)| f(s).abs()).fold(0.0, f64::max);
+        let worst = |f: fn(&Score) -> f64| found.iter().map(|row| f(&row.score).abs()).fold(0.0, f64::max);
         ctx.measure("error: worst bias", worst(|s| s.bias_percent), "%");
         ctx.measure("worst_rmse", worst(|s| s.rmse_percent), "%");
         let errors = ctx.wants("errors").then(|| errors(&quantities, rows, columns));
@@ -106,13 +111,27 @@ struct Quantity<'a> {
     good: Vec<bool>,
 }
 
+/// A row of the metrics.
+struct Row<'a> {
+    region: &'a str,
+    quantity: String,
+    unit: String,
+    score: Score,
+}
+
 impl Quantity<'_> {
+    /// Lengths are positions: errors relative to the choice of 0 mean nothing.
+    fn is_position(&self) -> bool {
+        self.info.unit == "mm"
+    }
+
     fn pixels(&self) -> Pixels<'_> {
         Pixels {
             estimate: &self.estimate,
             se: self.se.as_deref(),
             sharing: self.sharing,
             truth: &self.truth,
+            position: self.is_position(),
             good: &self.good,
         }
     }
@@ -211,25 +230,32 @@ fn regions(params: &Params, truth: &ImageStack) -> Result<Vec<(String, Selection
     Ok(found)
 }
 
-fn table(rows: &[(&str, String, Score)]) -> Metrics {
+fn table(rows: &[Row<'_>]) -> Metrics {
     let mut table = Table::default();
-    let text = |f: &dyn Fn(&(&str, String, Score)) -> String| Cells::Text(rows.iter().map(f).collect());
-    table.push("region", "", text(&|r| r.0.to_owned()));
-    table.push("quantity", "", text(&|r| r.1.clone()));
-    table.push("n", "1", Cells::I64(rows.iter().map(|r| r.2.n as i64).collect()));
+    let text = |f: &dyn Fn(&Row<'_>) -> String| Cells::Text(rows.iter().map(f).collect());
+    table.push("region", "", text(&|r| r.region.to_owned()));
+    table.push("quantity", "", text(&|r| r.quantity.clone()));
+    table.push("n", "1", Cells::I64(rows.iter().map(|r| r.score.n as i64).collect()));
+    // The unit of a column where all rows share one; else the column `unit` tells.
+    let unit = rows.first().map_or("", |r| r.unit.as_str());
+    let unit = if rows.iter().all(|r| r.unit == unit) { unit } else { "" };
     let mut number = |name: &str, unit: &str, f: fn(&Score) -> f64| {
-        table.push(name, unit, Cells::F64(rows.iter().map(|r| f(&r.2)).collect()));
+        table.push(name, unit, Cells::F64(rows.iter().map(|r| f(&r.score)).collect()));
     };
-    number("mean", "mm^-1", |s| s.mean);
-    number("mean_se", "mm^-1", |s| s.mean_se);
-    number("truth", "mm^-1", |s| s.truth);
+    number("mean", unit, |s| s.mean);
+    number("mean_se", unit, |s| s.mean_se);
+    number("truth", unit, |s| s.truth);
     number("bias_percent", "%", |s| s.bias_percent);
     number("rmse_percent", "%", |s| s.rmse_percent);
     number("masked_percent", "%", |s| s.masked_percent);
+    number("bias", unit, |s| s.bias);
+    number("rmse", unit, |s| s.rmse);
+    number("p95", unit, |s| s.p95);
+    table.push("unit", "", text(&|r| r.unit.clone()));
     Metrics(table)
 }
 
-/// Estimate, truth and relative error in percent of each quantity, and the mask.
+/// Estimate, truth and relative error in percent (of a position the error itself) of each quantity, and the mask.
 fn errors(quantities: &[Quantity<'_>], rows: usize, columns: usize) -> Errors {
     let mut stack = ImageStack::new(rows, columns);
     let plane = |f: &dyn Fn(usize) -> f32| Array2::from_shape_fn((rows, columns), |(r, c)| f(r * columns + c));
@@ -240,11 +266,18 @@ fn errors(quantities: &[Quantity<'_>], rows: usize, columns: usize) -> Errors {
             info.wavelength_nm = q.info.wavelength_nm;
             info
         };
-        let counts = |i: usize| q.good[i] && q.truth[i] != 0.0;
-        let error = |i: usize| 100.0 * (f64::from(q.estimate[i]) / f64::from(q.truth[i]) - 1.0);
+        let position = q.is_position();
+        let counts = |i: usize| q.good[i] && (position || q.truth[i] != 0.0);
+        let error = |i: usize| {
+            let (estimate, truth) = (f64::from(q.estimate[i]), f64::from(q.truth[i]));
+            if position { estimate - truth } else { 100.0 * (estimate / truth - 1.0) }
+        };
         stack.push(named("", &q.info.unit), plane(&|i| q.estimate[i]));
         stack.push(named("_truth", &q.info.unit), plane(&|i| q.truth[i]));
-        stack.push(named("_error", "%"), plane(&|i| if counts(i) { error(i) as f32 } else { 0.0 }));
+        stack.push(
+            named("_error", if position { &q.info.unit } else { "%" }),
+            plane(&|i| if counts(i) { error(i) as f32 } else { 0.0 }),
+        );
         if masks.iter().all(|(wavelength, _)| *wavelength != q.info.wavelength_nm) {
             masks.push((q.info.wavelength_nm, &q.mask));
         }

@@ -76,8 +76,21 @@ fn a_constant_factor_is_its_own_bias() {
     let (out, host) = compare(estimate(1.05, 1.0), truth(), &Params::default()).unwrap();
     let table = &out.metrics.0;
     let names: Vec<&str> = table.columns.iter().map(|c| c.name.as_str()).collect();
-    let want =
-        ["region", "quantity", "n", "mean", "mean_se", "truth", "bias_percent", "rmse_percent", "masked_percent"];
+    let want = [
+        "region",
+        "quantity",
+        "n",
+        "mean",
+        "mean_se",
+        "truth",
+        "bias_percent",
+        "rmse_percent",
+        "masked_percent",
+        "bias",
+        "rmse",
+        "p95",
+        "unit",
+    ];
     assert_eq!(names, want);
     assert_eq!(texts(table, "region"), ["all", "all", "tissue", "tissue", "polyp", "polyp"]);
     for region in ["all", "tissue", "polyp"] {
@@ -193,4 +206,24 @@ fn mistakes_are_named() {
         paths,
         ["regions.a", "regions.b.erode_px", "regions.b.erode_mm", "regions.b.erode_px", "regions.b.disk.diameter"]
     );
+}
+
+/// A height is a position: off by 0.5 mm everywhere, it is so where the truth is 0 as well, and nothing is in percent.
+#[test]
+fn positions_are_scored_in_their_unit() {
+    let image = |value: f32| Array2::from_shape_fn((SIDE, SIDE), |(r, _)| if r < 20 { value } else { 3.0 + value });
+    let (mut shape, mut surface) = (ImageStack::new(SIDE, SIDE), ImageStack::new(SIDE, SIDE));
+    shape.push(LayerInfo::value("height", "mm"), image(0.5));
+    surface.push(LayerInfo::value("height", "mm"), image(0.0));
+    let (out, host) = compare(Maps(shape), Truth(surface), &Params::default()).unwrap();
+    let table = &out.metrics.0;
+    assert_eq!(texts(table, "unit"), ["mm"]);
+    assert_eq!(table.columns.iter().find(|c| c.name == "bias").unwrap().unit, "mm");
+    for (name, want) in [("bias", 0.5), ("rmse", 0.5), ("p95", 0.5), ("mean", 2.0), ("bias_percent", 0.0)] {
+        assert!((table.f64s(name).unwrap()[0] - want).abs() < 1e-12, "{name}");
+    }
+    let errors = out.errors.unwrap().0;
+    let error = errors.find("height_error", None).unwrap();
+    assert!(error.info.unit == "mm" && error.data.iter().all(|&e| e == 0.5));
+    assert!(host.warnings.lock().unwrap().is_empty());
 }

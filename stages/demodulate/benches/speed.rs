@@ -90,7 +90,7 @@ fn main() {
             let whole = with_own(
                 || input.clone(),
                 |frames| {
-                    let inputs = In { frames, covariance: None, source: PhantomData };
+                    let inputs = In { frames, covariance: None, scene: None, source: PhantomData };
                     drop(black_box(Demodulate::run(&Params::default(), inputs, Ctx::new(&host))));
                 },
             );

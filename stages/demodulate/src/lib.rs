@@ -10,6 +10,8 @@
 //! f_x > 0 needs three phases or more that differ; the steps may be unequal. A frame at f_x = 0 is M_DC itself.
 //! Theory and measured figures: `docs/theory/demodulate.md`.
 
+pub mod diagnostics;
+pub mod fourier;
 pub mod fused;
 pub mod level;
 pub mod noise;
@@ -17,6 +19,8 @@ mod pass;
 pub mod phase_shift;
 mod set;
 mod signal;
+pub mod single_shot;
+mod snapshot;
 mod stage;
 
 pub use stage::{Demodulate, In, Method, NoiseBias, Out, Params};

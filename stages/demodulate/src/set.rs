@@ -1,9 +1,10 @@
 //! Which frames belong together: by wavelength, spatial frequency and orientation, as their layers say.
 
 use turbid_contract::payload::{Covariance, Frames};
-use turbid_contract::{Error, ImageStack, Layer, LayerKind};
+use turbid_contract::{Ctx, Error, ImageStack, Layer, LayerKind};
 use turbid_contract::{serde, serde_json};
 
+use crate::diagnostics::diagnose;
 use crate::noise::{Block, Element};
 use crate::phase_shift::Weights;
 
@@ -22,6 +23,21 @@ pub struct Channel {
     pub wavelength_nm: Option<f64>,
     pub unit: String,
     pub fringes: Vec<Fringe>,
+}
+
+impl Channel {
+    /// Measures ripple and drift of the fringes at the highest f_x.
+    pub fn diagnose(&self, stack: &ImageStack, ctx: Ctx<'_>) {
+        let Some(fringe) = self.fringes.iter().rfind(|f| f.f_x_per_mm > 0.0) else { return };
+        let pixels: Vec<_> = fringe.frames.iter().map(|&i| stack.layers[i].pixels()).collect();
+        let planes: Vec<&[f32]> = pixels.iter().map(AsRef::as_ref).collect();
+        if let Some(found) = diagnose(&planes, &fringe.weights) {
+            for (k, ripple) in found.ripple.into_iter().enumerate() {
+                ctx.measure(&format!("ripple_{}f", k + 1), ripple, "%");
+            }
+            ctx.measure("brightness_drift", found.drift, "%");
+        }
+    }
 }
 
 /// Sorts frames into channels and fringes.

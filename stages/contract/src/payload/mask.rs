@@ -22,10 +22,14 @@ pub enum MaskReason {
     Saturated = 8,
     /// An input is not a finite number.
     NotFinite = 9,
+    /// The geometry gives no height: near a pole, at a grazing angle, or behind camera or projector.
+    NoHeight = 10,
+    /// The phase is none that the reference shows inside the image.
+    OutsideReference = 11,
 }
 
 impl MaskReason {
-    pub const ALL: [MaskReason; 10] = [
+    pub const ALL: [MaskReason; 12] = [
         Self::Good,
         Self::Background,
         Self::LowSignal,
@@ -36,6 +40,8 @@ impl MaskReason {
         Self::Ambiguous,
         Self::Saturated,
         Self::NotFinite,
+        Self::NoHeight,
+        Self::OutsideReference,
     ];
 
     /// The value in the mask layer.
@@ -56,6 +62,8 @@ impl MaskReason {
             Self::Ambiguous => "ambiguous",
             Self::Saturated => "saturated",
             Self::NotFinite => "not a number",
+            Self::NoHeight => "no height from this geometry",
+            Self::OutsideReference => "outside the reference",
         }
     }
 }

@@ -4,7 +4,9 @@ use crate::artifact::{Artifact, ArtifactKind, Table};
 use crate::error::Error;
 use crate::payload::Payload;
 
-/// Columns region, quantity, n, mean, mean_se, truth, bias_percent, rmse_percent, masked_percent.
+/// Columns region, quantity, n, mean, mean_se, truth, bias_percent, rmse_percent, masked_percent, bias, rmse, p95, unit.
+///
+/// The last four are in the quantity's unit; of a position (mm) only they say something, and the percentages are 0.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Metrics(pub Table);
 

@@ -1,0 +1,174 @@
+//! Phase differences to a reference surface: subtracted as phasors, then unwrapped in space or through the spatial frequencies.
+
+use std::f64::consts::{PI, TAU};
+
+use turbid_contract::payload::MaskReason;
+use turbid_contract::{Error, ImageStack, Layer, LayerInfo, LayerKind};
+
+use crate::geometry::Rig;
+use crate::stage::{Params, ReferenceSurface};
+
+/// The difference in (-pi, pi].
+pub fn wrap(difference: f64) -> f64 {
+    let rest = difference - TAU * (difference / TAU).round();
+    if rest <= -PI { rest + TAU } else { rest }
+}
+
+/// The fringes that are used: one orientation, by rising f_x.
+pub struct Fringes<'a> {
+    pub layers: Vec<&'a Layer>,
+    pub orientation_deg: f64,
+}
+
+impl<'a> Fringes<'a> {
+    /// Errors: no phase, no such f_x or orientation, several orientations or wavelengths to choose from.
+    pub fn choose(stack: &'a ImageStack, params: &Params) -> Result<Self, Error> {
+        let phase = |l: &&Layer| l.info.kind == LayerKind::Value && l.info.name == "phase";
+        let mut layers: Vec<&Layer> = stack.layers.iter().filter(phase).collect();
+        let first_wavelength = layers.first().and_then(|l| l.info.wavelength_nm);
+        if layers.iter().any(|l| l.info.wavelength_nm != first_wavelength) {
+            return Err(Error::failed("the phase has several wavelengths; profilometry takes one"));
+        }
+        if let Some(wanted) = params.orientation_deg {
+            layers.retain(|l| l.info.orientation_deg.unwrap_or(0.0) == wanted.0);
+        }
+        let orientation_deg = layers.first().map_or(0.0, |l| l.info.orientation_deg.unwrap_or(0.0));
+        if layers.iter().any(|l| l.info.orientation_deg.unwrap_or(0.0) != orientation_deg) {
+            return Err(Error::invalid("orientation_deg", "the phase has several orientations: say which one to use"));
+        }
+        let f_x = |l: &Layer| l.info.f_x_per_mm.unwrap_or(0.0);
+        layers.sort_by(|a, b| f_x(a).total_cmp(&f_x(b)));
+        if let Some(wanted) = params.f_x {
+            layers.retain(|l| f_x(l) <= wanted.0);
+            if layers.last().is_none_or(|l| f_x(l) != wanted.0) {
+                return Err(Error::invalid("f_x", format!("the phase has no fringes of f_x = {wanted}")));
+            }
+        }
+        match layers.last() {
+            Some(l) if f_x(l) > 0.0 => Ok(Self { layers, orientation_deg }),
+            _ => Err(Error::failed_with_hint(
+                "the sample has no phase of this orientation",
+                "connect the port `phase` of demodulate",
+            )),
+        }
+    }
+
+    pub fn f_x(&self, k: usize) -> f64 {
+        self.layers[k].info.f_x_per_mm.expect("chosen by f_x")
+    }
+
+    pub fn last(&self) -> usize {
+        self.layers.len() - 1
+    }
+}
+
+/// The layer of `stack` with the f_x and orientation of `info`.
+pub fn same<'a>(stack: &'a ImageStack, info: &LayerInfo) -> Result<&'a Layer, Error> {
+    let fits = |l: &&Layer| {
+        l.info.kind == LayerKind::Value
+            && l.info.name == "phase"
+            && l.info.f_x_per_mm == info.f_x_per_mm
+            && l.info.orientation_deg.unwrap_or(0.0) == info.orientation_deg.unwrap_or(0.0)
+    };
+    let f_x = info.f_x_per_mm.unwrap_or(0.0);
+    stack
+        .layers
+        .iter()
+        .find(fits)
+        .ok_or_else(|| Error::failed(format!("the reference has no phase at f_x = {f_x} mm^-1 of this orientation")))
+}
+
+/// What each pixel's light would have as coordinate u (mm) if the surface were the reference; why not, where it does not see it.
+pub fn reference_coordinates(rig: &Rig, surface: &ReferenceSurface) -> Vec<Option<f64>> {
+    let on_surface = |pixel: usize| match surface {
+        ReferenceSurface::Plane(height) => rig.on_plane(pixel, height.0),
+        ReferenceSurface::Tube { inner_diameter, center } => {
+            let (origin, w) = rig.ray(pixel);
+            let (x, y, radius) = (origin.x - center[0].0, origin.y - center[1].0, 0.5 * inner_diameter.0);
+            // |(x, y) + t (w.x, w.y)| = radius, from inside: the far root.
+            let (a, b, c) = (w.x * w.x + w.y * w.y, x * w.x + y * w.y, x * x + y * y - radius * radius);
+            let root = b * b - a * c;
+            let t = (-b + root.sqrt()) / a;
+            (root >= 0.0 && t > 0.0 && t.is_finite()).then(|| origin + t * w)
+        }
+    };
+    (0..rig.columns * rig.rows).map(|pixel| rig.coordinate(on_surface(pixel)?)).collect()
+}
+
+/// Differences to the reference of one f_x: wrapped, NaN where masked.
+pub struct Difference {
+    pub delta: Vec<f64>,
+    /// Standard errors, rad, where known.
+    pub se: Option<Vec<f64>>,
+}
+
+/// Sample minus reference; the reference's phase is measured (`reference`) or 2 pi f_x u.
+pub fn difference(
+    sample: &ImageStack,
+    layer: &Layer,
+    reference: Option<&ImageStack>,
+    coordinates: &[Option<f64>],
+    mask: &[MaskReason],
+) -> Result<Difference, Error> {
+    let f_x = layer.info.f_x_per_mm.expect("chosen by f_x");
+    let phase = layer.pixels();
+    let own = sample.standard_error(&layer.info).map(Layer::pixels);
+    let (base, base_se) = match reference {
+        Some(stack) => {
+            let layer = same(stack, &layer.info)?;
+            (Some(layer.pixels()), stack.standard_error(&layer.info).map(Layer::pixels))
+        }
+        None => (None, None),
+    };
+    let of = |i: usize| {
+        if mask[i] != MaskReason::Good {
+            return 0.0;
+        }
+        let from = match (&base, coordinates[i]) {
+            (Some(base), _) => f64::from(base[i]),
+            (None, Some(u)) => TAU * wrap_turns(f_x * u),
+            (None, None) => return 0.0,
+        };
+        wrap(f64::from(phase[i]) - from)
+    };
+    let se = own.map(|own| {
+        let square = |se: f32| f64::from(se) * f64::from(se);
+        (0..own.len()).map(|i| (square(own[i]) + base_se.as_ref().map_or(0.0, |b| square(b[i]))).sqrt()).collect()
+    });
+    Ok(Difference { delta: (0..phase.len()).map(of).collect(), se })
+}
+
+/// Turns without whole ones.
+fn wrap_turns(turns: f64) -> f64 {
+    turns - turns.round()
+}
+
+/// Takes the whole turns of a finer difference from a coarser one that has none missing: `ratio` = f_fine / f_coarse.
+pub fn refine(coarse: &[f64], fine: &mut [f64], ratio: f64) {
+    for (fine, coarse) in fine.iter_mut().zip(coarse) {
+        *fine += TAU * ((coarse * ratio - *fine) / TAU).round();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn differences_are_wrapped_to_one_turn() {
+        for (difference, want) in [(0.0, 0.0), (PI, PI), (-PI, PI), (4.0, 4.0 - TAU), (-20.0, -20.0 + 3.0 * TAU)] {
+            assert!((wrap(difference) - want).abs() < 1e-14, "{difference}");
+        }
+    }
+
+    /// From f to r f the turns are right while the coarse error times r stays below half a turn.
+    #[test]
+    fn coarse_fringes_count_the_turns_of_fine_ones() {
+        for (error, right) in [(0.0, true), (0.3, true), (0.51, true), (0.54, false)] {
+            let (truth, ratio) = (2.9, 6.0);
+            let mut fine = [wrap(truth * ratio)];
+            refine(&[truth + error], &mut fine, ratio);
+            assert_eq!((fine[0] - truth * ratio).abs() < 1e-9, right, "error {error}");
+        }
+    }
+}
