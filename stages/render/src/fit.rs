@@ -154,6 +154,24 @@ impl Fitted {
         if total > 0.0 { (self.variance_of_mean(&terms, total) * n * n / total).max(1.0) } else { 1.0 }
     }
 
+    /// Variance of the sum of weight x response over `terms`, added up over the pixels that `counts`.
+    pub fn variance_of_sum(&self, terms: &[(usize, f64)], counts: &dyn Fn(usize) -> bool) -> f64 {
+        let m = self.terms.len();
+        // Weight of every coefficient in the sum.
+        let mut weights: Vec<(usize, Vec<f64>)> = Vec::new();
+        for pixel in (0..self.pixels()).filter(|&pixel| counts(pixel)) {
+            for (a, w) in self.collect(pixel, terms) {
+                let place = weights.iter().position(|entry| entry.0 == a).unwrap_or_else(|| {
+                    weights.push((a, vec![0.0; m]));
+                    weights.len() - 1
+                });
+                weights[place].1.iter_mut().zip(self.basis(pixel)).for_each(|(sum, p)| *sum += w * p);
+            }
+        }
+        let pairs = weights.iter().flat_map(|l| weights.iter().map(move |r| (l, r)));
+        pairs.map(|(l, r)| self.between(l.0, r.0, &l.1, &r.1)).sum::<f64>().max(0.0)
+    }
+
     /// p_k of a pixel for every term.
     fn basis(&self, pixel: usize) -> impl Iterator<Item = f64> + Clone + '_ {
         let (x, y) = (&self.along_x[pixel % self.columns], &self.along_y[pixel / self.columns]);
@@ -233,22 +251,8 @@ impl Field for Fitted {
     }
 
     fn variance_of_mean(&self, terms: &[(usize, f64)], _: f64) -> f64 {
-        let m = self.terms.len();
-        // Weight of every coefficient in the mean.
-        let mut weights: Vec<(usize, Vec<f64>)> = Vec::new();
-        for pixel in 0..self.pixels() {
-            for (a, w) in self.collect(pixel, terms) {
-                let place = weights.iter().position(|entry| entry.0 == a).unwrap_or_else(|| {
-                    weights.push((a, vec![0.0; m]));
-                    weights.len() - 1
-                });
-                weights[place].1.iter_mut().zip(self.basis(pixel)).for_each(|(sum, p)| *sum += w * p);
-            }
-        }
-        let pairs = weights.iter().flat_map(|l| weights.iter().map(move |r| (l, r)));
-        let variance: f64 = pairs.map(|(l, r)| self.between(l.0, r.0, &l.1, &r.1)).sum();
         let n = self.pixels() as f64;
-        (variance / (n * n)).max(0.0)
+        self.variance_of_sum(terms, &|_| true) / (n * n)
     }
 }
 

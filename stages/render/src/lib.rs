@@ -34,6 +34,8 @@ mod params;
 mod plan;
 mod polynomials;
 mod power;
+mod reference;
+mod referenced;
 mod rig;
 mod shown;
 mod stage;

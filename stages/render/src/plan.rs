@@ -73,6 +73,9 @@ pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool) -> StagePla
             (_, None) => "auto: known once the scene is".to_owned(),
             (Method::Auto, Some(Taken::Fit)) => "fit (auto: the scene is laterally uniform)".to_owned(),
             (_, Some(Taken::Fit)) => "fit".to_owned(),
+            (_, Some(Taken::Reference { because })) => {
+                format!("path beside that of laterally uniform stand-ins (auto: {because})")
+            }
             (_, Some(Taken::Path { because: Some(because) })) => format!("path (auto: {because})"),
             (_, Some(Taken::Path { because: None })) => "path".to_owned(),
         }),
@@ -98,6 +101,7 @@ pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool) -> StagePla
     }
     if let Some(taken) = &taken {
         sort(*taken != Taken::Fit, "paths for every pixel");
+        sort(matches!(taken, Taken::Reference { .. }), "stand-ins");
     }
     sort(params.f_x.iter().any(|f| f.0 > 0.0), "carriers");
     sort(params.orientation_deg.len() > 1, "several orientations");

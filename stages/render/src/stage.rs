@@ -40,7 +40,7 @@ pub struct RenderStage;
 
 impl Stage for RenderStage {
     const NAME: &'static str = "render";
-    const VERSION: u32 = 6;
+    const VERSION: u32 = 7;
     const ABOUT: &'static str =
         "Renders camera frames under projected sinusoids by unbiased path tracing, with standard errors";
     const STOPPING: &'static [&'static str] = &["samples", "target_error", "max_seconds"];
@@ -91,7 +91,7 @@ impl Stage for RenderStage {
             }
         };
         let taken = Taken::of(params, &scene, inputs.pattern.is_some());
-        let traced = sums(&taken, params, &rig, &shown, ctx)?;
+        let traced = sums(&taken, params, &scene, &rig, &shown, ctx)?;
         let estimate = traced.estimate(&rig, &shown, ctx)?;
         let images = Images {
             shown: &shown,

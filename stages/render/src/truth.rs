@@ -47,18 +47,19 @@ pub fn truth(scene: &Scene, world: &World, object_of: &[usize], camera: &Camera)
     Truth(stack)
 }
 
-struct Hit {
+pub(crate) struct Hit {
     /// The body that fills the space behind the boundary.
-    body: usize,
+    pub body: usize,
     /// World z, mm.
     height: f64,
     /// Along the camera's axis, mm.
-    depth: f64,
+    pub depth: f64,
     /// Towards the camera.
     normal: glam::DVec3,
 }
 
-fn first_hit(world: &World, camera: &Camera, pixel: usize, spans: &mut Spans) -> Option<Hit> {
+/// What the ray through a pixel's centre meets first that is not void.
+pub(crate) fn first_hit(world: &World, camera: &Camera, pixel: usize, spans: &mut Spans) -> Option<Hit> {
     let (origin, w) = camera.ray(pixel, 0.5, 0.5);
     let mut wall = None;
     for piece in world.trace(origin, w, None, spans) {

@@ -8,6 +8,7 @@ mod lights;
 mod meshes;
 mod patterns;
 mod power;
+mod reference;
 mod sensors;
 mod setup;
 #[path = "../../../optics/tests/shapes/mod.rs"]

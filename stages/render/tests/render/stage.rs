@@ -66,7 +66,7 @@ fn samples_of(ports: &[(&'static str, ImageStack)]) -> u64 {
 #[test]
 fn error_target_stops_where_a_fresh_run_would() {
     let host = TestHost::new(2, &[], 2);
-    let target = 0.12;
+    let target = 0.03;
     let params = json!({"f_x": [0.1], "target_error": target});
     let fresh = everything(&host, &params);
     let n = samples_of(&fresh);

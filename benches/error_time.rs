@@ -1,0 +1,277 @@
+//! Error against run time of renders, through the program as a user runs it: `cargo bench --bench error_time [-- quick] [-- --svg FILE]`.
+//!
+//! 64 x 64 pixels of 1 mm, f_x = 0.1, three phases, g = 0.8, camera at 500 mm, projector 35 mm beside it. Seconds are wall time of the
+//! render on all cores. The error of a pixel is measured against a render that is hundreds of times longer where the scene is laterally
+//! uniform; elsewhere it is the standard error that the program states. Pixels are pooled as root mean square.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use serde_json::Value;
+use turbid::store::decode;
+use turbid_contract::{Artifact, ArtifactKind, ImageStack};
+
+struct Scene {
+    name: &'static str,
+    /// `media` and `objects` of the scene stage, and what is special about its rig.
+    text: String,
+    /// Laterally uniform: its truth is cheap.
+    uniform: bool,
+    /// Seconds to 1 % of M_AC and M_DC in Cycles (extrapolated from 16 to 64 samples per pixel), where known.
+    cycles: Option<(f64, f64)>,
+    samples: &'static [u32],
+}
+
+const RIG: &str =
+    "      camera: {position: [0, 0, 500], look_at: [0, 0, 0], field: [64, 64], pixels: [64, 64], specular: exclude}
+      projector: {position: [35, 0, 500], look_at: [0, 0, 0], field: [256, 256], power: 5}
+";
+
+fn half_space(name: &'static str, a_rho: f64, s_rho: f64, n: f64, cycles: Option<(f64, f64)>) -> Scene {
+    let text = format!(
+        "      media: {{m: {{A_rho: {a_rho}, S_rho: {s_rho}, g: 0.8, n: {n}}}}}
+      objects: {{tissue: {{slab: {{thickness: 2000, top: 0}}, medium: m}}}}
+{RIG}"
+    );
+    Scene { name, text, uniform: true, cycles, samples: &[16, 64, 256, 1024] }
+}
+
+fn scenes() -> Vec<Scene> {
+    let spheroid = format!(
+        "      media: {{healthy: {{A_rho: 25, S_rho: 4236, g: 0.8, n: 1.0}}, scc: {{A_rho: 96, S_rho: 3721, g: 0.8, n: 1.0}}}}
+      objects:
+        tissue: {{slab: {{thickness: 2000, top: 0}}, medium: healthy}}
+        polyp: {{spheroid: {{diameters: [40, 40, 80], center: [0, 0, 0]}}, medium: scc, priority: 1}}
+{RIG}"
+    );
+    let flush = format!(
+        "      media: {{healthy: {{A_rho: 25, S_rho: 4236, g: 0.8, n: 1.0}}, scc: {{A_rho: 96, S_rho: 3721, g: 0.8, n: 1.0}}, air: {{mu_a: 0, mu_s: 0, g: 0, n: 1.0}}}}
+      objects:
+        tissue: {{slab: {{thickness: 2000, top: 0}}, medium: healthy}}
+        lesion: {{spheroid: {{diameters: [36, 36, 24], center: [0, 0, 0]}}, medium: scc, priority: 1}}
+        above: {{box: {{size: [200, 200, 30], center: [0, 0, 15]}}, medium: air, priority: 2}}
+{RIG}"
+    );
+    let tube = "      media: {m: {A_rho: 100, S_rho: 5000, g: 0.8, n: 1.0}}
+      objects: {tube: {tube: {inner_diameter: 20, outer_diameter: 80, length: 250, top: 0}, medium: m}}
+      camera: {position: [0, 0, 110], look_at: [0, 0, 0], field: [20, 20], pixels: [64, 64], specular: exclude}
+      projector: {position: [0, 0, 100], look_at: [0, 0, 0], field: [20, 20], power: 5}
+"
+    .to_owned();
+    vec![
+        half_space("(100, 5000)", 100.0, 5000.0, 1.0, Some((21_700.0, 5_150.0))),
+        half_space("(25, 4236)", 25.0, 4236.0, 1.0, Some((59_400.0, 7_900.0))),
+        half_space("(1, 20000)", 1.0, 20_000.0, 1.0, Some((43_800.0, 14_500.0))),
+        half_space("(100, 5000), n = 1.4", 100.0, 5000.0, 1.4, None),
+        Scene { name: "spheroid on a slab", text: spheroid, uniform: false, cycles: None, samples: &[64, 256] },
+        Scene { name: "lesion in a slab", text: flush, uniform: false, cycles: None, samples: &[64, 256] },
+        Scene { name: "tube", text: tube, uniform: false, cycles: Some((29_000.0, f64::NAN)), samples: &[64, 256] },
+    ]
+}
+
+/// What one render gave.
+struct Shot {
+    seconds: f64,
+    /// M_DC and M_AC with their standard errors, per pixel.
+    value: [Vec<f64>; 2],
+    se: [Vec<f64>; 2],
+}
+
+/// Renders and demodulates a scene in `space`.
+fn shoot(space: &Path, scene: &Scene, method: &str, samples: u32, seed: u64) -> Result<Shot, String> {
+    let file = space.join("scene.yaml");
+    let text = format!(
+        "pipeline: error_time\nseed: {seed}\nstages:\n  scene:\n    use: scene\n    with:\n{}  frames:\n    use: render\n    in: {{scene: scene}}\n    with: {{f_x: [0.1], phases: 3, samples: {samples}, method: {method}}}\n  modulation:\n    use: demodulate\n    in: {{frames: frames, covariance: frames.covariance}}\n    with: {{noise_bias: keep, low_signal: 0}}\n",
+        scene.text
+    );
+    std::fs::write(&file, text).map_err(|e| e.to_string())?;
+    let outputs = space.join("outputs");
+    let turbid = |arguments: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_turbid"));
+        command.args(arguments).arg("--outputs").arg(&outputs).env("NO_COLOR", "1");
+        let done = command.output().map_err(|e| e.to_string())?;
+        if done.status.success() { Ok(done.stdout) } else { Err(String::from_utf8_lossy(&done.stderr).into_owned()) }
+    };
+    let yaml = file.to_str().ok_or("a path that is text")?;
+    turbid(&["run", yaml])?;
+    let shown = turbid(&["show", yaml, "--json"])?;
+    let shown: Value = serde_json::from_slice(&shown).map_err(|e| e.to_string())?;
+    let stage = |name: &str| {
+        let instances = shown["instances"].as_array().into_iter().flatten();
+        instances.into_iter().find(|i| i["stage"] == name).cloned().unwrap_or_default()
+    };
+    let path = stage("modulation")["ports"]["modulation"]["path"].as_str().map(PathBuf::from).ok_or("no path")?;
+    let bytes = std::fs::read(path).map_err(|e| e.to_string())?;
+    let Ok(Artifact::Images(stack)) = decode(ArtifactKind::Images, &bytes) else { return Err("no images".into()) };
+    let pick = |name: &str| plane(&stack, name).ok_or(format!("no layer {name}"));
+    Ok(Shot {
+        seconds: stage("frames")["seconds"].as_f64().ok_or("no time")?,
+        value: [pick("m_dc")?, pick("m_ac")?],
+        se: [pick("m_dc_se")?, pick("m_ac_se")?],
+    })
+}
+
+fn plane(stack: &ImageStack, name: &str) -> Option<Vec<f64>> {
+    let layer = stack.find(name, None)?;
+    Some(layer.pixels().iter().map(|&v| f64::from(v)).collect())
+}
+
+/// Root mean square over the lit pixels of error / value, for M_DC and M_AC.
+fn error(shot: &Shot, truth: Option<&Shot>) -> [f64; 2] {
+    [0, 1].map(|i| {
+        let expected = &truth.unwrap_or(shot).value[i];
+        let brightest = expected.iter().fold(0.0, |a: f64, &b| a.max(b));
+        let (mut sum, mut n) = (0.0, 0.0);
+        for (pixel, &e) in expected.iter().enumerate().filter(|(_, e)| **e > 1e-4 * brightest) {
+            let off = if truth.is_some() { shot.value[i][pixel] - e } else { shot.se[i][pixel] };
+            sum += (off / e).powi(2);
+            n += 1.0;
+        }
+        (sum / f64::max(n, 1.0)).sqrt()
+    })
+}
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().collect();
+    let quick = arguments.iter().any(|a| a == "quick");
+    let svg = arguments.iter().position(|a| a == "--svg").and_then(|i| arguments.get(i + 1));
+    let space = tempfile::tempdir().expect("a temporary folder");
+    let mut curves: Vec<Curve> = Vec::new();
+    println!(
+        "scene, method, samples: seconds; error of M_DC, M_AC (rms over pixels); seconds to 1 % of M_DC, M_AC; Cycles / turbid"
+    );
+    for (k, scene) in scenes().iter().enumerate() {
+        let truth = if scene.uniform {
+            shoot(space.path(), scene, "fit", if quick { 256 } else { 2048 }, 1000)
+                .map_err(|e| println!("{}: {e}", scene.name))
+                .ok()
+        } else {
+            None
+        };
+        let methods: &[(&str, &[u32])] = if scene.uniform {
+            &[("path", scene.samples), ("auto", &[16, 64, 256])]
+        } else {
+            &[("path", scene.samples), ("auto", scene.samples)]
+        };
+        for (method, samples) in methods {
+            let mut points = Vec::new();
+            for &n in samples.iter().take(if quick { 2 } else { usize::MAX }) {
+                // Several seeds: a smooth error is one number per image.
+                let seeds = if *method == "auto" && scene.uniform { 4 } else { 1 };
+                let shots = (0..seeds).map(|seed| shoot(space.path(), scene, method, n, 10 * k as u64 + seed));
+                let shots: Vec<Shot> = match shots.collect() {
+                    Ok(shots) => shots,
+                    Err(e) => {
+                        println!("{}, {method}, {n}: {}", scene.name, e.lines().next().unwrap_or_default());
+                        continue;
+                    }
+                };
+                let seconds = shots.iter().map(|s| s.seconds).sum::<f64>() / seeds as f64;
+                let squares = shots.iter().map(|s| error(s, truth.as_ref()).map(|e| e * e));
+                let e = squares.fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]).map(|s| (s / seeds as f64).sqrt());
+                let to_one = e.map(|e| seconds * (e / 0.01).powi(2));
+                let gain =
+                    scene.cycles.map_or(String::new(), |c| format!("; {:.0}, {:.0}", c.1 / to_one[0], c.0 / to_one[1]));
+                println!(
+                    "{}, {method}, {n}: {seconds:.2}; {:.3} %, {:.3} %; {:.2}, {:.2}{gain}",
+                    scene.name,
+                    100.0 * e[0],
+                    100.0 * e[1],
+                    to_one[0],
+                    to_one[1]
+                );
+                points.push((seconds, e[1]));
+            }
+            curves.push(Curve {
+                name: format!("{}, {method}", scene.name),
+                dashed: *method == "path",
+                color: k,
+                points,
+            });
+        }
+        if let Some((ac, _)) = scene.cycles {
+            // Errors fall like one over the root of time.
+            let points = [10.0, 1e5].map(|s: f64| (s, 0.01 * (ac / s).sqrt())).to_vec();
+            curves.push(Curve { name: format!("{}, Cycles", scene.name), dashed: true, color: k, points });
+        }
+    }
+    if let Some(file) = svg {
+        std::fs::write(file, plot(&curves)).expect("the figure can be written");
+    }
+}
+
+struct Curve {
+    name: String,
+    dashed: bool,
+    color: usize,
+    points: Vec<(f64, f64)>,
+}
+
+/// Error against seconds, both logarithmic.
+fn plot(curves: &[Curve]) -> String {
+    const COLORS: [&str; 7] = ["#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf", "#7f7f7f"];
+    let (left, top, width, height) = (70.0, 20.0, 520.0, 400.0);
+    // 0.01 to 1e5 s, 0.1 to 100 %.
+    let x = |s: f64| left + width * (s.log10() + 2.0) / 7.0;
+    let y = |e: f64| top + height * (-e.log10()) / 3.0;
+    let mut svg = String::from(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 860 470\" font-family=\"sans-serif\" font-size=\"12\">\n<rect width=\"860\" height=\"470\" fill=\"white\"/>\n",
+    );
+    for decade in -2..=5 {
+        let at = x(10f64.powi(decade));
+        let _ = writeln!(
+            svg,
+            "<path d=\"M{at:.1} {top}V{}\" stroke=\"#ddd\"/><text x=\"{at:.1}\" y=\"{}\" text-anchor=\"middle\">{}</text>",
+            top + height,
+            top + height + 18.0,
+            10f64.powi(decade)
+        );
+    }
+    for (decade, label) in [(0, "100 %"), (-1, "10 %"), (-2, "1 %"), (-3, "0.1 %")] {
+        let at = y(10f64.powi(decade));
+        let _ = writeln!(
+            svg,
+            "<path d=\"M{left} {at:.1}H{}\" stroke=\"#ddd\"/><text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{label}</text>",
+            left + width,
+            left - 6.0,
+            at + 4.0
+        );
+    }
+    let _ =
+        writeln!(svg, "<text x=\"{}\" y=\"460\" text-anchor=\"middle\">seconds on 2 cores</text>", left + 0.5 * width);
+    let _ = writeln!(
+        svg,
+        "<text x=\"16\" y=\"{}\" transform=\"rotate(-90 16 {0})\" text-anchor=\"middle\">error of M_AC per pixel (rms)</text>",
+        top + 0.5 * height
+    );
+    for (i, curve) in curves.iter().filter(|c| !c.points.is_empty()).enumerate() {
+        let color = COLORS[curve.color % COLORS.len()];
+        let dash = match (curve.dashed, curve.name.ends_with("Cycles")) {
+            (_, true) => "2 4",
+            (true, _) => "7 3",
+            _ => "none",
+        };
+        let inside = curve.points.iter().filter(|(s, e)| *s > 0.0 && (1e-3..=1.0).contains(e));
+        let line: Vec<String> = inside.clone().map(|&(s, e)| format!("{:.1},{:.1}", x(s), y(e))).collect();
+        let _ = writeln!(
+            svg,
+            "<polyline points=\"{}\" fill=\"none\" stroke=\"{color}\" stroke-width=\"1.6\" stroke-dasharray=\"{dash}\"/>",
+            line.join(" ")
+        );
+        if !curve.name.ends_with("Cycles") {
+            for &(s, e) in inside {
+                let _ = writeln!(svg, "<circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"3\" fill=\"{color}\"/>", x(s), y(e));
+            }
+        }
+        let row = top + 10.0 + 18.0 * i as f64;
+        let _ = writeln!(
+            svg,
+            "<path d=\"M605 {row}h28\" stroke=\"{color}\" stroke-width=\"1.6\" stroke-dasharray=\"{dash}\"/><text x=\"640\" y=\"{}\">{}</text>",
+            row + 4.0,
+            curve.name
+        );
+    }
+    svg.push_str("</svg>\n");
+    svg
+}
