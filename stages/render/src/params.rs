@@ -130,6 +130,13 @@ impl Params {
                 "give samples, target_error or max_seconds",
             );
         }
+        if patterned && self.method == Method::Fit {
+            problems.push_with_hint(
+                "method",
+                "images are projected, and what they light is not smooth: a fit would not be the image",
+                "write `method: path` or `method: auto`",
+            );
+        }
         if self.method == Method::Rte {
             problems.push_with_hint(
                 "method",

@@ -2,7 +2,8 @@
 
 use serde_json::{Value, json};
 use turbid_contract::payload::{Scene, Shape};
-use turbid_contract::{ImageStack, Layer, LayerKind};
+use turbid_contract::{ImageStack, Layer, LayerKind, Problems};
+use turbid_render::Params;
 
 use crate::setup::*;
 
@@ -205,4 +206,19 @@ fn fits_continue_and_stop() {
     run_on(&half, &json!({"f_x": [0.1], "samples": n / 2, "method": "fit"}));
     assert!(half.memory.measures.lock().unwrap()["error: m_ac per pixel"] > 1.0);
     assert_eq!(run_on(&half, &json!({"f_x": [0.1], "target_error": 0.01, "method": "fit"})), done);
+}
+
+/// Projected images are rendered pixel by pixel, and who asks for a fit of them hears so from `check`, not from the frames.
+#[test]
+fn fits_of_projected_images_are_refused() {
+    for (method, patterned, refused) in
+        [("fit", true, true), ("fit", false, false), ("auto", true, false), ("path", true, false)]
+    {
+        let params: Params = serde_json::from_value(json!({"f_x": [0], "samples": 64, "method": method})).unwrap();
+        let mut problems = Problems::default();
+        params.check(patterned, &mut problems);
+        let errors = problems.into_parts().0;
+        let found: Vec<&str> = errors.iter().map(|p| p.path.as_str()).collect();
+        assert_eq!(found, if refused { vec!["method"] } else { vec![] }, "{method}, patterned {patterned}: {errors:?}");
+    }
 }

@@ -1,5 +1,7 @@
 //! Laws that a rendered image obeys, and promises of the stage.
 
+mod coverage;
+mod extreme;
 mod fit;
 mod golden;
 mod lanes;
