@@ -16,6 +16,7 @@ pub mod medium;
 pub mod philox;
 pub mod quadrature;
 pub mod refraction;
+pub mod rough;
 pub mod rte;
 pub mod solid;
 pub mod view;

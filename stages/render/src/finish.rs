@@ -6,6 +6,8 @@ pub enum Finish {
     /// A boundary that obeys Fresnel and Snell where the refractive indices differ, nothing where they do not.
     #[default]
     Smooth,
+    /// A boundary of GGX microfacets of this roughness where the refractive indices differ, nothing where they do not.
+    Rough(f64),
     /// Opaque, reflecting this fraction of the light with a radiance that is the same in all directions.
     Lambertian(f64),
 }
@@ -14,6 +16,6 @@ impl Finish {
     /// Whether light cannot enter the body.
     #[inline(always)]
     pub fn is_opaque(&self) -> bool {
-        !matches!(self, Self::Smooth)
+        matches!(self, Self::Lambertian(_))
     }
 }

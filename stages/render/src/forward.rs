@@ -138,6 +138,8 @@ impl<'a> Sources<'a> {
             number: 2,
             ahead: false,
             wholly: false,
+            scattered: false,
+            glint: false,
             response: 0,
         }
     }

@@ -95,6 +95,7 @@ impl Walker<'_> {
     fn sight(&mut self, r: DVec3, towards: DVec3, distance: f64, skin: Option<Skin>) -> Sight {
         let world = self.setting.world;
         let mut sight = Sight { tau: 0.0, blocked: false, exit: None };
+        let mut n = None;
         for piece in world.trace(r, towards, skin, &mut self.spans) {
             if piece.start >= distance {
                 break;
@@ -106,7 +107,9 @@ impl Walker<'_> {
                 sight.exit = Some(if normal.dot(towards) < 0.0 { -normal } else { normal });
             }
             let material = &world.materials[piece.material];
-            if material.is_opaque() {
+            // Where light bends at planes a way is made of stretches within one index.
+            let crosses = self.bending == Bending::AtRough && *n.get_or_insert(material.n) != material.n;
+            if material.is_opaque() || crosses {
                 sight.blocked = true;
             } else if piece.material != 0 {
                 sight.tau += material.mu_t() * (piece.end.min(distance) - piece.start);
@@ -119,7 +122,7 @@ impl Walker<'_> {
     /// `lit`: only where it lies inside the source's field.
     #[inline]
     pub(crate) fn link(&mut self, source: Source<'_>, r: DVec3, skin: Option<Skin>, lit: bool) -> Option<Link> {
-        if self.bending == Bending::Nowhere {
+        if matches!(self.bending, Bending::Nowhere | Bending::AtRough) {
             return self.straight(source, r, skin, 1.0);
         }
         self.on_scratch(|walker, way| {
@@ -152,7 +155,7 @@ impl Walker<'_> {
     #[inline]
     pub(crate) fn heading(&mut self, source: Source<'_>, r: DVec3, tau: f64) -> Heading {
         let (towards, distance) = source.towards(r);
-        if self.bending == Bending::Nowhere {
+        if matches!(self.bending, Bending::Nowhere | Bending::AtRough) {
             let sight = self.sight(r, towards, distance, None);
             return Heading { towards, tau: sight.tau, exit: sight.exit };
         }
@@ -164,7 +167,11 @@ impl Walker<'_> {
 
     /// Towards a source from where a ray comes in at `start`; where light is bent, from a point on it inside.
     pub(crate) fn heading_from_wall(&mut self, source: Source<'_>, start: DVec3, inside: DVec3) -> DVec3 {
-        let bent = if self.bending == Bending::Nowhere { None } else { self.link(source, inside, None, false) };
+        let bent = if matches!(self.bending, Bending::Nowhere | Bending::AtRough) {
+            None
+        } else {
+            self.link(source, inside, None, false)
+        };
         bent.map_or_else(|| source.towards(start).0, |link| link.towards)
     }
 
@@ -177,7 +184,7 @@ impl Walker<'_> {
         skin: Option<Skin>,
         chance: &Chance<'_>,
     ) -> Option<Link> {
-        if self.bending == Bending::Nowhere {
+        if matches!(self.bending, Bending::Nowhere | Bending::AtRough) {
             return None;
         }
         let draw =

@@ -5,12 +5,14 @@ use std::f64::consts::FRAC_1_PI;
 use glam::DVec3;
 use turbid_optics::henyey_greenstein as hg;
 use turbid_optics::philox::unit;
+use turbid_optics::rough::Rough;
 
 use crate::lamp::Source;
 use crate::link::{Chance, Heading};
 use crate::look;
 use crate::path::{Place, Stream, Walker};
-use crate::world::Material;
+use crate::strata::Bending;
+use crate::world::{Material, Skin};
 
 /// Light is looked for with probability min(1, (TAU_SURE / tau)^4) at optical distance tau from it.
 pub const TAU_SURE: f64 = 3.0;
@@ -80,6 +82,9 @@ impl<'a> Walker<'a> {
 
     /// Steady light from infinity that a path on its way there sees.
     pub(crate) fn see_ambient(&mut self, at: &Place) {
+        if at.glint && self.excludes_specular {
+            return;
+        }
         let layout = self.setting.layout();
         if let (true, Some(steady)) = (self.setting.steady.ambient > 0.0, layout.steady()) {
             self.responses[at.response * layout.width() + steady] += at.weight * self.setting.steady.ambient;
@@ -109,6 +114,24 @@ impl<'a> Walker<'a> {
         }
     }
 
+    /// Whether a medium lies behind rough walls, through which its light comes: all lights are outside.
+    fn hidden(&self, material: &Material) -> bool {
+        self.bending == Bending::AtRough && material.n != 1.0
+    }
+
+    /// Light that a rough wall throws into the path; `skin` is on the side from which the path comes.
+    pub(crate) fn look_from_rough(&mut self, at: &Place, rough: &Rough, skin: Skin) {
+        for source in self.sources() {
+            let behind = source.towards(at.r).0.dot(rough.normal) < 0.0;
+            let n = if behind { rough.n_to } else { rough.n_from };
+            let skin = Skin { inside: skin.inside != behind, ..skin };
+            let Some(link) = self.link(source, at.r, Some(skin), true) else { continue };
+            let response = rough.response(at.w, link.towards);
+            let radiance = response * link.irradiance / (n * n) * libm::exp(-link.tau);
+            self.deposit(at.response, at.weight * radiance, link.on_plane, source);
+        }
+    }
+
     /// Leaves a look ahead to the queue.
     #[inline]
     pub fn queue_look(&mut self, at: &Place, own: DVec3, roulette: f64, material: &Material, body: u64) {
@@ -123,6 +146,9 @@ impl<'a> Walker<'a> {
 
     /// Light scattered into the path at a collision.
     pub(crate) fn look_from_collision(&mut self, at: &mut Place, roulette: f64) {
+        if self.hidden(&self.setting.world.materials[at.material]) {
+            return;
+        }
         for source in self.sources() {
             self.collision_lit(at, roulette, source);
         }
@@ -166,7 +192,7 @@ impl<'a> Walker<'a> {
                 break;
             }
             let length = piece.end - piece.start;
-            if material.mu_s > 0.0 {
+            if material.mu_s > 0.0 && !self.hidden(material) {
                 let start = at.r + piece.start * at.w;
                 let normal = entrance.map(|wall| world.normal(wall, start));
                 let normal = normal.map(|n| if n.dot(at.w) > 0.0 { -n } else { n });
@@ -195,6 +221,9 @@ impl<'a> Walker<'a> {
     pub(crate) fn look_ahead(&mut self, at: &mut Place, own: DVec3, roulette: f64) {
         let world = self.setting.world;
         let material = world.materials[at.material];
+        if self.hidden(&material) {
+            return;
+        }
         // The light is at least `clear` away: most collisions are settled by that, without a ray.
         if roulette * rarity(material.mu_t() * at.clear) >= 1.0 {
             return;

@@ -228,11 +228,11 @@ impl Params {
             if rig.worlds.iter().any(|world| Bending::of(world) == Bending::Anywhere) {
                 problems.push_with_hint(
                     "",
-                    "refraction is rendered at slabs only by this version, and an object of another shape has an index other than its surroundings",
-                    "give it and what surrounds it the same n",
+                    "smooth refraction is rendered at slabs only by this version, and an object of another shape has an index other than its surroundings (or smooth and rough walls meet)",
+                    "give all that has n != 1 a rough surface, such as `surface: {rough: 0.1}`, or the same n as its surroundings",
                 );
             }
-            let bends = rig.worlds.iter().any(|world| Bending::of(world) != Bending::Nowhere);
+            let bends = rig.worlds.iter().any(|world| matches!(Bending::of(world), Bending::AtPlanes(_)));
             if bends && scene.camera.as_ref().is_some_and(|c| c.specular == Some(Specular::Include)) {
                 problems.push_with_hint(
                     "",

@@ -9,6 +9,7 @@ use turbid_optics::elementary::{ln, sin_cos_turns};
 use turbid_optics::henyey_greenstein as hg;
 use turbid_optics::philox::{philox4x32, spare, unit, unit_fine};
 use turbid_optics::refraction::refract;
+use turbid_optics::rough::Rough;
 
 use crate::camera::Camera;
 use crate::finish::Finish;
@@ -124,6 +125,8 @@ pub struct Walker<'a> {
     flights: u64,
     endless: bool,
     ending: Ending,
+    /// Whether light that was never scattered, only turned by walls, is not seen.
+    pub excludes_specular: bool,
 }
 
 /// What became of a path that has ended.
@@ -182,6 +185,10 @@ pub struct Place {
     pub ahead: bool,
     /// ... or wholly.
     pub wholly: bool,
+    /// Whether it has been scattered, by a medium or diffusely.
+    pub scattered: bool,
+    /// Whether smooth or rough walls have turned it, and nothing has scattered it.
+    pub glint: bool,
     /// Which of the walker's responses is its own.
     pub response: usize,
 }
@@ -217,6 +224,7 @@ impl<'a> Walker<'a> {
             flights: 0,
             endless: false,
             ending: Ending::Left,
+            excludes_specular: false,
         }
     }
 
@@ -344,6 +352,8 @@ impl<'a> Walker<'a> {
             number: 2,
             ahead: line,
             wholly: line,
+            scattered: false,
+            glint: false,
             response,
         };
         if line {
@@ -380,6 +390,7 @@ impl<'a> Walker<'a> {
             End::Surface { skin, normal, rho } => {
                 at.skin = Some(skin);
                 at.clear = 0.0;
+                (at.scattered, at.glint) = (true, false);
                 self.look_from_surface(at, normal, rho);
                 if roulette >= rho {
                     self.ending = Ending::Absorbed(skin.wall.body);
@@ -391,12 +402,29 @@ impl<'a> Walker<'a> {
             }
             End::Boundary { skin, normal, from, to } => {
                 let [n_from, n_to] = [from, to].map(|m| self.setting.world.materials[m].n);
-                let refraction = refract(at.w, normal, n_from, n_to);
-                let reflected = roulette < refraction.reflectance;
-                (at.w, at.skin, at.material) = match refraction.refracted {
-                    Some(refracted) if !reflected => (refracted, Some(Skin { inside: !skin.inside, ..skin }), to),
-                    _ => (refraction.reflected, Some(skin), from),
+                let owner = self.setting.world.bodies[skin.wall.body].material;
+                at.glint |= !at.scattered;
+                let on = if let Finish::Rough(alpha) = self.setting.world.materials[owner].finish {
+                    let normal = if skin.inside { -normal } else { normal };
+                    let rough = Rough { alpha, normal, n_from, n_to };
+                    if at.scattered || !self.excludes_specular {
+                        self.look_from_rough(at, &rough, skin);
+                    }
+                    let [fate, ..] = stream.aside(at.number, 0, 15, 127);
+                    let Some(on) = rough.sample(at.w, [unit(b), unit(c), roulette, unit(fate)]) else {
+                        // Between facets.
+                        self.ending = Ending::Absorbed(skin.wall.body);
+                        return false;
+                    };
+                    on
+                } else {
+                    let refraction = refract(at.w, normal, n_from, n_to);
+                    refraction.refracted.filter(|_| roulette >= refraction.reflectance).unwrap_or(refraction.reflected)
                 };
+                let through = (on.dot(normal) > 0.0) == skin.inside;
+                (at.skin, at.material) =
+                    if through { (Some(Skin { inside: !skin.inside, ..skin }), to) } else { (Some(skin), from) };
+                at.w = on;
                 at.clear = 0.0;
                 let line = self.setting.nee == Nee::Line;
                 (at.ahead, at.wholly) = (line, line);
@@ -407,6 +435,7 @@ impl<'a> Walker<'a> {
             }
             End::Scattered { crossed } => {
                 at.skin = None;
+                (at.scattered, at.glint) = (true, false);
                 if !(at.ahead && (at.wholly || !crossed)) {
                     self.look_from_collision(at, roulette);
                 }

@@ -94,6 +94,7 @@ pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool) -> StagePla
         sort(scene.objects.len() > 1, "shadow rays through several objects");
         sort(scene.channels() > 1, "several channels");
         sort(scene.media.values().any(|m| m.n != 1.0), "Fresnel boundaries");
+        sort(scene.objects.values().any(|o| matches!(o.surface, Surface::Rough(_))), "rough boundaries");
         let ambient = scene.lights.values().filter(|l| matches!(l, Lamp::Ambient { .. })).count();
         sort(scene.projector.is_some(), "projector");
         sort(scene.lights.len() > ambient, "steady lights");

@@ -4,11 +4,12 @@ use std::sync::Arc;
 
 use glam::DVec3;
 use turbid_contract::Error;
-use turbid_contract::payload::{self, Port, Profile, Projection, Scene, Shape, Surface};
+use turbid_contract::payload::{self, Port, Profile, Projection, Scene, Shape, Specular, Surface};
 use turbid_optics::solid::{Frame, Mesh, Solid};
 use turbid_optics::view::{Lens, View, ViewError};
 
 use crate::camera::Camera;
+use crate::finish::Finish;
 use crate::lamp::{Lamp, Steady};
 use crate::light::Light;
 use crate::world::{Body, Material, World};
@@ -20,6 +21,8 @@ pub struct Rig {
     pub lights: Vec<Light>,
     /// One per channel.
     pub steady: Vec<Steady>,
+    /// Whether light that was never scattered is not seen.
+    pub excludes_specular: bool,
     /// One per channel; they differ in their materials only.
     pub worlds: Vec<World>,
     /// For each body, the place of its object in the scene.
@@ -49,12 +52,16 @@ impl Rig {
                 let medium = objects[i].medium.as_ref().map(|m| &scene.media[m]);
                 let material = match (objects[i].surface, medium) {
                     (Surface::Lambertian(rho), _) => Material::lambertian(rho),
-                    (Surface::Smooth, Some(m)) => {
+                    (surface @ (Surface::Smooth | Surface::Rough(_)), Some(m)) => {
                         let (mu_a, mu_s) = (m.mu_a[channel], m.mu_s[channel]);
                         // Without scattering g means nothing; equal materials shall be one.
-                        Material::medium(mu_a, mu_s, if mu_s > 0.0 { m.g } else { 0.0 }, m.n)
+                        let medium = Material::medium(mu_a, mu_s, if mu_s > 0.0 { m.g } else { 0.0 }, m.n);
+                        match surface {
+                            Surface::Rough(alpha) if m.n != 1.0 => Material { finish: Finish::Rough(alpha), ..medium },
+                            _ => medium,
+                        }
                     }
-                    (Surface::Smooth, None) => Material::VOID,
+                    (Surface::Smooth | Surface::Rough(_), None) => Material::VOID,
                 };
                 let index = materials.iter().position(|m| *m == material).unwrap_or(materials.len());
                 if index == materials.len() {
@@ -66,7 +73,14 @@ impl Rig {
             World { bodies, materials }
         });
         let steady = (0..scene.channels()).map(|channel| steady(scene, channel)).collect();
-        Ok(Self { camera, lights, steady, worlds: worlds.collect(), object_of: order })
+        Ok(Self {
+            excludes_specular: c.specular == Some(Specular::Exclude),
+            camera,
+            lights,
+            steady,
+            worlds: worlds.collect(),
+            object_of: order,
+        })
     }
 }
 

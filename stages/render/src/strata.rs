@@ -2,7 +2,8 @@
 
 use turbid_optics::solid::Solid;
 
-use crate::world::World;
+use crate::finish::Finish;
+use crate::world::{Body, World};
 
 /// The refractive index as a function of z.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,6 +27,8 @@ pub enum Bending {
     /// Nowhere: all that light can enter has one refractive index.
     Nowhere,
     AtPlanes(Strata),
+    /// At rough walls only: no light crosses them without being scattered by them.
+    AtRough,
     /// At walls for which there is no closed form.
     Anywhere,
 }
@@ -33,12 +36,31 @@ pub enum Bending {
 impl Bending {
     pub fn of(world: &World) -> Self {
         let clear = |i: usize| !world.materials[i].is_opaque();
-        let bends = world.bodies.iter().any(|b| clear(b.material) && world.materials[b.material].n != 1.0);
-        if !bends {
+        let bends: Vec<_> =
+            world.bodies.iter().filter(|b| clear(b.material) && world.materials[b.material].n != 1.0).collect();
+        if bends.is_empty() {
             return Self::Nowhere;
+        }
+        let rough = |material: usize| matches!(world.materials[material].finish, Finish::Rough(_));
+        if bends.iter().any(|b| rough(b.material)) {
+            // A smooth body carved into a rough one has smooth walls.
+            let carves = |i: usize, hole: &Body| {
+                clear(hole.material)
+                    && !rough(hole.material)
+                    && world.bodies[i + 1..].iter().any(|b| rough(b.material) && meet(hole, b))
+            };
+            let all = bends.iter().all(|b| rough(b.material))
+                && !world.bodies.iter().enumerate().any(|(i, body)| carves(i, body));
+            return if all { Self::AtRough } else { Self::Anywhere };
         }
         Strata::of(world).map_or(Self::Anywhere, Self::AtPlanes)
     }
+}
+
+/// Whether the bodies' bounding boxes share volume.
+fn meet(a: &Body, b: &Body) -> bool {
+    let ((a_low, a_high), (b_low, b_high)) = (a.solid.bounds(), b.solid.bounds());
+    a_low.cmplt(b_high).all() && b_low.cmplt(a_high).all()
 }
 
 impl Strata {
@@ -65,7 +87,7 @@ impl Strata {
                 strata.layers.push(layer);
             }
         }
-        let in_its_layer = |body: &crate::world::Body| {
+        let in_its_layer = |body: &Body| {
             let material = &world.materials[body.material];
             if matches!(body.solid, Solid::Slab { .. }) || material.is_opaque() {
                 return true;
@@ -95,7 +117,7 @@ impl Strata {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::world::{Body, Material};
+    use crate::world::Material;
     use glam::DVec3;
 
     #[test]

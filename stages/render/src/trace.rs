@@ -181,6 +181,7 @@ impl Job<'_> {
 
     fn tile(&self, setting: Setting<'_>, pixels: &[u32], samples: Range<u32>) -> Part {
         let mut walker = Walker::new(setting, named(self.ctx.simd()));
+        walker.excludes_specular = self.task.rig.excludes_specular;
         let width = self.task.shown.layout.width();
         let mut part =
             Part { moments: Moments::new(pixels.len(), width), differences: None, flights: 0, endless: false };
@@ -222,6 +223,7 @@ impl Job<'_> {
         let rig = &beside.references[k].paired;
         let setting = Setting { world: &rig.worlds[scene.channel as usize], ..scene };
         let mut other = Walker::new(setting, walker.level());
+        other.excludes_specular = rig.excludes_specular;
         let some: Vec<u32> = places.iter().map(|&i| pixels[i]).collect();
         flock::walk_among(&mut other, &some, samples.clone());
         let mut difference = vec![0.0; self.task.shown.layout.width()];

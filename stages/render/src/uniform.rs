@@ -54,12 +54,14 @@ pub fn obstacle(scene: &Scene, target_error: Option<f64>) -> Option<String> {
         let Shape::Slab { top, bottom } = object.shape else {
             return Some(format!("{name} is bounded sideways"));
         };
+        let medium = object.medium.as_ref().and_then(|m| scene.media.get(m));
+        let refracts = medium.is_some_and(|m| m.n != 1.0);
         let opaque = match object.surface {
-            Surface::Smooth => false,
+            Surface::Rough(_) if refracts => return Some(format!("the rough surface of {name} has a highlight")),
+            Surface::Smooth | Surface::Rough(_) => false,
             Surface::Lambertian(_) => true,
         };
-        let medium = object.medium.as_ref().and_then(|m| scene.media.get(m));
-        if medium.is_some_and(|m| m.n != 1.0) && camera.specular != Some(Specular::Exclude) {
+        if refracts && camera.specular != Some(Specular::Exclude) {
             return Some(format!("the glint on {name} is seen"));
         }
         layers.push(Layer { top, bottom, medium, opaque });

@@ -222,6 +222,9 @@ impl Frame {
             ahead: true,
             // The camera's ray was scored as far as it goes.
             wholly: number == 2,
+            // Where walls turn light, paths do not start in lanes.
+            scattered: number != 2,
+            glint: false,
             response: path as usize,
         }
     }

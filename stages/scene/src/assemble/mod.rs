@@ -115,7 +115,7 @@ pub fn object_at(objects: &[Placed<'_>], p: DVec3) -> Option<usize> {
 
 /// Whether light passes through the object as through nothing.
 pub fn is_void(scene: &Scene, object: &Object) -> bool {
-    object.surface == Surface::Smooth
+    !matches!(object.surface, Surface::Lambertian(_))
         && object.medium.as_ref().is_some_and(|m| scene.media.get(m).is_some_and(Medium::is_void))
 }
 

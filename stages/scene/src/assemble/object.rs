@@ -29,6 +29,7 @@ pub fn object(
         problems.push_with_hint(format!("objects.{name}"), format!("{name} {rule}"), SHAPES_HINT);
     }
     let surface = surface(name, o, problems);
+    let opaque = matches!(surface, Surface::Lambertian(_));
     match &o.medium {
         Some(medium) if !params.media.contains_key(medium) => {
             let known: Vec<&str> = params.media.keys().map(String::as_str).collect();
@@ -38,7 +39,7 @@ pub fn object(
                 None => problems.push_with_hint(at("medium"), message, format!("known: {}", known.join(", "))),
             }
         }
-        None if surface == Surface::Smooth => {
+        None if !opaque => {
             problems.push_with_hint(
                 at("medium"),
                 format!("{name} has no medium"),
@@ -48,7 +49,7 @@ pub fn object(
         _ => {}
     }
     // Light never enters an opaque object: what lies below cannot matter.
-    let medium = if surface == Surface::Smooth { o.medium.clone() } else { None };
+    let medium = if opaque { None } else { o.medium.clone() };
     Some(Object { shape: shapes.into_iter().next()?, medium, priority: o.priority, surface })
 }
 
@@ -57,6 +58,11 @@ fn surface(name: &str, o: &ObjectParams, problems: &mut Problems) -> Surface {
     let at = |field: &str| format!("objects.{name}.{field}");
     match o.surface {
         SurfaceParams::Smooth => Surface::Smooth,
+        SurfaceParams::Rough(alpha) => {
+            let rule = "lie in (0, 1]; `smooth` is the limit of 0";
+            problems.require(alpha.0 > 0.0 && alpha.0 <= 1.0, at("surface.rough"), alpha.0, "", rule);
+            Surface::Rough(alpha.0)
+        }
         SurfaceParams::Lambertian(rho) => {
             problems.require((0.0..=1.0).contains(&rho.0), at("surface.lambertian"), rho.0, "", "lie in [0, 1]");
             Surface::Lambertian(rho.0)

@@ -51,14 +51,13 @@ pub fn check_whole(scene: &Scene, problems: &mut Problems) {
         if !camera_view(c).is_ok_and(|view| sees_something(&solids, &view)) {
             problems.warn("camera.look_at", "the camera sees no object");
         }
-        let refracting = scene
-            .objects
-            .iter()
-            .find(|(_, o)| o.surface == Surface::Smooth && o.medium.as_ref().is_some_and(|m| scene.media[m].n != 1.0));
+        let refracting = scene.objects.iter().find(|(_, o)| {
+            !matches!(o.surface, Surface::Lambertian(_)) && o.medium.as_ref().is_some_and(|m| scene.media[m].n != 1.0)
+        });
         if let (Some((name, _)), None) = (refracting, c.specular) {
             problems.push_with_hint(
                 "camera.specular",
-                format!("the smooth surface of {name} has n != 1, so it must be said whether its reflexes are seen"),
+                format!("the surface of {name} has n != 1, so it must be said whether its reflexes are seen"),
                 "write `specular: exclude` (crossed polarisers) or `specular: include`",
             );
         }

@@ -9,6 +9,8 @@ pub enum Surface {
     /// A smooth boundary between the refractive indices of the two sides.
     #[default]
     Smooth,
+    /// A rough boundary (GGX microfacets) of this roughness, in (0, 1].
+    Rough(f64),
     /// Opaque, diffusely reflecting this fraction of the light that falls on it.
     Lambertian(f64),
 }
