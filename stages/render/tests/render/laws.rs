@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use serde_json::json;
-use turbid_contract::payload::{Camera, Medium, Object, Profile, Shape, Specular, Surface};
+use turbid_contract::payload::{Medium, Object, Profile, Shape};
 use turbid_optics::henyey_greenstein::density;
 
 use crate::setup::*;
@@ -305,60 +305,6 @@ fn places_may_change_across_refraction() {
     let z = (a - b) / f64::hypot(a_se, b_se);
     assert!(z.abs() < 4.0, "{a} +- {a_se}, swapped {b} +- {b_se}");
     assert!(a_se < 0.03 * a && b_se < 0.03 * b, "{a} +- {a_se}, {b} +- {b_se}");
-}
-
-/// The same through rough walls of bodies that are not slabs, in which no way is specular.
-#[test]
-fn places_may_change_across_rough_walls() {
-    let media =
-        [("m", Medium { n: 1.4, ..medium(0.02, 2.0, 0.8) }), ("core", Medium { n: 1.5, ..medium(0.1, 3.0, 0.5) })];
-    let rough = |o: Object, alpha| Object { surface: Surface::Rough(alpha), ..o };
-    let objects = || {
-        vec![
-            rough(object(Shape::Slab { top: 0.0, bottom: -6.0 }, "m", 0), 0.5),
-            rough(object(Shape::Sphere { diameter: 5.0, center: [1.0, 1.0, 0.5] }, "core", 1), 0.3),
-            lambertian(Shape::Box { size: [2.0, 2.0, 3.0], center: [0.0, -3.0, 1.5] }, 0.8),
-        ]
-    };
-    let (mut camera, mut projector) = rig(40.0, 0.0, 8.0, 4, 5.0);
-    camera.position = [20.0, 3.0, 30.0];
-    camera.specular = Some(Specular::Include);
-    projector.position = [-6.0, 24.0, 30.0];
-    projector.look_at = [1.0, 0.5, 0.0];
-    let (mut swapped_camera, mut swapped_projector) = (camera.clone(), projector.clone());
-    (swapped_camera.position, swapped_camera.look_at) = (projector.position, projector.look_at);
-    (swapped_projector.position, swapped_projector.look_at) = (camera.position, camera.look_at);
-    (swapped_camera.field, swapped_projector.field) = (projector.field, camera.field);
-    let dark = |specular| scene(&media, objects(), (Camera { specular, ..camera.clone() }, projector.clone()));
-    let (a, a_se) = dc(&dark(Some(Specular::Include)), 6000, 7);
-    let (b, b_se) = dc(&scene(&media, objects(), (swapped_camera, swapped_projector)), 6000, 8);
-    let z = (a - b) / f64::hypot(a_se, b_se);
-    assert!(z.abs() < 4.0, "{a} +- {a_se}, swapped {b} +- {b_se}");
-    assert!(a_se < 0.06 * a && b_se < 0.06 * b, "{a} +- {a_se}, {b} +- {b_se}");
-    // What the facets reflect outside is never scattered: the same paths see less.
-    let (without, _) = dc(&dark(Some(Specular::Exclude)), 6000, 7);
-    assert!(without < a, "{without} of {a}");
-}
-
-/// Walls of little roughness are nearly smooth: the mean slope alpha changes the radiance of a half-space by some alpha^2, and the
-/// light between facets that is lost is less than that.
-#[test]
-fn a_little_roughness_changes_little() {
-    let alpha = 0.1;
-    let seen = |surface| {
-        let m = Medium { n: 1.4, ..medium(0.02, 2.0, 0.5) };
-        let slab = Object { surface, ..object(FLOOR, "m", 0) };
-        let (mut camera, projector) = rig(300.0, 40.0, 4.0, 4, 60.0);
-        camera.specular = Some(Specular::Exclude);
-        dc(&scene(&[("m", m)], vec![slab], (camera, projector)), 3000, 19)
-    };
-    let ((smooth, smooth_se), (rough, rough_se)) = (seen(Surface::Smooth), seen(Surface::Rough(alpha)));
-    let se = f64::hypot(smooth_se, rough_se);
-    assert!(
-        (rough - smooth).abs() < 4.0 * se + 2.0 * alpha * alpha * smooth,
-        "{rough} +- {rough_se}, {smooth} +- {smooth_se}"
-    );
-    assert!(se < 0.1 * smooth, "{se} of {smooth}");
 }
 
 /// All lengths times 2^13 and all coefficients divided by it: the same paths, radiance by 2^-26 (the inverse square), bit

@@ -11,6 +11,7 @@ mod meshes;
 mod patterns;
 mod power;
 mod reference;
+mod rough;
 mod sensors;
 mod setup;
 #[path = "../../../optics/tests/shapes/mod.rs"]
