@@ -1,6 +1,6 @@
-//! What a path costs and how much it varies: `cargo run --release -p turbid-render --example cost [paths per pixel]`.
+//! What a path costs and how much it varies: `cargo run --release -p turbid-render --example cost [paths per pixel] [part of a name]`.
 //!
-//! Camera 500 mm straight above, projector at (35, 0, 500), f_x = 0.1 across the pixels, slab of 2 m, g = 0.8, n = 1, one core.
+//! Camera 500 mm straight above, projector at (35, 0, 500), f_x = 0.1 across the pixels, slab of 2 m, g = 0.8, n = 1 but where said, one core.
 //! rv = variance per path / mean^2 (for M_AC of the component along the mean phase), so 1e4 rv paths give 1 %.
 
 use glam::{DVec2, DVec3};
@@ -29,13 +29,16 @@ fn main() {
     );
     let media = [
         ("M1 (100, 5000)", 100.0, 5000.0),
+        ("M1 (100, 5000), n = 1.4", 100.0, 5000.0),
         ("M2 (25, 4236)", 25.0, 4236.0),
         ("M2 with a lesion", 25.0, 4236.0),
         ("M2 with a dome", 25.0, 4236.0),
         ("M3 (1, 20000)", 1.0, 20000.0),
     ];
-    for (name, a_rho, s_rho) in media {
-        let medium = Material::medium(a_rho / 1000.0, s_rho / 1000.0, 0.8, 1.0);
+    let only = std::env::args().nth(2).unwrap_or_default();
+    for (name, a_rho, s_rho) in media.into_iter().filter(|medium| medium.0.contains(&only)) {
+        let n = if name.ends_with("n = 1.4") { 1.4 } else { 1.0 };
+        let medium = Material::medium(a_rho / 1000.0, s_rho / 1000.0, 0.8, n);
         let lesion = Material { mu_a: 0.096, mu_s: 3.721, ..medium };
         let mut bodies = vec![Body { solid: Solid::Slab { bottom: -2000.0, top: 0.0 }, material: 1 }];
         if name.ends_with("lesion") {

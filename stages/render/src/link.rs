@@ -57,7 +57,7 @@ pub(crate) struct Chance<'a> {
 }
 
 /// Ways other than the straight one are looked for with this probability: they carry a few per cent of the light.
-const DETOURS: f64 = 0.125;
+pub(crate) const DETOURS: f64 = 0.125;
 /// The least and the most probable reflection on a detour.
 const RARE: f64 = 0.05;
 const OFTEN: f64 = 0.95;

@@ -11,6 +11,7 @@ use crate::lamp::Source;
 use crate::link::{Chance, Heading};
 use crate::look;
 use crate::path::{Place, Stream, Walker};
+use crate::single::Detour;
 use crate::strata::Bending;
 use crate::world::{Material, Skin};
 
@@ -247,6 +248,20 @@ impl<'a> Walker<'a> {
     pub fn look_at_lamps(&mut self, at: &Place, own: DVec3, roulette: f64) {
         for (i, lamp) in self.setting.steady.lamps.iter().enumerate() {
             self.line_lit(at, own, roulette, Source::Lamp(i, lamp));
+        }
+    }
+
+    /// One of the ways with reflections from the projector to r, for which lanes have looked ahead; apart from what is not queued.
+    pub(crate) fn try_detour(&mut self, detour: &Detour, r: DVec3, e: DVec3) {
+        let s = self.setting;
+        let (source, stream) = (Source::Projector(s.light), Stream::new(s.key, detour.pixel, detour.sample, s.channel));
+        let chance = Chance { stream: &stream, number: u64::from(detour.number), place: 0 };
+        if let Some(link) = self.detour(source, r, None, &chance) {
+            let p = hg::density(f64::from(detour.g), e.dot(link.towards));
+            let radiance = f64::from(detour.fraction) * p * link.irradiance * libm::exp(-link.tau);
+            std::mem::swap(&mut self.responses, &mut self.queued);
+            self.deposit(detour.path as usize, radiance, link.on_plane, source);
+            std::mem::swap(&mut self.responses, &mut self.queued);
         }
     }
 

@@ -88,10 +88,17 @@ impl Stream {
     /// Random numbers for what few scenes need, apart from all others: four bits each for `source` and `place`, seven for `decision`.
     /// Beyond that numbers are used again, for other things.
     pub(crate) fn aside(&self, number: u64, source: usize, place: usize, decision: u32) -> [u32; 4] {
-        let code = source.min(15) << 11 | place.min(15) << 7 | decision.min(127) as usize;
-        let aside = Self { channel: self.channel | 1 << 15, ..*self };
-        aside.block((code as u64) << 33 | number)
+        let aside = Self { channel: self.channel | ASIDE, ..*self };
+        aside.block(u64::from(aside_code(source, place, decision)) << 32 | number)
     }
+}
+
+/// The bit of a channel's number that is set in [`Stream::aside`].
+pub(crate) const ASIDE: u32 = 1 << 15;
+
+/// What stands there above the lower 32 bits of the block's number.
+pub(crate) fn aside_code(source: usize, place: usize, decision: u32) -> u32 {
+    (source.min(15) << 12 | place.min(15) << 8) as u32 | decision.min(127) << 1
 }
 
 /// Where a block of random numbers stands: 2^48 blocks a path, 2^15 channels (twice).

@@ -8,10 +8,11 @@ use crate::method::Taken;
 use crate::params::{Method, Params};
 use crate::response::Layout;
 
-/// ns per flight on one core, without looking for light (measured; see docs/theory/render.md).
-const NS_PER_FLIGHT: f64 = 38.0;
-/// ns per path for looking for light, some ten times.
-const NS_PER_PATH: f64 = 2200.0;
+/// ns per flight on one core, f32 lanes of AVX-512 (measured: 305, 547 and 2070 ns per path of 31, 67 and 387 flights; see
+/// docs/theory/render.md). AVX2 takes about twice as long.
+const NS_PER_FLIGHT: f64 = 5.0;
+/// ns per path for its start and for looking for light, where that goes in lanes.
+const NS_PER_PATH: f64 = 160.0;
 /// What the roulette of deep paths leaves of the flights in weakly absorbing media (measured: 405 of 902).
 const LEFT_BY_ROULETTE: f64 = 0.45;
 

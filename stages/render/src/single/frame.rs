@@ -3,6 +3,7 @@
 use glam::DVec3;
 use turbid_optics::solid::Solid;
 
+use super::bend::Plane;
 use super::ground::{Ground, Part};
 use super::look::MOST_BODIES;
 use crate::finish::Finish;
@@ -40,6 +41,8 @@ pub struct Frame {
     pub straight: bool,
     /// Whether a path that leaves all bodies has ended: boundaries do not turn it, and there is no light from infinity.
     pub dark: bool,
+    /// Where light from the projector bends on its way to all that scatters.
+    pub plane: Option<Plane>,
     /// Whether looks go in lanes: transparent bodies without repeated media, few enough for `look.rs`.
     pub looks: bool,
     /// Whether there is nothing to look for: no light but from infinity.
@@ -153,7 +156,8 @@ impl Frame {
         let blind = !s.light.shines() && s.steady.lamps.is_empty();
         // Pictures and lenses are looked up one by one.
         let plain = s.light.shines() && view.distortion.is_none() && s.pictures.layers() == 0;
-        let looks = straight && !others && can_look(s.world, &parts) && plain;
+        let plane = if others { None } else { Plane::of(walker, &parts, origin) };
+        let looks = (straight || plane.is_some()) && !others && can_look(s.world, &parts) && plain;
         Some(Self {
             origin,
             range_squared: (range * range) as f32,
@@ -165,10 +169,11 @@ impl Frame {
             others,
             parts,
             dark: straight && !others && s.steady.ambient == 0.0,
+            plane,
             looks,
             lamps: !s.steady.lamps.is_empty(),
             blind,
-            starts: (looks || (blind && straight && !others)) && !s.steady.shines() && !s.camera.has_aperture(),
+            starts: straight && !others && (looks || blind) && !s.steady.shines() && !s.camera.has_aperture(),
             stride: walker.stride(),
             windows: (0..s.world.materials.len()).any(|m| walker.window(m) > 0.0),
             light,

@@ -2,12 +2,15 @@
 
 use fearless_simd::prelude::*;
 
+use super::bend::Detour;
 use super::frame::{Frame, Lamp};
 use super::ground::Span;
 use super::lane::{F, LANES, M, U, V, choose, exp, hg_denominator, hg_sample, ln, philox, sin_cos_turns, splat, unit};
 use super::rows::Rows;
+use crate::link::DETOURS;
 use crate::look::FLAT;
 use crate::nee::TAU_SURE;
+use crate::path::{ASIDE, aside_code};
 
 /// Optical depth (optical distance to the light) beyond which it counts as none: e^-80 of it.
 const DARK: f32 = 80.0;
@@ -23,7 +26,15 @@ pub const POINT: u32 = 1 << 30;
 
 /// Columns: r, the direction in which the path came, the one in which it goes on, weight, roulette, mu_a, mu_s, g;
 /// number, sample, pixel, response, body.
-pub type Looks = Rows<14, 5>;
+pub type Rays = Rows<14, 5>;
+
+/// What waits for being looked at.
+#[derive(Clone, Debug, Default)]
+pub struct Looks {
+    pub rays: Rays,
+    /// Where light bends.
+    pub detours: Vec<Detour>,
+}
 
 /// Looks for light while so many wait.
 #[inline(always)]
@@ -36,26 +47,24 @@ pub fn look_while<S: Simd>(
     high: u32,
     responses: &mut [f64],
 ) {
-    while looks.len() >= many {
+    while looks.rays.len() >= many {
         simd.vectorize(
             #[inline(always)]
             || look(simd, looks, frame, key, high, responses),
         );
-        looks.drop_first(simd);
+        looks.rays.drop_first(simd);
     }
 }
 
 /// The first 16 looks, or as many as there are: adds to the responses of their paths, which are as
 /// [`Layout`](crate::response::Layout) says.
 #[inline(always)]
-fn look<S: Simd>(simd: S, looks: &Looks, frame: &Frame, key: [u32; 2], high: u32, responses: &mut [f64]) {
-    let (floats, [number, sample, pixel, path, body]) = looks.load(simd);
+fn look<S: Simd>(simd: S, looks: &mut Looks, frame: &Frame, key: [u32; 2], high: u32, responses: &mut [f64]) {
+    let (floats, [number, sample, pixel, path, body]) = looks.rays.load(simd);
     let [rx, ry, rz, cx, cy, cz, ox, oy, oz, weight, roulette, mu_a, mu_s, g] = floats;
     let (r, came, own) = (V { x: rx, y: ry, z: rz }, V { x: cx, y: cy, z: cz }, V { x: ox, y: oy, z: oz });
     let (zero, mu_t) = (splat(simd, 0.0), mu_a + mu_s);
-    let (towards, distance) = to_light(r, &frame.light);
-    let to_light = spans(simd, frame, r, towards);
-    let tau = optical_depth(simd, frame, &to_light, distance);
+    let Sight { towards, spans: to_light, tau, .. } = sight(simd, frame, r);
     let (wall, wall_body) = first_piece(simd, frame, body, &to_light);
 
     // The line: along the path's own direction, or one from the lobe around the light. A camera's ray has no choice.
@@ -75,24 +84,43 @@ fn look<S: Simd>(simd: S, looks: &Looks, frame: &Frame, key: [u32; 2], high: u32
     let s = choose(point, zero, s);
 
     let r1 = r.plus(s, e);
-    let (arriving, irradiance, lit, x, y) = arrives(simd, &frame.light, r1);
-    let (towards1, distance1) = arriving;
-    let to_light1 = spans(simd, frame, r1, towards1);
-    let tau1 = optical_depth(simd, frame, &to_light1, distance1);
+    let Sight { towards: towards1, tau: tau1, blocked, foot, gain, .. } = sight(simd, frame, r1);
+    let (irradiance, lit, x, y) = arrives(simd, &frame.light, foot);
     let dark = mu_t * s + tau1;
     // Nor was it looked for by roulette.
     let rarity = choose(first, splat(simd, 1.0), rarity(simd, tau));
     let cos = choose(point, came.dot(towards1), e.dot(towards1));
     let q = hg_denominator(g, cos);
     let p = (1.0 - g) * (1.0 + g) * (0.25 * std::f32::consts::FRAC_1_PI) / (q * q.sqrt());
-    let clear = lit & !blocked(simd, frame, &to_light1, distance1) & (length.simd_gt(0.0) | point);
-    let seen = (roulette * rarity).simd_lt(1.0) & clear & dark.simd_lt(DARK);
+    let looked = (roulette * rarity).simd_lt(1.0) & (length.simd_gt(0.0) | point);
+    let seen = looked & lit & !blocked & dark.simd_lt(DARK);
     let ahead = choose(point, splat(simd, 1.0), balance * inverse_density * mu_s);
-    let fraction = weight * rarity * ahead * p;
-    let radiance = choose(seen, fraction * irradiance * exp(-dark.min(splat(simd, DARK))), zero);
+    let fraction = weight * rarity * ahead;
+    let radiance = choose(seen, fraction * p * (irradiance * gain) * exp(-dark.min(splat(simd, DARK))), zero);
 
     let stride = frame.stride;
-    let count = looks.len().min(LANES);
+    let count = looks.rays.len().min(LANES);
+    if frame.plane.is_some() {
+        // The first decision of `Walker::detour`.
+        let high = high | (ASIDE << 16 | aside_code(0, 0, 1));
+        let [chance, ..] = philox(simd, block, high, sample, pixel, key);
+        let mut tried = (looked & chance.simd_lt((DETOURS * 4_294_967_296.0) as u32)).to_bitmask() & ((1 << count) - 1);
+        let scattered = fraction * exp(-(mu_t * s).min(splat(simd, DARK)));
+        while tried != 0 {
+            let i = tried.trailing_zeros() as usize;
+            tried &= tried - 1;
+            looks.detours.push(Detour {
+                number: block.as_slice()[i],
+                sample: sample.as_slice()[i],
+                pixel: pixel.as_slice()[i],
+                path: path.as_slice()[i],
+                r: [r1.x, r1.y, r1.z].map(|x| x.as_slice()[i]),
+                e: [e.x, e.y, e.z].map(|x| x.as_slice()[i]),
+                g: g.as_slice()[i],
+                fraction: scattered.as_slice()[i],
+            });
+        }
+    }
     let mut add = |place: usize, x: F<S>| {
         for (&path, &x) in path.as_slice()[..count].iter().zip(x.as_slice()) {
             responses[path as usize * stride + place] += f64::from(x) * frame.light.irradiance;
@@ -116,10 +144,42 @@ fn to_light<S: Simd>(p: V<S>, lamp: &Lamp) -> (V<S>, F<S>) {
     (d.times(1.0 / distance), distance)
 }
 
-/// (direction and distance of the light, irradiance, whether it is lit, where on the pattern's plane).
+/// What lies between points and the light.
+struct Sight<S: Simd> {
+    /// Unit vector from the point against the light, and where its line meets the bodies.
+    towards: V<S>,
+    spans: Spans<S>,
+    tau: F<S>,
+    blocked: M<S>,
+    /// From where light comes straight from the projector, and what of the irradiance there reaches the point.
+    foot: V<S>,
+    gain: F<S>,
+}
+
 #[inline(always)]
-#[allow(clippy::type_complexity, reason = "read once, at once")]
-fn arrives<S: Simd>(simd: S, lamp: &Lamp, p: V<S>) -> ((V<S>, F<S>), F<S>, M<S>, F<S>, F<S>) {
+fn sight<S: Simd>(simd: S, frame: &Frame, p: V<S>) -> Sight<S> {
+    let Some(plane) = &frame.plane else {
+        let (towards, distance) = to_light(p, &frame.light);
+        let spans = spans(simd, frame, p, towards);
+        let (tau, blocked) = (optical_depth(simd, frame, &spans, distance), blocked(simd, frame, &spans, distance));
+        return Sight { towards, spans, tau, blocked, foot: p, gain: splat(simd, 1.0) };
+    };
+    let way = plane.way(simd, &frame.light, p);
+    let inside = spans(simd, frame, p, way.towards);
+    let mut tau = optical_depth(simd, frame, &inside, way.length);
+    let mut stopped = blocked(simd, frame, &inside, way.length);
+    if plane.behind {
+        let (onward, distance) = to_light(way.foot, &frame.light);
+        let outside = spans(simd, frame, way.foot, onward);
+        tau += optical_depth(simd, frame, &outside, distance);
+        stopped |= blocked(simd, frame, &outside, distance);
+    }
+    Sight { towards: way.towards, spans: inside, tau, blocked: stopped, foot: way.foot, gain: way.gain }
+}
+
+/// (irradiance, whether it is lit, where on the pattern's plane) by the straight line.
+#[inline(always)]
+fn arrives<S: Simd>(simd: S, lamp: &Lamp, p: V<S>) -> (F<S>, M<S>, F<S>, F<S>) {
     let (towards, distance) = to_light(p, lamp);
     // Along the ray from the light by what the plane is away from p: no digits are lost where that is little.
     let d = p.from(lamp.position);
@@ -137,7 +197,7 @@ fn arrives<S: Simd>(simd: S, lamp: &Lamp, p: V<S>) -> ((V<S>, F<S>), F<S>, M<S>,
     } else {
         splat(simd, lamp.strength)
     };
-    ((towards, distance), strength / (distance * distance), ahead & across & along, x, y)
+    (strength / (distance * distance), ahead & across & along, x, y)
 }
 
 type Spans<S> = [Span<S>; MOST_BODIES];

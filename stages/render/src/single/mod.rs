@@ -3,6 +3,7 @@
 //! What befalls a path beside flights inside one convex body is left to the scalar [`Walker`](crate::path::Walker), as in `flock.rs`;
 //! random numbers are the same, so a path differs from the scalar one by rounding only.
 
+mod bend;
 pub mod frame;
 pub mod ground;
 pub mod lane;
@@ -11,5 +12,6 @@ mod rows;
 mod start;
 mod walk;
 
+pub(crate) use bend::Detour;
 pub use frame::Frame;
 pub use walk::walk;

@@ -160,7 +160,7 @@ impl<'a> Starts<'a> {
                 if !frame.blind {
                     let weight = libm::exp(-tau) as f32;
                     let row = [r[0], r[1], r[2], w[0], w[1], w[2], w[0], w[1], w[2], weight, 0.0, m.mu_a, m.mu_s, m.g];
-                    looks.push(row, [FIRST | scored, ids.sample, ids.pixel, ids.path, body as u32]);
+                    looks.rays.push(row, [FIRST | scored, ids.sample, ids.pixel, ids.path, body as u32]);
                 }
                 scored += 1;
             }

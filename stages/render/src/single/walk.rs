@@ -5,6 +5,7 @@ use std::ops::Range;
 use fearless_simd::dispatch;
 use fearless_simd::prelude::*;
 
+use super::bend::try_detours;
 use super::frame::Frame;
 use super::lane::{F, LANES, M, U, V, choose, hg_sample, ln, philox, spare, splat, unit, unit_short};
 use super::look::{Looks, POINT, look_while, rarity};
@@ -114,8 +115,12 @@ impl<'a, S: Simd> Flock<'a, S> {
                 self.settle(walker, odd);
             }
             look_while(simd, &mut self.looks, LANES, self.frame, key, high, responses);
+            if !self.looks.detours.is_empty() {
+                try_detours(walker, self.frame, &mut self.looks);
+            }
         }
         look_while(simd, &mut self.looks, 1, self.frame, key, high, responses);
+        try_detours(walker, self.frame, &mut self.looks);
         walker.count_flights(flights);
     }
 
@@ -209,7 +214,7 @@ impl<'a, S: Simd> Flock<'a, S> {
         // Its single scattering was scored along the whole ray, from the camera.
         let unforeseen = near & beyond & !number.simd_eq(2);
         if frame.looks && unforeseen.any_true() {
-            self.looks.pack(
+            self.looks.rays.pack(
                 unforeseen,
                 &[end.x, end.y, end.z, wx, wy, wz, wx, wy, wz, weight, roulette, mu_a, mu_s, g],
                 &[number | POINT, sample, pixel, path, body],
@@ -217,7 +222,7 @@ impl<'a, S: Simd> Flock<'a, S> {
             look_while(simd, &mut self.looks, LANES, frame, key, high, responses);
         }
         if frame.looks && looks.any_true() {
-            self.looks.pack(
+            self.looks.rays.pack(
                 looks,
                 &[end.x, end.y, end.z, wx, wy, wz, e.x, e.y, e.z, heavier, roulette, mu_a, mu_s, g],
                 &[number + 1, sample, pixel, path, body],

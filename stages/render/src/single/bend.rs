@@ -1,0 +1,242 @@
+//! Light that bends once on its way: through one plane between the medium and the projector, in f32 lanes.
+//!
+//! `Walker::link` for worlds in which that plane is all there is between what scatters and the light; `docs/theory/render.md` derives the irradiance.
+
+use fearless_simd::prelude::*;
+use glam::DVec3;
+
+use super::frame::{Frame, Lamp};
+use super::ground::Part;
+use super::lane::{F, M, V, choose, splat};
+use super::look::Looks;
+use crate::path::Walker;
+use crate::strata::Bending;
+
+/// A horizontal plane between a layer, in which everything lies that scatters, and the light's, of lower refractive index.
+#[derive(Clone, Copy, Debug)]
+pub struct Plane {
+    /// mm, local.
+    pub z: f32,
+    /// 1 where the light is above it, -1 where it is below.
+    up: f32,
+    /// Distance of the light, mm.
+    height: f32,
+    /// n of the layer over that of the light's.
+    m: f32,
+    /// m^2 - 1.
+    excess: f32,
+    /// n of the layer.
+    n: f32,
+    /// World z of both ends of the layer, mm.
+    layer: [f64; 2],
+    /// Whether bodies stand on the light's side.
+    pub behind: bool,
+}
+
+/// How light comes to points.
+pub struct Way<S: Simd> {
+    /// Unit vector from the point against it.
+    pub towards: V<S>,
+    /// mm to the plane.
+    pub length: F<S>,
+    /// Where it comes through the plane.
+    pub foot: V<S>,
+    /// Irradiance of a surface that faces it at the point, over n^2, over that of one at the foot that faces the light.
+    pub gain: F<S>,
+}
+
+/// Newton's method needs two or three steps, some more where the light is nearer to the plane than the point.
+const MOST_STEPS: usize = 24;
+/// It doubles the digits: after a step of so much of t, what is left is some 1e-8.
+const ENOUGH: f32 = 1e-4;
+
+impl Plane {
+    /// `None` where light does not bend, or not like this.
+    pub fn of(walker: &Walker<'_>, parts: &[Part], origin: DVec3) -> Option<Self> {
+        let Bending::AtPlanes(strata) = &walker.bending else { return None };
+        let (low, high) =
+            parts.iter().filter(|part| part.open).fold((f64::INFINITY, f64::NEG_INFINITY), |ends, part| {
+                let (low, high) = part.solid.bounds();
+                (ends.0.min(low.z), ends.1.max(high.z))
+            });
+        let lamp = walker.setting().light.view.position.z;
+        let (layer, up) = (strata.layer(low, true), lamp > high);
+        let (edge, next) = strata.onward(layer, up)?;
+        let (n, n_light) = (strata.layers[layer].n, strata.layers[next].n);
+        let outside = strata.layer(high, false) != layer || strata.layer(lamp, !up) != next;
+        if low >= high || outside || strata.layers[next].opaque || n < n_light {
+            return None;
+        }
+        let end = |up: bool| strata.onward(layer, up).map_or(if up { f64::MAX } else { f64::MIN }, |(edge, _)| edge);
+        let stands = |part: &Part| {
+            let (low, high) = part.solid.bounds();
+            part.material != 0 && if up { high.z > edge } else { low.z < edge }
+        };
+        Some(Self {
+            z: (edge - origin.z) as f32,
+            up: if up { 1.0 } else { -1.0 },
+            height: (lamp - edge).abs() as f32,
+            m: (n / n_light) as f32,
+            excess: ((n - n_light) * (n + n_light) / (n_light * n_light)) as f32,
+            n: n as f32,
+            layer: [end(false), end(true)],
+            behind: parts.iter().any(stands),
+        })
+    }
+
+    /// With t the tangent on the light's side, H the light's height above the plane, d the point's depth below and m = n / n_light,
+    /// the advance sideways is t (H + d / q), q^2 = m^2 + (m^2 - 1) t^2.
+    #[inline(always)]
+    pub fn way<S: Simd>(&self, simd: S, lamp: &Lamp, p: V<S>) -> Way<S> {
+        let (zero, height, m2) = (splat(simd, 0.0), self.height, self.m * self.m);
+        let (x, y) = (lamp.position[0] - p.x, lamp.position[1] - p.y);
+        let advance = (x * x + y * y).sqrt();
+        let sideways = choose(advance.simd_gt(zero), 1.0 / advance, zero);
+        let depth = ((self.z - p.z) * self.up).max(zero);
+        let at = |t: F<S>| {
+            let q2 = t * t * self.excess + m2;
+            let q = q2.sqrt();
+            let reach = depth / q;
+            (q, reach + height, reach * m2 / q2 + height)
+        };
+        let mut t = advance / (depth * (1.0 / self.m) + height);
+        let mut open = M::splat(simd, true);
+        for _ in 0..MOST_STEPS {
+            let (_, reach, slope) = at(t);
+            let step = (advance - t * reach) / slope;
+            // Each lane stops by itself: its neighbours must not show.
+            t = choose(open, t + step, t);
+            open &= step.abs().simd_gt(t * ENOUGH);
+            if open.all_false() {
+                break;
+            }
+        }
+        let (q, reach, slope) = at(t);
+        let inverse = 1.0 / (self.m * (t * t + 1.0).sqrt());
+        let (sin, cos) = (t * inverse * sideways, q * inverse);
+        // 1 - R from what passes of both polarisations, not from what is reflected: all digits at grazing angles.
+        let (a, b) = (q + 1.0, q + m2);
+        let transmitted = q * 2.0 * (1.0 / (a * a) + m2 / (b * b));
+        let aside = depth * t / q * sideways;
+        Way {
+            towards: V { x: x * sin, y: y * sin, z: cos * self.up },
+            length: depth / cos,
+            foot: V { x: p.x + x * aside, y: p.y + y * aside, z: splat(simd, self.z) },
+            gain: transmitted * (height * height * self.m / (self.n * self.n)) / (q * reach * slope),
+        }
+    }
+}
+
+/// A point for which one of the ways with reflections is to be tried: lanes know the one without only.
+#[derive(Clone, Copy, Debug)]
+pub struct Detour {
+    /// Of the look's random numbers.
+    pub number: u32,
+    pub sample: u32,
+    pub pixel: u32,
+    pub path: u32,
+    pub r: [f32; 3],
+    /// Unit vector along which the path comes to it.
+    pub e: [f32; 3],
+    pub g: f32,
+    /// Of what is scattered there.
+    pub fraction: f32,
+}
+
+/// Tries those that wait, in their order.
+#[inline(never)]
+pub fn try_detours(walker: &mut Walker<'_>, frame: &Frame, looks: &mut Looks) {
+    for detour in looks.detours.drain(..) {
+        let mut r = frame.world(detour.r);
+        if let Some(plane) = &frame.plane {
+            // Rounding must not put it into another layer.
+            r.z = r.z.clamp(plane.layer[0].next_up(), plane.layer[1].next_down());
+        }
+        let e = DVec3::from(detour.e.map(f64::from));
+        walker.try_detour(&detour, r, e);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::lane::LANES;
+    use super::*;
+    use fearless_simd::dispatch;
+    use turbid_optics::refraction::{Crossing, Leg};
+
+    fn plane(height: f32, up: f32, m: f32) -> Plane {
+        let excess = (f64::from(m) * f64::from(m) - 1.0) as f32;
+        Plane { z: 0.25, up, height, m, excess, n: m, layer: [0.0; 2], behind: false }
+    }
+
+    fn lamp(position: [f32; 3]) -> Lamp {
+        Lamp {
+            position,
+            plane: 0.0,
+            center: [0.0; 2],
+            right: [1.0, 0.0],
+            top: [0.0, 1.0],
+            half: [1.0; 2],
+            strength: 1.0,
+            irradiance: 1.0,
+            flat: false,
+        }
+    }
+
+    /// Of each lane: direction, length, foot, gain.
+    #[inline(always)]
+    fn ways<S: Simd>(simd: S, plane: Plane, lamp: Lamp, points: [[f32; 3]; LANES]) -> [[f32; 8]; LANES] {
+        let axis = |i: usize| F::load_array(simd, points.map(|p| p[i]));
+        let way = plane.way(simd, &lamp, V { x: axis(0), y: axis(1), z: axis(2) });
+        let (towards, foot) = (way.towards, way.foot);
+        let columns = [towards.x, towards.y, towards.z, way.length, foot.x, foot.y, foot.z, way.gain];
+        std::array::from_fn(|lane| columns.map(|column| column.as_slice()[lane]))
+    }
+
+    /// Against the f64 solution for the same f32 inputs, from the plane to far below it, upright to grazing, light far and near, up and
+    /// down: direction to 5e-7, foot to as much of the advance, gain to 2e-6 (some ten roundings of 6e-8 each, and 1e-8 of Newton's).
+    #[test]
+    fn ways_are_those_of_the_scalar_walker() {
+        let depths = [0.0, 1e-4, 0.03, 0.7, 5.0, 40.0, 900.0, 5e3];
+        for (m, height, up) in [1.0_f32, 1.01, 1.4, 2.5]
+            .into_iter()
+            .flat_map(|m| [500.0, 20.0, 0.5].into_iter().flat_map(move |height| [1.0, -1.0].map(|up| (m, height, up))))
+        {
+            for advance in [0.0_f32, 1e-3, 0.4, 35.0, 600.0, 2e4] {
+                let position = [3.0, -2.0, 0.25 + up * height];
+                let (plane, lamp) = (plane(height, up, m), lamp(position));
+                let points: [[f32; 3]; LANES] = std::array::from_fn(|i| {
+                    let turn = i as f32;
+                    [3.0 + advance * turn.cos(), -2.0 + advance * turn.sin(), 0.25 - up * depths[i % depths.len()]]
+                });
+                let found = dispatch!(crate::level::named(""), simd => simd.vectorize(
+                    #[inline(always)]
+                    || ways(simd, plane, lamp, points)
+                ));
+                for (p, found) in points.iter().zip(found) {
+                    let [x, y] = [0, 1].map(|i| f64::from(position[i]) - f64::from(p[i]));
+                    let (depth, rho) = (f64::from((0.25 - p[2]) * up), x.hypot(y));
+                    let (height, m) = (f64::from(height), f64::from(m));
+                    let legs = [Leg { n: m, depth }, Leg { n: 1.0, depth: height }];
+                    let way = Crossing::new(legs.into_iter(), rho).expect("it gets there");
+                    let along = if rho > 0.0 { [x / rho, y / rho] } else { [0.0; 2] };
+                    let (sin, cos) = (way.sin(m), way.cos(m));
+                    let aside = depth * way.tan(m);
+                    let distance = height / way.cos(1.0);
+                    let gain = distance * distance * way.spread(1.0, m) * (1.0 - way.reflectance(m, 1.0)) / (m * m);
+                    let case = format!("m {m}, height {height}, up {up}, point {p:?}: {found:?}");
+                    let near = |i: usize, expected: f64, tolerance: f64| {
+                        assert!((f64::from(found[i]) - expected).abs() <= tolerance, "{case}: {i} is {expected}");
+                    };
+                    near(0, sin * along[0], 5e-7);
+                    near(1, sin * along[1], 5e-7);
+                    near(2, cos * f64::from(up), 5e-7);
+                    near(3, depth / cos, 1e-6 * depth / cos);
+                    near(4, f64::from(p[0]) + aside * along[0], 5e-7 * (aside + f64::from(p[0].abs())));
+                    near(5, f64::from(p[1]) + aside * along[1], 5e-7 * (aside + f64::from(p[1].abs())));
+                    near(7, gain, 2e-6 * gain);
+                }
+            }
+        }
+    }
+}
