@@ -29,8 +29,6 @@ pub struct Plane {
     n: f32,
     /// World z of both ends of the layer, mm.
     layer: [f64; 2],
-    /// Whether bodies stand on the light's side.
-    pub behind: bool,
 }
 
 /// How light comes to points.
@@ -72,6 +70,10 @@ impl Plane {
             let (low, high) = part.solid.bounds();
             part.material != 0 && if up { high.z > edge } else { low.z < edge }
         };
+        // Bodies on the light's side would have to be looked past twice.
+        if parts.iter().any(stands) {
+            return None;
+        }
         Some(Self {
             z: (edge - origin.z) as f32,
             up: if up { 1.0 } else { -1.0 },
@@ -80,7 +82,6 @@ impl Plane {
             excess: ((n - n_light) * (n + n_light) / (n_light * n_light)) as f32,
             n: n as f32,
             layer: [end(false), end(true)],
-            behind: parts.iter().any(stands),
         })
     }
 
@@ -166,7 +167,7 @@ mod tests {
 
     fn plane(height: f32, up: f32, m: f32) -> Plane {
         let excess = (f64::from(m) * f64::from(m) - 1.0) as f32;
-        Plane { z: 0.25, up, height, m, excess, n: m, layer: [0.0; 2], behind: false }
+        Plane { z: 0.25, up, height, m, excess, n: m, layer: [0.0; 2] }
     }
 
     fn lamp(position: [f32; 3]) -> Lamp {

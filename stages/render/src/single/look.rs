@@ -166,14 +166,8 @@ fn sight<S: Simd>(simd: S, frame: &Frame, p: V<S>) -> Sight<S> {
     };
     let way = plane.way(simd, &frame.light, p);
     let inside = spans(simd, frame, p, way.towards);
-    let mut tau = optical_depth(simd, frame, &inside, way.length);
-    let mut stopped = blocked(simd, frame, &inside, way.length);
-    if plane.behind {
-        let (onward, distance) = to_light(way.foot, &frame.light);
-        let outside = spans(simd, frame, way.foot, onward);
-        tau += optical_depth(simd, frame, &outside, distance);
-        stopped |= blocked(simd, frame, &outside, distance);
-    }
+    let tau = optical_depth(simd, frame, &inside, way.length);
+    let stopped = blocked(simd, frame, &inside, way.length);
     Sight { towards: way.towards, spans: inside, tau, blocked: stopped, foot: way.foot, gain: way.gain }
 }
 

@@ -80,14 +80,6 @@ pub fn scenes() -> Vec<(&'static str, World)> {
         ),
         ("wet half-space with a core", world(vec![(ball([0.5, 0.0, -1.5], 1.0), WET_CORE), (slab(0.0, -500.0), WET)])),
         (
-            "white block on wet tissue over its core",
-            world(vec![
-                (cuboid([-1.0, 0.5, 0.0], [1.0, 1.5, 2.0]), WHITE),
-                (ball([0.5, 0.0, -1.5], 1.0), WET_CORE),
-                (slab(0.0, -2.6), WET),
-            ]),
-        ),
-        (
             "thin dense slab between glass plates over a white floor",
             world(vec![
                 (slab(0.5, 0.0), GLASS),
