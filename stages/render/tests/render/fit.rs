@@ -1,7 +1,7 @@
 //! The smooth fit of laterally uniform scenes: right, with errors that can be trusted, and only where it holds.
 
 use serde_json::{Value, json};
-use turbid_contract::payload::{Scene, Shape};
+use turbid_contract::payload::{Scene, Shape, Specular};
 use turbid_contract::{ImageStack, Layer, LayerKind, Problems};
 use turbid_render::Params;
 
@@ -56,12 +56,24 @@ fn a_lambertian_floor_is_fitted_exactly() {
 /// at most: their mean square is 1 within 5 sqrt(2 / 720) + the 2 % of the long run.
 #[test]
 fn fits_agree_with_pixels_within_their_errors() {
-    let scene = oblique(12);
-    let long = run(&scene, &params("path", 4096), 1000).remove("frames").unwrap();
+    agree(&oblique(12));
+}
+
+/// The same where the slab refracts.
+#[test]
+fn fits_agree_with_pixels_at_refracting_slabs() {
+    let mut scene = oblique(12);
+    scene.media.get_mut("m").unwrap().n = 1.4;
+    scene.camera.as_mut().unwrap().specular = Some(Specular::Exclude);
+    agree(&scene);
+}
+
+fn agree(scene: &Scene) {
+    let long = run(scene, &params("path", 4096), 1000).remove("frames").unwrap();
     let (mut sum, mut squares, mut count, mut worst) = (0.0, 0.0, 0.0, 0.0_f64);
     let mut means = Vec::new();
     for seed in 0..24 {
-        let fit = run(&scene, &params("fit", 64), seed).remove("frames").unwrap();
+        let fit = run(scene, &params("fit", 64), seed).remove("frames").unwrap();
         for ((value, se), (truth, truth_se)) in values(&fit).into_iter().zip(values(&long)) {
             for (at, &x) in value.data.indexed_iter() {
                 let (off, se) =
