@@ -1,28 +1,124 @@
-//! The directions of the calculation and how scattering couples them.
-
-#![allow(clippy::needless_range_loop, reason = "rows and columns of one matrix")]
+//! The directions of the calculation.
 
 use turbid_optics::fresnel::critical_cos;
 use turbid_optics::quadrature::gauss_legendre_on;
 
-use crate::matrix::{Matrix, zeros};
+use crate::incidence::Incidence;
 
-/// N cosines in (0, 1], increasing, the last one 1 (the beam along the normal), with weights for integrals over [0, 1].
-///
-/// Matched slab: Gauss-Radau. Otherwise Gauss below the critical cosine, where all light is reflected, and above it
-/// Radau in the cosine in air: there Fresnel's reflectance has no square-root corner.
-pub fn nodes<const N: usize>(n: f64) -> [(f64, f64); N] {
-    let critical = critical_cos(n);
-    let trapped = if n == 1.0 { 0 } else { 3 * N / 8 };
-    let mut rule = [(0.0, 0.0); N];
+/// N cosines in the slab, increasing, with weights for integrals over [0, 1], and the share of the incident light in each.
+pub struct Directions<const N: usize> {
+    /// Refractive index of the slab.
+    pub n: f64,
+    pub cosines: [f64; N],
+    pub weights: [f64; N],
+    /// 1 / sqrt(cosine).
+    pub inverse_roots: [f64; N],
+    /// Root of cosine times weight: flux = sum of `flux_root` times scaled radiance.
+    pub flux_root: [f64; N],
+    /// Shares of the incident flux in the air; their sum is 1.
+    pub incident: [f64; N],
+    /// Legendre moments of the phase function that the rule bears.
+    pub terms: usize,
+}
+
+/// Weight of the direction of an oblique beam. It stands beside a full rule, so its weight is an error of that size; the
+/// beam's radiance is 1 / weight, which costs digits the other way: derivatives keep 1e-15 N / sqrt(weight).
+const BESIDE: f64 = 1e-9;
+
+impl<const N: usize> Directions<N> {
+    /// For a slab of index `n` under light as [`Incidence::checked`].
+    ///
+    /// Matched slab: Gauss-Radau, the last direction along the normal. Otherwise Gauss below the critical cosine, where all
+    /// light is reflected, and above it Radau in the cosine in air: there Fresnel's reflectance has no square-root corner.
+    /// A cone cuts the rule at its edge.
+    pub fn new(n: f64, light: Incidence) -> Self {
+        let inside = |x: f64| (1.0 - (1.0 - x * x) / (n * n)).sqrt();
+        let mut terms = if n == 1.0 { 2 * N } else { 5 * N / 4 };
+        let mut rule = match light {
+            Incidence::Normal | Incidence::Diffuse => full_rule(n, N),
+            Incidence::Oblique(angle) => {
+                terms = if n == 1.0 { 2 * (N - 1) } else { 5 * (N - 1) / 4 };
+                let mut rule = full_rule(n, N - 1);
+                rule.push((inside(libm::cos(angle)), BESIDE));
+                rule
+            }
+            Incidence::Cone(angle) => {
+                terms = N;
+                cut_rule(n, N, angle)
+            }
+        };
+        let beam = rule.len() - 1;
+        let edge = match light {
+            Incidence::Cone(angle) => inside(libm::cos(angle)),
+            _ => critical_cos(n),
+        };
+        let total = rule.iter().filter(|node| node.0 > edge).fold(0.0, |sum, (x, w)| sum + x * w);
+        let mut rule: Vec<(f64, f64, f64)> = rule
+            .drain(..)
+            .enumerate()
+            .map(|(i, (x, w))| {
+                let share = match light {
+                    Incidence::Normal | Incidence::Oblique(_) => f64::from(u8::from(i == beam)),
+                    Incidence::Diffuse if x > edge => 2.0 * n * n * x * w,
+                    Incidence::Cone(_) if x > edge => x * w / total,
+                    _ => 0.0,
+                };
+                (x, w, share)
+            })
+            .collect();
+        rule.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let rule: [(f64, f64, f64); N] = rule.try_into().expect("a rule of N directions");
+        Self {
+            n,
+            cosines: rule.map(|r| r.0),
+            weights: rule.map(|r| r.1),
+            inverse_roots: rule.map(|r| 1.0 / r.0.sqrt()),
+            flux_root: rule.map(|r| (r.0 * r.1).sqrt()),
+            incident: rule.map(|r| r.2),
+            terms,
+        }
+    }
+
+    /// Sum over the incident light.
+    pub fn over_incident(&self, value: impl Fn(usize) -> f64) -> f64 {
+        (0..N).filter(|&i| self.incident[i] > 0.0).map(|i| self.incident[i] * value(i)).fold(0.0, |sum, x| sum + x)
+    }
+}
+
+/// A node in the cosine in air as one in the cosine in the slab: n^2 cos d cos = cos_air d cos_air.
+fn refracted(n: f64, (x, w): (f64, f64)) -> (f64, f64) {
+    let cos = (1.0 - (1.0 - x * x) / (n * n)).sqrt();
+    if n == 1.0 { (x, w) } else { (cos, w * x / (n * n * cos)) }
+}
+
+fn trapped(n: f64, count: usize) -> usize {
+    if n == 1.0 { 0 } else { 3 * count / 8 }
+}
+
+fn full_rule(n: f64, count: usize) -> Vec<(f64, f64)> {
+    let trapped = trapped(n, count);
+    let mut rule = Vec::new();
     if trapped > 0 {
-        rule[..trapped].copy_from_slice(&gauss_legendre_on(0.0, critical, trapped));
+        rule = gauss_legendre_on(0.0, critical_cos(n), trapped);
     }
-    for (node, (x, w)) in rule[trapped..].iter_mut().zip(radau(N - trapped)) {
-        // n^2 cos d cos = cos_air d cos_air; for n = 1 the map is the identity.
-        let cos = (1.0 - (1.0 - x * x) / (n * n)).sqrt();
-        *node = if n == 1.0 { (x, w) } else { (cos, w * x / (n * n * cos)) };
+    rule.extend(radau(count - trapped).into_iter().map(|node| refracted(n, node)));
+    rule
+}
+
+/// Gauss on either side of the cone's edge; each side has its share of the angles, but at least a quarter.
+fn cut_rule(n: f64, count: usize, angle: f64) -> Vec<(f64, f64)> {
+    let trapped = trapped(n, count);
+    let open = count - trapped;
+    let share = angle / std::f64::consts::FRAC_PI_2;
+    let least = open.div_ceil(4);
+    let lit = ((open as f64 * share).round() as usize).clamp(least, open - least);
+    let edge = libm::cos(angle);
+    let mut rule = Vec::new();
+    if trapped > 0 {
+        rule = gauss_legendre_on(0.0, critical_cos(n), trapped);
     }
+    rule.extend(gauss_legendre_on(0.0, edge, open - lit).into_iter().map(|node| refracted(n, node)));
+    rule.extend(gauss_legendre_on(edge, 1.0, lit).into_iter().map(|node| refracted(n, node)));
     rule
 }
 
@@ -67,60 +163,6 @@ fn radau(n: usize) -> Vec<(f64, f64)> {
     rule
 }
 
-/// Scattering between the nodes, azimuth averaged, for one Henyey-Greenstein phase function.
-pub struct Coupling<const N: usize> {
-    /// Even part, times both weights, off the diagonal; the diagonal follows from conservation.
-    pub even: Matrix<N>,
-    /// Odd part, times the roots of both weights.
-    pub odd: Matrix<N>,
-    /// Fraction of the scattering in the peak, which is taken as exactly forward (g > 0) or backward (g < 0).
-    pub peak: f64,
-    /// 1 - peak, with all its digits.
-    pub rest: f64,
-}
-
-impl<const N: usize> Coupling<N> {
-    /// For the rule of [`nodes`] at index `n` and anisotropy `g` in (-1, 1).
-    pub fn new(nodes: &[(f64, f64); N], n: f64, g: f64) -> Self {
-        // Radau integrates products of these exactly. The rule of n > 1 does not, and more terms alias: at N = 16, n = 1.4,
-        // g <= 0.9 the worst error is 8.8e-4 with N terms, 4.5e-4 with 5 N / 4, 7.4e-4 with 3 N / 2.
-        let terms = if n == 1.0 { 2 * N } else { 5 * N / 4 };
-        let sharp = g.abs();
-        let log = if sharp > 0.0 { libm::log(sharp) } else { -800.0 };
-        let order = terms as f64;
-        let (peak, rest) = (libm::exp(order * log), -libm::expm1(order * log));
-        let legendre = nodes.map(|(x, _)| {
-            let mut values = vec![1.0, x];
-            for l in 2..terms {
-                let k = l as f64;
-                values.push(((2.0 * k - 1.0) * x * values[l - 1] - (k - 1.0) * values[l - 2]) / k);
-            }
-            values
-        });
-        let (mut even, mut odd) = (zeros(), zeros());
-        for l in 0..terms {
-            // (|g|^l - f) / (1 - f) = |g|^l (1 - |g|^(L-l)) / (1 - |g|^L).
-            let moment = libm::exp(l as f64 * log) * -libm::expm1((order - l as f64) * log) / rest;
-            let moment = if l % 2 == 1 && g < 0.0 { -moment } else { moment };
-            let factor = (2 * l + 1) as f64 * moment;
-            let part: &mut Matrix<N> = if l % 2 == 0 { &mut even } else { &mut odd };
-            for i in 0..N {
-                for j in 0..N {
-                    part[i][j] += factor * legendre[i][l] * legendre[j][l];
-                }
-            }
-        }
-        for i in 0..N {
-            for j in 0..N {
-                let both = nodes[i].1 * nodes[j].1;
-                even[i][j] *= both;
-                odd[i][j] *= both.sqrt();
-            }
-        }
-        Self { even, odd, peak, rest }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -141,26 +183,20 @@ mod tests {
         }
     }
 
-    /// Over all directions cos integrates to 1 / 2 and a diffuse flux from air to 1 (exactly: Radau in the cosine in air).
+    /// Over all directions cos integrates to 1 / 2 and a diffuse flux from air to 1 (exactly: the rule is one in the
+    /// cosine in air); so do the shares of any light.
     #[test]
     fn nodes_hold_the_diffuse_flux() {
         for n in [1.0f64, 1.0001, 1.4, 3.0] {
-            let rule = nodes::<16>(n);
-            let total = rule.iter().fold(0.0, |sum, &(x, w)| sum + x * w);
-            let free =
-                rule.iter().filter(|node| node.0 > critical_cos(n)).fold(0.0, |sum, &(x, w)| sum + 2.0 * n * n * x * w);
-            assert!((total - 0.5).abs() < 1e-14 && (free - 1.0).abs() < 1e-14, "n = {n}: {total} {free}");
-        }
-    }
-
-    /// Matched, each node scatters all that it scatters: Radau is exact for every even moment kept.
-    #[test]
-    fn coupling_conserves() {
-        let rule = nodes::<8>(1.0);
-        for g in [-0.9, 0.0, 0.5, 0.99] {
-            for (row, (_, weight)) in Coupling::new(&rule, 1.0, g).even.iter().zip(rule) {
-                let sum = row.iter().fold(0.0, |sum, x| sum + x);
-                assert!((sum / weight - 1.0).abs() < 1e-12, "g = {g}: {sum} of {weight}");
+            for light in [Incidence::Normal, Incidence::Diffuse, Incidence::Cone(0.1), Incidence::Cone(1.2)] {
+                let rule = Directions::<16>::new(n, light);
+                let total = (0..16).fold(0.0, |sum, i| sum + rule.cosines[i] * rule.weights[i]);
+                let free = (0..16)
+                    .filter(|&i| rule.cosines[i] > critical_cos(n))
+                    .fold(0.0, |sum, i| sum + 2.0 * n * n * rule.cosines[i] * rule.weights[i]);
+                assert!((total - 0.5).abs() < 1e-14 && (free - 1.0).abs() < 1e-14, "n = {n}: {total} {free}");
+                let shares = rule.over_incident(|_| 1.0);
+                assert!((shares - 1.0).abs() < 1e-14 && rule.cosines.is_sorted(), "n = {n}, {light:?}: {shares}");
             }
         }
     }

@@ -6,9 +6,9 @@
 use rayon::prelude::*;
 
 use crate::forward::Plan;
-use crate::inverse::{DARK, Fit, Flags, Inverse, RESIDUAL, ROUNDING, Reading, bisect, newton_on, parts};
+use crate::inverse::{DARK, Fit, Flags, Inverse, RESIDUAL, ROUNDING, Reading, Step, bisect, newton_on, parts};
 use crate::spheres::{Instrument, Lost, Seen, Spheres};
-use crate::{Error, Slab};
+use crate::{Error, Incidence, Response, Slab};
 
 /// What an instrument reports of one sample, with standard errors (0: exact).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -82,8 +82,13 @@ struct State {
 impl<const N: usize> Experiment<N> {
     /// As [`Inverse::new`], but slides may absorb; also fails on an instrument that cannot be.
     pub fn new(slab: &Slab, instrument: &Instrument) -> Result<Self, Error> {
+        Self::lit(slab, instrument, Incidence::Normal)
+    }
+
+    /// For readings under this light; `straight` of the instrument takes what is unscattered as one beam all the same.
+    pub fn lit(slab: &Slab, instrument: &Instrument, light: Incidence) -> Result<Self, Error> {
         instrument.check()?;
-        let inverse = Inverse::prepare(slab)?;
+        let inverse = Inverse::prepare(slab, light)?;
         let turned = Slab { top: slab.bottom, bottom: slab.top, ..*slab };
         let differs = slab.top != slab.bottom && instrument.spheres != Spheres::None;
         let flipped = differs.then(|| Plan::new(&turned).map(Box::new)).transpose()?;
@@ -151,9 +156,10 @@ impl<const N: usize> Experiment<N> {
         let mut best = None;
         if let Some((&start, _)) = nearest {
             let coarse =
-                |x: [f64; 2]| miss(state(&self.inverse.coarse, self.coarse_flipped.as_deref(), x.map(libm::exp))?);
+                |x| self.step(state_with_slopes(&self.inverse.coarse, self.coarse_flipped.as_deref(), x), measured);
             let (start, _) = newton_on(coarse, start, 1e-4);
-            let (found, iterations) = newton_on(|x| miss(self.state(x.map(libm::exp))?), start, 1e-13);
+            let full = |x| self.step(state_with_slopes(self.inverse.plan(), self.flipped.as_deref(), x), measured);
+            let (found, iterations) = newton_on(full, start, 1e-13);
             let fit = self.fit(m, measured, found.map(libm::exp), iterations, Flags::default());
             if fit.residual <= RESIDUAL {
                 return Ok(fit);
@@ -198,16 +204,32 @@ impl<const N: usize> Experiment<N> {
 
     /// How far a trial medium is from the UR1 and UT1 that the readings mean with it.
     fn miss(&self, state: &State, measured: &Measurement) -> Option<[f64; 2]> {
-        let surfaces = &self.inverse.surfaces;
+        let clear = &self.inverse.clear;
         let [r, t] = self.instrument.slab([measured.m_r, measured.m_t], &state.seen, &measured.lost);
-        let wanted = parts(surfaces, [r, t, (1.0 - t) - r - state.slides]);
+        let wanted = parts(clear, [r, t, (1.0 - t) - r - state.slides]);
         let [r, own_t] = state.seen.beam;
-        let have = parts(surfaces, [r, own_t, state.absorbed]);
+        let have = parts(clear, [r, own_t, state.absorbed]);
         if t <= 0.0 || have.iter().any(|x| *x <= 0.0) {
             return None;
         }
         let miss = [0, 1].map(|i| -extended_log(wanted[i] / have[i] * (own_t / t)));
         miss.iter().all(|x| x.is_finite()).then_some(miss)
+    }
+
+    fn step(&self, at: Option<(State, [State; 2])>, measured: &Measurement) -> Option<Step> {
+        // The balance is plain algebra: its own differences are exact to the square of this.
+        const H: f64 = 1e-6;
+        let (state, slopes) = at?;
+        let miss = self.miss(&state, measured)?;
+        let mut jacobian = [[0.0; 2]; 2];
+        for (j, slope) in slopes.iter().enumerate() {
+            let [low, high] =
+                [self.miss(&state.moved(slope, -H), measured)?, self.miss(&state.moved(slope, H), measured)?];
+            for i in 0..2 {
+                jacobian[i][j] = (high[i] - low[i]) / (2.0 * H);
+            }
+        }
+        Some(Step { miss, jacobian })
     }
 
     /// `allowed` are the readings that the fit should give back.
@@ -240,20 +262,14 @@ impl<const N: usize> Experiment<N> {
         Error::Underdetermined { ratio: libm::exp(found) }
     }
 
-    /// d(M_R, M_T) / d(mu_a d, mu_s' d) by differences; columns are the unknowns.
+    /// d(M_R, M_T) / d(mu_a d, mu_s' d); columns are the unknowns.
     fn jacobian(&self, x: [f64; 2], lost: &Lost) -> Option<[[f64; 2]; 2]> {
-        let read = |x: [f64; 2]| Some(self.instrument.readings(&self.state(x)?.seen, lost));
-        let mut columns = [[0.0; 2]; 2];
-        for (j, column) in columns.iter_mut().enumerate() {
-            // Error of the central difference (h / x)^2, of the rounding 1e-16 / h.
-            let h = 1e-5 * x[j].max(1e-3);
-            let [mut low, mut high] = [x, x];
-            high[j] += h;
-            low[j] = (x[j] - h).max(0.0);
-            let (a, b) = (read(low)?, read(high)?);
-            *column = std::array::from_fn(|i| (b[i] - a[i]) / (high[j] - low[j]));
-        }
-        Some(columns)
+        const H: f64 = 1e-6;
+        let (state, slopes) = state_with_slopes_per_depth(self.inverse.plan(), self.flipped.as_deref(), x)?;
+        Some(slopes.map(|slope| {
+            let [low, high] = [-H, H].map(|h| self.instrument.readings(&state.moved(&slope, h).seen, lost));
+            std::array::from_fn(|i| (high[i] - low[i]) / (2.0 * H))
+        }))
     }
 
     fn covariance(&self, measured: &Measurement, fit: &Fit) -> Option<[f64; 3]> {
@@ -376,13 +392,82 @@ fn state<const M: usize>(plan: &Plan<M>, flipped: Option<&Plan<M>>, [a, s]: [f64
         None => r.uru,
         Some(plan) => plan.respond(plan.depths_of(a, s))?.uru,
     };
-    let slab = plan.slab();
-    let slides = if slab.top.tau > 0.0 || slab.bottom.tau > 0.0 { (1.0 - r.ut1) - r.ur1 - r.absorbed } else { 0.0 };
-    let seen = Seen {
-        beam: [r.ur1, r.ut1],
-        unscattered: [r.ur1_unscattered, r.ut1_unscattered],
-        uru: [r.uru, below],
-        utu: r.utu,
+    let slides = if has_dark_slides(plan) { (1.0 - r.ut1) - r.ur1 - r.absorbed } else { 0.0 };
+    Some(State::new(&r, below, slides))
+}
+
+/// The same with its derivatives.
+fn state_with_slopes_per_depth<const M: usize>(
+    plan: &Plan<M>,
+    flipped: Option<&Plan<M>>,
+    [a, s]: [f64; 2],
+) -> Option<(State, [State; 2])> {
+    let (r, slopes) = plan.respond_with_slopes(plan.depths_of(a, s))?;
+    let (below, below_slopes) = match flipped {
+        None => (r.uru, slopes.map(|s| s.uru)),
+        Some(plan) => {
+            let (r, slopes) = plan.respond_with_slopes(plan.depths_of(a, s))?;
+            (r.uru, slopes.map(|s| s.uru))
+        }
     };
-    Some(State { seen, absorbed: r.absorbed, slides })
+    let dark = has_dark_slides(plan);
+    let slides = if dark { (1.0 - r.ut1) - r.ur1 - r.absorbed } else { 0.0 };
+    let slopes = std::array::from_fn(|i| {
+        let s = &slopes[i];
+        State::new(s, below_slopes[i], if dark { -s.ut1 - s.ur1 - s.absorbed } else { 0.0 })
+    });
+    Some((State::new(&r, below, slides), slopes))
+}
+
+/// At the logarithms of both depths, with the derivatives by these.
+fn state_with_slopes<const M: usize>(
+    plan: &Plan<M>,
+    flipped: Option<&Plan<M>>,
+    x: [f64; 2],
+) -> Option<(State, [State; 2])> {
+    let depths = x.map(libm::exp);
+    let (state, slopes) = state_with_slopes_per_depth(plan, flipped, depths)?;
+    Some((state, std::array::from_fn(|i| slopes[i].times(depths[i]))))
+}
+
+fn has_dark_slides<const M: usize>(plan: &Plan<M>) -> bool {
+    plan.slab().top.tau > 0.0 || plan.slab().bottom.tau > 0.0
+}
+
+impl State {
+    fn new(r: &Response, uru_below: f64, slides: f64) -> Self {
+        let seen = Seen {
+            beam: [r.ur1, r.ut1],
+            unscattered: [r.ur1_unscattered, r.ut1_unscattered],
+            uru: [r.uru, uru_below],
+            utu: r.utu,
+        };
+        Self { seen, absorbed: r.absorbed, slides }
+    }
+
+    fn times(&self, h: f64) -> Self {
+        let Seen { beam, unscattered, uru, utu } = self.seen;
+        let [beam, unscattered, uru] = [beam, unscattered, uru].map(|pair| pair.map(|x| h * x));
+        Self {
+            seen: Seen { beam, unscattered, uru, utu: h * utu },
+            absorbed: h * self.absorbed,
+            slides: h * self.slides,
+        }
+    }
+
+    /// `h` along `slope`.
+    fn moved(&self, slope: &Self, h: f64) -> Self {
+        let by = slope.times(h);
+        let pair = |a: [f64; 2], b: [f64; 2]| [a[0] + b[0], a[1] + b[1]];
+        Self {
+            seen: Seen {
+                beam: pair(self.seen.beam, by.seen.beam),
+                unscattered: pair(self.seen.unscattered, by.seen.unscattered),
+                uru: pair(self.seen.uru, by.seen.uru),
+                utu: self.seen.utu + by.seen.utu,
+            },
+            absorbed: self.absorbed + by.absorbed,
+            slides: self.slides + by.slides,
+        }
+    }
 }

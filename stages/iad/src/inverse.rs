@@ -7,11 +7,12 @@
 
 use rayon::prelude::*;
 
-use crate::forward::{Depths, Plan};
-use crate::slab::Surface;
-use crate::{Error, Slab};
+use crate::clear::Clear;
+use crate::forward::Plan;
+use crate::modes::Depths;
+use crate::{Error, Incidence, Slab};
 
-/// Readings of a collimated beam, as fractions of the incident light; specular reflection included.
+/// Readings as fractions of the incident light (by default a beam along the normal); specular reflection included.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
     pub m_r: f64,
@@ -47,30 +48,7 @@ pub struct Inverse<const N: usize> {
     pub(crate) coarse: Plan<4>,
     /// (unknowns, residuals) of the coarse model.
     pub(crate) table: Vec<([f64; 2], [f64; 2])>,
-    pub(crate) surfaces: Surfaces,
-}
-
-/// The surfaces as the beam along the normal meets them.
-#[derive(Clone, Copy)]
-pub(crate) struct Surfaces {
-    top: Surface,
-    bottom: Surface,
-}
-
-impl Surfaces {
-    /// Transmittance and reflectance without scattering, for the fraction `pass` that one passage leaves.
-    fn clear(&self, pass: f64) -> (f64, f64) {
-        let rounds = 1.0 / (1.0 - self.top.inside * self.bottom.inside * pass * pass);
-        let back = self.top.through * self.top.through * self.bottom.inside * pass * pass * rounds;
-        (self.top.through * self.bottom.through * pass * rounds, self.top.outside + back)
-    }
-
-    /// The passage that leaves this transmittance without scattering.
-    fn pass(&self, transmittance: f64) -> f64 {
-        let through = self.top.through * self.bottom.through;
-        let echo = self.top.inside * self.bottom.inside;
-        2.0 * transmittance / (through + (through * through + 4.0 * echo * transmittance * transmittance).sqrt())
-    }
+    pub(crate) clear: Clear,
 }
 
 /// A fit is one only if it meets both readings this well (relative).
@@ -82,32 +60,38 @@ pub(crate) const ROUNDING: f64 = 8.0 * f64::EPSILON;
 impl<const N: usize> Inverse<N> {
     /// As [`Plan::new`]; also fails on an infinite thickness and on slides that absorb.
     pub fn new(slab: &Slab) -> Result<Self, Error> {
+        Self::lit(slab, Incidence::Normal)
+    }
+
+    /// For readings under this light.
+    pub fn lit(slab: &Slab, light: Incidence) -> Result<Self, Error> {
         for tau in [slab.top.tau, slab.bottom.tau] {
             if tau > 0.0 {
                 return Err(Error::AbsorbingSlide { tau });
             }
         }
-        Self::prepare(slab)
+        Self::prepare(slab, light)
     }
 
-    pub(crate) fn prepare(slab: &Slab) -> Result<Self, Error> {
-        let plan = Plan::new(slab)?;
+    pub(crate) fn prepare(slab: &Slab, light: Incidence) -> Result<Self, Error> {
+        let plan = Plan::lit(slab, light)?;
         if !slab.thickness_mm.is_finite() {
             return Err(Error::InvalidThickness { value_mm: slab.thickness_mm });
         }
-        let surfaces =
-            Surfaces { top: Surface::new(slab.n, slab.top, 1.0), bottom: Surface::new(slab.n, slab.bottom, 1.0) };
-        let coarse = Plan::new(slab)?;
+        let clear = Clear::new(&plan);
+        let coarse = Plan::lit(slab, light)?;
+        // The coarse model has its own directions, and with them its own light where that is not one beam.
+        let coarse_clear = Clear::new(&coarse);
         let mut table = Vec::with_capacity(256);
         for i in 0..16 {
             for j in 0..16 {
                 let unknowns = [-18.0 + 1.4 * f64::from(i), -12.0 + 1.4 * f64::from(j)];
-                if let Some(residuals) = model(&coarse, unknowns).and_then(|read| residuals(&surfaces, read)) {
+                if let Some(residuals) = model(&coarse, unknowns).and_then(|read| residuals(&coarse_clear, read)) {
                     table.push((unknowns, residuals));
                 }
             }
         }
-        Ok(Self { plan, coarse, table, surfaces })
+        Ok(Self { plan, coarse, table, clear })
     }
 
     pub fn plan(&self) -> &Plan<N> {
@@ -134,7 +118,7 @@ impl<const N: usize> Inverse<N> {
             return Err(Error::Range { name: "M_T", value: m_t, must: "be >= 0" });
         }
         if m_r < 0.0 {
-            return Err(Error::BelowSpecular { min: self.surfaces.top.outside });
+            return Err(Error::BelowSpecular { min: self.clear.outside() });
         }
         let within = sigma.max(ROUNDING);
         let excess = (m_r - 1.0) + m_t;
@@ -146,18 +130,19 @@ impl<const N: usize> Inverse<N> {
             return Err(self.opaque(m_r, conservative));
         }
 
-        let pass = self.surfaces.pass(m_t);
-        let (t_empty, r_empty) = self.surfaces.clear(1.0);
+        let (t_empty, r_empty) = self.clear.empty();
         if m_t > t_empty + within {
             return Err(Error::AboveMax { max: t_empty });
         }
-        let r_clear = self.surfaces.clear(pass.min(1.0)).1;
+        // Within the error of an empty slab.
+        let is_empty = m_t >= t_empty;
+        let r_clear = if is_empty { r_empty } else { self.clear.reflectance(m_t).0 };
         if m_r < r_clear - within {
             return Err(Error::BelowSpecular { min: r_clear });
         }
         let flags = Flags { conservative, no_scatter: m_r <= r_clear + within };
         if flags.no_scatter {
-            let tau = if conservative { 0.0 } else { -libm::log(pass.min(1.0)) };
+            let tau = if conservative || is_empty { 0.0 } else { self.clear.tau(m_t) };
             return Ok(self.fit(reading, [tau, 0.0], 0, flags));
         }
         if conservative {
@@ -170,15 +155,15 @@ impl<const N: usize> Inverse<N> {
     fn search(&self, reading: &Reading, flags: Flags) -> Result<Fit, Error> {
         let Reading { m_r, m_t, .. } = *reading;
         let absorbed = (1.0 - m_t) - m_r;
-        let wanted = residuals(&self.surfaces, [m_r, m_t, absorbed]).expect("between the limits, as checked");
+        let wanted = residuals(&self.clear, [m_r, m_t, absorbed]).expect("between the limits, as checked");
         let distance = |f: &[f64; 2]| {
             let [a, b] = [f[0] - wanted[0], f[1] - wanted[1]];
             a * a + b * b
         };
         let nearest = self.table.iter().min_by(|a, b| distance(&a.1).total_cmp(&distance(&b.1)));
         let start = nearest.map_or([-3.0, 0.0], |entry| entry.0);
-        let (start, _) = newton(&self.coarse, &self.surfaces, wanted, start, 1e-4);
-        let (found, iterations) = newton(&self.plan, &self.surfaces, wanted, start, 1e-13);
+        let (start, _) = newton_on(|x| step(&self.coarse, &self.clear, wanted, x), start, 1e-4);
+        let (found, iterations) = newton_on(|x| step(&self.plan, &self.clear, wanted, x), start, 1e-13);
         let fit = self.fit(reading, found.map(libm::exp), iterations, flags);
         if fit.residual <= RESIDUAL {
             return Ok(fit);
@@ -201,7 +186,7 @@ impl<const N: usize> Inverse<N> {
 
     /// What a slab without transmittance tells: the ratio of a half-space.
     fn opaque(&self, m_r: f64, conservative: bool) -> Error {
-        let min = self.surfaces.top.outside;
+        let min = self.clear.outside();
         if m_r < min {
             return Error::BelowSpecular { min };
         }
@@ -249,55 +234,60 @@ fn model<const N: usize>(plan: &Plan<N>, unknowns: [f64; 2]) -> Option<[f64; 3]>
 }
 
 /// The two residual functions of [R, T, absorbed]; `None` where they have no logarithm.
-fn residuals(surfaces: &Surfaces, read: [f64; 3]) -> Option<[f64; 2]> {
-    let f = parts(surfaces, read).map(|x| libm::log(x / read[1]));
+fn residuals(clear: &Clear, read: [f64; 3]) -> Option<[f64; 2]> {
+    let f = parts(clear, read).map(|x| libm::log(x / read[1]));
     f.iter().all(|x| x.is_finite()).then_some(f)
 }
 
 /// What is absorbed, and what is reflected beyond an unscattering slab of the same transmittance.
-pub(crate) fn parts(surfaces: &Surfaces, [r, t, absorbed]: [f64; 3]) -> [f64; 2] {
-    [absorbed, r - surfaces.clear(surfaces.pass(t)).1]
+pub(crate) fn parts(clear: &Clear, [r, t, absorbed]: [f64; 3]) -> [f64; 2] {
+    [absorbed, r - clear.reflectance(t).0]
 }
 
-/// Newton's method with halved steps; returns where it could not come closer, and the steps taken.
-fn newton<const N: usize>(
-    plan: &Plan<N>,
-    surfaces: &Surfaces,
-    wanted: [f64; 2],
-    start: [f64; 2],
-    tolerance: f64,
-) -> ([f64; 2], usize) {
-    let miss = |x: [f64; 2]| {
-        model(plan, x).and_then(|read| residuals(surfaces, read)).map(|f| [f[0] - wanted[0], f[1] - wanted[1]])
+/// How far a trial medium misses, and how fast that changes with the logarithms of its coefficients.
+pub(crate) struct Step {
+    pub miss: [f64; 2],
+    /// Rows: residuals, columns: unknowns.
+    pub jacobian: [[f64; 2]; 2],
+}
+
+fn step<const N: usize>(plan: &Plan<N>, clear: &Clear, wanted: [f64; 2], x: [f64; 2]) -> Option<Step> {
+    let [absorption, scattering] = x.map(libm::exp);
+    let beam = plan.beam_with_slopes(plan.depths_of(absorption, scattering))?;
+    let [r, t, absorbed] = beam.read;
+    let (r_clear, r_slope) = clear.reflectance(t);
+    let f = [absorbed, r - r_clear].map(|x| libm::log(x / t));
+    if !f.iter().all(|x| x.is_finite()) {
+        return None;
+    }
+    let [a, s] = beam.by_logarithms;
+    let column = |[by_r, by_t, by_absorbed]: [f64; 3]| {
+        [by_absorbed / absorbed - by_t / t, (by_r - r_slope * by_t) / (r - r_clear) - by_t / t]
     };
-    newton_on(miss, start, tolerance)
+    let [a, s] = [column(a), column(s)];
+    Some(Step { miss: [f[0] - wanted[0], f[1] - wanted[1]], jacobian: [[a[0], s[0]], [a[1], s[1]]] })
 }
 
-/// The same on any two residuals of two logarithms.
-pub(crate) fn newton_on(
-    miss: impl Fn([f64; 2]) -> Option<[f64; 2]>,
-    start: [f64; 2],
-    tolerance: f64,
-) -> ([f64; 2], usize) {
+/// Newton's method with halved steps on two residuals of two logarithms; returns where it could not come closer, and the
+/// steps taken.
+pub(crate) fn newton_on(step: impl Fn([f64; 2]) -> Option<Step>, start: [f64; 2], tolerance: f64) -> ([f64; 2], usize) {
     const STEPS: usize = 60;
-    const H: f64 = 1e-6;
     let size = |f: [f64; 2]| f[0].abs().max(f[1].abs());
     let mut x = start;
-    let Some(mut f) = miss(x) else { return (x, 0) };
-    for step in 0..STEPS {
-        if size(f) <= tolerance {
-            return (x, step);
+    let Some(mut at) = step(x) else { return (x, 0) };
+    for count in 0..STEPS {
+        let Step { miss, jacobian } = at;
+        if size(miss) <= tolerance {
+            return (x, count);
         }
-        let (Some(a), Some(b)) = (miss([x[0] + H, x[1]]), miss([x[0], x[1] + H])) else { return (x, step) };
-        let jacobian = [[(a[0] - f[0]) / H, (b[0] - f[0]) / H], [(a[1] - f[1]) / H, (b[1] - f[1]) / H]];
         let determinant = jacobian[0][0] * jacobian[1][1] - jacobian[0][1] * jacobian[1][0];
         let mut move_by = [
-            -(f[0] * jacobian[1][1] - f[1] * jacobian[0][1]) / determinant,
-            -(f[1] * jacobian[0][0] - f[0] * jacobian[1][0]) / determinant,
+            -(miss[0] * jacobian[1][1] - miss[1] * jacobian[0][1]) / determinant,
+            -(miss[1] * jacobian[0][0] - miss[0] * jacobian[1][0]) / determinant,
         ];
         let longest = size(move_by);
         if !longest.is_finite() {
-            return (x, step);
+            return (x, count);
         }
         // A factor of 20 in either coefficient is as far as one tangent is trusted.
         let limit = (3.0 / longest).min(1.0);
@@ -305,14 +295,14 @@ pub(crate) fn newton_on(
         let mut better = None;
         for _ in 0..12 {
             let next = [x[0] + move_by[0], x[1] + move_by[1]];
-            if let Some(g) = miss(next).filter(|&g| size(g) < size(f)) {
-                better = Some((next, g));
+            if let Some(found) = step(next).filter(|found| size(found.miss) < size(miss)) {
+                better = Some((next, found));
                 break;
             }
             move_by = move_by.map(|m| 0.5 * m);
         }
-        let Some((next, g)) = better else { return (x, step) };
-        (x, f) = (next, g);
+        let Some(found) = better else { return (x, count) };
+        (x, at) = found;
     }
     (x, STEPS)
 }

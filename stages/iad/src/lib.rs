@@ -18,21 +18,28 @@
 
 mod angles;
 mod anisotropy;
+mod clear;
+mod coupling;
+mod differences;
 mod error;
 mod experiment;
 mod forward;
+mod incidence;
 mod inverse;
 pub mod laboratory;
 mod matrix;
+mod modes;
 mod slab;
 mod spheres;
 #[cfg(feature = "stage")]
 mod stage;
+mod tangent;
 
 pub use anisotropy::{FitWithG, invert_with_g, solve_with_g};
 pub use error::Error;
 pub use experiment::{Experiment, From, Known, Measurement, Solution};
 pub use forward::{Plan, Response};
+pub use incidence::Incidence;
 pub use inverse::{Fit, Flags, Inverse, Reading};
 pub use slab::{Slab, Slide, Surface, unscattered, unscattered_depth};
 pub use spheres::{Instrument, Lost, Seen, Sphere, Spheres};

@@ -104,6 +104,18 @@ pub fn forward_substitute<const N: usize>(factor: &Matrix<N>, b: &[f64; N]) -> [
     x
 }
 
+/// Solves C^T x = b for each row b of `rows` and the transposed factor of [`cholesky`].
+pub fn back_substitute<const N: usize>(factor: &Matrix<N>, rows: &mut Matrix<N>) {
+    for x in rows {
+        for j in (0..N).rev() {
+            // Row j of the factor is zero before entry j, where the unknowns still to come stand.
+            let b = x[j];
+            x[j] = 0.0;
+            x[j] = (b - dot(&factor[j], x)) / factor[j][j];
+        }
+    }
+}
+
 /// Rotates the rows of `a` among each other until they are orthogonal: their lengths are then the singular values,
 /// their directions the right singular vectors.
 ///
@@ -111,7 +123,7 @@ pub fn forward_substitute<const N: usize>(factor: &Matrix<N>, b: &[f64; N]) -> [
 /// SIAM J. Matrix Anal. Appl. 13, 1204 (1992)). Returns the lengths; the rows come out normalised.
 pub fn orthogonalise<const N: usize>(a: &mut Matrix<N>) -> [f64; N] {
     const SWEEPS: usize = 40;
-    let tolerance = 1e-15 * N as f64;
+    let tolerance = 1e-17 * N as f64;
     let mut squares = [0.0; N];
     for _ in 0..SWEEPS {
         for (square, row) in squares.iter_mut().zip(a.iter()) {

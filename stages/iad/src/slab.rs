@@ -107,6 +107,17 @@ pub fn unscattered(slab: &Slab, cos: f64, tau: f64) -> (f64, f64) {
     (reflected, top.through * bottom.through * pass * rounds)
 }
 
+/// Derivatives of [`unscattered`] by `tau`.
+pub(crate) fn unscattered_slope(slab: &Slab, cos: f64, tau: f64) -> (f64, f64) {
+    let (top, bottom) = (Surface::new(slab.n, slab.top, cos), Surface::new(slab.n, slab.bottom, cos));
+    let pass = libm::exp(-tau / cos);
+    let echo = top.inside * bottom.inside;
+    let rounds = 1.0 / (1.0 - echo * pass * pass);
+    let by_pass_r = 2.0 * top.through * top.through * bottom.inside * pass * rounds * rounds;
+    let by_pass_t = top.through * bottom.through * (1.0 + echo * pass * pass) * rounds * rounds;
+    (-pass / cos * by_pass_r, -pass / cos * by_pass_t)
+}
+
 /// The optical thickness that leaves this unscattered transmittance of a beam along the normal, in (0, what an empty slab
 /// lets through].
 pub fn unscattered_depth(slab: &Slab, transmittance: f64) -> Result<f64, Error> {

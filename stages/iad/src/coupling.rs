@@ -1,0 +1,100 @@
+//! How scattering couples the directions.
+
+#![allow(clippy::needless_range_loop, reason = "rows and columns of one matrix")]
+
+use crate::angles::Directions;
+use crate::matrix::{Matrix, cholesky, cholesky_of_sums, zeros};
+
+/// Scattering between the nodes, azimuth averaged, for one Henyey-Greenstein phase function.
+pub struct Coupling<const N: usize> {
+    /// Even part, times both weights, off the diagonal; the diagonal follows from conservation.
+    pub even: Matrix<N>,
+    /// Odd part, times the roots of both weights.
+    pub odd: Matrix<N>,
+    /// Fraction of the scattering in the peak, which is taken as exactly forward (g > 0) or backward (g < 0).
+    pub peak: f64,
+    /// 1 - peak, with all its digits.
+    pub rest: f64,
+    backward: bool,
+}
+
+impl<const N: usize> Coupling<N> {
+    /// For anisotropy `g` in (-1, 1).
+    pub fn new(directions: &Directions<N>, g: f64) -> Self {
+        let Directions { terms, weights, .. } = *directions;
+        let sharp = g.abs();
+        let log = if sharp > 0.0 { libm::log(sharp) } else { -800.0 };
+        let order = terms as f64;
+        let (peak, rest) = (libm::exp(order * log), -libm::expm1(order * log));
+        let legendre = directions.cosines.map(|x| {
+            let mut values = vec![1.0, x];
+            for l in 2..terms {
+                let k = l as f64;
+                values.push(((2.0 * k - 1.0) * x * values[l - 1] - (k - 1.0) * values[l - 2]) / k);
+            }
+            values
+        });
+        let (mut even, mut odd) = (zeros(), zeros());
+        for l in 0..terms {
+            // (|g|^l - f) / (1 - f) = |g|^l (1 - |g|^(L-l)) / (1 - |g|^L).
+            let moment = libm::exp(l as f64 * log) * -libm::expm1((order - l as f64) * log) / rest;
+            let moment = if l % 2 == 1 && g < 0.0 { -moment } else { moment };
+            let factor = (2 * l + 1) as f64 * moment;
+            let part: &mut Matrix<N> = if l % 2 == 0 { &mut even } else { &mut odd };
+            for i in 0..N {
+                for j in 0..N {
+                    part[i][j] += factor * legendre[i][l] * legendre[j][l];
+                }
+            }
+        }
+        for i in 0..N {
+            for j in 0..N {
+                let both = weights[i] * weights[j];
+                even[i][j] *= both;
+                odd[i][j] *= both.sqrt();
+            }
+        }
+        Self { even, odd, peak, rest, backward: g < 0.0 }
+    }
+
+    /// U of [`crate::modes`] per unit depth, at this share of scattering.
+    pub fn odd_matrix(&self, directions: &Directions<N>, scatter: f64) -> Matrix<N> {
+        let backward = if self.backward { scatter * 2.0 * self.peak / self.rest } else { 0.0 };
+        let roots = &directions.inverse_roots;
+        std::array::from_fn(|i| {
+            std::array::from_fn(|j| {
+                let diagonal = if i == j { 1.0 + backward } else { 0.0 };
+                (diagonal - scatter * self.odd[i][j]) * roots[i] * roots[j]
+            })
+        })
+    }
+
+    /// The transposed factor of V per unit depth, before its scaling by the root of cosine times weight.
+    pub fn even_factor(&self, directions: &Directions<N>, absorb: f64, scatter: f64) -> Option<Matrix<N>> {
+        cholesky_of_sums(self.even.map(|row| row.map(|x| scatter * x)), directions.weights.map(|w| absorb * w))
+    }
+
+    /// Whether both are positive definite. They are mixtures of a positive diagonal and these: positive at albedo 1 means
+    /// positive everywhere.
+    pub fn is_resolved(&self, directions: &Directions<N>) -> bool {
+        cholesky(self.odd_matrix(directions, 1.0)).is_some() && self.even_factor(directions, 1e-200, 1.0).is_some()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::incidence::Incidence;
+
+    /// Matched, each node scatters all that it scatters: Radau is exact for every even moment kept.
+    #[test]
+    fn coupling_conserves() {
+        let rule = Directions::<8>::new(1.0, Incidence::Normal);
+        for g in [-0.9, 0.0, 0.5, 0.99] {
+            for (row, weight) in Coupling::new(&rule, g).even.iter().zip(rule.weights) {
+                let sum = row.iter().fold(0.0, |sum, x| sum + x);
+                assert!((sum / weight - 1.0).abs() < 1e-12, "g = {g}: {sum} of {weight}");
+            }
+        }
+    }
+}
