@@ -41,6 +41,9 @@ impl ReferenceMedium {
 
     /// Reflectance of the phantom at `f_x_per_mm` in the given convention.
     pub fn reflectance(&self, model: Model, convention: Convention, f_x_per_mm: f64) -> Result<f64, Error> {
+        if convention == Convention::Relative {
+            return Ok(1.0);
+        }
         let medium = turbid_optics::Medium { mu_a: self.mu_a.0, mu_s_prime: self.mu_s_prime.0, g: self.g, n: self.n };
         let reflectance = match model {
             Model::Rte => turbid_optics::rte::reflectance(&medium, None, f_x_per_mm),
@@ -51,6 +54,7 @@ impl ReferenceMedium {
             Convention::Camera => reflectance.camera,
             Convention::HemisphericalIncident => reflectance.hemispherical_incident,
             Convention::HemisphericalEntered => reflectance.hemispherical_entered,
+            Convention::Relative => unreachable!("answered above"),
         })
     }
 }

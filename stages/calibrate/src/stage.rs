@@ -81,6 +81,7 @@ impl Stage for Calibrate {
     fn plan(params: &Params, _known: &Known) -> StagePlan {
         let left_out = if params.smooth == 0.0 { vec!["smoothing of the reference".into()] } else { Vec::new() };
         let method = match params.model {
+            _ if params.convention == Convention::Relative => "relative: no model of the reference",
             Model::Rte => "rte",
             Model::Diffusion => "diffusion",
         };
@@ -90,9 +91,10 @@ impl Stage for Calibrate {
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
         let model = |f_x: f64| params.reference.reflectance(params.model, params.convention, f_x);
         let mut stack = reflectance(&inputs.sample.0, &inputs.reference.0, params, model, ctx)?;
+        let relative = params.convention == Convention::Relative;
         let facts = [
             ("convention", serde_json::to_value(params.convention)),
-            ("model", serde_json::to_value(params.model)),
+            ("model", if relative { Ok("none".into()) } else { serde_json::to_value(params.model) }),
             ("g", serde_json::to_value(params.reference.g)),
             ("n", serde_json::to_value(params.reference.n)),
             ("reference", serde_json::to_value(params.reference)),

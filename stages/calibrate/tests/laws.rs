@@ -104,7 +104,9 @@ fn what_both_arms_share_cancels() {
 /// A reference calibrated with itself gives the model's reflectance, in the convention that was asked for.
 #[test]
 fn the_reference_reflects_what_the_model_says() {
-    for convention in [Convention::Camera, Convention::HemisphericalIncident, Convention::HemisphericalEntered] {
+    for convention in
+        [Convention::Camera, Convention::HemisphericalIncident, Convention::HemisphericalEntered, Convention::Relative]
+    {
         let one = || modulation([Array2::ones((1, 1)), Array2::ones((1, 1))], None);
         let out = calibrate(one(), one(), &Params { convention, ..params(0.0) }).unwrap().reflectance.0;
         for f_x in [0.0, 0.1] {
@@ -112,6 +114,7 @@ fn the_reference_reflects_what_the_model_says() {
                 Convention::Camera => model(f_x).camera,
                 Convention::HemisphericalIncident => model(f_x).hemispherical_incident,
                 Convention::HemisphericalEntered => model(f_x).hemispherical_entered,
+                Convention::Relative => 1.0,
             };
             assert_eq!(out.find("r_d", Some(f_x)).unwrap().data[(0, 0)], want as f32);
         }

@@ -421,8 +421,23 @@ fn layers_of(stack: &ImageStack, wavelength_nm: Option<f64>, params: &Params) ->
     wanted.into_iter().map(only).collect()
 }
 
-/// Reflectance and table must mean the same: convention, g and n.
+/// Reflectance and table must mean the same: convention, g and n; where the table was made of phantoms also the reference.
 fn agree(reflectance: &Attributes, lut: &Attributes) -> Result<(), Error> {
+    let of = |attributes: &Attributes, name: &str| {
+        attributes.get("reference").and_then(|r| r.get(name)).and_then(serde_json::Value::as_f64)
+    };
+    for name in ["mu_a", "mu_s_prime"] {
+        if let (Some(a), Some(b)) = (of(reflectance, name), of(lut, name))
+            && !same_f_x(a, b)
+        {
+            return Err(Error::failed_with_hint(
+                format!(
+                    "the reflectance is relative to a reference with {name} = {a} mm^-1, the table's phantoms to one with {b}"
+                ),
+                "both must have been seen beside the same reference phantom, said to be the same",
+            ));
+        }
+    }
     for name in ["convention", "g", "n"] {
         let (Some(a), Some(b)) = (reflectance.get(name), lut.get(name)) else {
             let which = if reflectance.contains_key(name) { "table" } else { "reflectance" };

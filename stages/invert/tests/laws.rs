@@ -327,6 +327,13 @@ fn mismatches_are_named() {
     let extra = twice.0.layers[1].clone();
     twice.0.push(extra.info, extra.data);
     assert!(message(twice, lut(&F_X, r_d), &params).contains("2 orientations at f_x = 0.1"));
+    let of_phantoms = |mu_a: f64| serde_json::json!({"mu_a": mu_a, "mu_s_prime": 1.0});
+    let (mut relative, mut table) = (good(), lut(&F_X, r_d));
+    relative.0.attributes.insert("reference".into(), of_phantoms(0.02));
+    table.0.attributes.insert("reference".into(), of_phantoms(0.03));
+    assert!(
+        message(relative, table, &params).contains("with mu_a = 0.02 mm^-1, the table's phantoms to one with 0.03")
+    );
     let dark = lut(&F_X, |a, s, f| r_d(a, s, f) - 0.1);
     assert!(message(good(), dark, &params).contains("must be finite and > 0"));
     let mut short = lut(&F_X, r_d);

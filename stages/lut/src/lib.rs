@@ -3,7 +3,7 @@
 //! ```yaml
 //! use: build_lut
 //! with:
-//!   model: rte                        # or diffusion, monte_carlo (with samples: paths)
+//!   model: rte                        # or diffusion, monte_carlo (with samples: paths), empirical (phantoms on the ports)
 //!   f_x: [0, 0.1]                     # mm^-1, increasing
 //!   g: 0.8
 //!   n: 1.4
@@ -16,17 +16,21 @@
 //! The table is read by bicubic interpolation of ln R over (ln mu_a, ln mu_s'): with the default nodes its error stays
 //! below 0.1 % (`docs/theory/build_lut.md`). `validity` maps the noise gains and the sign of the Jacobian.
 
+pub mod empirical;
 pub mod monte_carlo;
 mod nodes;
 mod params;
+pub mod phantoms;
 mod stage;
+mod surface;
 mod table;
 mod validity;
 mod white;
 
 pub use nodes::Nodes;
-pub use params::{Model, Params};
+pub use params::{Interpolation, Model, Params, ReferenceMedium};
 pub use stage::{BuildLut, In, Out};
+pub use surface::Surface;
 pub use table::{Convention, Recipe};
 pub use validity::{Report, examine};
 pub use white::{Tally, White};

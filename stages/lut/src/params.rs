@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use turbid_contract::payload::Convention;
-use turbid_contract::{Length, Problems, Ratio};
+use turbid_contract::{Length, PerLength, Problems, Ratio};
 use turbid_optics::rte;
 
 use crate::nodes::Nodes;
@@ -19,6 +19,29 @@ pub enum Model {
     Diffusion,
     /// One white Monte Carlo run, rescaled to every node; half-space only, with standard errors.
     MonteCarlo,
+    /// Phantoms that were rendered or measured, against their reference.
+    Empirical,
+}
+
+/// How a table reads between phantoms.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Interpolation {
+    /// The ratio to the transport model, whose logarithm is a polynomial of ln mu_a and ln mu_s': the model gives the shape, phantoms the size.
+    #[default]
+    Guided,
+    /// ln R itself as such a polynomial.
+    LogLog,
+    /// The paper's first step: raw R, linear between phantoms on a grid, to 100 x 100 nodes.
+    Paper,
+}
+
+/// The phantom that `references` show.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ReferenceMedium {
+    pub mu_a: PerLength,
+    pub mu_s_prime: PerLength,
 }
 
 /// Params of `build_lut`; `g` and `n` have no default.
@@ -28,10 +51,12 @@ pub struct Params {
     pub model: Model,
     /// Spatial frequencies, mm^-1, increasing.
     pub f_x: Nodes,
-    #[serde(default = "default_mu_a")]
-    pub mu_a: Nodes,
-    #[serde(default = "default_mu_s_prime")]
-    pub mu_s_prime: Nodes,
+    /// Left out: 28 nodes from 1e-4 to 0.5; of an empirical table 25 over what the phantoms span.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mu_a: Option<Nodes>,
+    /// Left out: 18 nodes from 0.1 to 5; of an empirical table 25 over what the phantoms span.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mu_s_prime: Option<Nodes>,
     /// Mean cosine of the scattering angle (Henyey-Greenstein).
     pub g: Ratio,
     /// Refractive index relative to the outside.
@@ -44,6 +69,12 @@ pub struct Params {
     /// Paths of `model: monte_carlo`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub samples: Option<u64>,
+    /// Of `model: empirical`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub interpolation: Option<Interpolation>,
+    /// What `references` show; of `model: empirical`, which needs it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reference: Option<ReferenceMedium>,
 }
 
 /// Paths of a Monte Carlo table where `samples` is left out.
@@ -63,12 +94,14 @@ impl Params {
         let not_negative = |x: f64| x >= 0.0 && x.is_finite();
         axis("f_x", &self.f_x.0, 1, not_negative, "be a finite number >= 0", problems);
         let positive = |x: f64| x > 0.0 && x.is_finite();
-        for (name, nodes) in [("mu_a", &self.mu_a.0), ("mu_s_prime", &self.mu_s_prime.0)] {
-            axis(name, nodes, 2, positive, "be a finite number > 0 (the axis is logarithmic)", problems);
+        for (name, nodes) in [("mu_a", &self.mu_a), ("mu_s_prime", &self.mu_s_prime)] {
+            if let Some(Nodes(nodes)) = nodes {
+                axis(name, nodes, 2, positive, "be a finite number > 0 (the axis is logarithmic)", problems);
+            }
         }
         problems.require(self.g.0.abs() < 1.0, "g", self.g.0, "", "lie in (-1, 1)");
         problems.require(self.n.0 >= 1.0 && self.n.0.is_finite(), "n", self.n.0, "", "be a finite number >= 1");
-        if self.model == Model::Rte
+        if self.solves()
             && self.g.0.abs() < 1.0
             && let Err(error) = rte::solvable(self.g.0, self.n.0)
         {
@@ -76,8 +109,8 @@ impl Params {
         }
         if let Some(Length(d)) = self.thickness {
             problems.require(positive(d), "thickness", d, "mm", "be a finite number > 0");
-            if self.model != Model::Rte {
-                let message = "only the transport model knows slabs; the others know the half-space";
+            if !matches!(self.model, Model::Rte | Model::Empirical) {
+                let message = "only transport and phantoms know slabs; the other models know the half-space";
                 problems.push_with_hint("thickness", message, "leave `thickness` out or take `model: rte`");
             }
         }
@@ -91,23 +124,77 @@ impl Params {
                 problems.push_with_hint("samples", message, "leave `samples` out");
             }
         }
+        self.check_empirical(problems);
         if self.f_x.0.len() == 1 {
             problems.warn("f_x", "one spatial frequency cannot tell mu_a from mu_s': no map can be made of this table");
         }
     }
 
-    /// The table as plain numbers.
+    /// What only phantoms need, and what they need.
+    fn check_empirical(&self, problems: &mut Problems) {
+        if self.model != Model::Empirical {
+            let way_out = "leave it out, or take `model: empirical`";
+            for (name, given) in
+                [("interpolation", self.interpolation.is_some()), ("reference", self.reference.is_some())]
+            {
+                if given {
+                    problems.push_with_hint(name, format!("only `model: empirical` has {name}"), way_out);
+                }
+            }
+            if self.convention == Convention::Relative {
+                let message = "a model knows no reference phantom that its reflectance could be relative to";
+                problems.push_with_hint("convention", message, "take another convention, or `model: empirical`");
+            }
+            return;
+        }
+        match self.reference {
+            Some(ReferenceMedium { mu_a: PerLength(mu_a), mu_s_prime: PerLength(mu_s_prime) }) => {
+                let finite = |x: f64, holds: bool| holds && x.is_finite();
+                problems.require(finite(mu_a, mu_a >= 0.0), "reference.mu_a", mu_a, "mm^-1", "be >= 0");
+                let holds = finite(mu_s_prime, mu_s_prime > 0.0);
+                problems.require(holds, "reference.mu_s_prime", mu_s_prime, "mm^-1", "be > 0");
+            }
+            None => problems.push_with_hint(
+                "reference",
+                "what phantoms reflect is told relative to the reference, whose properties are not given",
+                "reference: {mu_a: .., mu_s_prime: ..}, as in the `calibrate` whose reflectance is to be inverted",
+            ),
+        }
+    }
+
+    /// Whether the transport solver is asked.
+    fn solves(&self) -> bool {
+        match self.model {
+            Model::Rte => true,
+            Model::Empirical => {
+                self.interpolation() == Interpolation::Guided || self.convention != Convention::Relative
+            }
+            _ => false,
+        }
+    }
+
+    pub fn interpolation(&self) -> Interpolation {
+        self.interpolation.unwrap_or_default()
+    }
+
+    /// The table as plain numbers; the axes of an empirical one may be empty, for the phantoms to fill.
     pub fn recipe(&self) -> Recipe {
+        let nodes = |given: &Option<Nodes>, default: fn() -> Nodes| match given {
+            Some(Nodes(nodes)) => nodes.clone(),
+            None if self.model == Model::Empirical => Vec::new(),
+            None => default().0,
+        };
         Recipe {
-            transport: self.model == Model::Rte,
+            transport: matches!(self.model, Model::Rte | Model::Empirical),
             f_x: self.f_x.0.clone(),
-            mu_a: self.mu_a.0.clone(),
-            mu_s_prime: self.mu_s_prime.0.clone(),
+            mu_a: nodes(&self.mu_a, default_mu_a),
+            mu_s_prime: nodes(&self.mu_s_prime, default_mu_s_prime),
             g: self.g.0,
             n: self.n.0,
             thickness: self.thickness.map(|d| d.0),
             convention: match self.convention {
-                Convention::Camera => table::Convention::Camera,
+                // What guides a relative table is the camera's view, as its phantoms are.
+                Convention::Camera | Convention::Relative => table::Convention::Camera,
                 Convention::HemisphericalIncident => table::Convention::HemisphericalIncident,
                 Convention::HemisphericalEntered => table::Convention::HemisphericalEntered,
             },

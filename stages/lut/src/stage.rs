@@ -4,20 +4,31 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use serde_json::{Value, json};
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::{Lut, Validity};
+use turbid_contract::payload::{Convention, Fit, Lut, Modulation, Truth, Validity};
 use turbid_contract::{
     Attributes, Cells, Ctx, Error, ImageStack, Known, LayerInfo, Problems, Stage, StagePlan, Table, in_ports, out_ports,
 };
 use turbid_optics::level::named;
 use turbid_optics::philox;
 
+use crate::empirical::{self, Between};
 use crate::monte_carlo::{self, Estimate, PARTS};
-use crate::params::{Model, Params, SAMPLES};
+use crate::params::{Interpolation, Model, Params, ReferenceMedium, SAMPLES};
+use crate::phantoms::{self, Sources};
 use crate::table::Recipe;
 use crate::validity::{Report, examine};
 
 in_ports! {
-    pub struct In {}
+    pub struct In {
+        /// What was seen of phantoms of known properties, gathered over their axes (`model: empirical`).
+        phantoms: many Modulation,
+        /// The reference seen the same way: one for all, or one for each value of an axis that it shares with the phantoms.
+        references: many Modulation,
+        /// Properties of the phantoms as they were measured: one fit for each, or one whose media an axis of the phantoms names.
+        properties: many Fit,
+        /// Properties of the phantoms as the camera truly saw them, where there is no fit.
+        truths: many Truth,
+    }
 }
 
 out_ports! {
@@ -51,19 +62,24 @@ impl Stage for BuildLut {
         params.model == Model::MonteCarlo
     }
 
-    fn check(params: &Params, _known: &Known, problems: &mut Problems) {
+    fn check(params: &Params, known: &Known, problems: &mut Problems) {
         params.check(problems);
+        check_ports(params, known, problems);
     }
 
     fn plan(params: &Params, _known: &Known) -> StagePlan {
         let recipe = params.recipe();
-        let nodes = recipe.mu_a.len() * recipe.mu_s_prime.len();
+        // An empirical table may not know its axes yet.
+        let count = |axis: &[f64]| if axis.is_empty() { empirical::NODES } else { axis.len() };
+        let nodes = count(&recipe.mu_a) * count(&recipe.mu_s_prime);
+        let guides = params.interpolation() == Interpolation::Guided;
         let modulated = recipe.f_x.iter().filter(|&&f_x| f_x > 0.0).count();
         // Seconds per value on one core, measured over the default range (benches/build_lut.rs).
         let (uniform, patterned) = match (params.model, params.thickness) {
             (Model::Diffusion | Model::MonteCarlo, _) => (1e-6, 1e-6),
-            (Model::Rte, None) => (5e-4, 3e-3),
-            (Model::Rte, Some(_)) => (4e-3, 6e-2),
+            (Model::Empirical, _) if !guides => (1e-6, 1e-6),
+            (_, None) => (5e-4, 3e-3),
+            (_, Some(_)) => (4e-3, 6e-2),
         };
         let seconds = if params.model == Model::MonteCarlo {
             params.samples.unwrap_or(SAMPLES) as f64 * SECONDS_PER_PATH
@@ -84,6 +100,13 @@ impl Stage for BuildLut {
             Model::Rte => "rte: Galerkin in depth, discrete rays, GMRES",
             Model::Diffusion => "diffusion: closed form, exact Fresnel moments",
             Model::MonteCarlo => "monte_carlo: one white run, rescaled to every node",
+            Model::Empirical => match params.interpolation() {
+                Interpolation::Guided => "empirical: phantoms over transport, a polynomial in log-log",
+                Interpolation::LogLog => "empirical: a polynomial in log-log",
+                Interpolation::Paper => {
+                    "empirical: linear between phantoms on 100 x 100 nodes (the paper's first step)"
+                }
+            },
         };
         let bytes = (recipe.f_x.len() * nodes * 5 * 8) as u64;
         StagePlan {
@@ -95,11 +118,18 @@ impl Stage for BuildLut {
         }
     }
 
-    fn run(params: &Params, _inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
+    fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
         let recipe = params.recipe();
-        let Estimate { r_d: values, se } = match params.model {
-            Model::MonteCarlo => simulate(params, &recipe, ctx)?,
-            _ => solve(&recipe, ctx)?,
+        let (recipe, Estimate { r_d: values, se }) = match params.model {
+            Model::MonteCarlo => {
+                let estimate = simulate(params, &recipe, ctx)?;
+                (recipe, estimate)
+            }
+            Model::Empirical => measure(params, recipe, &inputs, ctx)?,
+            _ => {
+                let estimate = solve(&recipe, ctx)?;
+                (recipe, estimate)
+            }
         };
         let grids = recipe.grids(&values).map_err(|error| {
             Error::failed_with_hint(
@@ -133,6 +163,76 @@ fn solve(recipe: &Recipe, ctx: Ctx<'_>) -> Result<Estimate, Error> {
     Ok(Estimate { r_d, se })
 }
 
+/// Ports that `model: empirical` must have, and that no other model reads.
+fn check_ports(params: &Params, known: &Known, problems: &mut Problems) {
+    let connected = |port: &str| known.connected.iter().any(|c| c == port);
+    if params.model != Model::Empirical {
+        for port in ["phantoms", "references", "properties", "truths"].into_iter().filter(|p| connected(p)) {
+            let message = format!("`{port}` is connected, but only `model: empirical` reads it");
+            problems.push_with_hint("model", message, "take `model: empirical` or leave the input out");
+        }
+        return;
+    }
+    for port in ["phantoms", "references"].into_iter().filter(|p| !connected(p)) {
+        let way_out = format!("in: {{{port}: the modulation of a demodulate stage}}");
+        problems.push_with_hint("model", format!("`model: empirical` needs the input `{port}`"), way_out);
+    }
+    if connected("properties") == connected("truths") {
+        let message = "the phantoms' properties come from `properties` (a fit of calibrate_iad) or from `truths` (of render): connect one of them";
+        problems.push("model", message);
+    }
+}
+
+/// The table of phantoms; its axes may have been filled from what they span.
+fn measure(params: &Params, recipe: Recipe, inputs: &In<'_>, ctx: Ctx<'_>) -> Result<(Recipe, Estimate), Error> {
+    let sources = Sources {
+        phantoms: &inputs.phantoms,
+        references: &inputs.references,
+        properties: &inputs.properties,
+        truths: &inputs.truths,
+    };
+    let phantoms = phantoms::gather(&sources, &recipe.f_x)?;
+    if phantoms.iter().flat_map(|p| &p.ratio_se).all(|&se| se == 0.0) {
+        ctx.warn("no standard errors: neither the phantoms nor their reference know their own");
+    }
+    let reference = reference(params, &recipe)?;
+    let guide = |f_x: f64, places: &[[f64; 2]]| -> Result<Vec<f64>, Error> {
+        let values = ctx.map_tiles(places.len(), |i| recipe.value(places[i][0], places[i][1], f_x))?;
+        values.into_iter().map(|r| r.map(libm::log).map_err(|e| Error::failed(e.to_string()))).collect()
+    };
+    let between = match params.interpolation() {
+        Interpolation::Guided => Between::Guided(&guide),
+        Interpolation::LogLog => Between::Smooth,
+        Interpolation::Paper => Between::Linear(phantoms::grid(inputs.phantoms.axes()).ok_or_else(|| {
+            Error::failed_with_hint(
+                format!("the {} phantoms are not the full grid of two axes", phantoms.len()),
+                "the paper's linear step needs one; take `interpolation: log_log` or `guided`",
+            )
+        })?),
+    };
+    let table = empirical::table(&phantoms, recipe.clone(), &reference, &between)?;
+    ctx.measure("phantoms", phantoms.len() as f64, "1");
+    if let Some([a, s]) = table.degrees {
+        ctx.measure("degree_mu_a", a as f64, "1");
+        ctx.measure("degree_mu_s_prime", s as f64, "1");
+        ctx.measure("gain", table.gain, "1");
+    }
+    tell_errors(&table.r_d, &table.se, ctx);
+    Ok((table.recipe, Estimate { r_d: table.r_d, se: table.se }))
+}
+
+/// Reflectance of the reference phantom at each f_x; 1 in the relative convention.
+fn reference(params: &Params, recipe: &Recipe) -> Result<Vec<f64>, Error> {
+    let Some(ReferenceMedium { mu_a, mu_s_prime }) =
+        params.reference.filter(|_| params.convention != Convention::Relative)
+    else {
+        return Ok(vec![1.0; recipe.f_x.len()]);
+    };
+    let half_space = Recipe { thickness: None, ..recipe.clone() };
+    let value = |&f_x: &f64| half_space.value(mu_a.0, mu_s_prime.0, f_x);
+    recipe.f_x.iter().map(value).collect::<Result<_, _>>().map_err(|e| Error::invalid("reference", e.to_string()))
+}
+
 fn simulate(params: &Params, recipe: &Recipe, ctx: Ctx<'_>) -> Result<Estimate, Error> {
     let white = monte_carlo::white(recipe);
     let each = params.samples.unwrap_or(SAMPLES).div_ceil(PARTS as u64);
@@ -156,11 +256,15 @@ fn simulate(params: &Params, recipe: &Recipe, ctx: Ctx<'_>) -> Result<Estimate, 
     let estimate = monte_carlo::estimate(recipe, &white, &parts).map_err(|error| {
         Error::failed_with_hint(format!("the paths are too few: {error}"), "raise `samples`, or narrow the axes")
     })?;
-    let mut errors: Vec<f64> = estimate.se.iter().zip(&estimate.r_d).map(|(se, r)| 100.0 * se / r).collect();
+    tell_errors(&estimate.r_d, &estimate.se, ctx);
+    Ok(estimate)
+}
+
+fn tell_errors(r_d: &[f64], se: &[f64], ctx: Ctx<'_>) {
+    let mut errors: Vec<f64> = se.iter().zip(r_d).map(|(se, r)| 100.0 * se / r).collect();
     errors.sort_by(f64::total_cmp);
     ctx.measure("error: r_d per node", errors[errors.len() / 2], "%");
     ctx.measure("largest_error", errors[errors.len() - 1], "%");
-    Ok(estimate)
 }
 
 fn tell(report: &Report, ctx: Ctx<'_>) {
@@ -190,6 +294,9 @@ fn attributes(params: &Params, recipe: &Recipe) -> Attributes {
     set("g", json!(recipe.g));
     set("n", json!(recipe.n));
     set("thickness", json!(recipe.thickness));
+    if let Some(reference) = &params.reference {
+        set("reference", json!(reference));
+    }
     attributes
 }
 

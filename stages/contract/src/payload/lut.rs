@@ -18,12 +18,14 @@ pub enum Convention {
     HemisphericalIncident,
     /// Power that leaves into the hemisphere / power that entered.
     HemisphericalEntered,
+    /// M over M of the reference phantom: no model enters, and only a table of phantoms with the same reference can read it.
+    Relative,
 }
 
 /// One row per node and spatial frequency: columns `mu_a`, `mu_s_prime`, `f_x` (mm^-1), `r_d`, `r_d_se` (1).
 ///
 /// Order: f_x outermost, then mu_a, then mu_s'. Attributes: `f_x`, `mu_a`, `mu_s_prime` (the axes), `g`, `n`,
-/// `thickness` (mm, null for a half-space), `convention`, `model`.
+/// `thickness` (mm, null for a half-space), `convention`, `model`; of phantoms also `reference` (its `mu_a`, `mu_s_prime`, mm^-1).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lut(pub Table);
 

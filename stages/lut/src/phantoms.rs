@@ -1,0 +1,202 @@
+//! Phantoms: what was seen of media whose properties are known, gathered from the inputs.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use turbid_contract::payload::{Fit, Modulation, Truth};
+use turbid_contract::planes::mean_se;
+use turbid_contract::{Axes, Cells, Error, ImageStack, Layer, LayerKind, Many, Payload};
+
+/// One phantom: its properties, and what the camera saw of it beside the reference.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Phantom {
+    /// (mu_a, mu_s'), mm^-1, both > 0.
+    pub properties: [f64; 2],
+    /// Their standard errors, 0 where they are exact.
+    pub properties_se: [f64; 2],
+    /// M / M of the reference at each f_x, over the pixels that are good in both.
+    pub ratio: Vec<f64>,
+    pub ratio_se: Vec<f64>,
+}
+
+/// What the ports bring; each `Many` loads one artifact at a time.
+pub struct Sources<'a, 'b> {
+    pub phantoms: &'b Many<'a, Modulation>,
+    pub references: &'b Many<'a, Modulation>,
+    pub properties: &'b Many<'a, Fit>,
+    pub truths: &'b Many<'a, Truth>,
+}
+
+/// All phantoms, in the order of their axes.
+///
+/// Errors: a phantom without reference or properties, without f_x, without a good pixel, or darker than zero.
+pub fn gather(sources: &Sources<'_, '_>, f_x: &[f64]) -> Result<Vec<Phantom>, Error> {
+    let mut reference: Option<(usize, ImageStack)> = None;
+    let mut phantoms = Vec::new();
+    for (i, axes) in sources.phantoms.axes().iter().enumerate() {
+        let name = name(axes);
+        let at = partner(sources.references, axes, "references", &name)?;
+        // One reference for all phantoms is the rule: it is loaded once.
+        if reference.as_ref().is_none_or(|(loaded, _)| *loaded != at) {
+            reference = Some((at, sources.references.load(at)?.0));
+        }
+        let against = &reference.as_ref().expect("loaded above").1;
+        let sample = sources.phantoms.load(i)?.0;
+        let (properties, properties_se) = properties(sources, axes, &name)?;
+        if properties.iter().any(|&p| !(p > 0.0 && p.is_finite())) {
+            let [a, s] = properties;
+            let what = format!("{name} has mu_a = {a} and mu_s' = {s} mm^-1; the axes of the table are logarithmic");
+            return Err(Error::failed_with_hint(what, "both must be > 0: leave the phantom out"));
+        }
+        let ratios: Result<Vec<[f64; 2]>, Error> = f_x.iter().map(|&f_x| ratio(&sample, against, f_x, &name)).collect();
+        let (ratio, ratio_se) = ratios?.into_iter().map(|[r, se]| (r, se)).unzip();
+        phantoms.push(Phantom { properties, properties_se, ratio, ratio_se });
+    }
+    Ok(phantoms)
+}
+
+/// Rows and columns, where two axes make a full grid of the phantoms (the second runs fastest).
+pub fn grid(axes: &[Axes]) -> Option<[usize; 2]> {
+    let mut values: BTreeMap<&str, BTreeSet<String>> = BTreeMap::new();
+    for (axis, value) in axes.iter().flatten() {
+        values.entry(axis).or_default().insert(value.to_string());
+    }
+    let counts: Vec<usize> = values.values().map(BTreeSet::len).filter(|&n| n > 1).collect();
+    match counts[..] {
+        [rows, columns] if rows * columns == axes.len() => Some([rows, columns]),
+        _ => None,
+    }
+}
+
+fn name(axes: &Axes) -> String {
+    let values: Vec<String> = axes.iter().map(|(axis, value)| format!("{axis} = {value}")).collect();
+    if values.is_empty() { "the phantom".to_owned() } else { format!("the phantom with {}", values.join(", ")) }
+}
+
+/// The artifact on another port that belongs to a phantom: the one whose axes it carries.
+fn partner<T: Payload>(port: &Many<'_, T>, axes: &Axes, what: &str, phantom: &str) -> Result<usize, Error> {
+    let belongs = |own: &Axes| own.iter().all(|(axis, value)| axes.get(axis).is_none_or(|v| v == value));
+    let found: Vec<usize> = (0..port.axes().len()).filter(|&k| belongs(&port.axes()[k])).collect();
+    match found[..] {
+        [k] => Ok(k),
+        _ => Err(Error::failed_with_hint(
+            format!("{} of `{what}` belong to {phantom}; one is needed", found.len()),
+            "give it the axes of the phantoms, or one for all",
+        )),
+    }
+}
+
+/// Properties of a phantom with standard errors: from a fit, or from what the camera truly looked at.
+fn properties(sources: &Sources<'_, '_>, axes: &Axes, name: &str) -> Result<([f64; 2], [f64; 2]), Error> {
+    if sources.properties.axes().is_empty() {
+        let truth = sources.truths.load(partner(sources.truths, axes, "truths", name)?)?.0;
+        let exact = [uniform(&truth, "mu_a", name)?, uniform(&truth, "mu_s_prime", name)?];
+        return Ok((exact, [0.0; 2]));
+    }
+    let Fit(table) = sources.properties.load(partner(sources.properties, axes, "properties", name)?)?;
+    let text = |column: &str| {
+        let column = table.columns.iter().find(|c| c.name == column);
+        column.and_then(|c| if let Cells::Text(cells) = &c.cells { Some(cells) } else { None })
+    };
+    let row = match (table.rows(), text("medium")) {
+        (1, _) => Some(0),
+        (_, Some(media)) => media.iter().position(|m| axes.values().any(|v| v.as_str() == Some(m))),
+        _ => None,
+    };
+    let Some(row) = row else {
+        let what = format!("the fit has {} rows, and none is named as {name}", table.rows());
+        return Err(Error::failed_with_hint(what, "fit each phantom on its own axes, or let an axis name the media"));
+    };
+    if let Some(status) = text("status").map(|s| &s[row])
+        && !status.starts_with("ok")
+    {
+        let what = format!("the fit of {name} ended as `{status}`");
+        return Err(Error::failed_with_hint(what, "leave the phantom out, or mend its readings"));
+    }
+    let cell = |column: &str| {
+        let cells = table.f64s(column).map(|cells| cells[row]);
+        cells.ok_or_else(|| Error::failed(format!("the fit has no column {column}")))
+    };
+    Ok(([cell("mu_a")?, cell("mu_s_prime")?], [cell("mu_a_se")?, cell("mu_s_prime_se")?]))
+}
+
+/// The one value of a layer of the truth.
+fn uniform(truth: &ImageStack, quantity: &str, name: &str) -> Result<f64, Error> {
+    let layer = truth.find(quantity, None).ok_or_else(|| Error::failed(format!("the truth has no {quantity}")))?;
+    let mask = truth.mask(layer.info.wavelength_nm).map(Layer::pixels);
+    let pixels = layer.pixels();
+    let good = pixels.iter().enumerate().filter(|(i, _)| mask.as_ref().is_none_or(|m| m[*i] == 0.0));
+    let range = good.fold(None, |range: Option<[f32; 2]>, (_, &v)| {
+        Some(range.map_or([v, v], |[low, high]| [low.min(v), high.max(v)]))
+    });
+    match range {
+        Some([low, high]) if low == high => Ok(f64::from(low)),
+        Some([low, high]) => Err(Error::failed_with_hint(
+            format!("{name} shows {quantity} from {low} to {high} mm^-1"),
+            "a phantom is one medium: let the camera see nothing else",
+        )),
+        None => Err(Error::failed(format!("the camera does not see {name}"))),
+    }
+}
+
+/// M / M_reference with its standard error: the ratio of sums over the pixels that are good in both.
+fn ratio(sample: &ImageStack, reference: &ImageStack, f_x: f64, name: &str) -> Result<[f64; 2], Error> {
+    if (sample.rows(), sample.columns()) != (reference.rows(), reference.columns()) {
+        return Err(Error::failed_with_hint(
+            format!("{name} and its reference have images of different sizes"),
+            "both must be seen by the same camera",
+        ));
+    }
+    let [sample_layer, reference_layer] =
+        [modulation(sample, f_x, name)?, modulation(reference, f_x, "the reference")?];
+    let mask =
+        |stack: &ImageStack, layer: &Layer| stack.mask(layer.info.wavelength_nm).map(Layer::pixels).map(|p| p.to_vec());
+    let masks = [mask(sample, sample_layer), mask(reference, reference_layer)];
+    let good = |i: usize| masks.iter().flatten().all(|m| m[i] == 0.0);
+    let sums = |stack: &ImageStack, layer: &Layer| {
+        let (mut sum, mut variances, mut n) = (0.0, 0.0, 0_u64);
+        let se = stack.standard_error(&layer.info).map(Layer::pixels);
+        for (i, &m) in layer.pixels().iter().enumerate().filter(|(i, _)| good(*i)) {
+            sum += f64::from(m);
+            variances += se.as_ref().map_or(0.0, |se| f64::from(se[i]) * f64::from(se[i]));
+            n += 1;
+        }
+        let se = mean_se(variances, n, stack.sharing(&layer.info)).unwrap_or(0.0);
+        [sum / n as f64, se]
+    };
+    let [[m, m_se], [m_r, m_r_se]] = [sums(sample, sample_layer), sums(reference, reference_layer)];
+    let usable = |x: f64| x > 0.0 && x.is_finite();
+    if !usable(m) || !usable(m_r) {
+        return Err(Error::failed_with_hint(
+            format!("{name} and its reference have no modulation in common at f_x = {f_x} mm^-1 (means {m} and {m_r})"),
+            "take more samples, or lower f_x",
+        ));
+    }
+    let ratio = m / m_r;
+    Ok([ratio, ratio * libm::hypot(m_se / m, m_r_se / m_r)])
+}
+
+/// M_AC at `f_x`; at 0 without a frame of its own the mean of the fringes of the lowest f_x.
+fn modulation<'s>(stack: &'s ImageStack, f_x: f64, name: &str) -> Result<&'s Layer, Error> {
+    let of = |quantity: &'static str| {
+        stack.layers.iter().filter(move |l| l.info.kind == LayerKind::Value && l.info.name == quantity)
+    };
+    let same = |l: &&Layer| (l.info.f_x_per_mm.unwrap_or(0.0) - f_x).abs() <= 1e-9 * f_x;
+    let found: Vec<&Layer> = of("m_ac").filter(same).collect();
+    let lowest = || {
+        let all = of("m_dc").map(|l| (l.info.f_x_per_mm.unwrap_or(0.0), l));
+        all.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, l)| l)
+    };
+    match found[..] {
+        [layer] => Ok(layer),
+        [] if f_x == 0.0 && lowest().is_some() => Ok(lowest().expect("looked above")),
+        [] => {
+            let has: Vec<String> = of("m_ac").map(|l| l.info.f_x_per_mm.unwrap_or(0.0).to_string()).collect();
+            let what = format!("{name} was seen at f_x = {} mm^-1, not at {f_x}", has.join(", "));
+            Err(Error::invalid("f_x", what))
+        }
+        _ => {
+            let what = format!("{name} has {} images at f_x = {f_x} mm^-1 (orientations or wavelengths)", found.len());
+            Err(Error::failed_with_hint(what, "one table is for one orientation and one wavelength"))
+        }
+    }
+}

@@ -1,0 +1,286 @@
+//! Tables of phantoms: made phantoms come from the transport solver, so that the truth between them is known.
+
+use std::collections::BTreeMap;
+
+use serde_json::{Value, json};
+use turbid_contract::ndarray::Array2;
+use turbid_contract::payload::{Lut, Modulation, Truth};
+use turbid_contract::planes::mean_se;
+use turbid_contract::{
+    Artifact, Axes, Cells, Ctx, Error, ImageStack, InputSource, Known, LayerInfo, LayerKind, MemoryHost, Payload,
+    Problems, Stage, StageRow, Table,
+};
+use turbid_lut::BuildLut;
+use turbid_optics::{Medium, rte};
+
+const F_X: [f64; 2] = [0.0, 0.1];
+const G: f64 = 0.5;
+const REFERENCE: [f64; 2] = [0.02, 1.5];
+/// Pixels of a side of a made image.
+const SIDE: usize = 8;
+
+/// Artifacts by port, with their axes.
+#[derive(Default)]
+struct Inputs(BTreeMap<&'static str, Vec<(Axes, Artifact)>>);
+
+impl Inputs {
+    fn push(&mut self, port: &'static str, axes: Axes, payload: impl Payload) {
+        self.0.entry(port).or_default().push((axes, payload.into_artifact()));
+    }
+}
+
+impl InputSource for Inputs {
+    fn one(&self, _: &str) -> Result<Option<Artifact>, Error> {
+        Ok(None)
+    }
+    fn many(&self, port: &str) -> Vec<Axes> {
+        self.0.get(port).into_iter().flatten().map(|(axes, _)| axes.clone()).collect()
+    }
+    fn load(&self, port: &str, index: usize) -> Result<Artifact, Error> {
+        Ok(self.0[port][index].1.clone())
+    }
+}
+
+fn camera([mu_a, mu_s_prime]: [f64; 2], f_x: f64) -> f64 {
+    rte::reflectance(&Medium { mu_a, mu_s_prime, g: G, n: 1.0 }, None, f_x).unwrap().camera
+}
+
+/// Modulation of a medium: reflectance times a vignette times `1 + error`; `se` relative, of every pixel.
+fn modulation(medium: [f64; 2], error: [f64; 2], se: f64) -> Modulation {
+    let mut stack = ImageStack::new(SIDE, SIDE);
+    let mut errors = Vec::new();
+    for (k, f_x) in F_X.into_iter().enumerate() {
+        let mut info = LayerInfo::value("m_ac", "W mm^-2 sr^-1").with_f_x(f_x);
+        let m = camera(medium, f_x) * (1.0 + error[k]);
+        let vignette = |(row, column): (usize, usize)| 0.3 * (1.0 - 0.002 * (row * row + column) as f64);
+        let data = Array2::from_shape_fn((SIDE, SIDE), |at| (m * vignette(at)) as f32);
+        let noise = data.mapv(|m| m * se as f32);
+        let variances = noise.iter().map(|&e| f64::from(e) * f64::from(e)).sum();
+        info.mean_se = mean_se(variances, (SIDE * SIDE) as u64, 1.0);
+        errors.push((info.standard_error(), noise));
+        stack.push(info, data);
+    }
+    if se > 0.0 {
+        errors.into_iter().for_each(|(info, data)| stack.push(info, data));
+    }
+    Modulation(stack)
+}
+
+fn truth([mu_a, mu_s_prime]: [f64; 2]) -> Truth {
+    let mut stack = ImageStack::new(SIDE, SIDE);
+    stack.push(LayerInfo::value("mu_a", "mm^-1"), Array2::from_elem((SIDE, SIDE), mu_a as f32));
+    stack.push(LayerInfo::value("mu_s_prime", "mm^-1"), Array2::from_elem((SIDE, SIDE), mu_s_prime as f32));
+    // A pixel beside the phantom says nothing.
+    let mut mask = Array2::zeros((SIDE, SIDE));
+    mask[(0, 0)] = 1.0;
+    stack.push(LayerInfo::new("mask", LayerKind::Mask, "1"), mask);
+    stack.layers[0].data[(0, 0)] = 0.0;
+    Truth(stack)
+}
+
+fn axes(a: f64, s: f64) -> Axes {
+    Axes::from([("mu_a".to_owned(), json!(a)), ("mu_s_prime".to_owned(), json!(s))])
+}
+
+/// Phantoms on a grid; `error` relative of M at both f_x by the phantom's number.
+fn phantoms(mu_a: &[f64], mu_s_prime: &[f64], error: impl Fn(usize) -> [f64; 2], se: f64) -> Inputs {
+    let mut inputs = Inputs::default();
+    for &a in mu_a {
+        for &s in mu_s_prime {
+            let number = inputs.0.get("phantoms").map_or(0, Vec::len);
+            inputs.push("phantoms", axes(a, s), modulation([a, s], error(number), se));
+            inputs.push("truths", axes(a, s), truth([a, s]));
+        }
+    }
+    inputs.push("references", Axes::new(), modulation(REFERENCE, [0.0; 2], 0.0));
+    inputs
+}
+
+fn params(interpolation: &str) -> Value {
+    json!({"model": "empirical", "f_x": F_X, "g": G, "n": 1.0, "interpolation": interpolation,
+           "reference": {"mu_a": REFERENCE[0], "mu_s_prime": REFERENCE[1]}})
+}
+
+fn build(params: &Value, inputs: &Inputs) -> Result<Table, Error> {
+    let host = MemoryHost::default();
+    let outputs = (StageRow::of::<BuildLut>().run)(params, inputs, Ctx::new(&host))?;
+    let lut = outputs.into_iter().find(|(name, _)| *name == "lut").expect("the port is never left out").1;
+    Ok(Lut::from_artifact(lut)?.0)
+}
+
+/// Largest and mean relative error of a table against the solver, over all nodes, %.
+fn errors(table: &Table) -> [f64; 2] {
+    let column = |name| table.f64s(name).unwrap();
+    let (a, s, f_x, r_d) = (column("mu_a"), column("mu_s_prime"), column("f_x"), column("r_d"));
+    let step = (table.rows() / 400).max(1);
+    let all: Vec<f64> =
+        (0..table.rows()).step_by(step).map(|i| 100.0 * (r_d[i] / camera([a[i], s[i]], f_x[i]) - 1.0).abs()).collect();
+    [all.iter().fold(0.0, |m, &e| f64::max(m, e)), all.iter().sum::<f64>() / all.len() as f64]
+}
+
+const PAPER_A: [f64; 3] = [0.026, 0.06, 0.121];
+const PAPER_S: [f64; 3] = [0.93, 2.1, 4.75];
+const FIVE_A: [f64; 5] = [0.01, 0.02, 0.04, 0.08, 0.16];
+const FIVE_S: [f64; 5] = [0.5, 0.89, 1.58, 2.81, 5.0];
+
+/// Noise-free phantoms: what guides is here the truth itself, so nothing but the f32 of the images is left; in log-log
+/// nine phantoms are better than the paper's linear step by far, and twenty-five better again.
+#[test]
+fn between_phantoms() {
+    let none = |_| [0.0; 2];
+    let error = |interpolation: &str, a: &[f64], s: &[f64]| {
+        errors(&build(&params(interpolation), &phantoms(a, s, none, 0.0)).unwrap())
+    };
+    let guided = error("guided", &PAPER_A, &PAPER_S);
+    let log_log = error("log_log", &PAPER_A, &PAPER_S);
+    let five = error("log_log", &FIVE_A, &FIVE_S);
+    let paper = error("paper", &PAPER_A, &PAPER_S);
+    println!("worst and mean %: guided {guided:?}, log_log {log_log:?}, five {five:?}, paper {paper:?}");
+    // Nine values of f32 each rounded by 2^-24, gain of the surface below 2.
+    assert!(guided[0] < 100.0 * 4.0 * 2f64.powi(-24), "{guided:?}");
+    assert!(log_log[0] < 0.2 * paper[0] && log_log[1] < 0.2 * paper[1], "{log_log:?} {paper:?}");
+    assert!(five[1] < 0.2 * log_log[1], "{five:?} {log_log:?}");
+}
+
+/// What the reference's model says cancels in the relative convention; a mask hides the pixel beside the phantom.
+#[test]
+fn relative_tables_hold_ratios() {
+    let mut params = params("log_log");
+    params["convention"] = json!("relative");
+    let table = build(&params, &phantoms(&PAPER_A, &PAPER_S, |_| [0.0; 2], 0.0)).unwrap();
+    assert_eq!(table.attributes["convention"], json!("relative"));
+    assert_eq!(table.attributes["reference"], json!({"mu_a": 0.02, "mu_s_prime": 1.5}));
+    let (r_d, half) = (table.f64s("r_d").unwrap(), table.rows() / 2);
+    // First and last node are phantoms: the surface passes through them.
+    for (i, medium, f_x) in [(0, [0.026, 0.93], 0.0), (2 * half - 1, [0.121, 4.75], 0.1)] {
+        let ratio = camera(medium, f_x) / camera(REFERENCE, f_x);
+        assert!((r_d[i] / ratio - 1.0).abs() < 1e-6, "{} {ratio}", r_d[i]);
+    }
+}
+
+/// Phantoms that are off at random by their stated errors make tables that are off by theirs: z over 40 sets.
+#[test]
+fn standard_errors_cover_the_noise() {
+    const SE: f64 = 0.08;
+    let (mut squares, mut n) = (0.0, 0);
+    let mut random = 0x9e37_79b9_7f4a_7c15_u64;
+    let mut normal = move || {
+        // Sum of twelve uniforms less 6: variance 1.
+        let uniform = |random: &mut u64| {
+            *random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (*random >> 11) as f64 / (1_u64 << 53) as f64
+        };
+        (0..12).map(|_| uniform(&mut random)).sum::<f64>() - 6.0
+    };
+    for _ in 0..40 {
+        // The mean of 64 independent pixels is 8 times better known than one.
+        let noise: Vec<[f64; 2]> = (0..9).map(|_| [normal(), normal()].map(|z| z * SE / SIDE as f64)).collect();
+        let table = build(&params("log_log"), &phantoms(&PAPER_A, &PAPER_S, |i| noise[i], SE)).unwrap();
+        let exact = build(&params("log_log"), &phantoms(&PAPER_A, &PAPER_S, |_| [0.0; 2], SE)).unwrap();
+        let column = |table: &Table, name| table.f64s(name).unwrap().to_vec();
+        let (r, se, truth) = (column(&table, "r_d"), column(&table, "r_d_se"), column(&exact, "r_d"));
+        // Nodes share phantoms; these four of each f_x are nearly independent of each other.
+        for k in [0, 24, 600, 624, 625, 649, 1225, 1249] {
+            let z = libm::log(r[k] / truth[k]) / (se[k] / r[k]);
+            squares += z * z;
+            n += 1;
+        }
+    }
+    let rms = (squares / f64::from(n)).sqrt();
+    // 320 values: 1 / sqrt(640) is the spread of their rms.
+    assert!((rms - 1.0).abs() < 4.0 * (1.0 / 640f64).sqrt(), "rms z {rms}");
+}
+
+#[test]
+fn bad_phantoms_are_named() {
+    let none = |_| [0.0; 2];
+    let fails = |params: &Value, inputs: &Inputs| build(params, inputs).unwrap_err().to_string();
+    let few = phantoms(&PAPER_A, &PAPER_S[..1], none, 0.0);
+    assert!(fails(&params("guided"), &few).contains("3 phantoms are too few"));
+    let line = phantoms(&FIVE_A, &FIVE_S[..1], none, 0.0);
+    assert!(fails(&params("log_log"), &line).contains("lie on a line"));
+    let good = phantoms(&PAPER_A, &PAPER_S, none, 0.0);
+    let mut wide = params("log_log");
+    wide["mu_a"] = json!([0.01, 0.1]);
+    let message = fails(&wide, &good);
+    assert!(
+        message.starts_with("mu_a: mu_a from 0.01 to 0.1 mm^-1 reaches beyond the phantoms (0.0260 to 0.1210)"),
+        "{message}"
+    );
+    let mut other = params("log_log");
+    other["f_x"] = json!([0, 0.2]);
+    let message = fails(&other, &good);
+    assert!(
+        message.contains("with mu_a = 0.026, mu_s_prime = 0.93 was seen at f_x = 0, 0.1 mm^-1, not at 0.2"),
+        "{message}"
+    );
+    let mut dark = phantoms(&PAPER_A, &PAPER_S, |i| if i == 4 { [-1.0; 2] } else { [0.0; 2] }, 0.0);
+    assert!(fails(&params("log_log"), &dark).contains("no modulation in common at f_x = 0 mm^-1"));
+    dark.0.get_mut("references").unwrap().clear();
+    assert!(fails(&params("log_log"), &dark).contains("0 of `references` belong to the phantom with mu_a = 0.026"));
+    let mut two = phantoms(&PAPER_A, &PAPER_S, none, 0.0);
+    let Artifact::Images(stack) = &mut two.0.get_mut("truths").unwrap()[3].1 else { panic!("a truth is an image") };
+    stack.layers[0].data[(3, 3)] = 0.5;
+    assert!(fails(&params("log_log"), &two).contains("shows mu_a from"));
+}
+
+/// Properties may come from a fit whose rows an axis of the phantoms names; a row that failed stops the table.
+#[test]
+fn fits_give_properties() {
+    let mut inputs = Inputs::default();
+    let media: Vec<[f64; 2]> = PAPER_A.iter().flat_map(|&a| PAPER_S.iter().map(move |&s| [a, s])).collect();
+    let names: Vec<String> = (0..9).map(|i| format!("m{i}")).collect();
+    for (name, &medium) in names.iter().zip(&media) {
+        let axes = Axes::from([("medium".to_owned(), json!(name))]);
+        inputs.push("phantoms", axes, modulation(medium, [0.0; 2], 0.0));
+    }
+    inputs.push("references", Axes::new(), modulation(REFERENCE, [0.0; 2], 0.0));
+    let fit = |status: &str| {
+        let mut table = Table::default();
+        let column = |f: &dyn Fn(&[f64; 2]) -> f64| Cells::F64(media.iter().map(f).collect());
+        table.push("medium", "", Cells::Text(names.clone()));
+        table.push("mu_a", "mm^-1", column(&|m| m[0]));
+        table.push("mu_s_prime", "mm^-1", column(&|m| m[1]));
+        table.push("mu_a_se", "mm^-1", column(&|m| 0.01 * m[0]));
+        table.push("mu_s_prime_se", "mm^-1", column(&|_| 0.0));
+        table.push("status", "", Cells::Text(vec![status.to_owned(); 9]));
+        turbid_contract::payload::Fit(table)
+    };
+    inputs.push("properties", Axes::new(), fit("ok"));
+    let table = build(&params("guided"), &inputs).unwrap();
+    // At a corner, which is a phantom: 1 % of mu_a moves ln R by its slope there.
+    let slope =
+        0.5 * (libm::log(camera([0.026 * 1.01, 0.93], 0.0)) - libm::log(camera([0.026 * 0.99, 0.93], 0.0))).abs();
+    let se = table.f64s("r_d_se").unwrap()[0] / table.f64s("r_d").unwrap()[0];
+    assert!((se / slope - 1.0).abs() < 0.02, "{se} {slope}");
+    inputs.0.get_mut("properties").unwrap()[0].1 = fit("too_much_light").into_artifact();
+    let message = build(&params("log_log"), &inputs).unwrap_err().to_string();
+    assert!(message.contains("ended as `too_much_light`"), "{message}");
+}
+
+/// Every mistake that can be seen before phantoms are there.
+#[test]
+fn mistakes_of_params_and_ports() {
+    let check = |params: &Value, connected: &[&str]| {
+        let mut problems = Problems::default();
+        let known = Known { connected: connected.iter().map(|&c| c.to_owned()).collect(), ..Known::default() };
+        (StageRow::of::<BuildLut>().check)(params, &known, &mut problems);
+        problems.into_parts().0.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")
+    };
+    let good = params("guided");
+    assert_eq!(check(&good, &["phantoms", "references", "truths"]), "");
+    assert!(check(&good, &["phantoms"]).contains("needs the input `references`"));
+    assert!(check(&good, &["phantoms", "references"]).contains("connect one of them"));
+    assert!(check(&good, &["phantoms", "references", "truths", "properties"]).contains("connect one of them"));
+    let mut bare = good.clone();
+    bare.as_object_mut().unwrap().remove("reference");
+    assert!(check(&bare, &["phantoms", "references", "truths"]).contains("reference: what phantoms reflect"));
+    let rte = json!({"model": "rte", "f_x": F_X, "g": G, "n": 1.0, "convention": "relative", "interpolation": "paper"});
+    let found = check(&rte, &["phantoms"]);
+    for part in
+        ["only `model: empirical` has interpolation", "a model knows no reference phantom", "`phantoms` is connected"]
+    {
+        assert!(found.contains(part), "{found}");
+    }
+    assert_eq!(BuildLut::NAME, "build_lut");
+}
