@@ -1,6 +1,6 @@
 //! What stages and the engine agree on: the [`Stage`] trait, ports, artifacts, payload types, [`Ctx`], errors.
 //!
-//! No physics and no files live here. A stage depends on this crate and on `turbid-optics`, on nothing else of
+//! No physics and no files live here. A stage depends on this crate, on `turbid-optics` and on `turbid-geometry`, on nothing else of
 //! turbid; the engine knows stages only through [`StageRow`].
 
 pub mod artifact;

@@ -1,8 +1,9 @@
 //! Where light of a known pattern coordinate, seen by a known pixel, was: rays of the camera against planes of the projector.
 
 use glam::DVec3;
-use turbid_contract::payload::{self, Projection, Scene};
-use turbid_optics::view::{Lens, View, ViewError};
+use turbid_contract::payload::Scene;
+use turbid_geometry::{camera_view, projector_view};
+use turbid_optics::view::{View, ViewError};
 
 /// A camera, a projector and the direction in which the pattern varies.
 pub struct Rig {
@@ -33,8 +34,8 @@ impl Rig {
         let named = |what: &str, e: ViewError| format!("the {what} of the scene is no view: {e:?}");
         let (sin, cos) = turbid_optics::elementary::sin_cos_turns(orientation_deg / 360.0);
         Ok(Self {
-            camera: camera(c).map_err(|e| named("camera", e))?,
-            projector: projector(p).map_err(|e| named("projector", e))?,
+            camera: camera_view(c).map_err(|e| named("camera", e))?,
+            projector: projector_view(p).map_err(|e| named("projector", e))?,
             columns: c.pixels[0] as usize,
             rows: c.pixels[1] as usize,
             along: DVec3::new(cos, sin, 0.0),
@@ -106,21 +107,4 @@ impl Rig {
         let ahead = (r.z - p.z) * (self.plane() - p.z) > 0.0;
         ahead.then(|| Place { r, dz_du: w.z * dt_du, sine: (across / n.length()).abs() })
     }
-}
-
-fn camera(c: &payload::Camera) -> Result<View, ViewError> {
-    let [position, look_at, up] = [c.position, c.look_at, c.up].map(DVec3::from);
-    if c.projection == Projection::Fisheye {
-        return View::fisheye(position, look_at, up, c.field.into());
-    }
-    let mut view = View::new(position, look_at, up, c.field.into())?;
-    if c.projection == Projection::Orthographic {
-        view.lens = Lens::Orthographic;
-    }
-    c.distortion.map_or(Ok(view), |d| view.distorted(d.coefficients()))
-}
-
-fn projector(p: &payload::Projector) -> Result<View, ViewError> {
-    let view = View::new(p.position.into(), p.look_at.into(), p.up.into(), p.field.into())?;
-    p.distortion.map_or(Ok(view), |d| view.distorted(d.coefficients()))
 }

@@ -1,12 +1,10 @@
 //! From the scene of the pipeline to the world, camera and lights that paths meet.
 
-use std::sync::Arc;
-
 use glam::DVec3;
 use turbid_contract::Error;
-use turbid_contract::payload::{self, Port, Profile, Projection, Scene, Shape, Specular, Surface};
-use turbid_optics::solid::{Frame, Mesh, Solid};
-use turbid_optics::view::{Lens, View, ViewError};
+use turbid_contract::payload::{self, Profile, Scene, Specular, Surface};
+use turbid_geometry::{camera_view, projector_view, solid};
+use turbid_optics::solid::Solid;
 
 use crate::camera::Camera;
 use crate::finish::Finish;
@@ -84,26 +82,6 @@ impl Rig {
     }
 }
 
-fn camera_view(c: &payload::Camera) -> Result<View, ViewError> {
-    let [position, look_at, up] = [c.position, c.look_at, c.up].map(DVec3::from);
-    if c.projection == Projection::Fisheye {
-        return View::fisheye(position, look_at, up, c.field.into());
-    }
-    let mut view = View::new(position, look_at, up, c.field.into())?;
-    if c.projection == Projection::Orthographic {
-        view.lens = Lens::Orthographic;
-    }
-    if let Some(a) = c.aperture {
-        view.lens = Lens::Thin { radius: 0.5 * a.diameter, focus: a.focus };
-    }
-    c.distortion.map_or(Ok(view), |d| view.distorted(d.coefficients()))
-}
-
-fn projector_view(p: &payload::Projector) -> Result<View, ViewError> {
-    let view = View::new(p.position.into(), p.look_at.into(), p.up.into(), p.field.into())?;
-    p.distortion.map_or(Ok(view), |d| view.distorted(d.coefficients()))
-}
-
 fn steady(scene: &Scene, channel: usize) -> Steady {
     let mut steady = Steady::default();
     for lamp in scene.lights.values() {
@@ -123,37 +101,4 @@ fn steady(scene: &Scene, channel: usize) -> Steady {
         }
     }
     steady
-}
-
-fn solid(shape: &Shape) -> Solid {
-    match *shape {
-        Shape::Slab { top, bottom } => Solid::Slab { bottom, top },
-        Shape::Box { size, center } => {
-            let (half, center) = (0.5 * DVec3::from(size), DVec3::from(center));
-            Solid::Box { low: center - half, high: center + half }
-        }
-        Shape::Sphere { diameter, center } => {
-            Solid::Ellipsoid { center: center.into(), radii: DVec3::splat(0.5 * diameter) }
-        }
-        Shape::Spheroid { diameters, center } => {
-            Solid::Ellipsoid { center: center.into(), radii: 0.5 * DVec3::from(diameters) }
-        }
-        Shape::Cylinder { diameter, length, center, axis } => {
-            Solid::cylinder(diameter, length, center.into(), axis.into())
-        }
-        Shape::Tube { inner_diameter, outer_diameter, top, bottom, center } => {
-            Solid::tube(inner_diameter, outer_diameter, center.into(), bottom, top)
-        }
-        Shape::SphereShell { inner_diameter, outer_diameter, center, ref ports } => {
-            let holes = ports.iter().map(|port| match *port {
-                Port::Round { direction, diameter } => Solid::round_port(diameter, center.into(), direction.into()),
-                Port::Square { direction, side } => Solid::square_port(side, center.into(), direction.into()),
-            });
-            Solid::sphere_shell(inner_diameter, outer_diameter, center.into(), holes.collect())
-        }
-        Shape::Mesh(ref mesh) => Solid::Mesh(Arc::new(Mesh::new(&mesh.vertices, &mesh.triangles))),
-        Shape::Turned { ref shape, about, rotation_deg } => {
-            solid(shape).turned(Frame::turned_about(about.into(), rotation_deg))
-        }
-    }
 }

@@ -6,9 +6,10 @@ use turbid_contract::LayerInfo;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Lamp, Preview, Scene};
 use turbid_contract::serde_json::{Value, json};
+use turbid_geometry::{camera_view, projector_view};
 use turbid_optics::view::{Lens, View};
 
-use crate::assemble::{Placed, camera_view, is_void, object_at, placed, projector_view};
+use crate::assemble::{Placed, is_void, object_at, placed};
 
 /// Height and width of each of the two panels, pixels.
 const PANEL: usize = 360;

@@ -81,6 +81,12 @@ image_payload!(
     Errors, "errors"
 );
 image_payload!(
+    /// What a pattern does on the surfaces that it is projected onto, by pixels of the projector: for each fringe layers `f_surface`
+    /// (spatial frequency along the surface, mm^-1) and `cycles_per_pixel` (1) with its f_x; `coordinate` (mm along the surface) where
+    /// the pattern was made for one; `mask`.
+    SurfaceFrequency, "surface_frequency"
+);
+image_payload!(
     /// A picture for people: layers `red`, `green`, `blue` (or `grey`) in [0, 1].
     Preview, "preview"
 );

@@ -26,10 +26,14 @@ pub enum MaskReason {
     NoHeight = 10,
     /// The phase is none that the reference shows inside the image.
     OutsideReference = 11,
+    /// The fringes are finer than the projector's pixels can show.
+    BeyondProjector = 12,
+    /// The surface belongs to no section.
+    OutsideSections = 13,
 }
 
 impl MaskReason {
-    pub const ALL: [MaskReason; 12] = [
+    pub const ALL: [MaskReason; 14] = [
         Self::Good,
         Self::Background,
         Self::LowSignal,
@@ -42,6 +46,8 @@ impl MaskReason {
         Self::NotFinite,
         Self::NoHeight,
         Self::OutsideReference,
+        Self::BeyondProjector,
+        Self::OutsideSections,
     ];
 
     /// The value in the mask layer.
@@ -64,6 +70,8 @@ impl MaskReason {
             Self::NotFinite => "not a number",
             Self::NoHeight => "no height from this geometry",
             Self::OutsideReference => "outside the reference",
+            Self::BeyondProjector => "finer than the projector's pixels",
+            Self::OutsideSections => "outside the sections",
         }
     }
 }

@@ -7,16 +7,19 @@ mod mask;
 mod metrics;
 mod readings;
 mod scene;
+mod sections;
 
 pub use fit::Fit;
 pub use images::{
-    Covariance, Errors, Frames, Maps, Modulation, Pattern, Phase, Preview, Reflectance, Truth, Validity, White,
+    Covariance, Errors, Frames, Maps, Modulation, Pattern, Phase, Preview, Reflectance, SurfaceFrequency, Truth,
+    Validity, White,
 };
 pub use lut::{Convention, Lut};
 pub use mask::MaskReason;
 pub use metrics::{Metrics, Power};
 pub use readings::Readings;
 pub use scene::*;
+pub use sections::{Section, Sections};
 
 use crate::artifact::{Artifact, ArtifactKind};
 use crate::error::Error;

@@ -6,6 +6,7 @@ use glam::{DVec2, DVec3};
 
 pub mod bvh;
 mod carved;
+mod coordinates;
 mod frame;
 pub mod mesh;
 mod shapes;

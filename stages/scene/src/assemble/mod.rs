@@ -4,9 +4,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use glam::DVec3;
-use turbid_contract::payload::{Medium, Object, Port, Scene, Shape, Surface};
+use turbid_contract::payload::{Medium, Object, Scene, Surface};
 use turbid_contract::{Length, Problems};
-use turbid_optics::solid::{Frame, Mesh, Solid};
+use turbid_geometry::solid;
+use turbid_optics::solid::Solid;
 
 use crate::params::Params;
 use crate::per_channel::PerChannel;
@@ -22,7 +23,6 @@ use lamp::lamp;
 use medium::medium;
 use object::object;
 use view::{camera, projector};
-pub use view::{camera_view, projector_view};
 use whole::check_whole;
 
 /// The scene that the parameters describe; meaningless where `problems` got something.
@@ -60,40 +60,6 @@ pub fn assemble(params: &Params, file: &dyn Fn(&str) -> Option<Arc<[u8]>>, probl
         check_whole(&scene, problems);
     }
     scene
-}
-
-/// The solid of a shape.
-pub fn solid(shape: &Shape) -> Solid {
-    match *shape {
-        Shape::Slab { top, bottom } => Solid::Slab { bottom, top },
-        Shape::Box { size, center } => {
-            let (half, center) = (0.5 * DVec3::from(size), DVec3::from(center));
-            Solid::Box { low: center - half, high: center + half }
-        }
-        Shape::Sphere { diameter, center } => {
-            Solid::Ellipsoid { center: center.into(), radii: DVec3::splat(0.5 * diameter) }
-        }
-        Shape::Spheroid { diameters, center } => {
-            Solid::Ellipsoid { center: center.into(), radii: 0.5 * DVec3::from(diameters) }
-        }
-        Shape::Cylinder { diameter, length, center, axis } => {
-            Solid::cylinder(diameter, length, center.into(), axis.into())
-        }
-        Shape::Tube { inner_diameter, outer_diameter, top, bottom, center } => {
-            Solid::tube(inner_diameter, outer_diameter, center.into(), bottom, top)
-        }
-        Shape::SphereShell { inner_diameter, outer_diameter, center, ref ports } => {
-            let holes = ports.iter().map(|port| match *port {
-                Port::Round { direction, diameter } => Solid::round_port(diameter, center.into(), direction.into()),
-                Port::Square { direction, side } => Solid::square_port(side, center.into(), direction.into()),
-            });
-            Solid::sphere_shell(inner_diameter, outer_diameter, center.into(), holes.collect())
-        }
-        Shape::Mesh(ref mesh) => Solid::Mesh(Arc::new(Mesh::new(&mesh.vertices, &mesh.triangles))),
-        Shape::Turned { ref shape, about, rotation_deg } => {
-            solid(shape).turned(Frame::turned_about(about.into(), rotation_deg))
-        }
-    }
 }
 
 /// The objects of a scene with their solids.

@@ -5,7 +5,8 @@ use std::f64::consts::PI;
 use glam::{DVec2, DVec3};
 use turbid_contract::Problems;
 use turbid_contract::payload::{Aperture, Camera, Distortion, Projection, Projector};
-use turbid_optics::view::{Lens, View, ViewError};
+use turbid_geometry::{camera_view, projector_view};
+use turbid_optics::view::{View, ViewError};
 
 use crate::assemble::{per_channel, plain};
 use crate::params::{DistortionParams, Params};
@@ -60,28 +61,6 @@ pub fn camera(params: &Params, problems: &mut Problems) -> Option<Camera> {
     }
     check_view("camera", camera_view(&camera), camera.look_at, camera.up, problems);
     Some(camera)
-}
-
-/// The view of a checked camera.
-pub fn camera_view(c: &Camera) -> Result<View, ViewError> {
-    let [position, look_at, up] = [c.position, c.look_at, c.up].map(DVec3::from);
-    if c.projection == Projection::Fisheye {
-        return View::fisheye(position, look_at, up, c.field.into());
-    }
-    let mut view = View::new(position, look_at, up, c.field.into())?;
-    if c.projection == Projection::Orthographic {
-        view.lens = Lens::Orthographic;
-    }
-    if let Some(a) = c.aperture {
-        view.lens = Lens::Thin { radius: 0.5 * a.diameter, focus: a.focus };
-    }
-    c.distortion.map_or(Ok(view), |d| view.distorted(d.coefficients()))
-}
-
-/// The view of a checked projector.
-pub fn projector_view(p: &Projector) -> Result<View, ViewError> {
-    let view = View::new(p.position.into(), p.look_at.into(), p.up.into(), p.field.into())?;
-    p.distortion.map_or(Ok(view), |d| view.distorted(d.coefficients()))
 }
 
 pub fn projector(params: &Params, problems: &mut Problems) -> Option<Projector> {

@@ -3,11 +3,12 @@
 use glam::DVec3;
 use turbid_contract::Problems;
 use turbid_contract::payload::{Lamp, Scene, Surface};
+use turbid_geometry::{camera_view, projector_view};
 use turbid_optics::elementary::sin_cos_turns;
 use turbid_optics::solid::Solid;
 use turbid_optics::view::View;
 
-use crate::assemble::{Placed, camera_view, is_void, object_at, placed, projector_view};
+use crate::assemble::{Placed, is_void, object_at, placed};
 use crate::overlap::overlap;
 
 /// Overlaps, eyes inside solids, lights that light nothing.

@@ -1,0 +1,9 @@
+//! From the scene that crosses between stages to geometry that a ray can meet: shapes as solids, camera and projector as views.
+
+mod hit;
+mod solid;
+mod view;
+
+pub use hit::{Bodies, Hit};
+pub use solid::solid;
+pub use view::{camera_view, projector_view};
