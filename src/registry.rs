@@ -22,6 +22,7 @@ impl Registry {
             .with::<turbid_profilometry::Profilometry>()
             .with::<turbid_render::RenderStage>()
             .with::<turbid_scene::SceneStage>()
+            .with::<turbid_sensor::Sensor>()
     }
 
     /// Adds a stage; one of the same name replaces it.

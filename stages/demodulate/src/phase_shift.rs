@@ -2,6 +2,8 @@
 //!
 //! frame_n = dc + re cos(d_n) - im sin(d_n), so that M_DC = dc, M_AC = |re + i im| and phi = arg(re + i im).
 
+use turbid_optics::sinusoid;
+
 /// Linear weights that turn the N frames of one spatial frequency into (dc, re, im).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Weights {
@@ -9,26 +11,12 @@ pub struct Weights {
     pub weights: [Vec<f64>; 3],
 }
 
-/// Smallest pivot of the normal matrix per frame, below which the steps do not fix a sinusoid: the noise of the
-/// amplitude would be some 1000 times that of a frame.
-const SMALLEST_PIVOT: f64 = 1e-6;
-
 impl Weights {
     /// Weights for the steps `phases_rad`: with N equal steps dc is the mean and re + i im = (2/N) sum I_n e^{-i d_n}.
     ///
     /// `None` where the steps do not fix a sinusoid: fewer than three phases that differ modulo 2 pi.
     pub fn least_squares(phases_rad: &[f64]) -> Option<Self> {
-        let design: Vec<[f64; 3]> = phases_rad.iter().map(|&d| [1.0, libm::cos(d), -libm::sin(d)]).collect();
-        let mut normal = [[0.0; 3]; 3];
-        for row in &design {
-            for i in 0..3 {
-                for j in 0..3 {
-                    normal[i][j] += row[i] * row[j];
-                }
-            }
-        }
-        let inverse = invert_spd(&normal, SMALLEST_PIVOT * phases_rad.len() as f64)?;
-        let weights = inverse.map(|w| design.iter().map(|x| w[0] * x[0] + w[1] * x[1] + w[2] * x[2]).collect());
+        let weights = sinusoid::weights(phases_rad)?;
         Some(Self { weights })
     }
 
@@ -68,30 +56,6 @@ impl Weights {
             }
         }
     }
-}
-
-/// Inverse of a symmetric positive definite 3 x 3 matrix by Gauss-Jordan; `None` if a pivot is not above `least`.
-fn invert_spd(matrix: &[[f64; 3]; 3], least: f64) -> Option<[[f64; 3]; 3]> {
-    let mut a = *matrix;
-    let mut inverse = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-    for k in 0..3 {
-        let pivot = a[k][k];
-        if pivot.is_nan() || pivot <= least {
-            return None;
-        }
-        for j in 0..3 {
-            a[k][j] /= pivot;
-            inverse[k][j] /= pivot;
-        }
-        for i in (0..3).filter(|&i| i != k) {
-            let factor = a[i][k];
-            for j in 0..3 {
-                a[i][j] -= factor * a[k][j];
-                inverse[i][j] -= factor * inverse[k][j];
-            }
-        }
-    }
-    Some(inverse)
 }
 
 #[cfg(test)]

@@ -18,6 +18,7 @@ pub mod quadrature;
 pub mod refraction;
 pub mod rough;
 pub mod rte;
+pub mod sinusoid;
 pub mod solid;
 pub mod view;
 

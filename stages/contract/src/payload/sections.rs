@@ -26,6 +26,9 @@ pub struct Section {
     pub m_dc: f64,
 }
 
+/// Two sections with the shares of a pixel that they have.
+pub type Shares = [(usize, f64); 2];
+
 impl Sections {
     /// The sections in order.
     ///
@@ -39,7 +42,7 @@ impl Sections {
     /// `None` where the mask is set.
     ///
     /// Error: a layer is missing, or names a section that is not in the list.
-    pub fn shares(&self) -> Result<Vec<Option<[(usize, f64); 2]>>, Error> {
+    pub fn shares(&self) -> Result<Vec<Option<Shares>>, Error> {
         let pixels = |name: &str| {
             let layer = self.0.find(name, None).ok_or_else(|| Error::failed(format!("the sections lack `{name}`")))?;
             Ok::<_, Error>(layer.pixels())

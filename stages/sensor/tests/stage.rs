@@ -1,0 +1,191 @@
+//! The stage as the engine calls it: what it does to frames, their masks, standard errors and covariance.
+
+use serde_json::{Value, json};
+use turbid_contract::ndarray::Array2;
+use turbid_contract::payload::{Covariance, Frames, MaskReason};
+use turbid_contract::{
+    Artifact, Axes, Ctx, Error, ImageStack, InputSource, Known, LayerInfo, LayerKind, MemoryHost, Payload, Problems,
+    StageRow,
+};
+use turbid_sensor::Sensor;
+
+const N: usize = 64;
+const PHASES: usize = 3;
+
+struct Inputs(Vec<(&'static str, Artifact)>);
+
+impl InputSource for Inputs {
+    fn one(&self, port: &str) -> Result<Option<Artifact>, Error> {
+        Ok(self.0.iter().find(|(name, _)| *name == port).map(|(_, artifact)| artifact.clone()))
+    }
+    fn many(&self, _: &str) -> Vec<Axes> {
+        Vec::new()
+    }
+    fn load(&self, port: &str, _: usize) -> Result<Artifact, Error> {
+        Err(Error::failed(format!("nothing on `{port}`")))
+    }
+}
+
+/// A white frame and three of a fringe of contrast 0.4 on a slope from `low` to `high`; standard errors `se`.
+fn frames(low: f32, high: f32, se: f32) -> Frames {
+    let mut stack = ImageStack::new(N, N);
+    let level = |row: usize| low + (high - low) * row as f32 / (N - 1) as f32;
+    let mut errors = Vec::new();
+    let mut push = |f_x: f64, phase: f64| {
+        let mut info = LayerInfo::value("radiance", "W mm^-2 sr^-1").with_f_x(f_x);
+        if f_x > 0.0 {
+            (info.phase_rad, info.orientation_deg) = (Some(phase), Some(0.0));
+        }
+        let data = Array2::from_shape_fn((N, N), |(row, column)| {
+            let turn = 2.0 * std::f64::consts::PI * f_x * column as f64 + phase;
+            level(row) * if f_x > 0.0 { (1.0 + 0.4 * libm::cos(turn)) as f32 } else { 1.0 }
+        });
+        info.mean_se = (se > 0.0).then_some(f64::from(se) / N as f64);
+        errors.push((info.standard_error(), Array2::from_elem((N, N), se)));
+        stack.push(info, data);
+    };
+    push(0.0, 0.0);
+    (0..PHASES).for_each(|k| push(0.1, 2.0 * std::f64::consts::PI * k as f64 / PHASES as f64));
+    if se > 0.0 {
+        errors.into_iter().for_each(|(info, data)| stack.push(info, data));
+    }
+    Frames(stack)
+}
+
+fn sense(params: &Value, inputs: Inputs, seed: u64) -> (ImageStack, Option<ImageStack>, MemoryHost) {
+    let host = MemoryHost { seed, wanted: vec!["covariance".into()], ..MemoryHost::default() };
+    let outputs = (StageRow::of::<Sensor>().run)(params, &inputs, Ctx::new(&host)).unwrap();
+    let find = |port: &str| outputs.iter().find(|(name, _)| *name == port).map(|(_, artifact)| artifact.clone());
+    let Frames(frames) = Frames::from_artifact(find("frames").unwrap()).unwrap();
+    (frames, find("covariance").map(|a| Covariance::from_artifact(a).unwrap().0), host)
+}
+
+fn alone(frames: Frames) -> Inputs {
+    Inputs(vec![("frames", frames.into_artifact())])
+}
+
+/// A camera with nothing in it hands frames on; its layers say what theirs said.
+#[test]
+fn an_ideal_camera_is_transparent() {
+    let ideal = frames(1e-6, 2e-6, 1e-8);
+    let (seen, ..) = sense(&json!({"full_scale": 1e-5}), alone(ideal.clone()), 1);
+    for (a, b) in ideal.0.layers.iter().zip(&seen.layers) {
+        assert_eq!(a.info, b.info);
+        // Once to a share of the range and back, in f64.
+        assert!(a.data.iter().zip(&b.data).all(|(a, b)| (a / b - 1.0).abs() < 2e-7));
+    }
+}
+
+/// Residuals of noisy frames against their own standard errors: sd 1 and none beyond 4.5, in every frame; a seed is a world.
+#[test]
+fn standard_errors_are_those_of_the_noise() {
+    let params = json!({"full_scale": 4e-6, "full_well": 8000, "read_noise": 6, "black": 0.05, "bits": 10});
+    let ideal = frames(1e-7, 2e-6, 0.0);
+    let (seen, ..) = sense(&params, alone(ideal.clone()), 5);
+    for k in 0..=PHASES {
+        let (truth, value, se) = (&ideal.0.layers[k].data, &seen.layers[k].data, &seen.layers[PHASES + 1 + k].data);
+        let z: Vec<f64> =
+            (0..N * N).map(|i| (i / N, i % N)).map(|at| f64::from((value[at] - truth[at]) / se[at])).collect();
+        let sd = (z.iter().map(|z| z * z).sum::<f64>() / z.len() as f64).sqrt();
+        // 4096 pixels: the sampled sd is known to 1.1 %.
+        assert!((sd - 1.0).abs() < 0.045 && z.iter().all(|z| z.abs() < 5.0), "frame {k}: {sd}");
+        let mean: f64 = z.iter().sum::<f64>() / N as f64;
+        assert!(mean.abs() < 4.0, "frame {k}: mean off by {mean} standard errors");
+    }
+    let again = sense(&params, alone(ideal.clone()), 5).0;
+    assert_eq!(again, seen);
+    assert_ne!(sense(&params, alone(ideal), 6).0.layers[0], seen.layers[0]);
+}
+
+/// One clipped value spoils the sinusoid: the pixel is masked in all frames of its wavelength, and holds 0.
+#[test]
+fn saturated_pixels_are_masked() {
+    let ideal = frames(1e-6, 2e-6, 1e-8);
+    let (seen, covariance, host) = sense(&json!({"full_scale": 2e-6, "bits": 8}), alone(ideal.clone()), 1);
+    let mask = seen.layers.last().unwrap();
+    assert_eq!(mask.info.kind, LayerKind::Mask);
+    let covariance = covariance.unwrap();
+    let mut saturated = 0;
+    for at in (0..N * N).map(|i| (i / N, i % N)) {
+        // The last half step rounds up to full.
+        let clipped = ideal.0.layers[..=PHASES].iter().any(|l| l.data[at] >= 2e-6 * (1.0 - 0.5 / 255.0));
+        assert_eq!(mask.data[at], if clipped { MaskReason::Saturated.code() } else { 0.0 });
+        if clipped {
+            saturated += 1;
+            assert!(seen.layers[..2 * (PHASES + 1)].iter().all(|l| l.data[at] == 0.0));
+            assert!(covariance.layers.iter().all(|l| l.data[at] == 0.0));
+        }
+    }
+    assert!(saturated > 0);
+    let share = host.measures.lock().unwrap()["saturated"];
+    assert!((share - 100.0 * f64::from(saturated) / (N * N) as f64).abs() < 1e-9);
+    assert!(host.warnings.lock().unwrap()[0].contains("saturated in some frame"));
+    // One stop less, and nothing saturates.
+    let (dark, ..) = sense(&json!({"full_scale": 2e-6, "bits": 8, "exposure": -1}), alone(ideal), 1);
+    assert!(dark.layers.iter().all(|l| l.info.kind != LayerKind::Mask));
+}
+
+/// Without a given covariance that of (dc, re, im) is white noise's: s^2/3, 2 s^2/3, 2 s^2/3; with one it is the given and the camera's own.
+#[test]
+fn covariance_adds_up() {
+    let params = json!({"full_scale": 4e-6, "full_well": 8000});
+    let se = 3e-8;
+    let flat = || frames(1e-6, 1e-6, se);
+    let (_, covariance, _) = sense(&params, alone(flat()), 1);
+    let covariance = covariance.unwrap();
+    assert_eq!(covariance.attributes["quantities"].as_array().unwrap().len(), 4);
+    let at = |stack: &ImageStack, pair: [u32; 2]| {
+        f64::from(stack.layers.iter().find(|l| l.info.pair == Some(pair)).unwrap().data[(3, 3)])
+    };
+    // Shot noise of the three frames at that pixel: variance = light x full scale / full well.
+    let light: Vec<f64> = flat().0.layers[1..=PHASES].iter().map(|l| f64::from(l.data[(3, 3)])).collect();
+    let shot: Vec<f64> = light.iter().map(|l| l * 4e-6 / 8000.0).collect();
+    let own = f64::from(se) * f64::from(se);
+    let dc = shot.iter().map(|s| s + own).sum::<f64>() / 9.0;
+    assert!((at(&covariance, [1, 1]) / dc - 1.0).abs() < 1e-6);
+    let re: f64 = (0..PHASES)
+        .map(|k| {
+            let weight = 2.0 / 3.0 * libm::cos(2.0 * std::f64::consts::PI * k as f64 / PHASES as f64);
+            weight * weight * (shot[k] + own)
+        })
+        .sum();
+    assert!((at(&covariance, [2, 2]) / re - 1.0).abs() < 1e-6);
+    assert_eq!(at(&covariance, [0, 1]), 0.0);
+    // The render's covariance knows one M_DC; two fringes share it.
+    let mut given = ImageStack::new(N, N);
+    for (i, j) in (0..3_u32).flat_map(|i| (i..3).map(move |j| (i, j))) {
+        let mut info = LayerInfo::new("cov", LayerKind::Covariance, "W^2 mm^-4 sr^-2");
+        info.pair = Some([i, j]);
+        given.push(info, Array2::from_elem((N, N), 1e-14 * (1.0 + (i + 3 * j) as f32)));
+    }
+    let part = |part: &str, f_x: f64| json!({"part": part, "f_x_per_mm": f_x, "orientation_deg": 0.0});
+    let listed = json!([part("dc", 0.0), part("re", 0.1), part("im", 0.1)]);
+    given.attributes.insert("quantities".into(), listed);
+    let inputs = Inputs(vec![("frames", flat().into_artifact()), ("covariance", Covariance(given).into_artifact())]);
+    let covariance = sense(&params, inputs, 1).1.unwrap();
+    let shot_dc = shot.iter().sum::<f64>() / 9.0;
+    assert!((at(&covariance, [1, 1]) / (1e-14 + shot_dc) - 1.0).abs() < 1e-6);
+    // M_DC of the white frame against re: the given alone, 1 + 3 of it.
+    assert!((at(&covariance, [0, 2]) / 4e-14 - 1.0).abs() < 1e-6);
+}
+
+#[test]
+fn every_mistake_has_its_field() {
+    for (params, message) in [
+        (json!({"bits": 0}), "bits: bits = 0 bits must lie in [1, 24]"),
+        (json!({"gamma": 0}), "gamma: gamma = 0 must lie in [0.1, 10]"),
+        (json!({"black": 1}), "black: black = 1 must lie in [0, 0.9]"),
+        (json!({"full_scale": 0}), "full_scale: full_scale = 0 W mm^-2 sr^-1 must be a finite number > 0"),
+        (json!({"read_noise": 3}), "how many fill the range is not given"),
+        (json!({"exposure": 99}), "exposure: exposure = 99 stops must lie in [-30, 30]"),
+        (json!({"iso": 100}), "unknown field `iso`"),
+    ] {
+        let mut problems = Problems::default();
+        (StageRow::of::<Sensor>().check)(&params, &Known::default(), &mut problems);
+        let found: Vec<String> = problems.into_parts().0.iter().map(ToString::to_string).collect();
+        assert!(found.iter().any(|p| p.contains(message)), "{params}: {found:?}");
+    }
+    let host = MemoryHost::default();
+    let dark = (StageRow::of::<Sensor>().run)(&json!({}), &alone(frames(0.0, 0.0, 0.0)), Ctx::new(&host));
+    assert!(dark.unwrap_err().to_string().contains("no pixel is above 0"));
+}
