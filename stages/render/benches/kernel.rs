@@ -49,7 +49,7 @@ fn half_space(tissue: Material) -> World {
 
 /// Highest priority first.
 fn world(parts: &[(Solid, Material)]) -> World {
-    let mut world = World { bodies: Vec::new(), materials: vec![Material::VOID] };
+    let mut world = World { bodies: Vec::new(), materials: vec![Material::VOID], textures: Vec::new() };
     for (solid, material) in parts.iter().cloned() {
         let known = world.materials.iter().position(|m| *m == material);
         world.bodies.push(Body { solid, material: known.unwrap_or(world.materials.len()) });

@@ -55,7 +55,7 @@ fn main() {
                 Body { solid: Solid::Ellipsoid { center: DVec3::ZERO, radii: DVec3::splat(20.0) }, material: 2 },
             );
         }
-        let world = World { bodies, materials: vec![Material::VOID, medium, lesion] };
+        let world = World { bodies, materials: vec![Material::VOID, medium, lesion], textures: Vec::new() };
         for nee in [Nee::Point, Nee::Line] {
             let setting = Setting {
                 world: &world,

@@ -73,7 +73,7 @@ fn render((a_rho, s_rho): (f64, f64), seed: u32, paths: u32, apart: f64, distanc
     let carriers = [Carrier::new(F_X[1], 0.0), Carrier::new(F_X[2], 0.0)];
     let medium = Material::medium(mu_a, mu_s, 0.8, 1.0);
     let bodies = vec![Body { solid: Solid::Slab { bottom: -1000.0, top: 0.0 }, material: 1 }];
-    let world = World { bodies, materials: vec![Material::VOID, medium] };
+    let world = World { bodies, materials: vec![Material::VOID, medium], textures: Vec::new() };
     let setting = Setting {
         world: &world,
         camera: &camera,

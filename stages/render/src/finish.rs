@@ -10,12 +10,14 @@ pub enum Finish {
     Rough(f64),
     /// Opaque, reflecting this fraction of the light with a radiance that is the same in all directions.
     Lambertian(f64),
+    /// The same with a fraction that varies over the surface, as an index into [`World::textures`](crate::world::World::textures).
+    Textured(usize),
 }
 
 impl Finish {
     /// Whether light cannot enter the body.
     #[inline(always)]
     pub fn is_opaque(&self) -> bool {
-        matches!(self, Self::Lambertian(_))
+        matches!(self, Self::Lambertian(_) | Self::Textured(_))
     }
 }

@@ -25,6 +25,7 @@ pub mod pictures;
 pub mod response;
 pub mod single;
 pub mod strata;
+pub mod texture;
 pub mod world;
 
 mod fit;

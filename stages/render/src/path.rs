@@ -507,7 +507,7 @@ impl<'a> Walker<'a> {
         let mut from: Option<usize> = None;
         for piece in world.trace(at.r, at.w, at.skin, &mut self.spans) {
             let material = &world.materials[piece.material];
-            if let Finish::Lambertian(rho) = material.finish {
+            if material.is_opaque() {
                 let Some(wall) = before else {
                     // Rounding put the start of the ray into an opaque body: a set of measure zero.
                     return End::Gone;
@@ -518,6 +518,7 @@ impl<'a> Walker<'a> {
                 let inside = normal.dot(at.w) > 0.0;
                 at.r = r;
                 let normal = if inside { -normal } else { normal };
+                let Some(rho) = world.albedo(material.finish, wall, r) else { return End::Gone };
                 return End::Surface { skin: Skin { wall, inside }, normal, rho };
             }
             if let (Some(wall), Some(from)) = (before, from)

@@ -91,7 +91,7 @@ pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool) -> StagePla
         let scattering = scattering.collect::<std::collections::BTreeSet<_>>().len();
         sort(scattering > 0, "volume scattering");
         sort(scattering > 1, "several media");
-        sort(scene.objects.values().any(|o| matches!(o.surface, Surface::Lambertian(_))), "Lambertian surfaces");
+        sort(scene.objects.values().any(|o| o.surface.is_opaque()), "Lambertian surfaces");
         sort(scene.objects.len() > 1, "shadow rays through several objects");
         sort(scene.channels() > 1, "several channels");
         sort(scene.media.values().any(|m| m.n != 1.0), "Fresnel boundaries");
@@ -116,7 +116,8 @@ pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool) -> StagePla
     sort(camera.is_some_and(|c| c.aperture.is_some()), "depth of field");
     let meshes = scene.is_some_and(|s| s.objects.values().any(|o| matches!(o.shape, Shape::Mesh(_))));
     sort(meshes, "BVH");
-    sort(false, "textures");
+    let textured = |scene: &Scene| scene.objects.values().any(|o| matches!(o.surface, Surface::Textured(_)));
+    sort(scene.is_some_and(textured), "textures");
     if let Some(scene) = scene
         && let Some(camera) = &scene.camera
     {

@@ -60,7 +60,7 @@ pub fn references(scene: &Scene, rig: &Rig, target_error: Option<f64>) -> Result
         };
         let (_, object) = objects[rig.object_of[seen.body]];
         let (name, _) = slabs[level.object_of[slab.body]];
-        let medium = match (&object.medium, object.surface) {
+        let medium = match (&object.medium, &object.surface) {
             (Some(medium), Surface::Smooth) if (seen.depth - slab.depth).abs() <= LEVEL * slab.depth => medium,
             _ => {
                 of_pixel.push(None);

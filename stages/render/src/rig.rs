@@ -10,6 +10,7 @@ use crate::camera::Camera;
 use crate::finish::Finish;
 use crate::lamp::{Lamp, Steady};
 use crate::light::Light;
+use crate::texture::Texture;
 use crate::world::{Body, Material, World};
 
 /// The scene ready for tracing.
@@ -45,17 +46,21 @@ impl Rig {
         order.sort_by_key(|&i| std::cmp::Reverse(objects[i].priority));
         let solids: Vec<Solid> = order.iter().map(|&i| solid(&objects[i].shape)).collect();
         let worlds = (0..scene.channels()).map(|channel| {
-            let mut materials = vec![Material::VOID];
+            let (mut materials, mut textures) = (vec![Material::VOID], Vec::new());
             let bodies = order.iter().zip(&solids).map(|(&i, solid)| {
                 let medium = objects[i].medium.as_ref().map(|m| &scene.media[m]);
-                let material = match (objects[i].surface, medium) {
-                    (Surface::Lambertian(rho), _) => Material::lambertian(rho),
+                let material = match (&objects[i].surface, medium) {
+                    (Surface::Lambertian(rho), _) => Material::lambertian(*rho),
+                    (Surface::Textured(texture), _) => {
+                        textures.push(Texture::of(texture));
+                        Material { finish: Finish::Textured(textures.len() - 1), ..Material::VOID }
+                    }
                     (surface @ (Surface::Smooth | Surface::Rough(_)), Some(m)) => {
                         let (mu_a, mu_s) = (m.mu_a[channel], m.mu_s[channel]);
                         // Without scattering g means nothing; equal materials shall be one.
                         let medium = Material::medium(mu_a, mu_s, if mu_s > 0.0 { m.g } else { 0.0 }, m.n);
                         match surface {
-                            Surface::Rough(alpha) if m.n != 1.0 => Material { finish: Finish::Rough(alpha), ..medium },
+                            Surface::Rough(alpha) if m.n != 1.0 => Material { finish: Finish::Rough(*alpha), ..medium },
                             _ => medium,
                         }
                     }
@@ -68,7 +73,7 @@ impl Rig {
                 Body { solid: solid.clone(), material: index }
             });
             let bodies = bodies.collect();
-            World { bodies, materials }
+            World { bodies, materials, textures }
         });
         let steady = (0..scene.channels()).map(|channel| steady(scene, channel)).collect();
         Ok(Self {

@@ -133,6 +133,7 @@ mod tests {
                 Material::medium(0.2, 2.0, 0.8, 1.4),
                 Material::lambertian(0.5),
             ],
+            textures: Vec::new(),
         };
         // A hole in glass over a floor; two slabs of one index are one layer.
         let strata = Strata::of(&world(vec![

@@ -2,7 +2,7 @@
 
 use serde_json::json;
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::{MaskReason, Scene, Truth};
+use turbid_contract::payload::{MaskReason, Scene, Surface, Truth};
 use turbid_contract::{ImageStack, LayerInfo, LayerKind};
 
 use crate::camera::Camera;
@@ -40,6 +40,10 @@ pub fn truth(scene: &Scene, world: &World, object_of: &[usize], camera: &Camera)
         push(LayerInfo::value(name, "1"), &|hit| hit.normal[i]);
     }
     push(LayerInfo::value("object", "1"), &|hit| object_of[hit.body] as f64);
+    if scene.objects.values().any(|o| matches!(o.surface, Surface::Textured(_))) {
+        // Of opaque objects; light that enters others is not a matter of their surface alone.
+        push(LayerInfo::value("albedo", "1"), &|hit| hit.albedo.unwrap_or(0.0));
+    }
     let mask =
         hits.iter().map(|h| if h.is_some() { MaskReason::Good } else { MaskReason::Background }.code()).collect();
     let mask = Array2::from_shape_vec((rows, columns), mask).expect("one value per pixel");
@@ -56,6 +60,8 @@ pub(crate) struct Hit {
     pub depth: f64,
     /// Towards the camera.
     normal: glam::DVec3,
+    /// Of an opaque object.
+    albedo: Option<f64>,
 }
 
 /// What the ray through a pixel's centre meets first that is not void.
@@ -68,12 +74,14 @@ pub(crate) fn first_hit(world: &World, camera: &Camera, pixel: usize, spans: &mu
             // Parallel rays start beside the camera's place.
             let axis = camera.view.forward;
             let depth = piece.start * w.dot(axis) + (origin - camera.view.position).dot(axis);
-            let normal = world.normal(wall?, r);
+            let wall = wall?;
+            let albedo = world.albedo(world.materials[piece.material].finish, wall, r);
+            let normal = world.normal(wall, r);
             let normal = if normal.dot(w) > 0.0 { -normal } else { normal };
             // Which body fills it: the first, in order of priority, that holds a point just inside.
             let inside = origin + (piece.start + 1e-6 * (piece.end - piece.start).min(1.0)) * w;
             let body = world.bodies.iter().position(|b| b.solid.contains(inside))?;
-            return Some(Hit { body, height: r.z, depth, normal });
+            return Some(Hit { body, height: r.z, depth, normal, albedo });
         }
         wall = piece.wall;
     }

@@ -56,10 +56,11 @@ pub fn obstacle(scene: &Scene, target_error: Option<f64>) -> Option<String> {
         };
         let medium = object.medium.as_ref().and_then(|m| scene.media.get(m));
         let refracts = medium.is_some_and(|m| m.n != 1.0);
-        let opaque = match object.surface {
+        let opaque = match &object.surface {
             Surface::Rough(_) if refracts => return Some(format!("the rough surface of {name} has a highlight")),
             Surface::Smooth | Surface::Rough(_) => false,
             Surface::Lambertian(_) => true,
+            Surface::Textured(_) => return Some(format!("a texture is wrapped around {name}")),
         };
         if refracts && camera.specular != Some(Specular::Exclude) {
             return Some(format!("the glint on {name} is seen"));

@@ -4,6 +4,7 @@ use glam::DVec3;
 use turbid_optics::solid::{Solid, Start, Stay};
 
 use crate::finish::Finish;
+use crate::texture::Texture;
 
 /// What fills a piece of a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,6 +55,7 @@ pub struct Body {
 pub struct World {
     pub bodies: Vec<Body>,
     pub materials: Vec<Material>,
+    pub textures: Vec<Texture>,
 }
 
 /// Part of a body's surface.
@@ -118,6 +120,20 @@ impl World {
     /// Unit normal, out of the body, at a point of a wall.
     pub fn normal(&self, wall: Wall, p: DVec3) -> DVec3 {
         self.bodies[wall.body].solid.normal(wall.face, p)
+    }
+
+    /// Fraction of the light that an opaque finish reflects at a point of a wall; `None` where light can enter.
+    #[inline]
+    pub fn albedo(&self, finish: Finish, wall: Wall, p: DVec3) -> Option<f64> {
+        match finish {
+            Finish::Lambertian(rho) => Some(rho),
+            Finish::Textured(texture) => {
+                let place = self.bodies[wall.body].solid.patch(wall.face, p);
+                // Meshes are refused; a hole of such a shape in a textured body is black.
+                Some(place.map_or(0.0, |place| self.textures[texture].albedo(&place)))
+            }
+            Finish::Smooth | Finish::Rough(_) => None,
+        }
     }
 
     /// No boundary lies within this distance (mm) of `p`.
@@ -198,6 +214,7 @@ mod tests {
                 Body { solid: Solid::Slab { bottom: -20.0, top: -10.0 }, material: 1 },
             ],
             materials: vec![Material::VOID, medium(1.0), medium(2.0)],
+            textures: Vec::new(),
         }
     }
 

@@ -21,6 +21,7 @@ mod mesh;
 pub mod overlap;
 pub mod params;
 mod per_channel;
+mod picture;
 mod sketch;
 mod stage;
 

@@ -6,7 +6,7 @@ use turbid_contract::serde_json::Value;
 use turbid_contract::{Ctx, Error, FileUse, Known, Problems, Stage, StagePlan, in_ports, out_ports};
 
 use crate::assemble::assemble;
-use crate::params::Params;
+use crate::params::{AlbedoParams, ObjectParams, Params, SurfaceParams, TextureParams};
 use crate::sketch::sketch;
 
 in_ports! {
@@ -35,16 +35,16 @@ impl Stage for SceneStage {
     type Out = Out;
 
     fn files(params: &Params) -> Vec<FileUse> {
-        let meshes = params.objects.iter().filter_map(|(name, o)| Some((name, o.mesh.as_ref()?)));
-        meshes.map(|(name, m)| FileUse { at: format!("objects.{name}.mesh.file"), path: m.file.clone() }).collect()
+        let mut params = params.clone();
+        let files = params.objects.iter_mut().flat_map(|(name, o)| files(name, o));
+        files.map(|(at, path)| FileUse { at, path: path.clone() }).collect()
     }
 
     fn canonical(params: &Params) -> Result<Value, String> {
         let mut params = params.clone();
-        for mesh in params.objects.values_mut().filter_map(|o| o.mesh.as_mut()) {
+        for (_, path) in params.objects.iter_mut().flat_map(|(name, o)| files(name, o)) {
             // Where the file lies does not matter: its content and name are in the key.
-            let name = mesh.file.rsplit(['/', '\\']).next().unwrap_or_default().to_owned();
-            mesh.file = name;
+            *path = path.rsplit(['/', '\\']).next().unwrap_or_default().to_owned();
         }
         canonical_value(&params)
     }
@@ -66,4 +66,16 @@ impl Stage for SceneStage {
         let preview = ctx.wants("preview").then(|| sketch(&scene));
         Ok(Out { scene, preview })
     }
+}
+
+/// The files that an object names: field, path.
+fn files<'a>(name: &str, o: &'a mut ObjectParams) -> impl Iterator<Item = (String, &'a mut String)> {
+    let mesh = o.mesh.as_mut().map(|m| (format!("objects.{name}.mesh.file"), &mut m.file));
+    let image = match &mut o.surface {
+        SurfaceParams::Lambertian(AlbedoParams::Textured(TextureParams::Image(i))) => {
+            Some((format!("objects.{name}.surface.lambertian.image.file"), &mut i.file))
+        }
+        _ => None,
+    };
+    mesh.into_iter().chain(image)
 }

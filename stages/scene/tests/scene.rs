@@ -1,7 +1,7 @@
 //! The stage as the engine calls it: what it makes of good parameters, and what it says of wrong ones.
 
 use serde_json::{Value, json};
-use turbid_contract::payload::{Lamp, Payload, Scene, Shape};
+use turbid_contract::payload::{Lamp, Motif, Payload, Scene, Shape, Surface, Texture};
 use turbid_contract::{Artifact, Axes, Ctx, Error, InputSource, Known, MemoryHost, Problem, Problems, StageRow};
 use turbid_scene::SceneStage;
 
@@ -47,6 +47,39 @@ fn with(pointer: &str, value: Value) -> Value {
     }
     params
 }
+
+/// Textures survive the record, pictures with their values; what means the same gives the same bytes, and a number its old record.
+#[test]
+fn textures_are_kept() {
+    let tissue = |albedo: Value| with("/objects/tissue/surface", json!({"lambertian": albedo}));
+    let surface = |params: &Value| scene(params).objects["tissue"].surface.clone();
+    let checker = tissue(json!({"checker": {"side": "0.2 cm", "low": "10 %", "origin": [1, -0.0]}}));
+    let Surface::Textured(texture) = surface(&checker) else { panic!("a texture") };
+    assert_eq!(texture, Texture { low: 0.1, high: 1.0, origin: [1.0, 0.0], motif: Motif::Checker { side: 2.0 } });
+    assert_eq!(surface(&tissue(json!("40 %"))), surface(&tissue(json!(0.4))));
+    let record = serde_json::to_value(surface(&tissue(json!(0.4)))).unwrap();
+    assert_eq!(record, json!({"lambertian": 0.4}));
+    let params = tissue(json!({"image": {"file": "a/dots.png", "size": [4, 4]}}));
+    let row = StageRow::of::<SceneStage>();
+    let prepared = (row.prepare)(&params).unwrap();
+    let at = "objects.tissue.surface.lambertian.image.file";
+    assert_eq!((prepared.files[0].at.as_str(), prepared.files[0].path.as_str()), (at, "a/dots.png"));
+    assert_eq!(prepared.canonical.pointer("/objects/tissue/surface/lambertian/image/file"), Some(&json!("dots.png")));
+    let host = MemoryHost { files: [(at.to_owned(), DOT.into())].into(), ..MemoryHost::default() };
+    let scene = Scene::from_artifact((row.run)(&params, &NoInputs, Ctx::new(&host)).unwrap().remove(0).1).unwrap();
+    let Surface::Textured(Texture { motif: Motif::Image { picture, size }, .. }) = &scene.objects["tissue"].surface
+    else {
+        panic!("an image")
+    };
+    assert_eq!((picture.grey.as_slice(), *size), (&[257 * 128][..], Some([4.0, 4.0])));
+    assert_eq!(Scene::from_artifact(scene.clone().into_artifact()).unwrap(), scene);
+    let host = MemoryHost { files: [(at.to_owned(), b"solid".as_slice().into())].into(), ..MemoryHost::default() };
+    let Err(Error::Invalid(problem)) = (row.run)(&params, &NoInputs, Ctx::new(&host)) else { panic!("no PNG") };
+    assert!(problem.path == at && problem.message.contains("no PNG"), "{problem}");
+}
+
+/// A PNG of one grey pixel, 128.
+const DOT: &[u8] = include_bytes!("dot.png");
 
 /// Lights survive the record; a scene without any has the record it had before there were lights.
 #[test]
@@ -172,6 +205,7 @@ fn mistakes_are_named() {
         params
     };
     let light = |lamp: Value| with("/lights", json!({"lamp": lamp}));
+    let wrapped = |albedo: Value| with("/objects/tissue/surface", json!({"lambertian": albedo}));
     let table: Vec<(Value, &str, &[&str])> = vec![
         (with("/media/healthy/A_rho", json!(-3)), "media.healthy.A_rho", &["A_rho = -3 m^-1", ">= 0"]),
         (with("/media/scc/mu_s_prime", json!(-0.5)), "media.scc.mu_s_prime", &["-0.5 mm^-1", ">= 0"]),
@@ -185,6 +219,33 @@ fn mistakes_are_named() {
         (with("/media/scc/mu_a", Value::Null), "media.scc", &["exactly one pair", "mu_s_prime"]),
         (with("/media/scc/A_rho", json!(1)), "media.scc", &["exactly one pair"]),
         (with("/media/scc/mu_a", json!([0.1, 0.2])), "media.scc.mu_a", &["2 values", "wavelength_nm"]),
+        (wrapped(json!(1.5)), "objects.tissue.surface.lambertian", &["1.5", "[0, 1]"]),
+        (wrapped(json!("half")), "objects.tissue.surface.lambertian", &["`half`"]),
+        (
+            wrapped(json!({"stripe": {}})),
+            "objects.tissue.surface.lambertian.stripe",
+            &["unknown variant `stripe`", "stripes"],
+        ),
+        (
+            wrapped(json!({"stripes": {"period": 2, "wide": 1}})),
+            "objects.tissue.surface.lambertian.stripes.wide",
+            &["unknown field `wide`"],
+        ),
+        (
+            wrapped(json!({"sinusoid": {"period": 0}})),
+            "objects.tissue.surface.lambertian.sinusoid.period",
+            &["period = 0 mm", "> 0"],
+        ),
+        (
+            wrapped(json!({"checker": {"side": 1, "high": 1.2}})),
+            "objects.tissue.surface.lambertian.checker.high",
+            &["1.2", "[0, 1]"],
+        ),
+        (
+            wrapped(json!({"image": {"file": "a.png"}})),
+            "objects.tissue.surface.lambertian.image",
+            &["no bounds sideways", "size"],
+        ),
         (with("/wavelength_nm", json!([500, 500])), "wavelength_nm.1", &["500 nm", "twice"]),
         (with("/wavelength_nm", json!([-5])), "wavelength_nm.0", &["-5 nm", "> 0"]),
         (with("/objects", json!({})), "objects", &["no object"]),

@@ -9,11 +9,13 @@ mod carved;
 mod coordinates;
 mod frame;
 pub mod mesh;
+mod patch;
 mod shapes;
 
 pub use carved::Carved;
 pub use frame::Frame;
 pub use mesh::Mesh;
+pub use patch::Patch;
 
 /// A solid in world coordinates, mm.
 #[derive(Clone, Debug, PartialEq)]

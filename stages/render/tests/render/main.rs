@@ -17,4 +17,5 @@ mod setup;
 #[path = "../../../optics/tests/shapes/mod.rs"]
 mod shapes;
 mod stage;
+mod textures;
 mod unbiased;

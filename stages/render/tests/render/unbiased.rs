@@ -46,6 +46,7 @@ fn world(bodies: Vec<(Solid, usize)>) -> World {
             Material { finish: Finish::Rough(0.4), ..Material::medium(0.02, 2.0, 0.7, 1.4) },
             Material { finish: Finish::Rough(0.7), ..Material::medium(0.1, 3.0, 0.5, 1.5) },
         ],
+        textures: Vec::new(),
     }
 }
 

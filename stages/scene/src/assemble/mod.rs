@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use glam::DVec3;
-use turbid_contract::payload::{Medium, Object, Scene, Surface};
+use turbid_contract::payload::{Medium, Object, Scene};
 use turbid_contract::{Length, Problems};
 use turbid_geometry::solid;
 use turbid_optics::solid::Solid;
@@ -16,6 +16,7 @@ mod lamp;
 mod medium;
 mod object;
 mod shape;
+mod surface;
 mod view;
 mod whole;
 
@@ -81,7 +82,7 @@ pub fn object_at(objects: &[Placed<'_>], p: DVec3) -> Option<usize> {
 
 /// Whether light passes through the object as through nothing.
 pub fn is_void(scene: &Scene, object: &Object) -> bool {
-    !matches!(object.surface, Surface::Lambertian(_))
+    !object.surface.is_opaque()
         && object.medium.as_ref().is_some_and(|m| scene.media.get(m).is_some_and(Medium::is_void))
 }
 

@@ -3,10 +3,11 @@
 use std::sync::Arc;
 
 use turbid_contract::Problems;
-use turbid_contract::payload::{Object, Shape, Surface};
+use turbid_contract::payload::{Object, Shape};
 
 use crate::assemble::shape::{mesh, shapes};
-use crate::params::{ObjectParams, Params, SurfaceParams};
+use crate::assemble::surface::surface;
+use crate::params::{ObjectParams, Params};
 
 const SHAPES_HINT: &str = "give exactly one of slab, box, sphere, spheroid, cylinder, tube, sphere_shell, mesh";
 
@@ -28,8 +29,8 @@ pub fn object(
         let rule = if given == 0 { "has no shape" } else { "has more than one shape" };
         problems.push_with_hint(format!("objects.{name}"), format!("{name} {rule}"), SHAPES_HINT);
     }
-    let surface = surface(name, o, problems);
-    let opaque = matches!(surface, Surface::Lambertian(_));
+    let surface = surface(&at("surface"), &o.surface, shapes.first(), file, problems);
+    let opaque = surface.is_opaque();
     match &o.medium {
         Some(medium) if !params.media.contains_key(medium) => {
             let known: Vec<&str> = params.media.keys().map(String::as_str).collect();
@@ -51,23 +52,6 @@ pub fn object(
     // Light never enters an opaque object: what lies below cannot matter.
     let medium = if opaque { None } else { o.medium.clone() };
     Some(Object { shape: shapes.into_iter().next()?, medium, priority: o.priority, surface })
-}
-
-/// What light meets at its skin.
-fn surface(name: &str, o: &ObjectParams, problems: &mut Problems) -> Surface {
-    let at = |field: &str| format!("objects.{name}.{field}");
-    match o.surface {
-        SurfaceParams::Smooth => Surface::Smooth,
-        SurfaceParams::Rough(alpha) => {
-            let rule = "lie in (0, 1]; `smooth` is the limit of 0";
-            problems.require(alpha.0 > 0.0 && alpha.0 <= 1.0, at("surface.rough"), alpha.0, "", rule);
-            Surface::Rough(alpha.0)
-        }
-        SurfaceParams::Lambertian(rho) => {
-            problems.require((0.0..=1.0).contains(&rho.0), at("surface.lambertian"), rho.0, "", "lie in [0, 1]");
-            Surface::Lambertian(rho.0)
-        }
-    }
 }
 
 /// The known name nearest to `name` by edit distance, if it is near enough to be a slip.

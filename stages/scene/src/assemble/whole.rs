@@ -8,6 +8,7 @@ use turbid_optics::elementary::sin_cos_turns;
 use turbid_optics::solid::Solid;
 use turbid_optics::view::View;
 
+use crate::assemble::surface::without_coordinates;
 use crate::assemble::{Placed, is_void, object_at, placed};
 use crate::overlap::overlap;
 
@@ -23,6 +24,23 @@ pub fn check_whole(scene: &Scene, problems: &mut Problems) {
                     "give the one that shall win a higher `priority`",
                 );
             }
+        }
+    }
+    for textured in objects.iter().filter(|o| matches!(o.object.surface, Surface::Textured(_))) {
+        let carves = |o: &&Placed<'_>| {
+            without_coordinates(&o.object.shape).is_some()
+                && o.object.priority > textured.object.priority
+                && overlap(&o.solid, &textured.solid)
+        };
+        if let Some(hole) = objects.iter().find(carves) {
+            problems.push_with_hint(
+                format!("objects.{}.surface", textured.name),
+                format!(
+                    "{} is carved into {}, and has no surface coordinates for its texture",
+                    hole.name, textured.name
+                ),
+                "give it one albedo, or carve with another shape",
+            );
         }
     }
     let solid_around = |p: &[f64; 3]| {
@@ -52,9 +70,10 @@ pub fn check_whole(scene: &Scene, problems: &mut Problems) {
         if !camera_view(c).is_ok_and(|view| sees_something(&solids, &view)) {
             problems.warn("camera.look_at", "the camera sees no object");
         }
-        let refracting = scene.objects.iter().find(|(_, o)| {
-            !matches!(o.surface, Surface::Lambertian(_)) && o.medium.as_ref().is_some_and(|m| scene.media[m].n != 1.0)
-        });
+        let refracting = scene
+            .objects
+            .iter()
+            .find(|(_, o)| !o.surface.is_opaque() && o.medium.as_ref().is_some_and(|m| scene.media[m].n != 1.0));
         if let (Some((name, _)), None) = (refracting, c.specular) {
             problems.push_with_hint(
                 "camera.specular",

@@ -20,7 +20,7 @@ pub use shape::{
     BoxParams, CylinderParams, MeshParams, PortParams, RoundPortParams, SlabParams, SphereParams, SphereShellParams,
     SpheroidParams, SquarePortParams, TubeParams,
 };
-pub use surface::SurfaceParams;
+pub use surface::{AlbedoParams, CheckerParams, ImageParams, SurfaceParams, TextureParams, WaveParams};
 pub use view::{CameraParams, DistortionParams, ProjectorParams};
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -13,6 +13,7 @@ mod lens;
 mod mesh;
 mod shape;
 mod surface;
+mod texture;
 mod view;
 
 pub use lamp::Lamp;
@@ -20,6 +21,7 @@ pub use lens::{Aperture, Distortion, Projection};
 pub use mesh::Mesh;
 pub use shape::{Port, Shape};
 pub use surface::Surface;
+pub use texture::{Motif, Picture, Texture};
 pub use view::{Camera, Profile, Projector, Specular};
 
 /// A checked scene. World coordinates in mm, z up; outside all objects there is void.

@@ -2,8 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::texture::Texture;
+
 /// What light meets at the skin of an object.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Surface {
     /// A smooth boundary between the refractive indices of the two sides.
@@ -13,4 +15,13 @@ pub enum Surface {
     Rough(f64),
     /// Opaque, diffusely reflecting this fraction of the light that falls on it.
     Lambertian(f64),
+    /// The same with a fraction that varies over the surface.
+    Textured(Texture),
+}
+
+impl Surface {
+    /// Whether no light enters the object.
+    pub fn is_opaque(&self) -> bool {
+        matches!(self, Self::Lambertian(_) | Self::Textured(_))
+    }
 }
