@@ -97,8 +97,12 @@ fn speed(method: Method, noise: bool, side: usize) {
         table.attributes.insert(name.into(), axis);
     }
     let run = |stack: &ImageStack| {
-        let inputs =
-            In { reflectance: Reflectance(stack.clone()), lut: Lut(table.clone()), source: std::marker::PhantomData };
+        let inputs = In {
+            reflectance: Reflectance(stack.clone()),
+            lut: Lut(table.clone()),
+            sections: None,
+            source: std::marker::PhantomData,
+        };
         let host = MemoryHost::default();
         let params = Params { method, ..Params::default() };
         seconds(|| drop(black_box(Invert::run(&params, inputs, Ctx::new(&host)).expect("inputs agree"))))

@@ -7,6 +7,7 @@ use turbid_contract::payload::MaskReason;
 
 use crate::forward::inverse;
 use crate::inverse::TOLERANCE;
+use crate::lut::Errors;
 use crate::nearest::Nodes;
 use crate::pass::{Solved, Spread};
 use crate::surface::Surface;
@@ -24,6 +25,8 @@ pub struct LeastSquares<'a> {
     pub nodes: &'a Nodes,
     /// Smallest and largest R of the table at the lowest f_x.
     pub r_0_range: [f64; 2],
+    /// The table's own errors, where it has any.
+    pub errors: Option<&'a Errors>,
 }
 
 /// Values and slopes of all surfaces at a point, weighted residuals.
@@ -155,6 +158,13 @@ impl LeastSquares<'_> {
             let low = -0.5 * (c_r(j, j) + bend);
             (0..2).for_each(|k| bias[k] += gain[k] * low);
         }
-        Some(Spread { covariance, bias: Some(bias) })
+        let mut table = [[0.0; 2]; 2];
+        if let Some(errors) = self.errors {
+            let variances = errors.at(p);
+            for (gain, variance) in gain[..count].iter().zip(variances) {
+                (0..4).for_each(|ab| table[ab / 2][ab % 2] += gain[ab / 2] * variance * gain[ab % 2]);
+            }
+        }
+        Some(Spread { covariance, table, bias: Some(bias) })
     }
 }

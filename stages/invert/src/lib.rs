@@ -14,9 +14,11 @@ pub mod forward;
 pub mod inverse;
 mod least_squares;
 mod linear;
+mod lut;
 pub mod nearest;
 mod pair;
 mod pass;
+mod sectioned;
 mod stage;
 mod surface;
 

@@ -5,6 +5,7 @@ use turbid_contract::payload::MaskReason;
 use crate::forward::{Forward, inverse, noise_bias, sandwich};
 use crate::inverse::{Found, InverseTable};
 use crate::linear::Triangles;
+use crate::lut::Errors;
 use crate::nearest::Nodes;
 use crate::pass::{Solved, Spread};
 
@@ -15,7 +16,7 @@ pub enum Inside<'a> {
     /// The nearest node of the look-up table.
     Nearest(&'a Nodes),
     /// Linear in ln R over triangles of the nodes.
-    Linear(&'a Triangles<'a>),
+    Linear(Triangles<'a>),
     /// The exact inverse of the bicubic surface.
     Bicubic,
 }
@@ -31,6 +32,8 @@ pub struct Inverter<'a> {
     pub r_0_range: [f64; 2],
     /// The surface that the table was made of.
     pub forward: &'a Forward,
+    /// Its own errors, where it has any.
+    pub errors: Option<&'a Errors>,
 }
 
 /// Properties with d p / d (ln R_0, ln R_1).
@@ -50,7 +53,11 @@ impl Inverter<'_> {
         let noise = c_r.map(|c_r| {
             let covariance = sandwich(&gain, &c_r);
             let bias = smooth.then(|| noise_bias(&self.forward.curvature(p), &gain, &c_r, &covariance));
-            Spread { covariance, bias }
+            let table = self.errors.map_or([[0.0; 2]; 2], |errors| {
+                let [low, high, ..] = errors.at(p);
+                sandwich(&gain, &[[low, 0.0], [0.0, high]])
+            });
+            Spread { covariance, table, bias }
         });
         Ok(Solved { p, noise, outside })
     }
@@ -69,7 +76,7 @@ impl Inverter<'_> {
 
     /// By the chosen method, from what the table says.
     fn within(&self, r: [f64; 2], p: [f64; 2], gain: [[f64; 2]; 2]) -> Result<Known, MaskReason> {
-        match self.inside {
+        match &self.inside {
             Inside::Table => Ok(Known { p, gain, outside: None, smooth: true }),
             Inside::Nearest(nodes) => nearest(nodes, r, None),
             Inside::Linear(triangles) => {

@@ -32,9 +32,29 @@ pub struct Solved {
 /// What noise does to p.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spread {
+    /// Of p, from the noise of the pixel.
     pub covariance: [[f64; 2]; 2],
+    /// Of p, from the errors of the look-up table, which pixels have in common.
+    pub table: [[f64; 2]; 2],
     /// By how much it raises the mean of p, to second order; `None` where p is no smooth function of the reflectance.
     pub bias: Option<[f64; 2]>,
+}
+
+impl Solved {
+    /// Between two sections: the share `weight` of this one, the rest of the other.
+    ///
+    /// The noise of the pixel is the same in both, so standard errors would add up by their shares; mixing variances is never less.
+    pub fn blend(self, weight: f64, other: Self) -> Self {
+        let mix = |a: f64, b: f64| weight * a + (1.0 - weight) * b;
+        let mixed = |a: [[f64; 2]; 2], b: [[f64; 2]; 2]| [0, 1].map(|i| [0, 1].map(|j| mix(a[i][j], b[i][j])));
+        let noise = self.noise.zip(other.noise).map(|(a, b)| Spread {
+            covariance: mixed(a.covariance, b.covariance),
+            table: mixed(a.table, b.table),
+            bias: a.bias.zip(b.bias).map(|(a, b)| [mix(a[0], b[0]), mix(a[1], b[1])]),
+        });
+        let p = [mix(self.p[0], other.p[0]), mix(self.p[1], other.p[1])];
+        Self { p, noise, outside: self.outside.or(other.outside) }
+    }
 }
 
 impl Pass {
@@ -65,7 +85,7 @@ impl Pass {
                 }
             };
             let mut mu = p.map(exp);
-            if let Some(Spread { covariance: c_p, bias }) = noise {
+            if let Some(Spread { covariance: c_p, table, bias }) = noise {
                 if let Some(bias) = bias {
                     // mu = exp(p): a scatter of p raises its mean as that of a lognormal.
                     let factor = [0, 1].map(|k| exp(bias[k] + 0.5 * c_p[k][k]));
@@ -77,7 +97,8 @@ impl Pass {
                         tally.noise_bias += plain - plain / factor[0];
                     }
                 }
-                let c = |a: usize, b: usize| c_p[a][b] * mu[a] * mu[b];
+                let own = |a: usize, b: usize| c_p[a][b] * mu[a] * mu[b];
+                let c = |a: usize, b: usize| own(a, b) + table[a][b] * mu[a] * mu[b];
                 // A covariance rounded to f32 may leave a variance below 0 by a rounding error, that is 0.
                 let variances = [c(0, 0).max(0.0), c(1, 1).max(0.0)];
                 if !(variances[0].is_finite() && variances[1].is_finite()) {
@@ -92,8 +113,10 @@ impl Pass {
                     planes[6][o] = variances[1] as f32;
                 }
                 tally.mu_a += mu[0];
-                tally.variances[0] += variances[0];
-                tally.variances[1] += variances[1];
+                for k in [0, 1] {
+                    tally.variances[k] += own(k, k).max(0.0);
+                    tally.common[k] += table[k][k].sqrt() * mu[k];
+                }
             }
             (planes[0][o], planes[1][o]) = (mu[0] as f32, mu[1] as f32);
             tally.good += 1;
@@ -121,8 +144,10 @@ impl Pass {
 pub struct Tally {
     pub good: u64,
     pub outside: u64,
-    /// Of mu_a and mu_s' over good pixels.
+    /// Of mu_a and mu_s' over good pixels, from their own noise.
     pub variances: [f64; 2],
+    /// Standard errors that the table gives them: of pixels of one medium they are one error.
+    pub common: [f64; 2],
     /// By how much noise raises mu_a in the mean, to second order, and the mu_a that it belongs to.
     pub noise_bias: f64,
     pub mu_a: f64,
@@ -134,7 +159,10 @@ impl Tally {
         self.outside += tile.outside;
         self.noise_bias += tile.noise_bias;
         self.mu_a += tile.mu_a;
-        (0..2).for_each(|k| self.variances[k] += tile.variances[k]);
+        for k in 0..2 {
+            self.variances[k] += tile.variances[k];
+            self.common[k] += tile.common[k];
+        }
         self
     }
 }

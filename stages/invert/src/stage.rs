@@ -1,24 +1,22 @@
 //! The stage `invert`: checks that reflectance and table mean the same, and inverts each wavelength.
 
+use std::borrow::Cow;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::{Covariance, Lut, Maps, Reflectance};
+use turbid_contract::payload::{Covariance, Lut, Maps, Reflectance, Sections};
 use turbid_contract::planes::mean_se;
 use turbid_contract::{
     AngleDeg, Attributes, Ctx, Error, ImageStack, Known, Layer, LayerInfo, LayerKind, PerLength, Problems, Stage,
     StagePlan, in_ports, out_ports, serde_json,
 };
-use turbid_optics::LogGrid;
 
-use crate::forward::Forward;
 use crate::inverse::{InverseTable, TOLERANCE};
-use crate::least_squares::{LeastSquares, MOST};
-use crate::linear::Triangles;
-use crate::nearest::Nodes;
-use crate::pair::{Inside, Inverter};
+use crate::least_squares::MOST;
+use crate::lut::{agree, same_f_x, sections};
 use crate::pass::{Pass, Tally};
-use crate::surface::Surface;
+use crate::sectioned::{Places, Solver, prepare};
 
 /// How a pair of reflectances becomes a pair of properties.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -94,6 +92,8 @@ in_ports! {
         reflectance: one Reflectance,
         /// Table of the same convention, g and n, which holds both f_x.
         lut: one Lut,
+        /// Which pixel belongs to which section of the table, where it has any.
+        sections: optional Sections,
     }
 }
 
@@ -111,7 +111,7 @@ pub struct Invert;
 
 impl Stage for Invert {
     const NAME: &'static str = "invert";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     const ABOUT: &'static str =
         "maps of mu_a and mu_s' from calibrated reflectance by a look-up table, with standard errors";
 
@@ -165,9 +165,20 @@ impl Stage for Invert {
         let first = wavelengths(stack).into_iter().next();
         let first = first.ok_or_else(|| Error::failed("the reflectance holds no layer `r_d`"))?;
         let f_x: Vec<f64> = layers_of(stack, first, params)?.iter().map(|&k| f_x_of(&stack.layers[k])).collect();
-        let grids = f_x.iter().map(|&f| grid(lut, f)).collect::<Result<Vec<_>, _>>()?;
-        let ends = [grids[0].clone(), grids[grids.len() - 1].clone()];
-        let forward = Forward::new(ends);
+        let sectioned = lut.0.attributes.contains_key("sections");
+        let places = Places::new(inputs.sections.as_ref(), sections(lut), stack, sectioned)?;
+        let prepared = prepare(lut, &f_x, params.method, params.outside, ctx)?;
+        let table_error = prepared.iter().filter_map(|p| p.table.as_ref()).map(|t| t.worst_error).fold(0.0, f64::max);
+        if params.method != Method::LeastSquares {
+            ctx.measure("table_error", 100.0 * table_error, "%");
+        }
+        if table_error > TOLERANCE && params.method == Method::Table {
+            let (worst, size) =
+                (100.0 * table_error, prepared.iter().filter_map(|p| p.table.as_ref()).map(InverseTable::size));
+            let size = size.fold(0, usize::max);
+            ctx.warn(format!("resampling the table adds up to {worst:.2} % even with {size} x {size} nodes"));
+        }
+        let solvers: Vec<Solver<'_>> = prepared.iter().map(|p| p.solver(params.method, params.outside)).collect();
         let pass = |noise: bool| Pass {
             noise,
             covariance: ctx.wants("covariance"),
@@ -176,45 +187,12 @@ impl Stage for Invert {
         };
         let mut maps = Layers::default();
         let mut covariance = Layers::default();
-        let mut table_error = 0.0;
-        let mut each = |solver: &Solver<'_>| -> Result<(), Error> {
-            for wavelength_nm in wavelengths(stack) {
-                let layers = layers_of(stack, wavelength_nm, params)?;
-                if !layers.iter().map(|&k| f_x_of(&stack.layers[k])).eq(f_x.iter().copied()) {
-                    return Err(Error::failed("the wavelengths of the reflectance have different f_x"));
-                }
-                invert(stack, &layers, solver, &pass, ctx, &mut maps, &mut covariance)?;
+        for wavelength_nm in wavelengths(stack) {
+            let layers = layers_of(stack, wavelength_nm, params)?;
+            if !layers.iter().map(|&k| f_x_of(&stack.layers[k])).eq(f_x.iter().copied()) {
+                return Err(Error::failed("the wavelengths of the reflectance have different f_x"));
             }
-            Ok(())
-        };
-        let needs_nodes = matches!(params.method, Method::Nearest | Method::LeastSquares);
-        let nodes = (needs_nodes || params.outside == Outside::Nearest).then(|| Nodes::new(&forward));
-        if params.method == Method::LeastSquares {
-            let surfaces: Vec<Surface> = grids.into_iter().map(Surface::new).collect();
-            let nodes = nodes.as_ref().expect("made above");
-            each(&Solver::Many(LeastSquares { surfaces: &surfaces, nodes, r_0_range: r_0_range(&forward) }))?;
-        } else {
-            let table = InverseTable::new(&forward);
-            ctx.checked()?;
-            table_error = table.worst_error;
-            ctx.measure("table_error", 100.0 * table.worst_error, "%");
-            if table.worst_error > TOLERANCE && params.method == Method::Table {
-                let (worst, size) = (100.0 * table.worst_error, table.size());
-                ctx.warn(format!("resampling the table adds up to {worst:.2} % even with {size} x {size} nodes"));
-            }
-            let triangles = Triangles::new(&forward);
-            each(&Solver::Pair(Inverter {
-                inside: match (params.method, &nodes) {
-                    (Method::Nearest, Some(nodes)) => Inside::Nearest(nodes),
-                    (Method::Linear, _) => Inside::Linear(&triangles),
-                    (Method::Bicubic, _) => Inside::Bicubic,
-                    _ => Inside::Table,
-                },
-                table: &table,
-                nodes_outside: nodes.as_ref().filter(|_| params.outside == Outside::Nearest),
-                r_0_range: r_0_range(&forward),
-                forward: &forward,
-            }))?;
+            invert(stack, &layers, (&solvers, &places), &pass, ctx, &mut maps, &mut covariance)?;
         }
         let mut attributes = stack.attributes.clone();
         attributes.insert("f_x".into(), f_x.into());
@@ -245,16 +223,10 @@ impl Layers {
     }
 }
 
-/// The two kinds of inversion.
-enum Solver<'a> {
-    Pair(Inverter<'a>),
-    Many(LeastSquares<'a>),
-}
-
 fn invert(
     stack: &ImageStack,
     layers: &[usize],
-    solver: &Solver<'_>,
+    (solvers, places): (&[Solver<'_>], &Places),
     pass: &dyn Fn(bool) -> Pass,
     ctx: Ctx<'_>,
     maps: &mut Layers,
@@ -290,23 +262,18 @@ fn invert(
         };
         c / (r_a * r_b)
     };
-    let mask = stack.mask(wavelength_nm).map(Layer::pixels);
+    let carried = stack.mask(wavelength_nm).map(Layer::pixels);
+    let mask = both(carried.as_deref(), places.mask.as_deref());
     let pass = pass(known);
     let mut planes = vec![Array2::zeros((stack.rows(), stack.columns())); pass.plane_count()];
-    let tiles = ctx.fill_planes(&mut planes, |pixels, planes| match solver {
-        Solver::Pair(inverter) => pass.run(mask.as_deref(), pixels, planes, |i| {
-            let matrix = |i: usize| {
-                let between = c_r(i, 0, 1);
-                [[c_r(i, 0, 0), between], [between, c_r(i, 1, 1)]]
-            };
-            inverter.solve([0, 1].map(|k| f64::from(r[k][i])), known.then(|| matrix(i)))
-        }),
-        Solver::Many(fit) => pass.run(mask.as_deref(), pixels, planes, |i| {
+    let tiles = ctx.fill_planes(&mut planes, |pixels, planes| {
+        pass.run(mask.as_deref(), pixels, planes, |i| {
             let mut values = [0.0; MOST];
             values.iter_mut().zip(&r).for_each(|(value, r)| *value = f64::from(r[i]));
             let noise = |a: usize, b: usize| c_r(i, a, b);
-            fit.solve(&values[..count], if known { Some(&noise) } else { None })
-        }),
+            let noise: Option<&dyn Fn(usize, usize) -> f64> = if known { Some(&noise) } else { None };
+            places.solve(i, |k| solvers[k].solve(&values[..count], noise))
+        })
     })?;
     let tally = tiles.iter().fold(Tally::default(), Tally::add);
     let all = (stack.rows() * stack.columns()) as f64;
@@ -331,7 +298,8 @@ fn invert(
     let mut next = || planes.next().expect("as many planes as plane_count says");
     for (k, info) in infos.iter().enumerate() {
         let mut info = info.clone();
-        info.mean_se = if known { mean_se(tally.variances[k], tally.good, sharing) } else { None };
+        let own = if known { mean_se(tally.variances[k], tally.good, sharing) } else { None };
+        info.mean_se = own.map(|own| libm::hypot(own, tally.common[k] / tally.good as f64));
         maps.values.push((info, next()));
     }
     if known {
@@ -357,6 +325,14 @@ fn invert(
     Ok(())
 }
 
+/// The first reason that either names.
+fn both<'m>(a: Option<&'m [f32]>, b: Option<&'m [f32]>) -> Option<Cow<'m, [f32]>> {
+    match (a, b) {
+        (Some(a), Some(b)) => Some(a.iter().zip(b).map(|(&a, &b)| if a != 0.0 { a } else { b }).collect()),
+        (one, other) => one.or(other).map(Cow::Borrowed),
+    }
+}
+
 fn f_x_of(layer: &Layer) -> f64 {
     layer.info.f_x_per_mm.unwrap_or(0.0)
 }
@@ -373,11 +349,6 @@ fn wavelengths(stack: &ImageStack) -> Vec<Option<f64>> {
         }
     }
     found
-}
-
-/// Equal up to rounding: one f_x may have passed through a table and the other not.
-fn same_f_x(a: f64, b: f64) -> bool {
-    (a - b).abs() <= 1e-9 * a.abs().max(b.abs())
 }
 
 /// The layers of the f_x to use, increasing.
@@ -419,71 +390,4 @@ fn layers_of(stack: &ImageStack, wavelength_nm: Option<f64>, params: &Params) ->
         }
     };
     wanted.into_iter().map(only).collect()
-}
-
-/// Reflectance and table must mean the same: convention, g and n; where the table was made of phantoms also the reference.
-fn agree(reflectance: &Attributes, lut: &Attributes) -> Result<(), Error> {
-    let of = |attributes: &Attributes, name: &str| {
-        attributes.get("reference").and_then(|r| r.get(name)).and_then(serde_json::Value::as_f64)
-    };
-    for name in ["mu_a", "mu_s_prime"] {
-        if let (Some(a), Some(b)) = (of(reflectance, name), of(lut, name))
-            && !same_f_x(a, b)
-        {
-            return Err(Error::failed_with_hint(
-                format!(
-                    "the reflectance is relative to a reference with {name} = {a} mm^-1, the table's phantoms to one with {b}"
-                ),
-                "both must have been seen beside the same reference phantom, said to be the same",
-            ));
-        }
-    }
-    for name in ["convention", "g", "n"] {
-        let (Some(a), Some(b)) = (reflectance.get(name), lut.get(name)) else {
-            let which = if reflectance.contains_key(name) { "table" } else { "reflectance" };
-            return Err(Error::failed(format!("the {which} does not say its {name}")));
-        };
-        let same = match (a.as_f64(), b.as_f64()) {
-            (Some(a), Some(b)) => same_f_x(a, b),
-            _ => a == b,
-        };
-        if !same {
-            return Err(Error::failed_with_hint(
-                format!("the reflectance has {name} = {a}, the table {name} = {b}"),
-                "calibrate and build_lut must be given the same convention, g and n",
-            ));
-        }
-    }
-    Ok(())
-}
-
-/// ln R of the table at one f_x.
-fn grid(lut: &Lut, f_x: f64) -> Result<LogGrid, Error> {
-    let axis = |name: &str| -> Result<Vec<f64>, Error> {
-        let list = lut.0.attributes.get(name).and_then(|v| serde_json::from_value(v.clone()).ok());
-        list.ok_or_else(|| Error::failed(format!("the table does not list its {name}")))
-    };
-    let (all, mu_a, mu_s_prime) = (axis("f_x")?, axis("mu_a")?, axis("mu_s_prime")?);
-    let r_d = lut.0.f64s("r_d").ok_or_else(|| Error::failed("the table has no column r_d"))?;
-    let nodes = mu_a.len() * mu_s_prime.len();
-    if r_d.len() != all.len() * nodes {
-        let what = format!("the table has {} rows for {} f_x and {nodes} nodes", r_d.len(), all.len());
-        return Err(Error::failed(what));
-    }
-    let k = all.iter().position(|&f| same_f_x(f, f_x)).ok_or_else(|| {
-        let has: Vec<String> = all.iter().map(f64::to_string).collect();
-        Error::failed_with_hint(
-            format!("the table has f_x = {} mm^-1, the reflectance needs {f_x}", has.join(", ")),
-            "build_lut must be given the f_x of the frames",
-        )
-    })?;
-    LogGrid::new(&mu_a, &mu_s_prime, &r_d[k * nodes..(k + 1) * nodes])
-        .map_err(|e| Error::failed(format!("the table at f_x = {f_x} mm^-1: {e}")))
-}
-
-/// Smallest and largest R_0 at the nodes.
-fn r_0_range(forward: &Forward) -> [f64; 2] {
-    let [a, s] = forward.nodes();
-    let all = a.iter().flat_map(|&a| s.iter().map(move |&s| [a, s])).map(|p| libm::exp(forward.at(p).ln_r[0]));
-    all.fold([f64::INFINITY, 0.0], |[low, high], r| [low.min(r), high.max(r)])
 }

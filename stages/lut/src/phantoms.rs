@@ -2,8 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use turbid_contract::payload::{Fit, Modulation, Truth};
-use turbid_contract::planes::mean_se;
+use turbid_contract::payload::{Fit, Modulation, Sections, Shares, Truth};
 use turbid_contract::{Axes, Cells, Error, ImageStack, Layer, LayerKind, Many, Payload};
 
 /// One phantom: its properties, and what the camera saw of it beside the reference.
@@ -18,6 +17,53 @@ pub struct Phantom {
     pub ratio_se: Vec<f64>,
 }
 
+/// The pixels that a table is made of.
+pub enum Part {
+    All,
+    /// One of the sections of a surface, with the share of each pixel that it has.
+    Section {
+        number: usize,
+        shares: Vec<f64>,
+        size: (usize, usize),
+    },
+}
+
+impl Part {
+    /// One for each section, or all pixels.
+    pub fn of(sections: Option<&Sections>) -> Result<Vec<Self>, Error> {
+        let Some(sections) = sections else { return Ok(vec![Self::All]) };
+        let pixels = sections.shares()?;
+        let share = |pixel: &Option<Shares>, number: usize| {
+            let of = |(section, share): (usize, f64)| if section == number { share } else { 0.0 };
+            pixel.map_or(0.0, |[own, other]| of(own) + of(other))
+        };
+        let size = (sections.0.rows(), sections.0.columns());
+        let part = |number| Self::Section { number, shares: pixels.iter().map(|p| share(p, number)).collect(), size };
+        Ok((0..sections.list()?.len()).map(part).collect())
+    }
+
+    fn share(&self, pixel: usize) -> f64 {
+        match self {
+            Self::All => 1.0,
+            Self::Section { shares, .. } => shares[pixel],
+        }
+    }
+
+    fn fits(&self, stack: &ImageStack) -> bool {
+        match self {
+            Self::All => true,
+            Self::Section { size, .. } => *size == (stack.rows(), stack.columns()),
+        }
+    }
+
+    fn place(&self) -> String {
+        match self {
+            Self::All => String::new(),
+            Self::Section { number, .. } => format!(" in section {number}"),
+        }
+    }
+}
+
 /// What the ports bring; each `Many` loads one artifact at a time.
 pub struct Sources<'a, 'b> {
     pub phantoms: &'b Many<'a, Modulation>,
@@ -26,12 +72,12 @@ pub struct Sources<'a, 'b> {
     pub truths: &'b Many<'a, Truth>,
 }
 
-/// All phantoms, in the order of their axes.
+/// All phantoms, in the order of their axes, as each of `parts` shows them.
 ///
-/// Errors: a phantom without reference or properties, without f_x, without a good pixel, or darker than zero.
-pub fn gather(sources: &Sources<'_, '_>, f_x: &[f64]) -> Result<Vec<Phantom>, Error> {
+/// Errors: a phantom without reference or properties, without f_x, without a good pixel in some part, or darker than zero.
+pub fn gather(sources: &Sources<'_, '_>, f_x: &[f64], parts: &[Part]) -> Result<Vec<Vec<Phantom>>, Error> {
     let mut reference: Option<(usize, ImageStack)> = None;
-    let mut phantoms = Vec::new();
+    let mut phantoms = vec![Vec::new(); parts.len()];
     for (i, axes) in sources.phantoms.axes().iter().enumerate() {
         let name = name(axes);
         let at = partner(sources.references, axes, "references", &name)?;
@@ -47,9 +93,12 @@ pub fn gather(sources: &Sources<'_, '_>, f_x: &[f64]) -> Result<Vec<Phantom>, Er
             let what = format!("{name} has mu_a = {a} and mu_s' = {s} mm^-1; the axes of the table are logarithmic");
             return Err(Error::failed_with_hint(what, "both must be > 0: leave the phantom out"));
         }
-        let ratios: Result<Vec<[f64; 2]>, Error> = f_x.iter().map(|&f_x| ratio(&sample, against, f_x, &name)).collect();
-        let (ratio, ratio_se) = ratios?.into_iter().map(|[r, se]| (r, se)).unzip();
-        phantoms.push(Phantom { properties, properties_se, ratio, ratio_se });
+        for (phantoms, part) in phantoms.iter_mut().zip(parts) {
+            let ratios: Result<Vec<[f64; 2]>, Error> =
+                f_x.iter().map(|&f_x| ratio(&sample, against, f_x, part, &name)).collect();
+            let (ratio, ratio_se) = ratios?.into_iter().map(|[r, se]| (r, se)).unzip();
+            phantoms.push(Phantom { properties, properties_se, ratio, ratio_se });
+        }
     }
     Ok(phantoms)
 }
@@ -138,8 +187,11 @@ fn uniform(truth: &ImageStack, quantity: &str, name: &str) -> Result<f64, Error>
     }
 }
 
-/// M / M_reference with its standard error: the ratio of sums over the pixels that are good in both.
-fn ratio(sample: &ImageStack, reference: &ImageStack, f_x: f64, name: &str) -> Result<[f64; 2], Error> {
+/// M / M_reference with its standard error: the ratio of sums over the pixels of the part that are good in both.
+fn ratio(sample: &ImageStack, reference: &ImageStack, f_x: f64, part: &Part, name: &str) -> Result<[f64; 2], Error> {
+    if !part.fits(sample) {
+        return Err(Error::failed(format!("the sections are of another camera: {name} has an image of another size")));
+    }
     if (sample.rows(), sample.columns()) != (reference.rows(), reference.columns()) {
         return Err(Error::failed_with_hint(
             format!("{name} and its reference have images of different sizes"),
@@ -153,22 +205,29 @@ fn ratio(sample: &ImageStack, reference: &ImageStack, f_x: f64, name: &str) -> R
     let masks = [mask(sample, sample_layer), mask(reference, reference_layer)];
     let good = |i: usize| masks.iter().flatten().all(|m| m[i] == 0.0);
     let sums = |stack: &ImageStack, layer: &Layer| {
-        let (mut sum, mut variances, mut n) = (0.0, 0.0, 0_u64);
+        let (mut sum, mut variances, mut shares, mut squares) = (0.0, 0.0, 0.0, 0.0);
         let se = stack.standard_error(&layer.info).map(Layer::pixels);
         for (i, &m) in layer.pixels().iter().enumerate().filter(|(i, _)| good(*i)) {
-            sum += f64::from(m);
-            variances += se.as_ref().map_or(0.0, |se| f64::from(se[i]) * f64::from(se[i]));
-            n += 1;
+            let share = part.share(i);
+            sum += share * f64::from(m);
+            let se = se.as_ref().map_or(0.0, |se| share * f64::from(se[i]));
+            variances += se * se;
+            shares += share;
+            squares += share * share;
         }
-        let se = mean_se(variances, n, stack.sharing(&layer.info)).unwrap_or(0.0);
-        [sum / n as f64, se]
+        // Pixels that share their errors count for no more than there are, as if of so many whole ones.
+        let sharing = stack.sharing(&layer.info).min(shares * shares / squares);
+        [sum / shares, (variances * sharing).sqrt() / shares]
     };
     let [[m, m_se], [m_r, m_r_se]] = [sums(sample, sample_layer), sums(reference, reference_layer)];
     let usable = |x: f64| x > 0.0 && x.is_finite();
     if !usable(m) || !usable(m_r) {
+        let place = part.place();
         return Err(Error::failed_with_hint(
-            format!("{name} and its reference have no modulation in common at f_x = {f_x} mm^-1 (means {m} and {m_r})"),
-            "take more samples, or lower f_x",
+            format!(
+                "{name} and its reference have no modulation in common at f_x = {f_x} mm^-1{place} (means {m} and {m_r})"
+            ),
+            "take more samples, lower f_x, or fewer sections",
         ));
     }
     let ratio = m / m_r;

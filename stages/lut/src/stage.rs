@@ -1,10 +1,12 @@
 //! The stage `build_lut`.
 
+use std::cell::RefCell;
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use serde_json::{Value, json};
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::{Convention, Fit, Lut, Modulation, Truth, Validity};
+use turbid_contract::payload::{Convention, Fit, Lut, Modulation, Sections, Truth, Validity};
 use turbid_contract::{
     Attributes, Cells, Ctx, Error, ImageStack, Known, LayerInfo, Problems, Stage, StagePlan, Table, in_ports, out_ports,
 };
@@ -14,7 +16,7 @@ use turbid_optics::philox;
 use crate::empirical::{self, Between};
 use crate::monte_carlo::{self, Estimate, PARTS};
 use crate::params::{Interpolation, Model, Params, ReferenceMedium, SAMPLES};
-use crate::phantoms::{self, Sources};
+use crate::phantoms::{self, Part, Sources};
 use crate::table::Recipe;
 use crate::validity::{Report, examine};
 
@@ -28,6 +30,8 @@ in_ports! {
         properties: many Fit,
         /// Properties of the phantoms as the camera truly saw them, where there is no fit.
         truths: many Truth,
+        /// Sections of the surface that the camera sees: the table gets one part for each.
+        sections: optional Sections,
     }
 }
 
@@ -120,6 +124,7 @@ impl Stage for BuildLut {
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
         let recipe = params.recipe();
+        let sections = inputs.sections.as_ref();
         let (recipe, Estimate { r_d: values, se }) = match params.model {
             Model::MonteCarlo => {
                 let estimate = simulate(params, &recipe, ctx)?;
@@ -131,18 +136,24 @@ impl Stage for BuildLut {
                 (recipe, estimate)
             }
         };
-        let grids = recipe.grids(&values).map_err(|error| {
-            Error::failed_with_hint(
-                format!("the table cannot be interpolated: {error}"),
-                "narrow mu_s_prime or lower f_x: there is no modulation left to tabulate",
-            )
-        })?;
-        let report = (grids.len() > 1).then(|| examine(&grids));
-        if let Some(report) = &report {
-            tell(report, ctx);
+        let parts = sections.map_or(Ok(1), |s| s.list().map(|list| list.len()))?;
+        let mut reports = Vec::new();
+        for (section, values) in values.chunks(values.len() / parts).enumerate() {
+            let grids = recipe.grids(values).map_err(|error| {
+                let of = if parts > 1 { format!(" of section {section}") } else { String::new() };
+                Error::failed_with_hint(
+                    format!("the table{of} cannot be interpolated: {error}"),
+                    "narrow mu_s_prime or lower f_x: there is no modulation left to tabulate",
+                )
+            })?;
+            reports.extend((grids.len() > 1).then(|| examine(&grids)));
         }
-        let wanted = report.filter(|_| ctx.wants("validity"));
-        Ok(Out { lut: lut(params, &recipe, values, se), validity: wanted.map(|report| image(&recipe, &report)) })
+        if !reports.is_empty() {
+            tell(&reports, ctx);
+        }
+        let wanted = ctx.wants("validity") && !reports.is_empty();
+        let validity = wanted.then(|| image(&recipe, &reports));
+        Ok(Out { lut: lut(params, &recipe, values, se, sections)?, validity })
     }
 }
 
@@ -167,7 +178,8 @@ fn solve(recipe: &Recipe, ctx: Ctx<'_>) -> Result<Estimate, Error> {
 fn check_ports(params: &Params, known: &Known, problems: &mut Problems) {
     let connected = |port: &str| known.connected.iter().any(|c| c == port);
     if params.model != Model::Empirical {
-        for port in ["phantoms", "references", "properties", "truths"].into_iter().filter(|p| connected(p)) {
+        for port in ["phantoms", "references", "properties", "truths", "sections"].into_iter().filter(|p| connected(p))
+        {
             let message = format!("`{port}` is connected, but only `model: empirical` reads it");
             problems.push_with_hint("model", message, "take `model: empirical` or leave the input out");
         }
@@ -191,34 +203,51 @@ fn measure(params: &Params, recipe: Recipe, inputs: &In<'_>, ctx: Ctx<'_>) -> Re
         properties: &inputs.properties,
         truths: &inputs.truths,
     };
-    let phantoms = phantoms::gather(&sources, &recipe.f_x)?;
-    if phantoms.iter().flat_map(|p| &p.ratio_se).all(|&se| se == 0.0) {
+    let parts = phantoms::gather(&sources, &recipe.f_x, &Part::of(inputs.sections.as_ref())?)?;
+    if parts.iter().flatten().flat_map(|p| &p.ratio_se).all(|&se| se == 0.0) {
         ctx.warn("no standard errors: neither the phantoms nor their reference know their own");
     }
     let reference = reference(params, &recipe)?;
+    // Sections ask for the same media again and again.
+    let known: RefCell<BTreeMap<[u64; 3], f64>> = RefCell::default();
     let guide = |f_x: f64, places: &[[f64; 2]]| -> Result<Vec<f64>, Error> {
-        let values = ctx.map_tiles(places.len(), |i| recipe.value(places[i][0], places[i][1], f_x))?;
-        values.into_iter().map(|r| r.map(libm::log).map_err(|e| Error::failed(e.to_string()))).collect()
+        let name = |place: &[f64; 2]| [f_x, place[0], place[1]].map(f64::to_bits);
+        let new: Vec<[f64; 2]> = places.iter().filter(|p| !known.borrow().contains_key(&name(p))).copied().collect();
+        let values = ctx.map_tiles(new.len(), |i| recipe.value(new[i][0], new[i][1], f_x))?;
+        for (place, value) in new.iter().zip(values) {
+            let value = value.map_err(|e| Error::failed(e.to_string()))?;
+            known.borrow_mut().insert(name(place), libm::log(value));
+        }
+        Ok(places.iter().map(|p| known.borrow()[&name(p)]).collect())
     };
     let between = match params.interpolation() {
         Interpolation::Guided => Between::Guided(&guide),
         Interpolation::LogLog => Between::Smooth,
         Interpolation::Paper => Between::Linear(phantoms::grid(inputs.phantoms.axes()).ok_or_else(|| {
             Error::failed_with_hint(
-                format!("the {} phantoms are not the full grid of two axes", phantoms.len()),
+                format!("the {} phantoms are not the full grid of two axes", inputs.phantoms.axes().len()),
                 "the paper's linear step needs one; take `interpolation: log_log` or `guided`",
             )
         })?),
     };
-    let table = empirical::table(&phantoms, recipe.clone(), &reference, &between)?;
-    ctx.measure("phantoms", phantoms.len() as f64, "1");
-    if let Some([a, s]) = table.degrees {
-        ctx.measure("degree_mu_a", a as f64, "1");
-        ctx.measure("degree_mu_s_prime", s as f64, "1");
-        ctx.measure("gain", table.gain, "1");
+    let mut all = Estimate { r_d: Vec::new(), se: Vec::new() };
+    let mut filled = recipe.clone();
+    for phantoms in &parts {
+        let table = empirical::table(phantoms, recipe.clone(), &reference, &between)?;
+        if all.r_d.is_empty() {
+            ctx.measure("phantoms", phantoms.len() as f64, "1");
+            if let Some([a, s]) = table.degrees {
+                ctx.measure("degree_mu_a", a as f64, "1");
+                ctx.measure("degree_mu_s_prime", s as f64, "1");
+                ctx.measure("gain", table.gain, "1");
+            }
+        }
+        all.r_d.extend(table.r_d);
+        all.se.extend(table.se);
+        filled = table.recipe;
     }
-    tell_errors(&table.r_d, &table.se, ctx);
-    Ok((table.recipe, Estimate { r_d: table.r_d, se: table.se }))
+    tell_errors(&all.r_d, &all.se, ctx);
+    Ok((filled, all))
 }
 
 /// Reflectance of the reference phantom at each f_x; 1 in the relative convention.
@@ -267,19 +296,25 @@ fn tell_errors(r_d: &[f64], se: &[f64], ctx: Ctx<'_>) {
     ctx.measure("largest_error", errors[errors.len() - 1], "%");
 }
 
-fn tell(report: &Report, ctx: Ctx<'_>) {
-    ctx.measure("invertible", if report.invertible() { 1.0 } else { 0.0 }, "1");
-    let largest = |k: usize| report.noise_gain.iter().map(|gain| gain[k]).fold(0.0, f64::max);
+/// What holds for all sections, if there are several: the worst of each figure.
+fn tell(reports: &[Report], ctx: Ctx<'_>) {
+    ctx.measure("invertible", if reports.iter().all(Report::invertible) { 1.0 } else { 0.0 }, "1");
+    let largest = |k: usize| reports.iter().flat_map(|r| &r.noise_gain).map(|gain| gain[k]).fold(0.0, f64::max);
     ctx.measure("largest_noise_gain_mu_a", largest(0), "1");
     ctx.measure("largest_noise_gain_mu_s_prime", largest(1), "1");
-    if report.folded > 0 {
-        ctx.warn(format!(
-            "the table folds: at {} nodes or cell centres the Jacobian has another sign than elsewhere, so some \
-             reflectances belong to two media; narrow mu_a or mu_s_prime",
-            report.folded
-        ));
-    } else if report.hull_crosses {
-        ctx.warn("the boundary of the table crosses itself: some reflectances belong to two media far apart");
+    for (section, report) in reports.iter().enumerate() {
+        let of = if reports.len() > 1 { format!(" of section {section}") } else { String::new() };
+        if report.folded > 0 {
+            ctx.warn(format!(
+                "the table{of} folds: at {} nodes or cell centres the Jacobian has another sign than elsewhere, so some \
+                 reflectances belong to two media; narrow mu_a or mu_s_prime",
+                report.folded
+            ));
+        } else if report.hull_crosses {
+            ctx.warn(format!(
+                "the boundary of the table{of} crosses itself: some reflectances belong to two media far apart"
+            ));
+        }
     }
 }
 
@@ -300,29 +335,44 @@ fn attributes(params: &Params, recipe: &Recipe) -> Attributes {
     attributes
 }
 
-fn lut(params: &Params, recipe: &Recipe, r_d: Vec<f64>, r_d_se: Vec<f64>) -> Lut {
+fn lut(
+    params: &Params,
+    recipe: &Recipe,
+    r_d: Vec<f64>,
+    r_d_se: Vec<f64>,
+    sections: Option<&Sections>,
+) -> Result<Lut, Error> {
     let (n_a, n_s, size) = (recipe.mu_a.len(), recipe.mu_s_prime.len(), r_d.len());
+    let n_f = recipe.f_x.len();
     let column = |f: &dyn Fn(usize) -> f64| Cells::F64((0..size).map(f).collect());
     let mut table = Table { columns: Vec::new(), attributes: attributes(params, recipe) };
+    if let Some(sections) = sections {
+        table.push("section", "", Cells::I64((0..size).map(|i| (i / (n_a * n_s * n_f)) as i64).collect()));
+        table.attributes.insert("sections".to_owned(), json!(sections.list()?));
+    }
     table.push("mu_a", "mm^-1", column(&|i| recipe.mu_a[i / n_s % n_a]));
     table.push("mu_s_prime", "mm^-1", column(&|i| recipe.mu_s_prime[i % n_s]));
-    table.push("f_x", "mm^-1", column(&|i| recipe.f_x[i / (n_a * n_s)]));
+    table.push("f_x", "mm^-1", column(&|i| recipe.f_x[i / (n_a * n_s) % n_f]));
     table.push("r_d", "1", Cells::F64(r_d));
     // Random errors only; systematic ones are in the docs.
     table.push("r_d_se", "1", Cells::F64(r_d_se));
-    Lut(table)
+    Ok(Lut(table))
 }
 
-/// Rows are mu_a (the largest on top), columns mu_s', as a plot would show them.
-fn image(recipe: &Recipe, report: &Report) -> Validity {
+/// Rows are mu_a (the largest on top), columns mu_s', as a plot would show them; sections one after the other.
+fn image(recipe: &Recipe, reports: &[Report]) -> Validity {
     let (n_a, n_s) = (recipe.mu_a.len(), recipe.mu_s_prime.len());
     let mut stack = ImageStack::new(n_a, n_s);
     let layer = |value: &dyn Fn(usize) -> f64| {
         Array2::from_shape_fn((n_a, n_s), |(row, column)| value((n_a - 1 - row) * n_s + column) as f32)
     };
-    stack.push(LayerInfo::value("noise_gain_mu_a", "1"), layer(&|i| report.noise_gain[i][0]));
-    stack.push(LayerInfo::value("noise_gain_mu_s_prime", "1"), layer(&|i| report.noise_gain[i][1]));
-    stack.push(LayerInfo::value("jacobian_sign", "1"), layer(&|i| report.sign[i]));
+    for (section, report) in reports.iter().enumerate() {
+        let named = |name: &str| if reports.len() > 1 { format!("{name}_{section}") } else { name.to_owned() };
+        let info = |name: &str| LayerInfo::value(named(name), "1");
+        stack.push(info("noise_gain_mu_a"), layer(&|i| report.noise_gain[i][0]));
+        stack.push(info("noise_gain_mu_s_prime"), layer(&|i| report.noise_gain[i][1]));
+        stack.push(info("jacobian_sign"), layer(&|i| report.sign[i]));
+    }
     stack.attributes.insert("mu_a".to_owned(), json!(recipe.mu_a));
     stack.attributes.insert("mu_s_prime".to_owned(), json!(recipe.mu_s_prime));
     stack.attributes.insert("f_x".to_owned(), json!(recipe.f_x));

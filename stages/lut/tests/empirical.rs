@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde_json::{Value, json};
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::{Lut, Modulation, Truth};
+use turbid_contract::payload::{Lut, Modulation, Sections, Truth};
 use turbid_contract::planes::mean_se;
 use turbid_contract::{
     Artifact, Axes, Cells, Ctx, Error, ImageStack, InputSource, Known, LayerInfo, LayerKind, MemoryHost, Payload,
@@ -30,8 +30,8 @@ impl Inputs {
 }
 
 impl InputSource for Inputs {
-    fn one(&self, _: &str) -> Result<Option<Artifact>, Error> {
-        Ok(None)
+    fn one(&self, port: &str) -> Result<Option<Artifact>, Error> {
+        Ok(self.0.get(port).map(|all| all[0].1.clone()))
     }
     fn many(&self, port: &str) -> Vec<Axes> {
         self.0.get(port).into_iter().flatten().map(|(axes, _)| axes.clone()).collect()
@@ -222,6 +222,53 @@ fn bad_phantoms_are_named() {
     let Artifact::Images(stack) = &mut two.0.get_mut("truths").unwrap()[3].1 else { panic!("a truth is an image") };
     stack.layers[0].data[(3, 3)] = 0.5;
     assert!(fails(&params("log_log"), &two).contains("shows mu_a from"));
+}
+
+/// Sections get tables of their own from their own pixels, blended pixels by their shares; the section of a phantom that shows nothing is named.
+#[test]
+fn sections_have_parts_of_their_own() {
+    let mut sections = ImageStack::new(SIDE, SIDE);
+    // Rows 0 to 3 are the first section, 4 to 7 the second; row 3 is one half each.
+    let plane = |f: &dyn Fn(usize) -> f32| Array2::from_shape_fn((SIDE, SIDE), |(row, _)| f(row));
+    sections.push(LayerInfo::value("section", "1"), plane(&|row| f32::from(u8::from(row > 3))));
+    sections.push(LayerInfo::value("neighbour", "1"), plane(&|row| f32::from(u8::from(row > 2))));
+    sections.push(LayerInfo::value("weight", "1"), plane(&|row| if row == 3 { 0.5 } else { 1.0 }));
+    sections.push(LayerInfo::new("mask", LayerKind::Mask, "1"), plane(&|_| 0.0));
+    let bounds = |from: f64, to: f64| json!({"from_mm": from, "to_mm": to, "pixels": 32, "m_dc": 1.0});
+    sections.attributes.insert("sections".into(), json!([bounds(0.0, 10.0), bounds(10.0, 20.0)]));
+    // The second half of the tube returns half as much of the fringe, whatever the medium.
+    let mut inputs = phantoms(&PAPER_A, &PAPER_S, |_| [0.0; 2], 0.01);
+    for (_, artifact) in inputs.0.get_mut("phantoms").unwrap() {
+        let Artifact::Images(stack) = artifact else { panic!("a modulation is an image") };
+        for ((row, _), m) in stack.layers[1].data.indexed_iter_mut() {
+            *m *= if row > 3 { 0.5 } else { 1.0 };
+        }
+    }
+    inputs.push("sections", Axes::new(), Sections(sections));
+    let table = build(&params("log_log"), &inputs).unwrap();
+    let Cells::I64(section) = &table.columns[0].cells else { panic!("the section is a whole number") };
+    let (r_d, f_x) = (table.f64s("r_d").unwrap(), table.f64s("f_x").unwrap());
+    let half = table.rows() / 2;
+    assert!(section[..half].iter().all(|&s| s == 0) && section[half..].iter().all(|&s| s == 1));
+    // Weights of the vignette: what row 3 adds to the second section with half its share is the first section's fringe.
+    let row_sum = |row: usize| (0..SIDE).map(|column| 1.0 - 0.002 * (row * row + column) as f64).sum::<f64>();
+    let rows = |rows: std::ops::Range<usize>| rows.map(row_sum).sum::<f64>();
+    let second = (0.5 * rows(4..8) + 0.5 * row_sum(3)) / (rows(4..8) + 0.5 * row_sum(3));
+    for i in 0..half {
+        let want = if f_x[i] > 0.0 { second } else { 1.0 };
+        assert!((r_d[half + i] / r_d[i] / want - 1.0).abs() < 1e-5, "{} {want}", r_d[half + i] / r_d[i]);
+    }
+    // 28 rows of 8 pixels, a half row counted by its share: 1 % / sqrt(n_eff).
+    let se = table.f64s("r_d_se").unwrap()[0] / r_d[0];
+    let weights: f64 = rows(0..3) + 0.5 * row_sum(3);
+    let squares: f64 = (0..4)
+        .map(|row| if row == 3 { 0.25 } else { 1.0 } * (0..SIDE).map(|c| (1.0 - 0.002 * (row * row + c) as f64).powi(2)).sum::<f64>())
+        .sum();
+    assert!((se / (0.01 * squares.sqrt() / weights) - 1.0).abs() < 1e-3, "{se}");
+    let Artifact::Images(stack) = &mut inputs.0.get_mut("phantoms").unwrap()[2].1 else { panic!("an image") };
+    stack.push(LayerInfo::new("mask", LayerKind::Mask, "1"), plane(&|row| if row > 2 { 1.0 } else { 0.0 }));
+    let message = build(&params("log_log"), &inputs).unwrap_err().to_string();
+    assert!(message.contains("in section 1") && message.contains("fewer sections"), "{message}");
 }
 
 /// Properties may come from a fit whose rows an axis of the phantoms names; a row that failed stops the table.

@@ -24,7 +24,8 @@ pub enum Convention {
 
 /// One row per node and spatial frequency: columns `mu_a`, `mu_s_prime`, `f_x` (mm^-1), `r_d`, `r_d_se` (1).
 ///
-/// Order: f_x outermost, then mu_a, then mu_s'. Attributes: `f_x`, `mu_a`, `mu_s_prime` (the axes), `g`, `n`,
+/// Order: f_x outermost, then mu_a, then mu_s'; where the table has sections (attribute `sections`, a list as in [`crate::payload::Section`])
+/// a column `section` comes first and runs slowest. Attributes: `f_x`, `mu_a`, `mu_s_prime` (the axes), `g`, `n`,
 /// `thickness` (mm, null for a half-space), `convention`, `model`; of phantoms also `reference` (its `mu_a`, `mu_s_prime`, mm^-1).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lut(pub Table);

@@ -19,7 +19,7 @@ pub use mask::MaskReason;
 pub use metrics::{Metrics, Power};
 pub use readings::Readings;
 pub use scene::*;
-pub use sections::{Section, Sections};
+pub use sections::{Section, Sections, Shares};
 
 use crate::artifact::{Artifact, ArtifactKind};
 use crate::error::Error;
