@@ -43,4 +43,12 @@ fn closed_forms_come_out() {
     let frame = &layers("mesh_beer_lambert", "frames.frames", "radiance")[0];
     let expected = (-0.8f64).exp() * 0.6 * 5.0 / (100.0 * 100.0) / (2.0 * PI);
     assert!((number(frame, "mean") - expected).abs() <= 4.0 * number(frame, "mean_se"), "{frame}, {expected:e}");
+    let glint = &layers("glint", "frames.frames", "radiance")[0];
+    let (cos, n) = (100.0 / (100.0f64 * 100.0 + 15.0 * 15.0).sqrt(), 1.5);
+    let cos_in = (1.0 - (1.0 - cos * cos) / (n * n)).sqrt();
+    let (s, p) = ((cos - n * cos_in) / (cos + n * cos_in), (n * cos - cos_in) / (n * cos + cos_in));
+    let expected = 2.0 / (4.0 * PI) * 0.5 * (s * s + p * p) / (4.0 * 16.0 * cos);
+    assert!((number(glint, "mean") * 256.0 / expected - 1.0).abs() < 1e-6, "{glint}, {expected:e}");
+    assert!((number(glint, "max") / expected - 1.0).abs() < 1e-6, "{glint}, {expected:e}");
+    assert_eq!(number(&layers("glint", "black.frames", "radiance")[0], "max"), 0.0);
 }

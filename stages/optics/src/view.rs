@@ -172,6 +172,32 @@ impl View {
         Some(self.position_of(on_plane))
     }
 
+    /// The image position, as for [`Self::plane_point`], of light that goes through the place `eye` of the lens (the pinhole) and comes along -w,
+    /// and the image's area in the field's plane per solid angle of such light, mm^2/sr; `None` where there is none.
+    pub fn image_of(&self, eye: DVec3, w: DVec3) -> Option<((f64, f64), f64)> {
+        let distance = self.distance();
+        let focus = match self.lens {
+            Lens::Orthographic => return None,
+            Lens::Fisheye => {
+                let (sin, cos) = (w.cross(self.forward).length(), w.dot(self.forward));
+                let angle = libm::atan2(sin, cos);
+                let stretch = if sin > 0.0 { angle / sin } else { 1.0 };
+                return Some((self.image_position(eye + w)?, distance * distance * stretch));
+            }
+            Lens::Thin { focus, .. } => focus,
+            Lens::Pinhole => distance,
+        };
+        // In the plane of focus all rays of a point meet.
+        let t = focus * self.forward.z / w.z;
+        if !(t > 0.0 && t < f64::INFINITY) {
+            return None;
+        }
+        let ideal = self.project(eye + t * w)?;
+        let (on_plane, spread, held) = self.through_lens(ideal);
+        let scale = distance / focus * t;
+        held.then(|| (self.position_of(on_plane), spread * scale * scale / w.z.abs()))
+    }
+
     /// The image position of a point of the field's plane: undoes [`Self::plane_point`].
     #[inline]
     pub fn position_of(&self, on_plane: DVec3) -> (f64, f64) {
@@ -305,6 +331,33 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// Light along the ray of an image position is imaged there, and the area per solid angle is that of neighbouring rays: central
+    /// differences of 1e-5 of the field leave 1e-9 of it, rounding of 1e-16 / 1e-5^2 twice as many digits less.
+    #[test]
+    fn images_of_rays() {
+        let (look_at, up, field) = (DVec3::new(1.0, -2.0, 5.0), DVec3::Y, DVec2::new(300.0, 200.0));
+        let plain = View::new(DVec3::new(80.0, 40.0, 250.0), look_at, up, field).unwrap();
+        let views = [
+            plain,
+            plain.distorted([-0.2, 0.05, 1e-3, -2e-3, 0.01]).unwrap(),
+            View { lens: Lens::Thin { radius: 9.0, focus: 180.0 }, ..plain },
+            View::fisheye(plain.position, look_at, up, 4.0 * field).unwrap(),
+        ];
+        for (view, (x, y)) in views.iter().flat_map(|v| [(0.5, 0.5), (0.1, 0.2), (0.9, 0.6)].map(|at| (v, at))) {
+            let ray = |x: f64, y: f64| view.ray_through(x, y, 0.7, 0.3);
+            let (eye, w) = ray(x, y);
+            let ((a, b), area) = view.image_of(eye, w).unwrap();
+            assert!((a - x).abs() + (b - y).abs() < 1e-12, "{view:?}: ({x}, {y}), {a} {b}");
+            let h = 1e-5;
+            let along_x = (ray(x + h, y).1 - ray(x - h, y).1) / (2.0 * h);
+            let along_y = (ray(x, y + h).1 - ray(x, y - h).1) / (2.0 * h);
+            let expected = view.field.x * view.field.y / along_x.cross(along_y).length();
+            assert!((area / expected - 1.0).abs() < 1e-6, "{view:?}: ({x}, {y}), {area} {expected}");
+        }
+        let away = View { lens: Lens::Orthographic, ..plain }.image_of(plain.position, plain.forward);
+        assert!(away.is_none() && plain.image_of(plain.position, -plain.forward).is_none());
     }
 
     /// Scale and sign of the distortion: a corner of the image at r_d sees the ideal radius r with r (1 + k1 r^2) = r_d, all in units

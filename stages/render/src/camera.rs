@@ -36,6 +36,30 @@ impl Camera {
         matches!(self.view.lens, Lens::Thin { .. })
     }
 
+    /// The pixel that sees light which goes through the place `eye` of the lens (the pinhole) in direction -w, and what turns the irradiance of a
+    /// point light there (across the ray) into the mean radiance of that pixel, sr^-1; `None` outside the image.
+    pub fn image_of(&self, eye: DVec3, w: DVec3) -> Option<(usize, f64)> {
+        let (place, area) = self.view.image_of(eye, w)?;
+        Some((self.pixel_at(place)?, area / self.pixel_area()))
+    }
+
+    /// Of an orthographic camera: the pixel that sees `p`, and its area across the axis, mm^2.
+    pub fn seen_along_axis(&self, p: DVec3) -> Option<(usize, f64)> {
+        let pixel = self.pixel_at(self.view.image_position(p)?)?;
+        Some((pixel, self.pixel_area() * self.view.forward.z.abs()))
+    }
+
+    /// Of a pixel in the field's plane, mm^2.
+    fn pixel_area(&self) -> f64 {
+        self.view.field.x * self.view.field.y / self.pixels() as f64
+    }
+
+    fn pixel_at(&self, (x, y): (f64, f64)) -> Option<usize> {
+        let inside = (0.0..1.0).contains(&x) && (0.0..1.0).contains(&y);
+        let at = |x: f64, count: usize| ((x * count as f64) as usize).min(count - 1);
+        inside.then(|| at(y, self.rows) * self.columns + at(x, self.columns))
+    }
+
     #[inline]
     fn place(&self, pixel: usize, x: f64, y: f64) -> (f64, f64) {
         let (column, row) = ((pixel % self.columns) as f64, (pixel / self.columns) as f64);

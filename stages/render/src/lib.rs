@@ -30,6 +30,7 @@ pub mod world;
 
 mod fit;
 mod frames;
+mod glint;
 mod method;
 mod params;
 mod plan;

@@ -85,8 +85,28 @@ impl Way {
         self.events.clear();
     }
 
-    fn go(&mut self, n: f64, from: f64, until: f64, up: bool) {
+    pub(crate) fn go(&mut self, n: f64, from: f64, until: f64, up: bool) {
         self.stretches.push(Stretch { leg: Leg { n, depth: (until - from).abs() }, up, until });
+    }
+
+    /// Takes back the last [`Way::go`].
+    pub(crate) fn undo(&mut self) {
+        self.stretches.pop();
+    }
+
+    /// At the end of a stretch in index `n`.
+    pub(crate) fn meet(&mut self, n: f64, beyond: f64, reflected: bool) {
+        self.events.push((n, beyond, reflected));
+    }
+
+    /// Takes back the last [`Way::meet`].
+    pub(crate) fn forget(&mut self) {
+        self.events.pop();
+    }
+
+    /// Whether a plane is on it.
+    pub(crate) fn is_bent(&self) -> bool {
+        !self.events.is_empty()
     }
 }
 
@@ -280,7 +300,14 @@ impl Walker<'_> {
     }
 
     /// The light that comes by a way, over the probability with which the way was chosen.
-    fn along(&mut self, source: Source<'_>, r: DVec3, skin: Option<Skin>, way: &Way, probability: f64) -> Option<Link> {
+    pub(crate) fn along(
+        &mut self,
+        source: Source<'_>,
+        r: DVec3,
+        skin: Option<Skin>,
+        way: &Way,
+        probability: f64,
+    ) -> Option<Link> {
         let target = Target::of(source);
         let legs = way.stretches.iter().map(|stretch| stretch.leg);
         let (n, n_source) = (way.stretches[0].leg.n, way.stretches[way.stretches.len() - 1].leg.n);
@@ -335,7 +362,7 @@ impl Walker<'_> {
     }
 
     /// The layer around a point; on a surface the one that the surface faces, else on an edge the one where light goes on.
-    fn layer(&self, strata: &Strata, r: DVec3, skin: Option<Skin>, up: bool) -> usize {
+    pub(crate) fn layer(&self, strata: &Strata, r: DVec3, skin: Option<Skin>, up: bool) -> usize {
         let faces = skin.map(|skin| {
             let z = self.setting.world.normal(skin.wall, r).z;
             if skin.inside { -z } else { z }
@@ -345,19 +372,19 @@ impl Walker<'_> {
 }
 
 /// Where a way has to arrive.
-struct Target {
-    origin: DVec3,
+pub(crate) struct Target {
+    pub origin: DVec3,
     /// Towards the source, where that is the same direction everywhere.
-    towards: Option<DVec3>,
+    pub towards: Option<DVec3>,
 }
 
 impl Target {
-    fn of(source: Source<'_>) -> Self {
+    pub fn of(source: Source<'_>) -> Self {
         let (origin, along) = source.origin();
         Self { origin, towards: along.map(|along| -along) }
     }
 
-    fn is_above(&self, z: f64) -> bool {
+    pub fn is_above(&self, z: f64) -> bool {
         self.towards.map_or(self.origin.z > z, |towards| towards.z > 0.0)
     }
 }

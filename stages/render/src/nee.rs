@@ -52,13 +52,13 @@ fn line_block(source: Source<'_>, number: u64) -> u64 {
 
 impl<'a> Walker<'a> {
     /// All lights at a place or in a direction.
-    fn sources(&self) -> impl Iterator<Item = Source<'a>> + use<'a> {
+    pub(crate) fn sources(&self) -> impl Iterator<Item = Source<'a>> + use<'a> {
         let (light, lamps) = (self.setting.light, &self.setting.steady.lamps);
         let projector = light.shines().then_some(Source::Projector(light));
         projector.into_iter().chain(lamps.iter().enumerate().map(|(i, lamp)| Source::Lamp(i, lamp)))
     }
 
-    fn deposit(&mut self, path: usize, radiance: f64, on_plane: DVec3, source: Source<'_>) {
+    pub(crate) fn deposit(&mut self, path: usize, radiance: f64, on_plane: DVec3, source: Source<'_>) {
         let layout = self.setting.layout();
         let response = &mut self.responses[path * layout.width()..][..layout.width()];
         if let (Source::Lamp(..), Some(steady)) = (source, layout.steady()) {

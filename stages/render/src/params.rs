@@ -11,6 +11,7 @@ use crate::plan::flights_per_path;
 use crate::rig::Rig;
 use crate::strata::Bending;
 use crate::uniform::obstacle;
+use crate::world::World;
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -232,13 +233,15 @@ impl Params {
                     "give all that has n != 1 a rough surface, such as `surface: {rough: 0.1}`, or the same n as its surroundings",
                 );
             }
-            let bends = rig.worlds.iter().any(|world| matches!(Bending::of(world), Bending::AtPlanes(_)));
-            if bends && scene.camera.as_ref().is_some_and(|c| c.specular == Some(Specular::Include)) {
-                problems.push_with_hint(
-                    "",
-                    "the glint of the projector on smooth surfaces is not rendered by this version",
-                    "write `specular: exclude` in the camera",
-                );
+            if scene.camera.as_ref().is_some_and(|c| c.specular == Some(Specular::Include)) {
+                let parallel = |world: &World| matches!(Bending::of(world), Bending::AtPlanes(_)) && rig.is_parallel();
+                if rig.worlds.iter().any(parallel) {
+                    problems.push_with_hint(
+                        "",
+                        "an orthographic camera sees nothing or too much of a parallel beam's glint on planes: both have one direction only",
+                        "write `specular: exclude` in the camera, make it a pinhole far away, or the beam a spot",
+                    );
+                }
             }
         }
         let taken = Taken::of(self, scene, false);

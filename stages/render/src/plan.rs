@@ -1,7 +1,7 @@
 //! What a render is going to do: method, what the scene needs, what is left out, how long it will take.
 
 use turbid_contract::StagePlan;
-use turbid_contract::payload::{Lamp, Medium, Scene, Shape, Surface};
+use turbid_contract::payload::{Lamp, Medium, Scene, Shape, Specular, Surface};
 
 use crate::fit::Lattice;
 use crate::method::Taken;
@@ -100,6 +100,10 @@ pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool) -> StagePla
         sort(scene.projector.is_some(), "projector");
         sort(scene.lights.len() > ambient, "steady lights");
         sort(ambient > 0, "ambient light");
+    }
+    if let Some(scene) = scene {
+        let included = scene.camera.as_ref().is_some_and(|c| c.specular == Some(Specular::Include));
+        sort(included && scene.media.values().any(|m| m.n != 1.0), "glints");
     }
     if let Some(taken) = &taken {
         sort(*taken != Taken::Fit, "paths for every pixel");

@@ -5,6 +5,7 @@ use turbid_contract::Error;
 use turbid_contract::payload::{self, Profile, Scene, Specular, Surface};
 use turbid_geometry::{camera_view, projector_view, solid};
 use turbid_optics::solid::Solid;
+use turbid_optics::view::Lens;
 
 use crate::camera::Camera;
 use crate::finish::Finish;
@@ -84,6 +85,14 @@ impl Rig {
             worlds: worlds.collect(),
             object_of: order,
         })
+    }
+}
+
+impl Rig {
+    /// Whether the camera's rays are parallel, and those of a light.
+    pub fn is_parallel(&self) -> bool {
+        let beam = |steady: &Steady| steady.lamps.iter().any(|lamp| matches!(lamp, Lamp::Beam { .. }));
+        self.camera.view.lens == Lens::Orthographic && self.steady.iter().any(beam)
     }
 }
 

@@ -3,8 +3,10 @@
 use turbid_contract::payload::{Covariance, Frames, Pattern, Power, Scene, Truth, White};
 use turbid_contract::{Ctx, Error, Known, Problems, Stage, StagePlan, in_ports, out_ports};
 
+use crate::field::Field;
 use crate::forward::tally;
 use crate::frames::Images;
+use crate::glint::{Glinting, glints};
 use crate::method::{Taken, sums};
 use crate::params::Params;
 use crate::power::power;
@@ -92,7 +94,16 @@ impl Stage for RenderStage {
         };
         let taken = Taken::of(params, &scene, inputs.pattern.is_some());
         let traced = sums(&taken, params, &scene, &rig, &shown, ctx)?;
-        let estimate = traced.estimate(&rig, &shown, ctx)?;
+        let mut estimate = traced.estimate(&rig, &shown, ctx)?;
+        let glints = glints(&rig, &shown, ctx)?;
+        estimate.channels = estimate
+            .channels
+            .into_iter()
+            .zip(glints)
+            .map(|(field, glints)| -> Box<dyn Field> {
+                if glints.is_empty() { field } else { Box::new(Glinting { field, glints }) }
+            })
+            .collect();
         let images = Images {
             shown: &shown,
             rows: rig.camera.rows,

@@ -1,7 +1,7 @@
 //! Whether a scene looks the same wherever it is looked at, but for the angles and distances of camera and projector.
 
 use glam::DVec3;
-use turbid_contract::payload::{Medium, Projection, Scene, Shape, Specular, Surface};
+use turbid_contract::payload::{Medium, Projection, Scene, Shape, Surface};
 use turbid_optics::diffusion::a_robin;
 
 use crate::rig::Rig;
@@ -62,9 +62,6 @@ pub fn obstacle(scene: &Scene, target_error: Option<f64>) -> Option<String> {
             Surface::Lambertian(_) => true,
             Surface::Textured(_) => return Some(format!("a texture is wrapped around {name}")),
         };
-        if refracts && camera.specular != Some(Specular::Exclude) {
-            return Some(format!("the glint on {name} is seen"));
-        }
         layers.push(Layer { top, bottom, medium, opaque });
     }
     let Some((high, low)) = extent(&layers) else {

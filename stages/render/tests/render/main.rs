@@ -3,6 +3,7 @@
 mod coverage;
 mod extreme;
 mod fit;
+mod glints;
 mod golden;
 mod lanes;
 mod laws;

@@ -1,0 +1,158 @@
+//! All ways of light through a stack of parallel planes, one after the other, until what is left of them is next to nothing.
+
+use glam::DVec3;
+use turbid_contract::Error;
+use turbid_optics::fresnel::normal_reflectance;
+use turbid_optics::refraction::{Crossing, Leg};
+use turbid_optics::solid::Solid;
+
+use crate::lamp::Source;
+use crate::link::{Link, Target, Way};
+use crate::path::Walker;
+use crate::strata::{Bending, Strata};
+use crate::world::World;
+
+/// Ways are followed no further once they carry less than this part of the light: their sum is below it times the number of planes
+/// at each of which one ends.
+const FAINT: f64 = 1e-10;
+/// Planes met by all ways together, beyond which they are too many.
+const MOST_EVENTS: usize = 1 << 22;
+
+/// What the search shares.
+struct Search<'a> {
+    strata: &'a Strata,
+    /// Of each layer, a bound of what it lets through.
+    clear: &'a [f64],
+    source: Source<'a>,
+    target: Target,
+    /// The layer in which the light is.
+    last: usize,
+    /// No way is less steep.
+    slope: Crossing,
+    from: DVec3,
+    events: usize,
+    links: Vec<Link>,
+}
+
+impl Walker<'_> {
+    /// Every lit way from a source to `r` that a plane turns; all of them with the probability 1.
+    ///
+    /// Error: they are too many, because hardly any light is lost between planes.
+    pub(super) fn ways_through_planes(&mut self, source: Source<'_>, r: DVec3) -> Result<Vec<Link>, Error> {
+        let Bending::AtPlanes(strata) = self.bending.clone() else { return Ok(Vec::new()) };
+        let target = Target::of(source);
+        let n_least = strata.layers.iter().map(|layer| layer.n).fold(f64::INFINITY, f64::min);
+        let last = strata.layer(target.origin.z, !target.is_above(r.z));
+        let first = self.layer(&strata, r, None, target.is_above(r.z));
+        let across = target.towards.unwrap_or(target.origin - r);
+        // Within a layer the least upright length of a way is that by the nearer plane, else that of the straight line.
+        let edges = [first.checked_sub(1), Some(first)].map(|i| i.and_then(|i| strata.edges.get(i)));
+        let by_plane = edges.into_iter().flatten().map(|z| (r.z - z).abs() + (target.origin.z - z).abs());
+        let depth = if first == last && target.towards.is_none() {
+            by_plane.fold(f64::INFINITY, f64::min)
+        } else {
+            across.z.abs()
+        };
+        let leg = Leg { n: n_least, depth };
+        // A beam along the planes meets none.
+        let Some(slope) = Crossing::new([leg].into_iter(), across.truncate().length()) else { return Ok(Vec::new()) };
+        let clear = clear(self.setting.world, &strata);
+        let mut search = Search {
+            strata: &strata,
+            clear: &clear,
+            source,
+            target,
+            last,
+            slope,
+            from: r,
+            events: 0,
+            links: Vec::new(),
+        };
+        let mut way = Way::default();
+        for up in [true, false] {
+            let layer = self.layer(&strata, r, None, up);
+            self.follow(&mut search, &mut way, (layer, r.z, up), 1.0)?;
+        }
+        Ok(search.links)
+    }
+
+    /// Goes on from height z in a layer; `left` bounds the light that is left.
+    fn follow(
+        &mut self,
+        search: &mut Search<'_>,
+        way: &mut Way,
+        (layer, z, up): (usize, f64, bool),
+        left: f64,
+    ) -> Result<(), Error> {
+        let strata = search.strata;
+        if layer == search.last && up == search.target.is_above(z) && way.is_bent() {
+            way.go(strata.layers[layer].n, z, search.target.origin.z, up);
+            let link = self.along(search.source, search.from, None, way, 1.0);
+            search.links.extend(link.filter(|link| link.lit));
+            way.undo();
+        }
+        let Some((edge, next)) = strata.onward(layer, up) else { return Ok(()) };
+        if strata.layers[next].opaque {
+            return Ok(());
+        }
+        search.events += 1;
+        if search.events > MOST_EVENTS {
+            return Err(Error::failed_with_hint(
+                "the glint comes by more ways between the planes than can be followed",
+                "write `specular: exclude`, or take layers out that hardly reflect",
+            ));
+        }
+        let (n, beyond) = (strata.layers[layer].n, strata.layers[next].n);
+        let reflectance = search.slope.reflectance(n, beyond);
+        // From straight down to that slope the reflectance falls or grows, or falls and then grows.
+        let most = reflectance.max(normal_reflectance(n / beyond));
+        let least = reflectance.min(0.5 * normal_reflectance(n / beyond));
+        // The first stretch begins within its layer.
+        let left = if way.is_bent() { left * search.clear[layer] } else { left };
+        way.go(n, z, edge, up);
+        for (reflected, left) in [(false, left * (1.0 - least)), (true, left * most)] {
+            if left > FAINT {
+                way.meet(n, beyond, reflected);
+                let on = if reflected { (layer, edge, !up) } else { (next, edge, up) };
+                self.follow(search, way, on, left)?;
+                way.forget();
+            }
+        }
+        way.undo();
+        Ok(())
+    }
+}
+
+/// Of each layer, the most that straight light can keep from one of its planes to the other; 1 in the outer ones.
+fn clear(world: &World, strata: &Strata) -> Vec<f64> {
+    let mut cuts: Vec<f64> = Vec::new();
+    for body in &world.bodies {
+        if let Solid::Slab { bottom, top } = body.solid {
+            cuts.extend([bottom, top]);
+        }
+    }
+    cuts.sort_by(f64::total_cmp);
+    let within = |low: f64, high: f64| {
+        let middle = 0.5 * (low + high);
+        let slab =
+            world.bodies.iter().find(|b| matches!(b.solid, Solid::Slab { .. }) && b.solid.contains(DVec3::Z * middle));
+        let around = slab.map_or(0.0, |b| world.materials[b.material].mu_t());
+        // Others may lie in its place.
+        let others = world.bodies.iter().filter(|b| {
+            let (from, to) = b.solid.bounds();
+            !matches!(b.solid, Solid::Slab { .. }) && from.z < high && to.z > low
+        });
+        others.map(|b| world.materials[b.material].mu_t()).fold(around, f64::min) * (high - low)
+    };
+    let layers = 0..strata.layers.len();
+    let tau = layers.map(|i| {
+        let (Some(&low), Some(&high)) = (i.checked_sub(1).and_then(|i| strata.edges.get(i)), strata.edges.get(i))
+        else {
+            return 0.0;
+        };
+        let inner = cuts.iter().copied().filter(|&z| z >= low && z <= high);
+        let inner: Vec<f64> = inner.collect();
+        inner.windows(2).map(|pair| within(pair[0], pair[1])).sum::<f64>()
+    });
+    tau.map(|tau| libm::exp(-tau)).collect()
+}
