@@ -17,6 +17,8 @@ pub struct Directions<const N: usize> {
     pub flux_root: [f64; N],
     /// Shares of the incident flux in the air; their sum is 1.
     pub incident: [f64; N],
+    /// 1 for the directions of the rule, 0 for one beside it.
+    pub counted: [f64; N],
     /// Legendre moments of the phase function that the rule bears.
     pub terms: usize,
 }
@@ -32,42 +34,33 @@ impl<const N: usize> Directions<N> {
     /// light is reflected, and above it Radau in the cosine in air: there Fresnel's reflectance has no square-root corner.
     /// A cone cuts the rule at its edge.
     pub fn new(n: f64, light: Incidence) -> Self {
-        let inside = |x: f64| (1.0 - (1.0 - x * x) / (n * n)).sqrt();
+        let inside = |angle: f64| refracted(n, (libm::cos(angle), 0.0)).0;
         let mut terms = if n == 1.0 { 2 * N } else { 5 * N / 4 };
-        let mut rule = match light {
-            Incidence::Normal | Incidence::Diffuse => full_rule(n, N),
+        // (cosine, weight, share of the incident flux, counted)
+        let mut rule: Vec<(f64, f64, f64, f64)> = match light {
+            Incidence::Normal => {
+                full_rule(n, N).into_iter().map(|(x, w)| (x, w, if x == 1.0 { 1.0 } else { 0.0 }, 1.0)).collect()
+            }
+            Incidence::Diffuse => {
+                let share = |x, w| if x > critical_cos(n) { 2.0 * n * n * x * w } else { 0.0 };
+                full_rule(n, N).into_iter().map(|(x, w)| (x, w, share(x, w), 1.0)).collect()
+            }
             Incidence::Oblique(angle) => {
                 terms = if n == 1.0 { 2 * (N - 1) } else { 5 * (N - 1) / 4 };
-                let mut rule = full_rule(n, N - 1);
-                rule.push((inside(libm::cos(angle)), BESIDE));
-                rule
+                let beam = (inside(angle), BESIDE, 1.0, 0.0);
+                full_rule(n, N - 1).into_iter().map(|(x, w)| (x, w, 0.0, 1.0)).chain([beam]).collect()
             }
             Incidence::Cone(angle) => {
                 terms = N;
-                cut_rule(n, N, angle)
+                let edge = inside(angle);
+                let rule = cut_rule(n, N, angle);
+                let total = rule.iter().filter(|node| node.0 > edge).fold(0.0, |sum, (x, w)| sum + x * w);
+                let share = |x, w| if x > edge { x * w / total } else { 0.0 };
+                rule.into_iter().map(|(x, w)| (x, w, share(x, w), 1.0)).collect()
             }
         };
-        let beam = rule.len() - 1;
-        let edge = match light {
-            Incidence::Cone(angle) => inside(libm::cos(angle)),
-            _ => critical_cos(n),
-        };
-        let total = rule.iter().filter(|node| node.0 > edge).fold(0.0, |sum, (x, w)| sum + x * w);
-        let mut rule: Vec<(f64, f64, f64)> = rule
-            .drain(..)
-            .enumerate()
-            .map(|(i, (x, w))| {
-                let share = match light {
-                    Incidence::Normal | Incidence::Oblique(_) => f64::from(u8::from(i == beam)),
-                    Incidence::Diffuse if x > edge => 2.0 * n * n * x * w,
-                    Incidence::Cone(_) if x > edge => x * w / total,
-                    _ => 0.0,
-                };
-                (x, w, share)
-            })
-            .collect();
         rule.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let rule: [(f64, f64, f64); N] = rule.try_into().expect("a rule of N directions");
+        let rule: [(f64, f64, f64, f64); N] = rule.try_into().expect("a rule of N directions");
         Self {
             n,
             cosines: rule.map(|r| r.0),
@@ -75,6 +68,7 @@ impl<const N: usize> Directions<N> {
             inverse_roots: rule.map(|r| 1.0 / r.0.sqrt()),
             flux_root: rule.map(|r| (r.0 * r.1).sqrt()),
             incident: rule.map(|r| r.2),
+            counted: rule.map(|r| r.3),
             terms,
         }
     }

@@ -6,9 +6,12 @@
 use rayon::prelude::*;
 
 use crate::forward::Plan;
-use crate::inverse::{DARK, Fit, Flags, Inverse, RESIDUAL, ROUNDING, Reading, Step, bisect, newton_on, parts};
+use crate::inverse::{
+    DARK, Fit, Flags, Inverse, RESIDUAL, ROUNDING, Reading, Step, TABLE, bisect, newton_on, parts, table_entry,
+};
 use crate::spheres::{Instrument, Lost, Seen, Spheres};
-use crate::{Error, Incidence, Response, Slab};
+use crate::state::{State, state, state_with_slopes, state_with_slopes_per_depth};
+use crate::{Error, Incidence, Slab};
 
 /// What an instrument reports of one sample, with standard errors (0: exact).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -38,6 +41,8 @@ pub struct Solution {
     /// Covariance of mu_a and mu_s' in mm^-2: [aa, ss, as]; `None` where the readings leave a direction open. On a limit that of the
     /// unlimited fit.
     pub covariance: Option<[f64; 3]>,
+    /// mu_a and mu_s', mm^-1, of another medium that gives the same readings; then the fit is flagged as ambiguous.
+    pub other: Option<[f64; 2]>,
 }
 
 impl Solution {
@@ -68,15 +73,8 @@ pub struct Experiment<const N: usize> {
     /// The slab seen from below, where its sides differ.
     flipped: Option<Box<Plan<N>>>,
     coarse_flipped: Option<Box<Plan<4>>>,
-    starts: Vec<([f64; 2], State)>,
-}
-
-#[derive(Clone, Copy)]
-struct State {
-    seen: Seen,
-    absorbed: f64,
-    /// Absorbed in the slides.
-    slides: f64,
+    /// States of the coarse model, [`TABLE`] scatterings for each absorption.
+    starts: Vec<Option<State>>,
 }
 
 impl<const N: usize> Experiment<N> {
@@ -93,11 +91,11 @@ impl<const N: usize> Experiment<N> {
         let differs = slab.top != slab.bottom && instrument.spheres != Spheres::None;
         let flipped = differs.then(|| Plan::new(&turned).map(Box::new)).transpose()?;
         let coarse_flipped = differs.then(|| Plan::new(&turned).map(Box::new)).transpose()?;
-        let starts = inverse
-            .table
-            .iter()
-            .filter_map(|&(x, _)| Some((x, state(&inverse.coarse, coarse_flipped.as_deref(), x.map(libm::exp))?)));
-        let starts = starts.collect();
+        let starts = (0..TABLE * TABLE)
+            .map(|k| {
+                state(&inverse.coarse, coarse_flipped.as_deref(), table_entry(k / TABLE, k % TABLE).map(libm::exp))
+            })
+            .collect();
         Ok(Self { inverse, instrument: *instrument, flipped, coarse_flipped, starts })
     }
 
@@ -119,13 +117,13 @@ impl<const N: usize> Experiment<N> {
         let slab = self.inverse.plan().slab();
         let clear = slab.top.tau == 0.0 && slab.bottom.tau == 0.0;
         let limit = self.limits(measured);
-        let fit = if self.instrument == Instrument::NONE && measured.lost == Lost::default() && clear {
+        let (fit, other) = if self.instrument == Instrument::NONE && measured.lost == Lost::default() && clear {
             let sigma = limit[0].max(limit[1]);
-            self.inverse.invert(&Reading { m_r: measured.m_r, m_t: measured.m_t, sigma })?
+            (self.inverse.invert(&Reading { m_r: measured.m_r, m_t: measured.m_t, sigma })?, None)
         } else {
             self.search(measured, limit)?
         };
-        Ok(Solution { fit, covariance: self.covariance(measured, &fit) })
+        Ok(Solution { fit, covariance: self.covariance(measured, &fit), other })
     }
 
     /// The same for many, on all threads; the same bits as one by one.
@@ -141,7 +139,7 @@ impl<const N: usize> Experiment<N> {
         [m.m_r_se, m.m_t_se].map(|se| (m.limit_sigmas * se).max(ROUNDING))
     }
 
-    fn search(&self, measured: &Measurement, limit: [f64; 2]) -> Result<Fit, Error> {
+    fn search(&self, measured: &Measurement, limit: [f64; 2]) -> Result<(Fit, Option<[f64; 2]>), Error> {
         let m = [measured.m_r, measured.m_t];
         if measured.m_t < -limit[1] {
             return Err(Error::Range { name: "M_T", value: measured.m_t, must: "be >= 0" });
@@ -149,20 +147,20 @@ impl<const N: usize> Experiment<N> {
         if measured.m_t < DARK {
             return Err(self.opaque(measured));
         }
-        let miss = |state: State| self.miss(&state, measured);
         let size = |f: &[f64; 2]| f[0] * f[0] + f[1] * f[1];
-        let nearest = self.starts.iter().filter_map(|(x, s)| Some((x, size(&miss(*s)?))));
-        let nearest = nearest.min_by(|a, b| a.1.total_cmp(&b.1));
+        let entry = |k: usize| {
+            let miss = self.miss(self.starts[k].as_ref()?, measured, true)?;
+            Some((table_entry(k / TABLE, k % TABLE), size(&miss)))
+        };
+        let nearest = (0..TABLE * TABLE).filter_map(entry).min_by(|a, b| a.1.total_cmp(&b.1));
         let mut best = None;
-        if let Some((&start, _)) = nearest {
-            let coarse =
-                |x| self.step(state_with_slopes(&self.inverse.coarse, self.coarse_flipped.as_deref(), x), measured);
-            let (start, _) = newton_on(coarse, start, 1e-4);
-            let full = |x| self.step(state_with_slopes(self.inverse.plan(), self.flipped.as_deref(), x), measured);
-            let (found, iterations) = newton_on(full, start, 1e-13);
-            let fit = self.fit(m, measured, found.map(libm::exp), iterations, Flags::default());
+        if let Some((start, _)) = nearest {
+            let start = self.coarse_root(start, measured);
+            let mut fit = self.full_root(start, measured);
             if fit.residual <= RESIDUAL {
-                return Ok(fit);
+                let other = self.other(start, &fit, measured);
+                fit.flags.ambiguous = other.is_some();
+                return Ok((fit, other));
             }
             best = Some(fit);
         }
@@ -176,14 +174,14 @@ impl<const N: usize> Experiment<N> {
             bisect(-40.0, 10.0, |x| target([libm::exp(x), 0.0]).is_some_and(|(s, [_, t])| s.seen.beam[1] > t));
         let clear = [libm::exp(absorption), 0.0];
         for (x, flags) in [
-            (conservative, Flags { conservative: true, no_scatter: false }),
-            (clear, Flags { conservative: false, no_scatter: true }),
-            ([0.0, 0.0], Flags { conservative: true, no_scatter: true }),
+            (conservative, Flags { conservative: true, ..Flags::default() }),
+            (clear, Flags { no_scatter: true, ..Flags::default() }),
+            ([0.0, 0.0], Flags { conservative: true, no_scatter: true, ..Flags::default() }),
         ] {
             let Some(state) = self.state(x) else { continue };
             let read = self.instrument.readings(&state.seen, &measured.lost);
             if (0..2).all(|i| (read[i] - m[i]).abs() <= limit[i]) {
-                return Ok(self.fit(read, measured, x, 0, flags));
+                return Ok((self.fit(read, measured, x, 0, flags), None));
             }
         }
         if let Some((s, [r, t])) = target(conservative) {
@@ -203,8 +201,8 @@ impl<const N: usize> Experiment<N> {
     }
 
     /// How far a trial medium is from the UR1 and UT1 that the readings mean with it.
-    fn miss(&self, state: &State, measured: &Measurement) -> Option<[f64; 2]> {
-        let clear = &self.inverse.clear;
+    fn miss(&self, state: &State, measured: &Measurement, coarse: bool) -> Option<[f64; 2]> {
+        let clear = if coarse { &self.inverse.coarse_clear } else { &self.inverse.clear };
         let [r, t] = self.instrument.slab([measured.m_r, measured.m_t], &state.seen, &measured.lost);
         let wanted = parts(clear, [r, t, (1.0 - t) - r - state.slides]);
         let [r, own_t] = state.seen.beam;
@@ -216,20 +214,105 @@ impl<const N: usize> Experiment<N> {
         miss.iter().all(|x| x.is_finite()).then_some(miss)
     }
 
-    fn step(&self, at: Option<(State, [State; 2])>, measured: &Measurement) -> Option<Step> {
+    /// The coarse model's own solution, from a state nearby; both in (ln mu_a d, ln mu_s' d).
+    fn coarse_root(&self, start: [f64; 2], measured: &Measurement) -> [f64; 2] {
+        let (plan, flipped) = (&self.inverse.coarse, self.coarse_flipped.as_deref());
+        newton_on(|x| self.step(state_with_slopes(plan, flipped, x)?, measured, true), start, 1e-4).0
+    }
+
+    fn full_root(&self, start: [f64; 2], measured: &Measurement) -> Fit {
+        let (plan, flipped) = (self.inverse.plan(), self.flipped.as_deref());
+        let (found, iterations) =
+            newton_on(|x| self.step(state_with_slopes(plan, flipped, x)?, measured, false), start, 1e-13);
+        self.fit([measured.m_r, measured.m_t], measured, found.map(libm::exp), iterations, Flags::default())
+    }
+
+    fn step(&self, at: (State, [State; 2]), measured: &Measurement, coarse: bool) -> Option<Step> {
         // The balance is plain algebra: its own differences are exact to the square of this.
         const H: f64 = 1e-6;
-        let (state, slopes) = at?;
-        let miss = self.miss(&state, measured)?;
+        let (state, slopes) = at;
+        let miss = self.miss(&state, measured, coarse)?;
         let mut jacobian = [[0.0; 2]; 2];
         for (j, slope) in slopes.iter().enumerate() {
-            let [low, high] =
-                [self.miss(&state.moved(slope, -H), measured)?, self.miss(&state.moved(slope, H), measured)?];
+            let moved = |h: f64| self.miss(&state.moved(slope, h), measured, coarse);
+            let (low, high) = (moved(-H)?, moved(H)?);
             for i in 0..2 {
                 jacobian[i][j] = (high[i] - low[i]) / (2.0 * H);
             }
         }
         Some(Step { miss, jacobian })
+    }
+
+    /// Another medium with the readings of `fit`, where walls are so white that M_R hardly depends on mu_s' and folds back.
+    ///
+    /// M_T falls with mu_a, so each scattering of the table has one absorption with the M_T measured; where M_R along
+    /// these crosses what was measured, comes closest to it or ends, the search starts again.
+    fn other(&self, found: [f64; 2], fit: &Fit, measured: &Measurement) -> Option<[f64; 2]> {
+        if self.instrument.spheres == Spheres::None {
+            return None;
+        }
+        let along: Vec<Option<([f64; 2], f64)>> = (0..TABLE).map(|s| self.on_row(s, measured)).collect();
+        let at = |s: usize| along.get(s).copied().flatten();
+        let candidate = |s: usize| {
+            let (x, gap) = at(s)?;
+            let neighbours = [s.checked_sub(1).and_then(at), at(s + 1)];
+            let ends = neighbours.iter().any(Option::is_none);
+            let crosses = neighbours.iter().flatten().any(|n| n.1.signum() != gap.signum());
+            let nearest = neighbours.iter().flatten().all(|n| n.1.abs() >= gap.abs());
+            (ends || crosses || nearest).then_some(x)
+        };
+        let far = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).abs().max((a[1] - b[1]).abs()) > 1e-3;
+        let d = self.inverse.plan().slab().thickness_mm;
+        let own = [fit.mu_a_per_mm * d, fit.mu_s_prime_per_mm * d].map(libm::log);
+        let from = |start: [f64; 2]| {
+            let other = self.full_root(start, measured);
+            let x = [other.mu_a_per_mm * d, other.mu_s_prime_per_mm * d].map(libm::log);
+            (other.residual <= RESIDUAL && far(x, own)).then_some([other.mu_a_per_mm, other.mu_s_prime_per_mm])
+        };
+        let distant = |start: [f64; 2]| {
+            let root = self.coarse_root(start, measured);
+            if far(root, found) { from(root) } else { None }
+        };
+        (0..TABLE)
+            .filter_map(candidate)
+            .find_map(distant)
+            .or_else(|| self.across_the_fold(own, measured).find_map(from))
+    }
+
+    /// Starts on either side of a root next to a fold: along the direction that hardly changes the readings.
+    fn across_the_fold(&self, root: [f64; 2], measured: &Measurement) -> impl Iterator<Item = [f64; 2]> {
+        // Far from a fold both readings tell a coefficient each; sines of 0.2 between their gradients say otherwise.
+        const SHARP: f64 = 0.2;
+        let step = state_with_slopes(self.inverse.plan(), self.flipped.as_deref(), root)
+            .and_then(|at| self.step(at, measured, false));
+        let direction = step.and_then(|step| {
+            let [r, t] = step.jacobian;
+            let length = |v: [f64; 2]| (v[0] * v[0] + v[1] * v[1]).sqrt();
+            let near = (r[0] * t[1] - r[1] * t[0]).abs() < SHARP * length(r) * length(t);
+            let steeper = if length(r) > length(t) { r } else { t };
+            near.then(|| [-steeper[1], steeper[0]].map(|x| x / length(steeper)))
+        });
+        direction
+            .into_iter()
+            .flat_map(move |v| [0.1, -0.1, 0.5, -0.5, 1.5, -1.5].map(|h| [root[0] + h * v[0], root[1] + h * v[1]]))
+    }
+
+    /// On this scattering of the table: where M_T is that measured, and by how much M_R is above its reading there.
+    fn on_row(&self, scattering: usize, measured: &Measurement) -> Option<([f64; 2], f64)> {
+        let read = |a: usize| {
+            let state = self.starts[a * TABLE + scattering].as_ref()?;
+            Some(self.instrument.readings(&state.seen, &measured.lost))
+        };
+        for a in 0..TABLE - 1 {
+            let (Some(here), Some(next)) = (read(a), read(a + 1)) else { continue };
+            if here[1] >= measured.m_t && next[1] < measured.m_t {
+                let share = (here[1] - measured.m_t) / (here[1] - next[1]);
+                let (low, high) = (table_entry(a, scattering), table_entry(a + 1, scattering));
+                let x = [low[0] + share * (high[0] - low[0]), low[1]];
+                return Some((x, here[0] + share * (next[0] - here[0]) - measured.m_r));
+            }
+        }
+        None
     }
 
     /// `allowed` are the readings that the fit should give back.
@@ -383,91 +466,4 @@ fn check(m: &Measurement) -> Result<(), Error> {
         return Err(Error::BelowSpecular { min: 0.0 });
     }
     Ok(())
-}
-
-/// What a slab of mu_a d, mu_s' d does.
-fn state<const M: usize>(plan: &Plan<M>, flipped: Option<&Plan<M>>, [a, s]: [f64; 2]) -> Option<State> {
-    let r = plan.respond(plan.depths_of(a, s))?;
-    let below = match flipped {
-        None => r.uru,
-        Some(plan) => plan.respond(plan.depths_of(a, s))?.uru,
-    };
-    let slides = if has_dark_slides(plan) { (1.0 - r.ut1) - r.ur1 - r.absorbed } else { 0.0 };
-    Some(State::new(&r, below, slides))
-}
-
-/// The same with its derivatives.
-fn state_with_slopes_per_depth<const M: usize>(
-    plan: &Plan<M>,
-    flipped: Option<&Plan<M>>,
-    [a, s]: [f64; 2],
-) -> Option<(State, [State; 2])> {
-    let (r, slopes) = plan.respond_with_slopes(plan.depths_of(a, s))?;
-    let (below, below_slopes) = match flipped {
-        None => (r.uru, slopes.map(|s| s.uru)),
-        Some(plan) => {
-            let (r, slopes) = plan.respond_with_slopes(plan.depths_of(a, s))?;
-            (r.uru, slopes.map(|s| s.uru))
-        }
-    };
-    let dark = has_dark_slides(plan);
-    let slides = if dark { (1.0 - r.ut1) - r.ur1 - r.absorbed } else { 0.0 };
-    let slopes = std::array::from_fn(|i| {
-        let s = &slopes[i];
-        State::new(s, below_slopes[i], if dark { -s.ut1 - s.ur1 - s.absorbed } else { 0.0 })
-    });
-    Some((State::new(&r, below, slides), slopes))
-}
-
-/// At the logarithms of both depths, with the derivatives by these.
-fn state_with_slopes<const M: usize>(
-    plan: &Plan<M>,
-    flipped: Option<&Plan<M>>,
-    x: [f64; 2],
-) -> Option<(State, [State; 2])> {
-    let depths = x.map(libm::exp);
-    let (state, slopes) = state_with_slopes_per_depth(plan, flipped, depths)?;
-    Some((state, std::array::from_fn(|i| slopes[i].times(depths[i]))))
-}
-
-fn has_dark_slides<const M: usize>(plan: &Plan<M>) -> bool {
-    plan.slab().top.tau > 0.0 || plan.slab().bottom.tau > 0.0
-}
-
-impl State {
-    fn new(r: &Response, uru_below: f64, slides: f64) -> Self {
-        let seen = Seen {
-            beam: [r.ur1, r.ut1],
-            unscattered: [r.ur1_unscattered, r.ut1_unscattered],
-            uru: [r.uru, uru_below],
-            utu: r.utu,
-        };
-        Self { seen, absorbed: r.absorbed, slides }
-    }
-
-    fn times(&self, h: f64) -> Self {
-        let Seen { beam, unscattered, uru, utu } = self.seen;
-        let [beam, unscattered, uru] = [beam, unscattered, uru].map(|pair| pair.map(|x| h * x));
-        Self {
-            seen: Seen { beam, unscattered, uru, utu: h * utu },
-            absorbed: h * self.absorbed,
-            slides: h * self.slides,
-        }
-    }
-
-    /// `h` along `slope`.
-    fn moved(&self, slope: &Self, h: f64) -> Self {
-        let by = slope.times(h);
-        let pair = |a: [f64; 2], b: [f64; 2]| [a[0] + b[0], a[1] + b[1]];
-        Self {
-            seen: Seen {
-                beam: pair(self.seen.beam, by.seen.beam),
-                unscattered: pair(self.seen.unscattered, by.seen.unscattered),
-                uru: pair(self.seen.uru, by.seen.uru),
-                utu: self.seen.utu + by.seen.utu,
-            },
-            absorbed: self.absorbed + by.absorbed,
-            slides: self.slides + by.slides,
-        }
-    }
 }

@@ -29,9 +29,9 @@ pub struct Response {
 pub struct Plan<const N: usize> {
     slab: Slab,
     light: Incidence,
-    directions: Directions<N>,
+    pub(crate) directions: Directions<N>,
     coupling: Coupling<N>,
-    sides: Sides<N>,
+    pub(crate) sides: Sides<N>,
     /// Share of diffuse light, and of the plan's, that the top reflects before it enters.
     diffuse_outside: f64,
     outside: f64,
@@ -68,7 +68,7 @@ impl<const N: usize> Plan<N> {
         }
         let sides = Sides::new(&directions, slab.top, slab.bottom);
         let diffuse_outside = (0..N)
-            .filter(|&i| sides.top[i].through > 0.0)
+            .filter(|&i| sides.top[i].through > 0.0 && directions.counted[i] > 0.0)
             .map(|i| 2.0 * slab.n * slab.n * directions.cosines[i] * directions.weights[i] * sides.top[i].outside)
             .fold(0.0, |sum, x| sum + x);
         let outside = directions.over_incident(|i| sides.top[i].outside);
@@ -127,11 +127,12 @@ impl<const N: usize> Plan<N> {
     /// `None` where the quadrature fails, as for all that follows from it.
     pub(crate) fn respond(&self, depths: Depths) -> Option<Response> {
         let [light, diffuse] = self.light(&depths, [self.incident(), self.diffuse()])?;
-        Some(self.response(&depths, light, diffuse))
+        Some(self.response(depths.tau, light, diffuse))
     }
 
-    fn response(&self, depths: &Depths, light: Light, diffuse: Light) -> Response {
-        let (ur1_unscattered, ut1_unscattered) = self.unscattered(depths.tau);
+    /// Of an optical thickness `tau` in all.
+    pub(crate) fn response(&self, tau: f64, light: Light, diffuse: Light) -> Response {
+        let (ur1_unscattered, ut1_unscattered) = self.unscattered(tau);
         Response {
             ur1: self.outside + light.reflected,
             ut1: light.transmitted,
@@ -238,7 +239,7 @@ impl<const N: usize> Plan<N> {
                 ut1_unscattered: unscattered(by_tau.1),
             }
         });
-        Some((self.response(&depths, light, diffuse), slopes))
+        Some((self.response(depths.tau, light, diffuse), slopes))
     }
 
     /// Light with the derivatives of R, T and what is absorbed, by the depth of absorption and that of scattering outside the
@@ -300,7 +301,7 @@ impl<const N: usize> Plan<N> {
     }
 
     /// Scaled radiance just inside the top, for unit flux of the plan's light.
-    fn incident(&self) -> [f64; N] {
+    pub(crate) fn incident(&self) -> [f64; N] {
         let Directions { incident, flux_root, .. } = &self.directions;
         std::array::from_fn(|i| {
             if incident[i] > 0.0 { incident[i] * self.sides.top[i].through / flux_root[i] } else { 0.0 }
@@ -308,13 +309,14 @@ impl<const N: usize> Plan<N> {
     }
 
     /// The same for unit Lambertian flux.
-    fn diffuse(&self) -> [f64; N] {
+    pub(crate) fn diffuse(&self) -> [f64; N] {
         let n2 = self.slab.n * self.slab.n;
-        std::array::from_fn(|i| 2.0 * n2 * self.directions.flux_root[i] * self.sides.top[i].through)
+        let Directions { flux_root, counted, .. } = &self.directions;
+        std::array::from_fn(|i| 2.0 * n2 * flux_root[i] * self.sides.top[i].through * counted[i])
     }
 }
 
-fn check_coefficients(mu_a: f64, mu_s_prime: f64) -> Result<(), Error> {
+pub(crate) fn check_coefficients(mu_a: f64, mu_s_prime: f64) -> Result<(), Error> {
     for (name, value) in [("mu_a", mu_a), ("mu_s'", mu_s_prime)] {
         if !value.is_finite() {
             return Err(Error::NotFinite { name });

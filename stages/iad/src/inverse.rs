@@ -21,13 +21,15 @@ pub struct Reading {
     pub sigma: f64,
 }
 
-/// Limits on which a solution lies.
+/// Limits on which a solution lies, and whether it is the only one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Flags {
     /// All light comes back: mu_a = 0. The readings were scaled to M_R + M_T = 1, within their standard error.
     pub conservative: bool,
     /// The surfaces explain M_R: mu_s' = 0.
     pub no_scatter: bool,
+    /// Another medium gives the same readings: behind spheres with walls that are nearly white.
+    pub ambiguous: bool,
 }
 
 /// The medium that explains a reading.
@@ -49,6 +51,15 @@ pub struct Inverse<const N: usize> {
     /// (unknowns, residuals) of the coarse model.
     pub(crate) table: Vec<([f64; 2], [f64; 2])>,
     pub(crate) clear: Clear,
+    pub(crate) coarse_clear: Clear,
+}
+
+/// Absorptions and scatterings in the table of starts.
+pub(crate) const TABLE: usize = 16;
+
+/// (ln mu_a d, ln mu_s' d) of one of them.
+pub(crate) fn table_entry(absorption: usize, scattering: usize) -> [f64; 2] {
+    [-18.0 + 1.4 * absorption as f64, -12.0 + 1.4 * scattering as f64]
 }
 
 /// A fit is one only if it meets both readings this well (relative).
@@ -82,16 +93,9 @@ impl<const N: usize> Inverse<N> {
         let coarse = Plan::lit(slab, light)?;
         // The coarse model has its own directions, and with them its own light where that is not one beam.
         let coarse_clear = Clear::new(&coarse);
-        let mut table = Vec::with_capacity(256);
-        for i in 0..16 {
-            for j in 0..16 {
-                let unknowns = [-18.0 + 1.4 * f64::from(i), -12.0 + 1.4 * f64::from(j)];
-                if let Some(residuals) = model(&coarse, unknowns).and_then(|read| residuals(&coarse_clear, read)) {
-                    table.push((unknowns, residuals));
-                }
-            }
-        }
-        Ok(Self { plan, coarse, table, clear })
+        let state = |x| model(&coarse, x).and_then(|read| residuals(&coarse_clear, read)).map(|f| (x, f));
+        let table = (0..TABLE * TABLE).filter_map(|k| state(table_entry(k / TABLE, k % TABLE))).collect();
+        Ok(Self { plan, coarse, table, clear, coarse_clear })
     }
 
     pub fn plan(&self) -> &Plan<N> {
@@ -140,7 +144,7 @@ impl<const N: usize> Inverse<N> {
         if m_r < r_clear - within {
             return Err(Error::BelowSpecular { min: r_clear });
         }
-        let flags = Flags { conservative, no_scatter: m_r <= r_clear + within };
+        let flags = Flags { conservative, no_scatter: m_r <= r_clear + within, ambiguous: false };
         if flags.no_scatter {
             let tau = if conservative || is_empty { 0.0 } else { self.clear.tau(m_t) };
             return Ok(self.fit(reading, [tau, 0.0], 0, flags));
@@ -155,20 +159,29 @@ impl<const N: usize> Inverse<N> {
     fn search(&self, reading: &Reading, flags: Flags) -> Result<Fit, Error> {
         let Reading { m_r, m_t, .. } = *reading;
         let absorbed = (1.0 - m_t) - m_r;
-        let wanted = residuals(&self.clear, [m_r, m_t, absorbed]).expect("between the limits, as checked");
+        let Some(wanted) = residuals(&self.clear, [m_r, m_t, absorbed]) else {
+            return Err(Error::NotConverged { best: [0.0; 2], residual: f64::INFINITY });
+        };
         let distance = |f: &[f64; 2]| {
             let [a, b] = [f[0] - wanted[0], f[1] - wanted[1]];
             a * a + b * b
         };
         let nearest = self.table.iter().min_by(|a, b| distance(&a.1).total_cmp(&distance(&b.1)));
         let start = nearest.map_or([-3.0, 0.0], |entry| entry.0);
-        let (start, _) = newton_on(|x| step(&self.coarse, &self.clear, wanted, x), start, 1e-4);
-        let (found, iterations) = newton_on(|x| step(&self.plan, &self.clear, wanted, x), start, 1e-13);
-        let fit = self.fit(reading, found.map(libm::exp), iterations, flags);
-        if fit.residual <= RESIDUAL {
-            return Ok(fit);
+        let (polished, _) = newton_on(|x| step(&self.coarse, &self.coarse_clear, wanted, x), start, 1e-4);
+        let mut best = ([0.0; 2], f64::INFINITY);
+        // Where scattering is faint the coarse model may have no such medium; the table still has a neighbour.
+        for start in [polished, start] {
+            let (found, iterations) = newton_on(|x| step(&self.plan, &self.clear, wanted, x), start, 1e-13);
+            let fit = self.fit(reading, found.map(libm::exp), iterations, flags);
+            if fit.residual <= RESIDUAL {
+                return Ok(fit);
+            }
+            if fit.residual <= best.1 {
+                best = ([fit.mu_a_per_mm, fit.mu_s_prime_per_mm], fit.residual);
+            }
         }
-        Err(Error::NotConverged { best: [fit.mu_a_per_mm, fit.mu_s_prime_per_mm], residual: fit.residual })
+        Err(Error::NotConverged { best: best.0, residual: best.1 })
     }
 
     /// Without absorption M_R / M_T alone decides; it grows with mu_s', so halving finds it.

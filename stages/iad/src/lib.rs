@@ -13,8 +13,22 @@
 //! # Ok::<(), turbid_iad::Error>(())
 //! ```
 //!
-//! Lengths mm, coefficients mm^-1. Henyey-Greenstein scattering, collimated light along the normal and diffuse light.
+//! | | |
+//! |---|---|
+//! | [`Plan`], [`Incidence`] | forward model of one slab, under any light, with derivatives |
+//! | [`Stack`] | forward model of layers |
+//! | [`Inverse`] | mu_a and mu_s' from M_R and M_T |
+//! | [`invert_with_g`], [`solve_with_g`] | g too, from M_U |
+//! | [`Experiment`], [`Instrument`] | spheres, lost light, absorbing slides, standard errors, one coefficient known |
+//! | [`laboratory`] | readers of CSV and `.rxt` |
+//!
+//! Lengths mm, coefficients mm^-1, angles rad. Henyey-Greenstein scattering.
 //! Only + - * / and square roots besides `libm`: the same bits on every machine.
+
+/// The examples of the read-me file, run as tests.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+mod readme {}
 
 mod angles;
 mod anisotropy;
@@ -27,12 +41,14 @@ mod forward;
 mod incidence;
 mod inverse;
 pub mod laboratory;
+mod layers;
 mod matrix;
 mod modes;
 mod slab;
 mod spheres;
 #[cfg(feature = "stage")]
 mod stage;
+mod state;
 mod tangent;
 
 pub use anisotropy::{FitWithG, invert_with_g, solve_with_g};
@@ -41,6 +57,7 @@ pub use experiment::{Experiment, From, Known, Measurement, Solution};
 pub use forward::{Plan, Response};
 pub use incidence::Incidence;
 pub use inverse::{Fit, Flags, Inverse, Reading};
+pub use layers::{Layer, Layered, Stack};
 pub use slab::{Slab, Slide, Surface, unscattered, unscattered_depth};
 pub use spheres::{Instrument, Lost, Seen, Sphere, Spheres};
 #[cfg(feature = "stage")]

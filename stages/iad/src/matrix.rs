@@ -116,14 +116,57 @@ pub fn back_substitute<const N: usize>(factor: &Matrix<N>, rows: &mut Matrix<N>)
     }
 }
 
+/// Solves a x = b for each row b of `rows`, by elimination with row pivots; `None` where `a` is singular.
+pub fn solve_rows<const N: usize>(mut a: Matrix<N>, rows: Matrix<N>) -> Option<Matrix<N>> {
+    // Column i of `right` is row i: elimination then runs along rows.
+    let mut right = transposed(&rows);
+    for j in 0..N {
+        let pivot = (j..N).max_by(|&p, &q| a[p][j].abs().total_cmp(&a[q][j].abs()))?;
+        a.swap(j, pivot);
+        right.swap(j, pivot);
+        if a[j][j] == 0.0 || !a[j][j].is_finite() {
+            return None;
+        }
+        let (row, values) = (a[j], right[j]);
+        for i in (0..N).filter(|&i| i != j) {
+            let share = a[i][j] / row[j];
+            for k in j..N {
+                a[i][k] -= share * row[k];
+            }
+            for k in 0..N {
+                right[i][k] -= share * values[k];
+            }
+        }
+    }
+    for j in 0..N {
+        for x in &mut right[j] {
+            *x /= a[j][j];
+        }
+    }
+    Some(transposed(&right))
+}
+
+pub fn transposed<const N: usize>(a: &Matrix<N>) -> Matrix<N> {
+    std::array::from_fn(|i| std::array::from_fn(|j| a[j][i]))
+}
+
+pub fn times<const N: usize>(a: &Matrix<N>, b: &Matrix<N>) -> Matrix<N> {
+    let columns = transposed(b);
+    std::array::from_fn(|i| std::array::from_fn(|j| dot(&a[i], &columns[j])))
+}
+
 /// Rotates the rows of `a` among each other until they are orthogonal: their lengths are then the singular values,
 /// their directions the right singular vectors.
 ///
 /// One-sided Jacobi rotations: each row keeps its digits relative to its own length, however short (Demmel, Veselic,
 /// SIAM J. Matrix Anal. Appl. 13, 1204 (1992)). Returns the lengths; the rows come out normalised.
-pub fn orthogonalise<const N: usize>(a: &mut Matrix<N>) -> [f64; N] {
+///
+/// Orthogonal means to 1e-15 N of the lengths; with `polish` one more sweep rotates by whatever is left, for entries that are
+/// themselves far below the lengths.
+pub fn orthogonalise<const N: usize>(a: &mut Matrix<N>, polish: bool) -> [f64; N] {
     const SWEEPS: usize = 40;
-    let tolerance = 1e-17 * N as f64;
+    let mut tolerance = 1e-15 * N as f64;
+    let mut last = false;
     let mut squares = [0.0; N];
     for _ in 0..SWEEPS {
         for (square, row) in squares.iter_mut().zip(a.iter()) {
@@ -154,8 +197,11 @@ pub fn orthogonalise<const N: usize>(a: &mut Matrix<N>) -> [f64; N] {
                 }
             }
         }
-        if !rotated {
+        if last || !rotated && !polish {
             break;
+        }
+        if !rotated {
+            (tolerance, last) = (0.0, true);
         }
     }
     let mut lengths = [0.0; N];
@@ -203,7 +249,7 @@ mod tests {
     fn rotations_keep_short_rows() {
         let mut a = [[3.0, 1.0, 2.0], [1e-50, -2e-50, 1e-50], [2e-100, 0.0, 1e-100]];
         // det = 3 (-2e-150) - 1 (1e-150 - 2e-150) + 2 (4e-150)
-        let lengths = orthogonalise(&mut a);
+        let lengths = orthogonalise(&mut a, false);
         let product = lengths[0] * lengths[1] * lengths[2];
         assert!((product / 3e-150 - 1.0).abs() < 1e-13, "{product:e}");
         for i in 0..3 {

@@ -53,6 +53,12 @@ impl<const N: usize> Sides<N> {
         let of = |slide| directions.cosines.map(|x| Surface::new(directions.n, slide, x));
         Self { top: of(top), bottom: of(bottom), same: top == bottom }
     }
+
+    /// None: the medium goes on.
+    pub fn open() -> Self {
+        let open = [Surface { inside: 0.0, outside: 0.0, through: 1.0 }; N];
+        Self { top: open, bottom: open, same: true }
+    }
 }
 
 /// Below this tanh x = x to the last bit.
@@ -149,7 +155,7 @@ impl<const N: usize> Modes<N> {
                 q[j][i] = dot(&c[i], &column);
             }
         }
-        let k = orthogonalise(&mut q);
+        let k = orthogonalise(&mut q, directions.counted.contains(&0.0));
         // s = C q.
         let mut s: Matrix<N> = zeros();
         for (mode, q) in s.iter_mut().zip(&q) {

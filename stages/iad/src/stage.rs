@@ -221,7 +221,7 @@ impl SpheresParams {
 
 impl Stage for CalibrateIad {
     const NAME: &'static str = "calibrate_iad";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     const ABOUT: &'static str = "mu_a, mu_s' and g from reflectance and transmittance: inverse adding-doubling";
 
     type Params = Params;

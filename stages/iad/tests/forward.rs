@@ -32,8 +32,9 @@ fn worst_errors<const N: usize>() -> [[f64; 2]; 2] {
     worst
 }
 
-/// Convergence over N against doubling with 64 directions. The bounds are the worst errors measured, rounded up; at
-/// N >= 32 they hold the table's own error too (matched: 5e-6 at g = 0.99, 7e-7 at g = -0.9).
+/// Accuracy over N against doubling with 64 directions. |g| <= 0.9: what is asked, 6e-4, 6e-5, 3e-6 matched, and 7e-4, 6e-5
+/// at N = 16, 32 otherwise (slides and g = -0.9 cost a factor of 1.6 at N = 16). The rest are ceilings for regressions, no
+/// law: what was measured, rounded up. The table's own error is in all of them (matched: 5e-6 at g = 0.99, 7e-7 at g = -0.9).
 #[test]
 fn forward_table_by_quadrature() {
     let check = |n: usize, worst: [[f64; 2]; 2], bounds: [[f64; 2]; 2]| {
@@ -41,9 +42,9 @@ fn forward_table_by_quadrature() {
             assert!(class <= bound, "N = {n}: {worst:?}, bounds {bounds:?}");
         }
     };
-    check(8, worst_errors::<8>(), [[8e-5, 2e-4], [4e-3, 8e-3]]);
-    check(16, worst_errors::<16>(), [[4e-6, 3e-5], [1.1e-3, 2e-3]]);
-    check(32, worst_errors::<32>(), [[8e-7, 7e-7], [6e-5, 4e-4]]);
+    check(8, worst_errors::<8>(), [[6e-4, 2e-4], [4e-3, 8e-3]]);
+    check(16, worst_errors::<16>(), [[6e-5, 3e-5], [1.1e-3, 2e-3]]);
+    check(32, worst_errors::<32>(), [[3e-6, 5e-6], [6e-5, 4e-4]]);
 }
 
 /// At N = 48 within 2.5 times what the reference itself changes from 48 to 64 directions: both errors, by different rules.
@@ -141,16 +142,53 @@ fn pure_absorber() {
         }
     }
     let matched = plan::<32>(&Slab::bare(1.0, 0.0, 1.0));
-    // 2 E_3(1), 2 E_3(5) (Abramowitz, Stegun, table 5.4).
-    for (tau, truth) in [(1.0, 2.0 * 0.109_691_967_197_76), (5.0, 2.0 * 8.778_008_928e-4)] {
+    for tau in [0.01, 0.1, 1.0, 5.0] {
         let utu = at(&matched, 0.0, tau).utu;
-        assert!((utu - truth).abs() < 1e-11, "tau = {tau}: {utu}");
+        // exp(-tau / cos) bends sharply where cos is about tau: Radau's own error for thin slabs.
+        let within = if tau < 1.0 { 2e-7 } else { 1e-12 };
+        assert!((utu - 2.0 * e_3(tau)).abs() < within, "tau = {tau}: {utu}");
     }
 }
 
-/// At albedo 1 nothing is lost, at any depth: N = 32, worst measured 1.4e-13 (rounding of the modes, not of the depth).
+/// E_3 by the series of E_1 and its recurrence; the digits lost to it at tau = 5 are two.
+fn e_3(tau: f64) -> f64 {
+    let (mut sum, mut term) = (0.0, 1.0);
+    for k in 1..60 {
+        term *= -tau / f64::from(k);
+        sum -= term / f64::from(k);
+    }
+    const EULER: f64 = 0.577_215_664_901_532_9;
+    let e_1 = sum - EULER - libm::log(tau);
+    let pass = libm::exp(-tau);
+    0.5 * (pass - tau * (pass - tau * e_1))
+}
+
+/// Peaks that hardly any rule resolves are as good as those that are: g = 0.9999 (not in the table) at N = 16, 24 against 48,
+/// at the same mu_s', and near the similar medium of g = 0.99, whose second moment differs by 1e-4 of the scattering.
+#[test]
+fn extreme_peaks_converge() {
+    fn run<const N: usize>(n: f64, g: f64) -> [f64; 4] {
+        four(&plan::<N>(&slab(n, g, 1.0)).forward(0.1, 2.0).expect("within range"))
+    }
+    let apart = |a: [f64; 4], b: [f64; 4]| a.iter().zip(b).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max);
+    for n in [1.0, 1.4] {
+        for g in [0.9999, -0.9999, 0.99, -0.99] {
+            let fine = run::<48>(n, g);
+            let (coarse, middle) = (apart(run::<16>(n, g), fine), apart(run::<24>(n, g), fine));
+            println!("n {n} g {g}: {coarse:.1e} {middle:.1e}");
+            let within = if n == 1.0 { 2e-4 } else { 2e-3 };
+            assert!(coarse < within && middle < within && middle < coarse, "n {n} g {g}: {coarse:.1e} {middle:.1e}");
+        }
+        let similar = apart(run::<48>(n, 0.9999), run::<48>(n, 0.99));
+        assert!(similar < 5e-3, "n = {n}: {similar:.1e}");
+    }
+}
+
+/// At albedo 1 nothing is lost, at any depth: within the roundings of two sums over N modes of N directions, 2 N^2 of them
+/// at N = 32 (4.5e-13; measured 1.4e-13), and none of the depth.
 #[test]
 fn conservative_slabs_lose_nothing() {
+    const ROUNDINGS: f64 = 2.0 * 32.0 * 32.0 * f64::EPSILON;
     for g in [-0.9, 0.0, 0.9, 0.99, 0.9999] {
         for (n, n_slide) in [(1.0, 1.0), (1.4, 1.0), (1.4, 1.5)] {
             let plan = plan::<32>(&slab(n, g, n_slide));
@@ -158,8 +196,8 @@ fn conservative_slabs_lose_nothing() {
                 let response = at(&plan, 1.0, tau);
                 assert_eq!((response.absorbed, response.absorbed_diffuse), (0.0, 0.0));
                 let [beam, diffuse] = [response.ur1 + response.ut1, response.uru + response.utu];
-                assert!((beam - 1.0).abs() < 5e-13, "g = {g}, n = {n}, tau = {tau}: {beam}");
-                assert!((diffuse - 1.0).abs() < 5e-13, "g = {g}, n = {n}, tau = {tau}: {diffuse}");
+                assert!((beam - 1.0).abs() < ROUNDINGS, "g = {g}, n = {n}, tau = {tau}: {beam}");
+                assert!((diffuse - 1.0).abs() < ROUNDINGS, "g = {g}, n = {n}, tau = {tau}: {diffuse}");
                 assert!(tau < f64::INFINITY || (response.ut1, response.utu) == (0.0, 0.0));
             }
         }

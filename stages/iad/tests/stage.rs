@@ -155,7 +155,7 @@ fn mistakes_are_named_before_anything_runs() {
 fn golden() {
     let fit = run(r#"{"file": "a.csv", "n": 1.4, "g": 0.8, "thickness": 1, "N": 8}"#, Some("m_r,m_t\n0.3,0.2\n"), None);
     let bits = |name: &str| fit.f64s(name).expect("a column")[0].to_bits();
-    assert_eq!((CalibrateIad::VERSION, bits("mu_a"), bits("mu_s_prime")), (2, GOLDEN[0], GOLDEN[1]));
+    assert_eq!((CalibrateIad::VERSION, bits("mu_a"), bits("mu_s_prime")), (3, GOLDEN[0], GOLDEN[1]));
 }
 
-const GOLDEN: [u64; 2] = [4_597_320_004_890_042_237, 4_613_125_534_212_758_406];
+const GOLDEN: [u64; 2] = [4_597_320_004_890_042_175, 4_613_125_534_212_758_442];
