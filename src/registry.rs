@@ -17,6 +17,7 @@ impl Registry {
             .with::<turbid_demodulate::Demodulate>()
             .with::<turbid_dis::CalibrateDis>()
             .with::<turbid_iad::CalibrateIad>()
+            .with::<turbid_import::ImportFrames>()
             .with::<turbid_invert::Invert>()
             .with::<turbid_lut::BuildLut>()
             .with::<turbid_profilometry::Profilometry>()

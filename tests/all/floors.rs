@@ -79,7 +79,9 @@ fn file_formats_stay_in_the_root_package() {
         let manifest = read(root().join("stages").join(&name).join("Cargo.toml"));
         for dependency in dependencies(&manifest, "dependencies") {
             let format = ["exr", "parquet", "arrow-array", "arrow-schema", "polars"].contains(&dependency.as_str());
-            assert!(!format, "stages/{name} has {dependency}");
+            // Foreign files are read, from bytes, by the stage that owns them.
+            let reads = name == "import" && dependency == "exr";
+            assert!(!format || reads, "stages/{name} has {dependency}");
         }
     }
     for path in sources(&root().join("src")) {

@@ -1,0 +1,98 @@
+//! From the numbers of a camera to radiance: gamma, dark and flat field, exposure, and the noise that goes with them.
+
+use turbid_contract::payload::MaskReason;
+
+use crate::decode::Picture;
+
+/// Share of the mean response below which a pixel counts as dead: its gain would be more than 50.
+const DEAD: f64 = 0.02;
+
+/// What the camera is, as far as it is known.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Camera {
+    /// Radiance at the highest number (floating-point pictures: at 1) and exposure 0.
+    pub full_scale: f64,
+    /// number = level^(1 / gamma).
+    pub gamma: f64,
+    /// Share of the highest number from which on a pixel is saturated.
+    pub saturation: f64,
+    /// Electrons at full scale, where standard errors are wanted.
+    pub full_well: Option<f64>,
+    /// Electrons.
+    pub read_noise: f64,
+}
+
+/// One frame as radiance.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Corrected {
+    pub value: Vec<f64>,
+    /// Empty where the camera's noise is not known.
+    pub variance: Vec<f64>,
+    pub reasons: Vec<MaskReason>,
+}
+
+/// Levels, as shares of full scale.
+pub struct Field {
+    levels: Vec<f64>,
+}
+
+impl Camera {
+    fn level(&self, picture: &Picture, i: usize) -> f64 {
+        libm::pow(picture.values[i] / picture.highest.unwrap_or(1.0), self.gamma)
+    }
+
+    /// Dark level of each pixel.
+    pub fn dark(&self, picture: &Picture) -> Field {
+        Field { levels: (0..picture.values.len()).map(|i| self.level(picture, i)).collect() }
+    }
+
+    /// Response of each pixel to even light, mean 1 over the pixels that respond.
+    ///
+    /// Error: none does.
+    pub fn response(&self, flat: &Picture, dark: Option<&Field>) -> Result<Field, String> {
+        let mut levels: Vec<f64> =
+            (0..flat.values.len()).map(|i| self.level(flat, i) - dark.map_or(0.0, |d| d.levels[i])).collect();
+        let bright: Vec<f64> = levels.iter().copied().filter(|&l| l > 0.0 && l.is_finite()).collect();
+        if bright.is_empty() {
+            return Err("no pixel of it is brighter than the dark field".to_owned());
+        }
+        let mean = bright.iter().sum::<f64>() / bright.len() as f64;
+        levels.iter_mut().for_each(|l| *l /= mean);
+        Ok(Field { levels })
+    }
+
+    /// The frame, taken with 2^exposure times the light.
+    pub fn correct(&self, frame: &Picture, dark: Option<&Field>, response: Option<&Field>, exposure: f64) -> Corrected {
+        let mut corrected = Corrected { value: Vec::new(), variance: Vec::new(), reasons: Vec::new() };
+        let scale = self.full_scale / libm::exp2(exposure);
+        for i in 0..frame.values.len() {
+            let level = self.level(frame, i);
+            let above = level - dark.map_or(0.0, |d| d.levels[i]);
+            let gain = response.map_or(1.0, |r| r.levels[i]);
+            let reason = if !(level.is_finite() && above.is_finite()) {
+                MaskReason::NotFinite
+            } else if frame.highest.is_some_and(|highest| frame.values[i] >= self.saturation * highest) {
+                MaskReason::Saturated
+            } else if !(gain > DEAD) {
+                MaskReason::LowSignal
+            } else {
+                MaskReason::Good
+            };
+            let good = reason == MaskReason::Good;
+            corrected.reasons.push(reason);
+            corrected.value.push(if good { above / gain * scale } else { 0.0 });
+            if let Some(full_well) = self.full_well {
+                let read = self.read_noise / full_well;
+                // One number is a step of gamma level^(1 - 1 / gamma) / highest; rounding spreads evenly over it.
+                let share = level.max(0.0);
+                let step = frame.highest.map_or(0.0, |highest| {
+                    self.gamma * libm::pow(share.max(1.0 / highest), 1.0 - 1.0 / self.gamma) / highest
+                });
+                let variance = above.max(0.0) / full_well + read * read + step * step / 12.0;
+                let factor = scale / gain;
+                corrected.variance.push(if good { variance * factor * factor } else { 0.0 });
+            }
+        }
+        corrected
+    }
+}

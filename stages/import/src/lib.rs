@@ -1,0 +1,30 @@
+//! `import_frames`: measured frames, so that the pipelines that process rendered ones process real data too.
+//!
+//! ```yaml
+//! frames:
+//!   use: import_frames
+//!   with:
+//!     pattern: data/hand_{f_x}_{phase}.tif    # {f_x}, {phase} (its number), {wavelength}
+//!     f_x: [0, 0.1]
+//!     phases: 3
+//!     dark: data/dark.tif                     # what the camera reads without light
+//!     flat: data/flat.tif                     # an even surface under even light
+//!     full_well: 10000                        # electrons; gives standard errors
+//! ```
+//! or, where the names follow no pattern,
+//! ```yaml
+//!     frames:
+//!       - {file: a.png, f_x: 0}
+//!       - {file: b.png, f_x: 0.1, phase_deg: 0, exposure: 1}
+//! ```
+//! PNG (8, 16 bit), TIFF (8, 16, 32 bit, float) and EXR. Theory: `docs/theory/import_frames.md`.
+
+mod correct;
+mod decode;
+mod params;
+mod stage;
+
+pub use correct::{Camera, Corrected};
+pub use decode::{Channel, Picture, decode};
+pub use params::{FrameParams, Params, Shot};
+pub use stage::{ImportFrames, In, Out};

@@ -1,0 +1,229 @@
+//! Params of `import_frames`: which file shows what.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use turbid_contract::{AngleDeg, PerLength, Problems};
+
+use crate::correct::Camera;
+use crate::decode::Channel;
+
+/// Params of `import_frames`: `pattern` with `f_x` and `phases`, or `frames`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Params {
+    /// File name with {f_x}, {phase} (its number, from 0) and {wavelength}; relative to the pipeline file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pattern: Option<String>,
+    /// Of `pattern`: spatial frequencies, mm^-1, written in names as they stand here.
+    pub f_x: Vec<PerLength>,
+    /// Of `pattern`: equal steps of 2 pi / phases at each f_x > 0.
+    pub phases: u32,
+    /// Of `pattern`.
+    pub wavelength_nm: Vec<f64>,
+    /// Direction of the fringes.
+    pub orientation_deg: AngleDeg,
+    /// Files one by one.
+    pub frames: Vec<FrameParams>,
+    /// What the camera reads without light.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub dark: Option<String>,
+    /// An even surface under even light, in the same camera.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub flat: Option<String>,
+    /// Which channel of coloured files.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub channel: Option<Channel>,
+    /// Radiance at the highest number (floating-point files: at 1) and exposure 0, W mm^-2 sr^-1; left out: frames have the unit 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub full_scale: Option<f64>,
+    /// Of the camera's encoding: number = level^(1 / gamma).
+    pub gamma: f64,
+    /// Share of the highest number from which on a pixel is masked.
+    pub saturation: f64,
+    /// Electrons at the highest number; gives frames standard errors.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub full_well: Option<f64>,
+    /// Electrons.
+    pub read_noise: f64,
+}
+
+/// One file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct FrameParams {
+    pub file: String,
+    pub f_x: PerLength,
+    #[serde(default)]
+    pub phase_deg: AngleDeg,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub orientation_deg: Option<AngleDeg>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wavelength_nm: Option<f64>,
+    /// Stops: taken with 2^exposure times the light.
+    #[serde(default)]
+    pub exposure: f64,
+}
+
+impl Default for Params {
+    fn default() -> Self {
+        Self {
+            pattern: None,
+            f_x: Vec::new(),
+            phases: 3,
+            wavelength_nm: Vec::new(),
+            orientation_deg: AngleDeg(0.0),
+            frames: Vec::new(),
+            dark: None,
+            flat: None,
+            channel: None,
+            full_scale: None,
+            gamma: 1.0,
+            saturation: 0.98,
+            full_well: None,
+            read_noise: 0.0,
+        }
+    }
+}
+
+/// One file, and what it shows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Shot {
+    /// Field that names it.
+    pub at: String,
+    pub file: String,
+    pub f_x: f64,
+    pub phase_rad: f64,
+    pub orientation_deg: f64,
+    pub wavelength_nm: Option<f64>,
+    pub exposure: f64,
+}
+
+impl Params {
+    /// Every file of frames, in order.
+    pub fn shots(&self) -> Vec<Shot> {
+        let turn = 2.0 * std::f64::consts::PI;
+        let listed = self.frames.iter().enumerate().map(|(k, f)| Shot {
+            at: format!("frames.{k}.file"),
+            file: f.file.clone(),
+            f_x: f.f_x.0,
+            phase_rad: f.phase_deg.0 * turn / 360.0,
+            orientation_deg: f.orientation_deg.unwrap_or(self.orientation_deg).0,
+            wavelength_nm: f.wavelength_nm,
+            exposure: f.exposure,
+        });
+        let mut shots: Vec<Shot> = listed.collect();
+        let Some(pattern) = &self.pattern else { return shots };
+        let wavelengths: Vec<Option<f64>> = if self.wavelength_nm.is_empty() {
+            vec![None]
+        } else {
+            self.wavelength_nm.iter().copied().map(Some).collect()
+        };
+        for wavelength_nm in wavelengths {
+            for &PerLength(f_x) in &self.f_x {
+                let count = if f_x == 0.0 { 1 } else { self.phases };
+                for phase in 0..count {
+                    let file = pattern.replace("{f_x}", &f_x.to_string()).replace("{phase}", &phase.to_string());
+                    let file = wavelength_nm.map_or(file.clone(), |w| file.replace("{wavelength}", &w.to_string()));
+                    shots.push(Shot {
+                        at: format!("pattern.{}", shots.len()),
+                        file,
+                        f_x,
+                        phase_rad: turn * f64::from(phase) / f64::from(count),
+                        orientation_deg: self.orientation_deg.0,
+                        wavelength_nm,
+                        exposure: 0.0,
+                    });
+                }
+            }
+        }
+        shots
+    }
+
+    pub fn camera(&self) -> Camera {
+        Camera {
+            full_scale: self.full_scale.unwrap_or(1.0),
+            gamma: self.gamma,
+            saturation: self.saturation,
+            full_well: self.full_well,
+            read_noise: self.read_noise,
+        }
+    }
+
+    /// Reports every mistake that can be seen without the files.
+    pub fn check(&self, problems: &mut Problems) {
+        match (&self.pattern, self.frames.is_empty()) {
+            (None, true) => problems.push_with_hint(
+                "",
+                "no files are named",
+                "give `pattern` with f_x and phases, or `frames` as a list of {file, f_x, phase_deg}",
+            ),
+            (Some(_), false) => {
+                problems.push("frames", "files come from `pattern` and from `frames`; give one of them")
+            }
+            (Some(pattern), true) => self.check_pattern(pattern, problems),
+            (None, false) => {}
+        }
+        let mut require = |holds: bool, name: &str, value: f64, unit: &str, rule: &str| {
+            problems.require(holds, name, value, unit, rule);
+        };
+        require((0.1..=10.0).contains(&self.gamma), "gamma", self.gamma, "", "lie in [0.1, 10]");
+        let saturation = self.saturation;
+        require(saturation > 0.0 && saturation <= 1.0, "saturation", saturation, "", "lie in (0, 1]");
+        if let Some(v) = self.full_scale {
+            require(v > 0.0 && v.is_finite(), "full_scale", v, "W mm^-2 sr^-1", "be a finite number > 0");
+        }
+        if let Some(v) = self.full_well {
+            require(v >= 1.0 && v.is_finite(), "full_well", v, "electrons", "be a finite number >= 1");
+        }
+        let read_noise = self.read_noise;
+        require(read_noise >= 0.0 && read_noise.is_finite(), "read_noise", read_noise, "electrons", "be >= 0");
+        if read_noise > 0.0 && self.full_well.is_none() {
+            problems.push(
+                "read_noise",
+                "read_noise is in electrons, and full_well, which says how many fill the range, is not given",
+            );
+        }
+        for (k, frame) in self.frames.iter().enumerate() {
+            let (f_x, exposure) = (frame.f_x.0, frame.exposure);
+            problems.require(f_x >= 0.0 && f_x.is_finite(), format!("frames.{k}.f_x"), f_x, "mm^-1", "be >= 0");
+            let at = format!("frames.{k}.exposure");
+            problems.require((-30.0..=30.0).contains(&exposure), at, exposure, "stops", "lie in [-30, 30]");
+        }
+        self.check_sets(problems);
+    }
+
+    fn check_pattern(&self, pattern: &str, problems: &mut Problems) {
+        if self.f_x.is_empty() {
+            problems.push_with_hint("pattern", "a pattern needs f_x", "f_x: [0, 0.1], for example");
+        }
+        for (k, &PerLength(f_x)) in self.f_x.iter().enumerate() {
+            problems.require(f_x >= 0.0 && f_x.is_finite(), format!("f_x.{k}"), f_x, "mm^-1", "be >= 0");
+        }
+        let needs = [
+            ("{f_x}", self.f_x.len() > 1),
+            ("{phase}", self.f_x.iter().any(|f| f.0 > 0.0) && self.phases > 1),
+            ("{wavelength}", self.wavelength_nm.len() > 1),
+        ];
+        for (place, needed) in needs {
+            if needed && !pattern.contains(place) {
+                problems.push("pattern", format!("`{pattern}` names one file for all: {place} is missing"));
+            }
+        }
+    }
+
+    /// A sinusoid takes three phases, a single shot one; two are neither.
+    fn check_sets(&self, problems: &mut Problems) {
+        let shots = self.shots();
+        for (k, shot) in shots.iter().enumerate().filter(|(_, s)| s.f_x > 0.0) {
+            let same = |s: &&Shot| {
+                s.f_x == shot.f_x && s.orientation_deg == shot.orientation_deg && s.wavelength_nm == shot.wavelength_nm
+            };
+            let set: Vec<&Shot> = shots.iter().filter(same).collect();
+            if set.len() == 2 && std::ptr::eq(set[0], &raw const shots[k]) {
+                let at = if self.pattern.is_some() { "phases".to_owned() } else { shot.at.clone() };
+                let message = format!("two frames at f_x = {} mm^-1 fix no sinusoid", shot.f_x);
+                problems.push_with_hint(at, message, "three phases or more, or one for demodulate's single_shot");
+            }
+        }
+    }
+}

@@ -1,0 +1,173 @@
+//! The stage `import_frames`.
+
+use turbid_contract::canonical::canonical_value;
+use turbid_contract::ndarray::Array2;
+use turbid_contract::payload::{Frames, MaskReason};
+use turbid_contract::{
+    Ctx, Error, FileUse, ImageStack, Known, LayerInfo, LayerKind, Problems, Stage, StagePlan, in_ports, out_ports,
+    serde_json,
+};
+
+use crate::correct::Corrected;
+use crate::decode::{Picture, decode};
+use crate::params::{Params, Shot};
+
+in_ports! {
+    pub struct In {}
+}
+
+out_ports! {
+    pub struct Out {
+        /// The frames as radiance (or in the unit 1), with standard errors where the camera's noise is known.
+        frames: one Frames,
+    }
+}
+
+/// `use: import_frames`
+pub struct ImportFrames;
+
+impl Stage for ImportFrames {
+    const NAME: &'static str = "import_frames";
+    const VERSION: u32 = 1;
+    const ABOUT: &'static str = "measured frames from PNG, TIFF and EXR files, corrected by dark and flat field";
+
+    type Params = Params;
+    type In = In<'static>;
+    type Out = Out;
+
+    fn files(params: &Params) -> Vec<FileUse> {
+        let fields = [("dark", &params.dark), ("flat", &params.flat)];
+        let fields =
+            fields.into_iter().filter_map(|(at, path)| path.clone().map(|path| FileUse { at: at.into(), path }));
+        params.shots().into_iter().map(|s| FileUse { at: s.at, path: s.file }).chain(fields).collect()
+    }
+
+    fn canonical(params: &Params) -> Result<serde_json::Value, String> {
+        // Where the files lie does not matter: content and names are in the key.
+        let name = |path: &String| path.rsplit(['/', '\\']).next().unwrap_or_default().to_owned();
+        let mut params = params.clone();
+        params.frames.iter_mut().for_each(|f| f.file = name(&f.file));
+        for path in [&mut params.pattern, &mut params.dark, &mut params.flat].into_iter().flatten() {
+            *path = name(path);
+        }
+        canonical_value(&params)
+    }
+
+    fn check(params: &Params, known: &Known, problems: &mut Problems) {
+        params.check(problems);
+        let mut first: Option<(String, [usize; 2])> = None;
+        for FileUse { at, path } in Self::files(params) {
+            let Some(bytes) = known.files.get(&at) else { continue };
+            match decode(bytes, params.channel) {
+                Err(what) => problems.push(at, format!("`{path}`: {what}")),
+                Ok(Picture { rows, columns, .. }) => match &first {
+                    None => first = Some((path, [columns, rows])),
+                    Some((_, size)) if *size == [columns, rows] => {}
+                    Some((other, [c, r])) => {
+                        problems.push(at, format!("`{path}` has {columns} x {rows} pixels, `{other}` has {c} x {r}"));
+                    }
+                },
+            }
+        }
+    }
+
+    fn plan(params: &Params, _known: &Known) -> StagePlan {
+        let parts = [
+            ("dark field", params.dark.is_some()),
+            ("flat field", params.flat.is_some()),
+            ("gamma", params.gamma != 1.0),
+            ("standard errors (full_well)", params.full_well.is_some()),
+        ];
+        let named = |on: bool| parts.iter().filter(|p| p.1 == on).map(|p| p.0.to_owned()).collect();
+        StagePlan { needs: named(true), left_out: named(false), ..StagePlan::default() }
+    }
+
+    fn run(params: &Params, _inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
+        let shots = params.shots();
+        let load = |at: &str, path: &str| -> Result<Picture, Error> {
+            let bytes = ctx.file(at).ok_or_else(|| Error::failed(format!("`{path}` was not read")))?;
+            decode(&bytes, params.channel).map_err(|what| Error::invalid(at, format!("`{path}`: {what}")))
+        };
+        let field = |at: &str, path: &Option<String>| path.as_ref().map(|path| load(at, path)).transpose();
+        let camera = params.camera();
+        let dark = field("dark", &params.dark)?.map(|picture| camera.dark(&picture));
+        let response = field("flat", &params.flat)?
+            .map(|flat| camera.response(&flat, dark.as_ref()).map_err(|what| Error::invalid("flat", what)))
+            .transpose()?;
+        let read = |k: usize| -> Result<(Picture, Corrected), Error> {
+            let picture = load(&shots[k].at, &shots[k].file)?;
+            let corrected = camera.correct(&picture, dark.as_ref(), response.as_ref(), shots[k].exposure);
+            Ok((picture, corrected))
+        };
+        let seen: Vec<(Picture, Corrected)> =
+            ctx.map_tiles(shots.len(), read)?.into_iter().collect::<Result<_, _>>()?;
+        for (shot, (_, corrected)) in shots.iter().zip(&seen) {
+            usable(shot, corrected)?;
+        }
+        Ok(Out { frames: Frames(stack(params, &shots, &seen, ctx)) })
+    }
+}
+
+/// A frame that shows nothing is a mistake of the set-up, not a dark tissue.
+fn usable(shot: &Shot, corrected: &Corrected) -> Result<(), Error> {
+    let all = corrected.reasons.len();
+    let saturated = corrected.reasons.iter().filter(|&&r| r == MaskReason::Saturated).count();
+    if 2 * saturated > all {
+        let share = 100.0 * saturated as f64 / all as f64;
+        return Err(Error::Invalid(turbid_contract::Problem {
+            path: shot.at.clone(),
+            message: format!("{share:.0} % of the pixels of `{}` are saturated", shot.file),
+            hint: Some("take it with less light, or raise `saturation` if the range goes further".into()),
+        }));
+    }
+    if corrected.value.iter().all(|&v| v <= 0.0) {
+        let message = format!("no pixel of `{}` is brighter than darkness", shot.file);
+        return Err(Error::invalid(shot.at.as_str(), message));
+    }
+    Ok(())
+}
+
+fn stack(params: &Params, shots: &[Shot], seen: &[(Picture, Corrected)], ctx: Ctx<'_>) -> ImageStack {
+    let (rows, columns) = (seen[0].0.rows, seen[0].0.columns);
+    let plane = |pixels: Vec<f32>| Array2::from_shape_vec((rows, columns), pixels).expect("checked: one size");
+    let mut masks: Vec<(Option<f64>, Vec<f32>)> = Vec::new();
+    for (shot, (_, corrected)) in shots.iter().zip(seen) {
+        let at = masks.iter().position(|(w, _)| *w == shot.wavelength_nm).unwrap_or_else(|| {
+            masks.push((shot.wavelength_nm, vec![0.0; rows * columns]));
+            masks.len() - 1
+        });
+        let new = masks[at].1.iter_mut().zip(&corrected.reasons).filter(|(mask, _)| **mask == 0.0);
+        new.for_each(|(mask, reason)| *mask = reason.code());
+    }
+    let mut stack = ImageStack::new(rows, columns);
+    let mut errors = Vec::new();
+    for (shot, (_, corrected)) in shots.iter().zip(seen) {
+        let mask = &masks.iter().find(|(w, _)| *w == shot.wavelength_nm).expect("one for each wavelength").1;
+        let unit = if params.full_scale.is_some() { "W mm^-2 sr^-1" } else { "1" };
+        let mut info = LayerInfo::value("radiance", unit).with_f_x(shot.f_x);
+        if shot.f_x > 0.0 {
+            (info.phase_rad, info.orientation_deg) = (Some(shot.phase_rad), Some(shot.orientation_deg));
+        }
+        info.wavelength_nm = shot.wavelength_nm;
+        let or_zero = |i: usize, v: f64| if mask[i] == 0.0 { v as f32 } else { 0.0 };
+        let good = mask.iter().filter(|&&m| m == 0.0).count() as f64;
+        if !corrected.variance.is_empty() {
+            let sum: f64 = corrected.variance.iter().zip(mask).filter(|(_, m)| **m == 0.0).map(|(v, _)| v).sum();
+            info.mean_se = (good > 0.0).then(|| sum.sqrt() / good);
+            let se = corrected.variance.iter().enumerate().map(|(i, v)| or_zero(i, v.sqrt())).collect();
+            errors.push((info.standard_error(), plane(se)));
+        }
+        stack.push(info, plane(corrected.value.iter().enumerate().map(|(i, &v)| or_zero(i, v)).collect()));
+    }
+    errors.into_iter().for_each(|(info, data)| stack.push(info, data));
+    for (wavelength_nm, mask) in masks {
+        let masked = 100.0 * mask.iter().filter(|&&m| m != 0.0).count() as f64 / mask.len() as f64;
+        ctx.measure("masked", masked, "%");
+        if masked > 0.0 {
+            let mut info = LayerInfo::new("mask", LayerKind::Mask, "1");
+            info.wavelength_nm = wavelength_nm;
+            stack.push(info, plane(mask));
+        }
+    }
+    stack
+}

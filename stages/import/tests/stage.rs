@@ -1,0 +1,261 @@
+//! Files as cameras and programs write them, the correction by dark and flat field, and every mistake.
+
+use std::io::Cursor;
+use std::sync::Arc;
+
+use serde_json::{Value, json};
+use turbid_contract::payload::{Frames, MaskReason};
+use turbid_contract::{
+    Artifact, Axes, Ctx, Error, ImageStack, InputSource, Known, LayerKind, MemoryHost, Payload, Problems, StageRow,
+};
+use turbid_import::{Channel, ImportFrames, decode};
+
+const ROWS: usize = 6;
+const COLUMNS: usize = 8;
+
+struct Nothing;
+
+impl InputSource for Nothing {
+    fn one(&self, _: &str) -> Result<Option<Artifact>, Error> {
+        Ok(None)
+    }
+    fn many(&self, _: &str) -> Vec<Axes> {
+        Vec::new()
+    }
+    fn load(&self, port: &str, _: usize) -> Result<Artifact, Error> {
+        Err(Error::failed(format!("nothing on `{port}`")))
+    }
+}
+
+fn png(colour: png::ColorType, depth: png::BitDepth, data: &[u8], rows: usize) -> Arc<[u8]> {
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, COLUMNS as u32, rows as u32);
+    encoder.set_color(colour);
+    encoder.set_depth(depth);
+    let mut writer = encoder.write_header().unwrap();
+    writer.write_image_data(data).unwrap();
+    writer.finish().unwrap();
+    bytes.into()
+}
+
+fn grey8(value: impl Fn(usize) -> u8) -> Arc<[u8]> {
+    let data: Vec<u8> = (0..ROWS * COLUMNS).map(value).collect();
+    png(png::ColorType::Grayscale, png::BitDepth::Eight, &data, ROWS)
+}
+
+fn tiff<C: tiff::encoder::colortype::ColorType>(data: &[C::Inner]) -> Vec<u8>
+where
+    [C::Inner]: tiff::encoder::TiffValue,
+{
+    let mut bytes = Cursor::new(Vec::new());
+    tiff::encoder::TiffEncoder::new(&mut bytes).unwrap().write_image::<C>(COLUMNS as u32, ROWS as u32, data).unwrap();
+    bytes.into_inner()
+}
+
+fn tiff16(value: impl Fn(usize) -> u16) -> Arc<[u8]> {
+    let data: Vec<u16> = (0..ROWS * COLUMNS).map(value).collect();
+    tiff::<tiff::encoder::colortype::Gray16>(&data).into()
+}
+
+fn import(params: &Value, files: &[(&str, Arc<[u8]>)]) -> Result<ImageStack, Error> {
+    let files = files.iter().map(|(at, bytes)| ((*at).to_owned(), bytes.clone())).collect();
+    let host = MemoryHost { files, ..MemoryHost::default() };
+    let outputs = (StageRow::of::<ImportFrames>().run)(params, &Nothing, Ctx::new(&host))?;
+    Ok(Frames::from_artifact(outputs.into_iter().next().unwrap().1).unwrap().0)
+}
+
+/// The same ramp in every kind of file: numbers come back as they were written, with the highest that there is.
+#[test]
+fn every_kind_of_file_is_read() {
+    use tiff::encoder::colortype::{Gray8, Gray32, Gray32Float, RGB16};
+    let n = ROWS * COLUMNS;
+    let ramp = |top: f64| (0..n).map(move |i| (top * i as f64 / n as f64).floor());
+    let bytes: Vec<u8> = ramp(255.0).map(|v| v as u8).collect();
+    let words: Vec<u16> = ramp(65535.0).map(|v| v as u16).collect();
+    let long: Vec<u32> = ramp(4e9).map(|v| v as u32).collect();
+    let float: Vec<f32> = ramp(1e6).map(|v| v as f32 * 1e-9).collect();
+    let big_endian: Vec<u8> = words.iter().flat_map(|w| w.to_be_bytes()).collect();
+    let coloured: Vec<u16> = words.iter().flat_map(|&w| [1, w, 3]).collect();
+    let mut exr = Cursor::new(Vec::new());
+    {
+        use exr::prelude::{SpecificChannels, WritableImage};
+        let pixel = |at: exr::prelude::Vec2<usize>| (float[at.1 * COLUMNS + at.0],);
+        let channels = SpecificChannels::build().with_channel("Y").with_pixel_fn(pixel);
+        exr::prelude::Image::from_channels((COLUMNS, ROWS), channels).write().to_buffered(&mut exr).unwrap();
+    }
+    let cases: [(&str, Vec<u8>, Option<Channel>, Option<f64>, Vec<f64>); 7] = [
+        ("png 8", grey8(|i| bytes[i]).to_vec(), None, Some(255.0), bytes.iter().map(|&v| f64::from(v)).collect()),
+        (
+            "png 16",
+            png(png::ColorType::Grayscale, png::BitDepth::Sixteen, &big_endian, ROWS).to_vec(),
+            None,
+            Some(65535.0),
+            words.iter().map(|&v| f64::from(v)).collect(),
+        ),
+        ("tiff 8", tiff::<Gray8>(&bytes), None, Some(255.0), bytes.iter().map(|&v| f64::from(v)).collect()),
+        ("tiff 32", tiff::<Gray32>(&long), None, Some(4_294_967_295.0), long.iter().map(|&v| f64::from(v)).collect()),
+        ("tiff float", tiff::<Gray32Float>(&float), None, None, float.iter().map(|&v| f64::from(v)).collect()),
+        (
+            "tiff rgb",
+            tiff::<RGB16>(&coloured),
+            Some(Channel::Green),
+            Some(65535.0),
+            words.iter().map(|&v| f64::from(v)).collect(),
+        ),
+        ("exr", exr.into_inner(), None, None, float.iter().map(|&v| f64::from(v)).collect()),
+    ];
+    for (name, bytes, channel, highest, values) in cases {
+        let picture = decode(&bytes, channel).unwrap_or_else(|e| panic!("{name}: {e}"));
+        assert_eq!((picture.rows, picture.columns, picture.highest), (ROWS, COLUMNS, highest), "{name}");
+        assert_eq!(picture.values, values, "{name}");
+        // Cut anywhere it is refused, never read in part and never a panic.
+        for cut in [9, bytes.len() / 2, bytes.len() - 5] {
+            assert!(
+                decode(&bytes[..cut], channel).is_err() || name == "tiff 8" || cut + 5 == bytes.len(),
+                "{name} cut at {cut}"
+            );
+        }
+    }
+    let rgb = tiff::<RGB16>(&coloured);
+    assert!(decode(&rgb, None).unwrap_err().contains("say `channel: red`"));
+    assert!(decode(&grey8(|_| 1), Some(Channel::Red)).unwrap_err().contains("leave `channel` out"));
+    assert!(decode(b"GIF89a", None).unwrap_err().contains("neither PNG, TIFF nor EXR"));
+}
+
+/// Frame = (number - dark) / response: a scene behind vignette and offset comes back, whatever the exposure; saturated and
+/// dead pixels are masked in all frames and hold 0.
+#[test]
+fn dark_and_flat_are_taken_off() {
+    let scene = |i: usize, phase: f64| 0.3 + 0.1 * libm::cos(0.7 * i as f64 + phase);
+    let vignette = |i: usize| if i == 5 { 0.001 } else { 1.0 - 0.01 * (i % COLUMNS) as f64 };
+    let dark = |i: usize| 1000.0 + 3.0 * (i / COLUMNS) as f64;
+    let number = move |i: usize, light: f64| {
+        let level = dark(i) + 40_000.0 * light * vignette(i);
+        if i == 11 { 65_535 } else { level.round() as u16 }
+    };
+    let turn = 2.0 * std::f64::consts::PI / 3.0;
+    let mut files = vec![
+        ("dark", tiff16(|i| dark(i) as u16)),
+        ("flat", tiff16(|i| (dark(i) + 50_000.0 * vignette(i)).round() as u16)),
+    ];
+    let names = ["frames.0.file", "frames.1.file", "frames.2.file"];
+    let exposures = [0.0, 1.0, -1.0];
+    let mut listed = Vec::new();
+    for k in 0..3 {
+        let light = libm::exp2(exposures[k]);
+        files.push((names[k], tiff16(move |i| number(i, 0.4 * light * scene(i, turn * k as f64)))));
+        listed.push(
+            json!({"file": "a.tif", "f_x": 0.1, "phase_deg": 120 * k, "exposure": exposures[k], "wavelength_nm": 635}),
+        );
+    }
+    let params = json!({"frames": listed, "dark": "d.tif", "flat": "f.tif", "full_scale": 2e-5, "full_well": 20000, "read_noise": 5});
+    let stack = import(&params, &files).unwrap();
+    assert_eq!(stack.layers.len(), 7);
+    let mask = &stack.layers[6];
+    assert_eq!((mask.info.kind, mask.info.wavelength_nm), (LayerKind::Mask, Some(635.0)));
+    // The flat's mean is over all that respond; the scene is known up to it.
+    let all: Vec<f64> = (0..ROWS * COLUMNS).map(vignette).collect();
+    let mean = all.iter().sum::<f64>() / all.len() as f64;
+    for k in 0..3 {
+        let info = &stack.layers[k].info;
+        assert_eq!(
+            (info.f_x_per_mm, info.orientation_deg, info.unit.as_str()),
+            (Some(0.1), Some(0.0), "W mm^-2 sr^-1")
+        );
+        assert!((info.phase_rad.unwrap() - turn * k as f64).abs() < 1e-12);
+        for i in 0..ROWS * COLUMNS {
+            let at = (i / COLUMNS, i % COLUMNS);
+            let (value, se) = (f64::from(stack.layers[k].data[at]), f64::from(stack.layers[3 + k].data[at]));
+            let reason = match i {
+                5 => MaskReason::LowSignal,
+                11 => MaskReason::Saturated,
+                _ => MaskReason::Good,
+            };
+            assert_eq!(mask.data[at], reason.code());
+            if reason != MaskReason::Good {
+                assert_eq!((value, se), (0.0, 0.0));
+                continue;
+            }
+            let want = 40_000.0 / 65_535.0 * 2e-5 * 0.4 * scene(i, turn * k as f64) * mean;
+            // Rounding of frame, dark and flat: at most 1.5 numbers of the frame and 1 in 45,000 of the flat.
+            let numbers = 40_000.0 * 0.4 * libm::exp2(exposures[k]) * scene(i, turn * k as f64) * 0.9;
+            assert!((value / want - 1.0).abs() < 1.5 / numbers + 1.0 / 45_000.0, "{value} {want}");
+            let light = value / (2e-5 * libm::exp2(-exposures[k])) * (vignette(i) / mean);
+            let variance = light / 20_000.0 + (5.0 / 20_000.0_f64).powi(2);
+            assert!((se / value / (variance.sqrt() / light) - 1.0).abs() < 1e-3, "{se}");
+        }
+    }
+}
+
+/// A pattern names files by f_x, phase and wavelength as they stand in the pipeline; a gamma is turned back.
+#[test]
+fn patterns_name_files() {
+    let params = json!({
+        "pattern": "shots/s_{wavelength}_{f_x}_{phase}.png", "f_x": [0, 0.1], "phases": 3, "wavelength_nm": [635, 850], "gamma": 2.2
+    });
+    let prepared = (StageRow::of::<ImportFrames>().prepare)(&params).unwrap();
+    let names: Vec<&str> = prepared.files.iter().map(|f| f.path.as_str()).collect();
+    assert_eq!(names.len(), 8);
+    assert_eq!(
+        (names[0], names[3], names[7]),
+        ("shots/s_635_0_0.png", "shots/s_635_0.1_2.png", "shots/s_850_0.1_2.png")
+    );
+    assert!(
+        prepared.canonical.to_string().contains("\"s_{wavelength}_{f_x}_{phase}.png\""),
+        "folders are not in the key"
+    );
+    let fields: Vec<String> = prepared.files.iter().map(|f| f.at.clone()).collect();
+    let files: Vec<(&str, Arc<[u8]>)> = fields.iter().map(|at| (at.as_str(), grey8(|_| 128))).collect();
+    let stack = import(&params, &files).unwrap();
+    assert_eq!(stack.layers.len(), 8);
+    let level = libm::pow(128.0 / 255.0, 2.2);
+    assert!(
+        stack
+            .layers
+            .iter()
+            .all(|l| l.data.iter().all(|&v| (f64::from(v) / level - 1.0).abs() < 1e-6) && l.info.unit == "1")
+    );
+}
+
+#[test]
+fn every_mistake_has_its_field() {
+    let check = |params: &Value, files: &[(&str, Arc<[u8]>)]| {
+        let mut problems = Problems::default();
+        let files = files.iter().map(|(at, bytes)| ((*at).to_owned(), bytes.clone())).collect();
+        (StageRow::of::<ImportFrames>().check)(params, &Known { files, ..Known::default() }, &mut problems);
+        problems.into_parts().0.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")
+    };
+    let one = |f_x: f64, phase: u32| json!({"file": "a.png", "f_x": f_x, "phase_deg": phase});
+    for (params, message) in [
+        (json!({}), "no files are named"),
+        (json!({"pattern": "a.png"}), "pattern: a pattern needs f_x"),
+        (json!({"pattern": "a.png", "f_x": [0, 0.1]}), "`a.png` names one file for all: {f_x} is missing"),
+        (json!({"pattern": "a_{f_x}.png", "f_x": [0.1]}), "{phase} is missing"),
+        (
+            json!({"pattern": "a_{phase}.png", "f_x": [0.1], "phases": 2}),
+            "phases: two frames at f_x = 0.1 mm^-1 fix no sinusoid",
+        ),
+        (json!({"frames": [one(0.1, 0), one(0.1, 90)]}), "frames.0.file: two frames at f_x = 0.1"),
+        (json!({"frames": [one(0.0, 0)], "pattern": "x"}), "give one of them"),
+        (json!({"frames": [one(-1.0, 0)]}), "frames.0.f_x: f_x = -1 mm^-1 must be >= 0"),
+        (json!({"frames": [one(0.0, 0)], "gamma": 0}), "gamma: gamma = 0 must lie in [0.1, 10]"),
+        (json!({"frames": [one(0.0, 0)], "saturation": 1.2}), "saturation: saturation = 1.2 must lie in (0, 1]"),
+        (json!({"frames": [one(0.0, 0)], "read_noise": 4}), "read_noise: read_noise is in electrons"),
+    ] {
+        let found = check(&params, &[]);
+        assert!(found.contains(message), "{params}: {found}");
+    }
+    let two = json!({"frames": [one(0.0, 0), one(0.0, 0)], "flat": "f.png"});
+    let small = png(png::ColorType::Grayscale, png::BitDepth::Eight, &[9; 2 * COLUMNS], 2);
+    let found =
+        check(&two, &[("frames.0.file", grey8(|_| 7)), ("frames.1.file", small), ("flat", Arc::from(*b"no picture"))]);
+    assert!(found.contains("frames.1.file: `a.png` has 8 x 2 pixels, `a.png` has 8 x 6"), "{found}");
+    assert!(found.contains("flat: `f.png`: it is neither PNG, TIFF nor EXR"), "{found}");
+    // What only the pixels show.
+    let single = json!({"frames": [one(0.0, 0)], "dark": "d.png"});
+    let fails = |files: &[(&str, Arc<[u8]>)]| import(&single, files).unwrap_err().to_string();
+    let bright = fails(&[("frames.0.file", grey8(|i| if i < 40 { 255 } else { 9 })), ("dark", grey8(|_| 1))]);
+    assert!(bright.contains("83 % of the pixels of `a.png` are saturated"), "{bright}");
+    let dark = fails(&[("frames.0.file", grey8(|_| 3)), ("dark", grey8(|_| 3))]);
+    assert!(dark.contains("no pixel of `a.png` is brighter than darkness"), "{dark}");
+}
