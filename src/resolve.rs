@@ -359,6 +359,12 @@ impl<'a> Resolver<'a> {
             Known { connected: instance.wires.iter().map(|w| w.port.to_owned()).collect(), ..Known::default() };
         for wire in &instance.wires {
             if let [(source, port)] = wire.from.as_slice()
+                && let Some(from) =
+                    self.plan.outputs(self.plan.instances[*source].stage).iter().find(|p| p.name == *port)
+            {
+                known.payloads.insert(wire.port.to_owned(), from.payload.to_owned());
+            }
+            if let [(source, port)] = wire.from.as_slice()
                 && self.plan.row(self.plan.instances[*source].stage).instant
                 && let Some(artifact) = self.artifact(*source, port, outputs)
             {

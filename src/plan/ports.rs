@@ -101,27 +101,27 @@ fn find_source(
                 format!("stage `{}` ({}) has no output `{name}`; it has {}", source.stage, info.name, names.join(", "));
             (message, hint)
         })?,
-        None => default_port(&info.outputs, wanted.payload)
+        None => default_port(&info.outputs, wanted.accepts)
             .ok_or_else(|| (format!("stage `{}` ({}) has no outputs", source.stage, info.name), None))?,
     };
-    if port.payload != wanted.payload {
+    if !wanted.accepts.contains(&port.payload) {
         let message = format!(
             "stage `{}`: input `{}` wants {}, but {}.{} is {}",
             spec.stages[at].name, wanted.name, wanted.payload, source.stage, port.name, port.payload
         );
-        let fitting = info.outputs.iter().find(|p| p.payload == wanted.payload);
+        let fitting = info.outputs.iter().find(|p| wanted.accepts.contains(&p.payload));
         return Err((message, fitting.map(|p| format!("did you mean `{}.{}`?", source.stage, p.name))));
     }
     Ok(Some(SourcePort { stage, port: port.clone() }))
 }
 
-/// The port that a bare stage name means: its first, or else the only one of the wanted payload.
-fn default_port<'a>(outputs: &'a [OutPort], payload: &str) -> Option<&'a OutPort> {
+/// The port that a bare stage name means: its first, or else the only one of an accepted payload.
+fn default_port<'a>(outputs: &'a [OutPort], accepted: &[&str]) -> Option<&'a OutPort> {
     let first = outputs.first()?;
-    if first.payload == payload {
+    if accepted.contains(&first.payload) {
         return Some(first);
     }
-    let mut fitting = outputs.iter().filter(|p| p.payload == payload);
+    let mut fitting = outputs.iter().filter(|p| accepted.contains(&p.payload));
     match (fitting.next(), fitting.next()) {
         (Some(only), None) => Some(only),
         _ => Some(first),

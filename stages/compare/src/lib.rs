@@ -1,4 +1,4 @@
-//! Comparison of maps with the truth: bias, scatter and masked share for each region and quantity.
+//! Comparison with the truth: bias, scatter and masked share of maps for each region, of a fit for each medium.
 //!
 //! ```yaml
 //! score:
@@ -9,13 +9,24 @@
 //!       polyp: {object: polyp, erode_mm: 2}
 //!       middle: {rect: {center: [0, 0], size: [20, 10]}}
 //!       spot: {object: tissue, disk: {center: [-20, 5], diameter: 8}}
+//!
+//! fitted:
+//!   use: compare
+//!   in: {estimate: fit, truth: readings}       # calibrate_iad against the media of calibrate_dis
+//! printed:
+//!   use: compare
+//!   in: {estimate: fit}
+//!   with: {media: {healthy: {mu_a: 0.058, mu_s_prime: 0.75}}}
 //! ```
 //! A region holds the pixels that meet all its conditions. Lengths are mm from the centre of the image, x to the right, y
 //! up. Columns and formulas: `docs/theory/compare.md`.
 
+mod fit;
+mod maps;
+pub mod media;
 pub mod region;
 pub mod score;
 mod stage;
 
 pub use region::{Disk, Rect, Region};
-pub use stage::{Compare, In, Out, Params};
+pub use stage::{Compare, In, MediumParams, Out, Params};

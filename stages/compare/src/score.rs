@@ -102,7 +102,7 @@ pub fn score(pixels: &Pixels<'_>, selected: &[bool]) -> Option<Score> {
 }
 
 /// The smallest magnitude that at least 95 % do not exceed.
-fn p95(mut errors: Vec<f64>) -> f64 {
+pub fn p95(mut errors: Vec<f64>) -> f64 {
     let rank = (errors.len() * 95).div_ceil(100) - 1;
     *errors.select_nth_unstable_by(rank, f64::total_cmp).1
 }

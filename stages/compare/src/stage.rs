@@ -1,41 +1,52 @@
-//! The stage `compare`: pairs the layers of estimate and truth by name, and scores each region.
+//! The stage `compare`: maps against images of the truth, or a fit of media against what they are.
 
 use std::collections::BTreeMap;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::{Errors, Maps, Metrics, Truth};
-use turbid_contract::{
-    Cells, Ctx, Error, ImageStack, Known, Layer, LayerInfo, LayerKind, Problems, Stage, Table, in_ports, out_ports,
-};
+use turbid_contract::payload::{Errors, Estimate, Expected, Fit, Maps, Metrics, Payload, Readings, Truth};
+use turbid_contract::{Ctx, Error, Known, PerLength, Problems, Stage, in_ports, out_ports};
 
-use crate::region::{Region, Selection, View};
-use crate::score::{Pixels, Score, score};
+use crate::fit::{Media, compare_fit};
+use crate::maps::compare_maps;
+use crate::region::Region;
 
 /// Params of `compare`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Params {
-    /// Regions by name; without any, `all` and each object that the camera sees.
+    /// Regions of maps by name; without any, `all` and each object that the camera sees.
     #[serde(default)]
     pub regions: BTreeMap<String, Region>,
+    /// The truth of a fit, medium by medium, where no port `truth` brings it.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub media: BTreeMap<String, MediumParams>,
+}
+
+/// What a medium is, or is printed to be.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MediumParams {
+    /// Absorption coefficient, mm^-1.
+    pub mu_a: PerLength,
+    /// Reduced scattering coefficient, mm^-1.
+    pub mu_s_prime: PerLength,
 }
 
 in_ports! {
     pub struct In {
-        /// Maps with standard errors and mask.
-        estimate: one Maps,
-        /// What the camera truly looks at.
-        truth: one Truth,
+        /// Maps with standard errors and mask, or a fit of media.
+        estimate: one Estimate,
+        /// What the camera truly looks at, or the simulated readings that were fitted.
+        truth: optional Expected,
     }
 }
 
 out_ports! {
     pub struct Out {
-        /// One row for each region and quantity.
+        /// One row for each region (or medium) and quantity.
         metrics: one Metrics,
-        /// Estimate, truth and relative error side by side.
+        /// Estimate, truth and relative error side by side; of a fit a stripe for each medium.
         errors: preview Errors,
     }
 }
@@ -46,246 +57,67 @@ pub struct Compare;
 impl Stage for Compare {
     const NAME: &'static str = "compare";
     const VERSION: u32 = 2;
-    const ABOUT: &'static str = "bias, RMS error and masked share of maps against the truth, for each region";
+    const ABOUT: &'static str =
+        "bias, RMS error and masked share against the truth: of maps for each region, of a fit for each medium";
 
     type Params = Params;
     type In = In<'static>;
     type Out = Out;
 
-    fn check(params: &Params, _known: &Known, problems: &mut Problems) {
+    fn check(params: &Params, known: &Known, problems: &mut Problems) {
         for (name, region) in &params.regions {
             region.check(&format!("regions.{name}"), problems);
+        }
+        for (name, medium) in &params.media {
+            for (field, value) in [("mu_a", medium.mu_a), ("mu_s_prime", medium.mu_s_prime)] {
+                problems.require(value.0 >= 0.0, format!("media.{name}.{field}"), value.0, "mm^-1", "be >= 0");
+            }
+        }
+        let truth = known.connected.iter().any(|port| port == "truth");
+        match (truth, params.media.is_empty()) {
+            (true, false) => problems.push("media", "the truth comes from the port and from `media`; give one of them"),
+            (false, true) => problems.push_with_hint(
+                "",
+                "compare needs the input `truth`",
+                "add `in: {truth: STAGE}`, or name the `media` of a fit",
+            ),
+            _ => {}
+        }
+        let on = |port: &str| known.payloads.get(port).map(String::as_str);
+        match (on("estimate"), on("truth")) {
+            (Some(Maps::NAME), Some(Readings::NAME)) => {
+                problems
+                    .push("", "the estimate is maps, the truth is readings: maps need the port `truth` of a render");
+            }
+            (Some(Fit::NAME), Some(Truth::NAME)) => {
+                problems.push("", "the estimate is a fit, the truth is images: a fit needs its readings, or `media`");
+            }
+            (Some(Fit::NAME), _) if !params.regions.is_empty() => {
+                problems.push("regions", "the estimate is a fit of media, which has no regions; leave them out");
+            }
+            (Some(Maps::NAME), None) if !params.media.is_empty() => {
+                problems.push("media", "the estimate is maps: `media` is the truth of a fit; connect the port `truth`");
+            }
+            _ => {}
         }
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
-        let (estimate, truth) = (&inputs.estimate.0, &inputs.truth.0);
-        let (rows, columns) = (truth.rows(), truth.columns());
-        if (estimate.rows(), estimate.columns()) != (rows, columns) {
-            return Err(Error::failed(format!(
-                "the estimate has {} x {} pixels, the truth {columns} x {rows}",
-                estimate.columns(),
-                estimate.rows()
-            )));
-        }
-        let regions = regions(params, truth)?;
-        let quantities = quantities(estimate, truth)?;
-        let mut found: Vec<Row<'_>> = Vec::new();
-        for (name, selection) in &regions {
-            for quantity in &quantities {
-                let without = if quantity.is_position() {
-                    0
-                } else {
-                    (0..selection.0.len()).filter(|&i| selection.0[i] && quantity.truth[i] == 0.0).count()
-                };
-                if without > 0 {
-                    let name_of = &quantity.name;
-                    ctx.warn(format!(
-                        "region `{name}`: {without} pixels without {name_of} are left out, nothing is relative to 0"
-                    ));
-                }
-                if let Some(score) = score(&quantity.pixels(), &selection.0) {
-                    let unit = quantity.info.unit.clone();
-                    found.push(Row { region: name, quantity: quantity.name.clone(), unit, score });
-                }
+        match (&inputs.estimate, &inputs.truth) {
+            (Estimate::Maps(maps), Some(Expected::Truth(truth))) => {
+                let (metrics, errors) = compare_maps(params, &maps.0, &truth.0, ctx)?;
+                Ok(Out { metrics, errors })
             }
-        }
-        let worst = |f: fn(&Score) -> f64| found.iter().map(|row| f(&row.score).abs()).fold(0.0, f64::max);
-        ctx.measure("error: worst bias", worst(|s| s.bias_percent), "%");
-        ctx.measure("worst_rmse", worst(|s| s.rmse_percent), "%");
-        let errors = ctx.wants("errors").then(|| errors(&quantities, rows, columns));
-        Ok(Out { metrics: table(&found), errors })
-    }
-}
-
-/// An estimated layer, the truth of it, and which pixels count.
-struct Quantity<'a> {
-    name: String,
-    info: &'a LayerInfo,
-    estimate: Vec<f32>,
-    se: Option<Vec<f32>>,
-    sharing: f64,
-    truth: Vec<f32>,
-    /// Reason for each pixel that does not count.
-    mask: Vec<f32>,
-    good: Vec<bool>,
-}
-
-/// A row of the metrics.
-struct Row<'a> {
-    region: &'a str,
-    quantity: String,
-    unit: String,
-    score: Score,
-}
-
-impl Quantity<'_> {
-    /// Lengths are positions: errors relative to the choice of 0 mean nothing.
-    fn is_position(&self) -> bool {
-        self.info.unit == "mm"
-    }
-
-    fn pixels(&self) -> Pixels<'_> {
-        Pixels {
-            estimate: &self.estimate,
-            se: self.se.as_deref(),
-            sharing: self.sharing,
-            truth: &self.truth,
-            position: self.is_position(),
-            good: &self.good,
+            (Estimate::Fit(fit), Some(Expected::Readings(readings))) => {
+                let (metrics, errors) = compare_fit(&fit.0, &Media::of(&readings.0)?, ctx)?;
+                Ok(Out { metrics, errors })
+            }
+            (Estimate::Fit(fit), None) => {
+                let (metrics, errors) = compare_fit(&fit.0, &Media::named(&params.media), ctx)?;
+                Ok(Out { metrics, errors })
+            }
+            (Estimate::Maps(_), _) => Err(Error::failed("maps are compared with the port `truth` of a render")),
+            (Estimate::Fit(_), _) => Err(Error::failed("a fit is compared with its readings, or with `media`")),
         }
     }
-}
-
-/// Every value layer of the estimate that the truth knows too.
-fn quantities<'a>(estimate: &'a ImageStack, truth: &ImageStack) -> Result<Vec<Quantity<'a>>, Error> {
-    let mut found = Vec::new();
-    for layer in estimate.layers.iter().filter(|l| l.info.kind == LayerKind::Value) {
-        let info = &layer.info;
-        // A truth without wavelength holds for all of them.
-        let same = |l: &&Layer| {
-            l.info.kind == LayerKind::Value
-                && l.info.name == info.name
-                && (l.info.wavelength_nm.is_none() || l.info.wavelength_nm == info.wavelength_nm)
-        };
-        let Some(true_layer) = truth.layers.iter().find(same) else { continue };
-        if true_layer.info.unit != info.unit {
-            let (a, b) = (&info.unit, &true_layer.info.unit);
-            return Err(Error::failed(format!("{} is given in {a}, the truth in {b}", info.name)));
-        }
-        let mut mask = vec![0.0; estimate.rows() * estimate.columns()];
-        for source in [truth.mask(info.wavelength_nm), estimate.mask(info.wavelength_nm)].into_iter().flatten() {
-            mask.iter_mut().zip(source.pixels().iter()).for_each(|(m, &code)| *m = if *m == 0.0 { code } else { *m });
-        }
-        found.push(Quantity {
-            name: info.wavelength_nm.map_or(info.name.clone(), |nm| format!("{}@{nm}nm", info.name)),
-            info,
-            estimate: layer.pixels().into_owned(),
-            se: estimate.standard_error(info).map(|l| l.pixels().into_owned()),
-            sharing: estimate.sharing(info),
-            truth: true_layer.pixels().into_owned(),
-            good: mask.iter().map(|&m| m == 0.0).collect(),
-            mask,
-        });
-    }
-    if found.is_empty() {
-        let names = |s: &ImageStack| {
-            let values = s.layers.iter().filter(|l| l.info.kind == LayerKind::Value);
-            values.map(|l| l.info.name.clone()).collect::<Vec<_>>().join(", ")
-        };
-        let what = format!("estimate ({}) and truth ({}) share no quantity", names(estimate), names(truth));
-        return Err(Error::failed(what));
-    }
-    Ok(found)
-}
-
-/// The regions that were asked for, or `all` and every object that is seen.
-fn regions(params: &Params, truth: &ImageStack) -> Result<Vec<(String, Selection)>, Error> {
-    let objects: Vec<String> =
-        truth.attributes.get("objects").and_then(|list| serde_json::from_value(list.clone()).ok()).unwrap_or_default();
-    let mask = truth.mask(None).map(Layer::pixels);
-    let layer = truth.find("object", None).map(Layer::pixels);
-    let label = |i: usize| {
-        let seen = mask.as_ref().is_none_or(|m| m[i] == 0.0);
-        seen.then(|| layer.as_ref().map_or(0, |l| l[i].max(0.0) as usize))
-    };
-    let labels: Vec<Option<usize>> = (0..truth.rows() * truth.columns()).map(label).collect();
-    let field: Option<[f64; 2]> = truth.attributes.get("field").and_then(|f| serde_json::from_value(f.clone()).ok());
-    let pixel_mm = field.map(|[w, h]| [w / truth.columns() as f64, h / truth.rows() as f64]);
-    let view = View {
-        columns: truth.columns(),
-        rows: truth.rows(),
-        pixel_mm: pixel_mm.unwrap_or([1.0, 1.0]),
-        labels: &labels,
-        objects: &objects,
-    };
-    if params.regions.is_empty() {
-        let everything = Selection(labels.iter().map(Option::is_some).collect());
-        let each = objects.iter().map(|name| {
-            let region = Region { object: Some(name.clone()), ..Region::default() };
-            (name.clone(), region.select(&view))
-        });
-        let seen = each.filter(|(_, selection)| selection.0.contains(&true));
-        return Ok(std::iter::once(("all".to_owned(), everything)).chain(seen).collect());
-    }
-    let mut found = Vec::new();
-    for (name, region) in &params.regions {
-        let path = format!("regions.{name}");
-        if let Some(object) = region.object.as_ref().filter(|o| !objects.contains(o)) {
-            let message = format!("the scene has no object `{object}`; it has {}", objects.join(", "));
-            return Err(Error::invalid(format!("{path}.object"), message));
-        }
-        if region.needs_mm() && pixel_mm.is_none() {
-            return Err(Error::invalid(
-                path,
-                "the truth does not say how many mm its field is; use erode_px or object",
-            ));
-        }
-        let selection = region.select(&view);
-        if !selection.0.contains(&true) {
-            return Err(Error::invalid(path, "the region holds no pixel"));
-        }
-        found.push((name.clone(), selection));
-    }
-    Ok(found)
-}
-
-fn table(rows: &[Row<'_>]) -> Metrics {
-    let mut table = Table::default();
-    let text = |f: &dyn Fn(&Row<'_>) -> String| Cells::Text(rows.iter().map(f).collect());
-    table.push("region", "", text(&|r| r.region.to_owned()));
-    table.push("quantity", "", text(&|r| r.quantity.clone()));
-    table.push("n", "1", Cells::I64(rows.iter().map(|r| r.score.n as i64).collect()));
-    // The unit of a column where all rows share one; else the column `unit` tells.
-    let unit = rows.first().map_or("", |r| r.unit.as_str());
-    let unit = if rows.iter().all(|r| r.unit == unit) { unit } else { "" };
-    let mut number = |name: &str, unit: &str, f: fn(&Score) -> f64| {
-        table.push(name, unit, Cells::F64(rows.iter().map(|r| f(&r.score)).collect()));
-    };
-    number("mean", unit, |s| s.mean);
-    number("mean_se", unit, |s| s.mean_se);
-    number("truth", unit, |s| s.truth);
-    number("bias_percent", "%", |s| s.bias_percent);
-    number("rmse_percent", "%", |s| s.rmse_percent);
-    number("masked_percent", "%", |s| s.masked_percent);
-    number("bias", unit, |s| s.bias);
-    number("rmse", unit, |s| s.rmse);
-    number("p95", unit, |s| s.p95);
-    table.push("unit", "", text(&|r| r.unit.clone()));
-    Metrics(table)
-}
-
-/// Estimate, truth and relative error in percent (of a position the error itself) of each quantity, and the mask.
-fn errors(quantities: &[Quantity<'_>], rows: usize, columns: usize) -> Errors {
-    let mut stack = ImageStack::new(rows, columns);
-    let plane = |f: &dyn Fn(usize) -> f32| Array2::from_shape_fn((rows, columns), |(r, c)| f(r * columns + c));
-    let mut masks: Vec<(Option<f64>, &[f32])> = Vec::new();
-    for q in quantities {
-        let named = |suffix: &str, unit: &str| {
-            let mut info = LayerInfo::value(format!("{}{suffix}", q.info.name), unit);
-            info.wavelength_nm = q.info.wavelength_nm;
-            info
-        };
-        let position = q.is_position();
-        let counts = |i: usize| q.good[i] && (position || q.truth[i] != 0.0);
-        let error = |i: usize| {
-            let (estimate, truth) = (f64::from(q.estimate[i]), f64::from(q.truth[i]));
-            if position { estimate - truth } else { 100.0 * (estimate / truth - 1.0) }
-        };
-        stack.push(named("", &q.info.unit), plane(&|i| q.estimate[i]));
-        stack.push(named("_truth", &q.info.unit), plane(&|i| q.truth[i]));
-        stack.push(
-            named("_error", if position { &q.info.unit } else { "%" }),
-            plane(&|i| if counts(i) { error(i) as f32 } else { 0.0 }),
-        );
-        if masks.iter().all(|(wavelength, _)| *wavelength != q.info.wavelength_nm) {
-            masks.push((q.info.wavelength_nm, &q.mask));
-        }
-    }
-    for (wavelength_nm, mask) in masks {
-        let mut info = LayerInfo::new("mask", LayerKind::Mask, "1");
-        info.wavelength_nm = wavelength_nm;
-        stack.push(info, plane(&|i| mask[i]));
-    }
-    Errors(stack)
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use turbid_compare::{Compare, Disk, In, Out, Params, Region};
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::{Maps, MaskReason, Truth};
+use turbid_contract::payload::{Estimate, Expected, Maps, MaskReason, Truth};
 use turbid_contract::{
     Cells, Ctx, Error, ImageStack, Known, LayerInfo, LayerKind, Length, MemoryHost, Problems, Stage, Table,
     serde_json::json,
@@ -49,6 +49,7 @@ fn estimate(factor: f32, sharing: f64) -> Maps {
 
 fn compare(estimate: Maps, truth: Truth, params: &Params) -> Result<(Out, MemoryHost), Error> {
     let host = MemoryHost { wanted: vec!["errors".into()], ..MemoryHost::default() };
+    let (estimate, truth) = (Estimate::Maps(estimate), Some(Expected::Truth(truth)));
     let out = Compare::run(params, In { estimate, truth, source: std::marker::PhantomData }, Ctx::new(&host))?;
     Ok((out, host))
 }
@@ -133,7 +134,7 @@ fn regions_are_what_they_say() {
             },
         ),
     ]);
-    let (out, _) = compare(estimate(1.0, 1.0), truth(), &Params { regions }).unwrap();
+    let (out, _) = compare(estimate(1.0, 1.0), truth(), &Params { regions, ..Params::default() }).unwrap();
     let n = |region| cell(&out.metrics.0, region, "mu_a", "n") + 1.0;
     let disk = |radius_px: f64| std::f64::consts::PI * radius_px * radius_px;
     // The centres of foreign pixels begin half a px beyond the edge. A digital disk of radius r px is off by some sqrt(r) px.
@@ -177,7 +178,7 @@ fn nothing_is_relative_to_zero() {
 fn mistakes_are_named() {
     let message = |e, t, region: Option<Region>| {
         let regions = region.map(|r| ("r".to_owned(), r)).into_iter().collect();
-        compare(e, t, &Params { regions }).map(|_| ()).unwrap_err().to_string()
+        compare(e, t, &Params { regions, ..Params::default() }).map(|_| ()).unwrap_err().to_string()
     };
     let one = || estimate(1.0, 1.0);
     assert!(message(Maps(ImageStack::new(1, 1)), truth(), None).contains("1 x 1 pixels, the truth 40 x 40"));
@@ -200,7 +201,8 @@ fn mistakes_are_named() {
         ..Region::default()
     };
     let regions = BTreeMap::from([("a".to_owned(), Region::default()), ("b".to_owned(), wrong)]);
-    Compare::check(&Params { regions }, &Known::default(), &mut problems);
+    let known = Known { connected: vec!["truth".to_owned()], ..Known::default() };
+    Compare::check(&Params { regions, ..Params::default() }, &known, &mut problems);
     let paths: Vec<String> = problems.into_parts().0.into_iter().map(|p| p.path).collect();
     assert_eq!(
         paths,

@@ -28,6 +28,8 @@ pub enum Arity {
 pub struct InPort {
     pub name: &'static str,
     pub payload: &'static str,
+    /// The payloads that may be connected: `payload`, or those that it is one of.
+    pub accepts: &'static [&'static str],
     pub arity: Arity,
     pub about: &'static str,
 }
@@ -86,6 +88,8 @@ pub struct Known {
     pub files: BTreeMap<String, Arc<[u8]>>,
     /// Names of the input ports that are connected, known or not.
     pub connected: Vec<String>,
+    /// Payload on each connected port that takes one artifact; empty while the graph is not whole.
+    pub payloads: BTreeMap<String, String>,
 }
 
 impl Known {
@@ -149,6 +153,7 @@ macro_rules! in_ports {
                 vec![$($crate::InPort {
                     name: stringify!($port),
                     payload: <$payload as $crate::Payload>::NAME,
+                    accepts: <$payload as $crate::Payload>::ACCEPTS,
                     arity: $crate::in_ports!(@arity $arity),
                     about: concat!($($doc),*).trim_ascii(),
                 }),*]

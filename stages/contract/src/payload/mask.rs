@@ -30,10 +30,12 @@ pub enum MaskReason {
     BeyondProjector = 12,
     /// The surface belongs to no section.
     OutsideSections = 13,
+    /// No medium explains the readings.
+    NoFit = 14,
 }
 
 impl MaskReason {
-    pub const ALL: [MaskReason; 14] = [
+    pub const ALL: [MaskReason; 15] = [
         Self::Good,
         Self::Background,
         Self::LowSignal,
@@ -48,6 +50,7 @@ impl MaskReason {
         Self::OutsideReference,
         Self::BeyondProjector,
         Self::OutsideSections,
+        Self::NoFit,
     ];
 
     /// The value in the mask layer.
@@ -72,6 +75,7 @@ impl MaskReason {
             Self::OutsideReference => "outside the reference",
             Self::BeyondProjector => "finer than the projector's pixels",
             Self::OutsideSections => "outside the sections",
+            Self::NoFit => "no fit",
         }
     }
 }

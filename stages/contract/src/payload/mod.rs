@@ -1,5 +1,6 @@
 //! Payload types: what ports carry. Two ports join only if their payload types are the same.
 
+mod estimate;
 mod fit;
 mod images;
 mod lut;
@@ -9,6 +10,7 @@ mod readings;
 mod scene;
 mod sections;
 
+pub use estimate::{Estimate, Expected};
 pub use fit::Fit;
 pub use images::{
     Covariance, Errors, Frames, Maps, Modulation, Pattern, Phase, Preview, Reflectance, SurfaceFrequency, Truth,
@@ -29,6 +31,8 @@ pub trait Payload: Sized {
     /// Name that ports, `show` and error messages use.
     const NAME: &'static str;
     const KIND: ArtifactKind;
+    /// Names of the payloads that a port of this type takes: this one, or those that it is one of.
+    const ACCEPTS: &'static [&'static str] = &[Self::NAME];
 
     fn into_artifact(self) -> Artifact;
 

@@ -1,0 +1,140 @@
+//! A fit of media against what they are: pairs rows by the name of the medium.
+
+use std::collections::BTreeMap;
+
+use turbid_contract::ndarray::Array2;
+use turbid_contract::payload::{Errors, MaskReason, Metrics};
+use turbid_contract::{Cells, Ctx, Error, ImageStack, LayerInfo, LayerKind, Table};
+
+use crate::media::{MediaScore, Pair, root_mean_square, score};
+use crate::stage::MediumParams;
+
+/// mu_a and mu_s' of media by name, mm^-1.
+pub struct Media(BTreeMap<String, [f64; 2]>);
+
+/// What is compared, in the order of [`Media`].
+const QUANTITIES: [&str; 2] = ["mu_a", "mu_s_prime"];
+
+impl Media {
+    pub fn named(media: &BTreeMap<String, MediumParams>) -> Self {
+        Self(media.iter().map(|(name, m)| (name.clone(), [m.mu_a.0, m.mu_s_prime.0])).collect())
+    }
+
+    /// Error: the readings are not of known media (a laboratory's), or two media share a name.
+    pub fn of(readings: &Table) -> Result<Self, Error> {
+        let names = texts(readings, "medium")?;
+        let [mu_a, mu_s_prime] = QUANTITIES.map(|name| {
+            readings.f64s(name).ok_or_else(|| Error::failed(format!("the readings do not say {name} of their media")))
+        });
+        let (mu_a, mu_s_prime) = (mu_a?, mu_s_prime?);
+        let mut media = BTreeMap::new();
+        for (i, name) in names.iter().enumerate() {
+            if media.insert(name.clone(), [mu_a[i], mu_s_prime[i]]).is_some() {
+                return Err(Error::failed(format!("two media of the readings are called {name}")));
+            }
+        }
+        Ok(Self(media))
+    }
+}
+
+/// What `status` says of rows that hold numbers; a limit is a number too.
+const FITTED: [&str; 4] = ["ok", "conservative", "no_scatter", "empty"];
+
+/// One row for each medium and quantity, then `all`; and the picture if it is wanted.
+pub fn compare_fit(fit: &Table, media: &Media, ctx: Ctx<'_>) -> Result<(Metrics, Option<Errors>), Error> {
+    let (names, status) = (texts(fit, "medium")?, texts(fit, "status")?);
+    if let Some(unfitted) = media.0.keys().find(|name| !names.contains(name)) {
+        let message = format!("the fit has no medium `{unfitted}`; it has {}", names.join(", "));
+        return Err(Error::failed(message));
+    }
+    let good: Vec<bool> = status.iter().map(|s| FITTED.contains(&s.split(',').next().unwrap_or_default())).collect();
+    let mut pairs: [Vec<Pair>; 2] = Default::default();
+    for (quantity, pairs) in pairs.iter_mut().enumerate() {
+        let name = QUANTITIES[quantity];
+        let missing = |name: &str| Error::failed(format!("the fit has no column {name}"));
+        let estimate = fit.f64s(name).ok_or_else(|| missing(name))?;
+        let with_se = format!("{name}_se");
+        let se = fit.f64s(&with_se).ok_or_else(|| missing(&with_se))?;
+        for (i, medium) in names.iter().enumerate() {
+            let truth = media.0.get(medium).ok_or_else(|| {
+                let known: Vec<&str> = media.0.keys().map(String::as_str).collect();
+                Error::failed(format!("nothing says what the medium `{medium}` is; known are {}", known.join(", ")))
+            })?;
+            pairs.push(Pair { estimate: estimate[i], se: se[i], truth: truth[quantity], good: good[i] });
+        }
+    }
+    let mut rows = Vec::new();
+    for (i, medium) in names.iter().enumerate() {
+        for (quantity, pairs) in QUANTITIES.iter().zip(&pairs) {
+            rows.extend(score(&pairs[i..=i]).map(|score| Row { medium, quantity, score }));
+        }
+    }
+    let all =
+        QUANTITIES.iter().zip(&pairs).filter_map(|(q, p)| Some(Row { medium: "all", quantity: q, score: score(p)? }));
+    let all: Vec<Row<'_>> = all.collect();
+    let limits = pairs.iter().flatten().filter(|p| p.good && p.estimate == 0.0).count();
+    if limits > 0 {
+        ctx.warn(format!("{limits} values lie on the limit 0 and are left out of `rms_log`"));
+    }
+    ctx.measure("error: rms log error", 100.0 * root_mean_square(all.iter().map(|row| row.score.rms_log)), "%");
+    ctx.measure("rms_z", root_mean_square(all.iter().map(|row| row.score.z)), "1");
+    rows.extend(all);
+    let errors = ctx.wants("errors").then(|| errors(&pairs));
+    Ok((table(&rows), errors))
+}
+
+/// Estimate, truth and relative error in percent: a stripe for each medium, the first on top.
+fn errors(pairs: &[Vec<Pair>; 2]) -> Errors {
+    let count = pairs[0].len();
+    let mut stack = ImageStack::new(count, count);
+    let stripes =
+        |of: &[Pair], f: fn(&Pair) -> f64| Array2::from_shape_fn((count, count), |(row, _)| f(&of[row]) as f32);
+    for (name, of) in QUANTITIES.iter().zip(pairs) {
+        stack.push(LayerInfo::value(*name, "mm^-1"), stripes(of, |p| p.estimate));
+        stack.push(LayerInfo::value(format!("{name}_truth"), "mm^-1"), stripes(of, |p| p.truth));
+        let percent = |p: &Pair| if p.good && p.truth != 0.0 { 100.0 * (p.estimate / p.truth - 1.0) } else { 0.0 };
+        stack.push(LayerInfo::value(format!("{name}_error"), "%"), stripes(of, percent));
+    }
+    let reason = |p: &Pair| if p.good { 0.0 } else { f64::from(MaskReason::NoFit.code()) };
+    stack.push(LayerInfo::new("mask", LayerKind::Mask, "1"), stripes(&pairs[0], reason));
+    Errors(stack)
+}
+
+fn texts<'a>(table: &'a Table, name: &str) -> Result<&'a [String], Error> {
+    let column = table.columns.iter().find(|c| c.name == name);
+    match column.map(|c| &c.cells) {
+        Some(Cells::Text(texts)) => Ok(texts),
+        _ => Err(Error::failed(format!("the table has no column of texts `{name}`"))),
+    }
+}
+
+/// A row of the metrics.
+struct Row<'a> {
+    medium: &'a str,
+    quantity: &'a str,
+    score: MediaScore,
+}
+
+fn table(rows: &[Row<'_>]) -> Metrics {
+    let mut table = Table::default();
+    let text = |f: &dyn Fn(&Row<'_>) -> String| Cells::Text(rows.iter().map(f).collect());
+    table.push("region", "", text(&|r| r.medium.to_owned()));
+    table.push("quantity", "", text(&|r| r.quantity.to_owned()));
+    table.push("n", "1", Cells::I64(rows.iter().map(|r| r.score.score.n as i64).collect()));
+    let mut number = |name: &str, unit: &str, f: fn(&MediaScore) -> f64| {
+        table.push(name, unit, Cells::F64(rows.iter().map(|r| f(&r.score)).collect()));
+    };
+    number("mean", "mm^-1", |s| s.score.mean);
+    number("mean_se", "mm^-1", |s| s.score.mean_se);
+    number("truth", "mm^-1", |s| s.score.truth);
+    number("bias_percent", "%", |s| s.score.bias_percent);
+    number("rmse_percent", "%", |s| s.score.rmse_percent);
+    number("masked_percent", "%", |s| s.score.masked_percent);
+    number("bias", "mm^-1", |s| s.score.bias);
+    number("rmse", "mm^-1", |s| s.score.rmse);
+    number("p95", "mm^-1", |s| s.score.p95);
+    number("z", "1", |s| s.z);
+    number("rms_log", "1", |s| s.rms_log);
+    table.push("unit", "", text(&|_| "mm^-1".to_owned()));
+    Metrics(table)
+}

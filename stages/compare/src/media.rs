@@ -1,0 +1,108 @@
+//! What a list of media says about one quantity: estimate against truth, with the errors that the estimate states.
+
+use crate::score::{Score, p95};
+
+/// One medium.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pair {
+    pub estimate: f64,
+    /// Standard error that the estimate states; 0 where it states none.
+    pub se: f64,
+    pub truth: f64,
+    /// Whether there is an estimate.
+    pub good: bool,
+}
+
+/// The figures of one quantity over one medium or several.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MediaScore {
+    /// As for the pixels of a region; what is relative to the truth leaves media out whose truth is 0.
+    pub score: Score,
+    /// (estimate - truth) / standard error; of several media the root mean square. 0 without a standard error.
+    pub z: f64,
+    /// Root mean square of ln(estimate / truth) over media where both are > 0.
+    pub rms_log: f64,
+}
+
+/// Scores media; their errors count as independent. `None` without any.
+pub fn score(pairs: &[Pair]) -> Option<MediaScore> {
+    if pairs.is_empty() {
+        return None;
+    }
+    let good: Vec<&Pair> = pairs.iter().filter(|p| p.good).collect();
+    let n = good.len();
+    let mean = |f: &dyn Fn(&Pair) -> f64| mean_of(good.iter().map(|p| f(p)));
+    let (estimate, truth) = (mean(&|p| p.estimate), mean(&|p| p.truth));
+    let relative: Vec<f64> = good.iter().filter(|p| p.truth != 0.0).map(|p| p.estimate / p.truth - 1.0).collect();
+    let both = |p: &&&Pair| p.estimate > 0.0 && p.truth > 0.0;
+    let logs = good.iter().filter(both).map(|p| libm::log(p.estimate / p.truth));
+    let scaled: Vec<f64> = good.iter().filter(|p| p.se > 0.0).map(|p| (p.estimate - p.truth) / p.se).collect();
+    let errors: Vec<f64> = good.iter().map(|p| (p.estimate - p.truth).abs()).collect();
+    let score = Score {
+        n: n as u64,
+        mean: estimate,
+        mean_se: if n > 0 { good.iter().map(|p| p.se * p.se).sum::<f64>().sqrt() / n as f64 } else { 0.0 },
+        truth,
+        bias: estimate - truth,
+        rmse: root_mean_square(errors.iter().copied()),
+        p95: if n > 0 { p95(errors) } else { 0.0 },
+        bias_percent: if truth != 0.0 { 100.0 * (estimate / truth - 1.0) } else { 0.0 },
+        rmse_percent: 100.0 * root_mean_square(relative.iter().copied()),
+        masked_percent: 100.0 * (pairs.len() - n) as f64 / pairs.len() as f64,
+    };
+    let z = match scaled.as_slice() {
+        [only] => *only,
+        many => root_mean_square(many.iter().copied()),
+    };
+    Some(MediaScore { score, z, rms_log: root_mean_square(logs) })
+}
+
+/// 0 without values.
+fn mean_of(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, n) = values.fold((0.0, 0_u64), |(sum, n), x| (sum + x, n + 1));
+    if n > 0 { sum / n as f64 } else { 0.0 }
+}
+
+/// 0 without values.
+pub fn root_mean_square(values: impl Iterator<Item = f64>) -> f64 {
+    mean_of(values.map(|x| x * x)).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const fn pair(estimate: f64, se: f64, truth: f64, good: bool) -> Pair {
+        Pair { estimate, se, truth, good }
+    }
+
+    /// Worked out by hand: errors 0.5 and -1, z 2 and -1, ratios 1.5 and 0.75.
+    #[test]
+    fn two_media_and_one_without_a_fit() {
+        let media = [pair(1.5, 0.25, 1.0, true), pair(3.0, 1.0, 4.0, true), pair(0.0, 0.0, 2.0, false)];
+        let got = score(&media).unwrap();
+        let s = got.score;
+        assert_eq!((s.n, s.mean, s.truth, s.bias, s.p95), (2, 2.25, 2.5, -0.25, 1.0));
+        assert!((s.mean_se - 1.0625_f64.sqrt() / 2.0).abs() < 1e-15);
+        assert!((s.rmse - 0.625_f64.sqrt()).abs() < 1e-15 && (s.bias_percent + 10.0).abs() < 1e-12);
+        assert!((s.rmse_percent - 100.0 * (0.3125_f64 / 2.0).sqrt()).abs() < 1e-12);
+        assert!((s.masked_percent - 100.0 / 3.0).abs() < 1e-12);
+        assert!((got.z - 2.5_f64.sqrt()).abs() < 1e-15);
+        let (up, down) = (1.5_f64.ln(), 0.75_f64.ln());
+        assert!((got.rms_log - ((up * up + down * down) / 2.0).sqrt()).abs() < 1e-15);
+        let one = score(&media[1..2]).unwrap();
+        assert_eq!((one.z, one.score.mean_se, one.score.bias_percent), (-1.0, 1.0, -25.0));
+    }
+
+    /// No medium, no fit, no standard error, a truth of 0: never a NaN.
+    #[test]
+    fn nothing_to_be_relative_to() {
+        assert_eq!(score(&[]), None);
+        let without = score(&[pair(0.0, 0.0, 1.0, false)]).unwrap();
+        assert_eq!((without.score.n, without.score.masked_percent, without.z, without.rms_log), (0, 100.0, 0.0, 0.0));
+        let clear = score(&[pair(0.001, 0.0, 0.0, true)]).unwrap();
+        let s = clear.score;
+        assert_eq!((s.bias, s.bias_percent, s.rmse_percent, clear.z, clear.rms_log), (0.001, 0.0, 0.0, 0.0, 0.0));
+        assert_eq!(score(&[pair(0.0, 0.1, 0.1, true)]).unwrap().rms_log, 0.0, "a limit has no logarithm");
+    }
+}
