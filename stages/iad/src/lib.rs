@@ -61,4 +61,4 @@ pub use layers::{Layer, Layered, Stack};
 pub use slab::{Slab, Slide, Surface, unscattered, unscattered_depth};
 pub use spheres::{Instrument, Lost, Seen, Sphere, Spheres};
 #[cfg(feature = "stage")]
-pub use stage::{CalibrateIad, FromParam, In, Out, Params, SlidesParams, SpheresParams};
+pub use stage::{CalibrateIad, FromParam, In, LostLight, Out, Params, SlidesParams, SpheresChoice, SpheresParams};

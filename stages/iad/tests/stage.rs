@@ -58,9 +58,9 @@ fn the_shipped_file_is_read_back() {
     }
 }
 
-/// Readings with attributes as `calibrate_dis` writes them; rows that have no medium say so and hold zeros.
-#[test]
-fn readings_of_spheres_with_lost_light() {
+/// Two spheres of r_w = 0.98 about a slab of n = 1, g = 0.8, 1 mm that loses light: `calibrate_dis` would write the readings of mu_a = 0.025,
+/// mu_s' = 0.85 so, with a second row that no medium has.
+fn double_sphere() -> Readings {
     let (n, g) = (1.0, 0.8);
     let sphere = Sphere {
         sample: 0.0032,
@@ -101,7 +101,13 @@ fn readings_of_spheres_with_lost_light() {
     ] {
         table.attributes.insert(name.into(), value);
     }
-    let fit = run("{}", None, Some(Readings(table)));
+    Readings(table)
+}
+
+/// Attributes and lost light are reckoned with; rows that have no medium say so and hold zeros.
+#[test]
+fn readings_of_spheres_with_lost_light() {
+    let fit = run("{}", None, Some(double_sphere()));
     assert_eq!(texts(&fit, "status"), ["ok", "too_much_light"]);
     assert!(texts(&fit, "message")[1].contains("exceeds 1"), "{fit:?}");
     let column = |name: &str| fit.f64s(name).expect("a column");
@@ -110,6 +116,31 @@ fn readings_of_spheres_with_lost_light() {
         "{fit:?}"
     );
     assert!(column("mu_a_se")[0] > 0.0 && column("mu_s_prime_se")[0] > 0.0 && column("mu_a")[1] == 0.0);
+}
+
+/// Without lost light the same spheres explain the readings by more absorption: the fit gives them back with no loss. Without spheres M_R and
+/// M_T are R and T themselves: the fit is that of the library.
+#[test]
+fn corrections_may_be_switched_off() {
+    let readings = double_sphere();
+    let number = |name: &str| readings.0.f64s(name).expect("a column")[0];
+    let [m_r, m_t] = ["m_r", "m_t"].map(number);
+    let fitted = |json: &str| {
+        let fit = run(json, None, Some(readings.clone()));
+        ["mu_a", "mu_s_prime"].map(|name| fit.f64s(name).expect("a column")[0])
+    };
+    let ignored = fitted(r#"{"lost_light": "ignore"}"#);
+    assert!(ignored[0] > 0.03, "what is lost counts as absorbed: {ignored:?}");
+    let bare = fitted(r#"{"lost_light": "ignore", "spheres": "none"}"#);
+    let slab = Slab::bare(1.0, 0.8, 1.0);
+    let plain = Experiment::<16>::new(&slab, &Instrument::NONE).expect("a slab");
+    let back = plain.readings(bare[0], bare[1], &Lost::default()).expect("within range");
+    assert!((back[0] - m_r).abs() < 1e-8 && (back[1] - m_t).abs() < 1e-8, "{back:?}, {m_r}, {m_t}");
+    assert!((bare[1] - ignored[1]).abs() > 0.01, "spheres matter: {bare:?} {ignored:?}");
+    assert_eq!(fitted(r#"{"lost_light": "correct"}"#), fitted("{}"));
+    let spelt = serde_json::to_value(params(r#"{"spheres": "none", "n": 1}"#)).expect("plain data");
+    assert_eq!(spelt["spheres"], "none");
+    assert!(spelt.get("lost_light").is_none(), "a default is no part of the key: {spelt}");
 }
 
 #[test]
@@ -147,7 +178,78 @@ fn mistakes_are_named_before_anything_runs() {
     assert!(broken[0].contains("a.rxt:1:1"), "{broken:?}");
     let full = r#"{"file": "a.csv", "n": 1.4, "g": 0.8, "thickness": 1}"#;
     assert!(problems(full, Some("m_r,m_t\n0.3,x\n"), false)[0].contains("a.csv:2:5: m_t = `x` is not a number"));
-    assert!(serde_json::from_str::<Params>(r#"{"thick": 1}"#).is_err());
+    one(
+        r#"{"file": "a.csv", "n": 1.4, "g": 0.8, "thickness": 1, "spheres": "none", "r_standard": 0.9}"#,
+        "r_standard says how spheres scale M_R; with `spheres: none` it says nothing",
+    );
+    let unread = |json: &str| serde_json::from_str::<Params>(json).expect_err(json).to_string();
+    assert!(unread(r#"{"thick": 1}"#).contains("unknown field `thick`"));
+    assert!(unread(r#"{"spheres": "nix"}"#).contains("{count: 2, diameter: .., ..}, or none"));
+    assert!(unread(r#"{"spheres": {"count": 2, "diametre": 100}}"#).contains("unknown field `diametre`"));
+    assert!(unread(r#"{"lost_light": "maybe"}"#).contains("expected `correct` or `ignore`"));
+}
+
+/// What becomes of each row of the table of inputs that other programs get wrong, as a laboratory would hand it over: in a file.
+///
+/// Numbers that are none are refused with line and column, a thickness that cannot be is refused by its key; all else stands in `status`, so that
+/// one bad row does not cost the others. The library's own tests hold the numbers against their right answers.
+fn outcome(name: &str) -> &'static str {
+    match name {
+        "MR nan" | "MR inf" => "a.csv:2:1: m_r = ",
+        "d=0" | "d=-1" => "must be > 0",
+        "R+T=1.1" | "R+T=1+1e-6" | "MR=1.2" => "too_much_light",
+        "R+T=1 exactly" | "R = Fresnel only n=1.4 (b->0)" => "conservative",
+        "T=0 (opaque)" | "R=1 T=0" | "R=.999999 T=0" => "underdetermined",
+        "R=0 no scattering" | "a=0 b=1 n=1.4 (true R T)" => "no_scatter",
+        "R=0 T=1 (empty)" => "empty",
+        "R below Fresnel n=1.4" | "MR=-0.01" => "below_specular",
+        "g=1" | "g=2" => "invalid_g",
+        "n=0.9" => "invalid_index",
+        "MU=MT (no diffuse T)" => "inconsistent",
+        "MU>MT" => "unscattered_exceeds_total",
+        _ => "ok",
+    }
+}
+
+#[test]
+fn bad_inputs_in_files_are_answered() {
+    let mut rows = 0;
+    for line in include_str!("reference/iad_robust_inputs.csv").lines().skip(1) {
+        let cells: Vec<&str> = line.split(',').collect();
+        let [name, r, t, u, g, n, slide, d] = cells[..] else { panic!("{line}") };
+        // The printed digits of this one row are its standard error; a search for g starts at its default where M_U is given.
+        let se = if name.starts_with("a=0 b=1") { "5e-8" } else { "0" };
+        let mut csv = format!("m_r,m_r_se,m_t,n\n{r},{se},{t},{n}\n");
+        if u.is_empty() {
+            let g = if g.is_empty() { "0" } else { g };
+            csv = format!("m_r,m_r_se,m_t,n,g\n{r},{se},{t},{n},{g}\n");
+        } else {
+            csv = csv.replace(",n\n", ",n,m_u\n").replace(&format!(",{n}\n"), &format!(",{n},{u}\n"));
+        }
+        let slides = if slide.is_empty() {
+            String::new()
+        } else {
+            format!(r#", "slides": {{"top": {slide}, "bottom": {slide}}}"#)
+        };
+        let json = format!(r#"{{"file": "a.csv", "thickness": {d}, "limit_sigmas": 1{slides}}}"#);
+        let wanted = outcome(name);
+        let found = problems(&json, Some(&csv), false);
+        rows += 1;
+        if !found.is_empty() {
+            assert!(found.len() == 1 && found[0].contains(wanted), "{line}: {found:?}, wanted {wanted}");
+            continue;
+        }
+        let fit = run(&json, Some(&csv), None);
+        let (status, message) = (texts(&fit, "status")[0].as_str(), texts(&fit, "message")[0].as_str());
+        let status = status.split(',').next().unwrap_or_default();
+        assert_eq!(status, wanted, "{line}: {fit:?}");
+        let holds = ["ok", "conservative", "no_scatter", "empty"].contains(&status);
+        assert_eq!(message.is_empty(), holds, "{line}: {message}");
+        let numbers =
+            ["mu_a", "mu_a_se", "mu_s_prime", "mu_s_prime_se", "g"].map(|name| fit.f64s(name).expect("a column")[0]);
+        assert!(numbers.iter().all(|x| x.is_finite() && (holds || *x == 0.0)), "{line}: {numbers:?}");
+    }
+    assert_eq!(rows, 35);
 }
 
 /// Figures that guard VERSION: other bits of the same readings need a higher one.

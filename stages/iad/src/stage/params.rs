@@ -1,0 +1,321 @@
+//! Params of `calibrate_iad`, and what is wrong with them.
+
+use std::borrow::Cow;
+use std::fmt;
+
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{self, MapAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use turbid_contract::{Length, PerLength, Problems, Ratio};
+
+use crate::experiment::Known;
+use crate::{Instrument, Slide, Sphere, Spheres};
+
+/// Params of `calibrate_iad`; what is left out is taken from the readings or the header of the file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Params {
+    /// Measured readings: `.csv` or `.rxt`; instead of the port `readings`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub file: Option<String>,
+    /// Refractive index of the sample, >= 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub n: Option<Ratio>,
+    /// Mean cosine of scattering, in (-1, 1); where M_U was measured, where the search for g starts.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub g: Option<Ratio>,
+    /// Thickness of the sample, > 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub thickness: Option<Length>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub slides: Option<SlidesParams>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub spheres: Option<SpheresChoice>,
+    /// What the readings say of light that left by the sample's sides or beside the port.
+    #[serde(default, skip_serializing_if = "LostLight::is_default")]
+    pub lost_light: LostLight,
+    /// Reflectance of the standard that defines M_R, in (0, 1].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub r_standard: Option<Ratio>,
+    /// mu_a, where it is known: mu_s' is then found from `from`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mu_a: Option<PerLength>,
+    /// mu_s', where it is known: mu_a is then found from `from`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mu_s_prime: Option<PerLength>,
+    /// The reading that a single unknown is found from.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub from: Option<FromParam>,
+    /// Readings beyond a limit (more light out than in, less than the surfaces reflect) by no more than this many
+    /// standard errors count as lying on it.
+    #[serde(default = "three")]
+    pub limit_sigmas: Ratio,
+    /// Quadrature points: 8, 16, 32 or 64.
+    #[serde(default = "sixteen", rename = "N")]
+    pub points: u32,
+}
+
+fn three() -> Ratio {
+    Ratio(3.0)
+}
+
+fn sixteen() -> u32 {
+    16
+}
+
+/// Light that a slab without sides would have sent back and on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum LostLight {
+    /// Reckoned with, as far as the columns `lost_r`, `lost_t`, ... of the readings tell it.
+    #[default]
+    Correct,
+    /// Readings count as those of a slab without sides: what is lost is taken for absorbed.
+    Ignore,
+}
+
+impl LostLight {
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum FromParam {
+    #[serde(rename = "m_r")]
+    MR,
+    #[serde(rename = "m_t")]
+    MT,
+}
+
+/// Index and absorption (optical thickness) of the slides; 1 and 0: none.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SlidesParams {
+    #[serde(default = "one")]
+    pub top: Ratio,
+    #[serde(default = "one")]
+    pub bottom: Ratio,
+    #[serde(default)]
+    pub top_tau: Ratio,
+    #[serde(default)]
+    pub bottom_tau: Ratio,
+}
+
+fn one() -> Ratio {
+    Ratio(1.0)
+}
+
+/// Spheres in place of those that the readings or the file name; `none`: M_R and M_T count as reflectance and transmittance
+/// themselves, without correction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SpheresChoice {
+    None,
+    These(SpheresParams),
+}
+
+// By hand: an untagged enum would lose the message and the place of what is wrong inside.
+impl Serialize for SpheresChoice {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Self::None => serializer.serialize_str("none"),
+            Self::These(spheres) => spheres.serialize(serializer),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for SpheresChoice {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(Wanted)
+    }
+}
+
+struct Wanted;
+
+impl<'de> Visitor<'de> for Wanted {
+    type Value = SpheresChoice;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("spheres, {count: 2, diameter: .., ..}, or none")
+    }
+
+    fn visit_str<E: de::Error>(self, v: &str) -> Result<SpheresChoice, E> {
+        if v == "none" { Ok(SpheresChoice::None) } else { Err(E::invalid_value(de::Unexpected::Str(v), &self)) }
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<SpheresChoice, A::Error> {
+        SpheresParams::deserialize(MapAccessDeserializer::new(map)).map(SpheresChoice::These)
+    }
+}
+
+impl JsonSchema for SpheresChoice {
+    fn schema_name() -> Cow<'static, str> {
+        "SpheresChoice".into()
+    }
+
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        let spheres = generator.subschema_for::<SpheresParams>();
+        json_schema!({"anyOf": [{"const": "none", "description": "readings without sphere correction"}, spheres]})
+    }
+}
+
+/// Spheres of one size with round ports (diameters in mm); the entrance is in the reflectance sphere only, the exit in the other.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SpheresParams {
+    /// 1: each reading with its sphere alone; 2: both spheres at the sample.
+    pub count: u32,
+    pub diameter: Length,
+    pub sample: Length,
+    #[serde(default)]
+    pub entrance: Length,
+    #[serde(default)]
+    pub exit: Length,
+    pub detector: Length,
+    /// In [0, 1].
+    pub wall_reflectance: Ratio,
+    #[serde(default)]
+    pub detector_reflectance: Ratio,
+    /// Light falls straight from the sample into the detector; false behind a baffle.
+    #[serde(default)]
+    pub sees_sample: bool,
+    /// The sample closes its port as a plane; false: as a piece of the sphere.
+    #[serde(default = "yes")]
+    pub flat: bool,
+    /// Unscattered light first meets the wall opposite; false: it counts as diffuse.
+    #[serde(default = "yes")]
+    pub straight: bool,
+    /// Share of the unscattered reflected light that is collected; 0 where it leaves through the entrance.
+    #[serde(default = "one")]
+    pub unscattered_r: Ratio,
+    #[serde(default = "one")]
+    pub unscattered_t: Ratio,
+}
+
+fn yes() -> bool {
+    true
+}
+
+impl Params {
+    pub fn slab_sides(&self) -> Option<[Slide; 2]> {
+        let s = self.slides?;
+        Some([Slide { n: s.top.0, tau: s.top_tau.0 }, Slide { n: s.bottom.0, tau: s.bottom_tau.0 }])
+    }
+
+    /// The coefficient that is known beforehand.
+    pub fn known(&self) -> Option<Known> {
+        let mu_a = self.mu_a.map(|x| Known::MuA(x.0));
+        mu_a.or(self.mu_s_prime.map(|x| Known::MuSPrime(x.0)))
+    }
+
+    /// Everything that is wrong whatever the readings are.
+    pub fn check(&self, problems: &mut Problems) {
+        if let Some(n) = self.n {
+            problems.require(n.0 >= 1.0 && n.0.is_finite(), "n", n.0, "", "be a refractive index >= 1");
+        }
+        if let Some(g) = self.g {
+            problems.require(g.0.abs() < 1.0, "g", g.0, "", "lie in (-1, 1)");
+        }
+        if let Some(d) = self.thickness {
+            problems.require(d.0 > 0.0, "thickness", d.0, "mm", "be > 0");
+        }
+        if let Some(r) = self.r_standard {
+            problems.require(r.0 > 0.0 && r.0 <= 1.0, "r_standard", r.0, "", "lie in (0, 1]");
+            if self.spheres == Some(SpheresChoice::None) {
+                let message = "r_standard says how spheres scale M_R; with `spheres: none` it says nothing";
+                problems.push_with_hint("r_standard", message, "leave it out, or leave `spheres: none` out");
+            }
+        }
+        if let Some(slides) = self.slides {
+            for (name, n) in [("top", slides.top), ("bottom", slides.bottom)] {
+                problems.require(n.0 >= 1.0, format!("slides.{name}"), n.0, "", "be a refractive index >= 1");
+            }
+            for (name, tau) in [("top_tau", slides.top_tau), ("bottom_tau", slides.bottom_tau)] {
+                problems.require(tau.0 >= 0.0, format!("slides.{name}"), tau.0, "", "be >= 0");
+            }
+        }
+        for (name, known) in [("mu_a", self.mu_a), ("mu_s_prime", self.mu_s_prime)] {
+            if let Some(x) = known {
+                problems.require(x.0 >= 0.0, name, x.0, "mm^-1", "be >= 0");
+            }
+        }
+        if self.mu_a.is_some() && self.mu_s_prime.is_some() {
+            problems.push("mu_s_prime", "mu_a and mu_s_prime are both given: nothing is left to find");
+        }
+        if self.from.is_some() && self.known().is_none() {
+            problems.push("from", "`from` names the reading for one unknown; give mu_a or mu_s_prime, or leave it out");
+        }
+        let sigmas = self.limit_sigmas.0;
+        problems.require((0.0..=100.0).contains(&sigmas), "limit_sigmas", sigmas, "", "lie in [0, 100]");
+        let points = self.points;
+        problems.require([8, 16, 32, 64].contains(&points), "N", f64::from(points), "", "be 8, 16, 32 or 64");
+        if let Some(SpheresChoice::These(spheres)) = &self.spheres {
+            spheres.check(problems);
+        }
+    }
+}
+
+impl SpheresParams {
+    pub fn instrument(&self) -> Instrument {
+        let of = |third: Length| Sphere {
+            detector_reflectance: self.detector_reflectance.0,
+            sees_sample: self.sees_sample,
+            flat: self.flat,
+            ..Sphere::with_round_ports(
+                self.diameter.0,
+                self.sample.0,
+                third.0,
+                self.detector.0,
+                self.wall_reflectance.0,
+            )
+        };
+        let pair = [of(self.entrance), of(self.exit)];
+        Instrument {
+            spheres: if self.count == 1 { Spheres::One(pair) } else { Spheres::Two(pair) },
+            unscattered: [self.unscattered_r.0, self.unscattered_t.0],
+            straight: self.straight,
+            ..Instrument::NONE
+        }
+    }
+
+    fn check(&self, problems: &mut Problems) {
+        let count = f64::from(self.count);
+        problems.require(
+            (1..=2).contains(&self.count),
+            "spheres.count",
+            count,
+            "",
+            "be 1 or 2; `spheres: none` for none",
+        );
+        let diameter = self.diameter.0;
+        problems.require(diameter > 0.0, "spheres.diameter", diameter, "mm", "be > 0");
+        let before = problems.is_empty();
+        for (name, port, least) in [
+            ("sample", self.sample, f64::MIN_POSITIVE),
+            ("entrance", self.entrance, 0.0),
+            ("exit", self.exit, 0.0),
+            ("detector", self.detector, 0.0),
+        ] {
+            let fits = port.0 >= least && port.0 < diameter;
+            let rule =
+                format!("be {} and smaller than the sphere of {diameter} mm", if least > 0.0 { "> 0" } else { ">= 0" });
+            problems.require(fits, format!("spheres.{name}"), port.0, "mm", &rule);
+        }
+        for (name, share) in [
+            ("wall_reflectance", self.wall_reflectance),
+            ("detector_reflectance", self.detector_reflectance),
+            ("unscattered_r", self.unscattered_r),
+            ("unscattered_t", self.unscattered_t),
+        ] {
+            problems.require((0.0..=1.0).contains(&share.0), format!("spheres.{name}"), share.0, "", "lie in [0, 1]");
+        }
+        // What no single field shows: ports that together leave no wall.
+        if before
+            && problems.is_empty()
+            && let Err(error) = self.instrument().check()
+        {
+            problems.push("spheres", error.to_string());
+        }
+    }
+}
