@@ -30,3 +30,83 @@ fn integrating_spheres_keep_their_scale() {
         assert!((m_t[i] - expected).abs() < 4.5 * se[i] + 0.0025 * 0.01, "{expected}: {text}");
     }
 }
+
+/// A row of a table of metrics, as exported.
+struct Row {
+    medium: String,
+    quantity: String,
+    n: f64,
+    mean: f64,
+    se: f64,
+    truth: f64,
+}
+
+/// The metrics of a stage, one row for each medium and quantity.
+fn metrics(space: &Space, file: &str, stage: &str, settings: &[&str]) -> Vec<Row> {
+    let csv = space.path().join(format!("{stage}.csv"));
+    let port = format!("{stage}.metrics");
+    let mut arguments = vec!["export", file, &port, "--to", csv.to_str().expect("a temporary folder of UTF-8")];
+    arguments.extend(settings);
+    space.turbid(&arguments).ok();
+    let text = std::fs::read_to_string(&csv).expect("the export");
+    let mut lines = text.lines().filter(|line| !line.starts_with('#'));
+    let header: Vec<&str> = lines.next().expect("a header").split(',').collect();
+    let rows = lines.map(|line| {
+        let cells: Vec<&str> = line.split(',').collect();
+        let cell = |name: &str| {
+            let at = header.iter().position(|h| h.split(['[', ' ']).next() == Some(name));
+            cells[at.unwrap_or_else(|| panic!("{name}: {text}"))]
+        };
+        let number = |name: &str| cell(name).parse().unwrap_or_else(|e| panic!("{name}: {e}\n{text}"));
+        Row {
+            medium: cell("region").to_owned(),
+            quantity: cell("quantity").to_owned(),
+            n: number("n"),
+            mean: number("mean"),
+            se: number("mean_se"),
+            truth: number("truth"),
+        }
+    });
+    rows.filter(|row| row.medium != "all").collect()
+}
+
+fn pipeline(name: &str) -> String {
+    format!("{}/pipelines/{name}.yaml", env!("CARGO_MANIFEST_DIR"))
+}
+
+/// The truthful instrument recovers its media: z scores of mu_a and mu_s' of standard deviation 1 and no bias. A twentieth of the photons, six times. A
+/// medium of mu_a = 0.001 mm^-1 then lies as near to the limit 0 as its standard error is large; those three count for mu_s' and the bias only.
+#[test]
+fn a_truthful_double_sphere_recovers_its_media() {
+    let file = pipeline("dis_iad");
+    let space = Space::new();
+    let settings = ["--set", "vars.samples=20000", "--set", "vars.repeats=[1,2,3,4,5,6]"];
+    let mut arguments = vec!["run", &file];
+    arguments.extend(settings);
+    space.turbid(&arguments).ok();
+    let (mut z, mut errors) = (Vec::new(), Vec::new());
+    for repeat in 1..=6 {
+        let rows = metrics(&space, &file, &format!("metrics[repeat={repeat}]"), &settings);
+        assert_eq!(rows.len(), 24);
+        for row in rows {
+            assert!(row.n == 1.0 && row.se > 0.0, "{} {} has no fit", row.medium, row.quantity);
+            let error = row.mean - row.truth;
+            if row.quantity == "mu_a" {
+                errors.push(error);
+            }
+            if row.quantity == "mu_s_prime" || row.truth > 0.01 {
+                z.push(error / row.se);
+            }
+        }
+    }
+    let n = z.len() as f64;
+    let mean = z.iter().sum::<f64>() / n;
+    let sd = (z.iter().map(|z| (z - mean) * (z - mean)).sum::<f64>() / (n - 1.0)).sqrt();
+    let worst = z.iter().fold(0.0f64, |worst, z| worst.max(z.abs()));
+    let bias = errors.iter().sum::<f64>() / errors.len() as f64;
+    println!("{n} z scores: mean {mean:.2}, sd {sd:.2}, worst {worst:.2}; bias of mu_a {bias:.5}");
+    assert!(
+        (sd - 1.0).abs() < 0.15 && worst < 4.5 && bias.abs() < 0.001,
+        "sd {sd}, worst {worst}, bias {bias}: {z:.2?}"
+    );
+}

@@ -131,6 +131,20 @@ impl Setup {
     }
 }
 
+/// 1 + q + q^2 + ... + q^n, from the last term.
+fn geometric(q: f64, n: u32) -> f64 {
+    let mut sum = 1.0;
+    for _ in 0..n {
+        let longer = 1.0 + q * sum;
+        // What no longer changes never will: limits beyond some thousands cost nothing.
+        if longer == sum {
+            break;
+        }
+        sum = longer;
+    }
+    sum
+}
+
 impl History<'_> {
     fn sphere(&self) -> &Sphere {
         &self.setup.spheres[self.side]
@@ -236,7 +250,7 @@ impl History<'_> {
         // 1 + again + again^2 + ..., to the last bounce.
         let series = match self.bounces {
             None => 1.0 / (1.0 - again),
-            Some(left) => (0..left).fold(1.0, |sum, _| 1.0 + again * sum),
+            Some(left) => geometric(again, left),
         };
         let sent = self.weight * series;
         self.score.detected[self.side] += sent * sphere.port_fraction(Port::Detector);
