@@ -15,7 +15,7 @@ fn main() {
     println!(
         "scene, paths: M_DC within 1, 2 se; fringe within 1, 2 se (%); standard error of a share 0.8, 0.4 or less"
     );
-    for (name, scene) in coverage::scenes() {
+    for (name, scene) in coverage::scenes(4) {
         for &n in &paths {
             let found = coverage::coverage(&scene, n, SEEDS, 256 * n);
             let [dc, fringe] = found.shares.map(|of| of.map(|share| 100.0 * share));

@@ -10,6 +10,7 @@ use turbid_optics::henyey_greenstein as hg;
 use turbid_optics::philox::{philox4x32, unit, unit_fine};
 use turbid_optics::solid::Solid;
 
+use crate::batches::{Batches, alike};
 use crate::look::LANES;
 use crate::nee::rarity;
 use crate::path::{MOST_BLOCKS, Place, Walker, counter, deep_weight};
@@ -47,35 +48,33 @@ struct Bundle {
     sample: [u32; LANES],
     pixel: [u32; LANES],
     verdict: [u64; LANES],
-    /// Direction before it, and the number that decides on looks.
+    /// Direction before it, the number that decides on looks, and the distance from the nearest boundary.
     came: [Lane; 3],
     roulette: Lane,
+    clear: Lane,
 }
 
 /// Walks the paths `samples` of the pixels `pixels` and leaves their responses in the walker, pixel by pixel: in f32 lanes where
 /// they hold the scene, else in those of f64.
 pub fn walk(walker: &mut Walker<'_>, pixels: Range<usize>, samples: Range<u32>) {
-    let pixels: Vec<u32> = (pixels.start as u32..pixels.end as u32).collect();
-    walk_among(walker, &pixels, samples);
+    walk_among(walker, Batches { of: &alike(pixels, &samples), count: samples.len() as u32 });
 }
 
-/// The same for pixels that need not be neighbours.
-pub fn walk_among(walker: &mut Walker<'_>, pixels: &[u32], samples: Range<u32>) {
+/// The same for batches of any pixels; responses are in their order.
+pub fn walk_among(walker: &mut Walker<'_>, batches: Batches<'_>) {
     match Frame::of(walker) {
-        Some(frame) => single::walk(walker, &frame, pixels, samples),
-        None => walk_double_among(walker, pixels, samples),
+        Some(frame) => single::walk(walker, &frame, batches),
+        None => walk_double_among(walker, batches),
     }
 }
 
 /// The same in f64 lanes, bit for bit what [`Walker::path`] says.
 pub fn walk_double(walker: &mut Walker<'_>, pixels: Range<usize>, samples: Range<u32>) {
-    let pixels: Vec<u32> = (pixels.start as u32..pixels.end as u32).collect();
-    walk_double_among(walker, &pixels, samples);
+    walk_double_among(walker, Batches { of: &alike(pixels, &samples), count: samples.len() as u32 });
 }
 
-fn walk_double_among(walker: &mut Walker<'_>, pixels: &[u32], samples: Range<u32>) {
-    let per_pixel = samples.len();
-    let paths = pixels.len() * per_pixel;
+fn walk_double_among(walker: &mut Walker<'_>, batches: Batches<'_>) {
+    let paths = batches.paths();
     walker.clear_responses(paths);
     let (setting, mut bundle) = (*walker.setting(), Bundle::default());
     let body_of = walker.body_of().map(<[u64]>::to_vec);
@@ -84,8 +83,8 @@ fn walk_double_among(walker: &mut Walker<'_>, pixels: &[u32], samples: Range<u32
     let mut next = 0;
     loop {
         while places.len() < LANES && next < paths {
-            let (pixel, sample) = (pixels[next / per_pixel] as usize, samples.start + (next % per_pixel) as u32);
-            let mut place = walker.begin(pixel, sample, next);
+            let (pixel, sample) = batches.path(next);
+            let mut place = walker.begin(pixel as usize, sample, next);
             next += 1;
             if settles(walker, &mut place) {
                 bundle.put(places.len(), &place, walker);
@@ -113,6 +112,7 @@ fn walk_double_among(walker: &mut Walker<'_>, pixels: &[u32], samples: Range<u32
             if let (LOOK, Some(body_of)) = (bundle.verdict[lane], &body_of) {
                 let place = &mut places[lane];
                 bundle.get(lane, place);
+                place.clear = bundle.clear[lane];
                 let own = std::mem::replace(&mut place.w, point(&bundle.came, lane));
                 let material = &setting.world.materials[place.material];
                 walker.queue_look(place, own, bundle.roulette[lane], material, body_of[place.material]);
@@ -218,6 +218,7 @@ impl Bundle {
         let clear = nearest(bodies, |solid, i| solid.clearance(DVec3::new(end[0][i], end[1][i], end[2][i])));
         for i in 0..LANES {
             self.roulette[i] = unit(random[3][i]);
+            self.clear[i] = clear[i];
             let looks = self.roulette[i] * rarity((self.mu_a[i] + self.mu_s[i]) * clear[i]) < 1.0;
             let plays = self.weight[i] < 0.5 * deep_weight(self.window[i], clear[i]);
             let endless = self.number[i] >= MOST_BLOCKS;

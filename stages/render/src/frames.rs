@@ -5,7 +5,7 @@ use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Covariance, Frames, White};
 use turbid_contract::{ImageStack, LayerInfo, LayerKind};
 
-use crate::field::{Field, Watched, relative_error};
+use crate::field::{Field, Watched, relative_error_of};
 use crate::response::ONE;
 use crate::shown::{Shown, Terms};
 
@@ -117,11 +117,11 @@ impl Images<'_> {
         White(stack)
     }
 
-    /// Median over the lit pixels of SE(M_AC) / M_AC at the highest f_x and its first orientation (of M_DC where no f_x is
-    /// > 0), the worst of the channels; `None` where no pixel is lit.
-    pub fn relative_error(&self) -> Option<f64> {
+    /// SE(M_AC) / M_AC at the highest f_x and its first orientation (of M_DC where no f_x is > 0) of the lit pixel that has more than
+    /// this `part` of the others below it (0.5: the median), the worst of the channels; `None` where no pixel is lit.
+    pub fn relative_error_of(&self, part: f64) -> Option<f64> {
         let watched = Watched::of(self.shown);
-        let errors = self.channels.iter().filter_map(|field| relative_error(field.as_ref(), &watched));
+        let errors = self.channels.iter().filter_map(|field| relative_error_of(field.as_ref(), &watched, part));
         errors.max_by(f64::total_cmp)
     }
 }

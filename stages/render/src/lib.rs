@@ -8,6 +8,7 @@
 //! Unbiased volumetric path tracing, backward from the pixels. All spatial frequencies, phases and orientations come from the
 //! same paths: a path carries the complex response to exp(i 2 pi f_x u), of which every frame is a linear combination.
 
+pub mod batches;
 pub mod camera;
 pub mod field;
 pub mod finish;
@@ -28,10 +29,13 @@ pub mod strata;
 pub mod texture;
 pub mod world;
 
+mod allocation;
 mod fit;
 mod frames;
 mod glint;
+mod judge;
 mod method;
+mod neighbours;
 mod params;
 mod plan;
 mod polynomials;

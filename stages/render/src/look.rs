@@ -10,7 +10,7 @@ use turbid_optics::philox::{philox4x32, unit};
 use turbid_optics::solid::Solid;
 
 use crate::light::{Carrier, Light};
-use crate::nee::rarity;
+use crate::nee::{depth, rarity};
 use crate::path::{Place, Setting, counter};
 use crate::strata::Bending;
 use crate::world::{Body, Material, World};
@@ -37,6 +37,8 @@ struct Looks {
     own: Axes,
     weight: [f64; LANES],
     roulette: [f64; LANES],
+    /// Optical distance of the nearest surface.
+    least: [f64; LANES],
     mu_a: [f64; LANES],
     mu_s: [f64; LANES],
     g: [f64; LANES],
@@ -64,7 +66,7 @@ impl Queue {
         self.paths.len() == LANES
     }
 
-    /// Enters a collision; `place` has its point, and still the direction in which the path came to it.
+    /// Enters a collision; `place` has its point, its clearance, and still the direction in which the path came to it.
     pub fn push(&mut self, place: &Place, own: DVec3, roulette: f64, material: &Material, body: u64) {
         let (to, lane) = (&mut self.looks, self.paths.len());
         set(&mut to.r, lane, place.r);
@@ -72,6 +74,7 @@ impl Queue {
         set(&mut to.own, lane, own);
         (to.weight[lane], to.roulette[lane], to.body[lane]) = (place.weight, roulette, body);
         (to.mu_a[lane], to.mu_s[lane], to.g[lane]) = (material.mu_a, material.mu_s, material.g);
+        to.least[lane] = material.mu_t() * place.clear;
         // The block behind the flight's; `number` is already the next flight's.
         (to.number[lane], to.sample[lane], to.pixel[lane]) = (place.number - 1, place.sample, place.pixel);
         self.paths.push(place.response);
@@ -141,7 +144,7 @@ struct Wall {
 }
 
 impl Looks {
-    /// Looks. In every lane the optical depth to the light is tested against the roulette, then one point ahead is scored.
+    /// Looks. In every lane the optical depth below where light comes in is tested against the roulette, then one point ahead is scored.
     #[inline(always)]
     fn look(&mut self, key: [u32; 2], channel: u32, world: &World, light: &Light) {
         let (mut towards, mut distance) = ([[0.0; LANES]; 3], [0.0; LANES]);
@@ -172,7 +175,7 @@ impl Looks {
             set(&mut e, i, along);
         }
         let length = self.first_piece(world.bodies.len(), &spans(&world.bodies, &self.r, &e)).distance;
-        let steepness = steepness(&world.bodies, &self.r, &towards, &wall, &e);
+        let (steepness, cos) = steepness(&world.bodies, &self.r, &towards, &wall, &e);
 
         let (mut s, mut inverse_density, mut r1) = ([0.0; LANES], [0.0; LANES], [[0.0; LANES]; 3]);
         let (mut irradiance, mut lit) = ([0.0; LANES], [false; LANES]);
@@ -188,7 +191,7 @@ impl Looks {
         }
         let tau1 = optical_depth(world, &spans(&world.bodies, &r1, &towards), &distance);
         for i in 0..LANES {
-            let rarity = rarity(tau[i]);
+            let rarity = rarity(depth(tau[i], cos[i], self.least[i]));
             let p = hg::density(self.g[i], at(&e, i).dot(at(&towards, i)));
             let dark = ((self.mu_a[i] + self.mu_s[i]) * s[i] + tau1[i]).min(DARK);
             let weight = self.weight[i] * balance[i] * rarity * inverse_density[i];
@@ -280,12 +283,12 @@ fn optical_depth(world: &World, spans: &[Span; MOST_BODIES], distance: &[f64; LA
     tau
 }
 
-/// (e . n) / (L . n), n the normal of the wall through which the light comes.
+/// (e . n) / (L . n), n the normal of the wall through which the light comes; and L . n.
 #[inline(always)]
-fn steepness(bodies: &[Body], r: &Axes, towards: &Axes, wall: &Wall, e: &Axes) -> [f64; LANES] {
-    let mut ratio = [0.0; LANES];
+fn steepness(bodies: &[Body], r: &Axes, towards: &Axes, wall: &Wall, e: &Axes) -> ([f64; LANES], [f64; LANES]) {
+    let (mut ratio, mut cos) = ([0.0; LANES], [1.0; LANES]);
     for (j, body) in bodies.iter().enumerate() {
-        for (i, ratio) in ratio.iter_mut().enumerate() {
+        for (i, (ratio, cos)) in ratio.iter_mut().zip(&mut cos).enumerate() {
             let p = at(r, i) + wall.distance[i] * at(towards, i);
             // Neither its length nor its sign matters.
             let n = match body.solid {
@@ -304,11 +307,12 @@ fn steepness(bodies: &[Body], r: &Axes, towards: &Axes, wall: &Wall, e: &Axes) -
                 // Kept away by `bodies_by_material`.
                 ref solid => solid.normal(0, p),
             };
-            let through = at(e, i).dot(n) / at(towards, i).dot(n);
-            *ratio = if wall.body[i] == j as u64 { through } else { *ratio };
+            let (along, through) = (at(e, i).dot(n), at(towards, i).dot(n));
+            *ratio = if wall.body[i] == j as u64 { along / through } else { *ratio };
+            *cos = if wall.body[i] == j as u64 { through / n.length() } else { *cos };
         }
     }
-    ratio
+    (ratio, cos)
 }
 
 #[inline(always)]

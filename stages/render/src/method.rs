@@ -1,18 +1,19 @@
 //! Which way the radiance of a scene is found, and the images that come of it.
 
 use turbid_contract::payload::Scene;
-use turbid_contract::{Ctx, Error, Seconds};
+use turbid_contract::{Ctx, Error};
 
-use crate::field::{Field, Sampled, Watched, relative_error};
+use crate::field::{Field, Sampled, Watched};
 use crate::fit::{Fitted, Lattice};
+use crate::judge::{OfFit, OfPixels};
 use crate::light::Carrier;
 use crate::moments::Moments;
-use crate::params::{Method, Params};
+use crate::params::{Allocate, Method, Params};
 use crate::reference::{References, no_stand_in, references};
 use crate::referenced::{Images, Referenced};
 use crate::rig::Rig;
 use crate::shown::Shown;
-use crate::trace::{Task, trace};
+use crate::trace::{Sums, Task, trace};
 use crate::uniform::obstacle;
 
 /// The error target of a pixel-by-pixel image is first tested after this many paths per pixel.
@@ -21,10 +22,7 @@ const FIRST_TEST: u32 = 64;
 const FIRST_TEST_OF_ALL: usize = 1 << 15;
 /// So many times the paths of a pixel are spent on each traced pixel of a stand-in's image: its few terms have then less noise than
 /// most differences.
-const FIT_PATHS: u32 = 2;
-/// Terms of a fit of the least order.
-const TERMS: f64 = 6.0;
-
+pub const FIT_PATHS: u32 = 1;
 /// The method taken for a scene, and why.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Taken {
@@ -67,11 +65,13 @@ pub struct Estimate<'a> {
 /// The sums behind an [`Estimate`].
 pub struct Traced {
     channels: Vec<Moments>,
+    /// Paths per traced pixel, on average.
     n: u32,
-    /// `n` for every pixel.
+    /// Those of every pixel.
     paths: Vec<u32>,
     lattice: Option<Lattice>,
     beside: Option<Beside>,
+    flights: u64,
 }
 
 /// Stand-ins, and the sums behind their images.
@@ -108,30 +108,10 @@ fn pixels(
     beside: Option<References>,
     ctx: Ctx<'_>,
 ) -> Result<Traced, Error> {
-    let (camera, watched) = (&rig.camera, Watched::of(shown));
-    let pixels: Vec<u32> = (0..camera.pixels() as u32).collect();
-    let lattice = Lattice::over(camera.columns, camera.rows);
-    let traced = lattice.columns.len() * lattice.rows.len();
-    let expected = TERMS / (f64::from(FIT_PATHS) * traced as f64);
-    let error = |channels: &[Moments], n: u32| {
-        let paths = vec![n; camera.pixels()];
-        let of = |channel: usize| {
-            let direct = Sampled { moments: &channels[channel], paths: &paths };
-            let Some(stand_ins) = &beside else { return relative_error(&direct, &watched) };
-            let differences = Sampled { moments: &channels[rig.worlds.len() + channel], paths: &paths };
-            let (images, of_pixel) = (Images::Expected(expected), &stand_ins.of_pixel);
-            let field = Referenced::new(direct, differences, images, of_pixel, camera.columns, shown.layout);
-            relative_error(&field, &watched)
-        };
-        (0..rig.worlds.len()).filter_map(of).max_by(f64::total_cmp)
-    };
-    // Some of the time is left for the stand-ins' images, which are made at last: how good they must be is known only then.
-    let images = beside.as_ref().map_or(0, |b| b.references.len());
-    let (scene, rest) = (2.0 * camera.pixels() as f64, f64::from(FIT_PATHS) * (images * traced) as f64);
-    let max_seconds = params.max_seconds.map(|limit| Seconds(scene / (scene + rest) * limit.0));
-    let limited = Params { max_seconds, ..params.clone() };
+    let pixels: Vec<u32> = (0..rig.camera.pixels() as u32).collect();
+    let judge = OfPixels::new(rig, shown, beside.as_ref(), params.allocate);
     let task = Task {
-        params: &limited,
+        params,
         rig,
         shown,
         pixels: &pixels,
@@ -139,9 +119,16 @@ fn pixels(
         salt: 0,
         kept: true,
         first_test: FIRST_TEST,
-        error: &error,
+        allocate: params.allocate,
+        judge: &judge,
     };
-    let (channels, n) = trace(&task, ctx)?;
+    let Sums { mut channels, samples: n, paths, beside: taken, flights } = trace(&task, ctx)?;
+    let beside = beside.map(|stand_ins| stand_ins.within(taken.as_deref()));
+    let beside = beside.filter(|stand_ins| stand_ins.of_pixel.iter().any(Option::is_some));
+    if beside.is_none() {
+        // Differences that nobody needs.
+        channels.truncate(rig.worlds.len());
+    }
     let beside = beside.map(|stand_ins| {
         let samples = Some(n.max(FIRST_TEST).saturating_mul(FIT_PATHS));
         let enough = Params { samples, target_error: None, max_seconds: None, ..params.clone() };
@@ -149,34 +136,38 @@ fn pixels(
         let images = images.map(|(r, salt)| fit(&enough, &r.plain, shown, (salt, false), ctx));
         Ok::<_, Error>(Beside { images: images.collect::<Result<_, _>>()?, stand_ins })
     });
-    Ok(Traced { channels, n, paths: vec![n; camera.pixels()], lattice: None, beside: beside.transpose()? })
+    Ok(Traced { channels, n, paths, lattice: None, beside: beside.transpose()?, flights })
 }
 
 /// A lattice of pixels, to fit a smooth image to; `salt` and `kept` as in [`Task`].
 fn fit(params: &Params, rig: &Rig, shown: &Shown, (salt, kept): (u64, bool), ctx: Ctx<'_>) -> Result<Traced, Error> {
-    let (camera, watched) = (&rig.camera, Watched::of(shown));
+    let camera = &rig.camera;
     let lattice = Lattice::over(camera.columns, camera.rows);
     let pixels = lattice.pixels(camera.columns);
-    let error = |channels: &[Moments], n: u32| {
-        let of = |moments| {
-            Fitted::new(rig, &shown.carriers, &lattice, moments, n).and_then(|f| relative_error(&f, &watched))
-        };
-        channels.iter().filter_map(of).max_by(f64::total_cmp)
-    };
     let first_test = FIRST_TEST_OF_ALL.div_ceil(pixels.len()).next_power_of_two().max(8) as u32;
-    let task = Task { params, rig, shown, pixels: &pixels, beside: None, salt, kept, first_test, error: &error };
-    let (channels, n) = trace(&task, ctx)?;
-    Ok(Traced { channels, n, paths: Vec::new(), lattice: Some(lattice), beside: None })
+    let judge = OfFit { rig, shown, lattice: &lattice };
+    // Its error is that of a few coefficients, which all pixels share.
+    let allocate = Allocate::Even;
+    let task =
+        Task { params, rig, shown, pixels: &pixels, beside: None, salt, kept, first_test, allocate, judge: &judge };
+    let Sums { channels, samples: n, flights, .. } = trace(&task, ctx)?;
+    Ok(Traced { channels, n, paths: Vec::new(), lattice: Some(lattice), beside: None, flights })
 }
 
 impl Traced {
+    /// All that were made for it.
+    pub fn flights(&self) -> u64 {
+        self.flights + self.beside.iter().flat_map(|b| &b.images).map(|image| image.flights).sum::<u64>()
+    }
+
     /// The fields of all channels.
     pub fn estimate(&self, rig: &Rig, shown: &Shown, ctx: Ctx<'_>) -> Result<Estimate<'_>, Error> {
         if let Some(beside) = &self.beside {
             return self.estimate_beside(beside, rig, shown, ctx);
         }
         let Some(lattice) = &self.lattice else {
-            let field = |moments| -> Box<dyn Field> { Box::new(Sampled { moments, paths: &self.paths }) };
+            let field =
+                |moments| -> Box<dyn Field> { Box::new(Sampled { moments, paths: &self.paths, widened: true }) };
             return Ok(Estimate { channels: self.channels.iter().map(field).collect(), n: self.n, sharing: None });
         };
         let mut channels: Vec<Box<dyn Field>> = Vec::new();
@@ -199,8 +190,10 @@ impl Traced {
         let mut channels: Vec<Box<dyn Field>> = Vec::new();
         let (mut sharing, mut share) = (1.0_f64, 0.0_f64);
         for (channel, images) in beside.fitted(&shown.carriers)?.into_iter().enumerate() {
-            let sampled = |moments| Sampled { moments, paths: &self.paths };
-            let (direct, differences) = (sampled(&self.channels[channel]), sampled(&self.channels[count + channel]));
+            let sampled = |moments, widened| Sampled { moments, paths: &self.paths, widened };
+            let direct = sampled(&self.channels[channel], true);
+            // Variances of differences are pooled over pixels.
+            let differences = sampled(&self.channels[count + channel], false);
             let (images, of_pixel) = (Images::Known(images), &beside.stand_ins.of_pixel);
             let field = Referenced::new(direct, differences, images, of_pixel, rig.camera.columns, shown.layout);
             (sharing, share) = (sharing.max(field.sharing(&watched.dc)), share.max(field.share()));

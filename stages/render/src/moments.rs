@@ -12,14 +12,13 @@ impl Moments {
         Self { q, sums: vec![0.0; pixels * stride(q)] }
     }
 
-    /// From the numbers that `sums` gave.
-    pub fn from_sums(q: usize, sums: Vec<f64>) -> Self {
-        assert_eq!(sums.len() % stride(q), 0, "{} sums for {q} responses", sums.len());
-        Self { q, sums }
-    }
-
     pub fn sums(&self) -> &[f64] {
         &self.sums
+    }
+
+    /// Takes over the numbers that another's `sums` gave, which has as many.
+    pub fn set(&mut self, sums: impl Iterator<Item = f64>) {
+        self.sums.iter_mut().zip(sums).for_each(|(old, new)| *old = new);
     }
 
     /// How many numbers a pixel holds.
@@ -52,6 +51,13 @@ impl Moments {
         for (sum, &part) in self.sums[place..].iter_mut().zip(&other.sums) {
             *sum += part;
         }
+    }
+
+    /// Adds the sums of the pixel `from` in `other` to those of `pixel`.
+    pub fn fold_one(&mut self, pixel: usize, other: &Moments, from: usize) {
+        let stride = self.stride();
+        let part = &other.sums[from * stride..][..stride];
+        self.sums[pixel * stride..][..stride].iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
     }
 
     /// Mean response i of a pixel over n paths.

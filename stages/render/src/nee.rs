@@ -15,7 +15,8 @@ use crate::single::Detour;
 use crate::strata::Bending;
 use crate::world::{Material, Skin};
 
-/// Light is looked for with probability min(1, (TAU_SURE / tau)^4) at optical distance tau from it.
+/// Light is looked for with probability min(1, (TAU_SURE / tau)^4) at optical distance tau from it; looking ahead, from the plane of
+/// the wall through which it comes.
 pub const TAU_SURE: f64 = 3.0;
 
 /// Where the next scattering is looked for.
@@ -229,7 +230,8 @@ impl<'a> Walker<'a> {
         if roulette * rarity(material.mu_t() * at.clear) >= 1.0 {
             return;
         }
-        at.clear = world.clearance(at.r);
+        // Lanes may know better: surfaces that do not show are none to them.
+        at.clear = at.clear.max(world.clearance(at.r));
         if roulette * rarity(material.mu_t() * at.clear) >= 1.0 {
             return;
         }
@@ -244,7 +246,8 @@ impl<'a> Walker<'a> {
         }
     }
 
-    /// Looks one by one for the steady lights, from a collision from which the queue looks for the projector.
+    /// Looks one by one for the steady lights, from a collision from which the queue looks for the projector; `at.clear` is what
+    /// decided that.
     pub fn look_at_lamps(&mut self, at: &Place, own: DVec3, roulette: f64) {
         for (i, lamp) in self.setting.steady.lamps.iter().enumerate() {
             self.line_lit(at, own, roulette, Source::Lamp(i, lamp));
@@ -268,8 +271,9 @@ impl<'a> Walker<'a> {
     fn line_lit(&mut self, at: &Place, own: DVec3, roulette: f64, source: Source<'_>) {
         let world = self.setting.world;
         let material = world.materials[at.material];
-        let Heading { towards, tau, exit } = self.heading(source, at.r, material.mu_t() * at.clear);
-        let rarity = rarity(tau);
+        let least = material.mu_t() * at.clear;
+        let Heading { towards, tau, exit } = self.heading(source, at.r, least);
+        let rarity = rarity(depth(tau, exit.map_or(1.0, |n| n.dot(towards)), least));
         if roulette * rarity >= 1.0 {
             return;
         }
@@ -309,6 +313,17 @@ impl<'a> Walker<'a> {
             self.deposit(path, radiance, link.on_plane, source);
         }
     }
+}
+
+/// Optical depth below the plane through which the light comes, which is `tau` away at the cosine `cos`; at least what is known.
+///
+/// A look ahead is from further on along the path, which may come up to the wall the short way: where light grazes the wall, it is far
+/// away from places near which it is bright. A roulette by `tau` itself would leave those to one look in very many (measured in a tube
+/// lit along its axis: kurtosis above 2000, intervals of two standard errors that hold the truth in 86 % of cases after 256 paths).
+#[inline(always)]
+pub fn depth(tau: f64, cos: f64, least: f64) -> f64 {
+    let depth = tau * cos.abs();
+    if depth > least { depth } else { least }
 }
 
 /// One over the probability of looking for light at optical distance `tau`; that falls slower than the light does.

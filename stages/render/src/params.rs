@@ -40,6 +40,21 @@ pub struct Params {
     pub photons: u32,
     #[serde(default)]
     pub method: Method,
+    /// Where the paths go: the same number to every pixel, or more to where the error is (`samples` is then the mean).
+    #[serde(default)]
+    pub allocate: Allocate,
+}
+
+/// Where paths go.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+#[schemars(crate = "turbid_contract::schemars")]
+pub enum Allocate {
+    /// The same number to every pixel.
+    #[default]
+    Even,
+    /// So that SE(M_AC) / M_AC at the highest f_x becomes the same in all pixels.
+    Adaptive,
 }
 
 /// How the radiance is found.

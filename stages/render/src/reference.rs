@@ -30,6 +30,16 @@ pub struct References {
     pub of_pixel: Vec<Option<usize>>,
 }
 
+impl References {
+    /// Only in the pixels that are `taken`; in all where it says nothing.
+    pub fn within(mut self, taken: Option<&[bool]>) -> Self {
+        if let Some(taken) = taken {
+            self.of_pixel.iter_mut().zip(taken).for_each(|(of, &taken)| *of = of.filter(|_| taken));
+        }
+        self
+    }
+}
+
 /// Why no part of a scene has a stand-in; `None` where there may be one.
 pub fn no_stand_in(scene: &Scene, target_error: Option<f64>) -> Option<String> {
     let base = slabs_of(scene);

@@ -2,10 +2,8 @@
 
 use crate::field::{Field, Sampled};
 use crate::fit::Fitted;
+use crate::neighbours::around;
 use crate::response::Layout;
-
-/// Pixels on each side whose noise is pooled.
-const AROUND: usize = 2;
 
 /// What is known of the stand-ins' images.
 pub enum Images {
@@ -61,11 +59,13 @@ impl<'a> Referenced<'a> {
         let mut chosen = vec![None; of_pixel.len()];
         for (pixel, stand_in) in of_pixel.iter().enumerate().filter(|(_, k)| k.is_some()) {
             let around: Vec<usize> =
-                window(pixel, columns, of_pixel.len()).filter(|&p| of_pixel[p] == *stand_in).collect();
+                around(pixel, columns, of_pixel.len()).filter(|&p| of_pixel[p] == *stand_in).collect();
             let (mut ours, mut theirs) = (0.0, 0.0);
             for &other in &around {
+                // As if they had as many paths as this pixel.
+                let scale = f64::from(differences.paths[other]) / f64::from(differences.paths[pixel]);
                 for group in 0..groups {
-                    pooled[pixel * groups + group] += own[other * groups + group] / around.len() as f64;
+                    pooled[pixel * groups + group] += scale * own[other * groups + group] / around.len() as f64;
                 }
                 if other != pixel {
                     (ours, theirs) = (ours + difference[other], theirs + mean[other]);
@@ -172,11 +172,4 @@ fn members(layout: Layout, group: usize) -> impl Iterator<Item = usize> {
 fn variance_in(field: &dyn Field, layout: Layout, pixel: usize, group: usize) -> f64 {
     let sum: f64 = members(layout, group).map(|i| field.variance(pixel, &[(i, 1.0)])).sum();
     sum / members(layout, group).count() as f64
-}
-
-/// The pixels around one, and itself.
-fn window(pixel: usize, columns: usize, pixels: usize) -> impl Iterator<Item = usize> {
-    let (row, column, rows) = (pixel / columns, pixel % columns, pixels / columns);
-    let along = |at: usize, n: usize| at.saturating_sub(AROUND)..(at + AROUND + 1).min(n);
-    along(row, rows).flat_map(move |r| along(column, columns).map(move |c| r * columns + c))
 }

@@ -42,7 +42,7 @@ pub struct RenderStage;
 
 impl Stage for RenderStage {
     const NAME: &'static str = "render";
-    const VERSION: u32 = 9;
+    const VERSION: u32 = 10;
     const ABOUT: &'static str =
         "Renders camera frames under projected sinusoids by unbiased path tracing, with standard errors";
     const STOPPING: &'static [&'static str] = &["samples", "target_error", "max_seconds"];
@@ -124,9 +124,12 @@ impl Stage for RenderStage {
         } else {
             None
         };
+        ctx.measure("flights", traced.flights() as f64, "1");
         ctx.measure("samples", f64::from(estimate.n), "1");
-        if let Some(error) = images.relative_error() {
-            ctx.measure("error: m_ac per pixel", 100.0 * error, "%");
+        for (part, of) in [(0.5, "error: m_ac per pixel"), (0.95, "error: m_ac per pixel, 95th percentile")] {
+            if let Some(error) = images.relative_error_of(part) {
+                ctx.measure(of, 100.0 * error, "%");
+            }
         }
         Ok(Out {
             frames: images.frames(),

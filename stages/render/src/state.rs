@@ -1,66 +1,167 @@
 //! What a longer render continues from: the sums after some whole batches, as bytes.
 
+use std::borrow::Cow;
+
+use crate::allocation::{doubling, share};
 use crate::moments::Moments;
+use crate::params::Allocate;
 
-const MAGIC: &[u8; 8] = b"turbidR1";
+const MAGIC: &[u8; 8] = b"turbidR2";
 
-/// The sums of all channels after `samples` paths per pixel.
+/// The sums of all channels after `samples` paths per pixel on average.
 #[derive(Clone, Debug, PartialEq)]
 pub struct State {
     /// A multiple of the batch.
     pub samples: u32,
+    /// Of the paths that every pixel has.
     pub channels: Vec<Moments>,
     /// (samples, relative error) wherever the error target was tested: a longer run must stop where a fresh one would.
     pub history: Vec<(u32, f64)>,
-    pub flights: u64,
+    /// In the scene, and in stand-ins beside it.
+    pub flights: [u64; 2],
+    /// Where pixels have stand-ins: whether their paths are walked there, too. `None` before that is decided.
+    pub beside: Option<Vec<bool>>,
+    /// Where paths go to where the error is.
+    pub more: Option<More>,
+}
+
+/// Paths beside those that every pixel has.
+#[derive(Clone, Debug, PartialEq)]
+pub struct More {
+    pub channels: Vec<Moments>,
+    /// Batches of each pixel until the last doubling ...
+    pub before: Vec<u32>,
+    /// ... and those from there to the next one; empty before they are planned.
+    pub planned: Vec<u32>,
 }
 
 impl State {
-    pub fn new(channels: usize, pixels: usize, q: usize) -> Self {
-        Self { samples: 0, channels: vec![Moments::new(pixels, q); channels], history: Vec::new(), flights: 0 }
+    /// Of `fields` sums for each of `pixels` pixels.
+    pub fn new(fields: usize, pixels: usize, q: usize, allocate: Allocate) -> Self {
+        let channels = vec![Moments::new(pixels, q); fields];
+        let more = More { channels: channels.clone(), before: vec![0; pixels], planned: Vec::new() };
+        Self {
+            samples: 0,
+            channels,
+            history: Vec::new(),
+            flights: [0; 2],
+            beside: None,
+            more: (allocate == Allocate::Adaptive).then_some(more),
+        }
+    }
+
+    /// The sums of all paths.
+    pub fn sums(&self) -> Cow<'_, [Moments]> {
+        let Some(more) = &self.more else { return Cow::Borrowed(&self.channels) };
+        let mut sums = self.channels.clone();
+        sums.iter_mut().zip(&more.channels).for_each(|(sum, more)| sum.fold(0, more));
+        Cow::Owned(sums)
     }
 
     pub fn to_bytes(&self) -> Vec<u8> {
-        let sums: usize = self.channels.iter().map(|c| c.sums().len()).sum();
-        let mut bytes = Vec::with_capacity(32 + 12 * self.history.len() + 8 * sums);
+        let numbers = |channels: &[Moments]| channels.iter().map(|c| c.sums().len()).sum::<usize>();
+        let more = self.more.as_ref().map_or(0, |m| 8 * numbers(&m.channels) + 4 * (m.before.len() + m.planned.len()));
+        let beside = self.beside.as_deref().unwrap_or_default();
+        let mut bytes =
+            Vec::with_capacity(HEAD + 12 * self.history.len() + beside.len() + 8 * numbers(&self.channels) + more);
         bytes.extend(MAGIC);
-        bytes.extend(self.samples.to_le_bytes());
-        bytes.extend((self.history.len() as u32).to_le_bytes());
-        bytes.extend(self.flights.to_le_bytes());
+        let planned = self.more.as_ref().map_or(0, |more| more.planned.len());
+        for number in [self.samples as usize, self.history.len(), beside.len(), planned] {
+            bytes.extend((number as u32).to_le_bytes());
+        }
+        bytes.extend(self.flights.iter().flat_map(|n| n.to_le_bytes()));
         for (samples, error) in &self.history {
             bytes.extend(samples.to_le_bytes());
             bytes.extend(error.to_le_bytes());
         }
-        for sum in self.channels.iter().flat_map(Moments::sums) {
-            bytes.extend(sum.to_le_bytes());
+        bytes.extend(beside.iter().map(|&b| u8::from(b)));
+        let mut add = |channels: &[Moments]| {
+            bytes.extend(channels.iter().flat_map(Moments::sums).flat_map(|sum| sum.to_le_bytes()));
+        };
+        add(&self.channels);
+        if let Some(more) = &self.more {
+            add(&more.channels);
+            bytes.extend(more.before.iter().chain(&more.planned).flat_map(|n| n.to_le_bytes()));
         }
         bytes
     }
 
-    /// `None` where the bytes are not such a state of that size.
-    pub fn from_bytes(bytes: &[u8], channels: usize, pixels: usize, q: usize) -> Option<Self> {
-        let (head, rest) = bytes.split_at_checked(24)?;
-        let (magic, head) = head.split_at(8);
-        if magic != MAGIC {
+    /// `None` where the bytes are not a state like `empty`, of some paths.
+    pub fn from_bytes(bytes: &[u8], empty: Self) -> Option<Self> {
+        let mut rest = Bytes(bytes);
+        if rest.take(8)? != MAGIC {
             return None;
         }
-        let samples = u32::from_le_bytes(head[..4].try_into().ok()?);
-        let n_history = u32::from_le_bytes(head[4..8].try_into().ok()?) as usize;
-        let flights = u64::from_le_bytes(head[8..16].try_into().ok()?);
-        let (history, sums) = rest.split_at_checked(n_history.checked_mul(12)?)?;
-        let history = history.chunks_exact(12).map(|entry| {
-            let (n, error) = entry.split_at(4);
-            Some((u32::from_le_bytes(n.try_into().ok()?), f64::from_le_bytes(error.try_into().ok()?)))
-        });
-        let history = history.collect::<Option<Vec<_>>>()?;
-        let per_channel = Moments::new(pixels, q).sums().len();
-        if sums.len() != 8 * per_channel * channels {
+        let [samples, history, beside, planned] = [rest.u32()?, rest.u32()?, rest.u32()?, rest.u32()?];
+        let mut state = Self { samples, flights: [rest.u64()?, rest.u64()?], ..empty };
+        state.history =
+            (0..history).map(|_| Some((rest.u32()?, f64::from_bits(rest.u64()?)))).collect::<Option<_>>()?;
+        let pixels = state.pixels();
+        if ![0, pixels].contains(&(beside as usize)) || ![0, pixels].contains(&(planned as usize)) {
             return None;
         }
-        let sums = sums.chunks_exact(8).map(|b| f64::from_le_bytes(b.try_into().expect("eight bytes")));
-        let sums: Vec<f64> = sums.collect();
-        let channels = sums.chunks(per_channel).map(|c| Moments::from_sums(q, c.to_vec())).collect();
-        Some(Self { samples, channels, history, flights })
+        let beside = rest.take(beside as usize)?.iter().map(|&b| b == 1).collect::<Vec<_>>();
+        state.beside = (!beside.is_empty()).then_some(beside);
+        rest.sums(&mut state.channels)?;
+        if let Some(more) = &mut state.more {
+            rest.sums(&mut more.channels)?;
+            more.before = (0..pixels).map(|_| rest.u32()).collect::<Option<_>>()?;
+            more.planned = (0..planned).map(|_| rest.u32()).collect::<Option<_>>()?;
+        } else if planned != 0 {
+            return None;
+        }
+        rest.0.is_empty().then_some(state)
+    }
+
+    fn pixels(&self) -> usize {
+        self.channels.first().map_or(0, |channel| channel.sums().len() / channel.stride())
+    }
+}
+
+impl More {
+    /// Batches of each pixel at `batches` per pixel on average, not beyond the doubling after `from`.
+    pub fn done(&self, from: u32, batches: u32) -> Vec<u32> {
+        let planned = self.planned.iter().map(|&planned| share(planned, from, batches));
+        self.before.iter().zip(planned.chain(std::iter::repeat(0))).map(|(before, due)| before + due).collect()
+    }
+
+    /// Closes what was planned where a round from `at` to `to` batches ends at a doubling.
+    pub fn turn(&mut self, at: u32, to: u32) {
+        if let Some(from) = doubling(at).filter(|&from| doubling(to) != Some(from)) {
+            (self.before, self.planned) = (self.done(from, to), Vec::new());
+        }
+    }
+}
+
+/// What stands before the lists.
+const HEAD: usize = 8 + 4 * 4 + 2 * 8;
+
+/// What is left to read.
+struct Bytes<'a>(&'a [u8]);
+
+impl<'a> Bytes<'a> {
+    fn take(&mut self, n: usize) -> Option<&'a [u8]> {
+        let (taken, rest) = self.0.split_at_checked(n)?;
+        self.0 = rest;
+        Some(taken)
+    }
+
+    fn u32(&mut self) -> Option<u32> {
+        self.take(4)?.try_into().ok().map(u32::from_le_bytes)
+    }
+
+    fn u64(&mut self) -> Option<u64> {
+        self.take(8)?.try_into().ok().map(u64::from_le_bytes)
+    }
+
+    /// Fills the sums of channels that have their size.
+    fn sums(&mut self, channels: &mut [Moments]) -> Option<()> {
+        for channel in channels {
+            let taken = self.take(8 * channel.sums().len())?;
+            let sums = taken.chunks_exact(8).map(|b| f64::from_le_bytes(b.try_into().expect("eight bytes")));
+            channel.set(sums);
+        }
+        Some(())
     }
 }
 
@@ -70,16 +171,25 @@ mod tests {
 
     #[test]
     fn bytes_round_trip_and_torn_ones_are_refused() {
-        let mut state = State::new(2, 3, 3);
-        state.samples = 64;
-        state.flights = 1 << 40;
-        state.history = vec![(64, 0.1)];
-        state.channels[1].add(2, &[1.0, -0.5, 1e-300]);
-        let bytes = state.to_bytes();
-        assert_eq!(State::from_bytes(&bytes, 2, 3, 3), Some(state));
-        assert_eq!(State::from_bytes(&bytes, 2, 4, 3), None);
-        for torn in [0, 7, 23, 30, bytes.len() - 1] {
-            assert_eq!(State::from_bytes(&bytes[..torn], 2, 3, 3), None, "{torn} bytes");
+        for (allocate, other) in [(Allocate::Even, Allocate::Adaptive), (Allocate::Adaptive, Allocate::Even)] {
+            let empty = |pixels: usize| State::new(2, pixels, 3, allocate);
+            let mut state = empty(3);
+            state.samples = 64;
+            state.flights = [1 << 40, 7];
+            state.history = vec![(64, 0.1)];
+            state.beside = Some(vec![true, false, true]);
+            state.channels[1].add(2, &[1.0, -0.5, 1e-300]);
+            if let Some(more) = &mut state.more {
+                (more.before, more.planned) = (vec![1, 2, 3], vec![4, 5, 6]);
+                more.channels[0].add(1, &[0.5, 0.25, 3.0]);
+            }
+            let bytes = state.to_bytes();
+            assert_eq!(State::from_bytes(&bytes, empty(3)), Some(state));
+            assert_eq!(State::from_bytes(&bytes, empty(4)), None);
+            assert_eq!(State::from_bytes(&bytes, State::new(2, 3, 3, other)), None);
+            for torn in [0, 7, 23, 30, bytes.len() - 1] {
+                assert_eq!(State::from_bytes(&bytes[..torn], empty(3)), None, "{torn} bytes");
+            }
         }
     }
 }

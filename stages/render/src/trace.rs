@@ -5,10 +5,12 @@ use std::ops::Range;
 use turbid_contract::{Ctx, Error};
 use turbid_optics::philox;
 
+use crate::allocation;
+use crate::batches::Batches;
 use crate::flock;
 use crate::level::named;
 use crate::moments::Moments;
-use crate::params::Params;
+use crate::params::{Allocate, Params};
 use crate::path::{Nee, Setting, Walker};
 use crate::reference::References;
 use crate::rig::Rig;
@@ -18,10 +20,14 @@ use crate::state::State;
 /// Paths per pixel that are summed before they are added to the image: in f64, and always the same ones, so that neither the
 /// thread count nor a stop in between shows in the result.
 const BATCH: u32 = 8;
-/// Pixels of a tile: enough paths (with a batch of each) that lanes run dry for a small part of its time only.
+/// Batches of a tile: enough paths that lanes run dry for a small part of its time only.
 const TILE: usize = 1024;
 /// Tiles and batches of a round are chosen so that it holds about this many batches of a pixel.
 const ROUND: usize = 1 << 15;
+/// After so many paths per pixel it is decided where stand-ins are worth their time.
+const PILOT: u32 = 16;
+/// Tells the paths beside the even ones apart.
+const MORE: u64 = 1 << 63;
 /// Seconds between checkpoints.
 const CHECKPOINT_EVERY_S: f64 = 10.0;
 
@@ -41,8 +47,37 @@ pub struct Task<'a> {
     pub kept: bool,
     /// The error target is tested after this many paths per pixel and after every doubling.
     pub first_test: u32,
-    /// Relative error of the image that sums of all channels give; `None` where it is dark.
-    pub error: &'a (dyn Fn(&[Moments], u32) -> Option<f64> + Sync),
+    pub allocate: Allocate,
+    pub judge: &'a dyn Judge,
+}
+
+/// What is made of sums while they grow: of those of all channels, and the paths of each pixel.
+pub trait Judge: Sync {
+    /// Relative error of the image; `None` where it is dark. `beside`: the pixels whose paths are walked in their stand-in, too.
+    fn error(&self, sums: &[Moments], paths: &[u32], beside: Option<&[bool]>) -> Option<f64>;
+
+    /// How many paths the pixels need in proportion; see [`allocation::needs`].
+    fn needs(&self, sums: &[Moments], paths: &[u32], beside: Option<&[bool]>) -> Vec<f64>;
+
+    /// In which pixels walking their stand-in, too, is worth it. `flights` of a path in the scene and in a stand-in.
+    fn beside(&self, sums: &[Moments], paths: &[u32], flights: [f64; 2]) -> Vec<bool>;
+
+    /// The part of the time that may be spent on these paths.
+    fn part(&self, beside: Option<&[bool]>) -> f64;
+}
+
+/// What was traced.
+pub struct Sums {
+    /// Of every channel.
+    pub channels: Vec<Moments>,
+    /// Paths per pixel, on average.
+    pub samples: u32,
+    /// Those of each pixel.
+    pub paths: Vec<u32>,
+    /// The pixels whose paths were all walked in their stand-in, too.
+    pub beside: Option<Vec<bool>>,
+    /// In scene and stand-ins.
+    pub flights: u64,
 }
 
 impl Task<'_> {
@@ -50,12 +85,22 @@ impl Task<'_> {
     fn fields(&self) -> usize {
         self.rig.worlds.len() * if self.beside.is_some() { 2 } else { 1 }
     }
+
+    /// Paths of each pixel.
+    fn paths(&self, state: &State) -> Vec<u32> {
+        let Some(more) = &state.more else { return vec![state.samples; self.pixels.len()] };
+        let batches = state.samples / BATCH;
+        // What is left of a batch is even.
+        let even = allocation::even(batches) * BATCH + state.samples % BATCH;
+        let from = allocation::doubling(batches).unwrap_or(batches);
+        more.done(from, batches).iter().map(|more| even + BATCH * more).collect()
+    }
 }
 
 /// The sums of every channel, and the paths per pixel that they hold.
 ///
 /// Continues the furthest checkpoint that a fresh run would have passed through.
-pub fn trace(task: &Task<'_>, ctx: Ctx<'_>) -> Result<(Vec<Moments>, u32), Error> {
+pub fn trace(task: &Task<'_>, ctx: Ctx<'_>) -> Result<Sums, Error> {
     let params = task.params;
     let q = task.shown.layout.width();
     let job = Job { task, ctx };
@@ -66,14 +111,20 @@ pub fn trace(task: &Task<'_>, ctx: Ctx<'_>) -> Result<(Vec<Moments>, u32), Error
     let mut next_checkpoint_s = CHECKPOINT_EVERY_S;
     let stopped = |state: &State| {
         let reached = params.target_error.is_some_and(|target| state.history.iter().any(|&(_, e)| e <= target.0));
-        reached || (state.samples > 0 && params.max_seconds.is_some_and(|limit| ctx.time_is_up(limit.0)))
+        let part = || task.judge.part(state.beside.as_deref());
+        reached || (state.samples > 0 && params.max_seconds.is_some_and(|limit| ctx.time_is_up(part() * limit.0)))
     };
     while state.samples < whole && !stopped(&state) {
+        if state.samples >= PILOT && task.beside.is_some() && state.beside.is_none() {
+            state.beside = Some(job.beside(&state));
+        }
+        job.plan(&mut state);
         let mut next_test = task.first_test;
         while next_test <= state.samples {
             next_test = next_test.saturating_mul(2);
         }
         let until = whole.min(next_test);
+        let until = if task.beside.is_some() && state.samples < PILOT { until.min(PILOT) } else { until };
         let most = (ROUND / (task.pixels.len() * task.fields())).max(1) as u32 * BATCH;
         let until = until.min(state.samples.saturating_add(most));
         if let Err(interrupted) = job.round(&mut state, until) {
@@ -83,7 +134,7 @@ pub fn trace(task: &Task<'_>, ctx: Ctx<'_>) -> Result<(Vec<Moments>, u32), Error
             return Err(interrupted);
         }
         if state.samples == next_test {
-            let error = (task.error)(&state.channels, state.samples);
+            let error = task.judge.error(&state.sums(), &task.paths(&state), state.beside.as_deref());
             // Where nothing is lit there is nothing to wait for.
             state.history.push((state.samples, error.unwrap_or(0.0)));
         }
@@ -103,16 +154,17 @@ pub fn trace(task: &Task<'_>, ctx: Ctx<'_>) -> Result<(Vec<Moments>, u32), Error
         // The last, partial batch is not part of any checkpoint: a longer run has it whole.
         job.round(&mut state, cap)?;
     }
-    ctx.measure("flights", state.flights as f64, "1");
-    Ok((state.channels, state.samples))
+    let (channels, paths) = (state.sums().into_owned(), task.paths(&state));
+    let flights = state.flights.iter().sum();
+    Ok(Sums { channels, samples: state.samples, paths, beside: state.beside, flights })
 }
 
 /// The furthest checkpoint at which a fresh run would not have stopped before.
 fn resume(task: &Task<'_>, q: usize, whole: u32, ctx: Ctx<'_>) -> State {
-    let (channels, pixels) = (task.fields(), task.pixels.len());
+    let empty = State::new(task.fields(), task.pixels.len(), q, task.allocate);
     let mut at_most = whole;
     while let Some(bytes) = ctx.resume(u64::from(at_most)).filter(|_| task.kept) {
-        let Some(state) = State::from_bytes(&bytes, channels, pixels, q) else {
+        let Some(state) = State::from_bytes(&bytes, empty.clone()) else {
             ctx.warn("a checkpoint of this render could not be read; it starts anew");
             break;
         };
@@ -123,7 +175,7 @@ fn resume(task: &Task<'_>, q: usize, whole: u32, ctx: Ctx<'_>) -> State {
             _ => return state,
         }
     }
-    State::new(channels, pixels, q)
+    empty
 }
 
 struct Job<'a> {
@@ -132,16 +184,86 @@ struct Job<'a> {
 }
 
 impl Job<'_> {
-    /// Adds the paths `state.samples .. until` of every pixel.
+    /// In which pixels stand-ins are worth their time, by the paths so far.
+    fn beside(&self, state: &State) -> Vec<bool> {
+        let of_pixel = &self.task.beside.expect("there are stand-ins").of_pixel;
+        let pairs = of_pixel.iter().flatten().count();
+        let channels = self.task.rig.worlds.len();
+        let per_path = |flights: u64, pixels: usize| {
+            flights as f64 / (f64::from(state.samples) * (channels * pixels).max(1) as f64)
+        };
+        let flights = [per_path(state.flights[0], of_pixel.len()), per_path(state.flights[1], pairs)];
+        self.task.judge.beside(&state.sums(), &self.task.paths(state), flights)
+    }
+
+    /// At a doubling, what each pixel gets until the next.
+    fn plan(&self, state: &mut State) {
+        let batches = state.samples / BATCH;
+        let Some(from) = allocation::doubling(batches).filter(|_| state.more.is_some()) else { return };
+        let paths = vec![allocation::even(batches) * BATCH; self.task.pixels.len()];
+        let Some(more) = &mut state.more else { return };
+        if from < batches || !more.planned.is_empty() {
+            return;
+        }
+        let needs = self.task.judge.needs(&state.channels, &paths, state.beside.as_deref());
+        more.planned = allocation::plan(&needs, &more.before, from);
+    }
+
+    /// Goes on to `until` paths per pixel on average, not beyond the next doubling. What is left of a batch is even.
     fn round(&self, state: &mut State, until: u32) -> Result<(), Error> {
-        let (rig, all) = (self.task.rig, self.task.pixels);
-        let tiles = all.len().div_ceil(TILE);
-        let key = philox::key(self.ctx.seed() ^ self.task.salt);
-        let batches = (until - state.samples).div_ceil(BATCH) as usize;
-        let from = state.samples;
-        // Batch after batch, each over all tiles: the order in which they are folded below.
-        let parts = self.ctx.map_tiles(rig.worlds.len() * batches * tiles, |i| {
-            let (channel, batch, tile) = (i / tiles / batches, (i / tiles % batches) as u32, i % tiles);
+        let (at, to) = (state.samples / BATCH, until / BATCH);
+        let (first, last) = match state.more {
+            None => (state.samples, until),
+            Some(_) => (allocation::even(at) * BATCH, allocation::even(to) * BATCH + until % BATCH),
+        };
+        let even = self.walk(state, &self.alike(first..last), 0)?;
+        let more = match &state.more {
+            None => Parts::default(),
+            Some(more) => {
+                let from = allocation::doubling(at).unwrap_or(at);
+                let (done, due) = (more.done(from, at), more.done(from, to));
+                self.walk(state, &batches_between(&done, &due), MORE)?
+            }
+        };
+        // Nothing of a round that did not come to its end may enter the state.
+        self.ctx.checked()?;
+        if even.endless || more.endless {
+            return Err(Error::failed_with_hint(
+                "a path of light does not end: it is in a closed space that absorbs nothing",
+                "give a surface a reflectance below 1, or a medium some absorption",
+            ));
+        }
+        even.fold(&mut state.channels);
+        for flights in [even.flights, more.flights] {
+            state.flights[0] += flights[0];
+            state.flights[1] += flights[1];
+        }
+        if let Some(sums) = &mut state.more {
+            more.fold(&mut sums.channels);
+            sums.turn(at, to);
+        }
+        state.samples = until;
+        Ok(())
+    }
+
+    /// The same samples of all pixels, batch after batch, the last perhaps smaller.
+    fn alike(&self, samples: Range<u32>) -> Vec<Batch> {
+        let firsts = samples.clone().step_by(BATCH as usize);
+        let of = |first: u32| (0..self.task.pixels.len() as u32).map(move |place| (place, first));
+        let count = |first: u32| (samples.end - first).min(BATCH);
+        firsts
+            .flat_map(|first| of(first).map(move |(place, first)| Batch { place, first, count: count(first) }))
+            .collect()
+    }
+
+    /// Walks batches of paths in the scene, and in stand-ins beside it.
+    fn walk(&self, state: &State, batches: &[Batch], salt: u64) -> Result<Parts, Error> {
+        let rig = self.task.rig;
+        let key = philox::key(self.ctx.seed() ^ self.task.salt ^ salt);
+        // Tiles of batches of one size.
+        let tiles: Vec<&[Batch]> = batches.chunk_by(|a, b| a.count == b.count).flat_map(|b| b.chunks(TILE)).collect();
+        let parts = self.ctx.map_tiles(rig.worlds.len() * tiles.len(), |i| {
+            let (channel, tile) = (i / tiles.len(), tiles[i % tiles.len()]);
             let setting = Setting {
                 world: &rig.worlds[channel],
                 camera: &rig.camera,
@@ -153,95 +275,118 @@ impl Job<'_> {
                 channel: channel as u32,
                 nee: Nee::Line,
             };
-            let first = from + batch * BATCH;
-            let samples = first..until.min(first.saturating_add(BATCH));
-            let pixels = &all[tile * TILE..all.len().min((tile + 1) * TILE)];
-            self.tile(setting, pixels, samples)
+            self.tile(setting, tile, state.beside.as_deref())
         })?;
-        let channels = rig.worlds.len();
-        // Nothing of a round that did not come to its end may enter the state.
-        self.ctx.checked()?;
-        if parts.iter().any(|part| part.endless) {
-            return Err(Error::failed_with_hint(
-                "a path of light does not end: it is in a closed space that absorbs nothing",
-                "give a surface a reflectance below 1, or a medium some absorption",
-            ));
+        let mut all = Parts::default();
+        for part in &parts {
+            all.flights[0] += part.flights[0];
+            all.flights[1] += part.flights[1];
+            all.endless |= part.endless;
         }
-        for (i, part) in parts.into_iter().enumerate() {
-            let (channel, first) = (i / tiles / batches, (i % tiles) * TILE);
-            state.channels[channel].fold(first, &part.moments);
-            if let Some(differences) = &part.differences {
-                state.channels[channels + channel].fold(first, differences);
-            }
-            state.flights += part.flights;
-        }
-        state.samples = until;
-        Ok(())
+        let places = tiles.iter().map(|tile| tile.iter().map(|batch| batch.place).collect());
+        (all.parts, all.places) = (parts, places.collect());
+        Ok(all)
     }
 
-    fn tile(&self, setting: Setting<'_>, pixels: &[u32], samples: Range<u32>) -> Part {
+    fn tile(&self, setting: Setting<'_>, tile: &[Batch], beside: Option<&[bool]>) -> Part {
         let mut walker = Walker::new(setting, named(self.ctx.simd()));
         walker.excludes_specular = self.task.rig.excludes_specular;
         let width = self.task.shown.layout.width();
         let mut part =
-            Part { moments: Moments::new(pixels.len(), width), differences: None, flights: 0, endless: false };
+            Part { moments: Moments::new(tile.len(), width), differences: None, flights: [0; 2], endless: false };
         // What was begun is thrown away with the whole round.
         if self.ctx.cancelled() {
             return part;
         }
-        flock::walk_among(&mut walker, pixels, samples.clone());
-        for path in 0..pixels.len() * samples.len() {
-            part.moments.add(path / samples.len(), walker.response(path));
+        let count = tile[0].count;
+        let of: Vec<(u32, u32)> = tile.iter().map(|b| (self.task.pixels[b.place as usize], b.first)).collect();
+        flock::walk_among(&mut walker, Batches { of: &of, count });
+        for path in 0..of.len() * count as usize {
+            part.moments.add(path / count as usize, walker.response(path));
         }
-        if let Some(beside) = self.task.beside {
-            let mut differences = Moments::new(pixels.len(), width);
-            for k in 0..beside.references.len() {
-                part.flights += self.pair(&walker, beside, k, pixels, samples.clone(), &mut differences);
+        if let Some(references) = self.task.beside {
+            let mut differences = Moments::new(tile.len(), width);
+            for k in 0..references.references.len() {
+                let has = |pixel: usize| references.of_pixel[pixel] == Some(k) && beside.is_none_or(|b| b[pixel]);
+                let places: Vec<usize> = (0..of.len()).filter(|&i| has(of[i].0 as usize)).collect();
+                if !places.is_empty() {
+                    let stand_in = &references.references[k].paired;
+                    part.flights[1] += pair(&walker, stand_in, Batches { of: &of, count }, &places, &mut differences);
+                }
             }
             part.differences = Some(differences);
         }
-        (part.flights, part.endless) = (part.flights + walker.take_flights(), walker.endless());
+        (part.flights[0], part.endless) = (walker.take_flights(), walker.endless());
         part
-    }
-
-    /// Walks those pixels that have the stand-in `k` in it, and adds how far the scene's paths in `walker` differ; the flights made.
-    fn pair(
-        &self,
-        walker: &Walker<'_>,
-        beside: &References,
-        k: usize,
-        pixels: &[u32],
-        samples: Range<u32>,
-        differences: &mut Moments,
-    ) -> u64 {
-        let places: Vec<usize> =
-            (0..pixels.len()).filter(|&i| beside.of_pixel[pixels[i] as usize] == Some(k)).collect();
-        if places.is_empty() {
-            return 0;
-        }
-        let scene = *walker.setting();
-        let rig = &beside.references[k].paired;
-        let setting = Setting { world: &rig.worlds[scene.channel as usize], ..scene };
-        let mut other = Walker::new(setting, walker.level());
-        other.excludes_specular = rig.excludes_specular;
-        let some: Vec<u32> = places.iter().map(|&i| pixels[i]).collect();
-        flock::walk_among(&mut other, &some, samples.clone());
-        let mut difference = vec![0.0; self.task.shown.layout.width()];
-        for (among, &place) in places.iter().enumerate() {
-            for sample in 0..samples.len() {
-                let ours = walker.response(place * samples.len() + sample);
-                let theirs = other.response(among * samples.len() + sample);
-                difference.iter_mut().zip(ours.iter().zip(theirs)).for_each(|(d, (a, b))| *d = a - b);
-                differences.add(place, &difference);
-            }
-        }
-        other.take_flights()
     }
 }
 
+/// Walks the batches at `places` in a stand-in, and adds how far the scene's paths in `walker` differ; the flights made.
+fn pair(walker: &Walker<'_>, stand_in: &Rig, batches: Batches<'_>, places: &[usize], differences: &mut Moments) -> u64 {
+    let scene = *walker.setting();
+    let setting = Setting { world: &stand_in.worlds[scene.channel as usize], ..scene };
+    let mut other = Walker::new(setting, walker.level());
+    other.excludes_specular = stand_in.excludes_specular;
+    let some: Vec<(u32, u32)> = places.iter().map(|&i| batches.of[i]).collect();
+    flock::walk_among(&mut other, Batches { of: &some, ..batches });
+    let (mut difference, count) = (vec![0.0; scene.layout().width()], batches.count as usize);
+    for (among, &place) in places.iter().enumerate() {
+        for sample in 0..count {
+            let (ours, theirs) = (walker.response(place * count + sample), other.response(among * count + sample));
+            difference.iter_mut().zip(ours.iter().zip(theirs)).for_each(|(d, (a, b))| *d = a - b);
+            differences.add(place, &difference);
+        }
+    }
+    other.take_flights()
+}
+
+/// The next `count` paths of a pixel, by its place among those that are traced.
+struct Batch {
+    place: u32,
+    first: u32,
+    count: u32,
+}
+
+/// Those between `done` and `due` batches of each pixel, pixel by pixel.
+fn batches_between(done: &[u32], due: &[u32]) -> Vec<Batch> {
+    let of = |(place, (&done, &due)): (usize, (&u32, &u32))| {
+        (done..due).map(move |batch| Batch { place: place as u32, first: batch * BATCH, count: BATCH })
+    };
+    done.iter().zip(due).enumerate().flat_map(of).collect()
+}
+
+/// The sums of a tile's batches, one after the other.
 struct Part {
     moments: Moments,
     differences: Option<Moments>,
-    flights: u64,
+    flights: [u64; 2],
     endless: bool,
+}
+
+/// What a round brings.
+#[derive(Default)]
+struct Parts {
+    /// Channel by channel, each of all tiles.
+    parts: Vec<Part>,
+    /// For each tile the places of its batches.
+    places: Vec<Vec<u32>>,
+    flights: [u64; 2],
+    endless: bool,
+}
+
+impl Parts {
+    /// Adds them in the order in which they were to be walked.
+    fn fold(&self, sums: &mut [Moments]) {
+        let tiles = self.places.len().max(1);
+        let channels = self.parts.len() / tiles;
+        for (i, part) in self.parts.iter().enumerate() {
+            let (channel, places) = (i / tiles, &self.places[i % tiles]);
+            for (batch, &place) in places.iter().enumerate() {
+                sums[channel].fold_one(place as usize, &part.moments, batch);
+                if let Some(differences) = &part.differences {
+                    sums[channels + channel].fold_one(place as usize, differences, batch);
+                }
+            }
+        }
+    }
 }

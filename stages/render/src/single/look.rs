@@ -24,9 +24,9 @@ pub const FIRST: u32 = 1 << 31;
 /// (odd) block of random numbers behind their flight's.
 pub const POINT: u32 = 1 << 30;
 
-/// Columns: r, the direction in which the path came, the one in which it goes on, weight, roulette, mu_a, mu_s, g;
-/// number, sample, pixel, response, body.
-pub type Rays = Rows<14, 5>;
+/// Columns: r, the direction in which the path came, the one in which it goes on, weight, roulette, mu_a, mu_s, g, optical distance of
+/// the nearest surface; number, sample, pixel, response, body.
+pub type Rays = Rows<15, 5>;
 
 /// What waits for being looked at.
 #[derive(Clone, Debug, Default)]
@@ -61,7 +61,7 @@ pub fn look_while<S: Simd>(
 #[inline(always)]
 fn look<S: Simd>(simd: S, looks: &mut Looks, frame: &Frame, key: [u32; 2], high: u32, responses: &mut [f64]) {
     let (floats, [number, sample, pixel, path, body]) = looks.rays.load(simd);
-    let [rx, ry, rz, cx, cy, cz, ox, oy, oz, weight, roulette, mu_a, mu_s, g] = floats;
+    let [rx, ry, rz, cx, cy, cz, ox, oy, oz, weight, roulette, mu_a, mu_s, g, least] = floats;
     let (r, came, own) = (V { x: rx, y: ry, z: rz }, V { x: cx, y: cy, z: cz }, V { x: ox, y: oy, z: oz });
     let (zero, mu_t) = (splat(simd, 0.0), mu_a + mu_s);
     let Sight { towards, spans: to_light, tau, .. } = sight(simd, frame, r);
@@ -79,7 +79,7 @@ fn look<S: Simd>(simd: S, looks: &mut Looks, frame: &Frame, key: [u32; 2], high:
     let ratio = hg_denominator(g, came.dot(e)) / hg_denominator(g, e.dot(towards));
     let balance = choose(first, splat(simd, 1.0), 2.0 / (1.0 + ratio * ratio.sqrt()));
     let (length, _) = first_piece(simd, frame, body, &spans(simd, frame, r, e));
-    let steepness = steepness(simd, frame, r, towards, wall, wall_body, e);
+    let (steepness, incidence) = steepness(simd, frame, r, towards, wall, wall_body, e);
     let (s, inverse_density) = ahead(simd, steepness, length, mu_t, unit(!u));
     let s = choose(point, zero, s);
 
@@ -87,8 +87,10 @@ fn look<S: Simd>(simd: S, looks: &mut Looks, frame: &Frame, key: [u32; 2], high:
     let Sight { towards: towards1, tau: tau1, blocked, foot, gain, .. } = sight(simd, frame, r1);
     let (irradiance, lit, x, y) = arrives(simd, &frame.light, foot);
     let dark = mu_t * s + tau1;
-    // Nor was it looked for by roulette.
-    let rarity = choose(first, splat(simd, 1.0), rarity(simd, tau));
+    // Nor was it looked for by roulette. See `nee::depth`.
+    let depth = tau * incidence.abs();
+    let depth = choose(depth.simd_gt(least), depth, least);
+    let rarity = choose(first, splat(simd, 1.0), rarity(simd, choose(point, tau, depth)));
     let cos = choose(point, came.dot(towards1), e.dot(towards1));
     let q = hg_denominator(g, cos);
     let p = (1.0 - g) * (1.0 + g) * (0.25 * std::f32::consts::FRAC_1_PI) / (q * q.sqrt());
@@ -256,16 +258,26 @@ fn blocked<S: Simd>(simd: S, frame: &Frame, spans: &Spans<S>, distance: F<S>) ->
     blocked
 }
 
-/// (e . n) / (L . n), n the normal of the wall through which the light comes.
+/// (e . n) / (L . n), n the normal of the wall through which the light comes; and L . n.
 #[inline(always)]
-fn steepness<S: Simd>(simd: S, frame: &Frame, r: V<S>, towards: V<S>, wall: F<S>, wall_body: U<S>, e: V<S>) -> F<S> {
-    let mut ratio = splat(simd, 0.0);
+fn steepness<S: Simd>(
+    simd: S,
+    frame: &Frame,
+    r: V<S>,
+    towards: V<S>,
+    wall: F<S>,
+    wall_body: U<S>,
+    e: V<S>,
+) -> (F<S>, F<S>) {
+    let (mut ratio, mut cos) = (splat(simd, 0.0), splat(simd, 1.0));
     let p = r.plus(wall, towards);
     for j in 0..frame.ground.bodies() {
         let n = frame.ground.normal(simd, j, p);
-        ratio = choose(wall_body.simd_eq(j as u32), e.dot(n) / towards.dot(n), ratio);
+        let (through, its) = (towards.dot(n), wall_body.simd_eq(j as u32));
+        ratio = choose(its, e.dot(n) / through, ratio);
+        cos = choose(its, through / n.dot(n).sqrt(), cos);
     }
-    ratio
+    (ratio, cos)
 }
 
 /// One over the probability of looking; see `nee::rarity`.

@@ -1,7 +1,5 @@
 //! Paths at their start: the camera's ray to the first medium, and the looks along it.
 
-use std::ops::Range;
-
 use fearless_simd::prelude::*;
 use glam::DVec3;
 use turbid_optics::philox::unit as unit_of;
@@ -10,24 +8,24 @@ use super::frame::Frame;
 use super::lane::{LANES, U, ln, philox, unit};
 use super::look::{FIRST, Looks, look_while};
 use super::walk::{Paths, settles};
+use crate::batches::Batches;
 use crate::path::{Place, Setting, Walker};
 use crate::world::Piece;
 
 /// Paths still to be begun, and those ready for lanes.
 pub struct Starts<'a> {
-    pixels: &'a [u32],
-    samples: Range<u32>,
+    batches: Batches<'a>,
     next: usize,
     pub ready: Paths,
 }
 
 impl<'a> Starts<'a> {
-    pub fn new(pixels: &'a [u32], samples: Range<u32>) -> Self {
-        Self { pixels, samples, next: 0, ready: Paths::default() }
+    pub fn new(batches: Batches<'a>) -> Self {
+        Self { batches, next: 0, ready: Paths::default() }
     }
 
     pub fn more(&self) -> bool {
-        self.next < self.pixels.len() * self.samples.len()
+        self.next < self.batches.paths()
     }
 
     /// Begins up to sixteen paths.
@@ -40,13 +38,11 @@ impl<'a> Starts<'a> {
         looks: &mut Looks,
         responses: &mut [f64],
     ) {
-        let (first, per_pixel) = (self.next, self.samples.len());
-        let count = (self.pixels.len() * per_pixel - first).min(LANES);
+        let first = self.next;
+        let count = (self.batches.paths() - first).min(LANES);
         let (mut pixel, mut sample) = ([0; LANES], [0; LANES]);
         for i in 0..count {
-            let path = first + i;
-            pixel[i] = self.pixels[path / per_pixel];
-            sample[i] = self.samples.start + (path % per_pixel) as u32;
+            (pixel[i], sample[i]) = self.batches.path(first + i);
         }
         self.next += count;
         let (key, high) = (walker.setting().key, walker.setting().channel << 16);
@@ -159,7 +155,8 @@ impl<'a> Starts<'a> {
                 }
                 if !frame.blind {
                     let weight = libm::exp(-tau) as f32;
-                    let row = [r[0], r[1], r[2], w[0], w[1], w[2], w[0], w[1], w[2], weight, 0.0, m.mu_a, m.mu_s, m.g];
+                    let row =
+                        [r[0], r[1], r[2], w[0], w[1], w[2], w[0], w[1], w[2], weight, 0.0, m.mu_a, m.mu_s, m.g, 0.0];
                     looks.rays.push(row, [FIRST | scored, ids.sample, ids.pixel, ids.path, body as u32]);
                 }
                 scored += 1;

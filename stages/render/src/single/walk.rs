@@ -1,7 +1,5 @@
 //! Paths walked side by side in f32.
 
-use std::ops::Range;
-
 use fearless_simd::dispatch;
 use fearless_simd::prelude::*;
 
@@ -11,6 +9,7 @@ use super::lane::{F, LANES, M, U, V, choose, hg_sample, ln, philox, spare, splat
 use super::look::{Looks, POINT, look_while, rarity};
 use super::rows::Rows;
 use super::start::Starts;
+use crate::batches::Batches;
 use crate::path::{Place, Walker};
 
 /// Columns: r, w, what is left of life, what its rounding lost, weight, free path, mu_a, mu_s, g, window, distance
@@ -20,13 +19,12 @@ pub type Paths = Rows<15, 6>;
 /// Blocks of random numbers that lanes count to.
 const MOST_BLOCKS: u64 = POINT as u64;
 
-/// Walks the paths `samples` of the pixels `pixels` and leaves their responses in the walker, pixel by pixel.
-pub fn walk(walker: &mut Walker<'_>, frame: &Frame, pixels: &[u32], samples: Range<u32>) {
-    let paths = pixels.len() * samples.len();
-    walker.clear_responses(paths);
+/// Walks the batches and leaves the responses of their paths in the walker, in order.
+pub fn walk(walker: &mut Walker<'_>, frame: &Frame, batches: Batches<'_>) {
+    walker.clear_responses(batches.paths());
     let mut responses = walker.take_single();
     dispatch!(walker.level(), simd => simd.vectorize(#[inline(always)] || {
-        Flock::new(simd, frame).run(walker, Starts::new(pixels, samples.clone()), &mut responses);
+        Flock::new(simd, frame).run(walker, Starts::new(batches), &mut responses);
     }));
     walker.gather();
     walker.add_single(responses);
@@ -205,8 +203,8 @@ impl<'a, S: Simd> Flock<'a, S> {
             gone |= plays & (spare(b, c, d) * deep).simd_ge(weight) & !crosses;
             heavier = choose(plays, deep, weight);
         }
-        let roulette = unit_short(d);
-        let near = (roulette * rarity(simd, (mu_a + mu_s) * passage.clear)).simd_lt(1.0);
+        let (roulette, least) = (unit_short(d), (mu_a + mu_s) * passage.clear);
+        let near = (roulette * rarity(simd, least)).simd_lt(1.0);
         let goes_on = alive & !crosses & !gone;
         let near = if frame.blind { no } else { near & alive & !crosses & !dies };
         let looks = near & goes_on;
@@ -216,7 +214,7 @@ impl<'a, S: Simd> Flock<'a, S> {
         if frame.looks && unforeseen.any_true() {
             self.looks.rays.pack(
                 unforeseen,
-                &[end.x, end.y, end.z, wx, wy, wz, wx, wy, wz, weight, roulette, mu_a, mu_s, g],
+                &[end.x, end.y, end.z, wx, wy, wz, wx, wy, wz, weight, roulette, mu_a, mu_s, g, least],
                 &[number | POINT, sample, pixel, path, body],
             );
             look_while(simd, &mut self.looks, LANES, frame, key, high, responses);
@@ -224,7 +222,7 @@ impl<'a, S: Simd> Flock<'a, S> {
         if frame.looks && looks.any_true() {
             self.looks.rays.pack(
                 looks,
-                &[end.x, end.y, end.z, wx, wy, wz, e.x, e.y, e.z, heavier, roulette, mu_a, mu_s, g],
+                &[end.x, end.y, end.z, wx, wy, wz, e.x, e.y, e.z, heavier, roulette, mu_a, mu_s, g, least],
                 &[number + 1, sample, pixel, path, body],
             );
         }
@@ -235,7 +233,7 @@ impl<'a, S: Simd> Flock<'a, S> {
             (floats[0], floats[1], floats[2]) = (end.x, end.y, end.z);
             (floats[6], floats[7], floats[8]) = (e.x, e.y, e.z);
             floats[9] = heavier;
-            (floats[10], floats[11]) = (roulette, weight);
+            (floats[10], floats[11], floats[12]) = (roulette, weight, passage.clear);
             self.memory.store(&floats, &words);
         }
         let old = self.floats;
@@ -280,6 +278,7 @@ impl<'a, S: Simd> Flock<'a, S> {
             let (floats, words) = self.memory.get(lane);
             let mut place = self.frame.place(floats, words);
             place.number += 2;
+            place.clear = f64::from(floats[12]);
             let roulette = f64::from(floats[10]);
             if unforeseen >> lane & 1 == 1 {
                 place.weight = f64::from(floats[11]);

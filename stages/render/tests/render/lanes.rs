@@ -2,6 +2,7 @@
 
 use glam::{DVec2, DVec3};
 use turbid_optics::view::View;
+use turbid_render::batches::{Batches, alike};
 use turbid_render::camera::Camera;
 use turbid_render::flock;
 use turbid_render::lamp::Steady;
@@ -86,7 +87,7 @@ fn f32_lanes_are_the_scalar_paths_to_rounding() {
         let (samples, mut alone, mut lanes) =
             (0..256, Walker::new(setting, named("")), Walker::new(setting, named("")));
         let frame = Frame::of(&lanes).expect("f32 holds these scenes");
-        single::walk(&mut lanes, &frame, &std::array::from_fn::<u32, 16, _>(|i| i as u32), samples.clone());
+        single::walk(&mut lanes, &frame, Batches { of: &alike(0..16, &samples), count: samples.len() as u32 });
         // Per response: sum of magnitudes, of differences and of their squares.
         let (mut sums, mut turned, mut path) = ([[0.0; 3]; 6], 0, 0);
         for (pixel, sample) in (0..16).flat_map(|p| samples.clone().map(move |s| (p, s))) {
@@ -132,7 +133,8 @@ fn f32_lanes_and_levels_do_not_show() {
         let walked = |level: &str, pixels: std::ops::Range<usize>, samples: std::ops::Range<u32>| {
             let mut walker = Walker::new(setting, named(level));
             let frame = Frame::of(&walker).expect("f32 holds these scenes");
-            single::walk(&mut walker, &frame, &pixels.clone().map(|p| p as u32).collect::<Vec<_>>(), samples.clone());
+            let of = alike(pixels.clone(), &samples);
+            single::walk(&mut walker, &frame, Batches { of: &of, count: samples.len() as u32 });
             let paths = 0..pixels.len() * samples.len();
             paths.map(|path| walker.response(path).to_vec()).collect::<Vec<_>>()
         };

@@ -1,5 +1,6 @@
 //! Laws that a rendered image obeys, and promises of the stage.
 
+mod adaptive;
 mod coverage;
 mod extreme;
 mod fit;
