@@ -20,10 +20,13 @@ impl Registry {
             .with::<turbid_import::ImportFrames>()
             .with::<turbid_invert::Invert>()
             .with::<turbid_lut::BuildLut>()
+            .with::<turbid_pattern::PatternStage>()
+            .with::<turbid_pattern::Predistort>()
             .with::<turbid_profilometry::Profilometry>()
             .with::<turbid_render::RenderStage>()
             .with::<turbid_scene::SceneStage>()
             .with::<turbid_sensor::Sensor>()
+            .with::<turbid_section::SectionTube>()
     }
 
     /// Adds a stage; one of the same name replaces it.

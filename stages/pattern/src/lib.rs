@@ -1,0 +1,34 @@
+//! What projectors show: fringes of any orientation, square and dithered ones, speckle; and fringes that are uniform along a surface.
+//!
+//! ```yaml
+//! flat:
+//!   use: pattern
+//!   in: {scene: tube}
+//!   with: {f_x: [0, 0.05], phases: 3}
+//! uniform:
+//!   use: predistort
+//!   in: {scene: tube}
+//!   with: {surface: wall, f_x: [0, 0.05], phases: 3, method: trace}
+//! frames:
+//!   use: render
+//!   in: {scene: tube, pattern: uniform}
+//!   with: {samples: 256}
+//! ```
+//! Theory and measured figures: `docs/theory/pattern.md`.
+
+pub mod analytic;
+pub mod capture;
+pub mod dither;
+pub mod frequency;
+mod fringes;
+mod sample;
+pub mod screen;
+pub mod speckle;
+mod stage;
+mod trace;
+mod wall;
+
+pub use stage::{
+    Method, PatternIn, PatternOut, PatternParams, PatternStage, Predistort, PredistortIn, PredistortOut,
+    PredistortParams, Wave,
+};

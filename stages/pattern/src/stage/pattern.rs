@@ -1,0 +1,267 @@
+//! The stage `pattern`: what a projector shows, pixel by pixel.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use turbid_contract::payload::{Pattern, Scene, SurfaceFrequency};
+use turbid_contract::{
+    AngleDeg, Ctx, Error, ImageStack, Known, LayerInfo, PerLength, Problems, Stage, StagePlan, in_ports, out_ports,
+};
+use turbid_geometry::Bodies;
+use turbid_optics::elementary::sin_cos_turns;
+use turbid_optics::philox;
+
+use crate::dither::{Dither, dither};
+use crate::fringes::{self, Fringe, fringes};
+use crate::screen::Screen;
+use crate::speckle::{Speckle, speckle};
+use crate::stage::{Map, plane};
+
+/// The shape of a fringe.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Wave {
+    /// (1 + cos) / 2, at the middle of each pixel.
+    #[default]
+    Sinusoid,
+    /// 1 where the cosine is positive, else 0; the mean over each pixel.
+    Square,
+}
+
+/// Params of `pattern`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Params {
+    /// Spatial frequencies of fringes in the plane z = look_at.z of the projector, mm^-1; 0 is one layer of 1/2.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub f_x: Vec<PerLength>,
+    /// Layers per f_x > 0, shifted by 2 pi / phases.
+    #[serde(default = "three")]
+    pub phases: u32,
+    /// Directions in which the fringes vary, turned from world x towards world y.
+    #[serde(default = "along_x")]
+    pub orientation_deg: Vec<AngleDeg>,
+    #[serde(default)]
+    pub wave: Wave,
+    /// Two levels in place of grey.
+    #[serde(default)]
+    pub dither: Dither,
+    /// Speckle in place of fringes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub speckle: Option<Speckle>,
+    /// Columns and rows, where the scene's projector does not say them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pixels: Option<[u32; 2]>,
+}
+
+pub(super) fn three() -> u32 {
+    3
+}
+
+fn along_x() -> Vec<AngleDeg> {
+    vec![AngleDeg(0.0)]
+}
+
+in_ports! {
+    pub struct In {
+        /// The projector, and what it shines on.
+        scene: one Scene,
+    }
+}
+
+out_ports! {
+    pub struct Out {
+        /// Layers for the port `pattern` of `render`.
+        pattern: one Pattern,
+        /// Spatial frequency that the fringes reach on the surfaces of the scene.
+        surface_frequency: preview SurfaceFrequency,
+    }
+}
+
+/// `use: pattern`
+pub struct PatternStage;
+
+impl Stage for PatternStage {
+    const NAME: &'static str = "pattern";
+    const VERSION: u32 = 1;
+    const ABOUT: &'static str = "What a projector shows: sinusoids, square waves, dithered fringes, speckle";
+
+    type Params = Params;
+    type In = In<'static>;
+    type Out = Out;
+
+    fn draws(params: &Params) -> bool {
+        params.speckle.is_some()
+    }
+
+    fn check(params: &Params, known: &Known, problems: &mut Problems) {
+        fringes::check(&params.f_x, &params.orientation_deg, params.phases, problems);
+        match (&params.speckle, params.f_x.is_empty()) {
+            (None, true) => problems.push_with_hint(
+                "f_x",
+                "f_x is empty: nothing would be shown",
+                "list at least one, such as [0, 0.1], or give `speckle`",
+            ),
+            (Some(_), false) => problems.push_with_hint(
+                "speckle",
+                "fringes and speckle are two patterns",
+                "leave f_x or speckle out; give each a stage of its own",
+            ),
+            (Some(speckle), true) => check_speckle(speckle, problems),
+            (None, false) => {}
+        }
+        if let Some(scene) = known.get::<Scene>("scene") {
+            match Screen::of(&scene, params.pixels) {
+                Err((path, what, hint)) => problems.push_with_hint(path, what, hint),
+                Ok(screen) => check_resolution(params, &screen, problems),
+            }
+        }
+    }
+
+    fn plan(params: &Params, _known: &Known) -> StagePlan {
+        let method = match (params.speckle, params.wave) {
+            (Some(_), _) => "speckle",
+            (None, Wave::Sinusoid) => "sinusoid",
+            (None, Wave::Square) => "square",
+        };
+        StagePlan { method: Some(method.into()), ..StagePlan::default() }
+    }
+
+    fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
+        let screen = Screen::of(&inputs.scene, params.pixels).map_err(|(path, what, hint)| {
+            if path.is_empty() { Error::failed_with_hint(what, hint) } else { Error::invalid(path, what) }
+        })?;
+        let layers = layers(params, &screen, ctx)?;
+        let surface_frequency = if ctx.wants("surface_frequency") {
+            Some(surface_frequency(params, &inputs.scene, &screen, &layers, ctx)?)
+        } else {
+            None
+        };
+        let mut stack = ImageStack::new(screen.rows, screen.columns);
+        layers.into_iter().for_each(|(info, values)| stack.push(info, plane(&screen, values)));
+        Ok(Out { pattern: Pattern(stack), surface_frequency })
+    }
+}
+
+fn check_speckle(speckle: &Speckle, problems: &mut Problems) {
+    let (length, contrast) = (speckle.correlation_length.0, speckle.contrast.0);
+    problems.require(length > 0.0, "speckle.correlation_length", length, "mm", "be > 0");
+    problems.require(contrast > 0.0 && contrast <= 1.0, "speckle.contrast", contrast, "", "lie in (0, 1]");
+    let count = f64::from(speckle.count);
+    problems.require((1.0..=4096.0).contains(&count), "speckle.count", count, "", "lie in [1, 4096]");
+}
+
+/// What the projector's pixels cannot show.
+fn check_resolution(params: &Params, screen: &Screen, problems: &mut Problems) {
+    let pitch = screen.pitch();
+    for (i, f) in params.f_x.iter().enumerate() {
+        let cycles = params.orientation_deg.iter().map(|o| {
+            let (x, y) = Fringe { f_x: f.0, orientation_deg: o.0, turns: 0.0 }.along();
+            let view = &screen.view;
+            let over = |axis: glam::DVec3, pitch: f64| (axis.x * x + axis.y * y).abs() * pitch;
+            over(view.right, pitch[0]).max(over(view.top, pitch[1]))
+        });
+        let worst = cycles.fold(0.0, f64::max);
+        // Room for the rounding of a pitch that was meant to be exactly half a period.
+        if worst > 0.5 * (1.0 + 1e-9) {
+            problems.push_with_hint(
+                format!("f_x.{i}"),
+                format!(
+                    "f_x = {f} is beyond what the projector's pixels of {} x {} mm resolve ({:.4} mm^-1)",
+                    pitch[0],
+                    pitch[1],
+                    0.5 / worst * f.0
+                ),
+                "give the projector more pixels or a smaller field, or lower f_x",
+            );
+        }
+    }
+    if let Some(speckle) = &params.speckle {
+        let (length, widest) = (speckle.correlation_length.0, pitch[0].max(pitch[1]));
+        if length > 0.0 && length < 2.0 * widest {
+            problems.push_with_hint(
+                "speckle.correlation_length",
+                format!(
+                    "correlation_length = {length} mm is below two of the projector's pixels of {} x {} mm",
+                    pitch[0], pitch[1]
+                ),
+                "give the projector more pixels or a smaller field, or larger speckles",
+            );
+        }
+        let shortest = pitch[0].min(pitch[1]);
+        if length > 0.1 * shortest * (screen.columns.max(screen.rows) as f64) {
+            problems.warn(
+                "speckle.correlation_length",
+                format!("correlation_length = {length} mm: fewer than a hundred speckles in the field"),
+            );
+        }
+    }
+}
+
+fn layers(params: &Params, screen: &Screen, ctx: Ctx<'_>) -> Result<Vec<(LayerInfo, Vec<f32>)>, Error> {
+    let mut layers: Vec<(LayerInfo, Vec<f32>)> = if let Some(speckles) = &params.speckle {
+        let key = philox::key(ctx.seed());
+        let made = ctx.map_tiles(speckles.count as usize, |i| {
+            speckle(speckles, screen.pitch(), screen.columns, screen.rows, key, i as u32)
+        })?;
+        made.into_iter().map(|values| (LayerInfo::value("pattern", "1"), values)).collect()
+    } else {
+        let shown = fringes(&params.f_x, &params.orientation_deg, params.phases);
+        let made = ctx.map_tiles(shown.len(), |i| fringe_values(params.wave, &shown[i], screen))?;
+        shown.iter().map(Fringe::info).zip(made).collect()
+    };
+    layers.iter_mut().for_each(|(_, values)| dither(params.dither, values, screen.columns));
+    Ok(layers)
+}
+
+/// Parts of a pixel, per side, over which a square wave is averaged.
+const PARTS: u32 = 16;
+
+fn fringe_values(wave: Wave, fringe: &Fringe, screen: &Screen) -> Vec<f32> {
+    if fringe.f_x == 0.0 {
+        return vec![0.5; screen.pixels()];
+    }
+    let (x, y) = fringe.along();
+    let turns = |pixel: usize, px: f64, py: f64| {
+        let p = screen.on_plane(pixel, px, py);
+        x * p.x + y * p.y + fringe.turns
+    };
+    let value = |pixel: usize| match wave {
+        Wave::Sinusoid => 0.5 + 0.5 * sin_cos_turns(turns(pixel, 0.5, 0.5)).1,
+        Wave::Square => {
+            let part = |k: u32| (f64::from(k) + 0.5) / f64::from(PARTS);
+            let parts = (0..PARTS).flat_map(|i| (0..PARTS).map(move |j| (part(i), part(j))));
+            let bright = parts.filter(|&(px, py)| {
+                // Its place in the period, from -1/2.
+                let t = turns(pixel, px, py);
+                (t - t.round()).abs() < 0.25
+            });
+            bright.count() as f64 / f64::from(PARTS * PARTS)
+        }
+    };
+    // f32 rounds to within [0, 1].
+    (0..screen.pixels()).map(|pixel| value(pixel).clamp(0.0, 1.0) as f32).collect()
+}
+
+fn surface_frequency(
+    params: &Params,
+    scene: &Scene,
+    screen: &Screen,
+    layers: &[(LayerInfo, Vec<f32>)],
+    ctx: Ctx<'_>,
+) -> Result<SurfaceFrequency, Error> {
+    let bodies = Bodies::of(scene);
+    let hit = |pixel: usize| {
+        let (origin, w) = screen.ray(pixel, 0.5, 0.5);
+        bodies.first_hit(origin, w)
+    };
+    let map = Map { screen, hit: &hit, most_cycles: 0.5 };
+    let mut shown = Vec::new();
+    for f in params.f_x.iter().filter(|f| f.0 > 0.0) {
+        for o in &params.orientation_deg {
+            let own =
+                layers.iter().filter(|(info, _)| info.f_x_per_mm == Some(f.0) && info.orientation_deg == Some(o.0));
+            shown.push((f.0, o.0, own.map(|(_, values)| values.as_slice()).collect()));
+        }
+    }
+    map.of(&shown, None, &vec![false; screen.pixels()], ctx)
+}

@@ -1,0 +1,321 @@
+//! The stage `section_tube`: modulation and truth in, sections out.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use turbid_contract::ndarray::Array2;
+use turbid_contract::payload::{MaskReason, Modulation, Section, Sections, Truth};
+use turbid_contract::{
+    Ctx, Error, ImageStack, Known, Layer, LayerInfo, LayerKind, Problems, Stage, StagePlan, in_ports, out_ports,
+};
+
+use crate::blend::{Share, share};
+use crate::depth::{Seen, arc_lengths};
+use crate::profile::{Pixel, Profile, RINGS, Ring};
+use crate::split;
+
+/// Where sections end.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Method {
+    /// By equal steps of the mean intensity: `count` of them, each of at least `threshold` grey levels, or as many as `threshold` gives.
+    #[default]
+    IntensitySteps,
+    EqualLength,
+    /// By equal steps of the logarithm of the mean intensity.
+    EqualLogIntensity,
+    /// So that ln M_DC and ln M_AC vary as little as possible within the sections.
+    Optimal,
+}
+
+impl Method {
+    fn name(self) -> &'static str {
+        match self {
+            Self::IntensitySteps => "intensity_steps",
+            Self::EqualLength => "equal_length",
+            Self::EqualLogIntensity => "equal_log_intensity",
+            Self::Optimal => "optimal",
+        }
+    }
+}
+
+/// Params of `section_tube`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Params {
+    pub method: Method,
+    /// Sections; 5 if left out, but for `intensity_steps` with a threshold, which then says how many.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub count: Option<u32>,
+    /// intensity_steps: how many grey levels sections differ by at least; 255 is the 99.9th percentile of M_DC. 10 if left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub threshold: Option<f64>,
+    /// Part of the sections over which neighbours pass into each other, from 0 (a seam) to 1 (linear from middle to middle).
+    pub blend: f64,
+    /// Names of the objects whose walls are sectioned; all if left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub objects: Option<Vec<String>>,
+    /// A section with fewer pixels than this is an error.
+    pub least_pixels: u32,
+}
+
+impl Default for Params {
+    fn default() -> Self {
+        Self {
+            method: Method::IntensitySteps,
+            count: None,
+            threshold: None,
+            blend: 0.2,
+            objects: None,
+            least_pixels: 20,
+        }
+    }
+}
+
+/// What the paper takes: five sections that differ by more than 10 grey levels.
+const PAPER: (u32, f64) = (5, 10.0);
+
+in_ports! {
+    pub struct In {
+        /// Modulation of the tube, best that of its reference material.
+        modulation: one Modulation,
+        /// Height, normals and objects that the camera sees.
+        truth: one Truth,
+    }
+}
+
+out_ports! {
+    pub struct Out {
+        /// Section, neighbour and shares of each pixel, arc length, and the list of sections.
+        sections: one Sections,
+    }
+}
+
+/// `use: section_tube`
+pub struct SectionTube;
+
+impl Stage for SectionTube {
+    const NAME: &'static str = "section_tube";
+    const VERSION: u32 = 1;
+    const ABOUT: &'static str = "Sections along the wall of a tube, for tables of their own";
+
+    type Params = Params;
+    type In = In<'static>;
+    type Out = Out;
+
+    fn check(params: &Params, _known: &Known, problems: &mut Problems) {
+        if let Some(count) = params.count {
+            let rule = format!("lie in [1, {RINGS}]");
+            problems.require((1..=RINGS as u32).contains(&count), "count", f64::from(count), "", &rule);
+        }
+        if let Some(threshold) = params.threshold {
+            let holds = threshold > 0.0 && threshold < 255.0;
+            problems.require(holds, "threshold", threshold, "grey levels", "lie in (0, 255)");
+            if params.method != Method::IntensitySteps {
+                let what = format!("`{}` knows no threshold", params.method.name());
+                problems.push_with_hint("threshold", what, "leave it out, or use `method: intensity_steps`");
+            }
+        }
+        problems.require((0.0..=1.0).contains(&params.blend), "blend", params.blend, "", "lie in [0, 1]");
+        if params.objects.as_ref().is_some_and(Vec::is_empty) {
+            problems.push_with_hint("objects", "objects is empty", "leave it out for all of them");
+        }
+    }
+
+    fn plan(params: &Params, _known: &Known) -> StagePlan {
+        let left_out = if params.blend == 0.0 { vec!["blending between sections".into()] } else { Vec::new() };
+        StagePlan { method: Some(params.method.name().into()), left_out, ..StagePlan::default() }
+    }
+
+    fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
+        let light = Light::of(&inputs.modulation.0)?;
+        let truth = &inputs.truth.0;
+        if (truth.rows(), truth.columns()) != (light.rows, light.columns) {
+            return Err(Error::failed_with_hint(
+                format!(
+                    "the modulation has {} x {} pixels, the truth {} x {}",
+                    light.columns,
+                    light.rows,
+                    truth.columns(),
+                    truth.rows()
+                ),
+                "both must be seen by the same camera",
+            ));
+        }
+        let (wall, objects) = wall(params, truth)?;
+        // Counted from the highest point of these objects: the rim, where the camera sees it.
+        let top = objects.iter().flatten().map(|s| s.height).fold(f64::NEG_INFINITY, f64::max);
+        let arc = arc_lengths(&objects, top);
+        let length = arc.iter().flatten().copied().fold(0.0, f64::max);
+        if length <= 0.0 {
+            return Err(Error::failed_with_hint(
+                format!("no pixel shows a wall of {wall}: sections need surfaces that fall away from the camera"),
+                "point the camera down the tube, or name its object in `objects`",
+            ));
+        }
+        let good: Vec<Pixel> = (0..arc.len())
+            .filter_map(|i| {
+                let (m_dc, m_ac) = light.at(i)?;
+                Some(Pixel { s: arc[i]?, m_dc, m_ac })
+            })
+            .collect();
+        if good.is_empty() {
+            return Err(Error::failed("no pixel of the wall has a good modulation"));
+        }
+        let profile = Profile::of(&good, length);
+        let bounds = bounds(params, &profile, light.white())?;
+        let bounds_mm: Vec<f64> = bounds.iter().map(|&k| k as f64 * profile.ring_mm).collect();
+        let list = list(&profile, &bounds, &bounds_mm);
+        let least = u64::from(params.least_pixels.max(1));
+        if let Some((k, section)) = list.iter().enumerate().find(|(_, s)| s.pixels < least) {
+            return Err(Error::failed_with_hint(
+                format!(
+                    "section {k} of {}, from {:.1} to {:.1} mm along the wall, has {} pixels with a good modulation; {least} are wanted",
+                    list.len(),
+                    section.from_mm,
+                    section.to_mm,
+                    section.pixels
+                ),
+                "ask for fewer sections, give the camera more pixels, or lower `least_pixels`",
+            ));
+        }
+        ctx.measure("sections", list.len() as f64, "1");
+        Ok(Out { sections: sections(params, &light, &arc, &bounds_mm, &list) })
+    }
+}
+
+/// M_DC of the lowest f_x and M_AC of the highest, of the first wavelength.
+struct Light<'a> {
+    rows: usize,
+    columns: usize,
+    m_dc: std::borrow::Cow<'a, [f32]>,
+    m_ac: std::borrow::Cow<'a, [f32]>,
+    mask: Option<std::borrow::Cow<'a, [f32]>>,
+}
+
+impl<'a> Light<'a> {
+    fn of(stack: &'a ImageStack) -> Result<Self, Error> {
+        let of = |name: &str, lowest: bool| {
+            let value = |l: &&Layer| l.info.name == name && l.info.kind == LayerKind::Value;
+            let first = stack.layers.iter().find(value)?.info.wavelength_nm;
+            let layers = stack.layers.iter().filter(value).filter(|l| l.info.wavelength_nm == first);
+            let f_x = |l: &&Layer| l.info.f_x_per_mm.unwrap_or(0.0);
+            let by_f = |a: &&Layer, b: &&Layer| f_x(a).total_cmp(&f_x(b));
+            if lowest { layers.min_by(by_f) } else { layers.max_by(by_f) }
+        };
+        let missing = |name: &str| Error::failed(format!("the modulation holds no layer `{name}`"));
+        let m_dc = of("m_dc", true).ok_or_else(|| missing("m_dc"))?;
+        let m_ac = of("m_ac", false).ok_or_else(|| missing("m_ac"))?;
+        let mask = stack.mask(m_dc.info.wavelength_nm).map(Layer::pixels);
+        Ok(Self { rows: stack.rows(), columns: stack.columns(), m_dc: m_dc.pixels(), m_ac: m_ac.pixels(), mask })
+    }
+
+    /// Where both are good and positive.
+    fn at(&self, i: usize) -> Option<(f64, f64)> {
+        let (m_dc, m_ac) = (f64::from(self.m_dc[i]), f64::from(self.m_ac[i]));
+        let good = self.mask.as_ref().is_none_or(|mask| mask[i] == 0.0);
+        (good && m_dc > 0.0 && m_ac > 0.0).then_some((m_dc, m_ac))
+    }
+
+    /// The 99.9th percentile of M_DC over the good pixels of the image.
+    fn white(&self) -> f64 {
+        let mut all: Vec<f64> = (0..self.m_dc.len()).filter_map(|i| self.at(i)).map(|(m_dc, _)| m_dc).collect();
+        all.sort_by(f64::total_cmp);
+        all.get(((all.len() as f64 * 0.999) as usize).min(all.len().saturating_sub(1))).copied().unwrap_or(0.0)
+    }
+}
+
+/// What the objects of interest show, and their names for messages.
+fn wall(params: &Params, truth: &ImageStack) -> Result<(String, Vec<Option<Seen>>), Error> {
+    let layer = |name: &str| {
+        let layer =
+            truth.find(name, None).ok_or_else(|| Error::failed(format!("the truth holds no layer `{name}`")))?;
+        Ok::<_, Error>(layer.pixels())
+    };
+    let names = truth.attributes.get("objects").and_then(|v| v.as_array()).cloned().unwrap_or_default();
+    let names: Vec<&str> = names.iter().filter_map(serde_json::Value::as_str).collect();
+    let wanted: Option<Vec<usize>> = match &params.objects {
+        None => None,
+        Some(objects) => {
+            let place = |(i, object): (usize, &String)| {
+                names.iter().position(|name| name == object).ok_or_else(|| {
+                    let what = format!("the scene has no object `{object}`; it has {}", names.join(", "));
+                    Error::invalid(format!("objects.{i}"), what)
+                })
+            };
+            Some(objects.iter().enumerate().map(place).collect::<Result<_, _>>()?)
+        }
+    };
+    let (height, normal_z, object, mask) = (layer("height")?, layer("normal_z")?, layer("object")?, layer("mask")?);
+    let pixel = |i: usize| {
+        let counts = mask[i] == 0.0 && wanted.as_ref().is_none_or(|w| w.contains(&(object[i] as usize)));
+        counts.then(|| Seen { height: f64::from(height[i]), normal_z: f64::from(normal_z[i]) })
+    };
+    let named = params.objects.as_ref().map_or_else(|| "any object".to_owned(), |o| o.join(", "));
+    Ok((named, (0..mask.len()).map(pixel).collect()))
+}
+
+fn bounds(params: &Params, profile: &Profile, white: f64) -> Result<split::Bounds, Error> {
+    let count = params.count.unwrap_or(PAPER.0) as usize;
+    let grey = |ring: &Ring| 255.0 * ring.m_dc / ring.pixels / white;
+    match params.method {
+        Method::EqualLength => Ok(split::by_length(RINGS, count)),
+        Method::EqualLogIntensity => Ok(split::by_parts(&profile.falling(|r| libm::log(r.m_dc / r.pixels)), count)),
+        Method::Optimal => split::optimal(profile, count, f64::from(params.least_pixels)).ok_or_else(|| {
+            Error::failed_with_hint(
+                format!("the wall cannot be cut into {count} sections of {} pixels each", params.least_pixels),
+                "ask for fewer sections, give the camera more pixels, or lower `least_pixels`",
+            )
+        }),
+        Method::IntensitySteps => {
+            let falling = profile.falling(grey);
+            let fall = falling[0] - falling[RINGS - 1];
+            match (params.count, params.threshold) {
+                (None, Some(threshold)) => Ok(split::by_step(&falling, threshold)),
+                (_, threshold) => {
+                    let (threshold, step) = (threshold.unwrap_or(PAPER.1), fall / count as f64);
+                    if count > 1 && step < threshold {
+                        return Err(Error::failed_with_hint(
+                            format!(
+                                "along the wall the mean intensity falls by {fall:.1} grey levels of 255: {count} sections would differ by {step:.1}, not by {threshold}"
+                            ),
+                            "ask for fewer sections, lower `threshold`, or use `method: equal_log_intensity`",
+                        ));
+                    }
+                    Ok(split::by_parts(&falling, count))
+                }
+            }
+        }
+    }
+}
+
+fn list(profile: &Profile, bounds: &[usize], bounds_mm: &[f64]) -> Vec<Section> {
+    let section = |k: usize| {
+        let rings = &profile.rings[bounds[k]..bounds[k + 1]];
+        let pixels: f64 = rings.iter().map(|r| r.pixels).sum();
+        let m_dc: f64 = rings.iter().map(|r| r.m_dc).sum();
+        let m_dc = if pixels > 0.0 { m_dc / pixels } else { 0.0 };
+        Section { from_mm: bounds_mm[k], to_mm: bounds_mm[k + 1], pixels: pixels as u64, m_dc }
+    };
+    (0..bounds.len() - 1).map(section).collect()
+}
+
+fn sections(params: &Params, light: &Light<'_>, arc: &[Option<f64>], bounds_mm: &[f64], list: &[Section]) -> Sections {
+    let shares: Vec<Option<Share>> = arc.iter().map(|s| s.map(|s| share(bounds_mm, params.blend, s))).collect();
+    let mut stack = ImageStack::new(light.rows, light.columns);
+    let image =
+        |value: Vec<f32>| Array2::from_shape_vec((light.rows, light.columns), value).expect("one value per pixel");
+    let of = |value: &dyn Fn(&Share) -> f64| {
+        image(shares.iter().map(|s| s.as_ref().map_or(0.0, |s| value(s) as f32)).collect())
+    };
+    stack.push(LayerInfo::value("section", "1"), of(&|s| s.section as f64));
+    stack.push(LayerInfo::value("neighbour", "1"), of(&|s| s.neighbour as f64));
+    // f32 must not round a small share to nothing.
+    stack.push(LayerInfo::value("weight", "1"), of(&|s| s.weight.max(f64::from(f32::MIN_POSITIVE))));
+    stack.push(LayerInfo::value("arc_length", "mm"), image(arc.iter().map(|s| s.unwrap_or(0.0) as f32).collect()));
+    let reason = |s: &Option<f64>| if s.is_some() { MaskReason::Good } else { MaskReason::OutsideSections }.code();
+    stack.push(LayerInfo::new("mask", LayerKind::Mask, "1"), image(arc.iter().map(reason).collect()));
+    stack.attributes.insert("sections".into(), serde_json::to_value(list).expect("finite numbers are JSON"));
+    stack.attributes.insert("blend".into(), serde_json::json!(params.blend));
+    stack.attributes.insert("method".into(), serde_json::json!(params.method.name()));
+    Sections(stack)
+}
