@@ -19,6 +19,7 @@ fn scene(projector: [f64; 3], look_at: [f64; 3], distorted: bool) -> Scene {
         media: Default::default(),
         objects: Default::default(),
         lights: Default::default(),
+        detectors: Default::default(),
         camera: Some(Camera {
             position: [0.0, 0.0, 500.0],
             look_at: [0.0; 3],

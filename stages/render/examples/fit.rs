@@ -62,6 +62,7 @@ fn scene(a_rho: f64, s_rho: f64) -> Scene {
         camera: Some(camera),
         projector: Some(projector),
         lights: BTreeMap::new(),
+        detectors: BTreeMap::new(),
     }
 }
 

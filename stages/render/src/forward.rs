@@ -10,12 +10,14 @@ use turbid_optics::elementary::{ln, sin_cos_turns};
 use turbid_optics::henyey_greenstein::turn;
 use turbid_optics::philox::{self, unit, unit_fine};
 
+use crate::detector::{Detector, pass, sides};
 use crate::lamp::{Lamp, Steady};
 use crate::level::named;
 use crate::light::{Emission, Light};
 use crate::path::{Ending, Nee, Place, Setting, Stream, Walker};
 use crate::pictures::Pictures;
 use crate::rig::Rig;
+use crate::world::World;
 
 /// The pixel in whose stead photons draw their random numbers; no image has so many.
 const PIXEL: u32 = u32::MAX;
@@ -34,10 +36,22 @@ pub struct Tally {
     pub left: [u64; 2],
     /// In each body or at its surface.
     pub absorbed: Vec<u64>,
+    /// Of each detector.
+    pub detected: Vec<Detected>,
+}
+
+/// What came through a detector.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Detected {
+    /// Photons that ended there.
+    pub taken: u64,
+    /// Sums over the photons of how often each came through, and of the squares.
+    pub passages: u64,
+    pub squares: u64,
 }
 
 /// What became of `photons` photons of each channel's lights. Light from infinity has no power to share out and is left out.
-pub fn tally(rig: &Rig, photons: u32, ctx: Ctx<'_>) -> Result<Vec<Tally>, Error> {
+pub fn tally(rig: &Rig, detectors: &[Detector], photons: u32, ctx: Ctx<'_>) -> Result<Vec<Tally>, Error> {
     let tiles = (photons as usize).div_ceil(TILE);
     let key = philox::key(ctx.seed());
     let (dark, still) = (Light::none(), Steady::NONE);
@@ -57,36 +71,77 @@ pub fn tally(rig: &Rig, photons: u32, ctx: Ctx<'_>) -> Result<Vec<Tally>, Error>
         };
         let sources = Sources::of(&rig.lights[channel], &rig.steady[channel]);
         let mut walker = Walker::new(setting, named(ctx.simd()));
-        let mut left = [0; 2];
-        let mut absorbed = vec![0; rig.worlds[channel].bodies.len()];
+        let mut tally = Tally::new(&rig.worlds[channel], detectors);
+        let mut counts = vec![0; detectors.len()];
         walker.clear_responses(1);
         for photon in (tile * TILE) as u32..photons.min(((tile + 1) * TILE) as u32) {
             let stream = Stream::new(key, PIXEL, photon, channel as u32);
             let mut at = sources.start(&stream, photon);
-            while walker.step(&mut at) {}
-            match walker.ending() {
-                Ending::Left => left[usize::from(at.w.z <= 0.0)] += 1,
-                Ending::Absorbed(body) => absorbed[body] += 1,
+            counts.fill(0);
+            let taken = walk(&mut walker, &mut at, detectors, &mut counts);
+            for (detected, &n) in tally.detected.iter_mut().zip(&counts) {
+                detected.passages += u64::from(n);
+                detected.squares += u64::from(n) * u64::from(n);
+            }
+            match (taken, walker.ending()) {
+                (Some(detector), _) => tally.detected[detector].taken += 1,
+                (None, Ending::Left) => tally.left[usize::from(at.w.z <= 0.0)] += 1,
+                (None, Ending::Absorbed(body)) => tally.absorbed[body] += 1,
                 // The tile is thrown away.
-                Ending::Endless => break,
+                (None, Ending::Endless) => break,
             }
         }
-        (left, absorbed, walker.endless())
+        (tally, walker.endless())
     })?;
-    if parts.iter().any(|part| part.2) {
+    if parts.iter().any(|part| part.1) {
         return Err(Error::failed("a photon does not end: it is in a closed space that absorbs nothing"));
     }
     let channels = parts.chunks(tiles).enumerate().map(|(channel, parts)| {
-        let power = Sources::of(&rig.lights[channel], &rig.steady[channel]).power();
-        let absorbed = vec![0; rig.worlds[channel].bodies.len()];
-        let mut sum = Tally { photons: u64::from(photons), power, left: [0; 2], absorbed };
-        for (left, absorbed, _) in parts {
-            sum.left.iter_mut().zip(left).for_each(|(sum, n)| *sum += n);
-            sum.absorbed.iter_mut().zip(absorbed).for_each(|(sum, n)| *sum += n);
-        }
+        let mut sum = Tally::new(&rig.worlds[channel], detectors);
+        (sum.photons, sum.power) =
+            (u64::from(photons), Sources::of(&rig.lights[channel], &rig.steady[channel]).power());
+        parts.iter().for_each(|(part, _)| sum.add(part));
         sum
     });
     Ok(channels.collect())
+}
+
+/// Walks a photon to its end, and counts the detectors that it comes through; the one that takes it, if one does.
+fn walk(walker: &mut Walker<'_>, at: &mut Place, detectors: &[Detector], counts: &mut [u32]) -> Option<usize> {
+    if detectors.is_empty() {
+        while walker.step(at) {}
+        return None;
+    }
+    let mut sides = sides(detectors, at.r);
+    loop {
+        // Every step is a straight stretch, and only its end turns.
+        let (r, w) = (at.r, at.w);
+        let goes_on = walker.step(at);
+        let leaves = !goes_on && walker.ending() == Ending::Left;
+        let length = if leaves { f64::INFINITY } else { (at.r - r).dot(w) };
+        let taken = pass(detectors, (r, w, length), &mut sides, counts);
+        if taken.is_some() || !goes_on {
+            return taken;
+        }
+    }
+}
+
+impl Tally {
+    fn new(world: &World, detectors: &[Detector]) -> Self {
+        let (absorbed, detected) = (vec![0; world.bodies.len()], vec![Detected::default(); detectors.len()]);
+        Self { photons: 0, power: 0.0, left: [0; 2], absorbed, detected }
+    }
+
+    /// Adds where photons of another tile ended.
+    fn add(&mut self, other: &Self) {
+        self.left.iter_mut().zip(other.left).for_each(|(sum, n)| *sum += n);
+        self.absorbed.iter_mut().zip(&other.absorbed).for_each(|(sum, n)| *sum += n);
+        for (sum, part) in self.detected.iter_mut().zip(&other.detected) {
+            sum.taken += part.taken;
+            sum.passages += part.passages;
+            sum.squares += part.squares;
+        }
+    }
 }
 
 /// All that shines with a power, with the running sums of powers.

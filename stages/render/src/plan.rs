@@ -106,6 +106,7 @@ pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool) -> StagePla
         sort(scene.projector.is_some(), "projector");
         sort(scene.lights.len() > ambient, "steady lights");
         sort(ambient > 0, "ambient light");
+        sort(!scene.detectors.is_empty(), "detectors (for the port `power`)");
     }
     if let Some(scene) = scene {
         let included = scene.camera.as_ref().is_some_and(|c| c.specular == Some(Specular::Include));

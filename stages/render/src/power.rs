@@ -6,7 +6,7 @@ use turbid_contract::{Cells, Table};
 
 use crate::forward::Tally;
 
-/// One row for each way out and each object that is not void, channel by channel. `object_of` gives for each body its place among
+/// One row for each way out, each object that is not void and each detector, channel by channel. `object_of` gives for each body its place among
 /// the objects.
 pub fn power(scene: &Scene, object_of: &[usize], tallies: &[Tally]) -> Power {
     let names: Vec<&String> = scene.objects.keys().collect();
@@ -17,10 +17,19 @@ pub fn power(scene: &Scene, object_of: &[usize], tallies: &[Tally]) -> Power {
         let absorbed = object_of.iter().zip(&tally.absorbed);
         let absorbed = absorbed.map(|(&object, &count)| (format!("absorbed in {}", names[object]), count));
         let left = ["left upwards", "left downwards"].into_iter().map(str::to_owned).zip(tally.left);
-        for (detector, count) in left.chain(absorbed) {
+        // Every photon either comes there or does not, ...
+        let once = left.chain(absorbed).map(|(name, count)| {
             let share = count as f64 / n;
-            // Every photon either comes there or does not.
-            let se = (share * (1.0 - share) / (n - 1.0)).sqrt();
+            (name, share, share * (1.0 - share))
+        });
+        // ... but it may come through a detector several times.
+        let detected = scene.detectors.iter().zip(&tally.detected).map(|((name, d), found)| {
+            let name = if d.absorbs { format!("taken by {name}") } else { format!("through {name}") };
+            let share = found.passages as f64 / n;
+            (name, share, (found.squares as f64 / n - share * share).max(0.0))
+        });
+        for (detector, share, variance) in once.chain(detected) {
+            let se = (variance / (n - 1.0)).sqrt();
             detectors.push(detector);
             wavelengths.extend(scene.wavelengths_nm.get(channel));
             for (figure, value) in figures.iter_mut().zip([tally.power * share, tally.power * se, share, se]) {

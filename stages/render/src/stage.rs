@@ -3,6 +3,7 @@
 use turbid_contract::payload::{Covariance, Frames, Pattern, Power, Scene, Truth, White};
 use turbid_contract::{Ctx, Error, Known, Problems, Stage, StagePlan, in_ports, out_ports};
 
+use crate::detector::Detector;
 use crate::field::Field;
 use crate::forward::tally;
 use crate::frames::Images;
@@ -33,7 +34,7 @@ out_ports! {
         truth: optional Truth,
         /// The frame under the pattern 1 and the steady lights.
         white: optional White,
-        /// Where the power of all lights went, at pattern value 1: out of the scene, and into each object.
+        /// Where the power of all lights went, at pattern value 1: out of the scene, into each object, through each detector.
         power: optional Power,
     }
 }
@@ -120,7 +121,7 @@ impl Stage for RenderStage {
                     "add a projector or a light with a power",
                 ));
             }
-            Some(power(&scene, &rig.object_of, &tally(&rig, params.photons, ctx)?))
+            Some(power(&scene, &rig.object_of, &tally(&rig, &Detector::all(&scene), params.photons, ctx)?))
         } else {
             None
         };

@@ -4,9 +4,10 @@ use glam::{DVec2, DVec3};
 use turbid_contract::ImageStack;
 use turbid_contract::LayerInfo;
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::{Lamp, Preview, Scene};
+use turbid_contract::payload::{Detector, Lamp, Outline, Preview, Scene};
 use turbid_contract::serde_json::{Value, json};
 use turbid_geometry::{camera_view, projector_view};
+use turbid_optics::elementary::sin_cos_turns;
 use turbid_optics::view::{Lens, View};
 
 use crate::assemble::{Placed, is_void, object_at, placed};
@@ -28,6 +29,7 @@ const BAR_COLOUR: [f32; 3] = [0.125; 3];
 const CAMERA: [f32; 3] = [0.05, 0.25, 0.75];
 const PROJECTOR: [f32; 3] = [0.85, 0.45, 0.0];
 const LAMP: [f32; 3] = [0.75, 0.0, 0.35];
+const DETECTOR: [f32; 3] = [0.0, 0.5, 0.3];
 /// Objects in the order of their names (colour-blind safe: Paul Tol's light scheme).
 const OBJECTS: [[f32; 3]; 6] = [
     [0.93, 0.75, 0.73],
@@ -46,7 +48,9 @@ pub fn sketch(scene: &Scene) -> Preview {
     let cut = views.first().map_or(DVec3::ZERO, |(v, _)| v.look_at);
     let lamps = lamps(scene);
     let objects = placed(scene);
-    let (low, high) = extent(&objects, &views, &lamps);
+    let (low, high) = extent(&objects, &views, &lamps, scene);
+    let detectors: Vec<Vec<DVec3>> =
+        scene.detectors.values().map(|d| outline(d, 4.0 * (high - low).max_element())).collect();
     let colour_of = |p: DVec3| {
         let seen = object_at(&objects, p).filter(|&i| !is_void(scene, objects[i].object));
         seen.map(|i| OBJECTS[i % OBJECTS.len()])
@@ -65,8 +69,8 @@ pub fn sketch(scene: &Scene) -> Preview {
     let top = Panel::new(DVec2::new(low.x, low.y), DVec2::new(high.x, high.y));
     let side = Panel::new(DVec2::new(low.x, low.z), DVec2::new(high.x, high.z));
     let panels = [
-        top.draw(from_above, &views, &lamps, |p| DVec2::new(p.x, p.y)),
-        side.draw(|x, z| colour_of(DVec3::new(x, cut.y, z)), &views, &lamps, |p| DVec2::new(p.x, p.z)),
+        top.draw(from_above, &views, &lamps, &detectors, |p| DVec2::new(p.x, p.y)),
+        side.draw(|x, z| colour_of(DVec3::new(x, cut.y, z)), &views, &lamps, &detectors, |p| DVec2::new(p.x, p.z)),
     ];
     let mut stack = ImageStack::new(PANEL, 2 * PANEL + GAP);
     for (channel, name) in ["red", "green", "blue"].into_iter().enumerate() {
@@ -118,12 +122,19 @@ fn legend(scene: &Scene) -> Value {
     entries.extend(scene.camera.iter().map(|_| ("camera and what it sees".to_owned(), CAMERA)));
     entries.extend(scene.projector.iter().map(|_| ("projector and what it lights".to_owned(), PROJECTOR)));
     entries.extend((!scene.lights.is_empty()).then(|| ("steady lights".to_owned(), LAMP)));
+    entries.extend((!scene.detectors.is_empty()).then(|| ("detectors".to_owned(), DETECTOR)));
     entries.into_iter().map(|(text, colour)| json!({"text": text, "colour": colour})).collect()
 }
 
-/// What both panels show: pinholes, the corners of their fields, and finite objects, with a margin of 5 %.
-fn extent(objects: &[Placed<'_>], views: &[(View, [f32; 3])], lamps: &[(DVec3, DVec3)]) -> (DVec3, DVec3) {
+/// What both panels show: the middles of detectors, pinholes, the corners of their fields, and finite objects, with a margin of 5 %.
+fn extent(
+    objects: &[Placed<'_>],
+    views: &[(View, [f32; 3])],
+    lamps: &[(DVec3, DVec3)],
+    scene: &Scene,
+) -> (DVec3, DVec3) {
     let mut points: Vec<DVec3> = lamps.iter().flat_map(|&(from, to)| [from, to]).collect();
+    points.extend(scene.detectors.values().map(|d| DVec3::from(d.position)));
     for (view, _) in views {
         points.push(view.position);
         points.extend(edge(view).into_iter().flat_map(|(from, to)| [from, to]));
@@ -140,6 +151,24 @@ fn extent(objects: &[Placed<'_>], views: &[(View, [f32; 3])], lamps: &[(DVec3, D
     let high = points.iter().copied().reduce(DVec3::max).unwrap_or(DVec3::splat(1.0));
     let margin = 0.05 * (high - low).max_element().max(1e-6);
     (low - margin, high + margin)
+}
+
+/// The edge of a detector, drawn in where it is farther than `most` from the middle.
+fn outline(detector: &Detector, most: f64) -> Vec<DVec3> {
+    let (middle, facing) = (DVec3::from(detector.position), DVec3::from(detector.facing));
+    let corners: Vec<DVec3> = match detector.outline {
+        Outline::Disc { diameter } => {
+            let (x, y) = facing.any_orthonormal_pair();
+            let rim = (0..4 * EDGE_STEPS).map(|i| sin_cos_turns(f64::from(i) / f64::from(4 * EDGE_STEPS)));
+            rim.map(|(sin, cos)| 0.5 * diameter * (cos * x + sin * y)).collect()
+        }
+        Outline::Rectangle { up, size } => {
+            let right = DVec3::from(up).cross(facing).normalize_or_zero();
+            let (x, y) = (0.5 * size[0] * right, 0.5 * size[1] * facing.cross(right));
+            vec![x + y, y - x, -x - y, x - y]
+        }
+    };
+    corners.into_iter().map(|corner| middle + corner.clamp_length_max(most)).collect()
 }
 
 /// Along the edge of the field, with where the ray to each comes from.
@@ -174,6 +203,7 @@ impl Panel {
         colour: impl Fn(f64, f64) -> Option<[f32; 3]>,
         views: &[(View, [f32; 3])],
         lamps: &[(DVec3, DVec3)],
+        detectors: &[Vec<DVec3>],
         flatten: impl Fn(DVec3) -> DVec2,
     ) -> Vec<[f32; 3]> {
         let mut pixels: Vec<[f32; 3]> = (0..PANEL * PANEL)
@@ -197,6 +227,12 @@ impl Panel {
         for &(from, to) in lamps {
             self.line(&mut pixels, flatten(from), flatten(to), LAMP, 3);
             self.cross(&mut pixels, flatten(from), LAMP);
+        }
+        for outline in detectors {
+            for (i, &corner) in outline.iter().enumerate() {
+                let next = outline[(i + 1) % outline.len()];
+                self.line(&mut pixels, flatten(corner), flatten(next), DETECTOR, 1);
+            }
         }
         let (_, pixels_long) = self.bar();
         for column in BAR_LEFT..BAR_LEFT + pixels_long {

@@ -1,7 +1,7 @@
 //! The stage as the engine calls it: what it makes of good parameters, and what it says of wrong ones.
 
 use serde_json::{Value, json};
-use turbid_contract::payload::{Lamp, Motif, Payload, Scene, Shape, Surface, Texture};
+use turbid_contract::payload::{Lamp, Motif, Outline, Payload, Scene, Shape, Surface, Texture};
 use turbid_contract::{Artifact, Axes, Ctx, Error, InputSource, Known, MemoryHost, Problem, Problems, StageRow};
 use turbid_scene::SceneStage;
 
@@ -100,6 +100,28 @@ fn lights_are_kept_by_name() {
     assert_eq!(Scene::from_artifact(lit.clone().into_artifact()).unwrap(), lit);
     let Artifact::Record(record) = scene(&carcinoma()).into_artifact() else { panic!("a record") };
     assert!(!record.fields.contains_key("lights"));
+}
+
+/// Detectors survive the record with all that was left out filled in; a scene without any has the record it had before there were any.
+#[test]
+fn detectors_are_kept_by_name() {
+    let watched = with(
+        "/detectors",
+        json!({
+            "eye": {"disc": {"position": [0, 0, 100], "look_at": [0, 0, 0], "diameter": "1 cm", "half_angle_deg": 20}},
+            "face": {"rectangle": {"position": [9, 0, 0], "look_at": [0, 0, 0], "size": [4, 2], "absorbs": true}},
+        }),
+    );
+    let watched = scene(&watched);
+    let (eye, face) = (&watched.detectors["eye"], &watched.detectors["face"]);
+    assert_eq!(
+        (eye.outline, eye.facing, eye.half_angle_deg),
+        (Outline::Disc { diameter: 10.0 }, [0.0, 0.0, -1.0], 20.0)
+    );
+    assert_eq!(face.outline, Outline::Rectangle { up: [0.0, 1.0, 0.0], size: [4.0, 2.0] });
+    assert!((face.facing, face.half_angle_deg) == ([-1.0, 0.0, 0.0], 90.0) && face.absorbs && !eye.absorbs);
+    let Artifact::Record(record) = scene(&carcinoma()).into_artifact() else { panic!("a record") };
+    assert!(!record.fields.contains_key("detectors"));
 }
 
 fn check(params: &Value) -> (Vec<Problem>, Vec<Problem>) {
@@ -206,6 +228,15 @@ fn mistakes_are_named() {
     };
     let light = |lamp: Value| with("/lights", json!({"lamp": lamp}));
     let wrapped = |albedo: Value| with("/objects/tissue/surface", json!({"lambertian": albedo}));
+    let disc = |key: &str, value: Value| {
+        let mut disc = json!({"position": [0, 0, 100], "look_at": [0, 0, 0], "diameter": 10});
+        disc[key] = value;
+        with("/detectors", json!({"eye": {"disc": disc}}))
+    };
+    let face = |size: Value, up: Value| {
+        let face = json!({"position": [0, 0, 100], "look_at": [0, 0, 0], "size": size, "up": up});
+        with("/detectors", json!({"eye": {"rectangle": face}}))
+    };
     let table: Vec<(Value, &str, &[&str])> = vec![
         (with("/media/healthy/A_rho", json!(-3)), "media.healthy.A_rho", &["A_rho = -3 m^-1", ">= 0"]),
         (with("/media/scc/mu_s_prime", json!(-0.5)), "media.scc.mu_s_prime", &["-0.5 mm^-1", ">= 0"]),
@@ -288,6 +319,11 @@ fn mistakes_are_named() {
             &["a and b overlap"],
         ),
         (light(json!({"moon": {}})), "lights.lamp", &["moon", "ambient"]),
+        (disc("diameter", json!(0)), "detectors.eye.disc.diameter", &["0 mm", "> 0"]),
+        (disc("look_at", json!([0, 0, 100])), "detectors.eye.disc.look_at", &["own position"]),
+        (disc("half_angle_deg", json!(91)), "detectors.eye.disc.half_angle_deg", &["91 deg", "(0, 90]"]),
+        (face(json!([1, -1]), json!([0, 1, 0])), "detectors.eye.rectangle.size.1", &["-1 mm", "> 0"]),
+        (face(json!([1, 1]), json!([0, 0, 1])), "detectors.eye.rectangle.up", &["up vector", "[0, 0, 1]"]),
         (light(json!({"point": {"power": 1}})), "lights.lamp.point", &["position"]),
         (light(json!({"point": {"position": [0, 0, 9], "power": 0}})), "lights.lamp.point.power", &["0 W", "> 0"]),
         (

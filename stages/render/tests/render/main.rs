@@ -2,6 +2,7 @@
 
 mod adaptive;
 mod coverage;
+mod detectors;
 mod extreme;
 mod fit;
 mod glints;

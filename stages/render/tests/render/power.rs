@@ -8,7 +8,7 @@ use turbid_render::RenderStage;
 use crate::setup::*;
 
 /// detector -> (power, share, share_se).
-fn power(scene: &Scene, photons: u32, seed: u64) -> Vec<(String, f64, f64, f64)> {
+pub fn power(scene: &Scene, photons: u32, seed: u64) -> Vec<(String, f64, f64, f64)> {
     let host = TestHost::new(seed, &["power"], 2);
     let params = json!({"f_x": [0], "samples": 2, "photons": photons});
     let ports = (StageRow::of::<RenderStage>().run)(&params, &Input(scene.clone()), Ctx::new(&host)).unwrap();

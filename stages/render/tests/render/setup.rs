@@ -59,6 +59,7 @@ pub fn scene(media: &[(&str, Medium)], objects: Vec<Object>, (camera, projector)
         camera: Some(camera),
         projector: Some(projector),
         lights: BTreeMap::new(),
+        detectors: BTreeMap::new(),
     }
 }
 

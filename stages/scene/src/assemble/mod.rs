@@ -12,6 +12,7 @@ use turbid_optics::solid::Solid;
 use crate::params::Params;
 use crate::per_channel::PerChannel;
 
+mod detector;
 mod lamp;
 mod medium;
 mod object;
@@ -20,6 +21,7 @@ mod surface;
 mod view;
 mod whole;
 
+use detector::detector;
 use lamp::lamp;
 use medium::medium;
 use object::object;
@@ -52,10 +54,11 @@ pub fn assemble(params: &Params, file: &dyn Fn(&str) -> Option<Arc<[u8]>>, probl
     let camera = camera(params, problems);
     let projector = projector(params, problems);
     let lights = params.lights.iter().map(|(name, l)| (name.clone(), lamp(name, l, params, problems))).collect();
+    let detectors = params.detectors.iter().map(|(name, d)| (name.clone(), detector(name, d, problems))).collect();
     let scene = {
         let used: BTreeSet<&str> = objects.values().filter_map(|o: &Object| o.medium.as_deref()).collect();
         media.retain(|name, _| used.contains(name.as_str()));
-        Scene { wavelengths_nm, media, objects, camera, projector, lights }
+        Scene { wavelengths_nm, media, objects, camera, projector, lights, detectors }
     };
     if problems.is_empty() {
         check_whole(&scene, problems);

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use turbid_contract::Wavelength;
 use turbid_contract::schemars::JsonSchema;
 
+mod detector;
 mod lamp;
 mod medium;
 mod object;
@@ -13,6 +14,7 @@ mod shape;
 mod surface;
 mod view;
 
+pub use detector::{DetectorParams, DiscParams, RectangleParams};
 pub use lamp::{AmbientParams, CollimatedParams, LampParams, PointParams, SpotParams};
 pub use medium::MediumParams;
 pub use object::ObjectParams;
@@ -39,4 +41,7 @@ pub struct Params {
     /// Steady lights beside the projector: every frame gets them in full.
     #[serde(default)]
     pub lights: BTreeMap<String, LampParams>,
+    /// Areas that count the power of the light that comes through them: rows of render's port `power`.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub detectors: BTreeMap<String, DetectorParams>,
 }

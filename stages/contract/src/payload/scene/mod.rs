@@ -8,6 +8,7 @@ use crate::artifact::{Artifact, ArtifactKind, Record};
 use crate::error::Error;
 use crate::payload::Payload;
 
+mod detector;
 mod lamp;
 mod lens;
 mod mesh;
@@ -16,6 +17,7 @@ mod surface;
 mod texture;
 mod view;
 
+pub use detector::{Detector, Outline};
 pub use lamp::Lamp;
 pub use lens::{Aperture, Distortion, Projection};
 pub use mesh::Mesh;
@@ -40,6 +42,9 @@ pub struct Scene {
     /// Steady lights, by name.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub lights: BTreeMap<String, Lamp>,
+    /// By name.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub detectors: BTreeMap<String, Detector>,
 }
 
 impl Scene {
