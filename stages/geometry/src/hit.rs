@@ -122,6 +122,7 @@ mod tests {
             camera: None,
             projector: None,
             lights: BTreeMap::new(),
+            detectors: BTreeMap::new(),
         }
     }
 

@@ -22,9 +22,13 @@ pub struct Detector {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Area {
-    Disc { radius: f64 },
+    Disc {
+        radius: f64,
+    },
     /// Half of its sides, as vectors.
-    Rectangle { half: [DVec3; 2] },
+    Rectangle {
+        half: [DVec3; 2],
+    },
 }
 
 /// On which side of each detector a photon is: the signed distance from its plane when it was last off it, mm.
@@ -142,7 +146,10 @@ mod tests {
             walk(&[[0.0, 0.0, 1.0], [0.0, 0.0, off], [0.0, 0.0, -1.0]], 1);
             walk(&[[0.0, 0.0, 1.0], [0.0, 0.0, off], [0.0, 0.0, 1.0]], 0);
         }
-        walk(&[[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [3.0, 0.0, -1.0], [3.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, -2.0]], 2);
+        walk(
+            &[[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [3.0, 0.0, -1.0], [3.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, -2.0]],
+            2,
+        );
     }
 
     /// The first of two that absorbs takes the photon; to infinity, too.

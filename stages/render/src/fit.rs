@@ -44,15 +44,15 @@ impl Lattice {
 
 /// What is known of a pixel beforehand.
 #[derive(Clone, Debug)]
-struct Guide {
+pub struct Guide {
     /// Irradiance at the centre of what is seen, but for the power of the light.
-    gain: f64,
+    pub gain: f64,
     /// (sin, cos) of each carrier there.
-    phases: Vec<(f64, f64)>,
+    pub phases: Vec<(f64, f64)>,
 }
 
 /// What the light would be at the centre of a pixel; `None` where it meets nothing.
-fn guide(rig: &Rig, carriers: &[Carrier], pixel: usize) -> Option<Guide> {
+pub fn guide(rig: &Rig, carriers: &[Carrier], pixel: usize) -> Option<Guide> {
     let (world, camera) = (&rig.worlds[0], &rig.camera);
     let (origin, w) = camera.ray(pixel, 0.5, 0.5);
     let mut spans = Spans::default();

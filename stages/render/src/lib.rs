@@ -39,6 +39,7 @@ mod method;
 mod neighbours;
 mod params;
 mod plan;
+mod plane_wave;
 mod polynomials;
 mod power;
 mod reference;

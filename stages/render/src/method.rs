@@ -9,6 +9,7 @@ use crate::judge::{OfFit, OfPixels};
 use crate::light::Carrier;
 use crate::moments::Moments;
 use crate::params::{Allocate, Method, Params};
+use crate::plane_wave::{Bound, PlaneWave, bounds, no_plane_wave};
 use crate::reference::{References, no_stand_in, references};
 use crate::referenced::{Images, Referenced};
 use crate::rig::Rig;
@@ -30,6 +31,10 @@ pub enum Taken {
         because: Option<String>,
     },
     Fit,
+    /// The transport solver; the bound of the error of a frame.
+    Rte {
+        bound: f64,
+    },
     /// Paths, beside those of laterally uniform stand-ins.
     Reference {
         because: String,
@@ -43,8 +48,12 @@ impl Taken {
             Method::Path => Self::Path { because: None },
             _ if patterned => Self::Path { because: Some("images are projected".to_owned()) },
             Method::Fit => Self::Fit,
-            Method::Auto | Method::Rte => match obstacle(scene, params.target_error.map(|t| t.0)) {
-                None => Self::Fit,
+            Method::Rte => Self::Rte { bound: bound(params, scene).unwrap_or(f64::INFINITY) },
+            Method::Auto => match obstacle(scene, params.target_error.map(|t| t.0)) {
+                None => match (bound(params, scene), params.target_error) {
+                    (Some(bound), Some(target)) if bound <= target.0 => Self::Rte { bound },
+                    _ => Self::Fit,
+                },
                 Some(because) => match no_stand_in(scene, params.target_error.map(|t| t.0)) {
                     None => Self::Reference { because },
                     Some(_) => Self::Path { because: Some(because) },
@@ -52,6 +61,15 @@ impl Taken {
             },
         }
     }
+}
+
+/// The largest bound of a frame's error, where the transport solver can give the image.
+pub fn bound(params: &Params, scene: &Scene) -> Option<f64> {
+    if no_plane_wave(scene).is_some() {
+        return None;
+    }
+    let bounds = bounds(scene, &params.carriers())?;
+    Some(bounds.iter().map(Bound::whole).fold(0.0, f64::max))
 }
 
 /// What was estimated: one field per channel.
@@ -72,6 +90,7 @@ pub struct Traced {
     lattice: Option<Lattice>,
     beside: Option<Beside>,
     flights: u64,
+    solved: Vec<PlaneWave>,
 }
 
 /// Stand-ins, and the sums behind their images.
@@ -92,6 +111,19 @@ pub fn sums(
     match taken {
         Taken::Path { .. } => pixels(params, rig, shown, None, ctx),
         Taken::Fit => fit(params, rig, shown, (0, true), ctx),
+        Taken::Rte { bound } => {
+            ctx.measure("bound of a frame's error", 100.0 * bound, "%");
+            let solved = PlaneWave::all(scene, rig, &shown.carriers)?;
+            Ok(Traced {
+                channels: Vec::new(),
+                n: 0,
+                paths: Vec::new(),
+                lattice: None,
+                beside: None,
+                flights: 0,
+                solved,
+            })
+        }
         Taken::Reference { .. } => {
             let stand_ins = references(scene, rig, params.target_error.map(|t| t.0))?;
             let Some(stand_ins) = stand_ins else { return pixels(params, rig, shown, None, ctx) };
@@ -136,7 +168,8 @@ fn pixels(
         let images = images.map(|(r, salt)| fit(&enough, &r.plain, shown, (salt, false), ctx));
         Ok::<_, Error>(Beside { images: images.collect::<Result<_, _>>()?, stand_ins })
     });
-    Ok(Traced { channels, n, paths, lattice: None, beside: beside.transpose()?, flights })
+    let beside = beside.transpose()?;
+    Ok(Traced { channels, n, paths, lattice: None, beside, flights, solved: Vec::new() })
 }
 
 /// A lattice of pixels, to fit a smooth image to; `salt` and `kept` as in [`Task`].
@@ -151,7 +184,7 @@ fn fit(params: &Params, rig: &Rig, shown: &Shown, (salt, kept): (u64, bool), ctx
     let task =
         Task { params, rig, shown, pixels: &pixels, beside: None, salt, kept, first_test, allocate, judge: &judge };
     let Sums { channels, samples: n, flights, .. } = trace(&task, ctx)?;
-    Ok(Traced { channels, n, paths: Vec::new(), lattice: Some(lattice), beside: None, flights })
+    Ok(Traced { channels, n, paths: Vec::new(), lattice: Some(lattice), beside: None, flights, solved: Vec::new() })
 }
 
 impl Traced {
@@ -164,6 +197,11 @@ impl Traced {
     pub fn estimate(&self, rig: &Rig, shown: &Shown, ctx: Ctx<'_>) -> Result<Estimate<'_>, Error> {
         if let Some(beside) = &self.beside {
             return self.estimate_beside(beside, rig, shown, ctx);
+        }
+        if !self.solved.is_empty() {
+            let field = |solved: &'_ PlaneWave| -> Box<dyn Field> { Box::new(solved.clone()) };
+            let pixels = rig.camera.pixels() as f64;
+            return Ok(Estimate { channels: self.solved.iter().map(field).collect(), n: 0, sharing: Some(pixels) });
         }
         let Some(lattice) = &self.lattice else {
             let field =

@@ -8,6 +8,7 @@ use turbid_contract::{AngleDeg, Error, LayerInfo, PerLength, Problem, Problems, 
 use crate::light::Carrier;
 use crate::method::Taken;
 use crate::plan::flights_per_path;
+use crate::plane_wave::no_plane_wave;
 use crate::rig::Rig;
 use crate::strata::Bending;
 use crate::uniform::obstacle;
@@ -139,25 +140,19 @@ impl Params {
         if let Some(limit) = self.max_seconds {
             problems.require(limit.0 > 0.0, "max_seconds", limit.0, "s", "be > 0");
         }
-        if self.samples.is_none() && self.target_error.is_none() && self.max_seconds.is_none() {
+        let unlimited = self.samples.is_none() && self.target_error.is_none() && self.max_seconds.is_none();
+        if unlimited && self.method != Method::Rte {
             problems.push_with_hint(
                 "samples",
                 "nothing says when to stop",
                 "give samples, target_error or max_seconds",
             );
         }
-        if patterned && self.method == Method::Fit {
+        if patterned && matches!(self.method, Method::Fit | Method::Rte) {
             problems.push_with_hint(
                 "method",
-                "images are projected, and what they light is not smooth: a fit would not be the image",
+                "images are projected, and what they light is not smooth: neither a fit nor the solver gives the image",
                 "write `method: path` or `method: auto`",
-            );
-        }
-        if self.method == Method::Rte {
-            problems.push_with_hint(
-                "method",
-                "this version has no deterministic images",
-                "write `method: fit` or `method: auto`",
             );
         }
     }
@@ -258,6 +253,13 @@ impl Params {
                     );
                 }
             }
+        }
+        if let (Method::Rte, Some(reason)) = (self.method, no_plane_wave(scene)) {
+            problems.push_with_hint(
+                "method",
+                format!("the transport solver does not give the image: {reason}"),
+                "write `method: auto`, `fit` or `path`",
+            );
         }
         let taken = Taken::of(self, scene, false);
         match obstacle(scene, self.target_error.map(|t| t.0)) {

@@ -5,7 +5,7 @@ use turbid_contract::payload::{Lamp, Medium, Object, Scene, Shape, Specular, Sur
 use turbid_optics::diffusion::a_robin;
 
 use crate::fit::Lattice;
-use crate::method::{FIT_PATHS, Taken};
+use crate::method::{FIT_PATHS, Taken, bound};
 use crate::params::{Allocate, Method, Params};
 use crate::response::Layout;
 
@@ -48,6 +48,12 @@ pub fn flights_per_path(scene: &Scene) -> f64 {
         .fold(1.0, f64::max)
 }
 
+/// What speaks against the transport solver, to be said behind the reason for a fit.
+fn solver(params: &Params, scene: Option<&Scene>) -> String {
+    let bound = scene.and_then(|scene| bound(params, scene));
+    bound.map_or_else(String::new, |bound| format!("; rte is bounded by {:.2} % only", 100.0 * bound))
+}
+
 /// The least extent of a shape, mm.
 fn thickness(shape: &Shape) -> f64 {
     let least = |extents: [f64; 3]| extents.into_iter().fold(f64::INFINITY, f64::min);
@@ -76,7 +82,13 @@ pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool) -> StagePla
     let mut plan = StagePlan {
         method: Some(match (params.method, &taken) {
             (_, None) => "auto: known once the scene is".to_owned(),
-            (Method::Auto, Some(Taken::Fit)) => "fit (auto: the scene is laterally uniform)".to_owned(),
+            (Method::Auto, Some(Taken::Fit)) => {
+                format!("fit (auto: the scene is laterally uniform{})", solver(params, scene))
+            }
+            (Method::Auto, Some(Taken::Rte { bound })) => {
+                format!("rte (auto: its bound, {:.2} % of a frame, is within the target)", 100.0 * bound)
+            }
+            (_, Some(Taken::Rte { bound })) => format!("rte, off by {:.2} % of a frame at most", 100.0 * bound),
             (_, Some(Taken::Fit)) => "fit".to_owned(),
             (_, Some(Taken::Reference { because })) => {
                 format!(
@@ -113,7 +125,8 @@ pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool) -> StagePla
         sort(included && scene.media.values().any(|m| m.n != 1.0), "glints");
     }
     if let Some(taken) = &taken {
-        sort(*taken != Taken::Fit, "paths for every pixel");
+        sort(!matches!(taken, Taken::Rte { .. }), "paths");
+        sort(!matches!(taken, Taken::Fit | Taken::Rte { .. }), "paths for every pixel");
         sort(matches!(taken, Taken::Reference { .. }), "stand-ins");
     }
     sort(params.f_x.iter().any(|f| f.0 > 0.0), "carriers");
@@ -144,7 +157,10 @@ pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool) -> StagePla
         // The error of a fit of 6 terms is that of as many pixels with all the paths.
         let for_target = params.target_error.map(|t| (VARIANCE_PER_PATH * terms / traced / (t.0 * t.0)).max(8.0));
         let most = params.samples.map(f64::from);
-        if let Some(samples) = for_target.into_iter().chain(most).reduce(f64::min) {
+        if matches!(taken, Some(Taken::Rte { .. })) {
+            // Some ms for each spatial frequency (measured; see docs/theory/rte.md).
+            plan.seconds = Some(5e-3 * channels * (1 + params.carriers().len()) as f64);
+        } else if let Some(samples) = for_target.into_iter().chain(most).reduce(f64::min) {
             let flights = flights_per_path(scene);
             // Many flights are those of a weakly absorbing medium.
             let flights = if flights > 300.0 { LEFT_BY_ROULETTE * flights } else { flights };

@@ -43,7 +43,7 @@ pub struct RenderStage;
 
 impl Stage for RenderStage {
     const NAME: &'static str = "render";
-    const VERSION: u32 = 10;
+    const VERSION: u32 = 11;
     const ABOUT: &'static str =
         "Renders camera frames under projected sinusoids by unbiased path tracing, with standard errors";
     const STOPPING: &'static [&'static str] = &["samples", "target_error", "max_seconds"];
@@ -126,7 +126,9 @@ impl Stage for RenderStage {
             None
         };
         ctx.measure("flights", traced.flights() as f64, "1");
-        ctx.measure("samples", f64::from(estimate.n), "1");
+        if estimate.n > 0 {
+            ctx.measure("samples", f64::from(estimate.n), "1");
+        }
         for (part, of) in [(0.5, "error: m_ac per pixel"), (0.95, "error: m_ac per pixel, 95th percentile")] {
             if let Some(error) = images.relative_error_of(part) {
                 ctx.measure(of, 100.0 * error, "%");

@@ -1,7 +1,7 @@
 //! Whether a scene looks the same wherever it is looked at, but for the angles and distances of camera and projector.
 
 use glam::DVec3;
-use turbid_contract::payload::{Medium, Projection, Scene, Shape, Surface};
+use turbid_contract::payload::{Medium, Object, Projection, Scene, Shape, Surface};
 use turbid_optics::diffusion::a_robin;
 
 use crate::rig::Rig;
@@ -51,18 +51,16 @@ pub fn obstacle(scene: &Scene, target_error: Option<f64>) -> Option<String> {
     }
     let mut layers = Vec::new();
     for (name, object) in &scene.objects {
-        let Shape::Slab { top, bottom } = object.shape else {
+        let Some(layer) = layer(scene, object) else {
             return Some(format!("{name} is bounded sideways"));
         };
-        let medium = object.medium.as_ref().and_then(|m| scene.media.get(m));
-        let refracts = medium.is_some_and(|m| m.n != 1.0);
-        let opaque = match &object.surface {
+        let refracts = layer.medium.is_some_and(|m| m.n != 1.0);
+        match &object.surface {
             Surface::Rough(_) if refracts => return Some(format!("the rough surface of {name} has a highlight")),
-            Surface::Smooth | Surface::Rough(_) => false,
-            Surface::Lambertian(_) => true,
             Surface::Textured(_) => return Some(format!("a texture is wrapped around {name}")),
-        };
-        layers.push(Layer { top, bottom, medium, opaque });
+            Surface::Smooth | Surface::Rough(_) | Surface::Lambertian(_) => {}
+        }
+        layers.push(layer);
     }
     let Some((high, low)) = extent(&layers) else {
         return Some("nothing scatters".to_owned());
@@ -86,6 +84,23 @@ pub fn obstacle(scene: &Scene, target_error: Option<f64>) -> Option<String> {
             100.0 * missing
         )
     })
+}
+
+/// A bound on the part of the light that comes from beyond the lit field, of a scene without [`obstacle`].
+pub fn missing_light(scene: &Scene, channel: usize) -> f64 {
+    let layers: Vec<Layer<'_>> = scene.objects.values().filter_map(|object| layer(scene, object)).collect();
+    let margin = Rig::of(scene).ok().and_then(|rig| margin(&rig).ok());
+    match (extent(&layers), margin) {
+        (Some((high, low)), Some(margin)) => missing(&layers, channel, margin, high - low),
+        _ => 0.0,
+    }
+}
+
+/// A slab without bounds sideways; `None` for what is bounded.
+fn layer<'a>(scene: &'a Scene, object: &Object) -> Option<Layer<'a>> {
+    let Shape::Slab { top, bottom } = object.shape else { return None };
+    let medium = object.medium.as_ref().and_then(|m| scene.media.get(m));
+    Some(Layer { top, bottom, medium, opaque: matches!(object.surface, Surface::Lambertian(_)) })
 }
 
 /// Top and bottom of all that scatters.

@@ -89,7 +89,11 @@ fn nested_shells_count_the_same_photons() {
     let of = |absorbs: bool| {
         let lamp = Lamp::Point { position: [0.0, 0.5, 4.0], power: vec![1.0] };
         let detectors = names.iter().map(String::as_str).zip(faces(6.0, absorbs).chain(faces(9.0, false))).collect();
-        let scene = with_detectors(scene(&[("ink", ink.clone())], vec![ball.clone()], rig(60.0, 0.0, 4.0, 1, 9.0)), lamp, detectors);
+        let scene = with_detectors(
+            scene(&[("ink", ink.clone())], vec![ball.clone()], rig(60.0, 0.0, 4.0, 1, 9.0)),
+            lamp,
+            detectors,
+        );
         let found = power(&scene, 20_000, 3);
         let sum = |start: &str| found.iter().filter(|row| row.0.starts_with(start)).map(|row| row.2).sum::<f64>();
         (sum("left"), sum("absorbed"), [sum("through in"), sum("taken by in"), sum("through out")])
@@ -125,9 +129,11 @@ fn slabs_transmit_what_the_solver_says() {
             let truth = rte::respond(&Medium { mu_a, mu_s_prime, g: 0.75, n }, Some(1.5), 0.0).unwrap();
             // What the surface turns back before it enters does not come through its plane.
             let reflected = truth.reflectance.hemispherical_incident;
-            for (name, expected) in
-                [("through below", truth.transmittance), ("through face", truth.transmittance), ("through up", reflected)]
-            {
+            for (name, expected) in [
+                ("through below", truth.transmittance),
+                ("through face", truth.transmittance),
+                ("through up", reflected),
+            ] {
                 let (share, se) = share(rows, name);
                 assert!((share - expected).abs() < 4.5 * se, "n {n}, {name}: {share} +- {se}, {expected}");
             }

@@ -12,6 +12,7 @@ mod laws;
 mod lights;
 mod meshes;
 mod patterns;
+mod plane_wave;
 mod power;
 mod reference;
 mod rough;
