@@ -21,5 +21,7 @@ mod reproducible;
 mod rerun;
 #[path = "all/spheres.rs"]
 mod spheres;
+#[path = "all/tubes.rs"]
+mod tubes;
 #[path = "all/wrong_files.rs"]
 mod wrong_files;

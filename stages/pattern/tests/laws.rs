@@ -191,8 +191,7 @@ fn fringes_are_uniform_along_surfaces() {
     let (_, map) = pattern(&fringes(&[0.05], &[0.0]), &tube(400));
     let mut f: Vec<f64> = reached(&map, 0.05).into_iter().filter(|r| r.1 == 0.0).map(|r| r.0).collect();
     f.sort_by(f64::total_cmp);
-    // On a wall at the depth D from the pinhole, seen at the plane's h = 100: f h / D along x turned by the azimuth's cosine, and
-    // steeper along the tube.
+    // f h / D sqrt(sin^2 + (R / D)^2 cos^2) at the depth D below the pinhole, h = 100 to the plane, by the azimuth from x.
     let (low, high) = (f[f.len() / 20], f[f.len() * 19 / 20]);
     assert!(high > 3.0 * low, "{low} to {high} mm^-1");
 }

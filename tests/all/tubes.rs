@@ -1,0 +1,66 @@
+//! `pipelines/checks/tube_fringes.yaml`: what a predistorted pattern shows along a tube, seen by a camera.
+
+use std::f64::consts::{PI, TAU};
+
+use serde_json::Value;
+
+use crate::space::Space;
+
+const FILE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/pipelines/checks/tube_fringes.yaml");
+
+/// The layers of a port with their names, by way of an exported file: `images` comes first in the archive.
+fn layers(space: &Space, port: &str) -> Vec<(String, Vec<f32>)> {
+    space.turbid(&["export", FILE, port, "--to", "x.npz"]).ok();
+    let bytes = std::fs::read(space.path().join("x.npz")).expect("it was just written");
+    let start = bytes.windows(6).position(|w| w == b"\x93NUMPY").expect("an array");
+    let header = usize::from(u16::from_le_bytes([bytes[start + 8], bytes[start + 9]]));
+    let shown = space.turbid(&["show", FILE, port, "--json"]).json();
+    let port = shown["instances"][0]["ports"].as_object().and_then(|p| p.values().next()).expect("a port").clone();
+    let names = port["layers"].as_array().expect("layers").iter();
+    let names: Vec<String> = names.map(|l| l["name"].as_str().expect("a name").to_owned()).collect();
+    let pixels = 192 * 192;
+    let values = bytes[start + 10 + header..].chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+    let values: Vec<f32> = values.take(names.len() * pixels).collect();
+    names.into_iter().zip(values.chunks(pixels).map(<[f32]>::to_vec)).collect()
+}
+
+fn layer<'a>(layers: &'a [(String, Vec<f32>)], name: &str) -> &'a [f32] {
+    &layers.iter().find(|l| l.0 == name).unwrap_or_else(|| panic!("no layer {name}")).1
+}
+
+/// The phase of the fringe that the camera sees is 2 pi f_x s at the depth s of the truth, to the images of the sampled pattern,
+/// (c / (1 - c))^2 + (c / (1 + c))^2 + .. < (pi c)^2 / 3 at c cycles per projector pixel, to the mean over a camera pixel of a phase that bends
+/// (c' cycles at the radius of rho' pixels: 3 c' / rho' / 24 turns) and to the noise, 5 standard errors. And the sections lie along it.
+#[test]
+fn the_camera_sees_the_phase_that_was_meant() {
+    let space = Space::new();
+    space.turbid(&["run", FILE, "fringes.phase", "frames.truth", "sections", "pattern.surface_frequency"]).ok();
+    let (phase, truth) = (layers(&space, "fringes.phase"), layers(&space, "frames.truth"));
+    let sections = layers(&space, "sections.sections");
+    let (phi, se, mask) = (layer(&phase, "phase"), layer(&phase, "phase_se"), layer(&phase, "mask"));
+    let (height, arc, section) = (layer(&truth, "height"), layer(&sections, "arc_length"), layer(&sections, "section"));
+    let mut compared = 0;
+    let mut seen = [0; 5];
+    for (i, &phi) in phi.iter().enumerate() {
+        let s = -f64::from(height[i]);
+        let rho = ((i % 192) as f64 - 95.5).hypot((i / 192) as f64 - 95.5);
+        // Pixels of the wall alone: those at both ends see more than it.
+        if mask[i] != 0.0 || !(2.0..160.0).contains(&s) {
+            continue;
+        }
+        let per_mm = |from: f64| 0.02 * (s + from).powi(2) / (10.0 * 100.0);
+        let (c, camera) = (per_mm(100.0) * 24.0 / 400.0, per_mm(110.0) * 0.125);
+        let off = (f64::from(phi) - TAU * 0.02 * s + PI).rem_euclid(TAU) - PI;
+        let allowed = (PI * c).powi(2) / 3.0 + 2.0 * TAU * 3.0 * camera / rho / 24.0 + 5.0 * f64::from(se[i]);
+        assert!(off.abs() < allowed, "pixel {i} at {s} mm: {off} rad, {allowed} allowed");
+        assert!((f64::from(arc[i]) - s).abs() < 1e-3, "pixel {i}: {} {s}", arc[i]);
+        seen[section[i] as usize] += 1;
+        compared += 1;
+    }
+    assert!(compared > 12_000 && seen[..4].iter().all(|&n| n > 1000), "{compared} {seen:?}");
+    let shown = space.turbid(&["show", FILE, "pattern.surface_frequency", "--json"]).json();
+    let map = shown["instances"][0]["ports"]["surface_frequency"]["layers"].as_array().expect("layers").clone();
+    let f: &Value = map.iter().find(|l| l["name"] == "f_surface").expect("the map");
+    let (low, high) = (f["min"].as_f64().unwrap(), f["max"].as_f64().unwrap());
+    assert!(low > 0.0198 && high < 0.0202, "{low} to {high} mm^-1");
+}
