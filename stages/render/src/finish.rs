@@ -12,12 +12,14 @@ pub enum Finish {
     Lambertian(f64),
     /// The same with a fraction that varies over the surface, as an index into [`World::textures`](crate::world::World::textures).
     Textured(usize),
+    /// Opaque, reflecting all light as a mirror does.
+    Mirror,
 }
 
 impl Finish {
     /// Whether light cannot enter the body.
     #[inline(always)]
     pub fn is_opaque(&self) -> bool {
-        matches!(self, Self::Lambertian(_) | Self::Textured(_))
+        matches!(self, Self::Lambertian(_) | Self::Textured(_) | Self::Mirror)
     }
 }

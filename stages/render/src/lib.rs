@@ -36,6 +36,7 @@ mod frames;
 mod glint;
 mod judge;
 mod method;
+mod mirror;
 mod neighbours;
 mod params;
 mod plan;

@@ -39,12 +39,12 @@ pub(crate) struct Heading {
 }
 
 /// What lies on a straight way.
-struct Sight {
+pub(crate) struct Sight {
     /// Optical depth; opaque bodies do not count.
-    tau: f64,
-    blocked: bool,
+    pub tau: f64,
+    pub blocked: bool,
     /// Normal, along the way, of the first boundary on it.
-    exit: Option<DVec3>,
+    pub exit: Option<DVec3>,
 }
 
 /// Which random numbers decide on a detour.
@@ -112,7 +112,7 @@ impl Way {
 
 impl Walker<'_> {
     /// What lies on the straight way from r along `towards`.
-    fn sight(&mut self, r: DVec3, towards: DVec3, distance: f64, skin: Option<Skin>) -> Sight {
+    pub(crate) fn sight(&mut self, r: DVec3, towards: DVec3, distance: f64, skin: Option<Skin>) -> Sight {
         let world = self.setting.world;
         let mut sight = Sight { tau: 0.0, blocked: false, exit: None };
         let mut n = None;

@@ -105,15 +105,19 @@ impl<'a> Walker<'a> {
             return;
         }
         let (stream, skin) = (self.stream(at), at.skin);
+        let chance = Chance { stream: &stream, number: at.number, place: 0 };
         let link = self.link(source, at.r, skin, true);
-        let detour = self.detour(source, at.r, skin, &Chance { stream: &stream, number: at.number, place: 0 });
-        for link in [link, detour].into_iter().flatten() {
+        let detour = self.detour(source, at.r, skin, &chance);
+        let mut mirrored = std::mem::take(&mut self.mirrored);
+        self.by_mirrors(source, at.r, skin, &chance, &mut mirrored);
+        for link in [link, detour].into_iter().flatten().chain(mirrored.drain(..)) {
             let cos = normal.dot(link.towards);
             if cos > 0.0 {
                 let radiance = rho * FRAC_1_PI * cos * link.irradiance * libm::exp(-link.tau);
                 self.deposit(at.response, at.weight * radiance, link.on_plane, source);
             }
         }
+        self.mirrored = mirrored;
     }
 
     /// Whether a medium lies behind rough walls, through which its light comes: all lights are outside.
@@ -123,14 +127,26 @@ impl<'a> Walker<'a> {
 
     /// Light that a rough wall throws into the path; `skin` is on the side from which the path comes.
     pub(crate) fn look_from_rough(&mut self, at: &Place, rough: &Rough, skin: Skin) {
+        let stream = self.stream(at);
         for source in self.sources() {
             let behind = source.towards(at.r).0.dot(rough.normal) < 0.0;
-            let n = if behind { rough.n_to } else { rough.n_from };
-            let skin = Skin { inside: skin.inside != behind, ..skin };
-            let Some(link) = self.link(source, at.r, Some(skin), true) else { continue };
-            let response = rough.response(at.w, link.towards);
-            let radiance = response * link.irradiance / (n * n) * libm::exp(-link.tau);
-            self.deposit(at.response, at.weight * radiance, link.on_plane, source);
+            let link = self.link(source, at.r, Some(Skin { inside: skin.inside != behind, ..skin }), true);
+            let mut mirrored = std::mem::take(&mut self.mirrored);
+            let chance = Chance { stream: &stream, number: at.number, place: 0 };
+            for behind in [false, true] {
+                let first = mirrored.len();
+                let skin = Skin { inside: skin.inside != behind, ..skin };
+                self.by_mirrors(source, at.r, Some(skin), &chance, &mut mirrored);
+                let others = mirrored.split_off(first);
+                mirrored.extend(others.into_iter().filter(|l| (l.towards.dot(rough.normal) < 0.0) == behind));
+            }
+            for link in link.into_iter().chain(mirrored.drain(..)) {
+                let n = if link.towards.dot(rough.normal) < 0.0 { rough.n_to } else { rough.n_from };
+                let response = rough.response(at.w, link.towards);
+                let radiance = response * link.irradiance / (n * n) * libm::exp(-link.tau);
+                self.deposit(at.response, at.weight * radiance, link.on_plane, source);
+            }
+            self.mirrored = mirrored;
         }
     }
 
@@ -170,13 +186,17 @@ impl<'a> Walker<'a> {
         if roulette * rarity >= 1.0 {
             return;
         }
-        let detour = self.detour(source, at.r, None, &Chance { stream: &stream, number: at.number, place: 0 });
+        let chance = Chance { stream: &stream, number: at.number, place: 0 };
+        let detour = self.detour(source, at.r, None, &chance);
+        let mut mirrored = std::mem::take(&mut self.mirrored);
+        self.by_mirrors(source, at.r, None, &chance, &mut mirrored);
         let g = self.setting.world.materials[at.material].g;
-        for link in [link, detour].into_iter().flatten() {
+        for link in [link, detour].into_iter().flatten().chain(mirrored.drain(..)) {
             let p = hg::density(g, at.w.dot(link.towards));
             let radiance = at.weight * p * link.irradiance * libm::exp(-link.tau) * rarity;
             self.deposit(at.response, radiance, link.on_plane, source);
         }
+        self.mirrored = mirrored;
     }
 
     /// Exact single scattering of a ray that starts outside or at a wall: one point in each scattering piece that it crosses, up to
@@ -306,12 +326,15 @@ impl<'a> Walker<'a> {
         let (s, inverse_density) = look::ahead(steepness, length, mu_t, u);
         let at = r + s * e;
         let (link, detour) = (self.link(source, at, None, true), self.detour(source, at, None, chance));
-        for link in [link, detour].into_iter().flatten() {
+        let mut mirrored = std::mem::take(&mut self.mirrored);
+        self.by_mirrors(source, at, None, chance, &mut mirrored);
+        for link in [link, detour].into_iter().flatten().chain(mirrored.drain(..)) {
             let p = hg::density(material.g, e.dot(link.towards));
             let attenuation = libm::exp(-(mu_t * s + link.tau));
             let radiance = weight * material.mu_s * p * link.irradiance * attenuation * inverse_density;
             self.deposit(path, radiance, link.on_plane, source);
         }
+        self.mirrored = mirrored;
     }
 }
 

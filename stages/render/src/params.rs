@@ -1,12 +1,13 @@
 //! The parameters of a render, and what is wrong with them for a given scene.
 
 use serde::{Deserialize, Serialize};
-use turbid_contract::payload::{Pattern, Scene, Specular};
+use turbid_contract::payload::{Pattern, Scene, Specular, Surface};
 use turbid_contract::schemars::JsonSchema;
 use turbid_contract::{AngleDeg, Error, LayerInfo, PerLength, Problem, Problems, Ratio, Seconds};
 
 use crate::light::Carrier;
 use crate::method::Taken;
+use crate::mirror::{Mirrors, has_mirrors};
 use crate::plan::flights_per_path;
 use crate::plane_wave::no_plane_wave;
 use crate::rig::Rig;
@@ -243,8 +244,10 @@ impl Params {
                     "give all that has n != 1 a rough surface, such as `surface: {rough: 0.1}`, or the same n as its surroundings",
                 );
             }
+            check_mirrors(&rig, scene, problems);
             if scene.camera.as_ref().is_some_and(|c| c.specular == Some(Specular::Include)) {
-                let parallel = |world: &World| matches!(Bending::of(world), Bending::AtPlanes(_)) && rig.is_parallel();
+                let planes = |world: &World| matches!(Bending::of(world), Bending::AtPlanes(_)) || has_mirrors(world);
+                let parallel = |world: &World| planes(world) && rig.is_parallel();
                 if rig.worlds.iter().any(parallel) {
                     problems.push_with_hint(
                         "",
@@ -308,5 +311,34 @@ impl Params {
                 );
             }
         }
+    }
+}
+
+/// What this version cannot say of the light that mirrors throw.
+fn check_mirrors(rig: &Rig, scene: &Scene, problems: &mut Problems) {
+    // Light from all sides is found by paths.
+    let looked_for = rig.lights[0].shines() || !rig.steady[0].lamps.is_empty();
+    let world = &rig.worlds[0];
+    if !looked_for || !has_mirrors(world) {
+        return;
+    }
+    let included = scene.camera.as_ref().is_some_and(|c| c.specular == Some(Specular::Include));
+    let bends = !matches!(Bending::of(world), Bending::Nowhere | Bending::AtRough);
+    let only_mirrors = scene.objects.values().all(|o| o.surface == Surface::Mirror);
+    let mut refuse = |message: &str, hint: &str| problems.push_with_hint("", message, hint);
+    match Mirrors::of(world) {
+        None if included || !only_mirrors => refuse(
+            "a mirror is curved: where the light of projector and lights goes by it is not found by this version",
+            "make mirrors of slabs and boxes, or light the scene by ambient light alone",
+        ),
+        Some(mirrors) if included && mirrors.face => refuse(
+            "mirrors face each other: the glints between them are endless",
+            "write `specular: exclude` in the camera, or leave one mirror",
+        ),
+        _ if bends => refuse(
+            "there are mirrors beside smooth walls between different n: light that goes by both is not found by this version",
+            "give what has n != 1 a rough surface, or the same n as its surroundings",
+        ),
+        _ => {}
     }
 }

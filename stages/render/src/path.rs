@@ -15,8 +15,9 @@ use crate::camera::Camera;
 use crate::finish::Finish;
 use crate::lamp::Steady;
 use crate::light::{Carrier, Light};
-use crate::link::Way;
+use crate::link::{Link, Way};
 use crate::look::{self, Queue};
+use crate::mirror::Mirrors;
 use crate::pictures::Pictures;
 use crate::response::Layout;
 use crate::strata::Bending;
@@ -115,6 +116,9 @@ pub struct Walker<'a> {
     pub(crate) way: Way,
     /// Where light bends in the world.
     pub(crate) bending: Bending,
+    pub(crate) mirrors: Mirrors,
+    /// Ways of light by them.
+    pub(crate) mirrored: Vec<Link>,
     /// Path after path, each as [`Layout`] says.
     pub(crate) responses: Vec<f64>,
     /// The part of it that comes by the queue; apart, so that it does not matter when the queue is flushed.
@@ -156,6 +160,12 @@ enum End {
         skin: Skin,
         normal: DVec3,
         rho: f64,
+    },
+    /// At a mirror in a material; `normal` towards the path.
+    Mirror {
+        skin: Skin,
+        normal: DVec3,
+        from: usize,
     },
     /// At a smooth wall between materials of different refractive index; `skin` is on this side.
     Boundary {
@@ -220,6 +230,9 @@ impl<'a> Walker<'a> {
             pieces,
             way: Way::default(),
             bending: Bending::of(setting.world),
+            // Others are seen, but light nothing.
+            mirrors: Mirrors::of(setting.world).unwrap_or_default(),
+            mirrored: Vec::new(),
             responses,
             queued,
             single: Vec::new(),
@@ -407,6 +420,18 @@ impl<'a> Walker<'a> {
                 (at.ahead, at.wholly) = (false, false);
                 true
             }
+            End::Mirror { skin, normal, from } => {
+                at.glint |= !at.scattered;
+                (at.skin, at.material) = (Some(skin), from);
+                at.w = (at.w - 2.0 * at.w.dot(normal) * normal).normalize();
+                at.clear = 0.0;
+                let line = self.setting.nee == Nee::Line;
+                (at.ahead, at.wholly) = (line, line);
+                if line {
+                    self.look_along(at, &stream);
+                }
+                true
+            }
             End::Boundary { skin, normal, from, to } => {
                 let [n_from, n_to] = [from, to].map(|m| self.setting.world.materials[m].n);
                 let owner = self.setting.world.bodies[skin.wall.body].material;
@@ -518,8 +543,11 @@ impl<'a> Walker<'a> {
                 let inside = normal.dot(at.w) > 0.0;
                 at.r = r;
                 let normal = if inside { -normal } else { normal };
-                let Some(rho) = world.albedo(material.finish, wall, r) else { return End::Gone };
-                return End::Surface { skin: Skin { wall, inside }, normal, rho };
+                let skin = Skin { wall, inside };
+                return match world.albedo(material.finish, wall, r) {
+                    Some(rho) => End::Surface { skin, normal, rho },
+                    None => End::Mirror { skin, normal, from: from.unwrap_or(0) },
+                };
             }
             if let (Some(wall), Some(from)) = (before, from)
                 && world.materials[from].n != material.n

@@ -109,7 +109,9 @@ pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool) -> StagePla
         let scattering = scattering.collect::<std::collections::BTreeSet<_>>().len();
         sort(scattering > 0, "volume scattering");
         sort(scattering > 1, "several media");
-        sort(scene.objects.values().any(|o| o.surface.is_opaque()), "Lambertian surfaces");
+        let diffuse = |o: &Object| o.surface.is_opaque() && o.surface != Surface::Mirror;
+        sort(scene.objects.values().any(diffuse), "Lambertian surfaces");
+        sort(scene.objects.values().any(|o| o.surface == Surface::Mirror), "mirrors");
         sort(scene.objects.len() > 1, "shadow rays through several objects");
         sort(scene.channels() > 1, "several channels");
         sort(scene.media.values().any(|m| m.n != 1.0), "Fresnel boundaries");
@@ -122,7 +124,11 @@ pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool) -> StagePla
     }
     if let Some(scene) = scene {
         let included = scene.camera.as_ref().is_some_and(|c| c.specular == Some(Specular::Include));
-        sort(included && scene.media.values().any(|m| m.n != 1.0), "glints");
+        let smooth = |o: &Object| {
+            let bends = o.medium.as_ref().is_some_and(|m| scene.media[m].n != 1.0);
+            o.surface == Surface::Mirror || (o.surface == Surface::Smooth && bends)
+        };
+        sort(included && scene.objects.values().any(smooth), "glints");
     }
     if let Some(taken) = &taken {
         sort(!matches!(taken, Taken::Rte { .. }), "paths");

@@ -56,6 +56,7 @@ impl Rig {
                         textures.push(Texture::of(texture));
                         Material { finish: Finish::Textured(textures.len() - 1), ..Material::VOID }
                     }
+                    (Surface::Mirror, _) => Material { finish: Finish::Mirror, ..Material::VOID },
                     (surface @ (Surface::Smooth | Surface::Rough(_)), Some(m)) => {
                         let (mu_a, mu_s) = (m.mu_a[channel], m.mu_s[channel]);
                         // Without scattering g means nothing; equal materials shall be one.

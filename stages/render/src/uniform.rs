@@ -57,6 +57,7 @@ pub fn obstacle(scene: &Scene, target_error: Option<f64>) -> Option<String> {
         let refracts = layer.medium.is_some_and(|m| m.n != 1.0);
         match &object.surface {
             Surface::Rough(_) if refracts => return Some(format!("the rough surface of {name} has a highlight")),
+            Surface::Mirror => return Some(format!("{name} is a mirror")),
             Surface::Textured(_) => return Some(format!("a texture is wrapped around {name}")),
             Surface::Smooth | Surface::Rough(_) | Surface::Lambertian(_) => {}
         }

@@ -122,7 +122,7 @@ impl World {
         self.bodies[wall.body].solid.normal(wall.face, p)
     }
 
-    /// Fraction of the light that an opaque finish reflects at a point of a wall; `None` where light can enter.
+    /// Fraction of the light that a finish reflects diffusely at a point of a wall; `None` where it goes on as a ray.
     #[inline]
     pub fn albedo(&self, finish: Finish, wall: Wall, p: DVec3) -> Option<f64> {
         match finish {
@@ -132,7 +132,7 @@ impl World {
                 // Meshes are refused; a hole of such a shape in a textured body is black.
                 Some(place.map_or(0.0, |place| self.textures[texture].albedo(&place)))
             }
-            Finish::Smooth | Finish::Rough(_) => None,
+            Finish::Smooth | Finish::Rough(_) | Finish::Mirror => None,
         }
     }
 

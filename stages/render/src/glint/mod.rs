@@ -18,10 +18,13 @@ pub use field::Glinting;
 use crate::camera::Camera;
 use crate::lamp::{Lamp, Source};
 use crate::level::named;
+use crate::link::Link;
+use crate::mirror::has_mirrors;
 use crate::path::{Nee, Setting, Walker};
 use crate::rig::Rig;
 use crate::shown::Shown;
 use crate::strata::Bending;
+use crate::world::World;
 
 /// By pixel, responses as [`Layout`](crate::response::Layout) says.
 pub type Glints = BTreeMap<usize, Vec<f64>>;
@@ -40,7 +43,8 @@ pub fn glints(rig: &Rig, shown: &Shown, ctx: Ctx<'_>) -> Result<Vec<Glints>, Err
     let eyes = eyes(&rig.camera);
     let tiles = eyes.len().div_ceil(TILE);
     let channels = rig.worlds.len();
-    if rig.excludes_specular || !rig.worlds.iter().any(|world| matches!(Bending::of(world), Bending::AtPlanes(_))) {
+    let planes = |world: &World| matches!(Bending::of(world), Bending::AtPlanes(_)) || has_mirrors(world);
+    if rig.excludes_specular || !rig.worlds.iter().any(planes) {
         return Ok(vec![Glints::new(); channels]);
     }
     let parts = ctx.map_tiles(channels * tiles, |i| {
@@ -97,13 +101,20 @@ impl Walker<'_> {
                 self.add_parallel(source, glints)?;
                 continue;
             }
-            for link in self.ways_through_planes(source, eye)? {
+            for link in self.ways_by_planes(source, eye)? {
                 let Some((pixel, gain)) = self.setting.camera.image_of(eye, link.towards) else { continue };
                 let radiance = share * gain * link.irradiance * libm::exp(-link.tau);
                 self.add_glint(glints, pixel, radiance, link.on_plane, source);
             }
         }
         Ok(())
+    }
+
+    /// Every lit way from a source to `r` that smooth planes turn.
+    fn ways_by_planes(&mut self, source: Source<'_>, r: DVec3) -> Result<Vec<Link>, Error> {
+        let mut ways = self.ways_through_planes(source, r)?;
+        self.by_one_mirror(source, r, None, &mut ways);
+        Ok(ways)
     }
 
     /// Rays that reach the camera are parallel: backwards, they are a beam that falls on the light.
@@ -113,7 +124,7 @@ impl Walker<'_> {
         // All over the image and beyond.
         let (center, along) = (camera.view.position, camera.view.forward);
         let beam = Lamp::Beam { center, along, radius: f64::INFINITY, irradiance: 1.0 };
-        for link in self.ways_through_planes(Source::Lamp(0, &beam), at)? {
+        for link in self.ways_by_planes(Source::Lamp(0, &beam), at)? {
             // Behind the last plane the light goes where the beam came from.
             let Some((pixel, area)) = camera.seen_along_axis(link.on_plane) else { continue };
             let Some(arrival) = source.arrival(at + link.towards) else { continue };

@@ -150,7 +150,8 @@ impl Frame {
         let parts = parts(s.world);
         let ground = Ground::about(&parts, origin, range);
         let others = (0..parts.len()).any(|j| ground.is_other(j));
-        let straight = |m: &Material| m.is_opaque() || (m.n == 1.0 && m.finish == Finish::Smooth);
+        let matt = |m: &Material| m.is_opaque() && m.finish != Finish::Mirror;
+        let straight = |m: &Material| matt(m) || (m.n == 1.0 && m.finish == Finish::Smooth);
         let straight = s.world.materials.iter().all(straight);
         let blind = !s.light.shines() && s.steady.lamps.is_empty();
         // Pictures and lenses are looked up one by one.

@@ -11,6 +11,7 @@ mod lanes;
 mod laws;
 mod lights;
 mod meshes;
+mod mirrors;
 mod patterns;
 mod plane_wave;
 mod power;

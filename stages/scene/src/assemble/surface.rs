@@ -19,6 +19,7 @@ pub fn surface(
 ) -> Surface {
     match surface {
         SurfaceParams::Smooth => Surface::Smooth,
+        SurfaceParams::Mirror => Surface::Mirror,
         SurfaceParams::Rough(alpha) => {
             let rule = "lie in (0, 1]; `smooth` is the limit of 0";
             problems.require(alpha.0 > 0.0 && alpha.0 <= 1.0, format!("{path}.rough"), alpha.0, "", rule);

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use turbid_contract::Problems;
-use turbid_contract::payload::{Lamp, Scene, Surface};
+use turbid_contract::payload::{Lamp, Object, Scene, Surface};
 use turbid_geometry::{camera_view, projector_view};
 use turbid_optics::elementary::sin_cos_turns;
 use turbid_optics::solid::Solid;
@@ -70,14 +70,16 @@ pub fn check_whole(scene: &Scene, problems: &mut Problems) {
         if !camera_view(c).is_ok_and(|view| sees_something(&solids, &view)) {
             problems.warn("camera.look_at", "the camera sees no object");
         }
-        let refracting = scene
-            .objects
-            .iter()
-            .find(|(_, o)| !o.surface.is_opaque() && o.medium.as_ref().is_some_and(|m| scene.media[m].n != 1.0));
-        if let (Some((name, _)), None) = (refracting, c.specular) {
+        let reflects = |o: &Object| match &o.medium {
+            _ if o.surface == Surface::Mirror => Some("is a mirror"),
+            Some(medium) if !o.surface.is_opaque() && scene.media[medium].n != 1.0 => Some("has n != 1"),
+            _ => None,
+        };
+        let reflecting = scene.objects.iter().find_map(|(name, o)| reflects(o).map(|why| (name, why)));
+        if let (Some((name, why)), None) = (reflecting, c.specular) {
             problems.push_with_hint(
                 "camera.specular",
-                format!("the surface of {name} has n != 1, so it must be said whether its reflexes are seen"),
+                format!("the surface of {name} {why}, so it must be said whether its reflexes are seen"),
                 "write `specular: exclude` (crossed polarisers) or `specular: include`",
             );
         }

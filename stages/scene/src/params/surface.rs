@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize, Serializer};
 use turbid_contract::schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use turbid_contract::{AngleDeg, Length, Ratio};
 
-/// `smooth`; `{rough: alpha}`: a boundary of GGX microfacets, alpha in (0, 1]; or `{lambertian: rho}`: opaque and diffusely reflecting
-/// the fraction rho, a number or a texture.
+/// `smooth`; `{rough: alpha}`: a boundary of GGX microfacets, alpha in (0, 1]; `{lambertian: rho}`: opaque and diffusely reflecting
+/// the fraction rho, a number or a texture; or `mirror`: opaque and reflecting all light.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 #[schemars(crate = "turbid_contract::schemars")]
@@ -19,6 +19,7 @@ pub enum SurfaceParams {
     Smooth,
     Rough(Ratio),
     Lambertian(AlbedoParams),
+    Mirror,
 }
 
 /// `0.4`, or `{sinusoid: {..}}` and the like.

@@ -17,11 +17,13 @@ pub enum Surface {
     Lambertian(f64),
     /// The same with a fraction that varies over the surface.
     Textured(Texture),
+    /// Opaque, reflecting all light as a mirror does.
+    Mirror,
 }
 
 impl Surface {
     /// Whether no light enters the object.
     pub fn is_opaque(&self) -> bool {
-        matches!(self, Self::Lambertian(_) | Self::Textured(_))
+        matches!(self, Self::Lambertian(_) | Self::Textured(_) | Self::Mirror)
     }
 }

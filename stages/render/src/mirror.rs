@@ -1,0 +1,264 @@
+//! Flat mirrors: the light that they throw, from the mirror images of its sources.
+
+use glam::DVec3;
+use turbid_optics::philox::unit;
+use turbid_optics::solid::Solid;
+
+use crate::finish::Finish;
+use crate::lamp::Source;
+use crate::link::{Chance, Link};
+use crate::path::Walker;
+use crate::strata::Bending;
+use crate::world::{Body, Skin, Wall, World};
+
+/// A plane in which there are mirrors, and a unit vector across it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plane {
+    point: DVec3,
+    normal: DVec3,
+    /// Whether they reflect on the side of the normal only.
+    one_sided: bool,
+}
+
+/// The planes of all mirrors of a world.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Mirrors {
+    planes: Vec<Plane>,
+    /// Whether light may go from mirror to mirror.
+    pub face: bool,
+}
+
+/// Decisions of [`Chance`] from here on are about mirrors; where light bends at planes, too, scenes with mirrors are refused.
+const DECISIONS: u32 = 1;
+/// Ways by more mirrors than this have a probability of 2^-50 to be looked for.
+const MOST_MIRRORS: usize = 50;
+/// What a place may lie off its plane, relative to the coordinates: rounding.
+const ON_PLANE: f64 = 1e-9;
+
+impl Plane {
+    fn image(&self, p: DVec3) -> DVec3 {
+        p - 2.0 * (p - self.point).dot(self.normal) * self.normal
+    }
+
+    fn turn(&self, w: DVec3) -> DVec3 {
+        w - 2.0 * w.dot(self.normal) * self.normal
+    }
+
+    fn side(&self, p: DVec3) -> f64 {
+        (p - self.point).dot(self.normal)
+    }
+
+    /// Whether light may come from a mirror in it to a point.
+    fn faces(&self, p: DVec3) -> bool {
+        !self.one_sided || self.side(p) > 0.0
+    }
+
+    /// Whether light of a source may fall on a mirror in it.
+    fn faces_source(&self, source: Source<'_>) -> bool {
+        match source.origin() {
+            (origin, None) => self.faces(origin),
+            (_, Some(along)) => !self.one_sided || along.dot(self.normal) < 0.0,
+        }
+    }
+
+    fn holds(&self, p: DVec3) -> bool {
+        self.side(p).abs() <= ON_PLANE * (1.0 + p.abs().max_element())
+    }
+}
+
+impl Mirrors {
+    /// `None` where a mirror is not flat.
+    pub fn of(world: &World) -> Option<Self> {
+        let is_mirror = |body: &Body| world.materials[body.material].finish == Finish::Mirror;
+        let mut mirrors = Self::default();
+        let mut bodies = 0;
+        for (i, body) in world.bodies.iter().enumerate() {
+            // What is carved into a mirror has mirrors for walls.
+            let carves = || world.bodies[i + 1..].iter().any(|below| is_mirror(below) && meet(body, below));
+            if !is_mirror(body) && !carves() {
+                continue;
+            }
+            mirrors.face |= bodies > 0 || !is_mirror(body) || !body.solid.is_convex();
+            bodies += 1;
+            faces(&body.solid, is_mirror(body), &mut mirrors.planes)?;
+        }
+        Some(mirrors)
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.planes.is_empty()
+    }
+}
+
+pub fn has_mirrors(world: &World) -> bool {
+    world.bodies.iter().any(|body| world.materials[body.material].finish == Finish::Mirror)
+}
+
+/// Whether the bodies' bounding boxes touch.
+fn meet(a: &Body, b: &Body) -> bool {
+    let ((a_low, a_high), (b_low, b_high)) = (a.solid.bounds(), b.solid.bounds());
+    a_low.cmple(b_high).all() && b_low.cmple(a_high).all()
+}
+
+/// Adds the planes of a solid's faces, normals outwards; `None` where one is curved.
+fn faces(solid: &Solid, one_sided: bool, planes: &mut Vec<Plane>) -> Option<()> {
+    let mut add = |point: DVec3, normal: DVec3| {
+        let plane = Plane { point, normal, one_sided };
+        let known = |p: &Plane| p.normal == normal && p.one_sided == one_sided && p.side(point) == 0.0;
+        if point.is_finite() && !planes.iter().any(known) {
+            planes.push(plane);
+        }
+    };
+    match solid {
+        Solid::Slab { bottom, top } => {
+            add(*top * DVec3::Z, DVec3::Z);
+            add(*bottom * DVec3::Z, DVec3::NEG_Z);
+        }
+        Solid::Box { low, high } => {
+            for axis in DVec3::AXES {
+                add(low.dot(axis) * axis, -axis);
+                add(high.dot(axis) * axis, axis);
+            }
+        }
+        Solid::Turned(turned) => {
+            let mut own = Vec::new();
+            faces(&turned.solid, one_sided, &mut own)?;
+            let frame = &turned.frame;
+            own.into_iter().for_each(|p| add(frame.point_out(p.point), frame.direction_out(p.normal)));
+        }
+        Solid::Ellipsoid { .. } | Solid::Cylinder { .. } | Solid::Carved(_) | Solid::Mesh(_) => return None,
+    }
+    Some(())
+}
+
+impl Walker<'_> {
+    /// Adds the lit ways from a source to r by mirrors: each by one of them, and, where mirrors face each other, one by several, by chance.
+    #[inline]
+    pub(crate) fn by_mirrors(
+        &mut self,
+        source: Source<'_>,
+        r: DVec3,
+        skin: Option<Skin>,
+        chance: &Chance<'_>,
+        links: &mut Vec<Link>,
+    ) {
+        if self.mirrors.is_empty() {
+            return;
+        }
+        self.by_one_mirror(source, r, skin, links);
+        let draw = |i: usize| {
+            let decision = DECISIONS + i as u32;
+            unit(chance.stream.aside(chance.number, source.place(), chance.place, decision)[0])
+        };
+        if !self.mirrors.face || draw(0) < 0.5 {
+            return;
+        }
+        // Two of them with probability 1/2, three with 1/4, ...
+        let mut length = 2;
+        while length < MOST_MIRRORS && draw(length - 1) < 0.5 {
+            length += 1;
+        }
+        let mut probability = 0.5 * libm::ldexp(1.0, 1 - length as i32);
+        let mut planes: Vec<usize> = Vec::with_capacity(length);
+        for i in 0..length {
+            let fits = |&k: &usize| {
+                let plane = &self.mirrors.planes[k];
+                planes.last() != Some(&k) && (i > 0 || plane.faces(r)) && (i + 1 < length || plane.faces_source(source))
+            };
+            let all = 0..self.mirrors.planes.len();
+            let count = all.clone().filter(fits).count();
+            let chosen = (draw(MOST_MIRRORS + i) * count as f64) as usize;
+            let Some(next) = all.filter(fits).nth(chosen.min(count.saturating_sub(1))) else { return };
+            planes.push(next);
+            probability /= count as f64;
+        }
+        if let Some(link) = self.by_planes(source, r, skin, &planes) {
+            links.push(Link { irradiance: link.irradiance / probability, ..link });
+        }
+    }
+
+    /// Adds the ways by one mirror.
+    pub(crate) fn by_one_mirror(&mut self, source: Source<'_>, r: DVec3, skin: Option<Skin>, links: &mut Vec<Link>) {
+        for k in 0..self.mirrors.planes.len() {
+            let plane = &self.mirrors.planes[k];
+            if plane.faces(r) && plane.faces_source(source) {
+                links.extend(self.by_planes(source, r, skin, &[k]));
+            }
+        }
+    }
+
+    /// The way from r over these planes, one after the other, to the source, if there are mirrors, and it is open and lit.
+    fn by_planes(&mut self, source: Source<'_>, r: DVec3, skin: Option<Skin>, planes: &[usize]) -> Option<Link> {
+        let plane = |mirrors: &Mirrors, k: usize| mirrors.planes[planes[k]];
+        let (origin, along) = source.origin();
+        // Unfolded: the image of the source in the last plane, then in those before it.
+        let back = (0..planes.len()).rev();
+        let (mut w, whole) = match along {
+            None => {
+                let image = back.fold(origin, |p, k| plane(&self.mirrors, k).image(p));
+                ((image - r).normalize(), (image - r).length())
+            }
+            Some(along) => (back.fold(-along, |w, k| plane(&self.mirrors, k).turn(w)), f64::NAN),
+        };
+        let towards = w;
+        let (mut p, mut skin, mut tau, mut exit) = (r, skin, 0.0, None);
+        for k in 0..planes.len() {
+            let plane = plane(&self.mirrors, k);
+            // It must come to the plane, on the side on which the light goes on.
+            let distance = -plane.side(p) / w.dot(plane.normal);
+            if !(distance > 0.0 && distance < f64::INFINITY) {
+                return None;
+            }
+            let (wall, depth, first) = self.mirror_at(p, w, skin, distance)?;
+            tau += depth;
+            exit = exit.or(Some(first));
+            p += distance * w;
+            let inside = self.setting.world.normal(wall, p).dot(w) > 0.0;
+            skin = Some(Skin { wall, inside });
+            w = plane.turn(w);
+        }
+        let arrival = source.arrival(p)?;
+        let sight = self.sight(p, arrival.towards, arrival.distance, skin);
+        if sight.blocked || arrival.towards.dot(w) < 0.0 {
+            return None;
+        }
+        let spread = if along.is_none() { arrival.distance / whole } else { 1.0 };
+        Some(Link {
+            towards,
+            irradiance: arrival.irradiance * spread * spread,
+            tau: tau + sight.tau,
+            exit,
+            on_plane: arrival.on_plane,
+            lit: true,
+        })
+    }
+
+    /// The wall of the mirror at `distance` on a ray, the optical depth before it, and the normal, along the ray, of the first boundary; `None`
+    /// where there is none, or something is before it.
+    fn mirror_at(&mut self, r: DVec3, w: DVec3, skin: Option<Skin>, distance: f64) -> Option<(Wall, f64, DVec3)> {
+        let world = self.setting.world;
+        let (mut tau, mut before, mut exit, mut n) = (0.0, None, None, None);
+        for piece in world.trace(r, w, skin, &mut self.spans) {
+            let material = &world.materials[piece.material];
+            if material.is_opaque() {
+                let mirror = material.finish == Finish::Mirror;
+                let p = r + piece.start * w;
+                let plane = Plane { point: r + distance * w, normal: w, one_sided: false };
+                return before.filter(|_| mirror && plane.holds(p)).map(|wall| (wall, tau, exit.unwrap_or(w)));
+            }
+            if self.bending == Bending::AtRough && *n.get_or_insert(material.n) != material.n {
+                return None;
+            }
+            let wall = piece.wall?;
+            if exit.is_none() {
+                let normal = world.normal(wall, r + piece.end * w);
+                exit = Some(if normal.dot(w) < 0.0 { -normal } else { normal });
+            }
+            if piece.material != 0 {
+                tau += material.mu_t() * (piece.end - piece.start);
+            }
+            before = Some(wall);
+        }
+        None
+    }
+}
