@@ -165,11 +165,6 @@ fn channels_are_scenes_of_their_own() {
     let bright = bright.layers.iter().find(|l| l.info.wavelength_nm == Some(635.0)).unwrap();
     assert_eq!(bright.data, of(635.0).data.mapv(|x| 2.0 * x));
     assert_eq!(both["covariance"].attributes["quantities"].as_array().unwrap().len(), 2);
-    assert_eq!(both["frames"].attributes["shared_paths_nm"], json!([[530.0, 635.0]]));
-    // Not where scattering differs.
-    s.media.get_mut("core").unwrap().mu_s = vec![4.0, 3.0];
-    let apart = run(&s, &json!({"f_x": [0], "samples": 4}), 1);
-    assert!(!apart["frames"].attributes.contains_key("shared_paths_nm"));
 }
 
 /// Truth at pixel centres: a pixel in the middle of the ball, one on the slab, one beside everything.
