@@ -73,7 +73,7 @@ impl Camera {
                 MaskReason::NotFinite
             } else if frame.highest.is_some_and(|highest| frame.values[i] >= self.saturation * highest) {
                 MaskReason::Saturated
-            } else if !(gain > DEAD) {
+            } else if gain.is_nan() || gain <= DEAD {
                 MaskReason::LowSignal
             } else {
                 MaskReason::Good
