@@ -40,6 +40,20 @@ fn closed_forms_come_out() {
     let bare = 0.8 * 5.0 / (200.0 * 200.0) / (2.0 * PI);
     let expected = bare * 0.5 * ((-1.2f64).exp() + (-0.4f64).exp());
     assert!((number(frame, "mean") - expected).abs() <= 4.0 * number(frame, "mean_se"), "{frame}, {expected:e}");
+    let frame = &layers("curved_wall", "frames.frames", "radiance")[0];
+    // int exp(-2 mu_t z) / (1 - k z)^2 dz by Simpson's rule; the finite distance: 3e-5.
+    let (n, depth) = (20_000, 20.0);
+    let focused = |i: u32| {
+        let z = depth * f64::from(i) / f64::from(n);
+        let weight = if i == 0 || i == n { 1.0 } else { f64::from(2 + 2 * (i % 2)) };
+        weight * (-z).exp() / (1.0 - z * 0.4 / 14.0).powi(2) * depth / f64::from(3 * n)
+    };
+    let passes = 1.0 - (0.4f64 / 2.4).powi(2);
+    let expected =
+        0.5 * (passes / 1.4).powi(2) * 5.0 / (200.0 * 200.0) * 5e-7 / (4.0 * PI) * (0..=n).map(focused).sum::<f64>();
+    let off = number(frame, "mean") - expected;
+    assert!(off.abs() <= 4.0 * number(frame, "mean_se") + 1e-4 * expected, "{frame}, {expected:e}");
+    assert!(number(frame, "mean_se") < 1e-3 * expected, "{frame}");
     let frame = &layers("mesh_beer_lambert", "frames.frames", "radiance")[0];
     let expected = (-0.8f64).exp() * 0.6 * 5.0 / (100.0 * 100.0) / (2.0 * PI);
     assert!((number(frame, "mean") - expected).abs() <= 4.0 * number(frame, "mean_se"), "{frame}, {expected:e}");

@@ -33,6 +33,9 @@ fn main() {
         ("M2 (25, 4236)", 25.0, 4236.0),
         ("M2 with a lesion", 25.0, 4236.0),
         ("M2 with a dome", 25.0, 4236.0),
+        ("M2 with a dome, n = 1.4", 25.0, 4236.0),
+        ("M2 with a spheroid", 25.0, 4236.0),
+        ("M2 with a spheroid, n = 1.4", 25.0, 4236.0),
         ("M3 (1, 20000)", 1.0, 20000.0),
     ];
     let only = std::env::args().nth(2).unwrap_or_default();
@@ -48,7 +51,12 @@ fn main() {
             bodies.insert(0, Body { solid: spheroid, material: 2 });
             bodies.insert(0, Body { solid: cut, material: 0 });
         }
-        if name.ends_with("dome") {
+        if name.contains("spheroid") {
+            // 40 x 40 x 80 mm, half embedded.
+            let polyp = Solid::Ellipsoid { center: DVec3::ZERO, radii: DVec3::new(20.0, 20.0, 40.0) };
+            bodies.insert(0, Body { solid: polyp, material: 2 });
+        }
+        if name.contains("dome") {
             // A sphere of 40 mm, half embedded.
             bodies.insert(
                 0,
@@ -86,7 +94,8 @@ fn main() {
             let flights = walker.take_flights() as f64;
             let total = camera.pixels() as f64 * f64::from(paths);
             // By the distance of a pixel from the middle, mm.
-            let regions: &[(&str, f64, f64)] = if name.ends_with("dome") {
+            let raised = name.contains("dome") || name.contains("spheroid");
+            let regions: &[(&str, f64, f64)] = if raised {
                 &[("dome", 0.0, 18.0), ("rim", 18.0, 26.0), ("surround", 26.0, 99.0)]
             } else {
                 &[("all", 0.0, 99.0)]
@@ -104,7 +113,7 @@ fn main() {
                     v_dc += c(0, 0);
                     m_dc += m(0);
                     // The mean phase: on a flat surface that of the carrier at the pixel; else as found.
-                    let (sin, cos) = if name.ends_with("dome") {
+                    let (sin, cos) = if raised {
                         let modulus = m(1).hypot(m(2)).max(f64::MIN_POSITIVE);
                         (m(2) / modulus, m(1) / modulus)
                     } else {

@@ -10,6 +10,7 @@
 
 pub mod batches;
 pub mod camera;
+mod caustic;
 pub mod detector;
 pub mod field;
 pub mod finish;

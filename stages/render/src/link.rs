@@ -128,7 +128,8 @@ impl Walker<'_> {
             }
             let material = &world.materials[piece.material];
             // Where light bends at planes a way is made of stretches within one index.
-            let crosses = self.bending == Bending::AtRough && *n.get_or_insert(material.n) != material.n;
+            let bends = matches!(self.bending, Bending::AtRough | Bending::AtWalls);
+            let crosses = bends && *n.get_or_insert(material.n) != material.n;
             if material.is_opaque() || crosses {
                 sight.blocked = true;
             } else if piece.material != 0 {
@@ -145,6 +146,10 @@ impl Walker<'_> {
         if matches!(self.bending, Bending::Nowhere | Bending::AtRough) {
             return self.straight(source, r, skin, 1.0);
         }
+        if self.bending == Bending::AtWalls {
+            self.know_ways(source, r, skin, true);
+            return self.known.first().map(|known| known.link).filter(|link| link.lit || !lit);
+        }
         self.on_scratch(|walker, way| {
             walker.without_reflections(source, r, skin, way)?;
             match way.stretches[..] {
@@ -156,9 +161,38 @@ impl Walker<'_> {
         .filter(|link| link.lit || !lit)
     }
 
+    /// Adds the lit ways from a source to r that are looked for every time: they bring most of its light.
+    #[inline]
+    pub(crate) fn reach(&mut self, source: Source<'_>, r: DVec3, skin: Option<Skin>, links: &mut Vec<Link>) {
+        if self.bending == Bending::AtWalls {
+            self.know_ways(source, r, skin, false);
+            links.extend(self.known.iter().map(|known| known.link).filter(|link| link.lit));
+        } else {
+            links.extend(self.link(source, r, skin, true));
+        }
+    }
+
+    /// Adds those by mirrors, and one of the others by chance; after [`Walker::reach`] for the same source and place.
+    #[inline]
+    pub(crate) fn reach_on(
+        &mut self,
+        source: Source<'_>,
+        r: DVec3,
+        skin: Option<Skin>,
+        chance: &Chance<'_>,
+        links: &mut Vec<Link>,
+    ) {
+        if self.bending == Bending::AtWalls {
+            links.extend(self.by_chance(source, r, skin, chance));
+        } else {
+            links.extend(self.detour(source, r, skin, chance));
+            self.by_mirrors(source, r, skin, chance, links);
+        }
+    }
+
     /// Through index n all the way.
     #[inline]
-    fn straight(&mut self, source: Source<'_>, r: DVec3, skin: Option<Skin>, n: f64) -> Option<Link> {
+    pub(crate) fn straight(&mut self, source: Source<'_>, r: DVec3, skin: Option<Skin>, n: f64) -> Option<Link> {
         let arrival = source.arrival(r)?;
         let sight = self.sight(r, arrival.towards, arrival.distance, skin);
         (!sight.blocked).then_some(Link {
@@ -204,7 +238,7 @@ impl Walker<'_> {
         skin: Option<Skin>,
         chance: &Chance<'_>,
     ) -> Option<Link> {
-        if matches!(self.bending, Bending::Nowhere | Bending::AtRough) {
+        if !matches!(self.bending, Bending::AtPlanes(_)) {
             return None;
         }
         let draw =

@@ -104,20 +104,18 @@ impl<'a> Walker<'a> {
         if rho == 0.0 {
             return;
         }
-        let (stream, skin) = (self.stream(at), at.skin);
-        let chance = Chance { stream: &stream, number: at.number, place: 0 };
-        let link = self.link(source, at.r, skin, true);
-        let detour = self.detour(source, at.r, skin, &chance);
-        let mut mirrored = std::mem::take(&mut self.mirrored);
-        self.by_mirrors(source, at.r, skin, &chance, &mut mirrored);
-        for link in [link, detour].into_iter().flatten().chain(mirrored.drain(..)) {
+        let stream = self.stream(at);
+        let mut links = std::mem::take(&mut self.links);
+        self.reach(source, at.r, at.skin, &mut links);
+        self.reach_on(source, at.r, at.skin, &Chance { stream: &stream, number: at.number, place: 0 }, &mut links);
+        for link in links.drain(..) {
             let cos = normal.dot(link.towards);
             if cos > 0.0 {
                 let radiance = rho * FRAC_1_PI * cos * link.irradiance * libm::exp(-link.tau);
                 self.deposit(at.response, at.weight * radiance, link.on_plane, source);
             }
         }
-        self.mirrored = mirrored;
+        self.links = links;
     }
 
     /// Whether a medium lies behind rough walls, through which its light comes: all lights are outside.
@@ -181,22 +179,21 @@ impl<'a> Walker<'a> {
 
     fn collision_lit(&mut self, at: &Place, roulette: f64, source: Source<'_>) {
         let stream = self.stream(at);
-        let link = self.link(source, at.r, None, true);
-        let rarity = rarity(link.map_or(0.0, |link| link.tau));
+        let mut links = std::mem::take(&mut self.links);
+        self.reach(source, at.r, None, &mut links);
+        let rarity = rarity(links.first().map_or(0.0, |link| link.tau));
         if roulette * rarity >= 1.0 {
-            return;
+            links.clear();
+        } else {
+            self.reach_on(source, at.r, None, &Chance { stream: &stream, number: at.number, place: 0 }, &mut links);
         }
-        let chance = Chance { stream: &stream, number: at.number, place: 0 };
-        let detour = self.detour(source, at.r, None, &chance);
-        let mut mirrored = std::mem::take(&mut self.mirrored);
-        self.by_mirrors(source, at.r, None, &chance, &mut mirrored);
         let g = self.setting.world.materials[at.material].g;
-        for link in [link, detour].into_iter().flatten().chain(mirrored.drain(..)) {
+        for link in links.drain(..) {
             let p = hg::density(g, at.w.dot(link.towards));
             let radiance = at.weight * p * link.irradiance * libm::exp(-link.tau) * rarity;
             self.deposit(at.response, radiance, link.on_plane, source);
         }
-        self.mirrored = mirrored;
+        self.links = links;
     }
 
     /// Exact single scattering of a ray that starts outside or at a wall: one point in each scattering piece that it crosses, up to
@@ -325,16 +322,16 @@ impl<'a> Walker<'a> {
         let steepness = line.exit.map_or(0.0, |n| e.dot(n) / towards.dot(n));
         let (s, inverse_density) = look::ahead(steepness, length, mu_t, u);
         let at = r + s * e;
-        let (link, detour) = (self.link(source, at, None, true), self.detour(source, at, None, chance));
-        let mut mirrored = std::mem::take(&mut self.mirrored);
-        self.by_mirrors(source, at, None, chance, &mut mirrored);
-        for link in [link, detour].into_iter().flatten().chain(mirrored.drain(..)) {
+        let mut links = std::mem::take(&mut self.links);
+        self.reach(source, at, None, &mut links);
+        self.reach_on(source, at, None, chance, &mut links);
+        for link in links.drain(..) {
             let p = hg::density(material.g, e.dot(link.towards));
             let attenuation = libm::exp(-(mu_t * s + link.tau));
             let radiance = weight * material.mu_s * p * link.irradiance * attenuation * inverse_density;
             self.deposit(path, radiance, link.on_plane, source);
         }
-        self.mirrored = mirrored;
+        self.links = links;
     }
 }
 

@@ -240,8 +240,8 @@ impl Params {
             if rig.worlds.iter().any(|world| Bending::of(world) == Bending::Anywhere) {
                 problems.push_with_hint(
                     "",
-                    "smooth refraction is rendered at slabs only by this version, and an object of another shape has an index other than its surroundings (or smooth and rough walls meet)",
-                    "give all that has n != 1 a rough surface, such as `surface: {rough: 0.1}`, or the same n as its surroundings",
+                    "a mesh has an index other than its surroundings and smooth walls, or smooth and rough walls between different indices meet: the ways of light through them are not found",
+                    "give all that has n != 1 a rough surface, such as `surface: {rough: 0.1}`, or the mesh the n of its surroundings, or its shape by a sphere, spheroid, cylinder, tube or box",
                 );
             }
             check_mirrors(&rig, scene, problems);
@@ -253,6 +253,13 @@ impl Params {
                         "",
                         "an orthographic camera sees nothing or too much of a parallel beam's glint on planes: both have one direction only",
                         "write `specular: exclude` in the camera, make it a pinhole far away, or the beam a spot",
+                    );
+                }
+                if rig.worlds.iter().any(|world| Bending::of(world) == Bending::AtWalls) {
+                    problems.push_with_hint(
+                        "",
+                        "the glint of a light on smooth walls that are curved or tilted is not rendered by this version",
+                        "write `specular: exclude` in the camera",
                     );
                 }
             }

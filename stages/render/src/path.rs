@@ -12,6 +12,7 @@ use turbid_optics::refraction::refract;
 use turbid_optics::rough::Rough;
 
 use crate::camera::Camera;
+use crate::caustic::Known;
 use crate::finish::Finish;
 use crate::lamp::Steady;
 use crate::light::{Carrier, Light};
@@ -114,6 +115,15 @@ pub struct Walker<'a> {
     pub(crate) spans: Spans,
     pub(crate) pieces: Vec<Piece>,
     pub(crate) way: Way,
+    /// Ways to a light.
+    pub(crate) links: Vec<Link>,
+    /// Those through walls of any shape that are known for sure, and places where there may be one.
+    pub(crate) known: Vec<Known>,
+    pub(crate) places: Vec<DVec3>,
+    /// What walls do to a ray on the way that is being looked for: whether they reflect it.
+    pub(crate) events: Vec<bool>,
+    /// Ways found by chance that were too rare to be weighed.
+    pub(crate) given_up: u64,
     /// Where light bends in the world.
     pub(crate) bending: Bending,
     pub(crate) mirrors: Mirrors,
@@ -229,6 +239,11 @@ impl<'a> Walker<'a> {
             spans,
             pieces,
             way: Way::default(),
+            links: Vec::new(),
+            known: Vec::new(),
+            places: Vec::new(),
+            events: Vec::new(),
+            given_up: 0,
             bending: Bending::of(setting.world),
             // Others are seen, but light nothing.
             mirrors: Mirrors::of(setting.world).unwrap_or_default(),
@@ -256,6 +271,11 @@ impl<'a> Walker<'a> {
     /// How the last path ended.
     pub fn ending(&self) -> Ending {
         self.ending
+    }
+
+    /// How many ways of light were found by chance, but too rarely to be weighed: they are missing.
+    pub fn given_up(&self) -> u64 {
+        self.given_up
     }
 
     /// Flights since the last call.

@@ -8,6 +8,9 @@ use crate::fit::Lattice;
 use crate::method::{FIT_PATHS, Taken, bound};
 use crate::params::{Allocate, Method, Params};
 use crate::response::Layout;
+use crate::rig::Rig;
+use crate::strata::Bending;
+use crate::world::World;
 
 /// ns per flight on one core, f32 lanes of AVX-512 (measured: 305, 547 and 2070 ns per path of 31, 67 and 387 flights; see
 /// docs/theory/render.md). AVX2 takes about twice as long.
@@ -115,6 +118,8 @@ pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool) -> StagePla
         sort(scene.objects.len() > 1, "shadow rays through several objects");
         sort(scene.channels() > 1, "several channels");
         sort(scene.media.values().any(|m| m.n != 1.0), "Fresnel boundaries");
+        let at_walls = |world: &World| Bending::of(world) == Bending::AtWalls;
+        sort(Rig::of(scene).is_ok_and(|rig| rig.worlds.iter().any(at_walls)), "refraction at curved or tilted walls");
         sort(scene.objects.values().any(|o| matches!(o.surface, Surface::Rough(_))), "rough boundaries");
         let ambient = scene.lights.values().filter(|l| matches!(l, Lamp::Ambient { .. })).count();
         sort(scene.projector.is_some(), "projector");

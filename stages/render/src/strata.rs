@@ -29,7 +29,9 @@ pub enum Bending {
     AtPlanes(Strata),
     /// At rough walls only: no light crosses them without being scattered by them.
     AtRough,
-    /// At walls for which there is no closed form.
+    /// At smooth walls of any shape for which optics has `Solid::crossings`.
+    AtWalls,
+    /// At walls for which there is no way to find the light behind them.
     Anywhere,
 }
 
@@ -53,7 +55,18 @@ impl Bending {
                 && !world.bodies.iter().enumerate().any(|(i, body)| carves(i, body));
             return if all { Self::AtRough } else { Self::Anywhere };
         }
-        Strata::of(world).map_or(Self::Anywhere, Self::AtPlanes)
+        if let Some(strata) = Strata::of(world) {
+            return Self::AtPlanes(strata);
+        }
+        let n = |body: &Body| world.materials[body.material].n;
+        // Facets do not focus: what they reflect and what passes several of them comes by too many ways.
+        let facetted = |body: &Body| {
+            matches!(body.solid, Solid::Mesh(_))
+                && clear(body.material)
+                && (n(body) != 1.0
+                    || world.bodies.iter().any(|b| clear(b.material) && n(b) != n(body) && meet(body, b)))
+        };
+        if world.bodies.iter().any(facetted) { Self::Anywhere } else { Self::AtWalls }
     }
 }
 
@@ -64,7 +77,7 @@ fn meet(a: &Body, b: &Body) -> bool {
 }
 
 impl Strata {
-    /// `None` where something that is not a slab has an index other than its surroundings.
+    /// `None` where something that is not a slab has an index other than its surroundings, where it shows.
     pub fn of(world: &World) -> Option<Self> {
         let mut edges: Vec<f64> = Vec::new();
         for body in &world.bodies {
@@ -74,30 +87,34 @@ impl Strata {
         }
         edges.sort_by(f64::total_cmp);
         edges.dedup();
-        let mut strata = Self { edges: Vec::new(), layers: vec![Layer { n: 1.0, opaque: false }] };
+        let void = Layer { n: 1.0, opaque: false };
+        let mut strata = Self { edges: Vec::new(), layers: vec![void] };
+        // Between all edges, with the slab there by its place among the bodies.
+        let mut between = vec![(void, usize::MAX)];
         for (i, &edge) in edges.iter().enumerate() {
             let middle = edges.get(i + 1).map_or(edge + 1.0, |next| 0.5 * (edge + next));
             let holds =
-                |solid: &Solid| matches!(*solid, Solid::Slab { bottom, top } if bottom < middle && middle < top);
-            let material = world.bodies.iter().find(|b| holds(&b.solid)).map_or(0, |b| b.material);
-            let material = &world.materials[material];
+                |body: &Body| matches!(body.solid, Solid::Slab { bottom, top } if bottom < middle && middle < top);
+            let slab = world.bodies.iter().position(holds);
+            let material = &world.materials[slab.map_or(0, |slab| world.bodies[slab].material)];
             let layer = Layer { n: material.n, opaque: material.is_opaque() };
+            between.push((layer, slab.unwrap_or(usize::MAX)));
             if strata.layers.last() != Some(&layer) {
                 strata.edges.push(edge);
                 strata.layers.push(layer);
             }
         }
-        let in_its_layer = |body: &Body| {
+        let in_its_layer = |(i, body): (usize, &Body)| {
             let material = &world.materials[body.material];
             if matches!(body.solid, Solid::Slab { .. }) || material.is_opaque() {
                 return true;
             }
             let (low, high) = body.solid.bounds();
-            let (first, last) =
-                (strata.edges.partition_point(|&e| e <= low.z), strata.edges.partition_point(|&e| e < high.z));
-            strata.layers[first..=last].iter().all(|layer| layer.opaque || layer.n == material.n)
+            let (first, last) = (edges.partition_point(|&e| e <= low.z), edges.partition_point(|&e| e < high.z));
+            // Slabs of higher priority hide it.
+            between[first..=last].iter().all(|&(layer, slab)| slab < i || layer.opaque || layer.n == material.n)
         };
-        world.bodies.iter().all(in_its_layer).then_some(strata)
+        world.bodies.iter().enumerate().all(in_its_layer).then_some(strata)
     }
 
     /// The layer around a point at height z; on an edge the upper one if `up`.
@@ -153,7 +170,10 @@ mod tests {
             let bending = Bending::of(&world(vec![ball(z, 2), slab(-10.0, 1.0, 1)]));
             assert_eq!(matches!(bending, Bending::AtPlanes(_)), planes, "ball at {z}");
         }
-        assert!(matches!(Bending::of(&world(vec![ball(0.0, 0), slab(-10.0, 1.0, 1)])), Bending::Anywhere));
+        assert_eq!(Bending::of(&world(vec![ball(0.0, 0), slab(-10.0, 1.0, 1)])), Bending::AtWalls);
+        // What a slab hides does not bend.
+        assert!(matches!(Bending::of(&world(vec![slab(-10.0, 1.0, 1), ball(0.0, 0)])), Bending::AtPlanes(_)));
+        assert_eq!(Bending::of(&world(vec![slab(-10.0, 0.5, 1), ball(0.0, 1)])), Bending::AtWalls);
         assert_eq!(Bending::of(&world(vec![ball(0.0, 0), slab(-10.0, 1.0, 3)])), Bending::Nowhere);
     }
 }

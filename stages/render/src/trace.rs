@@ -104,6 +104,8 @@ pub fn trace(task: &Task<'_>, ctx: Ctx<'_>) -> Result<Sums, Error> {
     let params = task.params;
     let q = task.shown.layout.width();
     let job = Job { task, ctx };
+    // Ways of light that are missing.
+    let mut given_up = 0;
     let cap = params.samples.unwrap_or(u32::MAX);
     let whole = cap / BATCH * BATCH;
     let mut state = resume(task, q, whole, ctx);
@@ -127,11 +129,14 @@ pub fn trace(task: &Task<'_>, ctx: Ctx<'_>) -> Result<Sums, Error> {
         let until = if task.beside.is_some() && state.samples < PILOT { until.min(PILOT) } else { until };
         let most = (ROUND / (task.pixels.len() * task.fields())).max(1) as u32 * BATCH;
         let until = until.min(state.samples.saturating_add(most));
-        if let Err(interrupted) = job.round(&mut state, until) {
-            if state.samples > resumed_at && task.kept {
-                ctx.checkpoint(&state.to_bytes(), u64::from(state.samples));
+        match job.round(&mut state, until) {
+            Ok(ways) => given_up += ways,
+            Err(interrupted) => {
+                if state.samples > resumed_at && task.kept {
+                    ctx.checkpoint(&state.to_bytes(), u64::from(state.samples));
+                }
+                return Err(interrupted);
             }
-            return Err(interrupted);
         }
         if state.samples == next_test {
             let error = task.judge.error(&state.sums(), &task.paths(&state), state.beside.as_deref());
@@ -152,7 +157,11 @@ pub fn trace(task: &Task<'_>, ctx: Ctx<'_>) -> Result<Sums, Error> {
     let cut_short = stopped(&state);
     if whole < cap && params.samples.is_some() && !cut_short {
         // The last, partial batch is not part of any checkpoint: a longer run has it whole.
-        job.round(&mut state, cap)?;
+        given_up += job.round(&mut state, cap)?;
+    }
+    if given_up > 0 {
+        ctx.measure("ways of light given up", given_up as f64, "1");
+        ctx.warn("some ways of light through curved walls are too rare to be weighed, and are missing");
     }
     let (channels, paths) = (state.sums().into_owned(), task.paths(&state));
     let flights = state.flights.iter().sum();
@@ -210,7 +219,8 @@ impl Job<'_> {
     }
 
     /// Goes on to `until` paths per pixel on average, not beyond the next doubling. What is left of a batch is even.
-    fn round(&self, state: &mut State, until: u32) -> Result<(), Error> {
+    /// How many ways of light were given up.
+    fn round(&self, state: &mut State, until: u32) -> Result<u64, Error> {
         let (at, to) = (state.samples / BATCH, until / BATCH);
         let (first, last) = match state.more {
             None => (state.samples, until),
@@ -243,7 +253,7 @@ impl Job<'_> {
             sums.turn(at, to);
         }
         state.samples = until;
-        Ok(())
+        Ok(even.given_up + more.given_up)
     }
 
     /// The same samples of all pixels, batch after batch, the last perhaps smaller.
@@ -281,6 +291,7 @@ impl Job<'_> {
         for part in &parts {
             all.flights[0] += part.flights[0];
             all.flights[1] += part.flights[1];
+            all.given_up += part.given_up;
             all.endless |= part.endless;
         }
         let places = tiles.iter().map(|tile| tile.iter().map(|batch| batch.place).collect());
@@ -292,8 +303,13 @@ impl Job<'_> {
         let mut walker = Walker::new(setting, named(self.ctx.simd()));
         walker.excludes_specular = self.task.rig.excludes_specular;
         let width = self.task.shown.layout.width();
-        let mut part =
-            Part { moments: Moments::new(tile.len(), width), differences: None, flights: [0; 2], endless: false };
+        let mut part = Part {
+            moments: Moments::new(tile.len(), width),
+            differences: None,
+            flights: [0; 2],
+            given_up: 0,
+            endless: false,
+        };
         // What was begun is thrown away with the whole round.
         if self.ctx.cancelled() {
             return part;
@@ -317,6 +333,7 @@ impl Job<'_> {
             part.differences = Some(differences);
         }
         (part.flights[0], part.endless) = (walker.take_flights(), walker.endless());
+        part.given_up = walker.given_up();
         part
     }
 }
@@ -360,6 +377,7 @@ struct Part {
     moments: Moments,
     differences: Option<Moments>,
     flights: [u64; 2],
+    given_up: u64,
     endless: bool,
 }
 
@@ -371,6 +389,7 @@ struct Parts {
     /// For each tile the places of its batches.
     places: Vec<Vec<u32>>,
     flights: [u64; 2],
+    given_up: u64,
     endless: bool,
 }
 

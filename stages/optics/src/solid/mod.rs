@@ -7,12 +7,15 @@ use glam::{DVec2, DVec3};
 pub mod bvh;
 mod carved;
 mod coordinates;
+mod crossing;
+mod curvature;
 mod frame;
 pub mod mesh;
 mod patch;
 mod shapes;
 
 pub use carved::Carved;
+pub use crossing::{Ends, Far};
 pub use frame::Frame;
 pub use mesh::Mesh;
 pub use patch::Patch;

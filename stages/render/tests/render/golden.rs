@@ -33,5 +33,5 @@ fn bytes_belong_to_the_version() {
             digest = (digest ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
         }
     }
-    assert_eq!((RenderStage::VERSION, digest), (11, 0xbb7f_b6e4_260e_b010), "digest {digest:#x}");
+    assert_eq!((RenderStage::VERSION, digest), (12, 0xbb7f_b6e4_260e_b010), "digest {digest:#x}");
 }

@@ -12,7 +12,7 @@ use turbid_render::path::{Nee, Setting, Walker};
 use turbid_render::pictures::Pictures;
 use turbid_render::single::{self, Frame};
 
-use crate::unbiased::{lamps, scenes, shaped_scenes};
+use crate::unbiased::{curved_scenes, lamps, scenes, shaped_scenes};
 
 /// In every odd scene, for whole and partial bundles, from channels and samples beyond the first.
 #[test]
@@ -23,9 +23,8 @@ fn f64_lanes_and_levels_do_not_show() {
     let camera = Camera { view: view([4.0, -3.0, 25.0], 5.0), columns: 4, rows: 4 };
     let light = Light::new(view([-9.0, 8.0, 20.0], 6.0), 1.0, false);
     let carriers = [Carrier::new(0.15, 20.0), Carrier::new(0.3, 110.0)];
-    for ((name, world), steady) in
-        scenes().into_iter().chain(shaped_scenes()).flat_map(|s| [(s.clone(), Steady::NONE), (s, lamps())])
-    {
+    let all = scenes().into_iter().chain(shaped_scenes()).chain(curved_scenes());
+    for ((name, world), steady) in all.flat_map(|s| [(s.clone(), Steady::NONE), (s, lamps())]) {
         let setting = Setting {
             world: &world,
             camera: &camera,

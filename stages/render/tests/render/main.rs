@@ -2,6 +2,7 @@
 
 mod adaptive;
 mod coverage;
+mod curved;
 mod detectors;
 mod extreme;
 mod fit;

@@ -1,7 +1,7 @@
 //! Stand-ins and differences from them against every pixel by its own paths.
 
 use serde_json::json;
-use turbid_contract::payload::{Scene, Shape};
+use turbid_contract::payload::{Medium, Scene, Shape, Specular};
 use turbid_contract::{ImageStack, LayerKind};
 
 use crate::setup::*;
@@ -16,15 +16,19 @@ fn differences_from_stand_ins_are_unbiased() {
     let ball = |z: f64, r: f64| Shape::Sphere { diameter: 2.0 * r, center: [0.3, 0.1, z] };
     let lid = object(Shape::Box { size: [18.0, 18.0, 9.0], center: [0.0, 0.0, 4.5] }, "air", 2);
     // The last is absorbed so weakly that deep paths are roulettes.
-    for (name, extra, mu_a, gain) in [
-        ("dome", vec![object(ball(0.0, 1.5), "core", 1)], 0.05, 1.5),
-        ("flush", vec![object(ball(0.0, 3.0), "core", 1), lid], 0.05, 2.0),
-        ("buried", vec![object(ball(-2.5, 2.0), "core", 1)], 0.05, 2.0),
-        ("pale, buried", vec![object(ball(-2.5, 2.0), "core", 1)], 0.002, 1.2),
+    for (name, extra, mu_a, n, gain) in [
+        ("dome", vec![object(ball(0.0, 1.5), "core", 1)], 0.05, 1.0, 1.5),
+        ("flush", vec![object(ball(0.0, 3.0), "core", 1), lid], 0.05, 1.0, 2.0),
+        ("buried", vec![object(ball(-2.5, 2.0), "core", 1)], 0.05, 1.0, 2.0),
+        ("pale, buried", vec![object(ball(-2.5, 2.0), "core", 1)], 0.002, 1.0, 1.2),
+        ("wet, buried", vec![object(ball(-2.5, 2.0), "core", 1)], 0.05, 1.4, 1.5),
     ] {
-        let media = [("m", medium(mu_a, 2.5, 0.8)), ("core", medium(0.2, 4.0, 0.8)), ("air", medium(0.0, 0.0, 0.0))];
+        let of = |mu_a, mu_s| Medium { n, ..medium(mu_a, mu_s, 0.8) };
+        let media = [("m", of(mu_a, 2.5)), ("core", of(0.2, 4.0)), ("air", medium(0.0, 0.0, 0.0))];
         let objects = [vec![object(FLOOR, "m", 0)], extra].concat();
-        let scene = scene(&media, objects, rig(200.0, 20.0, 12.0, SIDE, 300.0));
+        let (mut camera, projector) = rig(200.0, 20.0, 12.0, SIDE, 300.0);
+        camera.specular = Some(Specular::Exclude);
+        let scene = scene(&media, objects, (camera, projector));
         let render = |method: &str, seed: u64| {
             let params = json!({"f_x": [0, 0.1], "samples": 1024, "method": method});
             run(&scene, &params, seed).remove("frames").unwrap()

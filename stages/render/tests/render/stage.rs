@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
 
 use serde_json::{Value, json};
-use turbid_contract::payload::{Payload, Scene, Shape};
+use turbid_contract::payload::{Medium, Payload, Scene, Shape, Specular, Surface};
 use turbid_contract::{ImageStack, Known, LayerKind, Problem, Problems, StageRow};
 use turbid_render::RenderStage;
 
@@ -249,7 +249,26 @@ fn mistakes_are_named() {
             "f_x.1",
             &["projector's pixels", "0.083"],
         ),
-        (with(&|s| s.media.get_mut("m").unwrap().n = 1.4), ok.clone(), "", &["refraction", "slabs only"]),
+        (
+            with(&|s| {
+                s.media.get_mut("m").unwrap().n = 1.4;
+                s.objects.get_mut("b").unwrap().surface = Surface::Rough(0.2);
+                s.media.insert("other".to_owned(), Medium { n: 1.5, ..medium(0.1, 1.0, 0.0) });
+                s.objects.get_mut("b").unwrap().medium = Some("other".to_owned());
+            }),
+            ok.clone(),
+            "",
+            &["smooth and rough walls", "rough surface"],
+        ),
+        (
+            with(&|s| {
+                s.media.get_mut("m").unwrap().n = 1.4;
+                s.camera.as_mut().unwrap().specular = Some(Specular::Include);
+            }),
+            ok.clone(),
+            "",
+            &["glint", "specular: exclude"],
+        ),
         (
             with(&|s| {
                 s.media.insert("m".to_owned(), medium(0.0, 1e6, 0.0));
