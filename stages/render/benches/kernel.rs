@@ -1,9 +1,9 @@
 //! Flights per second of one core, bare and with next-event estimation, by vector width; and what odd scenes leave of it.
 //!
-//! `cargo bench -p turbid-render --bench kernel [-- v4]`. CPU time, best of three; a flight ends at a collision, at a boundary or by absorption.
+//! `cargo bench -p turbid-render --bench kernel [-- v4] [-- mesh]`: of some widths only, and of rows with a word in their name. CPU time, best of three; a flight ends at a collision, at a boundary or by absorption.
 
 use glam::{DVec2, DVec3};
-use turbid_optics::solid::Solid;
+use turbid_optics::solid::{Mesh, Solid};
 use turbid_optics::view::View;
 use turbid_render::camera::Camera;
 use turbid_render::flock;
@@ -13,6 +13,10 @@ use turbid_render::light::{Carrier, Light};
 use turbid_render::path::{Nee, Setting, Walker};
 use turbid_render::pictures::Pictures;
 use turbid_render::world::{Body, Material, World};
+
+#[allow(dead_code, reason = "not all of them are needed here")]
+#[path = "../../optics/tests/shapes/mod.rs"]
+mod shapes;
 
 const LEVELS: [&str; 3] = ["baseline", "v3", "v4"];
 
@@ -37,6 +41,14 @@ fn main() {
     row("(25, 4236), tube of 40 mm bore, 5 mm wall", &world(&[(tube, m2)]), true);
     let white = Solid::Box { low: DVec3::new(-5.0, -5.0, 0.0), high: DVec3::new(5.0, 5.0, 5.0) };
     row("(25, 4236), white block on it", &world(&[(white, Material::lambertian(0.8)), (floor(), m2)]), true);
+    let (vertices, triangles) = shapes::icosphere(20.0, DVec3::ZERO, 6);
+    let facets = || Solid::Mesh(Mesh::new(&vertices, &triangles).into());
+    row("(25, 4236), sphere of 40 mm, bare", &world(&[(ball([20.0; 3]), m2)]), false);
+    row("(25, 4236), sphere of 40 mm", &world(&[(ball([20.0; 3]), m2)]), true);
+    row("same as a mesh of 81,920 triangles, bare", &world(&[(facets(), m2)]), false);
+    row("same as a mesh of 81,920 triangles", &world(&[(facets(), m2)]), true);
+    row("(25, 4236), that mesh half embedded", &world(&[(facets(), tumour), (floor(), m2)]), true);
+    row("(1, 20000), mesh of 81,920 triangles", &world(&[(facets(), m3)]), true);
 }
 
 fn medium(mu_a: f64, mu_s: f64) -> Material {
@@ -61,6 +73,11 @@ fn world(parts: &[(Solid, Material)]) -> World {
 }
 
 fn row(name: &str, world: &World, lit: bool) {
+    let words: Vec<String> =
+        std::env::args().skip(1).filter(|a| !a.starts_with("--") && !LEVELS.contains(&&a[..])).collect();
+    if !words.is_empty() && !words.iter().any(|word| name.contains(word)) {
+        return;
+    }
     let view = |position: [f64; 3], field: f64| {
         View::new(position.into(), DVec3::ZERO, DVec3::Y, DVec2::splat(field)).expect("not along y")
     };

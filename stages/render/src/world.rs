@@ -106,12 +106,24 @@ impl World {
         skin: Option<Skin>,
         spans: &'a mut Spans,
     ) -> Pieces<'a> {
+        self.trace_by(spans, |i, solid, stays| {
+            let skin = skin.filter(|skin| skin.wall.body == i);
+            let start = skin.map(|skin| Start { face: skin.wall.face, inside: skin.inside });
+            solid.cut(origin, direction, start, stays);
+        })
+    }
+
+    /// The same, with `cut` to say where the ray stays in each body.
+    #[inline(always)]
+    pub fn trace_by<'a>(
+        &'a self,
+        spans: &'a mut Spans,
+        mut cut: impl FnMut(usize, &Solid, &mut Vec<Stay>),
+    ) -> Pieces<'a> {
         spans.stays.clear();
         spans.ends.clear();
         for (i, body) in self.bodies.iter().enumerate() {
-            let skin = skin.filter(|skin| skin.wall.body == i);
-            let start = skin.map(|skin| Start { face: skin.wall.face, inside: skin.inside });
-            body.solid.cut(origin, direction, start, &mut spans.stays);
+            cut(i, &body.solid, &mut spans.stays);
             spans.ends.push(spans.stays.len());
         }
         Pieces { world: self, spans, t: 0.0 }

@@ -5,11 +5,14 @@
 //! for all its triangles, the signs are those of exact arithmetic, and where a determinant is exactly 0 the line counts as
 //! shifted by an infinitesimal (e, e^2). So it crosses the projected triangles as in exact geometry a line crosses a closed surface.
 
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
+use fearless_simd::Simd;
 use glam::DVec3;
 
 use super::bvh::Tree;
+use super::facets::{Cells, Seen};
+use super::memo::Memo;
 use super::{Start, Stay};
 
 /// Cells of the distance grid along the longest side.
@@ -27,9 +30,16 @@ pub struct Mesh {
     tree: Tree,
     /// Half the size of the bounding box.
     half: DVec3,
-    /// Made when first asked for.
+    /// Made when first asked for, as is what follows.
     grid: OnceLock<Grid>,
+    cells: OnceLock<Option<Cells>>,
+    /// From the last points that were asked for: that of the light, that of the camera.
+    seen: Memo<DVec3, Option<Arc<Seen>>>,
 }
+
+/// The two forms in single precision may have so many bytes.
+const CELLS_BYTES: usize = 40 << 20;
+const SEEN_BYTES: usize = 12 << 20;
 
 /// Distances from the surface at the middles of cubes that fill the bounding box.
 #[derive(Clone, Debug, PartialEq)]
@@ -66,18 +76,36 @@ impl Mesh {
         let tree = Tree::over(&boxes);
         let corners: Vec<[DVec3; 3]> = tree.order().iter().map(|&i| all[i as usize]).collect();
         let normals = corners.iter().map(|[a, b, c]| (b - a).cross(c - a).normalize_or_zero()).collect();
-        Self { center, corners, normals, tree, half, grid: OnceLock::new() }
+        let (grid, cells) = (OnceLock::new(), OnceLock::new());
+        Self { center, corners, normals, tree, half, grid, cells, seen: Memo::default() }
     }
 
     pub fn triangles(&self) -> usize {
         self.corners.len()
     }
 
+    /// What [`Cells`] and [`Seen`] are relative to.
+    pub fn center(&self) -> DVec3 {
+        self.center
+    }
+
+    /// Its triangles in a grid, for many short questions; `None` where they would need too much memory.
+    pub fn cells(&self) -> Option<&Cells> {
+        self.cells.get_or_init(|| Cells::about(&self.corners, self.half, CELLS_BYTES)).as_ref()
+    }
+
+    /// Its triangles as they lie on lines through a point, for many looks towards it; `None` where that is too near, or it
+    /// would need too much memory.
+    pub fn seen_from(&self, eye: DVec3) -> Option<Arc<Seen>> {
+        self.seen.get(eye - self.center, |&eye| Seen::from(eye, &self.corners, self.half, SEEN_BYTES).map(Arc::new))
+    }
+
     pub(super) fn bounds(&self) -> (DVec3, DVec3) {
         (self.center - self.half, self.center + self.half)
     }
 
-    pub(super) fn normal(&self, face: u32) -> DVec3 {
+    /// Outward, of a face.
+    pub fn normal(&self, face: u32) -> DVec3 {
         self.normals[face as usize]
     }
 
@@ -90,6 +118,35 @@ impl Mesh {
         let mut turns = 0;
         self.crossings(p, direction, |c| turns -= if c.t > 0.0 { c.turn } else { 0 });
         turns > 0
+    }
+
+    /// What [`super::Solid::cut`] says of the ray from `eye`, by what is `seen` from there: which triangles it crosses is decided in single precision,
+    /// where it crosses them is not.
+    #[inline(always)]
+    pub fn cut_seen<S: Simd>(&self, simd: S, (eye, seen): (DVec3, &Seen), direction: DVec3, stays: &mut Vec<Stay>) {
+        let from = eye - self.center;
+        let size = self.half.length();
+        // Behind all of it.
+        let far = size - from.dot(direction);
+        let mut found = Vec::new();
+        seen.towards(simd, (from + far * direction).as_vec3().to_array(), &mut found);
+        let mut entered = None;
+        for c in found.iter().rev() {
+            let (n, a) = (self.normals[c.face as usize], self.corners[c.face as usize][0]);
+            let t = n.dot(a - from) / n.dot(direction);
+            // Aslant the plane is met anywhere.
+            let near = far - f64::from(c.t);
+            let t = if (t - near).abs() < 1e-4 * size { t } else { near };
+            match entered {
+                // Towards the eye it would leave.
+                None if c.leaves => entered = Some((t, c.face)),
+                Some((enter, into)) if !c.leaves => {
+                    stays.push(Stay { enter, leave: t.max(enter), into, out_of: c.face });
+                    entered = None;
+                }
+                _ => {}
+            }
+        }
     }
 
     pub(super) fn cut(&self, origin: DVec3, direction: DVec3, start: Option<Start>, stays: &mut Vec<Stay>) {

@@ -6,6 +6,7 @@ use turbid_optics::solid::Solid;
 use super::bend::Plane;
 use super::ground::{Ground, Part};
 use super::look::MOST_BODIES;
+use super::mesh::Eyes;
 use crate::finish::Finish;
 use crate::light::Emission;
 use crate::path::{Nee, Setting, Walker};
@@ -37,6 +38,8 @@ pub struct Frame {
     pub opaque: Vec<bool>,
     /// Whether there are bodies that lanes know by their distance only.
     pub others: bool,
+    /// What a path that begins knows of the distance (mm) to those, or to meshes: nothing, or that there are none.
+    pub known: f32,
     /// Whether light goes straight through all boundaries, and lanes know them.
     pub straight: bool,
     /// Whether a path that leaves all bodies has ended: boundaries do not turn it, and there is no light from infinity.
@@ -148,15 +151,17 @@ impl Frame {
             [x as f32, y as f32, (turns - turns.round()) as f32]
         });
         let parts = parts(s.world);
-        let ground = Ground::about(&parts, origin, range);
+        let eyes = Eyes { camera: s.camera.view.position, light: s.light.shines().then_some(view.position) };
+        let ground = Ground::about(&parts, origin, range, &eyes);
         let others = (0..parts.len()).any(|j| ground.is_other(j));
+        let known = if others || !ground.meshes.is_empty() { 0.0 } else { f32::INFINITY };
         let matt = |m: &Material| m.is_opaque() && m.finish != Finish::Mirror;
         let straight = |m: &Material| matt(m) || (m.n == 1.0 && m.finish == Finish::Smooth);
         let straight = s.world.materials.iter().all(straight);
         let blind = !s.light.shines() && s.steady.lamps.is_empty();
         // Pictures and lenses are looked up one by one.
         let plain = s.light.shines() && view.distortion.is_none() && s.pictures.layers() == 0;
-        let plane = if others { None } else { Plane::of(walker, &parts, origin) };
+        let plane = if others || !ground.meshes.is_empty() { None } else { Plane::of(walker, &parts, origin) };
         let looks = (straight || plane.is_some()) && !others && can_look(s.world, &parts) && plain;
         Some(Self {
             origin,
@@ -167,6 +172,7 @@ impl Frame {
             opaque: parts.iter().map(|part| s.world.materials[part.material].is_opaque()).collect(),
             straight: straight && !others,
             others,
+            known,
             parts,
             dark: straight && !others && s.steady.ambient == 0.0,
             plane,

@@ -5,6 +5,7 @@ use glam::DVec3;
 use turbid_optics::solid::Solid;
 
 use super::lane::{F, M, U, V, choose, splat};
+use super::mesh::{Eyes, Facets};
 
 /// A convex solid, mm from the local origin.
 #[derive(Clone, Copy, Debug)]
@@ -28,6 +29,8 @@ enum Shape {
         bottom: f32,
         top: f32,
     },
+    /// One of [`Ground::meshes`].
+    Mesh,
     /// Known by its distance only.
     Other,
 }
@@ -36,6 +39,8 @@ enum Shape {
 #[derive(Clone, Debug)]
 pub struct Ground {
     shapes: Vec<Shape>,
+    /// Where all other bodies are known.
+    pub meshes: Vec<Facets>,
     /// mm; what lies between bodies and is thinner is not there.
     sliver: f32,
 }
@@ -85,8 +90,9 @@ pub struct Span<S: Simd> {
 }
 
 impl Ground {
-    /// Bodies with curved or upright faces further than `range` (mm) from `origin` are others too: f32 does not hold them.
-    pub fn about(parts: &[Part], origin: DVec3, range: f64) -> Self {
+    /// Bodies with curved or upright faces further than `range` (mm) from `origin` are others too: f32 does not hold them. Meshes are
+    /// prepared for lines through `eyes`.
+    pub fn about(parts: &[Part], origin: DVec3, range: f64, eyes: &Eyes) -> Self {
         let local = |p: DVec3| (p - origin).as_vec3().to_array();
         let shape = |solid: &Solid| {
             let (low, high) = solid.bounds();
@@ -113,7 +119,18 @@ impl Ground {
                 _ => Shape::Other,
             }
         };
-        Self { shapes: parts.iter().map(|part| shape(&part.solid)).collect(), sliver: (range * SLIVER) as f32 }
+        let mut shapes: Vec<Shape> = parts.iter().map(|part| shape(&part.solid)).collect();
+        // All or none: distances from others and from meshes would have to be asked for together.
+        let others = (0..parts.len()).filter(|&j| matches!(shapes[j], Shape::Other));
+        let meshes: Option<Vec<Facets>> = others.map(|j| facets(&parts[j].solid, j, origin, range, eyes)).collect();
+        for mesh in meshes.iter().flatten() {
+            shapes[mesh.body as usize] = Shape::Mesh;
+        }
+        Self { shapes, meshes: meshes.unwrap_or_default(), sliver: (range * SLIVER) as f32 }
+    }
+
+    pub fn is_mesh(&self, j: usize) -> bool {
+        matches!(self.shapes[j], Shape::Mesh)
     }
 
     /// Whether body `j` is known by its distance only.
@@ -125,7 +142,7 @@ impl Ground {
         self.shapes.len()
     }
 
-    /// Flights from `r` over `s` along `w` to `end`, each inside its `body`.
+    /// Flights from `r` over `s` along `w` to `end`, each inside its `body`; meshes apart.
     ///
     /// Bodies are convex: one that holds the start is left if and only if it does not hold the end, whatever rounding has done.
     #[inline(always)]
@@ -133,7 +150,7 @@ impl Ground {
         let mut crosses = M::splat(simd, false);
         let mut clear = splat(simd, f32::INFINITY);
         for (j, shape) in self.shapes.iter().enumerate() {
-            if matches!(shape, Shape::Other) {
+            if matches!(shape, Shape::Mesh | Shape::Other) {
                 continue;
             }
             let j = j as u32;
@@ -162,7 +179,7 @@ impl Ground {
                     let depth = side.min((top - end.z).min(end.z - bottom));
                     (depth, self.meets(simd, *shape, above, r, w, s))
                 }
-                Shape::Other => unreachable!("passed over"),
+                Shape::Mesh | Shape::Other => unreachable!("passed over"),
             };
             crosses |= (own & depth.simd_le(0.0)) | (above & meets);
             clear = choose(own | above, clear.min(depth.abs()), clear);
@@ -180,20 +197,27 @@ impl Ground {
         enter.simd_lt(leave) & leave.simd_gt(0.0) & enter.simd_le(s)
     }
 
-    /// Follows rays from within `body` straight through boundaries and voids to the next filled body.
+    /// Follows the rays of some lanes from within `body` straight through boundaries and voids to the next filled body.
     #[inline(always)]
-    pub fn onward<S: Simd>(&self, simd: S, parts: &[Part], body: U<S>, r: V<S>, w: V<S>) -> Onward<S> {
+    pub fn onward<S: Simd>(&self, simd: S, parts: &[Part], asked: M<S>, body: U<S>, r: V<S>, w: V<S>) -> Onward<S> {
         let (never, zero, no) = (splat(simd, f32::INFINITY), splat(simd, 0.0), M::splat(simd, false));
         let mut onward = Onward { leaves: never, enters: never, body, open: no, escapes: no };
-        if parts.len() == 1 {
+        // A single convex one is not come back to.
+        if parts.len() == 1 && self.meshes.is_empty() {
             onward.escapes = M::splat(simd, true);
+            return onward;
         }
-        if parts.len() == 1 || parts.len() > MOST_PARTS {
+        if parts.len() > MOST_PARTS {
             return onward;
         }
         let mut spans = [Span { enter: zero, leave: zero }; MOST_PARTS];
+        let mut again = 0;
         for (j, span) in spans.iter_mut().enumerate().take(parts.len()) {
-            *span = self.span(simd, j, r, w);
+            *span = if self.is_mesh(j) {
+                self.span_of_mesh(simd, j, asked, r, w, &mut again)
+            } else {
+                self.span(simd, j, r, w)
+            };
             // One that is missed lies nowhere.
             let hit = span.enter.simd_lt(span.leave);
             *span = Span { enter: choose(hit, span.enter, never), leave: choose(hit, span.leave, -never) };
@@ -221,8 +245,9 @@ impl Ground {
             t = choose(found, t, next);
         }
         onward.enters = t;
-        onward.open &= t.simd_lt(f32::MAX);
-        onward.escapes = t.simd_ge(f32::MAX);
+        let once = !M::from_bitmask(simd, again);
+        onward.open &= once & t.simd_lt(f32::MAX);
+        onward.escapes = once & t.simd_ge(f32::MAX);
         onward
     }
 
@@ -251,12 +276,20 @@ impl Ground {
                 let round = side.simd_le((top - p.z).abs().min((p.z - bottom).abs()));
                 V { x: choose(round, x, zero), y: choose(round, y, zero), z: choose(round, zero, one) }
             }
-            Shape::Other => unreachable!("lanes look past simple bodies only"),
+            Shape::Mesh | Shape::Other => unreachable!("they have faces of their own, or are not looked past"),
             Shape::Ellipsoid { center, inverse_radii: i, .. } => {
                 p.from(center).scaled([i[0] * i[0], i[1] * i[1], i[2] * i[2]])
             }
         }
     }
+}
+
+/// A mesh for lanes, where it is one and f32 holds it.
+fn facets(solid: &Solid, body: usize, origin: DVec3, range: f64, eyes: &Eyes) -> Option<Facets> {
+    let Solid::Mesh(mesh) = solid else { return None };
+    let (low, high) = solid.bounds();
+    let far = (low - origin).abs().max((high - origin).abs()).max_element();
+    if far <= range { Facets::of(mesh, body, origin, eyes) } else { None }
 }
 
 /// Entry >= exit where the line misses.
@@ -292,7 +325,7 @@ fn span<S: Simd>(simd: S, shape: Shape, r: V<S>, w: V<S>) -> Span<S> {
             let caps = between(r.z, w.z, bottom, top);
             Span { enter: (nearest - half).max(caps.enter), leave: (nearest + half).min(caps.leave) }
         }
-        Shape::Other => unreachable!("lanes cut simple bodies only"),
+        Shape::Mesh | Shape::Other => unreachable!("they are cut in `mesh.rs`, or not at all"),
     }
 }
 

@@ -15,6 +15,9 @@ use crate::path::{ASIDE, aside_code};
 /// Optical depth (optical distance to the light) beyond which it counts as none: e^-80 of it.
 const DARK: f32 = 80.0;
 
+/// Of a density e^-x what lies behind this x is nothing to f32.
+const GONE: f32 = 17.0;
+
 /// Overlaps are resolved for so many bodies at most.
 pub const MOST_BODIES: usize = 4;
 
@@ -64,7 +67,9 @@ fn look<S: Simd>(simd: S, looks: &mut Looks, frame: &Frame, key: [u32; 2], high:
     let [rx, ry, rz, cx, cy, cz, ox, oy, oz, weight, roulette, mu_a, mu_s, g, least] = floats;
     let (r, came, own) = (V { x: rx, y: ry, z: rz }, V { x: cx, y: cy, z: cz }, V { x: ox, y: oy, z: oz });
     let (zero, mu_t) = (splat(simd, 0.0), mu_a + mu_s);
-    let Sight { towards, spans: to_light, tau, .. } = sight(simd, frame, r);
+    let count = looks.rays.len().min(LANES);
+    let waiting = M::from_bitmask(simd, (1 << count) - 1);
+    let Sight { towards, spans: to_light, normals, tau, .. } = sight(simd, frame, waiting, r);
     let (wall, wall_body) = first_piece(simd, frame, body, &to_light);
 
     // The line: along the path's own direction, or one from the lobe around the light. A camera's ray has no choice.
@@ -78,30 +83,36 @@ fn look<S: Simd>(simd: S, looks: &mut Looks, frame: &Frame, key: [u32; 2], high:
         V { x: choose(goes_on, own.x, lobe.x), y: choose(goes_on, own.y, lobe.y), z: choose(goes_on, own.z, lobe.z) };
     let ratio = hg_denominator(g, came.dot(e)) / hg_denominator(g, e.dot(towards));
     let balance = choose(first, splat(simd, 1.0), 2.0 / (1.0 + ratio * ratio.sqrt()));
-    let (length, _) = first_piece(simd, frame, body, &spans(simd, frame, r, e));
-    let (steepness, incidence) = steepness(simd, frame, r, towards, wall, wall_body, e);
-    let (s, inverse_density) = ahead(simd, steepness, length, mu_t, unit(!u));
-    let s = choose(point, zero, s);
-
-    let r1 = r.plus(s, e);
-    let Sight { towards: towards1, tau: tau1, blocked, foot, gain, .. } = sight(simd, frame, r1);
-    let (irradiance, lit, x, y) = arrives(simd, &frame.light, foot);
-    let dark = mu_t * s + tau1;
+    let (steepness, incidence) = steepness(simd, frame, r, towards, (wall, wall_body, &normals), e);
     // Nor was it looked for by roulette. See `nee::depth`.
     let depth = tau * incidence.abs();
     let depth = choose(depth.simd_gt(least), depth, least);
     let rarity = choose(first, splat(simd, 1.0), rarity(simd, choose(point, tau, depth)));
+    let chosen = waiting & (roulette * rarity).simd_lt(1.0);
+    let mut along = spans(simd, frame, r, e);
+    let rate = falling(simd, steepness, mu_t);
+    if !frame.ground.meshes.is_empty() {
+        let until = choose(rate.simd_gt(mu_t * 0.1), GONE / rate, splat(simd, f32::INFINITY));
+        frame.ground.add_ahead(simd, chosen & !point, body, r, e, until, &mut along);
+    }
+    let (length, _) = first_piece(simd, frame, body, &along);
+    let (s, inverse_density) = ahead(simd, rate, length, mu_t, unit(!u));
+    let s = choose(point, zero, s);
+
+    let r1 = r.plus(s, e);
+    let looked = chosen & (length.simd_gt(0.0) | point);
+    let Sight { towards: towards1, tau: tau1, blocked, foot, gain, .. } = sight(simd, frame, looked, r1);
+    let (irradiance, lit, x, y) = arrives(simd, &frame.light, foot);
+    let dark = mu_t * s + tau1;
     let cos = choose(point, came.dot(towards1), e.dot(towards1));
     let q = hg_denominator(g, cos);
     let p = (1.0 - g) * (1.0 + g) * (0.25 * std::f32::consts::FRAC_1_PI) / (q * q.sqrt());
-    let looked = (roulette * rarity).simd_lt(1.0) & (length.simd_gt(0.0) | point);
     let seen = looked & lit & !blocked & dark.simd_lt(DARK);
     let ahead = choose(point, splat(simd, 1.0), balance * inverse_density * mu_s);
     let fraction = weight * rarity * ahead;
     let radiance = choose(seen, fraction * p * (irradiance * gain) * exp(-dark.min(splat(simd, DARK))), zero);
 
     let stride = frame.stride;
-    let count = looks.rays.len().min(LANES);
     if frame.plane.is_some() {
         // The first decision of `Walker::detour`.
         let high = high | (ASIDE << 16 | aside_code(0, 0, 1));
@@ -151,6 +162,8 @@ struct Sight<S: Simd> {
     /// Unit vector from the point against the light, and where its line meets the bodies.
     towards: V<S>,
     spans: Spans<S>,
+    /// Of meshes, where the line first meets each.
+    normals: [V<S>; MOST_BODIES],
     tau: F<S>,
     blocked: M<S>,
     /// From where light comes straight from the projector, and what of the irradiance there reaches the point.
@@ -158,19 +171,34 @@ struct Sight<S: Simd> {
     gain: F<S>,
 }
 
+/// Of those lanes that are asked; of the others the meshes are left out.
 #[inline(always)]
-fn sight<S: Simd>(simd: S, frame: &Frame, p: V<S>) -> Sight<S> {
+fn sight<S: Simd>(simd: S, frame: &Frame, asked: M<S>, p: V<S>) -> Sight<S> {
+    let zero = splat(simd, 0.0);
+    let mut normals = [V { x: zero, y: zero, z: zero }; MOST_BODIES];
     let Some(plane) = &frame.plane else {
         let (towards, distance) = to_light(p, &frame.light);
-        let spans = spans(simd, frame, p, towards);
-        let (tau, blocked) = (optical_depth(simd, frame, &spans, distance), blocked(simd, frame, &spans, distance));
-        return Sight { towards, spans, tau, blocked, foot: p, gain: splat(simd, 1.0) };
+        let mut spans = spans(simd, frame, p, towards);
+        let mut again = 0;
+        if !frame.ground.meshes.is_empty() {
+            again = frame.ground.add_towards_light(simd, asked, p, towards, distance, &mut spans, &mut normals);
+        }
+        let mut tau = optical_depth(simd, frame, &spans, distance);
+        if again != 0 {
+            let mut depths = tau.to_array();
+            for (lane, tau) in depths.iter_mut().enumerate().filter(|(lane, _)| again >> lane & 1 == 1) {
+                *tau = frame.ground.optical_depth_of(simd, lane, (p, towards, distance), &spans, &frame.mu_t);
+            }
+            tau = F::load_array(simd, depths);
+        }
+        let blocked = blocked(simd, frame, &spans, distance);
+        return Sight { towards, spans, normals, tau, blocked, foot: p, gain: splat(simd, 1.0) };
     };
     let way = plane.way(simd, &frame.light, p);
     let inside = spans(simd, frame, p, way.towards);
     let tau = optical_depth(simd, frame, &inside, way.length);
     let stopped = blocked(simd, frame, &inside, way.length);
-    Sight { towards: way.towards, spans: inside, tau, blocked: stopped, foot: way.foot, gain: way.gain }
+    Sight { towards: way.towards, spans: inside, normals, tau, blocked: stopped, foot: way.foot, gain: way.gain }
 }
 
 /// (irradiance, whether it is lit, where on the pattern's plane) by the straight line.
@@ -196,14 +224,17 @@ fn arrives<S: Simd>(simd: S, lamp: &Lamp, p: V<S>) -> (F<S>, M<S>, F<S>, F<S>) {
     (strength / (distance * distance), ahead & across & along, x, y)
 }
 
-type Spans<S> = [Span<S>; MOST_BODIES];
+pub type Spans<S> = [Span<S>; MOST_BODIES];
 
+/// Meshes apart.
 #[inline(always)]
 fn spans<S: Simd>(simd: S, frame: &Frame, r: V<S>, w: V<S>) -> Spans<S> {
     let nowhere = Span { enter: splat(simd, 0.0), leave: splat(simd, 0.0) };
     let mut spans = [nowhere; MOST_BODIES];
     for (j, span) in spans.iter_mut().enumerate().take(frame.ground.bodies()) {
-        *span = frame.ground.span(simd, j, r, w);
+        if !frame.ground.is_mesh(j) {
+            *span = frame.ground.span(simd, j, r, w);
+        }
     }
     spans
 }
@@ -258,21 +289,20 @@ fn blocked<S: Simd>(simd: S, frame: &Frame, spans: &Spans<S>, distance: F<S>) ->
     blocked
 }
 
-/// (e . n) / (L . n), n the normal of the wall through which the light comes; and L . n.
+/// (e . n) / (L . n), n the normal of the wall through which the light comes (its distance, its body, and normals of meshes); and L . n.
 #[inline(always)]
 fn steepness<S: Simd>(
     simd: S,
     frame: &Frame,
     r: V<S>,
     towards: V<S>,
-    wall: F<S>,
-    wall_body: U<S>,
+    (wall, wall_body, normals): (F<S>, U<S>, &[V<S>; MOST_BODIES]),
     e: V<S>,
 ) -> (F<S>, F<S>) {
     let (mut ratio, mut cos) = (splat(simd, 0.0), splat(simd, 1.0));
     let p = r.plus(wall, towards);
-    for j in 0..frame.ground.bodies() {
-        let n = frame.ground.normal(simd, j, p);
+    for (j, &facet) in normals.iter().enumerate().take(frame.ground.bodies()) {
+        let n = if frame.ground.is_mesh(j) { facet } else { frame.ground.normal(simd, j, p) };
         let (through, its) = (towards.dot(n), wall_body.simd_eq(j as u32));
         ratio = choose(its, e.dot(n) / through, ratio);
         cos = choose(its, through / n.dot(n).sqrt(), cos);
@@ -288,13 +318,16 @@ pub fn rarity<S: Simd>(simd: S, tau: F<S>) -> F<S> {
     square * square
 }
 
+/// The rate of the density along the line by its steepness; see `crate::look::ahead`.
+#[inline(always)]
+fn falling<S: Simd>(simd: S, steepness: F<S>, mu_t: F<S>) -> F<S> {
+    let known = steepness.simd_eq(steepness);
+    choose(known, (1.0 - steepness).max(splat(simd, -1.0)).min(splat(simd, 2.0)), splat(simd, 1.0)) * mu_t
+}
+
 /// s in (0, length) from a density proportional to exp(-rate s), and one over that density; see `crate::look::ahead`.
 #[inline(always)]
-fn ahead<S: Simd>(simd: S, steepness: F<S>, length: F<S>, mu_t: F<S>, u: F<S>) -> (F<S>, F<S>) {
-    let one = splat(simd, 1.0);
-    let rate =
-        choose(steepness.simd_eq(steepness), (1.0 - steepness).max(splat(simd, -1.0)).min(splat(simd, 2.0)), one)
-            * mu_t;
+fn ahead<S: Simd>(simd: S, rate: F<S>, length: F<S>, mu_t: F<S>, u: F<S>) -> (F<S>, F<S>) {
     // On an infinite length only positive rates have a density.
     let endless = length.simd_ge(f32::MAX) & rate.simd_le(mu_t * 1e-4);
     let rate = choose(endless, mu_t, rate);

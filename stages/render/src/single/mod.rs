@@ -8,6 +8,7 @@ pub mod frame;
 pub mod ground;
 pub mod lane;
 mod look;
+mod mesh;
 mod rows;
 mod start;
 mod walk;

@@ -52,7 +52,7 @@ impl<'a> Starts<'a> {
         for i in 0..count {
             let jitter = (unit_of(jx[i]), unit_of(jy[i]));
             let ids = Ids { pixel: pixel[i], sample: sample[i], path: (first + i) as u32 };
-            let made = frame.starts && self.enter(walker, frame, looks, ids, jitter, life[i]);
+            let made = frame.starts && self.enter(simd, walker, frame, looks, ids, jitter, life[i]);
             if !made {
                 let mut place = walker.begin(pixel[i] as usize, sample[i], first + i);
                 if settles(walker, frame, &mut place) {
@@ -67,8 +67,10 @@ impl<'a> Starts<'a> {
     /// A path whose ray meets a medium before any surface: it starts where the ray enters, its single scattering left to looks in
     /// every piece. False where things are not so simple.
     #[inline(never)]
-    fn enter(
+    #[allow(clippy::too_many_arguments, reason = "all there is at a start")]
+    fn enter<S: Simd>(
         &mut self,
+        simd: S,
         walker: &mut Walker<'_>,
         frame: &Frame,
         looks: &mut Looks,
@@ -81,11 +83,29 @@ impl<'a> Starts<'a> {
         let mut pieces = std::mem::take(&mut walker.pieces);
         pieces.clear();
         match &frame.parts[..] {
-            [only] => {
+            [only] if only.solid.is_convex() => {
                 let (start, end) = only.solid.span(from, along);
                 if start < end && end > 0.0 {
                     pieces.push(Piece { start, end, material: only.material, wall: None });
                 }
+            }
+            _ if !frame.ground.meshes.is_empty()
+                && from == s.camera.view.position
+                // Nothing carved is told apart.
+                && frame.parts.len() == s.world.bodies.len() =>
+            {
+                let cut = simd.vectorize(
+                    #[inline(always)]
+                    || {
+                        s.world.trace_by(&mut walker.spans, |i, solid, stays| {
+                            let mesh = frame.ground.meshes.iter().find(|mesh| mesh.body == i as u32);
+                            if !mesh.is_some_and(|mesh| mesh.cut_shown(simd, from, along, stays)) {
+                                solid.cut(from, along, None, stays);
+                            }
+                        })
+                    },
+                );
+                pieces.extend(cut.filter(|p| p.material != 0));
             }
             _ => pieces.extend(s.world.trace(from, along, None, &mut walker.spans).filter(|p| p.material != 0)),
         }
@@ -125,9 +145,18 @@ impl<'a> Starts<'a> {
             let (length, medium) = (piece.end - piece.start, material(piece));
             if medium.mu_s > 0.0 {
                 let r = frame.local(from + piece.start * along);
-                // A point of it says which body it is.
-                let inside = from + (piece.start + 0.5 * length.min(1.0 / medium.mu_t())) * along;
-                let Some(body) = frame.parts.iter().position(|part| part.solid.contains(inside)) else { continue };
+                let mut filled = frame.parts.iter().enumerate().filter(|(_, part)| part.material == piece.material);
+                let body = match (filled.next(), filled.next()) {
+                    (Some((only, _)), None) => only,
+                    // A point of it says which body it is.
+                    _ => {
+                        let inside = from + (piece.start + 0.5 * length.min(1.0 / medium.mu_t())) * along;
+                        let Some(body) = frame.parts.iter().position(|part| part.solid.contains(inside)) else {
+                            continue;
+                        };
+                        body
+                    }
+                };
                 let m = &frame.media[piece.material];
                 let left = life - absorbed as f32;
                 if scored == 0 && left > 0.0 {
@@ -148,7 +177,7 @@ impl<'a> Starts<'a> {
                         mu_s,
                         g,
                         window,
-                        f32::INFINITY,
+                        frame.known,
                     ];
                     let words = [2, ids.sample, ids.pixel, ids.path, piece.material as u32, body as u32];
                     self.ready.push(row, words);
@@ -193,9 +222,7 @@ impl Frame {
         let m = &self.media[place.material];
         let ([x, y, z], [a, b, c]) = (self.local(place.r), place.w.as_vec3().to_array());
         let (life, weight) = (place.life as f32, place.weight as f32);
-        // Asked for when it is needed.
-        let clear = if self.others { 0.0 } else { f32::INFINITY };
-        let floats = [x, y, z, a, b, c, life, 0.0, weight, m.free_path, m.mu_a, m.mu_s, m.g, m.window, clear];
+        let floats = [x, y, z, a, b, c, life, 0.0, weight, m.free_path, m.mu_a, m.mu_s, m.g, m.window, self.known];
         let (path, material) = (place.response as u32, place.material as u32);
         (floats, [place.number as u32, place.sample, place.pixel, path, material, body as u32])
     }

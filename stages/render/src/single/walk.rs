@@ -137,6 +137,19 @@ impl<'a, S: Simd> Flock<'a, S> {
         let mut end = r.plus(s, w);
         let mut absorbed = mu_a * s;
         let mut passage = frame.ground.pass(simd, body, r, w, s, end);
+        let no = M::splat(simd, false);
+        let (meshes, mut left_known, mut stale) = (!frame.ground.meshes.is_empty(), known - s, no);
+        let beside = passage.clear;
+        if meshes {
+            let asks = s.simd_ge(known) & !passage.crosses & alive;
+            stale = !asks;
+            if asks.any_true() {
+                let (meets, clear) = frame.ground.pass_meshes(simd, asks, body, r, w, s, end);
+                passage.crosses |= meets;
+                left_known = choose(asks, clear, left_known);
+            }
+            passage.clear = passage.clear.min(left_known);
+        }
         if frame.others {
             let asks = s.simd_ge(known);
             self.asking = (asks & !passage.crosses & alive).to_bitmask();
@@ -146,12 +159,11 @@ impl<'a, S: Simd> Flock<'a, S> {
         }
         let far = end.dot(end).simd_gt(frame.range_squared) | number.simd_ge(MOST_BLOCKS as u32);
         let (mut here, mut body, mut material) = ([free_path, mu_a, mu_s, g, window], body, material);
-        let no = M::splat(simd, false);
         // `beyond`: in another medium, or behind a gap; touching bodies of one medium are one.
         let (mut escapes, mut crossed, mut beyond) = (no, no, no);
         if frame.straight && (passage.crosses & alive).any_true() {
             // The rest of the flight in the next body, if it stays in that.
-            let on = frame.ground.onward(simd, &frame.parts, body, r, w);
+            let on = frame.ground.onward(simd, &frame.parts, passage.crosses & alive, body, r, w);
             escapes = if frame.dark { passage.crosses & on.escapes } else { no };
             crossed = passage.crosses & on.open;
             if (crossed & alive).any_true() {
@@ -167,7 +179,15 @@ impl<'a, S: Simd> Flock<'a, S> {
                 let rest = (tau - on.leaves / free_path).max(splat(simd, 0.0)) * there[0];
                 let from = r.plus(on.enters, w);
                 let to = r.plus(on.enters + rest, w);
-                let second = frame.ground.pass(simd, on.body, from, w, rest, to);
+                let mut second = frame.ground.pass(simd, on.body, from, w, rest, to);
+                if meshes {
+                    let into = crossed & alive & !second.crosses;
+                    let (meets, clear) = frame.ground.pass_meshes(simd, into, on.body, from, w, rest, to);
+                    second.crosses |= meets;
+                    second.clear = second.clear.min(clear);
+                    left_known = choose(crossed, clear, left_known);
+                    stale &= !crossed;
+                }
                 crossed &= !second.crosses & !to.dot(to).simd_gt(frame.range_squared);
                 absorbed = choose(crossed, mu_a * on.leaves + there[1] * rest, absorbed);
                 end = V {
@@ -203,8 +223,18 @@ impl<'a, S: Simd> Flock<'a, S> {
             gone |= plays & (spare(b, c, d) * deep).simd_ge(weight) & !crosses;
             heavier = choose(plays, deep, weight);
         }
-        let (roulette, least) = (unit_short(d), (mu_a + mu_s) * passage.clear);
-        let near = (roulette * rarity(simd, least)).simd_lt(1.0);
+        let (roulette, mut least) = (unit_short(d), (mu_a + mu_s) * passage.clear);
+        let mut near = (roulette * rarity(simd, least)).simd_lt(1.0);
+        if meshes {
+            // A look costs more than to ask how far the surface really is.
+            let asks = near & stale & alive & !crosses & !dies;
+            if asks.any_true() {
+                let clear = frame.ground.from_meshes(simd, asks, body, end);
+                left_known = choose(asks, clear, left_known);
+                least = choose(asks, (mu_a + mu_s) * clear.min(beside), least);
+                near &= (roulette * rarity(simd, least)).simd_lt(1.0);
+            }
+        }
         let goes_on = alive & !crosses & !gone;
         let near = if frame.blind { no } else { near & alive & !crosses & !dies };
         let looks = near & goes_on;
@@ -253,7 +283,7 @@ impl<'a, S: Simd> Flock<'a, S> {
             step(mu_s, old[11]),
             step(g, old[12]),
             step(window, old[13]),
-            step(known - s, old[14]),
+            step(left_known, old[14]),
         ];
         self.words = [
             goes_on.select(number + 2, number),

@@ -2,16 +2,26 @@
 
 use serde_json::json;
 use turbid_contract::Stage;
-use turbid_contract::payload::Shape;
+use turbid_contract::payload::{Medium, Mesh, Shape, Specular};
 use turbid_render::RenderStage;
 
 use crate::setup::*;
+use crate::shapes::icosphere;
 
-/// FNV-1a over the f32 of all layers of all ports of four scenes: looks by the queue, looks one by one with surfaces, deep
-/// paths under roulette, and a fit. On every machine, with every number of threads and every vector width.
+/// FNV-1a over the f32 of all layers of all ports of six scenes: looks by the queue, looks one by one with surfaces, deep
+/// paths under roulette, a fit, a mesh in tissue, and a boundary that refracts, with something under it. On every machine, with every number of threads and every vector width.
 #[test]
 fn bytes_belong_to_the_version() {
-    let media = [("m", medium(0.05, 4.0, 0.8)), ("core", medium(0.3, 3.0, 0.5)), ("pale", medium(0.001, 10.0, 0.7))];
+    let media = [
+        ("m", medium(0.05, 4.0, 0.8)),
+        ("core", medium(0.3, 3.0, 0.5)),
+        ("pale", medium(0.001, 10.0, 0.7)),
+        ("dense", Medium { n: 1.4, ..medium(0.05, 4.0, 0.8) }),
+        ("denser", Medium { n: 1.4, ..medium(0.3, 3.0, 0.5) }),
+    ];
+    let (vertices, triangles) = icosphere(2.0, [1.0, 0.0, -0.5].into(), 3);
+    let lump = Shape::Mesh(Mesh { vertices, triangles });
+    let sunk = Shape::Sphere { diameter: 2.0, center: [1.0, 0.0, -2.0] };
     let slab = || Shape::Slab { top: 0.0, bottom: -50.0 };
     let ball = || Shape::Sphere { diameter: 4.0, center: [1.0, 0.0, -0.5] };
     let block = lambertian(Shape::Box { size: [2.0, 2.0, 1.0], center: [-2.0, 1.0, 0.5] }, 0.7);
@@ -20,10 +30,15 @@ fn bytes_belong_to_the_version() {
         vec![object(slab(), "m", 0), object(ball(), "m", 1), block],
         vec![object(slab(), "pale", 0)],
         vec![object(slab(), "core", 0)],
+        vec![object(slab(), "m", 0), object(lump, "core", 1)],
+        vec![object(slab(), "dense", 0), object(sunk, "denser", 1)],
     ];
     let mut digest = 0xcbf2_9ce4_8422_2325_u64;
+    let mut digests = Vec::new();
     for objects in scenes {
-        let scene = scene(&media, objects, rig(80.0, 9.0, 8.0, 5, 40.0));
+        let mut rig = rig(80.0, 9.0, 8.0, 5, 40.0);
+        rig.0.specular = Some(Specular::Exclude);
+        let scene = scene(&media, objects, rig);
         let params = json!({"f_x": [0, 0.1, 0.2], "orientation_deg": [0, 60], "samples": 20});
         for byte in run(&scene, &params, 11)
             .values()
@@ -32,6 +47,16 @@ fn bytes_belong_to_the_version() {
         {
             digest = (digest ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
         }
+        digests.push(digest);
     }
-    assert_eq!((RenderStage::VERSION, digest), (12, 0xbb7f_b6e4_260e_b010), "digest {digest:#x}");
+    // After each scene, so that it shows which of them has changed first.
+    let expected = [
+        0xefaf_404c_7d04_4ed1,
+        0x2b1b_156f_a752_f481,
+        0xa49e_ca28_a1cb_f77b,
+        0xbb7f_b6e4_260e_b010,
+        0x99ce_bab3_42b4_3f3b,
+        0xa375_924e_e45d_1815,
+    ];
+    assert_eq!((RenderStage::VERSION, &digests[..]), (12, &expected[..]), "digests {digests:#x?}");
 }

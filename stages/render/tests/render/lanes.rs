@@ -11,8 +11,9 @@ use turbid_render::light::{Carrier, Light};
 use turbid_render::path::{Nee, Setting, Walker};
 use turbid_render::pictures::Pictures;
 use turbid_render::single::{self, Frame};
+use turbid_render::world::World;
 
-use crate::unbiased::{curved_scenes, lamps, scenes, shaped_scenes};
+use crate::unbiased::{curved_scenes, lamps, mesh_scenes, scenes, shaped_scenes};
 
 /// In every odd scene, for whole and partial bundles, from channels and samples beyond the first.
 #[test]
@@ -65,13 +66,17 @@ fn camera_and_light() -> (Camera, Light) {
     (camera, Light::new(view([-9.0, 8.0, 20.0], 6.0), 1.0, false))
 }
 
+fn single_scenes() -> impl Iterator<Item = ((&'static str, World), Steady)> {
+    scenes().into_iter().chain(mesh_scenes()).flat_map(|s| [(s.clone(), Steady::NONE), (s, lamps())])
+}
+
 /// The same random numbers: path for path f32 lanes say what the scalar walker says, but for the few whose decisions rounding
 /// turns. Those go either way, so that the sums agree.
 #[test]
 fn f32_lanes_are_the_scalar_paths_to_rounding() {
     let (camera, light) = camera_and_light();
     let carriers = [Carrier::new(0.15, 20.0), Carrier::new(0.3, 110.0)];
-    for ((name, world), steady) in scenes().into_iter().flat_map(|s| [(s.clone(), Steady::NONE), (s, lamps())]) {
+    for ((name, world), steady) in single_scenes() {
         let setting = Setting {
             world: &world,
             camera: &camera,
@@ -117,7 +122,7 @@ fn f32_lanes_are_the_scalar_paths_to_rounding() {
 fn f32_lanes_and_levels_do_not_show() {
     let (camera, light) = camera_and_light();
     let carriers = [Carrier::new(0.15, 20.0)];
-    for ((name, world), steady) in scenes().into_iter().flat_map(|s| [(s.clone(), Steady::NONE), (s, lamps())]) {
+    for ((name, world), steady) in single_scenes() {
         let setting = Setting {
             world: &world,
             camera: &camera,

@@ -1,7 +1,7 @@
 //! The line estimator, in lanes, against point next-event estimation at every collision, in scenes that try to mislead it.
 
 use glam::{DVec2, DVec3};
-use turbid_optics::solid::{Frame, Solid};
+use turbid_optics::solid::{Frame, Mesh, Solid};
 use turbid_optics::view::View;
 use turbid_render::camera::Camera;
 use turbid_render::finish::Finish;
@@ -13,6 +13,8 @@ use turbid_render::moments::Moments;
 use turbid_render::path::{Nee, Setting, Walker};
 use turbid_render::pictures::Pictures;
 use turbid_render::world::{Body, Material, World};
+
+use crate::shapes;
 
 const VOID: usize = 0;
 const TISSUE: usize = 1;
@@ -158,6 +160,21 @@ pub fn curved_scenes() -> Vec<(&'static str, World)> {
                 (slab(-3.0, -9.0), WHITE),
             ]),
         ),
+    ]
+}
+
+/// Bodies of triangles: in a slab, with a bore and another body in it, and white.
+pub fn mesh_scenes() -> Vec<(&'static str, World)> {
+    let mesh = |(vertices, triangles): shapes::Triangles| Solid::Mesh(Mesh::new(&vertices, &triangles).into());
+    let slab = |top: f64, bottom: f64| Solid::Slab { bottom, top };
+    let sphere = mesh(shapes::icosphere(1.2, DVec3::new(0.2, 0.0, 0.1), 3));
+    let ring = mesh(shapes::ring(0.8, 2.0, 0.7, 64));
+    let block = mesh(shapes::block(DVec3::new(-1.0, -1.5, -0.5), DVec3::new(1.0, 1.5, 0.8)));
+    vec![
+        ("mesh in a slab", world(vec![(sphere.clone(), CORE), (slab(0.0, -500.0), TISSUE)])),
+        ("ring on a floor, a ball in its bore", world(vec![(ball([0.3, 0.0, -0.2], 0.4), CORE), (ring, TISSUE)])),
+        ("mesh alone", world(vec![(sphere, TISSUE)])),
+        ("white mesh on a slab", world(vec![(block, WHITE), (slab(0.0, -500.0), TISSUE)])),
     ]
 }
 

@@ -1,0 +1,119 @@
+//! Questions to a mesh per second of one core: by its tree in f64, and by its forms in single precision for lanes.
+//!
+//! `cargo bench -p turbid-optics --bench mesh [-- LEVELS]`: a sphere of 40 mm of 20 * 4^LEVELS triangles (6: 81,920). Points within 2 mm of its
+//! surface and 2 mm of a pole, as the paths of a pixel are; CPU time.
+
+use std::hint::black_box;
+
+use fearless_simd::{Level, Simd, dispatch};
+use glam::DVec3;
+use turbid_optics::philox::{philox4x32, unit};
+use turbid_optics::solid::facets::{Cells, Seen};
+use turbid_optics::solid::{Mesh, Solid};
+
+#[allow(dead_code, reason = "not all of them are needed here")]
+#[path = "../tests/shapes/mod.rs"]
+mod shapes;
+
+const RADIUS: f64 = 20.0;
+const POINTS: u32 = 5000;
+const ROUNDS: u32 = 40;
+
+fn main() {
+    let levels = std::env::args().filter_map(|a| a.parse().ok()).next().unwrap_or(6);
+    let (vertices, triangles) = shapes::icosphere(RADIUS, DVec3::ZERO, levels);
+    let mesh = Mesh::new(&vertices, &triangles);
+    let solid = Solid::Mesh(mesh.clone().into());
+    println!("{} triangles", mesh.triangles());
+    let began = cpu_seconds();
+    let cells = mesh.cells().expect("there is room");
+    println!("cells: {:.2} s to make, {:.1} MB", cpu_seconds() - began, 1e-6 * cells.bytes() as f64);
+    let eye = DVec3::new(35.0, 0.0, 500.0);
+    let began = cpu_seconds();
+    let seen = mesh.seen_from(eye).expect("there is room");
+    println!("seen from 500 mm: {:.2} s to make, {:.1} MB", cpu_seconds() - began, 1e-6 * seen.bytes() as f64);
+    let rays: Vec<(DVec3, DVec3)> = (0..POINTS)
+        .map(|i| {
+            let [a, b, c, d] = philox4x32([i, 0, 0, 0], [7, 0]).map(unit);
+            let e = philox4x32([i, 1, 0, 0], [7, 0]).map(unit);
+            let up = direction(0.003 * a, b);
+            ((RADIUS * (1.0 - 1e-3) - 2.0 * c * c) * up, direction(d, e[0]))
+        })
+        .collect();
+    let mut stays = Vec::new();
+    rate("f64: clearance", &rays, |p, _| solid.clearance(p));
+    rate("f64: whole line", &rays, |p, w| {
+        stays.clear();
+        solid.cut(p, w, None, &mut stays);
+        stays.len() as f64
+    });
+    for (name, level) in [("baseline", Level::baseline()), ("best", Level::new())] {
+        println!("{name}:");
+        dispatch!(level, simd => single(simd, cells, &seen, eye, &rays));
+    }
+}
+
+#[inline(always)]
+fn single<S: Simd>(simd: S, cells: &Cells, seen: &Seen, eye: DVec3, rays: &[(DVec3, DVec3)]) {
+    let flat = |v: DVec3| v.as_vec3().to_array();
+    rate("f32: clearance", rays, |p, _| f64::from(cells.clearance(flat(p))));
+    rate("f32: flight of 0.24 mm", rays, |p, w| {
+        simd.vectorize(
+            #[inline(always)]
+            || f64::from(cells.first(simd, flat(p), flat(w), true, 0.24).is_some()),
+        )
+    });
+    rate("f32: the way out up to 4 mm", rays, |p, w| {
+        simd.vectorize(
+            #[inline(always)]
+            || f64::from(cells.first(simd, flat(p), flat(w), true, 4.0).is_some()),
+        )
+    });
+    rate("f32: the way out", rays, |p, w| {
+        let out = simd.vectorize(
+            #[inline(always)]
+            || cells.first(simd, flat(p), flat(w), true, f32::INFINITY),
+        );
+        out.map_or(0.0, |c| f64::from(c.t))
+    });
+    let mut found = Vec::new();
+    rate("f32: to the eye, by cells", rays, |p, _| {
+        let w = flat((eye - p).normalize());
+        simd.vectorize(
+            #[inline(always)]
+            || cells.crossings(simd, flat(p), w, &mut found),
+        );
+        found.len() as f64
+    });
+    rate("f32: to the eye, as seen", rays, |p, _| {
+        simd.vectorize(
+            #[inline(always)]
+            || seen.towards(simd, flat(p), &mut found),
+        );
+        found.len() as f64
+    });
+}
+
+fn direction(u: f64, v: f64) -> DVec3 {
+    let (cos, phi) = (1.0 - 2.0 * u, 2.0 * std::f64::consts::PI * v);
+    let sin = (1.0 - cos * cos).sqrt();
+    DVec3::new(sin * phi.cos(), sin * phi.sin(), cos)
+}
+
+fn rate(name: &str, rays: &[(DVec3, DVec3)], mut ask: impl FnMut(DVec3, DVec3) -> f64) {
+    let (mut best, mut sum) = (f64::INFINITY, 0.0);
+    for _ in 0..5 {
+        let began = cpu_seconds();
+        // Long enough for clocks that tick every few milliseconds.
+        sum = (0..ROUNDS).flat_map(|_| rays).map(|&(p, w)| ask(p, w)).sum::<f64>() / f64::from(ROUNDS);
+        best = best.min((cpu_seconds() - began) / f64::from(ROUNDS));
+    }
+    black_box(sum);
+    println!("  {name:28} {:8.0} ns   (mean answer {:.4})", 1e9 * best / rays.len() as f64, sum / rays.len() as f64);
+}
+
+/// Seconds that this thread has had a core (Linux; 0 elsewhere).
+fn cpu_seconds() -> f64 {
+    let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
+    text.split(' ').next().and_then(|ns| ns.parse::<f64>().ok()).unwrap_or(0.0) * 1e-9
+}

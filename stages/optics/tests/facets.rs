@@ -1,0 +1,226 @@
+//! The forms of a mesh in single precision say what the mesh itself says, to rounding.
+
+use fearless_simd::{Level, dispatch};
+use glam::DVec3;
+use turbid_optics::philox::{philox4x32, unit};
+use turbid_optics::solid::facets::Crossing;
+use turbid_optics::solid::{Mesh, Solid, Stay};
+
+mod shapes;
+use shapes::{Triangles, block, icosphere, ring};
+
+/// Size, f32 and all that is added: some ten roundings of 6e-8.
+const ROUNDING: f64 = 1e-6;
+
+fn draw(i: u32) -> [f64; 4] {
+    philox4x32([i, 0, 0, 0], [43, 0]).map(unit)
+}
+
+fn direction(i: u32) -> DVec3 {
+    let [u, v, ..] = draw(i);
+    let (cos, phi) = (2.0 * u - 1.0, 2.0 * std::f64::consts::PI * v);
+    let sin = (1.0 - cos * cos).sqrt();
+    DVec3::new(sin * phi.cos(), sin * phi.sin(), cos)
+}
+
+/// Coarse and fine, convex and not, thin, and with triangles much longer than wide.
+fn meshes() -> Vec<(&'static str, Triangles)> {
+    let center = DVec3::new(30.0, -7.0, 3.0);
+    vec![
+        ("icosahedron", icosphere(3.0, center, 0)),
+        ("sphere", icosphere(3.0, center, 5)),
+        ("block", block(DVec3::new(-1.0, -2.0, -3.0), DVec3::new(1.0, 2.0, 3.0))),
+        ("leaf", block(DVec3::new(-5.0, -5.0, -0.01), DVec3::new(5.0, 5.0, 0.01))),
+        ("ring", ring(1.0, 2.0, 0.5, 500)),
+    ]
+}
+
+fn cut(solid: &Solid, p: DVec3, w: DVec3) -> Vec<Stay> {
+    let mut stays = Vec::new();
+    solid.cut(p, w, None, &mut stays);
+    stays
+}
+
+struct Case {
+    name: &'static str,
+    mesh: Mesh,
+    solid: Solid,
+    center: DVec3,
+    size: f64,
+}
+
+fn cases() -> impl Iterator<Item = Case> {
+    meshes().into_iter().map(|(name, (vertices, triangles))| {
+        let mesh = Mesh::new(&vertices, &triangles);
+        let solid = Solid::Mesh(std::sync::Arc::new(mesh.clone()));
+        let (low, high) = solid.bounds();
+        Case { name, center: mesh.center(), mesh, solid, size: (high - low).max_element() }
+    })
+}
+
+impl Case {
+    /// A point in a cube twice as large.
+    fn point(&self, i: u32) -> DVec3 {
+        let [x, y, z, _] = draw(i);
+        self.center + (2.0 * DVec3::new(x, y, z) - 1.0) * self.size
+    }
+
+    fn local(&self, p: DVec3) -> [f32; 3] {
+        (p - self.center).as_vec3().to_array()
+    }
+
+    /// t > 0 of all crossings, and whether they lead out.
+    fn crossings(&self, p: DVec3, w: DVec3) -> Vec<(f64, bool)> {
+        let stays = cut(&self.solid, p, w);
+        stays.iter().flat_map(|s| [(s.enter, false), (s.leave, true)]).filter(|c| c.0 > 0.0).collect()
+    }
+
+    /// Whether two lists of crossings are the same but for what rounding may move: beside edges a line may touch or miss.
+    fn same(&self, found: &[Crossing], expected: &[(f64, bool)]) -> bool {
+        found.len() == expected.len()
+            && found.iter().zip(expected).all(|(f, e)| {
+                // Aslant, rounding across the line moves the crossing along it by more.
+                f.leaves == e.1 && (f64::from(f.t) - e.0).abs() < 100.0 * ROUNDING * self.size
+            })
+    }
+}
+
+/// Crossings of 4000 rays of each, all and the first of either kind, at every vector width.
+#[test]
+fn rays_cross_cells_as_they_cross_the_mesh() {
+    for case in cases() {
+        let cells = case.mesh.cells().expect("they are small");
+        assert!(cells.bytes() <= 40 << 20, "{}: {} bytes", case.name, cells.bytes());
+        let (mut met, mut others) = (0, 0);
+        for i in 0..4000 {
+            let (p, w) = (case.point(i), direction(i));
+            let expected = case.crossings(p, w);
+            let (local, along) = (case.local(p), w.as_vec3().to_array());
+            let mut all = Vec::new();
+            dispatch!(Level::new(), simd => cells.crossings(simd, local, along, &mut all));
+            met += usize::from(!all.is_empty());
+            others += usize::from(!case.same(&all, &expected));
+            let until = (0.5 * case.size) as f32;
+            for leaves in [false, true] {
+                let nearest = all.iter().copied().find(|c| c.leaves == leaves);
+                let first = dispatch!(Level::new(), simd => cells.first(simd, local, along, leaves, f32::INFINITY));
+                let bounded = dispatch!(Level::baseline(), simd => cells.first(simd, local, along, leaves, until));
+                assert_eq!(first, nearest, "{} {i}", case.name);
+                assert_eq!(bounded, nearest.filter(|c| c.t <= until), "{} {i}", case.name);
+            }
+        }
+        assert!(met > 100, "{}: {met} rays meet it", case.name);
+        // Of 1e6 roundings of the size, those that pass an edge: some 1e-6 of the size times its length over the area.
+        assert!(others <= 2, "{}: {others} rays differ", case.name);
+    }
+}
+
+/// What lies between 4000 points, within the mesh and around it, and an eye near it and far away; an eye inside has no such view.
+#[test]
+fn looks_towards_a_point_meet_what_rays_meet() {
+    for case in cases() {
+        for (k, far) in [2.0, 30.0].into_iter().enumerate() {
+            let eye = case.center + far * case.size * DVec3::new(0.3, -0.2, 0.9).normalize();
+            let seen = case.mesh.seen_from(eye).expect("from outside");
+            assert!(seen.bytes() <= 12 << 20, "{}: {} bytes", case.name, seen.bytes());
+            let (mut met, mut others, mut found) = (0, 0, Vec::new());
+            for i in 0..4000 {
+                let p = case.point(i + 4000 * k as u32);
+                let distance = eye.distance(p);
+                let mut expected = case.crossings(p, (eye - p) / distance);
+                expected.retain(|c| c.0 < distance);
+                dispatch!(Level::new(), simd => seen.towards(simd, case.local(p), &mut found));
+                met += usize::from(!found.is_empty());
+                others += usize::from(!case.same(&found, &expected));
+            }
+            assert!(met > 100, "{}: {met} looks meet it", case.name);
+            assert!(others <= 2, "{}, from {far}: {others} looks differ", case.name);
+        }
+        assert!(case.mesh.seen_from(case.center).is_none(), "{}", case.name);
+    }
+}
+
+/// Rays from an eye cross what the mesh says they cross, to f64.
+#[test]
+fn rays_from_a_point_are_cut_by_what_is_seen_from_there() {
+    for case in cases() {
+        let eye = case.center + 20.0 * case.size * DVec3::new(-0.3, 0.4, 0.8).normalize();
+        let seen = case.mesh.seen_from(eye).expect("from outside");
+        let (mut met, mut others, mut stays) = (0, 0, Vec::new());
+        for i in 0..4000 {
+            let w = (case.center + 0.5 * (case.point(i) - case.center) - eye).normalize();
+            let expected = cut(&case.solid, eye, w);
+            stays.clear();
+            dispatch!(Level::new(), simd => case.mesh.cut_seen(simd, (eye, &seen), w, &mut stays));
+            met += usize::from(!stays.is_empty());
+            // The plane of a triangle is met to some roundings of the distance over the cosine.
+            let near = |a: f64, b: f64| (a - b).abs() < 1e-9 * case.size;
+            let same = |(a, b): (&Stay, &Stay)| near(a.enter, b.enter) && near(a.leave, b.leave);
+            others += usize::from(stays.len() != expected.len() || !stays.iter().zip(&expected).all(same));
+        }
+        assert!(met > 100, "{}: {met} rays meet it", case.name);
+        // Those that pass an edge within the rounding of single precision.
+        assert!(others <= 2, "{}: {others} rays differ", case.name);
+    }
+}
+
+/// Where a line grazes the mesh or hits vertices and edges, crossings still come in pairs.
+#[test]
+fn crossings_alternate_wherever_a_ray_is_aimed() {
+    for case in cases() {
+        let (vertices, _) = meshes().into_iter().find(|m| m.0 == case.name).unwrap().1;
+        let cells = case.mesh.cells().unwrap();
+        let mut found = Vec::new();
+        for i in 0..4000 {
+            let [u, v, ..] = draw(i);
+            let pick = |u: f64| DVec3::from(vertices[(u * vertices.len() as f64) as usize]);
+            // Through one vertex, or along the chord of two.
+            let target = pick(u);
+            let from =
+                if i % 2 == 0 { case.center + 3.0 * case.size * direction(i) } else { 3.0 * pick(v) - 2.0 * target };
+            let Some(w) = (target - from).try_normalize() else { continue };
+            if case.solid.contains(from) || case.solid.clearance(from) < 1e-3 * case.size {
+                continue;
+            }
+            let (p, w) = (case.local(from), w.as_vec3().to_array());
+            dispatch!(Level::new(), simd => cells.crossings(simd, p, w, &mut found));
+            let balance: i32 = found.iter().map(|c| if c.leaves { -1 } else { 1 }).sum();
+            assert_eq!(balance, 0, "{} {i}: {found:?}", case.name);
+        }
+    }
+}
+
+/// Clearances are lower bounds; within a cell of a flat face, 3 cells from its edges, they are the distance. Between points that
+/// are said to see each other nothing lies.
+#[test]
+fn clearances_are_below_the_distance_and_near_it() {
+    for case in cases() {
+        let cells = case.mesh.cells().unwrap();
+        let (mut near, mut free) = (0, 0);
+        // A 48th of its longest side.
+        let cell = 0.125;
+        for i in 0..20_000 {
+            let p = if i % 2 == 0 { case.point(i) } else { case.center + 0.5 * (case.point(i) - case.center) };
+            let exact = case.solid.clearance(p);
+            let clear = f64::from(cells.clearance(case.local(p)));
+            // The mesh's own is a lower bound too, exact near the surface.
+            let distance = exact.max(0.0);
+            let bound = if distance < case.size / 50.0 { distance } else { f64::INFINITY };
+            assert!(clear >= 0.0 && clear <= bound + ROUNDING * case.size, "{} {i}: {clear}, {exact}", case.name);
+            let inner = p.abs().cmplt(DVec3::new(1.0, 2.0, 3.0) - 3.0 * cell);
+            if case.name == "block" && distance < cell && inner.bitmask().count_ones() == 2 {
+                near += 1;
+                // Less the slack that is left for rounding.
+                assert!((clear - distance).abs() < 2.0 * ROUNDING * case.size, "{i}: {clear} of {distance}");
+            }
+            let q = p + 0.02 * case.size * direction(i);
+            if cells.is_free(case.local(p), case.local(q)) {
+                free += 1;
+                let met = case.crossings(p, (q - p).normalize());
+                assert!(met.iter().all(|c| c.0 > p.distance(q)), "{} {i}: {met:?}", case.name);
+            }
+        }
+        assert!(free > 20, "{}: {free} pairs", case.name);
+        assert!(case.name != "block" || near > 20, "{near} points near a face");
+    }
+}

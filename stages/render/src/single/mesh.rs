@@ -1,0 +1,291 @@
+//! Meshes among the bodies of the lanes: asked lane by lane, each in coordinates about its center.
+
+use std::sync::Arc;
+
+use fearless_simd::prelude::*;
+use glam::DVec3;
+use turbid_optics::solid::facets::{Cells, Crossing, Seen};
+use turbid_optics::solid::{Mesh, Stay};
+
+use super::ground::{Ground, Span};
+use super::lane::{F, LANES, M, U, V};
+use super::look::{MOST_BODIES, Spans};
+
+/// A mesh in single precision.
+#[derive(Clone, Debug)]
+pub struct Facets {
+    /// Which body it is.
+    pub body: u32,
+    mesh: Arc<Mesh>,
+    /// From where light comes; `None` where it stands too near.
+    lit: Option<Arc<Seen>>,
+    /// The same from where the camera stands.
+    shown: Option<Arc<Seen>>,
+    /// Local coordinates of its center.
+    center: [f32; 3],
+}
+
+/// Points towards or from which many lines run.
+pub struct Eyes {
+    pub camera: DVec3,
+    /// `None` where there is no projector.
+    pub light: Option<DVec3>,
+}
+
+/// Where a line stays in a mesh first, and what else there is.
+struct FirstStay {
+    enter: f32,
+    leave: f32,
+    /// The face at `leave` if it starts inside, else at `enter`.
+    face: u32,
+    /// It comes back.
+    again: bool,
+}
+
+impl Facets {
+    /// `None` where there is no room for its cells.
+    pub fn of(mesh: &Arc<Mesh>, body: usize, origin: DVec3, eyes: &Eyes) -> Option<Self> {
+        mesh.cells()?;
+        let lit = eyes.light.and_then(|eye| mesh.seen_from(eye));
+        let shown = mesh.seen_from(eyes.camera);
+        let center = (mesh.center() - origin).as_vec3().to_array();
+        Some(Self { body: body as u32, mesh: mesh.clone(), lit, shown, center })
+    }
+
+    /// Where the camera's ray is in it; false where it has to be asked otherwise.
+    #[inline(always)]
+    pub fn cut_shown<S: Simd>(&self, simd: S, eye: DVec3, along: DVec3, stays: &mut Vec<Stay>) -> bool {
+        let Some(shown) = &self.shown else { return false };
+        self.mesh.cut_seen(simd, (eye, shown), along, stays);
+        true
+    }
+
+    #[inline(always)]
+    fn cells(&self) -> &Cells {
+        self.mesh.cells().expect("asked for when it was made")
+    }
+
+    #[inline(always)]
+    fn local(&self, p: [f32; 3]) -> [f32; 3] {
+        [p[0] - self.center[0], p[1] - self.center[1], p[2] - self.center[2]]
+    }
+}
+
+/// In order along a line, the first stay ahead of its start.
+#[inline(always)]
+fn first_stay(crossings: &[Crossing]) -> Option<FirstStay> {
+    let first = crossings.first()?;
+    let (enter, last) = if first.leaves { (f32::NEG_INFINITY, 0) } else { (first.t, 1) };
+    let leave = crossings.get(last).map_or(f32::INFINITY, |c| c.t);
+    Some(FirstStay { enter, leave, face: first.face, again: crossings.len() > last + 1 })
+}
+
+#[inline(always)]
+fn lane_of<S: Simd>(v: V<S>, lane: usize) -> [f32; 3] {
+    [v.x.as_slice()[lane], v.y.as_slice()[lane], v.z.as_slice()[lane]]
+}
+
+/// The lanes that are set.
+fn bits(mut mask: u64) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let lane = mask.trailing_zeros() as usize;
+        mask &= mask.wrapping_sub(1);
+        (lane < LANES).then_some(lane)
+    })
+}
+
+impl Ground {
+    /// Flights of some lanes: which of them leave their mesh or meet one of higher priority, and how far from those surfaces
+    /// the others end at least.
+    #[inline(always)]
+    #[allow(clippy::too_many_arguments, reason = "a question in lanes")]
+    pub fn pass_meshes<S: Simd>(
+        &self,
+        simd: S,
+        asked: M<S>,
+        body: U<S>,
+        r: V<S>,
+        w: V<S>,
+        s: F<S>,
+        end: V<S>,
+    ) -> (M<S>, F<S>) {
+        let (mut crosses, mut clear) = (0_u64, [f32::INFINITY; LANES]);
+        for mesh in &self.meshes {
+            let cells = mesh.cells();
+            // In two passes, so that the memory is asked for all lanes at once.
+            let mut near = 0_u64;
+            for lane in bits(asked.to_bitmask()).filter(|&lane| mesh.body <= body.as_slice()[lane]) {
+                let after = cells.clearance(mesh.local(lane_of(r, lane))) - s.as_slice()[lane];
+                if after > 0.0 {
+                    clear[lane] = clear[lane].min(after);
+                } else {
+                    near |= 1 << lane;
+                }
+            }
+            for lane in bits(near) {
+                let (from, to) = (mesh.local(lane_of(r, lane)), mesh.local(lane_of(end, lane)));
+                if !cells.is_free(from, to) {
+                    let (leaves, until) = (mesh.body == body.as_slice()[lane], s.as_slice()[lane]);
+                    crosses |= u64::from(cells.first(simd, from, lane_of(w, lane), leaves, until).is_some()) << lane;
+                }
+                clear[lane] = clear[lane].min(cells.clearance(to));
+            }
+        }
+        (M::from_bitmask(simd, crosses), F::load_array(simd, clear))
+    }
+
+    /// How far from meshes points are at least; 0 in lanes that are not asked.
+    #[inline(always)]
+    pub fn from_meshes<S: Simd>(&self, simd: S, asked: M<S>, body: U<S>, p: V<S>) -> F<S> {
+        let mut clear = [0.0; LANES];
+        for lane in bits(asked.to_bitmask()) {
+            let (own, p) = (body.as_slice()[lane], lane_of(p, lane));
+            let meshes = self.meshes.iter().filter(|mesh| mesh.body <= own);
+            clear[lane] = meshes.map(|mesh| mesh.cells().clearance(mesh.local(p))).fold(f32::INFINITY, f32::min);
+        }
+        F::load_array(simd, clear)
+    }
+
+    /// Where rays are in the mesh that is body `j`; the lanes that come back to it later are added to `again`.
+    #[inline(always)]
+    pub fn span_of_mesh<S: Simd>(&self, simd: S, j: usize, asked: M<S>, r: V<S>, w: V<S>, again: &mut u64) -> Span<S> {
+        let (mut enter, mut leave) = ([f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]);
+        let mut found = Vec::new();
+        for mesh in self.meshes.iter().filter(|mesh| mesh.body == j as u32) {
+            for lane in bits(asked.to_bitmask()) {
+                mesh.cells().crossings(simd, mesh.local(lane_of(r, lane)), lane_of(w, lane), &mut found);
+                if let Some(stay) = first_stay(&found) {
+                    (enter[lane], leave[lane]) = (stay.enter, stay.leave);
+                    *again |= u64::from(stay.again) << lane;
+                }
+            }
+        }
+        Span { enter: F::load_array(simd, enter), leave: F::load_array(simd, leave) }
+    }
+
+    /// Adds to the spans of rays where they leave their own mesh, or come to one of higher priority; what is farther than `until` may be
+    /// missing, and counts as there.
+    #[inline(always)]
+    #[allow(clippy::too_many_arguments, reason = "a question in lanes")]
+    pub fn add_ahead<S: Simd>(
+        &self,
+        simd: S,
+        asked: M<S>,
+        body: U<S>,
+        r: V<S>,
+        w: V<S>,
+        until: F<S>,
+        spans: &mut Spans<S>,
+    ) {
+        for mesh in &self.meshes {
+            let (mut enter, mut leave) = ([f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]);
+            for lane in bits(asked.to_bitmask()) {
+                let (own, until) = (body.as_slice()[lane], until.as_slice()[lane]);
+                if mesh.body > own {
+                    continue;
+                }
+                let (p, along) = (mesh.local(lane_of(r, lane)), lane_of(w, lane));
+                let leaves = mesh.body == own;
+                let met = mesh.cells().first(simd, p, along, leaves, until).map(|c| c.t);
+                (enter[lane], leave[lane]) = if leaves {
+                    // Without an end, where there must be one, rounding has put the start outside.
+                    let end = met.unwrap_or(if until < f32::INFINITY { until } else { 0.0 });
+                    (f32::NEG_INFINITY, end)
+                } else {
+                    (met.unwrap_or(f32::INFINITY), met.map_or(f32::NEG_INFINITY, |_| f32::INFINITY))
+                };
+            }
+            spans[mesh.body as usize] = Span { enter: F::load_array(simd, enter), leave: F::load_array(simd, leave) };
+        }
+    }
+
+    /// Adds to the spans of lines to the light where they first stay in meshes, and to `normals` those of the first face of each; says
+    /// which lanes come back to one later.
+    #[inline(always)]
+    #[allow(clippy::too_many_arguments, reason = "a question in lanes")]
+    pub fn add_towards_light<S: Simd>(
+        &self,
+        simd: S,
+        asked: M<S>,
+        r: V<S>,
+        towards: V<S>,
+        distance: F<S>,
+        spans: &mut Spans<S>,
+        normals: &mut [V<S>; MOST_BODIES],
+    ) -> u64 {
+        let (mut again, mut found) = (0, Vec::new());
+        for mesh in &self.meshes {
+            let (mut enter, mut leave) = ([f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]);
+            let mut normal = [[f32::NAN; LANES]; 3];
+            for lane in bits(asked.to_bitmask()) {
+                mesh.between(simd, lane, r, towards, distance, &mut found);
+                if let Some(stay) = first_stay(&found) {
+                    (enter[lane], leave[lane]) = (stay.enter, stay.leave);
+                    again |= u64::from(stay.again) << lane;
+                    let n = mesh.mesh.normal(stay.face).as_vec3().to_array();
+                    normal.iter_mut().zip(n).for_each(|(axis, n)| axis[lane] = n);
+                }
+            }
+            let j = mesh.body as usize;
+            spans[j] = Span { enter: F::load_array(simd, enter), leave: F::load_array(simd, leave) };
+            let [x, y, z] = normal.map(|axis| F::load_array(simd, axis));
+            normals[j] = V { x, y, z };
+        }
+        again
+    }
+
+    /// Optical depth of the line to the light in one lane, whatever meshes it comes back to: piece by piece.
+    #[inline(never)]
+    pub fn optical_depth_of<S: Simd>(
+        &self,
+        simd: S,
+        lane: usize,
+        (r, towards, distance): (V<S>, V<S>, F<S>),
+        spans: &Spans<S>,
+        mu_t: &[f32],
+    ) -> f32 {
+        let far = distance.as_slice()[lane];
+        let mut stays = Vec::new();
+        for (j, span) in spans.iter().enumerate().take(self.bodies()) {
+            let Some(mesh) = self.meshes.iter().find(|mesh| mesh.body == j as u32) else {
+                stays.push((j, span.enter.as_slice()[lane], span.leave.as_slice()[lane]));
+                continue;
+            };
+            let mut found = Vec::new();
+            mesh.between(simd, lane, r, towards, distance, &mut found);
+            let mut inside = found.first().filter(|c| c.leaves).map(|_| f32::NEG_INFINITY);
+            for c in found {
+                if let (true, Some(enter)) = (c.leaves, inside) {
+                    stays.push((j, enter, c.t));
+                }
+                inside = (!c.leaves).then_some(c.t);
+            }
+            stays.extend(inside.map(|enter| (j, enter, f32::INFINITY)));
+        }
+        let mut ends: Vec<f32> = stays.iter().flat_map(|s| [s.1, s.2]).map(|t| t.clamp(0.0, far)).collect();
+        ends.extend([0.0, far]);
+        ends.sort_by(f32::total_cmp);
+        let piece = |pair: &[f32]| {
+            let middle = 0.5 * (pair[0] + pair[1]);
+            let holder = stays.iter().filter(|s| s.1 < middle && middle < s.2).map(|s| s.0).min();
+            holder.map_or(0.0, |j| mu_t[j] * (pair[1] - pair[0]))
+        };
+        ends.windows(2).map(piece).sum()
+    }
+}
+
+impl Facets {
+    /// What lies between a lane's point and the light.
+    #[inline(always)]
+    fn between<S: Simd>(&self, simd: S, lane: usize, r: V<S>, to: V<S>, distance: F<S>, found: &mut Vec<Crossing>) {
+        let p = self.local(lane_of(r, lane));
+        match &self.lit {
+            Some(seen) => seen.towards(simd, p, found),
+            None => {
+                self.cells().crossings(simd, p, lane_of(to, lane), found);
+                let far = distance.as_slice()[lane];
+                found.retain(|c| c.t < far);
+            }
+        }
+    }
+}
