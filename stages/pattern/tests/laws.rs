@@ -39,6 +39,7 @@ fn scene(shape: Shape, projector: Projector) -> Scene {
     let medium = Medium { mu_a: vec![0.1], mu_s: vec![5.0], g: 0.8, n: 1.0 };
     let object = Object { shape, medium: Some("m".into()), priority: 0, surface: Surface::Smooth };
     Scene {
+        detectors: Default::default(),
         wavelengths_nm: Vec::new(),
         media: BTreeMap::from([("m".into(), medium)]),
         objects: BTreeMap::from([("wall".into(), object)]),
