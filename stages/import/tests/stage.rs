@@ -83,7 +83,8 @@ fn every_kind_of_file_is_read() {
         let channels = SpecificChannels::build().with_channel("Y").with_pixel_fn(pixel);
         exr::prelude::Image::from_channels((COLUMNS, ROWS), channels).write().to_buffered(&mut exr).unwrap();
     }
-    let cases: [(&str, Vec<u8>, Option<Channel>, Option<f64>, Vec<f64>); 7] = [
+    type Case = (&'static str, Vec<u8>, Option<Channel>, Option<f64>, Vec<f64>);
+    let cases: [Case; 7] = [
         ("png 8", grey8(|i| bytes[i]).to_vec(), None, Some(255.0), bytes.iter().map(|&v| f64::from(v)).collect()),
         (
             "png 16",
@@ -141,11 +142,11 @@ fn dark_and_flat_are_taken_off() {
     let names = ["frames.0.file", "frames.1.file", "frames.2.file"];
     let exposures = [0.0, 1.0, -1.0];
     let mut listed = Vec::new();
-    for k in 0..3 {
-        let light = libm::exp2(exposures[k]);
+    for (k, exposure) in exposures.into_iter().enumerate() {
+        let light = libm::exp2(exposure);
         files.push((names[k], tiff16(move |i| number(i, 0.4 * light * scene(i, turn * k as f64)))));
         listed.push(
-            json!({"file": "a.tif", "f_x": 0.1, "phase_deg": 120 * k, "exposure": exposures[k], "wavelength_nm": 635}),
+            json!({"file": "a.tif", "f_x": 0.1, "phase_deg": 120 * k, "exposure": exposure, "wavelength_nm": 635}),
         );
     }
     let params = json!({"frames": listed, "dark": "d.tif", "flat": "f.tif", "full_scale": 2e-5, "full_well": 20000, "read_noise": 5});

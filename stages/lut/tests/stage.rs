@@ -120,7 +120,7 @@ fn every_mistake_has_its_field() {
     }
     assert!(problems(&json!({"model": "rte", "f_x": [0], "n": 1.4}))[0].contains("missing field `g`"));
     let slab = json!({"model": "diffusion", "f_x": [0], "g": 0.8, "n": 1.4, "thickness": 2});
-    assert!(problems(&slab)[0].contains("only the transport model knows slabs"));
+    assert!(problems(&slab)[0].contains("only transport and phantoms know slabs"));
 }
 
 /// Guards VERSION: the bits of a small table, the same on every machine. If this changes on purpose, raise VERSION.
