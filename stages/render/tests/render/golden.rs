@@ -56,7 +56,7 @@ fn bytes_belong_to_the_version() {
         0xa49e_ca28_a1cb_f77b,
         0xbb7f_b6e4_260e_b010,
         0x99ce_bab3_42b4_3f3b,
-        0xa375_924e_e45d_1815,
+        0xc95f_d201_21c5_ac7c,
     ];
     assert_eq!((RenderStage::VERSION, &digests[..]), (12, &expected[..]), "digests {digests:#x?}");
 }
