@@ -302,7 +302,7 @@ fn mistakes_are_named() {
             &["more than one shape"],
         ),
         (with("/objects/tissue/cone", json!({})), "objects.tissue.cone", &["unknown field `cone`"]),
-        (with("/objects/tissue/surface", json!("mirror")), "objects.tissue.surface", &["mirror", "lambertian"]),
+        (with("/objects/tissue/surface", json!("mirror")), "camera.specular", &["is a mirror"]),
         (
             with("/objects/tissue/surface", json!({"lambertian": 1.5})),
             "objects.tissue.surface.lambertian",
