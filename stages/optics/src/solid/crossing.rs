@@ -301,11 +301,11 @@ mod tests {
     }
 
     /// On a sphere all places lie in the plane of its centre and the ends: there they are counted where Snell's residual changes its sign
-    /// along 20,000 points of the circle. The one found is among them, and where there is only one (seen from every place inside from which the
-    /// light has met no focus) it is found but for a few.
+    /// along 20,000 points of the circle. The one found is a place of least length among them, and where there is only one, and it is such a place (the
+    /// light has met no focus), it is found.
     #[test]
     fn a_sphere_is_crossed_where_a_dense_scan_says() {
-        let (mut several, mut single, mut missed) = (0, 0, 0);
+        let (mut several, mut single, mut beyond, mut missed) = (0, 0, 0, 0);
         let sphere = Solid::Ellipsoid { center: DVec3::ZERO, radii: DVec3::ONE };
         for i in 0..400 {
             let near = 0.99 * cube(7 * i).normalize() * cube(7 * i + 3).x.abs().sqrt();
@@ -325,7 +325,8 @@ mod tests {
                 let at = |k: i32| 2.0 * std::f64::consts::PI * f64::from(k) / f64::from(n);
                 let ((r0, out0), (r1, out1)) = (residual(at(k)), residual(at(k + 1)));
                 if out0 && out1 && r0 * r1 < 0.0 {
-                    places.push(at(k));
+                    // The residual points downhill: towards a place of least length, away from one beyond a focus.
+                    places.push((at(k), r0 > 0.0));
                 }
             }
             let mut found = Vec::new();
@@ -335,15 +336,16 @@ mod tests {
             });
             assert!(found.len() <= 1);
             for phi in &found {
-                let near_one = places.iter().any(|place| (place - phi).abs() < 1e-3);
+                let near_one = places.iter().any(|(place, least)| *least && (place - phi).abs() < 1e-3);
                 assert!(near_one, "{near} {far}: {phi} is not among {places:?}");
             }
-            single += usize::from(places.len() == 1);
+            let only = places.len() == 1;
+            single += usize::from(only && places[0].1);
+            beyond += usize::from(only && !places[0].1);
             several += usize::from(places.len() > 1);
-            missed += usize::from(places.len() == 1 && found.is_empty());
+            missed += usize::from(only && places[0].1 && found.is_empty());
         }
-        // Three of 306 are missed, which is not understood. Nothing is lost by it: a way that is not found here is left to those found by chance
-        // (the renderer's `caustic`), at a price in noise.
-        assert!(single > 250 && several > 5 && missed <= 3, "{single} single, {several} several, {missed} missed");
+        let counts = format!("{single} single, {beyond} beyond a focus, {several} several, {missed} missed");
+        assert!(single > 250 && beyond > 0 && several > 5 && missed == 0, "{counts}");
     }
 }
