@@ -29,6 +29,9 @@ const GLASS: usize = 8;
 const DENSE: usize = 9;
 const FROSTED: usize = 10;
 const FROSTED_CORE: usize = 11;
+/// Dark, so that paths are short: a look for light through curved walls costs as much as a hundred flights.
+const MURKY: usize = 12;
+const MURKY_CORE: usize = 13;
 
 fn world(bodies: Vec<(Solid, usize)>) -> World {
     let medium = |mu_a, mu_s, g| Material::medium(mu_a, mu_s, g, 1.0);
@@ -47,6 +50,8 @@ fn world(bodies: Vec<(Solid, usize)>) -> World {
             Material::medium(0.05, 1.0, -0.3, 2.5),
             Material { finish: Finish::Rough(0.4), ..Material::medium(0.02, 2.0, 0.7, 1.4) },
             Material { finish: Finish::Rough(0.7), ..Material::medium(0.1, 3.0, 0.5, 1.5) },
+            Material::medium(0.6, 2.0, 0.7, 1.4),
+            Material::medium(1.2, 4.0, 0.5, 1.4),
         ],
         textures: Vec::new(),
     }
@@ -147,15 +152,15 @@ pub fn curved_scenes() -> Vec<(&'static str, World)> {
         (
             "wet dome on a wet slab, a wet ball in the air",
             world(vec![
-                (ball([0.2, 0.0, 0.0], 1.0), WET_CORE),
-                (ball([-1.3, -1.2, 1.2], 0.5), WET),
-                (slab(0.0, -500.0), WET),
+                (ball([0.2, 0.0, 0.0], 1.0), MURKY_CORE),
+                (ball([-1.3, -1.2, 1.2], 0.5), MURKY),
+                (slab(0.0, -500.0), MURKY),
             ]),
         ),
         (
             "wet tube in a glass box, half over a white floor",
             world(vec![
-                (Solid::tube(1.6, 3.0, DVec2::new(0.3, 0.0), -3.0, 0.6), WET),
+                (Solid::tube(1.6, 3.0, DVec2::new(0.3, 0.0), -3.0, 0.6), MURKY),
                 (cuboid([-2.0, -1.0, -2.0], [2.0, 2.0, 0.2]).turned(tilt), GLASS),
                 (slab(-3.0, -9.0), WHITE),
             ]),
@@ -193,11 +198,24 @@ pub fn lamps() -> Steady {
 /// outlier. 4 x 4 pixels, tilted camera and light, a lit field that ends within the view.
 #[test]
 fn line_and_point_estimators_agree() {
-    for (name, world) in scenes().into_iter().chain(shaped_scenes()) {
-        compare(name, &world, 4000, 0.03);
+    for (name, world) in scenes() {
+        // Light at rough walls is found by a few paths only.
+        let paths = if name.starts_with("frosted") { 4000 } else { 1000 };
+        compare(name, &world, paths, 0.03);
     }
+}
+
+#[test]
+fn line_and_point_estimators_agree_in_shapes() {
+    for (name, world) in shaped_scenes() {
+        compare(name, &world, 1000, 0.03);
+    }
+}
+
+#[test]
+fn line_and_point_estimators_agree_at_curved_walls() {
     for (name, world) in curved_scenes() {
-        compare(name, &world, 500, 0.1);
+        compare(name, &world, 500, 0.03);
     }
 }
 
@@ -249,6 +267,7 @@ fn compare(name: &str, world: &World, paths: u32, noise: f64) {
     let rms = (scores.iter().map(|z| z * z).sum::<f64>() / scores.len() as f64).sqrt();
     let worst = scores.iter().fold(0.0, |worst: f64, z| worst.max(z.abs()));
     let precision = variances[0].sqrt() / sums[0];
+    println!("{name}: z {z:.2}, of pixels rms {rms:.2}, worst {worst:.2}; one image to {precision:.4}");
     // 16 independent pixels of 4 correlated responses: rms of z has a spread of about 0.15.
     assert!(z.abs() < 4.0, "{name}: images differ by {z} sigma (+- {precision:.4} relative)");
     assert!((0.5..1.5).contains(&rms) && worst < 4.5, "{name}: rms z {rms}, worst {worst}");
