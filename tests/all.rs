@@ -11,6 +11,8 @@ mod commands;
 mod crash;
 #[path = "all/floors.rs"]
 mod floors;
+#[path = "all/measured.rs"]
+mod measured;
 #[path = "all/meshes.rs"]
 mod meshes;
 #[path = "all/near_normal.rs"]

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use crate::export::export;
+use crate::export::{export, export_frames};
 use crate::registry::Registry;
 use crate::resolve::{Resolver, State};
 
@@ -21,6 +21,9 @@ pub struct Export {
     /// The file to write: .npz, .mat, .tiff or .csv
     #[arg(long, value_name = "FILE")]
     to: PathBuf,
+    /// A .tiff of whole numbers (8 or 16 bit) for each frame, {f_x}, {phase} and {wavelength} in FILE replaced
+    #[arg(long, value_name = "BITS")]
+    bits: Option<u32>,
 }
 
 impl Export {
@@ -56,8 +59,13 @@ impl Export {
             )));
         };
         let artifact = store.get(&record.ports[port].blob).map_err(|e| Failure::Failed(e.to_string()))?;
-        export(&artifact, &self.to).map_err(|e| Failure::Input(e.to_string()))?;
-        print(&format!("wrote {}", self.to.display()));
+        let written = match self.bits {
+            Some(bits) => export_frames(&artifact, &self.to, bits),
+            None => export(&artifact, &self.to).map(|()| vec![self.to.clone()]),
+        };
+        for file in written.map_err(|e| Failure::Input(e.to_string()))? {
+            print(&format!("wrote {}", file.display()));
+        }
         Ok(())
     }
 }

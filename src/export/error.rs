@@ -15,6 +15,14 @@ pub enum ExportError {
     WrongKind { to: PathBuf, format: Format, kind: ArtifactKind },
     /// More bytes than the format can count.
     TooLarge { to: PathBuf, format: Format },
+    /// Whole numbers are written to TIFF only.
+    BitsOfTiff { to: PathBuf },
+    /// Neither 8 nor 16.
+    Bits { bits: u32 },
+    /// A pixel that no whole number of that many bits is.
+    NotWhole { layer: String, value: f32, bits: u32 },
+    /// One file name for several frames.
+    SameName { to: PathBuf, count: usize },
     /// The file could not be written.
     Io { to: PathBuf, source: std::io::Error },
 }
@@ -46,6 +54,22 @@ impl fmt::Display for ExportError {
                 let ending = format.extension();
                 write!(f, "{}: more than the 4 GiB that a .{ending} file can hold; .csv has no limit", to.display())
             }
+            Self::BitsOfTiff { to } => {
+                write!(f, "{}: whole numbers (--bits) are written as .tiff, from an image stack", to.display())
+            }
+            Self::Bits { bits } => write!(f, "--bits = {bits} must be 8 or 16"),
+            Self::NotWhole { layer, value, bits } => {
+                let highest = (1_u64 << bits) - 1;
+                write!(
+                    f,
+                    "a pixel of `{layer}` is {value}, and --bits {bits} writes whole numbers from 0 to {highest}; the port `numbers` of sensor holds such"
+                )
+            }
+            Self::SameName { to, count } => write!(
+                f,
+                "`{}` names {count} frames alike; write {{f_x}}, {{phase}} or {{wavelength}} into it",
+                to.display()
+            ),
             Self::Io { to, source } => write!(f, "{}: cannot be written: {source}", to.display()),
         }
     }

@@ -2,6 +2,7 @@
 
 mod csv;
 mod error;
+mod frames;
 mod mat;
 mod names;
 mod npz;
@@ -15,6 +16,7 @@ use serde_json::Value;
 use turbid_contract::{Artifact, ArtifactKind};
 
 pub use error::ExportError;
+pub use frames::export_frames;
 
 /// A file format, chosen by the ending of the file's name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,7 +1,9 @@
-//! TIFF 6.0: one uncompressed page of 32-bit floats per layer, its description as JSON in `ImageDescription`.
+//! TIFF 6.0: one uncompressed page of 32-bit floats per layer, its description as JSON in `ImageDescription`; or one page of whole
+//! numbers, as cameras write them.
 
-use turbid_contract::ImageStack;
+use serde_json::Value;
 use turbid_contract::canonical::canonical_text;
+use turbid_contract::{ImageStack, Layer};
 
 use super::{TooLarge, json, size_u32};
 
@@ -12,32 +14,88 @@ const ENTRY: usize = 12;
 
 /// Little-endian file; the first page's description also holds the stack's `attributes`.
 pub fn encode(stack: &ImageStack) -> Result<Vec<u8>, TooLarge> {
-    let mut out = b"II\x2a\0\0\0\0\0".to_vec();
-    // Where the offset of the next page's directory goes.
-    let mut link = 4;
+    let mut file = File::default();
     for (index, layer) in stack.layers.iter().enumerate() {
-        let pixels = size_u32(out.len())?;
-        // Row by row whatever the memory order of the array.
-        out.extend(layer.data.iter().flat_map(|v| v.to_le_bytes()));
-        let bytes = size_u32(out.len())? - pixels;
-
         let mut about = json(&layer.info);
         if index == 0 {
             about["attributes"] = json(&stack.attributes);
         }
+        // Row by row whatever the memory order of the array.
+        let pixels = layer.data.iter().flat_map(|v| v.to_le_bytes());
+        file.page([stack.rows(), stack.columns()], Numbers::Float32, pixels, &about)?;
+    }
+    Ok(file.bytes)
+}
+
+/// One page of whole numbers of 8 or 16 bit.
+pub fn encode_numbers(layer: &Layer, numbers: &[u16], eight: bool) -> Result<Vec<u8>, TooLarge> {
+    let mut file = File::default();
+    let (size, about) = ([layer.data.nrows(), layer.data.ncols()], json(&layer.info));
+    if eight {
+        file.page(size, Numbers::Unsigned8, numbers.iter().map(|&v| v as u8), &about)?;
+    } else {
+        file.page(size, Numbers::Unsigned16, numbers.iter().flat_map(|v| v.to_le_bytes()), &about)?;
+    }
+    Ok(file.bytes)
+}
+
+/// What a pixel is.
+#[derive(Clone, Copy)]
+enum Numbers {
+    Unsigned8,
+    Unsigned16,
+    Float32,
+}
+
+impl Numbers {
+    /// BitsPerSample and SampleFormat.
+    fn tags(self) -> [u32; 2] {
+        match self {
+            Self::Unsigned8 => [8, 1],
+            Self::Unsigned16 => [16, 1],
+            Self::Float32 => [32, 3],
+        }
+    }
+}
+
+struct File {
+    bytes: Vec<u8>,
+    /// Where the offset of the next page's directory goes.
+    link: usize,
+}
+
+impl Default for File {
+    fn default() -> Self {
+        Self { bytes: b"II\x2a\0\0\0\0\0".to_vec(), link: 4 }
+    }
+}
+
+impl File {
+    fn page(
+        &mut self,
+        [rows, columns]: [usize; 2],
+        numbers: Numbers,
+        data: impl Iterator<Item = u8>,
+        about: &Value,
+    ) -> Result<(), TooLarge> {
+        let out = &mut self.bytes;
+        let pixels = size_u32(out.len())?;
+        out.extend(data);
+        let bytes = size_u32(out.len())? - pixels;
         let text = size_u32(out.len())?;
-        out.extend(ascii(&canonical_text(&about)).bytes());
+        out.extend(ascii(&canonical_text(about)).bytes());
         out.push(0);
         let letters = size_u32(out.len())? - text;
         // Directories start at even offsets, and a value of up to 4 bytes would stand in its entry: JSON is longer.
         out.resize(out.len().next_multiple_of(4), 0);
 
-        let (rows, columns) = (size_u32(stack.rows())?, size_u32(stack.columns())?);
+        let (rows, columns) = (size_u32(rows)?, size_u32(columns)?);
+        let [bits, format] = numbers.tags();
         let entries: [(u16, u16, u32, u32); 12] = [
             (256, LONG, 1, columns),
             (257, LONG, 1, rows),
-            // BitsPerSample; then no compression, black is zero.
-            (258, SHORT, 1, 32),
+            // Then no compression, black is zero.
+            (258, SHORT, 1, bits),
             (259, SHORT, 1, 1),
             (262, SHORT, 1, 1),
             (270, ASCII, letters, text),
@@ -47,11 +105,10 @@ pub fn encode(stack: &ImageStack) -> Result<Vec<u8>, TooLarge> {
             (278, LONG, 1, rows),
             (279, LONG, 1, bytes),
             (284, SHORT, 1, 1),
-            // SampleFormat: IEEE floating point.
-            (339, SHORT, 1, 3),
+            (339, SHORT, 1, format),
         ];
         let directory = size_u32(out.len())?;
-        out[link..link + 4].copy_from_slice(&directory.to_le_bytes());
+        out[self.link..self.link + 4].copy_from_slice(&directory.to_le_bytes());
         out.extend((entries.len() as u16).to_le_bytes());
         for (tag, kind, count, value) in entries {
             out.extend(tag.to_le_bytes());
@@ -59,12 +116,12 @@ pub fn encode(stack: &ImageStack) -> Result<Vec<u8>, TooLarge> {
             out.extend(count.to_le_bytes());
             out.extend(value.to_le_bytes());
         }
-        link = directory as usize + 2 + ENTRY * entries.len();
+        self.link = directory as usize + 2 + ENTRY * entries.len();
         out.extend([0; 4]);
         out.resize(out.len().next_multiple_of(4), 0);
+        size_u32(out.len())?;
+        Ok(())
     }
-    size_u32(out.len())?;
-    Ok(out)
 }
 
 /// JSON in the 7 bits that TIFF's text has.

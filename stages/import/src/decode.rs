@@ -31,6 +31,26 @@ pub struct Picture {
     pub highest: Option<f64>,
 }
 
+impl Picture {
+    /// The same with the highest number that a camera of so many bits writes.
+    ///
+    /// Error: the file has no whole numbers, or too few or too many bits for it.
+    pub fn of_bits(self, bits: Option<u32>) -> Result<Self, String> {
+        let Some(bits) = bits else { return Ok(self) };
+        let Some(highest) = self.highest else {
+            return Err(format!("its numbers are floating-point, not of {bits} bits: leave `bits` out"));
+        };
+        let own = ((1_u64 << bits) - 1) as f64;
+        let largest = self.values.iter().copied().fold(0.0, f64::max);
+        if own > highest || largest > own {
+            return Err(format!(
+                "it holds numbers up to {largest} of at most {highest}, a camera of {bits} bits writes up to {own}"
+            ));
+        }
+        Ok(Self { highest: Some(own), ..self })
+    }
+}
+
 /// Reads a file by its first bytes.
 ///
 /// Error: what is wrong with it.

@@ -33,6 +33,9 @@ pub struct Params {
     /// Which channel of coloured files.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub channel: Option<Channel>,
+    /// Of the camera, where its numbers fill only part of the file's: 12 in a file of 16.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bits: Option<u32>,
     /// Radiance at the highest number (floating-point files: at 1) and exposure 0, W mm^-2 sr^-1; left out: frames have the unit 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub full_scale: Option<f64>,
@@ -76,6 +79,7 @@ impl Default for Params {
             dark: None,
             flat: None,
             channel: None,
+            bits: None,
             full_scale: None,
             gamma: 1.0,
             saturation: 0.98,
@@ -169,6 +173,9 @@ impl Params {
         require((0.1..=10.0).contains(&self.gamma), "gamma", self.gamma, "", "lie in [0.1, 10]");
         let saturation = self.saturation;
         require(saturation > 0.0 && saturation <= 1.0, "saturation", saturation, "", "lie in (0, 1]");
+        if let Some(bits) = self.bits {
+            require((1..=32).contains(&bits), "bits", f64::from(bits), "bits", "lie in [1, 32]");
+        }
         if let Some(v) = self.full_scale {
             require(v > 0.0 && v.is_finite(), "full_scale", v, "W mm^-2 sr^-1", "be a finite number > 0");
         }

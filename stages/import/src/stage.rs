@@ -58,7 +58,7 @@ impl Stage for ImportFrames {
         let mut first: Option<(String, [usize; 2])> = None;
         for FileUse { at, path } in Self::files(params) {
             let Some(bytes) = known.files.get(&at) else { continue };
-            match decode(bytes, params.channel) {
+            match decode(bytes, params.channel).and_then(|picture| picture.of_bits(params.bits)) {
                 Err(what) => problems.push(at, format!("`{path}`: {what}")),
                 Ok(Picture { rows, columns, .. }) => match &first {
                     None => first = Some((path, [columns, rows])),
@@ -86,7 +86,8 @@ impl Stage for ImportFrames {
         let shots = params.shots();
         let load = |at: &str, path: &str| -> Result<Picture, Error> {
             let bytes = ctx.file(at).ok_or_else(|| Error::failed(format!("`{path}` was not read")))?;
-            decode(&bytes, params.channel).map_err(|what| Error::invalid(at, format!("`{path}`: {what}")))
+            let picture = decode(&bytes, params.channel).and_then(|picture| picture.of_bits(params.bits));
+            picture.map_err(|what| Error::invalid(at, format!("`{path}`: {what}")))
         };
         let field = |at: &str, path: &Option<String>| path.as_ref().map(|path| load(at, path)).transpose();
         let camera = params.camera();

@@ -241,6 +241,7 @@ fn every_mistake_has_its_field() {
         (json!({"frames": [one(-1.0, 0)]}), "frames.0.f_x: f_x = -1 mm^-1 must be >= 0"),
         (json!({"frames": [one(0.0, 0)], "gamma": 0}), "gamma: gamma = 0 must lie in [0.1, 10]"),
         (json!({"frames": [one(0.0, 0)], "saturation": 1.2}), "saturation: saturation = 1.2 must lie in (0, 1]"),
+        (json!({"frames": [one(0.0, 0)], "bits": 40}), "bits: bits = 40 bits must lie in [1, 32]"),
         (json!({"frames": [one(0.0, 0)], "read_noise": 4}), "read_noise: read_noise is in electrons"),
     ] {
         let found = check(&params, &[]);
@@ -252,6 +253,21 @@ fn every_mistake_has_its_field() {
         check(&two, &[("frames.0.file", grey8(|_| 7)), ("frames.1.file", small), ("flat", Arc::from(*b"no picture"))]);
     assert!(found.contains("frames.1.file: `a.png` has 8 x 2 pixels, `a.png` has 8 x 6"), "{found}");
     assert!(found.contains("flat: `f.png`: it is neither PNG, TIFF nor EXR"), "{found}");
+    // A camera of 12 bits in files of 16: full scale is 4095, and what is above it is no number of it.
+    let twelve = |bits: u32| json!({"frames": [one(0.0, 0)], "bits": bits});
+    let stack = import(&twelve(12), &[("frames.0.file", tiff16(|_| 819))]).unwrap();
+    assert!(stack.layers[0].data.iter().all(|&v| v == 0.2));
+    for (bits, file, message) in [
+        (
+            12,
+            tiff16(|i| 4090 + i as u16),
+            "`a.png`: it holds numbers up to 4137 of at most 65535, a camera of 12 bits writes up to 4095",
+        ),
+        (10, grey8(|_| 7), "of at most 255, a camera of 10 bits writes up to 1023"),
+    ] {
+        let found = check(&twelve(bits), &[("frames.0.file", file)]);
+        assert!(found.contains(message), "{found}");
+    }
     // What only the pixels show.
     let single = json!({"frames": [one(0.0, 0)], "dark": "d.png"});
     let fails = |files: &[(&str, Arc<[u8]>)]| import(&single, files).unwrap_err().to_string();

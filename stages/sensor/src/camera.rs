@@ -27,6 +27,8 @@ pub struct Exposed {
     pub value: f64,
     /// Variance that the camera adds: shot noise, read noise, rounding.
     pub variance: f64,
+    /// As the camera writes it: 0 to 2^bits - 1, or a share of the range where it does not round.
+    pub number: f64,
     pub saturated: bool,
 }
 
@@ -36,8 +38,9 @@ impl Camera {
         self.full_well.is_some()
     }
 
-    /// The pixel under `radiance`, which is what it would be without noise.
-    pub fn expose(&self, radiance: f64, draws: &mut Draws) -> Exposed {
+    /// A pixel that reads darkness at `dark` (share of the range) from the nominal black level, under `radiance`, which is
+    /// what it would be without noise.
+    pub fn expose(&self, radiance: f64, dark: f64, draws: &mut Draws) -> Exposed {
         // Less than no light is what the noise of a render or of an earlier camera may say; no electron comes of it.
         let light = (radiance / self.full_scale).max(0.0);
         let mut level = radiance / self.full_scale;
@@ -47,7 +50,7 @@ impl Camera {
             level = electrons / full_well;
             variance = (light * full_well + self.read_noise * self.read_noise) / (full_well * full_well);
         }
-        let level = self.black + (1.0 - self.black) * level;
+        let level = self.black + dark + (1.0 - self.black) * level;
         // The ends of the range are physics, not repair: 1 is marked, and 0 is what darkness reads without a black level.
         let clipped = level.clamp(0.0, 1.0);
         let encoded = libm::pow(clipped, 1.0 / self.gamma);
@@ -62,6 +65,7 @@ impl Camera {
         Exposed {
             value: (read - self.black) / range * self.full_scale,
             variance: variance * self.full_scale * self.full_scale,
+            number: steps.map_or(number, |steps| (number * steps).round()),
             saturated: number >= 1.0,
         }
     }
@@ -82,7 +86,7 @@ mod tests {
     };
 
     fn one(camera: &Camera, radiance: f64, pixel: usize) -> Exposed {
-        camera.expose(radiance, &mut Draws::new([1, 2], 0, pixel))
+        camera.expose(radiance, 0.0, &mut Draws::new([1, 2], 0, pixel))
     }
 
     /// Without any of its parts a camera is transparent; 8 bits round to the nearest 255th, with the variance of an even

@@ -27,7 +27,8 @@ struct Quantity {
 }
 
 /// The covariance of (dc, re, im) of each fringe. `variances[k]` is what counts as independent noise of frame k: all of it where there is no
-/// `given` covariance, else only what the camera added. Pixels with `bad` set hold 0.
+/// `given` covariance, else only what the camera added. The given one is spread by the blur and scaled by the square of the
+/// pixels' response. Pixels with `bad` set hold 0.
 ///
 /// Errors: frames that do not say f_x or phase, or too few of them; a covariance that lacks what the frames need.
 pub fn covariance(
@@ -35,7 +36,7 @@ pub fn covariance(
     variances: &[Vec<f64>],
     bad: &[bool],
     (rows, columns): (usize, usize),
-    given: Option<(&Covariance, &Blur)>,
+    given: Option<(&Covariance, &Blur, &[f64])>,
 ) -> Result<Covariance, Error> {
     let fringes = fringes(frames)?;
     let mut quantities = Vec::new();
@@ -54,7 +55,7 @@ pub fn covariance(
         let parts = ["dc", "re", "im"].into_iter().zip(weights);
         quantities.extend(parts.map(|(part, weights)| Quantity { fringe, part, weights }));
     }
-    let source = given.map(|(given, _)| sources(given, &fringes, &quantities)).transpose()?;
+    let source = given.map(|(given, ..)| sources(given, &fringes, &quantities)).transpose()?;
     let mut stack = ImageStack::new(rows, columns);
     for i in 0..quantities.len() {
         for j in i..quantities.len() {
@@ -64,12 +65,13 @@ pub fn covariance(
                 continue;
             }
             let mut plane = vec![0.0; rows * columns];
-            if let (Some((Covariance(given), blur)), Some(source)) = (given, &source) {
+            if let (Some((Covariance(given), blur, response)), Some(source)) = (given, &source) {
                 let wanted = [source[i].min(source[j]) as u32, source[i].max(source[j]) as u32];
                 let layer = given.layers.iter().find(|l| l.info.pair == Some(wanted));
                 let layer = layer.ok_or_else(|| Error::failed(format!("the covariance lacks the pair {wanted:?}")))?;
                 plane.iter_mut().zip(layer.pixels().iter()).for_each(|(p, &c)| *p = f64::from(c));
                 blur.apply(&mut plane, columns);
+                plane.iter_mut().zip(response).for_each(|(p, r)| *p *= r * r);
             }
             if a.fringe == b.fringe {
                 for (n, &frame) in fringe.frames.iter().enumerate() {

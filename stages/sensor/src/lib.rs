@@ -13,6 +13,8 @@
 //!     black: 0.02              # level of darkness, share of full scale
 //!     gamma: 2.2               # of the encoding; linearise: false leaves it in the frames
 //!     defocus_px: 0.8          # standard deviation of the Gaussian point spread
+//!     vignetting: 0.2          # share of the light that is lost in the corners
+//!     response_spread: 0.01    # of the pixels, share of the mean; dark_spread: of their dark levels
 //! ```
 //! Frames come out as radiance again, so that every later stage reads them as it reads ideal ones. Theory: `docs/theory/sensor.md`.
 
@@ -21,10 +23,12 @@ mod camera;
 mod covariance;
 mod noise;
 mod params;
+mod pixels;
 mod stage;
 
 pub use blur::Blur;
 pub use camera::{Camera, Exposed};
 pub use noise::{Draws, poisson};
 pub use params::Params;
+pub use pixels::Pixels;
 pub use stage::{In, Out, Sensor};

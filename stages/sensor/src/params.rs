@@ -29,6 +29,14 @@ pub struct Params {
     pub bits: Option<u32>,
     /// Standard deviation of the Gaussian point spread, px.
     pub defocus_px: f64,
+    /// Share of the light that the lens loses in the corners; it grows with the square of the distance from the middle.
+    pub vignetting: f64,
+    /// Standard deviation of the pixels' response to light, share of its mean.
+    pub response_spread: f64,
+    /// Standard deviation of the level at which pixels read darkness, share of the range.
+    pub dark_spread: f64,
+    /// Number of the camera: stages that say the same have the same pixels, whatever they look at.
+    pub camera: u32,
 }
 
 impl Default for Params {
@@ -43,6 +51,10 @@ impl Default for Params {
             linearise: true,
             bits: None,
             defocus_px: 0.0,
+            vignetting: 0.0,
+            response_spread: 0.0,
+            dark_spread: 0.0,
+            camera: 0,
         }
     }
 }
@@ -59,6 +71,9 @@ impl Params {
         within("gamma", self.gamma, 0.1, 10.0, "");
         within("defocus_px", self.defocus_px, 0.0, 100.0, "px");
         within("read_noise", self.read_noise, 0.0, 1e6, "electrons");
+        within("vignetting", self.vignetting, 0.0, 0.99, "");
+        within("response_spread", self.response_spread, 0.0, 0.2, "");
+        within("dark_spread", self.dark_spread, 0.0, 0.2, "");
         if let Some(full_well) = self.full_well {
             within("full_well", full_well, 1.0, 1e9, "electrons");
         }
@@ -75,6 +90,11 @@ impl Params {
         }
         if !self.linearise && self.gamma == 1.0 {
             problems.warn("linearise", "there is no gamma that could be left in the frames");
+        }
+        if self.dark_spread > 0.0 && self.black < 2.0 * self.dark_spread {
+            let message =
+                "pixels that read darkness below the range are cut off at 0: black is less than twice their spread";
+            problems.warn("black", message);
         }
         if self.read_noise > 0.0 && self.black == 0.0 {
             problems.warn(

@@ -12,6 +12,7 @@ use crate::camera::Camera;
 use crate::covariance::covariance;
 use crate::noise::Draws;
 use crate::params::Params;
+use crate::pixels::Pixels;
 
 in_ports! {
     pub struct In {
@@ -28,6 +29,8 @@ out_ports! {
         frames: one Frames,
         /// Covariance behind them: that of the ideal frames and the camera's own.
         covariance: optional Covariance,
+        /// What the camera writes: 0 to 2^bits - 1, or a share of the range; nothing corrected, nothing masked.
+        numbers: optional Frames,
     }
 }
 
@@ -61,6 +64,8 @@ impl Stage for Sensor {
             ("gamma", params.gamma != 1.0),
             ("rounding", params.bits.is_some()),
             ("defocus", params.defocus_px > 0.0),
+            ("vignetting", params.vignetting > 0.0),
+            ("pixels unlike each other", params.response_spread > 0.0 || params.dark_spread > 0.0),
         ];
         let named = |on: bool| parts.iter().filter(|p| p.1 == on).map(|p| p.0.to_owned()).collect();
         StagePlan { needs: named(true), left_out: named(false), ..StagePlan::default() }
@@ -81,13 +86,14 @@ impl Stage for Sensor {
             bits: params.bits,
         };
         let blur = Blur::new(params.defocus_px);
+        let pixels = Pixels::new(params, ideal.rows(), ideal.columns());
         let key = philox::key(ctx.seed());
-        let seen = ctx.map_tiles(values.len(), |k| see(ideal, values[k], k, &camera, &blur, key))?;
+        let seen = ctx.map_tiles(values.len(), |k| see(ideal, values[k], k, &camera, &blur, &pixels, key))?;
         let bad = masks(ideal, &values, &seen);
-        let frames = frames(ideal, &values, &seen, &bad);
+        let frames = frames(ideal, &values, &seen, &bad, &pixels);
         let saturated = bad.iter().map(|b| b.reasons.iter().filter(|&&r| r == MaskReason::Saturated.code()).count());
-        let pixels = (ideal.rows() * ideal.columns() * bad.len()) as f64;
-        let share = 100.0 * saturated.sum::<usize>() as f64 / pixels;
+        let all = (ideal.rows() * ideal.columns() * bad.len()) as f64;
+        let share = 100.0 * saturated.sum::<usize>() as f64 / all;
         ctx.measure("saturated", share, "%");
         if share > 10.0 {
             ctx.warn(format!(
@@ -102,9 +108,16 @@ impl Stage for Sensor {
             let any_bad: Vec<bool> =
                 (0..ideal.rows() * ideal.columns()).map(|i| bad.iter().any(|b| b.reasons[i] != 0.0)).collect();
             let spread = blur.of_variances();
-            covariance(&infos, &variances, &any_bad, (ideal.rows(), ideal.columns()), given.map(|g| (g, &spread)))
+            covariance(
+                &infos,
+                &variances,
+                &any_bad,
+                (ideal.rows(), ideal.columns()),
+                given.map(|g| (g, &spread, pixels.response.as_slice())),
+            )
         });
-        Ok(Out { frames: Frames(frames), covariance: covariance.transpose()? })
+        let numbers = ctx.wants("numbers").then(|| Frames(numbers(ideal, &values, &seen)));
+        Ok(Out { frames: Frames(frames), covariance: covariance.transpose()?, numbers })
     }
 }
 
@@ -133,6 +146,7 @@ struct Seen {
     light: Option<Vec<f64>>,
     /// What the camera adds.
     added: Vec<f64>,
+    number: Vec<f64>,
     saturated: Vec<bool>,
 }
 
@@ -145,18 +159,29 @@ impl Seen {
     }
 }
 
-fn see(stack: &ImageStack, layer: &Layer, frame: usize, camera: &Camera, blur: &Blur, key: [u32; 2]) -> Seen {
+fn see(
+    stack: &ImageStack,
+    layer: &Layer,
+    frame: usize,
+    camera: &Camera,
+    blur: &Blur,
+    pixels: &Pixels,
+    key: [u32; 2],
+) -> Seen {
     let columns = stack.columns();
     let mut ideal: Vec<f64> = layer.pixels().iter().map(|&v| if v.is_finite() { f64::from(v) } else { 0.0 }).collect();
     blur.apply(&mut ideal, columns);
     let light = stack.standard_error(&layer.info).map(|se| {
         let mut variance: Vec<f64> = se.pixels().iter().map(|&e| f64::from(e) * f64::from(e)).collect();
         blur.of_variances().apply(&mut variance, columns);
+        variance.iter_mut().zip(&pixels.response).for_each(|(v, r)| *v *= r * r);
         variance
     });
-    let mut seen = Seen { value: Vec::new(), light, added: Vec::new(), saturated: Vec::new() };
+    let mut seen = Seen { value: Vec::new(), light, added: Vec::new(), number: Vec::new(), saturated: Vec::new() };
     for (pixel, radiance) in ideal.into_iter().enumerate() {
-        let exposed = camera.expose(radiance, &mut Draws::new(key, frame, pixel));
+        let radiance = radiance * pixels.response[pixel];
+        let exposed = camera.expose(radiance, pixels.dark[pixel], &mut Draws::new(key, frame, pixel));
+        seen.number.push(exposed.number);
         seen.value.push(exposed.value);
         seen.added.push(exposed.variance);
         seen.saturated.push(exposed.saturated);
@@ -193,8 +218,10 @@ fn masks(stack: &ImageStack, values: &[&Layer], seen: &[Seen]) -> Vec<Mask> {
     masks
 }
 
-fn frames(ideal: &ImageStack, values: &[&Layer], seen: &[Seen], masks: &[Mask]) -> ImageStack {
+fn frames(ideal: &ImageStack, values: &[&Layer], seen: &[Seen], masks: &[Mask], pixels: &Pixels) -> ImageStack {
     let (rows, columns) = (ideal.rows(), ideal.columns());
+    let squares: f64 = pixels.response.iter().map(|r| r * r).sum();
+    let response = (squares / (rows * columns) as f64).sqrt();
     let plane = |pixels: Vec<f32>| Array2::from_shape_vec((rows, columns), pixels).expect("one number per pixel");
     let mut stack = ImageStack::new(rows, columns);
     stack.attributes = ideal.attributes.clone();
@@ -208,7 +235,7 @@ fn frames(ideal: &ImageStack, values: &[&Layer], seen: &[Seen], masks: &[Mask]) 
         let added: f64 = (0..rows * columns).filter(|&i| good(i)).map(|i| seen.added[i]).sum();
         let mut info = layer.info.clone();
         // Pixels of the light may share paths; the camera's noise they do not share.
-        let shared = info.mean_se.unwrap_or(0.0);
+        let shared = response * info.mean_se.unwrap_or(0.0);
         info.mean_se = (n > 0.0 && (info.mean_se.is_some() || seen.light.is_none()))
             .then(|| (shared * shared + added / (n * n)).sqrt());
         let or_zero = |i: usize, v: f64| if good(i) { v as f32 } else { 0.0 };
@@ -222,6 +249,18 @@ fn frames(ideal: &ImageStack, values: &[&Layer], seen: &[Seen], masks: &[Mask]) 
         let mut info = LayerInfo::new("mask", LayerKind::Mask, "1");
         info.wavelength_nm = mask.wavelength_nm;
         stack.push(info, plane(mask.reasons.clone()));
+    }
+    stack
+}
+
+/// What a memory card would hold.
+fn numbers(ideal: &ImageStack, values: &[&Layer], seen: &[Seen]) -> ImageStack {
+    let (rows, columns) = (ideal.rows(), ideal.columns());
+    let mut stack = ImageStack::new(rows, columns);
+    for (layer, seen) in values.iter().zip(seen) {
+        let info = LayerInfo { unit: "1".into(), mean_se: None, ..layer.info.clone() };
+        let plane = Array2::from_shape_fn((rows, columns), |(r, c)| seen.number[r * columns + c] as f32);
+        stack.push(info, plane);
     }
     stack
 }

@@ -169,6 +169,54 @@ fn covariance_adds_up() {
     assert!((at(&covariance, [0, 2]) / 4e-14 - 1.0).abs() < 1e-6);
 }
 
+/// Vignetting and pixels unlike each other: a dark field and a flat field of the same camera take them out, whatever the frame;
+/// what is left is noise. The numbers are what the camera writes, saturated pixels included.
+#[test]
+fn dark_and_flat_fields_undo_the_pixels() {
+    let camera = |more: Value| {
+        let mut params = json!({
+            "full_scale": 4e-6, "black": 0.05, "bits": 16, "full_well": 1e9,
+            "vignetting": 0.3, "response_spread": 0.02, "dark_spread": 0.004
+        });
+        params.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+        params
+    };
+    let read = |params: &Value, ideal: Frames, seed: u64| {
+        let host = MemoryHost { seed, wanted: vec!["numbers".into()], ..MemoryHost::default() };
+        let outputs = (StageRow::of::<Sensor>().run)(params, &alone(ideal), Ctx::new(&host)).unwrap();
+        let numbers = outputs.into_iter().find(|(name, _)| *name == "numbers").unwrap().1;
+        Frames::from_artifact(numbers).unwrap().0.layers[0].data.clone()
+    };
+    let ideal = frames(5e-7, 2e-6, 0.0);
+    let frame = read(&camera(json!({})), ideal.clone(), 1);
+    // 2^-30 of the light is none.
+    let dark = read(&camera(json!({"exposure": -30})), ideal.clone(), 2);
+    let flat = read(&camera(json!({})), frames(3e-6, 3e-6, 0.0), 3);
+    assert!(frame.iter().all(|v| v.fract() == 0.0));
+    let (mut raw, mut squares, mut worst) = (0.0_f64, 0.0, 0.0_f64);
+    let range = 0.95 * 65535.0;
+    for at in (0..N * N).map(|i| (i / N, i % N)) {
+        let truth = f64::from(ideal.0.layers[0].data[at]);
+        let above = |image: &Array2<f32>| f64::from(image[at] - dark[at]);
+        let found = above(&frame) / above(&flat) * 3e-6;
+        // Relative variance of a difference to the dark field: electrons, and two numbers rounded.
+        let noise = |image: &Array2<f32>| {
+            let light = above(image) / range;
+            (light / 1e9 + 2.0 / 12.0 / (range * range)) / (light * light)
+        };
+        let z = (found / truth - 1.0) / (noise(&frame) + noise(&flat)).sqrt();
+        (squares, worst) = (squares + z * z, worst.max(z.abs()));
+        raw = raw.max((above(&frame) / range * 4e-6 / truth - 1.0).abs());
+    }
+    let sd = (squares / (N * N) as f64).sqrt();
+    // The sampled sd of 4096 pixels is known to 1.1 %.
+    assert!(raw > 0.3 && (sd - 1.0).abs() < 0.055 && worst < 4.5, "raw {raw}, sd {sd}, worst {worst}");
+    let other = read(&camera(json!({"exposure": -30, "camera": 7})), ideal.clone(), 2);
+    assert_ne!(other, dark);
+    let bright = read(&camera(json!({"exposure": 4})), ideal, 1);
+    assert!(bright.iter().all(|&v| v <= 65535.0) && bright.iter().any(|&v| v == 65535.0));
+}
+
 #[test]
 fn every_mistake_has_its_field() {
     for (params, message) in [
@@ -178,6 +226,7 @@ fn every_mistake_has_its_field() {
         (json!({"full_scale": 0}), "full_scale: full_scale = 0 W mm^-2 sr^-1 must be a finite number > 0"),
         (json!({"read_noise": 3}), "how many fill the range is not given"),
         (json!({"exposure": 99}), "exposure: exposure = 99 stops must lie in [-30, 30]"),
+        (json!({"vignetting": 1}), "vignetting: vignetting = 1 must lie in [0, 0.99]"),
         (json!({"iso": 100}), "unknown field `iso`"),
     ] {
         let mut problems = Problems::default();
