@@ -11,6 +11,7 @@
 //! Theory and measured figures: `docs/theory/demodulate.md`.
 
 pub mod diagnostics;
+mod errors;
 pub mod fourier;
 pub mod fused;
 pub mod level;

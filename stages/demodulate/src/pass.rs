@@ -9,9 +9,10 @@ use turbid_contract::payload::MaskReason;
 use turbid_contract::planes::mean_se;
 use turbid_contract::{Ctx, Error, ImageStack, LayerInfo, LayerKind};
 
+use crate::errors::{Elements, Phasors, Toward};
 use crate::fused::{Planes, amplitudes, phases};
 use crate::level::named;
-use crate::noise::{Block, Gradient, OF_M_DC, along_and_across};
+use crate::noise::Block;
 use crate::set::{Channel, Noise};
 use crate::signal::{Noisy, weak_in_row};
 use crate::stage::{NoiseBias, Params};
@@ -35,6 +36,17 @@ impl Group {
 
 /// Pixels that are worked on at a time: their f64 intermediates stay in the first-level cache.
 const CHUNK: usize = 512;
+
+/// What a chunk needs in f64, made once for each tile.
+#[derive(Default)]
+struct Scratch {
+    /// (dc, re, im) of each fringe.
+    linear: Vec<[Vec<f64>; 3]>,
+    phasors: Vec<Phasors>,
+    /// Of each block.
+    elements: Vec<Elements>,
+    out: Vec<f64>,
+}
 
 /// One fused pass over the frames of a channel. Planes in order: m_dc, m_ac of each fringe; where noise is known
 /// their standard errors in the same order and the covariance of each pair; phase (and its standard error) of
@@ -101,16 +113,16 @@ impl<'a> Pass<'a> {
 
     pub fn run(&self, pixels: Range<usize>, planes: &mut [&mut [f32]]) -> Tally {
         let mut tally = Tally::new(self.channel);
-        let mut linear: Vec<[Vec<f64>; 3]> = Vec::new();
+        let mut scratch = Scratch::default();
         let mut start = pixels.start;
         while start < pixels.end {
             let chunk = start..(start + CHUNK).min(pixels.end);
             let mut parts: Vec<&mut [f32]> =
                 planes.iter_mut().map(|p| &mut p[chunk.start - pixels.start..chunk.end - pixels.start]).collect();
             if let Some(blocks) = &self.blocks {
-                self.linear(chunk.clone(), &mut linear);
-                self.values(&linear, &mut parts);
-                self.errors(blocks, chunk.start, &linear, &mut parts, &mut tally);
+                self.linear(chunk.clone(), &mut scratch.linear);
+                self.values(&scratch.linear, &mut parts);
+                self.errors(blocks, chunk.start, &mut scratch, &mut parts, &mut tally);
             } else {
                 self.amplitudes(chunk.clone(), &mut parts);
             }
@@ -173,43 +185,61 @@ impl<'a> Pass<'a> {
         &self,
         blocks: &[Block<'_>],
         first: usize,
-        linear: &[[Vec<f64>; 3]],
+        scratch: &mut Scratch,
         planes: &mut [&mut [f32]],
         tally: &mut Tally,
     ) {
-        let fringes = self.channel.fringes.len();
-        let block = |a: usize, b: usize| &blocks[a * fringes - a * (a + 1) / 2 + b];
+        let (count, level) = (self.channel.fringes.len(), self.level);
+        let Scratch { linear, phasors, elements, out } = scratch;
+        let n = linear[0][0].len();
+        let at = |a: usize, b: usize| a * count - a * (a + 1) / 2 + b;
+        let fringed = |k: usize| self.channel.fringes[k].f_x_per_mm > 0.0;
+        phasors.resize_with(count, Phasors::default);
+        elements.resize_with(blocks.len(), Elements::default);
+        out.resize(n, 0.0);
+        for (k, [_, re, im]) in linear.iter().enumerate().filter(|&(k, _)| fringed(k)) {
+            phasors[k].set(level, re, im);
+        }
+        for (a, b) in upper(count) {
+            elements[at(a, b)].read(level, &blocks[at(a, b)], first, n, [fringed(a), fringed(b)]);
+        }
+        // At f_x = 0 both quantities are M_DC.
+        let toward = |q: usize| if q % 2 == 1 && fringed(q / 2) { phasors[q / 2].along() } else { Toward::Mean };
         let (se, pairs) = (self.quantity_count(), 2 * self.quantity_count());
-        let phases = pairs + self.pairs.len() + self.phase_count();
-        let mut gradients: Vec<Gradient> = vec![OF_M_DC; self.quantity_count()];
-        for i in 0..linear[0][0].len() {
-            let mut phase = phases;
-            for (k, [_, re, im]) in linear.iter().enumerate() {
-                if self.channel.fringes[k].f_x_per_mm > 0.0 {
-                    let [along, across] = along_and_across(re[i], im[i]);
-                    gradients[2 * k + 1] = along;
-                    let variance = block(k, k).variance(&across, first + i);
-                    let m_ac = (re[i] * re[i] + im[i] * im[i]).sqrt();
-                    if m_ac > 0.0 && variance.is_finite() {
-                        let bias = variance / (2.0 * m_ac);
-                        tally.rician[k] += bias;
-                        tally.m_ac[k] += m_ac;
-                        if self.corrects {
-                            planes[2 * k + 1][i] = (m_ac - bias) as f32;
-                        }
+        let mut phase = pairs + self.pairs.len() + self.phase_count();
+        for k in 0..count {
+            let own = &elements[at(k, k)];
+            if fringed(k) {
+                own.variance(level, phasors[k].across(), out);
+                self.correct(k, &phasors[k].m_ac, out, planes, tally);
+                if self.wants_phase {
+                    for ((se, variance), &m_ac) in planes[phase].iter_mut().zip(out.iter()).zip(&phasors[k].m_ac) {
+                        *se = if m_ac > 0.0 { (variance.sqrt() / m_ac) as f32 } else { 0.0 };
                     }
-                    if self.wants_phase {
-                        planes[phase][i] = if m_ac > 0.0 { (variance.sqrt() / m_ac) as f32 } else { 0.0 };
-                        phase += 1;
-                    }
-                }
-                for q in [2 * k, 2 * k + 1] {
-                    planes[se + q][i] = block(k, k).variance(&gradients[q], first + i).sqrt() as f32;
+                    phase += 1;
                 }
             }
-            for (p, &[a, b]) in self.pairs.iter().enumerate() {
-                let covariance = block(a / 2, b / 2).covariance(&gradients[a], &gradients[b], first + i);
-                planes[pairs + p][i] = covariance as f32;
+            for q in [2 * k, 2 * k + 1] {
+                own.variance(level, toward(q), out);
+                planes[se + q].iter_mut().zip(out.iter()).for_each(|(se, variance)| *se = variance.sqrt() as f32);
+            }
+        }
+        for (p, &[a, b]) in self.pairs.iter().enumerate() {
+            elements[at(a / 2, b / 2)].covariance(level, toward(a), toward(b), out);
+            planes[pairs + p].iter_mut().zip(out.iter()).for_each(|(plane, covariance)| *plane = *covariance as f32);
+        }
+    }
+
+    /// Takes the Rician bias off M_AC of fringe `k`, where it is to be taken off, and sums it up.
+    fn correct(&self, k: usize, m_ac: &[f64], across: &[f64], planes: &mut [&mut [f32]], tally: &mut Tally) {
+        for ((plane, &m_ac), &variance) in planes[2 * k + 1].iter_mut().zip(m_ac).zip(across) {
+            if m_ac > 0.0 && variance.is_finite() {
+                let bias = variance / (2.0 * m_ac);
+                tally.rician[k] += bias;
+                tally.m_ac[k] += m_ac;
+                if self.corrects {
+                    *plane = (m_ac - bias) as f32;
+                }
             }
         }
     }
