@@ -100,6 +100,7 @@ fn row(name: &str, world: &World, lit: bool) {
             key: [1, 2],
             channel: 0,
             nee: Nee::Line,
+            shared: None,
         };
         let mut walker = Walker::new(setting, named(level));
         let mut best = 0.0;

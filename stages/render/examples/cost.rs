@@ -75,6 +75,7 @@ fn main() {
                 key: [1, 2],
                 channel: 0,
                 nee,
+                shared: None,
             };
             let mut walker = Walker::new(setting, named(&std::env::var("TURBID_SIMD").unwrap_or_default()));
             let mut moments = Moments::new(camera.pixels(), 3);

@@ -84,6 +84,7 @@ fn render((a_rho, s_rho): (f64, f64), seed: u32, paths: u32, apart: f64, distanc
         key: [seed, 0],
         channel: 0,
         nee: Nee::Line,
+        shared: None,
     };
     let n = camera.pixels();
     let threads = std::thread::available_parallelism().map_or(1, usize::from);

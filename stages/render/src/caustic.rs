@@ -11,9 +11,10 @@ use turbid_optics::philox::{philox4x32, unit};
 use turbid_optics::refraction::refract;
 use turbid_optics::solid::{Ends, Far};
 
+use crate::channels::{Lengths, NO_LENGTHS, sum};
 use crate::lamp::Source;
 use crate::link::{Chance, DETOURS, Link};
-use crate::path::Walker;
+use crate::path::{Setting, Walker, count};
 use crate::world::{Skin, Wall};
 
 /// A way that need not be looked for.
@@ -32,7 +33,9 @@ struct Shot {
     n: f64,
     /// What the walls let through or reflect.
     passed: f64,
+    /// Optical depth, and mm in each medium that tells channels apart.
     tau: f64,
+    lengths: Lengths,
     /// As of a [`Link`].
     exit: Option<DVec3>,
 }
@@ -43,7 +46,9 @@ struct Edge {
     wall: Wall,
     n: f64,
     beyond: f64,
+    /// As of a [`Shot`].
     tau: f64,
+    lengths: Lengths,
     /// Normal, along the ray, of the first boundary on it, be the index the same or not.
     exit: DVec3,
 }
@@ -314,7 +319,8 @@ impl Walker<'_> {
     /// A ray through its events; `None` where one of them cannot be.
     fn shoot(&mut self, (r, skin): (DVec3, Option<Skin>), w: DVec3, events: &[bool]) -> Option<Shot> {
         let world = self.setting.world;
-        let mut shot = Shot { pencil: Pencil::new(r, w), skin, n: f64::NAN, passed: 1.0, tau: 0.0, exit: None };
+        let pencil = Pencil::new(r, w);
+        let mut shot = Shot { pencil, skin, n: f64::NAN, passed: 1.0, tau: 0.0, lengths: NO_LENGTHS, exit: None };
         for &reflected in events {
             let Next::Edge(edge) = self.next_edge(shot.pencil.r, shot.pencil.w, shot.skin) else { return None };
             let pencil = &mut shot.pencil;
@@ -329,6 +335,7 @@ impl Walker<'_> {
             shot.n = if reflected { edge.n } else { edge.beyond };
             shot.skin = Some(Skin { wall, inside: inside == reflected });
             shot.tau += edge.tau;
+            shot.lengths = sum(&shot.lengths, &edge.lengths);
             shot.exit.get_or_insert(edge.exit);
         }
         Some(shot)
@@ -336,7 +343,7 @@ impl Walker<'_> {
 
     /// The light that comes by a way that has been found, if nothing stands in its last part.
     fn arrive(&mut self, source: Source<'_>, shot: &Shot, aim: &Aim) -> Option<Link> {
-        let Shot { pencil, skin, n, passed, tau, exit } = shot;
+        let Shot { pencil, skin, n, passed, tau, lengths, exit } = shot;
         let sight = self.sight(pencil.r, pencil.w, source.towards(pencil.r).1, *skin);
         if sight.blocked {
             return None;
@@ -348,6 +355,7 @@ impl Walker<'_> {
             exit: *exit,
             on_plane: DVec3::ZERO,
             lit: false,
+            lengths: sum(lengths, &sight.lengths),
         };
         // From the last wall on it is the light's own cone: there are its intensity and the place on its pattern.
         if let Some(arrival) = source.arrival(pencil.r) {
@@ -376,13 +384,14 @@ impl Walker<'_> {
             exit: sight.exit,
             on_plane: arrival.map_or(DVec3::ZERO, |arrival| arrival.on_plane),
             lit: arrival.is_some(),
+            lengths: sight.lengths,
         })
     }
 
     /// Where the index changes first along a ray.
     fn next_edge(&mut self, r: DVec3, w: DVec3, skin: Option<Skin>) -> Next {
-        let world = self.setting.world;
-        let (mut n, mut tau) = (None, 0.0);
+        let Setting { world, shared, .. } = self.setting;
+        let (mut n, mut tau, mut lengths) = (None, 0.0, NO_LENGTHS);
         let (mut before, mut exit): (Option<Wall>, Option<DVec3>) = (None, None);
         for piece in world.trace(r, w, skin, &mut self.spans) {
             let material = &world.materials[piece.material];
@@ -397,14 +406,16 @@ impl Walker<'_> {
                 };
                 let exit = *exit.get_or_insert_with(along);
                 if material.n != n {
-                    return Next::Edge(Edge { distance: piece.start, wall, n, beyond: material.n, tau, exit });
+                    return Next::Edge(Edge { distance: piece.start, wall, n, beyond: material.n, tau, lengths, exit });
                 }
             }
             if piece.wall.is_none() {
                 return Next::Free(n);
             }
             if piece.material != 0 {
-                tau += material.mu_t() * (piece.end - piece.start);
+                let length = piece.end - piece.start;
+                tau += material.mu_t() * length;
+                count(shared, &mut lengths, piece.material, length);
             }
             before = piece.wall;
         }

@@ -64,8 +64,20 @@ pub fn walk(walker: &mut Walker<'_>, pixels: Range<usize>, samples: Range<u32>) 
 pub fn walk_among(walker: &mut Walker<'_>, batches: Batches<'_>) {
     match Frame::of(walker) {
         Some(frame) => single::walk(walker, &frame, batches),
+        None if walker.setting().shared.is_some() => walk_singly(walker, batches),
         None => walk_double_among(walker, batches),
     }
+}
+
+/// The same one path after the other.
+fn walk_singly(walker: &mut Walker<'_>, batches: Batches<'_>) {
+    walker.clear_responses(batches.paths());
+    for path in 0..batches.paths() {
+        let (pixel, sample) = batches.path(path);
+        let mut place = walker.begin(pixel as usize, sample, path);
+        while walker.step(&mut place) {}
+    }
+    walker.gather();
 }
 
 /// The same in f64 lanes, bit for bit what [`Walker::path`] says.

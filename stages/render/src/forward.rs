@@ -10,6 +10,7 @@ use turbid_optics::elementary::{ln, sin_cos_turns};
 use turbid_optics::henyey_greenstein::turn;
 use turbid_optics::philox::{self, unit, unit_fine};
 
+use crate::channels::NO_LENGTHS;
 use crate::detector::{Detector, pass, sides};
 use crate::lamp::{Lamp, Steady};
 use crate::level::named;
@@ -68,6 +69,7 @@ pub fn tally(rig: &Rig, detectors: &[Detector], photons: u32, ctx: Ctx<'_>) -> R
             key,
             channel: channel as u32,
             nee: Nee::Point,
+            shared: None,
         };
         let sources = Sources::of(&rig.lights[channel], &rig.steady[channel]);
         let mut walker = Walker::new(setting, named(ctx.simd()));
@@ -196,6 +198,7 @@ impl<'a> Sources<'a> {
             scattered: false,
             glint: false,
             response: 0,
+            lengths: NO_LENGTHS,
         }
     }
 }

@@ -23,6 +23,8 @@ pub struct Images<'a> {
     pub n: u32,
     /// Where the errors of pixels are common: how many times the variance of an image mean exceeds that of independent pixels.
     pub sharing: Option<f64>,
+    /// Wavelengths of channels that share paths, so that their errors are correlated; those that share none are left out.
+    pub shared_paths: Vec<Vec<f64>>,
 }
 
 impl Images<'_> {
@@ -34,6 +36,9 @@ impl Images<'_> {
         stack.attributes.insert("samples".to_owned(), json!(self.n));
         if let Some(sharing) = self.sharing {
             stack.attributes.insert("sharing".to_owned(), json!(sharing));
+        }
+        if !self.shared_paths.is_empty() {
+            stack.attributes.insert("shared_paths_nm".to_owned(), json!(self.shared_paths));
         }
     }
 

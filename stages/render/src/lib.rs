@@ -11,6 +11,7 @@
 pub mod batches;
 pub mod camera;
 mod caustic;
+pub mod channels;
 pub mod detector;
 pub mod field;
 pub mod finish;

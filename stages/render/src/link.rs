@@ -6,8 +6,9 @@ use glam::DVec3;
 use turbid_optics::philox::unit;
 use turbid_optics::refraction::{Crossing, Leg};
 
+use crate::channels::{Lengths, NO_LENGTHS, sum};
 use crate::lamp::Source;
-use crate::path::{Stream, Walker};
+use crate::path::{Setting, Stream, Walker, count};
 use crate::strata::{Bending, Strata};
 use crate::world::Skin;
 
@@ -27,6 +28,8 @@ pub struct Link {
     pub on_plane: DVec3,
     /// Whether it is inside the field.
     pub lit: bool,
+    /// mm on the way in each medium that tells channels apart.
+    pub lengths: Lengths,
 }
 
 /// Where light comes from, be it lit or not, and how far off it is.
@@ -45,6 +48,8 @@ pub(crate) struct Sight {
     pub blocked: bool,
     /// Normal, along the way, of the first boundary on it.
     pub exit: Option<DVec3>,
+    /// mm in each medium that tells channels apart.
+    pub lengths: Lengths,
 }
 
 /// Which random numbers decide on a detour.
@@ -113,8 +118,8 @@ impl Way {
 impl Walker<'_> {
     /// What lies on the straight way from r along `towards`.
     pub(crate) fn sight(&mut self, r: DVec3, towards: DVec3, distance: f64, skin: Option<Skin>) -> Sight {
-        let world = self.setting.world;
-        let mut sight = Sight { tau: 0.0, blocked: false, exit: None };
+        let Setting { world, shared, .. } = self.setting;
+        let mut sight = Sight { tau: 0.0, blocked: false, exit: None, lengths: NO_LENGTHS };
         let mut n = None;
         for piece in world.trace(r, towards, skin, &mut self.spans) {
             if piece.start >= distance {
@@ -133,7 +138,9 @@ impl Walker<'_> {
             if material.is_opaque() || crosses {
                 sight.blocked = true;
             } else if piece.material != 0 {
-                sight.tau += material.mu_t() * (piece.end.min(distance) - piece.start);
+                let length = piece.end.min(distance) - piece.start;
+                sight.tau += material.mu_t() * length;
+                count(shared, &mut sight.lengths, piece.material, length);
             }
         }
         sight
@@ -202,6 +209,7 @@ impl Walker<'_> {
             exit: sight.exit,
             on_plane: arrival.on_plane,
             lit: true,
+            lengths: sight.lengths,
         })
     }
 
@@ -358,6 +366,7 @@ impl Walker<'_> {
             exit: None,
             on_plane: DVec3::ZERO,
             lit: false,
+            lengths: NO_LENGTHS,
         };
         for &(n, beyond, reflected) in &way.events {
             let reflectance = crossing.reflectance(n, beyond);
@@ -374,6 +383,7 @@ impl Walker<'_> {
                 return None;
             }
             link.tau += sight.tau;
+            link.lengths = sum(&link.lengths, &sight.lengths);
             if i == 0 {
                 (link.towards, link.exit) = (w, sight.exit);
             }

@@ -4,10 +4,11 @@ use glam::DVec3;
 use turbid_optics::philox::unit;
 use turbid_optics::solid::Solid;
 
+use crate::channels::{Lengths, NO_LENGTHS, sum};
 use crate::finish::Finish;
 use crate::lamp::Source;
 use crate::link::{Chance, Link};
-use crate::path::Walker;
+use crate::path::{Setting, Walker, count};
 use crate::strata::Bending;
 use crate::world::{Body, Skin, Wall, World};
 
@@ -26,6 +27,16 @@ pub struct Mirrors {
     planes: Vec<Plane>,
     /// Whether light may go from mirror to mirror.
     pub face: bool,
+}
+
+/// A mirror at the end of a ray.
+struct Seen {
+    wall: Wall,
+    /// Optical depth before it, and mm in each medium that tells channels apart.
+    tau: f64,
+    lengths: Lengths,
+    /// Normal, along the ray, of the first boundary on it.
+    exit: DVec3,
 }
 
 /// Decisions of [`Chance`] from here on are about mirrors; where light bends at planes, too, scenes with mirrors are refused.
@@ -201,7 +212,8 @@ impl Walker<'_> {
             Some(along) => (back.fold(-along, |w, k| plane(&self.mirrors, k).turn(w)), f64::NAN),
         };
         let towards = w;
-        let (mut p, mut skin, mut tau, mut exit) = (r, skin, 0.0, None);
+        let (mut p, mut skin, mut exit) = (r, skin, None);
+        let (mut tau, mut lengths) = (0.0, NO_LENGTHS);
         for k in 0..planes.len() {
             let plane = plane(&self.mirrors, k);
             // It must come to the plane, on the side on which the light goes on.
@@ -209,12 +221,13 @@ impl Walker<'_> {
             if !(distance > 0.0 && distance < f64::INFINITY) {
                 return None;
             }
-            let (wall, depth, first) = self.mirror_at(p, w, skin, distance)?;
-            tau += depth;
-            exit = exit.or(Some(first));
+            let seen = self.mirror_at(p, w, skin, distance)?;
+            tau += seen.tau;
+            lengths = sum(&lengths, &seen.lengths);
+            exit = exit.or(Some(seen.exit));
             p += distance * w;
-            let inside = self.setting.world.normal(wall, p).dot(w) > 0.0;
-            skin = Some(Skin { wall, inside });
+            let inside = self.setting.world.normal(seen.wall, p).dot(w) > 0.0;
+            skin = Some(Skin { wall: seen.wall, inside });
             w = plane.turn(w);
         }
         let arrival = source.arrival(p)?;
@@ -230,21 +243,23 @@ impl Walker<'_> {
             exit,
             on_plane: arrival.on_plane,
             lit: true,
+            lengths: sum(&lengths, &sight.lengths),
         })
     }
 
-    /// The wall of the mirror at `distance` on a ray, the optical depth before it, and the normal, along the ray, of the first boundary; `None`
-    /// where there is none, or something is before it.
-    fn mirror_at(&mut self, r: DVec3, w: DVec3, skin: Option<Skin>, distance: f64) -> Option<(Wall, f64, DVec3)> {
-        let world = self.setting.world;
-        let (mut tau, mut before, mut exit, mut n) = (0.0, None, None, None);
+    /// The mirror at `distance` on a ray; `None` where there is none, or something is before it.
+    fn mirror_at(&mut self, r: DVec3, w: DVec3, skin: Option<Skin>, distance: f64) -> Option<Seen> {
+        let Setting { world, shared, .. } = self.setting;
+        let (mut before, mut exit, mut n) = (None, None, None);
+        let (mut tau, mut lengths) = (0.0, NO_LENGTHS);
         for piece in world.trace(r, w, skin, &mut self.spans) {
             let material = &world.materials[piece.material];
             if material.is_opaque() {
                 let mirror = material.finish == Finish::Mirror;
                 let p = r + piece.start * w;
                 let plane = Plane { point: r + distance * w, normal: w, one_sided: false };
-                return before.filter(|_| mirror && plane.holds(p)).map(|wall| (wall, tau, exit.unwrap_or(w)));
+                let seen = |wall| Seen { wall, tau, lengths, exit: exit.unwrap_or(w) };
+                return before.filter(|_| mirror && plane.holds(p)).map(seen);
             }
             if self.bending == Bending::AtRough && *n.get_or_insert(material.n) != material.n {
                 return None;
@@ -255,7 +270,9 @@ impl Walker<'_> {
                 exit = Some(if normal.dot(w) < 0.0 { -normal } else { normal });
             }
             if piece.material != 0 {
-                tau += material.mu_t() * (piece.end - piece.start);
+                let length = piece.end - piece.start;
+                tau += material.mu_t() * length;
+                count(shared, &mut lengths, piece.material, length);
             }
             before = Some(wall);
         }

@@ -7,10 +7,11 @@ use turbid_optics::henyey_greenstein as hg;
 use turbid_optics::philox::unit;
 use turbid_optics::rough::Rough;
 
+use crate::channels::{Lengths, sum};
 use crate::lamp::Source;
 use crate::link::{Chance, Heading};
 use crate::look;
-use crate::path::{Place, Stream, Walker};
+use crate::path::{Place, Stream, Walker, count};
 use crate::single::Detour;
 use crate::strata::Bending;
 use crate::world::{Material, Skin};
@@ -59,9 +60,21 @@ impl<'a> Walker<'a> {
         projector.into_iter().chain(lamps.iter().enumerate().map(|(i, lamp)| Source::Lamp(i, lamp)))
     }
 
-    pub(crate) fn deposit(&mut self, path: usize, radiance: f64, on_plane: DVec3, source: Source<'_>) {
+    /// Adds what a path of these lengths, the link's among them, sees of a source, to every channel.
+    fn deposit(&mut self, path: usize, radiance: f64, on_plane: DVec3, source: Source<'_>, lengths: &Lengths) {
+        let Some(shared) = self.setting.shared else {
+            return self.add(path, radiance, on_plane, source);
+        };
+        for (channel, share) in shared.channels.iter().enumerate() {
+            let radiance = radiance * share.of(source) * share.weight(lengths);
+            self.add(path * shared.channels.len() + channel, radiance, on_plane, source);
+        }
+    }
+
+    /// The same for one response.
+    pub(crate) fn add(&mut self, response: usize, radiance: f64, on_plane: DVec3, source: Source<'_>) {
         let layout = self.setting.layout();
-        let response = &mut self.responses[path * layout.width()..][..layout.width()];
+        let response = &mut self.responses[response * layout.width()..][..layout.width()];
         if let (Source::Lamp(..), Some(steady)) = (source, layout.steady()) {
             response[steady] += radiance;
             return;
@@ -87,9 +100,19 @@ impl<'a> Walker<'a> {
         if at.glint && self.excludes_specular {
             return;
         }
-        let layout = self.setting.layout();
-        if let (true, Some(steady)) = (self.setting.steady.ambient > 0.0, layout.steady()) {
-            self.responses[at.response * layout.width() + steady] += at.weight * self.setting.steady.ambient;
+        let (layout, radiance) = (self.setting.layout(), at.weight * self.setting.steady.ambient);
+        if let (true, Some(steady)) = (radiance > 0.0, layout.steady()) {
+            let start = at.response * self.stride();
+            let response = &mut self.responses[start..];
+            match self.setting.shared {
+                None => response[steady] += radiance,
+                Some(shared) => {
+                    for (channel, share) in shared.channels.iter().enumerate() {
+                        response[channel * layout.width() + steady] +=
+                            radiance * share.ambient * share.weight(&at.lengths);
+                    }
+                }
+            }
         }
     }
 
@@ -112,7 +135,13 @@ impl<'a> Walker<'a> {
             let cos = normal.dot(link.towards);
             if cos > 0.0 {
                 let radiance = rho * FRAC_1_PI * cos * link.irradiance * libm::exp(-link.tau);
-                self.deposit(at.response, at.weight * radiance, link.on_plane, source);
+                self.deposit(
+                    at.response,
+                    at.weight * radiance,
+                    link.on_plane,
+                    source,
+                    &sum(&at.lengths, &link.lengths),
+                );
             }
         }
         self.links = links;
@@ -142,7 +171,8 @@ impl<'a> Walker<'a> {
                 let n = if link.towards.dot(rough.normal) < 0.0 { rough.n_to } else { rough.n_from };
                 let response = rough.response(at.w, link.towards);
                 let radiance = response * link.irradiance / (n * n) * libm::exp(-link.tau);
-                self.deposit(at.response, at.weight * radiance, link.on_plane, source);
+                let lengths = sum(&at.lengths, &link.lengths);
+                self.deposit(at.response, at.weight * radiance, link.on_plane, source, &lengths);
             }
             self.mirrored = mirrored;
         }
@@ -191,7 +221,7 @@ impl<'a> Walker<'a> {
         for link in links.drain(..) {
             let p = hg::density(g, at.w.dot(link.towards));
             let radiance = at.weight * p * link.irradiance * libm::exp(-link.tau) * rarity;
-            self.deposit(at.response, radiance, link.on_plane, source);
+            self.deposit(at.response, radiance, link.on_plane, source, &sum(&at.lengths, &link.lengths));
         }
         self.links = links;
     }
@@ -204,6 +234,7 @@ impl<'a> Walker<'a> {
         pieces.clear();
         pieces.extend(world.trace(at.r, at.w, at.skin, &mut self.spans));
         let (mut tau, mut entrance, mut scored) = (0.0, at.skin.map(|skin| skin.wall), 0);
+        let mut lengths = at.lengths;
         let n = pieces.first().map_or(1.0, |piece| world.materials[piece.material].n);
         for piece in &pieces {
             let material = &world.materials[piece.material];
@@ -223,12 +254,14 @@ impl<'a> Walker<'a> {
                     let [.., u] = first_block(stream, source, at.number - 1, scored);
                     let line = Line { r: start, e: at.w, length, material: piece.material, towards, exit };
                     let chance = Chance { stream, number: at.number - 1, place: scored };
-                    self.score(at.response, &line, at.weight * libm::exp(-tau), unit(u), source, &chance);
+                    let weight = at.weight * libm::exp(-tau);
+                    self.score(at.response, &line, weight, unit(u), source, &chance, &lengths);
                 }
                 scored += 1;
             }
             if piece.material != 0 {
                 tau += material.mu_t() * length;
+                count(self.setting.shared, &mut lengths, piece.material, length);
             }
             entrance = piece.wall;
         }
@@ -280,7 +313,8 @@ impl<'a> Walker<'a> {
             let p = hg::density(f64::from(detour.g), e.dot(link.towards));
             let radiance = f64::from(detour.fraction) * p * link.irradiance * libm::exp(-link.tau);
             std::mem::swap(&mut self.responses, &mut self.queued);
-            self.deposit(detour.path as usize, radiance, link.on_plane, source);
+            let lengths = sum(&detour.lengths.map(f64::from), &link.lengths);
+            self.deposit(detour.path as usize, radiance, link.on_plane, source, &lengths);
             std::mem::swap(&mut self.responses, &mut self.queued);
         }
     }
@@ -309,19 +343,32 @@ impl<'a> Walker<'a> {
         if length > 0.0 {
             let line = Line { r: at.r, e, length, material: at.material, towards, exit };
             let chance = Chance { stream: &stream, number: at.number - 1, place: 0 };
-            self.score(at.response, &line, at.weight * balance * rarity, unit(u), source, &chance);
+            self.score(at.response, &line, at.weight * balance * rarity, unit(u), source, &chance, &at.lengths);
         }
     }
 
-    /// weight times the integral over s in (0, length) of exp(-mu_t s) mu_s p(e . L) (light at r + s e), from one s.
+    /// weight times the integral over s in (0, length) of exp(-mu_t s) mu_s p(e . L) (light at r + s e), from one s; `lengths`
+    /// up to r.
     #[inline]
-    fn score(&mut self, path: usize, line: &Line, weight: f64, u: f64, source: Source<'_>, chance: &Chance<'_>) {
+    #[allow(clippy::too_many_arguments, reason = "one formula")]
+    fn score(
+        &mut self,
+        path: usize,
+        line: &Line,
+        weight: f64,
+        u: f64,
+        source: Source<'_>,
+        chance: &Chance<'_>,
+        lengths: &Lengths,
+    ) {
         let &Line { r, e, length, towards, .. } = line;
         let material = self.setting.world.materials[line.material];
         let mu_t = material.mu_t();
         let steepness = line.exit.map_or(0.0, |n| e.dot(n) / towards.dot(n));
         let (s, inverse_density) = look::ahead(steepness, length, mu_t, u);
         let at = r + s * e;
+        let mut lengths = *lengths;
+        count(self.setting.shared, &mut lengths, line.material, s);
         let mut links = std::mem::take(&mut self.links);
         self.reach(source, at, None, &mut links);
         self.reach_on(source, at, None, chance, &mut links);
@@ -329,7 +376,7 @@ impl<'a> Walker<'a> {
             let p = hg::density(material.g, e.dot(link.towards));
             let attenuation = libm::exp(-(mu_t * s + link.tau));
             let radiance = weight * material.mu_s * p * link.irradiance * attenuation * inverse_density;
-            self.deposit(path, radiance, link.on_plane, source);
+            self.deposit(path, radiance, link.on_plane, source, &sum(&lengths, &link.lengths));
         }
         self.links = links;
     }

@@ -13,6 +13,7 @@ use turbid_optics::rough::Rough;
 
 use crate::camera::Camera;
 use crate::caustic::Known;
+use crate::channels::{Lengths, NO_LENGTHS, Shared};
 use crate::finish::Finish;
 use crate::lamp::Steady;
 use crate::light::{Carrier, Light};
@@ -60,11 +61,18 @@ pub struct Setting<'a> {
     pub key: [u32; 2],
     pub channel: u32,
     pub nee: Nee,
+    /// Where several channels share the paths, what tells them apart.
+    pub shared: Option<&'a Shared>,
 }
 
 impl Setting<'_> {
     pub fn layout(&self) -> Layout {
         Layout { carriers: self.carriers.len(), pictures: self.pictures.layers(), steady: self.steady.shines() }
+    }
+
+    /// How many channels see what a path brings.
+    pub fn channels(&self) -> usize {
+        self.shared.map_or(1, |shared| shared.channels.len())
     }
 }
 
@@ -129,7 +137,7 @@ pub struct Walker<'a> {
     pub(crate) mirrors: Mirrors,
     /// Ways of light by them.
     pub(crate) mirrored: Vec<Link>,
-    /// Path after path, each as [`Layout`] says.
+    /// Path after path, channel after channel of each, as [`Layout`] says.
     pub(crate) responses: Vec<f64>,
     /// The part of it that comes by the queue; apart, so that it does not matter when the queue is flushed.
     pub(crate) queued: Vec<f64>,
@@ -218,6 +226,8 @@ pub struct Place {
     pub glint: bool,
     /// Which of the walker's responses is its own.
     pub response: usize,
+    /// How far it has come in each medium that tells channels apart.
+    pub lengths: Lengths,
 }
 
 impl<'a> Walker<'a> {
@@ -230,8 +240,8 @@ impl<'a> Walker<'a> {
         let windows = setting.world.materials.iter().map(window).collect();
         let (spans, pieces) = (Spans::default(), Vec::new());
         let free_paths = setting.world.materials.iter().map(|m| 1.0 / m.mu_s).collect();
-        // Pictures are looked up one by one.
-        let lanes = setting.pictures.layers() == 0;
+        // Pictures are looked up one by one, and lengths are counted only there.
+        let lanes = setting.pictures.layers() == 0 && setting.shared.is_none();
         let body_of = if lanes { look::bodies_by_material(setting.world) } else { None };
         let (responses, queued, queue) = (Vec::new(), Vec::new(), Queue::default());
         Self {
@@ -324,8 +334,15 @@ impl<'a> Walker<'a> {
         self.single = single;
     }
 
+    /// Of all its channels.
     pub fn response(&self, path: usize) -> &[f64] {
         &self.responses[path * self.stride()..][..self.stride()]
+    }
+
+    /// Of one channel, by its place in the group.
+    pub fn response_in(&self, path: usize, channel: usize) -> &[f64] {
+        let width = self.setting.layout().width();
+        &self.response(path)[channel * width..][..width]
     }
 
     pub fn setting(&self) -> &Setting<'a> {
@@ -358,7 +375,7 @@ impl<'a> Walker<'a> {
     }
 
     pub(crate) fn stride(&self) -> usize {
-        self.setting.layout().width()
+        self.setting.layout().width() * self.setting.channels()
     }
 
     pub(crate) fn stream(&self, at: &Place) -> Stream {
@@ -395,6 +412,7 @@ impl<'a> Walker<'a> {
             scattered: false,
             glint: false,
             response,
+            lengths: NO_LENGTHS,
         };
         if line {
             self.look_along(&at, &stream);
@@ -538,6 +556,7 @@ impl<'a> Walker<'a> {
                 }
                 at.r += s * at.w;
                 at.clear -= s;
+                count(self.setting.shared, &mut at.lengths, at.material, s);
                 return End::Scattered { crossed: false };
             }
         }
@@ -546,7 +565,7 @@ impl<'a> Walker<'a> {
 
     /// The same through boundaries.
     fn fly_across(&mut self, at: &mut Place, mut tau: f64) -> End {
-        let world = self.setting.world;
+        let Setting { world, shared, .. } = self.setting;
         let mut crossed = false;
         let mut before: Option<Wall> = None;
         let mut from: Option<usize> = None;
@@ -588,6 +607,7 @@ impl<'a> Walker<'a> {
                     return End::Gone;
                 }
             }
+            count(shared, &mut at.lengths, piece.material, flown);
             if to_scattering < length {
                 at.r += (piece.start + to_scattering) * at.w;
                 at.material = piece.material;
@@ -601,6 +621,14 @@ impl<'a> Walker<'a> {
             (before, from) = (piece.wall, Some(piece.material));
         }
         End::Left
+    }
+}
+
+/// Adds a stretch through a material to the lengths by which channels differ.
+#[inline(always)]
+pub(crate) fn count(shared: Option<&Shared>, lengths: &mut Lengths, material: usize, length: f64) {
+    if let Some(shared) = shared {
+        lengths[shared.counted[material]] += length;
     }
 }
 

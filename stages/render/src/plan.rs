@@ -4,9 +4,11 @@ use turbid_contract::StagePlan;
 use turbid_contract::payload::{Lamp, Medium, Object, Scene, Shape, Specular, Surface};
 use turbid_optics::diffusion::a_robin;
 
+use crate::channels::groups;
 use crate::fit::Lattice;
 use crate::method::{FIT_PATHS, Taken, bound};
 use crate::params::{Allocate, Method, Params};
+use crate::pictures::Pictures;
 use crate::response::Layout;
 use crate::rig::Rig;
 use crate::strata::Bending;
@@ -57,6 +59,14 @@ fn solver(params: &Params, scene: Option<&Scene>) -> String {
     bound.map_or_else(String::new, |bound| format!("; rte is bounded by {:.2} % only", 100.0 * bound))
 }
 
+/// How often paths are walked for all channels.
+fn walks(params: &Params, scene: &Scene) -> usize {
+    if scene.channels() == 1 {
+        return 1;
+    }
+    Rig::of(scene).map_or(scene.channels(), |rig| groups(&rig, &params.carriers(), &Pictures::NONE).len())
+}
+
 /// The least extent of a shape, mm.
 fn thickness(shape: &Shape) -> f64 {
     let least = |extents: [f64; 3]| extents.into_iter().fold(f64::INFINITY, f64::min);
@@ -103,6 +113,7 @@ pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool) -> StagePla
         }),
         ..StagePlan::default()
     };
+    let walks = scene.map_or(1, |scene| walks(params, scene));
     let mut sort = |needed: bool, what: &str| {
         if needed { plan.needs.push(what.to_owned()) } else { plan.left_out.push(what.to_owned()) }
     };
@@ -117,6 +128,7 @@ pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool) -> StagePla
         sort(scene.objects.values().any(|o| o.surface == Surface::Mirror), "mirrors");
         sort(scene.objects.len() > 1, "shadow rays through several objects");
         sort(scene.channels() > 1, "several channels");
+        sort(walks < scene.channels(), "paths shared by channels");
         sort(scene.media.values().any(|m| m.n != 1.0), "Fresnel boundaries");
         let at_walls = |world: &World| Bending::of(world) == Bending::AtWalls;
         sort(Rig::of(scene).is_ok_and(|rig| rig.worlds.iter().any(at_walls)), "refraction at curved or tilted walls");
@@ -182,7 +194,7 @@ pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool) -> StagePla
             // At most: all pixels have the one stand-in, and it pays.
             let of_lattice = f64::from(FIT_PATHS) * (lattice.columns.len() * lattice.rows.len()) as f64;
             let paths = if beside { 2.0 * traced + of_lattice } else { traced };
-            plan.seconds = Some(paths * channels * samples * per_path * 1e-9);
+            plan.seconds = Some(paths * walks as f64 * samples * per_path * 1e-9);
         }
         let q = Layout { carriers: params.carriers().len(), pictures: 0, steady: !scene.lights.is_empty() }.width();
         let frames = 2 * params.phases as usize * params.f_x.len() * params.orientation_deg.len();

@@ -8,6 +8,7 @@ use turbid_optics::solid::Solid;
 use turbid_optics::view::Lens;
 
 use crate::camera::Camera;
+use crate::channels::Channels;
 use crate::finish::Finish;
 use crate::lamp::{Lamp, Steady};
 use crate::light::Light;
@@ -86,6 +87,11 @@ impl Rig {
             worlds: worlds.collect(),
             object_of: order,
         })
+    }
+
+    /// What tells the channels apart.
+    pub fn channels(&self) -> Channels<'_> {
+        Channels { worlds: &self.worlds, lights: &self.lights, steady: &self.steady }
     }
 }
 

@@ -3,6 +3,7 @@
 use turbid_contract::payload::{Covariance, Frames, Pattern, Power, Scene, Truth, White};
 use turbid_contract::{Ctx, Error, Known, Problems, Stage, StagePlan, in_ports, out_ports};
 
+use crate::channels::groups;
 use crate::detector::Detector;
 use crate::field::Field;
 use crate::forward::tally;
@@ -43,7 +44,7 @@ pub struct RenderStage;
 
 impl Stage for RenderStage {
     const NAME: &'static str = "render";
-    const VERSION: u32 = 12;
+    const VERSION: u32 = 13;
     const ABOUT: &'static str =
         "Renders camera frames under projected sinusoids by unbiased path tracing, with standard errors";
     const STOPPING: &'static [&'static str] = &["samples", "target_error", "max_seconds"];
@@ -113,6 +114,7 @@ impl Stage for RenderStage {
             channels: &estimate.channels,
             n: estimate.n,
             sharing: estimate.sharing,
+            shared_paths: shared_paths(&scene, &rig, &shown),
         };
         let power = if ctx.wants("power") {
             if rig.steady.iter().zip(&rig.lights).any(|(steady, light)| steady.lamps.is_empty() && !light.shines()) {
@@ -142,4 +144,13 @@ impl Stage for RenderStage {
             power,
         })
     }
+}
+
+/// The wavelengths of each group of channels that one walk serves.
+fn shared_paths(scene: &Scene, rig: &Rig, shown: &Shown) -> Vec<Vec<f64>> {
+    if scene.channels() == 1 {
+        return Vec::new();
+    }
+    let shared = groups(rig, &shown.carriers, &shown.pictures).into_iter().filter(|group| group.shared.is_some());
+    shared.map(|group| group.channels.iter().map(|&c| scene.wavelengths_nm[c]).collect()).collect()
 }

@@ -7,6 +7,7 @@ use turbid_optics::philox;
 
 use crate::allocation;
 use crate::batches::Batches;
+use crate::channels::{Group, groups};
 use crate::flock;
 use crate::level::named;
 use crate::moments::Moments;
@@ -103,7 +104,7 @@ impl Task<'_> {
 pub fn trace(task: &Task<'_>, ctx: Ctx<'_>) -> Result<Sums, Error> {
     let params = task.params;
     let q = task.shown.layout.width();
-    let job = Job { task, ctx };
+    let job = Job::new(task, ctx);
     // Ways of light that are missing.
     let mut given_up = 0;
     let cap = params.samples.unwrap_or(u32::MAX);
@@ -190,6 +191,20 @@ fn resume(task: &Task<'_>, q: usize, whole: u32, ctx: Ctx<'_>) -> State {
 struct Job<'a> {
     task: &'a Task<'a>,
     ctx: Ctx<'a>,
+    /// The channels, each group by one walk.
+    groups: Vec<Group>,
+    /// For each stand-in, the same groups.
+    paired: Vec<Vec<Group>>,
+}
+
+impl<'a> Job<'a> {
+    fn new(task: &'a Task<'a>, ctx: Ctx<'a>) -> Self {
+        let groups = groups(task.rig, &task.shown.carriers, &task.shown.pictures);
+        let stand_ins = task.beside.iter().flat_map(|beside| &beside.references);
+        let paired = stand_ins
+            .map(|stand_in| groups.iter().map(|g| Group::of(stand_in.paired.channels(), g.channels.clone())).collect());
+        Self { task, ctx, paired: paired.collect(), groups }
+    }
 }
 
 impl Job<'_> {
@@ -197,10 +212,9 @@ impl Job<'_> {
     fn beside(&self, state: &State) -> Vec<bool> {
         let of_pixel = &self.task.beside.expect("there are stand-ins").of_pixel;
         let pairs = of_pixel.iter().flatten().count();
-        let channels = self.task.rig.worlds.len();
-        let per_path = |flights: u64, pixels: usize| {
-            flights as f64 / (f64::from(state.samples) * (channels * pixels).max(1) as f64)
-        };
+        let walks = self.groups.len();
+        let per_path =
+            |flights: u64, pixels: usize| flights as f64 / (f64::from(state.samples) * (walks * pixels).max(1) as f64);
         let flights = [per_path(state.flights[0], of_pixel.len()), per_path(state.flights[1], pairs)];
         self.task.judge.beside(&state.sums(), &self.task.paths(state), flights)
     }
@@ -243,13 +257,13 @@ impl Job<'_> {
                 "give a surface a reflectance below 1, or a medium some absorption",
             ));
         }
-        even.fold(&mut state.channels);
+        self.fold(&even, &mut state.channels);
         for flights in [even.flights, more.flights] {
             state.flights[0] += flights[0];
             state.flights[1] += flights[1];
         }
         if let Some(sums) = &mut state.more {
-            more.fold(&mut sums.channels);
+            self.fold(&more, &mut sums.channels);
             sums.turn(at, to);
         }
         state.samples = until;
@@ -272,10 +286,12 @@ impl Job<'_> {
         let key = philox::key(self.ctx.seed() ^ self.task.salt ^ salt);
         // Tiles of batches of one size.
         let tiles: Vec<&[Batch]> = batches.chunk_by(|a, b| a.count == b.count).flat_map(|b| b.chunks(TILE)).collect();
-        let parts = self.ctx.map_tiles(rig.worlds.len() * tiles.len(), |i| {
-            let (channel, tile) = (i / tiles.len(), tiles[i % tiles.len()]);
+        let parts = self.ctx.map_tiles(self.groups.len() * tiles.len(), |i| {
+            let (place, tile) = (i / tiles.len(), tiles[i % tiles.len()]);
+            let group = &self.groups[place];
+            let channel = group.channels[0];
             let setting = Setting {
-                world: &rig.worlds[channel],
+                world: &group.world,
                 camera: &rig.camera,
                 light: &rig.lights[channel],
                 steady: &rig.steady[channel],
@@ -284,8 +300,9 @@ impl Job<'_> {
                 key,
                 channel: channel as u32,
                 nee: Nee::Line,
+                shared: group.shared.as_ref(),
             };
-            self.tile(setting, tile, state.beside.as_deref())
+            self.tile(setting, place, tile, state.beside.as_deref())
         })?;
         let mut all = Parts::default();
         for part in &parts {
@@ -299,17 +316,29 @@ impl Job<'_> {
         Ok(all)
     }
 
-    fn tile(&self, setting: Setting<'_>, tile: &[Batch], beside: Option<&[bool]>) -> Part {
+    /// Adds parts to the sums of channels, in the order in which they were to be walked.
+    fn fold(&self, parts: &Parts, sums: &mut [Moments]) {
+        let (tiles, channels) = (parts.places.len().max(1), self.task.rig.worlds.len());
+        for (i, part) in parts.parts.iter().enumerate() {
+            let (group, places) = (&self.groups[i / tiles], &parts.places[i % tiles]);
+            for (batch, &place) in places.iter().enumerate() {
+                for (of, &channel) in group.channels.iter().enumerate() {
+                    sums[channel].fold_one(place as usize, &part.moments[of], batch);
+                    if let Some(differences) = part.differences.get(of) {
+                        sums[channels + channel].fold_one(place as usize, differences, batch);
+                    }
+                }
+            }
+        }
+    }
+
+    /// A tile of the `group`-th walk.
+    fn tile(&self, setting: Setting<'_>, group: usize, tile: &[Batch], beside: Option<&[bool]>) -> Part {
         let mut walker = Walker::new(setting, named(self.ctx.simd()));
         walker.excludes_specular = self.task.rig.excludes_specular;
         let width = self.task.shown.layout.width();
-        let mut part = Part {
-            moments: Moments::new(tile.len(), width),
-            differences: None,
-            flights: [0; 2],
-            given_up: 0,
-            endless: false,
-        };
+        let fresh = || vec![Moments::new(tile.len(), width); setting.channels()];
+        let mut part = Part { moments: fresh(), differences: Vec::new(), flights: [0; 2], given_up: 0, endless: false };
         // What was begun is thrown away with the whole round.
         if self.ctx.cancelled() {
             return part;
@@ -318,19 +347,25 @@ impl Job<'_> {
         let of: Vec<(u32, u32)> = tile.iter().map(|b| (self.task.pixels[b.place as usize], b.first)).collect();
         flock::walk_among(&mut walker, Batches { of: &of, count });
         for path in 0..of.len() * count as usize {
-            part.moments.add(path / count as usize, walker.response(path));
+            for (channel, moments) in part.moments.iter_mut().enumerate() {
+                moments.add(path / count as usize, walker.response_in(path, channel));
+            }
         }
         if let Some(references) = self.task.beside {
-            let mut differences = Moments::new(tile.len(), width);
+            let mut differences = fresh();
             for k in 0..references.references.len() {
                 let has = |pixel: usize| references.of_pixel[pixel] == Some(k) && beside.is_none_or(|b| b[pixel]);
                 let places: Vec<usize> = (0..of.len()).filter(|&i| has(of[i].0 as usize)).collect();
                 if !places.is_empty() {
-                    let stand_in = &references.references[k].paired;
-                    part.flights[1] += pair(&walker, stand_in, Batches { of: &of, count }, &places, &mut differences);
+                    let stand_in = &self.paired[k][group];
+                    let there = Setting { world: &stand_in.world, shared: stand_in.shared.as_ref(), ..setting };
+                    let mut other = Walker::new(there, walker.level());
+                    other.excludes_specular = references.references[k].paired.excludes_specular;
+                    pair(&walker, &mut other, Batches { of: &of, count }, &places, &mut differences);
+                    part.flights[1] += other.take_flights();
                 }
             }
-            part.differences = Some(differences);
+            part.differences = differences;
         }
         (part.flights[0], part.endless) = (walker.take_flights(), walker.endless());
         part.given_up = walker.given_up();
@@ -338,23 +373,27 @@ impl Job<'_> {
     }
 }
 
-/// Walks the batches at `places` in a stand-in, and adds how far the scene's paths in `walker` differ; the flights made.
-fn pair(walker: &Walker<'_>, stand_in: &Rig, batches: Batches<'_>, places: &[usize], differences: &mut Moments) -> u64 {
-    let scene = *walker.setting();
-    let setting = Setting { world: &stand_in.worlds[scene.channel as usize], ..scene };
-    let mut other = Walker::new(setting, walker.level());
-    other.excludes_specular = stand_in.excludes_specular;
+/// Walks the batches at `places` in a stand-in, too, and adds how far the scene's paths in `walker` differ, channel by channel.
+fn pair(
+    walker: &Walker<'_>,
+    stand_in: &mut Walker<'_>,
+    batches: Batches<'_>,
+    places: &[usize],
+    differences: &mut [Moments],
+) {
     let some: Vec<(u32, u32)> = places.iter().map(|&i| batches.of[i]).collect();
-    flock::walk_among(&mut other, Batches { of: &some, ..batches });
-    let (mut difference, count) = (vec![0.0; scene.layout().width()], batches.count as usize);
+    flock::walk_among(stand_in, Batches { of: &some, ..batches });
+    let (mut difference, count) = (vec![0.0; walker.setting().layout().width()], batches.count as usize);
     for (among, &place) in places.iter().enumerate() {
         for sample in 0..count {
-            let (ours, theirs) = (walker.response(place * count + sample), other.response(among * count + sample));
-            difference.iter_mut().zip(ours.iter().zip(theirs)).for_each(|(d, (a, b))| *d = a - b);
-            differences.add(place, &difference);
+            let (in_scene, beside) = (place * count + sample, among * count + sample);
+            for (channel, differences) in differences.iter_mut().enumerate() {
+                let (ours, theirs) = (walker.response_in(in_scene, channel), stand_in.response_in(beside, channel));
+                difference.iter_mut().zip(ours.iter().zip(theirs)).for_each(|(d, (a, b))| *d = a - b);
+                differences.add(place, &difference);
+            }
         }
     }
-    other.take_flights()
 }
 
 /// The next `count` paths of a pixel, by its place among those that are traced.
@@ -374,8 +413,10 @@ fn batches_between(done: &[u32], due: &[u32]) -> Vec<Batch> {
 
 /// The sums of a tile's batches, one after the other.
 struct Part {
-    moments: Moments,
-    differences: Option<Moments>,
+    /// Of every channel of the group.
+    moments: Vec<Moments>,
+    /// The same of the differences from stand-ins; empty where there are none.
+    differences: Vec<Moments>,
     flights: [u64; 2],
     given_up: u64,
     endless: bool,
@@ -384,28 +425,11 @@ struct Part {
 /// What a round brings.
 #[derive(Default)]
 struct Parts {
-    /// Channel by channel, each of all tiles.
+    /// Walk by walk, each of all tiles.
     parts: Vec<Part>,
     /// For each tile the places of its batches.
     places: Vec<Vec<u32>>,
     flights: [u64; 2],
     given_up: u64,
     endless: bool,
-}
-
-impl Parts {
-    /// Adds them in the order in which they were to be walked.
-    fn fold(&self, sums: &mut [Moments]) {
-        let tiles = self.places.len().max(1);
-        let channels = self.parts.len() / tiles;
-        for (i, part) in self.parts.iter().enumerate() {
-            let (channel, places) = (i / tiles, &self.places[i % tiles]);
-            for (batch, &place) in places.iter().enumerate() {
-                sums[channel].fold_one(place as usize, &part.moments, batch);
-                if let Some(differences) = &part.differences {
-                    sums[channels + channel].fold_one(place as usize, differences, batch);
-                }
-            }
-        }
-    }
 }

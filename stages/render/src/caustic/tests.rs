@@ -209,6 +209,7 @@ fn with_walker<T>(case: &Case, work: impl FnOnce(&mut Walker<'_>) -> T) -> T {
         key: [1, 2],
         channel: 0,
         nee: Nee::Point,
+        shared: None,
     };
     work(&mut Walker::new(setting, named("")))
 }

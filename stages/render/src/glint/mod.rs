@@ -60,6 +60,7 @@ pub fn glints(rig: &Rig, shown: &Shown, ctx: Ctx<'_>) -> Result<Vec<Glints>, Err
             key: [0; 2],
             channel: channel as u32,
             nee: Nee::Line,
+            shared: None,
         };
         let mut walker = Walker::new(setting, named(ctx.simd()));
         let mut glints = Glints::new();
@@ -137,7 +138,7 @@ impl Walker<'_> {
 
     fn add_glint(&mut self, glints: &mut Glints, pixel: usize, radiance: f64, on_plane: DVec3, source: Source<'_>) {
         self.clear_responses(1);
-        self.deposit(0, radiance, on_plane, source);
+        self.add(0, radiance, on_plane, source);
         let sum = glints.entry(pixel).or_insert_with(|| vec![0.0; self.responses.len()]);
         sum.iter_mut().zip(&self.responses).for_each(|(sum, response)| *sum += response);
     }

@@ -9,6 +9,7 @@ use super::frame::{Frame, Lamp};
 use super::ground::Part;
 use super::lane::{F, M, V, choose, splat};
 use super::look::Looks;
+use crate::channels::MOST_LENGTHS;
 use crate::path::Walker;
 use crate::strata::Bending;
 
@@ -142,11 +143,13 @@ pub struct Detour {
     pub g: f32,
     /// Of what is scattered there.
     pub fraction: f32,
+    /// mm up to it in each medium that tells channels apart.
+    pub lengths: [f32; MOST_LENGTHS + 1],
 }
 
 /// Tries those that wait, in their order.
 #[inline(never)]
-pub fn try_detours(walker: &mut Walker<'_>, frame: &Frame, looks: &mut Looks) {
+pub fn try_detours<const LENGTHS: usize>(walker: &mut Walker<'_>, frame: &Frame, looks: &mut Looks<LENGTHS>) {
     for detour in looks.detours.drain(..) {
         let mut r = frame.world(detour.r);
         if let Some(plane) = &frame.plane {

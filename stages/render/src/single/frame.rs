@@ -7,6 +7,7 @@ use super::bend::Plane;
 use super::ground::{Ground, Part};
 use super::look::MOST_BODIES;
 use super::mesh::Eyes;
+use crate::channels::{MOST_LENGTHS, Share};
 use crate::finish::Finish;
 use crate::light::Emission;
 use crate::path::{Nee, Setting, Walker};
@@ -61,7 +62,27 @@ pub struct Frame {
     pub stride: usize,
     /// Cycles per mm along x and y, and at the origin, of each carrier.
     pub carriers: Vec<[f32; 3]>,
+    /// For each body, which of a path's lengths counts what lies in it.
+    pub counted: Vec<usize>,
+    /// The same for each material.
+    pub counted_in: Vec<usize>,
+    /// How many lengths a path carries: 0 where it is seen by one channel.
+    pub lengths: usize,
+    /// Those that share the paths.
+    pub channels: Vec<Channel>,
 }
+
+/// One of several channels.
+#[derive(Clone, Copy, Debug)]
+pub struct Channel {
+    /// Absorption beyond that of the walk, mm^-1, for each length.
+    pub excess: [f32; MOST_LENGTHS],
+    /// As of the [`Lamp`], W mm^-2.
+    pub irradiance: f64,
+}
+
+/// The most channels whose looks go in lanes together.
+pub const MOST_CHANNELS: usize = 16;
 
 /// A material, mm^-1.
 #[derive(Clone, Copy, Debug)]
@@ -107,7 +128,7 @@ impl Frame {
         let cycles = view.field.length() * s.carriers.iter().fold(0.0, |most: f64, c| most.max(c.f_x()));
         let dense = s.world.materials.iter().any(|m| m.mu_t() > LARGEST || (m.mu_s > 0.0 && m.mu_s < 1.0 / LARGEST));
         let far = (view.position - view.look_at).length() > LARGEST;
-        if cycles > CYCLES || dense || far {
+        if cycles > CYCLES || dense || far || s.channels() > MOST_CHANNELS {
             return None;
         }
         let origin = seen(s);
@@ -158,6 +179,12 @@ impl Frame {
         let matt = |m: &Material| m.is_opaque() && m.finish != Finish::Mirror;
         let straight = |m: &Material| matt(m) || (m.n == 1.0 && m.finish == Finish::Smooth);
         let straight = s.world.materials.iter().all(straight);
+        let counted_in = s.shared.map_or_else(|| vec![MOST_LENGTHS; s.world.materials.len()], |s| s.counted.clone());
+        let channel = |share: &Share| Channel {
+            excess: share.excess.map(|mu_a| mu_a as f32),
+            irradiance: light.irradiance * share.projector,
+        };
+        let channels = s.shared.iter().flat_map(|shared| &shared.channels).map(channel).collect();
         let blind = !s.light.shines() && s.steady.lamps.is_empty();
         // Pictures and lenses are looked up one by one.
         let plain = s.light.shines() && view.distortion.is_none() && s.pictures.layers() == 0;
@@ -173,6 +200,11 @@ impl Frame {
             straight: straight && !others,
             others,
             known,
+            counted: parts.iter().map(|part| counted_in[part.material]).collect(),
+            counted_in,
+            // As many as there are kernels for.
+            lengths: if s.shared.is_some() { MOST_LENGTHS } else { 0 },
+            channels,
             parts,
             dark: straight && !others && s.steady.ambient == 0.0,
             plane,

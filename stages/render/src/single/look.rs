@@ -3,10 +3,12 @@
 use fearless_simd::prelude::*;
 
 use super::bend::Detour;
-use super::frame::{Frame, Lamp};
+use super::frame::{Frame, Lamp, MOST_CHANNELS};
 use super::ground::Span;
 use super::lane::{F, LANES, M, U, V, choose, exp, hg_denominator, hg_sample, ln, philox, sin_cos_turns, splat, unit};
+use super::mesh::bits;
 use super::rows::Rows;
+use crate::channels::MOST_LENGTHS;
 use crate::link::DETOURS;
 use crate::look::FLAT;
 use crate::nee::TAU_SURE;
@@ -29,21 +31,21 @@ pub const POINT: u32 = 1 << 30;
 
 /// Columns: r, the direction in which the path came, the one in which it goes on, weight, roulette, mu_a, mu_s, g, optical distance of
 /// the nearest surface; number, sample, pixel, response, body.
-pub type Rays = Rows<15, 5>;
+pub type Rays<const LENGTHS: usize> = Rows<15, 5, LENGTHS>;
 
 /// What waits for being looked at.
 #[derive(Clone, Debug, Default)]
-pub struct Looks {
-    pub rays: Rays,
+pub struct Looks<const LENGTHS: usize> {
+    pub rays: Rays<LENGTHS>,
     /// Where light bends.
     pub detours: Vec<Detour>,
 }
 
 /// Looks for light while so many wait.
 #[inline(always)]
-pub fn look_while<S: Simd>(
+pub fn look_while<S: Simd, const LENGTHS: usize>(
     simd: S,
-    looks: &mut Looks,
+    looks: &mut Looks<LENGTHS>,
     many: usize,
     frame: &Frame,
     key: [u32; 2],
@@ -51,19 +53,41 @@ pub fn look_while<S: Simd>(
     responses: &mut [f64],
 ) {
     while looks.rays.len() >= many {
-        simd.vectorize(
-            #[inline(always)]
-            || look(simd, looks, frame, key, high, responses),
-        );
-        looks.rays.drop_first(simd);
+        look_once(simd, looks, frame, key, high, responses);
     }
+}
+
+/// Compiled once for all callers, each of which would be as large as all the rest of a flight.
+#[inline(never)]
+fn look_once<S: Simd, const LENGTHS: usize>(
+    simd: S,
+    looks: &mut Looks<LENGTHS>,
+    frame: &Frame,
+    key: [u32; 2],
+    high: u32,
+    responses: &mut [f64],
+) {
+    simd.vectorize(
+        #[inline(always)]
+        || {
+            look(simd, looks, frame, key, high, responses);
+            looks.rays.drop_first(simd);
+        },
+    );
 }
 
 /// The first 16 looks, or as many as there are: adds to the responses of their paths, which are as
 /// [`Layout`](crate::response::Layout) says.
 #[inline(always)]
-fn look<S: Simd>(simd: S, looks: &mut Looks, frame: &Frame, key: [u32; 2], high: u32, responses: &mut [f64]) {
-    let (floats, [number, sample, pixel, path, body]) = looks.rays.load(simd);
+fn look<S: Simd, const LENGTHS: usize>(
+    simd: S,
+    looks: &mut Looks<LENGTHS>,
+    frame: &Frame,
+    key: [u32; 2],
+    high: u32,
+    responses: &mut [f64],
+) {
+    let (floats, [number, sample, pixel, path, body], mut lengths) = looks.rays.load(simd);
     let [rx, ry, rz, cx, cy, cz, ox, oy, oz, weight, roulette, mu_a, mu_s, g, least] = floats;
     let (r, came, own) = (V { x: rx, y: ry, z: rz }, V { x: cx, y: cy, z: cz }, V { x: ox, y: oy, z: oz });
     let (zero, mu_t) = (splat(simd, 0.0), mu_a + mu_s);
@@ -101,7 +125,8 @@ fn look<S: Simd>(simd: S, looks: &mut Looks, frame: &Frame, key: [u32; 2], high:
 
     let r1 = r.plus(s, e);
     let looked = chosen & (length.simd_gt(0.0) | point);
-    let Sight { towards: towards1, tau: tau1, blocked, foot, gain, .. } = sight(simd, frame, looked, r1);
+    let sight1 = sight(simd, frame, looked, r1);
+    let Sight { towards: towards1, tau: tau1, blocked, foot, gain, .. } = sight1;
     let (irradiance, lit, x, y) = arrives(simd, &frame.light, foot);
     let dark = mu_t * s + tau1;
     let cos = choose(point, came.dot(towards1), e.dot(towards1));
@@ -112,7 +137,9 @@ fn look<S: Simd>(simd: S, looks: &mut Looks, frame: &Frame, key: [u32; 2], high:
     let fraction = weight * rarity * ahead;
     let radiance = choose(seen, fraction * p * (irradiance * gain) * exp(-dark.min(splat(simd, DARK))), zero);
 
-    let stride = frame.stride;
+    if LENGTHS > 0 {
+        add_in_own(&mut lengths, frame, body, s);
+    }
     if frame.plane.is_some() {
         // The first decision of `Walker::detour`.
         let high = high | (ASIDE << 16 | aside_code(0, 0, 1));
@@ -131,21 +158,91 @@ fn look<S: Simd>(simd: S, looks: &mut Looks, frame: &Frame, key: [u32; 2], high:
                 e: [e.x, e.y, e.z].map(|x| x.as_slice()[i]),
                 g: g.as_slice()[i],
                 fraction: scattered.as_slice()[i],
+                lengths: std::array::from_fn(|k| lengths.get(k).map_or(0.0, |l| l.as_slice()[i])),
             });
         }
     }
-    let mut add = |place: usize, x: F<S>| {
+    let (stride, channels) = (frame.stride, if LENGTHS == 0 { 1 } else { frame.channels.len() });
+    let mut add = |place: usize, x: F<S>, irradiance: f64| {
         for (&path, &x) in path.as_slice()[..count].iter().zip(x.as_slice()) {
-            responses[path as usize * stride + place] += f64::from(x) * frame.light.irradiance;
+            responses[path as usize * stride + place] += f64::from(x) * irradiance;
         }
     };
-    add(0, radiance);
+    // What each channel sees of it.
+    let mut seen_in = [radiance; MOST_CHANNELS];
+    if LENGTHS > 0 {
+        add_along(simd, &mut lengths, frame, r1, &sight1);
+        for (of, channel) in seen_in.iter_mut().zip(&frame.channels) {
+            if channel.excess == [0.0; MOST_LENGTHS] {
+                // It is that of the walk, to the last digit.
+                continue;
+            }
+            let depth = lengths.iter().zip(channel.excess).fold(zero, |sum, (&length, excess)| sum + length * excess);
+            // Lengths of lanes that see nothing need not be numbers.
+            *of = choose(seen, radiance * exp(-depth.min(splat(simd, DARK))), zero);
+        }
+    }
+    let irradiance =
+        |channel: usize| if LENGTHS == 0 { frame.light.irradiance } else { frame.channels[channel].irradiance };
+    let width = stride / channels;
+    for (channel, &radiance) in seen_in[..channels].iter().enumerate() {
+        add(channel * width, radiance, irradiance(channel));
+    }
     for (j, &[along_x, along_y, start]) in frame.carriers.iter().enumerate() {
         // Outside the field the place on its plane means nothing, not even a number.
         let (x, y) = (choose(seen, x, zero), choose(seen, y, zero));
         let (sin, cos) = sin_cos_turns(x * along_x + y * along_y + start);
-        add(1 + 2 * j, radiance * cos);
-        add(2 + 2 * j, radiance * sin);
+        for (channel, &radiance) in seen_in[..channels].iter().enumerate() {
+            add(channel * width + 1 + 2 * j, radiance * cos, irradiance(channel));
+            add(channel * width + 2 + 2 * j, radiance * sin, irradiance(channel));
+        }
+    }
+}
+
+/// Adds a stretch within the own body to the lengths by which channels differ.
+#[inline(always)]
+fn add_in_own<S: Simd, const LENGTHS: usize>(lengths: &mut [F<S>; LENGTHS], frame: &Frame, body: U<S>, s: F<S>) {
+    let zero = splat(s.token(), 0.0);
+    for (j, &place) in frame.counted.iter().enumerate().filter(|(_, place)| **place < LENGTHS) {
+        lengths[place] += choose(body.simd_eq(j as u32), s, zero);
+    }
+}
+
+/// Adds what the lines to the light have in each body and is not carved out; as in [`optical_depth`].
+#[inline(always)]
+fn add_along<S: Simd, const LENGTHS: usize>(
+    simd: S,
+    lengths: &mut [F<S>; LENGTHS],
+    frame: &Frame,
+    p: V<S>,
+    sight: &Sight<S>,
+) {
+    let (zero, before) = (splat(simd, 0.0), *lengths);
+    let Sight { towards, spans, length: distance, again, .. } = sight;
+    for (j, &place) in frame.counted.iter().enumerate().filter(|(_, place)| **place < LENGTHS) {
+        for set in 0..1_usize << j {
+            let (mut enter, mut leave) = (spans[j].enter.max(zero), spans[j].leave.min(*distance));
+            for (k, span) in spans[..j].iter().enumerate() {
+                if set >> k & 1 == 1 {
+                    (enter, leave) = (span.enter.max(enter), span.leave.min(leave));
+                }
+            }
+            let common = (leave - enter).max(zero);
+            lengths[place] = if set.count_ones() % 2 == 0 { lengths[place] + common } else { lengths[place] - common };
+        }
+    }
+    for lane in bits(*again) {
+        let mut sums = before.map(|length| length.as_slice()[lane]);
+        for (j, length) in frame.ground.pieces_to_light(simd, lane, (p, *towards, *distance), spans) {
+            if frame.counted[j] < LENGTHS {
+                sums[frame.counted[j]] += length;
+            }
+        }
+        for (length, sum) in lengths.iter_mut().zip(sums) {
+            let mut lanes = length.to_array();
+            lanes[lane] = sum;
+            *length = F::load_array(simd, lanes);
+        }
     }
 }
 
@@ -165,6 +262,9 @@ struct Sight<S: Simd> {
     /// Of meshes, where the line first meets each.
     normals: [V<S>; MOST_BODIES],
     tau: F<S>,
+    /// mm of that line, and by bits the lanes in which it comes back to a mesh.
+    length: F<S>,
+    again: u64,
     blocked: M<S>,
     /// From where light comes straight from the projector, and what of the irradiance there reaches the point.
     foot: V<S>,
@@ -186,19 +286,32 @@ fn sight<S: Simd>(simd: S, frame: &Frame, asked: M<S>, p: V<S>) -> Sight<S> {
         let mut tau = optical_depth(simd, frame, &spans, distance);
         if again != 0 {
             let mut depths = tau.to_array();
-            for (lane, tau) in depths.iter_mut().enumerate().filter(|(lane, _)| again >> lane & 1 == 1) {
-                *tau = frame.ground.optical_depth_of(simd, lane, (p, towards, distance), &spans, &frame.mu_t);
+            for lane in bits(again) {
+                let pieces = frame.ground.pieces_to_light(simd, lane, (p, towards, distance), &spans);
+                depths[lane] = pieces.iter().map(|&(j, length)| frame.mu_t[j] * length).sum();
             }
             tau = F::load_array(simd, depths);
         }
         let blocked = blocked(simd, frame, &spans, distance);
-        return Sight { towards, spans, normals, tau, blocked, foot: p, gain: splat(simd, 1.0) };
+        return Sight {
+            towards,
+            spans,
+            normals,
+            tau,
+            length: distance,
+            again,
+            blocked,
+            foot: p,
+            gain: splat(simd, 1.0),
+        };
     };
     let way = plane.way(simd, &frame.light, p);
     let inside = spans(simd, frame, p, way.towards);
     let tau = optical_depth(simd, frame, &inside, way.length);
     let stopped = blocked(simd, frame, &inside, way.length);
-    Sight { towards: way.towards, spans: inside, normals, tau, blocked: stopped, foot: way.foot, gain: way.gain }
+    let (towards, length) = (way.towards, way.length);
+    let (foot, gain) = (way.foot, way.gain);
+    Sight { towards, spans: inside, normals, tau, length, again: 0, blocked: stopped, foot, gain }
 }
 
 /// (irradiance, whether it is lit, where on the pattern's plane) by the straight line.

@@ -86,7 +86,7 @@ fn lane_of<S: Simd>(v: V<S>, lane: usize) -> [f32; 3] {
 }
 
 /// The lanes that are set.
-fn bits(mut mask: u64) -> impl Iterator<Item = usize> {
+pub fn bits(mut mask: u64) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
         let lane = mask.trailing_zeros() as usize;
         mask &= mask.wrapping_sub(1);
@@ -234,16 +234,15 @@ impl Ground {
         again
     }
 
-    /// Optical depth of the line to the light in one lane, whatever meshes it comes back to: piece by piece.
+    /// The line to the light in one lane, whatever meshes it comes back to: the body and the length of each piece.
     #[inline(never)]
-    pub fn optical_depth_of<S: Simd>(
+    pub fn pieces_to_light<S: Simd>(
         &self,
         simd: S,
         lane: usize,
         (r, towards, distance): (V<S>, V<S>, F<S>),
         spans: &Spans<S>,
-        mu_t: &[f32],
-    ) -> f32 {
+    ) -> Vec<(usize, f32)> {
         let far = distance.as_slice()[lane];
         let mut stays = Vec::new();
         for (j, span) in spans.iter().enumerate().take(self.bodies()) {
@@ -268,9 +267,9 @@ impl Ground {
         let piece = |pair: &[f32]| {
             let middle = 0.5 * (pair[0] + pair[1]);
             let holder = stays.iter().filter(|s| s.1 < middle && middle < s.2).map(|s| s.0).min();
-            holder.map_or(0.0, |j| mu_t[j] * (pair[1] - pair[0]))
+            holder.map(|j| (j, pair[1] - pair[0]))
         };
-        ends.windows(2).map(piece).sum()
+        ends.windows(2).filter_map(piece).collect()
     }
 }
 

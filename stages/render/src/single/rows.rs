@@ -7,35 +7,36 @@ use super::lane::{F, LANES, M, U};
 /// 31 records at most, and room behind them for a whole vector.
 const ROOM: usize = 3 * LANES;
 
-/// At most 31 records of `FLOATS` and `WORDS`.
+/// At most 31 records of `FLOATS` and `WORDS`, and of `LENGTHS` by which channels that share paths differ (none for one channel).
 #[derive(Clone, Debug)]
-pub struct Rows<const FLOATS: usize, const WORDS: usize> {
+pub struct Rows<const FLOATS: usize, const WORDS: usize, const LENGTHS: usize> {
     floats: [[f32; ROOM]; FLOATS],
+    lengths: [[f32; ROOM]; LENGTHS],
     words: [[u32; ROOM]; WORDS],
     len: usize,
 }
 
-impl<const FLOATS: usize, const WORDS: usize> Default for Rows<FLOATS, WORDS> {
+impl<const FLOATS: usize, const WORDS: usize, const LENGTHS: usize> Default for Rows<FLOATS, WORDS, LENGTHS> {
     fn default() -> Self {
-        Self { floats: [[0.0; ROOM]; FLOATS], words: [[0; ROOM]; WORDS], len: 0 }
+        Self { floats: [[0.0; ROOM]; FLOATS], lengths: [[0.0; ROOM]; LENGTHS], words: [[0; ROOM]; WORDS], len: 0 }
     }
 }
 
-impl<const FLOATS: usize, const WORDS: usize> Rows<FLOATS, WORDS> {
+impl<const FLOATS: usize, const WORDS: usize, const LENGTHS: usize> Rows<FLOATS, WORDS, LENGTHS> {
     pub fn len(&self) -> usize {
         self.len
     }
 
     /// Appends one record.
     #[inline]
-    pub fn push(&mut self, floats: [f32; FLOATS], words: [u32; WORDS]) {
-        self.set(self.len, floats, words);
+    pub fn push(&mut self, floats: [f32; FLOATS], words: [u32; WORDS], lengths: [f32; LENGTHS]) {
+        self.set(self.len, floats, words, lengths);
         self.len += 1;
     }
 
     #[inline]
-    pub fn set(&mut self, i: usize, floats: [f32; FLOATS], words: [u32; WORDS]) {
-        for (column, x) in self.floats.iter_mut().zip(floats) {
+    pub fn set(&mut self, i: usize, floats: [f32; FLOATS], words: [u32; WORDS], lengths: [f32; LENGTHS]) {
+        for (column, x) in self.floats.iter_mut().zip(floats).chain(self.lengths.iter_mut().zip(lengths)) {
             column[i] = x;
         }
         for (column, x) in self.words.iter_mut().zip(words) {
@@ -43,15 +44,25 @@ impl<const FLOATS: usize, const WORDS: usize> Rows<FLOATS, WORDS> {
         }
     }
 
-    pub fn get(&self, i: usize) -> ([f32; FLOATS], [u32; WORDS]) {
-        (std::array::from_fn(|k| self.floats[k][i]), std::array::from_fn(|k| self.words[k][i]))
+    pub fn get(&self, i: usize) -> ([f32; FLOATS], [u32; WORDS], [f32; LENGTHS]) {
+        let (floats, words) = (std::array::from_fn(|k| self.floats[k][i]), std::array::from_fn(|k| self.words[k][i]));
+        (floats, words, std::array::from_fn(|k| self.lengths[k][i]))
     }
 
     /// Appends the lanes in `mask`, in their order; there is room for 16.
     #[inline(always)]
-    pub fn pack<S: Simd>(&mut self, mask: M<S>, floats: &[F<S>; FLOATS], words: &[U<S>; WORDS]) {
+    pub fn pack<S: Simd>(
+        &mut self,
+        mask: M<S>,
+        floats: &[F<S>; FLOATS],
+        words: &[U<S>; WORDS],
+        lengths: &[F<S>; LENGTHS],
+    ) {
         let at = self.len..self.len + LANES;
         for (column, x) in self.floats.iter_mut().zip(floats) {
+            x.compress(mask).store_slice(&mut column[at.clone()]);
+        }
+        for (column, x) in self.lengths.iter_mut().zip(lengths) {
             x.compress(mask).store_slice(&mut column[at.clone()]);
         }
         for (column, x) in self.words.iter_mut().zip(words) {
@@ -62,10 +73,20 @@ impl<const FLOATS: usize, const WORDS: usize> Rows<FLOATS, WORDS> {
 
     /// Moves the last records into the lanes of `mask`, which holds as many at most.
     #[inline(always)]
-    pub fn unpack<S: Simd>(&mut self, simd: S, mask: M<S>, floats: &mut [F<S>; FLOATS], words: &mut [U<S>; WORDS]) {
+    pub fn unpack<S: Simd>(
+        &mut self,
+        simd: S,
+        mask: M<S>,
+        floats: &mut [F<S>; FLOATS],
+        words: &mut [U<S>; WORDS],
+        lengths: &mut [F<S>; LENGTHS],
+    ) {
         self.len -= mask.to_bitmask().count_ones() as usize;
         let at = self.len..self.len + LANES;
         for (column, x) in self.floats.iter().zip(floats) {
+            *x = F::from_slice(simd, &column[at.clone()]).expand_merge(mask, *x);
+        }
+        for (column, x) in self.lengths.iter().zip(lengths) {
             *x = F::from_slice(simd, &column[at.clone()]).expand_merge(mask, *x);
         }
         for (column, x) in self.words.iter().zip(words) {
@@ -75,21 +96,29 @@ impl<const FLOATS: usize, const WORDS: usize> Rows<FLOATS, WORDS> {
 
     /// The first 16 records.
     #[inline(always)]
-    pub fn load<S: Simd>(&self, simd: S) -> ([F<S>; FLOATS], [U<S>; WORDS]) {
+    #[allow(clippy::type_complexity, reason = "three kinds of columns")]
+    pub fn load<S: Simd>(&self, simd: S) -> ([F<S>; FLOATS], [U<S>; WORDS], [F<S>; LENGTHS]) {
         // No `map`: what is not inlined loses the vector instructions.
         let (mut floats, mut words) = ([F::splat(simd, 0.0); FLOATS], [U::splat(simd, 0); WORDS]);
+        let mut lengths = [F::splat(simd, 0.0); LENGTHS];
         for (x, column) in floats.iter_mut().zip(&self.floats) {
             *x = F::from_slice(simd, &column[..LANES]);
         }
         for (x, column) in words.iter_mut().zip(&self.words) {
             *x = U::from_slice(simd, &column[..LANES]);
         }
-        (floats, words)
+        for (x, column) in lengths.iter_mut().zip(&self.lengths) {
+            *x = F::from_slice(simd, &column[..LANES]);
+        }
+        (floats, words, lengths)
     }
 
     /// Overwrites the first 16.
     #[inline(always)]
-    pub fn store<S: Simd>(&mut self, floats: &[F<S>; FLOATS], words: &[U<S>; WORDS]) {
+    pub fn store<S: Simd>(&mut self, floats: &[F<S>; FLOATS], words: &[U<S>; WORDS], lengths: &[F<S>; LENGTHS]) {
+        for (column, x) in self.lengths.iter_mut().zip(lengths) {
+            x.store_slice(&mut column[..LANES]);
+        }
         for (column, x) in self.floats.iter_mut().zip(floats) {
             x.store_slice(&mut column[..LANES]);
         }
@@ -101,7 +130,7 @@ impl<const FLOATS: usize, const WORDS: usize> Rows<FLOATS, WORDS> {
     /// Removes the first 16, or all if there are fewer.
     #[inline(always)]
     pub fn drop_first<S: Simd>(&mut self, simd: S) {
-        for column in &mut self.floats {
+        for column in self.floats.iter_mut().chain(&mut self.lengths) {
             F::from_slice(simd, &column[LANES..2 * LANES]).store_slice(&mut column[..LANES]);
         }
         for column in &mut self.words {

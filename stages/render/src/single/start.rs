@@ -9,17 +9,18 @@ use super::lane::{LANES, U, ln, philox, unit};
 use super::look::{FIRST, Looks, look_while};
 use super::walk::{Paths, settles};
 use crate::batches::Batches;
-use crate::path::{Place, Setting, Walker};
+use crate::channels::{Lengths, NO_LENGTHS};
+use crate::path::{Place, Setting, Walker, count};
 use crate::world::Piece;
 
 /// Paths still to be begun, and those ready for lanes.
-pub struct Starts<'a> {
+pub struct Starts<'a, const LENGTHS: usize> {
     batches: Batches<'a>,
     next: usize,
-    pub ready: Paths,
+    pub ready: Paths<LENGTHS>,
 }
 
-impl<'a> Starts<'a> {
+impl<'a, const LENGTHS: usize> Starts<'a, LENGTHS> {
     pub fn new(batches: Batches<'a>) -> Self {
         Self { batches, next: 0, ready: Paths::default() }
     }
@@ -35,7 +36,7 @@ impl<'a> Starts<'a> {
         simd: S,
         walker: &mut Walker<'_>,
         frame: &Frame,
-        looks: &mut Looks,
+        looks: &mut Looks<LENGTHS>,
         responses: &mut [f64],
     ) {
         let first = self.next;
@@ -56,8 +57,8 @@ impl<'a> Starts<'a> {
             if !made {
                 let mut place = walker.begin(pixel[i] as usize, sample[i], first + i);
                 if settles(walker, frame, &mut place) {
-                    let (floats, words) = frame.row(&place);
-                    self.ready.push(floats, words);
+                    let (floats, words, lengths) = frame.row(&place);
+                    self.ready.push(floats, words, lengths);
                 }
             }
             look_while(simd, looks, LANES, frame, key, high, responses);
@@ -73,7 +74,7 @@ impl<'a> Starts<'a> {
         simd: S,
         walker: &mut Walker<'_>,
         frame: &Frame,
-        looks: &mut Looks,
+        looks: &mut Looks<LENGTHS>,
         ids: Ids,
         jitter: (f64, f64),
         life: f32,
@@ -124,7 +125,7 @@ impl<'a> Starts<'a> {
         &mut self,
         s: &Setting<'_>,
         frame: &Frame,
-        looks: &mut Looks,
+        looks: &mut Looks<LENGTHS>,
         ids: Ids,
         (from, along): (DVec3, DVec3),
         life: f32,
@@ -140,6 +141,7 @@ impl<'a> Starts<'a> {
             return false;
         }
         let (mut tau, mut absorbed, mut scored) = (0.0, 0.0, 0);
+        let mut lengths = NO_LENGTHS;
         let w = along.as_vec3().to_array();
         for piece in &pieces[..seen] {
             let (length, medium) = (piece.end - piece.start, material(piece));
@@ -180,21 +182,28 @@ impl<'a> Starts<'a> {
                         frame.known,
                     ];
                     let words = [2, ids.sample, ids.pixel, ids.path, piece.material as u32, body as u32];
-                    self.ready.push(row, words);
+                    self.ready.push(row, words, counted(&lengths));
                 }
                 if !frame.blind {
                     let weight = libm::exp(-tau) as f32;
                     let row =
                         [r[0], r[1], r[2], w[0], w[1], w[2], w[0], w[1], w[2], weight, 0.0, m.mu_a, m.mu_s, m.g, 0.0];
-                    looks.rays.push(row, [FIRST | scored, ids.sample, ids.pixel, ids.path, body as u32]);
+                    let words = [FIRST | scored, ids.sample, ids.pixel, ids.path, body as u32];
+                    looks.rays.push(row, words, counted(&lengths));
                 }
                 scored += 1;
             }
             absorbed += medium.mu_a * length;
             tau += medium.mu_t() * length;
+            count(s.shared, &mut lengths, piece.material, length);
         }
         true
     }
+}
+
+/// Those that lanes carry.
+fn counted<const LENGTHS: usize>(lengths: &Lengths) -> [f32; LENGTHS] {
+    std::array::from_fn(|k| lengths[k] as f32)
 }
 
 /// Looks along one camera's ray in lanes.
@@ -217,18 +226,22 @@ impl Frame {
     }
 
     /// The row of a path in its medium.
-    pub fn row(&self, place: &Place) -> ([f32; 15], [u32; 6]) {
+    pub fn row<const LENGTHS: usize>(&self, place: &Place) -> ([f32; 15], [u32; 6], [f32; LENGTHS]) {
         let body = self.body_at(place).expect("only settled paths are put into lanes");
         let m = &self.media[place.material];
         let ([x, y, z], [a, b, c]) = (self.local(place.r), place.w.as_vec3().to_array());
         let (life, weight) = (place.life as f32, place.weight as f32);
         let floats = [x, y, z, a, b, c, life, 0.0, weight, m.free_path, m.mu_a, m.mu_s, m.g, m.window, self.known];
         let (path, material) = (place.response as u32, place.material as u32);
-        (floats, [place.number as u32, place.sample, place.pixel, path, material, body as u32])
+        let words = [place.number as u32, place.sample, place.pixel, path, material, body as u32];
+        (floats, words, counted(&place.lengths))
     }
 
     /// The path of a row, for the scalar walker.
-    pub fn place(&self, floats: [f32; 15], words: [u32; 6]) -> Place {
+    pub fn place<const LENGTHS: usize>(
+        &self,
+        (floats, words, lengths): ([f32; 15], [u32; 6], [f32; LENGTHS]),
+    ) -> Place {
         let [x, y, z, a, b, c, life, lost, weight, ..] = floats;
         let [number, sample, pixel, path, material, _] = words;
         Place {
@@ -250,6 +263,7 @@ impl Frame {
             scattered: number != 2,
             glint: false,
             response: path as usize,
+            lengths: std::array::from_fn(|k| lengths.get(k).copied().map_or(0.0, f64::from)),
         }
     }
 }

@@ -10,11 +10,12 @@ use super::look::{Looks, POINT, look_while, rarity};
 use super::rows::Rows;
 use super::start::Starts;
 use crate::batches::Batches;
+use crate::channels::MOST_LENGTHS;
 use crate::path::{Place, Walker};
 
 /// Columns: r, w, what is left of life, what its rounding lost, weight, free path, mu_a, mu_s, g, window, distance
 /// within which there is no surface that lanes do not know; block of random numbers, sample, pixel, response, material, body.
-pub type Paths = Rows<15, 6>;
+pub type Paths<const LENGTHS: usize> = Rows<15, 6, LENGTHS>;
 
 /// Blocks of random numbers that lanes count to.
 const MOST_BLOCKS: u64 = POINT as u64;
@@ -23,11 +24,19 @@ const MOST_BLOCKS: u64 = POINT as u64;
 pub fn walk(walker: &mut Walker<'_>, frame: &Frame, batches: Batches<'_>) {
     walker.clear_responses(batches.paths());
     let mut responses = walker.take_single();
-    dispatch!(walker.level(), simd => simd.vectorize(#[inline(always)] || {
-        Flock::new(simd, frame).run(walker, Starts::new(batches), &mut responses);
-    }));
+    match frame.lengths {
+        0 => counting::<0>(walker, frame, batches, &mut responses),
+        _ => counting::<MOST_LENGTHS>(walker, frame, batches, &mut responses),
+    }
     walker.gather();
     walker.add_single(responses);
+}
+
+/// The same for paths that carry so many lengths.
+fn counting<const LENGTHS: usize>(walker: &mut Walker<'_>, frame: &Frame, batches: Batches<'_>, responses: &mut [f64]) {
+    dispatch!(walker.level(), simd => simd.vectorize(#[inline(always)] || {
+        Flock::<_, LENGTHS>::new(simd, frame).run(walker, Starts::new(batches), responses);
+    }));
 }
 
 /// One odd flight, and those after it until the path is in a medium again, scored ahead, where lanes can go on; false where it
@@ -49,22 +58,24 @@ fn with_room(mut floats: [f32; 15], known: f32) -> [f32; 15] {
 }
 
 /// The paths in flight.
-struct Flock<'a, S: Simd> {
+struct Flock<'a, S: Simd, const LENGTHS: usize> {
     simd: S,
     frame: &'a Frame,
     floats: [F<S>; 15],
     words: [U<S>; 6],
+    /// By which channels differ, mm.
+    lengths: [F<S>; LENGTHS],
     /// By bits.
     alive: u64,
     /// Flights that only ask how far they may go, by bits, and the lengths of all.
     asking: u64,
     steps: [f32; LANES],
-    looks: Looks,
+    looks: Looks<LENGTHS>,
     /// For what goes through memory.
-    memory: Paths,
+    memory: Paths<LENGTHS>,
 }
 
-impl<'a, S: Simd> Flock<'a, S> {
+impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
     #[inline(always)]
     fn new(simd: S, frame: &'a Frame) -> Self {
         let (floats, words) = ([splat(simd, 0.0); 15], [U::splat(simd, 0); 6]);
@@ -73,6 +84,7 @@ impl<'a, S: Simd> Flock<'a, S> {
             frame,
             floats,
             words,
+            lengths: [splat(simd, 0.0); LENGTHS],
             alive: 0,
             asking: 0,
             steps: [0.0; LANES],
@@ -82,7 +94,7 @@ impl<'a, S: Simd> Flock<'a, S> {
     }
 
     #[inline(always)]
-    fn run(mut self, walker: &mut Walker<'_>, mut starts: Starts<'_>, responses: &mut [f64]) {
+    fn run(mut self, walker: &mut Walker<'_>, mut starts: Starts<'_, LENGTHS>, responses: &mut [f64]) {
         let simd = self.simd;
         let (key, high) = (walker.setting().key, walker.setting().channel << 16);
         let mut flights = 0;
@@ -97,7 +109,8 @@ impl<'a, S: Simd> Flock<'a, S> {
                 while filled.count_ones() as usize > starts.ready.len() {
                     filled &= filled - 1;
                 }
-                starts.ready.unpack(simd, M::from_bitmask(simd, filled), &mut self.floats, &mut self.words);
+                let filling = M::from_bitmask(simd, filled);
+                starts.ready.unpack(simd, filling, &mut self.floats, &mut self.words, &mut self.lengths);
                 self.alive |= filled;
                 if self.alive == 0 || walker.endless() {
                     break;
@@ -159,6 +172,8 @@ impl<'a, S: Simd> Flock<'a, S> {
         }
         let far = end.dot(end).simd_gt(frame.range_squared) | number.simd_ge(MOST_BLOCKS as u32);
         let (mut here, mut body, mut material) = ([free_path, mu_a, mu_s, g, window], body, material);
+        let (mut lengths, was_in) = (self.lengths, material);
+        let (mut first, mut second_in) = (s, splat(simd, 0.0));
         // `beyond`: in another medium, or behind a gap; touching bodies of one medium are one.
         let (mut escapes, mut crossed, mut beyond) = (no, no, no);
         if frame.straight && (passage.crosses & alive).any_true() {
@@ -199,9 +214,18 @@ impl<'a, S: Simd> Flock<'a, S> {
                     *x = choose(crossed, y, *x);
                 }
                 beyond = crossed & (!its.simd_eq(material) | on.enters.simd_gt(on.leaves));
+                if LENGTHS > 0 {
+                    (first, second_in) = (choose(crossed, on.leaves, first), choose(crossed, rest, second_in));
+                }
                 (material, body) = (crossed.select(its, material), crossed.select(on.body, body));
                 passage.clear = choose(crossed, second.clear, passage.clear);
                 passage.crosses &= !crossed;
+            }
+        }
+        if LENGTHS > 0 {
+            for (m, &place) in frame.counted_in.iter().enumerate().filter(|(_, place)| **place < LENGTHS) {
+                let within = |it: U<S>, length: F<S>| choose(it.simd_eq(m as u32), length, splat(simd, 0.0));
+                lengths[place] += within(was_in, first) + within(material, second_in);
             }
         }
         let [free_path, mu_a, mu_s, g, window] = here;
@@ -246,6 +270,7 @@ impl<'a, S: Simd> Flock<'a, S> {
                 unforeseen,
                 &[end.x, end.y, end.z, wx, wy, wz, wx, wy, wz, weight, roulette, mu_a, mu_s, g, least],
                 &[number | POINT, sample, pixel, path, body],
+                &lengths,
             );
             look_while(simd, &mut self.looks, LANES, frame, key, high, responses);
         }
@@ -254,6 +279,7 @@ impl<'a, S: Simd> Flock<'a, S> {
                 looks,
                 &[end.x, end.y, end.z, wx, wy, wz, e.x, e.y, e.z, heavier, roulette, mu_a, mu_s, g, least],
                 &[number + 1, sample, pixel, path, body],
+                &lengths,
             );
         }
         if (frame.lamps || !frame.looks) && near.any_true() {
@@ -264,7 +290,10 @@ impl<'a, S: Simd> Flock<'a, S> {
             (floats[6], floats[7], floats[8]) = (e.x, e.y, e.z);
             floats[9] = heavier;
             (floats[10], floats[11], floats[12]) = (roulette, weight, passage.clear);
-            self.memory.store(&floats, &words);
+            self.memory.store(&floats, &words, &lengths);
+        }
+        for (length, new) in self.lengths.iter_mut().zip(lengths) {
+            *length = choose(goes_on, new, *length);
         }
         let old = self.floats;
         let step = |new: F<S>, old: F<S>| choose(goes_on, new, old);
@@ -305,8 +334,8 @@ impl<'a, S: Simd> Flock<'a, S> {
         while lanes != 0 {
             let lane = lanes.trailing_zeros() as usize;
             lanes &= lanes - 1;
-            let (floats, words) = self.memory.get(lane);
-            let mut place = self.frame.place(floats, words);
+            let row = self.memory.get(lane);
+            let (floats, mut place) = (row.0, self.frame.place(row));
             place.number += 2;
             place.clear = f64::from(floats[12]);
             let roulette = f64::from(floats[10]);
@@ -333,28 +362,28 @@ impl<'a, S: Simd> Flock<'a, S> {
     /// Lets the scalar walker make odd flights.
     #[inline(never)]
     fn settle(&mut self, walker: &mut Walker<'_>, odd: u64) {
-        self.memory.store(&self.floats, &self.words);
+        self.memory.store(&self.floats, &self.words, &self.lengths);
         let mut lanes = odd;
         while lanes != 0 {
             let lane = lanes.trailing_zeros() as usize;
             lanes &= lanes - 1;
-            let (floats, words) = self.memory.get(lane);
-            let mut place = self.frame.place(floats, words);
+            let row = self.memory.get(lane);
+            let mut place = self.frame.place(row);
             if self.asking >> lane & 1 == 1 {
                 let known = (self.frame.clearance(place.r) * (1.0 - 1e-6)) as f32;
                 if self.steps[lane] < known {
                     // The same flight again, with more room.
-                    self.memory.set(lane, with_room(floats, known), words);
+                    self.memory.set(lane, with_room(row.0, known), row.1, row.2);
                     continue;
                 }
             }
             if settles(walker, self.frame, &mut place) {
-                let (floats, words) = self.frame.row(&place);
-                self.memory.set(lane, floats, words);
+                let (floats, words, lengths) = self.frame.row(&place);
+                self.memory.set(lane, floats, words, lengths);
             } else {
                 self.alive &= !(1 << lane);
             }
         }
-        (self.floats, self.words) = self.memory.load(self.simd);
+        (self.floats, self.words, self.lengths) = self.memory.load(self.simd);
     }
 }

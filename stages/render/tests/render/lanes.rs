@@ -36,6 +36,7 @@ fn f64_lanes_and_levels_do_not_show() {
             key: [7, 0],
             channel: 3,
             nee: Nee::Line,
+            shared: None,
         };
         for (pixels, samples) in [(0..16, 8..16), (5..6, 0..3)] {
             let mut alone = Walker::new(setting, named(""));
@@ -87,6 +88,7 @@ fn f32_lanes_are_the_scalar_paths_to_rounding() {
             key: [7, 0],
             channel: 3,
             nee: Nee::Line,
+            shared: None,
         };
         let (samples, mut alone, mut lanes) =
             (0..256, Walker::new(setting, named("")), Walker::new(setting, named("")));
@@ -133,6 +135,7 @@ fn f32_lanes_and_levels_do_not_show() {
             key: [7, 0],
             channel: 3,
             nee: Nee::Line,
+            shared: None,
         };
         let walked = |level: &str, pixels: std::ops::Range<usize>, samples: std::ops::Range<u32>| {
             let mut walker = Walker::new(setting, named(level));

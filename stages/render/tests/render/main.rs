@@ -1,6 +1,7 @@
 //! Laws that a rendered image obeys, and promises of the stage.
 
 mod adaptive;
+mod channels;
 mod coverage;
 mod curved;
 mod detectors;

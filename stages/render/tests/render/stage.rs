@@ -142,8 +142,8 @@ fn a_cut_through_one_medium_is_not_there() {
     }
 }
 
-/// Each channel is the scene with that channel's coefficients, with its own paths (`auto` takes stand-ins for all of them or none); a
-/// channel's layers carry its wavelength.
+/// Each channel is the scene with that channel's coefficients, and where one absorbs least, its paths are those that it has alone (`auto`
+/// takes stand-ins for all of them or none); a channel's layers carry its wavelength.
 #[test]
 fn channels_are_scenes_of_their_own() {
     let mut s = ball_on_slab(8);

@@ -239,6 +239,7 @@ fn compare(name: &str, world: &World, paths: u32, noise: f64) {
             key: [seed, 0],
             channel: 0,
             nee,
+            shared: None,
         };
         let mut walker = Walker::new(setting, named(""));
         let mut moments = Moments::new(16, 4);
