@@ -3,7 +3,8 @@
 #![allow(clippy::needless_range_loop, reason = "rows and columns of one matrix")]
 
 use crate::angles::Directions;
-use crate::matrix::{Matrix, cholesky, cholesky_of_sums, zeros};
+use crate::cholesky::{Cholesky, cholesky_of_sums};
+use crate::matrix::{Matrix, zeros};
 
 /// Scattering between the nodes, azimuth averaged, for one Henyey-Greenstein phase function.
 pub struct Coupling<const N: usize> {
@@ -25,7 +26,13 @@ impl<const N: usize> Coupling<N> {
         let sharp = g.abs();
         let log = if sharp > 0.0 { libm::log(sharp) } else { -800.0 };
         let order = terms as f64;
-        let (peak, rest) = (libm::exp(order * log), -libm::expm1(order * log));
+        // A rule of n > 1 aliases the moments beyond N of sharp peaks, to less light back than none; of blunt ones they help. So
+        // the phase function goes over from the one truncation to the other while its moments |g|^l outgrow the rule.
+        let short = terms.min(N) as f64;
+        let blend = if directions.n == 1.0 { 0.0 } else { libm::exp(4.0 * short * log) };
+        let mixed = |long: f64, short: f64| (1.0 - blend) * long + blend * short;
+        let rest = mixed(-libm::expm1(order * log), -libm::expm1(short * log));
+        let peak = mixed(libm::exp(order * log), libm::exp(short * log));
         let legendre = directions.cosines.map(|x| {
             let mut values = vec![1.0, x];
             for l in 2..terms {
@@ -36,8 +43,10 @@ impl<const N: usize> Coupling<N> {
         });
         let (mut even, mut odd) = (zeros(), zeros());
         for l in 0..terms {
-            // (|g|^l - f) / (1 - f) = |g|^l (1 - |g|^(L-l)) / (1 - |g|^L).
-            let moment = libm::exp(l as f64 * log) * -libm::expm1((order - l as f64) * log) / rest;
+            // Of either truncation |g|^l - f = |g|^l (1 - |g|^(L-l)), f = |g|^L.
+            let l_f = l as f64;
+            let beyond = |order: f64| if l_f < order { -libm::expm1((order - l_f) * log) } else { 0.0 };
+            let moment = libm::exp(l_f * log) * mixed(beyond(order), beyond(short)) / rest;
             let moment = if l % 2 == 1 && g < 0.0 { -moment } else { moment };
             let factor = (2 * l + 1) as f64 * moment;
             let part: &mut Matrix<N> = if l % 2 == 0 { &mut even } else { &mut odd };
@@ -77,7 +86,7 @@ impl<const N: usize> Coupling<N> {
     /// Whether both are positive definite. They are mixtures of a positive diagonal and these: positive at albedo 1 means
     /// positive everywhere.
     pub fn is_resolved(&self, directions: &Directions<N>) -> bool {
-        cholesky(self.odd_matrix(directions, 1.0)).is_some() && self.even_factor(directions, 1e-200, 1.0).is_some()
+        Cholesky::new(self.odd_matrix(directions, 1.0)).is_some() && self.even_factor(directions, 1e-200, 1.0).is_some()
     }
 }
 

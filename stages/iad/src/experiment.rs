@@ -69,12 +69,12 @@ pub enum From {
 /// A slab in an instrument, prepared for any number of measurements, from any thread.
 pub struct Experiment<const N: usize> {
     inverse: Inverse<N>,
-    instrument: Instrument,
+    pub(crate) instrument: Instrument,
     /// The slab seen from below, where its sides differ.
     flipped: Option<Box<Plan<N>>>,
     coarse_flipped: Option<Box<Plan<4>>>,
     /// States of the coarse model, [`TABLE`] scatterings for each absorption.
-    starts: Vec<Option<State>>,
+    pub(crate) starts: Vec<Option<State>>,
 }
 
 impl<const N: usize> Experiment<N> {
@@ -158,7 +158,7 @@ impl<const N: usize> Experiment<N> {
             let start = self.coarse_root(start, measured);
             let mut fit = self.full_root(start, measured);
             if fit.residual <= RESIDUAL {
-                let other = self.other(start, &fit, measured);
+                let other = self.other(&fit, measured);
                 fit.flags.ambiguous = other.is_some();
                 return Ok((fit, other));
             }
@@ -220,7 +220,7 @@ impl<const N: usize> Experiment<N> {
         newton_on(|x| self.step(state_with_slopes(plan, flipped, x)?, measured, true), start, 1e-4).0
     }
 
-    fn full_root(&self, start: [f64; 2], measured: &Measurement) -> Fit {
+    pub(crate) fn full_root(&self, start: [f64; 2], measured: &Measurement) -> Fit {
         let (plan, flipped) = (self.inverse.plan(), self.flipped.as_deref());
         let (found, iterations) =
             newton_on(|x| self.step(state_with_slopes(plan, flipped, x)?, measured, false), start, 1e-13);
@@ -241,78 +241,6 @@ impl<const N: usize> Experiment<N> {
             }
         }
         Some(Step { miss, jacobian })
-    }
-
-    /// Another medium with the readings of `fit`, where walls are so white that M_R hardly depends on mu_s' and folds back.
-    ///
-    /// M_T falls with mu_a, so each scattering of the table has one absorption with the M_T measured; where M_R along
-    /// these crosses what was measured, comes closest to it or ends, the search starts again.
-    fn other(&self, found: [f64; 2], fit: &Fit, measured: &Measurement) -> Option<[f64; 2]> {
-        if self.instrument.spheres == Spheres::None {
-            return None;
-        }
-        let along: Vec<Option<([f64; 2], f64)>> = (0..TABLE).map(|s| self.on_row(s, measured)).collect();
-        let at = |s: usize| along.get(s).copied().flatten();
-        let candidate = |s: usize| {
-            let (x, gap) = at(s)?;
-            let neighbours = [s.checked_sub(1).and_then(at), at(s + 1)];
-            let ends = neighbours.iter().any(Option::is_none);
-            let crosses = neighbours.iter().flatten().any(|n| n.1.signum() != gap.signum());
-            let nearest = neighbours.iter().flatten().all(|n| n.1.abs() >= gap.abs());
-            (ends || crosses || nearest).then_some(x)
-        };
-        let far = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).abs().max((a[1] - b[1]).abs()) > 1e-3;
-        let d = self.inverse.plan().slab().thickness_mm;
-        let own = [fit.mu_a_per_mm * d, fit.mu_s_prime_per_mm * d].map(libm::log);
-        let from = |start: [f64; 2]| {
-            let other = self.full_root(start, measured);
-            let x = [other.mu_a_per_mm * d, other.mu_s_prime_per_mm * d].map(libm::log);
-            (other.residual <= RESIDUAL && far(x, own)).then_some([other.mu_a_per_mm, other.mu_s_prime_per_mm])
-        };
-        let distant = |start: [f64; 2]| {
-            let root = self.coarse_root(start, measured);
-            if far(root, found) { from(root) } else { None }
-        };
-        (0..TABLE)
-            .filter_map(candidate)
-            .find_map(distant)
-            .or_else(|| self.across_the_fold(own, measured).find_map(from))
-    }
-
-    /// Starts on either side of a root next to a fold: along the direction that hardly changes the readings.
-    fn across_the_fold(&self, root: [f64; 2], measured: &Measurement) -> impl Iterator<Item = [f64; 2]> {
-        // Far from a fold both readings tell a coefficient each; sines of 0.2 between their gradients say otherwise.
-        const SHARP: f64 = 0.2;
-        let step = state_with_slopes(self.inverse.plan(), self.flipped.as_deref(), root)
-            .and_then(|at| self.step(at, measured, false));
-        let direction = step.and_then(|step| {
-            let [r, t] = step.jacobian;
-            let length = |v: [f64; 2]| (v[0] * v[0] + v[1] * v[1]).sqrt();
-            let near = (r[0] * t[1] - r[1] * t[0]).abs() < SHARP * length(r) * length(t);
-            let steeper = if length(r) > length(t) { r } else { t };
-            near.then(|| [-steeper[1], steeper[0]].map(|x| x / length(steeper)))
-        });
-        direction
-            .into_iter()
-            .flat_map(move |v| [0.1, -0.1, 0.5, -0.5, 1.5, -1.5].map(|h| [root[0] + h * v[0], root[1] + h * v[1]]))
-    }
-
-    /// On this scattering of the table: where M_T is that measured, and by how much M_R is above its reading there.
-    fn on_row(&self, scattering: usize, measured: &Measurement) -> Option<([f64; 2], f64)> {
-        let read = |a: usize| {
-            let state = self.starts[a * TABLE + scattering].as_ref()?;
-            Some(self.instrument.readings(&state.seen, &measured.lost))
-        };
-        for a in 0..TABLE - 1 {
-            let (Some(here), Some(next)) = (read(a), read(a + 1)) else { continue };
-            if here[1] >= measured.m_t && next[1] < measured.m_t {
-                let share = (here[1] - measured.m_t) / (here[1] - next[1]);
-                let (low, high) = (table_entry(a, scattering), table_entry(a + 1, scattering));
-                let x = [low[0] + share * (high[0] - low[0]), low[1]];
-                return Some((x, here[0] + share * (next[0] - here[0]) - measured.m_r));
-            }
-        }
-        None
     }
 
     /// `allowed` are the readings that the fit should give back.
@@ -345,20 +273,21 @@ impl<const N: usize> Experiment<N> {
         Error::Underdetermined { ratio: libm::exp(found) }
     }
 
-    /// d(M_R, M_T) / d(mu_a d, mu_s' d); columns are the unknowns.
-    fn jacobian(&self, x: [f64; 2], lost: &Lost) -> Option<[[f64; 2]; 2]> {
+    /// M_R and M_T, and d(M_R, M_T) / d(mu_a d, mu_s' d); columns are the unknowns.
+    pub(crate) fn readings_with_slopes(&self, depths: [f64; 2], lost: &Lost) -> Option<([f64; 2], [[f64; 2]; 2])> {
         const H: f64 = 1e-6;
-        let (state, slopes) = state_with_slopes_per_depth(self.inverse.plan(), self.flipped.as_deref(), x)?;
-        Some(slopes.map(|slope| {
+        let (state, slopes) = state_with_slopes_per_depth(self.inverse.plan(), self.flipped.as_deref(), depths)?;
+        let slopes = slopes.map(|slope| {
             let [low, high] = [-H, H].map(|h| self.instrument.readings(&state.moved(&slope, h).seen, lost));
             std::array::from_fn(|i| (high[i] - low[i]) / (2.0 * H))
-        }))
+        });
+        Some((self.instrument.readings(&state.seen, lost), slopes))
     }
 
     fn covariance(&self, measured: &Measurement, fit: &Fit) -> Option<[f64; 3]> {
         let d = self.inverse.plan().slab().thickness_mm;
         let x = [fit.mu_a_per_mm * d, fit.mu_s_prime_per_mm * d];
-        let [a, s] = self.jacobian(x, &measured.lost)?;
+        let (_, [a, s]) = self.readings_with_slopes(x, &measured.lost)?;
         let [rr, tt, rt] = self.noise(measured, x)?;
         let determinant = a[0] * s[1] - s[0] * a[1];
         // Rows of the inverse: the response of mu_a and of mu_s' to M_R and M_T.
@@ -427,7 +356,8 @@ impl<const N: usize> Experiment<N> {
         } else {
             libm::exp(bisect(-40.0, LARGEST, |x| read(libm::exp(x)).is_some_and(|v| (v < m) == rises)))
         };
-        let slope = self.jacobian(unknowns(x), &measured.lost).ok_or(Error::Unresolved { points: N })?;
+        let (_, slope) =
+            self.readings_with_slopes(unknowns(x), &measured.lost).ok_or(Error::Unresolved { points: N })?;
         let unknown = usize::from(matches!(known, Known::MuA(_)));
         Ok((x / d, (se / slope[unknown][i]).abs() / d))
     }

@@ -32,11 +32,13 @@ mod readme {}
 
 mod angles;
 mod anisotropy;
+mod cholesky;
 mod clear;
 mod coupling;
 mod differences;
 mod error;
 mod experiment;
+mod folds;
 mod forward;
 mod incidence;
 mod inverse;
@@ -44,6 +46,7 @@ pub mod laboratory;
 mod layers;
 mod matrix;
 mod modes;
+mod rotations;
 mod slab;
 mod spheres;
 #[cfg(feature = "stage")]

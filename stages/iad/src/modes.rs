@@ -11,8 +11,10 @@
 #![allow(clippy::needless_range_loop, reason = "rows and columns of one matrix")]
 
 use crate::angles::Directions;
+use crate::cholesky::Cholesky;
 use crate::coupling::Coupling;
-use crate::matrix::{Matrix, back_substitute, cholesky, dot, forward_substitute, orthogonalise, solve, zeros};
+use crate::matrix::{Matrix, dot, zeros};
+use crate::rotations::orthogonalise;
 use crate::slab::{Slide, Surface};
 
 /// Optical depths of a slab: what absorbs, and what scatters outside the peak of the phase function.
@@ -109,8 +111,8 @@ pub struct Modes<const N: usize> {
     pub s: Matrix<N>,
     /// Row j: mode j in the coordinates in which U = 1.
     q: Matrix<N>,
-    /// The transposed factor of U.
-    c: Matrix<N>,
+    /// The factor of U.
+    c: Cholesky<N>,
     /// Decay constants, per unit depth.
     pub k: [f64; N],
     pub half: f64,
@@ -120,9 +122,9 @@ pub struct Modes<const N: usize> {
     /// k / sinh(2kh): what a mode carries from one surface to the other.
     pub across: [f64; N],
     /// Factor of the odd system, of the even system (with the odd one eliminated), and of that of the far side.
-    odd_factor: Matrix<N>,
-    even_factor: Matrix<N>,
-    far_factor: Matrix<N>,
+    odd_factor: Cholesky<N>,
+    even_factor: Cholesky<N>,
+    far_factor: Cholesky<N>,
     /// Coupling of even and odd light where top and bottom differ, with the odd factor taken off.
     mixing: Option<Matrix<N>>,
     /// For fluxes: mode j of d against the top's transmitted flux, and the share of each mode that is absorbed.
@@ -141,7 +143,7 @@ impl<const N: usize> Modes<N> {
         let absorb = depths.absorb.max(1e-200);
         let scatter = depths.scatter;
         let half = 0.5 * depths.total.max(1e-280);
-        let c = cholesky(coupling.odd_matrix(directions, scatter))?;
+        let c = Cholesky::new(coupling.odd_matrix(directions, scatter))?;
         let g = coupling.even_factor(directions, absorb, scatter)?;
 
         // Rows: columns of C^T G, G scaled from weights to roots of cosine times weight (and V's 1/cosine).
@@ -152,14 +154,15 @@ impl<const N: usize> Modes<N> {
                 column[i] = g[j][i] / directions.flux_root[i];
             }
             for i in 0..N {
-                q[j][i] = dot(&c[i], &column);
+                q[j][i] = dot(&c.columns[i], &column);
             }
         }
-        let k = orthogonalise(&mut q, directions.counted.contains(&0.0));
+        // A direction of hardly any weight, a beam's beside the rule or those of a narrow cone, makes entries of very unlike size.
+        let k = orthogonalise(&mut q, directions.weights.iter().any(|w| *w < 1e-5));
         // s = C q.
         let mut s: Matrix<N> = zeros();
         for (mode, q) in s.iter_mut().zip(&q) {
-            for (factor, &q) in c.iter().zip(q) {
+            for (factor, &q) in c.columns.iter().zip(q) {
                 for (x, &entry) in mode.iter_mut().zip(factor) {
                     *x += q * entry;
                 }
@@ -185,12 +188,12 @@ impl<const N: usize> Modes<N> {
         let (top, bottom) = (resistance(&sides.top), resistance(&sides.bottom));
         let far = project(&s, &bottom);
         let mean = if sides.same { far } else { project(&s, &std::array::from_fn(|i| 0.5 * (top[i] + bottom[i]))) };
-        let odd_factor = cholesky(with_diagonal(mean, &odd))?;
+        let odd_factor = Cholesky::new(with_diagonal(mean, &odd))?;
         let mut rest = with_diagonal(mean, &even);
         let mixing = (!sides.same).then(|| {
             let difference = project(&s, &std::array::from_fn(|i| 0.5 * (top[i] - bottom[i])));
             // Symmetric, so rows serve as columns.
-            let reduced = difference.map(|row| forward_substitute(&odd_factor, &row));
+            let reduced = difference.map(|row| odd_factor.forward(&row));
             for i in 0..N {
                 for j in 0..N {
                     rest[i][j] -= dot(&reduced[i], &reduced[j]);
@@ -198,12 +201,12 @@ impl<const N: usize> Modes<N> {
             }
             difference
         });
-        let even_factor = cholesky(rest)?;
+        let even_factor = Cholesky::new(rest)?;
         let along: [f64; N] = std::array::from_fn(|j| 0.5 * (even[j] + odd[j]));
-        let far_factor = cholesky(with_diagonal(far, &along))?;
+        let far_factor = Cholesky::new(with_diagonal(far, &along))?;
 
         let out: [f64; N] = std::array::from_fn(|i| directions.flux_root[i] * sides.top[i].through);
-        let slope = solve(&c, &out);
+        let slope = c.solve(&out);
         let slope_of_flux = std::array::from_fn(|j| dot(&s[j], &slope));
         Some(Self {
             s,
@@ -229,7 +232,7 @@ impl<const N: usize> Modes<N> {
         let (even, odd) = self.even_and_odd(&drive, &drive);
         // The far side from the near one, not as even - odd: that would cancel in a deep slab.
         let carried: [f64; N] = std::array::from_fn(|j| self.across[j] * (even[j] + odd[j]));
-        let far = solve(&self.far_factor, &carried);
+        let far = self.far_factor.solve(&carried);
         Amplitudes { even, odd, far }
     }
 
@@ -239,10 +242,10 @@ impl<const N: usize> Modes<N> {
         let (even, odd) = self.even_and_odd(&drive, &drive.map(|x| -x));
         let carried: [f64; N] = std::array::from_fn(|j| self.across[j] * (even[j] - odd[j]));
         let far = if sides.same {
-            solve(&self.far_factor, &carried)
+            self.far_factor.solve(&carried)
         } else {
             let along: [f64; N] = std::array::from_fn(|j| 0.5 * (self.even[j] + self.odd[j]));
-            solve(&cholesky(with_diagonal(project(&self.s, &resistance(&sides.top)), &along))?, &carried)
+            Cholesky::new(with_diagonal(project(&self.s, &resistance(&sides.top)), &along))?.solve(&carried)
         };
         Some(Amplitudes { even, odd, far })
     }
@@ -254,11 +257,11 @@ impl<const N: usize> Modes<N> {
 
     fn even_and_odd(&self, to_even: &[f64; N], to_odd: &[f64; N]) -> ([f64; N], [f64; N]) {
         let Some(mixing) = &self.mixing else {
-            return (solve(&self.even_factor, to_even), solve(&self.odd_factor, to_odd));
+            return (self.even_factor.solve(to_even), self.odd_factor.solve(to_odd));
         };
-        let alone = solve(&self.odd_factor, to_odd);
-        let even = solve(&self.even_factor, &std::array::from_fn(|i| to_even[i] - dot(&mixing[i], &alone)));
-        let odd = solve(&self.odd_factor, &std::array::from_fn(|i| to_odd[i] - dot(&mixing[i], &even)));
+        let alone = self.odd_factor.solve(to_odd);
+        let even = self.even_factor.solve(&std::array::from_fn(|i| to_even[i] - dot(&mixing[i], &alone)));
+        let odd = self.odd_factor.solve(&std::array::from_fn(|i| to_odd[i] - dot(&mixing[i], &even)));
         (even, odd)
     }
 
@@ -298,7 +301,7 @@ impl<const N: usize> Modes<N> {
     pub fn d(&self) -> Matrix<N> {
         // s = C q = U d, so C^T d = q.
         let mut d = self.q;
-        back_substitute(&self.c, &mut d);
+        d.iter_mut().for_each(|row| self.c.back(row));
         d
     }
 }

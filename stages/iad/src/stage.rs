@@ -32,7 +32,7 @@ pub struct CalibrateIad;
 
 impl Stage for CalibrateIad {
     const NAME: &'static str = "calibrate_iad";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     const ABOUT: &'static str = "mu_a, mu_s' and g from reflectance and transmittance: inverse adding-doubling";
 
     type Params = Params;
@@ -98,6 +98,13 @@ impl Stage for CalibrateIad {
         let failed = found.iter().filter(|f| f.is_err()).count();
         if failed > 0 {
             ctx.warn(format!("{failed} of {} rows have no fit; column `status` names why", found.len()));
+        }
+        let ambiguous = found.iter().flatten().filter(|f| f.is_ambiguous()).count();
+        if ambiguous > 0 {
+            ctx.warn(format!(
+                "{ambiguous} of {} rows have a second medium with the same readings (column `message`): walls this white hardly tell mu_s'",
+                found.len()
+            ));
         }
         ctx.measure("rows_without_fit", failed as f64, "1");
         Ok(Out { fit: table(&source.sheet.media, &found) })

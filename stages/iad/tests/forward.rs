@@ -163,8 +163,9 @@ fn e_3(tau: f64) -> f64 {
     0.5 * (pass - tau * (pass - tau * e_1))
 }
 
-/// Peaks that hardly any rule resolves are as good as those that are: g = 0.9999 (not in the table) at N = 16, 24 against 48,
-/// at the same mu_s', and near the similar medium of g = 0.99, whose second moment differs by 1e-4 of the scattering.
+/// Peaks that hardly any rule resolves are as good as those that are: g = 0.9999 (not in the table) at N = 16, 32 against 64,
+/// at the same mu_s', within the ceilings of the table (errors change sign with N where n > 1, so none is asked to be the smaller); and near
+/// the similar medium of g = 0.99, whose second moment differs by 1e-4 of the scattering.
 #[test]
 fn extreme_peaks_converge() {
     fn run<const N: usize>(n: f64, g: f64) -> [f64; 4] {
@@ -173,13 +174,13 @@ fn extreme_peaks_converge() {
     let apart = |a: [f64; 4], b: [f64; 4]| a.iter().zip(b).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max);
     for n in [1.0, 1.4] {
         for g in [0.9999, -0.9999, 0.99, -0.99] {
-            let fine = run::<48>(n, g);
-            let (coarse, middle) = (apart(run::<16>(n, g), fine), apart(run::<24>(n, g), fine));
+            let fine = run::<64>(n, g);
+            let (coarse, middle) = (apart(run::<16>(n, g), fine), apart(run::<32>(n, g), fine));
             println!("n {n} g {g}: {coarse:.1e} {middle:.1e}");
-            let within = if n == 1.0 { 2e-4 } else { 2e-3 };
-            assert!(coarse < within && middle < within && middle < coarse, "n {n} g {g}: {coarse:.1e} {middle:.1e}");
+            let [most, less] = if n == 1.0 { [3e-5, 5e-6] } else { [2e-3, 4e-4] };
+            assert!(coarse < most && middle < less, "n {n} g {g}: {coarse:.1e} {middle:.1e}");
         }
-        let similar = apart(run::<48>(n, 0.9999), run::<48>(n, 0.99));
+        let similar = apart(run::<64>(n, 0.9999), run::<64>(n, 0.99));
         assert!(similar < 5e-3, "n = {n}: {similar:.1e}");
     }
 }

@@ -7,7 +7,8 @@ use crate::payload::Payload;
 /// One row per medium.
 ///
 /// Columns `medium` (text); `mu_a`, `mu_s_prime` and `mu_a_se`, `mu_s_prime_se` (mm^-1), `mu_cov` (their covariance, mm^-2), `g`, `g_se`;
-/// `status` (text): `ok`, `conservative` (mu_a = 0 within the standard errors), `no_scatter` (mu_s' = 0 likewise), or the name of
+/// `status` (text): `ok`, `conservative` (mu_a = 0 within the standard errors), `no_scatter` (mu_s' = 0 likewise), `empty` (both),
+/// `ambiguous` (the row holds one of two media with these readings, `message` names the other), or the name of
 /// what failed, with the reason in `message`. A row that failed holds zeros: read `status` first. A standard error that the
 /// readings do not determine is 0 and `status` ends in `, no_se`.
 #[derive(Clone, Debug, PartialEq)]

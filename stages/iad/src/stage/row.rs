@@ -17,6 +17,14 @@ pub struct Found {
     /// Standard errors of mu_a, mu_s', g and the covariance of the first two.
     se: Option<[f64; 4]>,
     status: &'static str,
+    /// What should be known of a fit that stands.
+    remark: String,
+}
+
+impl Found {
+    pub fn is_ambiguous(&self) -> bool {
+        self.status == "ambiguous"
+    }
 }
 
 pub fn solve<const N: usize>(params: &Params, case: &Case) -> Result<Found, Error> {
@@ -35,18 +43,24 @@ pub fn solve<const N: usize>(params: &Params, case: &Case) -> Result<Found, Erro
         return Ok(Found { g: slab.g, status: "ok", ..found });
     }
     let solution = experiment.solve(measured)?;
-    let status = match (solution.fit.flags.conservative, solution.fit.flags.no_scatter) {
+    let flags = solution.fit.flags;
+    let status = match (flags.conservative, flags.no_scatter) {
+        (false, false) if flags.ambiguous => "ambiguous",
         (false, false) => "ok",
         (true, false) => "conservative",
         (false, true) => "no_scatter",
         (true, true) => "empty",
     };
+    let remark = solution.other.map_or(String::new(), |[mu_a, mu_s_prime]| {
+        format!("mu_a = {mu_a:.6} and mu_s' = {mu_s_prime:.6} mm^-1 give the same readings")
+    });
     Ok(Found {
         mu_a: solution.fit.mu_a_per_mm,
         mu_s_prime: solution.fit.mu_s_prime_per_mm,
         g: slab.g,
         se: solution.covariance.map(|[a, s, both]| [a.sqrt(), s.sqrt(), 0.0, both]),
         status,
+        remark,
     })
 }
 
@@ -78,7 +92,7 @@ fn solve_three<const N: usize>(case: &Case, m_u: f64, m_u_se: f64) -> Result<Fou
         let root = |i: usize| product(i, i).max(0.0).sqrt();
         Some([root(0), root(1), root(2), product(0, 1)])
     })();
-    Ok(Found { mu_a: best[0], mu_s_prime: best[1], g: best[2], se, status: "ok" })
+    Ok(Found { mu_a: best[0], mu_s_prime: best[1], g: best[2], se, status: "ok", ..Found::default() })
 }
 
 fn name(error: &Error) -> &'static str {
@@ -120,7 +134,7 @@ pub fn table(media: &[String], found: &[Result<Found, Error>]) -> Fit {
         Err(error) => name(error).to_owned(),
     };
     table.push("status", "", Cells::Text(found.iter().map(status).collect()));
-    let message = |f: &Result<Found, Error>| f.as_ref().err().map_or(String::new(), ToString::to_string);
+    let message = |f: &Result<Found, Error>| f.as_ref().map_or_else(ToString::to_string, |found| found.remark.clone());
     table.push("message", "", Cells::Text(found.iter().map(message).collect()));
     Fit(table)
 }
