@@ -9,7 +9,7 @@ use fearless_simd::{Level, Simd, dispatch};
 use glam::DVec3;
 use turbid_optics::philox::{philox4x32, unit};
 use turbid_optics::solid::facets::{Cells, Seen};
-use turbid_optics::solid::{Mesh, Solid};
+use turbid_optics::solid::{Ends, Far, Mesh, Solid};
 
 #[allow(dead_code, reason = "not all of them are needed here")]
 #[path = "../tests/shapes/mod.rs"]
@@ -46,6 +46,11 @@ fn main() {
         stays.clear();
         solid.cut(p, w, None, &mut stays);
         stays.len() as f64
+    });
+    rate("f64: refractions to the eye", &rays, |p, _| {
+        let mut count = 0.0;
+        mesh.refractions(&Ends { far: Far::Point(eye), n_far: 1.0, near: p, n_near: 1.4 }, &mut |_| count += 1.0);
+        count
     });
     for (name, level) in [("baseline", Level::baseline()), ("best", Level::new())] {
         println!("{name}:");

@@ -4,7 +4,7 @@
 //! rv = variance per path / mean^2 (for M_AC of the component along the mean phase), so 1e4 rv paths give 1 %.
 
 use glam::{DVec2, DVec3};
-use turbid_optics::solid::Solid;
+use turbid_optics::solid::{Mesh, Solid};
 use turbid_optics::view::View;
 use turbid_render::camera::Camera;
 use turbid_render::flock;
@@ -15,6 +15,10 @@ use turbid_render::moments::Moments;
 use turbid_render::path::{Nee, Setting, Walker};
 use turbid_render::pictures::Pictures;
 use turbid_render::world::{Body, Material, World};
+
+#[allow(dead_code, reason = "not all of them are needed here")]
+#[path = "../../optics/tests/shapes/mod.rs"]
+mod shapes;
 
 fn main() {
     let paths: u32 = std::env::args().nth(1).map_or(64, |n| n.parse().expect("a number of paths"));
@@ -34,6 +38,9 @@ fn main() {
         ("M2 with a lesion", 25.0, 4236.0),
         ("M2 with a dome", 25.0, 4236.0),
         ("M2 with a dome, n = 1.4", 25.0, 4236.0),
+        ("M2 with a dome of 81,920 facets, n = 1", 25.0, 4236.0),
+        ("M2 with a dome of 1280 facets, n = 1.4", 25.0, 4236.0),
+        ("M2 with a dome of 81,920 facets, n = 1.4", 25.0, 4236.0),
         ("M2 with a spheroid", 25.0, 4236.0),
         ("M2 with a spheroid, n = 1.4", 25.0, 4236.0),
         ("M3 (1, 20000)", 1.0, 20000.0),
@@ -58,10 +65,18 @@ fn main() {
         }
         if name.contains("dome") {
             // A sphere of 40 mm, half embedded.
-            bodies.insert(
-                0,
-                Body { solid: Solid::Ellipsoid { center: DVec3::ZERO, radii: DVec3::splat(20.0) }, material: 2 },
-            );
+            let facets = |levels| {
+                let (vertices, triangles) = shapes::icosphere(20.0, DVec3::ZERO, levels);
+                Solid::Mesh(Mesh::new(&vertices, &triangles).into())
+            };
+            let solid = if name.contains("81,920") {
+                facets(6)
+            } else if name.contains("1280") {
+                facets(3)
+            } else {
+                Solid::Ellipsoid { center: DVec3::ZERO, radii: DVec3::splat(20.0) }
+            };
+            bodies.insert(0, Body { solid, material: 2 });
         }
         let world = World { bodies, materials: vec![Material::VOID, medium, lesion], textures: Vec::new() };
         for nee in [Nee::Point, Nee::Line] {

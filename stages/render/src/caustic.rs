@@ -3,10 +3,10 @@
 //! A way is found by aiming: a ray from the point is refracted and reflected as its events say, its neighbours tell how to turn it so that it
 //! meets the light. `docs/theory/render.md` says why nothing is counted twice and nothing is left out.
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use turbid_optics::elementary::sin_cos_turns;
 use turbid_optics::henyey_greenstein::turn;
-use turbid_optics::pencil::{Aim, Pencil};
+use turbid_optics::pencil::Aim;
 use turbid_optics::philox::{philox4x32, unit};
 use turbid_optics::refraction::refract;
 use turbid_optics::solid::{Ends, Far};
@@ -17,27 +17,16 @@ use crate::link::{Chance, DETOURS, Link};
 use crate::path::{Setting, Walker, count};
 use crate::world::{Skin, Wall};
 
+mod shot;
+
+use shot::{Shot, Walls};
+
 /// A way that need not be looked for.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Known {
     pub link: Link,
     /// Walls that turn it.
     events: usize,
-}
-
-/// A ray behind the last wall of its way.
-struct Shot {
-    pencil: Pencil,
-    skin: Option<Skin>,
-    /// Refractive index there.
-    n: f64,
-    /// What the walls let through or reflect.
-    passed: f64,
-    /// Optical depth, and mm in each medium that tells channels apart.
-    tau: f64,
-    lengths: Lengths,
-    /// As of a [`Link`].
-    exit: Option<DVec3>,
 }
 
 /// Where the refractive index changes next on a ray.
@@ -69,14 +58,6 @@ struct Dice {
     throw: u32,
 }
 
-/// Newton's method doubles the digits, from some way off.
-const MOST_STEPS: usize = 12;
-/// A step is halved as often before the trial is given up.
-const MOST_HALVINGS: usize = 4;
-/// The largest step, rad.
-const LARGEST_STEP: f64 = 0.5;
-/// Rad; what is left after a step of so much is its square.
-const SETTLED: f64 = 1e-8;
 /// A place where light may cross one wall is a way if what is left to turn is less than this, rad: else another wall comes first.
 const NEAR: f64 = 1e-4;
 /// Ways are one if their directions differ by less, rad.
@@ -88,6 +69,10 @@ const OUTSIDE: f64 = 0.5;
 const RARE: f64 = 0.1;
 /// A trial ends at each event with this probability.
 const DIES: f64 = 0.1;
+/// Among facets a trial begins with this probability near a way by smooth surfaces, up to so many rad and down to e^-SCALES of that from it.
+const SMOOTHLY: f64 = 0.75;
+const FARTHEST: f64 = 0.3;
+const SCALES: f64 = 8.0;
 /// Trials after which a way that was found once is given up.
 const MOST_TRIALS: u32 = 1 << 18;
 
@@ -130,11 +115,10 @@ impl Walker<'_> {
                 }
             }
             for p in &places {
-                let w = (p - r).normalize();
-                let shot = self.shoot((r, skin), w, &[false]);
-                let aim = shot.and_then(|shot| shot.aim(source));
-                if aim.is_some_and(|aim| aim.turn.length() < NEAR) {
-                    self.keep(source, r, skin, w, &[false], known);
+                let shot = self.shoot((r, skin), (p - r).normalize(), &[false], Walls::AsTheyAre);
+                let shot = shot.and_then(|shot| shot.aim(source).map(|aim| (shot, aim)));
+                if let Some((shot, aim)) = shot.filter(|(_, aim)| aim.turn.length() < NEAR) {
+                    self.keep(source, (r, skin), (shot, aim), &[false], known);
                 }
                 if one && !known.is_empty() {
                     break;
@@ -145,21 +129,24 @@ impl Walker<'_> {
         if known.is_empty()
             && let Some(edges @ 1..) = edges
         {
-            self.keep(source, r, skin, towards, &vec![false; edges], known);
+            let events = vec![false; edges];
+            let shot = self.shoot((r, skin), towards, &events, Walls::AsTheyAre);
+            if let Some(shot) = shot.and_then(|shot| shot.aim(source).map(|aim| (shot, aim))) {
+                self.keep(source, (r, skin), shot, &events, known);
+            }
         }
     }
 
-    /// Adds the way that a ray along `w` leads to, if it is not known yet.
+    /// Adds the way that a ray leads to, if it is not known yet.
     fn keep(
         &mut self,
         source: Source<'_>,
-        r: DVec3,
-        skin: Option<Skin>,
-        w: DVec3,
+        begin: (DVec3, Option<Skin>),
+        shot: (Shot, Aim),
         events: &[bool],
         known: &mut Vec<Known>,
     ) {
-        let Some((shot, aim)) = self.connect(source, (r, skin), w, events) else { return };
+        let Some((shot, aim)) = self.steer(source, begin, shot, events, Walls::AsTheyAre) else { return };
         let way = shot.pencil.start();
         if known.iter().any(|known| known.is(way, events.len())) {
             return;
@@ -240,10 +227,34 @@ impl Walker<'_> {
         let mut events = std::mem::take(&mut self.events);
         events.clear();
         let begun = self.events_of((r, skin), first, n_far, dice, &mut events);
-        let found = begun.and_then(|()| self.connect(source, (r, skin), first, &events));
+        let first = begun.and_then(|()| self.among_facets(source, (r, skin), first, &events, dice));
+        let found = first.and_then(|w| self.connect(source, (r, skin), w, &events, Walls::AsTheyAre));
         let count = events.len();
         self.events = events;
         found.map(|(shot, aim)| (shot, aim, count))
+    }
+
+    /// Where there are facets, mostly a direction at random about the one that would be the way if the surfaces that they stand for were smooth: ways
+    /// by facets, of which each holds one or none, lie around it, and few rays find a way from far off. All scales are as likely.
+    fn among_facets(
+        &mut self,
+        source: Source<'_>,
+        begin: (DVec3, Option<Skin>),
+        w: DVec3,
+        events: &[bool],
+        dice: &mut Dice,
+    ) -> Option<DVec3> {
+        if !self.facetted {
+            return Some(w);
+        }
+        let [whether, scale, u, turns] = dice.throw();
+        if whether >= SMOOTHLY {
+            return Some(w);
+        }
+        let (shot, _) = self.connect(source, begin, w, events, Walls::Rounded)?;
+        let off = FARTHEST * libm::exp(-SCALES * scale) * u.sqrt();
+        let (sin, cos) = sin_cos_turns(turns);
+        Some(shot.pencil.turned(off * DVec2::new(cos, sin)))
     }
 
     /// Random events along a ray, until it may see the source.
@@ -279,66 +290,6 @@ impl Walker<'_> {
             skin = Some(Skin { wall: edge.wall, inside: inside == on.is_none() });
             w = on.unwrap_or(met.reflected);
         }
-    }
-
-    /// Turns a ray with these events until it meets the source; `None` where it does not come to that.
-    fn connect(
-        &mut self,
-        source: Source<'_>,
-        begin: (DVec3, Option<Skin>),
-        w: DVec3,
-        events: &[bool],
-    ) -> Option<(Shot, Aim)> {
-        let mut shot = self.shoot(begin, w, events)?;
-        let mut aim = shot.aim(source)?;
-        for _ in 0..MOST_STEPS {
-            let size = aim.turn.length();
-            if size < SETTLED {
-                return Some((shot, aim));
-            }
-            let mut step = aim.turn * (LARGEST_STEP / size).min(1.0);
-            let mut next = None;
-            for _ in 0..MOST_HALVINGS {
-                let tried = self.shoot(begin, shot.pencil.turned(step), events);
-                let better = tried.and_then(|shot| shot.aim(source).map(|aim| (shot, aim)));
-                next = better.filter(|(_, a)| a.miss < aim.miss);
-                if next.is_some() {
-                    break;
-                }
-                step *= 0.5;
-            }
-            let Some((better, better_aim)) = next else {
-                // As near as rounding lets it come.
-                return (size < SAME).then_some((shot, aim));
-            };
-            (shot, aim) = (better, better_aim);
-        }
-        None
-    }
-
-    /// A ray through its events; `None` where one of them cannot be.
-    fn shoot(&mut self, (r, skin): (DVec3, Option<Skin>), w: DVec3, events: &[bool]) -> Option<Shot> {
-        let world = self.setting.world;
-        let pencil = Pencil::new(r, w);
-        let mut shot = Shot { pencil, skin, n: f64::NAN, passed: 1.0, tau: 0.0, lengths: NO_LENGTHS, exit: None };
-        for &reflected in events {
-            let Next::Edge(edge) = self.next_edge(shot.pencil.r, shot.pencil.w, shot.skin) else { return None };
-            let pencil = &mut shot.pencil;
-            pencil.fly(edge.distance);
-            let (wall, p) = (edge.wall, pencil.r);
-            let solid = &world.bodies[wall.body].solid;
-            let normal = solid.normal(wall.face, p);
-            let inside = normal.dot(pencil.w) > 0.0;
-            let reflectance =
-                pencil.meet(normal, |d| solid.bends(wall.face, p, d), (edge.n, edge.beyond), reflected)?;
-            shot.passed *= if reflected { reflectance } else { 1.0 - reflectance };
-            shot.n = if reflected { edge.n } else { edge.beyond };
-            shot.skin = Some(Skin { wall, inside: inside == reflected });
-            shot.tau += edge.tau;
-            shot.lengths = sum(&shot.lengths, &edge.lengths);
-            shot.exit.get_or_insert(edge.exit);
-        }
-        Some(shot)
     }
 
     /// The light that comes by a way that has been found, if nothing stands in its last part.
@@ -454,15 +405,6 @@ impl Known {
     /// Whether it is the way that begins along `w`.
     fn is(&self, w: DVec3, events: usize) -> bool {
         self.events == events && (self.link.towards - w).length() < SAME
-    }
-}
-
-impl Shot {
-    fn aim(&self, source: Source<'_>) -> Option<Aim> {
-        match source.origin() {
-            (_, Some(along)) => self.pencil.aim_along(-along),
-            (origin, None) => self.pencil.aim_at(origin),
-        }
     }
 }
 

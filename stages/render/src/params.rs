@@ -11,7 +11,7 @@ use crate::mirror::{Mirrors, has_mirrors};
 use crate::plan::flights_per_path;
 use crate::plane_wave::no_plane_wave;
 use crate::rig::Rig;
-use crate::strata::Bending;
+use crate::strata::{Bending, facetted};
 use crate::uniform::obstacle;
 use crate::world::World;
 
@@ -240,9 +240,12 @@ impl Params {
             if rig.worlds.iter().any(|world| Bending::of(world) == Bending::Anywhere) {
                 problems.push_with_hint(
                     "",
-                    "a mesh has an index other than its surroundings and smooth walls, or smooth and rough walls between different indices meet: the ways of light through them are not found",
-                    "give all that has n != 1 a rough surface, such as `surface: {rough: 0.1}`, or the mesh the n of its surroundings, or its shape by a sphere, spheroid, cylinder, tube or box",
+                    "smooth and rough walls between different indices meet: the ways of light through both are not found",
+                    "give all that has n != 1 a rough surface, such as `surface: {rough: 0.1}`, or none of it",
                 );
+            }
+            if rig.worlds.iter().any(has_clear_facets) {
+                problems.warn("", "a mesh of another n than its surroundings is so clear that light is reflected in it several times: of ways by several facets few are found, and standard errors may say too little");
             }
             check_mirrors(&rig, scene, problems);
             if scene.camera.as_ref().is_some_and(|c| c.specular == Some(Specular::Include)) {
@@ -319,6 +322,16 @@ impl Params {
             }
         }
     }
+}
+
+/// Whether light may be reflected several times in a mesh before it is extinguished: across it are less than three mean free paths.
+fn has_clear_facets(world: &World) -> bool {
+    let looked_for = Bending::of(world) == Bending::AtWalls;
+    looked_for
+        && facetted(world).any(|body| {
+            let (low, high) = body.solid.bounds();
+            world.materials[body.material].mu_t() * (high - low).min_element() < 3.0
+        })
 }
 
 /// What this version cannot say of the light that mirrors throw.

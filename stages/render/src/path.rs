@@ -22,7 +22,7 @@ use crate::look::{self, Queue};
 use crate::mirror::Mirrors;
 use crate::pictures::Pictures;
 use crate::response::Layout;
-use crate::strata::Bending;
+use crate::strata::{self, Bending};
 use crate::world::{Material, Piece, Skin, Spans, Wall, World};
 
 /// How scatterings look for the light.
@@ -134,6 +134,8 @@ pub struct Walker<'a> {
     pub(crate) given_up: u64,
     /// Where light bends in the world.
     pub(crate) bending: Bending,
+    /// Whether facets do that.
+    pub(crate) facetted: bool,
     pub(crate) mirrors: Mirrors,
     /// Ways of light by them.
     pub(crate) mirrored: Vec<Link>,
@@ -255,6 +257,7 @@ impl<'a> Walker<'a> {
             events: Vec::new(),
             given_up: 0,
             bending: Bending::of(setting.world),
+            facetted: strata::facetted(setting.world).next().is_some(),
             // Others are seen, but light nothing.
             mirrors: Mirrors::of(setting.world).unwrap_or_default(),
             mirrored: Vec::new(),

@@ -29,7 +29,7 @@ pub enum Bending {
     AtPlanes(Strata),
     /// At rough walls only: no light crosses them without being scattered by them.
     AtRough,
-    /// At smooth walls of any shape for which optics has `Solid::crossings`.
+    /// At smooth walls of any shape.
     AtWalls,
     /// At walls for which there is no way to find the light behind them.
     Anywhere,
@@ -58,16 +58,20 @@ impl Bending {
         if let Some(strata) = Strata::of(world) {
             return Self::AtPlanes(strata);
         }
-        let n = |body: &Body| world.materials[body.material].n;
-        // Facets do not focus: what they reflect and what passes several of them comes by too many ways.
-        let facetted = |body: &Body| {
-            matches!(body.solid, Solid::Mesh(_))
-                && clear(body.material)
-                && (n(body) != 1.0
-                    || world.bodies.iter().any(|b| clear(b.material) && n(b) != n(body) && meet(body, b)))
-        };
-        if world.bodies.iter().any(facetted) { Self::Anywhere } else { Self::AtWalls }
+        Self::AtWalls
     }
+}
+
+/// Meshes at whose surface the refractive index may change.
+pub fn facetted(world: &World) -> impl Iterator<Item = &Body> {
+    let clear = |body: &Body| !world.materials[body.material].is_opaque();
+    let n = |body: &Body| world.materials[body.material].n;
+    let changes =
+        move |mesh: &Body| n(mesh) != 1.0 || world.bodies.iter().any(|b| clear(b) && n(b) != n(mesh) && meet(mesh, b));
+    world.bodies.iter().filter(move |body| {
+        let solid = if let Solid::Turned(turned) = &body.solid { &turned.solid } else { &body.solid };
+        matches!(solid, Solid::Mesh(_)) && clear(body) && changes(body)
+    })
 }
 
 /// Whether the bodies' bounding boxes share volume.

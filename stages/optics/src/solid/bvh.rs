@@ -1,6 +1,7 @@
-//! A tree of boxes over many things, for three questions: what a line may meet, what is nearest to a point, what shares a box.
+//! A tree of boxes over many things, for several questions: what a line may meet, what is nearest to a point, what shares a box, where light
+//! may be refracted.
 //!
-//! Boxes are f64: they hold the things exactly, and one tree serves all three.
+//! Boxes are f64: they hold the things exactly, and one tree serves all of them.
 
 use std::ops::Range;
 
@@ -60,15 +61,34 @@ impl Tree {
         &self.order
     }
 
+    /// The places of the things in each of its boxes, by the box's number.
+    pub fn ranges(&self) -> Vec<Range<usize>> {
+        let own = |node: &Node| node.first as usize..(node.first + node.count) as usize;
+        let mut ranges: Vec<_> = self.nodes.iter().map(own).collect();
+        // Branches stand before what is in them.
+        for (i, node) in self.nodes.iter().enumerate().rev().filter(|(_, node)| node.count == 0) {
+            let first = node.first as usize;
+            ranges[i] = ranges[first].start..ranges[first + 1].end;
+        }
+        ranges
+    }
+
     /// Calls `leaf` with the places of each leaf whose box, and all boxes around it, `meets` says yes to.
     #[inline]
-    pub fn visit(&self, meets: impl Fn(DVec3, DVec3) -> bool, mut leaf: impl FnMut(Range<usize>)) {
+    pub fn visit(&self, meets: impl Fn(DVec3, DVec3) -> bool, leaf: impl FnMut(Range<usize>)) {
+        self.visit_numbered(|_, low, high| meets(low, high), leaf);
+    }
+
+    /// The same, where `meets` is told the number of the box, too.
+    #[inline]
+    pub fn visit_numbered(&self, meets: impl Fn(usize, DVec3, DVec3) -> bool, mut leaf: impl FnMut(Range<usize>)) {
         let mut stack = [0_u32; 2 * DEEP];
         let mut top = 1;
         while top > 0 {
             top -= 1;
-            let node = &self.nodes[stack[top] as usize];
-            if !meets(node.low, node.high) {
+            let i = stack[top] as usize;
+            let node = &self.nodes[i];
+            if !meets(i, node.low, node.high) {
                 continue;
             }
             if node.count > 0 {

@@ -40,7 +40,7 @@ const MOST_STEPS: usize = 60;
 
 impl Far {
     /// Unit vector from `p` towards it, and one over the distance.
-    fn from(self, p: DVec3) -> (DVec3, f64) {
+    pub(super) fn from(self, p: DVec3) -> (DVec3, f64) {
         match self {
             Self::Point(a) => {
                 let d = a - p;
@@ -61,7 +61,7 @@ impl Far {
 
 impl Ends {
     /// In other coordinates.
-    fn moved(&self, point: impl Fn(DVec3) -> DVec3, direction: impl Fn(DVec3) -> DVec3) -> Self {
+    pub(super) fn moved(&self, point: impl Fn(DVec3) -> DVec3, direction: impl Fn(DVec3) -> DVec3) -> Self {
         Self { far: self.far.moved(&point, direction), near: point(self.near), ..*self }
     }
 
@@ -75,7 +75,7 @@ impl Ends {
     }
 
     /// Through the plane of the points at which `normal` (unit) has the product `offset`.
-    fn through_plane(&self, normal: DVec3, offset: f64) -> Option<DVec3> {
+    pub(super) fn through_plane(&self, normal: DVec3, offset: f64) -> Option<DVec3> {
         let depth = offset - self.near.dot(normal);
         let foot = self.near + depth * normal;
         let (across, crossing) = match self.far {
@@ -97,6 +97,17 @@ impl Ends {
         };
         let sideways = across.try_normalize().unwrap_or(DVec3::ZERO);
         Some(foot + depth.abs() * crossing.tan(self.n_near) * sideways)
+    }
+
+    /// Through a triangle, its edges and what rounding puts beside them included.
+    pub(super) fn through_facet(&self, corners: &[DVec3; 3], normal: DVec3) -> Option<DVec3> {
+        let p = self.through_plane(normal, normal.dot(corners[0]))?;
+        let size = corners.iter().fold(0.0, |size: f64, corner| size.max(corner.abs().max_element()));
+        let within = (0..3).all(|k| {
+            let (from, edge) = (corners[k], corners[(k + 1) % 3] - corners[k]);
+            edge.cross(p - from).dot(normal) >= -1e-12 * size * edge.length()
+        });
+        within.then_some(p)
     }
 
     /// The place of least optical length on a curved surface, downhill from `p` on it; `None` where the two ends are on the same side.
@@ -179,8 +190,8 @@ impl Curved {
 }
 
 impl Solid {
-    /// Points of the surface at which Snell's law takes light from the far end to the near one: all of them on planes, on each curved
-    /// part the one of least time, if the straight line meets it. What stands in the way does not count.
+    /// Points of the surface at which Snell's law takes light from the far end to the near one: all of them on planes and facets, on each
+    /// curved part the one of least time, if the straight line meets it. What stands in the way does not count.
     pub fn crossings(&self, ends: &Ends, found: &mut dyn FnMut(DVec3)) {
         let mut level = |axis: DVec3, offset: f64, on_face: &dyn Fn(DVec3) -> bool| {
             if let Some(p) = ends.through_plane(axis, offset).filter(|_| offset.is_finite()).filter(|p| on_face(*p)) {
@@ -223,7 +234,7 @@ impl Solid {
                 carved.whole.crossings(ends, found);
                 carved.holes.iter().for_each(|hole| hole.crossings(ends, found));
             }
-            Self::Mesh(_) => {}
+            Self::Mesh(ref mesh) => mesh.refractions(ends, found),
         }
     }
 

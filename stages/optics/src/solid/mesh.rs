@@ -11,8 +11,11 @@ use fearless_simd::Simd;
 use glam::DVec3;
 
 use super::bvh::Tree;
+use super::crossing::Ends;
 use super::facets::{Cells, Seen};
 use super::memo::Memo;
+use super::normals::Normals;
+use super::rounded::Rounded;
 use super::{Start, Stay};
 
 /// Cells of the distance grid along the longest side.
@@ -32,6 +35,9 @@ pub struct Mesh {
     half: DVec3,
     /// Made when first asked for, as is what follows.
     grid: OnceLock<Grid>,
+    /// How the normals in each box of the tree differ.
+    lies: OnceLock<Vec<Normals>>,
+    rounded: OnceLock<Rounded>,
     cells: OnceLock<Option<Cells>>,
     /// From the last points that were asked for: that of the light, that of the camera.
     seen: Memo<DVec3, Option<Arc<Seen>>>,
@@ -76,8 +82,18 @@ impl Mesh {
         let tree = Tree::over(&boxes);
         let corners: Vec<[DVec3; 3]> = tree.order().iter().map(|&i| all[i as usize]).collect();
         let normals = corners.iter().map(|[a, b, c]| (b - a).cross(c - a).normalize_or_zero()).collect();
-        let (grid, cells) = (OnceLock::new(), OnceLock::new());
-        Self { center, corners, normals, tree, half, grid, cells, seen: Memo::default() }
+        Self {
+            center,
+            corners,
+            normals,
+            tree,
+            half,
+            grid: OnceLock::new(),
+            lies: OnceLock::new(),
+            rounded: OnceLock::new(),
+            cells: OnceLock::new(),
+            seen: Memo::default(),
+        }
     }
 
     pub fn triangles(&self) -> usize {
@@ -107,6 +123,12 @@ impl Mesh {
     /// Outward, of a face.
     pub fn normal(&self, face: u32) -> DVec3 {
         self.normals[face as usize]
+    }
+
+    /// As [`Rounded::at`].
+    pub(super) fn rounded(&self, face: u32, p: DVec3) -> (DVec3, impl Fn(DVec3) -> DVec3) {
+        let rounded = self.rounded.get_or_init(|| Rounded::over(&self.corners, &self.normals));
+        rounded.at(face, &self.corners[face as usize], self.normals[face as usize], p - self.center)
     }
 
     pub(super) fn contains(&self, p: DVec3) -> bool {
@@ -195,6 +217,23 @@ impl Mesh {
                     if let Some((t, turn)) = line.meets(&self.corners[place]) {
                         met(Crossing { t, face: place as u32, turn });
                     }
+                }
+            },
+        );
+    }
+
+    /// Points of its facets at which Snell's law takes light from the far end to the near one; those on an edge may come twice.
+    pub fn refractions(&self, ends: &Ends, found: &mut dyn FnMut(DVec3)) {
+        let lies = self.lies.get_or_init(|| {
+            self.tree.ranges().into_iter().map(|range| Normals::around(&self.normals[range])).collect()
+        });
+        let ends = ends.moved(|p| p - self.center, |w| w);
+        self.tree.visit_numbered(
+            |i, low, high| ends.may_be_refracted(low, high, &lies[i]),
+            |places| {
+                for place in places {
+                    let p = ends.through_facet(&self.corners[place], self.normals[place]);
+                    p.into_iter().for_each(|p| found(p + self.center));
                 }
             },
         );
@@ -384,3 +423,6 @@ pub fn distance_squared(p: DVec3, &[a, b, c]: &[DVec3; 3]) -> f64 {
     let height = ap.dot(normal);
     height * height / normal.length_squared()
 }
+
+#[cfg(test)]
+mod tests;

@@ -13,7 +13,9 @@ pub mod facets;
 mod frame;
 mod memo;
 pub mod mesh;
+mod normals;
 mod patch;
+mod rounded;
 mod shapes;
 
 pub use carved::Carved;

@@ -7,7 +7,7 @@ use turbid_optics::elementary::sin_cos_turns;
 use turbid_optics::henyey_greenstein::turn;
 use turbid_optics::philox::{philox4x32, unit};
 use turbid_optics::refraction::refract;
-use turbid_optics::solid::{Frame, Solid};
+use turbid_optics::solid::{Frame, Mesh, Solid};
 use turbid_optics::view::View;
 
 use crate::camera::Camera;
@@ -19,6 +19,9 @@ use crate::path::{Nee, Setting, Stream, Walker};
 use crate::pictures::Pictures;
 use crate::strata::Bending;
 use crate::world::{Body, Material, Skin, Spans, Wall, World};
+
+#[path = "../../../optics/tests/shapes/mod.rs"]
+mod shapes;
 
 /// mu_t in mm^-1, n. In clearer ones, light beyond foci comes by ways so rarely found that a few of them make the mean, and standard errors say too
 /// little: `docs/theory/render.md` has what longer runs gave there.
@@ -110,6 +113,48 @@ fn cases() -> Vec<Case> {
             vec![(ball([0.0, 0.0, 1.0], [1.0; 3]), 1), (slab(-3.0, 0.0), 5)],
             point([3.0, 0.0, 4.0]),
             &[([1.2, 0.0, 0.3], 0.15), ([0.0, 0.0, 1.0], 0.2), ([1.6, 0.5, 0.6], 0.3)],
+        ),
+    ]
+}
+
+/// The same of facets: coarse and fine ones, convex and not, alone and with other bodies.
+fn facetted_cases() -> Vec<Case> {
+    let mesh = |(vertices, triangles): shapes::Triangles| Solid::Mesh(Mesh::new(&vertices, &triangles).into());
+    let point = |position: [f64; 3]| Lamp::point(position.into(), 4.0 * PI);
+    let slab = Solid::Slab { bottom: -3.0, top: 0.0 };
+    let below = [([0.0, 0.0, 0.6], 0.15), ([0.3, -0.5, 0.0], 0.15), ([-0.5, 0.3, 0.1], 0.2), ([0.8, 0.0, 0.3], 0.08)];
+    let beside = [([1.3, 0.3, -0.2], 0.15), ([0.0, 0.0, 0.3], 0.15), ([-1.4, -0.3, -0.3], 0.15)];
+    let sphere = |levels| mesh(shapes::icosphere(1.0, DVec3::ZERO, levels));
+    let glass = (sphere(2), 2);
+    let inner = (Solid::Ellipsoid { center: DVec3::ZERO, radii: DVec3::splat(0.7) }, 3);
+    let away = DVec3::new(1.0, 3.0, 9.0);
+    vec![
+        case("sphere of 320 facets", vec![(sphere(2), 1)], point([1.0, 0.5, 3.0]), &below),
+        case("sphere of 5120 facets", vec![(sphere(4), 1)], point([1.0, 0.5, 3.0]), &below),
+        case(
+            "sphere of 1280 facets in a beam",
+            vec![(sphere(3), 3)],
+            Lamp::beam(away, -away.normalize(), 8.0, 16.0 * PI),
+            &below,
+        ),
+        case(
+            "block",
+            vec![(mesh(shapes::block(DVec3::new(-1.0, -1.2, -1.0), DVec3::new(1.0, 1.2, 0.5))), 1)],
+            point([2.0, 1.0, 5.0]),
+            &[([0.0, 0.0, 0.0], 0.2), ([0.8, 0.0, 0.3], 0.1), ([-0.3, 0.3, -0.7], 0.15)],
+        ),
+        case("dome of facets on a slab", vec![(sphere(3), 1), (slab, 1)], point([3.0, 1.0, 6.0]), &beside),
+        case(
+            "ring",
+            vec![(mesh(shapes::ring(0.6, 1.4, 0.8, 24)), 1)],
+            point([0.2, 0.5, 4.0]),
+            &[([1.0, 0.0, 0.5], 0.15), ([0.0, -1.1, 0.0], 0.15), ([0.0, 0.0, 0.0], 0.2)],
+        ),
+        case(
+            "medium in a shell of facets",
+            vec![inner, glass],
+            point([1.0, 0.5, 3.0]),
+            &[([0.0, 0.0, 0.4], 0.15), ([0.2, -0.3, 0.0], 0.15)],
         ),
     ]
 }
@@ -246,11 +291,10 @@ fn by_links(case: &Case, points: u32) -> (Vec<Measured>, u64) {
 
 /// The fluence rate that all ways together bring to small balls is that of light walked forward through the same walls: all
 /// refractions, reflections and foci are in it, and their Jacobians. As z scores over all balls of all cases.
-#[test]
-fn ways_bring_the_light_that_walks_forward() {
+fn check(cases: Vec<Case>, photons: u32, points: u32) {
     let (mut scores, mut imprecise) = (Vec::new(), false);
-    for (i, case) in cases().into_iter().enumerate() {
-        let (walked, (linked, given_up)) = (forward(&case, i as u32, 400_000), by_links(&case, 15_000));
+    for (i, case) in cases.into_iter().enumerate() {
+        let (walked, (linked, given_up)) = (forward(&case, i as u32, photons), by_links(&case, points));
         for (k, ((a, a_se), (b, b_se))) in walked.into_iter().zip(linked).enumerate() {
             let z = (a - b) / f64::hypot(a_se, b_se);
             println!("{}, ball {k}: {a:.5} +- {a_se:.5}, {b:.5} +- {b_se:.5}, z {z:.2}", case.name);
@@ -264,4 +308,14 @@ fn ways_bring_the_light_that_walks_forward() {
     let rms = (scores.iter().map(|z| z * z).sum::<f64>() / n).sqrt();
     let worst = scores.iter().fold(0.0, |worst: f64, z| worst.max(z.abs()));
     assert!((rms - 1.0).abs() < 3.0 / (2.0 * n).sqrt() && worst < 4.5, "rms {rms}, worst {worst}: {scores:?}");
+}
+
+#[test]
+fn ways_bring_the_light_that_walks_forward() {
+    check(cases(), 400_000, 15_000);
+}
+
+#[test]
+fn ways_through_facets_bring_the_light_that_walks_forward() {
+    check(facetted_cases(), 400_000, 4_000);
 }

@@ -1,11 +1,12 @@
-//! Smooth refraction at curved and tilted walls.
+//! Smooth refraction at curved and tilted walls, and at facets.
 
 use std::collections::BTreeMap;
 
 use serde_json::json;
-use turbid_contract::payload::{Lamp, Medium, Object, Scene, Shape, Specular};
+use turbid_contract::payload::{Lamp, Medium, Mesh, Object, Scene, Shape, Specular};
 
 use crate::setup::*;
+use crate::shapes::{Triangles, block, icosphere, ring};
 
 fn wet(mu_a: f64, mu_s: f64, g: f64) -> Medium {
     Medium { n: 1.4, ..medium(mu_a, mu_s, g) }
@@ -50,6 +51,68 @@ fn large_balls_and_turned_boxes_look_like_slabs() {
     }
 }
 
+/// A box of facets is a box, pixel by pixel: half in a slab, turned, and with another index than what it lies in.
+#[test]
+fn a_box_of_facets_is_a_box() {
+    let (low, high) = ([-1.5, -1.5, -1.5], [1.5, 2.5, 0.5]);
+    let (mut camera, mut projector) = rig(40.0, 9.0, 6.0, 6, 14.0);
+    camera.specular = Some(Specular::Exclude);
+    camera.position[0] = 6.0;
+    projector.position[0] = -8.0;
+    let media = [("m", wet(0.05, 2.0, 0.7)), ("core", Medium { n: 1.5, ..medium(0.3, 4.0, 0.5) })];
+    let with = |shape: Shape| {
+        let shape =
+            Shape::Turned { shape: Box::new(shape), about: [0.0, 0.5, -0.5], rotation_deg: [10.0, -25.0, 40.0] };
+        let objects = vec![object(shape, "core", 1), object(FLOOR, "m", 0)];
+        scene(&media, objects, (camera.clone(), projector.clone()))
+    };
+    let cuboid = Shape::Box { size: [3.0, 4.0, 2.0], center: [0.0, 0.5, -0.5] };
+    let z = scores(&with(mesh(block(low.into(), high.into()))), &with(cuboid), 300);
+    let n = z.len() as f64;
+    let (mean, rms) = (z.iter().sum::<f64>() / n, (z.iter().map(|z| z * z).sum::<f64>() / n).sqrt());
+    let worst = z.iter().fold(0.0, |worst: f64, z| worst.max(z.abs()));
+    println!("mean z {mean}, rms {rms}, worst {worst}");
+    // Four frames of a pixel share its paths: 36 independent pixels of about two independent values.
+    assert!(mean.abs() < 4.0 / 36f64.sqrt() && worst < 4.5, "mean z {mean}, worst {worst}");
+    assert!((rms - 1.0).abs() < 3.0 / (2.0 * 72f64).sqrt(), "rms z {rms}");
+}
+
+/// Facets spread light over single pixels otherwise than the ball that they stand for, but bring as much of it: 20,480 triangles lie within
+/// (facet / radius)^2 / 8 = 4e-5 of its radius. Means over a disc of its image, beside which it mirrors light onto a slab, and over that.
+#[test]
+fn a_ball_of_facets_is_as_bright_as_a_ball() {
+    let (mut camera, mut projector) = rig(40.0, 9.0, 9.0, 6, 14.0);
+    camera.specular = Some(Specular::Exclude);
+    projector.position[0] = -8.0;
+    let media = [("m", wet(0.05, 2.0, 0.7)), ("core", wet(0.3, 4.0, 0.5))];
+    let of = |shape: Shape, seed: u64| {
+        let objects = vec![object(shape, "core", 1), object(FLOOR, "m", 0)];
+        let scene = scene(&media, objects, (camera.clone(), projector.clone()));
+        let frames = &run(&scene, &json!({"f_x": [0], "samples": 300, "method": "path"}), seed)["frames"];
+        let [value, se] = ["radiance", "radiance_se"].map(|name| frames.find(name, Some(0.0)).unwrap().data.clone());
+        // On the ball, and beside it.
+        [true, false].map(|on| {
+            let inside = |i: usize| {
+                let (x, y) = ((i % 6) as f64 - 2.5, (i / 6) as f64 - 2.5);
+                (x.hypot(y) < 1.8) == on
+            };
+            let chosen: Vec<usize> = (0..36).filter(|&i| inside(i)).collect();
+            let n = chosen.len() as f64;
+            let mean = chosen.iter().map(|&i| f64::from(value[[i / 6, i % 6]])).sum::<f64>() / n;
+            let square = chosen.iter().map(|&i| f64::from(se[[i / 6, i % 6]]).powi(2)).sum::<f64>();
+            (mean, square.sqrt() / n)
+        })
+    };
+    let facets = of(mesh(icosphere(3.0, [0.0; 3].into(), 5)), 1);
+    let ball = of(Shape::Sphere { diameter: 6.0, center: [0.0; 3] }, 2);
+    for ((a, a_se), (b, b_se)) in facets.into_iter().zip(ball) {
+        let z = (a - b) / f64::hypot(a_se, b_se);
+        println!("facets {a} +- {a_se}, ball {b} +- {b_se}: z {z:.2}");
+        assert!(z.abs() < 4.0, "facets {a} +- {a_se}, ball {b} +- {b_se}");
+        assert!(a_se < 0.04 * a && b_se < 0.04 * b, "{a} +- {a_se}, {b} +- {b_se}");
+    }
+}
+
 fn odd_objects() -> Vec<Object> {
     vec![
         object(Shape::Slab { top: 0.0, bottom: -4.0 }, "m", 0),
@@ -64,6 +127,21 @@ fn odd_objects() -> Vec<Object> {
     ]
 }
 
+fn mesh((vertices, triangles): Triangles) -> Shape {
+    Shape::Mesh(Mesh { vertices, triangles })
+}
+
+/// Meshes in, on and over a slab, one in another.
+fn facetted_objects() -> Vec<Object> {
+    vec![
+        object(Shape::Slab { top: 0.0, bottom: -4.0 }, "m", 0),
+        object(mesh(icosphere(2.0, [1.0, 1.0, 0.3].into(), 3)), "core", 1),
+        object(mesh(block([-3.0, -0.3, -0.1].into(), [-1.4, 1.3, 1.5].into())), "m", 2),
+        object(mesh(ring(0.8, 1.5, 0.9, 24)), "glass", 3),
+        lambertian(Shape::Slab { top: -5.0, bottom: -9.0 }, 0.8),
+    ]
+}
+
 /// All that enters a scene without absorption leaves it with its weight: an even sky is seen as itself, in all pixels, whatever walls
 /// bend, reflect or trap the light.
 #[test]
@@ -73,12 +151,14 @@ fn a_furnace_shows_no_walls() {
         ("core", wet(0.0, 1.0, -0.3)),
         ("glass", Medium { n: 1.5, ..medium(0.0, 0.1, 0.5) }),
     ];
-    let objects = odd_objects().into_iter().filter(|o| o.medium.is_some()).collect();
-    let mut sky = scene(&media, objects, rig(40.0, 0.0, 10.0, 4, 9.0));
-    sky.projector = None;
-    sky.lights = BTreeMap::from([("sky".to_owned(), Lamp::Ambient { radiance: vec![1.0] })]);
-    let frames = &run(&sky, &json!({"f_x": [0], "samples": 200}), 3)["frames"];
-    assert!(frames.find("radiance", Some(0.0)).unwrap().data.iter().all(|&x| x == 1.0));
+    for objects in [odd_objects(), facetted_objects()] {
+        let objects = objects.into_iter().filter(|o| o.medium.is_some()).collect();
+        let mut sky = scene(&media, objects, rig(40.0, 0.0, 10.0, 4, 9.0));
+        sky.projector = None;
+        sky.lights = BTreeMap::from([("sky".to_owned(), Lamp::Ambient { radiance: vec![1.0] })]);
+        let frames = &run(&sky, &json!({"f_x": [0], "samples": 200}), 3)["frames"];
+        assert!(frames.find("radiance", Some(0.0)).unwrap().data.iter().all(|&x| x == 1.0));
+    }
 }
 
 /// Camera and projector may change places, among bodies of every shape between which light is bent and mirrored. Pixels and projector
@@ -102,12 +182,15 @@ fn places_may_change_across_curved_walls() {
     for view in [&mut projector, &mut swapped_projector] {
         view.profile = turbid_contract::payload::Profile::UniformIntensity;
     }
-    let (a, a_se) = dc(&scene(&media, odd_objects(), (camera, projector)), 600, 7);
-    let (b, b_se) = dc(&scene(&media, odd_objects(), (swapped_camera, swapped_projector)), 600, 8);
-    let z = (a - b) / f64::hypot(a_se, b_se);
-    println!("{a:e} +- {a_se:e}, swapped {b:e} +- {b_se:e}: z {z:.2}");
-    assert!(z.abs() < 4.0, "{a} +- {a_se}, swapped {b} +- {b_se}");
-    assert!(a_se < 0.05 * a && b_se < 0.05 * b, "{a} +- {a_se}, {b} +- {b_se}");
+    for objects in [odd_objects(), facetted_objects()] {
+        let there = scene(&media, objects.clone(), (camera.clone(), projector.clone()));
+        let (a, a_se) = dc(&there, 600, 7);
+        let (b, b_se) = dc(&scene(&media, objects, (swapped_camera.clone(), swapped_projector.clone())), 600, 8);
+        let z = (a - b) / f64::hypot(a_se, b_se);
+        println!("{a:e} +- {a_se:e}, swapped {b:e} +- {b_se:e}: z {z:.2}");
+        assert!(z.abs() < 4.0, "{a} +- {a_se}, swapped {b} +- {b_se}");
+        assert!(a_se < 0.05 * a && b_se < 0.05 * b, "{a} +- {a_se}, {b} +- {b_se}");
+    }
 }
 
 /// `pipelines/checks/curved_wall.yaml`: single scattering along the axis of a spheroid whose pole, of radius of curvature 10 mm, narrows a bundle
