@@ -1,6 +1,8 @@
-//! From the scene that crosses between stages to geometry that a ray can meet: shapes as solids, camera and projector as views.
+//! From the scene that crosses between stages to geometry that a ray can meet: shapes as solids, camera and projector as views; and the
+//! pictures that textures and patterns are read from.
 
 mod hit;
+pub mod picture;
 mod solid;
 mod view;
 

@@ -21,6 +21,7 @@ pub mod capture;
 pub mod dither;
 pub mod frequency;
 mod fringes;
+pub mod image;
 mod sample;
 pub mod screen;
 pub mod speckle;

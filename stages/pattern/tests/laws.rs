@@ -16,6 +16,9 @@ use turbid_pattern::{
     Method, PatternIn, PatternParams, PatternStage, Predistort, PredistortIn, PredistortParams, Wave,
 };
 
+#[path = "laws/pictures.rs"]
+mod pictures;
+
 /// The tube of the paper, 250 mm long with a bore of 20 mm, and a projector 100 mm over its mouth.
 fn tube(pixels: u32) -> Scene {
     let wall = Shape::Tube { inner_diameter: 20.0, outer_diameter: 80.0, top: 0.0, bottom: -250.0, center: [0.0; 2] };
@@ -72,6 +75,7 @@ fn fringes(f_x: &[f64], orientation_deg: &[f64]) -> PatternParams {
         wave: Wave::Sinusoid,
         dither: turbid_pattern::dither::Dither::None,
         speckle: None,
+        image: None,
         pixels: None,
     }
 }

@@ -21,7 +21,6 @@ mod mesh;
 pub mod overlap;
 pub mod params;
 mod per_channel;
-mod picture;
 mod sketch;
 mod stage;
 

@@ -2,16 +2,19 @@
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use turbid_contract::payload::{Pattern, Scene, SurfaceFrequency};
+use turbid_contract::canonical::canonical_value;
+use turbid_contract::payload::{Pattern, Picture, Scene, SurfaceFrequency};
 use turbid_contract::{
-    AngleDeg, Ctx, Error, ImageStack, Known, LayerInfo, PerLength, Problems, Stage, StagePlan, in_ports, out_ports,
+    AngleDeg, Ctx, Error, FileUse, ImageStack, Known, LayerInfo, PerLength, Problems, Stage, StagePlan, in_ports,
+    out_ports, serde_json,
 };
-use turbid_geometry::Bodies;
+use turbid_geometry::{Bodies, picture};
 use turbid_optics::elementary::sin_cos_turns;
 use turbid_optics::philox;
 
 use crate::dither::{Dither, dither};
 use crate::fringes::{self, Fringe, fringes};
+use crate::image::{self, Image};
 use crate::screen::Screen;
 use crate::speckle::{Speckle, speckle};
 use crate::stage::{Map, plane};
@@ -48,6 +51,9 @@ pub struct Params {
     /// Speckle in place of fringes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub speckle: Option<Speckle>,
+    /// Pictures in place of fringes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub image: Option<Image>,
     /// Columns and rows, where the scene's projector does not say them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pixels: Option<[u32; 2]>,
@@ -83,7 +89,8 @@ pub struct PatternStage;
 impl Stage for PatternStage {
     const NAME: &'static str = "pattern";
     const VERSION: u32 = 1;
-    const ABOUT: &'static str = "What a projector shows: sinusoids, square waves, dithered fringes, speckle";
+    const ABOUT: &'static str =
+        "What a projector shows: sinusoids, square waves, dithered fringes, speckle, pictures from files";
 
     type Params = Params;
     type In = In<'static>;
@@ -93,24 +100,56 @@ impl Stage for PatternStage {
         params.speckle.is_some()
     }
 
+    fn files(params: &Params) -> Vec<FileUse> {
+        params.image.iter().flat_map(Image::uses).collect()
+    }
+
+    fn canonical(params: &Params) -> Result<serde_json::Value, String> {
+        // Where the files lie does not matter: content and names are in the key.
+        let mut params = params.clone();
+        for path in params.image.iter_mut().flat_map(|image| &mut image.files) {
+            *path = path.rsplit(['/', '\\']).next().unwrap_or_default().to_owned();
+        }
+        canonical_value(&params)
+    }
+
     fn check(params: &Params, known: &Known, problems: &mut Problems) {
         fringes::check(&params.f_x, &params.orientation_deg, params.phases, problems);
-        match (&params.speckle, params.f_x.is_empty()) {
-            (None, true) => problems.push_with_hint(
+        let patterns =
+            [("f_x", !params.f_x.is_empty()), ("speckle", params.speckle.is_some()), ("image", params.image.is_some())];
+        let mut given = patterns.iter().filter(|(_, given)| *given).map(|(name, _)| *name);
+        match (given.next(), given.next()) {
+            (None, _) => problems.push_with_hint(
                 "f_x",
                 "f_x is empty: nothing would be shown",
-                "list at least one, such as [0, 0.1], or give `speckle`",
+                "list at least one, such as [0, 0.1], or give `speckle` or `image`",
             ),
-            (Some(_), false) => problems.push_with_hint(
-                "speckle",
-                "fringes and speckle are two patterns",
-                "leave f_x or speckle out; give each a stage of its own",
+            (Some(one), Some(other)) => problems.push_with_hint(
+                other,
+                format!("`{one}` and `{other}` are two patterns"),
+                "leave one of them out; give each a stage of its own",
             ),
-            (Some(speckle), true) => check_speckle(speckle, problems),
-            (None, false) => {}
+            (Some(_), None) => {}
+        }
+        if let Some(speckle) = &params.speckle {
+            check_speckle(speckle, problems);
+        }
+        let size = params.image.as_ref().and_then(|image| {
+            if params.pixels.is_some() {
+                problems.push_with_hint("pixels", "a picture has pixels of its own", "leave `pixels` out");
+            }
+            image.check(|at| known.files.get(at).map(|bytes| &bytes[..]), problems)
+        });
+        if params.image.is_some() && size.is_none() {
+            return;
         }
         if let Some(scene) = known.get::<Scene>("scene") {
-            match Screen::of(&scene, params.pixels) {
+            match Screen::of(&scene, size.or(params.pixels)) {
+                Err(("pixels", what, _)) if size.is_some() => problems.push_with_hint(
+                    image::at(0),
+                    what,
+                    "make the picture for this projector, or leave the projector's `pixels` out",
+                ),
                 Err((path, what, hint)) => problems.push_with_hint(path, what, hint),
                 Ok(screen) => check_resolution(params, &screen, problems),
             }
@@ -118,19 +157,22 @@ impl Stage for PatternStage {
     }
 
     fn plan(params: &Params, _known: &Known) -> StagePlan {
-        let method = match (params.speckle, params.wave) {
-            (Some(_), _) => "speckle",
-            (None, Wave::Sinusoid) => "sinusoid",
-            (None, Wave::Square) => "square",
+        let method = match (&params.image, params.speckle, params.wave) {
+            (Some(_), ..) => "image",
+            (None, Some(_), _) => "speckle",
+            (None, None, Wave::Sinusoid) => "sinusoid",
+            (None, None, Wave::Square) => "square",
         };
         StagePlan { method: Some(method.into()), ..StagePlan::default() }
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
-        let screen = Screen::of(&inputs.scene, params.pixels).map_err(|(path, what, hint)| {
+        let pictures = pictures(params, ctx)?;
+        let size = pictures.first().map(|picture| [picture.columns, picture.rows]);
+        let screen = Screen::of(&inputs.scene, size.or(params.pixels)).map_err(|(path, what, hint)| {
             if path.is_empty() { Error::failed_with_hint(what, hint) } else { Error::invalid(path, what) }
         })?;
-        let layers = layers(params, &screen, ctx)?;
+        let layers = layers(params, &pictures, &screen, ctx)?;
         let surface_frequency = if ctx.wants("surface_frequency") {
             Some(surface_frequency(params, &inputs.scene, &screen, &layers, ctx)?)
         } else {
@@ -197,8 +239,30 @@ fn check_resolution(params: &Params, screen: &Screen, problems: &mut Problems) {
     }
 }
 
-fn layers(params: &Params, screen: &Screen, ctx: Ctx<'_>) -> Result<Vec<(LayerInfo, Vec<f32>)>, Error> {
-    let mut layers: Vec<(LayerInfo, Vec<f32>)> = if let Some(speckles) = &params.speckle {
+/// The pictures of all files, of one size.
+fn pictures(params: &Params, ctx: Ctx<'_>) -> Result<Vec<Picture>, Error> {
+    let Some(image) = &params.image else { return Ok(Vec::new()) };
+    let mut pictures: Vec<Picture> = Vec::new();
+    for FileUse { at, path } in image.uses() {
+        let bytes = ctx.file(&at).ok_or_else(|| Error::failed(format!("`{path}` was not read")))?;
+        let picture = picture::read(&bytes).map_err(|what| Error::invalid(at.as_str(), format!("`{path}`: {what}")))?;
+        if pictures.first().is_some_and(|first| (first.columns, first.rows) != (picture.columns, picture.rows)) {
+            return Err(Error::invalid(at.as_str(), format!("`{path}` has another size than the first picture")));
+        }
+        pictures.push(picture);
+    }
+    Ok(pictures)
+}
+
+fn layers(
+    params: &Params,
+    pictures: &[Picture],
+    screen: &Screen,
+    ctx: Ctx<'_>,
+) -> Result<Vec<(LayerInfo, Vec<f32>)>, Error> {
+    let mut layers: Vec<(LayerInfo, Vec<f32>)> = if let Some(image) = &params.image {
+        image.infos().zip(pictures.iter().map(|picture| image.values(picture))).collect()
+    } else if let Some(speckles) = &params.speckle {
         let key = philox::key(ctx.seed());
         let made = ctx.map_tiles(speckles.count as usize, |i| {
             speckle(speckles, screen.pitch(), screen.columns, screen.rows, key, i as u32)
@@ -256,12 +320,11 @@ fn surface_frequency(
     };
     let map = Map { screen, hit: &hit, most_cycles: 0.5 };
     let mut shown = Vec::new();
-    for f in params.f_x.iter().filter(|f| f.0 > 0.0) {
-        for o in &params.orientation_deg {
-            let own =
-                layers.iter().filter(|(info, _)| info.f_x_per_mm == Some(f.0) && info.orientation_deg == Some(o.0));
-            shown.push((f.0, o.0, own.map(|(_, values)| values.as_slice()).collect()));
-        }
+    let own = params.f_x.iter().flat_map(|f| params.orientation_deg.iter().map(move |o| (f.0, o.0)));
+    let of_image = params.image.iter().filter_map(|image| Some((image.f_x?.0, image.orientation_deg.0)));
+    for (f, o) in own.chain(of_image).filter(|(f, _)| *f > 0.0) {
+        let own = layers.iter().filter(|(info, _)| info.f_x_per_mm == Some(f) && info.orientation_deg == Some(o));
+        shown.push((f, o, own.map(|(_, values)| values.as_slice()).collect()));
     }
     map.of(&shown, None, &vec![false; screen.pixels()], ctx)
 }

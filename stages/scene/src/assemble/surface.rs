@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use turbid_contract::payload::{Motif, Shape, Surface, Texture};
 use turbid_contract::{Length, Problems, Ratio};
+use turbid_geometry::picture;
 
 use crate::assemble::plain;
 use crate::params::{AlbedoParams, ImageParams, SurfaceParams, TextureParams, WaveParams};
-use crate::picture;
 
 /// `path` is the field's, `shape` that of the object, if it has one.
 pub fn surface(
