@@ -11,6 +11,8 @@ mod commands;
 mod crash;
 #[path = "all/floors.rs"]
 mod floors;
+#[path = "all/manual.rs"]
+mod manual;
 #[path = "all/measured.rs"]
 mod measured;
 #[path = "all/meshes.rs"]
