@@ -227,6 +227,8 @@ impl Walker<'_> {
         let mut events = std::mem::take(&mut self.events);
         events.clear();
         let begun = self.events_of((r, skin), first, n_far, dice, &mut events);
+        // One refraction by a flat wall is known.
+        let begun = begun.filter(|()| !(self.facetted && self.flat && events[..] == [false]));
         let first = begun.and_then(|()| self.among_facets(source, (r, skin), first, &events, dice));
         let found = first.and_then(|w| self.connect(source, (r, skin), w, &events, Walls::AsTheyAre));
         let count = events.len();

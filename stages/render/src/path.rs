@@ -136,6 +136,8 @@ pub struct Walker<'a> {
     pub(crate) bending: Bending,
     /// Whether facets do that.
     pub(crate) facetted: bool,
+    /// Whether all walls are flat.
+    pub(crate) flat: bool,
     pub(crate) mirrors: Mirrors,
     /// Ways of light by them.
     pub(crate) mirrored: Vec<Link>,
@@ -257,6 +259,7 @@ impl<'a> Walker<'a> {
             events: Vec::new(),
             given_up: 0,
             bending: Bending::of(setting.world),
+            flat: strata::is_flat(setting.world),
             facetted: strata::facetted(setting.world).next().is_some(),
             // Others are seen, but light nothing.
             mirrors: Mirrors::of(setting.world).unwrap_or_default(),

@@ -11,7 +11,7 @@ use crate::params::{Allocate, Method, Params};
 use crate::pictures::Pictures;
 use crate::response::Layout;
 use crate::rig::Rig;
-use crate::strata::Bending;
+use crate::strata::{Bending, facetted};
 use crate::world::World;
 
 /// ns per flight on one core, f32 lanes of AVX-512 (measured: 305, 547 and 2070 ns per path of 31, 67 and 387 flights; see
@@ -27,6 +27,9 @@ const VARIANCE_PER_PATH: f64 = 4.0;
 
 /// What a path costs where smooth walls turn light, over what it costs elsewhere (measured at n = 1.4: 131 s against 21 s to 1 % of M_AC).
 const REFRACTED: f64 = 5.0;
+/// ns more per path where walls are curved or tilted, or facets, and each look finds its ways by itself (measured; see docs/theory/render.md).
+const NS_AT_WALLS: f64 = 6e4;
+const NS_AT_FACETS: f64 = 4e5;
 
 /// Flights that a path makes on average in the object where it makes most.
 ///
@@ -191,6 +194,12 @@ pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool) -> StagePla
             let refracts =
                 |o: &Object| o.surface == Surface::Smooth && o.medium.as_ref().is_some_and(|m| scene.media[m].n != 1.0);
             let per_path = if scene.objects.values().any(refracts) { REFRACTED * per_path } else { per_path };
+            let at_walls = |world: &World| match Bending::of(world) {
+                Bending::AtWalls if facetted(world).next().is_some() => NS_AT_FACETS,
+                Bending::AtWalls => NS_AT_WALLS,
+                _ => 0.0,
+            };
+            let per_path = per_path + Rig::of(scene).map_or(0.0, |rig| at_walls(&rig.worlds[0]));
             // At most: all pixels have the one stand-in, and it pays.
             let of_lattice = f64::from(FIT_PATHS) * (lattice.columns.len() * lattice.rows.len()) as f64;
             let paths = if beside { 2.0 * traced + of_lattice } else { traced };

@@ -62,6 +62,18 @@ impl Bending {
     }
 }
 
+/// Whether no wall is curved: then all ways of light by one refraction are known.
+pub fn is_flat(world: &World) -> bool {
+    fn flat(solid: &Solid) -> bool {
+        match solid {
+            Solid::Slab { .. } | Solid::Box { .. } | Solid::Mesh(_) => true,
+            Solid::Turned(turned) => flat(&turned.solid),
+            Solid::Ellipsoid { .. } | Solid::Cylinder { .. } | Solid::Carved(_) => false,
+        }
+    }
+    world.bodies.iter().all(|body| world.materials[body.material].is_opaque() || flat(&body.solid))
+}
+
 /// Meshes at whose surface the refractive index may change.
 pub fn facetted(world: &World) -> impl Iterator<Item = &Body> {
     let clear = |body: &Body| !world.materials[body.material].is_opaque();

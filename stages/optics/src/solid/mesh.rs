@@ -14,7 +14,7 @@ use super::bvh::Tree;
 use super::crossing::Ends;
 use super::facets::{Cells, Seen};
 use super::memo::Memo;
-use super::normals::Normals;
+use super::normals::{Normals, Search};
 use super::rounded::Rounded;
 use super::{Start, Stay};
 
@@ -138,7 +138,7 @@ impl Mesh {
         // Any direction would do; this one lies in no plane that people draw.
         let direction = DVec3::new(0.436_436, 0.872_871, 0.218_218).normalize();
         let mut turns = 0;
-        self.crossings(p, direction, |c| turns -= if c.t > 0.0 { c.turn } else { 0 });
+        self.crossings(p, direction, 0.0, |c| turns -= if c.t > 0.0 { c.turn } else { 0 });
         turns > 0
     }
 
@@ -176,7 +176,7 @@ impl Mesh {
         // What lies so near to a start on the surface is rounding.
         let near = start.map_or(0.0, |_| 1e-12 * (self.half.max_element() + self.center.abs().max_element()));
         let (mut about, mut beyond) = (0, 0);
-        self.crossings(origin, direction, |c| {
+        self.crossings(origin, direction, -near, |c| {
             if c.t > -near && start.is_none_or(|s| s.face != c.face) {
                 beyond += if c.t > near { c.turn } else { 0 };
                 about += usize::from(c.t <= near);
@@ -206,12 +206,12 @@ impl Mesh {
         }
     }
 
-    /// Every crossing of the line, ahead of its origin and behind it.
+    /// Every crossing of the line from `from` on, and some before that.
     #[inline]
-    fn crossings(&self, origin: DVec3, direction: DVec3, mut met: impl FnMut(Crossing)) {
+    fn crossings(&self, origin: DVec3, direction: DVec3, from: f64, mut met: impl FnMut(Crossing)) {
         let line = Line::new(origin - self.center, direction, self.half.max_element());
         self.tree.visit(
-            |low, high| line.may_meet(low, high),
+            |low, high| line.may_meet(low, high, from),
             |places| {
                 for place in places {
                     if let Some((t, turn)) = line.meets(&self.corners[place]) {
@@ -228,12 +228,17 @@ impl Mesh {
             self.tree.ranges().into_iter().map(|range| Normals::around(&self.normals[range])).collect()
         });
         let ends = ends.moved(|p| p - self.center, |w| w);
+        let search = Search::of(&ends);
         self.tree.visit_numbered(
-            |i, low, high| ends.may_be_refracted(low, high, &lies[i]),
+            |i, low, high| search.may_be_in(low, high, &lies[i]),
             |places| {
                 for place in places {
-                    let p = ends.through_facet(&self.corners[place], self.normals[place]);
-                    p.into_iter().for_each(|p| found(p + self.center));
+                    let (corners, normal) = (&self.corners[place], self.normals[place]);
+                    if search.may_be_on(corners, normal)
+                        && let Some(p) = ends.through_facet(corners, normal)
+                    {
+                        found(p + self.center);
+                    }
                 }
             },
         );
@@ -326,13 +331,15 @@ impl Line {
         Self { origin, axes, shear, inverse, slack: 1e-14 * (origin.abs().max_element() + size) }
     }
 
-    /// Whether the whole line meets a box, or nearly.
+    /// Whether the line from `from` on meets a box, or nearly.
     #[inline]
-    fn may_meet(&self, low: DVec3, high: DVec3) -> bool {
+    fn may_meet(&self, low: DVec3, high: DVec3, from: f64) -> bool {
         let a = (low - self.origin - self.slack) * self.inverse;
         let b = (high - self.origin + self.slack) * self.inverse;
         let (near, far) = (a.min(b), a.max(b));
-        near.max_element() <= far.min_element()
+        let leaves = far.min_element();
+        // What the slack is for a box, a little more of it is along the line.
+        near.max_element() <= leaves && leaves >= from - 4.0 * self.slack
     }
 
     fn project(&self, p: DVec3) -> (f64, f64, f64) {

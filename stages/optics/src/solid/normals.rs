@@ -1,4 +1,4 @@
-//! Where a surface of facets may refract light from one point to another: bounds for boxes full of facets.
+//! Where a surface of facets may refract light from one point to another: bounds for boxes full of facets, and for single ones.
 //!
 //! Light goes from the far end to the near one through a point p of a facet of unit normal m, if with the unit vectors a, b from p to both
 //!
@@ -11,101 +11,104 @@ use glam::DVec3;
 
 use super::crossing::{Ends, Far};
 
-/// An angle in [0, pi], by cosine and sine.
+/// A cone of directions around unit normals: cosine and sine of half its opening; -1 and 0 where it is open to all of them.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Angle {
+pub struct Normals {
+    axis: DVec3,
     cos: f64,
     sin: f64,
 }
 
-/// A cone of directions around unit normals.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Normals {
-    axis: DVec3,
-    within: Angle,
-}
-
-impl Angle {
-    const ALL: Self = Self { cos: -1.0, sin: 0.0 };
-    /// 1e-7 rad: cosines near 1 are rounded by so much.
-    const ROUNDING: Self = Self { cos: 1.0 - 5e-15, sin: 1e-7 };
-
-    /// Of that cosine; a little more than it.
-    fn of_cos(cos: f64) -> Self {
-        let cos = cos.clamp(-1.0, 1.0);
-        Self { cos, sin: (1.0 - cos * cos).sqrt() } + Self::ROUNDING
-    }
-
-    /// At most a right angle; any angle for sines that there are not.
-    fn of_sin(sin: f64) -> Self {
-        if sin < 1.0 { Self { cos: (1.0 - sin * sin).sqrt(), sin } } else { Self::ALL }
-    }
-
-    /// Distance of the ends of unit vectors that differ by it.
-    fn chord(self) -> f64 {
-        (2.0 - 2.0 * self.cos).max(0.0).sqrt()
-    }
-
-    /// Whether unit vectors of this product differ by no more.
-    fn holds(self, product: f64) -> bool {
-        self == Self::ALL || product >= self.cos
-    }
-
-    /// Whether unit vectors of this product differ by no more than it and a right angle.
-    fn holds_across(self, product: f64) -> bool {
-        self.cos <= 0.0 || product >= -self.sin
-    }
-}
-
-impl std::ops::Add for Angle {
-    type Output = Self;
-
-    /// At most pi.
-    fn add(self, other: Self) -> Self {
-        if self.cos + other.cos <= 0.0 {
-            return Self::ALL;
-        }
-        Self { cos: self.cos * other.cos - self.sin * other.sin, sin: self.sin * other.cos + self.cos * other.sin }
-    }
-}
+/// rad; cosines near 1 are rounded by less than its square.
+const ROUNDING: f64 = 1e-7;
 
 impl Normals {
     /// Around all of these.
     pub fn around(normals: &[DVec3]) -> Self {
-        let Some(axis) = normals.iter().sum::<DVec3>().try_normalize() else {
-            return Self { axis: DVec3::Z, within: Angle::ALL };
-        };
-        let least = normals.iter().map(|m| m.dot(axis)).fold(1.0, f64::min);
-        Self { axis, within: Angle::of_cos(least) }
+        let all = Self { axis: DVec3::Z, cos: -1.0, sin: 0.0 };
+        let Some(axis) = normals.iter().sum::<DVec3>().try_normalize() else { return all };
+        let cos = normals.iter().map(|m| m.dot(axis)).fold(1.0, f64::min);
+        if cos <= 0.0 {
+            return all;
+        }
+        Self { axis, cos: cos - ROUNDING, sin: (1.0 - cos * cos).max(0.0).sqrt() + ROUNDING }
     }
 }
 
-impl Ends {
+/// Light that is looked for among facets.
+#[derive(Clone, Copy, Debug)]
+pub struct Search<'a> {
+    ends: &'a Ends,
+    /// Cosine and sine of the largest angle by which refraction turns light: where it grazes the side of less index.
+    turns: (f64, f64),
+    /// Of h . m, where a . m is positive.
+    sign: f64,
+}
+
+impl<'a> Search<'a> {
+    pub fn of(ends: &'a Ends) -> Self {
+        let (less, more) = (ends.n_far.min(ends.n_near), ends.n_far.max(ends.n_near));
+        let cos = less / more;
+        Self { ends, turns: (cos, (1.0 - cos * cos).max(0.0).sqrt()), sign: (ends.n_far - ends.n_near).signum() }
+    }
+
     /// False only if no facet in the box between two corners, its normal among `normals`, refracts light from one end to the other.
-    pub(super) fn may_be_refracted(&self, low: DVec3, high: DVec3, normals: &Normals) -> bool {
+    #[inline]
+    pub fn may_be_in(&self, low: DVec3, high: DVec3, normals: &Normals) -> bool {
         let middle = 0.5 * (low + high);
         let radius = 0.5 * (high - low).length();
-        // From all points of the ball around the box.
-        let cone = |far: Far| {
-            let (towards, inverse) = far.from(middle);
-            (towards, Angle::of_sin(radius * inverse) + Angle::ROUNDING)
-        };
-        let ((a, a_within), (b, b_within)) = (cone(self.far), cone(Far::Point(self.near)));
-        // Most where it grazes the side of less index.
-        let (less, more) = (self.n_far.min(self.n_near), self.n_far.max(self.n_near));
-        let turns = Angle::of_cos(less / more);
-        if !(a_within + b_within + turns).holds(-a.dot(b)) {
-            return false;
+        let ((a, a_inverse), (b, b_inverse)) = (self.ends.far.from(middle), Far::Point(self.ends.near).from(middle));
+        // Sines of the cones of a and b, from the points of the ball around the box.
+        let (a_sin, b_sin) = (radius * a_inverse + ROUNDING, radius * b_inverse + ROUNDING);
+        // Written so that an end in the middle of the box, with no direction to it, is near.
+        let far_off = a_sin < 1.0 && b_sin < 1.0;
+        if !far_off || normals.cos <= 0.0 {
+            return true;
         }
-        let sum = self.n_far * a + self.n_near * b;
-        let off = self.n_far * a_within.chord() + self.n_near * b_within.chord();
-        let length = sum.length();
-        let along = Angle::of_sin(off / length) + normals.within;
-        let sign = (self.n_far - self.n_near).signum() / length;
-        [normals.axis, -normals.axis].into_iter().any(|m| {
-            (a_within + normals.within).holds_across(a.dot(m))
-                && (b_within + normals.within).holds_across(-b.dot(m))
-                && along.holds(sign * sum.dot(m))
-        })
+        // A chord of a cone is less than this for sines up to 1.
+        let chord = |sin: f64| sin * (1.0 + 0.415 * sin * sin);
+        let h = self.ends.n_far * a + self.ends.n_near * b;
+        let length = h.length();
+        let sin = (self.ends.n_far * chord(a_sin) + self.ends.n_near * chord(b_sin)) / length;
+        // The cone of h and that of the normals, opened by each other.
+        let along = if sin < 1.0 { (1.0 - sin * sin).sqrt() * normals.cos - sin * normals.sin } else { -1.0 };
+        let least = (along - ROUNDING) * length;
+        let faces = |m: DVec3| {
+            // sin x + sin y is no less than sin(x + y), and below 1 only for x + y below a right angle.
+            let across = |product: f64, sin: f64| sin + normals.sin >= 1.0 || product >= -(sin + normals.sin);
+            self.sign * h.dot(m) >= least && across(a.dot(m), a_sin) && across(-b.dot(m), b_sin)
+        };
+        (faces(normals.axis) || faces(-normals.axis)) && self.may_turn(-a.dot(b), a_sin, b_sin)
+    }
+
+    /// Whether light may turn by an angle of that cosine, known up to two others.
+    fn may_turn(&self, cos: f64, a_sin: f64, b_sin: f64) -> bool {
+        let mut limit = self.turns;
+        for sin in [a_sin, b_sin] {
+            let with = (1.0 - sin * sin).sqrt();
+            limit = (limit.0 * with - limit.1 * sin, limit.1 * with + limit.0 * sin);
+            // Beyond two right angles.
+            if limit.1 < 0.0 {
+                return true;
+            }
+        }
+        cos >= limit.0 - ROUNDING
+    }
+
+    /// False only if a facet refracts no light from one end to the other: over it the part of h along it changes by less than that at its middle.
+    #[inline]
+    pub fn may_be_on(&self, [p, q, r]: &[DVec3; 3], normal: DVec3) -> bool {
+        let middle = (p + q + r) * (1.0 / 3.0);
+        let square = [p, q, r].into_iter().map(|corner| (corner - middle).length_squared()).fold(0.0, f64::max);
+        let radius = square.sqrt() * (1.0 + ROUNDING);
+        let ((a, a_inverse), (b, b_inverse)) = (self.ends.far.from(middle), Far::Point(self.ends.near).from(middle));
+        let (a_near, b_near) = (radius * a_inverse, radius * b_inverse);
+        let far_off = a_near < 1.0 && b_near < 1.0;
+        if !far_off {
+            return true;
+        }
+        let h = self.ends.n_far * a + self.ends.n_near * b;
+        let off = self.ends.n_far * a_near / (1.0 - a_near) + self.ends.n_near * b_near / (1.0 - b_near) + ROUNDING;
+        (h - h.dot(normal) * normal).length_squared() <= off * off
     }
 }
