@@ -11,12 +11,16 @@ mod commands;
 mod crash;
 #[path = "all/floors.rs"]
 mod floors;
+#[path = "all/luts.rs"]
+mod luts;
 #[path = "all/manual.rs"]
 mod manual;
 #[path = "all/measured.rs"]
 mod measured;
 #[path = "all/meshes.rs"]
 mod meshes;
+#[path = "all/metrics.rs"]
+mod metrics;
 #[path = "all/near_normal.rs"]
 mod near_normal;
 #[path = "all/reproducible.rs"]

@@ -1,5 +1,6 @@
 //! The double-sphere experiment as a user runs it.
 
+use crate::metrics::metrics;
 use crate::space::Space;
 
 /// A column of an exported table.
@@ -31,45 +32,6 @@ fn integrating_spheres_keep_their_scale() {
     }
 }
 
-/// A row of a table of metrics, as exported.
-struct Row {
-    medium: String,
-    quantity: String,
-    n: f64,
-    mean: f64,
-    se: f64,
-    truth: f64,
-}
-
-/// The metrics of a stage, one row for each medium and quantity.
-fn metrics(space: &Space, file: &str, stage: &str, settings: &[&str]) -> Vec<Row> {
-    let csv = space.path().join(format!("{stage}.csv"));
-    let port = format!("{stage}.metrics");
-    let mut arguments = vec!["export", file, &port, "--to", csv.to_str().expect("a temporary folder of UTF-8")];
-    arguments.extend(settings);
-    space.turbid(&arguments).ok();
-    let text = std::fs::read_to_string(&csv).expect("the export");
-    let mut lines = text.lines().filter(|line| !line.starts_with('#'));
-    let header: Vec<&str> = lines.next().expect("a header").split(',').collect();
-    let rows = lines.map(|line| {
-        let cells: Vec<&str> = line.split(',').collect();
-        let cell = |name: &str| {
-            let at = header.iter().position(|h| h.split(['[', ' ']).next() == Some(name));
-            cells[at.unwrap_or_else(|| panic!("{name}: {text}"))]
-        };
-        let number = |name: &str| cell(name).parse().unwrap_or_else(|e| panic!("{name}: {e}\n{text}"));
-        Row {
-            medium: cell("region").to_owned(),
-            quantity: cell("quantity").to_owned(),
-            n: number("n"),
-            mean: number("mean"),
-            se: number("mean_se"),
-            truth: number("truth"),
-        }
-    });
-    rows.filter(|row| row.medium != "all").collect()
-}
-
 fn pipeline(name: &str) -> String {
     format!("{}/pipelines/{name}.yaml", env!("CARGO_MANIFEST_DIR"))
 }
@@ -89,7 +51,7 @@ fn a_truthful_double_sphere_recovers_its_media() {
         let rows = metrics(&space, &file, &format!("metrics[repeat={repeat}]"), &settings);
         assert_eq!(rows.len(), 24);
         for row in rows {
-            assert!(row.n == 1.0 && row.se > 0.0, "{} {} has no fit", row.medium, row.quantity);
+            assert!(row.n == 1.0 && row.se > 0.0, "{} {} has no fit", row.region, row.quantity);
             let error = row.mean - row.truth;
             if row.quantity == "mu_a" {
                 errors.push(error);

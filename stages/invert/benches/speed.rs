@@ -1,4 +1,6 @@
-//! Inversion by the table: pixels per second on one thread, build time, and error over the default range.
+//! Inversion: error over the default range and build time of the inverse table, pixels per second on one thread of every method.
+//! `cargo bench -p turbid-invert` (`-- speed` for the last alone, `-- table` for that method
+//! again and again).
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -119,13 +121,27 @@ fn speed(method: Method, noise: bool, side: usize) {
 }
 
 fn main() {
-    for n in [1.0, 1.4] {
-        for f_x in [0.05, 0.1, 0.2] {
-            errors(n, f_x, 41);
-        }
+    let asked = |what: &str| std::env::args().any(|a| a == what);
+    if asked("table") {
+        (0..8).for_each(|_| [false, true].iter().for_each(|&noise| speed(Method::Table, noise, SIDE)));
+        return;
     }
-    errors(1.4, 0.1, 25);
-    speed(Method::Table, false, SIDE);
-    speed(Method::Table, true, SIDE);
-    speed(Method::Nearest, false, 256);
+    if !asked("speed") {
+        for n in [1.0, 1.4] {
+            for f_x in [0.05, 0.1, 0.2] {
+                errors(n, f_x, 41);
+            }
+        }
+        errors(1.4, 0.1, 25);
+    }
+    for (method, side) in [
+        (Method::Table, SIDE),
+        (Method::Nearest, 256),
+        (Method::Linear, 512),
+        (Method::Bicubic, 512),
+        (Method::LeastSquares, 256),
+    ] {
+        speed(method, false, side);
+        speed(method, true, side);
+    }
 }

@@ -45,21 +45,27 @@ impl Forward {
     }
 }
 
-/// By how much noise raises the mean of ln mu_a and ln mu_s' found at `p`, to second order in the noise; `gain` is
-/// d p / d ln R, `c_r` the covariance of R relative to R, `c_p` that of p.
+/// Half the curvature of p(ln R), as it meets the covariance of p: `[k]` holds the parts of aa, 2 as and ss for ln mu_a and ln mu_s'.
+pub type Bend = [[f64; 3]; 2];
+
+/// -1/2 sum_m G_km F_m, with G = d p / d ln R and F_m = d^2 ln R_m / d p^2.
+pub fn bend(curvature: &[[[f64; 2]; 2]; 2], gain: &[[f64; 2]; 2]) -> Bend {
+    let of = |i: usize, j: usize| curvature.map(|f| f[i][j]);
+    gain.map(|row| [of(0, 0), of(0, 1), of(1, 1)].map(|f| -0.5 * (row[0] * f[0] + row[1] * f[1])))
+}
+
+/// By how much noise raises the mean of ln mu_a and ln mu_s', to second order in the noise; `gain` is d p / d ln R, `c_r` the covariance
+/// of R relative to R, `c_p` that of p.
 ///
 /// R itself is unbiased, so ln R is low by c_r / 2; the curvature of ln R(p) bends what is left.
-pub fn noise_bias(
-    curvature: &[[[f64; 2]; 2]; 2],
-    gain: &[[f64; 2]; 2],
-    c_r: &[[f64; 2]; 2],
-    c_p: &[[f64; 2]; 2],
-) -> [f64; 2] {
-    let low = [0, 1].map(|m| {
-        let bend: f64 = curvature[m].iter().flatten().zip(c_p.iter().flatten()).map(|(f, c)| f * c).sum();
-        -0.5 * (c_r[m][m] + bend)
-    });
-    gain.map(|row| row[0] * low[0] + row[1] * low[1])
+#[inline(always)]
+pub fn noise_bias(bend: &Bend, gain: &[[f64; 2]; 2], c_r: &[[f64; 2]; 2], c_p: &[[f64; 2]; 2]) -> [f64; 2] {
+    let low = [-0.5 * c_r[0][0], -0.5 * c_r[1][1]];
+    let one = |gain: &[f64; 2], bend: &[f64; 3]| {
+        let bent = bend[0] * c_p[0][0] + 2.0 * bend[1] * c_p[0][1] + bend[2] * c_p[1][1];
+        gain[0] * low[0] + gain[1] * low[1] + bent
+    };
+    [one(&gain[0], &bend[0]), one(&gain[1], &bend[1])]
 }
 
 /// Inverse of a 2 x 2 matrix; `None` where it has none.
@@ -70,7 +76,9 @@ pub fn inverse(m: &[[f64; 2]; 2]) -> Option<[[f64; 2]; 2]> {
 }
 
 /// C_p = G C G^T.
+#[inline(always)]
 pub fn sandwich(g: &[[f64; 2]; 2], c: &[[f64; 2]; 2]) -> [[f64; 2]; 2] {
-    let gc = [0, 1].map(|i| [0, 1].map(|j| g[i][0] * c[0][j] + g[i][1] * c[1][j]));
-    [0, 1].map(|i| [0, 1].map(|j| gc[i][0] * g[j][0] + gc[i][1] * g[j][1]))
+    let gc = |i: usize, j: usize| g[i][0] * c[0][j] + g[i][1] * c[1][j];
+    let gcg = |i: usize, j: usize| gc(i, 0) * g[j][0] + gc(i, 1) * g[j][1];
+    [[gcg(0, 0), gcg(0, 1)], [gcg(1, 0), gcg(1, 1)]]
 }

@@ -4,9 +4,10 @@
 //! u = ln(R_0 / (R_top - R_0)), v = logit(R_1 / R_0). R_top is the reflectance that R_0 tends to without absorption: there
 //! ln mu_a runs as 2 ln(R_top - R_0), which is a straight line in this u, and a pole in ln R_0.
 
+use fearless_simd::{Level, Simd, dispatch};
 use turbid_optics::elementary::ln;
 
-use crate::forward::{Forward, inverse};
+use crate::forward::{Bend, Forward, bend, inverse};
 
 /// Largest error of ln mu_a or ln mu_s' that the resampling may add.
 pub const TOLERANCE: f64 = 1e-3;
@@ -43,12 +44,28 @@ impl Coordinates {
 
     /// (u, v), or `None` where the pair has none: R_0 not in (0, R_top) or R_1 not in (0, R_0).
     pub fn at(&self, r: [f64; 2]) -> Option<[f64; 2]> {
+        let place = self.place(r);
+        (!place[0].is_nan()).then_some(place)
+    }
+
+    /// The same without a branch: NaN where there is none.
+    #[inline(always)]
+    fn place(&self, r: [f64; 2]) -> [f64; 2] {
         let (below_top, fringe_free) = (self.r_top - r[0], r[0] - r[1]);
-        let inside = r[0] > 0.0 && r[1] > 0.0 && below_top > 0.0 && fringe_free > 0.0;
-        inside.then(|| [ln(r[0] / below_top), ln(r[1] / fringe_free)])
+        let inside = (r[0] > 0.0) & (r[1] > 0.0) & (below_top > 0.0) & (fringe_free > 0.0);
+        let [u, v] = [ln(r[0] / below_top), ln(r[1] / fringe_free)];
+        [if inside { u } else { f64::NAN }, v]
+    }
+
+    /// The pair that has the coordinates (u, v).
+    fn pair(&self, [u, v]: [f64; 2]) -> [f64; 2] {
+        let share = |x: f64| 1.0 / (1.0 + libm::exp(-x));
+        let r_0 = self.r_top * share(u);
+        [r_0, r_0 * share(v)]
     }
 
     /// d (u, v) / d (ln R_0, ln R_1).
+    #[inline(always)]
     pub fn gradient(&self, r: [f64; 2]) -> [[f64; 2]; 2] {
         let v = r[0] / (r[0] - r[1]);
         [[self.r_top / (self.r_top - r[0]), 0.0], [-v, v]]
@@ -68,13 +85,29 @@ enum Cell {
 /// What the table says about a pair of reflectances.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Found {
-    /// p and its gain d p / d (ln R_0, ln R_1).
+    /// p, its gain d p / d (ln R_0, ln R_1), and the bend of the cell.
     Properties {
         p: [f64; 2],
         gain: [[f64; 2]; 2],
+        bend: Bend,
     },
     Outside,
     Folded,
+}
+
+/// Why the table holds nothing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Missing {
+    Outside,
+    Folded,
+}
+
+/// p in a cell: bilinear, with d p / d (u, v).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Patch {
+    pub p: [f64; 2],
+    pub slope: [[f64; 2]; 2],
+    cell: usize,
 }
 
 /// The table.
@@ -87,6 +120,8 @@ pub struct InverseTable {
     /// p at node (i, j), index i * size + j.
     nodes: Vec<[f64; 2]>,
     cells: Vec<Cell>,
+    /// At the centre of each cell; empty where nobody asks what noise adds to the mean.
+    bends: Vec<[f32; 6]>,
     bounds: [[f64; 2]; 2],
     /// Largest and median error of p found at the centres of cells.
     pub worst_error: f64,
@@ -123,6 +158,7 @@ impl InverseTable {
             size,
             nodes: vec![[0.0; 2]; size * size],
             cells: vec![Cell::Empty; (size - 1) * (size - 1)],
+            bends: Vec::new(),
             bounds: forward.bounds(),
             worst_error: 0.0,
             median_error: 0.0,
@@ -180,47 +216,109 @@ impl InverseTable {
         seeds
     }
 
-    /// p by bilinear interpolation, and d p / d (u, v); `None` in an empty cell.
-    fn bilinear(&self, place: [f64; 2]) -> Result<([f64; 2], [[f64; 2]; 2]), Found> {
+    /// Adds to each cell how p bends there, which says what noise adds to the mean. Constant in a cell: from one to the next it differs by
+    /// a hundredth of a correction that is itself of second order.
+    pub fn with_bends(mut self, forward: &Forward) -> Self {
+        let bends = (0..self.cells.len()).map(|cell| {
+            if self.cells[cell] != Cell::Good {
+                return [0.0; 6];
+            }
+            let place = self.centre(cell);
+            let patch = self.patch(place).expect("its own centre lies in a good cell");
+            let gain = self.gain(self.coordinates.pair(place), &patch);
+            let [a, s] = bend(&forward.curvature(patch.p), &gain);
+            [a[0], a[1], a[2], s[0], s[1], s[2]].map(|x| x as f32)
+        });
+        self.bends = bends.collect();
+        self
+    }
+
+    /// (u, v) of the middle of a cell.
+    fn centre(&self, cell: usize) -> [f64; 2] {
+        let at = [cell / (self.size - 1), cell % (self.size - 1)];
+        [0, 1].map(|k| self.first[k] + (at[k] as f64 + 0.5) / self.per_unit[k])
+    }
+
+    /// (u, v) of pairs of reflectances, in lanes; u is NaN where a pair has none.
+    pub fn places<const N: usize>(&self, level: Level, r: &[[f64; N]; 2], places: &mut [[f64; N]; 2]) {
+        let [u, v] = places;
+        dispatch!(level, simd => simd.vectorize(#[inline(always)] || {
+            for i in 0..N {
+                [u[i], v[i]] = self.coordinates.place([r[0][i], r[1][i]]);
+            }
+        }));
+    }
+
+    /// What the table holds at (u, v), or why it holds nothing.
+    #[inline(always)]
+    pub fn patch(&self, place: [f64; 2]) -> Result<Patch, Missing> {
         let x = [0, 1].map(|k| (place[k] - self.first[k]) * self.per_unit[k]);
         let last = (self.size - 1) as f64;
         if !(x[0] >= 0.0 && x[1] >= 0.0 && x[0] < last && x[1] < last) {
-            return Err(Found::Outside);
+            return Err(Missing::Outside);
         }
         let (i, j) = (x[0] as usize, x[1] as usize);
-        match self.cells[i * (self.size - 1) + j] {
+        let cell = i * (self.size - 1) + j;
+        match self.cells[cell] {
             Cell::Good => {}
-            Cell::Empty => return Err(Found::Outside),
-            Cell::Folded => return Err(Found::Folded),
+            Cell::Empty => return Err(Missing::Outside),
+            Cell::Folded => return Err(Missing::Folded),
         }
         let (s, t) = (x[0] - i as f64, x[1] - j as f64);
         let node = i * self.size + j;
-        let (n00, n01) = (self.nodes[node], self.nodes[node + 1]);
-        let (n10, n11) = (self.nodes[node + self.size], self.nodes[node + self.size + 1]);
-        let mut p = [0.0; 2];
-        let mut slope = [[0.0; 2]; 2];
-        for k in 0..2 {
-            let (low, high) = (n00[k] + t * (n01[k] - n00[k]), n10[k] + t * (n11[k] - n10[k]));
-            p[k] = low + s * (high - low);
+        let ([n00, n01], [n10, n11]) = (self.two(node), self.two(node + self.size));
+        let along = |k: usize| {
             let (left, right) = (n01[k] - n00[k], n11[k] - n10[k]);
-            slope[k] = [(high - low) * self.per_unit[0], (left + s * (right - left)) * self.per_unit[1]];
-        }
-        Ok((p, slope))
+            let (low, high) = (n00[k] + t * left, n10[k] + t * right);
+            let slope = [(high - low) * self.per_unit[0], (left + s * (right - left)) * self.per_unit[1]];
+            (low + s * (high - low), slope)
+        };
+        let ((p_0, slope_0), (p_1, slope_1)) = (along(0), along(1));
+        Ok(Patch { p: [p_0, p_1], slope: [slope_0, slope_1], cell })
+    }
+
+    /// A node and the next.
+    #[inline(always)]
+    fn two(&self, node: usize) -> [[f64; 2]; 2] {
+        let [a, b] = self.nodes[node..node + 2] else { unreachable!("a slice of two") };
+        [a, b]
+    }
+
+    /// Whether p lies within the nodes of the look-up table.
+    #[inline(always)]
+    pub fn holds(&self, p: [f64; 2]) -> bool {
+        let inside = |k: usize| (p[k] >= self.bounds[k][0] - TOLERANCE) & (p[k] <= self.bounds[k][1] + TOLERANCE);
+        inside(0) & inside(1)
+    }
+
+    /// d p / d (ln R_0, ln R_1) in a patch, at the pair `r`.
+    #[inline(always)]
+    pub fn gain(&self, r: [f64; 2], patch: &Patch) -> [[f64; 2]; 2] {
+        self.gain_of(r, &patch.slope)
+    }
+
+    /// d p / d (ln R_0, ln R_1) from d p / d (u, v).
+    #[inline(always)]
+    pub fn gain_of(&self, r: [f64; 2], slope: &[[f64; 2]; 2]) -> [[f64; 2]; 2] {
+        let [[u, _], [v_0, v_1]] = self.coordinates.gradient(r);
+        let [[a_u, a_v], [s_u, s_v]] = *slope;
+        [[a_u * u + a_v * v_0, a_v * v_1], [s_u * u + s_v * v_0, s_v * v_1]]
+    }
+
+    /// How p bends in a patch.
+    #[inline]
+    pub fn bend(&self, patch: &Patch) -> Bend {
+        self.bends.get(patch.cell).map_or([[0.0; 3]; 2], |b| [0, 3].map(|k| [0, 1, 2].map(|i| f64::from(b[k + i]))))
     }
 
     /// The properties that have the reflectances `r` at the two f_x.
     pub fn find(&self, r: [f64; 2]) -> Found {
         let Some(place) = self.coordinates.at(r) else { return Found::Outside };
-        match self.bilinear(place) {
-            Err(found) => found,
-            Ok((p, slope)) => {
-                let inside = |k: usize| p[k] >= self.bounds[k][0] - TOLERANCE && p[k] <= self.bounds[k][1] + TOLERANCE;
-                if !(inside(0) && inside(1)) {
-                    return Found::Outside;
-                }
-                let [[u, _], [v_0, v_1]] = self.coordinates.gradient(r);
-                Found::Properties { p, gain: slope.map(|[by_u, by_v]| [by_u * u + by_v * v_0, by_v * v_1]) }
-            }
+        match self.patch(place) {
+            Err(Missing::Outside) => Found::Outside,
+            Err(Missing::Folded) => Found::Folded,
+            Ok(patch) if !self.holds(patch.p) => Found::Outside,
+            Ok(patch) => Found::Properties { p: patch.p, gain: self.gain(r, &patch), bend: self.bend(&patch) },
         }
     }
 
@@ -234,9 +332,8 @@ impl InverseTable {
         let good: Vec<usize> = (0..self.cells.len()).filter(|&c| self.cells[c] == Cell::Good).collect();
         let mut errors = Vec::new();
         for &cell in good.iter().step_by((good.len() / CHECKED_CELLS).max(1)) {
-            let at = [cell / (self.size - 1), cell % (self.size - 1)];
-            let place = [0, 1].map(|k| self.first[k] + (at[k] as f64 + 0.5) / self.per_unit[k]);
-            let Ok((p, _)) = self.bilinear(place) else { continue };
+            let place = self.centre(cell);
+            let Ok(Patch { p, .. }) = self.patch(place) else { continue };
             let Some(exact) = solve(forward, &self.coordinates, place, p) else { continue };
             if (0..2).all(|k| exact[k] >= self.bounds[k][0] && exact[k] <= self.bounds[k][1]) {
                 errors.push((p[0] - exact[0]).abs().max((p[1] - exact[1]).abs()));

@@ -12,6 +12,7 @@
 
 pub mod forward;
 pub mod inverse;
+mod lanes;
 mod least_squares;
 mod linear;
 mod lut;

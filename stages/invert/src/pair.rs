@@ -2,7 +2,7 @@
 
 use turbid_contract::payload::MaskReason;
 
-use crate::forward::{Forward, inverse, noise_bias, sandwich};
+use crate::forward::{Bend, Forward, bend, inverse, noise_bias, sandwich};
 use crate::inverse::{Found, InverseTable};
 use crate::linear::Triangles;
 use crate::lut::Errors;
@@ -42,24 +42,29 @@ pub struct Known {
     pub p: [f64; 2],
     pub gain: [[f64; 2]; 2],
     pub outside: Option<MaskReason>,
-    /// Whether p follows the noise.
-    pub smooth: bool,
+    /// How p bends with ln R; `None` where it is no smooth function of it.
+    pub bend: Option<Bend>,
 }
 
 impl Inverter<'_> {
     /// `c_r`: covariance of R relative to R, where it is known.
     pub fn solve(&self, r: [f64; 2], c_r: Option<[[f64; 2]; 2]>) -> Result<Solved, MaskReason> {
-        let Known { p, gain, outside, smooth } = self.invert(r)?;
-        let noise = c_r.map(|c_r| {
-            let covariance = sandwich(&gain, &c_r);
-            let bias = smooth.then(|| noise_bias(&self.forward.curvature(p), &gain, &c_r, &covariance));
-            let table = self.errors.map_or([[0.0; 2]; 2], |errors| {
-                let [low, high, ..] = errors.at(p);
-                sandwich(&gain, &[[low, 0.0], [0.0, high]])
-            });
-            Spread { covariance, table, bias }
-        });
+        let Known { p, gain, outside, bend } = self.invert(r)?;
+        let noise = c_r.map(|c_r| spread(&gain, &c_r, bend, self.variances(p)));
         Ok(Solved { p, noise, outside })
+    }
+
+    /// Whether p is what the inverse table says, and nothing else.
+    pub fn reads_the_table(&self) -> bool {
+        matches!(self.inside, Inside::Table)
+    }
+
+    /// Relative variances of the table's R at `p`.
+    pub fn variances(&self, p: [f64; 2]) -> [f64; 2] {
+        self.errors.map_or([0.0; 2], |errors| {
+            let [low, high, ..] = errors.at(p);
+            [low, high]
+        })
     }
 
     pub fn invert(&self, r: [f64; 2]) -> Result<Known, MaskReason> {
@@ -67,7 +72,7 @@ impl Inverter<'_> {
             return Err(MaskReason::NotFinite);
         }
         match (self.table.find(r), self.nodes_outside) {
-            (Found::Properties { p, gain }, _) => self.within(r, p, gain),
+            (Found::Properties { p, gain, bend }, _) => self.within(r, p, gain, bend),
             (Found::Outside, Some(nodes)) if r[0] > 0.0 && r[1] > 0.0 => nearest(nodes, r, Some(self.reason(r))),
             (Found::Outside, _) => Err(self.reason(r)),
             (Found::Folded, _) => Err(MaskReason::Ambiguous),
@@ -75,18 +80,18 @@ impl Inverter<'_> {
     }
 
     /// By the chosen method, from what the table says.
-    fn within(&self, r: [f64; 2], p: [f64; 2], gain: [[f64; 2]; 2]) -> Result<Known, MaskReason> {
+    fn within(&self, r: [f64; 2], p: [f64; 2], gain: [[f64; 2]; 2], of_cell: Bend) -> Result<Known, MaskReason> {
         match &self.inside {
-            Inside::Table => Ok(Known { p, gain, outside: None, smooth: true }),
+            Inside::Table => Ok(Known { p, gain, outside: None, bend: Some(of_cell) }),
             Inside::Nearest(nodes) => nearest(nodes, r, None),
             Inside::Linear(triangles) => {
                 let (p, gain) = triangles.find(r, p).ok_or_else(|| self.reason(r))?;
-                Ok(Known { p, gain, outside: None, smooth: false })
+                Ok(Known { p, gain, outside: None, bend: None })
             }
             Inside::Bicubic => {
                 let p = self.table.exact(self.forward, r, p).ok_or(MaskReason::Ambiguous)?;
                 let gain = inverse(&self.forward.at(p).jacobian).ok_or(MaskReason::Ambiguous)?;
-                Ok(Known { p, gain, outside: None, smooth: true })
+                Ok(Known { p, gain, outside: None, bend: Some(bend(&self.forward.curvature(p), &gain)) })
             }
         }
     }
@@ -104,8 +109,17 @@ impl Inverter<'_> {
     }
 }
 
+/// What noise `c_r` (relative to R) and the table's own variances do to p.
+#[inline(always)]
+pub fn spread(gain: &[[f64; 2]; 2], c_r: &[[f64; 2]; 2], bend: Option<Bend>, variances: [f64; 2]) -> Spread {
+    let covariance = sandwich(gain, c_r);
+    let bias = bend.map(|bend| noise_bias(&bend, gain, c_r, &covariance));
+    let table = sandwich(gain, &[[variances[0], 0.0], [0.0, variances[1]]]);
+    Spread { covariance, table, bias }
+}
+
 fn nearest(nodes: &Nodes, r: [f64; 2], outside: Option<MaskReason>) -> Result<Known, MaskReason> {
     let node = nodes.nearest(r);
     let gain = node.gain.ok_or(MaskReason::Ambiguous)?;
-    Ok(Known { p: node.p, gain, outside, smooth: false })
+    Ok(Known { p: node.p, gain, outside, bend: None })
 }

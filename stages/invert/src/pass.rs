@@ -70,72 +70,123 @@ impl Pass {
         solve: impl Fn(usize) -> Result<Solved, MaskReason>,
     ) -> Tally {
         let mut tally = Tally::default();
-        let (reasons, planes) = planes.split_last_mut().expect("the mask is the last plane");
         for (o, i) in pixels.enumerate() {
-            let carried = mask.map_or(0.0, |m| m[i]);
-            if carried != 0.0 {
-                reasons[o] = carried;
-                continue;
-            }
-            let Solved { p, noise, outside } = match solve(i) {
-                Ok(solved) => solved,
-                Err(reason) => {
-                    reasons[o] = reason.code();
-                    continue;
-                }
-            };
-            let mut mu = p.map(exp);
-            if let Some(Spread { covariance: c_p, table, bias }) = noise {
-                if let Some(bias) = bias {
-                    // mu = exp(p): a scatter of p raises its mean as that of a lognormal.
-                    let factor = [0, 1].map(|k| exp(bias[k] + 0.5 * c_p[k][k]));
-                    let plain = mu[0];
-                    if self.corrects {
-                        mu = [mu[0] / factor[0], mu[1] / factor[1]];
-                    }
-                    if factor[0].is_finite() {
-                        tally.noise_bias += plain - plain / factor[0];
-                    }
-                }
-                let own = |a: usize, b: usize| c_p[a][b] * mu[a] * mu[b];
-                let c = |a: usize, b: usize| own(a, b) + table[a][b] * mu[a] * mu[b];
-                // A covariance rounded to f32 may leave a variance below 0 by a rounding error, that is 0.
-                let variances = [c(0, 0).max(0.0), c(1, 1).max(0.0)];
-                if !(variances[0].is_finite() && variances[1].is_finite()) {
-                    reasons[o] = MaskReason::NotFinite.code();
-                    continue;
-                }
-                planes[2][o] = variances[0].sqrt() as f32;
-                planes[3][o] = variances[1].sqrt() as f32;
-                if self.covariance {
-                    planes[4][o] = variances[0] as f32;
-                    planes[5][o] = c(0, 1) as f32;
-                    planes[6][o] = variances[1] as f32;
-                }
-                tally.mu_a += mu[0];
-                for k in [0, 1] {
-                    tally.variances[k] += own(k, k).max(0.0);
-                    tally.common[k] += table[k][k].sqrt() * mu[k];
-                }
-            }
-            (planes[0][o], planes[1][o]) = (mu[0] as f32, mu[1] as f32);
-            tally.good += 1;
-            if let Some(reason) = outside {
-                planes[planes.len() - 1][o] = reason.code();
-                tally.outside += 1;
+            match mask.map_or(0.0, |m| m[i]) {
+                0.0 => self.write(o, solve(i), planes, &mut tally),
+                carried => planes[planes.len() - 1][o] = carried,
             }
         }
         tally
     }
 
+    /// Writes down one pixel.
+    pub fn write(&self, o: usize, solved: Result<Solved, MaskReason>, planes: &mut [&mut [f32]], tally: &mut Tally) {
+        let (reasons, planes) = planes.split_last_mut().expect("the mask is the last plane");
+        match solved {
+            Err(reason) => reasons[o] = reason.code(),
+            Ok(Solved { p, noise: None, outside }) => {
+                let mu = p.map(exp);
+                (planes[0][o], planes[1][o]) = (mu[0] as f32, mu[1] as f32);
+                tally.good += 1;
+                self.mark(o, outside, planes, tally);
+            }
+            Ok(Solved { p, noise: Some(spread), outside }) => {
+                let settled = settle(p, &spread, self.corrects);
+                match self.write_settled(o, &settled, planes, tally) {
+                    Ok(()) => self.mark(o, outside, planes, tally),
+                    Err(reason) => reasons[o] = reason.code(),
+                }
+            }
+        }
+    }
+
+    /// A pixel outside the table that has a value all the same.
+    fn mark(&self, o: usize, outside: Option<MaskReason>, planes: &mut [&mut [f32]], tally: &mut Tally) {
+        if let Some(reason) = outside {
+            planes[planes.len() - 1][o] = reason.code();
+            tally.outside += 1;
+        }
+    }
+
+    /// All planes of a pixel with known noise but the mask, which an error means.
+    fn write_settled(
+        &self,
+        o: usize,
+        settled: &Settled,
+        planes: &mut [&mut [f32]],
+        tally: &mut Tally,
+    ) -> Result<(), MaskReason> {
+        let Settled { mu, covariance, own, common, excess } = *settled;
+        let se = [covariance[0].sqrt() as f32, covariance[2].sqrt() as f32];
+        if !(se[0].is_finite() && se[1].is_finite()) {
+            return Err(MaskReason::NotFinite);
+        }
+        (planes[0][o], planes[1][o]) = (mu[0] as f32, mu[1] as f32);
+        (planes[2][o], planes[3][o]) = (se[0], se[1]);
+        if self.covariance {
+            (0..3).for_each(|k| planes[4 + k][o] = covariance[k] as f32);
+        }
+        tally.good += 1;
+        tally.add_noise(mu[0], own, common, excess);
+        Ok(())
+    }
+
+    /// How many planes hold values and their errors; they come first.
+    pub fn value_planes(&self) -> usize {
+        match (self.noise, self.covariance) {
+            (false, _) => 2,
+            (true, false) => 4,
+            (true, true) => 7,
+        }
+    }
+
     /// How many planes [`Self::run`] fills.
     pub fn plane_count(&self) -> usize {
-        let noise = match (self.noise, self.covariance) {
-            (false, _) => 0,
-            (true, false) => 2,
-            (true, true) => 5,
+        self.value_planes() + usize::from(self.outside) + 1
+    }
+}
+
+/// A pixel with known noise, as it is written down.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settled {
+    /// mu_a and mu_s', free from what noise adds if that is wanted.
+    pub mu: [f64; 2],
+    /// aa, as, ss of mu, from noise and table.
+    pub covariance: [f64; 3],
+    /// Variances of mu by the pixel's own noise, and standard errors by the table.
+    pub own: [f64; 2],
+    pub common: [f64; 2],
+    /// What noise adds to mu_a; 0 where nobody knows.
+    pub excess: f64,
+}
+
+/// mu = exp(p) with its errors: a scatter of p raises the mean of mu as that of a lognormal.
+#[inline(always)]
+pub fn settle(p: [f64; 2], spread: &Spread, corrects: bool) -> Settled {
+    let Spread { covariance: c_p, table, bias } = spread;
+    let mut mu = [exp(p[0]), exp(p[1])];
+    let mut excess = 0.0;
+    if let Some(bias) = bias {
+        // Beyond what `exp` can do there is no such factor, and no value.
+        let raise = |x: f64| {
+            let raised = exp(x);
+            if x.abs() <= 700.0 { raised } else { f64::NAN }
         };
-        2 + noise + usize::from(self.outside) + 1
+        let factor = [raise(bias[0] + 0.5 * c_p[0][0]), raise(bias[1] + 0.5 * c_p[1][1])];
+        let freed = [mu[0] / factor[0], mu[1] / factor[1]];
+        excess = mu[0] - freed[0];
+        mu = [if corrects { freed[0] } else { mu[0] }, if corrects { freed[1] } else { mu[1] }];
+    }
+    let own = |a: usize, b: usize| c_p[a][b] * mu[a] * mu[b];
+    let all = |a: usize, b: usize| own(a, b) + table[a][b] * mu[a] * mu[b];
+    // A covariance rounded to f32 may leave a variance below 0 by a rounding error, that is 0.
+    let positive = |x: f64| if x < 0.0 { 0.0 } else { x };
+    Settled {
+        mu,
+        covariance: [positive(all(0, 0)), all(0, 1), positive(all(1, 1))],
+        own: [positive(own(0, 0)), positive(own(1, 1))],
+        common: [table[0][0].sqrt() * mu[0], table[1][1].sqrt() * mu[1]],
+        excess,
     }
 }
 
@@ -154,6 +205,19 @@ pub struct Tally {
 }
 
 impl Tally {
+    /// What a good pixel with known noise adds.
+    #[inline]
+    pub fn add_noise(&mut self, mu_a: f64, own: [f64; 2], common: [f64; 2], excess: f64) {
+        self.mu_a += mu_a;
+        for k in [0, 1] {
+            self.variances[k] += own[k];
+            self.common[k] += common[k];
+        }
+        if excess.is_finite() {
+            self.noise_bias += excess;
+        }
+    }
+
     pub fn add(mut self, tile: &Self) -> Self {
         self.good += tile.good;
         self.outside += tile.outside;

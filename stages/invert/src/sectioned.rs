@@ -11,7 +11,7 @@ use crate::lut::{self, Errors};
 use crate::nearest::Nodes;
 use crate::pair::{Inside, Inverter};
 use crate::pass::Solved;
-use crate::stage::{Method, Outside};
+use crate::stage::{Method, Outside, Params};
 use crate::surface::Surface;
 
 /// What the solvers of one section read.
@@ -25,14 +25,17 @@ pub struct Prepared {
 }
 
 impl Prepared {
-    /// Error: see [`lut::read`].
-    pub fn new(lut: &Lut, section: usize, f_x: &[f64], method: Method, outside: Outside) -> Result<Self, Error> {
+    /// `noise`: whether the reflectance has any. Error: see [`lut::read`].
+    pub fn new(lut: &Lut, section: usize, f_x: &[f64], params: &Params, noise: bool) -> Result<Self, Error> {
+        let Params { method, outside, .. } = *params;
         let (grids, errors) = lut::read(lut, section, f_x)?;
         let forward = Forward::new([grids[0].clone(), grids[grids.len() - 1].clone()]);
         let many = method == Method::LeastSquares;
         let needs_nodes = many || method == Method::Nearest || outside == Outside::Nearest;
         let nodes = needs_nodes.then(|| Nodes::new(&forward));
+        let bends = noise && method == Method::Table;
         let table = (!many).then(|| InverseTable::new(&forward));
+        let table = if bends { table.map(|table| table.with_bends(&forward)) } else { table };
         let surfaces = if many { grids.into_iter().map(Surface::new).collect() } else { Vec::new() };
         Ok(Self { forward, surfaces, nodes, table, errors })
     }
@@ -117,6 +120,10 @@ impl Places {
         Ok(Self { shares: Some(sections.shares()?), mask })
     }
 
+    pub fn sectioned(&self) -> bool {
+        self.shares.is_some()
+    }
+
     /// What the solvers of the pixel's sections say, blended.
     pub fn solve(
         &self,
@@ -132,7 +139,7 @@ impl Places {
 }
 
 /// All sections of a table, each made on a thread of its own.
-pub fn prepare(lut: &Lut, f_x: &[f64], method: Method, outside: Outside, ctx: Ctx<'_>) -> Result<Vec<Prepared>, Error> {
-    let all = ctx.map_tiles(lut::sections(lut), |k| Prepared::new(lut, k, f_x, method, outside))?;
+pub fn prepare(lut: &Lut, f_x: &[f64], params: &Params, noise: bool, ctx: Ctx<'_>) -> Result<Vec<Prepared>, Error> {
+    let all = ctx.map_tiles(lut::sections(lut), |k| Prepared::new(lut, k, f_x, params, noise))?;
     all.into_iter().collect()
 }

@@ -11,8 +11,10 @@ use turbid_contract::{
     AngleDeg, Attributes, Ctx, Error, ImageStack, Known, Layer, LayerInfo, LayerKind, PerLength, Problems, Stage,
     StagePlan, in_ports, out_ports, serde_json,
 };
+use turbid_optics::level::named;
 
 use crate::inverse::{InverseTable, TOLERANCE};
+use crate::lanes::{Lanes, Noise};
 use crate::least_squares::MOST;
 use crate::lut::{agree, same_f_x, sections};
 use crate::pass::{Pass, Tally};
@@ -111,7 +113,7 @@ pub struct Invert;
 
 impl Stage for Invert {
     const NAME: &'static str = "invert";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     const ABOUT: &'static str =
         "maps of mu_a and mu_s' from calibrated reflectance by a look-up table, with standard errors";
 
@@ -167,7 +169,8 @@ impl Stage for Invert {
         let f_x: Vec<f64> = layers_of(stack, first, params)?.iter().map(|&k| f_x_of(&stack.layers[k])).collect();
         let sectioned = lut.0.attributes.contains_key("sections");
         let places = Places::new(inputs.sections.as_ref(), sections(lut), stack, sectioned)?;
-        let prepared = prepare(lut, &f_x, params.method, params.outside, ctx)?;
+        let noise = stack.layers.iter().any(|layer| layer.info.kind == LayerKind::StandardError);
+        let prepared = prepare(lut, &f_x, params, noise, ctx)?;
         let table_error = prepared.iter().filter_map(|p| p.table.as_ref()).map(|t| t.worst_error).fold(0.0, f64::max);
         if params.method != Method::LeastSquares {
             ctx.measure("table_error", 100.0 * table_error, "%");
@@ -266,7 +269,20 @@ fn invert(
     let mask = both(carried.as_deref(), places.mask.as_deref());
     let pass = pass(known);
     let mut planes = vec![Array2::zeros((stack.rows(), stack.columns())); pass.plane_count()];
+    // Most images are of this kind: worth a way of their own.
+    let lanes = match (solvers, places.sectioned()) {
+        ([Solver::Pair(inverter)], false) if inverter.reads_the_table() => Some(Lanes {
+            inverter,
+            r: [&r[0], &r[1]],
+            noise: known.then(|| Noise { se: [&se[0], &se[1]], covariance: covariance[1].as_deref() }),
+            level: named(ctx.simd()),
+        }),
+        _ => None,
+    };
     let tiles = ctx.fill_planes(&mut planes, |pixels, planes| {
+        if let Some(lanes) = &lanes {
+            return lanes.run(&pass, mask.as_deref(), pixels, planes);
+        }
         pass.run(mask.as_deref(), pixels, planes, |i| {
             let mut values = [0.0; MOST];
             values.iter_mut().zip(&r).for_each(|(value, r)| *value = f64::from(r[i]));

@@ -33,39 +33,77 @@ fn degenerate() -> Error {
     )
 }
 
-/// The rectangle of (mu_a, mu_s') in which no value is extrapolated: that of the phantoms, shrunk about its centre (in logarithms)
-/// until its corners lie in their convex hull.
+/// The rectangle of (mu_a, mu_s') in which no value is extrapolated: the largest (in logarithms) that lies in the phantoms' convex hull.
+/// One phantom that was measured off its place costs its own side, not all four.
 pub fn rectangle(phantoms: &[Phantom]) -> Option<[[f64; 2]; 2]> {
     let points: Vec<[f64; 2]> = phantoms.iter().map(|p| p.properties.map(libm::log)).collect();
-    let ends = |k: usize| {
-        let all = points.iter().map(|p| p[k]);
-        all.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| [low.min(x), high.max(x)])
-    };
-    let bounds = [ends(0), ends(1)];
+    let [left, right] =
+        points.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], p| [low.min(p[0]), high.max(p[0])]);
     let hull = hull(&points);
-    let inside = |scale: f64| {
-        let at = |k: usize, end: usize| {
-            let [low, high] = bounds[k];
-            0.5 * (low + high) + scale * 0.5 * (if end == 0 { low - high } else { high - low })
-        };
-        (0..4).all(|corner| contains(&hull, [at(0, corner / 2), at(1, corner % 2)]))
+    if hull.len() < 3 {
+        return None;
+    }
+    let bounds = |x: [f64; 2]| {
+        let [a, b] = x.map(|x| crossing(&hull, x));
+        [a[0].max(b[0]), a[1].min(b[1])]
     };
-    let (mut low, mut high) = (0.0, 1.0);
-    if inside(1.0) {
-        low = 1.0;
-    } else {
-        for _ in 0..50 {
-            let middle = 0.5 * (low + high);
-            if inside(middle) { low = middle } else { high = middle }
+    // Width times height is log-concave in both sides, and so is its maximum over one of them: no other peak can hold the search.
+    let area = |x: [f64; 2]| {
+        let [low, high] = bounds(x);
+        let (width, height) = (x[1] - x[0], high - low);
+        if width > 0.0 && height > 0.0 { width * height } else { width.min(height) }
+    };
+    let second = |first: f64| peak([first, right], |second| area([first, second]));
+    let first = peak([left, right], |first| area([first, second(first)]));
+    let x = [first, second(first)];
+    let y = bounds(x);
+    let usable = |[low, high]: [f64; 2]| high - low > 1e-3;
+    (usable(x) && usable(y)).then(|| [x, y].map(|ends| ends.map(libm::exp)))
+}
+
+/// Where a function with one peak is largest. A peak at an end, as that of a full grid of phantoms, is found exactly.
+fn peak([mut low, mut high]: [f64; 2], f: impl Fn(f64) -> f64) -> f64 {
+    let ends = [low, high];
+    for _ in 0..60 {
+        let third = (high - low) / 3.0;
+        if f(low + third) < f(high - third) { low += third } else { high -= third }
+    }
+    let middle = 0.5 * (low + high);
+    ends.into_iter().fold(middle, |best, end| if f(end) >= f(best) { end } else { best })
+}
+
+/// Lowest and highest y of a convex polygon at `x`, which must be one of its own.
+fn crossing(hull: &[[f64; 2]], x: f64) -> [f64; 2] {
+    let mut found = [f64::NEG_INFINITY, f64::INFINITY];
+    for (i, a) in hull.iter().enumerate() {
+        let b = hull[(i + 1) % hull.len()];
+        let run = b[0] - a[0];
+        let y = a[1] + (b[1] - a[1]) * ((x - a[0]) / run);
+        // Counter-clockwise: edges to the right are the lower ones.
+        if run > 0.0 {
+            found[0] = f64::max(found[0], y);
+        } else if run < 0.0 {
+            found[1] = f64::min(found[1], y);
         }
     }
-    let usable = low > 1e-3 && hull.len() > 2;
-    usable.then(|| {
-        bounds.map(|[a, b]| {
-            let (centre, half) = (0.5 * (a + b), 0.5 * (b - a) * low);
-            [libm::exp(centre - half), libm::exp(centre + half)]
-        })
-    })
+    found
+}
+
+/// The same for the triangles of a grid of phantoms, whose border may be dented: between the innermost phantoms of opposite sides.
+fn inner_rectangle(phantoms: &[Phantom], [rows, columns]: [usize; 2]) -> Option<[[f64; 2]; 2]> {
+    let row = |i: usize| (0..columns).map(|j| phantoms[i * columns + j].properties).collect::<Vec<_>>();
+    let column = |j: usize| (0..rows).map(|i| phantoms[i * columns + j].properties).collect::<Vec<_>>();
+    let sides = [row(0), row(rows - 1), column(0), column(columns - 1)];
+    let bounds = [0, 1].map(|k| {
+        let mean = |side: &&Vec<[f64; 2]>| side.iter().map(|p| p[k]).sum::<f64>() / side.len() as f64;
+        let [low, high] = [0, 1].map(|end| {
+            let mut sorted: Vec<&Vec<[f64; 2]>> = sides.iter().collect();
+            sorted.sort_by(|a, b| mean(a).total_cmp(&mean(b)));
+            sorted[3 * end]
+        });
+        [low.iter().map(|p| p[k]).fold(0.0, f64::max), high.iter().map(|p| p[k]).fold(f64::INFINITY, f64::min)]
+    });
+    bounds.iter().all(|[low, high]| high / low > 1.001).then_some(bounds)
 }
 
 /// Convex hull, counter-clockwise (Andrew's monotone chain).
@@ -90,14 +128,6 @@ fn hull(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
 
 fn turn(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-}
-
-/// To 1e-9 of a unit of ln: corners of a grid of phantoms are on the hull, and to rounding inside.
-fn contains(hull: &[[f64; 2]], p: [f64; 2]) -> bool {
-    (0..hull.len()).all(|i| {
-        let (a, b) = (hull[i], hull[(i + 1) % hull.len()]);
-        turn(a, b, p) >= -1e-9 * libm::hypot(b[0] - a[0], b[1] - a[1])
-    })
 }
 
 /// How a table reads between its phantoms.
@@ -126,7 +156,11 @@ pub fn table(
             "give `phantoms` two values of mu_a and of mu_s' at least; three of each is what the paper has",
         ));
     }
-    let reach = rectangle(phantoms).ok_or_else(degenerate)?;
+    let reach = match between {
+        Between::Linear(shape) => inner_rectangle(phantoms, *shape),
+        _ => rectangle(phantoms),
+    };
+    let reach = reach.ok_or_else(degenerate)?;
     let default = |[low, high]: [f64; 2]| match between {
         Between::Linear(_) => Nodes::linspace(low, high, PAPER_NODES).0,
         _ => Nodes::logspace(low, high, NODES).0,
@@ -240,8 +274,8 @@ fn linear(
         all.max_by(|a, b| least(&a.1).total_cmp(&least(&b.1))).expect("a grid of four or more has triangles")
     };
     let weights: Vec<([usize; 3], [f64; 3])> = places.iter().map(|&p| weights(p)).collect();
-    // Finite weights, or the corners of some triangle are one point.
-    if weights.iter().any(|(_, w)| w.iter().any(|w| !w.is_finite() || *w < -0.05)) {
+    // Finite weights, or the corners of some triangle are one point; below 0 by rounding alone, or the grid is turned inside out.
+    if weights.iter().any(|(_, w)| w.iter().any(|w| !w.is_finite() || *w < -1e-6)) {
         return Err(degenerate());
     }
     let (mut r_d, mut se) = (Vec::new(), Vec::new());
@@ -257,4 +291,67 @@ fn linear(
         }
     }
     Ok(Table { recipe, r_d, se, degrees: None, gain: 1.0 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn phantoms(media: &[[f64; 2]]) -> Vec<Phantom> {
+        let phantom =
+            |&properties: &[f64; 2]| Phantom { properties, properties_se: [0.0; 2], ratio: vec![], ratio_se: vec![] };
+        media.iter().map(phantom).collect()
+    }
+
+    /// A grid whose border is dented keeps what lies between its innermost phantoms, whichever property runs fastest.
+    #[test]
+    fn a_dented_grid_is_not_left() {
+        let media = [[0.01, 1.0], [0.012, 2.5], [0.009, 4.1], [0.1, 1.1], [0.09, 2.4], [0.11, 4.0]];
+        let expected = [[0.012, 0.09], [1.1, 4.0]];
+        assert_eq!(inner_rectangle(&phantoms(&media), [2, 3]), Some(expected));
+        let turned = [0, 3, 1, 4, 2, 5].map(|i| media[i]);
+        assert_eq!(inner_rectangle(&phantoms(&turned), [3, 2]), Some(expected));
+    }
+
+    /// A full grid is its own rectangle; of skewed phantoms no rectangle in their hull, of many tried, is larger, and a phantom off its place
+    /// by 9 % costs its own side alone.
+    #[test]
+    fn the_largest_rectangle_is_found() {
+        let (a, s) = ([0.001, 0.05, 0.1], [1.0, 2.5, 4.0]);
+        let mut media: Vec<[f64; 2]> = a.iter().flat_map(|&a| s.iter().map(move |&s| [a, s])).collect();
+        let near = |x: f64, y: f64, by: f64| (x / y - 1.0).abs() < by;
+        let [reach_a, reach_s] = rectangle(&phantoms(&media)).unwrap();
+        assert!(near(reach_a[0], 0.001, 1e-12) && near(reach_a[1], 0.1, 1e-12), "{reach_a:?}");
+        assert!(near(reach_s[0], 1.0, 1e-12) && near(reach_s[1], 4.0, 1e-12), "{reach_s:?}");
+
+        media[2][0] *= 1.09;
+        let [reach_a, reach_s] = rectangle(&phantoms(&media)).unwrap();
+        assert!(near(reach_a[0], 0.00109, 1e-6) && near(reach_a[1], 0.1, 1e-12), "{reach_a:?}");
+        assert!(near(reach_s[0], 1.0, 1e-12) && near(reach_s[1], 4.0, 1e-12), "{reach_s:?}");
+
+        media.iter_mut().enumerate().for_each(|(i, m)| m[i % 2] *= 1.0 + 0.1 * ((i * i % 5) as f64 - 2.0));
+        let reach = rectangle(&phantoms(&media)).unwrap().map(|ends| ends.map(libm::log));
+        let points: Vec<[f64; 2]> = media.iter().map(|m| m.map(libm::log)).collect();
+        let hull = hull(&points);
+        let height = |x: [f64; 2]| {
+            let [a, b] = x.map(|x| crossing(&hull, x));
+            [a[0].max(b[0]), a[1].min(b[1])]
+        };
+        assert_eq!(
+            height(reach[0]).map(|y| y as f32),
+            reach[1].map(|y| y as f32),
+            "it reaches up and down to the hull"
+        );
+        let area = |[x, y]: [[f64; 2]; 2]| (x[1] - x[0]) * (y[1] - y[0]);
+        let left = points.iter().map(|p| p[0]).fold(f64::INFINITY, f64::min);
+        let right = points.iter().map(|p| p[0]).fold(f64::NEG_INFINITY, f64::max);
+        let at = |k: i32| left + (right - left) * f64::from(k) / 200.0;
+        for first in 0..200 {
+            for second in first + 1..=200 {
+                let x = [at(first), at(second)];
+                let y = height(x);
+                assert!(y[0] >= y[1] || area([x, y]) <= area(reach) * (1.0 + 1e-9), "{x:?} {y:?}, {reach:?}");
+            }
+        }
+    }
 }
