@@ -85,7 +85,7 @@ pub fn walk_double(walker: &mut Walker<'_>, pixels: Range<usize>, samples: Range
     walk_double_among(walker, Batches { of: &alike(pixels, &samples), count: samples.len() as u32 });
 }
 
-fn walk_double_among(walker: &mut Walker<'_>, batches: Batches<'_>) {
+pub fn walk_double_among(walker: &mut Walker<'_>, batches: Batches<'_>) {
     let paths = batches.paths();
     walker.clear_responses(paths);
     let (setting, mut bundle) = (*walker.setting(), Bundle::default());

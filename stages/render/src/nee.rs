@@ -14,7 +14,7 @@ use crate::look;
 use crate::path::{Place, Stream, Walker, count};
 use crate::single::Detour;
 use crate::strata::Bending;
-use crate::world::{Material, Skin};
+use crate::world::{Material, Skin, Wall};
 
 /// Light is looked for with probability min(1, (TAU_SURE / tau)^4) at optical distance tau from it; looking ahead, from the plane of
 /// the wall through which it comes.
@@ -33,6 +33,23 @@ struct Line {
     /// Normal of the boundary through which the light comes, towards it.
     exit: Option<DVec3>,
 }
+
+/// A piece of a medium that a flight comes into across a boundary. If it gets there, the light that its scattering there will see is scored
+/// by one point on the piece: where light grazes the wall, few collisions are near enough to it to see any.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Entry {
+    pub r: DVec3,
+    /// mm.
+    pub length: f64,
+    pub material: usize,
+    /// Where it comes in.
+    pub wall: Option<Wall>,
+    /// Up to there.
+    pub lengths: Lengths,
+}
+
+/// Random numbers of looks into entered pieces stand above the lower 32 bits of the flight's block.
+pub(crate) const ENTERED: u32 = 1 << 12;
 
 /// Random numbers of the look along a ray, in its `piece`-th piece, beside the flight's block `number`. Each lamp has its own, apart
 /// from those of flights and of the projector.
@@ -200,11 +217,45 @@ impl<'a> Walker<'a> {
         }
     }
 
-    /// The same from a collision from which lanes look for the projector.
-    pub(crate) fn look_at_lamps_from_collision(&mut self, at: &Place, roulette: f64) {
-        for (i, lamp) in self.setting.steady.lamps.iter().enumerate() {
-            self.collision_lit(at, roulette, Source::Lamp(i, lamp));
+    /// Light that the next scattering will see, in every piece of a medium that the flight, now over, came into from elsewhere.
+    pub(crate) fn look_into_entries(&mut self, at: &Place, roulette: f64) {
+        let (mut entries, stream) = (std::mem::take(&mut self.entries), self.stream(at));
+        for (place, entry) in entries.drain(..).enumerate() {
+            if !self.hidden(&self.setting.world.materials[entry.material]) {
+                for source in self.sources() {
+                    self.entry_lit(at, roulette, (place, &entry), source, &stream);
+                }
+            }
         }
+        self.entries = entries;
+    }
+
+    fn entry_lit(
+        &mut self,
+        at: &Place,
+        roulette: f64,
+        (place, entry): (usize, &Entry),
+        source: Source<'_>,
+        stream: &Stream,
+    ) {
+        let normal = entry.wall.map(|wall| self.setting.world.normal(wall, entry.r));
+        let normal = normal.map(|n| if n.dot(at.w) > 0.0 { -n } else { n });
+        let Heading { towards, tau, exit } = self.heading(source, entry.r, 0.0);
+        // Where the flight came in is where the light comes in, if it comes from that side.
+        let exit = normal.filter(|n| n.dot(towards) > 0.0).or(exit);
+        let rarity = rarity(depth(tau, exit.map_or(1.0, |n| n.dot(towards)), 0.0));
+        if roulette * rarity >= 1.0 {
+            return;
+        }
+        // The block of the flight that came here.
+        let number = at.number - 2;
+        let [.., u] = match source {
+            Source::Projector(_) => stream.block(number + (u64::from(ENTERED + place as u32) << 32)),
+            Source::Lamp(..) => stream.aside(number, source.place(), place, 0),
+        };
+        let line = Line { r: entry.r, e: at.w, length: entry.length, material: entry.material, towards, exit };
+        let chance = Chance { stream, number, place };
+        self.score(at.response, &line, at.weight * rarity, unit(u), source, &chance, &entry.lengths);
     }
 
     fn collision_lit(&mut self, at: &Place, roulette: f64, source: Source<'_>) {

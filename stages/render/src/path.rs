@@ -20,6 +20,7 @@ use crate::light::{Carrier, Light};
 use crate::link::{Link, Way};
 use crate::look::{self, Queue};
 use crate::mirror::Mirrors;
+use crate::nee::Entry;
 use crate::pictures::Pictures;
 use crate::response::Layout;
 use crate::strata::{self, Bending};
@@ -155,6 +156,8 @@ pub struct Walker<'a> {
     pub(crate) body_of: Option<Vec<u64>>,
     /// For each material WINDOW mu_eff (mm^-1), 0 where there is no roulette.
     windows: Vec<f64>,
+    /// Pieces of media that the flight under way came into, from elsewhere.
+    pub(crate) entries: Vec<Entry>,
     flights: u64,
     endless: bool,
     ending: Ending,
@@ -220,7 +223,7 @@ pub struct Place {
     pub sample: u32,
     /// Block of random numbers of the next flight.
     pub number: u64,
-    /// Whether the next flight has been scored ahead, up to its first boundary ...
+    /// Whether the next flight has been scored ahead, up to its first boundary (beyond it is when it gets there) ...
     pub ahead: bool,
     /// ... or wholly.
     pub wholly: bool,
@@ -272,6 +275,7 @@ impl<'a> Walker<'a> {
             free_paths,
             body_of,
             windows,
+            entries: Vec::new(),
             flights: 0,
             endless: false,
             ending: Ending::Left,
@@ -439,7 +443,11 @@ impl<'a> Walker<'a> {
             return false;
         }
         let roulette = unit(d);
-        match self.fly(at, -ln(unit_fine(a, d))) {
+        let end = self.fly(at, -ln(unit_fine(a, d)));
+        if !self.entries.is_empty() {
+            self.look_into_entries(at, roulette);
+        }
+        match end {
             End::Gone => {
                 // The first, in order of priority, that holds the place.
                 let body = self.setting.world.bodies.iter().position(|body| body.solid.contains(at.r));
@@ -512,7 +520,7 @@ impl<'a> Walker<'a> {
             End::Scattered { crossed } => {
                 at.skin = None;
                 (at.scattered, at.glint) = (true, false);
-                if !(at.ahead && (at.wholly || !crossed)) {
+                if !(at.ahead || (crossed && self.setting.nee == Nee::Line)) {
                     self.look_from_collision(at, roulette);
                 }
                 at.wholly = false;
@@ -573,6 +581,7 @@ impl<'a> Walker<'a> {
     fn fly_across(&mut self, at: &mut Place, mut tau: f64) -> End {
         let Setting { world, shared, .. } = self.setting;
         let mut crossed = false;
+        let foresees = self.setting.nee == Nee::Line && !at.wholly;
         let mut before: Option<Wall> = None;
         let mut from: Option<usize> = None;
         for piece in world.trace(at.r, at.w, at.skin, &mut self.spans) {
@@ -603,6 +612,11 @@ impl<'a> Walker<'a> {
                 return End::Boundary { skin, normal, from, to: piece.material };
             }
             let length = piece.end - piece.start;
+            if crossed && foresees && material.mu_s > 0.0 {
+                let r = at.r + piece.start * at.w;
+                let (material, lengths) = (piece.material, at.lengths);
+                self.entries.push(Entry { r, length, material, wall: before, lengths });
+            }
             let to_scattering = tau * self.free_paths[piece.material];
             let flown = length.min(to_scattering);
             if material.mu_a > 0.0 {

@@ -43,6 +43,8 @@ pub struct Frame {
     pub known: f32,
     /// Whether light goes straight through all boundaries, and lanes know them.
     pub straight: bool,
+    /// Whether flights go on into other bodies in lanes: looks behind boundaries go there, too.
+    pub onward: bool,
     /// Whether a path that leaves all bodies has ended: boundaries do not turn it, and there is no light from infinity.
     pub dark: bool,
     /// Where light from the projector bends on its way to all that scatters.
@@ -198,6 +200,7 @@ impl Frame {
             mu_t: parts.iter().map(|part| s.world.materials[part.material].mu_t() as f32).collect(),
             opaque: parts.iter().map(|part| s.world.materials[part.material].is_opaque()).collect(),
             straight: straight && !others,
+            onward: straight && !others && (blind || (looks && s.steady.lamps.is_empty())),
             others,
             known,
             counted: parts.iter().map(|part| counted_in[part.material]).collect(),

@@ -11,7 +11,7 @@ use super::rows::Rows;
 use crate::channels::MOST_LENGTHS;
 use crate::link::DETOURS;
 use crate::look::FLAT;
-use crate::nee::TAU_SURE;
+use crate::nee::{ENTERED, TAU_SURE};
 use crate::path::{ASIDE, aside_code};
 
 /// Optical depth (optical distance to the light) beyond which it counts as none: e^-80 of it.
@@ -25,9 +25,9 @@ pub const MOST_BODIES: usize = 4;
 
 /// The number of a look along a camera's ray, whose lower bits say in which piece of it, among those that scatter.
 pub const FIRST: u32 = 1 << 31;
-/// The number of a look of a collision to which the path came across a boundary: unforeseen, it is looked at as it is. Others have the
-/// (odd) block of random numbers behind their flight's.
-pub const POINT: u32 = 1 << 30;
+/// The number of a look from where a flight, by its block of random numbers, comes into a medium from elsewhere. Others have the (odd) block behind
+/// their flight's.
+pub const ENTRY: u32 = 1 << 30;
 
 /// Columns: r, the direction in which the path came, the one in which it goes on, weight, roulette, mu_a, mu_s, g, optical distance of
 /// the nearest surface; number, sample, pixel, response, body.
@@ -96,45 +96,43 @@ fn look<S: Simd, const LENGTHS: usize>(
     let Sight { towards, spans: to_light, normals, tau, .. } = sight(simd, frame, waiting, r);
     let (wall, wall_body) = first_piece(simd, frame, body, &to_light);
 
-    // The line: along the path's own direction, or one from the lobe around the light. A camera's ray has no choice.
-    let (first, point) = (number.simd_ge(FIRST), (number & (FIRST | POINT)).simd_eq(POINT));
-    let block = first.select(U::splat(simd, 1), number);
-    let high = first.select(number & (FIRST - 1), U::splat(simd, 0)) | high;
+    // The line: along the path's own direction, or one from the lobe around the light. Rays that come in from outside have no choice.
+    let (first, entry) = (number.simd_ge(FIRST), (number & (FIRST | ENTRY)).simd_eq(ENTRY));
+    let block = first.select(U::splat(simd, 1), number & (ENTRY - 1));
+    let piece = entry.select(U::splat(simd, ENTERED), U::splat(simd, 0));
+    let high = first.select(number & (FIRST - 1), piece) | high;
     let [choice, b, c, u] = philox(simd, block, high, sample, pixel, key);
     let lobe = hg_sample(g, towards, unit(b), unit(c));
-    let goes_on = (choice >> 31).simd_eq(0) | first;
+    let given = first | entry;
+    let goes_on = (choice >> 31).simd_eq(0) | given;
     let e =
         V { x: choose(goes_on, own.x, lobe.x), y: choose(goes_on, own.y, lobe.y), z: choose(goes_on, own.z, lobe.z) };
     let ratio = hg_denominator(g, came.dot(e)) / hg_denominator(g, e.dot(towards));
-    let balance = choose(first, splat(simd, 1.0), 2.0 / (1.0 + ratio * ratio.sqrt()));
+    let balance = choose(given, splat(simd, 1.0), 2.0 / (1.0 + ratio * ratio.sqrt()));
     let (steepness, incidence) = steepness(simd, frame, r, towards, (wall, wall_body, &normals), e);
-    // Nor was it looked for by roulette. See `nee::depth`.
+    // Nor is the camera's looked for by roulette. See `nee::depth`.
     let depth = tau * incidence.abs();
     let depth = choose(depth.simd_gt(least), depth, least);
-    let rarity = choose(first, splat(simd, 1.0), rarity(simd, choose(point, tau, depth)));
+    let rarity = choose(first, splat(simd, 1.0), rarity(simd, depth));
     let chosen = waiting & (roulette * rarity).simd_lt(1.0);
     let mut along = spans(simd, frame, r, e);
     let rate = falling(simd, steepness, mu_t);
     if !frame.ground.meshes.is_empty() {
         let until = choose(rate.simd_gt(mu_t * 0.1), GONE / rate, splat(simd, f32::INFINITY));
-        frame.ground.add_ahead(simd, chosen & !point, body, r, e, until, &mut along);
+        frame.ground.add_ahead(simd, chosen, body, r, e, until, &mut along);
     }
     let (length, _) = first_piece(simd, frame, body, &along);
     let (s, inverse_density) = ahead(simd, rate, length, mu_t, unit(!u));
-    let s = choose(point, zero, s);
-
     let r1 = r.plus(s, e);
-    let looked = chosen & (length.simd_gt(0.0) | point);
+    let looked = chosen & length.simd_gt(0.0);
     let sight1 = sight(simd, frame, looked, r1);
     let Sight { towards: towards1, tau: tau1, blocked, foot, gain, .. } = sight1;
     let (irradiance, lit, x, y) = arrives(simd, &frame.light, foot);
     let dark = mu_t * s + tau1;
-    let cos = choose(point, came.dot(towards1), e.dot(towards1));
-    let q = hg_denominator(g, cos);
+    let q = hg_denominator(g, e.dot(towards1));
     let p = (1.0 - g) * (1.0 + g) * (0.25 * std::f32::consts::FRAC_1_PI) / (q * q.sqrt());
     let seen = looked & lit & !blocked & dark.simd_lt(DARK);
-    let ahead = choose(point, splat(simd, 1.0), balance * inverse_density * mu_s);
-    let fraction = weight * rarity * ahead;
+    let fraction = weight * rarity * (balance * inverse_density * mu_s);
     let radiance = choose(seen, fraction * p * (irradiance * gain) * exp(-dark.min(splat(simd, DARK))), zero);
 
     if LENGTHS > 0 {
@@ -358,9 +356,10 @@ fn first_piece<S: Simd>(simd: S, frame: &Frame, body: U<S>, spans: &Spans<S>) ->
     let (mut distance, mut wall) = (splat(simd, f32::INFINITY), U::splat(simd, 0));
     for (j, span) in spans.iter().enumerate().take(frame.ground.bodies()) {
         let j = j as u32;
-        // Its own body ends it by its exit, one of higher priority by its entry: not one that is missed or behind.
+        // Its own body ends it by its exit, one of higher priority by its entry: not one that is missed or behind. A ray may start where such a
+        // one ends, whatever rounding says: its middle tells.
         let own = body.simd_eq(j);
-        let carves = body.simd_gt(j) & span.enter.simd_lt(span.leave) & span.leave.simd_gt(0.0);
+        let carves = body.simd_gt(j) & span.enter.simd_lt(span.leave) & (span.enter + span.leave).simd_gt(0.0);
         let end = choose(own, span.leave, span.enter);
         let nearer = (carves | own) & end.simd_lt(distance);
         distance = choose(nearer, end, distance);

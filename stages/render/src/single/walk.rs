@@ -6,7 +6,7 @@ use fearless_simd::prelude::*;
 use super::bend::try_detours;
 use super::frame::Frame;
 use super::lane::{F, LANES, M, U, V, choose, hg_sample, ln, philox, spare, splat, unit, unit_short};
-use super::look::{Looks, POINT, look_while, rarity};
+use super::look::{ENTRY, Looks, look_while, rarity};
 use super::rows::Rows;
 use super::start::Starts;
 use crate::batches::Batches;
@@ -18,7 +18,7 @@ use crate::path::{Place, Walker};
 pub type Paths<const LENGTHS: usize> = Rows<15, 6, LENGTHS>;
 
 /// Blocks of random numbers that lanes count to.
-const MOST_BLOCKS: u64 = POINT as u64;
+const MOST_BLOCKS: u64 = ENTRY as u64;
 
 /// Walks the batches and leaves the responses of their paths in the walker, in order.
 pub fn walk(walker: &mut Walker<'_>, frame: &Frame, batches: Batches<'_>) {
@@ -117,9 +117,9 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
                 }
             }
             flights += self.alive.count_ones() as usize;
-            let (odd, looking, unforeseen) = self.fly(key, high, responses);
-            if looking | unforeseen != 0 && (self.frame.lamps || !self.frame.looks) {
-                self.look_singly(walker, looking, unforeseen);
+            let (odd, looking) = self.fly(key, high, responses);
+            if looking != 0 && (self.frame.lamps || !self.frame.looks) {
+                self.look_singly(walker, looking);
             }
             if odd != 0 {
                 flights -= odd.count_ones() as usize;
@@ -138,7 +138,7 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
     /// One flight of every lane that lives. Those that meet a boundary, to be made by the scalar walker from where they stand;
     /// and those that look for light, queued where lanes can look.
     #[inline(always)]
-    fn fly(&mut self, key: [u32; 2], high: u32, responses: &mut [f64]) -> (u64, u64, u64) {
+    fn fly(&mut self, key: [u32; 2], high: u32, responses: &mut [f64]) -> (u64, u64) {
         let (simd, frame) = (self.simd, self.frame);
         let [rx, ry, rz, wx, wy, wz, life, lost, weight, free_path, mu_a, mu_s, g, window, known] = self.floats;
         let [number, sample, pixel, path, material, body] = self.words;
@@ -174,13 +174,12 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
         let (mut here, mut body, mut material) = ([free_path, mu_a, mu_s, g, window], body, material);
         let (mut lengths, was_in) = (self.lengths, material);
         let (mut first, mut second_in) = (s, splat(simd, 0.0));
-        // `beyond`: in another medium, or behind a gap; touching bodies of one medium are one.
-        let (mut escapes, mut crossed, mut beyond) = (no, no, no);
+        let (mut escapes, mut crossed) = (no, no);
         if frame.straight && (passage.crosses & alive).any_true() {
             // The rest of the flight in the next body, if it stays in that.
             let on = frame.ground.onward(simd, &frame.parts, passage.crosses & alive, body, r, w);
             escapes = if frame.dark { passage.crosses & on.escapes } else { no };
-            crossed = passage.crosses & on.open;
+            crossed = if frame.onward { passage.crosses & on.open } else { no };
             if (crossed & alive).any_true() {
                 let mut there = here;
                 let mut its = material;
@@ -213,7 +212,23 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
                 for (x, y) in here.iter_mut().zip(there) {
                     *x = choose(crossed, y, *x);
                 }
-                beyond = crossed & (!its.simd_eq(material) | on.enters.simd_gt(on.leaves));
+                // In another medium, or behind a gap: touching bodies of one medium are one. The camera's ray was scored as far as it goes.
+                let beyond = crossed & (!its.simd_eq(material) | on.enters.simd_gt(on.leaves)) & !number.simd_eq(2);
+                let entered = beyond & alive & (life - (mu_a * on.leaves + lost)).simd_ge(splat(simd, 0.0));
+                if frame.looks && entered.any_true() {
+                    let (zero, [_, mu_a, mu_s, g, _]) = (splat(simd, 0.0), here);
+                    let mut before = self.lengths;
+                    for (m, &place) in frame.counted_in.iter().enumerate().filter(|(_, place)| **place < LENGTHS) {
+                        before[place] += choose(was_in.simd_eq(m as u32), on.leaves, zero);
+                    }
+                    self.looks.rays.pack(
+                        entered,
+                        &[from.x, from.y, from.z, wx, wy, wz, wx, wy, wz, weight, unit_short(d), mu_a, mu_s, g, zero],
+                        &[number | ENTRY, sample, pixel, path, on.body],
+                        &before,
+                    );
+                    look_while(simd, &mut self.looks, LANES, frame, key, high, responses);
+                }
                 if LENGTHS > 0 {
                     (first, second_in) = (choose(crossed, on.leaves, first), choose(crossed, rest, second_in));
                 }
@@ -260,20 +275,8 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
             }
         }
         let goes_on = alive & !crosses & !gone;
-        let near = if frame.blind { no } else { near & alive & !crosses & !dies };
-        let looks = near & goes_on;
+        let looks = if frame.blind { no } else { near & goes_on };
         let e = hg_sample(g, w, unit_short(b), unit_short(c));
-        // Its single scattering was scored along the whole ray, from the camera.
-        let unforeseen = near & beyond & !number.simd_eq(2);
-        if frame.looks && unforeseen.any_true() {
-            self.looks.rays.pack(
-                unforeseen,
-                &[end.x, end.y, end.z, wx, wy, wz, wx, wy, wz, weight, roulette, mu_a, mu_s, g, least],
-                &[number | POINT, sample, pixel, path, body],
-                &lengths,
-            );
-            look_while(simd, &mut self.looks, LANES, frame, key, high, responses);
-        }
         if frame.looks && looks.any_true() {
             self.looks.rays.pack(
                 looks,
@@ -282,14 +285,13 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
                 &lengths,
             );
         }
-        if (frame.lamps || !frame.looks) && near.any_true() {
-            // The scalar walker needs the direction in which the path came.
+        if (frame.lamps || !frame.looks) && looks.any_true() {
             let mut floats = self.floats;
             let words = [number, sample, pixel, path, material, body];
             (floats[0], floats[1], floats[2]) = (end.x, end.y, end.z);
             (floats[6], floats[7], floats[8]) = (e.x, e.y, e.z);
             floats[9] = heavier;
-            (floats[10], floats[11], floats[12]) = (roulette, weight, passage.clear);
+            (floats[10], floats[12]) = (roulette, passage.clear);
             self.memory.store(&floats, &words, &lengths);
         }
         for (length, new) in self.lengths.iter_mut().zip(lengths) {
@@ -324,37 +326,26 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
         ];
         let odd = odd.to_bitmask();
         self.alive = goes_on.to_bitmask() | odd;
-        (odd, looks.to_bitmask(), unforeseen.to_bitmask())
+        (odd, looks.to_bitmask())
     }
 
-    /// Looks that lanes cannot make: ahead, and at collisions behind boundaries.
+    /// Looks that lanes cannot make.
     #[inline(never)]
-    fn look_singly(&mut self, walker: &mut Walker<'_>, looking: u64, unforeseen: u64) {
-        let mut lanes = looking | unforeseen;
+    fn look_singly(&mut self, walker: &mut Walker<'_>, looking: u64) {
+        let mut lanes = looking;
         while lanes != 0 {
             let lane = lanes.trailing_zeros() as usize;
             lanes &= lanes - 1;
             let row = self.memory.get(lane);
             let (floats, mut place) = (row.0, self.frame.place(row));
             place.number += 2;
-            place.clear = f64::from(floats[12]);
+            (place.weight, place.clear) = (f64::from(floats[9]), f64::from(floats[12]));
             let roulette = f64::from(floats[10]);
-            if unforeseen >> lane & 1 == 1 {
-                place.weight = f64::from(floats[11]);
-                if self.frame.looks {
-                    walker.look_at_lamps_from_collision(&place, roulette);
-                } else {
-                    walker.look_from_collision(&mut place, roulette);
-                }
-            }
-            if looking >> lane & 1 == 1 {
-                place.weight = f64::from(floats[9]);
-                let own = [floats[6], floats[7], floats[8]].map(f64::from).into();
-                if self.frame.looks {
-                    walker.look_at_lamps(&place, own, roulette);
-                } else {
-                    walker.look_ahead(&mut place, own, roulette);
-                }
+            let own = [floats[6], floats[7], floats[8]].map(f64::from).into();
+            if self.frame.looks {
+                walker.look_at_lamps(&place, own, roulette);
+            } else {
+                walker.look_ahead(&mut place, own, roulette);
             }
         }
     }
