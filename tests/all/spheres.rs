@@ -72,3 +72,33 @@ fn a_truthful_double_sphere_recovers_its_media() {
         "sd {sd}, worst {worst}, bias {bias}: {z:.2?}"
     );
 }
+
+/// Each assumption about the paper's spheres is as far from its printed numbers as the pipeline's head comment says: root mean square of the logarithm of
+/// found / printed, with what the noise of so few photons adds taken out. 4.5 standard errors of either run, and half a unit of the printed digit.
+#[test]
+fn assumptions_about_the_papers_spheres_keep_their_distance() {
+    let file = pipeline("dis_iad_paper");
+    let space = Space::new();
+    let settings = ["--set", "vars.samples=10000"];
+    let mut arguments = vec!["run", &file];
+    arguments.extend(settings);
+    space.turbid(&arguments).ok();
+    for (stage, expected) in [("cone", 0.16), ("cone_g0", 0.24), ("thin_standard", 0.23), ("cone_g0_n115", 0.04)] {
+        let rows = metrics(&space, &file, stage, &settings);
+        assert_eq!(rows.len(), 12, "{stage}");
+        let (mut square, mut noise, mut variance) = (0.0, 0.0, 0.0);
+        for row in &rows {
+            assert!(row.n == 1.0 && row.se > 0.0, "{stage}: {} {} has no fit", row.medium, row.quantity);
+            let (off, se) = ((row.mean / row.truth).ln(), row.se / row.mean);
+            square += off * off / 12.0;
+            noise += se * se / 12.0;
+            variance += (2.0 * off * se / 12.0).powi(2) + 2.0 * (se * se / 12.0).powi(2);
+        }
+        // The square is what adds up; its standard error that of the mean of (off + noise)^2. The longer run has a tenth of the variance.
+        let sigma = (1.1 * variance).sqrt();
+        println!("{stage}: rms {:.4}, noise {:.4}, square {square:.5} +- {sigma:.5}", square.sqrt(), noise.sqrt());
+        let [low, high] = [expected - 0.005, expected + 0.005].map(|x: f64| x * x);
+        let found = square - noise;
+        assert!(found > low - 4.5 * sigma && found < high + 4.5 * sigma, "{stage}: {found} +- {sigma}, {expected}");
+    }
+}

@@ -27,9 +27,6 @@ impl<const N: usize> Experiment<N> {
         let d = self.inverse().plan().slab().thickness_mm;
         let own = [fit.mu_a_per_mm * d, fit.mu_s_prime_per_mm * d].map(libm::log);
         let curve = self.curve(measured);
-        for p in curve.iter().flatten() {
-            eprintln!("{:?} {:e} {:e}", p.x, p.excess, p.slope);
-        }
         let from = |point: Point| {
             let other = self.full_root(point.x, measured);
             let found = [other.mu_a_per_mm, other.mu_s_prime_per_mm];

@@ -227,15 +227,16 @@ pub fn read_rxt(bytes: &[u8]) -> Result<Sheet, FileError> {
     let mut pair = Vec::with_capacity(2);
     for name in ["reflectance sphere", "transmittance sphere"] {
         let diameter = head(&format!("diameter of the {name}"), size, "be > 0 mm")?;
-        let mut port = |port: &str| head(&format!("{port} port of the {name}"), zero_up, "be >= 0 mm");
+        // Each port is a chord of the sphere: wider than the sphere it is no port.
+        let mut port = |port: &str| -> Result<f64, FileError> {
+            let value = head(&format!("{port} port of the {name}"), zero_up, "be >= 0 mm")?;
+            let (line, column) = place.get();
+            let fits = value < diameter;
+            let message = || format!("a port of {value} mm does not fit the {name} of {diameter} mm");
+            if fits { Ok(value) } else { wrong(line, column, message()) }
+        };
         let ports = [port("sample")?, port("entrance")?, port("detector")?];
         let wall = head(&format!("wall reflectance of the {name}"), |x| (0.0..=1.0).contains(&x), "lie in [0, 1]")?;
-        // Each port as a chord of the sphere: wider than the sphere it is no port.
-        if let Some(port) = ports.iter().find(|&&port| port >= diameter) {
-            let message = format!("a port of {port} mm does not fit the {name} of {diameter} mm");
-            let (line, column) = place.get();
-            return wrong(line, column, message);
-        }
         pair.push(Sphere::with_round_ports(diameter, ports[0], ports[1], ports[2], wall));
     }
     let per_row = head("number of readings", |x| x == 2.0 || x == 3.0, "be 2 or 3 (M_R, M_T, M_U)")? as usize;
@@ -322,6 +323,8 @@ mod tests {
         assert_eq!(rxt("1.40", "0.90"), (3, 1));
         assert_eq!(rxt("0.985", "1.2"), (5, 1));
         assert_eq!(rxt("\n2\n", "\n3\n"), (6, 1));
+        assert_eq!(rxt("25.4 12.7", "25.4 127"), (7, 12));
+        assert_eq!(rxt("5 0.97", "5 1.02"), (7, 19));
         assert_eq!(rxt("0.25 0.001", "0.25 x"), (10, 15));
         assert_eq!(rxt("0.25 0.001", "0.25"), (10, 1));
         assert_eq!(rxt("0.25 0.001", "0.25 0.001 7"), (10, 21));
