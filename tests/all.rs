@@ -27,6 +27,8 @@ mod near_normal;
 mod reproducible;
 #[path = "all/rerun.rs"]
 mod rerun;
+#[path = "all/shapes.rs"]
+mod shapes;
 #[path = "all/spheres.rs"]
 mod spheres;
 #[path = "all/tubes.rs"]

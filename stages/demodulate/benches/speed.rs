@@ -72,6 +72,11 @@ fn main() {
             black_box(planes[2].iter().fold(0_u32, |sum, v| sum ^ v.to_bits()));
         });
         line("copy loop", steps, copying);
+        // What the stage cannot do without: M_DC, M_AC and mask in memory that nobody has touched.
+        let fresh = seconds(|| {
+            drop(black_box([0, 1, 2].map(|k| black_box(planes[k]).to_vec())));
+        });
+        line("copy into fresh planes", steps, fresh);
         for level in ["baseline", "v3", "v4"] {
             for wanted in ["AC, DC", "AC, DC, phase"] {
                 let sweep = seconds(|| {
@@ -82,16 +87,20 @@ fn main() {
                 line(&format!("sweep {level}: {wanted}"), steps, sweep);
             }
         }
-        for (what, se, wanted) in
-            [("AC, DC", false, ""), ("AC, DC, phase", false, "phase"), ("AC, DC, errors", true, "")]
-        {
+        for (what, se, wanted, low_signal) in [
+            ("AC, DC", false, "", 3.0),
+            ("AC, DC, phase", false, "phase", 3.0),
+            ("AC, DC, errors", true, "", 3.0),
+            ("the same, low_signal: 0", true, "", 0.0),
+        ] {
+            let params = Params { low_signal, ..Params::default() };
             let host = MemoryHost { wanted: vec![wanted.into()], ..MemoryHost::default() };
             let input = frames(steps, se);
             let whole = with_own(
                 || input.clone(),
                 |frames| {
                     let inputs = In { frames, covariance: None, scene: None, source: PhantomData };
-                    drop(black_box(Demodulate::run(&Params::default(), inputs, Ctx::new(&host))));
+                    drop(black_box(Demodulate::run(&params, inputs, Ctx::new(&host))));
                 },
             );
             line(&format!("stage: {what}"), steps, whole);

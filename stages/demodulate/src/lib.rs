@@ -22,6 +22,9 @@ mod set;
 mod signal;
 pub mod single_shot;
 mod snapshot;
+pub mod speckle;
+mod speckled;
 mod stage;
+pub mod unknown_steps;
 
-pub use stage::{Demodulate, In, Method, NoiseBias, Out, Params};
+pub use stage::{Demodulate, In, Method, NoiseBias, Out, Params, Steps};

@@ -211,17 +211,23 @@ impl<'a> Pass<'a> {
             let own = &elements[at(k, k)];
             if fringed(k) {
                 own.variance(level, phasors[k].across(), out);
-                self.correct(k, &phasors[k].m_ac, out, planes, tally);
                 if self.wants_phase {
-                    for ((se, variance), &m_ac) in planes[phase].iter_mut().zip(out.iter()).zip(&phasors[k].m_ac) {
-                        *se = if m_ac > 0.0 { (variance.sqrt() / m_ac) as f32 } else { 0.0 };
-                    }
+                    let (se, m_ac, variance) = (&mut *planes[phase], &phasors[k].m_ac, &*out);
+                    dispatch!(level, simd => simd.vectorize(#[inline(always)] || {
+                        for ((se, variance), &m_ac) in se.iter_mut().zip(variance).zip(m_ac) {
+                            *se = if m_ac > 0.0 { (variance.sqrt() / m_ac) as f32 } else { 0.0 };
+                        }
+                    }));
                     phase += 1;
                 }
+                self.correct(k, &phasors[k].m_ac, out, planes, tally);
             }
             for q in [2 * k, 2 * k + 1] {
                 own.variance(level, toward(q), out);
-                planes[se + q].iter_mut().zip(out.iter()).for_each(|(se, variance)| *se = variance.sqrt() as f32);
+                let (se, variance) = (&mut *planes[se + q], &*out);
+                dispatch!(level, simd => simd.vectorize(#[inline(always)] || {
+                    se.iter_mut().zip(variance).for_each(|(se, variance)| *se = variance.sqrt() as f32);
+                }));
             }
         }
         for (p, &[a, b]) in self.pairs.iter().enumerate() {
@@ -230,18 +236,22 @@ impl<'a> Pass<'a> {
         }
     }
 
-    /// Takes the Rician bias off M_AC of fringe `k`, where it is to be taken off, and sums it up.
-    fn correct(&self, k: usize, m_ac: &[f64], across: &[f64], planes: &mut [&mut [f32]], tally: &mut Tally) {
-        for ((plane, &m_ac), &variance) in planes[2 * k + 1].iter_mut().zip(m_ac).zip(across) {
-            if m_ac > 0.0 && variance.is_finite() {
-                let bias = variance / (2.0 * m_ac);
-                tally.rician[k] += bias;
-                tally.m_ac[k] += m_ac;
-                if self.corrects {
-                    *plane = (m_ac - bias) as f32;
-                }
+    /// Takes the Rician bias off M_AC of fringe `k`, where it is to be taken off, and sums it up. `across` goes in as the variance across the
+    /// phasor and is used up.
+    fn correct(&self, k: usize, m_ac: &[f64], across: &mut [f64], planes: &mut [&mut [f32]], tally: &mut Tally) {
+        let plane = &mut *planes[2 * k + 1];
+        dispatch!(self.level, simd => simd.vectorize(#[inline(always)] || {
+            for ((plane, &m_ac), bias) in plane.iter_mut().zip(m_ac).zip(across.iter_mut()) {
+                let known = (m_ac > 0.0) & bias.is_finite();
+                *bias = if known { *bias / (2.0 * m_ac) } else { UNKNOWN };
+                *plane = if known & self.corrects { (m_ac - *bias) as f32 } else { *plane };
             }
+        }));
+        let [mut rician, mut sum] = [tally.rician[k], tally.m_ac[k]];
+        for (&bias, &m_ac) in across.iter().zip(m_ac).filter(|(bias, _)| **bias != UNKNOWN) {
+            (rician, sum) = (rician + bias, sum + m_ac);
         }
+        (tally.rician[k], tally.m_ac[k]) = (rician, sum);
     }
 
     /// Finds the pixels that carry no measurement, and sets all their planes to 0.
@@ -293,7 +303,7 @@ impl<'a> Pass<'a> {
         let mask = pixels[pixels.len() - 1];
         ctx.fill_planes(&mut weak, |range, out| {
             for (row, out) in (range.start / columns..range.end / columns).zip(out[0].chunks_mut(columns)) {
-                let found = weak_in_row(&quantities, mask, columns, row, self.low_signal);
+                let found = weak_in_row(self.level, &quantities, mask, columns, row, self.low_signal);
                 out.iter_mut().zip(found).for_each(|(out, weak)| *out = f32::from(u8::from(weak)));
             }
         })?;
@@ -410,6 +420,9 @@ impl<'a> Pass<'a> {
         values.masks.push((mask, data));
     }
 }
+
+/// Where no bias is known: no bias is below 0.
+const UNKNOWN: f64 = -1.0;
 
 const NOT_FINITE: u32 = 1;
 /// Some fringe has a mean or a variance.

@@ -7,6 +7,7 @@ use turbid_contract::{serde, serde_json};
 use crate::diagnostics::diagnose;
 use crate::noise::{Block, Element};
 use crate::phase_shift::Weights;
+use crate::unknown_steps;
 
 /// The frames of one spatial frequency and orientation.
 pub struct Fringe {
@@ -26,6 +27,31 @@ pub struct Channel {
 }
 
 impl Channel {
+    /// Takes the steps from the frames, and measures how far they are from what the frames say.
+    ///
+    /// Errors: frames that do not tell their steps.
+    pub fn estimate_steps(&mut self, stack: &ImageStack, ctx: Ctx<'_>) -> Result<(), Error> {
+        let mask = stack.mask(self.wavelength_nm).map(Layer::pixels);
+        for fringe in self.fringes.iter_mut().filter(|f| f.f_x_per_mm > 0.0) {
+            let given: Vec<f64> =
+                fringe.frames.iter().map(|&i| stack.layers[i].info.phase_rad.expect("read before")).collect();
+            let good = |i: usize| mask.as_ref().is_none_or(|m| m[i] == 0.0);
+            let pixels = |&i: &usize| -> Vec<f32> {
+                stack.layers[i].pixels().iter().enumerate().filter(|&(i, _)| good(i)).map(|(_, &v)| v).collect()
+            };
+            let planes: Vec<Vec<f32>> = fringe.frames.iter().map(pixels).collect();
+            let planes: Vec<&[f32]> = planes.iter().map(Vec::as_slice).collect();
+            let place = format!("the phase steps at f_x = {} mm^-1", fringe.f_x_per_mm);
+            let steps =
+                unknown_steps::find(&planes, &given).map_err(|what| Error::failed(format!("{place}: {what}")))?;
+            fringe.weights = Weights::least_squares(&steps)
+                .ok_or_else(|| Error::failed(format!("{place}: those found ({steps:?} rad) fix no sinusoid")))?;
+            let departure = steps.iter().zip(&given).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            ctx.measure("step_departure", departure.to_degrees(), "deg");
+        }
+        Ok(())
+    }
+
     /// Measures ripple and drift of the fringes at the highest f_x.
     pub fn diagnose(&self, stack: &ImageStack, ctx: Ctx<'_>) {
         let Some(fringe) = self.fringes.iter().rfind(|f| f.f_x_per_mm > 0.0) else { return };

@@ -4,6 +4,8 @@
 //! per pixel a limit of 3 standard errors raises the mean of what is left by 6 %. Neighbours know as much about the
 //! signal and nothing about the pixel's own noise, so what they drop leaves the mean alone.
 
+use fearless_simd::{Level, Simd, dispatch};
+
 /// Neighbours on each side of a pixel.
 const REACH: usize = 2;
 
@@ -12,34 +14,56 @@ pub type Noisy<'a> = [&'a [f32]; 2];
 
 /// Whether the good pixels among the 24 neighbours of each pixel of `row` have a mean of some quantity that is not above
 /// `limit` times the root mean square of its standard errors; a pixel without good neighbours is judged by itself.
-pub fn weak_in_row(quantities: &[Noisy<'_>], mask: &[f32], columns: usize, row: usize, limit: f64) -> Vec<bool> {
-    let good = neighbours(|i| f64::from(u8::from(mask[i] == 0.0)), mask.len(), columns, row);
+pub fn weak_in_row(
+    level: Level,
+    quantities: &[Noisy<'_>],
+    mask: &[f32],
+    columns: usize,
+    row: usize,
+    limit: f64,
+) -> Vec<bool> {
+    let good = |m: f32| if m == 0.0 { 1.0 } else { 0.0 };
     let mut weak = vec![false; columns];
-    for [value, se] in quantities {
-        let squared = |i: usize| f64::from(se[i]) * f64::from(se[i]);
-        let signals = neighbours(|i| f64::from(value[i]), mask.len(), columns, row);
-        let variances = neighbours(squared, mask.len(), columns, row);
-        for (c, weak) in weak.iter_mut().enumerate() {
-            let own = row * columns + c;
-            let (n, signal, variance) = match good[c] > 0.0 {
-                true => (good[c], signals[c], variances[c]),
-                false => (1.0, f64::from(value[own]), squared(own)),
-            };
-            // The difference of window and own pixel may leave a variance below 0 by a rounding error, that is 0.
-            *weak |= signal <= limit * (n * variance.max(0.0)).sqrt();
+    dispatch!(level, simd => simd.vectorize(#[inline(always)] || {
+        let counts = neighbours(good, mask, columns, row);
+        for [value, se] in quantities {
+            let signals = neighbours(f64::from, value, columns, row);
+            let variances = neighbours(squared, se, columns, row);
+            let own = row * columns..(row + 1) * columns;
+            let alone = value[own.clone()].iter().zip(&se[own]);
+            let around = signals.iter().zip(&variances).zip(&counts);
+            for ((weak, (&value, &se)), ((&signal, &variance), &n)) in weak.iter_mut().zip(alone).zip(around) {
+                let lone = n <= 0.0;
+                let (n, signal) = (if lone { 1.0 } else { n }, if lone { f64::from(value) } else { signal });
+                let variance = if lone { squared(se) } else { variance };
+                // The difference of window and own pixel may leave a variance below 0 by a rounding error, that is 0.
+                *weak |= signal <= limit * (n * variance.max(0.0)).sqrt();
+            }
         }
-    }
+    }));
     weak
 }
 
-/// Sum of `of` over the neighbours of each pixel of `row`, the pixel itself left out, in an image of `count` pixels.
-fn neighbours(of: impl Fn(usize) -> f64, count: usize, columns: usize, row: usize) -> Vec<f64> {
-    let mut column_sums = vec![0.0; columns];
-    for r in row.saturating_sub(REACH)..(row + REACH + 1).min(count / columns) {
-        column_sums.iter_mut().enumerate().for_each(|(c, sum)| *sum += of(r * columns + c));
+#[inline(always)]
+fn squared(se: f32) -> f64 {
+    f64::from(se) * f64::from(se)
+}
+
+/// Sum of `of` over the neighbours of each pixel of `row`, the pixel itself left out.
+#[inline(always)]
+fn neighbours(of: impl Fn(f32) -> f64, plane: &[f32], columns: usize, row: usize) -> Vec<f64> {
+    let line = |r: usize| &plane[r * columns..(r + 1) * columns];
+    // Two zeros on each side: every window has five columns.
+    let mut column_sums = vec![0.0; columns + 2 * REACH];
+    for r in row.saturating_sub(REACH)..(row + REACH + 1).min(plane.len() / columns) {
+        column_sums[REACH..].iter_mut().zip(line(r)).for_each(|(sum, &v)| *sum += of(v));
     }
-    let window = |c: usize| &column_sums[c.saturating_sub(REACH)..(c + REACH + 1).min(columns)];
-    (0..columns).map(|c| window(c).iter().sum::<f64>() - of(row * columns + c)).collect()
+    let mut out = vec![0.0; columns];
+    for (c, (out, &own)) in out.iter_mut().zip(line(row)).enumerate() {
+        let window: &[f64; 2 * REACH + 1] = column_sums[c..].first_chunk().expect("padded on both sides");
+        *out = window.iter().fold(0.0, |sum, v| sum + v) - of(own);
+    }
+    out
 }
 
 #[cfg(test)]
@@ -47,7 +71,9 @@ mod tests {
     use super::*;
 
     fn weak(value: &[f32], se: &[f32], mask: &[f32], columns: usize) -> Vec<bool> {
-        (0..value.len() / columns).flat_map(|row| weak_in_row(&[[value, se]], mask, columns, row, 3.0)).collect()
+        (0..value.len() / columns)
+            .flat_map(|row| weak_in_row(Level::new(), &[[value, se]], mask, columns, row, 3.0))
+            .collect()
     }
 
     /// A uniform field is weak as a whole or not at all, up to its borders; a lone pixel is judged by itself.

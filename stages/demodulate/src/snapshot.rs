@@ -62,16 +62,21 @@ struct Carrier {
     along_rows: bool,
 }
 
-fn carrier(params: &Params, info: &LayerInfo, scene: Option<&Scene>, stack: &ImageStack) -> Result<Carrier, Error> {
-    let f_x = info.f_x_per_mm.unwrap_or(0.0);
-    let pixel = match (params.pixel_mm, scene.and_then(|s| s.camera.as_ref())) {
-        (Some(pixel), _) => [pixel.0; 2],
-        (None, Some(c)) => [c.field[0] / f64::from(c.pixels[0]), c.field[1] / f64::from(c.pixels[1])],
+/// mm of a pixel along x and along y, in the plane of the pattern.
+pub fn pixel_size(params: &Params, scene: Option<&Scene>) -> Result<[f64; 2], Error> {
+    match (params.pixel_mm, scene.and_then(|s| s.camera.as_ref())) {
+        (Some(pixel), _) => Ok([pixel.0; 2]),
+        (None, Some(c)) => Ok([c.field[0] / f64::from(c.pixels[0]), c.field[1] / f64::from(c.pixels[1])]),
         (None, None) => {
             let hint = "connect the port `scene`, or give pixel_mm";
-            return Err(Error::failed_with_hint("the size of a pixel in mm is not known", hint));
+            Err(Error::failed_with_hint("the size of a pixel in mm is not known", hint))
         }
-    };
+    }
+}
+
+fn carrier(params: &Params, info: &LayerInfo, scene: Option<&Scene>, stack: &ImageStack) -> Result<Carrier, Error> {
+    let f_x = info.f_x_per_mm.unwrap_or(0.0);
+    let pixel = pixel_size(params, scene)?;
     let turns = info.orientation_deg.unwrap_or(0.0) / 360.0;
     let (sin, cos) = turbid_optics::elementary::sin_cos_turns(turns);
     let (along_rows, cycles) = if sin.abs() < 1e-9 {
@@ -202,7 +207,7 @@ fn one(
 }
 
 /// Values first, then errors, then masks.
-fn order(stack: &mut ImageStack) {
+pub fn order(stack: &mut ImageStack) {
     let rank = |kind: LayerKind| match kind {
         LayerKind::Value => 0,
         LayerKind::StandardError => 1,

@@ -5,12 +5,12 @@ use serde::{Deserialize, Serialize};
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Covariance, Frames, Modulation, Phase, Scene};
 use turbid_contract::{
-    Ctx, Error, ImageStack, Known, LayerKind, Length, Problems, Stage, StagePlan, in_ports, out_ports,
+    Ctx, Error, ImageStack, Known, LayerKind, Length, PerLength, Problems, Stage, StagePlan, in_ports, out_ports,
 };
 
 use crate::pass::{Group, Pass, Tally};
 use crate::set::{Noise, channels};
-use crate::snapshot;
+use crate::{snapshot, speckled};
 
 /// How fringes are separated from the mean.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -21,6 +21,8 @@ pub enum Method {
     PhaseShift,
     /// One frame of each f_x: mean and fringe parted by filters along the line.
     SingleShot,
+    /// Frames under random light (si-SFDI): amplitudes from the power of the speckle in a window.
+    Speckle,
 }
 
 impl Method {
@@ -28,6 +30,7 @@ impl Method {
         match self {
             Self::PhaseShift => "phase_shift",
             Self::SingleShot => "single_shot",
+            Self::Speckle => "speckle",
         }
     }
 }
@@ -43,6 +46,17 @@ pub enum NoiseBias {
     Keep,
 }
 
+/// Whether the frames' phases are what they say.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Steps {
+    /// As the frames say.
+    #[default]
+    Given,
+    /// Found from the frames, near what they say; the first is kept.
+    Estimated,
+}
+
 /// Params of `demodulate`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -52,12 +66,20 @@ pub struct Params {
     /// errors; 0 masks only what is not above 0 itself.
     pub low_signal: f64,
     pub noise_bias: NoiseBias,
+    /// phase_shift: whether the phase steps are known.
+    pub steps: Steps,
     /// A pixel is masked where a frame reaches this level (unit of the frames); frames may bring a mask of their own.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub saturation: Option<f64>,
     /// single_shot: parts the spectrum by rectangles instead of Gaussians.
     pub rectangles: bool,
-    /// single_shot: size of a pixel in the pattern's plane, where no scene is connected.
+    /// speckle: spatial frequencies to read.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub f_x: Vec<PerLength>,
+    /// speckle: width of the window around a pixel, two periods of the lowest f_x or more.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub window: Option<Length>,
+    /// single_shot, speckle: size of a pixel in the pattern's plane, where no scene is connected.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pixel_mm: Option<Length>,
 }
@@ -68,8 +90,11 @@ impl Default for Params {
             method: Method::PhaseShift,
             low_signal: 3.0,
             noise_bias: NoiseBias::Correct,
+            steps: Steps::Given,
             saturation: None,
             rectangles: false,
+            f_x: Vec::new(),
+            window: None,
             pixel_mm: None,
         }
     }
@@ -81,7 +106,7 @@ in_ports! {
         frames: one Frames,
         /// Covariance behind the frames, where pixels of several frames share paths.
         covariance: optional Covariance,
-        /// Camera whose pixels single_shot counts fringes in.
+        /// Camera whose pixels single_shot and speckle count in.
         scene: optional Scene,
     }
 }
@@ -115,13 +140,24 @@ impl Stage for Demodulate {
             problems.require(pixel.0 > 0.0, "pixel_mm", pixel.0, "mm", "be > 0");
         }
         let sized = params.pixel_mm.is_some() || known.connected.iter().any(|port| port == "scene");
-        if params.method == Method::SingleShot && !sized {
+        if params.method != Method::PhaseShift && !sized {
             let hint = "connect the port `scene`, or give pixel_mm";
-            problems.push_with_hint(
-                "method",
-                "single_shot counts fringes in pixels and does not know their size",
-                hint,
-            );
+            let message = format!("{} counts in pixels and does not know their size", params.method.name());
+            problems.push_with_hint("method", message, hint);
+        }
+        check_speckle(params, problems);
+        if params.steps == Steps::Estimated {
+            if params.method != Method::PhaseShift {
+                problems.push("steps", format!("{} has no steps to estimate", params.method.name()));
+            }
+            if known.connected.iter().any(|port| port == "covariance") {
+                let message = "the covariance is that of re and im of the given steps, not of estimated ones";
+                problems.push_with_hint(
+                    "steps",
+                    message,
+                    "leave the port `covariance` open: the frames have standard errors",
+                );
+            }
         }
         if let Some(level) = params.saturation {
             problems.require(level > 0.0 && level.is_finite(), "saturation", level, "", "be > 0 (unit of the frames)");
@@ -142,13 +178,23 @@ impl Stage for Demodulate {
             let (modulation, phase) = snapshot::run(params, &inputs.frames, inputs.scene.as_ref(), ctx)?;
             return Ok(Out { modulation: Modulation(modulation), phase: phase.map(Phase) });
         }
+        if params.method == Method::Speckle {
+            let modulation = speckled::run(params, &inputs.frames, inputs.scene.as_ref(), ctx)?;
+            if ctx.wants("phase") {
+                return Err(Error::failed("speckle has no phase"));
+            }
+            return Ok(Out { modulation: Modulation(modulation), phase: None });
+        }
         let frames = &inputs.frames.0;
         let sharing = frames.layers.iter().filter(|l| l.info.kind == LayerKind::Value).map(|l| frames.sharing(&l.info));
         let sharing = sharing.fold(frames.common_sharing(), f64::max);
         let wants_phase = ctx.wants("phase");
         let mut values = Group::default();
         let mut phases = Group::default();
-        for channel in channels(&inputs.frames)? {
+        for mut channel in channels(&inputs.frames)? {
+            if params.steps == Steps::Estimated {
+                channel.estimate_steps(frames, ctx)?;
+            }
             channel.diagnose(frames, ctx);
             let noise = Noise::of_channel(&channel, &inputs.frames, inputs.covariance.as_ref())?;
             let pass = Pass::new(&channel, noise.as_ref(), frames, params, wants_phase, ctx.simd());
@@ -168,5 +214,34 @@ impl Stage for Demodulate {
         };
         let phase = wants_phase.then(|| Phase(stack(phases)));
         Ok(Out { modulation: Modulation(stack(values)), phase })
+    }
+}
+
+/// What speckle needs, and what only speckle has.
+fn check_speckle(params: &Params, problems: &mut Problems) {
+    if params.method != Method::Speckle {
+        let only = |on: bool, name: &str, problems: &mut Problems| {
+            if on {
+                problems.push(name, format!("only `method: speckle` reads {name}"));
+            }
+        };
+        only(!params.f_x.is_empty(), "f_x", problems);
+        only(params.window.is_some(), "window", problems);
+        return;
+    }
+    if params.f_x.is_empty() {
+        problems.push_with_hint("f_x", "speckle holds all f_x, and none is named", "f_x: [0.05, 0.1], for example");
+    }
+    let window = params.window.map_or(0.0, |w| w.0);
+    if params.window.is_none() {
+        problems.push_with_hint("window", "the width of the window around a pixel is missing", "30 mm, for example");
+    }
+    for (k, f_x) in params.f_x.iter().enumerate() {
+        let field = format!("f_x.{k}");
+        problems.require(f_x.0 > 0.0 && f_x.0.is_finite(), field.as_str(), f_x.0, "mm^-1", "be > 0");
+        if params.window.is_some() && f_x.0 > 0.0 && window * f_x.0 < 2.0 {
+            let message = format!("a window of {window} mm holds {:.2} periods of f_x = {f_x} mm^-1", window * f_x.0);
+            problems.push_with_hint(field, message, "two periods or more tell it from the mean: widen the window");
+        }
     }
 }

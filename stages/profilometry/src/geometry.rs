@@ -47,6 +47,11 @@ impl Rig {
         (self.projector.position - self.camera.position).dot(self.along)
     }
 
+    /// Distance between camera and projector across world z, mm: the baseline of the best orientation.
+    pub fn apart(&self) -> f64 {
+        (self.projector.position - self.camera.position).truncate().length()
+    }
+
     /// World z of the pattern's plane.
     pub fn plane(&self) -> f64 {
         self.projector.look_at.z

@@ -134,8 +134,16 @@ impl Stage for Profilometry {
             match Rig::new(&scene, params.orientation_deg.map_or(0.0, |o| o.0)) {
                 Err(what) => problems.push("", what),
                 Ok(rig) => {
-                    if let (Some(orientation), Err(what)) = (params.orientation_deg, sensitive(&rig)) {
-                        problems.push("orientation_deg", format!("{orientation}: {what}"));
+                    match (params.orientation_deg, sensitive(&rig)) {
+                        (Some(orientation), Err(what)) => {
+                            problems.push("orientation_deg", format!("{orientation}: {what}"));
+                        }
+                        (None, _) if rig.apart() <= LEAST_BASELINE * rig.projector.height() => {
+                            let message =
+                                "camera and projector stand one above the other: fringes of no direction show a height";
+                            problems.push_with_hint("", message, "move one of them sideways");
+                        }
+                        _ => {}
                     }
                     if let (Method::Formula, Some(what)) = (params.method, departs(&rig)) {
                         problems.warn("method", format!("the formula does not hold exactly: {what}"));
@@ -190,10 +198,13 @@ impl Stage for Profilometry {
     }
 }
 
+/// Share of the distance that camera and projector must stand apart.
+const LEAST_BASELINE: f64 = 1e-3;
+
 /// Whether the fringes tell heights apart: the baseline along them is more than a thousandth of the distance.
 fn sensitive(rig: &Rig) -> Result<(), String> {
     let (baseline, distance) = (rig.baseline(), rig.projector.height());
-    if baseline.abs() > 1e-3 * distance {
+    if baseline.abs() > LEAST_BASELINE * distance {
         return Ok(());
     }
     Err(format!(

@@ -314,6 +314,14 @@ fn what_gives_no_height_is_named() {
     ] {
         assert!(found.iter().any(|f| f.contains(part)), "{part}: {found:?}");
     }
+    let mut above = scene.clone();
+    if let Some(p) = &mut above.projector {
+        p.position = [0.0, 0.1, 510.0];
+    }
+    known.artifacts.insert("scene".into(), std::sync::Arc::new(turbid_contract::Payload::into_artifact(above)));
+    let mut problems = Problems::default();
+    Profilometry::check(&Params::default(), &known, &mut problems);
+    assert!(problems.into_parts().0[0].to_string().contains("one above the other"));
     let mut blind = scene.clone();
     blind.projector = None;
     known.artifacts.insert("scene".into(), std::sync::Arc::new(turbid_contract::Payload::into_artifact(blind)));
