@@ -1,9 +1,12 @@
 //! Smooth refraction at curved and tilted walls, and at facets.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use serde_json::json;
-use turbid_contract::payload::{Lamp, Medium, Mesh, Object, Scene, Shape, Specular};
+use turbid_contract::payload::{Lamp, Medium, Mesh, Object, Payload, Scene, Shape, Specular, Surface};
+use turbid_contract::{Known, Problems, StageRow};
+use turbid_render::RenderStage;
 
 use crate::setup::*;
 use crate::shapes::{Triangles, block, icosphere, ring};
@@ -75,6 +78,37 @@ fn a_box_of_facets_is_a_box() {
     // Four frames of a pixel share its paths: 36 independent pixels of about two independent values.
     assert!(mean.abs() < 4.0 / 36f64.sqrt() && worst < 4.5, "mean z {mean}, worst {worst}");
     assert!((rms - 1.0).abs() < 3.0 / (2.0 * 72f64).sqrt(), "rms z {rms}");
+}
+
+/// Of clear meshes `check` warns, of turbid ones it has nothing to say; smooth walls that meet rough ones it refuses. The plan knows that facets cost.
+#[test]
+fn clear_meshes_are_warned_of() {
+    let told = |mu_s: f64, shape: Shape, beside: Option<Object>| {
+        let (mut camera, projector) = rig(40.0, 9.0, 6.0, 6, 14.0);
+        camera.specular = Some(Specular::Exclude);
+        let mut objects = vec![object(shape, "m", 1)];
+        objects.extend(beside);
+        let scene = scene(&[("m", wet(0.1, mu_s, 0.7)), ("n", wet(0.1, 2.0, 0.7))], objects, (camera, projector));
+        let mut known = Known::default();
+        known.artifacts.insert("scene".to_owned(), Arc::new(scene.into_artifact()));
+        let params = json!({"f_x": [0], "samples": 64, "method": "path"});
+        let (row, mut problems) = (StageRow::of::<RenderStage>(), Problems::default());
+        (row.check)(&params, &known, &mut problems);
+        let (errors, warnings) = problems.into_parts();
+        (errors, warnings, (row.plan)(&params, &known).seconds.unwrap())
+    };
+    // 2 mm across: 1.0 and 4.2 mean free paths.
+    let lump = || mesh(icosphere(1.0, [0.0; 3].into(), 2));
+    let ball = Shape::Sphere { diameter: 2.0, center: [0.0; 3] };
+    let (errors, warnings, _) = told(0.4, lump(), None);
+    assert!(errors.is_empty() && warnings.len() == 1, "{errors:?} {warnings:?}");
+    assert!(warnings[0].message.contains("so clear"), "{warnings:?}");
+    let ((errors, warnings, of_facets), (.., of_ball)) = (told(2.0, lump(), None), told(2.0, ball, None));
+    assert!(errors.is_empty() && warnings.is_empty(), "{errors:?} {warnings:?}");
+    assert!(of_facets > 2.0 * of_ball, "{of_facets} s, {of_ball} s");
+    let rough = Object { surface: Surface::Rough(0.3), ..object(FLOOR, "n", 0) };
+    let (errors, ..) = told(2.0, lump(), Some(rough));
+    assert!(errors.len() == 1 && errors[0].message.contains("smooth and rough walls"), "{errors:?}");
 }
 
 /// Facets spread light over single pixels otherwise than the ball that they stand for, but bring as much of it: 20,480 triangles lie within
