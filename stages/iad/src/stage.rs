@@ -88,6 +88,12 @@ impl Stage for CalibrateIad {
             (None, Some(readings)) => Source::of_readings(&readings.0)?,
             (None, None) => return Err(Error::failed("neither readings nor a file")),
         };
+        if params.spheres.is_none() && !source.beyond_balance.is_empty() {
+            let what = source.beyond_balance.join(" and ");
+            ctx.warn(format!(
+                "the energy balance of the spheres knows nothing of {what}: mu_a and mu_s' carry its error; `spheres: none` takes M_R and M_T as they are"
+            ));
+        }
         let cases = source.cases(params)?;
         let found = ctx.map_tiles(cases.len(), |i| match params.points {
             8 => solve::<8>(params, &cases[i]),

@@ -176,6 +176,25 @@ fn a_second_medium_is_named() {
     assert_eq!((texts(&grey, "status"), texts(&grey, "message")), (&["ok".to_owned()][..], &[String::new()][..]));
 }
 
+/// Readings of spheres that the energy balance does not describe are inverted with a warning that says what it leaves out.
+#[test]
+fn what_the_balance_leaves_out_is_warned_of() {
+    let warned = |json: &str, change: &[(&str, serde_json::Value)]| {
+        let mut readings = double_sphere();
+        for (name, value) in change {
+            readings.0.attributes.get_mut("spheres").expect("spheres were written")[*name] = value.clone();
+        }
+        let host = MemoryHost::default();
+        CalibrateIad::run(&params(json), input(Some(readings)), Ctx::new(&host)).expect("runs");
+        host.warnings.lock().expect("no holder panics").join("\n")
+    };
+    let odd = [("bounces", 4.into()), ("neck", 1.5.into())];
+    assert!(warned("{}", &odd).contains("light that ends after 4 bounces and a sample 1.500 mm behind its port"));
+    assert!(!warned(r#"{"spheres": "none"}"#, &odd).contains("balance"));
+    let plain = [("bounces", serde_json::Value::Null), ("neck", 0.0.into())];
+    assert!(!warned("{}", &plain).contains("balance"));
+}
+
 #[test]
 fn mistakes_are_named_before_anything_runs() {
     let csv = "m_r,m_t\n0.3,0.2\n";

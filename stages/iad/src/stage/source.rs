@@ -22,6 +22,8 @@ pub struct Source {
     thickness_mm: Option<f64>,
     slides: Option<f64>,
     pub instrument: Instrument,
+    /// What the readings say of their spheres that the energy balance does not know.
+    pub beyond_balance: Vec<String>,
 }
 
 /// A row with all that its inversion needs.
@@ -49,6 +51,7 @@ impl Source {
             thickness_mm: header.as_ref().map(|h| h.thickness_mm),
             slides: header.as_ref().map(|h| h.n_slides),
             instrument: header.map_or(Instrument::NONE, |h| h.instrument),
+            beyond_balance: Vec::new(),
             sheet,
         })
     }
@@ -64,7 +67,15 @@ impl Source {
         }
         let number = |name: &str| table.attributes.get(name).and_then(Value::as_f64);
         let mut instrument = Instrument { r_standard: number("r_standard").unwrap_or(1.0), ..Instrument::NONE };
+        let mut beyond_balance = Vec::new();
         if let Some(spheres) = table.attributes.get("spheres") {
+            if let Some(bounces) = spheres.get("bounces").and_then(Value::as_u64) {
+                beyond_balance.push(format!("light that ends after {bounces} bounces"));
+            }
+            // A rounding of the rim's depth is no neck.
+            if let Some(neck) = spheres.get("neck").and_then(Value::as_f64).filter(|neck| *neck > 1e-9) {
+                beyond_balance.push(format!("a sample {neck:.3} mm behind its port"));
+            }
             let of = |third: &str| -> Option<Sphere> {
                 let number = |name: &str| spheres.get(name).and_then(Value::as_f64);
                 Some(Sphere {
@@ -84,7 +95,14 @@ impl Source {
             instrument.spheres = Spheres::Two([first, second]);
             instrument.straight = true;
         }
-        Ok(Self { sheet, n: None, thickness_mm: number("thickness"), slides: number("slides"), instrument })
+        Ok(Self {
+            sheet,
+            n: None,
+            thickness_mm: number("thickness"),
+            slides: number("slides"),
+            instrument,
+            beyond_balance,
+        })
     }
 
     pub fn cases(&self, params: &Params) -> Result<Vec<Case>, Error> {
