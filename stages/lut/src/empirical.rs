@@ -26,7 +26,7 @@ pub struct Table {
 /// ln of what a model reflects at one f_x at each place; it guides the interpolation between phantoms.
 pub type Guide<'a> = &'a dyn Fn(f64, &[[f64; 2]]) -> Result<Vec<f64>, Error>;
 
-fn degenerate() -> Error {
+pub(crate) fn degenerate() -> Error {
     Error::failed_with_hint(
         "the phantoms' properties lie on a line or nearly so: they span no table",
         "vary mu_a and mu_s' apart, as on a grid",
@@ -107,7 +107,7 @@ fn inner_rectangle(phantoms: &[Phantom], [rows, columns]: [usize; 2]) -> Option<
 }
 
 /// Convex hull, counter-clockwise (Andrew's monotone chain).
-fn hull(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
+pub(crate) fn hull(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let mut sorted = points.to_vec();
     sorted.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
     let chain = |points: &mut dyn Iterator<Item = [f64; 2]>| {
@@ -124,6 +124,14 @@ fn hull(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let mut hull = chain(&mut sorted.iter().copied());
     hull.extend(chain(&mut sorted.iter().rev().copied()));
     hull
+}
+
+/// Whether a point lies in a convex polygon, to 1e-9: its corners are in it.
+pub(crate) fn contains(hull: &[[f64; 2]], p: [f64; 2]) -> bool {
+    (0..hull.len()).all(|i| {
+        let (a, b) = (hull[i], hull[(i + 1) % hull.len()]);
+        turn(a, b, p) >= -1e-9 * libm::hypot(b[0] - a[0], b[1] - a[1])
+    })
 }
 
 fn turn(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {

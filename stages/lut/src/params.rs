@@ -36,7 +36,7 @@ pub enum Interpolation {
     Paper,
 }
 
-/// The phantom that `references` show.
+/// A medium: the phantom that `references` show, or one to be made.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ReferenceMedium {
@@ -75,6 +75,9 @@ pub struct Params {
     /// What `references` show; of `model: empirical`, which needs it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reference: Option<ReferenceMedium>,
+    /// Media to be made: the port `design` says of what. Of `model: empirical`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wanted: Option<Vec<ReferenceMedium>>,
 }
 
 /// Paths of a Monte Carlo table where `samples` is left out.
@@ -134,9 +137,11 @@ impl Params {
     fn check_empirical(&self, problems: &mut Problems) {
         if self.model != Model::Empirical {
             let way_out = "leave it out, or take `model: empirical`";
-            for (name, given) in
-                [("interpolation", self.interpolation.is_some()), ("reference", self.reference.is_some())]
-            {
+            for (name, given) in [
+                ("interpolation", self.interpolation.is_some()),
+                ("reference", self.reference.is_some()),
+                ("wanted", self.wanted.is_some()),
+            ] {
                 if given {
                     problems.push_with_hint(name, format!("only `model: empirical` has {name}"), way_out);
                 }
@@ -146,6 +151,19 @@ impl Params {
                 problems.push_with_hint("convention", message, "take another convention, or `model: empirical`");
             }
             return;
+        }
+        if self.wanted.as_ref().is_some_and(Vec::is_empty) {
+            problems.push_with_hint(
+                "wanted",
+                "wanted names no medium",
+                "leave it out, or list {mu_a: .., mu_s_prime: ..}",
+            );
+        }
+        for (i, medium) in self.wanted.iter().flatten().enumerate() {
+            for (name, PerLength(value)) in [("mu_a", medium.mu_a), ("mu_s_prime", medium.mu_s_prime)] {
+                let holds = value > 0.0 && value.is_finite();
+                problems.require(holds, format!("wanted.{i}.{name}"), value, "mm^-1", "be a finite number > 0");
+            }
         }
         match self.reference {
             Some(ReferenceMedium { mu_a: PerLength(mu_a), mu_s_prime: PerLength(mu_s_prime) }) => {

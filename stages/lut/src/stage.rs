@@ -13,6 +13,7 @@ use turbid_contract::{
 use turbid_optics::level::named;
 use turbid_optics::philox;
 
+use crate::design::{Design, design};
 use crate::empirical::{self, Between};
 use crate::monte_carlo::{self, Estimate, PARTS};
 use crate::params::{Interpolation, Model, Params, ReferenceMedium, SAMPLES};
@@ -41,6 +42,8 @@ out_ports! {
         lut: one Lut,
         /// Over the nodes: noise gains of mu_a and mu_s', sign of the Jacobian.
         validity: optional Validity,
+        /// What to put into phantoms so that they become the media `wanted`.
+        design: optional Design,
     }
 }
 
@@ -125,15 +128,15 @@ impl Stage for BuildLut {
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
         let recipe = params.recipe();
         let sections = inputs.sections.as_ref();
-        let (recipe, Estimate { r_d: values, se }) = match params.model {
+        let (recipe, Estimate { r_d: values, se }, design) = match params.model {
             Model::MonteCarlo => {
                 let estimate = simulate(params, &recipe, ctx)?;
-                (recipe, estimate)
+                (recipe, estimate, None)
             }
             Model::Empirical => measure(params, recipe, &inputs, ctx)?,
             _ => {
                 let estimate = solve(&recipe, ctx)?;
-                (recipe, estimate)
+                (recipe, estimate, None)
             }
         };
         let parts = sections.map_or(Ok(1), |s| s.list().map(|list| list.len()))?;
@@ -153,7 +156,7 @@ impl Stage for BuildLut {
         }
         let wanted = ctx.wants("validity") && !reports.is_empty();
         let validity = wanted.then(|| image(&recipe, &reports));
-        Ok(Out { lut: lut(params, &recipe, values, se, sections)?, validity })
+        Ok(Out { lut: lut(params, &recipe, values, se, sections)?, validity, design })
     }
 }
 
@@ -196,7 +199,12 @@ fn check_ports(params: &Params, known: &Known, problems: &mut Problems) {
 }
 
 /// The table of phantoms; its axes may have been filled from what they span.
-fn measure(params: &Params, recipe: Recipe, inputs: &In<'_>, ctx: Ctx<'_>) -> Result<(Recipe, Estimate), Error> {
+fn measure(
+    params: &Params,
+    recipe: Recipe,
+    inputs: &In<'_>,
+    ctx: Ctx<'_>,
+) -> Result<(Recipe, Estimate, Option<Design>), Error> {
     let sources = Sources {
         phantoms: &inputs.phantoms,
         references: &inputs.references,
@@ -247,7 +255,14 @@ fn measure(params: &Params, recipe: Recipe, inputs: &In<'_>, ctx: Ctx<'_>) -> Re
         filled = table.recipe;
     }
     tell_errors(&all.r_d, &all.se, ctx);
-    Ok((filled, all))
+    let design = match &params.wanted {
+        Some(wanted) if ctx.wants("design") => {
+            let media: Vec<[f64; 2]> = wanted.iter().map(|w| [w.mu_a.0, w.mu_s_prime.0]).collect();
+            Some(design(inputs.phantoms.axes(), &parts[0], &media)?)
+        }
+        _ => None,
+    };
+    Ok((filled, all, design))
 }
 
 /// Reflectance of the reference phantom at each f_x; 1 in the relative convention.

@@ -305,6 +305,26 @@ fn fits_give_properties() {
     assert!(message.contains("ended as `too_much_light`"), "{message}");
 }
 
+/// The port `design` names the values of the phantoms' axes that give wanted media: here the properties themselves. It is made only where it is wanted.
+#[test]
+fn wanted_media_have_a_design() {
+    let mut params = params("log_log");
+    params["wanted"] = json!([{"mu_a": 0.05, "mu_s_prime": "12 cm^-1"}]);
+    let run = |wanted: &[&str]| {
+        let host = MemoryHost { wanted: wanted.iter().map(|w| w.to_string()).collect(), ..MemoryHost::default() };
+        let inputs = phantoms(&PAPER_A, &PAPER_S, |_| [0.0; 2], 0.01);
+        let outputs = (StageRow::of::<BuildLut>().run)(&params, &inputs, Ctx::new(&host)).unwrap();
+        outputs.into_iter().find(|(name, _)| *name == "design").map(|(_, artifact)| artifact)
+    };
+    let Some(Artifact::Table(table)) = run(&["design"]) else { panic!("the design is a table") };
+    // Columns hold the wanted media, then the axes, which have the names of the properties here: what was wanted, to the f32 of the truth.
+    for (k, expected) in [0.05, 1.2, 0.05, 0.0, 1.2, 0.0].into_iter().enumerate() {
+        let Cells::F64(cells) = &table.columns[k].cells else { panic!("numbers") };
+        assert!((cells[0] - expected).abs() < 1e-6 * (1.0 + expected), "{}: {}", table.columns[k].name, cells[0]);
+    }
+    assert!(run(&[]).is_none());
+}
+
 /// Every mistake that can be seen before phantoms are there.
 #[test]
 fn mistakes_of_params_and_ports() {
@@ -323,6 +343,11 @@ fn mistakes_of_params_and_ports() {
     bare.as_object_mut().unwrap().remove("reference");
     assert!(check(&bare, &["phantoms", "references", "truths"]).contains("reference: what phantoms reflect"));
     let rte = json!({"model": "rte", "f_x": F_X, "g": G, "n": 1.0, "convention": "relative", "interpolation": "paper"});
+    let mut wanting = good.clone();
+    wanting["wanted"] = json!([{"mu_a": 0.0, "mu_s_prime": 1.0}]);
+    assert!(check(&wanting, &["phantoms", "references", "truths"]).contains("wanted.0.mu_a"));
+    wanting["wanted"] = json!([]);
+    assert!(check(&wanting, &["phantoms", "references", "truths"]).contains("wanted names no medium"));
     let found = check(&rte, &["phantoms"]);
     for part in
         ["only `model: empirical` has interpolation", "a model knows no reference phantom", "`phantoms` is connected"]
