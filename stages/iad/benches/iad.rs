@@ -13,7 +13,7 @@ use std::time::Instant;
 use cpu_time::{ProcessTime, ThreadTime};
 use figure::{Curve, plot};
 use truth::{rows, slab};
-use turbid_iad::{Inverse, Plan, Reading, Slab, invert_with_g};
+use turbid_iad::{Experiment, Instrument, Inverse, Measurement, Plan, Reading, Slab, Sphere, Spheres, invert_with_g};
 
 fn main() {
     let arguments: Vec<String> = std::env::args().collect();
@@ -27,6 +27,13 @@ fn main() {
     let forward = [forward::<4>(), forward::<8>(), forward::<16>(), forward::<32>(), forward::<64>()];
     println!("inverse, tissue (n 1.4, g .8): solves per CPU second; worst error on the readings of another code");
     let inverse = [inverse::<8>(), inverse::<16>(), inverse::<32>(), inverse::<64>()];
+    println!("readings of another code with M_U, and behind two spheres: failures; worst relative error");
+    readings_with_g::<16>();
+    readings_with_g::<32>();
+    readings_with_g::<64>();
+    readings_of_spheres::<16>();
+    readings_of_spheres::<32>();
+    readings_of_spheres::<64>();
     println!(
         "round trips, mu_a 1e-4..10, mu_s' .01..20, g -.5...9999, n 1..1.5, slides: failures, worst relative error, steps"
     );
@@ -144,6 +151,53 @@ fn inverse<const N: usize>() -> (f64, [f64; 2]) {
         println!("      batch on {threads}: {:.0} per CPU second, {:.0} per second", count / cpu, count / wall);
     }
     (time, tissue)
+}
+
+fn readings_with_g<const N: usize>() {
+    let (mut worst, mut failures) = ([0f64; 3], 0);
+    for row in rows(truth::INVERSE_WITH_G) {
+        let reading = Reading { m_r: row[4], m_t: row[5], sigma: 0.0 };
+        let Ok(found) = invert_with_g::<N>(&Slab::bare(row[3], 0.5, 1.0), &reading, row[6]) else {
+            failures += 1;
+            continue;
+        };
+        let found = [found.fit.mu_a_per_mm, found.fit.mu_s_prime_per_mm, 1.0 - found.g];
+        for (i, truth) in [row[0], row[1], 1.0 - row[2]].iter().enumerate() {
+            worst[i] = worst[i].max((found[i] / truth - 1.0).abs());
+        }
+    }
+    let [a, s, g] = worst;
+    println!("{N:3} M_U      failures {failures}  mu_a {a:.1e}  mu_s' {s:.1e}  1 - g {g:.1e}");
+}
+
+/// Spheres of 100 mm, ports of 10 mm square, black detectors of 3 mm. Where two media have the same readings the nearer counts.
+fn readings_of_spheres<const N: usize>() {
+    let share = |area: f64| area / (std::f64::consts::PI * 100.0 * 100.0);
+    for walls in [[0.95, 0.98], [1.0, 1.0]] {
+        let (mut worst, mut failures, mut ambiguous) = ([0f64; 2], 0, 0);
+        for row in rows(truth::INVERSE_DIS).iter().filter(|row| walls.contains(&row[4])) {
+            let first = Sphere {
+                sample: share(100.0),
+                third: share(100.0),
+                detector: 0.25 * 0.03 * 0.03,
+                ..Sphere::with_round_ports(100.0, 10.0, 10.0, 3.0, row[4])
+            };
+            let pair = [first, Sphere { third: 0.0, ..first }];
+            let instrument = Instrument { spheres: Spheres::Two(pair), r_standard: row[5], ..Instrument::NONE };
+            let experiment = Experiment::<N>::new(&slab(row[3], row[2], 1.0), &instrument).expect("spheres");
+            let Ok(solution) = experiment.solve(&Measurement::exact(row[6], row[7])) else {
+                failures += 1;
+                continue;
+            };
+            ambiguous += usize::from(solution.other.is_some());
+            let off = |[a, s]: [f64; 2]| [(a / row[0] - 1.0).abs(), (s / row[1] - 1.0).abs()];
+            let own = off([solution.fit.mu_a_per_mm, solution.fit.mu_s_prime_per_mm]);
+            let nearer = solution.other.map(off).filter(|other| other[1] < own[1]).unwrap_or(own);
+            worst = [worst[0].max(nearer[0]), worst[1].max(nearer[1])];
+        }
+        let [a, s] = worst;
+        println!("{N:3} r_w {walls:?} failures {failures}  ambiguous {ambiguous}  mu_a {a:.1e}  mu_s' {s:.1e}");
+    }
 }
 
 fn round_trips<const N: usize>() {
