@@ -17,6 +17,7 @@ mod stack;
 mod tests;
 mod text;
 mod ticks;
+mod tristimulus;
 
 use turbid_contract::Artifact;
 
@@ -27,7 +28,7 @@ use canvas::Canvas;
 ///
 /// Image stacks become a panel per layer: viridis for quantities, blue to red around zero for errors, one scale for
 /// layers that belong together, stripes for masked pixels, the reasons' legend for masks. Stacks of `red`, `green`,
-/// `blue` are shown as the picture they are. Look-up tables become their mesh and their reflectances over (mu_a, mu_s').
+/// `blue` are shown as the picture they are, and frames of a red, a green and a blue wavelength also in colours. Look-up tables become their mesh and their reflectances over (mu_a, mu_s').
 pub fn picture(artifact: &Artifact, title: &str) -> Option<Vec<u8>> {
     draw(artifact, title).map(|canvas| canvas.to_png())
 }

@@ -14,12 +14,14 @@ use super::panel::{Bar, Note, Panel, paint};
 use super::pixels::{Reduce, fit};
 use super::range::{Range, Statistics};
 use super::text::Text;
+use super::tristimulus::panels;
 
 /// Longer side of an image on the screen, in pixels.
 const LARGE: usize = 288;
 const SMALL: usize = 144;
 /// More panels than this in a section tell nobody anything.
 const MOST_PANELS: usize = 48;
+const MOST_COLOURS: usize = 4;
 
 /// A layer with what a panel needs to know of it.
 struct Seen<'a> {
@@ -39,6 +41,11 @@ pub fn figure(stack: &ImageStack, title: &str) -> Figure {
         (Text::plain("Covariances"), SMALL, [LayerKind::Covariance; 2]),
     ];
     let mut figure = Figure { heading: title.to_owned(), ..Figure::default() };
+    let mut colours = panels(stack, LARGE);
+    colours.truncate(MOST_COLOURS);
+    if !colours.is_empty() {
+        figure.sections.push(Section { heading: Text::new(), rows: vec![colours] });
+    }
     let mut dropped = 0;
     for (heading, side, kinds) in kinds {
         let mut seen: Vec<Seen> = stack
