@@ -83,7 +83,7 @@ fn setting<'a>(rig: &'a Rig, group: &'a Group, steady: &'a [Steady], seed: u32) 
 #[test]
 fn shared_paths_are_unbiased() {
     let rig = rig();
-    let plain = [scenes(), shaped_scenes(), mesh_scenes()].into_iter().flatten().map(|scene| (scene, 600));
+    let plain = [scenes(), shaped_scenes(), mesh_scenes()].into_iter().flatten().map(|scene| (scene, 300));
     // Light through curved walls is dear to find.
     let curved = curved_scenes().into_iter().map(|scene| (scene, 200));
     let mut all_scores = Vec::new();

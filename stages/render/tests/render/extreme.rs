@@ -3,10 +3,11 @@
 use std::f64::consts::PI;
 
 use serde_json::json;
-use turbid_contract::payload::{Medium, Scene, Shape};
+use turbid_contract::payload::{Lamp, Medium, Scene, Shape, Specular};
 use turbid_optics::henyey_greenstein::density;
 use turbid_optics::rte::reflectance;
 
+use crate::power::{beam_on, power};
 use crate::setup::*;
 
 const LIT: f64 = 100.0;
@@ -70,6 +71,51 @@ fn thick_slabs_match_the_transport_solver() {
         let (found, se) = (scale * radiance, scale * se);
         assert!((found - expected).abs() < 4.0 * se + 3e-3 * expected, "{name}: {found} +- {se}, expected {expected}");
     }
+}
+
+/// Half-spaces of g = -0.99, whose peak is 0.01 rad wide and turns light back at every collision. Hemispherical reflectance against the
+/// discrete-ordinates table (optics' tests/reference): by photons of a beam, and as what a camera sees under light from all
+/// sides, which is the same number by reciprocity. On the peak itself, where camera and light stand in one place 1 km away, against the solver.
+#[test]
+fn backward_peaks_are_followed() {
+    // Albedo, n, reflectance without the specular part, its error.
+    let rows = [
+        (0.9, 1.0, 0.619_314, 5e-6),
+        (0.9999, 1.0, 0.977_702, 1e-6),
+        (0.9, 1.4, 0.589_811, 6e-5),
+        (0.99, 2.5, 0.612, 1e-3),
+    ];
+    let mut scores = Vec::new();
+    for (i, (albedo, n, expected, error)) in rows.into_iter().enumerate() {
+        let half_space = |rig| {
+            let m = Medium { n, ..medium(1.0 - albedo, albedo, -0.99) };
+            let mut s = scene(&[("m", m)], vec![object(Shape::Slab { top: 0.0, bottom: -1000.0 }, "m", 0)], rig);
+            s.camera.as_mut().unwrap().specular = Some(Specular::Exclude);
+            s
+        };
+        let mut add = |what: &str, found: f64, se: f64, expected: f64, error: f64| {
+            let z = (found - expected) / se.hypot(error);
+            assert!(z.abs() < 4.5, "{what}, albedo {albedo}, n {n}: {found} +- {se}, expected {expected}");
+            assert!(se < 0.02 * expected, "{what}, albedo {albedo}, n {n}: {se} of {expected}");
+            scores.push(z);
+        };
+        let (_, _, share, se) = power(&beam_on(half_space(rig(60.0, 0.0, 4.0, 1, 9.0))), 10_000, i as u64 + 1)[0];
+        let reflex: f64 = (n - 1.0) / (n + 1.0);
+        add("photons", share, se, expected + reflex * reflex, error);
+        let mut under_sky = half_space(rig(60.0, 0.0, 0.001, 1, 9.0));
+        under_sky.projector = None;
+        under_sky.lights = [("sky".to_owned(), Lamp::Ambient { radiance: vec![1.0] })].into();
+        let (seen, se) = dc(&under_sky, 10_000, i as u64 + 11);
+        add("sky", seen, se, expected, error);
+        let lit = 200.0;
+        let (seen, se) = dc(&half_space(rig(1e6, 0.0, 0.001, 1, lit)), 10_000, i as u64 + 21);
+        let solved = turbid_optics::Medium { mu_a: 1.0 - albedo, mu_s_prime: 1.99 * albedo, g: -0.99, n };
+        let on_peak = reflectance(&solved, None, 0.0).expect("the solver takes g = -0.99").camera;
+        let scale = 2.0 * PI * lit * lit / 5.0;
+        add("peak", scale * seen, scale * se, on_peak, 1e-4 * on_peak);
+    }
+    let mean = scores.iter().sum::<f64>() / scores.len() as f64;
+    assert!(mean.abs() < 4.0 / (scores.len() as f64).sqrt(), "{scores:?}");
 }
 
 /// The image is that of the same scene at the origin, wherever it stands: z within 4.5 over the mean of an image, also where mean

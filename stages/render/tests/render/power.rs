@@ -20,7 +20,7 @@ pub fn power(scene: &Scene, photons: u32, seed: u64) -> Vec<(String, f64, f64, f
     names.iter().enumerate().map(|(i, name)| (name.clone(), p[i], s[i], se[i])).collect()
 }
 
-fn beam_on(mut scene: Scene) -> Scene {
+pub fn beam_on(mut scene: Scene) -> Scene {
     scene.projector = None;
     let beam = Lamp::Collimated { position: [0.0, 0.0, 50.0], look_at: [0.0; 3], diameter: 2.0, power: vec![2.0] };
     scene.lights = [("beam".to_owned(), beam)].into();
