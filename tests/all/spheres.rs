@@ -88,7 +88,7 @@ fn assumptions_about_the_papers_spheres_keep_their_distance() {
         assert_eq!(rows.len(), 12, "{stage}");
         let (mut square, mut noise, mut variance) = (0.0, 0.0, 0.0);
         for row in &rows {
-            assert!(row.n == 1.0 && row.se > 0.0, "{stage}: {} {} has no fit", row.medium, row.quantity);
+            assert!(row.n == 1.0 && row.se > 0.0, "{stage}: {} {} has no fit", row.region, row.quantity);
             let (off, se) = ((row.mean / row.truth).ln(), row.se / row.mean);
             square += off * off / 12.0;
             noise += se * se / 12.0;
