@@ -31,6 +31,7 @@ fn main() {
     readings_with_g::<16>();
     readings_with_g::<32>();
     readings_with_g::<64>();
+    readings_of_spheres::<8>();
     readings_of_spheres::<16>();
     readings_of_spheres::<32>();
     readings_of_spheres::<64>();
@@ -174,7 +175,7 @@ fn readings_with_g<const N: usize>() {
 fn readings_of_spheres<const N: usize>() {
     let share = |area: f64| area / (std::f64::consts::PI * 100.0 * 100.0);
     for walls in [[0.95, 0.98], [1.0, 1.0]] {
-        let (mut worst, mut failures, mut ambiguous) = ([0f64; 2], 0, 0);
+        let (mut worst, mut failures, mut ambiguous, mut count, mut time) = ([0f64; 2], 0, 0, 0u32, 0.0);
         for row in rows(truth::INVERSE_DIS).iter().filter(|row| walls.contains(&row[4])) {
             let first = Sphere {
                 sample: share(100.0),
@@ -185,6 +186,10 @@ fn readings_of_spheres<const N: usize>() {
             let pair = [first, Sphere { third: 0.0, ..first }];
             let instrument = Instrument { spheres: Spheres::Two(pair), r_standard: row[5], ..Instrument::NONE };
             let experiment = Experiment::<N>::new(&slab(row[3], row[2], 1.0), &instrument).expect("spheres");
+            count += 1;
+            time += seconds(1, || {
+                let _ = black_box(experiment.solve(&Measurement::exact(row[6], row[7])));
+            });
             let Ok(solution) = experiment.solve(&Measurement::exact(row[6], row[7])) else {
                 failures += 1;
                 continue;
@@ -196,7 +201,10 @@ fn readings_of_spheres<const N: usize>() {
             worst = [worst[0].max(nearer[0]), worst[1].max(nearer[1])];
         }
         let [a, s] = worst;
-        println!("{N:3} r_w {walls:?} failures {failures}  ambiguous {ambiguous}  mu_a {a:.1e}  mu_s' {s:.1e}");
+        println!(
+            "{N:3} r_w {walls:?} failures {failures}  ambiguous {ambiguous}  mu_a {a:.1e}  mu_s' {s:.1e}  {:.2} ms per solve",
+            1e3 * time / f64::from(count)
+        );
     }
 }
 
