@@ -1,6 +1,7 @@
 //! Frames as files: what a camera writes to disk is processed like what was rendered.
 
 use std::collections::BTreeMap;
+use std::io::{BufRead, BufReader};
 
 use crate::space::Space;
 
@@ -84,5 +85,53 @@ fn the_shipped_files_show_the_carcinoma() {
             let mean = pixels.iter().map(|&i| map[i]).sum::<f64>() / pixels.len() as f64;
             assert!((mean / truth - 1.0).abs() < 0.03, "{name}: {quantity} = {mean}, is {truth}");
         }
+    }
+}
+
+/// A frame that vanishes or changes after the plan has read it, while another stage runs: the stage that wants it says so, and the next run
+/// goes by what is there.
+#[test]
+fn frames_that_vanish_or_change_during_a_run_are_named() {
+    let source = format!("{}/pipelines/data/measured/tissue_0_0.tif", env!("CARGO_MANIFEST_DIR"));
+    for (change, said) in [("remove", "vanished during the run"), ("replace", "changed during the run")] {
+        let space = Space::with(
+            "\
+pipeline: watched
+stages:
+  tissue:
+    use: scene
+    with:
+      media: {m: {A_rho: 50, S_rho: 5000, g: 0.8, n: 1.0}}
+      objects: {block: {slab: {thickness: 30, top: 0}, medium: m}}
+      camera: {position: [0, 0, 500], look_at: [0, 0, 0], field: [12, 12], pixels: [12, 12]}
+      projector: {position: [0, 35, 500], look_at: [0, 0, 0], field: [48, 48], power: 5}
+  before:
+    use: render
+    in: {scene: tissue}
+    with: {f_x: [0], method: path, max_seconds: 2}
+  frames:
+    use: import_frames
+    in: {}
+    with: {frames: [{file: frame.tif, f_x: 0}]}
+",
+        );
+        let frame = space.path().join("frame.tif");
+        std::fs::copy(&source, &frame).expect("the file is in the repository");
+        let mut child =
+            space.command(&["run", "p.yaml", "-j", "1"]).stderr(std::process::Stdio::piped()).spawn().unwrap();
+        let mut lines =
+            BufReader::new(child.stderr.take().expect("it is piped")).lines().map(|line| line.expect("text"));
+        let began = lines.by_ref().find(|line| line.starts_with("run") && line.contains("before"));
+        assert!(began.is_some(), "the render never began");
+        match change {
+            "remove" => std::fs::remove_file(&frame).unwrap(),
+            _ => std::fs::write(&frame, "not the same").unwrap(),
+        }
+        let rest: Vec<String> = lines.collect();
+        assert_eq!(child.wait().unwrap().code(), Some(1), "{rest:?}");
+        assert!(rest.iter().any(|line| line.contains(said) && line.contains("frame.tif")), "{rest:?}");
+        // What had run is kept.
+        std::fs::copy(&source, &frame).expect("the file is in the repository");
+        assert_eq!(crate::space::counts(&space, &[]), (2, 1));
     }
 }

@@ -2,9 +2,6 @@
 
 use turbid_dis::{Beam, Method, Normals, Opening, Outline, Port, Setup, Sphere, Stream, Tally, Target};
 
-#[cfg(test)]
-use crate::statistics::judge;
-
 const PARALLEL: Beam = Beam { radius: 0.0, cos_half_angle: 1.0 };
 
 /// The round outline whose cap has this share of the sphere.
@@ -94,5 +91,5 @@ pub fn departures_from_the_table(photons: u64) -> Vec<f64> {
 /// Ideal spheres: Lambertian walls and sample, cap ports, no baffle.
 #[test]
 fn readings_meet_the_energy_balance() {
-    judge("energy balance", &departures_from_the_table(20_000));
+    crate::statistics::judge("energy balance", &departures_from_the_table(20_000));
 }

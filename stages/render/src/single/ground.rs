@@ -41,8 +41,6 @@ pub struct Ground {
     shapes: Vec<Shape>,
     /// Where all other bodies are known.
     pub meshes: Vec<Facets>,
-    /// mm; what lies between bodies and is thinner is not there.
-    sliver: f32,
 }
 
 /// A convex body as the lanes see it.
@@ -56,8 +54,8 @@ pub struct Part {
     pub open: bool,
 }
 
-/// Of the range: some last digits of the largest coordinates.
-const SLIVER: f64 = 2.4e-7;
+/// Of a ray's coordinates, and of its length to there: some last digits of them. What lies between bodies and is thinner is not there.
+const SLIVER: f32 = 4.8e-7;
 /// Bodies between which flights go on in lanes, and boundaries that one may cross.
 const MOST_PARTS: usize = 8;
 const MOST_WALLS: usize = 4;
@@ -126,7 +124,7 @@ impl Ground {
         for mesh in meshes.iter().flatten() {
             shapes[mesh.body as usize] = Shape::Mesh;
         }
-        Self { shapes, meshes: meshes.unwrap_or_default(), sliver: (range * SLIVER) as f32 }
+        Self { shapes, meshes: meshes.unwrap_or_default() }
     }
 
     pub fn is_mesh(&self, j: usize) -> bool {
@@ -228,8 +226,9 @@ impl Ground {
         onward.leaves = onward.leaves.max(zero);
         let mut t = onward.leaves;
         let mut found = no;
+        let size = r.x.abs().max(r.y.abs().max(r.z.abs()));
         for _ in 0..MOST_WALLS {
-            let just_behind = t + self.sliver;
+            let just_behind = t + (t + size) * SLIVER;
             let (mut holder, mut filled, mut open, mut next) = (body, no, no, never);
             for (j, (span, part)) in spans.iter().zip(parts).enumerate().rev() {
                 let (begun, over) = (span.enter.simd_le(just_behind), span.leave.simd_le(just_behind));

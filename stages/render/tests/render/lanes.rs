@@ -160,6 +160,41 @@ fn looks_from_walls_of_holes_are_not_lost() {
     assert!(square.sqrt() < 1e-3 * sum, "too noisy to tell: {}", square.sqrt() / sum);
 }
 
+/// What a flight meets behind its body is not passed over because free paths are long: a thin floor under fog is as bright as the scalar walker says.
+#[test]
+fn a_floor_under_fog_is_met() {
+    let (camera, light) = camera_and_light();
+    for mu_s in [1e-6, 1e-5, 1e-4, 1e-3] {
+        let slab = |bottom: f64, top: f64, material: usize| Body { solid: Solid::Slab { bottom, top }, material };
+        let world = World {
+            bodies: vec![slab(-9.0, 0.0, 1), slab(0.0, 10.0, 2)],
+            materials: vec![Material::VOID, Material::lambertian(0.5), Material::medium(0.0, mu_s, 0.8, 1.0)],
+            textures: Vec::new(),
+        };
+        let setting = Setting {
+            world: &world,
+            camera: &camera,
+            light: &light,
+            steady: &Steady::NONE,
+            carriers: &[],
+            pictures: &Pictures::NONE,
+            key: [7, 0],
+            channel: 0,
+            nee: Nee::Line,
+            shared: None,
+        };
+        let (samples, mut alone, mut lanes) = (0..8, Walker::new(setting, named("")), Walker::new(setting, named("")));
+        let frame = Frame::of(&lanes).expect("f32 holds it");
+        single::walk(&mut lanes, &frame, Batches { of: &alike(0..16, &samples), count: samples.len() as u32 });
+        let paths = (0..16).flat_map(|p| samples.clone().map(move |s| (p, s)));
+        for (path, (pixel, sample)) in paths.enumerate() {
+            let (expected, seen) = (alone.path(pixel, sample)[0], lanes.response(path)[0]);
+            assert!(expected > 0.0, "mu_s = {mu_s}: path {path} is dark");
+            assert!((seen / expected - 1.0).abs() < 1e-4, "mu_s = {mu_s}: path {path} has {seen:e}, not {expected:e}");
+        }
+    }
+}
+
 /// A path is the same among other neighbours, and at every vector width.
 #[test]
 fn f32_lanes_and_levels_do_not_show() {
