@@ -11,10 +11,10 @@ use turbid_optics::philox::{philox4x32, unit};
 use turbid_optics::refraction::refract;
 use turbid_optics::solid::{Ends, Far};
 
-use crate::channels::{Lengths, NO_LENGTHS, sum};
+use crate::channels::{Lengths, NO_LENGTHS, count, sum};
 use crate::lamp::Source;
 use crate::link::{Chance, DETOURS, Link};
-use crate::path::{Setting, Walker, count};
+use crate::path::{Setting, Walker};
 use crate::world::{Skin, Wall};
 
 mod shot;

@@ -67,6 +67,14 @@ pub struct Share {
     pub ambient: f64,
 }
 
+/// Adds a stretch through a material to the lengths by which channels differ.
+#[inline(always)]
+pub(crate) fn count(shared: Option<&Shared>, lengths: &mut Lengths, material: usize, length: f64) {
+    if let Some(shared) = shared {
+        lengths[shared.counted[material]] += length;
+    }
+}
+
 impl Share {
     /// What a path of these lengths brings to the channel, over what it brings to the walk.
     pub fn weight(&self, lengths: &Lengths) -> f64 {

@@ -13,8 +13,9 @@ use turbid_optics::solid::Solid;
 use crate::batches::{Batches, alike};
 use crate::look::LANES;
 use crate::nee::rarity;
-use crate::path::{MOST_BLOCKS, Place, Walker, counter, deep_weight};
+use crate::path::{MOST_BLOCKS, Place, Walker, deep_weight};
 use crate::single::{self, Frame};
+use crate::stream::counter;
 use crate::world::Body;
 
 /// With no more paths than this left, lanes are dearer than one path after the other.

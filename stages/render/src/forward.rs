@@ -15,9 +15,10 @@ use crate::detector::{Detector, pass, sides};
 use crate::lamp::{Lamp, Steady};
 use crate::level::named;
 use crate::light::{Emission, Light};
-use crate::path::{Ending, Nee, Place, Setting, Stream, Walker};
+use crate::path::{Ending, Nee, Place, Setting, Walker};
 use crate::pictures::Pictures;
 use crate::rig::Rig;
+use crate::stream::Stream;
 use crate::world::World;
 
 /// The pixel in whose stead photons draw their random numbers; no image has so many.

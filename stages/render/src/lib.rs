@@ -51,6 +51,7 @@ mod rig;
 mod shown;
 mod stage;
 mod state;
+mod stream;
 mod trace;
 mod truth;
 mod uniform;

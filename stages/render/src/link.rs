@@ -6,10 +6,11 @@ use glam::DVec3;
 use turbid_optics::philox::unit;
 use turbid_optics::refraction::{Crossing, Leg};
 
-use crate::channels::{Lengths, NO_LENGTHS, sum};
+use crate::channels::{Lengths, NO_LENGTHS, count, sum};
 use crate::lamp::Source;
-use crate::path::{Setting, Stream, Walker, count};
+use crate::path::{Setting, Walker};
 use crate::strata::{Bending, Strata};
+use crate::stream::Stream;
 use crate::world::Skin;
 
 /// Light that reaches a point.

@@ -11,8 +11,9 @@ use turbid_optics::solid::Solid;
 
 use crate::light::{Carrier, Light};
 use crate::nee::{depth, rarity};
-use crate::path::{Place, Setting, counter};
+use crate::path::{Place, Setting};
 use crate::strata::Bending;
+use crate::stream::counter;
 use crate::world::{Body, Material, World};
 
 /// Overlaps are resolved for so many bodies at most.

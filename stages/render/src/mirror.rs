@@ -4,11 +4,11 @@ use glam::DVec3;
 use turbid_optics::philox::unit;
 use turbid_optics::solid::Solid;
 
-use crate::channels::{Lengths, NO_LENGTHS, sum};
+use crate::channels::{Lengths, NO_LENGTHS, count, sum};
 use crate::finish::Finish;
 use crate::lamp::Source;
 use crate::link::{Chance, Link};
-use crate::path::{Setting, Walker, count};
+use crate::path::{Setting, Walker};
 use crate::strata::Bending;
 use crate::world::{Body, Skin, Wall, World};
 

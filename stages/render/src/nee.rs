@@ -7,13 +7,14 @@ use turbid_optics::henyey_greenstein as hg;
 use turbid_optics::philox::unit;
 use turbid_optics::rough::Rough;
 
-use crate::channels::{Lengths, sum};
+use crate::channels::{Lengths, count, sum};
 use crate::lamp::Source;
 use crate::link::{Chance, Heading};
 use crate::look;
-use crate::path::{Place, Stream, Walker, count};
+use crate::path::{Place, Walker};
 use crate::single::Detour;
 use crate::strata::Bending;
+use crate::stream::Stream;
 use crate::world::{Material, Skin, Wall};
 
 /// Light is looked for with probability min(1, (TAU_SURE / tau)^4) at optical distance tau from it; looking ahead, from the plane of

@@ -3,14 +3,17 @@
 //! A path is walked backward from a random point of its pixel; what it sees of the light at its turns stands in `nee.rs`.
 //! `docs/theory/render.md` derives the weights.
 
+mod flight;
+
 use fearless_simd::Level;
 use glam::DVec3;
 use turbid_optics::elementary::{ln, sin_cos_turns};
 use turbid_optics::henyey_greenstein as hg;
-use turbid_optics::philox::{philox4x32, spare, unit, unit_fine};
+use turbid_optics::philox::{spare, unit, unit_fine};
 use turbid_optics::refraction::refract;
 use turbid_optics::rough::Rough;
 
+use self::flight::End;
 use crate::camera::Camera;
 use crate::caustic::Known;
 use crate::channels::{Lengths, NO_LENGTHS, Shared};
@@ -24,7 +27,8 @@ use crate::nee::Entry;
 use crate::pictures::Pictures;
 use crate::response::Layout;
 use crate::strata::{self, Bending};
-use crate::world::{Material, Piece, Skin, Spans, Wall, World};
+use crate::stream::Stream;
+use crate::world::{Material, Piece, Skin, Spans, World};
 
 /// How scatterings look for the light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -75,47 +79,6 @@ impl Setting<'_> {
     pub fn channels(&self) -> usize {
         self.shared.map_or(1, |shared| shared.channels.len())
     }
-}
-
-/// Random numbers of one path: blocks of four, addressed by number.
-#[derive(Clone, Copy)]
-pub(crate) struct Stream {
-    key: [u32; 2],
-    pixel: u32,
-    sample: u32,
-    channel: u32,
-}
-
-impl Stream {
-    pub(crate) fn new(key: [u32; 2], pixel: u32, sample: u32, channel: u32) -> Self {
-        Self { key, pixel, sample, channel }
-    }
-
-    #[inline]
-    pub(crate) fn block(&self, number: u64) -> [u32; 4] {
-        philox4x32(counter(number, self.channel, self.sample, self.pixel), self.key)
-    }
-
-    /// Random numbers for what few scenes need, apart from all others: four bits each for `source` and `place`, seven for `decision`.
-    /// Beyond that numbers are used again, for other things.
-    pub(crate) fn aside(&self, number: u64, source: usize, place: usize, decision: u32) -> [u32; 4] {
-        let aside = Self { channel: self.channel | ASIDE, ..*self };
-        aside.block(u64::from(aside_code(source, place, decision)) << 32 | number)
-    }
-}
-
-/// The bit of a channel's number that is set in [`Stream::aside`].
-pub(crate) const ASIDE: u32 = 1 << 15;
-
-/// What stands there above the lower 32 bits of the block's number.
-pub(crate) fn aside_code(source: usize, place: usize, decision: u32) -> u32 {
-    (source.min(15) << 12 | place.min(15) << 8) as u32 | decision.min(127) << 1
-}
-
-/// Where a block of random numbers stands: 2^48 blocks a path, 2^15 channels (twice).
-#[inline(always)]
-pub fn counter(number: u64, channel: u32, sample: u32, pixel: u32) -> [u32; 4] {
-    [number as u32, (number >> 32) as u32 | (channel << 16), sample, pixel]
 }
 
 /// Walks paths and keeps their scratch.
@@ -174,35 +137,6 @@ pub enum Ending {
     Absorbed(usize),
     /// It would not end.
     Endless,
-}
-
-/// How a flight ended.
-enum End {
-    Scattered {
-        crossed: bool,
-    },
-    Surface {
-        skin: Skin,
-        normal: DVec3,
-        rho: f64,
-    },
-    /// At a mirror in a material; `normal` towards the path.
-    Mirror {
-        skin: Skin,
-        normal: DVec3,
-        from: usize,
-    },
-    /// At a smooth wall between materials of different refractive index; `skin` is on this side.
-    Boundary {
-        skin: Skin,
-        normal: DVec3,
-        from: usize,
-        to: usize,
-    },
-    /// Nothing more comes of it.
-    Gone,
-    /// On its way to infinity.
-    Left,
 }
 
 /// A path between two flights.
@@ -390,13 +324,13 @@ impl<'a> Walker<'a> {
 
     pub(crate) fn stream(&self, at: &Place) -> Stream {
         let s = self.setting;
-        Stream { key: s.key, pixel: at.pixel, sample: at.sample, channel: s.channel }
+        Stream::new(s.key, at.pixel, at.sample, s.channel)
     }
 
     /// A path at the camera, its single scattering seen to.
     pub fn begin(&mut self, pixel: usize, sample: u32, response: usize) -> Place {
         let s = self.setting;
-        let stream = Stream { key: s.key, pixel: pixel as u32, sample, channel: s.channel };
+        let stream = Stream::new(s.key, pixel as u32, sample, s.channel);
         let [jx, jy, ja, jb] = stream.block(0);
         let line = s.nee == Nee::Line;
         let (r, w) = if s.camera.has_aperture() {
@@ -549,106 +483,6 @@ impl<'a> Walker<'a> {
         let survives = random * window < at.weight;
         at.weight = window;
         !survives
-    }
-
-    /// One free flight through whatever is in the way, over `tau` scattering mean free paths.
-    #[inline]
-    fn fly(&mut self, at: &mut Place, tau: f64) -> End {
-        let world = self.setting.world;
-        let here = &world.materials[at.material];
-        if at.clear > 0.0 {
-            // A medium: the last flight ended in it by a scattering.
-            let s = tau * self.free_paths[at.material];
-            if s >= at.clear {
-                at.clear = world.clearance(at.r);
-            }
-            if s < at.clear {
-                at.life -= here.mu_a * s;
-                if at.life < 0.0 {
-                    at.r += (s + at.life / here.mu_a) * at.w;
-                    return End::Gone;
-                }
-                at.r += s * at.w;
-                at.clear -= s;
-                count(self.setting.shared, &mut at.lengths, at.material, s);
-                return End::Scattered { crossed: false };
-            }
-        }
-        self.fly_across(at, tau)
-    }
-
-    /// The same through boundaries.
-    fn fly_across(&mut self, at: &mut Place, mut tau: f64) -> End {
-        let Setting { world, shared, .. } = self.setting;
-        let mut crossed = false;
-        let foresees = self.setting.nee == Nee::Line && !at.wholly;
-        let mut before: Option<Wall> = None;
-        let mut from: Option<usize> = None;
-        for piece in world.trace(at.r, at.w, at.skin, &mut self.spans) {
-            let material = &world.materials[piece.material];
-            if material.is_opaque() {
-                let Some(wall) = before else {
-                    // Rounding put the start of the ray into an opaque body: a set of measure zero.
-                    return End::Gone;
-                };
-                let r = at.r + piece.start * at.w;
-                let normal = world.normal(wall, r);
-                // The surface faces the ray: the outside of the body if the ray comes from there.
-                let inside = normal.dot(at.w) > 0.0;
-                at.r = r;
-                let normal = if inside { -normal } else { normal };
-                let skin = Skin { wall, inside };
-                return match world.albedo(material.finish, wall, r) {
-                    Some(rho) => End::Surface { skin, normal, rho },
-                    None => End::Mirror { skin, normal, from: from.unwrap_or(0) },
-                };
-            }
-            if let (Some(wall), Some(from)) = (before, from)
-                && world.materials[from].n != material.n
-            {
-                at.r += piece.start * at.w;
-                let normal = world.normal(wall, at.r);
-                let skin = Skin { wall, inside: normal.dot(at.w) > 0.0 };
-                return End::Boundary { skin, normal, from, to: piece.material };
-            }
-            let length = piece.end - piece.start;
-            if crossed && foresees && material.mu_s > 0.0 {
-                let r = at.r + piece.start * at.w;
-                let (material, lengths) = (piece.material, at.lengths);
-                self.entries.push(Entry { r, length, material, wall: before, lengths });
-            }
-            let to_scattering = tau * self.free_paths[piece.material];
-            let flown = length.min(to_scattering);
-            if material.mu_a > 0.0 {
-                at.life -= material.mu_a * flown;
-                if at.life < 0.0 {
-                    // The life went out before its end.
-                    at.r += (piece.start + flown + at.life / material.mu_a) * at.w;
-                    return End::Gone;
-                }
-            }
-            count(shared, &mut at.lengths, piece.material, flown);
-            if to_scattering < length {
-                at.r += (piece.start + to_scattering) * at.w;
-                at.material = piece.material;
-                at.clear = world.clearance(at.r);
-                return End::Scattered { crossed };
-            }
-            if material.mu_s > 0.0 {
-                tau -= length * material.mu_s;
-            }
-            crossed = true;
-            (before, from) = (piece.wall, Some(piece.material));
-        }
-        End::Left
-    }
-}
-
-/// Adds a stretch through a material to the lengths by which channels differ.
-#[inline(always)]
-pub(crate) fn count(shared: Option<&Shared>, lengths: &mut Lengths, material: usize, length: f64) {
-    if let Some(shared) = shared {
-        lengths[shared.counted[material]] += length;
     }
 }
 

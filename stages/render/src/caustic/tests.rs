@@ -15,9 +15,10 @@ use crate::lamp::{Lamp, Source, Steady};
 use crate::level::named;
 use crate::light::Light;
 use crate::link::Chance;
-use crate::path::{Nee, Setting, Stream, Walker};
+use crate::path::{Nee, Setting, Walker};
 use crate::pictures::Pictures;
 use crate::strata::Bending;
+use crate::stream::Stream;
 use crate::world::{Body, Material, Skin, Spans, Wall, World};
 
 #[path = "../../../optics/tests/shapes/mod.rs"]

@@ -12,7 +12,7 @@ use crate::channels::MOST_LENGTHS;
 use crate::link::DETOURS;
 use crate::look::FLAT;
 use crate::nee::{ENTERED, TAU_SURE};
-use crate::path::{ASIDE, aside_code};
+use crate::stream::{ASIDE, aside_code};
 
 /// Optical depth (optical distance to the light) beyond which it counts as none: e^-80 of it.
 const DARK: f32 = 80.0;

@@ -9,8 +9,8 @@ use super::lane::{LANES, U, ln, philox, unit};
 use super::look::{FIRST, Looks, look_while};
 use super::walk::{Paths, settles};
 use crate::batches::Batches;
-use crate::channels::{Lengths, NO_LENGTHS};
-use crate::path::{Place, Setting, Walker, count};
+use crate::channels::{Lengths, NO_LENGTHS, count};
+use crate::path::{Place, Setting, Walker};
 use crate::world::Piece;
 
 /// Paths still to be begun, and those ready for lanes.

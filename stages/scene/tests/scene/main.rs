@@ -1,0 +1,262 @@
+//! The stage as the engine calls it: what it makes of good parameters, and what it says of wrong ones.
+
+use serde_json::{Value, json};
+use turbid_contract::payload::{Lamp, Motif, Outline, Payload, Scene, Shape, Surface, Texture};
+use turbid_contract::{Artifact, Axes, Ctx, Error, InputSource, Known, MemoryHost, Problem, Problems, StageRow};
+use turbid_scene::SceneStage;
+
+mod mistakes;
+
+struct NoInputs;
+
+impl InputSource for NoInputs {
+    fn one(&self, _: &str) -> Result<Option<Artifact>, Error> {
+        Ok(None)
+    }
+    fn many(&self, _: &str) -> Vec<Axes> {
+        Vec::new()
+    }
+    fn load(&self, port: &str, _: usize) -> Result<Artifact, Error> {
+        Err(Error::failed(port))
+    }
+}
+
+fn carcinoma() -> Value {
+    json!({
+        "media": {
+            "healthy": {"A_rho": 25, "S_rho": 4236, "g": 0.8, "n": 1.0},
+            "scc": {"mu_a": 0.12, "mu_s_prime": 0.64, "g": 0.8, "n": 1.0},
+        },
+        "objects": {
+            "tissue": {"slab": {"thickness": 2000, "top": 0}, "medium": "healthy"},
+            "polyp": {"spheroid": {"diameters": [40, 40, 80], "center": [0, 0, 0]}, "medium": "scc", "priority": 1},
+        },
+        "camera": {"position": [0, 0, 500], "look_at": [0, 0, 0], "field": [64, 64], "pixels": [64, 64]},
+        "projector": {"position": [0, 35, 500], "look_at": [0, 0, 0], "field": [128, 128], "power": 5},
+    })
+}
+
+/// `carcinoma` with the value at a JSON pointer replaced, or taken out where `value` is null.
+fn with(pointer: &str, value: Value) -> Value {
+    let mut params = carcinoma();
+    let (parent, key) = pointer.rsplit_once('/').unwrap();
+    let map = params.pointer_mut(parent).unwrap();
+    match map {
+        Value::Array(items) => items[key.parse::<usize>().unwrap()] = value,
+        Value::Object(map) if value.is_null() => drop(map.remove(key)),
+        Value::Object(map) => drop(map.insert(key.to_owned(), value)),
+        other => panic!("{other}"),
+    }
+    params
+}
+
+/// Textures survive the record, pictures with their values; what means the same gives the same bytes, and a number its old record.
+#[test]
+fn textures_are_kept() {
+    let tissue = |albedo: Value| with("/objects/tissue/surface", json!({"lambertian": albedo}));
+    let surface = |params: &Value| scene(params).objects["tissue"].surface.clone();
+    let checker = tissue(json!({"checker": {"side": "0.2 cm", "low": "10 %", "origin": [1, -0.0]}}));
+    let Surface::Textured(texture) = surface(&checker) else { panic!("a texture") };
+    assert_eq!(texture, Texture { low: 0.1, high: 1.0, origin: [1.0, 0.0], motif: Motif::Checker { side: 2.0 } });
+    assert_eq!(surface(&tissue(json!("40 %"))), surface(&tissue(json!(0.4))));
+    let record = serde_json::to_value(surface(&tissue(json!(0.4)))).unwrap();
+    assert_eq!(record, json!({"lambertian": 0.4}));
+    let params = tissue(json!({"image": {"file": "a/dots.png", "size": [4, 4]}}));
+    let row = StageRow::of::<SceneStage>();
+    let prepared = (row.prepare)(&params).unwrap();
+    let at = "objects.tissue.surface.lambertian.image.file";
+    assert_eq!((prepared.files[0].at.as_str(), prepared.files[0].path.as_str()), (at, "a/dots.png"));
+    assert_eq!(prepared.canonical.pointer("/objects/tissue/surface/lambertian/image/file"), Some(&json!("dots.png")));
+    let host = MemoryHost { files: [(at.to_owned(), DOT.into())].into(), ..MemoryHost::default() };
+    let scene = Scene::from_artifact((row.run)(&params, &NoInputs, Ctx::new(&host)).unwrap().remove(0).1).unwrap();
+    let Surface::Textured(Texture { motif: Motif::Image { picture, size }, .. }) = &scene.objects["tissue"].surface
+    else {
+        panic!("an image")
+    };
+    assert_eq!((picture.grey.as_slice(), *size), (&[257 * 128][..], Some([4.0, 4.0])));
+    assert_eq!(Scene::from_artifact(scene.clone().into_artifact()).unwrap(), scene);
+    let host = MemoryHost { files: [(at.to_owned(), b"solid".as_slice().into())].into(), ..MemoryHost::default() };
+    let Err(Error::Invalid(problem)) = (row.run)(&params, &NoInputs, Ctx::new(&host)) else { panic!("no PNG") };
+    assert!(problem.path == at && problem.message.contains("no PNG"), "{problem}");
+}
+
+/// A PNG of one grey pixel, 128.
+const DOT: &[u8] = include_bytes!("dot.png");
+
+/// Lights survive the record; a scene without any has the record it had before there were lights.
+#[test]
+fn lights_are_kept_by_name() {
+    let lit = with(
+        "/lights",
+        json!({
+            "sky": {"ambient": {"radiance": 1e-6}},
+            "lamp": {"spot": {"position": [0, -100, 200], "look_at": [0, 0, 0], "angle_deg": "0.5 rad", "power": "20 mW"}},
+        }),
+    );
+    let (mistakes, warnings) = check(&lit);
+    assert!(mistakes.is_empty() && warnings.is_empty(), "{mistakes:?} {warnings:?}");
+    let lit = scene(&lit);
+    assert_eq!(lit.lights["sky"], Lamp::Ambient { radiance: vec![1e-6] });
+    let Lamp::Spot { angle_deg, ref power, .. } = lit.lights["lamp"] else { panic!("{:?}", lit.lights) };
+    assert!((angle_deg - 0.5f64.to_degrees()).abs() < 1e-12 && power == &[0.02]);
+    assert_eq!(Scene::from_artifact(lit.clone().into_artifact()).unwrap(), lit);
+    let Artifact::Record(record) = scene(&carcinoma()).into_artifact() else { panic!("a record") };
+    assert!(!record.fields.contains_key("lights"));
+}
+
+/// Detectors survive the record with all that was left out filled in; a scene without any has the record it had before there were any.
+#[test]
+fn detectors_are_kept_by_name() {
+    let watched = with(
+        "/detectors",
+        json!({
+            "eye": {"disc": {"position": [0, 0, 100], "look_at": [0, 0, 0], "diameter": "1 cm", "half_angle_deg": 20}},
+            "face": {"rectangle": {"position": [9, 0, 0], "look_at": [0, 0, 0], "size": [4, 2], "absorbs": true}},
+        }),
+    );
+    let watched = scene(&watched);
+    let (eye, face) = (&watched.detectors["eye"], &watched.detectors["face"]);
+    assert_eq!(
+        (eye.outline, eye.facing, eye.half_angle_deg),
+        (Outline::Disc { diameter: 10.0 }, [0.0, 0.0, -1.0], 20.0)
+    );
+    assert_eq!(face.outline, Outline::Rectangle { up: [0.0, 1.0, 0.0], size: [4.0, 2.0] });
+    assert!((face.facing, face.half_angle_deg) == ([-1.0, 0.0, 0.0], 90.0) && face.absorbs && !eye.absorbs);
+    let Artifact::Record(record) = scene(&carcinoma()).into_artifact() else { panic!("a record") };
+    assert!(!record.fields.contains_key("detectors"));
+}
+
+fn check(params: &Value) -> (Vec<Problem>, Vec<Problem>) {
+    let mut problems = Problems::default();
+    (StageRow::of::<SceneStage>().check)(params, &Known::default(), &mut problems);
+    problems.into_parts()
+}
+
+fn run(params: &Value, wanted: &[&str]) -> Vec<(&'static str, Artifact)> {
+    let host = MemoryHost { wanted: wanted.iter().map(|&w| w.to_owned()).collect(), ..MemoryHost::default() };
+    (StageRow::of::<SceneStage>().run)(params, &NoInputs, Ctx::new(&host)).unwrap()
+}
+
+fn scene(params: &Value) -> Scene {
+    Scene::from_artifact(run(params, &[]).remove(0).1).unwrap()
+}
+
+#[test]
+fn the_carcinoma_scene_is_accepted_and_survives_the_record() {
+    let (mistakes, warnings) = check(&carcinoma());
+    assert!(mistakes.is_empty() && warnings.is_empty(), "{mistakes:?} {warnings:?}");
+    let scene = scene(&carcinoma());
+    assert_eq!(scene.media["healthy"].mu_s, [4.236]);
+    assert_eq!(scene.objects["tissue"].shape, Shape::Slab { top: 0.0, bottom: -2000.0 });
+    assert_eq!(Scene::from_artifact(scene.clone().into_artifact()).unwrap(), scene);
+}
+
+/// What means the same gives the same bytes, so that nothing downstream becomes stale.
+#[test]
+fn equal_meaning_equal_scene() {
+    let original = scene(&carcinoma());
+    let same = [
+        ("/media/healthy", json!({"mu_a": 0.025, "mu_s": 4.236, "g": 0.8, "n": 1})),
+        ("/media/healthy", json!({"mu_a": 0.025, "mu_s_prime": 0.8472, "g": 0.8, "n": 1})),
+        ("/media/healthy", json!({"A_rho": "0.025 mm^-1", "S_rho": "42.36 cm^-1", "g": "80 %", "n": 1})),
+        ("/media/unused", json!({"mu_a": 1, "mu_s": 1, "g": 0, "n": 1.4})),
+        ("/objects/tissue/slab/thickness", json!("2 m")),
+        ("/objects/polyp/spheroid/center", json!([-0.0, 0, 0])),
+        ("/lights", json!({})),
+        ("/camera/up", json!([0, 1, 0])),
+    ];
+    for (pointer, value) in same {
+        assert_eq!(scene(&with(pointer, value.clone())), original, "{pointer}: {value}");
+    }
+    let polyp = |shape: Value| {
+        let mut object = json!({"medium": "scc", "priority": 1});
+        object.as_object_mut().unwrap().extend(shape.as_object().unwrap().clone());
+        scene(&with("/objects/polyp", object))
+    };
+    let same = [
+        [
+            json!({"cylinder": {"diameter": 4, "length": 9, "center": [1, 2, 3], "axis": "-x"}}),
+            json!({"cylinder": {"diameter": 4, "length": 9, "center": [1, 2, 3], "axis": [2, 0, 0]}}),
+        ],
+        [
+            json!({"box": {"size": [1, 2, 3], "center": [1, 2, 3], "rotation_deg": [0, "-0 deg", 0]}}),
+            json!({"box": {"size": [1, 2, 3], "center": [1, 2, 3]}}),
+        ],
+        [
+            json!({"sphere_shell": {"inner_diameter": 9, "wall": 1, "ports": [{"round": {"direction": "z", "diameter": 2}}]}}),
+            json!({"sphere_shell": {"inner_diameter": 9, "wall": 1, "center": [0, 0, 0],
+                "ports": [{"round": {"direction": [0, 0, 7], "diameter": "2 mm"}}]}}),
+        ],
+    ];
+    for [a, b] in same {
+        assert_eq!(polyp(a.clone()), polyp(b), "{a}");
+    }
+    assert_ne!(scene(&with("/media/healthy/A_rho", json!(25.000001))), original);
+    let ball = scene(&with(
+        "/objects/polyp",
+        json!({"spheroid": {"diameters": [4, 4, 4], "center": [0, 0, 9]}, "medium": "scc"}),
+    ));
+    assert_eq!(ball.objects["polyp"].shape, Shape::Sphere { diameter: 4.0, center: [0.0, 0.0, 9.0] });
+    let block =
+        scene(&with("/objects/tissue/slab", json!({"thickness": 8, "top": 1, "size": [60, 70], "center": [5, 6]})));
+    assert_eq!(block.objects["tissue"].shape, Shape::Box { size: [60.0, 70.0, 8.0], center: [5.0, 6.0, -3.0] });
+}
+
+#[test]
+fn channels_broadcast_single_numbers() {
+    let mut params = with("/media/healthy", json!({"mu_a": [0.1, 0.2], "mu_s": 5, "g": 0.8, "n": 1}));
+    params["wavelength_nm"] = json!([530, "0.635 um"]);
+    let scene = scene(&params);
+    assert_eq!(scene.wavelengths_nm, [530.0, 635.0]);
+    assert_eq!(
+        (&scene.media["healthy"].mu_a[..], &scene.media["healthy"].mu_s[..]),
+        (&[0.1, 0.2][..], &[5.0, 5.0][..])
+    );
+}
+
+/// The sketch shows tissue and polyp in their colours, and is made only when wanted.
+#[test]
+fn the_sketch_shows_the_objects() {
+    let ports = run(&carcinoma(), &["preview"]);
+    assert_eq!(ports.iter().map(|p| p.0).collect::<Vec<_>>(), ["scene", "preview"]);
+    let Artifact::Images(stack) = &ports[1].1 else { panic!("the preview is no image") };
+    let names: Vec<&str> = stack.layers.iter().map(|l| l.info.name.as_str()).collect();
+    assert_eq!(names, ["red", "green", "blue"]);
+    let mut colours: Vec<[u32; 3]> = (0..stack.rows())
+        .flat_map(|r| (0..stack.columns()).map(move |c| (r, c)))
+        .map(|at| [0, 1, 2].map(|k| stack.layers[k].data[at].to_bits()))
+        .collect();
+    colours.sort_unstable();
+    colours.dedup();
+    // Paper, gap, the bar of the scale, camera, projector, two objects.
+    assert_eq!(colours.len(), 7);
+    let legend: Vec<&str> =
+        stack.attributes["legend"].as_array().unwrap().iter().filter_map(|e| e["text"].as_str()).collect();
+    assert_eq!(legend, ["polyp (scc)", "tissue (healthy)", "camera and what it sees", "projector and what it lights"]);
+    // A margin of 5 % of 540 mm (the polyp's foot to the camera) on either side: 128 + 54 mm of field are seen from above,
+    // 594 mm from the side, and a bar is the longest round length within a third of that.
+    let labels = stack.attributes["labels"].as_array().unwrap();
+    let labels: Vec<&str> = labels.iter().filter_map(|e| e["text"].as_str()).collect();
+    assert_eq!(labels, ["from above", "50 mm", "from the side, cut", "100 mm"]);
+    assert_eq!(run(&carcinoma(), &[]).len(), 1);
+}
+
+/// The schema is what editors and `turbid stages` show: every field of the grammar is in it.
+#[test]
+fn the_schema_names_every_field() {
+    let schema = (StageRow::of::<SceneStage>().schema)().to_string();
+    for field in [
+        "A_rho",
+        "mu_s_prime",
+        "spheroid",
+        "sphere_shell",
+        "rotation_deg",
+        "priority",
+        "lambertian",
+        "profile",
+        "specular",
+        "wavelength_nm",
+    ] {
+        assert!(schema.contains(field), "{field} is missing");
+    }
+}
