@@ -2,7 +2,9 @@
 //!
 //! Light goes from the far end to the near one through a point p of a facet of unit normal m, if with the unit vectors a, b from p to both
 //!
-//!     n_far a + n_near b = h  is along m,  and a . m and b . m have opposite signs.
+//! ```text
+//! n_far a + n_near b = h  is along m,  and a . m and b . m have opposite signs.
+//! ```
 //!
 //! Over a box a, b and m stay in cones, so h stays in one: where it does not meet that of the normals, or both ends are on one side of all facets, or
 //! the light would have to turn by more than refraction can, nothing in the box refracts it (Walter, Zhao, Holzschuch and Bala 2009).
