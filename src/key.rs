@@ -5,6 +5,7 @@ use turbid_contract::Axes;
 use turbid_contract::canonical::canonical_text;
 
 use crate::digest::{Digest, PartHasher};
+use crate::spec::SeedSpec;
 
 /// Raised when the meaning of keys changes.
 const KEY_FORMAT: &str = "turbid key 1";
@@ -87,20 +88,23 @@ impl Dependencies {
 }
 
 /// Seed of an instance's random streams (DESIGN: not the label, not the params, so that a longer render continues
-/// the same streams and no two scenes share one). An explicit seed replaces the input digests.
+/// the same streams and no two scenes share one). An explicit seed replaces the input digests, a common one the axes too.
 pub fn instance_seed(
     pipeline_seed: u64,
     use_name: &str,
     axes: &Axes,
     inputs: &[(String, InputContent)],
-    explicit: Option<u64>,
+    explicit: Option<SeedSpec>,
 ) -> u64 {
     let mut parts = PartHasher::new(SEED_FORMAT);
     parts.add("pipeline", &pipeline_seed.to_le_bytes());
     parts.add("use", use_name.as_bytes());
-    parts.add("axes", axes_text(axes).as_bytes());
+    if !matches!(explicit, Some(SeedSpec::Common(_))) {
+        parts.add("axes", axes_text(axes).as_bytes());
+    }
     match explicit {
-        Some(seed) => parts.add("explicit", &seed.to_le_bytes()),
+        Some(SeedSpec::Common(seed)) => parts.add("common", &seed.to_le_bytes()),
+        Some(SeedSpec::PerInstance(seed)) => parts.add("explicit", &seed.to_le_bytes()),
         None => {
             for (port, content) in inputs {
                 for (axes, digest) in content {
@@ -213,13 +217,38 @@ mod tests {
         assert_eq!(axes_text(&axes(json!(0.1))), "A_rho=0.1");
     }
 
+    /// What tells two streams apart: inputs and axes; with an explicit seed that and the axes; with a common one that alone.
     #[test]
-    fn an_explicit_seed_ignores_the_inputs() {
-        let inputs = |s: &[u8]| vec![("scene".to_owned(), vec![(Axes::new(), Digest::of(s))])];
-        let seed =
-            |inputs: &[(String, InputContent)], explicit| instance_seed(1, "render", &Axes::new(), inputs, explicit);
-        assert_ne!(seed(&inputs(b"a"), None), seed(&inputs(b"b"), None));
-        assert_eq!(seed(&inputs(b"a"), Some(3)), seed(&inputs(b"b"), Some(3)));
-        assert_ne!(seed(&inputs(b"a"), Some(3)), seed(&inputs(b"a"), Some(4)));
+    fn an_explicit_seed_ignores_the_inputs_and_a_common_one_the_axes_too() {
+        use SeedSpec::{Common, PerInstance};
+        let seed = |use_name: &str, input: &[u8], mu_a: f64, explicit| {
+            let inputs = [("scene".to_owned(), vec![(Axes::new(), Digest::of(input))])];
+            instance_seed(1, use_name, &[("mu_a".to_owned(), json!(mu_a))].into(), &inputs, explicit)
+        };
+        let render = |input: &[u8], mu_a, explicit| seed("render", input, mu_a, explicit);
+        assert_ne!(render(b"a", 1.0, None), render(b"b", 1.0, None));
+        for explicit in [PerInstance(3), Common(3)].map(Some) {
+            assert_eq!(render(b"a", 1.0, explicit), render(b"b", 1.0, explicit));
+        }
+        assert_ne!(render(b"a", 1.0, Some(PerInstance(3))), render(b"a", 2.0, Some(PerInstance(3))));
+        assert_eq!(render(b"a", 1.0, Some(Common(3))), render(b"a", 2.0, Some(Common(3))));
+        let apart = [None, Some(PerInstance(3)), Some(PerInstance(4)), Some(Common(3)), Some(Common(4))];
+        let mut seeds: Vec<u64> = apart.iter().map(|&e| render(b"a", 1.0, e)).collect();
+        seeds.push(seed("sensor", b"a", 1.0, Some(Common(3))));
+        seeds.sort_unstable();
+        seeds.dedup();
+        assert_eq!(seeds.len(), 6);
+    }
+
+    /// Streams of files that are in use: a format that moved them would make every render stale.
+    #[test]
+    fn seeds_are_what_they_were() {
+        let inputs = [("scene".to_owned(), vec![(Axes::new(), Digest::of(b"scene"))])];
+        let axes: Axes = [("mu_a".to_owned(), json!(0.1))].into();
+        let seed = |explicit| instance_seed(1, "render", &axes, &inputs, explicit);
+        assert_eq!(
+            [None, Some(SeedSpec::PerInstance(7))].map(seed),
+            [6_428_100_788_515_178_958, 17_550_958_084_679_957_646]
+        );
     }
 }

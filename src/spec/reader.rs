@@ -57,13 +57,20 @@ impl Reader<'_> {
         false
     }
 
+    pub const WHOLE_NUMBER: &'static str = "a whole number from 0 to 18446744073709551615";
+
     pub fn whole_number(&mut self, node: &Node, key: Span, path: &str) -> Option<u64> {
+        self.whole_number_as(node, key, path, Self::WHOLE_NUMBER)
+    }
+
+    /// A whole number where `rule` says that, and what else could stand there.
+    pub fn whole_number_as(&mut self, node: &Node, key: Span, path: &str, rule: &str) -> Option<u64> {
         if let Data::Number(n) = &node.data
             && let Some(n) = axis::normal(n).as_u64()
         {
             return Some(n);
         }
-        self.wrong(node, key, path, &format!("a whole number from 0 to {}", u64::MAX));
+        self.wrong(node, key, path, rule);
         None
     }
 

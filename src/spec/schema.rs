@@ -35,8 +35,11 @@ pub fn schema(registry: &Registry) -> Value {
                 "foreach": {"$ref": "#/$defs/foreach"},
                 "product": {"description": "Combine inputs with different axes to a grid.", "type": "boolean"},
                 "seed": {
-                    "description": "Replaces the digests of the inputs in the seed: common random numbers.",
-                    "anyOf": [{"type": "integer", "minimum": 0}, {"$ref": "#/$defs/substitution"}]
+                    "description": "Replaces the digests of the inputs in the seed, and as {common: N} the axes too: common random numbers.",
+                    "anyOf": [
+                        {"$ref": "#/$defs/seed"},
+                        {"type": "object", "additionalProperties": false, "required": ["common"], "properties": {"common": {"$ref": "#/$defs/seed"}}}
+                    ]
                 }
             },
             "allOf": kinds
@@ -80,6 +83,7 @@ fn shared() -> Map<String, Value> {
     let scalar = json!({"type": ["number", "string", "boolean"]});
     let defs = json!({
         "name": {"type": "string", "pattern": "^[\\p{L}\\p{N}_][\\p{L}\\p{N}_-]{0,79}$"},
+        "seed": {"anyOf": [{"type": "integer", "minimum": 0}, {"$ref": "#/$defs/substitution"}]},
         "substitution": {"description": "a var or an axis: ${name}", "type": "string", "pattern": "\\$\\{"},
         "source": {
             "anyOf": [

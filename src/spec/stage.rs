@@ -7,6 +7,7 @@ use super::input::InputSpec;
 use super::node::{Data, Entry, Node};
 use super::parse::join;
 use super::reader::Reader;
+use super::seed::{self, SeedSpec};
 use super::suggest;
 use super::template::Template;
 use super::vars::Vars;
@@ -25,7 +26,7 @@ pub struct StageSpec {
     /// Whether inputs with different axes may be combined to a grid.
     pub product: bool,
     /// Explicit seed: common random numbers between designs.
-    pub seed: Option<u64>,
+    pub seed: Option<SeedSpec>,
     /// Part of the stage is wrong and reported; what follows from that need not be.
     pub broken: bool,
     /// Sections that are misspelt or could not be read whole: what they lack is not reported.
@@ -128,8 +129,8 @@ pub fn parse(
     }
     if let Some(e) = filled(&entry.value, "seed") {
         let path = join(&path, "seed");
-        let value = sections.vars.expand(&e.value, &path, reader);
-        stage.seed = reader.whole_number(&value, e.at, &path);
+        let expanded = Entry { value: sections.vars.expand(&e.value, &path, reader), ..e.clone() };
+        stage.seed = seed::parse(&expanded, &path, reader);
     }
     stage
 }

@@ -60,7 +60,10 @@ fn the_whole_grammar_is_read() {
     ));
     assert_eq!((spec.pipeline.as_str(), spec.about.as_deref(), spec.seed), ("whole", Some("All of it"), 7));
     let frames = &spec.stages[1];
-    assert_eq!((frames.use_name.as_str(), frames.product, frames.seed), ("render", true, Some(u64::MAX)));
+    assert_eq!(
+        (frames.use_name.as_str(), frames.product, frames.seed),
+        ("render", true, Some(SeedSpec::PerInstance(u64::MAX)))
+    );
     let source = |stage: &str, port: Option<&str>| SourceRef {
         stage: stage.to_owned(),
         port: port.map(str::to_owned),

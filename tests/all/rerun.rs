@@ -131,6 +131,33 @@ fn a_sweep_has_one_instance_per_point() {
     assert_eq!(counts(&space, &[]), (27, 12));
 }
 
+/// Media that differ by 2e-5 give frames whose means differ by less than that where all see the same random numbers, instances of one stage
+/// and those of another; with seeds of their own, or one for each point of an axis, by their noise.
+#[test]
+fn common_random_numbers_span_instances_and_stages() {
+    let three = SMALL
+        .replace("  tissue:\n    use: scene\n", "  tissue:\n    use: scene\n    foreach: {A_rho: [50, 50.001]}\n")
+        .replace("A_rho: 50, S_rho: 5000", "A_rho: \"${A_rho}\", S_rho: 5000")
+        .replace("mu_a: 0.05, mu_s_prime: 1.2", "A_rho: 50.002, S_rho: 5000");
+    let means = |seed: &str| -> Vec<f64> {
+        let space = Space::with(&three.replace("    use: render\n", &format!("    use: render\n{seed}")));
+        counts(&space, &["frames", "phantom_frames"]);
+        let mean = |stage: &str| {
+            let shown = space.turbid(&["show", "p.yaml", stage, "--json"]).json();
+            let layers = &shown["instances"][0]["ports"]["frames"]["layers"];
+            layers[0]["mean"].as_f64().expect("a mean")
+        };
+        ["frames[A_rho=50]", "frames[A_rho=50.001]", "phantom_frames"].map(mean).to_vec()
+    };
+    let apart = |means: &[f64], i: usize, j: usize| (means[i] / means[j] - 1.0).abs();
+    let common = means("    seed: {common: 3}\n");
+    assert!(apart(&common, 0, 1) < 2e-5 && apart(&common, 0, 2) < 4e-5, "{common:?}");
+    for own in ["", "    seed: 3\n"] {
+        let own = means(own);
+        assert!(apart(&own, 0, 1) > 1e-3 && apart(&own, 0, 2) > 1e-3, "{own:?}");
+    }
+}
+
 /// Two stages with the same params and inputs are one piece of work, done once; both ran, as the plan had said.
 #[test]
 fn instances_of_the_same_key_share_one_result() {
