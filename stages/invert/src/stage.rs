@@ -113,7 +113,7 @@ pub struct Invert;
 
 impl Stage for Invert {
     const NAME: &'static str = "invert";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     const ABOUT: &'static str =
         "maps of mu_a and mu_s' from calibrated reflectance by a look-up table, with standard errors";
 
