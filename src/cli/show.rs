@@ -172,26 +172,69 @@ fn layers(stack: &ImageStack) -> Value {
     rows.into()
 }
 
+/// Tables of at most so many rows are shown as they are; of longer ones the statistics of their columns.
+const SHORT: usize = 40;
+
+/// Of text this many different ones are named.
+const NAMED: usize = 12;
+
 fn columns(table: &Table) -> Value {
     let rows: Vec<Value> = table
         .columns
         .iter()
         .map(|column| {
-            let numbers: Option<Vec<f64>> = match &column.cells {
-                Cells::F64(v) => Some(v.clone()),
-                Cells::I64(v) => Some(v.iter().map(|&i| i as f64).collect()),
-                Cells::Bool(_) | Cells::Text(_) => None,
+            let (numbers, words): (Option<Vec<f64>>, Vec<String>) = match &column.cells {
+                Cells::F64(v) => (Some(v.clone()), Vec::new()),
+                Cells::I64(v) => (Some(v.iter().map(|&i| i as f64).collect()), Vec::new()),
+                Cells::Bool(v) => (None, v.iter().map(bool::to_string).collect()),
+                Cells::Text(v) => (None, v.clone()),
             };
             let stat = |f: &dyn Fn(&[f64]) -> f64| numbers.as_deref().filter(|v| !v.is_empty()).map(f);
-            json!({
+            let mut entry = json!({
                 "name": column.name, "unit": column.unit,
                 "min": stat(&|v| v.iter().copied().fold(f64::INFINITY, f64::min)),
                 "mean": stat(&|v| v.iter().sum::<f64>() / v.len() as f64),
                 "max": stat(&|v| v.iter().copied().fold(f64::NEG_INFINITY, f64::max)),
-            })
+            });
+            if numbers.is_none() {
+                let mut different = words.clone();
+                different.sort();
+                different.dedup();
+                entry["different"] = json!(different.len());
+                different.truncate(NAMED);
+                entry["values"] = json!(different);
+            }
+            if table.rows() <= SHORT {
+                entry["cells"] = numbers.map_or_else(|| json!(words), |numbers| json!(numbers));
+            }
+            entry
         })
         .collect();
     rows.into()
+}
+
+/// The cells of a short table under their names and units, a line each; text to the left, numbers to the right.
+fn cells(columns: &[Value]) -> Option<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for column in columns {
+        let name = column["name"].as_str().unwrap_or_default();
+        let named = match column["unit"].as_str() {
+            None | Some("" | "1") => name.to_owned(),
+            Some(unit) => format!("{name} ({unit})"),
+        };
+        let text = |cell: &Value| match cell {
+            Value::String(text) => text.clone(),
+            cell => cell.as_f64().map_or_else(|| "-".to_owned(), significant),
+        };
+        let own: Vec<String> = [named].into_iter().chain(column["cells"].as_array()?.iter().map(text)).collect();
+        let width = own.iter().map(|cell| cell.chars().count()).max().unwrap_or(0);
+        lines.resize(own.len(), String::new());
+        for (line, cell) in lines.iter_mut().zip(own) {
+            let cell = if column["values"].is_array() { format!("{cell:<width$}") } else { format!("{cell:>width$}") };
+            line.push_str(&format!("  {cell}"));
+        }
+    }
+    Some(lines.iter().map(|line| format!("  {}\n", line.trim_end())).collect())
 }
 
 /// Five digits that count, without an exponent where that reads well.
@@ -264,10 +307,22 @@ fn text(instance: &Value) -> String {
         for (name, value) in port["fields"].as_object().into_iter().flatten() {
             out.push_str(&format!("    {name:<24} {}\n", shortened(&crate::key::value_text(value))));
         }
-        for column in port["columns"].as_array().into_iter().flatten().filter(|_| port["fields"].is_null()) {
+        let columns = port["columns"].as_array().filter(|_| port["fields"].is_null());
+        if let Some(cells) = columns.and_then(|columns| cells(columns)) {
+            out.push_str(&cells);
+            continue;
+        }
+        for column in columns.into_iter().flatten() {
+            let name = word(&column["name"]);
+            if let Some(values) = column["values"].as_array() {
+                let more = column["different"].as_u64().unwrap_or(0) > values.len() as u64;
+                let values: Vec<String> = values.iter().map(word).collect();
+                let named = format!("{}{}", values.join(", "), if more { ", …" } else { "" });
+                out.push_str(&format!("    {name:<24} {}: {}\n", column["different"], shortened(&named)));
+                continue;
+            }
             out.push_str(&format!(
-                "    {:<24} min {} mean {} max {} {}\n",
-                word(&column["name"]),
+                "    {name:<24} min {} mean {} max {} {}\n",
                 number(&column["min"]),
                 number(&column["mean"]),
                 number(&column["max"]),
@@ -276,4 +331,47 @@ fn text(instance: &Value) -> String {
         }
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use turbid_contract::Column;
+
+    /// A table of `rows` rows with text, whole numbers, numbers and switches.
+    fn table(rows: usize) -> Table {
+        let column = |name: &str, unit: &str, cells| Column { name: name.into(), unit: unit.into(), cells };
+        let columns = vec![
+            column("region", "", Cells::Text((0..rows).map(|i| format!("region {}", i % 15)).collect())),
+            column("n", "1", Cells::I64((0..rows as i64).collect())),
+            column("mean", "mm^-1", Cells::F64((0..rows).map(|i| 0.25 * i as f64).collect())),
+            column("good", "1", Cells::Bool((0..rows).map(|i| i == 1).collect())),
+        ];
+        Table { columns, attributes: Default::default() }
+    }
+
+    fn shown(rows: usize) -> String {
+        let table = table(rows);
+        text(
+            &json!({"ports": {"metrics": {"payload": "metrics", "digest": "0".repeat(32), "columns": columns(&table)}}}),
+        )
+    }
+
+    /// Text stands to the left under its name, numbers to the right under theirs with their unit.
+    #[test]
+    fn short_tables_are_shown_as_they_are() {
+        let lines = "  \n    region    n  mean (mm^-1)  good\n    region 0  0             0  false\n    region 1  1       0.25000  true\n";
+        assert!(shown(2).ends_with(&lines[3..]), "{}", shown(2));
+    }
+
+    /// Long tables: what numbers range over, and what the texts are, the first of them by name.
+    #[test]
+    fn long_tables_are_summed_up() {
+        let found = shown(60);
+        let has = |line: &str| assert!(found.contains(line), "{line}: {found}");
+        has("mean                     min 0 mean 7.3750 max 14.750 mm^-1");
+        has("good                     2: false, true");
+        has("region                   15: region 0, region 1, region 10,");
+        assert!(columns(&table(60))[0]["cells"].is_null() && columns(&table(60))[0]["min"].is_null());
+    }
 }

@@ -15,6 +15,7 @@ mod errors;
 pub mod fourier;
 pub mod fused;
 pub mod level;
+pub mod local_fit;
 pub mod noise;
 mod pass;
 pub mod phase_shift;
@@ -27,4 +28,4 @@ mod speckled;
 mod stage;
 pub mod unknown_steps;
 
-pub use stage::{Demodulate, In, Method, NoiseBias, Out, Params, Steps};
+pub use stage::{Demodulate, Filter, In, Method, NoiseBias, Out, Params, Steps};

@@ -1,14 +1,20 @@
 //! The method `single_shot`: one frame of each f_x in; M_DC, M_AC and phase of every line out, as if phases had been stepped.
 
+use std::borrow::Cow;
+
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Frames, MaskReason, Scene};
 use turbid_contract::planes::mean_se;
-use turbid_contract::{Ctx, Error, ImageStack, Layer, LayerInfo, LayerKind};
+use turbid_contract::{Ctx, Error, ImageStack, Layer, LayerInfo, LayerKind, Length};
 use turbid_optics::elementary::atan2;
 
 use crate::fourier::product;
-use crate::single_shot::{Filter, noise_gain, part};
-use crate::stage::Params;
+use crate::local_fit::{LocalFit, Weights};
+use crate::single_shot::{Filter as FilterKind, noise_gain, part};
+use crate::stage::{Filter, Params};
+
+/// Width of the window, four standard deviations, where none is given: wide enough to tell mean and fringe apart at the ends of lines, too.
+const WINDOW_PERIODS: f64 = 1.4;
 
 /// Modulation, and the phase if wanted.
 pub fn run(
@@ -18,7 +24,6 @@ pub fn run(
     ctx: Ctx<'_>,
 ) -> Result<(ImageStack, Option<ImageStack>), Error> {
     let stack = &frames.0;
-    let filter = if params.rectangles { Filter::Rectangle } else { Filter::Gaussian };
     let mut shots: Vec<&Layer> = Vec::new();
     let fringed = |l: &&Layer| l.info.kind == LayerKind::Value && l.info.f_x_per_mm.is_some_and(|f| f > 0.0);
     for layer in stack.layers.iter().filter(fringed) {
@@ -39,10 +44,11 @@ pub fn run(
     phases.attributes = stack.attributes.clone();
     let mut seen: Vec<Option<f64>> = Vec::new();
     for shot in shots {
-        let carrier = carrier(params, &shot.info, scene, stack)?;
+        let pixel = pixel_size(params, scene)?;
+        let carrier = carrier(pixel, &shot.info, stack)?;
         let first = !seen.contains(&shot.info.wavelength_nm);
         seen.push(shot.info.wavelength_nm);
-        let phase = one(params, shot, stack, carrier, filter, first, &mut modulation)?;
+        let phase = one(params, shot, stack, (carrier, pixel), first, &mut modulation)?;
         phases.layers.extend(phase);
         ctx.checked()?;
     }
@@ -74,9 +80,8 @@ pub fn pixel_size(params: &Params, scene: Option<&Scene>) -> Result<[f64; 2], Er
     }
 }
 
-fn carrier(params: &Params, info: &LayerInfo, scene: Option<&Scene>, stack: &ImageStack) -> Result<Carrier, Error> {
+fn carrier(pixel: [f64; 2], info: &LayerInfo, stack: &ImageStack) -> Result<Carrier, Error> {
     let f_x = info.f_x_per_mm.unwrap_or(0.0);
-    let pixel = pixel_size(params, scene)?;
     let turns = info.orientation_deg.unwrap_or(0.0) / 360.0;
     let (sin, cos) = turbid_optics::elementary::sin_cos_turns(turns);
     let (along_rows, cycles) = if sin.abs() < 1e-9 {
@@ -100,30 +105,143 @@ fn carrier(params: &Params, info: &LayerInfo, scene: Option<&Scene>, stack: &Ima
     Ok(Carrier { cycles, along_rows })
 }
 
+/// How a line becomes mean and fringe.
+enum Parting {
+    Fit(LocalFit),
+    /// A filter, and what it leaves of white noise.
+    Filter(FilterKind, f64),
+}
+
+impl Parting {
+    /// Error: a window that does not tell mean and fringe apart.
+    fn new(params: &Params, shot: &Layer, carrier: Carrier, pixel: [f64; 2], length: usize) -> Result<Self, Error> {
+        let cycles = carrier.cycles.abs();
+        let filter = match params.filter {
+            Filter::Gaussian => FilterKind::Gaussian,
+            Filter::Rectangle => FilterKind::Rectangle,
+            Filter::LeastSquares => {
+                let pixel = if carrier.along_rows { pixel[0] } else { pixel[1] };
+                // As for speckle the window is four standard deviations wide.
+                let periods = params.window.map_or(WINDOW_PERIODS, |w| w.0 / pixel * cycles);
+                if periods < 1.0 {
+                    let f_x = shot.info.f_x_per_mm.unwrap_or(0.0);
+                    let width = params.window.unwrap_or(Length(0.0));
+                    let what = format!(
+                        "a window of {width} holds {periods:.2} periods of f_x = {f_x} mm^-1; one is the least"
+                    );
+                    return Err(Error::invalid("window", what));
+                }
+                return Ok(Self::Fit(LocalFit::new(cycles, 0.25 * periods / cycles, length)));
+            }
+        };
+        Ok(Self::Filter(filter, noise_gain(filter, cycles)))
+    }
+
+    /// (dc, re, im) of each pixel of a line with their covariance (where `variances` of the pixels are known), or why not;
+    /// `reasons` against pixels are 0 where there is none.
+    fn part(&self, line: &[f64], reasons: &[f32], variances: Option<&[f64]>, cycles: f64) -> Vec<Result<Pixel, f32>> {
+        let good: Vec<bool> = reasons.iter().map(|&r| r == 0.0).collect();
+        let of = |k: usize, reach: usize| k.saturating_sub(reach)..(k + reach + 1).min(line.len());
+        // The pixel's own reason, or that of the first in reach.
+        let reason = |k: usize, reach: usize| match reasons[k] {
+            0.0 => reasons[of(k, reach)].iter().copied().find(|&r| r != 0.0),
+            own => Some(own),
+        };
+        match self {
+            Self::Fit(fit) => {
+                let pixel = |k: usize| {
+                    if !good[k] {
+                        return Err(reasons[k]);
+                    }
+                    let weights = if good[of(k, fit.reach())].iter().all(|&good| good) {
+                        fit.whole(k).map(Cow::Borrowed)
+                    } else {
+                        fit.solve(k, &good).map(Cow::Owned)
+                    };
+                    let weights = weights.ok_or(reason(k, fit.reach()).unwrap_or(MaskReason::LowSignal.code()))?;
+                    let covariance = variances.map(|v| weights.covariance(v));
+                    Ok(Pixel {
+                        value: weights.apply(line),
+                        covariance,
+                        weights: variances.map(|_| weights.into_owned()),
+                    })
+                };
+                (0..line.len()).map(pixel).collect()
+            }
+            Self::Filter(filter, gain) => {
+                let found = part(line, cycles, *filter);
+                // Beyond the reach of the filter (3.2 periods) a bad pixel has no weight.
+                let reach = libm::ceil(3.2 / cycles) as usize;
+                let pixel = |k: usize| {
+                    if let Some(reason) = reason(k, reach) {
+                        return Err(reason);
+                    }
+                    let [re, im] = found.fringe[k];
+                    let covariance = variances.map(|v| {
+                        let [dc, ac] = [gain * v[k], 2.0 * gain * v[k]];
+                        [[dc, 0.0, 0.0], [0.0, ac, 0.0], [0.0, 0.0, ac]]
+                    });
+                    Ok(Pixel { value: [found.dc[k], re, im], covariance, weights: None })
+                };
+                (0..line.len()).map(pixel).collect()
+            }
+        }
+    }
+}
+
+/// What a pixel of a line is made of.
+struct Pixel {
+    /// dc, re, im
+    value: [f64; 3],
+    covariance: Option<[[f64; 3]; 3]>,
+    /// Those of a fit: its neighbours share pixels, and the error of a mean knows which.
+    weights: Option<Weights>,
+}
+
+/// Variances of the sums of M_DC and of M_AC over the good pixels of lines.
+#[derive(Default)]
+struct Sums([f64; 2]);
+
+impl Sums {
+    /// Adds a line: its good pixels with the direction of their phasor, and the variances of all.
+    fn add(&mut self, pixels: &[(usize, Pixel, [f64; 2])], variances: &[f64]) {
+        let mut weights = vec![[0.0; 2]; variances.len()];
+        for (k, pixel, [cos, sin]) in pixels {
+            match &pixel.weights {
+                Some(own) => own.weights.iter().zip(&mut weights[own.first..]).for_each(|(w, sum)| {
+                    *sum = [sum[0] + w[0], sum[1] + cos * w[1] + sin * w[2]];
+                }),
+                // A filter keeps the sum of a line, and takes twice the noise for the fringe.
+                None => weights[*k] = [1.0, std::f64::consts::SQRT_2],
+            }
+        }
+        for (w, variance) in weights.iter().zip(variances) {
+            self.0 = [self.0[0] + w[0] * w[0] * variance, self.0[1] + w[1] * w[1] * variance];
+        }
+    }
+}
+
 /// Adds the layers of one shot; gives those of its phase.
 fn one(
     params: &Params,
     shot: &Layer,
     stack: &ImageStack,
-    carrier: Carrier,
-    filter: Filter,
+    (carrier, pixel): (Carrier, [f64; 2]),
     with_f_0: bool,
     out: &mut ImageStack,
 ) -> Result<Vec<Layer>, Error> {
     let (rows, columns) = (stack.rows(), stack.columns());
     let (count, length) = if carrier.along_rows { (rows, columns) } else { (columns, rows) };
     let place = |line: usize, k: usize| if carrier.along_rows { (line, k) } else { (k, line) };
+    let parting = Parting::new(params, shot, carrier, pixel, length)?;
     let plane = || Array2::<f32>::zeros((rows, columns));
     let [mut dc, mut ac, mut phase, mut mask] = [plane(), plane(), plane(), plane()];
     let se = stack.standard_error(&shot.info);
-    let [mut dc_se, mut ac_se, mut phase_se] = [plane(), plane(), plane()];
-    let gain = noise_gain(filter, carrier.cycles.abs());
+    let [mut dc_se, mut ac_se, mut phase_se, mut shared] = [plane(), plane(), plane(), plane()];
     let carried = stack.mask(shot.info.wavelength_nm);
     let shift = shot.info.phase_rad.unwrap_or(0.0) / std::f64::consts::TAU;
     let (shift_sin, shift_cos) = turbid_optics::elementary::sin_cos_turns(shift);
-    let (mut good, mut variances) = (0_u64, 0.0);
-    // Beyond the reach of the filter (3.2 periods) a bad pixel has no weight.
-    let reach = libm::ceil(3.2 / carrier.cycles.abs()) as usize;
+    let (mut count_good, mut sums) = (0_u64, Sums::default());
     for line in 0..count {
         let values: Vec<f64> = (0..length).map(|k| f64::from(shot.data[place(line, k)])).collect();
         let bad = |k: usize| {
@@ -140,56 +258,80 @@ fn one(
         };
         let reasons: Vec<f32> = (0..length).map(bad).collect();
         let clean: Vec<f64> = values.iter().map(|v| if v.is_finite() { *v } else { 0.0 }).collect();
-        let found = part(&clean, carrier.cycles.abs(), filter);
-        for k in 0..length {
+        let square = |k: usize| se.map_or(0.0, |se| f64::from(se.data[place(line, k)]).powi(2));
+        let variances: Vec<f64> = (0..length).map(|k| if reasons[k] == 0.0 { square(k) } else { 0.0 }).collect();
+        let parted = parting.part(&clean, &reasons, se.is_some().then_some(&variances), carrier.cycles.abs());
+        let mut good = Vec::new();
+        for (k, pixel) in parted.into_iter().enumerate() {
             let at = place(line, k);
-            let near = reasons[k.saturating_sub(reach)..(k + reach + 1).min(length)].iter().find(|&&r| r != 0.0);
-            let own = if reasons[k] != 0.0 { Some(&reasons[k]) } else { near };
-            let [re, im] = found.fringe[k];
+            let pixel = match pixel {
+                Ok(pixel) => pixel,
+                Err(reason) => {
+                    mask[at] = reason;
+                    continue;
+                }
+            };
+            let [mean, re, im] = pixel.value;
             let m_ac = (re * re + im * im).sqrt();
-            let weak = found.dc[k] <= 0.0 || m_ac <= f64::from(f32::EPSILON) * found.dc[k];
-            if let Some(&reason) = own {
-                mask[at] = reason;
-                continue;
-            }
-            if weak {
+            if mean <= 0.0 || m_ac <= f64::from(f32::EPSILON) * mean {
                 mask[at] = MaskReason::LowSignal.code();
                 continue;
             }
-            good += 1;
-            (dc[at], ac[at]) = (found.dc[k] as f32, m_ac as f32);
+            (dc[at], ac[at]) = (mean as f32, m_ac as f32);
             // A carrier that falls along the line shows the conjugate.
             let z = if carrier.cycles < 0.0 { [re, -im] } else { [re, im] };
-            let [re, im] = product(z, [shift_cos, -shift_sin]);
-            phase[at] = atan2(im, re) as f32;
-            if let Some(se) = se {
-                let variance = gain * f64::from(se.data[at]) * f64::from(se.data[at]);
-                variances += f64::from(se.data[at]) * f64::from(se.data[at]);
-                dc_se[at] = variance.sqrt() as f32;
-                ac_se[at] = (2.0 * variance).sqrt() as f32;
-                phase_se[at] = ((2.0 * variance).sqrt() / m_ac) as f32;
+            let z = product(z, [shift_cos, -shift_sin]);
+            phase[at] = atan2(z[1], z[0]) as f32;
+            let [cos, sin] = [re / m_ac, im / m_ac];
+            if let Some(c) = &pixel.covariance {
+                let along = cos * cos * c[1][1] + 2.0 * cos * sin * c[1][2] + sin * sin * c[2][2];
+                let across = sin * sin * c[1][1] - 2.0 * cos * sin * c[1][2] + cos * cos * c[2][2];
+                dc_se[at] = c[0][0].sqrt() as f32;
+                ac_se[at] = along.max(0.0).sqrt() as f32;
+                phase_se[at] = (across.max(0.0).sqrt() / m_ac) as f32;
+                shared[at] = (cos * c[0][1] + sin * c[0][2]) as f32;
             }
+            good.push((k, pixel, [cos, sin]));
         }
+        count_good += good.len() as u64;
+        sums.add(&good, &variances);
     }
     let mut info = LayerInfo { name: "m_dc".into(), phase_rad: None, mean_se: None, ..shot.info.clone() };
-    let mut push = |info: &LayerInfo, data: &Array2<f32>, own: &Array2<f32>, factor: f64| {
+    let first = out.layers.iter().filter(|l| l.info.kind == LayerKind::Value).count() as u32;
+    let mut push = |info: &LayerInfo, data: &Array2<f32>, own: &Array2<f32>, variance: f64| {
         let mut info = info.clone();
-        info.mean_se = if se.is_some() { mean_se(factor * variances, good, 1.0) } else { None };
+        info.mean_se = if se.is_some() { mean_se(variance, count_good, 1.0) } else { None };
         out.push(info.clone(), data.clone());
         if se.is_some() {
             out.push(info.standard_error(), own.clone());
         }
     };
+    let [of_dc, of_ac] = sums.0;
     if with_f_0 {
         // The same frame stands in for the one at f_x = 0.
         for name in ["m_dc", "m_ac"] {
             let f_0 = LayerInfo { name: name.into(), f_x_per_mm: Some(0.0), orientation_deg: None, ..info.clone() };
-            push(&f_0, &dc, &dc_se, 1.0);
+            push(&f_0, &dc, &dc_se, of_dc);
         }
     }
-    push(&info, &dc, &dc_se, 1.0);
+    push(&info, &dc, &dc_se, of_dc);
     info.name = "m_ac".into();
-    push(&info, &ac, &ac_se, 2.0);
+    push(&info, &ac, &ac_se, of_ac);
+    if se.is_some() {
+        let means: Vec<u32> = if with_f_0 { (first..first + 3).collect() } else { vec![first] };
+        let fringe = first + means.len() as u32;
+        let mut cov = LayerInfo::new("cov", LayerKind::Covariance, format!("({})^2", info.unit));
+        cov.wavelength_nm = shot.info.wavelength_nm;
+        for (i, &a) in means.iter().enumerate() {
+            for &b in &means[i + 1..] {
+                // One number under several names.
+                cov.pair = Some([a, b]);
+                out.push(cov.clone(), dc_se.mapv(|se| se * se));
+            }
+            cov.pair = Some([a, fringe]);
+            out.push(cov.clone(), shared.clone());
+        }
+    }
     let mut mask_info = LayerInfo::new("mask", LayerKind::Mask, "1");
     mask_info.wavelength_nm = shot.info.wavelength_nm;
     match out.layers.iter_mut().find(|l| l.info == mask_info) {

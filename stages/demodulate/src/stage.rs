@@ -57,6 +57,19 @@ pub enum Steps {
     Estimated,
 }
 
+/// How single_shot parts the mean of a line from its fringe.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Filter {
+    /// Mean and fringe of a pixel together, by least squares under a Gaussian window along the line.
+    #[default]
+    LeastSquares,
+    /// Gaussians of sigma f_c / 4 around 0 and the carrier f_c; lines are mirrored at their ends.
+    Gaussian,
+    /// |f| < f_c / 2 and f_c / 2 .. 3 f_c / 2; lines are mirrored at their ends.
+    Rectangle,
+}
+
 /// Params of `demodulate`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -71,12 +84,13 @@ pub struct Params {
     /// A pixel is masked where a frame reaches this level (unit of the frames); frames may bring a mask of their own.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub saturation: Option<f64>,
-    /// single_shot: parts the spectrum by rectangles instead of Gaussians.
-    pub rectangles: bool,
+    /// single_shot: how mean and fringe are parted.
+    pub filter: Filter,
     /// speckle: spatial frequencies to read.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub f_x: Vec<PerLength>,
-    /// speckle: width of the window around a pixel, two periods of the lowest f_x or more.
+    /// Width of the window around a pixel, four standard deviations of its Gaussian. speckle: two periods of the lowest f_x or more; single_shot by
+    /// least squares: one period or more, 1.4 if left out.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub window: Option<Length>,
     /// single_shot, speckle: size of a pixel in the pattern's plane, where no scene is connected.
@@ -92,7 +106,7 @@ impl Default for Params {
             noise_bias: NoiseBias::Correct,
             steps: Steps::Given,
             saturation: None,
-            rectangles: false,
+            filter: Filter::LeastSquares,
             f_x: Vec::new(),
             window: None,
             pixel_mm: None,
@@ -125,7 +139,7 @@ pub struct Demodulate;
 
 impl Stage for Demodulate {
     const NAME: &'static str = "demodulate";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     const ABOUT: &'static str =
         "M_DC, M_AC and phase of each pixel from frames of shifted sinusoids, with standard errors";
 
@@ -145,6 +159,7 @@ impl Stage for Demodulate {
             let message = format!("{} counts in pixels and does not know their size", params.method.name());
             problems.push_with_hint("method", message, hint);
         }
+        check_single_shot(params, problems);
         check_speckle(params, problems);
         if params.steps == Steps::Estimated {
             if params.method != Method::PhaseShift {
@@ -217,16 +232,32 @@ impl Stage for Demodulate {
     }
 }
 
+/// What only single_shot has.
+fn check_single_shot(params: &Params, problems: &mut Problems) {
+    let single = params.method == Method::SingleShot;
+    if !single && params.filter != Filter::default() {
+        problems.push("filter", "only `method: single_shot` reads filter");
+    }
+    if single && params.window.is_some() && params.filter != Filter::LeastSquares {
+        problems.push(
+            "window",
+            "the filters have widths of their own, a quarter or half of the carrier; only `least_squares` reads window",
+        );
+    }
+    if let Some(window) = params.window.filter(|_| single) {
+        problems.require(window.0 > 0.0, "window", window.0, "mm", "be > 0");
+    }
+}
+
 /// What speckle needs, and what only speckle has.
 fn check_speckle(params: &Params, problems: &mut Problems) {
     if params.method != Method::Speckle {
-        let only = |on: bool, name: &str, problems: &mut Problems| {
-            if on {
-                problems.push(name, format!("only `method: speckle` reads {name}"));
-            }
-        };
-        only(!params.f_x.is_empty(), "f_x", problems);
-        only(params.window.is_some(), "window", problems);
+        if !params.f_x.is_empty() {
+            problems.push("f_x", "only `method: speckle` reads f_x");
+        }
+        if params.window.is_some() && params.method != Method::SingleShot {
+            problems.push("window", "only `method: single_shot` and `method: speckle` read window");
+        }
         return;
     }
     if params.f_x.is_empty() {

@@ -69,13 +69,14 @@ fn of_phases(planes: &[&[f32]], [dc, re, im]: &[Vec<f64>; 3]) -> Result<Vec<f64>
         }
     }
     let inverse =
-        inverted(normal).ok_or("the pixels show too little of a period of the fringe to tell steps from them")?;
+        inverted(normal, 0.01).ok_or("the pixels show too little of a period of the fringe to tell steps from them")?;
     let of = |row: usize, right: &[f64; 3]| -> f64 { inverse[row].iter().zip(right).map(|(a, b)| a * b).sum() };
     Ok(right.iter().map(|right| turbid_optics::elementary::atan2(-of(2, right), of(1, right))).collect())
 }
 
-/// The inverse of a symmetric matrix of sums; `None` where its determinant is below 1 % of what evenly spread phases have, n^3 / 4.
-fn inverted(m: [[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
+/// The inverse of a symmetric matrix of sums over (1, cos, sin); `None` where its determinant is not above `share` of what evenly spread phases
+/// have, n^3 / 4.
+pub fn inverted(m: [[f64; 3]; 3], share: f64) -> Option<[[f64; 3]; 3]> {
     let minor = |r: usize, c: usize| {
         let [a, b] = [(r + 1) % 3, (r + 2) % 3];
         let [d, e] = [(c + 1) % 3, (c + 2) % 3];
@@ -83,7 +84,7 @@ fn inverted(m: [[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
     };
     let det: f64 = (0..3).map(|c| m[0][c] * minor(0, c)).sum();
     let even = m[0][0] * m[0][0] * m[0][0] / 4.0;
-    (det > 0.01 * even && even > 0.0).then(|| [0, 1, 2].map(|r| [0, 1, 2].map(|c| minor(c, r) / det)))
+    (det > share * even && even > 0.0).then(|| [0, 1, 2].map(|r| [0, 1, 2].map(|c| minor(c, r) / det)))
 }
 
 fn wrap(angle: f64) -> f64 {

@@ -18,4 +18,4 @@ mod solve;
 mod stage;
 pub mod unwrap;
 
-pub use stage::{In, Method, Out, Params, Profilometry, ReferenceSurface, Unwrap};
+pub use stage::{In, Method, Out, Params, Profilometry, ReferenceSurface, Tube, Unwrap};

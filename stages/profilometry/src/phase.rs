@@ -2,11 +2,12 @@
 
 use std::f64::consts::{PI, TAU};
 
+use glam::DVec3;
 use turbid_contract::payload::MaskReason;
 use turbid_contract::{Error, ImageStack, Layer, LayerInfo, LayerKind};
 
 use crate::geometry::Rig;
-use crate::stage::{Params, ReferenceSurface};
+use crate::stage::{Params, ReferenceSurface, Tube};
 
 /// The difference in (-pi, pi].
 pub fn wrap(difference: f64) -> f64 {
@@ -78,21 +79,36 @@ pub fn same<'a>(stack: &'a ImageStack, info: &LayerInfo) -> Result<&'a Layer, Er
         .ok_or_else(|| Error::failed(format!("the reference has no phase at f_x = {f_x} mm^-1 of this orientation")))
 }
 
-/// What each pixel's light would have as coordinate u (mm) if the surface were the reference; why not, where it does not see it.
-pub fn reference_coordinates(rig: &Rig, surface: &ReferenceSurface) -> Vec<Option<f64>> {
+/// What each pixel's light would have as coordinate u (mm) if the surface were the reference; why there is none, where it does not see it.
+pub fn reference_coordinates(rig: &Rig, surface: &ReferenceSurface) -> Vec<Result<f64, MaskReason>> {
     let on_surface = |pixel: usize| match surface {
-        ReferenceSurface::Plane(height) => rig.on_plane(pixel, height.0),
-        ReferenceSurface::Tube { inner_diameter, center } => {
-            let (origin, w) = rig.ray(pixel);
-            let (x, y, radius) = (origin.x - center[0].0, origin.y - center[1].0, 0.5 * inner_diameter.0);
-            // |(x, y) + t (w.x, w.y)| = radius, from inside: the far root.
-            let (a, b, c) = (w.x * w.x + w.y * w.y, x * w.x + y * w.y, x * x + y * y - radius * radius);
-            let root = b * b - a * c;
-            let t = (-b + root.sqrt()) / a;
-            (root >= 0.0 && t > 0.0 && t.is_finite()).then(|| origin + t * w)
-        }
+        ReferenceSurface::Plane(height) => rig.on_plane(pixel, height.0).ok_or(MaskReason::NoHeight),
+        ReferenceSurface::Tube(tube) => tube.seen(rig.ray(pixel)).ok_or(MaskReason::OutsideReference),
     };
-    (0..rig.columns * rig.rows).map(|pixel| rig.coordinate(on_surface(pixel)?)).collect()
+    let coordinate = |pixel: usize| rig.coordinate(on_surface(pixel)?).ok_or(MaskReason::NoHeight);
+    (0..rig.columns * rig.rows).map(coordinate).collect()
+}
+
+impl Tube {
+    /// Where a ray meets the bore from inside; `None` where it passes beside the mouth, or leaves through the other end.
+    pub fn seen(&self, (origin, w): (DVec3, DVec3)) -> Option<DVec3> {
+        let [center_x, center_y] = self.center.map(|c| c.0);
+        let (x, y, radius) = (origin.x - center_x, origin.y - center_y, 0.5 * self.inner_diameter.0);
+        // |(x, y) + t (w.x, w.y)| = radius, from inside: the far root.
+        let (a, b, c) = (w.x * w.x + w.y * w.y, x * w.x + y * w.y, x * x + y * y - radius * radius);
+        let root = b * b - a * c;
+        let t = (-b + root.sqrt()) / a;
+        if !(root >= 0.0 && t > 0.0 && t.is_finite()) {
+            return None;
+        }
+        let (top, bottom) = (self.top.0, self.top.0 - self.length.0);
+        // Where the ray enters: through an end, or it starts in the bore.
+        let end = if origin.z > top { top } else { origin.z.max(bottom) };
+        let entry = if end == origin.z { origin } else { origin + (end - origin.z) / w.z * w };
+        let enters = (entry.x - center_x).powi(2) + (entry.y - center_y).powi(2) < radius * radius;
+        let r = origin + t * w;
+        (enters && (bottom..=top).contains(&r.z)).then_some(r)
+    }
 }
 
 /// Differences to the reference of one f_x: wrapped, NaN where masked.
@@ -107,7 +123,7 @@ pub fn difference(
     sample: &ImageStack,
     layer: &Layer,
     reference: Option<&ImageStack>,
-    coordinates: &[Option<f64>],
+    coordinates: &[Result<f64, MaskReason>],
     mask: &[MaskReason],
 ) -> Result<Difference, Error> {
     let f_x = layer.info.f_x_per_mm.expect("chosen by f_x");
@@ -126,8 +142,8 @@ pub fn difference(
         }
         let from = match (&base, coordinates[i]) {
             (Some(base), _) => f64::from(base[i]),
-            (None, Some(u)) => TAU * wrap_turns(f_x * u),
-            (None, None) => return 0.0,
+            (None, Ok(u)) => TAU * wrap_turns(f_x * u),
+            (None, Err(_)) => return 0.0,
         };
         wrap(f64::from(phase[i]) - from)
     };

@@ -55,7 +55,20 @@ pub enum ReferenceSurface {
     /// World z, mm.
     Plane(Length),
     /// The inside of a straight tube along z.
-    Tube { inner_diameter: Length, center: [Length; 2] },
+    Tube(Tube),
+}
+
+/// The bore of a straight tube along z with open ends.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Tube {
+    pub inner_diameter: Length,
+    pub length: Length,
+    /// World z of its upper end.
+    pub top: Length,
+    /// World x and y of its axis; [0, 0] where left out.
+    #[serde(default)]
+    pub center: [Length; 2],
 }
 
 /// Params of `profilometry`.
@@ -103,7 +116,7 @@ pub struct Profilometry;
 
 impl Stage for Profilometry {
     const NAME: &'static str = "profilometry";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const ABOUT: &'static str = "Height of a surface from the phase of the fringes on it, with standard errors";
 
     type Params = Params;
@@ -117,14 +130,11 @@ impl Stage for Profilometry {
         if let Some(f_x) = params.f_x {
             problems.require(f_x.0 > 0.0, "f_x", f_x.0, "mm^-1", "be > 0");
         }
-        if let Some(ReferenceSurface::Tube { inner_diameter, .. }) = params.reference_surface {
-            problems.require(
-                inner_diameter.0 > 0.0,
-                "reference_surface.tube.inner_diameter",
-                inner_diameter.0,
-                "mm",
-                "be > 0",
-            );
+        if let Some(ReferenceSurface::Tube(tube)) = params.reference_surface {
+            for (name, length) in [("inner_diameter", tube.inner_diameter), ("length", tube.length)] {
+                let field = format!("reference_surface.tube.{name}");
+                problems.require(length.0 > 0.0, field, length.0, "mm", "be > 0");
+            }
             if params.method != Method::Triangulation {
                 let rule = "only triangulation knows another reference than a plane";
                 problems.push("method", rule);
@@ -144,6 +154,16 @@ impl Stage for Profilometry {
                             problems.push_with_hint("", message, "move one of them sideways");
                         }
                         _ => {}
+                    }
+                    if let Some(surface @ ReferenceSurface::Tube(_)) = &params.reference_surface
+                        && reference_coordinates(&rig, surface).iter().all(Result::is_err)
+                    {
+                        let hint = "compare its diameter, length, top and center with the scene";
+                        problems.push_with_hint(
+                            "reference_surface",
+                            "no pixel of the camera sees the reference tube",
+                            hint,
+                        );
                     }
                     if let (Method::Formula, Some(what)) = (params.method, departs(&rig)) {
                         problems.warn("method", format!("the formula does not hold exactly: {what}"));
@@ -223,9 +243,12 @@ fn departs(rig: &Rig) -> Option<String> {
 }
 
 /// The first reason against each pixel.
-fn masks(sample: &ImageStack, reference: Option<&ImageStack>, coordinates: &[Option<f64>]) -> Vec<MaskReason> {
-    let mut mask: Vec<MaskReason> =
-        coordinates.iter().map(|u| if u.is_some() { MaskReason::Good } else { MaskReason::NoHeight }).collect();
+fn masks(
+    sample: &ImageStack,
+    reference: Option<&ImageStack>,
+    coordinates: &[Result<f64, MaskReason>],
+) -> Vec<MaskReason> {
+    let mut mask: Vec<MaskReason> = coordinates.iter().map(|u| u.err().unwrap_or(MaskReason::Good)).collect();
     for (stack, own) in [(Some(sample), true), (reference, false)] {
         let Some(layer) =
             stack.and_then(|s| s.mask(None).or_else(|| s.layers.iter().find(|l| l.info.kind == LayerKind::Mask)))
@@ -252,7 +275,7 @@ fn within_a_turn(rig: &Rig, params: &Params, f_x: f64) -> bool {
         range.iter().all(|height| {
             let u = rig.on_plane(pixel, height.0).and_then(|r| rig.coordinate(r));
             match (u, coordinates[pixel]) {
-                (Some(u), Some(reference)) => (TAU * f_x * (u - reference)).abs() < PI,
+                (Some(u), Ok(reference)) => (TAU * f_x * (u - reference)).abs() < PI,
                 _ => true,
             }
         })
@@ -267,7 +290,7 @@ fn turns_found(
     fringes: &Fringes<'_>,
     sample: &ImageStack,
     reference: Option<&ImageStack>,
-    coordinates: &[Option<f64>],
+    coordinates: &[Result<f64, MaskReason>],
     mask: &[MaskReason],
     ctx: Ctx<'_>,
 ) -> Result<Difference, Error> {
@@ -313,7 +336,7 @@ fn heights(
     rig: &Rig,
     fringes: &Fringes<'_>,
     reference: Option<&ImageStack>,
-    coordinates: &[Option<f64>],
+    coordinates: &[Result<f64, MaskReason>],
     found: &Difference,
     f_x: f64,
     mask: &[MaskReason],
@@ -329,7 +352,7 @@ fn heights(
     };
     Ok(match params.method {
         Method::Triangulation => {
-            pixels.map(|i| masked(i, &|| triangulate(rig, i, f_x, coordinates[i], found.delta[i]))).collect()
+            pixels.map(|i| masked(i, &|| triangulate(rig, i, f_x, coordinates[i].ok(), found.delta[i]))).collect()
         }
         Method::Formula => {
             let formula = Formula { l_0: rig.camera.position.z - plane, d: rig.baseline(), f_0: f_x };
@@ -346,7 +369,7 @@ fn heights(
                     let good = mask[i] == MaskReason::Good;
                     let phase = match &measured {
                         Some(phase) => Some(f64::from(phase[i])),
-                        None => coordinates[i].map(|u| TAU * f_x * u),
+                        None => coordinates[i].ok().map(|u| TAU * f_x * u),
                     };
                     phase.filter(|_| good)
                 })

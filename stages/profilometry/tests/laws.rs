@@ -1,16 +1,16 @@
 //! Heights of surfaces whose shape is known: phases are computed from camera, projector and shape, the stage gives the shape back.
 
 use std::f64::consts::TAU;
+use std::sync::Arc;
 
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::Distortion;
-use turbid_contract::payload::{Camera, MaskReason, Phase, Profile, Projection, Projector, Scene};
+use turbid_contract::payload::{Camera, Distortion, MaskReason, Payload, Phase, Profile, Projection, Projector, Scene};
 use turbid_contract::{
     AngleDeg, Ctx, Error, ImageStack, Known, LayerInfo, Length, MemoryHost, PerLength, Problems, Stage,
 };
 use turbid_optics::philox::{key, philox4x32, unit};
 use turbid_profilometry::geometry::Rig;
-use turbid_profilometry::{In, Method, Out, Params, Profilometry, ReferenceSurface, Unwrap};
+use turbid_profilometry::{In, Method, Out, Params, Profilometry, ReferenceSurface, Tube, Unwrap};
 
 fn scene(projector: [f64; 3], look_at: [f64; 3], distorted: bool) -> Scene {
     let distortion = distorted.then_some(Distortion { k1: -0.2, k2: 0.05, p1: 1e-3, p2: -2e-3, k3: 0.0 });
@@ -166,7 +166,7 @@ fn known_shapes_come_back() {
 fn a_warning_says_where_the_formula_fails() {
     let uneven = scene([35.0, 0.0, 400.0], [0.0; 3], false);
     let mut known = Known::default();
-    known.artifacts.insert("scene".into(), std::sync::Arc::new(turbid_contract::Payload::into_artifact(uneven)));
+    known.artifacts.insert("scene".into(), Arc::new(Payload::into_artifact(uneven)));
     let mut problems = Problems::default();
     Profilometry::check(&Params { method: Method::Formula, ..Params::default() }, &known, &mut problems);
     let (found, warnings) = problems.into_parts();
@@ -228,8 +228,8 @@ fn standard_errors_cover() {
     }
 }
 
-/// The inside of a tube against a straight reference tube: where the wall bulges, triangulation gives its points, and the
-/// reference on the plane would not; the flat formula is refused.
+/// The inside of a tube against a straight reference tube: where the wall bulges, triangulation gives its points; pixels that see past the mouth or through
+/// the other end of the reference are masked, and only they; the flat formula is refused, and a tube that nothing sees.
 #[test]
 fn lumens_are_read_against_a_straight_tube() {
     let mut scene = scene([6.0, 0.0, 100.0], [0.0, 0.0, 0.0], false);
@@ -237,7 +237,10 @@ fn lumens_are_read_against_a_straight_tube() {
         (camera.position, camera.field) = ([0.0, 0.0, 100.0], [40.0, 40.0]);
     }
     let rig = Rig::new(&scene, 0.0).unwrap();
-    let tube = ReferenceSurface::Tube { inner_diameter: Length(20.0), center: [Length(0.0); 2] };
+    let (length, top) = (Length(400.0), Length(55.0));
+    let tube = |x: f64| {
+        ReferenceSurface::Tube(Tube { inner_diameter: Length(20.0), length, top, center: [Length(x), Length(0.0)] })
+    };
     let wall = |radius: f64| -> Vec<[f64; 3]> {
         let meet = |i: usize| {
             let (o, w) = rig.ray(i);
@@ -247,20 +250,33 @@ fn lumens_are_read_against_a_straight_tube() {
         (0..rig.rows * rig.columns).map(meet).collect()
     };
     let (narrow, straight) = (wall(9.6), wall(10.0));
-    let params = Params { reference_surface: Some(tube), unwrap: Unwrap::None, ..Params::default() };
+    let params = Params { reference_surface: Some(tube(0.0)), unwrap: Unwrap::None, ..Params::default() };
     let phase = |points: &[[f64; 3]]| phase_of(&rig, points, &[0.1], 0.0, 0.0, 0);
     let (out, _) = run(&params, &scene, phase(&narrow), Some(phase(&straight))).unwrap();
     let (z, mask) = (layer(&out.height.0, "height"), layer(&out.height.0, "mask"));
     let good: Vec<usize> = (0..narrow.len()).filter(|&i| mask[(i / rig.columns, i % rig.columns)] == 0.0).collect();
     assert!(good.len() > narrow.len() / 2, "{}", good.len());
+    let mut outside = [0, 0];
+    for (i, point) in straight.iter().enumerate() {
+        let (beside, beyond) = (point[2] > top.0, point[2] < top.0 - length.0);
+        outside = [outside[0] + usize::from(beside), outside[1] + usize::from(beyond)];
+        let masked = mask[(i / rig.columns, i % rig.columns)] == MaskReason::OutsideReference.code();
+        assert_eq!(masked, beside || beyond, "pixel {i}, on the endless tube at {point:?}");
+    }
+    assert!(outside.iter().all(|&n| n > 10), "{outside:?} pixels past the mouth and through the end");
     for i in good {
         let (got, want) = (f64::from(z[(i / rig.columns, i % rig.columns)]), narrow[i][2]);
         // f32 phases (2e-7 rad) at up to (distance / baseline across)^2 mm per rad.
         assert!((got - want).abs() < 0.02, "pixel {i}: {got} for {want}");
     }
     let mut problems = Problems::default();
-    Profilometry::check(&Params { method: Method::Formula, ..params }, &Known::default(), &mut problems);
+    Profilometry::check(&Params { method: Method::Formula, ..params.clone() }, &Known::default(), &mut problems);
     assert!(problems.into_parts().0[0].to_string().contains("only triangulation"));
+    let mut problems = Problems::default();
+    let aside = Params { reference_surface: Some(tube(300.0)), ..params };
+    let known = Known { artifacts: [("scene".into(), Arc::new(scene.into_artifact()))].into(), ..Known::default() };
+    Profilometry::check(&aside, &known, &mut problems);
+    assert!(problems.into_parts().0[0].to_string().contains("no pixel of the camera sees the reference tube"));
 }
 
 /// What cannot give a height says so: fringes along the baseline's normal, poles, other sizes, missing layers, wrong params.
@@ -298,7 +314,7 @@ fn what_gives_no_height_is_named() {
 
     let mut problems = Problems::default();
     let mut known = Known::default();
-    known.artifacts.insert("scene".into(), std::sync::Arc::new(turbid_contract::Payload::into_artifact(scene.clone())));
+    known.artifacts.insert("scene".into(), Arc::new(Payload::into_artifact(scene.clone())));
     let params = Params {
         orientation_deg: Some(AngleDeg(90.0)),
         heights: Some([Length(5.0), Length(-5.0)]),
@@ -318,13 +334,13 @@ fn what_gives_no_height_is_named() {
     if let Some(p) = &mut above.projector {
         p.position = [0.0, 0.1, 510.0];
     }
-    known.artifacts.insert("scene".into(), std::sync::Arc::new(turbid_contract::Payload::into_artifact(above)));
+    known.artifacts.insert("scene".into(), Arc::new(Payload::into_artifact(above)));
     let mut problems = Problems::default();
     Profilometry::check(&Params::default(), &known, &mut problems);
     assert!(problems.into_parts().0[0].to_string().contains("one above the other"));
     let mut blind = scene.clone();
     blind.projector = None;
-    known.artifacts.insert("scene".into(), std::sync::Arc::new(turbid_contract::Payload::into_artifact(blind)));
+    known.artifacts.insert("scene".into(), Arc::new(Payload::into_artifact(blind)));
     let mut problems = Problems::default();
     Profilometry::check(&Params::default(), &known, &mut problems);
     assert!(problems.into_parts().0[0].to_string().contains("no projector"));

@@ -7,7 +7,7 @@ use turbid_contract::payload::{Covariance, Frames, MaskReason};
 use turbid_contract::{
     Ctx, Error, ImageStack, Known, LayerInfo, LayerKind, Length, MemoryHost, PerLength, Problems, Stage,
 };
-use turbid_demodulate::{Demodulate, In, Method, Out, Params, Steps};
+use turbid_demodulate::{Demodulate, Filter, In, Method, Out, Params, Steps};
 
 mod errors;
 
@@ -212,11 +212,12 @@ fn wanting_the_phase_changes_nothing_else() {
 }
 
 /// One shot of a flat field stands in for three: M_DC, M_AC and phase away from the ends, along rows and columns, with standard errors
-/// that are the spread of the pixels; a reason reaches as far as the filter does; what cannot be parted is named.
+/// that are the spread of the pixels; a reason reaches as far as a filter does, and a fit goes on without the pixel; what cannot be parted is named.
 #[test]
 fn a_single_shot_reads_flat_fields() {
     let (n, f_x, sigma) = (120, 0.1, 0.002);
-    for orientation in [0.0, 90.0] {
+    let ways = [0.0, 90.0].into_iter().flat_map(|o| [(o, Filter::LeastSquares), (o, Filter::Gaussian)]);
+    for (orientation, filter) in ways {
         let mut next = noise(5);
         let mut stack = ImageStack::new(n, n);
         let mut info = LayerInfo::value("radiance", "W mm^-2 sr^-1").with_f_x(f_x);
@@ -227,7 +228,7 @@ fn a_single_shot_reads_flat_fields() {
         stack.push(info.clone(), Array2::from_shape_fn((n, n), value).mapv(|v: f64| v as f32));
         stack.push(info.standard_error(), Array2::from_elem((n, n), sigma as f32));
         stack.layers[0].data[(2, 2)] = f32::NAN;
-        let params = Params { method: Method::SingleShot, pixel_mm: Some(Length(1.0)), ..Params::default() };
+        let params = Params { method: Method::SingleShot, filter, pixel_mm: Some(Length(1.0)), ..Params::default() };
         let (out, _) = with(&params, Frames(stack.clone()), None, &["phase"]).unwrap();
         let (found, phase) = (&out.modulation.0, &out.phase.unwrap().0);
         let inside = |r: usize, c: usize| (30..90).contains(&r) && (30..90).contains(&c);
@@ -249,12 +250,35 @@ fn a_single_shot_reads_flat_fields() {
         }
         let mask = &found.find("mask", None).unwrap().data;
         let (near, far) = if orientation == 0.0 { ((2, 30), (3, 2)) } else { ((30, 2), (2, 3)) };
-        assert_eq!((mask[near], mask[far]), (MaskReason::NotFinite.code(), 0.0));
+        let reached = if filter == Filter::Gaussian { MaskReason::NotFinite.code() } else { 0.0 };
+        assert_eq!((mask[(2, 2)], mask[near], mask[far]), (MaskReason::NotFinite.code(), reached, 0.0));
         let refused = |pixel: f64| {
             let params = Params { pixel_mm: Some(Length(pixel)), ..params.clone() };
             with(&params, Frames(stack.clone()), None, &[]).map(|_| ()).unwrap_err().to_string()
         };
         assert!(refused(4.0).contains("0.4000 cycles per pixel") && refused(0.1).contains("1.2 in the image"));
+        let narrow = Params { window: Some(Length(8.0)), filter: Filter::LeastSquares, ..params.clone() };
+        let message = with(&narrow, Frames(stack.clone()), None, &[]).map(|_| ()).unwrap_err().to_string();
+        assert!(message.contains("a window of 8 mm holds 0.80 periods of f_x = 0.1"), "{message}");
+    }
+    for (params, said) in [
+        (Params { filter: Filter::Gaussian, ..Params::default() }, "only `method: single_shot` reads filter"),
+        (Params { window: Some(Length(9.0)), ..Params::default() }, "`method: speckle` read window"),
+        (
+            Params {
+                method: Method::SingleShot,
+                pixel_mm: Some(Length(1.0)),
+                filter: Filter::Rectangle,
+                window: Some(Length(9.0)),
+                ..Params::default()
+            },
+            "only `least_squares` reads window",
+        ),
+    ] {
+        let mut problems = Problems::default();
+        Demodulate::check(&params, &Known::default(), &mut problems);
+        let found = problems.into_parts().0;
+        assert!(found.len() == 1 && found[0].to_string().contains(said), "{found:?}");
     }
     let mut problems = Problems::default();
     Demodulate::check(&Params { method: Method::SingleShot, ..Params::default() }, &Known::default(), &mut problems);
