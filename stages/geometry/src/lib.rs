@@ -2,10 +2,12 @@
 //! pictures that textures and patterns are read from.
 
 mod hit;
+mod normals;
 pub mod picture;
 mod solid;
 mod view;
 
 pub use hit::{Bodies, Hit};
+pub use normals::{Tangent, normal_of, tangent};
 pub use solid::solid;
 pub use view::{camera_view, projector_view};

@@ -103,6 +103,9 @@ fn speed(method: Method, noise: bool, side: usize) {
             reflectance: Reflectance(stack.clone()),
             lut: Lut(table.clone()),
             sections: None,
+            height: None,
+            normals: None,
+            scene: None,
             source: std::marker::PhantomData,
         };
         let host = MemoryHost::default();

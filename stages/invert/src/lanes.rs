@@ -10,6 +10,7 @@ use turbid_optics::elementary::exp;
 use crate::forward::Bend;
 use crate::pair::{Inverter, spread};
 use crate::pass::{Pass, Settled, Solved, Tally, settle};
+use crate::profile::Correction;
 
 /// Pixels at a time: all that is between stays in the first-level cache.
 const CHUNK: usize = 64;
@@ -19,6 +20,8 @@ type Column = [f64; CHUNK];
 /// One wavelength of an image.
 pub struct Lanes<'a> {
     pub inverter: &'a Inverter<'a>,
+    /// Of a shape without errors.
+    pub correction: Option<&'a Correction>,
     pub r: [&'a [f32]; 2],
     pub noise: Option<Noise<'a>>,
     pub level: Level,
@@ -81,8 +84,8 @@ impl Lanes<'_> {
             self.inverter.table.places(self.level, &scratch.r, &mut scratch.at);
             let carried = mask.map(|m| &m[chunk.clone()]);
             match self.noise {
-                Some(_) => self.look_up::<true>(carried, chunk.len(), &mut scratch),
-                None => self.look_up::<false>(carried, chunk.len(), &mut scratch),
+                Some(_) => self.look_up::<true>(carried, chunk.clone(), &mut scratch),
+                None => self.look_up::<false>(carried, chunk.clone(), &mut scratch),
             }
             dispatch!(self.level, simd => simd.vectorize(#[inline(always)] || self.settle(pass.corrects, &mut scratch)));
             self.write(pass, chunk.clone(), chunk.start - pixels.start, &scratch, planes, &mut tally);
@@ -105,9 +108,9 @@ impl Lanes<'_> {
         }
     }
 
-    fn look_up<const NOISE: bool>(&self, mask: Option<&[f32]>, count: usize, scratch: &mut Scratch) {
+    fn look_up<const NOISE: bool>(&self, mask: Option<&[f32]>, chunk: Range<usize>, scratch: &mut Scratch) {
         let table = self.inverter.table;
-        for o in 0..count {
+        for (o, i) in chunk.enumerate() {
             let carried = mask.map_or(0.0, |m| m[o]);
             if carried != 0.0 {
                 scratch.ways[o] = Way::Masked(carried);
@@ -119,7 +122,8 @@ impl Lanes<'_> {
                 continue;
             }
             scratch.ways[o] = Way::Lanes;
-            (scratch.at[0][o], scratch.at[1][o]) = (patch.p[0], patch.p[1]);
+            let shift = self.correction.map_or(0.0, |correction| correction.ln_stretch(i));
+            (scratch.at[0][o], scratch.at[1][o]) = (patch.p[0] + shift, patch.p[1] + shift);
             if NOISE {
                 let bend = table.bend(&patch);
                 (0..4).for_each(|k| scratch.slope[k][o] = patch.slope[k / 2][k % 2]);
@@ -217,6 +221,7 @@ impl Lanes<'_> {
             let between = noise.covariance.map_or(0.0, |c| f64::from(c[i])) / (r[0] * r[1]);
             [[se[0] * se[0] / (r[0] * r[0]), between], [between, se[1] * se[1] / (r[1] * r[1])]]
         });
-        self.inverter.solve(r, c_r)
+        let solved = self.inverter.solve(r, c_r)?;
+        Ok(self.correction.map_or(solved, |correction| correction.stretched(i, solved)))
     }
 }

@@ -165,6 +165,7 @@ impl LeastSquares<'_> {
                 (0..4).for_each(|ab| table[ab / 2][ab % 2] += gain[ab / 2] * variance * gain[ab % 2]);
             }
         }
-        Some(Spread { covariance, table, bias: Some(bias) })
+        let common = [0, 1].map(|k| gain[..count].iter().map(|gain| gain[k]).sum());
+        Some(Spread { covariance, table, common, bias: Some(bias) })
     }
 }

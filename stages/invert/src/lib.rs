@@ -8,8 +8,9 @@
 //! ```
 //! `table` resamples the look-up table once to ln mu_a, ln mu_s' over uniform coordinates of the reflectance pair and then
 //! fetches bilinearly; `bicubic` solves for each pixel, `linear` and `nearest` are the plain ways; `least_squares` takes
-//! all f_x at once. Theory and measured figures: `docs/theory/invert.md`.
+//! all f_x at once. With the heights of the surface and the scene's camera and projector it also takes off what distance and slope do (`profile`). Theory and measured figures: `docs/theory/invert.md`.
 
+mod exposure;
 pub mod forward;
 pub mod inverse;
 mod lanes;
@@ -19,8 +20,10 @@ mod lut;
 pub mod nearest;
 mod pair;
 mod pass;
+mod profile;
 mod sectioned;
 mod stage;
 mod surface;
 
+pub use profile::Profile;
 pub use stage::{In, Invert, Method, NoiseBias, Out, Outside, Params};

@@ -115,7 +115,8 @@ pub fn spread(gain: &[[f64; 2]; 2], c_r: &[[f64; 2]; 2], bend: Option<Bend>, var
     let covariance = sandwich(gain, c_r);
     let bias = bend.map(|bend| noise_bias(&bend, gain, c_r, &covariance));
     let table = sandwich(gain, &[[variances[0], 0.0], [0.0, variances[1]]]);
-    Spread { covariance, table, bias }
+    let common = [gain[0][0] + gain[0][1], gain[1][0] + gain[1][1]];
+    Spread { covariance, table, common, bias }
 }
 
 fn nearest(nodes: &Nodes, r: [f64; 2], outside: Option<MaskReason>) -> Result<Known, MaskReason> {

@@ -5,6 +5,8 @@ use std::ops::Range;
 use turbid_contract::payload::MaskReason;
 use turbid_optics::elementary::exp;
 
+use crate::profile::Shake;
+
 /// Which planes a pass fills.
 #[derive(Clone, Copy, Debug)]
 pub struct Pass {
@@ -34,8 +36,10 @@ pub struct Solved {
 pub struct Spread {
     /// Of p, from the noise of the pixel.
     pub covariance: [[f64; 2]; 2],
-    /// Of p, from the errors of the look-up table, which pixels have in common.
+    /// Of p, from the errors of the look-up table and of the shape, which pixels have in common.
     pub table: [[f64; 2]; 2],
+    /// d p / d ln of a factor that all R have in common.
+    pub common: [f64; 2],
     /// By how much it raises the mean of p, to second order; `None` where p is no smooth function of the reflectance.
     pub bias: Option<[f64; 2]>,
 }
@@ -50,10 +54,23 @@ impl Solved {
         let noise = self.noise.zip(other.noise).map(|(a, b)| Spread {
             covariance: mixed(a.covariance, b.covariance),
             table: mixed(a.table, b.table),
+            common: [0, 1].map(|k| mix(a.common[k], b.common[k])),
             bias: a.bias.zip(b.bias).map(|(a, b)| [mix(a[0], b[0]), mix(a[1], b[1])]),
         });
         let p = [mix(self.p[0], other.p[0]), mix(self.p[1], other.p[1])];
         Self { p, noise, outside: self.outside.or(other.outside) }
+    }
+}
+
+impl Spread {
+    /// Adds what errors of the shape do: a change of ln(irradiance) is one of all R, a change of ln(stretch) one of p. Neighbours share them, so that they
+    /// count with the errors of the table.
+    pub fn shaken(mut self, shake: &Shake) -> Self {
+        for [irradiance, stretch] in shake {
+            let d = self.common.map(|g| stretch - g * irradiance);
+            (0..4).for_each(|ab| self.table[ab / 2][ab % 2] += d[ab / 2] * d[ab % 2]);
+        }
+        self
     }
 }
 
@@ -163,7 +180,7 @@ pub struct Settled {
 /// mu = exp(p) with its errors: a scatter of p raises the mean of mu as that of a lognormal.
 #[inline(always)]
 pub fn settle(p: [f64; 2], spread: &Spread, corrects: bool) -> Settled {
-    let Spread { covariance: c_p, table, bias } = spread;
+    let Spread { covariance: c_p, table, bias, .. } = spread;
     let mut mu = [exp(p[0]), exp(p[1])];
     let mut excess = 0.0;
     if let Some(bias) = bias {

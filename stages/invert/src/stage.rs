@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::{Covariance, Lut, Maps, Reflectance, Sections};
+use turbid_contract::payload::{Covariance, Exposure, Lut, Maps, Reflectance, Relief, Scene, Sections};
 use turbid_contract::planes::mean_se;
 use turbid_contract::{
     AngleDeg, Attributes, Ctx, Error, ImageStack, Known, Layer, LayerInfo, LayerKind, PerLength, Problems, Stage,
@@ -18,6 +18,7 @@ use crate::lanes::{Lanes, Noise};
 use crate::least_squares::MOST;
 use crate::lut::{agree, same_f_x, sections};
 use crate::pass::{Pass, Tally};
+use crate::profile::{Correction, Profile, lacks};
 use crate::sectioned::{Places, Solver, prepare};
 
 /// How a pair of reflectances becomes a pair of properties.
@@ -86,6 +87,9 @@ pub struct Params {
     /// Which orientation to use, where the reflectance has several.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub orientation_deg: Option<AngleDeg>,
+    /// How the shape is taken into account, where `height` and `scene` are connected.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub profile: Option<Profile>,
 }
 
 in_ports! {
@@ -96,6 +100,12 @@ in_ports! {
         lut: one Lut,
         /// Which pixel belongs to which section of the table, where it has any.
         sections: optional Sections,
+        /// Heights of the surface, as `profilometry` measures them or `truth` of `render`: maps are then corrected for distance and slope.
+        height: optional Relief,
+        /// Unit normals of the surface, where they are not to be taken from the heights.
+        normals: optional Relief,
+        /// Camera and projector, for the correction.
+        scene: optional Scene,
     }
 }
 
@@ -105,6 +115,8 @@ out_ports! {
         maps: one Maps,
         /// Covariance of mu_a and mu_s' of each pixel.
         covariance: optional Covariance,
+        /// Light and view of each pixel, where the shape is corrected for.
+        exposure: preview Exposure,
     }
 }
 
@@ -150,6 +162,7 @@ impl Stage for Invert {
                 "write `outside: mask`, or leave it out",
             );
         }
+        check_profile(params, known, problems);
         if let (Some(reflectance), Some(lut)) = (known.get::<Reflectance>("reflectance"), known.get::<Lut>("lut"))
             && let Err(Error::Failed { what, .. }) = agree(&reflectance.0.attributes, &lut.0.attributes)
         {
@@ -157,13 +170,18 @@ impl Stage for Invert {
         }
     }
 
-    fn plan(params: &Params, _known: &Known) -> StagePlan {
-        StagePlan { method: Some(params.method.name().into()), ..StagePlan::default() }
+    fn plan(params: &Params, known: &Known) -> StagePlan {
+        let corrects = known.connected.iter().any(|port| port == "height");
+        let left_out = if corrects { Vec::new() } else { vec!["profile correction (no heights)".to_owned()] };
+        StagePlan { method: Some(params.method.name().into()), left_out, ..StagePlan::default() }
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
         let (stack, lut) = (&inputs.reflectance.0, &inputs.lut);
         agree(&stack.attributes, &lut.0.attributes)?;
+        let correction = correction(params, &inputs, ctx)?;
+        let corrected = correction.as_ref().map(|correction| correction.corrected(stack));
+        let stack = corrected.as_ref().unwrap_or(stack);
         let first = wavelengths(stack).into_iter().next();
         let first = first.ok_or_else(|| Error::failed("the reflectance holds no layer `r_d`"))?;
         let f_x: Vec<f64> = layers_of(stack, first, params)?.iter().map(|&k| f_x_of(&stack.layers[k])).collect();
@@ -195,8 +213,9 @@ impl Stage for Invert {
             if !layers.iter().map(|&k| f_x_of(&stack.layers[k])).eq(f_x.iter().copied()) {
                 return Err(Error::failed("the wavelengths of the reflectance have different f_x"));
             }
-            invert(stack, &layers, (&solvers, &places), &pass, ctx, &mut maps, &mut covariance)?;
+            invert(stack, &layers, (&solvers, &places, correction.as_ref()), &pass, ctx, &mut maps, &mut covariance)?;
         }
+        let exposure = correction.as_ref().filter(|_| ctx.wants("exposure")).map(|c| Exposure(c.image(&f_x)));
         let mut attributes = stack.attributes.clone();
         attributes.insert("f_x".into(), f_x.into());
         attributes.insert("table_error".into(), table_error.into());
@@ -206,8 +225,87 @@ impl Stage for Invert {
             stack.attributes.insert("quantities".into(), quantities);
             Covariance(stack)
         });
-        Ok(Out { maps: Maps(maps.into_stack(stack, attributes)), covariance })
+        Ok(Out { maps: Maps(maps.into_stack(stack, attributes)), covariance, exposure })
     }
+}
+
+/// What the correction needs, and what it cannot do.
+fn check_profile(params: &Params, known: &Known, problems: &mut Problems) {
+    if let Some(profile) = &params.profile {
+        profile.check(problems);
+    }
+    let connected = |port: &str| known.connected.iter().any(|c| c == port);
+    let (height, scene) = (connected("height"), connected("scene"));
+    if !height {
+        for (at, port, given) in [
+            ("profile", "profile", params.profile.is_some()),
+            ("", "normals", connected("normals")),
+            ("", "scene", scene),
+        ] {
+            if given {
+                let message = format!("`{port}` is given, but the input `height` is not: the shape is not known");
+                let way_out = "in: {height: frames.truth}, or the height of a profilometry stage; or leave it out";
+                problems.push_with_hint(at, message, way_out);
+            }
+        }
+        return;
+    }
+    if !scene {
+        let message = "the input `height` is connected, but not `scene`: where camera and projector stand is not known";
+        problems.push_with_hint("", message, "in: {scene: the scene that was rendered or measured}");
+    }
+    if connected("sections") {
+        let message = "the sections of a table already hold what distance and slope do: the shape cannot be corrected for once more";
+        problems.push_with_hint("", message, "leave out `sections` with its table, or `height` and `scene`");
+    }
+    if let Some(scene) = known.get::<Scene>("scene") {
+        if let Some((what, way_out)) = lacks(&scene) {
+            problems.push_with_hint("", what, way_out);
+        }
+        if !scene.lights.is_empty() {
+            let lights = scene.lights.keys().cloned().collect::<Vec<_>>().join(", ");
+            problems.warn("", format!("only the projector's light is corrected for the shape, not that of {lights}"));
+        }
+    }
+}
+
+/// What the shape does to each pixel, where it is known.
+///
+/// Errors: a table that the scaling of half-spaces does not hold for, fringes of several orientations, a shape that does not fit the image.
+fn correction(params: &Params, inputs: &In<'_>, ctx: Ctx<'_>) -> Result<Option<Correction>, Error> {
+    let Some(relief) = &inputs.height else { return Ok(None) };
+    let scene = inputs.scene.as_ref().ok_or_else(|| Error::failed("`height` is connected, but not `scene`"))?;
+    let lut = &inputs.lut.0.attributes;
+    if lut.get("thickness").is_some_and(|d| !d.is_null()) {
+        return Err(Error::failed_with_hint(
+            "the table is that of a slab, whose thickness cannot be scaled with f_x along the surface",
+            "leave `thickness` out of build_lut, or leave out `height`",
+        ));
+    }
+    if lut.contains_key("sections") {
+        return Err(Error::failed("the sections of a table already hold what distance and slope do"));
+    }
+    let stack = &inputs.reflectance.0;
+    let mut orientations = Vec::new();
+    for wavelength_nm in wavelengths(stack) {
+        for k in layers_of(stack, wavelength_nm, params)? {
+            let layer = &stack.layers[k];
+            let orientation = layer.info.orientation_deg.unwrap_or(0.0);
+            if f_x_of(layer) > 0.0 && !orientations.contains(&orientation) {
+                orientations.push(orientation);
+            }
+        }
+    }
+    if orientations.len() > 1 {
+        let all = orientations.iter().map(f64::to_string).collect::<Vec<_>>().join(" and ");
+        let what = format!("the fringes run along {all} deg, and a slope stretches each differently");
+        return Err(Error::invalid("f_x", format!("{what}; name f_x of one orientation")));
+    }
+    let orientation = orientations.first().copied().unwrap_or(0.0);
+    let size = (stack.rows(), stack.columns());
+    let normals = inputs.normals.as_ref().map(|Relief(stack)| stack);
+    let profile = params.profile.unwrap_or_default();
+    Correction::new(&profile, scene, relief, normals, size, orientation, ctx).map(Some)
 }
 
 /// Layers of a stack in the making; values first.
@@ -229,7 +327,7 @@ impl Layers {
 fn invert(
     stack: &ImageStack,
     layers: &[usize],
-    (solvers, places): (&[Solver<'_>], &Places),
+    (solvers, places, correction): (&[Solver<'_>], &Places, Option<&Correction>),
     pass: &dyn Fn(bool) -> Pass,
     ctx: Ctx<'_>,
     maps: &mut Layers,
@@ -269,10 +367,12 @@ fn invert(
     let mask = both(carried.as_deref(), places.mask.as_deref());
     let pass = pass(known);
     let mut planes = vec![Array2::zeros((stack.rows(), stack.columns())); pass.plane_count()];
+    let shaken = known && correction.is_some_and(|c| c.shakes.is_some());
     // Most images are of this kind: worth a way of their own.
     let lanes = match (solvers, places.sectioned()) {
-        ([Solver::Pair(inverter)], false) if inverter.reads_the_table() => Some(Lanes {
+        ([Solver::Pair(inverter)], false) if inverter.reads_the_table() && !shaken => Some(Lanes {
             inverter,
+            correction,
             r: [&r[0], &r[1]],
             noise: known.then(|| Noise { se: [&se[0], &se[1]], covariance: covariance[1].as_deref() }),
             level: named(ctx.simd()),
@@ -288,7 +388,8 @@ fn invert(
             values.iter_mut().zip(&r).for_each(|(value, r)| *value = f64::from(r[i]));
             let noise = |a: usize, b: usize| c_r(i, a, b);
             let noise: Option<&dyn Fn(usize, usize) -> f64> = if known { Some(&noise) } else { None };
-            places.solve(i, |k| solvers[k].solve(&values[..count], noise))
+            let solved = places.solve(i, |k| solvers[k].solve(&values[..count], noise))?;
+            Ok(correction.map_or(solved, |correction| correction.stretched(i, solved)))
         })
     })?;
     let tally = tiles.iter().fold(Tally::default(), Tally::add);

@@ -1,5 +1,8 @@
 //! The default table for two f_x: CPU seconds to make it, its error between the nodes, and Monte Carlo against the solver in standard errors:
 //! `cargo bench -p turbid-lut --bench default_table [-- PATHS SEEDS]`.
+//!
+//! The nodes of a run share its paths, so that its z scores count as few: how many, the correlation of the parts' deviations tells, and with it how far the
+//! deviation of all scores may lie from 1 by chance.
 
 use fearless_simd::Level;
 use turbid_lut::monte_carlo::{self, PARTS};
@@ -78,30 +81,49 @@ fn between(recipe: &Recipe, values: &[f64]) {
     }
 }
 
-/// Nodes of one run share its paths, so that their z scores are few; those of several seeds are pooled.
+/// As how many independent ones the deviations of a run's nodes count: N^2 / tr(C^2), C their correlation matrix. The products of two different parts estimate
+/// tr(C^2) without bias: with unit variances (sum_i x_pi x_qi)^2 has that mean.
+fn independent(deviations: &[Vec<f64>]) -> f64 {
+    let (parts, nodes) = (deviations.len(), deviations[0].len());
+    let sd: Vec<f64> = (0..nodes)
+        .map(|i| (deviations.iter().map(|part| part[i] * part[i]).sum::<f64>() / (parts - 1) as f64).sqrt())
+        .collect();
+    let product = |p: &[f64], q: &[f64]| (0..nodes).map(|i| p[i] * q[i] / (sd[i] * sd[i])).sum::<f64>() / nodes as f64;
+    let pairs = (0..parts).flat_map(|p| (0..p).map(move |q| (p, q)));
+    let squares: f64 = pairs.map(|(p, q)| product(&deviations[p], &deviations[q])).map(|x| x * x).sum();
+    (parts * (parts - 1)) as f64 / 2.0 / squares
+}
+
 fn against(recipe: &Recipe, truth: &[f64], paths: u64, seeds: u64) {
     let white = monte_carlo::white(recipe);
     let each = paths / PARTS as u64;
-    let (mut pooled, mut errors, mut spent) = (Vec::new(), Vec::new(), 0.0);
+    let (mut pooled, mut errors, mut spent, mut count) = (Vec::new(), Vec::new(), 0.0, 0.0);
     for seed in 1..=seeds {
-        let (found, spent_here) = seconds(|| {
-            let parts: Vec<Vec<f64>> = (0..PARTS as u64)
-                .map(|part| {
-                    let mut tally = white.tally(Level::new());
-                    white.trace([seed as u32, 0], part * each, each, &mut tally);
-                    tally.mean(&white)
-                })
-                .collect();
-            monte_carlo::estimate(recipe, &white, &parts).expect("enough paths")
+        let (parts, spent_here) = seconds(|| {
+            let part = |part| {
+                let mut tally = white.tally(Level::new());
+                white.trace([seed as u32, 0], part * each, each, &mut tally);
+                tally.mean(&white)
+            };
+            (0..PARTS as u64).map(part).collect::<Vec<Vec<f64>>>()
         });
         spent += spent_here;
-        let z: Vec<f64> = (0..truth.len()).map(|i| (found.r_d[i] - truth[i]) / found.se[i]).collect();
-        println!("  seed {seed}: z of {} nodes: {}", z.len(), summary(&z));
-        pooled.extend(z);
+        let found = monte_carlo::estimate(recipe, &white, &parts).expect("enough paths");
+        let (_, deviations) = monte_carlo::deviations(recipe, &white, &parts).expect("enough paths");
+        count += independent(&deviations);
+        pooled.extend((0..truth.len()).map(|i| (found.r_d[i] - truth[i]) / found.se[i]));
         errors.extend(found.se.iter().zip(&found.r_d).map(|(se, r)| 100.0 * se / r));
     }
     errors.sort_by(f64::total_cmp);
-    println!("  all seeds: {}", summary(&pooled));
+    // Root of a mean of squares that counts as `count` scores: off from 1 by 1 / sqrt(2 count); a mean by 1 / sqrt(count).
+    let root = (pooled.iter().map(|z| z * z).sum::<f64>() / pooled.len() as f64).sqrt();
+    println!(
+        "  {seeds} seeds of {paths} paths, {} z scores that count as {count:.0}: {}; root mean square {root:.2}, expected 1 +- {:.2}, mean 0 +- {:.2}",
+        pooled.len(),
+        summary(&pooled),
+        1.0 / (2.0 * count).sqrt(),
+        1.0 / count.sqrt()
+    );
     let (median, worst) = (errors[errors.len() / 2], errors[errors.len() - 1]);
     let per_path = spent / (seeds * each * PARTS as u64) as f64;
     println!(

@@ -41,21 +41,30 @@ pub fn white(recipe: &Recipe) -> White {
 ///
 /// Error: a mean that is not positive, where the paths are too few to see anything.
 pub fn estimate(recipe: &Recipe, white: &White, parts: &[Vec<f64>]) -> Result<Estimate, Error> {
+    let count = parts.len() as f64;
+    let (r_d, deviations) = deviations(recipe, white, parts)?;
+    let se = r_d.iter().enumerate().map(|(i, r)| {
+        let squares: f64 = deviations.iter().map(|part| part[i] * part[i]).sum();
+        r * (squares / (count - 1.0) / count).sqrt()
+    });
+    Ok(Estimate { se: se.collect(), r_d })
+}
+
+/// Reflectances in table order, and by how much each part's lie above them, relative.
+///
+/// Error: as [`estimate`].
+pub fn deviations(recipe: &Recipe, white: &White, parts: &[Vec<f64>]) -> Result<(Vec<f64>, Vec<Vec<f64>>), Error> {
     let size = white.alpha.len() * white.kappa.len();
     let count = parts.len() as f64;
     let mean: Vec<f64> = (0..size).map(|i| parts.iter().map(|part| part[i]).sum::<f64>() / count).collect();
     let r_d = nodes(recipe, white, &mean)?;
-    let mut squares = vec![0.0; r_d.len()];
+    let mut all = Vec::with_capacity(parts.len());
     for part in parts {
         // The interpolation is linear in ln T: so are small deviations. T itself may be negative in one part.
         let moved: Vec<f64> = part.iter().zip(&mean).map(|(p, m)| m * libm::exp((p / m - 1.0) / count)).collect();
-        for ((square, r), base) in squares.iter_mut().zip(nodes(recipe, white, &moved)?).zip(&r_d) {
-            let deviation = count * libm::log(r / base);
-            *square += deviation * deviation;
-        }
+        all.push(nodes(recipe, white, &moved)?.iter().zip(&r_d).map(|(r, base)| count * libm::log(r / base)).collect());
     }
-    let se = squares.iter().zip(&r_d).map(|(s, r)| r * (s / (count - 1.0) / count).sqrt()).collect();
-    Ok(Estimate { r_d, se })
+    Ok((r_d, all))
 }
 
 /// T at (mu_a / mu_s', f_x / mu_s') of every node.

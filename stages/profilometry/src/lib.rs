@@ -12,7 +12,6 @@
 
 pub mod formula;
 pub mod geometry;
-mod normals;
 mod phase;
 mod solve;
 mod stage;

@@ -12,10 +12,10 @@ use turbid_contract::{
     AngleDeg, Ctx, Error, ImageStack, Known, Layer, LayerInfo, LayerKind, Length, PerLength, Problems, Stage,
     StagePlan, in_ports, out_ports,
 };
+use turbid_geometry::tangent;
 
 use crate::formula::Formula;
 use crate::geometry::Rig;
-use crate::normals::normal;
 use crate::phase::{Difference, Fringes, difference, reference_coordinates, refine, same};
 use crate::solve::{Height, Line, by_formula, triangulate};
 use crate::unwrap::unwrap;
@@ -438,6 +438,9 @@ fn mask_layer() -> LayerInfo {
     LayerInfo::new("mask", LayerKind::Mask, "1")
 }
 
+/// Pixels on each side that a normal is taken from.
+const NORMAL_REACH: usize = 2;
+
 fn normals(rig: &Rig, heights: &ImageStack, mask: &[MaskReason]) -> Maps {
     let z = heights.find("height", None).map(Layer::pixels).expect("made before");
     let point = |i: usize| {
@@ -445,7 +448,8 @@ fn normals(rig: &Rig, heights: &ImageStack, mask: &[MaskReason]) -> Maps {
         good.then(|| rig.on_plane(i, f64::from(z[i]))).flatten()
     };
     let points: Vec<Option<DVec3>> = (0..mask.len()).map(point).collect();
-    let found: Vec<Option<DVec3>> = (0..mask.len()).map(|i| normal(&points, rig.columns, i, -rig.ray(i).1)).collect();
+    let normal = |i: usize| tangent(&points, rig.columns, i, NORMAL_REACH).map(|tangent| tangent.normal(-rig.ray(i).1));
+    let found: Vec<Option<DVec3>> = (0..mask.len()).map(normal).collect();
     let mut stack = ImageStack::new(rig.rows, rig.columns);
     let image = |value: &dyn Fn(usize) -> f32| {
         Array2::from_shape_fn((rig.rows, rig.columns), |(r, c)| value(r * rig.columns + c))

@@ -87,6 +87,12 @@ image_payload!(
     SurfaceFrequency, "surface_frequency"
 );
 image_payload!(
+    /// How the projector's light falls on a surface, by pixels of the camera: layers `irradiance` (1, over that on the reference plane
+    /// which the same pixel sees), `f_surface` (mm^-1, along the surface) for each f_x > 0, `incidence` and `view` (rad, between the normal and the
+    /// ways to projector and camera), `mask`.
+    Exposure, "exposure"
+);
+image_payload!(
     /// A picture for people: layers `red`, `green`, `blue` (or `grey`) in [0, 1].
     Preview, "preview"
 );

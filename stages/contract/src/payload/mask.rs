@@ -32,10 +32,12 @@ pub enum MaskReason {
     OutsideSections = 13,
     /// No medium explains the readings.
     NoFit = 14,
+    /// The surface is turned too far away from projector or camera.
+    TooSteep = 15,
 }
 
 impl MaskReason {
-    pub const ALL: [MaskReason; 15] = [
+    pub const ALL: [MaskReason; 16] = [
         Self::Good,
         Self::Background,
         Self::LowSignal,
@@ -51,6 +53,7 @@ impl MaskReason {
         Self::BeyondProjector,
         Self::OutsideSections,
         Self::NoFit,
+        Self::TooSteep,
     ];
 
     /// The value in the mask layer.
@@ -76,6 +79,7 @@ impl MaskReason {
             Self::BeyondProjector => "finer than the projector's pixels",
             Self::OutsideSections => "outside the sections",
             Self::NoFit => "no fit",
+            Self::TooSteep => "surface too steep",
         }
     }
 }

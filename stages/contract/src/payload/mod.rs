@@ -7,19 +7,21 @@ mod lut;
 mod mask;
 mod metrics;
 mod readings;
+mod relief;
 mod scene;
 mod sections;
 
 pub use estimate::{Estimate, Expected};
 pub use fit::Fit;
 pub use images::{
-    Covariance, Errors, Frames, Maps, Modulation, Pattern, Phase, Preview, Reflectance, SurfaceFrequency, Truth,
-    Validity, White,
+    Covariance, Errors, Exposure, Frames, Maps, Modulation, Pattern, Phase, Preview, Reflectance, SurfaceFrequency,
+    Truth, Validity, White,
 };
 pub use lut::{Convention, Lut};
 pub use mask::MaskReason;
 pub use metrics::{Metrics, Power};
 pub use readings::Readings;
+pub use relief::Relief;
 pub use scene::*;
 pub use sections::{Section, Sections, Shares};
 

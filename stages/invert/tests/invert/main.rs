@@ -12,6 +12,7 @@ use turbid_invert::{In, Invert, Method, NoiseBias, Out, Outside, Params};
 use turbid_optics::{LogGrid, Medium, diffusion};
 
 mod noise;
+mod profile;
 mod refusals;
 mod round_trips;
 mod sections;
@@ -74,13 +75,14 @@ fn reflectance(r: &[[f64; 2]], noise: Option<([f64; 2], f64)>) -> Reflectance {
     Reflectance(stack)
 }
 
+/// Of a flat sample, and a table without sections.
+fn inputs(reflectance: Reflectance, lut: Lut) -> In<'static> {
+    In { reflectance, lut, sections: None, height: None, normals: None, scene: None, source: std::marker::PhantomData }
+}
+
 fn invert(reflectance: Reflectance, lut: Lut, params: &Params, wanted: &[&str]) -> Result<(Out, MemoryHost), Error> {
     let host = MemoryHost { wanted: wanted.iter().map(|w| w.to_string()).collect(), ..MemoryHost::default() };
-    let out = Invert::run(
-        params,
-        In { reflectance, lut, sections: None, source: std::marker::PhantomData },
-        Ctx::new(&host),
-    )?;
+    let out = Invert::run(params, inputs(reflectance, lut), Ctx::new(&host))?;
     Ok((out, host))
 }
 

@@ -40,12 +40,8 @@ fn sections_have_tables_of_their_own() {
     let medium = F_X.map(|f| r_d(0.05, 1.2, f));
     let dim = medium.map(|r| 0.7 * r);
     let run = |r: [f64; 2], pixel, method| {
-        let inputs = In {
-            reflectance: reflectance(&[r], Some(([0.01, 0.01], 0.2))),
-            lut: sectioned_lut(&[1.0, 0.7]),
-            sections: Some(sections(&[pixel], 2)),
-            source: std::marker::PhantomData,
-        };
+        let flat = inputs(reflectance(&[r], Some(([0.01, 0.01], 0.2))), sectioned_lut(&[1.0, 0.7]));
+        let inputs = In { sections: Some(sections(&[pixel], 2)), ..flat };
         let params = Params { method, noise_bias: NoiseBias::Keep, ..Params::default() };
         let out = Invert::run(&params, inputs, Ctx::new(&MemoryHost::default())).unwrap().maps.0;
         ["mu_a", "mu_s_prime", "mu_a_se", "mask"].map(|name| layer(&out, name)[0])
@@ -65,7 +61,7 @@ fn sections_have_tables_of_their_own() {
         assert_eq!(run(medium, None, method), [0.0, 0.0, 0.0, f64::from(MaskReason::Background.code())]);
     }
     let fails = |lut: Lut, sections: Option<Sections>| {
-        let inputs = In { reflectance: reflectance(&[medium], None), lut, sections, source: std::marker::PhantomData };
+        let inputs = In { sections, ..inputs(reflectance(&[medium], None), lut) };
         Invert::run(&Params::default(), inputs, Ctx::new(&MemoryHost::default())).map(|_| ()).unwrap_err().to_string()
     };
     assert!(fails(sectioned_lut(&[1.0, 0.7]), None).contains("the table has 2 sections, and which pixel"));
@@ -141,12 +137,7 @@ fn lanes_say_what_pixels_say() {
                     let mut lut = if sectioned { sectioned_lut(&[1.0]) } else { lut(&F_X, r_d) };
                     let se = lut.0.f64s("r_d").unwrap().iter().map(|r| table_se * r).collect();
                     lut.0.push("r_d_se", "1", Cells::F64(se));
-                    let inputs = In {
-                        reflectance: input,
-                        lut,
-                        sections: sectioned.then(|| sections(&own, 1)),
-                        source: std::marker::PhantomData,
-                    };
+                    let inputs = In { sections: sectioned.then(|| sections(&own, 1)), ..inputs(input, lut) };
                     let host = Vectors(simd, MemoryHost { wanted: vec!["covariance".into()], ..MemoryHost::default() });
                     let params = Params { outside, ..Params::default() };
                     let out = Invert::run(&params, inputs, Ctx::new(&host)).unwrap();
