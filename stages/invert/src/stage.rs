@@ -115,8 +115,8 @@ out_ports! {
         maps: one Maps,
         /// Covariance of mu_a and mu_s' of each pixel.
         covariance: optional Covariance,
-        /// Light and view of each pixel, where the shape is corrected for.
-        exposure: preview Exposure,
+        /// Light and view of each pixel; only where the shape is corrected for.
+        exposure: optional Exposure,
     }
 }
 
@@ -215,7 +215,14 @@ impl Stage for Invert {
             }
             invert(stack, &layers, (&solvers, &places, correction.as_ref()), &pass, ctx, &mut maps, &mut covariance)?;
         }
-        let exposure = correction.as_ref().filter(|_| ctx.wants("exposure")).map(|c| Exposure(c.image(&f_x)));
+        let exposure = match (&correction, ctx.wants("exposure")) {
+            (Some(correction), true) => Some(Exposure(correction.image(&f_x))),
+            (None, true) => {
+                let what = "`exposure` is wanted, but without the input `height` no light falls on any shape";
+                return Err(Error::failed_with_hint(what, "connect `height` and `scene`"));
+            }
+            (_, false) => None,
+        };
         let mut attributes = stack.attributes.clone();
         attributes.insert("f_x".into(), f_x.into());
         attributes.insert("table_error".into(), table_error.into());
