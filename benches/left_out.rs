@@ -5,14 +5,13 @@
 //! three phases, A_rho 100, S_rho 5000, g 0.8, camera at 500 mm, projector 35 mm beside it, 64 paths per pixel where
 //! nothing else is said. CPU seconds of the render alone, the least of three runs, taken in turns; and how far the two image means are apart.
 
-#[allow(dead_code, reason = "not all of it is needed here")]
 mod program;
 
 use std::f64::consts::TAU;
 use std::fmt::Write as _;
 use std::path::Path;
 
-use program::{Ran, frames};
+use program::{number, run, stage};
 
 /// Runs of each side.
 const RUNS: u64 = 3;
@@ -193,6 +192,24 @@ impl Scene {
             "pipeline: left_out\nseed: {seed}\nstages:\n  scene:\n    use: scene\n    with:\n      {channels}\n      media: {media}\n      objects:\n{objects}      camera: {{position: [0, 0, 500], look_at: [0, 0, 0], field: [64, 64], pixels: [64, 64], specular: exclude{camera}}}\n      projector: {{position: [35, 0, 500], look_at: [0, 0, 0], field: [256, 256], power: 5{projector}}}\n      lights: {lights}\n{stages}  frames:\n    use: render\n    in: {{{input}}}\n    with: {{{shown}{render}}}\n"
         )
     }
+}
+
+/// What the render of a run cost and gave.
+struct Ran {
+    cpu_seconds: f64,
+    /// Mean over the image of each frame, and its standard error.
+    means: Vec<[f64; 2]>,
+}
+
+fn frames(space: &Path, pipeline: &str) -> Result<Ran, String> {
+    let shown = run(space, pipeline)?;
+    let frames = stage(&shown, "frames")?;
+    let layers = frames["ports"]["frames"]["layers"].as_array().into_iter().flatten();
+    let values = layers.filter(|layer| layer["kind"] == "value");
+    Ok(Ran {
+        cpu_seconds: number(&frames["cpu_seconds"]),
+        means: values.map(|layer| [number(&layer["mean"]), number(&layer["mean_se"])]).collect(),
+    })
 }
 
 /// The least CPU seconds.

@@ -3,10 +3,9 @@
 //! A half-space (A_rho 100, S_rho 5000, g 0.8, n 1), f_x 0.1 and 0.2 in three phases each; in the last rows a sphere on it, where stand-ins double the sums. CPU seconds of the render
 //! alone, and the peak of the resident memory of the whole process while it ran (Linux; 0 elsewhere).
 
-#[allow(dead_code, reason = "not all of it is needed here")]
 mod program;
 
-use program::frames;
+use program::{number, run, stage};
 
 struct Row {
     side: u32,
@@ -44,12 +43,13 @@ fn main() {
     for row in &rows {
         let Row { side, samples, params, ball } = row;
         let what = format!("{params}{}", if *ball { ", sphere on the slab" } else { "" });
-        match frames(space.path(), &pipeline(row)) {
-            Ok(ran) => println!(
+        let ran = run(space.path(), &pipeline(row));
+        match ran.as_ref().map_err(String::clone).and_then(|shown| stage(shown, "frames")) {
+            Ok(frames) => println!(
                 "| {side} x {side} | {samples} | {what} | {:.2} | {:.2} | {:.0} |",
-                ran.cpu_seconds,
-                1e6 * ran.cpu_seconds / f64::from(side * side * samples),
-                1e-6 * ran.peak_bytes
+                number(&frames["cpu_seconds"]),
+                1e6 * number(&frames["cpu_seconds"]) / f64::from(side * side * samples),
+                1e-6 * number(&frames["peak_bytes"])
             ),
             Err(e) => println!("| {side} x {side} | {samples} | {what} | {}", e.lines().next().unwrap_or_default()),
         }

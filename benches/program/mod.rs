@@ -1,26 +1,15 @@
 //! The program, run as a user runs it.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 
 use serde_json::Value;
 
-/// What a run says of one of its stages.
-pub struct Ran {
-    /// Of its own work, whatever else the machine does.
-    pub cpu_seconds: f64,
-    /// Of the process while it ran.
-    pub peak_bytes: f64,
-    /// Mean over the image of each frame, and its standard error.
-    pub means: Vec<[f64; 2]>,
-    /// Of the file of frames.
-    pub path: PathBuf,
-}
-
-/// Runs a pipeline in an empty store below `space`, and asks for its stage `frames`.
+/// Runs a pipeline in an empty store below `space`; what `turbid show --json` says of its stages afterwards: `cpu_seconds` (of a stage's
+/// own work, whatever else the machine does), `peak_bytes` (of the process while it ran), `ports` and so on.
 ///
 /// Error: what the program says.
-pub fn frames(space: &Path, pipeline: &str) -> Result<Ran, String> {
+pub fn run(space: &Path, pipeline: &str) -> Result<Value, String> {
     let (file, outputs) = (space.join("pipeline.yaml"), space.join("outputs"));
     let _ = std::fs::remove_dir_all(&outputs);
     std::fs::write(&file, pipeline).map_err(|e| e.to_string())?;
@@ -32,16 +21,16 @@ pub fn frames(space: &Path, pipeline: &str) -> Result<Ran, String> {
         if done.status.success() { Ok(said(done.stdout)) } else { Err(said(done.stderr) + &said(done.stdout)) }
     };
     turbid("run")?;
-    let shown: Value = serde_json::from_str(&turbid("show")?).map_err(|e| e.to_string())?;
-    let instances = shown["instances"].as_array().into_iter().flatten();
-    let frames = instances.into_iter().find(|i| i["stage"] == "frames").ok_or("no stage `frames`")?;
-    let number = |value: &Value| value.as_f64().unwrap_or(f64::NAN);
-    let layers = frames["ports"]["frames"]["layers"].as_array().into_iter().flatten();
-    let values = layers.filter(|layer| layer["kind"] == "value");
-    Ok(Ran {
-        cpu_seconds: number(&frames["cpu_seconds"]),
-        peak_bytes: number(&frames["peak_bytes"]),
-        means: values.map(|layer| [number(&layer["mean"]), number(&layer["mean_se"])]).collect(),
-        path: frames["ports"]["frames"]["path"].as_str().map(PathBuf::from).ok_or("no path")?,
-    })
+    serde_json::from_str(&turbid("show")?).map_err(|e| e.to_string())
+}
+
+/// One stage of what [`run`] gave.
+pub fn stage<'a>(shown: &'a Value, name: &str) -> Result<&'a Value, String> {
+    let mut instances = shown["instances"].as_array().into_iter().flatten();
+    instances.find(|i| i["stage"] == name).ok_or(format!("no stage `{name}`"))
+}
+
+/// NaN where there is none.
+pub fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or(f64::NAN)
 }
