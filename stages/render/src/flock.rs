@@ -150,7 +150,7 @@ fn settles(walker: &mut Walker<'_>, place: &mut Place) -> bool {
         if !walker.step(place) {
             return false;
         }
-        if place.ahead && !place.wholly {
+        if place.ahead && place.skin.is_none() {
             return true;
         }
     }

@@ -279,7 +279,7 @@ impl<'a> Walker<'a> {
     }
 
     /// Exact single scattering of a ray that starts outside or at a wall: one point in each scattering piece that it crosses, up to
-    /// where it is bent or ends.
+    /// where it is bent or ends; or in its first piece alone, where the others are looked into when the path gets there.
     pub(crate) fn look_along(&mut self, at: &Place, stream: &Stream) {
         let world = self.setting.world;
         let mut pieces = std::mem::take(&mut self.pieces);
@@ -316,6 +316,9 @@ impl<'a> Walker<'a> {
                 count(self.setting.shared, &mut lengths, piece.material, length);
             }
             entrance = piece.wall;
+            if !at.wholly {
+                break;
+            }
         }
         self.pieces = pieces;
     }

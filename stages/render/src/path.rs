@@ -159,7 +159,7 @@ pub struct Place {
     pub number: u64,
     /// Whether the next flight has been scored ahead, up to its first boundary (beyond it is when it gets there) ...
     pub ahead: bool,
-    /// ... or wholly.
+    /// ... or wholly: where nothing has scattered it yet.
     pub wholly: bool,
     /// Whether it has been scattered, by a medium or diffusely.
     pub scattered: bool,
@@ -412,7 +412,7 @@ impl<'a> Walker<'a> {
                 at.w = (at.w - 2.0 * at.w.dot(normal) * normal).normalize();
                 at.clear = 0.0;
                 let line = self.setting.nee == Nee::Line;
-                (at.ahead, at.wholly) = (line, line);
+                (at.ahead, at.wholly) = (line, line && !at.scattered);
                 if line {
                     self.look_along(at, &stream);
                 }
@@ -445,7 +445,7 @@ impl<'a> Walker<'a> {
                 at.w = on;
                 at.clear = 0.0;
                 let line = self.setting.nee == Nee::Line;
-                (at.ahead, at.wholly) = (line, line);
+                (at.ahead, at.wholly) = (line, line && !at.scattered);
                 if line {
                     self.look_along(at, &stream);
                 }

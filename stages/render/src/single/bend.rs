@@ -4,11 +4,12 @@
 
 use fearless_simd::prelude::*;
 use glam::DVec3;
+use turbid_optics::refraction::refract;
 
 use super::frame::{Frame, Lamp};
 use super::ground::Part;
 use super::lane::{F, M, V, choose, splat};
-use super::look::Looks;
+use super::look::{DARK, Looks};
 use crate::channels::MOST_LENGTHS;
 use crate::path::Walker;
 use crate::strata::Bending;
@@ -28,8 +29,34 @@ pub struct Plane {
     excess: f32,
     /// n of the layer.
     n: f32,
-    /// World z of both ends of the layer, mm.
+    /// World z of the plane and of both ends of the layer, mm.
+    edge: f64,
     layer: [f64; 2],
+    /// n of the light's layer and of the other.
+    indices: [f64; 2],
+    /// How far behind the plane paths are put that start on it, mm: so little of a free path that light does not see it.
+    behind: f64,
+    /// Whether light may come by reflections between the ends of the layer.
+    pub detours: bool,
+}
+
+/// Where flights come to the plane from within the layer.
+pub struct Meeting<S: Simd> {
+    /// mm; any number for those that go away from it.
+    pub distance: F<S>,
+    pub towards: M<S>,
+    /// Just below it.
+    pub place: V<S>,
+    /// Fresnel's, for unpolarised light.
+    pub reflectance: F<S>,
+}
+
+/// A camera's ray that comes through the plane.
+pub enum Entrance {
+    /// It goes on like this, from this place.
+    In(DVec3, DVec3),
+    /// It is reflected.
+    Out,
 }
 
 /// How light comes to points.
@@ -75,15 +102,62 @@ impl Plane {
         if parts.iter().any(stands) {
             return None;
         }
+        let filled = || parts.iter().map(|part| &walker.setting().world.materials[part.material]);
+        let in_layer = || filled().filter(|m| !m.is_opaque() && m.n == n);
+        let layer = [end(false), end(true)];
+        let thinnest = in_layer().map(|m| m.mu_t()).fold(f64::INFINITY, f64::min);
+        let shortest = in_layer().map(|m| 1.0 / m.mu_t()).fold(f64::INFINITY, f64::min);
+        let sign = if up { 1.0 } else { -1.0 };
+        // Also in f32, whose last digit may be more.
+        let behind = (1e-6 * shortest).max(4.0 * f64::from(f32::EPSILON) * (edge - origin.z).abs());
         Some(Self {
+            edge,
+            indices: [n_light, n],
+            behind: sign * behind,
+            detours: thinnest * (layer[1] - layer[0]) < f64::from(DARK),
             z: (edge - origin.z) as f32,
             up: if up { 1.0 } else { -1.0 },
             height: (lamp - edge).abs() as f32,
             m: (n / n_light) as f32,
             excess: ((n - n_light) * (n + n_light) / (n_light * n_light)) as f32,
             n: n as f32,
-            layer: [end(false), end(true)],
+            layer,
         })
+    }
+
+    /// Where rays from within the layer come to the plane.
+    #[inline(always)]
+    pub fn meet<S: Simd>(&self, simd: S, r: V<S>, w: V<S>) -> Meeting<S> {
+        let distance = (self.z - r.z) / w.z;
+        let (x, y) = (r.x + distance * w.x, r.y + distance * w.y);
+        let cos = w.z.abs();
+        let sin2 = w.x * w.x + w.y * w.y;
+        let cos2 = 1.0 - sin2 * (self.m * self.m);
+        let out = cos2.max(splat(simd, 0.0)).sqrt();
+        let s = (cos * self.m - out) / (cos * self.m + out);
+        let p = (out * self.m - cos) / (out * self.m + cos);
+        // Totally reflected, both are 1.
+        Meeting {
+            distance,
+            towards: (w.z * self.up).simd_gt(splat(simd, 0.0)),
+            place: V { x, y, z: splat(simd, self.z - self.behind as f32) },
+            reflectance: choose(cos2.simd_gt(splat(simd, 0.0)), (s * s + p * p) * 0.5, splat(simd, 1.0)),
+        }
+    }
+
+    /// A ray from the light's side at the plane, by a uniform random number. `None` where it does not come there.
+    pub fn enter(&self, from: DVec3, along: DVec3, random: f64) -> Option<Entrance> {
+        let distance = (self.edge - from.z) / along.z;
+        let up = f64::from(self.up);
+        if (from.z - self.edge) * up <= 0.0 || along.z * up >= 0.0 {
+            return None;
+        }
+        let refraction = refract(along, DVec3::Z, self.indices[0], self.indices[1]);
+        let Some(refracted) = refraction.refracted.filter(|_| random >= refraction.reflectance) else {
+            return Some(Entrance::Out);
+        };
+        let place = from + distance * along;
+        Some(Entrance::In(place.with_z(self.edge - self.behind), refracted))
     }
 
     /// With t the tangent on the light's side, H the light's height above the plane, d the point's depth below and m = n / n_light,
@@ -170,7 +244,19 @@ mod tests {
 
     fn plane(height: f32, up: f32, m: f32) -> Plane {
         let excess = (f64::from(m) * f64::from(m) - 1.0) as f32;
-        Plane { z: 0.25, up, height, m, excess, n: m, layer: [0.0; 2] }
+        Plane {
+            z: 0.25,
+            up,
+            height,
+            m,
+            excess,
+            n: m,
+            edge: 0.25,
+            layer: [0.0; 2],
+            indices: [1.0, f64::from(m)],
+            behind: 0.0,
+            detours: true,
+        }
     }
 
     fn lamp(position: [f32; 3]) -> Lamp {

@@ -49,6 +49,10 @@ pub struct Frame {
     pub dark: bool,
     /// Where light from the projector bends on its way to all that scatters.
     pub plane: Option<Plane>,
+    /// Whether that plane turns flights in lanes, too.
+    pub turns: bool,
+    /// Block of random numbers of a path's first flight within a medium: where light bends the one before brings it through the plane.
+    pub first: u32,
     /// Whether looks go in lanes: transparent bodies without repeated media, few enough for `look.rs`.
     pub looks: bool,
     /// Whether there is nothing to look for: no light but from infinity.
@@ -192,6 +196,8 @@ impl Frame {
         let plain = s.light.shines() && view.distortion.is_none() && s.pictures.layers() == 0;
         let plane = if others || !ground.meshes.is_empty() { None } else { Plane::of(walker, &parts, origin) };
         let looks = (straight || plane.is_some()) && !others && can_look(s.world, &parts) && plain;
+        let lanes_alone = blind || (looks && s.steady.lamps.is_empty());
+        let turns = plane.is_some() && lanes_alone;
         Some(Self {
             origin,
             range_squared: (range * range) as f32,
@@ -200,7 +206,7 @@ impl Frame {
             mu_t: parts.iter().map(|part| s.world.materials[part.material].mu_t() as f32).collect(),
             opaque: parts.iter().map(|part| s.world.materials[part.material].is_opaque()).collect(),
             straight: straight && !others,
-            onward: straight && !others && (blind || (looks && s.steady.lamps.is_empty())),
+            onward: straight && !others && lanes_alone,
             others,
             known,
             counted: parts.iter().map(|part| counted_in[part.material]).collect(),
@@ -209,12 +215,17 @@ impl Frame {
             lengths: if s.shared.is_some() { MOST_LENGTHS } else { 0 },
             channels,
             parts,
-            dark: straight && !others && s.steady.ambient == 0.0,
+            // Nothing is on the light's side of the plane.
+            dark: ((straight && !others) || turns) && s.steady.ambient == 0.0,
+            turns,
+            first: if plane.is_some() { 4 } else { 2 },
             plane,
             looks,
             lamps: !s.steady.lamps.is_empty(),
             blind,
-            starts: straight && !others && (looks || blind) && !s.steady.shines() && !s.camera.has_aperture(),
+            starts: ((straight && !others && (looks || blind)) || turns)
+                && !s.steady.shines()
+                && !s.camera.has_aperture(),
             stride: walker.stride(),
             windows: (0..s.world.materials.len()).any(|m| walker.window(m) > 0.0),
             light,

@@ -195,6 +195,24 @@ impl Ground {
         enter.simd_lt(leave) & leave.simd_gt(0.0) & enter.simd_le(s)
     }
 
+    /// Whether rays from within `body` get so far before they leave it or meet one of higher priority. Without meshes.
+    #[inline(always)]
+    pub fn is_free<S: Simd>(&self, simd: S, parts: &[Part], body: U<S>, r: V<S>, w: V<S>, distance: F<S>) -> M<S> {
+        let mut free = M::splat(simd, true);
+        if let [Shape::Slab { .. }] = self.shapes[..] {
+            return free;
+        }
+        let size = r.x.abs().max(r.y.abs().max(r.z.abs()));
+        let until = distance - (distance + size) * SLIVER;
+        for j in 0..parts.len() {
+            let Span { enter, leave } = self.span(simd, j, r, w);
+            let (own, above) = (body.simd_eq(j as u32), body.simd_gt(j as u32));
+            let meets = above & enter.simd_lt(leave) & leave.simd_gt(splat(simd, 0.0)) & enter.simd_lt(until);
+            free &= !(meets | (own & leave.simd_lt(until)));
+        }
+        free
+    }
+
     /// Follows the rays of some lanes from within `body` straight through boundaries and voids to the next filled body.
     #[inline(always)]
     pub fn onward<S: Simd>(&self, simd: S, parts: &[Part], asked: M<S>, body: U<S>, r: V<S>, w: V<S>) -> Onward<S> {

@@ -38,6 +38,12 @@ impl<S: Simd> V<S> {
         Self { x: self.x + s * other.x, y: self.y + s * other.y, z: self.z + s * other.z }
     }
 
+    /// This where `mask` says so, else the other.
+    #[inline(always)]
+    pub fn or(self, mask: M<S>, other: Self) -> Self {
+        Self { x: choose(mask, self.x, other.x), y: choose(mask, self.y, other.y), z: choose(mask, self.z, other.z) }
+    }
+
     #[inline(always)]
     pub fn times(self, s: F<S>) -> Self {
         Self { x: self.x * s, y: self.y * s, z: self.z * s }

@@ -15,7 +15,7 @@ use crate::nee::{ENTERED, TAU_SURE};
 use crate::stream::{ASIDE, aside_code};
 
 /// Optical depth (optical distance to the light) beyond which it counts as none: e^-80 of it.
-const DARK: f32 = 80.0;
+pub const DARK: f32 = 80.0;
 
 /// Of a density e^-x what lies behind this x is nothing to f32.
 const GONE: f32 = 17.0;
@@ -28,6 +28,8 @@ pub const FIRST: u32 = 1 << 31;
 /// The number of a look from where a flight, by its block of random numbers, comes into a medium from elsewhere. Others have the (odd) block behind
 /// their flight's.
 pub const ENTRY: u32 = 1 << 30;
+/// The same of a look along a flight that a wall has turned.
+pub const WALL: u32 = 1 << 29;
 
 /// Columns: r, the direction in which the path came, the one in which it goes on, weight, roulette, mu_a, mu_s, g, optical distance of
 /// the nearest surface; number, sample, pixel, response, body.
@@ -98,22 +100,24 @@ fn look<S: Simd, const LENGTHS: usize>(
 
     // The line: along the path's own direction, or one from the lobe around the light. Rays that come in from outside have no choice.
     let (first, entry) = (number.simd_ge(FIRST), (number & (FIRST | ENTRY)).simd_eq(ENTRY));
-    let block = first.select(U::splat(simd, 1), number & (ENTRY - 1));
+    let wall_look = (number & (FIRST | ENTRY | WALL)).simd_eq(WALL);
+    let block = first.select(U::splat(simd, frame.first - 1), number & (WALL - 1));
     let piece = entry.select(U::splat(simd, ENTERED), U::splat(simd, 0));
     let high = first.select(number & (FIRST - 1), piece) | high;
     let [choice, b, c, u] = philox(simd, block, high, sample, pixel, key);
     let lobe = hg_sample(g, towards, unit(b), unit(c));
-    let given = first | entry;
+    let sure = first | wall_look;
+    let given = sure | entry;
     let goes_on = (choice >> 31).simd_eq(0) | given;
     let e =
         V { x: choose(goes_on, own.x, lobe.x), y: choose(goes_on, own.y, lobe.y), z: choose(goes_on, own.z, lobe.z) };
     let ratio = hg_denominator(g, came.dot(e)) / hg_denominator(g, e.dot(towards));
     let balance = choose(given, splat(simd, 1.0), 2.0 / (1.0 + ratio * ratio.sqrt()));
     let (steepness, incidence) = steepness(simd, frame, r, towards, (wall, wall_body, &normals), e);
-    // Nor is the camera's looked for by roulette. See `nee::depth`.
+    // Nor are the camera's and those from walls looked for by roulette. See `nee::depth`.
     let depth = tau * incidence.abs();
     let depth = choose(depth.simd_gt(least), depth, least);
-    let rarity = choose(first, splat(simd, 1.0), rarity(simd, depth));
+    let rarity = choose(sure, splat(simd, 1.0), rarity(simd, depth));
     let chosen = waiting & (roulette * rarity).simd_lt(1.0);
     let mut along = spans(simd, frame, r, e);
     let rate = falling(simd, steepness, mu_t);
@@ -138,7 +142,7 @@ fn look<S: Simd, const LENGTHS: usize>(
     if LENGTHS > 0 {
         add_in_own(&mut lengths, frame, body, s);
     }
-    if frame.plane.is_some() {
+    if frame.plane.as_ref().is_some_and(|plane| plane.detours) {
         // The first decision of `Walker::detour`.
         let high = high | (ASIDE << 16 | aside_code(0, 0, 1));
         let [chance, ..] = philox(simd, block, high, sample, pixel, key);

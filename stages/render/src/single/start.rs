@@ -4,6 +4,7 @@ use fearless_simd::prelude::*;
 use glam::DVec3;
 use turbid_optics::philox::unit as unit_of;
 
+use super::bend::Entrance;
 use super::frame::Frame;
 use super::lane::{LANES, U, ln, philox, unit};
 use super::look::{FIRST, Looks, look_while};
@@ -50,10 +51,17 @@ impl<'a, const LENGTHS: usize> Starts<'a, LENGTHS> {
         let (p, s) = (U::load_array(simd, pixel), U::load_array(simd, sample));
         let [jx, jy, ja, _] = philox(simd, U::splat(simd, 0), U::splat(simd, high), s, p, key);
         let life = -ln(unit(ja));
+        let bends = frame.starts && frame.plane.is_some();
+        let chance = if bends {
+            let [.., d] = philox(simd, U::splat(simd, 2), U::splat(simd, high), s, p, key);
+            d.to_array()
+        } else {
+            [0; LANES]
+        };
         for i in 0..count {
-            let jitter = (unit_of(jx[i]), unit_of(jy[i]));
+            let draw = [unit_of(jx[i]), unit_of(jy[i]), unit_of(chance[i])];
             let ids = Ids { pixel: pixel[i], sample: sample[i], path: (first + i) as u32 };
-            let made = frame.starts && self.enter(simd, walker, frame, looks, ids, jitter, life[i]);
+            let made = frame.starts && self.enter(simd, walker, frame, looks, ids, draw, life[i]);
             if !made {
                 let mut place = walker.begin(pixel[i] as usize, sample[i], first + i);
                 if settles(walker, frame, &mut place) {
@@ -76,17 +84,27 @@ impl<'a, const LENGTHS: usize> Starts<'a, LENGTHS> {
         frame: &Frame,
         looks: &mut Looks<LENGTHS>,
         ids: Ids,
-        jitter: (f64, f64),
+        [across, down, chance]: [f64; 3],
         life: f32,
     ) -> bool {
         let s = *walker.setting();
-        let (from, along) = s.camera.ray(ids.pixel as usize, jitter.0, jitter.1);
+        let (mut from, mut along) = s.camera.ray(ids.pixel as usize, across, down);
+        let mut inside = true;
+        if let Some(plane) = &frame.plane {
+            match plane.enter(from, along, chance) {
+                Some(Entrance::In(place, refracted)) => (from, along) = (place, refracted),
+                Some(Entrance::Out) if frame.dark => inside = false,
+                _ => return false,
+            }
+        }
         let mut pieces = std::mem::take(&mut walker.pieces);
         pieces.clear();
         match &frame.parts[..] {
+            _ if !inside => {}
             [only] if only.solid.is_convex() => {
                 let (start, end) = only.solid.span(from, along);
                 if start < end && end > 0.0 {
+                    let start = if frame.plane.is_some() { start.max(0.0) } else { start };
                     pieces.push(Piece { start, end, material: only.material, wall: None });
                 }
             }
@@ -116,6 +134,10 @@ impl<'a, const LENGTHS: usize> Starts<'a, LENGTHS> {
             // The camera's ray is a flight, wherever it ended.
             walker.count_flights(1);
         }
+        if made && frame.plane.is_some() {
+            // Up to the plane.
+            walker.count_flights(1);
+        }
         walker.pieces = pieces;
         made
     }
@@ -134,7 +156,7 @@ impl<'a, const LENGTHS: usize> Starts<'a, LENGTHS> {
         let material = |piece: &Piece| &s.world.materials[piece.material];
         let seen = pieces.iter().position(|piece| material(piece).is_opaque()).unwrap_or(pieces.len());
         let scattering = pieces[..seen].iter().filter(|piece| material(piece).mu_s > 0.0).count();
-        if pieces.first().is_some_and(|piece| piece.start <= 0.0)
+        if (frame.plane.is_none() && pieces.first().is_some_and(|piece| piece.start <= 0.0))
             || scattering > MOST_PIECES
             || (scattering == 0 && seen < pieces.len())
         {
@@ -181,7 +203,7 @@ impl<'a, const LENGTHS: usize> Starts<'a, LENGTHS> {
                         window,
                         frame.known,
                     ];
-                    let words = [2, ids.sample, ids.pixel, ids.path, piece.material as u32, body as u32];
+                    let words = [frame.first, ids.sample, ids.pixel, ids.path, piece.material as u32, body as u32];
                     self.ready.push(row, words, counted(&lengths));
                 }
                 if !frame.blind {
@@ -258,10 +280,9 @@ impl Frame {
             number: u64::from(number),
             ahead: true,
             // The camera's ray was scored as far as it goes.
-            wholly: number == 2,
-            // Where walls turn light, paths do not start in lanes.
-            scattered: number != 2,
-            glint: false,
+            wholly: number == self.first,
+            scattered: number != self.first,
+            glint: number == self.first && self.plane.is_some(),
             response: path as usize,
             lengths: std::array::from_fn(|k| lengths.get(k).copied().map_or(0.0, f64::from)),
         }

@@ -6,7 +6,7 @@ use fearless_simd::prelude::*;
 use super::bend::try_detours;
 use super::frame::Frame;
 use super::lane::{F, LANES, M, U, V, choose, hg_sample, ln, philox, spare, splat, unit, unit_short};
-use super::look::{ENTRY, Looks, look_while, rarity};
+use super::look::{ENTRY, Looks, WALL, look_while, rarity};
 use super::rows::Rows;
 use super::start::Starts;
 use crate::batches::Batches;
@@ -18,7 +18,7 @@ use crate::path::{Place, Walker};
 pub type Paths<const LENGTHS: usize> = Rows<15, 6, LENGTHS>;
 
 /// Blocks of random numbers that lanes count to.
-const MOST_BLOCKS: u64 = ENTRY as u64;
+const MOST_BLOCKS: u64 = WALL as u64;
 
 /// Walks the batches and leaves the responses of their paths in the walker, in order.
 pub fn walk(walker: &mut Walker<'_>, frame: &Frame, batches: Batches<'_>) {
@@ -46,7 +46,9 @@ pub fn settles(walker: &mut Walker<'_>, frame: &Frame, place: &mut Place) -> boo
         if !walker.step(place) {
             return false;
         }
-        if place.ahead && !place.wholly && place.number < MOST_BLOCKS && frame.body_at(place).is_some() {
+        // In a medium, not at a wall; or through the plane, and not scattered yet.
+        let ready = place.skin.is_none() || (!place.scattered && place.number == u64::from(frame.first));
+        if place.ahead && ready && place.number < MOST_BLOCKS && frame.body_at(place).is_some() {
             return true;
         }
     }
@@ -117,7 +119,9 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
                 }
             }
             flights += self.alive.count_ones() as usize;
-            let (odd, looking) = self.fly(key, high, responses);
+            let (odd, looking, out) = self.fly(key, high, responses);
+            // On its way to infinity a path makes one more.
+            flights += out.count_ones() as usize;
             if looking != 0 && (self.frame.lamps || !self.frame.looks) {
                 self.look_singly(walker, looking);
             }
@@ -136,9 +140,9 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
     }
 
     /// One flight of every lane that lives. Those that meet a boundary, to be made by the scalar walker from where they stand;
-    /// and those that look for light, queued where lanes can look.
+    /// those that look for light, queued where lanes can look; and those that have left through a plane where light bends.
     #[inline(always)]
-    fn fly(&mut self, key: [u32; 2], high: u32, responses: &mut [f64]) -> (u64, u64) {
+    fn fly(&mut self, key: [u32; 2], high: u32, responses: &mut [f64]) -> (u64, u64, u64) {
         let (simd, frame) = (self.simd, self.frame);
         let [rx, ry, rz, wx, wy, wz, life, lost, weight, free_path, mu_a, mu_s, g, window, known] = self.floats;
         let [number, sample, pixel, path, material, body] = self.words;
@@ -170,11 +174,10 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
             passage.crosses |= asks;
             passage.clear = passage.clear.min(known - s);
         }
-        let far = end.dot(end).simd_gt(frame.range_squared) | number.simd_ge(MOST_BLOCKS as u32);
         let (mut here, mut body, mut material) = ([free_path, mu_a, mu_s, g, window], body, material);
         let (mut lengths, was_in) = (self.lengths, material);
         let (mut first, mut second_in) = (s, splat(simd, 0.0));
-        let (mut escapes, mut crossed) = (no, no);
+        let (mut escapes, mut crossed, mut turned, mut out) = (no, no, no, no);
         if frame.straight && (passage.crosses & alive).any_true() {
             // The rest of the flight in the next body, if it stays in that.
             let on = frame.ground.onward(simd, &frame.parts, passage.crosses & alive, body, r, w);
@@ -204,11 +207,7 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
                 }
                 crossed &= !second.crosses & !to.dot(to).simd_gt(frame.range_squared);
                 absorbed = choose(crossed, mu_a * on.leaves + there[1] * rest, absorbed);
-                end = V {
-                    x: choose(crossed, to.x, end.x),
-                    y: choose(crossed, to.y, end.y),
-                    z: choose(crossed, to.z, end.z),
-                };
+                end = to.or(crossed, end);
                 for (x, y) in here.iter_mut().zip(there) {
                     *x = choose(crossed, y, *x);
                 }
@@ -237,6 +236,25 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
                 passage.crosses &= !crossed;
             }
         }
+        if let Some(plane) = &frame.plane
+            && frame.turns
+            && (passage.crosses & alive).any_true()
+        {
+            // Up to the plane, if nothing else is met before; there Fresnel decides.
+            let meeting = plane.meet(simd, r, w);
+            let fresh = number.simd_eq(frame.first);
+            let meets = passage.crosses & meeting.towards & meeting.distance.simd_le(s) & !fresh;
+            let meets = meets & frame.ground.is_free(simd, &frame.parts, body, r, w, meeting.distance);
+            let reflected = unit_short(d).simd_lt(meeting.reflectance);
+            turned = meets & reflected & !meeting.place.dot(meeting.place).simd_gt(frame.range_squared);
+            escapes = if frame.dark { meets & !reflected } else { no };
+            absorbed = choose(turned | escapes, mu_a * meeting.distance, absorbed);
+            first = choose(turned, meeting.distance, first);
+            end = meeting.place.or(turned, end);
+            passage.crosses &= !turned;
+        }
+        let far = end.dot(end).simd_gt(frame.range_squared) | number.simd_ge(MOST_BLOCKS as u32);
+        turned &= !far;
         if LENGTHS > 0 {
             for (m, &place) in frame.counted_in.iter().enumerate().filter(|(_, place)| **place < LENGTHS) {
                 let within = |it: U<S>, length: F<S>| choose(it.simd_eq(m as u32), length, splat(simd, 0.0));
@@ -249,6 +267,9 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
         let left = life + taken;
         let lost = (left - life) - taken;
         let dies = left.simd_lt(0.0);
+        if frame.turns {
+            out = escapes & alive & !dies;
+        }
         let crosses = passage.crosses | (far & !crossed);
         let odd = alive & crosses & !escapes;
         let mut gone = (dies & !crosses) | escapes;
@@ -258,7 +279,7 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
             let x = passage.clear * window + 1.0;
             let (x2, zero) = (x * x, splat(simd, 0.0));
             let deep = x2 * x2;
-            let plays = weight.simd_lt(deep * 0.5) & window.simd_gt(zero);
+            let plays = weight.simd_lt(deep * 0.5) & window.simd_gt(zero) & !turned;
             gone |= plays & (spare(b, c, d) * deep).simd_ge(weight) & !crosses;
             heavier = choose(plays, deep, weight);
         }
@@ -275,8 +296,20 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
             }
         }
         let goes_on = alive & !crosses & !gone;
-        let looks = if frame.blind { no } else { near & goes_on };
+        let looks = if frame.blind { no } else { near & goes_on & !turned };
         let e = hg_sample(g, w, unit_short(b), unit_short(c));
+        let e = V { x: wx, y: wy, z: -wz }.or(turned, e);
+        let turned = turned & goes_on;
+        if !frame.blind && turned.any_true() {
+            let zero = splat(simd, 0.0);
+            self.looks.rays.pack(
+                turned,
+                &[end.x, end.y, end.z, e.x, e.y, e.z, e.x, e.y, e.z, weight, zero, mu_a, mu_s, g, zero],
+                &[(number + 1) | WALL, sample, pixel, path, body],
+                &lengths,
+            );
+            look_while(simd, &mut self.looks, LANES, frame, key, high, responses);
+        }
         if frame.looks && looks.any_true() {
             self.looks.rays.pack(
                 looks,
@@ -326,7 +359,7 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
         ];
         let odd = odd.to_bitmask();
         self.alive = goes_on.to_bitmask() | odd;
-        (odd, looks.to_bitmask())
+        (odd, looks.to_bitmask(), out.to_bitmask())
     }
 
     /// Looks that lanes cannot make.
