@@ -51,9 +51,10 @@ const TWILIGHT: [Rgb; 17] = [
     [226, 217, 226],
 ];
 
-/// Colours of categories that the colour-blind can tell apart (Okabe and Ito 2008), repeated where there are more.
+/// Colours of categories that the colour-blind can tell apart (Okabe and Ito 2008), then six more; repeated
+/// from there on.
 pub fn category(index: usize) -> Rgb {
-    const PALETTE: [Rgb; 10] = [
+    const PALETTE: [Rgb; 16] = [
         [236, 236, 232],
         [0, 114, 178],
         [230, 159, 0],
@@ -64,6 +65,12 @@ pub fn category(index: usize) -> Rgb {
         [240, 228, 66],
         [110, 110, 110],
         [0, 0, 0],
+        [148, 103, 189],
+        [140, 86, 75],
+        [23, 190, 207],
+        [154, 205, 50],
+        [128, 0, 0],
+        [0, 0, 128],
     ];
     PALETTE[index % PALETTE.len()]
 }
