@@ -1,5 +1,6 @@
 //! Strata: worlds whose refractive index changes at horizontal planes only.
 
+use glam::DVec3;
 use turbid_optics::solid::Solid;
 
 use crate::finish::Finish;
@@ -86,6 +87,22 @@ pub fn facetted(world: &World) -> impl Iterator<Item = &Body> {
     })
 }
 
+/// Bounds of what shows of a solid, less what boxes and slabs before it take off its top and bottom; upside down where nothing shows.
+pub fn shown<'a>(before: impl Iterator<Item = &'a Solid>, solid: &Solid) -> (DVec3, DVec3) {
+    let (mut low, mut high) = solid.bounds();
+    for solid in before.filter(|solid| matches!(solid, Solid::Slab { .. } | Solid::Box { .. })) {
+        let (from, to) = solid.bounds();
+        let covers = from.truncate().cmple(low.truncate()).all() && to.truncate().cmpge(high.truncate()).all();
+        if covers && (from.z..=to.z).contains(&high.z) {
+            high.z = from.z;
+        }
+        if covers && (from.z..=to.z).contains(&low.z) {
+            low.z = to.z;
+        }
+    }
+    (low, high)
+}
+
 /// Whether the bodies' bounding boxes share volume.
 fn meet(a: &Body, b: &Body) -> bool {
     let ((a_low, a_high), (b_low, b_high)) = (a.solid.bounds(), b.solid.bounds());
@@ -125,7 +142,10 @@ impl Strata {
             if matches!(body.solid, Solid::Slab { .. }) || material.is_opaque() {
                 return true;
             }
-            let (low, high) = body.solid.bounds();
+            let (low, high) = shown(world.bodies[..i].iter().map(|body| &body.solid), &body.solid);
+            if low.z >= high.z {
+                return true;
+            }
             let (first, last) = (edges.partition_point(|&e| e <= low.z), edges.partition_point(|&e| e < high.z));
             // Slabs of higher priority hide it.
             between[first..=last].iter().all(|&(layer, slab)| slab < i || layer.opaque || layer.n == material.n)
@@ -151,7 +171,6 @@ impl Strata {
 mod tests {
     use super::*;
     use crate::world::Material;
-    use glam::DVec3;
 
     #[test]
     fn slabs_become_layers_by_priority_and_other_bodies_must_match() {
@@ -187,6 +206,15 @@ mod tests {
             assert_eq!(matches!(bending, Bending::AtPlanes(_)), planes, "ball at {z}");
         }
         assert_eq!(Bending::of(&world(vec![ball(0.0, 0), slab(-10.0, 1.0, 1)])), Bending::AtWalls);
+        // Cut level with the slab by something as wide, it does not stand out of it.
+        let cut = |side: f64, material| Body {
+            solid: Solid::Box { low: DVec3::new(-side, -side, 1.0), high: DVec3::new(side, side, 3.0) },
+            material,
+        };
+        for (side, material, planes) in [(2.0, 0, true), (0.5, 0, false), (2.0, 1, false)] {
+            let bending = Bending::of(&world(vec![cut(side, material), ball(0.5, 2), slab(-10.0, 1.0, 1)]));
+            assert_eq!(matches!(bending, Bending::AtPlanes(_)), planes, "cut by {side}, {material}");
+        }
         // What a slab hides does not bend.
         assert!(matches!(Bending::of(&world(vec![slab(-10.0, 1.0, 1), ball(0.0, 0)])), Bending::AtPlanes(_)));
         assert_eq!(Bending::of(&world(vec![slab(-10.0, 0.5, 1), ball(0.0, 1)])), Bending::AtWalls);

@@ -12,7 +12,7 @@ use super::lane::{F, M, V, choose, splat};
 use super::look::{DARK, Looks};
 use crate::channels::MOST_LENGTHS;
 use crate::path::Walker;
-use crate::strata::Bending;
+use crate::strata::{self, Bending};
 
 /// A horizontal plane between a layer, in which everything lies that scatters, and the light's, of lower refractive index.
 #[derive(Clone, Copy, Debug)]
@@ -79,27 +79,31 @@ const ENOUGH: f32 = 1e-4;
 impl Plane {
     /// `None` where light does not bend, or not like this.
     pub fn of(walker: &Walker<'_>, parts: &[Part], origin: DVec3) -> Option<Self> {
-        let Bending::AtPlanes(strata) = &walker.bending else { return None };
-        let (low, high) =
-            parts.iter().filter(|part| part.open).fold((f64::INFINITY, f64::NEG_INFINITY), |ends, part| {
-                let (low, high) = part.solid.bounds();
-                (ends.0.min(low.z), ends.1.max(high.z))
-            });
+        let Bending::AtPlanes(layers) = &walker.bending else { return None };
+        let shown = |i: usize| {
+            let (low, high) = strata::shown(parts[..i].iter().map(|part| &part.solid), &parts[i].solid);
+            (low.z, high.z)
+        };
+        let (low, high) = (0..parts.len())
+            .filter(|&i| parts[i].open)
+            .map(shown)
+            .filter(|(low, high)| low < high)
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |ends, (low, high)| (ends.0.min(low), ends.1.max(high)));
         let lamp = walker.setting().light.view.position.z;
-        let (layer, up) = (strata.layer(low, true), lamp > high);
-        let (edge, next) = strata.onward(layer, up)?;
-        let (n, n_light) = (strata.layers[layer].n, strata.layers[next].n);
-        let outside = strata.layer(high, false) != layer || strata.layer(lamp, !up) != next;
-        if low >= high || outside || strata.layers[next].opaque || n < n_light {
+        let (layer, up) = (layers.layer(low, true), lamp > high);
+        let (edge, next) = layers.onward(layer, up)?;
+        let (n, n_light) = (layers.layers[layer].n, layers.layers[next].n);
+        let outside = layers.layer(high, false) != layer || layers.layer(lamp, !up) != next;
+        if low >= high || outside || layers.layers[next].opaque || n < n_light {
             return None;
         }
-        let end = |up: bool| strata.onward(layer, up).map_or(if up { f64::MAX } else { f64::MIN }, |(edge, _)| edge);
-        let stands = |part: &Part| {
-            let (low, high) = part.solid.bounds();
-            part.material != 0 && if up { high.z > edge } else { low.z < edge }
+        let end = |up: bool| layers.onward(layer, up).map_or(if up { f64::MAX } else { f64::MIN }, |(edge, _)| edge);
+        let stands = |i: usize| {
+            let (low, high) = shown(i);
+            parts[i].material != 0 && low < high && if up { high > edge } else { low < edge }
         };
         // Bodies on the light's side would have to be looked past twice.
-        if parts.iter().any(stands) {
+        if (0..parts.len()).any(stands) {
             return None;
         }
         let filled = || parts.iter().map(|part| &walker.setting().world.materials[part.material]);

@@ -68,5 +68,5 @@ fn bytes_belong_to_the_version() {
         0x40bf_490a_563b_f900,
         0x8f74_14be_c4df_d303,
     ];
-    assert_eq!((RenderStage::VERSION, &digests[..]), (16, &expected[..]), "digests {digests:#x?}");
+    assert_eq!((RenderStage::VERSION, &digests[..]), (17, &expected[..]), "digests {digests:#x?}");
 }

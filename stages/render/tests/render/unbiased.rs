@@ -88,6 +88,14 @@ pub fn scenes() -> Vec<(&'static str, World)> {
         ),
         ("wet half-space with a core", world(vec![(ball([0.5, 0.0, -1.5], 1.0), WET_CORE), (slab(0.0, -500.0), WET)])),
         (
+            "wet core level with wet tissue",
+            world(vec![
+                (cuboid([-9.0, -9.0, 0.0], [9.0, 9.0, 3.0]), VOID),
+                (ball([0.5, 0.0, -0.3], 1.0), WET_CORE),
+                (slab(0.0, -500.0), WET),
+            ]),
+        ),
+        (
             "thin dense slab between glass plates over a white floor",
             world(vec![
                 (slab(0.5, 0.0), GLASS),
