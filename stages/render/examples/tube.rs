@@ -1,8 +1,9 @@
-//! What a path down a tube costs and how much it varies: `cargo run --release -p turbid-render --example tube [paths per pixel] [estimator]`.
+//! What a path down a tube costs and how much it varies: `cargo run --release -p turbid-render --example tube [paths per pixel] [estimator] [pictures]`.
 //!
 //! The tube of the paper (250 mm long, bore of 20 mm, wall of 30 mm), seen along its axis from 110 mm and lit from 100 mm above its mouth, 64 x 64
 //! pixels, by depth below the mouth. rv = variance per path / mean^2 of M_DC, so 1e4 rv paths give 1 %; "within 2 se": how often the stated error of 64
-//! paths holds the mean of all those of the eight pixels that are alike.
+//! paths holds the mean of all those of the eight pixels that are alike. With `pictures` so many are shown in place of a sinusoid: phases of a fringe that is
+//! uniform along the wall, and rv of M_AC (the part of its amplitude along the mean) stands behind that of M_DC.
 
 use glam::{DVec2, DVec3};
 use turbid_optics::solid::Solid;
@@ -29,6 +30,7 @@ const LENGTH: f64 = 250.0;
 fn main() {
     let paths: usize = std::env::args().nth(1).map_or(512, |n| n.parse().expect("a number of paths"));
     let only = std::env::args().nth(2);
+    let shown: usize = std::env::args().nth(3).map_or(0, |n| n.parse().expect("a number of pictures"));
     let view = |z: f64, look_at: f64| {
         let (from, to) = (DVec3::new(0.0, 0.0, z), DVec3::new(0.0, 0.0, look_at));
         View::new(from, to, DVec3::Y, DVec2::splat(20.4)).expect("not along y")
@@ -36,6 +38,8 @@ fn main() {
     let camera = Camera { view: view(110.0, 10.0), columns: SIDE, rows: SIDE };
     let light = Light::new(view(100.0, 0.0), 5.0, false);
     let carriers = [Carrier::new(0.05, 0.0)];
+    let carriers = if shown > 0 { &[][..] } else { &carriers };
+    let pictures = if shown > 0 { along_the_wall(shown, 800) } else { Pictures::NONE };
     let wall = Solid::tube(2.0 * RADIUS, 80.0, DVec2::ZERO, -LENGTH, 0.0);
     let world = World {
         bodies: vec![Body { solid: wall, material: 1 }],
@@ -59,8 +63,8 @@ fn main() {
                 camera: &camera,
                 light: &light,
                 steady: &Steady::NONE,
-                carriers: &carriers,
-                pictures: &Pictures::NONE,
+                carriers,
+                pictures: &pictures,
                 key: [1, 2],
                 channel: 0,
                 nee,
@@ -69,6 +73,7 @@ fn main() {
             let mut walker = Walker::new(setting, named(&std::env::var("TURBID_SIMD").unwrap_or_default()));
             let frame = Frame::of(&walker);
             let mut of_pixel = vec![Vec::with_capacity(paths); pixels.len()];
+            let mut amplitude = vec![Amplitude::default(); pixels.len()];
             let began = cpu_seconds();
             for first in (0..paths).step_by(FEW) {
                 let count = FEW.min(paths - first) as u32;
@@ -82,7 +87,11 @@ fn main() {
                     for path in 0..some.len() * count as usize {
                         let place = some[path / count as usize];
                         let i = pixels.binary_search(&place).expect("one of them");
-                        of_pixel[i].push(walker.response(path)[0]);
+                        let response = walker.response(path);
+                        of_pixel[i].push(response[0]);
+                        if shown > 2 {
+                            amplitude[i].add(&response[1..]);
+                        }
                     }
                 }
             }
@@ -121,8 +130,9 @@ fn main() {
                 intervals += 1;
             }
             let se = (variance / n / of_pixel.len() as f64).sqrt();
+            let ac = if shown > 2 { format!(" and {:.0}", relative_variance(&amplitude)) } else { String::new() };
             println!(
-                "{name}, {from:.0} to {to:.0} ({}): {m:.4e} +- {:.2} %, {:.2}, {:.0}, {:.3}; {:.2}; {:.1} flights",
+                "{name}, {from:.0} to {to:.0} ({}): {m:.4e} +- {:.2} %, {:.2}{ac}, {:.0}, {:.3}; {:.2}; {:.1} flights",
                 pixels.len(),
                 100.0 * se / m,
                 variance / (m * m),
@@ -133,6 +143,51 @@ fn main() {
             );
         }
     }
+}
+
+/// Sums of what paths bring to re and im of a fringe, and of their products.
+#[derive(Clone, Default)]
+struct Amplitude {
+    n: f64,
+    sums: [f64; 2],
+    products: [f64; 3],
+}
+
+impl Amplitude {
+    /// By the N-phase formula.
+    fn add(&mut self, phases: &[f64]) {
+        let n = phases.len() as f64;
+        let turns = |k: usize| std::f64::consts::TAU * k as f64 / n;
+        let re = 2.0 / n * phases.iter().enumerate().map(|(k, x)| x * turns(k).cos()).sum::<f64>();
+        let im = -2.0 / n * phases.iter().enumerate().map(|(k, x)| x * turns(k).sin()).sum::<f64>();
+        self.n += 1.0;
+        self.sums = [self.sums[0] + re, self.sums[1] + im];
+        self.products = [self.products[0] + re * re, self.products[1] + re * im, self.products[2] + im * im];
+    }
+}
+
+/// Variance per path along the mean over its square, both summed over pixels; of the square what noise adds to it is taken away.
+fn relative_variance(of: &[Amplitude]) -> f64 {
+    let (mut variance, mut square) = (0.0, 0.0);
+    for a in of {
+        let [x, y] = a.sums.map(|sum| sum / a.n);
+        let [xx, xy, yy] = a.products.map(|product| product / a.n);
+        let (xx, xy, yy) = (xx - x * x, xy - x * y, yy - y * y);
+        let m2 = x * x + y * y;
+        variance += (x * x * xx + 2.0 * x * y * xy + y * y * yy) / m2;
+        square += m2 - (xx + yy) / a.n;
+    }
+    variance / square
+}
+
+/// Phases of a fringe of 0.05 mm^-1 along the wall, of n x n pixels.
+fn along_the_wall(phases: usize, n: usize) -> Pictures {
+    let at = |i: usize| 20.4 * ((i as f64 + 0.5) / n as f64 - 0.5);
+    Pictures::new(phases, n, n, |phase, row, column| {
+        let depth = 100.0 * RADIUS / at(row).hypot(at(column)) - 100.0;
+        let turns = 0.05 * depth + phase as f64 / phases as f64;
+        (0.5 + 0.5 * (std::f64::consts::TAU * turns).cos()) as f32
+    })
 }
 
 /// Seconds that this thread has had a core, so that other work on the machine does not count (Linux; 0 elsewhere).

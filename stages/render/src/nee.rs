@@ -57,7 +57,7 @@ pub(crate) const ENTERED: u32 = 1 << 12;
 fn first_block(stream: &Stream, source: Source<'_>, number: u64, piece: usize) -> [u32; 4] {
     match source {
         Source::Projector(_) => stream.block(number + ((piece as u64) << 32)),
-        Source::Lamp(i, _) if number == 1 => stream.block((3 << 46) | ((i as u64) << 33) | piece as u64),
+        Source::Lamp(i, _) if number == 1 => stream.block(first_number(i, piece)),
         Source::Lamp(..) => stream.aside(number, source.place(), piece, 0),
     }
 }
@@ -66,8 +66,18 @@ fn first_block(stream: &Stream, source: Source<'_>, number: u64, piece: usize) -
 fn line_block(source: Source<'_>, number: u64) -> u64 {
     match source {
         Source::Projector(_) => number,
-        Source::Lamp(i, _) => (1 << 47) | ((i as u64) << 33) | number,
+        Source::Lamp(i, _) => line_number(i, number),
     }
+}
+
+/// The block of a lamp's look along the camera's ray.
+pub(crate) fn first_number(lamp: usize, piece: usize) -> u64 {
+    (3 << 46) | ((lamp as u64) << 33) | piece as u64
+}
+
+/// The block of a lamp's look ahead.
+pub(crate) fn line_number(lamp: usize, number: u64) -> u64 {
+    (1 << 47) | ((lamp as u64) << 33) | number
 }
 
 impl<'a> Walker<'a> {

@@ -34,6 +34,26 @@ impl Pictures {
         self.layers
     }
 
+    /// Rows and columns.
+    pub fn size(&self) -> [usize; 2] {
+        [self.rows, self.columns]
+    }
+
+    /// Values of all layers, for lanes: between the pixel of a column and a row and those to the right of it and below, by their shares `x` and `y`.
+    #[inline(always)]
+    pub fn blend(&self, column: f32, row: f32, x: f32, y: f32) -> impl Iterator<Item = f32> {
+        let (column, row) = (column as usize, row as usize);
+        let (right, below) = ((column + 1).min(self.columns - 1), (row + 1).min(self.rows - 1));
+        let pixel =
+            |row: usize, column: usize| &self.texels[(row * self.columns + column) * self.layers..][..self.layers];
+        let (above_left, above_right) = (pixel(row, column), pixel(row, right));
+        let (below_left, below_right) = (pixel(below, column), pixel(below, right));
+        let (p, q, r, s) = ((1.0 - x) * (1.0 - y), x * (1.0 - y), (1.0 - x) * y, x * y);
+        let above = above_left.iter().zip(above_right).map(move |(a, b)| p * a + q * b);
+        let below = below_left.iter().zip(below_right).map(move |(a, b)| r * a + s * b);
+        above.zip(below).map(|(above, below)| above + below)
+    }
+
     /// The surroundings of the place (x, y) of the field: (0, 0) its upper left corner, (1, 1) its lower right.
     #[inline]
     pub fn around(&self, x: f64, y: f64) -> Around {

@@ -6,7 +6,7 @@ use fearless_simd::prelude::*;
 use glam::DVec3;
 use turbid_optics::refraction::refract;
 
-use super::frame::{Frame, Lamp};
+use super::frame::Frame;
 use super::ground::Part;
 use super::lane::{F, M, V, choose, splat};
 use super::look::{DARK, Looks};
@@ -167,9 +167,9 @@ impl Plane {
     /// With t the tangent on the light's side, H the light's height above the plane, d the point's depth below and m = n / n_light,
     /// the advance sideways is t (H + d / q), q^2 = m^2 + (m^2 - 1) t^2.
     #[inline(always)]
-    pub fn way<S: Simd>(&self, simd: S, lamp: &Lamp, p: V<S>) -> Way<S> {
+    pub fn way<S: Simd>(&self, simd: S, light: [f32; 3], p: V<S>) -> Way<S> {
         let (zero, height, m2) = (splat(simd, 0.0), self.height, self.m * self.m);
-        let (x, y) = (lamp.position[0] - p.x, lamp.position[1] - p.y);
+        let (x, y) = (light[0] - p.x, light[1] - p.y);
         let advance = (x * x + y * y).sqrt();
         let sideways = choose(advance.simd_gt(zero), 1.0 / advance, zero);
         let depth = ((self.z - p.z) * self.up).max(zero);
@@ -227,7 +227,7 @@ pub struct Detour {
 
 /// Tries those that wait, in their order.
 #[inline(never)]
-pub fn try_detours<const LENGTHS: usize>(walker: &mut Walker<'_>, frame: &Frame, looks: &mut Looks<LENGTHS>) {
+pub fn try_detours<const LENGTHS: usize>(walker: &mut Walker<'_>, frame: &Frame<'_>, looks: &mut Looks<LENGTHS>) {
     for detour in looks.detours.drain(..) {
         let mut r = frame.world(detour.r);
         if let Some(plane) = &frame.plane {
@@ -263,25 +263,11 @@ mod tests {
         }
     }
 
-    fn lamp(position: [f32; 3]) -> Lamp {
-        Lamp {
-            position,
-            plane: 0.0,
-            center: [0.0; 2],
-            right: [1.0, 0.0],
-            top: [0.0, 1.0],
-            half: [1.0; 2],
-            strength: 1.0,
-            irradiance: 1.0,
-            flat: false,
-        }
-    }
-
     /// Of each lane: direction, length, foot, gain.
     #[inline(always)]
-    fn ways<S: Simd>(simd: S, plane: Plane, lamp: Lamp, points: [[f32; 3]; LANES]) -> [[f32; 8]; LANES] {
+    fn ways<S: Simd>(simd: S, plane: Plane, light: [f32; 3], points: [[f32; 3]; LANES]) -> [[f32; 8]; LANES] {
         let axis = |i: usize| F::load_array(simd, points.map(|p| p[i]));
-        let way = plane.way(simd, &lamp, V { x: axis(0), y: axis(1), z: axis(2) });
+        let way = plane.way(simd, light, V { x: axis(0), y: axis(1), z: axis(2) });
         let (towards, foot) = (way.towards, way.foot);
         let columns = [towards.x, towards.y, towards.z, way.length, foot.x, foot.y, foot.z, way.gain];
         std::array::from_fn(|lane| columns.map(|column| column.as_slice()[lane]))
@@ -298,14 +284,14 @@ mod tests {
         {
             for advance in [0.0_f32, 1e-3, 0.4, 35.0, 600.0, 2e4] {
                 let position = [3.0, -2.0, 0.25 + up * height];
-                let (plane, lamp) = (plane(height, up, m), lamp(position));
+                let plane = plane(height, up, m);
                 let points: [[f32; 3]; LANES] = std::array::from_fn(|i| {
                     let turn = i as f32;
                     [3.0 + advance * turn.cos(), -2.0 + advance * turn.sin(), 0.25 - up * depths[i % depths.len()]]
                 });
                 let found = dispatch!(crate::level::named(""), simd => simd.vectorize(
                     #[inline(always)]
-                    || ways(simd, plane, lamp, points)
+                    || ways(simd, plane, position, points)
                 ));
                 for (p, found) in points.iter().zip(found) {
                     let [x, y] = [0, 1].map(|i| f64::from(position[i]) - f64::from(p[i]));

@@ -7,9 +7,10 @@ use super::bend::Plane;
 use super::ground::{Ground, Part};
 use super::look::MOST_BODIES;
 use super::mesh::Eyes;
-use crate::channels::{MOST_LENGTHS, Share};
+use super::picture::Shown;
+use super::source::Source;
+use crate::channels::MOST_LENGTHS;
 use crate::finish::Finish;
-use crate::light::Emission;
 use crate::path::{Nee, Setting, Walker};
 use crate::world::{Material, Spans, World};
 
@@ -23,7 +24,7 @@ const LARGEST: f64 = 1e9;
 
 /// A world and a light as the lanes see them.
 #[derive(Clone, Debug)]
-pub struct Frame {
+pub struct Frame<'a> {
     /// What local coordinates count from, mm: exact where most of the light is.
     pub origin: DVec3,
     /// Square of the distance (mm) from it to which lanes go.
@@ -53,38 +54,38 @@ pub struct Frame {
     pub turns: bool,
     /// Block of random numbers of a path's first flight within a medium: where light bends the one before brings it through the plane.
     pub first: u32,
-    /// Whether looks go in lanes: transparent bodies without repeated media, few enough for `look.rs`.
+    /// Whether looks go in lanes: few enough bodies for `look.rs`.
     pub looks: bool,
+    /// Whether bodies share a medium: where they touch they are one.
+    pub repeated: bool,
     /// Whether there is nothing to look for: no light but from infinity.
     pub blind: bool,
-    /// Whether there are lamps, for which looks go one by one.
+    /// Whether there are lamps for which looks go one by one.
     pub lamps: bool,
     /// Whether paths start in lanes.
     pub starts: bool,
     /// Whether any medium has a roulette of deep paths.
     pub windows: bool,
-    pub light: Lamp,
+    /// For which they go in lanes: the projector first.
+    pub sources: Vec<Source>,
+    /// Irradiance of the projector at the centre of its field in each channel, W mm^-2: in lanes it is 1 there.
+    pub projected: Vec<f64>,
+    /// The same of lamps.
+    pub steady: f64,
     /// Numbers of a path's response.
     pub stride: usize,
     /// Cycles per mm along x and y, and at the origin, of each carrier.
     pub carriers: Vec<[f32; 3]>,
+    /// Where patterns are pictures.
+    pub shown: Option<Shown<'a>>,
     /// For each body, which of a path's lengths counts what lies in it.
     pub counted: Vec<usize>,
     /// The same for each material.
     pub counted_in: Vec<usize>,
     /// How many lengths a path carries: 0 where it is seen by one channel.
     pub lengths: usize,
-    /// Those that share the paths.
-    pub channels: Vec<Channel>,
-}
-
-/// One of several channels.
-#[derive(Clone, Copy, Debug)]
-pub struct Channel {
-    /// Absorption beyond that of the walk, mm^-1, for each length.
-    pub excess: [f32; MOST_LENGTHS],
-    /// As of the [`Lamp`], W mm^-2.
-    pub irradiance: f64,
+    /// Of each of those that share the paths: absorption beyond that of the walk, mm^-1, for each length.
+    pub channels: Vec<[f32; MOST_LENGTHS]>,
 }
 
 /// The most channels whose looks go in lanes together.
@@ -102,28 +103,9 @@ pub struct Medium {
     pub window: f32,
 }
 
-/// The projector about the local origin.
-#[derive(Clone, Copy, Debug)]
-pub struct Lamp {
-    pub position: [f32; 3],
-    /// z of the field's plane.
-    pub plane: f32,
-    /// Centre of the field, x and y.
-    pub center: [f32; 2],
-    /// Unit vectors along its sides, x and y, and half their lengths, mm.
-    pub right: [f32; 2],
-    pub top: [f32; 2],
-    pub half: [f32; 2],
-    /// Square of the distance of the field's centre, mm^2: there the irradiance is 1 in lanes,
-    pub strength: f32,
-    /// and this in W mm^-2.
-    pub irradiance: f64,
-    pub flat: bool,
-}
-
-impl Frame {
+impl<'a> Frame<'a> {
     /// `None` where f32 cannot hold the render.
-    pub fn of(walker: &Walker<'_>) -> Option<Self> {
+    pub fn of(walker: &Walker<'a>) -> Option<Self> {
         let s = walker.setting();
         if s.nee != Nee::Line {
             return None;
@@ -154,24 +136,6 @@ impl Frame {
             g: m.g as f32,
             window: walker.window(i) as f32,
         });
-        let (strength, flat) = match s.light.emission {
-            Emission::Intensity(i) => (i, false),
-            Emission::Irradiance(e) => (e * view.height() * view.height(), true),
-        };
-        let center = view.look_at - origin;
-        let reach = (view.position - view.look_at).length_squared();
-        let flat_unit = |v: DVec3| [v.x as f32, v.y as f32];
-        let light = Lamp {
-            position: (view.position - origin).as_vec3().to_array(),
-            plane: center.z as f32,
-            center: flat_unit(center),
-            right: flat_unit(view.right),
-            top: flat_unit(view.top),
-            half: [0.5 * view.field.x as f32, 0.5 * view.field.y as f32],
-            strength: reach as f32,
-            irradiance: strength / reach,
-            flat,
-        };
         let carriers = s.carriers.iter().map(|c| {
             let (x, y) = c.along();
             let turns = x * origin.x + y * origin.y;
@@ -186,17 +150,26 @@ impl Frame {
         let straight = |m: &Material| matt(m) || (m.n == 1.0 && m.finish == Finish::Smooth);
         let straight = s.world.materials.iter().all(straight);
         let counted_in = s.shared.map_or_else(|| vec![MOST_LENGTHS; s.world.materials.len()], |s| s.counted.clone());
-        let channel = |share: &Share| Channel {
-            excess: share.excess.map(|mu_a| mu_a as f32),
-            irradiance: light.irradiance * share.projector,
-        };
-        let channels = s.shared.iter().flat_map(|shared| &shared.channels).map(channel).collect();
+        let shares = s.shared.map_or(&[][..], |shared| &shared.channels);
+        let channels = shares.iter().map(|share| share.excess.map(|mu_a| mu_a as f32)).collect();
         let blind = !s.light.shines() && s.steady.lamps.is_empty();
-        // Pictures and lenses are looked up one by one.
-        let plain = s.light.shines() && view.distortion.is_none() && s.pictures.layers() == 0;
         let plane = if others || !ground.meshes.is_empty() { None } else { Plane::of(walker, &parts, origin) };
-        let looks = (straight || plane.is_some()) && !others && can_look(s.world, &parts) && plain;
-        let lanes_alone = blind || (looks && s.steady.lamps.is_empty());
+        // Lenses are looked up one by one; so are lamps where walls bend their light, and beside meshes.
+        let shown = Shown::over(s.light, s.pictures, origin);
+        let plain = view.distortion.is_none() && (s.pictures.layers() == 0 || shown.is_some());
+        let for_lamps = straight && ground.meshes.is_empty();
+        let for_any = if s.light.shines() { plain } else { for_lamps && !blind };
+        let looks = (straight || plane.is_some()) && !others && can_look(s.world, &parts) && for_any;
+        let repeated = repeats(&parts);
+        // Rays meet the facets of their own body only.
+        let looks = looks && (!repeated || ground.meshes.is_empty());
+        let (projector, unit) = Source::projector(s.light, origin);
+        let (lamps, steady) = Source::lamps(s.steady, s.shared, origin);
+        let singly = !(lamps.is_empty() || (looks && for_lamps));
+        let lamps = lamps.into_iter().filter(|_| !singly);
+        let projected =
+            if s.shared.is_some() { shares.iter().map(|s| unit * s.projector).collect() } else { vec![unit] };
+        let lanes_alone = blind || (looks && !singly);
         let turns = plane.is_some() && lanes_alone;
         Some(Self {
             origin,
@@ -221,15 +194,17 @@ impl Frame {
             first: if plane.is_some() { 4 } else { 2 },
             plane,
             looks,
-            lamps: !s.steady.lamps.is_empty(),
+            repeated,
+            lamps: singly,
             blind,
-            starts: ((straight && !others && (looks || blind)) || turns)
-                && !s.steady.shines()
-                && !s.camera.has_aperture(),
+            starts: ((straight && !others && lanes_alone) || (turns && !s.steady.shines())) && !s.camera.has_aperture(),
             stride: walker.stride(),
             windows: (0..s.world.materials.len()).any(|m| walker.window(m) > 0.0),
-            light,
+            sources: s.light.shines().then_some(projector).into_iter().chain(lamps).collect(),
+            projected,
+            steady,
             carriers: carriers.collect(),
+            shown,
         })
     }
 
@@ -281,19 +256,22 @@ fn overlap(a: &Solid, b: &Solid) -> bool {
     a_low.cmplt(b_high).all() && b_low.cmplt(a_high).all()
 }
 
-/// Whether looks in lanes are right: few bodies that they know, without repeated media (those are one where they touch), and nothing that carves
-/// opaque ones.
+/// Whether looks in lanes are right: few bodies that they know, and nothing that carves opaque ones.
 fn can_look(world: &World, parts: &[Part]) -> bool {
     parts.len() <= MOST_BODIES
         && parts.iter().enumerate().all(|(i, part)| {
-            let above = &parts[..i];
-            let repeated = part.filled && above.iter().any(|other| other.material == part.material);
             let opaque = world.materials[part.material].is_opaque();
-            !(repeated || (opaque && above.iter().any(|other| overlap(&other.solid, &part.solid))))
+            !(opaque && parts[..i].iter().any(|other| overlap(&other.solid, &part.solid)))
         })
 }
 
-impl Frame {
+/// Whether bodies share a medium.
+fn repeats(parts: &[Part]) -> bool {
+    let again = |(i, part): (usize, &Part)| part.open && parts[..i].iter().any(|other| other.material == part.material);
+    parts.iter().enumerate().any(again)
+}
+
+impl Frame<'_> {
     /// Distance (mm) of the nearest surface that lanes do not know.
     pub fn clearance(&self, p: DVec3) -> f64 {
         let others = self.parts.iter().enumerate().filter(|(j, _)| self.ground.is_other(*j));

@@ -55,7 +55,7 @@ pub struct Part {
 }
 
 /// Of a ray's coordinates, and of its length to there: some last digits of them. What lies between bodies and is thinner is not there.
-const SLIVER: f32 = 4.8e-7;
+pub const SLIVER: f32 = 4.8e-7;
 /// Bodies between which flights go on in lanes, and boundaries that one may cross.
 const MOST_PARTS: usize = 8;
 const MOST_WALLS: usize = 4;

@@ -9,7 +9,8 @@ use turbid_optics::solid::{Mesh, Stay};
 
 use super::ground::{Ground, Span};
 use super::lane::{F, LANES, M, U, V};
-use super::look::{MOST_BODIES, Spans};
+use super::look::MOST_BODIES;
+use super::sight::Spans;
 
 /// A mesh in single precision.
 #[derive(Clone, Debug)]

@@ -4,12 +4,16 @@
 //! random numbers are the same, so a path differs from the scalar one by rounding only.
 
 mod bend;
+mod deposit;
 pub mod frame;
 pub mod ground;
 pub mod lane;
 mod look;
 mod mesh;
+mod picture;
 mod rows;
+mod sight;
+mod source;
 mod start;
 mod walk;
 

@@ -36,7 +36,7 @@ impl<'a, const LENGTHS: usize> Starts<'a, LENGTHS> {
         &mut self,
         simd: S,
         walker: &mut Walker<'_>,
-        frame: &Frame,
+        frame: &Frame<'_>,
         looks: &mut Looks<LENGTHS>,
         responses: &mut [f64],
     ) {
@@ -81,7 +81,7 @@ impl<'a, const LENGTHS: usize> Starts<'a, LENGTHS> {
         &mut self,
         simd: S,
         walker: &mut Walker<'_>,
-        frame: &Frame,
+        frame: &Frame<'_>,
         looks: &mut Looks<LENGTHS>,
         ids: Ids,
         [across, down, chance]: [f64; 3],
@@ -146,7 +146,7 @@ impl<'a, const LENGTHS: usize> Starts<'a, LENGTHS> {
     fn enter_pieces(
         &mut self,
         s: &Setting<'_>,
-        frame: &Frame,
+        frame: &Frame<'_>,
         looks: &mut Looks<LENGTHS>,
         ids: Ids,
         (from, along): (DVec3, DVec3),
@@ -158,7 +158,8 @@ impl<'a, const LENGTHS: usize> Starts<'a, LENGTHS> {
         let scattering = pieces[..seen].iter().filter(|piece| material(piece).mu_s > 0.0).count();
         if (frame.plane.is_none() && pieces.first().is_some_and(|piece| piece.start <= 0.0))
             || scattering > MOST_PIECES
-            || (scattering == 0 && seen < pieces.len())
+            // Ends at a surface, or sees light from infinity.
+            || (scattering == 0 && (seen < pieces.len() || !frame.dark))
         {
             return false;
         }
@@ -239,7 +240,7 @@ struct Ids {
     path: u32,
 }
 
-impl Frame {
+impl Frame<'_> {
     /// The highest body around a point that lanes may carry.
     pub fn body_at(&self, place: &Place) -> Option<usize> {
         let body = self.parts.iter().position(|part| part.solid.contains(place.r))?;

@@ -21,7 +21,7 @@ pub type Paths<const LENGTHS: usize> = Rows<15, 6, LENGTHS>;
 const MOST_BLOCKS: u64 = WALL as u64;
 
 /// Walks the batches and leaves the responses of their paths in the walker, in order.
-pub fn walk(walker: &mut Walker<'_>, frame: &Frame, batches: Batches<'_>) {
+pub fn walk(walker: &mut Walker<'_>, frame: &Frame<'_>, batches: Batches<'_>) {
     walker.clear_responses(batches.paths());
     let mut responses = walker.take_single();
     match frame.lengths {
@@ -33,7 +33,12 @@ pub fn walk(walker: &mut Walker<'_>, frame: &Frame, batches: Batches<'_>) {
 }
 
 /// The same for paths that carry so many lengths.
-fn counting<const LENGTHS: usize>(walker: &mut Walker<'_>, frame: &Frame, batches: Batches<'_>, responses: &mut [f64]) {
+fn counting<const LENGTHS: usize>(
+    walker: &mut Walker<'_>,
+    frame: &Frame<'_>,
+    batches: Batches<'_>,
+    responses: &mut [f64],
+) {
     dispatch!(walker.level(), simd => simd.vectorize(#[inline(always)] || {
         Flock::<_, LENGTHS>::new(simd, frame).run(walker, Starts::new(batches), responses);
     }));
@@ -41,7 +46,7 @@ fn counting<const LENGTHS: usize>(walker: &mut Walker<'_>, frame: &Frame, batche
 
 /// One odd flight, and those after it until the path is in a medium again, scored ahead, where lanes can go on; false where it
 /// has ended.
-pub fn settles(walker: &mut Walker<'_>, frame: &Frame, place: &mut Place) -> bool {
+pub fn settles(walker: &mut Walker<'_>, frame: &Frame<'_>, place: &mut Place) -> bool {
     loop {
         if !walker.step(place) {
             return false;
@@ -62,7 +67,7 @@ fn with_room(mut floats: [f32; 15], known: f32) -> [f32; 15] {
 /// The paths in flight.
 struct Flock<'a, S: Simd, const LENGTHS: usize> {
     simd: S,
-    frame: &'a Frame,
+    frame: &'a Frame<'a>,
     floats: [F<S>; 15],
     words: [U<S>; 6],
     /// By which channels differ, mm.
@@ -79,7 +84,7 @@ struct Flock<'a, S: Simd, const LENGTHS: usize> {
 
 impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
     #[inline(always)]
-    fn new(simd: S, frame: &'a Frame) -> Self {
+    fn new(simd: S, frame: &'a Frame<'a>) -> Self {
         let (floats, words) = ([splat(simd, 0.0); 15], [U::splat(simd, 0); 6]);
         Self {
             simd,

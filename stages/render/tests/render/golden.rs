@@ -2,14 +2,16 @@
 
 use serde_json::json;
 use turbid_contract::Stage;
-use turbid_contract::payload::{Medium, Mesh, Shape, Specular};
+use turbid_contract::payload::{Lamp, Medium, Mesh, Shape, Specular};
 use turbid_render::RenderStage;
 
+use crate::patterns::{show, sinusoids};
 use crate::setup::*;
 use crate::shapes::icosphere;
 
-/// FNV-1a over the f32 of all layers of all ports of seven scenes: looks by the queue, looks one by one with surfaces, deep
-/// paths under roulette, a fit, a mesh in tissue, a boundary that refracts, with something under it, and channels that share paths. On every machine, with every number of threads and every vector width.
+/// FNV-1a over the f32 of all layers of all ports of nine scenes: looks by the queue, looks one by one with surfaces, deep
+/// paths under roulette, a fit, a mesh in tissue, a boundary that refracts, with something under it, channels that share paths, lamps beside the
+/// projector, and a pattern of pictures. On every machine, with every number of threads and every vector width.
 #[test]
 fn bytes_belong_to_the_version() {
     let media = [
@@ -33,23 +35,41 @@ fn bytes_belong_to_the_version() {
         vec![object(slab(), "m", 0), object(lump, "core", 1)],
         vec![object(slab(), "dense", 0), object(sunk, "denser", 1)],
         vec![object(slab(), "m", 0), object(ball(), "core", 1)],
+        vec![object(slab(), "m", 0), object(ball(), "core", 1)],
+        vec![object(slab(), "m", 0), object(ball(), "core", 1)],
     ];
-    let last = scenes.len() - 1;
-    let mut digest = 0xcbf2_9ce4_8422_2325_u64;
+    let [coloured, lamp_lit, pictured] = [6, 7, 8];
     let mut digests = Vec::new();
     for (i, objects) in scenes.into_iter().enumerate() {
         let mut rig = rig(80.0, 9.0, 8.0, 5, 40.0);
         rig.0.specular = Some(Specular::Exclude);
         let mut scene = scene(&media, objects, rig);
-        if i == last {
+        if i == coloured {
             scene.wavelengths_nm = vec![530.0, 635.0];
             for m in scene.media.values_mut() {
                 (m.mu_a, m.mu_s) = (vec![m.mu_a[0], 0.4 * m.mu_a[0]], vec![m.mu_s[0]; 2]);
             }
             scene.projector.as_mut().unwrap().power = vec![5.0, 2.0];
         }
+        if i == lamp_lit {
+            let (position, power) = ([6.0, -3.0, 30.0], vec![0.5]);
+            let look_at = [1.0, 0.0, 0.0];
+            let lamps = [
+                Lamp::Point { position, power: power.clone() },
+                Lamp::Spot { position, look_at, angle_deg: 8.0, power: power.clone() },
+                Lamp::Collimated { position, look_at, diameter: 3.0, power },
+                Lamp::Ambient { radiance: vec![1e-4] },
+            ];
+            scene.lights = lamps.into_iter().enumerate().map(|(i, lamp)| (format!("l{i}"), lamp)).collect();
+        }
         let params = json!({"f_x": [0, 0.1, 0.2], "orientation_deg": [0, 60], "samples": 20});
-        for byte in run(&scene, &params, 11)
+        let ports = if i == pictured {
+            show(&scene, &sinusoids(40.0, 64, 0.1), &json!({"samples": 20}), 11).expect("it fits the projector")
+        } else {
+            run(&scene, &params, 11)
+        };
+        let mut digest = 0xcbf2_9ce4_8422_2325_u64;
+        for byte in ports
             .values()
             .flat_map(|stack| &stack.layers)
             .flat_map(|layer| layer.data.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<_>>())
@@ -58,15 +78,16 @@ fn bytes_belong_to_the_version() {
         }
         digests.push(digest);
     }
-    // After each scene, so that it shows which of them has changed first.
     let expected = [
         0xf8c6_3282_5ca6_c699,
-        0xb989_fa09_7a90_48be,
-        0x469e_cff1_8fcd_30a4,
-        0x7234_cd9c_6c1b_496b,
-        0xf3bb_0c10_ef25_7c0d,
-        0x40bf_490a_563b_f900,
-        0x8f74_14be_c4df_d303,
+        0x87dd_596c_e7ec_9e74,
+        0xbdc4_9000_e90b_3b2f,
+        0x2544_15a4_4203_8ac2,
+        0xb4e0_caa5_07c4_e6cf,
+        0x38bb_65e4_978d_cea8,
+        0x804d_144c_e220_aea2,
+        0x5fd6_ee75_8dd4_8959,
+        0xbbe7_2700_5e2e_4384,
     ];
     assert_eq!((RenderStage::VERSION, &digests[..]), (17, &expected[..]), "digests {digests:#x?}");
 }

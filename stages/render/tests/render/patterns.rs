@@ -29,7 +29,7 @@ impl InputSource for Both {
     }
 }
 
-fn show(
+pub fn show(
     scene: &Scene,
     pattern: &Pattern,
     params: &Value,
@@ -43,7 +43,7 @@ fn show(
 }
 
 /// Three phases of a sinusoid over a field of `lit` mm, sampled at the centres of n x n pixels, and half of white.
-fn sinusoids(lit: f64, n: usize, f_x: f64) -> Pattern {
+pub fn sinusoids(lit: f64, n: usize, f_x: f64) -> Pattern {
     let mut stack = ImageStack::new(n, n);
     for k in 0..4 {
         let (f, phase) = if k == 3 { (0.0, 0.0) } else { (f_x, TAU * f64::from(k) / 3.0) };

@@ -77,6 +77,15 @@ pub fn scenes() -> Vec<(&'static str, World)> {
         ("air gap", world(vec![(slab(0.0, -0.5), TISSUE), (slab(-1.5, -500.0), CORE)])),
         ("hole", world(vec![(ball([0.0, 0.5, -1.0], 0.9), VOID), (slab(0.0, -500.0), TISSUE)])),
         ("thin layer on a white floor", world(vec![(slab(0.0, -0.5), TISSUE), (slab(-0.5, -9.0), WHITE)])),
+        (
+            "one medium around a layer, in a ball and boxes that touch",
+            world(vec![
+                (ball([0.6, 0.0, -0.3], 0.8), TISSUE),
+                (cuboid([-3.0, -3.0, -4.0], [0.2, 3.0, 0.0]), TISSUE),
+                (slab(0.0, -0.6), CORE),
+                (slab(-0.6, -500.0), TISSUE),
+            ]),
+        ),
         ("pale half-space with a core", world(vec![(ball([0.5, 0.0, -4.0], 3.0), CORE), (slab(0.0, -500.0), PALE)])),
         ("pale half-space", world(vec![(slab(0.0, -500.0), PALE)])),
         (
