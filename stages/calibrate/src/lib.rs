@@ -12,7 +12,7 @@
 pub mod gauss;
 mod model;
 mod ratio;
-pub mod reference;
+pub mod smooth;
 mod stage;
 
 pub use model::{Model, ReferenceMedium};

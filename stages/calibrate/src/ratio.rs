@@ -8,7 +8,7 @@ use turbid_contract::planes::mean_se;
 use turbid_contract::{Ctx, Error, ImageStack, Layer, LayerInfo, LayerKind};
 
 use crate::gauss::{Gauss, Plane};
-use crate::reference::{Reference, Smoothing};
+use crate::smooth::{Smooth, Smoothing};
 
 /// A reference whose signal is not above this many of its standard errors cannot be divided by.
 const LEAST_REFERENCE_SIGNAL: f64 = 5.0;
@@ -56,67 +56,73 @@ pub struct Calibrated {
     pub mask: Array2<f32>,
 }
 
-/// R_d = sample / reference x `model`, with `model` the reflectance of the reference at each f_x.
+/// R_d = sample / reference x `model`, with `model` the reflectance of the reference at each f_x, and a Gaussian for each arm.
 ///
 /// Errors are known where both arms know theirs; then they hold the noise of both. `corrects` takes off what the noise of
 /// the reference adds to the mean of the ratio.
 pub fn calibrate(
-    sample: &Arm<'_>,
-    reference: &Arm<'_>,
+    arms: [&Arm<'_>; 2],
     model: &[f64],
-    gauss: &Gauss,
+    gauss: [&Gauss; 2],
     corrects: bool,
     ctx: Ctx<'_>,
 ) -> Result<Calibrated, Error> {
+    let sample = arms[0];
     let dim = (sample.stack.rows(), sample.stack.columns());
     let count = sample.layers.len();
     let plane = |pixels: &[f32]| Plane { columns: dim.1, pixels: pixels.iter().map(|&v| f64::from(v)).collect() };
-    let reference_mask = reference.mask();
-    let good = Plane {
+    let good = arms.map(|arm| Plane {
         columns: dim.1,
-        pixels: match &reference_mask {
+        pixels: match &arm.mask() {
             Some(mask) => mask.iter().map(|&m| if m == 0.0 { 1.0 } else { 0.0 }).collect(),
             None => vec![1.0; dim.0 * dim.1],
         },
-    };
-    // Rounding of the layers' f32 alone is no sharing.
-    let sharing = (0..count).map(|k| reference.stack.sharing(reference.info(k))).fold(1.0, f64::max);
-    let smoothing = Smoothing { gauss, good: &good, sharing: if sharing > 1.001 { sharing } else { 1.0 } };
-    let (sample_se, reference_se): (Vec<_>, Vec<_>) = (0..count).map(|k| (sample.se(k), reference.se(k))).unzip();
-    let known = sample_se.iter().chain(&reference_se).all(Option::is_some);
-    let reference_se: Vec<Option<Plane>> = reference_se.iter().map(|se| se.as_ref().map(|se| plane(se))).collect();
-    let mut references = Vec::new();
-    for (k, se) in reference_se.iter().enumerate() {
-        ctx.checked()?;
-        references.push(smoothing.reference(&plane(&reference.value(k)), se.as_ref()));
+    });
+    let smoothing = [0, 1].map(|arm| {
+        // Rounding of the layers' f32 alone is no sharing.
+        let sharing = (0..count).map(|k| arms[arm].stack.sharing(arms[arm].info(k))).fold(1.0, f64::max);
+        Smoothing { gauss: gauss[arm], good: &good[arm], sharing: if sharing > 1.001 { sharing } else { 1.0 } }
+    });
+    let noise = arms.map(|arm| (0..count).map(|k| arm.se(k).map(|se| plane(&se))).collect::<Vec<_>>());
+    let known = noise.iter().flatten().all(Option::is_some);
+    let mut smooth = [Vec::new(), Vec::new()];
+    for (arm, smooth) in smooth.iter_mut().enumerate() {
+        for (k, se) in noise[arm].iter().enumerate() {
+            ctx.checked()?;
+            smooth.push(smoothing[arm].smooth(&plane(&arms[arm].value(k)), se.as_ref()));
+        }
     }
+    let [samples, references] = &smooth;
     let pairs: Vec<[usize; 2]> =
         if known { (0..count).flat_map(|i| (i + 1..count).map(move |j| [i, j])).collect() } else { Vec::new() };
     let shared: Vec<_> = pairs
         .iter()
         .map(|&[i, j]| {
-            let smooth = |c: Cow<'_, [f32]>| smoothing.smoothed_covariance(&plane(&c)).pixels;
-            (sample.covariance(i, j), reference.covariance(i, j).map(smooth))
+            [0, 1].map(|arm| {
+                let smooth = |c: Cow<'_, [f32]>| smoothing[arm].smoothed_covariance(&plane(&c)).pixels;
+                arms[arm].covariance(i, j).map(smooth)
+            })
         })
         .collect();
 
-    let values: Vec<_> = (0..count).map(|k| sample.value(k)).collect();
     let sample_mask = sample.mask();
     let errors = if known { count } else { 0 };
     let mut planes = vec![Array2::zeros(dim); count + errors + pairs.len() + 1];
     ctx.fill_planes(&mut planes, |pixels, out| {
-        let mut r_d = vec![0.0; count];
+        // d R / d M_sample, and R.
+        let (mut slope, mut r_d) = (vec![0.0; count], vec![0.0; count]);
         for (o, i) in pixels.enumerate() {
-            for (k, r_d) in r_d.iter_mut().enumerate() {
-                *r_d = f64::from(values[k][i]) / references[k].value.pixels[i] * model[k];
+            for k in 0..count {
+                let m = references[k].value.pixels[i];
+                slope[k] = model[k] / m;
                 if let (true, Some(variance)) = (corrects, &references[k].variance) {
                     // E[1 / M] = (1 + var M / M^2) / E[M] to second order.
-                    let m = references[k].value.pixels[i];
-                    *r_d /= 1.0 + variance.pixels[i] / (m * m);
+                    slope[k] /= 1.0 + variance.pixels[i] / (m * m);
                 }
+                r_d[k] = samples[k].value.pixels[i] * slope[k];
             }
             let carried = sample_mask.as_ref().map_or(0.0, |m| m[i]);
-            let weak = || good.pixels[i] == 0.0 || references.iter().any(|r| is_weak(r, i));
+            let weak = || good[1].pixels[i] == 0.0 || references.iter().any(|r| is_weak(r, i));
             let code = if carried != 0.0 {
                 carried
             } else if weak() {
@@ -130,24 +136,20 @@ pub fn calibrate(
             if code != 0.0 {
                 continue;
             }
-            let ratio = |k: usize| r_d[k] / f64::from(values[k][i]);
+            let slopes = |k: usize| [slope[k], r_d[k] / references[k].value.pixels[i]];
             for k in 0..count {
                 out[k][o] = r_d[k] as f32;
-                if let (Some(se), Some(variance)) = (&sample_se[k], &references[k].variance) {
-                    // dR = R (dM_s / M_s - dM_r / M_r), written without a division by M_s, which may be small.
-                    let of_sample = ratio(k) * f64::from(se[i]);
-                    let of_reference = r_d[k] / references[k].value.pixels[i];
-                    let sum = of_sample * of_sample + of_reference * of_reference * variance.pixels[i];
-                    if known {
-                        out[count + k][o] = sum.sqrt() as f32;
-                    }
+                if known {
+                    let variance = |arm: usize| smooth[arm][k].variance.as_ref().map_or(0.0, |v| v.pixels[i]);
+                    let [of_sample, of_reference] = slopes(k);
+                    let sum = of_sample * of_sample * variance(0) + of_reference * of_reference * variance(1);
+                    out[count + k][o] = sum.sqrt() as f32;
                 }
             }
-            for (p, (&[a, b], (of_sample, of_reference))) in pairs.iter().zip(&shared).enumerate() {
-                let of_sample = of_sample.as_ref().map_or(0.0, |c| f64::from(c[i]) * ratio(a) * ratio(b));
-                let scale = r_d[a] / references[a].value.pixels[i] * r_d[b] / references[b].value.pixels[i];
-                let of_reference = of_reference.as_ref().map_or(0.0, |c| c[i] * scale);
-                out[count + errors + p][o] = (of_sample + of_reference) as f32;
+            for (p, (&[a, b], shared)) in pairs.iter().zip(&shared).enumerate() {
+                let (of_a, of_b) = (slopes(a), slopes(b));
+                let part = |arm: usize| shared[arm].as_ref().map_or(0.0, |c| c[i] * (of_a[arm] * of_b[arm]));
+                out[count + errors + p][o] = (part(0) + part(1)) as f32;
             }
         }
     })?;
@@ -159,20 +161,18 @@ pub fn calibrate(
     for (k, data) in planes.into_iter().enumerate() {
         let mut info = LayerInfo::value("r_d", "1");
         info.wavelength_nm = sample.wavelength_nm;
-        if let (true, Some(se), Some(reference_se)) = (known, &sample_se[k], &reference_se[k]) {
-            // d mean / d M_reference of each pixel, before smoothing shares it out.
-            let sensitivity = Plane {
-                columns: dim.1,
-                pixels: data.iter().zip(&references[k].value.pixels).map(|(&r, m)| over(f64::from(r), *m)).collect(),
-            };
+        if known {
             let n = mask.iter().filter(|&&m| m == 0.0).count() as u64;
-            let terms = data.iter().zip(values[k].iter()).zip(se.iter());
-            let of_sample: f64 =
-                terms.map(|((&r, &m), &se)| over(f64::from(r), f64::from(m)) * f64::from(se)).map(|t| t * t).sum();
-            let of_reference = smoothing.variance_of_sum(&references[k], &sensitivity, reference_se);
-            let sum = of_sample * sample.stack.sharing(sample.info(k))
-                + of_reference * reference.stack.sharing(reference.info(k));
-            info.mean_se = mean_se(sum, n, 1.0);
+            let of_arm = |arm: usize| {
+                // d mean / d M of each pixel, before smoothing shares it out.
+                let terms = data.iter().zip(&smooth[arm][k].value.pixels);
+                let sensitivity =
+                    Plane { columns: dim.1, pixels: terms.map(|(&r, m)| over(f64::from(r), *m)).collect() };
+                let se = noise[arm][k].as_ref().expect("all errors are known");
+                let own = smoothing[arm].variance_of_sum(&smooth[arm][k], &sensitivity, se);
+                own * arms[arm].stack.sharing(arms[arm].info(k))
+            };
+            info.mean_se = mean_se(of_arm(0) + of_arm(1), n, 1.0);
         }
         r_d.push((info, data));
     }
@@ -184,7 +184,7 @@ fn over(r: f64, m: f64) -> f64 {
     if r == 0.0 { 0.0 } else { r / m }
 }
 
-fn is_weak(reference: &Reference, pixel: usize) -> bool {
+fn is_weak(reference: &Smooth, pixel: usize) -> bool {
     let value = reference.value.pixels[pixel];
     let se = reference.variance.as_ref().map_or(0.0, |v| v.pixels[pixel].sqrt());
     value.is_nan() || value <= LEAST_REFERENCE_SIGNAL * se

@@ -36,6 +36,9 @@ pub struct Params {
     /// Standard deviation in px of the Gaussian that smooths the reference; 0 leaves it alone.
     #[serde(default)]
     pub smooth: f64,
+    /// The same for the sample: quieter maps that show nothing finer.
+    #[serde(default)]
+    pub smooth_sample: f64,
     #[serde(default)]
     pub noise_bias: NoiseBias,
 }
@@ -64,7 +67,7 @@ pub struct Calibrate;
 
 impl Stage for Calibrate {
     const NAME: &'static str = "calibrate";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     const ABOUT: &'static str = "reflectance of a sample from its modulation and that of a reference phantom";
 
     type Params = Params;
@@ -73,13 +76,15 @@ impl Stage for Calibrate {
 
     fn check(params: &Params, _known: &Known, problems: &mut Problems) {
         params.reference.check(problems);
-        let smooth = params.smooth;
-        let rule = "lie in [0, 100]";
-        problems.require((0.0..=WIDEST_SMOOTHING_PX).contains(&smooth), "smooth", smooth, "px", rule);
+        for (field, smooth) in [("smooth", params.smooth), ("smooth_sample", params.smooth_sample)] {
+            let rule = "lie in [0, 100]";
+            problems.require((0.0..=WIDEST_SMOOTHING_PX).contains(&smooth), field, smooth, "px", rule);
+        }
     }
 
     fn plan(params: &Params, _known: &Known) -> StagePlan {
-        let left_out = if params.smooth == 0.0 { vec!["smoothing of the reference".into()] } else { Vec::new() };
+        let arms = [(params.smooth, "smoothing of the reference"), (params.smooth_sample, "smoothing of the sample")];
+        let left_out = arms.iter().filter(|(px, _)| *px == 0.0).map(|(_, what)| (*what).into()).collect();
         let method = match params.model {
             _ if params.convention == Convention::Relative => "relative: no model of the reference",
             Model::Rte => "rte",
@@ -132,7 +137,7 @@ fn reflectance(
         let what = format!("the sample has {} wavelengths, the phantom is given for one", wavelengths.len());
         return Err(Error::invalid("reference", what));
     }
-    let gauss = Gauss::new(params.smooth);
+    let gauss = [params.smooth_sample, params.smooth].map(Gauss::new);
     let mut stack = ImageStack::new(sample.rows(), sample.columns());
     stack.attributes = sample.attributes.clone();
     let (mut values, mut errors, mut covariances, mut masks) = (vec![], vec![], vec![], vec![]);
@@ -144,7 +149,8 @@ fn reflectance(
         let model: Result<Vec<f64>, Error> = quantities.iter().map(|q| model(q.f_x_per_mm)).collect();
         let arm = |stack, layers| Arm { stack, layers, wavelength_nm };
         let sample_arm = arm(sample, quantities.iter().map(|q| q.layer).collect());
-        let calibrated = calibrate(&sample_arm, &arm(reference, layers?), &model?, &gauss, corrects, ctx)?;
+        let arms = [&sample_arm, &arm(reference, layers?)];
+        let calibrated = calibrate(arms, &model?, gauss.each_ref(), corrects, ctx)?;
         if calibrated.se.is_empty() {
             ctx.warn("no standard errors: the sample or the reference does not know its own");
         }

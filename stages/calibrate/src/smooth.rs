@@ -1,10 +1,10 @@
-//! The reference arm: M_AC of the phantom, smoothed where wanted, with its noise, and what a mean over pixels owes to it.
+//! One arm of the ratio: M_AC, smoothed where wanted, with its noise, and what a mean over pixels owes to it.
 
 use crate::gauss::{Gauss, Plane};
 
-/// One quantity of the reference at one f_x, ready to divide by.
-pub struct Reference {
-    /// Smoothed value; 0 where the reference has none.
+/// One quantity of an arm at one f_x, smoothed.
+pub struct Smooth {
+    /// 0 where there is nothing near.
     pub value: Plane,
     /// Variance of `value`; `None` where the noise is not known.
     pub variance: Option<Plane>,
@@ -27,11 +27,11 @@ impl Smoothing<'_> {
     }
 
     /// Smooths a value and its standard error.
-    pub fn reference(&self, value: &Plane, se: Option<&Plane>) -> Reference {
+    pub fn smooth(&self, value: &Plane, se: Option<&Plane>) -> Smooth {
         let weight = self.gauss.sum(self.good);
         let value = quotient(&self.sum(value), &weight);
         let variance = se.map(|se| self.covariance(&product(se, se), &weight));
-        Reference { value, variance, weight }
+        Smooth { value, variance, weight }
     }
 
     /// Smooths the covariance of two quantities of one pixel.
@@ -51,10 +51,10 @@ impl Smoothing<'_> {
         zip(&independent, &pixels, |variance, pixels| variance * self.sharing.min(pixels))
     }
 
-    /// Variance of sum_i s_i `value_i` by the reference's own noise: smoothing makes neighbours share it, so their
+    /// Variance of sum_i s_i `value_i` by the arm's own noise: smoothing makes neighbours share it, so their
     /// errors add up instead of averaging out.
-    pub fn variance_of_sum(&self, reference: &Reference, sensitivity: &Plane, se: &Plane) -> f64 {
-        let back = self.gauss.sum(&quotient(sensitivity, &reference.weight));
+    pub fn variance_of_sum(&self, smooth: &Smooth, sensitivity: &Plane, se: &Plane) -> f64 {
+        let back = self.gauss.sum(&quotient(sensitivity, &smooth.weight));
         let terms = back.pixels.iter().zip(&se.pixels).zip(&self.good.pixels);
         terms.map(|((back, se), good)| (good * back * se).powi(2)).sum()
     }
@@ -89,7 +89,7 @@ mod tests {
         let value = plane(12, |i| if i % 7 == 3 { 1e30 } else { 0.3 }, n);
         let gauss = Gauss::new(1.5);
         let smoothing = Smoothing { gauss: &gauss, good: &good, sharing: 1.0 };
-        let smooth = smoothing.reference(&value, None);
+        let smooth = smoothing.smooth(&value, None);
         assert!(smooth.value.pixels.iter().all(|v| (v - 0.3).abs() < 1e-14));
     }
 
@@ -102,13 +102,13 @@ mod tests {
         for sigma in [1.0_f64, 3.0] {
             let gauss = Gauss::new(sigma);
             let smoothing = Smoothing { gauss: &gauss, good: &good, sharing: 1.0 };
-            let variance = smoothing.reference(&good, Some(&se)).variance.unwrap().pixels[n / 2];
+            let variance = smoothing.smooth(&good, Some(&se)).variance.unwrap().pixels[n / 2];
             let want = 0.04 / (4.0 * std::f64::consts::PI * sigma * sigma);
             assert!((variance / want - 1.0).abs() < 1e-3, "sigma {sigma}: {variance} for {want}");
         }
         let gauss = Gauss::new(0.0);
         let smoothing = Smoothing { gauss: &gauss, good: &good, sharing: 1.0 };
-        assert_eq!(smoothing.reference(&good, Some(&se)).variance.unwrap().pixels[0], 0.2_f64 * 0.2);
+        assert_eq!(smoothing.smooth(&good, Some(&se)).variance.unwrap().pixels[0], 0.2_f64 * 0.2);
     }
 
     /// An error that all pixels share stays what it is, whatever the smoothing and the border.
@@ -118,7 +118,7 @@ mod tests {
         let (good, se) = (plane(12, |i| if i == 40 { 0.0 } else { 1.0 }, n), plane(12, |_| 0.2, n));
         let gauss = Gauss::new(2.0);
         let smoothing = Smoothing { gauss: &gauss, good: &good, sharing: n as f64 };
-        let variance = smoothing.reference(&good, Some(&se)).variance.unwrap();
+        let variance = smoothing.smooth(&good, Some(&se)).variance.unwrap();
         assert!(variance.pixels.iter().all(|v| (v - 0.04).abs() < 1e-15), "{variance:?}");
     }
 
@@ -134,11 +134,11 @@ mod tests {
         let mut want = 0.0;
         for j in 0..n {
             let unit = plane(columns, |i| if i == j { 1.0 } else { 0.0 }, n);
-            let response = smoothing.reference(&unit, None).value;
+            let response = smoothing.smooth(&unit, None).value;
             let total: f64 = response.pixels.iter().zip(&s.pixels).map(|(r, s)| r * s).sum();
             want += (total * se.pixels[j]).powi(2);
         }
-        let reference = smoothing.reference(&good, Some(&se));
+        let reference = smoothing.smooth(&good, Some(&se));
         let got = smoothing.variance_of_sum(&reference, &s, &se);
         assert!((got / want - 1.0).abs() < 1e-12, "{got} for {want}");
     }
