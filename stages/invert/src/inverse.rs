@@ -151,6 +151,11 @@ impl InverseTable {
         table
     }
 
+    /// As [`InverseTable::new`] begins: good enough to begin with.
+    pub fn coarse(forward: &Forward) -> Self {
+        Self::with_size(forward, SIZES[0])
+    }
+
     /// Nodes along each axis.
     pub fn size(&self) -> usize {
         self.size

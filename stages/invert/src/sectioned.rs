@@ -34,7 +34,10 @@ impl Prepared {
         let needs_nodes = many || method == Method::Nearest || outside == Outside::Nearest;
         let nodes = needs_nodes.then(|| Nodes::new(&forward));
         let bends = noise && method == Method::Table;
-        let table = (!many).then(|| InverseTable::new(&forward));
+        // Other methods begin from what the table says, and do not end with it.
+        let table =
+            |forward| if method == Method::Table { InverseTable::new(forward) } else { InverseTable::coarse(forward) };
+        let table = (!many).then(|| table(&forward));
         let table = if bends { table.map(|table| table.with_bends(&forward)) } else { table };
         let surfaces = if many { grids.into_iter().map(Surface::new).collect() } else { Vec::new() };
         Ok(Self { forward, surfaces, nodes, table, errors })

@@ -125,7 +125,7 @@ pub struct Invert;
 
 impl Stage for Invert {
     const NAME: &'static str = "invert";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     const ABOUT: &'static str =
         "maps of mu_a and mu_s' from calibrated reflectance by a look-up table, with standard errors";
 
@@ -190,7 +190,7 @@ impl Stage for Invert {
         let noise = stack.layers.iter().any(|layer| layer.info.kind == LayerKind::StandardError);
         let prepared = prepare(lut, &f_x, params, noise, ctx)?;
         let table_error = prepared.iter().filter_map(|p| p.table.as_ref()).map(|t| t.worst_error).fold(0.0, f64::max);
-        if params.method != Method::LeastSquares {
+        if params.method == Method::Table {
             ctx.measure("table_error", 100.0 * table_error, "%");
         }
         if table_error > TOLERANCE && params.method == Method::Table {
@@ -225,7 +225,9 @@ impl Stage for Invert {
         };
         let mut attributes = stack.attributes.clone();
         attributes.insert("f_x".into(), f_x.into());
-        attributes.insert("table_error".into(), table_error.into());
+        if params.method == Method::Table {
+            attributes.insert("table_error".into(), table_error.into());
+        }
         let quantities = serde_json::json!([{"part": "mu_a"}, {"part": "mu_s_prime"}]);
         let covariance = (!covariance.values.is_empty()).then(|| {
             let mut stack = covariance.into_stack(stack, attributes.clone());
