@@ -10,6 +10,8 @@ pub struct Row {
     pub mean: f64,
     pub se: f64,
     pub truth: f64,
+    /// Share of the region, %.
+    pub masked: f64,
 }
 
 /// The metrics of a stage, one row for each region or medium and quantity, without the row of all.
@@ -36,6 +38,7 @@ pub fn metrics(space: &Space, file: &str, stage: &str, settings: &[&str]) -> Vec
             mean: number("mean"),
             se: number("mean_se"),
             truth: number("truth"),
+            masked: number("masked_percent"),
         }
     });
     rows.filter(|row| row.region != "all").collect()
