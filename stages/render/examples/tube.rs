@@ -3,7 +3,8 @@
 //! The tube of the paper (250 mm long, bore of 20 mm, wall of 30 mm), seen along its axis from 110 mm and lit from 100 mm above its mouth, 64 x 64
 //! pixels, by depth below the mouth. rv = variance per path / mean^2 of M_DC, so 1e4 rv paths give 1 %; "within 2 se": how often the stated error of 64
 //! paths holds the mean of all those of the eight pixels that are alike. With `pictures` so many are shown in place of a sinusoid: phases of a fringe that is
-//! uniform along the wall, and rv of M_AC (the part of its amplitude along the mean) stands behind that of M_DC.
+//! uniform along the wall, and rv of M_AC (the part of its amplitude along the mean) stands behind that of M_DC; it takes
+//! more than rv paths to be known.
 
 use glam::{DVec2, DVec3};
 use turbid_optics::solid::Solid;
@@ -130,7 +131,7 @@ fn main() {
                 intervals += 1;
             }
             let se = (variance / n / of_pixel.len() as f64).sqrt();
-            let ac = if shown > 2 { format!(" and {:.0}", relative_variance(&amplitude)) } else { String::new() };
+            let ac = relative_variance(&amplitude).map_or(String::new(), |rv| format!(" and {rv:.0}"));
             println!(
                 "{name}, {from:.0} to {to:.0} ({}): {m:.4e} +- {:.2} %, {:.2}{ac}, {:.0}, {:.3}; {:.2}; {:.1} flights",
                 pixels.len(),
@@ -166,18 +167,20 @@ impl Amplitude {
     }
 }
 
-/// Variance per path along the mean over its square, both summed over pixels; of the square what noise adds to it is taken away.
-fn relative_variance(of: &[Amplitude]) -> f64 {
-    let (mut variance, mut square) = (0.0, 0.0);
-    for a in of {
+/// Variance per path along the mean over its square, both summed over pixels; of the square what noise adds to it is taken away. `None` where that is
+/// most of it.
+fn relative_variance(of: &[Amplitude]) -> Option<f64> {
+    let (mut variance, mut square, mut noise) = (0.0, 0.0, 0.0);
+    for a in of.iter().filter(|a| a.n > 0.0) {
         let [x, y] = a.sums.map(|sum| sum / a.n);
         let [xx, xy, yy] = a.products.map(|product| product / a.n);
         let (xx, xy, yy) = (xx - x * x, xy - x * y, yy - y * y);
         let m2 = x * x + y * y;
         variance += (x * x * xx + 2.0 * x * y * xy + y * y * yy) / m2;
-        square += m2 - (xx + yy) / a.n;
+        square += m2;
+        noise += (xx + yy) / a.n;
     }
-    variance / square
+    (noise < 0.5 * square).then(|| variance / (square - noise))
 }
 
 /// Phases of a fringe of 0.05 mm^-1 along the wall, of n x n pixels.
