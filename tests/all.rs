@@ -31,6 +31,8 @@ mod reproducible;
 mod rerun;
 #[path = "all/shapes.rs"]
 mod shapes;
+#[path = "all/shots.rs"]
+mod shots;
 #[path = "all/spheres.rs"]
 mod spheres;
 #[path = "all/tubes.rs"]

@@ -73,37 +73,43 @@ impl<'a> Windows<'a> {
         out
     }
 
-    /// Means over the windows, and the sum of the weights.
-    pub fn means(&self, shots: &[Shot<'_>]) -> (Vec<f64>, Vec<f64>) {
-        let weights = self.sum(|_| 1.0, false);
-        let count = shots.len() as f64;
-        let sums = self.sum(|i| shots.iter().map(|s| f64::from(s.value[i])).sum::<f64>() / count, false);
-        (sums.iter().zip(&weights).map(|(s, w)| if *w > 0.0 { s / w } else { 0.0 }).collect(), weights)
+    /// Sum of the weights of each window.
+    pub fn weights(&self) -> Vec<f64> {
+        self.sum(|_| 1.0, false)
     }
 
-    /// The amplitude at `f` cycles per pixel along x and along y, averaged over directions and shots; `window` is the width in periods that
-    /// tells directions apart. 0 where noise explains all of it.
+    /// Mean over each window; 0 where nothing in it is good.
+    pub fn mean(&self, of: impl Fn(usize) -> f64, weights: &[f64]) -> Vec<f64> {
+        let sums = self.sum(of, false);
+        sums.iter().zip(weights).map(|(&sum, &weight)| if weight > 0.0 { sum / weight } else { 0.0 }).collect()
+    }
+
+    /// M_DC under each window and its variance: the mean over shots, and how unlike each other they are; `None` for a single shot.
+    ///
+    /// `around` are the windows over which variances are averaged: those of a few shots scatter.
+    pub fn m_dc(&self, shots: &[Shot<'_>], around: &Windows<'_>) -> (Vec<f64>, Option<Vec<f64>>) {
+        let weights = self.weights();
+        let means: Vec<Vec<f64>> = shots.iter().map(|shot| self.mean(|i| f64::from(shot.value[i]), &weights)).collect();
+        let n = shots.len() as f64;
+        let m_dc: Vec<f64> = (0..self.good.len()).map(|i| means.iter().map(|m| m[i]).sum::<f64>() / n).collect();
+        let variance = |i: usize| means.iter().map(|m| (m[i] - m_dc[i]).powi(2)).sum::<f64>() / (n * (n - 1.0));
+        let variances = (shots.len() > 1).then(|| around.mean(variance, &around.weights()));
+        (m_dc, variances)
+    }
+
+    /// The amplitude at `f` cycles per pixel along x and along y, averaged over directions and shots; `periods` is how many of them the window of four
+    /// standard deviations holds. 0 where noise explains all of it.
+    ///
+    /// A window sees a band of frequencies of standard deviation s = 1 / (sqrt 8 pi sigma) around f, and power that falls with f draws what it sees to lower ones: the
+    /// mean over the band is P + s^2 / 2 (P'' + P' / f). The bands at f - s and f + s tell how much that is, and it is taken off.
     pub fn power(&self, shots: &[Shot<'_>], f: [f64; 2], periods: f64, weights: &[f64]) -> Power {
         let n = self.good.len();
         let directions = libm::ceil(PI * periods).max(4.0) as usize;
         let squares = self.sum(|_| 1.0, true);
-        let mut power = vec![0.0; n];
-        for k in 0..directions {
-            let (sin, cos) = sin_cos_turns(0.5 * (k as f64 + 0.5) / directions as f64);
-            let f = [f[0] * cos, f[1] * sin];
-            let constant = self.turned(|_| 1.0, f, false);
-            for shot in shots {
-                let mean = self.sum(|i| f64::from(shot.value[i]), false);
-                let sum = self.turned(|i| f64::from(shot.value[i]), f, false);
-                for i in 0..n {
-                    // What a constant would leave in a window that is cut off is no speckle.
-                    let share = if weights[i] > 0.0 { mean[i] / weights[i] } else { 0.0 };
-                    let z = [sum[i][0] - share * constant[i][0], sum[i][1] - share * constant[i][1]];
-                    power[i] += z[0] * z[0] + z[1] * z[1];
-                }
-            }
-        }
-        let count = (directions * shots.len()) as f64;
+        let s = band(periods);
+        let means: Vec<Vec<f64>> = shots.iter().map(|shot| self.mean(|i| f64::from(shot.value[i]), weights)).collect();
+        let at = |factor: f64| self.seen(shots, &means, f.map(|f| factor * f), directions);
+        let (below, own, above) = (at(1.0 - s), at(1.0), at(1.0 + s));
         let floor = self.sum(
             |i| {
                 let variance = |s: &Shot<'_>| s.se.map_or(0.0, |se| f64::from(se[i]) * f64::from(se[i]));
@@ -112,12 +118,45 @@ impl<'a> Windows<'a> {
             true,
         );
         let m_ac = |i: usize| {
-            let own = power[i] / count - floor[i];
-            if own > 0.0 && squares[i] > 0.0 { (own / squares[i]).sqrt() } else { 0.0 }
+            let drawn = 0.5 * (above[i] - 2.0 * own[i] + below[i]) + 0.25 * s * (above[i] - below[i]);
+            // Noise is as strong at all frequencies: nothing of it is drawn.
+            let power = own[i] - drawn - floor[i];
+            if power > 0.0 && squares[i] > 0.0 { (power / squares[i]).sqrt() } else { 0.0 }
         };
-        Power { m_ac: (0..n).map(m_ac).collect(), samples: count }
+        let samples = (directions * shots.len()) as f64 / CORRECTION_VARIANCE;
+        Power { m_ac: (0..n).map(m_ac).collect(), samples }
+    }
+
+    /// Mean over directions and shots of |F|^2 at `f`, noise included; `means` are those of each shot over the windows.
+    fn seen(&self, shots: &[Shot<'_>], means: &[Vec<f64>], f: [f64; 2], directions: usize) -> Vec<f64> {
+        let n = self.good.len();
+        let mut power = vec![0.0; n];
+        for k in 0..directions {
+            let (sin, cos) = sin_cos_turns(0.5 * (k as f64 + 0.5) / directions as f64);
+            let f = [f[0] * cos, f[1] * sin];
+            let constant = self.turned(|_| 1.0, f, false);
+            for (shot, mean) in shots.iter().zip(means) {
+                let sum = self.turned(|i| f64::from(shot.value[i]), f, false);
+                for i in 0..n {
+                    // What a constant would leave in a window that is cut off is no speckle.
+                    let z = [sum[i][0] - mean[i] * constant[i][0], sum[i][1] - mean[i] * constant[i][1]];
+                    power[i] += z[0] * z[0] + z[1] * z[1];
+                }
+            }
+        }
+        let count = (directions * shots.len()) as f64;
+        power.iter().map(|p| p / count).collect()
     }
 }
+
+/// Standard deviation of the band that a window of so many periods sees, as a share of f.
+pub fn band(periods: f64) -> f64 {
+    4.0 / (8.0_f64.sqrt() * PI * periods)
+}
+
+/// What the correction for the band does to the variance of the power: c' R c of c = (-1/2, 2, -1/2) with the correlations e^(-1/4) and e^(-1) of
+/// powers one and two s apart under a Gaussian window.
+const CORRECTION_VARIANCE: f64 = 1.568;
 
 /// sum_j tap_|j| (conjugate for j < 0) value(k + j) at each k of a line, without what lies beyond its ends.
 fn convolve(taps: &[Complex], n: usize, value: impl Fn(usize) -> Complex, mut put: impl FnMut(usize, Complex)) {
@@ -171,28 +210,43 @@ mod tests {
         let good = vec![true; SIDE * SIDE];
         let windows = Windows::new(&good, SIDE, [6.0; 2]);
         let shots: Vec<Shot<'_>> = values.iter().map(|value| Shot { value, se }).collect();
-        let (_, weights) = windows.means(&shots);
-        windows.power(&shots, [f; 2], 24.0 * f, &weights)
+        windows.power(&shots, [f; 2], 24.0 * f, &windows.weights())
     }
 
     fn root_mean_square(of: &[f64]) -> f64 {
         (of.iter().map(|v| v * v).sum::<f64>() / of.len() as f64).sqrt()
     }
 
-    /// White speckle has its standard deviation as amplitude at every f; a blur of sigma pixels leaves exp(-2 (pi f sigma)^2) of it. The image holds some
-    /// 40 independent windows times 8 directions or more: powers are known to 6 %, amplitudes to 3 %, within 4.5 of that. Of the same speckle the ratio is
-    /// nearer: what is left is how a blur across the window's width differs from one within.
+    /// White speckle has its standard deviation as amplitude at every f; the image holds some 40 independent windows times 8 directions or more: powers are
+    /// known to 6 %, amplitudes to 3 %, within 4.5 of that.
+    #[test]
+    fn white_speckle_has_its_standard_deviation() {
+        let white = [speckle(1, 0.0, 1.0)];
+        for f in [0.1, 0.15, 0.2] {
+            let plain = root_mean_square(&m_ac(&white, None, f).m_ac);
+            assert!((plain / 0.2 - 1.0).abs() < 4.5 * 0.03, "f = {f}: {plain}");
+        }
+    }
+
+    /// A blur of sigma pixels leaves exp(-2 (pi f sigma)^2) of the amplitude. Over 14 speckles the mean ratio of blurred to white is that within 4.5 of its own
+    /// standard errors and the next order of the correction, (2 s f (2 pi sigma)^2)^4 / 24 of the power; without correction it would be 4 % too large at
+    /// f = 0.15, that is more than 4 standard errors off.
     #[test]
     fn amplitudes_are_those_of_the_blur() {
-        let (white, blurred) = ([speckle(1, 0.0, 1.0)], [speckle(1, 1.2, 0.5)]);
-        for f in [0.1, 0.15, 0.2] {
-            let (reference, sample) = (m_ac(&white, None, f), m_ac(&blurred, None, f));
-            let plain = root_mean_square(&reference.m_ac);
-            assert!((plain / 0.2 - 1.0).abs() < 4.5 * 0.03, "f = {f}: {plain}");
-            let want = 0.5 * libm::exp(-2.0 * (PI * f * 1.2) * (PI * f * 1.2));
-            let ratio = root_mean_square(&sample.m_ac) / plain;
-            assert!((ratio / want - 1.0).abs() < 0.04, "f = {f}: {ratio} for {want}");
-        }
+        let (f, sigma) = (0.15, 1.5);
+        let ratio = |seed: u32| {
+            let of = |sigma: f64| root_mean_square(&m_ac(&[speckle(seed, sigma, 1.0)], None, f).m_ac);
+            of(sigma) / of(0.0)
+        };
+        let ratios: Vec<f64> = (1..=14).map(ratio).collect();
+        let mean = ratios.iter().sum::<f64>() / 14.0;
+        let se = (ratios.iter().map(|r| (r - mean).powi(2)).sum::<f64>() / (14.0 * 13.0)).sqrt();
+        let want = libm::exp(-2.0 * (PI * f * sigma) * (PI * f * sigma));
+        let slope = band(24.0 * f) * f * 2.0 * f * (TAU * sigma).powi(2);
+        let next = slope.powi(4) / 24.0;
+        println!("{mean} +- {se} for {want}, next order {next}");
+        assert!((mean / want - 1.0).abs() < 4.5 * se / want + next, "{mean} +- {se} for {want}");
+        assert!(4.5 * se / want + next < 0.04, "{se}: too few speckles to tell");
     }
 
     /// Powers of single windows spread by 1 / sqrt(samples), within a factor: neighbours are not independent, directions nearly.
@@ -204,6 +258,25 @@ mod tests {
         let spread = (power.iter().map(|p| (p / mean - 1.0).powi(2)).sum::<f64>() / power.len() as f64).sqrt();
         let want = 1.0 / found.samples.sqrt();
         assert!((0.7..1.5).contains(&(spread / want)), "{spread} for {want}");
+    }
+
+    /// The mean of eight speckles under a window is 1 within the error that their differences tell, at 400 places: sd of z 1 within its scatter (some 100
+    /// independent windows: 7 %, 3 of these).
+    #[test]
+    fn the_error_of_the_mean_is_known() {
+        let values: Vec<Vec<f32>> = (20..28).map(|seed| speckle(seed, 0.8, 1.0)).collect();
+        let shots: Vec<Shot<'_>> = values.iter().map(|value| Shot { value, se: None }).collect();
+        let good = vec![true; SIDE * SIDE];
+        let of = |sigma: f64| Windows::new(&good, SIDE, [sigma; 2]);
+        let (m_dc, variances) = of(2.0).m_dc(&shots, &of(6.0));
+        let variances = variances.expect("eight speckles");
+        let z: Vec<f64> = (0..400)
+            .map(|k| (k % 20 * 3 + 3) * SIDE + k / 20 * 3 + 3)
+            .map(|i| (m_dc[i] - 1.0) / variances[i].sqrt())
+            .collect();
+        let sd = (z.iter().map(|z| z * z).sum::<f64>() / z.len() as f64).sqrt();
+        assert!((sd - 1.0).abs() < 0.21, "{sd}");
+        assert!(of(2.0).m_dc(&shots[..1], &of(6.0)).1.is_none());
     }
 
     /// Camera noise of half the speckle's contrast adds a quarter to the power; known, it is taken off.

@@ -6,7 +6,7 @@ use turbid_contract::planes::mean_se;
 use turbid_contract::{Ctx, Error, ImageStack, Layer, LayerInfo, LayerKind};
 
 use crate::snapshot::{order, pixel_size};
-use crate::speckle::{Shot, Windows};
+use crate::speckle::{Shot, Windows, band};
 use crate::stage::Params;
 
 /// Modulation of every wavelength.
@@ -58,14 +58,20 @@ fn one(
         pixels.iter().zip(&errors).map(|(value, se)| Shot { value, se: se.as_deref() }).collect();
     // The window's Gaussian holds 95 % of its weight.
     let windows = Windows::new(&good, columns, pixel.map(|mm| 0.25 * window / mm));
-    let (mean, weights) = windows.means(&shots);
+    let weights = windows.weights();
+    // The mean needs no band: a window of its own, narrower, keeps what it can of the resolution.
+    let mean_window = params.mean_window.map_or(0.5 * window, |w| w.0);
+    let narrow = Windows::new(&good, columns, pixel.map(|mm| 0.25 * mean_window / mm));
+    let (mean, mean_variance) = narrow.m_dc(&shots, &windows);
     let mut mask = reasons;
     let mut found = Vec::new();
     for f_x in &params.f_x {
         let f = pixel.map(|mm| f_x.0 * mm);
-        if f.iter().any(|&f| f > 0.5) {
+        let highest = 1.0 + band(f_x.0 * window);
+        if f.iter().any(|&f| highest * f > 0.5) {
             let pixels = format!("{} x {} mm", pixel[0], pixel[1]);
-            return Err(Error::invalid("f_x", format!("f_x = {f_x} mm^-1 is beyond what pixels of {pixels} resolve")));
+            let seen = format!("f_x = {f_x} (a window of {window} mm sees up to {:.3} mm^-1)", highest * f_x.0);
+            return Err(Error::invalid("f_x", format!("{seen} is beyond what pixels of {pixels} resolve")));
         }
         let power = windows.power(&shots, f, f_x.0 * window, &weights);
         for (mask, (&mean, &m_ac)) in mask.iter_mut().zip(mean.iter().zip(&power.m_ac)) {
@@ -78,35 +84,40 @@ fn one(
     }
     let count = mask.iter().filter(|&&m| m == 0.0).count() as u64;
     // How many pixels share a window: errors of the mean fall with the windows, not with the pixels.
-    let shared = 4.0 * std::f64::consts::PI * pixel.iter().map(|mm| 0.25 * window / mm).product::<f64>();
+    let sharing = |window: f64| {
+        let pixels = 4.0 * std::f64::consts::PI * pixel.iter().map(|mm| 0.25 * window / mm).product::<f64>();
+        pixels.max(1.0)
+    };
+    let (narrow_sharing, wide_sharing) = (sharing(mean_window), sharing(window));
     let plane = |of: &dyn Fn(usize) -> f64| {
         Array2::from_shape_fn((rows, columns), |(r, c)| {
             let i = r * columns + c;
             if mask[i] == 0.0 { of(i) as f32 } else { 0.0 }
         })
     };
-    let mut push = |name: &str, f_x: f64, value: &dyn Fn(usize) -> f64, se: &dyn Fn(usize) -> f64| {
+    let mut push = |name: &str, f_x: f64, value: &dyn Fn(usize) -> f64, se: &dyn Fn(usize) -> f64, shared: f64| {
         let mut info = LayerInfo::value(name, &layers[0].info.unit).with_f_x(f_x);
         info.wavelength_nm = layers[0].info.wavelength_nm;
         let variances = (0..mask.len()).filter(|&i| mask[i] == 0.0).map(|i| se(i) * se(i)).sum();
-        info.mean_se = mean_se(variances, count, shared.max(1.0));
+        info.mean_se = mean_se(variances, count, shared);
         out.push(info.clone(), plane(value));
         out.push(info.standard_error(), plane(se));
     };
-    // The mean of a window wanders with the speckle of lowest frequency that was read.
+    // One shot alone does not tell how its mean wanders: as the speckle of the lowest frequency that was read does.
     let lowest = found.iter().min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, power)| &power.m_ac);
-    let squares = windows.sum(|_| 1.0, true);
-    let mean_error = |i: usize| {
-        let spread = lowest.map_or(0.0, |m_ac| m_ac[i]);
-        if weights[i] > 0.0 { spread * (squares[i] / shots.len() as f64).sqrt() / weights[i] } else { 0.0 }
+    let (squares, narrow_weights) = (narrow.sum(|_| 1.0, true), narrow.weights());
+    let mean_error = |i: usize| match (&mean_variance, lowest) {
+        (Some(variance), _) => variance[i].sqrt(),
+        (None, Some(m_ac)) if narrow_weights[i] > 0.0 => m_ac[i] * squares[i].sqrt() / narrow_weights[i],
+        _ => 0.0,
     };
     for name in ["m_dc", "m_ac"] {
-        push(name, 0.0, &|i| mean[i], &mean_error);
+        push(name, 0.0, &|i| mean[i], &mean_error, narrow_sharing);
     }
     for (f_x, power) in &found {
-        push("m_dc", *f_x, &|i| mean[i], &mean_error);
+        push("m_dc", *f_x, &|i| mean[i], &mean_error, narrow_sharing);
         // The power of `samples` directions spreads by 1 / sqrt(samples), its root by half of that.
-        push("m_ac", *f_x, &|i| power.m_ac[i], &|i| 0.5 * power.m_ac[i] / power.samples.sqrt());
+        push("m_ac", *f_x, &|i| power.m_ac[i], &|i| 0.5 * power.m_ac[i] / power.samples.sqrt(), wide_sharing);
     }
     let mut info = LayerInfo::new("mask", LayerKind::Mask, "1");
     info.wavelength_nm = layers[0].info.wavelength_nm;

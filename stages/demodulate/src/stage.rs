@@ -93,6 +93,9 @@ pub struct Params {
     /// least squares: one period or more, 1.4 if left out.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub window: Option<Length>,
+    /// speckle: width of the window of M_DC, which needs no band of frequencies; half of `window` if left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mean_window: Option<Length>,
     /// single_shot, speckle: size of a pixel in the pattern's plane, where no scene is connected.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pixel_mm: Option<Length>,
@@ -109,6 +112,7 @@ impl Default for Params {
             filter: Filter::LeastSquares,
             f_x: Vec::new(),
             window: None,
+            mean_window: None,
             pixel_mm: None,
         }
     }
@@ -139,7 +143,7 @@ pub struct Demodulate;
 
 impl Stage for Demodulate {
     const NAME: &'static str = "demodulate";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     const ABOUT: &'static str =
         "M_DC, M_AC and phase of each pixel from frames of shifted sinusoids, with standard errors";
 
@@ -255,6 +259,9 @@ fn check_speckle(params: &Params, problems: &mut Problems) {
         if !params.f_x.is_empty() {
             problems.push("f_x", "only `method: speckle` reads f_x");
         }
+        if params.mean_window.is_some() {
+            problems.push("mean_window", "only `method: speckle` reads mean_window");
+        }
         if params.window.is_some() && params.method != Method::SingleShot {
             problems.push("window", "only `method: single_shot` and `method: speckle` read window");
         }
@@ -267,11 +274,14 @@ fn check_speckle(params: &Params, problems: &mut Problems) {
     if params.window.is_none() {
         problems.push_with_hint("window", "the width of the window around a pixel is missing", "30 mm, for example");
     }
+    if let Some(mean) = params.mean_window {
+        problems.require(mean.0 > 0.0, "mean_window", mean.0, "mm", "be > 0");
+    }
     for (k, f_x) in params.f_x.iter().enumerate() {
         let field = format!("f_x.{k}");
         problems.require(f_x.0 > 0.0 && f_x.0.is_finite(), field.as_str(), f_x.0, "mm^-1", "be > 0");
         if params.window.is_some() && f_x.0 > 0.0 && window * f_x.0 < 2.0 {
-            let message = format!("a window of {window} mm holds {:.2} periods of f_x = {f_x} mm^-1", window * f_x.0);
+            let message = format!("a window of {window} mm holds {:.2} periods of f_x = {f_x}", window * f_x.0);
             problems.push_with_hint(field, message, "two periods or more tell it from the mean: widen the window");
         }
     }

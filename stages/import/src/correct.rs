@@ -36,6 +36,14 @@ pub struct Field {
     levels: Vec<f64>,
 }
 
+impl Field {
+    /// Pixels.
+    #[allow(clippy::len_without_is_empty, reason = "pictures have pixels")]
+    pub fn len(&self) -> usize {
+        self.levels.len()
+    }
+}
+
 impl Camera {
     fn level(&self, picture: &Picture, i: usize) -> f64 {
         libm::pow(picture.values[i] / picture.highest.unwrap_or(1.0), self.gamma)

@@ -211,6 +211,12 @@ impl Params {
             ("{phase}", self.f_x.iter().any(|f| f.0 > 0.0) && self.phases > 1),
             ("{wavelength}", self.wavelength_nm.len() > 1),
         ];
+        let rest = needs.iter().fold(pattern.to_owned(), |rest, (place, _)| rest.replace(place, ""));
+        if let Some((_, from)) = rest.split_once('{') {
+            let unknown = from.split_once('}').map_or(from, |(name, _)| name);
+            let message = format!("`{pattern}`: nothing stands for {{{unknown}}}");
+            problems.push_with_hint("pattern", message, "known: {f_x}, {phase} and {wavelength}");
+        }
         for (place, needed) in needs {
             if needed && !pattern.contains(place) {
                 problems.push("pattern", format!("`{pattern}` names one file for all: {place} is missing"));

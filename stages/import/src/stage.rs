@@ -4,11 +4,11 @@ use turbid_contract::canonical::canonical_value;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Frames, MaskReason};
 use turbid_contract::{
-    Ctx, Error, FileUse, ImageStack, Known, LayerInfo, LayerKind, Problems, Stage, StagePlan, in_ports, out_ports,
-    serde_json,
+    Ctx, Error, FileUse, ImageStack, Known, LayerInfo, LayerKind, Problem, Problems, Stage, StagePlan, in_ports,
+    out_ports, serde_json,
 };
 
-use crate::correct::Corrected;
+use crate::correct::{Corrected, Field};
 use crate::decode::{Picture, decode};
 use crate::params::{Params, Shot};
 
@@ -55,19 +55,49 @@ impl Stage for ImportFrames {
 
     fn check(params: &Params, known: &Known, problems: &mut Problems) {
         params.check(problems);
+        let decoded = |at: &str, path: &str| {
+            let bytes = known.files.get(at)?;
+            let picture = decode(bytes, params.channel).and_then(|picture| picture.of_bits(params.bits));
+            Some(picture.map_err(|what| Error::invalid(at, format!("`{path}`: {what}"))))
+        };
+        // Pictures of dark and flat field that cannot be read are named with the others.
+        let absent = || Error::failed("it was not read");
+        let load = |at: &str, path: &str| decoded(at, path).unwrap_or_else(|| Err(absent()));
+        let fields = if problems.is_empty() { Fields::of(params, load) } else { Err(absent()) };
+        let shots = params.shots();
         let mut first: Option<(String, [usize; 2])> = None;
         for FileUse { at, path } in Self::files(params) {
-            let Some(bytes) = known.files.get(&at) else { continue };
-            match decode(bytes, params.channel).and_then(|picture| picture.of_bits(params.bits)) {
-                Err(what) => problems.push(at, format!("`{path}`: {what}")),
-                Ok(Picture { rows, columns, .. }) => match &first {
-                    None => first = Some((path, [columns, rows])),
-                    Some((_, size)) if *size == [columns, rows] => {}
-                    Some((other, [c, r])) => {
-                        problems.push(at, format!("`{path}` has {columns} x {rows} pixels, `{other}` has {c} x {r}"));
-                    }
-                },
+            let picture = match decoded(&at, &path) {
+                None => continue,
+                Some(Err(error)) => {
+                    push(error, problems);
+                    continue;
+                }
+                Some(Ok(picture)) => picture,
+            };
+            let size = [picture.columns, picture.rows];
+            match &first {
+                None => first = Some((path, size)),
+                Some((_, known)) if *known == size => {}
+                Some((other, [c, r])) => {
+                    let [columns, rows] = size;
+                    problems.push(at, format!("`{path}` has {columns} x {rows} pixels, `{other}` has {c} x {r}"));
+                    continue;
+                }
             }
+            match (&fields, shots.iter().find(|shot| shot.at == at)) {
+                (Ok(fields), Some(shot)) if fields.fit(&picture) => {
+                    if let Err(error) = usable(shot, &fields.correct(params, shot, &picture)) {
+                        push(error, problems);
+                    }
+                }
+                _ => {}
+            }
+        }
+        if let Err(error @ Error::Invalid(_)) = fields
+            && problems.is_empty()
+        {
+            push(error, problems);
         }
     }
 
@@ -89,15 +119,10 @@ impl Stage for ImportFrames {
             let picture = decode(&bytes, params.channel).and_then(|picture| picture.of_bits(params.bits));
             picture.map_err(|what| Error::invalid(at, format!("`{path}`: {what}")))
         };
-        let field = |at: &str, path: &Option<String>| path.as_ref().map(|path| load(at, path)).transpose();
-        let camera = params.camera();
-        let dark = field("dark", &params.dark)?.map(|picture| camera.dark(&picture));
-        let response = field("flat", &params.flat)?
-            .map(|flat| camera.response(&flat, dark.as_ref()).map_err(|what| Error::invalid("flat", what)))
-            .transpose()?;
+        let fields = Fields::of(params, load)?;
         let read = |k: usize| -> Result<(Picture, Corrected), Error> {
             let picture = load(&shots[k].at, &shots[k].file)?;
-            let corrected = camera.correct(&picture, dark.as_ref(), response.as_ref(), shots[k].exposure);
+            let corrected = fields.correct(params, &shots[k], &picture);
             Ok((picture, corrected))
         };
         let seen: Vec<(Picture, Corrected)> =
@@ -109,13 +134,56 @@ impl Stage for ImportFrames {
     }
 }
 
+fn push(error: Error, problems: &mut Problems) {
+    if let Error::Invalid(Problem { path, message, hint }) = error {
+        match hint {
+            Some(hint) => problems.push_with_hint(path, message, hint),
+            None => problems.push(path, message),
+        }
+    }
+}
+
+/// Dark level and response of the pixels, where there are pictures of them.
+struct Fields {
+    dark: Option<Field>,
+    response: Option<Field>,
+}
+
+impl Fields {
+    /// Error: a picture that cannot be read, a flat field without light.
+    fn of(params: &Params, load: impl Fn(&str, &str) -> Result<Picture, Error>) -> Result<Self, Error> {
+        let field = |at: &str, path: &Option<String>| path.as_ref().map(|path| load(at, path)).transpose();
+        let camera = params.camera();
+        let (dark, flat) = (field("dark", &params.dark)?, field("flat", &params.flat)?);
+        if let (Some(dark), Some(flat)) = (&dark, &flat)
+            && dark.values.len() != flat.values.len()
+        {
+            return Err(Error::failed("dark and flat field differ in size"));
+        }
+        let dark = dark.map(|picture| camera.dark(&picture));
+        let response = flat
+            .map(|flat| camera.response(&flat, dark.as_ref()).map_err(|what| Error::invalid("flat", what)))
+            .transpose()?;
+        Ok(Self { dark, response })
+    }
+
+    /// Whether they have as many pixels as the frame.
+    fn fit(&self, frame: &Picture) -> bool {
+        [&self.dark, &self.response].into_iter().flatten().all(|field| field.len() == frame.values.len())
+    }
+
+    fn correct(&self, params: &Params, shot: &Shot, picture: &Picture) -> Corrected {
+        params.camera().correct(picture, self.dark.as_ref(), self.response.as_ref(), shot.exposure)
+    }
+}
+
 /// A frame that shows nothing is a mistake of the set-up, not a dark tissue.
 fn usable(shot: &Shot, corrected: &Corrected) -> Result<(), Error> {
     let all = corrected.reasons.len();
     let saturated = corrected.reasons.iter().filter(|&&r| r == MaskReason::Saturated).count();
     if 2 * saturated > all {
         let share = 100.0 * saturated as f64 / all as f64;
-        return Err(Error::Invalid(turbid_contract::Problem {
+        return Err(Error::Invalid(Problem {
             path: shot.at.clone(),
             message: format!("{share:.0} % of the pixels of `{}` are saturated", shot.file),
             hint: Some("take it with less light, or raise `saturation` if the range goes further".into()),

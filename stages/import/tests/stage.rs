@@ -232,6 +232,7 @@ fn every_mistake_has_its_field() {
         (json!({"pattern": "a.png"}), "pattern: a pattern needs f_x"),
         (json!({"pattern": "a.png", "f_x": [0, 0.1]}), "`a.png` names one file for all: {f_x} is missing"),
         (json!({"pattern": "a_{f_x}.png", "f_x": [0.1]}), "{phase} is missing"),
+        (json!({"pattern": "{fx}_{phase}.png", "f_x": [0.1]}), "`{fx}_{phase}.png`: nothing stands for {fx}"),
         (
             json!({"pattern": "a_{phase}.png", "f_x": [0.1], "phases": 2}),
             "phases: two frames at f_x = 0.1 mm^-1 fix no sinusoid",
@@ -270,7 +271,12 @@ fn every_mistake_has_its_field() {
     }
     // What only the pixels show.
     let single = json!({"frames": [one(0.0, 0)], "dark": "d.png"});
-    let fails = |files: &[(&str, Arc<[u8]>)]| import(&single, files).unwrap_err().to_string();
+    // A file may be another one by the time that the stage runs: it looks as well.
+    let fails = |files: &[(&str, Arc<[u8]>)]| {
+        let (found, late) = (check(&single, files), import(&single, files).unwrap_err().to_string());
+        assert!(found.contains(&late), "before: {found}, later: {late}");
+        found
+    };
     let bright = fails(&[("frames.0.file", grey8(|i| if i < 40 { 255 } else { 9 })), ("dark", grey8(|_| 1))]);
     assert!(bright.contains("83 % of the pixels of `a.png` are saturated"), "{bright}");
     let dark = fails(&[("frames.0.file", grey8(|_| 3)), ("dark", grey8(|_| 3))]);

@@ -31,7 +31,12 @@ impl<'a> Fringes<'a> {
             return Err(Error::failed("the phase has several wavelengths; profilometry takes one"));
         }
         if let Some(wanted) = params.orientation_deg {
+            let known: Vec<String> = orientations(&layers);
             layers.retain(|l| l.info.orientation_deg.unwrap_or(0.0) == wanted.0);
+            if layers.is_empty() && !known.is_empty() {
+                let message = format!("the phase has no fringes of {wanted}, only of {} deg", known.join(", "));
+                return Err(Error::invalid("orientation_deg", message));
+            }
         }
         let orientation_deg = layers.first().map_or(0.0, |l| l.info.orientation_deg.unwrap_or(0.0));
         if layers.iter().any(|l| l.info.orientation_deg.unwrap_or(0.0) != orientation_deg) {
@@ -48,7 +53,7 @@ impl<'a> Fringes<'a> {
         match layers.last() {
             Some(l) if f_x(l) > 0.0 => Ok(Self { layers, orientation_deg }),
             _ => Err(Error::failed_with_hint(
-                "the sample has no phase of this orientation",
+                "the sample has no phase of fringes (f_x > 0)",
                 "connect the port `phase` of demodulate",
             )),
         }
@@ -61,6 +66,13 @@ impl<'a> Fringes<'a> {
     pub fn last(&self) -> usize {
         self.layers.len() - 1
     }
+}
+
+/// Each orientation once, in degrees.
+fn orientations(layers: &[&Layer]) -> Vec<String> {
+    let mut all: Vec<String> = layers.iter().map(|l| l.info.orientation_deg.unwrap_or(0.0).to_string()).collect();
+    all.dedup();
+    all
 }
 
 /// The layer of `stack` with the f_x and orientation of `info`.

@@ -146,12 +146,19 @@ impl Stage for Profilometry {
                 Ok(rig) => {
                     match (params.orientation_deg, sensitive(&rig)) {
                         (Some(orientation), Err(what)) => {
-                            problems.push("orientation_deg", format!("{orientation}: {what}"));
+                            problems.push("orientation_deg", format!("fringes of {orientation} {what}"));
                         }
                         (None, _) if rig.apart() <= LEAST_BASELINE * rig.projector.height() => {
                             let message =
                                 "camera and projector stand one above the other: fringes of no direction show a height";
                             problems.push_with_hint("", message, "move one of them sideways");
+                        }
+                        (None, Err(what)) => {
+                            let message = format!("fringes along x (orientation 0 deg) {what}");
+                            problems.warn(
+                                "",
+                                format!("{message}; say orientation_deg where those of the sample are turned"),
+                            );
                         }
                         _ => {}
                     }

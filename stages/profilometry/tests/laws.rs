@@ -326,7 +326,7 @@ fn what_gives_no_height_is_named() {
     for part in [
         "heights.1: heights = -5 mm must be above",
         "f_x = 0 mm^-1 must be > 0",
-        "orientation_deg: 90 deg: show no height",
+        "orientation_deg: fringes of 90 deg show no height",
     ] {
         assert!(found.iter().any(|f| f.contains(part)), "{part}: {found:?}");
     }
