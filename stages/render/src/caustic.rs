@@ -1,24 +1,24 @@
-//! Ways of light through smooth walls of any shape: some known for sure, all others by chance.
+//! Ways of light through smooth walls of any shape, and by mirrors: some known for sure, all others by chance.
 //!
 //! A way is found by aiming: a ray from the point is refracted and reflected as its events say, its neighbours tell how to turn it so that it
 //! meets the light. `docs/theory/render.md` says why nothing is counted twice and nothing is left out.
 
-use glam::{DVec2, DVec3};
-use turbid_optics::elementary::sin_cos_turns;
-use turbid_optics::henyey_greenstein::turn;
+use glam::DVec3;
 use turbid_optics::pencil::Aim;
-use turbid_optics::philox::{philox4x32, unit};
-use turbid_optics::refraction::refract;
 use turbid_optics::solid::{Ends, Far};
 
 use crate::channels::{Lengths, NO_LENGTHS, count, sum};
+use crate::finish::Finish;
 use crate::lamp::Source;
-use crate::link::{Chance, DETOURS, Link};
+use crate::link::Link;
 use crate::path::{Setting, Walker};
 use crate::world::{Skin, Wall};
 
+mod chance;
+mod reflection;
 mod shot;
 
+pub(crate) use chance::{Beginning, Dice};
 use shot::{Shot, Walls};
 
 /// A way that need not be looked for.
@@ -29,11 +29,12 @@ pub(crate) struct Known {
     events: usize,
 }
 
-/// Where the refractive index changes next on a ray.
+/// Where the refractive index changes next on a ray, or there is a mirror.
 struct Edge {
     distance: f64,
     wall: Wall,
     n: f64,
+    /// Behind it; at a mirror the same as before it.
     beyond: f64,
     /// As of a [`Shot`].
     tau: f64,
@@ -50,46 +51,23 @@ enum Next {
     Free(f64),
 }
 
-/// Random numbers of the trials at one place.
-struct Dice {
-    key: [u32; 2],
-    head: [u32; 2],
-    trial: u32,
-    throw: u32,
-}
-
 /// A place where light may cross one wall is a way if what is left to turn is less than this, rad: else another wall comes first.
 const NEAR: f64 = 1e-4;
 /// Ways are one if their directions differ by less, rad.
 const SAME: f64 = 1e-6;
-/// Ways that bring less than this part of the light of the best are weighed by roulette.
-const WEAK: f64 = 1e-2;
-/// Of a trial's events: a ray from outside is reflected by a wall with this probability, one from inside with at least `RARE`.
-const OUTSIDE: f64 = 0.5;
-const RARE: f64 = 0.1;
-/// A trial ends at each event with this probability.
-const DIES: f64 = 0.1;
-/// Among facets a trial begins with this probability near a way by smooth surfaces, up to so many rad and down to e^-SCALES of that from it.
-const SMOOTHLY: f64 = 0.75;
-const FARTHEST: f64 = 0.3;
-const SCALES: f64 = 8.0;
-/// Trials after which a way that was found once is given up.
-const MOST_TRIALS: u32 = 1 << 18;
-
-impl Dice {
-    fn throw(&mut self) -> [f64; 4] {
-        self.throw += 1;
-        philox4x32([self.trial, self.throw, self.head[0], self.head[1]], self.key).map(unit)
-    }
-}
 
 impl Walker<'_> {
     /// Fills `self.known` with ways found from fixed beginnings: the straight line, or refraction at one wall, or the straight line's walls one
-    /// after the other; with the first of them if `one` will do.
+    /// after the other; and reflection at one mirror. With the first of them if `one` will do.
     pub(crate) fn know_ways(&mut self, source: Source<'_>, r: DVec3, skin: Option<Skin>, one: bool) {
         let mut known = std::mem::take(&mut self.known);
         known.clear();
         self.find_ways(source, r, skin, one, &mut known);
+        if (known.is_empty() || !one) && !self.mirrors.is_empty() {
+            self.by_one_reflection(source, (r, skin), false, &mut known);
+            // In a focus there is no telling how bright it is; hardly any place is in one.
+            known.retain(|known| known.link.irradiance.is_finite());
+        }
         self.known = known;
     }
 
@@ -155,145 +133,6 @@ impl Walker<'_> {
         known.extend(link.map(|link| Known { link, events: events.len() }));
     }
 
-    /// One of the ways that are not in `self.known`, found by trying. The mean number of trials until it is found again is one over the
-    /// probability with which it is found: so it is scored by that number.
-    pub(crate) fn by_chance(
-        &mut self,
-        source: Source<'_>,
-        r: DVec3,
-        skin: Option<Skin>,
-        chance: &Chance<'_>,
-    ) -> Option<Link> {
-        let best = self.known.first().map(|known| known.link);
-        let tried = if best.is_some() { DETOURS } else { 1.0 };
-        let random = |decision| chance.stream.aside(chance.number, source.place(), chance.place, decision);
-        let [whether, roulette, ..] = random(1).map(unit);
-        if whether >= tried {
-            return None;
-        }
-        let [a, b, c, d] = random(2);
-        let mut dice = Dice { key: [a, b], head: [c, d], trial: 0, throw: 0 };
-        let exit = best.and_then(|link| link.exit);
-        let n_far = self.index_around(source.origin().0);
-        let begin = (r, skin);
-        let (shot, aim, events) = self.try_way(source, begin, exit, n_far, &mut dice)?;
-        let way = shot.pencil.start();
-        if self.known.iter().any(|known| known.is(way, events)) {
-            return None;
-        }
-        let mut link = self.arrive(source, &shot, &aim).filter(|link| link.lit)?;
-        let strength = link.irradiance * libm::exp(-link.tau);
-        let best = match best {
-            Some(link) => link.irradiance * libm::exp(-link.tau),
-            None => source.arrival(r).map_or(0.0, |arrival| arrival.irradiance / (n_far * n_far)),
-        };
-        let kept = if best > 0.0 { (strength / (WEAK * best)).min(1.0) } else { 1.0 };
-        if roulette >= kept {
-            return None;
-        }
-        for trial in 1..MOST_TRIALS {
-            dice = Dice { trial, throw: 0, ..dice };
-            let again = self.try_way(source, begin, exit, n_far, &mut dice);
-            if again.is_some_and(|(shot, _, n)| n == events && (shot.pencil.start() - way).length() < SAME) {
-                link.irradiance *= f64::from(trial) / (tried * kept);
-                return Some(link);
-            }
-        }
-        self.given_up += 1;
-        None
-    }
-
-    /// A random ray with random events, aimed at the source; how many events it has.
-    fn try_way(
-        &mut self,
-        source: Source<'_>,
-        (r, skin): (DVec3, Option<Skin>),
-        exit: Option<DVec3>,
-        n_far: f64,
-        dice: &mut Dice,
-    ) -> Option<(Shot, Aim, usize)> {
-        let [choice, u, turns, _] = dice.throw();
-        let around = |axis: DVec3, least: f64| {
-            let cos = 1.0 - u * (1.0 - least);
-            let (sin_phi, cos_phi) = sin_cos_turns(turns);
-            turn(axis, cos, (1.0 - cos * cos).max(0.0).sqrt(), sin_phi, cos_phi)
-        };
-        // Towards the source, or where walls let light out, or into all directions.
-        let first = match exit {
-            _ if choice < 0.25 => around(source.towards(r).0, 0.95),
-            Some(exit) if choice < 0.6 => around(exit, 0.7),
-            _ => around(DVec3::Z, -1.0),
-        };
-        let mut events = std::mem::take(&mut self.events);
-        events.clear();
-        let begun = self.events_of((r, skin), first, n_far, dice, &mut events);
-        // One refraction by a flat wall is known.
-        let begun = begun.filter(|()| !(self.facetted && self.flat && events[..] == [false]));
-        let first = begun.and_then(|()| self.among_facets(source, (r, skin), first, &events, dice));
-        let found = first.and_then(|w| self.connect(source, (r, skin), w, &events, Walls::AsTheyAre));
-        let count = events.len();
-        self.events = events;
-        found.map(|(shot, aim)| (shot, aim, count))
-    }
-
-    /// Where there are facets, mostly a direction at random about the one that would be the way if the surfaces that they stand for were smooth: ways
-    /// by facets, of which each holds one or none, lie around it, and few rays find a way from far off. All scales are as likely.
-    fn among_facets(
-        &mut self,
-        source: Source<'_>,
-        begin: (DVec3, Option<Skin>),
-        w: DVec3,
-        events: &[bool],
-        dice: &mut Dice,
-    ) -> Option<DVec3> {
-        if !self.facetted {
-            return Some(w);
-        }
-        let [whether, scale, u, turns] = dice.throw();
-        if whether >= SMOOTHLY {
-            return Some(w);
-        }
-        let (shot, _) = self.connect(source, begin, w, events, Walls::Rounded)?;
-        let off = FARTHEST * libm::exp(-SCALES * scale) * u.sqrt();
-        let (sin, cos) = sin_cos_turns(turns);
-        Some(shot.pencil.turned(off * DVec2::new(cos, sin)))
-    }
-
-    /// Random events along a ray, until it may see the source.
-    fn events_of(
-        &mut self,
-        (mut r, mut skin): (DVec3, Option<Skin>),
-        mut w: DVec3,
-        n_far: f64,
-        dice: &mut Dice,
-        events: &mut Vec<bool>,
-    ) -> Option<()> {
-        loop {
-            let [ends, dies, reflects, _] = dice.throw();
-            let edge = match self.next_edge(r, w, skin) {
-                Next::Edge(edge) => edge,
-                Next::Free(n) => return (n == n_far && !events.is_empty()).then_some(()),
-                // The ray may be turned past it.
-                Next::Opaque => return (!events.is_empty()).then_some(()),
-            };
-            if edge.n == n_far && !events.is_empty() && ends < 0.5 {
-                return Some(());
-            }
-            if dies < DIES {
-                return None;
-            }
-            r += edge.distance * w;
-            let normal = self.setting.world.normal(edge.wall, r);
-            let met = refract(w, normal, edge.n, edge.beyond);
-            let likely = if edge.n == n_far { OUTSIDE } else { met.reflectance.clamp(RARE, 1.0 - RARE) };
-            let on = met.refracted.filter(|_| reflects >= likely);
-            events.push(on.is_none());
-            let inside = normal.dot(w) > 0.0;
-            skin = Some(Skin { wall: edge.wall, inside: inside == on.is_none() });
-            w = on.unwrap_or(met.reflected);
-        }
-    }
-
     /// The light that comes by a way that has been found, if nothing stands in its last part.
     fn arrive(&mut self, source: Source<'_>, shot: &Shot, aim: &Aim) -> Option<Link> {
         let Shot { pencil, skin, n, passed, tau, lengths, exit } = shot;
@@ -341,26 +180,31 @@ impl Walker<'_> {
         })
     }
 
-    /// Where the index changes first along a ray.
+    /// Where the index changes first along a ray, or a mirror is.
     fn next_edge(&mut self, r: DVec3, w: DVec3, skin: Option<Skin>) -> Next {
         let Setting { world, shared, .. } = self.setting;
         let (mut n, mut tau, mut lengths) = (None, 0.0, NO_LENGTHS);
         let (mut before, mut exit): (Option<Wall>, Option<DVec3>) = (None, None);
         for piece in world.trace(r, w, skin, &mut self.spans) {
             let material = &world.materials[piece.material];
-            if material.is_opaque() {
+            let mirror = material.finish == Finish::Mirror;
+            if material.is_opaque() && !mirror {
                 return Next::Opaque;
             }
             let n = *n.get_or_insert(material.n);
+            let beyond = if mirror { n } else { material.n };
             if let Some(wall) = before {
                 let along = || {
                     let normal = world.normal(wall, r + piece.start * w);
                     if normal.dot(w) < 0.0 { -normal } else { normal }
                 };
                 let exit = *exit.get_or_insert_with(along);
-                if material.n != n {
-                    return Next::Edge(Edge { distance: piece.start, wall, n, beyond: material.n, tau, lengths, exit });
+                if mirror || beyond != n {
+                    return Next::Edge(Edge { distance: piece.start, wall, n, beyond, tau, lengths, exit });
                 }
+            } else if mirror {
+                // Rounding put the start of the ray into it.
+                return Next::Opaque;
             }
             if piece.wall.is_none() {
                 return Next::Free(n);
@@ -400,6 +244,12 @@ impl Walker<'_> {
     fn index_around(&self, p: DVec3) -> f64 {
         let world = self.setting.world;
         world.bodies.iter().find(|body| body.solid.contains(p)).map_or(1.0, |body| world.materials[body.material].n)
+    }
+}
+
+impl Edge {
+    fn is_mirror(&self) -> bool {
+        self.n == self.beyond
     }
 }
 

@@ -1,4 +1,5 @@
-//! Flat mirrors: the light that they throw, from the mirror images of its sources.
+//! Mirrors: where they are, and the light that flat ones throw, from the mirror images of its sources. What curved ones throw is looked for as what walls
+//! refract (`caustic.rs`).
 
 use glam::DVec3;
 use turbid_optics::philox::unit;
@@ -21,12 +22,19 @@ pub struct Plane {
     one_sided: bool,
 }
 
-/// The planes of all mirrors of a world.
+/// The mirrors of a world.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mirrors {
-    planes: Vec<Plane>,
+    /// Bodies with mirrors for walls: of them, or carved into them.
+    pub bodies: Vec<usize>,
     /// Whether light may go from mirror to mirror.
     pub face: bool,
+    /// Whether one of them is not flat, or a mesh.
+    pub curved: bool,
+    /// Whether no way of light has more turns than one, by a mirror: it is convex, and alone in turning light.
+    pub once: bool,
+    /// Their planes, where all of them are flat.
+    planes: Vec<Plane>,
 }
 
 /// A mirror at the end of a ray.
@@ -39,7 +47,7 @@ struct Seen {
     exit: DVec3,
 }
 
-/// Decisions of [`Chance`] from here on are about mirrors; where light bends at planes, too, scenes with mirrors are refused.
+/// Decisions of [`Chance`] from here on are about mirrors; where light bends, too, or mirrors are curved, they are others.
 const DECISIONS: u32 = 1;
 /// Ways by more mirrors than this have a probability of 2^-50 to be looked for.
 const MOST_MIRRORS: usize = 50;
@@ -78,26 +86,29 @@ impl Plane {
 }
 
 impl Mirrors {
-    /// `None` where a mirror is not flat.
-    pub fn of(world: &World) -> Option<Self> {
+    pub fn of(world: &World) -> Self {
         let is_mirror = |body: &Body| world.materials[body.material].finish == Finish::Mirror;
         let mut mirrors = Self::default();
-        let mut bodies = 0;
         for (i, body) in world.bodies.iter().enumerate() {
             // What is carved into a mirror has mirrors for walls.
             let carves = || world.bodies[i + 1..].iter().any(|below| is_mirror(below) && meet(body, below));
             if !is_mirror(body) && !carves() {
                 continue;
             }
-            mirrors.face |= bodies > 0 || !is_mirror(body) || !body.solid.is_convex();
-            bodies += 1;
-            faces(&body.solid, is_mirror(body), &mut mirrors.planes)?;
+            mirrors.face |= !mirrors.bodies.is_empty() || !is_mirror(body) || !body.solid.is_convex();
+            mirrors.bodies.push(i);
+            mirrors.curved |= faces(&body.solid, is_mirror(body), &mut mirrors.planes).is_none();
         }
-        Some(mirrors)
+        if mirrors.curved {
+            mirrors.planes.clear();
+        }
+        let one_index = world.bodies.iter().all(|body| world.materials[body.material].n == 1.0);
+        mirrors.once = !mirrors.is_empty() && !mirrors.face && one_index;
+        mirrors
     }
 
     pub fn is_empty(&self) -> bool {
-        self.planes.is_empty()
+        self.bodies.is_empty()
     }
 }
 
@@ -153,7 +164,7 @@ impl Walker<'_> {
         chance: &Chance<'_>,
         links: &mut Vec<Link>,
     ) {
-        if self.mirrors.is_empty() {
+        if self.mirrors.planes.is_empty() {
             return;
         }
         self.by_one_mirror(source, r, skin, links);

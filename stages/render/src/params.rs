@@ -1,13 +1,14 @@
 //! The parameters of a render, and what is wrong with them for a given scene.
 
 use serde::{Deserialize, Serialize};
-use turbid_contract::payload::{Pattern, Scene, Specular, Surface};
+use turbid_contract::payload::{Pattern, Scene};
 use turbid_contract::schemars::JsonSchema;
 use turbid_contract::{AngleDeg, Error, LayerInfo, PerLength, Problem, Problems, Ratio, Seconds};
 
+use crate::glint::in_focus;
 use crate::light::Carrier;
 use crate::method::Taken;
-use crate::mirror::{Mirrors, has_mirrors};
+use crate::mirror::Mirrors;
 use crate::plan::flights_per_path;
 use crate::plane_wave::no_plane_wave;
 use crate::rig::Rig;
@@ -247,25 +248,8 @@ impl Params {
             if rig.worlds.iter().any(has_clear_facets) {
                 problems.warn("", "a mesh of another n than its surroundings is so clear that light is reflected in it several times: of ways by several facets few are found, and standard errors may say too little");
             }
-            check_mirrors(&rig, scene, problems);
-            if scene.camera.as_ref().is_some_and(|c| c.specular == Some(Specular::Include)) {
-                let planes = |world: &World| matches!(Bending::of(world), Bending::AtPlanes(_)) || has_mirrors(world);
-                let parallel = |world: &World| planes(world) && rig.is_parallel();
-                if rig.worlds.iter().any(parallel) {
-                    problems.push_with_hint(
-                        "",
-                        "an orthographic camera sees nothing or too much of a parallel beam's glint on planes: both have one direction only",
-                        "write `specular: exclude` in the camera, make it a pinhole far away, or the beam a spot",
-                    );
-                }
-                if rig.worlds.iter().any(|world| Bending::of(world) == Bending::AtWalls) {
-                    problems.push_with_hint(
-                        "",
-                        "the glint of a light on smooth walls that are curved or tilted is not rendered by this version",
-                        "write `specular: exclude` in the camera",
-                    );
-                }
-            }
+            check_mirrors(&rig, problems);
+            check_glints(&rig, problems);
         }
         if let (Method::Rte, Some(reason)) = (self.method, no_plane_wave(scene)) {
             problems.push_with_hint(
@@ -335,30 +319,46 @@ fn has_clear_facets(world: &World) -> bool {
 }
 
 /// What this version cannot say of the light that mirrors throw.
-fn check_mirrors(rig: &Rig, scene: &Scene, problems: &mut Problems) {
+fn check_mirrors(rig: &Rig, problems: &mut Problems) {
+    let (world, mirrors) = (&rig.worlds[0], Mirrors::of(&rig.worlds[0]));
     // Light from all sides is found by paths.
-    let looked_for = rig.lights[0].shines() || !rig.steady[0].lamps.is_empty();
-    let world = &rig.worlds[0];
-    if !looked_for || !has_mirrors(world) {
+    if rig.shines() && mirrors.curved && Bending::of(world) == Bending::AtRough {
+        problems.push_with_hint(
+            "",
+            "a mirror is curved, and there are rough walls between different n: the light that goes by both is not found by this version",
+            "give what has n != 1 a smooth surface, make mirrors of slabs and boxes, or light the scene by ambient light alone",
+        );
+    }
+}
+
+/// What this version cannot say of glints.
+fn check_glints(rig: &Rig, problems: &mut Problems) {
+    if rig.excludes_specular || !rig.shines() {
         return;
     }
-    let included = scene.camera.as_ref().is_some_and(|c| c.specular == Some(Specular::Include));
-    let bends = !matches!(Bending::of(world), Bending::Nowhere | Bending::AtRough);
-    let only_mirrors = scene.objects.values().all(|o| o.surface == Surface::Mirror);
-    let mut refuse = |message: &str, hint: &str| problems.push_with_hint("", message, hint);
-    match Mirrors::of(world) {
-        None if included || !only_mirrors => refuse(
-            "a mirror is curved: where the light of projector and lights goes by it is not found by this version",
-            "make mirrors of slabs and boxes, or light the scene by ambient light alone",
-        ),
-        Some(mirrors) if included && mirrors.face => refuse(
-            "mirrors face each other: the glints between them are endless",
+    let world = &rig.worlds[0];
+    let (bending, mirrors) = (Bending::of(world), Mirrors::of(world));
+    let smooth = matches!(bending, Bending::AtPlanes(_) | Bending::AtWalls) || !mirrors.is_empty();
+    if smooth && rig.is_parallel() {
+        problems.push_with_hint(
+            "",
+            "an orthographic camera sees nothing or too much of a parallel beam's glint on planes: both have one direction only",
+            "write `specular: exclude` in the camera, make it a pinhole far away, or the beam a spot",
+        );
+        return;
+    }
+    if mirrors.face && bending != Bending::AtWalls {
+        problems.push_with_hint(
+            "",
+            "flat mirrors face each other: the glints between them are endless",
             "write `specular: exclude` in the camera, or leave one mirror",
-        ),
-        _ if bends => refuse(
-            "there are mirrors beside smooth walls between different n: light that goes by both is not found by this version",
-            "give what has n != 1 a rough surface, or the same n as its surroundings",
-        ),
-        _ => {}
+        );
+    }
+    if in_focus(rig) {
+        problems.push_with_hint(
+            "camera.position",
+            "walls bring the light of a lamp to a focus at the camera, as round ones do on their axis: it is endlessly bright",
+            "move the camera or the light aside, give the camera an aperture, or write `specular: exclude`",
+        );
     }
 }

@@ -197,9 +197,8 @@ impl<'a> Walker<'a> {
             given_up: 0,
             bending: Bending::of(setting.world),
             flat: strata::is_flat(setting.world),
-            facetted: strata::facetted(setting.world).next().is_some(),
-            // Others are seen, but light nothing.
-            mirrors: Mirrors::of(setting.world).unwrap_or_default(),
+            facetted: strata::turns_at_facets(setting.world),
+            mirrors: Mirrors::of(setting.world),
             mirrored: Vec::new(),
             responses,
             queued,

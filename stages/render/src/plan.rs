@@ -6,12 +6,14 @@ use turbid_optics::diffusion::a_robin;
 
 use crate::channels::groups;
 use crate::fit::Lattice;
+use crate::glint::by_several_walls;
 use crate::method::{FIT_PATHS, Taken, bound};
+use crate::mirror::Mirrors;
 use crate::params::{Allocate, Method, Params};
 use crate::pictures::Pictures;
 use crate::response::Layout;
 use crate::rig::Rig;
-use crate::strata::{Bending, facetted};
+use crate::strata::{Bending, turns_at_facets};
 use crate::world::World;
 
 /// ns per flight on one core, f32 lanes of AVX-512 (measured: 305, 547 and 2070 ns per path of 31, 67 and 387 flights; see
@@ -133,8 +135,13 @@ pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool) -> StagePla
         sort(scene.channels() > 1, "several channels");
         sort(walks < scene.channels(), "paths shared by channels");
         sort(scene.media.values().any(|m| m.n != 1.0), "Fresnel boundaries");
-        let at_walls = |world: &World| Bending::of(world) == Bending::AtWalls;
-        sort(Rig::of(scene).is_ok_and(|rig| rig.worlds.iter().any(at_walls)), "refraction at curved or tilted walls");
+        let rig = Rig::of(scene).ok();
+        let world = rig.as_ref().map(|rig| &rig.worlds[0]);
+        let at_walls = world.is_some_and(|world| Bending::of(world) == Bending::AtWalls);
+        let refracts = world.is_some_and(|world| world.materials.iter().any(|m| m.n != 1.0));
+        sort(at_walls && refracts, "refraction at curved or tilted walls");
+        sort(world.is_some_and(|world| Mirrors::of(world).curved), "curved mirrors");
+        sort(rig.as_ref().is_some_and(by_several_walls), "glints by several walls, by chance");
         sort(scene.objects.values().any(|o| matches!(o.surface, Surface::Rough(_))), "rough boundaries");
         let ambient = scene.lights.values().filter(|l| matches!(l, Lamp::Ambient { .. })).count();
         sort(scene.projector.is_some(), "projector");
@@ -195,7 +202,7 @@ pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool) -> StagePla
                 |o: &Object| o.surface == Surface::Smooth && o.medium.as_ref().is_some_and(|m| scene.media[m].n != 1.0);
             let per_path = if scene.objects.values().any(refracts) { REFRACTED * per_path } else { per_path };
             let at_walls = |world: &World| match Bending::of(world) {
-                Bending::AtWalls if facetted(world).next().is_some() => NS_AT_FACETS,
+                Bending::AtWalls if turns_at_facets(world) => NS_AT_FACETS,
                 Bending::AtWalls => NS_AT_WALLS,
                 _ => 0.0,
             };

@@ -96,6 +96,11 @@ impl Rig {
 }
 
 impl Rig {
+    /// Whether there is a light at a place or in a direction.
+    pub fn shines(&self) -> bool {
+        self.lights[0].shines() || !self.steady[0].lamps.is_empty()
+    }
+
     /// Whether the camera's rays are parallel, and those of a light.
     pub fn is_parallel(&self) -> bool {
         let beam = |steady: &Steady| steady.lamps.iter().any(|lamp| matches!(lamp, Lamp::Beam { .. }));

@@ -8,7 +8,7 @@ use crate::detector::Detector;
 use crate::field::Field;
 use crate::forward::tally;
 use crate::frames::Images;
-use crate::glint::{Glinting, glints};
+use crate::glint::{Glinting, by_chance, glints};
 use crate::method::{Taken, sums};
 use crate::params::Params;
 use crate::power::power;
@@ -97,13 +97,17 @@ impl Stage for RenderStage {
         let taken = Taken::of(params, &scene, inputs.pattern.is_some());
         let traced = sums(&taken, params, &scene, &rig, &shown, ctx)?;
         let mut estimate = traced.estimate(&rig, &shown, ctx)?;
-        let glints = glints(&rig, &shown, ctx)?;
+        let (glints, chanced) = (glints(&rig, &shown, ctx)?, by_chance(&rig, &shown, estimate.n, ctx)?);
         estimate.channels = estimate
             .channels
             .into_iter()
-            .zip(glints)
-            .map(|(field, glints)| -> Box<dyn Field> {
-                if glints.is_empty() { field } else { Box::new(Glinting { field, glints }) }
+            .zip(glints.into_iter().zip(chanced))
+            .map(|(field, (glints, chanced))| -> Box<dyn Field> {
+                if glints.is_empty() && chanced.is_none() {
+                    field
+                } else {
+                    Box::new(Glinting { field, glints, chanced })
+                }
             })
             .collect();
         let images = Images {

@@ -4,6 +4,7 @@ use glam::DVec3;
 use turbid_optics::solid::Solid;
 
 use crate::finish::Finish;
+use crate::mirror::Mirrors;
 use crate::world::{Body, World};
 
 /// The refractive index as a function of z.
@@ -25,12 +26,12 @@ pub struct Layer {
 /// Where light bends in a world.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Bending {
-    /// Nowhere: all that light can enter has one refractive index.
+    /// Nowhere: all that light can enter has one refractive index, and mirrors are flat.
     Nowhere,
     AtPlanes(Strata),
     /// At rough walls only: no light crosses them without being scattered by them.
     AtRough,
-    /// At smooth walls of any shape.
+    /// At smooth walls of any shape, mirrors among them.
     AtWalls,
     /// At walls for which there is no way to find the light behind them.
     Anywhere,
@@ -41,8 +42,9 @@ impl Bending {
         let clear = |i: usize| !world.materials[i].is_opaque();
         let bends: Vec<_> =
             world.bodies.iter().filter(|b| clear(b.material) && world.materials[b.material].n != 1.0).collect();
+        let mirrors = Mirrors::of(world);
         if bends.is_empty() {
-            return Self::Nowhere;
+            return if mirrors.curved { Self::AtWalls } else { Self::Nowhere };
         }
         let rough = |material: usize| matches!(world.materials[material].finish, Finish::Rough(_));
         if bends.iter().any(|b| rough(b.material)) {
@@ -56,10 +58,10 @@ impl Bending {
                 && !world.bodies.iter().enumerate().any(|(i, body)| carves(i, body));
             return if all { Self::AtRough } else { Self::Anywhere };
         }
-        if let Some(strata) = Strata::of(world) {
-            return Self::AtPlanes(strata);
+        match Strata::of(world) {
+            Some(strata) if mirrors.is_empty() => Self::AtPlanes(strata),
+            _ => Self::AtWalls,
         }
-        Self::AtWalls
     }
 }
 
@@ -81,10 +83,19 @@ pub fn facetted(world: &World) -> impl Iterator<Item = &Body> {
     let n = |body: &Body| world.materials[body.material].n;
     let changes =
         move |mesh: &Body| n(mesh) != 1.0 || world.bodies.iter().any(|b| clear(b) && n(b) != n(mesh) && meet(mesh, b));
-    world.bodies.iter().filter(move |body| {
-        let solid = if let Solid::Turned(turned) = &body.solid { &turned.solid } else { &body.solid };
-        matches!(solid, Solid::Mesh(_)) && clear(body) && changes(body)
-    })
+    world.bodies.iter().filter(move |body| is_mesh(&body.solid) && clear(body) && changes(body))
+}
+
+fn is_mesh(solid: &Solid) -> bool {
+    match solid {
+        Solid::Turned(turned) => is_mesh(&turned.solid),
+        _ => matches!(solid, Solid::Mesh(_)),
+    }
+}
+
+/// Whether facets turn light, by refraction or as mirrors.
+pub fn turns_at_facets(world: &World) -> bool {
+    facetted(world).next().is_some() || Mirrors::of(world).bodies.iter().any(|&i| is_mesh(&world.bodies[i].solid))
 }
 
 /// Bounds of what shows of a solid, less what boxes and slabs before it take off its top and bottom; upside down where nothing shows.

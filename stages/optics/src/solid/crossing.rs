@@ -99,15 +99,9 @@ impl Ends {
         Some(foot + depth.abs() * crossing.tan(self.n_near) * sideways)
     }
 
-    /// Through a triangle, its edges and what rounding puts beside them included.
+    /// Through a triangle.
     pub(super) fn through_facet(&self, corners: &[DVec3; 3], normal: DVec3) -> Option<DVec3> {
-        let p = self.through_plane(normal, normal.dot(corners[0]))?;
-        let size = corners.iter().fold(0.0, |size: f64, corner| size.max(corner.abs().max_element()));
-        let within = (0..3).all(|k| {
-            let (from, edge) = (corners[k], corners[(k + 1) % 3] - corners[k]);
-            edge.cross(p - from).dot(normal) >= -1e-12 * size * edge.length()
-        });
-        within.then_some(p)
+        self.through_plane(normal, normal.dot(corners[0])).filter(|p| holds(corners, normal, *p))
     }
 
     /// The place of least optical length on a curved surface, downhill from `p` on it; `None` where the two ends are on the same side.
@@ -155,6 +149,15 @@ impl Ends {
         }
         None
     }
+}
+
+/// Whether a point of its plane is in a triangle, its edges and what rounding puts beside them included.
+pub(super) fn holds(corners: &[DVec3; 3], normal: DVec3, p: DVec3) -> bool {
+    let size = corners.iter().fold(0.0, |size: f64, corner| size.max(corner.abs().max_element()));
+    (0..3).all(|k| {
+        let (from, edge) = (corners[k], corners[(k + 1) % 3] - corners[k]);
+        edge.cross(p - from).dot(normal) >= -1e-12 * size * edge.length()
+    })
 }
 
 impl Curved {

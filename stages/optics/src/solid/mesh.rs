@@ -224,18 +224,33 @@ impl Mesh {
 
     /// Points of its facets at which Snell's law takes light from the far end to the near one; those on an edge may come twice.
     pub fn refractions(&self, ends: &Ends, found: &mut dyn FnMut(DVec3)) {
+        let ends = ends.moved(|p| p - self.center, |w| w);
+        self.places(&Search::refracting(&ends), |corners, normal| ends.through_facet(corners, normal), found);
+    }
+
+    /// The same of the law of reflection, on either side of them.
+    pub fn reflections(&self, ends: &Ends, found: &mut dyn FnMut(DVec3)) {
+        let ends = ends.moved(|p| p - self.center, |w| w);
+        self.places(&Search::reflecting(&ends), |corners, normal| ends.by_facet(corners, normal), found);
+    }
+
+    /// What `on` finds on facets, where the search lets it look.
+    fn places(
+        &self,
+        search: &Search<'_>,
+        on: impl Fn(&[DVec3; 3], DVec3) -> Option<DVec3>,
+        found: &mut dyn FnMut(DVec3),
+    ) {
         let lies = self.lies.get_or_init(|| {
             self.tree.ranges().into_iter().map(|range| Normals::around(&self.normals[range])).collect()
         });
-        let ends = ends.moved(|p| p - self.center, |w| w);
-        let search = Search::of(&ends);
         self.tree.visit_numbered(
             |i, low, high| search.may_be_in(low, high, &lies[i]),
             |places| {
                 for place in places {
                     let (corners, normal) = (&self.corners[place], self.normals[place]);
                     if search.may_be_on(corners, normal)
-                        && let Some(p) = ends.through_facet(corners, normal)
+                        && let Some(p) = on(corners, normal)
                     {
                         found(p + self.center);
                     }

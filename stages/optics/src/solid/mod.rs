@@ -15,6 +15,7 @@ mod memo;
 pub mod mesh;
 mod normals;
 mod patch;
+mod reflection;
 mod rounded;
 mod shapes;
 

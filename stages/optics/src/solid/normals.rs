@@ -1,10 +1,12 @@
-//! Where a surface of facets may refract light from one point to another: bounds for boxes full of facets, and for single ones.
+//! Where a surface of facets may refract or reflect light from one point to another: bounds for boxes full of facets, and for single ones.
 //!
 //! Light goes from the far end to the near one through a point p of a facet of unit normal m, if with the unit vectors a, b from p to both
 //!
 //! ```text
-//! n_far a + n_near b = h  is along m,  and a . m and b . m have opposite signs.
+//! n_far a + n_near b = h  is along m,  and a . m and b . m have opposite signs;
 //! ```
+//!
+//! it is reflected there if n_far = n_near and both have the same sign.
 //!
 //! Over a box a, b and m stay in cones, so h stays in one: where it does not meet that of the normals, or both ends are on one side of all facets, or
 //! the light would have to turn by more than refraction can, nothing in the box refracts it (Walter, Zhao, Holzschuch and Bala 2009).
@@ -41,20 +43,29 @@ impl Normals {
 #[derive(Clone, Copy, Debug)]
 pub struct Search<'a> {
     ends: &'a Ends,
-    /// Cosine and sine of the largest angle by which refraction turns light: where it grazes the side of less index.
-    turns: (f64, f64),
+    /// Cosine and sine of the largest angle by which refraction turns light: where it grazes the side of less index. `None` of reflection, which may turn it
+    /// by any.
+    turns: Option<(f64, f64)>,
     /// Of h . m, where a . m is positive.
     sign: f64,
+    /// Of b . m, where a . m is positive.
+    side: f64,
 }
 
 impl<'a> Search<'a> {
-    pub fn of(ends: &'a Ends) -> Self {
+    pub fn refracting(ends: &'a Ends) -> Self {
         let (less, more) = (ends.n_far.min(ends.n_near), ends.n_far.max(ends.n_near));
         let cos = less / more;
-        Self { ends, turns: (cos, (1.0 - cos * cos).max(0.0).sqrt()), sign: (ends.n_far - ends.n_near).signum() }
+        let turns = Some((cos, (1.0 - cos * cos).max(0.0).sqrt()));
+        Self { ends, turns, sign: (ends.n_far - ends.n_near).signum(), side: -1.0 }
     }
 
-    /// False only if no facet in the box between two corners, its normal among `normals`, refracts light from one end to the other.
+    /// Between ends of the same index.
+    pub fn reflecting(ends: &'a Ends) -> Self {
+        Self { ends, turns: None, sign: 1.0, side: 1.0 }
+    }
+
+    /// False only if no facet in the box between two corners, its normal among `normals`, takes light from one end to the other.
     #[inline]
     pub fn may_be_in(&self, low: DVec3, high: DVec3, normals: &Normals) -> bool {
         let middle = 0.5 * (low + high);
@@ -78,14 +89,14 @@ impl<'a> Search<'a> {
         let faces = |m: DVec3| {
             // sin x + sin y is no less than sin(x + y), and below 1 only for x + y below a right angle.
             let across = |product: f64, sin: f64| sin + normals.sin >= 1.0 || product >= -(sin + normals.sin);
-            self.sign * h.dot(m) >= least && across(a.dot(m), a_sin) && across(-b.dot(m), b_sin)
+            self.sign * h.dot(m) >= least && across(a.dot(m), a_sin) && across(self.side * b.dot(m), b_sin)
         };
         (faces(normals.axis) || faces(-normals.axis)) && self.may_turn(-a.dot(b), a_sin, b_sin)
     }
 
     /// Whether light may turn by an angle of that cosine, known up to two others.
     fn may_turn(&self, cos: f64, a_sin: f64, b_sin: f64) -> bool {
-        let mut limit = self.turns;
+        let Some(mut limit) = self.turns else { return true };
         for sin in [a_sin, b_sin] {
             let with = (1.0 - sin * sin).sqrt();
             limit = (limit.0 * with - limit.1 * sin, limit.1 * with + limit.0 * sin);
@@ -97,7 +108,7 @@ impl<'a> Search<'a> {
         cos >= limit.0 - ROUNDING
     }
 
-    /// False only if a facet refracts no light from one end to the other: over it the part of h along it changes by less than that at its middle.
+    /// False only if a facet takes no light from one end to the other: over it the part of h along it changes by less than that at its middle.
     #[inline]
     pub fn may_be_on(&self, [p, q, r]: &[DVec3; 3], normal: DVec3) -> bool {
         let middle = (p + q + r) * (1.0 / 3.0);

@@ -119,7 +119,12 @@ impl Walker<'_> {
                     (inside == ((normal.dot(pencil.w) > 0.0) != reflected)).then_some(met)?
                 }
             };
-            shot.passed *= if reflected { reflectance } else { 1.0 - reflectance };
+            shot.passed *= match (edge.is_mirror(), reflected) {
+                (true, true) => 1.0,
+                (true, false) => return None,
+                (false, true) => reflectance,
+                (false, false) => 1.0 - reflectance,
+            };
             shot.n = if reflected { edge.n } else { edge.beyond };
             shot.skin = Some(Skin { wall, inside: inside == reflected });
             shot.tau += edge.tau;

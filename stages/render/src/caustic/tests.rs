@@ -11,6 +11,7 @@ use turbid_optics::solid::{Frame, Mesh, Solid};
 use turbid_optics::view::View;
 
 use crate::camera::Camera;
+use crate::finish::Finish;
 use crate::lamp::{Lamp, Source, Steady};
 use crate::level::named;
 use crate::light::Light;
@@ -21,6 +22,7 @@ use crate::strata::Bending;
 use crate::stream::Stream;
 use crate::world::{Body, Material, Skin, Spans, Wall, World};
 
+mod glints;
 #[path = "../../../optics/tests/shapes/mod.rs"]
 mod shapes;
 
@@ -40,6 +42,7 @@ fn case(name: &'static str, bodies: Vec<(Solid, usize)>, lamp: Lamp, balls: &[([
     let mut materials = vec![Material::VOID];
     materials.extend(MEDIA.map(|(mu_t, n)| Material::medium(mu_t, 0.0, 0.0, n)));
     materials.push(Material::lambertian(0.0));
+    materials.push(Material { finish: Finish::Mirror, ..Material::VOID });
     let bodies = bodies.into_iter().map(|(solid, material)| Body { solid, material }).collect();
     Case {
         name,
@@ -160,6 +163,70 @@ fn facetted_cases() -> Vec<Case> {
     ]
 }
 
+/// Mirrors: alone, where places are known but for what goes on from one to the next, and beside what refracts.
+fn mirrored_cases() -> Vec<Case> {
+    const MIRROR: usize = 6;
+    let ball = |center: [f64; 3], radii: [f64; 3]| Solid::Ellipsoid { center: center.into(), radii: radii.into() };
+    let point = |position: [f64; 3]| Lamp::point(position.into(), 4.0 * PI);
+    let tilt = Frame::turned(DVec3::new(0.1, 0.0, 0.2), [20.0, -35.0, 10.0]);
+    let cuboid = |low: [f64; 3], high: [f64; 3]| Solid::Box { low: low.into(), high: high.into() };
+    let beam = |from: [f64; 3], diameter: f64| {
+        let from = DVec3::from(from);
+        Lamp::beam(from, -from.normalize(), diameter, PI * diameter * diameter / 4.0)
+    };
+    let facets = |(vertices, triangles): shapes::Triangles| Solid::Mesh(Mesh::new(&vertices, &triangles).into());
+    vec![
+        case(
+            "mirror ball",
+            vec![(ball([0.0; 3], [1.0; 3]), MIRROR)],
+            point([1.0, 0.5, 3.0]),
+            &[([0.0, 0.0, 1.4], 0.15), ([1.3, -0.5, 0.5], 0.2), ([-1.0, 0.3, 1.1], 0.2)],
+        ),
+        case(
+            "mirror spheroid in a beam",
+            vec![(ball([0.0; 3], [0.8, 1.2, 1.6]).turned(tilt), MIRROR)],
+            beam([1.0, 3.0, 9.0], 8.0),
+            &[([0.0, 1.6, 1.0], 0.2), ([1.5, 0.0, 0.5], 0.2), ([-1.0, 0.3, 1.5], 0.2)],
+        ),
+        case(
+            "bowl",
+            vec![(ball([0.0, 0.0, 0.5], [1.0; 3]), 0), (cuboid([-3.0, -3.0, -2.0], [3.0, 3.0, 0.3]), MIRROR)],
+            point([0.7, 0.4, 2.0]),
+            &[([0.3, -0.4, 0.0], 0.15), ([-0.5, 0.2, 0.3], 0.15), ([0.2, 0.3, -0.25], 0.1), ([0.0, 0.6, 1.0], 0.2)],
+        ),
+        case(
+            "bore of a mirror tube",
+            vec![(Solid::tube(2.0, 4.0, DVec2::ZERO, -4.0, 0.0), MIRROR)],
+            point([0.3, 0.2, 3.0]),
+            &[([0.5, 0.0, -1.0], 0.15), ([0.0, -0.6, -2.0], 0.2), ([-0.4, 0.3, -0.4], 0.15)],
+        ),
+        case(
+            "two mirrors, a ball and a wall",
+            vec![(ball([0.0; 3], [1.0; 3]), MIRROR), (cuboid([1.6, -4.0, -4.0], [2.0, 4.0, 4.0]), MIRROR)],
+            point([-1.0, 0.5, 3.0]),
+            &[([1.3, 0.0, 0.4], 0.15), ([0.5, 0.3, 1.3], 0.15), ([1.0, 0.8, 0.0], 0.15)],
+        ),
+        case(
+            "mirror ball over glass",
+            vec![(ball([0.0, 0.0, 1.5], [0.8; 3]), MIRROR), (Solid::Slab { bottom: -3.0, top: 0.0 }, 1)],
+            point([2.0, 0.5, 2.5]),
+            &[([0.3, 0.0, -0.4], 0.2), ([1.2, 0.3, -0.3], 0.2), ([0.9, 0.2, 0.6], 0.2)],
+        ),
+        case(
+            "glass ball beside a flat mirror",
+            vec![(ball([0.0; 3], [1.0; 3]), 1), (cuboid([-3.0, -3.0, -2.0], [3.0, 3.0, -1.2]), MIRROR)],
+            point([1.0, 0.5, 3.0]),
+            &[([0.0, 0.0, 0.5], 0.2), ([0.4, 0.2, -0.6], 0.15), ([1.2, 0.3, -0.7], 0.2)],
+        ),
+        case(
+            "mirror of 320 facets",
+            vec![(facets(shapes::icosphere(1.0, DVec3::ZERO, 2)), MIRROR)],
+            point([1.0, 0.5, 3.0]),
+            &[([0.0, 0.0, 1.4], 0.3), ([1.3, -0.5, 0.5], 0.3), ([-1.0, 0.3, 1.1], 0.3)],
+        ),
+    ]
+}
+
 /// (mean, standard error).
 type Measured = (f64, f64);
 
@@ -195,6 +262,13 @@ fn forward(case: &Case, key: u32, photons: u32) -> Vec<Measured> {
             let mut before: Option<(Wall, usize)> = None;
             for piece in world.trace(r, w, skin, &mut spans) {
                 let m = &world.materials[piece.material];
+                if let (Finish::Mirror, Some((wall, _))) = (m.finish, before) {
+                    r += piece.start * w;
+                    let normal = world.normal(wall, r);
+                    skin = Some(Skin { wall, inside: normal.dot(w) > 0.0 });
+                    w = (w - 2.0 * w.dot(normal) * normal).normalize();
+                    continue 'flights;
+                }
                 if m.is_opaque() {
                     break 'flights;
                 }
@@ -242,7 +316,8 @@ fn forward(case: &Case, key: u32, photons: u32) -> Vec<Measured> {
 }
 
 fn with_walker<T>(case: &Case, work: impl FnOnce(&mut Walker<'_>) -> T) -> T {
-    let view = View::new(9.0 * DVec3::Z, DVec3::ZERO, DVec3::Y, DVec2::ONE).unwrap();
+    // What balls of radius 1 and more about the origin fill in the image.
+    let view = View::new(EYE * DVec3::Z, DVec3::ZERO, DVec3::Y, DVec2::splat(3.0 * EYE)).unwrap();
     let (camera, light) = (Camera { view, columns: 1, rows: 1 }, Light::none());
     let steady = Steady { lamps: vec![case.lamp], ambient: 0.0 };
     let setting = Setting {
@@ -259,6 +334,9 @@ fn with_walker<T>(case: &Case, work: impl FnOnce(&mut Walker<'_>) -> T) -> T {
     };
     work(&mut Walker::new(setting, named("")))
 }
+
+/// Height of the camera.
+const EYE: f64 = 2.8;
 
 /// Irradiances of all ways to points of the balls, times n^2; how many points lie on known ways, and how many trials were given up.
 fn by_links(case: &Case, points: u32) -> (Vec<Measured>, u64) {
@@ -319,4 +397,9 @@ fn ways_bring_the_light_that_walks_forward() {
 #[test]
 fn ways_through_facets_bring_the_light_that_walks_forward() {
     check(facetted_cases(), 400_000, 4_000);
+}
+
+#[test]
+fn mirrors_throw_the_light_that_walks_forward() {
+    check(mirrored_cases(), 400_000, 8_000);
 }

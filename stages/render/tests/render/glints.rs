@@ -18,7 +18,7 @@ use turbid_render::RenderStage;
 
 use crate::setup::*;
 
-const LAMP: [f64; 3] = [60.0, 20.0, 90.0];
+pub const LAMP: [f64; 3] = [60.0, 20.0, 90.0];
 
 fn glassy(top: f64, bottom: f64, medium: &str) -> Object {
     Object {
@@ -29,12 +29,12 @@ fn glassy(top: f64, bottom: f64, medium: &str) -> Object {
     }
 }
 
-fn glass(mu_a: f64, n: f64) -> Medium {
+pub fn glass(mu_a: f64, n: f64) -> Medium {
     Medium { n, ..medium(mu_a, 0.0, 0.0) }
 }
 
 /// A camera over slabs, a lamp of 1 W/sr, all reflexes seen.
-fn shiny(media: &[(&str, Medium)], objects: Vec<Object>, camera: Camera) -> Scene {
+pub fn shiny(media: &[(&str, Medium)], objects: Vec<Object>, camera: Camera) -> Scene {
     let (_, projector) = rig(100.0, 0.0, 40.0, 32, 40.0);
     let mut scene = scene(media, objects, (Camera { specular: Some(Specular::Include), ..camera }, projector));
     scene.projector = None;
@@ -42,19 +42,19 @@ fn shiny(media: &[(&str, Medium)], objects: Vec<Object>, camera: Camera) -> Scen
     scene
 }
 
-fn camera() -> Camera {
+pub fn camera() -> Camera {
     let (camera, _) = rig(100.0, 0.0, 90.0, 45, 40.0);
     Camera { position: [-10.0, 5.0, 120.0], look_at: [12.0, 8.0, 0.0], ..camera }
 }
 
-fn image(scene: &Scene) -> BTreeMap<(usize, usize), f64> {
+pub fn image(scene: &Scene) -> BTreeMap<(usize, usize), f64> {
     let ports = run(scene, &json!({"f_x": [0], "samples": 8}), 1);
     let layer = &ports["frames"].find("radiance", Some(0.0)).unwrap().data;
     layer.indexed_iter().filter(|(_, v)| **v != 0.0).map(|(at, &v)| (at, f64::from(v))).collect()
 }
 
 /// The only lit pixel.
-fn only(scene: &Scene) -> ((usize, usize), f64) {
+pub fn only(scene: &Scene) -> ((usize, usize), f64) {
     let image = image(scene);
     assert_eq!(image.len(), 1, "{image:?}");
     image.into_iter().next().unwrap()

@@ -4,6 +4,7 @@ mod adaptive;
 mod channels;
 mod coverage;
 mod curved;
+mod curved_glints;
 mod detectors;
 mod extreme;
 mod fit;

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
 
 use serde_json::{Value, json};
-use turbid_contract::payload::{Medium, Payload, Scene, Shape, Specular, Surface};
+use turbid_contract::payload::{Medium, Payload, Scene, Shape, Surface};
 use turbid_contract::{ImageStack, Known, LayerKind, Problem, Problems, StageRow};
 use turbid_render::RenderStage;
 
@@ -262,12 +262,14 @@ fn mistakes_are_named() {
         ),
         (
             with(&|s| {
-                s.media.get_mut("m").unwrap().n = 1.4;
-                s.camera.as_mut().unwrap().specular = Some(Specular::Include);
+                s.objects.get_mut("b").unwrap().surface = Surface::Mirror;
+                s.media.insert("other".to_owned(), Medium { n: 1.5, ..medium(0.1, 1.0, 0.0) });
+                let slab = s.objects.get_mut("a").unwrap();
+                (slab.medium, slab.surface) = (Some("other".to_owned()), Surface::Rough(0.2));
             }),
             ok.clone(),
             "",
-            &["glint", "specular: exclude"],
+            &["curved", "rough walls", "slabs and boxes"],
         ),
         (
             with(&|s| {

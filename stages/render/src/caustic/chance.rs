@@ -1,0 +1,267 @@
+//! Ways of light that are found by chance: a random ray, turned by walls at random, is aimed at the source; the number of trials until the
+//! same is found again says how probable that was.
+
+use glam::{DVec2, DVec3};
+use turbid_optics::elementary::sin_cos_turns;
+use turbid_optics::henyey_greenstein::turn;
+use turbid_optics::pencil::Aim;
+use turbid_optics::philox::{philox4x32, unit};
+use turbid_optics::refraction::refract;
+
+use super::shot::{Shot, Walls};
+use super::{Next, SAME};
+use crate::lamp::Source;
+use crate::link::{Chance, DETOURS, Link};
+use crate::path::Walker;
+use crate::world::Skin;
+
+/// Random numbers of the trials at one place.
+pub(crate) struct Dice {
+    key: [u32; 2],
+    head: [u32; 2],
+    trial: u32,
+    throw: u32,
+}
+
+/// Where one begins to look for a way.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Beginning {
+    /// All around, more towards the source and where this normal of a wall that light comes out of points.
+    Around(Option<DVec3>),
+    /// All over the camera's image.
+    Image,
+}
+
+/// A way that has been found.
+pub(crate) struct Found {
+    shot: Shot,
+    aim: Aim,
+    /// Walls that turn it.
+    events: usize,
+}
+
+/// Ways that bring less than this part of the light of the best are weighed by roulette.
+const WEAK: f64 = 1e-2;
+/// The same of glints of which walls and media leave less than this part.
+const FAINT: f64 = 1e-4;
+/// Of a trial's events: a ray from outside is reflected by a wall with this probability, one from inside with at least `RARE`.
+const OUTSIDE: f64 = 0.5;
+const RARE: f64 = 0.1;
+/// A trial ends at each event with this probability.
+const DIES: f64 = 0.1;
+/// Among facets a trial begins with this probability near a way by smooth surfaces, up to so many rad and down to e^-SCALES of that from it.
+const SMOOTHLY: f64 = 0.75;
+const FARTHEST: f64 = 0.3;
+const SCALES: f64 = 8.0;
+/// Trials after which a way that was found once is given up.
+const MOST_TRIALS: u32 = 1 << 18;
+
+impl Dice {
+    /// `head` tells places and lights apart.
+    pub(crate) fn new(key: [u32; 2], head: [u32; 2]) -> Self {
+        Self { key, head, trial: 0, throw: 0 }
+    }
+
+    pub(crate) fn throw(&mut self) -> [f64; 4] {
+        self.throw += 1;
+        philox4x32([self.trial, self.throw, self.head[0], self.head[1]], self.key).map(unit)
+    }
+}
+
+impl Found {
+    /// The direction in which it begins.
+    fn way(&self) -> DVec3 {
+        self.shot.pencil.start()
+    }
+}
+
+impl Walker<'_> {
+    /// One of the ways that are not in `self.known`, found by trying. The mean number of trials until it is found again is one over the
+    /// probability with which it is found: so it is scored by that number.
+    pub(crate) fn by_chance(
+        &mut self,
+        source: Source<'_>,
+        r: DVec3,
+        skin: Option<Skin>,
+        chance: &Chance<'_>,
+    ) -> Option<Link> {
+        if self.mirrors.once {
+            return None;
+        }
+        let best = self.known.first().map(|known| known.link);
+        let tried = if best.is_some() { DETOURS } else { 1.0 };
+        let random = |decision| chance.stream.aside(chance.number, source.place(), chance.place, decision);
+        let [whether, roulette, ..] = random(1).map(unit);
+        if whether >= tried {
+            return None;
+        }
+        let [a, b, c, d] = random(2);
+        let mut dice = Dice::new([a, b], [c, d]);
+        let beginning = Beginning::Around(best.and_then(|link| link.exit));
+        let n_far = self.index_around(source.origin().0);
+        let begin = (r, skin);
+        let found = self.try_way(source, begin, beginning, n_far, &mut dice)?;
+        if self.known.iter().any(|known| known.is(found.way(), found.events)) {
+            return None;
+        }
+        let mut link = self.arrive(source, &found.shot, &found.aim).filter(|link| link.lit)?;
+        let strength = link.irradiance * libm::exp(-link.tau);
+        let best = match best {
+            Some(link) => link.irradiance * libm::exp(-link.tau),
+            None => source.arrival(r).map_or(0.0, |arrival| arrival.irradiance / (n_far * n_far)),
+        };
+        let kept = if best > 0.0 { (strength / (WEAK * best)).min(1.0) } else { 1.0 };
+        if roulette >= kept {
+            return None;
+        }
+        let trials = self.trials_until_again(source, begin, beginning, &found, &mut dice)?;
+        link.irradiance *= f64::from(trials) / (tried * kept);
+        Some(link)
+    }
+
+    /// One of the glints by several walls, found by trying from a place where the camera sees light (from a light, of parallel rays); scored
+    /// in the same way.
+    pub(crate) fn glint_by_chance(
+        &mut self,
+        source: Source<'_>,
+        eye: DVec3,
+        beginning: Beginning,
+        dice: &mut Dice,
+        shows: impl Fn(&Link) -> bool,
+    ) -> Option<Link> {
+        let n_far = self.index_around(source.origin().0);
+        let [roulette, ..] = dice.throw();
+        let found = self.try_way(source, (eye, None), beginning, n_far, dice)?;
+        // Between ends of one index that is a reflection, and all of those are known.
+        if found.events == 1 {
+            return None;
+        }
+        let mut link = self.arrive(source, &found.shot, &found.aim).filter(|link| link.lit && shows(link))?;
+        let kept = (found.shot.passed * libm::exp(-link.tau) / FAINT).min(1.0);
+        if roulette >= kept {
+            return None;
+        }
+        let trials = self.trials_until_again(source, (eye, None), beginning, &found, dice)?;
+        link.irradiance *= f64::from(trials) / kept;
+        Some(link)
+    }
+
+    /// How many trials it takes to find a way again; `None` where that are too many.
+    fn trials_until_again(
+        &mut self,
+        source: Source<'_>,
+        begin: (DVec3, Option<Skin>),
+        beginning: Beginning,
+        found: &Found,
+        dice: &mut Dice,
+    ) -> Option<u32> {
+        let n_far = self.index_around(source.origin().0);
+        for trial in 1..MOST_TRIALS {
+            (dice.trial, dice.throw) = (trial, 0);
+            let again = self.try_way(source, begin, beginning, n_far, dice);
+            if again.is_some_and(|a| a.events == found.events && (a.way() - found.way()).length() < SAME) {
+                return Some(trial);
+            }
+        }
+        self.given_up += 1;
+        None
+    }
+
+    /// A random ray with random events, aimed at the source.
+    fn try_way(
+        &mut self,
+        source: Source<'_>,
+        (r, skin): (DVec3, Option<Skin>),
+        beginning: Beginning,
+        n_far: f64,
+        dice: &mut Dice,
+    ) -> Option<Found> {
+        let [choice, u, turns, _] = dice.throw();
+        let around = |axis: DVec3, least: f64| {
+            let cos = 1.0 - u * (1.0 - least);
+            let (sin_phi, cos_phi) = sin_cos_turns(turns);
+            turn(axis, cos, (1.0 - cos * cos).max(0.0).sqrt(), sin_phi, cos_phi)
+        };
+        // Towards the source, or where walls let light out, or into all directions.
+        let first = match beginning {
+            Beginning::Image => self.setting.camera.view.ray(u, turns).1,
+            Beginning::Around(_) if choice < 0.25 => around(source.towards(r).0, 0.95),
+            Beginning::Around(Some(exit)) if choice < 0.6 => around(exit, 0.7),
+            Beginning::Around(_) => around(DVec3::Z, -1.0),
+        };
+        let mut events = std::mem::take(&mut self.events);
+        events.clear();
+        let begun = self.events_of((r, skin), first, n_far, dice, &mut events);
+        // One refraction by a flat wall is known.
+        let begun = begun.filter(|()| !(self.facetted && self.flat && events[..] == [false]));
+        let first = begun.and_then(|()| self.among_facets(source, (r, skin), first, &events, dice));
+        let found = first.and_then(|w| self.connect(source, (r, skin), w, &events, Walls::AsTheyAre));
+        let count = events.len();
+        self.events = events;
+        found.map(|(shot, aim)| Found { shot, aim, events: count })
+    }
+
+    /// Where there are facets, mostly a direction at random about the one that would be the way if the surfaces that they stand for were smooth: ways
+    /// by facets, of which each holds one or none, lie around it, and few rays find a way from far off. All scales are as likely.
+    fn among_facets(
+        &mut self,
+        source: Source<'_>,
+        begin: (DVec3, Option<Skin>),
+        w: DVec3,
+        events: &[bool],
+        dice: &mut Dice,
+    ) -> Option<DVec3> {
+        if !self.facetted {
+            return Some(w);
+        }
+        let [whether, scale, u, turns] = dice.throw();
+        if whether >= SMOOTHLY {
+            return Some(w);
+        }
+        let (shot, _) = self.connect(source, begin, w, events, Walls::Rounded)?;
+        let off = FARTHEST * libm::exp(-SCALES * scale) * u.sqrt();
+        let (sin, cos) = sin_cos_turns(turns);
+        Some(shot.pencil.turned(off * DVec2::new(cos, sin)))
+    }
+
+    /// Random events along a ray, until it may see the source.
+    fn events_of(
+        &mut self,
+        (mut r, mut skin): (DVec3, Option<Skin>),
+        mut w: DVec3,
+        n_far: f64,
+        dice: &mut Dice,
+        events: &mut Vec<bool>,
+    ) -> Option<()> {
+        loop {
+            let [ends, dies, reflects, _] = dice.throw();
+            let edge = match self.next_edge(r, w, skin) {
+                Next::Edge(edge) => edge,
+                Next::Free(n) => return (n == n_far && !events.is_empty()).then_some(()),
+                // The ray may be turned past it.
+                Next::Opaque => return (!events.is_empty()).then_some(()),
+            };
+            if edge.n == n_far && !events.is_empty() && ends < 0.5 {
+                return Some(());
+            }
+            if dies < DIES {
+                return None;
+            }
+            r += edge.distance * w;
+            let normal = self.setting.world.normal(edge.wall, r);
+            let met = refract(w, normal, edge.n, edge.beyond);
+            let likely = if edge.is_mirror() {
+                1.0
+            } else if edge.n == n_far {
+                OUTSIDE
+            } else {
+                met.reflectance.clamp(RARE, 1.0 - RARE)
+            };
+            let on = met.refracted.filter(|_| reflects >= likely);
+            events.push(on.is_none());
+            let inside = normal.dot(w) > 0.0;
+            skin = Some(Skin { wall: edge.wall, inside: inside == on.is_none() });
+            w = on.unwrap_or(met.reflected);
+        }
+    }
+}
