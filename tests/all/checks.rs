@@ -65,4 +65,14 @@ fn closed_forms_come_out() {
     assert!((number(glint, "mean") * 256.0 / expected - 1.0).abs() < 1e-6, "{glint}, {expected:e}");
     assert!((number(glint, "max") / expected - 1.0).abs() < 1e-6, "{glint}, {expected:e}");
     assert_eq!(number(&layers("glint", "black.frames", "radiance")[0], "max"), 0.0);
+    let glint = &layers("ball_glint", "frames.frames", "radiance")[0];
+    let (d, radius) = ((100.0f64 * 100.0 + 30.0 * 30.0).sqrt(), 20.0);
+    let cos = 100.0 / d;
+    let cos_in = (1.0 - (1.0 - cos * cos) / (n * n)).sqrt();
+    let (s, p) = ((cos - n * cos_in) / (cos + n * cos_in), (n * cos - cos_in) / (n * cos + cos_in));
+    let spread = (1.0 + d / (radius * cos)) * (1.0 + d * cos / radius);
+    let expected = 2.0 / (4.0 * PI) * 0.5 * (s * s + p * p) / (4.0 * 16.0 * cos * spread);
+    assert!((number(glint, "mean") * 256.0 / expected - 1.0).abs() < 1e-6, "{glint}, {expected:e}");
+    assert!((number(glint, "max") / expected - 1.0).abs() < 1e-6, "{glint}, {expected:e}");
+    assert_eq!(number(&layers("ball_glint", "black.frames", "radiance")[0], "max"), 0.0);
 }
