@@ -89,5 +89,5 @@ fn bytes_belong_to_the_version() {
         0x5fd6_ee75_8dd4_8959,
         0xbbe7_2700_5e2e_4384,
     ];
-    assert_eq!((RenderStage::VERSION, &digests[..]), (17, &expected[..]), "digests {digests:#x?}");
+    assert_eq!((RenderStage::VERSION, &digests[..]), (18, &expected[..]), "digests {digests:#x?}");
 }
