@@ -10,6 +10,7 @@
 //! fetches bilinearly; `bicubic` solves for each pixel, `linear` and `nearest` are the plain ways; `least_squares` takes
 //! all f_x at once. With the heights of the surface and the scene's camera and projector it also takes off what distance and slope do (`profile`). Theory and measured figures: `docs/theory/invert.md`.
 
+mod coordinates;
 mod exposure;
 pub mod forward;
 pub mod inverse;

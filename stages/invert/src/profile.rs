@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{MaskReason, Relief, Scene};
 use turbid_contract::planes::mean_se;
-use turbid_contract::{AngleDeg, Ctx, Error, ImageStack, Layer, LayerInfo, LayerKind, Problems};
+use turbid_contract::{AngleDeg, Ctx, Error, ImageStack, Known, Layer, LayerInfo, LayerKind, Problems};
 use turbid_geometry::{camera_view, normal_of, tangent};
 use turbid_optics::elementary::{ln, sin_cos_turns};
 use turbid_optics::view::View;
@@ -70,8 +70,46 @@ pub struct Correction {
     columns: usize,
 }
 
+/// What the correction needs, and what it cannot do.
+pub fn check(profile: Option<&Profile>, known: &Known, problems: &mut Problems) {
+    if let Some(profile) = profile {
+        profile.check(problems);
+    }
+    let connected = |port: &str| known.connected.iter().any(|c| c == port);
+    let (height, scene) = (connected("height"), connected("scene"));
+    if !height {
+        for (at, port, given) in
+            [("profile", "profile", profile.is_some()), ("", "normals", connected("normals")), ("", "scene", scene)]
+        {
+            if given {
+                let message = format!("`{port}` is given, but the input `height` is not: the shape is not known");
+                let way_out = "in: {height: frames.truth}, or the height of a profilometry stage; or leave it out";
+                problems.push_with_hint(at, message, way_out);
+            }
+        }
+        return;
+    }
+    if !scene {
+        let message = "the input `height` is connected, but not `scene`: where camera and projector stand is not known";
+        problems.push_with_hint("", message, "in: {scene: the scene that was rendered or measured}");
+    }
+    if connected("sections") {
+        let message = "the sections of a table already hold what distance and slope do: the shape cannot be corrected for once more";
+        problems.push_with_hint("", message, "leave out `sections` with its table, or `height` and `scene`");
+    }
+    if let Some(scene) = known.get::<Scene>("scene") {
+        if let Some((what, way_out)) = lacks(&scene) {
+            problems.push_with_hint("", what, way_out);
+        }
+        if !scene.lights.is_empty() {
+            let lights = scene.lights.keys().cloned().collect::<Vec<_>>().join(", ");
+            problems.warn("", format!("only the projector's light is corrected for the shape, not that of {lights}"));
+        }
+    }
+}
+
 /// What the scene lacks, as a message and a way out.
-pub fn lacks(scene: &Scene) -> Option<(&'static str, &'static str)> {
+fn lacks(scene: &Scene) -> Option<(&'static str, &'static str)> {
     if scene.camera.is_none() {
         return Some(("the scene has no camera: where a pixel looks is not known", "add `camera` to the scene"));
     }

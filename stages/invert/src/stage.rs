@@ -18,7 +18,7 @@ use crate::lanes::{Lanes, Noise};
 use crate::least_squares::MOST;
 use crate::lut::{agree, same_f_x, sections};
 use crate::pass::{Pass, Tally};
-use crate::profile::{Correction, Profile, lacks};
+use crate::profile::{self, Correction, Profile};
 use crate::sectioned::{Places, Solver, prepare};
 
 /// How a pair of reflectances becomes a pair of properties.
@@ -162,7 +162,7 @@ impl Stage for Invert {
                 "write `outside: mask`, or leave it out",
             );
         }
-        check_profile(params, known, problems);
+        profile::check(params.profile.as_ref(), known, problems);
         if let (Some(reflectance), Some(lut)) = (known.get::<Reflectance>("reflectance"), known.get::<Lut>("lut"))
             && let Err(Error::Failed { what, .. }) = agree(&reflectance.0.attributes, &lut.0.attributes)
         {
@@ -235,46 +235,6 @@ impl Stage for Invert {
             Covariance(stack)
         });
         Ok(Out { maps: Maps(maps.into_stack(stack, attributes)), covariance, exposure })
-    }
-}
-
-/// What the correction needs, and what it cannot do.
-fn check_profile(params: &Params, known: &Known, problems: &mut Problems) {
-    if let Some(profile) = &params.profile {
-        profile.check(problems);
-    }
-    let connected = |port: &str| known.connected.iter().any(|c| c == port);
-    let (height, scene) = (connected("height"), connected("scene"));
-    if !height {
-        for (at, port, given) in [
-            ("profile", "profile", params.profile.is_some()),
-            ("", "normals", connected("normals")),
-            ("", "scene", scene),
-        ] {
-            if given {
-                let message = format!("`{port}` is given, but the input `height` is not: the shape is not known");
-                let way_out = "in: {height: frames.truth}, or the height of a profilometry stage; or leave it out";
-                problems.push_with_hint(at, message, way_out);
-            }
-        }
-        return;
-    }
-    if !scene {
-        let message = "the input `height` is connected, but not `scene`: where camera and projector stand is not known";
-        problems.push_with_hint("", message, "in: {scene: the scene that was rendered or measured}");
-    }
-    if connected("sections") {
-        let message = "the sections of a table already hold what distance and slope do: the shape cannot be corrected for once more";
-        problems.push_with_hint("", message, "leave out `sections` with its table, or `height` and `scene`");
-    }
-    if let Some(scene) = known.get::<Scene>("scene") {
-        if let Some((what, way_out)) = lacks(&scene) {
-            problems.push_with_hint("", what, way_out);
-        }
-        if !scene.lights.is_empty() {
-            let lights = scene.lights.keys().cloned().collect::<Vec<_>>().join(", ");
-            problems.warn("", format!("only the projector's light is corrected for the shape, not that of {lights}"));
-        }
     }
 }
 

@@ -192,35 +192,43 @@ impl Curved {
     }
 }
 
+/// Whether a point of a plane is on the face that lies in it.
+type OnFace<'a> = dyn Fn(DVec3) -> bool + 'a;
+
 impl Solid {
-    /// Points of the surface at which Snell's law takes light from the far end to the near one: all of them on planes and facets, on each
-    /// curved part the one of least time, if the straight line meets it. What stands in the way does not count.
-    pub fn crossings(&self, ends: &Ends, found: &mut dyn FnMut(DVec3)) {
-        let mut level = |axis: DVec3, offset: f64, on_face: &dyn Fn(DVec3) -> bool| {
-            if let Some(p) = ends.through_plane(axis, offset).filter(|_| offset.is_finite()).filter(|p| on_face(*p)) {
-                found(p);
+    /// Slabs', boxes' and cylinders' own plane faces, as far as they are in reach: axis, offset along it, and whether a point of that plane is on the face.
+    pub(super) fn flat_faces(&self, face: &mut dyn FnMut(DVec3, f64, &OnFace<'_>)) {
+        let mut ends = |axis: DVec3, [low, high]: [f64; 2], on_face: &OnFace<'_>| {
+            for offset in [low, high].into_iter().filter(|offset| offset.is_finite()) {
+                face(axis, offset, on_face);
             }
         };
         match *self {
-            Self::Slab { bottom, top } => {
-                level(DVec3::Z, bottom, &|_| true);
-                level(DVec3::Z, top, &|_| true);
-            }
+            Self::Slab { bottom, top } => ends(DVec3::Z, [bottom, top], &|_| true),
             Self::Box { low, high } => {
                 for (axis, unit) in DVec3::AXES.into_iter().enumerate() {
-                    let inside = |p: DVec3| {
-                        (0..3)
-                            .filter(|&other| other != axis)
-                            .all(|other| low[other] <= p[other] && p[other] <= high[other])
-                    };
-                    level(unit, low[axis], &inside);
-                    level(unit, high[axis], &inside);
+                    let others = || (0..3).filter(|&other| other != axis);
+                    ends(unit, [low[axis], high[axis]], &|p| others().all(|i| low[i] <= p[i] && p[i] <= high[i]));
                 }
             }
             Self::Cylinder { axis, radius, bottom, top } => {
-                let within = |p: DVec3| (p.truncate() - axis).length_squared() <= radius * radius;
-                level(DVec3::Z, bottom, &within);
-                level(DVec3::Z, top, &within);
+                ends(DVec3::Z, [bottom, top], &|p| (p.truncate() - axis).length_squared() <= radius * radius);
+            }
+            _ => {}
+        }
+    }
+
+    /// Points of the surface at which Snell's law takes light from the far end to the near one: all of them on planes and facets, on each
+    /// curved part the one of least time, if the straight line meets it. What stands in the way does not count.
+    pub fn crossings(&self, ends: &Ends, found: &mut dyn FnMut(DVec3)) {
+        self.flat_faces(&mut |axis, offset, on_face| {
+            if let Some(p) = ends.through_plane(axis, offset).filter(|p| on_face(*p)) {
+                found(p);
+            }
+        });
+        match *self {
+            Self::Slab { .. } | Self::Box { .. } => {}
+            Self::Cylinder { axis, radius, bottom, top } => {
                 let endless = Self::Cylinder { axis, radius, bottom: f64::NEG_INFINITY, top: f64::INFINITY };
                 let p = endless.round(ends, Curved::Cylinder(radius), axis.extend(0.0));
                 p.filter(|p| bottom <= p.z && p.z <= top).into_iter().for_each(found);

@@ -53,31 +53,14 @@ impl Solid {
     /// Points of the surface at which the law of reflection takes light from the far end to the near one, both on either side of it: all of them, some
     /// perhaps twice; where there is a whole ring of them, in which light is in focus, some of it. What stands in the way does not count. The indices of the ends are the same.
     pub fn reflections(&self, ends: &Ends, found: &mut dyn FnMut(DVec3)) {
-        let mut level = |axis: DVec3, offset: f64, on_face: &dyn Fn(DVec3) -> bool| {
-            if let Some(p) = ends.by_plane(axis, offset).filter(|_| offset.is_finite()).filter(|p| on_face(*p)) {
+        self.flat_faces(&mut |axis, offset, on_face| {
+            if let Some(p) = ends.by_plane(axis, offset).filter(|p| on_face(*p)) {
                 found(p);
             }
-        };
+        });
         match *self {
-            Self::Slab { bottom, top } => {
-                level(DVec3::Z, bottom, &|_| true);
-                level(DVec3::Z, top, &|_| true);
-            }
-            Self::Box { low, high } => {
-                for (axis, unit) in DVec3::AXES.into_iter().enumerate() {
-                    let inside = |p: DVec3| {
-                        (0..3)
-                            .filter(|&other| other != axis)
-                            .all(|other| low[other] <= p[other] && p[other] <= high[other])
-                    };
-                    level(unit, low[axis], &inside);
-                    level(unit, high[axis], &inside);
-                }
-            }
+            Self::Slab { .. } | Self::Box { .. } => {}
             Self::Cylinder { axis, radius, bottom, top } => {
-                let within = |p: DVec3| (p.truncate() - axis).length_squared() <= radius * radius;
-                level(DVec3::Z, bottom, &within);
-                level(DVec3::Z, top, &within);
                 let local = ends.moved(|p| p - axis.extend(0.0), |w| w);
                 by_cylinder(&local, radius, &mut |p| {
                     if bottom <= p.z && p.z <= top {
