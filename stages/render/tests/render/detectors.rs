@@ -3,7 +3,6 @@
 use turbid_contract::payload::{Detector, Lamp, Outline, Scene, Shape};
 use turbid_optics::{Medium, rte};
 
-use crate::power::power;
 use crate::setup::*;
 
 fn disc(z: f64, diameter: f64, facing_z: f64, half_angle_deg: f64) -> Detector {

@@ -7,7 +7,6 @@ use turbid_contract::payload::{Lamp, Medium, Scene, Shape, Specular};
 use turbid_optics::henyey_greenstein::density;
 use turbid_optics::rte::reflectance;
 
-use crate::power::{beam_on, power};
 use crate::setup::*;
 
 const LIT: f64 = 100.0;

@@ -1,31 +1,8 @@
 //! Where power goes: slabs against the transport tables, conservation photon by photon, and every kind of source.
 
-use serde_json::json;
 use turbid_contract::payload::{Lamp, Profile, Scene, Shape};
-use turbid_contract::{Artifact, Cells, Ctx, StageRow};
-use turbid_render::RenderStage;
 
 use crate::setup::*;
-
-/// detector -> (power, share, share_se).
-pub fn power(scene: &Scene, photons: u32, seed: u64) -> Vec<(String, f64, f64, f64)> {
-    let host = TestHost::new(seed, &["power"], 2);
-    let params = json!({"f_x": [0], "samples": 2, "photons": photons});
-    let ports = (StageRow::of::<RenderStage>().run)(&params, &Input(scene.clone()), Ctx::new(&host)).unwrap();
-    let table = ports.into_iter().find(|p| p.0 == "power").unwrap().1;
-    let Artifact::Table(table) = table else { panic!("a table") };
-    let Cells::Text(names) = &table.columns[0].cells else { panic!("names") };
-    let column = |name: &str| table.f64s(name).unwrap().to_vec();
-    let (p, s, se) = (column("power"), column("share"), column("share_se"));
-    names.iter().enumerate().map(|(i, name)| (name.clone(), p[i], s[i], se[i])).collect()
-}
-
-pub fn beam_on(mut scene: Scene) -> Scene {
-    scene.projector = None;
-    let beam = Lamp::Collimated { position: [0.0, 0.0, 50.0], look_at: [0.0; 3], diameter: 2.0, power: vec![2.0] };
-    scene.lights = [("beam".to_owned(), beam)].into();
-    scene
-}
 
 /// R and T of slabs under a normal beam against the discrete-ordinates table (albedo, g, tau, n; R without specular, T total), as
 /// z scores. At n = 1.4 the beam's own reflex, ((n - 1) / (n + 1))^2, comes on top of R.

@@ -5,9 +5,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use serde_json::{Value, json};
 use turbid_contract::payload::{
-    Camera, Medium, Object, Payload, Profile, Projection, Projector, Scene, Shape, Surface,
+    Camera, Lamp, Medium, Object, Payload, Profile, Projection, Projector, Scene, Shape, Surface,
 };
-use turbid_contract::{Artifact, Axes, Ctx, Error, Host, ImageStack, InputSource, MemoryHost, StageRow};
+use turbid_contract::{Artifact, Axes, Cells, Ctx, Error, Host, ImageStack, InputSource, MemoryHost, StageRow};
 use turbid_render::RenderStage;
 
 pub fn medium(mu_a: f64, mu_s: f64, g: f64) -> Medium {
@@ -186,4 +186,25 @@ pub fn amplitude(ports: &BTreeMap<&'static str, ImageStack>, f_x: f64) -> (f64, 
     let m = (re * re + im * im).sqrt();
     let along = re * re * cov(at, at) + 2.0 * re * im * cov(at, at + 1) + im * im * cov(at + 1, at + 1);
     ((a + b + c) / 3.0, m, along.sqrt() / m)
+}
+
+/// detector -> (power, share, share_se).
+pub fn power(scene: &Scene, photons: u32, seed: u64) -> Vec<(String, f64, f64, f64)> {
+    let host = TestHost::new(seed, &["power"], 2);
+    let params = json!({"f_x": [0], "samples": 2, "photons": photons});
+    let ports = (StageRow::of::<RenderStage>().run)(&params, &Input(scene.clone()), Ctx::new(&host)).unwrap();
+    let table = ports.into_iter().find(|p| p.0 == "power").unwrap().1;
+    let Artifact::Table(table) = table else { panic!("a table") };
+    let Cells::Text(names) = &table.columns[0].cells else { panic!("names") };
+    let column = |name: &str| table.f64s(name).unwrap().to_vec();
+    let (p, s, se) = (column("power"), column("share"), column("share_se"));
+    names.iter().enumerate().map(|(i, name)| (name.clone(), p[i], s[i], se[i])).collect()
+}
+
+/// The scene under a beam along its normal, with nothing else to light it.
+pub fn beam_on(mut scene: Scene) -> Scene {
+    scene.projector = None;
+    let beam = Lamp::Collimated { position: [0.0, 0.0, 50.0], look_at: [0.0; 3], diameter: 2.0, power: vec![2.0] };
+    scene.lights = [("beam".to_owned(), beam)].into();
+    scene
 }
