@@ -1,6 +1,6 @@
 //! Where power goes: slabs against the transport tables, conservation photon by photon, and every kind of source.
 
-use turbid_contract::payload::{Lamp, Profile, Scene, Shape};
+use turbid_contract::payload::{Lamp, Profile, Shape};
 
 use crate::setup::*;
 
