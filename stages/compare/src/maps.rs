@@ -40,14 +40,21 @@ pub fn compare_maps(
                 ));
             }
             if let Some(score) = score(&quantity.pixels(), &selection.0) {
+                if score.n == 0 {
+                    let name_of = &quantity.name;
+                    ctx.warn(format!("region `{name}`: every pixel is masked, nothing is known of {name_of}"));
+                }
                 let unit = quantity.info.unit.clone();
                 found.push(Row { region: name, quantity: quantity.name.clone(), unit, score });
             }
         }
     }
-    let worst = |f: fn(&Score) -> f64| found.iter().map(|row| f(&row.score).abs()).fold(0.0, f64::max);
-    ctx.measure("error: worst bias", worst(|s| s.bias_percent), "%");
-    ctx.measure("worst_rmse", worst(|s| s.rmse_percent), "%");
+    let known = || found.iter().map(|row| &row.score).filter(|score| score.n > 0);
+    if known().next().is_some() {
+        let worst = |f: fn(&Score) -> f64| known().map(|score| f(score).abs()).fold(0.0, f64::max);
+        ctx.measure("error: worst bias", worst(|s| s.bias_percent), "%");
+        ctx.measure("worst_rmse", worst(|s| s.rmse_percent), "%");
+    }
     let errors = ctx.wants("errors").then(|| errors(&quantities, rows, columns));
     Ok((table(&found), errors))
 }

@@ -118,6 +118,29 @@ fn shared_noise_stays_in_the_mean() {
     assert!((se(9.0) / se(1.0) - 3.0).abs() < 1e-6);
 }
 
+/// A region that is masked altogether says nothing: a warning names it and the worst bias is that of the others; none is told where nothing is known.
+#[test]
+fn masked_regions_have_no_bias() {
+    let masked = |outside: bool| {
+        let mut maps = estimate(1.05, 1.0);
+        let polyp = truth().0.find("object", None).unwrap().data.mapv(|object| object == 1.0 || outside);
+        let mask = maps.0.layers.iter_mut().find(|l| l.info.kind == LayerKind::Mask).unwrap();
+        mask.data.zip_mut_with(&polyp, |m, &hidden| {
+            if hidden {
+                *m = MaskReason::LowSignal.code();
+            }
+        });
+        compare(maps, truth(), &Params::default()).unwrap()
+    };
+    let (out, host) = masked(false);
+    assert_eq!(cell(&out.metrics.0, "polyp", "mu_a", "n"), 0.0);
+    assert!((host.measures.lock().unwrap()["error: worst bias"] - 5.0).abs() < 1e-4);
+    let warnings = host.warnings.lock().unwrap().clone();
+    assert!(warnings.iter().any(|w| w.contains("`polyp`") && w.contains("mu_a")), "{warnings:?}");
+    let (_, host) = masked(true);
+    assert!(host.measures.lock().unwrap().get("error: worst bias").is_none());
+}
+
 /// Named regions alone; erosion takes away the rim, so many mm or so many px of it.
 #[test]
 fn regions_are_what_they_say() {
