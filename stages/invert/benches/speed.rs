@@ -1,6 +1,6 @@
 //! Inversion: error over the default range and build time of the inverse table, pixels per second on one thread of every method.
 //! `cargo bench -p turbid-invert` (`-- speed` for the last alone, `-- table` for that method
-//! again and again).
+//! again and again, `-- table values` and `-- table errors` without and with standard errors alone, `-- errors` for the first alone).
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -14,7 +14,7 @@ use turbid_invert::{In, Invert, Method, Params};
 use turbid_optics::{LogGrid, Medium, diffusion};
 
 const RANGE: [[f64; 2]; 2] = [[1e-4, 0.5], [0.1, 5.0]];
-const SIDE: usize = 2048;
+const SIDE: usize = 3072;
 
 fn r_d(p: [f64; 2], n: f64, f_x: f64) -> f64 {
     let medium = Medium { mu_a: p[0], mu_s_prime: p[1], g: 0.8, n };
@@ -53,22 +53,32 @@ fn errors(n: f64, f_x: f64, count: usize) {
         let mut table = None;
         let seconds = seconds(|| table = Some(InverseTable::with_size(&forward, size)));
         let table = table.expect("just made");
-        let (mut found, mut missed) = (Vec::new(), 0);
+        let (mut found, mut resampled, mut missed) = (Vec::new(), Vec::new(), 0);
         for k in 0..10_000 {
             let p = scattered(k);
-            match table.find([r_d(p, n, 0.0), r_d(p, n, f_x)]) {
-                Found::Properties { p: q, .. } => found.push([0, 1].map(|i| (q[i].exp() / p[i] - 1.0).abs())),
+            // As images hold them.
+            let r = [r_d(p, n, 0.0), r_d(p, n, f_x)].map(|r| f64::from(r as f32));
+            match table.find(r) {
+                Found::Properties { p: q, .. } => {
+                    found.push([0, 1].map(|i| (q[i].exp() / p[i] - 1.0).abs()));
+                    let exact = table.exact(&forward, r, q).expect("Newton's method begins next to it");
+                    resampled.push([0, 1].map(|i| (q[i] - exact[i]).abs()));
+                }
                 _ => missed += 1,
             }
         }
-        let figures = [0, 1].map(|i| {
-            let mut e: Vec<f64> = found.iter().map(|e| 100.0 * e[i]).collect();
-            e.sort_by(f64::total_cmp);
-            format!("{:.4} / {:.4} %", e[e.len() / 2], e[e.len() - 1])
-        });
+        let figures = |found: &[[f64; 2]]| {
+            let of = |i: usize| {
+                let mut e: Vec<f64> = found.iter().map(|e| 100.0 * e[i]).collect();
+                e.sort_by(f64::total_cmp);
+                format!("{:.5} / {:.4} %", e[e.len() / 2], e[e.len() - 1])
+            };
+            format!("mu_a {}, mu_s' {}", of(0), of(1))
+        };
         println!(
-            "n = {n}, f_x = {f_x}, {count} nodes, table {size}: {seconds:.2} s, median / worst of mu_a {}, mu_s' {}, missed {missed}",
-            figures[0], figures[1]
+            "n = {n}, f_x = {f_x}, {count} nodes, table {size}: {seconds:.2} s, median / worst against the medium {}; against the exact inverse of the surface {}; missed {missed}",
+            figures(&found),
+            figures(&resampled)
         );
     }
 }
@@ -126,7 +136,9 @@ fn speed(method: Method, noise: bool, side: usize) {
 fn main() {
     let asked = |what: &str| std::env::args().any(|a| a == what);
     if asked("table") {
-        (0..8).for_each(|_| [false, true].iter().for_each(|&noise| speed(Method::Table, noise, SIDE)));
+        let kinds: Vec<bool> =
+            [false, true].into_iter().filter(|&noise| !asked(if noise { "values" } else { "errors" })).collect();
+        (0..8).for_each(|_| kinds.iter().for_each(|&noise| speed(Method::Table, noise, SIDE)));
         return;
     }
     if !asked("speed") {
@@ -136,6 +148,9 @@ fn main() {
             }
         }
         errors(1.4, 0.1, 25);
+    }
+    if asked("errors") {
+        return;
     }
     for (method, side) in [
         (Method::Table, SIDE),

@@ -44,17 +44,9 @@ impl Coordinates {
 
     /// (u, v), or `None` where the pair has none: R_0 not in (0, R_top) or R_1 not in (0, Q R_0).
     pub fn at(&self, r: [f64; 2]) -> Option<[f64; 2]> {
-        let place = self.place(r);
-        (!place[0].is_nan()).then_some(place)
-    }
-
-    /// The same without a branch: NaN where there is none.
-    #[inline(always)]
-    pub fn place(&self, r: [f64; 2]) -> [f64; 2] {
         let (below_top, fringe_free) = (self.r_top - r[0], self.q_top * r[0] - r[1]);
-        let inside = (r[0] > 0.0) & (r[1] > 0.0) & (below_top > 0.0) & (fringe_free > 0.0);
-        let [u, v] = [ln(r[0] / below_top), ln(r[1] / fringe_free)];
-        [if inside { u } else { f64::NAN }, v]
+        let inside = r[0] > 0.0 && r[1] > 0.0 && below_top > 0.0 && fringe_free > 0.0;
+        inside.then(|| [ln(r[0] / below_top), ln(r[1] / fringe_free)])
     }
 
     /// The pair that has the coordinates (u, v).

@@ -10,6 +10,7 @@
 //! fetches bilinearly; `bicubic` solves for each pixel, `linear` and `nearest` are the plain ways; `least_squares` takes
 //! all f_x at once. With the heights of the surface and the scene's camera and projector it also takes off what distance and slope do (`profile`). Theory and measured figures: `docs/theory/invert.md`.
 
+mod cells;
 mod coordinates;
 mod exposure;
 pub mod forward;
@@ -23,6 +24,8 @@ mod pair;
 mod pass;
 mod profile;
 mod sectioned;
+mod seeds;
+mod single;
 mod stage;
 mod surface;
 

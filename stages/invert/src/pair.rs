@@ -109,6 +109,15 @@ impl Inverter<'_> {
     }
 }
 
+/// Covariance of R relative to R, from standard errors and covariance.
+#[inline(always)]
+pub fn relative(r: [f64; 2], se: [f64; 2], between: f64) -> [[f64; 2]; 2] {
+    let per = [1.0 / r[0], 1.0 / r[1]];
+    let relative = [se[0] * per[0], se[1] * per[1]];
+    let between = between * per[0] * per[1];
+    [[relative[0] * relative[0], between], [between, relative[1] * relative[1]]]
+}
+
 /// What noise `c_r` (relative to R) and the table's own variances do to p.
 #[inline(always)]
 pub fn spread(gain: &[[f64; 2]; 2], c_r: &[[f64; 2]; 2], bend: Option<Bend>, variances: [f64; 2]) -> Spread {

@@ -6,6 +6,7 @@ use turbid_contract::payload::MaskReason;
 use turbid_optics::elementary::exp;
 
 use crate::profile::Shake;
+use crate::single;
 
 /// Which planes a pass fills.
 #[derive(Clone, Copy, Debug)]
@@ -18,6 +19,8 @@ pub struct Pass {
     pub outside: bool,
     /// Whether what noise adds to the mean is taken off.
     pub corrects: bool,
+    /// Whether p has the digits of an f32, so that no more need be spent on its exponential where nothing but that is wanted.
+    pub single: bool,
 }
 
 /// A pixel's properties.
@@ -102,8 +105,8 @@ impl Pass {
         match solved {
             Err(reason) => reasons[o] = reason.code(),
             Ok(Solved { p, noise: None, outside }) => {
-                let mu = p.map(exp);
-                (planes[0][o], planes[1][o]) = (mu[0] as f32, mu[1] as f32);
+                let mu = if self.single { p.map(|p| single::exp(p as f32)) } else { p.map(|p| exp(p) as f32) };
+                (planes[0][o], planes[1][o]) = (mu[0], mu[1]);
                 tally.good += 1;
                 self.mark(o, outside, planes, tally);
             }
@@ -144,7 +147,7 @@ impl Pass {
             (0..3).for_each(|k| planes[4 + k][o] = covariance[k] as f32);
         }
         tally.good += 1;
-        tally.add_noise(mu[0], own, common, excess);
+        tally.sums.add(o, [own[0], own[1], common[0].sqrt(), common[1].sqrt(), excess, mu[0]]);
         Ok(())
     }
 
@@ -170,7 +173,7 @@ pub struct Settled {
     pub mu: [f64; 2],
     /// aa, as, ss of mu, from noise and table.
     pub covariance: [f64; 3],
-    /// Variances of mu by the pixel's own noise, and standard errors by the table.
+    /// Variances of mu by the pixel's own noise, and by the table.
     pub own: [f64; 2],
     pub common: [f64; 2],
     /// What noise adds to mu_a; 0 where nobody knows.
@@ -185,13 +188,13 @@ pub fn settle(p: [f64; 2], spread: &Spread, corrects: bool) -> Settled {
     let mut excess = 0.0;
     if let Some(bias) = bias {
         // Beyond what `exp` can do there is no such factor, and no value.
-        let raise = |x: f64| {
-            let raised = exp(x);
-            if x.abs() <= 700.0 { raised } else { f64::NAN }
+        let lower = |x: f64| {
+            let lowered = exp(-x);
+            if x.abs() <= 700.0 { lowered } else { f64::NAN }
         };
-        let factor = [raise(bias[0] + 0.5 * c_p[0][0]), raise(bias[1] + 0.5 * c_p[1][1])];
-        let freed = [mu[0] / factor[0], mu[1] / factor[1]];
-        excess = mu[0] - freed[0];
+        let freed = [mu[0] * lower(bias[0] + 0.5 * c_p[0][0]), mu[1] * lower(bias[1] + 0.5 * c_p[1][1])];
+        let raised = mu[0] - freed[0];
+        excess = if raised.abs() < f64::INFINITY { raised } else { 0.0 };
         mu = [if corrects { freed[0] } else { mu[0] }, if corrects { freed[1] } else { mu[1] }];
     }
     let own = |a: usize, b: usize| c_p[a][b] * mu[a] * mu[b];
@@ -202,48 +205,66 @@ pub fn settle(p: [f64; 2], spread: &Spread, corrects: bool) -> Settled {
         mu,
         covariance: [positive(all(0, 0)), all(0, 1), positive(all(1, 1))],
         own: [positive(own(0, 0)), positive(own(1, 1))],
-        common: [table[0][0].sqrt() * mu[0], table[1][1].sqrt() * mu[1]],
+        common: [table[0][0] * (mu[0] * mu[0]), table[1][1] * (mu[1] * mu[1])],
         excess,
     }
 }
 
-/// Sums over pixels, added up in tile order.
+/// What the pixels of a tile are together.
 #[derive(Default)]
 pub struct Tally {
     pub good: u64,
     pub outside: u64,
-    /// Of mu_a and mu_s' over good pixels, from their own noise.
-    pub variances: [f64; 2],
-    /// Standard errors that the table gives them: of pixels of one medium they are one error.
-    pub common: [f64; 2],
-    /// By how much noise raises mu_a in the mean, to second order, and the mu_a that it belongs to.
-    pub noise_bias: f64,
-    pub mu_a: f64,
+    pub sums: Sums,
 }
 
 impl Tally {
-    /// What a good pixel with known noise adds.
-    #[inline]
-    pub fn add_noise(&mut self, mu_a: f64, own: [f64; 2], common: [f64; 2], excess: f64) {
-        self.mu_a += mu_a;
-        for k in [0, 1] {
-            self.variances[k] += own[k];
-            self.common[k] += common[k];
-        }
-        if excess.is_finite() {
-            self.noise_bias += excess;
-        }
-    }
-
     pub fn add(mut self, tile: &Self) -> Self {
         self.good += tile.good;
         self.outside += tile.outside;
-        self.noise_bias += tile.noise_bias;
-        self.mu_a += tile.mu_a;
-        for k in 0..2 {
-            self.variances[k] += tile.variances[k];
-            self.common[k] += tile.common[k];
+        for (all, tile) in self.sums.columns.iter_mut().zip(&tile.sums.columns) {
+            (0..COLUMNS).for_each(|c| all[c] += tile[c]);
         }
         self
+    }
+}
+
+/// Sums that run side by side: pixel o of a tile adds to column o % COLUMNS, so that lanes and single pixels add up in one order.
+pub const COLUMNS: usize = 8;
+
+/// Sums over good pixels with known noise.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Sums {
+    /// Variances of mu_a and mu_s' from their own noise; the standard errors that the table gives them, which for pixels of one medium are one error; by how
+    /// much noise raises mu_a in the mean, to second order, and the mu_a that it belongs to.
+    pub columns: [[f64; COLUMNS]; 6],
+}
+
+impl Sums {
+    /// What good pixel `o` of a tile adds.
+    pub fn add(&mut self, o: usize, values: [f64; 6]) {
+        self.columns.iter_mut().zip(values).for_each(|(sum, value)| sum[o % COLUMNS] += value);
+    }
+
+    fn total(&self, quantity: usize) -> f64 {
+        self.columns[quantity].iter().sum()
+    }
+
+    /// Variances of mu_a and mu_s' from their own noise.
+    pub fn variances(&self) -> [f64; 2] {
+        [self.total(0), self.total(1)]
+    }
+
+    /// Standard errors of mu_a and mu_s' by the table.
+    pub fn common(&self) -> [f64; 2] {
+        [self.total(2), self.total(3)]
+    }
+
+    pub fn noise_bias(&self) -> f64 {
+        self.total(4)
+    }
+
+    pub fn mu_a(&self) -> f64 {
+        self.total(5)
     }
 }

@@ -125,7 +125,7 @@ pub struct Invert;
 
 impl Stage for Invert {
     const NAME: &'static str = "invert";
-    const VERSION: u32 = 6;
+    const VERSION: u32 = 7;
     const ABOUT: &'static str =
         "maps of mu_a and mu_s' from calibrated reflectance by a look-up table, with standard errors";
 
@@ -205,6 +205,7 @@ impl Stage for Invert {
             covariance: ctx.wants("covariance"),
             outside: params.outside == Outside::Nearest,
             corrects: params.noise_bias == NoiseBias::Correct,
+            single: params.method == Method::Table,
         };
         let mut maps = Layers::default();
         let mut covariance = Layers::default();
@@ -323,19 +324,18 @@ fn invert(
         .collect();
     // Of R_a and R_b relative to both.
     let c_r = |i: usize, a: usize, b: usize| {
-        let (r_a, r_b) = (f64::from(r[a][i]), f64::from(r[b][i]));
-        let c = if a == b {
-            let se = f64::from(se[a][i]);
-            se * se
-        } else {
-            covariance[a * count + b].as_ref().map_or(0.0, |c| f64::from(c[i]))
-        };
-        c / (r_a * r_b)
+        let per = |k: usize| 1.0 / f64::from(r[k][i]);
+        if a == b {
+            let relative = f64::from(se[a][i]) * per(a);
+            return relative * relative;
+        }
+        covariance[a * count + b].as_ref().map_or(0.0, |c| f64::from(c[i])) * per(a) * per(b)
     };
     let carried = stack.mask(wavelength_nm).map(Layer::pixels);
     let mask = both(carried.as_deref(), places.mask.as_deref());
     let pass = pass(known);
-    let mut planes = vec![Array2::zeros((stack.rows(), stack.columns())); pass.plane_count()];
+    // One by one, not as copies of the first: the system hands out pages of zeros when they are first written.
+    let mut planes: Vec<_> = (0..pass.plane_count()).map(|_| Array2::zeros((stack.rows(), stack.columns()))).collect();
     let shaken = known && correction.is_some_and(|c| c.shakes.is_some());
     // Most images are of this kind: worth a way of their own.
     let lanes = match (solvers, places.sectioned()) {
@@ -364,8 +364,9 @@ fn invert(
     let tally = tiles.iter().fold(Tally::default(), Tally::add);
     let all = (stack.rows() * stack.columns()) as f64;
     ctx.measure("masked", 100.0 * (1.0 - tally.good as f64 / all), "%");
-    if tally.mu_a > 0.0 {
-        ctx.measure("noise_bias_mu_a", 100.0 * tally.noise_bias / tally.mu_a, "%");
+    let sums = &tally.sums;
+    if sums.mu_a() > 0.0 {
+        ctx.measure("noise_bias_mu_a", 100.0 * sums.noise_bias() / sums.mu_a(), "%");
     }
     if tally.good == 0 {
         ctx.warn("all pixels are masked");
@@ -384,8 +385,8 @@ fn invert(
     let mut next = || planes.next().expect("as many planes as plane_count says");
     for (k, info) in infos.iter().enumerate() {
         let mut info = info.clone();
-        let own = if known { mean_se(tally.variances[k], tally.good, sharing) } else { None };
-        info.mean_se = own.map(|own| libm::hypot(own, tally.common[k] / tally.good as f64));
+        let own = if known { mean_se(sums.variances()[k], tally.good, sharing) } else { None };
+        info.mean_se = own.map(|own| libm::hypot(own, sums.common()[k] / tally.good as f64));
         maps.values.push((info, next()));
     }
     if known {
@@ -404,7 +405,7 @@ fn invert(
     let mut info = LayerInfo::new("mask", LayerKind::Mask, "1");
     info.wavelength_nm = wavelength_nm;
     let mask = next();
-    if known {
+    if known && pass.covariance {
         covariances.others.push((info.clone(), mask.clone()));
     }
     maps.others.push((info, mask));
