@@ -27,6 +27,7 @@ impl Registry {
             .with::<turbid_scene::SceneStage>()
             .with::<turbid_sensor::Sensor>()
             .with::<turbid_section::SectionTube>()
+            .with::<turbid_compare::Summarize>()
     }
 
     /// Adds a stage; one of the same name replaces it.

@@ -1,5 +1,7 @@
 //! Tables of `compare`, read as a user would: exported.
 
+use std::collections::BTreeMap;
+
 use crate::space::Space;
 
 /// A row of a table of metrics, as exported.
@@ -14,32 +16,36 @@ pub struct Row {
     pub masked: f64,
 }
 
-/// The metrics of a stage, one row for each region or medium and quantity, without the row of all.
-pub fn metrics(space: &Space, file: &str, stage: &str, settings: &[&str]) -> Vec<Row> {
-    let csv = space.path().join(format!("{stage}.csv"));
-    let port = format!("{stage}.metrics");
-    let mut arguments = vec!["export", file, &port, "--to", csv.to_str().expect("a temporary folder of UTF-8")];
+/// A table as exported: the cells of each row by the name of their column.
+pub fn rows(space: &Space, file: &str, port: &str, settings: &[&str]) -> Vec<BTreeMap<String, String>> {
+    let csv = space.path().join(format!("{port}.csv"));
+    let mut arguments = vec!["export", file, port, "--to", csv.to_str().expect("a temporary folder of UTF-8")];
     arguments.extend(settings);
     space.turbid(&arguments).ok();
     let text = std::fs::read_to_string(&csv).expect("the export");
     let mut lines = text.lines().filter(|line| !line.starts_with('#'));
-    let header: Vec<&str> = lines.next().expect("a header").split(',').collect();
-    let rows = lines.map(|line| {
-        let cells: Vec<&str> = line.split(',').collect();
-        let cell = |name: &str| {
-            let at = header.iter().position(|h| h.split(['[', ' ']).next() == Some(name));
-            cells[at.unwrap_or_else(|| panic!("{name}: {text}"))]
-        };
-        let number = |name: &str| cell(name).parse().unwrap_or_else(|e| panic!("{name}: {e}\n{text}"));
-        Row {
-            region: cell("region").to_owned(),
-            quantity: cell("quantity").to_owned(),
-            n: number("n"),
-            mean: number("mean"),
-            se: number("mean_se"),
-            truth: number("truth"),
-            masked: number("masked_percent"),
-        }
-    });
-    rows.filter(|row| row.region != "all").collect()
+    let name = |header: &str| header.split(['[', ' ']).next().unwrap_or_default().to_owned();
+    let header: Vec<String> = lines.next().expect("a header").split(',').map(name).collect();
+    lines.map(|line| header.iter().cloned().zip(line.split(',').map(str::to_owned)).collect()).collect()
+}
+
+/// A number of a row.
+pub fn number(row: &BTreeMap<String, String>, column: &str) -> f64 {
+    let cell = row.get(column).unwrap_or_else(|| panic!("no column {column}: {row:?}"));
+    cell.parse().unwrap_or_else(|e| panic!("{column}: {e}: {row:?}"))
+}
+
+/// The metrics of a stage, one row for each region or medium and quantity, without the row of all.
+pub fn metrics(space: &Space, file: &str, stage: &str, settings: &[&str]) -> Vec<Row> {
+    let rows = rows(space, file, &format!("{stage}.metrics"), settings);
+    let row = |row: &BTreeMap<String, String>| Row {
+        region: row["region"].clone(),
+        quantity: row["quantity"].clone(),
+        n: number(row, "n"),
+        mean: number(row, "mean"),
+        se: number(row, "mean_se"),
+        truth: number(row, "truth"),
+        masked: number(row, "masked_percent"),
+    };
+    rows.iter().map(row).filter(|row| row.region != "all").collect()
 }

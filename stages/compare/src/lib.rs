@@ -17,6 +17,10 @@
 //!   use: compare
 //!   in: {estimate: fit}
 //!   with: {media: {healthy: {mu_a: 0.058, mu_s_prime: 0.75}}}
+//!
+//! mean:
+//!   use: summarize
+//!   in: {metrics: {from: score, over: [mu_a]}}   # mean |bias| over the instances of an axis
 //! ```
 //! A region holds the pixels that meet all its conditions. Lengths are mm from the centre of the image, x to the right, y
 //! up. Columns and formulas: `docs/theory/compare.md`.
@@ -27,6 +31,9 @@ pub mod media;
 pub mod region;
 pub mod score;
 mod stage;
+mod summarize;
+pub mod summary;
 
 pub use region::{Disk, Rect, Region};
 pub use stage::{Compare, In, MediumParams, Out, Params};
+pub use summarize::{Summarize, SummarizeIn, SummarizeOut, SummarizeParams};

@@ -1,0 +1,64 @@
+//! The stage `summarize`: the metrics of many instances in one table.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use turbid_contract::payload::Metrics;
+use turbid_contract::{Ctx, Error, Known, Problems, Stage, in_ports, out_ports};
+
+use crate::summary::{Summary, figures, summarize, table};
+
+/// Params of `summarize`: it has none.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SummarizeParams {}
+
+in_ports! {
+    pub struct SummarizeIn {
+        /// Of `compare`, one table for each instance.
+        metrics: many Metrics,
+    }
+}
+
+out_ports! {
+    pub struct SummarizeOut {
+        /// One row for each region and quantity.
+        metrics: one Metrics,
+    }
+}
+
+/// `use: summarize`
+pub struct Summarize;
+
+impl Stage for Summarize {
+    const NAME: &'static str = "summarize";
+    const VERSION: u32 = 1;
+    const ABOUT: &'static str = "mean size of the error over the instances of a compare stage, with its standard error";
+
+    type Params = SummarizeParams;
+    type In = SummarizeIn<'static>;
+    type Out = SummarizeOut;
+
+    /// Nothing to ask: a table that is no table of metrics is found when it is read.
+    fn check(_: &SummarizeParams, _: &Known, _: &mut Problems) {}
+
+    fn run(_: &SummarizeParams, inputs: SummarizeIn<'_>, ctx: Ctx<'_>) -> Result<SummarizeOut, Error> {
+        let mut found = Vec::new();
+        for index in 0..inputs.metrics.axes().len() {
+            let Metrics(table) = inputs.metrics.load(index)?;
+            found.extend(figures(&table)?);
+        }
+        let rows = summarize(&found);
+        for row in rows.iter().filter(|row| row.n < row.instances) {
+            let Summary { region, quantity, n, instances, .. } = row;
+            ctx.warn(format!(
+                "region `{region}`: nothing is known of {quantity} in {} of {instances} instances",
+                instances - n
+            ));
+        }
+        let known = rows.iter().filter(|row| row.n > 0);
+        if let Some(worst) = known.max_by(|a, b| a.mean_abs_error_percent.total_cmp(&b.mean_abs_error_percent)) {
+            ctx.measure("error: mean |bias| over instances, worst region", worst.mean_abs_error_percent, "%");
+        }
+        Ok(SummarizeOut { metrics: Metrics(table(&rows)) })
+    }
+}

@@ -1,0 +1,204 @@
+//! What many tables of metrics say together: how far off their means are, in the mean.
+
+use turbid_contract::{Cells, Error, Table};
+
+/// What one instance says of one region and quantity.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Figure {
+    pub region: String,
+    pub quantity: String,
+    pub unit: String,
+    /// Pixels that count; without any the rest means nothing.
+    pub n: i64,
+    pub mean: f64,
+    pub mean_se: f64,
+    pub truth: f64,
+    pub masked_percent: f64,
+}
+
+/// What all instances say of one region and quantity. A position (mm) has no percentages: they are 0, as in a table of metrics.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Summary {
+    pub region: String,
+    pub quantity: String,
+    pub unit: String,
+    pub instances: usize,
+    /// Instances of which anything is known: the rest of the figures is over them.
+    pub n: usize,
+    /// Mean of |mean - truth|, in the quantity's unit, and relative to the truth.
+    pub mean_abs_error: f64,
+    pub mean_abs_error_percent: f64,
+    /// sqrt(sum se^2) / n: the standard error of a mean of n errors that are independent.
+    pub mean_abs_error_se: f64,
+    pub mean_abs_error_se_percent: f64,
+    /// What `mean_abs_error_percent` would be of instances that are off by normal noise of their standard errors and nothing else.
+    pub noise_percent: f64,
+    /// Mean, and root mean square of the errors, and the largest of them, relative to the truth.
+    pub bias_percent: f64,
+    pub rmse_percent: f64,
+    pub worst_percent: f64,
+    /// Mean over all instances.
+    pub masked_percent: f64,
+}
+
+/// The figures of a table of metrics. Error: it is none of regions and quantities, but a summary already, for example.
+pub fn figures(table: &Table) -> Result<Vec<Figure>, Error> {
+    let missing = |name: &str| {
+        let what = format!("the metrics have no column `{name}`");
+        Error::failed_with_hint(what, "connect the metrics of a `compare` stage")
+    };
+    let cells = |name: &str| table.columns.iter().find(|c| c.name == name).map(|c| &c.cells);
+    let texts = |name: &str| match cells(name) {
+        Some(Cells::Text(texts)) => Ok(texts),
+        _ => Err(missing(name)),
+    };
+    let numbers = |name: &str| table.f64s(name).ok_or_else(|| missing(name));
+    let Some(Cells::I64(n)) = cells("n") else { return Err(missing("n")) };
+    let (region, quantity, unit) = (texts("region")?, texts("quantity")?, texts("unit")?);
+    let (mean, mean_se, truth) = (numbers("mean")?, numbers("mean_se")?, numbers("truth")?);
+    let masked_percent = numbers("masked_percent")?;
+    let row = |i: usize| Figure {
+        region: region[i].clone(),
+        quantity: quantity[i].clone(),
+        unit: unit[i].clone(),
+        n: n[i],
+        mean: mean[i],
+        mean_se: mean_se[i],
+        truth: truth[i],
+        masked_percent: masked_percent[i],
+    };
+    Ok((0..n.len()).map(row).collect())
+}
+
+/// One row for each region and quantity, in the order in which they first come.
+pub fn summarize(figures: &[Figure]) -> Vec<Summary> {
+    let mut groups: Vec<Vec<&Figure>> = Vec::new();
+    for figure in figures {
+        let same = |group: &&mut Vec<&Figure>| group[0].region == figure.region && group[0].quantity == figure.quantity;
+        match groups.iter_mut().find(same) {
+            Some(group) => group.push(figure),
+            None => groups.push(vec![figure]),
+        }
+    }
+    groups.iter().map(|group| summary(group)).collect()
+}
+
+fn summary(group: &[&Figure]) -> Summary {
+    let known: Vec<&Figure> = group.iter().copied().filter(|f| f.n > 0).collect();
+    let position = group[0].unit == "mm";
+    let percent = |f: &Figure, x: f64| if position { 0.0 } else { 100.0 * x / f.truth };
+    let mean = |of: &dyn Fn(&Figure) -> f64| known.iter().map(|f| of(f)).sum::<f64>() / known.len().max(1) as f64;
+    let errors: Vec<f64> = known.iter().map(|f| percent(f, f.mean - f.truth)).collect();
+    // Of a mean of n: the root of a mean of squares, over sqrt(n).
+    let of_mean = |x: f64| (x / known.len().max(1) as f64).sqrt();
+    Summary {
+        region: group[0].region.clone(),
+        quantity: group[0].quantity.clone(),
+        unit: group[0].unit.clone(),
+        instances: group.len(),
+        n: known.len(),
+        mean_abs_error: mean(&|f| (f.mean - f.truth).abs()),
+        mean_abs_error_percent: mean(&|f| percent(f, f.mean - f.truth).abs()),
+        mean_abs_error_se: of_mean(mean(&|f| f.mean_se * f.mean_se)),
+        mean_abs_error_se_percent: of_mean(mean(&|f| percent(f, f.mean_se) * percent(f, f.mean_se))),
+        // E|x| of a normal x of mean 0 is sqrt(2 / pi) of its deviation.
+        noise_percent: std::f64::consts::FRAC_2_PI.sqrt() * mean(&|f| percent(f, f.mean_se).abs()),
+        bias_percent: mean(&|f| percent(f, f.mean - f.truth)),
+        rmse_percent: mean(&|f| percent(f, f.mean - f.truth) * percent(f, f.mean - f.truth)).sqrt(),
+        worst_percent: errors.iter().copied().fold(0.0, |worst: f64, e| if e.abs() > worst.abs() { e } else { worst }),
+        masked_percent: group.iter().map(|f| f.masked_percent).sum::<f64>() / group.len() as f64,
+    }
+}
+
+/// Summaries as a table.
+pub fn table(rows: &[Summary]) -> Table {
+    let mut table = Table::default();
+    let text = |f: &dyn Fn(&Summary) -> String| Cells::Text(rows.iter().map(f).collect());
+    let count = |f: &dyn Fn(&Summary) -> usize| Cells::I64(rows.iter().map(|row| f(row) as i64).collect());
+    table.push("region", "", text(&|r| r.region.clone()));
+    table.push("quantity", "", text(&|r| r.quantity.clone()));
+    table.push("instances", "1", count(&|r| r.instances));
+    table.push("n", "1", count(&|r| r.n));
+    let unit = rows.first().map_or("", |r| r.unit.as_str());
+    let unit = if rows.iter().all(|r| r.unit == unit) { unit } else { "" };
+    let mut number = |name: &str, unit: &str, f: fn(&Summary) -> f64| {
+        table.push(name, unit, Cells::F64(rows.iter().map(f).collect()));
+    };
+    number("mean_abs_error_percent", "%", |r| r.mean_abs_error_percent);
+    number("mean_abs_error_se_percent", "%", |r| r.mean_abs_error_se_percent);
+    number("noise_percent", "%", |r| r.noise_percent);
+    number("bias_percent", "%", |r| r.bias_percent);
+    number("rmse_percent", "%", |r| r.rmse_percent);
+    number("worst_percent", "%", |r| r.worst_percent);
+    number("masked_percent", "%", |r| r.masked_percent);
+    number("mean_abs_error", unit, |r| r.mean_abs_error);
+    number("mean_abs_error_se", unit, |r| r.mean_abs_error_se);
+    table.push("unit", "", text(&|r| r.unit.clone()));
+    table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn figure(region: &str, n: i64, [mean, mean_se, truth]: [f64; 3]) -> Figure {
+        let (region, quantity, unit) = (region.to_owned(), "mu_a".to_owned(), "mm^-1".to_owned());
+        Figure { region, quantity, unit, n, mean, mean_se, truth, masked_percent: if n > 0 { 10.0 } else { 100.0 } }
+    }
+
+    /// Two instances off by +50 and -25 % with standard errors of 30 and 40 %, a third of which nothing is known; and a region of one: by hand.
+    #[test]
+    fn three_instances() {
+        let all = [
+            figure("wall", 5, [0.75, 0.15, 0.5]),
+            figure("end", 5, [2.0, 0.1, 2.0]),
+            figure("wall", 9, [1.5, 0.8, 2.0]),
+            figure("wall", 0, [0.0, 0.0, 0.0]),
+        ];
+        let [wall, end] = &summarize(&all)[..] else { panic!("two regions") };
+        let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} for {b}");
+        assert_eq!((wall.instances, wall.n, end.instances, end.n), (3, 2, 1, 1));
+        close(wall.mean_abs_error_percent, 37.5);
+        close(wall.mean_abs_error_se_percent, 25.0);
+        close(wall.noise_percent, 35.0 * (2.0 / std::f64::consts::PI).sqrt());
+        close(wall.bias_percent, 12.5);
+        close(wall.rmse_percent, (0.5 * (2500.0_f64 + 625.0)).sqrt());
+        close(wall.worst_percent, 50.0);
+        close(wall.mean_abs_error, 0.375);
+        close(wall.mean_abs_error_se, 0.5 * (0.15_f64 * 0.15 + 0.8 * 0.8).sqrt());
+        close(wall.masked_percent, 40.0);
+        close(end.mean_abs_error_percent, 0.0);
+        close(end.mean_abs_error_se_percent, 5.0);
+    }
+
+    /// Instances whose errors are nothing but their noise: the mean |error| is what `noise_percent` says, and the mean error 0, to 4.5 standard errors.
+    #[test]
+    fn noise_alone_makes_the_error_that_is_said() {
+        let (n, se) = (20_000, 0.07);
+        let mut rng = normals(3);
+        let normal: Vec<f64> = (0..n).map(|_| rng()).collect();
+        let all: Vec<Figure> = normal.iter().map(|x| figure("a", 1, [1.0 + se * x, se, 1.0])).collect();
+        let [row] = &summarize(&all)[..] else { panic!("one region") };
+        let allowed = 4.5 * 100.0 * se / f64::from(n).sqrt();
+        assert!((row.mean_abs_error_percent - row.noise_percent).abs() < allowed, "{row:?}");
+        assert!(row.bias_percent.abs() < allowed, "{row:?}");
+        assert!((row.mean_abs_error_se_percent - allowed / 4.5).abs() < 1e-9, "{row:?}");
+    }
+
+    /// Normal numbers: sums of twelve uniform ones of a linear congruential generator.
+    fn normals(seed: u64) -> impl FnMut() -> f64 {
+        let mut state = seed;
+        let mut uniform = move || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1_u64 << 53) as f64
+        };
+        move || (0..12).map(|_| uniform()).sum::<f64>() - 6.0
+    }
+
+    /// A table of metrics comes back as figures; a summary is none.
+    #[test]
+    fn only_metrics_are_summarized() {
+        let error = figures(&table(&summarize(&[figure("a", 1, [1.0, 0.1, 1.0])]))).unwrap_err();
+        assert!(error.to_string().contains("no column `mean`"), "{error}");
+    }
+}
