@@ -1,25 +1,24 @@
-//! `pipelines/checks/tube_fringes.yaml`: what a predistorted pattern shows along a tube, seen by a camera.
+//! Down a tube: what a predistorted pattern shows along it, whose light its walls show, what tables made in it read, and two media told apart.
 
 use std::f64::consts::{PI, TAU};
 
 use serde_json::Value;
 
-use crate::metrics::metrics;
+use crate::metrics::{metrics, number, rows};
 use crate::space::Space;
 
 const FILE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/pipelines/checks/tube_fringes.yaml");
 
 /// The layers of a port with their names, by way of an exported file: `images` comes first in the archive.
-fn layers(space: &Space, port: &str) -> Vec<(String, Vec<f32>)> {
-    space.turbid(&["export", FILE, port, "--to", "x.npz"]).ok();
+fn layers(space: &Space, file: &str, port: &str, pixels: usize, settings: &[&str]) -> Vec<(String, Vec<f32>)> {
+    space.turbid(&[&["export", file, port, "--to", "x.npz"][..], settings].concat()).ok();
     let bytes = std::fs::read(space.path().join("x.npz")).expect("it was just written");
     let start = bytes.windows(6).position(|w| w == b"\x93NUMPY").expect("an array");
     let header = usize::from(u16::from_le_bytes([bytes[start + 8], bytes[start + 9]]));
-    let shown = space.turbid(&["show", FILE, port, "--json"]).json();
+    let shown = space.turbid(&[&["show", file, port, "--json"][..], settings].concat()).json();
     let port = shown["instances"][0]["ports"].as_object().and_then(|p| p.values().next()).expect("a port").clone();
     let names = port["layers"].as_array().expect("layers").iter();
     let names: Vec<String> = names.map(|l| l["name"].as_str().expect("a name").to_owned()).collect();
-    let pixels = 192 * 192;
     let values = bytes[start + 10 + header..].chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]));
     let values: Vec<f32> = values.take(names.len() * pixels).collect();
     names.into_iter().zip(values.chunks(pixels).map(<[f32]>::to_vec)).collect()
@@ -36,8 +35,8 @@ fn layer<'a>(layers: &'a [(String, Vec<f32>)], name: &str) -> &'a [f32] {
 fn the_camera_sees_the_phase_that_was_meant() {
     let space = Space::new();
     space.turbid(&["run", FILE, "fringes.phase", "frames.truth", "sections", "pattern.surface_frequency"]).ok();
-    let (phase, truth) = (layers(&space, "fringes.phase"), layers(&space, "frames.truth"));
-    let sections = layers(&space, "sections.sections");
+    let of = |port: &str| layers(&space, FILE, port, 192 * 192, &[]);
+    let (phase, truth, sections) = (of("fringes.phase"), of("frames.truth"), of("sections.sections"));
     let (phi, se, mask) = (layer(&phase, "phase"), layer(&phase, "phase_se"), layer(&phase, "mask"));
     let (height, arc, section) = (layer(&truth, "height"), layer(&sections, "arc_length"), layer(&sections, "section"));
     let mut compared = 0;
@@ -99,5 +98,70 @@ fn tables_made_in_the_tube_read_it() {
         };
         let [mu_a, mu_s_prime] = ["mu_a", "mu_s_prime"].map(mean);
         assert!(mu_a > 0.06 && mu_s_prime < 2.0, "{table}: {mu_a}, {mu_s_prime}");
+    }
+    // What the pipeline says of all media together is what its tables of each say.
+    space.turbid(&[&["run", SECTIONED, "one_mean"][..], &settings].concat()).ok();
+    let media = ["a=0.06,s=2", "a=0.1,s=1"]
+        .map(|medium| metrics(&space, SECTIONED, &format!("one_error[{medium}]"), &settings));
+    let together = rows(&space, SECTIONED, "one_mean.metrics", &settings);
+    assert_eq!(together.len(), media[0].len());
+    for row in &together {
+        let of = media.each_ref().map(|rows| {
+            rows.iter().find(|r| r.region == row["region"] && r.quantity == row["quantity"]).expect("the same regions")
+        });
+        let half = |f: &dyn Fn(&crate::metrics::Row) -> f64| 0.5 * (f(of[0]) + f(of[1]));
+        let error = half(&|r| 100.0 * (r.mean / r.truth - 1.0).abs());
+        let variance = 0.5 * half(&|r| (100.0 * r.se / r.truth).powi(2));
+        assert!((number(row, "mean_abs_error_percent") - error).abs() < 1e-9 * error, "{row:?}, {error}");
+        assert!((number(row, "mean_abs_error_se_percent") - variance.sqrt()).abs() < 1e-9 * error, "{row:?}");
+        assert_eq!((number(row, "instances"), number(row, "n")), (2.0, 2.0));
+    }
+}
+
+/// `pipelines/checks/tube_light.yaml`, few paths: the mean of a wall is not its own. 5 to 65 mm down the quarter shows less in a tube of the darker medium than in a tube all of
+/// its own, and more than a tube all of the other; the wall opposite to it does so where the quarter alone is dark. Each by 4.5 standard errors or more, as if the images did not
+/// share their random numbers, which makes their difference quieter than that. What `docs/validation.md` says of mu_a in a tube of two media rests on it.
+#[test]
+fn a_wall_shows_the_light_of_others() {
+    const FILE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/pipelines/checks/tube_light.yaml");
+    const SIDE: usize = 24;
+    let settings = ["--set", "vars.samples=128", "--set", "vars.projector_pixels=[300,300]"];
+    let space = Space::new();
+    space.turbid(&[&["run", FILE, "frames.white", "frames.truth", "modulation"][..], &settings].concat()).ok();
+    // What was predistorted says so all the way: `invert` must not correct its f_x for a slope.
+    let shown = space.turbid(&[&["show", FILE, "modulation.modulation", "--json"][..], &settings].concat()).json();
+    let path = shown["instances"][0]["ports"]["modulation"]["path"].as_str().expect("a path").to_owned();
+    let bytes = std::fs::read(space.path().join(path)).expect("it was just written");
+    let said = br#""fringes_along":"wall""#;
+    assert!(
+        bytes.windows(said.len()).any(|w| w == said),
+        "the modulation does not say that its fringes run along the wall"
+    );
+    // Sum of the light under a white pattern, twice M_DC, and its variance, over pixels off the edges of the quarter, 5 to 65 mm down: in the quarter, or in what lies opposite.
+    let sums = |three_quarters: &str, quarter: &str, in_quarter: bool| {
+        let of = |port: &str| {
+            let port = format!("frames[three_quarters={three_quarters},quarter={quarter}].{port}");
+            layers(&space, FILE, &port, SIDE * SIDE, &settings)
+        };
+        let (white, truth) = (of("white"), of("truth"));
+        let (seen, se, height) = (layer(&white, "radiance"), layer(&white, "radiance_se"), layer(&truth, "height"));
+        let chosen = (0..SIDE * SIDE).filter(|&i| {
+            let (x, y) = ((i % SIDE) as f64 - 11.5, 11.5 - (i / SIDE) as f64);
+            let side = if in_quarter { x.min(y) } else { -x.max(y) };
+            side > 1.0 && (-65.0..-5.0).contains(&height[i])
+        });
+        let (sum, variance, count) = chosen.fold((0.0, 0.0, 0), |(sum, variance, count), i| {
+            (sum + f64::from(seen[i]), variance + f64::from(se[i]) * f64::from(se[i]), count + 1)
+        });
+        assert!(count > 10, "{count} pixels");
+        (sum, variance)
+    };
+    for (in_quarter, mixed) in [(true, ("dark", "bright")), (true, ("bright", "dark")), (false, ("bright", "dark"))] {
+        let [seen, dark, bright] =
+            [mixed, ("dark", "dark"), ("bright", "bright")].map(|(most, quarter)| sums(most, quarter, in_quarter));
+        for (less, more) in [(dark, seen), (seen, bright)] {
+            let z = (more.0 - less.0) / (more.1 + less.1).sqrt();
+            assert!(z > 4.5, "quarter {in_quarter}, {mixed:?}: {less:?} below {more:?} by {z} standard errors");
+        }
     }
 }

@@ -256,6 +256,14 @@ fn correction(params: &Params, inputs: &In<'_>, ctx: Ctx<'_>) -> Result<Option<C
         return Err(Error::failed("the sections of a table already hold what distance and slope do"));
     }
     let stack = &inputs.reflectance.0;
+    if let Some(surface) = stack.attributes.get("fringes_along").and_then(|s| s.as_str()) {
+        return Err(Error::failed_with_hint(
+            format!(
+                "the fringes were predistorted for `{surface}`: f_x is along it already, not in the plane of the pattern"
+            ),
+            "show a plain sinusoid, or leave out `height` and read the table of a tube with `sections`",
+        ));
+    }
     let mut orientations = Vec::new();
     for wavelength_nm in wavelengths(stack) {
         for k in layers_of(stack, wavelength_nm, params)? {

@@ -1,5 +1,5 @@
 //! The default table for two f_x: CPU seconds to make it, its error between the nodes, and Monte Carlo against the solver in standard errors:
-//! `cargo bench -p turbid-lut --bench default_table [-- PATHS SEEDS]`.
+//! `cargo bench -p turbid-lut --bench default_table [-- PATHS SEEDS [TABLE]]`; of one table (1 to 3) only the last.
 //!
 //! The nodes of a run share its paths, so that its z scores count as few: how many, the correlation of the parts' deviations tells, and with it how far the
 //! deviation of all scores may lie from 1 by chance.
@@ -47,14 +47,14 @@ fn summary(z: &[f64]) -> String {
 fn main() {
     let mut numbers = std::env::args().filter_map(|argument| argument.parse::<u64>().ok());
     let (paths, seeds) = (numbers.next().unwrap_or(400_000), numbers.next().unwrap_or(8));
-    for (convention, n) in
-        [(Convention::Camera, 1.0), (Convention::Camera, 1.4), (Convention::HemisphericalEntered, 1.4)]
-    {
+    let only = numbers.next();
+    let tables = [(Convention::Camera, 1.0), (Convention::Camera, 1.4), (Convention::HemisphericalEntered, 1.4)];
+    for (_, (convention, n)) in (1_u64..).zip(tables).filter(|(number, _)| only.is_none_or(|only| only == *number)) {
         let recipe = recipe(convention, n);
         let solve = || (0..recipe.rows()).flat_map(|row| recipe.row(row).expect("a medium in range")).collect();
         let (truth, spent): (Vec<f64>, f64) = seconds(solve);
         println!("{convention:?}, n = {n}: {} values by the solver in {spent:.2} CPU s", truth.len());
-        if convention == Convention::Camera {
+        if convention == Convention::Camera && only.is_none() {
             between(&recipe, &truth);
         }
         against(&recipe, &truth, paths, seeds);

@@ -140,8 +140,11 @@ impl Stage for RenderStage {
                 ctx.measure(of, 100.0 * error, "%");
             }
         }
+        let mut frames = images.frames();
+        let along = inputs.pattern.as_ref().and_then(|pattern| pattern.0.attributes.get_key_value("fringes_along"));
+        frames.0.attributes.extend(along.map(|(name, surface)| (name.clone(), surface.clone())));
         Ok(Out {
-            frames: images.frames(),
+            frames,
             covariance: ctx.wants("covariance").then(|| images.covariance()),
             truth: ctx.wants("truth").then(|| truth(&scene, &rig.worlds[0], &rig.object_of, &rig.camera)),
             white: ctx.wants("white").then(|| images.white()),

@@ -340,7 +340,7 @@ fn a_shape_that_does_not_fit_is_named() {
         stack
     };
     #[rustfmt::skip]
-    let wrong: [(Change<'_>, &str); 9] = [
+    let wrong: [(Change<'_>, &str); 10] = [
         (&|i| i.scene = None, "`height` is connected, but not `scene`"),
         (&|i| i.scene.as_mut().unwrap().projector = None, "the scene has no projector"),
         (&|i| i.scene.as_mut().unwrap().camera = None, "the scene has no camera"),
@@ -350,6 +350,7 @@ fn a_shape_that_does_not_fit_is_named() {
         (&|i| i.height = Some(in_metres()), "`height` is given in m, not in mm"),
         (&|i| i.lut = slab(), "the table is that of a slab"),
         (&|i| i.reflectance = crossed(), "the fringes run along 90 and 0 deg"),
+        (&|i| { i.reflectance.0.attributes.insert("fringes_along".into(), "wall".into()); }, "the fringes were predistorted for `wall`"),
     ];
     for (change, message) in wrong {
         let found = fails(change);

@@ -109,7 +109,7 @@ pub struct Predistort;
 
 impl Stage for Predistort {
     const NAME: &'static str = "predistort";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const ABOUT: &'static str = "The pattern whose fringes are uniform along a surface, such as the inside of a tube";
 
     type Params = Params;
@@ -169,6 +169,8 @@ impl Stage for Predistort {
         let surface_frequency =
             if ctx.wants("surface_frequency") { Some(made.map(params, &screen, &wall, ctx)?) } else { None };
         let mut stack = ImageStack::new(screen.rows, screen.columns);
+        // f_x is along this surface, not in the plane of the pattern: frames say so on, and who corrects for a slope must know.
+        stack.attributes.insert("fringes_along".to_owned(), params.surface.clone().into());
         made.layers.into_iter().for_each(|(info, values)| stack.push(info, plane(&screen, values)));
         Ok(Out { pattern: Pattern(stack), surface_frequency })
     }
