@@ -5,10 +5,11 @@
 
 use std::hint::black_box;
 
-use fearless_simd::{Level, Simd, dispatch};
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, Simd, dispatch, f32x16};
 use glam::DVec3;
 use turbid_optics::philox::{philox4x32, unit};
-use turbid_optics::solid::facets::{Cells, Seen};
+use turbid_optics::solid::facets::{Cells, Crossings, LANES, Rays, Seen, V};
 use turbid_optics::solid::{Ends, Far, Mesh, Solid};
 
 #[allow(dead_code, reason = "not all of them are needed here")]
@@ -54,49 +55,78 @@ fn main() {
     });
     for (name, level) in [("baseline", Level::baseline()), ("best", Level::new())] {
         println!("{name}:");
-        dispatch!(level, simd => single(simd, cells, &seen, eye, &rays));
+        dispatch!(level, simd => single(simd, cells, &seen, &rays));
     }
 }
 
 #[inline(always)]
-fn single<S: Simd>(simd: S, cells: &Cells, seen: &Seen, eye: DVec3, rays: &[(DVec3, DVec3)]) {
+fn single<S: Simd>(simd: S, cells: &Cells, seen: &Seen, rays: &[(DVec3, DVec3)]) {
     let flat = |v: DVec3| v.as_vec3().to_array();
     rate("f32: clearance", rays, |p, _| f64::from(cells.clearance(flat(p))));
-    rate("f32: flight of 0.24 mm", rays, |p, w| {
+    for (name, until) in [("flight of 0.24 mm", 0.24), ("way out up to 4 mm", 4.0), ("way out", f32::INFINITY)] {
+        rate_of(&format!("f32: {name}"), &packs(rays), LANES, |&(p, w)| {
+            simd.vectorize(
+                #[inline(always)]
+                || {
+                    let rays = Rays { p: load(simd, p), w: load(simd, w) };
+                    let ends = cells.first(simd, 0xFFFF, &rays, 0xFFFF, &f32x16::splat(simd, until));
+                    ends.iter().flatten().map(|c| f64::from(c.t)).sum()
+                },
+            )
+        });
+    }
+    let mut found = Crossings::default();
+    rate_of("f32: one flight of 0.24 mm", &packs(rays), 1, |&(p, w)| {
         simd.vectorize(
             #[inline(always)]
-            || f64::from(cells.first(simd, flat(p), flat(w), true, 0.24).is_some()),
+            || {
+                let rays = Rays { p: load(simd, p), w: load(simd, w) };
+                let ends = cells.first(simd, 1, &rays, 1, &f32x16::splat(simd, 0.24));
+                ends[0].map_or(0.0, |c| f64::from(c.t))
+            },
         )
     });
-    rate("f32: the way out up to 4 mm", rays, |p, w| {
+    rate_of("f32: one whole line", &packs(rays), 1, |&(p, w)| {
         simd.vectorize(
             #[inline(always)]
-            || f64::from(cells.first(simd, flat(p), flat(w), true, 4.0).is_some()),
+            || {
+                let rays = Rays { p: load(simd, p), w: load(simd, w) };
+                cells.crossings(simd, 1, &rays, &f32x16::splat(simd, f32::INFINITY), &mut found);
+                found.of(0).len() as f64
+            },
         )
     });
-    rate("f32: the way out", rays, |p, w| {
-        let out = simd.vectorize(
+    rate_of("f32: to the eye, as seen", &packs(rays), LANES, |&(p, _)| {
+        simd.vectorize(
             #[inline(always)]
-            || cells.first(simd, flat(p), flat(w), true, f32::INFINITY),
-        );
-        out.map_or(0.0, |c| f64::from(c.t))
+            || {
+                seen.all_towards(simd, 0xFFFF, &load(simd, p), &mut found);
+                (0..LANES).map(|lane| found.of(lane).len() as f64).sum()
+            },
+        )
     });
     let mut found = Vec::new();
-    rate("f32: to the eye, by cells", rays, |p, _| {
-        let w = flat((eye - p).normalize());
-        simd.vectorize(
-            #[inline(always)]
-            || cells.crossings(simd, flat(p), w, &mut found),
-        );
-        found.len() as f64
-    });
-    rate("f32: to the eye, as seen", rays, |p, _| {
+    rate("f32: one to the eye, as seen", rays, |p, _| {
         simd.vectorize(
             #[inline(always)]
             || seen.towards(simd, flat(p), &mut found),
         );
         found.len() as f64
     });
+}
+
+type Columns = [[f32; LANES]; 3];
+
+/// Origins and directions by sixteen.
+fn packs(rays: &[(DVec3, DVec3)]) -> Vec<(Columns, Columns)> {
+    let columns = |some: [DVec3; LANES]| [0, 1, 2].map(|axis| some.map(|v| v[axis] as f32));
+    let whole = rays.as_chunks::<LANES>().0.iter();
+    whole.map(|some| (columns(some.map(|ray| ray.0)), columns(some.map(|ray| ray.1)))).collect()
+}
+
+#[inline(always)]
+fn load<S: Simd>(simd: S, [x, y, z]: Columns) -> V<S> {
+    [f32x16::load_array(simd, x), f32x16::load_array(simd, y), f32x16::load_array(simd, z)]
 }
 
 fn direction(u: f64, v: f64) -> DVec3 {
@@ -106,15 +136,21 @@ fn direction(u: f64, v: f64) -> DVec3 {
 }
 
 fn rate(name: &str, rays: &[(DVec3, DVec3)], mut ask: impl FnMut(DVec3, DVec3) -> f64) {
+    rate_of(name, rays, 1, |&(p, w)| ask(p, w));
+}
+
+/// Of things that are `many` questions each.
+fn rate_of<T>(name: &str, things: &[T], many: usize, mut ask: impl FnMut(&T) -> f64) {
     let (mut best, mut sum) = (f64::INFINITY, 0.0);
+    let questions = (things.len() * many) as f64;
     for _ in 0..5 {
         let began = cpu_seconds();
         // Long enough for clocks that tick every few milliseconds.
-        sum = (0..ROUNDS).flat_map(|_| rays).map(|&(p, w)| ask(p, w)).sum::<f64>() / f64::from(ROUNDS);
+        sum = (0..ROUNDS).flat_map(|_| things).map(&mut ask).sum::<f64>() / f64::from(ROUNDS);
         best = best.min((cpu_seconds() - began) / f64::from(ROUNDS));
     }
     black_box(sum);
-    println!("  {name:28} {:8.0} ns   (mean answer {:.4})", 1e9 * best / rays.len() as f64, sum / rays.len() as f64);
+    println!("  {name:28} {:8.0} ns   (mean answer {:.4})", 1e9 * best / questions, sum / questions);
 }
 
 /// Seconds that this thread has had a core (Linux; 0 elsewhere).

@@ -1,9 +1,10 @@
 //! The forms of a mesh in single precision say what the mesh itself says, to rounding.
 
-use fearless_simd::{Level, dispatch};
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, Simd, dispatch, f32x16};
 use glam::DVec3;
 use turbid_optics::philox::{philox4x32, unit};
-use turbid_optics::solid::facets::Crossing;
+use turbid_optics::solid::facets::{Cells, Crossing, Crossings, LANES, Rays, V};
 use turbid_optics::solid::{Mesh, Solid, Stay};
 
 mod shapes;
@@ -85,28 +86,60 @@ impl Case {
     }
 }
 
-/// Crossings of 4000 rays of each, all and the first of either kind, at every vector width.
+fn lanes<S: Simd>(simd: S, points: &[[f32; 3]; LANES]) -> V<S> {
+    [0, 1, 2].map(|axis| f32x16::load_array(simd, points.map(|p| p[axis])))
+}
+
+/// All crossings of rays side by side, and the first out of the solid in odd lanes and into it in even ones, up to `until`.
+type Answers = ([Vec<Crossing>; LANES], [Option<Crossing>; LANES]);
+
+fn answers(
+    level: Level,
+    cells: &Cells,
+    asked: u64,
+    p: &[[f32; 3]; LANES],
+    w: &[[f32; 3]; LANES],
+    until: f32,
+) -> Answers {
+    let mut found = Crossings::default();
+    let first = dispatch!(level, simd => {
+        let rays = Rays { p: lanes(simd, p), w: lanes(simd, w) };
+        cells.crossings(simd, asked, &rays, &f32x16::splat(simd, f32::INFINITY), &mut found);
+        cells.first(simd, asked, &rays, 0xAAAA, &f32x16::splat(simd, until))
+    });
+    (std::array::from_fn(|lane| found.of(lane).to_vec()), first)
+}
+
+/// Crossings of 4000 rays of each, all and the first of either kind, at every vector width; also of those along axes.
 #[test]
 fn rays_cross_cells_as_they_cross_the_mesh() {
     for case in cases() {
         let cells = case.mesh.cells().expect("they are small");
         assert!(cells.bytes() <= 40 << 20, "{}: {} bytes", case.name, cells.bytes());
         let (mut met, mut others) = (0, 0);
-        for i in 0..4000 {
-            let (p, w) = (case.point(i), direction(i));
-            let expected = case.crossings(p, w);
-            let (local, along) = (case.local(p), w.as_vec3().to_array());
-            let mut all = Vec::new();
-            dispatch!(Level::new(), simd => cells.crossings(simd, local, along, &mut all));
-            met += usize::from(!all.is_empty());
-            others += usize::from(!case.same(&all, &expected));
-            let until = (0.5 * case.size) as f32;
-            for leaves in [false, true] {
-                let nearest = all.iter().copied().find(|c| c.leaves == leaves);
-                let first = dispatch!(Level::new(), simd => cells.first(simd, local, along, leaves, f32::INFINITY));
-                let bounded = dispatch!(Level::baseline(), simd => cells.first(simd, local, along, leaves, until));
-                assert_eq!(first, nearest, "{} {i}", case.name);
-                assert_eq!(bounded, nearest.filter(|c| c.t <= until), "{} {i}", case.name);
+        for start in (0..4000).step_by(LANES) {
+            let rays: [(DVec3, DVec3); LANES] = std::array::from_fn(|lane| {
+                let i = start + lane as u32;
+                let along = if i % 100 < 16 { DVec3::AXES[i as usize % 3] } else { direction(i) };
+                (case.point(i), if i.is_multiple_of(7) { -along } else { along })
+            });
+            let (p, w) = (rays.map(|ray| case.local(ray.0)), rays.map(|ray| ray.1.as_vec3().to_array()));
+            let until = if start % 64 == 0 { f32::INFINITY } else { (0.5 * case.size) as f32 };
+            let (all, first) = answers(Level::new(), cells, 0xFFFF, &p, &w, until);
+            for level in [Level::baseline(), Level::new()] {
+                // What is not asked, and what else is, does not show.
+                let (some, its_first) = answers(level, cells, 0x5F0A, &p, &w, until);
+                for lane in 0..LANES {
+                    let asked = 0x5F0A >> lane & 1 == 1;
+                    assert_eq!(some[lane], if asked { all[lane].clone() } else { Vec::new() }, "{} {start}", case.name);
+                    assert_eq!(its_first[lane], first[lane].filter(|_| asked), "{} {start}", case.name);
+                }
+            }
+            for (lane, (&(p, w), all)) in rays.iter().zip(&all).enumerate() {
+                met += usize::from(!all.is_empty());
+                others += usize::from(!case.same(all, &case.crossings(p, w)));
+                let nearest = all.iter().copied().find(|c| c.leaves == (lane % 2 == 1));
+                assert_eq!(first[lane], nearest.filter(|c| c.t <= until), "{} {start} {lane}", case.name);
             }
         }
         assert!(met > 100, "{}: {met} rays meet it", case.name);
@@ -124,14 +157,25 @@ fn looks_towards_a_point_meet_what_rays_meet() {
             let seen = case.mesh.seen_from(eye).expect("from outside");
             assert!(seen.bytes() <= 12 << 20, "{}: {} bytes", case.name, seen.bytes());
             let (mut met, mut others, mut found) = (0, 0, Vec::new());
-            for i in 0..4000 {
-                let p = case.point(i + 4000 * k as u32);
-                let distance = eye.distance(p);
-                let mut expected = case.crossings(p, (eye - p) / distance);
-                expected.retain(|c| c.0 < distance);
-                dispatch!(Level::new(), simd => seen.towards(simd, case.local(p), &mut found));
-                met += usize::from(!found.is_empty());
-                others += usize::from(!case.same(&found, &expected));
+            for start in (0..4000).step_by(LANES) {
+                let points: [DVec3; LANES] = std::array::from_fn(|lane| case.point(start + (4000 * k + lane) as u32));
+                let locals = points.map(|p| case.local(p));
+                let [mut best, mut baseline, mut some] = std::array::from_fn(|_| Crossings::default());
+                dispatch!(Level::new(), simd => seen.all_towards(simd, 0xFFFF, &lanes(simd, &locals), &mut best));
+                dispatch!(Level::baseline(), simd => seen.all_towards(simd, 0xFFFF, &lanes(simd, &locals), &mut baseline));
+                dispatch!(Level::new(), simd => seen.all_towards(simd, 0x5F0A, &lanes(simd, &locals), &mut some));
+                for (lane, p) in points.into_iter().enumerate() {
+                    let distance = eye.distance(p);
+                    let mut expected = case.crossings(p, (eye - p) / distance);
+                    expected.retain(|c| c.0 < distance);
+                    dispatch!(Level::new(), simd => seen.towards(simd, locals[lane], &mut found));
+                    met += usize::from(!found.is_empty());
+                    others += usize::from(!case.same(&found, &expected));
+                    assert_eq!(best.of(lane), found, "{} {start} {lane}", case.name);
+                    assert_eq!(baseline.of(lane), found, "{} {start} {lane}", case.name);
+                    let asked = if 0x5F0A >> lane & 1 == 1 { &found[..] } else { &[] };
+                    assert_eq!(some.of(lane), asked, "{} {start} {lane}", case.name);
+                }
             }
             assert!(met > 100, "{}: {met} looks meet it", case.name);
             assert!(others <= 2, "{}, from {far}: {others} looks differ", case.name);
@@ -170,7 +214,6 @@ fn crossings_alternate_wherever_a_ray_is_aimed() {
     for case in cases() {
         let (vertices, _) = meshes().into_iter().find(|m| m.0 == case.name).unwrap().1;
         let cells = case.mesh.cells().unwrap();
-        let mut found = Vec::new();
         for i in 0..4000 {
             let [u, v, ..] = draw(i);
             let pick = |u: f64| DVec3::from(vertices[(u * vertices.len() as f64) as usize]);
@@ -182,8 +225,8 @@ fn crossings_alternate_wherever_a_ray_is_aimed() {
             if case.solid.contains(from) || case.solid.clearance(from) < 1e-3 * case.size {
                 continue;
             }
-            let (p, w) = (case.local(from), w.as_vec3().to_array());
-            dispatch!(Level::new(), simd => cells.crossings(simd, p, w, &mut found));
+            let (p, w) = ([case.local(from); LANES], [w.as_vec3().to_array(); LANES]);
+            let ([found, ..], _) = answers(Level::new(), cells, 1, &p, &w, f32::INFINITY);
             let balance: i32 = found.iter().map(|c| if c.leaves { -1 } else { 1 }).sum();
             assert_eq!(balance, 0, "{} {i}: {found:?}", case.name);
         }

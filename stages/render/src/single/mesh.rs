@@ -1,10 +1,11 @@
-//! Meshes among the bodies of the lanes: asked lane by lane, each in coordinates about its center.
+//! Meshes among the bodies of the lanes: each is asked in coordinates about its center, for many lanes at once where many ask.
 
 use std::sync::Arc;
 
 use fearless_simd::prelude::*;
 use glam::DVec3;
-use turbid_optics::solid::facets::{Cells, Crossing, Seen};
+pub use turbid_optics::solid::facets::bits;
+use turbid_optics::solid::facets::{Cells, Crossing, Crossings, Rays, Seen};
 use turbid_optics::solid::{Mesh, Stay};
 
 use super::ground::{Ground, Span};
@@ -24,6 +25,8 @@ pub struct Facets {
     shown: Option<Arc<Seen>>,
     /// Local coordinates of its center.
     center: [f32; 3],
+    /// Of its faces.
+    normals: Vec<[f32; 3]>,
 }
 
 /// Points towards or from which many lines run.
@@ -50,7 +53,8 @@ impl Facets {
         let lit = eyes.light.and_then(|eye| mesh.seen_from(eye));
         let shown = mesh.seen_from(eyes.camera);
         let center = (mesh.center() - origin).as_vec3().to_array();
-        Some(Self { body: body as u32, mesh: mesh.clone(), lit, shown, center })
+        let normals = (0..mesh.triangles() as u32).map(|face| mesh.normal(face).as_vec3().to_array()).collect();
+        Some(Self { body: body as u32, mesh: mesh.clone(), lit, shown, center, normals })
     }
 
     /// Where the camera's ray is in it; false where it has to be asked otherwise.
@@ -70,6 +74,11 @@ impl Facets {
     fn local(&self, p: [f32; 3]) -> [f32; 3] {
         [p[0] - self.center[0], p[1] - self.center[1], p[2] - self.center[2]]
     }
+
+    #[inline(always)]
+    fn local_lanes<S: Simd>(&self, p: V<S>) -> [F<S>; 3] {
+        [p.x - self.center[0], p.y - self.center[1], p.z - self.center[2]]
+    }
 }
 
 /// In order along a line, the first stay ahead of its start.
@@ -84,15 +93,6 @@ fn first_stay(crossings: &[Crossing]) -> Option<FirstStay> {
 #[inline(always)]
 fn lane_of<S: Simd>(v: V<S>, lane: usize) -> [f32; 3] {
     [v.x.as_slice()[lane], v.y.as_slice()[lane], v.z.as_slice()[lane]]
-}
-
-/// The lanes that are set.
-pub fn bits(mut mask: u64) -> impl Iterator<Item = usize> {
-    std::iter::from_fn(move || {
-        let lane = mask.trailing_zeros() as usize;
-        mask &= mask.wrapping_sub(1);
-        (lane < LANES).then_some(lane)
-    })
 }
 
 impl Ground {
@@ -123,13 +123,16 @@ impl Ground {
                     near |= 1 << lane;
                 }
             }
+            let mut meets = 0;
             for lane in bits(near) {
                 let (from, to) = (mesh.local(lane_of(r, lane)), mesh.local(lane_of(end, lane)));
-                if !cells.is_free(from, to) {
-                    let (leaves, until) = (mesh.body == body.as_slice()[lane], s.as_slice()[lane]);
-                    crosses |= u64::from(cells.first(simd, from, lane_of(w, lane), leaves, until).is_some()) << lane;
-                }
+                meets |= u64::from(!cells.is_free(from, to)) << lane;
                 clear[lane] = clear[lane].min(cells.clearance(to));
+            }
+            if meets != 0 {
+                let rays = Rays { p: mesh.local_lanes(r), w: [w.x, w.y, w.z] };
+                let met = cells.first(simd, meets, &rays, body.simd_eq(mesh.body).to_bitmask(), &s);
+                crosses |= bits(meets).filter(|&lane| met[lane].is_some()).fold(0, |lanes, lane| lanes | 1 << lane);
             }
         }
         (M::from_bitmask(simd, crosses), F::load_array(simd, clear))
@@ -151,11 +154,13 @@ impl Ground {
     #[inline(always)]
     pub fn span_of_mesh<S: Simd>(&self, simd: S, j: usize, asked: M<S>, r: V<S>, w: V<S>, again: &mut u64) -> Span<S> {
         let (mut enter, mut leave) = ([f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]);
-        let mut found = Vec::new();
+        let mut found = Crossings::default();
         for mesh in self.meshes.iter().filter(|mesh| mesh.body == j as u32) {
+            let rays = Rays { p: mesh.local_lanes(r), w: [w.x, w.y, w.z] };
+            let until = F::splat(simd, f32::INFINITY);
+            mesh.cells().crossings(simd, asked.to_bitmask(), &rays, &until, &mut found);
             for lane in bits(asked.to_bitmask()) {
-                mesh.cells().crossings(simd, mesh.local(lane_of(r, lane)), lane_of(w, lane), &mut found);
-                if let Some(stay) = first_stay(&found) {
+                if let Some(stay) = first_stay(found.of(lane)) {
                     (enter[lane], leave[lane]) = (stay.enter, stay.leave);
                     *again |= u64::from(stay.again) << lane;
                 }
@@ -179,16 +184,15 @@ impl Ground {
         spans: &mut Spans<S>,
     ) {
         for mesh in &self.meshes {
+            let (own, above) = (body.simd_eq(mesh.body), body.simd_gt(mesh.body));
             let (mut enter, mut leave) = ([f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]);
+            let asked = asked & (own | above);
+            let own = own.to_bitmask();
+            let rays = Rays { p: mesh.local_lanes(r), w: [w.x, w.y, w.z] };
+            let met = mesh.cells().first(simd, asked.to_bitmask(), &rays, own, &until);
             for lane in bits(asked.to_bitmask()) {
-                let (own, until) = (body.as_slice()[lane], until.as_slice()[lane]);
-                if mesh.body > own {
-                    continue;
-                }
-                let (p, along) = (mesh.local(lane_of(r, lane)), lane_of(w, lane));
-                let leaves = mesh.body == own;
-                let met = mesh.cells().first(simd, p, along, leaves, until).map(|c| c.t);
-                (enter[lane], leave[lane]) = if leaves {
+                let (until, met) = (until.as_slice()[lane], met[lane].map(|c| c.t));
+                (enter[lane], leave[lane]) = if own >> lane & 1 == 1 {
                     // Without an end, where there must be one, rounding has put the start outside.
                     let end = met.unwrap_or(if until < f32::INFINITY { until } else { 0.0 });
                     (f32::NEG_INFINITY, end)
@@ -214,16 +218,16 @@ impl Ground {
         spans: &mut Spans<S>,
         normals: &mut [V<S>; MOST_BODIES],
     ) -> u64 {
-        let (mut again, mut found) = (0, Vec::new());
+        let (mut again, mut found) = (0, Crossings::default());
         for mesh in &self.meshes {
             let (mut enter, mut leave) = ([f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]);
             let mut normal = [[f32::NAN; LANES]; 3];
+            mesh.between(simd, asked.to_bitmask(), (r, towards, &distance), &mut found);
             for lane in bits(asked.to_bitmask()) {
-                mesh.between(simd, lane, r, towards, distance, &mut found);
-                if let Some(stay) = first_stay(&found) {
+                if let Some(stay) = first_stay(found.of(lane)) {
                     (enter[lane], leave[lane]) = (stay.enter, stay.leave);
                     again |= u64::from(stay.again) << lane;
-                    let n = mesh.mesh.normal(stay.face).as_vec3().to_array();
+                    let n = mesh.normals[stay.face as usize];
                     normal.iter_mut().zip(n).for_each(|(axis, n)| axis[lane] = n);
                 }
             }
@@ -251,10 +255,10 @@ impl Ground {
                 stays.push((j, span.enter.as_slice()[lane], span.leave.as_slice()[lane]));
                 continue;
             };
-            let mut found = Vec::new();
-            mesh.between(simd, lane, r, towards, distance, &mut found);
-            let mut inside = found.first().filter(|c| c.leaves).map(|_| f32::NEG_INFINITY);
-            for c in found {
+            let mut found = Crossings::default();
+            mesh.between(simd, 1 << lane, (r, towards, &distance), &mut found);
+            let mut inside = found.of(lane).first().filter(|c| c.leaves).map(|_| f32::NEG_INFINITY);
+            for &c in found.of(lane) {
                 if let (true, Some(enter)) = (c.leaves, inside) {
                     stays.push((j, enter, c.t));
                 }
@@ -275,16 +279,14 @@ impl Ground {
 }
 
 impl Facets {
-    /// What lies between a lane's point and the light.
+    /// What lies between points and the light.
     #[inline(always)]
-    fn between<S: Simd>(&self, simd: S, lane: usize, r: V<S>, to: V<S>, distance: F<S>, found: &mut Vec<Crossing>) {
-        let p = self.local(lane_of(r, lane));
+    fn between<S: Simd>(&self, simd: S, asked: u64, (r, to, distance): (V<S>, V<S>, &F<S>), found: &mut Crossings) {
         match &self.lit {
-            Some(seen) => seen.towards(simd, p, found),
+            Some(seen) => seen.all_towards(simd, asked, &self.local_lanes(r), found),
             None => {
-                self.cells().crossings(simd, p, lane_of(to, lane), found);
-                let far = distance.as_slice()[lane];
-                found.retain(|c| c.t < far);
+                let rays = Rays { p: self.local_lanes(r), w: [to.x, to.y, to.z] };
+                self.cells().crossings(simd, asked, &rays, distance, found);
             }
         }
     }

@@ -116,12 +116,20 @@ impl<'a, const LENGTHS: usize> Starts<'a, LENGTHS> {
                 let cut = simd.vectorize(
                     #[inline(always)]
                     || {
-                        s.world.trace_by(&mut walker.spans, |i, solid, stays| {
-                            let mesh = frame.ground.meshes.iter().find(|mesh| mesh.body == i as u32);
-                            if !mesh.is_some_and(|mesh| mesh.cut_shown(simd, from, along, stays)) {
+                        s.world.trace_by(
+                            &mut walker.spans,
+                            #[inline(always)]
+                            |i, solid, stays| {
+                                let mesh = frame.ground.meshes.iter().find(|mesh| mesh.body == i as u32);
+                                // No `is_some_and`: what is not inlined loses the vector instructions.
+                                if let Some(mesh) = mesh
+                                    && mesh.cut_shown(simd, from, along, stays)
+                                {
+                                    return;
+                                }
                                 solid.cut(from, along, None, stays);
-                            }
-                        })
+                            },
+                        )
                     },
                 );
                 pieces.extend(cut.filter(|p| p.material != 0));

@@ -1,18 +1,21 @@
 //! Eight triangles against one line.
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Simd, f32x8};
+use fearless_simd::{Simd, f32x8, u32x8};
 
 /// Triangles of a block.
 pub const WIDE: usize = 8;
 
-/// Up to eight triangles, columns by corner and axis.
+/// Up to eight triangles, columns by corner and axis. In whole lines of a cache.
 #[derive(Clone, Debug, PartialEq)]
+#[repr(align(64))]
 pub struct Block {
     corners: [[[f32; WIDE]; 3]; 3],
     faces: [u32; WIDE],
-    count: u32,
 }
+
+/// In place of a face where there are fewer than eight.
+const NONE: u32 = u32::MAX;
 
 /// Where a line crosses the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,6 +56,7 @@ impl Line {
     }
 
     /// Parallel to the third axis, and along it.
+    #[inline(always)]
     pub fn upright(x: f32, y: f32) -> Self {
         Self { origin: [x, y, 0.0], axes: [0, 1, 2], shear: [0.0, 0.0, 1.0] }
     }
@@ -101,7 +105,7 @@ impl Block {
     pub fn of(triangles: impl ExactSizeIterator<Item = (u32, [[f32; 3]; 3])>) -> Self {
         let count = triangles.len();
         assert!((1..=WIDE).contains(&count), "a block holds 1 to {WIDE} triangles, not {count}");
-        let mut block = Self { corners: [[[0.0; WIDE]; 3]; 3], faces: [0; WIDE], count: count as u32 };
+        let mut block = Self { corners: [[[0.0; WIDE]; 3]; 3], faces: [NONE; WIDE] };
         for (i, (face, corners)) in triangles.enumerate() {
             block.faces[i] = face;
             for (columns, corner) in block.corners.iter_mut().zip(corners) {
@@ -117,9 +121,19 @@ impl Block {
         self.corners.map(|columns| columns.map(|column| column[i]))
     }
 
+    /// Something of each of its lines in the cache: to have asked for all of them, sum it up.
+    #[inline(always)]
+    pub fn touch(&self) -> f32 {
+        self.corners[0][0][0]
+            + self.corners[0][2][0]
+            + self.corners[1][1][0]
+            + self.corners[2][0][0]
+            + self.corners[2][2][0]
+    }
+
     /// Calls `met` for every triangle that the line crosses.
     #[inline(always)]
-    pub fn meet<S: Simd>(&self, simd: S, line: &Line, mut met: impl FnMut(Crossing)) {
+    pub fn meet<S: Simd>(&self, simd: S, line: &Line, met: impl FnMut(Crossing)) {
         let mut corners = [[f32x8::splat(simd, 0.0); 3]; 3];
         for (to, columns) in corners.iter_mut().zip(&self.corners) {
             // No `map`: what is not inlined loses the vector instructions.
@@ -129,7 +143,31 @@ impl Block {
             let z = f32x8::from_slice(simd, &columns[k]) - line.origin[k];
             *to = [x - z * line.shear[0], y - z * line.shear[1], z * line.shear[2]];
         }
-        let [a, b, c] = corners;
+        self.meet_projected(simd, corners, line, met);
+    }
+
+    /// The same for lines along the third axis.
+    #[inline(always)]
+    pub fn meet_upright<S: Simd>(&self, simd: S, line: &Line, met: impl FnMut(Crossing)) {
+        let mut corners = [[f32x8::splat(simd, 0.0); 3]; 3];
+        for (to, [x, y, z]) in corners.iter_mut().zip(&self.corners) {
+            *to = [
+                f32x8::from_slice(simd, x) - line.origin[0],
+                f32x8::from_slice(simd, y) - line.origin[1],
+                f32x8::from_slice(simd, z),
+            ];
+        }
+        self.meet_projected(simd, corners, line, met);
+    }
+
+    #[inline(always)]
+    fn meet_projected<S: Simd>(
+        &self,
+        simd: S,
+        [a, b, c]: [[f32x8<S>; 3]; 3],
+        line: &Line,
+        mut met: impl FnMut(Crossing),
+    ) {
         let zero = f32x8::splat(simd, 0.0);
         // Twice the areas, and whether their signs may be wrong.
         let mut areas = [zero; 3];
@@ -145,7 +183,7 @@ impl Block {
             unsure |= !sure;
         }
         // With one sure sign of either kind the line passes by, whatever the third.
-        let here = (1_u64 << self.count) - 1;
+        let here = (!u32x8::from_slice(simd, &self.faces).simd_eq(NONE)).to_bitmask();
         let by = (positive & negative).to_bitmask();
         let unsure = unsure.to_bitmask() & !by & here;
         let mut hits = here & !by & !unsure;

@@ -1,7 +1,11 @@
 //! A grid of cells about a mesh: in each what lies there, near it how the surface runs, elsewhere how far it is.
 
-use super::block::{Block, WIDE};
+use fearless_simd::Simd;
+use fearless_simd::prelude::*;
 use glam::{DVec3, Vec3};
+
+use super::block::{Block, WIDE};
+use super::lanes::{F, LANES, M, U, V, bits};
 
 /// Cells along the longest side, at least (fewer only to save memory) and at most ...
 const LEAST: f32 = 12.0;
@@ -15,6 +19,8 @@ const MARGIN: f32 = 3.0;
 const FARTHEST: u32 = 40;
 /// A triangle belongs to cells that it comes this near to, in cells: what rounding may move a ray by.
 const TOUCH: f32 = 2e-3;
+/// Cells lie in memory in cubes of so many along each side, of which it is 2^2: what is near in space is near there.
+const BRICK: usize = 4;
 /// Marks the number of a [`Near`] among clearances, which are not negative.
 const NEAR: u32 = 1 << 31;
 
@@ -26,7 +32,7 @@ pub struct Cells {
     pub(super) counts: [usize; 3],
     /// Half the size of the mesh's bounding box.
     half: Vec3,
-    inverse: f32,
+    pub(super) inverse: f32,
     /// mm; more than rounding makes of distances.
     pub(super) slack: f32,
     /// Of each cell: the clearance of all its points, or where to find its `Near`.
@@ -35,8 +41,9 @@ pub struct Cells {
     blocks: Vec<Block>,
 }
 
-/// A cell that the surface runs through, or through one of its 26 neighbours.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// A cell that the surface runs through, or through one of its 26 neighbours. In one line of a cache.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(align(32))]
 struct Near {
     /// In all 27 cells the surface has low <= p . normal <= high.
     normal: Vec3,
@@ -47,11 +54,19 @@ struct Near {
     count: u32,
 }
 
-/// What a cell says to a ray.
-pub(super) enum Cell<'a> {
-    /// There is nothing within this distance (mm) of any of its points.
-    Empty(f32),
-    Blocks(&'a [Block]),
+/// What cells say of points in them, side by side.
+pub(super) struct Known<S: Simd> {
+    /// Of each cell, in cells.
+    pub(super) corner: V<S>,
+    /// Whether the surface is in it or beside it; else how far it is at least (mm).
+    pub(super) near: M<S>,
+    pub(super) clear: F<S>,
+    /// As in [`Near`].
+    pub(super) normal: V<S>,
+    pub(super) low: F<S>,
+    pub(super) high: F<S>,
+    pub(super) first: [u32; LANES],
+    pub(super) count: [u32; LANES],
 }
 
 impl Cells {
@@ -84,7 +99,8 @@ impl Cells {
 
     fn empty(cell: f32, half: Vec3) -> Self {
         let inverse = 1.0 / cell;
-        let counts = (2.0 * half * inverse + 2.0 * MARGIN).to_array().map(|n| n.ceil() as usize + 1);
+        let counts = (2.0 * half * inverse + 2.0 * MARGIN).to_array();
+        let counts = counts.map(|n| (n.ceil() as usize + 1).next_multiple_of(BRICK));
         let (low, slack) = (-half - MARGIN * cell, 2e-6 * half.max_element());
         Self { low, cell, counts, half, inverse, slack, values: Vec::new(), near: Vec::new(), blocks: Vec::new() }
     }
@@ -97,9 +113,25 @@ impl Cells {
         self.near.len() * size_of::<Near>() + self.blocks.len() * size_of::<Block>() + 4 * self.values.len()
     }
 
+    /// Where a cell lies in memory.
     #[inline(always)]
     fn index(&self, place: [usize; 3]) -> usize {
+        let ([x, y, z], [nx, ny, _]) = (place, self.counts);
+        let brick = x / BRICK + nx / BRICK * (y / BRICK + ny / BRICK * (z / BRICK));
+        x % BRICK + BRICK * (y % BRICK + BRICK * (z % BRICK + BRICK * brick))
+    }
+
+    /// Its number, row by row.
+    fn number(&self, place: [usize; 3]) -> usize {
         place[0] + self.counts[0] * (place[1] + self.counts[1] * place[2])
+    }
+
+    /// The cell that lies there in memory.
+    fn placed(&self, index: usize) -> [usize; 3] {
+        let ([nx, ny, _], brick) = (self.counts, index / BRICK.pow(3));
+        let corner = [brick % (nx / BRICK), brick / (nx / BRICK) % (ny / BRICK), brick / (nx / BRICK * (ny / BRICK))];
+        let within = [index % BRICK, index / BRICK % BRICK, index / BRICK.pow(2) % BRICK];
+        [0, 1, 2].map(|axis| BRICK * corner[axis] + within[axis])
     }
 
     /// Place of a point in units of cells.
@@ -116,15 +148,52 @@ impl Cells {
         [(scaled.x as usize).min(x - 1), (scaled.y as usize).min(y - 1), (scaled.z as usize).min(z - 1)]
     }
 
+    /// What the cells around some of these places know, or the nearest ones.
     #[inline(always)]
-    pub(super) fn at(&self, place: [usize; 3]) -> Cell<'_> {
-        let value = self.values[self.index(place)];
-        if value & NEAR == 0 {
-            return Cell::Empty(f32::from_bits(value));
+    pub(super) fn known<S: Simd>(&self, simd: S, asked: u64, scaled: &V<S>) -> Known<S> {
+        let mut corner = *scaled;
+        let mut place = [U::splat(simd, 0); 3];
+        for ((place, corner), &n) in place.iter_mut().zip(&mut corner).zip(&self.counts) {
+            *place = corner.max(0.0).min((n - 1) as f32).to_int();
+            *corner = place.to_float();
         }
-        let near = &self.near[(value & !NEAR) as usize];
-        let first = near.first as usize;
-        if near.count == 0 { Cell::Empty(0.0) } else { Cell::Blocks(&self.blocks[first..first + near.count as usize]) }
+        // As in `index`.
+        let [nx, ny] = [self.counts[0] / BRICK, self.counts[1] / BRICK].map(|n| n as u32);
+        let [x, y, z] = place;
+        let brick = (x >> 2) + ((y >> 2) + (z >> 2) * ny) * nx;
+        let index = (x & 3) | ((y & 3) << 2) | ((z & 3) << 4) | (brick << 6);
+        let (mut values, mut columns) = ([0; LANES], [[0.0; LANES]; 5]);
+        let (mut first, mut count) = ([0; LANES], [0; LANES]);
+        // Without a decision, so that memory is asked for all lanes at once.
+        for lane in bits(asked) {
+            let value = self.values[index.as_slice()[lane] as usize];
+            values[lane] = value;
+            let near = &self.near[if value & NEAR == 0 { 0 } else { (value & !NEAR) as usize }];
+            for (column, x) in
+                columns.iter_mut().zip([near.normal.x, near.normal.y, near.normal.z, near.low, near.high])
+            {
+                column[lane] = x;
+            }
+            (first[lane], count[lane]) = (near.first, near.count);
+        }
+        let values = U::load_array(simd, values);
+        let near = values.simd_ge(NEAR);
+        let [x, y, z, low, high] = columns;
+        Known {
+            corner,
+            near,
+            clear: F::from_bits(near.select(U::splat(simd, 0), values)),
+            normal: [F::load_array(simd, x), F::load_array(simd, y), F::load_array(simd, z)],
+            low: F::load_array(simd, low),
+            high: F::load_array(simd, high),
+            first,
+            count,
+        }
+    }
+
+    #[inline(always)]
+    pub(super) fn blocks(&self, first: u32, count: u32) -> &[Block] {
+        &self.blocks[first as usize..][..count as usize]
     }
 
     /// A distance (mm, >= 0) within which of `p` there is no point of the surface.
@@ -184,7 +253,7 @@ impl Cells {
                     for x in from[0]..=to[0] {
                         let middle = Vec3::new(x as f32, y as f32, z as f32) + 0.5;
                         if normal.dot(middle - a).abs() <= reach {
-                            met(self.index([x, y, z]));
+                            met(self.number([x, y, z]));
                         }
                     }
                 }
@@ -217,7 +286,11 @@ impl Cells {
         };
         let [width, rows, _] = self.counts;
         self.values = Vec::with_capacity(gaps.len());
-        for (cell, &gap) in gaps.iter().enumerate() {
+        // What cells that are not near may be taken to say.
+        self.near.push(Near::default());
+        for index in 0..gaps.len() {
+            let cell = self.number(self.placed(index));
+            let gap = gaps[cell];
             if gap > 0 {
                 self.values.push((self.cell * (gap as f32).sqrt() * (1.0 - 1e-6)).to_bits());
                 continue;

@@ -6,9 +6,11 @@
 
 mod block;
 mod cells;
+mod lanes;
 mod march;
 mod seen;
 
 pub use block::Crossing;
 pub use cells::Cells;
+pub use lanes::{Crossings, LANES, Rays, V, bits};
 pub use seen::Seen;

@@ -1,11 +1,14 @@
 //! A mesh as a point sees it: its triangles by the direction in which they lie, so that a look towards the point asks one list.
 
 use std::f64::consts::FRAC_1_SQRT_2;
+use std::hint::black_box;
 
 use fearless_simd::Simd;
+use fearless_simd::prelude::*;
 use glam::{DVec2, DVec3};
 
 use super::block::{Block, Crossing, Line, WIDE};
+use super::lanes::{Crossings, F, LANES, U, V, bits};
 
 /// Texels along the longer side, at least and at most, and their width in mean projected triangles.
 const LEAST: f64 = 4.0;
@@ -30,9 +33,18 @@ pub struct Seen {
     inverse: f32,
     counts: [usize; 2],
     slack: f32,
-    /// Where the blocks of each texel begin; one more than texels.
-    starts: Vec<u32>,
+    /// One more than there are.
+    texels: Vec<Texel>,
     blocks: Vec<Block>,
+}
+
+/// The list of a texel, nearest to the eye first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Texel {
+    /// Its first block.
+    first: u32,
+    /// All behind the first block is further from the eye than this (depths as kept).
+    behind: f32,
 }
 
 impl Seen {
@@ -115,11 +127,14 @@ impl Seen {
             inverse: (1.0 / texel) as f32,
             counts,
             slack: 1e-6 * half.max_element() as f32,
-            starts: Vec::with_capacity(lists.len() + 1),
+            texels: Vec::with_capacity(lists.len() + 1),
             blocks: Vec::new(),
         };
-        for (i, list) in lists.iter().enumerate() {
-            seen.starts.push(seen.blocks.len() as u32);
+        let nearest = |&face: &u32| projected[face as usize].iter().fold(f64::NEG_INFINITY, |most, p| most.max(p.z));
+        for (i, list) in lists.iter_mut().enumerate() {
+            list.sort_by(|a, b| nearest(b).total_cmp(&nearest(a)));
+            let behind = list.get(WIDE).map_or(f32::NEG_INFINITY, |face| nearest(face) as f32);
+            seen.texels.push(Texel { first: seen.blocks.len() as u32, behind });
             // Relative to the texel's middle as the questions are, lest digits are lost.
             let [x, y] = seen.middle([i % counts[0], i / counts[0]]).map(f64::from);
             for some in list.chunks(WIDE) {
@@ -130,50 +145,128 @@ impl Seen {
                 seen.blocks.push(Block::of(images));
             }
         }
-        seen.starts.push(seen.blocks.len() as u32);
+        seen.texels.push(Texel { first: seen.blocks.len() as u32, behind: 0.0 });
         seen
     }
 
     pub fn bytes(&self) -> usize {
-        self.blocks.len() * size_of::<Block>() + 4 * self.starts.len()
+        self.blocks.len() * size_of::<Block>() + self.texels.len() * size_of::<Texel>()
     }
 
+    #[inline(always)]
     fn middle(&self, place: [usize; 2]) -> [f32; 2] {
-        [0, 1].map(|i| self.low[i] + (place[i] as f32 + 0.5) * self.texel)
+        [self.low[0] + (place[0] as f32 + 0.5) * self.texel, self.low[1] + (place[1] as f32 + 0.5) * self.texel]
     }
 
-    /// Appends what lies between p and the eye, nearest to p first; t in mm from p. A start that rounding put behind the surface counts as one on it.
+    /// What lies between p and the eye, nearest to p first; t in mm from p. A start that rounding put behind the surface counts as one on it.
     #[inline(always)]
     pub fn towards<S: Simd>(&self, simd: S, p: [f32; 3], found: &mut Vec<Crossing>) {
         found.clear();
-        let [x, y, z] = self.axes.map(|axis| axis[0] * p[0] + axis[1] * p[1] + axis[2] * p[2]);
+        let [a, b, c] = self.axes;
+        let along = |axis: [f32; 3]| axis[0] * p[0] + axis[1] * p[1] + axis[2] * p[2];
+        let (x, y, z) = (along(a), along(b), along(c));
         let inverse = 1.0 / (self.depth + z);
         let at = [x * self.depth * inverse, y * self.depth * inverse];
-        let scaled = [0, 1].map(|i| (at[i] - self.low[i]) * self.inverse);
+        let scaled = [(at[0] - self.low[0]) * self.inverse, (at[1] - self.low[1]) * self.inverse];
         // Behind the eye, or beside the mesh.
-        if !(inverse > 0.0 && (0..2).all(|i| scaled[i] >= 0.0 && scaled[i] < self.counts[i] as f32)) {
+        let within = |i: usize| scaled[i] >= 0.0 && scaled[i] < self.counts[i] as f32;
+        if !(inverse > 0.0 && within(0) && within(1)) {
             return;
         }
-        let place = scaled.map(|x| x as usize);
+        let place = [scaled[0] as usize, scaled[1] as usize];
         let middle = self.middle(place);
         let texel = place[0] + self.counts[0] * place[1];
-        let own = -z * inverse;
         // mm on the way to the eye, of inverse depths.
         let far = (self.depth * self.depth + at[0] * at[0] + at[1] * at[1]).sqrt();
         let line = Line::upright(at[0] - middle[0], at[1] - middle[1]);
-        for block in &self.blocks[self.starts[texel] as usize..self.starts[texel + 1] as usize] {
-            block.meet(
+        self.within(simd, texel, line, -z * inverse, far, found);
+    }
+
+    /// The same of the points that are `asked`, by bits.
+    #[inline(never)]
+    pub fn all_towards<S: Simd>(&self, simd: S, asked: u64, p: &V<S>, found: &mut Crossings) {
+        found.clear();
+        found.list.reserve(2 * LANES);
+        simd.vectorize(
+            #[inline(always)]
+            || {
+                let [a, b, c] = self.axes;
+                let along = |axis: [f32; 3]| p[0] * axis[0] + p[1] * axis[1] + p[2] * axis[2];
+                let [x, y, z] = [along(a), along(b), along(c)];
+                let inverse = 1.0 / (z + self.depth);
+                let at = [x * self.depth * inverse, y * self.depth * inverse];
+                let own = -z * inverse;
+                let far = (at[0] * at[0] + self.depth * self.depth + at[1] * at[1]).sqrt();
+                let (mut within, mut texel) = (inverse.simd_gt(0.0), U::splat(simd, 0));
+                let mut from_middle = at;
+                for (i, stride) in [(0, 1), (1, self.counts[0] as u32)] {
+                    let scaled = (at[i] - self.low[i]) * self.inverse;
+                    within &= scaled.simd_ge(0.0) & scaled.simd_lt(self.counts[i] as f32);
+                    let place: U<S> = scaled.max(0.0).min((self.counts[i] - 1) as f32).to_int();
+                    let whole: F<S> = place.to_float();
+                    from_middle[i] = at[i] - ((whole + 0.5) * self.texel + self.low[i]);
+                    texel += place * stride;
+                }
+                let asked = asked & within.to_bitmask();
+                // Memory is asked for all of them at once, lists that are empty included.
+                let last = self.blocks.len() - 1;
+                let touched: f32 = bits(asked)
+                    .map(
+                        #[inline(always)]
+                        |lane| {
+                            let first = self.texels[texel.as_slice()[lane] as usize].first as usize;
+                            self.blocks[first.min(last)].touch()
+                        },
+                    )
+                    .sum();
+                black_box(touched);
+                for lane in 0..LANES {
+                    if asked >> lane & 1 == 1 {
+                        let line = Line::upright(from_middle[0].as_slice()[lane], from_middle[1].as_slice()[lane]);
+                        let (own, far) = (own.as_slice()[lane], far.as_slice()[lane]);
+                        self.within(simd, texel.as_slice()[lane] as usize, line, own, far, &mut found.list);
+                    }
+                    found.ends[lane] = found.list.len();
+                }
+            },
+        );
+    }
+
+    /// Appends, in order, what lies on a line in a texel between a point of depth `own` and the eye.
+    #[inline(always)]
+    fn within<S: Simd>(&self, simd: S, texel: usize, line: Line, own: f32, far: f32, found: &mut Vec<Crossing>) {
+        let start = found.len();
+        let way = |depth: f32| far * (depth - own) / ((1.0 + own) * (1.0 + depth));
+        let [Texel { first, behind }, next] = [self.texels[texel], self.texels[texel + 1]];
+        let mut blocks = &self.blocks[first as usize..next.first as usize];
+        if blocks.len() > 1 && way(behind) < -2.0 * self.slack {
+            blocks = &blocks[..1];
+        }
+        for block in blocks {
+            block.meet_upright(
                 simd,
                 &line,
                 #[inline(always)]
                 |c| {
-                    let t = far * (c.t - own) / ((1.0 + own) * (1.0 + c.t));
+                    let t = way(c.t);
                     if t > -self.slack {
                         found.push(Crossing { t: t.max(0.0), ..c });
                     }
                 },
             );
         }
-        found.sort_by(|a, b| a.t.total_cmp(&b.t));
+        sort(&mut found[start..]);
+    }
+}
+
+/// By t; there are few.
+#[inline(always)]
+fn sort(list: &mut [Crossing]) {
+    for i in 1..list.len() {
+        let mut j = i;
+        while j > 0 && list[j].t < list[j - 1].t {
+            list.swap(j, j - 1);
+            j -= 1;
+        }
     }
 }
