@@ -142,15 +142,16 @@ fn rate(name: &str, rays: &[(DVec3, DVec3)], mut ask: impl FnMut(DVec3, DVec3) -
 /// Of things that are `many` questions each.
 fn rate_of<T>(name: &str, things: &[T], many: usize, mut ask: impl FnMut(&T) -> f64) {
     let (mut best, mut sum) = (f64::INFINITY, 0.0);
-    let questions = (things.len() * many) as f64;
+    let questions = things.len() * many;
+    // Long enough for clocks that tick every few milliseconds.
+    let rounds = ROUNDS * POINTS / questions as u32;
     for _ in 0..5 {
         let began = cpu_seconds();
-        // Long enough for clocks that tick every few milliseconds.
-        sum = (0..ROUNDS).flat_map(|_| things).map(&mut ask).sum::<f64>() / f64::from(ROUNDS);
-        best = best.min((cpu_seconds() - began) / f64::from(ROUNDS));
+        sum = (0..rounds).flat_map(|_| things).map(&mut ask).sum::<f64>() / f64::from(rounds);
+        best = best.min((cpu_seconds() - began) / f64::from(rounds));
     }
     black_box(sum);
-    println!("  {name:28} {:8.0} ns   (mean answer {:.4})", 1e9 * best / questions, sum / questions);
+    println!("  {name:28} {:8.0} ns   (mean answer {:.4})", 1e9 * best / questions as f64, sum / questions as f64);
 }
 
 /// Seconds that this thread has had a core (Linux; 0 elsewhere).
