@@ -15,9 +15,11 @@ fn main() {
     println!(
         "scene, paths: M_DC within 1, 2 se; fringe within 1, 2 se (%); standard error of a share 0.8, 0.4 or less"
     );
-    for (name, scene) in coverage::scenes(4) {
+    let small = coverage::scenes(4).map(|(name, scene)| (name, scene, SEEDS, 256));
+    // 256 pixels say as much as many seeds.
+    for (name, scene, seeds, longer) in small.into_iter().chain([("down a tube", coverage::tube(16), 30, 64)]) {
         for &n in &paths {
-            let found = coverage::coverage(&scene, n, SEEDS, 256 * n);
+            let found = coverage::coverage(&scene, n, seeds, longer * n);
             let [dc, fringe] = found.shares.map(|of| of.map(|share| 100.0 * share));
             println!("{name}, {n}: {:.1}, {:.1}; {:.1}, {:.1} of {:?}", dc[0], dc[1], fringe[0], fringe[1], found.n);
         }

@@ -48,7 +48,8 @@ fn main() {
         textures: Vec::new(),
     };
     println!("estimator, depth mm (pixels): M_DC / its error, rv, excess kurtosis, within 2 se; us a path");
-    for (name, nee, f32s) in [("point", Nee::Point, false), ("f64", Nee::Line, false), ("f32", Nee::Line, true)] {
+    let f32s = ["f32", "scouts"];
+    for (name, nee) in [("point", Nee::Point), ("f64", Nee::Line), (f32s[0], Nee::Line), (f32s[1], Nee::Line)] {
         if only.as_ref().is_some_and(|only| only != name) {
             continue;
         }
@@ -72,7 +73,10 @@ fn main() {
                 shared: None,
             };
             let mut walker = Walker::new(setting, named(&std::env::var("TURBID_SIMD").unwrap_or_default()));
-            let frame = Frame::of(&walker);
+            let mut frame = Frame::of(&walker);
+            if let (false, Some(frame)) = (name == "scouts", &mut frame) {
+                frame.scouts.clear();
+            }
             let mut of_pixel = vec![Vec::with_capacity(paths); pixels.len()];
             let mut amplitude = vec![Amplitude::default(); pixels.len()];
             let began = cpu_seconds();
@@ -82,7 +86,7 @@ fn main() {
                     let of: Vec<(u32, u32)> = some.iter().map(|&pixel| (pixel, first as u32)).collect();
                     let batches = Batches { of: &of, count };
                     match &frame {
-                        Some(frame) if f32s => single::walk(&mut walker, frame, batches),
+                        Some(frame) if f32s.contains(&name) => single::walk(&mut walker, frame, batches),
                         _ => flock::walk_double_among(&mut walker, batches),
                     }
                     for path in 0..some.len() * count as usize {

@@ -198,6 +198,8 @@ impl<'a> Sources<'a> {
             wholly: false,
             scattered: false,
             glint: false,
+            share: 1.0,
+            scout: false,
             response: 0,
             lengths: NO_LENGTHS,
         }

@@ -6,6 +6,7 @@ use crate::fit::{Fitted, Lattice};
 use crate::method::FIT_PATHS;
 use crate::moments::Moments;
 use crate::params::Allocate;
+use crate::pooled::by_paths;
 use crate::reference::References;
 use crate::referenced::{Images, Referenced};
 use crate::rig::Rig;
@@ -92,7 +93,11 @@ impl<'a> OfPixels<'a> {
 
 impl Judge for OfPixels<'_> {
     fn error(&self, sums: &[Moments], paths: &[u32], beside: Option<&[bool]>) -> Option<f64> {
-        let errors = self.fields(sums, paths, beside);
+        let errors = match self.stand_ins {
+            // As the frames will say it.
+            None => by_paths(self.rig, &self.watched, sums, paths),
+            Some(_) => self.fields(sums, paths, beside),
+        };
         errors.iter().filter_map(|field| relative_error(field.as_ref(), &self.watched)).max_by(f64::total_cmp)
     }
 

@@ -10,6 +10,7 @@ use crate::light::Carrier;
 use crate::moments::Moments;
 use crate::params::{Allocate, Method, Params};
 use crate::plane_wave::{Bound, PlaneWave, bounds, no_plane_wave};
+use crate::pooled::by_paths;
 use crate::reference::{References, no_stand_in, references};
 use crate::referenced::{Images, Referenced};
 use crate::rig::Rig;
@@ -204,9 +205,8 @@ impl Traced {
             return Ok(Estimate { channels: self.solved.iter().map(field).collect(), n: 0, sharing: Some(pixels) });
         }
         let Some(lattice) = &self.lattice else {
-            let field =
-                |moments| -> Box<dyn Field> { Box::new(Sampled { moments, paths: &self.paths, widened: true }) };
-            return Ok(Estimate { channels: self.channels.iter().map(field).collect(), n: self.n, sharing: None });
+            let channels = by_paths(rig, &Watched::of(shown), &self.channels, &self.paths);
+            return Ok(Estimate { channels, n: self.n, sharing: None });
         };
         let mut channels: Vec<Box<dyn Field>> = Vec::new();
         let (mut sharing, mut order) = (1.0_f64, 0);

@@ -266,7 +266,7 @@ impl<'a> Walker<'a> {
         };
         let line = Line { r: entry.r, e: at.w, length: entry.length, material: entry.material, towards, exit };
         let chance = Chance { stream, number, place };
-        self.score(at.response, &line, at.weight * rarity, unit(u), source, &chance, &entry.lengths);
+        self.score(at.response, &line, at.weight * at.share * rarity, unit(u), source, &chance, &entry.lengths);
     }
 
     fn collision_lit(&mut self, at: &Place, roulette: f64, source: Source<'_>) {
@@ -408,7 +408,8 @@ impl<'a> Walker<'a> {
         if length > 0.0 {
             let line = Line { r: at.r, e, length, material: at.material, towards, exit };
             let chance = Chance { stream: &stream, number: at.number - 1, place: 0 };
-            self.score(at.response, &line, at.weight * balance * rarity, unit(u), source, &chance, &at.lengths);
+            let weight = at.weight * at.share * balance * rarity;
+            self.score(at.response, &line, weight, unit(u), source, &chance, &at.lengths);
         }
     }
 

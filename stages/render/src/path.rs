@@ -4,6 +4,9 @@
 //! `docs/theory/render.md` derives the weights.
 
 mod flight;
+mod responses;
+
+use std::collections::VecDeque;
 
 use fearless_simd::Level;
 use glam::DVec3;
@@ -121,6 +124,12 @@ pub struct Walker<'a> {
     windows: Vec<f64>,
     /// Pieces of media that the flight under way came into, from elsewhere.
     pub(crate) entries: Vec<Entry>,
+    /// For each material whether scouts are sent in it; empty where they are nowhere.
+    pub scouts: Vec<bool>,
+    /// Scouts that have not gone yet, in the order in which they were sent.
+    pub(crate) sent: VecDeque<Place>,
+    /// Of how many paths there are responses.
+    pub(crate) paths: usize,
     flights: u64,
     endless: bool,
     ending: Ending,
@@ -165,6 +174,10 @@ pub struct Place {
     pub scattered: bool,
     /// Whether smooth or rough walls have turned it, and nothing has scattered it.
     pub glint: bool,
+    /// Of the light that the next flight's end sees, what is left beside a scout's.
+    pub share: f64,
+    /// Whether it is a scout: it ends where its flight does.
+    pub scout: bool,
     /// Which of the walker's responses is its own.
     pub response: usize,
     /// How far it has come in each medium that tells channels apart.
@@ -209,6 +222,9 @@ impl<'a> Walker<'a> {
             body_of,
             windows,
             entries: Vec::new(),
+            scouts: Vec::new(),
+            sent: VecDeque::new(),
+            paths: 0,
             flights: 0,
             endless: false,
             ending: Ending::Left,
@@ -241,51 +257,11 @@ impl<'a> Walker<'a> {
         self.clear_responses(1);
         let mut at = self.begin(pixel, sample, 0);
         while self.step(&mut at) {}
+        while let Some(mut scout) = self.sent.pop_front() {
+            self.step(&mut scout);
+        }
         self.gather();
         &self.responses
-    }
-
-    /// Makes room for the responses of `paths` paths.
-    pub fn clear_responses(&mut self, paths: usize) {
-        self.responses.clear();
-        self.responses.resize(paths * self.stride(), 0.0);
-        self.queued.clear();
-        self.queued.resize(paths * self.stride(), 0.0);
-    }
-
-    /// Completes the responses, once all paths have ended.
-    pub fn gather(&mut self) {
-        self.queue.flush(self.level, &self.setting, &mut self.queued);
-        for (response, queued) in self.responses.iter_mut().zip(&self.queued) {
-            *response += queued;
-        }
-    }
-
-    /// Zeros for the responses that come by f32 lanes; see [`Walker::add_single`].
-    pub(crate) fn take_single(&mut self) -> Vec<f64> {
-        let mut single = std::mem::take(&mut self.single);
-        single.clear();
-        single.resize(self.responses.len(), 0.0);
-        single
-    }
-
-    /// Adds what f32 lanes have seen.
-    pub(crate) fn add_single(&mut self, single: Vec<f64>) {
-        for (response, single) in self.responses.iter_mut().zip(&single) {
-            *response += single;
-        }
-        self.single = single;
-    }
-
-    /// Of all its channels.
-    pub fn response(&self, path: usize) -> &[f64] {
-        &self.responses[path * self.stride()..][..self.stride()]
-    }
-
-    /// Of one channel, by its place in the group.
-    pub fn response_in(&self, path: usize, channel: usize) -> &[f64] {
-        let width = self.setting.layout().width();
-        &self.response(path)[channel * width..][..width]
     }
 
     pub fn setting(&self) -> &Setting<'a> {
@@ -315,10 +291,6 @@ impl<'a> Walker<'a> {
     /// Flights made on its behalf.
     pub fn count_flights(&mut self, flights: usize) {
         self.flights += flights as u64;
-    }
-
-    pub(crate) fn stride(&self) -> usize {
-        self.setting.layout().width() * self.setting.channels()
     }
 
     pub(crate) fn stream(&self, at: &Place) -> Stream {
@@ -354,6 +326,8 @@ impl<'a> Walker<'a> {
             wholly: line,
             scattered: false,
             glint: false,
+            share: 1.0,
+            scout: false,
             response,
             lengths: NO_LENGTHS,
         };
@@ -381,6 +355,8 @@ impl<'a> Walker<'a> {
             self.look_into_entries(at, roulette);
         }
         match end {
+            // The path itself sees to the light there.
+            End::Left | End::Surface { .. } if at.scout => false,
             End::Gone => {
                 // The first, in order of priority, that holds the place.
                 let body = self.setting.world.bodies.iter().position(|body| body.solid.contains(at.r));
@@ -395,7 +371,7 @@ impl<'a> Walker<'a> {
             End::Surface { skin, normal, rho } => {
                 at.skin = Some(skin);
                 at.clear = 0.0;
-                (at.scattered, at.glint) = (true, false);
+                (at.scattered, at.glint, at.share) = (true, false, 1.0);
                 self.look_from_surface(at, normal, rho);
                 if roulette >= rho {
                     self.ending = Ending::Absorbed(skin.wall.body);
@@ -457,16 +433,19 @@ impl<'a> Walker<'a> {
                     self.look_from_collision(at, roulette);
                 }
                 at.wholly = false;
-                if self.windows[at.material] > 0.0 && self.ends_deep(at, spare(b, c, d)) {
+                if !at.scout && self.windows[at.material] > 0.0 && self.ends_deep(at, spare(b, c, d)) {
                     return false;
                 }
                 let next = hg::sample(self.setting.world.materials[at.material].g, at.w, unit(b), unit(c));
                 if self.setting.nee == Nee::Line {
                     self.look_ahead(at, next, roulette);
-                    at.ahead = true;
+                    (at.ahead, at.share) = (true, 1.0);
+                    if self.scouts.get(at.material) == Some(&true) && !at.scout {
+                        self.send_scout(at, next);
+                    }
                 }
                 at.w = next;
-                true
+                !at.scout
             }
         }
     }

@@ -98,6 +98,13 @@ pub struct Spans {
 }
 
 impl World {
+    /// Whether a body that light enters has a bore or a hollow.
+    pub fn is_hollow(&self) -> bool {
+        self.bodies
+            .iter()
+            .any(|body| self.materials[body.material].mu_s > 0.0 && matches!(body.solid, Solid::Carved(_)))
+    }
+
     /// Cuts the ray origin + t direction, t > 0, at the bodies.
     pub fn trace<'a>(
         &'a self,

@@ -1,7 +1,9 @@
 //! What the f32 lanes know of a render, and when f32 is enough.
 
+use std::ops::RangeInclusive;
+
 use glam::DVec3;
-use turbid_optics::solid::Solid;
+use turbid_optics::solid::{Carved, Solid};
 
 use super::bend::Plane;
 use super::ground::{Ground, Part};
@@ -21,6 +23,9 @@ const RANGE: f64 = 4096.0;
 const CYCLES: f64 = 256.0;
 /// Coefficients (mm^-1) and lengths (mm) beyond these leave too little of the exponents of f32.
 const LARGEST: f64 = 1e9;
+
+/// g of media in which scouts pay (with g = 0 they cost more than they save: measured), up to where f32 holds their lobe.
+const PEAKED: RangeInclusive<f64> = 0.5..=0.99;
 
 /// A world and a light as the lanes see them.
 #[derive(Clone, Debug)]
@@ -46,6 +51,8 @@ pub struct Frame<'a> {
     pub straight: bool,
     /// Whether flights go on into other bodies in lanes: looks behind boundaries go there, too.
     pub onward: bool,
+    /// For each material whether scouts are sent in it; empty where they are nowhere.
+    pub scouts: Vec<bool>,
     /// Whether a path that leaves all bodies has ended: boundaries do not turn it, and there is no light from infinity.
     pub dark: bool,
     /// Where light from the projector bends on its way to all that scatters.
@@ -171,6 +178,8 @@ impl<'a> Frame<'a> {
             if s.shared.is_some() { shares.iter().map(|s| unit * s.projector).collect() } else { vec![unit] };
         let lanes_alone = blind || (looks && !singly);
         let turns = plane.is_some() && lanes_alone;
+        let onward = straight && !others && lanes_alone;
+        let sends = onward && looks && s.light.shines() && ground.meshes.is_empty();
         Some(Self {
             origin,
             range_squared: (range * range) as f32,
@@ -179,7 +188,8 @@ impl<'a> Frame<'a> {
             mu_t: parts.iter().map(|part| s.world.materials[part.material].mu_t() as f32).collect(),
             opaque: parts.iter().map(|part| s.world.materials[part.material].is_opaque()).collect(),
             straight: straight && !others,
-            onward: straight && !others && lanes_alone,
+            onward,
+            scouts: if sends { sends_scouts(s.world, origin, range) } else { Vec::new() },
             others,
             known,
             counted: parts.iter().map(|part| counted_in[part.material]).collect(),
@@ -197,7 +207,7 @@ impl<'a> Frame<'a> {
             repeated,
             lamps: singly,
             blind,
-            starts: ((straight && !others && lanes_alone) || (turns && !s.steady.shines())) && !s.camera.has_aperture(),
+            starts: (onward || (turns && !s.steady.shines())) && !s.camera.has_aperture(),
             stride: walker.stride(),
             windows: (0..s.world.materials.len()).any(|m| walker.window(m) > 0.0),
             sources: s.light.shines().then_some(projector).into_iter().chain(lamps).collect(),
@@ -239,7 +249,7 @@ fn parts(world: &World) -> Vec<Part> {
         let open = m.mu_s > 0.0 && !m.is_opaque();
         match &body.solid {
             Solid::Carved(carved)
-                if filled && !world.bodies[i + 1..].iter().any(|below| overlap(&below.solid, &carved.whole)) =>
+                if filled && !world.bodies[i + 1..].iter().any(|below| shows_in(carved, &below.solid)) =>
             {
                 carved.holes.iter().for_each(|hole| part(hole, 0, false));
                 part(&carved.whole, body.material, open);
@@ -248,6 +258,27 @@ fn parts(world: &World) -> Vec<Part> {
         }
     }
     parts
+}
+
+/// For each material whether it fills bodies that have a bore or a hollow, within the range of f32, and scatters with a peak: what comes by way of
+/// other walls is then rare and bright. Empty where none does.
+fn sends_scouts(world: &World, origin: DVec3, range: f64) -> Vec<bool> {
+    let near = |solid: &Solid| {
+        let (low, high) = solid.bounds();
+        (low - origin).abs().max((high - origin).abs()).length() <= range
+    };
+    let sends = |(m, material): (usize, &Material)| {
+        let mut filled = world.bodies.iter().filter(|body| body.material == m);
+        let hollow = filled.clone().any(|body| matches!(body.solid, Solid::Carved(_)));
+        m != 0 && material.mu_s > 0.0 && PEAKED.contains(&material.g) && hollow && filled.all(|body| near(&body.solid))
+    };
+    let of: Vec<bool> = world.materials.iter().enumerate().map(sends).collect();
+    if of.contains(&true) { of } else { Vec::new() }
+}
+
+/// Whether a body of lower priority may be seen in a carved one, or where its holes, some of them without end, would carve that body too.
+fn shows_in(carved: &Carved, below: &Solid) -> bool {
+    std::iter::once(&carved.whole).chain(&carved.holes).any(|solid| overlap(below, solid))
 }
 
 /// Whether bounding boxes share more than faces.

@@ -12,6 +12,7 @@ mod look;
 mod mesh;
 mod picture;
 mod rows;
+mod scout;
 mod sight;
 mod source;
 mod start;

@@ -27,7 +27,11 @@ impl<'a, const LENGTHS: usize> Starts<'a, LENGTHS> {
     }
 
     pub fn more(&self) -> bool {
-        self.next < self.batches.paths()
+        self.next < self.paths()
+    }
+
+    pub fn paths(&self) -> usize {
+        self.batches.paths()
     }
 
     /// Begins up to sixteen paths.
@@ -211,6 +215,7 @@ impl<'a, const LENGTHS: usize> Starts<'a, LENGTHS> {
                         g,
                         window,
                         frame.known,
+                        1.0,
                     ];
                     let words = [frame.first, ids.sample, ids.pixel, ids.path, piece.material as u32, body as u32];
                     self.ready.push(row, words, counted(&lengths));
@@ -257,12 +262,14 @@ impl Frame<'_> {
     }
 
     /// The row of a path in its medium.
-    pub fn row<const LENGTHS: usize>(&self, place: &Place) -> ([f32; 15], [u32; 6], [f32; LENGTHS]) {
+    pub fn row<const LENGTHS: usize>(&self, place: &Place) -> ([f32; 16], [u32; 6], [f32; LENGTHS]) {
         let body = self.body_at(place).expect("only settled paths are put into lanes");
         let m = &self.media[place.material];
         let ([x, y, z], [a, b, c]) = (self.local(place.r), place.w.as_vec3().to_array());
         let (life, weight) = (place.life as f32, place.weight as f32);
-        let floats = [x, y, z, a, b, c, life, 0.0, weight, m.free_path, m.mu_a, m.mu_s, m.g, m.window, self.known];
+        let [free_path, mu_a, mu_s, g, window] = [m.free_path, m.mu_a, m.mu_s, m.g, m.window];
+        let (known, share) = (self.known, place.share as f32);
+        let floats = [x, y, z, a, b, c, life, 0.0, weight, free_path, mu_a, mu_s, g, window, known, share];
         let (path, material) = (place.response as u32, place.material as u32);
         let words = [place.number as u32, place.sample, place.pixel, path, material, body as u32];
         (floats, words, counted(&place.lengths))
@@ -271,9 +278,9 @@ impl Frame<'_> {
     /// The path of a row, for the scalar walker.
     pub fn place<const LENGTHS: usize>(
         &self,
-        (floats, words, lengths): ([f32; 15], [u32; 6], [f32; LENGTHS]),
+        (floats, words, lengths): ([f32; 16], [u32; 6], [f32; LENGTHS]),
     ) -> Place {
-        let [x, y, z, a, b, c, life, lost, weight, ..] = floats;
+        let [x, y, z, a, b, c, life, lost, weight, .., share] = floats;
         let [number, sample, pixel, path, material, _] = words;
         Place {
             r: self.world([x, y, z]),
@@ -292,6 +299,8 @@ impl Frame<'_> {
             wholly: number == self.first,
             scattered: number != self.first,
             glint: number == self.first && self.plane.is_some(),
+            share: f64::from(share),
+            scout: false,
             response: path as usize,
             lengths: std::array::from_fn(|k| lengths.get(k).copied().map_or(0.0, f64::from)),
         }

@@ -8,20 +8,23 @@ use super::frame::Frame;
 use super::lane::{F, LANES, M, U, V, choose, hg_sample, ln, philox, spare, splat, unit, unit_short};
 use super::look::{ENTRY, Looks, WALL, look_while, rarity};
 use super::rows::Rows;
+use super::scout::{Scouts, sends};
 use super::start::Starts;
 use crate::batches::Batches;
 use crate::channels::MOST_LENGTHS;
 use crate::path::{Place, Walker};
+use crate::scout::SCOUT;
 
 /// Columns: r, w, what is left of life, what its rounding lost, weight, free path, mu_a, mu_s, g, window, distance
-/// within which there is no surface that lanes do not know; block of random numbers, sample, pixel, response, material, body.
-pub type Paths<const LENGTHS: usize> = Rows<15, 6, LENGTHS>;
+/// within which there is no surface that lanes do not know, share beside a scout; block of random numbers, sample, pixel, response, material, body.
+pub type Paths<const LENGTHS: usize> = Rows<16, 6, LENGTHS>;
 
 /// Blocks of random numbers that lanes count to.
-const MOST_BLOCKS: u64 = WALL as u64;
+const MOST_BLOCKS: u64 = SCOUT as u64;
 
 /// Walks the batches and leaves the responses of their paths in the walker, in order.
 pub fn walk(walker: &mut Walker<'_>, frame: &Frame<'_>, batches: Batches<'_>) {
+    walker.scouts.clone_from(&frame.scouts);
     walker.clear_responses(batches.paths());
     let mut responses = walker.take_single();
     match frame.lengths {
@@ -30,6 +33,7 @@ pub fn walk(walker: &mut Walker<'_>, frame: &Frame<'_>, batches: Batches<'_>) {
     }
     walker.gather();
     walker.add_single(responses);
+    walker.scouts.clear();
 }
 
 /// The same for paths that carry so many lengths.
@@ -40,7 +44,7 @@ fn counting<const LENGTHS: usize>(
     responses: &mut [f64],
 ) {
     dispatch!(walker.level(), simd => simd.vectorize(#[inline(always)] || {
-        Flock::<_, LENGTHS>::new(simd, frame).run(walker, Starts::new(batches), responses);
+        Flock::<_, LENGTHS>::new(simd, frame, batches.paths()).run(walker, Starts::new(batches), responses);
     }));
 }
 
@@ -59,7 +63,7 @@ pub fn settles(walker: &mut Walker<'_>, frame: &Frame<'_>, place: &mut Place) ->
     }
 }
 
-fn with_room(mut floats: [f32; 15], known: f32) -> [f32; 15] {
+fn with_room(mut floats: [f32; 16], known: f32) -> [f32; 16] {
     floats[14] = known;
     floats
 }
@@ -68,7 +72,7 @@ fn with_room(mut floats: [f32; 15], known: f32) -> [f32; 15] {
 struct Flock<'a, S: Simd, const LENGTHS: usize> {
     simd: S,
     frame: &'a Frame<'a>,
-    floats: [F<S>; 15],
+    floats: [F<S>; 16],
     words: [U<S>; 6],
     /// By which channels differ, mm.
     lengths: [F<S>; LENGTHS],
@@ -80,12 +84,18 @@ struct Flock<'a, S: Simd, const LENGTHS: usize> {
     looks: Looks<LENGTHS>,
     /// For what goes through memory.
     memory: Paths<LENGTHS>,
+    scouts: Scouts<LENGTHS>,
+    /// The paths that rest while scouts fly, and by bits those that live.
+    resting: Paths<LENGTHS>,
+    resting_alive: u64,
+    /// How many responses there are of each kind: after those of paths come those of scouts where they end, and where they come in.
+    paths: u32,
 }
 
 impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
     #[inline(always)]
-    fn new(simd: S, frame: &'a Frame<'a>) -> Self {
-        let (floats, words) = ([splat(simd, 0.0); 15], [U::splat(simd, 0); 6]);
+    fn new(simd: S, frame: &'a Frame<'a>, paths: usize) -> Self {
+        let (floats, words) = ([splat(simd, 0.0); 16], [U::splat(simd, 0); 6]);
         Self {
             simd,
             frame,
@@ -97,6 +107,10 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
             steps: [0.0; LANES],
             looks: Looks::default(),
             memory: Paths::default(),
+            scouts: Scouts::default(),
+            resting: Paths::default(),
+            resting_alive: 0,
+            paths: paths as u32,
         }
     }
 
@@ -106,8 +120,13 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
         let (key, high) = (walker.setting().key, walker.setting().channel << 16);
         let mut flights = 0;
         loop {
+            // The last scouts go when all paths have ended.
+            let last = self.alive == 0 && starts.ready.len() == 0 && !starts.more();
+            let scouting = self.scouts.muster(simd, walker, self.frame, last, key, high);
             let dead = !self.alive & 0xFFFF;
-            if dead != 0 {
+            if scouting {
+                self.rest();
+            } else if dead != 0 {
                 let wanted = dead.count_ones() as usize;
                 while starts.ready.len() < wanted && starts.more() {
                     starts.make(simd, walker, self.frame, &mut self.looks, responses);
@@ -119,12 +138,18 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
                 let filling = M::from_bitmask(simd, filled);
                 starts.ready.unpack(simd, filling, &mut self.floats, &mut self.words, &mut self.lengths);
                 self.alive |= filled;
-                if self.alive == 0 || walker.endless() {
+                if walker.endless() {
                     break;
+                }
+                if self.alive == 0 {
+                    if self.scouts.is_empty() && walker.sent.is_empty() {
+                        break;
+                    }
+                    continue;
                 }
             }
             flights += self.alive.count_ones() as usize;
-            let (odd, looking, out) = self.fly(key, high, responses);
+            let (odd, looking, out) = self.fly(scouting, key, high, responses);
             // On its way to infinity a path makes one more.
             flights += out.count_ones() as usize;
             if looking != 0 && (self.frame.lamps || !self.frame.looks) {
@@ -132,7 +157,10 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
             }
             if odd != 0 {
                 flights -= odd.count_ones() as usize;
-                self.settle(walker, odd);
+                self.settle(walker, odd, scouting);
+            }
+            if scouting {
+                self.resume();
             }
             look_while(simd, &mut self.looks, LANES, self.frame, key, high, responses);
             if !self.looks.detours.is_empty() {
@@ -147,9 +175,9 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
     /// One flight of every lane that lives. Those that meet a boundary, to be made by the scalar walker from where they stand;
     /// those that look for light, queued where lanes can look; and those that have left through a plane where light bends.
     #[inline(always)]
-    fn fly(&mut self, key: [u32; 2], high: u32, responses: &mut [f64]) -> (u64, u64, u64) {
+    fn fly(&mut self, scouting: bool, key: [u32; 2], high: u32, responses: &mut [f64]) -> (u64, u64, u64) {
         let (simd, frame) = (self.simd, self.frame);
-        let [rx, ry, rz, wx, wy, wz, life, lost, weight, free_path, mu_a, mu_s, g, window, known] = self.floats;
+        let [rx, ry, rz, wx, wy, wz, life, lost, weight, free_path, mu_a, mu_s, g, window, known, share] = self.floats;
         let [number, sample, pixel, path, material, body] = self.words;
         let (r, w) = (V { x: rx, y: ry, z: rz }, V { x: wx, y: wy, z: wz });
         let alive = M::from_bitmask(simd, self.alive);
@@ -225,9 +253,12 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
                     for (m, &place) in frame.counted_in.iter().enumerate().filter(|(_, place)| **place < LENGTHS) {
                         before[place] += choose(was_in.simd_eq(m as u32), on.leaves, zero);
                     }
+                    let (seen, roulette) = (weight * share, unit_short(d));
+                    // Those of scouts apart: which of them fly together must not show.
+                    let path = if scouting { path + self.paths } else { path };
                     self.looks.rays.pack(
                         entered,
-                        &[from.x, from.y, from.z, wx, wy, wz, wx, wy, wz, weight, unit_short(d), mu_a, mu_s, g, zero],
+                        &[from.x, from.y, from.z, wx, wy, wz, wx, wy, wz, seen, roulette, mu_a, mu_s, g, zero],
                         &[number | ENTRY, sample, pixel, path, on.body],
                         &before,
                     );
@@ -258,7 +289,8 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
             end = meeting.place.or(turned, end);
             passage.crosses &= !turned;
         }
-        let far = end.dot(end).simd_gt(frame.range_squared) | number.simd_ge(MOST_BLOCKS as u32);
+        let flight = if scouting { number & (SCOUT - 1) } else { number };
+        let far = end.dot(end).simd_gt(frame.range_squared) | flight.simd_ge(MOST_BLOCKS as u32);
         turned &= !far;
         if LENGTHS > 0 {
             for (m, &place) in frame.counted_in.iter().enumerate().filter(|(_, place)| **place < LENGTHS) {
@@ -279,7 +311,7 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
         let odd = alive & crosses & !escapes;
         let mut gone = (dies & !crosses) | escapes;
         let mut heavier = weight;
-        if frame.windows {
+        if frame.windows && !scouting {
             // Roulette of deep paths, for W/2 and above.
             let x = passage.clear * window + 1.0;
             let (x2, zero) = (x * x, splat(simd, 0.0));
@@ -318,10 +350,27 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
         if frame.looks && looks.any_true() {
             self.looks.rays.pack(
                 looks,
-                &[end.x, end.y, end.z, wx, wy, wz, e.x, e.y, e.z, heavier, roulette, mu_a, mu_s, g, least],
+                &[end.x, end.y, end.z, wx, wy, wz, e.x, e.y, e.z, heavier * share, roulette, mu_a, mu_s, g, least],
                 &[number + 1, sample, pixel, path, body],
                 &lengths,
             );
+        }
+        let mut left_share = splat(simd, 1.0);
+        if !frame.scouts.is_empty() && !scouting && looks.any_true() {
+            let sending;
+            (sending, left_share) = sends(simd, frame, looks, material, (end, w, e), g, least);
+            if sending.any_true() {
+                let one = splat(simd, 1.0);
+                self.scouts.collisions.pack(
+                    sending,
+                    &[
+                        end.x, end.y, end.z, wx, wy, wz, left, lost, heavier, free_path, mu_a, mu_s, g, window,
+                        left_known, one,
+                    ],
+                    &[number, sample, pixel, path + self.paths, material, body],
+                    &lengths,
+                );
+            }
         }
         if (frame.lamps || !frame.looks) && looks.any_true() {
             let mut floats = self.floats;
@@ -353,6 +402,7 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
             step(g, old[12]),
             step(window, old[13]),
             step(left_known, old[14]),
+            step(left_share, share),
         ];
         self.words = [
             goes_on.select(number + 2, number),
@@ -363,8 +413,24 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
             goes_on.select(body, self.words[5]),
         ];
         let odd = odd.to_bitmask();
-        self.alive = goes_on.to_bitmask() | odd;
+        self.alive = if scouting { odd } else { goes_on.to_bitmask() | odd };
         (odd, looks.to_bitmask(), out.to_bitmask())
+    }
+
+    /// Puts scouts into lanes, as many as go in, and what is there aside.
+    #[inline(always)]
+    fn rest(&mut self) {
+        self.resting.store(&self.floats, &self.words, &self.lengths);
+        (self.floats, self.words, self.lengths) = self.scouts.waiting.load(self.simd);
+        self.resting_alive = std::mem::replace(&mut self.alive, (1 << self.scouts.waiting.len().min(LANES)) - 1);
+        self.scouts.waiting.drop_first(self.simd);
+    }
+
+    /// The paths again: scouts make one flight.
+    #[inline(always)]
+    fn resume(&mut self) {
+        (self.floats, self.words, self.lengths) = self.resting.load(self.simd);
+        self.alive = self.resting_alive;
     }
 
     /// Looks that lanes cannot make.
@@ -390,7 +456,7 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
 
     /// Lets the scalar walker make odd flights.
     #[inline(never)]
-    fn settle(&mut self, walker: &mut Walker<'_>, odd: u64) {
+    fn settle(&mut self, walker: &mut Walker<'_>, odd: u64, scouting: bool) {
         self.memory.store(&self.floats, &self.words, &self.lengths);
         let mut lanes = odd;
         while lanes != 0 {
@@ -398,6 +464,7 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
             lanes &= lanes - 1;
             let row = self.memory.get(lane);
             let mut place = self.frame.place(row);
+            place.scout = scouting;
             if self.asking >> lane & 1 == 1 {
                 let known = (self.frame.clearance(place.r) * (1.0 - 1e-6)) as f32;
                 if self.steps[lane] < known {

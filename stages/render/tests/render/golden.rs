@@ -9,9 +9,9 @@ use crate::patterns::{show, sinusoids};
 use crate::setup::*;
 use crate::shapes::icosphere;
 
-/// FNV-1a over the f32 of all layers of all ports of nine scenes: looks by the queue, looks one by one with surfaces, deep
+/// FNV-1a over the f32 of all layers of all ports of ten scenes: looks by the queue, looks one by one with surfaces, deep
 /// paths under roulette, a fit, a mesh in tissue, a boundary that refracts, with something under it, channels that share paths, lamps beside the
-/// projector, and a pattern of pictures. On every machine, with every number of threads and every vector width.
+/// projector, a pattern of pictures, and scouts in a tube. On every machine, with every number of threads and every vector width.
 #[test]
 fn bytes_belong_to_the_version() {
     let media = [
@@ -26,6 +26,7 @@ fn bytes_belong_to_the_version() {
     let sunk = Shape::Sphere { diameter: 2.0, center: [1.0, 0.0, -2.0] };
     let slab = || Shape::Slab { top: 0.0, bottom: -50.0 };
     let ball = || Shape::Sphere { diameter: 4.0, center: [1.0, 0.0, -0.5] };
+    let tube = Shape::Tube { inner_diameter: 4.0, outer_diameter: 20.0, center: [0.0, 0.0], bottom: -30.0, top: 0.0 };
     let block = lambertian(Shape::Box { size: [2.0, 2.0, 1.0], center: [-2.0, 1.0, 0.5] }, 0.7);
     let scenes = [
         vec![object(slab(), "m", 0), object(ball(), "core", 1)],
@@ -37,6 +38,7 @@ fn bytes_belong_to_the_version() {
         vec![object(slab(), "m", 0), object(ball(), "core", 1)],
         vec![object(slab(), "m", 0), object(ball(), "core", 1)],
         vec![object(slab(), "m", 0), object(ball(), "core", 1)],
+        vec![object(tube, "m", 0)],
     ];
     let [coloured, lamp_lit, pictured] = [6, 7, 8];
     let mut digests = Vec::new();
@@ -88,6 +90,7 @@ fn bytes_belong_to_the_version() {
         0x804d_144c_e220_aea2,
         0x5fd6_ee75_8dd4_8959,
         0xbbe7_2700_5e2e_4384,
+        0x54b5_4862_56db_a077,
     ];
-    assert_eq!((RenderStage::VERSION, &digests[..]), (18, &expected[..]), "digests {digests:#x?}");
+    assert_eq!((RenderStage::VERSION, &digests[..]), (19, &expected[..]), "digests {digests:#x?}");
 }

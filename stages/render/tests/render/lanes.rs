@@ -14,7 +14,7 @@ use turbid_render::pictures::Pictures;
 use turbid_render::single::{self, Frame};
 use turbid_render::world::{Body, Material, World};
 
-use crate::unbiased::{curved_scenes, lamps, mesh_scenes, scenes, shaped_scenes};
+use crate::unbiased::{curved_scenes, hollow_scenes, lamps, mesh_scenes, scenes, shaped_scenes};
 
 static NO_LAMPS: Steady = Steady::NONE;
 static NO_PICTURES: Pictures = Pictures::NONE;
@@ -78,7 +78,7 @@ fn camera_and_light() -> (Camera, Light) {
 
 /// Each by the projector's carriers alone, and with pictures and lamps beside them.
 fn single_scenes() -> impl Iterator<Item = ((&'static str, World), Steady, Pictures)> {
-    let scenes = scenes().into_iter().chain(mesh_scenes());
+    let scenes = scenes().into_iter().chain(mesh_scenes()).chain(hollow_scenes());
     scenes.flat_map(|s| [(s.clone(), Steady::NONE, Pictures::NONE), (s, lamps(), checks())])
 }
 
@@ -104,6 +104,7 @@ fn f32_lanes_are_the_scalar_paths_to_rounding() {
         let (samples, mut alone, mut lanes) =
             (0..256, Walker::new(setting, named("")), Walker::new(setting, named("")));
         let frame = Frame::of(&lanes).expect("f32 holds these scenes");
+        alone.scouts.clone_from(&frame.scouts);
         single::walk(&mut lanes, &frame, Batches { of: &alike(0..16, &samples), count: samples.len() as u32 });
         // Per response: sum of magnitudes, of differences and of their squares.
         let (mut sums, mut turned, mut path) = ([[0.0; 3]; 9], 0, 0);
@@ -146,6 +147,8 @@ fn looks_from_walls_of_holes_are_not_lost() {
     let setting = setting(&world, &camera, &light);
     let (samples, mut alone, mut lanes) = (0..32, Walker::new(setting, named("")), Walker::new(setting, named("")));
     let frame = Frame::of(&lanes).expect("f32 holds it");
+    alone.scouts.clone_from(&frame.scouts);
+    assert_eq!(frame.scouts, [false, true]);
     single::walk(&mut lanes, &frame, Batches { of: &alike(0..64, &samples), count: samples.len() as u32 });
     let (mut sum, mut difference, mut square, mut path) = (0.0, 0.0, 0.0, 0);
     for (pixel, sample) in (0..64).flat_map(|p| samples.clone().map(move |s| (p, s))) {

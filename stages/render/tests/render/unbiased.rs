@@ -1,7 +1,7 @@
 //! The line estimator, in lanes, against point next-event estimation at every collision, in scenes that try to mislead it.
 
 use glam::{DVec2, DVec3};
-use turbid_optics::solid::{Frame, Mesh, Solid};
+use turbid_optics::solid::{self, Mesh, Solid};
 use turbid_optics::view::View;
 use turbid_render::camera::Camera;
 use turbid_render::finish::Finish;
@@ -12,6 +12,7 @@ use turbid_render::light::{Carrier, Light};
 use turbid_render::moments::Moments;
 use turbid_render::path::{Nee, Setting, Walker};
 use turbid_render::pictures::Pictures;
+use turbid_render::single::Frame;
 use turbid_render::world::{Body, Material, World};
 
 use crate::shapes;
@@ -35,7 +36,9 @@ const MURKY_CORE: usize = 13;
 
 fn world(bodies: Vec<(Solid, usize)>) -> World {
     let medium = |mu_a, mu_s, g| Material::medium(mu_a, mu_s, g, 1.0);
-    World {
+    // As in a render: what no body is made of is not there.
+    let used = bodies.iter().map(|&(_, material)| material).max().unwrap_or(VOID);
+    let mut world = World {
         bodies: bodies.into_iter().map(|(solid, material)| Body { solid, material }).collect(),
         materials: vec![
             Material::VOID,
@@ -54,7 +57,9 @@ fn world(bodies: Vec<(Solid, usize)>) -> World {
             Material::medium(1.2, 4.0, 0.5, 1.4),
         ],
         textures: Vec::new(),
-    }
+    };
+    world.materials.truncate(used + 1);
+    world
 }
 
 fn ball(center: [f64; 3], radius: f64) -> Solid {
@@ -133,7 +138,7 @@ pub fn shaped_scenes() -> Vec<(&'static str, World)> {
     let slab = |top: f64, bottom: f64| Solid::Slab { bottom, top };
     let cuboid = |low: [f64; 3], high: [f64; 3]| Solid::Box { low: low.into(), high: high.into() };
     let upright = |radius: f64, bottom: f64, top: f64| Solid::Cylinder { axis: DVec2::ZERO, radius, bottom, top };
-    let tilt = Frame::turned(DVec3::new(0.3, 0.0, -1.5), [20.0, -35.0, 10.0]);
+    let tilt = solid::Frame::turned(DVec3::new(0.3, 0.0, -1.5), [20.0, -35.0, 10.0]);
     let port = |w: DVec3| Solid::round_port(2.4, DVec3::ZERO, w.normalize());
     let shell = Solid::sphere_shell(
         4.0,
@@ -164,7 +169,7 @@ pub fn shaped_scenes() -> Vec<(&'static str, World)> {
 pub fn curved_scenes() -> Vec<(&'static str, World)> {
     let slab = |top: f64, bottom: f64| Solid::Slab { bottom, top };
     let cuboid = |low: [f64; 3], high: [f64; 3]| Solid::Box { low: low.into(), high: high.into() };
-    let tilt = Frame::turned(DVec3::new(0.3, 0.0, -1.5), [20.0, -35.0, 10.0]);
+    let tilt = solid::Frame::turned(DVec3::new(0.3, 0.0, -1.5), [20.0, -35.0, 10.0]);
     vec![
         (
             "wet dome on a wet slab, a wet ball in the air",
@@ -197,6 +202,16 @@ pub fn mesh_scenes() -> Vec<(&'static str, World)> {
         ("ring on a floor, a ball in its bore", world(vec![(ball([0.3, 0.0, -0.2], 0.4), CORE), (ring, TISSUE)])),
         ("mesh alone", world(vec![(sphere, TISSUE)])),
         ("white mesh on a slab", world(vec![(block, WHITE), (slab(0.0, -500.0), TISSUE)])),
+    ]
+}
+
+/// Tubes whose walls send scouts: with a ball in the bore, alone, and a longer one.
+pub fn hollow_scenes() -> Vec<(&'static str, World)> {
+    let tube = |length: f64| Solid::tube(4.0, 6.0, DVec2::ZERO, -length, 0.0);
+    vec![
+        ("tube with a ball in its bore", world(vec![(ball([0.4, 0.0, -0.7], 0.8), CORE), (tube(1.5), TISSUE)])),
+        ("tube", world(vec![(tube(1.5), TISSUE)])),
+        ("long tube", world(vec![(tube(8.0), TISSUE)])),
     ]
 }
 
@@ -239,16 +254,22 @@ fn line_and_point_estimators_agree_at_curved_walls() {
 /// Without lamps, for which looks go one by one: flights go on across boundaries in lanes.
 #[test]
 fn line_and_point_estimators_agree_without_lamps() {
-    let tube = Solid::tube(4.0, 6.0, DVec2::ZERO, -1.5, 0.0);
-    let floor = Solid::Slab { bottom: -20.0, top: -1.5 };
-    let bulb = ball([0.4, 0.0, -0.7], 0.8);
-    let hollow = [
-        ("tube on another floor, a ball in its bore", world(vec![(bulb, CORE), (tube.clone(), TISSUE), (floor, PALE)])),
-        ("tube", world(vec![(tube, TISSUE)])),
-    ];
     let several = scenes().into_iter().filter(|(name, _)| CROSSED.contains(name));
-    for (name, world) in hollow.into_iter().chain(several) {
+    // The bore ends where the floor begins.
+    let (tube, floor) = (Solid::tube(4.0, 6.0, DVec2::ZERO, -1.5, 0.0), Solid::Slab { bottom: -20.0, top: -1.5 });
+    let bulb = ball([0.4, 0.0, -0.7], 0.8);
+    let on_floor =
+        ("tube on another floor, a ball in its bore", world(vec![(bulb, CORE), (tube, TISSUE), (floor, PALE)]));
+    for (name, world) in hollow_scenes().into_iter().chain(several).chain([on_floor]) {
         compare_under(&Steady::NONE, name, &world, 2000, 0.03);
+    }
+}
+
+/// Scouts go towards the projector, and look for lamps too.
+#[test]
+fn line_and_point_estimators_agree_with_scouts_and_lamps() {
+    for (name, world) in hollow_scenes() {
+        compare(name, &world, 2000, 0.03);
     }
 }
 
@@ -282,6 +303,8 @@ fn compare_under(steady: &Steady, name: &str, world: &World, paths: u32, noise: 
             shared: None,
         };
         let mut walker = Walker::new(setting, named(""));
+        let scouts = Frame::of(&walker).is_some_and(|frame| !frame.scouts.is_empty());
+        assert_eq!(scouts, nee == Nee::Line && hollow_scenes().iter().any(|(hollow, _)| *hollow == name), "{name}");
         let mut moments = Moments::new(16, numbers);
         for sample in (0..paths).step_by(100) {
             flock::walk(&mut walker, 0..16, sample..sample + 100);
