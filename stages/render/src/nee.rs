@@ -7,6 +7,7 @@ use turbid_optics::henyey_greenstein as hg;
 use turbid_optics::philox::unit;
 use turbid_optics::rough::Rough;
 
+use crate::caustic::Best;
 use crate::channels::{Lengths, count, sum};
 use crate::lamp::Source;
 use crate::link::{Chance, Heading};
@@ -369,19 +370,35 @@ impl<'a> Walker<'a> {
         }
     }
 
-    /// One of the ways with reflections from the projector to r, for which lanes have looked ahead; apart from what is not queued.
-    pub(crate) fn try_detour(&mut self, detour: &Detour, r: DVec3, e: DVec3) {
+    /// The ways from the projector to r that lanes, which have looked ahead, do not know; apart from what is not queued. `unit`: W mm^-2.
+    pub(crate) fn try_detour(&mut self, detour: &Detour, r: DVec3, e: DVec3, unit: f64) {
         let s = self.setting;
         let (source, stream) = (Source::Projector(s.light), Stream::new(s.key, detour.pixel, detour.sample, s.channel));
-        let chance = Chance { stream: &stream, number: u64::from(detour.number), place: 0 };
-        if let Some(link) = self.detour(source, r, None, &chance) {
+        let mut chance = Chance { stream: &stream, number: u64::from(detour.number), place: 0 };
+        let mut links = std::mem::take(&mut self.links);
+        if self.bending == Bending::AtWalls {
+            chance.place = detour.place as usize;
+            if let Some(known) = detour.known {
+                let [towards, normal] = [known.towards, known.normal].map(|v| DVec3::from(v.map(f64::from)));
+                let strength = unit * f64::from(known.strength);
+                let best = Best { strength, exit: Some(normal), turns: 1, about: Some(towards) };
+                links.extend(self.one_by_chance(source, (r, None), &chance, Some(best)));
+            } else {
+                self.reach(source, r, None, &mut links);
+                links.extend(self.by_chance(source, r, None, &chance));
+            }
+        } else {
+            links.extend(self.detour(source, r, None, &chance));
+        }
+        std::mem::swap(&mut self.responses, &mut self.queued);
+        for link in links.drain(..) {
             let p = hg::density(f64::from(detour.g), e.dot(link.towards));
             let radiance = f64::from(detour.fraction) * p * link.irradiance * libm::exp(-link.tau);
-            std::mem::swap(&mut self.responses, &mut self.queued);
             let lengths = sum(&detour.lengths.map(f64::from), &link.lengths);
             self.deposit(detour.path as usize, radiance, link.on_plane, source, &lengths);
-            std::mem::swap(&mut self.responses, &mut self.queued);
         }
+        std::mem::swap(&mut self.responses, &mut self.queued);
+        self.links = links;
     }
 
     fn line_lit(&mut self, at: &Place, own: DVec3, roulette: f64, source: Source<'_>) {

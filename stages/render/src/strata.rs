@@ -5,6 +5,7 @@ use turbid_optics::solid::Solid;
 
 use crate::finish::Finish;
 use crate::mirror::Mirrors;
+use crate::single::MOST_BODIES;
 use crate::world::{Body, World};
 
 /// The refractive index as a function of z.
@@ -75,6 +76,18 @@ pub fn is_flat(world: &World) -> bool {
         }
     }
     world.bodies.iter().all(|body| world.materials[body.material].is_opaque() || flat(&body.solid))
+}
+
+/// Whether all that bends light is the walls of few whole bodies of one refractive index that bulge outwards: f32 lanes find its ways.
+pub fn bulges(world: &World) -> bool {
+    let n = |body: &Body| world.materials[body.material].n;
+    let bends = world.bodies.iter().filter(|body| !world.materials[body.material].is_opaque());
+    let first = bends.clone().next().map_or(1.0, n);
+    let whole = |body: &Body| !matches!(body.solid, Solid::Turned(_) | Solid::Carved(_) | Solid::Mesh(_));
+    first > 1.0
+        && world.bodies.len() <= MOST_BODIES
+        && bends.clone().all(|body| n(body) == first)
+        && world.bodies.iter().all(whole)
 }
 
 /// Meshes at whose surface the refractive index may change.

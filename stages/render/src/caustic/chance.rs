@@ -40,6 +40,22 @@ pub(crate) struct Found {
     events: usize,
 }
 
+/// Of a known way.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Best {
+    /// What it brings over n^2, W mm^-2.
+    pub strength: f64,
+    /// Normal of the wall through which it comes.
+    pub exit: Option<DVec3>,
+    /// Walls that turn it.
+    pub turns: usize,
+    /// Its direction in single precision, where lanes have found it: then `self.known` does not hold it, and all known ways are by one refraction.
+    pub about: Option<DVec3>,
+}
+
+/// A way by one refraction so near (rad) to the one that lanes have found is that: where others are as near they are not sure of theirs.
+const ABOUT: f64 = 1e-4;
+
 /// Ways that bring less than this part of the light of the best are weighed by roulette.
 const WEAK: f64 = 1e-2;
 /// The same of glints of which walls and media leave less than this part.
@@ -53,6 +69,8 @@ const DIES: f64 = 0.1;
 const SMOOTHLY: f64 = 0.75;
 const FARTHEST: f64 = 0.3;
 const SCALES: f64 = 8.0;
+/// Where one refraction is known most trials by one lead to that: the others, behind foci, are tried with this probability.
+const ONCE: f64 = 0.25;
 /// Trials after which a way that was found once is given up.
 const MOST_TRIALS: u32 = 1 << 18;
 
@@ -85,10 +103,27 @@ impl Walker<'_> {
         skin: Option<Skin>,
         chance: &Chance<'_>,
     ) -> Option<Link> {
+        let best = self.known.first().map(|known| Best {
+            strength: known.link.irradiance * libm::exp(-known.link.tau),
+            exit: known.link.exit,
+            turns: known.events,
+            about: None,
+        });
+        self.one_by_chance(source, (r, skin), chance, best)
+    }
+
+    /// The same where a known way is said.
+    pub(crate) fn one_by_chance(
+        &mut self,
+        source: Source<'_>,
+        begin: (DVec3, Option<Skin>),
+        chance: &Chance<'_>,
+        best: Option<Best>,
+    ) -> Option<Link> {
         if self.mirrors.once {
             return None;
         }
-        let best = self.known.first().map(|known| known.link);
+        let (r, skin) = begin;
         let tried = if best.is_some() { DETOURS } else { 1.0 };
         let random = |decision| chance.stream.aside(chance.number, source.place(), chance.place, decision);
         let [whether, roulette, ..] = random(1).map(unit);
@@ -97,17 +132,27 @@ impl Walker<'_> {
         }
         let [a, b, c, d] = random(2);
         let mut dice = Dice::new([a, b], [c, d]);
-        let beginning = Beginning::Around(best.and_then(|link| link.exit));
+        let beginning = Beginning::Around(best.and_then(|best| best.exit));
         let n_far = self.index_around(source.origin().0);
-        let begin = (r, skin);
-        let found = self.try_way(source, begin, beginning, n_far, &mut dice)?;
+        let rarely = !self.facetted && best.is_some_and(|best| best.turns == 1);
+        let found = self.try_way(source, begin, beginning, n_far, &mut dice, rarely)?;
+        let refracted = self.events[..] == [false];
+        if let Some(about) = best.and_then(|best| best.about) {
+            if refracted && (found.way() - about).length() < ABOUT {
+                return None;
+            }
+            self.known.clear();
+            if refracted {
+                self.know_ways(source, r, skin, false);
+            }
+        }
         if self.known.iter().any(|known| known.is(found.way(), found.events)) {
             return None;
         }
         let mut link = self.arrive(source, &found.shot, &found.aim).filter(|link| link.lit)?;
         let strength = link.irradiance * libm::exp(-link.tau);
         let best = match best {
-            Some(link) => link.irradiance * libm::exp(-link.tau),
+            Some(best) => best.strength,
             None => source.arrival(r).map_or(0.0, |arrival| arrival.irradiance / (n_far * n_far)),
         };
         let kept = if best > 0.0 { (strength / (WEAK * best)).min(1.0) } else { 1.0 };
@@ -115,6 +160,7 @@ impl Walker<'_> {
             return None;
         }
         let trials = self.trials_until_again(source, begin, beginning, &found, &mut dice)?;
+        let tried = if rarely && refracted { ONCE * tried } else { tried };
         link.irradiance *= f64::from(trials) / (tried * kept);
         Some(link)
     }
@@ -131,7 +177,7 @@ impl Walker<'_> {
     ) -> Option<Link> {
         let n_far = self.index_around(source.origin().0);
         let [roulette, ..] = dice.throw();
-        let found = self.try_way(source, (eye, None), beginning, n_far, dice)?;
+        let found = self.try_way(source, (eye, None), beginning, n_far, dice, false)?;
         // Between ends of one index that is a reflection, and all of those are known.
         if found.events == 1 {
             return None;
@@ -158,7 +204,7 @@ impl Walker<'_> {
         let n_far = self.index_around(source.origin().0);
         for trial in 1..MOST_TRIALS {
             (dice.trial, dice.throw) = (trial, 0);
-            let again = self.try_way(source, begin, beginning, n_far, dice);
+            let again = self.try_way(source, begin, beginning, n_far, dice, false);
             if again.is_some_and(|a| a.events == found.events && (a.way() - found.way()).length() < SAME) {
                 return Some(trial);
             }
@@ -167,7 +213,7 @@ impl Walker<'_> {
         None
     }
 
-    /// A random ray with random events, aimed at the source.
+    /// A random ray with random events, aimed at the source; if it is refracted once, only with the probability `ONCE` where `rarely`.
     fn try_way(
         &mut self,
         source: Source<'_>,
@@ -175,8 +221,9 @@ impl Walker<'_> {
         beginning: Beginning,
         n_far: f64,
         dice: &mut Dice,
+        rarely: bool,
     ) -> Option<Found> {
-        let [choice, u, turns, _] = dice.throw();
+        let [choice, u, turns, spare] = dice.throw();
         let around = |axis: DVec3, least: f64| {
             let cos = 1.0 - u * (1.0 - least);
             let (sin_phi, cos_phi) = sin_cos_turns(turns);
@@ -193,7 +240,8 @@ impl Walker<'_> {
         events.clear();
         let begun = self.events_of((r, skin), first, n_far, dice, &mut events);
         // One refraction by a flat wall is known.
-        let begun = begun.filter(|()| !(self.facetted && self.flat && events[..] == [false]));
+        let known = self.facetted && self.flat;
+        let begun = begun.filter(|()| events[..] != [false] || !(known || (rarely && spare >= ONCE)));
         let first = begun.and_then(|()| self.among_facets(source, (r, skin), first, &events, dice));
         let found = first.and_then(|w| self.connect(source, (r, skin), w, &events, Walls::AsTheyAre));
         let count = events.len();

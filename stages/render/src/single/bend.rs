@@ -173,25 +173,8 @@ impl Plane {
         let advance = (x * x + y * y).sqrt();
         let sideways = choose(advance.simd_gt(zero), 1.0 / advance, zero);
         let depth = ((self.z - p.z) * self.up).max(zero);
-        let at = |t: F<S>| {
-            let q2 = t * t * self.excess + m2;
-            let q = q2.sqrt();
-            let reach = depth / q;
-            (q, reach + height, reach * m2 / q2 + height)
-        };
-        let mut t = advance / (depth * (1.0 / self.m) + height);
-        let mut open = M::splat(simd, true);
-        for _ in 0..MOST_STEPS {
-            let (_, reach, slope) = at(t);
-            let step = (advance - t * reach) / slope;
-            // Each lane stops by itself: its neighbours must not show.
-            t = choose(open, t + step, t);
-            open &= step.abs().simd_gt(t * ENOUGH);
-            if open.all_false() {
-                break;
-            }
-        }
-        let (q, reach, slope) = at(t);
+        let t = tangent(simd, advance, (depth, height), self.m, self.excess);
+        let (q, reach, slope) = advanced(t, (depth, height), (m2, self.excess));
         let inverse = 1.0 / (self.m * (t * t + 1.0).sqrt());
         let (sin, cos) = (t * inverse * sideways, q * inverse);
         // 1 - R from what passes of both polarisations, not from what is reflected: all digits at grazing angles.
@@ -207,7 +190,34 @@ impl Plane {
     }
 }
 
-/// A point for which one of the ways with reflections is to be tried: lanes know the one without only.
+/// q, the advance sideways over t, and its derivative by t; see [`Plane::way`].
+#[inline(always)]
+pub fn advanced<S: Simd>(t: F<S>, (depth, height): (F<S>, f32), (m2, excess): (f32, f32)) -> (F<S>, F<S>, F<S>) {
+    let q2 = t * t * excess + m2;
+    let q = q2.sqrt();
+    let reach = depth / q;
+    (q, reach + height, reach * m2 / q2 + height)
+}
+
+/// The tangent t on the light's side with which light advances so far sideways; see [`Plane::way`].
+#[inline(always)]
+pub fn tangent<S: Simd>(simd: S, advance: F<S>, (depth, height): (F<S>, f32), m: f32, excess: f32) -> F<S> {
+    let mut t = advance / (depth * (1.0 / m) + height);
+    let mut open = M::splat(simd, true);
+    for _ in 0..MOST_STEPS {
+        let (_, reach, slope) = advanced(t, (depth, height), (m * m, excess));
+        let step = (advance - t * reach) / slope;
+        // Each lane stops by itself: its neighbours must not show.
+        t = choose(open, t + step, t);
+        open &= step.abs().simd_gt(t * ENOUGH);
+        if open.all_false() {
+            break;
+        }
+    }
+    t
+}
+
+/// A point for which the scalar walker looks for ways of light that lanes do not know: those with reflections, or by several walls.
 #[derive(Clone, Copy, Debug)]
 pub struct Detour {
     /// Of the look's random numbers.
@@ -223,6 +233,20 @@ pub struct Detour {
     pub fraction: f32,
     /// mm up to it in each medium that tells channels apart.
     pub lengths: [f32; MOST_LENGTHS + 1],
+    /// Of the look on its ray.
+    pub place: u32,
+    /// One that lanes do know; without one all are looked for.
+    pub known: Option<KnownWay>,
+}
+
+/// Of a way of light that lanes have found.
+#[derive(Clone, Copy, Debug)]
+pub struct KnownWay {
+    /// What it brings, in units of the projector's.
+    pub strength: f32,
+    /// Unit vectors: against it at the point, and out of its wall.
+    pub towards: [f32; 3],
+    pub normal: [f32; 3],
 }
 
 /// Tries those that wait, in their order.
@@ -235,7 +259,7 @@ pub fn try_detours<const LENGTHS: usize>(walker: &mut Walker<'_>, frame: &Frame<
             r.z = r.z.clamp(plane.layer[0].next_up(), plane.layer[1].next_down());
         }
         let e = DVec3::from(detour.e.map(f64::from));
-        walker.try_detour(&detour, r, e);
+        walker.try_detour(&detour, r, e, frame.unit);
     }
 }
 

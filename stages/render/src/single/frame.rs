@@ -11,6 +11,7 @@ use super::look::MOST_BODIES;
 use super::mesh::Eyes;
 use super::picture::Shown;
 use super::source::Source;
+use super::walls::Walls;
 use crate::channels::MOST_LENGTHS;
 use crate::finish::Finish;
 use crate::path::{Nee, Setting, Walker};
@@ -57,7 +58,9 @@ pub struct Frame<'a> {
     pub dark: bool,
     /// Where light from the projector bends on its way to all that scatters.
     pub plane: Option<Plane>,
-    /// Whether that plane turns flights in lanes, too.
+    /// The same where it bends at walls of other shapes.
+    pub walls: Option<Walls>,
+    /// Whether they turn flights in lanes, too.
     pub turns: bool,
     /// Block of random numbers of a path's first flight within a medium: where light bends the one before brings it through the plane.
     pub first: u32,
@@ -77,6 +80,8 @@ pub struct Frame<'a> {
     pub sources: Vec<Source>,
     /// Irradiance of the projector at the centre of its field in each channel, W mm^-2: in lanes it is 1 there.
     pub projected: Vec<f64>,
+    /// The same for what walks.
+    pub unit: f64,
     /// The same of lamps.
     pub steady: f64,
     /// Numbers of a path's response.
@@ -161,12 +166,14 @@ impl<'a> Frame<'a> {
         let channels = shares.iter().map(|share| share.excess.map(|mu_a| mu_a as f32)).collect();
         let blind = !s.light.shines() && s.steady.lamps.is_empty();
         let plane = if others || !ground.meshes.is_empty() { None } else { Plane::of(walker, &parts, origin) };
+        let walls = Walls::of(walker, &parts, &ground, origin);
         // Lenses are looked up one by one; so are lamps where walls bend their light, and beside meshes.
         let shown = Shown::over(s.light, s.pictures, origin);
         let plain = view.distortion.is_none() && (s.pictures.layers() == 0 || shown.is_some());
         let for_lamps = straight && ground.meshes.is_empty();
         let for_any = if s.light.shines() { plain } else { for_lamps && !blind };
-        let looks = (straight || plane.is_some()) && !others && can_look(s.world, &parts) && for_any;
+        let bends = plane.is_some() || walls.is_some();
+        let looks = (straight || bends) && !others && can_look(s.world, &parts) && for_any;
         let repeated = repeats(&parts);
         // Rays meet the facets of their own body only.
         let looks = looks && (!repeated || ground.meshes.is_empty());
@@ -177,7 +184,7 @@ impl<'a> Frame<'a> {
         let projected =
             if s.shared.is_some() { shares.iter().map(|s| unit * s.projector).collect() } else { vec![unit] };
         let lanes_alone = blind || (looks && !singly);
-        let turns = plane.is_some() && lanes_alone;
+        let turns = bends && lanes_alone;
         let onward = straight && !others && lanes_alone;
         let sends = onward && looks && s.light.shines() && ground.meshes.is_empty();
         Some(Self {
@@ -188,7 +195,7 @@ impl<'a> Frame<'a> {
             mu_t: parts.iter().map(|part| s.world.materials[part.material].mu_t() as f32).collect(),
             opaque: parts.iter().map(|part| s.world.materials[part.material].is_opaque()).collect(),
             straight: straight && !others,
-            onward,
+            onward: onward || (walls.is_some() && lanes_alone),
             scouts: if sends { sends_scouts(s.world, origin, range) } else { Vec::new() },
             others,
             known,
@@ -198,11 +205,11 @@ impl<'a> Frame<'a> {
             lengths: if s.shared.is_some() { MOST_LENGTHS } else { 0 },
             channels,
             parts,
-            // Nothing is on the light's side of the plane.
             dark: ((straight && !others) || turns) && s.steady.ambient == 0.0,
             turns,
-            first: if plane.is_some() { 4 } else { 2 },
+            first: if bends { 4 } else { 2 },
             plane,
+            walls,
             looks,
             repeated,
             lamps: singly,
@@ -212,10 +219,16 @@ impl<'a> Frame<'a> {
             windows: (0..s.world.materials.len()).any(|m| walker.window(m) > 0.0),
             sources: s.light.shines().then_some(projector).into_iter().chain(lamps).collect(),
             projected,
+            unit,
             steady,
             carriers: carriers.collect(),
             shown,
         })
+    }
+
+    /// Whether light bends on its way in, in lanes.
+    pub fn bends(&self) -> bool {
+        self.plane.is_some() || self.walls.is_some()
     }
 
     /// In local coordinates.

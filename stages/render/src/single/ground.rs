@@ -9,7 +9,7 @@ use super::mesh::{Eyes, Facets};
 
 /// A convex solid, mm from the local origin.
 #[derive(Clone, Copy, Debug)]
-enum Shape {
+pub enum Shape {
     Slab {
         bottom: f32,
         top: f32,
@@ -134,6 +134,10 @@ impl Ground {
     /// Whether body `j` is known by its distance only.
     pub fn is_other(&self, j: usize) -> bool {
         matches!(self.shapes[j], Shape::Other)
+    }
+
+    pub fn shape(&self, j: usize) -> Shape {
+        self.shapes[j]
     }
 
     pub fn bodies(&self) -> usize {
@@ -311,7 +315,7 @@ fn facets(solid: &Solid, body: usize, origin: DVec3, range: f64, eyes: &Eyes) ->
 
 /// Entry >= exit where the line misses.
 #[inline(always)]
-fn span<S: Simd>(simd: S, shape: Shape, r: V<S>, w: V<S>) -> Span<S> {
+pub fn span<S: Simd>(simd: S, shape: Shape, r: V<S>, w: V<S>) -> Span<S> {
     match shape {
         Shape::Slab { bottom, top } => between(r.z, w.z, bottom, top),
         Shape::Box { low, high } => {

@@ -44,6 +44,12 @@ impl<S: Simd> V<S> {
         Self { x: choose(mask, self.x, other.x), y: choose(mask, self.y, other.y), z: choose(mask, self.z, other.z) }
     }
 
+    /// The largest coordinate.
+    #[inline(always)]
+    pub fn size(self) -> F<S> {
+        self.x.abs().max(self.y.abs().max(self.z.abs()))
+    }
+
     #[inline(always)]
     pub fn times(self, s: F<S>) -> Self {
         Self { x: self.x * s, y: self.y * s, z: self.z * s }

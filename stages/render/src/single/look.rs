@@ -2,7 +2,7 @@
 
 use fearless_simd::prelude::*;
 
-use super::bend::Detour;
+use super::bend::{Detour, KnownWay};
 use super::deposit::{Deposit, Seen};
 use super::frame::{Frame, MOST_CHANNELS};
 use super::lane::{F, LANES, M, U, V, choose, exp, hg_denominator, hg_sample, ln, philox, splat, unit};
@@ -10,6 +10,7 @@ use super::mesh::bits;
 use super::rows::Rows;
 use super::sight::{Sight, add_along, add_in_own, first_piece, sight, spans, steepness};
 use super::source::{Arrival, Source};
+use super::walls::{MOST_FACES, Way};
 use crate::channels::MOST_LENGTHS;
 use crate::link::DETOURS;
 use crate::look::FLAT;
@@ -119,7 +120,17 @@ fn look<S: Simd, const LENGTHS: usize>(
     // Of all lamps one sum: that a path's looks are added one by one must not depend on which go together.
     let mut steady = [splat(simd, 0.0); MOST_CHANNELS];
     for source in &frame.sources {
-        let seen = see(simd, &mut looks.detours, frame, source, key, high, &ray);
+        let line = line(simd, frame, source, key, high, &ray);
+        if frame.walls.is_some() {
+            see_through_walls(simd, &mut looks.detours, source, key, high, &ray, &line, &mut deposit);
+            continue;
+        }
+        let sight = sight(simd, frame, source, line.looked, line.r);
+        let seen = line.sees(simd, frame, source, &sight);
+        if frame.plane.as_ref().is_some_and(|plane| plane.detours) {
+            let tried = line.looked & tries(simd, key, line.place | high, &ray, line.block);
+            line.leave(simd, &mut looks.detours, &ray, tried, |_| None);
+        }
         if source.is_lamp() {
             for ((sum, radiance), share) in steady[..channels].iter_mut().zip(seen.radiance).zip(source.shares) {
                 *sum += radiance * share;
@@ -153,21 +164,42 @@ struct Ray<S: Simd, const LENGTHS: usize> {
     lengths: [F<S>; LENGTHS],
 }
 
-/// What they see of a source.
+/// Where the next scattering is looked for.
+struct Line<S: Simd, const LENGTHS: usize> {
+    looked: M<S>,
+    r: V<S>,
+    /// Unit vector along which the path comes there, and mm.
+    e: V<S>,
+    s: F<S>,
+    mu_t: F<S>,
+    g: F<S>,
+    /// Of what is scattered there, without what is lost on the line.
+    fraction: F<S>,
+    lengths: [F<S>; LENGTHS],
+    /// Random numbers of the look: its block, and its place on the ray.
+    block: U<S>,
+    place: U<S>,
+}
+
+/// A point on a line from where a lane looks for a source.
 #[inline(always)]
-fn see<S: Simd, const LENGTHS: usize>(
+fn line<S: Simd, const LENGTHS: usize>(
     simd: S,
-    detours: &mut Vec<Detour>,
     frame: &Frame<'_>,
     source: &Source,
     key: [u32; 2],
     high: u32,
     ray: &Ray<S, LENGTHS>,
-) -> Seen<S> {
+) -> Line<S, LENGTHS> {
     let &Ray { waiting, r, came, own, weight, roulette, mu_a, mu_s, g, least, .. } = ray;
-    let &Ray { number, sample, pixel, path, body, mut lengths, .. } = ray;
-    let (zero, mu_t) = (splat(simd, 0.0), mu_a + mu_s);
-    let Sight { towards, spans: to_light, normals, tau, .. } = sight(simd, frame, source, waiting, r);
+    let &Ray { number, sample, pixel, body, mut lengths, .. } = ray;
+    let mu_t = mu_a + mu_s;
+    let (to_light, known) = if let Some(walls) = &frame.walls {
+        walls.heading(simd, frame, waiting, r)
+    } else {
+        (sight(simd, frame, source, waiting, r), M::splat(simd, true))
+    };
+    let Sight { towards, spans: to_light, normals, tau, .. } = to_light;
     let (wall, wall_body) = first_piece(simd, frame, body, r, &to_light);
 
     // The line: along the path's own direction, or one from the lobe around the light. Rays that come in from outside have no choice.
@@ -184,7 +216,11 @@ fn see<S: Simd, const LENGTHS: usize>(
         V { x: choose(goes_on, own.x, lobe.x), y: choose(goes_on, own.y, lobe.y), z: choose(goes_on, own.z, lobe.z) };
     let ratio = hg_denominator(g, came.dot(e)) / hg_denominator(g, e.dot(towards));
     let balance = choose(given, splat(simd, 1.0), 2.0 / (1.0 + ratio * ratio.sqrt()));
-    let (steepness, incidence) = steepness(simd, frame, r, towards, (wall, wall_body, &normals), e);
+    let (mut steepness, mut incidence) = steepness(simd, frame, r, towards, (wall, wall_body, &normals), e);
+    if frame.walls.is_some() {
+        steepness = choose(known, steepness, splat(simd, 0.0));
+        incidence = choose(known, incidence, splat(simd, 1.0));
+    }
     // Nor are the camera's and those from walls looked for by roulette. See `nee::depth`.
     let depth = tau * incidence.abs();
     let depth = choose(depth.simd_gt(least), depth, least);
@@ -198,56 +234,164 @@ fn see<S: Simd, const LENGTHS: usize>(
     }
     let (length, _) = first_piece(simd, frame, body, r, &along);
     let (s, inverse_density) = ahead(simd, rate, length, mu_t, unit(!u));
-    let r1 = r.plus(s, e);
-    let looked = chosen & length.simd_gt(0.0);
-    let sight1 = sight(simd, frame, source, looked, r1);
-    let Sight { towards: towards1, tau: tau1, blocked, foot, gain, .. } = sight1;
-    let Arrival { irradiance, lit, x, y } = source.arrives(simd, foot);
-    let dark = mu_t * s + tau1;
-    let q = hg_denominator(g, e.dot(towards1));
-    let p = (1.0 - g) * (1.0 + g) * (0.25 * std::f32::consts::FRAC_1_PI) / (q * q.sqrt());
-    let seen = looked & lit & !blocked & dark.simd_lt(DARK);
-    let fraction = weight * rarity * (balance * inverse_density * mu_s);
-    let radiance = choose(seen, fraction * p * (irradiance * gain) * exp(-dark.min(splat(simd, DARK))), zero);
-
     if LENGTHS > 0 {
         add_in_own(&mut lengths, frame, body, s);
     }
-    if frame.plane.as_ref().is_some_and(|plane| plane.detours) {
-        // The first decision of `Walker::detour`.
-        let high = high | (ASIDE << 16 | aside_code(0, 0, 1));
-        let [chance, ..] = philox(simd, block, high, sample, pixel, key);
-        let tried = looked & chance.simd_lt((DETOURS * 4_294_967_296.0) as u32);
-        let scattered = fraction * exp(-(mu_t * s).min(splat(simd, DARK)));
-        for i in bits(tried.to_bitmask()) {
+    Line {
+        looked: chosen & length.simd_gt(0.0),
+        r: r.plus(s, e),
+        e,
+        s,
+        mu_t,
+        g,
+        fraction: weight * rarity * (balance * inverse_density * mu_s),
+        lengths,
+        block,
+        place: first.select(piece, U::splat(simd, 0)),
+    }
+}
+
+impl<S: Simd, const LENGTHS: usize> Line<S, LENGTHS> {
+    /// What its point sees of a source.
+    #[inline(always)]
+    fn sees(&self, simd: S, frame: &Frame<'_>, source: &Source, sight: &Sight<S>) -> Seen<S> {
+        let zero = splat(simd, 0.0);
+        let &Sight { towards, tau, blocked, foot, gain, .. } = sight;
+        let Arrival { irradiance, lit, x, y } = source.arrives(simd, foot);
+        let dark = self.mu_t * self.s + tau;
+        let q = hg_denominator(self.g, self.e.dot(towards));
+        let p = (1.0 - self.g) * (1.0 + self.g) * (0.25 * std::f32::consts::FRAC_1_PI) / (q * q.sqrt());
+        let seen = self.looked & lit & !blocked & dark.simd_lt(DARK);
+        let radiance = choose(seen, self.fraction * p * (irradiance * gain) * exp(-dark.min(splat(simd, DARK))), zero);
+        // What each channel sees of it.
+        let mut seen_in = [radiance; MOST_CHANNELS];
+        if LENGTHS > 0 {
+            let mut lengths = self.lengths;
+            add_along(simd, &mut lengths, frame, self.r, sight);
+            for (of, excess) in seen_in.iter_mut().zip(&frame.channels) {
+                if *excess == [0.0; MOST_LENGTHS] {
+                    // It is that of the walk, to the last digit.
+                    continue;
+                }
+                let depth = lengths.iter().zip(excess).fold(zero, |sum, (&length, &excess)| sum + length * excess);
+                // Lengths of lanes that see nothing need not be numbers.
+                *of = choose(seen, radiance * exp(-depth.min(splat(simd, DARK))), zero);
+            }
+        }
+        Seen { radiance: seen_in, lit: seen, x, y }
+    }
+
+    /// Leaves ways that lanes do not know to the scalar walker: one of them by chance, or all of them.
+    #[inline(always)]
+    fn leave(
+        &self,
+        simd: S,
+        detours: &mut Vec<Detour>,
+        ray: &Ray<S, LENGTHS>,
+        left: M<S>,
+        known: impl Fn(usize) -> Option<KnownWay>,
+    ) {
+        let scattered = self.fraction * exp(-(self.mu_t * self.s).min(splat(simd, DARK)));
+        let (r, e) = (self.r, self.e);
+        for i in bits(left.to_bitmask()) {
             detours.push(Detour {
-                number: block.as_slice()[i],
-                sample: sample.as_slice()[i],
-                pixel: pixel.as_slice()[i],
-                path: path.as_slice()[i],
-                r: [r1.x, r1.y, r1.z].map(|x| x.as_slice()[i]),
+                number: self.block.as_slice()[i],
+                sample: ray.sample.as_slice()[i],
+                pixel: ray.pixel.as_slice()[i],
+                path: ray.path.as_slice()[i],
+                r: [r.x, r.y, r.z].map(|x| x.as_slice()[i]),
                 e: [e.x, e.y, e.z].map(|x| x.as_slice()[i]),
-                g: g.as_slice()[i],
+                g: self.g.as_slice()[i],
                 fraction: scattered.as_slice()[i],
-                lengths: std::array::from_fn(|k| lengths.get(k).map_or(0.0, |l| l.as_slice()[i])),
+                lengths: std::array::from_fn(|k| self.lengths.get(k).map_or(0.0, |l| l.as_slice()[i])),
+                place: self.place.as_slice()[i],
+                known: known(i),
             });
         }
     }
-    // What each channel sees of it.
-    let mut seen_in = [radiance; MOST_CHANNELS];
-    if LENGTHS > 0 {
-        add_along(simd, &mut lengths, frame, r1, &sight1);
-        for (of, excess) in seen_in.iter_mut().zip(&frame.channels) {
-            if *excess == [0.0; MOST_LENGTHS] {
-                // It is that of the walk, to the last digit.
-                continue;
+}
+
+/// The first decision of `Walker::detour`, and of `Walker::by_chance`.
+#[inline(always)]
+fn tries<S: Simd, const LENGTHS: usize>(
+    simd: S,
+    key: [u32; 2],
+    high: U<S>,
+    ray: &Ray<S, LENGTHS>,
+    block: U<S>,
+) -> M<S> {
+    let high = high | (ASIDE << 16 | aside_code(0, 0, 1));
+    let [chance, ..] = philox(simd, block, high, ray.sample, ray.pixel, key);
+    chance.simd_lt((DETOURS * 4_294_967_296.0) as u32)
+}
+
+/// Every way by one refraction, and others by chance; where lanes know none, or do not know, all is left to the scalar walker.
+#[inline(always)]
+#[allow(clippy::too_many_arguments, reason = "all that a look is made of")]
+fn see_through_walls<S: Simd, const LENGTHS: usize>(
+    simd: S,
+    detours: &mut Vec<Detour>,
+    source: &Source,
+    key: [u32; 2],
+    high: u32,
+    ray: &Ray<S, LENGTHS>,
+    line: &Line<S, LENGTHS>,
+    deposit: &mut Deposit<'_>,
+) {
+    let frame = deposit.frame;
+    let Some(walls) = &frame.walls else { return };
+    let mut ways: [Option<Way<S>>; MOST_FACES] = [None; MOST_FACES];
+    // Of each lane the first way that there is, and by bits the lanes that each of the others has found, too.
+    let mut first = walls.way(simd, frame, 0, line.looked, line.r);
+    let mut others = [0; MOST_FACES];
+    ways[0] = Some(first);
+    for (i, face) in walls.faces.iter().enumerate().skip(1) {
+        let mut way = walls.way(simd, frame, i, line.looked, line.r);
+        for same in face.same() {
+            if let Some(before) = ways.get(same).and_then(Option::as_ref) {
+                way.found &= !before.found;
             }
-            let depth = lengths.iter().zip(excess).fold(zero, |sum, (&length, &excess)| sum + length * excess);
-            // Lengths of lanes that see nothing need not be numbers.
-            *of = choose(seen, radiance * exp(-depth.min(splat(simd, DARK))), zero);
+        }
+        others[i] = (way.found & first.found).to_bitmask();
+        ways[i] = Some(way);
+        first = first.or(first.found | !way.found, &way);
+    }
+    let found = first.found & !first.unsure;
+    let several = others.iter().fold(0, |several, others| several | others) & found.to_bitmask();
+    // Lane by lane where one has several: that a path's looks are added one by one must not depend on which go together.
+    let (mut start, mut rest) = (0, several);
+    loop {
+        let last = rest.trailing_zeros().min(LANES as u32 - 1);
+        rest &= !(1 << last);
+        let segment = ((2_u64 << last) - 1) & !((1 << start) - 1);
+        for (i, others) in [segment].iter().chain(&others).enumerate() {
+            let (way, seen) = match i {
+                0 => (Some(&first), *others),
+                _ => (ways[i - 1].as_ref(), others & several & segment & (1 << last)),
+            };
+            let seen = seen & found.to_bitmask();
+            if let (Some(way), true) = (way, seen != 0) {
+                let seen = line.sees(simd, frame, source, &way.sight(!M::from_bitmask(simd, seen)));
+                deposit.add_projected(simd, &seen);
+            }
+        }
+        start = last + 1;
+        if start == LANES as u32 {
+            break;
         }
     }
-    Seen { radiance: seen_in, lit: seen, x, y }
+    let wholly = line.looked & !found;
+    // As `aside_code` has it.
+    let place = line.place.min(U::splat(simd, 15)) << 8;
+    let tried = line.looked & !wholly & tries(simd, key, place | high, ray, line.block);
+    let dark = first.tau.max(splat(simd, 0.0)).min(splat(simd, DARK));
+    let strength = source.arrives(simd, first.foot).irradiance * first.gain * exp(-dark);
+    let known = found.to_bitmask();
+    line.leave(simd, detours, ray, tried | wholly, |i| {
+        let at = |v: V<S>| [v.x, v.y, v.z].map(|x| x.as_slice()[i]);
+        let (strength, towards, normal) = (strength.as_slice()[i], at(first.towards), at(first.normal));
+        (known >> i & 1 == 1).then_some(KnownWay { strength, towards, normal })
+    });
 }
 
 /// One over the probability of looking; see `nee::rarity`.

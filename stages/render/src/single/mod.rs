@@ -11,13 +11,17 @@ pub mod lane;
 mod look;
 mod mesh;
 mod picture;
+mod round;
 mod rows;
 mod scout;
 mod sight;
 mod source;
 mod start;
+mod turns;
 mod walk;
+mod walls;
 
 pub(crate) use bend::Detour;
 pub use frame::Frame;
+pub(crate) use look::MOST_BODIES;
 pub use walk::walk;

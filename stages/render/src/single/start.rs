@@ -8,6 +8,7 @@ use super::bend::Entrance;
 use super::frame::Frame;
 use super::lane::{LANES, U, ln, philox, unit};
 use super::look::{FIRST, Looks, look_while};
+use super::turns::Outside;
 use super::walk::{Paths, settles};
 use crate::batches::Batches;
 use crate::channels::{Lengths, NO_LENGTHS, count};
@@ -55,7 +56,7 @@ impl<'a, const LENGTHS: usize> Starts<'a, LENGTHS> {
         let (p, s) = (U::load_array(simd, pixel), U::load_array(simd, sample));
         let [jx, jy, ja, _] = philox(simd, U::splat(simd, 0), U::splat(simd, high), s, p, key);
         let life = -ln(unit(ja));
-        let bends = frame.starts && frame.plane.is_some();
+        let bends = frame.starts && frame.bends();
         let chance = if bends {
             let [.., d] = philox(simd, U::splat(simd, 2), U::splat(simd, high), s, p, key);
             d.to_array()
@@ -93,7 +94,7 @@ impl<'a, const LENGTHS: usize> Starts<'a, LENGTHS> {
     ) -> bool {
         let s = *walker.setting();
         let (mut from, mut along) = s.camera.ray(ids.pixel as usize, across, down);
-        let mut inside = true;
+        let (mut inside, mut turns) = (true, usize::from(frame.bends()));
         if let Some(plane) = &frame.plane {
             match plane.enter(from, along, chance) {
                 Some(Entrance::In(place, refracted)) => (from, along) = (place, refracted),
@@ -101,10 +102,24 @@ impl<'a, const LENGTHS: usize> Starts<'a, LENGTHS> {
                 _ => return false,
             }
         }
+        if let Some(walls) = &frame.walls {
+            match walls.enter(walker, from, along, chance) {
+                Some(Outside::In(place, refracted)) => (from, along) = (place, refracted),
+                Some(Outside::Out(walls)) if frame.dark => (inside, turns) = (false, walls),
+                _ => return false,
+            }
+        }
         let mut pieces = std::mem::take(&mut walker.pieces);
         pieces.clear();
         match &frame.parts[..] {
             _ if !inside => {}
+            _ if frame.walls.is_some() => {
+                let n = |piece: &Piece| s.world.materials[piece.material].n;
+                let mut rest = s.world.trace(from, along, None, &mut walker.spans);
+                let first = rest.next();
+                let index = first.as_ref().map(n);
+                pieces.extend(first.into_iter().chain(rest.take_while(|piece| Some(n(piece)) == index)));
+            }
             [only] if only.solid.is_convex() => {
                 let (start, end) = only.solid.span(from, along);
                 if start < end && end > 0.0 {
@@ -146,9 +161,9 @@ impl<'a, const LENGTHS: usize> Starts<'a, LENGTHS> {
             // The camera's ray is a flight, wherever it ended.
             walker.count_flights(1);
         }
-        if made && frame.plane.is_some() {
-            // Up to the plane.
-            walker.count_flights(1);
+        if made {
+            // Up to the wall.
+            walker.count_flights(turns);
         }
         walker.pieces = pieces;
         made
@@ -168,10 +183,12 @@ impl<'a, const LENGTHS: usize> Starts<'a, LENGTHS> {
         let material = |piece: &Piece| &s.world.materials[piece.material];
         let seen = pieces.iter().position(|piece| material(piece).is_opaque()).unwrap_or(pieces.len());
         let scattering = pieces[..seen].iter().filter(|piece| material(piece).mu_s > 0.0).count();
-        if (frame.plane.is_none() && pieces.first().is_some_and(|piece| piece.start <= 0.0))
+        if (!frame.bends() && pieces.first().is_some_and(|piece| piece.start <= 0.0))
             || scattering > MOST_PIECES
             // Ends at a surface, or sees light from infinity.
             || (scattering == 0 && (seen < pieces.len() || !frame.dark))
+            // Clear, and there is more behind it.
+            || (scattering == 0 && frame.walls.is_some() && !pieces.is_empty())
         {
             return false;
         }
@@ -298,7 +315,7 @@ impl Frame<'_> {
             // The camera's ray was scored as far as it goes.
             wholly: number == self.first,
             scattered: number != self.first,
-            glint: number == self.first && self.plane.is_some(),
+            glint: number == self.first && self.bends(),
             share: f64::from(share),
             scout: false,
             response: path as usize,

@@ -57,8 +57,15 @@ pub fn settles(walker: &mut Walker<'_>, frame: &Frame<'_>, place: &mut Place) ->
         }
         // In a medium, not at a wall; or through the plane, and not scattered yet.
         let ready = place.skin.is_none() || (!place.scattered && place.number == u64::from(frame.first));
-        if place.ahead && ready && place.number < MOST_BLOCKS && frame.body_at(place).is_some() {
-            return true;
+        if place.ahead && ready && place.number < MOST_BLOCKS {
+            if let (Some(walls), Some(skin)) = (&frame.walls, place.skin) {
+                // Lanes know no skins: rounding must not put it outside.
+                let normal = walker.setting().world.normal(skin.wall, place.r);
+                place.r += if skin.inside { -walls.behind } else { walls.behind } * normal;
+            }
+            if frame.body_at(place).is_some() {
+                return true;
+            }
         }
     }
 }
@@ -211,11 +218,14 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
         let (mut lengths, was_in) = (self.lengths, material);
         let (mut first, mut second_in) = (s, splat(simd, 0.0));
         let (mut escapes, mut crossed, mut turned, mut out) = (no, no, no, no);
-        if frame.straight && (passage.crosses & alive).any_true() {
+        let mut mirrored = V { x: wx, y: wy, z: -wz };
+        if (frame.straight || frame.onward) && (passage.crosses & alive).any_true() {
             // The rest of the flight in the next body, if it stays in that.
             let on = frame.ground.onward(simd, &frame.parts, passage.crosses & alive, body, r, w);
-            escapes = if frame.dark { passage.crosses & on.escapes } else { no };
-            crossed = if frame.onward { passage.crosses & on.open } else { no };
+            escapes = if frame.dark && frame.straight { passage.crosses & on.escapes } else { no };
+            // Where walls bend it, only into what touches.
+            let on_into = if frame.straight { on.open } else { on.open & on.enters.simd_le(on.leaves) };
+            crossed = if frame.onward { passage.crosses & on_into } else { no };
             if (crossed & alive).any_true() {
                 let mut there = here;
                 let mut its = material;
@@ -245,7 +255,8 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
                     *x = choose(crossed, y, *x);
                 }
                 // In another medium, or behind a gap: touching bodies of one medium are one. The camera's ray was scored as far as it goes.
-                let beyond = crossed & (!its.simd_eq(material) | on.enters.simd_gt(on.leaves)) & !number.simd_eq(2);
+                let beyond =
+                    crossed & (!its.simd_eq(material) | on.enters.simd_gt(on.leaves)) & !number.simd_eq(frame.first);
                 let entered = beyond & alive & (life - (mu_a * on.leaves + lost)).simd_ge(splat(simd, 0.0));
                 if frame.looks && entered.any_true() {
                     let (zero, [_, mu_a, mu_s, g, _]) = (splat(simd, 0.0), here);
@@ -287,6 +298,22 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
             absorbed = choose(turned | escapes, mu_a * meeting.distance, absorbed);
             first = choose(turned, meeting.distance, first);
             end = meeting.place.or(turned, end);
+            passage.crosses &= !turned;
+        }
+        if let Some(walls) = &frame.walls
+            && frame.turns
+            && (passage.crosses & alive).any_true()
+        {
+            let (meeting, back, free) = walls.meet(simd, frame, body, r, w);
+            let fresh = number.simd_eq(frame.first);
+            let meets = passage.crosses & meeting.towards & meeting.distance.simd_le(s) & !fresh;
+            let reflected = unit_short(d).simd_lt(meeting.reflectance);
+            turned = meets & reflected & !meeting.place.dot(meeting.place).simd_gt(frame.range_squared);
+            escapes = if frame.dark { meets & !reflected & free } else { no };
+            absorbed = choose(turned | escapes, mu_a * meeting.distance, absorbed);
+            first = choose(turned, meeting.distance, first);
+            end = meeting.place.or(turned, end);
+            mirrored = back;
             passage.crosses &= !turned;
         }
         let flight = if scouting { number & (SCOUT - 1) } else { number };
@@ -335,7 +362,7 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
         let goes_on = alive & !crosses & !gone;
         let looks = if frame.blind { no } else { near & goes_on & !turned };
         let e = hg_sample(g, w, unit_short(b), unit_short(c));
-        let e = V { x: wx, y: wy, z: -wz }.or(turned, e);
+        let e = mirrored.or(turned, e);
         let turned = turned & goes_on;
         if !frame.blind && turned.any_true() {
             let zero = splat(simd, 0.0);

@@ -14,7 +14,7 @@ use turbid_render::pictures::Pictures;
 use turbid_render::single::{self, Frame};
 use turbid_render::world::{Body, Material, World};
 
-use crate::unbiased::{curved_scenes, hollow_scenes, lamps, mesh_scenes, scenes, shaped_scenes};
+use crate::unbiased::{bent_scenes, curved_scenes, hollow_scenes, lamps, mesh_scenes, scenes, shaped_scenes};
 
 static NO_LAMPS: Steady = Steady::NONE;
 static NO_PICTURES: Pictures = Pictures::NONE;
@@ -78,7 +78,7 @@ fn camera_and_light() -> (Camera, Light) {
 
 /// Each by the projector's carriers alone, and with pictures and lamps beside them.
 fn single_scenes() -> impl Iterator<Item = ((&'static str, World), Steady, Pictures)> {
-    let scenes = scenes().into_iter().chain(mesh_scenes()).chain(hollow_scenes());
+    let scenes = scenes().into_iter().chain(mesh_scenes()).chain(hollow_scenes()).chain(bent_scenes());
     scenes.flat_map(|s| [(s.clone(), Steady::NONE, Pictures::NONE), (s, lamps(), checks())])
 }
 

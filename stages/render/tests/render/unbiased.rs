@@ -190,6 +190,24 @@ pub fn curved_scenes() -> Vec<(&'static str, World)> {
     ]
 }
 
+/// Convex bodies of one refractive index in the air, through whose walls lanes find the light.
+pub fn bent_scenes() -> Vec<(&'static str, World)> {
+    let slab = |top: f64, bottom: f64| Solid::Slab { bottom, top };
+    let cuboid = |low: [f64; 3], high: [f64; 3]| Solid::Box { low: low.into(), high: high.into() };
+    let egg = Solid::Ellipsoid { center: DVec3::new(0.2, -0.3, -0.5), radii: DVec3::new(1.6, 2.1, 1.2) };
+    let post = Solid::Cylinder { axis: DVec2::new(-0.2, 0.3), radius: 1.2, bottom: -1.0, top: 0.8 };
+    vec![
+        curved_scenes().swap_remove(0),
+        ("wet egg", world(vec![(egg.clone(), WET)])),
+        ("wet egg on a white floor", world(vec![(egg, MURKY), (slab(-1.7, -9.0), WHITE)])),
+        ("wet post in a wet slab", world(vec![(post, WET_CORE), (slab(0.0, -500.0), WET)])),
+        (
+            "wet block on a wet slab",
+            world(vec![(cuboid([-1.2, -0.8, 0.0], [0.9, 1.1, 0.7]), WET_CORE), (slab(0.0, -500.0), WET)]),
+        ),
+    ]
+}
+
 /// Bodies of triangles: in a slab, with a bore and another body in it, and white.
 pub fn mesh_scenes() -> Vec<(&'static str, World)> {
     let mesh = |(vertices, triangles): shapes::Triangles| Solid::Mesh(Mesh::new(&vertices, &triangles).into());
