@@ -58,12 +58,14 @@ pub fn settles(walker: &mut Walker<'_>, frame: &Frame<'_>, place: &mut Place) ->
         // In a medium, not at a wall; or through the plane, and not scattered yet.
         let ready = place.skin.is_none() || (!place.scattered && place.number == u64::from(frame.first));
         if place.ahead && ready && place.number < MOST_BLOCKS {
+            let mut inside = *place;
             if let (Some(walls), Some(skin)) = (&frame.walls, place.skin) {
                 // Lanes know no skins: rounding must not put it outside.
                 let normal = walker.setting().world.normal(skin.wall, place.r);
-                place.r += if skin.inside { -walls.behind } else { walls.behind } * normal;
+                inside.r += if skin.inside { -walls.behind } else { walls.behind } * normal;
             }
-            if frame.body_at(place).is_some() {
+            if frame.body_at(&inside).is_some() {
+                *place = inside;
                 return true;
             }
         }
