@@ -223,10 +223,12 @@ fn ratio(sample: &ImageStack, reference: &ImageStack, f_x: f64, part: &Part, nam
     let usable = |x: f64| x > 0.0 && x.is_finite();
     if !usable(m) || !usable(m_r) {
         let place = part.place();
+        let found = match [m, m_r].map(f64::is_finite) {
+            [true, true] => format!("means {m} and {m_r}"),
+            _ => "no pixel is good in both".to_owned(),
+        };
         return Err(Error::failed_with_hint(
-            format!(
-                "{name} and its reference have no modulation in common at f_x = {f_x} mm^-1{place} (means {m} and {m_r})"
-            ),
+            format!("{name} and its reference have no modulation in common at f_x = {f_x} mm^-1{place}: {found}"),
             "take more samples, lower f_x, or fewer sections",
         ));
     }
