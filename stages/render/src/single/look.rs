@@ -4,13 +4,14 @@ use fearless_simd::prelude::*;
 
 use super::bend::{Detour, KnownWay};
 use super::deposit::{Deposit, Seen};
+use super::face::MOST_FACES;
 use super::frame::{Frame, MOST_CHANNELS};
 use super::lane::{F, LANES, M, U, V, choose, exp, hg_denominator, hg_sample, ln, philox, splat, unit};
 use super::mesh::bits;
 use super::rows::Rows;
 use super::sight::{Sight, add_along, add_in_own, first_piece, sight, spans, steepness};
 use super::source::{Arrival, Source};
-use super::walls::{MOST_FACES, Way};
+use super::walls::Way;
 use crate::channels::MOST_LENGTHS;
 use crate::link::DETOURS;
 use crate::look::FLAT;

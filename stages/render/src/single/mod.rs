@@ -5,6 +5,7 @@
 
 mod bend;
 mod deposit;
+mod face;
 pub mod frame;
 pub mod ground;
 pub mod lane;
@@ -14,6 +15,7 @@ mod picture;
 mod round;
 mod rows;
 mod scout;
+mod settle;
 mod sight;
 mod source;
 mod start;

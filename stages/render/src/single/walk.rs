@@ -9,18 +9,16 @@ use super::lane::{F, LANES, M, U, V, choose, hg_sample, ln, philox, spare, splat
 use super::look::{ENTRY, Looks, WALL, look_while, rarity};
 use super::rows::Rows;
 use super::scout::{Scouts, sends};
+use super::settle::{MOST_BLOCKS, settles};
 use super::start::Starts;
 use crate::batches::Batches;
 use crate::channels::MOST_LENGTHS;
-use crate::path::{Place, Walker};
+use crate::path::Walker;
 use crate::scout::SCOUT;
 
 /// Columns: r, w, what is left of life, what its rounding lost, weight, free path, mu_a, mu_s, g, window, distance
 /// within which there is no surface that lanes do not know, share beside a scout; block of random numbers, sample, pixel, response, material, body.
 pub type Paths<const LENGTHS: usize> = Rows<16, 6, LENGTHS>;
-
-/// Blocks of random numbers that lanes count to.
-const MOST_BLOCKS: u64 = SCOUT as u64;
 
 /// Walks the batches and leaves the responses of their paths in the walker, in order.
 pub fn walk(walker: &mut Walker<'_>, frame: &Frame<'_>, batches: Batches<'_>) {
@@ -46,30 +44,6 @@ fn counting<const LENGTHS: usize>(
     dispatch!(walker.level(), simd => simd.vectorize(#[inline(always)] || {
         Flock::<_, LENGTHS>::new(simd, frame, batches.paths()).run(walker, Starts::new(batches), responses);
     }));
-}
-
-/// One odd flight, and those after it until the path is in a medium again, scored ahead, where lanes can go on; false where it
-/// has ended.
-pub fn settles(walker: &mut Walker<'_>, frame: &Frame<'_>, place: &mut Place) -> bool {
-    loop {
-        if !walker.step(place) {
-            return false;
-        }
-        // In a medium, not at a wall; or through the plane, and not scattered yet.
-        let ready = place.skin.is_none() || (!place.scattered && place.number == u64::from(frame.first));
-        if place.ahead && ready && place.number < MOST_BLOCKS {
-            let mut inside = *place;
-            if let (Some(walls), Some(skin)) = (&frame.walls, place.skin) {
-                // Lanes know no skins: rounding must not put it outside.
-                let normal = walker.setting().world.normal(skin.wall, place.r);
-                inside.r += if skin.inside { -walls.behind } else { walls.behind } * normal;
-            }
-            if frame.body_at(&inside).is_some() {
-                *place = inside;
-                return true;
-            }
-        }
-    }
 }
 
 fn with_room(mut floats: [f32; 16], known: f32) -> [f32; 16] {
