@@ -1,4 +1,6 @@
 //! ln and exp in f32, of + - * / and bit moves: the same bits in every lane of every machine.
+//!
+//! The same series as the renderer's, which work on its explicit vectors; these are scalar, for loops that the compiler turns into vectors.
 
 #![allow(clippy::excessive_precision, reason = "coefficients as published")]
 
