@@ -142,7 +142,7 @@ fn instance(
 
 /// Statistics skip masked pixels, except those of the mask itself.
 fn layers(stack: &ImageStack) -> Value {
-    let mask = stack.layers.iter().find(|l| l.info.kind == LayerKind::Mask);
+    let mask = stack.layers.iter().find(|l| l.info.is_pixel_mask());
     let rows: Vec<Value> = stack
         .layers
         .iter()
@@ -185,6 +185,7 @@ fn columns(table: &Table) -> Value {
         .map(|column| {
             let (numbers, words): (Option<Vec<f64>>, Vec<String>) = match &column.cells {
                 Cells::F64(v) => (Some(v.clone()), Vec::new()),
+                Cells::MaybeF64(v) => (Some(v.iter().copied().flatten().collect()), Vec::new()),
                 Cells::I64(v) => (Some(v.iter().map(|&i| i as f64).collect()), Vec::new()),
                 Cells::Bool(v) => (None, v.iter().map(bool::to_string).collect()),
                 Cells::Text(v) => (None, v.clone()),
@@ -205,7 +206,11 @@ fn columns(table: &Table) -> Value {
                 entry["values"] = json!(different);
             }
             if table.rows() <= SHORT {
-                entry["cells"] = numbers.map_or_else(|| json!(words), |numbers| json!(numbers));
+                entry["cells"] = match (&column.cells, numbers) {
+                    (Cells::MaybeF64(cells), _) => json!(cells),
+                    (_, Some(numbers)) => json!(numbers),
+                    (_, None) => json!(words),
+                };
             }
             entry
         })

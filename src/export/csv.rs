@@ -26,6 +26,8 @@ fn encode_table(table: &Table) -> String {
             }
             match &column.cells {
                 Cells::F64(v) => write!(out, "{:?}", v[row]),
+                // Unknown is an empty field.
+                Cells::MaybeF64(v) => v[row].map_or(Ok(()), |x| write!(out, "{x:?}")),
                 Cells::I64(v) => write!(out, "{}", v[row]),
                 Cells::Bool(v) => write!(out, "{}", v[row]),
                 Cells::Text(v) => out.write_str(&quoted(&v[row])),

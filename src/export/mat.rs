@@ -140,6 +140,8 @@ impl Array {
         let dims = [cells.len(), 1];
         match cells {
             Cells::F64(v) => Self::doubles(dims, v.iter().copied()),
+            // MATLAB has no null: NaN is what `omitnan` reads as unknown.
+            Cells::MaybeF64(v) => Self::doubles(dims, v.iter().map(|x| x.unwrap_or(f64::NAN))),
             Cells::I64(v) => {
                 let data = v.iter().flat_map(|x| x.to_le_bytes()).collect();
                 Self { dims: dims.to_vec(), content: Content::Numbers { class: 14, kind: INT64, logical: false, data } }

@@ -48,6 +48,8 @@ fn cells(cells: &Cells) -> Vec<u8> {
     let shape = [cells.len()];
     match cells {
         Cells::F64(v) => npy("<f8", &shape, v.iter().flat_map(|x| x.to_le_bytes())),
+        // NumPy has no null: NaN is what `nanmean` and pandas read as unknown.
+        Cells::MaybeF64(v) => npy("<f8", &shape, v.iter().flat_map(|x| x.unwrap_or(f64::NAN).to_le_bytes())),
         Cells::I64(v) => npy("<i8", &shape, v.iter().flat_map(|x| x.to_le_bytes())),
         Cells::Bool(v) => npy("|b1", &shape, v.iter().map(|&x| u8::from(x))),
         Cells::Text(v) => texts(&shape, v),

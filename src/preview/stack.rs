@@ -32,7 +32,7 @@ struct Seen<'a> {
 }
 
 pub fn figure(stack: &ImageStack, title: &str) -> Figure {
-    let masks: Vec<&Layer> = stack.layers.iter().filter(|l| l.info.kind == LayerKind::Mask).collect();
+    let masks: Vec<&Layer> = stack.layers.iter().filter(|l| l.info.is_pixel_mask()).collect();
     let clean = |l: &Layer| l.info.kind == LayerKind::Mask && l.data.iter().all(|&m| m == 0.0);
     let alone = masks.len() == stack.layers.len();
     let kinds = [
@@ -185,7 +185,10 @@ fn share(part: usize, whole: usize) -> Text {
 
 /// Names of the categories that a layer's pixels are, by their number.
 fn categories(info: &LayerInfo, attributes: &Attributes) -> Option<Vec<String>> {
-    if info.kind == LayerKind::Mask {
+    if info.kind == LayerKind::Mask && !info.is_pixel_mask() {
+        return Some(vec!["known".to_owned(), "unknown".to_owned()]);
+    }
+    if info.is_pixel_mask() {
         return Some(MaskReason::ALL.map(|reason| reason.text().to_owned()).to_vec());
     }
     let names = attributes.get("objects").filter(|_| info.name == "object")?.as_array()?;

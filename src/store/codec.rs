@@ -98,9 +98,19 @@ mod tests {
             Artifact::Table(table(1)),
             Artifact::Table(long),
             Artifact::Table(Table::default()),
+            Artifact::Table(table_with_unknowns()),
             Artifact::Record(record()),
             Artifact::Record(Record::default()),
         ]
+    }
+
+    /// A column that knows some, all or none of its numbers stays one that may be unknown.
+    fn table_with_unknowns() -> Table {
+        let mut table = Table::default();
+        table.push("some", "%", Cells::MaybeF64(vec![Some(-0.0), None, Some(5e-324)]));
+        table.push("all", "%", Cells::MaybeF64(vec![Some(1.0); 3]));
+        table.push("none", "%", Cells::MaybeF64(vec![None; 3]));
+        table
     }
 
     /// Every bit of every number and name comes back.
@@ -147,6 +157,9 @@ mod tests {
             );
             let mut table = table(5);
             table.columns[0].cells = Cells::F64(vec![0.0, 0.0, 0.0, f64::from(value), 0.0]);
+            let message = encode(&Artifact::Table(table)).unwrap_err().to_string();
+            assert!(message.starts_with(&format!("column `mu_a` has the value {text} in row 3")), "{message}");
+            table.columns[0].cells = Cells::MaybeF64(vec![None, None, None, Some(f64::from(value)), None]);
             let message = encode(&Artifact::Table(table)).unwrap_err().to_string();
             assert!(message.starts_with(&format!("column `mu_a` has the value {text} in row 3")), "{message}");
         }

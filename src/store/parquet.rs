@@ -55,6 +55,14 @@ pub(super) fn encode_table(table: &Table) -> Result<Vec<u8>, StoreError> {
                 cells[row]
             )));
         }
+        if let Cells::MaybeF64(cells) = cells
+            && let Some((row, cell)) =
+                cells.iter().enumerate().find_map(|(row, c)| c.filter(|c| !c.is_finite()).map(|c| (row, c)))
+        {
+            return Err(StoreError::unfit(format!(
+                "column `{name}` has the value {cell} in row {row}; what is not known must be null"
+            )));
+        }
         let metadata = HashMap::from([(UNIT.to_owned(), unit.clone())]);
         Ok(RawColumn { name: name.clone(), metadata, cells: cells.clone() })
     });
@@ -109,6 +117,7 @@ pub(super) fn decode_record(bytes: &[u8]) -> Result<Record, StoreError> {
             Cells::Bool(cells) => Value::from(cells[0]),
             Cells::I64(cells) => Value::from(cells[0]),
             Cells::F64(cells) => Value::from(cells[0]),
+            Cells::MaybeF64(cells) => Value::from(cells[0]),
             Cells::Text(cells) if is_json => serde_json::from_str(&cells[0]).map_err(wrong)?,
             Cells::Text(mut cells) => Value::String(cells.swap_remove(0)),
         };
@@ -127,13 +136,15 @@ fn write(columns: Vec<RawColumn>, rows: usize, description: &Description) -> Res
     let mut fields = Vec::with_capacity(columns.len());
     let mut arrays: Vec<ArrayRef> = Vec::with_capacity(columns.len());
     for RawColumn { name, metadata, cells } in columns {
+        let nullable = matches!(cells, Cells::MaybeF64(_));
         let (data_type, array): (_, ArrayRef) = match cells {
             Cells::F64(cells) => (DataType::Float64, Arc::new(Float64Array::from(cells))),
+            Cells::MaybeF64(cells) => (DataType::Float64, Arc::new(Float64Array::from(cells))),
             Cells::I64(cells) => (DataType::Int64, Arc::new(Int64Array::from(cells))),
             Cells::Bool(cells) => (DataType::Boolean, Arc::new(BooleanArray::from(cells))),
             Cells::Text(cells) => (DataType::Utf8, Arc::new(StringArray::from(cells))),
         };
-        fields.push(Field::new(name, data_type, false).with_metadata(metadata));
+        fields.push(Field::new(name, data_type, nullable).with_metadata(metadata));
         arrays.push(array);
     }
     let schema = Arc::new(Schema::new(fields));
@@ -174,6 +185,9 @@ fn read(bytes: &[u8], kind: ArtifactKind) -> Result<(Vec<RawColumn>, Attributes,
     for (i, field) in schema.fields().iter().enumerate() {
         let chunks = batches.iter().map(|batch| batch.column(i));
         let cells = match field.data_type() {
+            DataType::Float64 if field.is_nullable() => {
+                Cells::MaybeF64(chunks.flat_map(|c| c.as_primitive::<Float64Type>().iter()).collect())
+            }
             DataType::Float64 => {
                 Cells::F64(chunks.flat_map(|c| c.as_primitive::<Float64Type>().values().iter().copied()).collect())
             }

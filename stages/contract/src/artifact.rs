@@ -19,7 +19,8 @@ pub enum LayerKind {
     StandardError,
     /// The covariance of two quantities named by `pair`.
     Covariance,
-    /// 0 where the pixel is good, else the reason (see [`crate::payload::MaskReason`]).
+    /// Named `mask`: 0 where the pixel is good, else the reason (see [`crate::payload::MaskReason`]).
+    /// Named `NAME_se_unknown`: 1 where the standard error of the good value `NAME` is not known, else 0.
     Mask,
 }
 
@@ -79,6 +80,19 @@ impl LayerInfo {
     pub fn standard_error(&self) -> Self {
         Self { name: format!("{}_se", self.name), kind: LayerKind::StandardError, mean_se: None, ..self.clone() }
     }
+
+    /// The description of the layer that flags the pixels whose standard error is unknown: same quantity, `_se_unknown` behind the
+    /// name. The value there holds; what the standard error's layer holds is a lower bound.
+    #[must_use]
+    pub fn se_unknown(&self) -> Self {
+        let name = format!("{}_se_unknown", self.name);
+        Self { name, kind: LayerKind::Mask, unit: "1".to_owned(), mean_se: None, ..self.clone() }
+    }
+
+    /// Whether the layer says which pixels are good, as opposed to flags of unknown errors.
+    pub fn is_pixel_mask(&self) -> bool {
+        self.kind == LayerKind::Mask && !self.name.ends_with("_se_unknown")
+    }
 }
 
 /// One image: rows from top to bottom, columns from left to right.
@@ -128,6 +142,8 @@ impl ImageStack {
 #[derive(Clone, Debug, PartialEq)]
 pub enum Cells {
     F64(Vec<f64>),
+    /// Numbers of which some are not known: null in files and in JSON, never 0 or NaN in their place.
+    MaybeF64(Vec<Option<f64>>),
     I64(Vec<i64>),
     Bool(Vec<bool>),
     Text(Vec<String>),
@@ -137,6 +153,7 @@ impl Cells {
     pub fn len(&self) -> usize {
         match self {
             Self::F64(v) => v.len(),
+            Self::MaybeF64(v) => v.len(),
             Self::I64(v) => v.len(),
             Self::Bool(v) => v.len(),
             Self::Text(v) => v.len(),
@@ -180,6 +197,15 @@ impl Table {
     pub fn f64s(&self, name: &str) -> Option<&[f64]> {
         self.columns.iter().find(|c| c.name == name).and_then(|c| match &c.cells {
             Cells::F64(v) => Some(v.as_slice()),
+            _ => None,
+        })
+    }
+
+    /// The numbers of a column of which some may be unknown; a column of plain numbers reads as one that knows all of its own.
+    pub fn maybe_f64s(&self, name: &str) -> Option<Vec<Option<f64>>> {
+        self.columns.iter().find(|c| c.name == name).and_then(|c| match &c.cells {
+            Cells::F64(v) => Some(v.iter().copied().map(Some).collect()),
+            Cells::MaybeF64(v) => Some(v.clone()),
             _ => None,
         })
     }

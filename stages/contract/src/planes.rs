@@ -59,7 +59,7 @@ impl ImageStack {
     /// The mask that holds for layers of `wavelength_nm`; none means that every pixel is good.
     pub fn mask(&self, wavelength_nm: Option<f64>) -> Option<&Layer> {
         self.layers.iter().find(|l| {
-            l.info.kind == LayerKind::Mask && (l.info.wavelength_nm.is_none() || l.info.wavelength_nm == wavelength_nm)
+            l.info.is_pixel_mask() && (l.info.wavelength_nm.is_none() || l.info.wavelength_nm == wavelength_nm)
         })
     }
 
@@ -67,6 +67,12 @@ impl ImageStack {
     pub fn standard_error(&self, info: &LayerInfo) -> Option<&Layer> {
         let wanted = info.standard_error();
         self.layers.iter().find(|l| l.info.kind == LayerKind::StandardError && same_quantity(&l.info, &wanted))
+    }
+
+    /// The layer that flags where the standard error of the value layer `info` is unknown; none means that it is known everywhere.
+    pub fn se_unknown(&self, info: &LayerInfo) -> Option<&Layer> {
+        let wanted = info.se_unknown();
+        self.layers.iter().find(|l| l.info.kind == LayerKind::Mask && same_quantity(&l.info, &wanted))
     }
 
     /// How many times the variance of the mean of the value layer `info` exceeds that of independent pixels: 1 where
@@ -134,6 +140,18 @@ mod tests {
             assert!(planes[0].iter().enumerate().all(|(i, &v)| v == (i % 1000) as f32), "{rows} x {columns}");
             assert!(planes[1].iter().all(|&v| v == 1.0));
         }
+    }
+
+    /// Flags of unknown errors are not the mask of bad pixels, and belong to one quantity each.
+    #[test]
+    fn flags_of_unknown_errors_are_no_pixel_mask() {
+        let mut stack = ImageStack::new(1, 2);
+        let info = LayerInfo::value("m_ac", "1").with_f_x(0.1);
+        stack.push(info.clone(), Array2::zeros((1, 2)));
+        stack.push(info.se_unknown(), Array2::ones((1, 2)));
+        assert!(stack.mask(None).is_none());
+        assert_eq!(stack.se_unknown(&info).map(|l| l.info.name.as_str()), Some("m_ac_se_unknown"));
+        assert!(stack.se_unknown(&LayerInfo::value("m_ac", "1").with_f_x(0.2)).is_none());
     }
 
     /// Independent pixels share nothing (factor 1); one number seen by all n pixels has the factor n.

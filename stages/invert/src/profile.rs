@@ -194,7 +194,7 @@ impl Correction {
     pub fn corrected(&self, reflectance: &ImageStack) -> ImageStack {
         let factors: Vec<f64> = self.sites.iter().map(|s| s.map_or(0.0, |site| 1.0 / site.irradiance)).collect();
         let mut stack = reflectance.clone();
-        let has_mask = stack.layers.iter().any(|l| l.info.kind == LayerKind::Mask);
+        let has_mask = stack.layers.iter().any(|l| l.info.is_pixel_mask());
         if !has_mask {
             let good = Array2::zeros((self.rows, self.columns));
             stack.push(LayerInfo::new("mask", LayerKind::Mask, "1"), good);
@@ -202,6 +202,7 @@ impl Correction {
         for layer in &mut stack.layers {
             let (kind, name) = (layer.info.kind, layer.info.name.as_str());
             let power = match kind {
+                LayerKind::Mask if !layer.info.is_pixel_mask() => continue,
                 LayerKind::Mask => {
                     for (code, site) in layer.data.iter_mut().zip(&self.sites) {
                         if let (0.0, Err(reason)) = (*code, site) {

@@ -257,8 +257,7 @@ fn masks(
 ) -> Vec<MaskReason> {
     let mut mask: Vec<MaskReason> = coordinates.iter().map(|u| u.err().unwrap_or(MaskReason::Good)).collect();
     for (stack, own) in [(Some(sample), true), (reference, false)] {
-        let Some(layer) =
-            stack.and_then(|s| s.mask(None).or_else(|| s.layers.iter().find(|l| l.info.kind == LayerKind::Mask)))
+        let Some(layer) = stack.and_then(|s| s.mask(None).or_else(|| s.layers.iter().find(|l| l.info.is_pixel_mask())))
         else {
             continue;
         };
