@@ -157,7 +157,7 @@ mod tests {
             );
             let mut table = table(5);
             table.columns[0].cells = Cells::F64(vec![0.0, 0.0, 0.0, f64::from(value), 0.0]);
-            let message = encode(&Artifact::Table(table)).unwrap_err().to_string();
+            let message = encode(&Artifact::Table(table.clone())).unwrap_err().to_string();
             assert!(message.starts_with(&format!("column `mu_a` has the value {text} in row 3")), "{message}");
             table.columns[0].cells = Cells::MaybeF64(vec![None, None, None, Some(f64::from(value)), None]);
             let message = encode(&Artifact::Table(table)).unwrap_err().to_string();
