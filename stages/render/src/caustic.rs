@@ -18,7 +18,7 @@ mod chance;
 mod reflection;
 mod shot;
 
-pub(crate) use chance::{Beginning, Best, Dice};
+pub(crate) use chance::{Beginning, Best};
 use shot::{Shot, Walls};
 
 /// A way that need not be looked for.

@@ -13,9 +13,9 @@ use turbid_optics::solid::Solid;
 use crate::batches::{Batches, alike};
 use crate::look::LANES;
 use crate::nee::rarity;
-use crate::path::{MOST_BLOCKS, Place, Walker, deep_weight};
+use crate::path::{Place, Walker, deep_weight};
+use crate::random::{SCOUT, counter};
 use crate::single::{self, Frame};
-use crate::stream::counter;
 use crate::world::Body;
 
 /// With no more paths than this left, lanes are dearer than one path after the other.
@@ -234,9 +234,9 @@ impl Bundle {
             self.clear[i] = clear[i];
             let looks = self.roulette[i] * rarity((self.mu_a[i] + self.mu_s[i]) * clear[i]) < 1.0;
             let plays = self.weight[i] < 0.5 * deep_weight(self.window[i], clear[i]);
-            let endless = self.number[i] >= MOST_BLOCKS;
+            let late = self.number[i] >= u64::from(SCOUT) - 2;
             let (crosses, dies) = (step[i] >= reach[i], life[i] < 0.0);
-            let odd = crosses | (!dies & (plays | endless | (looks & !queues)));
+            let odd = crosses | (!dies & (plays | late | (looks & !queues)));
             let made = if dies {
                 GONE
             } else if looks {

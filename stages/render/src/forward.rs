@@ -17,16 +17,14 @@ use crate::level::named;
 use crate::light::{Emission, Light};
 use crate::path::{Ending, Nee, Place, Setting, Walker};
 use crate::pictures::Pictures;
+use crate::random::{Purpose, Stream};
 use crate::rig::Rig;
-use crate::stream::Stream;
 use crate::world::World;
 
 /// The pixel in whose stead photons draw their random numbers; no image has so many.
 const PIXEL: u32 = u32::MAX;
 /// Photons of a tile.
 const TILE: usize = 4096;
-/// Blocks of random numbers of the start: above those of flights, below those of lamps.
-const START: u64 = 1 << 44;
 
 /// Where photons ended, of `photons`.
 #[derive(Clone, Debug, PartialEq)]
@@ -172,11 +170,11 @@ impl<'a> Sources<'a> {
 
     /// A photon at its start, each with the same share of the power.
     fn start(&self, stream: &Stream, photon: u32) -> Place {
-        let [choice, low, ja, jb] = stream.block(START);
+        let [choice, low, ja, jb] = stream.block(Purpose::Start(0));
         let chosen = unit_fine(choice, low) * self.power();
         let source = self.sums.iter().position(|&sum| chosen < sum).unwrap_or(self.lamps.len());
-        let mut draws = (START + 1..).map(|number| {
-            let [u, v, w, _] = stream.block(number);
+        let mut draws = (1..).map(|trial| {
+            let [u, v, w, _] = stream.block(Purpose::Start(trial));
             [unit(u), unit(v), unit(w)]
         });
         let (r, w) = match source.checked_sub(1) {

@@ -9,8 +9,8 @@ use turbid_optics::refraction::{Crossing, Leg};
 use crate::channels::{Lengths, NO_LENGTHS, count, sum};
 use crate::lamp::Source;
 use crate::path::{Setting, Walker};
-use crate::strata::{Bending, Strata};
-use crate::stream::Stream;
+use crate::random::{Dice, Look, Purpose, Stream};
+use crate::strata::{Bending, Layer, Strata};
 use crate::world::Skin;
 
 /// Light that reaches a point.
@@ -53,21 +53,35 @@ pub(crate) struct Sight {
     pub lengths: Lengths,
 }
 
-/// Which random numbers decide on a detour.
+/// Which random numbers a look has.
 pub(crate) struct Chance<'a> {
     pub stream: &'a Stream,
-    /// Of the block beside which they stand.
-    pub number: u64,
-    /// Of the look on its ray.
-    pub place: usize,
+    /// Number of the flight beside which it is.
+    pub flight: u64,
+    pub look: Look,
+}
+
+impl Chance<'_> {
+    /// For the point from which it looks, and the direction to that.
+    #[inline]
+    pub fn point(&self, source: Source<'_>) -> [u32; 4] {
+        self.stream.block(Purpose::Look(self.flight, self.look, source.place()))
+    }
+
+    /// Whether it looks for ways beside the likeliest.
+    #[inline]
+    pub fn whether(&self, source: Source<'_>) -> [f64; 4] {
+        self.stream.block(Purpose::Whether(self.flight, self.look, source.place())).map(unit)
+    }
+
+    /// For which.
+    pub fn which(&self, source: Source<'_>) -> Dice {
+        self.stream.dice(Purpose::Which(self.flight, self.look, source.place()))
+    }
 }
 
 /// Ways other than the straight one are looked for with this probability: they carry a few per cent of the light.
 pub(crate) const DETOURS: f64 = 0.125;
-/// The least and the most probable reflection on a detour.
-const RARE: f64 = 0.05;
-const OFTEN: f64 = 0.95;
-
 /// A straight stretch of a way.
 #[derive(Clone, Copy, Debug)]
 struct Stretch {
@@ -83,6 +97,8 @@ pub(crate) struct Way {
     stretches: Vec<Stretch>,
     /// (n on the side where the light is, n on the other side, reflected).
     events: Vec<(f64, f64, bool)>,
+    /// Scratch of the search: mm of height that it has passed in each layer.
+    pub(crate) passed: Vec<f64>,
 }
 
 impl Way {
@@ -108,6 +124,16 @@ impl Way {
     /// Takes back the last [`Way::meet`].
     pub(crate) fn forget(&mut self) {
         self.events.pop();
+    }
+
+    /// How many planes are on it.
+    pub(crate) fn turns(&self) -> usize {
+        self.events.len()
+    }
+
+    /// Whether one of them reflects it.
+    pub(crate) fn is_reflected(&self) -> bool {
+        self.events.iter().any(|event| event.2)
     }
 
     /// Whether a plane is on it.
@@ -238,31 +264,7 @@ impl Walker<'_> {
         bent.map_or_else(|| source.towards(start).0, |link| link.towards)
     }
 
-    /// One of the other lit ways, by chance.
-    #[inline]
-    pub(crate) fn detour(
-        &mut self,
-        source: Source<'_>,
-        r: DVec3,
-        skin: Option<Skin>,
-        chance: &Chance<'_>,
-    ) -> Option<Link> {
-        if !matches!(self.bending, Bending::AtPlanes(_)) {
-            return None;
-        }
-        let draw =
-            |decision: u32| unit(chance.stream.aside(chance.number, source.place(), chance.place, decision + 1)[0]);
-        if draw(0) >= DETOURS {
-            return None;
-        }
-        self.on_scratch(|walker, way| {
-            let probability = walker.with_reflections(source, r, skin, way, draw)?;
-            walker.along(source, r, skin, way, DETOURS * probability)
-        })
-        .filter(|link| link.lit)
-    }
-
-    fn on_scratch<T>(&mut self, work: impl FnOnce(&mut Self, &mut Way) -> Option<T>) -> Option<T> {
+    pub(crate) fn on_scratch<T>(&mut self, work: impl FnOnce(&mut Self, &mut Way) -> Option<T>) -> Option<T> {
         let mut way = std::mem::take(&mut self.way);
         way.clear();
         let result = work(self, &mut way);
@@ -289,57 +291,6 @@ impl Walker<'_> {
         }
         way.go(strata.layers[last].n, z, target.origin.z, up);
         Some(())
-    }
-
-    /// A way with reflections, and its probability. At a plane it is reflected with a probability near the reflectance for the
-    /// slope of the straight line: ways with more reflections are steeper, so none weighs more than it brings.
-    fn with_reflections(
-        &self,
-        source: Source<'_>,
-        r: DVec3,
-        skin: Option<Skin>,
-        way: &mut Way,
-        draw: impl Fn(u32) -> f64,
-    ) -> Option<f64> {
-        let Bending::AtPlanes(strata) = &self.bending else { return None };
-        let target = Target::of(source);
-        let n_least = strata.layers.iter().map(|layer| layer.n).fold(f64::INFINITY, f64::min);
-        let straight = source.towards(r).0;
-        let slope =
-            Crossing::new([Leg { n: n_least, depth: straight.z.abs() }].into_iter(), straight.truncate().length())?;
-        let mut up = draw(1) < 0.5;
-        let mut probability = 0.5;
-        let (mut layer, mut z) = (self.layer(strata, r, skin, up), r.z);
-        let last = strata.layer(target.origin.z, !target.is_above(r.z));
-        for decision in (2..).step_by(2) {
-            let onward = strata.onward(layer, up);
-            if layer == last && up == target.is_above(z) {
-                let ends = onward.is_none() || draw(decision) < 0.5;
-                probability *= if onward.is_none() { 1.0 } else { 0.5 };
-                if ends {
-                    way.go(strata.layers[last].n, z, target.origin.z, up);
-                    break;
-                }
-            }
-            let (edge, next) = onward?;
-            if strata.layers[next].opaque {
-                return None;
-            }
-            let (n, beyond) = (strata.layers[layer].n, strata.layers[next].n);
-            let likely = slope.reflectance(n, beyond).clamp(RARE, OFTEN);
-            let reflected = draw(decision + 1) < likely;
-            probability *= if reflected { likely } else { 1.0 - likely };
-            way.go(n, z, edge, up);
-            way.events.push((n, beyond, reflected));
-            z = edge;
-            if reflected {
-                up = !up;
-            } else {
-                layer = next;
-            }
-        }
-        // Without a reflection it is no detour.
-        way.events.iter().any(|event| event.2).then_some(probability)
     }
 
     /// The light that comes by a way, over the probability with which the way was chosen.
@@ -431,5 +382,29 @@ impl Target {
 
     pub fn is_above(&self, z: f64) -> bool {
         self.towards.map_or(self.origin.z > z, |towards| towards.z > 0.0)
+    }
+
+    /// The least steep way to here from r that has `passed` so much of each layer and is at height z now, with `across` of a layer still to pass besides.
+    pub(crate) fn least_steep(
+        &self,
+        strata: &Strata,
+        passed: &[f64],
+        (z, layer, across): (f64, usize, f64),
+        (r, last): (DVec3, usize),
+    ) -> Option<Crossing> {
+        let leg = |(i, (at, &passed)): (usize, (&Layer, &f64))| {
+            let bottom = if i == 0 { f64::NEG_INFINITY } else { strata.edges[i - 1] };
+            let top = strata.edges.get(i).copied().unwrap_or(f64::INFINITY);
+            let (low, high) = (z.min(self.origin.z), z.max(self.origin.z));
+            let left = (high.min(top) - low.max(bottom)).max(0.0);
+            Leg { n: at.n, depth: passed + left + if i == layer { across } else { 0.0 } }
+        };
+        let legs = strata.layers.iter().zip(passed).enumerate().map(leg).filter(|leg| leg.depth > 0.0);
+        match self.towards {
+            None => Crossing::new(legs, (self.origin - r).truncate().length()),
+            Some(towards) => {
+                Crossing::at_slope(legs, strata.layers[last].n, towards.truncate().length() / towards.z.abs())
+            }
+        }
     }
 }

@@ -12,8 +12,8 @@ use turbid_optics::solid::Solid;
 use crate::light::{Carrier, Light};
 use crate::nee::{depth, rarity};
 use crate::path::{Place, Setting};
+use crate::random::counter;
 use crate::strata::Bending;
-use crate::stream::counter;
 use crate::world::{Body, Material, World};
 
 /// Overlaps are resolved for so many bodies at most.
@@ -76,8 +76,8 @@ impl Queue {
         (to.weight[lane], to.roulette[lane], to.body[lane]) = (place.weight, roulette, body);
         (to.mu_a[lane], to.mu_s[lane], to.g[lane]) = (material.mu_a, material.mu_s, material.g);
         to.least[lane] = material.mu_t() * place.clear;
-        // The block behind the flight's; `number` is already the next flight's.
-        (to.number[lane], to.sample[lane], to.pixel[lane]) = (place.number - 1, place.sample, place.pixel);
+        // Of the look ahead from the end of the flight, `random.rs`.
+        (to.number[lane], to.sample[lane], to.pixel[lane]) = (place.flight() + 1, place.sample, place.pixel);
         self.paths.push(place.response);
     }
 

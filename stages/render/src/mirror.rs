@@ -2,7 +2,6 @@
 //! refract (`caustic.rs`).
 
 use glam::DVec3;
-use turbid_optics::philox::unit;
 use turbid_optics::solid::Solid;
 
 use crate::channels::{Lengths, NO_LENGTHS, count, sum};
@@ -47,10 +46,6 @@ struct Seen {
     exit: DVec3,
 }
 
-/// Decisions of [`Chance`] from here on are about mirrors; where light bends, too, or mirrors are curved, they are others.
-const DECISIONS: u32 = 1;
-/// Ways by more mirrors than this have a probability of 2^-50 to be looked for.
-const MOST_MIRRORS: usize = 50;
 /// What a place may lie off its plane, relative to the coordinates: rounding.
 const ON_PLANE: f64 = 1e-9;
 
@@ -168,16 +163,13 @@ impl Walker<'_> {
             return;
         }
         self.by_one_mirror(source, r, skin, links);
-        let draw = |i: usize| {
-            let decision = DECISIONS + i as u32;
-            unit(chance.stream.aside(chance.number, source.place(), chance.place, decision)[0])
-        };
-        if !self.mirrors.face || draw(0) < 0.5 {
+        if !self.mirrors.face || chance.whether(source)[0] < 0.5 {
             return;
         }
+        let mut dice = chance.which(source);
         // Two of them with probability 1/2, three with 1/4, ...
         let mut length = 2;
-        while length < MOST_MIRRORS && draw(length - 1) < 0.5 {
+        while dice.throw()[0] < 0.5 {
             length += 1;
         }
         let mut probability = 0.5 * libm::ldexp(1.0, 1 - length as i32);
@@ -189,7 +181,7 @@ impl Walker<'_> {
             };
             let all = 0..self.mirrors.planes.len();
             let count = all.clone().filter(fits).count();
-            let chosen = (draw(MOST_MIRRORS + i) * count as f64) as usize;
+            let chosen = (dice.throw()[0] * count as f64) as usize;
             let Some(next) = all.filter(fits).nth(chosen.min(count.saturating_sub(1))) else { return };
             planes.push(next);
             probability /= count as f64;

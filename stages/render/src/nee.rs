@@ -13,9 +13,9 @@ use crate::lamp::Source;
 use crate::link::{Chance, Heading};
 use crate::look;
 use crate::path::{Place, Walker};
+use crate::random::{Look, SCOUT, Stream};
 use crate::single::Detour;
 use crate::strata::Bending;
-use crate::stream::Stream;
 use crate::world::{Material, Skin, Wall};
 
 /// Light is looked for with probability min(1, (TAU_SURE / tau)^4) at optical distance tau from it; looking ahead, from the plane of
@@ -48,37 +48,6 @@ pub(crate) struct Entry {
     pub wall: Option<Wall>,
     /// Up to there.
     pub lengths: Lengths,
-}
-
-/// Random numbers of looks into entered pieces stand above the lower 32 bits of the flight's block.
-pub(crate) const ENTERED: u32 = 1 << 12;
-
-/// Random numbers of the look along a ray, in its `piece`-th piece, beside the flight's block `number`. Each lamp has its own, apart
-/// from those of flights and of the projector.
-fn first_block(stream: &Stream, source: Source<'_>, number: u64, piece: usize) -> [u32; 4] {
-    match source {
-        Source::Projector(_) => stream.block(number + ((piece as u64) << 32)),
-        Source::Lamp(i, _) if number == 1 => stream.block(first_number(i, piece)),
-        Source::Lamp(..) => stream.aside(number, source.place(), piece, 0),
-    }
-}
-
-/// Random numbers of the look ahead that stands beside the flight's block `number`.
-fn line_block(source: Source<'_>, number: u64) -> u64 {
-    match source {
-        Source::Projector(_) => number,
-        Source::Lamp(i, _) => line_number(i, number),
-    }
-}
-
-/// The block of a lamp's look along the camera's ray.
-pub(crate) fn first_number(lamp: usize, piece: usize) -> u64 {
-    (3 << 46) | ((lamp as u64) << 33) | piece as u64
-}
-
-/// The block of a lamp's look ahead.
-pub(crate) fn line_number(lamp: usize, number: u64) -> u64 {
-    (1 << 47) | ((lamp as u64) << 33) | number
 }
 
 impl<'a> Walker<'a> {
@@ -159,7 +128,8 @@ impl<'a> Walker<'a> {
         let stream = self.stream(at);
         let mut links = std::mem::take(&mut self.links);
         self.reach(source, at.r, at.skin, &mut links);
-        self.reach_on(source, at.r, at.skin, &Chance { stream: &stream, number: at.number, place: 0 }, &mut links);
+        let chance = Chance { stream: &stream, flight: at.flight(), look: Look::Here };
+        self.reach_on(source, at.r, at.skin, &chance, &mut links);
         for link in links.drain(..) {
             let cos = normal.dot(link.towards);
             if cos > 0.0 {
@@ -188,7 +158,7 @@ impl<'a> Walker<'a> {
             let behind = source.towards(at.r).0.dot(rough.normal) < 0.0;
             let link = self.link(source, at.r, Some(Skin { inside: skin.inside != behind, ..skin }), true);
             let mut mirrored = std::mem::take(&mut self.mirrored);
-            let chance = Chance { stream: &stream, number: at.number, place: 0 };
+            let chance = Chance { stream: &stream, flight: at.flight(), look: Look::Here };
             for behind in [false, true] {
                 let first = mirrored.len();
                 let skin = Skin { inside: skin.inside != behind, ..skin };
@@ -259,14 +229,9 @@ impl<'a> Walker<'a> {
         if roulette * rarity >= 1.0 {
             return;
         }
-        // The block of the flight that came here.
-        let number = at.number - 2;
-        let [.., u] = match source {
-            Source::Projector(_) => stream.block(number + (u64::from(ENTERED + place as u32) << 32)),
-            Source::Lamp(..) => stream.aside(number, source.place(), place, 0),
-        };
+        let chance = Chance { stream, flight: at.flight(), look: Look::Entered(place) };
+        let [.., u] = chance.point(source);
         let line = Line { r: entry.r, e: at.w, length: entry.length, material: entry.material, towards, exit };
-        let chance = Chance { stream, number, place };
         self.score(at.response, &line, at.weight * at.share * rarity, unit(u), source, &chance, &entry.lengths);
     }
 
@@ -278,7 +243,8 @@ impl<'a> Walker<'a> {
         if roulette * rarity >= 1.0 {
             links.clear();
         } else {
-            self.reach_on(source, at.r, None, &Chance { stream: &stream, number: at.number, place: 0 }, &mut links);
+            let chance = Chance { stream: &stream, flight: at.flight(), look: Look::Here };
+            self.reach_on(source, at.r, None, &chance, &mut links);
         }
         let g = self.setting.world.materials[at.material].g;
         for link in links.drain(..) {
@@ -314,9 +280,9 @@ impl<'a> Walker<'a> {
                     let towards = self.heading_from_wall(source, start, inside);
                     // Where the ray came in is where the light comes in, if it comes from that side.
                     let exit = normal.filter(|n| n.dot(towards) > 0.0);
-                    let [.., u] = first_block(stream, source, at.number - 1, scored);
+                    let chance = Chance { stream, flight: at.flight(), look: Look::Next(scored) };
+                    let [.., u] = chance.point(source);
                     let line = Line { r: start, e: at.w, length, material: piece.material, towards, exit };
-                    let chance = Chance { stream, number: at.number - 1, place: scored };
                     let weight = at.weight * libm::exp(-tau);
                     self.score(at.response, &line, weight, unit(u), source, &chance, &lengths);
                 }
@@ -351,7 +317,7 @@ impl<'a> Walker<'a> {
         if roulette * rarity(material.mu_t() * at.clear) >= 1.0 {
             return;
         }
-        if let Some(body_of) = &self.body_of {
+        if let Some(body_of) = self.body_of.as_ref().filter(|_| at.scout || at.number < u64::from(SCOUT)) {
             let body = body_of[at.material];
             self.queue_look(at, own, roulette, &material, body);
             self.look_at_lamps(at, own, roulette);
@@ -374,10 +340,10 @@ impl<'a> Walker<'a> {
     pub(crate) fn try_detour(&mut self, detour: &Detour, r: DVec3, e: DVec3, unit: f64) {
         let s = self.setting;
         let (source, stream) = (Source::Projector(s.light), Stream::new(s.key, detour.pixel, detour.sample, s.channel));
-        let mut chance = Chance { stream: &stream, number: u64::from(detour.number), place: 0 };
+        let (flight, look) = Look::of(detour.number, detour.place as usize);
+        let chance = Chance { stream: &stream, flight, look };
         let mut links = std::mem::take(&mut self.links);
         if self.bending == Bending::AtWalls {
-            chance.place = detour.place as usize;
             if let Some(known) = detour.known {
                 let [towards, normal] = [known.towards, known.normal].map(|v| DVec3::from(v.map(f64::from)));
                 let strength = unit * f64::from(known.strength);
@@ -412,7 +378,8 @@ impl<'a> Walker<'a> {
         }
         let g = material.g;
         let stream = self.stream(at);
-        let [choice, b, c, u] = stream.block(line_block(source, at.number - 1));
+        let chance = Chance { stream: &stream, flight: at.flight(), look: Look::Next(0) };
+        let [choice, b, c, u] = chance.point(source);
         let e = if choice >> 31 == 0 { own } else { hg::sample(g, towards, unit(b), unit(c)) };
         // 2 p_A / (p_A + p_B): p_A would have sent the path along e, p_B is the lobe around the light.
         let (own_q, lobe_q) = (hg::denominator(g, at.w.dot(e)), hg::denominator(g, e.dot(towards)));
@@ -424,7 +391,6 @@ impl<'a> Walker<'a> {
             .map_or(f64::INFINITY, |piece| if piece.material == at.material { piece.end } else { 0.0 });
         if length > 0.0 {
             let line = Line { r: at.r, e, length, material: at.material, towards, exit };
-            let chance = Chance { stream: &stream, number: at.number - 1, place: 0 };
             let weight = at.weight * at.share * balance * rarity;
             self.score(at.response, &line, weight, unit(u), source, &chance, &at.lengths);
         }

@@ -11,6 +11,7 @@ use crate::method::Taken;
 use crate::mirror::Mirrors;
 use crate::plan::flights_per_path;
 use crate::plane_wave::no_plane_wave;
+use crate::random::MOST_CHANNELS;
 use crate::rig::Rig;
 use crate::strata::{Bending, facetted};
 use crate::uniform::obstacle;
@@ -236,6 +237,13 @@ impl Params {
         for (who, field, pixels) in cameras.into_iter().chain(projectors) {
             let pitch = [field[0] / f64::from(pixels[0]), field[1] / f64::from(pixels[1])];
             self.check_resolution(who, pitch, problems);
+        }
+        if scene.channels() > MOST_CHANNELS {
+            problems.push_with_hint(
+                "",
+                format!("{} wavelengths: there are random numbers for {MOST_CHANNELS}", scene.channels()),
+                "render parts of the spectrum one after the other",
+            );
         }
         if let Ok(rig) = Rig::of(scene) {
             if rig.worlds.iter().any(|world| Bending::of(world) == Bending::Anywhere) {

@@ -21,6 +21,7 @@ use crate::camera::Camera;
 use crate::caustic::Known;
 use crate::channels::{Lengths, NO_LENGTHS, Shared};
 use crate::finish::Finish;
+use crate::glint::clear;
 use crate::lamp::Steady;
 use crate::light::{Carrier, Light};
 use crate::link::{Link, Way};
@@ -28,9 +29,9 @@ use crate::look::{self, Queue};
 use crate::mirror::Mirrors;
 use crate::nee::Entry;
 use crate::pictures::Pictures;
+use crate::random::{MOST_NUMBERS, Purpose, Stream, after, before};
 use crate::response::Layout;
 use crate::strata::{self, Bending};
-use crate::stream::Stream;
 use crate::world::{Material, Piece, Skin, Spans, World};
 
 /// How scatterings look for the light.
@@ -48,13 +49,6 @@ const WEAK_ABSORPTION: f64 = 0.01;
 /// ... against the weight (1 + WINDOW mu_eff d)^4 at distance d from the nearest boundary. It must not outrun absorption: light
 /// comes back from there like exp(-mu_eff d), so below WINDOW = 1/2 the weight times its square falls with d.
 const WINDOW: f64 = 0.4;
-
-/// A path of more flights than this is taken for endless: in a closed white cavity light has nowhere to go.
-const MOST_FLIGHTS: u64 = 2_000_000_000;
-pub const MOST_BLOCKS: u64 = 2 * MOST_FLIGHTS;
-
-/// Random numbers of the place on the lens: no flight and no look has them.
-const LENS_BLOCK: u64 = 1 << 45;
 
 /// Everything that stays the same over the paths of one channel.
 #[derive(Clone, Copy)]
@@ -101,6 +95,8 @@ pub struct Walker<'a> {
     pub(crate) given_up: u64,
     /// Where light bends in the world.
     pub(crate) bending: Bending,
+    /// Where it bends at planes, what upright light keeps of itself in each layer, at most.
+    pub(crate) clear: Vec<f64>,
     /// Whether facets do that.
     pub(crate) facetted: bool,
     /// Whether all walls are flat.
@@ -164,7 +160,7 @@ pub struct Place {
     pub weight: f64,
     pub pixel: u32,
     pub sample: u32,
-    /// Block of random numbers of the next flight.
+    /// Number of the next flight, by which its random numbers are known (`random.rs`).
     pub number: u64,
     /// Whether the next flight has been scored ahead, up to its first boundary (beyond it is when it gets there) ...
     pub ahead: bool,
@@ -184,6 +180,13 @@ pub struct Place {
     pub lengths: Lengths,
 }
 
+impl Place {
+    /// Number of the flight that has come here; 0 at the camera.
+    pub(crate) fn flight(&self) -> u64 {
+        before(self.number, self.scout)
+    }
+}
+
 impl<'a> Walker<'a> {
     pub fn new(setting: Setting<'a>, level: Level) -> Self {
         let window = |m: &Material| {
@@ -197,6 +200,8 @@ impl<'a> Walker<'a> {
         // Pictures are looked up one by one, and lengths are counted only there.
         let lanes = setting.pictures.layers() == 0 && setting.shared.is_none();
         let body_of = if lanes { look::bodies_by_material(setting.world) } else { None };
+        let bending = Bending::of(setting.world);
+        let clear = if let Bending::AtPlanes(strata) = &bending { clear(setting.world, strata) } else { Vec::new() };
         let (responses, queued, queue) = (Vec::new(), Vec::new(), Queue::default());
         Self {
             setting,
@@ -208,7 +213,8 @@ impl<'a> Walker<'a> {
             places: Vec::new(),
             events: Vec::new(),
             given_up: 0,
-            bending: Bending::of(setting.world),
+            bending,
+            clear,
             flat: strata::is_flat(setting.world),
             facetted: strata::turns_at_facets(setting.world),
             mirrors: Mirrors::of(setting.world),
@@ -302,10 +308,10 @@ impl<'a> Walker<'a> {
     pub fn begin(&mut self, pixel: usize, sample: u32, response: usize) -> Place {
         let s = self.setting;
         let stream = Stream::new(s.key, pixel as u32, sample, s.channel);
-        let [jx, jy, ja, jb] = stream.block(0);
+        let [jx, jy, ja, jb] = stream.block(Purpose::Begin);
         let line = s.nee == Nee::Line;
         let (r, w) = if s.camera.has_aperture() {
-            let [u, v, ..] = stream.block(LENS_BLOCK);
+            let [u, v, ..] = stream.block(Purpose::Lens);
             s.camera.ray_through(pixel, unit(jx), unit(jy), unit(u), unit(v))
         } else {
             s.camera.ray(pixel, unit(jx), unit(jy))
@@ -340,11 +346,12 @@ impl<'a> Walker<'a> {
     /// One flight and what follows from it; false where the path has ended.
     pub fn step(&mut self, at: &mut Place) -> bool {
         let stream = self.stream(at);
-        // Even blocks walk, the odd block behind each looks for light.
-        let [a, b, c, d] = stream.block(at.number);
-        at.number += 2;
+        let flight = at.number;
+        let [a, b, c, d] = stream.block(Purpose::Flight(flight));
+        at.number = after(flight, at.scout);
         self.flights += 1;
-        if at.number > MOST_BLOCKS {
+        // In a closed white cavity light has nowhere to go.
+        if at.number > MOST_NUMBERS {
             self.endless = true;
             self.ending = Ending::Endless;
             return false;
@@ -403,7 +410,7 @@ impl<'a> Walker<'a> {
                     if at.scattered || !self.excludes_specular {
                         self.look_from_rough(at, &rough, skin);
                     }
-                    let [fate, ..] = stream.aside(at.number, 0, 15, 127);
+                    let [fate, ..] = stream.block(Purpose::Facet(flight));
                     let Some(on) = rough.sample(at.w, [unit(b), unit(c), roulette, unit(fate)]) else {
                         // Between facets.
                         self.ending = Ending::Absorbed(skin.wall.body);

@@ -7,11 +7,8 @@ use turbid_optics::henyey_greenstein as hg;
 use turbid_optics::philox::unit;
 
 use crate::path::{Place, Walker};
+use crate::random::{Purpose, SCOUT};
 
-/// Bit of the number of a block of random numbers: it is a scout's, beside the path's flight of that number.
-pub const SCOUT: u32 = 1 << 28;
-/// Random numbers that send a scout stand above the lower 32 bits of its block.
-pub(crate) const SENT: u32 = 1 << 11;
 /// Scouts are sent nearer to a wall than so many mean free paths: grazing light does not come further.
 pub(crate) const NEAR: f64 = 1.0;
 /// A scout goes with this times its share of the light, or 1, as probability: most shares are some per cent.
@@ -47,9 +44,8 @@ impl Walker<'_> {
         }
         let towards = self.setting.light.towards(at.r).0;
         at.share = share(here.g, at.w, next, towards);
-        // The block of the flight that came here.
-        let number = (at.number - 2) | u64::from(SCOUT);
-        let [b, c, d, _] = self.stream(at).block(number | u64::from(SENT) << 32);
+        let number = at.flight() | u64::from(SCOUT);
+        let [b, c, d, _] = self.stream(at).block(Purpose::Scout(number));
         let w = hg::sample(lobe(here.g), towards, unit(b), unit(c));
         let part = share(here.g, at.w, w, towards);
         let kept = (KEPT * part).min(1.0);

@@ -5,7 +5,6 @@ use glam::{DVec2, DVec3};
 use turbid_optics::elementary::sin_cos_turns;
 use turbid_optics::henyey_greenstein::turn;
 use turbid_optics::pencil::Aim;
-use turbid_optics::philox::{philox4x32, unit};
 use turbid_optics::refraction::refract;
 
 use super::shot::{Shot, Walls};
@@ -13,15 +12,8 @@ use super::{Next, SAME};
 use crate::lamp::Source;
 use crate::link::{Chance, DETOURS, Link};
 use crate::path::Walker;
+use crate::random::Dice;
 use crate::world::Skin;
-
-/// Random numbers of the trials at one place.
-pub(crate) struct Dice {
-    key: [u32; 2],
-    head: [u32; 2],
-    trial: u32,
-    throw: u32,
-}
 
 /// Where one begins to look for a way.
 #[derive(Clone, Copy, Debug)]
@@ -74,18 +66,6 @@ const ONCE: f64 = 0.25;
 /// Trials after which a way that was found once is given up.
 const MOST_TRIALS: u32 = 1 << 18;
 
-impl Dice {
-    /// `head` tells places and lights apart.
-    pub(crate) fn new(key: [u32; 2], head: [u32; 2]) -> Self {
-        Self { key, head, trial: 0, throw: 0 }
-    }
-
-    pub(crate) fn throw(&mut self) -> [f64; 4] {
-        self.throw += 1;
-        philox4x32([self.trial, self.throw, self.head[0], self.head[1]], self.key).map(unit)
-    }
-}
-
 impl Found {
     /// The direction in which it begins.
     fn way(&self) -> DVec3 {
@@ -125,13 +105,11 @@ impl Walker<'_> {
         }
         let (r, skin) = begin;
         let tried = if best.is_some() { DETOURS } else { 1.0 };
-        let random = |decision| chance.stream.aside(chance.number, source.place(), chance.place, decision);
-        let [whether, roulette, ..] = random(1).map(unit);
+        let [whether, roulette, ..] = chance.whether(source);
         if whether >= tried {
             return None;
         }
-        let [a, b, c, d] = random(2);
-        let mut dice = Dice::new([a, b], [c, d]);
+        let mut dice = chance.which(source);
         let beginning = Beginning::Around(best.and_then(|best| best.exit));
         let n_far = self.index_around(source.origin().0);
         let rarely = !self.facetted && best.is_some_and(|best| best.turns == 1);
@@ -203,7 +181,7 @@ impl Walker<'_> {
     ) -> Option<u32> {
         let n_far = self.index_around(source.origin().0);
         for trial in 1..MOST_TRIALS {
-            (dice.trial, dice.throw) = (trial, 0);
+            dice.begin(trial);
             let again = self.try_way(source, begin, beginning, n_far, dice, false);
             if again.is_some_and(|a| a.events == found.events && (a.way() - found.way()).length() < SAME) {
                 return Some(trial);

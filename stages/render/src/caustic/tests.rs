@@ -18,8 +18,8 @@ use crate::light::Light;
 use crate::link::Chance;
 use crate::path::{Nee, Setting, Walker};
 use crate::pictures::Pictures;
+use crate::random::{Look, Purpose, Stream};
 use crate::strata::Bending;
-use crate::stream::Stream;
 use crate::world::{Body, Material, Skin, Spans, Wall, World};
 
 mod glints;
@@ -347,14 +347,14 @@ fn by_links(case: &Case, points: u32) -> (Vec<Measured>, u64) {
             let (mut sum, mut square) = (0.0, 0.0);
             for i in 0..points {
                 let stream = Stream::new([5, k as u32], 0, i, 0);
-                let [a, b, c, _] = stream.block(0).map(unit);
+                let [a, b, c, _] = stream.block(Purpose::Begin).map(unit);
                 let (sin, cos) = sin_cos_turns(b);
                 let z = 2.0 * a - 1.0;
                 let direction = DVec3::new(cos * (1.0 - z * z).sqrt(), sin * (1.0 - z * z).sqrt(), z);
                 let r = center + radius * libm::cbrt(c) * direction;
                 let n = walker.index_around(r);
                 let mut links = Vec::new();
-                let chance = Chance { stream: &stream, number: 2, place: 0 };
+                let chance = Chance { stream: &stream, flight: 2, look: Look::Here };
                 let source = Source::Lamp(0, &case.lamp);
                 walker.reach(source, r, None, &mut links);
                 walker.reach_on(source, r, None, &chance, &mut links);

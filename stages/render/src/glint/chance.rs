@@ -7,12 +7,13 @@ use turbid_optics::philox;
 use turbid_optics::view::Lens;
 
 use super::{Seen, beam_of, eyes, setting};
-use crate::caustic::{Beginning, Dice};
+use crate::caustic::Beginning;
 use crate::lamp::Source;
 use crate::level::named;
 use crate::mirror::Mirrors;
 use crate::moments::Moments;
 use crate::path::Walker;
+use crate::random::Dice;
 use crate::rig::Rig;
 use crate::shown::Shown;
 use crate::strata::Bending;
@@ -57,7 +58,8 @@ pub fn by_chance(rig: &Rig, shown: &Shown, paths: u32, ctx: Ctx<'_>) -> Result<V
         let until = if ctx.cancelled() { 0 } else { trials.min((tile + 1) * TILE) };
         for trial in tile * TILE..until {
             for source in walker.sources() {
-                let mut dice = Dice::new(key, [trial as u32, (channel << 8 | source.place()) as u32]);
+                let place = [trial, source.place(), channel, 0].map(|i| i as u32);
+                let mut dice = Dice::of(philox::philox4x32(place, key));
                 let [eye, ..] = dice.throw();
                 let eye = eyes[((eye * eyes.len() as f64) as usize).min(eyes.len() - 1)];
                 if let Some(seen) = walker.seen_by_chance(source, eye, &mut dice) {

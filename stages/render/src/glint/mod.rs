@@ -16,6 +16,7 @@ use turbid_optics::view::Lens;
 
 pub use chance::{Chanced, by_chance, by_several_walls};
 pub use field::Glinting;
+pub use stack::clear;
 
 use crate::camera::Camera;
 use crate::lamp::{Lamp, Source};

@@ -17,6 +17,8 @@ use crate::world::World;
 const FAINT: f64 = 1e-10;
 /// Planes met by all ways together, beyond which they are too many.
 const MOST_EVENTS: usize = 1 << 22;
+/// The same of one way: each is a call within the last.
+const MOST_TURNS: usize = 1 << 11;
 
 /// What the search shares.
 struct Search<'a> {
@@ -29,6 +31,8 @@ struct Search<'a> {
     last: usize,
     /// No way is less steep.
     slope: Crossing,
+    /// mm of height that the way under search has passed in each layer.
+    passed: Vec<f64>,
     from: DVec3,
     events: usize,
     links: Vec<Link>,
@@ -38,7 +42,7 @@ impl Walker<'_> {
     /// Every lit way from a source to `r` that a plane turns; all of them with the probability 1.
     ///
     /// Error: they are too many, because hardly any light is lost between planes.
-    pub(super) fn ways_through_planes(&mut self, source: Source<'_>, r: DVec3) -> Result<Vec<Link>, Error> {
+    pub(crate) fn ways_through_planes(&mut self, source: Source<'_>, r: DVec3) -> Result<Vec<Link>, Error> {
         let Bending::AtPlanes(strata) = self.bending.clone() else { return Ok(Vec::new()) };
         let target = Target::of(source);
         let n_least = strata.layers.iter().map(|layer| layer.n).fold(f64::INFINITY, f64::min);
@@ -64,6 +68,7 @@ impl Walker<'_> {
             target,
             last,
             slope,
+            passed: vec![0.0; strata.layers.len()],
             from: r,
             events: 0,
             links: Vec::new(),
@@ -96,14 +101,18 @@ impl Walker<'_> {
             return Ok(());
         }
         search.events += 1;
-        if search.events > MOST_EVENTS {
+        if search.events > MOST_EVENTS || way.turns() >= MOST_TURNS {
             return Err(Error::failed_with_hint(
                 "the glint comes by more ways between the planes than can be followed",
                 "write `specular: exclude`, or take layers out that hardly reflect",
             ));
         }
         let (n, beyond) = (strata.layers[layer].n, strata.layers[next].n);
-        let reflectance = search.slope.reflectance(n, beyond);
+        let before = search.passed[layer];
+        search.passed[layer] += (edge - z).abs();
+        // The farther it has come, the steeper it is.
+        let slope = search.target.least_steep(strata, &search.passed, (edge, layer, 0.0), (search.from, search.last));
+        let reflectance = slope.unwrap_or(search.slope).reflectance(n, beyond);
         // From straight down to that slope the reflectance falls or grows, or falls and then grows.
         let most = reflectance.max(normal_reflectance(n / beyond));
         let least = reflectance.min(0.5 * normal_reflectance(n / beyond));
@@ -119,12 +128,13 @@ impl Walker<'_> {
             }
         }
         way.undo();
+        search.passed[layer] = before;
         Ok(())
     }
 }
 
 /// Of each layer, the most that straight light can keep from one of its planes to the other; 1 in the outer ones.
-fn clear(world: &World, strata: &Strata) -> Vec<f64> {
+pub fn clear(world: &World, strata: &Strata) -> Vec<f64> {
     let mut cuts: Vec<f64> = Vec::new();
     for body in &world.bodies {
         if let Solid::Slab { bottom, top } = body.solid {

@@ -15,6 +15,7 @@ use super::walls::Walls;
 use crate::channels::MOST_LENGTHS;
 use crate::finish::Finish;
 use crate::path::{Nee, Setting, Walker};
+use crate::random::LAMPS_IN_LANES;
 use crate::world::{Material, Spans, World};
 
 /// Coordinates up to so many mean free paths: their last digit is 2^-12 of one, and the error made by it, of either sign from
@@ -170,7 +171,7 @@ impl<'a> Frame<'a> {
         // Lenses are looked up one by one; so are lamps where walls bend their light, and beside meshes.
         let shown = Shown::over(s.light, s.pictures, origin);
         let plain = view.distortion.is_none() && (s.pictures.layers() == 0 || shown.is_some());
-        let for_lamps = straight && ground.meshes.is_empty();
+        let for_lamps = straight && ground.meshes.is_empty() && s.steady.lamps.len() <= LAMPS_IN_LANES;
         let for_any = if s.light.shines() { plain } else { for_lamps && !blind };
         let bends = plane.is_some() || walls.is_some();
         let looks = (straight || bends) && !others && can_look(s.world, &parts) && for_any;

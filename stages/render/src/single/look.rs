@@ -10,13 +10,12 @@ use super::lane::{F, LANES, M, U, V, choose, exp, hg_denominator, hg_sample, ln,
 use super::mesh::bits;
 use super::rows::Rows;
 use super::sight::{Sight, add_along, add_in_own, first_piece, sight, spans, steepness};
-use super::source::{Arrival, Source};
+use super::source::{Arrival, Source, whether_projected};
 use super::walls::Way;
 use crate::channels::MOST_LENGTHS;
 use crate::link::DETOURS;
 use crate::look::FLAT;
 use crate::nee::TAU_SURE;
-use crate::stream::{ASIDE, aside_code};
 
 /// Optical depth (optical distance to the light) beyond which it counts as none: e^-80 of it.
 pub const DARK: f32 = 80.0;
@@ -129,7 +128,7 @@ fn look<S: Simd, const LENGTHS: usize>(
         let sight = sight(simd, frame, source, line.looked, line.r);
         let seen = line.sees(simd, frame, source, &sight);
         if frame.plane.as_ref().is_some_and(|plane| plane.detours) {
-            let tried = line.looked & tries(simd, key, line.place | high, &ray, line.block);
+            let tried = line.looked & tries(simd, key, high, &ray, &line);
             line.leave(simd, &mut looks.detours, &ray, tried, |_| None);
         }
         if source.is_lamp() {
@@ -312,17 +311,17 @@ impl<S: Simd, const LENGTHS: usize> Line<S, LENGTHS> {
     }
 }
 
-/// The first decision of `Walker::detour`, and of `Walker::by_chance`.
+/// Whether `Walker::detour`, or `Walker::by_chance`, looks at all.
 #[inline(always)]
 fn tries<S: Simd, const LENGTHS: usize>(
     simd: S,
     key: [u32; 2],
-    high: U<S>,
+    high: u32,
     ray: &Ray<S, LENGTHS>,
-    block: U<S>,
+    line: &Line<S, LENGTHS>,
 ) -> M<S> {
-    let high = high | (ASIDE << 16 | aside_code(0, 0, 1));
-    let [chance, ..] = philox(simd, block, high, ray.sample, ray.pixel, key);
+    let word = whether_projected(simd, line.place) | high;
+    let [chance, ..] = philox(simd, line.block, word, ray.sample, ray.pixel, key);
     chance.simd_lt((DETOURS * 4_294_967_296.0) as u32)
 }
 
@@ -382,9 +381,7 @@ fn see_through_walls<S: Simd, const LENGTHS: usize>(
         }
     }
     let wholly = line.looked & !found;
-    // As `aside_code` has it.
-    let place = line.place.min(U::splat(simd, 15)) << 8;
-    let tried = line.looked & !wholly & tries(simd, key, place | high, ray, line.block);
+    let tried = line.looked & !wholly & tries(simd, key, high, ray, line);
     let dark = first.tau.max(splat(simd, 0.0)).min(splat(simd, DARK));
     let strength = source.arrives(simd, first.foot).irradiance * first.gain * exp(-dark);
     let known = found.to_bitmask();

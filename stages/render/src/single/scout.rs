@@ -6,7 +6,8 @@ use super::frame::Frame;
 use super::lane::{F, LANES, M, U, V, choose, hg_denominator, hg_sample, philox, splat, unit_short};
 use super::walk::Paths;
 use crate::path::Walker;
-use crate::scout::{KEPT, NEAR, SCOUT, SENT};
+use crate::random::{SCOUT, SENT};
+use crate::scout::{KEPT, NEAR};
 
 /// p(w . e) / (p(w . e) + lobe(e . L)); see `crate::scout`.
 #[inline(always)]

@@ -2,10 +2,10 @@
 
 use super::frame::Frame;
 use crate::path::{Place, Walker};
-use crate::scout::SCOUT;
+use crate::random::SCOUT;
 
-/// Blocks of random numbers that lanes count to.
-pub const MOST_BLOCKS: u64 = SCOUT as u64;
+/// Number of the last flight that is left to the scalar walker for it: lanes count no further.
+pub const LATE: u32 = SCOUT - 2;
 
 /// One odd flight, and those after it until the path is in a medium again, scored ahead, where lanes can go on; false where it
 /// has ended.
@@ -16,7 +16,7 @@ pub fn settles(walker: &mut Walker<'_>, frame: &Frame<'_>, place: &mut Place) ->
         }
         // In a medium, not at a wall; or through the plane, and not scattered yet.
         let ready = place.skin.is_none() || (!place.scattered && place.number == u64::from(frame.first));
-        if place.ahead && ready && place.number < MOST_BLOCKS {
+        if place.ahead && ready && place.number < u64::from(LATE) {
             let mut inside = *place;
             if let (Some(walls), Some(skin)) = (&frame.walls, place.skin) {
                 // Lanes know no skins: rounding must not put it outside.

@@ -9,8 +9,7 @@ use super::look::{FIRST, WALL};
 use crate::channels::Shared;
 use crate::lamp::{Lamp, Steady};
 use crate::light::{Emission, Light};
-use crate::nee::{ENTERED, first_number, line_number};
-use crate::stream::{ASIDE, aside_code};
+use crate::random::{ENTERED, WHETHER_PROJECTED, first_of_lamp, of_lamp};
 
 /// A light about the local origin.
 #[derive(Clone, Copy, Debug)]
@@ -204,8 +203,8 @@ impl Source {
         }
     }
 
-    /// Where random numbers of looks for it stand, low and high words without the channel: of such as are `first` along a camera's ray, beside
-    /// the block `start`, such as are from where a flight comes in, and all others.
+    /// Where random numbers of looks for it stand, number and word without the channel (`random.rs`): of such as are `first` along a camera's ray, whose
+    /// number is `start`, such as are from where a flight comes in, and all others.
     #[inline(always)]
     pub fn numbers<S: Simd>(&self, simd: S, number: U<S>, start: u32, first: M<S>, entry: M<S>) -> (U<S>, U<S>) {
         let (word, low) = (|x: u32| U::splat(simd, x), number & (WALL - 1));
@@ -213,11 +212,15 @@ impl Source {
             let ahead = entry.select(word(ENTERED), word(0));
             return (first.select(word(start), low), first.select(number & (FIRST - 1), ahead));
         }
-        let high = |number: u64| word((number >> 32) as u32);
-        let entered = word(ASIDE << 16 | aside_code(self.place, 0, 0));
-        let ahead = entry.select(entered, high(line_number(self.place - 1, 0)));
-        (low, first.select(high(first_number(self.place - 1, 0)), ahead))
+        let lamp = self.place - 1;
+        (low, first.select(word(first_of_lamp(lamp)), word(of_lamp(lamp))))
     }
+}
+
+/// Word without the channel of the numbers that say whether more ways of the projector's light are looked for, at a place on a ray.
+#[inline(always)]
+pub fn whether_projected<S: Simd>(simd: S, place: U<S>) -> U<S> {
+    (place << 8) | U::splat(simd, WHETHER_PROJECTED)
 }
 
 impl Field {

@@ -14,6 +14,7 @@ use super::walk::Paths;
 use crate::batches::Batches;
 use crate::channels::{Lengths, NO_LENGTHS, count};
 use crate::path::{Place, Setting, Walker};
+use crate::random::PLACES_IN_LANES;
 use crate::world::Piece;
 
 /// Paths still to be begun, and those ready for lanes.
@@ -262,6 +263,7 @@ fn counted<const LENGTHS: usize>(lengths: &Lengths) -> [f32; LENGTHS] {
 
 /// Looks along one camera's ray in lanes.
 const MOST_PIECES: usize = 8;
+const _: () = assert!(MOST_PIECES <= PLACES_IN_LANES);
 
 /// Which path it is.
 #[derive(Clone, Copy)]

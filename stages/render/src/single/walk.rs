@@ -9,12 +9,12 @@ use super::lane::{F, LANES, M, U, V, choose, hg_sample, ln, philox, spare, splat
 use super::look::{ENTRY, Looks, WALL, look_while, rarity};
 use super::rows::Rows;
 use super::scout::{Scouts, sends};
-use super::settle::{MOST_BLOCKS, settles};
+use super::settle::{LATE, settles};
 use super::start::Starts;
 use crate::batches::Batches;
 use crate::channels::MOST_LENGTHS;
 use crate::path::Walker;
-use crate::scout::SCOUT;
+use crate::random::SCOUT;
 
 /// Columns: r, w, what is left of life, what its rounding lost, weight, free path, mu_a, mu_s, g, window, distance
 /// within which there is no surface that lanes do not know, share beside a scout; block of random numbers, sample, pixel, response, material, body.
@@ -293,7 +293,7 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
             passage.crosses &= !turned;
         }
         let flight = if scouting { number & (SCOUT - 1) } else { number };
-        let far = end.dot(end).simd_gt(frame.range_squared) | flight.simd_ge(MOST_BLOCKS as u32);
+        let far = end.dot(end).simd_gt(frame.range_squared) | flight.simd_ge(LATE);
         turned &= !far;
         if LENGTHS > 0 {
             for (m, &place) in frame.counted_in.iter().enumerate().filter(|(_, place)| **place < LENGTHS) {

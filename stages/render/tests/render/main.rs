@@ -10,6 +10,7 @@ mod extreme;
 mod fit;
 mod glints;
 mod golden;
+mod grazing;
 mod lanes;
 mod laws;
 mod lights;

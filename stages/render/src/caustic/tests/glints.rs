@@ -1,8 +1,9 @@
 //! Light that walls throw back to an eye: conservation, reciprocity, and light walked forward.
 
 use super::*;
-use crate::caustic::{Beginning, Dice};
+use crate::caustic::Beginning;
 use crate::link::Link;
+use crate::random::Dice;
 
 /// Points of a unit sphere, evenly at random.
 fn direction(i: u32) -> DVec3 {
@@ -110,7 +111,7 @@ fn glints_are_the_light_that_walks_forward() {
                 let source = Source::Lamp(0, &case.lamp);
                 let strength = |link: &Link| link.irradiance * libm::exp(-link.tau);
                 let known: f64 = one_reflection(walker, source, r).iter().map(strength).sum();
-                let mut dice = Dice::new([15, 16], [i, 0]);
+                let mut dice = Dice::of([15, 16, i, 0]);
                 let link = walker.glint_by_chance(source, r, Beginning::Image, &mut dice, |_| true);
                 let chanced = link.as_ref().map_or(0.0, strength);
                 let all = known + chanced + direct * case.lamp.arrival(r).unwrap().irradiance;
