@@ -205,6 +205,7 @@ fn number(cell: &str, line: usize, column: usize, name: &str) -> Result<f64, Fil
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::spheres::Spheres;
 
     const RXT: &str = "IAD1  # a comment\n# sample\n1.40 1.50\n1.0 1.0 5 # mm\n0.985\n2\n101.6 25.4 12.7 5 0.97\n101.6 25.4 0 5 0.97\n3\n\
         633 0.30 0.25 0.001\n650 0.31 0.26 0.002\n";
