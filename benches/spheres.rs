@@ -78,6 +78,7 @@ fn expected(readings: &Table, light: Incidence) -> Vec<[f64; 2]> {
         detector: number("detector"),
         wall_reflectance: number("wall_reflectance"),
         detector_reflectance: 0.0,
+        third_reflectance: 0.0,
         sees_sample: spheres["sees_sample"].as_bool().expect("true or false"),
         flat: true,
     };

@@ -54,13 +54,14 @@ pub fn compare_fit(fit: &Table, media: &Media, ctx: Ctx<'_>) -> Result<(Metrics,
         let missing = |name: &str| Error::failed(format!("the fit has no column {name}"));
         let estimate = fit.f64s(name).ok_or_else(|| missing(name))?;
         let with_se = format!("{name}_se");
-        let se = fit.f64s(&with_se).ok_or_else(|| missing(&with_se))?;
+        // An unknown error counts as none stated.
+        let se = fit.maybe_f64s(&with_se).ok_or_else(|| missing(&with_se))?;
         for (i, medium) in names.iter().enumerate() {
             let truth = media.0.get(medium).ok_or_else(|| {
                 let known: Vec<&str> = media.0.keys().map(String::as_str).collect();
                 Error::failed(format!("nothing says what the medium `{medium}` is; known are {}", known.join(", ")))
             })?;
-            pairs.push(Pair { estimate: estimate[i], se: se[i], truth: truth[quantity], good: good[i] });
+            pairs.push(Pair { estimate: estimate[i], se: se[i].unwrap_or(0.0), truth: truth[quantity], good: good[i] });
         }
     }
     let mut rows = Vec::new();

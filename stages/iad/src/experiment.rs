@@ -285,22 +285,29 @@ impl<const N: usize> Experiment<N> {
     }
 
     fn covariance(&self, measured: &Measurement, fit: &Fit) -> Option<[f64; 3]> {
+        let [to_a, to_s] = self.responses(measured, fit)?;
         let d = self.inverse.plan().slab().thickness_mm;
-        let x = [fit.mu_a_per_mm * d, fit.mu_s_prime_per_mm * d];
-        let (_, [a, s]) = self.readings_with_slopes(x, &measured.lost)?;
-        let [rr, tt, rt] = self.noise(measured, x)?;
-        let determinant = a[0] * s[1] - s[0] * a[1];
-        // Rows of the inverse: the response of mu_a and of mu_s' to M_R and M_T.
-        let to_a = [s[1] / determinant / d, -s[0] / determinant / d];
-        let to_s = [-a[1] / determinant / d, a[0] / determinant / d];
+        let [rr, tt, rt] = self.noise(measured, [fit.mu_a_per_mm * d, fit.mu_s_prime_per_mm * d])?;
         let product = |u: [f64; 2], v: [f64; 2]| u[0] * v[0] * rr + u[1] * v[1] * tt + (u[0] * v[1] + u[1] * v[0]) * rt;
         // A perfect correlation leaves a difference that rounding may turn negative.
         let found = [product(to_a, to_a).max(0.0), product(to_s, to_s).max(0.0), product(to_a, to_s)];
         found.iter().all(|x| x.is_finite()).then_some(found)
     }
 
+    /// d(mu_a, mu_s') / d(M_R, M_T) at a solution, mm^-1; rows are mu_a and mu_s'.
+    pub fn responses(&self, measured: &Measurement, fit: &Fit) -> Option<[[f64; 2]; 2]> {
+        let d = self.inverse.plan().slab().thickness_mm;
+        let x = [fit.mu_a_per_mm * d, fit.mu_s_prime_per_mm * d];
+        let (_, [a, s]) = self.readings_with_slopes(x, &measured.lost)?;
+        let determinant = a[0] * s[1] - s[0] * a[1];
+        // Rows of the inverse: the response of mu_a and of mu_s' to M_R and M_T.
+        let to_a = [s[1] / determinant / d, -s[0] / determinant / d];
+        let to_s = [-a[1] / determinant / d, a[0] / determinant / d];
+        Some([to_a, to_s])
+    }
+
     /// Variances of M_R, M_T and their covariance, that of the lost light included.
-    fn noise(&self, measured: &Measurement, x: [f64; 2]) -> Option<[f64; 3]> {
+    pub(crate) fn noise(&self, measured: &Measurement, x: [f64; 2]) -> Option<[f64; 3]> {
         let Measurement { m_r_se, m_t_se, m_rt_cov, lost, lost_se, .. } = measured;
         let mut noise = [m_r_se * m_r_se, m_t_se * m_t_se, *m_rt_cov];
         if *lost_se == Lost::default() {

@@ -1,9 +1,12 @@
-//! Files of laboratories, from bytes: CSV with named columns, and the basic header of `.rxt`.
+//! Files of laboratories, from bytes: CSV with named columns, and `.rxt`.
 
-use std::cell::Cell;
+mod rxt;
+
 use std::fmt;
 
-use crate::spheres::{Instrument, Sphere, Spheres};
+use crate::spheres::{Instrument, Sphere};
+
+pub use rxt::read_rxt;
 
 /// A mistake in a file; line and column count from 1.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,6 +33,8 @@ pub struct Sheet {
     pub media: Vec<String>,
     /// Numbers in house units by the column's name.
     pub columns: Vec<(String, Vec<f64>)>,
+    /// Line and column where each row begins, from 1; empty for what is no file.
+    pub places: Vec<(usize, usize)>,
     pub header: Option<Header>,
 }
 
@@ -37,8 +42,16 @@ pub struct Sheet {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Header {
     pub n_sample: f64,
+    /// 1 where there are none.
     pub n_slides: f64,
     pub thickness_mm: f64,
+    pub slide_mm: f64,
+    /// Diameter of the beam.
+    pub beam_mm: f64,
+    /// Diameters of the sample ports of the reflectance and of the transmittance sphere.
+    pub ports_mm: [f64; 2],
+    /// Both spheres, whether they are used or not.
+    pub pair: [Sphere; 2],
     pub instrument: Instrument,
 }
 
@@ -53,7 +66,7 @@ impl Sheet {
 }
 
 /// Columns that a CSV may have, and the dimension of each: a fraction, a coefficient, or a wavelength.
-const COLUMNS: [(&str, &str); 18] = [
+const COLUMNS: [(&str, &str); 23] = [
     ("m_r", "1"),
     ("m_r_se", "1"),
     ("m_t", "1"),
@@ -71,12 +84,25 @@ const COLUMNS: [(&str, &str); 18] = [
     ("lost_t_diffuse_se", "1"),
     ("g", "1"),
     ("n", "1"),
+    ("albedo", "1"),
+    ("optical_thickness", "1"),
+    ("mu_a", "mm^-1"),
+    ("mu_s", "mm^-1"),
+    ("mu_s_prime", "mm^-1"),
     ("wavelength", "nm"),
 ];
 
 /// Units that stand behind a column's name in brackets, with the factor to the house unit.
-const UNITS: [(&str, &str, f64); 5] =
-    [("1", "1", 1.0), ("%", "1", 0.01), ("nm", "nm", 1.0), ("um", "nm", 1000.0), ("µm", "nm", 1000.0)];
+const UNITS: [(&str, &str, f64); 8] = [
+    ("1", "1", 1.0),
+    ("%", "1", 0.01),
+    ("nm", "nm", 1.0),
+    ("um", "nm", 1000.0),
+    ("µm", "nm", 1000.0),
+    ("mm^-1", "mm^-1", 1.0),
+    ("1/mm", "mm^-1", 1.0),
+    ("cm^-1", "mm^-1", 0.1),
+];
 
 /// Lines `medium,m_r [%],m_t,...`: names from the table of readings, units in brackets (fractions without), `#` comments.
 ///
@@ -137,6 +163,7 @@ pub fn read_csv(bytes: &[u8]) -> Result<Sheet, FileError> {
         let wavelength = sheet.column("wavelength").and_then(|c| c.last()).map(|w| format!("{w} nm"));
         let named = medium.or(wavelength).unwrap_or_else(|| format!("row {}", sheet.media.len() + 1));
         sheet.media.push(named);
+        sheet.places.push((index + 1, 1));
     }
     if sheet.media.is_empty() {
         return wrong(first + 2, 1, "no row of readings follows the column names");
@@ -175,108 +202,10 @@ fn number(cell: &str, line: usize, column: usize, name: &str) -> Result<f64, Fil
     }
 }
 
-/// An `.rxt` file: the line `IAD1`, `#` comments, the numbers of the basic header, then a row per measurement.
-///
-/// Header: n_sample, n_slides, thickness of sample and slides (mm), beam diameter (mm), reflectance of the standard, number of spheres; diameters of
-/// the sphere, its sample, entrance and detector port (mm) and the wall's reflectance, of the reflectance and of the transmittance
-/// sphere; number of readings per row (2 or 3). Rows: wavelength (nm), M_R, M_T and, of three, M_U. The dialect with letters for columns is refused.
-pub fn read_rxt(bytes: &[u8]) -> Result<Sheet, FileError> {
-    let text = text(bytes)?;
-    let mut lines = text.lines().enumerate();
-    match lines.next() {
-        Some((_, first)) if first.trim_end().starts_with("IAD1") => {}
-        _ => return wrong(1, 1, "an .rxt file opens with the line IAD1"),
-    }
-    // Every number with its place; a row of readings must stay on its line.
-    let mut words = Vec::new();
-    for (index, line) in lines {
-        let line = line.split('#').next().unwrap_or_default();
-        let mut at = 1;
-        for word in line.split(char::is_whitespace) {
-            if !word.is_empty() {
-                words.push((index + 1, at, word));
-            }
-            at += word.chars().count() + 1;
-        }
-    }
-    let end = text.lines().count() + 1;
-    let mut words = words.into_iter().peekable();
-    let mut next = |name: &str| -> Result<(usize, usize, f64), FileError> {
-        match words.next() {
-            Some((line, column, word)) => Ok((line, column, number(word, line, column, name)?)),
-            None => wrong(end, 1, format!("the file ends where {name} should stand")),
-        }
-    };
-    let place = Cell::new((1, 1));
-    let mut head = |name: &str, holds: fn(f64) -> bool, rule: &str| -> Result<f64, FileError> {
-        let (line, column, value) = next(name)?;
-        place.set((line, column));
-        if holds(value) { Ok(value) } else { wrong(line, column, format!("{name} = {value} must {rule}")) }
-    };
-    let index: fn(f64) -> bool = |x| x >= 1.0;
-    let size: fn(f64) -> bool = |x| x > 0.0;
-    let share: fn(f64) -> bool = |x| x > 0.0 && x <= 1.0;
-    let zero_up: fn(f64) -> bool = |x| x >= 0.0;
-    let n_sample = head("n_sample", index, "be an index >= 1")?;
-    let n_slides = head("n_slides", index, "be an index >= 1")?;
-    let thickness_mm = head("sample thickness", size, "be > 0 mm")?;
-    head("slide thickness", zero_up, "be >= 0 mm")?;
-    head("beam diameter", zero_up, "be >= 0 mm")?;
-    let r_standard = head("reflectance of the standard", share, "lie in (0, 1]")?;
-    let count = head("number of spheres", |x| [0.0, 1.0, 2.0].contains(&x), "be 0, 1 or 2")?;
-    let mut pair = Vec::with_capacity(2);
-    for name in ["reflectance sphere", "transmittance sphere"] {
-        let diameter = head(&format!("diameter of the {name}"), size, "be > 0 mm")?;
-        // Each port is a chord of the sphere: wider than the sphere it is no port.
-        let mut port = |port: &str| -> Result<f64, FileError> {
-            let value = head(&format!("{port} port of the {name}"), zero_up, "be >= 0 mm")?;
-            let (line, column) = place.get();
-            let fits = value < diameter;
-            let message = || format!("a port of {value} mm does not fit the {name} of {diameter} mm");
-            if fits { Ok(value) } else { wrong(line, column, message()) }
-        };
-        let ports = [port("sample")?, port("entrance")?, port("detector")?];
-        let wall = head(&format!("wall reflectance of the {name}"), |x| (0.0..=1.0).contains(&x), "lie in [0, 1]")?;
-        pair.push(Sphere::with_round_ports(diameter, ports[0], ports[1], ports[2], wall));
-    }
-    let per_row = head("number of readings", |x| x == 2.0 || x == 3.0, "be 2 or 3 (M_R, M_T, M_U)")? as usize;
-    let spheres = match (count as usize, pair.as_slice()) {
-        (1, &[r, t]) => Spheres::One([r, t]),
-        (2, &[r, t]) => Spheres::Two([r, t]),
-        _ => Spheres::None,
-    };
-    let instrument = Instrument { spheres, r_standard, ..Instrument::NONE };
-    let header = Header { n_sample, n_slides, thickness_mm, instrument };
-    let names = ["wavelength", "m_r", "m_t", "m_u"];
-    let mut sheet = Sheet { header: Some(header), ..Sheet::default() };
-    sheet.columns = names[..per_row + 1].iter().map(|n| ((*n).to_owned(), Vec::new())).collect();
-    let mut rest = words.peekable();
-    while let Some(&(row, column, _)) = rest.peek() {
-        for (k, name) in names[..per_row + 1].iter().enumerate() {
-            match rest.next() {
-                Some((line, column, word)) if line == row => {
-                    sheet.columns[k].1.push(number(word, line, column, name)?);
-                }
-                _ => return wrong(row, column, format!("a row of {} numbers lacks {name}", per_row + 1)),
-            }
-        }
-        if let Some(&(line, column, word)) = rest.peek()
-            && line == row
-        {
-            return wrong(line, column, format!("`{word}` is more than the {} numbers of a row", per_row + 1));
-        }
-        let wavelength = sheet.columns[0].1.last().copied().unwrap_or_default();
-        sheet.media.push(format!("{wavelength} nm"));
-    }
-    if sheet.media.is_empty() {
-        return wrong(end, 1, "no row of readings follows the header");
-    }
-    Ok(sheet)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::spheres::Spheres;
 
     const RXT: &str = "IAD1  # a comment\n# sample\n1.40 1.50\n1.0 1.0 5 # mm\n0.985\n2\n101.6 25.4 12.7 5 0.97\n101.6 25.4 0 5 0.97\n3\n\
         633 0.30 0.25 0.001\n650 0.31 0.26 0.002\n";
@@ -328,6 +257,10 @@ mod tests {
         assert_eq!(rxt("0.25 0.001", "0.25 x"), (10, 15));
         assert_eq!(rxt("0.25 0.001", "0.25"), (10, 1));
         assert_eq!(rxt("0.25 0.001", "0.25 0.001 7"), (10, 21));
-        assert_eq!(rxt("\n3\n", "\nr t\n"), (9, 1));
+        assert_eq!(rxt("\n3\n", "\n8\n"), (9, 1));
+        assert_eq!(rxt("\n3\n", "\nr t x\n"), (9, 5));
+        assert_eq!(rxt("\n3\n", "\nL r t r\n"), (9, 7));
+        assert_eq!(rxt("\n3\n", "\nL R w\n"), (9, 1));
+        assert_eq!(rxt("\n3\n", "\nL r t u w\n"), (10, 1));
     }
 }

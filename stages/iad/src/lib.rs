@@ -20,6 +20,8 @@
 //! | [`Inverse`] | mu_a and mu_s' from M_R and M_T |
 //! | [`invert_with_g`], [`solve_with_g`] | g too, from M_U |
 //! | [`Experiment`], [`Instrument`] | spheres, lost light, absorbing slides, standard errors, one coefficient known |
+//! | [`Model`] | the way there behind an instrument, without the way back |
+//! | [`Losses`] | light that leaves the sample beside the spheres' ports, by following photons |
 //! | [`laboratory`] | readers of CSV and `.rxt` |
 //!
 //! Lengths mm, coefficients mm^-1, angles rad. Henyey-Greenstein scattering.
@@ -44,7 +46,9 @@ mod incidence;
 mod inverse;
 pub mod laboratory;
 mod layers;
+mod lost;
 mod matrix;
+mod model;
 mod modes;
 mod rotations;
 mod slab;
@@ -61,6 +65,8 @@ pub use forward::{Plan, Response};
 pub use incidence::Incidence;
 pub use inverse::{Fit, Flags, Inverse, Reading};
 pub use layers::{Layer, Layered, Stack};
+pub use lost::{Losses, Spot};
+pub use model::Model;
 pub use slab::{Slab, Slide, Surface, unscattered, unscattered_depth};
 pub use spheres::{Instrument, Lost, Seen, Sphere, Spheres};
 #[cfg(feature = "stage")]

@@ -26,6 +26,8 @@ pub struct Sphere {
     pub wall_reflectance: f64,
     /// What the detector throws back, in [0, 1].
     pub detector_reflectance: f64,
+    /// Reflectance of what closes the third port, in [0, 1]; 0 where it is open.
+    pub third_reflectance: f64,
     /// Light falls straight from the sample into the detector; false behind a baffle.
     pub sees_sample: bool,
     /// The sample closes its port as a plane, not as a piece of the sphere.
@@ -46,6 +48,7 @@ impl Sphere {
             detector: share(detector),
             wall_reflectance,
             detector_reflectance: 0.0,
+            third_reflectance: 0.0,
             sees_sample: true,
             flat: false,
         }
@@ -66,9 +69,11 @@ impl Sphere {
                 must: "leave some wall (shares below 1)",
             });
         }
-        for (name, value) in
-            [("wall reflectance", self.wall_reflectance), ("detector reflectance", self.detector_reflectance)]
-        {
+        for (name, value) in [
+            ("wall reflectance", self.wall_reflectance),
+            ("detector reflectance", self.detector_reflectance),
+            ("reflectance in the third port", self.third_reflectance),
+        ] {
             if !(0.0..=1.0).contains(&value) {
                 return Err(Error::Range { name, value, must: "lie in [0, 1]" });
             }
@@ -88,7 +93,7 @@ impl Sphere {
 
     fn throwback(&self) -> f64 {
         let wall = 1.0 - self.sample - self.third - self.detector;
-        self.wall_reflectance * wall + self.detector_reflectance * self.detector
+        self.wall_reflectance * wall + self.detector_reflectance * self.detector + self.third_reflectance * self.third
     }
 
     fn k(&self) -> f64 {
@@ -127,6 +132,8 @@ pub struct Instrument {
     pub spheres: Spheres,
     /// Reflectance of the standard that defines M_R, in (0, 1].
     pub r_standard: f64,
+    /// What M_T reads without a sample, in (0, 1].
+    pub t_standard: f64,
     /// Share of the beam that meets the wall of the reflectance sphere before the sample, in [0, 1).
     pub wall_first: f64,
     /// Shares of the unscattered reflected and transmitted light that are collected, in [0, 1].
@@ -138,16 +145,24 @@ pub struct Instrument {
 
 impl Instrument {
     /// Readings that need no correction.
-    pub const NONE: Self =
-        Self { spheres: Spheres::None, r_standard: 1.0, wall_first: 0.0, unscattered: [1.0, 1.0], straight: false };
+    pub const NONE: Self = Self {
+        spheres: Spheres::None,
+        r_standard: 1.0,
+        t_standard: 1.0,
+        wall_first: 0.0,
+        unscattered: [1.0, 1.0],
+        straight: false,
+    };
 
     /// What cannot be: ports that leave no wall, reflectances outside [0, 1].
     pub fn check(&self) -> Result<(), Error> {
         if let Spheres::One(spheres) | Spheres::Two(spheres) = &self.spheres {
             spheres.iter().try_for_each(Sphere::check)?;
         }
-        if !(self.r_standard > 0.0 && self.r_standard <= 1.0) {
-            return Err(Error::Range { name: "standard", value: self.r_standard, must: "reflect in (0, 1]" });
+        for value in [self.r_standard, self.t_standard] {
+            if !(value > 0.0 && value <= 1.0) {
+                return Err(Error::Range { name: "standard", value, must: "reflect in (0, 1]" });
+            }
         }
         if !(0.0..1.0).contains(&self.wall_first) {
             return Err(Error::Range { name: "wall_first", value: self.wall_first, must: "lie in [0, 1)" });
@@ -257,7 +272,7 @@ impl Instrument {
     }
 
     /// (dark, scale) of each reading: M_R = (R - R_open) / ((R_standard - R_open) / r_standard), the standard on the
-    /// reflectance sphere alone; M_T = T / T_straight, without a sample.
+    /// reflectance sphere alone; M_T = T t_standard / T_straight, the last without a sample.
     fn scales(&self, spheres: &[Sphere; 2], joined: f64) -> [(f64, f64); 2] {
         let sources = self.sources(spheres, 0.0);
         let r = self.r_standard;
@@ -270,7 +285,7 @@ impl Instrument {
         let hole = Seen { beam: from_beam, unscattered: [0.0; 2], uru: [0.0; 2], utu: 1.0 };
         let sent = self.sent(spheres, sources, from_beam, &hole, joined)[1];
         let (t_slope, t_offset) = spheres[1].reading(sources[1]);
-        [(open, slope * standard / r), (0.0, t_slope * sent + t_offset)]
+        [(open, slope * standard / r), (0.0, (t_slope * sent + t_offset) / self.t_standard)]
     }
 }
 
@@ -291,7 +306,8 @@ mod tests {
     use super::*;
 
     fn sphere(flat: bool, sees_sample: bool, detector_reflectance: f64) -> Sphere {
-        Sphere { flat, sees_sample, detector_reflectance, ..Sphere::with_round_ports(100.0, 20.0, 15.0, 10.0, 0.96) }
+        let open = Sphere::with_round_ports(100.0, 20.0, 15.0, 10.0, 0.96);
+        Sphere { flat, sees_sample, detector_reflectance, third_reflectance: 2.0 * detector_reflectance, ..open }
     }
 
     const SEEN: Seen = Seen { beam: [0.4, 0.3], unscattered: [0.03, 0.1], uru: [0.5, 0.45], utu: 0.25 };
@@ -305,6 +321,7 @@ mod tests {
                         let spheres = spheres([sphere(flat, sees, 0.1), sphere(flat, sees, 0.05)]);
                         let rest = Instrument {
                             r_standard: 0.9,
+                            t_standard: 0.97,
                             wall_first: 0.1,
                             unscattered: [0.3, 0.8],
                             ..Instrument::NONE
@@ -346,7 +363,8 @@ mod tests {
                         read[i] += wall[i] + if s.sees_sample { k * sample[i] } else { 0.0 };
                         next.0[i] = falls
                             * (s.wall_reflectance * (1.0 - s.sample - s.third - s.detector)
-                                + s.detector_reflectance * s.detector);
+                                + s.detector_reflectance * s.detector
+                                + s.third_reflectance * s.third);
                         onto[i] = s.sample * if s.flat { wall[i] } else { falls };
                     }
                     for i in 0..2 {
@@ -371,7 +389,7 @@ mod tests {
             let open = trace([first(0, f), 0.0], [0.0; 2], [0.0; 2], 0.0, 0.0);
             let (diffuse, on_wall) = split(1.0, 1.0);
             let none = trace([first(0, f), (1.0 - f) * on_wall], [0.0, (1.0 - f) * diffuse], [0.0; 2], 1.0, joined);
-            let wanted = [0.9 * (sample[0] - open[0]) / (standard[0] - open[0]), sample[1] / none[1]];
+            let wanted = [0.9 * (sample[0] - open[0]) / (standard[0] - open[0]), 0.97 * sample[1] / none[1]];
             let got = instrument.readings(&SEEN, &LOST);
             assert!((0..2).all(|i| (got[i] - wanted[i]).abs() < 1e-12), "{instrument:?}: {got:?} {wanted:?}");
         });

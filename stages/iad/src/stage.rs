@@ -1,7 +1,9 @@
 //! The stage `calibrate_iad`: readings of a simulated or a real instrument become mu_a, mu_s' and g, row by row.
 
+mod line;
 mod params;
 mod row;
+mod solve;
 mod source;
 
 use turbid_contract::canonical::canonical_value;
@@ -10,7 +12,7 @@ use turbid_contract::serde_json::Value;
 use turbid_contract::{Ctx, Error, FileUse, Known, Problems, Stage, StagePlan, in_ports, out_ports};
 
 pub use params::{FromParam, LostLight, Params, SlidesParams, SpheresChoice, SpheresParams};
-use row::{solve, table};
+use row::{Tools, solve, table};
 use source::{Source, has_suffix, is_rxt};
 
 in_ports! {
@@ -38,6 +40,13 @@ impl Stage for CalibrateIad {
     type Params = Params;
     type In = In<'static>;
     type Out = Out;
+
+    fn draws(params: &Params) -> bool {
+        // Light that leaves beside a port is found by following photons; other readings say themselves what they lost.
+        params.file.as_ref().is_some_and(|path| is_rxt(path))
+            && params.lost_light == LostLight::Correct
+            && params.spheres.is_none()
+    }
 
     fn files(params: &Params) -> Vec<FileUse> {
         params.file.iter().map(|path| FileUse { at: "file".into(), path: path.clone() }).collect()
@@ -72,7 +81,10 @@ impl Stage for CalibrateIad {
             left_out.push("lost light (lost_light: ignore)".to_owned());
         }
         StagePlan {
-            method: Some(format!("Newton, N = {}", params.points)),
+            method: Some(match params.points {
+                Some(points) => format!("Newton, N = {points}"),
+                None => "Newton, N = 16, doubled where twice as many points say otherwise (64 at most)".to_owned(),
+            }),
             left_out,
             seconds: Some(0.1),
             ..StagePlan::default()
@@ -95,20 +107,32 @@ impl Stage for CalibrateIad {
             ));
         }
         let cases = source.cases(params)?;
-        let found = ctx.map_tiles(cases.len(), |i| match params.points {
-            8 => solve::<8>(params, &cases[i]),
-            16 => solve::<16>(params, &cases[i]),
-            32 => solve::<32>(params, &cases[i]),
-            _ => solve::<64>(params, &cases[i]),
-        })?;
+        let tools = Tools::new(&cases, ctx.seed());
+        let found = ctx.map_tiles(cases.len(), |i| solve(params, &cases[i], &tools))?;
         let failed = found.iter().filter(|f| f.is_err()).count();
         if failed > 0 {
             ctx.warn(format!("{failed} of {} rows have no fit; column `status` names why", found.len()));
         }
-        let ambiguous = found.iter().flatten().filter(|f| f.is_ambiguous()).count();
+        let count = |holds: fn(&row::Found) -> bool| found.iter().flatten().filter(|f| holds(f)).count();
+        let ambiguous = count(|f| f.status() == "ambiguous");
         if ambiguous > 0 {
             ctx.warn(format!(
                 "{ambiguous} of {} rows have a second medium with the same readings (column `message`): walls this white hardly tell mu_s'",
+                found.len()
+            ));
+        }
+        let disagree = count(|f| f.status() == "disagree");
+        if disagree > 0 {
+            ctx.warn(format!(
+                "in {disagree} of {} rows no medium with what is known gives both readings (columns `message`, `m_r_residual`, \
+                 `m_t_residual`): check what is known, or name the reading to trust with `from`",
+                found.len()
+            ));
+        }
+        let coarse = count(row::Found::is_coarse);
+        if coarse > 0 {
+            ctx.warn(format!(
+                "in {coarse} of {} rows 64 quadrature points are few (columns `message`, `*_model_error`)",
                 found.len()
             ));
         }
@@ -142,5 +166,8 @@ fn check_file(params: &Params, path: &str, known: &Known, problems: &mut Problem
     }
     if let Err(Error::Invalid(problem)) = source.cases(params) {
         problems.push(problem.path, problem.message);
+    }
+    for assumption in source.assumptions(params) {
+        problems.warn("file", format!("{path}: {assumption}"));
     }
 }

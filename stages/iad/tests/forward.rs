@@ -163,24 +163,29 @@ fn e_3(tau: f64) -> f64 {
     0.5 * (pass - tau * (pass - tau * e_1))
 }
 
-/// Peaks that hardly any rule resolves are as good as those that are: g = 0.9999 (not in the table) at N = 16, 32 against 64,
-/// at the same mu_s', within the ceilings of the table (errors change sign with N where n > 1, so none is asked to be the smaller); and near
-/// the similar medium of g = 0.99, whose second moment differs by 1e-4 of the scattering.
+/// Peaks that hardly any rule resolves, against an independent solver of the transport equation (Galerkin in depth, its own directions, moments
+/// up to |g|^l < 3e-4, `turbid_optics::rte`: 1e-5, with sharp peaks at n > 1 1e-4) at the same mu_s': R and T of g = 0.99 and -0.99 within the ceilings of the
+/// table above, and of 0.999; g = 0.9999 within 5e-3 of the similar medium of g = 0.99, whose second moment differs by 1e-4 of the scattering.
 #[test]
-fn extreme_peaks_converge() {
-    fn run<const N: usize>(n: f64, g: f64) -> [f64; 4] {
-        four(&plan::<N>(&slab(n, g, 1.0)).forward(0.1, 2.0).expect("within range"))
+fn extreme_peaks_are_those_of_another_solver() {
+    use turbid_optics::{Medium, rte};
+    fn two<const N: usize>(n: f64, g: f64) -> [f64; 2] {
+        let r = plan::<N>(&slab(n, g, 1.0)).forward(0.1, 2.0).expect("within range");
+        [r.ur1, r.ut1]
     }
-    let apart = |a: [f64; 4], b: [f64; 4]| a.iter().zip(b).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max);
+    let apart = |a: [f64; 2], b: [f64; 2]| a.iter().zip(b).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max);
+    for (n, g) in [(1.0, 0.99), (1.0, 0.999), (1.0, -0.99), (1.4, 0.99)] {
+        let medium = Medium { mu_a: 0.1, mu_s_prime: 2.0, g, n };
+        let other = rte::respond(&medium, Some(1.0), 0.0).expect("solvable");
+        let front = ((n - 1.0) / (n + 1.0)) * ((n - 1.0) / (n + 1.0));
+        let other = [front + other.reflectance.hemispherical_incident, other.transmittance];
+        let off = [apart(two::<16>(n, g), other), apart(two::<32>(n, g), other), apart(two::<64>(n, g), other)];
+        println!("n {n} g {g}: {off:?}");
+        let most = if n == 1.0 { [3e-5 + 2e-5, 2.5e-5, 2e-5] } else { [2e-3, 5e-4, 2e-4] };
+        assert!(off.iter().zip(most).all(|(off, most)| *off < most), "n {n} g {g}: {off:?}");
+    }
     for n in [1.0, 1.4] {
-        for g in [0.9999, -0.9999, 0.99, -0.99] {
-            let fine = run::<64>(n, g);
-            let (coarse, middle) = (apart(run::<16>(n, g), fine), apart(run::<32>(n, g), fine));
-            println!("n {n} g {g}: {coarse:.1e} {middle:.1e}");
-            let [most, less] = if n == 1.0 { [3e-5, 5e-6] } else { [2e-3, 4e-4] };
-            assert!(coarse < most && middle < less, "n {n} g {g}: {coarse:.1e} {middle:.1e}");
-        }
-        let similar = apart(run::<64>(n, 0.9999), run::<64>(n, 0.99));
+        let similar = apart(two::<64>(n, 0.9999), two::<64>(n, 0.99));
         assert!(similar < 5e-3, "n = {n}: {similar:.1e}");
     }
 }

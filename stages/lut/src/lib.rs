@@ -16,8 +16,9 @@
 //! With `model: empirical` and `wanted: [{mu_a: 0.05, mu_s_prime: 1.2}]` the port `design` says which densities (the axes of the phantoms) make such media.
 //!
 //! The table is read by bicubic interpolation of ln R over (ln mu_a, ln mu_s'): with the default nodes its error stays
-//! below 0.1 % (`docs/theory/build_lut.md`). `validity` maps the noise gains and the sign of the Jacobian.
+//! below 0.1 % (`docs/theory/build_lut.md`); column `r_d_bound` says what the solver itself leaves uncertain of a row. `validity` maps the noise gains and the sign of the Jacobian.
 
+mod bound;
 pub mod design;
 pub mod empirical;
 pub mod monte_carlo;

@@ -165,7 +165,14 @@ fn properties(sources: &Sources<'_, '_>, axes: &Axes, name: &str) -> Result<([f6
         let cells = table.f64s(column).map(|cells| cells[row]);
         cells.ok_or_else(|| Error::failed(format!("the fit has no column {column}")))
     };
-    Ok(([cell("mu_a")?, cell("mu_s_prime")?], [cell("mu_a_se")?, cell("mu_s_prime_se")?]))
+    let se = |column: &str| {
+        let cells = table.maybe_f64s(column).map(|cells| cells[row]);
+        cells.ok_or_else(|| Error::failed(format!("the fit has no column {column}")))?.ok_or_else(|| {
+            let what = format!("the fit of {name} does not know its standard error ({column})");
+            Error::failed_with_hint(what, "state m_r_se and m_t_se in the readings or in `calibrate_iad`")
+        })
+    };
+    Ok(([cell("mu_a")?, cell("mu_s_prime")?], [se("mu_a_se")?, se("mu_s_prime_se")?]))
 }
 
 /// The one value of a layer of the truth.

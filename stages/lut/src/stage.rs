@@ -13,6 +13,7 @@ use turbid_contract::{
 use turbid_optics::level::named;
 use turbid_optics::philox;
 
+use crate::bound;
 use crate::design::{Design, design};
 use crate::empirical::{self, Between};
 use crate::monte_carlo::{self, Estimate, PARTS};
@@ -156,7 +157,14 @@ impl Stage for BuildLut {
         }
         let wanted = ctx.wants("validity") && !reports.is_empty();
         let validity = wanted.then(|| image(&recipe, &reports));
-        Ok(Out { lut: lut(params, &recipe, values, se, sections)?, validity, design })
+        let bounds = match params.model {
+            Model::Rte => bounds(&recipe, &values, ctx)?,
+            // The spline between the nodes of the white run (`interpolation_of_the_white_run_is_below_its_noise`).
+            Model::MonteCarlo => values.iter().map(|r| Some(2e-5 * r)).collect(),
+            // What a model or an instrument leaves out is not known from within.
+            Model::Diffusion | Model::Empirical => vec![None; values.len()],
+        };
+        Ok(Out { lut: lut(params, &recipe, values, se, bounds, sections)?, validity, design })
     }
 }
 
@@ -175,6 +183,17 @@ fn solve(recipe: &Recipe, ctx: Ctx<'_>) -> Result<Estimate, Error> {
     }
     let se = vec![0.0; r_d.len()];
     Ok(Estimate { r_d, se })
+}
+
+/// What the solver's discretisation leaves uncertain of each row.
+fn bounds(recipe: &Recipe, values: &[f64], ctx: Ctx<'_>) -> Result<Vec<Option<f64>>, Error> {
+    let samples = bound::samples(recipe);
+    let changes = ctx.map_tiles(samples.len(), |i| bound::change(recipe, samples[i]))?;
+    let bounds = bound::bounds(recipe, &changes, values);
+    if let Some(largest) = bounds.iter().copied().collect::<Option<Vec<f64>>>() {
+        ctx.measure("largest_bound", largest.into_iter().fold(0.0, f64::max), "1");
+    }
+    Ok(bounds)
 }
 
 /// Ports that `model: empirical` must have, and that no other model reads.
@@ -355,6 +374,7 @@ fn lut(
     recipe: &Recipe,
     r_d: Vec<f64>,
     r_d_se: Vec<f64>,
+    r_d_bound: Vec<Option<f64>>,
     sections: Option<&Sections>,
 ) -> Result<Lut, Error> {
     let (n_a, n_s, size) = (recipe.mu_a.len(), recipe.mu_s_prime.len(), r_d.len());
@@ -369,8 +389,9 @@ fn lut(
     table.push("mu_s_prime", "mm^-1", column(&|i| recipe.mu_s_prime[i % n_s]));
     table.push("f_x", "mm^-1", column(&|i| recipe.f_x[i / (n_a * n_s) % n_f]));
     table.push("r_d", "1", Cells::F64(r_d));
-    // Random errors only; systematic ones are in the docs.
+    // Random errors, and what is systematic.
     table.push("r_d_se", "1", Cells::F64(r_d_se));
+    table.push("r_d_bound", "1", Cells::MaybeF64(r_d_bound));
     Ok(Lut(table))
 }
 

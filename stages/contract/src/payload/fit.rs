@@ -6,11 +6,14 @@ use crate::payload::Payload;
 
 /// One row per medium.
 ///
-/// Columns `medium` (text); `mu_a`, `mu_s_prime` and `mu_a_se`, `mu_s_prime_se` (mm^-1), `mu_cov` (their covariance, mm^-2), `g`, `g_se`;
+/// Columns `medium` (text); `mu_a`, `mu_s_prime` and `mu_a_se`, `mu_s_prime_se` (mm^-1), `mu_cov` (their covariance, mm^-2), `g`, `g_se`:
+/// errors are null where the readings state none. `mu_a_model_error`, `mu_s_prime_model_error` (mm^-1): what the model itself leaves
+/// uncertain (quadrature, lost light), part of the standard errors. `m_r_residual`, `m_t_residual`: reading of the fit less that of the
+/// instrument, null where it was not read. `mu_a_over_mu_s_prime`: known also where only M_R was read. `N`: quadrature points.
 /// `status` (text): `ok`, `conservative` (mu_a = 0 within the standard errors), `no_scatter` (mu_s' = 0 likewise), `empty` (both),
-/// `ambiguous` (the row holds one of two media with these readings, `message` names the other), or the name of
-/// what failed, with the reason in `message`. A row that failed holds zeros: read `status` first. A standard error that the
-/// readings do not determine is 0 and `status` ends in `, no_se`.
+/// `ambiguous` (the row holds one of two media with these readings, `message` names the other), `disagree` (no medium with what is known
+/// gives both readings: the row holds the nearest), or the name of what failed, with the reason in `message`. A row that failed holds
+/// zeros: read `status` first. Where the readings do not determine an error `status` ends in `, no_se`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fit(pub Table);
 

@@ -22,7 +22,8 @@ pub enum Convention {
     Relative,
 }
 
-/// One row per node and spatial frequency: columns `mu_a`, `mu_s_prime`, `f_x` (mm^-1), `r_d`, `r_d_se` (1).
+/// One row per node and spatial frequency: columns `mu_a`, `mu_s_prime`, `f_x` (mm^-1), `r_d`, `r_d_se` (random error), `r_d_bound`
+/// (what the model's own solution leaves uncertain; null where that is not known) (1).
 ///
 /// Order: f_x outermost, then mu_a, then mu_s'; where the table has sections (attribute `sections`, a list as in [`crate::payload::Section`])
 /// a column `section` comes first and runs slowest. Attributes: `f_x`, `mu_a`, `mu_s_prime` (the axes), `g`, `n`,

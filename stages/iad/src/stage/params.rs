@@ -9,7 +9,7 @@ use serde::de::{self, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use turbid_contract::{Length, PerLength, Problems, Ratio};
 
-use crate::experiment::Known;
+use super::line::Constraint;
 use crate::{Instrument, Slide, Sphere, Spheres};
 
 /// Params of `calibrate_iad`; what is left out is taken from the readings or the header of the file.
@@ -38,30 +38,51 @@ pub struct Params {
     /// Reflectance of the standard that defines M_R, in (0, 1].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub r_standard: Option<Ratio>,
-    /// mu_a, where it is known: mu_s' is then found from `from`.
+    /// mu_a, where it is known: the rest is then found from all readings, or from `from` alone.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mu_a: Option<PerLength>,
-    /// mu_s', where it is known: mu_a is then found from `from`.
+    /// mu_s', where it is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mu_s_prime: Option<PerLength>,
-    /// The reading that a single unknown is found from.
+    /// mu_s, where it is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mu_s: Option<PerLength>,
+    /// mu_s / (mu_a + mu_s), where it is known, in [0, 1].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub albedo: Option<Ratio>,
+    /// (mu_a + mu_s) x thickness, where it is known, > 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub optical_thickness: Option<Ratio>,
+    /// The only reading that a single unknown is found from; left out: a fit of both, whose residuals are reported.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub from: Option<FromParam>,
+    /// Standard error of M_R, where the readings state none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub m_r_se: Option<Ratio>,
+    /// Standard error of M_T, where the readings state none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub m_t_se: Option<Ratio>,
+    /// Standard error of M_U, where the readings state none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub m_u_se: Option<Ratio>,
+    /// Share of the unscattered reflected light that M_R holds, where no spheres are given here.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unscattered_r: Option<Ratio>,
+    /// Share of the unscattered transmitted light that M_T holds, likewise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unscattered_t: Option<Ratio>,
     /// Readings beyond a limit (more light out than in, less than the surfaces reflect) by no more than this many
     /// standard errors count as lying on it.
     #[serde(default = "three")]
     pub limit_sigmas: Ratio,
-    /// Quadrature points: 8, 16, 32 or 64.
-    #[serde(default = "sixteen", rename = "N")]
-    pub points: u32,
+    /// Quadrature points: 8, 16, 32 or 64; left out: 16, doubled until twice as many change mu_a and mu_s' by less than a
+    /// thousandth or a fifth of their standard errors, 64 at most.
+    #[serde(default, rename = "N", skip_serializing_if = "Option::is_none")]
+    pub points: Option<u32>,
 }
 
 fn three() -> Ratio {
     Ratio(3.0)
-}
-
-fn sixteen() -> u32 {
-    16
 }
 
 /// Light that a slab without sides would have sent back and on.
@@ -203,10 +224,18 @@ impl Params {
         Some([Slide { n: s.top.0, tau: s.top_tau.0 }, Slide { n: s.bottom.0, tau: s.bottom_tau.0 }])
     }
 
-    /// The coefficient that is known beforehand.
-    pub fn known(&self) -> Option<Known> {
-        let mu_a = self.mu_a.map(|x| Known::MuA(x.0));
-        mu_a.or(self.mu_s_prime.map(|x| Known::MuSPrime(x.0)))
+    /// What is known beforehand, each under its name.
+    pub fn known(&self) -> Vec<(&'static str, Constraint)> {
+        [
+            ("mu_a", self.mu_a.map(|x| Constraint::MuA(x.0))),
+            ("mu_s_prime", self.mu_s_prime.map(|x| Constraint::MuSPrime(x.0))),
+            ("mu_s", self.mu_s.map(|x| Constraint::MuS(x.0))),
+            ("albedo", self.albedo.map(|x| Constraint::Albedo(x.0))),
+            ("optical_thickness", self.optical_thickness.map(|x| Constraint::OpticalThickness(x.0))),
+        ]
+        .into_iter()
+        .filter_map(|(name, known)| Some((name, known?)))
+        .collect()
     }
 
     /// Everything that is wrong whatever the readings are.
@@ -235,21 +264,34 @@ impl Params {
                 problems.require(tau.0 >= 0.0, format!("slides.{name}"), tau.0, "", "be >= 0");
             }
         }
-        for (name, known) in [("mu_a", self.mu_a), ("mu_s_prime", self.mu_s_prime)] {
-            if let Some(x) = known {
-                problems.require(x.0 >= 0.0, name, x.0, "mm^-1", "be >= 0");
+        let known = self.known();
+        for (name, constraint) in &known {
+            if let Err(rule) = constraint.check() {
+                problems.require(false, *name, constraint.value(), constraint.unit(), rule);
             }
         }
-        if self.mu_a.is_some() && self.mu_s_prime.is_some() {
-            problems.push("mu_s_prime", "mu_a and mu_s_prime are both given: nothing is left to find");
+        if let [(first, _), (second, _), ..] = known[..] {
+            let message = format!("{first} and {second} are both given: nothing is left to find");
+            problems.push_with_hint(second, message, "leave one of them out");
         }
-        if self.from.is_some() && self.known().is_none() {
-            problems.push("from", "`from` names the reading for one unknown; give mu_a or mu_s_prime, or leave it out");
+        for (name, se) in [("m_r_se", self.m_r_se), ("m_t_se", self.m_t_se), ("m_u_se", self.m_u_se)] {
+            if let Some(se) = se {
+                problems.require(se.0 >= 0.0, name, se.0, "", "be >= 0");
+            }
+        }
+        for (name, share) in [("unscattered_r", self.unscattered_r), ("unscattered_t", self.unscattered_t)] {
+            let Some(share) = share else { continue };
+            problems.require((0.0..=1.0).contains(&share.0), name, share.0, "", "lie in [0, 1]");
+            if matches!(self.spheres, Some(SpheresChoice::These(_))) {
+                let message = format!("{name} stands beside `spheres`, which have one of their own");
+                problems.push_with_hint(name, message, format!("give it as spheres.{name}"));
+            }
         }
         let sigmas = self.limit_sigmas.0;
         problems.require((0.0..=100.0).contains(&sigmas), "limit_sigmas", sigmas, "", "lie in [0, 100]");
-        let points = self.points;
-        problems.require([8, 16, 32, 64].contains(&points), "N", f64::from(points), "", "be 8, 16, 32 or 64");
+        if let Some(points) = self.points {
+            problems.require([8, 16, 32, 64].contains(&points), "N", f64::from(points), "", "be 8, 16, 32 or 64");
+        }
         if let Some(SpheresChoice::These(spheres)) = &self.spheres {
             spheres.check(problems);
         }
