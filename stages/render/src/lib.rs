@@ -33,9 +33,11 @@ pub mod texture;
 pub mod world;
 
 mod allocation;
+mod cautions;
 mod fit;
 mod frames;
 mod glint;
+mod interval;
 mod judge;
 mod method;
 mod mirror;
@@ -54,9 +56,11 @@ mod shown;
 mod stage;
 mod state;
 mod stream;
+mod tail;
 mod trace;
 mod truth;
 mod uniform;
+mod unsure;
 
 pub use params::{Method, Params};
 pub use stage::{Out, RenderStage};
