@@ -57,6 +57,15 @@ pub fn widening(n: u32, spread: f64) -> f64 {
 }
 
 impl Sampled<'_> {
+    /// By what it is widened, and itself without.
+    pub fn apart(self) -> (f64, Self) {
+        (self.spread, Self { spread: 0.0, ..self })
+    }
+
+    pub fn with_spread(&self, spread: f64) -> Self {
+        Self { spread, ..*self }
+    }
+
     fn raw(&self, pixel: usize, a: &[(usize, f64)], b: &[(usize, f64)]) -> f64 {
         let n = self.paths[pixel];
         let pairs = a.iter().flat_map(|a| b.iter().map(move |b| (a, b)));
@@ -79,9 +88,11 @@ impl Field for Sampled<'_> {
     }
 
     fn variance_of_mean(&self, terms: &[(usize, f64)], _: f64) -> f64 {
-        // All pixels together see what is rare.
-        let n = self.paths.len() as f64;
-        (0..self.paths.len()).map(|pixel| self.raw(pixel, terms, terms).max(0.0)).sum::<f64>() / (n * n)
+        // All pixels together see what is rare, as far as their paths go.
+        let (n, paths) = (self.paths.len() as f64, self.paths.iter().fold(0, |sum: u32, &n| sum.saturating_add(n)));
+        let widening = widening(paths, self.spread);
+        let sum: f64 = (0..self.paths.len()).map(|pixel| self.raw(pixel, terms, terms).max(0.0)).sum();
+        widening * widening * sum / (n * n)
     }
 }
 

@@ -42,9 +42,9 @@ pub fn by_paths<'a>(
             let scatters = |body: usize| world.materials[world.bodies[body].material].mu_s > 0.0;
             let looks: Vec<Look> =
                 body().into_iter().map(|b| Look { body: b, scatters: b.is_some_and(scatters) }).collect();
-            Box::new(Pooled::by_windows(sampled(0.0), &pixels, &looks, columns, expected))
+            Box::new(Pooled::by_windows(sampled(kurtosis - 1.0), &pixels, &looks, columns, expected))
         } else if hollow {
-            Box::new(Pooled::around(sampled(0.0), watched, &body(), columns))
+            Box::new(Pooled::around(sampled(kurtosis - 1.0), watched, &body(), columns))
         } else {
             Box::new(sampled(kurtosis - 1.0))
         }
@@ -69,11 +69,14 @@ pub struct Pooled<'a> {
     unknown: Vec<bool>,
     /// Whether the image does not hold it.
     mean_unknown: bool,
+    /// By which the error of the mean is widened, as [`Sampled::spread`].
+    spread: f64,
 }
 
 impl<'a> Pooled<'a> {
     /// The mean of the variances of the 5 x 5 pixels around. `seen`: at which body each pixel looks; pixels without noise have no say and keep it.
     pub fn around(sampled: Sampled<'a>, watched: &Watched, seen: &[Option<usize>], columns: usize) -> Self {
+        let (spread, sampled) = sampled.apart();
         // Of one path: some pixels may have more of them.
         let of_path = |pixel: usize| f64::from(sampled.paths[pixel]) * sampled.variance(pixel, &watched.dc);
         let own: Vec<f64> = (0..seen.len()).map(of_path).collect();
@@ -86,7 +89,7 @@ impl<'a> Pooled<'a> {
             sum / f64::from(count) / own[pixel]
         };
         let scale = (0..seen.len()).map(scale).collect();
-        Self { scale, sampled, unknown: vec![false; seen.len()], mean_unknown: false }
+        Self { scale, sampled, unknown: vec![false; seen.len()], mean_unknown: false, spread }
     }
 
     /// That of a window that grows until its paths hold the tail. In wide windows brightness varies: there it is the variance over the square of the
@@ -98,7 +101,7 @@ impl<'a> Pooled<'a> {
         columns: usize,
         expected: f64,
     ) -> Self {
-        let count = pixels.len();
+        let ((spread, sampled), count) = (sampled.apart(), pixels.len());
         let window = |reach: usize, pixel: usize| -> Sum {
             let alike = within(reach, pixel, columns, count).filter(|&p| looks[p] == looks[pixel]);
             alike.map(|p| Sum::of(&pixels[p])).fold(Sum::default(), Sum::and)
@@ -135,7 +138,7 @@ impl<'a> Pooled<'a> {
             (scale, sum.variance > 0.0 && (blind || !sum.is_held(expected, 1.0)))
         };
         let (scale, unknown) = (0..count).map(of).unzip();
-        Self { sampled, scale, unknown, mean_unknown: !image_holds(pixels, expected) }
+        Self { sampled, scale, unknown, mean_unknown: !image_holds(pixels, expected), spread }
     }
 }
 
@@ -194,7 +197,7 @@ impl Field for Pooled<'_> {
     }
 
     fn variance_of_mean(&self, terms: &[(usize, f64)], total: f64) -> f64 {
-        self.sampled.variance_of_mean(terms, total)
+        self.sampled.with_spread(self.spread).variance_of_mean(terms, total)
     }
 
     fn se_unknown(&self, pixel: usize) -> bool {
