@@ -1,8 +1,8 @@
 //! Rough dielectric boundaries: GGX microfacets, each a smooth wall, that light meets once.
 //!
 //! Source: Walter, Marschner, Li, Torrance, "Microfacet models for refraction through rough surfaces", EGSR (2007), with
-//! Smith's shadowing of the two directions taken as independent. Light that would meet a second facet is lost, a fraction of the order
-//! of alpha^2 / 2.
+//! Smith's shadowing of the two directions taken as independent. Light that would meet a second facet is lost;
+//! `between_facets.rs` says how much.
 
 use std::f64::consts::PI;
 
@@ -32,7 +32,7 @@ impl Rough {
     }
 
     /// Fraction of the facets that a direction at this cosine sees.
-    fn unshadowed(&self, cos: f64) -> f64 {
+    pub(crate) fn unshadowed(&self, cos: f64) -> f64 {
         let tan2 = (1.0 - cos * cos).max(0.0) / (cos * cos);
         2.0 / (1.0 + (1.0 + self.alpha * self.alpha * tan2).sqrt())
     }
@@ -40,7 +40,7 @@ impl Rough {
     /// Normal of a facet that the direction `v` (away from the surface) sees, for uniforms u and turns.
     ///
     /// Source: Dupuy, Benyoub, "Sampling visible GGX normals with spherical caps", Comput. Graph. Forum 42 (2023).
-    fn facet(&self, v: DVec3, u: f64, turns: f64) -> DVec3 {
+    pub(crate) fn facet(&self, v: DVec3, u: f64, turns: f64) -> DVec3 {
         let n = self.normal;
         let stretched = |x: DVec3| {
             let up = x.dot(n);

@@ -21,6 +21,16 @@ pub trait Field {
 
     /// Variance of such a sum's mean over the image, the variances of whose pixels add up to `total`.
     fn variance_of_mean(&self, terms: &[(usize, f64)], total: f64) -> f64;
+
+    /// Whether the errors of a pixel are larger than its covariance says, nobody knows by how much.
+    fn se_unknown(&self, _pixel: usize) -> bool {
+        false
+    }
+
+    /// The same of the mean over the image.
+    fn mean_se_unknown(&self) -> bool {
+        false
+    }
 }
 
 /// Every pixel by its own paths: the errors of pixels are independent.
@@ -28,25 +38,34 @@ pub struct Sampled<'a> {
     pub moments: &'a Moments,
     /// Paths of each pixel.
     pub paths: &'a [u32],
-    /// Whether standard errors are to hold the truth as often as they should: see [`widening`].
-    pub widened: bool,
+    /// Kurtosis of a path - 1: by it standard errors are widened, so that they hold the truth as often as they should; see [`widening`]. 0: they are not.
+    pub spread: f64,
 }
 
-/// Excess kurtosis + 2 of what paths of a pixel see: 14 to 26 in half-spaces and domes under the light lobe.
-const KURTOSIS: f64 = 20.0;
 /// From fewer paths than this nothing is known about errors.
-const LEAST_PATHS: u32 = 64;
+pub const LEAST_PATHS: u32 = 64;
 
 /// By what the sampled standard error of a mean of `n` paths is multiplied so that it holds the truth in 68.3 % of cases.
 ///
 /// Few paths see the rare bright places. A pixel that has missed them is too dark, and its sampled variance too small: both at once, so that
 /// the interval misses the truth. The sampled variance has as many degrees of freedom as a normal sample's has with
-/// nu = 2 n / (excess kurtosis + 2), and Student's t of nu degrees exceeds the normal 68.3 % quantile by 1 + 1 / (2 nu) to first order.
-pub fn widening(n: u32) -> f64 {
-    1.0 + KURTOSIS / (4.0 * f64::from(n.max(LEAST_PATHS)))
+/// nu = 2 n / (kurtosis - 1), and Student's t of nu degrees exceeds the normal 68.3 % quantile by 1 + 1 / (2 nu) to first order. Below 4
+/// degrees variances are pooled instead (`pooled.rs`); where they cannot be, 4 are taken.
+pub fn widening(n: u32, spread: f64) -> f64 {
+    let n = f64::from(n.max(LEAST_PATHS));
+    1.0 + spread.min(0.5 * n) / (4.0 * n)
 }
 
 impl Sampled<'_> {
+    /// By what it is widened, and itself without.
+    pub fn apart(self) -> (f64, Self) {
+        (self.spread, Self { spread: 0.0, ..self })
+    }
+
+    pub fn with_spread(&self, spread: f64) -> Self {
+        Self { spread, ..*self }
+    }
+
     fn raw(&self, pixel: usize, a: &[(usize, f64)], b: &[(usize, f64)]) -> f64 {
         let n = self.paths[pixel];
         let pairs = a.iter().flat_map(|a| b.iter().map(move |b| (a, b)));
@@ -64,14 +83,16 @@ impl Field for Sampled<'_> {
     }
 
     fn covariance(&self, pixel: usize, a: &[(usize, f64)], b: &[(usize, f64)]) -> f64 {
-        let widening = if self.widened { widening(self.paths[pixel]) } else { 1.0 };
+        let widening = widening(self.paths[pixel], self.spread);
         widening * widening * self.raw(pixel, a, b)
     }
 
     fn variance_of_mean(&self, terms: &[(usize, f64)], _: f64) -> f64 {
-        // All pixels together see what is rare.
-        let n = self.paths.len() as f64;
-        (0..self.paths.len()).map(|pixel| self.raw(pixel, terms, terms).max(0.0)).sum::<f64>() / (n * n)
+        // All pixels together see what is rare, as far as their paths go.
+        let (n, paths) = (self.paths.len() as f64, self.paths.iter().fold(0, |sum: u32, &n| sum.saturating_add(n)));
+        let widening = widening(paths, self.spread);
+        let sum: f64 = (0..self.paths.len()).map(|pixel| self.raw(pixel, terms, terms).max(0.0)).sum();
+        widening * widening * sum / (n * n)
     }
 }
 

@@ -8,6 +8,7 @@ use crate::light::{Carrier, Emission, Light};
 use crate::moments::Moments;
 use crate::polynomials::Polynomials;
 use crate::rig::Rig;
+use crate::tail::{brightness, expected_kurtosis, image_holds, is_peaked};
 use crate::world::Spans;
 
 /// No more pixels than this are traced along a side: a polynomial needs no more places, only more paths.
@@ -87,6 +88,8 @@ pub struct Fitted {
     pub order: usize,
     /// Whether the highest order that was tried would still have been worth it.
     pub rough: bool,
+    /// Whether the paths hold what is rare and bright; if not, no error is known.
+    held: bool,
 }
 
 /// Sum over p of a_p b_p C_p, C the covariances of reduced responses.
@@ -143,7 +146,9 @@ impl Fitted {
             }
         }
         let coefficients = coefficients[..m * q].to_vec();
-        Some(Self { columns, guides, along_x, along_y, terms, q, coefficients, covariances, order, rough })
+        let (seen, expected) = (brightness(moments, &vec![n; pixels.len()]), expected_kurtosis(rig));
+        let held = !is_peaked(expected) || image_holds(&seen, expected);
+        Some(Self { columns, guides, along_x, along_y, terms, q, coefficients, covariances, order, rough, held })
     }
 
     /// How many times the variance of the mean of M_DC exceeds that of independent pixels.
@@ -253,6 +258,14 @@ impl Field for Fitted {
     fn variance_of_mean(&self, terms: &[(usize, f64)], _: f64) -> f64 {
         let n = self.pixels() as f64;
         self.variance_of_sum(terms, &|_| true) / (n * n)
+    }
+
+    fn se_unknown(&self, _: usize) -> bool {
+        !self.held
+    }
+
+    fn mean_se_unknown(&self) -> bool {
+        !self.held
     }
 }
 

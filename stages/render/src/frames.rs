@@ -55,11 +55,15 @@ impl Images<'_> {
             total += variance;
             se.push(variance.sqrt() as f32);
         }
-        info.mean_se = Some(field.variance_of_mean(terms, total).sqrt());
+        info.mean_se = (!field.mean_se_unknown()).then(|| field.variance_of_mean(terms, total).sqrt());
+        let unknown: Vec<f32> = (0..pixels).map(|pixel| f32::from(u8::from(field.se_unknown(pixel)))).collect();
         let image = |data| Array2::from_shape_vec((self.rows, self.columns), data).expect("one value per pixel");
-        let se_info = info.standard_error();
+        let (se_info, unknown_info) = (info.standard_error(), info.se_unknown());
         stack.push(info, image(mean));
         stack.push(se_info, image(se));
+        if unknown.contains(&1.0) {
+            stack.push(unknown_info, image(unknown));
+        }
     }
 
     /// A frame for every layer of what is shown.

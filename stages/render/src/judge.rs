@@ -11,6 +11,7 @@ use crate::reference::References;
 use crate::referenced::{Images, Referenced};
 use crate::rig::Rig;
 use crate::shown::Shown;
+use crate::tail::{brightness, expected_kurtosis, kurtosis};
 use crate::trace::Judge;
 
 /// Terms of a fit of the least order.
@@ -66,8 +67,13 @@ impl<'a> OfPixels<'a> {
         Self { rig, shown, stand_ins, allocate, watched: Watched::of(shown), lattice }
     }
 
+    fn spread(&self, moments: &Moments, paths: &[u32]) -> f64 {
+        kurtosis(&brightness(moments, paths), expected_kurtosis(self.rig)) - 1.0
+    }
+
     fn direct<'b>(&self, sums: &'b [Moments], paths: &'b [u32]) -> Vec<Box<dyn Field + 'b>> {
-        let of = |moments| -> Box<dyn Field> { Box::new(Sampled { moments, paths, widened: true }) };
+        let of =
+            |moments| -> Box<dyn Field> { Box::new(Sampled { moments, paths, spread: self.spread(moments, paths) }) };
         sums[..self.rig.worlds.len()].iter().map(of).collect()
     }
 
@@ -81,9 +87,10 @@ impl<'a> OfPixels<'a> {
         let expected = TERMS / (f64::from(FIT_PATHS) * self.lattice as f64);
         let (direct, differences) = sums.split_at(self.rig.worlds.len());
         let of = |(direct, difference)| -> Box<dyn Field> {
-            let sampled = |moments, widened| Sampled { moments, paths, widened };
+            let spread = self.spread(direct, paths);
+            let sampled = |moments, spread| Sampled { moments, paths, spread };
             // Variances of differences are pooled over pixels.
-            let (direct, difference) = (sampled(direct, true), sampled(difference, false));
+            let (direct, difference) = (sampled(direct, spread), sampled(difference, 0.0));
             let (images, columns) = (Images::Expected(expected), self.rig.camera.columns);
             Box::new(Referenced::new(direct, difference, images, &of_pixel, columns, self.shown.layout))
         };

@@ -33,10 +33,12 @@ pub mod texture;
 pub mod world;
 
 mod allocation;
+mod cautions;
 mod detour;
 mod fit;
 mod frames;
 mod glint;
+mod interval;
 mod judge;
 mod method;
 mod mirror;
@@ -55,9 +57,11 @@ mod scout;
 mod shown;
 mod stage;
 mod state;
+mod tail;
 mod trace;
 mod truth;
 mod uniform;
+mod unsure;
 
 pub use params::{Method, Params};
 pub use stage::{Out, RenderStage};

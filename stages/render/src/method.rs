@@ -15,8 +15,10 @@ use crate::reference::{References, no_stand_in, references};
 use crate::referenced::{Images, Referenced};
 use crate::rig::Rig;
 use crate::shown::Shown;
+use crate::tail::{brightness, expected_kurtosis, kurtosis};
 use crate::trace::{Sums, Task, trace};
 use crate::uniform::obstacle;
+use crate::unsure::Unsure;
 
 /// The error target of a pixel-by-pixel image is first tested after this many paths per pixel.
 const FIRST_TEST: u32 = 64;
@@ -228,14 +230,20 @@ impl Traced {
         let mut channels: Vec<Box<dyn Field>> = Vec::new();
         let (mut sharing, mut share) = (1.0_f64, 0.0_f64);
         for (channel, images) in beside.fitted(&shown.carriers)?.into_iter().enumerate() {
-            let sampled = |moments, widened| Sampled { moments, paths: &self.paths, widened };
-            let direct = sampled(&self.channels[channel], true);
+            let sampled = |moments, spread| Sampled { moments, paths: &self.paths, spread };
+            let seen = brightness(&self.channels[channel], &self.paths);
+            let direct = sampled(&self.channels[channel], kurtosis(&seen, expected_kurtosis(rig)) - 1.0);
             // Variances of differences are pooled over pixels.
-            let differences = sampled(&self.channels[count + channel], false);
+            let differences = sampled(&self.channels[count + channel], 0.0);
             let (images, of_pixel) = (Images::Known(images), &beside.stand_ins.of_pixel);
             let field = Referenced::new(direct, differences, images, of_pixel, rig.camera.columns, shown.layout);
             (sharing, share) = (sharing.max(field.sharing(&watched.dc)), share.max(field.share()));
-            channels.push(Box::new(field));
+            channels.push(Box::new(Unsure::of_tail(
+                Box::new(field),
+                &seen,
+                expected_kurtosis(rig),
+                rig.camera.columns,
+            )));
         }
         ctx.measure("pixels by difference", 100.0 * share, "%");
         Ok(Estimate { channels, n: self.n, sharing: Some(sharing) })

@@ -140,6 +140,8 @@ pub enum Ending {
     Left,
     /// In this body or at its surface.
     Absorbed(usize),
+    /// Between the facets of a rough wall.
+    Lost,
     /// It would not end.
     Endless,
 }
@@ -412,8 +414,7 @@ impl<'a> Walker<'a> {
                     }
                     let [fate, ..] = stream.block(Purpose::Facet(flight));
                     let Some(on) = rough.sample(at.w, [unit(b), unit(c), roulette, unit(fate)]) else {
-                        // Between facets.
-                        self.ending = Ending::Absorbed(skin.wall.body);
+                        self.ending = Ending::Lost;
                         return false;
                     };
                     on

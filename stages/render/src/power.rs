@@ -5,47 +5,57 @@ use turbid_contract::payload::{Power, Scene};
 use turbid_contract::{Cells, Table};
 
 use crate::forward::Tally;
+use crate::interval::{CONFIDENCE, share as interval};
 
-/// One row for each way out, each object that is not void and each detector, channel by channel. `object_of` gives for each body its place among
-/// the objects.
-pub fn power(scene: &Scene, object_of: &[usize], tallies: &[Tally]) -> Power {
+/// One row for each way out, each object that is not void, what rough walls lose between their facets where there are any, and each detector,
+/// channel by channel. `object_of` gives for each body its place among the objects.
+pub fn power(scene: &Scene, object_of: &[usize], tallies: &[Tally], has_rough_walls: bool) -> Power {
     let names: Vec<&String> = scene.objects.keys().collect();
     let (mut detectors, mut wavelengths) = (Vec::new(), Vec::new());
-    let mut figures: [Vec<f64>; 4] = Default::default();
+    let (mut shares, mut powers): ([Vec<f64>; 3], [Vec<f64>; 3]) = Default::default();
+    let (mut share_se, mut power_se) = (Vec::new(), Vec::new());
     for (channel, tally) in tallies.iter().enumerate() {
         let n = tally.photons as f64;
         let absorbed = object_of.iter().zip(&tally.absorbed);
         let absorbed = absorbed.map(|(&object, &count)| (format!("absorbed in {}", names[object]), count));
         let left = ["left upwards", "left downwards"].into_iter().map(str::to_owned).zip(tally.left);
+        let lost = has_rough_walls.then(|| ("lost between facets".to_owned(), tally.lost));
         // Every photon either comes there or does not, ...
-        let once = left.chain(absorbed).map(|(name, count)| {
-            let share = count as f64 / n;
-            (name, share, share * (1.0 - share))
-        });
+        let once = left.chain(absorbed).chain(lost).map(|(name, count)| (name, count, count));
         // ... but it may come through a detector several times.
         let detected = scene.detectors.iter().zip(&tally.detected).map(|((name, d), found)| {
             let name = if d.absorbs { format!("taken by {name}") } else { format!("through {name}") };
-            let share = found.passages as f64 / n;
-            (name, share, (found.squares as f64 / n - share * share).max(0.0))
+            (name, found.passages, found.squares)
         });
-        for (detector, share, variance) in once.chain(detected) {
-            let se = (variance / (n - 1.0)).sqrt();
+        for (detector, sum, squares) in once.chain(detected) {
+            let (sum, squares) = (sum as f64, squares as f64);
+            let share = sum / n;
+            let variance = (squares / n - share * share) / (n - 1.0);
+            // Photons that all did the same know nothing of their scatter.
+            let se = (variance > 0.0).then(|| variance.sqrt());
+            let [low, high] = interval(sum, squares, n);
             detectors.push(detector);
             wavelengths.extend(scene.wavelengths_nm.get(channel));
-            for (figure, value) in figures.iter_mut().zip([tally.power * share, tally.power * se, share, se]) {
-                figure.push(value);
+            for (i, value) in [share, low, high].into_iter().enumerate() {
+                shares[i].push(value);
+                powers[i].push(tally.power * value);
             }
+            share_se.push(se);
+            power_se.push(se.map(|se| tally.power * se));
         }
     }
     let mut table = Table::default();
     table.attributes.insert("photons".to_owned(), json!(tallies.first().map_or(0, |t| t.photons)));
+    table.attributes.insert("confidence".to_owned(), json!(CONFIDENCE));
     table.push("detector", "", Cells::Text(detectors));
     if !wavelengths.is_empty() {
         table.push("wavelength_nm", "nm", Cells::F64(wavelengths));
     }
-    let units = [("power", "W"), ("power_se", "W"), ("share", "1"), ("share_se", "1")];
-    for ((name, unit), figure) in units.into_iter().zip(figures) {
-        table.push(name, unit, Cells::F64(figure));
+    for (name, unit, [value, low, high], se) in [("power", "W", powers, power_se), ("share", "1", shares, share_se)] {
+        table.push(name, unit, Cells::F64(value));
+        table.push(format!("{name}_se"), unit, Cells::MaybeF64(se));
+        table.push(format!("{name}_low"), unit, Cells::F64(low));
+        table.push(format!("{name}_high"), unit, Cells::F64(high));
     }
     Power(table)
 }

@@ -3,9 +3,11 @@
 use turbid_contract::payload::{Covariance, Frames, Pattern, Power, Scene, Truth, White};
 use turbid_contract::{Ctx, Error, Known, Problems, Stage, StagePlan, in_ports, out_ports};
 
+use crate::cautions::{self, pixels_with_lost_light, say_in};
 use crate::channels::groups;
 use crate::detector::Detector;
 use crate::field::Field;
+use crate::finish::Finish;
 use crate::forward::tally;
 use crate::frames::Images;
 use crate::glint::{Glinting, by_chance, glints};
@@ -15,6 +17,7 @@ use crate::power::power;
 use crate::rig::Rig;
 use crate::shown::Shown;
 use crate::truth::truth;
+use crate::unsure::Unsure;
 
 in_ports! {
     pub struct In {
@@ -61,6 +64,7 @@ impl Stage for RenderStage {
         params.check(known.connected.iter().any(|port| port == "pattern"), problems);
         if let Some(scene) = known.get::<Scene>("scene") {
             params.check_scene(&scene, problems);
+            cautions::check(params, &scene, problems);
             if known.connected.iter().any(|port| port == "pattern") && scene.projector.is_none() {
                 problems.push_with_hint(
                     "",
@@ -73,7 +77,12 @@ impl Stage for RenderStage {
 
     fn plan(params: &Params, known: &Known) -> StagePlan {
         let patterned = known.connected.iter().any(|port| port == "pattern");
-        crate::plan::plan(params, known.get::<Scene>("scene").as_ref(), patterned)
+        let scene = known.get::<Scene>("scene");
+        let mut plan = crate::plan::plan(params, scene.as_ref(), patterned);
+        if let Some(scene) = &scene {
+            say_in(&mut plan, scene);
+        }
+        plan
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
@@ -110,6 +119,12 @@ impl Stage for RenderStage {
                 }
             })
             .collect();
+        let unsure = pixels_with_lost_light(&rig.worlds[0], &rig.camera);
+        if unsure.contains(&true) {
+            ctx.warn("rough walls lose more than 1 % of the light between their facets: standard errors of pixels that see them are unknown");
+            let marked = |field| -> Box<dyn Field> { Box::new(Unsure { field, pixels: unsure.clone(), mean: true }) };
+            estimate.channels = estimate.channels.into_iter().map(marked).collect();
+        }
         let images = Images {
             shown: &shown,
             rows: rig.camera.rows,
@@ -127,7 +142,9 @@ impl Stage for RenderStage {
                     "add a projector or a light with a power",
                 ));
             }
-            Some(power(&scene, &rig.object_of, &tally(&rig, &Detector::all(&scene), params.photons, ctx)?))
+            let rough = rig.worlds[0].materials.iter().any(|m| matches!(m.finish, Finish::Rough(_)));
+            let tallies = tally(&rig, &Detector::all(&scene), params.photons, ctx)?;
+            Some(power(&scene, &rig.object_of, &tallies, rough))
         } else {
             None
         };

@@ -5,8 +5,9 @@ use std::borrow::Cow;
 use crate::allocation::{doubling, share};
 use crate::moments::Moments;
 use crate::params::Allocate;
+use crate::response::Layout;
 
-const MAGIC: &[u8; 8] = b"turbidR2";
+const MAGIC: &[u8; 8] = b"turbidR3";
 
 /// The sums of all channels after `samples` paths per pixel on average.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,8 +38,8 @@ pub struct More {
 
 impl State {
     /// Of `fields` sums for each of `pixels` pixels.
-    pub fn new(fields: usize, pixels: usize, q: usize, allocate: Allocate) -> Self {
-        let channels = vec![Moments::new(pixels, q); fields];
+    pub fn new(fields: usize, pixels: usize, layout: Layout, allocate: Allocate) -> Self {
+        let channels = vec![Moments::new(pixels, layout.width()).with_steady(layout.steady); fields];
         let more = More { channels: channels.clone(), before: vec![0; pixels], planned: Vec::new() };
         Self {
             samples: 0,
@@ -172,7 +173,8 @@ mod tests {
     #[test]
     fn bytes_round_trip_and_torn_ones_are_refused() {
         for (allocate, other) in [(Allocate::Even, Allocate::Adaptive), (Allocate::Adaptive, Allocate::Even)] {
-            let empty = |pixels: usize| State::new(2, pixels, 3, allocate);
+            let layout = Layout { carriers: 1, pictures: 0, steady: false };
+            let empty = |pixels: usize| State::new(2, pixels, layout, allocate);
             let mut state = empty(3);
             state.samples = 64;
             state.flights = [1 << 40, 7];
@@ -186,7 +188,7 @@ mod tests {
             let bytes = state.to_bytes();
             assert_eq!(State::from_bytes(&bytes, empty(3)), Some(state));
             assert_eq!(State::from_bytes(&bytes, empty(4)), None);
-            assert_eq!(State::from_bytes(&bytes, State::new(2, 3, 3, other)), None);
+            assert_eq!(State::from_bytes(&bytes, State::new(2, 3, layout, other)), None);
             for torn in [0, 7, 23, 30, bytes.len() - 1] {
                 assert_eq!(State::from_bytes(&bytes[..torn], empty(3)), None, "{torn} bytes");
             }

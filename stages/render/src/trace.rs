@@ -103,13 +103,12 @@ impl Task<'_> {
 /// Continues the furthest checkpoint that a fresh run would have passed through.
 pub fn trace(task: &Task<'_>, ctx: Ctx<'_>) -> Result<Sums, Error> {
     let params = task.params;
-    let q = task.shown.layout.width();
     let job = Job::new(task, ctx);
     // Ways of light that are missing.
     let mut given_up = 0;
     let cap = params.samples.unwrap_or(u32::MAX);
     let whole = cap / BATCH * BATCH;
-    let mut state = resume(task, q, whole, ctx);
+    let mut state = resume(task, whole, ctx);
     let resumed_at = state.samples;
     let mut next_checkpoint_s = CHECKPOINT_EVERY_S;
     let stopped = |state: &State| {
@@ -170,8 +169,8 @@ pub fn trace(task: &Task<'_>, ctx: Ctx<'_>) -> Result<Sums, Error> {
 }
 
 /// The furthest checkpoint at which a fresh run would not have stopped before.
-fn resume(task: &Task<'_>, q: usize, whole: u32, ctx: Ctx<'_>) -> State {
-    let empty = State::new(task.fields(), task.pixels.len(), q, task.allocate);
+fn resume(task: &Task<'_>, whole: u32, ctx: Ctx<'_>) -> State {
+    let empty = State::new(task.fields(), task.pixels.len(), task.shown.layout, task.allocate);
     let mut at_most = whole;
     while let Some(bytes) = ctx.resume(u64::from(at_most)).filter(|_| task.kept) {
         let Some(state) = State::from_bytes(&bytes, empty.clone()) else {
@@ -336,8 +335,9 @@ impl Job<'_> {
     fn tile(&self, setting: Setting<'_>, group: usize, tile: &[Batch], beside: Option<&[bool]>) -> Part {
         let mut walker = Walker::new(setting, named(self.ctx.simd()));
         walker.excludes_specular = self.task.rig.excludes_specular;
-        let width = self.task.shown.layout.width();
-        let fresh = || vec![Moments::new(tile.len(), width); setting.channels()];
+        let layout = self.task.shown.layout;
+        let sums = Moments::new(tile.len(), layout.width()).with_steady(layout.steady);
+        let fresh = || vec![sums.clone(); setting.channels()];
         let mut part = Part { moments: fresh(), differences: Vec::new(), flights: [0; 2], given_up: 0, endless: false };
         // What was begun is thrown away with the whole round.
         if self.ctx.cancelled() {

@@ -45,4 +45,12 @@ impl Field for Glinting<'_> {
         let n = self.pixels() as f64;
         self.field.variance_of_mean(terms, (total - all).max(0.0)) + all / (n * n)
     }
+
+    fn se_unknown(&self, pixel: usize) -> bool {
+        self.field.se_unknown(pixel)
+    }
+
+    fn mean_se_unknown(&self) -> bool {
+        self.field.mean_se_unknown()
+    }
 }

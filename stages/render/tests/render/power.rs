@@ -120,3 +120,26 @@ fn sources_throw_what_they_should() {
         assert!((share - expected).abs() < 4.5 * se, "case {i}: {share} +- {se}, {expected}");
     }
 }
+
+/// Shares of 0 and 1 have no error, but an interval that holds the truth; of others it is some two standard errors wide on each side, and powers are
+/// shares of the lights' power.
+#[test]
+fn shares_of_nothing_and_all_have_intervals() {
+    let white = lambertian(Shape::Slab { top: -2.0, bottom: -9.0 }, 1.0);
+    let milk = object(Shape::Slab { top: 0.0, bottom: -2.0 }, "milk", 0);
+    let scene = beam_on(scene(&[("milk", medium(0.0, 3.0, 0.6))], vec![milk, white], rig(60.0, 10.0, 4.0, 1, 9.0)));
+    let photons = 10_000;
+    let table = power_table(&scene, photons, 3);
+    let column = |name: &str| table.maybe_f64s(name).unwrap();
+    let (share, se, low, high) = (column("share"), column("share_se"), column("share_low"), column("share_high"));
+    let end = 1.0 - 0.025_f64.powf(1.0 / f64::from(photons));
+    // Left upwards: all. Left downwards and absorbed: nothing.
+    assert_eq!((share[0], se[0], high[0]), (Some(1.0), None, Some(1.0)));
+    assert!((1.0 - low[0].unwrap() - end).abs() < 1e-6 * end);
+    for row in 1..table.rows() {
+        assert_eq!((share[row], se[row], low[row]), (Some(0.0), None, Some(0.0)));
+        assert!((high[row].unwrap() - end).abs() < 1e-6 * end);
+        assert!((column("power_high")[row].unwrap() - 2.0 * end).abs() < 1e-6 * end);
+    }
+    assert_eq!(table.attributes["confidence"], 0.95);
+}

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use turbid_contract::payload::{
     Camera, Lamp, Medium, Object, Payload, Profile, Projection, Projector, Scene, Shape, Surface,
 };
-use turbid_contract::{Artifact, Axes, Cells, Ctx, Error, Host, ImageStack, InputSource, MemoryHost, StageRow};
+use turbid_contract::{Artifact, Axes, Cells, Ctx, Error, Host, ImageStack, InputSource, MemoryHost, StageRow, Table};
 use turbid_render::RenderStage;
 
 pub fn medium(mu_a: f64, mu_s: f64, g: f64) -> Medium {
@@ -164,7 +164,12 @@ pub fn run(scene: &Scene, params: &Value, seed: u64) -> BTreeMap<&'static str, I
 pub fn dc(scene: &Scene, samples: u32, seed: u64) -> (f64, f64) {
     let frames = &run(scene, &json!({"f_x": [0], "samples": samples}), seed)["frames"];
     let layer = frames.find("radiance", Some(0.0)).unwrap();
-    (layer.data.mapv(f64::from).mean().unwrap(), layer.info.mean_se.unwrap())
+    // Where light is lost between facets the error of the mean is unknown; that of the paths is a lower bound.
+    let of_paths = || {
+        let se = frames.standard_error(&layer.info).unwrap().data.mapv(|se| f64::from(se).powi(2));
+        se.sum().sqrt() / se.len() as f64
+    };
+    (layer.data.mapv(f64::from).mean().unwrap(), layer.info.mean_se.unwrap_or_else(of_paths))
 }
 
 /// M_DC, M_AC and the standard error of M_AC of the only pixel at the only f_x > 0.
@@ -188,17 +193,22 @@ pub fn amplitude(ports: &BTreeMap<&'static str, ImageStack>, f_x: f64) -> (f64, 
     ((a + b + c) / 3.0, m, along.sqrt() / m)
 }
 
-/// detector -> (power, share, share_se).
+/// detector -> (power, share, share_se), an unknown error as 0.
 pub fn power(scene: &Scene, photons: u32, seed: u64) -> Vec<(String, f64, f64, f64)> {
+    let table = power_table(scene, photons, seed);
+    let Cells::Text(names) = &table.columns[0].cells else { panic!("names") };
+    let column = |name: &str| table.f64s(name).unwrap().to_vec();
+    let (p, s, se) = (column("power"), column("share"), table.maybe_f64s("share_se").unwrap());
+    names.iter().enumerate().map(|(i, name)| (name.clone(), p[i], s[i], se[i].unwrap_or(0.0))).collect()
+}
+
+pub fn power_table(scene: &Scene, photons: u32, seed: u64) -> Table {
     let host = TestHost::new(seed, &["power"], 2);
     let params = json!({"f_x": [0], "samples": 2, "photons": photons});
     let ports = (StageRow::of::<RenderStage>().run)(&params, &Input(scene.clone()), Ctx::new(&host)).unwrap();
     let table = ports.into_iter().find(|p| p.0 == "power").unwrap().1;
     let Artifact::Table(table) = table else { panic!("a table") };
-    let Cells::Text(names) = &table.columns[0].cells else { panic!("names") };
-    let column = |name: &str| table.f64s(name).unwrap().to_vec();
-    let (p, s, se) = (column("power"), column("share"), column("share_se"));
-    names.iter().enumerate().map(|(i, name)| (name.clone(), p[i], s[i], se[i])).collect()
+    table
 }
 
 /// The scene under a beam along its normal, with nothing else to light it.

@@ -14,6 +14,7 @@ use crate::per_channel::PerChannel;
 
 mod detector;
 mod lamp;
+mod lost;
 mod medium;
 mod object;
 mod shape;
@@ -23,6 +24,7 @@ mod whole;
 
 use detector::detector;
 use lamp::lamp;
+use lost::warn_of_lost_light;
 use medium::medium;
 use object::object;
 use view::{camera, projector};
@@ -62,6 +64,7 @@ pub fn assemble(params: &Params, file: &dyn Fn(&str) -> Option<Arc<[u8]>>, probl
     };
     if problems.is_empty() {
         check_whole(&scene, problems);
+        warn_of_lost_light(&scene, problems);
     }
     scene
 }
