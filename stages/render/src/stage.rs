@@ -1,7 +1,7 @@
 //! The stage: checks, traces, and fills the ports that are wanted.
 
 use turbid_contract::payload::{Covariance, Frames, Pattern, Power, Scene, Truth, White};
-use turbid_contract::{Ctx, Error, Known, Problems, Stage, StagePlan, in_ports, out_ports};
+use turbid_contract::{Ctx, Error, Known, Pilot, Problems, Stage, StagePlan, in_ports, out_ports};
 
 use crate::channels::groups;
 use crate::detector::Detector;
@@ -9,6 +9,7 @@ use crate::field::Field;
 use crate::forward::tally;
 use crate::frames::Images;
 use crate::glint::{Glinting, by_chance, glints};
+use crate::kernel::Kernels;
 use crate::method::{Taken, sums};
 use crate::params::Params;
 use crate::power::power;
@@ -73,7 +74,13 @@ impl Stage for RenderStage {
 
     fn plan(params: &Params, known: &Known) -> StagePlan {
         let patterned = known.connected.iter().any(|port| port == "pattern");
-        crate::plan::plan(params, known.get::<Scene>("scene").as_ref(), patterned)
+        let power = known.wanted.iter().any(|port| port == "power");
+        crate::plan::plan(params, known.get::<Scene>("scene").as_ref(), patterned, power)
+    }
+
+    fn pilot(params: &Params, known: &Known, ctx: Ctx<'_>) -> Option<Pilot> {
+        let patterned = known.connected.iter().any(|port| port == "pattern");
+        crate::pilot::pilot(params, &known.get::<Scene>("scene")?, patterned, ctx)
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
@@ -95,6 +102,8 @@ impl Stage for RenderStage {
             }
         };
         let taken = Taken::of(params, &scene, inputs.pattern.is_some());
+        let kernels = Kernels::of(&taken, &rig, &shown, ctx.wants("power"));
+        ctx.kernel(&kernels.name, &kernels.refused);
         let traced = sums(&taken, params, &scene, &rig, &shown, ctx)?;
         let mut estimate = traced.estimate(&rig, &shown, ctx)?;
         let (glints, chanced) = (glints(&rig, &shown, ctx)?, by_chance(&rig, &shown, estimate.n, ctx)?);

@@ -10,6 +10,7 @@ mod extreme;
 mod fit;
 mod glints;
 mod golden;
+mod kernel;
 mod lanes;
 mod laws;
 mod lights;
