@@ -48,6 +48,8 @@ fn fill(outputs: &Path, records: u64) -> Duration {
             state_key: None,
             measures: Vec::new(),
             warnings: Vec::new(),
+            kernel: None,
+            refused: Vec::new(),
             provenance: Provenance::default(),
         };
         store.publish(&record, &Recipe { params, ..Recipe::default() }).expect("there is room");

@@ -3,6 +3,9 @@
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
+use serde_json::Value;
+
+use crate::digest::Digest;
 use crate::key::{Dependencies, axes_text};
 use crate::plan::{InstanceId, Plan};
 use crate::store::{InstanceRecord, Recipe, Store};
@@ -23,6 +26,8 @@ pub struct History {
     by_use: HashMap<String, Vec<Arc<Earlier>>>,
     /// The latest of each stage at each point of its axes.
     by_label: HashMap<Label, Arc<Earlier>>,
+    /// By what they depend on but for the params that say when to stop; the latest of each.
+    by_state: HashMap<Digest, Arc<Earlier>>,
 }
 
 /// Kind, pipeline, stage, axes.
@@ -47,20 +52,42 @@ impl History {
             let label = (earlier.0.use_name.clone(), from.pipeline.clone(), from.stage.clone(), axes_text(&from.axes));
             by_label.entry(label).or_insert_with(|| earlier.clone());
         }
-        Self { by_use, by_label }
+        let mut by_state = HashMap::new();
+        for earlier in by_use.values().flatten() {
+            if let Some(state) = earlier.0.state_key {
+                by_state.entry(state).or_insert_with(|| earlier.clone());
+            }
+        }
+        Self { by_use, by_label, by_state }
+    }
+
+    /// Whether there is any earlier result of this kind of stage.
+    pub fn knows(&self, use_name: &str) -> bool {
+        self.by_use.contains_key(use_name)
+    }
+
+    /// The latest result of the same work, done for longer or shorter.
+    pub fn same_work(&self, state_key: &Digest) -> Option<&InstanceRecord> {
+        self.by_state.get(state_key).map(|earlier| &earlier.0)
+    }
+
+    /// The last result under this very label from the same params and files, whatever its inputs held.
+    pub fn same_params(&self, plan: &Plan, id: InstanceId, use_name: &str, params: &Value) -> Option<&InstanceRecord> {
+        let earlier = self.same_label(plan, id, use_name)?;
+        (earlier.1.params == *params).then_some(&earlier.0)
     }
 
     /// The last result under the very label of the instance: what the user compares with.
-    fn same_label(&self, plan: &Plan, id: InstanceId, now: &Dependencies) -> Option<&Arc<Earlier>> {
+    fn same_label(&self, plan: &Plan, id: InstanceId, use_name: &str) -> Option<&Arc<Earlier>> {
         let instance = &plan.instances[id];
         let stage = plan.spec.stages[instance.stage].name.clone();
         let axes = axes_text(&instance.axes);
-        self.by_label.get(&(now.use_name.clone(), plan.spec.pipeline.clone(), stage, axes))
+        self.by_label.get(&(use_name.to_owned(), plan.spec.pipeline.clone(), stage, axes))
     }
 
     /// The earlier result of the same label, or else the one with the fewest differences; among equals the latest.
     pub fn nearest(&self, plan: &Plan, id: InstanceId, now: &Dependencies) -> Option<(Arc<Earlier>, Vec<Difference>)> {
-        if let Some(record) = self.same_label(plan, id, now) {
+        if let Some(record) = self.same_label(plan, id, &now.use_name) {
             return Some((record.clone(), differences(&dependencies_of(record), now)));
         }
         self.by_use
@@ -73,7 +100,7 @@ impl History {
 
     /// Short reasons for `plan` and `run`.
     pub fn reasons(&self, plan: &Plan, id: InstanceId, now: &Dependencies) -> Vec<String> {
-        let Some(earlier) = self.same_label(plan, id, now) else {
+        let Some(earlier) = self.same_label(plan, id, &now.use_name) else {
             return vec!["no earlier result".to_owned()];
         };
         let differences = differences(&dependencies_of(earlier), now);

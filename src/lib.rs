@@ -4,6 +4,7 @@
 
 pub mod cli;
 pub mod digest;
+pub mod estimate;
 pub mod explain;
 pub mod export;
 pub mod key;

@@ -8,7 +8,8 @@ use std::sync::{Arc, Mutex, OnceLock};
 use rayon::prelude::*;
 use serde_json::Value;
 use turbid_contract::{
-    Artifact, Axes, Ctx, Error, FileUse, InputSource, Known, MemoryHost, Prepared, Problem, Problems, StagePlan,
+    Artifact, Axes, Ctx, Error, FileUse, Host, InputSource, Known, MemoryHost, Pilot, Prepared, Problem, Problems,
+    StagePlan,
 };
 
 use crate::digest::Digest;
@@ -71,6 +72,8 @@ pub struct Survey {
     pub outputs: Vec<Option<Arc<Outputs>>>,
     /// The plan of every instance that is not a hit.
     pub plans: HashMap<InstanceId, StagePlan>,
+    /// Instances whose work another one with the same key does.
+    pub twins: HashMap<InstanceId, InstanceId>,
     pub problems: Vec<Diagnostic>,
 }
 
@@ -108,6 +111,7 @@ impl<'a> Resolver<'a> {
             states: (0..n).map(|_| None).collect(),
             outputs: vec![None; n],
             plans: HashMap::new(),
+            twins: HashMap::new(),
             problems: Vec::new(),
         };
         let mut first_of: HashMap<Digest, InstanceId> = HashMap::new();
@@ -165,6 +169,7 @@ impl<'a> Resolver<'a> {
             let first = *first_of.entry(key).or_insert(id);
             if first != id {
                 *reasons = vec![format!("the same as {}", self.plan.label(first))];
+                survey.twins.insert(id, first);
             }
         }
         match checked {
@@ -195,6 +200,7 @@ impl<'a> Resolver<'a> {
             states: (0..n).map(|_| None).collect(),
             outputs: vec![None; n],
             plans: HashMap::new(),
+            twins: HashMap::new(),
             problems: Vec::new(),
         };
         for (id, record) in self.plan.needed_instances().zip(records) {
@@ -237,8 +243,7 @@ impl<'a> Resolver<'a> {
             return Ok((State::Run { reasons: vec!["forced".to_owned()] }, Some(job)));
         }
         let Some(record) = record else {
-            let history = self.history.get_or_init(|| History::read(self.store));
-            let reasons = history.reasons(self.plan, id, &job.dependencies);
+            let reasons = self.history().reasons(self.plan, id, &job.dependencies);
             return Ok((State::Run { reasons }, Some(job)));
         };
         let missing: Vec<&str> =
@@ -264,7 +269,7 @@ impl<'a> Resolver<'a> {
     }
 
     /// Key and everything behind it; the inputs must be there.
-    fn job(&self, id: InstanceId, outputs: &[Option<Arc<Outputs>>]) -> Result<Job, Vec<Diagnostic>> {
+    pub fn job(&self, id: InstanceId, outputs: &[Option<Arc<Outputs>>]) -> Result<Job, Vec<Diagnostic>> {
         let instance = &self.plan.instances[id];
         let stage = &self.plan.spec.stages[instance.stage];
         let row = self.plan.row(instance.stage);
@@ -344,19 +349,29 @@ impl<'a> Resolver<'a> {
         }
     }
 
-    /// The stage's own check and plan, with all inputs that are known by now.
-    fn check(&self, id: InstanceId, job: Option<&Job>, outputs: &[Option<Arc<Outputs>>]) -> Checked {
+    /// The results of earlier runs.
+    pub fn history(&self) -> &History {
+        self.history.get_or_init(|| History::read(self.store))
+    }
+
+    /// What the stage's pilot tells of an instance that was surveyed and is no hit; `None` where it has none.
+    pub fn pilot(&self, id: InstanceId, job: Option<&Job>, survey: &Survey, host: &dyn Host) -> Option<Pilot> {
         let instance = &self.plan.instances[id];
-        let row = self.plan.row(instance.stage);
-        let (params, files) = match job {
-            Some(job) => (Cow::Borrowed(&job.params), Cow::Borrowed(&job.files)),
-            None => {
-                let (params, prepared) = self.prepare(id)?;
-                (Cow::Owned(params), Cow::Owned(self.input_files(instance.stage, &prepared)?))
-            }
+        let params = match job {
+            Some(job) => job.params.clone(),
+            None => self.prepare(id).ok()?.0,
         };
-        let mut known =
-            Known { connected: instance.wires.iter().map(|w| w.port.to_owned()).collect(), ..Known::default() };
+        (self.plan.row(instance.stage).pilot)(&params, &self.known(id, &survey.outputs), Ctx::new(host))
+    }
+
+    /// What is known of an instance's inputs by now, but for its files.
+    fn known(&self, id: InstanceId, outputs: &[Option<Arc<Outputs>>]) -> Known {
+        let instance = &self.plan.instances[id];
+        let mut known = Known {
+            connected: instance.wires.iter().map(|w| w.port.to_owned()).collect(),
+            wanted: self.plan.wanted(instance.stage).iter().map(|port| (*port).to_owned()).collect(),
+            ..Known::default()
+        };
         for wire in &instance.wires {
             if let [(source, port)] = wire.from.as_slice()
                 && let Some(from) =
@@ -371,6 +386,21 @@ impl<'a> Resolver<'a> {
                 known.artifacts.insert(wire.port.to_owned(), artifact);
             }
         }
+        known
+    }
+
+    /// The stage's own check and plan, with all inputs that are known by now.
+    fn check(&self, id: InstanceId, job: Option<&Job>, outputs: &[Option<Arc<Outputs>>]) -> Checked {
+        let instance = &self.plan.instances[id];
+        let row = self.plan.row(instance.stage);
+        let (params, files) = match job {
+            Some(job) => (Cow::Borrowed(&job.params), Cow::Borrowed(&job.files)),
+            None => {
+                let (params, prepared) = self.prepare(id)?;
+                (Cow::Owned(params), Cow::Owned(self.input_files(instance.stage, &prepared)?))
+            }
+        };
+        let mut known = self.known(id, outputs);
         known.files.extend(files.iter().map(|(at, file)| (at.clone(), self.content(&file.path))));
         let mut problems = Problems::default();
         (row.check)(&params, &known, &mut problems);

@@ -9,6 +9,8 @@ mod checks;
 mod commands;
 #[path = "all/crash.rs"]
 mod crash;
+#[path = "all/estimates.rs"]
+mod estimates;
 #[path = "all/floors.rs"]
 mod floors;
 #[path = "all/luts.rs"]

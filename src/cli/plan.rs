@@ -1,10 +1,13 @@
-//! `turbid plan`: every instance as hit, run (reasons) or waits, with the method taken and what is left out.
+//! `turbid plan`: every instance as hit, run (reasons) or waits, with the method and kernel taken, what is left out, and how long it takes.
+
+use std::collections::BTreeMap;
 
 use clap::Args;
 use serde::Serialize;
 use turbid_contract::Axes;
 
-use crate::plan::Plan;
+use crate::estimate::{Basis, Estimate, estimates};
+use crate::plan::{InstanceId, Plan};
 use crate::registry::Registry;
 use crate::resolve::{Resolver, State, Survey};
 
@@ -31,10 +34,11 @@ impl PlanCommand {
         if report.has_errors() {
             return Err(report.into());
         }
+        let estimates = estimates(&resolver, &survey);
         if self.json {
-            print(&to_json(&plan, &survey));
+            print(&to_json(&plan, &survey, &estimates));
         } else {
-            print(&to_text(&plan, &survey));
+            print(&to_text(&plan, &survey, &estimates));
         }
         Ok(())
     }
@@ -57,17 +61,35 @@ struct Row<'a> {
     axes: &'a Axes,
     #[serde(skip_serializing_if = "Option::is_none")]
     bytes: Option<Option<u64>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    kernel: Option<&'a str>,
     left_out: &'a [String],
     #[serde(skip_serializing_if = "Option::is_none")]
     method: Option<&'a Option<String>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     needs: Option<&'a [String]>,
     reasons: Vec<String>,
+    #[serde(skip_serializing_if = "<[String]>::is_empty")]
+    refused: &'a [String],
+    /// CPU seconds.
     #[serde(skip_serializing_if = "Option::is_none")]
     seconds: Option<Option<f64>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    seconds_by: Option<Basis>,
     stage: &'a str,
     state: &'a str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    work: Option<Work>,
 }
+
+/// How much work an instance is.
+#[derive(Serialize)]
+struct Work {
+    amount: f64,
+    unit: &'static str,
+}
+
+type Estimates = BTreeMap<InstanceId, Estimate>;
 
 #[derive(Serialize)]
 struct Listing<'a> {
@@ -75,22 +97,26 @@ struct Listing<'a> {
     stages_left_out: Vec<&'a str>,
 }
 
-fn to_json(plan: &Plan, survey: &Survey) -> String {
+fn to_json(plan: &Plan, survey: &Survey, estimates: &Estimates) -> String {
     let found = plan.needed_instances().filter_map(|id| survey.states[id].as_ref().map(|s| (id, s)));
     let row = |(id, found)| {
         let instance = &plan.instances[id];
         let (word, reasons) = state(plan, found);
-        let detail = survey.plans.get(&id);
+        let (detail, estimate) = (survey.plans.get(&id), estimates.get(&id));
         Row {
             axes: &instance.axes,
             bytes: detail.map(|d| d.bytes),
+            kernel: detail.and_then(|d| d.kernel.as_deref()),
             left_out: detail.map_or(&[], |d| &d.left_out),
             method: detail.map(|d| &d.method),
             needs: detail.map(|d| d.needs.as_slice()),
             reasons,
-            seconds: detail.map(|d| d.seconds),
+            refused: detail.map_or(&[], |d| &d.refused),
+            seconds: detail.map(|_| estimate.map(|e| e.seconds)),
+            seconds_by: estimate.map(|e| e.by),
             stage: &plan.spec.stages[instance.stage].name,
             state: word,
+            work: estimate.and_then(|e| e.work).map(|(amount, unit)| Work { amount, unit }),
         }
     };
     let unneeded = (0..plan.spec.stages.len()).filter(|s| !plan.needed.contains(s));
@@ -101,7 +127,10 @@ fn to_json(plan: &Plan, survey: &Survey) -> String {
     serde_json::to_string(&listing).expect("names and finite numbers")
 }
 
-fn to_text(plan: &Plan, survey: &Survey) -> String {
+/// An estimate below this is not worth a word, s.
+const WORTH_S: f64 = 0.05;
+
+fn to_text(plan: &Plan, survey: &Survey, estimates: &Estimates) -> String {
     let mut text = String::new();
     let mut seconds = 0.0;
     // Of the instances of a stage only the first says what they have in common.
@@ -110,16 +139,25 @@ fn to_text(plan: &Plan, survey: &Survey) -> String {
         let Some(found) = &survey.states[id] else { continue };
         let (word, reasons) = state(plan, found);
         let why = if reasons.is_empty() { String::new() } else { format!(" ({})", reasons.join("; ")) };
-        text.push_str(&format!("{word:<5} {}{why}\n", plan.label(id)));
+        let takes = estimates.get(&id).map_or(0.0, |estimate| estimate.seconds);
+        let about = if takes >= WORTH_S { format!(", about {takes:.1} CPU s") } else { String::new() };
+        text.push_str(&format!("{word:<5} {}{why}{about}\n", plan.label(id)));
+        seconds += takes;
         if let Some(detail) = survey.plans.get(&id) {
-            seconds += detail.seconds.unwrap_or(0.0);
-            let common = Some((plan.instances[id].stage, &detail.method, &detail.needs, &detail.left_out));
+            let kernel = (&detail.kernel, &detail.refused);
+            let common = Some((plan.instances[id].stage, &detail.method, &detail.needs, &detail.left_out, kernel));
             if said == common {
                 continue;
             }
             said = common;
             if let Some(method) = &detail.method {
                 text.push_str(&format!("        method: {method}\n"));
+            }
+            if let Some(kernel) = &detail.kernel {
+                text.push_str(&format!("        kernel: {kernel}\n"));
+            }
+            for refused in &detail.refused {
+                text.push_str(&format!("        slower because: {refused}\n"));
             }
             if !detail.needs.is_empty() {
                 text.push_str(&format!("        needs: {}\n", detail.needs.join(", ")));
@@ -129,8 +167,8 @@ fn to_text(plan: &Plan, survey: &Survey) -> String {
             }
         }
     }
-    if seconds >= 0.05 {
-        text.push_str(&format!("about {seconds:.1} s of work\n"));
+    if seconds >= WORTH_S {
+        text.push_str(&format!("about {seconds:.1} CPU s of work\n"));
     }
     text
 }

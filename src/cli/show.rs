@@ -136,7 +136,7 @@ fn instance(
         "stage": plan.spec.stages[instance.stage].name, "use": record.use_name, "axes": instance.axes,
         "key": record.key.to_string(), "seconds": record.cost.wall_s, "cpu_seconds": record.cost.cpu_s,
         "peak_bytes": record.cost.peak_bytes, "alone": record.cost.alone, "measures": measures,
-        "warnings": record.warnings, "ports": ports,
+        "warnings": record.warnings, "kernel": record.kernel, "refused": record.refused, "ports": ports,
     }))
 }
 
@@ -285,6 +285,12 @@ fn text(instance: &Value) -> String {
         instance["cpu_seconds"].as_f64().unwrap_or(0.0),
         instance["peak_bytes"].as_f64().unwrap_or(0.0) / 1e6
     );
+    if let Some(kernel) = instance["kernel"].as_str() {
+        out.push_str(&format!("  kernel: {kernel}\n"));
+    }
+    for refused in instance["refused"].as_array().into_iter().flatten() {
+        out.push_str(&format!("  slower because: {}\n", word(refused)));
+    }
     for (name, measure) in instance["measures"].as_object().into_iter().flatten() {
         out.push_str(&format!("  {name} = {} {}\n", number(&measure["value"]), unit(&measure["unit"])));
     }

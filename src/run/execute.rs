@@ -105,7 +105,7 @@ pub fn execute(worker: Worker<'_>, task: Task) -> Outcome {
     };
     let cost = Cost {
         wall_s: host.wall().as_secs_f64(),
-        cpu_s: (own_cpu.elapsed() + host.tile_cpu()).as_secs_f64(),
+        cpu_s: (own_cpu.elapsed() + host.tile_cpu()).as_secs_f64() + host.resumed_cpu_s(),
         peak_bytes: peak_memory(),
         alone,
     };
@@ -144,6 +144,8 @@ pub fn execute(worker: Worker<'_>, task: Task) -> Outcome {
         cost,
         measures: host.measures(),
         warnings: host.warnings(),
+        kernel: host.kernel_taken().map(|(name, _)| name),
+        refused: host.kernel_taken().map(|(_, refused)| refused).unwrap_or_default(),
         provenance: Provenance {
             pipeline: plan.spec.pipeline.clone(),
             stage: plan.spec.stages[instance.stage].name.clone(),

@@ -27,6 +27,10 @@ pub struct InstanceHost<'a> {
     time_was_up: AtomicBool,
     measures: Mutex<Vec<(String, f64, String)>>,
     warnings: Mutex<Vec<String>>,
+    /// Name, and what refused faster ones.
+    kernel: Mutex<Option<(String, Vec<String>)>>,
+    /// CPU seconds behind the checkpoint that the stage goes on from.
+    resumed_cpu_s: Mutex<f64>,
 }
 
 impl<'a> InstanceHost<'a> {
@@ -48,6 +52,8 @@ impl<'a> InstanceHost<'a> {
             time_was_up: AtomicBool::new(false),
             measures: Mutex::default(),
             warnings: Mutex::default(),
+            kernel: Mutex::default(),
+            resumed_cpu_s: Mutex::default(),
         }
     }
 
@@ -66,6 +72,16 @@ impl<'a> InstanceHost<'a> {
 
     pub fn measures(&self) -> Vec<(String, f64, String)> {
         self.measures.lock().expect("no holder panics").clone()
+    }
+
+    /// What the stage said of its kernel.
+    pub fn kernel_taken(&self) -> Option<(String, Vec<String>)> {
+        self.kernel.lock().expect("no holder panics").clone()
+    }
+
+    /// CPU seconds that earlier runs spent on what this one went on from.
+    pub fn resumed_cpu_s(&self) -> f64 {
+        *self.resumed_cpu_s.lock().expect("no holder panics")
     }
 
     pub fn warnings(&self) -> Vec<String> {
@@ -109,6 +125,10 @@ impl Host for InstanceHost<'_> {
         }
     }
 
+    fn kernel(&self, name: &str, refused: &[String]) {
+        *self.kernel.lock().expect("no holder panics") = Some((name.to_owned(), refused.to_vec()));
+    }
+
     fn wants(&self, port: &str) -> bool {
         self.wanted.contains(port)
     }
@@ -118,8 +138,9 @@ impl Host for InstanceHost<'_> {
     }
 
     fn checkpoint(&self, state: &[u8], progress: u64) {
+        let spent = self.tile_cpu().as_secs_f64() + self.resumed_cpu_s();
         if let Some(key) = &self.job.state_key
-            && let Err(error) = self.worker.resolver.store.checkpoint(key, progress, state)
+            && let Err(error) = self.worker.resolver.store.checkpoint(key, progress, &with_cost(state, spent))
         {
             self.warn(&format!("a checkpoint could not be kept: {error}"));
         }
@@ -127,7 +148,10 @@ impl Host for InstanceHost<'_> {
 
     fn resume(&self, at_most: u64) -> Option<Vec<u8>> {
         let key = self.job.state_key.as_ref()?;
-        self.worker.resolver.store.resume(key, at_most).map(|(_, state)| state)
+        *self.resumed_cpu_s.lock().expect("no holder panics") = 0.0;
+        let (state, spent) = without_cost(self.worker.resolver.store.resume(key, at_most)?.1);
+        *self.resumed_cpu_s.lock().expect("no holder panics") = spent;
+        Some(state)
     }
 
     fn tiles(&self, n: usize, work: &(dyn Fn(usize) + Sync)) {
@@ -147,4 +171,24 @@ impl Host for InstanceHost<'_> {
     fn simd(&self) -> &str {
         &self.worker.options.simd
     }
+}
+
+/// Before the state of a stage in a checkpoint: that CPU seconds follow (8 bytes).
+const COST: &[u8; 16] = b"turbid cpu s 1\n\0";
+
+/// A state behind what it cost.
+fn with_cost(state: &[u8], cpu_s: f64) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(COST.len() + 8 + state.len());
+    bytes.extend_from_slice(COST);
+    bytes.extend_from_slice(&cpu_s.to_le_bytes());
+    bytes.extend_from_slice(state);
+    bytes
+}
+
+/// The state, and what it cost; 0 where the checkpoint is of a time when it did not say.
+fn without_cost(mut bytes: Vec<u8>) -> (Vec<u8>, f64) {
+    let after = bytes.strip_prefix(COST).and_then(|rest| rest.first_chunk::<8>());
+    let Some(cpu_s) = after.map(|cost| f64::from_le_bytes(*cost)) else { return (bytes, 0.0) };
+    bytes.drain(..COST.len() + 8);
+    (bytes, cpu_s)
 }

@@ -28,7 +28,7 @@ pub struct PortRecord {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Cost {
     pub wall_s: f64,
-    /// CPU seconds of the instance's own work.
+    /// CPU seconds of the instance's own work, with those of the runs whose checkpoint it continued.
     pub cpu_s: f64,
     /// Peak memory of the process while the instance ran.
     pub peak_bytes: u64,
@@ -65,6 +65,12 @@ pub struct InstanceRecord {
     /// Name, value, unit.
     pub measures: Vec<(String, f64, String)>,
     pub warnings: Vec<String>,
+    /// The kernel that did the work, where a stage has several ...
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kernel: Option<String>,
+    /// ... and what kept faster ones from doing it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub refused: Vec<String>,
     pub provenance: Provenance,
 }
 

@@ -48,6 +48,8 @@ fn record(i: u64, ports: &[(&str, Blob)]) -> InstanceRecord {
         state_key: None,
         measures: vec![("paths".into(), 1e9, "1".into())],
         warnings: vec!["läuft".into()],
+        kernel: None,
+        refused: Vec::new(),
         provenance: Provenance { pipeline: "p".into(), stage: "tissue".into(), ..Provenance::default() },
     }
 }

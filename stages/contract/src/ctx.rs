@@ -17,6 +17,9 @@ pub trait Host: Sync {
     /// A figure for the record (never for an output). One named `error: WHAT`, in %, stands in the summary of a run.
     fn measure(&self, name: &str, value: f64, unit: &str);
     fn warn(&self, message: &str);
+    /// For the record: the kernel that does the work, and what keeps faster ones from doing it (as in
+    /// [`StagePlan`](crate::StagePlan)).
+    fn kernel(&self, _name: &str, _refused: &[String]) {}
     /// Whether the optional port `port` is to be computed.
     fn wants(&self, port: &str) -> bool;
     /// Bytes of the input file that the field `at` names: the bytes that were hashed.

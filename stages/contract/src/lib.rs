@@ -8,6 +8,7 @@ pub mod canonical;
 pub mod ctx;
 pub mod error;
 pub mod payload;
+pub mod pilot;
 pub mod planes;
 pub mod port;
 pub mod problem;
@@ -20,6 +21,7 @@ pub use artifact::{
 pub use ctx::{Ctx, Host, MemoryHost};
 pub use error::Error;
 pub use payload::Payload;
+pub use pilot::Pilot;
 pub use port::{Arity, Axes, InPort, InPorts, InputSource, Known, Many, OutPort, OutPorts};
 pub use problem::{Problem, Problems};
 pub use quantity::{AngleDeg, Density, Length, PerLength, Power, Ratio, Seconds, Wavelength};

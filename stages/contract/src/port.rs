@@ -88,6 +88,8 @@ pub struct Known {
     pub files: BTreeMap<String, Arc<[u8]>>,
     /// Names of the input ports that are connected, known or not.
     pub connected: Vec<String>,
+    /// Names of the output ports that are wanted.
+    pub wanted: Vec<String>,
     /// Payload on each connected port that takes one artifact; empty while the graph is not whole.
     pub payloads: BTreeMap<String, String>,
 }

@@ -9,6 +9,7 @@ use crate::artifact::Artifact;
 use crate::canonical::canonical_value;
 use crate::ctx::Ctx;
 use crate::error::Error;
+use crate::pilot::Pilot;
 use crate::port::{InPort, InPorts, InputSource, Known, OutPort, OutPorts};
 use crate::problem::Problems;
 
@@ -29,6 +30,13 @@ pub struct StagePlan {
     pub needs: Vec<String>,
     /// Capabilities that this instance does not need and does not pay for.
     pub left_out: Vec<String>,
+    /// The kernel that does most of the work, where a stage has several ...
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub kernel: Option<String>,
+    /// ... and what keeps a faster one from doing it: each with the value and the limit.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub refused: Vec<String>,
+    /// CPU seconds by the stage's own figures; [`Stage::pilot`] knows better, where there is one.
     pub seconds: Option<f64>,
     pub bytes: Option<u64>,
 }
@@ -78,6 +86,12 @@ pub trait Stage: 'static {
         StagePlan::default()
     }
 
+    /// Does a small part of the run, the same part whenever it is asked, for `turbid plan` to time. What is to be timed goes through
+    /// [`Ctx::map_tiles`]. `None` where [`plan`](Self::plan) knows the seconds well enough, or where nothing is known yet.
+    fn pilot(_params: &Self::Params, _known: &Known, _ctx: Ctx<'_>) -> Option<Pilot> {
+        None
+    }
+
     fn run(params: &Self::Params, inputs: <Self::In as InPorts>::Loaded<'_>, ctx: Ctx<'_>) -> Result<Self::Out, Error>;
 }
 
@@ -115,6 +129,7 @@ pub struct StageRow {
     pub prepare: fn(params: &Value) -> Result<Prepared, ParamError>,
     pub check: fn(params: &Value, known: &Known, problems: &mut Problems),
     pub plan: fn(params: &Value, known: &Known) -> StagePlan,
+    pub pilot: fn(params: &Value, known: &Known, ctx: Ctx<'_>) -> Option<Pilot>,
     pub run: fn(params: &Value, inputs: &dyn InputSource, ctx: Ctx<'_>) -> Result<Made, Error>,
 }
 
@@ -143,6 +158,7 @@ impl StageRow {
                 Ok(params) => S::plan(&params, known),
                 Err(_) => StagePlan::default(),
             },
+            pilot: |params, known, ctx| S::pilot(&read_params::<S::Params>(params).ok()?, known, ctx),
             run: |params, inputs, ctx| {
                 let params =
                     read_params::<S::Params>(params).map_err(|e| Error::invalid(e.path.join("."), e.message))?;

@@ -27,6 +27,11 @@ pub struct Experiment {
 }
 
 impl Experiment {
+    /// Those of all readings: of each medium, the standard, the open port and the straight beam.
+    pub fn all_photons(&self) -> f64 {
+        self.photons as f64 * (self.media.len() + 3) as f64
+    }
+
     /// The setup with this at the sample port.
     pub fn with(&self, target: Target) -> Setup {
         Setup { spheres: self.spheres.clone(), target, beam: self.beam, method: self.method, bounces: self.bounces }

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use serde_json::{Value, json};
 use turbid_contract::payload::Readings;
-use turbid_contract::{Cells, Ctx, Error, Known, Problems, Stage, StagePlan, Table, in_ports, out_ports};
+use turbid_contract::{Cells, Ctx, Error, Known, Pilot, Problems, Stage, StagePlan, Table, in_ports, out_ports};
 
 use crate::assemble::{Experiment, assemble};
 use crate::light::{Method, Setup, Target};
@@ -31,6 +31,8 @@ pub struct CalibrateDis;
 
 /// Photons of one tile; sums run in the order of the tiles.
 const TILE: u64 = 8192;
+/// Photons of each reading of a pilot: their events differ by a factor of 1.5 or so, which so many take to some percent.
+const PILOT: u64 = 256;
 
 impl Stage for CalibrateDis {
     const NAME: &'static str = "calibrate_dis";
@@ -80,6 +82,18 @@ impl Stage for CalibrateDis {
         }
     }
 
+    fn pilot(params: &Params, _: &Known, ctx: Ctx<'_>) -> Option<Pilot> {
+        let experiment = assemble(params, &mut Problems::default())?;
+        let whole = experiment.all_photons();
+        let few = Experiment { photons: experiment.photons.min(PILOT), ..experiment };
+        let mut lab = Lab { experiment: &few, ctx, done: AtomicU64::new(0) };
+        let media = few.media.iter().map(|(_, plate)| Target::Medium(*plate));
+        for target in [Target::White(few.standard[0]), Target::Open, Target::Joined].into_iter().chain(media) {
+            lab.read(target, 1).ok()?;
+        }
+        Some(Pilot { done: few.all_photons(), whole, unit: "photons", rest_s: 0.0 })
+    }
+
     fn run(params: &Params, _: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
         let mut problems = Problems::default();
         let experiment = assemble(params, &mut problems);
@@ -111,6 +125,7 @@ impl Stage for CalibrateDis {
             measured.push((name, plate, found));
         }
         ctx.measure("largest_share_lost_at_rim", leaked, "1");
+        ctx.measure("photons", experiment.all_photons(), "1");
         Ok(Out { readings: table(&experiment, &measured) })
     }
 }
@@ -125,7 +140,7 @@ impl Lab<'_> {
     fn read(&mut self, target: Target, stream: u32) -> Result<Tally, Error> {
         let photons = self.experiment.photons;
         let setup: Setup = self.experiment.with(target);
-        let total = photons as f64 * (self.experiment.media.len() + 3) as f64;
+        let total = self.experiment.all_photons();
         let tiles = usize::try_from(photons.div_ceil(TILE)).map_err(|_| Error::failed("too many samples"))?;
         let seed = self.ctx.seed();
         let tallies = self.ctx.map_tiles(tiles, |tile| {

@@ -25,6 +25,7 @@ pub mod monte_carlo;
 mod nodes;
 mod params;
 pub mod phantoms;
+mod pilot;
 mod stage;
 mod surface;
 mod table;

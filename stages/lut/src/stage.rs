@@ -8,7 +8,8 @@ use serde_json::{Value, json};
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Convention, Fit, Lut, Modulation, Sections, Truth, Validity};
 use turbid_contract::{
-    Attributes, Cells, Ctx, Error, ImageStack, Known, LayerInfo, Problems, Stage, StagePlan, Table, in_ports, out_ports,
+    Attributes, Cells, Ctx, Error, ImageStack, Known, LayerInfo, Pilot, Problems, Stage, StagePlan, Table, in_ports,
+    out_ports,
 };
 use turbid_optics::level::named;
 use turbid_optics::philox;
@@ -19,6 +20,7 @@ use crate::empirical::{self, Between};
 use crate::monte_carlo::{self, Estimate, PARTS};
 use crate::params::{Interpolation, Model, Params, ReferenceMedium, SAMPLES};
 use crate::phantoms::{self, Part, Sources};
+use crate::pilot;
 use crate::table::Recipe;
 use crate::validity::{Report, examine};
 
@@ -119,11 +121,15 @@ impl Stage for BuildLut {
         let bytes = (recipe.f_x.len() * nodes * 5 * 8) as u64;
         StagePlan {
             method: Some(method.into()),
-            needs: Vec::new(),
             left_out,
             seconds: Some(seconds),
             bytes: Some(bytes),
+            ..StagePlan::default()
         }
+    }
+
+    fn pilot(params: &Params, _: &Known, ctx: Ctx<'_>) -> Option<Pilot> {
+        pilot::pilot(params, ctx)
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
@@ -181,6 +187,7 @@ fn solve(recipe: &Recipe, ctx: Ctx<'_>) -> Result<Estimate, Error> {
     for row in rows {
         r_d.extend(row.map_err(|error| Error::failed(error.to_string()))?);
     }
+    ctx.measure(pilot::VALUES, r_d.len() as f64, "1");
     let se = vec![0.0; r_d.len()];
     Ok(Estimate { r_d, se })
 }
@@ -316,6 +323,7 @@ fn simulate(params: &Params, recipe: &Recipe, ctx: Ctx<'_>) -> Result<Estimate, 
     })?;
     // A part that was cut short must not enter.
     ctx.checked()?;
+    ctx.measure(pilot::PATHS, (each * PARTS as u64) as f64, "1");
     let estimate = monte_carlo::estimate(recipe, &white, &parts).map_err(|error| {
         Error::failed_with_hint(format!("the paths are too few: {error}"), "raise `samples`, or narrow the axes")
     })?;

@@ -21,9 +21,9 @@ use crate::uniform::obstacle;
 use crate::unsure::Unsure;
 
 /// The error target of a pixel-by-pixel image is first tested after this many paths per pixel.
-const FIRST_TEST: u32 = 64;
+pub const FIRST_TEST: u32 = 64;
 /// That of a fitted one after this many paths in all.
-const FIRST_TEST_OF_ALL: usize = 1 << 15;
+pub const FIRST_TEST_OF_ALL: usize = 1 << 15;
 /// So many times the paths of a pixel are spent on each traced pixel of a stand-in's image: its few terms have then less noise than
 /// most differences.
 pub const FIT_PATHS: u32 = 1;
@@ -158,6 +158,7 @@ fn pixels(
         judge: &judge,
     };
     let Sums { mut channels, samples: n, paths, beside: taken, flights } = trace(&task, ctx)?;
+    let flights = flights.iter().sum();
     let beside = beside.map(|stand_ins| stand_ins.within(taken.as_deref()));
     let beside = beside.filter(|stand_ins| stand_ins.of_pixel.iter().any(Option::is_some));
     if beside.is_none() {
@@ -187,6 +188,7 @@ fn fit(params: &Params, rig: &Rig, shown: &Shown, (salt, kept): (u64, bool), ctx
     let task =
         Task { params, rig, shown, pixels: &pixels, beside: None, salt, kept, first_test, allocate, judge: &judge };
     let Sums { channels, samples: n, flights, .. } = trace(&task, ctx)?;
+    let flights = flights.iter().sum();
     Ok(Traced { channels, n, paths: Vec::new(), lattice: Some(lattice), beside: None, flights, solved: Vec::new() })
 }
 

@@ -7,10 +7,12 @@ use turbid_optics::diffusion::a_robin;
 use crate::channels::groups;
 use crate::fit::Lattice;
 use crate::glint::by_several_walls;
+use crate::kernel::Kernels;
 use crate::method::{FIT_PATHS, Taken, bound};
 use crate::mirror::Mirrors;
 use crate::params::{Allocate, Method, Params};
 use crate::pictures::Pictures;
+use crate::pilot::outline;
 use crate::response::Layout;
 use crate::rig::Rig;
 use crate::strata::{Bending, bulges, turns_at_facets};
@@ -34,6 +36,10 @@ const NS_AT_WALLS: f64 = 6e4;
 /// The same where lanes find the ways, but for those that are left to chance (measured: 17 us at a half-embedded ball).
 const NS_AT_BULGES: f64 = 1.7e4;
 const NS_AT_FACETS: f64 = 4e5;
+
+/// ns for each pixel and response after the paths: of a fit, and of pixels by their own paths.
+const NS_OF_FIT: f64 = 1500.0;
+const NS_OF_PIXEL: f64 = 500.0;
 
 /// Flights that a path makes on average in the object where it makes most.
 ///
@@ -93,8 +99,9 @@ fn thickness(shape: &Shape) -> f64 {
     }
 }
 
-/// The plan for known params and, where it is known, scene.
-pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool) -> StagePlan {
+/// The plan for known params and, where it is known, scene; `patterned`: images are shown, `power`: that port is wanted.
+pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool, power: bool) -> StagePlan {
+    let rig = scene.and_then(|scene| Rig::of(scene).ok());
     let taken = match params.method {
         Method::Path => Some(Taken::Path { because: None }),
         _ => scene.map(|scene| Taken::of(params, scene, patterned)),
@@ -137,7 +144,6 @@ pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool) -> StagePla
         sort(scene.channels() > 1, "several channels");
         sort(walks < scene.channels(), "paths shared by channels");
         sort(scene.media.values().any(|m| m.n != 1.0), "Fresnel boundaries");
-        let rig = Rig::of(scene).ok();
         let world = rig.as_ref().map(|rig| &rig.worlds[0]);
         let at_walls = world.is_some_and(|world| Bending::of(world) == Bending::AtWalls);
         let refracts = world.is_some_and(|world| world.materials.iter().any(|m| m.n != 1.0));
@@ -179,6 +185,14 @@ pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool) -> StagePla
     let textured = |scene: &Scene| scene.objects.values().any(|o| matches!(o.surface, Surface::Textured(_)));
     sort(scene.is_some_and(textured), "textures");
     if let Some(scene) = scene
+        && let Some(taken) = &taken
+        && let Some(rig) = &rig
+    {
+        let shown = outline(params, scene, patterned, rig.steady[0].shines());
+        let Kernels { name, refused } = Kernels::of(taken, rig, &shown, power);
+        (plan.kernel, plan.refused) = (Some(name), refused);
+    }
+    if let Some(scene) = scene
         && let Some(camera) = &scene.camera
     {
         let [columns, rows] = camera.pixels.map(|n| n as usize);
@@ -196,24 +210,10 @@ pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool) -> StagePla
             // Some ms for each spatial frequency (measured; see docs/theory/rte.md).
             plan.seconds = Some(5e-3 * channels * (1 + params.carriers().len()) as f64);
         } else if let Some(samples) = for_target.into_iter().chain(most).reduce(f64::min) {
-            let flights = flights_per_path(scene);
-            // Many flights are those of a weakly absorbing medium.
-            let flights = if flights > 300.0 { LEFT_BY_ROULETTE * flights } else { flights };
-            let per_path = NS_PER_PATH + NS_PER_FLIGHT * flights;
-            let refracts =
-                |o: &Object| o.surface == Surface::Smooth && o.medium.as_ref().is_some_and(|m| scene.media[m].n != 1.0);
-            let per_path = if scene.objects.values().any(refracts) { REFRACTED * per_path } else { per_path };
-            let at_walls = |world: &World| match Bending::of(world) {
-                Bending::AtWalls if turns_at_facets(world) => NS_AT_FACETS,
-                Bending::AtWalls if bulges(world) && Mirrors::of(world).is_empty() => NS_AT_BULGES,
-                Bending::AtWalls => NS_AT_WALLS,
-                _ => 0.0,
-            };
-            let per_path = per_path + Rig::of(scene).map_or(0.0, |rig| at_walls(&rig.worlds[0]));
             // At most: all pixels have the one stand-in, and it pays.
             let of_lattice = f64::from(FIT_PATHS) * (lattice.columns.len() * lattice.rows.len()) as f64;
             let paths = if beside { 2.0 * traced + of_lattice } else { traced };
-            plan.seconds = Some(paths * walks as f64 * samples * per_path * 1e-9);
+            plan.seconds = Some(paths * walks as f64 * samples * ns_per_path(scene, rig.as_ref()) * 1e-9);
         }
         let q = Layout { carriers: params.carriers().len(), pictures: 0, steady: !scene.lights.is_empty() }.width();
         let frames = 2 * params.phases as usize * params.f_x.len() * params.orientation_deg.len();
@@ -222,4 +222,31 @@ pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool) -> StagePla
         plan.bytes = Some((pixels * (24 * fields * (q + q * (q + 1) / 2) + 4 * frames) as f64) as u64);
     }
     plan
+}
+
+/// ns that a path takes on one core, with its looks for light, by figures measured in other scenes.
+pub fn ns_per_path(scene: &Scene, rig: Option<&Rig>) -> f64 {
+    let flights = flights_per_path(scene);
+    // Many flights are those of a weakly absorbing medium.
+    let flights = if flights > 300.0 { LEFT_BY_ROULETTE * flights } else { flights };
+    let per_path = NS_PER_PATH + NS_PER_FLIGHT * flights;
+    let refracts =
+        |o: &Object| o.surface == Surface::Smooth && o.medium.as_ref().is_some_and(|m| scene.media[m].n != 1.0);
+    let per_path = if scene.objects.values().any(refracts) { REFRACTED * per_path } else { per_path };
+    let at_walls = |world: &World| match Bending::of(world) {
+        Bending::AtWalls if turns_at_facets(world) => NS_AT_FACETS,
+        Bending::AtWalls if bulges(world) && Mirrors::of(world).is_empty() => NS_AT_BULGES,
+        Bending::AtWalls => NS_AT_WALLS,
+        _ => 0.0,
+    };
+    per_path + rig.map_or(0.0, |rig| at_walls(&rig.worlds[0]))
+}
+
+/// CPU seconds for what follows the paths: standard errors, fits and frames of all pixels (measured; see docs/theory/render.md).
+pub fn after_paths(params: &Params, scene: &Scene, taken: &Taken) -> f64 {
+    let Some(camera) = &scene.camera else { return 0.0 };
+    let pixels = camera.pixels.iter().map(|&n| f64::from(n)).product::<f64>() * scene.channels() as f64;
+    let q = 1.0 + 2.0 * params.carriers().len() as f64;
+    let ns = if *taken == Taken::Fit { NS_OF_FIT } else { NS_OF_PIXEL };
+    1e-9 * ns * q * pixels
 }

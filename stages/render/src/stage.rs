@@ -1,7 +1,7 @@
 //! The stage: checks, traces, and fills the ports that are wanted.
 
 use turbid_contract::payload::{Covariance, Frames, Pattern, Power, Scene, Truth, White};
-use turbid_contract::{Ctx, Error, Known, Problems, Stage, StagePlan, in_ports, out_ports};
+use turbid_contract::{Ctx, Error, Known, Pilot, Problems, Stage, StagePlan, in_ports, out_ports};
 
 use crate::cautions::{self, pixels_with_lost_light, say_in};
 use crate::channels::groups;
@@ -11,6 +11,7 @@ use crate::finish::Finish;
 use crate::forward::tally;
 use crate::frames::Images;
 use crate::glint::{Glinting, by_chance, glints};
+use crate::kernel::Kernels;
 use crate::method::{Taken, sums};
 use crate::params::Params;
 use crate::power::power;
@@ -77,12 +78,18 @@ impl Stage for RenderStage {
 
     fn plan(params: &Params, known: &Known) -> StagePlan {
         let patterned = known.connected.iter().any(|port| port == "pattern");
+        let power = known.wanted.iter().any(|port| port == "power");
         let scene = known.get::<Scene>("scene");
-        let mut plan = crate::plan::plan(params, scene.as_ref(), patterned);
+        let mut plan = crate::plan::plan(params, scene.as_ref(), patterned, power);
         if let Some(scene) = &scene {
             say_in(&mut plan, scene);
         }
         plan
+    }
+
+    fn pilot(params: &Params, known: &Known, ctx: Ctx<'_>) -> Option<Pilot> {
+        let patterned = known.connected.iter().any(|port| port == "pattern");
+        crate::pilot::pilot(params, &known.get::<Scene>("scene")?, patterned, ctx)
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
@@ -104,6 +111,8 @@ impl Stage for RenderStage {
             }
         };
         let taken = Taken::of(params, &scene, inputs.pattern.is_some());
+        let kernels = Kernels::of(&taken, &rig, &shown, ctx.wants("power"));
+        ctx.kernel(&kernels.name, &kernels.refused);
         let traced = sums(&taken, params, &scene, &rig, &shown, ctx)?;
         let mut estimate = traced.estimate(&rig, &shown, ctx)?;
         let (glints, chanced) = (glints(&rig, &shown, ctx)?, by_chance(&rig, &shown, estimate.n, ctx)?);

@@ -26,7 +26,7 @@ const TILE: usize = 1024;
 /// Tiles and batches of a round are chosen so that it holds about this many batches of a pixel.
 const ROUND: usize = 1 << 15;
 /// After so many paths per pixel it is decided where stand-ins are worth their time.
-const PILOT: u32 = 16;
+pub const PILOT: u32 = 16;
 /// Tells the paths beside the even ones apart.
 const MORE: u64 = 1 << 63;
 /// Seconds between checkpoints.
@@ -77,8 +77,8 @@ pub struct Sums {
     pub paths: Vec<u32>,
     /// The pixels whose paths were all walked in their stand-in, too.
     pub beside: Option<Vec<bool>>,
-    /// In scene and stand-ins.
-    pub flights: u64,
+    /// In the scene, and in stand-ins.
+    pub flights: [u64; 2],
 }
 
 impl Task<'_> {
@@ -164,7 +164,7 @@ pub fn trace(task: &Task<'_>, ctx: Ctx<'_>) -> Result<Sums, Error> {
         ctx.warn("some ways of light through curved walls are too rare to be weighed, and are missing");
     }
     let (channels, paths) = (state.sums().into_owned(), task.paths(&state));
-    let flights = state.flights.iter().sum();
+    let flights = state.flights;
     Ok(Sums { channels, samples: state.samples, paths, beside: state.beside, flights })
 }
 

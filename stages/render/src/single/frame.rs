@@ -10,6 +10,7 @@ use super::ground::{Ground, Part};
 use super::look::MOST_BODIES;
 use super::mesh::Eyes;
 use super::picture::Shown;
+use super::refusal::{self, Refusal};
 use super::source::Source;
 use super::walls::Walls;
 use crate::channels::MOST_LENGTHS;
@@ -20,11 +21,11 @@ use crate::world::{Material, Spans, World};
 
 /// Coordinates up to so many mean free paths: their last digit is 2^-12 of one, and the error made by it, of either sign from
 /// flight to flight, stays below 1e-4.
-const RANGE: f64 = 4096.0;
+pub(super) const RANGE: f64 = 4096.0;
 /// Cycles of a carrier across the field, beyond which its phase loses 1e-4 rad.
-const CYCLES: f64 = 256.0;
+pub(super) const CYCLES: f64 = 256.0;
 /// Coefficients (mm^-1) and lengths (mm) beyond these leave too little of the exponents of f32.
-const LARGEST: f64 = 1e9;
+pub(super) const LARGEST: f64 = 1e9;
 
 /// g of media in which scouts pay (with g = 0 they cost more than they save: measured), up to where f32 holds their lobe.
 const PEAKED: RangeInclusive<f64> = 0.5..=0.99;
@@ -99,6 +100,8 @@ pub struct Frame<'a> {
     pub lengths: usize,
     /// Of each of those that share the paths: absorption beyond that of the walk, mm^-1, for each length.
     pub channels: Vec<[f32; MOST_LENGTHS]>,
+    /// What keeps looks and starts from going in lanes.
+    pub refused: Vec<Refusal>,
 }
 
 /// The most channels whose looks go in lanes together.
@@ -119,18 +122,30 @@ pub struct Medium {
 impl<'a> Frame<'a> {
     /// `None` where f32 cannot hold the render.
     pub fn of(walker: &Walker<'a>) -> Option<Self> {
+        Self::held(walker).ok()
+    }
+
+    /// Why f32 cannot hold the render, where it cannot.
+    pub fn held(walker: &Walker<'a>) -> Result<Self, Refusal> {
         let s = walker.setting();
         if s.nee != Nee::Line {
-            return None;
+            return Err(Refusal::Reference);
         }
         let shortest = (0..s.world.materials.len()).map(|m| walker.free_path(m)).fold(f64::INFINITY, f64::min);
         let range = (RANGE * shortest).min(LARGEST);
         let view = &s.light.view;
         let cycles = view.field.length() * s.carriers.iter().fold(0.0, |most: f64, c| most.max(c.f_x()));
-        let dense = s.world.materials.iter().any(|m| m.mu_t() > LARGEST || (m.mu_s > 0.0 && m.mu_s < 1.0 / LARGEST));
-        let far = (view.position - view.look_at).length() > LARGEST;
-        if cycles > CYCLES || dense || far || s.channels() > MOST_CHANNELS {
-            return None;
+        let dense = s.world.materials.iter().find(|m| m.mu_t() > LARGEST || (m.mu_s > 0.0 && m.mu_s < 1.0 / LARGEST));
+        let distance = (view.position - view.look_at).length();
+        let refusal = match dense {
+            _ if cycles > CYCLES => Some(Refusal::Cycles(cycles)),
+            Some(m) => Some(Refusal::Coefficient(if m.mu_t() > LARGEST { m.mu_t() } else { m.mu_s })),
+            None if distance > LARGEST => Some(Refusal::Distance(distance)),
+            None if s.channels() > MOST_CHANNELS => Some(Refusal::Channels(s.channels())),
+            None => None,
+        };
+        if let Some(refusal) = refusal {
+            return Err(refusal);
         }
         let origin = seen(s);
         // What the camera sees of the plane through the origin must lie within the range.
@@ -138,8 +153,9 @@ impl<'a> Frame<'a> {
             let (from, along) = s.camera.view.ray(x, y);
             from + (origin.z - from.z) / along.z * along
         });
-        if !corners.iter().all(|corner| (corner - origin).length() <= range) {
-            return None;
+        let reaches = corners.map(|corner| (corner - origin).length());
+        if let Some(&reach) = reaches.iter().find(|reach| reach.is_nan() || **reach > range) {
+            return Err(Refusal::Extent { reach, mu_s: 1.0 / shortest });
         }
         let media = s.world.materials.iter().enumerate();
         let media = media.map(|(i, m)| Medium {
@@ -177,7 +193,8 @@ impl<'a> Frame<'a> {
         let looks = (straight || bends) && !others && can_look(s.world, &parts) && for_any;
         let repeated = repeats(&parts);
         // Rays meet the facets of their own body only.
-        let looks = looks && (!repeated || ground.meshes.is_empty());
+        let alone = !repeated || ground.meshes.is_empty();
+        let looks = looks && alone;
         let (projector, unit) = Source::projector(s.light, origin);
         let (lamps, steady) = Source::lamps(s.steady, s.shared, origin);
         let singly = !(lamps.is_empty() || (looks && for_lamps));
@@ -188,7 +205,22 @@ impl<'a> Frame<'a> {
         let turns = bends && lanes_alone;
         let onward = straight && !others && lanes_alone;
         let sends = onward && looks && s.light.shines() && ground.meshes.is_empty();
-        Some(Self {
+        let starts = (onward || (turns && !s.steady.shines())) && !s.camera.has_aperture();
+        let mut refused = Vec::new();
+        if !(looks || blind) {
+            refused.extend((!(straight || bends)).then(|| refusal::of_walls(walker, &parts)));
+            refused.extend(refusal::of_solids(&ground, &parts, origin, range));
+            refused.extend((parts.len() > MOST_BODIES).then_some(Refusal::Bodies(parts.len())));
+            refused.extend((carves_opaque(s.world, &parts)).then_some(Refusal::CarvedOpaque));
+            refused.extend(view.distortion.as_ref().filter(|_| s.light.shines()).map(|_| Refusal::Distortion));
+            let longer = s.pictures.size().into_iter().max().filter(|_| s.pictures.layers() > 0 && shown.is_none());
+            refused.extend(longer.map(Refusal::Pattern));
+            refused.extend((!alone).then_some(Refusal::RepeatedMedium));
+        }
+        refused.extend(singly.then_some(Refusal::Lamps(s.steady.lamps.len())).filter(|_| looks || !s.light.shines()));
+        refused.extend(s.camera.has_aperture().then_some(Refusal::Aperture));
+        refused.dedup();
+        Ok(Self {
             origin,
             range_squared: (range * range) as f32,
             ground,
@@ -215,7 +247,7 @@ impl<'a> Frame<'a> {
             repeated,
             lamps: singly,
             blind,
-            starts: (onward || (turns && !s.steady.shines())) && !s.camera.has_aperture(),
+            starts,
             stride: walker.stride(),
             windows: (0..s.world.materials.len()).any(|m| walker.window(m) > 0.0),
             sources: s.light.shines().then_some(projector).into_iter().chain(lamps).collect(),
@@ -224,6 +256,7 @@ impl<'a> Frame<'a> {
             steady,
             carriers: carriers.collect(),
             shown,
+            refused,
         })
     }
 
@@ -303,11 +336,15 @@ fn overlap(a: &Solid, b: &Solid) -> bool {
 
 /// Whether looks in lanes are right: few bodies that they know, and nothing that carves opaque ones.
 fn can_look(world: &World, parts: &[Part]) -> bool {
-    parts.len() <= MOST_BODIES
-        && parts.iter().enumerate().all(|(i, part)| {
-            let opaque = world.materials[part.material].is_opaque();
-            !(opaque && parts[..i].iter().any(|other| overlap(&other.solid, &part.solid)))
-        })
+    parts.len() <= MOST_BODIES && !carves_opaque(world, parts)
+}
+
+/// Whether a body of higher priority may take a part of an opaque one.
+fn carves_opaque(world: &World, parts: &[Part]) -> bool {
+    parts.iter().enumerate().any(|(i, part)| {
+        let opaque = world.materials[part.material].is_opaque();
+        opaque && parts[..i].iter().any(|other| overlap(&other.solid, &part.solid))
+    })
 }
 
 /// Whether bodies share a medium.

@@ -12,6 +12,7 @@ pub mod lane;
 mod look;
 mod mesh;
 mod picture;
+pub mod refusal;
 mod round;
 mod rows;
 mod scout;

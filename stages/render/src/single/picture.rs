@@ -8,7 +8,7 @@ use crate::light::Light;
 use crate::pictures::Pictures;
 
 /// Beyond so many pixels along a side a place in a picture is less sure than 1e-3 of a pixel.
-const MOST_PIXELS: usize = 4096;
+pub const MOST_PIXELS: usize = 4096;
 
 /// Pictures over the field of a projector.
 #[derive(Clone, Debug)]

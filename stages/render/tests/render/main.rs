@@ -12,6 +12,7 @@ mod furnace;
 mod glints;
 mod golden;
 mod grazing;
+mod kernel;
 mod lanes;
 mod laws;
 mod lights;

@@ -1,0 +1,132 @@
+//! The kernel that a render's paths are walked by, and what keeps a faster one from it.
+
+use std::fmt;
+
+use crate::look::{self, bodies_by_material};
+use crate::method::Taken;
+use crate::path::{Nee, Setting, Walker};
+use crate::rig::Rig;
+use crate::shown::Shown;
+use crate::single::Frame;
+use crate::single::lane;
+use crate::single::refusal::Refusal;
+use crate::strata::Bending;
+use crate::world::World;
+
+/// How one walk goes on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kernel {
+    /// f32 lanes; whether looks for light and the starts of paths go in them.
+    Single { looks: bool, starts: bool, bodies: usize },
+    /// f64 lanes; whether looks for light go in them.
+    Double { looks: bool, bodies: usize },
+    /// One path after the other.
+    Scalar { bodies: usize },
+}
+
+/// What a render does its work by.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Kernels {
+    /// In words.
+    pub name: String,
+    /// Why not by a faster one, each with the value and the limit.
+    pub refused: Vec<String>,
+}
+
+impl Kernel {
+    /// Of paths in a setting, as [`walk_among`](crate::flock::walk_among) takes it.
+    fn of(setting: Setting<'_>) -> (Self, Vec<String>) {
+        let walker = Walker::new(setting, crate::level::named("baseline"));
+        let bodies = setting.world.bodies.len();
+        let refusal = match Frame::held(&walker) {
+            Ok(frame) => {
+                let looks = frame.blind || (frame.looks && !frame.lamps);
+                let refused = frame.refused.iter().map(Refusal::to_string).collect();
+                return (Self::Single { looks, starts: frame.starts, bodies: frame.parts.len() }, refused);
+            }
+            Err(refusal) => refusal.to_string(),
+        };
+        if setting.shared.is_some() {
+            return (Self::Scalar { bodies }, vec![refusal]);
+        }
+        let looks = walker.body_of().is_some();
+        let also = (!looks).then(|| singly(&setting));
+        (Self::Double { looks, bodies }, [refusal].into_iter().chain(also).collect())
+    }
+}
+
+/// Why looks for light do not go in f64 lanes.
+fn singly(setting: &Setting<'_>) -> String {
+    let World { bodies, materials, .. } = setting.world;
+    if setting.pictures.layers() > 0 {
+        return "a pattern's images: f64 lanes look for light under sinusoids".to_owned();
+    }
+    if Bending::of(setting.world) != Bending::Nowhere {
+        return "walls turn light: f64 lanes look for light where it goes straight on".to_owned();
+    }
+    if bodies.len() > look::MOST_BODIES {
+        return format!("{} bodies: f64 lanes look for light among up to {}", bodies.len(), look::MOST_BODIES);
+    }
+    if bodies.iter().any(|body| materials[body.material].is_opaque()) {
+        return "an opaque body: f64 lanes look for light among clear and turbid ones".to_owned();
+    }
+    debug_assert!(bodies_by_material(setting.world).is_none());
+    "a body with facets or holes, a turned one, or two of one medium: f64 lanes look for light in whole bodies of one medium each"
+        .to_owned()
+}
+
+impl fmt::Display for Kernel {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let among = |n: usize| if n == 1 { "1 body".to_owned() } else { format!("{n} bodies") };
+        match *self {
+            Self::Single { looks, starts, bodies } => {
+                write!(f, "{} paths abreast in f32, {}", lane::LANES, among(bodies))?;
+                write!(f, "{}", if looks { "" } else { ", looks for light one by one" })?;
+                write!(f, "{}", if starts { "" } else { ", starts one by one" })
+            }
+            Self::Double { looks, bodies } => {
+                write!(f, "{} paths abreast in f64, {}", look::LANES, among(bodies))?;
+                write!(f, "{}", if looks { "" } else { ", looks for light one by one" })
+            }
+            Self::Scalar { bodies } => write!(f, "one path after the other in f64, {}", among(bodies)),
+        }
+    }
+}
+
+impl Kernels {
+    /// Those of all walks of a render; `power`: photons are counted, too.
+    pub fn of(taken: &Taken, rig: &Rig, shown: &Shown, power: bool) -> Self {
+        let mut names: Vec<String> = Vec::new();
+        let mut refused: Vec<String> = Vec::new();
+        let add = |list: &mut Vec<String>, text: String| {
+            if !list.contains(&text) {
+                list.push(text);
+            }
+        };
+        if matches!(taken, Taken::Rte { .. }) {
+            names.push("transport solver for plane waves".to_owned());
+        } else {
+            for group in crate::channels::groups(rig, &shown.carriers, &shown.pictures) {
+                let channel = group.channels[0];
+                let (kernel, reasons) = Kernel::of(Setting {
+                    world: &group.world,
+                    camera: &rig.camera,
+                    light: &rig.lights[channel],
+                    steady: &rig.steady[channel],
+                    carriers: &shown.carriers,
+                    pictures: &shown.pictures,
+                    key: [0; 2],
+                    channel: 0,
+                    nee: Nee::Line,
+                    shared: group.shared.as_ref(),
+                });
+                add(&mut names, kernel.to_string());
+                reasons.into_iter().for_each(|reason| add(&mut refused, reason));
+            }
+        }
+        if power {
+            names.push("photons for `power` one after the other in f64".to_owned());
+        }
+        Self { name: names.join("; "), refused }
+    }
+}

@@ -1,0 +1,180 @@
+//! A small image of the scene by the very kernel of the render: how many flights the whole takes, for `turbid plan` to time.
+
+use turbid_contract::payload::Scene;
+use turbid_contract::{Ctx, LayerInfo, Pilot};
+
+use crate::fit::Lattice;
+use crate::judge::{OfFit, OfPixels};
+use crate::method::{FIRST_TEST, FIRST_TEST_OF_ALL, FIT_PATHS, Taken};
+use crate::params::{Allocate, Params};
+use crate::pictures::Pictures;
+use crate::plan;
+use crate::reference::{References, references};
+use crate::response::Layout;
+use crate::rig::Rig;
+use crate::shown::Shown;
+use crate::trace::{Judge, PILOT, Task, trace};
+
+/// Pixels of the small image, at most: with 16 paths each they fill half a tile of a render, and their flights take some ms.
+const PIXELS: f64 = 256.0;
+/// Paths of each.
+const SAMPLES: u32 = PILOT;
+/// And so many more, by which it shows where stand-ins are walked.
+const BESIDE: u32 = 8;
+/// ns that the paths may take by the figures of [`plan`]: looks through curved walls take as long as thousands of flights.
+const MOST_NS: f64 = 3e7;
+/// Frames of a pattern that nobody has made yet.
+const LAYERS: usize = 6;
+/// Its pixels along a side are these at most: beyond, they are out of the cache as well.
+const ALONG: u32 = 512;
+
+/// What is known of the paths before they are walked.
+struct Walked {
+    /// Flights of a path in the scene and of one in a stand-in, those of all walks.
+    flights: [f64; 2],
+    /// The part of the pixels that may be walked beside a stand-in, and that for which it pays.
+    beside: [f64; 2],
+    /// (SE / mean)^2 of the watched amplitude after one path in each pixel; of a fit after one path in all.
+    variance: Option<f64>,
+    done: f64,
+}
+
+/// `None` where no paths are walked, or the image cannot be rendered at all.
+pub fn pilot(params: &Params, scene: &Scene, patterned: bool, ctx: Ctx<'_>) -> Option<Pilot> {
+    let taken = Taken::of(params, scene, patterned);
+    if matches!(taken, Taken::Rte { .. }) {
+        return None;
+    }
+    let whole = Rig::of(scene).ok()?;
+    let small = smaller(scene, &whole, &taken)?;
+    let rig = Rig::of(&small).ok()?;
+    let shown = shown(params, scene, patterned, rig.steady[0].shines());
+    let stand_ins = match taken {
+        Taken::Reference { .. } => references(&small, &rig, params.target_error.map(|t| t.0)).ok()?,
+        _ => None,
+    };
+    let walked = walk(params, &taken, &rig, &shown, stand_ins.as_ref(), ctx)?;
+    let lattice = Lattice::over(whole.camera.columns, whole.camera.rows);
+    let lattice = (lattice.columns.len() * lattice.rows.len()) as f64;
+    let pixels = if taken == Taken::Fit { lattice } else { whole.camera.pixels() as f64 };
+    let samples = samples(params, &taken, pixels, walked.variance)?;
+    let tested = samples.min(f64::from(PILOT));
+    let beside = pixels * (walked.beside[0] * tested + walked.beside[1] * (samples - tested));
+    let images = stand_ins.filter(|_| walked.beside[1] > 0.0).map_or(0.0, |stand_ins| {
+        stand_ins.references.len() as f64 * lattice * samples.max(f64::from(FIRST_TEST)) * f64::from(FIT_PATHS)
+    });
+    let flights = pixels * samples * walked.flights[0] + (beside + images) * walked.flights[1];
+    let rest_s = plan::after_paths(params, scene, &taken);
+    Some(Pilot { done: walked.done, whole: flights, unit: "flights", rest_s })
+}
+
+/// The scene in few pixels: all of the image, or where it looks the same everywhere a part of it with pixels as they are.
+fn smaller(scene: &Scene, rig: &Rig, taken: &Taken) -> Option<Scene> {
+    let mut small = scene.clone();
+    let camera = small.camera.as_mut()?;
+    let per_path =
+        plan::ns_per_path(scene, Some(rig)) * if matches!(taken, Taken::Reference { .. }) { 2.0 } else { 1.0 };
+    let most = (MOST_NS / (per_path * f64::from(SAMPLES))).clamp(4.0, PIXELS);
+    let side = most.sqrt();
+    let [columns, rows] = camera.pixels.map(f64::from);
+    // A row of pixels stays one.
+    let wide = side.max(most / rows).min(columns);
+    let high = (most / wide).min(rows);
+    let pixels = [wide, high].map(|n| (n.floor() as u32).max(1));
+    if *taken == Taken::Fit {
+        for ((field, &now), n) in camera.field.iter_mut().zip(&camera.pixels).zip(pixels) {
+            *field *= f64::from(n) / f64::from(now);
+        }
+    }
+    camera.pixels = pixels;
+    Some(small)
+}
+
+/// What is shown; instead of a pattern that is still to be made one of as many pixels.
+fn shown(params: &Params, scene: &Scene, patterned: bool, steady: bool) -> Shown {
+    if !patterned {
+        return Shown::sinusoids(params, steady);
+    }
+    let [columns, rows] = scene.projector.as_ref().and_then(|p| p.pixels).unwrap_or([ALONG; 2]);
+    // A side beyond what lanes hold shows in the kernel: it stays.
+    grey(LAYERS, [rows.min(ALONG * ALONG / columns.max(1)).max(1), columns], steady)
+}
+
+/// The same for what depends on the pattern's size only.
+pub fn outline(params: &Params, scene: &Scene, patterned: bool, steady: bool) -> Shown {
+    if !patterned {
+        return Shown::sinusoids(params, steady);
+    }
+    let [columns, rows] = scene.projector.as_ref().and_then(|p| p.pixels).unwrap_or([ALONG; 2]);
+    grey(1, [1, columns.max(rows)], steady)
+}
+
+/// A pattern of grey layers with so many rows and columns.
+fn grey(layers: usize, [rows, columns]: [u32; 2], steady: bool) -> Shown {
+    let layout = Layout { carriers: 0, pictures: layers, steady };
+    let pictures = Pictures::new(layers, rows as usize, columns as usize, |_, _, _| 0.5);
+    let frame = |i| (LayerInfo::value("radiance", ""), vec![(layout.picture(i), 1.0)]);
+    Shown { carriers: Vec::new(), pictures, layout, frames: (0..layers).map(frame).collect(), quantities: Vec::new() }
+}
+
+/// Walks the paths of the small image.
+fn walk(
+    params: &Params,
+    taken: &Taken,
+    rig: &Rig,
+    shown: &Shown,
+    stand_ins: Option<&References>,
+    ctx: Ctx<'_>,
+) -> Option<Walked> {
+    let pixels: Vec<u32> = (0..rig.camera.pixels() as u32).collect();
+    let samples = SAMPLES + if stand_ins.is_some() { BESIDE } else { 0 };
+    let few = Params { samples: Some(samples), target_error: None, max_seconds: None, ..params.clone() };
+    let lattice = Lattice::over(rig.camera.columns, rig.camera.rows);
+    let of_pixels = OfPixels::new(rig, shown, stand_ins, Allocate::Even);
+    let of_fit = OfFit { rig, shown, lattice: &lattice };
+    let judge: &dyn Judge = if *taken == Taken::Fit { &of_fit } else { &of_pixels };
+    let task = Task {
+        params: &few,
+        rig,
+        shown,
+        pixels: &pixels,
+        beside: stand_ins,
+        salt: 0,
+        kept: false,
+        first_test: u32::MAX,
+        allocate: Allocate::Even,
+        judge,
+    };
+    let sums = trace(&task, ctx).ok()?;
+    let count = pixels.len() as f64;
+    let candidates = stand_ins.map_or(0, |s| s.of_pixel.iter().flatten().count()) as f64;
+    let chosen = sums.beside.as_ref().map_or(0, |beside| beside.iter().filter(|&&b| b).count()) as f64;
+    let tested = f64::from(PILOT.min(samples));
+    let pairs = candidates * tested + chosen * (f64::from(samples) - tested);
+    let [scene, paired] = sums.flights.map(|flights| flights as f64);
+    let variance = params.target_error.and_then(|_| {
+        let error = judge.error(&sums.channels, &sums.paths, sums.beside.as_deref())?;
+        Some(error * error * f64::from(samples) * if *taken == Taken::Fit { count } else { 1.0 })
+    });
+    let walked = Walked {
+        flights: [scene / (count * f64::from(samples)), if pairs > 0.0 { paired / pairs } else { 0.0 }],
+        beside: [candidates / count, chosen / count],
+        variance,
+        done: scene + paired,
+    };
+    (walked.done > 0.0).then_some(walked)
+}
+
+/// Paths of each pixel, on average; `None` where only the clock ends a run.
+fn samples(params: &Params, taken: &Taken, pixels: f64, variance: Option<f64>) -> Option<f64> {
+    let most = params.samples.map(f64::from);
+    let Some(target) = params.target_error else { return most };
+    let (first, variance) = match *taken {
+        Taken::Fit => ((FIRST_TEST_OF_ALL as f64 / pixels).max(8.0), variance? / pixels),
+        _ => (f64::from(FIRST_TEST), variance?),
+    };
+    let needed = variance / (target.0 * target.0);
+    // It is tested after every doubling: as likely just before one as just behind.
+    let until = if needed <= first { first } else { std::f64::consts::SQRT_2 * needed };
+    Some(most.map_or(until, |most| most.min(until)))
+}
