@@ -6,9 +6,10 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use serde_json::{Value, json};
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::{Convention, Fit, Lut, Modulation, Sections, Truth, Validity};
+use turbid_contract::payload::{CONDITIONS, Convention, Fit, Lut, Modulation, Sections, Truth, Validity};
 use turbid_contract::{
-    Attributes, Cells, Ctx, Error, ImageStack, Known, LayerInfo, Problems, Stage, StagePlan, Table, in_ports, out_ports,
+    Attributes, Cells, Ctx, Error, Facts, ImageStack, Known, LayerInfo, Problems, Stage, StagePlan, Table, in_ports,
+    out_ports,
 };
 use turbid_optics::level::named;
 use turbid_optics::philox;
@@ -72,6 +73,12 @@ impl Stage for BuildLut {
     fn check(params: &Params, known: &Known, problems: &mut Problems) {
         params.check(problems);
         check_ports(params, known, problems);
+    }
+
+    fn facts(params: &Params, known: &Known) -> Facts {
+        let mut lut = attributes(params, &params.recipe());
+        lut.extend(known.fact("phantoms").remove_entry(CONDITIONS));
+        Facts::from([("lut", lut)])
     }
 
     fn plan(params: &Params, _known: &Known) -> StagePlan {
@@ -156,7 +163,12 @@ impl Stage for BuildLut {
         }
         let wanted = ctx.wants("validity") && !reports.is_empty();
         let validity = wanted.then(|| image(&recipe, &reports));
-        Ok(Out { lut: lut(params, &recipe, values, se, sections)?, validity, design })
+        let mut table = lut(params, &recipe, values, se, sections)?;
+        if !inputs.phantoms.axes().is_empty() {
+            // As the first phantom was seen, so were all: they share camera, light and geometry.
+            table.0.attributes.extend(inputs.phantoms.load(0)?.0.attributes.remove_entry(CONDITIONS));
+        }
+        Ok(Out { lut: table, validity, design })
     }
 }
 
