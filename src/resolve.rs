@@ -8,8 +8,8 @@ use std::sync::{Arc, Mutex, OnceLock};
 use rayon::prelude::*;
 use serde_json::Value;
 use turbid_contract::{
-    Artifact, Axes, Ctx, Error, FileUse, Host, InputSource, Known, MemoryHost, Pilot, Prepared, Problem, Problems,
-    StagePlan,
+    Artifact, Attributes, Axes, Ctx, Error, Facts, FileUse, Host, InputSource, Known, MemoryHost, Pilot, Prepared,
+    Problem, Problems, StagePlan,
 };
 
 use crate::digest::Digest;
@@ -54,8 +54,8 @@ pub enum State {
 type FileBytes = (Digest, Arc<[u8]>);
 /// What an instant stage made, by port.
 type Made = BTreeMap<String, Arc<Artifact>>;
-/// A stage's plan with its warnings, or its mistakes.
-type Checked = Result<(StagePlan, Vec<Diagnostic>), Vec<Diagnostic>>;
+/// A stage's plan with its warnings and their sizes, or its mistakes.
+type Checked = Result<(StagePlan, Vec<(Diagnostic, f64)>), Vec<Diagnostic>>;
 
 /// Finds states; remembers files and what instant stages made.
 pub struct Resolver<'a> {
@@ -64,6 +64,7 @@ pub struct Resolver<'a> {
     history: OnceLock<History>,
     files: Mutex<HashMap<PathBuf, Result<FileBytes, String>>>,
     instant: Mutex<HashMap<InstanceId, Arc<Made>>>,
+    facts: Mutex<HashMap<InstanceId, Arc<Facts>>>,
 }
 
 /// States of all needed instances, with the mistakes and warnings found on the way.
@@ -99,7 +100,8 @@ struct Look {
 
 impl<'a> Resolver<'a> {
     pub fn new(plan: &'a Plan, store: &'a Store) -> Self {
-        Self { plan, store, history: OnceLock::new(), files: Mutex::default(), instant: Mutex::default() }
+        let (files, instant, facts) = <(Mutex<_>, Mutex<_>, Mutex<_>)>::default();
+        Self { plan, store, history: OnceLock::new(), files, instant, facts }
     }
 
     /// Finds the state of each needed instance and checks those that are not up to date.
@@ -115,13 +117,14 @@ impl<'a> Resolver<'a> {
             problems: Vec::new(),
         };
         let mut first_of: HashMap<Digest, InstanceId> = HashMap::new();
+        let mut warned = Warned::default();
         for &stage in &self.plan.needed {
             let ids: Vec<InstanceId> = self.plan.instances_of(stage).collect();
             // Instances of one stage know nothing of each other. A block is as much as is looked at in vain after many mistakes.
             for block in ids.chunks(BLOCK) {
                 let errors = survey.problems.iter().filter(|p| is_error(p)).count();
                 if errors >= MANY_PROBLEMS {
-                    return survey;
+                    break;
                 }
                 let look = |&id: &InstanceId| self.look(id, &survey.outputs, force, errors == 0);
                 let looked: Vec<Looked> = if block.len() < FEW {
@@ -130,10 +133,11 @@ impl<'a> Resolver<'a> {
                     block.par_iter().map(look).collect()
                 };
                 for (&id, looked) in block.iter().zip(looked) {
-                    self.enter(id, looked, &mut survey, &mut first_of);
+                    self.enter(id, looked, &mut survey, &mut first_of, &mut warned);
                 }
             }
         }
+        warned.told(&mut survey.problems);
         survey
     }
 
@@ -157,7 +161,14 @@ impl<'a> Resolver<'a> {
     }
 
     /// Adds what was seen of an instance, in the order of instances.
-    fn enter(&self, id: InstanceId, looked: Looked, survey: &mut Survey, first_of: &mut HashMap<Digest, InstanceId>) {
+    fn enter(
+        &self,
+        id: InstanceId,
+        looked: Looked,
+        survey: &mut Survey,
+        first_of: &mut HashMap<Digest, InstanceId>,
+        warned: &mut Warned,
+    ) {
         let Look { mut state, key, checked, made } = match looked {
             Ok(look) => look,
             Err(mut mistakes) => return survey.problems.append(&mut mistakes),
@@ -175,11 +186,8 @@ impl<'a> Resolver<'a> {
         match checked {
             Some(Ok((plan, warnings))) => {
                 survey.plans.insert(id, plan);
-                for warning in warnings {
-                    // The instances of a sweep warn of the same thing.
-                    if !survey.problems.contains(&warning) {
-                        survey.problems.push(warning);
-                    }
+                for (warning, size) in warnings {
+                    warned.add(&mut survey.problems, warning, size);
                 }
             }
             Some(Err(mut mistakes)) => survey.problems.append(&mut mistakes),
@@ -401,16 +409,70 @@ impl<'a> Resolver<'a> {
             }
         };
         let mut known = self.known(id, outputs);
+        if row.reads_facts {
+            known.facts = self.facts_of_inputs(id, outputs);
+        }
         known.files.extend(files.iter().map(|(at, file)| (at.clone(), self.content(&file.path))));
         let mut problems = Problems::default();
         (row.check)(&params, &known, &mut problems);
+        let ranked = problems.take_ranked();
         let (mistakes, warnings) = problems.into_parts();
         let place = |p: Problem| self.problem_diagnostic(id, p);
         if !mistakes.is_empty() {
             return Err(mistakes.into_iter().map(place).collect());
         }
-        let warnings = warnings.into_iter().map(|p| place(p).warning()).collect();
+        let warnings = warnings.into_iter().map(|p| (p, 0.0)).chain(ranked);
+        let warnings = warnings.map(|(p, size)| (place(p).warning(), size)).collect();
         Ok(((row.plan)(&params, &known), warnings))
+    }
+
+    /// What is known of the artifacts on the input ports; of many artifacts what is known of the first.
+    fn facts_of_inputs(&self, id: InstanceId, outputs: &[Option<Arc<Outputs>>]) -> BTreeMap<String, Attributes> {
+        let first = |wire: &Wire| {
+            let (source, port) = wire.from.first()?;
+            Some((wire.port.to_owned(), self.facts(*source, outputs).get(port).cloned()?))
+        };
+        self.plan.instances[id].wires.iter().filter_map(first).collect()
+    }
+
+    /// What is known of the outputs of an instance before it runs, whether or not the store holds them.
+    fn facts(&self, id: InstanceId, outputs: &[Option<Arc<Outputs>>]) -> Arc<Facts> {
+        let known = |id: InstanceId| self.facts.lock().expect("no holder panics").get(&id).cloned();
+        // An explicit stack: a chain of a million stages must not end the process.
+        let mut path = vec![id];
+        while let Some(&last) = path.last() {
+            let mut sources = self.plan.instances[last].wires.iter().filter_map(|w| Some(w.from.first()?.0));
+            match sources.find(|&source| known(source).is_none()) {
+                Some(source) => path.push(source),
+                None => {
+                    path.pop();
+                    if known(last).is_none() {
+                        let facts = Arc::new(self.own_facts(last, outputs));
+                        self.facts.lock().expect("no holder panics").insert(last, facts);
+                    }
+                }
+            }
+        }
+        known(id).expect("it was worked out")
+    }
+
+    /// The same, those of its inputs being known.
+    fn own_facts(&self, id: InstanceId, outputs: &[Option<Arc<Outputs>>]) -> Facts {
+        let instance = &self.plan.instances[id];
+        // Mistakes in params are told where the stage is checked.
+        let Ok((params, _)) = self.prepare(id) else { return Facts::new() };
+        let mut known =
+            Known { connected: instance.wires.iter().map(|w| w.port.to_owned()).collect(), ..Known::default() };
+        for wire in &instance.wires {
+            if let [(source, port)] = wire.from.as_slice()
+                && self.plan.row(self.plan.instances[*source].stage).instant
+                && let Some(artifact) = self.artifact(*source, port, outputs)
+            {
+                known.artifacts.insert(wire.port.to_owned(), artifact);
+            }
+        }
+        known.facts = self.facts_of_inputs(id, outputs);
+        (self.plan.row(instance.stage).facts)(&params, &known)
     }
 
     fn problem_diagnostic(&self, id: InstanceId, problem: Problem) -> Diagnostic {
@@ -467,6 +529,45 @@ impl<'a> Resolver<'a> {
         }
         self.instant.lock().expect("no holder panics").insert(id, Arc::new(artifacts));
         Ok(blobs)
+    }
+}
+
+/// Warnings that the instances of a sweep have in common but for their numbers: the worst is told, with how many there are.
+#[derive(Default)]
+struct Warned {
+    /// Place and words of each, where it stands among the problems, its size, and how many there are.
+    kinds: HashMap<(String, u32, u32, String), (usize, f64, usize)>,
+}
+
+impl Warned {
+    fn add(&mut self, problems: &mut Vec<Diagnostic>, warning: Diagnostic, size: f64) {
+        // Warnings without a size are of one kind only if they are equal.
+        let words = if size > 0.0 {
+            warning.message.chars().filter(|c| !(c.is_ascii_digit() || ".+-e".contains(*c))).collect()
+        } else {
+            warning.message.clone()
+        };
+        let key = (warning.path.clone(), warning.line, warning.column, words);
+        match self.kinds.get_mut(&key) {
+            Some((at, largest, count)) => {
+                *count += 1;
+                if size > *largest {
+                    (problems[*at], *largest) = (warning, size);
+                }
+            }
+            None => {
+                self.kinds.insert(key, (problems.len(), size, 1));
+                problems.push(warning);
+            }
+        }
+    }
+
+    fn told(self, problems: &mut [Diagnostic]) {
+        for (at, size, count) in self.kinds.into_values() {
+            if count > 1 && size > 0.0 {
+                problems[at].message += &format!(" (the largest of {count} instances)");
+            }
+        }
     }
 }
 

@@ -41,7 +41,8 @@ impl Check {
         Store::check(self.pipeline.outputs.path()).map_err(|e| Failure::Input(e.to_string()))?;
         let store = self.pipeline.store_to_read()?;
         let resolver = Resolver::new(&plan, &store);
-        let survey = resolver.survey(&[]);
+        // What is in the store already may be as wrong as what is not.
+        let survey = resolver.survey(&plan.needed);
         let mut report = Report::from(survey.problems);
         report.extend(plan.spec.not_yet().into_iter().map(Diagnostic::warning));
         if report.has_errors() {

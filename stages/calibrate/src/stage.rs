@@ -2,9 +2,10 @@
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use turbid_contract::payload::{Convention, Modulation, Reflectance};
+use turbid_contract::payload::{CONDITIONS, Conditions, Convention, Modulation, REFERENCE_CONDITIONS, Reflectance};
 use turbid_contract::{
-    Ctx, Error, ImageStack, Known, LayerInfo, LayerKind, Problems, Stage, StagePlan, in_ports, out_ports, serde_json,
+    Attributes, Ctx, Error, Facts, ImageStack, Known, LayerInfo, LayerKind, Problems, Stage, StagePlan, in_ports,
+    out_ports, serde_json,
 };
 
 use crate::gauss::Gauss;
@@ -68,18 +69,28 @@ pub struct Calibrate;
 impl Stage for Calibrate {
     const NAME: &'static str = "calibrate";
     const VERSION: u32 = 3;
+    const READS_FACTS: bool = true;
     const ABOUT: &'static str = "reflectance of a sample from its modulation and that of a reference phantom";
 
     type Params = Params;
     type In = In<'static>;
     type Out = Out;
 
-    fn check(params: &Params, _known: &Known, problems: &mut Problems) {
+    fn check(params: &Params, known: &Known, problems: &mut Problems) {
         params.reference.check(problems);
+        if params.convention != Convention::Relative {
+            compare_phantom(params, &known.fact("reference"), problems);
+        }
         for (field, smooth) in [("smooth", params.smooth), ("smooth_sample", params.smooth_sample)] {
             let rule = "lie in [0, 100]";
             problems.require((0.0..=WIDEST_SMOOTHING_PX).contains(&smooth), field, smooth, "px", rule);
         }
+    }
+
+    fn facts(params: &Params, known: &Known) -> Facts {
+        let mut facts = known.fact("sample");
+        facts.extend(said(params, &known.fact("reference")));
+        Facts::from([("reflectance", facts)])
     }
 
     fn plan(params: &Params, _known: &Known) -> StagePlan {
@@ -96,19 +107,59 @@ impl Stage for Calibrate {
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
         let model = |f_x: f64| params.reference.reflectance(params.model, params.convention, f_x);
         let mut stack = reflectance(&inputs.sample.0, &inputs.reference.0, params, model, ctx)?;
-        let relative = params.convention == Convention::Relative;
-        let facts = [
-            ("convention", serde_json::to_value(params.convention)),
-            ("model", if relative { Ok("none".into()) } else { serde_json::to_value(params.model) }),
-            ("g", serde_json::to_value(params.reference.g)),
-            ("n", serde_json::to_value(params.reference.n)),
-            ("reference", serde_json::to_value(params.reference)),
-        ];
-        for (name, value) in facts {
-            stack.attributes.insert(name.into(), value.expect("names and finite numbers are JSON"));
-        }
+        stack.attributes.extend(said(params, &inputs.reference.0.attributes));
+        stack.carry_conditions(&inputs.sample.0);
         Ok(Out { reflectance: Reflectance(stack) })
     }
+}
+
+/// What the reflectance says of itself beside what its sample says.
+fn said(params: &Params, reference: &Attributes) -> Attributes {
+    let relative = params.convention == Convention::Relative;
+    let facts = [
+        ("convention", serde_json::to_value(params.convention)),
+        ("model", if relative { Ok("none".into()) } else { serde_json::to_value(params.model) }),
+        ("g", serde_json::to_value(params.reference.g)),
+        ("n", serde_json::to_value(params.reference.n)),
+        ("reference", serde_json::to_value(params.reference)),
+    ];
+    let said = facts.into_iter().map(|(name, value)| (name, value.expect("names and finite numbers are JSON")));
+    let other = reference.get(CONDITIONS).map(|conditions| (REFERENCE_CONDITIONS, conditions.clone()));
+    said.chain(other).map(|(name, value)| (name.to_owned(), value)).collect()
+}
+
+/// Properties of the phantom that differ by less than this of themselves are the same: rounding of mu_s (1 - g).
+const SAME: f64 = 1e-6;
+
+/// Warns where the phantom that is seen is not the one that the model is asked of.
+fn compare_phantom(params: &Params, reference: &Attributes, problems: &mut Problems) {
+    let Some(Conditions { seen, .. }) = Conditions::of(reference, CONDITIONS) else { return };
+    let Some(phantom) = seen.first() else { return };
+    let taken = &params.reference;
+    let single = |values: &[f64]| if values.len() == 1 { values.first().copied() } else { None };
+    for (name, unit, seen, taken) in [
+        ("mu_a", " mm^-1", single(&phantom.mu_a), taken.mu_a.0),
+        ("mu_s_prime", " mm^-1", single(&phantom.mu_s_prime), taken.mu_s_prime.0),
+        ("g", "", phantom.g, taken.g),
+        ("n", "", phantom.n, taken.n),
+    ] {
+        let Some(seen) = seen.filter(|seen| (seen - taken).abs() > SAME * seen.abs().max(taken.abs())) else {
+            continue;
+        };
+        let size = (seen - taken).abs() / seen.abs().max(taken.abs());
+        let message = format!(
+            "the phantom that the reference shows (`{}`) has {name} = {}{unit}, `reference` says {taken}{unit}: reflectances are off by as much as the model differs",
+            phantom.object,
+            digits(seen),
+        );
+        let hint = format!("{name}: {}, or another phantom", digits(seen));
+        problems.warn_ranked(size, format!("reference.{name}"), message, hint);
+    }
+}
+
+/// A number without the rounding of products: six digits.
+fn digits(x: f64) -> f64 {
+    format!("{x:.5e}").parse().unwrap_or(x)
 }
 
 /// A quantity to calibrate: the layer of the sample, and the f_x at which it counts.

@@ -22,6 +22,8 @@ pub enum LayerKind {
     /// Named `mask`: 0 where the pixel is good, else the reason (see [`crate::payload::MaskReason`]).
     /// Named `NAME_se_unknown`: 1 where the standard error of the good value `NAME` is not known, else 0.
     Mask,
+    /// How the pixel was lit and looked at (see [`crate::payload::Conditions`]): carried along, never processed.
+    Condition,
 }
 
 /// The numbers that describe a layer; they travel as JSON and are never read from names.

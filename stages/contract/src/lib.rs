@@ -25,7 +25,7 @@ pub use pilot::Pilot;
 pub use port::{Arity, Axes, InPort, InPorts, InputSource, Known, Many, OutPort, OutPorts};
 pub use problem::{Problem, Problems};
 pub use quantity::{AngleDeg, Density, Length, PerLength, Power, Ratio, Seconds, Wavelength};
-pub use stage::{FileUse, ParamError, Prepared, Stage, StagePlan, StageRow};
+pub use stage::{Facts, FileUse, ParamError, Prepared, Stage, StagePlan, StageRow};
 
 // One version of these for every stage.
 pub use ndarray;

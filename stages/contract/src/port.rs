@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use serde_json::Value;
 
-use crate::artifact::{Artifact, ArtifactKind};
+use crate::artifact::{Artifact, ArtifactKind, Attributes};
 use crate::error::Error;
 use crate::payload::Payload;
 
@@ -92,9 +92,17 @@ pub struct Known {
     pub wanted: Vec<String>,
     /// Payload on each connected port that takes one artifact; empty while the graph is not whole.
     pub payloads: BTreeMap<String, String>,
+    /// Attributes that the artifact on a port (of many the first) will have, as far as they are known before the run: [`crate::Stage::facts`] of
+    /// the stage that makes it.
+    pub facts: BTreeMap<String, Attributes>,
 }
 
 impl Known {
+    /// What is known of the artifact on `port`; nothing of one that is not connected.
+    pub fn fact(&self, port: &str) -> Attributes {
+        self.facts.get(port).cloned().unwrap_or_default()
+    }
+
     pub fn get<T: Payload>(&self, port: &str) -> Option<T> {
         self.artifacts.get(port).and_then(|a| T::from_artifact(Artifact::clone(a)).ok())
     }

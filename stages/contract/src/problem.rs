@@ -28,6 +28,7 @@ impl fmt::Display for Problem {
 pub struct Problems {
     found: Vec<Problem>,
     warnings: Vec<Problem>,
+    ranked: Vec<(Problem, f64)>,
 }
 
 impl Problems {
@@ -46,6 +47,24 @@ impl Problems {
         self.warnings.push(Problem { path: path.into(), message: message.into(), hint: None });
     }
 
+    /// Reports something legal that instances of a sweep have more or less of: of warnings that differ in numbers only, the one of
+    /// the largest `size` is shown.
+    pub fn warn_ranked(
+        &mut self,
+        size: f64,
+        path: impl Into<String>,
+        message: impl Into<String>,
+        hint: impl Into<String>,
+    ) {
+        let problem = Problem { path: path.into(), message: message.into(), hint: Some(hint.into()) };
+        self.ranked.push((problem, size));
+    }
+
+    /// Takes out the warnings that have a size.
+    pub fn take_ranked(&mut self) -> Vec<(Problem, f64)> {
+        std::mem::take(&mut self.ranked)
+    }
+
     /// Reports `name = value unit must RULE` unless `holds`; written so that NaN never holds.
     pub fn require(&mut self, holds: bool, path: impl Into<String>, value: f64, unit: &str, rule: &str) {
         if !holds {
@@ -60,8 +79,9 @@ impl Problems {
         self.found.is_empty()
     }
 
-    /// Takes the mistakes and the warnings out.
-    pub fn into_parts(self) -> (Vec<Problem>, Vec<Problem>) {
+    /// Takes the mistakes and the warnings out; those that have a size come last.
+    pub fn into_parts(mut self) -> (Vec<Problem>, Vec<Problem>) {
+        self.warnings.extend(self.ranked.into_iter().map(|(problem, _)| problem));
         (self.found, self.warnings)
     }
 }

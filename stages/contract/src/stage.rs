@@ -1,11 +1,13 @@
 //! The [`Stage`] trait, and [`StageRow`]: a stage as the engine sees it, a row of plain functions.
 
+use std::collections::BTreeMap;
+
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use crate::artifact::Artifact;
+use crate::artifact::{Artifact, Attributes};
 use crate::canonical::canonical_value;
 use crate::ctx::Ctx;
 use crate::error::Error;
@@ -81,6 +83,15 @@ pub trait Stage: 'static {
     /// Reports every mistake with its field path, before anything runs.
     fn check(params: &Self::Params, known: &Known, problems: &mut Problems);
 
+    /// Whether `check` reads the facts of its inputs; only then are they worked out.
+    const READS_FACTS: bool = false;
+
+    /// Attributes that the artifacts on the output ports will have, as far as they are known before the run: from the params, and
+    /// from what is known of the inputs. An output says the same once it is there.
+    fn facts(_params: &Self::Params, _known: &Known) -> Facts {
+        Facts::new()
+    }
+
     /// Method, capabilities needed and left out, estimated cost.
     fn plan(_params: &Self::Params, _known: &Known) -> StagePlan {
         StagePlan::default()
@@ -94,6 +105,9 @@ pub trait Stage: 'static {
 
     fn run(params: &Self::Params, inputs: <Self::In as InPorts>::Loaded<'_>, ctx: Ctx<'_>) -> Result<Self::Out, Error>;
 }
+
+/// What is known of outputs before a run, by port.
+pub type Facts = BTreeMap<&'static str, Attributes>;
 
 /// Why params could not be read: the field and the rule.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -128,6 +142,8 @@ pub struct StageRow {
     pub schema: fn() -> Value,
     pub prepare: fn(params: &Value) -> Result<Prepared, ParamError>,
     pub check: fn(params: &Value, known: &Known, problems: &mut Problems),
+    pub reads_facts: bool,
+    pub facts: fn(params: &Value, known: &Known) -> Facts,
     pub plan: fn(params: &Value, known: &Known) -> StagePlan,
     pub pilot: fn(params: &Value, known: &Known, ctx: Ctx<'_>) -> Option<Pilot>,
     pub run: fn(params: &Value, inputs: &dyn InputSource, ctx: Ctx<'_>) -> Result<Made, Error>,
@@ -153,6 +169,11 @@ impl StageRow {
             check: |params, known, problems| match read_params::<S::Params>(params) {
                 Ok(params) => S::check(&params, known, problems),
                 Err(error) => problems.push(error.path.join("."), error.message),
+            },
+            reads_facts: S::READS_FACTS,
+            facts: |params, known| match read_params::<S::Params>(params) {
+                Ok(params) => S::facts(&params, known),
+                Err(_) => Facts::new(),
             },
             plan: |params, known| match read_params::<S::Params>(params) {
                 Ok(params) => S::plan(&params, known),

@@ -355,6 +355,7 @@ pub fn order(stack: &mut ImageStack) {
         LayerKind::StandardError => 1,
         LayerKind::Covariance => 2,
         LayerKind::Mask => 3,
+        LayerKind::Condition => 4,
     };
     stack.layers.sort_by_key(|l| rank(l.info.kind));
 }

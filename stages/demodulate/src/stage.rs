@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Covariance, Frames, Modulation, Phase, Scene};
 use turbid_contract::{
-    Ctx, Error, ImageStack, Known, LayerKind, Length, PerLength, Problems, Stage, StagePlan, in_ports, out_ports,
+    Ctx, Error, Facts, ImageStack, Known, LayerKind, Length, PerLength, Problems, Stage, StagePlan, in_ports, out_ports,
 };
 
 use crate::pass::{Group, Pass, Tally};
@@ -183,6 +183,15 @@ impl Stage for Demodulate {
         }
     }
 
+    fn facts(params: &Params, known: &Known) -> Facts {
+        let mut facts = known.fact("frames");
+        if params.method == Method::Speckle {
+            let f_x: Vec<f64> = std::iter::once(0.0).chain(params.f_x.iter().map(|f| f.0)).collect();
+            facts.insert("f_x".to_owned(), f_x.into());
+        }
+        Facts::from([("modulation", facts)])
+    }
+
     fn plan(params: &Params, known: &Known) -> StagePlan {
         let covariance = known.connected.iter().any(|port| port == "covariance");
         StagePlan {
@@ -194,11 +203,13 @@ impl Stage for Demodulate {
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
         if params.method == Method::SingleShot {
-            let (modulation, phase) = snapshot::run(params, &inputs.frames, inputs.scene.as_ref(), ctx)?;
+            let (mut modulation, phase) = snapshot::run(params, &inputs.frames, inputs.scene.as_ref(), ctx)?;
+            modulation.carry_conditions(&inputs.frames.0);
             return Ok(Out { modulation: Modulation(modulation), phase: phase.map(Phase) });
         }
         if params.method == Method::Speckle {
-            let modulation = speckled::run(params, &inputs.frames, inputs.scene.as_ref(), ctx)?;
+            let mut modulation = speckled::run(params, &inputs.frames, inputs.scene.as_ref(), ctx)?;
+            modulation.carry_conditions(&inputs.frames.0);
             if ctx.wants("phase") {
                 return Err(Error::failed("speckle has no phase"));
             }
@@ -232,7 +243,9 @@ impl Stage for Demodulate {
             stack
         };
         let phase = wants_phase.then(|| Phase(stack(phases)));
-        Ok(Out { modulation: Modulation(stack(values)), phase })
+        let mut modulation = stack(values);
+        modulation.carry_conditions(frames);
+        Ok(Out { modulation: Modulation(modulation), phase })
     }
 }
 

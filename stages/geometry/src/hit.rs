@@ -16,6 +16,8 @@ struct Body {
     priority: i32,
     /// Light passes through it as through nothing.
     void: bool,
+    /// A medium fills it, behind a surface that lets light in.
+    turbid: bool,
 }
 
 /// Where a ray first meets something that is not void.
@@ -45,6 +47,7 @@ impl Bodies {
             solid: solid(&o.shape),
             priority: o.priority,
             void: !matches!(o.surface, Surface::Lambertian(_)) && void(&o.medium),
+            turbid: !o.surface.is_opaque() && o.medium.is_some() && !void(&o.medium),
         });
         Self { bodies: bodies.collect() }
     }
@@ -52,6 +55,35 @@ impl Bodies {
     /// The solid of the object at a place.
     pub fn solid(&self, place: usize) -> &Solid {
         &self.bodies[place].solid
+    }
+
+    /// Whether light enters the object at a place and is scattered or absorbed there.
+    pub fn is_turbid(&self, place: usize) -> bool {
+        self.bodies[place].turbid
+    }
+
+    /// How far media reach from `r` on the surface along the unit vector `w` into them, whatever they are, mm: to the first void, opaque
+    /// object, or end of all objects.
+    pub fn depth(&self, r: DVec3, w: DVec3) -> f64 {
+        let mut stays: Vec<(usize, Stay)> = Vec::new();
+        let mut own = Vec::new();
+        for (place, body) in self.bodies.iter().enumerate() {
+            own.clear();
+            body.solid.cut(r, w, None, &mut own);
+            stays.extend(own.iter().filter(|stay| stay.leave > TOUCHING).map(|&stay| (place, stay)));
+        }
+        let mut ends: Vec<f64> = stays.iter().flat_map(|(_, s)| [s.enter, s.leave]).filter(|&t| t > TOUCHING).collect();
+        ends.push(0.0);
+        ends.sort_by(f64::total_cmp);
+        for &t in &ends {
+            let behind = t + TOUCHING;
+            let holds = stays.iter().filter(|(_, s)| s.enter < behind && behind < s.leave);
+            let inside = holds.max_by_key(|(place, _)| self.bodies[*place].priority);
+            if !inside.is_some_and(|(place, _)| self.bodies[*place].turbid) {
+                return t;
+            }
+        }
+        ends.last().copied().unwrap_or(0.0)
     }
 
     /// What the ray from `origin` (outside all that is not void) along the unit vector `w` meets first.

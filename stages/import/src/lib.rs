@@ -19,11 +19,13 @@
 //! ```
 //! PNG (8, 16 bit), TIFF (8, 16, 32 bit, float) and EXR. Theory: `docs/theory/import_frames.md`.
 
+mod conditions;
 mod correct;
 mod decode;
 mod params;
 mod stage;
 
+pub use conditions::ConditionsParams;
 pub use correct::{Camera, Corrected};
 pub use decode::{Channel, Picture, decode};
 pub use params::{FrameParams, Params, Shot};

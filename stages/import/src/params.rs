@@ -4,6 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use turbid_contract::{AngleDeg, PerLength, Problems};
 
+use crate::conditions::ConditionsParams;
 use crate::correct::Camera;
 use crate::decode::Channel;
 
@@ -48,6 +49,9 @@ pub struct Params {
     pub full_well: Option<f64>,
     /// Electrons.
     pub read_noise: f64,
+    /// How the frames were taken: what a table that reads them has to share.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub conditions: Option<ConditionsParams>,
 }
 
 /// One file.
@@ -85,6 +89,7 @@ impl Default for Params {
             saturation: 0.98,
             full_well: None,
             read_noise: 0.0,
+            conditions: None,
         }
     }
 }
@@ -195,6 +200,9 @@ impl Params {
             problems.require(f_x >= 0.0 && f_x.is_finite(), format!("frames.{k}.f_x"), f_x, "mm^-1", "be >= 0");
             let at = format!("frames.{k}.exposure");
             problems.require((-30.0..=30.0).contains(&exposure), at, exposure, "stops", "lie in [-30, 30]");
+        }
+        if let Some(conditions) = &self.conditions {
+            conditions.check(problems);
         }
         self.check_sets(problems);
     }

@@ -2,10 +2,10 @@
 
 use turbid_contract::canonical::canonical_value;
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::{Frames, MaskReason};
+use turbid_contract::payload::{CONDITIONS, Frames, MaskReason};
 use turbid_contract::{
-    Ctx, Error, FileUse, ImageStack, Known, LayerInfo, LayerKind, Problem, Problems, Stage, StagePlan, in_ports,
-    out_ports, serde_json,
+    Attributes, Ctx, Error, Facts, FileUse, ImageStack, Known, LayerInfo, LayerKind, Problem, Problems, Stage,
+    StagePlan, in_ports, out_ports, serde_json,
 };
 
 use crate::correct::{Corrected, Field};
@@ -101,6 +101,17 @@ impl Stage for ImportFrames {
         }
     }
 
+    fn facts(params: &Params, _known: &Known) -> Facts {
+        let mut f_x: Vec<f64> = params.shots().iter().map(|shot| shot.f_x).collect();
+        f_x.sort_by(f64::total_cmp);
+        f_x.dedup();
+        let mut frames = Attributes::from([("f_x".to_owned(), f_x.into())]);
+        if let Some(conditions) = &params.conditions {
+            conditions.said().insert_into(&mut frames, CONDITIONS);
+        }
+        Facts::from([("frames", frames)])
+    }
+
     fn plan(params: &Params, _known: &Known) -> StagePlan {
         let parts = [
             ("dark field", params.dark.is_some()),
@@ -130,7 +141,11 @@ impl Stage for ImportFrames {
         for (shot, (_, corrected)) in shots.iter().zip(&seen) {
             usable(shot, corrected)?;
         }
-        Ok(Out { frames: Frames(stack(params, &shots, &seen, ctx)) })
+        let mut frames = stack(params, &shots, &seen, ctx);
+        if let Some(conditions) = &params.conditions {
+            conditions.said().insert_into(&mut frames.attributes, CONDITIONS);
+        }
+        Ok(Out { frames: Frames(frames) })
     }
 }
 

@@ -11,6 +11,7 @@
 //! all f_x at once. With the heights of the surface and the scene's camera and projector it also takes off what distance and slope do (`profile`). Theory and measured figures: `docs/theory/invert.md`.
 
 mod cells;
+mod conditions;
 mod coordinates;
 mod exposure;
 pub mod forward;

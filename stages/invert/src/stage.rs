@@ -8,11 +8,12 @@ use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Covariance, Exposure, Lut, Maps, Reflectance, Relief, Scene, Sections};
 use turbid_contract::planes::mean_se;
 use turbid_contract::{
-    AngleDeg, Attributes, Ctx, Error, ImageStack, Known, Layer, LayerInfo, LayerKind, PerLength, Problems, Stage,
-    StagePlan, in_ports, out_ports, serde_json,
+    AngleDeg, Attributes, Ctx, Error, Facts, ImageStack, Known, Layer, LayerInfo, LayerKind, PerLength, Problems,
+    Ratio, Stage, StagePlan, in_ports, out_ports, serde_json,
 };
 use turbid_optics::level::named;
 
+use crate::conditions::{self, Compared, extremes};
 use crate::inverse::{InverseTable, TOLERANCE};
 use crate::lanes::{Lanes, Noise};
 use crate::least_squares::MOST;
@@ -90,6 +91,10 @@ pub struct Params {
     /// How the shape is taken into account, where `height` and `scene` are connected.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub profile: Option<Profile>,
+    /// A pixel is masked where mu_a or mu_s' is off by more than this share because it was lit or looked at in another way than the table
+    /// takes for granted (angles, thickness, g, n). Left out: a warning, and no mask.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub largest_misreading: Option<Ratio>,
 }
 
 in_ports! {
@@ -126,6 +131,7 @@ pub struct Invert;
 impl Stage for Invert {
     const NAME: &'static str = "invert";
     const VERSION: u32 = 7;
+    const READS_FACTS: bool = true;
     const ABOUT: &'static str =
         "maps of mu_a and mu_s' from calibrated reflectance by a look-up table, with standard errors";
 
@@ -163,11 +169,19 @@ impl Stage for Invert {
             );
         }
         profile::check(params.profile.as_ref(), known, problems);
+        if let Some(Ratio(most)) = params.largest_misreading {
+            problems.require(most > 0.0 && most.is_finite(), "largest_misreading", most, "", "be > 0 (0.1 is 10 %)");
+        }
+        conditions::check(params, known, problems);
         if let (Some(reflectance), Some(lut)) = (known.get::<Reflectance>("reflectance"), known.get::<Lut>("lut"))
             && let Err(Error::Failed { what, .. }) = agree(&reflectance.0.attributes, &lut.0.attributes)
         {
             problems.push("", what);
         }
+    }
+
+    fn facts(_params: &Params, known: &Known) -> Facts {
+        Facts::from([("maps", known.fact("reflectance"))])
     }
 
     fn plan(params: &Params, known: &Known) -> StagePlan {
@@ -225,7 +239,7 @@ impl Stage for Invert {
             (_, false) => None,
         };
         let mut attributes = stack.attributes.clone();
-        attributes.insert("f_x".into(), f_x.into());
+        attributes.insert("f_x".into(), f_x.clone().into());
         if params.method == Method::Table {
             attributes.insert("table_error".into(), table_error.into());
         }
@@ -235,7 +249,13 @@ impl Stage for Invert {
             stack.attributes.insert("quantities".into(), quantities);
             Covariance(stack)
         });
-        Ok(Out { maps: Maps(maps.into_stack(stack, attributes)), covariance, exposure })
+        let mut maps = maps.into_stack(stack, attributes);
+        let compared =
+            extremes(f_x).and_then(|f_x| Compared::of(&stack.attributes, &lut.0.attributes, f_x, correction.is_some()));
+        if let Some(compared) = compared {
+            conditions::tell(&compared, stack, &mut maps, params.largest_misreading.map(|most| most.0), ctx)?;
+        }
+        Ok(Out { maps: Maps(maps), covariance, exposure })
     }
 }
 

@@ -6,9 +6,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use serde_json::{Value, json};
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::{Convention, Fit, Lut, Modulation, Sections, Truth, Validity};
+use turbid_contract::payload::{CONDITIONS, Convention, Fit, Lut, Modulation, Sections, Truth, Validity};
 use turbid_contract::{
-    Attributes, Cells, Ctx, Error, ImageStack, Known, LayerInfo, Pilot, Problems, Stage, StagePlan, Table, in_ports,
+    Attributes, Cells, Ctx, Error, Facts, ImageStack, Known, LayerInfo, Pilot, Problems, Stage, StagePlan, Table, in_ports,
     out_ports,
 };
 use turbid_optics::level::named;
@@ -75,6 +75,12 @@ impl Stage for BuildLut {
     fn check(params: &Params, known: &Known, problems: &mut Problems) {
         params.check(problems);
         check_ports(params, known, problems);
+    }
+
+    fn facts(params: &Params, known: &Known) -> Facts {
+        let mut lut = attributes(params, &params.recipe());
+        lut.extend(known.fact("phantoms").remove_entry(CONDITIONS));
+        Facts::from([("lut", lut)])
     }
 
     fn plan(params: &Params, _known: &Known) -> StagePlan {
@@ -170,7 +176,12 @@ impl Stage for BuildLut {
             // What a model or an instrument leaves out is not known from within.
             Model::Diffusion | Model::Empirical => vec![None; values.len()],
         };
-        Ok(Out { lut: lut(params, &recipe, values, se, bounds, sections)?, validity, design })
+        let mut table = lut(params, &recipe, values, se, bounds, sections)?;
+        if !inputs.phantoms.axes().is_empty() {
+            // As the first phantom was seen, so were all: they share camera, light and geometry.
+            table.0.attributes.extend(inputs.phantoms.load(0)?.0.attributes.remove_entry(CONDITIONS));
+        }
+        Ok(Out { lut: table, validity, design })
     }
 }
 

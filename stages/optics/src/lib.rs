@@ -14,6 +14,7 @@ pub mod henyey_greenstein;
 pub mod level;
 pub mod log_grid;
 pub mod medium;
+pub mod misreading;
 pub mod pencil;
 pub mod philox;
 pub mod quadrature;

@@ -12,6 +12,7 @@ pub mod batches;
 pub mod camera;
 mod caustic;
 pub mod channels;
+mod conditions;
 pub mod detector;
 pub mod field;
 pub mod finish;

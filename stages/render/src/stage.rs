@@ -1,10 +1,11 @@
 //! The stage: checks, traces, and fills the ports that are wanted.
 
-use turbid_contract::payload::{Covariance, Frames, Pattern, Power, Scene, Truth, White};
-use turbid_contract::{Ctx, Error, Known, Pilot, Problems, Stage, StagePlan, in_ports, out_ports};
+use turbid_contract::payload::{CONDITIONS, Covariance, Frames, Pattern, Power, Scene, Truth, White};
+use turbid_contract::{Attributes, Ctx, Error, Facts, Known, Pilot, Problems, Stage, StagePlan, in_ports, out_ports};
 
 use crate::cautions::{self, pixels_with_lost_light, say_in};
 use crate::channels::groups;
+use crate::conditions::{layers, tell_dark_frames, warn_of_darkness};
 use crate::detector::Detector;
 use crate::field::Field;
 use crate::finish::Finish;
@@ -66,6 +67,7 @@ impl Stage for RenderStage {
         if let Some(scene) = known.get::<Scene>("scene") {
             params.check_scene(&scene, problems);
             cautions::check(params, &scene, problems);
+            warn_of_darkness(&scene, problems);
             if known.connected.iter().any(|port| port == "pattern") && scene.projector.is_none() {
                 problems.push_with_hint(
                     "",
@@ -74,6 +76,18 @@ impl Stage for RenderStage {
                 );
             }
         }
+    }
+
+    fn facts(params: &Params, known: &Known) -> Facts {
+        let mut frames = Attributes::new();
+        if let Some(said) = known.get::<Scene>("scene").as_ref().and_then(turbid_geometry::conditions) {
+            said.insert_into(&mut frames, CONDITIONS);
+        }
+        if !known.connected.iter().any(|port| port == "pattern") {
+            let f_x: Vec<f64> = params.f_x.iter().map(|f| f.0).collect();
+            frames.insert("f_x".to_owned(), f_x.into());
+        }
+        Facts::from([("frames", frames)])
     }
 
     fn plan(params: &Params, known: &Known) -> StagePlan {
@@ -169,6 +183,11 @@ impl Stage for RenderStage {
         let mut frames = images.frames();
         let along = inputs.pattern.as_ref().and_then(|pattern| pattern.0.attributes.get_key_value("fringes_along"));
         frames.0.attributes.extend(along.map(|(name, surface)| (name.clone(), surface.clone())));
+        tell_dark_frames(&frames.0, ctx);
+        if let Some(said) = turbid_geometry::conditions(&scene) {
+            said.insert_into(&mut frames.0.attributes, CONDITIONS);
+            layers(&scene, &mut frames.0, ctx)?;
+        }
         Ok(Out {
             frames,
             covariance: ctx.wants("covariance").then(|| images.covariance()),

@@ -3,7 +3,7 @@
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Covariance, Frames, MaskReason};
 use turbid_contract::{
-    Ctx, Error, ImageStack, Known, Layer, LayerInfo, LayerKind, Problems, Stage, StagePlan, in_ports, out_ports,
+    Ctx, Error, Facts, ImageStack, Known, Layer, LayerInfo, LayerKind, Problems, Stage, StagePlan, in_ports, out_ports,
 };
 use turbid_optics::philox;
 
@@ -58,6 +58,10 @@ impl Stage for Sensor {
         params.check(problems);
     }
 
+    fn facts(_params: &Params, known: &Known) -> Facts {
+        Facts::from([("frames", known.fact("frames"))])
+    }
+
     fn plan(params: &Params, _known: &Known) -> StagePlan {
         let parts = [
             ("shot noise and read noise", params.full_well.is_some()),
@@ -90,7 +94,8 @@ impl Stage for Sensor {
         let key = philox::key(ctx.seed());
         let seen = ctx.map_tiles(values.len(), |k| see(ideal, values[k], k, &camera, &blur, &pixels, key))?;
         let bad = masks(ideal, &values, &seen);
-        let frames = frames(ideal, &values, &seen, &bad, &pixels);
+        let mut frames = frames(ideal, &values, &seen, &bad, &pixels);
+        frames.carry_conditions(ideal);
         let saturated = bad.iter().map(|b| b.reasons.iter().filter(|&&r| r == MaskReason::Saturated.code()).count());
         let all = (ideal.rows() * ideal.columns() * bad.len()) as f64;
         let share = 100.0 * saturated.sum::<usize>() as f64 / all;

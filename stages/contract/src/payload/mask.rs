@@ -34,10 +34,12 @@ pub enum MaskReason {
     NoFit = 14,
     /// The surface is turned too far away from projector or camera.
     TooSteep = 15,
+    /// Lit or looked at in another way than the table takes for granted.
+    OtherConditions = 16,
 }
 
 impl MaskReason {
-    pub const ALL: [MaskReason; 16] = [
+    pub const ALL: [MaskReason; 17] = [
         Self::Good,
         Self::Background,
         Self::LowSignal,
@@ -54,6 +56,7 @@ impl MaskReason {
         Self::OutsideSections,
         Self::NoFit,
         Self::TooSteep,
+        Self::OtherConditions,
     ];
 
     /// The value in the mask layer.
@@ -80,6 +83,7 @@ impl MaskReason {
             Self::OutsideSections => "outside the sections",
             Self::NoFit => "no fit",
             Self::TooSteep => "surface too steep",
+            Self::OtherConditions => "conditions unlike the table's",
         }
     }
 }

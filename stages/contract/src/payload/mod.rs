@@ -1,5 +1,6 @@
 //! Payload types: what ports carry. Two ports join only if their payload types are the same.
 
+mod conditions;
 mod estimate;
 mod fit;
 mod images;
@@ -11,6 +12,9 @@ mod relief;
 mod scene;
 mod sections;
 
+pub use conditions::{
+    CONDITIONS, Conditions, INCIDENCE_LAYER, REFERENCE_CONDITIONS, SaidBy, Seen, THICKNESS_LAYER, Thickness, VIEW_LAYER,
+};
 pub use estimate::{Estimate, Expected};
 pub use fit::Fit;
 pub use images::{

@@ -8,6 +8,7 @@ mod acceleration;
 mod angles;
 mod depth;
 mod gmres;
+mod line;
 mod orders;
 mod spectrum;
 mod transport;
@@ -19,6 +20,7 @@ use std::f64::consts::{PI, TAU};
 use acceleration::Acceleration;
 use angles::{Azimuths, Cosines};
 use depth::{Depth, Rays, Sweeper};
+use line::Line;
 use transport::Transport;
 
 use crate::diffusion::{a_robin, check_f_x};
@@ -72,6 +74,34 @@ pub fn respond(medium: &Medium, thickness: Option<f64>, f_x_per_mm: f64) -> Resu
     let optical = Optical::new(medium, thickness, f_x_per_mm, Orders::degree(medium.g, medium.n));
     let orders = Orders::new(medium.g, medium.n, optical.kappa);
     solve(&optical, &orders)
+}
+
+/// As [`reflectance`], for light at the cosine `light` and a camera at the cosine `view` to the normal, both outside and in (0, 1].
+///
+/// Averaged over the azimuth between the two, and over that of the fringes: exact along the normal; elsewhere the displacement of the fringe with depth
+/// (a shift of its phase, and of second order in its modulus) is left out. Meant for what an oblique line changes, see `docs/theory/conditions.md`.
+///
+/// Errors: as [`reflectance`]; a cosine out of range.
+pub fn oblique(
+    medium: &Medium,
+    thickness: Option<f64>,
+    f_x_per_mm: f64,
+    [light, view]: [f64; 2],
+) -> Result<Reflectance, Error> {
+    for (name, cos) in [("cosine of the light", light), ("cosine of the view", view)] {
+        Error::unless(cos > 0.0 && cos <= 1.0, name, cos, "", "lie in (0, 1]")?;
+    }
+    if light == 1.0 && view == 1.0 || medium.mu_s_prime == 0.0 {
+        return reflectance(medium, thickness, f_x_per_mm);
+    }
+    medium.check()?;
+    check_f_x(f_x_per_mm)?;
+    solvable(medium.g, medium.n)?;
+    // A medium that loses next to nothing is taken to lose a little: R changes by the square root of it, 3e-5.
+    let medium = Medium { mu_a: medium.mu_a.max(NEARLY_CONSERVATIVE * medium.mu_s_prime), ..*medium };
+    let optical = Optical::new(&medium, thickness, f_x_per_mm, Orders::degree(medium.g, medium.n));
+    let lines = [light, view].map(|cos| Line::new(medium.n, optical.beta.len() - 1, cos));
+    Ok(solve_along(&optical, &Orders::new(medium.g, medium.n, optical.kappa), &lines)?.reflectance)
 }
 
 /// Below this optical thickness a slab's response is linear in it to double precision.
@@ -155,6 +185,9 @@ struct Optical {
     beta: Vec<f64>,
     /// Exact less truncated phase function, times the albedo, forward and backward: what the last collision adds.
     excess: [f64; 2],
+    /// Mean cosine of the exact phase function, and the share of it that counts as no deflection.
+    g: f64,
+    peak: f64,
     /// 2 pi f_x.
     kappa: f64,
     thickness: Option<f64>,
@@ -186,6 +219,8 @@ impl Optical {
             albedo: scaled_albedo,
             beta,
             excess,
+            g,
+            peak,
             // A yet finer pattern changes no convention by more than 1e-9: what the camera sees is at its limit, the
             // rest fades as 1 / kappa.
             kappa: (TAU * f_x / per_mm).min(1e10),
@@ -212,6 +247,12 @@ impl Optical {
 }
 
 fn solve(optical: &Optical, orders: &Orders) -> Result<Response, Error> {
+    let normal = || Line::new(optical.n, optical.beta.len() - 1, 1.0);
+    solve_along(optical, orders, &[normal(), normal()])
+}
+
+/// Along the lines of light and of view.
+fn solve_along(optical: &Optical, orders: &Orders, [light, view]: &[Line; 2]) -> Result<Response, Error> {
     let (depth, slab) = optical.depth();
     let cosines = Cosines::new(optical.n, orders.cosines, optical.kappa > FINE);
     let degree = optical.beta.len() - 1;
@@ -219,12 +260,10 @@ fn solve(optical: &Optical, orders: &Orders) -> Result<Response, Error> {
     let azimuths = Azimuths::new(modes, orders.azimuths.max(1), optical.kappa);
     let transport = Transport::new(&cosines, &azimuths, &depth, slab, degree, optical.kappa);
 
-    let r = normal_reflectance(optical.n);
-    let beam = Beam::new(&depth, slab, r);
-    // P_l0(1) = sqrt(l + 1/2)
+    let beam = Beam::new(&depth, slab, light);
     let once = transport.axial(|l, z| {
         let up = if l % 2 == 0 { beam.up[z] } else { -beam.up[z] };
-        optical.albedo * optical.beta[l] * (l as f64 + 0.5).sqrt() * (beam.down[z] + up)
+        optical.albedo * optical.beta[l] * light.moments[l] * (beam.down[z] + up)
     });
     let scatter = transport.by_degree(|l| optical.albedo * optical.beta[l]);
     let mut first = vec![0.0; once.len()];
@@ -249,19 +288,19 @@ fn solve(optical: &Optical, orders: &Orders) -> Result<Response, Error> {
     let leaves =
         |exit: &Rays| transport.over_hemisphere(|i, ray| cosines.mu[i] * (1.0 - cosines.rho[i]) * exit.re[ray]);
     // Towards the camera the last collision sees the exact phase function (Nakajima and Tanaka's TMS correction).
-    let [mut down, mut up] = transport.along_normal(&all);
-    let [forward, backward] = optical.excess.map(|excess| 0.5 * excess);
+    let [mut down, mut up] = transport.along(&all, &view.moments);
+    let [forward, backward] = line::excess(optical, light, view).map(|excess| 0.5 * excess);
     for z in 0..depth.len() {
         down[z] += forward * beam.down[z] + backward * beam.up[z];
         up[z] += backward * beam.down[z] + forward * beam.up[z];
     }
-    let radiance = leave_along_normal(&depth, slab, r, down, up) / TAU;
+    let radiance = leave_along(&depth, slab, view, down, up) / TAU;
 
-    let enters = 1.0 - r;
+    let enters = 1.0 - light.rho;
     let entered = leaves(&exits.top) + beam.back;
     Ok(Response {
         reflectance: Reflectance {
-            camera: PI * enters * enters / (optical.n * optical.n) * radiance,
+            camera: PI * enters * (1.0 - view.rho) / (optical.n * optical.n) * radiance,
             hemispherical_incident: enters * entered,
             hemispherical_entered: entered,
         },
@@ -269,8 +308,9 @@ fn solve(optical: &Optical, orders: &Orders) -> Result<Response, Error> {
     })
 }
 
-/// The unscattered beam of unit power that entered at normal incidence, to and fro in a slab.
+/// The unscattered beam of unit power that entered, to and fro in a slab.
 struct Beam {
+    /// Along the beam: power over the cosine.
     down: Vec<f64>,
     up: Vec<f64>,
     /// Power that leaves at the top and at the bottom.
@@ -279,9 +319,9 @@ struct Beam {
 }
 
 impl Beam {
-    fn new(depth: &Depth, slab: bool, r: f64) -> Self {
-        let (mut down, mut flow) = (Rays::zero(depth.len(), false), real(1.0));
-        Sweeper::new(depth, &real(1.0)).down(&mut down, &mut flow);
+    fn new(depth: &Depth, slab: bool, line: &Line) -> Self {
+        let (mut down, mut flow, r) = (Rays::zero(depth.len(), false), real(1.0), line.rho);
+        Sweeper::new(depth, &real(1.0 / line.cos)).down(&mut down, &mut flow);
         let mut beam = Self { down: down.re, up: vec![0.0; depth.len()], back: 0.0, through: 0.0 };
         if slab {
             let t = flow.re[0];
@@ -294,6 +334,7 @@ impl Beam {
             beam.back = again * (1.0 - r) * r * t * t;
             beam.through = again * (1.0 - r) * t;
         }
+        beam.down.iter_mut().chain(&mut beam.up).for_each(|x| *x /= line.cos);
         beam
     }
 }
@@ -302,9 +343,10 @@ fn real(value: f64) -> Rays {
     Rays { re: vec![value], im: Vec::new() }
 }
 
-/// What reaches the top along the normal from sources `down` and `up` over depth, reflections at the surfaces included.
-fn leave_along_normal(depth: &Depth, slab: bool, r: f64, down: Vec<f64>, up: Vec<f64>) -> f64 {
-    let sweeper = Sweeper::new(depth, &real(1.0));
+/// What reaches the top along the line from sources `down` and `up` over depth, reflections at the surfaces included.
+fn leave_along(depth: &Depth, slab: bool, line: &Line, mut down: Vec<f64>, mut up: Vec<f64>) -> f64 {
+    let (sweeper, r) = (Sweeper::new(depth, &real(1.0 / line.cos)), line.rho);
+    down.iter_mut().chain(&mut up).for_each(|x| *x /= line.cos);
     let mut top = real(0.0);
     sweeper.up(&mut Rays { re: up, im: Vec::new() }, &mut top);
     if !slab {

@@ -127,14 +127,14 @@ impl<'a> Transport<'a> {
         z * self.blocks[0].degrees.len()
     }
 
-    /// Downward and upward value along the normal of the moment vector `y`, over depth (psi or source at mu = +-1).
-    pub fn along_normal(&self, y: &[f64]) -> [Vec<f64>; 2] {
+    /// Downward and upward value along a line of the moment vector `y`, over depth (psi or source at mu = +-cos of the line), its mean over
+    /// azimuth; `moments` are P_l0 of the line's cosine.
+    pub fn along(&self, y: &[f64], moments: &[f64]) -> [Vec<f64>; 2] {
         let mut parts = [vec![0.0; self.depth.len()], vec![0.0; self.depth.len()]];
         for block in self.blocks.iter().filter(|b| b.m == 0) {
             for z in 0..self.depth.len() {
                 for (a, &l) in block.degrees.iter().enumerate() {
-                    // P_l0(1) = sqrt(l + 1/2) in the normalisation of this solver.
-                    let value = (l as f64 + 0.5).sqrt() * y[block.offset + z * block.degrees.len() + a];
+                    let value = moments[l] * y[block.offset + z * block.degrees.len() + a];
                     parts[0][z] += value;
                     parts[1][z] += if block.odd { -value } else { value };
                 }
