@@ -153,21 +153,25 @@ impl Pass {
         Ok(())
     }
 
-    /// Writes down pixels that were masked and keep a value all the same.
+    /// Writes down pixels that were read along the tangent, in place of what they were by themselves.
     pub fn write_kept(&self, kept: &[Kept], planes: &mut [Array2<f32>], tally: &mut Tally) {
         let last = planes.len() - 1;
         let columns = planes[last].ncols();
-        for Kept { pixel, settled } in kept {
+        for Kept { pixel, settled, alone } in kept {
             let at = (pixel / columns, pixel % columns);
-            let Settled { mu, covariance, own, common, .. } = *settled;
+            let Settled { mu, covariance, .. } = *settled;
             let se = [covariance[0].sqrt(), covariance[2].sqrt()];
             mu.into_iter().chain(se).enumerate().for_each(|(plane, value)| planes[plane][at] = value as f32);
             if self.covariance {
                 (0..3).for_each(|k| planes[4 + k][at] = covariance[k] as f32);
             }
             planes[last][at] = MaskReason::Good.code();
-            tally.good += 1;
-            tally.sums.add(*pixel, [own[0], own[1], common[0].sqrt(), common[1].sqrt(), 0.0, mu[0]]);
+            let sums = |s: &Settled| [s.own[0], s.own[1], s.common[0].sqrt(), s.common[1].sqrt(), 0.0, s.mu[0]];
+            tally.sums.add(*pixel, sums(settled));
+            match alone {
+                Some(alone) => tally.sums.add(*pixel, sums(alone).map(|x| -x)),
+                None => tally.good += 1,
+            }
         }
     }
 

@@ -373,6 +373,7 @@ fn invert(
     })?;
     let mut tally = tiles.iter().fold(Tally::default(), Tally::add);
     let mut flags = unknown::of_layers(stack, &of);
+    let sharing = of.iter().map(|l| stack.sharing(&l.info)).fold(1.0, f64::max);
     // A node that is near says nothing of slopes, and pixels that hold the nearest one are not lost.
     if known && !pass.outside && !solvers.iter().any(Solver::reads_nodes) {
         let image = Image {
@@ -382,6 +383,9 @@ fn invert(
             covariance: covariance.iter().map(Option::as_deref).collect(),
             before: mask.as_deref(),
             after: planes[planes.len() - 1].as_slice().expect("planes are row-major"),
+            found: [0, 1, 2, 3].map(|k| planes[k].as_slice().expect("planes are row-major")),
+            sharing,
+            corrects: pass.corrects,
         };
         let kept = image.keep(
             &|i, r, noise| {
@@ -391,8 +395,14 @@ fn invert(
             ctx,
         )?;
         pass.write_kept(&kept, &mut planes, &mut tally);
-        unknown::flag(&mut flags, kept.iter().map(|kept| kept.pixel), stack.rows() * stack.columns());
-        ctx.measure("kept_by_neighbours", 100.0 * kept.len() as f64 / (stack.rows() * stack.columns()) as f64, "%");
+        let count = stack.rows() * stack.columns();
+        let outside = || kept.iter().filter(|kept| kept.alone.is_none()).map(|kept| kept.pixel);
+        unknown::flag(&mut flags, outside(), count);
+        let percent = |n: usize| 100.0 * n as f64 / count as f64;
+        if !kept.is_empty() {
+            ctx.measure("read_along_tangent", percent(kept.len()), "%");
+            ctx.measure("kept_outside_table", percent(outside().count()), "%");
+        }
     }
     let reasons = ctx.measure_masked(planes[planes.len() - 1].iter().copied());
     let sums = &tally.sums;
@@ -406,7 +416,6 @@ fn invert(
         ctx.warn(format!("{} pixels lie outside the table and hold the nearest node", tally.outside));
     }
 
-    let sharing = of.iter().map(|l| stack.sharing(&l.info)).fold(1.0, f64::max);
     let mean_known = of.iter().all(|l| stack.se_unknown(&l.info).is_none() || l.info.mean_se.is_some());
     let flags = unknown::plane(flags, &planes[planes.len() - 1]);
     let infos = ["mu_a", "mu_s_prime"].map(|name| {

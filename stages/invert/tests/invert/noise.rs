@@ -178,3 +178,69 @@ fn intervals_cover_the_truth() {
         }
     }
 }
+
+/// `count` x `count` pixels of one medium, of independent normal noise (relative) in both reflectances.
+fn image(medium: [f64; 2], se: [f64; 2], rho: f64, side: usize, seed: u64) -> Reflectance {
+    let flat = reflectance(&noisy_of(medium, se, rho, side * side, 1_000_003 * seed), Some((se, rho))).0;
+    let truth = F_X.map(|f| r_d(medium[0], medium[1], f));
+    let mut stack = ImageStack::new(side, side);
+    stack.attributes = flat.attributes.clone();
+    for layer in flat.layers {
+        // A renderer knows the noise of the medium, not of what noise has made of the pixel.
+        let noise = |k: usize| (se[k] * truth[k]) as f32;
+        let data = match layer.info.kind {
+            LayerKind::StandardError => {
+                Array2::from_elem((side, side), noise(usize::from(layer.info.f_x_per_mm > Some(0.0))))
+            }
+            LayerKind::Covariance => Array2::from_elem((side, side), rho as f32 * noise(0) * noise(1)),
+            _ => layer.data.into_shape_with_order((side, side)).expect("as many pixels"),
+        };
+        stack.push(layer.info, data);
+    }
+    Reflectance(stack)
+}
+
+#[test]
+fn explore() {
+    for medium in [[0.025, 0.85], [0.096, 0.74], [0.05, 3.0], [0.004, 1.0]] {
+        for se in [[0.05, 0.07], [0.09, 0.12], [0.12, 0.16], [0.16, 0.2], [0.2, 0.25], [0.03, 0.25]] {
+            for rho in [0.0, 0.7] {
+                let (mut lost, mut all, mut kept, mut n) = ([0.0; 2], [0.0; 2], 0.0, 0.0);
+                let mut good = 0.0;
+                for seed in 0..4 {
+                    let (out, host) =
+                        invert(image(medium, se, rho, 64, seed), lut(&F_X, r_d), &Params::default(), &[]).unwrap();
+                    let maps = &out.maps.0;
+                    let mask = layer(maps, "mask");
+                    let flags = maps.find("mu_a_se_unknown", None).map(|_| layer(maps, "mu_a_se_unknown"));
+                    for (k, name) in ["mu_a", "mu_s_prime"].into_iter().enumerate() {
+                        for (i, v) in layer(maps, name).iter().enumerate() {
+                            if mask[i] != 0.0 {
+                                continue;
+                            }
+                            all[k] += v;
+                            if flags.as_ref().is_none_or(|f| f[i] == 0.0) {
+                                lost[k] += v;
+                                if k == 0 {
+                                    good += 1.0;
+                                }
+                            }
+                            if k == 0 {
+                                n += 1.0;
+                            }
+                        }
+                    }
+                    kept += host.measures.lock().unwrap().get("kept_outside_table").copied().unwrap_or(-1.0) / 4.0;
+                }
+                println!(
+                    "{medium:?} {se:?} {rho} kept {kept:.2} % masked {:.2} %; without {:+.2} {:+.2} with {:+.2} {:+.2} %",
+                    100.0 - 100.0 * n / (4.0 * 4096.0),
+                    100.0 * (lost[0] / good / medium[0] - 1.0),
+                    100.0 * (lost[1] / good / medium[1] - 1.0),
+                    100.0 * (all[0] / n / medium[0] - 1.0),
+                    100.0 * (all[1] / n / medium[1] - 1.0)
+                );
+            }
+        }
+    }
+}
