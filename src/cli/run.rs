@@ -141,7 +141,7 @@ fn table(plan: &Plan, summary: &Summary, seconds: f64) -> String {
     for &stage in &plan.needed {
         let ends: Vec<&End> = plan.instances_of(stage).filter_map(|id| summary.ends.get(&id)).collect();
         let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
-        let (mut wall, mut error) = (0.0, None::<(f64, &str)>);
+        let (mut wall, mut error) = (0.0, None::<(f64, &str, &str)>);
         for end in &ends {
             let word = match end {
                 End::Hit(_) => "hit",
@@ -154,11 +154,11 @@ fn table(plan: &Plan, summary: &Summary, seconds: f64) -> String {
                 wall += record.cost.wall_s;
             }
             if let End::Hit(record) | End::Ran(record) = end
-                && let Some((what, value)) =
-                    record.measures.iter().find_map(|(n, v, _)| Some((n.strip_prefix(ERROR)?, *v)))
-                && error.is_none_or(|(worst, _)| value > worst)
+                && let Some((what, value, unit)) =
+                    record.measures.iter().find_map(|(n, v, u)| Some((n.strip_prefix(ERROR)?, *v, u.as_str())))
+                && error.is_none_or(|(worst, ..)| value > worst)
             {
-                error = Some((value, what));
+                error = Some((value, what, unit));
             }
         }
         let state = match counts.iter().next() {
@@ -166,7 +166,7 @@ fn table(plan: &Plan, summary: &Summary, seconds: f64) -> String {
             _ => counts.iter().map(|(word, n)| format!("{n} {word}")).collect::<Vec<_>>().join(", "),
         };
         let wall = if counts.contains_key("ran") { format!("{wall:.2}") } else { String::new() };
-        let error = error.map(|(value, what)| format!("{value:.2} % {what}")).unwrap_or_default();
+        let error = error.map(|(value, what, unit)| format!("{value:.2} {unit} {what}")).unwrap_or_default();
         rows.push([plan.spec.stages[stage].name.clone(), state, wall, error]);
     }
     let width = |column: usize| rows.iter().map(|r| r[column].chars().count()).max().unwrap_or(0);

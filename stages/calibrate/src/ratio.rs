@@ -43,6 +43,11 @@ impl<'a> Arm<'a> {
         self.stack.layers.iter().find(wanted).map(Layer::pixels)
     }
 
+    /// 1 where the standard error of quantity `k` is not known; `None` where it is everywhere.
+    fn se_unknown(&self, k: usize) -> Option<Cow<'a, [f32]>> {
+        self.stack.se_unknown(self.info(k)).map(Layer::pixels).filter(|flags| flags.iter().any(|&f| f != 0.0))
+    }
+
     fn mask(&self) -> Option<Cow<'a, [f32]>> {
         self.stack.mask(self.wavelength_nm).map(Layer::pixels)
     }
@@ -54,7 +59,12 @@ pub struct Calibrated {
     pub se: Vec<Array2<f32>>,
     pub covariances: Vec<([usize; 2], Array2<f32>)>,
     pub mask: Array2<f32>,
+    /// Of each f_x where the standard error is a lower bound only; `None` where it is known at all good pixels.
+    pub unknown: Vec<Option<Array2<f32>>>,
 }
+
+/// The largest share of a smoothed pixel that may come from pixels without a known error while its own counts as known.
+const LARGEST_SHARE: f64 = 0.1;
 
 /// R_d = sample / reference x `model`, with `model` the reflectance of the reference at each f_x, and a Gaussian for each arm.
 ///
@@ -157,6 +167,11 @@ pub fn calibrate(
     let mask = planes.pop().expect("the mask is the last plane");
     let covariances = pairs.iter().copied().zip(planes.split_off(count + errors)).collect();
     let se = planes.split_off(count);
+    let flagged = |arm: usize, k: usize| {
+        let share = arms[arm].se_unknown(k).filter(|_| known).map(|flags| smoothing[arm].share(&plane(&flags)));
+        share.map(|share| share.pixels.iter().map(|&share| share > LARGEST_SHARE).collect::<Vec<bool>>())
+    };
+    let unknown: Vec<Option<Array2<f32>>> = (0..count).map(|k| flags([flagged(0, k), flagged(1, k)], &mask)).collect();
     let mut r_d = Vec::new();
     for (k, data) in planes.into_iter().enumerate() {
         let mut info = LayerInfo::value("r_d", "1");
@@ -172,11 +187,24 @@ pub fn calibrate(
                 let own = smoothing[arm].variance_of_sum(&smooth[arm][k], &sensitivity, se);
                 own * arms[arm].stack.sharing(arms[arm].info(k))
             };
-            info.mean_se = mean_se(of_arm(0) + of_arm(1), n, 1.0);
+            // What an arm does not know of a pixel it may still know of its mean.
+            let mean_known = |arm: usize| arms[arm].se_unknown(k).is_none() || arms[arm].info(k).mean_se.is_some();
+            if mean_known(0) && mean_known(1) {
+                info.mean_se = mean_se(of_arm(0) + of_arm(1), n, 1.0);
+            }
         }
         r_d.push((info, data));
     }
-    Ok(Calibrated { r_d, se, covariances, mask })
+    Ok(Calibrated { r_d, se, covariances, mask, unknown })
+}
+
+/// 1 at good pixels where either arm is flagged; `None` where there is none.
+fn flags(arms: [Option<Vec<bool>>; 2], mask: &Array2<f32>) -> Option<Array2<f32>> {
+    let flagged = |i: usize| arms.iter().flatten().any(|flags| flags[i]);
+    let mut data = Array2::zeros(mask.dim());
+    let good = data.iter_mut().zip(mask).enumerate().filter(|(i, (_, mask))| **mask == 0.0 && flagged(*i));
+    let count = good.map(|(_, (flag, _))| *flag = 1.0).count();
+    (count > 0).then_some(data)
 }
 
 /// r / m, where r is 0 at masked pixels, whatever m.

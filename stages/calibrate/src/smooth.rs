@@ -51,6 +51,11 @@ impl Smoothing<'_> {
         zip(&independent, &pixels, |variance, pixels| variance * self.sharing.min(pixels))
     }
 
+    /// The share of what a smoothed pixel is made of that `flags` (0 or 1) marks.
+    pub fn share(&self, flags: &Plane) -> Plane {
+        quotient(&self.sum(flags), &self.gauss.sum(self.good))
+    }
+
     /// Variance of sum_i s_i `value_i` by the arm's own noise: smoothing makes neighbours share it, so their
     /// errors add up instead of averaging out.
     pub fn variance_of_sum(&self, smooth: &Smooth, sensitivity: &Plane, se: &Plane) -> f64 {
@@ -91,6 +96,22 @@ mod tests {
         let smoothing = Smoothing { gauss: &gauss, good: &good, sharing: 1.0 };
         let smooth = smoothing.smooth(&value, None);
         assert!(smooth.value.pixels.iter().all(|v| (v - 0.3).abs() < 1e-14));
+    }
+
+    /// Without smoothing a flag is its pixel's; smoothed it is shared out, by weights that add up to 1, and a masked pixel's has no say.
+    #[test]
+    fn flags_are_shared_out() {
+        let n = 12 * 9;
+        let good = plane(12, |i| if i == 40 { 0.0 } else { 1.0 }, n);
+        let flags = plane(12, |i| if i == 40 || i == 52 { 1.0 } else { 0.0 }, n);
+        let plain = Smoothing { gauss: &Gauss::new(0.0), good: &good, sharing: 1.0 }.share(&flags);
+        assert!((0..n).all(|i| plain.pixels[i] == if i == 52 { 1.0 } else { 0.0 }));
+        let gauss = Gauss::new(1.0);
+        let smoothing = Smoothing { gauss: &gauss, good: &good, sharing: 1.0 };
+        let own = smoothing.share(&flags).pixels[52];
+        // 1 / (2 pi sigma^2), and a little more for the hole and the border.
+        assert!((own - 0.159).abs() < 0.03, "{own}");
+        assert!(smoothing.share(&good).pixels.iter().all(|s| (s - 1.0).abs() < 1e-12));
     }
 
     /// Far from the border the variance falls to 1 / (4 pi sigma^2) (a Gaussian cut at 4 sigma: to 0.1 %); without

@@ -192,6 +192,7 @@ fn reflectance(
     let mut stack = ImageStack::new(sample.rows(), sample.columns());
     stack.attributes = sample.attributes.clone();
     let (mut values, mut errors, mut covariances, mut masks) = (vec![], vec![], vec![], vec![]);
+    let mut unknown = vec![];
     let corrects = params.noise_bias == NoiseBias::Correct;
     for wavelength_nm in wavelengths {
         let quantities = quantities(sample, wavelength_nm);
@@ -206,8 +207,10 @@ fn reflectance(
             ctx.warn("no standard errors: the sample or the reference does not know its own");
         }
         let first = values.len() as u32;
-        let masked = calibrated.mask.iter().filter(|&&m| m != 0.0).count();
-        ctx.measure("masked", 100.0 * masked as f64 / calibrated.mask.len() as f64, "%");
+        let reasons = ctx.measure_masked(calibrated.mask.iter().copied());
+        if calibrated.mask.iter().all(|&m| m != 0.0) {
+            ctx.warn(format!("all pixels are masked: {reasons}"));
+        }
         for ((mut info, data), q) in calibrated.r_d.into_iter().zip(&quantities) {
             info.f_x_per_mm = Some(q.f_x_per_mm);
             info.orientation_deg = sample.layers[q.layer].info.orientation_deg.filter(|_| q.f_x_per_mm > 0.0);
@@ -215,6 +218,8 @@ fn reflectance(
         }
         let described = values[first as usize..].iter().map(|(info, _)| info.standard_error());
         errors.extend(described.collect::<Vec<_>>().into_iter().zip(calibrated.se));
+        let flagged = values[first as usize..].iter().zip(calibrated.unknown);
+        unknown.extend(flagged.filter_map(|((info, _), flags)| Some((info.se_unknown(), flags?))));
         for ([a, b], data) in calibrated.covariances {
             let mut info = LayerInfo::new("cov", LayerKind::Covariance, "1");
             info.pair = Some([first + a as u32, first + b as u32]);
@@ -225,7 +230,8 @@ fn reflectance(
         info.wavelength_nm = wavelength_nm;
         masks.push((info, calibrated.mask));
     }
-    values.into_iter().chain(errors).chain(covariances).chain(masks).for_each(|(info, data)| stack.push(info, data));
+    let layers = values.into_iter().chain(errors).chain(covariances).chain(masks).chain(unknown);
+    layers.for_each(|(info, data)| stack.push(info, data));
     Ok(stack)
 }
 

@@ -274,3 +274,37 @@ fn check_finds_every_mistake() {
         ["reference.mu_a", "reference.mu_s_prime", "reference.g", "reference.n", "smooth", "smooth_sample"]
     );
 }
+
+/// A pixel whose error either arm does not know has none in the reflectance of that f_x; a smoothed reference passes a flag on to the pixels of which it makes more
+/// than a tenth, and keeps it to itself where it makes less. The values stay, and without a mean that is known the error of the mean is unknown too.
+#[test]
+fn unknown_errors_are_passed_on() {
+    let flat = || modulation([0.4, 0.2].map(|v| Array2::from_elem((21, 21), v)), Some(([1e-3, 1e-3], 0.0)));
+    let flagged = |mut modulation: Modulation, at: (usize, usize)| {
+        let info = modulation.0.layers[1].info.clone();
+        let mut flags = Array2::zeros((21, 21));
+        flags[at] = 1.0;
+        modulation.0.push(info.se_unknown(), flags);
+        modulation
+    };
+    let plain = calibrate(flat(), flat(), &params(0.0)).unwrap().reflectance.0;
+    let of = |sample: Modulation, reference: Modulation, smooth: f64| {
+        let found = calibrate(sample, reference, &params(smooth)).unwrap().reflectance.0;
+        let [low, high] = [0, 1].map(|k| found.se_unknown(&found.layers[k].info).map(|l| l.data.clone()));
+        assert!(low.is_none(), "f_x = 0 knows its errors");
+        for k in 0..2 {
+            let off = found.layers[k].data.iter().zip(&plain.layers[k].data).map(|(a, b)| (a - b).abs());
+            assert!(off.fold(0.0, f32::max) < 1e-4, "values stay");
+        }
+        high.map_or(0.0, |flags| flags.sum())
+    };
+    assert_eq!(of(flagged(flat(), (3, 4)), flagged(flat(), (9, 9)), 0.0), 2.0);
+    assert_eq!(of(flat(), flat(), 0.0), 0.0);
+    // A Gaussian of 1 px: 0.159 in the middle, 0.096 beside it; of 3 px: 0.018.
+    assert_eq!(of(flat(), flagged(flat(), (10, 10)), 1.0), 1.0);
+    assert_eq!(of(flat(), flagged(flat(), (10, 10)), 3.0), 0.0);
+    let mut silent = flagged(flat(), (3, 4));
+    silent.0.layers[1].info.mean_se = None;
+    let found = calibrate(silent, flat(), &params(0.0)).unwrap().reflectance.0;
+    assert_eq!([0, 1].map(|k| found.layers[k].info.mean_se.is_some()), [true, false]);
+}

@@ -24,12 +24,17 @@ impl Media {
     pub fn of(readings: &Table) -> Result<Self, Error> {
         let names = texts(readings, "medium")?;
         let [mu_a, mu_s_prime] = QUANTITIES.map(|name| {
-            readings.f64s(name).ok_or_else(|| Error::failed(format!("the readings do not say {name} of their media")))
+            readings
+                .maybe_f64s(name)
+                .ok_or_else(|| Error::failed(format!("the readings do not say {name} of their media")))
         });
         let (mu_a, mu_s_prime) = (mu_a?, mu_s_prime?);
         let mut media = BTreeMap::new();
         for (i, name) in names.iter().enumerate() {
-            if media.insert(name.clone(), [mu_a[i], mu_s_prime[i]]).is_some() {
+            let Some((mu_a, mu_s_prime)) = mu_a[i].zip(mu_s_prime[i]) else {
+                return Err(Error::failed(format!("the readings do not say mu_a and mu_s_prime of `{name}`")));
+            };
+            if media.insert(name.clone(), [mu_a, mu_s_prime]).is_some() {
                 return Err(Error::failed(format!("two media of the readings are called {name}")));
             }
         }
@@ -52,16 +57,18 @@ pub fn compare_fit(fit: &Table, media: &Media, ctx: Ctx<'_>) -> Result<(Metrics,
     for (quantity, pairs) in pairs.iter_mut().enumerate() {
         let name = QUANTITIES[quantity];
         let missing = |name: &str| Error::failed(format!("the fit has no column {name}"));
-        let estimate = fit.f64s(name).ok_or_else(|| missing(name))?;
+        let estimate = fit.maybe_f64s(name).ok_or_else(|| missing(name))?;
         let with_se = format!("{name}_se");
-        // An unknown error counts as none stated.
         let se = fit.maybe_f64s(&with_se).ok_or_else(|| missing(&with_se))?;
         for (i, medium) in names.iter().enumerate() {
             let truth = media.0.get(medium).ok_or_else(|| {
                 let known: Vec<&str> = media.0.keys().map(String::as_str).collect();
                 Error::failed(format!("nothing says what the medium `{medium}` is; known are {}", known.join(", ")))
             })?;
-            pairs.push(Pair { estimate: estimate[i], se: se[i].unwrap_or(0.0), truth: truth[quantity], good: good[i] });
+            // A fit that states no error writes 0 or nothing.
+            let (estimate, se) = (estimate[i], se[i].filter(|se| *se > 0.0));
+            let good = good[i] && estimate.is_some();
+            pairs.push(Pair { estimate: estimate.unwrap_or(0.0), se, truth: truth[quantity], good });
         }
     }
     let mut rows = Vec::new();
@@ -77,8 +84,16 @@ pub fn compare_fit(fit: &Table, media: &Media, ctx: Ctx<'_>) -> Result<(Metrics,
     if limits > 0 {
         ctx.warn(format!("{limits} values lie on the limit 0 and are left out of `rms_log`"));
     }
-    ctx.measure("error: rms log error", 100.0 * root_mean_square(all.iter().map(|row| row.score.rms_log)), "%");
-    ctx.measure("rms_z", root_mean_square(all.iter().map(|row| row.score.z)), "1");
+    if let Some(rms_log) = root_mean_square(all.iter().filter_map(|row| row.score.rms_log)) {
+        ctx.measure("error: rms log error", 100.0 * rms_log, "%");
+    }
+    if let Some(z) = root_mean_square(all.iter().filter_map(|row| row.score.z)) {
+        ctx.measure("rms_z", z, "1");
+    }
+    let failed = good.iter().filter(|good| !**good).count();
+    if failed > 0 {
+        ctx.warn(format!("{failed} of {} media have no fit: nothing is known of them", good.len()));
+    }
     rows.extend(all);
     let errors = ctx.wants("errors").then(|| errors(&pairs));
     Ok((table(&rows), errors))
@@ -122,20 +137,21 @@ fn table(rows: &[Row<'_>]) -> Metrics {
     table.push("region", "", text(&|r| r.medium.to_owned()));
     table.push("quantity", "", text(&|r| r.quantity.to_owned()));
     table.push("n", "1", Cells::I64(rows.iter().map(|r| r.score.score.n as i64).collect()));
-    let mut number = |name: &str, unit: &str, f: fn(&MediaScore) -> f64| {
-        table.push(name, unit, Cells::F64(rows.iter().map(|r| f(&r.score)).collect()));
+    let mut number = |name: &str, unit: &str, f: fn(&MediaScore) -> Option<f64>| {
+        table.push(name, unit, Cells::MaybeF64(rows.iter().map(|r| f(&r.score)).collect()));
     };
     number("mean", "mm^-1", |s| s.score.mean);
     number("mean_se", "mm^-1", |s| s.score.mean_se);
     number("truth", "mm^-1", |s| s.score.truth);
     number("bias_percent", "%", |s| s.score.bias_percent);
     number("rmse_percent", "%", |s| s.score.rmse_percent);
-    number("masked_percent", "%", |s| s.score.masked_percent);
+    number("masked_percent", "%", |s| Some(s.score.masked_percent));
     number("bias", "mm^-1", |s| s.score.bias);
     number("rmse", "mm^-1", |s| s.score.rmse);
     number("p95", "mm^-1", |s| s.score.p95);
     number("z", "1", |s| s.z);
     number("rms_log", "1", |s| s.rms_log);
+    table.push("n_unknown", "1", Cells::I64(rows.iter().map(|r| r.score.score.n_unknown as i64).collect()));
     table.push("unit", "", text(&|_| "mm^-1".to_owned()));
     Metrics(table)
 }

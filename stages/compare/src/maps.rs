@@ -1,11 +1,11 @@
 //! Maps against images of the truth: pairs the layers by name, and scores each region.
 
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::{Errors, Metrics};
+use turbid_contract::payload::{Errors, MaskReason, Metrics};
 use turbid_contract::{Cells, Ctx, Error, ImageStack, Layer, LayerInfo, LayerKind, Table};
 
 use crate::region::{Region, Selection, View};
-use crate::score::{Pixels, Score, score};
+use crate::score::{Pixels, Score, Standing, score};
 use crate::stage::Params;
 
 /// Figures of each region and quantity, and the pictures if they are wanted.
@@ -44,20 +44,64 @@ pub fn compare_maps(
                     let name_of = &quantity.name;
                     ctx.warn(format!("region `{name}`: every pixel is masked, nothing is known of {name_of}"));
                 }
+                if let Some(message) = selected_by_value(&score, quantity) {
+                    ctx.warn(format!("region `{name}`: {message}"));
+                }
                 let unit = quantity.info.unit.clone();
                 found.push(Row { region: name, quantity: quantity.name.clone(), unit, score });
             }
         }
     }
-    let known = || found.iter().map(|row| &row.score).filter(|score| score.n > 0);
-    if known().next().is_some() {
-        let worst = |f: fn(&Score) -> f64| known().map(|score| f(score).abs()).fold(0.0, f64::max);
-        ctx.measure("error: worst bias", worst(|s| s.bias_percent), "%");
-        ctx.measure("worst_rmse", worst(|s| s.rmse_percent), "%");
-    }
+    measure(&found, ctx);
     let errors = ctx.wants("errors").then(|| errors(&quantities, rows, columns));
     Ok((table(&found), errors))
 }
+
+/// A share of pixels that are left out above which a warning says what the mean may owe to it.
+const WORTH_A_WORD: f64 = 0.01;
+
+/// What to say where pixels were left out for what was measured there.
+fn selected_by_value(score: &Score, quantity: &Quantity<'_>) -> Option<String> {
+    let (shift, of) = (score.possible_shift?, score.n + score.n_left_out);
+    if score.n_left_out as f64 <= WORTH_A_WORD * of as f64 {
+        return None;
+    }
+    let shift = match score.possible_shift_percent {
+        Some(percent) => format!("{percent:.2} %"),
+        None => format!("{shift:.3} {}", quantity.info.unit),
+    };
+    Some(format!(
+        "{} of {of} pixels are masked for what was measured there: the mean of {} may be off by up to {shift} for it",
+        score.n_left_out, quantity.name
+    ))
+}
+
+/// The worst of the figures: relative ones in percent, those of positions in mm.
+fn measure(rows: &[Row<'_>], ctx: Ctx<'_>) {
+    let worst = |position: bool, f: fn(&Score) -> Option<f64>| {
+        let of = rows.iter().filter(|row| (row.unit == POSITION) == position);
+        of.filter_map(|row| f(&row.score)).map(f64::abs).fold(None, |worst, x| Some(x.max(worst.unwrap_or(0.0))))
+    };
+    let tell = |name: &str, unit: &str, worst: Option<f64>| {
+        if let Some(worst) = worst {
+            ctx.measure(name, worst, unit);
+        }
+    };
+    tell("error: worst bias", "%", worst(false, |s| s.bias_percent));
+    tell("worst_rmse", "%", worst(false, |s| s.rmse_percent));
+    // A position is right in the mean where it is off by as much to either side: the error of its pixels is what counts.
+    tell("error: worst RMSE", POSITION, worst(true, |s| s.rmse));
+    tell("worst_bias_mm", POSITION, worst(true, |s| s.bias));
+    tell("possible_shift", "%", worst(false, |s| s.possible_shift_percent));
+    let sum = |f: fn(&Score) -> u64| rows.iter().map(|row| f(&row.score)).sum::<u64>() as f64;
+    let counted = sum(|s| s.n);
+    if counted > 0.0 {
+        ctx.measure("se_unknown", 100.0 * sum(|s| s.n_unknown) / counted, "%");
+    }
+}
+
+/// The unit of positions.
+const POSITION: &str = "mm";
 
 /// An estimated layer, the truth of it, and which pixels count.
 struct Quantity<'a> {
@@ -65,11 +109,12 @@ struct Quantity<'a> {
     info: &'a LayerInfo,
     estimate: Vec<f32>,
     se: Option<Vec<f32>>,
+    se_unknown: Option<Vec<f32>>,
     sharing: f64,
     truth: Vec<f32>,
     /// Reason for each pixel that does not count.
     mask: Vec<f32>,
-    good: Vec<bool>,
+    standing: Vec<Standing>,
 }
 
 /// A row of the metrics.
@@ -83,17 +128,18 @@ struct Row<'a> {
 impl Quantity<'_> {
     /// Lengths are positions: errors relative to the choice of 0 mean nothing.
     fn is_position(&self) -> bool {
-        self.info.unit == "mm"
+        self.info.unit == POSITION
     }
 
     fn pixels(&self) -> Pixels<'_> {
         Pixels {
             estimate: &self.estimate,
             se: self.se.as_deref(),
+            se_unknown: self.se_unknown.as_deref(),
             sharing: self.sharing,
             truth: &self.truth,
             position: self.is_position(),
-            good: &self.good,
+            standing: &self.standing,
         }
     }
 }
@@ -125,7 +171,8 @@ fn quantities<'a>(estimate: &'a ImageStack, truth: &ImageStack) -> Result<Vec<Qu
             se: estimate.standard_error(info).map(|l| l.pixels().into_owned()),
             sharing: estimate.sharing(info),
             truth: true_layer.pixels().into_owned(),
-            good: mask.iter().map(|&m| m == 0.0).collect(),
+            se_unknown: estimate.se_unknown(info).map(|l| l.pixels().into_owned()),
+            standing: mask.iter().map(|&code| standing(code)).collect(),
             mask,
         });
     }
@@ -138,6 +185,15 @@ fn quantities<'a>(estimate: &'a ImageStack, truth: &ImageStack) -> Result<Vec<Qu
         return Err(Error::failed(what));
     }
     Ok(found)
+}
+
+/// What a mask's value means for a mean over pixels.
+fn standing(code: f32) -> Standing {
+    match MaskReason::of_code(code) {
+        Some(MaskReason::Good) => Standing::Counts,
+        Some(reason) if reason.is_structural() => Standing::Absent,
+        _ => Standing::LeftOut,
+    }
 }
 
 /// The regions that were asked for, or `all` and every object that is seen.
@@ -200,18 +256,25 @@ fn table(rows: &[Row<'_>]) -> Metrics {
     // The unit of a column where all rows share one; else the column `unit` tells.
     let unit = rows.first().map_or("", |r| r.unit.as_str());
     let unit = if rows.iter().all(|r| r.unit == unit) { unit } else { "" };
-    let mut number = |name: &str, unit: &str, f: fn(&Score) -> f64| {
-        table.push(name, unit, Cells::F64(rows.iter().map(|r| f(&r.score)).collect()));
+    let mut number = |name: &str, unit: &str, f: fn(&Score) -> Option<f64>| {
+        table.push(name, unit, Cells::MaybeF64(rows.iter().map(|r| f(&r.score)).collect()));
     };
     number("mean", unit, |s| s.mean);
     number("mean_se", unit, |s| s.mean_se);
     number("truth", unit, |s| s.truth);
     number("bias_percent", "%", |s| s.bias_percent);
     number("rmse_percent", "%", |s| s.rmse_percent);
-    number("masked_percent", "%", |s| s.masked_percent);
+    number("masked_percent", "%", |s| Some(s.masked_percent));
     number("bias", unit, |s| s.bias);
     number("rmse", unit, |s| s.rmse);
     number("p95", unit, |s| s.p95);
+    number("possible_shift_percent", "%", |s| s.possible_shift_percent);
+    number("possible_shift", unit, |s| s.possible_shift);
+    let mut count = |name: &str, f: fn(&Score) -> u64| {
+        table.push(name, "1", Cells::I64(rows.iter().map(|r| f(&r.score) as i64).collect()));
+    };
+    count("n_unknown", |s| s.n_unknown);
+    count("n_left_out", |s| s.n_left_out);
     table.push("unit", "", text(&|r| r.unit.clone()));
     Metrics(table)
 }
@@ -228,7 +291,7 @@ fn errors(quantities: &[Quantity<'_>], rows: usize, columns: usize) -> Errors {
             info
         };
         let position = q.is_position();
-        let counts = |i: usize| q.good[i] && (position || q.truth[i] != 0.0);
+        let counts = |i: usize| q.standing[i] == Standing::Counts && (position || q.truth[i] != 0.0);
         let error = |i: usize| {
             let (estimate, truth) = (f64::from(q.estimate[i]), f64::from(q.truth[i]));
             if position { estimate - truth } else { 100.0 * (estimate / truth - 1.0) }

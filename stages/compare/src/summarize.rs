@@ -55,9 +55,12 @@ impl Stage for Summarize {
                 instances - n
             ));
         }
-        let known = rows.iter().filter(|row| row.n > 0);
-        if let Some(worst) = known.max_by(|a, b| a.mean_abs_error_percent.total_cmp(&b.mean_abs_error_percent)) {
-            ctx.measure("error: mean |bias| over instances, worst region", worst.mean_abs_error_percent, "%");
+        let worst = |of: fn(&Summary) -> Option<f64>| rows.iter().filter_map(of).reduce(f64::max);
+        if let Some(worst) = worst(|row| row.mean_abs_error_percent) {
+            ctx.measure("error: mean |bias| over instances, worst region", worst, "%");
+        }
+        if let Some(worst) = worst(|row| row.mean_abs_error.filter(|_| row.unit == "mm")) {
+            ctx.measure("error: mean |bias| of positions over instances, worst region", worst, "mm");
         }
         Ok(SummarizeOut { metrics: Metrics(table(&rows)) })
     }

@@ -8,15 +8,21 @@ pub struct Figure {
     pub region: String,
     pub quantity: String,
     pub unit: String,
-    /// Pixels that count; without any the rest means nothing.
-    pub n: i64,
-    pub mean: f64,
-    pub mean_se: f64,
-    pub truth: f64,
+    /// Mean and truth over the pixels that count; `None` where nothing is known of the region.
+    pub known: Option<Known>,
     pub masked_percent: f64,
 }
 
-/// What all instances say of one region and quantity. A position (mm) has no percentages: they are 0, as in a table of metrics.
+/// A mean, its standard error where that is known, and the truth.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Known {
+    pub mean: f64,
+    pub mean_se: Option<f64>,
+    pub truth: f64,
+}
+
+/// What all instances say of one region and quantity. `None` is what is not known: figures of no instance, percentages of a position (mm), and
+/// standard errors where an instance does not know its own.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Summary {
     pub region: String,
@@ -26,17 +32,17 @@ pub struct Summary {
     /// Instances of which anything is known: the rest of the figures is over them.
     pub n: usize,
     /// Mean of |mean - truth|, in the quantity's unit, and relative to the truth.
-    pub mean_abs_error: f64,
-    pub mean_abs_error_percent: f64,
+    pub mean_abs_error: Option<f64>,
+    pub mean_abs_error_percent: Option<f64>,
     /// sqrt(sum se^2) / n: the standard error of a mean of n errors that are independent.
-    pub mean_abs_error_se: f64,
-    pub mean_abs_error_se_percent: f64,
+    pub mean_abs_error_se: Option<f64>,
+    pub mean_abs_error_se_percent: Option<f64>,
     /// What `mean_abs_error_percent` would be of instances that are off by normal noise of their standard errors and nothing else.
-    pub noise_percent: f64,
+    pub noise_percent: Option<f64>,
     /// Mean, and root mean square of the errors, and the largest of them, relative to the truth.
-    pub bias_percent: f64,
-    pub rmse_percent: f64,
-    pub worst_percent: f64,
+    pub bias_percent: Option<f64>,
+    pub rmse_percent: Option<f64>,
+    pub worst_percent: Option<f64>,
     /// Mean over all instances.
     pub masked_percent: f64,
 }
@@ -52,8 +58,7 @@ pub fn figures(table: &Table) -> Result<Vec<Figure>, Error> {
         Some(Cells::Text(texts)) => Ok(texts),
         _ => Err(missing(name)),
     };
-    let numbers = |name: &str| table.f64s(name).ok_or_else(|| missing(name));
-    let Some(Cells::I64(n)) = cells("n") else { return Err(missing("n")) };
+    let numbers = |name: &str| table.maybe_f64s(name).ok_or_else(|| missing(name));
     let (region, quantity, unit) = (texts("region")?, texts("quantity")?, texts("unit")?);
     let (mean, mean_se, truth) = (numbers("mean")?, numbers("mean_se")?, numbers("truth")?);
     let masked_percent = numbers("masked_percent")?;
@@ -61,13 +66,10 @@ pub fn figures(table: &Table) -> Result<Vec<Figure>, Error> {
         region: region[i].clone(),
         quantity: quantity[i].clone(),
         unit: unit[i].clone(),
-        n: n[i],
-        mean: mean[i],
-        mean_se: mean_se[i],
-        truth: truth[i],
-        masked_percent: masked_percent[i],
+        known: mean[i].zip(truth[i]).map(|(mean, truth)| Known { mean, mean_se: mean_se[i], truth }),
+        masked_percent: masked_percent[i].unwrap_or(100.0),
     };
-    Ok((0..n.len()).map(row).collect())
+    Ok((0..table.rows()).map(row).collect())
 }
 
 /// One row for each region and quantity, in the order in which they first come.
@@ -84,28 +86,38 @@ pub fn summarize(figures: &[Figure]) -> Vec<Summary> {
 }
 
 fn summary(group: &[&Figure]) -> Summary {
-    let known: Vec<&Figure> = group.iter().copied().filter(|f| f.n > 0).collect();
+    let known: Vec<Known> = group.iter().filter_map(|f| f.known).collect();
+    let n = known.len() as f64;
     let position = group[0].unit == "mm";
-    let percent = |f: &Figure, x: f64| if position { 0.0 } else { 100.0 * x / f.truth };
-    let mean = |of: &dyn Fn(&Figure) -> f64| known.iter().map(|f| of(f)).sum::<f64>() / known.len().max(1) as f64;
-    let errors: Vec<f64> = known.iter().map(|f| percent(f, f.mean - f.truth)).collect();
-    // Of a mean of n: the root of a mean of squares, over sqrt(n).
-    let of_mean = |x: f64| (x / known.len().max(1) as f64).sqrt();
+    let percent = |f: &Known, x: f64| (!position && f.truth != 0.0).then_some(100.0 * x / f.truth);
+    // Known where it is of every instance that is.
+    let mean = |of: &dyn Fn(&Known) -> Option<f64>| {
+        let sum: Option<f64> = known.iter().map(of).sum();
+        sum.filter(|_| n > 0.0).map(|sum| sum / n)
+    };
+    let error = |f: &Known| percent(f, f.mean - f.truth);
+    let se = |f: &Known| percent(f, f.mean_se?);
+    let square = |x: f64| x * x;
+    let worst = known.iter().filter_map(error).fold(None, |worst: Option<f64>, e| match worst {
+        Some(worst) if worst.abs() >= e.abs() => Some(worst),
+        _ => Some(e),
+    });
     Summary {
         region: group[0].region.clone(),
         quantity: group[0].quantity.clone(),
         unit: group[0].unit.clone(),
         instances: group.len(),
         n: known.len(),
-        mean_abs_error: mean(&|f| (f.mean - f.truth).abs()),
-        mean_abs_error_percent: mean(&|f| percent(f, f.mean - f.truth).abs()),
-        mean_abs_error_se: of_mean(mean(&|f| f.mean_se * f.mean_se)),
-        mean_abs_error_se_percent: of_mean(mean(&|f| percent(f, f.mean_se) * percent(f, f.mean_se))),
+        mean_abs_error: mean(&|f| Some((f.mean - f.truth).abs())),
+        mean_abs_error_percent: mean(&|f| error(f).map(f64::abs)),
+        // Of a mean of n: the root of a mean of squares, over sqrt(n).
+        mean_abs_error_se: mean(&|f| f.mean_se.map(square)).map(|x| (x / n).sqrt()),
+        mean_abs_error_se_percent: mean(&|f| se(f).map(square)).map(|x| (x / n).sqrt()),
         // E|x| of a normal x of mean 0 is sqrt(2 / pi) of its deviation.
-        noise_percent: std::f64::consts::FRAC_2_PI.sqrt() * mean(&|f| percent(f, f.mean_se).abs()),
-        bias_percent: mean(&|f| percent(f, f.mean - f.truth)),
-        rmse_percent: mean(&|f| percent(f, f.mean - f.truth) * percent(f, f.mean - f.truth)).sqrt(),
-        worst_percent: errors.iter().copied().fold(0.0, |worst: f64, e| if e.abs() > worst.abs() { e } else { worst }),
+        noise_percent: mean(&|f| se(f).map(f64::abs)).map(|x| std::f64::consts::FRAC_2_PI.sqrt() * x),
+        bias_percent: mean(&error),
+        rmse_percent: mean(&|f| error(f).map(square)).map(f64::sqrt),
+        worst_percent: if mean(&error).is_some() { worst } else { None },
         masked_percent: group.iter().map(|f| f.masked_percent).sum::<f64>() / group.len() as f64,
     }
 }
@@ -121,8 +133,8 @@ pub fn table(rows: &[Summary]) -> Table {
     table.push("n", "1", count(&|r| r.n));
     let unit = rows.first().map_or("", |r| r.unit.as_str());
     let unit = if rows.iter().all(|r| r.unit == unit) { unit } else { "" };
-    let mut number = |name: &str, unit: &str, f: fn(&Summary) -> f64| {
-        table.push(name, unit, Cells::F64(rows.iter().map(f).collect()));
+    let mut number = |name: &str, unit: &str, f: fn(&Summary) -> Option<f64>| {
+        table.push(name, unit, Cells::MaybeF64(rows.iter().map(f).collect()));
     };
     number("mean_abs_error_percent", "%", |r| r.mean_abs_error_percent);
     number("mean_abs_error_se_percent", "%", |r| r.mean_abs_error_se_percent);
@@ -130,7 +142,7 @@ pub fn table(rows: &[Summary]) -> Table {
     number("bias_percent", "%", |r| r.bias_percent);
     number("rmse_percent", "%", |r| r.rmse_percent);
     number("worst_percent", "%", |r| r.worst_percent);
-    number("masked_percent", "%", |r| r.masked_percent);
+    number("masked_percent", "%", |r| Some(r.masked_percent));
     number("mean_abs_error", unit, |r| r.mean_abs_error);
     number("mean_abs_error_se", unit, |r| r.mean_abs_error_se);
     table.push("unit", "", text(&|r| r.unit.clone()));
@@ -141,22 +153,25 @@ pub fn table(rows: &[Summary]) -> Table {
 mod tests {
     use super::*;
 
-    fn figure(region: &str, n: i64, [mean, mean_se, truth]: [f64; 3]) -> Figure {
+    fn figure(region: &str, known: Option<[f64; 3]>) -> Figure {
         let (region, quantity, unit) = (region.to_owned(), "mu_a".to_owned(), "mm^-1".to_owned());
-        Figure { region, quantity, unit, n, mean, mean_se, truth, masked_percent: if n > 0 { 10.0 } else { 100.0 } }
+        let masked_percent = if known.is_some() { 10.0 } else { 100.0 };
+        let known = known.map(|[mean, mean_se, truth]| Known { mean, mean_se: Some(mean_se), truth });
+        Figure { region, quantity, unit, known, masked_percent }
     }
 
     /// Two instances off by +50 and -25 % with standard errors of 30 and 40 %, a third of which nothing is known; and a region of one: by hand.
     #[test]
     fn three_instances() {
         let all = [
-            figure("wall", 5, [0.75, 0.15, 0.5]),
-            figure("end", 5, [2.0, 0.1, 2.0]),
-            figure("wall", 9, [1.5, 0.8, 2.0]),
-            figure("wall", 0, [0.0, 0.0, 0.0]),
+            figure("wall", Some([0.75, 0.15, 0.5])),
+            figure("end", Some([2.0, 0.1, 2.0])),
+            figure("wall", Some([1.5, 0.8, 2.0])),
+            figure("wall", None),
+            figure("nowhere", None),
         ];
-        let [wall, end] = &summarize(&all)[..] else { panic!("two regions") };
-        let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} for {b}");
+        let [wall, end, nowhere] = &summarize(&all)[..] else { panic!("three regions") };
+        let close = |a: Option<f64>, b: f64| assert!((a.unwrap() - b).abs() < 1e-12, "{a:?} for {b}");
         assert_eq!((wall.instances, wall.n, end.instances, end.n), (3, 2, 1, 1));
         close(wall.mean_abs_error_percent, 37.5);
         close(wall.mean_abs_error_se_percent, 25.0);
@@ -166,9 +181,25 @@ mod tests {
         close(wall.worst_percent, 50.0);
         close(wall.mean_abs_error, 0.375);
         close(wall.mean_abs_error_se, 0.5 * (0.15_f64 * 0.15 + 0.8 * 0.8).sqrt());
-        close(wall.masked_percent, 40.0);
+        close(Some(wall.masked_percent), 40.0);
         close(end.mean_abs_error_percent, 0.0);
         close(end.mean_abs_error_se_percent, 5.0);
+        // Nothing is known where no instance knows anything: neither an error of 0 nor one of anything else.
+        assert_eq!((nowhere.n, nowhere.mean_abs_error, nowhere.worst_percent), (0, None, None));
+        assert_eq!((nowhere.mean_abs_error_se, nowhere.noise_percent, nowhere.masked_percent), (None, None, 100.0));
+    }
+
+    /// An instance that does not know its standard error leaves that of the mean unknown, and nothing else; a position has no percentages.
+    #[test]
+    fn unknown_errors_stay_unknown() {
+        let mut all = [figure("wall", Some([0.75, 0.15, 0.5])), figure("wall", Some([1.5, 0.8, 2.0]))];
+        all[1].known.as_mut().unwrap().mean_se = None;
+        let one = &summarize(&all)[0];
+        assert_eq!((one.mean_abs_error_se, one.mean_abs_error_se_percent, one.noise_percent), (None, None, None));
+        assert!((one.mean_abs_error_percent.unwrap() - 37.5).abs() < 1e-12);
+        all.iter_mut().for_each(|f| f.unit = "mm".to_owned());
+        let place = &summarize(&all)[0];
+        assert_eq!((place.mean_abs_error, place.bias_percent, place.worst_percent), (Some(0.375), None, None));
     }
 
     /// Instances whose errors are nothing but their noise: the mean |error| is what `noise_percent` says, and the mean error 0, to 4.5 standard errors.
@@ -177,12 +208,13 @@ mod tests {
         let (n, se) = (20_000, 0.07);
         let mut rng = normals(3);
         let normal: Vec<f64> = (0..n).map(|_| rng()).collect();
-        let all: Vec<Figure> = normal.iter().map(|x| figure("a", 1, [1.0 + se * x, se, 1.0])).collect();
+        let all: Vec<Figure> = normal.iter().map(|x| figure("a", Some([1.0 + se * x, se, 1.0]))).collect();
         let [row] = &summarize(&all)[..] else { panic!("one region") };
         let allowed = 4.5 * 100.0 * se / f64::from(n).sqrt();
-        assert!((row.mean_abs_error_percent - row.noise_percent).abs() < allowed, "{row:?}");
-        assert!(row.bias_percent.abs() < allowed, "{row:?}");
-        assert!((row.mean_abs_error_se_percent - allowed / 4.5).abs() < 1e-9, "{row:?}");
+        let noise = row.noise_percent.unwrap();
+        assert!((row.mean_abs_error_percent.unwrap() - noise).abs() < allowed, "{row:?}");
+        assert!(row.bias_percent.unwrap().abs() < allowed, "{row:?}");
+        assert!((row.mean_abs_error_se_percent.unwrap() - allowed / 4.5).abs() < 1e-9, "{row:?}");
     }
 
     /// Normal numbers: sums of twelve uniform ones of a linear congruential generator.
@@ -198,7 +230,7 @@ mod tests {
     /// A table of metrics comes back as figures; a summary is none.
     #[test]
     fn only_metrics_are_summarized() {
-        let error = figures(&table(&summarize(&[figure("a", 1, [1.0, 0.1, 1.0])]))).unwrap_err();
+        let error = figures(&table(&summarize(&[figure("a", Some([1.0, 0.1, 1.0]))]))).unwrap_err();
         assert!(error.to_string().contains("no column `mean`"), "{error}");
     }
 }

@@ -65,7 +65,7 @@ fn cell(table: &Table, region: &str, quantity: &str, column: &str) -> f64 {
     let (regions, quantities) = (texts(table, "region"), texts(table, "quantity"));
     let row = (0..table.rows()).find(|&i| regions[i] == region && quantities[i] == quantity).unwrap();
     match &table.columns.iter().find(|c| c.name == column).unwrap().cells {
-        Cells::F64(v) => v[row],
+        Cells::MaybeF64(v) => v[row].unwrap_or_else(|| panic!("{region}, {quantity}: {column} is not known")),
         Cells::I64(v) => v[row] as f64,
         other => panic!("{column}: {other:?}"),
     }
@@ -90,6 +90,10 @@ fn a_constant_factor_is_its_own_bias() {
         "bias",
         "rmse",
         "p95",
+        "possible_shift_percent",
+        "possible_shift",
+        "n_unknown",
+        "n_left_out",
         "unit",
     ];
     assert_eq!(names, want);
@@ -134,6 +138,12 @@ fn masked_regions_have_no_bias() {
     };
     let (out, host) = masked(false);
     assert_eq!(cell(&out.metrics.0, "polyp", "mu_a", "n"), 0.0);
+    let (table, row) = (&out.metrics.0, 4);
+    assert_eq!((texts(table, "region")[row].as_str(), texts(table, "quantity")[row].as_str()), ("polyp", "mu_a"));
+    for column in ["mean", "mean_se", "truth", "bias_percent", "rmse_percent", "bias", "rmse", "p95", "possible_shift"]
+    {
+        assert_eq!(table.maybe_f64s(column).unwrap()[row], None, "{column} of no pixel");
+    }
     assert!((host.measures.lock().unwrap()["error: worst bias"] - 5.0).abs() < 1e-4);
     let warnings = host.warnings.lock().unwrap().clone();
     assert!(warnings.iter().any(|w| w.contains("`polyp`") && w.contains("mu_a")), "{warnings:?}");
@@ -190,10 +200,10 @@ fn nothing_is_relative_to_zero() {
     assert_eq!(texts(&out.metrics.0, "region"), ["all", "all", "tissue", "tissue", "polyp"]);
     assert!(host.warnings.lock().unwrap().iter().any(|w| w.contains("region `polyp`") && w.contains("without mu_a")));
     let numbers = out.metrics.0.columns.iter().filter_map(|c| match &c.cells {
-        Cells::F64(v) => Some(v),
+        Cells::MaybeF64(v) => Some(v),
         _ => None,
     });
-    assert!(numbers.flatten().all(|v| v.is_finite()));
+    assert!(numbers.flatten().flatten().all(|v| v.is_finite()));
 }
 
 /// What does not fit is named, with the field path where there is one.
@@ -244,11 +254,57 @@ fn positions_are_scored_in_their_unit() {
     let table = &out.metrics.0;
     assert_eq!(texts(table, "unit"), ["mm"]);
     assert_eq!(table.columns.iter().find(|c| c.name == "bias").unwrap().unit, "mm");
-    for (name, want) in [("bias", 0.5), ("rmse", 0.5), ("p95", 0.5), ("mean", 2.0), ("bias_percent", 0.0)] {
-        assert!((table.f64s(name).unwrap()[0] - want).abs() < 1e-12, "{name}");
+    for (name, want) in [("bias", 0.5), ("rmse", 0.5), ("p95", 0.5), ("mean", 2.0)] {
+        assert!((cell(table, "all", "height", name) - want).abs() < 1e-12, "{name}");
     }
+    for percent in ["bias_percent", "rmse_percent"] {
+        assert_eq!(table.maybe_f64s(percent).unwrap(), [None], "nothing of a position is in percent");
+    }
+    let measures = host.measures.lock().unwrap().clone();
+    assert!(
+        measures.get("error: worst bias").is_none(),
+        "a bias of 0 % would say that the heights are right: {measures:?}"
+    );
+    assert!((measures["error: worst RMSE"] - 0.5).abs() < 1e-12 && (measures["worst_bias_mm"] - 0.5).abs() < 1e-12);
     let errors = out.errors.unwrap().0;
     let error = errors.find("height_error", None).unwrap();
     assert!(error.info.unit == "mm" && error.data.iter().all(|&e| e == 0.5));
+    assert!(host.warnings.lock().unwrap().is_empty());
+}
+
+/// Pixels that are masked for what was measured there are counted, and what the mean may owe to their absence is told; those that geometry
+/// leaves out select nothing. Flags of unknown errors are counted too.
+#[test]
+fn what_was_left_out_is_told() {
+    let masked = |reason: MaskReason| {
+        let mut maps = estimate(1.05, 1.0);
+        let flags = truth().0.find("object", None).unwrap().data.clone();
+        let mask = maps.0.layers.iter_mut().find(|l| l.info.kind == LayerKind::Mask).unwrap();
+        (0..SIDE).for_each(|c| mask.data[(5, c)] = reason.code());
+        let info = maps.0.layers[0].info.clone();
+        maps.0.push(info.se_unknown(), flags);
+        compare(maps, truth(), &Params::default()).unwrap()
+    };
+    let (out, host) = masked(MaskReason::BelowTable);
+    let table = &out.metrics.0;
+    assert_eq!(cell(table, "tissue", "mu_a", "n_left_out"), SIDE as f64, "the pixel in the middle is of the polyp");
+    let n = cell(table, "tissue", "mu_s_prime", "n");
+    // Every pixel is off by 5 % of 0.8, so nothing but the standard errors of 1 % scatters.
+    let want = 0.01 * 1.05 * 100.0 * (SIDE as f64 / n).sqrt();
+    let shift = cell(table, "tissue", "mu_s_prime", "possible_shift_percent");
+    assert!((shift / want - 1.0).abs() < 1e-5, "{shift} for {want}");
+    let warnings = host.warnings.lock().unwrap().join("\n");
+    assert!(
+        warnings.contains("`tissue`: 40 of ") && warnings.contains("the mean of mu_a may be off by up to"),
+        "{warnings}"
+    );
+    assert_eq!(cell(table, "polyp", "mu_a", "n_unknown"), cell(table, "polyp", "mu_a", "n"));
+    assert_eq!(cell(table, "tissue", "mu_a", "n_unknown"), 0.0);
+    let row = 4;
+    assert_eq!(table.maybe_f64s("mean_se").unwrap()[row], None, "no error of the polyp's mu_a is known");
+    assert!(table.maybe_f64s("mean").unwrap()[row].is_some(), "the values stay in the mean");
+    let (out, host) = masked(MaskReason::TooSteep);
+    assert_eq!(cell(&out.metrics.0, "tissue", "mu_a", "n_left_out"), 0.0);
+    assert_eq!(cell(&out.metrics.0, "tissue", "mu_a", "possible_shift"), 0.0);
     assert!(host.warnings.lock().unwrap().is_empty());
 }

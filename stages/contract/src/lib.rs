@@ -7,6 +7,7 @@ pub mod artifact;
 pub mod canonical;
 pub mod ctx;
 pub mod error;
+pub mod masked;
 pub mod payload;
 pub mod pilot;
 pub mod planes;

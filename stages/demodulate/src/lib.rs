@@ -11,6 +11,7 @@
 //! Theory and measured figures: `docs/theory/demodulate.md`.
 
 pub mod diagnostics;
+mod doubts;
 mod errors;
 pub mod fourier;
 pub mod fused;
@@ -19,6 +20,7 @@ pub mod local_fit;
 pub mod noise;
 mod pass;
 pub mod phase_shift;
+mod robust;
 mod set;
 mod signal;
 pub mod single_shot;
@@ -26,6 +28,7 @@ mod snapshot;
 pub mod speckle;
 mod speckled;
 mod stage;
+mod unknown;
 pub mod unknown_steps;
 
 pub use stage::{Demodulate, Filter, In, Method, NoiseBias, Out, Params, Steps};

@@ -13,9 +13,10 @@ use crate::errors::{Elements, Phasors, Toward};
 use crate::fused::{Planes, amplitudes, phases};
 use crate::level::named;
 use crate::noise::Block;
-use crate::set::{Channel, Noise};
+use crate::set::{Channel, Fringe, Noise};
 use crate::signal::{Noisy, weak_in_row};
 use crate::stage::{NoiseBias, Params};
+use crate::unknown;
 
 type Described = (LayerInfo, Array2<f32>);
 
@@ -26,11 +27,12 @@ pub struct Group {
     errors: Vec<Described>,
     covariances: Vec<Described>,
     masks: Vec<Described>,
+    unknown: Vec<Described>,
 }
 
 impl Group {
     pub fn into_iter_ordered(self) -> impl Iterator<Item = Described> {
-        self.values.into_iter().chain(self.errors).chain(self.covariances).chain(self.masks)
+        self.values.into_iter().chain(self.errors).chain(self.covariances).chain(self.masks).chain(self.unknown)
     }
 }
 
@@ -58,6 +60,9 @@ pub struct Pass<'a> {
     blocks: Option<Vec<Block<'a>>>,
     /// Pairs of the quantities m_dc (2 k) and m_ac (2 k + 1) of fringe k whose covariance is stored.
     pairs: Vec<[usize; 2]>,
+    /// Of each fringe the pixels of whose frames some do not know their standard error; and whether the frames know that of their mean.
+    unknown: Vec<Option<Vec<bool>>>,
+    mean_known: Vec<bool>,
     /// Reasons that the frames bring along.
     carried: Option<Cow<'a, [f32]>>,
     low_signal: f64,
@@ -84,11 +89,15 @@ impl<'a> Pass<'a> {
         let quantities: Vec<usize> = (0..2 * count).filter(stored).collect();
         let pairs = upper(quantities.len()).filter(|(i, j)| i < j).map(|(i, j)| [quantities[i], quantities[j]]);
         let frames = channel.fringes.iter().map(|f| f.frames.iter().map(|&i| stack.layers[i].pixels()).collect());
+        let infos = |f: &Fringe| f.frames.iter().map(|&i| &stack.layers[i].info).collect::<Vec<_>>();
+        let unknown = |f: &Fringe| if noise.is_some() { unknown::of_layers(stack, infos(f)) } else { None };
         Self {
             channel,
             frames: frames.collect(),
             pairs: if noise.is_some() { pairs.collect() } else { Vec::new() },
             blocks,
+            unknown: channel.fringes.iter().map(unknown).collect(),
+            mean_known: channel.fringes.iter().map(|f| infos(f).iter().all(|i| i.mean_se.is_some())).collect(),
             carried: stack.mask(channel.wavelength_nm).map(|mask| mask.pixels()),
             low_signal: params.low_signal,
             saturation: params.saturation.map_or(f32::INFINITY, |level| level as f32),
@@ -263,6 +272,9 @@ impl<'a> Pass<'a> {
         let flags = &mut flags[..n];
         self.flags(planes, flags);
         self.frame_flags(chunk.clone(), flags);
+        if flags.iter().any(|flags| flags & LOW != 0) {
+            self.judge_low(planes, flags);
+        }
         for (mask, &flags) in mask.iter_mut().zip(flags.iter()) {
             *mask = reason(flags).code();
         }
@@ -272,6 +284,8 @@ impl<'a> Pass<'a> {
         }
         let good = mask.iter().filter(|&&m| m == 0.0).count();
         tally.good += good as u64;
+        let uncertain = mask.iter().zip(flags.iter()).filter(|&(mask, flags)| *mask == 0.0 && flags & UNCERTAIN != 0);
+        tally.uncertain += uncertain.count() as u64;
         if good < n {
             for (i, _) in mask.iter().enumerate().filter(|(_, m)| **m != 0.0) {
                 planes.iter_mut().for_each(|p| p[i] = 0.0);
@@ -332,6 +346,7 @@ impl<'a> Pass<'a> {
     fn flags(&self, planes: &[&mut [f32]], flags: &mut [u32]) {
         let n = flags.len();
         let count = self.quantity_count();
+        let low = if self.neighbours_judge() { LOW } else { WEAK };
         for k in 0..self.channel.fringes.len() {
             let (m_dc, m_ac) = (&planes[2 * k][..n], &planes[2 * k + 1][..n]);
             dispatch!(self.level, simd => simd.vectorize(#[inline(always)] || {
@@ -342,7 +357,7 @@ impl<'a> Pass<'a> {
                     let finite = (m_dc[i] + m_ac[i]).is_finite();
                     let lit = m_dc[i] != 0.0;
                     flags[i] |=
-                        (u32::from(!finite) * NOT_FINITE) | (u32::from(lit) * LIT) | (u32::from(weak) * WEAK);
+                        (u32::from(!finite) * NOT_FINITE) | (u32::from(lit) * LIT) | (u32::from(weak) * low);
                 }
             }));
             if self.blocks.is_some() {
@@ -354,6 +369,33 @@ impl<'a> Pass<'a> {
         for plane in planes.iter().skip(count) {
             for (flags, value) in flags.iter_mut().zip(plane.iter()) {
                 *flags |= u32::from(!value.is_finite()) * NOT_FINITE;
+            }
+        }
+    }
+
+    /// Whether neighbours tell a weak signal from noise: where it is known, and a limit is given.
+    fn neighbours_judge(&self) -> bool {
+        self.blocks.is_some() && self.low_signal > 0.0
+    }
+
+    /// Tells the pixels that noise may have brought to 0 or below from those that have no signal. The first keep their values, for a mean without them
+    /// would be too high; whether there is a signal at all is what their neighbours show.
+    fn judge_low(&self, planes: &[&mut [f32]], flags: &mut [u32]) {
+        let count = self.quantity_count();
+        for (i, flags) in flags.iter_mut().enumerate().filter(|(_, flags)| **flags & LOW != 0) {
+            for k in 0..self.channel.fringes.len() {
+                let [m_dc, m_ac, dc_se, ac_se] =
+                    [2 * k, 2 * k + 1, count + 2 * k, count + 2 * k + 1].map(|plane| planes[plane][i]);
+                let rounding = f32::EPSILON * m_dc.abs();
+                let mean_is_noisy = m_dc > 0.0 || -m_dc < WITHIN_NOISE * dc_se;
+                // M_AC is below 0 only where more was taken off for noise than there was.
+                let fringe_is_noisy = m_ac > rounding || (m_ac < -rounding && ac_se > 0.0);
+                let low = m_dc <= 0.0 || m_ac <= rounding;
+                *flags |= match (low, mean_is_noisy && fringe_is_noisy) {
+                    (false, _) => 0,
+                    (true, true) => UNCERTAIN,
+                    (true, false) => WEAK,
+                };
             }
         }
     }
@@ -392,9 +434,32 @@ impl<'a> Pass<'a> {
             .filter(|&k| self.wants_phase && fringes[k].f_x_per_mm > 0.0)
             .map(|k| info("phase", "rad", k))
             .collect();
+        let uncertain = self.uncertain(&planes, tally);
+        let flags: Vec<Option<Vec<bool>>> =
+            self.unknown.iter().map(|of_frames| either(of_frames.as_deref(), uncertain.as_deref())).collect();
+        let flagged = |info: &LayerInfo, k: usize, mask: &Array2<f32>| {
+            flags[k].as_ref().filter(|_| known).and_then(|flags| unknown::layer(info, flags, mask))
+        };
+        // The direction of a phasor that noise has turned over is nobody's phase.
+        let turned = |i: usize| uncertain.as_ref().is_some_and(|flags| flags[i]);
+        let last = planes.last().expect("the mask is the last plane");
+        values.unknown.extend(infos.iter().enumerate().filter_map(|(q, info)| flagged(info, q / 2, last)));
+        if self.wants_phase {
+            let mut data = last.clone();
+            if uncertain.is_some() {
+                let weak = data.iter_mut().enumerate().filter(|(i, _)| turned(*i));
+                weak.for_each(|(_, mask)| *mask = MaskReason::LowSignal.code());
+            }
+            let fringed = (0..fringes.len()).filter(|&k| fringes[k].f_x_per_mm > 0.0);
+            let own = phase_infos.iter().zip(fringed).filter_map(|(info, k)| flagged(info, k, &data));
+            phases.unknown.extend(own);
+            phases.masks.push((mask_info(*wavelength_nm), data));
+        }
         let mut planes = planes.into_iter();
         let mut next = || planes.next().expect("as many planes as plane_count says");
         for (q, info) in infos.iter_mut().enumerate() {
+            // What frames do not know of a pixel they may still know of their mean.
+            let known = known && (self.unknown[q / 2].is_none() || self.mean_known[q / 2]);
             info.mean_se = if known { mean_se(tally.variances[q], tally.good, sharing) } else { None };
             values.values.push((info.clone(), next()));
         }
@@ -407,19 +472,48 @@ impl<'a> Pass<'a> {
             info.wavelength_nm = *wavelength_nm;
             values.covariances.push((info, next()));
         }
-        phase_infos.iter().for_each(|info| phases.values.push((info.clone(), next())));
+        let phase_plane = |mut plane: Array2<f32>| {
+            if uncertain.is_some() {
+                plane.iter_mut().enumerate().filter(|(i, _)| turned(*i)).for_each(|(_, value)| *value = 0.0);
+            }
+            plane
+        };
+        phase_infos.iter().for_each(|info| phases.values.push((info.clone(), phase_plane(next()))));
         if known {
-            phase_infos.iter().for_each(|info| phases.errors.push((info.standard_error(), next())));
+            phase_infos.iter().for_each(|info| phases.errors.push((info.standard_error(), phase_plane(next()))));
         }
-        let mut mask = LayerInfo::new("mask", LayerKind::Mask, "1");
-        mask.wavelength_nm = *wavelength_nm;
-        let data = next();
-        if self.wants_phase {
-            phases.masks.push((mask.clone(), data.clone()));
+        values.masks.push((mask_info(*wavelength_nm), next()));
+    }
+
+    /// The good pixels of which noise has left no signal, but whose neighbours have one; `None` where there are none.
+    fn uncertain(&self, planes: &[Array2<f32>], tally: &Tally) -> Option<Vec<bool>> {
+        if tally.uncertain == 0 {
+            return None;
         }
-        values.masks.push((mask, data));
+        let mask = planes.last().expect("the mask is the last plane");
+        let mut flags = vec![false; mask.len()];
+        for plane in &planes[..self.quantity_count()] {
+            let pixels = flags.iter_mut().zip(plane.iter().zip(mask));
+            pixels.for_each(|(flag, (&value, &mask))| *flag |= mask == 0.0 && value <= 0.0);
+        }
+        flags.contains(&true).then_some(flags)
     }
 }
+
+fn mask_info(wavelength_nm: Option<f64>) -> LayerInfo {
+    LayerInfo { wavelength_nm, ..LayerInfo::new("mask", LayerKind::Mask, "1") }
+}
+
+/// Where either is set; `None` where neither is there.
+fn either(a: Option<&[bool]>, b: Option<&[bool]>) -> Option<Vec<bool>> {
+    match (a, b) {
+        (Some(a), Some(b)) => Some(a.iter().zip(b).map(|(a, b)| *a || *b).collect()),
+        (one, other) => one.or(other).map(<[bool]>::to_vec),
+    }
+}
+
+/// Standard errors below 0 that noise may take a mean which is not: a normal one is there once in 3.5 million pixels.
+const WITHIN_NOISE: f32 = 5.0;
 
 /// Where no bias is known: no bias is below 0.
 const UNKNOWN: f64 = -1.0;
@@ -429,6 +523,10 @@ const NOT_FINITE: u32 = 1;
 const LIT: u32 = 2;
 const WEAK: u32 = 4;
 const SATURATED: u32 = 8;
+/// Not above 0, for whatever reason.
+const LOW: u32 = 16;
+/// Not above 0, which may be for its noise.
+const UNCERTAIN: u32 = 32;
 
 fn reason(flags: u32) -> MaskReason {
     if flags & NOT_FINITE != 0 {
@@ -453,6 +551,8 @@ fn upper(n: usize) -> impl Iterator<Item = (usize, usize)> {
 pub struct Tally {
     good: u64,
     pixels: u64,
+    /// Good pixels with a value that is not above 0.
+    uncertain: u64,
     /// Of each quantity, over good pixels.
     variances: Vec<f64>,
     /// Of each fringe: Rician bias, and M_AC that it belongs to.
@@ -463,12 +563,13 @@ pub struct Tally {
 impl Tally {
     pub fn new(channel: &Channel) -> Self {
         let n = channel.fringes.len();
-        Self { good: 0, pixels: 0, variances: vec![0.0; 2 * n], rician: vec![0.0; n], m_ac: vec![0.0; n] }
+        Self { good: 0, pixels: 0, uncertain: 0, variances: vec![0.0; 2 * n], rician: vec![0.0; n], m_ac: vec![0.0; n] }
     }
 
     pub fn add(&mut self, tile: &Self) {
         self.good += tile.good;
         self.pixels += tile.pixels;
+        self.uncertain += tile.uncertain;
         let pairs =
             [(&mut self.variances, &tile.variances), (&mut self.rician, &tile.rician), (&mut self.m_ac, &tile.m_ac)];
         for (sum, part) in pairs {
@@ -482,15 +583,15 @@ impl Tally {
         self.variances.iter_mut().zip(&dropped.variances).for_each(|(sum, part)| *sum -= part);
     }
 
-    /// Measures the Rician bias of the mean M_AC at the highest f_x, and warns where nothing is left.
-    pub fn report(&self, channel: &Channel, known: bool, ctx: Ctx<'_>) {
+    /// Measures the Rician bias of the mean M_AC at the highest f_x and the shares that `mask` leaves out, and warns where nothing is left.
+    pub fn report(&self, channel: &Channel, known: bool, mask: &Array2<f32>, ctx: Ctx<'_>) {
         let last = channel.fringes.len() - 1;
         if known && self.m_ac[last] > 0.0 {
             ctx.measure("rician_bias", 100.0 * self.rician[last] / self.m_ac[last], "%");
         }
-        ctx.measure("masked", 100.0 * (self.pixels - self.good) as f64 / self.pixels as f64, "%");
+        let reasons = ctx.measure_masked(mask.iter().copied());
         if self.good == 0 {
-            ctx.warn("all pixels are masked: no fringe rises above the noise");
+            ctx.warn(format!("all pixels are masked: {reasons}"));
         }
     }
 }

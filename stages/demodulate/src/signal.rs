@@ -6,14 +6,17 @@
 
 use fearless_simd::{Level, Simd, dispatch};
 
+use crate::robust::weak_by_medians;
+
 /// Neighbours on each side of a pixel.
-const REACH: usize = 2;
+pub const REACH: usize = 2;
 
 /// A quantity and its standard error, row by row; both 0 at masked pixels.
 pub type Noisy<'a> = [&'a [f32]; 2];
 
 /// Whether the good pixels among the 24 neighbours of each pixel of `row` have a mean of some quantity that is not above
-/// `limit` times the root mean square of its standard errors; a pixel without good neighbours is judged by itself.
+/// `limit` times the root mean square of its standard errors, nor above it by medians, which a bright neighbour does not move; a
+/// pixel without good neighbours is judged by itself.
 pub fn weak_in_row(
     level: Level,
     quantities: &[Noisy<'_>],
@@ -41,6 +44,10 @@ pub fn weak_in_row(
             }
         }
     }));
+    for (column, weak) in weak.iter_mut().enumerate().filter(|(_, weak)| **weak) {
+        let pixel = row * columns + column;
+        *weak = quantities.iter().any(|quantity| weak_by_medians(quantity, mask, columns, pixel, limit));
+    }
     weak
 }
 
@@ -98,7 +105,12 @@ mod tests {
         let own = 3 * columns + 3;
         value[own] = -50.0;
         assert!(!weak(&value, &se, &mask, columns)[own], "what noise did to the pixel does not matter");
-        assert!(weak(&value, &se, &mask, columns)[own + 2] && !weak(&value, &se, &mask, columns)[own + 3]);
+        assert!(weak(&value, &se, &mask, columns).iter().all(|weak| !weak), "nor does it to its neighbours");
+        let dark: Vec<usize> = (0..n).filter(|i| i % columns >= 3).collect();
+        dark.iter().for_each(|&i| value[i] = 0.5);
+        let found = weak(&value, &se, &mask, columns);
+        assert!(!found[2 * columns] && found[2 * columns + 6], "what most neighbours show counts");
+        dark.iter().for_each(|&i| value[i] = 4.0);
         (value[own], se[own], mask[own]) = (0.0, 0.0, 1.0);
         assert!(weak(&value, &se, &mask, columns).iter().all(|weak| !weak), "a masked pixel has no say");
     }

@@ -12,6 +12,7 @@ use crate::fourier::product;
 use crate::local_fit::{LocalFit, Weights};
 use crate::single_shot::{Filter as FilterKind, noise_gain, part};
 use crate::stage::{Filter, Params};
+use crate::unknown;
 
 /// Width of the window, four standard deviations, where none is given: wide enough to tell mean and fringe apart at the ends of lines, too.
 const WINDOW_PERIODS: f64 = 1.4;
@@ -43,18 +44,44 @@ pub fn run(
     let mut phases = ImageStack::new(stack.rows(), stack.columns());
     phases.attributes = stack.attributes.clone();
     let mut seen: Vec<Option<f64>> = Vec::new();
+    let mut reaches: Vec<(&LayerInfo, [usize; 2])> = Vec::new();
     for shot in shots {
         let pixel = pixel_size(params, scene)?;
         let carrier = carrier(pixel, &shot.info, stack)?;
         let first = !seen.contains(&shot.info.wavelength_nm);
         seen.push(shot.info.wavelength_nm);
+        reaches.push((&shot.info, reach(params, carrier, pixel)));
         let phase = one(params, shot, stack, (carrier, pixel), first, &mut modulation)?;
         phases.layers.extend(phase);
         ctx.checked()?;
     }
     order(&mut modulation);
     order(&mut phases);
+    // M_DC at f_x = 0 is that of the first shot.
+    let flags = |info: &LayerInfo| {
+        let own = |shot: &LayerInfo| {
+            shot.wavelength_nm == info.wavelength_nm && (info.f_x_per_mm == Some(0.0) || same_fringe(shot, info))
+        };
+        let (shot, reach) = reaches.iter().find(|(shot, _)| own(shot))?;
+        Some(unknown::of_windows(&unknown::of_layers(stack, [*shot])?, stack.columns(), *reach))
+    };
+    unknown::pass_on(&mut modulation, flags);
+    unknown::pass_on(&mut phases, flags);
+    if let Some(mask) = modulation.layers.iter().find(|l| l.info.is_pixel_mask()) {
+        ctx.measure_masked(mask.data.iter().copied());
+    }
     Ok((modulation, ctx.wants("phase").then_some(phases)))
+}
+
+/// Pixels to each side along rows and columns that a pixel is made of: half a window of four standard deviations, or two of 0.64 periods of a filter.
+fn reach(params: &Params, carrier: Carrier, pixel: [f64; 2]) -> [usize; 2] {
+    let (cycles, pixel) = (carrier.cycles.abs(), if carrier.along_rows { pixel[0] } else { pixel[1] });
+    let pixels = match params.filter {
+        Filter::LeastSquares => params.window.map_or(WINDOW_PERIODS / cycles, |w| w.0 / pixel) / 2.0,
+        Filter::Gaussian | Filter::Rectangle => 2.0 * 0.64 / cycles,
+    };
+    let pixels = libm::ceil(pixels) as usize;
+    if carrier.along_rows { [pixels, 0] } else { [0, pixels] }
 }
 
 fn same_fringe(a: &LayerInfo, b: &LayerInfo) -> bool {

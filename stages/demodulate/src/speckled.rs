@@ -8,6 +8,7 @@ use turbid_contract::{Ctx, Error, ImageStack, Layer, LayerInfo, LayerKind};
 use crate::snapshot::{order, pixel_size};
 use crate::speckle::{Shot, Windows, band};
 use crate::stage::Params;
+use crate::unknown;
 
 /// Modulation of every wavelength.
 pub fn run(params: &Params, frames: &Frames, scene: Option<&Scene>, ctx: Ctx<'_>) -> Result<ImageStack, Error> {
@@ -36,6 +37,11 @@ pub fn run(params: &Params, frames: &Frames, scene: Option<&Scene>, ctx: Ctx<'_>
         return Err(Error::failed("the frames hold no layer with values"));
     }
     order(&mut modulation);
+    let half = |mm: f64| libm::ceil(0.5 * params.window.map_or(0.0, |w| w.0) / mm) as usize;
+    unknown::pass_on(&mut modulation, |info| {
+        let frames = values().map(|l| &l.info).filter(|frame| frame.wavelength_nm == info.wavelength_nm);
+        Some(unknown::of_windows(&unknown::of_layers(stack, frames)?, stack.columns(), pixel.map(half)))
+    });
     Ok(modulation)
 }
 
@@ -121,8 +127,10 @@ fn one(
     }
     let mut info = LayerInfo::new("mask", LayerKind::Mask, "1");
     info.wavelength_nm = layers[0].info.wavelength_nm;
-    let masked = mask.len() as u64 - count;
-    ctx.measure("masked", 100.0 * masked as f64 / mask.len() as f64, "%");
+    let reasons = ctx.measure_masked(mask.iter().copied());
+    if count == 0 {
+        ctx.warn(format!("all pixels are masked: {reasons}"));
+    }
     out.push(info, Array2::from_shape_vec((rows, columns), mask).expect("one number per pixel"));
     Ok(())
 }

@@ -225,7 +225,7 @@ impl Stage for Demodulate {
             if params.steps == Steps::Estimated {
                 channel.estimate_steps(frames, ctx)?;
             }
-            channel.diagnose(frames, ctx);
+            channel.diagnose(frames, params.steps == Steps::Given, ctx);
             let noise = Noise::of_channel(&channel, &inputs.frames, inputs.covariance.as_ref())?;
             let pass = Pass::new(&channel, noise.as_ref(), frames, params, wants_phase, ctx.simd());
             let mut planes = vec![Array2::zeros((frames.rows(), frames.columns())); pass.plane_count()];
@@ -233,7 +233,7 @@ impl Stage for Demodulate {
             let mut tally = Tally::new(&channel);
             tiles.iter().for_each(|tile| tally.add(tile));
             tally.less(&pass.drop_weak(&mut planes, ctx)?);
-            tally.report(&channel, noise.is_some(), ctx);
+            tally.report(&channel, noise.is_some(), &planes[planes.len() - 1], ctx);
             pass.describe(planes, &tally, sharing, &mut values, &mut phases);
         }
         let stack = |group: Group| {

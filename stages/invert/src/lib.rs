@@ -29,6 +29,8 @@ mod seeds;
 mod single;
 mod stage;
 mod surface;
+mod uncertain;
+mod unknown;
 
 pub use profile::Profile;
 pub use stage::{In, Invert, Method, NoiseBias, Out, Outside, Params};

@@ -2,11 +2,13 @@
 
 use std::ops::Range;
 
+use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::MaskReason;
 use turbid_optics::elementary::exp;
 
 use crate::profile::Shake;
 use crate::single;
+use crate::uncertain::Kept;
 
 /// Which planes a pass fills.
 #[derive(Clone, Copy, Debug)]
@@ -149,6 +151,28 @@ impl Pass {
         tally.good += 1;
         tally.sums.add(o, [own[0], own[1], common[0].sqrt(), common[1].sqrt(), excess, mu[0]]);
         Ok(())
+    }
+
+    /// Writes down pixels that were read along the tangent, in place of what they were by themselves.
+    pub fn write_kept(&self, kept: &[Kept], planes: &mut [Array2<f32>], tally: &mut Tally) {
+        let last = planes.len() - 1;
+        let columns = planes[last].ncols();
+        for Kept { pixel, settled, alone } in kept {
+            let at = (pixel / columns, pixel % columns);
+            let Settled { mu, covariance, .. } = *settled;
+            let se = [covariance[0].sqrt(), covariance[2].sqrt()];
+            mu.into_iter().chain(se).enumerate().for_each(|(plane, value)| planes[plane][at] = value as f32);
+            if self.covariance {
+                (0..3).for_each(|k| planes[4 + k][at] = covariance[k] as f32);
+            }
+            planes[last][at] = MaskReason::Good.code();
+            let sums = |s: &Settled| [s.own[0], s.own[1], s.common[0].sqrt(), s.common[1].sqrt(), 0.0, s.mu[0]];
+            tally.sums.add(*pixel, sums(settled));
+            match alone {
+                Some(alone) => tally.sums.add(*pixel, sums(alone).map(|x| -x)),
+                None => tally.good += 1,
+            }
+        }
     }
 
     /// How many planes hold values and their errors; they come first.

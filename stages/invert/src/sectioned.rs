@@ -91,6 +91,13 @@ impl Solver<'_> {
     }
 }
 
+impl Solver<'_> {
+    /// Whether p is that of a node, and no smooth function of the reflectance.
+    pub fn reads_nodes(&self) -> bool {
+        matches!(self, Self::Pair(inverter) if matches!(inverter.inside, Inside::Nearest(_)))
+    }
+}
+
 /// Which section's solver holds for which pixel.
 pub struct Places {
     shares: Option<Vec<Option<Shares>>>,

@@ -21,6 +21,8 @@ use crate::lut::{agree, same_f_x, sections};
 use crate::pass::{Pass, Tally};
 use crate::profile::{self, Correction, Profile};
 use crate::sectioned::{Places, Solver, prepare};
+use crate::uncertain::Image;
+use crate::unknown;
 
 /// How a pair of reflectances becomes a pair of properties.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -389,21 +391,53 @@ fn invert(
             Ok(correction.map_or(solved, |correction| correction.stretched(i, solved)))
         })
     })?;
-    let tally = tiles.iter().fold(Tally::default(), Tally::add);
-    let all = (stack.rows() * stack.columns()) as f64;
-    ctx.measure("masked", 100.0 * (1.0 - tally.good as f64 / all), "%");
+    let mut tally = tiles.iter().fold(Tally::default(), Tally::add);
+    let mut flags = unknown::of_layers(stack, &of);
+    let sharing = of.iter().map(|l| stack.sharing(&l.info)).fold(1.0, f64::max);
+    // A node that is near says nothing of slopes, and pixels that hold the nearest one are not lost.
+    if known && !pass.outside && !solvers.iter().any(Solver::reads_nodes) {
+        let image = Image {
+            columns: stack.columns(),
+            r: r.iter().map(AsRef::as_ref).collect(),
+            se: se.iter().map(AsRef::as_ref).collect(),
+            covariance: covariance.iter().map(Option::as_deref).collect(),
+            before: mask.as_deref(),
+            after: planes[planes.len() - 1].as_slice().expect("planes are row-major"),
+            found: [0, 1, 2, 3].map(|k| planes[k].as_slice().expect("planes are row-major")),
+            sharing,
+            corrects: pass.corrects,
+        };
+        let kept = image.keep(
+            &|i, r, noise| {
+                let solved = places.solve(i, |k| solvers[k].solve(r, Some(noise)))?;
+                Ok(correction.map_or(solved, |correction| correction.stretched(i, solved)))
+            },
+            ctx,
+        )?;
+        pass.write_kept(&kept, &mut planes, &mut tally);
+        let count = stack.rows() * stack.columns();
+        let outside = || kept.iter().filter(|kept| kept.alone.is_none()).map(|kept| kept.pixel);
+        unknown::flag(&mut flags, outside(), count);
+        let percent = |n: usize| 100.0 * n as f64 / count as f64;
+        if !kept.is_empty() {
+            ctx.measure("read_along_tangent", percent(kept.len()), "%");
+            ctx.measure("kept_outside_table", percent(outside().count()), "%");
+        }
+    }
+    let reasons = ctx.measure_masked(planes[planes.len() - 1].iter().copied());
     let sums = &tally.sums;
     if sums.mu_a() > 0.0 {
         ctx.measure("noise_bias_mu_a", 100.0 * sums.noise_bias() / sums.mu_a(), "%");
     }
     if tally.good == 0 {
-        ctx.warn("all pixels are masked");
+        ctx.warn(format!("all pixels are masked: {reasons}"));
     }
     if tally.outside > 0 {
         ctx.warn(format!("{} pixels lie outside the table and hold the nearest node", tally.outside));
     }
 
-    let sharing = of.iter().map(|l| stack.sharing(&l.info)).fold(1.0, f64::max);
+    let mean_known = of.iter().all(|l| stack.se_unknown(&l.info).is_none() || l.info.mean_se.is_some());
+    let flags = unknown::plane(flags, &planes[planes.len() - 1]);
     let infos = ["mu_a", "mu_s_prime"].map(|name| {
         let mut info = LayerInfo::value(name, "mm^-1");
         info.wavelength_nm = wavelength_nm;
@@ -413,7 +447,7 @@ fn invert(
     let mut next = || planes.next().expect("as many planes as plane_count says");
     for (k, info) in infos.iter().enumerate() {
         let mut info = info.clone();
-        let own = if known { mean_se(sums.variances()[k], tally.good, sharing) } else { None };
+        let own = if known && mean_known { mean_se(sums.variances()[k], tally.good, sharing) } else { None };
         info.mean_se = own.map(|own| libm::hypot(own, sums.common()[k] / tally.good as f64));
         maps.values.push((info, next()));
     }
@@ -437,6 +471,9 @@ fn invert(
         covariances.others.push((info.clone(), mask.clone()));
     }
     maps.others.push((info, mask));
+    if let Some(flags) = flags.filter(|_| known) {
+        infos.iter().for_each(|info| maps.others.push((info.se_unknown(), flags.clone())));
+    }
     Ok(())
 }
 

@@ -128,6 +128,8 @@ pub struct Difference {
     pub delta: Vec<f64>,
     /// Standard errors, rad, where known.
     pub se: Option<Vec<f64>>,
+    /// Where `se` is a lower bound of an error that is not known; `None` where it is known everywhere.
+    pub se_unknown: Option<Vec<bool>>,
 }
 
 /// Sample minus reference; the reference's phase is measured (`reference`) or 2 pi f_x u.
@@ -141,13 +143,18 @@ pub fn difference(
     let f_x = layer.info.f_x_per_mm.expect("chosen by f_x");
     let phase = layer.pixels();
     let own = sample.standard_error(&layer.info).map(Layer::pixels);
+    let mut flagged = vec![sample.se_unknown(&layer.info)];
     let (base, base_se) = match reference {
         Some(stack) => {
             let layer = same(stack, &layer.info)?;
+            flagged.push(stack.se_unknown(&layer.info));
             (Some(layer.pixels()), stack.standard_error(&layer.info).map(Layer::pixels))
         }
         None => (None, None),
     };
+    let flagged: Vec<_> = flagged.into_iter().flatten().map(Layer::pixels).collect();
+    let se_unknown =
+        (!flagged.is_empty()).then(|| (0..phase.len()).map(|i| flagged.iter().any(|f| f[i] != 0.0)).collect());
     let of = |i: usize| {
         if mask[i] != MaskReason::Good {
             return 0.0;
@@ -163,7 +170,7 @@ pub fn difference(
         let square = |se: f32| f64::from(se) * f64::from(se);
         (0..own.len()).map(|i| (square(own[i]) + base_se.as_ref().map_or(0.0, |b| square(b[i]))).sqrt()).collect()
     });
-    Ok(Difference { delta: (0..phase.len()).map(of).collect(), se })
+    Ok(Difference { delta: (0..phase.len()).map(of).collect(), se, se_unknown })
 }
 
 /// Turns without whole ones.

@@ -425,7 +425,13 @@ fn planes(rig: &Rig, heights: &[Height], found: &Difference, mask: &mut [MaskRea
     let mut stack = ImageStack::new(rig.rows, rig.columns);
     let image = |data: Vec<f32>| Array2::from_shape_vec((rig.rows, rig.columns), data).expect("one value per pixel");
     let mut info = LayerInfo::value("height", "mm");
-    if found.se.is_some() {
+    let unknown = |i: usize| {
+        let flagged = found.se.is_some() && found.se_unknown.as_ref().is_some_and(|flags| flags[i]);
+        f32::from(u8::from(flagged && mask[i] == MaskReason::Good))
+    };
+    let unknown: Vec<f32> = (0..heights.len()).map(unknown).collect();
+    let any_unknown = unknown.contains(&1.0);
+    if found.se.is_some() && !any_unknown {
         info.mean_se = mean_se(variances, good, 1.0);
     }
     stack.push(info.clone(), image(z));
@@ -433,9 +439,12 @@ fn planes(rig: &Rig, heights: &[Height], found: &Difference, mask: &mut [MaskRea
         stack.push(info.standard_error(), image(se));
     }
     stack.push(mask_layer(), image(mask.iter().map(|m| m.code()).collect()));
-    ctx.measure("masked", 100.0 * (heights.len() as u64 - good) as f64 / heights.len() as f64, "%");
+    if any_unknown {
+        stack.push(info.se_unknown(), image(unknown));
+    }
+    let reasons = ctx.measure_masked(mask.iter().map(|m| m.code()));
     if good == 0 {
-        ctx.warn("no pixel has a height");
+        ctx.warn(format!("no pixel has a height: {reasons}"));
     }
     stack
 }

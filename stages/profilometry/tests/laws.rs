@@ -345,3 +345,29 @@ fn what_gives_no_height_is_named() {
     Profilometry::check(&Params::default(), &known, &mut problems);
     assert!(problems.into_parts().0[0].to_string().contains("no projector"));
 }
+
+/// A phase that does not know its standard error gives a height that does not know its own, of the sample as of the reference; the value stays.
+#[test]
+fn unknown_errors_are_passed_on() {
+    let scene = scene([35.0, 0.0, 500.0], [0.0; 3], false);
+    let rig = Rig::new(&scene, 0.0).unwrap();
+    let flat = hits(&rig, &SURFACES[0].1);
+    let phase = |flagged: Option<(usize, usize)>, seed: u64| {
+        let mut phase = phase_of(&rig, &flat, &[0.1], 0.0, 0.01, seed);
+        if let Some(at) = flagged {
+            let mut flags = Array2::zeros((rig.rows, rig.columns));
+            flags[at] = 1.0;
+            let info = phase.0.layers[0].info.se_unknown();
+            phase.0.push(info, flags);
+        }
+        phase
+    };
+    let params = Params { unwrap: Unwrap::None, ..Params::default() };
+    let plain = run(&params, &scene, phase(None, 1), Some(phase(None, 2))).unwrap().0.height.0;
+    assert!(plain.find("height_se_unknown", None).is_none() && plain.layers[0].info.mean_se.is_some());
+    let (sample, reference) = (phase(Some((3, 4)), 1), phase(Some((5, 6)), 2));
+    let found = run(&params, &scene, sample, Some(reference)).unwrap().0.height.0;
+    let flags = found.se_unknown(&found.layers[0].info).expect("two pixels are flagged");
+    assert!(flags.data[(3, 4)] == 1.0 && flags.data[(5, 6)] == 1.0 && flags.data.sum() == 2.0);
+    assert_eq!((layer(&found, "height"), found.layers[0].info.mean_se), (layer(&plain, "height"), None));
+}

@@ -43,7 +43,7 @@ impl Method {
 #[serde(deny_unknown_fields, default)]
 pub struct Params {
     pub method: Method,
-    /// Sections; 5 if left out, but for `intensity_steps` with a threshold, which then says how many.
+    /// Sections; if left out 5, or as many as the pixels suffice for (with a warning), but for `intensity_steps` with a threshold, which then says how many.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub count: Option<u32>,
     /// intensity_steps: how many grey levels sections differ by at least; 255 is the 99.9th percentile of M_DC. 10 if left out.
@@ -162,25 +162,54 @@ impl Stage for SectionTube {
             return Err(Error::failed("no pixel of the wall has a good modulation"));
         }
         let profile = Profile::of(&good, length);
-        let bounds = bounds(params, &profile, light.white())?;
-        let bounds_mm: Vec<f64> = bounds.iter().map(|&k| k as f64 * profile.ring_mm).collect();
-        let list = list(&profile, &bounds, &bounds_mm);
-        let least = u64::from(params.least_pixels.max(1));
-        if let Some((k, section)) = list.iter().enumerate().find(|(_, s)| s.pixels < least) {
-            return Err(Error::failed_with_hint(
-                format!(
-                    "section {k} of {}, from {:.1} to {:.1} mm along the wall, has {} pixels with a good modulation; {least} are wanted",
-                    list.len(),
-                    section.from_mm,
-                    section.to_mm,
-                    section.pixels
-                ),
-                "ask for fewer sections, give the camera more pixels, or lower `least_pixels`",
-            ));
-        }
+        let (bounds_mm, list) = cut(params, &profile, light.white(), ctx)?;
         ctx.measure("sections", list.len() as f64, "1");
-        Ok(Out { sections: sections(params, &light, &arc, &bounds_mm, &list) })
+        let sections = sections(params, &light, &arc, &bounds_mm, &list);
+        ctx.measure_masked(sections.0.mask(None).into_iter().flat_map(|mask| mask.data.iter().copied()));
+        Ok(Out { sections })
     }
+}
+
+/// Bounds in mm and the list of sections. Where nobody says how many there are to be, as many up to five as the image has pixels and the light
+/// has steps for, with a warning if these are fewer.
+fn cut(params: &Params, profile: &Profile, white: f64, ctx: Ctx<'_>) -> Result<(Vec<f64>, Vec<Section>), Error> {
+    let first = attempt(params, profile, white);
+    if params.count.is_some() || params.threshold.is_some() {
+        return first;
+    }
+    let Err(why @ Error::Failed { .. }) = first else { return first };
+    for count in (1..PAPER.0).rev() {
+        if let Ok(found) = attempt(&Params { count: Some(count), ..params.clone() }, profile, white) {
+            let what = match &why {
+                Error::Failed { what, .. } => what.as_str(),
+                _ => "",
+            };
+            ctx.warn(format!("{count} sections in place of {}: {what}", PAPER.0));
+            return Ok(found);
+        }
+    }
+    Err(why)
+}
+
+/// The cut that `params` ask for.
+fn attempt(params: &Params, profile: &Profile, white: f64) -> Result<(Vec<f64>, Vec<Section>), Error> {
+    let bounds = bounds(params, profile, white)?;
+    let bounds_mm: Vec<f64> = bounds.iter().map(|&k| k as f64 * profile.ring_mm).collect();
+    let list = list(profile, &bounds, &bounds_mm);
+    let least = u64::from(params.least_pixels.max(1));
+    if let Some((k, section)) = list.iter().enumerate().find(|(_, s)| s.pixels < least) {
+        return Err(Error::failed_with_hint(
+            format!(
+                "section {k} of {}, from {:.1} to {:.1} mm along the wall, has {} pixels with a good modulation; {least} are wanted",
+                list.len(),
+                section.from_mm,
+                section.to_mm,
+                section.pixels
+            ),
+            "ask for fewer sections, give the camera more pixels, or lower `least_pixels`",
+        ));
+    }
+    Ok((bounds_mm, list))
 }
 
 /// M_DC of the lowest f_x and M_AC of the highest, of the first wavelength.

@@ -11,26 +11,30 @@ const N: usize = 200;
 const LENGTH: f64 = 250.0;
 
 /// A tube of 20 mm seen from its axis, 110 mm over its mouth at z = 5 mm, with a rim around: light falls like 1 / D^3.
-fn tube() -> (ImageStack, ImageStack) {
+fn tube_of(n: usize) -> (ImageStack, ImageStack) {
     let depth = |row: usize, column: usize| {
-        let at = |k: usize| (k as f64 + 0.5 - 0.5 * N as f64) * 26.0 / N as f64;
+        let at = |k: usize| (k as f64 + 0.5 - 0.5 * n as f64) * 26.0 / n as f64;
         10.0 * 110.0 / at(row).hypot(at(column)) - 110.0
     };
-    let image = |value: &dyn Fn(f64) -> f64| Array2::from_shape_fn((N, N), |(r, c)| value(depth(r, c)) as f32);
+    let image = |value: &dyn Fn(f64) -> f64| Array2::from_shape_fn((n, n), |(r, c)| value(depth(r, c)) as f32);
     let wall = |d: f64| (0.0..=LENGTH).contains(&d);
-    let mut truth = ImageStack::new(N, N);
+    let mut truth = ImageStack::new(n, n);
     let hole = |d: f64| d > LENGTH;
     truth.push(LayerInfo::value("height", "mm"), image(&|d| if hole(d) { 0.0 } else { 5.0 - d.max(0.0) }));
     truth.push(LayerInfo::value("normal_z", "1"), image(&|d| if d < 0.0 { 1.0 } else { 0.0 }));
     truth.push(LayerInfo::value("object", "1"), image(&|_| 1.0));
     truth.push(LayerInfo::new("mask", LayerKind::Mask, "1"), image(&|d| f64::from(hole(d))));
     truth.attributes.insert("objects".into(), serde_json::json!(["lamp", "wall"]));
-    let mut modulation = ImageStack::new(N, N);
+    let mut modulation = ImageStack::new(n, n);
     let light = |d: f64| if wall(d) { (100.0 / (100.0 + d)).powi(3) } else { 1.1 };
     for (name, f_x, factor) in [("m_dc", 0.0, 1.0), ("m_ac", 0.0, 1.0), ("m_dc", 0.05, 1.0), ("m_ac", 0.05, 0.3)] {
         modulation.push(LayerInfo::value(name, "W mm^-2 sr^-1").with_f_x(f_x), image(&|d| factor * light(d)));
     }
     (modulation, truth)
+}
+
+fn tube() -> (ImageStack, ImageStack) {
+    tube_of(N)
 }
 
 fn run(params: &Params, (modulation, truth): (ImageStack, ImageStack)) -> Result<Sections, Error> {
@@ -173,4 +177,22 @@ fn mistakes_are_named() {
         ["threshold", "objects"]
     );
     assert_eq!(told(Params::default()), Vec::<String>::new());
+}
+
+/// Small images have no pixels for five sections: as many as they have them for are made, with a word; who asks for five is told that there are none.
+#[test]
+fn small_images_have_fewer_sections() {
+    for n in [24, 28, 32] {
+        let host = MemoryHost::default();
+        let (modulation, truth) = tube_of(n);
+        let inputs = In { modulation: Modulation(modulation), truth: Truth(truth), source: PhantomData };
+        let list = SectionTube::run(&Params::default(), inputs, Ctx::new(&host)).unwrap().sections.list().unwrap();
+        assert!((2..5).contains(&list.len()) && list.iter().all(|s| s.pixels >= 20), "{n}: {list:?}");
+        let warnings = host.warnings.lock().unwrap().clone();
+        let said = format!("{} sections in place of 5: section ", list.len());
+        assert!(warnings.len() == 1 && warnings[0].starts_with(&said), "{n}: {warnings:?}");
+        assert!(host.measures.lock().unwrap()["masked"] > 0.0);
+        let asked = run(&with(Method::IntensitySteps, Some(5)), tube_of(n)).unwrap_err().to_string();
+        assert!(asked.contains("pixels with a good modulation"), "{asked}");
+    }
 }

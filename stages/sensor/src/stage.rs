@@ -94,7 +94,7 @@ impl Stage for Sensor {
         let key = philox::key(ctx.seed());
         let seen = ctx.map_tiles(values.len(), |k| see(ideal, values[k], k, &camera, &blur, &pixels, key))?;
         let bad = masks(ideal, &values, &seen);
-        let mut frames = frames(ideal, &values, &seen, &bad, &pixels);
+        let mut frames = frames(ideal, &values, &seen, &bad, &pixels, &blur);
         frames.carry_conditions(ideal);
         let saturated = bad.iter().map(|b| b.reasons.iter().filter(|&&r| r == MaskReason::Saturated.code()).count());
         let all = (ideal.rows() * ideal.columns() * bad.len()) as f64;
@@ -223,14 +223,33 @@ fn masks(stack: &ImageStack, values: &[&Layer], seen: &[Seen]) -> Vec<Mask> {
     masks
 }
 
-fn frames(ideal: &ImageStack, values: &[&Layer], seen: &[Seen], masks: &[Mask], pixels: &Pixels) -> ImageStack {
+/// The largest share of a blurred pixel that may come from pixels without a known error while its own counts as known.
+const LARGEST_SHARE: f64 = 0.1;
+
+/// 1 at good pixels whose light comes from where the ideal frame does not know its standard error; `None` where it knows it everywhere.
+fn se_unknown(ideal: &ImageStack, info: &LayerInfo, blur: &Blur, good: impl Fn(usize) -> bool) -> Option<Vec<f32>> {
+    let flags = ideal.se_unknown(info)?.pixels();
+    let mut share: Vec<f64> = flags.iter().map(|&flag| f64::from(u8::from(flag != 0.0))).collect();
+    blur.apply(&mut share, ideal.columns());
+    let flags: Vec<f32> = (0..share.len()).map(|i| f32::from(u8::from(good(i) && share[i] > LARGEST_SHARE))).collect();
+    flags.contains(&1.0).then_some(flags)
+}
+
+fn frames(
+    ideal: &ImageStack,
+    values: &[&Layer],
+    seen: &[Seen],
+    masks: &[Mask],
+    pixels: &Pixels,
+    blur: &Blur,
+) -> ImageStack {
     let (rows, columns) = (ideal.rows(), ideal.columns());
     let squares: f64 = pixels.response.iter().map(|r| r * r).sum();
     let response = (squares / (rows * columns) as f64).sqrt();
     let plane = |pixels: Vec<f32>| Array2::from_shape_vec((rows, columns), pixels).expect("one number per pixel");
     let mut stack = ImageStack::new(rows, columns);
     stack.attributes = ideal.attributes.clone();
-    let mut errors = Vec::new();
+    let (mut errors, mut unknown) = (Vec::new(), Vec::new());
     for (layer, seen) in values.iter().zip(seen) {
         let mask =
             masks.iter().find(|m| m.wavelength_nm == layer.info.wavelength_nm).expect("a mask for each wavelength");
@@ -247,6 +266,7 @@ fn frames(ideal: &ImageStack, values: &[&Layer], seen: &[Seen], masks: &[Mask], 
         let value = seen.value.iter().enumerate().map(|(i, &v)| or_zero(i, v)).collect();
         let se = variance.iter().enumerate().map(|(i, &v)| or_zero(i, v.sqrt())).collect();
         errors.push((info.standard_error(), plane(se)));
+        unknown.extend(se_unknown(ideal, &layer.info, blur, good).map(|flags| (info.se_unknown(), plane(flags))));
         stack.push(info, plane(value));
     }
     errors.into_iter().for_each(|(info, data)| stack.push(info, data));
@@ -255,6 +275,7 @@ fn frames(ideal: &ImageStack, values: &[&Layer], seen: &[Seen], masks: &[Mask], 
         info.wavelength_nm = mask.wavelength_nm;
         stack.push(info, plane(mask.reasons.clone()));
     }
+    unknown.into_iter().for_each(|(info, data)| stack.push(info, data));
     stack
 }
 

@@ -260,3 +260,27 @@ fn every_mistake_has_its_field() {
     let dark = (StageRow::of::<Sensor>().run)(&json!({}), &alone(frames(0.0, 0.0, 0.0)), Ctx::new(&host));
     assert!(dark.unwrap_err().to_string().contains("no pixel is above 0"));
 }
+
+/// What an ideal frame does not know of its noise the camera does not know either: the flag stays with its pixel, and under defocus goes to those of which it
+/// makes more than a tenth. A saturated pixel has no flag, as it has no value.
+#[test]
+fn unknown_errors_are_passed_on() {
+    let mut ideal = frames(1e-6, 2e-6, 1e-8);
+    let info = ideal.0.layers[2].info.clone();
+    let mut flags = Array2::zeros((N, N));
+    (flags[(5, 6)], flags[(60, 7)]) = (1.0, 1.0);
+    ideal.0.push(info.se_unknown(), flags.clone());
+    ideal.0.layers[2].data[(60, 7)] = 1.0;
+    let flagged = |params: Value| {
+        let (seen, ..) = sense(&params, alone(ideal.clone()), 1);
+        let values = seen.layers.iter().filter(|l| l.info.kind == LayerKind::Value);
+        let found: Vec<_> = values.filter_map(|l| seen.se_unknown(&l.info)).collect();
+        assert_eq!(found.len(), 1, "of one frame only");
+        (found[0].data.clone(), seen.se_unknown(&seen.layers[2].info).is_some())
+    };
+    flags[(60, 7)] = 0.0;
+    assert_eq!(flagged(json!({"full_scale": 1e-5, "bits": 12})), (flags, true));
+    let (blurred, _) = flagged(json!({"full_scale": 1e-5, "defocus_px": 0.7}));
+    let count = blurred.sum();
+    assert!(blurred[(5, 6)] == 1.0 && (2.0..=9.0).contains(&count), "{count} pixels");
+}

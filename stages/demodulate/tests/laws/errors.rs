@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::Frames;
+use turbid_contract::payload::{Frames, MaskReason};
 use turbid_contract::{ImageStack, LayerInfo, LayerKind, Length};
 use turbid_demodulate::{Method, NoiseBias, Params};
 
@@ -127,8 +127,9 @@ fn the_rician_bias_is_taken_off() {
         let frames = frames(200, 200, &truth, 3, Some(sigma), &mut || sigma * next());
         let (out, _) = with(&Params { noise_bias, ..Params::default() }, frames, None, &[]).unwrap();
         // Some 1 % are masked, for what their neighbours show.
-        let data = &out.modulation.0.find("m_ac", Some(0.1)).unwrap().data;
-        let good: Vec<f64> = data.iter().map(|&v| f64::from(v)).filter(|&v| v > 0.0).collect();
+        let plane = |name: &str, f_x: Option<f64>| &out.modulation.0.find(name, f_x).unwrap().data;
+        let (data, mask) = (plane("m_ac", Some(0.1)), plane("mask", None));
+        let good: Vec<f64> = data.iter().zip(mask).filter(|(_, m)| **m == 0.0).map(|(&v, _)| f64::from(v)).collect();
         assert!(good.len() > 39_000, "{}", good.len());
         let bias = good.iter().sum::<f64>() / good.len() as f64 / m_ac - 1.0;
         assert!((bias - want).abs() < 0.0008 + 4.0 * 0.0015, "{noise_bias:?}: {bias} for {want}");
@@ -173,4 +174,112 @@ fn a_given_covariance_is_propagated() {
     let want = cos * c[0][1] + sin * c[0][2];
     assert!((pair(("m_ac", 0.0), ("m_ac", 0.1)) / want - 1.0).abs() < 1e-5);
     assert!((pair(("m_ac", 0.0), ("m_dc", 0.1)) / c[0][0] - 1.0).abs() < 1e-6);
+}
+
+/// One path that brings 400 times the light of its pixel, with a standard error as large, masks none of the 24 pixels around it, and stays: a mean
+/// without it would be too low. A patch where the fringe is really below its noise is masked as before, but for its rim of two pixels.
+#[test]
+fn one_bright_path_masks_nothing() {
+    let (n, own) = (15, (7, 7));
+    let truth = Truth { dc: 0.5, fringes: vec![(0.1, 0.2, 0.7)] };
+    let mut input = frames(n, n, &truth, 3, Some(0.01), &mut || 0.0);
+    let plain = demodulate(input.clone(), None, &[]).unwrap().0.modulation;
+    for layer in &mut input.0.layers {
+        let bright = if layer.info.phase_rad == Some(0.0) { 200.0 } else { 2.0 };
+        layer.data[own] = match layer.info.kind {
+            LayerKind::Value => layer.data[own] + bright,
+            _ => bright,
+        };
+    }
+    let (out, _) = demodulate(input.clone(), None, &[]).unwrap();
+    let stack = &out.modulation.0;
+    assert!(stack.find("mask", None).unwrap().data.iter().all(|&m| m == 0.0), "{:?}", stack.find("mask", None));
+    let (found, before) = (stack.find("m_ac", Some(0.1)).unwrap(), plain.0.find("m_ac", Some(0.1)).unwrap());
+    for ((at, a), b) in found.data.indexed_iter().zip(&before.data) {
+        assert_eq!(a == b, at != own, "{at:?}");
+    }
+    for layer in &mut input.0.layers {
+        if layer.info.kind == LayerKind::StandardError {
+            for (r, c) in (0..n).flat_map(|r| (0..6).map(move |c| (r, c))) {
+                layer.data[(r, c)] = 0.2;
+            }
+        }
+    }
+    let (out, _) = demodulate(input, None, &[]).unwrap();
+    let mask = &out.modulation.0.find("mask", None).unwrap().data;
+    assert!((0..n).all(|r| (0..4).all(|c| mask[(r, c)] == MaskReason::LowSignal.code())), "{mask:?}");
+    assert!((0..n).all(|r| (8..n).all(|c| mask[(r, c)] == 0.0)), "{mask:?}");
+}
+
+/// At 3.2 standard errors per pixel noise leaves some pixels without a fringe (|Z| below s / sqrt 2, where the Rician bias takes off more than there is): their
+/// values stay, flagged, and so the mean of M_AC over all pixels is the truth to 4 standard errors and the s^4 / (8 M^4) that the correction leaves. Where
+/// they are left out it is too high by more than that. Their phases are masked.
+#[test]
+fn pixels_that_noise_has_emptied_stay_in_the_mean() {
+    let (m_ac, snr, side) = (0.2, 3.2_f64, 400);
+    let sigma = m_ac / snr * 1.5_f64.sqrt();
+    let truth = Truth { dc: 0.5, fringes: vec![(0.1, m_ac, 0.7)] };
+    let mut next = noise(17);
+    // Nearly normal: sums of four uniform numbers.
+    let mut normal = || 0.5 * (next() + next() + next() + next());
+    let input = frames(side, side, &truth, 3, Some(sigma), &mut || sigma * normal());
+    let (out, _) = demodulate(input, None, &["phase"]).unwrap();
+    let stack = &out.modulation.0;
+    let layer = stack.find("m_ac", Some(0.1)).unwrap();
+    let mask = &stack.find("mask", None).unwrap().data;
+    let flags = &stack.se_unknown(&layer.info).expect("some pixels are flagged").data;
+    let phase = out.phase.unwrap().0;
+    let phase_mask = &phase.find("mask", None).unwrap().data;
+    let (mut all, mut positive) = ((0.0, 0.0), (0.0, 0.0));
+    for (at, &value) in layer.data.indexed_iter().filter(|(at, _)| mask[*at] == 0.0) {
+        all = (all.0 + f64::from(value), all.1 + 1.0);
+        if value > 0.0 {
+            positive = (positive.0 + f64::from(value), positive.1 + 1.0);
+        } else {
+            assert!(flags[at] == 1.0 && phase_mask[at] == MaskReason::LowSignal.code(), "{at:?}");
+        }
+    }
+    let share = 1.0 - positive.1 / all.1;
+    // P(|Z| < s / sqrt 2) = integral of Rice's density, 0.0020 at 3.2.
+    assert!(share > 0.0005 && share < 0.006, "{share}");
+    let off = |(sum, n): (f64, f64)| sum / n / m_ac - 1.0;
+    let limit = 4.0 / snr / f64::sqrt(all.1) + 1.0 / (8.0 * f64::powi(snr, 4));
+    assert!(off(all).abs() < limit, "{} within {limit}", off(all));
+    assert!(off(positive) - off(all) > 0.5 * share, "without them {} for {}", off(positive), off(all));
+}
+
+/// A frame that does not know its standard error at a pixel leaves those of M_DC, M_AC and phase of its own f_x unknown there, and no others; the
+/// values stay. With frames that know the error of their mean that of M_AC is known too.
+#[test]
+fn unknown_errors_are_passed_on() {
+    let truth = Truth { dc: 0.5, fringes: vec![(0.1, 0.2, 0.7), (0.2, 0.1, 0.1)] };
+    for knows_mean in [false, true] {
+        let mut input = frames(3, 4, &truth, 3, Some(0.001), &mut || 0.0);
+        if knows_mean {
+            input.0.layers.iter_mut().for_each(|l| l.info.mean_se = Some(0.001 / 12.0_f64.sqrt()));
+        }
+        let plain = demodulate(input.clone(), None, &["phase"]).unwrap().0;
+        let flagged = input.0.layers.iter().filter(|l| l.info.kind == LayerKind::Value);
+        let info = flagged.filter(|l| l.info.f_x_per_mm == Some(0.1)).nth(1).unwrap().info.clone();
+        let mut flags = Array2::zeros((3, 4));
+        flags[(1, 2)] = 1.0;
+        input.0.push(info.se_unknown(), flags.clone());
+        let (out, _) = demodulate(input, None, &["phase"]).unwrap();
+        let (modulation, phase) = (out.modulation.0, out.phase.unwrap().0);
+        for stack in [&modulation, &phase] {
+            for layer in stack.layers.iter().filter(|l| l.info.kind == LayerKind::Value) {
+                let own = layer.info.f_x_per_mm == Some(0.1);
+                let found = stack.se_unknown(&layer.info).map(|l| l.data.clone());
+                assert_eq!(found, own.then(|| flags.clone()), "{:?}", layer.info);
+                if stack.find("phase", None).is_none() {
+                    assert_eq!(layer.info.mean_se.is_some(), !own || knows_mean, "{:?}", layer.info);
+                }
+            }
+        }
+        let values = |stack: &ImageStack| {
+            let values = stack.layers.iter().filter(|l| l.info.kind == LayerKind::Value);
+            values.map(|l| l.data.clone()).collect::<Vec<_>>()
+        };
+        assert_eq!(values(&modulation), values(&plain.modulation.0));
+    }
 }

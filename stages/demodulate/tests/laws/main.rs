@@ -440,3 +440,52 @@ fn wrong_inputs_are_named() {
     Demodulate::check(&Params { low_signal: -1.0, ..Params::default() }, &Known::default(), &mut problems);
     assert!(problems.into_parts().0[0].to_string().contains("low_signal = -1 must be >= 0"));
 }
+
+/// What frames say of their steps is held against what they show: steps that were taken at 0, 120, 240 degrees and declared as 0, 90, 180 are named with what they
+/// look like, at every f_x and not only at the highest; radians in the place of degrees; phases where there is no fringe; and an image without fringes of
+/// all phases, where nothing can be told. Frames that are what they say raise no doubt.
+#[test]
+fn doubts_are_told() {
+    let n = 60;
+    let told = |f_x: &[f64], declared: [f64; 3], taken: [f64; 3]| {
+        let mut stack = ImageStack::new(4, n);
+        push(&mut stack, 0.0, 0.0, &|_, _| 0.5, None);
+        for &f in f_x {
+            for k in 0..3 {
+                let turn = |c: usize| 2.0 * PI * f * c as f64 + taken[k].to_radians();
+                push(&mut stack, f, declared[k].to_radians(), &|_, c| 0.5 + 0.3 * turn(c).cos(), None);
+            }
+        }
+        demodulate(Frames(stack), None, &[]).unwrap().1
+    };
+    let said = |host: &MemoryHost| host.warnings.lock().unwrap().join("\n");
+    let right = [0.0, 120.0, 240.0];
+    assert_eq!(said(&told(&[0.05, 0.1], right, right)), "");
+    let host = told(&[0.1], [0.0, 90.0, 180.0], right);
+    let steps = said(&host);
+    assert!(steps.contains("look like steps of 0, 120, 240 deg, not of 0, 90, 180 deg"), "{steps}");
+    // (re, im) of three steps by the weights of others: M_AC ripples by some 29 % twice a period.
+    let ripple = host.measures.lock().unwrap()["ripple_2f"];
+    assert!((ripple - 28.7).abs() < 1.0, "{ripple}");
+    let mut mixed = ImageStack::new(4, n);
+    for (f, declared) in [(0.05, [0.0, 90.0, 180.0]), (0.1, right)] {
+        for k in 0..3 {
+            let turn = |c: usize| 2.0 * PI * f * c as f64 + right[k].to_radians();
+            push(&mut mixed, f, f64::to_radians(declared[k]), &|_, c| 0.5 + 0.3 * turn(c).cos(), None);
+        }
+    }
+    let low = said(&demodulate(Frames(mixed), None, &[]).unwrap().1);
+    assert!(low.contains("M_AC at f_x = 0.05 mm^-1 ripples") && !low.contains("f_x = 0.1 "), "{low}");
+    let radians = said(&told(&[0.1], [0.0, 2.0943951, 4.1887902], right));
+    assert!(
+        radians.contains("0, 2.1, 4.2 deg) hardly fix a sinusoid") && radians.contains("are they in radians?"),
+        "{radians}"
+    );
+    let flat = said(&told(&[0.0001], right, right));
+    assert!(flat.contains("does not show fringes of all phases at f_x = 0.0001 mm^-1"), "{flat}");
+    let mut thrice = ImageStack::new(4, n);
+    (0..3).for_each(|k| push(&mut thrice, 0.0, 2.0 * PI * f64::from(k) / 3.0, &|_, _| 0.2 + 0.1 * f64::from(k), None));
+    let (out, host) = demodulate(Frames(thrice), None, &[]).unwrap();
+    assert!(said(&host).contains("the 3 frames at f_x = 0 say phases of 0, 120, 240 deg"), "{}", said(&host));
+    assert!((at(&out.modulation.0, "m_dc", Some(0.0)) - 0.3).abs() < 1e-6);
+}

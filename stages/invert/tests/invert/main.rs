@@ -93,7 +93,11 @@ fn layer(stack: &ImageStack, name: &str) -> Vec<f64> {
 
 /// Pairs with correlated relative noise around those of one medium.
 fn noisy(medium: [f64; 2], se: [f64; 2], rho: f64, count: usize) -> Vec<[f64; 2]> {
-    let mut state = 5_u64;
+    noisy_of(medium, se, rho, count, 5)
+}
+
+fn noisy_of(medium: [f64; 2], se: [f64; 2], rho: f64, count: usize, seed: u64) -> Vec<[f64; 2]> {
+    let mut state = seed;
     let mut uniform = || {
         state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = (state ^ (state >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
