@@ -8,6 +8,7 @@ pub mod canonical;
 pub mod ctx;
 pub mod error;
 pub mod payload;
+pub mod pitch;
 pub mod planes;
 pub mod port;
 pub mod problem;

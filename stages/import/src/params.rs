@@ -2,7 +2,7 @@
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use turbid_contract::{AngleDeg, PerLength, Problems};
+use turbid_contract::{AngleDeg, Length, PerLength, Problems};
 
 use crate::correct::Camera;
 use crate::decode::Channel;
@@ -48,6 +48,9 @@ pub struct Params {
     pub full_well: Option<f64>,
     /// Electrons.
     pub read_noise: f64,
+    /// Size of a pixel on the sample, mm: gives pictures and files of the frames, and of what is made from them, a scale.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pixel_mm: Option<Length>,
 }
 
 /// One file.
@@ -85,6 +88,7 @@ impl Default for Params {
             saturation: 0.98,
             full_well: None,
             read_noise: 0.0,
+            pixel_mm: None,
         }
     }
 }
@@ -184,6 +188,9 @@ impl Params {
         }
         let read_noise = self.read_noise;
         require(read_noise >= 0.0 && read_noise.is_finite(), "read_noise", read_noise, "electrons", "be >= 0");
+        if let Some(Length(v)) = self.pixel_mm {
+            require(v > 0.0 && v.is_finite(), "pixel_mm", v, "mm", "be a finite number > 0");
+        }
         if read_noise > 0.0 && self.full_well.is_none() {
             problems.push(
                 "read_noise",

@@ -179,7 +179,9 @@ impl Stage for SectionTube {
             ));
         }
         ctx.measure("sections", list.len() as f64, "1");
-        Ok(Out { sections: sections(params, &light, &arc, &bounds_mm, &list) })
+        let mut sections = sections(params, &light, &arc, &bounds_mm, &list);
+        sections.0.take_pixel_pitch(truth);
+        Ok(Out { sections })
     }
 }
 
