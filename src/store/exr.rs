@@ -53,9 +53,13 @@ pub(super) fn encode(stack: &ImageStack) -> Result<Vec<u8>, StoreError> {
                 layer.info.name
             )));
         }
-        // Masks and drawings are long runs of one value; the others hardly shrink, and cost time.
-        let runs = layer.info.kind == LayerKind::Mask || drawn;
-        let compression = if runs { Compression::RLE } else { Compression::Uncompressed };
+        // Masks are long runs of one value, drawings of few; the others hardly shrink, and cost time.
+        let compression = match layer.info.kind {
+            LayerKind::Mask => Compression::RLE,
+            // Runs of bytes see no run in floats other than 0.
+            _ if drawn => Compression::ZIP16,
+            _ => Compression::Uncompressed,
+        };
         let encoding = Encoding { compression, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
         let mut attributes = LayerAttributes::named(part_name(&layer.info, i, &mut names).as_str());
         attributes.horizontal_density = density.map(|[density, _]| density);
