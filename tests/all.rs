@@ -25,6 +25,8 @@ mod meshes;
 mod metrics;
 #[path = "all/near_normal.rs"]
 mod near_normal;
+#[path = "all/pictures.rs"]
+mod pictures;
 #[path = "all/profile.rs"]
 mod profile;
 #[path = "all/reproducible.rs"]

@@ -27,7 +27,7 @@ pub fn export_frames(artifact: &Artifact, to: &Path, bits: u32) -> Result<Vec<Pa
     // All of them are looked at before one is written.
     let numbers = layers.iter().map(|layer| whole(layer, bits)).collect::<Result<Vec<_>, _>>()?;
     for ((layer, numbers), to) in layers.iter().zip(&numbers).zip(&names) {
-        let bytes = tiff::encode_numbers(layer, numbers, bits == 8)
+        let bytes = tiff::encode_numbers(layer, numbers, bits == 8, stack.pixel_pitch_mm())
             .map_err(|TooLarge| ExportError::TooLarge { to: to.clone(), format })?;
         publish(&bytes, to).map_err(|source| ExportError::Io { to: to.clone(), source })?;
     }

@@ -1,6 +1,7 @@
 //! MATLAB 5 MAT-files, uncompressed: `load` gives matrices, structures and texts.
 
 use serde_json::Value;
+use turbid_contract::pitch::PIXEL_PITCH_MM;
 use turbid_contract::{Artifact, Cells, ImageStack, LayerInfo, Table};
 
 use super::names::Names;
@@ -20,7 +21,8 @@ const UTF8: u32 = 16;
 /// Room for a field's name in a structure, with its closing zero.
 const FIELD: usize = 64;
 
-/// Images: `images` (single, row x column x layer), `layers` (structure array), `attributes` (structure).
+/// Images: `images` (single, row x column x layer), `layers` (structure array), `attributes` (structure), `pixel_pitch_mm` (row vector: along
+/// a row, along a column) where it is known.
 /// Tables: a column vector (or cell array of texts) per column, `units`, `attributes`. Records: a variable per field.
 pub fn encode(artifact: &Artifact) -> Result<Vec<u8>, TooLarge> {
     let mut out = format!("{:<116}", "MATLAB 5.0 MAT-file, written by turbid").into_bytes();
@@ -35,11 +37,17 @@ pub fn encode(artifact: &Artifact) -> Result<Vec<u8>, TooLarge> {
 
 fn variables(artifact: &Artifact) -> Vec<(String, Array)> {
     match artifact {
-        Artifact::Images(stack) => vec![
-            ("images".into(), images(stack)),
-            ("layers".into(), layers(stack)),
-            ("attributes".into(), Array::of(&json(&stack.attributes))),
-        ],
+        Artifact::Images(stack) => {
+            let pitch = stack.pixel_pitch_mm();
+            let pitch = pitch.map(|pitch| (PIXEL_PITCH_MM.into(), Array::doubles([1, 2], pitch.into_iter())));
+            let mut out = vec![
+                ("images".into(), images(stack)),
+                ("layers".into(), layers(stack)),
+                ("attributes".into(), Array::of(&json(&stack.attributes))),
+            ];
+            out.extend(pitch);
+            out
+        }
         Artifact::Table(table) => table_variables(table),
         Artifact::Record(record) => {
             let mut names = Names::default();

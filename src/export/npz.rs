@@ -2,12 +2,14 @@
 
 use serde_json::Value;
 use turbid_contract::canonical::canonical_text;
+use turbid_contract::pitch::PIXEL_PITCH_MM;
 use turbid_contract::{Artifact, Cells, ImageStack};
 
 use super::names::Names;
 use super::{TooLarge, json, size_u32};
 
-/// Images: `images` (float32, [layer, row, column]), `layers` (JSON text of each layer), `attributes` (JSON text).
+/// Images: `images` (float32, [layer, row, column]), `layers` (JSON text of each layer), `attributes` (JSON text), `pixel_pitch_mm`
+/// (float64, along a row and along a column) where it is known.
 /// Tables: an array per column, `units` and `attributes` (JSON text). Records: an array without axes per field.
 pub fn encode(artifact: &Artifact) -> Result<Vec<u8>, TooLarge> {
     let mut zip = Zip::default();
@@ -17,6 +19,9 @@ pub fn encode(artifact: &Artifact) -> Result<Vec<u8>, TooLarge> {
             let layers: Vec<String> = stack.layers.iter().map(|l| canonical_text(&json(&l.info))).collect();
             zip.add("layers", &texts(&[layers.len()], &layers))?;
             zip.add("attributes", &texts(&[], &[canonical_text(&json(&stack.attributes))]))?;
+            if let Some(pitch) = stack.pixel_pitch_mm() {
+                zip.add(PIXEL_PITCH_MM, &npy("<f8", &[2], pitch.iter().flat_map(|v| v.to_le_bytes())))?;
+            }
         }
         Artifact::Table(table) => {
             let mut names = Names::default();

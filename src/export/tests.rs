@@ -177,3 +177,41 @@ fn files_are_replaced_whole_and_errors_leave_nothing() {
     assert_eq!(left, ["folder.csv"]);
     assert_eq!(Format::of(Path::new("A.MAT"), ArtifactKind::Record).unwrap(), Format::Mat);
 }
+
+/// The pitch of pixels is in every format that has a place for it: an array in npz and mat, the resolution in TIFF (pixels per cm).
+#[test]
+fn pixels_keep_their_pitch() {
+    let Artifact::Images(mut stack) = images() else { unreachable!() };
+    let without = [Format::Npz, Format::Mat].map(|f| encode(&Artifact::Images(stack.clone()), f).unwrap());
+    assert!(without.iter().all(|bytes| !bytes.windows(14).any(|w| w == b"pixel_pitch_mm")));
+    stack.attributes.insert("pixel_pitch_mm".into(), json!([0.32, 1.25]));
+    let artifact = Artifact::Images(stack);
+    let numbers = [0.32_f64, 1.25].map(f64::to_le_bytes).concat();
+    for format in [Format::Npz, Format::Mat] {
+        let bytes = encode(&artifact, format).unwrap();
+        // The last variable of the file; zip has its directory behind it.
+        let data = bytes.windows(16).rposition(|w| w == numbers).expect("the numbers are in the file");
+        let name = bytes[..data].windows(14).rposition(|w| w == b"pixel_pitch_mm").expect("their name is before them");
+        assert!(data - name < 150, "{format:?}: the name stands before its numbers");
+    }
+    let bytes = encode(&artifact, Format::Tiff).unwrap();
+    let directory = u32_at(&bytes, 4);
+    let entry = |tag: u16| {
+        let count = usize::from(u16::from_le_bytes([bytes[directory], bytes[directory + 1]]));
+        let mut entries = (0..count).map(|i| &bytes[directory + 2 + 12 * i..directory + 14 + 12 * i]);
+        entries.find(|e| u16::from_le_bytes([e[0], e[1]]) == tag).map(|e| u32_at(e, 8)).expect("the page has the tag")
+    };
+    let resolution = |tag| f64::from(u32_at(&bytes, entry(tag)) as u32) / u32_at(&bytes, entry(tag) + 4) as f64;
+    assert_eq!(([resolution(282), resolution(283)], entry(296)), ([31.25, 8.0], 3));
+}
+
+/// Resolutions from nanometres to a kilometre a pixel come back to four digits or more; what 32 bits cannot hold is left out.
+#[test]
+fn resolutions_fit_their_bits() {
+    for pitch in [1e-6, 0.0033, 1.0 / 3.0, 1.0, 12.7, 1e6] {
+        let [numerator, denominator] = super::tiff::per_cm(pitch).unwrap();
+        let back = 10.0 / (f64::from(numerator) / f64::from(denominator));
+        assert!((back / pitch - 1.0).abs() < 1e-4, "{pitch}: {numerator} / {denominator}");
+    }
+    assert_eq!([1e-300, 1e300].map(super::tiff::per_cm), [None; 2]);
+}

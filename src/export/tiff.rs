@@ -10,9 +10,13 @@ use super::{TooLarge, json, size_u32};
 const SHORT: u16 = 3;
 const LONG: u16 = 4;
 const ASCII: u16 = 2;
+const RATIONAL: u16 = 5;
+/// Unit of a resolution.
+const CENTIMETRES: u32 = 3;
 const ENTRY: usize = 12;
 
-/// Little-endian file; the first page's description also holds the stack's `attributes`.
+/// Little-endian file; the first page's description also holds the stack's `attributes`, each page the resolution where the pixels'
+/// pitch is known.
 pub fn encode(stack: &ImageStack) -> Result<Vec<u8>, TooLarge> {
     let mut file = File::default();
     for (index, layer) in stack.layers.iter().enumerate() {
@@ -22,19 +26,24 @@ pub fn encode(stack: &ImageStack) -> Result<Vec<u8>, TooLarge> {
         }
         // Row by row whatever the memory order of the array.
         let pixels = layer.data.iter().flat_map(|v| v.to_le_bytes());
-        file.page([stack.rows(), stack.columns()], Numbers::Float32, pixels, &about)?;
+        file.page([stack.rows(), stack.columns()], Numbers::Float32, pixels, &about, stack.pixel_pitch_mm())?;
     }
     Ok(file.bytes)
 }
 
 /// One page of whole numbers of 8 or 16 bit.
-pub fn encode_numbers(layer: &Layer, numbers: &[u16], eight: bool) -> Result<Vec<u8>, TooLarge> {
+pub fn encode_numbers(
+    layer: &Layer,
+    numbers: &[u16],
+    eight: bool,
+    pitch_mm: Option<[f64; 2]>,
+) -> Result<Vec<u8>, TooLarge> {
     let mut file = File::default();
     let (size, about) = ([layer.data.nrows(), layer.data.ncols()], json(&layer.info));
     if eight {
-        file.page(size, Numbers::Unsigned8, numbers.iter().map(|&v| v as u8), &about)?;
+        file.page(size, Numbers::Unsigned8, numbers.iter().map(|&v| v as u8), &about, pitch_mm)?;
     } else {
-        file.page(size, Numbers::Unsigned16, numbers.iter().flat_map(|v| v.to_le_bytes()), &about)?;
+        file.page(size, Numbers::Unsigned16, numbers.iter().flat_map(|v| v.to_le_bytes()), &about, pitch_mm)?;
     }
     Ok(file.bytes)
 }
@@ -77,6 +86,7 @@ impl File {
         numbers: Numbers,
         data: impl Iterator<Item = u8>,
         about: &Value,
+        pitch_mm: Option<[f64; 2]>,
     ) -> Result<(), TooLarge> {
         let out = &mut self.bytes;
         let pixels = size_u32(out.len())?;
@@ -91,7 +101,7 @@ impl File {
 
         let (rows, columns) = (size_u32(rows)?, size_u32(columns)?);
         let [bits, format] = numbers.tags();
-        let entries: [(u16, u16, u32, u32); 12] = [
+        let mut entries: Vec<(u16, u16, u32, u32)> = vec![
             (256, LONG, 1, columns),
             (257, LONG, 1, rows),
             // Then no compression, black is zero.
@@ -107,10 +117,19 @@ impl File {
             (284, SHORT, 1, 1),
             (339, SHORT, 1, format),
         ];
+        if let Some(resolutions) = pitch_mm.and_then(|pitch| Some([per_cm(pitch[0])?, per_cm(pitch[1])?])) {
+            for (tag, resolution) in [282, 283].into_iter().zip(resolutions) {
+                let at = size_u32(out.len())?;
+                out.extend(resolution.iter().flat_map(|v| v.to_le_bytes()));
+                entries.push((tag, RATIONAL, 1, at));
+            }
+            entries.push((296, SHORT, 1, CENTIMETRES));
+            entries.sort_unstable();
+        }
         let directory = size_u32(out.len())?;
         out[self.link..self.link + 4].copy_from_slice(&directory.to_le_bytes());
         out.extend((entries.len() as u16).to_le_bytes());
-        for (tag, kind, count, value) in entries {
+        for &(tag, kind, count, value) in &entries {
             out.extend(tag.to_le_bytes());
             out.extend(kind.to_le_bytes());
             out.extend(count.to_le_bytes());
@@ -122,6 +141,15 @@ impl File {
         size_u32(out.len())?;
         Ok(())
     }
+}
+
+/// Pixels per cm as numerator and denominator, with as many digits as 32 bits hold; `None` where they hold none.
+pub(super) fn per_cm(pitch_mm: f64) -> Option<[u32; 2]> {
+    let holds = |v: &f64| (1.0..=f64::from(u32::MAX)).contains(v);
+    let denominators = (0..=9).rev().map(|power| 10_u32.pow(power));
+    denominators
+        .map(|denominator| ((10.0 / pitch_mm * f64::from(denominator)).round(), denominator))
+        .find_map(|(numerator, denominator)| holds(&numerator).then_some([numerator as u32, denominator]))
 }
 
 /// JSON in the 7 bits that TIFF's text has.

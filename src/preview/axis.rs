@@ -9,13 +9,15 @@ const MAJOR: i64 = 5;
 const MINOR: i64 = 3;
 const LINE: i64 = 17;
 
-/// From `low` to `high` (finite, low < high).
+/// From `low` to `high` (finite, low < high), or a row for each name.
 #[derive(Clone, Debug)]
 pub struct Axis {
     pub name: Text,
     low: f64,
     high: f64,
     log: bool,
+    /// From the high end to the low; of numbers none.
+    names: Vec<Text>,
 }
 
 struct Mark {
@@ -27,7 +29,12 @@ struct Mark {
 
 impl Axis {
     pub fn linear(name: Text, low: f64, high: f64) -> Self {
-        Self { name, low, high, log: false }
+        Self { name, low, high, log: false, names: Vec::new() }
+    }
+
+    /// Equal rows with names, the first at the high end: on top of a vertical axis.
+    pub fn names(name: Text, names: Vec<Text>) -> Self {
+        Self { names, ..Self::linear(name, 0.0, 1.0) }
     }
 
     /// An axis that holds ascending nodes: logarithmic where they span a factor of 20 or more.
@@ -39,7 +46,7 @@ impl Axis {
             0.0 => (low - 0.1 * low.abs(), low + 0.1 * low.abs()),
             _ => (low, high),
         };
-        Some(Self { name, low, high, log: low > 0.0 && high >= 20.0 * low })
+        Some(Self { name, low, high, log: low > 0.0 && high >= 20.0 * low, names: Vec::new() })
     }
 
     /// Where a value lies: 0 at the low end, 1 at the high end; below 0 and above 1 outside.
@@ -52,6 +59,11 @@ impl Axis {
     }
 
     fn marks(&self) -> (Vec<Mark>, i32) {
+        if !self.names.is_empty() {
+            let middle = |i: usize| 1.0 - (i as f64 + 0.5) / self.names.len() as f64;
+            let mark = |(i, name): (usize, &Text)| Mark { position: middle(i), label: name.clone() };
+            return (self.names.iter().enumerate().rev().map(mark).collect(), 0);
+        }
         if !self.log {
             let t = ticks(self.low, self.high, 7);
             let mark = |(value, label): (&f64, &String)| Mark {

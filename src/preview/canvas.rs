@@ -107,12 +107,16 @@ impl Canvas {
         }
     }
 
-    /// PNG file of the canvas: 8-bit RGB, the same bytes for the same canvas.
-    pub fn to_png(&self) -> Vec<u8> {
+    /// PNG file of the canvas: 8-bit RGB, with a text chunk (iTXt) for each keyword and text. The same canvas and texts give the same bytes.
+    pub fn to_png(&self, texts: &[(&'static str, String)]) -> Vec<u8> {
         let mut bytes = Vec::new();
         let mut encoder = png::Encoder::new(&mut bytes, self.width as u32, self.height as u32);
         encoder.set_color(png::ColorType::Rgb);
         encoder.set_depth(png::BitDepth::Eight);
+        for (keyword, text) in texts {
+            let added = encoder.add_itxt_chunk((*keyword).to_owned(), text.clone());
+            added.expect("keywords are short plain words");
+        }
         encoder
             .write_header()
             .and_then(|mut writer| writer.write_image_data(&self.pixels))
@@ -156,7 +160,7 @@ mod tests {
     fn png_gives_the_pixels_back() {
         let mut canvas = Canvas::new(3, 2);
         canvas.set(1, 1, [1, 2, 3]);
-        let bytes = canvas.to_png();
+        let bytes = canvas.to_png(&[]);
         let mut reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info().unwrap();
         let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
         let info = reader.next_frame(&mut pixels).unwrap();

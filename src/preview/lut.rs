@@ -11,7 +11,7 @@ use super::colour::{ColourMap, hatch};
 use super::figure::{Figure, Section};
 use super::notation::{f_x, quantity};
 use super::number::{number, plain};
-use super::panel::{Axes, Bar, Note, Panel};
+use super::panel::{Axes, Bar, Note, Panel, Swatch};
 use super::range::{Range, Statistics};
 use super::text::{Size, Text};
 
@@ -76,7 +76,7 @@ pub fn figure(table: &Table, title: &str) -> Option<Figure> {
     if grid.f_x.len() > MOST_MAPS {
         remark += &format!("; {} further spatial frequencies are not shown", grid.f_x.len() - MOST_MAPS);
     }
-    Some(Figure { heading: title.to_owned(), sections, remarks: vec![Text::plain(remark)] })
+    Some(Figure { heading: title.to_owned(), sections, remarks: vec![Text::plain(remark)], ..Figure::default() })
 }
 
 fn per_mm(name: &str) -> Text {
@@ -157,7 +157,8 @@ fn mesh(grid: &Grid) -> Panel {
         labels.push((points[0], label(value), ISO_MU_S));
     }
     write_labels(&mut image, labels);
-    let note = |colour, name| Note { swatch: Some(colour), text: Text::plain("constant ").join(per_mm(name)) };
+    let note =
+        |colour, name| Note { swatch: Some(Swatch::Colour(colour)), text: Text::plain("constant ").join(per_mm(name)) };
     Panel {
         title: Text::plain("Mesh of ").join(quantity("mu_a")).then(" and ").join(quantity("mu_s_prime")),
         subtitle: Text::new(),

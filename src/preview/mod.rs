@@ -3,14 +3,18 @@
 mod arrange;
 mod axis;
 mod canvas;
+mod caption;
+mod classes;
 mod colour;
 mod figure;
 mod lut;
+mod media;
 mod notation;
 mod number;
 mod panel;
 mod pixels;
 mod range;
+mod scale;
 mod sketch;
 mod stack;
 #[cfg(test)]
@@ -21,24 +25,40 @@ mod tristimulus;
 
 use turbid_contract::Artifact;
 
+#[cfg(test)]
 use canvas::Canvas;
+pub use caption::Caption;
+use figure::Figure;
 
-/// A PNG file that shows the artifact under a heading; None where there is nothing to see (records, tables without
-/// a grid). The same artifact and title give the same bytes.
+/// A PNG file that shows the artifact under its caption; None where there is nothing to see (records, tables without
+/// a grid). The same artifact and caption give the same bytes.
 ///
 /// Image stacks become a panel per layer: viridis for quantities, blue to red around zero for errors, one scale for
-/// layers that belong together, stripes for masked pixels, the reasons' legend for masks. Stacks of `red`, `green`,
-/// `blue` are shown as the picture they are, and frames of a red, a green and a blue wavelength also in colours. Look-up tables become their mesh and their reflectances over (mu_a, mu_s').
-pub fn picture(artifact: &Artifact, title: &str) -> Option<Vec<u8>> {
-    draw(artifact, title).map(|canvas| canvas.to_png())
+/// layers that belong together, a colour and a name for each reason, object or section, a bar in mm where the pixels' pitch is known. Masked
+/// pixels have grey stripes; pink ones lie over pixels that hold the end of a table. Stacks of `red`, `green`,
+/// `blue` are shown as the picture they are, and frames of a red, a green and a blue wavelength also in colours. Look-up tables become their
+/// mesh and their reflectances over (mu_a, mu_s'), a fit of media the error of each under its name.
+pub fn picture(artifact: &Artifact, caption: &Caption) -> Option<Vec<u8>> {
+    let mut figure = figure(artifact, &caption.title)?;
+    figure.subheading.clone_from(&caption.subtitle);
+    Some(figure.draw().to_png(&caption.facts))
 }
 
+fn figure(artifact: &Artifact, title: &str) -> Option<Figure> {
+    match artifact {
+        Artifact::Images(stack) if stack.layers.is_empty() => None,
+        Artifact::Images(stack) => Some(
+            sketch::figure(stack, title)
+                .or_else(|| media::figure(stack, title))
+                .unwrap_or_else(|| stack::figure(stack, title)),
+        ),
+        Artifact::Table(table) => lut::figure(table, title),
+        Artifact::Record(_) => None,
+    }
+}
+
+/// The picture under a plain heading.
+#[cfg(test)]
 fn draw(artifact: &Artifact, title: &str) -> Option<Canvas> {
-    let figure = match artifact {
-        Artifact::Images(stack) if stack.layers.is_empty() => return None,
-        Artifact::Images(stack) => sketch::figure(stack, title).unwrap_or_else(|| stack::figure(stack, title)),
-        Artifact::Table(table) => lut::figure(table, title)?,
-        Artifact::Record(_) => return None,
-    };
-    Some(figure.draw())
+    figure(artifact, title).map(|figure| figure.draw())
 }

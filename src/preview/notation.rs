@@ -28,6 +28,11 @@ pub fn is_error(name: &str) -> bool {
     ROLES[..5].iter().any(|(ending, _)| name.ends_with(ending))
 }
 
+/// Whether the layer holds what should have been found, which no table has touched.
+pub fn is_truth(name: &str) -> bool {
+    name.ends_with("_truth") || name.ends_with("_true")
+}
+
 /// Name of a quantity, as `μ_a` or `true μ_s′`.
 pub fn quantity(name: &str) -> Text {
     if let Some((base, said)) = ROLES.iter().find_map(|(ending, said)| Some((name.strip_suffix(ending)?, said))) {
@@ -116,6 +121,7 @@ mod tests {
     #[test]
     fn roles_belong_to_their_quantity() {
         assert!(["mu_a", "mu_a_se", "mu_a_truth", "mu_a_estimate", "mu_a_error"].iter().all(|n| base(n) == "mu_a"));
+        assert!(is_truth("mu_a_truth") && !is_truth("mu_a") && !is_truth("mu_a_error"));
         assert!(is_error("mu_a_error") && !is_error("mu_a_truth") && !is_error("mu_a_se"));
     }
 }

@@ -12,7 +12,9 @@ pub fn exponent_of(x: f64) -> i32 {
 pub fn decimal(mantissa: i64, power: i32, places: usize) -> String {
     let mut digits = mantissa.unsigned_abs().to_string();
     let shift = power + places as i32;
-    if shift >= 0 {
+    if mantissa == 0 {
+        // No power of ten makes it longer.
+    } else if shift >= 0 {
         digits.extend(std::iter::repeat_n('0', shift as usize));
     } else {
         // More digits than places: they are zeros.
@@ -72,6 +74,12 @@ pub fn plain(value: f64) -> String {
     minus(format!("{}", (value * 1e6).round() / 1e6 + 0.0))
 }
 
+/// The shortest decimals that give the first four digits.
+pub fn short(value: f64) -> String {
+    let rounded: f64 = format!("{value:.3e}").parse().expect("the number that format wrote");
+    minus(format!("{rounded}"))
+}
+
 fn minus(text: String) -> String {
     text.replace('-', "−")
 }
@@ -118,7 +126,9 @@ mod tests {
         assert_eq!(decimal(25, -1, 1), "2.5");
         assert_eq!(decimal(-5, -3, 3), "−0.005");
         assert_eq!(decimal(20, -1, 0), "2");
-        assert_eq!(decimal(0, -4, 2), "0.00");
+        for power in [-4, 0, 1, 5] {
+            assert_eq!([0, 1, 2].map(|places| decimal(0, power, places)), ["0", "0.0", "0.00"], "0 x 10^{power}");
+        }
         assert_eq!(decimal(3, 2, 0), "300");
     }
 }

@@ -2,7 +2,7 @@
 
 use super::axis::Axis;
 use super::canvas::{Canvas, GREY, INK, Rgb};
-use super::colour::{ColourMap, hatch};
+use super::colour::{ColourMap, end_mark, hatch};
 use super::number::times_power;
 use super::pixels::Pixels;
 use super::range::Range;
@@ -17,12 +17,54 @@ const BAR_WIDTH: i64 = 12;
 const BAR_HEIGHT: i64 = 72;
 const TICK: i64 = 4;
 const SWATCH: i64 = 11;
+const SWATCH_GAP: i64 = 6;
 
-/// A line under an image, perhaps behind a box of colour.
+/// A line under an image, perhaps behind what it explains.
 #[derive(Clone, Debug)]
 pub struct Note {
-    pub swatch: Option<Rgb>,
+    pub swatch: Option<Swatch>,
     pub text: Text,
+}
+
+/// What a note explains.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Swatch {
+    Colour(Rgb),
+    /// The marks of pixels at a table's end.
+    End,
+    /// A bar of so many pixels of the screen.
+    Length(i64),
+}
+
+impl Swatch {
+    /// What it takes of the line, with the gap behind it.
+    fn width(self) -> i64 {
+        let own = if let Self::Length(pixels) = self { pixels } else { SWATCH };
+        own + SWATCH_GAP
+    }
+
+    /// Draws before the text whose baseline is `base`.
+    fn draw(self, canvas: &mut Canvas, left: i64, base: i64) {
+        let (top, side) = (base - SWATCH + 2, SWATCH - 1);
+        match self {
+            Self::Colour(colour) => canvas.fill(left + 1, top, side, side, colour),
+            Self::End => {
+                for (x, y) in (0..side).flat_map(|y| (0..side).map(move |x| (x, y))) {
+                    if let Some(colour) = end_mark(x, y) {
+                        canvas.set(left + 1 + x, top + y, colour);
+                    }
+                }
+            }
+            Self::Length(pixels) => {
+                let middle = base - SWATCH / 2 + 1;
+                canvas.fill(left, middle, pixels, 2, INK);
+                canvas.fill(left, middle - 3, 1, 8, INK);
+                canvas.fill(left + pixels - 1, middle - 3, 1, 8, INK);
+                return;
+            }
+        }
+        canvas.frame(left + 1, top, side, side, GREY);
+    }
 }
 
 /// A colour bar.
@@ -67,10 +109,24 @@ pub fn paint(pixels: &Pixels, colour: impl Fn(f64) -> Rgb) -> Canvas {
     canvas
 }
 
+/// Marks cells that hold the end of a table and not what was measured: `ends` shows the reasons, 0 inside the table, in the cells of
+/// `pixels`.
+pub fn mark_ends(image: &mut Canvas, pixels: &Pixels, ends: &Pixels) {
+    let zoom = pixels.zoom as i64;
+    for i in (0..pixels.cells.len()).filter(|&i| pixels.cells[i].is_some() && ends.cells[i].is_some_and(|e| e != 0.0)) {
+        let (left, top) = ((i % pixels.columns) as i64 * zoom, (i / pixels.columns) as i64 * zoom);
+        for (x, y) in (top..top + zoom).flat_map(|y| (left..left + zoom).map(move |x| (x, y))) {
+            if let Some(colour) = end_mark(x, y) {
+                image.set(x, y, colour);
+            }
+        }
+    }
+}
+
 impl Panel {
     pub fn width(&self) -> i64 {
         let bar = self.bar.as_ref().map_or(0, Bar::width);
-        let notes = self.notes.iter().map(|n| n.text.width(Size::Small) + n.swatch.map_or(0, |_| SWATCH + 6));
+        let notes = self.notes.iter().map(|n| n.text.width(Size::Small) + n.swatch.map_or(0, Swatch::width));
         let texts = [self.title.width(Size::Normal), self.subtitle.width(Size::Small)];
         (self.gutter() + self.image.width() + 2 + bar).max(texts.into_iter().chain(notes).max().unwrap_or(0))
     }
@@ -114,10 +170,9 @@ impl Panel {
         for (i, note) in self.notes.iter().enumerate() {
             let base = y + head + body + 3 + NOTE_LINE * (i as i64 + 1) - 2;
             let mut left = left;
-            if let Some(colour) = note.swatch {
-                canvas.fill(left + 1, base - SWATCH + 2, SWATCH - 1, SWATCH - 1, colour);
-                canvas.frame(left + 1, base - SWATCH + 2, SWATCH - 1, SWATCH - 1, GREY);
-                left += SWATCH + 6;
+            if let Some(swatch) = note.swatch {
+                swatch.draw(canvas, left, base);
+                left += swatch.width();
             }
             note.text.draw(canvas, left, base, Size::Small, GREY);
         }

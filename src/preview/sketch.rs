@@ -10,7 +10,7 @@ use turbid_contract::ImageStack;
 
 use super::canvas::{Canvas, INK};
 use super::figure::{Figure, Section};
-use super::panel::{Note, Panel};
+use super::panel::{Note, Panel, Swatch};
 use super::text::{Size, Text};
 
 /// Pictures smaller than this are enlarged, by a whole number; larger than `MOST` reduced.
@@ -34,12 +34,13 @@ pub fn figure(stack: &ImageStack, title: &str) -> Option<Figure> {
     let notes = list(stack, "legend").iter().filter_map(|entry| {
         let colour: Vec<f64> = entry["colour"].as_array()?.iter().filter_map(Value::as_f64).collect();
         let colour = <[f64; 3]>::try_from(colour).ok()?;
-        Some(Note { swatch: Some(colour.map(|c| byte(c as f32))), text: Text::plain(entry["text"].as_str()?) })
+        let colour = colour.map(|c| byte(c as f32));
+        Some(Note { swatch: Some(Swatch::Colour(colour)), text: Text::plain(entry["text"].as_str()?) })
     });
     let panel =
         Panel { title: Text::new(), subtitle: Text::new(), image, bar: None, axes: None, notes: notes.collect() };
     let section = Section { heading: Text::new(), rows: vec![vec![panel]] };
-    Some(Figure { heading: title.to_owned(), sections: vec![section], remarks: vec![] })
+    Some(Figure { heading: title.to_owned(), sections: vec![section], ..Figure::default() })
 }
 
 fn list<'a>(stack: &'a ImageStack, name: &str) -> &'a [Value] {

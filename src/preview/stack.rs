@@ -2,17 +2,18 @@
 
 use ndarray::Array2;
 use serde_json::Value;
-use turbid_contract::payload::MaskReason;
-use turbid_contract::{Attributes, ImageStack, Layer, LayerInfo, LayerKind};
+use turbid_contract::{ImageStack, Layer, LayerInfo, LayerKind};
 
 use super::arrange::{Grouped, arrange};
-use super::colour::{ColourMap, category};
+use super::classes::Classes;
+use super::colour::ColourMap;
 use super::figure::{Figure, Section};
-use super::notation::{base, f_x, in_unit, is_error, particulars, quantity};
+use super::notation::{base, f_x, in_unit, is_error, is_truth, particulars, quantity};
 use super::number::{number, with_error};
-use super::panel::{Bar, Note, Panel, paint};
+use super::panel::{Bar, Note, Panel, Swatch, mark_ends, paint};
 use super::pixels::{Reduce, fit};
 use super::range::{Range, Statistics};
+use super::scale;
 use super::text::Text;
 use super::tristimulus::panels;
 
@@ -27,13 +28,16 @@ const MOST_COLOURS: usize = 4;
 struct Seen<'a> {
     layer: &'a Layer,
     good: Array2<bool>,
+    /// Reasons why pixels hold the end of a table, where some do.
+    ends: Option<&'a Layer>,
     /// None where no pixel is good.
     statistics: Option<Statistics>,
 }
 
 pub fn figure(stack: &ImageStack, title: &str) -> Figure {
     let masks: Vec<&Layer> = stack.layers.iter().filter(|l| l.info.is_pixel_mask()).collect();
-    let clean = |l: &Layer| l.info.kind == LayerKind::Mask && l.data.iter().all(|&m| m == 0.0);
+    let says_why = |l: &Layer| l.info.kind == LayerKind::Mask || is_outside(&l.info);
+    let clean = |l: &Layer| says_why(l) && l.data.iter().all(|&m| m == 0.0);
     let alone = masks.len() == stack.layers.len();
     let kinds = [
         (Text::new(), LARGE, [LayerKind::Value, LayerKind::Mask]),
@@ -52,12 +56,14 @@ pub fn figure(stack: &ImageStack, title: &str) -> Figure {
             .layers
             .iter()
             .filter(|l| kinds.contains(&l.info.kind) && (alone || !clean(l)))
-            .map(|layer| see(layer, &masks))
+            .map(|layer| see(stack, layer, &masks))
             .collect();
         dropped += seen.len().saturating_sub(MOST_PANELS);
         seen.truncate(MOST_PANELS);
         if !seen.is_empty() {
-            figure.sections.push(Section { heading, rows: rows(stack, &seen, side) });
+            let mut rows = rows(stack, &seen, side);
+            tell_apart(&mut rows);
+            figure.sections.push(Section { heading, rows });
         }
     }
     figure.remarks = remarks(stack, &masks, &figure, dropped);
@@ -65,7 +71,7 @@ pub fn figure(stack: &ImageStack, title: &str) -> Figure {
 }
 
 /// A pixel is good where it is a number and no mask that speaks for the layer names a reason against it.
-fn see<'a>(layer: &'a Layer, masks: &[&Layer]) -> Seen<'a> {
+fn see<'a>(stack: &'a ImageStack, layer: &'a Layer, masks: &[&Layer]) -> Seen<'a> {
     let mut good = layer.data.mapv(f32::is_finite);
     if layer.info.kind != LayerKind::Mask {
         for mask in masks.iter().filter(|mask| speaks_for(&mask.info, &layer.info)) {
@@ -73,7 +79,29 @@ fn see<'a>(layer: &'a Layer, masks: &[&Layer]) -> Seen<'a> {
         }
     }
     let statistics = Statistics::of(&layer.data, &good);
-    Seen { layer, good, statistics }
+    let marked = layer.info.kind != LayerKind::Mask && !is_outside(&layer.info) && !is_truth(&layer.info.name);
+    let outside = || stack.layers.iter().filter(|l| is_outside(&l.info) && speaks_for(&l.info, &layer.info));
+    let ends = outside().find(|l| marked && l.data.iter().any(|&reason| reason != 0.0));
+    Seen { layer, good, ends, statistics }
+}
+
+/// The layer in which `invert` names the side of the table where it ended (`outside: nearest`): the mask calls such pixels good.
+fn is_outside(info: &LayerInfo) -> bool {
+    info.name == "outside" && info.kind == LayerKind::Value
+}
+
+/// Panels of one title are numbered.
+fn tell_apart(rows: &mut [Vec<Panel>]) {
+    let titles: Vec<(Text, Text)> =
+        rows.iter().flatten().map(|panel| (panel.title.clone(), panel.subtitle.clone())).collect();
+    for (i, panel) in rows.iter_mut().flatten().enumerate() {
+        let alike = |others: &[(Text, Text)]| others.iter().filter(|title| **title == titles[i]).count();
+        let (no, count) = (alike(&titles[..=i]), alike(&titles));
+        if count > 1 {
+            let comma = if panel.subtitle.is_empty() { "" } else { ", " };
+            panel.subtitle = panel.subtitle.clone().then(format!("{comma}no. {no} of {count}"));
+        }
+    }
 }
 
 /// A mask speaks for the layers that share what it says about f_x and wavelength.
@@ -120,8 +148,8 @@ fn rows(stack: &ImageStack, seen: &[Seen], side: usize) -> Vec<Vec<Panel>> {
 
 fn panel(stack: &ImageStack, seen: &Seen, range: Option<Range>, side: usize) -> Panel {
     let info = &seen.layer.info;
-    if let Some(names) = categories(info, &stack.attributes) {
-        return categorical(seen, &names, side);
+    if let Some(classes) = Classes::of(info, &stack.attributes) {
+        return categorical(stack, seen, &classes, side);
     }
     let map = colour_map(info);
     let range = range.map(|r| match map {
@@ -131,7 +159,10 @@ fn panel(stack: &ImageStack, seen: &Seen, range: Option<Range>, side: usize) -> 
     });
     let reduce = if map == ColourMap::Cyclic { Reduce::First } else { Reduce::Mean };
     let pixels = fit(&seen.layer.data, &seen.good, side, reduce);
-    let image = paint(&pixels, |v| map.colour(range.map_or(0.5, |r| r.position(v))));
+    let mut image = paint(&pixels, |v| map.colour(range.map_or(0.5, |r| r.position(v))));
+    if let Some(ends) = seen.ends {
+        mark_ends(&mut image, &pixels, &fit(&ends.data, &seen.good, side, Reduce::MostFrequent));
+    }
     let title = match info.kind {
         // The section's heading says what these are.
         LayerKind::StandardError => quantity(base(&info.name)),
@@ -144,7 +175,7 @@ fn panel(stack: &ImageStack, seen: &Seen, range: Option<Range>, side: usize) -> 
         image,
         bar: range.map(|range| Bar { map, range }),
         axes: None,
-        notes: notes(seen, info),
+        notes: scale::bar(stack, &pixels).into_iter().chain(notes(seen, info)).collect(),
     }
 }
 
@@ -175,6 +206,11 @@ fn notes(seen: &Seen, info: &LayerInfo) -> Vec<Note> {
     if masked > 0 {
         notes.push(plain(share(masked, seen.good.len()).then(" masked")));
     }
+    if let Some(ends) = seen.ends {
+        let marked = ends.data.iter().zip(&seen.good).filter(|(reason, good)| **good && **reason != 0.0).count();
+        let text = share(marked, seen.good.len()).then(" hold the end of the table");
+        notes.push(Note { swatch: Some(Swatch::End), text });
+    }
     notes
 }
 
@@ -183,39 +219,29 @@ fn share(part: usize, whole: usize) -> Text {
     number(100.0 * part as f64 / whole as f64, 3).then(" %")
 }
 
-/// Names of the categories that a layer's pixels are, by their number.
-fn categories(info: &LayerInfo, attributes: &Attributes) -> Option<Vec<String>> {
-    if info.kind == LayerKind::Mask && !info.is_pixel_mask() {
-        return Some(vec!["known".to_owned(), "unknown".to_owned()]);
-    }
-    if info.is_pixel_mask() {
-        return Some(MaskReason::ALL.map(|reason| reason.text().to_owned()).to_vec());
-    }
-    let names = attributes.get("objects").filter(|_| info.name == "object")?.as_array()?;
-    Some(names.iter().map(|n| n.as_str().map_or_else(|| n.to_string(), str::to_owned)).collect())
-}
+/// Classes in a legend; more tell nobody anything.
+const MOST_CLASSES: usize = 20;
 
-fn categorical(seen: &Seen, names: &[String], side: usize) -> Panel {
+fn categorical(stack: &ImageStack, seen: &Seen, classes: &Classes, side: usize) -> Panel {
     let pixels = fit(&seen.layer.data, &seen.good, side, Reduce::MostFrequent);
-    // Index 0 of the palette is pale: good pixels should step back, an object should not.
-    let first = usize::from(seen.layer.info.kind != LayerKind::Mask);
-    let colour = |v: f64| category(v as usize % 1000 + first);
     let mut values: Vec<f32> = seen.layer.data.iter().zip(&seen.good).filter(|(_, g)| **g).map(|(v, _)| *v).collect();
     values.sort_by(f32::total_cmp);
     let whole = seen.good.len();
-    let notes = values.chunk_by(|a, b| a == b).map(|run| {
+    let runs: Vec<&[f32]> = values.chunk_by(|a, b| a == b).collect();
+    let named = runs.iter().take(MOST_CLASSES).map(|run| {
         let value = f64::from(run[0]);
-        let name = names.get(value as usize).filter(|_| value >= 0.0 && value.fract() == 0.0);
-        let name = name.cloned().unwrap_or_else(|| format!("{value}"));
-        Note { swatch: Some(colour(value)), text: Text::plain(name + ", ").join(share(run.len(), whole)) }
+        let text = Text::plain(classes.name(value) + ", ").join(share(run.len(), whole));
+        Note { swatch: Some(Swatch::Colour(classes.colour(value))), text }
     });
+    let rest = runs.len().saturating_sub(MOST_CLASSES);
+    let rest = (rest > 0).then(|| Note { swatch: None, text: Text::plain(format!("and {rest} more")) });
     Panel {
         title: quantity(&seen.layer.info.name),
         subtitle: particulars(&seen.layer.info),
-        image: paint(&pixels, colour),
+        image: paint(&pixels, |v| classes.colour(v)),
         bar: None,
         axes: None,
-        notes: notes.collect(),
+        notes: scale::bar(stack, &pixels).into_iter().chain(named).chain(rest).collect(),
     }
 }
 
@@ -241,14 +267,17 @@ fn covariance_title(stack: &ImageStack, info: &LayerInfo) -> Text {
 fn remarks(stack: &ImageStack, masks: &[&Layer], figure: &Figure, dropped: usize) -> Vec<Text> {
     let panels = || figure.sections.iter().flat_map(|s| s.rows.iter().flatten());
     let bars = || panels().filter_map(|p| p.bar.as_ref());
-    let mut said = vec![format!("{} × {} pixels", stack.columns(), stack.rows())];
+    let mut said = vec![format!("{} × {} pixels{}", stack.columns(), stack.rows(), scale::of_pixels(stack))];
     if bars().any(|bar| bar.range.under() || bar.range.over()) {
         said.push("a pointed bar: up to 0.5 % of the pixels lie beyond that end".to_owned());
     }
     let not_a_number = stack.layers.iter().any(|l| l.data.iter().any(|v| !v.is_finite()));
     let masked = masks.iter().any(|m| m.data.iter().any(|&r| r != 0.0));
+    if stack.layers.iter().any(|l| is_outside(&l.info) && l.data.iter().any(|&reason| reason != 0.0)) {
+        said.push("pink stripes: outside the table, the value is that of its nearest node".to_owned());
+    }
     if masked || not_a_number {
-        said.push("striped: masked".to_owned());
+        said.push("grey stripes: masked".to_owned());
     } else if !masks.is_empty() {
         said.push("no pixel is masked".to_owned());
     }

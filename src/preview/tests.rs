@@ -6,8 +6,8 @@ use turbid_contract::payload::MaskReason;
 use turbid_contract::{Artifact, Cells, ImageStack, LayerInfo, LayerKind, Record, Table};
 
 use super::canvas::Canvas;
-use super::colour::HATCH;
-use super::{draw, picture};
+use super::colour::{END, HATCH};
+use super::{Caption, draw, picture};
 
 type Pixel = fn(usize, usize) -> f32;
 
@@ -136,8 +136,8 @@ fn extreme_layers_have_pictures() {
 
 #[test]
 fn records_and_empty_stacks_have_none() {
-    assert_eq!(picture(&Artifact::Record(Record::default()), "scene"), None);
-    assert_eq!(picture(&Artifact::Images(ImageStack::new(3, 3)), "nothing"), None);
+    assert_eq!(picture(&Artifact::Record(Record::default()), &Caption::default()), None);
+    assert_eq!(picture(&Artifact::Images(ImageStack::new(3, 3)), &Caption::default()), None);
 }
 
 /// Rows in the order of the payload: f_x outermost, then mu_a, then mu_s'.
@@ -181,9 +181,112 @@ fn tables_with_a_full_grid_have_pictures_and_others_none() {
     }
 }
 
+/// What `outside: nearest` fills in is striped in the map, its standard error and its error, and nowhere in the truth.
+#[test]
+fn the_end_of_a_table_is_marked() {
+    let out: Pixel = |r, c| if r < 20 && c < 10 { MaskReason::AboveTable.code() } else { 0.0 };
+    let marked = |names: &[&str], with_errors: bool, outside: Pixel| {
+        let mut layers: Vec<(LayerInfo, Pixel)> = names.iter().map(|n| (value(n, "mm^-1"), RAMP)).collect();
+        if with_errors {
+            layers.push((value("mu_a", "mm^-1").standard_error(), RAMP));
+        }
+        layers.extend([(value("outside", "1"), outside), (mask(), (|r, _| if r == 0 { 2.0 } else { 0.0 }) as Pixel)]);
+        let canvas = drawn(stack(40, 40, &layers));
+        let pixels = (0..canvas.height()).flat_map(|y| (0..canvas.width()).map(move |x| (x, y)));
+        pixels.filter(|&(x, y)| canvas.get(x, y) == Some(END)).count()
+    };
+    // 19 x 10 pixels outside that are not masked, 7 x 7 (errors 4 x 4) of the screen each, a third of them in stripes; 33 or 34 of the
+    // 100 pixels of a legend's box. Stripes begin within a pixel of the thirds.
+    let (map, error, legend) = (190 * 49 / 3, 190 * 16 / 3, 34);
+    let near = |found: usize, expected: usize| found.abs_diff(expected) < 60;
+    assert!(near(marked(&["mu_a"], false, out), map + legend));
+    assert!(near(marked(&["mu_a", "mu_a_truth", "mu_a_error"], false, out), 2 * (map + legend)));
+    assert!(near(marked(&["mu_a"], true, out), map + error + 2 * legend));
+    assert_eq!(marked(&["mu_a", "mu_a_error"], true, |_, _| 0.0), 0, "nothing lies outside");
+}
+
+fn titles(stack: &ImageStack) -> Vec<String> {
+    let figure = super::stack::figure(stack, "a title");
+    let panels = figure.sections.iter().flat_map(|s| s.rows.iter().flatten());
+    panels.map(|p| format!("{} | {}", p.title.letters(), p.subtitle.letters())).collect()
+}
+
+/// Frames that differ in nothing that they say are numbered, others are not.
+#[test]
+fn every_panel_has_its_own_title() {
+    let speckle = value("radiance", "W mm^-2 sr^-1").with_f_x(0.0);
+    let mut layers: Vec<(LayerInfo, Pixel)> = vec![(speckle, RAMP); 12];
+    layers.push((value("radiance", "W mm^-2 sr^-1").with_f_x(0.1), RAMP));
+    let found = titles(&stack(8, 8, &layers));
+    assert_eq!(found[2], "radiance (W mm−2 sr−1) | fx = 0 mm−1, no. 3 of 12");
+    assert_eq!(found[12], "radiance (W mm−2 sr−1) | fx = 0.1 mm−1");
+    let distinct: std::collections::BTreeSet<_> = found.iter().collect();
+    assert_eq!(distinct.len(), 13, "{found:?}");
+}
+
+/// Sections, neighbours and reasons are classes with names, not numbers on a bar with a mean.
+#[test]
+fn classes_have_a_legend_and_no_bar() {
+    let layers: [(LayerInfo, Pixel); 4] = [
+        (value("section", "1"), |r, _| (r % 3) as f32),
+        (value("neighbour", "1"), |r, _| (r % 2) as f32),
+        (value("outside", "1"), |r, _| if r < 3 { 4.0 } else { 0.0 }),
+        (mask(), |r, _| if r == 0 { 13.0 } else { 0.0 }),
+    ];
+    let mut images = stack(9, 9, &layers);
+    let section = |from: f64| json!({"from_mm": from, "to_mm": from + 10.0, "pixels": 9, "m_dc": 1e-3});
+    images.attributes.insert("sections".into(), json!([section(0.0), section(10.0), section(20.0)]));
+    let figure = super::stack::figure(&images, "a title");
+    let panels: Vec<_> = figure.sections.iter().flat_map(|s| s.rows.iter().flatten()).collect();
+    assert!(panels.iter().all(|p| p.bar.is_none()));
+    let legends: Vec<Vec<String>> = panels.iter().map(|p| p.notes.iter().map(|n| n.text.letters()).collect()).collect();
+    assert_eq!(legends[0], ["0: 0 to 10 mm, 22.2 %", "1: 10 to 20 mm, 33.3 %", "2: 20 to 30 mm, 33.3 %"]);
+    assert_eq!(legends[2], ["inside the table, 66.7 %", "darker than the table, 22.2 %"]);
+    assert_eq!(legends[3], ["good, 88.9 %", "outside the sections, 11.1 %"]);
+    // The colour of a section in the image is that of its legend.
+    let super::panel::Swatch::Colour(colour) = panels[0].notes[1].swatch.unwrap() else { panic!("no colour") };
+    let zoom = panels[0].image.width() / 9;
+    assert_eq!(panels[0].image.get(zoom / 2, zoom * 4 + zoom / 2), Some(colour));
+}
+
+/// Every panel of a camera's images has a bar in mm, and the figure says the pitch.
+#[test]
+fn images_have_a_scale() {
+    let mut images = stack(64, 64, &[(value("mu_a", "mm^-1"), RAMP), (mask(), |r, _| (r % 2) as f32)]);
+    images.attributes.insert("pixel_pitch_mm".into(), json!([0.5, 0.5]));
+    let figure = super::stack::figure(&images, "a title");
+    for panel in figure.sections.iter().flat_map(|s| s.rows.iter().flatten()) {
+        assert_eq!(panel.notes[0].text.letters(), "10 mm");
+        assert!(
+            matches!(panel.notes[0].swatch, Some(super::panel::Swatch::Length(100))),
+            "20 pixels, 5 times enlarged"
+        );
+    }
+    let said = figure.remarks[0].letters();
+    assert!(said.starts_with("64 × 64 pixels of 0.5 × 0.5 mm in the plane that the camera looks at;"), "{said}");
+}
+
+/// The text chunks of the file as a reader finds them.
+#[test]
+fn the_file_says_where_it_comes_from() {
+    let images = Artifact::Images(stack(8, 8, &[(value("mu_a", "mm^-1"), RAMP)]));
+    let facts = vec![("Pipeline", "tube µ".to_owned()), ("Key", "ab12".to_owned())];
+    let caption = Caption { title: "tube · maps · maps".into(), subtitle: "--set vars.samples=4".into(), facts };
+    let bytes = picture(&images, &caption).unwrap();
+    let reader = png::Decoder::new(std::io::Cursor::new(&bytes)).read_info().unwrap();
+    let info = reader.info();
+    let found: Vec<(String, String)> =
+        info.utf8_text.iter().map(|t| (t.keyword.clone(), t.get_text().unwrap())).collect();
+    assert_eq!(found, [("Pipeline".into(), "tube µ".into()), ("Key".into(), "ab12".into())]);
+    assert_eq!(picture(&images, &caption), Some(bytes.clone()), "the same bytes");
+    let bare = Caption { subtitle: String::new(), ..caption };
+    assert_ne!(picture(&images, &bare), Some(bytes), "the overrides are words of the picture");
+}
+
 #[test]
 fn the_same_artifact_gives_the_same_bytes() {
     let images = Artifact::Images(stack(64, 64, &[(value("mu_a", "mm^-1"), RAMP), (mask(), |r, _| (r % 4) as f32)]));
-    assert_eq!(picture(&images, "maps"), picture(&images, "maps"));
-    assert_ne!(picture(&images, "maps"), picture(&images, "other maps"));
+    let titled = |title: &str| picture(&images, &Caption { title: title.into(), ..Caption::default() });
+    assert_eq!(titled("maps"), titled("maps"));
+    assert_ne!(titled("maps"), titled("other maps"));
 }

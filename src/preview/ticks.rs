@@ -106,6 +106,10 @@ mod tests {
                 assert_eq!(read, *value, "{low}..{high}: {label}");
             }
         }
+        // As a reader sees them: one zero is enough.
+        assert_eq!(ticks(0.0, 70.0, 5).labels, ["0", "20", "40", "60"]);
+        assert_eq!(ticks(-300.0, 300.0, 5).labels, ["−200", "0", "200"]);
+        assert_eq!(ticks(0.0, 7e4, 5).labels, ["0", "20000", "40000", "60000"]);
         assert_eq!(ticks(0.0, 1.0, 6).labels, ["0.0", "0.2", "0.4", "0.6", "0.8", "1.0"]);
         assert_eq!(ticks(-2e-5, 2e-5, 5).labels, ["−2", "−1", "0", "1", "2"]);
     }

@@ -10,12 +10,13 @@ use turbid_contract::{Artifact, ArtifactKind, Axes, Cells, Table};
 use crate::digest::{Digest, PartHasher};
 use crate::key::{axes_text, value_text};
 use crate::plan::{InstanceId, PREVIEW_INSTANCES, Plan};
-use crate::preview;
+use crate::preview::{self, Caption};
 use crate::store::{Blob, InstanceRecord, PortRecord, Store, encode, extension};
 
 use super::Summary;
+use super::caption::{self, caption};
 
-/// Which blob each file under `latest/<pipeline>` stands for, so that an unchanged one is not touched.
+/// Which blob each file under `latest/<pipeline>` stands for, and which look each picture has, so that an unchanged one is not touched.
 const LINKS: &str = ".links";
 
 /// Brings `latest/<pipeline>` in line with what the run left; returns the folder.
@@ -27,7 +28,9 @@ pub fn publish(plan: &Plan, store: &Store, summary: &Summary, outputs: &Path) ->
         .filter(|(path, _)| keeps(plan, path))
         .map(|(path, content)| (path.clone(), content.clone()))
         .collect();
+    let overrides = caption::overrides(plan);
     for &stage in &plan.needed {
+        let set = overrides.get(&stage).map_or(&[][..], Vec::as_slice);
         let records: Vec<(usize, &Arc<InstanceRecord>)> =
             plan.instances_of(stage).filter_map(|id| summary.record(id).map(|r| (id, r))).collect();
         let name = file_name(&plan.spec.stages[stage].name);
@@ -46,16 +49,17 @@ pub fn publish(plan: &Plan, store: &Store, summary: &Summary, outputs: &Path) ->
                 let content = described.blob.digest.to_string();
                 let path = format!("{place}/{port}.{}", extension(described.blob.kind));
                 let picture = format!("{place}/{port}.png");
+                let caption = caption(plan, id, record, port, &described.blob, set);
+                let look = caption::fingerprint(&caption);
                 let current = |path: &str| before.get(path) == Some(&content) && folder.join(path).exists();
                 if !current(&path) {
                     link(store, &described.blob, &folder.join(&path))?;
                 }
-                if before.get(&picture) == Some(&content) && folder.join(&picture).exists() {
-                    now.insert(picture, content.clone());
+                if before.get(&picture) == Some(&look) && folder.join(&picture).exists() {
+                    now.insert(picture, look);
                 } else if drawn(described) && before.get(&path) != Some(&content) || before.contains_key(&picture) {
-                    let title = format!("{} · {port}", plan.label(id));
-                    if draw(store, &described.blob, &title, &folder.join(&picture))? {
-                        now.insert(picture, content.clone());
+                    if draw(store, &described.blob, &caption, &folder.join(&picture))? {
+                        now.insert(picture, look);
                     }
                 }
                 now.insert(path, content);
@@ -129,9 +133,9 @@ fn relative(at: &Path, to: &Path) -> PathBuf {
     path
 }
 
-fn draw(store: &Store, blob: &Blob, title: &str, at: &Path) -> Result<bool, String> {
+fn draw(store: &Store, blob: &Blob, caption: &Caption, at: &Path) -> Result<bool, String> {
     let Ok(artifact) = store.get(blob) else { return Ok(false) };
-    let Some(png) = preview::picture(&artifact, title) else { return Ok(false) };
+    let Some(png) = preview::picture(&artifact, caption) else { return Ok(false) };
     prepare(at)?;
     write(at, &png)?;
     Ok(true)

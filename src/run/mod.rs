@@ -2,6 +2,7 @@
 //!
 //! Want -> Ready -> Running -> Done | Failed | Skipped; every transition is in [`Schedule`].
 
+mod caption;
 mod execute;
 mod host;
 mod inputs;

@@ -16,6 +16,7 @@ mod overrides;
 mod parse;
 mod reader;
 mod recover;
+mod relevant;
 mod scalar;
 mod schema;
 mod seed;

@@ -267,3 +267,17 @@ fn what_multiplies_is_bounded() {
     let ring = Files::new(&[("main.yaml", "include: other.yaml"), ("other.yaml", "include: main.yaml")]);
     assert!(ring.load(&[]).unwrap_err().to_string().contains("`main.yaml` includes itself"));
 }
+
+/// An override is named by the stages that it can change: through their own parts, through vars of vars, or as the seed.
+#[test]
+fn overrides_belong_to_the_stages_that_use_them() {
+    let text = concat!(
+        "vars: {samples: 1, twice: [\"${samples}\", 2], other: 3}\n",
+        "stages:\n  a: {use: x, with: {n: \"${twice}\"}}\n  b: {use: x, foreach: {k: [\"${other}\"]}}\n  c: {use: x}\n",
+    );
+    let given = ["vars.samples=4", "vars.other=5", "stages.c.with.g=0.8", "seed=9", "about=more", "vars.samples=6"];
+    let spec = Files::new(&[("main.yaml", text)]).load(&given).unwrap_or_else(|report| panic!("{report}"));
+    let of = |stage: usize| spec.overrides_of(stage).into_iter().collect::<Vec<_>>();
+    assert_eq!([of(0), of(1), of(2)], [vec![0, 3, 5], vec![1, 3], vec![2, 3]]);
+    assert!(self::spec(text).overrides_of(0).is_empty());
+}

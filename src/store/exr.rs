@@ -1,7 +1,7 @@
 //! Image stacks as multi-part EXR: one part a layer, channel `Y`, f32.
 //!
 //! Everything but the pixels is in one attribute `turbid` of the first part (canonical JSON in ASCII). Names of parts are
-//! for people and never read. Scan lines in increasing order and a single custom attribute: with tiles, an unspecified
+//! for people and never read; so are `xDensity` and `pixelAspectRatio`, which tell other programs the pixels' pitch. Scan lines in increasing order and a single custom attribute: with tiles, an unspecified
 //! order or two attributes (they sit in a hash map) the same image would give other bytes each time.
 
 use std::collections::HashSet;
@@ -21,6 +21,9 @@ use crate::store::error::StoreError;
 
 const ATTRIBUTE: &str = "turbid";
 
+/// Layers of the payload `preview`, which is drawn.
+const DRAWN: [&str; 4] = ["red", "green", "blue", "grey"];
+
 /// The content of the attribute.
 #[derive(Serialize, Deserialize)]
 struct Description {
@@ -39,6 +42,8 @@ pub(super) fn encode(stack: &ImageStack) -> Result<Vec<u8>, StoreError> {
     };
     let json = ascii(&canonical_text(&canonical_value(&description).map_err(StoreError::unfit)?));
     let size = (stack.columns(), stack.rows());
+    let drawn = stack.layers.iter().all(|l| DRAWN.contains(&l.info.name.as_str()));
+    let density = density(stack);
     let mut names = HashSet::new();
     let mut parts = Layers::new();
     for (i, layer) in stack.layers.iter().enumerate() {
@@ -48,18 +53,27 @@ pub(super) fn encode(stack: &ImageStack) -> Result<Vec<u8>, StoreError> {
                 layer.info.name
             )));
         }
-        // Masks are long runs of one value; the others hardly shrink, and cost time.
-        let mask = layer.info.kind == LayerKind::Mask;
-        let compression = if mask { Compression::RLE } else { Compression::Uncompressed };
+        // Masks are long runs of one value, drawings of few; the others hardly shrink, and cost time.
+        let compression = match layer.info.kind {
+            LayerKind::Mask => Compression::RLE,
+            // Runs of bytes see no run in floats other than 0.
+            _ if drawn => Compression::ZIP16,
+            _ => Compression::Uncompressed,
+        };
         let encoding = Encoding { compression, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
         let mut attributes = LayerAttributes::named(part_name(&layer.info, i, &mut names).as_str());
+        attributes.horizontal_density = density.map(|[density, _]| density);
         if i == 0 {
             attributes.other.insert(Text::from(ATTRIBUTE), AttributeValue::Text(Text::from(json.as_str())));
         }
         let pixels = FlatSamples::F32(layer.data.iter().copied().collect());
         parts.push(Part::new(size, attributes, encoding, AnyChannels::sort(smallvec![AnyChannel::new("Y", pixels)])));
     }
-    let image = Image { attributes: ImageAttributes::new(IntegerBounds::from_dimensions(size)), layer_data: parts };
+    let mut attributes = ImageAttributes::new(IntegerBounds::from_dimensions(size));
+    if let Some([_, aspect]) = density {
+        attributes.pixel_aspect = aspect;
+    }
+    let image = Image { attributes, layer_data: parts };
     let mut bytes = Vec::new();
     // Without threads of its own: the store is called from the threads of a run.
     image
@@ -68,6 +82,14 @@ pub(super) fn encode(stack: &ImageStack) -> Result<Vec<u8>, StoreError> {
         .to_buffered(Cursor::new(&mut bytes))
         .map_err(|e| StoreError::unfit(format!("the images cannot be written as EXR: {e}")))?;
     Ok(bytes)
+}
+
+/// `xDensity` (pixels per inch along a row) and `pixelAspectRatio` (width over height of a pixel) of a stack that knows its pitch.
+fn density(stack: &ImageStack) -> Option<[f32; 2]> {
+    let [x, y] = stack.pixel_pitch_mm()?;
+    let numbers = [(25.4 / x) as f32, (x / y) as f32];
+    // A reader refuses other aspects.
+    (numbers[0].is_normal() && (1e-6..=1e6).contains(&numbers[1])).then_some(numbers)
 }
 
 /// Decodes what [`encode`] wrote.
@@ -147,4 +169,45 @@ fn part_name(info: &LayerInfo, index: usize, taken: &mut HashSet<String>) -> Str
         taken.insert(name.clone());
     }
     name
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    fn stack(name: &str, pixel: impl Fn((usize, usize)) -> f32) -> ImageStack {
+        let mut stack = ImageStack::new(40, 300);
+        stack.push(LayerInfo::value(name, "1"), Array2::from_shape_fn((40, 300), pixel));
+        stack
+    }
+
+    /// Other programs read the pitch from the standard attributes: pixels per inch, and width over height.
+    #[test]
+    fn the_pitch_is_in_the_header() {
+        let header = |stack: &ImageStack| {
+            let bytes = encode(stack).unwrap();
+            let meta = exr::meta::MetaData::read_from_buffered(bytes.as_slice(), false).unwrap();
+            assert_eq!(decode(&bytes).unwrap(), *stack);
+            (meta.headers[0].own_attributes.horizontal_density, meta.headers[0].shared_attributes.pixel_aspect)
+        };
+        let mut stack = stack("mu_a", |(r, c)| (r + c) as f32);
+        assert_eq!(header(&stack), (None, 1.0));
+        stack.attributes.insert("pixel_pitch_mm".into(), json!([0.5, 0.25]));
+        assert_eq!(header(&stack), (Some(50.8), 2.0));
+        // No f32 holds the density, and no reader takes the aspect.
+        for senseless in [[1e-60, 1e-60], [1e-9, 1.0]] {
+            stack.attributes.insert("pixel_pitch_mm".into(), json!(senseless));
+            assert_eq!(header(&stack), (None, 1.0));
+        }
+    }
+
+    /// A drawing of few colours takes a small part of its 4 bytes a pixel; a quantity stays as it is.
+    #[test]
+    fn drawings_are_small() {
+        let size = |name| encode(&stack(name, |(_, c)| (c / 60) as f32)).unwrap().len();
+        assert!(size("red") < 40 * 300 * 4 / 10, "{}", size("red"));
+        assert!(size("mu_a") > 40 * 300 * 4);
+    }
 }

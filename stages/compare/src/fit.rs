@@ -95,24 +95,23 @@ pub fn compare_fit(fit: &Table, media: &Media, ctx: Ctx<'_>) -> Result<(Metrics,
         ctx.warn(format!("{failed} of {} media have no fit: nothing is known of them", good.len()));
     }
     rows.extend(all);
-    let errors = ctx.wants("errors").then(|| errors(&pairs));
+    let errors = ctx.wants("errors").then(|| errors(&pairs, names));
     Ok((table(&rows), errors))
 }
 
-/// Estimate, truth and relative error in percent: a stripe for each medium, the first on top.
-fn errors(pairs: &[Vec<Pair>; 2]) -> Errors {
-    let count = pairs[0].len();
-    let mut stack = ImageStack::new(count, count);
-    let stripes =
-        |of: &[Pair], f: fn(&Pair) -> f64| Array2::from_shape_fn((count, count), |(row, _)| f(&of[row]) as f32);
+/// Estimate, truth and relative error in percent: a pixel for each medium, one below the other; the attribute `media` names them.
+fn errors(pairs: &[Vec<Pair>; 2], media: &[String]) -> Errors {
+    let mut stack = ImageStack::new(media.len(), 1);
+    stack.attributes.insert("media".to_owned(), media.into());
+    let column = |of: &[Pair], f: fn(&Pair) -> f64| Array2::from_shape_fn((media.len(), 1), |(i, _)| f(&of[i]) as f32);
     for (name, of) in QUANTITIES.iter().zip(pairs) {
-        stack.push(LayerInfo::value(*name, "mm^-1"), stripes(of, |p| p.estimate));
-        stack.push(LayerInfo::value(format!("{name}_truth"), "mm^-1"), stripes(of, |p| p.truth));
+        stack.push(LayerInfo::value(*name, "mm^-1"), column(of, |p| p.estimate));
+        stack.push(LayerInfo::value(format!("{name}_truth"), "mm^-1"), column(of, |p| p.truth));
         let percent = |p: &Pair| if p.good && p.truth != 0.0 { 100.0 * (p.estimate / p.truth - 1.0) } else { 0.0 };
-        stack.push(LayerInfo::value(format!("{name}_error"), "%"), stripes(of, percent));
+        stack.push(LayerInfo::value(format!("{name}_error"), "%"), column(of, percent));
     }
     let reason = |p: &Pair| if p.good { 0.0 } else { f64::from(MaskReason::NoFit.code()) };
-    stack.push(LayerInfo::new("mask", LayerKind::Mask, "1"), stripes(&pairs[0], reason));
+    stack.push(LayerInfo::new("mask", LayerKind::Mask, "1"), column(&pairs[0], reason));
     Errors(stack)
 }
 

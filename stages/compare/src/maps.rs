@@ -53,7 +53,7 @@ pub fn compare_maps(
         }
     }
     measure(&found, ctx);
-    let errors = ctx.wants("errors").then(|| errors(&quantities, rows, columns));
+    let errors = ctx.wants("errors").then(|| errors(&quantities, estimate, truth));
     Ok((table(&found), errors))
 }
 
@@ -279,9 +279,13 @@ fn table(rows: &[Row<'_>]) -> Metrics {
     Metrics(table)
 }
 
-/// Estimate, truth and relative error in percent (of a position the error itself) of each quantity, and the mask.
-fn errors(quantities: &[Quantity<'_>], rows: usize, columns: usize) -> Errors {
+/// Estimate, truth and relative error in percent (of a position the error itself) of each quantity, where the estimate is but the end of a
+/// table (`outside`), and the mask.
+fn errors(quantities: &[Quantity<'_>], estimate: &ImageStack, truth: &ImageStack) -> Errors {
+    let (rows, columns) = (truth.rows(), truth.columns());
     let mut stack = ImageStack::new(rows, columns);
+    stack.take_pixel_pitch(estimate);
+    stack.take_pixel_pitch(truth);
     let plane = |f: &dyn Fn(usize) -> f32| Array2::from_shape_fn((rows, columns), |(r, c)| f(r * columns + c));
     let mut masks: Vec<(Option<f64>, &[f32])> = Vec::new();
     for q in quantities {
@@ -305,6 +309,9 @@ fn errors(quantities: &[Quantity<'_>], rows: usize, columns: usize) -> Errors {
         if masks.iter().all(|(wavelength, _)| *wavelength != q.info.wavelength_nm) {
             masks.push((q.info.wavelength_nm, &q.mask));
         }
+    }
+    for layer in estimate.layers.iter().filter(|l| l.info.kind == LayerKind::Value && l.info.name == "outside") {
+        stack.push(layer.info.clone(), layer.data.clone());
     }
     for (wavelength_nm, mask) in masks {
         let mut info = LayerInfo::new("mask", LayerKind::Mask, "1");

@@ -46,7 +46,7 @@ out_ports! {
     pub struct Out {
         /// One row for each region (or medium) and quantity.
         metrics: one Metrics,
-        /// Estimate, truth and relative error side by side; of a fit a stripe for each medium.
+        /// Estimate, truth and relative error side by side; of a fit a pixel for each medium, one below the other.
         errors: preview Errors,
     }
 }

@@ -41,7 +41,9 @@ fn compare(truth: Option<Readings>, params: &Params) -> Result<(Table, MemoryHos
     let out = Compare::run(params, input, Ctx::new(&host))?;
     let errors = out.errors.expect("the picture was wanted").0;
     let mask = errors.mask(None).expect("a mask").pixels();
-    assert_eq!((errors.rows(), mask.iter().filter(|&&m| m > 0.0).count()), (3, 3), "a stripe of 3 without a fit");
+    assert_eq!((errors.rows(), errors.columns()), (3, 1), "a pixel for each medium");
+    assert_eq!(mask.iter().filter(|&&m| m > 0.0).count(), 1, "one medium has no fit");
+    assert_eq!(errors.attributes["media"], serde_json::json!(["a", "b", "c"]));
     let Metrics(table) = out.metrics;
     Ok((table, host))
 }

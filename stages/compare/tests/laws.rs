@@ -190,6 +190,19 @@ fn errors_are_shown_in_percent() {
     assert_eq!((at("mu_a_error", 0, 3), at("mask", 0, 3)), (0.0, MaskReason::Background.code()));
 }
 
+/// Where the estimate is but the end of a table, and how large pixels are, goes with the picture.
+#[test]
+fn errors_say_what_the_maps_say() {
+    let (mut maps, mut truth) = (estimate(1.05, 1.0), truth());
+    let outside = Array2::from_shape_fn((SIDE, SIDE), |(r, _)| if r < 5 { MaskReason::AboveTable.code() } else { 0.0 });
+    maps.0.push(LayerInfo::value("outside", "1"), outside.clone());
+    truth.0.attributes.insert("pixel_pitch_mm".into(), json!([0.5, 0.5]));
+    let (out, _) = compare(maps, truth, &Params::default()).unwrap();
+    let errors = out.errors.unwrap().0;
+    assert_eq!(errors.find("outside", None).unwrap().data, outside);
+    assert_eq!(errors.pixel_pitch_mm(), Some([0.5, 0.5]));
+}
+
 /// A medium without absorption has no relative error: its pixels are left out, with a word.
 #[test]
 fn nothing_is_relative_to_zero() {

@@ -10,6 +10,7 @@ pub mod error;
 pub mod masked;
 pub mod payload;
 pub mod pilot;
+pub mod pitch;
 pub mod planes;
 pub mod port;
 pub mod problem;

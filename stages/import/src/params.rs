@@ -2,7 +2,7 @@
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use turbid_contract::{AngleDeg, PerLength, Problems};
+use turbid_contract::{AngleDeg, Length, PerLength, Problems};
 
 use crate::conditions::ConditionsParams;
 use crate::correct::Camera;
@@ -52,6 +52,9 @@ pub struct Params {
     /// How the frames were taken: what a table that reads them has to share.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub conditions: Option<ConditionsParams>,
+    /// Size of a pixel on the sample, mm: gives pictures and files of the frames, and of what is made from them, a scale.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pixel_mm: Option<Length>,
 }
 
 /// One file.
@@ -90,6 +93,7 @@ impl Default for Params {
             full_well: None,
             read_noise: 0.0,
             conditions: None,
+            pixel_mm: None,
         }
     }
 }
@@ -189,6 +193,9 @@ impl Params {
         }
         let read_noise = self.read_noise;
         require(read_noise >= 0.0 && read_noise.is_finite(), "read_noise", read_noise, "electrons", "be >= 0");
+        if let Some(Length(v)) = self.pixel_mm {
+            require(v > 0.0 && v.is_finite(), "pixel_mm", v, "mm", "be a finite number > 0");
+        }
         if read_noise > 0.0 && self.full_well.is_none() {
             problems.push(
                 "read_noise",

@@ -3,6 +3,7 @@
 use turbid_contract::canonical::canonical_value;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{CONDITIONS, Frames, MaskReason};
+use turbid_contract::pitch::PIXEL_PITCH_MM;
 use turbid_contract::{
     Attributes, Ctx, Error, Facts, FileUse, ImageStack, Known, LayerInfo, LayerKind, Problem, Problems, Stage,
     StagePlan, in_ports, out_ports, serde_json,
@@ -224,6 +225,9 @@ fn stack(params: &Params, shots: &[Shot], seen: &[(Picture, Corrected)], ctx: Ct
         new.for_each(|(mask, reason)| *mask = reason.code());
     }
     let mut stack = ImageStack::new(rows, columns);
+    if let Some(pixel) = params.pixel_mm {
+        stack.attributes.insert(PIXEL_PITCH_MM.to_owned(), vec![pixel.0; 2].into());
+    }
     let mut errors = Vec::new();
     for (shot, (_, corrected)) in shots.iter().zip(seen) {
         let mask = &masks.iter().find(|(w, _)| *w == shot.wavelength_nm).expect("one for each wavelength").1;

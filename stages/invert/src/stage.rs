@@ -233,7 +233,11 @@ impl Stage for Invert {
             invert(stack, &layers, (&solvers, &places, correction.as_ref()), &pass, ctx, &mut maps, &mut covariance)?;
         }
         let exposure = match (&correction, ctx.wants("exposure")) {
-            (Some(correction), true) => Some(Exposure(correction.image(&f_x))),
+            (Some(correction), true) => {
+                let mut image = correction.image(&f_x);
+                image.take_pixel_pitch(stack);
+                Some(Exposure(image))
+            }
             (None, true) => {
                 let what = "`exposure` is wanted, but without the input `height` no light falls on any shape";
                 return Err(Error::failed_with_hint(what, "connect `height` and `scene`"));

@@ -219,8 +219,12 @@ impl Stage for Profilometry {
         let found = turns_found(params, &rig, &fringes, stack, reference, &coordinates, &mask, ctx)?;
         let f_x = fringes.f_x(fringes.last());
         let heights = heights(params, &rig, &fringes, reference, &coordinates, &found, f_x, &mask)?;
-        let out = planes(&rig, &heights, &found, &mut mask, ctx);
-        let normals = ctx.wants("normals").then(|| normals(&rig, &out, &mask));
+        let mut out = planes(&rig, &heights, &found, &mut mask, ctx);
+        let mut normals = ctx.wants("normals").then(|| normals(&rig, &out, &mask));
+        if let Some(camera) = &inputs.scene.camera {
+            out.set_pixel_pitch(camera);
+            normals.iter_mut().for_each(|normals| normals.0.set_pixel_pitch(camera));
+        }
         Ok(Out { height: Maps(out), normals })
     }
 }

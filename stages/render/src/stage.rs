@@ -188,11 +188,17 @@ impl Stage for RenderStage {
             said.insert_into(&mut frames.0.attributes, CONDITIONS);
             layers(&scene, &mut frames.0, ctx)?;
         }
+        let mut covariance = ctx.wants("covariance").then(|| images.covariance());
+        let mut white = ctx.wants("white").then(|| images.white());
+        if let Some(camera) = &scene.camera {
+            let others = [covariance.as_mut().map(|c| &mut c.0), white.as_mut().map(|w| &mut w.0)];
+            others.into_iter().flatten().chain([&mut frames.0]).for_each(|stack| stack.set_pixel_pitch(camera));
+        }
         Ok(Out {
             frames,
-            covariance: ctx.wants("covariance").then(|| images.covariance()),
+            covariance,
             truth: ctx.wants("truth").then(|| truth(&scene, &rig.worlds[0], &rig.object_of, &rig.camera)),
-            white: ctx.wants("white").then(|| images.white()),
+            white,
             power,
         })
     }

@@ -18,6 +18,7 @@ pub fn truth(scene: &Scene, world: &World, object_of: &[usize], camera: &Camera)
     stack.attributes.insert("objects".to_owned(), json!(names));
     if let Some(camera) = &scene.camera {
         stack.attributes.insert("field".to_owned(), json!(camera.field));
+        stack.set_pixel_pitch(camera);
     }
     let mut spans = Spans::default();
     let hits: Vec<Option<Hit>> = (0..camera.pixels()).map(|p| first_hit(world, camera, p, &mut spans)).collect();

@@ -164,7 +164,8 @@ impl Stage for SectionTube {
         let profile = Profile::of(&good, length);
         let (bounds_mm, list) = cut(params, &profile, light.white(), ctx)?;
         ctx.measure("sections", list.len() as f64, "1");
-        let sections = sections(params, &light, &arc, &bounds_mm, &list);
+        let mut sections = sections(params, &light, &arc, &bounds_mm, &list);
+        sections.0.take_pixel_pitch(truth);
         ctx.measure_masked(sections.0.mask(None).into_iter().flat_map(|mask| mask.data.iter().copied()));
         Ok(Out { sections })
     }

@@ -121,8 +121,12 @@ impl Stage for Sensor {
                 given.map(|g| (g, &spread, pixels.response.as_slice())),
             )
         });
+        let covariance = covariance.transpose()?.map(|mut covariance| {
+            covariance.0.take_pixel_pitch(ideal);
+            covariance
+        });
         let numbers = ctx.wants("numbers").then(|| Frames(numbers(ideal, &values, &seen)));
-        Ok(Out { frames: Frames(frames), covariance: covariance.transpose()?, numbers })
+        Ok(Out { frames: Frames(frames), covariance, numbers })
     }
 }
 
@@ -283,6 +287,7 @@ fn frames(
 fn numbers(ideal: &ImageStack, values: &[&Layer], seen: &[Seen]) -> ImageStack {
     let (rows, columns) = (ideal.rows(), ideal.columns());
     let mut stack = ImageStack::new(rows, columns);
+    stack.take_pixel_pitch(ideal);
     for (layer, seen) in values.iter().zip(seen) {
         let info = LayerInfo { unit: "1".into(), mean_se: None, ..layer.info.clone() };
         let plane = Array2::from_shape_fn((rows, columns), |(r, c)| seen.number[r * columns + c] as f32);

@@ -228,17 +228,94 @@ fn the_sketch_shows_the_objects() {
         .collect();
     colours.sort_unstable();
     colours.dedup();
-    // Paper, gap, the bar of the scale, camera, projector, two objects.
-    assert_eq!(colours.len(), 7);
-    let legend: Vec<&str> =
-        stack.attributes["legend"].as_array().unwrap().iter().filter_map(|e| e["text"].as_str()).collect();
-    assert_eq!(legend, ["polyp (scc)", "tissue (healthy)", "camera and what it sees", "projector and what it lights"]);
-    // A margin of 5 % of 540 mm (the polyp's foot to the camera) on either side: 128 + 54 mm of field are seen from above,
-    // 594 mm from the side, and a bar is the longest round length within a third of that.
-    let labels = stack.attributes["labels"].as_array().unwrap();
-    let labels: Vec<&str> = labels.iter().filter_map(|e| e["text"].as_str()).collect();
-    assert_eq!(labels, ["from above", "50 mm", "from the side, cut", "100 mm"]);
+    // Paper, gap, the bar of the scale, the line of the cut, camera, projector, two objects.
+    assert_eq!(colours.len(), 8);
+    let said = |name: &str| -> Vec<String> {
+        let entries = stack.attributes[name].as_array().unwrap();
+        entries.iter().filter_map(|e| e["text"].as_str()).map(str::to_owned).collect()
+    };
+    assert_eq!(
+        said("legend"),
+        [
+            "polyp (scc)",
+            "tissue (healthy)",
+            "camera and what it sees",
+            "projector and what it lights",
+            "dotted: where the section is cut"
+        ]
+    );
+    // The field of the projector (128 mm) and the whole set-up (540 mm, from the polyp's foot to the camera) with a margin of 5 % on either
+    // side; a bar is the longest round length within a third of that.
+    assert_eq!(
+        said("labels"),
+        [
+            "from above: x to the right, y up",
+            "20 mm",
+            "section along y (camera to projector), z up",
+            "20 mm",
+            "the whole set-up in that section",
+            "100 mm"
+        ]
+    );
     assert_eq!(run(&carcinoma(), &[]).len(), 1);
+}
+
+const SKETCH_PANEL: usize = 360;
+
+/// The sketch of params as rows of colours, and its legend.
+fn sketched(params: &Value) -> (Vec<Vec<[f32; 3]>>, String) {
+    let ports = run(params, &["preview"]);
+    let Artifact::Images(stack) = &ports[1].1 else { panic!("the preview is no image") };
+    let pixel = |r: usize, c: usize| [0, 1, 2].map(|k| stack.layers[k].data[(r, c)]);
+    let rows = (0..stack.rows()).map(|r| (0..stack.columns()).map(|c| pixel(r, c)).collect()).collect();
+    (rows, stack.attributes["legend"].to_string())
+}
+
+/// From above and in the section a thing is as wide, in as many pixels as the bar says: the lesion of 30 x 30 x 10 mm under 128 mm of
+/// field. It lies below the surface, so that dashes of its outline are all that is seen of it from above.
+#[test]
+fn what_lies_below_the_surface_is_outlined() {
+    let lesion = json!({"spheroid": {"diameters": [30, 30, 10], "center": [0, 0, -8]}, "medium": "scc", "priority": 1});
+    let (rows, legend) = sketched(&with("/objects/polyp", lesion));
+    assert!(legend.contains("dashed"), "{legend}");
+    let (tissue, lesion) = ([0.60, 0.80, 0.93], [0.93, 0.75, 0.73]);
+    let shade = lesion.map(|c: f32| 0.45 * c);
+    let columns = |colour: [f32; 3], panel: usize| -> Vec<usize> {
+        let left = panel * (SKETCH_PANEL + 8);
+        let has = |&c: &usize| rows.iter().any(|row| row[left + c] == colour);
+        (0..SKETCH_PANEL).filter(has).collect()
+    };
+    let width = |columns: &[usize]| columns[columns.len() - 1] - columns[0] + 1;
+    // 140.8 mm on 360 pixels.
+    let expected = 30.0 / 140.8 * 360.0;
+    let (above, section) = (columns(shade, 0), columns(lesion, 1));
+    assert!((width(&section) as f64 - expected).abs() < 1.5, "{} of {expected} pixels", width(&section));
+    // Dashes of 4 pixels may leave the outermost ones out.
+    assert!((width(&above) as f64 - expected).abs() < 5.0, "{} of {expected} pixels", width(&above));
+    assert!(columns(lesion, 0).is_empty() && columns(tissue, 0).len() == SKETCH_PANEL, "it is seen from above");
+    let dashes = rows.iter().flat_map(|row| &row[..SKETCH_PANEL]).filter(|c| **c == shade).count() as f64;
+    let outline = std::f64::consts::PI * expected;
+    assert!(dashes > 0.3 * outline && dashes < 0.9 * outline, "{dashes} pixels of an outline of {outline}");
+}
+
+/// Camera and projector stand apart in the section wherever they stand around each other.
+#[test]
+fn the_section_holds_camera_and_projector() {
+    let (camera, projector) = ([0.05, 0.25, 0.75], [0.85, 0.45, 0.0]);
+    for position in [[0, 35, 500], [35, 0, 500], [-25, 25, 500]] {
+        let (rows, _) = sketched(&with("/projector/position", json!(position)));
+        // Crosses in the panel of the whole set-up: arms of 11 x 5 pixels.
+        let left = 2 * (SKETCH_PANEL + 8);
+        let middle = |colour: [f32; 3]| {
+            let bar = |c: &usize| (0..60).any(|r| (0..11).all(|k| rows[r + k][left + c] == colour));
+            let columns: Vec<usize> = (0..SKETCH_PANEL).filter(bar).collect();
+            assert!(!columns.is_empty(), "no cross of {colour:?} for {position:?}");
+            columns.iter().sum::<usize>() as f64 / columns.len() as f64
+        };
+        let apart = (middle(projector) - middle(camera)).abs();
+        // 35 mm at 594 mm on 360 pixels; one cross lies over the other's arm.
+        assert!((apart - 35.2 / 594.0 * 360.0).abs() < 2.5, "{apart} pixels apart for {position:?}");
+    }
 }
 
 /// The schema is what editors and `turbid stages` show: every field of the grammar is in it.

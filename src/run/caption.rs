@@ -1,0 +1,70 @@
+//! What a picture of `outputs/latest` says of the run that it comes from.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::digest::PartHasher;
+use crate::key::axes_text;
+use crate::plan::{InstanceId, Plan};
+use crate::preview::Caption;
+use crate::store::{Blob, InstanceRecord};
+
+/// Raised whenever pictures of the same artifact look different: those of an older turbid are then drawn anew.
+const PICTURES: &str = "2";
+
+/// `pipeline · stage[axes] · port`; of [`overrides`] those of the stage (`set`); the key of the instance. What of the run did not matter to the
+/// artifact (its time, other overrides) is left out, so that equal artifacts keep equal pictures.
+pub fn caption(
+    plan: &Plan,
+    id: InstanceId,
+    record: &InstanceRecord,
+    port: &str,
+    blob: &Blob,
+    set: &[String],
+) -> Caption {
+    let instance = &plan.instances[id];
+    let (pipeline, stage) = (&plan.spec.pipeline, &plan.spec.stages[instance.stage]);
+    let facts = [
+        ("Title", format!("{pipeline} {} {port}", plan.label(id))),
+        ("Software", concat!("turbid ", env!("CARGO_PKG_VERSION")).to_owned()),
+        ("Pipeline", pipeline.clone()),
+        ("Stage", stage.name.clone()),
+        ("Stage kind", stage.use_name.clone()),
+        ("Axes", axes_text(&instance.axes)),
+        ("Port", port.to_owned()),
+        ("Overrides", set.join("\n")),
+        ("Key", record.key.to_string()),
+        ("Content", blob.digest.to_string()),
+    ];
+    Caption {
+        title: format!("{pipeline} · {} · {port}", plan.label(id)),
+        subtitle: set.join(" "),
+        facts: facts.into_iter().filter(|(_, text)| !text.is_empty()).collect(),
+    }
+}
+
+/// Stands for a picture: equal for the same artifact under the same caption.
+pub fn fingerprint(caption: &Caption) -> String {
+    let mut parts = PartHasher::new("turbid picture");
+    parts.add("pictures", PICTURES.as_bytes());
+    for (keyword, text) in &caption.facts {
+        parts.add(keyword, text.as_bytes());
+    }
+    parts.finish().to_string()
+}
+
+/// For each needed stage the overrides that it, or a stage that feeds it, depends on, as they were given.
+pub fn overrides(plan: &Plan) -> BTreeMap<usize, Vec<String>> {
+    let mut found: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();
+    // Sources come first.
+    for &stage in &plan.needed {
+        let own = found.entry(stage).or_default();
+        own.extend(plan.spec.overrides_of(stage));
+        let passed = own.clone();
+        for &consumer in plan.consumers(stage) {
+            found.entry(consumer).or_default().extend(&passed);
+        }
+    }
+    let texts =
+        |places: BTreeSet<usize>| places.into_iter().map(|i| format!("--set {}", plan.spec.overrides[i])).collect();
+    found.into_iter().map(|(stage, places)| (stage, texts(places))).collect()
+}

@@ -1,0 +1,196 @@
+//! A square window on the world, and what is drawn in it.
+
+use glam::{DVec2, DVec3};
+use turbid_contract::payload::Scene;
+
+use crate::assemble::{Placed, is_void};
+
+/// Red, green, blue in [0, 1].
+pub type Colour = [f32; 3];
+
+/// Height and width of a panel, pixels.
+pub const PANEL: usize = 360;
+
+/// Where the bar that gives the scale starts.
+pub const BAR_LEFT: usize = 10;
+pub const BAR_ROW: usize = PANEL - 12;
+pub const BAR_COLOUR: Colour = [0.125; 3];
+
+const PAPER: Colour = [0.97, 0.97, 0.95];
+/// An outline below the surface, over the colour of what it is of.
+const SHADE: f32 = 0.45;
+/// Pixels of a dash, and of the gap behind it.
+const DASH: usize = 4;
+
+/// Lines and crosses over the objects.
+pub struct Ink {
+    /// Edge of the field with where the ray to each of its points comes from, and the pinhole.
+    pub views: Vec<(Vec<(DVec3, DVec3)>, DVec3, Colour)>,
+    /// From where to where.
+    pub lamps: Vec<(DVec3, DVec3, Colour)>,
+    pub detectors: Vec<(Vec<DVec3>, Colour)>,
+}
+
+/// A square window on the world with the same scale along both axes.
+pub struct Panel {
+    /// Top left.
+    corner: DVec2,
+    mm_per_pixel: f64,
+    pixels: Vec<Colour>,
+}
+
+/// For each pixel of a view from above the objects that a line straight down meets, the visible one first.
+pub struct Columns(Vec<Vec<usize>>);
+
+impl Columns {
+    /// Of what lies below the height `top`, mm; void objects hide nothing and are left out.
+    pub fn below(panel: &Panel, scene: &Scene, objects: &[Placed<'_>], top: f64) -> Self {
+        let void: Vec<bool> = objects.iter().map(|o| is_void(scene, o.object)).collect();
+        let mut stays = Vec::new();
+        let pixel = |i: usize| {
+            let at = panel.point(i / PANEL, i % PANEL).extend(top);
+            let mut spans: Vec<(f64, f64, usize)> = Vec::new();
+            for (object, placed) in objects.iter().enumerate() {
+                stays.clear();
+                placed.solid.cut(at, DVec3::NEG_Z, None, &mut stays);
+                spans.extend(stays.iter().map(|s| (s.enter, s.leave, object)));
+            }
+            let mut ends: Vec<f64> = spans.iter().flat_map(|s| [s.0.max(0.0), s.1.max(0.0)]).collect();
+            ends.sort_by(f64::total_cmp);
+            let mut met: Vec<usize> = Vec::new();
+            for pair in ends.windows(2).filter(|pair| pair[1] > pair[0]) {
+                let within = if pair[1].is_finite() { 0.5 * (pair[0] + pair[1]) } else { pair[0] + 1.0 };
+                let here = spans.iter().filter(|s| s.0 < within && within < s.1);
+                let owner = here.map(|s| s.2).max_by_key(|&o| objects[o].object.priority);
+                met.extend(owner.filter(|&o| !void[o] && !met.contains(&o)));
+            }
+            met
+        };
+        Self((0..PANEL * PANEL).map(pixel).collect())
+    }
+}
+
+impl Panel {
+    /// Around a point of its plane; `width` in mm.
+    pub fn around(middle: DVec2, width: f64) -> Self {
+        let corner = middle + 0.5 * width * DVec2::new(-1.0, 1.0);
+        Self { corner, mm_per_pixel: width / PANEL as f64, pixels: vec![PAPER; PANEL * PANEL] }
+    }
+
+    pub fn at(&self, row: usize, column: usize) -> Colour {
+        self.pixels[row * PANEL + column]
+    }
+
+    /// The middle of a pixel in the plane of the panel, mm.
+    fn point(&self, row: usize, column: usize) -> DVec2 {
+        self.corner + self.mm_per_pixel * DVec2::new(column as f64 + 0.5, -(row as f64 + 0.5))
+    }
+
+    /// Colours what is there; the rest stays paper.
+    pub fn fill(&mut self, colour: impl Fn(DVec2) -> Option<Colour>) {
+        for i in 0..self.pixels.len() {
+            self.pixels[i] = colour(self.point(i / PANEL, i % PANEL)).unwrap_or(PAPER);
+        }
+    }
+
+    /// Colours what is seen from above, and outlines with dashes what lies below it; whether there is any such.
+    pub fn fill_from_above(&mut self, columns: &Columns, colour: impl Fn(usize) -> Colour) -> bool {
+        let mut hidden = false;
+        for (i, met) in columns.0.iter().enumerate() {
+            let (row, column) = (i / PANEL, i % PANEL);
+            self.pixels[i] = met.first().map_or(PAPER, |&o| colour(o));
+            let inside = [row > 0, row + 1 < PANEL, column > 0, column + 1 < PANEL];
+            let neighbours = [i.wrapping_sub(PANEL), i + PANEL, i.wrapping_sub(1), i + 1];
+            let misses = |o: &usize| inside.iter().zip(neighbours).any(|(is, at)| *is && !columns.0[at].contains(o));
+            // Where a neighbouring line misses a hidden object, its outline runs.
+            if let Some(&object) = met.iter().skip(1).find(|o| misses(o)) {
+                hidden = true;
+                // A slope that no edge of an object is likely to have: along it there would be no dashes.
+                if (3 * row + 5 * column) / (4 * DASH) % 2 == 0 {
+                    self.pixels[i] = colour(object).map(|c| SHADE * c);
+                }
+            }
+        }
+        hidden
+    }
+
+    /// Fields, pinholes, lights, detectors, and the bar of the scale.
+    pub fn draw(&mut self, ink: &Ink, flatten: impl Fn(DVec3) -> DVec2) {
+        for (edge, pinhole, colour) in &ink.views {
+            let edge: Vec<(DVec2, DVec2)> = edge.iter().map(|&(a, b)| (flatten(a), flatten(b))).collect();
+            for (i, &(from, to)) in edge.iter().enumerate() {
+                self.line(to, edge[(i + 1) % edge.len()].1, *colour, 1);
+                if i % (edge.len() / 4) == 0 {
+                    self.line(from, to, *colour, 3);
+                }
+            }
+            self.cross(flatten(*pinhole), *colour);
+        }
+        for &(from, to, colour) in &ink.lamps {
+            self.line(flatten(from), flatten(to), colour, 3);
+            self.cross(flatten(from), colour);
+        }
+        for (outline, colour) in &ink.detectors {
+            for (i, &corner) in outline.iter().enumerate() {
+                let next = outline[(i + 1) % outline.len()];
+                self.line(flatten(corner), flatten(next), *colour, 1);
+            }
+        }
+        let (_, pixels_long) = self.bar();
+        for column in BAR_LEFT..BAR_LEFT + pixels_long {
+            for row in BAR_ROW..BAR_ROW + 2 {
+                self.pixels[row * PANEL + column] = BAR_COLOUR;
+            }
+        }
+    }
+
+    fn cross(&mut self, middle: DVec2, colour: Colour) {
+        let arm = 5.0 * self.mm_per_pixel;
+        for (a, b) in [(DVec2::X, DVec2::Y), (DVec2::Y, DVec2::X)] {
+            for side in -2..=2 {
+                let shift = f64::from(side) * self.mm_per_pixel * b;
+                self.line(middle - arm * a + shift, middle + arm * a + shift, colour, 1);
+            }
+        }
+    }
+
+    /// A round length in mm, up to a third of the panel, and how many pixels that are.
+    pub fn bar(&self) -> (f64, usize) {
+        let third = self.mm_per_pixel * PANEL as f64 / 3.0;
+        let power = libm::exp10(libm::floor(libm::log10(third)));
+        let length = [5.0, 2.0, 1.0].map(|digit| digit * power).into_iter().find(|l| *l <= third).unwrap_or(third);
+        (length, (length / self.mm_per_pixel) as usize)
+    }
+
+    /// Draws every `dash`-th pixel of a line.
+    pub fn line(&mut self, from: DVec2, to: DVec2, colour: Colour, dash: usize) {
+        let place = |p: DVec2| (p - self.corner) / self.mm_per_pixel * DVec2::new(1.0, -1.0);
+        let Some((from, to)) = clipped(place(from), place(to)) else { return };
+        let steps = (to - from).abs().max_element().ceil().max(1.0) as usize;
+        for i in (0..=steps).step_by(dash) {
+            let p = from + (i as f64 / steps as f64) * (to - from);
+            let (column, row) = (p.x.floor(), p.y.floor());
+            if (0.0..PANEL as f64).contains(&column) && (0.0..PANEL as f64).contains(&row) {
+                self.pixels[row as usize * PANEL + column as usize] = colour;
+            }
+        }
+    }
+}
+
+/// The part of a line in pixels that lies in the panel: a pinhole may be far outside.
+fn clipped(from: DVec2, to: DVec2) -> Option<(DVec2, DVec2)> {
+    let (mut first, mut last) = (0.0_f64, 1.0_f64);
+    let step = to - from;
+    for (start, step) in [(from.x, step.x), (from.y, step.y)] {
+        let ends = [(0.0 - start) / step, (PANEL as f64 - start) / step];
+        if step == 0.0 {
+            if !(0.0..=PANEL as f64).contains(&start) {
+                return None;
+            }
+        } else {
+            first = first.max(ends[0].min(ends[1]));
+            last = last.min(ends[0].max(ends[1]));
+        }
+    }
+    (first <= last).then(|| (from + first * step, from + last * step))
+}
