@@ -10,6 +10,7 @@ pub mod key;
 pub mod memo;
 pub mod plan;
 pub mod preview;
+pub mod recipe;
 pub mod registry;
 pub mod resolve;
 pub mod run;

@@ -9,6 +9,8 @@ mod checks;
 mod commands;
 #[path = "all/crash.rs"]
 mod crash;
+#[path = "all/figures.rs"]
+mod figures;
 #[path = "all/floors.rs"]
 mod floors;
 #[path = "all/luts.rs"]
@@ -25,6 +27,8 @@ mod metrics;
 mod near_normal;
 #[path = "all/profile.rs"]
 mod profile;
+#[path = "all/record.rs"]
+mod record;
 #[path = "all/reproducible.rs"]
 mod reproducible;
 #[path = "all/rerun.rs"]

@@ -10,6 +10,7 @@ mod readings;
 mod relief;
 mod scene;
 mod sections;
+mod stack;
 
 pub use estimate::{Estimate, Expected};
 pub use fit::Fit;
@@ -24,6 +25,7 @@ pub use readings::Readings;
 pub use relief::Relief;
 pub use scene::*;
 pub use sections::{Section, Sections, Shares};
+pub use stack::Stack;
 
 use crate::artifact::{Artifact, ArtifactKind};
 use crate::error::Error;
