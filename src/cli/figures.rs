@@ -161,7 +161,7 @@ impl Kind {
     fn heads(self) -> &'static [&'static str] {
         match self {
             Self::Summary => &["mean |bias|", "noise alone", "bias", "worst", "masked", "instances"],
-            Self::Fit => &["bias", "RMSE", "z", "without a fit"],
+            Self::Fit => &["bias", "RMSE", "log RMS", "z", "without a fit"],
             Self::Regions => &["bias", "RMSE", "95 %", "masked"],
             Self::Levels => &["mean", "unit", "masked"],
         }
@@ -214,7 +214,8 @@ impl Kind {
                 });
                 let rmse = plain(either("rmse_percent", "rmse"));
                 if self == Self::Fit {
-                    return vec![bias, rmse, value("z").map_or("-".to_owned(), |z| format!("{z:.2}")), masked];
+                    let log = plain((value("rms_log").map(|log| 100.0 * log), "%"));
+                    return vec![bias, rmse, log, value("z").map_or("-".to_owned(), |z| format!("{z:.2}")), masked];
                 }
                 // Of other quantities 95 % are in their own unit.
                 vec![bias, rmse, plain((value("p95"), unit_of(cells))), masked]

@@ -106,7 +106,7 @@ fn stated(line: &[String]) -> String {
     let cells: Vec<&str> = line.iter().map(String::as_str).collect();
     match cells[3..] {
         [size, _, _, _, _, _] => size.to_owned(),
-        [bias, rmse, z, _] if !z.contains(' ') && z != "-" => format!("{bias}, {rmse}, z {z}"),
+        [bias, rmse, _, z, _] => format!("{bias}, {rmse}, z {z}"),
         [bias, rmse, _, _] => format!("{bias}, {rmse}"),
         [mean, unit, _] => format!("{mean} {unit}"),
         _ => cells[3..].join(", "),
