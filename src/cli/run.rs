@@ -84,6 +84,13 @@ impl Run {
         {
             memo::keep(&plan, &records, &resolver.files_read(), &memos);
         }
+        if let Some(other) = latest::rival(&plan, outputs) {
+            let (name, other) = (&plan.spec.pipeline, other.display());
+            let message = format!(
+                "{other} is a pipeline of this name too; latest/{name} now holds the files of this one; give one of them another `pipeline:` name"
+            );
+            progress.warn(name, &message);
+        }
         let folder = latest::publish(&plan, &store, &summary, outputs);
         let seconds = began.elapsed().as_secs_f64();
         let figures = Figures::read(&plan, &store, &summary);
@@ -112,7 +119,14 @@ impl Run {
         if summary.interrupted {
             return Err(Failure::Interrupted);
         }
-        folder.map(drop).map_err(Failure::Failed)
+        match folder {
+            // All results are there; that links and pictures of another user's folder cannot be renewed takes nothing from them.
+            Err(message) if summary.ran() == 0 => {
+                progress.warn(&plan.spec.pipeline, &format!("pictures and links were not renewed: {message}"));
+                Ok(())
+            }
+            folder => folder.map(drop).map_err(Failure::Failed),
+        }
     }
 
     fn forced(&self, plan: &Plan) -> Result<Vec<usize>, Failure> {

@@ -88,7 +88,7 @@ impl Foreach {
         if count > MAX_INSTANCES as u128 {
             let sizes: Vec<String> = groups.iter().map(|g| format!("{} {}", g.rows.len(), g.names.join("+"))).collect();
             let message = format!("{count} instances ({}) are more than {MAX_INSTANCES}", sizes.join(" x "));
-            reader.error(section.at, path, message, "pair axes by `zip`, or draw points".to_owned());
+            reader.error(section.at, path, message, "pair axes by `zip`, or give them fewer values".to_owned());
             return None;
         }
         let names = groups.iter().flat_map(|g| g.names.clone()).collect();
