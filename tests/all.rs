@@ -28,6 +28,7 @@ mod near_normal;
 #[path = "all/profile.rs"]
 mod profile;
 #[path = "all/record.rs"]
+#[allow(dead_code, reason = "the bench that renews records needs the rest")]
 mod record;
 #[path = "all/reproducible.rs"]
 mod reproducible;
