@@ -34,6 +34,8 @@ mod record;
 mod reproducible;
 #[path = "all/rerun.rs"]
 mod rerun;
+#[path = "all/schema.rs"]
+mod schema;
 #[path = "all/shapes.rs"]
 mod shapes;
 #[path = "all/shots.rs"]

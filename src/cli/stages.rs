@@ -103,7 +103,7 @@ fn fields(root: &Value, schema: &Value, depth: usize, option: bool, text: &mut S
     for (name, field) in schema["properties"].as_object().into_iter().flatten() {
         let target = follow(root, field);
         let about = field["description"].as_str().or(target["description"].as_str()).unwrap_or_default();
-        let about = if about.is_empty() { kind(target) } else { about.replace('\n', " ") };
+        let about = if about.is_empty() { kind(root, target) } else { about.replace('\n', " ") };
         let default = match field.get("default") {
             Some(Value::Null) | None if option => " (one of these)".to_owned(),
             Some(Value::Null) | None if required.contains(&name.as_str()) => " (required)".to_owned(),
@@ -133,24 +133,37 @@ fn fields(root: &Value, schema: &Value, depth: usize, option: bool, text: &mut S
     }
 }
 
-/// What a field without a description holds: `a text`, `numbers in mm`.
-fn kind(schema: &Value) -> String {
+/// What a field without a description holds: `a text`, `3 numbers in mm`, `a map of names`.
+fn kind(root: &Value, schema: &Value) -> String {
+    let schema = follow(root, schema);
+    let unit =
+        schema["unit"].as_str().filter(|unit| *unit != "1").map(|unit| format!(" in {unit}")).unwrap_or_default();
     let of = |name: &str| match name {
-        "string" => "a text",
-        "integer" => "a whole number",
-        "number" => "a number",
-        "boolean" => "true or false",
-        "array" => "a list",
-        "object" => "a map",
-        _ => "",
+        "string" if schema["unit"].is_string() => None,
+        "string" => Some("a text".to_owned()),
+        "integer" => Some("a whole number".to_owned()),
+        "number" => Some(format!("a number{unit}")),
+        "boolean" => Some("true or false".to_owned()),
+        "array" => {
+            let item = schema["items"].is_object().then(|| kind(root, &schema["items"])).unwrap_or_default();
+            let count = schema["minItems"].as_u64().filter(|_| schema["minItems"] == schema["maxItems"]);
+            Some(match (count, item.strip_prefix("a number")) {
+                (Some(count), Some(unit)) => format!("{count} numbers{unit}"),
+                (None, Some(unit)) => format!("a list of numbers{unit}"),
+                (Some(count), None) => format!("a list of {count}"),
+                (None, None) => "a list".to_owned(),
+            })
+        }
+        "object" if schema["additionalProperties"].is_object() => Some("by name".to_owned()),
+        "object" => Some("a map".to_owned()),
+        _ => None,
     };
-    let kinds: Vec<&str> = match &schema["type"] {
-        Value::String(name) => vec![of(name)],
-        Value::Array(names) => names.iter().filter_map(Value::as_str).map(of).filter(|kind| !kind.is_empty()).collect(),
-        _ => vec!["one of:"],
+    let kinds: Vec<String> = match &schema["type"] {
+        Value::String(name) => of(name).into_iter().collect(),
+        Value::Array(names) => names.iter().filter_map(Value::as_str).filter_map(of).collect(),
+        _ => vec!["one of".to_owned()],
     };
-    let unit = schema["unit"].as_str().filter(|unit| *unit != "1").map(|unit| format!(" in {unit}"));
-    format!("{}{}", kinds.join(" or "), unit.unwrap_or_default())
+    kinds.join(" or ")
 }
 
 /// Where stages describe themselves; the first block of YAML that uses a stage is its example.

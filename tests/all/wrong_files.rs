@@ -45,6 +45,7 @@ const WRONG: &[(&str, &str, &str, &str)] = &[
     ("use: scene", "use: scence", "6:10: stages.tissue.use: there is no stage kind `scence`", "did you mean `scene`?"),
     ("use: scene", "ues: scene", "6:5: stages.tissue.ues: a stage has no key `ues`", "did you mean `use`?"),
     ("  tissue:\n    use: scene\n", "  tissue:\n    use: scene\n    foreach: {a: {linspace: [0, 1, 2000000]}}\n", "7:29: stages.tissue.foreach.a.linspace: 2000000 values are more than 1000000 instances", ""),
+    ("    use: scene\n", "    use: scene\n    foreach: {a: [1, 2], b: [1, 2], zip: [a, b, c]}\n", "7:42: stages.tissue.foreach.zip: `zip` is a list of names, but must be a list of lists of axes that go together", "write `zip: [[a, b, c]]`"),
     ("    use: scene\n", "    use: scene\n    foreach: {a: {range: [0, 1001]}, b: {range: [0, 1000]}}\n", "7:5: stages.tissue.foreach: 1001000 instances (1001 a x 1000 b) are more than 1000000", "pair axes by `zip`, or give them fewer values"),
     ("    use: scene\n", "    use: scene\n    foreach: {a: [1, 2], b: [1, 2, 3], zip: [[a, b]]}\n", "7:46: stages.tissue.foreach.zip.0: `a` has 2 values and `b` has 3; paired axes need equally many", ""),
     ("    use: scene\n", "    use: scene\n    foreach: {a: [1, 2, 1], b: [3, 4, 3], zip: [[a, b]]}\n", "7:49: stages.tissue.foreach.zip.0: a = 1, b = 3 stands twice among the pairs", ""),
@@ -232,6 +233,8 @@ fn wrong_overrides_are_shown_as_they_were_typed() {
         ("stages.frames.with.phases.x=1", "`x` cannot be set inside 3", ""),
         ("stages.frames.with.phases=many", "--set:1:27: error: stages.frames.with.phases: `phases` is the text", ""),
         ("stages.frames.with.phasse=4", "there is no key `phasse` here", "did you mean `phases`?"),
+        ("samples=4", "a pipeline has no section `samples`", "did you mean `vars.samples`?"),
+        ("frames.with.phases=4", "a pipeline has no section `frames`", "did you mean `stages.frames.with.phases`?"),
         ("sedd=4", "a pipeline has no section `sedd`", "did you mean `seed`?"),
     ] {
         let shown = space.turbid(&["check", "p.yaml", "--set", given]).fails(2);
