@@ -108,11 +108,11 @@ fn show_labels_every_layer() {
     let space = Space::with(SMALL);
     counts(&space, &[]);
     let shown = space.turbid(&["show", "p.yaml", "modulation"]).ok();
-    for label in ["m_dc 0/mm ", "m_ac 0.1/mm ", "cov (m_dc 0/mm, m_dc 0.1/mm)"] {
+    for label in ["m_dc 0/mm ", "m_ac 0.1/mm ", "cov (m_ac 0/mm, m_ac 0.1/mm)"] {
         assert!(shown.contains(label), "{label}:\n{shown}");
     }
     let covariance = space.turbid(&["show", "p.yaml", "frames.covariance"]).ok();
-    assert!(covariance.contains("cov (dc, re 0.1/mm)"), "{covariance}");
+    assert!(covariance.contains("cov (dc 0/mm, re 0.1/mm)"), "{covariance}");
     let frames = space.turbid(&["show", "p.yaml", "frames.frames"]).ok();
     assert!(frames.contains("radiance 0.1/mm 2.0944rad"), "{frames}");
     for text in [&shown, &covariance, &frames] {
