@@ -85,17 +85,20 @@ impl History {
         self.by_label.get(&(use_name.to_owned(), plan.spec.pipeline.clone(), stage, axes))
     }
 
-    /// The earlier result of the same label, or else the one with the fewest differences; among equals the latest.
+    /// The earlier result with the fewest differences, where params that only say when to stop hardly count: the run goes on from it.
+    /// Among equals that of the same label, then the latest.
     pub fn nearest(&self, plan: &Plan, id: InstanceId, now: &Dependencies) -> Option<(Arc<Earlier>, Vec<Difference>)> {
-        if let Some(record) = self.same_label(plan, id, &now.use_name) {
-            return Some((record.clone(), differences(&dependencies_of(record), now)));
-        }
-        self.by_use
-            .get(&now.use_name)?
-            .iter()
-            .take(COMPARED)
+        let stopping = plan.row(plan.instances[id].stage).stopping;
+        let only_stops = |difference: &&Difference| {
+            difference.field.strip_prefix("with.").is_some_and(|field| stopping.contains(&field))
+        };
+        let same_label = self.same_label(plan, id, &now.use_name);
+        let latest = self.by_use.get(&now.use_name).into_iter().flatten().take(COMPARED);
+        same_label
+            .into_iter()
+            .chain(latest)
             .map(|record| (record.clone(), differences(&dependencies_of(record), now)))
-            .min_by_key(|(_, differences)| differences.len())
+            .min_by_key(|(_, found)| (found.len() - found.iter().filter(only_stops).count(), found.len()))
     }
 
     /// Short reasons for `plan` and `run`.

@@ -9,10 +9,26 @@ pub mod explain;
 pub mod export;
 pub mod key;
 pub mod memo;
+mod missing;
 pub mod plan;
 pub mod preview;
+pub mod recipe;
 pub mod registry;
 pub mod resolve;
 pub mod run;
 pub mod spec;
 pub mod store;
+mod warned;
+
+/// Temporary files with the rights that the user gives to new files, not with those of secrets: others may be meant to read them.
+fn shared_file() -> tempfile::Builder<'static, 'static> {
+    #[allow(unused_mut, reason = "only Unix has rights to set")]
+    let mut builder = tempfile::Builder::new();
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        // Less what the umask takes away.
+        builder.permissions(std::fs::Permissions::from_mode(0o666));
+    }
+    builder
+}

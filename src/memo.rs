@@ -107,7 +107,7 @@ pub fn keep(plan: &Plan, records: &[&Arc<InstanceRecord>], files: &[(PathBuf, Di
 
 fn write(folder: &Path, name: &str, body: &[u8]) -> std::io::Result<()> {
     fs::create_dir_all(folder)?;
-    let mut file = tempfile::NamedTempFile::new_in(folder)?;
+    let mut file = crate::shared_file().tempfile_in(folder)?;
     std::io::Write::write_all(&mut file, body)?;
     file.persist(folder.join(name)).map_err(|e| e.error)?;
     let mut kept: Vec<_> =

@@ -28,6 +28,7 @@ impl Registry {
             .with::<turbid_sensor::Sensor>()
             .with::<turbid_section::SectionTube>()
             .with::<turbid_compare::Summarize>()
+            .with::<turbid_compare::Tabulate>()
     }
 
     /// Adds a stage; one of the same name replaces it.

@@ -15,9 +15,11 @@ use turbid_contract::{
 use crate::digest::Digest;
 use crate::explain::History;
 use crate::key::{Dependencies, InputContent, instance_seed};
+use crate::missing::neighbours;
 use crate::plan::{InstanceId, Plan, Wire};
 use crate::spec::{Diagnostic, Section, Severity, read_params};
 use crate::store::{Blob, InstanceRecord, Store, encode};
+use crate::warned::Warned;
 
 /// The blobs of an instance by port.
 pub type Outputs = BTreeMap<String, Blob>;
@@ -340,8 +342,9 @@ impl<'a> Resolver<'a> {
         match read {
             Ok(found) => Ok((path, found.clone())),
             Err(message) => {
-                let path: Vec<&str> = at.split('.').collect();
-                Err(Box::new(self.plan.spec.diagnostic(stage, Section::With, &path, message.clone(), None)))
+                let at: Vec<&str> = at.split('.').collect();
+                let hint = neighbours(&path);
+                Err(Box::new(self.plan.spec.diagnostic(stage, Section::With, &at, message.clone(), hint)))
             }
         }
     }
@@ -529,45 +532,6 @@ impl<'a> Resolver<'a> {
         }
         self.instant.lock().expect("no holder panics").insert(id, Arc::new(artifacts));
         Ok(blobs)
-    }
-}
-
-/// Warnings that the instances of a sweep have in common but for their numbers: the worst is told, with how many there are.
-#[derive(Default)]
-struct Warned {
-    /// Place and words of each, where it stands among the problems, its size, and how many there are.
-    kinds: HashMap<(String, u32, u32, String), (usize, f64, usize)>,
-}
-
-impl Warned {
-    fn add(&mut self, problems: &mut Vec<Diagnostic>, warning: Diagnostic, size: f64) {
-        // Warnings without a size are of one kind only if they are equal.
-        let words = if size > 0.0 {
-            warning.message.chars().filter(|c| !(c.is_ascii_digit() || ".+-e".contains(*c))).collect()
-        } else {
-            warning.message.clone()
-        };
-        let key = (warning.path.clone(), warning.line, warning.column, words);
-        match self.kinds.get_mut(&key) {
-            Some((at, largest, count)) => {
-                *count += 1;
-                if size > *largest {
-                    (problems[*at], *largest) = (warning, size);
-                }
-            }
-            None => {
-                self.kinds.insert(key, (problems.len(), size, 1));
-                problems.push(warning);
-            }
-        }
-    }
-
-    fn told(self, problems: &mut [Diagnostic]) {
-        for (at, size, count) in self.kinds.into_values() {
-            if count > 1 && size > 0.0 {
-                problems[at].message += &format!(" (the largest of {count} instances)");
-            }
-        }
     }
 }
 

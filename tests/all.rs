@@ -11,6 +11,8 @@ mod commands;
 mod crash;
 #[path = "all/estimates.rs"]
 mod estimates;
+#[path = "all/figures.rs"]
+mod figures;
 #[path = "all/floors.rs"]
 mod floors;
 #[path = "all/luts.rs"]
@@ -29,10 +31,15 @@ mod near_normal;
 mod pictures;
 #[path = "all/profile.rs"]
 mod profile;
+#[path = "all/record.rs"]
+#[allow(dead_code, reason = "the bench that renews records needs the rest")]
+mod record;
 #[path = "all/reproducible.rs"]
 mod reproducible;
 #[path = "all/rerun.rs"]
 mod rerun;
+#[path = "all/schema.rs"]
+mod schema;
 #[path = "all/shapes.rs"]
 mod shapes;
 #[path = "all/shots.rs"]

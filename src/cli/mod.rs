@@ -4,6 +4,7 @@ mod cache;
 mod check;
 mod explain;
 mod export;
+mod figures;
 mod graph;
 mod new;
 mod plan;

@@ -163,7 +163,7 @@ fn to_text(plan: &Plan, survey: &Survey, estimates: &Estimates) -> String {
                 text.push_str(&format!("        needs: {}\n", detail.needs.join(", ")));
             }
             if !detail.left_out.is_empty() {
-                text.push_str(&format!("        left out: {}\n", detail.left_out.join(", ")));
+                text.push_str(&wrapped("        left out: ", &detail.left_out));
             }
         }
     }
@@ -171,4 +171,37 @@ fn to_text(plan: &Plan, survey: &Survey, estimates: &Estimates) -> String {
         text.push_str(&format!("about {seconds:.1} CPU s of work\n"));
     }
     text
+}
+
+/// Items behind a head, as many to a line as fit, `;` between them (an item may hold a comma).
+fn wrapped(head: &str, items: &[String]) -> String {
+    const WIDTH: usize = 100;
+    let mut lines = vec![head.to_owned()];
+    for (i, item) in items.iter().enumerate() {
+        let end = if i + 1 < items.len() { ";" } else { "" };
+        let line = lines.last_mut().expect("there is the head");
+        let begun = line.chars().count() > head.chars().count();
+        if begun && line.chars().count() + item.chars().count() + 2 > WIDTH {
+            lines.push(" ".repeat(head.chars().count()));
+        } else if begun {
+            line.push(' ');
+        }
+        lines.last_mut().expect("there is a line").push_str(&format!("{item}{end}"));
+    }
+    lines.iter().map(|line| format!("{line}\n")).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Items stay whole and in order, a comma in one is none between two, no line is wider than a hundred characters.
+    #[test]
+    fn what_is_left_out_stands_in_lines() {
+        let items: Vec<String> = (0..28).map(|i| format!("thing {i}, of some kind")).collect();
+        let text = wrapped("    left out: ", &items);
+        assert!(text.lines().count() > 5 && text.lines().all(|line| line.chars().count() <= 100), "{text}");
+        let joined = text.lines().map(str::trim).collect::<Vec<_>>().join(" ");
+        assert_eq!(joined, format!("left out: {}", items.join("; ")));
+    }
 }

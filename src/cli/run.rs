@@ -1,12 +1,13 @@
 //! `turbid run`: run what is stale, then say what was done and where it lies.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use clap::Args;
 use serde_json::json;
 
 use crate::memo;
-use crate::plan::Plan;
+use crate::plan::{PREVIEW_INSTANCES, Plan};
 use crate::registry::Registry;
 use crate::resolve::{Resolver, State};
 use crate::run::log::{Logged, RunLog, note_up_to_date};
@@ -14,6 +15,7 @@ use crate::run::progress::{Json, choose};
 use crate::run::{self, End, Interrupt, Options, Summary, latest};
 use crate::store::Store;
 
+use super::figures::Figures;
 use super::{Done, Failure, Pipeline, print, report_of};
 
 #[derive(Args)]
@@ -82,17 +84,33 @@ impl Run {
         {
             memo::keep(&plan, &records, &resolver.files_read(), &memos);
         }
+        if let Some(other) = latest::rival(&plan, outputs) {
+            let (name, other) = (&plan.spec.pipeline, other.display());
+            let message = format!(
+                "{other} is a pipeline of this name too; latest/{name} now holds the files of this one; give one of them another `pipeline:` name"
+            );
+            progress.warn(name, &message);
+        }
         let folder = latest::publish(&plan, &store, &summary, outputs);
         let seconds = began.elapsed().as_secs_f64();
+        let figures = Figures::read(&plan, &store, &summary);
         if self.json {
+            figures.events(&plan).into_iter().for_each(Json::event);
             Json::event(json!({
                 "event": "finished", "hits": summary.hits(), "ran": summary.ran(), "failed": summary.failed(),
                 "seconds": seconds, "interrupted": summary.interrupted,
             }));
         } else {
             print(&table(&plan, &summary, seconds));
+            let figures = figures.text();
+            if !figures.is_empty() {
+                print(&figures);
+            }
+            if let Some(cost) = cost(&plan, &summary) {
+                print(&cost);
+            }
             if let Ok(folder) = &folder {
-                print(&format!("results and pictures: {}", folder.display()));
+                print(&where_it_lies(&plan, folder));
             }
         }
         if summary.failed() > 0 {
@@ -101,7 +119,14 @@ impl Run {
         if summary.interrupted {
             return Err(Failure::Interrupted);
         }
-        folder.map(drop).map_err(Failure::Failed)
+        match folder {
+            // All results are there; that links and pictures of another user's folder cannot be renewed takes nothing from them.
+            Err(message) if summary.ran() == 0 => {
+                progress.warn(&plan.spec.pipeline, &format!("pictures and links were not renewed: {message}"));
+                Ok(())
+            }
+            folder => folder.map(drop).map_err(Failure::Failed),
+        }
     }
 
     fn forced(&self, plan: &Plan) -> Result<Vec<usize>, Failure> {
@@ -130,6 +155,32 @@ fn simd_level() -> Result<String, Failure> {
         "baseline" | "v3" | "v4" => Ok(asked),
         _ => Err(Failure::Input(format!("TURBID_SIMD = {asked} must be baseline, v3, v4 or best"))),
     }
+}
+
+/// What the results cost, whenever they were made: CPU seconds of all instances, memory of the one that took the most.
+fn cost(plan: &Plan, summary: &Summary) -> Option<String> {
+    let records = || plan.needed_instances().filter_map(|id| summary.record(id));
+    let cpu: f64 = records().map(|record| record.cost.cpu_s).sum();
+    let peak = records().map(|record| record.cost.peak_bytes).max()?;
+    Some(format!("\nthese results took {cpu:.1} CPU s, and at most {:.0} MB", peak as f64 / 1e6))
+}
+
+/// The folder, and of which stages it holds neither pictures nor files.
+fn where_it_lies(plan: &Plan, folder: &Path) -> String {
+    let many: Vec<String> = plan
+        .needed
+        .iter()
+        .filter(|&&stage| plan.instances_of(stage).len() > PREVIEW_INSTANCES)
+        .map(|&stage| format!("{} ({} instances)", plan.spec.stages[stage].name, plan.instances_of(stage).len()))
+        .collect();
+    let mut text = format!("results and pictures: {}", folder.display());
+    if !many.is_empty() {
+        text.push_str(&format!(
+            "\nwith more than {PREVIEW_INSTANCES} instances only a list, instances.parquet, and no pictures: {}; `turbid export` writes one instance",
+            many.join(", ")
+        ));
+    }
+    text
 }
 
 /// Measures whose names begin so stand for a stage's error in the summary.

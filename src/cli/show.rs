@@ -1,9 +1,11 @@
 //! `turbid show`: what the stored outputs hold: digest, path, layers, units, statistics, cost.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use clap::Args;
 use serde_json::{Map, Value, json};
+use turbid_contract::payload::MaskReason;
 use turbid_contract::{Artifact, Cells, ImageStack, LayerKind, Table};
 
 use crate::plan::{InstanceId, Plan};
@@ -161,6 +163,9 @@ fn layers(stack: &ImageStack) -> Value {
             entry["mean"] = some(sum / n.max(1) as f64);
             entry["max"] = some(max);
             entry["pixels"] = json!(n);
+            if layer.info.is_pixel_mask() {
+                entry["masked"] = reasons(layer.data.iter().copied());
+            }
             for name in ["f_x_per_mm", "phase_rad", "mean_se"] {
                 if entry.get(name).is_none() {
                     entry[name] = Value::Null;
@@ -170,6 +175,40 @@ fn layers(stack: &ImageStack) -> Value {
         })
         .collect();
     rows.into()
+}
+
+/// How many pixels of a mask are bad, by the reason.
+fn reasons(mask: impl Iterator<Item = f32>) -> Value {
+    let mut counts: BTreeMap<String, u64> = BTreeMap::new();
+    for code in mask.filter(|&code| code != 0.0) {
+        let known = MaskReason::ALL.iter().find(|reason| reason.code() == code);
+        let reason = known.map_or_else(|| format!("for reason {code}"), |reason| reason.text().to_owned());
+        *counts.entry(reason).or_default() += 1;
+    }
+    json!(counts)
+}
+
+/// The two quantities of a covariance layer: of the attribute `quantities`, or else the value layers of the stack.
+fn paired(port: &Value, layer: &Value) -> Option<String> {
+    let pair = layer["pair"].as_array()?;
+    let listed = port["attributes"]["quantities"].as_array().cloned();
+    let quantities = listed.unwrap_or_else(|| {
+        let layers = port["layers"].as_array().into_iter().flatten();
+        layers.filter(|l| l["kind"] == "value").cloned().collect()
+    });
+    let name = |index: &Value| {
+        let quantity = quantities.get(usize::try_from(index.as_u64()?).ok()?)?;
+        let name = quantity["part"].as_str().or(quantity["name"].as_str())?;
+        let f_x = quantity["f_x_per_mm"].as_f64().map(|f| format!(" {}/mm", trimmed(f))).unwrap_or_default();
+        Some(format!("{name}{f_x}"))
+    };
+    Some(format!("{}, {}", name(pair.first()?)?, name(pair.get(1)?)?))
+}
+
+/// Five digits that count, without zeros behind them: 0.1, 2.0944.
+fn trimmed(value: f64) -> String {
+    let rounded: f64 = format!("{value:.4e}").parse().unwrap_or(value);
+    rounded.to_string()
 }
 
 /// Tables of at most so many rows are shown as they are; of longer ones the statistics of their columns.
@@ -303,14 +342,28 @@ fn text(instance: &Value) -> String {
             let mut label = word(&layer["name"]);
             for (key, unit) in [("f_x_per_mm", "/mm"), ("phase_rad", "rad"), ("wavelength_nm", "nm")] {
                 if let Some(value) = layer[key].as_f64() {
-                    label.push_str(&format!(" {value:.4}{unit}"));
+                    label.push_str(&format!(" {}{unit}", trimmed(value)));
                 }
             }
+            if let Some(pair) = paired(port, layer) {
+                label.push_str(&format!(" ({pair})"));
+            }
+            if let Some(reasons) = layer["masked"].as_object() {
+                let share = |(why, n): (&String, &Value)| format!("{} pixels {why}", n.as_u64().unwrap_or(0));
+                let shares: Vec<String> = reasons.iter().map(share).collect();
+                let all = if shares.is_empty() { "every pixel is good".to_owned() } else { shares.join(", ") };
+                out.push_str(&format!("    {label:<32} {all}\n"));
+                continue;
+            }
+            let mean_se = layer["mean_se"].as_f64().map(|se| format!(" ± {}", significant(se))).unwrap_or_default();
+            if layer["mean"].is_null() {
+                out.push_str(&format!("    {label:<32} every pixel is masked (see the mask)\n"));
+                continue;
+            }
             out.push_str(&format!(
-                "    {label:<32} min {} mean {} ± {} max {} {}\n",
+                "    {label:<32} min {} mean {}{mean_se} max {} {}\n",
                 number(&layer["min"]),
                 number(&layer["mean"]),
-                number(&layer["mean_se"]),
                 number(&layer["max"]),
                 unit(&layer["unit"])
             ));

@@ -99,14 +99,7 @@ fn publish(bytes: &[u8], to: &Path) -> std::io::Result<()> {
     if to.is_dir() {
         return Err(std::io::Error::new(std::io::ErrorKind::IsADirectory, "it is a folder"));
     }
-    let mut builder = tempfile::Builder::new();
-    #[cfg(unix)]
-    {
-        // What the user's umask makes of an ordinary file; temporary files are private by default.
-        use std::os::unix::fs::PermissionsExt;
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
-    }
-    let mut file = builder.prefix(".turbid-export-").tempfile_in(folder)?;
+    let mut file = crate::shared_file().prefix(".turbid-export-").tempfile_in(folder)?;
     file.write_all(bytes)?;
     file.as_file().sync_all()?;
     file.persist(to)?;

@@ -19,6 +19,24 @@ use super::caption::{self, caption};
 /// Which blob each file under `latest/<pipeline>` stands for, and which look each picture has, so that an unchanged one is not touched.
 const LINKS: &str = ".links";
 
+/// Which pipeline file the folder was last filled from.
+const SOURCE: &str = ".source";
+
+/// Another pipeline file that fills the same folder, because it has the same `pipeline:` name; noted for the next run.
+pub fn rival(plan: &Plan, outputs: &Path) -> Option<PathBuf> {
+    let folder = outputs.join("latest").join(file_name(&plan.spec.pipeline));
+    let main = plan.spec.sources.first()?;
+    let own = std::path::absolute(&main.name).ok()?;
+    let before = fs::read_to_string(folder.join(SOURCE)).ok().map(PathBuf::from);
+    if before.as_ref() != Some(&own) {
+        // A service: what cannot be noted is not warned of.
+        let _ = own.to_str().map(|own| write(&folder.join(SOURCE), own.as_bytes()));
+    }
+    // A copy of the same file makes the same outputs, and one that is gone makes none.
+    let other = |path: &PathBuf| *path != own && fs::read_to_string(path).is_ok_and(|text| text != main.text);
+    before.filter(other)
+}
+
 /// Brings `latest/<pipeline>` in line with what the run left; returns the folder.
 pub fn publish(plan: &Plan, store: &Store, summary: &Summary, outputs: &Path) -> Result<PathBuf, String> {
     let folder = outputs.join("latest").join(file_name(&plan.spec.pipeline));
@@ -212,7 +230,7 @@ fn write(at: &Path, bytes: &[u8]) -> Result<(), String> {
     let folder = at.parent().expect("files of latest lie in folders");
     let fail = |e: std::io::Error| format!("{}: {e}", at.display());
     fs::create_dir_all(folder).map_err(fail)?;
-    let mut file = tempfile::NamedTempFile::new_in(folder).map_err(fail)?;
+    let mut file = crate::shared_file().tempfile_in(folder).map_err(fail)?;
     std::io::Write::write_all(&mut file, bytes).map_err(fail)?;
     file.persist(at).map_err(|e| fail(e.error))?;
     Ok(())

@@ -88,7 +88,7 @@ impl Foreach {
         if count > MAX_INSTANCES as u128 {
             let sizes: Vec<String> = groups.iter().map(|g| format!("{} {}", g.rows.len(), g.names.join("+"))).collect();
             let message = format!("{count} instances ({}) are more than {MAX_INSTANCES}", sizes.join(" x "));
-            reader.error(section.at, path, message, "pair axes by `zip`, or draw points".to_owned());
+            reader.error(section.at, path, message, "pair axes by `zip`, or give them fewer values".to_owned());
             return None;
         }
         let names = groups.iter().flat_map(|g| g.names.clone()).collect();
@@ -170,6 +170,15 @@ fn apply_zip(groups: &mut Vec<Group>, zip: &Entry, path: &str, complete: bool, r
         reader.wrong(&zip.value, zip.at, path, rule);
         return None;
     };
+    // `zip: [a, b]`: one mistake, not one for each name.
+    let names: Option<Vec<&str>> =
+        lists.iter().map(|n| if let Data::Text { text, .. } = &n.data { Some(text.as_str()) } else { None }).collect();
+    if let Some(names) = names.filter(|names| !names.is_empty()) {
+        let names = names.join(", ");
+        let message = "`zip` is a list of names, but must be a list of lists of axes that go together";
+        reader.error(zip.value.span, path, message, format!("write `zip: [[{names}]]`"));
+        return None;
+    }
     let mut holds = Some(());
     for (i, list) in lists.iter().enumerate() {
         let path = join(path, &i.to_string());

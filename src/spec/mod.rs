@@ -266,6 +266,18 @@ impl Spec {
         node.span.file
     }
 
+    /// Key and value of the var that a text names, where it names one alone; else what is given. An axis hides a var of its name.
+    fn through_vars<'n>(&'n self, at: (Span, &'n Node), depth: usize) -> (Span, &'n Node) {
+        let Data::Text { text, .. } = &at.1.data else { return at };
+        let Ok(cut) = substitute::pieces(text) else { return at };
+        let [substitute::Piece::Name(name)] = cut.as_slice() else { return at };
+        let is_axis = self.stages.iter().any(|stage| stage.foreach.names.contains(name));
+        match self.root.get("vars").and_then(|vars| vars.entry(name)) {
+            Some(var) if !is_axis && depth < parse::MAX_DEPTH => self.through_vars((var.at, &var.value), depth + 1),
+            _ => at,
+        }
+    }
+
     /// An error at the deepest part of `path` (below the section) that stands in the file.
     pub fn diagnostic<S: AsRef<str>>(
         &self,
@@ -281,17 +293,21 @@ impl Spec {
         let mut complete = true;
         for step in section.key().into_iter().chain(path.iter().map(AsRef::as_ref)) {
             full = join(&full, step);
-            match at.and_then(|(_, node)| node.step(step)) {
+            match at.map(|at| self.through_vars(at, 0)).and_then(|(_, node)| node.step(step)) {
                 Some(next) if complete => at = Some(next),
                 _ => complete = false,
             }
         }
-        let Some((key, node)) = at else { return Diagnostic::error(message, hint) };
+        let Some((key, written)) = at else { return Diagnostic::error(message, hint) };
+        // What is wrong with `"${samples}"` is wrong where the var stands.
+        let (key, node) = if complete { self.through_vars((key, written), 0) } else { (key, written) };
         let message = message.into();
         // What is missing is missing below a key; what is unknown is the key; what is wrong is the value.
         let about_key = !complete || node.span.len == 0 || message.starts_with("there is no key");
         let look_alike = || match &node.data {
-            Data::Text { text, plain: true } if complete => scalar::look_alike(text, message.contains("true or false")),
+            Data::Text { text, plain: true } if complete && !message.contains("; write `") => {
+                scalar::look_alike(text, message.contains("true or false"))
+            }
             _ => None,
         };
         let hint = hint.or_else(look_alike);
@@ -299,8 +315,9 @@ impl Spec {
         let mut diagnostic = Diagnostic::at(&self.sources, place, full, message).hint(hint);
         let unread = section.key().is_some_and(|key| spec.unread.contains(&key));
         let lacks = section == Section::With || path.is_empty();
-        diagnostic.follow_up =
-            complete && node.holds_broken() || unread && lacks || section == Section::With && spec.with.is_broken(path);
+        diagnostic.follow_up = complete && (node.holds_broken() || written.holds_broken())
+            || unread && lacks
+            || section == Section::With && spec.with.is_broken(path);
         diagnostic
     }
 

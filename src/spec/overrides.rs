@@ -72,7 +72,15 @@ pub fn check_path(root: &Node, path: &str) -> Result<(), PathError> {
             }
             check_steps(&entry.value, &steps[2..])
         }
-        _ => Err((format!("a pipeline has no section `{}`", shortened(steps[0])), suggest::hint(steps[0], settable))),
+        [name, ..] => {
+            // A var or a stage that was named alone.
+            let below = |section: &str| root.get(section).and_then(|found| found.get(name)).is_some();
+            let meant = ["vars", "stages"].into_iter().find(|section| below(section));
+            let meant = meant.map(|section| format!("did you mean `{section}.{}`?", shortened(path)));
+            let hint = meant.or_else(|| suggest::hint(name, settable));
+            Err((format!("a pipeline has no section `{}`", shortened(name)), hint))
+        }
+        [] => unreachable!("splitting a text gives at least one part"),
     }
 }
 

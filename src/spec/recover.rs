@@ -128,6 +128,7 @@ fn describe(error: &ParamError) -> (ParamProblem, Option<String>) {
         let meant = suggest::nearest(name, known.iter().copied()).filter(|_| is_field).map(str::to_owned);
         return (ParamProblem { path, message, hint }, meant);
     }
+    let hint = typed(message).and_then(|(is, must)| as_list(&is, &must));
     let field = path.iter().rev().find(|step| step.parse::<usize>().is_err());
     let field = field.map_or_else(|| "`with`".to_owned(), |name| format!("`{name}`"));
     let message = match (lengths(message), typed(message)) {
@@ -135,7 +136,18 @@ fn describe(error: &ParamError) -> (ParamProblem, Option<String>) {
         (_, Some((is, must))) => format!("{field} is {is}, but must be {must}"),
         _ => message.to_owned(),
     };
-    (ParamProblem { path, message, hint: None }, None)
+    (ParamProblem { path, message, hint }, None)
+}
+
+/// How a single number is written where a list is wanted.
+fn as_list(is: &str, must: &str) -> Option<String> {
+    is.parse::<f64>().ok()?;
+    let count = match must.strip_prefix("a list of ") {
+        Some(count) => count.split(' ').next()?.parse::<usize>().ok()?,
+        None if must == "a list" => 1,
+        None => return None,
+    };
+    (count <= 4).then(|| format!("write `[{}]`", vec![is; count].join(", ")))
 }
 
 /// `invalid length 2, expected an array of length 3`
@@ -160,7 +172,16 @@ fn typed(message: &str) -> Option<(String, String)> {
             other => other.to_owned(),
         },
     };
+    let highest = match must {
+        "u8" => u64::from(u8::MAX),
+        "u16" => u64::from(u16::MAX),
+        "u32" => u64::from(u32::MAX),
+        _ => u64::MAX,
+    };
     let must = match must {
+        "u8" | "u16" | "u32" | "u64" | "usize" if is.parse::<f64>().is_ok_and(|n| n > highest as f64) => {
+            format!("a whole number from 0 to {highest}")
+        }
         "u8" | "u16" | "u32" | "u64" | "usize" => "a whole number, 0 or more".to_owned(),
         "i8" | "i16" | "i32" | "i64" | "isize" => "a whole number".to_owned(),
         "f32" | "f64" => "a number".to_owned(),
@@ -278,6 +299,16 @@ mod tests {
     fn wrong_kinds_are_said_in_plain_words() {
         for (params, says) in [
             (json!({"samples": -3}), "samples: `samples` is -3, but must be a whole number, 0 or more"),
+            (
+                json!({"samples": 1_000_000_000_000_u64}),
+                "samples: `samples` is 1000000000000, but must be a whole number from 0 to 4294967295",
+            ),
+            (json!({"samples": 1e30}), "samples: `samples` is 1e30, but must be a whole number from 0 to 4294967295"),
+            (json!({"f_x": 90}), "f_x: `f_x` is 90, but must be a list | write `[90]`"),
+            (
+                json!({"camera": {"pixels": 32}}),
+                "camera.pixels: `pixels` is 32, but must be a list of 2 values | write `[32, 32]`",
+            ),
             (json!({"samples": 1.5}), "samples: `samples` is 1.5, but must be a whole number, 0 or more"),
             (json!({"camera": 3}), "camera: `camera` is 3, but must be a map"),
             (json!({"camera": {"pixels": [1]}}), "camera.pixels: `pixels` has 1 values, but must have 2"),

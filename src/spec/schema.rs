@@ -78,11 +78,18 @@ pub fn schema(registry: &Registry) -> Value {
 
 /// Definitions that belong to the grammar.
 fn shared() -> Map<String, Value> {
-    let three = |what: &str| json!({"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3, "description": what});
+    let number = json!({"anyOf": [{"type": "number"}, {"$ref": "#/$defs/substitution"}]});
+    let several = |least: usize, most: usize, what: &str| {
+        json!({"description": what, "anyOf": [
+            {"type": "array", "items": number, "minItems": least, "maxItems": most}, {"$ref": "#/$defs/substitution"}
+        ]})
+    };
+    let three = |what: &str| several(3, 3, what);
     let pair = |what: &str| json!({"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2, "description": what});
     let scalar = json!({"type": ["number", "string", "boolean"]});
     let defs = json!({
-        "name": {"type": "string", "pattern": "^[\\p{L}\\p{N}_][\\p{L}\\p{N}_-]{0,79}$"},
+        // No ASCII but letters, digits, `_` and `-`: classes such as \p{L} are not known to every validator.
+        "name": {"type": "string", "pattern": "^[^\\s!-/:-@\\[-^`{-~][^\\s!-,./:-@\\[-^`{-~]{0,79}$"},
         "seed": {"anyOf": [{"type": "integer", "minimum": 0}, {"$ref": "#/$defs/substitution"}]},
         "substitution": {"description": "a var or an axis: ${name}", "type": "string", "pattern": "\\$\\{"},
         "source": {
@@ -106,7 +113,7 @@ fn shared() -> Map<String, Value> {
                 {"type": "object", "additionalProperties": false, "minProperties": 1, "maxProperties": 1, "properties": {
                     "linspace": three("first, last, count; both ends included"),
                     "logspace": three("first, last, count; both ends included, given as values"),
-                    "range": {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 3, "description": "first, last (left out), step"},
+                    "range": several(2, 3, "first, last (left out), step"),
                     "csv": {"type": "string", "description": "a file whose columns are axes that go together"}
                 }}
             ]

@@ -101,3 +101,94 @@ fn outputs_that_cannot_be_written_are_named() {
     let message = space.turbid(&["run", "p.yaml", "--outputs", "file"]).fails(2);
     assert!(message.contains("file"), "{message}");
 }
+
+/// Layers are told apart by what they are: covariances by their pair, masks by their reasons; what is not known is not shown as `-`.
+#[test]
+fn show_labels_every_layer() {
+    let space = Space::with(SMALL);
+    counts(&space, &[]);
+    let shown = space.turbid(&["show", "p.yaml", "modulation"]).ok();
+    for label in ["m_dc 0/mm ", "m_ac 0.1/mm ", "cov (m_ac 0/mm, m_ac 0.1/mm)"] {
+        assert!(shown.contains(label), "{label}:\n{shown}");
+    }
+    let covariance = space.turbid(&["show", "p.yaml", "frames.covariance"]).ok();
+    assert!(covariance.contains("cov (dc 0/mm, re 0.1/mm)"), "{covariance}");
+    let frames = space.turbid(&["show", "p.yaml", "frames.frames"]).ok();
+    assert!(frames.contains("radiance 0.1/mm 2.0944rad"), "{frames}");
+    for text in [&shown, &covariance, &frames] {
+        assert!(!text.contains("± -") && !text.contains("0.0000"), "{text}");
+    }
+    // Nothing rises a thousand standard errors above the noise: the mask says why.
+    let blind = ["--set", "stages.modulation.with.low_signal=1e6"];
+    space.turbid(&[&["run", "p.yaml", "modulation"][..], &blind].concat()).ok();
+    let shown = space.turbid(&[&["show", "p.yaml", "modulation"][..], &blind].concat()).ok();
+    assert!(shown.contains("144 pixels signal too weak") && shown.contains("every pixel is masked"), "{shown}");
+}
+
+/// Pictures and tables are for those whom the user lets read files, not for the user alone.
+#[cfg(unix)]
+#[test]
+fn files_have_the_rights_that_the_user_gives() {
+    use std::os::unix::fs::PermissionsExt;
+    let space = Space::with(SMALL);
+    counts(&space, &[]);
+    let mode = |path: &std::path::Path| path.metadata().expect("it is there").permissions().mode() & 0o777;
+    let usual = mode(&space.path().join("p.yaml"));
+    let memos = space.files("outputs/store/memos");
+    assert_eq!(memos.len(), 1);
+    for path in [space.outputs().join("latest/small/frames/frames.png"), memos[0].clone()] {
+        assert_eq!(mode(&path), usual, "{}", path.display());
+    }
+}
+
+/// Two files of one name overwrite each other's `latest`: said by the second, and by nobody once one of them is gone.
+#[test]
+fn pipelines_of_one_name_are_warned_of() {
+    let space = Space::with(SMALL);
+    counts(&space, &["tissue"]);
+    space.write("q.yaml", &SMALL.replace("seed: 7", "seed: 8"));
+    let warned = |file: &str| {
+        let done = space.turbid(&["run", file, "tissue"]);
+        done.err.contains("is a pipeline of this name too") && done.err.contains("latest/small")
+    };
+    assert!(!warned("p.yaml") && warned("q.yaml") && warned("p.yaml"));
+    std::fs::remove_file(space.path().join("q.yaml")).expect("it is ours");
+    assert!(!warned("p.yaml"));
+}
+
+/// The result that a longer run goes on from is nearer than the latest one, which another f_x made.
+#[test]
+fn explain_finds_the_result_that_a_run_goes_on_from() {
+    let space = Space::with(SMALL);
+    counts(&space, &["frames"]);
+    counts(&space, &["frames", "--set", "stages.frames.with.f_x=[0, 0.2]"]);
+    let explained = space.turbid(&["explain", "p.yaml", "frames", "--set", "vars.samples=32"]).ok();
+    assert!(explained.contains("with.samples") && !explained.contains("with.f_x"), "{explained}");
+}
+
+/// A stage of many instances has a list for people, and the end of the run says so.
+#[test]
+fn stages_of_many_instances_are_named() {
+    let sweep = SMALL
+        .replace("  tissue:\n    use: scene\n", "  tissue:\n    use: scene\n    foreach: {A_rho: {range: [1, 67]}}\n")
+        .replace("A_rho: 50,", "A_rho: \"${A_rho}\",");
+    let space = Space::with(&sweep);
+    let out = space.turbid(&["run", "p.yaml", "tissue", "phantom"]).ok();
+    assert!(out.contains("and no pictures: tissue (66 instances)"), "{out}");
+    assert!(space.outputs().join("latest/small/tissue/instances.parquet").exists());
+}
+
+/// A file that is not there: its folder is, and what it holds is named.
+#[test]
+fn missing_input_files_are_looked_for() {
+    let space = Space::new();
+    space.write("shots/s_0_0.png", "");
+    space.write("shots/s_0.1_0deg.png", "");
+    let pipeline = "stages: {frames: {use: import_frames, with: {pattern: 'shots/s_{f_x}_{phase}.png', f_x: [0, 0.1], phases: 3}}}";
+    space.write("p.yaml", pipeline);
+    let message = space.turbid(&["check", "p.yaml"]).fails(2);
+    assert!(message.contains("its folder has s_0.1_0deg.png, s_0_0.png"), "{message}");
+    space.write("p.yaml", &pipeline.replace("shots/", "shot/"));
+    let message = space.turbid(&["check", "p.yaml"]).fails(2);
+    assert!(message.contains("there is no folder"), "{message}");
+}

@@ -41,3 +41,20 @@ fn pipeline_files_name_every_key_of_scene_and_render() {
         assert!(missing.is_empty(), "docs/pipeline-files.md does not name {missing:?} of {stage}");
     }
 }
+
+/// Every field says what it is or holds, no way of several is required, and each stage shows how it is written.
+#[test]
+fn manuals_leave_nothing_blank() {
+    let space = crate::space::Space::new();
+    for row in Registry::builtin().rows() {
+        let manual = space.turbid(&["stages", row.name]).ok();
+        // A line that ends in a colon says nothing, but for the headings.
+        let fields = manual.split("\nexample:\n").next().unwrap_or_default();
+        let blank = fields.lines().find(|line| line.starts_with("  ") && line.trim_end().ends_with(':'));
+        assert_eq!(blank, None, "{}", row.name);
+        let example = manual.split("\nexample:\n").nth(1).unwrap_or_else(|| panic!("{} has no example", row.name));
+        assert!(example.contains(&format!("use: {}", row.name)), "{}: {example}", row.name);
+    }
+    let manual = space.turbid(&["stages", "build_lut"]).ok();
+    assert!(manual.contains("logspace (one of these)") && !manual.contains("logspace (required)"), "{manual}");
+}

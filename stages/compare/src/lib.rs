@@ -21,11 +21,17 @@
 //! mean:
 //!   use: summarize
 //!   in: {metrics: {from: score, over: [mu_a]}}   # mean |bias| over the instances of an axis
+//!
+//! levels:
+//!   use: tabulate
+//!   in: {values: frames, minus: dark, relative_to: white}     # means of images along axes
+//!   with: {scale: 255, unit: grey levels}
 //! ```
 //! A region holds the pixels that meet all its conditions. Lengths are mm from the centre of the image, x to the right, y
 //! up. Columns and formulas: `docs/theory/compare.md`.
 
 mod fit;
+pub mod levels;
 mod maps;
 pub mod media;
 pub mod region;
@@ -33,7 +39,9 @@ pub mod score;
 mod stage;
 mod summarize;
 pub mod summary;
+mod tabulate;
 
 pub use region::{Disk, Rect, Region};
 pub use stage::{Compare, In, MediumParams, Out, Params};
 pub use summarize::{Summarize, SummarizeIn, SummarizeOut, SummarizeParams};
+pub use tabulate::{Tabulate, TabulateIn, TabulateOut, TabulateParams};

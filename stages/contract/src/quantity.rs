@@ -40,6 +40,9 @@ const UNITS: &[(&str, &str, f64)] = &[
 /// Parses `"0.5 m"` into the house unit of `dimension`; `scale` converts that to the unit of the type.
 fn parse_quantity(text: &str, dimension: &str, unit: &str, scale: f64) -> Result<f64, String> {
     let text = text.trim();
+    if let Some(meant) = meant_number(text) {
+        return Err(format!("`{text}` is no number; write `{meant}`"));
+    }
     let split = text
         .char_indices()
         .find(|&(i, c)| !(c.is_ascii_digit() || "+-._".contains(c) || is_exponent(text, i, c)))
@@ -62,6 +65,21 @@ fn parse_quantity(text: &str, dimension: &str, unit: &str, scale: f64) -> Result
     }
 }
 
+/// `0,1`, `1_000 mm`, `1,000,000`: numbers to somebody, but neither to YAML nor here.
+fn meant_number(text: &str) -> Option<String> {
+    let end = text
+        .char_indices()
+        .find(|&(i, c)| !(c.is_ascii_digit() || "+-._,".contains(c) || is_exponent(text, i, c)))
+        .map_or(text.len(), |(i, _)| i);
+    let (number, unit) = text.split_at(end);
+    if !number.contains([',', '_']) {
+        return None;
+    }
+    let plain = number.replace('_', "");
+    let tried = [plain.replacen(',', ".", 1), plain.replace(',', "")];
+    tried.into_iter().find(|t| t.parse::<f64>().is_ok_and(f64::is_finite)).map(|meant| format!("{meant}{unit}"))
+}
+
 fn is_exponent(text: &str, i: usize, c: char) -> bool {
     (c == 'e' || c == 'E') && i > 0 && text[i + 1..].starts_with(|d: char| d.is_ascii_digit() || d == '-' || d == '+')
 }
@@ -69,7 +87,7 @@ fn is_exponent(text: &str, i: usize, c: char) -> bool {
 /// What a quantity may be written as.
 fn described(dimension: &str, unit: &str) -> String {
     match unit {
-        "1" => "number, or text such as `1 %`".to_owned(),
+        "1" => "number without a unit".to_owned(),
         _ => format!("number in {unit}, or text with a unit of {dimension}"),
     }
 }
@@ -195,6 +213,12 @@ mod tests {
         assert!(length("\"4 deg\"").unwrap_err().contains("has the dimension angle"));
         assert!(length("\"4 furlong\"").unwrap_err().contains("not known"));
         assert!(length("\"4\"").unwrap_err().contains("without quotes"));
+        for (text, meant) in
+            [("0,1", "0.1"), ("1_000 um", "1000 um"), ("1,000,000", "1000000"), ("-2,5e-3 mm", "-2.5e-3 mm")]
+        {
+            let message = length(&format!("\"{text}\"")).unwrap_err();
+            assert!(message.starts_with(&format!("`{text}` is no number; write `{meant}`")), "{message}");
+        }
         assert_eq!(serde_json::from_str::<Density>("\"0.1 mm^-1\"").unwrap().0, 100.0);
         assert_eq!(serde_json::to_string(&Length(-0.0)).unwrap(), "0.0");
     }

@@ -1,4 +1,12 @@
 //! The stage `calibrate_iad`: readings of a simulated or a real instrument become mu_a, mu_s' and g, row by row.
+//!
+//! ```yaml
+//! fit:
+//!   use: calibrate_iad
+//!   in: {readings: readings}                    # of calibrate_dis; or a laboratory's file:
+//!   # with: {file: data/phantom.rxt, g: 0.8}
+//!   with: {N: 16}
+//! ```
 
 mod line;
 mod params;

@@ -77,7 +77,10 @@ impl Camera {
             let level = self.level(frame, i);
             let above = level - dark.map_or(0.0, |d| d.levels[i]);
             let gain = response.map_or(1.0, |r| r.levels[i]);
-            let reason = if !(level.is_finite() && above.is_finite()) {
+            let value = above / gain * scale;
+            // Images hold f32: what overflows there is infinite too.
+            let finite = level.is_finite() && above.is_finite() && gain.abs() != f64::INFINITY;
+            let reason = if !finite || gain > DEAD && !(value as f32).is_finite() {
                 MaskReason::NotFinite
             } else if frame.highest.is_some_and(|highest| frame.values[i] >= self.saturation * highest) {
                 MaskReason::Saturated
@@ -88,7 +91,7 @@ impl Camera {
             };
             let good = reason == MaskReason::Good;
             corrected.reasons.push(reason);
-            corrected.value.push(if good { above / gain * scale } else { 0.0 });
+            corrected.value.push(if good { value } else { 0.0 });
             if let Some(full_well) = self.full_well {
                 let read = self.read_noise / full_well;
                 // One number is a step of gamma level^(1 - 1 / gamma) / highest; rounding spreads evenly over it.

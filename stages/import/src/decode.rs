@@ -7,6 +7,7 @@ use png::{BitDepth, ColorType, Transformations};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use tiff::decoder::{Decoder, DecodingResult, Limits};
+use tiff::tags::Tag;
 
 /// The most pixels of a picture.
 const MOST_PIXELS: u64 = 1 << 28;
@@ -132,7 +133,19 @@ fn from_tiff(bytes: &[u8], channel: Option<Channel>) -> Result<Picture, String> 
         tiff::ColorType::RGBA(_) => 4,
         other => return Err(format!("its pixels are {other:?}, not grey or RGB")),
     };
-    match decoder.read_image().map_err(said)? {
+    let pixels = decoder.read_image().map_err(said)?;
+    let mut pages = 1;
+    while decoder.more_images() {
+        decoder.next_image().map_err(said)?;
+        // A smaller copy of the picture, for file browsers, is no page of its own.
+        let copy =
+            decoder.find_tag_unsigned::<u32>(Tag::NewSubfileType).map_err(said)?.is_some_and(|kind| kind & 1 == 1);
+        pages += usize::from(!copy);
+    }
+    if pages > 1 {
+        return Err(format!("it has {pages} pages, and a frame is one picture: save each page as a file of its own"));
+    }
+    match pixels {
         DecodingResult::U8(v) => picture(size, count, channel, Some(255.0), v.into_iter().map(f64::from)),
         DecodingResult::U16(v) => picture(size, count, channel, Some(65535.0), v.into_iter().map(f64::from)),
         DecodingResult::U32(v) => {
@@ -146,6 +159,10 @@ fn from_tiff(bytes: &[u8], channel: Option<Channel>) -> Result<Picture, String> 
 
 fn from_exr(bytes: &[u8], channel: Option<Channel>) -> Result<Picture, String> {
     let said = |error: exr::error::Error| format!("it is no EXR that can be read: {error}");
+    let parts = exr::meta::MetaData::read_from_buffered(bytes, false).map_err(said)?.headers.len();
+    if parts > 1 {
+        return Err(format!("it has {parts} parts, and a frame is one picture: save each part as a file of its own"));
+    }
     let image = read()
         .no_deep_data()
         .largest_resolution_level()

@@ -12,7 +12,7 @@ use crate::decode::Channel;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Params {
-    /// File name with {f_x}, {phase} (its number, from 0) and {wavelength}; relative to the pipeline file.
+    /// File name with {f_x}, {phase} (its number 0, 1, .., never degrees: name such files in `frames`) and {wavelength}; relative to the pipeline file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pattern: Option<String>,
     /// Of `pattern`: spatial frequencies, mm^-1, written in names as they stand here.
@@ -61,12 +61,17 @@ pub struct Params {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FrameParams {
+    /// Relative to the pipeline file.
     pub file: String,
+    /// Spatial frequency of what is projected; 0 is even light.
     pub f_x: PerLength,
+    /// Phase of the fringes, (1 + cos(2 pi f_x u + phase)) / 2.
     #[serde(default)]
     pub phase_deg: AngleDeg,
+    /// Direction of the fringes, where it is not that of all.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub orientation_deg: Option<AngleDeg>,
+    /// Of the light, where frames have channels.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub wavelength_nm: Option<f64>,
     /// Stops: taken with 2^exposure times the light.

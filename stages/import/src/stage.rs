@@ -77,6 +77,7 @@ impl Stage for ImportFrames {
                 Some(Ok(picture)) => picture,
             };
             let size = [picture.columns, picture.rows];
+            odd_numbers(&at, &path, &picture, problems);
             match &first {
                 None => first = Some((path, size)),
                 Some((_, known)) if *known == size => {}
@@ -147,6 +148,31 @@ impl Stage for ImportFrames {
             conditions.said().insert_into(&mut frames.attributes, CONDITIONS);
         }
         Ok(Out { frames: Frames(frames) })
+    }
+}
+
+/// Floating-point files say no highest number: shares of full scale they should hold, but may hold anything.
+fn odd_numbers(at: &str, path: &str, picture: &Picture, problems: &mut Problems) {
+    /// Light beyond full scale by more than this is no light.
+    const MOST: f64 = 10.0;
+    if picture.highest.is_some() {
+        return;
+    }
+    let odd = picture.values.iter().filter(|v| !v.is_finite()).count();
+    if odd > 0 {
+        problems.warn(
+            at,
+            format!("`{path}`: {odd} of {} pixels are no finite numbers; they are masked", picture.values.len()),
+        );
+    }
+    let largest = picture.values.iter().copied().filter(|v| v.is_finite()).fold(0.0, f64::max);
+    if largest > MOST {
+        problems.warn(
+            at,
+            format!(
+                "`{path}` holds numbers up to {largest}, and full scale of a floating-point file is 1; if these are counts, divide them by the highest, or save them as whole numbers: full_scale, full_well, gamma and saturation mean shares of it"
+            ),
+        );
     }
 }
 

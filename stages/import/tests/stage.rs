@@ -282,3 +282,42 @@ fn every_mistake_has_its_field() {
     let dark = fails(&[("frames.0.file", grey8(|_| 3)), ("dark", grey8(|_| 3))]);
     assert!(dark.contains("no pixel of `a.png` is brighter than darkness"), "{dark}");
 }
+
+/// A file of two pages, of which one would be read silently; numbers that are no shares of full scale; numbers that are none.
+#[test]
+fn pages_counts_and_infinite_pixels_are_named() {
+    use tiff::encoder::colortype::{Gray16, Gray32Float};
+    let n = ROWS * COLUMNS;
+    let mut two = Cursor::new(Vec::new());
+    {
+        let mut encoder = tiff::encoder::TiffEncoder::new(&mut two).unwrap();
+        for _ in 0..2 {
+            encoder.write_image::<Gray16>(COLUMNS as u32, ROWS as u32, &vec![9; n]).unwrap();
+        }
+    }
+    assert!(decode(&two.into_inner(), None).unwrap_err().contains("it has 2 pages"));
+    let float = |value: &dyn Fn(usize) -> f32| -> Arc<[u8]> {
+        tiff::<Gray32Float>(&(0..n).map(value).collect::<Vec<_>>()).into()
+    };
+    let params = json!({"frames": [{"file": "a.tif", "f_x": 0}], "flat": "f.tif", "full_scale": 1});
+    let warnings = |frame: Arc<[u8]>| {
+        let flat = float(&|i| if i == 7 { f32::INFINITY } else { 1.0 });
+        let files = [("frames.0.file".to_owned(), frame), ("flat".to_owned(), flat)];
+        let known = Known { files: files.into(), ..Known::default() };
+        let mut problems = Problems::default();
+        (StageRow::of::<ImportFrames>().check)(&params, &known, &mut problems);
+        let (wrong, warnings) = problems.into_parts();
+        assert!(wrong.is_empty(), "{wrong:?}");
+        warnings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
+    };
+    let counts = warnings(float(&|i| 1000.0 + i as f32));
+    assert!(counts.contains("`a.tif` holds numbers up to 1047") && counts.contains("`f.tif`: 1 of 48"), "{counts}");
+    let odd = float(&|i| [0.5, f32::INFINITY, f32::NAN, 0.5][i % 4]);
+    assert!(warnings(odd.clone()).contains("`a.tif`: 24 of 48 pixels are no finite numbers; they are masked"));
+    // Masked in the run as well: also where the flat field alone is infinite.
+    let flat = float(&|i| if i == 7 { f32::INFINITY } else { 1.0 });
+    let stack = import(&params, &[("frames.0.file", odd), ("flat", flat)]).unwrap();
+    let mask = stack.layers.iter().find(|l| l.info.kind == LayerKind::Mask).unwrap();
+    let bad = mask.data.iter().filter(|&&m| m == MaskReason::NotFinite.code()).count();
+    assert_eq!(bad, 25, "24 of the frame and one of the flat field");
+}

@@ -7,7 +7,8 @@ use crate::payload::Payload;
 /// Columns region, quantity, n, mean, mean_se, truth, bias_percent, rmse_percent, masked_percent, bias, rmse, p95, unit.
 ///
 /// The last four are in the quantity's unit; of a position (mm) only they say something, and the percentages are 0. Of a fit of media `region` is
-/// the medium or `all`, and two more columns are there: z and rms_log.
+/// the medium or `all`, and two more columns are there: z and rms_log. Means of images (`tabulate`) have region, quantity, one column `axis NAME` for
+/// each axis, n, mean, mean_se, masked_percent, unit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Metrics(pub Table);
 

@@ -11,6 +11,7 @@ mod readings;
 mod relief;
 mod scene;
 mod sections;
+mod stack;
 
 pub use conditions::{
     CONDITIONS, Conditions, INCIDENCE_LAYER, REFERENCE_CONDITIONS, SaidBy, Seen, THICKNESS_LAYER, Thickness, VIEW_LAYER,
@@ -28,6 +29,7 @@ pub use readings::Readings;
 pub use relief::Relief;
 pub use scene::*;
 pub use sections::{Section, Sections, Shares};
+pub use stack::Stack;
 
 use crate::artifact::{Artifact, ArtifactKind};
 use crate::error::Error;

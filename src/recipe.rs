@@ -1,0 +1,44 @@
+//! What a pipeline would do, as one digest: known before anything runs, and without a store.
+
+use std::fs;
+
+use crate::digest::{Digest, PartHasher};
+use crate::key::axes_text;
+use crate::plan::Plan;
+use turbid_contract::canonical::canonical_text;
+
+const FORMAT: &str = "turbid recipe 1";
+
+/// Two plans with one recipe make the same results under the same names: stages with their VERSIONs, canonical params, wires, input files, seeds.
+///
+/// Comments, YAML order, spelling and wanted ports are not in it. Error: params that cannot be read, or an input file that is not there.
+pub fn recipe(plan: &Plan) -> Result<Digest, String> {
+    let mut parts = PartHasher::new(FORMAT);
+    for id in plan.needed_instances() {
+        let instance = &plan.instances[id];
+        let (stage, row) = (&plan.spec.stages[instance.stage], plan.row(instance.stage));
+        parts.add("instance", plan.label(id).as_bytes());
+        parts.add(row.name, &row.version.to_le_bytes());
+        let told = |messages: Vec<crate::spec::Diagnostic>| {
+            messages.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")
+        };
+        let params = plan.spec.params(instance.stage, &instance.axes).map_err(told)?;
+        let prepared = (row.prepare)(&params).map_err(|e| format!("{}: {}", e.path.join("."), e.message))?;
+        parts.add("with", canonical_text(&prepared.canonical).as_bytes());
+        for wire in &instance.wires {
+            for (source, port) in &wire.from {
+                parts.add(wire.port, format!("{} {port}", plan.label(*source)).as_bytes());
+            }
+        }
+        for file in &prepared.files {
+            let path = plan.spec.input_file_base(instance.stage, &file.at).join(&file.path);
+            let bytes = fs::read(&path).map_err(|e| format!("{}: {e}", path.display()))?;
+            parts.add(&file.at, &Digest::of(&bytes).0);
+        }
+        if prepared.draws {
+            parts.add("axes", axes_text(&instance.axes).as_bytes());
+            parts.add("seed", format!("{} {:?}", plan.spec.seed, stage.seed).as_bytes());
+        }
+    }
+    Ok(parts.finish())
+}

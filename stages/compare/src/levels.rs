@@ -1,0 +1,147 @@
+//! Means of images, their differences and ratios, with standard errors.
+
+use turbid_contract::{ImageStack, Layer, LayerInfo, LayerKind};
+
+/// The mean of one layer over the pixels that are not masked.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Level {
+    pub info: LayerInfo,
+    pub pixels: u64,
+    pub n: u64,
+    /// 0 without pixels.
+    pub mean: f64,
+    /// Its standard error; none where that of a pixel is not known, or of all of them.
+    pub mean_se: Option<f64>,
+}
+
+/// The level of each value layer of a stack, in its order.
+pub fn levels(stack: &ImageStack) -> Vec<Level> {
+    stack.layers.iter().filter(|layer| layer.info.kind == LayerKind::Value).map(|layer| level(stack, layer)).collect()
+}
+
+fn level(stack: &ImageStack, layer: &Layer) -> Level {
+    let info = &layer.info;
+    let mask = stack.mask(info.wavelength_nm).map(Layer::pixels);
+    let unknown = stack.se_unknown(info).map(Layer::pixels);
+    let se = stack.standard_error(info).map(Layer::pixels);
+    let pixels = layer.pixels();
+    let (mut n, mut sum, mut variances, mut known) = (0_u64, 0.0, 0.0, se.is_some());
+    for (i, &value) in pixels.iter().enumerate() {
+        if mask.as_ref().is_some_and(|mask| mask[i] != 0.0) {
+            continue;
+        }
+        n += 1;
+        sum += f64::from(value);
+        variances += se.as_ref().map_or(0.0, |se| f64::from(se[i]) * f64::from(se[i]));
+        known &= unknown.as_ref().is_none_or(|unknown| unknown[i] == 0.0);
+    }
+    let count = n.max(1) as f64;
+    // Errors that are the same in all pixels have the sharing of their count; of fewer it cannot be more.
+    let mean_se = (variances * stack.sharing(info).min(count)).sqrt() / count;
+    Level {
+        info: info.clone(),
+        pixels: pixels.len() as u64,
+        n,
+        mean: sum / count,
+        mean_se: (known && n > 0).then_some(mean_se),
+    }
+}
+
+impl Level {
+    /// Whether both describe one quantity.
+    pub fn matches(&self, other: &Self) -> bool {
+        let what = |info: &LayerInfo| {
+            (info.name.clone(), info.f_x_per_mm, info.phase_rad, info.orientation_deg, info.wavelength_nm)
+        };
+        what(&self.info) == what(&other.info)
+    }
+
+    /// The difference of two means; their errors count as independent.
+    #[must_use]
+    pub fn minus(&self, other: &Self) -> Self {
+        let se = |a: f64, b: f64| (a * a + b * b).sqrt();
+        Self {
+            info: self.info.clone(),
+            pixels: self.pixels,
+            n: self.n.min(other.n),
+            mean: self.mean - other.mean,
+            mean_se: self.mean_se.zip(other.mean_se).map(|(a, b)| se(a, b)),
+        }
+    }
+
+    /// The ratio of two means, errors independent, to the first order. `None` where the divisor is 0 or no pixel of it counts.
+    pub fn over(&self, divisor: &Self) -> Option<Self> {
+        if divisor.n == 0 || divisor.mean == 0.0 {
+            return None;
+        }
+        let ratio = self.mean / divisor.mean;
+        let se = |a: f64, b: f64| (a * a + ratio * ratio * b * b).sqrt() / divisor.mean.abs();
+        Some(Self {
+            info: LayerInfo { unit: "1".to_owned(), ..self.info.clone() },
+            pixels: self.pixels,
+            n: self.n,
+            mean: ratio,
+            mean_se: self.mean_se.zip(divisor.mean_se).map(|(a, b)| se(a, b)),
+        })
+    }
+
+    /// What tells the layer from the others of its stack: `radiance f_x=0.1 phase_deg=120`.
+    pub fn label(&self) -> String {
+        let mut text = self.info.name.clone();
+        let degrees = self.info.phase_rad.map(|phase| (phase.to_degrees() * 1e6).round() / 1e6);
+        let parts = [
+            (" f_x=", self.info.f_x_per_mm, ""),
+            (" phase_deg=", degrees, ""),
+            (" orientation_deg=", self.info.orientation_deg.filter(|&turn| turn != 0.0), ""),
+            (" @", self.info.wavelength_nm, "nm"),
+        ];
+        for (name, value, unit) in parts {
+            text.push_str(&value.map(|value| format!("{name}{value}{unit}")).unwrap_or_default());
+        }
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use turbid_contract::ndarray::array;
+
+    /// Two pixels of which one is masked in the second stack, worked out by hand.
+    #[test]
+    fn means_differences_and_ratios() {
+        let stack = |values: [f32; 2], se: [f32; 2], mask: [f32; 2]| {
+            let mut stack = ImageStack::new(1, 2);
+            let info = LayerInfo::value("radiance", "W").with_f_x(0.1);
+            stack.push(info.clone(), array![values]);
+            stack.push(info.standard_error(), array![se]);
+            stack.push(LayerInfo::new("mask", LayerKind::Mask, "1"), array![mask]);
+            stack
+        };
+        let a = &levels(&stack([3.0, 5.0], [0.75, 1.0], [0.0, 0.0]))[0];
+        assert_eq!((a.n, a.mean, a.mean_se), (2, 4.0, Some(0.625)));
+        let b = &levels(&stack([2.0, 9.0], [0.5, 1.0], [0.0, 1.0]))[0];
+        assert_eq!((b.n, b.pixels, b.mean, b.mean_se), (1, 2, 2.0, Some(0.5)));
+        let difference = a.minus(b);
+        assert_eq!((difference.mean, difference.mean_se), (2.0, Some(0.640_625_f64.sqrt())));
+        let ratio = a.over(b).unwrap();
+        assert_eq!((ratio.mean, ratio.mean_se), (2.0, Some((0.390_625_f64 + 4.0 * 0.25).sqrt() / 2.0)));
+        assert_eq!(a.label(), "radiance f_x=0.1");
+        assert!(a.matches(b));
+        let nothing = &levels(&stack([2.0, 9.0], [0.5, 1.0], [2.0, 1.0]))[0];
+        assert_eq!((nothing.n, nothing.mean, nothing.mean_se), (0, 0.0, None));
+        assert_eq!(a.over(nothing), None);
+    }
+
+    /// A pixel whose error is not known leaves that of the mean unknown, and the mean as it is.
+    #[test]
+    fn unknown_errors_stay_unknown() {
+        let mut stack = ImageStack::new(1, 2);
+        let info = LayerInfo::value("radiance", "W");
+        stack.push(info.clone(), array![[3.0, 5.0]]);
+        stack.push(info.standard_error(), array![[1.0, 1.0]]);
+        stack.push(info.se_unknown(), array![[0.0, 1.0]]);
+        let level = &levels(&stack)[0];
+        assert_eq!((level.n, level.mean, level.mean_se), (2, 4.0, None));
+    }
+}
