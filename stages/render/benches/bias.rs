@@ -12,7 +12,7 @@ mod shapes;
 mod unbiased;
 
 use turbid_render::lamp::Steady;
-use unbiased::{Difference, Pool, all_scenes, difference, lamps};
+use unbiased::{Difference, Pool, difference, lamps};
 
 /// Relative.
 const MOST: f64 = 5e-3;
@@ -24,7 +24,15 @@ fn main() {
     let paths = (paths / 100_u32).max(1) * 100;
     let mut pool = Pool::default();
     println!("bias, its error, error of the line estimator alone (%); rms of z of pixels");
-    for (name, world) in all_scenes() {
+    let all = [
+        unbiased::scenes(),
+        unbiased::shaped_scenes(),
+        unbiased::curved_scenes(),
+        unbiased::bent_scenes(),
+        unbiased::mesh_scenes(),
+        unbiased::hollow_scenes(),
+    ];
+    for (name, world) in all.into_iter().flatten() {
         for (lit, steady) in [("projector", Steady::NONE), ("and lamps", lamps())] {
             let found = difference(&steady, name, &world, paths);
             let Difference { bias, error, precision, ref scores } = found;
