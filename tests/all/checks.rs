@@ -17,6 +17,9 @@ fn layers(check: &str, port: &str, name: &str) -> Vec<Value> {
     layers.into_iter().filter(|l| l["name"] == name).collect()
 }
 
+/// W mm^-2 sr^-1: the mean that photons give which walk from the lamp of `near_lamp.yaml` (`tests/render/grazing.rs` of the renderer), to 5 %.
+const NEAR: f64 = 1.30e-5;
+
 fn number(layer: &Value, name: &str) -> f64 {
     layer[name].as_f64().unwrap_or_else(|| panic!("{name}: {layer}"))
 }
@@ -105,4 +108,27 @@ fn unknown_errors_are_marked() {
     for g in ["0.8", "0.98"] {
         assert!(layers("peaked", &format!("frames[g={g}].frames"), "radiance_se_unknown").is_empty(), "g = {g}");
     }
+}
+
+/// Light and view exchanged give the same but for the cosines, to 4 standard errors of both.
+#[test]
+fn grazing_light_is_reciprocal() {
+    let [down, along] = ["down_frames.frames", "along_frames.frames"].map(|port| {
+        let frame = layers("grazing_slab", port, "radiance").swap_remove(0);
+        (number(&frame, "mean"), number(&frame, "mean_se"))
+    });
+    let cos = (89f64).to_radians().cos();
+    let (off, error) = (down.0 / cos - along.0, (down.1 / cos).hypot(along.1));
+    assert!(off.abs() < 4.0 * error && error < 0.05 * along.0, "{down:?} / {cos}, {along:?}");
+}
+
+/// A lamp 1 mm above a slab, and one 2 mm high and 200 mm aside: they end (not so where reflections to and fro have no end), with the radiance in the head of the
+/// file, that of photons, to 4 standard errors and its own.
+#[test]
+fn lamps_close_to_a_slab_end() {
+    let near = layers("near_lamp", "near_frames.frames", "radiance").swap_remove(0);
+    let (mean, se) = (number(&near, "mean"), number(&near, "mean_se"));
+    assert!((mean - NEAR).abs() < 4.0 * se.hypot(0.05 * NEAR) && se < 0.2 * NEAR, "{near}");
+    let aside = layers("near_lamp", "aside_frames.frames", "radiance").swap_remove(0);
+    assert!(number(&aside, "mean") > 0.0 && number(&aside, "mean_se") < 0.1 * number(&aside, "mean"), "{aside}");
 }

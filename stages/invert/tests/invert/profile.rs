@@ -203,9 +203,11 @@ fn heights_alone_will_do() {
 }
 
 /// Noise of heights (0.15 mm) and of R (1 %) against the spread over 12 repeats, pooled over pixels of a plane tilted by 40 degrees, where slopes are the
-/// larger part. Windows of 5 x 5 pixels share noise: 1600 pixels count as 64, times 11, so that a deviation is known to 2.7 %: limit 8 %.
+/// larger part. Windows of 5 x 5 pixels share noise: 1600 pixels count as 64, times 11, so that a deviation is known to 2.7 %: limit three times that. What is
+/// stated without the shape is below the spread by twice the limit at least: left out, it would be seen.
 #[test]
 fn errors_of_the_shape_are_in_the_maps() {
+    const LIMIT: f64 = 0.08;
     let sites = plane(DVec3::ZERO, tilted(40.0, 20.0));
     let (se, height_se, medium) = ([0.01, 0.01], 0.15, [0.04, 1.0]);
     let mut state = 9_u64;
@@ -243,7 +245,7 @@ fn errors_of_the_shape_are_in_the_maps() {
         let mean: f64 = sums[k].iter().map(|s| s * s / n).sum();
         let spread = (squares[k] - mean) / ((n - 1.0) * (SIDE * SIDE) as f64);
         let stated = stated[k] / (n * (SIDE * SIDE) as f64);
-        assert!(((stated / spread).sqrt() - 1.0).abs() < 0.08, "{}: {stated} for {spread}", names[k]);
+        assert!(((stated / spread).sqrt() - 1.0).abs() < LIMIT, "{}: {stated} for {spread}", names[k]);
         // Without the shape's part there is little left.
         let alone = invert(
             seen(&plane(DVec3::ZERO, DVec3::Z), |_| medium, Some((se, 0.0))),
@@ -253,7 +255,7 @@ fn errors_of_the_shape_are_in_the_maps() {
         );
         let maps = alone.unwrap().0.maps.0;
         let own = layer(&maps, &format!("{}_se", names[k]))[0] / layer(&maps, names[k])[0];
-        assert!(own < 0.85 * spread.sqrt(), "{}: {own} of {}", names[k], spread.sqrt());
+        assert!(own < (1.0 - 2.0 * LIMIT) * spread.sqrt(), "{}: {own} of {}", names[k], spread.sqrt());
     }
 }
 

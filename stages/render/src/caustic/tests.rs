@@ -354,7 +354,7 @@ fn by_links(case: &Case, points: u32) -> (Vec<Measured>, u64) {
                 let r = center + radius * libm::cbrt(c) * direction;
                 let n = walker.index_around(r);
                 let mut links = Vec::new();
-                let chance = Chance { stream: &stream, flight: 2, look: Look::Here };
+                let chance = Chance { stream: &stream, flight: 2, look: Look::Entered(0) };
                 let source = Source::Lamp(0, &case.lamp);
                 walker.reach(source, r, None, &mut links);
                 walker.reach_on(source, r, None, &chance, &mut links);

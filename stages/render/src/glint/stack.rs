@@ -16,9 +16,7 @@ use crate::world::World;
 /// at each of which one ends.
 const FAINT: f64 = 1e-10;
 /// Planes met by all ways together, beyond which they are too many.
-const MOST_EVENTS: usize = 1 << 22;
-/// The same of one way: each is a call within the last.
-const MOST_TURNS: usize = 1 << 11;
+const MOST_EVENTS: usize = 1 << 24;
 
 /// What the search shares.
 struct Search<'a> {
@@ -76,61 +74,85 @@ impl Walker<'_> {
         let mut way = Way::default();
         for up in [true, false] {
             let layer = self.layer(&strata, r, None, up);
-            self.follow(&mut search, &mut way, (layer, r.z, up), 1.0)?;
+            self.follow(&mut search, &mut way, (layer, r.z, up))?;
         }
         Ok(search.links)
     }
 
-    /// Goes on from height z in a layer; `left` bounds the light that is left.
-    fn follow(
-        &mut self,
-        search: &mut Search<'_>,
-        way: &mut Way,
-        (layer, z, up): (usize, f64, bool),
-        left: f64,
-    ) -> Result<(), Error> {
+    /// Goes on from height z in a layer.
+    fn follow(&mut self, search: &mut Search<'_>, way: &mut Way, from: (usize, f64, bool)) -> Result<(), Error> {
         let strata = search.strata;
-        if layer == search.last && up == search.target.is_above(z) && way.is_bent() {
-            way.go(strata.layers[layer].n, z, search.target.origin.z, up);
-            let link = self.along(search.source, search.from, None, way, 1.0);
-            search.links.extend(link.filter(|link| link.lit));
-            way.undo();
-        }
-        let Some((edge, next)) = strata.onward(layer, up) else { return Ok(()) };
-        if strata.layers[next].opaque {
-            return Ok(());
-        }
-        search.events += 1;
-        if search.events > MOST_EVENTS || way.turns() >= MOST_TURNS {
-            return Err(Error::failed_with_hint(
-                "the glint comes by more ways between the planes than can be followed",
-                "write `specular: exclude`, or take layers out that hardly reflect",
-            ));
-        }
-        let (n, beyond) = (strata.layers[layer].n, strata.layers[next].n);
-        let before = search.passed[layer];
-        search.passed[layer] += (edge - z).abs();
-        // The farther it has come, the steeper it is.
-        let slope = search.target.least_steep(strata, &search.passed, (edge, layer, 0.0), (search.from, search.last));
-        let reflectance = slope.unwrap_or(search.slope).reflectance(n, beyond);
-        // From straight down to that slope the reflectance falls or grows, or falls and then grows.
-        let most = reflectance.max(normal_reflectance(n / beyond));
-        let least = reflectance.min(0.5 * normal_reflectance(n / beyond));
-        // The first stretch begins within its layer.
-        let left = if way.is_bent() { left * search.clear[layer] } else { left };
-        way.go(n, z, edge, up);
-        for (reflected, left) in [(false, left * (1.0 - least)), (true, left * most)] {
-            if left > FAINT {
-                way.meet(n, beyond, reflected);
-                let on = if reflected { (layer, edge, !up) } else { (next, edge, up) };
-                self.follow(search, way, on, left)?;
-                way.forget();
+        // What is still to be done, the next thing last: ways may be thousands of planes long.
+        let mut tasks = vec![Task::Go(from, 1.0)];
+        while let Some(task) = tasks.pop() {
+            let ((layer, z, up), left) = match task {
+                Task::Go(from, left) => (from, left),
+                Task::Meet { indices: (n, beyond), reflected, on, left } => {
+                    way.meet(n, beyond, reflected);
+                    tasks.extend([Task::Forget, Task::Go(on, left)]);
+                    continue;
+                }
+                Task::Forget => {
+                    way.forget();
+                    continue;
+                }
+                Task::Undo { layer, passed } => {
+                    way.undo();
+                    search.passed[layer] = passed;
+                    continue;
+                }
+            };
+            if layer == search.last && up == search.target.is_above(z) && way.is_bent() {
+                search.events += way.turns();
+                way.go(strata.layers[layer].n, z, search.target.origin.z, up);
+                let link = self.along(search.source, search.from, None, way, 1.0);
+                search.links.extend(link.filter(|link| link.lit));
+                way.undo();
+            }
+            let Some((edge, next)) = strata.onward(layer, up).filter(|&(_, next)| !strata.layers[next].opaque) else {
+                continue;
+            };
+            search.events += 1;
+            if search.events > MOST_EVENTS {
+                return Err(Error::failed_with_hint(
+                    "the glint comes by more ways between the planes than can be followed",
+                    "write `specular: exclude`, or take layers out that hardly reflect",
+                ));
+            }
+            let indices = (strata.layers[layer].n, strata.layers[next].n);
+            tasks.push(Task::Undo { layer, passed: search.passed[layer] });
+            search.passed[layer] += (edge - z).abs();
+            // The farther it has come, the steeper it is.
+            let here = (edge, layer, 0.0);
+            let slope = search.target.least_steep(strata, &search.passed, here, (search.from, search.last));
+            let reflectance = slope.unwrap_or(search.slope).reflectance(indices.0, indices.1);
+            // From straight down to that slope the reflectance falls or grows, or falls and then grows.
+            let normal = normal_reflectance(indices.0 / indices.1);
+            let (most, least) = (reflectance.max(normal), reflectance.min(0.5 * normal));
+            // The first stretch begins within its layer.
+            let left = if way.is_bent() { left * search.clear[layer] } else { left };
+            way.go(indices.0, z, edge, up);
+            for (reflected, left) in [(true, left * most), (false, left * (1.0 - least))] {
+                if left > FAINT {
+                    let on = if reflected { (layer, edge, !up) } else { (next, edge, up) };
+                    tasks.push(Task::Meet { indices, reflected, on, left });
+                }
             }
         }
-        way.undo();
-        search.passed[layer] = before;
         Ok(())
     }
+}
+
+/// A step of the search.
+enum Task {
+    /// On from a height within a layer, up or down; with a bound of the light that is left.
+    Go((usize, f64, bool), f64),
+    /// At a plane, between these n.
+    Meet { indices: (f64, f64), reflected: bool, on: (usize, f64, bool), left: f64 },
+    /// Back before the plane ...
+    Forget,
+    /// ... and before the stretch to it.
+    Undo { layer: usize, passed: f64 },
 }
 
 /// Of each layer, the most that straight light can keep from one of its planes to the other; 1 in the outer ones.

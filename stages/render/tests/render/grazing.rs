@@ -196,7 +196,7 @@ fn starts(lit: Lit) -> impl FnMut([f64; 4]) -> Start {
 
 /// Renders agree with photons, light at 80 to 89.9 degrees and views at 0 to 89.9, n from 1 to 2.5, thin and thick slabs, by beams, projectors and point
 /// lamps: each to 4.5 standard errors of both (16 cases: one false alarm in 10^4), and in the mean of all, weighed by their errors, within 3.5, which are
-/// less than 1.5 %.
+/// less than 2.5 %.
 #[test]
 fn grazing_light_and_views_agree_with_photons() {
     let slab = |thickness: f64, n: f64| Slab { thickness, n };
@@ -221,8 +221,10 @@ fn grazing_light_and_views_agree_with_photons() {
     let (mut sum, mut weights) = (0.0, 0.0);
     for (slab, lit, view) in cases {
         let field = 4.0;
-        let (mean, se) = dc(&looked_at(slab, lit, view, field), 8_000, 3);
-        let (even, photons) = if matches!(lit, Lit::Beam(_)) { (None, 20_000) } else { (Some(field), 60_000) };
+        // Where n > 1 and the view grazes, few paths come in.
+        let paths = if view > 80.0 { 60_000 } else { 15_000 };
+        let (mean, se) = dc(&looked_at(slab, lit, view, field), paths, 3);
+        let (even, photons) = if matches!(lit, Lit::Beam(_)) { (None, 30_000) } else { (Some(field), 100_000) };
         let (walked, walked_se) = by_photons(slab, view, even, photons, starts(lit));
         let error = se.hypot(walked_se) / walked;
         let off = mean / walked - 1.0;
@@ -233,22 +235,47 @@ fn grazing_light_and_views_agree_with_photons() {
     }
     let (bias, error) = (sum / weights, weights.sqrt().recip());
     println!("all: {bias:+.5} +- {error:.5}");
-    assert!(bias.abs() < 3.5 * error && error < 0.015 / 3.5, "all: {bias} +- {error}");
+    assert!(bias.abs() < 3.5 * error && error < 0.025 / 3.5, "all: {bias} +- {error}");
 }
 
-/// A point lamp 1 mm above 10 mm of n = 1.4 in a field of 64 mm, as photons from all of its lower half say.
+/// A point lamp 1 mm above 10 mm of n = 1.4 in fields of 64 and 16 mm, as photons from all of its lower half say.
 #[test]
 fn a_lamp_close_to_a_slab_agrees_with_photons() {
-    let (slab, field) = (Slab { thickness: 10.0, n: 1.4 }, 64.0);
-    let (mean, se) = dc(&looked_at(slab, Lit::Point(0.0, 1.0), 0.0, field), 40_000, 3);
+    let slab = Slab { thickness: 10.0, n: 1.4 };
     let start = |[a, b, ..]: [f64; 4]| {
         let (sin_phi, cos_phi) = (2.0 * PI * b).sin_cos();
         let sin = (1.0 - a * a).sqrt();
         let w = DVec3::new(sin * cos_phi, sin * sin_phi, -a);
         Start { place: w.truncate() / a, w, weight: 0.5 * POWER }
     };
-    let (walked, walked_se) = by_photons(slab, 0.0, Some(field), 100_000, start);
-    let (error, off) = (se.hypot(walked_se) / walked, mean / walked - 1.0);
-    println!("{mean:.4e} +- {:.4}, {off:+.4} +- {error:.4}", se / mean);
-    assert!(off.abs() < 4.0 * error && error < 0.03, "{off} +- {error}");
+    // A view that is brightest by far below the lamp.
+    for (field, paths) in [(64.0, 200_000), (16.0, 100_000)] {
+        let (mean, se) = dc(&looked_at(slab, Lit::Point(0.0, 1.0), 0.0, field), paths, 3);
+        let (walked, walked_se) = by_photons(slab, 0.0, Some(field), 100_000, start);
+        let (error, off) = (se.hypot(walked_se) / walked, mean / walked - 1.0);
+        println!("{field} mm: {mean:.4e} +- {:.4}, {off:+.4} +- {error:.4}", se / mean);
+        assert!(off.abs() < 4.0 * error, "{field} mm: {off} +- {error}");
+        assert!(error < 0.1, "{field} mm: too noisy to tell: {error}");
+    }
+}
+
+/// A lamp's glint on a clear sheet, seen as steeply as it is lit, over that on a thick absorber of the same n: with the reflectance R of one plane
+/// (1 + (1 - R)^2 / (1 - R^2)) = 2 / (1 + R), whatever the many reflections within. At 89.9 degrees some 1600 of them are followed, within 1e-10 of the light
+/// each; the sheet of 1e-6 mm shifts them by as little. f32 images: 1e-6.
+#[test]
+fn glints_on_a_sheet_add_up_at_grazing_angles() {
+    for (degrees, n) in [(0.1, 1.5), (85.0, 1.0001), (85.0, 1.5), (85.0, 2.5), (89.0, 1.4), (89.9, 1.4)] {
+        let seen = |thickness: f64, mu_a: f64| {
+            let at = 100.0 * tilted(degrees);
+            let mut scene = looked_at(Slab { thickness, n }, Lit::Point(at.x, at.z), degrees, 10.0);
+            let camera = scene.camera.as_mut().expect("it has one");
+            camera.position = [-at.x, 0.0, at.z];
+            (camera.projection, camera.specular) = (Projection::Pinhole, Some(Specular::Include));
+            scene.media.insert("m".to_owned(), Medium { n, ..medium(mu_a, 0.0, 0.0) });
+            dc(&scene, 8, 1).0
+        };
+        let reflected = refract(-tilted(degrees), DVec3::Z, 1.0, n).reflectance;
+        let (ratio, expected) = (seen(1e-6, 0.0) / seen(10.0, 100.0), 2.0 / (1.0 + reflected));
+        assert!((ratio / expected - 1.0).abs() < 1e-6, "{degrees} degrees, n = {n}: {ratio}, expected {expected}");
+    }
 }

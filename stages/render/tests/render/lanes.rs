@@ -87,6 +87,30 @@ fn checks() -> Pictures {
     Pictures::new(3, 23, 31, |layer, row, column| ((row * 7 + column * (layer + 3)) % 5) as f32 / 4.0)
 }
 
+/// Of 4096 paths, how many lanes see otherwise than the scalar walker by more than 1e-3: by the projector alone, and with lamps and pictures beside it. Where the
+/// light comes in through another wall than the camera's ray, the first look of lanes lies elsewhere on its line; ways of light through curved walls are
+/// found elsewhere first. Elsewhere only rounding turns decisions: each by some 1e-7 of what it compares, ten for each of up to 90 flights, so less than one
+/// path. Another choice of random numbers gives other counts: those here hold within 5 of their standard errors and 4.
+const OTHERS: [(&str, [u32; 2]); 17] = [
+    ("dome", [489, 489]),
+    ("buried ball under a dye", [9, 9]),
+    ("hole", [22, 22]),
+    ("one medium around a layer, in a ball and boxes that touch", [105, 105]),
+    ("white block and box corner", [175, 175]),
+    ("wet core level with wet tissue", [40, 0]),
+    ("mesh in a slab", [258, 2]),
+    ("ring on a floor, a ball in its bore", [198, 0]),
+    ("mesh alone", [128, 0]),
+    ("tube with a ball in its bore", [325, 325]),
+    ("tube", [279, 279]),
+    ("long tube", [556, 556]),
+    ("wet dome on a wet slab, a wet ball in the air", [223, 76]),
+    ("wet egg", [230, 0]),
+    ("wet egg on a white floor", [128, 0]),
+    ("wet post in a wet slab", [235, 47]),
+    ("wet block on a wet slab", [182, 1]),
+];
+
 /// The same random numbers: path for path f32 lanes say what the scalar walker says, but for the few whose decisions rounding
 /// turns. Those go either way, so that the sums agree.
 #[test]
@@ -107,19 +131,22 @@ fn f32_lanes_are_the_scalar_paths_to_rounding() {
         alone.scouts.clone_from(&frame.scouts);
         single::walk(&mut lanes, &frame, Batches { of: &alike(0..16, &samples), count: samples.len() as u32 });
         // Per response: sum of magnitudes, of differences and of their squares.
-        let (mut sums, mut turned, mut path) = ([[0.0; 3]; 9], 0, 0);
+        let (mut sums, mut turned, mut path) = ([[0.0; 3]; 9], 0_u32, 0);
         for (pixel, sample) in (0..16).flat_map(|p| samples.clone().map(move |s| (p, s))) {
             let expected = alone.path(pixel, sample).to_vec();
             for ((sum, a), b) in sums.iter_mut().zip(&expected).zip(lanes.response(path)) {
                 let d = b - a;
                 *sum = [sum[0] + a.abs(), sum[1] + d, sum[2] + d * d];
             }
-            turned += usize::from((expected[0] - lanes.response(path)[0]).abs() > 1e-3 * expected[0]);
+            turned += u32::from((expected[0] - lanes.response(path)[0]).abs() > 1e-3 * expected[0]);
             path += 1;
         }
-        // Where the light comes in elsewhere than the camera's ray, the first look of lanes lies elsewhere on its line.
-        assert!(turned <= path / 6, "{name}: {turned} of {path} paths are others");
-        let (a, b) = (alone.take_flights() as f64, lanes.take_flights() as f64);
+        let flights = alone.take_flights();
+        let [bare, beside] = OTHERS.iter().find(|(of, _)| *of == name).map_or([0; 2], |(_, others)| *others);
+        let expected = if steady.shines() { beside } else { bare };
+        let most = f64::from(expected) + 5.0 * f64::from(expected).sqrt() + 4.0;
+        assert!(f64::from(turned) <= most, "{name}: {turned} of {path} paths are others, expected {expected}");
+        let (a, b) = (flights as f64, lanes.take_flights() as f64);
         assert!((a / b - 1.0).abs() < 5e-3, "{name}: {a} flights, in lanes {b}");
         for [sum, difference, square] in sums {
             // Rounding alone makes 1e-7 to 1e-6 of a path's response, far below 1e-5 of their sum.
