@@ -4,7 +4,9 @@ use std::sync::OnceLock;
 
 use super::line::{Constraint, Line, meet};
 use super::source::Case;
-use crate::{Error, Experiment, Fit, Flags, Incidence, Losses, Lost, Measurement, Model, Slab, solve_with_g};
+use crate::{
+    Error, Experiment, Fit, Flags, Incidence, Instrument, Losses, Lost, Measurement, Model, Slab, solve_with_g,
+};
 
 /// Why a row has no medium.
 #[derive(Clone, Debug)]
@@ -20,7 +22,7 @@ impl From<Error> for Failure {
     }
 }
 
-/// Slabs prepared for N points, each once, by the number of a row's configuration.
+/// Slabs prepared for N points, each once: with its instrument by the number of a row's configuration, for the way there alone by that of its slab.
 pub struct Level<const N: usize> {
     experiments: Vec<OnceLock<Result<Experiment<N>, Error>>>,
     models: Vec<OnceLock<Result<Model<N>, Error>>>,
@@ -39,9 +41,9 @@ impl<const N: usize> Level<N> {
         self.experiments[case.config].get_or_init(made).as_ref().map_err(|e| *e)
     }
 
-    fn model(&self, case: &Case) -> Result<&Model<N>, Error> {
-        let made = || Model::<N>::new(&case.slab, &case.instrument, case.light);
-        self.models[case.config].get_or_init(made).as_ref().map_err(|e| *e)
+    fn model(&self, case: &Case) -> Result<Model<N>, Error> {
+        let made = || Model::<N>::new(&case.slab, &Instrument::NONE, case.light);
+        self.models[case.slab_config].get_or_init(made).as_ref().map_err(|e| *e)?.within(&case.instrument)
     }
 
     /// M_R and M_T of a medium [mu_a, mu_s', g].
