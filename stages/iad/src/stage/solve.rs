@@ -213,12 +213,14 @@ fn both<const N: usize>(case: &Case, level: &Level<N>, measured: &Measurement) -
 
 /// mu_a, mu_s' and g from M_R, M_T and M_U: slopes from how the solution moves with each reading.
 fn with_g<const N: usize>(case: &Case, level: &Level<N>, measured: &Measurement, m_u: f64) -> Result<Answer, Failure> {
-    let at = |r: f64, t: f64, u: f64| -> Result<[f64; 3], Error> {
+    let at = |g: f64, r: f64, t: f64, u: f64| -> Result<[f64; 3], Error> {
         let moved = Measurement { m_r: measured.m_r + r, m_t: measured.m_t + t, ..*measured };
-        let found = solve_with_g::<N>(&case.slab, &case.instrument, &moved, m_u + u)?;
+        let found = solve_with_g::<N>(&Slab { g, ..case.slab }, &case.instrument, &moved, m_u + u)?;
         Ok([found.fit.mu_a_per_mm, found.fit.mu_s_prime_per_mm, found.g])
     };
-    let medium = at(0.0, 0.0, 0.0)?;
+    let medium = at(case.slab.g, 0.0, 0.0, 0.0)?;
+    // What moves little is found from where it was.
+    let at = |r: f64, t: f64, u: f64| at(medium[2], r, t, u);
     let slope = |r: f64, t: f64, u: f64| -> Option<[f64; 3]> {
         let (high, low) = (at(r, t, u).ok()?, at(-r, -t, -u).ok()?);
         Some(std::array::from_fn(|i| 0.5 * (high[i] - low[i]) / (r + t + u)))
