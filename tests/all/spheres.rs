@@ -106,3 +106,40 @@ fn assumptions_about_the_papers_spheres_keep_their_distance() {
         assert!(found > low - 4.5 * sigma && found < high + 4.5 * sigma, "{stage}: {found} +- {sigma}, {expected}");
     }
 }
+
+/// What stands in the head comment of `pipelines/checks/laboratory.yaml`.
+#[test]
+fn laboratories_hear_what_is_not_known() {
+    let file = format!("{}/pipelines/checks/laboratory.yaml", env!("CARGO_MANIFEST_DIR"));
+    let space = Space::new();
+    space.turbid(&["run", &file]).ok();
+    let fit = |stage: &str| -> Vec<std::collections::BTreeMap<String, String>> {
+        let csv = space.path().join(format!("{stage}.csv"));
+        space.turbid(&["export", &file, &format!("{stage}.fit"), "--to", &csv.to_string_lossy()]).ok();
+        let text = std::fs::read_to_string(&csv).expect("the export");
+        let mut lines = text.lines().filter(|line| !line.starts_with('#'));
+        // The message comes last and may hold commas.
+        let names: Vec<String> = lines.next().expect("a header").split(',').map(str::to_owned).collect();
+        lines
+            .map(|line| names.iter().cloned().zip(line.splitn(names.len(), ',').map(str::to_owned)).collect())
+            .collect()
+    };
+    let number = |row: &std::collections::BTreeMap<String, String>, name: &str| -> f64 {
+        let cell = row.iter().find(|(column, _)| column.split(['[', ' ']).next() == Some(name)).expect(name).1;
+        cell.parse().unwrap_or_else(|_| panic!("{name} = `{cell}`: {row:?}"))
+    };
+    for (row, truth) in fit("points").iter().zip([0.009_203_7, 0.000_945_50]) {
+        let (found, error) = (number(row, "mu_s_prime"), number(row, "mu_s_prime_model_error"));
+        assert!((found - truth).abs() < 2.0 * error + 1e-5 * truth && error < 2e-3 * truth, "{found} +- {error}: {row:?}");
+        assert!(row["status"] == "ok" && row["mu_s_prime_se"].is_empty(), "{row:?}");
+    }
+    let left_over = &fit("left_over")[0];
+    assert!(left_over["status"] == "disagree" && left_over["message"].contains("mu_s' = 1.357"), "{left_over:?}");
+    let trusted = &fit("trusted")[0];
+    assert!(
+        (number(trusted, "mu_s_prime") - 1.3572).abs() < 1e-3 && number(trusted, "m_t_residual") > 0.1,
+        "{trusted:?}"
+    );
+    let [port, ignored] = ["port", "port_ignored"].map(|stage| number(&fit(stage)[0], "mu_a"));
+    assert!(port > 0.0 && port < 0.5 * ignored, "{port} {ignored}");
+}

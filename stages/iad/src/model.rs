@@ -1,16 +1,23 @@
 //! A slab in an instrument, from its coefficients to the readings.
 
+use std::sync::Arc;
+
 use crate::forward::Plan;
-use crate::spheres::{Instrument, Lost, Spheres};
+use crate::spheres::{Instrument, Lost};
 use crate::state::{State, state};
 use crate::{Error, Incidence, Slab};
 
-/// The forward half of [`crate::Experiment`], without the table of starts that its inverse needs.
+/// The forward half of [`crate::Experiment`], without the table of starts that its inverse needs. Cheap to copy for other instruments.
+#[derive(Clone)]
 pub struct Model<const N: usize> {
+    slab: Arc<Both<N>>,
+    instrument: Instrument,
+}
+
+struct Both<const N: usize> {
     plan: Plan<N>,
     /// The slab seen from below, where its sides differ.
-    flipped: Option<Box<Plan<N>>>,
-    instrument: Instrument,
+    flipped: Option<Plan<N>>,
 }
 
 impl<const N: usize> Model<N> {
@@ -19,13 +26,18 @@ impl<const N: usize> Model<N> {
         instrument.check()?;
         let plan = Plan::lit(slab, light)?;
         let turned = Slab { top: slab.bottom, bottom: slab.top, ..*slab };
-        let differs = slab.top != slab.bottom && instrument.spheres != Spheres::None;
-        let flipped = differs.then(|| Plan::new(&turned).map(Box::new)).transpose()?;
-        Ok(Self { plan, flipped, instrument: *instrument })
+        let flipped = (slab.top != slab.bottom).then(|| Plan::new(&turned)).transpose()?;
+        Ok(Self { slab: Arc::new(Both { plan, flipped }), instrument: *instrument })
+    }
+
+    /// The same slab in another instrument.
+    pub fn within(&self, instrument: &Instrument) -> Result<Self, Error> {
+        instrument.check()?;
+        Ok(Self { slab: Arc::clone(&self.slab), instrument: *instrument })
     }
 
     pub fn plan(&self) -> &Plan<N> {
-        &self.plan
+        &self.slab.plan
     }
 
     /// M_R and M_T of the medium (mu_a, mu_s' in mm^-1), or why there are none.
@@ -36,8 +48,8 @@ impl<const N: usize> Model<N> {
     }
 
     fn state(&self, mu_a: f64, mu_s_prime: f64) -> Option<State> {
-        let d = self.plan.slab().thickness_mm;
-        state(&self.plan, self.flipped.as_deref(), [mu_a * d, mu_s_prime * d])
+        let d = self.slab.plan.slab().thickness_mm;
+        state(&self.slab.plan, self.slab.flipped.as_ref(), [mu_a * d, mu_s_prime * d])
     }
 
     /// d(M_R, M_T) / d(lost R, lost T of the beam, lost R, lost T of diffuse light); rows are the readings.

@@ -112,19 +112,21 @@ fn every_file_is_read() {
 fn files_of_known_media_are_inverted() {
     let truths = |bytes: &[u8]| -> Vec<[f64; 3]> {
         let text = std::str::from_utf8(bytes).expect("text");
-        let rows = text.lines().filter(|l| l.starts_with("0.") && l.contains('#'));
-        rows.map(|l| {
-            let comment = l.split('#').nth(1).expect("a comment");
-            let numbers: Vec<f64> = comment.split_whitespace().map(|x| x.parse().expect("a number")).collect();
-            [numbers[0], numbers[1], numbers[2]]
-        })
-        .collect()
+        // Three numbers in a row's comment; comments of the header are words.
+        let told = |l: &str| -> Option<[f64; 3]> {
+            let comment = l.split_once('#')?.1;
+            let numbers: Option<Vec<f64>> = comment.split_whitespace().map(|x| x.parse().ok()).collect();
+            numbers?.try_into().ok()
+        };
+        text.lines().filter_map(told).collect()
     };
     // mu_s, mu_a, g
     for (name, with) in [("basic_C", ""), ("basic_E", r#", "g": 0.9"#)] {
         let fit = run(with, file(name));
         let (mu_a, mu_s_prime, g) = (column(&fit, "mu_a"), column(&fit, "mu_s_prime"), column(&fit, "g"));
-        for (i, [mu_s, a, g_true]) in truths(file(name)).into_iter().enumerate() {
+        let truths = truths(file(name));
+        assert_eq!(truths.len(), fit.rows(), "{name}");
+        for (i, [mu_s, a, g_true]) in truths.into_iter().enumerate() {
             let found = [mu_a[i], mu_s_prime[i], g[i]].map(|x| x.expect("a number"));
             let s = mu_s * (1.0 - g_true);
             assert!(texts(&fit, "status")[i].starts_with("ok"), "{name} {i}: {fit:?}");
@@ -274,11 +276,14 @@ fn conventions_are_named() {
     assert!(warnings.is_empty(), "{warnings:?}");
 }
 
-/// Every file through the whole stage: no panic, finite numbers, and a row without a medium says why. Rows of `x_bad_data` that no sample can
+/// The first 50 lines of every file through the whole stage: no panic, finite numbers, and a row without a medium says why. Rows of `x_bad_data` that no sample can
 /// give are named one by one.
 #[test]
 fn every_row_has_an_answer_or_a_reason() {
     for (name, bytes) in FILES {
+        let end = bytes.iter().enumerate().filter(|(_, b)| **b == b'\n').map(|(i, _)| i).nth(50).unwrap_or(bytes.len());
+        // The bad rows stand at the end of theirs.
+        let bytes = if name == "x_bad_data" { bytes } else { &bytes[..end] };
         let fit = run(r#", "g": 0.8, "lost_light": "ignore""#, bytes);
         let status = texts(&fit, "status");
         let count = |wanted: &str| status.iter().filter(|s| s.split(',').next() == Some(wanted)).count();

@@ -66,7 +66,7 @@ pub fn bounds(recipe: &Recipe, changes: &[Option<f64>], r_d: &[f64]) -> Vec<Opti
         let (u, v) = (share(a, n_a), share(s, n_s));
         let plane = |u: f64, v: f64| (1.0 - u) * ((1.0 - v) * low + v * right) + u * ((1.0 - v) * up + v * far);
         let tent = (1.0 - (2.0 * u - 1.0).abs()) * (1.0 - (2.0 * v - 1.0).abs());
-        let middle = (of[4]? - plane(share(n_a / 2, n_a), share(n_s / 2, n_s))).max(0.0);
+        let middle = of[4]? - plane(share(n_a / 2, n_a), share(n_s / 2, n_s));
         Some(SAFETY * libm::exp(plane(u, v) + tent * middle) * r_d[row].abs() + DEPTH)
     };
     (0..r_d.len()).map(of).collect()

@@ -191,7 +191,7 @@ fn the_monte_carlo_table_is_the_solvers_within_its_errors() {
 }
 
 /// The stated bound of each row holds against twice the orders, sharp peaks included (the manual's 1e-5 does not: g = 0.99), and says
-/// something: it is no larger than 1e-3. Where nothing is known of a model's error the bound is unknown.
+/// something: it is no larger than 1e-3 and a hundredth of the value. Where nothing is known of a model's error the bound is unknown.
 #[test]
 fn rows_state_what_the_solver_leaves_uncertain() {
     let table = |params: &Value| build(params, &MemoryHost::default()).0.0;
@@ -212,7 +212,10 @@ fn rows_state_what_the_solver_leaves_uncertain() {
             };
             let finer = rte::respond_with(&medium, None, 0.0, twice).unwrap().reflectance.camera;
             let (off, bound) = ((column("r_d")[i] - finer).abs(), bound.unwrap());
-            assert!(off <= bound && bound < 1e-3, "g = {g}, n = {n}, {medium:?}: off by {off:e}, bound {bound:e}");
+            assert!(
+                off <= bound && bound < 1e-3 + 0.01 * column("r_d")[i],
+                "g = {g}, n = {n}, {medium:?}: off by {off:e}, bound {bound:e}"
+            );
             worst = worst.max(off);
         }
         println!(

@@ -19,6 +19,7 @@ pub struct Tools {
 
 impl Tools {
     pub fn new(cases: &[Case], seed: u64) -> Self {
+        // There are no more slabs than slabs with their instruments.
         let configs = cases.iter().map(|case| case.config + 1).max().unwrap_or(0);
         Self {
             losses: Losses::new(seed),

@@ -4,7 +4,9 @@ use std::sync::OnceLock;
 
 use super::line::{Constraint, Line, meet};
 use super::source::Case;
-use crate::{Error, Experiment, Fit, Flags, Incidence, Losses, Lost, Measurement, Model, Slab, solve_with_g};
+use crate::{
+    Error, Experiment, Fit, Flags, Incidence, Instrument, Losses, Lost, Measurement, Model, Slab, solve_with_g,
+};
 
 /// Why a row has no medium.
 #[derive(Clone, Debug)]
@@ -20,7 +22,7 @@ impl From<Error> for Failure {
     }
 }
 
-/// Slabs prepared for N points, each once, by the number of a row's configuration.
+/// Slabs prepared for N points, each once: with its instrument by the number of a row's configuration, for the way there alone by that of its slab.
 pub struct Level<const N: usize> {
     experiments: Vec<OnceLock<Result<Experiment<N>, Error>>>,
     models: Vec<OnceLock<Result<Model<N>, Error>>>,
@@ -39,9 +41,9 @@ impl<const N: usize> Level<N> {
         self.experiments[case.config].get_or_init(made).as_ref().map_err(|e| *e)
     }
 
-    fn model(&self, case: &Case) -> Result<&Model<N>, Error> {
-        let made = || Model::<N>::new(&case.slab, &case.instrument, case.light);
-        self.models[case.config].get_or_init(made).as_ref().map_err(|e| *e)
+    fn model(&self, case: &Case) -> Result<Model<N>, Error> {
+        let made = || Model::<N>::new(&case.slab, &Instrument::NONE, case.light);
+        self.models[case.slab_config].get_or_init(made).as_ref().map_err(|e| *e)?.within(&case.instrument)
     }
 
     /// M_R and M_T of a medium [mu_a, mu_s', g].
@@ -211,12 +213,14 @@ fn both<const N: usize>(case: &Case, level: &Level<N>, measured: &Measurement) -
 
 /// mu_a, mu_s' and g from M_R, M_T and M_U: slopes from how the solution moves with each reading.
 fn with_g<const N: usize>(case: &Case, level: &Level<N>, measured: &Measurement, m_u: f64) -> Result<Answer, Failure> {
-    let at = |r: f64, t: f64, u: f64| -> Result<[f64; 3], Error> {
+    let at = |g: f64, r: f64, t: f64, u: f64| -> Result<[f64; 3], Error> {
         let moved = Measurement { m_r: measured.m_r + r, m_t: measured.m_t + t, ..*measured };
-        let found = solve_with_g::<N>(&case.slab, &case.instrument, &moved, m_u + u)?;
+        let found = solve_with_g::<N>(&Slab { g, ..case.slab }, &case.instrument, &moved, m_u + u)?;
         Ok([found.fit.mu_a_per_mm, found.fit.mu_s_prime_per_mm, found.g])
     };
-    let medium = at(0.0, 0.0, 0.0)?;
+    let medium = at(case.slab.g, 0.0, 0.0, 0.0)?;
+    // What moves little is found from where it was.
+    let at = |r: f64, t: f64, u: f64| at(medium[2], r, t, u);
     let slope = |r: f64, t: f64, u: f64| -> Option<[f64; 3]> {
         let (high, low) = (at(r, t, u).ok()?, at(-r, -t, -u).ok()?);
         Some(std::array::from_fn(|i| 0.5 * (high[i] - low[i]) / (r + t + u)))

@@ -47,8 +47,10 @@ pub struct Case {
     pub known: Option<Constraint>,
     /// The beam and the ports beside which light is lost, where the readings do not tell what they lost.
     pub spot: Option<Spot>,
-    /// Rows of the same slab, light and instrument have the same number.
+    /// Rows of the same slab, light and instrument have the same number,
     pub config: usize,
+    /// and those of the same slab and light this one.
+    pub slab_config: usize,
 }
 
 impl Source {
@@ -174,14 +176,11 @@ impl Source {
     pub fn cases(&self, params: &Params) -> Result<Vec<Case>, Error> {
         let mut cases: Vec<Case> = Vec::with_capacity(self.sheet.rows());
         let mut configs: Vec<(Slab, Incidence, Instrument)> = Vec::new();
+        let mut slabs: Vec<(Slab, Incidence)> = Vec::new();
         for row in 0..self.sheet.rows() {
             let mut case = self.case(params, row)?;
-            let own = (case.slab, case.light, case.instrument);
-            // Neighbours are alike more often than not.
-            case.config = configs.iter().rposition(|c| *c == own).unwrap_or_else(|| {
-                configs.push(own);
-                configs.len() - 1
-            });
+            case.config = number(&mut configs, (case.slab, case.light, case.instrument));
+            case.slab_config = number(&mut slabs, (case.slab, case.light));
             cases.push(case);
         }
         Ok(cases)
@@ -259,7 +258,7 @@ impl Source {
             slides_mm: [slide_mm.unwrap_or(0.0); 2],
         });
         let m_u = m_u.map(|m_u| (m_u, m_u_se.unwrap_or(0.0)));
-        Ok(Case { slab, light, instrument, measured, read, used, m_u, stated, known, spot, config: 0 })
+        Ok(Case { slab, light, instrument, measured, read, used, m_u, stated, known, spot, config: 0, slab_config: 0 })
     }
 
     /// The one thing that is known of a row's sample; what stands in the params takes the place of columns.
@@ -331,4 +330,13 @@ impl Source {
         }
         instrument
     }
+}
+
+/// The place of `own` in the list, which it joins if it is new.
+fn number<T: PartialEq>(all: &mut Vec<T>, own: T) -> usize {
+    // Neighbours are alike more often than not.
+    all.iter().rposition(|other| *other == own).unwrap_or_else(|| {
+        all.push(own);
+        all.len() - 1
+    })
 }
