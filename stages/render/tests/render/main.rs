@@ -14,6 +14,7 @@ mod golden;
 mod lanes;
 mod laws;
 mod lights;
+mod mean_se;
 mod meshes;
 mod mirrors;
 mod patterns;
