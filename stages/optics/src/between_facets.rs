@@ -11,8 +11,8 @@ use crate::quadrature::gauss_legendre_on;
 use crate::refraction::refract;
 use crate::rough::Rough;
 
-/// Nodes of the facets that a direction sees, along u and around, and of the cosine of the direction: what is lost to 1 % of it for
-/// alpha >= 0.02 (`the_quadrature_has_converged`). Edges of total reflection and of the horizon leave no more digits.
+/// Nodes of the facets that a direction sees, along u and around, and of the cosine of the direction on either side of the edge of total reflection: what is lost to 1 % of it for
+/// alpha >= 0.02 (`the_quadrature_has_converged`). The edges of the facets' total reflection and of the horizon leave no more digits.
 const NODES: [usize; 3] = [24, 16, 24];
 
 /// What becomes of light at a rough wall, as fractions of it that sum to 1.
@@ -76,12 +76,19 @@ fn shares_over(alpha: f64, n: [f64; 2], nodes: [usize; 3]) -> Shares {
         &fresh
     };
     let mut sum = Shares::default();
-    // Even light: twice the cosine. With cos = x^2 the nodes crowd at grazing light, where most is lost.
-    for (x, weight) in gauss_legendre_on(0.0, 1.0, nodes[2]) {
-        let (part, weight) = (shares_by(alpha, n, x * x, rules), 4.0 * x * x * x * weight);
-        sum.reflected += weight * part.reflected;
-        sum.transmitted += weight * part.transmitted;
-        sum.lost += weight * part.lost;
+    // Below the cosine of total reflection nothing passes a smooth wall: a kink, unless it lies between two panels.
+    let ratio = n[1] / n[0];
+    let edge = (1.0 - ratio * ratio).max(0.0).sqrt();
+    for (low, high) in [(0.0, edge), (edge, 1.0)].into_iter().filter(|(low, high)| high > low) {
+        // With t^2 the nodes crowd at grazing light, where most is lost, and above the edge, where transmission begins as a root.
+        for (t, weight) in gauss_legendre_on(0.0, 1.0, nodes[2]) {
+            let cos = low + (high - low) * t * t;
+            // Even light: twice the cosine.
+            let (part, weight) = (shares_by(alpha, n, cos, rules), 4.0 * cos * (high - low) * t * weight);
+            sum.reflected += weight * part.reflected;
+            sum.transmitted += weight * part.transmitted;
+            sum.lost += weight * part.lost;
+        }
     }
     sum
 }
