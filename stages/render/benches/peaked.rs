@@ -2,7 +2,7 @@
 //! `cargo bench -p turbid-render --bench peaked [-- g ..]`. About 90 CPU seconds up to g = 0.98, 30 s for an image at 0.995.
 
 #[path = "../tests/render/peaked.rs"]
-#[allow(dead_code, reason = "its tests are not run here")]
+#[allow(dead_code, unused_imports, reason = "its tests are not run here")]
 mod peaked;
 #[path = "../tests/render/setup.rs"]
 #[allow(dead_code, reason = "scenes and hosts that the tests share")]

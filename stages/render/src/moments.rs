@@ -105,7 +105,8 @@ impl Moments {
         let variance = variance.max(0.0);
         // Where paths hardly differ the fourth moment is lost in rounding: as of a normal variable. There is none below the square of the variance.
         let lost = variance < ROUNDING * mean * mean;
-        let fourth = if lost { 3.0 * variance * variance } else { about.max(variance * variance) };
+        let least = (variance * (paths - 1.0) / paths).powi(2);
+        let fourth = if lost { 3.0 * variance * variance } else { about.max(least) };
         Brightness { mean, variance, fourth, paths }
     }
 }

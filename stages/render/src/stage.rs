@@ -148,6 +148,17 @@ impl Stage for RenderStage {
             let marked = |field| -> Box<dyn Field> { Box::new(Unsure { field, pixels: unsure.clone(), mean: true }) };
             estimate.channels = estimate.channels.into_iter().map(marked).collect();
         }
+        let unknown = |field: &dyn Field| (0..field.pixels()).filter(|&pixel| field.se_unknown(pixel)).count();
+        let unknown = estimate.channels.iter().map(|field| unknown(field.as_ref())).max().unwrap_or(0);
+        if unknown > 0 {
+            let percent = 100.0 * unknown as f64 / rig.camera.pixels() as f64;
+            ctx.measure("pixels of unknown standard error", percent, "%");
+            if unsure.is_empty() {
+                ctx.warn(format!(
+                    "of {percent:.1} % of the pixels the standard errors are unknown: too few paths see what makes them bright"
+                ));
+            }
+        }
         let images = Images {
             shown: &shown,
             rows: rig.camera.rows,

@@ -25,12 +25,13 @@ pub fn expected_kurtosis(rig: &Rig) -> f64 {
         return USUAL;
     }
     let scatterers = rig.worlds.iter().flat_map(|world| &world.materials).filter(|m| m.mu_s > 0.0);
-    kurtosis_of_lobe(scatterers.fold(0.0, |g, m| m.g.max(g)))
+    kurtosis_of_lobe(scatterers.fold(0.0, |g, m| m.g.abs().max(g)))
 }
 
-/// The same of a medium.
+/// The same of a medium; a lobe that turns light back is as narrow.
 pub fn kurtosis_of_lobe(g: f64) -> f64 {
-    (OF_LOBE / ((1.0 - g) * (1.0 - g))).max(USUAL)
+    let width = 1.0 - g.abs();
+    (OF_LOBE / (width * width)).max(USUAL)
 }
 
 /// Whether light is seen by so few paths that g has to be thought of.

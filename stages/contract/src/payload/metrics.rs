@@ -28,8 +28,9 @@ impl Payload for Metrics {
     }
 }
 
-/// Where the power of the lights went. Columns detector (`left upwards`, `left downwards`, `absorbed in OBJECT`), wavelength_nm (where
-/// the scene names wavelengths), power and power_se (W), share and share_se (of the power of all lights). The attribute `photons` says
+/// Where the power of the lights went. Columns detector (`left upwards`, `left downwards`, `absorbed in OBJECT`, `lost between facets` where walls are
+/// rough, `through DETECTOR` or `taken by DETECTOR`), wavelength_nm (where the scene names wavelengths), power (W) and share (of the power of all lights), each with _se (null
+/// where nothing or all was counted), _low and _high: the interval that holds the truth with the probability that the attribute `confidence` says. The attribute `photons` says
 /// how many were walked for each wavelength.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Power(pub Table);

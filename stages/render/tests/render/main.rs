@@ -16,6 +16,7 @@ mod kernel;
 mod lanes;
 mod laws;
 mod lights;
+mod mean_se;
 mod meshes;
 mod mirrors;
 mod patterns;

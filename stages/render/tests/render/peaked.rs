@@ -62,14 +62,25 @@ pub fn holds(found: &Found, groups: f64) -> bool {
 }
 
 /// After 64 paths of 16 x 16 pixels two standard errors hold the truth as often as they say, from g = 0.8 to 0.98, where the own paths of a pixel do in
-/// 93, 86, 73 and 49 % of cases; nothing is left unknown.
+/// 93, 86, 73 and 49 % of cases. Up to g = 0.95 nothing is left unknown; at 0.98 the 16,384 paths of an image are little more than the 12,000 that it takes, and some images are.
 #[test]
 fn errors_hold_the_truth_under_narrow_lobes() {
     for (g, seeds) in [(0.8, 8), (0.9, 8), (0.95, 12), (0.98, 20)] {
         let found = found(&half_space(g, 16), 64, seeds);
         println!("g = {g}: {found:?}");
         assert!(holds(&found, seeds as f64), "g = {g}: {found:?}");
-        assert!(found.unknown <= 0.05 && found.n > 1000, "g = {g}: {found:?}");
+        let most = if g > 0.95 { 0.2 } else { 0.0 };
+        assert!(found.unknown <= most && found.n > 1000, "g = {g}: {found:?}");
+    }
+}
+
+/// After 1024 paths of 16 x 16 pixels errors are known at g = 0.98, but for 5 % at most, and still of four pixels in five at 0.995.
+#[test]
+fn a_thousand_paths_know_their_errors() {
+    for (g, seeds, unknown) in [(0.98, 2, 0.05), (0.995, 1, 0.2)] {
+        let found = found(&half_space(g, 16), 1024, seeds);
+        println!("g = {g}: {found:?}");
+        assert!(found.unknown <= unknown && holds(&found, seeds as f64), "g = {g}: {found:?}");
     }
 }
 
