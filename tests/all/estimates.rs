@@ -30,7 +30,7 @@ fn the_work_of_shipped_pipelines_is_foreseen() {
             3,
         ),
         ("checks/curved_wall", &[], 1),
-        ("checks/tilted_plane", &[], 1),
+        ("checks/kernel_limits", &[], 4),
     ];
     for (name, set, least) in cases {
         let (space, file) = (Space::new(), shipped(name));
@@ -58,33 +58,34 @@ fn the_work_of_shipped_pipelines_is_foreseen() {
     }
 }
 
-/// Five bodies: the record says by which kernel it was made, and why not by a faster one, as the plan said.
+/// On both sides of two limits: the plan and the record say by which kernel, and why not by a faster one.
 #[test]
-fn the_record_names_the_kernel() {
-    let balls: String = (0..4)
-        .map(|i| {
-            format!(
-                "        b{i}: {{sphere: {{diameter: 3, center: [{}, 0, -3]}}, medium: b{i}, priority: 1}}\n",
-                4 * i - 6
-            )
-        })
-        .collect();
-    let media: String = (0..4).map(|i| format!("b{i}: {{mu_a: 0.{}, mu_s: 4, g: 0.8, n: 1}}, ", i + 2)).collect();
-    let pipeline = format!(
-        "pipeline: five\nstages:\n  scene:\n    use: scene\n    with:\n      media: {{{media}m: {{mu_a: 0.1, mu_s: 5, g: 0.8, n: 1}}}}\n      objects:\n        slab: {{slab: {{thickness: 30, top: 0}}, medium: m}}\n{balls}      camera: {{position: [0, 0, 500], look_at: [0, 0, 0], field: [20, 20], pixels: [4, 4]}}\n      projector: {{position: [0, 35, 500], look_at: [0, 0, 0], field: [80, 80], power: 5}}\n  frames:\n    use: render\n    in: {{scene: scene}}\n    with: {{f_x: [0.1], samples: 16}}\n"
-    );
-    let space = Space::with(&pipeline);
-    let reason = "5 bodies (a hole counts as one): f32 lanes hold up to 4";
-    let planned = space.turbid(&["plan", "p.yaml", "--json"]).json();
-    let (_, plan) = instances(&planned).into_iter().find(|(label, _)| label.contains("frames")).expect("it is planned");
-    assert_eq!(plan["refused"][0], reason, "{plan}");
-    let text = space.turbid(&["plan", "p.yaml"]).ok();
-    assert!(text.contains("kernel: 16 paths abreast in f32, 5 bodies") && text.contains(reason), "{text}");
-    space.turbid(&["run", "p.yaml"]).ok();
-    let shown = space.turbid(&["show", "p.yaml", "frames", "--json"]).json();
-    assert_eq!(shown["instances"][0]["refused"][0], reason, "{shown}");
-    let text = space.turbid(&["show", "p.yaml", "frames"]).ok();
-    assert!(text.contains(reason), "{text}");
+fn plan_and_record_name_the_kernel() {
+    let (space, file) = (Space::new(), shipped("checks/kernel_limits"));
+    let bodies = "5 bodies (a hole counts as one): f32 lanes hold up to 4";
+    let reach = "the camera sees up to 45.3 mm beside its middle, 4163 mean free paths at mu_s = 92 mm^-1: f32 lanes hold up to 4096";
+    let expected = [
+        ("\"frames_of_four\" {}", "16 paths abreast in f32, 4 bodies", None),
+        ("\"frames_of_five\" {}", "16 paths abreast in f32, 5 bodies, looks for light one by one", Some(bodies)),
+        ("\"frames_of_wide\" {\"mu_s\":90}", "16 paths abreast in f32, 1 body", None),
+        ("\"frames_of_wide\" {\"mu_s\":92}", "16 paths abreast in f64, 1 body", Some(reach)),
+    ];
+    let agrees = |listing: &Value| {
+        let found = instances(listing);
+        for (label, kernel, refused) in expected {
+            let (_, instance) = found.iter().find(|(known, _)| known == label).unwrap_or_else(|| panic!("{listing}"));
+            assert_eq!(instance["kernel"], kernel, "{label}");
+            assert_eq!(instance["refused"][0].as_str(), refused, "{label}");
+        }
+    };
+    agrees(&space.turbid(&["plan", &file, "--json"]).json());
+    let text = space.turbid(&["plan", &file]).ok();
+    assert!(text.contains(bodies) && text.contains(reach), "{text}");
+    let few = ["--set", "stages.frames_of_four.with.samples=8"];
+    space.turbid(&["run", &file, few[0], few[1]]).ok();
+    agrees(&space.turbid(&["show", &file, "--json", few[0], few[1]]).json());
+    let text = space.turbid(&["show", &file, "frames_of_five"]).ok();
+    assert!(text.contains(bodies), "{text}");
 }
 
 /// A longer run that goes on from a shorter one holds the cost of both, and from it the next plan is made: of 8 more paths after 1024 the last run alone
