@@ -66,7 +66,11 @@ fn plan_and_record_name_the_kernel() {
     let reach = "the camera sees up to 45.3 mm beside its middle, 4163 mean free paths at mu_s = 92 mm^-1: f32 lanes hold up to 4096";
     let expected = [
         ("\"frames_of_four\" {}", "16 paths abreast in f32, 4 bodies", None),
-        ("\"frames_of_five\" {}", "16 paths abreast in f32, 5 bodies, looks for light one by one", Some(bodies)),
+        (
+            "\"frames_of_five\" {}",
+            "16 paths abreast in f32, 5 bodies, looks for light one by one, starts one by one",
+            Some(bodies),
+        ),
         ("\"frames_of_wide\" {\"mu_s\":90}", "16 paths abreast in f32, 1 body", None),
         ("\"frames_of_wide\" {\"mu_s\":92}", "16 paths abreast in f64, 1 body", Some(reach)),
     ];

@@ -40,7 +40,10 @@ fn the_plan_names_the_kernel_and_what_refused_a_faster_one() {
     let [four, five] = [3, 4].map(|n| plan(&balls(n), &params));
     assert_eq!(four.kernel.as_deref(), Some("16 paths abreast in f32, 4 bodies"), "{four:?}");
     assert!(four.refused.is_empty(), "{four:?}");
-    assert_eq!(five.kernel.as_deref(), Some("16 paths abreast in f32, 5 bodies, looks for light one by one"));
+    assert_eq!(
+        five.kernel.as_deref(),
+        Some("16 paths abreast in f32, 5 bodies, looks for light one by one, starts one by one")
+    );
     assert_eq!(five.refused, ["5 bodies (a hole counts as one): f32 lanes hold up to 4"]);
 
     // A corner is 32 sqrt(2) mm from the middle: 4073 free paths of 90 mm^-1, 4163 of 92.
