@@ -30,6 +30,8 @@ pub enum Basis {
     Alike,
     /// The stage's own figures.
     Figures,
+    /// A pilot that was not waited for any longer: the whole takes longer than that.
+    AtLeast,
     /// Another instance with the same key does the work.
     Same,
 }
@@ -82,7 +84,10 @@ pub fn estimates(resolver: &Resolver<'_>, survey: &Survey) -> BTreeMap<InstanceI
             let id = open[place];
             let Some((estimate, cpu_s)) = pilot(resolver, survey, id, n == 0) else { break };
             spent += cpu_s;
-            let Some(estimate) = estimate else { break };
+            let Some(estimate) = estimate else {
+                found.insert(id, Estimate { seconds: MOST_WAIT.as_secs_f64(), by: Basis::AtLeast, work: None });
+                break;
+            };
             took += estimate.seconds;
             figured += survey.plans[&id].seconds.unwrap_or(0.0);
             found.insert(id, estimate);

@@ -152,7 +152,9 @@ fn to_text(plan: &Plan, survey: &Survey, estimates: &Estimates) -> String {
         let (word, reasons) = state(plan, found);
         let why = if reasons.is_empty() { String::new() } else { format!(" ({})", reasons.join("; ")) };
         let takes = estimates.get(&id).map_or(0.0, |estimate| estimate.seconds);
+        let endless = estimates.get(&id).is_some_and(|estimate| estimate.by == Basis::AtLeast);
         let about = if takes >= WORTH_S { format!(", about {} CPU s", rounded(takes)) } else { String::new() };
+        let about = if endless { ", much longer than its pilot, which did not end".to_owned() } else { about };
         text.push_str(&format!("{word:<5} {}{why}{about}\n", plan.label(id)));
         seconds += takes;
         if let Some(detail) = survey.plans.get(&id) {

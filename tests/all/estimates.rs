@@ -116,3 +116,16 @@ fn what_was_resumed_is_in_the_cost() {
     // 4 times the paths; the pilot knows their flights to some percent.
     assert!((2.0..8.0).contains(&(seconds / longer)), "{seconds} s foreseen, {longer} s for a quarter");
 }
+
+/// Light does not end in a white cavity; the plan does, and says so.
+#[test]
+fn light_without_an_end_does_not_keep_the_plan() {
+    let space = Space::with(
+        "pipeline: cavity\nstages:\n  scene:\n    use: scene\n    with:\n      media: {}\n      objects: {wall: {sphere_shell: {inner_diameter: 20, wall: 5, center: [0, 0, 0]}, surface: {lambertian: 1}}}\n      camera: {position: [0, 0, 8], look_at: [0, 0, 0], field: [4, 4], pixels: [8, 8]}\n      projector: {position: [2, 0, 8], look_at: [0, 0, 0], field: [4, 4], power: 5}\n  frames: {use: render, in: {scene: scene}, with: {f_x: [0.1], samples: 64, method: path}}\n",
+    );
+    let text = space.turbid(&["plan", "p.yaml"]).ok();
+    assert!(text.contains("frames (no earlier result), much longer than its pilot, which did not end"), "{text}");
+    let planned = space.turbid(&["plan", "p.yaml", "--json"]).json();
+    let (_, plan) = instances(&planned).into_iter().find(|(label, _)| label.contains("frames")).expect("it is planned");
+    assert_eq!(plan["seconds_by"], "at_least", "{plan}");
+}
