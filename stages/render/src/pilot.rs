@@ -5,7 +5,7 @@ use turbid_contract::{Ctx, LayerInfo, MemoryHost, Pilot};
 
 use crate::fit::Lattice;
 use crate::judge::{OfFit, OfPixels};
-use crate::method::{FIRST_TEST, FIRST_TEST_OF_ALL, FIT_PATHS, Taken};
+use crate::method::{FIRST_TEST, FIT_PATHS, Taken, first_test_of_fit};
 use crate::params::{Allocate, Params};
 use crate::pictures::Pictures;
 use crate::plan;
@@ -172,7 +172,7 @@ fn samples(params: &Params, taken: &Taken, pixels: f64, variance: Option<f64>) -
     let most = params.samples.map(f64::from);
     let Some(target) = params.target_error else { return most };
     let (first, variance) = match *taken {
-        Taken::Fit => ((FIRST_TEST_OF_ALL as f64 / pixels).max(8.0), variance? / pixels),
+        Taken::Fit => (f64::from(first_test_of_fit(pixels as usize)), variance? / pixels),
         _ => (f64::from(FIRST_TEST), variance?),
     };
     let needed = variance / (target.0 * target.0);
