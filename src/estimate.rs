@@ -6,11 +6,13 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::channel;
 use std::time::Duration;
 
 use cpu_time::ThreadTime;
 use serde::Serialize;
-use turbid_contract::{Host, Pilot};
+use serde_json::Value;
+use turbid_contract::{Ctx, Host, Known, Pilot, StageRow};
 
 use crate::plan::InstanceId;
 use crate::resolve::{Job, Resolver, State, Survey};
@@ -28,6 +30,8 @@ pub enum Basis {
     Alike,
     /// The stage's own figures.
     Figures,
+    /// A pilot that was not waited for any longer: the whole takes longer than that.
+    AtLeast,
     /// Another instance with the same key does the work.
     Same,
 }
@@ -48,6 +52,10 @@ const PILOTS: usize = 8;
 const MOST_S: f64 = 0.15;
 /// A first pilot that took less is repeated: the program's pages have to be fetched, and caches to be filled.
 const COLD_S: f64 = 0.03;
+/// How long one is waited for.
+const MOST_WAIT: Duration = Duration::from_secs(2);
+/// As much as a main thread has.
+const STACK: usize = 8 << 20;
 
 /// The estimates of all instances that have to run or wait.
 pub fn estimates(resolver: &Resolver<'_>, survey: &Survey) -> BTreeMap<InstanceId, Estimate> {
@@ -76,6 +84,10 @@ pub fn estimates(resolver: &Resolver<'_>, survey: &Survey) -> BTreeMap<InstanceI
             let id = open[place];
             let Some((estimate, cpu_s)) = pilot(resolver, survey, id, n == 0) else { break };
             spent += cpu_s;
+            let Some(estimate) = estimate else {
+                found.insert(id, Estimate { seconds: MOST_WAIT.as_secs_f64(), by: Basis::AtLeast, work: None });
+                break;
+            };
             took += estimate.seconds;
             figured += survey.plans[&id].seconds.unwrap_or(0.0);
             found.insert(id, estimate);
@@ -101,22 +113,42 @@ fn job(resolver: &Resolver<'_>, survey: &Survey, id: InstanceId) -> Option<Job> 
     }
 }
 
-/// By a pilot; and the CPU seconds that it took.
-fn pilot(resolver: &Resolver<'_>, survey: &Survey, id: InstanceId, first: bool) -> Option<(Estimate, f64)> {
+/// By a pilot, if it ended in time; and the CPU seconds that it took. `None` where the stage has none.
+fn pilot(resolver: &Resolver<'_>, survey: &Survey, id: InstanceId, first: bool) -> Option<(Option<Estimate>, f64)> {
     let job = job(resolver, survey, id);
-    let began = ThreadTime::now();
-    let once = || {
-        let host = PilotHost { seed: job.as_ref().map_or(0, |job| job.seed), tiles_ns: AtomicU64::new(0) };
-        let pilot = resolver.pilot(id, job.as_ref(), survey, &host)?;
-        Some((pilot, Duration::from_nanos(host.tiles_ns.into_inner()).as_secs_f64()))
-    };
-    let (pilot, mut tiles_s) = once()?;
+    let row = resolver.plan.row(resolver.plan.instances[id].stage);
+    let seed = job.as_ref().map_or(0, |job| job.seed);
+    let once = || timed(row, seed, resolver.asked_of(id, job.as_ref(), survey)?);
+    let (mut pilot, mut tiles_s) = once()?;
+    let mut spent = tiles_s;
     if first && tiles_s < COLD_S {
-        tiles_s = tiles_s.min(once()?.1);
+        let (again, again_s) = once()?;
+        (pilot, tiles_s, spent) = (again, tiles_s.min(again_s), spent + again_s);
     }
-    let Pilot { done, whole, unit, rest_s } = pilot;
-    let seconds = tiles_s * whole / done + rest_s;
-    Some((Estimate { seconds, by: Basis::Pilot, work: Some((whole, unit)) }, began.elapsed().as_secs_f64()))
+    let estimate = pilot.map(|Pilot { done, whole, unit, rest_s }| Estimate {
+        seconds: tiles_s * whole / done + rest_s,
+        by: Basis::Pilot,
+        work: Some((whole, unit)),
+    });
+    Some((estimate, spent))
+}
+
+/// What a pilot tells, if it ends in time, and the CPU seconds of its tiles; `None` where there is none.
+///
+/// On a thread of its own: a scene in which light does not end must not keep the plan from being told. That thread ends with the program.
+fn timed(row: &StageRow, seed: u64, (params, known): (Value, Known)) -> Option<(Option<Pilot>, f64)> {
+    let (pilot, (send, receive)) = (row.pilot, channel());
+    let walk = move || {
+        let host = PilotHost { seed, tiles_ns: AtomicU64::new(0) };
+        let told = pilot(&params, &known, Ctx::new(&host));
+        // Nobody may wait any more.
+        let _ = send.send(told.map(|told| (told, Duration::from_nanos(host.tiles_ns.into_inner()).as_secs_f64())));
+    };
+    std::thread::Builder::new().stack_size(STACK).spawn(walk).ok()?;
+    match receive.recv_timeout(MOST_WAIT) {
+        Ok(told) => told.map(|(pilot, tiles_s)| (Some(pilot), tiles_s)),
+        Err(_) => Some((None, MOST_WAIT.as_secs_f64())),
+    }
 }
 
 /// By what the same work took before: as it was, or for more or fewer units of it.

@@ -8,8 +8,8 @@ use std::sync::{Arc, Mutex, OnceLock};
 use rayon::prelude::*;
 use serde_json::Value;
 use turbid_contract::{
-    Artifact, Attributes, Axes, Ctx, Error, Facts, FileUse, Host, InputSource, Known, MemoryHost, Pilot, Prepared,
-    Problem, Problems, StagePlan,
+    Artifact, Attributes, Axes, Ctx, Error, Facts, FileUse, InputSource, Known, MemoryHost, Prepared, Problem,
+    Problems, StagePlan,
 };
 
 use crate::digest::Digest;
@@ -365,14 +365,13 @@ impl<'a> Resolver<'a> {
         self.history.get_or_init(|| History::read(self.store))
     }
 
-    /// What the stage's pilot tells of an instance that was surveyed and is no hit; `None` where it has none.
-    pub fn pilot(&self, id: InstanceId, job: Option<&Job>, survey: &Survey, host: &dyn Host) -> Option<Pilot> {
-        let instance = &self.plan.instances[id];
+    /// What the pilot of an instance is asked with: its params, and what is known of its inputs. `None` where the params are wrong.
+    pub fn asked_of(&self, id: InstanceId, job: Option<&Job>, survey: &Survey) -> Option<(Value, Known)> {
         let params = match job {
             Some(job) => job.params.clone(),
             None => self.prepare(id).ok()?.0,
         };
-        (self.plan.row(instance.stage).pilot)(&params, &self.known(id, &survey.outputs), Ctx::new(host))
+        Some((params, self.known(id, &survey.outputs)))
     }
 
     /// What is known of an instance's inputs by now, but for its files.

@@ -130,6 +130,18 @@ fn to_json(plan: &Plan, survey: &Survey, estimates: &Estimates) -> String {
 /// An estimate below this is not worth a word, s.
 const WORTH_S: f64 = 0.05;
 
+/// Two digits: no estimate knows more.
+fn rounded(seconds: f64) -> String {
+    match seconds {
+        s if s < 0.995 => format!("{s:.2}"),
+        s if s < 9.95 => format!("{s:.1}"),
+        s => {
+            let unit = libm::pow(10.0, libm::floor(libm::log10(s)) - 1.0);
+            format!("{:.0}", (s / unit).round() * unit)
+        }
+    }
+}
+
 fn to_text(plan: &Plan, survey: &Survey, estimates: &Estimates) -> String {
     let mut text = String::new();
     let mut seconds = 0.0;
@@ -140,7 +152,9 @@ fn to_text(plan: &Plan, survey: &Survey, estimates: &Estimates) -> String {
         let (word, reasons) = state(plan, found);
         let why = if reasons.is_empty() { String::new() } else { format!(" ({})", reasons.join("; ")) };
         let takes = estimates.get(&id).map_or(0.0, |estimate| estimate.seconds);
-        let about = if takes >= WORTH_S { format!(", about {takes:.1} CPU s") } else { String::new() };
+        let endless = estimates.get(&id).is_some_and(|estimate| estimate.by == Basis::AtLeast);
+        let about = if takes >= WORTH_S { format!(", about {} CPU s", rounded(takes)) } else { String::new() };
+        let about = if endless { ", much longer than its pilot, which did not end".to_owned() } else { about };
         text.push_str(&format!("{word:<5} {}{why}{about}\n", plan.label(id)));
         seconds += takes;
         if let Some(detail) = survey.plans.get(&id) {
@@ -168,7 +182,7 @@ fn to_text(plan: &Plan, survey: &Survey, estimates: &Estimates) -> String {
         }
     }
     if seconds >= WORTH_S {
-        text.push_str(&format!("about {seconds:.1} CPU s of work\n"));
+        text.push_str(&format!("about {} CPU s of work\n", rounded(seconds)));
     }
     text
 }

@@ -13,6 +13,9 @@ use crate::resolve::Job;
 
 use super::execute::Worker;
 
+/// Between checkpoints of one instance.
+const CHECKPOINT_EVERY: Duration = Duration::from_secs(10);
+
 /// Everything a running instance can reach.
 pub struct InstanceHost<'a> {
     worker: Worker<'a>,
@@ -29,6 +32,7 @@ pub struct InstanceHost<'a> {
     warnings: Mutex<Vec<String>>,
     /// Name, and what refused faster ones.
     kernel: Mutex<Option<(String, Vec<String>)>>,
+    last_checkpoint: Mutex<Instant>,
     /// CPU seconds behind the checkpoint that the stage goes on from.
     resumed_cpu_s: Mutex<f64>,
 }
@@ -53,6 +57,7 @@ impl<'a> InstanceHost<'a> {
             measures: Mutex::default(),
             warnings: Mutex::default(),
             kernel: Mutex::default(),
+            last_checkpoint: Mutex::new(Instant::now()),
             resumed_cpu_s: Mutex::default(),
         }
     }
@@ -137,7 +142,12 @@ impl Host for InstanceHost<'_> {
         self.files.get(at).cloned()
     }
 
+    fn checkpoint_is_due(&self) -> bool {
+        self.last_checkpoint.lock().expect("no holder panics").elapsed() >= CHECKPOINT_EVERY
+    }
+
     fn checkpoint(&self, state: &[u8], progress: u64) {
+        *self.last_checkpoint.lock().expect("no holder panics") = Instant::now();
         let spent = self.tile_cpu().as_secs_f64() + self.resumed_cpu_s();
         if let Some(key) = &self.job.state_key
             && let Err(error) = self.worker.resolver.store.checkpoint(key, progress, &with_cost(state, spent))

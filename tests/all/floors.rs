@@ -119,7 +119,7 @@ fn stages_touch_the_world_only_through_ctx() {
 #[test]
 fn the_engine_names_no_physics() {
     let words = ["mu_a", "mu_s", "m_ac", "reflectance", "radiance", "albedo", "scatter"];
-    for file in ["key.rs", "resolve.rs", "explain.rs", "plan", "run", "store"] {
+    for file in ["key.rs", "resolve.rs", "explain.rs", "estimate.rs", "plan", "run", "store"] {
         let path = root().join("src").join(file);
         let files = if path.is_dir() { sources(&path) } else { vec![path] };
         for path in files {

@@ -10,7 +10,7 @@ pub trait Host: Sync {
     /// Seed of all random streams of this instance.
     fn seed(&self) -> u64;
     fn cancelled(&self) -> bool;
-    /// Whether `limit_s` seconds have passed since this instance began. The only clock that a stage ever sees.
+    /// Whether `limit_s` seconds have passed since this instance began: what a stage stops by. The only clock that a stage ever sees.
     fn time_is_up(&self, limit_s: f64) -> bool;
     /// `done` of `total` units of work; `None` where the total is unknown.
     fn progress(&self, done: f64, total: Option<f64>, unit: &str);
@@ -26,6 +26,10 @@ pub trait Host: Sync {
     fn file(&self, at: &str) -> Option<Arc<[u8]>>;
     /// Keeps `state` so that a longer or a killed run can continue; `progress` orders checkpoints of one state.
     fn checkpoint(&self, state: &[u8], progress: u64);
+    /// Whether so much time has gone by since the last checkpoint that another one is worth writing.
+    fn checkpoint_is_due(&self) -> bool {
+        false
+    }
     /// The furthest checkpoint whose progress does not exceed `at_most`.
     fn resume(&self, at_most: u64) -> Option<Vec<u8>>;
     /// Does `work(0) .. work(n - 1)` on the threads of the run, in any order.

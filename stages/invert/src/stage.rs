@@ -127,6 +127,11 @@ out_ports! {
     }
 }
 
+/// CPU seconds for a table of the default size (measured).
+const PER_TABLE: f64 = 0.06;
+/// Sections that a table is taken to have.
+const SECTIONS: f64 = 5.0;
+
 /// `use: invert`
 pub struct Invert;
 
@@ -189,7 +194,10 @@ impl Stage for Invert {
     fn plan(params: &Params, known: &Known) -> StagePlan {
         let corrects = known.connected.iter().any(|port| port == "height");
         let left_out = if corrects { Vec::new() } else { vec!["profile correction (no heights)".to_owned()] };
-        StagePlan { method: Some(params.method.name().into()), left_out, ..StagePlan::default() }
+        // To prepare the table takes most of it, for each of its sections; how many those are shows when they are made.
+        let sections = if known.connected.iter().any(|port| port == "sections") { SECTIONS } else { 1.0 };
+        let seconds = Some(PER_TABLE * sections);
+        StagePlan { method: Some(params.method.name().into()), left_out, seconds, ..StagePlan::default() }
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {

@@ -94,7 +94,7 @@ impl Stage for BuildLut {
         let (uniform, patterned) = match (params.model, params.thickness) {
             (Model::Diffusion | Model::MonteCarlo, _) => (1e-6, 1e-6),
             (Model::Empirical, _) if !guides => (1e-6, 1e-6),
-            (_, None) => (5e-4, 3e-3),
+            (_, None) => (2e-4, 1.3e-3),
             (_, Some(_)) => (4e-3, 6e-2),
         };
         let seconds = if params.model == Model::MonteCarlo {

@@ -23,7 +23,7 @@ use crate::unsure::Unsure;
 /// The error target of a pixel-by-pixel image is first tested after this many paths per pixel.
 pub const FIRST_TEST: u32 = 64;
 /// That of a fitted one after this many paths in all.
-pub const FIRST_TEST_OF_ALL: usize = 1 << 15;
+const FIRST_TEST_OF_ALL: usize = 1 << 15;
 /// So many times the paths of a pixel are spent on each traced pixel of a stand-in's image: its few terms have then less noise than
 /// most differences.
 pub const FIT_PATHS: u32 = 1;
@@ -181,7 +181,7 @@ fn fit(params: &Params, rig: &Rig, shown: &Shown, (salt, kept): (u64, bool), ctx
     let camera = &rig.camera;
     let lattice = Lattice::over(camera.columns, camera.rows);
     let pixels = lattice.pixels(camera.columns);
-    let first_test = FIRST_TEST_OF_ALL.div_ceil(pixels.len()).next_power_of_two().max(8) as u32;
+    let first_test = first_test_of_fit(pixels.len());
     let judge = OfFit { rig, shown, lattice: &lattice };
     // Its error is that of a few coefficients, which all pixels share.
     let allocate = Allocate::Even;
@@ -190,6 +190,11 @@ fn fit(params: &Params, rig: &Rig, shown: &Shown, (salt, kept): (u64, bool), ctx
     let Sums { channels, samples: n, flights, .. } = trace(&task, ctx)?;
     let flights = flights.iter().sum();
     Ok(Traced { channels, n, paths: Vec::new(), lattice: Some(lattice), beside: None, flights, solved: Vec::new() })
+}
+
+/// Paths of each of so many traced pixels after which the error of a fit is first tested.
+pub fn first_test_of_fit(pixels: usize) -> u32 {
+    FIRST_TEST_OF_ALL.div_ceil(pixels).next_power_of_two().max(8) as u32
 }
 
 impl Traced {

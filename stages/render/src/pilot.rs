@@ -1,11 +1,11 @@
 //! A small image of the scene by the very kernel of the render: how many flights the whole takes, for `turbid plan` to time.
 
 use turbid_contract::payload::Scene;
-use turbid_contract::{Ctx, LayerInfo, Pilot};
+use turbid_contract::{Ctx, LayerInfo, MemoryHost, Pilot};
 
 use crate::fit::Lattice;
 use crate::judge::{OfFit, OfPixels};
-use crate::method::{FIRST_TEST, FIRST_TEST_OF_ALL, FIT_PATHS, Taken};
+use crate::method::{FIRST_TEST, FIT_PATHS, Taken, first_test_of_fit};
 use crate::params::{Allocate, Params};
 use crate::pictures::Pictures;
 use crate::plan;
@@ -53,7 +53,11 @@ pub fn pilot(params: &Params, scene: &Scene, patterned: bool, ctx: Ctx<'_>) -> O
         Taken::Reference { .. } => references(&small, &rig, params.target_error.map(|t| t.0)).ok()?,
         _ => None,
     };
-    let walked = walk(params, &taken, &rig, &shown, stand_ins.as_ref(), ctx)?;
+    // Of meshes what camera and light see of them is found once, by the first paths: that is not theirs to be timed by.
+    let walk = |samples, ctx| walk(params, &taken, (&rig, &shown, stand_ins.as_ref()), samples, ctx);
+    let unseen = MemoryHost::default();
+    walk(2, Ctx::new(&unseen))?;
+    let walked = walk(SAMPLES + if stand_ins.is_some() { BESIDE } else { 0 }, ctx)?;
     let lattice = Lattice::over(whole.camera.columns, whole.camera.rows);
     let lattice = (lattice.columns.len() * lattice.rows.len()) as f64;
     let pixels = if taken == Taken::Fit { lattice } else { whole.camera.pixels() as f64 };
@@ -121,13 +125,11 @@ fn grey(layers: usize, [rows, columns]: [u32; 2], steady: bool) -> Shown {
 fn walk(
     params: &Params,
     taken: &Taken,
-    rig: &Rig,
-    shown: &Shown,
-    stand_ins: Option<&References>,
+    (rig, shown, stand_ins): (&Rig, &Shown, Option<&References>),
+    samples: u32,
     ctx: Ctx<'_>,
 ) -> Option<Walked> {
     let pixels: Vec<u32> = (0..rig.camera.pixels() as u32).collect();
-    let samples = SAMPLES + if stand_ins.is_some() { BESIDE } else { 0 };
     let few = Params { samples: Some(samples), target_error: None, max_seconds: None, ..params.clone() };
     let lattice = Lattice::over(rig.camera.columns, rig.camera.rows);
     let of_pixels = OfPixels::new(rig, shown, stand_ins, Allocate::Even);
@@ -170,7 +172,7 @@ fn samples(params: &Params, taken: &Taken, pixels: f64, variance: Option<f64>) -
     let most = params.samples.map(f64::from);
     let Some(target) = params.target_error else { return most };
     let (first, variance) = match *taken {
-        Taken::Fit => ((FIRST_TEST_OF_ALL as f64 / pixels).max(8.0), variance? / pixels),
+        Taken::Fit => (f64::from(first_test_of_fit(pixels as usize)), variance? / pixels),
         _ => (f64::from(FIRST_TEST), variance?),
     };
     let needed = variance / (target.0 * target.0);

@@ -29,8 +29,6 @@ const ROUND: usize = 1 << 15;
 pub const PILOT: u32 = 16;
 /// Tells the paths beside the even ones apart.
 const MORE: u64 = 1 << 63;
-/// Seconds between checkpoints.
-const CHECKPOINT_EVERY_S: f64 = 10.0;
 
 /// What to trace, and how to judge it.
 pub struct Task<'a> {
@@ -110,7 +108,6 @@ pub fn trace(task: &Task<'_>, ctx: Ctx<'_>) -> Result<Sums, Error> {
     let whole = cap / BATCH * BATCH;
     let mut state = resume(task, whole, ctx);
     let resumed_at = state.samples;
-    let mut next_checkpoint_s = CHECKPOINT_EVERY_S;
     let stopped = |state: &State| {
         let reached = params.target_error.is_some_and(|target| state.history.iter().any(|&(_, e)| e <= target.0));
         let part = || task.judge.part(state.beside.as_deref());
@@ -144,10 +141,7 @@ pub fn trace(task: &Task<'_>, ctx: Ctx<'_>) -> Result<Sums, Error> {
             state.history.push((state.samples, error.unwrap_or(0.0)));
         }
         ctx.progress(f64::from(state.samples), params.samples.map(f64::from), "paths per pixel");
-        if task.kept && ctx.time_is_up(next_checkpoint_s) {
-            while ctx.time_is_up(next_checkpoint_s) {
-                next_checkpoint_s += CHECKPOINT_EVERY_S;
-            }
+        if task.kept && ctx.checkpoint_is_due() {
             ctx.checkpoint(&state.to_bytes(), u64::from(state.samples));
         }
     }

@@ -54,7 +54,8 @@ impl Stage for SceneStage {
     }
 
     fn plan(_: &Params, _: &Known) -> StagePlan {
-        StagePlan { seconds: Some(0.0), ..StagePlan::default() }
+        // The sketch takes nearly all of it.
+        StagePlan { seconds: Some(0.02), ..StagePlan::default() }
     }
 
     fn run(params: &Params, _: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {

@@ -17,7 +17,7 @@ use crate::fringes::{self, Fringe, fringes};
 use crate::image::{self, Image};
 use crate::screen::Screen;
 use crate::speckle::{Speckle, speckle};
-use crate::stage::{Map, plane};
+use crate::stage::{Map, PER_VALUE, plane};
 
 /// The shape of a fringe.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -156,14 +156,18 @@ impl Stage for PatternStage {
         }
     }
 
-    fn plan(params: &Params, _known: &Known) -> StagePlan {
+    fn plan(params: &Params, known: &Known) -> StagePlan {
         let method = match (&params.image, params.speckle, params.wave) {
             (Some(_), ..) => "image",
             (None, Some(_), _) => "speckle",
             (None, None, Wave::Sinusoid) => "sinusoid",
             (None, None, Wave::Square) => "square",
         };
-        StagePlan { method: Some(method.into()), ..StagePlan::default() }
+        let fringes = params.f_x.len() as f64 * f64::from(params.phases) * params.orientation_deg.len() as f64;
+        let layers = params.speckle.map_or(fringes, |speckle| f64::from(speckle.count));
+        let screen = known.get::<Scene>("scene").and_then(|scene| Screen::of(&scene, params.pixels).ok());
+        let seconds = screen.map(|s| (s.rows * s.columns) as f64 * PER_VALUE * layers);
+        StagePlan { method: Some(method.into()), seconds, ..StagePlan::default() }
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {

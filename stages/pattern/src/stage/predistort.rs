@@ -15,7 +15,7 @@ use crate::fringes::{self, Fringe, fringes};
 use crate::sample::Sample;
 use crate::screen::Screen;
 use crate::stage::pattern::three;
-use crate::stage::{Map, plane};
+use crate::stage::{Map, PER_VALUE, plane};
 use crate::trace::trace;
 use crate::wall::Wall;
 
@@ -144,9 +144,17 @@ impl Stage for Predistort {
         }
     }
 
-    fn plan(params: &Params, _known: &Known) -> StagePlan {
+    fn plan(params: &Params, known: &Known) -> StagePlan {
         let left_out = if params.flatten.is_none() { vec!["flattening of the irradiance".into()] } else { Vec::new() };
-        StagePlan { method: Some(params.method.name().into()), left_out, ..StagePlan::default() }
+        // Measured inside a tube: a pixel whose light is traced onto the surface, or looked up in a picture, and its values.
+        let per_pixel = match params.method {
+            Method::Trace | Method::Capture => 4.3e-6,
+            Method::Analytic => 0.0,
+        };
+        let screen = known.get::<Scene>("scene").and_then(|scene| Screen::of(&scene, params.pixels).ok());
+        let layers = params.f_x.len() as f64 * f64::from(params.phases);
+        let seconds = screen.map(|s| (s.rows * s.columns) as f64 * (per_pixel + PER_VALUE * layers));
+        StagePlan { method: Some(params.method.name().into()), left_out, seconds, ..StagePlan::default() }
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {

@@ -78,11 +78,15 @@ impl fmt::Display for Refusal {
             }
             Self::Distance(d) => write!(f, "a projector {d:e} mm away: f32 lanes hold up to {LARGEST:e} mm"),
             Self::Channels(n) => write!(f, "{n} channels by one walk: f32 lanes hold up to {MOST_CHANNELS}"),
-            Self::Extent { reach, mu_s } => write!(
-                f,
-                "the camera sees up to {reach:.1} mm beside its middle, {:.0} mean free paths at mu_s = {mu_s} mm^-1: f32 lanes hold up to {RANGE}",
-                reach * mu_s
-            ),
+            Self::Extent { reach, mu_s } => {
+                // It comes as the reciprocal of a free path.
+                let (taus, mu_s) = (reach * mu_s, (mu_s * 1e9).round() / 1e9);
+                write!(
+                    f,
+                    "the camera sees up to {reach:.1} mm beside its middle, {taus:.0} mean free paths at mu_s = {mu_s} mm^-1: "
+                )?;
+                write!(f, "f32 lanes hold up to {RANGE}")
+            }
             Self::Bodies(n) => write!(f, "{n} bodies (a hole counts as one): f32 lanes hold up to {MOST_BODIES}"),
             Self::Solid(kind) => {
                 write!(

@@ -1,6 +1,7 @@
 //! The kernel that a render names, and what it says of a faster one; how much work its pilot foresees.
 
 use std::sync::Arc;
+use std::sync::atomic::AtomicUsize;
 
 use serde_json::{Value, json};
 use turbid_contract::payload::{Aperture, Distortion, Object, Payload, Scene, Shape, Surface};
@@ -39,7 +40,10 @@ fn the_plan_names_the_kernel_and_what_refused_a_faster_one() {
     let [four, five] = [3, 4].map(|n| plan(&balls(n), &params));
     assert_eq!(four.kernel.as_deref(), Some("16 paths abreast in f32, 4 bodies"), "{four:?}");
     assert!(four.refused.is_empty(), "{four:?}");
-    assert_eq!(five.kernel.as_deref(), Some("16 paths abreast in f32, 5 bodies, looks for light one by one"));
+    assert_eq!(
+        five.kernel.as_deref(),
+        Some("16 paths abreast in f32, 5 bodies, looks for light one by one, starts one by one")
+    );
     assert_eq!(five.refused, ["5 bodies (a hole counts as one): f32 lanes hold up to 4"]);
 
     // A corner is 32 sqrt(2) mm from the middle: 4073 free paths of 90 mm^-1, 4163 of 92.
@@ -51,7 +55,7 @@ fn the_plan_names_the_kernel_and_what_refused_a_faster_one() {
     let [held, beyond] = [90.0, 92.0].map(wide);
     assert_eq!((held.kernel.as_deref(), held.refused.len()), (Some("16 paths abreast in f32, 1 body"), 0));
     assert_eq!(beyond.kernel.as_deref(), Some("16 paths abreast in f64, 1 body"));
-    let said = "the camera sees up to 45.3 mm beside its middle, 4164 mean free paths at mu_s = 92 mm^-1: f32 lanes hold up to 4096";
+    let said = "the camera sees up to 45.3 mm beside its middle, 4163 mean free paths at mu_s = 92 mm^-1: f32 lanes hold up to 4096";
     assert_eq!(beyond.refused, [said]);
 
     // Each of these leaves the lanes by another door.
@@ -78,6 +82,19 @@ fn the_plan_names_the_kernel_and_what_refused_a_faster_one() {
     }
     let solved = plan(&balls(0), &json!({"f_x": [0.1], "method": "rte"}));
     assert_eq!(solved.kernel.as_deref(), Some("transport solver for plane waves"));
+}
+
+/// Only a run that has a limit asks the clock: one that does not is never stopped by it, however long it takes.
+#[test]
+fn without_a_limit_nobody_asks_the_clock() {
+    let asked = |params: Value| {
+        let mut host = TestHost::new(1, &[], 1);
+        host.patience = AtomicUsize::new(1000);
+        (StageRow::of::<RenderStage>().run)(&params, &Input(balls(1)), Ctx::new(&host)).unwrap();
+        1000 - host.patience.into_inner()
+    };
+    assert_eq!(asked(json!({"f_x": [0.1], "samples": 64, "method": "path"})), 0);
+    assert!(asked(json!({"f_x": [0.1], "samples": 64, "method": "path", "max_seconds": 1000})) > 0);
 }
 
 /// Flights that the pilot foresees against those that the render counts. A pilot holds thousands of paths, whose mean number of flights it knows to
