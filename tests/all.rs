@@ -7,6 +7,8 @@ mod space;
 mod checks;
 #[path = "all/commands.rs"]
 mod commands;
+#[path = "all/conditions.rs"]
+mod conditions;
 #[path = "all/crash.rs"]
 mod crash;
 #[path = "all/estimates.rs"]

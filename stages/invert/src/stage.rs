@@ -258,18 +258,19 @@ impl Stage for Invert {
             attributes.insert("table_error".into(), table_error.into());
         }
         let quantities = serde_json::json!([{"part": "mu_a"}, {"part": "mu_s_prime"}]);
-        let covariance = (!covariance.values.is_empty()).then(|| {
+        let mut covariance = (!covariance.values.is_empty()).then(|| {
             let mut stack = covariance.into_stack(stack, attributes.clone());
             stack.attributes.insert("quantities".into(), quantities);
-            Covariance(stack)
+            stack
         });
         let mut maps = maps.into_stack(stack, attributes);
         let compared =
             extremes(f_x).and_then(|f_x| Compared::of(&stack.attributes, &lut.0.attributes, f_x, correction.is_some()));
         if let Some(compared) = compared {
-            conditions::tell(&compared, stack, &mut maps, params.largest_misreading.map(|most| most.0), ctx)?;
+            let most = params.largest_misreading.map(|most| most.0);
+            conditions::tell(&compared, stack, &mut maps, covariance.as_mut(), most, ctx)?;
         }
-        Ok(Out { maps: Maps(maps), covariance, exposure })
+        Ok(Out { maps: Maps(maps), covariance: covariance.map(Covariance), exposure })
     }
 }
 

@@ -30,6 +30,7 @@ pub fn tell(
     compared: &Compared,
     stack: &ImageStack,
     maps: &mut ImageStack,
+    mut covariance: Option<&mut ImageStack>,
     most: Option<f64>,
     ctx: Ctx<'_>,
 ) -> Result<(), Error> {
@@ -70,7 +71,7 @@ pub fn tell(
         let base = said.seen.first().map_or(compared.table, |seen| setting(seen, &compared.table));
         let found = ctx.map_tiles(listed.len(), |i| {
             let (mu, seen) = middle(&listed[i].0, base);
-            compared.reads(mu, seen, &causes)
+            behind(compared, mu, seen, &causes)
         })?;
         let off: BTreeMap<Kind, [f64; 2]> =
             listed.iter().zip(&found).filter_map(|((kind, _), off)| Some((*kind, (*off)?))).collect();
@@ -83,12 +84,34 @@ pub fn tell(
             ctx.warn("by how much maps are off under the conditions of the pixels is not known: the transport solver does not solve these media");
             continue;
         }
-        report(maps, wavelength_nm, &of_pixel, &causes, compared, ctx);
+        report(maps, wavelength_nm, &of_pixel, &causes, ctx);
         if let Some(most) = most {
             mask(maps, wavelength_nm, &of_pixel, most, ctx);
+            if let Some(covariance) = &mut covariance {
+                mask(covariance, wavelength_nm, &of_pixel, most, ctx);
+            }
         }
     }
     Ok(())
+}
+
+/// How often the medium behind a reading is sought anew, and where it is near enough.
+const ROUNDS: usize = 10;
+const NEAR: f64 = 0.01;
+
+/// What is read over what is there, less 1, where `read` is what was read: of the medium that reads so.
+fn behind(compared: &Compared, read: [f64; 2], seen: Setting, causes: &[Cause]) -> Option<[f64; 2]> {
+    let mut off = compared.reads(read, seen, causes)?;
+    for _ in 0..ROUNDS {
+        let truth = [0, 1].map(|k| read[k] / (1.0 + off[k]));
+        let next = compared.reads(truth, seen, causes)?;
+        let near = (0..2).all(|k| (next[k] - off[k]).abs() < NEAR * (1.0 + off[k]));
+        off = next;
+        if near {
+            break;
+        }
+    }
+    Some(off)
 }
 
 /// What is known of each pixel.
@@ -189,7 +212,6 @@ fn report(
     wavelength_nm: Option<f64>,
     of_pixel: &[Option<[f64; 2]>],
     causes: &[Cause],
-    compared: &Compared,
     ctx: Ctx<'_>,
 ) {
     let good = of_pixel.iter().flatten().count().max(1);
@@ -206,8 +228,8 @@ fn report(
         let stated = info.and_then(|i| i.mean_se).filter(|_| mean > 0.0).map(|se| se / mean);
         let least = stated.unwrap_or(0.0).max(LEAST_TOLD);
         let share = off.iter().filter(|off| off.abs() > least).count() as f64 / good as f64;
-        ctx.measure(&format!("error: {name}, conditions unlike the table's"), 100.0 * median.abs(), "%");
         if share > FEW {
+            ctx.measure(&format!("error: {name}, conditions unlike the table's"), 100.0 * median.abs(), "%");
             let stated =
                 stated.map_or_else(String::new, |s| format!(", the stated error of the mean {:.1} %", 100.0 * s));
             let (low, high) = (off[off.len() / 20], off[off.len() - 1 - off.len() / 20]);
@@ -223,7 +245,6 @@ fn report(
             Cause::N => "n",
         });
         let named = named.collect::<Vec<_>>().join(", ");
-        let _ = compared;
         ctx.warn(format!(
             "the pixels were not seen as the table takes them to be ({named}): in the median {}",
             said.join("; ")

@@ -84,9 +84,8 @@ pub fn differs(
     let at = found.map_or_else(|| setting(seen, &compared.table), |(at, _)| at);
     let object = if seen.object.is_empty() { "what the frames show".to_owned() } else { format!("`{}`", seen.object) };
     let phantom = compared.reference.as_ref().and_then(|(seen, taken)| {
-        let seen = setting(seen.as_ref()?, &taken.seen);
-        let own = what(cause, &seen);
-        (own != what(cause, &taken.seen) || cause == Cause::Angles).then(|| format!(" (the reference phantom {own})"))
+        let seen = seen.as_ref().filter(|seen| compared.differs(cause, seen, taken.mu, &taken.seen, None))?;
+        Some(format!(" (the reference phantom {})", what(cause, &setting(seen, &taken.seen))))
     });
     let effect = match found {
         Some((_, [a, s])) => format!("mu_a reads about {}, mu_s_prime {}", percent(a), percent(s)),
