@@ -11,6 +11,8 @@ mod commands;
 mod crash;
 #[path = "all/floors.rs"]
 mod floors;
+#[path = "all/low_samples.rs"]
+mod low_samples;
 #[path = "all/luts.rs"]
 mod luts;
 #[path = "all/manual.rs"]
