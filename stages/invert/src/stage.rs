@@ -68,10 +68,11 @@ pub enum Outside {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum NoiseBias {
-    /// Taken off pixel by pixel, to second order in the standard errors; without these nothing changes.
+    /// Taken off pixel by pixel, to second order in the standard errors; pixels with more than 20 % of noise are read along the tangent at the mean of
+    /// their 7 x 7 neighbours. Without standard errors nothing changes.
     #[default]
     Correct,
-    /// Left in: each pixel holds exactly the properties that have its reflectance.
+    /// Left in: each pixel that the table holds has exactly the properties that have its reflectance.
     Keep,
 }
 
