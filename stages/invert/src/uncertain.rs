@@ -10,8 +10,11 @@
 //! below 0. Which pixels are read so is decided by the neighbours, too, but for one kind: those that the table does not hold although it
 //! holds their neighbours, and that are no further from these than noise may be. They are flagged: of a value outside the table no error is known.
 
+use std::borrow::Cow;
+
+use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::MaskReason;
-use turbid_contract::{Ctx, Error};
+use turbid_contract::{Ctx, Error, ImageStack};
 
 use crate::least_squares::MOST;
 use crate::pass::{Settled, Solved, settle};
@@ -60,7 +63,32 @@ const LEAST_NOISE: f64 = 0.12;
 /// Reflectances at each f_x, and their covariance relative to them.
 pub type Solve<'a> = dyn Fn(usize, &[f64], &dyn Fn(usize, usize) -> f64) -> Result<Solved, MaskReason> + Sync + 'a;
 
-impl Image<'_> {
+type Planes<'p, 'a> = &'p [Cow<'a, [f32]>];
+
+impl<'a> Image<'a> {
+    /// Of R, its standard errors and covariances, the mask from before, and the planes of the pass.
+    pub fn of(
+        columns: usize,
+        (r, se, covariance): (Planes<'a, '_>, Planes<'a, '_>, &'a [Option<Cow<'_, [f32]>>]),
+        before: Option<&'a [f32]>,
+        planes: &'a [Array2<f32>],
+        sharing: f64,
+        corrects: bool,
+    ) -> Self {
+        let plane = |k: usize| planes[k].as_slice().expect("planes are row-major");
+        Self {
+            columns,
+            r: r.iter().map(AsRef::as_ref).collect(),
+            se: se.iter().map(AsRef::as_ref).collect(),
+            covariance: covariance.iter().map(Option::as_deref).collect(),
+            before,
+            after: plane(planes.len() - 1),
+            found: [0, 1, 2, 3].map(plane),
+            sharing,
+            corrects,
+        }
+    }
+
     /// All pixels that are read along the tangent, in their order.
     ///
     /// Error: the run was cancelled.
@@ -176,6 +204,17 @@ impl Image<'_> {
         found.pixels = n as f64;
         Some(found)
     }
+}
+
+/// Measures how many pixels were read along the tangent, and gives those that the table does not hold by themselves.
+pub fn told<'k>(kept: &'k [Kept], stack: &ImageStack, ctx: Ctx<'_>) -> impl Iterator<Item = usize> + 'k {
+    let outside = || kept.iter().filter(|kept| kept.alone.is_none()).map(|kept| kept.pixel);
+    let percent = |n: usize| 100.0 * n as f64 / (stack.rows() * stack.columns()) as f64;
+    if !kept.is_empty() {
+        ctx.measure("read_along_tangent", percent(kept.len()), "%");
+        ctx.measure("kept_outside_table", percent(outside().count()), "%");
+    }
+    outside()
 }
 
 /// Means of R and of the squares of its standard errors, at each f_x, and of how many pixels.
