@@ -47,6 +47,10 @@ impl Tally {
         if known && self.m_ac[last] > 0.0 {
             ctx.measure("rician_bias", 100.0 * self.rician[last] / self.m_ac[last], "%");
         }
+        if self.good == self.pixels {
+            ctx.measure("masked", 0.0, "%");
+            return;
+        }
         let reasons = ctx.measure_masked(mask.iter().copied());
         if self.good == 0 {
             ctx.warn(format!("all pixels are masked: {reasons}"));
