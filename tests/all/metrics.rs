@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use crate::space::Space;
 
-/// A row of a table of metrics, as exported.
+/// A row of a table of metrics, as exported; NaN where nothing is known.
 pub struct Row {
     pub region: String,
     pub quantity: String,
@@ -38,13 +38,17 @@ pub fn number(row: &BTreeMap<String, String>, column: &str) -> f64 {
 /// The metrics of a stage, one row for each region or medium and quantity, without the row of all.
 pub fn metrics(space: &Space, file: &str, stage: &str, settings: &[&str]) -> Vec<Row> {
     let rows = rows(space, file, &format!("{stage}.metrics"), settings);
+    let known = |row: &BTreeMap<String, String>, column: &str| match row.get(column).map(String::as_str) {
+        Some("") => f64::NAN,
+        _ => number(row, column),
+    };
     let row = |row: &BTreeMap<String, String>| Row {
         region: row["region"].clone(),
         quantity: row["quantity"].clone(),
         n: number(row, "n"),
-        mean: number(row, "mean"),
-        se: number(row, "mean_se"),
-        truth: number(row, "truth"),
+        mean: known(row, "mean"),
+        se: known(row, "mean_se"),
+        truth: known(row, "truth"),
         masked: number(row, "masked_percent"),
     };
     rows.iter().map(row).filter(|row| row.region != "all").collect()

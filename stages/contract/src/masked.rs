@@ -33,6 +33,10 @@ impl Ctx<'_> {
         let (mut counts, mut others, mut all) = ([0_u64; MaskReason::ALL.len()], 0_u64, 0_u64);
         for code in mask {
             all += 1;
+            // Most pixels of most images.
+            if code == 0.0 {
+                continue;
+            }
             match MaskReason::ALL.iter().position(|reason| reason.code() == code) {
                 Some(reason) => counts[reason] += 1,
                 None => others += 1,

@@ -1,6 +1,8 @@
 //! Doubts about the phases that frames say they have, in words: steps too close to each other, steps that the fringes contradict, phases where there
 //! is nothing to shift.
 
+use std::f64::consts::TAU;
+
 use turbid_contract::{Ctx, ImageStack, Layer};
 
 use crate::diagnostics::{Diagnosis, diagnose};
@@ -81,9 +83,18 @@ fn seen_steps(fringe: &Fringe, stack: &ImageStack, given: &[f64]) -> Option<Vec<
     };
     let planes: Vec<Vec<f32>> = fringe.frames.iter().map(pixels).collect();
     let planes: Vec<&[f32]> = planes.iter().map(Vec::as_slice).collect();
-    let seen = unknown_steps::find(&planes, given).ok()?;
+    // From far away the search ends anywhere: equal steps are what most people take.
+    let equal = |step: f64| (0..given.len()).map(|k| given[0] + step * k as f64).collect::<Vec<f64>>();
+    let starts = [given.to_vec(), equal(TAU / given.len() as f64), equal(0.25 * TAU)];
+    let ripple = |steps: &[f64]| {
+        let found = diagnose(&planes, &Weights::least_squares(steps)?)?;
+        Some(found.ripple.into_iter().fold(0.0, f64::max))
+    };
+    let found = starts.iter().filter_map(|start| unknown_steps::find(&planes, start).ok());
+    let found = found.filter_map(|steps| Some((ripple(&steps)?, steps)));
+    let (least, seen) = found.min_by(|a, b| a.0.total_cmp(&b.0))?;
     let departure = seen.iter().zip(given).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max).to_degrees();
-    (departure > LEAST_DEPARTURE).then_some(seen)
+    (departure > LEAST_DEPARTURE && 2.0 * least < ripple(given)?).then_some(seen)
 }
 
 fn in_degrees(steps: &[f64]) -> String {

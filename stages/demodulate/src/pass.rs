@@ -6,8 +6,7 @@ use std::ops::Range;
 use fearless_simd::{Level, Simd, dispatch};
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::MaskReason;
-use turbid_contract::planes::mean_se;
-use turbid_contract::{Ctx, Error, ImageStack, LayerInfo, LayerKind};
+use turbid_contract::{Ctx, Error, ImageStack};
 
 use crate::errors::{Elements, Phasors, Toward};
 use crate::fused::{Planes, amplitudes, phases};
@@ -18,23 +17,11 @@ use crate::signal::{Noisy, weak_in_row};
 use crate::stage::{NoiseBias, Params};
 use crate::unknown;
 
-type Described = (LayerInfo, Array2<f32>);
+mod describe;
+mod tally;
 
-/// Layers of a stack by kind; values come first, so that `pair` counts layers and value layers alike.
-#[derive(Default)]
-pub struct Group {
-    values: Vec<Described>,
-    errors: Vec<Described>,
-    covariances: Vec<Described>,
-    masks: Vec<Described>,
-    unknown: Vec<Described>,
-}
-
-impl Group {
-    pub fn into_iter_ordered(self) -> impl Iterator<Item = Described> {
-        self.values.into_iter().chain(self.errors).chain(self.covariances).chain(self.masks).chain(self.unknown)
-    }
-}
+pub use describe::Group;
+pub use tally::Tally;
 
 /// Pixels that are worked on at a time: their f64 intermediates stay in the first-level cache.
 const CHUNK: usize = 512;
@@ -410,106 +397,6 @@ impl<'a> Pass<'a> {
             }
         }
     }
-
-    /// Gives the planes their descriptions and sorts them into the two stacks.
-    pub fn describe(
-        &self,
-        planes: Vec<Array2<f32>>,
-        tally: &Tally,
-        sharing: f64,
-        values: &mut Group,
-        phases: &mut Group,
-    ) {
-        let Channel { wavelength_nm, unit, fringes } = self.channel;
-        let known = self.blocks.is_some();
-        let first_value = values.values.len() as u32;
-        let info = |name: &str, unit: &str, k: usize| {
-            let mut info = LayerInfo::value(name, unit).with_f_x(fringes[k].f_x_per_mm);
-            (info.orientation_deg, info.wavelength_nm) = (fringes[k].orientation_deg, *wavelength_nm);
-            info
-        };
-        let mut infos: Vec<LayerInfo> =
-            (0..self.quantity_count()).map(|q| info(if q % 2 == 0 { "m_dc" } else { "m_ac" }, unit, q / 2)).collect();
-        let phase_infos: Vec<LayerInfo> = (0..fringes.len())
-            .filter(|&k| self.wants_phase && fringes[k].f_x_per_mm > 0.0)
-            .map(|k| info("phase", "rad", k))
-            .collect();
-        let uncertain = self.uncertain(&planes, tally);
-        let flags: Vec<Option<Vec<bool>>> =
-            self.unknown.iter().map(|of_frames| either(of_frames.as_deref(), uncertain.as_deref())).collect();
-        let flagged = |info: &LayerInfo, k: usize, mask: &Array2<f32>| {
-            flags[k].as_ref().filter(|_| known).and_then(|flags| unknown::layer(info, flags, mask))
-        };
-        // The direction of a phasor that noise has turned over is nobody's phase.
-        let turned = |i: usize| uncertain.as_ref().is_some_and(|flags| flags[i]);
-        let last = planes.last().expect("the mask is the last plane");
-        values.unknown.extend(infos.iter().enumerate().filter_map(|(q, info)| flagged(info, q / 2, last)));
-        if self.wants_phase {
-            let mut data = last.clone();
-            if uncertain.is_some() {
-                let weak = data.iter_mut().enumerate().filter(|(i, _)| turned(*i));
-                weak.for_each(|(_, mask)| *mask = MaskReason::LowSignal.code());
-            }
-            let fringed = (0..fringes.len()).filter(|&k| fringes[k].f_x_per_mm > 0.0);
-            let own = phase_infos.iter().zip(fringed).filter_map(|(info, k)| flagged(info, k, &data));
-            phases.unknown.extend(own);
-            phases.masks.push((mask_info(*wavelength_nm), data));
-        }
-        let mut planes = planes.into_iter();
-        let mut next = || planes.next().expect("as many planes as plane_count says");
-        for (q, info) in infos.iter_mut().enumerate() {
-            // What frames do not know of a pixel they may still know of their mean.
-            let known = known && (self.unknown[q / 2].is_none() || self.mean_known[q / 2]);
-            info.mean_se = if known { mean_se(tally.variances[q], tally.good, sharing) } else { None };
-            values.values.push((info.clone(), next()));
-        }
-        if known {
-            infos.iter().for_each(|info| values.errors.push((info.standard_error(), next())));
-        }
-        for pair in &self.pairs {
-            let mut info = LayerInfo::new("cov", LayerKind::Covariance, format!("({unit})^2"));
-            info.pair = Some(pair.map(|q| first_value + q as u32));
-            info.wavelength_nm = *wavelength_nm;
-            values.covariances.push((info, next()));
-        }
-        let phase_plane = |mut plane: Array2<f32>| {
-            if uncertain.is_some() {
-                plane.iter_mut().enumerate().filter(|(i, _)| turned(*i)).for_each(|(_, value)| *value = 0.0);
-            }
-            plane
-        };
-        phase_infos.iter().for_each(|info| phases.values.push((info.clone(), phase_plane(next()))));
-        if known {
-            phase_infos.iter().for_each(|info| phases.errors.push((info.standard_error(), phase_plane(next()))));
-        }
-        values.masks.push((mask_info(*wavelength_nm), next()));
-    }
-
-    /// The good pixels of which noise has left no signal, but whose neighbours have one; `None` where there are none.
-    fn uncertain(&self, planes: &[Array2<f32>], tally: &Tally) -> Option<Vec<bool>> {
-        if tally.uncertain == 0 {
-            return None;
-        }
-        let mask = planes.last().expect("the mask is the last plane");
-        let mut flags = vec![false; mask.len()];
-        for plane in &planes[..self.quantity_count()] {
-            let pixels = flags.iter_mut().zip(plane.iter().zip(mask));
-            pixels.for_each(|(flag, (&value, &mask))| *flag |= mask == 0.0 && value <= 0.0);
-        }
-        flags.contains(&true).then_some(flags)
-    }
-}
-
-fn mask_info(wavelength_nm: Option<f64>) -> LayerInfo {
-    LayerInfo { wavelength_nm, ..LayerInfo::new("mask", LayerKind::Mask, "1") }
-}
-
-/// Where either is set; `None` where neither is there.
-fn either(a: Option<&[bool]>, b: Option<&[bool]>) -> Option<Vec<bool>> {
-    match (a, b) {
-        (Some(a), Some(b)) => Some(a.iter().zip(b).map(|(a, b)| *a || *b).collect()),
-        (one, other) => one.or(other).map(<[bool]>::to_vec),
-    }
 }
 
 /// Standard errors below 0 that noise may take a mean which is not: a normal one is there once in 3.5 million pixels.
@@ -545,53 +432,4 @@ fn reason(flags: u32) -> MaskReason {
 /// The upper triangle (i <= j) of an n x n matrix, row by row.
 fn upper(n: usize) -> impl Iterator<Item = (usize, usize)> {
     (0..n).flat_map(move |i| (i..n).map(move |j| (i, j)))
-}
-
-/// Sums over pixels, added up in tile order.
-pub struct Tally {
-    good: u64,
-    pixels: u64,
-    /// Good pixels with a value that is not above 0.
-    uncertain: u64,
-    /// Of each quantity, over good pixels.
-    variances: Vec<f64>,
-    /// Of each fringe: Rician bias, and M_AC that it belongs to.
-    rician: Vec<f64>,
-    m_ac: Vec<f64>,
-}
-
-impl Tally {
-    pub fn new(channel: &Channel) -> Self {
-        let n = channel.fringes.len();
-        Self { good: 0, pixels: 0, uncertain: 0, variances: vec![0.0; 2 * n], rician: vec![0.0; n], m_ac: vec![0.0; n] }
-    }
-
-    pub fn add(&mut self, tile: &Self) {
-        self.good += tile.good;
-        self.pixels += tile.pixels;
-        self.uncertain += tile.uncertain;
-        let pairs =
-            [(&mut self.variances, &tile.variances), (&mut self.rician, &tile.rician), (&mut self.m_ac, &tile.m_ac)];
-        for (sum, part) in pairs {
-            sum.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
-        }
-    }
-
-    /// Takes away what [`Pass::drop_weak`] dropped.
-    pub fn less(&mut self, dropped: &Self) {
-        self.good -= dropped.good;
-        self.variances.iter_mut().zip(&dropped.variances).for_each(|(sum, part)| *sum -= part);
-    }
-
-    /// Measures the Rician bias of the mean M_AC at the highest f_x and the shares that `mask` leaves out, and warns where nothing is left.
-    pub fn report(&self, channel: &Channel, known: bool, mask: &Array2<f32>, ctx: Ctx<'_>) {
-        let last = channel.fringes.len() - 1;
-        if known && self.m_ac[last] > 0.0 {
-            ctx.measure("rician_bias", 100.0 * self.rician[last] / self.m_ac[last], "%");
-        }
-        let reasons = ctx.measure_masked(mask.iter().copied());
-        if self.good == 0 {
-            ctx.warn(format!("all pixels are masked: {reasons}"));
-        }
-    }
 }

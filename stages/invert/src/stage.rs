@@ -21,7 +21,7 @@ use crate::lut::{agree, same_f_x, sections};
 use crate::pass::{Pass, Tally};
 use crate::profile::{self, Correction, Profile};
 use crate::sectioned::{Places, Solver, prepare};
-use crate::uncertain::Image;
+use crate::uncertain::{Image, told};
 use crate::unknown;
 
 /// How a pair of reflectances becomes a pair of properties.
@@ -69,10 +69,11 @@ pub enum Outside {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum NoiseBias {
-    /// Taken off pixel by pixel, to second order in the standard errors; without these nothing changes.
+    /// Taken off pixel by pixel, to second order in the standard errors; pixels with more than 20 % of noise are read along the tangent at the mean of
+    /// their 7 x 7 neighbours. Without standard errors nothing changes.
     #[default]
     Correct,
-    /// Left in: each pixel holds exactly the properties that have its reflectance.
+    /// Left in: each pixel that the table holds has exactly the properties that have its reflectance.
     Keep,
 }
 
@@ -409,17 +410,8 @@ fn invert(
     let sharing = of.iter().map(|l| stack.sharing(&l.info)).fold(1.0, f64::max);
     // A node that is near says nothing of slopes, and pixels that hold the nearest one are not lost.
     if known && !pass.outside && !solvers.iter().any(Solver::reads_nodes) {
-        let image = Image {
-            columns: stack.columns(),
-            r: r.iter().map(AsRef::as_ref).collect(),
-            se: se.iter().map(AsRef::as_ref).collect(),
-            covariance: covariance.iter().map(Option::as_deref).collect(),
-            before: mask.as_deref(),
-            after: planes[planes.len() - 1].as_slice().expect("planes are row-major"),
-            found: [0, 1, 2, 3].map(|k| planes[k].as_slice().expect("planes are row-major")),
-            sharing,
-            corrects: pass.corrects,
-        };
+        let image =
+            Image::of(stack.columns(), (&r, &se, &covariance), mask.as_deref(), &planes, sharing, pass.corrects);
         let kept = image.keep(
             &|i, r, noise| {
                 let solved = places.solve(i, |k| solvers[k].solve(r, Some(noise)))?;
@@ -428,14 +420,7 @@ fn invert(
             ctx,
         )?;
         pass.write_kept(&kept, &mut planes, &mut tally);
-        let count = stack.rows() * stack.columns();
-        let outside = || kept.iter().filter(|kept| kept.alone.is_none()).map(|kept| kept.pixel);
-        unknown::flag(&mut flags, outside(), count);
-        let percent = |n: usize| 100.0 * n as f64 / count as f64;
-        if !kept.is_empty() {
-            ctx.measure("read_along_tangent", percent(kept.len()), "%");
-            ctx.measure("kept_outside_table", percent(outside().count()), "%");
-        }
+        unknown::flag(&mut flags, told(&kept, stack, ctx), stack.rows() * stack.columns());
     }
     let reasons = ctx.measure_masked(planes[planes.len() - 1].iter().copied());
     let sums = &tally.sums;

@@ -10,8 +10,12 @@
 //! below 0. Which pixels are read so is decided by the neighbours, too, but for one kind: those that the table does not hold although it
 //! holds their neighbours, and that are no further from these than noise may be. They are flagged: of a value outside the table no error is known.
 
+use std::borrow::Cow;
+use std::ops::Range;
+
+use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::MaskReason;
-use turbid_contract::{Ctx, Error};
+use turbid_contract::{Ctx, Error, ImageStack};
 
 use crate::least_squares::MOST;
 use crate::pass::{Settled, Solved, settle};
@@ -55,27 +59,67 @@ pub struct Kept {
 /// Noise of ln mu above which a pixel is read along the tangent: up to here what is taken off for the curvature is right to 0.2 %.
 const LARGE_NOISE: f64 = 0.2;
 /// A pixel with less than this by its own account is not looked at: its neighbours hardly have more than the above.
-const LEAST_NOISE: f64 = 0.12;
+const LEAST_NOISE: f32 = 0.12;
 
 /// Reflectances at each f_x, and their covariance relative to them.
 pub type Solve<'a> = dyn Fn(usize, &[f64], &dyn Fn(usize, usize) -> f64) -> Result<Solved, MaskReason> + Sync + 'a;
 
-impl Image<'_> {
+type Planes<'p, 'a> = &'p [Cow<'a, [f32]>];
+
+impl<'a> Image<'a> {
+    /// Of R, its standard errors and covariances, the mask from before, and the planes of the pass.
+    pub fn of(
+        columns: usize,
+        (r, se, covariance): (Planes<'a, '_>, Planes<'a, '_>, &'a [Option<Cow<'_, [f32]>>]),
+        before: Option<&'a [f32]>,
+        planes: &'a [Array2<f32>],
+        sharing: f64,
+        corrects: bool,
+    ) -> Self {
+        let plane = |k: usize| planes[k].as_slice().expect("planes are row-major");
+        Self {
+            columns,
+            r: r.iter().map(AsRef::as_ref).collect(),
+            se: se.iter().map(AsRef::as_ref).collect(),
+            covariance: covariance.iter().map(Option::as_deref).collect(),
+            before,
+            after: plane(planes.len() - 1),
+            found: [0, 1, 2, 3].map(plane),
+            sharing,
+            corrects,
+        }
+    }
+
     /// All pixels that are read along the tangent, in their order.
     ///
     /// Error: the run was cancelled.
     pub fn keep(&self, solve: &Solve<'_>, ctx: Ctx<'_>) -> Result<Vec<Kept>, Error> {
-        let usable = |pixel: usize| self.before.is_none_or(|b| b[pixel] == 0.0);
-        let doubtful = |pixel: usize| {
-            let [mu_a, mu_s_prime, mu_a_se, mu_s_prime_se] = self.found.map(|plane| f64::from(plane[pixel]));
-            let noisy = mu_a_se > LEAST_NOISE * mu_a || mu_s_prime_se > LEAST_NOISE * mu_s_prime;
-            usable(pixel) && (is_of_the_table(self.after[pixel]) || self.corrects && self.after[pixel] == 0.0 && noisy)
-        };
         let rows = ctx.map_tiles(self.after.len() / self.columns, |row| {
-            let pixels = (row * self.columns..(row + 1) * self.columns).filter(|&pixel| doubtful(pixel));
-            pixels.filter_map(|pixel| self.kept(pixel, solve)).collect::<Vec<_>>()
+            let pixels = row * self.columns..(row + 1) * self.columns;
+            if self.is_quiet(pixels.clone()) {
+                return Vec::new();
+            }
+            let doubtful = pixels.filter(|&pixel| self.is_doubtful(pixel));
+            doubtful.filter_map(|pixel| self.kept(pixel, solve)).collect()
         })?;
         Ok(rows.into_iter().flatten().collect())
+    }
+
+    /// Whether all pixels have a value and little noise: a sweep in vector lanes, which is all that most images need.
+    fn is_quiet(&self, pixels: Range<usize>) -> bool {
+        let [mu_a, mu_s_prime, mu_a_se, mu_s_prime_se] = self.found.map(|plane| &plane[pixels.clone()]);
+        let noisy = |mu: &[f32], se: &[f32]| {
+            mu.iter().zip(se).fold(0, |noisy, (&mu, &se)| noisy | u32::from(se > LEAST_NOISE * mu))
+        };
+        let lost = self.after[pixels].iter().fold(0, |lost, &code| lost | u32::from(code != 0.0));
+        lost | noisy(mu_a, mu_a_se) | noisy(mu_s_prime, mu_s_prime_se) == 0
+    }
+
+    fn is_doubtful(&self, pixel: usize) -> bool {
+        let [mu_a, mu_s_prime, mu_a_se, mu_s_prime_se] = self.found.map(|plane| plane[pixel]);
+        let noisy = mu_a_se > LEAST_NOISE * mu_a || mu_s_prime_se > LEAST_NOISE * mu_s_prime;
+        let usable = self.before.is_none_or(|b| b[pixel] == 0.0);
+        usable && (is_of_the_table(self.after[pixel]) || self.corrects && self.after[pixel] == 0.0 && noisy)
     }
 
     fn kept(&self, pixel: usize, solve: &Solve<'_>) -> Option<Kept> {
@@ -176,6 +220,17 @@ impl Image<'_> {
         found.pixels = n as f64;
         Some(found)
     }
+}
+
+/// Measures how many pixels were read along the tangent, and gives those that the table does not hold by themselves.
+pub fn told<'k>(kept: &'k [Kept], stack: &ImageStack, ctx: Ctx<'_>) -> impl Iterator<Item = usize> + 'k {
+    let outside = || kept.iter().filter(|kept| kept.alone.is_none()).map(|kept| kept.pixel);
+    let percent = |n: usize| 100.0 * n as f64 / (stack.rows() * stack.columns()) as f64;
+    if !kept.is_empty() {
+        ctx.measure("read_along_tangent", percent(kept.len()), "%");
+        ctx.measure("kept_outside_table", percent(outside().count()), "%");
+    }
+    outside()
 }
 
 /// Means of R and of the squares of its standard errors, at each f_x, and of how many pixels.

@@ -1,0 +1,130 @@
+//! From planes of numbers to layers that say what they are.
+
+use turbid_contract::ndarray::Array2;
+use turbid_contract::payload::MaskReason;
+use turbid_contract::planes::mean_se;
+use turbid_contract::{LayerInfo, LayerKind};
+
+use crate::pass::{Pass, Tally};
+use crate::set::Channel;
+use crate::unknown;
+
+type Described = (LayerInfo, Array2<f32>);
+
+/// Layers of a stack by kind; values come first, so that `pair` counts layers and value layers alike.
+#[derive(Default)]
+pub struct Group {
+    values: Vec<Described>,
+    errors: Vec<Described>,
+    covariances: Vec<Described>,
+    masks: Vec<Described>,
+    unknown: Vec<Described>,
+}
+
+impl Group {
+    pub fn into_iter_ordered(self) -> impl Iterator<Item = Described> {
+        self.values.into_iter().chain(self.errors).chain(self.covariances).chain(self.masks).chain(self.unknown)
+    }
+}
+
+impl Pass<'_> {
+    /// Gives the planes their descriptions and sorts them into the two stacks.
+    pub fn describe(
+        &self,
+        planes: Vec<Array2<f32>>,
+        tally: &Tally,
+        sharing: f64,
+        values: &mut Group,
+        phases: &mut Group,
+    ) {
+        let Channel { wavelength_nm, unit, fringes } = self.channel;
+        let known = self.blocks.is_some();
+        let first_value = values.values.len() as u32;
+        let info = |name: &str, unit: &str, k: usize| {
+            let mut info = LayerInfo::value(name, unit).with_f_x(fringes[k].f_x_per_mm);
+            (info.orientation_deg, info.wavelength_nm) = (fringes[k].orientation_deg, *wavelength_nm);
+            info
+        };
+        let mut infos: Vec<LayerInfo> =
+            (0..self.quantity_count()).map(|q| info(if q % 2 == 0 { "m_dc" } else { "m_ac" }, unit, q / 2)).collect();
+        let phase_infos: Vec<LayerInfo> = (0..fringes.len())
+            .filter(|&k| self.wants_phase && fringes[k].f_x_per_mm > 0.0)
+            .map(|k| info("phase", "rad", k))
+            .collect();
+        let uncertain = self.uncertain(&planes, tally);
+        let flags: Vec<Option<Vec<bool>>> =
+            self.unknown.iter().map(|of_frames| either(of_frames.as_deref(), uncertain.as_deref())).collect();
+        let flagged = |info: &LayerInfo, k: usize, mask: &Array2<f32>| {
+            flags[k].as_ref().filter(|_| known).and_then(|flags| unknown::layer(info, flags, mask))
+        };
+        // The direction of a phasor that noise has turned over is nobody's phase.
+        let turned = |i: usize| uncertain.as_ref().is_some_and(|flags| flags[i]);
+        let last = planes.last().expect("the mask is the last plane");
+        values.unknown.extend(infos.iter().enumerate().filter_map(|(q, info)| flagged(info, q / 2, last)));
+        if self.wants_phase {
+            let mut data = last.clone();
+            if uncertain.is_some() {
+                let weak = data.iter_mut().enumerate().filter(|(i, _)| turned(*i));
+                weak.for_each(|(_, mask)| *mask = MaskReason::LowSignal.code());
+            }
+            let fringed = (0..fringes.len()).filter(|&k| fringes[k].f_x_per_mm > 0.0);
+            let own = phase_infos.iter().zip(fringed).filter_map(|(info, k)| flagged(info, k, &data));
+            phases.unknown.extend(own);
+            phases.masks.push((mask_info(*wavelength_nm), data));
+        }
+        let mut planes = planes.into_iter();
+        let mut next = || planes.next().expect("as many planes as plane_count says");
+        for (q, info) in infos.iter_mut().enumerate() {
+            // What frames do not know of a pixel they may still know of their mean.
+            let known = known && (self.unknown[q / 2].is_none() || self.mean_known[q / 2]);
+            info.mean_se = if known { mean_se(tally.variances[q], tally.good, sharing) } else { None };
+            values.values.push((info.clone(), next()));
+        }
+        if known {
+            infos.iter().for_each(|info| values.errors.push((info.standard_error(), next())));
+        }
+        for pair in &self.pairs {
+            let mut info = LayerInfo::new("cov", LayerKind::Covariance, format!("({unit})^2"));
+            info.pair = Some(pair.map(|q| first_value + q as u32));
+            info.wavelength_nm = *wavelength_nm;
+            values.covariances.push((info, next()));
+        }
+        let phase_plane = |mut plane: Array2<f32>| {
+            if uncertain.is_some() {
+                plane.iter_mut().enumerate().filter(|(i, _)| turned(*i)).for_each(|(_, value)| *value = 0.0);
+            }
+            plane
+        };
+        phase_infos.iter().for_each(|info| phases.values.push((info.clone(), phase_plane(next()))));
+        if known {
+            phase_infos.iter().for_each(|info| phases.errors.push((info.standard_error(), phase_plane(next()))));
+        }
+        values.masks.push((mask_info(*wavelength_nm), next()));
+    }
+
+    /// The good pixels of which noise has left no signal, but whose neighbours have one; `None` where there are none.
+    fn uncertain(&self, planes: &[Array2<f32>], tally: &Tally) -> Option<Vec<bool>> {
+        if tally.uncertain == 0 {
+            return None;
+        }
+        let mask = planes.last().expect("the mask is the last plane");
+        let mut flags = vec![false; mask.len()];
+        for plane in &planes[..self.quantity_count()] {
+            let pixels = flags.iter_mut().zip(plane.iter().zip(mask));
+            pixels.for_each(|(flag, (&value, &mask))| *flag |= mask == 0.0 && value <= 0.0);
+        }
+        flags.contains(&true).then_some(flags)
+    }
+}
+
+fn mask_info(wavelength_nm: Option<f64>) -> LayerInfo {
+    LayerInfo { wavelength_nm, ..LayerInfo::new("mask", LayerKind::Mask, "1") }
+}
+
+/// Where either is set; `None` where neither is there.
+fn either(a: Option<&[bool]>, b: Option<&[bool]>) -> Option<Vec<bool>> {
+    match (a, b) {
+        (Some(a), Some(b)) => Some(a.iter().zip(b).map(|(a, b)| *a || *b).collect()),
+        (one, other) => one.or(other).map(<[bool]>::to_vec),
+    }
+}

@@ -1,0 +1,59 @@
+//! What the pixels of a tile are together.
+
+use turbid_contract::Ctx;
+use turbid_contract::ndarray::Array2;
+
+use crate::set::Channel;
+
+/// Sums over pixels, added up in tile order.
+pub struct Tally {
+    pub(super) good: u64,
+    pub(super) pixels: u64,
+    /// Good pixels with a value that is not above 0.
+    pub(super) uncertain: u64,
+    /// Of each quantity, over good pixels.
+    pub(super) variances: Vec<f64>,
+    /// Of each fringe: Rician bias, and M_AC that it belongs to.
+    pub(super) rician: Vec<f64>,
+    pub(super) m_ac: Vec<f64>,
+}
+
+impl Tally {
+    pub fn new(channel: &Channel) -> Self {
+        let n = channel.fringes.len();
+        Self { good: 0, pixels: 0, uncertain: 0, variances: vec![0.0; 2 * n], rician: vec![0.0; n], m_ac: vec![0.0; n] }
+    }
+
+    pub fn add(&mut self, tile: &Self) {
+        self.good += tile.good;
+        self.pixels += tile.pixels;
+        self.uncertain += tile.uncertain;
+        let pairs =
+            [(&mut self.variances, &tile.variances), (&mut self.rician, &tile.rician), (&mut self.m_ac, &tile.m_ac)];
+        for (sum, part) in pairs {
+            sum.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
+        }
+    }
+
+    /// Takes away what [`Pass::drop_weak`] dropped.
+    pub fn less(&mut self, dropped: &Self) {
+        self.good -= dropped.good;
+        self.variances.iter_mut().zip(&dropped.variances).for_each(|(sum, part)| *sum -= part);
+    }
+
+    /// Measures the Rician bias of the mean M_AC at the highest f_x and the shares that `mask` leaves out, and warns where nothing is left.
+    pub fn report(&self, channel: &Channel, known: bool, mask: &Array2<f32>, ctx: Ctx<'_>) {
+        let last = channel.fringes.len() - 1;
+        if known && self.m_ac[last] > 0.0 {
+            ctx.measure("rician_bias", 100.0 * self.rician[last] / self.m_ac[last], "%");
+        }
+        if self.good == self.pixels {
+            ctx.measure("masked", 0.0, "%");
+            return;
+        }
+        let reasons = ctx.measure_masked(mask.iter().copied());
+        if self.good == 0 {
+            ctx.warn(format!("all pixels are masked: {reasons}"));
+        }
+    }
+}
