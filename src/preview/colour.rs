@@ -80,12 +80,12 @@ pub fn hatch(x: i64, y: i64) -> Rgb {
     if (x + y).rem_euclid(6) < 2 { HATCH[1] } else { HATCH[0] }
 }
 
-/// The colour, which no map holds, of the stripes over pixels that hold the end of a table.
-pub const END: Rgb = [255, 0, 170];
+/// The colour, which no map holds, of the stripes over pixels whose number is not what the title says.
+pub const MARK: Rgb = [255, 0, 170];
 
 /// The stripe over a pixel of the picture, where there is one: a third of the pixels, the rest shows the value.
-pub fn end_mark(x: i64, y: i64) -> Option<Rgb> {
-    ((x - y).rem_euclid(3) == 0).then_some(END)
+pub fn stripe(x: i64, y: i64) -> Option<Rgb> {
+    ((x - y).rem_euclid(3) == 0).then_some(MARK)
 }
 
 /// A trace of blue, which nobody sees, tells them from the greys of smooth text.
@@ -119,10 +119,10 @@ mod tests {
                 let colour = map.colour(f64::from(i) / 4096.0);
                 assert!(!HATCH.contains(&colour), "{map:?} at {i}");
                 // 80 of the 255 steps of some channel away: nobody takes one for the other.
-                let apart = (0..3).map(|c| colour[c].abs_diff(END[c])).max();
+                let apart = (0..3).map(|c| colour[c].abs_diff(MARK[c])).max();
                 assert!(apart > Some(80), "{map:?} at {i} is {colour:?}");
             }
         }
-        assert!((0..16).all(|i| !HATCH.contains(&category(i)) && category(i) != END));
+        assert!((0..16).all(|i| !HATCH.contains(&category(i)) && category(i) != MARK));
     }
 }

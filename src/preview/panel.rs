@@ -2,7 +2,7 @@
 
 use super::axis::Axis;
 use super::canvas::{Canvas, GREY, INK, Rgb};
-use super::colour::{ColourMap, end_mark, hatch};
+use super::colour::{ColourMap, hatch, stripe};
 use super::number::times_power;
 use super::pixels::Pixels;
 use super::range::Range;
@@ -30,8 +30,8 @@ pub struct Note {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Swatch {
     Colour(Rgb),
-    /// The marks of pixels at a table's end.
-    End,
+    /// The stripes over pixels whose number is not what the title says.
+    Marked,
     /// A bar of so many pixels of the screen.
     Length(i64),
 }
@@ -48,9 +48,9 @@ impl Swatch {
         let (top, side) = (base - SWATCH + 2, SWATCH - 1);
         match self {
             Self::Colour(colour) => canvas.fill(left + 1, top, side, side, colour),
-            Self::End => {
+            Self::Marked => {
                 for (x, y) in (0..side).flat_map(|y| (0..side).map(move |x| (x, y))) {
-                    if let Some(colour) = end_mark(x, y) {
+                    if let Some(colour) = stripe(x, y) {
                         canvas.set(left + 1 + x, top + y, colour);
                     }
                 }
@@ -109,14 +109,13 @@ pub fn paint(pixels: &Pixels, colour: impl Fn(f64) -> Rgb) -> Canvas {
     canvas
 }
 
-/// Marks cells that hold the end of a table and not what was measured: `ends` shows the reasons, 0 inside the table, in the cells of
-/// `pixels`.
-pub fn mark_ends(image: &mut Canvas, pixels: &Pixels, ends: &Pixels) {
+/// Marks cells whose number is not what the title says: `why` is other than 0 there, in the cells of `pixels`.
+pub fn mark(image: &mut Canvas, pixels: &Pixels, why: &Pixels) {
     let zoom = pixels.zoom as i64;
-    for i in (0..pixels.cells.len()).filter(|&i| pixels.cells[i].is_some() && ends.cells[i].is_some_and(|e| e != 0.0)) {
+    for i in (0..pixels.cells.len()).filter(|&i| pixels.cells[i].is_some() && why.cells[i].is_some_and(|e| e != 0.0)) {
         let (left, top) = ((i % pixels.columns) as i64 * zoom, (i / pixels.columns) as i64 * zoom);
         for (x, y) in (top..top + zoom).flat_map(|y| (left..left + zoom).map(move |x| (x, y))) {
-            if let Some(colour) = end_mark(x, y) {
+            if let Some(colour) = stripe(x, y) {
                 image.set(x, y, colour);
             }
         }

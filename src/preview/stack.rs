@@ -10,7 +10,7 @@ use super::colour::ColourMap;
 use super::figure::{Figure, Section};
 use super::notation::{base, f_x, in_unit, is_error, is_truth, particulars, quantity};
 use super::number::{number, with_error};
-use super::panel::{Bar, Note, Panel, Swatch, mark_ends, paint};
+use super::panel::{Bar, Note, Panel, Swatch, mark, paint};
 use super::pixels::{Reduce, fit};
 use super::range::{Range, Statistics};
 use super::scale;
@@ -28,8 +28,8 @@ const MOST_COLOURS: usize = 4;
 struct Seen<'a> {
     layer: &'a Layer,
     good: Array2<bool>,
-    /// Reasons why pixels hold the end of a table, where some do.
-    ends: Option<&'a Layer>,
+    /// Pixels whose number is not what the title says (other than 0 there), and what it is.
+    marks: Option<(&'a Layer, &'static str)>,
     /// None where no pixel is good.
     statistics: Option<Statistics>,
 }
@@ -79,10 +79,24 @@ fn see<'a>(stack: &'a ImageStack, layer: &'a Layer, masks: &[&Layer]) -> Seen<'a
         }
     }
     let statistics = Statistics::of(&layer.data, &good);
-    let marked = layer.info.kind != LayerKind::Mask && !is_outside(&layer.info) && !is_truth(&layer.info.name);
-    let outside = || stack.layers.iter().filter(|l| is_outside(&l.info) && speaks_for(&l.info, &layer.info));
-    let ends = outside().find(|l| marked && l.data.iter().any(|&reason| reason != 0.0));
-    Seen { layer, good, ends, statistics }
+    let marks = at_end(stack, &layer.info).or_else(|| unknown(stack, &layer.info));
+    let marks = marks.filter(|(why, _)| why.data.iter().any(|&reason| reason != 0.0));
+    Seen { layer, good, marks, statistics }
+}
+
+/// The side of the table where the pixels of a map, its standard error or its error left it.
+fn at_end<'a>(stack: &'a ImageStack, info: &LayerInfo) -> Option<(&'a Layer, &'static str)> {
+    let touched = info.kind != LayerKind::Mask && !is_outside(info) && !is_truth(&info.name);
+    let outside = stack.layers.iter().find(|l| touched && is_outside(&l.info) && speaks_for(&l.info, info))?;
+    Some((outside, " hold the end of the table"))
+}
+
+/// The flags of a standard error that is unknown.
+fn unknown<'a>(stack: &'a ImageStack, info: &LayerInfo) -> Option<(&'a Layer, &'static str)> {
+    let (name, unit) = (format!("{}_unknown", info.name), "1".to_owned());
+    let flags = LayerInfo { name, unit, kind: LayerKind::Mask, mean_se: None, ..info.clone() };
+    let layer = stack.layers.iter().find(|l| info.kind == LayerKind::StandardError && l.info == flags)?;
+    Some((layer, " unknown: at least what is shown"))
 }
 
 /// The layer in which `invert` names the side of the table where it ended (`outside: nearest`): the mask calls such pixels good.
@@ -160,8 +174,8 @@ fn panel(stack: &ImageStack, seen: &Seen, range: Option<Range>, side: usize) -> 
     let reduce = if map == ColourMap::Cyclic { Reduce::First } else { Reduce::Mean };
     let pixels = fit(&seen.layer.data, &seen.good, side, reduce);
     let mut image = paint(&pixels, |v| map.colour(range.map_or(0.5, |r| r.position(v))));
-    if let Some(ends) = seen.ends {
-        mark_ends(&mut image, &pixels, &fit(&ends.data, &seen.good, side, Reduce::MostFrequent));
+    if let Some((why, _)) = seen.marks {
+        mark(&mut image, &pixels, &fit(&why.data, &seen.good, side, Reduce::MostFrequent));
     }
     let title = match info.kind {
         // The section's heading says what these are.
@@ -206,10 +220,9 @@ fn notes(seen: &Seen, info: &LayerInfo) -> Vec<Note> {
     if masked > 0 {
         notes.push(plain(share(masked, seen.good.len()).then(" masked")));
     }
-    if let Some(ends) = seen.ends {
-        let marked = ends.data.iter().zip(&seen.good).filter(|(reason, good)| **good && **reason != 0.0).count();
-        let text = share(marked, seen.good.len()).then(" hold the end of the table");
-        notes.push(Note { swatch: Some(Swatch::End), text });
+    if let Some((why, what)) = seen.marks {
+        let marked = why.data.iter().zip(&seen.good).filter(|(reason, good)| **good && **reason != 0.0).count();
+        notes.push(Note { swatch: Some(Swatch::Marked), text: share(marked, seen.good.len()).then(what) });
     }
     notes
 }

@@ -6,7 +6,7 @@ use turbid_contract::payload::MaskReason;
 use turbid_contract::{Artifact, Cells, ImageStack, LayerInfo, LayerKind, Record, Table};
 
 use super::canvas::Canvas;
-use super::colour::{END, HATCH};
+use super::colour::{HATCH, MARK};
 use super::{Caption, draw, picture};
 
 type Pixel = fn(usize, usize) -> f32;
@@ -193,7 +193,7 @@ fn the_end_of_a_table_is_marked() {
         layers.extend([(value("outside", "1"), outside), (mask(), (|r, _| if r == 0 { 2.0 } else { 0.0 }) as Pixel)]);
         let canvas = drawn(stack(40, 40, &layers));
         let pixels = (0..canvas.height()).flat_map(|y| (0..canvas.width()).map(move |x| (x, y)));
-        pixels.filter(|&(x, y)| canvas.get(x, y) == Some(END)).count()
+        pixels.filter(|&(x, y)| canvas.get(x, y) == Some(MARK)).count()
     };
     // 19 x 10 pixels outside that are not masked, 7 x 7 (errors 4 x 4) of the screen each, a third of them in stripes; 33 or 34 of the
     // 100 pixels of a legend's box. Stripes begin within a pixel of the thirds.
@@ -203,6 +203,17 @@ fn the_end_of_a_table_is_marked() {
     assert!(near(marked(&["mu_a", "mu_a_truth", "mu_a_error"], false, out), 2 * (map + legend)));
     assert!(near(marked(&["mu_a"], true, out), map + error + 2 * legend));
     assert_eq!(marked(&["mu_a", "mu_a_error"], true, |_, _| 0.0), 0, "nothing lies outside");
+    // Of a standard error that is a lower bound: its map, not that of the value.
+    let info = value("mu_a", "mm^-1");
+    let layers: [(LayerInfo, Pixel); 3] = [
+        (info.clone(), RAMP),
+        (info.standard_error(), RAMP),
+        (info.se_unknown(), |r, _| if r < 20 { 1.0 } else { 0.0 }),
+    ];
+    let canvas = drawn(stack(40, 40, &layers));
+    let pixels = (0..canvas.height()).flat_map(|y| (0..canvas.width()).map(move |x| (x, y)));
+    let found = pixels.filter(|&(x, y)| canvas.get(x, y) == Some(MARK)).count();
+    assert!(near(found, 800 * 16 / 3 + legend), "{found}");
 }
 
 fn titles(stack: &ImageStack) -> Vec<String> {

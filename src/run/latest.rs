@@ -75,8 +75,11 @@ pub fn publish(plan: &Plan, store: &Store, summary: &Summary, outputs: &Path) ->
                 }
                 if before.get(&picture) == Some(&look) && folder.join(&picture).exists() {
                     now.insert(picture, look);
-                } else if drawn(described) && before.get(&path) != Some(&content) || before.contains_key(&picture) {
-                    if draw(store, &described.blob, &caption, &folder.join(&picture))? {
+                } else {
+                    let fresh = drawn(described) && before.get(&path) != Some(&content);
+                    if (fresh || before.contains_key(&picture))
+                        && draw(store, &described.blob, &caption, &folder.join(&picture))?
+                    {
                         now.insert(picture, look);
                     }
                 }

@@ -41,3 +41,36 @@ fn pictures_say_what_they_show() {
     counts(&other, &set);
     assert!(picture(&other, "frames/frames.png").1 == bytes, "the same artifact under the same caption");
 }
+
+/// Pink pixels of a picture.
+fn marked(path: &std::path::Path) -> usize {
+    let file = std::io::BufReader::new(std::fs::File::open(path).expect("the picture is there"));
+    let mut reader = png::Decoder::new(file).read_info().expect("it is a PNG");
+    let mut pixels = vec![0; reader.output_buffer_size().expect("it is small")];
+    reader.next_frame(&mut pixels).expect("it is whole");
+    pixels.chunks_exact(3).filter(|pixel| **pixel == [255, 0, 170]).count()
+}
+
+/// What lies beyond the table is marked in the maps, their standard errors and their errors, not where it is masked; the pitch of the camera's
+/// pixels goes all the way to the files.
+#[test]
+fn the_end_of_a_table_does_not_look_like_data() {
+    let file = format!("{}/pipelines/checks/table_end.yaml", env!("CARGO_MANIFEST_DIR"));
+    let space = Space::new();
+    let pictures = ["frames/truth.png", "maps/maps.png", "metrics/errors.png"];
+    let found = |more: &[&str]| {
+        space.turbid(&[&["run", file.as_str()], more].concat()).ok();
+        pictures.map(|picture| marked(&space.outputs().join("latest/table_end").join(picture)))
+    };
+    // Half of the image: 128 pixels, 18 x 18 of the screen each, a third of them in stripes; along the seam the media mix. Two maps in both
+    // pictures, with errors of their own in one and standard errors (9 x 9) in the other.
+    let [truth, maps, errors] = found(&[]);
+    let whole = 128 * 18 * 18 / 3;
+    let near = |found: usize, expected: usize| found > expected * 3 / 4 && found < expected * 5 / 4;
+    assert_eq!(truth, 0);
+    assert!(near(maps, 2 * (whole + whole / 4)) && near(errors, 4 * whole), "{maps}, {errors} of {whole} a map");
+    assert_eq!(found(&["--set", "vars.outside=mask"]), [0; 3], "masked pixels have grey stripes");
+    space.turbid(&["export", &file, "metrics.errors", "--to", "errors.npz"]).ok();
+    let bytes = std::fs::read(space.path().join("errors.npz")).expect("it was written");
+    assert!(bytes.windows(16).any(|w| w == [4.0_f64; 2].map(f64::to_le_bytes).concat()), "a pixel is 4 x 4 mm");
+}

@@ -18,6 +18,8 @@ use cut::Cut;
 use panel::{BAR_COLOUR, BAR_LEFT, BAR_ROW, Colour, Columns, Ink, PANEL, Panel};
 
 const GAP: usize = 8;
+/// Rows over the panels for their titles.
+const HEAD: usize = 24;
 
 /// Pieces of each side of a field whose edge is not straight.
 const EDGE_STEPS: u32 = 16;
@@ -26,17 +28,18 @@ const WIDE: f64 = 4.0;
 /// The whole set-up has a panel of its own where it is so many times as large as the fields.
 const LARGE: f64 = 1.5;
 
+const HEAD_COLOUR: Colour = [1.0; 3];
 const GAP_COLOUR: Colour = [0.75, 0.75, 0.75];
 const CUT_COLOUR: Colour = [0.35, 0.35, 0.35];
 const CAMERA: Colour = [0.05, 0.25, 0.75];
 const PROJECTOR: Colour = [0.85, 0.45, 0.0];
 const LAMP: Colour = [0.75, 0.0, 0.35];
 const DETECTOR: Colour = [0.0, 0.5, 0.3];
-/// Objects in the order of their names (colour-blind safe: Paul Tol's light scheme).
+/// Objects in the order of their names (colour-blind safe, after Paul Tol's light scheme; pale, so that lines stand out).
 const OBJECTS: [Colour; 6] = [
     [0.93, 0.75, 0.73],
     [0.60, 0.80, 0.93],
-    [0.67, 0.67, 0.0],
+    [0.80, 0.78, 0.48],
     [0.73, 0.80, 0.20],
     [1.0, 0.67, 0.73],
     [0.87, 0.87, 0.6],
@@ -101,19 +104,23 @@ pub fn sketch(scene: &Scene) -> Preview {
 /// The panels side by side, with their titles and the lengths of their bars.
 fn stack(panels: &[(Panel, String)], legend: Value) -> ImageStack {
     let columns = panels.len() * (PANEL + GAP) - GAP;
-    let mut stack = ImageStack::new(PANEL, columns);
+    let mut stack = ImageStack::new(HEAD + PANEL, columns);
     for (channel, name) in ["red", "green", "blue"].into_iter().enumerate() {
-        let data = Array2::from_shape_fn((PANEL, columns), |(row, column)| {
+        let data = Array2::from_shape_fn((HEAD + PANEL, columns), |(row, column)| {
             let (panel, column) = (column / (PANEL + GAP), column % (PANEL + GAP));
-            if column < PANEL { panels[panel].0.at(row, column)[channel] } else { GAP_COLOUR[channel] }
+            match row.checked_sub(HEAD) {
+                None => HEAD_COLOUR[channel],
+                Some(row) if column < PANEL => panels[panel].0.at(row, column)[channel],
+                Some(_) => GAP_COLOUR[channel],
+            }
         });
         stack.push(LayerInfo::value(name, "1"), data);
     }
     let words = panels.iter().enumerate().flat_map(|(k, (panel, title))| {
         let (left, (length, _)) = (k * (PANEL + GAP), panel.bar());
         [
-            json!({"text": title, "row": 18, "column": left + 8}),
-            json!({"text": format!("{length} mm"), "row": BAR_ROW - 6, "column": left + BAR_LEFT}),
+            json!({"text": title, "row": HEAD - 7, "column": left + 8}),
+            json!({"text": format!("{length} mm"), "row": HEAD + BAR_ROW - 6, "column": left + BAR_LEFT}),
         ]
     });
     stack.attributes.insert("labels".into(), words.collect());

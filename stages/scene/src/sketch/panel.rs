@@ -46,16 +46,17 @@ impl Columns {
     /// Of what lies below the height `top`, mm; void objects hide nothing and are left out.
     pub fn below(panel: &Panel, scene: &Scene, objects: &[Placed<'_>], top: f64) -> Self {
         let void: Vec<bool> = objects.iter().map(|o| is_void(scene, o.object)).collect();
-        let mut stays = Vec::new();
+        let (mut stays, mut spans, mut ends) = (Vec::new(), Vec::new(), Vec::new());
         let pixel = |i: usize| {
             let at = panel.point(i / PANEL, i % PANEL).extend(top);
-            let mut spans: Vec<(f64, f64, usize)> = Vec::new();
+            spans.clear();
             for (object, placed) in objects.iter().enumerate() {
                 stays.clear();
                 placed.solid.cut(at, DVec3::NEG_Z, None, &mut stays);
                 spans.extend(stays.iter().map(|s| (s.enter, s.leave, object)));
             }
-            let mut ends: Vec<f64> = spans.iter().flat_map(|s| [s.0.max(0.0), s.1.max(0.0)]).collect();
+            ends.clear();
+            ends.extend(spans.iter().flat_map(|s: &(f64, f64, usize)| [s.0.max(0.0), s.1.max(0.0)]));
             ends.sort_by(f64::total_cmp);
             let mut met: Vec<usize> = Vec::new();
             for pair in ends.windows(2).filter(|pair| pair[1] > pair[0]) {

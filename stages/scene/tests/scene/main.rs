@@ -228,8 +228,8 @@ fn the_sketch_shows_the_objects() {
         .collect();
     colours.sort_unstable();
     colours.dedup();
-    // Paper, gap, the bar of the scale, the line of the cut, camera, projector, two objects.
-    assert_eq!(colours.len(), 8);
+    // White behind the titles, paper, gap, the bar of the scale, the line of the cut, camera, projector, two objects.
+    assert_eq!(colours.len(), 9);
     let said = |name: &str| -> Vec<String> {
         let entries = stack.attributes[name].as_array().unwrap();
         entries.iter().filter_map(|e| e["text"].as_str()).map(str::to_owned).collect()
@@ -267,7 +267,9 @@ fn sketched(params: &Value) -> (Vec<Vec<[f32; 3]>>, String) {
     let ports = run(params, &["preview"]);
     let Artifact::Images(stack) = &ports[1].1 else { panic!("the preview is no image") };
     let pixel = |r: usize, c: usize| [0, 1, 2].map(|k| stack.layers[k].data[(r, c)]);
-    let rows = (0..stack.rows()).map(|r| (0..stack.columns()).map(|c| pixel(r, c)).collect()).collect();
+    let rows = (stack.rows() - SKETCH_PANEL..stack.rows())
+        .map(|r| (0..stack.columns()).map(|c| pixel(r, c)).collect())
+        .collect();
     (rows, stack.attributes["legend"].to_string())
 }
 
