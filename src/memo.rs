@@ -14,7 +14,7 @@ use crate::key::axes_text;
 use crate::plan::Plan;
 use crate::store::{InstanceRecord, Store};
 
-const FORMAT: &str = "turbid memo 1";
+const FORMAT: &str = "turbid memo 2";
 /// Kept for so many pipelines (or overrides of them); the oldest go.
 const KEPT: usize = 64;
 
@@ -30,6 +30,8 @@ pub fn identity(plan: &Plan) -> Digest {
     }
     for &stage in &plan.needed {
         let row = plan.row(stage);
+        // Two stages of one kind are not the same target.
+        parts.add("stage", plan.spec.stages[stage].name.as_bytes());
         parts.add(row.name, &row.version.to_le_bytes());
         for port in plan.wanted(stage) {
             parts.add("wanted", port.as_bytes());

@@ -42,10 +42,15 @@ impl Explain {
                     text.push_str(&format!(": waits for {}; explain those first\n", names.join(", ")));
                 }
                 Some(State::Run { reasons }) => {
-                    text.push_str(&format!(": runs ({})\n", reasons.join("; ")));
                     let (_, job) = resolver.state(id, &survey.outputs, &[]).map_err(Report::from)?;
                     let job = job.expect("an instance that runs has a job");
-                    match history.nearest(&plan, id, &job.dependencies) {
+                    let nearest = history.nearest(&plan, id, &job.dependencies);
+                    // The fields below say it better than the short reasons, which compare with the latest result of this name.
+                    match &nearest {
+                        Some((_, differences)) if !differences.is_empty() => text.push_str(": runs\n"),
+                        _ => text.push_str(&format!(": runs ({})\n", reasons.join("; "))),
+                    }
+                    match nearest {
                         None => text.push_str("  no earlier result of this kind of stage\n"),
                         Some((record, differences)) => {
                             let (record, _) = &*record;

@@ -145,7 +145,7 @@ fn kind(root: &Value, schema: &Value) -> String {
         "number" => Some(format!("a number{unit}")),
         "boolean" => Some("true or false".to_owned()),
         "array" => {
-            let item = schema["items"].is_object().then(|| kind(root, &schema["items"])).unwrap_or_default();
+            let item = if schema["items"].is_object() { kind(root, &schema["items"]) } else { String::new() };
             let count = schema["minItems"].as_u64().filter(|_| schema["minItems"] == schema["maxItems"]);
             Some(match (count, item.strip_prefix("a number")) {
                 (Some(count), Some(unit)) => format!("{count} numbers{unit}"),

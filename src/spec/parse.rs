@@ -9,6 +9,7 @@ use super::diagnostic::{Diagnostic, Report};
 use super::node::{Data, Entry, Node};
 use super::scalar::{Plain, plain};
 use super::source::{SourceFile, Span};
+use super::substitute;
 
 /// Deeper nesting is no pipeline; it also bounds every recursive walk over a [`Node`].
 pub const MAX_DEPTH: usize = 64;
@@ -363,7 +364,7 @@ impl Builder {
             "a text that holds `: ` needs quotes; keys of one map stand in one column"
         } else if info.contains("anchor") {
             "a text that begins with `*` or `&` needs quotes"
-        } else if let Some(name) = unquoted(text, at.line()) {
+        } else if let Some(name) = substitute::unquoted(text, at.line()) {
             let hint = format!("inside {{ }} and [ ] a var needs quotes: \"{name}\"");
             return Mistake {
                 span,
@@ -405,27 +406,6 @@ pub fn shortened(text: &str) -> String {
         0..=MAX => text.chars().map(clean).collect(),
         _ => text.chars().take(MAX).map(clean).chain("...".chars()).collect(),
     }
-}
-
-/// A `${name}` without quotes inside brackets, in a line (counted from 1) or shortly above it.
-fn unquoted(text: &str, line: usize) -> Option<String> {
-    let above = text.lines().take(line).collect::<Vec<_>>();
-    above.iter().rev().take(3).find_map(|line| {
-        let mut quote = None;
-        for (i, c) in line.char_indices() {
-            match (quote, c) {
-                (None, '#') if line[..i].ends_with([' ', '\t']) => return None,
-                (None, '"' | '\'') => quote = Some(c),
-                (Some(open), c) if open == c => quote = None,
-                (None, '$') if line[i..].starts_with("${") && line[..i].contains(['{', '[']) => {
-                    let end = line[i..].find('}')?;
-                    return Some(line[i..=i + end].to_owned());
-                }
-                _ => {}
-            }
-        }
-        None
-    })
 }
 
 #[cfg(test)]

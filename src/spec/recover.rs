@@ -303,7 +303,7 @@ mod tests {
                 json!({"samples": 1_000_000_000_000_u64}),
                 "samples: `samples` is 1000000000000, but must be a whole number from 0 to 4294967295",
             ),
-            (json!({"samples": 1e30}), "samples: `samples` is 1e30, but must be a whole number from 0 to 4294967295"),
+            (json!({"samples": 1e30}), "samples: `samples` is 1e+30, but must be a whole number from 0 to 4294967295"),
             (json!({"f_x": 90}), "f_x: `f_x` is 90, but must be a list | write `[90]`"),
             (
                 json!({"camera": {"pixels": 32}}),

@@ -73,6 +73,27 @@ pub fn fill<'v>(pieces: &[Piece], value: impl Fn(&str) -> &'v Value) -> Result<V
     Ok(Value::String(text))
 }
 
+/// A `${name}` without quotes inside brackets, in a line (counted from 1) or shortly above it.
+pub fn unquoted(text: &str, line: usize) -> Option<String> {
+    let above = text.lines().take(line).collect::<Vec<_>>();
+    above.iter().rev().take(3).find_map(|line| {
+        let mut quote = None;
+        for (i, c) in line.char_indices() {
+            match (quote, c) {
+                (None, '#') if line[..i].ends_with([' ', '\t']) => return None,
+                (None, '"' | '\'') => quote = Some(c),
+                (Some(open), c) if open == c => quote = None,
+                (None, '$') if line[i..].starts_with("${") && line[..i].contains(['{', '[']) => {
+                    let end = line[i..].find('}')?;
+                    return Some(line[i..=i + end].to_owned());
+                }
+                _ => {}
+            }
+        }
+        None
+    })
+}
+
 /// Texts that double with each var would fill the memory.
 const MAX_TEXT: usize = 1 << 20;
 
@@ -93,5 +114,15 @@ mod tests {
         assert!(read("a ${list}").unwrap_err().contains("longer text"));
         assert!(read("${x").unwrap_err().contains("not closed"));
         assert!(read("${}").unwrap_err().contains("names nothing"));
+    }
+
+    /// Only inside brackets does YAML want quotes; a comment is none of it.
+    #[test]
+    fn vars_without_quotes_are_found() {
+        let at = |text: &str| unquoted(text, 1);
+        assert_eq!(at("with: {f_x: ${x}, k: 1}").as_deref(), Some("${x}"));
+        assert_eq!(at("with: [\"${a}\", ${ b }]").as_deref(), Some("${ b }"));
+        assert_eq!(at("f_x: ${x}"), None);
+        assert_eq!(at("with: {f_x: '${x}'} # {${x}}"), None);
     }
 }

@@ -192,3 +192,17 @@ fn missing_input_files_are_looked_for() {
     let message = space.turbid(&["check", "p.yaml"]).fails(2);
     assert!(message.contains("there is no folder"), "{message}");
 }
+
+/// Links and pictures are a service: where they cannot be renewed, a run in which nothing ran says so and ends well, and one that made results
+/// ends with 1.
+#[test]
+fn what_people_look_at_takes_nothing_from_results() {
+    let space = Space::with(SMALL);
+    counts(&space, &["phantom"]);
+    let latest = space.outputs().join("latest");
+    std::fs::remove_dir_all(&latest).expect("it is ours");
+    std::fs::write(&latest, "in the way").expect("it is ours");
+    let done = space.turbid(&["run", "p.yaml", "phantom"]);
+    assert!(done.code == Some(0) && done.err.contains("pictures and links were not renewed"), "{}", done.err);
+    space.turbid(&["run", "p.yaml", "tissue"]).fails(1);
+}

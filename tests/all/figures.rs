@@ -29,7 +29,9 @@ fn the_readme_states_what_runs_state() {
     for row in &rows {
         let name = &row.pipeline;
         match Record::read(name) {
-            Ok(_) if WAITING.contains(&name.as_str()) => wrong.push(format!("{name} is recorded: take it off the list")),
+            Ok(_) if WAITING.contains(&name.as_str()) => {
+                wrong.push(format!("{name} is recorded: take it off the list"))
+            }
             Err(_) if WAITING.contains(&name.as_str()) => {}
             Err(message) => wrong.push(format!("{message}; {RENEW}")),
             Ok(record) => {

@@ -250,3 +250,20 @@ fn a_sweep_warns_once_and_is_planned_whole() {
     // phantom_frames is fitted, and needs no 64 paths for each pixel.
     assert_eq!(checked.matches("samples = 16").count(), 1, "frames, once: {checked}");
 }
+
+/// Two stages of one kind, asked for one after the other: each has its own results, although nothing else in the two commands differs.
+#[test]
+fn stages_of_one_kind_are_told_apart() {
+    let space = Space::with(SMALL);
+    assert_eq!(counts(&space, &["phantom"]), (0, 1));
+    assert_eq!(counts(&space, &["phantom"]), (1, 0));
+    assert_eq!(counts(&space, &["tissue"]), (0, 1), "what is noted of the phantom says nothing of the tissue");
+    let scene = |stage: &str| {
+        let shown = space.turbid(&["show", "p.yaml", stage, "--json"]).json();
+        let path = space.path().join(format!("outputs/latest/small/{stage}/scene.parquet"));
+        let digest = blake3::hash(&std::fs::read(path).expect("it was made")).to_hex().to_string();
+        assert_eq!(shown["instances"][0]["ports"]["scene"]["digest"], digest, "{stage}");
+        digest
+    };
+    assert_ne!(scene("phantom"), scene("tissue"));
+}
