@@ -13,7 +13,8 @@ use crate::world::Skin;
 /// The least and the most probable reflection on a detour.
 const RARE: f64 = 0.05;
 const OFTEN: f64 = 0.95;
-/// A detour goes on through a layer at least with this probability, be it never so dark.
+/// What is less than this part of the light goes on by roulette, through a layer at least with the probability `FAINT`, be it never so dark.
+const WEAK: f64 = 0.1;
 const FAINT: f64 = 1e-3;
 /// Detours by more planes than this go on from each with this probability. At grazing slopes between close planes ways by dozens matter.
 const LONG: usize = 64;
@@ -45,8 +46,8 @@ impl Walker<'_> {
 
     /// A way with reflections, and its probability.
     ///
-    /// At a plane it is reflected with a probability near the reflectance at the slope of the least steep way that can follow, and it goes on through a layer
-    /// with what upright light keeps of itself there: every further stretch makes ways steeper and longer, so none weighs more than it brings but for the few
+    /// At a plane it is reflected with a probability near the reflectance at the slope of the least steep way that can follow, and where upright light has been lost in
+    /// layers it goes on with a probability near what is left: every further stretch makes ways steeper and longer, so none weighs more than it brings but for the few
     /// beyond `LONG`, and most end soon. Those that do not end by roulette: hardly one in 1e6 is twice as long.
     fn with_reflections(
         &self,
@@ -66,6 +67,7 @@ impl Walker<'_> {
         let mut passed = std::mem::take(&mut way.passed);
         passed.clear();
         passed.resize(strata.layers.len(), 0.0);
+        let mut left = 1.0;
         let found = loop {
             let [ends, reflects, goes_on, _] = dice.throw();
             let onward = strata.onward(layer, up).filter(|&(_, next)| !strata.layers[next].opaque);
@@ -78,8 +80,12 @@ impl Walker<'_> {
                 }
             }
             let Some((edge, next)) = onward else { break false };
+            let before = (left / WEAK).min(1.0);
             // The first stretch begins within its layer.
-            let mut kept = if way.is_bent() { self.clear[layer].max(FAINT) } else { 1.0 };
+            if way.is_bent() {
+                left *= self.clear[layer].max(FAINT);
+            }
+            let mut kept = (left / WEAK).min(1.0) / before;
             if way.turns() >= LONG {
                 kept *= SHORTENED;
             }
@@ -143,8 +149,11 @@ mod tests {
     use crate::random::{Look, Stream};
     use crate::world::{Body, Material, World};
 
-    /// Slabs from z = 0 downwards: thickness, mu_t, n.
-    fn slabs(layers: &[(f64, f64, f64)]) -> World {
+    /// Thickness, mu_t, n.
+    type Sheet = (f64, f64, f64);
+
+    /// Slabs from z = 0 downwards.
+    fn slabs(layers: &[Sheet]) -> World {
         let mut world = World { bodies: Vec::new(), materials: vec![Material::VOID], textures: Vec::new() };
         let mut top = 0.0;
         for &(thickness, mu_t, n) in layers {
@@ -170,7 +179,7 @@ mod tests {
         let point = |x: f64, z: f64| Lamp::point(DVec3::new(x, 0.0, z), 1.0);
         let (tissue, thin) = ([(10.0, 0.05, 1.4)], [(1.0, 0.3, 1.4)]);
         let glass = [(1.0, 0.0, 1.5), (2.0, 0.2, 1.4), (0.5, 0.0, 2.5)];
-        let cases: [(&str, &[(f64, f64, f64)], Lamp, DVec3); 13] = [
+        let cases: [(&str, &[Sheet], Lamp, DVec3); 13] = [
             ("from above", &tissue, point(0.0, 500.0), DVec3::new(3.0, 1.0, -2.0)),
             ("1 mm above, near", &tissue, point(0.0, 1.0), DVec3::new(2.0, 1.0, -0.3)),
             ("1 mm above, far", &tissue, point(0.0, 1.0), DVec3::new(30.0, 1.0, -1.0)),

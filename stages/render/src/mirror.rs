@@ -34,6 +34,22 @@ pub struct Mirrors {
     pub once: bool,
     /// Their planes, where all of them are flat.
     planes: Vec<Plane>,
+    /// For each two of them, row by row, whether light may go from mirror to mirror.
+    seen: Vec<bool>,
+}
+
+/// A plane, and corners of all mirrors in it; `None` where they have no bounds.
+struct Face {
+    plane: Plane,
+    corners: Option<Vec<DVec3>>,
+}
+
+impl Face {
+    /// Whether some of another lies where this reflects.
+    fn is_before(&self, other: &Self) -> bool {
+        let above = |p: &DVec3| self.plane.side(*p) > ON_PLANE * (1.0 + p.abs().max_element());
+        !self.plane.one_sided || other.corners.as_ref().is_none_or(|corners| corners.iter().any(above))
+    }
 }
 
 /// A mirror at the end of a ray.
@@ -83,7 +99,7 @@ impl Plane {
 impl Mirrors {
     pub fn of(world: &World) -> Self {
         let is_mirror = |body: &Body| world.materials[body.material].finish == Finish::Mirror;
-        let mut mirrors = Self::default();
+        let (mut mirrors, mut found) = (Self::default(), Vec::new());
         for (i, body) in world.bodies.iter().enumerate() {
             // What is carved into a mirror has mirrors for walls.
             let carves = || world.bodies[i + 1..].iter().any(|below| is_mirror(below) && meet(body, below));
@@ -92,11 +108,14 @@ impl Mirrors {
             }
             mirrors.face |= !mirrors.bodies.is_empty() || !is_mirror(body) || !body.solid.is_convex();
             mirrors.bodies.push(i);
-            mirrors.curved |= faces(&body.solid, is_mirror(body), &mut mirrors.planes).is_none();
+            mirrors.curved |= faces(&body.solid, is_mirror(body), &mut found).is_none();
         }
         if mirrors.curved {
-            mirrors.planes.clear();
+            found.clear();
         }
+        let pairs = found.iter().flat_map(|a| found.iter().map(move |b| (a, b)));
+        mirrors.seen = pairs.map(|(a, b)| a.is_before(b) && b.is_before(a)).collect();
+        mirrors.planes = found.iter().map(|face| face.plane).collect();
         let one_index = world.bodies.iter().all(|body| world.materials[body.material].n == 1.0);
         mirrors.once = !mirrors.is_empty() && !mirrors.face && one_index;
         mirrors
@@ -118,30 +137,49 @@ fn meet(a: &Body, b: &Body) -> bool {
 }
 
 /// Adds the planes of a solid's faces, normals outwards; `None` where one is curved.
-fn faces(solid: &Solid, one_sided: bool, planes: &mut Vec<Plane>) -> Option<()> {
-    let mut add = |point: DVec3, normal: DVec3| {
+fn faces(solid: &Solid, one_sided: bool, faces_so_far: &mut Vec<Face>) -> Option<()> {
+    let mut add = |point: DVec3, normal: DVec3, corners: Option<Vec<DVec3>>| {
+        if !point.is_finite() {
+            return;
+        }
         let plane = Plane { point, normal, one_sided };
-        let known = |p: &Plane| p.normal == normal && p.one_sided == one_sided && p.side(point) == 0.0;
-        if point.is_finite() && !planes.iter().any(known) {
-            planes.push(plane);
+        let known =
+            |f: &&mut Face| f.plane.normal == normal && f.plane.one_sided == one_sided && f.plane.side(point) == 0.0;
+        match faces_so_far.iter_mut().find(known) {
+            None => faces_so_far.push(Face { plane, corners }),
+            Some(face) => {
+                face.corners = face.corners.take().zip(corners).map(|(mut all, more)| {
+                    all.extend(more);
+                    all
+                });
+            }
         }
     };
     match solid {
         Solid::Slab { bottom, top } => {
-            add(*top * DVec3::Z, DVec3::Z);
-            add(*bottom * DVec3::Z, DVec3::NEG_Z);
+            add(*top * DVec3::Z, DVec3::Z, None);
+            add(*bottom * DVec3::Z, DVec3::NEG_Z, None);
         }
         Solid::Box { low, high } => {
             for axis in DVec3::AXES {
-                add(low.dot(axis) * axis, -axis);
-                add(high.dot(axis) * axis, axis);
+                for (end, normal) in [(low, -axis), (high, axis)] {
+                    let at = |i: usize| {
+                        let [x, y, z] = [0, 1, 2].map(|k| if i >> k & 1 == 0 { low[k] } else { high[k] });
+                        let corner = DVec3::new(x, y, z);
+                        corner + (end.dot(axis) - corner.dot(axis)) * axis
+                    };
+                    add(end.dot(axis) * axis, normal, Some((0..8).map(at).collect()));
+                }
             }
         }
         Solid::Turned(turned) => {
             let mut own = Vec::new();
             faces(&turned.solid, one_sided, &mut own)?;
             let frame = &turned.frame;
-            own.into_iter().for_each(|p| add(frame.point_out(p.point), frame.direction_out(p.normal)));
+            for Face { plane, corners } in own {
+                let corners = corners.map(|c| c.into_iter().map(|p| frame.point_out(p)).collect());
+                add(frame.point_out(plane.point), frame.direction_out(plane.normal), corners);
+            }
         }
         Solid::Ellipsoid { .. } | Solid::Cylinder { .. } | Solid::Carved(_) | Solid::Mesh(_) => return None,
     }
@@ -177,7 +215,9 @@ impl Walker<'_> {
         for i in 0..length {
             let fits = |&k: &usize| {
                 let plane = &self.mirrors.planes[k];
-                planes.last() != Some(&k) && (i > 0 || plane.faces(r)) && (i + 1 < length || plane.faces_source(source))
+                planes.last().is_none_or(|&last| last != k && self.mirrors.seen[last * self.mirrors.planes.len() + k])
+                    && (i > 0 || plane.faces(r))
+                    && (i + 1 < length || plane.faces_source(source))
             };
             let all = 0..self.mirrors.planes.len();
             let count = all.clone().filter(fits).count();
