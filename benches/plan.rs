@@ -38,9 +38,7 @@ fn turbid(verb: &str, name: &str, set: &[&str], outputs: &Path) -> Result<Value,
     let mut command = Command::new(env!("CARGO_BIN_EXE_turbid"));
     command.arg(verb).arg(format!("{}/pipelines/{name}.yaml", env!("CARGO_MANIFEST_DIR"))).arg("--json");
     command.arg("--outputs").arg(outputs).env("NO_COLOR", "1");
-    for set in set {
-        command.arg("--set").arg(format!("vars.{set}"));
-    }
+    command.args(set.iter().flat_map(|set| ["--set".to_owned(), format!("vars.{set}")]));
     let done = command.output().map_err(|e| e.to_string())?;
     let said = String::from_utf8_lossy(&done.stdout).into_owned();
     if !done.status.success() {

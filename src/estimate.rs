@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::channel;
+use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
 
 use cpu_time::ThreadTime;
@@ -147,7 +147,9 @@ fn timed(row: &StageRow, seed: u64, (params, known): (Value, Known)) -> Option<(
     std::thread::Builder::new().stack_size(STACK).spawn(walk).ok()?;
     match receive.recv_timeout(MOST_WAIT) {
         Ok(told) => told.map(|(pilot, tiles_s)| (Some(pilot), tiles_s)),
-        Err(_) => Some((None, MOST_WAIT.as_secs_f64())),
+        Err(RecvTimeoutError::Timeout) => Some((None, MOST_WAIT.as_secs_f64())),
+        // What is wrong with it, the run will say.
+        Err(RecvTimeoutError::Disconnected) => None,
     }
 }
 
