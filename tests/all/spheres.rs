@@ -130,7 +130,10 @@ fn laboratories_hear_what_is_not_known() {
     };
     for (row, truth) in fit("points").iter().zip([0.009_203_7, 0.000_945_50]) {
         let (found, error) = (number(row, "mu_s_prime"), number(row, "mu_s_prime_model_error"));
-        assert!((found - truth).abs() < 2.0 * error + 1e-5 * truth && error < 2e-3 * truth, "{found} +- {error}: {row:?}");
+        assert!(
+            (found - truth).abs() < 2.0 * error + 1e-5 * truth && error < 2e-3 * truth,
+            "{found} +- {error}: {row:?}"
+        );
         assert!(row["status"] == "ok" && row["mu_s_prime_se"].is_empty(), "{row:?}");
     }
     let left_over = &fit("left_over")[0];

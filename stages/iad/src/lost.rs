@@ -31,8 +31,11 @@ pub struct Spot {
 /// Losses of any number of media, each node computed once; what it holds does not depend on the order of questions.
 pub struct Losses {
     seed: u64,
-    nodes: Mutex<BTreeMap<[u64; 14], Arc<OnceLock<Arc<Node>>>>>,
+    nodes: Mutex<BTreeMap<[u64; 14], Slot>>,
 }
+
+/// A node, once it was followed.
+type Slot = Arc<OnceLock<Arc<Node>>>;
 
 /// Photons of each light that a node follows at most, and at least.
 const PHOTONS: [u64; 2] = [40_000, 4_000];

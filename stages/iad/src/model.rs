@@ -53,6 +53,7 @@ impl<const N: usize> Model<N> {
     }
 
     /// d(M_R, M_T) / d(lost R, lost T of the beam, lost R, lost T of diffuse light); rows are the readings.
+    #[allow(clippy::needless_range_loop, reason = "columns of one matrix")]
     pub fn slopes_by_loss(&self, mu_a: f64, mu_s_prime: f64, lost: &Lost) -> Option<[[f64; 4]; 2]> {
         // The balance is plain algebra: its own differences are exact to the square of this.
         const H: f64 = 1e-6;
