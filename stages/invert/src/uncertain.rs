@@ -65,12 +65,13 @@ const LEAST_NOISE: f32 = 0.12;
 pub type Solve<'a> = dyn Fn(usize, &[f64], &dyn Fn(usize, usize) -> f64) -> Result<Solved, MaskReason> + Sync + 'a;
 
 type Planes<'p, 'a> = &'p [Cow<'a, [f32]>];
+type MaybePlanes<'p, 'a> = &'p [Option<Cow<'a, [f32]>>];
 
 impl<'a> Image<'a> {
     /// Of R, its standard errors and covariances, the mask from before, and the planes of the pass.
     pub fn of(
         columns: usize,
-        (r, se, covariance): (Planes<'a, '_>, Planes<'a, '_>, &'a [Option<Cow<'_, [f32]>>]),
+        (r, se, covariance): (Planes<'a, '_>, Planes<'a, '_>, MaybePlanes<'a, '_>),
         before: Option<&'a [f32]>,
         planes: &'a [Array2<f32>],
         sharing: f64,
