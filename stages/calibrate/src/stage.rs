@@ -68,7 +68,7 @@ pub struct Calibrate;
 
 impl Stage for Calibrate {
     const NAME: &'static str = "calibrate";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     const READS_FACTS: bool = true;
     const ABOUT: &'static str = "reflectance of a sample from its modulation and that of a reference phantom";
 

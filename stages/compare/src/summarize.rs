@@ -31,7 +31,7 @@ pub struct Summarize;
 
 impl Stage for Summarize {
     const NAME: &'static str = "summarize";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const ABOUT: &'static str = "mean size of the error over the instances of a compare stage, with its standard error";
 
     type Params = SummarizeParams;

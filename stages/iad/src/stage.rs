@@ -42,7 +42,7 @@ pub struct CalibrateIad;
 
 impl Stage for CalibrateIad {
     const NAME: &'static str = "calibrate_iad";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     const ABOUT: &'static str = "mu_a, mu_s' and g from reflectance and transmittance: inverse adding-doubling";
 
     type Params = Params;

@@ -29,7 +29,7 @@ pub struct ImportFrames;
 
 impl Stage for ImportFrames {
     const NAME: &'static str = "import_frames";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const ABOUT: &'static str = "measured frames from PNG, TIFF and EXR files, corrected by dark and flat field";
 
     type Params = Params;

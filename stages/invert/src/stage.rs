@@ -138,7 +138,7 @@ pub struct Invert;
 
 impl Stage for Invert {
     const NAME: &'static str = "invert";
-    const VERSION: u32 = 7;
+    const VERSION: u32 = 8;
     const READS_FACTS: bool = true;
     const ABOUT: &'static str =
         "maps of mu_a and mu_s' from calibrated reflectance by a look-up table, with standard errors";

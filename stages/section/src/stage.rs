@@ -95,7 +95,7 @@ pub struct SectionTube;
 
 impl Stage for SectionTube {
     const NAME: &'static str = "section_tube";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const ABOUT: &'static str = "Sections along the wall of a tube, for tables of their own";
 
     type Params = Params;
