@@ -46,7 +46,8 @@ fn the_work_of_shipped_pipelines_is_foreseen() {
         for (label, plan) in instances(&planned) {
             let Some(amount) = plan["work"]["amount"].as_f64() else { continue };
             let unit = plan["work"]["unit"].as_str().expect("a unit");
-            let (_, ran) = shown.iter().find(|(known, _)| *known == label).expect("it ran");
+            let ran = shown.iter().find(|(known, _)| *known == label);
+            let (_, ran) = ran.unwrap_or_else(|| panic!("{name}: {label} did not run"));
             let counted = ran["measures"][unit]["value"].as_f64().unwrap_or_else(|| panic!("{name}, {label}: {ran}"));
             let ratio = amount / counted;
             assert!((0.5..=2.0).contains(&ratio), "{name}, {label}: {amount:e} {unit} foreseen, {counted:e} counted");

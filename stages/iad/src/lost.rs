@@ -255,7 +255,7 @@ fn walk(layers: &[Layer], mu_s: f64, g: f64, mut r: DVec3, mut u: DVec3, random:
         }
         let Some(layer) = usize::try_from(at).ok().and_then(|i| layers.get(i)) else {
             let side = usize::from(at > 0);
-            return Exit::Through(side, r.x.hypot(r.y), path, weight);
+            return Exit::Through(side, libm::hypot(r.x, r.y), path, weight);
         };
         // Depth below the layer's top.
         let mut z = if u.z > 0.0 { 0.0 } else { layer.thickness };
@@ -357,7 +357,7 @@ mod tests {
         let (narrow, wide) = (at(20.0), at(80.0));
         for i in 0..2 {
             let (x, y) = (narrow.0.diffuse[i], 4.0 * wide.0.diffuse[i]);
-            let se = narrow.1.diffuse[i].hypot(4.0 * wide.1.diffuse[i]);
+            let se = libm::hypot(narrow.1.diffuse[i], 4.0 * wide.1.diffuse[i]);
             // Four standard errors, and the next order of 1 / width: a tenth at a rim of 2 mm on 20 mm.
             assert!((x - y).abs() < 4.0 * se + 0.1 * x, "{i}: {x} {y} +- {se}");
             assert!(wide.0.beam[i] <= narrow.0.beam[i] && narrow.0.beam[i] < 0.02, "{narrow:?} {wide:?}");
@@ -379,8 +379,8 @@ mod tests {
         let wide = Spot { beam_mm: 5.0 * scale, ports_mm: [12.7 * scale; 2], slides_mm: [scale; 2], ..spot };
         let (own, own_se) = losses.lost(&scaled, &wide, 0.03 / scale, middle / scale);
         for (a, b, se) in [
-            (between.beam[0], own.beam[0], se.beam[0].hypot(own_se.beam[0])),
-            (between.diffuse[1], own.diffuse[1], se.diffuse[1].hypot(own_se.diffuse[1])),
+            (between.beam[0], own.beam[0], libm::hypot(se.beam[0], own_se.beam[0])),
+            (between.diffuse[1], own.diffuse[1], libm::hypot(se.diffuse[1], own_se.diffuse[1])),
         ] {
             assert!((a - b).abs() < 4.0 * se + 0.015 * b, "{a} {b} +- {se}");
         }

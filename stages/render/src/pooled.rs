@@ -15,8 +15,8 @@ const REACHES: [usize; 2] = [2, 6];
 /// A window is large enough if its variance is made of so many times the paths that hold the tail at all.
 const AMPLE: f64 = 4.0;
 
-/// Images of all channels by these paths; pooled where the scene has hollow bodies, whose light comes by way of their other walls, and where few paths
-/// see what is bright.
+/// Images of all channels by these paths; pooled where the scene has hollow bodies, whose light comes by way of their other walls, and where a lobe is so
+/// narrow that few paths see what is bright.
 pub fn by_paths<'a>(
     rig: &Rig,
     watched: &Watched,
@@ -36,14 +36,13 @@ pub fn by_paths<'a>(
         let sampled = |spread| Sampled { moments, paths, spread };
         let pixels = brightness(moments, paths);
         let kurtosis = kurtosis(&pixels, expected);
-        let at_most = if is_peaked(expected) { kurtosis.max(expected) } else { kurtosis };
-        let hollow = world.is_hollow();
-        if is_heavy(at_most, mean_paths) && (!hollow || is_peaked(expected)) {
+        // Rare paths between walls are bright in few pixels: only what a lobe does is alike in all that look at a body.
+        if is_peaked(expected) && is_heavy(kurtosis.max(expected), mean_paths) {
             let scatters = |body: usize| world.materials[world.bodies[body].material].mu_s > 0.0;
             let looks: Vec<Look> =
                 body().into_iter().map(|b| Look { body: b, scatters: b.is_some_and(scatters) }).collect();
             Box::new(Pooled::by_windows(sampled(kurtosis - 1.0), &pixels, &looks, columns, expected))
-        } else if hollow {
+        } else if world.is_hollow() {
             Box::new(Pooled::around(sampled(kurtosis - 1.0), watched, &body(), columns))
         } else {
             Box::new(sampled(kurtosis - 1.0))

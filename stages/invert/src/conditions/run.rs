@@ -13,7 +13,7 @@ use super::{Cause, Compared, LEAST_TOLD, setting};
 /// Pixels are taken together by steps of these: degrees, ln thickness, ln mu.
 const ANGLE_DEG: f64 = 5.0;
 const LN_THICKNESS: f64 = 0.1;
-const LN_MU: f64 = 0.5;
+const LN_MU: f64 = 0.25;
 /// So many kinds of pixels are worked out, those with the most pixels; the rest is taken as the nearest of them by place in the list.
 const KINDS: usize = 48;
 /// Of the good pixels, so many may be off by more than what is told before it is told.
@@ -57,20 +57,13 @@ pub fn tell(
             continue;
         }
         let kinds = pixels.kinds(&said.seen, compared);
-        let mut listed: Vec<(Kind, usize)> = kinds
-            .iter()
-            .flatten()
-            .fold(BTreeMap::<Kind, usize>::new(), |mut all, kind| {
-                *all.entry(*kind).or_default() += 1;
-                all
-            })
-            .into_iter()
-            .collect();
-        listed.sort_by_key(|(kind, count)| (std::cmp::Reverse(*count), *kind));
+        let mut listed = pixels.listed(&kinds);
+        listed.sort_by_key(|(kind, of)| (std::cmp::Reverse(of.count), *kind));
         listed.truncate(KINDS);
         let base = said.seen.first().map_or(compared.table, |seen| setting(seen, &compared.table));
         let found = ctx.map_tiles(listed.len(), |i| {
-            let (mu, seen) = middle(&listed[i].0, base);
+            let (kind, of) = &listed[i];
+            let (mu, seen) = (of.mu(), middle(kind, base));
             behind(compared, mu, seen, &causes)
         })?;
         let off: BTreeMap<Kind, [f64; 2]> =
@@ -144,6 +137,18 @@ impl<'a> Pixels<'a> {
         }
     }
 
+    /// Each kind with its pixels.
+    fn listed(&self, kinds: &[Option<Kind>]) -> Vec<(Kind, OfKind)> {
+        let mut all: BTreeMap<Kind, OfKind> = BTreeMap::new();
+        for (i, kind) in kinds.iter().enumerate() {
+            let Some(kind) = kind else { continue };
+            let of = all.entry(*kind).or_default();
+            of.count += 1;
+            (0..2).for_each(|k| of.ln_mu[k] += libm::log(f64::from(self.mu[k][i])));
+        }
+        all.into_iter().collect()
+    }
+
     fn good(&self, i: usize) -> bool {
         self.mask.as_ref().is_none_or(|m| m[i] == 0.0) && self.mu.iter().all(|mu| mu[i] > 0.0)
     }
@@ -181,12 +186,26 @@ impl<'a> Pixels<'a> {
     }
 }
 
+/// The pixels of a kind: how many, and their ln mu_a and ln mu_s', added up.
+#[derive(Clone, Copy, Default)]
+struct OfKind {
+    count: usize,
+    ln_mu: [f64; 2],
+}
+
+impl OfKind {
+    /// The mean of mu_a and mu_s' in the logarithm, mm^-1.
+    fn mu(&self) -> [f64; 2] {
+        self.ln_mu.map(|sum| libm::exp(sum / self.count as f64))
+    }
+}
+
 /// In place of steps, for a half-space.
 const NO_THICKNESS: i32 = i32::MAX / 8;
 
-fn middle(kind: &Kind, base: Setting) -> ([f64; 2], Setting) {
-    let [view, light, depth, a, s] = *kind;
-    let mu = [a, s].map(|steps| libm::exp(f64::from(steps) * LN_MU));
+/// How a kind was seen.
+fn middle(kind: &Kind, base: Setting) -> Setting {
+    let [view, light, depth, ..] = *kind;
     let thickness = (depth != NO_THICKNESS).then(|| libm::exp(f64::from(depth) * LN_THICKNESS));
     // Steps of five degrees are too coarse for what is seen of one plane: where all pixels are of one step, its median.
     let near = |steps: i32, base: f64| {
@@ -197,13 +216,12 @@ fn middle(kind: &Kind, base: Setting) -> ([f64; 2], Setting) {
         Some(base) if (libm::log(d / base)).abs() <= 0.5 * LN_THICKNESS => base,
         _ => d,
     };
-    let seen = Setting {
+    Setting {
         view_deg: near(view, base.view_deg),
         incidence_deg: near(light, base.incidence_deg),
         thickness: thickness.map(near_depth),
         ..base
-    };
-    (mu, seen)
+    }
 }
 
 /// Measures what comes of it, and warns where it exceeds the stated error of the mean and 1 %.

@@ -82,17 +82,17 @@ fn bytes_belong_to_the_version() {
         digests.push(digest);
     }
     let expected = [
-        0xf8c6_3282_5ca6_c699,
-        0x87dd_596c_e7ec_9e74,
-        0xbdc4_9000_e90b_3b2f,
-        0x2544_15a4_4203_8ac2,
-        0xb4e0_caa5_07c4_e6cf,
-        0x38bb_65e4_978d_cea8,
-        0x804d_144c_e220_aea2,
-        0x5fd6_ee75_8dd4_8959,
-        0xbbe7_2700_5e2e_4384,
-        0x54b5_4862_56db_a077,
-        0x556c_4d21_4979_73c8,
+        0x2ae8_6ffe_0dd1_696a,
+        0xfd37_a81a_c03e_9aed,
+        0x2d02_54e0_af65_0468,
+        0xbcb8_1ce2_c345_6e32,
+        0x5e83_dba7_34b4_18b3,
+        0x901b_f470_4900_0458,
+        0xb7df_3df4_65f9_dbfb,
+        0x8f13_d149_2430_5ac2,
+        0x8426_c983_a7dd_7030,
+        0x05b0_b083_b3a1_0f91,
+        0x31b4_af0c_a092_eea5,
     ];
-    assert_eq!((RenderStage::VERSION, &digests[..]), (20, &expected[..]), "digests {digests:#x?}");
+    assert_eq!((RenderStage::VERSION, &digests[..]), (21, &expected[..]), "digests {digests:#x?}");
 }

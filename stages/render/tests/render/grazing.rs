@@ -222,7 +222,11 @@ fn grazing_light_and_views_agree_with_photons() {
     for (slab, lit, view) in cases {
         let field = 4.0;
         // Where n > 1 and the view grazes, few paths come in.
-        let paths = if view > 80.0 { 60_000 } else { 15_000 };
+        let paths = match view {
+            89.5.. => 120_000,
+            80.0.. => 60_000,
+            _ => 15_000,
+        };
         let (mean, se) = dc(&looked_at(slab, lit, view, field), paths, 3);
         let (even, photons) = if matches!(lit, Lit::Beam(_)) { (None, 30_000) } else { (Some(field), 100_000) };
         let (walked, walked_se) = by_photons(slab, view, even, photons, starts(lit));
