@@ -7,9 +7,14 @@ use crate::spec::Diagnostic;
 /// Warnings that the instances of a sweep have in common but for their numbers: the worst is told, with how many there are.
 #[derive(Default)]
 pub struct Warned {
-    /// Place and words of each, where it stands among the problems, its size, and how many there are.
-    kinds: HashMap<(String, u32, u32, String), (usize, f64, usize)>,
+    kinds: HashMap<Kind, Worst>,
 }
+
+/// Path, line, column and words.
+type Kind = (String, u32, u32, String);
+
+/// Of a kind: where the worst stands among the problems, its size, and how many there are.
+type Worst = (usize, f64, usize);
 
 impl Warned {
     pub fn add(&mut self, problems: &mut Vec<Diagnostic>, warning: Diagnostic, size: f64) {

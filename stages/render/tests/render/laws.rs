@@ -332,8 +332,12 @@ fn scale_does_not_matter() {
     let (small, large) = (&render(1.0)["frames"], &render(k)["frames"]);
     for (a, b) in small.layers.iter().zip(&large.layers) {
         assert!(a.data.iter().any(|&x| x > 0.0));
-        // Flags of unknown errors and angles have no scale.
-        let scale = if matches!(a.info.kind, LayerKind::Mask | LayerKind::Condition) { 1.0 } else { (k * k) as f32 };
+        let scale = match (a.info.kind, a.info.unit.as_str()) {
+            (LayerKind::Condition, "mm") => 1.0 / k as f32,
+            // Flags of unknown errors and angles have no scale.
+            (LayerKind::Mask | LayerKind::Condition, _) => 1.0,
+            _ => (k * k) as f32,
+        };
         assert_eq!(a.data.mapv(|x| x / scale), b.data, "{:?}", a.info);
     }
 }

@@ -22,10 +22,13 @@ const SHADE: f32 = 0.45;
 /// Pixels of a dash, and of the gap behind it.
 const DASH: usize = 4;
 
+/// From where to where, mm.
+pub type Line = (DVec3, DVec3);
+
 /// Lines and crosses over the objects.
 pub struct Ink {
     /// Edge of the field with where the ray to each of its points comes from, and the pinhole.
-    pub views: Vec<(Vec<(DVec3, DVec3)>, DVec3, Colour)>,
+    pub views: Vec<(Vec<Line>, DVec3, Colour)>,
     /// From where to where.
     pub lamps: Vec<(DVec3, DVec3, Colour)>,
     pub detectors: Vec<(Vec<DVec3>, Colour)>,
@@ -107,7 +110,7 @@ impl Panel {
             if let Some(&object) = met.iter().skip(1).find(|o| misses(o)) {
                 hidden = true;
                 // A slope that no edge of an object is likely to have: along it there would be no dashes.
-                if (3 * row + 5 * column) / (4 * DASH) % 2 == 0 {
+                if ((3 * row + 5 * column) / (4 * DASH)).is_multiple_of(2) {
                     self.pixels[i] = colour(object).map(|c| SHADE * c);
                 }
             }
