@@ -52,8 +52,8 @@ fn shown(space: &Space, file: &str, instance: &str) -> Value {
     space.turbid(&["show", file, instance, "--json"]).json()["instances"][0].clone()
 }
 
-/// What the run says of the pixels is what the maps are off by. Tolerance: 3 standard errors of the mean, and a fifth of what is said with 0.02 of its mu
-/// (`docs/theory/conditions.md` has the figures: mu is read off the very maps, kinds of pixels have widths).
+/// What the run says of the pixels is what the maps are off by. Tolerance: 3 standard errors of the mean; a fifth of what is said, which the mean over the
+/// azimuth is off by at 60 degrees (`docs/theory/conditions.md`, "How good it is"); and 0.02 for the steps in angle and mu.
 #[test]
 fn what_is_told_is_what_maps_are_off_by() {
     let space = Space::new();

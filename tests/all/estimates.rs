@@ -119,6 +119,20 @@ fn what_was_resumed_is_in_the_cost() {
     assert!((2.0..8.0).contains(&(seconds / longer)), "{seconds} s foreseen, {longer} s for a quarter");
 }
 
+/// A render beside stand-ins walks several images; its own checkpoint is no work of an earlier run, and no more CPU seconds are counted than all threads have.
+#[test]
+fn a_run_does_not_resume_itself() {
+    let file = shipped("quickstart");
+    let space = Space::new();
+    let with = |verb: &str| space.turbid(&[verb, &file, "frames", "--json", "--set", "vars.samples=64"]).json();
+    with("run");
+    let record = &with("show")["instances"][0];
+    let (spent, seconds) =
+        (record["cpu_seconds"].as_f64().expect("a number"), record["seconds"].as_f64().expect("a number"));
+    let threads = std::thread::available_parallelism().map_or(1, usize::from) as f64;
+    assert!(spent <= 1.05 * threads * seconds, "{spent} CPU s in {seconds} s of {threads} threads");
+}
+
 /// Light does not end in a white cavity; the plan does, and says so.
 #[test]
 fn light_without_an_end_does_not_keep_the_plan() {

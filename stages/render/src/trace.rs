@@ -166,7 +166,10 @@ pub fn trace(task: &Task<'_>, ctx: Ctx<'_>) -> Result<Sums, Error> {
 fn resume(task: &Task<'_>, whole: u32, ctx: Ctx<'_>) -> State {
     let empty = State::new(task.fields(), task.pixels.len(), task.shown.layout, task.allocate);
     let mut at_most = whole;
-    while let Some(bytes) = ctx.resume(u64::from(at_most)).filter(|_| task.kept) {
+    // The host counts what it hands over as work of this run: it is not asked in vain.
+    while task.kept
+        && let Some(bytes) = ctx.resume(u64::from(at_most))
+    {
         let Some(state) = State::from_bytes(&bytes, empty.clone()) else {
             ctx.warn("a checkpoint of this render could not be read; it starts anew");
             break;
