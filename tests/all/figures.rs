@@ -7,19 +7,6 @@ use crate::space::Space;
 
 const RENEW: &str = "`cargo bench --bench figures -- NAME` runs it and renews docs/figures and the README";
 
-/// Pipelines whose run is not recorded yet: the README says of them what an earlier version gave. The list only shrinks.
-const WAITING: &[&str] = &[
-    "camera_8bit",
-    "fringe_depth",
-    "lut_compare",
-    "planar_barrett",
-    "planar_scc",
-    "polyp_shape",
-    "snapshot",
-    "tube_sectioned",
-    "tube_two_materials",
-];
-
 /// Every figure and run time of the README's table stands in the recorded end of a run of that pipeline.
 #[test]
 fn the_readme_states_what_runs_state() {
@@ -29,10 +16,6 @@ fn the_readme_states_what_runs_state() {
     for row in &rows {
         let name = &row.pipeline;
         match Record::read(name) {
-            Ok(_) if WAITING.contains(&name.as_str()) => {
-                wrong.push(format!("{name} is recorded: take it off the list"))
-            }
-            Err(_) if WAITING.contains(&name.as_str()) => {}
             Err(message) => wrong.push(format!("{message}; {RENEW}")),
             Ok(record) => {
                 if !row.named.is_empty() && row.run_time != record.run_time() {
@@ -63,7 +46,6 @@ fn recorded_runs_are_of_the_pipelines_as_they_are() {
     let names: BTreeSet<String> = rows(&readme()).into_iter().map(|row| row.pipeline).collect();
     let stale: Vec<String> = names
         .into_iter()
-        .filter(|name| !WAITING.contains(&name.as_str()))
         .filter(|name| Record::read(name).map(|record| record.recipe).ok() != Some(recipe_now(name)))
         .collect();
     assert!(stale.is_empty(), "recorded with other stages or params: {}; {RENEW}", stale.join(", "));
