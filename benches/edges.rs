@@ -111,7 +111,7 @@ const ROWS: &[Row] = &[
         target: &[],
         set: &[],
         seen: Layer("frames", "frames", "radiance_se_unknown", "mean"),
-        truth: "where too few paths hold the tail",
+        truth: "at g = 0.995 all (1), else no such layer",
         before: "none; 2 standard errors hold in 50 % of pixels at g = 0.98",
     },
     Row {
@@ -151,7 +151,7 @@ const ROWS: &[Row] = &[
         before: "nothing (mu_a +54 %)",
     },
     Row {
-        case: "mean of a region, 72 paths per pixel: mean |bias|, noise alone, bias of mu_a",
+        case: "mean of a region, 72 paths per pixel: mean bias in size, noise alone, bias of mu_a",
         file: "low_samples",
         target: &[],
         set: &[],
