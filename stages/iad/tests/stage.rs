@@ -321,3 +321,19 @@ fn golden() {
 }
 
 const GOLDEN: [u64; 2] = [4_597_320_000_982_514_088, 4_613_125_528_801_940_972];
+
+/// What a run is going to take goes with the rows of the file, the cube of the points and M_U.
+#[test]
+fn the_plan_counts_rows_and_points() {
+    let seconds = |points: u32, csv: &str| {
+        let mut known = Known::default();
+        known.files.insert("file".to_owned(), csv.as_bytes().into());
+        let text = format!(r#"{{"file": "a.csv", "n": 1.4, "g": 0.8, "thickness": 1, "N": {points}}}"#);
+        let params = serde_json::from_str(&text).expect("params");
+        CalibrateIad::plan(&params, &known).seconds.expect("an estimate")
+    };
+    let one = seconds(16, "m_r,m_t\n0.3,0.2\n");
+    assert!((seconds(16, "m_r,m_t\n0.3,0.2\n0.3,0.1\n") / one - 2.0).abs() < 1e-12);
+    assert!((seconds(32, "m_r,m_t\n0.3,0.2\n") / one - 8.0).abs() < 1e-12);
+    assert!(seconds(16, "m_r,m_t,m_u\n0.3,0.2,0.01\n") > one);
+}
