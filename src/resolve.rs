@@ -1,5 +1,8 @@
 //! Which instances are up to date: keys, states with reasons, and every mistake that can be seen before a run.
 
+mod facts;
+mod inputs;
+
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
@@ -8,18 +11,18 @@ use std::sync::{Arc, Mutex, OnceLock};
 use rayon::prelude::*;
 use serde_json::Value;
 use turbid_contract::{
-    Artifact, Attributes, Axes, Ctx, Error, Facts, FileUse, InputSource, Known, MemoryHost, Prepared, Problem,
-    Problems, StagePlan,
+    Artifact, Axes, Ctx, Error, Facts, FileUse, Known, MemoryHost, Prepared, Problem, Problems, StagePlan,
 };
 
 use crate::digest::Digest;
 use crate::explain::History;
 use crate::key::{Dependencies, InputContent, instance_seed};
 use crate::missing::neighbours;
-use crate::plan::{InstanceId, Plan, Wire};
+use crate::plan::{InstanceId, Plan};
 use crate::spec::{Diagnostic, Section, Severity, read_params};
 use crate::store::{Blob, InstanceRecord, Store, encode};
 use crate::warned::Warned;
+use inputs::KnownInputs;
 
 /// The blobs of an instance by port.
 pub type Outputs = BTreeMap<String, Blob>;
@@ -428,55 +431,6 @@ impl<'a> Resolver<'a> {
         Ok(((row.plan)(&params, &known), warnings))
     }
 
-    /// What is known of the artifacts on the input ports; of many artifacts what is known of the first.
-    fn facts_of_inputs(&self, id: InstanceId, outputs: &[Option<Arc<Outputs>>]) -> BTreeMap<String, Attributes> {
-        let first = |wire: &Wire| {
-            let (source, port) = wire.from.first()?;
-            Some((wire.port.to_owned(), self.facts(*source, outputs).get(port).cloned()?))
-        };
-        self.plan.instances[id].wires.iter().filter_map(first).collect()
-    }
-
-    /// What is known of the outputs of an instance before it runs, whether or not the store holds them.
-    fn facts(&self, id: InstanceId, outputs: &[Option<Arc<Outputs>>]) -> Arc<Facts> {
-        let known = |id: InstanceId| self.facts.lock().expect("no holder panics").get(&id).cloned();
-        // An explicit stack: a chain of a million stages must not end the process.
-        let mut path = vec![id];
-        while let Some(&last) = path.last() {
-            let mut sources = self.plan.instances[last].wires.iter().filter_map(|w| Some(w.from.first()?.0));
-            match sources.find(|&source| known(source).is_none()) {
-                Some(source) => path.push(source),
-                None => {
-                    path.pop();
-                    if known(last).is_none() {
-                        let facts = Arc::new(self.own_facts(last, outputs));
-                        self.facts.lock().expect("no holder panics").insert(last, facts);
-                    }
-                }
-            }
-        }
-        known(id).expect("it was worked out")
-    }
-
-    /// The same, those of its inputs being known.
-    fn own_facts(&self, id: InstanceId, outputs: &[Option<Arc<Outputs>>]) -> Facts {
-        let instance = &self.plan.instances[id];
-        // Mistakes in params are told where the stage is checked.
-        let Ok((params, _)) = self.prepare(id) else { return Facts::new() };
-        let mut known =
-            Known { connected: instance.wires.iter().map(|w| w.port.to_owned()).collect(), ..Known::default() };
-        for wire in &instance.wires {
-            if let [(source, port)] = wire.from.as_slice()
-                && self.plan.row(self.plan.instances[*source].stage).instant
-                && let Some(artifact) = self.artifact(*source, port, outputs)
-            {
-                known.artifacts.insert(wire.port.to_owned(), artifact);
-            }
-        }
-        known.facts = self.facts_of_inputs(id, outputs);
-        (self.plan.row(instance.stage).facts)(&params, &known)
-    }
-
     fn problem_diagnostic(&self, id: InstanceId, problem: Problem) -> Diagnostic {
         let path: Vec<&str> = problem.path.split('.').filter(|p| !p.is_empty()).collect();
         self.plan.spec.diagnostic(self.plan.instances[id].stage, Section::With, &path, problem.message, problem.hint)
@@ -541,32 +495,4 @@ fn is_error(diagnostic: &Diagnostic) -> bool {
 /// The ports that a record holds.
 pub fn outputs_of(record: &InstanceRecord) -> Outputs {
     record.ports.iter().map(|(name, port)| (name.clone(), port.blob)).collect()
-}
-
-/// Inputs of an instant stage during check and plan.
-struct KnownInputs<'a> {
-    resolver: &'a Resolver<'a>,
-    wires: &'a [Wire],
-    outputs: &'a [Option<Arc<Outputs>>],
-}
-
-impl InputSource for KnownInputs<'_> {
-    fn one(&self, port: &str) -> Result<Option<Artifact>, Error> {
-        match self.wires.iter().find(|w| w.port == port) {
-            Some(_) => self.load(port, 0).map(Some),
-            None => Ok(None),
-        }
-    }
-
-    fn many(&self, port: &str) -> Vec<Axes> {
-        let from = self.wires.iter().find(|w| w.port == port).map_or(&[][..], |w| &w.from);
-        from.iter().map(|(id, _)| self.resolver.plan.instances[*id].axes.clone()).collect()
-    }
-
-    fn load(&self, port: &str, index: usize) -> Result<Artifact, Error> {
-        let wire = self.wires.iter().find(|w| w.port == port).expect("the stage asks for its own ports");
-        let (id, out) = wire.from[index];
-        let artifact = self.resolver.artifact(id, out, self.outputs);
-        artifact.map(|a| Artifact::clone(&a)).ok_or_else(|| Error::failed(format!("input `{port}` cannot be read")))
-    }
 }

@@ -21,8 +21,7 @@ const MAX_MISTAKES: usize = 40;
 /// Parses `sources[file]`; `None` if no tree could be made of it. Mistakes go to `report`.
 pub fn parse(sources: &[SourceFile], file: usize, report: &mut Report) -> Option<Node> {
     let mut builder = Builder::new(file as u32);
-    let done = builder.read(&sources[file].text);
-    let root = match done {
+    let root = match builder.read(&sources[file].text) {
         // A file without any value, or with comments only, is an empty document.
         Ok(()) => builder.root.take().or(Some(Node::new(Span { file: file as u32, ..Span::default() }, Data::Null))),
         Err(fatal) => {

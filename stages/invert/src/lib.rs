@@ -22,6 +22,7 @@ mod linear;
 mod lut;
 pub mod nearest;
 mod pair;
+mod params;
 mod pass;
 mod profile;
 mod sectioned;
@@ -32,5 +33,6 @@ mod surface;
 mod uncertain;
 mod unknown;
 
+pub use params::{Method, NoiseBias, Outside, Params};
 pub use profile::Profile;
-pub use stage::{In, Invert, Method, NoiseBias, Out, Outside, Params};
+pub use stage::{In, Invert, Out};

@@ -10,8 +10,8 @@ use crate::linear::Triangles;
 use crate::lut::{self, Errors};
 use crate::nearest::Nodes;
 use crate::pair::{Inside, Inverter};
+use crate::params::{Method, Outside, Params};
 use crate::pass::Solved;
-use crate::stage::{Method, Outside, Params};
 use crate::surface::Surface;
 
 /// What the solvers of one section read.

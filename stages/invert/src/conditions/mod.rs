@@ -15,7 +15,7 @@ use turbid_optics::misreading::{Reading, Setting, Side, misreading};
 pub use run::tell;
 
 use crate::lut::same_f_x;
-use crate::stage::Params;
+use crate::params::Params;
 
 /// Lines of light and view no more oblique than this (degrees) count as normal: what they do to mu_a stays below some 1 %.
 const NEAR_NORMAL_DEG: f64 = 10.0;
