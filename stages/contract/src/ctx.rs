@@ -1,6 +1,7 @@
 //! What a running stage may ask of the world: seed, cancellation, progress, measurements, files, checkpoints.
 
 use std::collections::BTreeMap;
+use std::io::{self, Write};
 use std::sync::{Arc, Mutex, OnceLock};
 
 use crate::error::Error;
@@ -26,6 +27,12 @@ pub trait Host: Sync {
     fn file(&self, at: &str) -> Option<Arc<[u8]>>;
     /// Keeps `state` so that a longer or a killed run can continue; `progress` orders checkpoints of one state.
     fn checkpoint(&self, state: &[u8], progress: u64);
+    /// The same of a state that is too large to stand in memory twice: `write` writes it piece by piece.
+    fn checkpoint_with(&self, progress: u64, write: &dyn Fn(&mut dyn Write) -> io::Result<()>) {
+        let mut state = Vec::new();
+        write(&mut state).expect("a vector takes whatever is written");
+        self.checkpoint(&state, progress);
+    }
     /// Whether so much time has gone by since the last checkpoint that another one is worth writing.
     fn checkpoint_is_due(&self) -> bool {
         false
