@@ -1,7 +1,7 @@
 //! What a running stage may ask of the world: seed, cancellation, progress, measurements, files, checkpoints.
 
 use std::collections::BTreeMap;
-use std::io::{self, Write};
+use std::io::{self, Read, Write};
 use std::sync::{Arc, Mutex, OnceLock};
 
 use crate::error::Error;
@@ -39,6 +39,10 @@ pub trait Host: Sync {
     }
     /// The furthest checkpoint whose progress does not exceed `at_most`.
     fn resume(&self, at_most: u64) -> Option<Vec<u8>>;
+    /// The same for a state that is too large to stand in memory twice: `read` reads it piece by piece. Whether there is one.
+    fn resume_with(&self, at_most: u64, read: &mut dyn FnMut(&mut dyn Read)) -> bool {
+        self.resume(at_most).map(|state| read(&mut state.as_slice())).is_some()
+    }
     /// Does `work(0) .. work(n - 1)` on the threads of the run, in any order.
     fn tiles(&self, n: usize, work: &(dyn Fn(usize) + Sync));
     /// How many threads `tiles` may use; never let it show in an output.
