@@ -91,10 +91,8 @@ impl Stage for RenderStage {
     }
 
     fn plan(params: &Params, known: &Known) -> StagePlan {
-        let patterned = known.connected.iter().any(|port| port == "pattern");
-        let power = known.wanted.iter().any(|port| port == "power");
         let scene = known.get::<Scene>("scene");
-        let mut plan = crate::plan::plan(params, scene.as_ref(), patterned, power);
+        let mut plan = crate::plan::plan(params, scene.as_ref(), known);
         if let Some(scene) = &scene {
             say_in(&mut plan, scene);
         }

@@ -24,7 +24,7 @@ const BATCH: u32 = 8;
 /// Batches of a tile: enough paths that lanes run dry for a small part of its time only.
 const TILE: usize = 1024;
 /// Tiles and batches of a round are chosen so that it holds about this many batches of a pixel.
-const ROUND: usize = 1 << 15;
+pub const ROUND: usize = 1 << 15;
 /// Batches whose sums are held beside the state at a time; a multiple of the tile. More than this in a round are walked in segments.
 pub const SEGMENT: usize = 1 << 19;
 /// After so many paths per pixel it is decided where stand-ins are worth their time.
