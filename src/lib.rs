@@ -9,6 +9,7 @@ pub mod explain;
 pub mod export;
 pub mod key;
 pub mod memo;
+pub mod memory;
 mod missing;
 pub mod plan;
 pub mod preview;

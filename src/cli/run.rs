@@ -16,6 +16,7 @@ use crate::run::{self, End, Interrupt, Options, Summary, latest};
 use crate::store::Store;
 
 use super::figures::Figures;
+use super::memory::{MemoryLimit, threads, too_large};
 use super::{Done, Failure, Pipeline, print, report_of};
 
 #[derive(Args)]
@@ -34,6 +35,8 @@ pub struct Run {
     /// Threads to use; all by default
     #[arg(short = 'j', long = "jobs", value_name = "N")]
     jobs: Option<std::num::NonZeroUsize>,
+    #[command(flatten)]
+    memory: MemoryLimit,
     /// Print events as JSON lines
     #[arg(long)]
     json: bool,
@@ -55,7 +58,11 @@ impl Run {
             Some(records) => resolver.up_to_date(records),
             None => resolver.survey(&force),
         };
-        let report = report_of(&plan, &survey);
+        let mut report = report_of(&plan, &survey);
+        let jobs = self.jobs.map_or_else(threads, std::num::NonZeroUsize::get);
+        let stale = survey.states.iter().flatten().any(|state| !matches!(state, State::Hit(_)));
+        let budget = if stale { self.memory.budget(jobs) } else { None };
+        report.extend(too_large(&plan, &survey, budget));
         if report.has_errors() {
             return Err(report.into());
         }
@@ -63,9 +70,8 @@ impl Run {
         for warning in report.diagnostics() {
             progress.warn(&warning.path, &warning.message);
         }
-        let stale = survey.states.iter().flatten().any(|state| !matches!(state, State::Hit(_)));
-        let jobs = self.jobs.or(std::thread::available_parallelism().ok()).map_or(1, std::num::NonZeroUsize::get);
-        let options = Options { jobs, keep_going: self.keep_going, force, simd };
+        let memory = budget.map(|budget| budget.bytes);
+        let options = Options { jobs, keep_going: self.keep_going, force, simd, memory };
         let summary = if stale {
             let interrupt = Interrupt::listen().map_err(|e| Failure::Failed(format!("signals: {e}")))?;
             let log = RunLog::begin(outputs, &plan).map_err(Failure::Failed)?;

@@ -1,6 +1,7 @@
 //! The engine's side of `Ctx` for one running instance.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::io::{self, Read, Write};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -154,6 +155,34 @@ impl Host for InstanceHost<'_> {
         {
             self.warn(&format!("a checkpoint could not be kept: {error}"));
         }
+    }
+
+    fn checkpoint_with(&self, progress: u64, write: &dyn Fn(&mut dyn Write) -> io::Result<()>) {
+        *self.last_checkpoint.lock().expect("no holder panics") = Instant::now();
+        let spent = (self.tile_cpu().as_secs_f64() + self.resumed_cpu_s()).to_le_bytes();
+        let with_cost = |to: &mut dyn Write| {
+            to.write_all(COST)?;
+            to.write_all(&spent)?;
+            write(to)
+        };
+        if let Some(key) = &self.job.state_key
+            && let Err(error) = self.worker.resolver.store.checkpoint_with(key, progress, &with_cost)
+        {
+            self.warn(&format!("a checkpoint could not be kept: {error}"));
+        }
+    }
+
+    fn resume_with(&self, at_most: u64, read: &mut dyn FnMut(&mut dyn Read)) -> bool {
+        let Some(key) = self.job.state_key.as_ref() else { return false };
+        *self.resumed_cpu_s.lock().expect("no holder panics") = 0.0;
+        self.worker.resolver.store.resume_with(key, at_most, &mut |from| {
+            let mut head = Vec::new();
+            // What cannot be read is no state: the stage sees that it ends early.
+            let _ = from.take(COST.len() as u64 + 8).read_to_end(&mut head);
+            let (begin, spent) = without_cost(head);
+            *self.resumed_cpu_s.lock().expect("no holder panics") = spent;
+            read(&mut begin.as_slice().chain(from));
+        })
     }
 
     fn resume(&self, at_most: u64) -> Option<Vec<u8>> {

@@ -2,6 +2,7 @@
 //!
 //! Want -> Ready -> Running -> Done | Failed | Skipped; every transition is in [`Schedule`].
 
+mod admission;
 mod caption;
 mod execute;
 mod host;
@@ -21,6 +22,7 @@ use crate::resolve::{Job, Outputs, Resolver, State, Survey, outputs_of};
 use crate::spec::Diagnostic;
 use crate::store::{Cost, InstanceRecord};
 
+use admission::Admission;
 pub use interrupt::Interrupt;
 pub use progress::Progress;
 
@@ -38,6 +40,8 @@ pub struct Options {
     pub force: Vec<usize>,
     /// `baseline`, `v3`, `v4`, or empty for the best level of vector instructions.
     pub simd: String,
+    /// Bytes of memory that instances may take together; `None` where nobody knows.
+    pub memory: Option<u64>,
 }
 
 /// How an instance ended.
@@ -123,6 +127,7 @@ struct Schedule<'a> {
     made_by: HashMap<Digest, InstanceId>,
     /// Instances that wait for another with the same key, which is running.
     twins: HashMap<InstanceId, Vec<InstanceId>>,
+    admission: Admission,
     stopping: bool,
 }
 
@@ -143,6 +148,10 @@ impl<'a> Schedule<'a> {
             repairs: HashMap::new(),
             made_by: HashMap::new(),
             twins: HashMap::new(),
+            admission: Admission::new(
+                options.memory,
+                survey.plans.iter().filter_map(|(&id, plan)| Some((id, plan.memory?))),
+            ),
             stopping: false,
         };
         let mut stale = false;
@@ -190,10 +199,15 @@ impl<'a> Schedule<'a> {
         std::thread::scope(|scope| {
             loop {
                 while self.running.len() < self.options.jobs && !self.stopping && !interrupt.requested() {
-                    let Some(id) = self.ready.pop_first() else { break };
+                    let Some(&id) = self.ready.first() else { break };
+                    if !self.admission.admits(id, !self.running.is_empty()) {
+                        break;
+                    }
+                    self.ready.remove(&id);
                     let Some((job, reasons)) = self.start(id, progress) else { continue };
                     progress.started(&self.plan.label(id), &reasons);
                     self.running.insert(id);
+                    self.admission.begin(id);
                     let task = Task {
                         id,
                         job,
@@ -215,6 +229,7 @@ impl<'a> Schedule<'a> {
                 }
                 if let Ok((id, outcome)) = receive.recv_timeout(Duration::from_secs(1)) {
                     self.running.remove(&id);
+                    self.admission.end(id);
                     self.finish(id, outcome, progress);
                 }
             }
