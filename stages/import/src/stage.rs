@@ -38,9 +38,9 @@ impl Stage for ImportFrames {
 
     fn files(params: &Params) -> Vec<FileUse> {
         let fields = [("dark", &params.dark), ("flat", &params.flat)];
-        let fields =
-            fields.into_iter().filter_map(|(at, path)| path.clone().map(|path| FileUse { at: at.into(), path }));
-        params.shots().into_iter().map(|s| FileUse { at: s.at, path: s.file }).chain(fields).collect()
+        let fields = fields.into_iter().filter_map(|(at, path)| Some((at.to_owned(), path.clone()?)));
+        let named = params.shots().into_iter().map(|s| (s.at, s.file)).chain(fields);
+        named.map(|(at, path)| FileUse::new(at, path, params.max_file_mb)).collect()
     }
 
     fn canonical(params: &Params) -> Result<serde_json::Value, String> {
@@ -58,7 +58,7 @@ impl Stage for ImportFrames {
         params.check(problems);
         let decoded = |at: &str, path: &str| {
             let bytes = known.files.get(at)?;
-            let picture = decode(bytes, params.channel).and_then(|picture| picture.of_bits(params.bits));
+            let picture = decode(&bytes, params.channel).and_then(|picture| picture.of_bits(params.bits));
             Some(picture.map_err(|what| Error::invalid(at, format!("`{path}`: {what}"))))
         };
         // Pictures of dark and flat field that cannot be read are named with the others.
@@ -67,7 +67,7 @@ impl Stage for ImportFrames {
         let fields = if problems.is_empty() { Fields::of(params, load) } else { Err(absent()) };
         let shots = params.shots();
         let mut first: Option<(String, [usize; 2])> = None;
-        for FileUse { at, path } in Self::files(params) {
+        for FileUse { at, path, .. } in Self::files(params) {
             let picture = match decoded(&at, &path) {
                 None => continue,
                 Some(Err(error)) => {
