@@ -5,7 +5,7 @@
 //! section is read into plain types. Mistakes are collected in a [`Report`]; reading goes on after each of them.
 
 mod axis;
-mod csv;
+pub mod csv;
 pub mod diagnostic;
 mod draw;
 mod foreach;
@@ -118,9 +118,18 @@ pub fn load(path: &Path, overrides: &[String]) -> Result<Spec, Report> {
 /// What can be read of a pipeline file, and its mistakes: lets the caller add those that it finds in what was read,
 /// so that the user sees all at once. Stages with [`StageSpec::broken`] set are reported already.
 pub fn read(path: &Path, overrides: &[String]) -> (Option<Spec>, Report) {
+    read_from(merge::read_source(path), path, overrides)
+}
+
+/// The same from the bytes of a file that would stand at `path`.
+pub fn read_bytes(path: &Path, bytes: &[u8], overrides: &[String]) -> (Option<Spec>, Report) {
+    read_from(SourceFile::of_bytes(path, bytes), path, overrides)
+}
+
+fn read_from(file: Result<SourceFile, String>, path: &Path, overrides: &[String]) -> (Option<Spec>, Report) {
     let mut report = Report::default();
     let mut sources = Vec::new();
-    let Some(mut root) = merge::read_all(path, &mut sources, &mut report) else { return (None, report) };
+    let Some(mut root) = merge::read_all(file, path, &mut sources, &mut report) else { return (None, report) };
     overrides::apply(&mut root, overrides, &mut sources, &mut report);
     let mut reader = Reader { sources: &sources, report: &mut report };
     reader.known_keys(&root, "", &ROOT_KEYS, "a pipeline");

@@ -48,7 +48,12 @@ impl SourceFile {
             Refused::Larger { .. } => format!("the file is larger than {} MiB, too large for {what}", max >> 20),
             other => other.to_string(),
         })?;
-        let text = decode(&bytes)?;
+        Self::of_bytes(path, &bytes)
+    }
+
+    /// The text that stands, or would stand, in the file `path`.
+    pub fn of_bytes(path: &Path, bytes: &[u8]) -> Result<Self, String> {
+        let text = decode(bytes)?;
         let base = path.parent().map(Path::to_path_buf).unwrap_or_default();
         Ok(Self::new(path.display().to_string(), base, text))
     }
