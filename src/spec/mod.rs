@@ -195,7 +195,18 @@ fn read_stages(root: &Node, vars: &Vars, reader: &mut Reader<'_>) -> Vec<StageSp
     if entries.is_empty() {
         reader.error(section.at, "stages", "the pipeline has no stages", None);
     }
-    let foreach: Vec<Option<Foreach>> = entries.iter().map(|e| stage::parse_foreach(e, vars, reader)).collect();
+    let mut foreach: Vec<Option<Foreach>> = Vec::with_capacity(entries.len());
+    let mut values = 0;
+    for entry in entries {
+        let read = stage::parse_foreach(entry, vars, reader);
+        values += read.as_ref().map_or(0, |f| f.rows.len() * f.names.len());
+        if values > axis::MAX_VALUES {
+            let message = format!("the axes of all stages make more than {} values", axis::MAX_VALUES);
+            reader.error(entry.at, &join("stages", &entry.key), message, "give them fewer values".to_owned());
+            return Vec::new();
+        }
+        foreach.push(read);
+    }
     // A stage may use the axes of any stage before it, so all must be known before `with` is read.
     let mut axes: BTreeSet<String> = foreach.iter().flatten().flat_map(|f| f.names.clone()).collect();
     if foreach.iter().any(Option::is_none) {
@@ -211,18 +222,20 @@ fn read_stages(root: &Node, vars: &Vars, reader: &mut Reader<'_>) -> Vec<StageSp
 fn written_axes(stages: &[Entry]) -> Vec<String> {
     let sections = stages.iter().filter_map(|e| e.value.get("foreach")).flat_map(Node::entries);
     let mut names = Vec::new();
+    let mut any = false;
     for entry in sections {
         match entry.key.as_str() {
-            "csv" => names.extend(stages.iter().flat_map(|e| vars::names_in(&e.value))),
+            "csv" => any = true,
             "draw" => names.extend(entry.value.entries().iter().map(|e| e.key.clone())),
             key if !foreach::GRAMMAR.contains(&key) => {
                 names.push(entry.key.clone());
-                if entry.value.get("csv").is_some() {
-                    names.extend(stages.iter().flat_map(|e| vars::names_in(&e.value)));
-                }
+                any |= entry.value.get("csv").is_some();
             }
             _ => {}
         }
+    }
+    if any {
+        names.extend(stages.iter().flat_map(|e| vars::names_in(&e.value)));
     }
     names
 }

@@ -8,6 +8,7 @@ pub mod canonical;
 pub mod ctx;
 pub mod error;
 pub mod file;
+pub mod guard;
 pub mod masked;
 pub mod payload;
 pub mod pilot;
