@@ -55,7 +55,9 @@ pub fn parse(text: &str) -> Result<Table, String> {
             return Err(format!("the file has more than {MAX_INSTANCES} rows"));
         }
         if (rows.len() + 1) * names.len() > MAX_VALUES {
-            return Err(format!("line {line}: the file has more than {MAX_VALUES} values; split it, or leave columns out"));
+            return Err(format!(
+                "line {line}: the file has more than {MAX_VALUES} values; split it, or leave columns out"
+            ));
         }
         let typed = row.into_iter().zip(&names).map(|((cell, quoted), name)| value(cell, quoted, name));
         rows.push(typed.collect::<Result<_, _>>().map_err(|e: String| format!("line {line}: {e}"))?);

@@ -102,8 +102,7 @@ impl Foreach {
             return None;
         }
         if count.saturating_mul(names.len() as u128) > MAX_VALUES as u128 {
-            let message =
-                format!("{count} instances with {} axes have more than {MAX_VALUES} values", names.len());
+            let message = format!("{count} instances with {} axes have more than {MAX_VALUES} values", names.len());
             reader.error(section.at, path, message, FEWER.to_owned());
             return None;
         }
