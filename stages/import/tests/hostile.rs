@@ -105,9 +105,9 @@ fn strips_one_by_one_are_the_whole_picture() {
     let grey: Vec<u16> = (0..n).map(|i| (i * 977 % 65_536) as u16).collect();
     let coloured: Vec<u8> = (0..3 * n).map(|i| (i * 31 % 256) as u8).collect();
     let deflate = Deflate(tiff::encoder::compression::DeflateLevel::Fast);
-    for compression in [Uncompressed, Lzw, Packbits, deflate] {
+    for (name, compression) in [("plain", Uncompressed), ("LZW", Lzw), ("bits", Packbits), ("deflate", deflate)] {
         for rows in [1, 7, 16, 41] {
-            let case = format!("{compression:?} {rows}");
+            let case = format!("{name}, strips of {rows} rows");
             let read =
                 decode(&tiff::<Gray16>(&grey, compression, rows), None).unwrap_or_else(|e| panic!("{case}: {e}"));
             assert!(read.values.iter().eq(grey.iter().map(|&v| f64::from(v))), "{case}");
