@@ -7,6 +7,7 @@ pub mod digest;
 pub mod estimate;
 pub mod explain;
 pub mod export;
+pub mod input_file;
 pub mod key;
 pub mod memo;
 pub mod memory;

@@ -1,8 +1,7 @@
 //! What a pipeline would do, as one digest: known before anything runs, and without a store.
 
-use std::fs;
-
 use crate::digest::{Digest, PartHasher};
+use crate::input_file;
 use crate::key::axes_text;
 use crate::plan::Plan;
 use turbid_contract::canonical::canonical_text;
@@ -32,8 +31,9 @@ pub fn recipe(plan: &Plan) -> Result<Digest, String> {
         }
         for file in &prepared.files {
             let path = plan.spec.input_file_base(instance.stage, &file.at).join(&file.path);
-            let bytes = fs::read(&path).map_err(|e| format!("{}: {e}", path.display()))?;
-            parts.add(&file.at, &Digest::of(&bytes).0);
+            let read = input_file::digest(&path, file.most);
+            let (digest, _) = read.map_err(|refused| format!("{}: {refused}", path.display()))?;
+            parts.add(&file.at, &digest.0);
         }
         if prepared.draws {
             parts.add("axes", axes_text(&instance.axes).as_bytes());

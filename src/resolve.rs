@@ -2,11 +2,12 @@
 
 mod extents;
 mod facts;
+mod files;
 mod inputs;
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, OnceLock};
 
 use rayon::prelude::*;
@@ -19,12 +20,12 @@ use crate::digest::Digest;
 use crate::explain::History;
 use crate::key::{Dependencies, InputContent, instance_seed};
 use crate::memory::need;
-use crate::missing::neighbours;
 use crate::plan::{InstanceId, Plan};
 use crate::spec::{Diagnostic, Section, Severity, read_params};
 use crate::store::{Blob, InstanceRecord, Store, encode};
 use crate::warned::Warned;
 use extents::Sizes;
+use files::{InputFiles, Lent};
 use inputs::KnownInputs;
 
 /// The blobs of an instance by port.
@@ -46,6 +47,8 @@ pub struct Job {
 pub struct InputFile {
     pub path: PathBuf,
     pub digest: Digest,
+    /// Bytes that it may have.
+    pub most: u64,
 }
 
 /// What a run would do with an instance.
@@ -58,8 +61,6 @@ pub enum State {
     Waits(Vec<usize>),
 }
 
-/// A file's digest and content.
-type FileBytes = (Digest, Arc<[u8]>);
 /// What an instant stage made, by port.
 type Made = BTreeMap<String, Arc<Artifact>>;
 /// A stage's plan with its warnings and their sizes, or its mistakes.
@@ -70,7 +71,7 @@ pub struct Resolver<'a> {
     pub plan: &'a Plan,
     pub store: &'a Store,
     history: OnceLock<History>,
-    files: Mutex<HashMap<PathBuf, Result<FileBytes, String>>>,
+    files: Arc<InputFiles>,
     instant: Mutex<HashMap<InstanceId, Arc<Made>>>,
     facts: Mutex<HashMap<InstanceId, Arc<Facts>>>,
     extents: Mutex<HashMap<InstanceId, Sizes>>,
@@ -109,7 +110,7 @@ struct Look {
 
 impl<'a> Resolver<'a> {
     pub fn new(plan: &'a Plan, store: &'a Store) -> Self {
-        let (files, instant, facts) = <(Mutex<_>, Mutex<_>, Mutex<_>)>::default();
+        let (files, instant, facts) = <(Arc<_>, Mutex<_>, Mutex<_>)>::default();
         let extents = Mutex::default();
         Self { plan, store, history: OnceLock::new(), files, instant, facts, extents }
     }
@@ -229,11 +230,7 @@ impl<'a> Resolver<'a> {
 
     /// The input files that were read, with what they held.
     pub fn files_read(&self) -> Vec<(PathBuf, Digest)> {
-        let files = self.files.lock().expect("no holder panics");
-        let mut read: Vec<(PathBuf, Digest)> =
-            files.iter().filter_map(|(path, content)| Some((path.clone(), content.as_ref().ok()?.0))).collect();
-        read.sort();
-        read
+        self.files.read()
     }
 
     /// The state of one instance, given the outputs of those before it, and its job if it has to run.
@@ -326,46 +323,27 @@ impl<'a> Resolver<'a> {
 
     fn input_files(&self, stage: usize, prepared: &Prepared) -> Result<BTreeMap<String, InputFile>, Vec<Diagnostic>> {
         let read = |file: &FileUse| {
-            let (path, (digest, _)) = self.file(stage, &file.at, &file.path).map_err(|d| vec![*d])?;
-            Ok((file.at.clone(), InputFile { path, digest }))
+            let input = self.file(stage, file).map_err(|d| vec![*d])?;
+            Ok((file.at.clone(), input))
         };
         prepared.files.iter().map(read).collect()
     }
 
-    /// The bytes of an input file that was read before.
-    fn content(&self, path: &Path) -> Arc<[u8]> {
-        let files = self.files.lock().expect("no holder panics");
-        let read = files.get(path).and_then(|read| read.as_ref().ok());
-        read.map(|(_, bytes)| bytes.clone()).expect("its digest is known, so it was read")
-    }
-
-    /// Reads an input file once; a missing one is the user's mistake.
-    fn file(&self, stage: usize, at: &str, written: &str) -> Result<(PathBuf, FileBytes), Box<Diagnostic>> {
-        let path = self.plan.spec.input_file_base(stage, at).join(written);
-        let mut files = self.files.lock().expect("no holder panics");
-        let read = files.entry(path.clone()).or_insert_with(|| match std::fs::read(&path) {
-            Ok(bytes) => Ok((Digest::of(&bytes), bytes.into())),
-            Err(error) => Err(format!("{}: {error}", path.display())),
-        });
-        match read {
-            Ok(found) => Ok((path, found.clone())),
-            Err(message) => {
-                let at: Vec<&str> = at.split('.').collect();
-                let hint = neighbours(&path);
-                Err(Box::new(self.plan.spec.diagnostic(stage, Section::With, &at, message.clone(), hint)))
+    /// Hashes an input file once; one that is missing, none or too large is the user's mistake.
+    fn file(&self, stage: usize, file: &FileUse) -> Result<InputFile, Box<Diagnostic>> {
+        let path = self.plan.spec.input_file_base(stage, &file.at).join(&file.path);
+        match self.files.digest(&path, file.most) {
+            Ok(digest) => Ok(InputFile { path, digest, most: file.most }),
+            Err((message, hint)) => {
+                let at: Vec<&str> = file.at.split('.').collect();
+                Err(Box::new(self.plan.spec.diagnostic(stage, Section::With, &at, message, hint)))
             }
         }
     }
 
-    /// Bytes of an input file for the stage that runs: those that were hashed, or an error.
-    pub fn reread(&self, file: &InputFile) -> Result<Arc<[u8]>, String> {
-        let bytes =
-            std::fs::read(&file.path).map_err(|e| format!("{} vanished during the run: {e}", file.path.display()))?;
-        if Digest::of(&bytes) == file.digest {
-            Ok(bytes.into())
-        } else {
-            Err(format!("{} changed during the run; run again", file.path.display()))
-        }
+    /// The input files of an instance that runs, as they were hashed; an error where they are not so any more.
+    pub fn lend(&self, job: &Job) -> Result<Lent, String> {
+        self.files.lend(&job.files, true)
     }
 
     /// The results of earlier runs.
@@ -422,9 +400,16 @@ impl<'a> Resolver<'a> {
         if row.reads_facts {
             known.facts = self.facts_of_inputs(id, outputs);
         }
-        known.files.extend(files.iter().map(|(at, file)| (at.clone(), self.content(&file.path))));
+        let whole = |message: String| {
+            vec![self.plan.spec.diagnostic(instance.stage, Section::Stage, &[] as &[&str], message, None)]
+        };
+        let lent = self.files.lend(&files, false).map_err(whole)?;
+        known.files = lent.files.clone();
         let mut problems = Problems::default();
         (row.check)(&params, &known, &mut problems);
+        if let Some(message) = lent.failed() {
+            return Err(whole(message));
+        }
         let ranked = problems.take_ranked();
         let (mistakes, warnings) = problems.into_parts();
         let place = |p: Problem| self.problem_diagnostic(id, p);
@@ -471,19 +456,20 @@ impl<'a> Resolver<'a> {
     /// Runs an instant stage in memory, so that what follows has a key and can be checked.
     fn run_instant(&self, id: InstanceId, job: &Job, outputs: &[Option<Arc<Outputs>>]) -> Result<Outputs, Error> {
         let instance = &self.plan.instances[id];
-        let files = job.files.iter().map(|(at, file)| (at.clone(), self.content(&file.path))).collect();
+        let lent = self.files.lend(&job.files, false).map_err(Error::failed)?;
         let wanted = self.plan.wanted(instance.stage);
         let previews =
             self.plan.outputs(instance.stage).iter().filter(|p| p.preview).map(|p| p.name).collect::<Vec<_>>();
         let host = MemoryHost {
             seed: job.seed,
-            files,
+            files: lent.files.clone(),
             // Nobody depends on pictures: they are left to the run.
             wanted: wanted.iter().filter(|p| !previews.contains(p)).map(|p| (*p).to_owned()).collect(),
             ..MemoryHost::default()
         };
         let inputs = KnownInputs { resolver: self, wires: &instance.wires, outputs };
-        let made = (self.plan.row(instance.stage).run)(&job.params, &inputs, Ctx::new(&host))?;
+        let made = (self.plan.row(instance.stage).run)(&job.params, &inputs, Ctx::new(&host));
+        let made = made.map_err(|error| lent.failed().map_or(error, Error::failed))?;
         let mut blobs = Outputs::new();
         let mut artifacts = BTreeMap::new();
         for (port, artifact) in made {

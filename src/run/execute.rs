@@ -72,14 +72,11 @@ pub fn execute(worker: Worker<'_>, task: Task) -> Outcome {
     {
         return Outcome::Found(record.clone());
     }
-    let mut files = BTreeMap::new();
-    for (at, file) in &job.files {
-        match resolver.reread(file) {
-            Ok(bytes) => drop(files.insert(at.clone(), bytes)),
-            Err(message) => return Outcome::Failed(message),
-        }
-    }
-    let host = InstanceHost::new(worker, job, &label, wanted, files);
+    let lent = match resolver.lend(job) {
+        Ok(lent) => lent,
+        Err(message) => return Outcome::Failed(message),
+    };
+    let host = InstanceHost::new(worker, job, &label, wanted, lent.files.clone());
     let inputs = StoredInputs { plan, store, wires: &instance.wires, outputs, damaged: Mutex::new(None) };
     let started = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
     if alone {
@@ -96,6 +93,9 @@ pub fn execute(worker: Worker<'_>, task: Task) -> Outcome {
         Ok(Ok(made)) => made,
         Ok(Err(Error::Interrupted)) => return Outcome::Interrupted,
         Ok(Err(error)) => {
+            if let Some(message) = lent.failed() {
+                return Outcome::Failed(message);
+            }
             return match inputs.damaged.into_inner().expect("no holder panics") {
                 Some(producer) => Outcome::Damaged(producer),
                 None => Outcome::Failed(error.to_string()),

@@ -1,6 +1,6 @@
 //! The engine's side of `Ctx` for one running instance.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::io::{self, Read, Write};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use cpu_time::ThreadTime;
 use rayon::prelude::*;
-use turbid_contract::Host;
+use turbid_contract::{Files, Host};
 
 use crate::resolve::Job;
 
@@ -24,7 +24,7 @@ pub struct InstanceHost<'a> {
     label: &'a str,
     wanted: &'a BTreeSet<&'static str>,
     /// Content of the input files, by the field that names them.
-    files: BTreeMap<String, Arc<[u8]>>,
+    files: Files,
     began: Instant,
     /// CPU time spent in tiles, on any thread.
     tile_cpu_ns: AtomicU64,
@@ -44,7 +44,7 @@ impl<'a> InstanceHost<'a> {
         job: &'a Job,
         label: &'a str,
         wanted: &'a BTreeSet<&'static str>,
-        files: BTreeMap<String, Arc<[u8]>>,
+        files: Files,
     ) -> Self {
         Self {
             worker,
@@ -140,7 +140,7 @@ impl Host for InstanceHost<'_> {
     }
 
     fn file(&self, at: &str) -> Option<Arc<[u8]>> {
-        self.files.get(at).cloned()
+        self.files.get(at)
     }
 
     fn checkpoint_is_due(&self) -> bool {

@@ -14,6 +14,32 @@ pub const MAX_INSTANCES: usize = 1_000_000;
 
 pub const SPACINGS: [&str; 3] = ["linspace", "logspace", "range"];
 
+/// Values of all axes of a pipeline's instances together: more are a mistake, and would take gigabytes.
+pub const MAX_VALUES: usize = 4_000_000;
+
+/// How many values an axis is going to have, without making them; 0 where it is wrong, which [`values`] reports.
+pub fn count(node: &Node) -> usize {
+    match &node.data {
+        Data::List(items) => items.len(),
+        Data::Map(entries) => match entries.as_slice() {
+            [one] if SPACINGS.contains(&one.key.as_str()) => {
+                let Data::List(items) = &one.value.data else { return 0 };
+                let number = |item: &Node| if let Data::Number(n) = &item.data { n.as_f64() } else { None };
+                let numbers: Option<Vec<f64>> = items.iter().take(4).map(number).collect();
+                let count = numbers.as_deref().and_then(|numbers| match (one.key.as_str(), numbers) {
+                    ("range", &[first, last]) => steps(first, last, if last < first { -1.0 } else { 1.0 }).ok(),
+                    ("range", &[first, last, step]) => steps(first, last, step).ok(),
+                    ("linspace" | "logspace", &[_, _, count]) => Some(count),
+                    _ => None,
+                });
+                count.map_or(0, |count| count as usize)
+            }
+            _ => 0,
+        },
+        _ => 0,
+    }
+}
+
 /// Reads the values of an axis; `None` if they are wrong and reported.
 pub fn values(node: &Node, key: Span, path: &str, reader: &mut Reader<'_>) -> Option<Vec<Value>> {
     let rule = "a list of values, or one of {linspace: [first, last, count]}, {logspace: [first, last, count]}, \
@@ -143,15 +169,20 @@ fn spaced(kind: &str, numbers: &[f64]) -> Result<Vec<Value>, String> {
 
 /// [first, last): a last step that ends within 1e-9 steps of `last` is `last` and left out.
 fn range(first: f64, last: f64, step: f64) -> Result<Vec<Value>, String> {
-    let steps = (last - first) / step;
-    if !(steps.is_finite() && steps > 0.0) {
-        return Err(format!("range [{first}, {last}, {step}] never goes from its first to its last value"));
-    }
-    let n = (steps - 1e-9).ceil().max(1.0);
+    let n = steps(first, last, step)?;
     if n > MAX_INSTANCES as f64 {
         return Err(format!("this range has {n} values, more than {MAX_INSTANCES} instances"));
     }
     (0..n as usize).map(|i| finite(if i == 0 { first } else { rounded(first + i as f64 * step) })).collect()
+}
+
+/// How many values there are in [first, last).
+fn steps(first: f64, last: f64, step: f64) -> Result<f64, String> {
+    let steps = (last - first) / step;
+    if !(steps.is_finite() && steps > 0.0) {
+        return Err(format!("range [{first}, {last}, {step}] never goes from its first to its last value"));
+    }
+    Ok((steps - 1e-9).ceil().max(1.0))
 }
 
 /// 15 significant digits: 0.3 rather than 0.30000000000000004, so that `where: {x: 0.3}` finds it.

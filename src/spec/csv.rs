@@ -2,7 +2,10 @@
 
 use serde_json::Value;
 
-use super::axis::{MAX_INSTANCES, normal};
+use std::collections::HashSet;
+
+use super::axis::{MAX_INSTANCES, MAX_VALUES, normal};
+use super::foreach::MAX_AXES;
 use super::reader::is_name;
 use super::scalar::{Plain, plain};
 
@@ -19,9 +22,16 @@ pub fn parse(text: &str) -> Result<Table, String> {
         let comment = l.starts_with('#');
         !l.is_empty() && !comment
     });
-    let Some((_, head)) = lines.next() else { return Err("the file is empty".to_owned()) };
-    let names: Vec<String> = cells(head).map_err(|e| format!("line 1: {e}"))?.into_iter().map(|c| c.0).collect();
-    for (i, name) in names.iter().enumerate() {
+    let Some((first, head)) = lines.next() else { return Err("the file is empty".to_owned()) };
+    let names: Vec<String> = cells(head).map_err(|e| format!("line {first}: {e}"))?.into_iter().map(|c| c.0).collect();
+    if names.len() > MAX_AXES {
+        let has = names.len();
+        return Err(format!(
+            "the first line names {has} columns, and a stage takes at most {MAX_AXES} axes; leave only columns that stages use"
+        ));
+    }
+    let mut seen = HashSet::new();
+    for name in &names {
         if !is_name(name) {
             let way_out = if head.contains(';') { "; separate columns by commas" } else { "" };
             return Err(format!(
@@ -31,7 +41,7 @@ pub fn parse(text: &str) -> Result<Table, String> {
         if plain(name) != Plain::Text {
             return Err(format!("the first line must name the columns, but holds `{name}`"));
         }
-        if names[..i].contains(name) {
+        if !seen.insert(name.as_str()) {
             return Err(format!("the column `{name}` stands twice"));
         }
     }
@@ -43,6 +53,11 @@ pub fn parse(text: &str) -> Result<Table, String> {
         }
         if rows.len() == MAX_INSTANCES {
             return Err(format!("the file has more than {MAX_INSTANCES} rows"));
+        }
+        if (rows.len() + 1) * names.len() > MAX_VALUES {
+            return Err(format!(
+                "line {line}: the file has more than {MAX_VALUES} values; split it, or leave columns out"
+            ));
         }
         let typed = row.into_iter().zip(&names).map(|((cell, quoted), name)| value(cell, quoted, name));
         rows.push(typed.collect::<Result<_, _>>().map_err(|e: String| format!("line {line}: {e}"))?);
@@ -117,6 +132,22 @@ mod tests {
         assert_eq!(table.rows[1], [json!(0.001), json!("2"), json!(1.4)]);
     }
 
+    /// As many columns and values as a stage takes, and one more.
+    #[test]
+    fn tables_are_bounded() {
+        let columns = |n: usize| {
+            let names: Vec<String> = (0..n).map(|i| format!("a{i}")).collect();
+            parse(&format!("{}\n{}\n", names.join(","), vec!["1"; n].join(",")))
+        };
+        assert_eq!(columns(MAX_AXES).unwrap().names.len(), MAX_AXES);
+        let said = columns(30_000).unwrap_err();
+        assert!(said.contains("30000 columns") && said.contains("at most 100 axes"), "{said}");
+        let wide = (0..MAX_AXES).map(|i| format!("a{i}")).collect::<Vec<_>>().join(",");
+        let row = vec!["1"; MAX_AXES].join(",");
+        let text = format!("{wide}\n{}", format!("{row}\n").repeat(MAX_VALUES / MAX_AXES + 1));
+        assert!(parse(&text).unwrap_err().contains("line 40002: the file has more than 4000000 values"));
+    }
+
     #[test]
     fn wrong_tables_are_named_by_their_line() {
         for (text, says) in [
@@ -124,6 +155,7 @@ mod tests {
             ("a,b\n", "no rows"),
             ("a,b\n1\n", "line 2 has 1 values for 2 columns"),
             ("a,a\n1,2\n", "twice"),
+            ("# no name\n\"a,b\n1,2\n", "line 2: a quote is not closed"),
             ("a;b\n1;2\n", "commas"),
             ("1,2\n3,4\n", "must name the columns"),
             ("a,b\n1,\n", "`b` has no value"),

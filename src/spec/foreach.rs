@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use super::axis::{self, MAX_INSTANCES};
+use super::axis::{self, MAX_INSTANCES, MAX_VALUES};
 use super::csv;
 use super::draw::Draw;
 use super::node::{Data, Entry, Node};
@@ -18,7 +18,7 @@ use super::suggest;
 pub const GRAMMAR: [&str; 3] = ["zip", "csv", "draw"];
 
 /// More axes than this on one stage are a mistake.
-const MAX_AXES: usize = 100;
+pub const MAX_AXES: usize = 100;
 
 /// The axes that a stage adds to those of its inputs.
 #[derive(Clone, Debug)]
@@ -56,10 +56,14 @@ impl Foreach {
             reader.error(section.at, path, format!("more than {MAX_AXES} axes on one stage"), None);
             return None;
         }
+        let zip = section.value.entry("zip");
+        if let Some(message) = too_many(section, zip) {
+            reader.error(section.at, path, message, FEWER.to_owned());
+            return None;
+        }
         let mut groups: Vec<Group> = Vec::new();
         let mut draw = None;
         let mut complete = true;
-        let zip = section.value.entry("zip");
         for entry in section.value.entries().iter().filter(|e| e.key != "zip") {
             let path = join(path, &entry.key);
             let group = match csv_of(entry) {
@@ -88,12 +92,55 @@ impl Foreach {
         if count > MAX_INSTANCES as u128 {
             let sizes: Vec<String> = groups.iter().map(|g| format!("{} {}", g.rows.len(), g.names.join("+"))).collect();
             let message = format!("{count} instances ({}) are more than {MAX_INSTANCES}", sizes.join(" x "));
-            reader.error(section.at, path, message, "pair axes by `zip`, or give them fewer values".to_owned());
+            reader.error(section.at, path, message, FEWER.to_owned());
             return None;
         }
-        let names = groups.iter().flat_map(|g| g.names.clone()).collect();
+        let names: Vec<String> = groups.iter().flat_map(|g| g.names.clone()).collect();
+        if names.len() > MAX_AXES {
+            let message = format!("{} axes on one stage are more than {MAX_AXES}", names.len());
+            reader.error(section.at, path, message, "leave out what no stage uses".to_owned());
+            return None;
+        }
+        if count.saturating_mul(names.len() as u128) > MAX_VALUES as u128 {
+            let message = format!("{count} instances with {} axes have more than {MAX_VALUES} values", names.len());
+            reader.error(section.at, path, message, FEWER.to_owned());
+            return None;
+        }
         Some(Self { names, rows: grid(&groups), draw })
     }
+}
+
+/// The way out where there are too many instances.
+const FEWER: &str = "pair axes by `zip`, or give them fewer values";
+
+/// What is wrong with the number of instances, as far as it can be told before any value is made.
+fn too_many(section: &Entry, zip: Option<&Entry>) -> Option<String> {
+    let axes: Vec<(&str, usize)> = section
+        .value
+        .entries()
+        .iter()
+        .filter(|e| !GRAMMAR.contains(&e.key.as_str()))
+        .map(|e| (e.key.as_str(), axis::count(&e.value)))
+        .filter(|(_, count)| *count > 1)
+        .collect();
+    let values = axes.iter().fold(0_usize, |sum, (_, count)| sum.saturating_add(*count));
+    // Of axes that are paired the first counts: they have equally many values, or are wrong.
+    let first = |name: &str| zip.is_none_or(|zip| !pairs(zip, name) || leads(zip, name));
+    let alone: Vec<&(&str, usize)> = axes.iter().filter(|(name, _)| first(name)).collect();
+    let count = alone.iter().fold(1_u128, |n, (_, count)| n.saturating_mul(*count as u128));
+    if count > MAX_INSTANCES as u128 && alone.len() > 1 {
+        let sizes: Vec<String> = alone.iter().map(|(name, count)| format!("{count} {name}")).collect();
+        let shown = if count == u128::MAX { "far".to_owned() } else { count.to_string() };
+        return Some(format!("{shown} instances ({}) are more than {MAX_INSTANCES}", sizes.join(" x ")));
+    }
+    (values > MAX_VALUES).then(|| format!("the axes have {values} values, more than {MAX_VALUES}"))
+}
+
+/// Whether the axis `name` is the first of those that it is paired with.
+fn leads(zip: &Entry, name: &str) -> bool {
+    let named = |node: &Node| matches!(&node.data, Data::Text { text, .. } if text == name);
+    let first = |list: &Node| matches!(&list.data, Data::List(names) if names.first().is_some_and(named));
+    matches!(&zip.value.data, Data::List(lists) if lists.iter().any(first))
 }
 
 /// All combinations, the last group varying fastest.

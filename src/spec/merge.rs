@@ -14,9 +14,19 @@ const WHAT: &str = "a pipeline file";
 /// More files than this are a mistake (and bound what repeated includes can cost).
 const MAX_FILES: usize = 100;
 
-/// Reads `path` and everything it includes into one tree.
-pub fn read_all(path: &Path, sources: &mut Vec<SourceFile>, report: &mut Report) -> Option<Node> {
-    match SourceFile::read(path, WHAT, MAX_PIPELINE) {
+/// The text of a pipeline file.
+pub fn read_source(path: &Path) -> Result<SourceFile, String> {
+    SourceFile::read(path, WHAT, MAX_PIPELINE)
+}
+
+/// Reads a file, which stands at `path`, and everything it includes into one tree.
+pub fn read_all(
+    file: Result<SourceFile, String>,
+    path: &Path,
+    sources: &mut Vec<SourceFile>,
+    report: &mut Report,
+) -> Option<Node> {
+    match file {
         Ok(file) => read_one(file, path, &mut Vec::new(), sources, report),
         Err(why) => {
             let mut lost = Diagnostic::error(why, None);

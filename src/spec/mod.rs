@@ -5,7 +5,7 @@
 //! section is read into plain types. Mistakes are collected in a [`Report`]; reading goes on after each of them.
 
 mod axis;
-mod csv;
+pub mod csv;
 pub mod diagnostic;
 mod draw;
 mod foreach;
@@ -118,9 +118,18 @@ pub fn load(path: &Path, overrides: &[String]) -> Result<Spec, Report> {
 /// What can be read of a pipeline file, and its mistakes: lets the caller add those that it finds in what was read,
 /// so that the user sees all at once. Stages with [`StageSpec::broken`] set are reported already.
 pub fn read(path: &Path, overrides: &[String]) -> (Option<Spec>, Report) {
+    read_from(merge::read_source(path), path, overrides)
+}
+
+/// The same from the bytes of a file that would stand at `path`.
+pub fn read_bytes(path: &Path, bytes: &[u8], overrides: &[String]) -> (Option<Spec>, Report) {
+    read_from(SourceFile::of_bytes(path, bytes), path, overrides)
+}
+
+fn read_from(file: Result<SourceFile, String>, path: &Path, overrides: &[String]) -> (Option<Spec>, Report) {
     let mut report = Report::default();
     let mut sources = Vec::new();
-    let Some(mut root) = merge::read_all(path, &mut sources, &mut report) else { return (None, report) };
+    let Some(mut root) = merge::read_all(file, path, &mut sources, &mut report) else { return (None, report) };
     overrides::apply(&mut root, overrides, &mut sources, &mut report);
     let mut reader = Reader { sources: &sources, report: &mut report };
     reader.known_keys(&root, "", &ROOT_KEYS, "a pipeline");
@@ -186,7 +195,18 @@ fn read_stages(root: &Node, vars: &Vars, reader: &mut Reader<'_>) -> Vec<StageSp
     if entries.is_empty() {
         reader.error(section.at, "stages", "the pipeline has no stages", None);
     }
-    let foreach: Vec<Option<Foreach>> = entries.iter().map(|e| stage::parse_foreach(e, vars, reader)).collect();
+    let mut foreach: Vec<Option<Foreach>> = Vec::with_capacity(entries.len());
+    let mut values = 0;
+    for entry in entries {
+        let read = stage::parse_foreach(entry, vars, reader);
+        values += read.as_ref().map_or(0, |f| f.rows.len() * f.names.len());
+        if values > axis::MAX_VALUES {
+            let message = format!("the axes of all stages make more than {} values", axis::MAX_VALUES);
+            reader.error(entry.at, &join("stages", &entry.key), message, "give them fewer values".to_owned());
+            return Vec::new();
+        }
+        foreach.push(read);
+    }
     // A stage may use the axes of any stage before it, so all must be known before `with` is read.
     let mut axes: BTreeSet<String> = foreach.iter().flatten().flat_map(|f| f.names.clone()).collect();
     if foreach.iter().any(Option::is_none) {
@@ -202,18 +222,20 @@ fn read_stages(root: &Node, vars: &Vars, reader: &mut Reader<'_>) -> Vec<StageSp
 fn written_axes(stages: &[Entry]) -> Vec<String> {
     let sections = stages.iter().filter_map(|e| e.value.get("foreach")).flat_map(Node::entries);
     let mut names = Vec::new();
+    let mut any = false;
     for entry in sections {
         match entry.key.as_str() {
-            "csv" => names.extend(stages.iter().flat_map(|e| vars::names_in(&e.value))),
+            "csv" => any = true,
             "draw" => names.extend(entry.value.entries().iter().map(|e| e.key.clone())),
             key if !foreach::GRAMMAR.contains(&key) => {
                 names.push(entry.key.clone());
-                if entry.value.get("csv").is_some() {
-                    names.extend(stages.iter().flat_map(|e| vars::names_in(&e.value)));
-                }
+                any |= entry.value.get("csv").is_some();
             }
             _ => {}
         }
+    }
+    if any {
+        names.extend(stages.iter().flat_map(|e| vars::names_in(&e.value)));
     }
     names
 }

@@ -88,6 +88,18 @@ impl Node {
         }
     }
 
+    /// [`size`](Self::size), where long texts count for what they take: what copies are paid with.
+    pub fn weight(&self) -> usize {
+        /// Bytes of a text that take as much as a value.
+        const VALUE: usize = 64;
+        1 + match &self.data {
+            Data::Text { text, .. } => text.len() / VALUE,
+            Data::List(items) => items.iter().map(Self::weight).sum(),
+            Data::Map(entries) => entries.iter().map(|e| e.key.len() / VALUE + e.value.weight()).sum(),
+            _ => 0,
+        }
+    }
+
     /// What stands here, in words: `the text "abc"`, `a list`.
     pub fn described(&self) -> String {
         match &self.data {

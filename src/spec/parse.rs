@@ -233,8 +233,8 @@ impl Builder {
         let Some(node) = self.anchors.get(&id) else {
             return Err(self.mistake(span, "this alias names no anchor", None));
         };
-        let size = node.size();
-        self.count(size, span)?;
+        let weight = node.weight();
+        self.count(weight, span)?;
         let node = self.anchors[&id].clone();
         if self.open.len() + depth(&node) > MAX_DEPTH {
             return Err(self.mistake(span, format!("aliases nest lists and maps more than {MAX_DEPTH} deep"), None));
@@ -246,7 +246,7 @@ impl Builder {
     fn finish(&mut self, node: Node, anchor: usize) -> Result<(), Mistake> {
         self.count(1, node.span)?;
         if anchor > 0 {
-            self.count(node.size(), node.span)?;
+            self.count(node.weight(), node.span)?;
             self.anchors.insert(anchor, node.clone());
         }
         match self.open.last_mut().map(|o| &mut o.kind) {
@@ -467,12 +467,14 @@ mod tests {
             let j = i - 1;
             t + &format!("a{i}: &a{i} [{}]\n", vec![format!("*a{j}"); 9].join(", "))
         });
+        let long = format!("a: &a {}\nb: [{}]\n", "x".repeat(1 << 20), vec!["*a"; 1000].join(", "));
         let chain = (1..200).fold("a0: &a0 [x]\n".to_owned(), |t, i| t + &format!("a{i}: &a{i} [*a{}]\n", i - 1));
         for (text, says) in [
             (deep_flow.as_str(), "64 deep"),
             (&deep_block, "64 deep"),
             (&bomb, "500000 values"),
             (&chain, "64 deep"),
+            (&long, "500000 values"),
             ("a: &x [*x]", "inside the value that it names"),
             ("a: *nowhere", "not YAML"),
             ("a: 1\n---\nb: 2\n", "second YAML document"),

@@ -1,9 +1,10 @@
 //! The texts that a specification is made of: pipeline files, and `--set` overrides as one-line texts.
 
-use std::fs::File;
-use std::io::Read;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
+
+use crate::input_file::{self, Refused};
 
 /// Larger files are not pipelines; refusing them keeps a wrong argument from costing minutes.
 pub const MAX_PIPELINE: u64 = 8 << 20;
@@ -37,24 +38,21 @@ pub struct SourceFile {
 impl SourceFile {
     /// Reads a text file of at most `max` bytes; the error says in plain words why it cannot be `what`.
     pub fn read(path: &Path, what: &str, max: u64) -> Result<Self, String> {
-        let unreadable = |e: std::io::Error| match e.kind() {
-            std::io::ErrorKind::NotFound => "the file does not exist".to_owned(),
-            std::io::ErrorKind::PermissionDenied => "the file may not be read (permission denied)".to_owned(),
-            _ => format!("the file cannot be read: {e}"),
-        };
-        // Asked before opening: to open a pipe that nobody writes to would wait for ever.
-        let kind = std::fs::metadata(path).map_err(unreadable)?;
-        if kind.is_dir() {
-            return Err(format!("this is a directory, not {what}"));
-        }
-        if !kind.is_file() {
-            return Err("this is not a regular file".to_owned());
-        }
-        let mut bytes = Vec::new();
-        File::open(path).and_then(|f| f.take(max + 1).read_to_end(&mut bytes)).map_err(unreadable)?;
-        if bytes.len() as u64 > max {
-            return Err(format!("the file is larger than {} MiB, too large for {what}", max >> 20));
-        }
+        let bytes = input_file::read(path, max).map_err(|refused| match refused {
+            Refused::Io(e) if e.kind() == ErrorKind::NotFound => "the file does not exist".to_owned(),
+            Refused::Io(e) if e.kind() == ErrorKind::PermissionDenied => {
+                "the file may not be read (permission denied)".to_owned()
+            }
+            Refused::Io(e) => format!("the file cannot be read: {e}"),
+            Refused::Odd(kind) => format!("this is {kind}, not {what}"),
+            Refused::Larger { .. } => format!("the file is larger than {} MiB, too large for {what}", max >> 20),
+            other => other.to_string(),
+        })?;
+        Self::of_bytes(path, &bytes)
+    }
+
+    /// The text that stands, or would stand, in the file `path`.
+    pub fn of_bytes(path: &Path, bytes: &[u8]) -> Result<Self, String> {
         let text = decode(bytes)?;
         let base = path.parent().map(Path::to_path_buf).unwrap_or_default();
         Ok(Self::new(path.display().to_string(), base, text))
@@ -74,21 +72,19 @@ impl SourceFile {
     }
 }
 
-fn decode(bytes: Vec<u8>) -> Result<String, String> {
+fn decode(bytes: &[u8]) -> Result<String, String> {
     let utf16 = bytes.starts_with(&[0xff, 0xfe]) || bytes.starts_with(&[0xfe, 0xff]);
-    let mut text = String::from_utf8(bytes).map_err(|e| {
+    let text = std::str::from_utf8(bytes).map_err(|e| {
         if utf16 {
             return "the file is UTF-16; save it as UTF-8".to_owned();
         }
-        let at = e.utf8_error().valid_up_to();
-        let line = e.as_bytes()[..at].iter().filter(|b| **b == b'\n').count() + 1;
+        let at = e.valid_up_to();
+        let line = bytes[..at].iter().filter(|b| **b == b'\n').count() + 1;
         format!("the file is not UTF-8 text (byte {at}, line {line}); save it as UTF-8")
     })?;
-    if text.starts_with('\u{feff}') {
-        text.remove(0);
-    }
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     if text.contains('\0') {
         return Err("the file holds NUL bytes, so it is not a text file".to_owned());
     }
-    Ok(text)
+    Ok(text.to_owned())
 }

@@ -80,9 +80,18 @@ impl Template {
     /// Turns the params of one instance into those of another; `params` comes from [`Self::params`].
     pub fn refill(&self, params: &mut Value, axes: &Axes, vars: &BTreeMap<String, Value>) -> Result<(), Vec<Unfilled>> {
         let mut wrong = Vec::new();
+        let mut text = 0;
         for slot in &self.slots {
             match slot.value(axes, vars) {
-                Ok(value) => *slot.place(params) = value,
+                Ok(value) => {
+                    text += value.as_str().map_or(0, str::len);
+                    if text > MAX_TEXTS {
+                        let message = format!("the texts of this stage grow beyond {} MiB", MAX_TEXTS >> 20);
+                        wrong.push(Unfilled { path: slot.path(), name: None, message });
+                        break;
+                    }
+                    *slot.place(params) = value;
+                }
                 Err((name, message)) => wrong.push(Unfilled { path: slot.path(), name, message }),
             }
         }
@@ -115,6 +124,9 @@ impl Slot {
         self.steps.iter().map(Step::text).collect()
     }
 }
+
+/// Bytes of all texts of one instance that axes are put into.
+const MAX_TEXTS: usize = 16 << 20;
 
 /// `samples: 1e3` is a whole number too: 1000.0 becomes 1000, which every number field takes.
 fn normalised(value: Value) -> Value {

@@ -157,9 +157,11 @@ impl Vars {
     /// Counts what substitution makes, and refuses to make too much of it.
     pub fn pay(&self, value: Value, path: &str) -> Result<Value, String> {
         let as_node = Node::from_json(&value, Default::default());
-        self.spent.set(self.spent.get() + as_node.size());
+        self.spent.set(self.spent.get() + as_node.weight());
         if self.spent.get() > MAX_NODES {
-            return Err(format!("`${{}}` makes more than {MAX_NODES} values in this file"));
+            return Err(format!(
+                "`${{}}` makes more than {MAX_NODES} values (64 bytes of a text count as one) in this file"
+            ));
         }
         if depth(&as_node) + path.matches('.').count() > MAX_DEPTH {
             return Err(format!("`${{}}` nests lists and maps more than {MAX_DEPTH} deep"));

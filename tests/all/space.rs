@@ -133,7 +133,7 @@ pub struct Done {
 }
 
 impl Done {
-    fn from(output: Output, arguments: &[&str]) -> Self {
+    pub fn from(output: Output, arguments: &[&str]) -> Self {
         Self {
             code: output.status.code(),
             out: String::from_utf8_lossy(&output.stdout).into_owned(),

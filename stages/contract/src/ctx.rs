@@ -5,6 +5,7 @@ use std::io::{self, Read, Write};
 use std::sync::{Arc, Mutex, OnceLock};
 
 use crate::error::Error;
+use crate::file::Files;
 
 /// The engine's side of [`Ctx`]. All methods may be called from any thread.
 pub trait Host: Sync {
@@ -100,7 +101,7 @@ impl<'a> std::ops::Deref for Ctx<'a> {
 pub struct MemoryHost {
     pub seed: u64,
     pub wanted: Vec<String>,
-    pub files: BTreeMap<String, Arc<[u8]>>,
+    pub files: Files,
     pub warnings: Mutex<Vec<String>>,
     pub measures: Mutex<BTreeMap<String, f64>>,
     pub checkpoints: Mutex<BTreeMap<u64, Vec<u8>>>,
@@ -127,7 +128,7 @@ impl Host for MemoryHost {
         self.wanted.iter().any(|w| w == port)
     }
     fn file(&self, at: &str) -> Option<Arc<[u8]>> {
-        self.files.get(at).cloned()
+        self.files.get(at)
     }
     fn checkpoint(&self, state: &[u8], progress: u64) {
         self.checkpoints.lock().expect("no holder panics").insert(progress, state.to_vec());

@@ -8,6 +8,7 @@ use serde_json::Value;
 use crate::artifact::{Artifact, ArtifactKind, Attributes};
 use crate::error::Error;
 use crate::extent::Extent;
+use crate::file::Files;
 use crate::payload::Payload;
 
 /// The axes of an instance with their values: `{A_rho: 1.0, S_rho: 5000.0}`.
@@ -86,7 +87,7 @@ impl<'a, T: Payload> Many<'a, T> {
 pub struct Known {
     pub artifacts: BTreeMap<String, Arc<Artifact>>,
     /// Content of the input files, by the field that names them.
-    pub files: BTreeMap<String, Arc<[u8]>>,
+    pub files: Files,
     /// Names of the input ports that are connected, known or not.
     pub connected: Vec<String>,
     /// Names of the output ports that are wanted.

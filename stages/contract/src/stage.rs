@@ -12,18 +12,10 @@ use crate::canonical::canonical_value;
 use crate::ctx::Ctx;
 use crate::error::Error;
 use crate::extent::Extent;
+use crate::file::FileUse;
 use crate::pilot::Pilot;
 use crate::port::{InPort, InPorts, InputSource, Known, OutPort, OutPorts};
 use crate::problem::Problems;
-
-/// An input file that the params name.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct FileUse {
-    /// Field path below `with`: `objects.polyp.mesh.file`.
-    pub at: String,
-    /// As written; relative to the YAML file that names it.
-    pub path: String,
-}
 
 /// What a stage is going to do, for `turbid plan`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]

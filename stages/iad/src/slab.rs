@@ -124,6 +124,10 @@ pub fn unscattered_depth(slab: &Slab, transmittance: f64) -> Result<f64, Error> 
     slab.check()?;
     let (top, bottom) = (Surface::new(slab.n, slab.top, 1.0), Surface::new(slab.n, slab.bottom, 1.0));
     let (through, echo) = (top.through * bottom.through, top.inside * bottom.inside);
+    // Its square may be too large for a number; nothing lets through more than all.
+    if transmittance > 1.0 {
+        return Err(Error::Range { name: "M_U", value: transmittance, must: "not exceed 1, all the light there is" });
+    }
     let pass =
         2.0 * transmittance / (through + (through * through + 4.0 * echo * transmittance * transmittance).sqrt());
     if pass > 1.0 {

@@ -52,7 +52,7 @@ const USUAL_ROWS: usize = 3;
 /// CPU seconds of the run, measured on a machine that walks 35 M flights a second.
 fn seconds(params: &Params, known: &Known) -> f64 {
     let file = params.file.as_ref().zip(known.files.get("file"));
-    let source = file.and_then(|(path, bytes)| Source::of_bytes(path, bytes).ok());
+    let source = file.and_then(|(path, bytes)| Source::of_bytes(path, &bytes).ok());
     let rows = source.as_ref().map_or(USUAL_ROWS, |source| source.sheet.rows());
     let with_m_u = source.is_some_and(|source| source.sheet.columns.iter().any(|(name, _)| name == "m_u"));
     let points = f64::from(params.points.unwrap_or(16)) / 16.0;
@@ -77,7 +77,7 @@ impl Stage for CalibrateIad {
     }
 
     fn files(params: &Params) -> Vec<FileUse> {
-        params.file.iter().map(|path| FileUse { at: "file".into(), path: path.clone() }).collect()
+        params.file.iter().map(|path| FileUse::new("file", path, params.max_file_mb)).collect()
     }
 
     fn canonical(params: &Params) -> Result<Value, String> {
@@ -184,7 +184,7 @@ fn check_file(params: &Params, path: &str, known: &Known, problems: &mut Problem
         return problems.push("file", format!("`{path}` must end in .csv or .rxt"));
     }
     let Some(bytes) = known.files.get("file") else { return };
-    let source = match Source::of_bytes(path, bytes) {
+    let source = match Source::of_bytes(path, &bytes) {
         Ok(source) => source,
         Err(Error::Invalid(problem)) => return problems.push(problem.path, problem.message),
         Err(other) => return problems.push("file", other.to_string()),

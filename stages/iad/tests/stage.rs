@@ -312,6 +312,33 @@ fn bad_inputs_in_files_are_answered() {
     assert_eq!(rows, 35);
 }
 
+/// M_U that no light can be (less than a photon in 1e30, more than all) is the row's own status: other rows have their fit, and no cell
+/// holds what is no number.
+#[test]
+fn an_impossible_m_u_is_a_status_of_its_row() {
+    let rows = ["1e-154", "1e-200", "1e-300", "1e-320", "1.5", "1e18", "1e200", "1e-3"]
+        .map(|m_u| format!("0.40677,0.42977,{m_u}"));
+    let csv = format!("m_r,m_t,m_u\n0.40677,0.42977,0.001099\n{}\n", rows.join("\n"));
+    for se in ["", r#", "m_r_se": 1e-4, "m_t_se": 1e-4, "m_u_se": 1e-5"#] {
+        for known in ["", r#", "mu_a": 0.05"#] {
+            let json = format!(r#"{{"file": "a.csv", "n": 1.36, "thickness": 1, "N": 8{se}{known}}}"#);
+            let fit = run(&json, Some(&csv), None);
+            let status = texts(&fit, "status");
+            let ok = |i: usize| ["ok", "disagree"].contains(&status[i].as_str());
+            assert!(ok(0) && ok(8), "{json}: {status:?}");
+            assert!((1..8).all(|i| status[i] == "out_of_range"), "{json}: {status:?}");
+            for column in &fit.columns {
+                let all_finite = match &column.cells {
+                    Cells::F64(v) => v.iter().all(|x| x.is_finite()),
+                    Cells::MaybeF64(v) => v.iter().flatten().all(|x| x.is_finite()),
+                    _ => true,
+                };
+                assert!(all_finite, "{json}: {column:?}");
+            }
+        }
+    }
+}
+
 /// Figures that guard VERSION: other bits of the same readings need a higher one.
 #[test]
 fn golden() {

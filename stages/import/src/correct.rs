@@ -25,7 +25,7 @@ pub struct Camera {
 /// One frame as radiance.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Corrected {
-    pub value: Vec<f64>,
+    pub value: Vec<f32>,
     /// Empty where the camera's noise is not known.
     pub variance: Vec<f64>,
     pub reasons: Vec<MaskReason>,
@@ -46,7 +46,7 @@ impl Field {
 
 impl Camera {
     fn level(&self, picture: &Picture, i: usize) -> f64 {
-        libm::pow(picture.values[i] / picture.highest.unwrap_or(1.0), self.gamma)
+        libm::pow(picture.values.at(i) / picture.highest.unwrap_or(1.0), self.gamma)
     }
 
     /// Dark level of each pixel.
@@ -71,7 +71,13 @@ impl Camera {
 
     /// The frame, taken with 2^exposure times the light.
     pub fn correct(&self, frame: &Picture, dark: Option<&Field>, response: Option<&Field>, exposure: f64) -> Corrected {
-        let mut corrected = Corrected { value: Vec::new(), variance: Vec::new(), reasons: Vec::new() };
+        let pixels = frame.values.len();
+        let variances = if self.full_well.is_some() { pixels } else { 0 };
+        let mut corrected = Corrected {
+            value: Vec::with_capacity(pixels),
+            variance: Vec::with_capacity(variances),
+            reasons: Vec::with_capacity(pixels),
+        };
         let scale = self.full_scale / libm::exp2(exposure);
         for i in 0..frame.values.len() {
             let level = self.level(frame, i);
@@ -82,7 +88,7 @@ impl Camera {
             let finite = level.is_finite() && above.is_finite() && gain.abs() != f64::INFINITY;
             let reason = if !finite || gain > DEAD && !(value as f32).is_finite() {
                 MaskReason::NotFinite
-            } else if frame.highest.is_some_and(|highest| frame.values[i] >= self.saturation * highest) {
+            } else if frame.highest.is_some_and(|highest| frame.values.at(i) >= self.saturation * highest) {
                 MaskReason::Saturated
             } else if gain.is_nan() || gain <= DEAD {
                 MaskReason::LowSignal
@@ -91,7 +97,7 @@ impl Camera {
             };
             let good = reason == MaskReason::Good;
             corrected.reasons.push(reason);
-            corrected.value.push(if good { value } else { 0.0 });
+            corrected.value.push(if good { value as f32 } else { 0.0 });
             if let Some(full_well) = self.full_well {
                 let read = self.read_noise / full_well;
                 // One number is a step of gamma level^(1 - 1 / gamma) / highest; rounding spreads evenly over it.

@@ -27,6 +27,6 @@ mod stage;
 
 pub use conditions::ConditionsParams;
 pub use correct::{Camera, Corrected};
-pub use decode::{Channel, Picture, decode};
+pub use decode::{Channel, Numbers, Picture, decode};
 pub use params::{FrameParams, Params, Shot};
 pub use stage::{ImportFrames, In, Out};

@@ -2,7 +2,7 @@
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use turbid_contract::{AngleDeg, Length, PerLength, Problems};
+use turbid_contract::{AngleDeg, Length, MaxFile, PerLength, Problems};
 
 use crate::conditions::ConditionsParams;
 use crate::correct::Camera;
@@ -55,6 +55,9 @@ pub struct Params {
     /// Size of a pixel on the sample, mm: gives pictures and files of the frames, and of what is made from them, a scale.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pixel_mm: Option<Length>,
+    /// MB (10^6 bytes) that an input file may have; 1 GiB where left out. Not in the key.
+    #[serde(skip_serializing)]
+    pub max_file_mb: MaxFile,
 }
 
 /// One file.
@@ -99,6 +102,7 @@ impl Default for Params {
             read_noise: 0.0,
             conditions: None,
             pixel_mm: None,
+            max_file_mb: MaxFile::default(),
         }
     }
 }

@@ -38,9 +38,9 @@ impl Stage for ImportFrames {
 
     fn files(params: &Params) -> Vec<FileUse> {
         let fields = [("dark", &params.dark), ("flat", &params.flat)];
-        let fields =
-            fields.into_iter().filter_map(|(at, path)| path.clone().map(|path| FileUse { at: at.into(), path }));
-        params.shots().into_iter().map(|s| FileUse { at: s.at, path: s.file }).chain(fields).collect()
+        let fields = fields.into_iter().filter_map(|(at, path)| Some((at.to_owned(), path.clone()?)));
+        let named = params.shots().into_iter().map(|s| (s.at, s.file)).chain(fields);
+        named.map(|(at, path)| FileUse::new(at, path, params.max_file_mb)).collect()
     }
 
     fn canonical(params: &Params) -> Result<serde_json::Value, String> {
@@ -58,7 +58,7 @@ impl Stage for ImportFrames {
         params.check(problems);
         let decoded = |at: &str, path: &str| {
             let bytes = known.files.get(at)?;
-            let picture = decode(bytes, params.channel).and_then(|picture| picture.of_bits(params.bits));
+            let picture = decode(&bytes, params.channel).and_then(|picture| picture.of_bits(params.bits));
             Some(picture.map_err(|what| Error::invalid(at, format!("`{path}`: {what}"))))
         };
         // Pictures of dark and flat field that cannot be read are named with the others.
@@ -67,7 +67,7 @@ impl Stage for ImportFrames {
         let fields = if problems.is_empty() { Fields::of(params, load) } else { Err(absent()) };
         let shots = params.shots();
         let mut first: Option<(String, [usize; 2])> = None;
-        for FileUse { at, path } in Self::files(params) {
+        for FileUse { at, path, .. } in Self::files(params) {
             let picture = match decoded(&at, &path) {
                 None => continue,
                 Some(Err(error)) => {
@@ -133,17 +133,15 @@ impl Stage for ImportFrames {
             picture.map_err(|what| Error::invalid(at, format!("`{path}`: {what}")))
         };
         let fields = Fields::of(params, load)?;
-        let read = |k: usize| -> Result<(Picture, Corrected), Error> {
+        let read = |k: usize| -> Result<Seen, Error> {
             let picture = load(&shots[k].at, &shots[k].file)?;
-            let corrected = fields.correct(params, &shots[k], &picture);
-            Ok((picture, corrected))
+            Ok(Seen { size: (picture.rows, picture.columns), corrected: fields.correct(params, &shots[k], &picture) })
         };
-        let seen: Vec<(Picture, Corrected)> =
-            ctx.map_tiles(shots.len(), read)?.into_iter().collect::<Result<_, _>>()?;
-        for (shot, (_, corrected)) in shots.iter().zip(&seen) {
-            usable(shot, corrected)?;
+        let seen: Vec<Seen> = ctx.map_tiles(shots.len(), read)?.into_iter().collect::<Result<_, _>>()?;
+        for (shot, seen) in shots.iter().zip(&seen) {
+            usable(shot, &seen.corrected)?;
         }
-        let mut frames = stack(params, &shots, &seen, ctx);
+        let mut frames = stack(params, &shots, seen, ctx);
         if let Some(conditions) = &params.conditions {
             conditions.said().insert_into(&mut frames.attributes, CONDITIONS);
         }
@@ -165,7 +163,7 @@ fn odd_numbers(at: &str, path: &str, picture: &Picture, problems: &mut Problems)
             format!("`{path}`: {odd} of {} pixels are no finite numbers; they are masked", picture.values.len()),
         );
     }
-    let largest = picture.values.iter().copied().filter(|v| v.is_finite()).fold(0.0, f64::max);
+    let largest = picture.values.iter().filter(|v| v.is_finite()).fold(0.0, f64::max);
     if largest > MOST {
         problems.warn(
             at,
@@ -238,11 +236,17 @@ fn usable(shot: &Shot, corrected: &Corrected) -> Result<(), Error> {
     Ok(())
 }
 
-fn stack(params: &Params, shots: &[Shot], seen: &[(Picture, Corrected)], ctx: Ctx<'_>) -> ImageStack {
-    let (rows, columns) = (seen[0].0.rows, seen[0].0.columns);
+/// A frame, and its rows and columns.
+struct Seen {
+    size: (usize, usize),
+    corrected: Corrected,
+}
+
+fn stack(params: &Params, shots: &[Shot], seen: Vec<Seen>, ctx: Ctx<'_>) -> ImageStack {
+    let (rows, columns) = seen[0].size;
     let plane = |pixels: Vec<f32>| Array2::from_shape_vec((rows, columns), pixels).expect("checked: one size");
     let mut masks: Vec<(Option<f64>, Vec<f32>)> = Vec::new();
-    for (shot, (_, corrected)) in shots.iter().zip(seen) {
+    for (shot, Seen { corrected, .. }) in shots.iter().zip(&seen) {
         let at = masks.iter().position(|(w, _)| *w == shot.wavelength_nm).unwrap_or_else(|| {
             masks.push((shot.wavelength_nm, vec![0.0; rows * columns]));
             masks.len() - 1
@@ -255,7 +259,7 @@ fn stack(params: &Params, shots: &[Shot], seen: &[(Picture, Corrected)], ctx: Ct
         stack.attributes.insert(PIXEL_PITCH_MM.to_owned(), vec![pixel.0; 2].into());
     }
     let mut errors = Vec::new();
-    for (shot, (_, corrected)) in shots.iter().zip(seen) {
+    for (shot, Seen { mut corrected, .. }) in shots.iter().zip(seen) {
         let mask = &masks.iter().find(|(w, _)| *w == shot.wavelength_nm).expect("one for each wavelength").1;
         let unit = if params.full_scale.is_some() { "W mm^-2 sr^-1" } else { "1" };
         let mut info = LayerInfo::value("radiance", unit).with_f_x(shot.f_x);
@@ -263,15 +267,16 @@ fn stack(params: &Params, shots: &[Shot], seen: &[(Picture, Corrected)], ctx: Ct
             (info.phase_rad, info.orientation_deg) = (Some(shot.phase_rad), Some(shot.orientation_deg));
         }
         info.wavelength_nm = shot.wavelength_nm;
-        let or_zero = |i: usize, v: f64| if mask[i] == 0.0 { v as f32 } else { 0.0 };
         let good = mask.iter().filter(|&&m| m == 0.0).count() as f64;
         if !corrected.variance.is_empty() {
             let sum: f64 = corrected.variance.iter().zip(mask).filter(|(_, m)| **m == 0.0).map(|(v, _)| v).sum();
             info.mean_se = (good > 0.0).then(|| sum.sqrt() / good);
-            let se = corrected.variance.iter().enumerate().map(|(i, v)| or_zero(i, v.sqrt())).collect();
+            let standard_error = |(v, m): (&f64, &f32)| if *m == 0.0 { v.sqrt() as f32 } else { 0.0 };
+            let se = corrected.variance.iter().zip(mask).map(standard_error).collect();
             errors.push((info.standard_error(), plane(se)));
         }
-        stack.push(info, plane(corrected.value.iter().enumerate().map(|(i, &v)| or_zero(i, v)).collect()));
+        corrected.value.iter_mut().zip(mask).filter(|(_, m)| **m != 0.0).for_each(|(value, _)| *value = 0.0);
+        stack.push(info, plane(corrected.value));
     }
     errors.into_iter().for_each(|(info, data)| stack.push(info, data));
     for (wavelength_nm, mask) in masks {

@@ -108,7 +108,7 @@ fn every_kind_of_file_is_read() {
     for (name, bytes, channel, highest, values) in cases {
         let picture = decode(&bytes, channel).unwrap_or_else(|e| panic!("{name}: {e}"));
         assert_eq!((picture.rows, picture.columns, picture.highest), (ROWS, COLUMNS, highest), "{name}");
-        assert_eq!(picture.values, values, "{name}");
+        assert_eq!(picture.values.iter().collect::<Vec<_>>(), values, "{name}");
         // Cut anywhere it is refused, never read in part and never a panic.
         for cut in [9, bytes.len() / 2, bytes.len() - 5] {
             assert!(

@@ -1,11 +1,12 @@
 //! Pictures from files, shown as they are.
 
 use std::f64::consts::TAU;
+use std::sync::Arc;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use turbid_contract::payload::Picture;
-use turbid_contract::{AngleDeg, FileUse, LayerInfo, PerLength, Problems};
+use turbid_contract::{AngleDeg, FileUse, LayerInfo, MaxFile, PerLength, Problems};
 use turbid_geometry::picture;
 
 /// Pictures in place of fringes.
@@ -30,12 +31,12 @@ fn linear() -> f64 {
 }
 
 impl Image {
-    pub fn uses(&self) -> impl Iterator<Item = FileUse> {
-        self.files.iter().enumerate().map(|(i, path)| FileUse { at: at(i), path: path.clone() })
+    pub fn uses(&self, max: MaxFile) -> impl Iterator<Item = FileUse> {
+        self.files.iter().enumerate().map(move |(i, path)| FileUse::new(at(i), path.as_str(), max))
     }
 
     /// Reports what is wrong with params and files; columns and rows of the pictures, where they have one size.
-    pub fn check<'a>(&self, file: impl Fn(&str) -> Option<&'a [u8]>, problems: &mut Problems) -> Option<[u32; 2]> {
+    pub fn check(&self, file: impl Fn(&str) -> Option<Arc<[u8]>>, problems: &mut Problems) -> Option<[u32; 2]> {
         if self.files.is_empty() {
             problems.push_with_hint("image.files", "files is empty: nothing would be shown", "list at least one PNG");
         }
@@ -57,7 +58,7 @@ impl Image {
         let mut alike = true;
         for (i, path) in self.files.iter().enumerate() {
             let Some(bytes) = file(&at(i)) else { continue };
-            match (picture::read(bytes), first) {
+            match (picture::read(&bytes), first) {
                 (Err(what), _) => problems.push(at(i), format!("`{path}`: {what}")),
                 (Ok(Picture { columns, rows, .. }), None) => first = Some((path, [columns, rows])),
                 (Ok(Picture { columns, rows, .. }), Some((other, [c, r]))) if [columns, rows] != [c, r] => {

@@ -77,6 +77,7 @@ fn fringes(f_x: &[f64], orientation_deg: &[f64]) -> PatternParams {
         speckle: None,
         image: None,
         pixels: None,
+        max_file_mb: Default::default(),
     }
 }
 

@@ -35,9 +35,10 @@ impl Stage for SceneStage {
     type Out = Out;
 
     fn files(params: &Params) -> Vec<FileUse> {
+        let max = params.max_file_mb;
         let mut params = params.clone();
         let files = params.objects.iter_mut().flat_map(|(name, o)| files(name, o));
-        files.map(|(at, path)| FileUse { at, path: path.clone() }).collect()
+        files.map(|(at, path)| FileUse::new(at, path.as_str(), max)).collect()
     }
 
     fn canonical(params: &Params) -> Result<Value, String> {
@@ -50,7 +51,7 @@ impl Stage for SceneStage {
     }
 
     fn check(params: &Params, known: &Known, problems: &mut Problems) {
-        assemble(params, &|at| known.files.get(at).cloned(), problems);
+        assemble(params, &|at| known.files.get(at), problems);
     }
 
     fn plan(_: &Params, _: &Known) -> StagePlan {

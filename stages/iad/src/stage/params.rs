@@ -7,7 +7,7 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{self, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
-use turbid_contract::{Length, PerLength, Problems, Ratio};
+use turbid_contract::{Length, MaxFile, PerLength, Problems, Ratio};
 
 use super::line::Constraint;
 use crate::{Instrument, Slide, Sphere, Spheres};
@@ -79,6 +79,9 @@ pub struct Params {
     /// thousandth or a fifth of their standard errors, 64 at most.
     #[serde(default, rename = "N", skip_serializing_if = "Option::is_none")]
     pub points: Option<u32>,
+    /// MB (10^6 bytes) that an input file may have; 1 GiB where left out. Not in the key.
+    #[serde(default, skip_serializing)]
+    pub max_file_mb: MaxFile,
 }
 
 fn three() -> Ratio {

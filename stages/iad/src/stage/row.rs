@@ -176,7 +176,7 @@ fn found<const N: usize>(case: &Case, answer: Answer, level: &Level<N>, quadratu
         })
     };
     // A perfect correlation leaves a difference that rounding may turn negative.
-    let variance = |of: usize, i: usize| spread(of, i, i).map(|v| v.max(0.0));
+    let variance = |of: usize, i: usize| spread(of, i, i).filter(|v| v.is_finite()).map(|v| v.max(0.0));
     let model = quadrature.and_then(|q| {
         let of = |i: usize| Some((q[i] * q[i] + variance(1, i)?).sqrt());
         Some([of(0)?, of(1)?, of(2)?])
@@ -231,7 +231,8 @@ pub fn table(media: &[String], found: &[Result<Found, Failure>]) -> Fit {
     table.push("medium", "", Cells::Text(media.to_vec()));
     let number = |value: fn(&Found) -> f64| Cells::F64(found.iter().map(|f| f.as_ref().map_or(0.0, value)).collect());
     let maybe = |value: fn(&Found) -> Option<f64>| {
-        Cells::MaybeF64(found.iter().map(|f| f.as_ref().ok().and_then(value)).collect())
+        // What is no number is not known.
+        Cells::MaybeF64(found.iter().map(|f| f.as_ref().ok().and_then(value).filter(|x| x.is_finite())).collect())
     };
     table.push("mu_a", "mm^-1", number(|f| f.answer.medium[0]));
     table.push("mu_a_se", "mm^-1", maybe(|f| f.se.map(|se| se[0])));

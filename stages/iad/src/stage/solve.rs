@@ -149,12 +149,21 @@ fn fed_back<const N: usize>(
     fed.iter().flatten().all(|x| x.is_finite()).then_some(fed)
 }
 
+/// Less unscattered light than this is no reading: of 1e30 photons, which a kilowatt of light takes ten years to send, not one.
+const FAINTEST: f64 = 1e-30;
+
 /// The medium where this light is lost.
 fn at_loss<const N: usize>(case: &Case, level: &Level<N>, lost: Lost, lost_se: Lost) -> Result<Answer, Failure> {
     let measured = Measurement { lost, lost_se, ..case.measured };
     if case.m_u.is_some() && case.light != Incidence::Normal {
         let at = "M_U is read along the normal; this row's beam is slanted: leave out M_U or the angle";
         return Err(Failure::Open("out_of_range", at.to_owned()));
+    }
+    if let Some((m_u, _)) = case.m_u
+        && m_u < FAINTEST
+    {
+        let must = "be at least 1e-30: less is no light that can be seen; where none was, leave M_U out or write 0";
+        return Err(Error::Range { name: "M_U", value: m_u, must }.into());
     }
     let read = case.read.iter().filter(|read| **read).count();
     match (case.known, case.m_u) {
@@ -223,7 +232,8 @@ fn with_g<const N: usize>(case: &Case, level: &Level<N>, measured: &Measurement,
     let at = |r: f64, t: f64, u: f64| at(medium[2], r, t, u);
     let slope = |r: f64, t: f64, u: f64| -> Option<[f64; 3]> {
         let (high, low) = (at(r, t, u).ok()?, at(-r, -t, -u).ok()?);
-        Some(std::array::from_fn(|i| 0.5 * (high[i] - low[i]) / (r + t + u)))
+        let slope: [f64; 3] = std::array::from_fn(|i| 0.5 * (high[i] - low[i]) / (r + t + u));
+        slope.iter().all(|x| x.is_finite()).then_some(slope)
     };
     // Small against the readings and what is left over for absorption, large against the 1e-8 of a fit.
     let h = 1e-5;

@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 use turbid_contract::canonical::canonical_value;
 use turbid_contract::payload::{Pattern, Picture, Scene, SurfaceFrequency};
 use turbid_contract::{
-    AngleDeg, Ctx, Error, FileUse, ImageStack, Known, LayerInfo, PerLength, Problems, Stage, StagePlan, in_ports,
-    out_ports, serde_json,
+    AngleDeg, Ctx, Error, FileUse, ImageStack, Known, LayerInfo, MaxFile, PerLength, Problems, Stage, StagePlan,
+    in_ports, out_ports, serde_json,
 };
 use turbid_geometry::{Bodies, picture};
 use turbid_optics::elementary::sin_cos_turns;
@@ -57,6 +57,9 @@ pub struct Params {
     /// Columns and rows, where the scene's projector does not say them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pixels: Option<[u32; 2]>,
+    /// MB (10^6 bytes) that an input file may have; 1 GiB where left out. Not in the key.
+    #[serde(default, skip_serializing)]
+    pub max_file_mb: MaxFile,
 }
 
 pub(super) fn three() -> u32 {
@@ -101,7 +104,7 @@ impl Stage for PatternStage {
     }
 
     fn files(params: &Params) -> Vec<FileUse> {
-        params.image.iter().flat_map(Image::uses).collect()
+        params.image.iter().flat_map(|image| image.uses(params.max_file_mb)).collect()
     }
 
     fn canonical(params: &Params) -> Result<serde_json::Value, String> {
@@ -138,7 +141,7 @@ impl Stage for PatternStage {
             if params.pixels.is_some() {
                 problems.push_with_hint("pixels", "a picture has pixels of its own", "leave `pixels` out");
             }
-            image.check(|at| known.files.get(at).map(|bytes| &bytes[..]), problems)
+            image.check(|at| known.files.get(at), problems)
         });
         if params.image.is_some() && size.is_none() {
             return;
@@ -247,7 +250,7 @@ fn check_resolution(params: &Params, screen: &Screen, problems: &mut Problems) {
 fn pictures(params: &Params, ctx: Ctx<'_>) -> Result<Vec<Picture>, Error> {
     let Some(image) = &params.image else { return Ok(Vec::new()) };
     let mut pictures: Vec<Picture> = Vec::new();
-    for FileUse { at, path } in image.uses() {
+    for FileUse { at, path, .. } in image.uses(params.max_file_mb) {
         let bytes = ctx.file(&at).ok_or_else(|| Error::failed(format!("`{path}` was not read")))?;
         let picture = picture::read(&bytes).map_err(|what| Error::invalid(at.as_str(), format!("`{path}`: {what}")))?;
         if pictures.first().is_some_and(|first| (first.columns, first.rows) != (picture.columns, picture.rows)) {

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
-use turbid_contract::Wavelength;
 use turbid_contract::schemars::JsonSchema;
+use turbid_contract::{MaxFile, Wavelength};
 
 mod detector;
 mod lamp;
@@ -44,4 +44,7 @@ pub struct Params {
     /// Areas that count the power of the light that comes through them: rows of render's port `power`.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub detectors: BTreeMap<String, DetectorParams>,
+    /// MB (10^6 bytes) that an input file may have; 1 GiB where left out. Not in the key.
+    #[serde(default, skip_serializing)]
+    pub max_file_mb: MaxFile,
 }

@@ -1,0 +1,160 @@
+//! TIFF: grey and RGB of 8, 16 and 32 bit and floating-point, by strips and tiles.
+
+use std::io::Cursor;
+
+use tiff::decoder::{ChunkType, Decoder, DecodingResult, Limits};
+use tiff::tags::Tag;
+
+use super::numbers::{Numbers, zeros};
+use super::{Channel, Picture, bounded, can_hold, place};
+
+/// Above what LZW (about 2,700) and deflate (1,032) pack at most into one byte.
+const RATIO: u64 = 4096;
+/// Bytes of a strip or tile that is larger than its picture.
+const SMALL: u64 = 16 << 20;
+/// Pages that are counted.
+const MOST_PAGES: usize = 1000;
+
+type File<'a> = Decoder<Cursor<&'a [u8]>>;
+
+pub fn read(bytes: &[u8], channel: Option<Channel>) -> Result<Picture, String> {
+    let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(said)?;
+    let (columns, rows) = decoder.dimensions().map_err(said)?;
+    let size = bounded(u64::from(columns), u64::from(rows))?;
+    let (count, bits) = match decoder.colortype().map_err(said)? {
+        tiff::ColorType::Gray(bits) => (1, bits),
+        tiff::ColorType::GrayA(bits) => (2, bits),
+        tiff::ColorType::RGB(bits) => (3, bits),
+        tiff::ColorType::RGBA(bits) => (4, bits),
+        other => return Err(format!("its pixels are {other:?}, not grey or RGB")),
+    };
+    let at = place(count, channel)?;
+    if ![8, 16, 32, 64].contains(&bits) {
+        return Err(format!("its pixels have {bits} bit, not 8, 16, 32 or 64"));
+    }
+    let pixel = count as u64 * u64::from(bits / 8);
+    let whole = (size.0 * size.1) as u64 * pixel;
+    can_hold(bytes.len(), whole, RATIO)?;
+    let (width, height) = decoder.chunk_dimensions();
+    if decoder.get_chunk_type() == ChunkType::Tile
+        && u64::from(width).saturating_mul(u64::from(height)).saturating_mul(pixel) > whole.max(SMALL)
+    {
+        return Err(format!("its tiles of {width} x {height} pixels are larger than the picture"));
+    }
+    let mut limits = Limits::default();
+    limits.decoding_buffer_size = whole.max(SMALL) as usize;
+    limits.intermediate_buffer_size = limits.intermediate_buffer_size.max(bytes.len());
+    let mut decoder = decoder.with_limits(limits);
+    let values = pixels(&mut decoder, size, count, at)?;
+    let pages = pages(&mut decoder)?;
+    if pages > 1 {
+        let pages = if pages > MOST_PAGES { format!("more than {MOST_PAGES}") } else { pages.to_string() };
+        return Err(format!("it has {pages} pages, and a frame is one picture: save each page as a file of its own"));
+    }
+    Picture::whole(size, values)
+}
+
+/// One channel, strip by strip or tile by tile.
+fn pixels(decoder: &mut File<'_>, (columns, rows): (usize, usize), count: usize, at: usize) -> Result<Numbers, String> {
+    let (width, height) = decoder.chunk_dimensions();
+    let (width, height) = (width as usize, height as usize);
+    let across = columns.div_ceil(width);
+    let parts = across * rows.div_ceil(height);
+    let planar = decoder.find_tag_unsigned::<u16>(Tag::PlanarConfiguration).map_err(said)? == Some(2);
+    // In a planar file the strips of each channel follow those of the one before, and hold nothing else.
+    let (first, count, at) = if planar { (at * parts, 1, 0) } else { (0, count, at) };
+    let mut all: Option<Numbers> = None;
+    for part in 0..parts {
+        let index = u32::try_from(first + part).map_err(|_| "it has too many strips".to_owned())?;
+        let read = decoder.read_chunk(index).map_err(said)?;
+        let (x, y) = (part % across * width, part / across * height);
+        let place = Place { columns, x, y, width: width.min(columns - x), height: height.min(rows - y), count, at };
+        if all.is_none() {
+            if parts == 1 && count == 1 {
+                return numbers(read);
+            }
+            all = Some(like(&read, columns * rows)?);
+        }
+        let taken = all.as_mut().is_some_and(|all| place.take(read, all));
+        if !taken {
+            return Err("its strips or tiles are shorter than they should be".to_owned());
+        }
+    }
+    all.ok_or_else(|| "it has no pixels".to_owned())
+}
+
+/// Where the pixels of a strip or tile belong, and which of their numbers is taken.
+struct Place {
+    columns: usize,
+    x: usize,
+    y: usize,
+    width: usize,
+    height: usize,
+    count: usize,
+    at: usize,
+}
+
+impl Place {
+    fn take(&self, read: DecodingResult, all: &mut Numbers) -> bool {
+        match (read, all) {
+            (DecodingResult::U8(read), Numbers::U8(all)) => self.copy(&read, all),
+            (DecodingResult::U16(read), Numbers::U16(all)) => self.copy(&read, all),
+            (DecodingResult::U32(read), Numbers::U32(all)) => self.copy(&read, all),
+            (DecodingResult::F32(read), Numbers::F32(all)) => self.copy(&read, all),
+            (DecodingResult::F64(read), Numbers::F64(all)) => self.copy(&read, all),
+            _ => false,
+        }
+    }
+
+    fn copy<T: Copy>(&self, read: &[T], all: &mut [T]) -> bool {
+        if read.len() < self.width * self.height * self.count {
+            return false;
+        }
+        for (row, numbers) in read.chunks_exact(self.width * self.count).take(self.height).enumerate() {
+            let start = (self.y + row) * self.columns + self.x;
+            let pixels = numbers.chunks_exact(self.count).map(|pixel| pixel[self.at]);
+            all[start..start + self.width].iter_mut().zip(pixels).for_each(|(to, number)| *to = number);
+        }
+        true
+    }
+}
+
+fn numbers(read: DecodingResult) -> Result<Numbers, String> {
+    match read {
+        DecodingResult::U8(v) => Ok(Numbers::U8(v)),
+        DecodingResult::U16(v) => Ok(Numbers::U16(v)),
+        DecodingResult::U32(v) => Ok(Numbers::U32(v)),
+        DecodingResult::F32(v) => Ok(Numbers::F32(v)),
+        DecodingResult::F64(v) => Ok(Numbers::F64(v)),
+        _ => Err("its numbers are neither unsigned of 8, 16 or 32 bit nor floating-point".to_owned()),
+    }
+}
+
+/// Zeros of the type that was read.
+fn like(read: &DecodingResult, n: usize) -> Result<Numbers, String> {
+    match read {
+        DecodingResult::U8(_) => Ok(Numbers::U8(zeros(n)?)),
+        DecodingResult::U16(_) => Ok(Numbers::U16(zeros(n)?)),
+        DecodingResult::U32(_) => Ok(Numbers::U32(zeros(n)?)),
+        DecodingResult::F32(_) => Ok(Numbers::F32(zeros(n)?)),
+        DecodingResult::F64(_) => Ok(Numbers::F64(zeros(n)?)),
+        _ => numbers(DecodingResult::I8(Vec::new())),
+    }
+}
+
+fn pages(decoder: &mut File<'_>) -> Result<usize, String> {
+    let (mut pages, mut seen) = (1, 1);
+    while decoder.more_images() && seen <= MOST_PAGES {
+        decoder.next_image().map_err(said)?;
+        seen += 1;
+        // A smaller copy of the picture, for file browsers, is no page of its own.
+        let copy =
+            decoder.find_tag_unsigned::<u32>(Tag::NewSubfileType).map_err(said)?.is_some_and(|kind| kind & 1 == 1);
+        pages += usize::from(!copy);
+    }
+    Ok(if seen > MOST_PAGES { seen } else { pages })
+}
+
+fn said(error: tiff::TiffError) -> String {
+    format!("it is no TIFF that can be read: {error}")
+}
