@@ -25,7 +25,7 @@ const LUMP: &str = "v 0 0 0\nv 2 0 0\nv 0 2 0\nv 0 0 2\nf 1 3 2\nf 1 2 4\nf 1 4 
 /// What is replaced, by what, the message, the way out.
 const WRONG: &[(&str, &str, &str, &str)] = &[
     ("v 0 0 0\n", "v 0 0 zero\n", "`lump.obj`: line 1: `zero` is no number (z)", ""),
-    ("f 2 3 4\n", "f 2 3 5\n", "`lump.obj`: a triangle names the vertex 4, but there are only 4", ""),
+    ("f 2 3 4\n", "f 2 3 5\n", "`lump.obj`: line 8: a face names the vertex 5, but there are only 4", ""),
     (
         "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n",
         "",

@@ -17,7 +17,7 @@
 
 pub mod assemble;
 mod axis;
-mod mesh;
+pub mod mesh;
 pub mod overlap;
 pub mod params;
 mod per_channel;

@@ -148,14 +148,14 @@ pub fn mesh(
     };
     let placing =
         Placing { scale: m.scale.0, rotation_deg: m.rotation_deg.map(|a| a.0 + 0.0), position: plain(m.position) };
-    let soup = match crate::mesh::read(&bytes) {
-        Ok(soup) => soup,
+    // What was read goes before it is checked: both take memory.
+    let mesh = match crate::mesh::read(&bytes).map(|soup| crate::mesh::place(&soup, &placing)) {
+        Ok(mesh) => mesh,
         Err(error) => {
             problems.push(at("file"), format!("`{}`: {error}", m.file));
             return None;
         }
     };
-    let mesh = crate::mesh::place(&soup, &placing);
     let wrong = crate::mesh::check(&mesh);
     for (what, way_out) in &wrong {
         problems.push_with_hint(at("file"), format!("`{}`: {what}", m.file), *way_out);

@@ -3,22 +3,33 @@
 use glam::DVec3;
 use turbid_contract::payload::Mesh;
 
-use super::crossing::crossings;
-use super::topology::{Fault, topology};
+use super::crossing::{Crossings, Left, crossings};
+use super::nearby::Nearby;
+use super::nesting::nesting;
+use super::topology::topology;
 
 /// A triangle flatter than this part of its longest edge has no area.
 const FLAT: f64 = 1e-9;
 
+/// Largest coordinate, and least extent along the longest side, mm: beyond lie mistakes of scale, and products that are no numbers.
+const FARTHEST: f64 = 1e9;
+const SMALLEST: f64 = 1e-6;
+
+type Fault = (String, &'static str);
+
 /// What is wrong with a mesh, each with a way out; empty for a solid.
-pub fn check(mesh: &Mesh) -> Vec<(String, &'static str)> {
+pub fn check(mesh: &Mesh) -> Vec<Fault> {
     if mesh.triangles.is_empty() {
         return vec![("the mesh has no triangle".to_owned(), "export a surface of triangles")];
     }
-    let mut found = Vec::new();
+    if let Some(fault) = extent(mesh) {
+        return vec![fault];
+    }
     let corner = |i: u32| DVec3::from(mesh.vertices[i as usize]);
-    let flat: Vec<_> = mesh.triangles.iter().filter(|t| is_flat(t.map(corner))).collect();
-    if let Some(first) = flat.first() {
-        let (n, at) = (flat.len(), said(corner(first[0])));
+    let mut found: Vec<Fault> = Vec::new();
+    let mut flat = mesh.triangles.iter().filter(|t| is_flat(t.map(corner)));
+    if let Some(first) = flat.next() {
+        let (n, at) = (1 + flat.count(), said(corner(first[0])));
         found.push((
             format!("{} without area, the first at {at}", count(n, "triangle")),
             "merge close vertices and dissolve degenerate faces in a mesh editor",
@@ -27,64 +38,89 @@ pub fn check(mesh: &Mesh) -> Vec<(String, &'static str)> {
     let topology = topology(mesh);
     let faults = [
         (
-            Fault::Open,
+            topology.open,
             "with one triangle only: the surface has holes",
             "fill the holes, or merge vertices that should be one",
         ),
         (
-            Fault::Crowded,
+            topology.crowded,
             "with more than two triangles: the surface is not that of a solid",
             "take out inner faces and doubles",
         ),
         (
-            Fault::Turned,
+            topology.turned,
             "whose two triangles have normals to different sides",
             "recalculate normals so that all point outwards",
         ),
     ];
-    for (fault, rule, way_out) in faults {
-        let edges: Vec<[u32; 2]> = topology.faults.iter().filter(|f| f.0 == fault).map(|f| f.1).collect();
-        if let Some(first) = edges.first() {
-            let middle = 0.5 * (corner(first[0]) + corner(first[1]));
-            found.push((format!("{} {rule}; the first is at {}", count(edges.len(), "edge"), said(middle)), way_out));
-        }
+    for (edges, rule, way_out) in faults.into_iter().filter(|(edges, ..)| edges.count > 0) {
+        let middle = 0.5 * (corner(edges.first[0]) + corner(edges.first[1]));
+        found.push((format!("{} {rule}; the first is at {}", count(edges.count, "edge"), said(middle)), way_out));
     }
     if found.is_empty() {
-        let pairs = crossings(mesh);
-        if let Some((_, first)) = pairs.first() {
-            found.push((
-                format!("{} of triangles run through each other, the first at {}", count(pairs.len(), "pair"), said(*first)),
-                "unite the parts (boolean union) in a mesh editor, or make them objects of their own with different priorities",
-            ));
+        let nearby = Nearby::of(mesh);
+        found.extend(crossing_fault(&crossings(&nearby)));
+        if found.is_empty() {
+            found.extend(orientation(&nearby, &topology.parts, topology.part_count));
         }
-    }
-    if found.is_empty() {
-        found.extend(orientation(mesh, &topology.parts, topology.part_count));
     }
     found
 }
 
-/// Parts that do not lie in another must bound a volume; those that do must bound a cavity, with normals into it.
-fn orientation(mesh: &Mesh, parts: &[u32], part_count: usize) -> Option<(String, &'static str)> {
-    let corner = |i: u32| DVec3::from(mesh.vertices[i as usize]);
-    let (mut volumes, mut areas) = (vec![0.0; part_count], vec![0.0; part_count]);
-    let (mut first, mut middles) = (vec![usize::MAX; part_count], vec![DVec3::ZERO; part_count]);
-    for (i, (t, &part)) in mesh.triangles.iter().zip(parts).enumerate() {
-        let part = part as usize;
-        if first[part] == usize::MAX {
-            (first[part], middles[part]) = (i, corner(t[0]));
+/// Coordinates with which no product of three is infinite or nothing.
+fn extent(mesh: &Mesh) -> Option<Fault> {
+    const HINT: &str = "check `scale`: lengths of the file times it are mm";
+    let corners = || mesh.triangles.iter().flatten().map(|&i| DVec3::from(mesh.vertices[i as usize]));
+    // NaN, which overflow may bring, is not within either.
+    if let Some(p) = corners().find(|p| p.to_array().iter().any(|x| !(x.abs() <= FARTHEST))) {
+        let [x, y, z] = p.to_array();
+        let rule = format!("coordinates must be within {FARTHEST:e} mm of 0");
+        return Some((format!("a vertex lies at ({x:e}, {y:e}, {z:e}) mm: {rule}"), HINT));
+    }
+    let nowhere = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    let (low, high) = corners().fold(nowhere, |(low, high), p| (low.min(p), high.max(p)));
+    let size = (high - low).max_element();
+    (size < SMALLEST).then(|| (format!("it is {size:e} mm across: it must be at least {SMALLEST:e} mm"), HINT))
+}
+
+fn crossing_fault(crossings: &Crossings) -> Option<Fault> {
+    match crossings.left {
+        Left::TooNear(pairs) if crossings.count == 0 => Some((
+            format!(
+                "more than {pairs} pairs of its triangles are so near each other that they may cross, too many to look at"
+            ),
+            "split long thin triangles (remesh), or give its parts as objects of their own",
+        )),
+        _ if crossings.count == 0 => None,
+        left => {
+            let least = if left == Left::Nothing { "" } else { "at least " };
+            let pairs = count(crossings.count, "pair");
+            Some((
+                format!("{least}{pairs} of triangles run through each other, the first at {}", said(crossings.first)),
+                "unite the parts (boolean union) in a mesh editor, or make them objects of their own with different priorities",
+            ))
         }
+    }
+}
+
+/// Parts that do not lie in another must bound a volume; those that do must bound a cavity, with normals into it.
+fn orientation(nearby: &Nearby<'_>, parts: &[u32], part_count: usize) -> Option<Fault> {
+    let (mut volumes, mut areas) = (vec![0.0; part_count], vec![0.0; part_count]);
+    let mut firsts = vec![None; part_count];
+    for (i, &part) in parts.iter().enumerate() {
+        let (part, corners) = (part as usize, nearby.corners(i));
+        let first = *firsts[part].get_or_insert(corners[0]);
         // About a corner of its own, which keeps the digits of what is far from the origin.
-        let [a, b, c] = t.map(|k| corner(k) - middles[part]);
+        let [a, b, c] = corners.map(|corner| corner - first);
         volumes[part] += a.dot(b.cross(c)) / 6.0;
         areas[part] += 0.5 * (b - a).cross(c - a).length();
     }
-    let at = |part: usize| said(middles[part]);
-    for part in 0..part_count {
-        if volumes[part].abs() <= FLAT * areas[part] * areas[part].sqrt() {
-            return Some((format!("the part at {} encloses no volume", at(part)), "give it a thickness"));
-        }
-        let around = if part_count > 1 { winding(mesh, parts, part as u32, middles[part]) } else { 0 };
+    let at = |part: usize| said(firsts[part].unwrap_or_default());
+    let thin = |part: &usize| volumes[*part].abs() <= FLAT * areas[*part] * areas[*part].sqrt();
+    if let Some(part) = (0..part_count).find(thin) {
+        return Some((format!("the part at {} encloses no volume", at(part)), "give it a thickness"));
+    }
+    for (part, around) in nesting(nearby, parts, &volumes).into_iter().enumerate() {
         match (volumes[part] < 0.0, around) {
             (false, 0) | (true, 1) => {}
             (true, 0) => {
@@ -106,19 +142,6 @@ fn orientation(mesh: &Mesh, parts: &[u32], part_count: usize) -> Option<(String,
         }
     }
     None
-}
-
-/// How many of the other parts hold a point (a cavity counts -1), by their solid angles.
-fn winding(mesh: &Mesh, parts: &[u32], except: u32, p: DVec3) -> i64 {
-    let mut angle = 0.0;
-    for (t, _) in mesh.triangles.iter().zip(parts).filter(|(_, part)| **part != except) {
-        let [a, b, c] = t.map(|i| DVec3::from(mesh.vertices[i as usize]) - p);
-        let (la, lb, lc) = (a.length(), b.length(), c.length());
-        // Van Oosterom and Strackee 1983.
-        let below = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
-        angle += 2.0 * libm::atan2(a.dot(b.cross(c)), below);
-    }
-    libm::round(angle / (4.0 * std::f64::consts::PI)) as i64
 }
 
 fn is_flat([a, b, c]: [DVec3; 3]) -> bool {

@@ -1,48 +1,110 @@
 //! Triangles that run through each other.
 
-use glam::DVec3;
-use turbid_contract::payload::Mesh;
-use turbid_optics::solid::bvh::Tree;
+use std::ops::ControlFlow;
 
-/// Pairs of triangles of which an edge of one passes through the other, each once, with a point where they cross.
-///
+use glam::DVec3;
+
+use super::nearby::Nearby;
+
+/// After so many pairs the mesh is wrong enough.
+const MOST_FOUND: usize = 100;
+/// Pairs of triangles with boxes that share a point which are looked at: some ten seconds. A mesh that is fit to be rendered has about
+/// ten for each triangle; each of n long ones aslant in different directions has n.
+const MOST_NEAR: u64 = 1_000_000_000;
+
+/// What was found of triangles of which an edge of one passes through the other.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Crossings {
+    /// Pairs, and where the first is.
+    pub count: usize,
+    pub first: DVec3,
+    pub left: Left,
+}
+
+/// What was not looked at.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Left {
+    #[default]
+    Nothing,
+    /// Behind the first [`MOST_FOUND`].
+    Others,
+    /// Behind so many pairs that are near each other.
+    TooNear(u64),
+}
+
 /// Touching is not crossing: an edge must pass a triangle's plane and inside by more than rounding.
-pub fn crossings(mesh: &Mesh) -> Vec<([usize; 2], DVec3)> {
-    let corner = |i: u32| DVec3::from(mesh.vertices[i as usize]);
-    let corners: Vec<[DVec3; 3]> = mesh.triangles.iter().map(|t| t.map(corner)).collect();
-    let boxes: Vec<_> = corners.iter().map(|[a, b, c]| (a.min(*b).min(*c), a.max(*b).max(*c))).collect();
-    let tree = Tree::over(&boxes);
-    let mut found = Vec::new();
-    for (i, (low, high)) in boxes.iter().enumerate() {
-        let shares = |l: DVec3, h: DVec3| l.cmple(*high).all() && low.cmple(h).all();
-        tree.visit(shares, |places| {
-            for place in places {
-                let j = tree.order()[place] as usize;
-                if j > i && shares(boxes[j].0, boxes[j].1) {
-                    let [a, b] = [i, j].map(|k| (&mesh.triangles[k], &corners[k]));
-                    let point = edge_through(a, b).or_else(|| edge_through(b, a));
-                    found.extend(point.map(|p| ([i, j], p)));
-                }
+pub fn crossings(nearby: &Nearby<'_>) -> Crossings {
+    looked_at(nearby, MOST_NEAR)
+}
+
+fn looked_at(nearby: &Nearby<'_>, most_near: u64) -> Crossings {
+    let (mut found, mut looked) = (Crossings::default(), 0);
+    nearby.pairs(|i, j| {
+        looked += 1;
+        if looked > most_near {
+            found.left = Left::TooNear(most_near);
+        } else if let Some(point) = crossing(nearby, i, j) {
+            if found.count == 0 {
+                found.first = point;
             }
-        });
-    }
+            found.count += 1;
+            if found.count == MOST_FOUND {
+                found.left = Left::Others;
+            }
+        }
+        if found.left == Left::Nothing { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+    });
     found
 }
 
-/// Where an edge of the first triangle passes through the second; edges that end at its corners cannot.
-fn edge_through(edges: (&[u32; 3], &[DVec3; 3]), through: (&[u32; 3], &[DVec3; 3])) -> Option<DVec3> {
+/// Where two triangles run through each other.
+fn crossing(nearby: &Nearby<'_>, i: usize, j: usize) -> Option<DVec3> {
+    let [a, b] = [i, j].map(|k| &nearby.mesh.triangles[k]);
+    // Of neighbours at an edge each edge ends at a corner of the other.
+    if a.iter().filter(|corner| b.contains(corner)).count() > 1 {
+        return None;
+    }
+    let [p, q] = [i, j].map(|k| nearby.corners(k));
+    // Most pairs are told apart by a plane of one of them.
+    let over_b = heights(&q, &p).filter(|h| !on_one_side(h))?;
+    let over_a = heights(&p, &q).filter(|h| !on_one_side(h))?;
+    edge_through((a, &p), (b, &q), over_b).or_else(|| edge_through((b, &q), (a, &p), over_a))
+}
+
+type Heights = [Option<f64>; 3];
+
+/// Six times the volumes that points span with a triangle; each `None` where it may be rounding, nothing where all are.
+fn heights([a, b, c]: &[DVec3; 3], points: &[DVec3; 3]) -> Option<Heights> {
+    let (u, v) = (b - a, c - a);
+    let (normal, scale) = (u.cross(v), rounding(u) * v.length());
+    let heights = points.map(|p| {
+        let w = p - a;
+        let six = normal.dot(w);
+        (six.abs() > scale * w.length()).then_some(six)
+    });
+    heights.iter().any(Option::is_some).then_some(heights)
+}
+
+fn on_one_side(heights: &Heights) -> bool {
+    heights.iter().all(|h| h.is_some_and(|h| h > 0.0)) || heights.iter().all(|h| h.is_some_and(|h| h < 0.0))
+}
+
+/// Where an edge of the first triangle, whose corners have heights over the second, passes through that; edges that end at its corners cannot.
+fn edge_through(edges: (&[u32; 3], &[DVec3; 3]), through: (&[u32; 3], &[DVec3; 3]), heights: Heights) -> Option<DVec3> {
     let [a, b, c] = *through.1;
     (0..3).find_map(|k| {
         let ends = [k, (k + 1) % 3];
         if ends.iter().any(|&e| through.0.contains(&edges.0[e])) {
             return None;
         }
+        let (over, under) = (heights[ends[0]]?, heights[ends[1]]?);
+        if (over < 0.0) == (under < 0.0) {
+            return None;
+        }
         let [p, q] = ends.map(|e| edges.1[e]);
-        // Six times the volumes that p and q span with the triangle, and the edge with its sides.
-        let (over, under) = (volume(a, b, c, p)?, volume(a, b, c, q)?);
         let sides = [volume(p, q, a, b)?, volume(p, q, b, c)?, volume(p, q, c, a)?];
         let same = sides.iter().all(|&s| s > 0.0) || sides.iter().all(|&s| s < 0.0);
-        (over * under < 0.0 && same).then(|| p + over / (over - under) * (q - p))
+        same.then(|| p + over / (over - under) * (q - p))
     })
 }
 
@@ -50,7 +112,10 @@ fn edge_through(edges: (&[u32; 3], &[DVec3; 3]), through: (&[u32; 3], &[DVec3; 3
 fn volume(a: DVec3, b: DVec3, c: DVec3, d: DVec3) -> Option<f64> {
     let (u, v, w) = (b - a, c - a, d - a);
     let six = u.cross(v).dot(w);
-    // Lengths rounded to 1e-16 of the coordinates; files keep no more than f32, so what is this flat was meant to be.
-    let rounding = 1e-6 * u.length() * v.length() * w.length();
-    (six.abs() > rounding).then_some(six)
+    (six.abs() > rounding(u) * v.length() * w.length()).then_some(six)
+}
+
+/// Lengths rounded to 1e-16 of the coordinates; files keep no more than f32, so what is this flat was meant to be.
+fn rounding(u: DVec3) -> f64 {
+    1e-6 * u.length()
 }

@@ -1,166 +1,178 @@
 //! glTF 2.0: `.glb`, and `.gltf` whose buffers stand in it as base64. All triangles of the scene, each node in its place.
 //!
 //! glTF lengths are metres and y is up: `scale: 1000` and `rotation_deg: [90, 0, 0]` bring such a mesh into this world.
+//! Nothing is taken on trust: counts times sizes are compared with the bytes that are there before any of them is read.
+
+mod accessor;
+mod document;
+mod forest;
+
+use std::borrow::Cow;
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use glam::{DMat4, DQuat, DVec3};
-use turbid_contract::serde_json::{self, Value};
+use glam::DMat4;
+use turbid_contract::serde_json::Deserializer;
 
-use super::Soup;
+use super::{Soup, quoted};
+use accessor::{Buffers, Elements};
+use document::{Buffer, Document, Index, Kind, Primitive, Whole};
+use forest::{mirrors, visit_nodes};
 
-/// Nodes below nodes; a tree is not deeper, a circle is.
-const DEEPEST: usize = 64;
-/// What the format calls its types and kinds.
-const TRIANGLES: u64 = 4;
-const FLOAT: u64 = 5126;
+/// What the format calls its modes and chunks.
+const TRIANGLES: u32 = 4;
 const GLB_JSON: u32 = 0x4e4f_534a;
 const GLB_BINARY: u32 = 0x004e_4942;
 
+/// So many triangles and vertices may be made beyond those that the buffers' bytes hold: nodes may share meshes, primitives accessors, so that a file
+/// of some kilobytes may ask for any number.
+const MOST_COPIES: usize = 1_000_000;
+
 pub fn binary(bytes: &[u8]) -> Result<Soup, String> {
-    let word = |at: usize| bytes.get(at..at + 4).and_then(|b| b.first_chunk()).map(|b| u32::from_le_bytes(*b));
+    let word = |at: usize| bytes.get(at..)?.first_chunk().map(|b| u32::from_le_bytes(*b));
     if word(4) != Some(2) {
         return Err(format!("glTF version {}, but 2 is known", word(4).unwrap_or(0)));
     }
+    if let Some(length) = word(8).filter(|&length| length as usize > bytes.len()) {
+        return Err(format!("it says {length} bytes, but there are {}: it is torn", bytes.len()));
+    }
     let (mut at, mut json, mut buffer) = (12, None, None);
     while let (Some(size), Some(kind)) = (word(at), word(at + 4)) {
-        let chunk = bytes.get(at + 8..at + 8 + size as usize).ok_or("its last part is cut off: it is torn")?;
+        let chunk = bytes[at + 8..].get(..size as usize).ok_or_else(|| {
+            format!("its chunk at byte {at} says {size} bytes, but {} are left: it is torn", bytes.len() - at - 8)
+        })?;
         match kind {
-            GLB_JSON => json = Some(chunk),
-            GLB_BINARY => buffer = Some(chunk),
+            GLB_JSON => json = json.or(Some(chunk)),
+            GLB_BINARY => buffer = buffer.or(Some(chunk)),
             _ => {}
         }
-        at += 8 + size as usize;
+        at += 8 + chunk.len();
     }
-    document(json.ok_or("it has no JSON part")?, buffer)
+    soup(json.ok_or("it has no JSON chunk")?, buffer)
 }
 
 pub fn text(bytes: &[u8]) -> Result<Soup, String> {
-    document(bytes, None)
+    soup(bytes, None)
 }
 
-fn document(json: &[u8], binary: Option<&[u8]>) -> Result<Soup, String> {
-    let root: Value = serde_json::from_slice(json).map_err(|e| format!("its JSON cannot be read: {e}"))?;
-    let buffers = root["buffers"].as_array().into_iter().flatten().enumerate();
-    let buffers = buffers.map(|(i, buffer)| match (buffer["uri"].as_str(), binary) {
-        (Some(uri), _) if uri.starts_with("data:") => {
-            let data = uri.split_once("base64,").ok_or_else(|| format!("buffer {i} is not base64"))?.1;
-            STANDARD.decode(data).map_err(|e| format!("buffer {i}: {e}"))
+fn soup(json: &[u8], binary: Option<&[u8]>) -> Result<Soup, String> {
+    let mut json = Deserializer::from_slice(json);
+    let document: Document<'_> = serde_path_to_error::deserialize(&mut json).map_err(|e| {
+        let (path, what) = (e.path().to_string(), e.into_inner());
+        if path == "." { format!("its JSON cannot be read: {what}") } else { format!("{path}: {what}") }
+    })?;
+    json.end().map_err(|e| format!("its JSON cannot be read: {e}"))?;
+    let buffers = document.buffers.0.iter().enumerate();
+    let buffers =
+        buffers.map(|(i, buffer)| data(buffer, binary.filter(|_| i == 0)).map_err(|e| format!("buffer {i}{e}")));
+    let buffers: Vec<Cow<'_, [u8]>> = buffers.collect::<Result<_, String>>()?;
+    let bytes: usize = buffers.iter().map(|b| b.len()).sum();
+    let mut build = Build { document: &document, buffers: &buffers, bytes, soup: Soup::default() };
+    visit_nodes(&document, &mut |i, world| build.node(i, world).map_err(|e| format!("node {i}: {e}")))?;
+    Ok(build.soup)
+}
+
+/// The bytes of a buffer: those that stand in it, or those of the file (the first of a `.glb`).
+fn data<'a>(buffer: &Buffer<'_>, binary: Option<&'a [u8]>) -> Result<Cow<'a, [u8]>, String> {
+    let data: Cow<'a, [u8]> = match (&buffer.uri, binary) {
+        (Some(uri), _) if uri.0.starts_with("data:") => {
+            let (_, base64) = uri.0.split_once("base64,").ok_or(" is not base64")?;
+            STANDARD.decode(base64).map_err(|e| format!(": {e}"))?.into()
         }
-        (None, Some(binary)) if i == 0 => Ok(binary.to_vec()),
         (Some(uri), _) => {
-            Err(format!("buffer {i} stands in another file, `{uri}`; export it as .glb, or with embedded buffers"))
+            let rule = "export it as .glb, or with embedded buffers";
+            return Err(format!(" stands in another file, {}; {rule}", quoted(&uri.0)));
         }
-        (None, _) => Err(format!("buffer {i} has no data")),
-    });
-    let file = File { buffers: buffers.collect::<Result<_, String>>()?, root };
-    let mut soup = Soup::default();
-    let scene = file.root["scene"].as_u64().unwrap_or(0) as usize;
-    let roots: Vec<u64> = match &file.root["scenes"][scene]["nodes"] {
-        Value::Array(nodes) => nodes.iter().filter_map(Value::as_u64).collect(),
-        _ => return Err("it has no scene with nodes".to_owned()),
+        (None, Some(binary)) => binary.into(),
+        (None, None) => return Err(" has no data".to_owned()),
     };
-    for node in roots {
-        file.node(node as usize, DMat4::IDENTITY, 0, &mut soup)?;
+    match buffer.byte_length {
+        Some(Whole(length)) if length > data.len() as u64 => {
+            Err(format!(": byteLength is {length}, but it holds {} bytes: it is torn", data.len()))
+        }
+        _ => Ok(data),
     }
-    Ok(soup)
 }
 
-struct File {
-    root: Value,
-    buffers: Vec<Vec<u8>>,
+struct Build<'a> {
+    document: &'a Document<'a>,
+    buffers: &'a Buffers<'a>,
+    /// In all buffers.
+    bytes: usize,
+    soup: Soup,
 }
 
-impl File {
-    fn node(&self, i: usize, parent: DMat4, depth: usize, soup: &mut Soup) -> Result<(), String> {
-        if depth > DEEPEST {
-            return Err(format!("its nodes are nested deeper than {DEEPEST}, or in a circle"));
+impl Build<'_> {
+    fn node(&mut self, i: usize, world: DMat4) -> Result<(), String> {
+        let node = &self.document.nodes.0[i];
+        if node.extensions.instancing.is_some() {
+            return Err(
+                "its instances (EXT_mesh_gpu_instancing) are not read; make them real before the export".to_owned()
+            );
         }
-        let node = &self.root["nodes"][i];
-        let world = parent * local(node);
-        if let Some(mesh) = node["mesh"].as_u64() {
-            for primitive in self.root["meshes"][mesh as usize]["primitives"].as_array().into_iter().flatten() {
-                self.primitive(primitive, world, soup)?;
-            }
-        }
-        for child in node["children"].as_array().into_iter().flatten().filter_map(Value::as_u64) {
-            self.node(child as usize, world, depth + 1, soup)?;
+        let Some(Index(mesh)) = node.mesh else { return Ok(()) };
+        let meshes = &self.document.meshes.0;
+        let there = meshes.len();
+        let found = meshes.get(mesh as usize);
+        let found = found.ok_or_else(|| format!("it names mesh {mesh}, but there are only {there} (from 0)"))?;
+        for (k, primitive) in found.primitives.0.iter().enumerate() {
+            self.primitive(primitive, world).map_err(|e| format!("mesh {mesh}: primitive {k}: {e}"))?;
         }
         Ok(())
     }
 
-    fn primitive(&self, primitive: &Value, world: DMat4, soup: &mut Soup) -> Result<(), String> {
-        if primitive["mode"].as_u64().unwrap_or(TRIANGLES) != TRIANGLES {
-            return Err("a part of it is not made of single triangles; export it as triangles".to_owned());
+    fn primitive(&mut self, primitive: &Primitive, world: DMat4) -> Result<(), String> {
+        if let Some(Index(mode)) = primitive.mode.filter(|mode| mode.0 != TRIANGLES) {
+            return Err(format!("mode {mode} is not that of single triangles, {TRIANGLES}; export it as triangles"));
         }
-        if primitive["extensions"].as_object().is_some_and(|e| e.contains_key("KHR_draco_mesh_compression")) {
+        if primitive.extensions.draco.is_some() {
             return Err("it is compressed (Draco); export it without compression".to_owned());
         }
-        let position = primitive["attributes"]["POSITION"].as_u64().ok_or("a part of it has no positions")?;
-        let first = soup.vertices.len() as u32;
-        let numbers = self.accessor(position as usize, 3)?;
-        let points = numbers.as_chunks::<3>().0;
-        soup.vertices.extend(points.iter().map(|&p| world.transform_point3(p.into()).to_array()));
-        let corners: Vec<u32> = match primitive["indices"].as_u64() {
-            Some(indices) => self.accessor(indices as usize, 1)?.into_iter().map(|i| i as u32).collect(),
-            None => (0..points.len() as u32).collect(),
-        };
-        if let Some(i) = corners.iter().find(|&&i| i as usize >= points.len()) {
-            return Err(format!("a triangle names the vertex {i}, but there are only {}", points.len()));
+        let position = primitive.attributes.position.ok_or("it has no POSITION")?;
+        let points = Elements::of(self.document, self.buffers, position, Kind::Vec3)?;
+        let indices =
+            primitive.indices.map(|i| Elements::of(self.document, self.buffers, i, Kind::Scalar)).transpose()?;
+        let corners = indices.as_ref().map_or(points.count, |indices| indices.count);
+        if corners % 3 != 0 {
+            return Err(format!("{corners} corners are no whole number of triangles"));
         }
+        self.room(points.count, corners / 3)?;
+        let first = self.soup.vertices.len() as u32;
+        self.soup.vertices.extend((0..points.count).map(|k| world.transform_point3(points.get(k).into()).to_array()));
         // A node that mirrors turns its triangles inside out: their order is mended.
-        let mirrors = world.determinant() < 0.0;
-        for &[a, b, c] in corners.as_chunks::<3>().0 {
-            let [b, c] = if mirrors { [c, b] } else { [b, c] };
-            soup.triangles.push([a, b, c].map(|i| first + i));
+        let order = if mirrors(world) { [0, 2, 1] } else { [0, 1, 2] };
+        for k in 0..corners / 3 {
+            let mut triangle = order.map(|c| 3 * k as u32 + c);
+            if let Some(indices) = &indices {
+                triangle = order.map(|c| indices.get::<1>(3 * k + c as usize)[0] as u32);
+                if let Some(i) = triangle.iter().find(|&&i| i as usize >= points.count) {
+                    let there = points.count;
+                    return Err(format!("triangle {k} names the vertex {i}, but there are only {there} (from 0)"));
+                }
+            }
+            self.soup.triangles.push(triangle.map(|i| first + i));
         }
         Ok(())
     }
 
-    /// The numbers of an accessor of `width` components each.
-    fn accessor(&self, i: usize, width: usize) -> Result<Vec<f64>, String> {
-        let accessor = &self.root["accessors"][i];
-        let wrong = |what: &str| format!("accessor {i} {what}");
-        let kind = if width == 3 { "VEC3" } else { "SCALAR" };
-        if accessor["type"].as_str() != Some(kind) || accessor.get("sparse").is_some() {
-            return Err(wrong(&format!("is not a plain list of {kind}")));
+    /// Whether so many more vertices and triangles are within what the bytes hold and [`MOST_COPIES`].
+    fn room(&self, vertices: usize, triangles: usize) -> Result<(), String> {
+        // A triangle takes three bytes at least, those of its indices; positions are rarely less than floats.
+        let limits = [
+            (&"vertices", self.soup.vertices.len(), vertices, 12),
+            (&"triangles", self.soup.triangles.len(), triangles, 3),
+        ];
+        for (what, there, more, each) in limits {
+            let most = self.bytes / each + MOST_COPIES;
+            if there.saturating_add(more) > most.min(u32::MAX as usize) {
+                return Err(format!(
+                    "{there} and {more} {what}, but the buffers' {} bytes hold {}, and copies of them may make {MOST_COPIES} more; \
+                     use fewer instances, or make them real before the export",
+                    self.bytes,
+                    self.bytes / each
+                ));
+            }
         }
-        let whole = |value: &Value| value.as_u64().unwrap_or(0) as usize;
-        let count = accessor["count"].as_u64().ok_or_else(|| wrong("has no count"))? as usize;
-        let component = accessor["componentType"].as_u64().unwrap_or(0);
-        let size = match component {
-            5121 => 1,
-            5123 => 2,
-            5125 | FLOAT => 4,
-            _ => return Err(wrong("holds numbers of a type that is not known")),
-        };
-        let view = accessor["bufferView"].as_u64().ok_or_else(|| wrong("has no data"))? as usize;
-        let view = &self.root["bufferViews"][view];
-        let buffer = self.buffers.get(whole(&view["buffer"])).ok_or_else(|| wrong("names no buffer"))?;
-        let stride = view["byteStride"].as_u64().map_or(size * width, |s| s as usize);
-        let start = whole(&view["byteOffset"]) + whole(&accessor["byteOffset"]);
-        let mut numbers = Vec::new();
-        for at in (0..count).flat_map(|k| (0..width).map(move |c| start + k * stride + c * size)) {
-            let bytes = buffer.get(at..at + size).ok_or_else(|| wrong("reaches beyond its buffer: it is torn"))?;
-            let mut four = [0; 4];
-            four[..size].copy_from_slice(bytes);
-            let bits = u32::from_le_bytes(four);
-            numbers.push(if component == FLOAT { f64::from(f32::from_bits(bits)) } else { f64::from(bits) });
-        }
-        Ok(numbers)
+        Ok(())
     }
-}
-
-/// The transform of a node into its parent's frame.
-fn local(node: &Value) -> DMat4 {
-    let numbers = |name: &str| -> Option<Vec<f64>> { node[name].as_array()?.iter().map(Value::as_f64).collect() };
-    if let Some(matrix) = numbers("matrix").and_then(|m| m.try_into().ok()) {
-        return DMat4::from_cols_array(&matrix);
-    }
-    let three = |name: &str, default: DVec3| {
-        numbers(name).and_then(|v| <[f64; 3]>::try_from(v).ok()).map_or(default, DVec3::from)
-    };
-    let rotation = numbers("rotation").and_then(|q| <[f64; 4]>::try_from(q).ok());
-    let rotation = rotation.map_or(DQuat::IDENTITY, |q| DQuat::from_array(q).normalize());
-    DMat4::from_scale_rotation_translation(three("scale", DVec3::ONE), rotation, three("translation", DVec3::ZERO))
 }

@@ -1,20 +1,18 @@
 //! Meshes of triangles from files: STL (text, binary), PLY (text, binary of both orders), OBJ, glTF (.gltf with embedded buffers, .glb).
 
-use std::collections::HashMap;
-
-use glam::DVec3;
-use turbid_contract::payload::Mesh;
-use turbid_optics::solid::Frame;
-
 mod check;
 mod crossing;
 mod gltf;
+mod nearby;
+mod nesting;
 mod obj;
+mod place;
 mod ply;
 mod stl;
 mod topology;
 
 pub use check::check;
+pub use place::{Placing, place};
 
 /// Triangles as a file lists them: vertices in its units, perhaps the same one several times.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -30,19 +28,21 @@ impl Soup {
             self.triangles.push([corners[0], pair[0], pair[1]]);
         }
     }
+
+    /// The number of the next vertex.
+    fn corner(&self) -> Result<u32, String> {
+        let n = self.vertices.len();
+        // A triangle's further corners have numbers, too.
+        u32::try_from(n)
+            .ok()
+            .filter(|n| *n < u32::MAX - 3)
+            .ok_or_else(|| format!("{n} corners: there must be less than 2^32"))
+    }
 }
 
-/// Where a mesh goes: its file's lengths times `scale` are mm, then it is turned about the file's origin, then moved.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Placing {
-    pub scale: f64,
-    pub rotation_deg: [f64; 3],
-    pub position: [f64; 3],
-}
-
-/// The triangles of a file; which format it has is seen by its content.
+/// The triangles of a file; which format it has is seen by its content. It takes no more memory than four times what it returns and the file.
 ///
-/// Error: what is wrong with it.
+/// Error: what is wrong with it, with the line, node, accessor, face or vertex.
 pub fn read(bytes: &[u8]) -> Result<Soup, String> {
     let begins = |with: &str| bytes.trim_ascii_start().starts_with(with.as_bytes());
     let soup = if bytes.starts_with(b"glTF") {
@@ -58,8 +58,8 @@ pub fn read(bytes: &[u8]) -> Result<Soup, String> {
     } else {
         obj::read(bytes)?
     };
-    if let Some(v) = soup.vertices.iter().find(|v| v.iter().any(|x| !x.is_finite())) {
-        return Err(format!("a vertex at {v:?} is not a finite place"));
+    if let Some(i) = soup.vertices.iter().position(|v| v.iter().any(|x| !x.is_finite())) {
+        return Err(format!("vertex {i} (from 0) at {:?} is not a finite place", soup.vertices[i]));
     }
     let n = soup.vertices.len();
     if let Some(i) = soup.triangles.iter().flatten().find(|&&i| i as usize >= n) {
@@ -68,31 +68,23 @@ pub fn read(bytes: &[u8]) -> Result<Soup, String> {
     Ok(soup)
 }
 
-/// Brings a mesh into the world. Vertices at the same place, to the last bit, become one; they are counted in the order in which
-/// triangles name them, so that all formats give the same mesh.
-pub fn place(soup: &Soup, placing: &Placing) -> Mesh {
-    let frame = Frame::turned(placing.position.into(), placing.rotation_deg);
-    let straight = placing.rotation_deg == [0.0; 3];
-    let mut known: HashMap<[u64; 3], u32> = HashMap::with_capacity(soup.vertices.len());
-    let mut vertices = Vec::new();
-    let mut index = |i: u32| {
-        // -0.0 and 0.0 are the same place.
-        let v = soup.vertices[i as usize].map(|x| x + 0.0);
-        *known.entry(v.map(f64::to_bits)).or_insert_with(|| {
-            let p = placing.scale * DVec3::from(v);
-            let p = if straight { DVec3::from(placing.position) + p } else { frame.point_out(p) };
-            vertices.push(p.to_array().map(|x| x + 0.0));
-            vertices.len() as u32 - 1
-        })
-    };
-    let triangles = soup.triangles.iter().map(|t| t.map(&mut index)).collect();
-    Mesh { vertices, triangles }
-}
-
-/// The next number of a text, as `what` of a line.
+/// The next number of a text, as `what` of a line; finite.
 fn number<'a>(words: &mut impl Iterator<Item = &'a str>, line: usize, what: &str) -> Result<f64, String> {
     let word = words.next().ok_or_else(|| format!("line {line}: {what} is missing"))?;
-    word.parse().map_err(|_| format!("line {line}: `{word}` is no number ({what})"))
+    let x: f64 = word.parse().map_err(|_| format!("line {line}: {} is no number ({what})", quoted(word)))?;
+    if x.is_finite() { Ok(x) } else { Err(format!("line {line}: {} is not a finite place ({what})", quoted(word))) }
+}
+
+/// A word of a file as an error shows it: not all of a long one, and nothing that a terminal would obey.
+fn quoted(word: &str) -> String {
+    const SHOWN: usize = 40;
+    let more = if word.chars().nth(SHOWN).is_some() { ".." } else { "" };
+    let shown: String = word
+        .chars()
+        .take(SHOWN)
+        .flat_map(|c| if c.is_control() { c.escape_default().collect() } else { vec![c] })
+        .collect();
+    format!("`{shown}{more}`")
 }
 
 /// The text of a file.

@@ -19,16 +19,20 @@ fn count(bytes: &[u8]) -> Option<usize> {
 
 pub fn binary(bytes: &[u8]) -> Result<Soup, String> {
     let n = count(bytes).unwrap_or(0);
-    let there = (bytes.len() - HEAD) / EACH;
-    if bytes.len() != HEAD + n * EACH {
+    let there = bytes.len().saturating_sub(HEAD) / EACH;
+    if n != there || bytes.len() != HEAD + there * EACH {
         return Err(format!("it says {n} triangles, but its {} bytes hold {there}: it is torn", bytes.len()));
     }
-    let mut soup = Soup::default();
-    for triangle in bytes[HEAD..].chunks_exact(EACH) {
+    let mut soup = Soup { vertices: Vec::with_capacity(3 * n), triangles: Vec::with_capacity(n) };
+    for (i, triangle) in bytes[HEAD..].chunks_exact(EACH).enumerate() {
         let floats = triangle[12..48].as_chunks::<4>().0;
         let at = |i: usize| f64::from(f32::from_le_bytes(floats[i]));
-        let first = soup.vertices.len() as u32;
-        soup.vertices.extend([0, 3, 6].map(|i| [at(i), at(i + 1), at(i + 2)]));
+        let first = soup.corner()?;
+        let corners = [0, 3, 6].map(|i| [at(i), at(i + 1), at(i + 2)]);
+        if let Some(corner) = corners.iter().find(|c| c.iter().any(|x| !x.is_finite())) {
+            return Err(format!("triangle {i} (from 0): its corner {corner:?} is not a finite place"));
+        }
+        soup.vertices.extend(corners);
         soup.triangles.push([first, first + 1, first + 2]);
     }
     Ok(soup)
@@ -46,7 +50,7 @@ pub fn text(bytes: &[u8]) -> Result<Soup, String> {
                 corners += 1;
             }
             Some("endloop") if corners == 3 => {
-                let last = soup.vertices.len() as u32;
+                let last = soup.corner()?;
                 soup.triangles.push([last - 3, last - 2, last - 1]);
                 corners = 0;
             }

@@ -1,3 +1,6 @@
+use glam::DVec3;
+use turbid_contract::payload::Mesh;
+
 use super::*;
 
 const STRAIGHT: Placing = Placing { scale: 1.0, rotation_deg: [0.0; 3], position: [0.0; 3] };
@@ -161,12 +164,12 @@ fn torn_files_are_errors() {
     for (bytes, words) in [
         (&b"hello"[..], "neither STL"),
         (b"\xff\xfe\x00", "neither STL"),
-        (b"v 0 0 0\nf 1 2 3\n", "only 1"),
+        (b"v 0 0 0\nf 1 2 3\n", "line 2: a face names the vertex 3, but there are only 1"),
         (b"v 0 0 zero\n", "line 1: `zero`"),
         (b"v 0 0 0\nf 1 1\n", "2 vertices"),
         (b"v 0 0 0\nf 0 1 1\n", "`0` names no vertex"),
         (b"ply\nformat ascii 2\nelement vertex 1\nproperty float x\nend_header\n0\n", "no `y`"),
-        (b"v 1e999 0 0\nf 1 1 1\n", "not a finite place"),
+        (b"v 1e999 0 0\nf 1 1 1\n", "line 1: `1e999` is not a finite place (x)"),
         (br#"{"scenes": [{"nodes": [0]}], "buffers": [{"uri": "other.bin"}]}"#, "another file"),
     ] {
         let error = read(bytes).unwrap_err();

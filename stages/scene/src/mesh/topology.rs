@@ -2,54 +2,71 @@
 
 use turbid_contract::payload::Mesh;
 
-/// An edge and what is wrong with it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Fault {
-    /// One triangle only.
-    Open,
-    /// Two triangles that run along it the same way: their normals point to different sides.
-    Turned,
-    /// More than two.
-    Crowded,
+/// Edges with the same fault: how many, and the first, by its vertices.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Edges {
+    pub count: usize,
+    pub first: [u32; 2],
 }
 
-/// Edges with faults, by the lower vertex first; and for each triangle the number of the part that it belongs to.
+impl Edges {
+    fn add(&mut self, edge: [u32; 2]) {
+        if self.count == 0 {
+            self.first = edge;
+        }
+        self.count += 1;
+    }
+}
+
+/// Edges with faults; and for each triangle the number of the part that it belongs to.
+#[derive(Default)]
 pub struct Topology {
-    pub faults: Vec<(Fault, [u32; 2])>,
+    /// One triangle only.
+    pub open: Edges,
+    /// Two triangles that run along it the same way: their normals point to different sides.
+    pub turned: Edges,
+    /// More than two.
+    pub crowded: Edges,
+    /// Parts are counted in the order of their first triangles.
     pub parts: Vec<u32>,
     pub part_count: usize,
 }
 
 pub fn topology(mesh: &Mesh) -> Topology {
-    let mut edges: Vec<(u32, u32, u32, bool)> = Vec::with_capacity(3 * mesh.triangles.len());
+    // The lower vertex, the higher one, and twice the triangle, plus 1 where it runs upwards.
+    let mut edges: Vec<[u32; 3]> = Vec::with_capacity(3 * mesh.triangles.len());
     for (i, t) in mesh.triangles.iter().enumerate() {
         for k in 0..3 {
             let (a, b) = (t[k], t[(k + 1) % 3]);
-            edges.push((a.min(b), a.max(b), i as u32, a < b));
+            edges.push([a.min(b), a.max(b), 2 * i as u32 + u32::from(a < b)]);
         }
     }
     edges.sort_unstable();
-    let mut parts: Vec<u32> = (0..mesh.triangles.len() as u32).collect();
-    let mut faults = Vec::new();
-    for same in edges.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
-        let edge = [same[0].0, same[0].1];
+    let mut found = Topology { parts: (0..mesh.triangles.len() as u32).collect(), ..Topology::default() };
+    for same in edges.chunk_by(|a, b| a[..2] == b[..2]) {
+        let edge = [same[0][0], same[0][1]];
         match same {
-            [_] => faults.push((Fault::Open, edge)),
-            [a, b] if a.3 == b.3 => faults.push((Fault::Turned, edge)),
+            [_] => found.open.add(edge),
+            [a, b] if (a[2] ^ b[2]) & 1 == 0 => found.turned.add(edge),
             [_, _] => {}
-            _ => faults.push((Fault::Crowded, edge)),
+            _ => found.crowded.add(edge),
         }
         for pair in same.windows(2) {
-            let (a, b) = (root(&mut parts, pair[0].2), root(&mut parts, pair[1].2));
-            parts[a.max(b) as usize] = a.min(b);
+            let [a, b] = [0, 1].map(|k| root(&mut found.parts, pair[k][2] / 2));
+            found.parts[a.max(b) as usize] = a.min(b);
         }
     }
-    let roots: Vec<u32> = (0..parts.len() as u32).map(|i| root(&mut parts, i)).collect();
-    let mut numbers: Vec<u32> = roots.clone();
-    numbers.sort_unstable();
-    numbers.dedup();
-    let parts = roots.iter().map(|r| numbers.partition_point(|n| n < r) as u32).collect();
-    Topology { faults, parts, part_count: numbers.len() }
+    // A root is the least triangle of its part: it has its number before the others ask for it.
+    let roots: Vec<u32> = (0..found.parts.len() as u32).map(|i| root(&mut found.parts, i)).collect();
+    for (i, &root) in roots.iter().enumerate() {
+        if root as usize == i {
+            found.parts[i] = found.part_count as u32;
+            found.part_count += 1;
+        } else {
+            found.parts[i] = found.parts[root as usize];
+        }
+    }
+    found
 }
 
 /// The least triangle of a set, with the way to it halved (union-find).
