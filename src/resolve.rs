@@ -18,9 +18,11 @@ use crate::digest::Digest;
 use crate::explain::History;
 use crate::key::{Dependencies, InputContent, instance_seed};
 use crate::missing::neighbours;
+use crate::panics::lock;
 use crate::plan::{InstanceId, Plan};
 use crate::spec::{Diagnostic, Section, Severity, read_params};
 use crate::store::{Blob, InstanceRecord, Store, encode};
+use crate::threads;
 use crate::warned::Warned;
 use inputs::KnownInputs;
 
@@ -132,7 +134,7 @@ impl<'a> Resolver<'a> {
                     break;
                 }
                 let look = |&id: &InstanceId| self.look(id, &survey.outputs, force, errors == 0);
-                let looked: Vec<Looked> = if block.len() < FEW {
+                let looked: Vec<Looked> = if block.len() < FEW || !threads::shared() {
                     block.iter().map(look).collect()
                 } else {
                     block.par_iter().map(look).collect()
@@ -224,7 +226,7 @@ impl<'a> Resolver<'a> {
 
     /// The input files that were read, with what they held.
     pub fn files_read(&self) -> Vec<(PathBuf, Digest)> {
-        let files = self.files.lock().expect("no holder panics");
+        let files = lock(&self.files);
         let mut read: Vec<(PathBuf, Digest)> =
             files.iter().filter_map(|(path, content)| Some((path.clone(), content.as_ref().ok()?.0))).collect();
         read.sort();
@@ -329,7 +331,7 @@ impl<'a> Resolver<'a> {
 
     /// The bytes of an input file that was read before.
     fn content(&self, path: &Path) -> Arc<[u8]> {
-        let files = self.files.lock().expect("no holder panics");
+        let files = lock(&self.files);
         let read = files.get(path).and_then(|read| read.as_ref().ok());
         read.map(|(_, bytes)| bytes.clone()).expect("its digest is known, so it was read")
     }
@@ -337,7 +339,7 @@ impl<'a> Resolver<'a> {
     /// Reads an input file once; a missing one is the user's mistake.
     fn file(&self, stage: usize, at: &str, written: &str) -> Result<(PathBuf, FileBytes), Box<Diagnostic>> {
         let path = self.plan.spec.input_file_base(stage, at).join(written);
-        let mut files = self.files.lock().expect("no holder panics");
+        let mut files = lock(&self.files);
         let read = files.entry(path.clone()).or_insert_with(|| match std::fs::read(&path) {
             Ok(bytes) => Ok((Digest::of(&bytes), bytes.into())),
             Err(error) => Err(format!("{}: {error}", path.display())),
@@ -451,7 +453,7 @@ impl<'a> Resolver<'a> {
 
     /// What an instance made, from memory or from the store.
     fn artifact(&self, id: InstanceId, port: &str, outputs: &[Option<Arc<Outputs>>]) -> Option<Arc<Artifact>> {
-        let kept = self.instant.lock().expect("no holder panics").get(&id).cloned();
+        let kept = lock(&self.instant).get(&id).cloned();
         if let Some(artifact) = kept.and_then(|ports| ports.get(port).cloned()) {
             return Some(artifact);
         }
@@ -483,7 +485,7 @@ impl<'a> Resolver<'a> {
             blobs.insert(port.to_owned(), blob);
             artifacts.insert(port.to_owned(), Arc::new(artifact));
         }
-        self.instant.lock().expect("no holder panics").insert(id, Arc::new(artifacts));
+        lock(&self.instant).insert(id, Arc::new(artifacts));
         Ok(blobs)
     }
 }

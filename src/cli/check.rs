@@ -7,7 +7,7 @@ use crate::resolve::Resolver;
 use crate::spec::{Diagnostic, Report};
 use crate::store::Store;
 
-use super::{Done, Failure, Pipeline, print};
+use super::{Done, Failure, Pipeline, print, print_json};
 
 #[derive(Args)]
 pub struct Check {
@@ -24,7 +24,7 @@ impl Check {
         if self.json
             && let Ok(report) | Err(Failure::Report(report)) = &done
         {
-            print(&report.to_json().to_string());
+            print_json(&report.to_json().to_string());
             return if report.has_errors() { Err(Failure::Report(Report::default())) } else { Ok(()) };
         }
         let report = done?;

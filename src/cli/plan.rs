@@ -11,7 +11,7 @@ use crate::plan::{InstanceId, Plan};
 use crate::registry::Registry;
 use crate::resolve::{Resolver, State, Survey};
 
-use super::{Done, Pipeline, print, report_of};
+use super::{Done, Pipeline, print, print_json, report_of};
 
 #[derive(Args)]
 pub struct PlanCommand {
@@ -36,7 +36,7 @@ impl PlanCommand {
         }
         let estimates = estimates(&resolver, &survey);
         if self.json {
-            print(&to_json(&plan, &survey, &estimates));
+            print_json(&to_json(&plan, &survey, &estimates));
         } else {
             print(&to_text(&plan, &survey, &estimates));
         }

@@ -14,6 +14,7 @@ use crate::run::log::{Logged, RunLog, note_up_to_date};
 use crate::run::progress::{Json, choose};
 use crate::run::{self, End, Interrupt, Options, Summary, latest};
 use crate::store::Store;
+use crate::threads;
 
 use super::figures::Figures;
 use super::{Done, Failure, Pipeline, print, report_of};
@@ -31,9 +32,9 @@ pub struct Run {
     /// Go on with what does not depend on a failed stage
     #[arg(long)]
     keep_going: bool,
-    /// Threads to use; all by default
-    #[arg(short = 'j', long = "jobs", value_name = "N")]
-    jobs: Option<std::num::NonZeroUsize>,
+    /// Threads to use; all of the machine by default
+    #[arg(short = 'j', long = "jobs", value_name = "N", value_parser = threads::parse)]
+    jobs: Option<usize>,
     /// Print events as JSON lines
     #[arg(long)]
     json: bool,
@@ -64,18 +65,19 @@ impl Run {
             progress.warn(&warning.path, &warning.message);
         }
         let stale = survey.states.iter().flatten().any(|state| !matches!(state, State::Hit(_)));
-        let jobs = self.jobs.or(std::thread::available_parallelism().ok()).map_or(1, std::num::NonZeroUsize::get);
+        let jobs = self.jobs.unwrap_or_else(threads::of_machine);
         let options = Options { jobs, keep_going: self.keep_going, force, simd };
         let summary = if stale {
             let interrupt = Interrupt::listen().map_err(|e| Failure::Failed(format!("signals: {e}")))?;
             let log = RunLog::begin(outputs, &plan).map_err(Failure::Failed)?;
             let logged = Logged { log: &log, progress: progress.as_ref() };
-            let summary = run::run(&resolver, survey, &options, &logged, &interrupt);
+            let summary = run::run(&resolver, survey, &options, &logged, &interrupt).map_err(Failure::Failed)?;
             store.finish().map_err(|e| Failure::Failed(e.to_string()))?;
             log.end(&plan, &summary);
             summary
         } else {
-            let summary = run::run(&resolver, survey, &options, progress.as_ref(), &Interrupt::default());
+            let summary = run::run(&resolver, survey, &options, progress.as_ref(), &Interrupt::default())
+                .map_err(Failure::Failed)?;
             note_up_to_date(outputs, &plan, &summary);
             summary
         };

@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 use turbid_contract::{Artifact, Ctx, Error, StageRow};
 
 use crate::key::Dependencies;
+use crate::panics::{self, lock};
 use crate::plan::InstanceId;
 use crate::resolve::{Job, Outputs, Resolver};
 use crate::store::{Cost, InstanceRecord, PortRecord, Provenance, Recipe, StoreError};
@@ -50,8 +51,13 @@ pub struct Task {
     pub alone: bool,
 }
 
-/// Runs an instance to its end; called on a thread of its own.
+/// Runs an instance to its end; called on a thread of its own. A panic anywhere in it is a failure of this instance.
 pub fn execute(worker: Worker<'_>, task: Task) -> Outcome {
+    let done = catch_unwind(AssertUnwindSafe(|| attempt(worker, task)));
+    done.unwrap_or_else(|panic| Outcome::Failed(panics::text(panic.as_ref())))
+}
+
+fn attempt(worker: Worker<'_>, task: Task) -> Outcome {
     let Worker { resolver, progress, interrupt, .. } = worker;
     let Task { id, job, outputs, forced, alone } = task;
     let job = &job;
@@ -91,17 +97,13 @@ pub fn execute(worker: Worker<'_>, task: Task) -> Outcome {
     let timed = job.params.get("max_seconds").is_some_and(|limit| !limit.is_null());
     let reached = earlier.as_ref().filter(|_| timed && !forced).and_then(|record| reached_params(job, record));
     let params = reached.as_ref().unwrap_or(&job.params);
-    let made = catch_unwind(AssertUnwindSafe(|| (row.run)(params, &inputs, Ctx::new(&host))));
-    let made = match made {
-        Ok(Ok(made)) => made,
-        Ok(Err(Error::Interrupted)) => return Outcome::Interrupted,
-        Ok(Err(error)) => {
-            return match inputs.damaged.into_inner().expect("no holder panics") {
-                Some(producer) => Outcome::Damaged(producer),
-                None => Outcome::Failed(error.to_string()),
-            };
+    let made = match (row.run)(params, &inputs, Ctx::new(&host)) {
+        Ok(made) => made,
+        Err(Error::Interrupted) => return Outcome::Interrupted,
+        Err(error) => {
+            let damaged = *lock(&inputs.damaged);
+            return damaged.map_or_else(|| Outcome::Failed(error.to_string()), Outcome::Damaged);
         }
-        Err(panic) => return Outcome::Failed(panic_text(panic.as_ref())),
     };
     let cost = Cost {
         wall_s: host.wall().as_secs_f64(),
@@ -208,15 +210,6 @@ fn reached_params(job: &Job, record: &InstanceRecord) -> Option<Value> {
 fn recipe(dependencies: &Dependencies) -> Recipe {
     let Dependencies { params, inputs, files, .. } = dependencies.clone();
     Recipe { params, inputs, files }
-}
-
-pub fn panic_text(panic: &(dyn std::any::Any + Send)) -> String {
-    let text = panic
-        .downcast_ref::<String>()
-        .cloned()
-        .or_else(|| panic.downcast_ref::<&str>().map(|s| (*s).to_owned()))
-        .unwrap_or_else(|| "an assertion failed".to_owned());
-    format!("internal error, please report it: {text}")
 }
 
 /// Starts a new high-water mark of this process's memory (Linux; elsewhere the mark is that of the process).

@@ -9,6 +9,7 @@ use cpu_time::ThreadTime;
 use rayon::prelude::*;
 use turbid_contract::Host;
 
+use crate::panics::lock;
 use crate::resolve::Job;
 
 use super::execute::Worker;
@@ -76,21 +77,21 @@ impl<'a> InstanceHost<'a> {
     }
 
     pub fn measures(&self) -> Vec<(String, f64, String)> {
-        self.measures.lock().expect("no holder panics").clone()
+        lock(&self.measures).clone()
     }
 
     /// What the stage said of its kernel.
     pub fn kernel_taken(&self) -> Option<(String, Vec<String>)> {
-        self.kernel.lock().expect("no holder panics").clone()
+        lock(&self.kernel).clone()
     }
 
     /// CPU seconds that earlier runs spent on what this one went on from.
     pub fn resumed_cpu_s(&self) -> f64 {
-        *self.resumed_cpu_s.lock().expect("no holder panics")
+        *lock(&self.resumed_cpu_s)
     }
 
     pub fn warnings(&self) -> Vec<String> {
-        self.warnings.lock().expect("no holder panics").clone()
+        lock(&self.warnings).clone()
     }
 }
 
@@ -117,13 +118,13 @@ impl Host for InstanceHost<'_> {
 
     fn measure(&self, name: &str, value: f64, unit: &str) {
         assert!(value.is_finite(), "{}: measure {name} = {value}", self.label);
-        let mut measures = self.measures.lock().expect("no holder panics");
+        let mut measures = lock(&self.measures);
         measures.retain(|(known, _, _)| known != name);
         measures.push((name.to_owned(), value, unit.to_owned()));
     }
 
     fn warn(&self, message: &str) {
-        let mut warnings = self.warnings.lock().expect("no holder panics");
+        let mut warnings = lock(&self.warnings);
         if !warnings.iter().any(|known| known == message) {
             self.worker.progress.warn(self.label, message);
             warnings.push(message.to_owned());
@@ -131,7 +132,7 @@ impl Host for InstanceHost<'_> {
     }
 
     fn kernel(&self, name: &str, refused: &[String]) {
-        *self.kernel.lock().expect("no holder panics") = Some((name.to_owned(), refused.to_vec()));
+        *lock(&self.kernel) = Some((name.to_owned(), refused.to_vec()));
     }
 
     fn wants(&self, port: &str) -> bool {
@@ -143,11 +144,11 @@ impl Host for InstanceHost<'_> {
     }
 
     fn checkpoint_is_due(&self) -> bool {
-        self.last_checkpoint.lock().expect("no holder panics").elapsed() >= CHECKPOINT_EVERY
+        lock(&self.last_checkpoint).elapsed() >= CHECKPOINT_EVERY
     }
 
     fn checkpoint(&self, state: &[u8], progress: u64) {
-        *self.last_checkpoint.lock().expect("no holder panics") = Instant::now();
+        *lock(&self.last_checkpoint) = Instant::now();
         let spent = self.tile_cpu().as_secs_f64() + self.resumed_cpu_s();
         if let Some(key) = &self.job.state_key
             && let Err(error) = self.worker.resolver.store.checkpoint(key, progress, &with_cost(state, spent))
@@ -158,9 +159,9 @@ impl Host for InstanceHost<'_> {
 
     fn resume(&self, at_most: u64) -> Option<Vec<u8>> {
         let key = self.job.state_key.as_ref()?;
-        *self.resumed_cpu_s.lock().expect("no holder panics") = 0.0;
+        *lock(&self.resumed_cpu_s) = 0.0;
         let (state, spent) = without_cost(self.worker.resolver.store.resume(key, at_most)?.1);
-        *self.resumed_cpu_s.lock().expect("no holder panics") = spent;
+        *lock(&self.resumed_cpu_s) = spent;
         Some(state)
     }
 

@@ -13,6 +13,7 @@ pub mod progress;
 
 use std::collections::{BTreeSet, HashMap};
 use std::sync::{Arc, mpsc};
+use std::thread::ScopedJoinHandle;
 use std::time::{Duration, Instant};
 
 use crate::digest::Digest;
@@ -24,7 +25,6 @@ use crate::store::{Cost, InstanceRecord};
 pub use interrupt::Interrupt;
 pub use progress::Progress;
 
-pub use execute::panic_text;
 use execute::{Outcome, Task, Worker};
 
 /// How to run.
@@ -86,22 +86,24 @@ impl Summary {
 const MAX_REPAIRS: usize = 3;
 
 /// Runs what the survey found stale. The survey must be free of errors.
+///
+/// Error: the system starts no threads.
 pub fn run(
     resolver: &Resolver<'_>,
     survey: Survey,
     options: &Options,
     progress: &dyn Progress,
     interrupt: &Interrupt,
-) -> Summary {
+) -> Result<Summary, String> {
     let began = Instant::now();
     let mut schedule = Schedule::new(resolver, survey, options);
     if !schedule.ready.is_empty() {
-        schedule.work(progress, interrupt);
+        schedule.work(progress, interrupt)?;
     }
     for id in resolver.plan.needed_instances() {
         schedule.ends.entry(id).or_insert(End::Skipped);
     }
-    Summary { ends: schedule.ends, seconds: began.elapsed().as_secs_f64(), interrupted: interrupt.requested() }
+    Ok(Summary { ends: schedule.ends, seconds: began.elapsed().as_secs_f64(), interrupted: interrupt.requested() })
 }
 
 /// Build states of all needed instances.
@@ -180,14 +182,13 @@ impl<'a> Schedule<'a> {
         }
     }
 
-    fn work(&mut self, progress: &dyn Progress, interrupt: &Interrupt) {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(self.options.jobs)
-            .thread_name(|i| format!("turbid-{i}"))
-            .build()
-            .expect("the system can start threads");
+    fn work(&mut self, progress: &dyn Progress, interrupt: &Interrupt) -> Result<(), String> {
+        let jobs = self.options.jobs;
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(jobs).thread_name(|i| format!("turbid-{i}")).build();
+        let pool = pool.map_err(|e| format!("{jobs} threads cannot be started: {e}; take fewer with -j"))?;
         let (send, receive) = mpsc::channel::<(InstanceId, Outcome)>();
         std::thread::scope(|scope| {
+            let mut threads: HashMap<InstanceId, ScopedJoinHandle<'_, ()>> = HashMap::new();
             loop {
                 while self.running.len() < self.options.jobs && !self.stopping && !interrupt.requested() {
                     let Some(id) = self.ready.pop_first() else { break };
@@ -204,21 +205,46 @@ impl<'a> Schedule<'a> {
                     let worker =
                         Worker { resolver: self.resolver, pool: &pool, options: self.options, progress, interrupt };
                     let send = send.clone();
-                    scope.spawn(move || {
+                    let work = move || {
                         let outcome = execute::execute(worker, task);
                         // The receiver outlives every worker: it stands outside the scope.
                         let _ = send.send((id, outcome));
-                    });
+                    };
+                    match std::thread::Builder::new().spawn_scoped(scope, work) {
+                        Ok(thread) => drop(threads.insert(id, thread)),
+                        // There were threads enough for the others: it waits until one of them is free.
+                        Err(_) if self.running.len() > 1 => {
+                            self.running.remove(&id);
+                            self.ready.insert(id);
+                            break;
+                        }
+                        Err(error) => {
+                            let text = format!("no thread can be started for it: {error}; take fewer with -j");
+                            self.finish(id, Outcome::Failed(text), progress);
+                        }
+                    }
                 }
                 if self.running.is_empty() {
                     break;
                 }
-                if let Ok((id, outcome)) = receive.recv_timeout(Duration::from_secs(1)) {
-                    self.running.remove(&id);
-                    self.finish(id, outcome, progress);
+                let ended: Vec<InstanceId> = threads.iter().filter(|(_, t)| t.is_finished()).map(|(id, _)| *id).collect();
+                match receive.recv_timeout(Duration::from_secs(1)) {
+                    Ok((id, outcome)) => {
+                        threads.remove(&id);
+                        self.finish(id, outcome, progress);
+                    }
+                    // What had ended before the wait has sent what became of it, or never will.
+                    Err(_) => {
+                        for id in ended {
+                            threads.remove(&id);
+                            let text = "internal error, please report it: its thread ended without a word".to_owned();
+                            self.finish(id, Outcome::Failed(text), progress);
+                        }
+                    }
                 }
             }
         });
+        Ok(())
     }
 
     /// Ready -> Running, or straight to Done where an instance of the same key or another run made it meanwhile.
@@ -249,8 +275,13 @@ impl<'a> Schedule<'a> {
                 self.done(id, end);
                 None
             }
-            Ok((State::Waits(stages), _)) => {
-                unreachable!("{} is ready but waits for stages {stages:?}", self.plan.label(id))
+            // A producer was found damaged meanwhile and is made again, or its record lacks a port.
+            Ok((State::Waits(_), _)) => {
+                match self.lacking(id) {
+                    Some(producer) => self.repair(id, producer, progress),
+                    None => self.want(id),
+                }
+                None
             }
             Err(diagnostics) => {
                 let text: Vec<String> = diagnostics.iter().map(Diagnostic::to_string).collect();
@@ -273,10 +304,20 @@ impl<'a> Schedule<'a> {
     /// The outputs of the producers of `id`, and no others.
     fn inputs_of(&self, id: InstanceId) -> HashMap<InstanceId, Arc<Outputs>> {
         let sources = self.plan.instances[id].wires.iter().flat_map(|w| w.from.iter().map(|f| f.0));
-        sources.map(|s| (s, self.outputs[s].clone().expect("a ready instance has its inputs"))).collect()
+        sources.map(|s| (s, self.outputs[s].clone().expect("it has a key, so its inputs are there"))).collect()
+    }
+
+    /// A producer of `id` whose outputs are known and lack the port that it needs.
+    fn lacking(&self, id: InstanceId) -> Option<InstanceId> {
+        let mut sources = self.plan.instances[id].wires.iter().flat_map(|w| &w.from);
+        let lacks = |(source, port): &&(InstanceId, &str)| {
+            self.outputs[*source].as_ref().is_some_and(|outputs| !outputs.contains_key(*port))
+        };
+        sources.find(lacks).map(|(source, _)| *source)
     }
 
     fn finish(&mut self, id: InstanceId, outcome: Outcome, progress: &dyn Progress) {
+        self.running.remove(&id);
         self.ready.extend(self.twins.remove(&id).unwrap_or_default());
         match outcome {
             Outcome::Ran(record) => {
