@@ -85,7 +85,7 @@ fn attempt(worker: Worker<'_>, task: Task) -> Outcome {
             Err(message) => return Outcome::Failed(message),
         }
     }
-    let host = InstanceHost::new(worker, job, &label, wanted, files);
+    let host = InstanceHost::new(worker, job, &label, wanted, files, forced);
     let inputs = StoredInputs { plan, store, wires: &instance.wires, outputs, damaged: Mutex::new(None) };
     let started = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
     if alone {
@@ -115,7 +115,10 @@ fn attempt(worker: Worker<'_>, task: Task) -> Outcome {
         Ok(ports) => ports,
         Err(message) => return Outcome::Failed(message),
     };
+    let mut agrees = None;
     if let Some(earlier) = &earlier {
+        // The clock stops elsewhere each time: only equal amounts of work can be compared.
+        let comparable = !timed || samples(&earlier.measures) == samples(&host.measures());
         let differing = ports
             .iter()
             .find(|(name, port)| earlier.ports.get(*name).is_some_and(|e| e.blob.digest != port.blob.digest));
@@ -127,15 +130,18 @@ fn attempt(worker: Worker<'_>, task: Task) -> Outcome {
             if !forced {
                 return Outcome::Failed(text);
             }
-            if !timed {
+            if comparable {
+                agrees = Some(false);
                 progress.warn(&label, &text);
             }
         } else {
+            agrees = ports.keys().any(|name| earlier.ports.contains_key(name)).then_some(true);
             for (name, port) in &earlier.ports {
                 ports.entry(name.clone()).or_insert_with(|| port.clone());
             }
         }
     }
+    host.settle_checkpoints(agrees);
     let record = InstanceRecord {
         key: job.key,
         use_name: job.dependencies.use_name.clone(),
@@ -200,11 +206,16 @@ fn reached_record(job: &Job, record: &InstanceRecord, row: &StageRow) -> Option<
 
 /// The params that ask for just the samples of a record.
 fn reached_params(job: &Job, record: &InstanceRecord) -> Option<Value> {
-    let samples = record.measures.iter().find(|(name, _, _)| name == "samples")?.1;
+    let samples = samples(&record.measures)?;
     let mut params = job.params.as_object()?.clone();
     params.retain(|name, _| name != "target_error" && name != "max_seconds");
     params.insert("samples".to_owned(), json!(samples as u64));
     Some(Value::Object(params))
+}
+
+/// How much work it was, of a stage that may stop early.
+fn samples(measures: &[(String, f64, String)]) -> Option<f64> {
+    measures.iter().find(|(name, _, _)| name == "samples").map(|measure| measure.1)
 }
 
 fn recipe(dependencies: &Dependencies) -> Recipe {

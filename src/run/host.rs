@@ -9,6 +9,7 @@ use cpu_time::ThreadTime;
 use rayon::prelude::*;
 use turbid_contract::Host;
 
+use crate::digest::Digest;
 use crate::panics::lock;
 use crate::resolve::Job;
 
@@ -36,6 +37,18 @@ pub struct InstanceHost<'a> {
     last_checkpoint: Mutex<Instant>,
     /// CPU seconds behind the checkpoint that the stage goes on from.
     resumed_cpu_s: Mutex<f64>,
+    /// Of a run from the start: its own checkpoints, and how they compare with stored ones. `None`: goes on from what is stored.
+    fresh: Option<Mutex<Fresh>>,
+}
+
+/// What a run from the start has written and found.
+#[derive(Default)]
+struct Fresh {
+    /// Progress of its own checkpoints.
+    written: BTreeSet<u64>,
+    /// Stored checkpoints of the same progress: whether there was one of the same bytes, and one of others.
+    same: bool,
+    other: bool,
 }
 
 impl<'a> InstanceHost<'a> {
@@ -45,6 +58,7 @@ impl<'a> InstanceHost<'a> {
         label: &'a str,
         wanted: &'a BTreeSet<&'static str>,
         files: BTreeMap<String, Arc<[u8]>>,
+        from_the_start: bool,
     ) -> Self {
         Self {
             worker,
@@ -60,6 +74,38 @@ impl<'a> InstanceHost<'a> {
             kernel: Mutex::default(),
             last_checkpoint: Mutex::new(Instant::now()),
             resumed_cpu_s: Mutex::default(),
+            fresh: from_the_start.then(Mutex::default),
+        }
+    }
+
+    /// After a run from the start: checkpoints stay only beside a result that they agree with. `agrees`: whether its outputs are those stored before,
+    /// if there were any to compare.
+    pub fn settle_checkpoints(&self, agrees: Option<bool>) {
+        let (Some(fresh), Some(key)) = (&self.fresh, &self.job.state_key) else { return };
+        let fresh = lock(fresh);
+        let wrong = fresh.other || agrees == Some(false);
+        if wrong || !(fresh.same || agrees == Some(true)) {
+            self.worker.resolver.store.forget_checkpoints(key, &fresh.written);
+        }
+    }
+
+    /// Compares a checkpoint of a run from the start with the stored one that it is going to replace. Once they differ, none of the others is to be trusted.
+    fn compare(&self, fresh: &Mutex<Fresh>, key: &Digest, progress: u64, state: &[u8]) {
+        let store = self.worker.resolver.store;
+        let mut fresh = lock(fresh);
+        if !fresh.written.insert(progress) {
+            return;
+        }
+        let stored = store.resume(key, progress).filter(|(stored, _)| *stored == progress);
+        match stored.map(|(_, stored)| without_cost(stored).0 == state) {
+            Some(true) => fresh.same = true,
+            Some(false) if !fresh.other => {
+                fresh.other = true;
+                let text = "a stored checkpoint came out different from what was computed from the start; checkpoints of this work are removed";
+                self.worker.progress.warn(self.label, text);
+                store.forget_checkpoints(key, &fresh.written);
+            }
+            _ => {}
         }
     }
 
@@ -150,6 +196,9 @@ impl Host for InstanceHost<'_> {
     fn checkpoint(&self, state: &[u8], progress: u64) {
         *lock(&self.last_checkpoint) = Instant::now();
         let spent = self.tile_cpu().as_secs_f64() + self.resumed_cpu_s();
+        if let (Some(fresh), Some(key)) = (&self.fresh, &self.job.state_key) {
+            self.compare(fresh, key, progress, state);
+        }
         if let Some(key) = &self.job.state_key
             && let Err(error) = self.worker.resolver.store.checkpoint(key, progress, &with_cost(state, spent))
         {
@@ -158,7 +207,8 @@ impl Host for InstanceHost<'_> {
     }
 
     fn resume(&self, at_most: u64) -> Option<Vec<u8>> {
-        let key = self.job.state_key.as_ref()?;
+        // To start from the start is what it was forced for.
+        let key = self.job.state_key.as_ref().filter(|_| self.fresh.is_none())?;
         *lock(&self.resumed_cpu_s) = 0.0;
         let (state, spent) = without_cost(self.worker.resolver.store.resume(key, at_most)?.1);
         *lock(&self.resumed_cpu_s) = spent;

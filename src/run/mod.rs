@@ -9,6 +9,7 @@ mod inputs;
 mod interrupt;
 pub mod latest;
 pub mod log;
+mod name;
 pub mod progress;
 
 use std::collections::{BTreeSet, HashMap};
@@ -51,6 +52,7 @@ pub enum End {
 }
 
 /// What a run did.
+#[derive(Default)]
 pub struct Summary {
     pub ends: HashMap<InstanceId, End>,
     pub seconds: f64,
@@ -58,6 +60,18 @@ pub struct Summary {
 }
 
 impl Summary {
+    /// What a further round of the same run did. What ran in an earlier one did run, although it was found later.
+    pub fn add(&mut self, more: Self) {
+        for (id, end) in more.ends {
+            match (self.ends.get(&id), &end) {
+                (Some(End::Ran(before)), End::Hit(found)) if before.key == found.key => {}
+                _ => drop(self.ends.insert(id, end)),
+            }
+        }
+        self.seconds += more.seconds;
+        self.interrupted |= more.interrupted;
+    }
+
     pub fn count(&self, which: impl Fn(&End) -> bool) -> usize {
         self.ends.values().filter(|end| which(end)).count()
     }
@@ -227,7 +241,8 @@ impl<'a> Schedule<'a> {
                 if self.running.is_empty() {
                     break;
                 }
-                let ended: Vec<InstanceId> = threads.iter().filter(|(_, t)| t.is_finished()).map(|(id, _)| *id).collect();
+                let ended: Vec<InstanceId> =
+                    threads.iter().filter(|(_, t)| t.is_finished()).map(|(id, _)| *id).collect();
                 match receive.recv_timeout(Duration::from_secs(1)) {
                     Ok((id, outcome)) => {
                         threads.remove(&id);

@@ -315,7 +315,12 @@ mod tests {
         for line in ["", "\t\tx", "µm é 漢字", "a\u{1b}[31m", "\u{202e}a"] {
             for column in [0, 1, 3, 200] {
                 for len in [0, 1, 9999] {
-                    let shown = Report::from(Diagnostic { file: line.into(), message: line.into(), ..at(1, column, len, line) }).to_string();
+                    let shown = Report::from(Diagnostic {
+                        file: line.into(),
+                        message: line.into(),
+                        ..at(1, column, len, line)
+                    })
+                    .to_string();
                     assert!(!shown.contains(commands), "{shown:?}");
                 }
             }

@@ -211,6 +211,11 @@ impl Store {
         self.checkpoints.resume(state_key, at_most)
     }
 
+    /// Removes the checkpoints of a state but those of these progresses: what a run from the start has shown to be wrong, or could not compare.
+    pub fn forget_checkpoints(&self, state_key: &Digest, but: &BTreeSet<u64>) {
+        self.checkpoints.forget(state_key, but);
+    }
+
     /// All undamaged records with what went in, the newest first, whether or not their blobs are still there.
     pub fn records(&self) -> impl Iterator<Item = (InstanceRecord, Recipe)> {
         let all = self.folder.packs.records();
