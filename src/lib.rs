@@ -12,6 +12,7 @@ pub mod key;
 pub mod memo;
 pub mod memory;
 mod missing;
+mod panics;
 pub mod plan;
 pub mod preview;
 pub mod recipe;
@@ -20,6 +21,8 @@ pub mod resolve;
 pub mod run;
 pub mod spec;
 pub mod store;
+mod terminal;
+mod threads;
 mod warned;
 
 /// Temporary files with the rights that the user gives to new files, not with those of secrets: others may be meant to read them.

@@ -3,6 +3,10 @@
 //! Only a cache of keys, never of results: the records are looked up and their blobs checked as always. Whatever keys
 //! depend on (text, axes, overrides, stages and their VERSIONs, input files, this very program) is compared, and so are
 //! the digests of all outputs, because the keys further down were made from them.
+//!
+//! A file: [`FORMAT`], [`identity`] of the plan (32), number of input files (8), each with the length of its path (8), path and digest (32), for each
+//! instance its key (32) and the digest over its outputs (32), BLAKE3 of all before (32). Its name is only where it is looked for: under another's
+//! name, or of another format, it is none.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -16,9 +20,11 @@ use crate::plan::Plan;
 use crate::store::{InstanceRecord, Store};
 use turbid_contract::file::MOST_BYTES;
 
-const FORMAT: &str = "turbid memo 2";
+const FORMAT: &str = "turbid memo 3";
 /// Kept for so many pipelines (or overrides of them); the oldest go.
 const KEPT: usize = 64;
+/// Bytes; a million instances take 64 MB.
+const LONGEST: u64 = 1 << 28;
 
 /// Identifies a plan by everything that its keys depend on but the content of input files.
 pub fn identity(plan: &Plan) -> Digest {
@@ -57,12 +63,16 @@ fn program() -> String {
 
 /// The records of all needed instances, if everything is as it was; `None` sends the caller the long way.
 pub fn recall(plan: &Plan, store: &Store, folder: &Path) -> Option<Vec<Arc<InstanceRecord>>> {
-    let bytes = fs::read(folder.join(identity(plan).to_string())).ok()?;
+    let identity = identity(plan);
+    let path = folder.join(identity.to_string());
+    // Neither a pipe, which nobody may ever write to, nor more than any memo holds.
+    fs::metadata(&path).ok().filter(|meta| meta.is_file() && meta.len() <= LONGEST)?;
+    let bytes = fs::read(path).ok()?;
     let (body, checksum) = bytes.split_at_checked(bytes.len().checked_sub(32)?)?;
     if Digest::of(body).0 != checksum {
         return None;
     }
-    let mut rest = body;
+    let mut rest = body.strip_prefix(FORMAT.as_bytes())?.strip_prefix(&identity.0)?;
     let mut take = |n: usize| -> Option<&[u8]> {
         let (head, tail) = rest.split_at_checked(n)?;
         rest = tail;
@@ -94,7 +104,10 @@ pub fn recall(plan: &Plan, store: &Store, folder: &Path) -> Option<Vec<Arc<Insta
 
 /// Notes the records of a plan that is up to date. Best effort: without it the next run is only slower.
 pub fn keep(plan: &Plan, records: &[&Arc<InstanceRecord>], files: &[(PathBuf, Digest)], folder: &Path) {
-    let mut body = Vec::with_capacity(64 * records.len() + 64);
+    let identity = identity(plan);
+    let mut body = Vec::with_capacity(64 * records.len() + 256);
+    body.extend(FORMAT.as_bytes());
+    body.extend(identity.0);
     body.extend((files.len() as u64).to_le_bytes());
     for (path, digest) in files {
         let Some(path) = path.to_str() else { return };
@@ -107,7 +120,9 @@ pub fn keep(plan: &Plan, records: &[&Arc<InstanceRecord>], files: &[(PathBuf, Di
         body.extend(outputs_digest(record).0);
     }
     body.extend(Digest::of(&body).0);
-    let _ = write(folder, &identity(plan).to_string(), &body);
+    if body.len() as u64 <= LONGEST {
+        let _ = write(folder, &identity.to_string(), &body);
+    }
 }
 
 fn write(folder: &Path, name: &str, body: &[u8]) -> std::io::Result<()> {
@@ -119,7 +134,8 @@ fn write(folder: &Path, name: &str, body: &[u8]) -> std::io::Result<()> {
         fs::read_dir(folder)?.flatten().map(|e| (e.metadata().and_then(|m| m.modified()).ok(), e.path())).collect();
     kept.sort();
     for (_, path) in kept.iter().rev().skip(KEPT) {
-        fs::remove_file(path)?;
+        // What is no file is not ours.
+        let _ = fs::remove_file(path);
     }
     Ok(())
 }

@@ -20,9 +20,11 @@ use crate::digest::Digest;
 use crate::explain::History;
 use crate::key::{Dependencies, InputContent, instance_seed};
 use crate::memory::need;
+use crate::panics::lock;
 use crate::plan::{InstanceId, Plan};
 use crate::spec::{Diagnostic, Section, Severity, read_params};
 use crate::store::{Blob, InstanceRecord, Store, encode};
+use crate::threads;
 use crate::warned::Warned;
 use extents::Sizes;
 use files::{InputFiles, Lent};
@@ -138,7 +140,7 @@ impl<'a> Resolver<'a> {
                     break;
                 }
                 let look = |&id: &InstanceId| self.look(id, &survey.outputs, force, errors == 0);
-                let looked: Vec<Looked> = if block.len() < FEW {
+                let looked: Vec<Looked> = if block.len() < FEW || !threads::shared() {
                     block.iter().map(look).collect()
                 } else {
                     block.par_iter().map(look).collect()
@@ -445,7 +447,7 @@ impl<'a> Resolver<'a> {
 
     /// What an instance made, from memory or from the store.
     fn artifact(&self, id: InstanceId, port: &str, outputs: &[Option<Arc<Outputs>>]) -> Option<Arc<Artifact>> {
-        let kept = self.instant.lock().expect("no holder panics").get(&id).cloned();
+        let kept = lock(&self.instant).get(&id).cloned();
         if let Some(artifact) = kept.and_then(|ports| ports.get(port).cloned()) {
             return Some(artifact);
         }
@@ -478,7 +480,7 @@ impl<'a> Resolver<'a> {
             blobs.insert(port.to_owned(), blob);
             artifacts.insert(port.to_owned(), Arc::new(artifact));
         }
-        self.instant.lock().expect("no holder panics").insert(id, Arc::new(artifacts));
+        lock(&self.instant).insert(id, Arc::new(artifacts));
         Ok(blobs)
     }
 }

@@ -5,7 +5,7 @@ use clap::{Args, Subcommand};
 use crate::run::log::roots;
 use crate::store::Store;
 
-use super::{Done, Failure, OutputsDir, print};
+use super::{Done, Failure, OutputsDir, print, print_json};
 
 #[derive(Args)]
 pub struct Cache {
@@ -49,16 +49,12 @@ impl Cache {
         match &self.command {
             Command::Stat { json } => {
                 let stat = self.outputs.store_to_read()?.stat();
-                print(&if *json {
-                    to_json(&stat)
+                if *json {
+                    print_json(&to_json(&stat));
                 } else {
-                    format!(
-                        "{} results, {} blobs, {}",
-                        stat.records,
-                        stat.packed_blobs + stat.loose_blobs,
-                        size_text(stat.bytes)
-                    )
-                });
+                    let blobs = stat.packed_blobs + stat.loose_blobs;
+                    print(&format!("{} results, {blobs} blobs, {}", stat.records, size_text(stat.bytes)));
+                }
             }
             Command::Verify { repair, json } => {
                 let store = if *repair {
@@ -68,7 +64,7 @@ impl Cache {
                 };
                 let report = store.verify(*repair).map_err(fail)?;
                 if *json {
-                    print(&to_json(&report));
+                    print_json(&to_json(&report));
                 } else if report.is_clean() {
                     print(&format!("{} records and {} blobs read, all sound", report.records, report.blobs));
                 } else {
@@ -90,16 +86,16 @@ impl Cache {
             Command::Gc { max_size, json } => {
                 let store = Store::open(outputs).map_err(|e| Failure::Input(e.to_string()))?;
                 let report = store.gc(*max_size, &roots(outputs)).map_err(fail)?;
-                print(&if *json {
-                    to_json(&report)
+                if *json {
+                    print_json(&to_json(&report));
                 } else {
-                    format!(
+                    print(&format!(
                         "removed {} results, freed {}, {} left",
                         report.records_removed,
                         size_text(report.bytes_before.saturating_sub(report.bytes_after)),
                         size_text(report.bytes_after)
-                    )
-                });
+                    ));
+                }
             }
         }
         Ok(())

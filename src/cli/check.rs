@@ -6,9 +6,10 @@ use crate::registry::Registry;
 use crate::resolve::Resolver;
 use crate::spec::{Diagnostic, Report};
 use crate::store::Store;
+use crate::threads;
 
-use super::memory::{MemoryLimit, threads, too_large};
-use super::{Done, Failure, Pipeline, print};
+use super::memory::{MemoryLimit, too_large};
+use super::{Done, Failure, Pipeline, print, print_json};
 
 #[derive(Args)]
 pub struct Check {
@@ -27,7 +28,7 @@ impl Check {
         if self.json
             && let Ok(report) | Err(Failure::Report(report)) = &done
         {
-            print(&report.to_json().to_string());
+            print_json(&report.to_json().to_string());
             return if report.has_errors() { Err(Failure::Report(Report::default())) } else { Ok(()) };
         }
         let report = done?;
@@ -46,7 +47,7 @@ impl Check {
         let resolver = Resolver::new(&plan, &store);
         // What is in the store already may be as wrong as what is not.
         let survey = resolver.survey(&plan.needed);
-        let large = too_large(&plan, &survey, self.memory.budget(threads()));
+        let large = too_large(&plan, &survey, self.memory.budget(threads::of_machine()));
         let mut report = Report::from(survey.problems);
         // The file may be meant for another machine.
         report.extend(large.into_iter().map(Diagnostic::warning));

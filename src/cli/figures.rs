@@ -31,12 +31,14 @@ struct Row {
 pub struct Figures {
     rows: Vec<Row>,
     notes: Vec<String>,
+    /// Whether a table turned out damaged or gone.
+    pub lost: bool,
 }
 
 impl Figures {
     /// Reads the tables of what a run made or found. One that cannot be read is left out: a run that needs it says so.
     pub fn read(plan: &Plan, store: &Store, summary: &Summary) -> Self {
-        let (mut rows, mut notes) = (Vec::new(), Vec::new());
+        let (mut rows, mut notes, mut lost) = (Vec::new(), Vec::new(), false);
         for &stage in &plan.needed {
             let name = &plan.spec.stages[stage].name;
             let port = plan.outputs(stage).iter().find(|port| port.payload == PAYLOAD);
@@ -51,8 +53,10 @@ impl Figures {
             }
             for id in plan.instances_of(stage) {
                 let blob = summary.record(id).and_then(|record| record.ports.get(port.name)).map(|port| port.blob);
-                if let Some(Ok(Artifact::Table(table))) = blob.map(|blob| store.get(&blob)) {
-                    rows.extend(rows_of(&plan.label(id), id, &table));
+                match blob.map(|blob| store.get(&blob)) {
+                    Some(Ok(Artifact::Table(table))) => rows.extend(rows_of(&plan.label(id), id, &table)),
+                    Some(Err(error)) => lost |= error.is_lost_blob(),
+                    _ => {}
                 }
             }
         }
@@ -67,7 +71,7 @@ impl Figures {
             notes.push(format!("{} more lines: `turbid show FILE STAGE`", rows.len() - MOST));
             rows.truncate(MOST);
         }
-        Self { rows, notes }
+        Self { rows, notes, lost }
     }
 
     /// A block of aligned lines for each kind of table; empty where there is nothing to say.

@@ -1,6 +1,6 @@
 //! `--memory`, and what commands say of the memory that instances take.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use clap::Args;
 
@@ -23,11 +23,6 @@ impl MemoryLimit {
     pub fn budget(&self, threads: usize) -> Option<Budget> {
         Budget::of(self.memory, threads)
     }
-}
-
-/// Threads of a run that is not told how many.
-pub(super) fn threads() -> usize {
-    std::thread::available_parallelism().map_or(1, std::num::NonZeroUsize::get)
 }
 
 /// Instances that need more than there is, a mistake for each stage: with where the stage stands, what it needs, what there is and the way out.
@@ -63,26 +58,39 @@ pub(super) fn too_large(plan: &Plan, survey: &Survey, budget: Option<Budget>) ->
 /// all take equally long, that is what happens; else it may be less.
 pub(super) fn at_most(plan: &Plan, survey: &Survey, budget: Option<Budget>, threads: usize) -> u64 {
     let need = |id: &InstanceId| survey.plans.get(id).and_then(|detail| detail.memory).unwrap_or(0);
-    let mut open: BTreeSet<InstanceId> =
-        plan.needed_instances().filter(|id| survey.plans.contains_key(id) && !survey.twins.contains_key(id)).collect();
+    let runs = |id: &InstanceId| survey.plans.contains_key(id) && !survey.twins.contains_key(id);
+    let mut missing: HashMap<InstanceId, usize> = HashMap::new();
+    let mut consumers: HashMap<InstanceId, Vec<InstanceId>> = HashMap::new();
+    let mut ready = BTreeSet::new();
+    for id in plan.needed_instances().filter(runs) {
+        let sources = plan.instances[id].wires.iter().flat_map(|w| w.from.iter().map(|f| f.0));
+        let sources: BTreeSet<InstanceId> = sources.filter(runs).collect();
+        if sources.is_empty() {
+            ready.insert(id);
+        }
+        missing.insert(id, sources.len());
+        sources.into_iter().for_each(|source| consumers.entry(source).or_default().push(id));
+    }
     let mut most = 0;
-    while !open.is_empty() {
-        let is_ready = |id: &InstanceId| {
-            let mut sources = plan.instances[*id].wires.iter().flat_map(|w| w.from.iter().map(|f| f.0));
-            !sources.any(|source| open.contains(&source))
-        };
+    while !ready.is_empty() {
         let (mut taken, mut begun) = (0_u64, Vec::new());
-        for id in open.iter().copied().filter(is_ready) {
+        while let Some(&id) = ready.first() {
             let sum = taken.saturating_add(need(&id));
             if begun.len() == threads || (!begun.is_empty() && budget.is_some_and(|budget| sum > budget.bytes)) {
                 break;
             }
+            ready.pop_first();
             taken = sum;
             begun.push(id);
         }
-        assert!(!begun.is_empty(), "a graph without circles has an instance that is ready");
-        open.retain(|id| !begun.contains(id));
         most = most.max(taken);
+        for id in begun.iter().flat_map(|id| consumers.remove(id).unwrap_or_default()) {
+            let left = missing.get_mut(&id).expect("consumers are among the instances that run");
+            *left -= 1;
+            if *left == 0 {
+                ready.insert(id);
+            }
+        }
     }
     most
 }

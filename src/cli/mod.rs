@@ -21,11 +21,13 @@ use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
 
+use crate::panics;
 use crate::plan::{Plan, Target};
 use crate::registry::Registry;
 use crate::resolve::Survey;
 use crate::spec::{self, Report};
 use crate::store::Store;
+use crate::terminal::{self, print, print_json};
 
 /// How a command ends when it does not end well.
 #[derive(Debug)]
@@ -128,13 +130,17 @@ impl OutputsDir {
 
 /// The whole program: parses the arguments, does the command, reports, and gives the exit code.
 pub fn main(registry: Registry) -> ExitCode {
-    // A panic is a bug of ours; it is reported as an error of the stage, without a backtrace.
-    std::panic::set_hook(Box::new(|_| {}));
+    panics::speak();
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
-        Err(error) => {
-            let _ = error.print();
-            return ExitCode::from(if error.use_stderr() { 2 } else { 0 });
+        Err(error) if error.use_stderr() => {
+            // Without colours: it quotes what the user, or a name of a file, made it.
+            terminal::tell(&error.render().to_string());
+            return ExitCode::from(2);
+        }
+        Err(help) => {
+            terminal::note(help.print().and_then(|()| std::io::stdout().flush()));
+            return ExitCode::from(code_with_lost_output(0));
         }
     };
     let done = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| match &cli.command {
@@ -150,32 +156,36 @@ pub fn main(registry: Registry) -> ExitCode {
         Command::Cache(command) => command.run(),
         Command::New(command) => command.run(),
     }));
-    let failure = match done {
-        Ok(Ok(())) => return ExitCode::SUCCESS,
-        Ok(Err(failure)) => failure,
-        Err(panic) => Failure::Failed(crate::run::panic_text(panic.as_ref())),
+    let done = done.unwrap_or_else(|panic| Err(Failure::Failed(panics::text(panic.as_ref()))));
+    let code = match done {
+        Ok(()) => 0,
+        Err(Failure::Input(message)) => {
+            terminal::tell(&format!("error: {message}"));
+            2
+        }
+        Err(Failure::Report(report)) => {
+            let colour = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
+            terminal::tell_painted(report.render(colour).trim_end());
+            2
+        }
+        Err(Failure::Failed(message)) => {
+            terminal::tell(&format!("error: {message}"));
+            1
+        }
+        Err(Failure::Said) => 1,
+        Err(Failure::Interrupted) => {
+            terminal::tell("interrupted; what was finished is kept, the next run goes on from there");
+            130
+        }
     };
-    let mut stderr = std::io::stderr();
-    match failure {
-        Failure::Input(message) => {
-            let _ = writeln!(stderr, "error: {message}");
-            ExitCode::from(2)
-        }
-        Failure::Report(report) => {
-            let colour = stderr.is_terminal() && std::env::var_os("NO_COLOR").is_none();
-            let _ = writeln!(stderr, "{}", report.render(colour).trim_end());
-            ExitCode::from(2)
-        }
-        Failure::Failed(message) => {
-            let _ = writeln!(stderr, "error: {message}");
-            ExitCode::from(1)
-        }
-        Failure::Said => ExitCode::from(1),
-        Failure::Interrupted => {
-            let _ = writeln!(stderr, "interrupted; what was finished is kept, the next run goes on from there");
-            ExitCode::from(130)
-        }
-    }
+    ExitCode::from(code_with_lost_output(code))
+}
+
+/// What was done is done, but whoever waits for what was to be printed must know that it is not all there.
+fn code_with_lost_output(code: u8) -> u8 {
+    let Some(error) = terminal::lost() else { return code };
+    terminal::tell(&format!("error: what was to be printed could not be written: {error}"));
+    if code == 0 { 1 } else { code }
 }
 
 /// What a survey found, and what this version cannot run yet.
@@ -183,17 +193,4 @@ fn report_of(plan: &Plan, survey: &Survey) -> Report {
     let mut report = Report::from(survey.problems.clone());
     report.extend(plan.spec.not_yet());
     report
-}
-
-/// Prints to stdout; a closed pipe (`turbid show | head`) is a normal end, a full disk behind `>` is not.
-fn print(text: &str) {
-    let mut out = std::io::stdout().lock();
-    let newline = if text.ends_with('\n') { "" } else { "\n" };
-    let written = out.write_all(text.as_bytes()).and_then(|()| out.write_all(newline.as_bytes()));
-    if let Err(error) = written.and_then(|()| out.flush())
-        && error.kind() != std::io::ErrorKind::BrokenPipe
-    {
-        let _ = writeln!(std::io::stderr(), "error: what was to be printed could not be written: {error}");
-        std::process::exit(1);
-    }
 }

@@ -12,10 +12,11 @@ use crate::memory::Budget;
 use crate::plan::{InstanceId, Plan};
 use crate::registry::Registry;
 use crate::resolve::{Resolver, State, Survey};
+use crate::threads;
 
 use super::cache::size_text;
-use super::memory::{MemoryLimit, at_most, threads, too_large};
-use super::{Done, Pipeline, print, report_of};
+use super::memory::{MemoryLimit, at_most, too_large};
+use super::{Done, Pipeline, print, print_json, report_of};
 
 #[derive(Args)]
 pub struct PlanCommand {
@@ -41,10 +42,10 @@ impl PlanCommand {
             return Err(report.into());
         }
         let estimates = estimates(&resolver, &survey);
-        let budget = self.memory.budget(threads());
-        let memory = Memory { at_most: at_most(&plan, &survey, budget, threads()), budget };
+        let budget = self.memory.budget(threads::of_machine());
+        let memory = Memory { at_most: at_most(&plan, &survey, budget, threads::of_machine()), budget };
         if self.json {
-            print(&to_json(&plan, &survey, &estimates, &memory));
+            print_json(&to_json(&plan, &survey, &estimates, &memory));
         } else {
             print(&to_text(&plan, &survey, &estimates, &memory));
         }

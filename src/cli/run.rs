@@ -1,22 +1,23 @@
 //! `turbid run`: run what is stale, then say what was done and where it lies.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use serde_json::json;
 
 use crate::memo;
-use crate::plan::{PREVIEW_INSTANCES, Plan};
+use crate::plan::{InstanceId, PREVIEW_INSTANCES, Plan};
 use crate::registry::Registry;
-use crate::resolve::{Resolver, State};
+use crate::resolve::{Resolver, State, Survey};
 use crate::run::log::{Logged, RunLog, note_up_to_date};
 use crate::run::progress::{Json, choose};
-use crate::run::{self, End, Interrupt, Options, Summary, latest};
-use crate::store::Store;
+use crate::run::{self, End, Interrupt, Options, Progress, Summary, latest};
+use crate::store::{Store, StoreError};
+use crate::threads;
 
 use super::figures::Figures;
-use super::memory::{MemoryLimit, threads, too_large};
+use super::memory::{MemoryLimit, too_large};
 use super::{Done, Failure, Pipeline, print, report_of};
 
 #[derive(Args)]
@@ -32,9 +33,9 @@ pub struct Run {
     /// Go on with what does not depend on a failed stage
     #[arg(long)]
     keep_going: bool,
-    /// Threads to use; all by default
-    #[arg(short = 'j', long = "jobs", value_name = "N")]
-    jobs: Option<std::num::NonZeroUsize>,
+    /// Threads to use; all of the machine by default
+    #[arg(short = 'j', long = "jobs", value_name = "N", value_parser = threads::parse)]
+    jobs: Option<usize>,
     #[command(flatten)]
     memory: MemoryLimit,
     /// Print events as JSON lines
@@ -59,7 +60,7 @@ impl Run {
             None => resolver.survey(&force),
         };
         let mut report = report_of(&plan, &survey);
-        let jobs = self.jobs.map_or_else(threads, std::num::NonZeroUsize::get);
+        let jobs = self.jobs.unwrap_or_else(threads::of_machine);
         let stale = survey.states.iter().flatten().any(|state| !matches!(state, State::Hit(_)));
         let budget = if stale { self.memory.budget(jobs) } else { None };
         report.extend(too_large(&plan, &survey, budget));
@@ -72,34 +73,14 @@ impl Run {
         }
         let memory = budget.map(|budget| budget.bytes);
         let options = Options { jobs, keep_going: self.keep_going, force, simd, memory };
-        let summary = if stale {
-            let interrupt = Interrupt::listen().map_err(|e| Failure::Failed(format!("signals: {e}")))?;
-            let log = RunLog::begin(outputs, &plan).map_err(Failure::Failed)?;
-            let logged = Logged { log: &log, progress: progress.as_ref() };
-            let summary = run::run(&resolver, survey, &options, &logged, &interrupt);
-            store.finish().map_err(|e| Failure::Failed(e.to_string()))?;
-            log.end(&plan, &summary);
-            summary
-        } else {
-            let summary = run::run(&resolver, survey, &options, progress.as_ref(), &Interrupt::default());
-            note_up_to_date(outputs, &plan, &summary);
-            summary
-        };
-        if !recalled
+        let made = Making { resolver: &resolver, outputs, progress: progress.as_ref() }.make(survey, options)?;
+        let Made { summary, folder, figures, rounds } = made;
+        if (!recalled || rounds > 1)
             && let Some(records) = plan.needed_instances().map(|id| summary.record(id)).collect::<Option<Vec<_>>>()
         {
             memo::keep(&plan, &records, &resolver.files_read(), &memos);
         }
-        if let Some(other) = latest::rival(&plan, outputs) {
-            let (name, other) = (&plan.spec.pipeline, other.display());
-            let message = format!(
-                "{other} is a pipeline of this name too; latest/{name} now holds the files of this one; give one of them another `pipeline:` name"
-            );
-            progress.warn(name, &message);
-        }
-        let folder = latest::publish(&plan, &store, &summary, outputs);
         let seconds = began.elapsed().as_secs_f64();
-        let figures = Figures::read(&plan, &store, &summary);
         if self.json {
             figures.events(&plan).into_iter().for_each(Json::event);
             Json::event(json!({
@@ -150,6 +131,95 @@ impl Run {
                 }
             })
             .collect()
+    }
+}
+
+/// So often what was called up to date and then turned out damaged is made again; after that the disk is to blame.
+const MOST_ROUNDS: usize = 4;
+
+/// What a run works on and tells.
+struct Making<'a> {
+    resolver: &'a Resolver<'a>,
+    outputs: &'a Path,
+    progress: &'a dyn Progress,
+}
+
+/// What a run made and left.
+struct Made {
+    summary: Summary,
+    /// The folder for people, or why it could not be brought up to date.
+    folder: Result<PathBuf, String>,
+    figures: Figures,
+    rounds: usize,
+}
+
+impl Making<'_> {
+    /// Runs what is stale and publishes it, until all that is called up to date is there and whole.
+    fn make(&self, mut survey: Survey, mut options: Options) -> Result<Made, Failure> {
+        let Self { resolver, outputs, progress } = *self;
+        let (plan, store) = (resolver.plan, resolver.store);
+        let failed = |e: StoreError| Failure::Failed(e.to_string());
+        let (mut log, mut interrupt) = (None, Interrupt::default());
+        let mut summary = Summary::default();
+        let mut rival = None;
+        for rounds in 1..=MOST_ROUNDS {
+            let stale = survey.states.iter().flatten().any(|state| !matches!(state, State::Hit(_)));
+            if stale && log.is_none() {
+                interrupt = Interrupt::listen().map_err(|e| Failure::Failed(format!("signals: {e}")))?;
+                log = Some(RunLog::begin(outputs, plan));
+            }
+            let logged = log.as_ref().map(|log| Logged { log, progress });
+            let told: &dyn Progress = logged.as_ref().map_or(progress, |logged| logged);
+            summary.add(run::run(resolver, survey, &options, told, &interrupt).map_err(Failure::Failed)?);
+            let mut dropped = store.finish().map_err(failed)?.dropped;
+            rival = rival.or_else(|| latest::rival(plan, outputs));
+            let published = latest::publish(plan, store, &summary, outputs);
+            let figures = Figures::read(plan, store, &summary);
+            if figures.lost || published.as_ref().is_ok_and(|published| published.lost) {
+                dropped.extend(store.finish().map_err(failed)?.dropped);
+            }
+            let gone = |id: &InstanceId| summary.record(*id).is_some_and(|record| dropped.contains(&record.key));
+            let gone: Vec<InstanceId> = plan.needed_instances().filter(gone).collect();
+            if gone.is_empty() || summary.interrupted || summary.failed() > 0 {
+                self.end(log.as_ref(), rival.as_deref(), &summary);
+                let folder = published.map(|published| published.folder);
+                return Ok(Made { summary, folder, figures, rounds });
+            }
+            for &id in &gone {
+                told.warn(&plan.label(id), "a stored output is damaged or gone; it is made again");
+                summary.ends.remove(&id);
+            }
+            // What was forced has run.
+            options.force.clear();
+            survey = resolver.survey(&[]);
+            let report = report_of(plan, &survey);
+            if report.has_errors() {
+                return Err(report.into());
+            }
+        }
+        self.end(log.as_ref(), None, &summary);
+        let text = format!("stored outputs were damaged {MOST_ROUNDS} times over; check the disk");
+        Err(Failure::Failed(text))
+    }
+
+    /// The log's end, and what there is to be warned of.
+    fn end(&self, log: Option<&RunLog>, rival: Option<&Path>, summary: &Summary) {
+        let plan = self.resolver.plan;
+        let name = &plan.spec.pipeline;
+        let trouble = match log {
+            Some(log) => log.end(plan, summary),
+            None => note_up_to_date(self.outputs, plan, summary),
+        };
+        if let Some(trouble) = trouble {
+            self.progress.warn(name, &format!("the log of this run could not be written: {trouble}"));
+        }
+        if let Some(other) = rival {
+            let other = other.display();
+            let message = format!(
+                "{other} is a pipeline of this name too; latest/{name} now holds the files of this one; give one of them another `pipeline:` name"
+            );
+            self.progress.warn(name, &message);
+        }
     }
 }
 

@@ -3,9 +3,9 @@
 use crate::registry::Registry;
 use crate::spec;
 
-use super::{Done, print};
+use super::{Done, print_json};
 
 pub fn run(registry: &Registry) -> Done {
-    print(&format!("{:#}", spec::schema(registry)));
+    print_json(&format!("{:#}", spec::schema(registry)));
     Ok(())
 }

@@ -15,7 +15,7 @@ use crate::run::latest::copy_of;
 use crate::store::{Blob, InstanceRecord, Store};
 
 use super::select::Selector;
-use super::{Done, Failure, Pipeline, print, report_of};
+use super::{Done, Failure, Pipeline, print, print_json, report_of};
 
 #[derive(Args)]
 pub struct Show {
@@ -66,7 +66,7 @@ impl Show {
             }
         }
         if self.json {
-            print(&json!({ "instances": instances }).to_string());
+            print_json(&json!({ "instances": instances }).to_string());
         } else if instances.is_empty() {
             print("nothing has run yet");
         } else {

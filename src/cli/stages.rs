@@ -7,7 +7,7 @@ use turbid_contract::{Arity, StageRow};
 use crate::registry::Registry;
 use crate::spec::nearest;
 
-use super::{Done, Failure, print};
+use super::{Done, Failure, print, print_json};
 
 #[derive(Args)]
 pub struct Stages {
@@ -21,7 +21,7 @@ impl Stages {
     pub fn run(&self, registry: &Registry) -> Done {
         match &self.name {
             None if self.json => {
-                print(&Value::from(registry.rows().iter().map(to_json).collect::<Vec<_>>()).to_string())
+                print_json(&Value::from(registry.rows().iter().map(to_json).collect::<Vec<_>>()).to_string())
             }
             None => {
                 for row in registry.rows() {
@@ -36,7 +36,7 @@ impl Stages {
                         hint.map(|h| format!("; did you mean `{h}`?")).unwrap_or_default()
                     ))
                 })?;
-                print(&if self.json { to_json(row).to_string() } else { manual(row) });
+                if self.json { print_json(&to_json(row).to_string()) } else { print(&manual(row)) }
             }
         }
         Ok(())

@@ -24,7 +24,7 @@ impl Resolver<'_> {
 
     /// What is known of the outputs of an instance before it runs, whether or not the store holds them.
     fn facts(&self, id: InstanceId, outputs: &[Option<Arc<Outputs>>]) -> Arc<Facts> {
-        let known = |id: InstanceId| self.facts.lock().expect("no holder panics").get(&id).cloned();
+        let known = |id: InstanceId| crate::panics::lock(&self.facts).get(&id).cloned();
         // An explicit stack: a chain of a million stages must not end the process.
         let mut path = vec![id];
         while let Some(&last) = path.last() {
@@ -35,7 +35,7 @@ impl Resolver<'_> {
                     path.pop();
                     if known(last).is_none() {
                         let facts = Arc::new(self.own_facts(last, outputs));
-                        self.facts.lock().expect("no holder panics").insert(last, facts);
+                        crate::panics::lock(&self.facts).insert(last, facts);
                     }
                 }
             }

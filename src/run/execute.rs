@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 use turbid_contract::{Artifact, Ctx, Error, StageRow};
 
 use crate::key::Dependencies;
+use crate::panics::{self, lock};
 use crate::plan::InstanceId;
 use crate::resolve::{Job, Outputs, Resolver};
 use crate::store::{Cost, InstanceRecord, PortRecord, Provenance, Recipe, StoreError};
@@ -50,8 +51,13 @@ pub struct Task {
     pub alone: bool,
 }
 
-/// Runs an instance to its end; called on a thread of its own.
+/// Runs an instance to its end; called on a thread of its own. A panic anywhere in it is a failure of this instance.
 pub fn execute(worker: Worker<'_>, task: Task) -> Outcome {
+    let done = catch_unwind(AssertUnwindSafe(|| attempt(worker, task)));
+    done.unwrap_or_else(|panic| Outcome::Failed(panics::text(panic.as_ref())))
+}
+
+fn attempt(worker: Worker<'_>, task: Task) -> Outcome {
     let Worker { resolver, progress, interrupt, .. } = worker;
     let Task { id, job, outputs, forced, alone } = task;
     let job = &job;
@@ -76,7 +82,7 @@ pub fn execute(worker: Worker<'_>, task: Task) -> Outcome {
         Ok(lent) => lent,
         Err(message) => return Outcome::Failed(message),
     };
-    let host = InstanceHost::new(worker, job, &label, wanted, lent.files.clone());
+    let host = InstanceHost::new(worker, job, &label, wanted, lent.files.clone(), forced);
     let inputs = StoredInputs { plan, store, wires: &instance.wires, outputs, damaged: Mutex::new(None) };
     let started = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
     if alone {
@@ -88,20 +94,16 @@ pub fn execute(worker: Worker<'_>, task: Task) -> Outcome {
     let timed = job.params.get("max_seconds").is_some_and(|limit| !limit.is_null());
     let reached = earlier.as_ref().filter(|_| timed && !forced).and_then(|record| reached_params(job, record));
     let params = reached.as_ref().unwrap_or(&job.params);
-    let made = catch_unwind(AssertUnwindSafe(|| (row.run)(params, &inputs, Ctx::new(&host))));
-    let made = match made {
-        Ok(Ok(made)) => made,
-        Ok(Err(Error::Interrupted)) => return Outcome::Interrupted,
-        Ok(Err(error)) => {
+    let made = match (row.run)(params, &inputs, Ctx::new(&host)) {
+        Ok(made) => made,
+        Err(Error::Interrupted) => return Outcome::Interrupted,
+        Err(error) => {
             if let Some(message) = lent.failed() {
                 return Outcome::Failed(message);
             }
-            return match inputs.damaged.into_inner().expect("no holder panics") {
-                Some(producer) => Outcome::Damaged(producer),
-                None => Outcome::Failed(error.to_string()),
-            };
+            let damaged = *lock(&inputs.damaged);
+            return damaged.map_or_else(|| Outcome::Failed(error.to_string()), Outcome::Damaged);
         }
-        Err(panic) => return Outcome::Failed(panic_text(panic.as_ref())),
     };
     let cost = Cost {
         wall_s: host.wall().as_secs_f64(),
@@ -113,7 +115,10 @@ pub fn execute(worker: Worker<'_>, task: Task) -> Outcome {
         Ok(ports) => ports,
         Err(message) => return Outcome::Failed(message),
     };
+    let mut agrees = None;
     if let Some(earlier) = &earlier {
+        // The clock stops elsewhere each time: only equal amounts of work can be compared.
+        let comparable = !timed || samples(&earlier.measures) == samples(&host.measures());
         let differing = ports
             .iter()
             .find(|(name, port)| earlier.ports.get(*name).is_some_and(|e| e.blob.digest != port.blob.digest));
@@ -125,15 +130,18 @@ pub fn execute(worker: Worker<'_>, task: Task) -> Outcome {
             if !forced {
                 return Outcome::Failed(text);
             }
-            if !timed {
+            if comparable {
+                agrees = Some(false);
                 progress.warn(&label, &text);
             }
         } else {
+            agrees = ports.keys().any(|name| earlier.ports.contains_key(name)).then_some(true);
             for (name, port) in &earlier.ports {
                 ports.entry(name.clone()).or_insert_with(|| port.clone());
             }
         }
     }
+    host.settle_checkpoints(agrees);
     let record = InstanceRecord {
         key: job.key,
         use_name: job.dependencies.use_name.clone(),
@@ -198,25 +206,21 @@ fn reached_record(job: &Job, record: &InstanceRecord, row: &StageRow) -> Option<
 
 /// The params that ask for just the samples of a record.
 fn reached_params(job: &Job, record: &InstanceRecord) -> Option<Value> {
-    let samples = record.measures.iter().find(|(name, _, _)| name == "samples")?.1;
+    let samples = samples(&record.measures)?;
     let mut params = job.params.as_object()?.clone();
     params.retain(|name, _| name != "target_error" && name != "max_seconds");
     params.insert("samples".to_owned(), json!(samples as u64));
     Some(Value::Object(params))
 }
 
+/// How much work it was, of a stage that may stop early.
+fn samples(measures: &[(String, f64, String)]) -> Option<f64> {
+    measures.iter().find(|(name, _, _)| name == "samples").map(|measure| measure.1)
+}
+
 fn recipe(dependencies: &Dependencies) -> Recipe {
     let Dependencies { params, inputs, files, .. } = dependencies.clone();
     Recipe { params, inputs, files }
-}
-
-pub fn panic_text(panic: &(dyn std::any::Any + Send)) -> String {
-    let text = panic
-        .downcast_ref::<String>()
-        .cloned()
-        .or_else(|| panic.downcast_ref::<&str>().map(|s| (*s).to_owned()))
-        .unwrap_or_else(|| "an assertion failed".to_owned());
-    format!("internal error, please report it: {text}")
 }
 
 /// Starts a new high-water mark of this process's memory (Linux; elsewhere the mark is that of the process).

@@ -10,6 +10,8 @@ use cpu_time::ThreadTime;
 use rayon::prelude::*;
 use turbid_contract::{Files, Host};
 
+use crate::digest::Digest;
+use crate::panics::lock;
 use crate::resolve::Job;
 
 use super::execute::Worker;
@@ -36,6 +38,18 @@ pub struct InstanceHost<'a> {
     last_checkpoint: Mutex<Instant>,
     /// CPU seconds behind the checkpoint that the stage goes on from.
     resumed_cpu_s: Mutex<f64>,
+    /// Of a run from the start: its own checkpoints, and how they compare with stored ones. `None`: goes on from what is stored.
+    fresh: Option<Mutex<Fresh>>,
+}
+
+/// What a run from the start has written and found.
+#[derive(Default)]
+struct Fresh {
+    /// Progress of its own checkpoints.
+    written: BTreeSet<u64>,
+    /// Stored checkpoints of the same progress: whether there was one of the same bytes, and one of others.
+    same: bool,
+    other: bool,
 }
 
 impl<'a> InstanceHost<'a> {
@@ -45,6 +59,7 @@ impl<'a> InstanceHost<'a> {
         label: &'a str,
         wanted: &'a BTreeSet<&'static str>,
         files: Files,
+        from_the_start: bool,
     ) -> Self {
         Self {
             worker,
@@ -60,6 +75,50 @@ impl<'a> InstanceHost<'a> {
             kernel: Mutex::default(),
             last_checkpoint: Mutex::new(Instant::now()),
             resumed_cpu_s: Mutex::default(),
+            fresh: from_the_start.then(Mutex::default),
+        }
+    }
+
+    /// After a run from the start: checkpoints stay only beside a result that they agree with. `agrees`: whether its outputs are those stored before,
+    /// if there were any to compare.
+    pub fn settle_checkpoints(&self, agrees: Option<bool>) {
+        let (Some(fresh), Some(key)) = (&self.fresh, &self.job.state_key) else { return };
+        let fresh = lock(fresh);
+        let wrong = fresh.other || agrees == Some(false);
+        if wrong || !(fresh.same || agrees == Some(true)) {
+            self.worker.resolver.store.forget_checkpoints(key, &fresh.written);
+        }
+    }
+
+    /// Compares a checkpoint of a run from the start with the stored one that it is going to replace. Once they differ, none of the others is to be trusted.
+    fn compare(
+        &self,
+        fresh: &Mutex<Fresh>,
+        key: &Digest,
+        progress: u64,
+        write: &dyn Fn(&mut dyn Write) -> io::Result<()>,
+    ) {
+        let store = self.worker.resolver.store;
+        let mut fresh = lock(fresh);
+        if !fresh.written.insert(progress) {
+            return;
+        }
+        let mut same = None;
+        store.resume_with(key, progress, &mut |stored, from| {
+            if stored == progress {
+                let mut compared = Compared { with: behind_cost(from).1, same: true };
+                same = Some(write(&mut compared).is_ok() && compared.same_to_the_end());
+            }
+        });
+        match same {
+            Some(true) => fresh.same = true,
+            Some(false) if !fresh.other => {
+                fresh.other = true;
+                let text = "a stored checkpoint came out different from what was computed from the start; checkpoints of this work are removed";
+                self.worker.progress.warn(self.label, text);
+                store.forget_checkpoints(key, &fresh.written);
+            }
+            _ => {}
         }
     }
 
@@ -77,21 +136,21 @@ impl<'a> InstanceHost<'a> {
     }
 
     pub fn measures(&self) -> Vec<(String, f64, String)> {
-        self.measures.lock().expect("no holder panics").clone()
+        lock(&self.measures).clone()
     }
 
     /// What the stage said of its kernel.
     pub fn kernel_taken(&self) -> Option<(String, Vec<String>)> {
-        self.kernel.lock().expect("no holder panics").clone()
+        lock(&self.kernel).clone()
     }
 
     /// CPU seconds that earlier runs spent on what this one went on from.
     pub fn resumed_cpu_s(&self) -> f64 {
-        *self.resumed_cpu_s.lock().expect("no holder panics")
+        *lock(&self.resumed_cpu_s)
     }
 
     pub fn warnings(&self) -> Vec<String> {
-        self.warnings.lock().expect("no holder panics").clone()
+        lock(&self.warnings).clone()
     }
 }
 
@@ -118,13 +177,13 @@ impl Host for InstanceHost<'_> {
 
     fn measure(&self, name: &str, value: f64, unit: &str) {
         assert!(value.is_finite(), "{}: measure {name} = {value}", self.label);
-        let mut measures = self.measures.lock().expect("no holder panics");
+        let mut measures = lock(&self.measures);
         measures.retain(|(known, _, _)| known != name);
         measures.push((name.to_owned(), value, unit.to_owned()));
     }
 
     fn warn(&self, message: &str) {
-        let mut warnings = self.warnings.lock().expect("no holder panics");
+        let mut warnings = lock(&self.warnings);
         if !warnings.iter().any(|known| known == message) {
             self.worker.progress.warn(self.label, message);
             warnings.push(message.to_owned());
@@ -132,7 +191,7 @@ impl Host for InstanceHost<'_> {
     }
 
     fn kernel(&self, name: &str, refused: &[String]) {
-        *self.kernel.lock().expect("no holder panics") = Some((name.to_owned(), refused.to_vec()));
+        *lock(&self.kernel) = Some((name.to_owned(), refused.to_vec()));
     }
 
     fn wants(&self, port: &str) -> bool {
@@ -144,53 +203,46 @@ impl Host for InstanceHost<'_> {
     }
 
     fn checkpoint_is_due(&self) -> bool {
-        self.last_checkpoint.lock().expect("no holder panics").elapsed() >= CHECKPOINT_EVERY
+        lock(&self.last_checkpoint).elapsed() >= CHECKPOINT_EVERY
     }
 
     fn checkpoint(&self, state: &[u8], progress: u64) {
-        *self.last_checkpoint.lock().expect("no holder panics") = Instant::now();
-        let spent = self.tile_cpu().as_secs_f64() + self.resumed_cpu_s();
-        if let Some(key) = &self.job.state_key
-            && let Err(error) = self.worker.resolver.store.checkpoint(key, progress, &with_cost(state, spent))
-        {
-            self.warn(&format!("a checkpoint could not be kept: {error}"));
-        }
+        self.checkpoint_with(progress, &|to| to.write_all(state));
     }
 
     fn checkpoint_with(&self, progress: u64, write: &dyn Fn(&mut dyn Write) -> io::Result<()>) {
-        *self.last_checkpoint.lock().expect("no holder panics") = Instant::now();
+        *lock(&self.last_checkpoint) = Instant::now();
+        let Some(key) = &self.job.state_key else { return };
+        if let Some(fresh) = &self.fresh {
+            self.compare(fresh, key, progress, write);
+        }
         let spent = (self.tile_cpu().as_secs_f64() + self.resumed_cpu_s()).to_le_bytes();
         let with_cost = |to: &mut dyn Write| {
             to.write_all(COST)?;
             to.write_all(&spent)?;
             write(to)
         };
-        if let Some(key) = &self.job.state_key
-            && let Err(error) = self.worker.resolver.store.checkpoint_with(key, progress, &with_cost)
-        {
+        if let Err(error) = self.worker.resolver.store.checkpoint_with(key, progress, &with_cost) {
             self.warn(&format!("a checkpoint could not be kept: {error}"));
         }
     }
 
-    fn resume_with(&self, at_most: u64, read: &mut dyn FnMut(&mut dyn Read)) -> bool {
-        let Some(key) = self.job.state_key.as_ref() else { return false };
-        *self.resumed_cpu_s.lock().expect("no holder panics") = 0.0;
-        self.worker.resolver.store.resume_with(key, at_most, &mut |from| {
-            let mut head = Vec::new();
-            // What cannot be read is no state: the stage sees that it ends early.
-            let _ = from.take(COST.len() as u64 + 8).read_to_end(&mut head);
-            let (begin, spent) = without_cost(head);
-            *self.resumed_cpu_s.lock().expect("no holder panics") = spent;
-            read(&mut begin.as_slice().chain(from));
-        })
+    fn resume(&self, at_most: u64) -> Option<Vec<u8>> {
+        let mut state = Vec::new();
+        let mut whole = true;
+        let found = self.resume_with(at_most, &mut |from| whole = from.read_to_end(&mut state).is_ok());
+        (found && whole).then_some(state)
     }
 
-    fn resume(&self, at_most: u64) -> Option<Vec<u8>> {
-        let key = self.job.state_key.as_ref()?;
-        *self.resumed_cpu_s.lock().expect("no holder panics") = 0.0;
-        let (state, spent) = without_cost(self.worker.resolver.store.resume(key, at_most)?.1);
-        *self.resumed_cpu_s.lock().expect("no holder panics") = spent;
-        Some(state)
+    fn resume_with(&self, at_most: u64, read: &mut dyn FnMut(&mut dyn Read)) -> bool {
+        // To start from the start is what it was forced for.
+        let Some(key) = self.job.state_key.as_ref().filter(|_| self.fresh.is_none()) else { return false };
+        *lock(&self.resumed_cpu_s) = 0.0;
+        self.worker.resolver.store.resume_with(key, at_most, &mut |_, from| {
+            let (spent, mut state) = behind_cost(from);
+            *lock(&self.resumed_cpu_s) = spent;
+            read(&mut state);
+        })
     }
 
     fn tiles(&self, n: usize, work: &(dyn Fn(usize) + Sync)) {
@@ -215,19 +267,64 @@ impl Host for InstanceHost<'_> {
 /// Before the state of a stage in a checkpoint: that CPU seconds follow (8 bytes).
 const COST: &[u8; 16] = b"turbid cpu s 1\n\0";
 
-/// A state behind what it cost.
-fn with_cost(state: &[u8], cpu_s: f64) -> Vec<u8> {
-    let mut bytes = Vec::with_capacity(COST.len() + 8 + state.len());
-    bytes.extend_from_slice(COST);
-    bytes.extend_from_slice(&cpu_s.to_le_bytes());
-    bytes.extend_from_slice(state);
-    bytes
+/// What a checkpoint cost, 0 where it is of a time when it did not say, and the state behind that.
+fn behind_cost(from: &mut dyn Read) -> (f64, impl Read + '_) {
+    let mut head = Vec::new();
+    // What cannot be read is no state: whoever reads on sees that it ends early.
+    let _ = from.take(COST.len() as u64 + 8).read_to_end(&mut head);
+    let cost = head.strip_prefix(COST).and_then(|rest| rest.first_chunk::<8>()).map(|cost| f64::from_le_bytes(*cost));
+    if cost.is_some() {
+        head.clear();
+    }
+    (cost.unwrap_or(0.0), io::Cursor::new(head).chain(from))
 }
 
-/// The state, and what it cost; 0 where the checkpoint is of a time when it did not say.
-fn without_cost(mut bytes: Vec<u8>) -> (Vec<u8>, f64) {
-    let after = bytes.strip_prefix(COST).and_then(|rest| rest.first_chunk::<8>());
-    let Some(cpu_s) = after.map(|cost| f64::from_le_bytes(*cost)) else { return (bytes, 0.0) };
-    bytes.drain(..COST.len() + 8);
-    (bytes, cpu_s)
+/// Compares what is written with what there is to be read.
+struct Compared<R> {
+    with: R,
+    same: bool,
+}
+
+impl<R: Read> Compared<R> {
+    fn same_to_the_end(mut self) -> bool {
+        self.same && matches!(self.with.read(&mut [0]), Ok(0))
+    }
+}
+
+impl<R: Read> Write for Compared<R> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let mut stored = vec![0; bytes.len()];
+        self.same = self.same && self.with.read_exact(&mut stored).is_ok() && stored == bytes;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn states_are_told_from_what_they_cost() {
+        let told = [&COST[..], &2.5_f64.to_le_bytes(), b"state"].concat();
+        for (bytes, cost) in [(told.as_slice(), 2.5), (b"state", 0.0), (b"", 0.0)] {
+            let mut from = bytes;
+            let (spent, mut state) = behind_cost(&mut from);
+            let mut read = Vec::new();
+            state.read_to_end(&mut read).unwrap();
+            assert_eq!((spent, read.as_slice()), (cost, if bytes.is_empty() { b"" } else { &b"state"[..] }));
+        }
+    }
+
+    #[test]
+    fn states_are_compared_to_the_end() {
+        for (written, same) in [(&["sta", "te"][..], true), (&["sta"], false), (&["states"], false), (&["stale"], false)] {
+            let mut compared = Compared { with: &b"state"[..], same: true };
+            written.iter().for_each(|piece| compared.write_all(piece.as_bytes()).unwrap());
+            assert_eq!(compared.same_to_the_end(), same, "{written:?}");
+        }
+    }
 }

@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex};
 
 use turbid_contract::{Artifact, Axes, Error, InputSource};
 
+use crate::panics::lock;
 use crate::plan::{InstanceId, Plan, Wire};
 use crate::resolve::Outputs;
 use crate::store::Store;
@@ -42,7 +43,7 @@ impl InputSource for StoredInputs<'_> {
         let blob = &self.outputs[&producer][out];
         self.store.get(blob).map_err(|error| {
             if error.is_lost_blob() {
-                *self.damaged.lock().expect("no holder panics") = Some(producer);
+                *lock(&self.damaged) = Some(producer);
             }
             Error::failed(format!("input `{port}`: {error}"))
         })

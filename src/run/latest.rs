@@ -1,51 +1,67 @@
 //! `outputs/latest`: for people, the newest outputs by name, with pictures.
 
-use std::collections::BTreeMap;
+mod links;
+mod staged;
+
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use turbid_contract::{Artifact, ArtifactKind, Axes, Cells, Table};
 
-use crate::digest::{Digest, PartHasher};
+use crate::digest::PartHasher;
 use crate::key::{axes_text, value_text};
 use crate::plan::{InstanceId, PREVIEW_INSTANCES, Plan};
 use crate::preview::{self, Caption};
-use crate::store::{Blob, InstanceRecord, PortRecord, Store, encode, extension};
+use crate::spec::SourceFile;
+use crate::store::{Blob, InstanceRecord, PortRecord, Store, StoreError, encode, extension};
 
 use super::Summary;
 use super::caption::{self, caption};
-
-/// Which blob each file under `latest/<pipeline>` stands for, and which look each picture has, so that an unchanged one is not touched.
-const LINKS: &str = ".links";
+use super::name::file_name;
+pub(super) use links::read_small;
+use links::{LINKS, Links, current};
+use staged::Staged;
 
 /// Which pipeline file the folder was last filled from.
 const SOURCE: &str = ".source";
+/// Bytes of a path, and of a pipeline file that is compared with another.
+const LONGEST_PATH: u64 = 1 << 16;
+const LONGEST_PIPELINE: u64 = 8 << 20;
 
 /// Another pipeline file that fills the same folder, because it has the same `pipeline:` name; noted for the next run.
 pub fn rival(plan: &Plan, outputs: &Path) -> Option<PathBuf> {
     let folder = outputs.join("latest").join(file_name(&plan.spec.pipeline));
     let main = plan.spec.sources.first()?;
     let own = std::path::absolute(&main.name).ok()?;
-    let before = fs::read_to_string(folder.join(SOURCE)).ok().map(PathBuf::from);
+    let before = read_small(&folder.join(SOURCE), LONGEST_PATH).map(PathBuf::from);
     if before.as_ref() != Some(&own) {
         // A service: what cannot be noted is not warned of.
-        let _ = own.to_str().map(|own| write(&folder.join(SOURCE), own.as_bytes()));
+        let _ = own.to_str().map(|own| staged::write(&folder.join(SOURCE), own.as_bytes()));
     }
     // A copy of the same file makes the same outputs, and one that is gone makes none.
-    let other = |path: &PathBuf| *path != own && fs::read_to_string(path).is_ok_and(|text| text != main.text);
+    let text = |path: &PathBuf| SourceFile::read(path, "a pipeline", LONGEST_PIPELINE);
+    let other = |path: &PathBuf| *path != own && text(path).is_ok_and(|file| file.text != main.text);
     before.filter(other)
 }
 
-/// Brings `latest/<pipeline>` in line with what the run left; returns the folder.
-pub fn publish(plan: &Plan, store: &Store, summary: &Summary, outputs: &Path) -> Result<PathBuf, String> {
-    let folder = outputs.join("latest").join(file_name(&plan.spec.pipeline));
-    let before = read_links(&folder);
-    let mut now: BTreeMap<String, String> = before
-        .iter()
-        .filter(|(path, _)| keeps(plan, path))
-        .map(|(path, content)| (path.clone(), content.clone()))
-        .collect();
+/// What `latest/<pipeline>` was brought to.
+pub struct Published {
+    pub folder: PathBuf,
+    /// Whether a blob turned out damaged or gone; its files are left out.
+    pub lost: bool,
+}
+
+/// Brings `latest/<pipeline>` in line with what the run left: what is there and was not touched since it was written stays.
+///
+/// Error: a file that cannot be written; the others stay as they were.
+pub fn publish(plan: &Plan, store: &Store, summary: &Summary, outputs: &Path) -> Result<Published, String> {
+    let pipeline = &plan.spec.pipeline;
+    let folder = outputs.join("latest").join(file_name(pipeline));
+    let before = links::read(&folder, pipeline);
+    let now = before.iter().filter(|(path, _)| keeps(plan, path)).map(|(p, e)| (p.clone(), e.clone())).collect();
+    let mut filling =
+        Filling { store, before: &before, now, staged: Staged::new(&folder), folder: &folder, lost: false };
     let overrides = caption::overrides(plan);
     for &stage in &plan.needed {
         let set = overrides.get(&stage).map_or(&[][..], Vec::as_slice);
@@ -55,48 +71,105 @@ pub fn publish(plan: &Plan, store: &Store, summary: &Summary, outputs: &Path) ->
         if records.len() > PREVIEW_INSTANCES {
             let path = format!("{name}/instances.parquet");
             let content = fingerprint(&records);
-            if before.get(&path) != Some(&content) || !folder.join(&path).exists() {
-                write_instances(&folder.join(&path), plan, store, &records)?;
+            if !filling.keep(&path, &content, None) {
+                filling.staged.file(&path, &content, &instances(plan, store, &records)?, false)?;
             }
-            now.insert(path, content);
             continue;
         }
         for (id, record) in records {
             let place = place(&plan.spec.stages[stage].name, &plan.instances[id].axes);
             for (port, described) in &record.ports {
-                let content = described.blob.digest.to_string();
-                let path = format!("{place}/{port}.{}", extension(described.blob.kind));
-                let picture = format!("{place}/{port}.png");
-                let caption = caption(plan, id, record, port, &described.blob, set);
-                let look = caption::fingerprint(&caption);
-                let current = |path: &str| before.get(path) == Some(&content) && folder.join(path).exists();
-                if !current(&path) {
-                    link(store, &described.blob, &folder.join(&path))?;
-                }
-                if before.get(&picture) == Some(&look) && folder.join(&picture).exists() {
-                    now.insert(picture, look);
-                } else {
-                    let fresh = drawn(described) && before.get(&path) != Some(&content);
-                    if (fresh || before.contains_key(&picture))
-                        && draw(store, &described.blob, &caption, &folder.join(&picture))?
-                    {
-                        now.insert(picture, look);
-                    }
-                }
-                now.insert(path, content);
+                filling.port(&place, port, described, &caption(plan, id, record, port, &described.blob, set))?;
             }
         }
     }
+    let Filling { mut now, staged, lost, .. } = filling;
+    let written = !staged.is_empty();
+    staged.commit(&mut now)?;
     if now != before {
         for path in before.keys().filter(|path| !now.contains_key(*path)) {
             let _ = fs::remove_file(folder.join(path));
             // A folder that still holds something stays.
             let _ = folder.join(path).parent().map(fs::remove_dir);
         }
-        let text: String = now.iter().map(|(path, content)| format!("{content} {path}\n")).collect();
-        write(&folder.join(LINKS), text.as_bytes())?;
+        let same = !written && now.len() == before.len();
+        // Last: a list that is there tells of files that are there.
+        let noted = staged::write(&folder.join(LINKS), links::text(&now, pipeline).as_bytes());
+        // Where only times differ, as in a copy of the folder, nobody misses it.
+        noted.or_else(|error| if same { Ok(()) } else { Err(error) })?;
     }
-    Ok(folder)
+    Ok(Published { folder, lost })
+}
+
+/// `latest/<pipeline>` while it is filled.
+struct Filling<'a> {
+    store: &'a Store,
+    folder: &'a Path,
+    before: &'a Links,
+    now: Links,
+    staged: Staged,
+    lost: bool,
+}
+
+impl Filling<'_> {
+    /// Whether the file at `path` is there, stands for `content` and is what was written; a link leads to a file of `length`.
+    fn keep(&mut self, path: &str, content: &str, length: Option<u64>) -> bool {
+        let entry = self.before.get(path).filter(|entry| entry.content == content);
+        let entry = entry.and_then(|entry| current(entry, &self.folder.join(path), length));
+        let kept = entry.is_some();
+        self.now.extend(entry.map(|entry| (path.to_owned(), entry)));
+        kept
+    }
+
+    /// The file of a port, and its picture.
+    fn port(&mut self, place: &str, port: &str, described: &PortRecord, caption: &Caption) -> Result<(), String> {
+        let content = described.blob.digest.to_string();
+        let path = format!("{place}/{port}.{}", extension(described.blob.kind));
+        let picture = format!("{place}/{port}.png");
+        let look = caption::fingerprint(caption);
+        if !self.keep(&path, &content, Some(described.blob.bytes)) {
+            self.file(&path, &content, &described.blob)?;
+        }
+        if !self.keep(&picture, &look, None) {
+            let stood_for = |path: &str| self.before.get(path).is_some_and(|entry| entry.content == content);
+            let fresh = drawn(described) && !stood_for(&path);
+            if fresh || self.before.contains_key(&picture) {
+                self.draw(&picture, &look, &described.blob, caption)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// A link to the blob's file, or a copy where the blob lives in a pack or links are not to be had.
+    fn file(&mut self, path: &str, content: &str, blob: &Blob) -> Result<(), String> {
+        if let Some(file) = self.store.file_of(blob)
+            && self.staged.link(path, content, &file)?
+        {
+            return Ok(());
+        }
+        match self.store.bytes(blob) {
+            Ok(bytes) => self.staged.file(path, content, &bytes, true),
+            Err(error) => self.failed(path, &error),
+        }
+    }
+
+    fn draw(&mut self, path: &str, look: &str, blob: &Blob, caption: &Caption) -> Result<(), String> {
+        match self.store.get(blob) {
+            Ok(artifact) => match preview::picture(&artifact, caption) {
+                Some(png) => self.staged.file(path, look, &png, false),
+                None => Ok(()),
+            },
+            Err(error) => self.failed(path, &error),
+        }
+    }
+
+    fn failed(&mut self, path: &str, error: &StoreError) -> Result<(), String> {
+        if error.is_lost_blob() {
+            self.lost = true;
+            return Ok(());
+        }
+        Err(format!("{}: {error}", self.folder.join(path).display()))
+    }
 }
 
 /// Whether somebody would look at a picture of it: not of the covariances of every pair of quantities.
@@ -111,14 +184,6 @@ fn keeps(plan: &Plan, path: &str) -> bool {
     known.is_some_and(|stage| !plan.needed.contains(&stage))
 }
 
-fn read_links(folder: &Path) -> BTreeMap<String, String> {
-    let text = fs::read_to_string(folder.join(LINKS)).unwrap_or_default();
-    text.lines()
-        .filter_map(|line| line.split_once(' '))
-        .map(|(content, path)| (path.to_owned(), content.to_owned()))
-        .collect()
-}
-
 fn fingerprint(records: &[(usize, &Arc<InstanceRecord>)]) -> String {
     let mut parts = PartHasher::new("turbid instances 1");
     for (_, record) in records {
@@ -130,46 +195,16 @@ fn fingerprint(records: &[(usize, &Arc<InstanceRecord>)]) -> String {
     parts.finish().to_string()
 }
 
-/// A link to the blob's file, or a copy where the blob lives in a pack or links are not to be had.
-fn link(store: &Store, blob: &Blob, at: &Path) -> Result<(), String> {
-    prepare(at)?;
-    #[cfg(unix)]
-    if let Some(file) = store.file_of(blob) {
-        // Made beside and renamed: two runs may do this at once, and a reader must always find one.
-        let fresh = at.with_extension(format!("{}.new", std::process::id()));
-        let _ = fs::remove_file(&fresh);
-        if std::os::unix::fs::symlink(relative(at, &file), &fresh).is_ok() && fs::rename(&fresh, at).is_ok() {
-            return Ok(());
-        }
-    }
-    store.materialise(blob, at).map_err(|e| format!("{}: {e}", at.display()))
-}
-
-/// `to` as seen from the folder of `at`; both lie below one outputs folder.
-fn relative(at: &Path, to: &Path) -> PathBuf {
-    let (from, to): (Vec<_>, Vec<_>) = (at.components().collect(), to.components().collect());
-    let shared = from.iter().zip(&to).take_while(|(a, b)| a == b).count();
-    let mut path: PathBuf = std::iter::repeat_n("..", from.len() - shared - 1).collect();
-    path.extend(&to[shared..]);
-    path
-}
-
-fn draw(store: &Store, blob: &Blob, caption: &Caption, at: &Path) -> Result<bool, String> {
-    let Ok(artifact) = store.get(blob) else { return Ok(false) };
-    let Some(png) = preview::picture(&artifact, caption) else { return Ok(false) };
-    prepare(at)?;
-    write(at, &png)?;
-    Ok(true)
-}
-
 /// The file of `latest/<pipeline>` that holds a copy of this blob of an instance, if it is there and up to date.
 pub fn copy_of(plan: &Plan, id: InstanceId, port: &str, blob: &Blob, outputs: &Path) -> Option<PathBuf> {
     let folder = outputs.join("latest").join(file_name(&plan.spec.pipeline));
     let instance = &plan.instances[id];
     let place = place(&plan.spec.stages[instance.stage].name, &instance.axes);
     let path = format!("{place}/{port}.{}", extension(blob.kind));
-    let current = read_links(&folder).get(&path) == Some(&blob.digest.to_string());
-    Some(folder.join(path)).filter(|path| current && path.is_file())
+    let links = links::read(&folder, &plan.spec.pipeline);
+    let entry = links.get(&path).filter(|entry| entry.content == blob.digest.to_string())?;
+    let path = folder.join(path);
+    current(entry, &path, Some(blob.bytes)).map(|_| path)
 }
 
 /// `stage` or `stage/axes`.
@@ -179,12 +214,7 @@ fn place(stage: &str, axes: &Axes) -> String {
 }
 
 /// One row per instance: axes, key, seconds, and digest and path of each port.
-fn write_instances(
-    at: &Path,
-    plan: &Plan,
-    store: &Store,
-    records: &[(usize, &Arc<InstanceRecord>)],
-) -> Result<(), String> {
+fn instances(plan: &Plan, store: &Store, records: &[(usize, &Arc<InstanceRecord>)]) -> Result<Vec<u8>, String> {
     let mut table = Table::default();
     let axes = &plan.instances[records[0].0].axes;
     for name in axes.keys() {
@@ -206,56 +236,5 @@ fn write_instances(
         table.push(format!("{port}.digest"), "", Cells::Text(blobs().map(digest).collect()));
         table.push(format!("{port}.path"), "", Cells::Text(blobs().map(path).collect()));
     }
-    let bytes = encode(&Artifact::Table(table)).map_err(|e| e.to_string())?;
-    prepare(at)?;
-    write(at, &bytes)
-}
-
-/// A name that every file system takes: other characters replaced, the end cut off; then a digest keeps it distinct.
-fn file_name(text: &str) -> String {
-    const MOST: usize = 200;
-    let plain: String =
-        text.chars().map(|c| if c.is_alphanumeric() || "-_=,.+ ".contains(c) { c } else { '_' }).collect();
-    if plain == text && text.len() <= MOST {
-        return plain;
-    }
-    let end = (0..=MOST.min(plain.len())).rev().find(|&i| plain.is_char_boundary(i)).unwrap_or(0);
-    format!("{}-{}", &plain[..end], &Digest::of(text.as_bytes()).to_string()[..8])
-}
-
-fn prepare(at: &Path) -> Result<(), String> {
-    let folder = at.parent().expect("files of latest lie in folders");
-    fs::create_dir_all(folder).map_err(|e| format!("{}: {e}", folder.display()))
-}
-
-/// Whole or not at all: a reader never sees half a file.
-fn write(at: &Path, bytes: &[u8]) -> Result<(), String> {
-    let folder = at.parent().expect("files of latest lie in folders");
-    let fail = |e: std::io::Error| format!("{}: {e}", at.display());
-    fs::create_dir_all(folder).map_err(fail)?;
-    let mut file = crate::shared_file().tempfile_in(folder).map_err(fail)?;
-    std::io::Write::write_all(&mut file, bytes).map_err(fail)?;
-    file.persist(at).map_err(|e| fail(e.error))?;
-    Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn links_are_relative() {
-        let path = relative(Path::new("/o/latest/p/s/frames.exr"), Path::new("/o/store/blobs/ab/cd.exr"));
-        assert_eq!(path, Path::new("../../../store/blobs/ab/cd.exr"));
-    }
-
-    #[test]
-    fn file_names_are_plain_short_and_distinct() {
-        assert_eq!(file_name("A_rho=1,S_rho=0.5"), "A_rho=1,S_rho=0.5");
-        let odd = ["a/b", "a_b", "a:b", &"n".repeat(300), &"n".repeat(301), &"\u{1F600}".repeat(90), &"ä".repeat(300)];
-        let names = odd.map(file_name);
-        assert!(names.iter().all(|n| n.len() < 255 && !n.contains(['/', ':'])), "{names:?}");
-        let distinct: std::collections::BTreeSet<_> = names.iter().collect();
-        assert_eq!(distinct.len(), odd.len(), "{names:?}");
-    }
+    encode(&Artifact::Table(table)).map_err(|e| e.to_string())
 }

@@ -1,7 +1,7 @@
 //! `outputs/runs`: what ran, when, from which files; its keys are the roots of garbage collection.
 
 use std::fs::{self, File, OpenOptions};
-use std::io::Write;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -9,31 +9,39 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use serde_json::{Value, json};
 
 use crate::digest::Digest;
+use crate::panics::lock;
 use crate::plan::Plan;
 use crate::store::InstanceRecord;
 
+use super::latest::read_small;
+use super::name::file_name_of;
 use super::{End, Progress, Summary};
 
 /// So many runs protect their results from garbage collection.
 const LATEST_RUNS: usize = 16;
+/// Bytes; a million instances take 65 MB.
+const LONGEST_ROOTS: u64 = 1 << 28;
 
 /// The folder of one run: configuration at its start, events while it goes, metrics and roots at its end.
+///
+/// A service: what cannot be written ends no run, and is told at the end of it.
 pub struct RunLog {
     folder: PathBuf,
-    events: Mutex<File>,
+    events: Mutex<Option<File>>,
+    /// The first thing that could not be written.
+    trouble: Mutex<Option<String>>,
 }
 
 impl RunLog {
     /// Begins the folder of a run that has something to do.
-    pub fn begin(outputs: &Path, plan: &Plan) -> Result<Self, String> {
+    pub fn begin(outputs: &Path, plan: &Plan) -> Self {
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let id = blake3::hash(format!("{} {}", now.as_nanos(), std::process::id()).as_bytes()).to_hex();
         let folder = outputs.join("runs").join(format!("{}-{}", timestamp(now.as_secs()), &id[..6]));
-        let fail = |e: std::io::Error| format!("{}: {e}", folder.display());
-        fs::create_dir_all(&folder).map_err(fail)?;
+        let log = Self { folder, events: Mutex::default(), trouble: Mutex::default() };
+        log.noted(&log.folder, fs::create_dir_all(&log.folder));
         for (index, source) in plan.spec.sources.iter().enumerate() {
-            let name = Path::new(&source.name).file_name().unwrap_or_default().to_string_lossy();
-            fs::write(folder.join(format!("{index}-{name}")), &source.text).map_err(fail)?;
+            log.file(&format!("{index}-{}", file_name_of(Path::new(&source.name))), &source.text);
         }
         let configuration = json!({
             "pipeline": plan.spec.pipeline, "overrides": plan.spec.overrides,
@@ -43,19 +51,31 @@ impl RunLog {
                 json!({"stage": plan.spec.stages[s].name, "use": row.name, "version": row.version, "instances": plan.instances_of(s).len()})
             }).collect::<Vec<_>>(),
         });
-        fs::write(folder.join("configuration.json"), format!("{configuration:#}\n")).map_err(fail)?;
-        let events = OpenOptions::new().create(true).append(true).open(folder.join("events.jsonl")).map_err(fail)?;
-        Ok(Self { folder, events: Mutex::new(events) })
+        log.file("configuration.json", &format!("{configuration:#}\n"));
+        let path = log.folder.join("events.jsonl");
+        *lock(&log.events) = log.noted(&path, OpenOptions::new().create(true).append(true).open(&path));
+        log
+    }
+
+    fn file(&self, name: &str, text: &str) {
+        let path = self.folder.join(name);
+        self.noted(&path, fs::write(&path, text));
+    }
+
+    fn noted<T>(&self, path: &Path, done: io::Result<T>) -> Option<T> {
+        let told = |error: io::Error| lock(&self.trouble).get_or_insert(format!("{}: {error}", path.display())).clone();
+        done.map_err(told).ok()
     }
 
     fn event(&self, value: &Value) {
-        let mut file = self.events.lock().expect("no holder panics");
-        // The log is a service; a full disk shows where results are stored.
-        let _ = writeln!(file, "{value}");
+        // In one piece: a disk that runs full leaves no half of an event but the last.
+        if let Some(file) = lock(&self.events).as_mut() {
+            self.noted(&self.folder.join("events.jsonl"), file.write_all(format!("{value}\n").as_bytes()));
+        }
     }
 
-    /// Writes roots and metrics; best effort for the same reason.
-    pub fn end(&self, plan: &Plan, summary: &Summary) {
+    /// Writes roots and metrics. Returns what could not be written of the log, if anything.
+    pub fn end(&self, plan: &Plan, summary: &Summary) -> Option<String> {
         let mut roots = String::new();
         let mut metrics = Vec::new();
         for id in plan.needed_instances() {
@@ -70,11 +90,12 @@ impl RunLog {
                 }));
             }
         }
-        let _ = fs::write(self.folder.join("roots"), roots);
-        let _ = fs::write(self.folder.join("metrics.json"), format!("{:#}\n", Value::from(metrics)));
+        self.file("roots", &roots);
+        self.file("metrics.json", &format!("{:#}\n", Value::from(metrics)));
         self.event(
             &json!({"event": "finished", "hits": summary.hits(), "ran": summary.ran(), "failed": summary.failed()}),
         );
+        lock(&self.trouble).take()
     }
 }
 
@@ -84,20 +105,21 @@ pub fn roots(outputs: &Path) -> Vec<Digest> {
         fs::read_dir(outputs.join("runs")).into_iter().flatten().flatten().map(|e| e.path()).collect();
     // Names begin with the time.
     folders.sort();
-    let text = folders.iter().rev().take(LATEST_RUNS).map(|f| fs::read_to_string(f.join("roots")).unwrap_or_default());
+    let text = folders.iter().rev().take(LATEST_RUNS).filter_map(|f| read_small(&f.join("roots"), LONGEST_ROOTS));
     text.collect::<String>().lines().filter_map(|line| line.parse().ok()).collect()
 }
 
-/// One line for a run that found everything up to date.
-pub fn note_up_to_date(outputs: &Path, plan: &Plan, summary: &Summary) {
+/// One line for a run that found everything up to date. Returns why it could not be written, if so.
+pub fn note_up_to_date(outputs: &Path, plan: &Plan, summary: &Summary) -> Option<String> {
     let line = json!({
         "time": timestamp(SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs())),
         "pipeline": plan.spec.pipeline, "hits": summary.hits(),
     });
-    let _ = fs::create_dir_all(outputs.join("runs"));
-    if let Ok(mut file) = OpenOptions::new().create(true).append(true).open(outputs.join("runs").join("log.jsonl")) {
-        let _ = writeln!(file, "{line}");
-    }
+    let path = outputs.join("runs").join("log.jsonl");
+    let written = fs::create_dir_all(outputs.join("runs"))
+        .and_then(|()| OpenOptions::new().create(true).append(true).open(&path))
+        .and_then(|mut file| file.write_all(format!("{line}\n").as_bytes()));
+    written.err().map(|error| format!("{}: {error}", path.display()))
 }
 
 /// Tells the log and somebody else.

@@ -10,10 +10,12 @@ mod inputs;
 mod interrupt;
 pub mod latest;
 pub mod log;
+mod name;
 pub mod progress;
 
 use std::collections::{BTreeSet, HashMap};
 use std::sync::{Arc, mpsc};
+use std::thread::ScopedJoinHandle;
 use std::time::{Duration, Instant};
 
 use crate::digest::Digest;
@@ -26,7 +28,6 @@ use admission::Admission;
 pub use interrupt::Interrupt;
 pub use progress::Progress;
 
-pub use execute::panic_text;
 use execute::{Outcome, Task, Worker};
 
 /// How to run.
@@ -55,6 +56,7 @@ pub enum End {
 }
 
 /// What a run did.
+#[derive(Default)]
 pub struct Summary {
     pub ends: HashMap<InstanceId, End>,
     pub seconds: f64,
@@ -62,6 +64,18 @@ pub struct Summary {
 }
 
 impl Summary {
+    /// What a further round of the same run did. What ran in an earlier one did run, although it was found later.
+    pub fn add(&mut self, more: Self) {
+        for (id, end) in more.ends {
+            match (self.ends.get(&id), &end) {
+                (Some(End::Ran(before)), End::Hit(found)) if before.key == found.key => {}
+                _ => drop(self.ends.insert(id, end)),
+            }
+        }
+        self.seconds += more.seconds;
+        self.interrupted |= more.interrupted;
+    }
+
     pub fn count(&self, which: impl Fn(&End) -> bool) -> usize {
         self.ends.values().filter(|end| which(end)).count()
     }
@@ -90,22 +104,24 @@ impl Summary {
 const MAX_REPAIRS: usize = 3;
 
 /// Runs what the survey found stale. The survey must be free of errors.
+///
+/// Error: the system starts no threads.
 pub fn run(
     resolver: &Resolver<'_>,
     survey: Survey,
     options: &Options,
     progress: &dyn Progress,
     interrupt: &Interrupt,
-) -> Summary {
+) -> Result<Summary, String> {
     let began = Instant::now();
     let mut schedule = Schedule::new(resolver, survey, options);
     if !schedule.ready.is_empty() {
-        schedule.work(progress, interrupt);
+        schedule.work(progress, interrupt)?;
     }
     for id in resolver.plan.needed_instances() {
         schedule.ends.entry(id).or_insert(End::Skipped);
     }
-    Summary { ends: schedule.ends, seconds: began.elapsed().as_secs_f64(), interrupted: interrupt.requested() }
+    Ok(Summary { ends: schedule.ends, seconds: began.elapsed().as_secs_f64(), interrupted: interrupt.requested() })
 }
 
 /// Build states of all needed instances.
@@ -189,14 +205,13 @@ impl<'a> Schedule<'a> {
         }
     }
 
-    fn work(&mut self, progress: &dyn Progress, interrupt: &Interrupt) {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(self.options.jobs)
-            .thread_name(|i| format!("turbid-{i}"))
-            .build()
-            .expect("the system can start threads");
+    fn work(&mut self, progress: &dyn Progress, interrupt: &Interrupt) -> Result<(), String> {
+        let jobs = self.options.jobs;
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(jobs).thread_name(|i| format!("turbid-{i}")).build();
+        let pool = pool.map_err(|e| format!("{jobs} threads cannot be started: {e}; take fewer with -j"))?;
         let (send, receive) = mpsc::channel::<(InstanceId, Outcome)>();
         std::thread::scope(|scope| {
+            let mut threads: HashMap<InstanceId, ScopedJoinHandle<'_, ()>> = HashMap::new();
             loop {
                 while self.running.len() < self.options.jobs && !self.stopping && !interrupt.requested() {
                     let Some(&id) = self.ready.first() else { break };
@@ -218,22 +233,48 @@ impl<'a> Schedule<'a> {
                     let worker =
                         Worker { resolver: self.resolver, pool: &pool, options: self.options, progress, interrupt };
                     let send = send.clone();
-                    scope.spawn(move || {
+                    let work = move || {
                         let outcome = execute::execute(worker, task);
                         // The receiver outlives every worker: it stands outside the scope.
                         let _ = send.send((id, outcome));
-                    });
+                    };
+                    match std::thread::Builder::new().spawn_scoped(scope, work) {
+                        Ok(thread) => drop(threads.insert(id, thread)),
+                        // There were threads enough for the others: it waits until one of them is free.
+                        Err(_) if self.running.len() > 1 => {
+                            self.running.remove(&id);
+                            self.admission.end(id);
+                            self.ready.insert(id);
+                            break;
+                        }
+                        Err(error) => {
+                            let text = format!("no thread can be started for it: {error}; take fewer with -j");
+                            self.finish(id, Outcome::Failed(text), progress);
+                        }
+                    }
                 }
                 if self.running.is_empty() {
                     break;
                 }
-                if let Ok((id, outcome)) = receive.recv_timeout(Duration::from_secs(1)) {
-                    self.running.remove(&id);
-                    self.admission.end(id);
-                    self.finish(id, outcome, progress);
+                let ended: Vec<InstanceId> =
+                    threads.iter().filter(|(_, t)| t.is_finished()).map(|(id, _)| *id).collect();
+                match receive.recv_timeout(Duration::from_secs(1)) {
+                    Ok((id, outcome)) => {
+                        threads.remove(&id);
+                        self.finish(id, outcome, progress);
+                    }
+                    // What had ended before the wait has sent what became of it, or never will.
+                    Err(_) => {
+                        for id in ended {
+                            threads.remove(&id);
+                            let text = "internal error, please report it: its thread ended without a word".to_owned();
+                            self.finish(id, Outcome::Failed(text), progress);
+                        }
+                    }
                 }
             }
         });
+        Ok(())
     }
 
     /// Ready -> Running, or straight to Done where an instance of the same key or another run made it meanwhile.
@@ -264,8 +305,13 @@ impl<'a> Schedule<'a> {
                 self.done(id, end);
                 None
             }
-            Ok((State::Waits(stages), _)) => {
-                unreachable!("{} is ready but waits for stages {stages:?}", self.plan.label(id))
+            // A producer was found damaged meanwhile and is made again, or its record lacks a port.
+            Ok((State::Waits(_), _)) => {
+                match self.lacking(id) {
+                    Some(producer) => self.repair(id, producer, progress),
+                    None => self.want(id),
+                }
+                None
             }
             Err(diagnostics) => {
                 let text: Vec<String> = diagnostics.iter().map(Diagnostic::to_string).collect();
@@ -288,10 +334,21 @@ impl<'a> Schedule<'a> {
     /// The outputs of the producers of `id`, and no others.
     fn inputs_of(&self, id: InstanceId) -> HashMap<InstanceId, Arc<Outputs>> {
         let sources = self.plan.instances[id].wires.iter().flat_map(|w| w.from.iter().map(|f| f.0));
-        sources.map(|s| (s, self.outputs[s].clone().expect("a ready instance has its inputs"))).collect()
+        sources.map(|s| (s, self.outputs[s].clone().expect("it has a key, so its inputs are there"))).collect()
+    }
+
+    /// A producer of `id` whose outputs are known and lack the port that it needs.
+    fn lacking(&self, id: InstanceId) -> Option<InstanceId> {
+        let mut sources = self.plan.instances[id].wires.iter().flat_map(|w| &w.from);
+        let lacks = |(source, port): &&(InstanceId, &str)| {
+            self.outputs[*source].as_ref().is_some_and(|outputs| !outputs.contains_key(*port))
+        };
+        sources.find(lacks).map(|(source, _)| *source)
     }
 
     fn finish(&mut self, id: InstanceId, outcome: Outcome, progress: &dyn Progress) {
+        self.running.remove(&id);
+        self.admission.end(id);
         self.ready.extend(self.twins.remove(&id).unwrap_or_default());
         match outcome {
             Outcome::Ran(record) => {

@@ -7,7 +7,9 @@ use std::time::{Duration, Instant};
 
 use serde_json::json;
 
+use crate::panics::lock;
 use crate::store::InstanceRecord;
+use crate::terminal::{plain, plain_line, print_json, tell};
 
 /// Told by the scheduler and by running stages, from any thread.
 pub trait Progress: Sync {
@@ -52,12 +54,12 @@ const PAUSE: Duration = Duration::from_secs(2);
 impl Lines {
     fn crowd(&self, label: &str, done: bool, line: impl FnOnce(usize) -> String) {
         let stage = label.split('[').next().unwrap_or(label);
-        let mut crowds = self.crowds.lock().expect("no holder panics");
+        let mut crowds = lock(&self.crowds);
         let crowd = crowds.entry(stage.to_owned()).or_default();
         crowd.done += usize::from(done);
         if crowd.said < FEW || crowd.last.is_some_and(|last| last.elapsed() > PAUSE) {
             (crowd.said, crowd.last) = (crowd.said + 1, Some(Instant::now()));
-            say(&line(crowd.done));
+            tell(&line(crowd.done));
         }
     }
 }
@@ -74,19 +76,14 @@ impl Progress for Lines {
         });
     }
     fn found(&self, label: &str) {
-        say(&format!("found {label}: another run made it"));
+        tell(&format!("found {label}: another run made it"));
     }
     fn failed(&self, label: &str, message: &str) {
-        say(&format!("error {label}: {message}"));
+        tell(&format!("error {label}: {message}"));
     }
     fn warn(&self, label: &str, message: &str) {
-        say(&format!("warning {label}: {message}"));
+        tell(&format!("warning {label}: {message}"));
     }
-}
-
-/// A closed pipe must not end a run.
-fn say(line: &str) {
-    let _ = writeln!(std::io::stderr(), "{line}");
 }
 
 /// JSON lines on stdout.
@@ -94,7 +91,7 @@ pub struct Json;
 
 impl Json {
     pub fn event(value: serde_json::Value) {
-        let _ = writeln!(std::io::stdout(), "{value}");
+        print_json(&value.to_string());
     }
 }
 
@@ -150,10 +147,10 @@ const REDRAW: Duration = Duration::from_millis(100);
 impl Terminal {
     /// Writes a lasting line above the board.
     fn line(&self, change: impl FnOnce(&mut HashMap<String, Stage>), line: &str) {
-        let mut board = self.running.lock().expect("no holder panics");
+        let mut board = lock(&self.running);
         let mut text = board.erase();
         change(&mut board.stages);
-        text.push_str(line);
+        text.push_str(&plain(line));
         text.push('\n');
         board.draw(&mut text);
     }
@@ -170,6 +167,7 @@ impl Board {
         labels.sort();
         for label in labels {
             let stage = &self.stages[label];
+            let label = plain_line(label);
             text.push_str(&format!("  {label} {} {:.0} s\n", stage.text, stage.began.elapsed().as_secs_f64()));
             self.drawn += 1;
         }
@@ -189,7 +187,7 @@ impl Progress for Terminal {
         );
     }
     fn advanced(&self, label: &str, done: f64, total: Option<f64>, unit: &str) {
-        let mut board = self.running.lock().expect("no holder panics");
+        let mut board = lock(&self.running);
         let recent = board.last.is_some_and(|last| last.elapsed() < REDRAW);
         if let Some(stage) = board.stages.get_mut(label) {
             let rate = done / stage.began.elapsed().as_secs_f64().max(1e-3);

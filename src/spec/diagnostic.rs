@@ -5,6 +5,7 @@ use std::fmt::{self, Write as _};
 use serde_json::{Value, json};
 
 use super::source::{SourceFile, Span};
+use crate::terminal::{commands, plain, plain_line};
 
 /// Characters of a source line that are shown; longer lines are cut around the caret.
 const SHOWN: usize = 110;
@@ -117,7 +118,7 @@ impl Diagnostic {
             paint("\x1b[0m"),
         );
         if !self.file.is_empty() {
-            write!(f, "{bold}{}", self.file)?;
+            write!(f, "{bold}{}", plain_line(&self.file))?;
             if self.line > 0 {
                 write!(f, ":{}:{}", self.line, self.column)?;
             }
@@ -126,17 +127,19 @@ impl Diagnostic {
         let word = if self.severity == Severity::Error { "error" } else { "warning" };
         write!(f, "{mark}{word}{reset}: ")?;
         if !self.path.is_empty() {
-            write!(f, "{}: ", self.path)?;
+            write!(f, "{}: ", plain_line(&self.path))?;
         }
-        writeln!(f, "{}", self.message)?;
+        writeln!(f, "{}", plain(&self.message))?;
         if self.line > 0 {
-            let (text, caret) = excerpt(&self.source, self.skipped, self.column, self.len);
+            // One character for one, so that the carets stand where they should.
+            let source: String = self.source.chars().map(|c| if commands(c) { ' ' } else { c }).collect();
+            let (text, caret) = excerpt(&source, self.skipped, self.column, self.len);
             let number = self.line.to_string();
             writeln!(f, " {cyan}{number:>4} |{reset} {text}")?;
             writeln!(f, " {:>4} {cyan}|{reset} {mark}{caret}{reset}", "")?;
         }
         if let Some(hint) = &self.hint {
-            writeln!(f, "      {cyan}={reset} {hint}")?;
+            writeln!(f, "      {cyan}={reset} {}", plain(hint))?;
         }
         Ok(())
     }
@@ -309,10 +312,16 @@ mod tests {
     /// Marks beyond the end of a line, in an empty line or among wide and control characters never panic.
     #[test]
     fn any_place_can_be_shown() {
-        for line in ["", "\t\tx", "µm é 漢字", "a\u{1b}[31m"] {
+        for line in ["", "\t\tx", "µm é 漢字", "a\u{1b}[31m", "\u{202e}a"] {
             for column in [0, 1, 3, 200] {
                 for len in [0, 1, 9999] {
-                    assert!(!at(1, column, len, line).to_string().contains('\u{1b}'));
+                    let shown = Report::from(Diagnostic {
+                        file: line.into(),
+                        message: line.into(),
+                        ..at(1, column, len, line)
+                    })
+                    .to_string();
+                    assert!(!shown.contains(commands), "{shown:?}");
                 }
             }
         }

@@ -2,6 +2,7 @@
 //!
 //! One file each: magic (16), progress (8), length (8), BLAKE3 of state key, progress and state (32), state.
 
+use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -110,11 +111,12 @@ impl Checkpoints {
     }
 
     /// As [`resume`](Self::resume), of a state that `read` reads piece by piece. Whether there is one.
-    pub fn resume_with(&self, state_key: &Digest, at_most: u64, read: &mut dyn FnMut(&mut dyn Read)) -> bool {
+    pub fn resume_with(&self, state_key: &Digest, at_most: u64, read: &mut dyn FnMut(u64, &mut dyn Read)) -> bool {
         let mut all = self.of(state_key);
         all.retain(|c| c.progress <= at_most);
-        let Some(mut file) = all.iter().rev().find_map(Checkpoint::open) else { return false };
-        read(&mut file);
+        let opened = all.iter().rev().find_map(|c| Some((c.progress, c.open()?)));
+        let Some((progress, mut state)) = opened else { return false };
+        read(progress, &mut state);
         true
     }
 
@@ -123,6 +125,14 @@ impl Checkpoints {
         let mut all = self.of(state_key);
         all.retain(|c| c.progress <= at_most);
         all.iter().rev().find_map(|c| Some((c.progress, c.read()?)))
+    }
+
+    /// Removes the checkpoints of a state but those of these progresses.
+    pub fn forget(&self, state_key: &Digest, but: &BTreeSet<u64>) {
+        for old in self.of(state_key).iter().filter(|c| !but.contains(&c.progress)) {
+            // One that stays is checked like any other when it is read.
+            let _ = fs::remove_file(&old.path);
+        }
     }
 
     /// The checkpoints of a state, by progress.

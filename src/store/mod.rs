@@ -24,10 +24,11 @@ mod verify;
 #[cfg(test)]
 mod tests;
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use turbid_contract::{Artifact, ArtifactKind, Extent, ImageStack};
 
@@ -56,6 +57,16 @@ pub struct Store {
     locks: KeyLocks,
     /// Shared lock that keeps `gc` out, taken with the first write or read of a blob.
     in_use: Mutex<Option<Use>>,
+    /// Keys that were called a hit, or published, since the store was opened.
+    vouched: Mutex<BTreeSet<Digest>>,
+}
+
+/// How a store was left by [`Store::finish`].
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Finished {
+    /// Keys that this store called a hit, or published, and that are a miss now: a blob or the record was found damaged and
+    /// left behind, or somebody removed it. Each is named once.
+    pub dropped: BTreeSet<Digest>,
 }
 
 /// How this process keeps `gc` out.
@@ -103,6 +114,7 @@ impl Store {
             checkpoints: Checkpoints::new(&root),
             locks: KeyLocks::new(&root),
             in_use: Mutex::new(None),
+            vouched: Mutex::default(),
             root,
         })
     }
@@ -112,6 +124,16 @@ impl Store {
     /// Blobs are not read. Never waits; finds what other runs published before this store was opened or before the
     /// last [`Store::lock`].
     pub fn record(&self, key: &Digest) -> Option<Arc<InstanceRecord>> {
+        let record = self.whole_record(key)?;
+        self.vouch(key);
+        Some(record)
+    }
+
+    fn vouch(&self, key: &Digest) {
+        self.vouched.lock().unwrap_or_else(PoisonError::into_inner).insert(*key);
+    }
+
+    fn whole_record(&self, key: &Digest) -> Option<Arc<InstanceRecord>> {
         let Some(record) = InstanceRecord::decode_head(key, &self.folder.record_head(key)?) else {
             self.folder.packs.note_damage();
             return None;
@@ -198,7 +220,9 @@ impl Store {
     pub fn publish(&self, record: &InstanceRecord, recipe: &Recipe) -> Result<(), StoreError> {
         let bytes = record.encode(recipe)?;
         self.begin_use(&|| false)?;
-        self.folder.publish(&record.key, &bytes)
+        self.folder.publish(&record.key, &bytes)?;
+        self.vouch(&record.key);
+        Ok(())
     }
 
     /// Waits until no other run works on `key`, then takes in what other runs have published meanwhile: look the
@@ -232,13 +256,18 @@ impl Store {
     }
 
     /// The same as [`resume`](Self::resume) for a state that `read` reads piece by piece. Whether there is one.
-    pub fn resume_with(&self, state_key: &Digest, at_most: u64, read: &mut dyn FnMut(&mut dyn io::Read)) -> bool {
+    pub fn resume_with(&self, state_key: &Digest, at_most: u64, read: &mut dyn FnMut(u64, &mut dyn io::Read)) -> bool {
         self.checkpoints.resume_with(state_key, at_most, read)
     }
 
     /// The furthest undamaged checkpoint with `progress <= at_most`.
     pub fn resume(&self, state_key: &Digest, at_most: u64) -> Option<(u64, Vec<u8>)> {
         self.checkpoints.resume(state_key, at_most)
+    }
+
+    /// Removes the checkpoints of a state but those of these progresses: what a run from the start has shown to be wrong, or could not compare.
+    pub fn forget_checkpoints(&self, state_key: &Digest, but: &BTreeSet<u64>) {
+        self.checkpoints.forget(state_key, but);
     }
 
     /// All undamaged records with what went in, the newest first, whether or not their blobs are still there.
@@ -280,8 +309,19 @@ impl Store {
     /// Brings everything to the disk, writes the index, and leaves behind what was found damaged. To be called when no
     /// other thread works on the store. Nothing is lost without it, but the next opening is slower.
     ///
+    /// The caller runs again what was dropped, and finishes once more.
+    ///
     /// Error: what was published could not be brought to the disk.
-    pub fn finish(&self) -> Result<(), StoreError> {
+    pub fn finish(&self) -> Result<Finished, StoreError> {
+        self.close()?;
+        let mut vouched = self.vouched.lock().unwrap_or_else(PoisonError::into_inner);
+        let dropped: BTreeSet<Digest> =
+            vouched.iter().filter(|key| self.whole_record(key).is_none()).copied().collect();
+        vouched.retain(|key| !dropped.contains(key));
+        Ok(Finished { dropped })
+    }
+
+    fn close(&self) -> Result<(), StoreError> {
         if self.read_only {
             return Ok(());
         }
@@ -316,7 +356,7 @@ impl Store {
 impl Drop for Store {
     fn drop(&mut self) {
         // Whoever wants to know calls `finish`; nothing is lost here.
-        let _ = self.finish();
+        let _ = self.close();
     }
 }
 

@@ -155,7 +155,7 @@ impl Store {
         if repair && !self.read_only && !report.is_clean() {
             unfit.iter().try_for_each(|key| self.folder.packs.append(Kind::ForgetRecord, key, &[]))?;
             damaged_checkpoints.iter().for_each(|path| drop(fs::remove_file(path)));
-            self.finish()?;
+            self.close()?;
             report.repaired = true;
         }
         Ok(report)
