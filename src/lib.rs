@@ -9,6 +9,7 @@ pub mod explain;
 pub mod export;
 pub mod input_file;
 pub mod key;
+mod leftover;
 pub mod memo;
 pub mod memory;
 mod missing;

@@ -3,7 +3,7 @@
 //! One file each: magic (16), progress (8), length (8), BLAKE3 of state key, progress and state (32), state.
 
 use std::collections::BTreeSet;
-use std::fs::{self, File};
+use std::fs;
 use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
@@ -40,29 +40,11 @@ impl Checkpoints {
         self.root.join("checkpoints").join(&state_key.to_string()[..2])
     }
 
-    /// Writes a checkpoint, then removes those that [`kept`] does not name.
+    /// Writes a checkpoint of a state that `write` writes piece by piece, then removes those that [`kept`] does not name. `write` is called twice,
+    /// so that no copy of the state is made.
     ///
     /// Not synced: after a power cut a torn file is ignored, and older ones are still there.
-    pub fn write(&self, state_key: &Digest, progress: u64, state: &[u8]) -> Result<(), StoreError> {
-        let path = self.folder(state_key).join(format!("{state_key}-{progress:016x}.state"));
-        let mut bytes = Vec::with_capacity(HEADER + state.len());
-        bytes.extend_from_slice(MAGIC);
-        bytes.extend_from_slice(&progress.to_le_bytes());
-        bytes.extend_from_slice(&(state.len() as u64).to_le_bytes());
-        bytes.extend_from_slice(&check(state_key, progress, state).0);
-        bytes.extend_from_slice(state);
-        disk::publish(&self.root.join("tmp"), &path, &bytes, false, false)
-            .map_err(StoreError::io("write a checkpoint", &path))?;
-        let all = self.of(state_key);
-        let keep = kept(&all.iter().map(|c| c.progress).collect::<Vec<_>>());
-        for old in all.iter().filter(|c| !keep.contains(&c.progress)) {
-            let _ = fs::remove_file(&old.path);
-        }
-        Ok(())
-    }
-
-    /// As [`write`](Self::write), of a state that `write` writes piece by piece: it is called twice, and no copy of the state is made.
-    pub fn write_with(
+    pub fn write(
         &self,
         state_key: &Digest,
         progress: u64,
@@ -70,7 +52,12 @@ impl Checkpoints {
     ) -> Result<(), StoreError> {
         let path = self.folder(state_key).join(format!("{state_key}-{progress:016x}.state"));
         self.write_pieces(state_key, progress, write, &path).map_err(StoreError::io("write a checkpoint", &path))?;
-        self.thin_out(state_key);
+        let all = self.of(state_key);
+        let keep = kept(&all.iter().map(|c| c.progress).collect::<Vec<_>>());
+        for old in all.iter().filter(|c| !keep.contains(&c.progress)) {
+            // One too many is harmless: the next checkpoint tries again, and `gc` counts it.
+            let _ = fs::remove_file(&old.path);
+        }
         Ok(())
     }
 
@@ -102,29 +89,14 @@ impl Checkpoints {
         large::publish(file, path, false, false)
     }
 
-    fn thin_out(&self, state_key: &Digest) {
-        let all = self.of(state_key);
-        let keep = kept(&all.iter().map(|c| c.progress).collect::<Vec<_>>());
-        for old in all.iter().filter(|c| !keep.contains(&c.progress)) {
-            let _ = fs::remove_file(&old.path);
-        }
-    }
-
-    /// As [`resume`](Self::resume), of a state that `read` reads piece by piece. Whether there is one.
-    pub fn resume_with(&self, state_key: &Digest, at_most: u64, read: &mut dyn FnMut(u64, &mut dyn Read)) -> bool {
+    /// Lets `read` read the furthest undamaged checkpoint with `progress <= at_most`, piece by piece. Whether there is one.
+    pub fn resume(&self, state_key: &Digest, at_most: u64, read: &mut dyn FnMut(u64, &mut dyn Read)) -> bool {
         let mut all = self.of(state_key);
         all.retain(|c| c.progress <= at_most);
         let opened = all.iter().rev().find_map(|c| Some((c.progress, c.open()?)));
         let Some((progress, mut state)) = opened else { return false };
         read(progress, &mut state);
         true
-    }
-
-    /// The furthest undamaged checkpoint with `progress <= at_most`.
-    pub fn resume(&self, state_key: &Digest, at_most: u64) -> Option<(u64, Vec<u8>)> {
-        let mut all = self.of(state_key);
-        all.retain(|c| c.progress <= at_most);
-        all.iter().rev().find_map(|c| Some((c.progress, c.read()?)))
     }
 
     /// Removes the checkpoints of a state but those of these progresses.
@@ -194,7 +166,7 @@ fn begun(state_key: &Digest, progress: u64, length: u64) -> PartHasher {
 impl Checkpoint {
     /// The undamaged state, to be read from its beginning; it has been read once, to compare it with its check.
     fn open(&self) -> Option<impl Read> {
-        let mut file = File::open(&self.path).ok().filter(|file| file.metadata().is_ok_and(|meta| meta.is_file()))?;
+        let mut file = disk::open_regular(&self.path).ok()?;
         let mut head = [0; HEADER];
         file.read_exact(&mut head).ok()?;
         let length = u64::from_le_bytes(head[24..32].try_into().expect("eight bytes"));
@@ -211,25 +183,10 @@ impl Checkpoint {
         Some(BufReader::with_capacity(1 << 20, file.take(length)))
     }
 
-    /// The state; `None` where the file is damaged or gone.
-    pub fn read(&self) -> Option<Vec<u8>> {
-        let mut bytes = fs::read(&self.path).ok()?;
-        let head = bytes.get(..HEADER)?;
-        let state = &bytes[HEADER..];
-        let whole = head[..16] == *MAGIC
-            && head[16..24] == self.progress.to_le_bytes()
-            && head[24..32] == (state.len() as u64).to_le_bytes()
-            && head[32..] == check(&self.state_key, self.progress, state).0;
-        whole.then(|| {
-            bytes.drain(..HEADER);
-            bytes
-        })
+    /// Whether the file is there and undamaged.
+    pub fn is_whole(&self) -> bool {
+        self.open().is_some()
     }
-}
-
-fn check(state_key: &Digest, progress: u64, state: &[u8]) -> Digest {
-    let hasher = PartHasher::new("turbid checkpoint v1").part("key", &state_key.0);
-    hasher.part("progress", &progress.to_le_bytes()).part("state", state).finish()
 }
 
 fn list(folder: &Path) -> io::Result<Vec<Checkpoint>> {
@@ -240,7 +197,9 @@ fn list(folder: &Path) -> io::Result<Vec<Checkpoint>> {
             let (key, progress) = n.split_once('-')?;
             Some((key.parse().ok()?, u64::from_str_radix(progress, 16).ok()?))
         });
-        if let (Some((state_key, progress)), Ok(meta)) = (parsed, File::open(&path).and_then(|f| f.metadata())) {
+        if let (Some((state_key, progress)), Ok(meta)) = (parsed, fs::metadata(&path))
+            && meta.is_file()
+        {
             let written = meta.modified().ok().and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok());
             let written = written.map_or(0, |t| t.as_secs());
             found.push(Checkpoint { state_key, progress, path, bytes: meta.len(), written });
@@ -270,15 +229,29 @@ mod tests {
         Digest::of(b"state")
     }
 
+    fn write(checkpoints: &Checkpoints, key: &Digest, progress: u64, state: &[u8]) {
+        checkpoints.write(key, progress, &|to| to.write_all(state)).unwrap();
+    }
+
+    fn resumed(checkpoints: &Checkpoints, at_most: u64) -> Option<(u64, Vec<u8>)> {
+        let mut found = None;
+        checkpoints.resume(&key(), at_most, &mut |progress, from| {
+            let mut state = Vec::new();
+            from.read_to_end(&mut state).unwrap();
+            found = Some((progress, state));
+        });
+        found
+    }
+
     #[test]
     fn the_furthest_of_three_octaves_stay() {
         let folder = tempfile::tempdir().unwrap();
         let checkpoints = Checkpoints::new(folder.path());
         for progress in 0..=100 {
-            checkpoints.write(&key(), progress, &[progress as u8; 10]).unwrap();
+            write(&checkpoints, &key(), progress, &[progress as u8; 10]);
         }
-        checkpoints.write(&Digest::of(b"another state"), 7, b"").unwrap();
-        let found = |at_most| checkpoints.resume(&key(), at_most).map(|(p, state)| (p, state[0]));
+        write(&checkpoints, &Digest::of(b"another state"), 7, b"");
+        let found = |at_most| resumed(&checkpoints, at_most).map(|(p, state)| (p, state[0]));
         assert_eq!(
             [u64::MAX, 100, 99, 63, 62, 31, 30].map(found),
             [Some((100, 100)), Some((100, 100)), Some((63, 63)), Some((63, 63)), Some((31, 31)), Some((31, 31)), None]
@@ -291,8 +264,8 @@ mod tests {
     fn damage_is_ignored() {
         let folder = tempfile::tempdir().unwrap();
         let checkpoints = Checkpoints::new(folder.path());
-        checkpoints.write(&key(), 1, b"one").unwrap();
-        checkpoints.write(&key(), 2, b"two").unwrap();
+        write(&checkpoints, &key(), 1, b"one");
+        write(&checkpoints, &key(), 2, b"two");
         let path = checkpoints.of(&key())[1].path.clone();
         let whole = fs::read(&path).unwrap();
         let cuts = (0..whole.len()).map(|n| whole[..n].to_vec());
@@ -303,9 +276,9 @@ mod tests {
         });
         for wrong in cuts.chain(flips) {
             fs::write(&path, wrong).unwrap();
-            assert_eq!(checkpoints.resume(&key(), 9), Some((1, b"one".to_vec())));
+            assert_eq!(resumed(&checkpoints, 9), Some((1, b"one".to_vec())));
         }
         fs::write(&path, whole).unwrap();
-        assert_eq!(checkpoints.resume(&key(), 9), Some((2, b"two".to_vec())));
+        assert_eq!(resumed(&checkpoints, 9), Some((2, b"two".to_vec())));
     }
 }

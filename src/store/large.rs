@@ -8,6 +8,7 @@ use tempfile::NamedTempFile;
 use turbid_contract::{ArtifactKind, ImageStack};
 
 use crate::digest::Digest;
+use crate::leftover;
 use crate::store::backend::{Backend, Folder};
 use crate::store::disk;
 use crate::store::error::StoreError;
@@ -53,14 +54,11 @@ pub(super) fn get(folder: &Folder, blob: &Blob) -> Result<ImageStack, StoreError
     let (digest, path) = (blob.digest, folder.loose_path(blob));
     let failed = |source: io::Error| match source.kind() {
         io::ErrorKind::NotFound => StoreError::Missing { digest },
+        // A folder or a pipe in its place is no blob.
+        io::ErrorKind::InvalidInput => StoreError::Damaged { digest },
         _ => StoreError::io("read a blob", &path)(source),
     };
-    // A folder or a pipe in its place is no blob, and is not waited for.
-    let is_file = fs::metadata(&path).map_err(failed)?.is_file();
-    if !is_file {
-        return Err(StoreError::Damaged { digest });
-    }
-    let mut file = File::open(&path).map_err(failed)?;
+    let mut file = disk::open_regular(&path).map_err(failed)?;
     if length(&file).map_err(failed)? != blob.bytes || Digest::of_reader(&mut file).map_err(failed)? != digest {
         return Err(StoreError::Damaged { digest });
     }
@@ -73,14 +71,16 @@ fn length(file: &File) -> io::Result<u64> {
 }
 
 fn digest_of(path: &Path) -> io::Result<Digest> {
-    Digest::of_reader(&mut File::open(path)?)
+    Digest::of_reader(&mut disk::open_regular(path)?)
 }
 
 /// A file that is removed unless it is published.
 pub(super) fn temporary(root: &Path) -> io::Result<NamedTempFile> {
     let tmp = root.join("tmp");
     fs::create_dir_all(&tmp)?;
-    tempfile::Builder::new().prefix("new-").tempfile_in(&tmp)
+    let file = tempfile::Builder::new().prefix(disk::WRITING).tempfile_in(&tmp)?;
+    leftover::hold(file.as_file());
+    Ok(file)
 }
 
 /// Publishes a temporary file as `path`, as [`disk::publish`] does with bytes.
