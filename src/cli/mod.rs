@@ -26,6 +26,8 @@ use crate::resolve::Survey;
 use crate::spec::{self, Report};
 use crate::store::Store;
 
+pub use select::Selector;
+
 /// How a command ends when it does not end well.
 #[derive(Debug)]
 pub enum Failure {
