@@ -13,6 +13,8 @@ pub enum Form {
     Text,
     Binary,
     Png,
+    /// Bytes behind which their digest stands.
+    Digested,
     /// A folder of texts (see [`files`]).
     Texts,
     /// A folder of a store.
@@ -26,7 +28,7 @@ pub fn mutated(form: Form, seeds: &[Vec<u8>], random: &mut Random) -> Vec<u8> {
     let times = 1 + random.below(6);
     match form {
         Form::Text => (0..times).for_each(|_| text::mutate(&mut input, other, random)),
-        Form::Binary | Form::Png => (0..times).for_each(|_| bytes::mutate(&mut input, other, random)),
+        Form::Binary | Form::Png | Form::Digested => (0..times).for_each(|_| bytes::mutate(&mut input, other, random)),
         Form::Texts | Form::Store => {
             let mut entries = files::split(&input);
             let others = files::split(other);
@@ -52,6 +54,9 @@ pub fn mutated(form: Form, seeds: &[Vec<u8>], random: &mut Random) -> Vec<u8> {
     // Some stay wrong: the checksum's own branch is a reader too.
     if form == Form::Png && !random.one_in(8) {
         checksums::png(&mut input);
+    }
+    if form == Form::Digested && random.one_in(2) {
+        checksums::tail(&mut input);
     }
     input
 }

@@ -19,7 +19,7 @@ use crate::mutate::Form;
 pub fn readers() -> Vec<Reader> {
     vec![Reader {
         name: "memo",
-        form: Form::Binary,
+        form: Form::Digested,
         share: 1,
         seeds: || vec![WORLD.memo(&WORLD.plan)],
         read,

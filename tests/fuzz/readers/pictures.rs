@@ -32,7 +32,6 @@ fn texture() -> FileOf {
         "objects": {"plane": {"slab": {"thickness": 10, "top": 0}, "surface": {"lambertian": {"image": {"file": "texture"}}}}},
         "camera": {"position": [300, 100, 400], "look_at": [0, 0, 0], "field": [32, 32], "pixels": [4, 4]},
         "projector": {"position": [0, -60, 500], "look_at": [0, 0, 0], "field": [200, 200], "power": 5},
-        "media": {},
     });
     FileOf { stage: "scene", at: "objects.plane.surface.lambertian.image.file", params }
 }

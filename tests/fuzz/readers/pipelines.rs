@@ -142,7 +142,9 @@ stages:
     use: scene
     foreach:
       mu_a: {logspace: [0.001, 0.1, 3]}
-      zip: {a: {linspace: [0, 1, 2]}, b: {range: [0, 2]}}
+      a: {linspace: [0, 1, 2]}
+      b: {range: [0, 2]}
+      zip: [[a, b]]
     with:
       media: {m: {mu_a: \"${mu_a}\", mu_s_prime: 1, g: 0.8, n: 1.0}}
       objects: {s: {slab: {thickness: 100, top: 0}, medium: m}}

@@ -1,6 +1,5 @@
 //! An input file of a stage, as `check` and a run read it.
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use serde_json::Value;
@@ -31,8 +30,8 @@ impl InputSource for NoInputs {
 }
 
 impl FileOf {
-    fn files(&self, input: &[u8]) -> BTreeMap<String, Arc<[u8]>> {
-        BTreeMap::from([(self.at.to_owned(), Arc::from(input))])
+    fn file(&self, input: &[u8]) -> [(String, Arc<[u8]>); 1] {
+        [(self.at.to_owned(), Arc::from(input))]
     }
 
     /// Whether the stage takes the file.
@@ -40,7 +39,7 @@ impl FileOf {
         let registry = Registry::builtin();
         let row = registry.find(self.stage).expect("the stage is built in");
         let mut problems = Problems::default();
-        (row.check)(&self.params, &Known { files: self.files(input), ..Known::default() }, &mut problems);
+        (row.check)(&self.params, &Known { files: self.file(input).into(), ..Known::default() }, &mut problems);
         problems.into_parts().0.is_empty()
     }
 
@@ -48,7 +47,7 @@ impl FileOf {
     pub fn run(&self, input: &[u8]) -> Result<(), String> {
         let registry = Registry::builtin();
         let row = registry.find(self.stage).expect("the stage is built in");
-        let host = MemoryHost { files: self.files(input), ..MemoryHost::default() };
+        let host = MemoryHost { files: self.file(input).into(), ..MemoryHost::default() };
         let made = (row.run)(&self.params, &NoInputs, Ctx::new(&host));
         let made = made.map_err(|e| format!("`check` takes it, the run fails: {e}"))?;
         made.iter().try_for_each(|(port, artifact)| match encode(artifact) {
