@@ -29,6 +29,8 @@ use crate::spec::{self, Report};
 use crate::store::Store;
 use crate::terminal::{self, print, print_json};
 
+pub use select::Selector;
+
 /// How a command ends when it does not end well.
 #[derive(Debug)]
 pub enum Failure {

@@ -6,7 +6,7 @@
 
 use std::borrow::Cow;
 use std::collections::HashSet;
-use std::io::{Cursor, Read, Seek, Write};
+use std::io::{Cursor, Read, Seek, SeekFrom, Write};
 use std::path::PathBuf;
 
 use exr::block::lines::LineRefMut;
@@ -154,8 +154,18 @@ pub(super) fn decode(bytes: &[u8]) -> Result<ImageStack, StoreError> {
 }
 
 /// The same, line by line: no more than a few lines are held beside the stack.
-pub(super) fn decode_from(from: impl Read + Seek) -> Result<ImageStack, StoreError> {
+pub(super) fn decode_from(mut from: impl Read + Seek) -> Result<ImageStack, StoreError> {
     let wrong = |what: &str| StoreError::unfit(format!("not an image stack of this turbid: {what}"));
+    let unreadable = |e: std::io::Error| wrong(&e.to_string());
+    let length = from.seek(SeekFrom::End(0)).map_err(unreadable)?;
+    from.rewind().map_err(unreadable)?;
+    let headers = MetaData::read_from_buffered(&mut from, false).map_err(|e| wrong(&e.to_string()))?.headers;
+    from.rewind().map_err(unreadable)?;
+    let pixels = headers.iter().try_fold(0usize, |sum, header| sum.checked_add(fewest_bytes(header)?));
+    // Asked first: the reader allocates what the headers claim.
+    if pixels.is_none_or(|n| n as u64 > length) {
+        return Err(wrong("its headers claim more pixels than its bytes can hold"));
+    }
     let image = exr::prelude::read()
         .no_deep_data()
         .largest_resolution_level()
@@ -187,6 +197,18 @@ pub(super) fn decode_from(from: impl Read + Seek) -> Result<ImageStack, StoreErr
         stack.push(info, data);
     }
     Ok(stack)
+}
+
+/// The least that the pixels of a part take in the file; `None` for sizes that no file has.
+fn fewest_bytes(header: &Header) -> Option<usize> {
+    let pixels = header.layer_size.0.checked_mul(header.layer_size.1)?;
+    let bytes = pixels.checked_mul(header.channels.bytes_per_pixel)?;
+    // Two bytes of a run stand for 128, three of a deflated stream for 3 x 1032 (RFC 1951: a bit for 258 bytes at best, with overhead).
+    Some(match header.compression {
+        Compression::Uncompressed => bytes,
+        Compression::RLE => bytes / 64,
+        _ => bytes / 1100,
+    })
 }
 
 /// JSON in ASCII: other characters as `\uXXXX`, which no reader of EXR headers can get wrong.
@@ -261,6 +283,25 @@ mod tests {
         for senseless in [[1e-60, 1e-60], [1e-9, 1.0]] {
             stack.attributes.insert("pixel_pitch_mm".into(), json!(senseless));
             assert_eq!(header(&stack), (None, 1.0));
+        }
+    }
+
+    /// A header alone makes no memory: what it claims must be in the file.
+    #[test]
+    fn claimed_pixels_must_be_there() {
+        let whole = encode(&stack("mu_a", |(r, c)| (r + c) as f32)).unwrap();
+        let window = b"dataWindow\0box2i\0";
+        let at =
+            whole.windows(window.len()).position(|w| w == window).expect("every part has a window") + window.len() + 4;
+        for (right, bottom) in [(299i32, 1i32 << 20), (1 << 29, 1 << 29), (i32::MAX - 1, 39)] {
+            let mut claimed = whole.clone();
+            claimed[at + 8..at + 12].copy_from_slice(&right.to_le_bytes());
+            claimed[at + 12..at + 16].copy_from_slice(&bottom.to_le_bytes());
+            let message = decode(&claimed).unwrap_err().to_string();
+            assert!(
+                message.contains("claim more pixels") || message.contains("invalid"),
+                "{right} {bottom}: {message}"
+            );
         }
     }
 

@@ -1,0 +1,67 @@
+//! Arguments of the command line: `STAGE[axis=value].PORT`, and `--set PATH=VALUE`.
+
+use std::path::Path;
+
+use turbid::cli::Selector;
+use turbid::plan::{Plan, Target};
+use turbid::registry::Registry;
+use turbid::spec;
+
+use super::{Reader, Seen, no_more};
+use crate::mutate::Form;
+
+pub fn readers() -> Vec<Reader> {
+    vec![
+        Reader {
+            name: "selector",
+            form: Form::Text,
+            share: 1,
+            seeds: || {
+                [&b"scene"[..], b"frames.frames", b"s[A=1.5,b=x].p", b"s[ a = 0.1 , b=\xc2\xb5 ]"]
+                    .map(<[u8]>::to_vec)
+                    .to_vec()
+            },
+            read: select,
+            law: no_more,
+        },
+        Reader {
+            name: "set",
+            form: Form::Text,
+            share: 2,
+            // One override a line.
+            seeds: || {
+                let lines = ["vars.samples=64", "seed=3\nabout=a b", "stages.tissue.with.camera.pixels=[8, 8]"];
+                lines.map(|l| l.as_bytes().to_vec()).to_vec()
+            },
+            read: set,
+            law: no_more,
+        },
+    ]
+}
+
+fn shipped() -> std::path::PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("pipelines/quickstart.yaml")
+}
+
+fn select(input: &[u8]) -> Result<Seen, String> {
+    let text = String::from_utf8_lossy(input);
+    let selector = Selector::parse(&text);
+    let _ = Target::parse(&text);
+    if let Ok(selector) = &selector {
+        let spec = spec::load(&shipped(), &[]).map_err(|r| r.to_string())?;
+        let plan = Plan::build(spec, spec::Report::default(), &Registry::builtin(), &[]).map_err(|r| r.to_string())?;
+        let _ = selector.instances(&plan);
+    }
+    Ok(Seen::as_large(selector.is_ok(), input))
+}
+
+fn set(input: &[u8]) -> Result<Seen, String> {
+    let overrides: Vec<String> = String::from_utf8_lossy(input).split('\n').map(str::to_owned).collect();
+    let (spec, report) = spec::read(&shipped(), &overrides);
+    drop((report.to_string(), report.to_json()));
+    let plan = spec.map(|spec| Plan::build(spec, report, &Registry::builtin(), &[]));
+    if let Some(Err(report)) = &plan {
+        drop((report.to_string(), report.to_json()));
+    }
+    Ok(Seen::as_large(matches!(plan, Some(Ok(_))), input))
+}
