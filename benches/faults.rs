@@ -1,7 +1,7 @@
 //! Kills, broken system calls and power cuts: `cargo bench --bench faults [-- OPTIONS]` (Linux on x86-64; about a minute on 2 cores).
 //!
 //! Runs the program under `ptrace` and breaks its n-th call that changes a file: kills it before, after or amid the call, lets the disk be full or
-//! fail, once or from there on, or shortens writes. For power cuts all calls are logged with their bytes, and states are made that a file system with a
+//! fail, once or from there on, lets reading fail, or shortens what is written and read. For power cuts all calls are logged with their bytes, and states are made that a file system with a
 //! journal may hold after a cut at call n (`faults/disk.rs` says which). After each the command must not hang or panic, and must
 //! end well with right results or say an error that names what it concerns; the next plain run must end well, with the digests and the files in
 //! `outputs/latest` of an undisturbed run; what was published (before the fault; before the last sync where the power is cut) must
@@ -11,7 +11,8 @@
 //! ```text
 //! --program PATH     another program than the one built here
 //! --scenario NAME    of one scenario only: fresh, continue, up-to-date, repair, gc, export, beside, force
-//! --kind NAME        of one kind only: kill, kill-after, torn, full, full-once, error-once, error, short, power-cut
+//! --kind NAME        of one kind only: kill, kill-after, torn, full, full-once, error-once, error, read-once, read, short,
+//!                    power-cut
 //! --cases N          most cases of each kind in each scenario (8); calls are taken evenly
 //! --seed X           other calls, other states
 //! --at N             one case: call N (with --scenario and --kind; --seed is the state after a power cut)
@@ -151,10 +152,18 @@ mod campaign {
         let (next, rows) = (AtomicUsize::new(0), Mutex::new(BTreeMap::<(usize, Kind), Row>::new()));
         std::thread::scope(|threads| -> std::io::Result<()> {
             let work = || -> std::io::Result<()> {
-                while let Some((scenario, case)) = cases.get(next.fetch_add(1, Ordering::Relaxed)) {
+                while let Some((number, (scenario, case))) = {
+                    let k = next.fetch_add(1, Ordering::Relaxed);
+                    cases.get(k).map(|case| (k, case))
+                } {
+                    if number > 0 && number % 200 == 0 {
+                        eprintln!("{number} of {} cases, {:.0} s", cases.len(), began.elapsed().as_secs_f64());
+                    }
                     let verdict = one(options, &references[*scenario], *case, space.path())?;
                     let mut rows = rows.lock().expect("no holder panics");
-                    rows.entry((*scenario, case.kind)).or_default().add(&references[*scenario], &verdict);
+                    let Reference { calls, reads, .. } = references[*scenario];
+                    let calls = if case.kind.reads() { reads } else { calls };
+                    rows.entry((*scenario, case.kind)).or_default().add(calls, &verdict);
                 }
                 Ok(())
             };
@@ -193,14 +202,14 @@ mod campaign {
         if !verdict.wrong.is_empty() {
             let again =
                 format!("--scenario {} --kind {} --at {at} --seed {seed}", reference.scenario.name, kind.name());
-            println!("FAILED {again}: {}", verdict.wrong.join("; "));
+            println!("FAILED {again} ({}): {}", verdict.call, verdict.wrong.join("; "));
         }
         Ok(verdict)
     }
 
     impl Row {
-        fn add(&mut self, reference: &Reference, verdict: &Verdict) {
-            self.calls = reference.calls;
+        fn add(&mut self, calls: u64, verdict: &Verdict) {
+            self.calls = calls;
             self.cases += 1;
             self.left_over += verdict.left_over as u64;
             let count = match verdict.outcome {

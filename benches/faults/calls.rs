@@ -8,7 +8,7 @@ use nix::libc;
 use nix::sys::uio::{RemoteIoVec, process_vm_readv};
 use nix::unistd::Pid;
 
-/// A change of a file or of a name.
+/// A change of a file or of a name, or a look at it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Op {
     /// A file that was not there, or that is emptied.
@@ -37,12 +37,27 @@ pub enum Op {
     RemoveFolder,
     /// A copy within the kernel: refused, so that the program reads and writes instead.
     Copy,
+    /// So many bytes at most.
+    Read {
+        bytes: u64,
+    },
+    /// Opened as it is.
+    Open,
+    /// Listed, or asked what it is.
+    Ask,
 }
 
 impl Op {
+    /// Whether it changes nothing.
+    pub fn only_reads(&self) -> bool {
+        matches!(self, Op::Read { .. } | Op::Open | Op::Ask)
+    }
+
     /// Whether it needs room on the disk.
     pub fn takes_room(&self) -> bool {
-        !matches!(self, Op::Sync | Op::Truncate { .. } | Op::Mode | Op::Unlink | Op::RemoveFolder | Op::Copy)
+        let without =
+            matches!(self, Op::Sync | Op::Truncate { .. } | Op::Mode | Op::Unlink | Op::RemoveFolder | Op::Copy);
+        !without && !self.only_reads()
     }
 }
 
@@ -90,8 +105,14 @@ impl Call {
             libc::SYS_mkdir => (below(here, r.rdi)?, Op::MakeFolder),
             libc::SYS_mkdirat => (below(r.rdi, r.rsi)?, Op::MakeFolder),
             libc::SYS_creat => (below(here, r.rdi)?, Op::Create),
-            libc::SYS_open => (opened(below(here, r.rdi)?, r.rsi)?, Op::Create),
-            libc::SYS_openat => (opened(below(r.rdi, r.rsi)?, r.rdx)?, Op::Create),
+            libc::SYS_open => opened(below(here, r.rdi)?, r.rsi)?,
+            libc::SYS_openat => opened(below(r.rdi, r.rsi)?, r.rdx)?,
+            libc::SYS_read | libc::SYS_pread64 | libc::SYS_readv => (at(r.rdi)?, Op::Read { bytes: r.rdx }),
+            libc::SYS_getdents64 | libc::SYS_fstat => (at(r.rdi)?, Op::Ask),
+            libc::SYS_newfstatat | libc::SYS_statx if r.rsi == 0 || text(r.rsi)? == Path::new("") => {
+                (at(r.rdi)?, Op::Ask)
+            }
+            libc::SYS_newfstatat | libc::SYS_statx => (below(r.rdi, r.rsi)?, Op::Ask),
             libc::SYS_copy_file_range | libc::SYS_splice => (at(r.rdx)?, Op::Copy),
             libc::SYS_sendfile | libc::SYS_fallocate => (at(r.rdi)?, Op::Copy),
             _ => return None,
@@ -174,11 +195,13 @@ fn position(thread: Pid, fd: u64) -> Option<u64> {
     field("pos:")?.parse().ok()
 }
 
-/// The path, if opening it with these flags makes or empties a file.
-fn opened(path: PathBuf, flags: u64) -> Option<PathBuf> {
+/// What opening with these flags does to the path.
+fn opened(path: PathBuf, flags: u64) -> Option<(PathBuf, Op)> {
     let has = |flag: i32| flags & flag as u64 == flag as u64;
-    let changes = !has(libc::O_PATH)
-        && !has(libc::O_TMPFILE)
-        && (has(libc::O_TRUNC) || has(libc::O_CREAT) && !Path::exists(&path));
-    changes.then_some(path)
+    let makes = has(libc::O_TRUNC) || has(libc::O_CREAT) && !Path::exists(&path);
+    match () {
+        () if has(libc::O_PATH) || has(libc::O_TMPFILE) => None,
+        () if makes => Some((path, Op::Create)),
+        () => Some((path, Op::Open)),
+    }
 }

@@ -3,9 +3,9 @@
 use std::collections::BTreeSet;
 use std::fs;
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use super::calls::Op;
+use super::calls::{Call, Op};
 use super::disk::Disk;
 use super::folder;
 use super::kinds::Kind;
@@ -35,6 +35,8 @@ pub enum Outcome {
 
 #[derive(Debug)]
 pub struct Verdict {
+    /// The call that broke.
+    pub call: String,
     pub outcome: Outcome,
     /// All that is wrong.
     pub wrong: Vec<String>,
@@ -45,10 +47,12 @@ pub struct Verdict {
 /// Runs a case in `folder`, which is made. Error: the machine does not allow it.
 pub fn run(program: &Path, reference: &Reference, case: Case, folder: &Path, keep: bool) -> io::Result<Verdict> {
     let mut wrong = Vec::new();
+    let mut broken = None;
     let (outcome, published) = if case.kind == Kind::PowerCut {
+        broken = reference.log.iter().find(|logged| logged.number == case.at).map(|logged| logged.call.clone());
         cut(reference, case, folder)?
     } else {
-        break_call(program, reference, case, folder, &mut wrong)?
+        break_call(program, reference, case, folder, &mut broken, &mut wrong)?
     };
     if keep {
         folder::copy(&folder.join("work"), &folder.join("broken"))?;
@@ -56,7 +60,9 @@ pub fn run(program: &Path, reference: &Reference, case: Case, folder: &Path, kee
     let place = Place::new(folder.to_owned())?;
     heal(program, reference, &place, published, &mut wrong)?;
     let left_over = folder::left_over(&place.work()).len();
-    Ok(Verdict { outcome, wrong, left_over })
+    let name = |path: &Path| path.iter().skip_while(|part| *part != "work").skip(1).collect::<PathBuf>();
+    let call = broken.map(|call| format!("{:?} {}", call.op, name(&call.path).display())).unwrap_or_default();
+    Ok(Verdict { call, outcome, wrong, left_over })
 }
 
 /// Lays out what the disk holds after a power cut; what had been published by then.
@@ -89,12 +95,18 @@ fn break_call(
     reference: &Reference,
     case: Case,
     folder: &Path,
+    broken: &mut Option<Call>,
     wrong: &mut Vec<String>,
 ) -> io::Result<(Outcome, BTreeSet<String>)> {
     let scenario = reference.scenario;
     folder::copy(&reference.base, &folder.join("work"))?;
     let place = Place::new(folder.to_owned())?;
-    let mut decide = |number: u64, call: &super::calls::Call| case.kind.action(case.at, number, call);
+    let mut decide = |number: u64, call: &Call| {
+        if number == case.at && call.op.only_reads() == case.kind.reads() {
+            *broken = Some(call.clone());
+        }
+        case.kind.action(case.at, number, call)
+    };
     let (done, beside) = std::thread::scope(|threads| -> io::Result<_> {
         let second = scenario.beside.then(|| threads.spawn(|| place.run(program, scenario.next, "beside")));
         let (done, ..) = place.run_broken(program, scenario.command, false, &mut decide)?;
@@ -116,7 +128,7 @@ fn break_call(
             Outcome::Well
         }
         Some(1 | 2) if !case.kind.kills() && case.kind != Kind::Short => {
-            wrong.extend(names_nothing(&done));
+            wrong.extend(names_nothing(case.kind, &done));
             Outcome::Said
         }
         _ => {
@@ -128,10 +140,12 @@ fn break_call(
 }
 
 /// An error has to name what it concerns: a path of the outputs or a stage, and what happened to it.
-fn names_nothing(done: &Done) -> Option<String> {
+fn names_nothing(kind: Kind, done: &Done) -> Option<String> {
     let text = done.text();
-    let place = super::scenarios::STAGES.iter().chain(&["outputs", "exported"]).any(|name| text.contains(name));
-    let cause = ["No space left", "Input/output error", "no room", "disk"].iter().any(|cause| text.contains(cause));
+    let place =
+        super::scenarios::STAGES.iter().chain(&["outputs", "exported", "p.yaml"]).any(|name| text.contains(name));
+    // What cannot be read may pass for what is not there.
+    let cause = kind.reads() || text.contains("(os error ");
     (!place || !cause).then(|| format!("the error names no place or no cause: {}", done.last_words()))
 }
 

@@ -38,7 +38,8 @@ enum Thing {
 #[derive(Clone, Debug)]
 enum Change {
     Add(PathBuf, Thing),
-    Rename(PathBuf, PathBuf),
+    /// From, to, and what it is: its new name does not need the old one to have come to be.
+    Rename(PathBuf, PathBuf, Thing),
     Remove(PathBuf),
 }
 
@@ -111,7 +112,12 @@ impl Disk {
             (Op::Write { offset, .. }, Some(content)) => self.contents[content].write(*offset as usize, &logged.data),
             (Op::Truncate { length }, Some(content)) => self.contents[content].cut(*length as usize),
             (Op::Sync, _) => self.sync(&path, file),
-            (Op::Rename { from }, _) => self.change(Change::Rename(self.inside(from), path)),
+            (Op::Rename { from }, _) => {
+                let from = self.inside(from);
+                if let Some(thing) = self.now.get(&from).cloned() {
+                    self.change(Change::Rename(from, path, thing));
+                }
+            }
             (Op::Link { from }, _) => {
                 if let Some(thing) = self.now.get(&self.inside(from)).cloned() {
                     self.change(Change::Add(path, thing));
@@ -120,8 +126,11 @@ impl Disk {
             (Op::Symlink { target }, _) => self.change(Change::Add(path, Thing::Link(target.clone()))),
             (Op::MakeFolder, _) => self.change(Change::Add(path, Thing::Folder)),
             (Op::Unlink | Op::RemoveFolder, _) => self.change(Change::Remove(path)),
-            // A file that has no name any more, or modes, which nothing depends on.
-            (Op::Write { .. } | Op::Truncate { .. } | Op::Mode | Op::Copy, _) => {}
+            // A file that has no name any more; modes, which nothing depends on; reading.
+            (
+                Op::Write { .. } | Op::Truncate { .. } | Op::Mode | Op::Copy | Op::Read { .. } | Op::Open | Op::Ask,
+                _,
+            ) => {}
         }
     }
 
@@ -134,7 +143,7 @@ impl Disk {
             *synced |= match change {
                 Change::Add(name, Thing::Folder) => path.starts_with(&*name) || in_it(name),
                 Change::Add(name, _) | Change::Remove(name) => in_it(name),
-                Change::Rename(from, to) => in_it(from) || in_it(to),
+                Change::Rename(from, to, _) => in_it(from) || in_it(to),
             };
         }
     }
@@ -143,17 +152,18 @@ impl Disk {
     pub fn cut(&self, random: &mut Random, at: &Path) -> io::Result<()> {
         let mut names = self.before.clone();
         let last_synced = self.changes.iter().rposition(|(_, synced)| *synced).map_or(0, |at| at + 1);
-        // 0: nothing more than what was synced; 1: all names; 2: in order up to somewhere; 3: each by itself.
-        let how = random.below(4);
+        // 0: nothing more than what was synced; 2: in order up to somewhere; 3: each by itself; else all names, as after some seconds.
+        let how = random.below(6);
         let upto = last_synced + random.below((self.changes.len() - last_synced + 1) as u64) as usize;
         for (k, (change, synced)) in self.changes.iter().enumerate() {
-            if *synced || how == 1 || (how == 2 && k < upto) || (how == 3 && random.coin()) {
+            if *synced || how == 1 || how > 3 || (how == 2 && k < upto) || (how == 3 && random.coin()) {
                 apply(&mut names, change);
             }
         }
-        // 0: what was synced; 1: zeros; 2: all; else: page by page.
-        let bytes = random.below(5);
-        let contents: Vec<Vec<u8>> = self.contents.iter().map(|content| content.after(bytes, random)).collect();
+        // Of all files alike, or each by itself: 0: what was synced; 1: zeros; 2: all; 3: page by page.
+        let alike = if random.below(3) == 0 { Some(random.below(4)) } else { None };
+        let mut after = |content: &Content| content.after(alike.unwrap_or_else(|| random.below(4)), random);
+        let contents: Vec<Vec<u8>> = self.contents.iter().map(&mut after).collect();
         for (name, thing) in &names {
             let path = at.join(name);
             match thing {
@@ -183,18 +193,15 @@ fn apply(names: &mut Names, change: &Change) {
                 names.insert(name.clone(), thing.clone());
             }
         }
-        Change::Rename(from, to) => {
-            if lies(names, to)
-                && let Some(thing) = names.remove(from)
-            {
-                if thing == Thing::Folder {
-                    let below: Vec<_> = names.keys().filter(|n| n.starts_with(from)).cloned().collect();
-                    for name in below {
-                        let thing = names.remove(&name).expect("it was listed");
-                        names.insert(to.join(name.strip_prefix(from).expect("below it")), thing);
-                    }
+        Change::Rename(from, to, thing) => {
+            if lies(names, to) {
+                names.remove(from);
+                let below = |name: &&PathBuf| *thing == Thing::Folder && name.starts_with(from);
+                for name in names.keys().filter(below).cloned().collect::<Vec<_>>() {
+                    let thing = names.remove(&name).expect("it was listed");
+                    names.insert(to.join(name.strip_prefix(from).expect("below it")), thing);
                 }
-                names.insert(to.clone(), thing);
+                names.insert(to.clone(), thing.clone());
             }
         }
         Change::Remove(name) => {

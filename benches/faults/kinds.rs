@@ -21,13 +21,17 @@ pub enum Kind {
     ErrorOnce,
     /// It and all later ones do.
     Error,
-    /// From the call on writes write half, and calls are interrupted by a signal: not to be noticed.
+    /// A call that reads a file, or asks what is there, fails with an error of the device.
+    ReadOnce,
+    /// It and all later ones that read do.
+    Read,
+    /// From the call on half is written or read, and calls are interrupted by a signal: not to be noticed.
     Short,
     /// The power fails after the call.
     PowerCut,
 }
 
-pub const KINDS: [Kind; 9] = [
+pub const KINDS: [Kind; 11] = [
     Kind::Kill,
     Kind::KillAfter,
     Kind::Torn,
@@ -35,6 +39,8 @@ pub const KINDS: [Kind; 9] = [
     Kind::FullOnce,
     Kind::ErrorOnce,
     Kind::Error,
+    Kind::ReadOnce,
+    Kind::Read,
     Kind::Short,
     Kind::PowerCut,
 ];
@@ -49,6 +55,8 @@ impl Kind {
             Kind::FullOnce => "full-once",
             Kind::ErrorOnce => "error-once",
             Kind::Error => "error",
+            Kind::ReadOnce => "read-once",
+            Kind::Read => "read",
             Kind::Short => "short",
             Kind::PowerCut => "power-cut",
         }
@@ -58,6 +66,11 @@ impl Kind {
         KINDS.into_iter().find(|kind| kind.name() == name)
     }
 
+    /// Whether it breaks calls that only read.
+    pub fn reads(self) -> bool {
+        matches!(self, Kind::Read | Kind::ReadOnce)
+    }
+
     pub fn kills(self) -> bool {
         matches!(self, Kind::Kill | Kind::KillAfter | Kind::Torn)
     }
@@ -65,25 +78,31 @@ impl Kind {
     /// What becomes of call `number` where call `at` is the first to break.
     pub fn action(self, at: u64, number: u64, call: &Call) -> Action {
         let no_room = if call.op.takes_room() { Action::Fail(Errno::ENOSPC) } else { Action::Go };
-        let writes = matches!(call.op, Op::Write { bytes: 2.., .. });
-        match (self, number.cmp(&at)) {
-            (Kind::PowerCut, _) | (_, std::cmp::Ordering::Less) => Action::Go,
-            (Kind::Full, std::cmp::Ordering::Greater) => no_room,
-            (Kind::Error, _) => Action::Fail(Errno::EIO),
-            (Kind::Short, _) if writes && number % 2 == 0 => Action::Half,
+        let (first, writes) = (number == at, matches!(call.op, Op::Write { bytes: 2.., .. }));
+        if number < at || (call.op.only_reads() != self.reads() && self != Kind::Short) {
+            return Action::Go;
+        }
+        match self {
+            Kind::Kill if first => Action::Kill,
+            Kind::KillAfter if first => Action::KillAfter,
+            Kind::Torn if first => Action::Torn,
+            Kind::Full if first && writes => Action::Half,
+            Kind::Full => no_room,
+            Kind::FullOnce if first => no_room,
+            Kind::ErrorOnce | Kind::ReadOnce if first => Action::Fail(Errno::EIO),
+            Kind::Error | Kind::Read => Action::Fail(Errno::EIO),
             // Those that Linux documents to be interrupted by a signal.
-            (Kind::Short, _)
-                if matches!(call.op, Op::Write { .. } | Op::Create | Op::Truncate { .. }) && number % 3 == 0 =>
+            Kind::Short
+                if number % 3 == 0
+                    && matches!(
+                        call.op,
+                        Op::Write { .. } | Op::Read { .. } | Op::Create | Op::Open | Op::Truncate { .. }
+                    ) =>
             {
                 Action::Fail(Errno::EINTR)
             }
-            (Kind::Short, _) | (_, std::cmp::Ordering::Greater) => Action::Go,
-            (Kind::Kill, _) => Action::Kill,
-            (Kind::KillAfter, _) => Action::KillAfter,
-            (Kind::Torn, _) => Action::Torn,
-            (Kind::Full, _) if writes => Action::Half,
-            (Kind::Full | Kind::FullOnce, _) => no_room,
-            (Kind::ErrorOnce, _) => Action::Fail(Errno::EIO),
+            Kind::Short if number % 2 == 0 => Action::Half,
+            _ => Action::Go,
         }
     }
 }

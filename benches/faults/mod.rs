@@ -22,17 +22,19 @@ use reference::Reference;
 /// Cases of a kind spread over what a scenario does, the last call included. Calls that go on with what the one before began (a text written in
 /// pieces) are one place, or most cases would lie in the logs of runs.
 pub fn spread(reference: &Reference, kind: Kind, cases: u64, seed: u64) -> Vec<Case> {
-    let places = places(reference);
+    let places = if kind.reads() { (1..=reference.reads).map(|k| (k, k)).collect() } else { places(reference) };
+    let calls = if kind.reads() { reference.reads } else { reference.calls };
     let n = places.len() as u64;
     let mut random = Random::new(seed ^ (kind as u64) << 32);
-    let cases = if kind == Kind::PowerCut { cases } else { cases.min(reference.calls) };
+    let cases = if kind == Kind::PowerCut { cases } else { cases.min(calls) };
     let mut chosen = BTreeSet::new();
     let mut all = Vec::new();
     for k in 0..if n == 0 { 0 } else { cases } {
         let place = (k * n / cases + random.below((n / cases).max(1))).min(n - 1);
         let (first, last) = places[place as usize];
-        let at = if k + 1 == cases { reference.calls } else { first + random.below(last - first + 1) };
-        // After a power cut there are many states for one call.
+        // After a power cut there are many states for one call; most cuts come some time after the end.
+        let end = k + 1 == cases || (kind == Kind::PowerCut && k % 3 == 2);
+        let at = if end { calls } else { first + random.below(last - first + 1) };
         if chosen.insert(at) || kind == Kind::PowerCut {
             all.push(Case { kind, at, seed: random.next() % 1_000_000 });
         }

@@ -77,26 +77,27 @@ impl Place {
         Ok(Done { code, hung: status.is_none(), out, err })
     }
 
-    /// Runs it while `decide` decides about each call that changes a file below `work`; with `log`, all of them.
+    /// Runs it while `decide` decides about each call that changes or reads a file below `work`; how many of each there were, with `log` those that
+    /// change.
     pub fn run_broken(
         &self,
         program: &Path,
         arguments: &[&str],
         log: bool,
         decide: &mut dyn FnMut(u64, &Call) -> Action,
-    ) -> io::Result<(Done, u64, Vec<Logged>)> {
+    ) -> io::Result<(Done, [u64; 2], Vec<Logged>)> {
         let command = self.command(program, arguments, "broken")?;
         let (folder, said) = (self.work(), self.folder.join("broken.out"));
         let ended = follow(command, Follow { folder: &folder, said: &said, log, decide })?;
-        let Ended { code, hung, calls, log, .. } = ended;
+        let Ended { code, hung, calls, reads, log, .. } = ended;
         let (out, err) = self.said("broken");
-        Ok((Done { code, hung, out, err }, calls, log))
+        Ok((Done { code, hung, out, err }, [calls, reads], log))
     }
 }
 
 impl Done {
     pub fn text(&self) -> String {
-        format!("{}{}", self.err, self.out)
+        format!("{}{}", self.out, self.err)
     }
 
     /// The last lines that it said.

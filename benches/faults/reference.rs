@@ -14,8 +14,9 @@ pub struct Reference {
     pub scenario: &'static Scenario,
     /// What was there before the command.
     pub base: PathBuf,
-    /// Calls of the command that change a file, and all that it did.
+    /// Calls of the command that change a file, those that only read, and all that it changed.
     pub calls: u64,
+    pub reads: u64,
     pub log: Vec<Logged>,
     /// Digests before the command, after it, and after the plain run that comes next.
     pub digests_before: BTreeSet<String>,
@@ -63,7 +64,7 @@ impl Reference {
         let place = copy("done")?;
         let written = |place: &Place| scenario.writes.map(|name| fs::read(place.work().join(name)).ok());
         let before = written(&base);
-        let (done, calls, log) = place.run_broken(program, scenario.command, true, &mut |_, _| Action::Go)?;
+        let (done, [calls, reads], log) = place.run_broken(program, scenario.command, true, &mut |_, _| Action::Go)?;
         well(done, scenario.command)?;
         let digests_done = digests(program, &place)?;
         let after = written(&place);
@@ -73,6 +74,7 @@ impl Reference {
         let reference = Self {
             scenario,
             calls,
+            reads,
             log,
             digests_before: digests(program, &base)?,
             digests_done,

@@ -1,4 +1,4 @@
-//! Commands of which every call that may change a file stops for the tracer: the one place with `unsafe`.
+//! Commands of which every call that may change or read a file stops for the tracer: the one place with `unsafe`.
 //!
 //! Invariant: between fork and exec only system calls are made, on data that was there before the fork and outlives the exec. No memory is
 //! allocated and no lock taken, for another thread of the parent may have held one at the fork.
@@ -11,8 +11,8 @@ use std::process::Command;
 
 use nix::libc;
 
-/// The calls that may change a file.
-pub const CALLS: [i64; 30] = [
+/// The calls that may change or read a file.
+pub const CALLS: [i64; 37] = [
     libc::SYS_write,
     libc::SYS_writev,
     libc::SYS_pwrite64,
@@ -43,6 +43,13 @@ pub const CALLS: [i64; 30] = [
     libc::SYS_sendfile,
     libc::SYS_splice,
     libc::SYS_fallocate,
+    libc::SYS_read,
+    libc::SYS_readv,
+    libc::SYS_pread64,
+    libc::SYS_getdents64,
+    libc::SYS_statx,
+    libc::SYS_newfstatat,
+    libc::SYS_fstat,
 ];
 
 /// A BPF program that stops at [`CALLS`] and lets all else pass.

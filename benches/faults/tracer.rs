@@ -30,7 +30,7 @@ pub enum Action {
     KillAfter,
     /// The call is not made and returns this error.
     Fail(Errno),
-    /// A write writes half of its bytes only.
+    /// Half of the bytes are written or read only.
     Half,
     /// Half of a write, then the program is killed.
     Torn,
@@ -53,8 +53,9 @@ pub struct Ended {
     pub signal: Option<Signal>,
     /// It took more than [`MOST_CPU_S`] or [`MOST_WALL`].
     pub hung: bool,
-    /// So many calls that change something below the folder.
+    /// So many calls that change something below the folder, and so many that only look.
     pub calls: u64,
+    pub reads: u64,
     /// All that was done to files in `folder` and to `said`, in order; empty unless asked for.
     pub log: Vec<Logged>,
 }
@@ -66,7 +67,7 @@ pub struct Follow<'a> {
     /// Writes to this file are logged (they do not count): what the program has told by then.
     pub said: &'a Path,
     pub log: bool,
-    /// From the number of the call (from 1) and the call.
+    /// From the number of the call (from 1, those that only look by themselves) and the call.
     pub decide: &'a mut dyn FnMut(u64, &Call) -> Action,
 }
 
@@ -158,8 +159,12 @@ impl Tracer<'_> {
         if call.op == Op::Copy {
             action = Action::Fail(Errno::ENOSYS);
         } else if !told {
-            self.ended.calls += 1;
-            action = (self.what.decide)(self.ended.calls, &call);
+            let count = if call.op.only_reads() { &mut self.ended.reads } else { &mut self.ended.calls };
+            *count += 1;
+            action = (self.what.decide)(*count, &call);
+        }
+        if action == Action::Go && (!self.what.log || call.op.only_reads()) {
+            return ptrace::cont(thread, None);
         }
         if action == Action::Kill {
             return kill(self.child, Signal::SIGKILL);
@@ -171,7 +176,9 @@ impl Tracer<'_> {
                 registers.orig_rax = u64::MAX;
                 ptrace::setregs(thread, registers)?;
             }
-            Action::Half | Action::Torn if matches!(call.op, Op::Write { bytes: 2.., .. }) => {
+            Action::Half | Action::Torn
+                if matches!(call.op, Op::Write { bytes: 2.., .. } | Op::Read { bytes: 2.. }) =>
+            {
                 // The number of bytes, or of pieces.
                 registers.rdx = (registers.rdx / 2).max(1);
                 ptrace::setregs(thread, registers)?;
