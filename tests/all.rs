@@ -13,6 +13,9 @@ mod conditions;
 mod crash;
 #[path = "all/estimates.rs"]
 mod estimates;
+#[cfg(all(target_os = "linux", target_arch = "x86_64"))]
+#[path = "all/faults.rs"]
+mod faults;
 #[path = "all/figures.rs"]
 mod figures;
 #[path = "all/floors.rs"]
