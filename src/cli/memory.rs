@@ -48,7 +48,7 @@ pub(super) fn too_large(plan: &Plan, survey: &Survey, budget: Option<Budget>) ->
     let told = |(stage, (need, id)): (usize, (u64, InstanceId))| {
         let (name, use_name) = (plan.label(id), plan.row(stage).name);
         let message = format!(
-            "stage `{name}` ({use_name}) needs about {} of memory, and there are {} {}",
+            "`{name}` ({use_name}) needs about {} of memory, and there are {} {}",
             size_text(need),
             size_text(most),
             by.text()
@@ -81,7 +81,9 @@ pub(super) fn at_most(plan: &Plan, survey: &Survey, budget: Option<Budget>, thre
             begun.push(id);
         }
         assert!(!begun.is_empty(), "a graph without circles has an instance that is ready");
-        open.retain(|id| !begun.contains(id));
+        for id in &begun {
+            open.remove(id);
+        }
         most = most.max(taken);
     }
     most
