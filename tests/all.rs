@@ -30,6 +30,8 @@ mod luts;
 mod manual;
 #[path = "all/measured.rs"]
 mod measured;
+#[path = "all/memory.rs"]
+mod memory;
 #[path = "all/meshes.rs"]
 mod meshes;
 #[path = "all/metrics.rs"]

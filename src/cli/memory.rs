@@ -43,7 +43,7 @@ pub(super) fn too_large(plan: &Plan, survey: &Survey, budget: Option<Budget>) ->
     let told = |(stage, (need, id)): (usize, (u64, InstanceId))| {
         let (name, use_name) = (plan.label(id), plan.row(stage).name);
         let message = format!(
-            "stage `{name}` ({use_name}) needs about {} of memory, and there are {} {}",
+            "`{name}` ({use_name}) needs about {} of memory, and there are {} {}",
             size_text(need),
             size_text(most),
             by.text()

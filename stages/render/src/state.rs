@@ -42,15 +42,17 @@ pub struct More {
 impl State {
     /// Of `fields` sums for each of `pixels` pixels.
     pub fn new(fields: usize, pixels: usize, layout: Layout, allocate: Allocate) -> Self {
-        let channels = vec![Moments::new(pixels, layout.width()).with_steady(layout.steady); fields];
-        let more = More { channels: channels.clone(), before: vec![0; pixels], planned: Vec::new() };
+        // One by one, not as copies of the first: the system hands out pages of zeros when they are first written.
+        let zeros = || (0..fields).map(|_| Moments::new(pixels, layout.width()).with_steady(layout.steady)).collect();
+        let channels = zeros();
+        let more = || More { channels: zeros(), before: vec![0; pixels], planned: Vec::new() };
         Self {
             samples: 0,
             channels,
             history: Vec::new(),
             flights: [0; 2],
             beside: None,
-            more: (allocate == Allocate::Adaptive).then_some(more),
+            more: (allocate == Allocate::Adaptive).then(more),
             is_whole: true,
         }
     }
