@@ -40,7 +40,8 @@ impl Soup {
     }
 }
 
-/// The triangles of a file; which format it has is seen by its content. It takes no more memory than four times what it returns and the file.
+/// The triangles of a file; which format it has is seen by its content. It takes no more memory
+/// than four times what it returns and the file.
 ///
 /// Error: what is wrong with it, with the line, node, accessor, face or vertex.
 pub fn read(bytes: &[u8]) -> Result<Soup, String> {
@@ -61,7 +62,10 @@ pub fn read(bytes: &[u8]) -> Result<Soup, String> {
     if let Some(i) = soup.vertices.iter().position(|v| v.iter().any(|x| !x.is_finite())) {
         return Err(format!("vertex {i} (from 0) at {:?} is not a finite place", soup.vertices[i]));
     }
-    let n = soup.vertices.len();
+    let (n, triangles) = (soup.vertices.len(), soup.triangles.len());
+    if triangles > i32::MAX as usize {
+        return Err(format!("{triangles} triangles: there must be less than 2^31"));
+    }
     if let Some(i) = soup.triangles.iter().flatten().find(|&&i| i as usize >= n) {
         return Err(format!("a triangle names the vertex {i}, but there are only {n}"));
     }

@@ -3,6 +3,11 @@ use turbid_contract::payload::Mesh;
 
 use super::*;
 
+mod hostile_gltf;
+mod hostile_text;
+mod many_parts;
+mod mutations;
+
 const STRAIGHT: Placing = Placing { scale: 1.0, rotation_deg: [0.0; 3], position: [0.0; 3] };
 
 /// A tetrahedron with right angles at the origin, its coordinates exact in f32.
