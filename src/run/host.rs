@@ -78,6 +78,13 @@ impl<'a> InstanceHost<'a> {
         }
     }
 
+    /// Removes the checkpoints of this work, those of this run too: two results of one key differ, and who is wrong is not known.
+    pub fn forget_checkpoints(&self) {
+        if let Some(key) = &self.job.state_key {
+            self.worker.resolver.store.forget_checkpoints(key, &BTreeSet::new());
+        }
+    }
+
     /// After a run from the start: checkpoints stay only beside a result that they agree with. `agrees`: whether its outputs are those stored before,
     /// if there were any to compare.
     pub fn settle_checkpoints(&self, agrees: Option<bool>) {
@@ -90,14 +97,14 @@ impl<'a> InstanceHost<'a> {
     }
 
     /// Compares a checkpoint of a run from the start with the stored one that it is going to replace. Once they differ, none of the others is to be trusted.
-    fn compare(&self, fresh: &Mutex<Fresh>, key: &Digest, progress: u64, state: &[u8]) {
+    fn compare(&self, fresh: &Mutex<Fresh>, key: &Digest, progress: u64, state: Digest) {
         let store = self.worker.resolver.store;
         let mut fresh = lock(fresh);
         if !fresh.written.insert(progress) {
             return;
         }
         let stored = store.resume(key, progress).filter(|(stored, _)| *stored == progress);
-        match stored.map(|(_, stored)| without_cost(stored).0 == state) {
+        match stored.map(|(_, stored)| Digest::of(&without_cost(stored).0) == state) {
             Some(true) => fresh.same = true,
             Some(false) if !fresh.other => {
                 fresh.other = true;
@@ -197,7 +204,7 @@ impl Host for InstanceHost<'_> {
         *lock(&self.last_checkpoint) = Instant::now();
         let spent = self.tile_cpu().as_secs_f64() + self.resumed_cpu_s();
         if let (Some(fresh), Some(key)) = (&self.fresh, &self.job.state_key) {
-            self.compare(fresh, key, progress, state);
+            self.compare(fresh, key, progress, Digest::of(state));
         }
         if let Some(key) = &self.job.state_key
             && let Err(error) = self.worker.resolver.store.checkpoint(key, progress, &with_cost(state, spent))
