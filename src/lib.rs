@@ -8,6 +8,7 @@ pub mod estimate;
 pub mod explain;
 pub mod export;
 pub mod key;
+mod leftover;
 pub mod memo;
 mod missing;
 mod panics;

@@ -1,6 +1,6 @@
 //! Where the bytes of records and blobs are kept: the seam behind which a remote store fits.
 
-use std::fs::{self, File};
+use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -10,6 +10,7 @@ use crate::digest::Digest;
 use crate::store::disk;
 use crate::store::error::StoreError;
 use crate::store::frame::Kind;
+use crate::store::odd;
 use crate::store::packs::Packs;
 use crate::store::record::Blob;
 
@@ -68,7 +69,9 @@ impl Folder {
             for entry in fs::read_dir(folder.path()).into_iter().flatten().flatten() {
                 let path = entry.path();
                 let digest = path.file_stem().and_then(|stem| stem.to_str()).and_then(|stem| stem.parse().ok());
-                if let (Some(digest), Ok(meta)) = (digest, entry.metadata()) {
+                if let (Some(digest), Ok(meta)) = (digest, fs::metadata(&path))
+                    && meta.is_file()
+                {
                     found.push((digest, path, meta.len()));
                 }
             }
@@ -77,17 +80,9 @@ impl Folder {
         found
     }
 
-    /// Moves a loose file into quarantine.
+    /// Moves a loose file, or what stands in its place, to quarantine.
     pub fn set_aside(&self, path: &Path) -> Result<(), StoreError> {
-        let folder = self.root.join("quarantine");
-        let target = folder.join(path.file_name().expect("a blob's path ends in its name"));
-        fs::create_dir_all(&folder).map_err(StoreError::io("create a folder of the store", &folder))?;
-        match fs::rename(path, &target) {
-            Err(e) if e.kind() != io::ErrorKind::NotFound => {
-                Err(StoreError::io("move a damaged blob to quarantine", path)(e))
-            }
-            _ => Ok(()),
-        }
+        odd::set_aside(&self.root, path).map_err(StoreError::io("move a damaged blob to quarantine", path))
     }
 
     /// Makes the store forget a packed blob; its bytes, as they are, go into quarantine.
@@ -95,7 +90,7 @@ impl Folder {
         self.packs.note_damage();
         let path = self.root.join("quarantine").join(format!("{}.{}", blob.digest, extension(blob.kind)));
         // Forgetting matters; a copy of the damaged bytes is only for people.
-        let _ = disk::publish(&self.root.join("tmp"), &path, bytes, false, false);
+        let _ = disk::publish(&self.root, &path, bytes, false, false);
         self.packs.append(Kind::ForgetBlob, &blob.digest, &[])
     }
 }
@@ -127,7 +122,7 @@ impl Backend for Folder {
         }
         let path = self.loose_path(blob);
         // No longer than the record says: a damaged file must not decide how much memory is taken.
-        let read = File::open(&path).and_then(|file| {
+        let read = disk::open_regular(&path).and_then(|file| {
             let length = file.metadata()?.len().min(blob.bytes + 1);
             disk::read_at(&file, 0, length as usize)
         });
@@ -152,7 +147,7 @@ impl Backend for Folder {
         if !matches!(there, Ok(None)) {
             self.set_aside(&path)?;
         }
-        disk::publish(&self.root.join("tmp"), &path, bytes, true, true).map_err(StoreError::io("write a blob", &path))
+        disk::publish(&self.root, &path, bytes, true, true).map_err(StoreError::io("write a blob", &path))
     }
 
     fn quarantine(&self, blob: &Blob) -> Result<(), StoreError> {

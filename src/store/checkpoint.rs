@@ -3,7 +3,7 @@
 //! One file each: magic (16), progress (8), length (8), BLAKE3 of state key, progress and state (32), state.
 
 use std::collections::BTreeSet;
-use std::fs::{self, File};
+use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -50,11 +50,11 @@ impl Checkpoints {
         bytes.extend_from_slice(&(state.len() as u64).to_le_bytes());
         bytes.extend_from_slice(&check(state_key, progress, state).0);
         bytes.extend_from_slice(state);
-        disk::publish(&self.root.join("tmp"), &path, &bytes, false, false)
-            .map_err(StoreError::io("write a checkpoint", &path))?;
+        disk::publish(&self.root, &path, &bytes, false, false).map_err(StoreError::io("write a checkpoint", &path))?;
         let all = self.of(state_key);
         let keep = kept(&all.iter().map(|c| c.progress).collect::<Vec<_>>());
         for old in all.iter().filter(|c| !keep.contains(&c.progress)) {
+            // One too many is harmless: the next checkpoint tries again, and `gc` counts it.
             let _ = fs::remove_file(&old.path);
         }
         Ok(())
@@ -94,7 +94,7 @@ impl Checkpoints {
 impl Checkpoint {
     /// The state; `None` where the file is damaged or gone.
     pub fn read(&self) -> Option<Vec<u8>> {
-        let mut bytes = fs::read(&self.path).ok()?;
+        let mut bytes = disk::read_regular(&self.path).ok()?;
         let head = bytes.get(..HEADER)?;
         let state = &bytes[HEADER..];
         let whole = head[..16] == *MAGIC
@@ -121,7 +121,9 @@ fn list(folder: &Path) -> io::Result<Vec<Checkpoint>> {
             let (key, progress) = n.split_once('-')?;
             Some((key.parse().ok()?, u64::from_str_radix(progress, 16).ok()?))
         });
-        if let (Some((state_key, progress)), Ok(meta)) = (parsed, File::open(&path).and_then(|f| f.metadata())) {
+        if let (Some((state_key, progress)), Ok(meta)) = (parsed, fs::metadata(&path))
+            && meta.is_file()
+        {
             let written = meta.modified().ok().and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok());
             let written = written.map_or(0, |t| t.as_secs());
             found.push(Checkpoint { state_key, progress, path, bytes: meta.len(), written });

@@ -1,8 +1,62 @@
-//! The few things that the store does to a disk: write, sync, publish atomically, read at an offset.
+//! The few things that the store does to a disk: open, read at an offset, write, sync, publish atomically.
 
-use std::fs::{self, File};
+use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, Write};
 use std::path::Path;
+
+use crate::leftover;
+use crate::store::odd;
+
+/// Temporary files of the store; their writer holds a lock on them ([`leftover`]).
+pub(super) const WRITING: &str = "writing-";
+/// How often a file is written anew that somebody removed while it was written, or whose way had to be cleared.
+const ATTEMPTS: usize = 8;
+
+/// Opens a file to read. Folders, pipes, sockets and devices are errors, and nothing is waited for.
+pub(super) fn open_regular(path: &Path) -> io::Result<File> {
+    open_regular_with(path, OpenOptions::new().read(true))
+}
+
+/// As [`open_regular`], in the way that `options` say.
+pub(super) fn open_regular_with(path: &Path, options: &mut OpenOptions) -> io::Result<File> {
+    let not_regular = || io::Error::new(io::ErrorKind::InvalidInput, "it is not a regular file");
+    match fs::metadata(path) {
+        Ok(meta) if !meta.is_file() => return Err(not_regular()),
+        _ => {}
+    }
+    #[cfg(all(target_os = "linux", any(target_arch = "x86_64", target_arch = "aarch64")))]
+    {
+        use std::os::unix::fs::OpenOptionsExt;
+        // A pipe that took the file's place since: opening must not wait for its other end.
+        const O_NONBLOCK: i32 = 0o4000;
+        options.custom_flags(O_NONBLOCK);
+    }
+    let file = options.open(path)?;
+    if file.metadata()?.is_file() { Ok(file) } else { Err(not_regular()) }
+}
+
+/// All bytes of a regular file.
+pub(super) fn read_regular(path: &Path) -> io::Result<Vec<u8>> {
+    let file = open_regular(path)?;
+    let length = usize::try_from(file.metadata()?.len()).map_err(|_| io::ErrorKind::OutOfMemory)?;
+    read_at(&file, 0, length)
+}
+
+/// What tells a file from another one that takes over its name (device and inode; nothing where there is no such thing).
+pub(super) type Identity = Option<(u64, u64)>;
+
+pub(super) fn identity(meta: &Metadata) -> Identity {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt;
+        Some((meta.dev(), meta.ino()))
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = meta;
+        None
+    }
+}
 
 /// Writes all of `bytes` to `file`. Every byte that the store writes passes here (tests let the disk run full).
 pub(super) fn write(file: &mut File, bytes: &[u8]) -> io::Result<()> {
@@ -14,15 +68,34 @@ pub(super) fn write(file: &mut File, bytes: &[u8]) -> io::Result<()> {
     file.write_all(bytes)
 }
 
-/// Publishes `bytes` as `path`: a temporary file in `tmp` (same file system), then a rename. Readers see the old
-/// file, the new file or none, never a part.
+/// Publishes `bytes` as `path` in the store at `root`: a temporary file, then a rename. Readers see the old file, the
+/// new file or none, never a part.
 ///
-/// `durable`: the bytes and the name are on the disk before this returns.
-pub(super) fn publish(tmp: &Path, path: &Path, bytes: &[u8], durable: bool, read_only: bool) -> io::Result<()> {
-    let folder = path.parent().expect("a file of the store lies in a folder");
+/// What stands in the way (a file for a folder, a folder for a file) goes to quarantine; what somebody removes
+/// meanwhile is made again. `durable`: the bytes and the name are on the disk before this returns.
+pub(super) fn publish(root: &Path, path: &Path, bytes: &[u8], durable: bool, read_only: bool) -> io::Result<()> {
+    let mut attempt = 1;
+    loop {
+        match publish_through(&root.join("tmp"), path, bytes, durable, read_only) {
+            Err(error) if attempt < ATTEMPTS => {
+                let cleared = odd::clear_way(root, path).unwrap_or(false);
+                if !cleared && error.kind() != io::ErrorKind::NotFound {
+                    return Err(error);
+                }
+                attempt += 1;
+            }
+            done => return done,
+        }
+    }
+}
+
+/// Publishes `bytes` as `path` through a temporary file in `tmp`, which must be in the same file system.
+pub(super) fn publish_through(tmp: &Path, path: &Path, bytes: &[u8], durable: bool, read_only: bool) -> io::Result<()> {
+    let folder = path.parent().unwrap_or(Path::new("."));
     fs::create_dir_all(tmp)?;
     fs::create_dir_all(folder)?;
-    let mut file = tempfile::Builder::new().prefix("new-").tempfile_in(tmp)?;
+    let mut file = tempfile::Builder::new().prefix(WRITING).tempfile_in(tmp)?;
+    leftover::hold(file.as_file());
     write(file.as_file_mut(), bytes)?;
     if durable {
         file.as_file().sync_all()?;
@@ -32,7 +105,7 @@ pub(super) fn publish(tmp: &Path, path: &Path, bytes: &[u8], durable: bool, read
     file.as_file().set_permissions(permissions)?;
     file.persist(path).map_err(|e| e.error)?;
     if durable {
-        sync_folder(folder);
+        sync_folder(folder)?;
     }
     Ok(())
 }
@@ -48,18 +121,27 @@ fn set_mode(permissions: &mut fs::Permissions, read_only: bool) {
     permissions.set_readonly(read_only);
 }
 
-/// Brings the names in a folder to the disk; file systems that cannot are left alone.
-pub(super) fn sync_folder(folder: &Path) {
+/// Brings the names in a folder to the disk; file systems that know no such thing are left alone.
+pub(super) fn sync_folder(folder: &Path) -> io::Result<()> {
     #[cfg(unix)]
-    if let Ok(folder) = File::open(folder) {
-        let _ = folder.sync_all();
+    {
+        use io::ErrorKind::{InvalidInput, PermissionDenied, Unsupported};
+        let synced = File::open(folder).and_then(|folder| folder.sync_all());
+        synced.or_else(
+            |e| if matches!(e.kind(), InvalidInput | PermissionDenied | Unsupported) { Ok(()) } else { Err(e) },
+        )
     }
     #[cfg(not(unix))]
-    let _ = folder;
+    {
+        let _ = folder;
+        Ok(())
+    }
 }
 
 /// Reads `length` bytes at `offset`.
 pub(super) fn read_at(file: &File, offset: u64, length: usize) -> io::Result<Vec<u8>> {
+    // The length of a file is no reason to die of: more than there can be is an error.
+    Vec::<u8>::new().try_reserve_exact(length).map_err(|_| io::ErrorKind::OutOfMemory)?;
     let mut bytes = vec![0; length];
     #[cfg(unix)]
     std::os::unix::fs::FileExt::read_exact_at(file, &mut bytes, offset)?;

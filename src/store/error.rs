@@ -23,6 +23,10 @@ pub enum StoreError {
     Cancelled,
     /// Runs use the store, and what was asked needs it alone.
     Busy { path: PathBuf },
+    /// The file system does not keep other processes out, and what was asked needs the store alone.
+    NoLocks { path: PathBuf },
+    /// A second look after a repair found this.
+    NotRepaired { path: PathBuf, left: Vec<String> },
 }
 
 impl StoreError {
@@ -72,6 +76,20 @@ impl fmt::Display for StoreError {
             Self::Busy { path } => {
                 write!(f, "the store at {} is in use by a run; try again when it has ended", path.display())
             }
+            Self::NoLocks { path } => write!(
+                f,
+                "the file system of {} does not keep other processes out (its locks are missing or do not exclude, or something \
+                 else stands in the place of locks/gc), so a run might be at work unseen, and nothing was removed; to make room \
+                 delete the whole folder when no run is at work, or move it to a local disk and run `turbid cache gc` there",
+                path.display()
+            ),
+            Self::NotRepaired { path, left } => write!(
+                f,
+                "the store at {} could not be repaired; a second look still finds: {}; if it stays so, delete the folder when no \
+                 run is at work, and results are computed anew",
+                path.display(),
+                left.join("; ")
+            ),
         }
     }
 }

@@ -10,9 +10,10 @@ use crate::digest::Digest;
 use crate::store::Store;
 use crate::store::backend::Backend;
 use crate::store::checkpoint::Checkpoint;
+use crate::store::compact::gone;
 use crate::store::error::StoreError;
 use crate::store::frame::HEADER;
-use crate::store::lock::{self, Try};
+use crate::store::lock::{self, Try, guard};
 use crate::store::record::InstanceRecord;
 
 /// What `gc` removed and kept. Bytes are those of files, the index left out.
@@ -37,7 +38,8 @@ impl Store {
     /// Removes what no record names, and the least recently used records with their blobs, and checkpoints, until the
     /// store's files take at most `max_size` bytes. What `roots` (keys of records) name goes last.
     ///
-    /// To be called when no other thread works on the store. Error: [`StoreError::Busy`] while another process uses it.
+    /// To be called when no other thread works on the store. Errors: [`StoreError::Busy`] while another process uses it,
+    /// [`StoreError::NoLocks`] where nobody can tell.
     pub fn gc(&self, max_size: u64, roots: &[Digest]) -> Result<GcReport, StoreError> {
         self.alone(|| self.collect(max_size, roots))
     }
@@ -89,7 +91,7 @@ impl Store {
                 }
                 Item::Checkpoint(checkpoint) if full => {
                     let path = &checkpoint.path;
-                    fs::remove_file(path).map_err(StoreError::io("remove a checkpoint", path))?;
+                    gone(fs::remove_file(path)).map_err(StoreError::io("remove a checkpoint", path))?;
                     report.checkpoints_removed += 1;
                 }
                 Item::Checkpoint(_) => size += cost,
@@ -117,37 +119,39 @@ impl Store {
         if self.folder.packs.blob_length(digest).is_some() { HEADER as u64 } else { 0 }
     }
 
-    /// Rewrites the packs into few, without what newer entries replace; does nothing while a run uses the store.
+    /// Rewrites the packs into few, without what newer entries replace and without what is damaged.
+    ///
+    /// Errors: [`StoreError::Busy`] while another process uses the store, [`StoreError::NoLocks`], a full disk.
     pub(super) fn gather_packs(&self) -> Result<(), StoreError> {
         let packs = &self.folder.packs;
-        let gathered = self.alone(|| {
+        self.alone(|| {
             let keys = |all: Vec<(Digest, _)>| all.into_iter().map(|(key, _)| key).collect();
             packs.compact(&keys(packs.records()), &keys(packs.blobs()))
-        });
-        match gathered {
-            Err(StoreError::Busy { .. }) => Ok(()),
-            other => other,
-        }
+        })
     }
 
     /// Does `work` while no other process uses the store.
     fn alone<T>(&self, work: impl FnOnce() -> Result<T, StoreError>) -> Result<T, StoreError> {
-        let mut in_use = self.in_use.lock().expect("no holder panics");
+        let mut in_use = guard(&self.in_use);
         *in_use = None;
-        match lock::try_exclusive(&self.lock_path()) {
+        let path = self.lock_path();
+        match lock::try_exclusive(&path) {
             Try::Held => Err(StoreError::Busy { path: self.root.clone() }),
-            // Without locks nobody can know; a run that loses a blob computes it again.
-            Try::Taken(_) | Try::Unsupported if self.read_only => Err(StoreError::Busy { path: self.root.clone() }),
-            held @ (Try::Taken(_) | Try::Unsupported) => {
-                self.folder.packs.refresh()?;
+            _ if self.read_only => Err(StoreError::Busy { path: self.root.clone() }),
+            Try::Taken(held) if lock::is_exclusive(&path) => {
+                self.folder.packs.read_again()?;
                 let done = work();
                 drop(held);
                 done
             }
+            Try::Taken(_) | Try::Unsupported => Err(StoreError::NoLocks { path: self.root.clone() }),
         }
     }
 }
 
+/// Removes a file, or whatever else was set aside, if it is there.
 fn remove(path: &Path) -> Result<(), StoreError> {
-    fs::remove_file(path).map_err(StoreError::io("remove a file of the store", path))
+    let is_folder = fs::symlink_metadata(path).is_ok_and(|meta| meta.is_dir());
+    let removed = if is_folder { fs::remove_dir_all(path) } else { fs::remove_file(path) };
+    gone(removed).map_err(StoreError::io("remove a file of the store", path))
 }

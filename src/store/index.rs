@@ -5,7 +5,7 @@ use std::collections::hash_map::Entry;
 use std::hash::{BuildHasherDefault, Hasher};
 
 use crate::digest::Digest;
-use crate::store::frame::{Frame, HEADER, Kind};
+use crate::store::frame::{Frame, Kind};
 
 /// Digests are uniformly random already; their first bytes are the hash.
 #[derive(Default)]
@@ -28,7 +28,8 @@ pub(super) type Map<T> = HashMap<Digest, T, BuildHasherDefault<FirstBytes>>;
 /// Where a key's newest frame is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Place {
-    /// Index into the list of packs; [`Place::FORGOTTEN`] where the newest frame says that older ones do not hold.
+    /// Id of the pack in this process ([`State`](super::state::State)), in the index file its number in the list;
+    /// [`Place::FORGOTTEN`] where the newest frame says that older ones do not hold.
     pub pack: u32,
     /// Of the frame's header.
     pub offset: u64,
@@ -45,11 +46,6 @@ impl Place {
 
     pub fn is_here(&self) -> bool {
         self.pack != Self::FORGOTTEN
-    }
-
-    /// End of the frame.
-    pub fn end(&self) -> u64 {
-        self.offset + HEADER as u64 + self.length
     }
 }
 
@@ -90,35 +86,62 @@ impl Index {
     }
 }
 
-const MAGIC: &[u8; 16] = b"turbid index 1\n\0";
+const MAGIC: &[u8; 16] = b"turbid index 2\n\0";
 
-/// The bytes of the index file: magic, packs with the length that the index covers, places, BLAKE3 of it all.
-pub(super) fn encode(packs: &[(String, u64)], index: &Index) -> Vec<u8> {
+/// A pack as the index file names it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Covered {
+    pub name: String,
+    /// The index knows all frames up to here.
+    pub length: u64,
+    /// Tells the pack from another one of its name: the check of its first frame.
+    pub first: [u8; 16],
+}
+
+/// The bytes of the index file: magic, packs, places, BLAKE3 of it all.
+///
+/// `number` gives the place in `packs` of a pack's id; what it does not know is left out.
+pub(super) fn encode(packs: &[Covered], number: impl Fn(u32) -> Option<u32>, index: &Index) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(64 + (32 + Place::BYTES) * (index.records.len() + index.blobs.len()));
     bytes.extend_from_slice(MAGIC);
     bytes.extend_from_slice(&(packs.len() as u64).to_le_bytes());
-    for (name, covered) in packs {
-        bytes.extend_from_slice(&(name.len() as u64).to_le_bytes());
-        bytes.extend_from_slice(name.as_bytes());
-        bytes.extend_from_slice(&covered.to_le_bytes());
+    for pack in packs {
+        bytes.extend_from_slice(&(pack.name.len() as u64).to_le_bytes());
+        bytes.extend_from_slice(pack.name.as_bytes());
+        bytes.extend_from_slice(&pack.length.to_le_bytes());
+        bytes.extend_from_slice(&pack.first);
     }
     for map in [&index.records, &index.blobs] {
-        bytes.extend_from_slice(&(map.len() as u64).to_le_bytes());
+        let count_at = bytes.len();
+        bytes.extend_from_slice(&[0; 8]);
+        let mut count = 0u64;
         for (key, place) in map {
+            let pack = if place.is_here() { number(place.pack) } else { Some(Place::FORGOTTEN) };
+            let Some(pack) = pack else { continue };
+            count += 1;
             bytes.extend_from_slice(&key.0);
-            bytes.extend_from_slice(&place.pack.to_le_bytes());
+            bytes.extend_from_slice(&pack.to_le_bytes());
             for number in [place.offset, place.length, place.stamp, place.used] {
                 bytes.extend_from_slice(&number.to_le_bytes());
             }
         }
+        bytes[count_at..count_at + 8].copy_from_slice(&count.to_le_bytes());
     }
     let digest = Digest::of(&bytes);
     bytes.extend_from_slice(&digest.0);
     bytes
 }
 
+/// Whether these are the whole bytes of an index of another format: no damage, but of no use.
+pub(super) fn is_of_another_format(bytes: &[u8]) -> bool {
+    let body = bytes.len().checked_sub(32).and_then(|length| bytes.split_at_checked(length));
+    body.is_some_and(|(body, digest)| {
+        body.starts_with(b"turbid index ") && !body.starts_with(MAGIC) && Digest::of(body).0 == digest
+    })
+}
+
 /// Reads an index file; `None` where it is damaged, torn or of another format.
-pub(super) fn decode(bytes: &[u8]) -> Option<(Vec<(String, u64)>, Index)> {
+pub(super) fn decode(bytes: &[u8]) -> Option<(Vec<Covered>, Index)> {
     let (body, digest) = bytes.split_at_checked(bytes.len().checked_sub(32)?)?;
     if !body.starts_with(MAGIC) || Digest::of(body).0 != digest {
         return None;
@@ -128,7 +151,7 @@ pub(super) fn decode(bytes: &[u8]) -> Option<(Vec<(String, u64)>, Index)> {
         .map(|_| {
             let length = usize::try_from(number(&mut rest)?).ok()?;
             let name = std::str::from_utf8(take(&mut rest, length)?).ok()?.to_owned();
-            Some((name, number(&mut rest)?))
+            Some(Covered { name, length: number(&mut rest)?, first: take(&mut rest, 16)?.try_into().ok()? })
         })
         .collect::<Option<Vec<_>>>()?;
     let mut index = Index::default();
@@ -139,6 +162,9 @@ pub(super) fn decode(bytes: &[u8]) -> Option<(Vec<(String, u64)>, Index)> {
         for entry in places.chunks_exact(32 + Place::BYTES) {
             let (key, mut numbers) = entry.split_at(32);
             let pack = u32::from_le_bytes(take(&mut numbers, 4)?.try_into().ok()?);
+            if pack != Place::FORGOTTEN && pack as usize >= packs.len() {
+                return None;
+            }
             let mut next = || number(&mut numbers);
             let place = Place { pack, offset: next()?, length: next()?, stamp: next()?, used: next()? };
             map.insert(Digest(key.try_into().ok()?), place);
@@ -161,20 +187,21 @@ fn number(rest: &mut &[u8]) -> Option<u64> {
 mod tests {
     use super::*;
 
-    fn example() -> (Vec<(String, u64)>, Index) {
+    fn example() -> (Vec<Covered>, Index) {
         let mut index = Index::default();
         for i in 0..20u64 {
-            let place = Place { pack: (i % 3) as u32, offset: i, length: 2 * i, stamp: 3 * i, used: 4 * i };
+            let place = Place { pack: (i % 2) as u32, offset: i, length: 2 * i, stamp: 3 * i, used: 4 * i };
             index.records.insert(Digest::of(&[i as u8]), place);
             index.blobs.insert(Digest::of(&[i as u8, 0]), Place { pack: Place::FORGOTTEN, ..place });
         }
-        (vec![("a.pack".to_owned(), 10), ("b.pack".to_owned(), 0)], index)
+        let pack = |name: &str, length| Covered { name: name.to_owned(), length, first: [length as u8; 16] };
+        (vec![pack("a.pack", 10), pack("b.pack", 0)], index)
     }
 
     #[test]
     fn an_index_survives_the_round_trip_and_no_flipped_bit() {
         let (packs, index) = example();
-        let bytes = encode(&packs, &index);
+        let bytes = encode(&packs, Some, &index);
         let (packs_again, again) = decode(&bytes).expect("it is whole");
         assert_eq!((packs_again, &again.records, &again.blobs), (packs, &index.records, &index.blobs));
         for bit in 0..bytes.len() * 8 {
@@ -185,6 +212,16 @@ mod tests {
         for cut in 0..bytes.len() {
             assert!(decode(&bytes[..cut]).is_none(), "cut at {cut}");
         }
+    }
+
+    /// What lies in a pack that is gone is not written, and a number beyond the list is not read.
+    #[test]
+    fn no_place_names_a_pack_that_is_not_listed() {
+        let (packs, index) = example();
+        let (_, again) = decode(&encode(&packs, |id| (id == 1).then_some(0), &index)).expect("it is whole");
+        assert_eq!((again.records.len(), again.blobs.len()), (10, 20));
+        assert!(again.records.values().all(|place| place.pack == 0));
+        assert!(decode(&encode(&packs, |id| Some(id + 1), &index)).is_none());
     }
 
     /// Whatever the order in which packs are read, the newest frame of a key holds.

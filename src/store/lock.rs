@@ -1,12 +1,13 @@
-//! Locks between processes (flock, bound to the process: a killed one leaves none) and between threads.
+//! Locks between processes (flock, bound to the open file: a killed process leaves none) and between threads.
 
 use std::collections::{HashMap, HashSet};
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use crate::digest::Digest;
+use crate::store::disk;
 use crate::store::error::StoreError;
 
 const FIRST_WAIT: Duration = Duration::from_millis(1);
@@ -20,12 +21,23 @@ pub(super) enum Try {
     Unsupported,
 }
 
+/// What a mutex guards, whether or not a thread panicked with it: what the store guards is whole after every step.
+pub(super) fn guard<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 fn open(path: &Path) -> Option<File> {
-    let open = || OpenOptions::new().create(true).truncate(false).read(true).write(true).open(path);
+    let open = || disk::open_regular_with(path, OpenOptions::new().create(true).truncate(false).read(true).write(true));
     open().or_else(|_| fs::create_dir_all(path.parent().unwrap_or(path)).and_then(|()| open())).ok()
 }
 
 fn attempt(path: &Path, lock: impl Fn(&File) -> Result<(), TryLockError>) -> Try {
+    #[cfg(test)]
+    match fake::get() {
+        fake::Locks::Real => {}
+        fake::Locks::None => return Try::Unsupported,
+        fake::Locks::Hollow => return open(path).map_or(Try::Unsupported, Try::Taken),
+    }
     let Some(file) = open(path) else { return Try::Unsupported };
     match lock(&file) {
         Ok(()) => Try::Taken(file),
@@ -40,6 +52,16 @@ pub(super) fn try_exclusive(path: &Path) -> Try {
 
 pub(super) fn try_shared(path: &Path) -> Try {
     attempt(path, File::try_lock_shared)
+}
+
+/// Whether a lock on the file at `path`, which the caller has just taken, keeps others out: a second opening of the same
+/// file must be refused an exclusive lock.
+///
+/// flock belongs to the open file, not to the process, so what is refused to a second opening here is refused to every
+/// process that shares this kernel's locks. Not proven, and false here: a lock call that is missing or that always
+/// succeeds, locks that belong to processes (some network file systems), a lock file that was removed or replaced.
+pub(super) fn is_exclusive(path: &Path) -> bool {
+    matches!(try_exclusive(path), Try::Held)
 }
 
 /// Calls `attempt` until it yields something, less and less often. Error: cancelled.
@@ -82,7 +104,7 @@ impl KeyLocks {
     }
 
     fn attempt(&self, key: &Digest) -> bool {
-        let mut held = self.held.lock().expect("no holder panics");
+        let mut held = guard(&self.held);
         if held.keys.contains(key) {
             return false;
         }
@@ -108,7 +130,7 @@ pub struct KeyLock {
 
 impl Drop for KeyLock {
     fn drop(&mut self) {
-        let mut held = self.held.lock().expect("no holder panics");
+        let mut held = guard(&self.held);
         held.keys.remove(&self.key);
         let stripe = self.key.0[0];
         if let Some((keys, _)) = held.stripes.get_mut(&stripe) {
@@ -117,6 +139,31 @@ impl Drop for KeyLock {
                 held.stripes.remove(&stripe);
             }
         }
+    }
+}
+
+/// File systems whose locks are none, for the calling test.
+#[cfg(test)]
+pub(super) mod fake {
+    use std::cell::Cell;
+
+    #[derive(Clone, Copy, PartialEq, Eq)]
+    pub enum Locks {
+        Real,
+        /// Every call fails.
+        None,
+        /// Every call succeeds, and nobody is kept out.
+        Hollow,
+    }
+
+    thread_local!(static LOCKS: Cell<Locks> = const { Cell::new(Locks::Real) });
+
+    pub fn set(locks: Locks) {
+        LOCKS.set(locks);
+    }
+
+    pub fn get() -> Locks {
+        LOCKS.get()
     }
 }
 
@@ -150,6 +197,24 @@ mod tests {
         let second = there.take(&key(1, 1), &|| true).expect("it is free now");
         there.take(&key(2, 1), &|| true).expect("another stripe is free");
         drop(second);
+    }
+
+    #[test]
+    fn a_lock_that_keeps_nobody_out_is_no_lock() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("lock");
+        assert!(!is_exclusive(&path), "nobody holds it");
+        let Try::Taken(held) = try_exclusive(&path) else { panic!("it is free") };
+        assert!(is_exclusive(&path));
+        fs::remove_file(&path).unwrap();
+        assert!(!is_exclusive(&path), "another file of this name says nothing about the held one");
+        drop(held);
+        for (locks, taken) in [(fake::Locks::None, false), (fake::Locks::Hollow, true)] {
+            fake::set(locks);
+            let attempt = try_exclusive(&path);
+            assert_eq!((matches!(attempt, Try::Taken(_)), is_exclusive(&path)), (taken, false));
+        }
+        fake::set(fake::Locks::Real);
     }
 
     #[test]

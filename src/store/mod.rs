@@ -7,34 +7,39 @@
 mod backend;
 mod checkpoint;
 mod codec;
+mod compact;
 mod disk;
 mod error;
 mod exr;
+mod format;
 mod frame;
 mod gc;
 mod index;
 mod lock;
+mod odd;
 mod packs;
 mod parquet;
 mod record;
 mod state;
 mod verify;
+mod writer;
 
 #[cfg(test)]
 mod tests;
 
 use std::collections::BTreeSet;
 use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 use turbid_contract::Artifact;
 
 use crate::digest::Digest;
+use crate::leftover;
 use backend::{Backend, Folder};
 use checkpoint::Checkpoints;
-use lock::{KeyLocks, Try};
+use lock::{KeyLocks, Try, guard};
 
 pub use backend::extension;
 pub use codec::{decode, encode};
@@ -44,8 +49,8 @@ pub use lock::KeyLock;
 pub use record::{Blob, Cost, InstanceRecord, PortRecord, Provenance, Recipe};
 pub use verify::{Finding, Stat, VerifyReport};
 
-/// Raised when an older turbid would misread the folder.
-const FORMAT: u64 = 1;
+/// Temporary files of turbid up to 0.1 are not locked while they are written: only their age tells.
+const UNLOCKED: (&str, Duration) = ("new-", Duration::from_secs(3600));
 
 /// A store; shared by all threads of a run. Ends with [`Store::finish`] (dropping it does the same).
 pub struct Store {
@@ -82,25 +87,25 @@ impl Store {
     /// Errors: `outputs` is not a folder or cannot be written to; the store is of a newer format.
     pub fn open(outputs: &Path) -> Result<Self, StoreError> {
         let root = outputs.join("store");
-        if !check_format(&root)? {
+        if !format::check(&root)? {
             fs::create_dir_all(&root).map_err(StoreError::io("create the outputs folder", &root))?;
-            disk::publish(&root.join("tmp"), &root.join("format"), format_text().as_bytes(), true, false)
-                .map_err(StoreError::io("write to the outputs folder", &root))?;
+            format::write(&root).map_err(StoreError::io("write to the outputs folder", &root))?;
         }
+        remove_leftovers(&root.join("tmp"));
         Self::at(root, false)
     }
 
     /// Opens the store for looking only: nothing is created or changed, a missing store is an empty one.
     pub fn open_read_only(outputs: &Path) -> Result<Self, StoreError> {
         let root = outputs.join("store");
-        check_format(&root)?;
+        format::check(&root)?;
         Self::at(root, true)
     }
 
     /// Whether a run could write to `outputs`; leaves no trace. Errors as [`Store::open`].
     pub fn check(outputs: &Path) -> Result<(), StoreError> {
         let root = outputs.join("store");
-        check_format(&root)?;
+        format::check(&root)?;
         let nearest = root.ancestors().find(|p| p.exists()).unwrap_or(Path::new("."));
         let nearest = if nearest.as_os_str().is_empty() { Path::new(".") } else { nearest };
         tempfile::tempfile_in(nearest).map(drop).map_err(StoreError::io("write to the outputs folder", nearest))
@@ -129,7 +134,7 @@ impl Store {
     }
 
     fn vouch(&self, key: &Digest) {
-        self.vouched.lock().unwrap_or_else(PoisonError::into_inner).insert(*key);
+        guard(&self.vouched).insert(*key);
     }
 
     fn whole_record(&self, key: &Digest) -> Option<Arc<InstanceRecord>> {
@@ -235,7 +240,7 @@ impl Store {
         let bytes = self.bytes(blob)?;
         // The path may be in another file system than the store.
         let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        disk::publish(folder, path, &bytes, false, true).map_err(StoreError::io("write a copy", path))
+        disk::publish_through(folder, path, &bytes, false, true).map_err(StoreError::io("write a copy", path))
     }
 
     /// Digests of all blobs that records name and that are there, sorted.
@@ -260,7 +265,10 @@ impl Store {
     /// Error: what was published could not be brought to the disk.
     pub fn finish(&self) -> Result<Finished, StoreError> {
         self.close()?;
-        let mut vouched = self.vouched.lock().unwrap_or_else(PoisonError::into_inner);
+        if !self.folder.packs.take_shrunk() {
+            return Ok(Finished::default());
+        }
+        let mut vouched = guard(&self.vouched);
         let dropped: BTreeSet<Digest> =
             vouched.iter().filter(|key| self.whole_record(key).is_none()).copied().collect();
         vouched.retain(|key| !dropped.contains(key));
@@ -273,7 +281,7 @@ impl Store {
         }
         self.folder.packs.finish()?;
         if self.folder.packs.wants_gathering() {
-            // The old packs hold everything until the new ones do: no reason to fail a run.
+            // In use, no locks, a full disk: the old packs hold everything until the new ones do, and the next run tries again.
             let _ = self.gather_packs();
         }
         Ok(())
@@ -281,7 +289,7 @@ impl Store {
 
     /// Takes the shared lock that keeps `gc` out, once.
     fn begin_use(&self, cancelled: &dyn Fn() -> bool) -> Result<(), StoreError> {
-        let mut in_use = self.in_use.lock().expect("no holder panics");
+        let mut in_use = guard(&self.in_use);
         if in_use.is_none() {
             *in_use = Some(lock::poll(cancelled, || match lock::try_shared(&self.lock_path()) {
                 Try::Taken(file) => Some(Use::Locked(file)),
@@ -306,31 +314,15 @@ impl Drop for Store {
     }
 }
 
-fn format_text() -> String {
-    format!(
-        "{FORMAT}\n\
-         The number above is the format of this turbid store. The files here are a cache: `turbid cache gc` makes it smaller,\n\
-         and the whole folder may be deleted when no run is at work; results are then computed anew. docs/store.md of turbid\n\
-         describes the files.\n"
-    )
-}
-
-/// Whether a store of a known format is there.
-///
-/// A format file that does not begin with a number is damaged and is written anew.
-fn check_format(root: &Path) -> Result<bool, StoreError> {
-    let path = root.join("format");
-    match fs::read(&path) {
-        Ok(bytes) => {
-            let text = String::from_utf8_lossy(&bytes);
-            match text.lines().next().and_then(|line| line.trim().parse::<u64>().ok()) {
-                Some(found) if found > FORMAT => {
-                    Err(StoreError::NewerFormat { path: root.to_owned(), found, known: FORMAT })
-                }
-                found => Ok(found == Some(FORMAT)),
-            }
+/// Removes what killed processes were writing. What a living one writes is locked.
+fn remove_leftovers(tmp: &Path) {
+    leftover::sweep(tmp, disk::WRITING);
+    for entry in fs::read_dir(tmp).into_iter().flatten().flatten() {
+        let (prefix, age) = UNLOCKED;
+        let unlocked = entry.file_name().to_str().is_some_and(|name| name.starts_with(prefix));
+        if unlocked && leftover::is_older(&entry.path(), age) {
+            // A folder or another user's file: `verify` and `gc` see to it.
+            let _ = fs::remove_file(entry.path());
         }
-        Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(false),
-        Err(e) => Err(StoreError::io("open the store", &path)(e)),
     }
 }

@@ -1,96 +1,95 @@
 //! What this process knows of the packs: the open files, and the index over their frames.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File};
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
 
 use crate::digest::Digest;
-use crate::store::disk;
+use crate::store::disk::{self, Identity};
 use crate::store::error::StoreError;
 use crate::store::frame::{self, Frame, HEADER, Kind};
-use crate::store::index::{self, Index, Place};
+use crate::store::index::{self, Covered, Index, Map, Place};
+
+/// No pack is longer: writers end it near 64 MiB. Something longer is not read, least of all into memory.
+const LONGEST: u64 = 1 << 30;
 
 pub(super) struct Pack {
     pub name: String,
     pub file: Arc<File>,
+    identity: Identity,
     /// The index knows all frames up to here.
     pub covered: u64,
+    /// Length at the last look.
+    pub length: u64,
 }
 
 /// What is known of the packs.
+#[derive(Default)]
 pub(super) struct State {
-    pub packs: Vec<Pack>,
+    /// By id. An id stands for one open file: it is never used again, and a pack that is gone leaves a gap.
+    pub packs: BTreeMap<u32, Pack>,
+    next: u32,
     pub index: Index,
+    /// Blobs of packs that are gone. What this process found once it can still read: the files are open.
+    gone_blobs: Map<(Place, Arc<File>)>,
     /// Whether the index file lacks something that `index` holds.
     pub stale: bool,
     /// Frames that the index file names and that the packs no longer hold.
     pub lost: u64,
     /// Bytes between the frames that were read.
     pub garbage: u64,
+    /// Whether something that was found once may be gone: packs that vanished, blobs that were found damaged.
+    pub shrunk: bool,
 }
 
 impl State {
-    pub fn empty() -> Self {
-        Self { packs: Vec::new(), index: Index::default(), stale: false, lost: 0, garbage: 0 }
-    }
-
     pub fn load(root: &Path) -> Result<Self, StoreError> {
-        let mut state = Self::empty();
-        let saved = fs::read(root.join("index")).ok().and_then(|bytes| index::decode(&bytes));
+        let mut state = Self::default();
+        let saved = disk::read_regular(&root.join("index")).ok().and_then(|bytes| index::decode(&bytes));
         let Some((packs, index)) = saved else {
             state.stale = true;
             state.refresh(root)?;
             return Ok(state);
         };
-        let mut lengths = Vec::with_capacity(packs.len());
-        for (name, covered) in packs {
-            let file = File::open(root.join("packs").join(&name)).ok();
-            let length = file.as_ref().and_then(|f| f.metadata().ok()).map_or(0, |m| m.len());
-            state.stale |= length < covered;
-            // A pack that is gone keeps its number; `refresh` drops it.
-            let Some(file) = file else {
-                lengths.push(None);
-                continue;
-            };
-            lengths.push(Some((state.packs.len() as u32, length)));
-            state.packs.push(Pack { name, file: Arc::new(file), covered: covered.min(length) });
-        }
-        if state.stale || lengths.iter().any(Option::is_none) {
-            // Pieces are missing: forget them, and let what is left be read again below.
-            let keep = |place: &mut Place| {
-                if !place.is_here() {
-                    return true;
+        let mut all_there = true;
+        for covered in &packs {
+            // The number of a pack in the index file becomes its id, so places hold as they are.
+            all_there &= match Pack::open(root, &covered.name) {
+                Some(pack) if pack.length >= covered.length && pack.first() == covered.first => {
+                    state.packs.insert(state.next, Pack { covered: covered.length, ..pack });
+                    true
                 }
-                match lengths.get(place.pack as usize) {
-                    Some(Some((pack, length))) if place.end() <= *length => {
-                        place.pack = *pack;
-                        true
-                    }
-                    _ => false,
-                }
+                _ => false,
             };
-            state.index = index;
-            for map in [&mut state.index.records, &mut state.index.blobs] {
-                let before = map.len();
-                map.retain(|_, place| keep(place));
-                state.lost += (before - map.len()) as u64;
-            }
-            state.stale = true;
-            // An older frame of a lost key may stand in another pack.
-            state.packs.iter_mut().for_each(|pack| pack.covered = 0);
-        } else {
-            state.index = index;
+            state.next += 1;
         }
+        if all_there {
+            state.index = index;
+            state.refresh(root)?;
+            return Ok(state);
+        }
+        // Another frame of a lost key may stand in another pack: read it all.
+        state.packs.values_mut().for_each(|pack| pack.covered = 0);
+        state.stale = true;
         state.refresh(root)?;
+        let lost = |named: &Map<Place>, found: &Map<Place>| {
+            named.iter().filter(|(key, place)| place.is_here() && !found.contains_key(*key)).count() as u64
+        };
+        state.lost = lost(&index.records, &state.index.records) + lost(&index.blobs, &state.index.blobs);
         Ok(state)
     }
 
     pub fn find(&self, kind: Kind, key: &Digest) -> Option<(Place, Arc<File>)> {
         let map = if kind == Kind::Record { &self.index.records } else { &self.index.blobs };
         let place = map.get(key).filter(|place| place.is_here())?;
-        Some((*place, self.packs.get(place.pack as usize)?.file.clone()))
+        Some((*place, self.packs.get(&place.pack)?.file.clone()))
+    }
+
+    /// A blob to read: in a pack, or in one that is gone and still open.
+    pub fn find_blob(&self, digest: &Digest) -> Option<(Place, Arc<File>)> {
+        self.find(Kind::Blob, digest).or_else(|| self.gone_blobs.get(digest).cloned())
     }
 
     pub fn stamp_of(&self, kind: Kind, key: &Digest) -> Option<u64> {
@@ -102,77 +101,153 @@ impl State {
         .map(|place| place.stamp)
     }
 
-    pub fn take_in(&mut self, pack: u32, offset: u64, frame: &Frame, payload: &[u8]) {
-        self.index.apply(pack, offset, frame);
-        if frame.kind == Kind::Used {
-            frame::used_pairs(payload).for_each(|(key, time_s)| self.index.mark_used(&key, time_s));
+    pub fn id_of(&self, name: &str) -> Option<u32> {
+        self.packs.iter().find(|(_, pack)| pack.name == name).map(|(id, _)| *id)
+    }
+
+    /// Takes in a frame that stands at `offset` of a pack; nothing happens where the pack is gone.
+    pub fn take_in(&mut self, id: u32, offset: u64, frame: &Frame, payload: &[u8]) {
+        let Some(pack) = self.packs.get_mut(&id) else { return };
+        pack.covered = pack.covered.max(offset + HEADER as u64 + frame.length);
+        self.index.apply(id, offset, frame);
+        match frame.kind {
+            Kind::Used => frame::used_pairs(payload).for_each(|(key, time_s)| self.index.mark_used(&key, time_s)),
+            // Its maker says that these bytes are damaged.
+            Kind::ForgetBlob => {
+                self.gone_blobs.remove(&frame.key);
+                self.shrunk = true;
+            }
+            _ => {}
         }
-        let covered = &mut self.packs[pack as usize].covered;
-        *covered = (*covered).max(offset + HEADER as u64 + frame.length);
         self.stale = true;
     }
 
+    /// Takes in packs that are new, packs that have grown, and packs that are gone, cut short or replaced by another
+    /// file of their name. What is in the place of a pack and no file is left alone.
+    ///
+    /// Error: the folder is there and cannot be read.
     pub fn refresh(&mut self, root: &Path) -> Result<(), StoreError> {
-        let folder = root.join("packs");
-        let mut names = BTreeSet::new();
-        match fs::read_dir(&folder) {
-            Ok(entries) => {
-                for entry in entries.flatten() {
-                    if let Ok(name) = entry.file_name().into_string()
-                        && name.ends_with(".pack")
-                    {
-                        names.insert(name);
+        let there = list(&root.join("packs"))?;
+        let is_gone = |pack: &Pack| {
+            there.get(&pack.name).is_none_or(|(identity, n)| *identity != pack.identity || *n < pack.covered)
+        };
+        let gone: BTreeSet<u32> = self.packs.iter().filter(|(_, pack)| is_gone(pack)).map(|(id, _)| *id).collect();
+        if !gone.is_empty() {
+            self.forget(&gone);
+        }
+        for (name, (_, length)) in there {
+            match self.packs.values_mut().find(|pack| pack.name == name) {
+                Some(pack) => pack.length = length,
+                None => {
+                    let Some(pack) = Pack::open(root, &name) else { continue };
+                    // Ids end after 4 billion packs; what comes then is a miss.
+                    if self.next < Place::FORGOTTEN {
+                        self.packs.insert(self.next, pack);
+                        self.next += 1;
                     }
                 }
             }
-            Err(e) if e.kind() == io::ErrorKind::NotFound => {}
-            Err(e) => return Err(StoreError::io("read the store", &folder)(e)),
         }
-        if self.packs.iter().any(|pack| !names.contains(&pack.name)) {
-            // `gc` has written fresh packs, or somebody removed one: what is known may be wrong, so read it all.
-            let lost = self.lost;
-            *self = Self { stale: true, lost, ..Self::empty() };
-        }
-        for name in names {
-            let known = self.packs.iter().position(|pack| pack.name == name);
-            let pack = match known {
-                Some(pack) => pack,
-                None => {
-                    let Ok(file) = File::open(folder.join(&name)) else { continue };
-                    self.packs.push(Pack { name, file: Arc::new(file), covered: 0 });
-                    self.packs.len() - 1
-                }
-            };
+        let grown: Vec<u32> = self.packs.iter().filter(|(_, p)| p.length > p.covered).map(|(id, _)| *id).collect();
+        for id in grown {
             // What cannot be read now is a miss now.
-            let _ = self.read_tail(pack);
+            let _ = self.read_tail(id);
         }
         Ok(())
     }
 
+    /// Forgets packs that are gone. What they said of a key may have hidden an older frame in another: all is read again.
+    fn forget(&mut self, gone: &BTreeSet<u32>) {
+        for (digest, place) in self.index.blobs.iter().filter(|(_, place)| gone.contains(&place.pack)) {
+            if let Some(pack) = self.packs.get(&place.pack) {
+                self.gone_blobs.insert(*digest, (*place, pack.file.clone()));
+            }
+        }
+        self.packs.retain(|id, _| !gone.contains(id));
+        self.packs.values_mut().for_each(|pack| pack.covered = 0);
+        self.index = Index::default();
+        self.garbage = 0;
+        (self.stale, self.shrunk) = (true, true);
+    }
+
+    /// Knows nothing any more: the packs were rewritten, without what was not to be kept.
+    pub fn clear(&mut self) {
+        self.packs.clear();
+        self.forget(&BTreeSet::new());
+        self.gone_blobs = Map::default();
+    }
+
+    /// Reads all packs again and adds what the index lacks; a place whose frame has a damaged header stays known.
+    pub fn read_again(&mut self, root: &Path) -> Result<(), StoreError> {
+        self.packs.values_mut().for_each(|pack| pack.covered = 0);
+        self.garbage = 0;
+        self.refresh(root)
+    }
+
     /// Takes in the frames beyond what is covered.
-    pub fn read_tail(&mut self, pack: usize) -> io::Result<()> {
-        let Pack { file, covered, .. } = &self.packs[pack];
+    pub fn read_tail(&mut self, id: u32) -> io::Result<()> {
+        let Some(Pack { file, covered, .. }) = self.packs.get(&id) else { return Ok(()) };
         let (file, covered) = (file.clone(), *covered);
         let Some(fresh) = file.metadata()?.len().checked_sub(covered).filter(|&n| n > 0) else { return Ok(()) };
+        if covered + fresh > LONGEST {
+            return Err(io::ErrorKind::FileTooLarge.into());
+        }
         let bytes = disk::read_at(&file, covered, fresh as usize)?;
         let scan = frame::scan(&bytes);
         self.garbage += scan.garbage;
         for (at, frame) in scan.frames {
             let start = at as usize + HEADER;
-            let payload = &bytes[start..start + frame.length as usize];
-            self.take_in(pack as u32, covered + at, &frame, payload);
+            self.take_in(id, covered + at, &frame, &bytes[start..start + frame.length as usize]);
         }
         Ok(())
     }
 
     pub fn save(&mut self, root: &Path) -> Result<(), StoreError> {
-        let packs: Vec<_> = self.packs.iter().map(|pack| (pack.name.clone(), pack.covered)).collect();
+        let covered = |pack: &Pack| Covered { name: pack.name.clone(), length: pack.covered, first: pack.first() };
+        let packs: Vec<_> = self.packs.values().map(covered).collect();
+        let numbers: BTreeMap<u32, u32> = self.packs.keys().copied().zip(0..).collect();
         let path = root.join("index");
-        disk::publish(&root.join("tmp"), &path, &index::encode(&packs, &self.index), false, false)
+        let bytes = index::encode(&packs, |id| numbers.get(&id).copied(), &self.index);
+        disk::publish(root, &path, &bytes, false, false)
             .map_err(StoreError::io("write the index of the store", &path))?;
         self.stale = false;
         Ok(())
     }
+}
+
+impl Pack {
+    fn open(root: &Path, name: &str) -> Option<Self> {
+        let file = disk::open_regular(&root.join("packs").join(name)).ok()?;
+        let meta = file.metadata().ok()?;
+        let (identity, length) = (disk::identity(&meta), meta.len());
+        Some(Self { name: name.to_owned(), file: Arc::new(file), identity, covered: 0, length })
+    }
+
+    /// The check in the header of the first frame: it covers a time in ns and a key, so no two packs share it.
+    fn first(&self) -> [u8; 16] {
+        disk::read_at(&self.file, HEADER as u64 - 16, 16).ok().and_then(|b| b.try_into().ok()).unwrap_or_default()
+    }
+}
+
+/// The files in the folder of packs.
+fn list(folder: &Path) -> Result<BTreeMap<String, (Identity, u64)>, StoreError> {
+    let mut found = BTreeMap::new();
+    let entries = match fs::read_dir(folder) {
+        Ok(entries) => entries,
+        // Whoever writes sets aside what stands there.
+        Err(e) if matches!(e.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => return Ok(found),
+        Err(e) => return Err(StoreError::io("read the store", folder)(e)),
+    };
+    for entry in entries.flatten() {
+        if let Ok(name) = entry.file_name().into_string()
+            && name.ends_with(".pack")
+            && let Ok(meta) = fs::metadata(entry.path())
+            && meta.is_file()
+        {
+            found.insert(name, (disk::identity(&meta), meta.len()));
+        }
+    }
+    Ok(found)
 }
 
 /// What stands where the payload should be.
@@ -183,12 +258,13 @@ pub(super) fn read_payload(file: &File, place: &Place) -> Option<Vec<u8>> {
 /// What stands where the first `length` bytes of the payload should be, less where it is shorter.
 pub(super) fn read_start(file: &File, place: &Place, length: usize) -> Option<Vec<u8>> {
     let length = usize::try_from(place.length).map_or(length, |all| all.min(length));
-    disk::read_at(file, place.offset + HEADER as u64, length).ok()
+    disk::read_at(file, place.offset.checked_add(HEADER as u64)?, length).ok()
 }
 
 /// The payload of an undamaged frame of `kind` and `key`.
 pub(super) fn read(file: &File, place: &Place, kind: Kind, key: &Digest) -> Option<Vec<u8>> {
-    let mut bytes = disk::read_at(file, place.offset, HEADER + usize::try_from(place.length).ok()?).ok()?;
+    let length = usize::try_from(place.length).ok()?.checked_add(HEADER)?;
+    let mut bytes = disk::read_at(file, place.offset, length).ok()?;
     frame::decode(&bytes).filter(|(frame, _)| frame.kind == kind && frame.key == *key)?;
     bytes.drain(..HEADER);
     Some(bytes)

@@ -12,7 +12,7 @@ use crate::store::backend::Backend;
 use crate::store::error::StoreError;
 use crate::store::frame::Kind;
 use crate::store::record::{Blob, InstanceRecord};
-use crate::store::{Store, index};
+use crate::store::{Store, disk, index, odd};
 
 /// What is in the store. Bytes are those of files.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
@@ -27,6 +27,9 @@ pub struct Stat {
     pub checkpoint_bytes: u64,
     pub quarantined: u64,
     pub quarantine_bytes: u64,
+    /// Files that are being written, or that a killed process was writing: those the next run removes.
+    pub temporary: u64,
+    pub temporary_bytes: u64,
     pub bytes: u64,
 }
 
@@ -61,6 +64,11 @@ pub enum Finding {
         entries: u64,
     },
     DamagedIndex,
+    /// A folder, a link to nothing, a pipe, .. in the place of a file, a file in the place of a folder, or a pack that cannot
+    /// be opened.
+    Odd {
+        path: PathBuf,
+    },
 }
 
 impl fmt::Display for Finding {
@@ -75,6 +83,9 @@ impl fmt::Display for Finding {
             Self::DamagedPack { name, bytes } => write!(f, "pack {name}: {bytes} bytes belong to no entry"),
             Self::LostEntries { entries } => write!(f, "{entries} entries of the index are in no pack"),
             Self::DamagedIndex => f.write_str("the index is damaged (it is only a cache)"),
+            Self::Odd { path } => {
+                write!(f, "{}: not what the store keeps under that name, or it cannot be opened", path.display())
+            }
         }
     }
 }
@@ -88,7 +99,7 @@ pub struct VerifyReport {
     /// Bytes of the blobs.
     pub bytes: u64,
     pub findings: Vec<Finding>,
-    /// Whether what was found has been removed from the store.
+    /// Whether what was found has been removed from the store; a second look has found nothing any more.
     pub repaired: bool,
 }
 
@@ -103,13 +114,48 @@ impl Store {
     ///
     /// Damaged blobs go to quarantine in any case, so that the next run computes them anew, and damaged pieces of packs
     /// are left behind when the store is closed (if no other process uses it). `repair` also forgets the records
-    /// whose blobs are gone and removes damaged checkpoints, so that the next `verify` is clean even before a run.
+    /// whose blobs are gone, sets aside damaged checkpoints and whatever is in the way, and rewrites the packs, so that
+    /// the next `verify` is clean even before a run: it looks a second time.
+    ///
+    /// Errors of a repair: what it could not do (a full disk; [`StoreError::Busy`] where packs are damaged and a run is at
+    /// work; [`StoreError::NoLocks`]), or [`StoreError::NotRepaired`].
     pub fn verify(&self, repair: bool) -> Result<VerifyReport, StoreError> {
+        let (mut report, unfit) = self.look()?;
+        if repair && !self.read_only && !report.is_clean() {
+            self.repair(&report, &unfit)?;
+            let left = Self::at(self.root.clone(), true)?.look()?.0.findings;
+            if !left.is_empty() {
+                let left = left.iter().map(Finding::to_string).collect();
+                return Err(StoreError::NotRepaired { path: self.root.clone(), left });
+            }
+            report.repaired = true;
+        }
+        Ok(report)
+    }
+
+    fn repair(&self, report: &VerifyReport, unfit: &BTreeSet<Digest>) -> Result<(), StoreError> {
+        for finding in &report.findings {
+            if let Finding::Odd { path } | Finding::DamagedCheckpoint { path } = finding {
+                odd::set_aside(&self.root, path).map_err(StoreError::io("move to quarantine", path))?;
+            }
+        }
+        unfit.iter().try_for_each(|key| self.folder.packs.append(Kind::ForgetRecord, key, &[]))?;
+        self.folder.packs.finish()?;
+        if self.folder.packs.wants_gathering() {
+            self.gather_packs()?;
+        }
+        self.folder.packs.save_index()
+    }
+
+    /// What is there and what is wrong with it, and the records that no run can use.
+    fn look(&self) -> Result<(VerifyReport, BTreeSet<Digest>), StoreError> {
         let mut report = VerifyReport::default();
         if !self.read_only {
             self.begin_use(&|| false)?;
         }
-        if fs::read(self.root.join("index")).is_ok_and(|bytes| index::decode(&bytes).is_none()) {
+        report.findings.extend(odd::all(&self.root).into_iter().map(|path| Finding::Odd { path }));
+        let is_damaged = |bytes: Vec<u8>| index::decode(&bytes).is_none() && !index::is_of_another_format(&bytes);
+        if disk::read_regular(&self.root.join("index")).is_ok_and(is_damaged) {
             report.findings.push(Finding::DamagedIndex);
         }
         match self.folder.packs.lost() {
@@ -144,21 +190,13 @@ impl Store {
                 }
             }
         }
-        let mut damaged_checkpoints = Vec::new();
         for checkpoint in self.checkpoints.all() {
             report.checkpoints += 1;
             if checkpoint.read().is_none() {
-                damaged_checkpoints.push(checkpoint.path.clone());
                 report.findings.push(Finding::DamagedCheckpoint { path: checkpoint.path });
             }
         }
-        if repair && !self.read_only && !report.is_clean() {
-            unfit.iter().try_for_each(|key| self.folder.packs.append(Kind::ForgetRecord, key, &[]))?;
-            damaged_checkpoints.iter().for_each(|path| drop(fs::remove_file(path)));
-            self.close()?;
-            report.repaired = true;
-        }
-        Ok(report)
+        Ok((report, unfit))
     }
 
     /// Reads every blob, packed or loose; sets the damaged ones aside.
@@ -203,6 +241,12 @@ impl Store {
             .flatten()
             .map(|entry| entry.metadata().map_or(0, |m| m.len()))
             .collect();
+        let temporary: Vec<u64> = fs::read_dir(self.root.join("tmp"))
+            .into_iter()
+            .flatten()
+            .flatten()
+            .map(|entry| entry.metadata().map_or(0, |m| m.len()))
+            .collect();
         let (packs, pack_bytes) = self.folder.packs.size();
         let mut stat = Stat {
             records: self.folder.packs.records().len() as u64,
@@ -215,10 +259,17 @@ impl Store {
             checkpoint_bytes: checkpoints.iter().map(|c| c.bytes).sum(),
             quarantined: quarantine.len() as u64,
             quarantine_bytes: quarantine.iter().sum(),
+            temporary: temporary.len() as u64,
+            temporary_bytes: temporary.iter().sum(),
             bytes: 0,
         };
         let index = fs::metadata(self.root.join("index")).map_or(0, |m| m.len());
-        stat.bytes = stat.loose_bytes + stat.pack_bytes + stat.checkpoint_bytes + stat.quarantine_bytes + index;
+        stat.bytes = stat.loose_bytes
+            + stat.pack_bytes
+            + stat.checkpoint_bytes
+            + stat.quarantine_bytes
+            + stat.temporary_bytes
+            + index;
         stat
     }
 }
@@ -232,6 +283,6 @@ impl VerifyReport {
 /// Digest of a file without holding it in memory.
 fn hash_file(path: &std::path::Path) -> std::io::Result<Digest> {
     let mut hasher = blake3::Hasher::new();
-    hasher.update_reader(fs::File::open(path)?)?;
+    hasher.update_reader(disk::open_regular(path)?)?;
     Ok(Digest(*hasher.finalize().as_bytes()))
 }

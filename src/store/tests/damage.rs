@@ -184,7 +184,7 @@ fn kills_lose_nothing_that_was_published() {
             .stdout(std::process::Stdio::null())
             .spawn()
             .unwrap();
-        std::thread::sleep(std::time::Duration::from_millis(15 + 7 * round));
+        std::thread::sleep(Duration::from_millis(15 + 7 * round));
         child.kill().unwrap();
         child.wait().unwrap();
         let store = Store::open(outputs.path()).unwrap();

@@ -1,0 +1,137 @@
+//! Rewriting the packs into few: without what newer entries replace, what is damaged and what is not kept.
+
+use std::collections::BTreeSet;
+use std::fs::{self, File, OpenOptions};
+use std::io;
+use std::path::PathBuf;
+use std::sync::atomic::Ordering;
+
+use crate::digest::Digest;
+use crate::store::disk;
+use crate::store::error::StoreError;
+use crate::store::frame::{self, Kind};
+use crate::store::index::Place;
+use crate::store::lock::guard;
+use crate::store::odd;
+use crate::store::packs::{FULL, Packs, now_ns};
+use crate::store::state::{Pack, State, read, read_payload};
+
+/// Fresh packs; they are removed again unless they are kept.
+struct Fresh {
+    folder: PathBuf,
+    files: Vec<(PathBuf, File)>,
+    /// Of the last one.
+    length: u64,
+    keep: bool,
+}
+
+impl Packs {
+    /// Writes the kept records and blobs into fresh packs and removes all others. Needs the store alone.
+    ///
+    /// Error: the fresh packs could not be written, and the old ones are as they were; or an old one could not be removed,
+    /// which says nothing that the fresh ones do not say.
+    pub fn compact(&self, records: &BTreeSet<Digest>, blobs: &BTreeSet<Digest>) -> Result<(), StoreError> {
+        let mut writer = guard(&self.writer);
+        *writer = None;
+        let mut state = self.state_mut();
+        let folder = self.root.join("packs");
+        odd::make_folder(&self.root, &folder).map_err(StoreError::io("create a folder of the store", &folder))?;
+        let mut fresh = Fresh { folder, files: Vec::new(), length: FULL, keep: false };
+        fresh.write_kept(&state, records, blobs)?;
+        fresh.sync()?;
+        fresh.keep = true;
+        let removed = state.packs.values().map(|pack| self.remove(pack)).fold(Ok(()), Result::and);
+        state.clear();
+        state.refresh(&self.root)?;
+        removed?;
+        self.damaged.store(false, Ordering::Relaxed);
+        state.save(&self.root)
+    }
+
+    fn remove(&self, pack: &Pack) -> Result<(), StoreError> {
+        let path = self.root.join("packs").join(&pack.name);
+        // Somebody appends to it, whatever the locks say: it stays, and the next rewriting sees to it.
+        if fs::metadata(&path).is_ok_and(|meta| meta.len() > pack.length) {
+            return Ok(());
+        }
+        gone(fs::remove_file(&path)).map_err(StoreError::io("remove an old pack", &path))?;
+        // An empty file that nobody asks for any more.
+        let _ = fs::remove_file(self.root.join("locks").join(&pack.name));
+        Ok(())
+    }
+}
+
+/// What is not there need not be removed.
+pub(super) fn gone(removed: io::Result<()>) -> io::Result<()> {
+    removed.or_else(|e| if e.kind() == io::ErrorKind::NotFound { Ok(()) } else { Err(e) })
+}
+
+impl Fresh {
+    fn write_kept(
+        &mut self,
+        state: &State,
+        records: &BTreeSet<Digest>,
+        blobs: &BTreeSet<Digest>,
+    ) -> Result<(), StoreError> {
+        let mut kept: Vec<(u32, u64, Kind, Digest, Place)> = Vec::new();
+        let mut used = Vec::new();
+        for (kind, map, keep) in
+            [(Kind::Blob, &state.index.blobs, blobs), (Kind::Record, &state.index.records, records)]
+        {
+            for (key, place) in map.iter().filter(|(key, place)| place.is_here() && keep.contains(*key)) {
+                kept.push((place.pack, place.offset, kind, *key, *place));
+                if kind == Kind::Record && place.used > place.stamp / 1_000_000_000 {
+                    used.push((*key, place.used));
+                }
+            }
+        }
+        // In the order of the packs: old neighbours stay neighbours.
+        kept.sort_unstable_by_key(|(pack, offset, kind, key, _)| (*pack, *offset, *kind, *key));
+        used.sort_unstable();
+        for (pack, _, kind, key, place) in kept {
+            let Some(file) = state.packs.get(&pack).map(|pack| &pack.file) else { continue };
+            // What is damaged is left behind; a blob is whole if its bytes have its digest, whatever became of its header.
+            let payload = match kind {
+                Kind::Blob => read_payload(file, &place).filter(|bytes| Digest::of(bytes) == key),
+                _ => read(file, &place, kind, &key),
+            };
+            if let Some(payload) = payload {
+                self.write(&frame::encode(kind, &key, place.stamp, &payload))?;
+            }
+        }
+        if !used.is_empty() {
+            let payload: Vec<u8> =
+                used.iter().flat_map(|(key, time)| [&key.0[..], &time.to_le_bytes()].concat()).collect();
+            self.write(&frame::encode(Kind::Used, &Digest::of(&payload), now_ns(), &payload))?;
+        }
+        Ok(())
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<(), StoreError> {
+        if self.length >= FULL {
+            let path = self.folder.join(format!("c{:016x}-{:04}.pack", now_ns(), self.files.len()));
+            let file = OpenOptions::new().append(true).create_new(true).open(&path);
+            self.files.push((path.clone(), file.map_err(StoreError::io("write to the store", &path))?));
+            self.length = 0;
+        }
+        let Some((path, file)) = self.files.last_mut() else { return Ok(()) };
+        self.length += bytes.len() as u64;
+        disk::write(file, bytes).map_err(StoreError::io("write to the store", path))
+    }
+
+    fn sync(&self) -> Result<(), StoreError> {
+        for (path, file) in &self.files {
+            file.sync_all().map_err(StoreError::io("write to the store", path))?;
+        }
+        disk::sync_folder(&self.folder).map_err(StoreError::io("write to the store", &self.folder))
+    }
+}
+
+impl Drop for Fresh {
+    fn drop(&mut self) {
+        if !self.keep {
+            // The old packs still hold everything; a fresh one that stays only says it twice.
+            self.files.iter().for_each(|(path, _)| drop(fs::remove_file(path)));
+        }
+    }
+}
