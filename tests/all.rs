@@ -17,6 +17,8 @@ mod estimates;
 mod figures;
 #[path = "all/floors.rs"]
 mod floors;
+#[path = "all/latest.rs"]
+mod latest;
 #[path = "all/low_samples.rs"]
 mod low_samples;
 #[path = "all/luts.rs"]
@@ -25,6 +27,8 @@ mod luts;
 mod manual;
 #[path = "all/measured.rs"]
 mod measured;
+#[path = "all/memos.rs"]
+mod memos;
 #[path = "all/meshes.rs"]
 mod meshes;
 #[path = "all/metrics.rs"]
@@ -50,6 +54,8 @@ mod shapes;
 mod shots;
 #[path = "all/spheres.rs"]
 mod spheres;
+#[path = "all/terminal.rs"]
+mod terminal;
 #[path = "all/tubes.rs"]
 mod tubes;
 #[path = "all/wrong_files.rs"]
