@@ -14,23 +14,24 @@ fn large() -> String {
 
 const TARGETS: [&str; 2] = ["frames", "modulation"];
 
-/// All below a folder that is not a folder, links not followed.
+/// All below a folder that is not one, also through folders that are links.
 fn entries(folder: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let path = entry.path();
-        if entry.file_type().expect("it was listed").is_dir() { found.extend(entries(&path)) } else { found.push(path) }
+        if path.is_dir() { found.extend(entries(&path)) } else { found.push(path) }
     }
     found.sort();
     found
 }
 
-/// What people find under each name of `latest`; `None` where a link leads nowhere.
-fn shown(space: &Space) -> BTreeMap<PathBuf, Option<Vec<u8>>> {
+/// Digest of what people find under each name of `latest`; `None` where a link leads nowhere.
+fn shown(space: &Space) -> BTreeMap<PathBuf, Option<String>> {
     let latest = space.outputs().join("latest/small");
     let of_people = |path: &PathBuf| !path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
     let all = entries(&latest).into_iter().filter(of_people);
-    all.map(|path| (path.strip_prefix(&latest).expect("below it").to_owned(), fs::read(&path).ok())).collect()
+    let digest = |path: &PathBuf| Some(blake3::hash(&fs::read(path).ok()?).to_hex().to_string());
+    all.map(|path| (path.strip_prefix(&latest).expect("below it").to_owned(), digest(&path))).collect()
 }
 
 /// When each file was written.
