@@ -16,6 +16,7 @@ use std::time::UNIX_EPOCH;
 use crate::digest::{Digest, PartHasher};
 use crate::input_file;
 use crate::key::axes_text;
+use crate::leftover;
 use crate::plan::Plan;
 use crate::store::{InstanceRecord, Store};
 use turbid_contract::file::MOST_BYTES;
@@ -23,6 +24,8 @@ use turbid_contract::file::MOST_BYTES;
 const FORMAT: &str = "turbid memo 3";
 /// Kept for so many pipelines (or overrides of them); the oldest go.
 const KEPT: usize = 64;
+/// Names of memos that are being written begin so.
+const WRITING: &str = "writing-";
 /// Bytes; a million instances take 64 MB.
 const LONGEST: u64 = 1 << 28;
 
@@ -127,7 +130,9 @@ pub fn keep(plan: &Plan, records: &[&Arc<InstanceRecord>], files: &[(PathBuf, Di
 
 fn write(folder: &Path, name: &str, body: &[u8]) -> std::io::Result<()> {
     fs::create_dir_all(folder)?;
-    let mut file = crate::shared_file().tempfile_in(folder)?;
+    leftover::sweep(folder, WRITING);
+    let mut file = crate::shared_file().prefix(WRITING).tempfile_in(folder)?;
+    leftover::hold(file.as_file());
     std::io::Write::write_all(&mut file, body)?;
     file.persist(folder.join(name)).map_err(|e| e.error)?;
     let mut kept: Vec<_> =

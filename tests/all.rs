@@ -22,6 +22,8 @@ mod figures;
 mod floors;
 #[path = "all/inputs.rs"]
 mod inputs;
+#[path = "all/latest.rs"]
+mod latest;
 #[path = "all/low_samples.rs"]
 mod low_samples;
 #[path = "all/luts.rs"]
@@ -32,6 +34,8 @@ mod manual;
 mod measured;
 #[path = "all/memory.rs"]
 mod memory;
+#[path = "all/memos.rs"]
+mod memos;
 #[path = "all/meshes.rs"]
 mod meshes;
 #[path = "all/metrics.rs"]
@@ -57,6 +61,8 @@ mod shapes;
 mod shots;
 #[path = "all/spheres.rs"]
 mod spheres;
+#[path = "all/terminal.rs"]
+mod terminal;
 #[path = "all/tubes.rs"]
 mod tubes;
 #[path = "all/wrong_files.rs"]

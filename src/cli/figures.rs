@@ -334,7 +334,7 @@ mod tests {
 
     fn text(tables: &[(&str, Table)]) -> String {
         let rows = tables.iter().flat_map(|(label, table)| rows_of(label, 0, table)).collect();
-        Figures { rows, notes: Vec::new() }.text()
+        Figures { rows, notes: Vec::new(), lost: false }.text()
     }
 
     /// A region of which nothing is known says so, an unknown standard error too; a height is in mm.

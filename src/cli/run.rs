@@ -27,7 +27,7 @@ pub struct Run {
     /// Stages (or STAGE.PORT) to bring up to date; all leaves by default
     #[arg(value_name = "STAGE")]
     targets: Vec<String>,
-    /// Run a stage even where its result is stored
+    /// Run a stage from its start even where its result is stored, and say where the two differ
     #[arg(long, value_name = "STAGE")]
     force: Vec<String>,
     /// Go on with what does not depend on a failed stage

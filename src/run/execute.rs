@@ -128,6 +128,7 @@ fn attempt(worker: Worker<'_>, task: Task) -> Outcome {
                 row.name, row.version
             );
             if !forced {
+                host.forget_checkpoints();
                 return Outcome::Failed(text);
             }
             if comparable {

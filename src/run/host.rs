@@ -79,6 +79,13 @@ impl<'a> InstanceHost<'a> {
         }
     }
 
+    /// Removes the checkpoints of this work, those of this run too: two results of one key differ, and who is wrong is not known.
+    pub fn forget_checkpoints(&self) {
+        if let Some(key) = &self.job.state_key {
+            self.worker.resolver.store.forget_checkpoints(key, &BTreeSet::new());
+        }
+    }
+
     /// After a run from the start: checkpoints stay only beside a result that they agree with. `agrees`: whether its outputs are those stored before,
     /// if there were any to compare.
     pub fn settle_checkpoints(&self, agrees: Option<bool>) {

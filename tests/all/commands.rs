@@ -206,3 +206,48 @@ fn what_people_look_at_takes_nothing_from_results() {
     assert!(done.code == Some(0) && done.err.contains("pictures and links were not renewed"), "{}", done.err);
     space.turbid(&["run", "p.yaml", "tissue"]).fails(1);
 }
+
+/// A file name at the limit of file systems, or of characters that no terminal shows, or that is no UTF-8.
+#[cfg(unix)]
+#[test]
+fn any_name_of_a_pipeline_file_will_do() {
+    use std::os::unix::ffi::OsStrExt;
+    let space = Space::new();
+    let long = "n".repeat(250) + ".yaml";
+    let odd: [&[u8]; 4] = [long.as_bytes(), b"line\nbreak.yaml", b"bell\x07.yaml", b"latin-\xe9.yaml"];
+    for name in odd.map(std::ffi::OsStr::from_bytes) {
+        std::fs::write(space.path().join(name), SMALL).expect("the folder is ours");
+        for verb in ["check", "run"] {
+            let mut command = space.command(&[verb]);
+            command.arg(name).args((verb == "run").then_some("tissue"));
+            let done = command.output().expect("it starts");
+            assert!(done.status.success(), "{verb} {name:?}: {}", String::from_utf8_lossy(&done.stderr));
+        }
+        std::fs::remove_dir_all(space.outputs()).expect("it is ours");
+    }
+}
+
+/// More threads than any run can use are refused before anything starts, and none too.
+#[test]
+fn numbers_of_threads_are_bounded() {
+    let space = Space::with(SMALL);
+    for jobs in ["0", "100000", "1000000", "-1", "many"] {
+        let message = space.turbid(&["run", "p.yaml", &format!("-j{jobs}")]).fails(2);
+        assert!(message.contains("whole number from 1 to") && message.contains("without -j"), "{message}");
+    }
+    assert!(!space.outputs().exists());
+    space.turbid(&["run", "p.yaml", "tissue", "-j", "256"]).ok();
+}
+
+/// The log of a run is a service: where it cannot be written the run says so, and all else is as always.
+#[test]
+fn a_log_that_cannot_be_written_ends_no_run() {
+    let space = Space::with(SMALL);
+    space.write("outputs/runs", "in the way");
+    for _ in 0..2 {
+        let done = space.turbid(&["run", "p.yaml", "tissue"]);
+        assert!(done.err.contains("the log of this run could not be written: outputs/runs"), "{}", done.err);
+        done.ok();
+    }
+    assert_eq!(space.turbid(&["run", "p.yaml", "tissue", "--json"]).json()["hits"], 1);
+}

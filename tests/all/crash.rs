@@ -136,3 +136,36 @@ fn interrupt_stops_and_keeps() {
     let (hits, _) = counts(&space, &["tissue", "phantom"]);
     assert_eq!(hits, 2);
 }
+
+/// Places of the payloads in a pack: kind of the entry, start, length.
+fn payloads(pack: &[u8]) -> Vec<(u8, usize, usize)> {
+    let starts = (0..pack.len()).filter(|&at| pack[at..].starts_with(b"TFr1"));
+    let length = |at: usize| u64::from_le_bytes(pack[at + 16..at + 24].try_into().expect("eight bytes")) as usize;
+    starts.map(|at| (pack[at + 4], at + 88, length(at))).collect()
+}
+
+/// A blob that nobody reads is damaged, and so is a record, which makes the run gather the packs at its end: what it called up to date, and left
+/// behind there, is made again by the same run.
+#[test]
+fn what_a_run_calls_up_to_date_is_there_after_it() {
+    let targets = ["frames"];
+    let space = Space::with(SMALL);
+    counts(&space, &targets);
+    let reference = space.digests();
+    let pack = space.files("outputs/store/packs").remove(0);
+    unlock(&pack);
+    let mut bytes = fs::read(&pack).expect("it is there");
+    let all = payloads(&bytes);
+    let (_, blob, length) = *all.iter().find(|(kind, ..)| *kind == 2).expect("a blob");
+    let (_, record, _) = *all.iter().rev().find(|(kind, ..)| *kind == 1).expect("a record");
+    bytes[blob + length / 2] ^= 1;
+    bytes[record + 4] ^= 1;
+    fs::write(&pack, bytes).expect("it is ours");
+    fs::remove_dir_all(space.outputs().join("store/memos")).expect("it is ours");
+    let (hits, ran) = counts(&space, &targets);
+    assert!(hits + ran == 2 && ran >= 1, "{hits} {ran}");
+    space.turbid(&["export", "p.yaml", "tissue.scene", "--to", "a.npz"]).ok();
+    space.turbid(&["cache", "verify"]).ok();
+    assert_eq!(space.digests(), reference);
+    assert_eq!(counts(&space, &targets), (2, 0));
+}

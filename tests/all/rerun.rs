@@ -267,3 +267,74 @@ fn stages_of_one_kind_are_told_apart() {
     };
     assert_ne!(scene("phantom"), scene("tissue"));
 }
+
+/// The record of the frames in the store of a space, with what went in.
+fn record_of_frames(store: &turbid::store::Store) -> (turbid::store::InstanceRecord, turbid::store::Recipe) {
+    store.records().find(|(record, _)| record.provenance.stage == "frames").expect("it ran")
+}
+
+/// A stored result that is not what its key stands for: a forced run finds that out, leaves it and its checkpoints do not survive; with `--replace` the new one takes
+/// its place.
+#[test]
+fn a_forced_stage_is_compared_with_what_is_stored() {
+    use turbid_contract::Artifact;
+    let space = Space::with(SMALL);
+    counts(&space, &["frames"]);
+    let right = space.digests();
+    let store = turbid::store::Store::open(&space.outputs()).expect("it is ours");
+    let (mut record, recipe) = record_of_frames(&store);
+    let port = record.ports.get_mut("frames").expect("its port");
+    let Ok(Artifact::Images(mut stack)) = store.get(&port.blob) else { panic!("frames are images") };
+    stack.layers[0].data.mapv_inplace(|pixel| 1.5 * pixel);
+    port.blob = store.put(&Artifact::Images(stack)).expect("it is finite");
+    store.publish(&record, &recipe).expect("there is room");
+    drop(store);
+    let wrong = space.digests();
+    assert_ne!(wrong, right);
+    let told = space.turbid(&["run", "p.yaml", "frames", "--force", "frames"]).fails(1);
+    assert!(told.contains("came out different from the stored one") && told.contains("--replace"), "{told}");
+    assert_eq!(space.digests(), wrong);
+    assert_eq!(space.files("outputs/store/checkpoints").len(), 0);
+    let done = space.turbid(&["run", "p.yaml", "frames", "--force", "frames", "--replace"]);
+    assert!(done.code == Some(0) && done.err.contains("came out different"), "{}", done.err);
+    assert_eq!(space.digests(), right);
+    space.turbid(&["run", "p.yaml", "--replace"]).fails(2);
+}
+
+/// A checkpoint whose check holds and whose state is wrong: a forced stage starts from the start, finds it and removes it, and what a longer run
+/// gives is what it gives without any.
+#[test]
+fn a_forced_stage_goes_on_from_no_checkpoint() {
+    use turbid::digest::{Digest, PartHasher};
+    let longer = ["frames", "--set", "vars.samples=64"];
+    let space = Space::with(SMALL);
+    counts(&space, &["frames"]);
+    let right = space.digests();
+    let files = space.files("outputs/store/checkpoints");
+    assert_eq!(files.len(), 1);
+    let name = files[0].file_name().and_then(|n| n.to_str()).expect("plain").trim_end_matches(".state").to_owned();
+    let (key, progress) = name.split_once('-').expect("key and progress");
+    let (key, progress): (Digest, _) =
+        (key.parse().expect("a digest"), u64::from_str_radix(progress, 16).expect("hex"));
+    let mut bytes = std::fs::read(&files[0]).expect("it is there");
+    // The last number of the state, halved.
+    let end = bytes.len();
+    let number = f64::from_le_bytes(bytes[end - 8..].try_into().expect("eight bytes"));
+    bytes[end - 8..].copy_from_slice(&(0.5 * number + 1.0).to_le_bytes());
+    let check = PartHasher::new("turbid checkpoint v1").part("key", &key.0);
+    let check = check.part("progress", &progress.to_le_bytes()).part("state", &bytes[64..]).finish();
+    bytes[32..64].copy_from_slice(&check.0);
+    std::fs::write(&files[0], &bytes).expect("it is ours");
+    let done = space.turbid(&["run", "p.yaml", "frames", "--force", "frames"]);
+    assert!(done.code == Some(0) && done.err.contains("checkpoint came out different"), "{}", done.err);
+    assert_eq!(space.digests(), right);
+    assert_ne!(std::fs::read(&files[0]).ok(), Some(bytes), "the wrong one is gone");
+    counts(&space, &longer);
+    let fresh = Space::with(SMALL);
+    counts(&fresh, &longer);
+    let frames = |space: &Space| {
+        let shown = space.turbid(&[&["show", "p.yaml"], &longer[..], &["--json"]].concat()).json();
+        shown["instances"][0]["ports"]["frames"]["digest"].clone()
+    };
+    assert_eq!(frames(&space), frames(&fresh));
+}

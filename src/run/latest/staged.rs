@@ -8,6 +8,7 @@ use std::time::Duration;
 use tempfile::{Builder, TempPath};
 
 use crate::digest::Digest;
+use crate::leftover::is_older;
 
 use super::links::{Entry, Links, Stamp};
 
@@ -126,8 +127,8 @@ fn prepared(at: &Path) -> Result<&Path, String> {
     fs::create_dir_all(folder).map_err(told(folder))?;
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let ours = entry.file_name().as_encoded_bytes().starts_with(PREFIX.as_bytes());
-        let old = |meta: fs::Metadata| meta.modified().ok()?.elapsed().ok().filter(|age| *age > ABANDONED);
-        if ours && entry.metadata().ok().and_then(old).is_some() {
+        // No lock tells here: so many files are not kept open.
+        if ours && is_older(&entry.path(), ABANDONED) {
             let _ = fs::remove_file(entry.path());
         }
     }
