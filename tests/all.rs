@@ -17,6 +17,8 @@ mod estimates;
 mod figures;
 #[path = "all/floors.rs"]
 mod floors;
+#[path = "all/licences.rs"]
+mod licences;
 #[path = "all/low_samples.rs"]
 mod low_samples;
 #[path = "all/luts.rs"]
