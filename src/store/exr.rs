@@ -5,7 +5,7 @@
 //! order or two attributes (they sit in a hash map) the same image would give other bytes each time.
 
 use std::collections::HashSet;
-use std::io::Cursor;
+use std::io::{Cursor, Read, Seek, SeekFrom};
 
 use exr::meta::MetaData;
 use exr::meta::header::Header;
@@ -96,13 +96,20 @@ fn density(stack: &ImageStack) -> Option<[f32; 2]> {
 
 /// Decodes what [`encode`] wrote.
 pub(super) fn decode(bytes: &[u8]) -> Result<ImageStack, StoreError> {
+    decode_from(Cursor::new(bytes))
+}
+
+/// The same, line by line: no more than a few lines are held beside the stack.
+fn decode_from(mut from: impl Read + Seek) -> Result<ImageStack, StoreError> {
     let wrong = |what: &str| StoreError::unfit(format!("not an image stack of this turbid: {what}"));
-    let headers = MetaData::read_from_buffered(bytes, false).map_err(|e| wrong(&e.to_string()))?.headers;
-    let pixels = headers.iter().try_fold(0usize, |sum, header| sum.checked_add(fewest_bytes(header)?));
     // Asked first: the reader allocates what the headers claim.
-    if pixels.is_none_or(|n| n > bytes.len()) {
+    let length = from.seek(SeekFrom::End(0)).and_then(|length| from.rewind().map(|()| length));
+    let headers = MetaData::read_from_buffered(&mut from, false).map_err(|e| wrong(&e.to_string()))?.headers;
+    let pixels = headers.iter().try_fold(0u64, |sum, header| sum.checked_add(fewest_bytes(header)?));
+    if pixels.is_none_or(|pixels| length.as_ref().is_ok_and(|&length| pixels > length)) {
         return Err(wrong("its headers claim more pixels than its bytes can hold"));
     }
+    from.rewind().map_err(|e| wrong(&e.to_string()))?;
     let image = exr::prelude::read()
         .no_deep_data()
         .largest_resolution_level()
@@ -110,7 +117,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<ImageStack, StoreError> {
         .all_layers()
         .all_attributes()
         .non_parallel()
-        .from_buffered(Cursor::new(bytes))
+        .from_buffered(from)
         .map_err(|e| wrong(&e.to_string()))?;
     let parts = image.layer_data;
     let first = parts.first().ok_or_else(|| wrong("it has no part"))?;
@@ -137,9 +144,9 @@ pub(super) fn decode(bytes: &[u8]) -> Result<ImageStack, StoreError> {
 }
 
 /// The least that the pixels of a part take in the file; `None` for sizes that no file has.
-fn fewest_bytes(header: &Header) -> Option<usize> {
-    let pixels = header.layer_size.0.checked_mul(header.layer_size.1)?;
-    let bytes = pixels.checked_mul(header.channels.bytes_per_pixel)?;
+fn fewest_bytes(header: &Header) -> Option<u64> {
+    let pixels = (header.layer_size.0 as u64).checked_mul(header.layer_size.1 as u64)?;
+    let bytes = pixels.checked_mul(header.channels.bytes_per_pixel as u64)?;
     // Two bytes of a run stand for 128, three of a deflated stream for 3 x 1032 (RFC 1951: a bit for 258 bytes at best, with overhead).
     Some(match header.compression {
         Compression::Uncompressed => bytes,

@@ -30,7 +30,7 @@ pub fn write(packages: &[Package], allowed: &[String]) -> String {
             texts.entry(((*licence).to_owned(), body)).or_default().push(format!("{name} {version}{holders}"));
         }
         for (file, text) in files.iter().filter(|(file, _)| file.starts_with("NOTICE")) {
-            texts.entry((format!("{file} of {name}"), text.clone())).or_default().push(format!("{name} {version}"));
+            texts.entry((file.clone(), text.clone())).or_default().push(format!("{name} {version}"));
         }
     }
     page += BUNDLED;
@@ -115,6 +115,12 @@ fn split(text: &str) -> (String, String) {
     while let Some(line) = lines.next_if(|line| heading(line) || of_copyright(line)) {
         if of_copyright(line) {
             holders += &format!("\n  {}", line.trim());
+            // A list of names may take several lines.
+            while line.trim_end().ends_with(',')
+                && let Some(more) = lines.next_if(|line| !line.trim().is_empty())
+            {
+                holders += &format!(" {}", more.trim());
+            }
         }
     }
     // Other line breaks are no other text.
