@@ -24,6 +24,8 @@ mod floors;
 mod inputs;
 #[path = "all/latest.rs"]
 mod latest;
+#[path = "all/licences.rs"]
+mod licences;
 #[path = "all/low_samples.rs"]
 mod low_samples;
 #[path = "all/luts.rs"]

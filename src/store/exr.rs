@@ -160,12 +160,12 @@ pub(super) fn decode_from(mut from: impl Read + Seek) -> Result<ImageStack, Stor
     let length = from.seek(SeekFrom::End(0)).map_err(unreadable)?;
     from.rewind().map_err(unreadable)?;
     let headers = MetaData::read_from_buffered(&mut from, false).map_err(|e| wrong(&e.to_string()))?.headers;
-    from.rewind().map_err(unreadable)?;
-    let pixels = headers.iter().try_fold(0usize, |sum, header| sum.checked_add(fewest_bytes(header)?));
+    let pixels = headers.iter().try_fold(0u64, |sum, header| sum.checked_add(fewest_bytes(header)?));
     // Asked first: the reader allocates what the headers claim.
-    if pixels.is_none_or(|n| n as u64 > length) {
+    if pixels.is_none_or(|n| n > length) {
         return Err(wrong("its headers claim more pixels than its bytes can hold"));
     }
+    from.rewind().map_err(unreadable)?;
     let image = exr::prelude::read()
         .no_deep_data()
         .largest_resolution_level()
@@ -200,9 +200,9 @@ pub(super) fn decode_from(mut from: impl Read + Seek) -> Result<ImageStack, Stor
 }
 
 /// The least that the pixels of a part take in the file; `None` for sizes that no file has.
-fn fewest_bytes(header: &Header) -> Option<usize> {
-    let pixels = header.layer_size.0.checked_mul(header.layer_size.1)?;
-    let bytes = pixels.checked_mul(header.channels.bytes_per_pixel)?;
+fn fewest_bytes(header: &Header) -> Option<u64> {
+    let pixels = (header.layer_size.0 as u64).checked_mul(header.layer_size.1 as u64)?;
+    let bytes = pixels.checked_mul(header.channels.bytes_per_pixel as u64)?;
     // Two bytes of a run stand for 128, three of a deflated stream for 3 x 1032 (RFC 1951: a bit for 258 bytes at best, with overhead).
     Some(match header.compression {
         Compression::Uncompressed => bytes,

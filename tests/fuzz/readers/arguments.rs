@@ -1,6 +1,7 @@
 //! Arguments of the command line: `STAGE[axis=value].PORT`, and `--set PATH=VALUE`.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
 
 use turbid::cli::Selector;
 use turbid::plan::{Plan, Target};
@@ -39,18 +40,22 @@ pub fn readers() -> Vec<Reader> {
     ]
 }
 
-fn shipped() -> std::path::PathBuf {
+/// A pipeline that is shipped.
+static SHIPPED: LazyLock<Plan> = LazyLock::new(|| {
+    let spec = spec::load(&shipped(), &[]).expect("the shipped pipeline is right");
+    Plan::build(spec, spec::Report::default(), &Registry::builtin(), &[]).expect("the shipped pipeline is right")
+});
+
+fn shipped() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("pipelines/quickstart.yaml")
 }
 
 fn select(input: &[u8]) -> Result<Seen, String> {
     let text = String::from_utf8_lossy(input);
-    let selector = Selector::parse(&text);
     let _ = Target::parse(&text);
+    let selector = Selector::parse(&text);
     if let Ok(selector) = &selector {
-        let spec = spec::load(&shipped(), &[]).map_err(|r| r.to_string())?;
-        let plan = Plan::build(spec, spec::Report::default(), &Registry::builtin(), &[]).map_err(|r| r.to_string())?;
-        let _ = selector.instances(&plan);
+        let _ = selector.instances(&SHIPPED);
     }
     Ok(Seen::as_large(selector.is_ok(), input))
 }

@@ -17,6 +17,8 @@ use crate::mutate::Form;
 const CHECKED: usize = 200;
 /// Bytes of the plan of an instance.
 const INSTANCE: usize = 2048;
+/// What checks of stages make of a scene, whatever the size of the pipeline: shapes in cells, fields of view.
+const CHECK: usize = 8 << 20;
 
 pub fn readers() -> Vec<Reader> {
     vec![
@@ -95,7 +97,7 @@ fn read(input: &[u8]) -> Result<Seen, String> {
         let survey = Resolver::new(&plan, &store).survey(&[]);
         taken = !spec::Report::from(survey.problems).has_errors();
     }
-    Ok(Seen { taken, decoded: input.len() + INSTANCE * instances })
+    Ok(Seen { taken, decoded: input.len() + INSTANCE * instances + CHECK })
 }
 
 const BASE: &str = "\
