@@ -10,7 +10,7 @@
 //!
 //! ```text
 //! --program PATH     another program than the one built here
-//! --scenario NAME    of one scenario only: fresh, continue, up-to-date, repair, gather, gc, export, beside, force
+//! --scenario NAME    of one scenario only: fresh, table, continue, up-to-date, repair, gather, gc, export, beside, force
 //! --kind NAME        of one kind only: kill, kill-after, torn, full, full-once, error-once, error, read-once, read, short,
 //!                    power-cut
 //! --cases N          most cases of each kind in each scenario (6); calls are taken evenly
