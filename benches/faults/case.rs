@@ -12,6 +12,7 @@ use super::kinds::Kind;
 use super::program::{Done, Place, instances};
 use super::random::Random;
 use super::reference::{Reference, digests};
+use super::scenarios::{Damage, REPAIR, STAGES};
 
 #[derive(Clone, Copy, Debug)]
 pub struct Case {
@@ -142,10 +143,9 @@ fn break_call(
 /// An error has to name what it concerns: a path of the outputs or a stage, and what happened to it.
 fn names_nothing(kind: Kind, done: &Done) -> Option<String> {
     let text = done.text();
-    let place =
-        super::scenarios::STAGES.iter().chain(&["outputs", "exported", "p.yaml"]).any(|name| text.contains(name));
+    let place = STAGES.iter().chain(&["outputs", "exported", "p.yaml"]).any(|name| text.contains(name));
     // What cannot be read may pass for what is not there.
-    let cause = kind.reads() || text.contains("(os error ");
+    let cause = kind.reads() || ["(os error ", "is full"].iter().any(|cause| text.contains(cause));
     (!place || !cause).then(|| format!("the error names no place or no cause: {}", done.last_words()))
 }
 
@@ -159,7 +159,7 @@ fn ended_well(program: &Path, reference: &Reference, place: &Place, wrong: &mut 
     {
         wrong.push(format!("exit 0, but {name} is not what an undisturbed command writes"));
     }
-    if reference.scenario.damaged {
+    if reference.scenario.repairs() {
         let verified = place.run(program, &["cache", "verify"], "verify")?;
         if verified.code != Some(0) {
             wrong.push(format!("repair: exit 0, then verify: {}", verified.last_words()));
@@ -182,9 +182,9 @@ fn heal(
     {
         wrong.push(format!("{name} is neither the old one nor the new one"));
     }
-    if scenario.damaged {
+    if scenario.damage != Damage::None {
         // A run does not read what it does not need: bits that flipped are found by `verify`.
-        let repaired = place.run(program, scenario.command, "repaired")?;
+        let repaired = place.run(program, REPAIR, "repaired")?;
         if repaired.code != Some(0) {
             wrong.push(format!("repair once more: {}", repaired.last_words()));
         }
@@ -203,7 +203,7 @@ fn heal(
     compare(program, reference, place, "after the next run", wrong)?;
     let verified = place.run(program, &["cache", "verify"], "verify")?;
     if verified.code != Some(0) {
-        let repaired = place.run(program, &["cache", "verify", "--repair"], "repair")?;
+        let repaired = place.run(program, REPAIR, "repair")?;
         let again = place.run(program, &["cache", "verify"], "verify")?;
         if repaired.code != Some(0) || again.code != Some(0) {
             wrong.push(format!("verify: {}; repair: {}", again.last_words(), repaired.last_words()));

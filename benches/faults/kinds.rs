@@ -94,10 +94,7 @@ impl Kind {
             // Those that Linux documents to be interrupted by a signal.
             Kind::Short
                 if number % 3 == 0
-                    && matches!(
-                        call.op,
-                        Op::Write { .. } | Op::Read { .. } | Op::Create | Op::Open | Op::Truncate { .. }
-                    ) =>
+                    && matches!(call.op, Op::Write { .. } | Op::Read { .. } | Op::Create | Op::Truncate { .. }) =>
             {
                 Action::Fail(Errno::EINTR)
             }

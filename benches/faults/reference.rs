@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use super::folder;
 use super::program::{Done, Place};
-use super::scenarios::{STAGES, Scenario};
+use super::scenarios::{Damage, REPAIR, STAGES, Scenario};
 use super::tracer::{Action, Logged};
 
 pub struct Reference {
@@ -52,8 +52,12 @@ impl Reference {
         let space = space.join(scenario.name);
         let base = Place::new(space.join("base"))?;
         scenario.prepare(program, &base)?;
-        let next =
-            |place: &Place| -> io::Result<Done> { well(place.run(program, scenario.next, "next")?, scenario.next) };
+        let next = |place: &Place| -> io::Result<Done> {
+            if scenario.damage != Damage::None {
+                well(place.run(program, REPAIR, "repaired")?, REPAIR)?;
+            }
+            well(place.run(program, scenario.next, "next")?, scenario.next)
+        };
         let copy = |name: &str| -> io::Result<Place> {
             folder::copy(&base.work(), &space.join(name).join("work"))?;
             Place::new(space.join(name))

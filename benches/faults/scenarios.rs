@@ -6,14 +6,23 @@ use std::path::{Path, PathBuf};
 
 use super::program::Place;
 
+/// What is wrong with the store before the command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Damage {
+    None,
+    /// A bit in each file that holds results; checkpoints are cut short.
+    Bits,
+    /// A bit in the head of the last record: a run makes it again, and rewrites the packs without the damage.
+    LastRecord,
+}
+
 /// A command to break.
 #[derive(Debug)]
 pub struct Scenario {
     pub name: &'static str,
     /// Commands that came before and went well.
     pub before: &'static [&'static [&'static str]],
-    /// Whether the store is damaged then.
-    pub damaged: bool,
+    pub damage: Damage,
     pub command: &'static [&'static str],
     /// The plain run that comes next.
     pub next: &'static [&'static str],
@@ -51,16 +60,21 @@ stages:
 pub const STAGES: [&str; 4] = ["tissue", "frames", "modulation", "table"];
 
 const RUN: &[&str] = &["run", "p.yaml", "--json", "-j", "1"];
+/// The cheapest stage alone.
+const TABLE: &[&str] = &["run", "p.yaml", "table", "--json", "-j", "1"];
 const LONGER: &[&str] = &["run", "p.yaml", "--json", "-j", "1", "--set", "vars.samples=64"];
 const SHORTER: &[&str] = &["run", "p.yaml", "--json", "-j", "1", "--set", "vars.samples=8"];
+pub const REPAIR: &[&str] = &["cache", "verify", "--repair"];
 const PLAIN: Scenario =
-    Scenario { name: "fresh", before: &[], damaged: false, command: RUN, next: RUN, beside: false, writes: None };
+    Scenario { name: "fresh", before: &[], damage: Damage::None, command: RUN, next: RUN, beside: false, writes: None };
 
-pub const SCENARIOS: [Scenario; 8] = [
+pub const SCENARIOS: [Scenario; 10] = [
     PLAIN,
+    Scenario { name: "table", command: TABLE, next: TABLE, ..PLAIN },
     Scenario { name: "continue", before: &[RUN], command: LONGER, next: LONGER, ..PLAIN },
     Scenario { name: "up-to-date", before: &[RUN], ..PLAIN },
-    Scenario { name: "repair", before: &[RUN], damaged: true, command: &["cache", "verify", "--repair"], ..PLAIN },
+    Scenario { name: "repair", before: &[RUN], damage: Damage::Bits, command: REPAIR, ..PLAIN },
+    Scenario { name: "gather", before: &[RUN], damage: Damage::LastRecord, ..PLAIN },
     Scenario {
         name: "gc",
         before: &[SHORTER, RUN],
@@ -85,6 +99,11 @@ pub const SCENARIOS: [Scenario; 8] = [
 ];
 
 impl Scenario {
+    /// Whether the command promises that nothing damaged is left.
+    pub fn repairs(&self) -> bool {
+        self.command == REPAIR
+    }
+
     pub fn named(name: &str) -> Option<&'static Self> {
         SCENARIOS.iter().find(|scenario| scenario.name == name)
     }
@@ -98,12 +117,17 @@ impl Scenario {
                 return Err(io::Error::other(format!("{}: {}", arguments.join(" "), done.last_words())));
             }
         }
-        if self.damaged { damage(&place.outputs().join("store")) } else { Ok(()) }
+        let store = place.outputs().join("store");
+        match self.damage {
+            Damage::None => Ok(()),
+            Damage::Bits => flip_bits(&store),
+            Damage::LastRecord => flip_last_record(&store),
+        }
     }
 }
 
 /// Flips a bit two thirds into every file of the store that holds results, and cuts the checkpoints short.
-fn damage(store: &Path) -> io::Result<()> {
+fn flip_bits(store: &Path) -> io::Result<()> {
     for path in super::folder::files(store).into_iter().map(|path| store.join(path)) {
         let kind = path.strip_prefix(store).ok().and_then(|p| p.iter().next()).map(PathBuf::from).unwrap_or_default();
         let mut bytes = fs::read(&path)?;
@@ -115,10 +139,27 @@ fn damage(store: &Path) -> io::Result<()> {
         if kind == Path::new("checkpoints") {
             bytes.truncate(at);
         }
-        let rights = fs::metadata(&path)?.permissions();
-        fs::remove_file(&path)?;
-        fs::write(&path, bytes)?;
-        fs::set_permissions(&path, rights)?;
+        overwrite(&path, &bytes)?;
     }
     Ok(())
+}
+
+/// Entries of packs begin with these bytes and their kind (1: a record); 88 bytes on is what they hold (docs/store.md).
+fn flip_last_record(store: &Path) -> io::Result<()> {
+    for path in super::folder::files(&store.join("packs")).into_iter().map(|path| store.join("packs").join(path)) {
+        let mut bytes = fs::read(&path)?;
+        if let Some(at) = bytes.windows(5).rposition(|window| window == b"TFr1\x01") {
+            bytes[at + 88 + 4] ^= 1;
+            overwrite(&path, &bytes)?;
+        }
+    }
+    // What notes that all is up to date is a way around the record.
+    fs::remove_dir_all(store.join("memos"))
+}
+
+fn overwrite(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let rights = fs::metadata(path)?.permissions();
+    fs::remove_file(path)?;
+    fs::write(path, bytes)?;
+    fs::set_permissions(path, rights)
 }

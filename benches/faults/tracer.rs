@@ -132,6 +132,7 @@ impl Tracer<'_> {
                         | Options::PTRACE_O_TRACECLONE
                         | Options::PTRACE_O_TRACEFORK
                         | Options::PTRACE_O_TRACEVFORK
+                        | Options::PTRACE_O_TRACEEXEC
                         | Options::PTRACE_O_EXITKILL
                         | Options::PTRACE_O_TRACESYSGOOD;
                     ptrace::setoptions(thread, all)?;

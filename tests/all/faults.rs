@@ -43,22 +43,27 @@ fn none_fails(scenario: &str, kinds: &[(Kind, u64)]) {
 
 #[test]
 fn runs_that_are_killed_are_healed_by_the_next() {
-    none_fails("fresh", &[(Kind::Kill, 6), (Kind::Torn, 6)]);
+    none_fails("table", &[(Kind::Kill, 9), (Kind::Torn, 3)]);
 }
 
 #[test]
-fn full_and_failing_disks_are_said_and_healed() {
-    none_fails("continue", &[(Kind::Full, 8), (Kind::ErrorOnce, 4)]);
+fn full_disks_are_said_and_healed() {
+    none_fails("table", &[(Kind::Full, 9), (Kind::FullOnce, 3)]);
 }
 
 #[test]
 fn power_cuts_lose_nothing_that_was_synced() {
-    none_fails("fresh", &[(Kind::PowerCut, 6)]);
+    none_fails("table", &[(Kind::PowerCut, 9)]);
 }
 
 #[test]
-fn short_writes_are_not_noticed() {
-    none_fails("export", &[(Kind::Short, 2)]);
+fn collecting_garbage_loses_nothing_that_is_kept() {
+    none_fails("gc", &[(Kind::KillAfter, 3), (Kind::ErrorOnce, 3), (Kind::PowerCut, 3)]);
+}
+
+#[test]
+fn exports_are_whole_or_as_before() {
+    none_fails("export", &[(Kind::Torn, 2), (Kind::Full, 2), (Kind::Short, 2)]);
 }
 
 /// Each call of the list jumps to the last instruction (stop), whatever falls through meets the one before (pass).
