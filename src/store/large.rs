@@ -1,7 +1,7 @@
 //! Large image stacks: line by line between memory and disk, so that neither the encoded bytes nor a second copy of the pixels is ever held.
 
 use std::fs::{self, File};
-use std::io::{self, BufReader, BufWriter, Seek, SeekFrom, Write};
+use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
 use tempfile::NamedTempFile;
@@ -39,12 +39,21 @@ pub(super) fn put(root: &Path, folder: &Folder, stack: &ImageStack) -> Result<Bl
     file.as_file_mut().seek(SeekFrom::Start(0)).map_err(failed)?;
     let digest = Digest::of_reader(file.as_file_mut()).map_err(failed)?;
     let blob = Blob { digest, kind: ArtifactKind::Images, bytes };
-    let path = folder.loose_path(&blob);
-    if folder.holds(&blob) && digest_of(&path).is_ok_and(|found| found == digest) {
+    if bytes < LARGE {
+        // Drawings shrink.
+        let mut encoded = Vec::new();
+        file.as_file_mut().seek(SeekFrom::Start(0)).map_err(failed)?;
+        file.as_file_mut().read_to_end(&mut encoded).map_err(failed)?;
+        folder.write(&blob, &encoded)?;
         return Ok(blob);
     }
-    // What is there is wrong; what is not there is not moved.
-    folder.set_aside(&path)?;
+    let path = folder.loose_path(&blob);
+    match digest_of(&path) {
+        Ok(found) if found == digest => return Ok(blob),
+        Err(e) if e.kind() == io::ErrorKind::NotFound => {}
+        // What is there is wrong.
+        _ => folder.set_aside(&path)?,
+    }
     publish(file, &path, true, true).map_err(StoreError::io("write a blob", &path))?;
     Ok(blob)
 }
@@ -70,6 +79,7 @@ fn length(file: &File) -> io::Result<u64> {
     file.metadata().map(|meta| meta.len())
 }
 
+/// Error: also what is no file.
 fn digest_of(path: &Path) -> io::Result<Digest> {
     Digest::of_reader(&mut disk::open_regular(path)?)
 }
@@ -158,6 +168,20 @@ mod tests {
         }
         let left = fs::read_dir(folder.path().join("store/tmp")).unwrap().count();
         assert_eq!(left, 0, "temporary files");
+    }
+
+    /// A drawing of one colour is small once it is encoded, and lies with the small pieces.
+    #[test]
+    fn what_shrinks_is_small() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(folder.path()).unwrap();
+        let mut drawing = ImageStack::new(2100, 2000);
+        drawing.push(LayerInfo::value("grey", "1"), Array2::from_elem((2100, 2000), 0.5));
+        assert!(is_large(&drawing));
+        let artifact = Artifact::Images(drawing);
+        let blob = store.put(&artifact).unwrap();
+        assert!(blob.bytes < LARGE && store.get(&blob).unwrap() == artifact);
+        assert_eq!(Digest::of(&encode(&artifact).unwrap()), blob.digest);
     }
 
     /// What cannot be stored is named, and leaves nothing behind; nor does a disk that runs full.
