@@ -8,7 +8,7 @@ use super::nearby::Nearby;
 
 /// After so many pairs the mesh is wrong enough.
 const MOST_FOUND: usize = 100;
-/// Pairs of triangles with boxes that share a point which are looked at: some ten seconds. A mesh that is fit to be rendered has about
+/// Pairs of triangles with boxes that share a point which are looked at: some twenty seconds. A mesh that is fit to be rendered has about
 /// ten for each triangle; each of n long ones aslant in different directions has n.
 const MOST_NEAR: u64 = 1_000_000_000;
 
@@ -38,22 +38,23 @@ pub fn crossings(nearby: &Nearby<'_>) -> Crossings {
 }
 
 fn looked_at(nearby: &Nearby<'_>, most_near: u64) -> Crossings {
-    let (mut found, mut looked) = (Crossings::default(), 0);
-    nearby.pairs(|i, j| {
-        looked += 1;
-        if looked > most_near {
-            found.left = Left::TooNear(most_near);
-        } else if let Some(point) = crossing(nearby, i, j) {
+    let mut found = Crossings::default();
+    let all = nearby.pairs(most_near, |i, j| {
+        if let Some(point) = crossing(nearby, i, j) {
             if found.count == 0 {
                 found.first = point;
             }
             found.count += 1;
             if found.count == MOST_FOUND {
                 found.left = Left::Others;
+                return ControlFlow::Break(());
             }
         }
-        if found.left == Left::Nothing { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+        ControlFlow::Continue(())
     });
+    if !all {
+        found.left = Left::TooNear(most_near);
+    }
     found
 }
 
@@ -118,4 +119,26 @@ fn volume(a: DVec3, b: DVec3, c: DVec3, d: DVec3) -> Option<f64> {
 /// Lengths rounded to 1e-16 of the coordinates; files keep no more than f32, so what is this flat was meant to be.
 fn rounding(u: DVec3) -> f64 {
     1e-6 * u.length()
+}
+
+#[cfg(test)]
+mod tests {
+    use turbid_contract::payload::Mesh;
+
+    use super::*;
+
+    /// Faces of octahedra about one middle, where all their boxes meet, are no fault where all pairs are looked at, and said to be too many
+    /// where not.
+    #[test]
+    fn too_many_near_pairs_are_said() {
+        let face = |i: u32| {
+            let side = |k: u32| if i >> k & 1 == 0 { f64::from(1 + i / 8) } else { -f64::from(1 + i / 8) };
+            [[side(0), 0.0, 0.0], [0.0, side(1), 0.0], [0.0, 0.0, side(2)]]
+        };
+        let vertices: Vec<[f64; 3]> = (0..40).flat_map(face).collect();
+        let triangles = (0..40).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        let mesh = Mesh { vertices, triangles };
+        assert_eq!(looked_at(&Nearby::of(&mesh), 10_000), Crossings::default());
+        assert_eq!(looked_at(&Nearby::of(&mesh), 50).left, Left::TooNear(50));
+    }
 }

@@ -1,6 +1,6 @@
 //! The triangles of a mesh in a tree of boxes, in axes in which these boxes are small.
 
-use std::cell::Cell;
+use std::cell::{Cell, OnceCell};
 use std::ops::{ControlFlow, Range};
 
 use glam::{DMat3, DVec3};
@@ -11,6 +11,8 @@ type Box = (DVec3, DVec3);
 
 /// Boxes along the mesh's own axes are taken where they have less than this part of the area of those along x, y and z.
 const BETTER: f64 = 0.5;
+/// After so many boxes for each triangle, their stacks are looked at too. A mesh that is fit to be rendered has some 40.
+const MANY: usize = 200;
 /// What turning a corner may round, as a part of its coordinates.
 const ROUNDING: f64 = 1e-14;
 
@@ -22,6 +24,15 @@ pub struct Nearby<'a> {
     pub reach: f64,
     boxes: Vec<Box>,
     tree: Tree,
+    /// Of each box of the tree, once many share points: what lies in stacks aslant is told apart by them.
+    stacks: OnceCell<Vec<Stack>>,
+}
+
+/// Where triangles lie along their mean normal.
+struct Stack {
+    normal: DVec3,
+    low: f64,
+    high: f64,
 }
 
 impl<'a> Nearby<'a> {
@@ -40,29 +51,45 @@ impl<'a> Nearby<'a> {
         let boxes: Vec<Box> = boxes(mesh, into).collect();
         let tree = Tree::over(&boxes);
         let reach = mesh.vertices.iter().flatten().fold(0.0, |most: f64, x| most.max(x.abs()));
-        Self { mesh, into, reach, boxes, tree }
+        Self { mesh, into, reach, boxes, tree, stacks: OnceCell::new() }
     }
 
     pub fn corners(&self, triangle: usize) -> [DVec3; 3] {
         self.mesh.triangles[triangle].map(|i| self.mesh.vertices[i as usize].into())
     }
 
-    /// Calls `near` with each pair of triangles, the lower first, whose boxes share a point, until it breaks.
-    pub fn pairs(&self, mut near: impl FnMut(usize, usize) -> ControlFlow<()>) {
-        let stopped = Cell::new(false);
+    /// Calls `near` with each pair of triangles, the lower first, that may have a point in common, until it breaks. Whether all were
+    /// asked about before `most` pairs of boxes with a point in common were looked at.
+    pub fn pairs(&self, most: u64, mut near: impl FnMut(usize, usize) -> ControlFlow<()>) -> bool {
+        let mut shared = 0;
+        let (stopped, visited) = (Cell::new(false), Cell::new(0));
         for (i, (low, high)) in self.boxes.iter().enumerate() {
-            let shares = |l: DVec3, h: DVec3| !stopped.get() && l.cmple(*high).all() && low.cmple(h).all();
-            self.tree.visit(shares, |places| {
+            // Shells in shells, or sheets aslant: all share their boxes, and few their heights.
+            if visited.get() > MANY * self.boxes.len() && self.stacks.get().is_none() {
+                let _ =
+                    self.stacks.set(self.tree.ranges().into_iter().map(|r| self.stack(self.triangles(r))).collect());
+            }
+            let (stacks, corners) = (self.stacks.get(), self.corners(i));
+            let own = stacks.map(|_| self.stack(std::iter::once(i)));
+            let shares = |l: DVec3, h: DVec3| l.cmple(*high).all() && low.cmple(h).all();
+            let meets = |node: usize, l: DVec3, h: DVec3| {
+                visited.set(visited.get() + 1);
+                !stopped.get() && shares(l, h) && stacks.is_none_or(|stacks| stacks[node].may_hold(&corners))
+            };
+            self.tree.visit_numbered(meets, |places| {
                 for j in self.triangles(places) {
-                    if j > i && shares(self.boxes[j].0, self.boxes[j].1) {
-                        stopped.set(near(i, j).is_break());
+                    if j > i && !stopped.get() && shares(self.boxes[j].0, self.boxes[j].1) {
+                        shared += 1;
+                        let apart = || own.as_ref().is_some_and(|own| !own.may_hold(&self.corners(j)));
+                        stopped.set(shared > most || (!apart() && near(i, j).is_break()));
                     }
                 }
             });
             if stopped.get() {
-                return;
+                break;
             }
         }
+        shared <= most
     }
 
     /// Calls `near` with each triangle in a leaf whose box, and all boxes around it, `meets` says yes to; in the boxes' axes.
@@ -70,9 +97,37 @@ impl<'a> Nearby<'a> {
         self.tree.visit(meets, |places| self.triangles(places).for_each(&mut near));
     }
 
-    fn triangles(&self, places: Range<usize>) -> impl Iterator<Item = usize> {
+    fn triangles(&self, places: Range<usize>) -> impl Iterator<Item = usize> + Clone {
         self.tree.order()[places].iter().map(|&i| i as usize)
     }
+
+    fn stack(&self, triangles: impl Iterator<Item = usize> + Clone) -> Stack {
+        let (slack, mut normal) = (ROUNDING * self.reach, DVec3::ZERO);
+        for i in triangles.clone() {
+            let [a, b, c] = self.corners(i);
+            let own = (b - a).cross(c - a);
+            // Of shells in shells each is turned against the next.
+            normal += if own.dot(normal) < 0.0 { -own } else { own };
+        }
+        let normal = normal.normalize_or_zero();
+        let (low, high) = triangles
+            .map(|i| span(normal, &self.corners(i)))
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (l, h)| (low.min(l), high.max(h)));
+        Stack { normal, low: low - slack, high: high + slack }
+    }
+}
+
+impl Stack {
+    fn may_hold(&self, corners: &[DVec3; 3]) -> bool {
+        let (low, high) = span(self.normal, corners);
+        low <= self.high && self.low <= high
+    }
+}
+
+/// Lowest and highest corner along a direction.
+fn span(along: DVec3, corners: &[DVec3; 3]) -> (f64, f64) {
+    let [a, b, c] = corners.map(|corner| along.dot(corner));
+    (a.min(b).min(c), a.max(b).max(c))
 }
 
 /// Around each triangle, along axes that `into` leads to.

@@ -3,7 +3,8 @@
 use std::time::{Duration, Instant};
 
 use super::super::*;
-use super::{STRAIGHT, files};
+use super::hostile_gltf::sparse;
+use super::{STRAIGHT, cube, files, join};
 
 /// Of each file; `TURBID_MUTATIONS` in the environment says more.
 const EACH: u64 = 150;
@@ -79,11 +80,44 @@ fn mutate(bytes: &mut Vec<u8>, random: &mut Random) {
     }
 }
 
+/// Beside the tetrahedron in every format: a cube with a cavity, and a sparse accessor.
+fn seeds() -> Vec<(&'static str, Vec<u8>)> {
+    let mesh = join(&cube(-1.0, 4.0), &cube(0.0, 1.0), true);
+    let mut stl = vec![0; 80];
+    stl.extend((mesh.triangles.len() as u32).to_le_bytes());
+    let mut ply = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty double x\nproperty double y\nproperty double z\n\
+         element face {}\nproperty list uint uint vertex_indices\nend_header\n",
+        mesh.vertices.len(),
+        mesh.triangles.len()
+    )
+    .into_bytes();
+    ply.extend(mesh.vertices.iter().flatten().flat_map(|x| x.to_le_bytes()));
+    let mut obj: String = mesh.vertices.iter().map(|[x, y, z]| format!("v {x} {y} {z}\n")).collect();
+    for t in &mesh.triangles {
+        stl.extend([0; 12]);
+        stl.extend(t.iter().flat_map(|&i| mesh.vertices[i as usize]).flat_map(|x| (x as f32).to_le_bytes()));
+        stl.extend([0; 2]);
+        ply.extend([3, t[0], t[1], t[2]].iter().flat_map(|i| i.to_le_bytes()));
+        let [a, b, c] = t.map(|i| i + 1);
+        obj += &format!("f {a}/1/1 {b} {}\n", i64::from(c) - 17);
+    }
+    let mut seeds = files().to_vec();
+    seeds.extend([
+        ("STL, cavity", stl),
+        ("PLY, cavity", ply),
+        ("OBJ, cavity", obj.into_bytes()),
+        ("glTF, sparse", sparse(72)),
+    ]);
+    seeds
+}
+
 /// Never a panic, never a second, never more triangles than the bytes hold; what passes the reader is checked as well.
 #[test]
 fn mutated_files_are_errors_or_meshes() {
     let each = std::env::var("TURBID_MUTATIONS").ok().and_then(|n| n.parse().ok()).unwrap_or(EACH);
-    for (name, seed) in files() {
+    for (name, seed) in seeds() {
+        assert!(check(&place(&read(&seed).unwrap(), &STRAIGHT)).is_empty(), "{name}");
         let (mut read_well, mut solids, mut slowest) = (0, 0, Duration::ZERO);
         for i in 0..each {
             let mut random = Random(i);
