@@ -127,6 +127,9 @@ impl Stage for ImportFrames {
 
     fn run(params: &Params, _inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
         let shots = params.shots();
+        if shots.is_empty() {
+            return Err(Error::failed("no files of frames are named, or too many"));
+        }
         let load = |at: &str, path: &str| -> Result<Picture, Error> {
             let bytes = ctx.file(at).ok_or_else(|| Error::failed(format!("`{path}` was not read")))?;
             let picture = decode(&bytes, params.channel).and_then(|picture| picture.of_bits(params.bits));
