@@ -100,7 +100,10 @@ impl InputFiles {
                 let way_out = "name a regular file; a link to one will do".to_owned();
                 Seen::Wrong((format!("{}: this is {what}, not a regular file", path.display()), Some(way_out)))
             }
-            Err(refused) => Seen::Wrong((format!("{}: {refused}", path.display()), neighbours(path))),
+            Err(refused) => {
+                let missing = matches!(refused, Refused::Io(_));
+                Seen::Wrong((format!("{}: {refused}", path.display()), missing.then(|| neighbours(path)).flatten()))
+            }
         }
     }
 

@@ -23,7 +23,8 @@ pub fn parse(text: &str) -> Result<Table, String> {
         !l.is_empty() && !comment
     });
     let Some((first, head)) = lines.next() else { return Err("the file is empty".to_owned()) };
-    let names: Vec<String> = cells(head).map_err(|e| format!("line {first}: {e}"))?.into_iter().map(|c| c.0).collect();
+    let names: Vec<String> =
+        cells(head, MOST_CELLS).map_err(|e| format!("line {first}: {e}"))?.into_iter().map(|c| c.0).collect();
     if names.len() > MAX_AXES {
         let has = names.len();
         return Err(format!(
@@ -47,7 +48,10 @@ pub fn parse(text: &str) -> Result<Table, String> {
     }
     let mut rows = Vec::new();
     for (line, text) in lines {
-        let row = cells(text).map_err(|e| format!("line {line}: {e}"))?;
+        let row = cells(text, names.len()).map_err(|e| format!("line {line}: {e}"))?;
+        if row.len() > names.len() {
+            return Err(format!("line {line} has more than {} values for {} columns", names.len(), names.len()));
+        }
         if row.len() != names.len() {
             return Err(format!("line {line} has {} values for {} columns", row.len(), names.len()));
         }
@@ -81,8 +85,11 @@ fn value(cell: String, quoted: bool, name: &str) -> Result<Value, String> {
     }
 }
 
-/// The cells of a line, each with whether it was quoted.
-fn cells(line: &str) -> Result<Vec<(String, bool)>, String> {
+/// Columns that are counted, so that a message can say how many too many there are.
+const MOST_CELLS: usize = 1_000_000;
+
+/// The cells of a line, each with whether it was quoted; of more than `most` one more.
+fn cells(line: &str, most: usize) -> Result<Vec<(String, bool)>, String> {
     let mut found = Vec::new();
     let mut rest = line;
     loop {
@@ -113,8 +120,8 @@ fn cells(line: &str) -> Result<Vec<(String, bool)>, String> {
             rest = &rest[end..];
         }
         match rest.strip_prefix(',') {
-            Some(more) => rest = more,
-            None => return Ok(found),
+            Some(more) if found.len() <= most => rest = more,
+            _ => return Ok(found),
         }
     }
 }
@@ -159,6 +166,7 @@ mod tests {
             ("a;b\n1;2\n", "commas"),
             ("1,2\n3,4\n", "must name the columns"),
             ("a,b\n1,\n", "`b` has no value"),
+            ("a,b\n1,2,3,4\n", "line 2 has more than 2 values for 2 columns"),
             ("a\n.nan\n", "line 2: `a` = `.nan` is not a finite number"),
             ("a\n\"x\n", "not closed"),
             ("a\n\"x\"y\n", "follows a closing quote"),

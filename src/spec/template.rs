@@ -196,6 +196,9 @@ fn build_text(
             slots.push(Slot { steps: steps.to_vec(), cut });
             return Ok(Some(Value::Null));
         }
+        if with.vars.exhausted() {
+            return Ok(None);
+        }
         let value = fill(&cut, |name| &with.vars.values[name])?;
         with.vars.pay(value, &path).map(|value| Some(normalised(value)))
     };

@@ -264,6 +264,14 @@ fn what_multiplies_is_bounded() {
     assert!(mistakes(&chain).contains("chain of more than 64"));
     let grid = "stages: {s: {use: x, foreach: {a: {range: [0, 1001]}, b: {range: [0, 1000]}}}}";
     assert!(mistakes(grid).contains("1001000 instances (1001 a x 1000 b) are more than 1000000"));
+    // Names that are unknown are looked up among those that are known: not a hundred thousand of them among twenty thousand.
+    let vars: Vec<String> = (0..20_000).map(|i| format!("var{i}: 1")).collect();
+    let names: Vec<String> = (0..100_000).map(|i| format!("\"${{vax{i}}}\"")).collect();
+    let began = std::time::Instant::now();
+    let unknown =
+        format!("vars: {{{}}}\nstages: {{s: {{use: x, with: {{a: [{}]}}}}}}", vars.join(", "), names.join(", "));
+    assert!(mistakes(&unknown).contains("`${vax0}` is not a var"));
+    assert!(began.elapsed().as_secs() < 20, "{:?}", began.elapsed());
     let ring = Files::new(&[("main.yaml", "include: other.yaml"), ("other.yaml", "include: main.yaml")]);
     assert!(ring.load(&[]).unwrap_err().to_string().contains("`main.yaml` includes itself"));
 }
@@ -280,4 +288,68 @@ fn overrides_belong_to_the_stages_that_use_them() {
     let of = |stage: usize| spec.overrides_of(stage).into_iter().collect::<Vec<_>>();
     assert_eq!([of(0), of(1), of(2)], [vec![0, 3, 5], vec![1, 3], vec![2, 3]]);
     assert!(self::spec(text).overrides_of(0).is_empty());
+}
+
+/// Any bytes of a pipeline file or of a table of axes changed: a spec, or mistakes with a place; never a panic or a hang.
+/// `MUTATIONS=4000` tries so many in place of the few that every test run tries.
+#[test]
+fn changed_texts_are_read_or_refused() {
+    const TEXT: &str = concat!(
+        "pipeline: whole\nseed: 7\nvars: {f_x: 0.1, both: [0, \"${f_x}\"], t: &t [a, \"b\", 'c']}\nstages:\n",
+        "  tissue: {use: scene, foreach: {a: {logspace: [1e-3, 1, 4]}, b: {range: [0, 4]}, zip: [[a, b]]}, with: {x: *t}}\n",
+        "  frames:\n    use: render\n    in: {scene: {from: tissue, where: {a: 1}, over: [b]}}\n    product: true\n",
+        "    foreach: {c: {linspace: [0, 1, 11]}, draw: {n: 9, m: {uniform: [0, 1]}}}\n",
+        "    with:\n      <<: {f_x: \"${both}\"}\n      text: |\n        f_x = ${f_x} ${c}\n      samples: 1e3\n",
+        "studies:\n  s: {vary: {vars.f_x: [1, 2]}, estimate: frames.m, truth: frames.t, error: rmse_percent}\n",
+    );
+    const TABLE: &str = "# of today\nmu_a, label,n\r\n0.01,\"a, \"\"b\"\"\",1.0\n\n1e-3,\"2\",1.4\n5,x,.5\n";
+    const PIECES: [&str; 22] = [
+        "{", "}", "[", "]", ": ", "- ", "\"", "'", "${", "${f_x}", "*t", "&t ", "<<: *t", "\n", "\t", ",", "#", "|",
+        "!!", "1e999", "\u{feff}", "---\n",
+    ];
+    let count: usize = std::env::var("MUTATIONS").ok().and_then(|n| n.parse().ok()).unwrap_or(300);
+    let mut state = 15_u64;
+    let mut below = |n: usize| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as usize % n
+    };
+    let (mut read, mut refused) = (0, 0);
+    for round in 0..2 * count {
+        let mut bytes = if round % 2 == 0 { TEXT } else { TABLE }.as_bytes().to_vec();
+        for _ in 0..=below(4) {
+            let at = below(bytes.len());
+            let end = (at + 1 + below(40)).min(bytes.len());
+            match below(5) {
+                0 => bytes[at] ^= 1 << below(8),
+                1 => drop(bytes.drain(at..end)),
+                2 => drop(bytes.splice(at..at, PIECES[below(PIECES.len())].bytes())),
+                3 => {
+                    let again = bytes[at..end].repeat(1 + below(3));
+                    drop(bytes.splice(at..at, again));
+                }
+                _ => bytes.truncate(end),
+            }
+            if bytes.is_empty() {
+                break;
+            }
+        }
+        let began = std::time::Instant::now();
+        let sound = if round % 2 == 0 {
+            let (spec, report) = read_bytes(std::path::Path::new("f.yaml"), &bytes, &[]);
+            if let Some(spec) = spec.filter(|_| !report.has_errors()) {
+                for (i, stage) in spec.stages.iter().enumerate() {
+                    let first: Axes = stage.foreach.names.iter().cloned().zip(stage.foreach.rows[0].clone()).collect();
+                    let _ = spec.params(i, &first);
+                }
+            }
+            assert!(report.has_errors() || !report.to_string().contains("error:"));
+            !report.has_errors()
+        } else {
+            std::str::from_utf8(&bytes).is_ok_and(|text| csv::parse(text).is_ok())
+        };
+        *(if sound { &mut read } else { &mut refused }) += 1;
+        assert!(began.elapsed().as_secs() < 20, "{}", String::from_utf8_lossy(&bytes));
+    }
+    println!("{read} read, {refused} refused");
+    assert!(read > count / 10 && refused > count / 10, "{read} {refused}");
 }

@@ -112,7 +112,15 @@ impl Vars {
         Node::new(node.span, data)
     }
 
+    /// Whether substitution has made too much, which is reported: nothing more is made.
+    pub fn exhausted(&self) -> bool {
+        self.spent.get() > MAX_NODES
+    }
+
     fn text(&self, node: &Node, text: &str, path: &str, reader: &mut Reader<'_>) -> Option<Value> {
+        if self.exhausted() {
+            return None;
+        }
         let cut = match pieces(text) {
             Ok(cut) => cut,
             Err(message) => {
@@ -143,7 +151,10 @@ impl Vars {
                 continue;
             }
             usable = false;
-            if !self.is_broken(name) {
+            // Beyond what is shown mistakes are only counted; what looks alike is not looked for among all names any more.
+            if !self.is_broken(name) && reader.report.is_full() {
+                reader.report.count();
+            } else if !self.is_broken(name) {
                 let known = self.values.keys().map(String::as_str).chain(axes.iter().map(String::as_str));
                 let hint = suggest::hint(name, known)
                     .or_else(|| Some("this pipeline has no vars and no axes of that name".to_owned()));
@@ -158,7 +169,7 @@ impl Vars {
     pub fn pay(&self, value: Value, path: &str) -> Result<Value, String> {
         let as_node = Node::from_json(&value, Default::default());
         self.spent.set(self.spent.get() + as_node.weight());
-        if self.spent.get() > MAX_NODES {
+        if self.exhausted() {
             return Err(format!(
                 "`${{}}` makes more than {MAX_NODES} values (64 bytes of a text count as one) in this file"
             ));

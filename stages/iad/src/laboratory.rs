@@ -65,6 +65,25 @@ impl Sheet {
     }
 }
 
+/// Rows of a file; more are no readings of a laboratory.
+pub const MOST_ROWS: usize = 100_000;
+
+/// Bytes of a file; readings of so many rows take less.
+const MOST_BYTES: usize = 32 << 20;
+
+/// The content behind the byte order mark, if it is not too much.
+fn bounded(bytes: &[u8]) -> Result<&[u8], FileError> {
+    if bytes.len() > MOST_BYTES {
+        let message = format!("the file has {} bytes, more than the {MOST_BYTES} that readings may have", bytes.len());
+        return wrong(1, 1, message);
+    }
+    Ok(bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes))
+}
+
+fn too_long<T>(line: usize) -> Result<T, FileError> {
+    wrong(line, 1, format!("the file has more than {MOST_ROWS} rows of readings; split it"))
+}
+
 /// Columns that a CSV may have, and the dimension of each: a fraction, a coefficient, or a wavelength.
 const COLUMNS: [(&str, &str); 23] = [
     ("m_r", "1"),
@@ -113,6 +132,10 @@ pub fn read_csv(bytes: &[u8]) -> Result<Sheet, FileError> {
     let Some((first, head)) = lines.next() else { return wrong(1, 1, "the file holds no line of column names") };
     let mut sheet = Sheet::default();
     let mut factors = Vec::new();
+    let named = head.split(',').count();
+    if named > COLUMNS.len() + 1 {
+        return wrong(first + 1, 1, format!("{named} columns are named; a file has at most {}", COLUMNS.len() + 1));
+    }
     for (column, cell) in cells(head) {
         let (name, unit) = match cell.split_once('[') {
             None => (cell, None),
@@ -146,11 +169,15 @@ pub fn read_csv(bytes: &[u8]) -> Result<Sheet, FileError> {
         }
     }
     for (index, line) in lines {
-        let row = cells(line);
-        if row.len() != factors.len() {
-            let message = format!("{} cells, but {} columns are named in line {}", row.len(), factors.len(), first + 1);
+        if sheet.media.len() == MOST_ROWS {
+            return too_long(index + 1);
+        }
+        let has = line.split(',').count();
+        if has != factors.len() {
+            let message = format!("{has} cells, but {} columns are named in line {}", factors.len(), first + 1);
             return wrong(index + 1, 1, message);
         }
+        let row = cells(line);
         let mut medium = None;
         let mut numbers = sheet.columns.iter_mut();
         for ((column, cell), (name, factor)) in row.into_iter().zip(&factors) {
@@ -184,7 +211,7 @@ fn cells(line: &str) -> Vec<(usize, &str)> {
 }
 
 fn text(bytes: &[u8]) -> Result<&str, FileError> {
-    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    let bytes = bounded(bytes)?;
     std::str::from_utf8(bytes).or_else(|error| {
         let before = &bytes[..error.valid_up_to()];
         let line = before.iter().filter(|&&b| b == b'\n').count();
@@ -228,6 +255,15 @@ mod tests {
         assert_eq!(sheet.media, ["milk", "ink"]);
         assert!((sheet.column("m_r").expect("there")[0] - 0.3).abs() < 1e-15);
         assert_eq!(sheet.column("wavelength"), Some(&[633.0, 700.0][..]));
+    }
+
+    #[test]
+    fn rows_are_bounded() {
+        let csv = |rows: usize| read_csv(format!("m_r,m_t\n{}", "0.3,0.2\n".repeat(rows)).as_bytes());
+        assert_eq!(csv(MOST_ROWS).expect("so many are read").rows(), MOST_ROWS);
+        assert_eq!(csv(MOST_ROWS + 1).expect_err("one more").line, MOST_ROWS + 2);
+        let rxt = format!("{RXT}{}", "0.30 0.25 0.001\n".repeat(MOST_ROWS - 1));
+        assert!(read_rxt(rxt.as_bytes()).expect_err("one more").message.contains("more than 100000 rows"));
     }
 
     /// Each mistake is found where it stands.

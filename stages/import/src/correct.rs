@@ -78,8 +78,28 @@ impl Camera {
             variance: Vec::with_capacity(variances),
             reasons: Vec::with_capacity(pixels),
         };
+        for pixel in self.pixels(frame, dark, response, exposure) {
+            corrected.reasons.push(pixel.reason);
+            corrected.value.push(pixel.value);
+            corrected.variance.extend(pixel.variance);
+        }
+        corrected
+    }
+
+    /// How much of the frame is light, without the frame.
+    pub fn light(&self, frame: &Picture, dark: Option<&Field>, response: Option<&Field>, exposure: f64) -> Light {
+        Light::of(self.pixels(frame, dark, response, exposure).map(|pixel| (pixel.value, pixel.reason)))
+    }
+
+    fn pixels(
+        &self,
+        frame: &Picture,
+        dark: Option<&Field>,
+        response: Option<&Field>,
+        exposure: f64,
+    ) -> impl Iterator<Item = Pixel> {
         let scale = self.full_scale / libm::exp2(exposure);
-        for i in 0..frame.values.len() {
+        (0..frame.values.len()).map(move |i| {
             let level = self.level(frame, i);
             let above = level - dark.map_or(0.0, |d| d.levels[i]);
             let gain = response.map_or(1.0, |r| r.levels[i]);
@@ -96,9 +116,7 @@ impl Camera {
                 MaskReason::Good
             };
             let good = reason == MaskReason::Good;
-            corrected.reasons.push(reason);
-            corrected.value.push(if good { value as f32 } else { 0.0 });
-            if let Some(full_well) = self.full_well {
+            let variance = self.full_well.map(|full_well| {
                 let read = self.read_noise / full_well;
                 // One number is a step of gamma level^(1 - 1 / gamma) / highest; rounding spreads evenly over it.
                 let share = level.max(0.0);
@@ -107,9 +125,40 @@ impl Camera {
                 });
                 let variance = above.max(0.0) / full_well + read * read + step * step / 12.0;
                 let factor = scale / gain;
-                corrected.variance.push(if good { variance * factor * factor } else { 0.0 });
-            }
-        }
-        corrected
+                if good { variance * factor * factor } else { 0.0 }
+            });
+            Pixel { value: if good { value as f32 } else { 0.0 }, variance, reason }
+        })
+    }
+}
+
+struct Pixel {
+    value: f32,
+    variance: Option<f64>,
+    reason: MaskReason,
+}
+
+/// How much of a frame can be used.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Light {
+    pub pixels: usize,
+    pub saturated: usize,
+    /// Pixels above darkness.
+    pub bright: usize,
+}
+
+impl Light {
+    fn of(pixels: impl Iterator<Item = (f32, MaskReason)>) -> Self {
+        pixels.fold(Self::default(), |all, (value, reason)| Self {
+            pixels: all.pixels + 1,
+            saturated: all.saturated + usize::from(reason == MaskReason::Saturated),
+            bright: all.bright + usize::from(value > 0.0),
+        })
+    }
+}
+
+impl Corrected {
+    pub fn light(&self) -> Light {
+        Light::of(self.value.iter().copied().zip(self.reasons.iter().copied()))
     }
 }

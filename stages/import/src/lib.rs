@@ -26,7 +26,7 @@ mod params;
 mod stage;
 
 pub use conditions::ConditionsParams;
-pub use correct::{Camera, Corrected};
+pub use correct::{Camera, Corrected, Light};
 pub use decode::{Channel, Numbers, Picture, decode};
 pub use params::{FrameParams, Params, Shot};
 pub use stage::{ImportFrames, In, Out};

@@ -120,9 +120,25 @@ pub struct Shot {
     pub exposure: f64,
 }
 
+/// Files of frames that a stage reads.
+const MOST_FILES: u64 = 10_000;
+
 impl Params {
-    /// Every file of frames, in order.
+    /// How many files of frames are named.
+    fn count(&self) -> u64 {
+        let phases = |f_x: &PerLength| if f_x.0 == 0.0 { 1 } else { u64::from(self.phases) };
+        let of_pattern: u64 = match self.pattern {
+            Some(_) => self.f_x.iter().map(phases).sum::<u64>().saturating_mul(self.wavelength_nm.len().max(1) as u64),
+            None => 0,
+        };
+        of_pattern.saturating_add(self.frames.len() as u64)
+    }
+
+    /// Every file of frames, in order; none where they are too many, which `check` reports.
     pub fn shots(&self) -> Vec<Shot> {
+        if self.count() > MOST_FILES {
+            return Vec::new();
+        }
         let turn = 2.0 * std::f64::consts::PI;
         let listed = self.frames.iter().enumerate().map(|(k, f)| Shot {
             at: format!("frames.{k}.file"),
@@ -184,6 +200,11 @@ impl Params {
             }
             (Some(pattern), true) => self.check_pattern(pattern, problems),
             (None, false) => {}
+        }
+        if self.count() > MOST_FILES {
+            let at = if self.frames.is_empty() { "phases" } else { "frames" };
+            let message = format!("{} files are named, more than {MOST_FILES}", self.count());
+            problems.push_with_hint(at, message, "give each set of frames a stage of its own, or an axis");
         }
         let mut require = |holds: bool, name: &str, value: f64, unit: &str, rule: &str| {
             problems.require(holds, name, value, unit, rule);

@@ -2,14 +2,14 @@
 
 use turbid_contract::canonical::canonical_value;
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::{CONDITIONS, Frames, MaskReason};
+use turbid_contract::payload::{CONDITIONS, Frames};
 use turbid_contract::pitch::PIXEL_PITCH_MM;
 use turbid_contract::{
     Attributes, Ctx, Error, Facts, FileUse, ImageStack, Known, LayerInfo, LayerKind, Problem, Problems, Stage,
     StagePlan, in_ports, out_ports, serde_json,
 };
 
-use crate::correct::{Corrected, Field};
+use crate::correct::{Corrected, Field, Light};
 use crate::decode::{Picture, decode};
 use crate::params::{Params, Shot};
 
@@ -89,7 +89,7 @@ impl Stage for ImportFrames {
             }
             match (&fields, shots.iter().find(|shot| shot.at == at)) {
                 (Ok(fields), Some(shot)) if fields.fit(&picture) => {
-                    if let Err(error) = usable(shot, &fields.correct(params, shot, &picture)) {
+                    if let Err(error) = usable(shot, fields.light(params, shot, &picture)) {
                         push(error, problems);
                     }
                 }
@@ -127,6 +127,9 @@ impl Stage for ImportFrames {
 
     fn run(params: &Params, _inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
         let shots = params.shots();
+        if shots.is_empty() {
+            return Err(Error::failed("no files of frames are named, or too many"));
+        }
         let load = |at: &str, path: &str| -> Result<Picture, Error> {
             let bytes = ctx.file(at).ok_or_else(|| Error::failed(format!("`{path}` was not read")))?;
             let picture = decode(&bytes, params.channel).and_then(|picture| picture.of_bits(params.bits));
@@ -139,7 +142,7 @@ impl Stage for ImportFrames {
         };
         let seen: Vec<Seen> = ctx.map_tiles(shots.len(), read)?.into_iter().collect::<Result<_, _>>()?;
         for (shot, seen) in shots.iter().zip(&seen) {
-            usable(shot, &seen.corrected)?;
+            usable(shot, seen.corrected.light())?;
         }
         let mut frames = stack(params, &shots, seen, ctx);
         if let Some(conditions) = &params.conditions {
@@ -212,24 +215,26 @@ impl Fields {
         [&self.dark, &self.response].into_iter().flatten().all(|field| field.len() == frame.values.len())
     }
 
+    fn light(&self, params: &Params, shot: &Shot, picture: &Picture) -> Light {
+        params.camera().light(picture, self.dark.as_ref(), self.response.as_ref(), shot.exposure)
+    }
+
     fn correct(&self, params: &Params, shot: &Shot, picture: &Picture) -> Corrected {
         params.camera().correct(picture, self.dark.as_ref(), self.response.as_ref(), shot.exposure)
     }
 }
 
 /// A frame that shows nothing is a mistake of the set-up, not a dark tissue.
-fn usable(shot: &Shot, corrected: &Corrected) -> Result<(), Error> {
-    let all = corrected.reasons.len();
-    let saturated = corrected.reasons.iter().filter(|&&r| r == MaskReason::Saturated).count();
-    if 2 * saturated > all {
-        let share = 100.0 * saturated as f64 / all as f64;
+fn usable(shot: &Shot, light: Light) -> Result<(), Error> {
+    if 2 * light.saturated > light.pixels {
+        let share = 100.0 * light.saturated as f64 / light.pixels as f64;
         return Err(Error::Invalid(Problem {
             path: shot.at.clone(),
             message: format!("{share:.0} % of the pixels of `{}` are saturated", shot.file),
             hint: Some("take it with less light, or raise `saturation` if the range goes further".into()),
         }));
     }
-    if corrected.value.iter().all(|&v| v <= 0.0) {
+    if light.bright == 0 {
         let message = format!("no pixel of `{}` is brighter than darkness", shot.file);
         return Err(Error::invalid(shot.at.as_str(), message));
     }

@@ -244,7 +244,24 @@ impl Random {
                 }
             }
         }
+        if bytes.starts_with(b"\x89PNG") && self.below(4) > 0 {
+            with_right_sums(&mut bytes);
+        }
         bytes
+    }
+}
+
+/// Checksums of chunks as they should be, so that what is behind them is reached.
+fn with_right_sums(bytes: &mut [u8]) {
+    let mut at = 8;
+    while let Some(length) = bytes.get(at..at + 4).map(|b| u32::from_be_bytes(b.try_into().expect("four bytes"))) {
+        let end = at + 8 + length as usize;
+        if end + 4 > bytes.len() {
+            return;
+        }
+        let sum = crc32(&bytes[at + 4..end]).to_be_bytes();
+        bytes[end..end + 4].copy_from_slice(&sum);
+        at = end + 4;
     }
 }
 
@@ -282,16 +299,15 @@ fn changed_files_are_read_or_refused() {
         for _ in 0..count {
             let changed = random.changed(file);
             let began = std::time::Instant::now();
-            for channel in [None, Some(Channel::Green)] {
-                match decode(&changed, channel) {
-                    Ok(picture) => {
-                        assert_eq!(picture.values.len(), picture.rows * picture.columns, "{name}");
-                        read += 1;
-                    }
-                    Err(said) => {
-                        refused += 1;
-                        gave_up += usize::from(said.contains("gave up"));
-                    }
+            let coloured = name.contains("rgb") || name.starts_with("exr");
+            match decode(&changed, coloured.then_some(Channel::Green)) {
+                Ok(picture) => {
+                    assert_eq!(picture.values.len(), picture.rows * picture.columns, "{name}");
+                    read += 1;
+                }
+                Err(said) => {
+                    refused += 1;
+                    gave_up += usize::from(said.contains("gave up"));
                 }
             }
             let seconds = began.elapsed().as_secs_f64();
@@ -302,7 +318,8 @@ fn changed_files_are_read_or_refused() {
     }
     let _ = std::panic::take_hook();
     println!("{read} read, {refused} refused ({gave_up} panics caught), slowest {slowest:?}");
-    assert_eq!(read + refused, 2 * count * files.len());
+    assert_eq!(read + refused, count * files.len());
+    assert!(read > count && refused > count, "the changes reach what is behind checksums and headers");
     // The machine may be busy; what hangs takes for ever.
     assert!(slowest.0 < 20.0, "{slowest:?}");
 }

@@ -229,6 +229,10 @@ fn every_mistake_has_its_field() {
     let one = |f_x: f64, phase: u32| json!({"file": "a.png", "f_x": f_x, "phase_deg": phase});
     for (params, message) in [
         (json!({}), "no files are named"),
+        (
+            json!({"pattern": "a_{phase}.png", "f_x": [0.1], "phases": 4_000_000_000_u32}),
+            "phases: 4000000000 files are named, more than 10000",
+        ),
         (json!({"pattern": "a.png"}), "pattern: a pattern needs f_x"),
         (json!({"pattern": "a.png", "f_x": [0, 0.1]}), "`a.png` names one file for all: {f_x} is missing"),
         (json!({"pattern": "a_{f_x}.png", "f_x": [0.1]}), "{phase} is missing"),

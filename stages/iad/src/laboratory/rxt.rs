@@ -20,7 +20,7 @@
 //! Rows follow, whole rows on each line; before numbered readings a first number above 1 is a wavelength (nm). `#` begins a
 //! comment. A slide of thickness 0 or index 1 or 0 is none. M_T = 0 and M_U = 0 mean that it was not measured.
 
-use super::{FileError, Header, Sheet, number, wrong};
+use super::{FileError, Header, MOST_ROWS, Sheet, bounded, number, too_long, wrong};
 use crate::spheres::{Instrument, Sphere, Spheres};
 
 /// A number of the file and where it stands.
@@ -66,7 +66,7 @@ const NUMBERED: [&str; 7] = ["m_r", "m_t", "m_u", "wall_r", "wall_t", "r_standar
 
 /// An `.rxt` file: see the head of this module.
 pub fn read_rxt(bytes: &[u8]) -> Result<Sheet, FileError> {
-    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    let bytes = bounded(bytes)?;
     // Comments may be in any encoding; what is no number is named where it stands.
     let text = String::from_utf8_lossy(bytes);
     let lines = lines(&text);
@@ -273,6 +273,9 @@ fn rows(reader: &mut Reader<'_>, names: &[&'static str], legend: Legend, sheet: 
     let mut wavelengths = Vec::new();
     while let Some(first) = reader.peek() {
         let (row, column) = (first.line, first.column);
+        if wavelengths.len() == MOST_ROWS {
+            return too_long(row);
+        }
         let mut wavelength = None;
         if legend == Legend::Numbered && number(first.text, row, column, "m_r")? > 1.0 {
             wavelength = Some(reader.number("wavelength")?.0);

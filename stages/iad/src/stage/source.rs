@@ -1,5 +1,8 @@
 //! Where readings come from, and what their source says of sample and instrument.
 
+use std::collections::HashMap;
+use std::fmt::Debug;
+
 use turbid_contract::serde_json::Value;
 use turbid_contract::{Cells, Ctx, Error, Table};
 
@@ -180,12 +183,12 @@ impl Source {
 
     pub fn cases(&self, params: &Params) -> Result<Vec<Case>, Error> {
         let mut cases: Vec<Case> = Vec::with_capacity(self.sheet.rows());
-        let mut configs: Vec<(Slab, Incidence, Instrument)> = Vec::new();
-        let mut slabs: Vec<(Slab, Incidence)> = Vec::new();
+        let mut configs: Numbers<(Slab, Incidence, Instrument)> = Numbers::default();
+        let mut slabs: Numbers<(Slab, Incidence)> = Numbers::default();
         for row in 0..self.sheet.rows() {
             let mut case = self.case(params, row)?;
-            case.config = number(&mut configs, (case.slab, case.light, case.instrument));
-            case.slab_config = number(&mut slabs, (case.slab, case.light));
+            case.config = configs.of((case.slab, case.light, case.instrument));
+            case.slab_config = slabs.of((case.slab, case.light));
             cases.push(case);
         }
         Ok(cases)
@@ -337,11 +340,30 @@ impl Source {
     }
 }
 
-/// The place of `own` in the list, which it joins if it is new.
-fn number<T: PartialEq>(all: &mut Vec<T>, own: T) -> usize {
-    // Neighbours are alike more often than not.
-    all.iter().rposition(|other| *other == own).unwrap_or_else(|| {
-        all.push(own);
-        all.len() - 1
-    })
+/// Numbers of things, equal ones the same, in the order in which they come.
+struct Numbers<T> {
+    last: Option<(T, usize)>,
+    all: HashMap<String, usize>,
+}
+
+impl<T> Default for Numbers<T> {
+    fn default() -> Self {
+        Self { last: None, all: HashMap::new() }
+    }
+}
+
+impl<T: PartialEq + Debug> Numbers<T> {
+    fn of(&mut self, own: T) -> usize {
+        // Neighbours are alike more often than not.
+        if let Some((last, number)) = &self.last
+            && *last == own
+        {
+            return *number;
+        }
+        // What is written of a number tells it from all others.
+        let next = self.all.len();
+        let number = *self.all.entry(format!("{own:?}")).or_insert(next);
+        self.last = Some((own, number));
+        number
+    }
 }
