@@ -15,6 +15,9 @@ use serde::Serialize;
 use serde_json::Value;
 use turbid_contract::{Artifact, ArtifactKind};
 
+use crate::digest::Digest;
+use crate::leftover;
+
 pub use error::ExportError;
 pub use frames::export_frames;
 
@@ -99,11 +102,20 @@ fn publish(bytes: &[u8], to: &Path) -> std::io::Result<()> {
     if to.is_dir() {
         return Err(std::io::Error::new(std::io::ErrorKind::IsADirectory, "it is a folder"));
     }
-    let mut file = crate::shared_file().prefix(".turbid-export-").tempfile_in(folder)?;
+    let prefix = temporary_prefix(to);
+    leftover::sweep(&folder, &prefix);
+    let mut file = crate::shared_file().prefix(&prefix).tempfile_in(folder)?;
+    leftover::hold(file.as_file());
     file.write_all(bytes)?;
     file.as_file().sync_all()?;
     file.persist(to)?;
     Ok(())
+}
+
+/// How the temporary files of a target are called, so that the next export to it finds what a killed one has left.
+fn temporary_prefix(to: &Path) -> String {
+    let name = to.file_name().unwrap_or_default().to_string_lossy();
+    format!(".turbid-export-{}-", Digest::of(name.as_bytes()).short())
 }
 
 #[cfg(test)]

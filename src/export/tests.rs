@@ -215,3 +215,15 @@ fn resolutions_fit_their_bits() {
     }
     assert_eq!([1e-300, 1e300].map(super::tiff::per_cm), [None; 2]);
 }
+
+/// What a killed export left beside its target goes with the next export to it; files of other targets stay.
+#[test]
+fn leftovers_of_a_killed_export_go_with_the_next() {
+    let folder = tempfile::tempdir().unwrap();
+    let to = folder.path().join("e.csv");
+    let left = folder.path().join(format!("{}left", super::temporary_prefix(&to)));
+    let other = folder.path().join(format!("{}left", super::temporary_prefix(Path::new("other.csv"))));
+    [&left, &other].iter().for_each(|path| std::fs::write(path, "half").unwrap());
+    export(&table(), &to).unwrap();
+    assert_eq!([&to, &left, &other].map(|path| path.exists()), [true, false, true]);
+}

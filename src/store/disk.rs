@@ -10,7 +10,7 @@ use crate::store::odd;
 /// Temporary files of the store; their writer holds a lock on them ([`leftover`]).
 pub(super) const WRITING: &str = "writing-";
 /// How often a file is written anew that somebody removed while it was written, or whose way had to be cleared.
-const ATTEMPTS: usize = 8;
+const ATTEMPTS: usize = 20;
 
 /// Opens a file to read. Folders, pipes, sockets and devices are errors, and nothing is waited for.
 pub(super) fn open_regular(path: &Path) -> io::Result<File> {

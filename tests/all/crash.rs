@@ -58,6 +58,40 @@ fn two_runs_at_once_share_a_store() {
     assert_eq!(ran, 0);
 }
 
+/// Packs, index and locks vanish while two runs are at work (a sync tool, somebody's `rm`, gc where locks do not work): both
+/// end well, soon, with the right results.
+#[test]
+fn runs_survive_what_vanishes_beside_them() {
+    let (_, reference) = finished();
+    let space = Space::with(SMALL);
+    let mut runs: Vec<_> = (0..2).map(|_| space.start(&["run", "p.yaml", "-j", "2"])).collect();
+    let began = std::time::Instant::now();
+    let mut ended = 0;
+    for round in 0.. {
+        ended = runs.iter_mut().filter_map(|run| run.try_wait().expect("it was started")).count();
+        if ended == runs.len() || began.elapsed() > Duration::from_secs(60) {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(20));
+        let store = space.outputs().join("store");
+        match round % 3 {
+            0 => {
+                let packs = fs::read_dir(store.join("packs")).into_iter().flatten().flatten();
+                packs.for_each(|pack| drop(fs::remove_file(pack.path())));
+            }
+            1 => drop(fs::remove_file(store.join("index"))),
+            _ => drop(fs::remove_dir_all(store.join("locks"))),
+        }
+    }
+    assert_eq!(ended, 2, "a run hangs");
+    for run in &mut runs {
+        assert!(run.wait().expect("it has ended").success());
+    }
+    counts(&space, &[]);
+    assert_eq!(space.digests(), reference);
+    space.turbid(&["cache", "verify"]).ok();
+}
+
 /// Any file of the store cut short or gone: the next run heals it.
 #[test]
 fn truncated_and_missing_pieces_are_made_again() {
