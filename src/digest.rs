@@ -1,6 +1,7 @@
 //! BLAKE3 digests: the names of everything that the store holds, and of everything that is hashed into a key.
 
 use std::fmt;
+use std::io::{self, Read};
 use std::str::FromStr;
 
 use serde::de::{self, Deserialize, Deserializer, Visitor};
@@ -14,6 +15,22 @@ impl Digest {
     /// The digest of some bytes.
     pub fn of(bytes: &[u8]) -> Self {
         Self(*blake3::hash(bytes).as_bytes())
+    }
+
+    /// The digest of all that is left to read; no more than a piece of it is held at a time.
+    ///
+    /// Error: that of reading.
+    pub fn of_reader(from: &mut dyn Read) -> io::Result<Self> {
+        let mut hasher = blake3::Hasher::new();
+        let mut piece = vec![0; 1 << 20];
+        loop {
+            match from.read(&mut piece) {
+                Ok(0) => return Ok(Self(*hasher.finalize().as_bytes())),
+                Ok(n) => drop(hasher.update(&piece[..n])),
+                Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
+                Err(e) => return Err(e),
+            }
+        }
     }
 
     /// The first 12 hexadecimal digits, enough for people.
@@ -46,10 +63,19 @@ impl PartHasher {
     }
 
     pub fn add(&mut self, name: &str, bytes: &[u8]) {
-        for piece in [name.as_bytes(), bytes] {
-            self.0.update(&(piece.len() as u64).to_le_bytes());
-            self.0.update(piece);
-        }
+        self.begin(name, bytes.len() as u64);
+        self.more(bytes);
+    }
+
+    /// Begins a part of `length` bytes that comes piece by piece; [`more`](Self::more) adds them.
+    pub fn begin(&mut self, name: &str, length: u64) {
+        self.0.update(&(name.len() as u64).to_le_bytes());
+        self.0.update(name.as_bytes());
+        self.0.update(&length.to_le_bytes());
+    }
+
+    pub fn more(&mut self, bytes: &[u8]) {
+        self.0.update(bytes);
     }
 
     pub fn finish(&self) -> Digest {

@@ -10,6 +10,7 @@ pub mod export;
 pub mod key;
 mod leftover;
 pub mod memo;
+pub mod memory;
 mod missing;
 mod panics;
 pub mod plan;

@@ -1,5 +1,6 @@
 //! Which instances are up to date: keys, states with reasons, and every mistake that can be seen before a run.
 
+mod extents;
 mod facts;
 mod inputs;
 
@@ -17,6 +18,7 @@ use turbid_contract::{
 use crate::digest::Digest;
 use crate::explain::History;
 use crate::key::{Dependencies, InputContent, instance_seed};
+use crate::memory::need;
 use crate::missing::neighbours;
 use crate::panics::lock;
 use crate::plan::{InstanceId, Plan};
@@ -24,6 +26,7 @@ use crate::spec::{Diagnostic, Section, Severity, read_params};
 use crate::store::{Blob, InstanceRecord, Store, encode};
 use crate::threads;
 use crate::warned::Warned;
+use extents::Sizes;
 use inputs::KnownInputs;
 
 /// The blobs of an instance by port.
@@ -72,6 +75,7 @@ pub struct Resolver<'a> {
     files: Mutex<HashMap<PathBuf, Result<FileBytes, String>>>,
     instant: Mutex<HashMap<InstanceId, Arc<Made>>>,
     facts: Mutex<HashMap<InstanceId, Arc<Facts>>>,
+    extents: Mutex<HashMap<InstanceId, Sizes>>,
 }
 
 /// States of all needed instances, with the mistakes and warnings found on the way.
@@ -108,7 +112,8 @@ struct Look {
 impl<'a> Resolver<'a> {
     pub fn new(plan: &'a Plan, store: &'a Store) -> Self {
         let (files, instant, facts) = <(Mutex<_>, Mutex<_>, Mutex<_>)>::default();
-        Self { plan, store, history: OnceLock::new(), files, instant, facts }
+        let extents = Mutex::default();
+        Self { plan, store, history: OnceLock::new(), files, instant, facts, extents }
     }
 
     /// Finds the state of each needed instance and checks those that are not up to date.
@@ -430,7 +435,11 @@ impl<'a> Resolver<'a> {
         }
         let warnings = warnings.into_iter().map(|p| (p, 0.0)).chain(ranked);
         let warnings = warnings.map(|(p, size)| (place(p).warning(), size)).collect();
-        Ok(((row.plan)(&params, &known), warnings))
+        known.extents = self.extents_of_inputs(id, outputs);
+        let mut plan = (row.plan)(&params, &known);
+        plan.memory = need(&plan, &known.extents);
+        self.note_extents(id, &plan);
+        Ok((plan, warnings))
     }
 
     fn problem_diagnostic(&self, id: InstanceId, problem: Problem) -> Diagnostic {

@@ -27,6 +27,8 @@ mod luts;
 mod manual;
 #[path = "all/measured.rs"]
 mod measured;
+#[path = "all/memory.rs"]
+mod memory;
 #[path = "all/memos.rs"]
 mod memos;
 #[path = "all/meshes.rs"]

@@ -106,7 +106,7 @@ fn to_json(report: &impl serde::Serialize) -> String {
     serde_json::to_string(report).expect("reports are plain data")
 }
 
-fn size_text(bytes: u64) -> String {
+pub(super) fn size_text(bytes: u64) -> String {
     let units = [("GB", 1e9), ("MB", 1e6), ("kB", 1e3)];
     match units.iter().find(|(_, size)| bytes as f64 >= *size) {
         Some((unit, size)) => format!("{:.1} {unit}", bytes as f64 / size),
@@ -115,7 +115,7 @@ fn size_text(bytes: u64) -> String {
 }
 
 /// `500MB`, `20 GB`, `1GiB`, or plain bytes.
-fn parse_size(text: &str) -> Result<u64, String> {
+pub(super) fn parse_size(text: &str) -> Result<u64, String> {
     let text = text.trim();
     let split = text.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(text.len());
     let number: f64 = text[..split].parse().map_err(|_| format!("`{text}` is not a size; write for example 500MB"))?;

@@ -7,12 +7,15 @@ use crate::resolve::Resolver;
 use crate::spec::{Diagnostic, Report};
 use crate::store::Store;
 
+use super::memory::{MemoryLimit, threads, too_large};
 use super::{Done, Failure, Pipeline, print, print_json};
 
 #[derive(Args)]
 pub struct Check {
     #[command(flatten)]
     pipeline: Pipeline,
+    #[command(flatten)]
+    memory: MemoryLimit,
     /// Print the mistakes as JSON
     #[arg(long)]
     json: bool,
@@ -43,7 +46,10 @@ impl Check {
         let resolver = Resolver::new(&plan, &store);
         // What is in the store already may be as wrong as what is not.
         let survey = resolver.survey(&plan.needed);
+        let large = too_large(&plan, &survey, self.memory.budget(threads()));
         let mut report = Report::from(survey.problems);
+        // The file may be meant for another machine.
+        report.extend(large.into_iter().map(Diagnostic::warning));
         report.extend(plan.spec.not_yet().into_iter().map(Diagnostic::warning));
         if report.has_errors() {
             return Err(report.into());

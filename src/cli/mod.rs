@@ -6,6 +6,7 @@ mod explain;
 mod export;
 mod figures;
 mod graph;
+mod memory;
 mod new;
 mod plan;
 mod run;

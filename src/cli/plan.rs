@@ -7,10 +7,14 @@ use serde::Serialize;
 use turbid_contract::Axes;
 
 use crate::estimate::{Basis, Estimate, estimates};
+use crate::memory::Budget;
 use crate::plan::{InstanceId, Plan};
 use crate::registry::Registry;
 use crate::resolve::{Resolver, State, Survey};
+use crate::terminal::tell;
 
+use super::cache::size_text;
+use super::memory::{MemoryLimit, at_most, threads, too_large};
 use super::{Done, Pipeline, print, print_json, report_of};
 
 #[derive(Args)]
@@ -20,6 +24,8 @@ pub struct PlanCommand {
     /// Stages (or STAGE.PORT) that would be asked for; all leaves by default
     #[arg(value_name = "STAGE")]
     targets: Vec<String>,
+    #[command(flatten)]
+    memory: MemoryLimit,
     #[arg(long)]
     json: bool,
 }
@@ -35,10 +41,16 @@ impl PlanCommand {
             return Err(report.into());
         }
         let estimates = estimates(&resolver, &survey);
+        let budget = self.memory.budget(threads());
+        let memory = Memory { at_most: at_most(&plan, &survey, budget, threads()), budget };
         if self.json {
-            print_json(&to_json(&plan, &survey, &estimates));
+            print_json(&to_json(&plan, &survey, &estimates, &memory));
         } else {
-            print(&to_text(&plan, &survey, &estimates));
+            print(&to_text(&plan, &survey, &estimates, &memory));
+        }
+        // The run may be meant for another machine: a plan of it is no mistake.
+        for warning in too_large(&plan, &survey, budget) {
+            tell(&warning.warning().to_string());
         }
         Ok(())
     }
@@ -71,6 +83,9 @@ struct Row<'a> {
     reasons: Vec<String>,
     #[serde(skip_serializing_if = "<[String]>::is_empty")]
     refused: &'a [String],
+    /// Bytes, at the most.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    memory: Option<Option<u64>>,
     /// CPU seconds.
     #[serde(skip_serializing_if = "Option::is_none")]
     seconds: Option<Option<f64>>,
@@ -89,15 +104,30 @@ struct Work {
     unit: &'static str,
 }
 
+/// Bytes of memory of the whole run.
+#[derive(Clone, Copy, Serialize)]
+struct Memory {
+    /// By what runs side by side.
+    at_most: u64,
+    /// What there is, where the system tells.
+    #[serde(serialize_with = "bytes_of")]
+    budget: Option<Budget>,
+}
+
+fn bytes_of<S: serde::Serializer>(budget: &Option<Budget>, to: S) -> Result<S::Ok, S::Error> {
+    budget.map(|budget| budget.bytes).serialize(to)
+}
+
 type Estimates = BTreeMap<InstanceId, Estimate>;
 
 #[derive(Serialize)]
 struct Listing<'a> {
     instances: Vec<Row<'a>>,
+    memory: Memory,
     stages_left_out: Vec<&'a str>,
 }
 
-fn to_json(plan: &Plan, survey: &Survey, estimates: &Estimates) -> String {
+fn to_json(plan: &Plan, survey: &Survey, estimates: &Estimates, memory: &Memory) -> String {
     let found = plan.needed_instances().filter_map(|id| survey.states[id].as_ref().map(|s| (id, s)));
     let row = |(id, found)| {
         let instance = &plan.instances[id];
@@ -108,6 +138,7 @@ fn to_json(plan: &Plan, survey: &Survey, estimates: &Estimates) -> String {
             bytes: detail.map(|d| d.bytes),
             kernel: detail.and_then(|d| d.kernel.as_deref()),
             left_out: detail.map_or(&[], |d| &d.left_out),
+            memory: detail.map(|d| d.memory),
             method: detail.map(|d| &d.method),
             needs: detail.map(|d| d.needs.as_slice()),
             reasons,
@@ -122,6 +153,7 @@ fn to_json(plan: &Plan, survey: &Survey, estimates: &Estimates) -> String {
     let unneeded = (0..plan.spec.stages.len()).filter(|s| !plan.needed.contains(s));
     let listing = Listing {
         instances: found.map(row).collect(),
+        memory: *memory,
         stages_left_out: unneeded.map(|s| plan.spec.stages[s].name.as_str()).collect(),
     };
     serde_json::to_string(&listing).expect("names and finite numbers")
@@ -129,6 +161,9 @@ fn to_json(plan: &Plan, survey: &Survey, estimates: &Estimates) -> String {
 
 /// An estimate below this is not worth a word, s.
 const WORTH_S: f64 = 0.05;
+
+/// Memory below this is not worth a word, bytes.
+const WORTH_BYTES: u64 = 10_000_000;
 
 /// Two digits: no estimate knows more.
 fn rounded(seconds: f64) -> String {
@@ -142,7 +177,7 @@ fn rounded(seconds: f64) -> String {
     }
 }
 
-fn to_text(plan: &Plan, survey: &Survey, estimates: &Estimates) -> String {
+fn to_text(plan: &Plan, survey: &Survey, estimates: &Estimates, memory: &Memory) -> String {
     let mut text = String::new();
     let mut seconds = 0.0;
     // Of the instances of a stage only the first says what they have in common.
@@ -155,7 +190,9 @@ fn to_text(plan: &Plan, survey: &Survey, estimates: &Estimates) -> String {
         let endless = estimates.get(&id).is_some_and(|estimate| estimate.by == Basis::AtLeast);
         let about = if takes >= WORTH_S { format!(", about {} CPU s", rounded(takes)) } else { String::new() };
         let about = if endless { ", much longer than its pilot, which did not end".to_owned() } else { about };
-        text.push_str(&format!("{word:<5} {}{why}{about}\n", plan.label(id)));
+        let bytes = survey.plans.get(&id).and_then(|detail| detail.memory).filter(|&bytes| bytes >= WORTH_BYTES);
+        let holds = bytes.map_or_else(String::new, |bytes| format!(", memory {}", size_text(bytes)));
+        text.push_str(&format!("{word:<5} {}{why}{about}{holds}\n", plan.label(id)));
         seconds += takes;
         if let Some(detail) = survey.plans.get(&id) {
             let kernel = (&detail.kernel, &detail.refused);
@@ -183,6 +220,12 @@ fn to_text(plan: &Plan, survey: &Survey, estimates: &Estimates) -> String {
     }
     if seconds >= WORTH_S {
         text.push_str(&format!("about {} CPU s of work\n", rounded(seconds)));
+    }
+    if memory.at_most >= WORTH_BYTES {
+        let there_are = memory
+            .budget
+            .map_or_else(String::new, |budget| format!("; there are {} {}", size_text(budget.bytes), budget.by.text()));
+        text.push_str(&format!("memory: at most {} at a time{there_are}\n", size_text(memory.at_most)));
     }
     text
 }

@@ -17,6 +17,7 @@ use crate::store::{Store, StoreError};
 use crate::threads;
 
 use super::figures::Figures;
+use super::memory::{MemoryLimit, too_large};
 use super::{Done, Failure, Pipeline, print, report_of};
 
 #[derive(Args)]
@@ -38,6 +39,8 @@ pub struct Run {
     /// Threads to use; all of the machine by default
     #[arg(short = 'j', long = "jobs", value_name = "N", value_parser = threads::parse)]
     jobs: Option<usize>,
+    #[command(flatten)]
+    memory: MemoryLimit,
     /// Print events as JSON lines
     #[arg(long)]
     json: bool,
@@ -59,7 +62,11 @@ impl Run {
             Some(records) => resolver.up_to_date(records),
             None => resolver.survey(&force),
         };
-        let report = report_of(&plan, &survey);
+        let mut report = report_of(&plan, &survey);
+        let jobs = self.jobs.unwrap_or_else(threads::of_machine);
+        let stale = survey.states.iter().flatten().any(|state| !matches!(state, State::Hit(_)));
+        let budget = if stale { self.memory.budget(jobs) } else { None };
+        report.extend(too_large(&plan, &survey, budget));
         if report.has_errors() {
             return Err(report.into());
         }
@@ -67,8 +74,8 @@ impl Run {
         for warning in report.diagnostics() {
             progress.warn(&warning.path, &warning.message);
         }
-        let jobs = self.jobs.unwrap_or_else(threads::of_machine);
-        let options = Options { jobs, keep_going: self.keep_going, force, replace: self.replace, simd };
+        let memory = budget.map(|budget| budget.bytes);
+        let options = Options { jobs, keep_going: self.keep_going, force, replace: self.replace, simd, memory };
         let made = Making { resolver: &resolver, outputs, progress: progress.as_ref() }.make(survey, options)?;
         let Made { summary, folder, figures, rounds } = made;
         if (!recalled || rounds > 1)

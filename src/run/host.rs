@@ -1,6 +1,7 @@
 //! The engine's side of `Ctx` for one running instance.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::io::{self, Read, Write};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -103,8 +104,11 @@ impl<'a> InstanceHost<'a> {
         if !fresh.written.insert(progress) {
             return;
         }
-        let stored = store.resume(key, progress).filter(|(stored, _)| *stored == progress);
-        match stored.map(|(_, stored)| Digest::of(&without_cost(stored).0) == state) {
+        let mut stored = None;
+        if store.has_checkpoint(key, progress) {
+            store.resume_with(key, progress, &mut |from| stored = Some(state_digest(from) == Some(state)));
+        }
+        match stored {
             Some(true) => fresh.same = true,
             Some(false) if !fresh.other => {
                 fresh.other = true;
@@ -213,6 +217,36 @@ impl Host for InstanceHost<'_> {
         }
     }
 
+    fn checkpoint_with(&self, progress: u64, write: &dyn Fn(&mut dyn Write) -> io::Result<()>) {
+        *lock(&self.last_checkpoint) = Instant::now();
+        let spent = (self.tile_cpu().as_secs_f64() + self.resumed_cpu_s()).to_le_bytes();
+        let with_cost = |to: &mut dyn Write| {
+            to.write_all(COST)?;
+            to.write_all(&spent)?;
+            write(to)
+        };
+        if let (Some(fresh), Some(key)) = (&self.fresh, &self.job.state_key) {
+            let mut hasher = blake3::Hasher::new();
+            write(&mut hasher).expect("a hash takes whatever is written");
+            self.compare(fresh, key, progress, Digest(*hasher.finalize().as_bytes()));
+        }
+        if let Some(key) = &self.job.state_key
+            && let Err(error) = self.worker.resolver.store.checkpoint_with(key, progress, &with_cost)
+        {
+            self.warn(&format!("a checkpoint could not be kept: {error}"));
+        }
+    }
+
+    fn resume_with(&self, at_most: u64, read: &mut dyn FnMut(&mut dyn Read)) -> bool {
+        let Some(key) = self.job.state_key.as_ref().filter(|_| self.fresh.is_none()) else { return false };
+        *lock(&self.resumed_cpu_s) = 0.0;
+        self.worker.resolver.store.resume_with(key, at_most, &mut |from| {
+            let (mut state, spent) = without_cost_of(from);
+            *lock(&self.resumed_cpu_s) = spent;
+            read(&mut state);
+        })
+    }
+
     fn resume(&self, at_most: u64) -> Option<Vec<u8>> {
         // To start from the start is what it was forced for.
         let key = self.job.state_key.as_ref().filter(|_| self.fresh.is_none())?;
@@ -251,6 +285,22 @@ fn with_cost(state: &[u8], cpu_s: f64) -> Vec<u8> {
     bytes.extend_from_slice(&cpu_s.to_le_bytes());
     bytes.extend_from_slice(state);
     bytes
+}
+
+/// BLAKE3 of the state behind what it cost.
+fn state_digest(from: &mut dyn Read) -> Option<Digest> {
+    let mut hasher = blake3::Hasher::new();
+    io::copy(&mut without_cost_of(from).0, &mut hasher).ok()?;
+    Some(Digest(*hasher.finalize().as_bytes()))
+}
+
+/// The same as [`without_cost`], of what is read piece by piece.
+fn without_cost_of<'a>(from: &'a mut dyn Read) -> (impl Read + 'a, f64) {
+    let mut head = Vec::new();
+    // What cannot be read is no state: the stage sees that it ends early.
+    let _ = from.take(COST.len() as u64 + 8).read_to_end(&mut head);
+    let (begin, spent) = without_cost(head);
+    (io::Cursor::new(begin).chain(from), spent)
 }
 
 /// The state, and what it cost; 0 where the checkpoint is of a time when it did not say.

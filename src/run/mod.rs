@@ -2,6 +2,7 @@
 //!
 //! Want -> Ready -> Running -> Done | Failed | Skipped; every transition is in [`Schedule`].
 
+mod admission;
 mod caption;
 mod execute;
 mod host;
@@ -23,6 +24,7 @@ use crate::resolve::{Job, Outputs, Resolver, State, Survey, outputs_of};
 use crate::spec::Diagnostic;
 use crate::store::{Cost, InstanceRecord};
 
+use admission::Admission;
 pub use interrupt::Interrupt;
 pub use progress::Progress;
 
@@ -41,6 +43,8 @@ pub struct Options {
     pub replace: bool,
     /// `baseline`, `v3`, `v4`, or empty for the best level of vector instructions.
     pub simd: String,
+    /// Bytes of memory that instances may take together; `None` where nobody knows.
+    pub memory: Option<u64>,
 }
 
 /// How an instance ended.
@@ -141,6 +145,7 @@ struct Schedule<'a> {
     made_by: HashMap<Digest, InstanceId>,
     /// Instances that wait for another with the same key, which is running.
     twins: HashMap<InstanceId, Vec<InstanceId>>,
+    admission: Admission,
     stopping: bool,
 }
 
@@ -161,6 +166,10 @@ impl<'a> Schedule<'a> {
             repairs: HashMap::new(),
             made_by: HashMap::new(),
             twins: HashMap::new(),
+            admission: Admission::new(
+                options.memory,
+                survey.plans.iter().filter_map(|(&id, plan)| Some((id, plan.memory?))),
+            ),
             stopping: false,
         };
         let mut stale = false;
@@ -207,10 +216,15 @@ impl<'a> Schedule<'a> {
             let mut threads: HashMap<InstanceId, ScopedJoinHandle<'_, ()>> = HashMap::new();
             loop {
                 while self.running.len() < self.options.jobs && !self.stopping && !interrupt.requested() {
-                    let Some(id) = self.ready.pop_first() else { break };
+                    let Some(&id) = self.ready.first() else { break };
+                    if !self.admission.admits(id, !self.running.is_empty()) {
+                        break;
+                    }
+                    self.ready.remove(&id);
                     let Some((job, reasons)) = self.start(id, progress) else { continue };
                     progress.started(&self.plan.label(id), &reasons);
                     self.running.insert(id);
+                    self.admission.begin(id);
                     let task = Task {
                         id,
                         job,
@@ -231,6 +245,7 @@ impl<'a> Schedule<'a> {
                         // There were threads enough for the others: it waits until one of them is free.
                         Err(_) if self.running.len() > 1 => {
                             self.running.remove(&id);
+                            self.admission.end(id);
                             self.ready.insert(id);
                             break;
                         }
@@ -335,6 +350,7 @@ impl<'a> Schedule<'a> {
 
     fn finish(&mut self, id: InstanceId, outcome: Outcome, progress: &dyn Progress) {
         self.running.remove(&id);
+        self.admission.end(id);
         self.ready.extend(self.twins.remove(&id).unwrap_or_default());
         match outcome {
             Outcome::Ran(record) => {

@@ -3,13 +3,14 @@
 //! One file each: magic (16), progress (8), length (8), BLAKE3 of state key, progress and state (32), state.
 
 use std::collections::BTreeSet;
-use std::fs;
-use std::io;
+use std::fs::{self, File};
+use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use crate::digest::{Digest, PartHasher};
 use crate::store::disk;
 use crate::store::error::StoreError;
+use crate::store::large;
 
 const MAGIC: &[u8; 16] = b"turbid state 1\n\0";
 const HEADER: usize = 64;
@@ -60,11 +61,73 @@ impl Checkpoints {
         Ok(())
     }
 
+    /// As [`write`](Self::write), of a state that `write` writes piece by piece: it is called twice, and no copy of the state is made.
+    pub fn write_with(
+        &self,
+        state_key: &Digest,
+        progress: u64,
+        write: &dyn Fn(&mut dyn Write) -> io::Result<()>,
+    ) -> Result<(), StoreError> {
+        let path = self.folder(state_key).join(format!("{state_key}-{progress:016x}.state"));
+        self.write_pieces(state_key, progress, write, &path).map_err(StoreError::io("write a checkpoint", &path))?;
+        self.thin_out(state_key);
+        Ok(())
+    }
+
+    fn write_pieces(
+        &self,
+        state_key: &Digest,
+        progress: u64,
+        write: &dyn Fn(&mut dyn Write) -> io::Result<()>,
+        path: &Path,
+    ) -> io::Result<()> {
+        let mut length = Counted(0);
+        write(&mut length)?;
+        let mut file = large::temporary(&self.root)?;
+        let hasher = {
+            let to = BufWriter::with_capacity(1 << 20, large::Passing(file.as_file_mut()));
+            let mut hashed = Hashed { hasher: begun(state_key, progress, length.0), to };
+            hashed.to.write_all(&[0; HEADER])?;
+            write(&mut hashed)?;
+            hashed.to.flush()?;
+            hashed.hasher
+        };
+        let mut head = Vec::with_capacity(HEADER);
+        head.extend_from_slice(MAGIC);
+        head.extend_from_slice(&progress.to_le_bytes());
+        head.extend_from_slice(&length.0.to_le_bytes());
+        head.extend_from_slice(&hasher.finish().0);
+        file.as_file_mut().seek(SeekFrom::Start(0))?;
+        disk::write(file.as_file_mut(), &head)?;
+        large::publish(file, path, false, false)
+    }
+
+    fn thin_out(&self, state_key: &Digest) {
+        let all = self.of(state_key);
+        let keep = kept(&all.iter().map(|c| c.progress).collect::<Vec<_>>());
+        for old in all.iter().filter(|c| !keep.contains(&c.progress)) {
+            let _ = fs::remove_file(&old.path);
+        }
+    }
+
+    /// As [`resume`](Self::resume), of a state that `read` reads piece by piece. Whether there is one.
+    pub fn resume_with(&self, state_key: &Digest, at_most: u64, read: &mut dyn FnMut(&mut dyn Read)) -> bool {
+        let mut all = self.of(state_key);
+        all.retain(|c| c.progress <= at_most);
+        let Some(mut file) = all.iter().rev().find_map(Checkpoint::open) else { return false };
+        read(&mut file);
+        true
+    }
+
     /// The furthest undamaged checkpoint with `progress <= at_most`.
     pub fn resume(&self, state_key: &Digest, at_most: u64) -> Option<(u64, Vec<u8>)> {
         let mut all = self.of(state_key);
         all.retain(|c| c.progress <= at_most);
         all.iter().rev().find_map(|c| Some((c.progress, c.read()?)))
+    }
+
+    pub fn has(&self, state_key: &Digest, progress: u64) -> bool {
+        self.of(state_key).iter().any(|c| c.progress == progress)
     }
 
     /// Removes the checkpoints of a state but those of these progresses.
@@ -91,7 +154,66 @@ impl Checkpoints {
     }
 }
 
+/// Counts what is written.
+struct Counted(u64);
+
+impl Write for Counted {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0 += bytes.len() as u64;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// Hashes what is written on its way.
+struct Hashed<W> {
+    hasher: PartHasher,
+    to: W,
+}
+
+impl<W: Write> Write for Hashed<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.hasher.more(bytes);
+        self.to.write_all(bytes)?;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.to.flush()
+    }
+}
+
+/// What the check of a state hashes before its bytes.
+fn begun(state_key: &Digest, progress: u64, length: u64) -> PartHasher {
+    let hasher = PartHasher::new("turbid checkpoint v1").part("key", &state_key.0);
+    let mut hasher = hasher.part("progress", &progress.to_le_bytes());
+    hasher.begin("state", length);
+    hasher
+}
+
 impl Checkpoint {
+    /// The undamaged state, to be read from its beginning; it has been read once, to compare it with its check.
+    fn open(&self) -> Option<impl Read> {
+        let mut file = File::open(&self.path).ok().filter(|file| file.metadata().is_ok_and(|meta| meta.is_file()))?;
+        let mut head = [0; HEADER];
+        file.read_exact(&mut head).ok()?;
+        let length = u64::from_le_bytes(head[24..32].try_into().expect("eight bytes"));
+        let told = head[..16] == *MAGIC && head[16..24] == self.progress.to_le_bytes();
+        if !told || file.metadata().ok()?.len() != (HEADER as u64).checked_add(length)? {
+            return None;
+        }
+        let mut hashed = Hashed { hasher: begun(&self.state_key, self.progress, length), to: io::sink() };
+        io::copy(&mut file, &mut hashed).ok()?;
+        if hashed.hasher.finish().0 != head[32..] {
+            return None;
+        }
+        file.seek(SeekFrom::Start(HEADER as u64)).ok()?;
+        Some(BufReader::with_capacity(1 << 20, file.take(length)))
+    }
+
     /// The state; `None` where the file is damaged or gone.
     pub fn read(&self) -> Option<Vec<u8>> {
         let mut bytes = disk::read_regular(&self.path).ok()?;

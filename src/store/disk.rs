@@ -97,6 +97,12 @@ pub(super) fn publish_through(tmp: &Path, path: &Path, bytes: &[u8], durable: bo
     let mut file = tempfile::Builder::new().prefix(WRITING).tempfile_in(tmp)?;
     leftover::hold(file.as_file());
     write(file.as_file_mut(), bytes)?;
+    persist(file, path, durable, read_only)
+}
+
+/// The second half of [`publish`]: of a temporary file that holds all bytes.
+pub(super) fn persist(file: tempfile::NamedTempFile, path: &Path, durable: bool, read_only: bool) -> io::Result<()> {
+    let folder = path.parent().expect("a file of the store lies in a folder");
     if durable {
         file.as_file().sync_all()?;
     }

@@ -4,9 +4,17 @@
 //! for people and never read; so are `xDensity` and `pixelAspectRatio`, which tell other programs the pixels' pitch. Scan lines in increasing order and a single custom attribute: with tiles, an unspecified
 //! order or two attributes (they sit in a hash map) the same image would give other bytes each time.
 
+use std::borrow::Cow;
 use std::collections::HashSet;
-use std::io::Cursor;
+use std::io::{Cursor, Read, Seek, Write};
+use std::path::PathBuf;
 
+use exr::block::lines::LineRefMut;
+use exr::image::write::samples::{SamplesWriter, WritableSamples};
+use exr::math::RoundingMode;
+use exr::meta::MetaData;
+use exr::meta::attribute::{LevelMode, SampleType};
+use exr::meta::header::Header;
 use exr::prelude::{
     AnyChannel, AnyChannels, AttributeValue, Blocks, Compression, Encoding, FlatSamples, Image, ImageAttributes,
     IntegerBounds, Layer as Part, LayerAttributes, Layers, LineOrder, ReadChannels, ReadLayers, Text, WritableImage,
@@ -15,7 +23,7 @@ use serde::{Deserialize, Serialize};
 use smallvec::smallvec;
 use turbid_contract::canonical::{canonical_text, canonical_value};
 use turbid_contract::ndarray::Array2;
-use turbid_contract::{Attributes, ImageStack, LayerInfo, LayerKind};
+use turbid_contract::{Attributes, Extent, ImageStack, LayerInfo, LayerKind};
 
 use crate::store::error::StoreError;
 
@@ -33,6 +41,13 @@ struct Description {
 
 /// Encodes a stack. Errors: no layer; a pixel that is not finite.
 pub(super) fn encode(stack: &ImageStack) -> Result<Vec<u8>, StoreError> {
+    let mut bytes = Vec::new();
+    encode_to(stack, Cursor::new(&mut bytes))?;
+    Ok(bytes)
+}
+
+/// The same, line by line: no more than a few lines are held beside the stack. Errors also: those of writing.
+pub(super) fn encode_to(stack: &ImageStack, to: impl Write + Seek) -> Result<(), StoreError> {
     if stack.layers.is_empty() {
         return Err(StoreError::unfit("an image stack without layers cannot be stored"));
     }
@@ -66,7 +81,7 @@ pub(super) fn encode(stack: &ImageStack) -> Result<Vec<u8>, StoreError> {
         if i == 0 {
             attributes.other.insert(Text::from(ATTRIBUTE), AttributeValue::Text(Text::from(json.as_str())));
         }
-        let pixels = FlatSamples::F32(layer.data.iter().copied().collect());
+        let pixels = Pixels { columns: stack.columns(), values: layer.pixels() };
         parts.push(Part::new(size, attributes, encoding, AnyChannels::sort(smallvec![AnyChannel::new("Y", pixels)])));
     }
     let mut attributes = ImageAttributes::new(IntegerBounds::from_dimensions(size));
@@ -74,14 +89,55 @@ pub(super) fn encode(stack: &ImageStack) -> Result<Vec<u8>, StoreError> {
         attributes.pixel_aspect = aspect;
     }
     let image = Image { attributes, layer_data: parts };
-    let mut bytes = Vec::new();
     // Without threads of its own: the store is called from the threads of a run.
-    image
-        .write()
-        .non_parallel()
-        .to_buffered(Cursor::new(&mut bytes))
-        .map_err(|e| StoreError::unfit(format!("the images cannot be written as EXR: {e}")))?;
-    Ok(bytes)
+    image.write().non_parallel().to_buffered(to).map_err(|e| match e {
+        exr::error::Error::Io(source) => {
+            StoreError::Io { doing: "write images".to_owned(), path: PathBuf::from("temporary file"), source }
+        }
+        e => StoreError::unfit(format!("the images cannot be written as EXR: {e}")),
+    })
+}
+
+/// The pixels of a layer as they are: none is copied before its line is written.
+struct Pixels<'a> {
+    columns: usize,
+    values: Cow<'a, [f32]>,
+}
+
+impl<'a> WritableSamples<'a> for Pixels<'_> {
+    type Writer = Lines<'a>;
+
+    fn sample_type(&self) -> SampleType {
+        SampleType::F32
+    }
+
+    fn infer_level_modes(&self) -> (LevelMode, RoundingMode) {
+        (LevelMode::Singular, RoundingMode::Down)
+    }
+
+    fn create_samples_writer(&'a self, _: &Header) -> Lines<'a> {
+        Lines { columns: self.columns, values: &self.values }
+    }
+}
+
+struct Lines<'a> {
+    columns: usize,
+    values: &'a [f32],
+}
+
+impl SamplesWriter for Lines<'_> {
+    fn extract_line(&self, line: LineRefMut<'_>) {
+        let start = line.location.position.y() * self.columns + line.location.position.x();
+        let values = &self.values[start..start + line.location.sample_count];
+        line.write_samples_from_slice(values).expect("a line of memory takes its samples");
+    }
+}
+
+/// Pixels of a layer and how many layers a stack has, as the head of its file says.
+pub(super) fn extent(head: impl Read) -> Option<Extent> {
+    let meta = MetaData::read_from_buffered(head, false).ok()?;
+    let size = meta.headers.first()?.layer_size;
+    Some(Extent::images(size.0 as u64, size.1 as u64, meta.headers.len() as u64))
 }
 
 /// `xDensity` (pixels per inch along a row) and `pixelAspectRatio` (width over height of a pixel) of a stack that knows its pitch.
@@ -94,6 +150,11 @@ fn density(stack: &ImageStack) -> Option<[f32; 2]> {
 
 /// Decodes what [`encode`] wrote.
 pub(super) fn decode(bytes: &[u8]) -> Result<ImageStack, StoreError> {
+    decode_from(Cursor::new(bytes))
+}
+
+/// The same, line by line: no more than a few lines are held beside the stack.
+pub(super) fn decode_from(from: impl Read + Seek) -> Result<ImageStack, StoreError> {
     let wrong = |what: &str| StoreError::unfit(format!("not an image stack of this turbid: {what}"));
     let image = exr::prelude::read()
         .no_deep_data()
@@ -102,7 +163,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<ImageStack, StoreError> {
         .all_layers()
         .all_attributes()
         .non_parallel()
-        .from_buffered(Cursor::new(bytes))
+        .from_buffered(from)
         .map_err(|e| wrong(&e.to_string()))?;
     let parts = image.layer_data;
     let first = parts.first().ok_or_else(|| wrong("it has no part"))?;
@@ -188,7 +249,7 @@ mod tests {
     fn the_pitch_is_in_the_header() {
         let header = |stack: &ImageStack| {
             let bytes = encode(stack).unwrap();
-            let meta = exr::meta::MetaData::read_from_buffered(bytes.as_slice(), false).unwrap();
+            let meta = MetaData::read_from_buffered(bytes.as_slice(), false).unwrap();
             assert_eq!(decode(&bytes).unwrap(), *stack);
             (meta.headers[0].own_attributes.horizontal_density, meta.headers[0].shared_attributes.pixel_aspect)
         };

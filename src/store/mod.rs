@@ -15,6 +15,7 @@ mod format;
 mod frame;
 mod gc;
 mod index;
+mod large;
 mod lock;
 mod odd;
 mod packs;
@@ -29,11 +30,12 @@ mod tests;
 
 use std::collections::BTreeSet;
 use std::fs;
+use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use turbid_contract::Artifact;
+use turbid_contract::{Artifact, ArtifactKind, Extent, ImageStack};
 
 use crate::digest::Digest;
 use crate::leftover;
@@ -150,6 +152,12 @@ impl Store {
     ///
     /// Errors: [`StoreError::Unfit`] names the layer or column and the position of what is not finite; a full disk.
     pub fn put(&self, artifact: &Artifact) -> Result<Blob, StoreError> {
+        if let Artifact::Images(stack) = artifact
+            && large::is_large(stack)
+        {
+            self.begin_use(&|| false)?;
+            return large::put(&self.root, &self.folder, stack);
+        }
         let bytes = encode(artifact)?;
         let blob = Blob { digest: Digest::of(&bytes), kind: artifact.kind(), bytes: bytes.len() as u64 };
         self.begin_use(&|| false)?;
@@ -178,7 +186,38 @@ impl Store {
 
     /// Reads an artifact. Errors as [`Store::bytes`].
     pub fn get(&self, blob: &Blob) -> Result<Artifact, StoreError> {
+        if blob.kind == ArtifactKind::Images && blob.bytes >= large::LARGE {
+            return self.get_large(blob).map(Artifact::Images);
+        }
         decode(blob.kind, &self.bytes(blob)?)
+    }
+
+    fn get_large(&self, blob: &Blob) -> Result<ImageStack, StoreError> {
+        if !self.read_only {
+            self.begin_use(&|| false)?;
+        }
+        match large::get(&self.folder, blob) {
+            Err(StoreError::Damaged { digest }) => {
+                if !self.read_only {
+                    self.folder.quarantine(blob)?;
+                }
+                Err(StoreError::Damaged { digest })
+            }
+            other => other,
+        }
+    }
+
+    /// How large the artifact of a blob is, by the head of its file; `None` where that cannot be read. Cheap: nothing is decoded.
+    pub fn extent(&self, blob: &Blob) -> Option<Extent> {
+        match blob.kind {
+            ArtifactKind::Images => match self.file_of(blob) {
+                Some(path) => exr::extent(BufReader::new(fs::File::open(path).ok()?)),
+                // Small: by its bytes, as one layer.
+                None => Some(Extent::Images { pixels: blob.bytes / 4, layers: 1 }),
+            },
+            // Tables are stored in fewer bytes than they have in memory.
+            ArtifactKind::Table | ArtifactKind::Record => Some(Extent::Record { bytes: blob.bytes.saturating_mul(4) }),
+        }
     }
 
     /// Publishes a record, after its blobs; it replaces an older one of the same key.
@@ -211,9 +250,30 @@ impl Store {
         self.checkpoints.write(state_key, progress, state)
     }
 
+    /// The same of a state that `write` writes piece by piece, the same bytes each time it is called.
+    pub fn checkpoint_with(
+        &self,
+        state_key: &Digest,
+        progress: u64,
+        write: &dyn Fn(&mut dyn io::Write) -> io::Result<()>,
+    ) -> Result<(), StoreError> {
+        self.begin_use(&|| false)?;
+        self.checkpoints.write_with(state_key, progress, write)
+    }
+
+    /// The same as [`resume`](Self::resume) for a state that `read` reads piece by piece. Whether there is one.
+    pub fn resume_with(&self, state_key: &Digest, at_most: u64, read: &mut dyn FnMut(&mut dyn io::Read)) -> bool {
+        self.checkpoints.resume_with(state_key, at_most, read)
+    }
+
     /// The furthest undamaged checkpoint with `progress <= at_most`.
     pub fn resume(&self, state_key: &Digest, at_most: u64) -> Option<(u64, Vec<u8>)> {
         self.checkpoints.resume(state_key, at_most)
+    }
+
+    /// Whether there is a checkpoint of just this progress.
+    pub fn has_checkpoint(&self, state_key: &Digest, progress: u64) -> bool {
+        self.checkpoints.has(state_key, progress)
     }
 
     /// Removes the checkpoints of a state but those of these progresses: what a run from the start has shown to be wrong, or could not compare.

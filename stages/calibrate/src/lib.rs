@@ -10,6 +10,7 @@
 //! MTF and exposure cancel. Theory and measured figures: `docs/theory/calibrate.md`.
 
 pub mod gauss;
+mod memory;
 mod model;
 mod ratio;
 pub mod smooth;

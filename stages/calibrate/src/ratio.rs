@@ -93,13 +93,14 @@ pub fn calibrate(
         let sharing = (0..count).map(|k| arms[arm].stack.sharing(arms[arm].info(k))).fold(1.0, f64::max);
         Smoothing { gauss: gauss[arm], good: &good[arm], sharing: if sharing > 1.001 { sharing } else { 1.0 } }
     });
-    let noise = arms.map(|arm| (0..count).map(|k| arm.se(k).map(|se| plane(&se))).collect::<Vec<_>>());
-    let known = noise.iter().flatten().all(Option::is_some);
+    // Made when needed, twice: kept they would be the third part of all.
+    let noise = |arm: usize, k: usize| arms[arm].se(k).map(|se| plane(&se));
+    let known = arms.iter().all(|arm| (0..count).all(|k| arm.se(k).is_some()));
     let mut smooth = [Vec::new(), Vec::new()];
     for (arm, smooth) in smooth.iter_mut().enumerate() {
-        for (k, se) in noise[arm].iter().enumerate() {
+        for k in 0..count {
             ctx.checked()?;
-            smooth.push(smoothing[arm].smooth(&plane(&arms[arm].value(k)), se.as_ref()));
+            smooth.push(smoothing[arm].smooth(&plane(&arms[arm].value(k)), noise(arm, k).as_ref()));
         }
     }
     let [samples, references] = &smooth;
@@ -183,8 +184,8 @@ pub fn calibrate(
                 let terms = data.iter().zip(&smooth[arm][k].value.pixels);
                 let sensitivity =
                     Plane { columns: dim.1, pixels: terms.map(|(&r, m)| over(f64::from(r), *m)).collect() };
-                let se = noise[arm][k].as_ref().expect("all errors are known");
-                let own = smoothing[arm].variance_of_sum(&smooth[arm][k], &sensitivity, se);
+                let se = noise(arm, k).expect("all errors are known");
+                let own = smoothing[arm].variance_of_sum(&smooth[arm][k], &sensitivity, &se);
                 own * arms[arm].stack.sharing(arms[arm].info(k))
             };
             // What an arm does not know of a pixel it may still know of its mean.

@@ -4,11 +4,12 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use turbid_contract::payload::{CONDITIONS, Conditions, Convention, Modulation, REFERENCE_CONDITIONS, Reflectance};
 use turbid_contract::{
-    Attributes, Ctx, Error, Facts, ImageStack, Known, LayerInfo, LayerKind, Problems, Stage, StagePlan, in_ports,
-    out_ports, serde_json,
+    Attributes, Ctx, Error, Extents, Facts, ImageStack, Known, LayerInfo, LayerKind, Problems, Stage, StagePlan,
+    in_ports, out_ports, serde_json,
 };
 
 use crate::gauss::Gauss;
+use crate::memory::memory;
 use crate::model::{Model, ReferenceMedium};
 use crate::ratio::{Arm, calibrate};
 
@@ -93,7 +94,7 @@ impl Stage for Calibrate {
         Facts::from([("reflectance", facts)])
     }
 
-    fn plan(params: &Params, _known: &Known) -> StagePlan {
+    fn plan(params: &Params, known: &Known) -> StagePlan {
         let arms = [(params.smooth, "smoothing of the reference"), (params.smooth_sample, "smoothing of the sample")];
         let left_out = arms.iter().filter(|(px, _)| *px == 0.0).map(|(_, what)| (*what).into()).collect();
         let method = match params.model {
@@ -101,7 +102,11 @@ impl Stage for Calibrate {
             Model::Rte => "rte",
             Model::Diffusion => "diffusion",
         };
-        StagePlan { method: Some(method.into()), left_out, ..StagePlan::default() }
+        let f_x = known.fact("sample").get("f_x").and_then(|f| f.as_array()).map(|list| list.len() as u64);
+        let arms = known.extent("sample").zip(known.extent("reference"));
+        let memory = arms.map(|(sample, reference)| memory(sample, reference, f_x));
+        let (memory, makes) = memory.map_or((None, Extents::new()), |(bytes, makes)| (Some(bytes), makes));
+        StagePlan { method: Some(method.into()), left_out, memory, makes, ..StagePlan::default() }
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {

@@ -1,6 +1,7 @@
 //! What a running stage may ask of the world: seed, cancellation, progress, measurements, files, checkpoints.
 
 use std::collections::BTreeMap;
+use std::io::{self, Read, Write};
 use std::sync::{Arc, Mutex, OnceLock};
 
 use crate::error::Error;
@@ -26,12 +27,22 @@ pub trait Host: Sync {
     fn file(&self, at: &str) -> Option<Arc<[u8]>>;
     /// Keeps `state` so that a longer or a killed run can continue; `progress` orders checkpoints of one state.
     fn checkpoint(&self, state: &[u8], progress: u64);
+    /// The same of a state that is too large to stand in memory twice: `write` writes it piece by piece.
+    fn checkpoint_with(&self, progress: u64, write: &dyn Fn(&mut dyn Write) -> io::Result<()>) {
+        let mut state = Vec::new();
+        write(&mut state).expect("a vector takes whatever is written");
+        self.checkpoint(&state, progress);
+    }
     /// Whether so much time has gone by since the last checkpoint that another one is worth writing.
     fn checkpoint_is_due(&self) -> bool {
         false
     }
     /// The furthest checkpoint whose progress does not exceed `at_most`.
     fn resume(&self, at_most: u64) -> Option<Vec<u8>>;
+    /// The same for a state that is too large to stand in memory twice: `read` reads it piece by piece. Whether there is one.
+    fn resume_with(&self, at_most: u64, read: &mut dyn FnMut(&mut dyn Read)) -> bool {
+        self.resume(at_most).map(|state| read(&mut state.as_slice())).is_some()
+    }
     /// Does `work(0) .. work(n - 1)` on the threads of the run, in any order.
     fn tiles(&self, n: usize, work: &(dyn Fn(usize) + Sync));
     /// How many threads `tiles` may use; never let it show in an output.

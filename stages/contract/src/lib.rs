@@ -7,6 +7,7 @@ pub mod artifact;
 pub mod canonical;
 pub mod ctx;
 pub mod error;
+pub mod extent;
 pub mod masked;
 pub mod payload;
 pub mod pilot;
@@ -22,12 +23,13 @@ pub use artifact::{
 };
 pub use ctx::{Ctx, Host, MemoryHost};
 pub use error::Error;
+pub use extent::Extent;
 pub use payload::Payload;
 pub use pilot::Pilot;
 pub use port::{Arity, Axes, InPort, InPorts, InputSource, Known, Many, OutPort, OutPorts};
 pub use problem::{Problem, Problems};
 pub use quantity::{AngleDeg, Density, Length, PerLength, Power, Ratio, Seconds, Wavelength};
-pub use stage::{Facts, FileUse, ParamError, Prepared, Stage, StagePlan, StageRow};
+pub use stage::{Extents, Facts, FileUse, ParamError, Prepared, Stage, StagePlan, StageRow};
 
 // One version of these for every stage.
 pub use ndarray;

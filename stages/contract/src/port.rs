@@ -7,6 +7,7 @@ use serde_json::Value;
 
 use crate::artifact::{Artifact, ArtifactKind, Attributes};
 use crate::error::Error;
+use crate::extent::Extent;
 use crate::payload::Payload;
 
 /// The axes of an instance with their values: `{A_rho: 1.0, S_rho: 5000.0}`.
@@ -95,12 +96,19 @@ pub struct Known {
     /// Attributes that the artifact on a port (of many the first) will have, as far as they are known before the run: [`crate::Stage::facts`] of
     /// the stage that makes it.
     pub facts: BTreeMap<String, Attributes>,
+    /// How large the artifacts on the input ports are, as far as that is known before the run: for `plan` only. Of many the largest.
+    pub extents: BTreeMap<String, Extent>,
 }
 
 impl Known {
     /// What is known of the artifact on `port`; nothing of one that is not connected.
     pub fn fact(&self, port: &str) -> Attributes {
         self.facts.get(port).cloned().unwrap_or_default()
+    }
+
+    /// How large the artifact on `port` is; `None` where it is not connected, or not known yet.
+    pub fn extent(&self, port: &str) -> Option<Extent> {
+        self.extents.get(port).copied()
     }
 
     pub fn get<T: Payload>(&self, port: &str) -> Option<T> {

@@ -11,6 +11,7 @@ use crate::artifact::{Artifact, Attributes};
 use crate::canonical::canonical_value;
 use crate::ctx::Ctx;
 use crate::error::Error;
+use crate::extent::Extent;
 use crate::pilot::Pilot;
 use crate::port::{InPort, InPorts, InputSource, Known, OutPort, OutPorts};
 use crate::problem::Problems;
@@ -40,7 +41,14 @@ pub struct StagePlan {
     pub refused: Vec<String>,
     /// CPU seconds by the stage's own figures; [`Stage::pilot`] knows better, where there is one.
     pub seconds: Option<f64>,
+    /// Bytes of the outputs, where the stage knows them.
     pub bytes: Option<u64>,
+    /// Bytes that the run holds at the most: its inputs as long as it holds them, its state, what it works with, and its outputs.
+    /// `None` where that is not known yet; the engine then takes what it knows of inputs and outputs.
+    pub memory: Option<u64>,
+    /// How large the outputs are going to be, as far as that is known: what the stages that read them reckon with.
+    #[serde(skip)]
+    pub makes: Extents,
 }
 
 /// A pure function of params, inputs and a seed.
@@ -105,6 +113,9 @@ pub trait Stage: 'static {
 
     fn run(params: &Self::Params, inputs: <Self::In as InPorts>::Loaded<'_>, ctx: Ctx<'_>) -> Result<Self::Out, Error>;
 }
+
+/// How large outputs are going to be, by port.
+pub type Extents = BTreeMap<&'static str, Extent>;
 
 /// What is known of outputs before a run, by port.
 pub type Facts = BTreeMap<&'static str, Attributes>;

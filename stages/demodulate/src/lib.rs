@@ -17,6 +17,7 @@ pub mod fourier;
 pub mod fused;
 pub mod level;
 pub mod local_fit;
+mod memory;
 pub mod noise;
 mod pass;
 pub mod phase_shift;

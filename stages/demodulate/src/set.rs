@@ -1,5 +1,7 @@
 //! Which frames belong together: by wavelength, spatial frequency and orientation, as their layers say.
 
+use std::borrow::Cow;
+
 use turbid_contract::payload::{Covariance, Frames};
 use turbid_contract::{Ctx, Error, ImageStack, Layer, LayerKind};
 use turbid_contract::{serde, serde_json};
@@ -149,9 +151,9 @@ fn weights(fringe: &Fringe, frames: &ImageStack) -> Result<Weights, Error> {
 /// Where the noise of (dc, re, im) is known from.
 pub enum Noise<'a> {
     /// The renderer's covariance: for each fringe the indices of (dc, re, im) among its quantities.
-    Given { pixels: Vec<Option<Vec<f32>>>, quantities: Vec<[Option<usize>; 3]>, count: usize },
+    Given { pixels: Vec<Option<Cow<'a, [f32]>>>, quantities: Vec<[Option<usize>; 3]>, count: usize },
     /// Standard errors of frames that are independent of each other, by layer index of the frame.
-    Frames { se: Vec<Option<std::borrow::Cow<'a, [f32]>>> },
+    Frames { se: Vec<Option<Cow<'a, [f32]>>> },
 }
 
 impl<'a> Noise<'a> {
@@ -161,7 +163,7 @@ impl<'a> Noise<'a> {
     pub fn of_channel(
         channel: &Channel,
         frames: &'a Frames,
-        covariance: Option<&Covariance>,
+        covariance: Option<&'a Covariance>,
     ) -> Result<Option<Self>, Error> {
         if let Some(Covariance(stack)) = covariance {
             return given(channel, &frames.0, stack).map(Some);
@@ -202,7 +204,7 @@ impl<'a> Noise<'a> {
     }
 }
 
-fn given<'a>(channel: &Channel, frames: &ImageStack, stack: &ImageStack) -> Result<Noise<'a>, Error> {
+fn given<'a>(channel: &Channel, frames: &ImageStack, stack: &'a ImageStack) -> Result<Noise<'a>, Error> {
     if (stack.rows(), stack.columns()) != (frames.rows(), frames.columns()) {
         return Err(Error::failed(format!(
             "the covariance is {} x {} pixels, the frames are {} x {}",
@@ -236,12 +238,12 @@ fn given<'a>(channel: &Channel, frames: &ImageStack, stack: &ImageStack) -> Resu
         quantities.push([Some(find("dc", fringe)?), re, im]);
     }
     let count = listed.len();
-    let mut pixels: Vec<Option<Vec<f32>>> = vec![None; count * count];
+    let mut pixels: Vec<Option<Cow<'a, [f32]>>> = vec![None; count * count];
     let used: Vec<usize> = quantities.iter().flatten().flatten().copied().collect();
     for layer in stack.layers.iter().filter(|l| l.info.kind == LayerKind::Covariance) {
         let Some([i, j]) = layer.info.pair.map(|pair| pair.map(|k| k as usize)) else { continue };
         if used.contains(&i) && used.contains(&j) && i.max(j) < count {
-            pixels[i.min(j) * count + i.max(j)] = Some(Layer::pixels(layer).into_owned());
+            pixels[i.min(j) * count + i.max(j)] = Some(Layer::pixels(layer));
         }
     }
     for &i in &used {

@@ -5,9 +5,11 @@ use serde::{Deserialize, Serialize};
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Covariance, Frames, Modulation, Phase, Scene};
 use turbid_contract::{
-    Ctx, Error, Facts, ImageStack, Known, LayerKind, Length, PerLength, Problems, Stage, StagePlan, in_ports, out_ports,
+    Ctx, Error, Extents, Facts, ImageStack, Known, LayerKind, Length, PerLength, Problems, Stage, StagePlan, in_ports,
+    out_ports,
 };
 
+use crate::memory::memory;
 use crate::pass::{Group, Pass, Tally};
 use crate::set::{Noise, channels};
 use crate::{snapshot, speckled};
@@ -144,6 +146,7 @@ pub struct Demodulate;
 impl Stage for Demodulate {
     const NAME: &'static str = "demodulate";
     const VERSION: u32 = 6;
+    const READS_FACTS: bool = true;
     const ABOUT: &'static str =
         "M_DC, M_AC and phase of each pixel from frames of shifted sinusoids, with standard errors";
 
@@ -200,7 +203,13 @@ impl Stage for Demodulate {
             let [columns, rows] = camera.pixels.map(f64::from);
             2.5e-6 * columns * rows * window.0 * columns / camera.field[0]
         });
+        let f_x = known.fact("frames").get("f_x").and_then(|f| f.as_array()).map(|list| list.len() as u64);
+        let memory =
+            known.extent("frames").map(|frames| memory(frames, known.extent("covariance"), f_x, &known.wanted));
+        let (memory, makes) = memory.map_or((None, Extents::new()), |(bytes, makes)| (Some(bytes), makes));
         StagePlan {
+            memory,
+            makes,
             seconds: windows,
             method: Some(params.method.name().into()),
             left_out: if covariance { Vec::new() } else { vec!["covariance of the frames (not connected)".into()] },

@@ -20,6 +20,7 @@ mod lanes;
 mod least_squares;
 mod linear;
 mod lut;
+mod memory;
 pub mod nearest;
 mod pair;
 mod params;

@@ -6,8 +6,8 @@ use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Covariance, Exposure, Lut, Maps, Reflectance, Relief, Scene, Sections};
 use turbid_contract::planes::mean_se;
 use turbid_contract::{
-    AngleDeg, Attributes, Ctx, Error, Facts, ImageStack, Known, Layer, LayerInfo, LayerKind, Problems, Ratio, Stage,
-    StagePlan, in_ports, out_ports, serde_json,
+    AngleDeg, Attributes, Ctx, Error, Extent, Extents, Facts, ImageStack, Known, Layer, LayerInfo, LayerKind, Problems,
+    Ratio, Stage, StagePlan, in_ports, out_ports, serde_json,
 };
 use turbid_optics::level::named;
 
@@ -16,6 +16,7 @@ use crate::inverse::{InverseTable, TOLERANCE};
 use crate::lanes::{Lanes, Noise};
 use crate::least_squares::MOST;
 use crate::lut::{agree, same_f_x, sections};
+use crate::memory::memory;
 use crate::params::{Method, NoiseBias, Outside, Params};
 use crate::pass::{Pass, Tally};
 use crate::profile::{self, Correction};
@@ -121,7 +122,18 @@ impl Stage for Invert {
         // To prepare the table takes most of it, for each of its sections; how many those are shows when they are made.
         let sections = if known.connected.iter().any(|port| port == "sections") { SECTIONS } else { 1.0 };
         let seconds = Some(PER_TABLE * sections);
-        StagePlan { method: Some(params.method.name().into()), left_out, seconds, ..StagePlan::default() }
+        let of = |port: &str| known.extent(port).map_or(0, Extent::bytes);
+        let others = ["lut", "sections", "height", "normals"].map(of).iter().sum();
+        let memory = known.extent("reflectance").map(|stack| memory(stack, others, corrects, &known.wanted));
+        let (memory, makes) = memory.map_or((None, Extents::new()), |(bytes, makes)| (Some(bytes), makes));
+        StagePlan {
+            method: Some(params.method.name().into()),
+            left_out,
+            seconds,
+            memory,
+            makes,
+            ..StagePlan::default()
+        }
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {

@@ -8,8 +8,8 @@ use serde_json::{Value, json};
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{CONDITIONS, Convention, Fit, Lut, Modulation, Sections, Truth, Validity};
 use turbid_contract::{
-    Attributes, Cells, Ctx, Error, Facts, ImageStack, Known, LayerInfo, Pilot, Problems, Stage, StagePlan, Table,
-    in_ports, out_ports,
+    Attributes, Cells, Ctx, Error, Extent, Extents, Facts, ImageStack, Known, LayerInfo, Pilot, Problems, Stage,
+    StagePlan, Table, in_ports, out_ports,
 };
 use turbid_optics::level::named;
 use turbid_optics::philox;
@@ -130,6 +130,8 @@ impl Stage for BuildLut {
             left_out,
             seconds: Some(seconds),
             bytes: Some(bytes),
+            memory: Some(2 * bytes),
+            makes: Extents::from([("lut", Extent::Table { rows: (recipe.f_x.len() * nodes) as u64, columns: 5 })]),
             ..StagePlan::default()
         }
     }

@@ -9,7 +9,7 @@ use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Maps, MaskReason, Phase, Scene};
 use turbid_contract::planes::mean_se;
 use turbid_contract::{
-    AngleDeg, Ctx, Error, ImageStack, Known, Layer, LayerInfo, LayerKind, Length, PerLength, Problems, Stage,
+    AngleDeg, Ctx, Error, Extent, ImageStack, Known, Layer, LayerInfo, LayerKind, Length, PerLength, Problems, Stage,
     StagePlan, in_ports, out_ports,
 };
 use turbid_geometry::tangent;
@@ -111,6 +111,10 @@ out_ports! {
     }
 }
 
+/// Bytes for each pixel beside its inputs: phases, their differences and whole turns, coordinates, heights with slopes, all some thirty numbers in f64, and
+/// the outputs.
+const OF_PIXEL: u64 = 250;
+
 /// `use: profilometry`
 pub struct Profilometry;
 
@@ -194,7 +198,16 @@ impl Stage for Profilometry {
         {
             left_out.push("unwrapping (|dphi| < pi at all heights)".to_owned());
         }
-        StagePlan { method: Some(method.into()), left_out, ..StagePlan::default() }
+        let sample = known.extent("sample");
+        let memory = sample.map(|sample| {
+            OF_PIXEL * sample.pixels() + sample.bytes() + known.extent("reference").map_or(0, Extent::bytes)
+        });
+        let wants_normals = known.wanted.iter().any(|port| port == "normals");
+        // Height, its standard error, the mask; three parts of the normal and its mask.
+        let ports = [("height", 3, true), ("normals", 4, wants_normals)].into_iter().filter(|port| port.2);
+        let images = |pixels| ports.map(|(port, layers, _)| (port, Extent::Images { pixels, layers })).collect();
+        let makes = sample.map(|sample| images(sample.pixels())).unwrap_or_default();
+        StagePlan { method: Some(method.into()), left_out, memory, makes, ..StagePlan::default() }
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {

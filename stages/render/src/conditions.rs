@@ -1,9 +1,11 @@
 //! How each pixel was lit and looked at, for those who read frames; and frames that show nothing.
 
+use std::ops::Range;
+
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{INCIDENCE_LAYER, Scene, THICKNESS_LAYER, VIEW_LAYER};
 use turbid_contract::{Ctx, Error, ImageStack, LayerInfo, LayerKind, Problems};
-use turbid_geometry::{Angles, Sights, lit_points};
+use turbid_geometry::{Sights, lit_points};
 
 /// Warns of a projector whose light does not fall where the camera looks.
 pub fn warn_of_darkness(scene: &Scene, problems: &mut Problems) {
@@ -32,25 +34,39 @@ pub fn tell_dark_frames(frames: &ImageStack, ctx: Ctx<'_>) {
 pub fn layers(scene: &Scene, frames: &mut ImageStack, ctx: Ctx<'_>) -> Result<(), Error> {
     let Some(sights) = Sights::of(scene) else { return Ok(()) };
     let (rows, columns) = (frames.rows(), frames.columns());
-    let row = |row: usize| -> Vec<Option<Angles>> {
-        let y = (row as f64 + 0.5) / rows as f64;
-        (0..columns).map(|c| sights.at((c as f64 + 0.5) / columns as f64, y).filter(|a| a.turbid)).collect()
+    // View, thickness below and, where there is a projector, incidence.
+    let projected = scene.projector.is_some();
+    let mut planes: Vec<Array2<f32>> =
+        (0..if projected { 3 } else { 2 }).map(|_| Array2::zeros((rows, columns))).collect();
+    let fill = |pixels: Range<usize>, planes: &mut [&mut [f32]]| -> Option<[f64; 3]> {
+        let mut thickness: Option<[f64; 3]> = None;
+        for (place, pixel) in pixels.enumerate() {
+            let (row, column) = (pixel / columns, pixel % columns);
+            let (x, y) = ((column as f64 + 0.5) / columns as f64, (row as f64 + 0.5) / rows as f64);
+            let Some(angles) = sights.at(x, y).filter(|angles| angles.turbid) else { continue };
+            let mm = angles.thickness;
+            planes[0][place] = angles.view_deg as f32;
+            planes[1][place] = mm as f32;
+            if projected {
+                planes[2][place] = angles.incidence_deg.unwrap_or(0.0) as f32;
+            }
+            thickness = Some(thickness.map_or([mm; 3], |[first, least, most]| [first, least.min(mm), most.max(mm)]));
+        }
+        thickness
     };
-    let seen: Vec<Option<Angles>> = ctx.map_tiles(rows, row)?.into_iter().flatten().collect();
-    let mut push = |name: &str, unit: &str, of: &dyn Fn(&Angles) -> Option<f64>| {
-        let values: Vec<f32> = seen.iter().map(|s| s.as_ref().and_then(of).unwrap_or(0.0) as f32).collect();
-        let data = Array2::from_shape_vec((rows, columns), values).expect("one value per pixel");
-        frames.push(LayerInfo::new(name, LayerKind::Condition, unit), data);
-    };
-    push(VIEW_LAYER, "deg", &|a| Some(a.view_deg));
-    if scene.projector.is_some() {
-        push(INCIDENCE_LAYER, "deg", &|a| a.incidence_deg);
+    let thickness: Vec<[f64; 3]> = ctx.fill_planes(&mut planes, fill)?.into_iter().flatten().collect();
+    let mut planes = planes.into_iter();
+    let mut next = || planes.next().expect("there are as many as are named");
+    let (view, below) = (next(), next());
+    let mut push = |name: &str, unit: &str, data| frames.push(LayerInfo::new(name, LayerKind::Condition, unit), data);
+    push(VIEW_LAYER, "deg", view);
+    if projected {
+        push(INCIDENCE_LAYER, "deg", next());
     }
-    let mut below = seen.iter().flatten().map(|a| a.thickness);
-    let first = below.next().unwrap_or(0.0);
+    let first = thickness.first().map_or(0.0, |[first, ..]| *first);
     // Rounding of the place where a ray meets the surface.
-    if below.any(|d| (d - first).abs() > 1e-6 * first) {
-        push(THICKNESS_LAYER, "mm", &|a| Some(a.thickness));
+    if thickness.iter().any(|[_, least, most]| (most - first).max(first - least) > 1e-6 * first) {
+        push(THICKNESS_LAYER, "mm", below);
     }
     Ok(())
 }

@@ -44,35 +44,67 @@ impl Lattice {
 }
 
 /// What is known of a pixel beforehand.
-#[derive(Clone, Debug)]
-pub struct Guide {
+#[derive(Clone, Copy, Debug)]
+pub struct Guide<'a> {
     /// Irradiance at the centre of what is seen, but for the power of the light.
     pub gain: f64,
     /// (sin, cos) of each carrier there.
-    pub phases: Vec<(f64, f64)>,
+    pub phases: &'a [(f64, f64)],
 }
 
-/// What the light would be at the centre of a pixel; `None` where it meets nothing.
-pub fn guide(rig: &Rig, carriers: &[Carrier], pixel: usize) -> Option<Guide> {
-    let (world, camera) = (&rig.worlds[0], &rig.camera);
-    let (origin, w) = camera.ray(pixel, 0.5, 0.5);
-    let mut spans = Spans::default();
-    let piece = world.trace(origin, w, None, &mut spans).find(|piece| piece.material != 0)?;
-    let r = origin + piece.start * w;
-    // Channels differ in their power, which the coefficients hold.
-    let emission = match rig.lights[0].emission {
-        Emission::Intensity(_) => Emission::Intensity(1.0),
-        Emission::Irradiance(_) => Emission::Irradiance(1.0),
-    };
-    let (arrival, _) = Light { emission, ..rig.lights[0] }.arrives(r);
-    let phases = carriers.iter().map(|c| c.at(arrival.on_plane)).collect();
-    Some(Guide { gain: arrival.irradiance * arrival.towards.z.abs(), phases })
+/// The same of all pixels: 8 bytes for each, and 16 for each carrier.
+#[derive(Clone, Debug)]
+pub struct Guides {
+    gains: Vec<f64>,
+    /// `[pixel][carrier]`.
+    phases: Vec<(f64, f64)>,
+    carriers: usize,
+}
+
+impl Guides {
+    /// What the light would be at the centres of pixels; `None` where one meets nothing.
+    pub fn of(rig: &Rig, carriers: &[Carrier]) -> Option<Self> {
+        let pixels = rig.camera.pixels();
+        let mut guides = Self {
+            gains: Vec::with_capacity(pixels),
+            phases: Vec::with_capacity(pixels * carriers.len()),
+            carriers: carriers.len(),
+        };
+        (0..pixels).try_for_each(|pixel| guides.push(rig, carriers, pixel))?;
+        Some(guides)
+    }
+
+    fn push(&mut self, rig: &Rig, carriers: &[Carrier], pixel: usize) -> Option<()> {
+        let (world, camera) = (&rig.worlds[0], &rig.camera);
+        let (origin, w) = camera.ray(pixel, 0.5, 0.5);
+        let mut spans = Spans::default();
+        let piece = world.trace(origin, w, None, &mut spans).find(|piece| piece.material != 0)?;
+        let r = origin + piece.start * w;
+        // Channels differ in their power, which the coefficients hold.
+        let emission = match rig.lights[0].emission {
+            Emission::Intensity(_) => Emission::Intensity(1.0),
+            Emission::Irradiance(_) => Emission::Irradiance(1.0),
+        };
+        let (arrival, _) = Light { emission, ..rig.lights[0] }.arrives(r);
+        self.phases.extend(carriers.iter().map(|c| c.at(arrival.on_plane)));
+        self.gains.push(arrival.irradiance * arrival.towards.z.abs());
+        Some(())
+    }
+
+    pub fn len(&self) -> usize {
+        self.gains.len()
+    }
+
+    pub fn at(&self, pixel: usize) -> Guide<'_> {
+        let phases = &self.phases[pixel * self.carriers..][..self.carriers];
+        Guide { gain: self.gains[pixel], phases }
+    }
 }
 
 /// A fitted image of one channel: response = gain x (carrier) x sum over k of coefficient_k p_k(pixel).
 pub struct Fitted {
     columns: usize,
-    guides: Vec<Guide>,
+    guides: Guides,
     /// p_0 .. of every column and row of the image.
     along_x: Vec<Vec<f64>>,
     along_y: Vec<Vec<f64>>,
@@ -104,7 +136,7 @@ impl Fitted {
     /// From the sums of the lattice's pixels after `n` >= 2 paths each. Every pixel must look at something.
     pub fn new(rig: &Rig, carriers: &[Carrier], lattice: &Lattice, moments: &Moments, n: u32) -> Option<Self> {
         let (columns, rows, q) = (rig.camera.columns, rig.camera.rows, 1 + 2 * carriers.len());
-        let guides = (0..columns * rows).map(|p| guide(rig, carriers, p)).collect::<Option<Vec<_>>>()?;
+        let guides = Guides::of(rig, carriers)?;
         let polynomials = |places: &[usize]| {
             let places: Vec<f64> = places.iter().map(|&p| p as f64).collect();
             Polynomials::new(&places, MOST_ORDER)
@@ -185,7 +217,7 @@ impl Fitted {
 
     /// Response i as a sum of weight x reduced response.
     fn in_reduced(&self, pixel: usize, i: usize) -> [(usize, f64); 2] {
-        let guide = &self.guides[pixel];
+        let guide = self.guides.at(pixel);
         if i == 0 {
             return [(0, guide.gain), (0, 0.0)];
         }
@@ -270,11 +302,11 @@ impl Field for Fitted {
 }
 
 /// Responses of the traced pixels divided by the gain and turned back by the carriers' phases, with covariances.
-fn reduce(pixels: &[u32], guides: &[Guide], moments: &Moments, n: u32, q: usize) -> Reduced {
+fn reduce(pixels: &[u32], guides: &Guides, moments: &Moments, n: u32, q: usize) -> Reduced {
     let mut values = Vec::with_capacity(pixels.len() * q);
     let mut covariances = Vec::with_capacity(pixels.len() * q * q);
     for (place, &pixel) in pixels.iter().enumerate() {
-        let guide = &guides[pixel as usize];
+        let guide = guides.at(pixel as usize);
         // Reduced response a as a sum over responses; the turn undoes that of `in_reduced`.
         let of = |a: usize| -> [(usize, f64); 2] {
             if a == 0 {

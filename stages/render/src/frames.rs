@@ -56,13 +56,13 @@ impl Images<'_> {
             se.push(variance.sqrt() as f32);
         }
         info.mean_se = (!field.mean_se_unknown()).then(|| field.variance_of_mean(terms, total).sqrt());
-        let unknown: Vec<f32> = (0..pixels).map(|pixel| f32::from(u8::from(field.se_unknown(pixel)))).collect();
+        let unknown = || (0..pixels).map(|pixel| field.se_unknown(pixel));
         let image = |data| Array2::from_shape_vec((self.rows, self.columns), data).expect("one value per pixel");
         let (se_info, unknown_info) = (info.standard_error(), info.se_unknown());
         stack.push(info, image(mean));
         stack.push(se_info, image(se));
-        if unknown.contains(&1.0) {
-            stack.push(unknown_info, image(unknown));
+        if unknown().any(|unknown| unknown) {
+            stack.push(unknown_info, image(unknown().map(|unknown| f32::from(u8::from(unknown))).collect()));
         }
     }
 

@@ -11,7 +11,7 @@ use crate::reference::References;
 use crate::referenced::{Images, Referenced};
 use crate::rig::Rig;
 use crate::shown::Shown;
-use crate::tail::{brightness, expected_kurtosis, kurtosis};
+use crate::tail::{expected_kurtosis, kurtosis, of_pixels};
 use crate::trace::Judge;
 
 /// Terms of a fit of the least order.
@@ -68,7 +68,7 @@ impl<'a> OfPixels<'a> {
     }
 
     fn spread(&self, moments: &Moments, paths: &[u32]) -> f64 {
-        kurtosis(&brightness(moments, paths), expected_kurtosis(self.rig)) - 1.0
+        kurtosis(of_pixels(moments, paths), expected_kurtosis(self.rig)) - 1.0
     }
 
     fn direct<'b>(&self, sums: &'b [Moments], paths: &'b [u32]) -> Vec<Box<dyn Field + 'b>> {

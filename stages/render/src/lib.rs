@@ -42,6 +42,7 @@ mod glint;
 mod interval;
 mod judge;
 mod kernel;
+mod memory;
 mod method;
 mod mirror;
 mod neighbours;

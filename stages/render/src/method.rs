@@ -239,7 +239,7 @@ impl Traced {
         for (channel, images) in beside.fitted(&shown.carriers)?.into_iter().enumerate() {
             let sampled = |moments, spread| Sampled { moments, paths: &self.paths, spread };
             let seen = brightness(&self.channels[channel], &self.paths);
-            let direct = sampled(&self.channels[channel], kurtosis(&seen, expected_kurtosis(rig)) - 1.0);
+            let direct = sampled(&self.channels[channel], kurtosis(seen.iter().copied(), expected_kurtosis(rig)) - 1.0);
             // Variances of differences are pooled over pixels.
             let differences = sampled(&self.channels[count + channel], 0.0);
             let (images, of_pixel) = (Images::Known(images), &beside.stand_ins.of_pixel);

@@ -29,9 +29,8 @@ impl Moments {
         &self.sums
     }
 
-    /// Takes over the numbers that another's `sums` gave, which has as many.
-    pub fn set(&mut self, sums: impl Iterator<Item = f64>) {
-        self.sums.iter_mut().zip(sums).for_each(|(old, new)| *old = new);
+    pub fn sums_mut(&mut self) -> &mut [f64] {
+        &mut self.sums
     }
 
     /// How many numbers a pixel holds.

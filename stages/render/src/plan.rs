@@ -1,19 +1,19 @@
 //! What a render is going to do: method, what the scene needs, what is left out, how long it will take.
 
-use turbid_contract::StagePlan;
 use turbid_contract::payload::{Lamp, Medium, Object, Scene, Shape, Specular, Surface};
+use turbid_contract::{Known, StagePlan};
 use turbid_optics::diffusion::a_robin;
 
 use crate::channels::groups;
 use crate::fit::Lattice;
 use crate::glint::by_several_walls;
 use crate::kernel::Kernels;
+use crate::memory::{Asked, memory};
 use crate::method::{FIT_PATHS, Taken, bound};
 use crate::mirror::Mirrors;
 use crate::params::{Allocate, Method, Params};
 use crate::pictures::Pictures;
 use crate::pilot::outline;
-use crate::response::Layout;
 use crate::rig::Rig;
 use crate::strata::{Bending, bulges, turns_at_facets};
 use crate::world::World;
@@ -100,8 +100,10 @@ fn thickness(shape: &Shape) -> f64 {
     }
 }
 
-/// The plan for known params and, where it is known, scene; `patterned`: images are shown, `power`: that port is wanted.
-pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool, power: bool) -> StagePlan {
+/// The plan for known params and, where it is known, scene.
+pub fn plan(params: &Params, scene: Option<&Scene>, known: &Known) -> StagePlan {
+    let patterned = known.connected.iter().any(|port| port == "pattern");
+    let power = known.wanted.iter().any(|port| port == "power");
     let rig = scene.and_then(|scene| Rig::of(scene).ok());
     let taken = match params.method {
         Method::Path => Some(Taken::Path { because: None }),
@@ -216,11 +218,15 @@ pub fn plan(params: &Params, scene: Option<&Scene>, patterned: bool, power: bool
             let paths = if beside { 2.0 * traced + of_lattice } else { traced };
             plan.seconds = Some(paths * walks as f64 * samples * ns_per_path(scene, rig.as_ref()) * 1e-9);
         }
-        let q = Layout { carriers: params.carriers().len(), pictures: 0, steady: !scene.lights.is_empty() }.width();
-        let frames = 2 * params.phases as usize * params.f_x.len() * params.orientation_deg.len();
-        // Sums, their checkpoint and those of a round, and f32 layers.
-        let fields = if beside { 2 } else { 1 } * if params.allocate == Allocate::Adaptive { 2 } else { 1 };
-        plan.bytes = Some((pixels * (24 * fields * (q + q * (q + 1) / 2) + 4 * frames) as f64) as u64);
+    }
+    if let (Some(scene), Some(taken), Some(rig)) = (scene, &taken, &rig) {
+        let pattern = known.extent("pattern");
+        let asked = Asked { params, scene, rig, taken, pattern, patterned, wanted: &known.wanted };
+        if let Some((bytes, makes)) = memory(&asked) {
+            plan.memory = Some(bytes);
+            plan.bytes = Some(makes.values().map(|extent| extent.bytes()).sum());
+            plan.makes = makes;
+        }
     }
     plan
 }

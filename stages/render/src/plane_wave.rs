@@ -2,6 +2,7 @@
 //! no paths and no noise, but an error that is bounded beforehand.
 
 use std::f64::consts::{FRAC_1_PI, PI, TAU};
+use std::sync::Arc;
 
 use glam::DVec3;
 use turbid_contract::Error;
@@ -10,7 +11,7 @@ use turbid_optics::elementary::sin_cos_turns;
 use turbid_optics::{Medium, rte};
 
 use crate::field::Field;
-use crate::fit::{Guide, guide};
+use crate::fit::Guides;
 use crate::light::{Carrier, Emission, Light};
 use crate::rig::Rig;
 use crate::uniform::{missing_light, obstacle};
@@ -34,13 +35,13 @@ impl Bound {
 /// The image of one channel.
 #[derive(Clone)]
 pub struct PlaneWave {
-    guides: Vec<Guide>,
+    guides: Arc<Guides>,
     /// W (or W/sr ..) of the projector over that of the guides.
     strength: f64,
     /// Radiance over irradiance, for the pattern 1 and for each carrier.
     ratios: Vec<f64>,
     /// What a pixel's width leaves of each carrier, `[pixel][carrier]`.
-    sharpness: Vec<f64>,
+    sharpness: Arc<[f64]>,
     bounds: Vec<Bound>,
 }
 
@@ -158,9 +159,9 @@ impl PlaneWave {
     pub fn all(scene: &Scene, rig: &Rig, carriers: &[Carrier]) -> Result<Vec<Self>, Error> {
         let nothing = || Error::failed("a pixel sees nothing, so there is no image of a plane");
         let pixels = rig.camera.pixels();
-        let guides = (0..pixels).map(|p| guide(rig, carriers, p)).collect::<Option<Vec<_>>>().ok_or_else(nothing)?;
+        let guides = Arc::new(Guides::of(rig, carriers).ok_or_else(nothing)?);
         let geometry = Geometry::of(rig).ok_or_else(nothing)?;
-        let sharpness: Vec<f64> =
+        let sharpness: Arc<[f64]> =
             (0..pixels).flat_map(|pixel| carriers.iter().map(move |c| sharpness(rig, pixel, c))).collect();
         let frequencies: Vec<f64> = std::iter::once(0.0).chain(carriers.iter().map(Carrier::f_x)).collect();
         let channel = |channel: usize| {
@@ -178,7 +179,7 @@ impl PlaneWave {
 
     /// (re, im) of the carrier's place in the list, the pattern 1 before them.
     fn response(&self, pixel: usize, carrier: usize) -> (f64, f64) {
-        let guide = &self.guides[pixel];
+        let guide = self.guides.at(pixel);
         let modulus = self.strength * guide.gain * self.ratios[carrier];
         match carrier.checked_sub(1) {
             None => (modulus, 0.0),

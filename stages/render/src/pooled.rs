@@ -6,7 +6,7 @@ use crate::field::{Field, Sampled, Watched};
 use crate::moments::{Brightness, Moments};
 use crate::neighbours::{around, within};
 use crate::rig::Rig;
-use crate::tail::{brightness, expected_kurtosis, image_holds, is_heavy, is_held, is_peaked, kurtosis};
+use crate::tail::{brightness, expected_kurtosis, image_holds, is_heavy, is_held, is_peaked, kurtosis, of_pixels};
 use crate::truth::first_hit;
 use crate::world::Spans;
 
@@ -34,13 +34,13 @@ pub fn by_paths<'a>(
     let mean_paths = paths.iter().map(|&n| f64::from(n)).sum::<f64>() / paths.len() as f64;
     let of = |moments: &'a Moments| -> Box<dyn Field + 'a> {
         let sampled = |spread| Sampled { moments, paths, spread };
-        let pixels = brightness(moments, paths);
-        let kurtosis = kurtosis(&pixels, expected);
+        let kurtosis = kurtosis(of_pixels(moments, paths), expected);
         // Rare paths between walls are bright in few pixels: only what a lobe does is alike in all that look at a body.
         if is_peaked(expected) && is_heavy(kurtosis.max(expected), mean_paths) {
             let scatters = |body: usize| world.materials[world.bodies[body].material].mu_s > 0.0;
             let looks: Vec<Look> =
                 body().into_iter().map(|b| Look { body: b, scatters: b.is_some_and(scatters) }).collect();
+            let pixels = brightness(moments, paths);
             Box::new(Pooled::by_windows(sampled(kurtosis - 1.0), &pixels, &looks, columns, expected))
         } else if world.is_hollow() {
             Box::new(Pooled::around(sampled(kurtosis - 1.0), watched, &body(), columns))

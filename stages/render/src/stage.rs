@@ -91,10 +91,8 @@ impl Stage for RenderStage {
     }
 
     fn plan(params: &Params, known: &Known) -> StagePlan {
-        let patterned = known.connected.iter().any(|port| port == "pattern");
-        let power = known.wanted.iter().any(|port| port == "power");
         let scene = known.get::<Scene>("scene");
-        let mut plan = crate::plan::plan(params, scene.as_ref(), patterned, power);
+        let mut plan = crate::plan::plan(params, scene.as_ref(), known);
         if let Some(scene) = &scene {
             say_in(&mut plan, scene);
         }
@@ -192,6 +190,11 @@ impl Stage for RenderStage {
             }
         }
         let mut frames = images.frames();
+        let mut covariance = ctx.wants("covariance").then(|| images.covariance());
+        let mut white = ctx.wants("white").then(|| images.white());
+        // The sums take more room than all that is made of them.
+        drop(estimate);
+        drop(traced);
         let along = inputs.pattern.as_ref().and_then(|pattern| pattern.0.attributes.get_key_value("fringes_along"));
         frames.0.attributes.extend(along.map(|(name, surface)| (name.clone(), surface.clone())));
         tell_dark_frames(&frames.0, ctx);
@@ -199,8 +202,6 @@ impl Stage for RenderStage {
             said.insert_into(&mut frames.0.attributes, CONDITIONS);
             layers(&scene, &mut frames.0, ctx)?;
         }
-        let mut covariance = ctx.wants("covariance").then(|| images.covariance());
-        let mut white = ctx.wants("white").then(|| images.white());
         if let Some(camera) = &scene.camera {
             let others = [covariance.as_mut().map(|c| &mut c.0), white.as_mut().map(|w| &mut w.0)];
             others.into_iter().flatten().chain([&mut frames.0]).for_each(|stack| stack.set_pixel_pitch(camera));

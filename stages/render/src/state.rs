@@ -1,6 +1,7 @@
 //! What a longer render continues from: the sums after some whole batches, as bytes.
 
 use std::borrow::Cow;
+use std::io::{self, Read, Write};
 
 use crate::allocation::{doubling, share};
 use crate::moments::Moments;
@@ -24,6 +25,8 @@ pub struct State {
     pub beside: Option<Vec<bool>>,
     /// Where paths go to where the error is.
     pub more: Option<More>,
+    /// False while a round is at work whose first part it holds already: then it is no state to go on from.
+    pub is_whole: bool,
 }
 
 /// Paths beside those that every pixel has.
@@ -39,15 +42,18 @@ pub struct More {
 impl State {
     /// Of `fields` sums for each of `pixels` pixels.
     pub fn new(fields: usize, pixels: usize, layout: Layout, allocate: Allocate) -> Self {
-        let channels = vec![Moments::new(pixels, layout.width()).with_steady(layout.steady); fields];
-        let more = More { channels: channels.clone(), before: vec![0; pixels], planned: Vec::new() };
+        // One by one, not as copies of the first: the system hands out pages of zeros when they are first written.
+        let zeros = || (0..fields).map(|_| Moments::new(pixels, layout.width()).with_steady(layout.steady)).collect();
+        let channels = zeros();
+        let more = || More { channels: zeros(), before: vec![0; pixels], planned: Vec::new() };
         Self {
             samples: 0,
             channels,
             history: Vec::new(),
             flights: [0; 2],
             beside: None,
-            more: (allocate == Allocate::Adaptive).then_some(more),
+            more: (allocate == Allocate::Adaptive).then(more),
+            is_whole: true,
         }
     }
 
@@ -59,38 +65,43 @@ impl State {
         Cow::Owned(sums)
     }
 
-    pub fn to_bytes(&self) -> Vec<u8> {
-        let numbers = |channels: &[Moments]| channels.iter().map(|c| c.sums().len()).sum::<usize>();
-        let more = self.more.as_ref().map_or(0, |m| 8 * numbers(&m.channels) + 4 * (m.before.len() + m.planned.len()));
-        let beside = self.beside.as_deref().unwrap_or_default();
-        let mut bytes =
-            Vec::with_capacity(HEAD + 12 * self.history.len() + beside.len() + 8 * numbers(&self.channels) + more);
-        bytes.extend(MAGIC);
-        let planned = self.more.as_ref().map_or(0, |more| more.planned.len());
-        for number in [self.samples as usize, self.history.len(), beside.len(), planned] {
-            bytes.extend((number as u32).to_le_bytes());
-        }
-        bytes.extend(self.flights.iter().flat_map(|n| n.to_le_bytes()));
-        for (samples, error) in &self.history {
-            bytes.extend(samples.to_le_bytes());
-            bytes.extend(error.to_le_bytes());
-        }
-        bytes.extend(beside.iter().map(|&b| u8::from(b)));
-        let mut add = |channels: &[Moments]| {
-            bytes.extend(channels.iter().flat_map(Moments::sums).flat_map(|sum| sum.to_le_bytes()));
-        };
-        add(&self.channels);
-        if let Some(more) = &self.more {
-            add(&more.channels);
-            bytes.extend(more.before.iter().chain(&more.planned).flat_map(|n| n.to_le_bytes()));
-        }
-        bytes
+    /// The sums of all paths; the state is gone, for two of them would not fit where one does.
+    pub fn into_sums(self) -> Vec<Moments> {
+        let Some(more) = self.more else { return self.channels };
+        let mut sums = self.channels;
+        sums.iter_mut().zip(&more.channels).for_each(|(sum, more)| sum.fold(0, more));
+        sums
     }
 
-    /// `None` where the bytes are not a state like `empty`, of some paths.
-    pub fn from_bytes(bytes: &[u8], empty: Self) -> Option<Self> {
-        let mut rest = Bytes(bytes);
-        if rest.take(8)? != MAGIC {
+    /// Writes the state, piece by piece.
+    ///
+    /// Error: that of `to`.
+    pub fn write_to(&self, to: &mut dyn Write) -> io::Result<()> {
+        let beside = self.beside.as_deref().unwrap_or_default();
+        let planned = self.more.as_ref().map_or(0, |more| more.planned.len());
+        to.write_all(MAGIC)?;
+        for number in [self.samples as usize, self.history.len(), beside.len(), planned] {
+            to.write_all(&(number as u32).to_le_bytes())?;
+        }
+        for number in self.flights {
+            to.write_all(&number.to_le_bytes())?;
+        }
+        for (samples, error) in &self.history {
+            to.write_all(&samples.to_le_bytes())?;
+            to.write_all(&error.to_le_bytes())?;
+        }
+        to.write_all(&beside.iter().map(|&b| u8::from(b)).collect::<Vec<_>>())?;
+        write_sums(&self.channels, to)?;
+        let Some(more) = &self.more else { return Ok(()) };
+        write_sums(&more.channels, to)?;
+        let batches: Vec<u8> = more.before.iter().chain(&more.planned).flat_map(|n| n.to_le_bytes()).collect();
+        to.write_all(&batches)
+    }
+
+    /// `None` where what is read is not a state like `empty`, of some paths.
+    pub fn read_from(from: &mut dyn Read, empty: Self) -> Option<Self> {
+        let mut rest = Bytes(from);
+        if rest.bytes::<8>()? != *MAGIC {
             return None;
         }
         let [samples, history, beside, planned] = [rest.u32()?, rest.u32()?, rest.u32()?, rest.u32()?];
@@ -101,7 +112,7 @@ impl State {
         if ![0, pixels].contains(&(beside as usize)) || ![0, pixels].contains(&(planned as usize)) {
             return None;
         }
-        let beside = rest.take(beside as usize)?.iter().map(|&b| b == 1).collect::<Vec<_>>();
+        let beside = rest.take(beside as usize)?.into_iter().map(|b| b == 1).collect::<Vec<_>>();
         state.beside = (!beside.is_empty()).then_some(beside);
         rest.sums(&mut state.channels)?;
         if let Some(more) = &mut state.more {
@@ -111,7 +122,7 @@ impl State {
         } else if planned != 0 {
             return None;
         }
-        rest.0.is_empty().then_some(state)
+        rest.is_at_end().then_some(state)
     }
 
     fn pixels(&self) -> usize {
@@ -134,35 +145,57 @@ impl More {
     }
 }
 
-/// What stands before the lists.
-const HEAD: usize = 8 + 4 * 4 + 2 * 8;
+/// Numbers that are written at a time.
+const PIECE: usize = 1 << 13;
+
+fn write_sums(channels: &[Moments], to: &mut dyn Write) -> io::Result<()> {
+    let mut bytes = Vec::with_capacity(8 * PIECE);
+    for piece in channels.iter().flat_map(|channel| channel.sums().chunks(PIECE)) {
+        bytes.clear();
+        bytes.extend(piece.iter().flat_map(|sum| sum.to_le_bytes()));
+        to.write_all(&bytes)?;
+    }
+    Ok(())
+}
 
 /// What is left to read.
-struct Bytes<'a>(&'a [u8]);
+struct Bytes<'a>(&'a mut dyn Read);
 
-impl<'a> Bytes<'a> {
-    fn take(&mut self, n: usize) -> Option<&'a [u8]> {
-        let (taken, rest) = self.0.split_at_checked(n)?;
-        self.0 = rest;
-        Some(taken)
+impl Bytes<'_> {
+    fn bytes<const N: usize>(&mut self) -> Option<[u8; N]> {
+        let mut bytes = [0; N];
+        self.0.read_exact(&mut bytes).ok()?;
+        Some(bytes)
+    }
+
+    fn take(&mut self, n: usize) -> Option<Vec<u8>> {
+        let mut bytes = vec![0; n];
+        self.0.read_exact(&mut bytes).ok()?;
+        Some(bytes)
     }
 
     fn u32(&mut self) -> Option<u32> {
-        self.take(4)?.try_into().ok().map(u32::from_le_bytes)
+        self.bytes().map(u32::from_le_bytes)
     }
 
     fn u64(&mut self) -> Option<u64> {
-        self.take(8)?.try_into().ok().map(u64::from_le_bytes)
+        self.bytes().map(u64::from_le_bytes)
     }
 
     /// Fills the sums of channels that have their size.
     fn sums(&mut self, channels: &mut [Moments]) -> Option<()> {
-        for channel in channels {
-            let taken = self.take(8 * channel.sums().len())?;
-            let sums = taken.chunks_exact(8).map(|b| f64::from_le_bytes(b.try_into().expect("eight bytes")));
-            channel.set(sums);
+        let mut bytes = vec![0; 8 * PIECE];
+        for piece in channels.iter_mut().flat_map(|channel| channel.sums_mut().chunks_mut(PIECE)) {
+            let bytes = &mut bytes[..8 * piece.len()];
+            self.0.read_exact(bytes).ok()?;
+            let (numbers, _) = bytes.as_chunks::<8>();
+            piece.iter_mut().zip(numbers).for_each(|(sum, number)| *sum = f64::from_le_bytes(*number));
         }
         Some(())
+    }
+
+    fn is_at_end(&mut self) -> bool {
+        self.0.read(&mut [0]).is_ok_and(|n| n == 0)
     }
 }
 
@@ -185,12 +218,13 @@ mod tests {
                 (more.before, more.planned) = (vec![1, 2, 3], vec![4, 5, 6]);
                 more.channels[0].add(1, &[0.5, 0.25, 3.0]);
             }
-            let bytes = state.to_bytes();
-            assert_eq!(State::from_bytes(&bytes, empty(3)), Some(state));
-            assert_eq!(State::from_bytes(&bytes, empty(4)), None);
-            assert_eq!(State::from_bytes(&bytes, State::new(2, 3, layout, other)), None);
+            let mut bytes = Vec::new();
+            state.write_to(&mut bytes).expect("a vector takes whatever is written");
+            assert_eq!(State::read_from(&mut bytes.as_slice(), empty(3)), Some(state));
+            assert_eq!(State::read_from(&mut bytes.as_slice(), empty(4)), None);
+            assert_eq!(State::read_from(&mut bytes.as_slice(), State::new(2, 3, layout, other)), None);
             for torn in [0, 7, 23, 30, bytes.len() - 1] {
-                assert_eq!(State::from_bytes(&bytes[..torn], empty(3)), None, "{torn} bytes");
+                assert_eq!(State::read_from(&mut &bytes[..torn], empty(3)), None, "{torn} bytes");
             }
         }
     }

@@ -24,7 +24,9 @@ const BATCH: u32 = 8;
 /// Batches of a tile: enough paths that lanes run dry for a small part of its time only.
 const TILE: usize = 1024;
 /// Tiles and batches of a round are chosen so that it holds about this many batches of a pixel.
-const ROUND: usize = 1 << 15;
+pub const ROUND: usize = 1 << 15;
+/// Batches whose sums are held beside the state at a time; a multiple of the tile. More than this in a round are walked in segments.
+pub const SEGMENT: usize = 1 << 19;
 /// After so many paths per pixel it is decided where stand-ins are worth their time.
 pub const PILOT: u32 = 16;
 /// Tells the paths beside the even ones apart.
@@ -129,8 +131,8 @@ pub fn trace(task: &Task<'_>, ctx: Ctx<'_>) -> Result<Sums, Error> {
         match job.round(&mut state, until) {
             Ok(ways) => given_up += ways,
             Err(interrupted) => {
-                if state.samples > resumed_at && task.kept {
-                    ctx.checkpoint(&state.to_bytes(), u64::from(state.samples));
+                if state.samples > resumed_at && task.kept && state.is_whole {
+                    keep(&state, ctx);
                 }
                 return Err(interrupted);
             }
@@ -142,11 +144,11 @@ pub fn trace(task: &Task<'_>, ctx: Ctx<'_>) -> Result<Sums, Error> {
         }
         ctx.progress(f64::from(state.samples), params.samples.map(f64::from), "paths per pixel");
         if task.kept && ctx.checkpoint_is_due() {
-            ctx.checkpoint(&state.to_bytes(), u64::from(state.samples));
+            keep(&state, ctx);
         }
     }
     if state.samples > resumed_at && task.kept {
-        ctx.checkpoint(&state.to_bytes(), u64::from(state.samples));
+        keep(&state, ctx);
     }
     let cut_short = stopped(&state);
     if whole < cap && params.samples.is_some() && !cut_short {
@@ -157,22 +159,31 @@ pub fn trace(task: &Task<'_>, ctx: Ctx<'_>) -> Result<Sums, Error> {
         ctx.measure("ways of light given up", given_up as f64, "1");
         ctx.warn("some ways of light through curved walls are too rare to be weighed, and are missing");
     }
-    let (channels, paths) = (state.sums().into_owned(), task.paths(&state));
-    let flights = state.flights;
-    Ok(Sums { channels, samples: state.samples, paths, beside: state.beside, flights })
+    let (samples, paths, flights, beside) = (state.samples, task.paths(&state), state.flights, state.beside.take());
+    Ok(Sums { channels: state.into_sums(), samples, paths, beside, flights })
+}
+
+/// Keeps a state for a longer run, or for one after a kill, to continue.
+fn keep(state: &State, ctx: Ctx<'_>) {
+    ctx.checkpoint_with(u64::from(state.samples), &|to| state.write_to(to));
 }
 
 /// The furthest checkpoint at which a fresh run would not have stopped before.
 fn resume(task: &Task<'_>, whole: u32, ctx: Ctx<'_>) -> State {
-    let empty = State::new(task.fields(), task.pixels.len(), task.shown.layout, task.allocate);
+    // Made when needed: its zeros take no room before they are written over.
+    let empty = || State::new(task.fields(), task.pixels.len(), task.shown.layout, task.allocate);
     let mut at_most = whole;
     // The host counts what it hands over as work of this run: it is not asked in vain.
-    while task.kept
-        && let Some(bytes) = ctx.resume(u64::from(at_most))
-    {
-        let Some(state) = State::from_bytes(&bytes, empty.clone()) else {
+    loop {
+        let mut read = None;
+        let found =
+            task.kept && ctx.resume_with(u64::from(at_most), &mut |from| read = State::read_from(from, empty()));
+        if !found {
+            return empty();
+        }
+        let Some(state) = read else {
             ctx.warn("a checkpoint of this render could not be read; it starts anew");
-            break;
+            return empty();
         };
         let target = task.params.target_error;
         let met = target.and_then(|t| state.history.iter().find(|(_, e)| *e <= t.0)).map(|h| h.0);
@@ -181,7 +192,6 @@ fn resume(task: &Task<'_>, whole: u32, ctx: Ctx<'_>) -> State {
             _ => return state,
         }
     }
-    empty
 }
 
 struct Job<'a> {
@@ -236,6 +246,9 @@ impl Job<'_> {
             None => (state.samples, until),
             Some(_) => (allocation::even(at) * BATCH, allocation::even(to) * BATCH + until % BATCH),
         };
+        if state.more.is_none() && self.alike_count(&(first..last)) > SEGMENT {
+            return self.long_round(state, first..last);
+        }
         let even = self.walk(state, &self.alike(first..last), 0)?;
         let more = match &state.more {
             None => Parts::default(),
@@ -248,10 +261,7 @@ impl Job<'_> {
         // Nothing of a round that did not come to its end may enter the state.
         self.ctx.checked()?;
         if even.endless || more.endless {
-            return Err(Error::failed_with_hint(
-                "a path of light does not end: it is in a closed space that absorbs nothing",
-                "give a surface a reflectance below 1, or a medium some absorption",
-            ));
+            return Err(endless());
         }
         self.fold(&even, &mut state.channels);
         for flights in [even.flights, more.flights] {
@@ -264,6 +274,38 @@ impl Job<'_> {
         }
         state.samples = until;
         Ok(even.given_up + more.given_up)
+    }
+
+    /// A round whose batches are so many that their sums would take as much memory as the state: segment by segment, in the order in which
+    /// [`fold`](Self::fold) adds them. One that does not come to its end leaves a state that is not whole.
+    fn long_round(&self, state: &mut State, samples: Range<u32>) -> Result<u64, Error> {
+        let mut given_up = 0;
+        let until = samples.end;
+        // Of each pixel the batches follow each other from segment to segment as they do in a short round.
+        for first in samples.step_by(BATCH as usize) {
+            let count = (until - first).min(BATCH);
+            for start in (0..self.task.pixels.len()).step_by(SEGMENT) {
+                let places = start..self.task.pixels.len().min(start + SEGMENT);
+                let batches: Vec<Batch> = places.map(|place| Batch { place: place as u32, first, count }).collect();
+                let parts = self.walk(state, &batches, 0)?;
+                self.ctx.checked()?;
+                if parts.endless {
+                    return Err(endless());
+                }
+                state.is_whole = false;
+                self.fold(&parts, &mut state.channels);
+                state.flights[0] += parts.flights[0];
+                state.flights[1] += parts.flights[1];
+                given_up += parts.given_up;
+            }
+        }
+        (state.samples, state.is_whole) = (until, true);
+        Ok(given_up)
+    }
+
+    /// How many batches [`alike`](Self::alike) has.
+    fn alike_count(&self, samples: &Range<u32>) -> usize {
+        (samples.end - samples.start).div_ceil(BATCH) as usize * self.task.pixels.len()
     }
 
     /// The same samples of all pixels, batch after batch, the last perhaps smaller.
@@ -391,6 +433,13 @@ fn pair(
             }
         }
     }
+}
+
+fn endless() -> Error {
+    Error::failed_with_hint(
+        "a path of light does not end: it is in a closed space that absorbs nothing",
+        "give a surface a reflectance below 1, or a medium some absorption",
+    )
 }
 
 /// The next `count` paths of a pixel, by its place among those that are traced.

@@ -20,37 +20,49 @@ pub fn truth(scene: &Scene, world: &World, object_of: &[usize], camera: &Camera)
         stack.attributes.insert("field".to_owned(), json!(camera.field));
         stack.set_pixel_pitch(camera);
     }
-    let mut spans = Spans::default();
-    let hits: Vec<Option<Hit>> = (0..camera.pixels()).map(|p| first_hit(world, camera, p, &mut spans)).collect();
-    let mut push = |info: LayerInfo, value: &dyn Fn(&Hit) -> f64| {
-        let data = hits.iter().map(|hit| hit.as_ref().map_or(0.0, |h| value(h) as f32)).collect();
-        stack.push(info, Array2::from_shape_vec((rows, columns), data).expect("one value per pixel"));
-    };
     // Optical properties of the object; an opaque one has none and shows 0.
     let media: Vec<_> = scene.objects.values().map(|o| o.medium.as_ref().map(|m| &scene.media[m])).collect();
+    let media = &media;
+    let mut layers: Vec<(LayerInfo, Value<'_>)> = Vec::new();
     for channel in 0..scene.channels() {
         let wavelength = scene.wavelengths_nm.get(channel).copied();
         let info = |name: &str| LayerInfo { wavelength_nm: wavelength, ..LayerInfo::value(name, "mm^-1") };
         let of = |hit: &Hit| media[object_of[hit.body]];
-        push(info("mu_a"), &|hit| of(hit).map_or(0.0, |m| m.mu_a[channel]));
-        push(info("mu_s_prime"), &|hit| of(hit).map_or(0.0, |m| m.mu_s[channel] * (1.0 - m.g)));
+        layers.push((info("mu_a"), Box::new(move |hit| of(hit).map_or(0.0, |m| m.mu_a[channel]))));
+        let mu_s_prime = move |hit: &Hit| of(hit).map_or(0.0, |m| m.mu_s[channel] * (1.0 - m.g));
+        layers.push((info("mu_s_prime"), Box::new(mu_s_prime)));
     }
-    push(LayerInfo::value("height", "mm"), &|hit| hit.height);
-    push(LayerInfo::value("depth", "mm"), &|hit| hit.depth);
+    layers.push((LayerInfo::value("height", "mm"), Box::new(|hit| hit.height)));
+    layers.push((LayerInfo::value("depth", "mm"), Box::new(|hit| hit.depth)));
     for (i, name) in ["normal_x", "normal_y", "normal_z"].into_iter().enumerate() {
-        push(LayerInfo::value(name, "1"), &|hit| hit.normal[i]);
+        layers.push((LayerInfo::value(name, "1"), Box::new(move |hit| hit.normal[i])));
     }
-    push(LayerInfo::value("object", "1"), &|hit| object_of[hit.body] as f64);
+    layers.push((LayerInfo::value("object", "1"), Box::new(|hit| object_of[hit.body] as f64)));
     if scene.objects.values().any(|o| matches!(o.surface, Surface::Textured(_))) {
         // Of opaque objects; light that enters others is not a matter of their surface alone.
-        push(LayerInfo::value("albedo", "1"), &|hit| hit.albedo.unwrap_or(0.0));
+        layers.push((LayerInfo::value("albedo", "1"), Box::new(|hit| hit.albedo.unwrap_or(0.0))));
     }
-    let mask =
-        hits.iter().map(|h| if h.is_some() { MaskReason::Good } else { MaskReason::Background }.code()).collect();
-    let mask = Array2::from_shape_vec((rows, columns), mask).expect("one value per pixel");
+    let mut spans = Spans::default();
+    // Pixel by pixel into all layers: a hit takes more room than what is said of it.
+    let zeros = || Array2::<f32>::zeros((rows, columns));
+    let mut data: Vec<Array2<f32>> = layers.iter().map(|_| zeros()).collect();
+    let mut mask = zeros();
+    for (pixel, mask) in mask.iter_mut().enumerate() {
+        let Some(hit) = first_hit(world, camera, pixel, &mut spans) else {
+            *mask = MaskReason::Background.code();
+            continue;
+        };
+        for ((_, value), data) in layers.iter().zip(&mut data) {
+            data[(pixel / columns, pixel % columns)] = value(&hit) as f32;
+        }
+    }
+    layers.into_iter().zip(data).for_each(|((info, _), data)| stack.push(info, data));
     stack.push(LayerInfo::new("mask", LayerKind::Mask, "1"), mask);
     Truth(stack)
 }
+
+/// What a layer says of a hit.
+type Value<'a> = Box<dyn Fn(&Hit) -> f64 + 'a>;
 
 pub(crate) struct Hit {
     /// The body that fills the space behind the boundary.

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{MaskReason, Modulation, Section, Sections, Truth};
 use turbid_contract::{
-    Ctx, Error, ImageStack, Known, Layer, LayerInfo, LayerKind, Problems, Stage, StagePlan, in_ports, out_ports,
+    Ctx, Error, Extent, ImageStack, Known, Layer, LayerInfo, LayerKind, Problems, Stage, StagePlan, in_ports, out_ports,
 };
 
 use crate::blend::{Share, share};
@@ -121,9 +121,14 @@ impl Stage for SectionTube {
         }
     }
 
-    fn plan(params: &Params, _known: &Known) -> StagePlan {
+    fn plan(params: &Params, known: &Known) -> StagePlan {
         let left_out = if params.blend == 0.0 { vec!["blending between sections".into()] } else { Vec::new() };
-        StagePlan { method: Some(params.method.name().into()), left_out, ..StagePlan::default() }
+        // Section, neighbour, weight, arc length and mask, and what is known of each pixel of the wall while it is sorted (f64).
+        let of = |port: &str| known.extent(port).map_or(0, Extent::bytes);
+        let sections = known.extent("modulation").map(|m| Extent::Images { pixels: m.pixels(), layers: 5 });
+        let memory = sections.map(|s| of("modulation") + of("truth") + s.bytes() + 128 * s.pixels());
+        let makes = sections.map(|sections| ("sections", sections)).into_iter().collect();
+        StagePlan { method: Some(params.method.name().into()), left_out, memory, makes, ..StagePlan::default() }
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {

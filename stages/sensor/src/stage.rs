@@ -3,7 +3,8 @@
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Covariance, Frames, MaskReason};
 use turbid_contract::{
-    Ctx, Error, Facts, ImageStack, Known, Layer, LayerInfo, LayerKind, Problems, Stage, StagePlan, in_ports, out_ports,
+    Ctx, Error, Extent, Extents, Facts, ImageStack, Known, Layer, LayerInfo, LayerKind, Problems, Stage, StagePlan,
+    in_ports, out_ports,
 };
 use turbid_optics::philox;
 
@@ -62,7 +63,7 @@ impl Stage for Sensor {
         Facts::from([("frames", known.fact("frames"))])
     }
 
-    fn plan(params: &Params, _known: &Known) -> StagePlan {
+    fn plan(params: &Params, known: &Known) -> StagePlan {
         let parts = [
             ("shot noise and read noise", params.full_well.is_some()),
             ("gamma", params.gamma != 1.0),
@@ -72,7 +73,12 @@ impl Stage for Sensor {
             ("pixels unlike each other", params.response_spread > 0.0 || params.dark_spread > 0.0),
         ];
         let named = |on: bool| parts.iter().filter(|p| p.1 == on).map(|p| p.0.to_owned()).collect();
-        StagePlan { needs: named(true), left_out: named(false), ..StagePlan::default() }
+        let mut plan = StagePlan { needs: named(true), left_out: named(false), ..StagePlan::default() };
+        if let Some(frames) = known.extent("frames") {
+            let covariance = known.extent("covariance").map_or(0, Extent::bytes);
+            (plan.memory, plan.makes) = memory(frames, covariance, &known.wanted);
+        }
+        plan
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
@@ -128,6 +134,25 @@ impl Stage for Sensor {
         let numbers = ctx.wants("numbers").then(|| Frames(numbers(ideal, &values, &seen)));
         Ok(Out { frames: Frames(frames), covariance, numbers })
     }
+}
+
+/// Bytes that the run holds at the most, and how large its outputs are going to be.
+///
+/// Of each frame, which comes with its standard errors beside two layers of conditions: value, noise of the light and of the camera, and number in f64,
+/// two flags; before that its pixels once more, to be sorted for the full scale. Frames come out as they went in, with a mask.
+fn memory(frames: Extent, covariance: u64, wanted: &[String]) -> (Option<u64>, Extents) {
+    let (pixels, shown) = (frames.pixels(), frames.layers().saturating_sub(2).max(2) / 2);
+    let images = |layers: u64| Extent::Images { pixels, layers };
+    let mut makes = Extents::from([("frames", images(frames.layers() + 1))]);
+    let wants = |port: &str| wanted.iter().any(|wanted| wanted == port);
+    if wants("covariance") {
+        makes.insert("covariance", images(shown * (shown + 1) / 2));
+    }
+    if wants("numbers") {
+        makes.insert("numbers", images(shown));
+    }
+    let made: u64 = makes.values().map(|extent| extent.bytes()).sum();
+    (Some(frames.bytes() + covariance + 38 * shown * pixels + made), makes)
 }
 
 /// The radiance that all but 0.1 % of the pixels of all frames stay below.

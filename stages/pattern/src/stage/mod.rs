@@ -16,6 +16,8 @@ use crate::screen::Screen;
 
 /// CPU seconds for a value of a layer (measured).
 const PER_VALUE: f64 = 2e-7;
+/// Bytes for each pixel of the projector beside its layers: where its light falls, coordinates and irradiance there, and what the preview says of it.
+const OF_PIXEL: u64 = 128;
 
 /// A plane of the screen's size.
 fn plane(screen: &Screen, values: Vec<f32>) -> Array2<f32> {

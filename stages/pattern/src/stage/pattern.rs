@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 use turbid_contract::canonical::canonical_value;
 use turbid_contract::payload::{Pattern, Picture, Scene, SurfaceFrequency};
 use turbid_contract::{
-    AngleDeg, Ctx, Error, FileUse, ImageStack, Known, LayerInfo, PerLength, Problems, Stage, StagePlan, in_ports,
-    out_ports, serde_json,
+    AngleDeg, Ctx, Error, Extent, FileUse, ImageStack, Known, LayerInfo, PerLength, Problems, Stage, StagePlan,
+    in_ports, out_ports, serde_json,
 };
 use turbid_geometry::{Bodies, picture};
 use turbid_optics::elementary::sin_cos_turns;
@@ -17,7 +17,7 @@ use crate::fringes::{self, Fringe, fringes};
 use crate::image::{self, Image};
 use crate::screen::Screen;
 use crate::speckle::{Speckle, speckle};
-use crate::stage::{Map, PER_VALUE, plane};
+use crate::stage::{Map, OF_PIXEL, PER_VALUE, plane};
 
 /// The shape of a fringe.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -166,8 +166,11 @@ impl Stage for PatternStage {
         let fringes = params.f_x.len() as f64 * f64::from(params.phases) * params.orientation_deg.len() as f64;
         let layers = params.speckle.map_or(fringes, |speckle| f64::from(speckle.count));
         let screen = known.get::<Scene>("scene").and_then(|scene| Screen::of(&scene, params.pixels).ok());
-        let seconds = screen.map(|s| (s.rows * s.columns) as f64 * PER_VALUE * layers);
-        StagePlan { method: Some(method.into()), seconds, ..StagePlan::default() }
+        let seconds = screen.as_ref().map(|s| (s.rows * s.columns) as f64 * PER_VALUE * layers);
+        let makes = screen.map(|s| Extent::images(s.columns as u64, s.rows as u64, layers as u64));
+        let memory = makes.map(|layers| 2 * layers.bytes() + OF_PIXEL * layers.pixels());
+        let makes = makes.map(|layers| ("pattern", layers)).into_iter().collect();
+        StagePlan { method: Some(method.into()), seconds, memory, makes, ..StagePlan::default() }
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {

@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use turbid_contract::payload::{Pattern, Scene, SurfaceFrequency};
 use turbid_contract::{
-    AngleDeg, Ctx, Error, ImageStack, Known, LayerInfo, PerLength, Problems, Ratio, Stage, StagePlan, in_ports,
+    AngleDeg, Ctx, Error, Extent, ImageStack, Known, LayerInfo, PerLength, Problems, Ratio, Stage, StagePlan, in_ports,
     out_ports,
 };
 use turbid_geometry::{Bodies, camera_view};
@@ -15,7 +15,7 @@ use crate::fringes::{self, Fringe, fringes};
 use crate::sample::Sample;
 use crate::screen::Screen;
 use crate::stage::pattern::three;
-use crate::stage::{Map, PER_VALUE, plane};
+use crate::stage::{Map, OF_PIXEL, PER_VALUE, plane};
 use crate::trace::trace;
 use crate::wall::Wall;
 
@@ -153,8 +153,12 @@ impl Stage for Predistort {
         };
         let screen = known.get::<Scene>("scene").and_then(|scene| Screen::of(&scene, params.pixels).ok());
         let layers = params.f_x.len() as f64 * f64::from(params.phases);
-        let seconds = screen.map(|s| (s.rows * s.columns) as f64 * (per_pixel + PER_VALUE * layers));
-        StagePlan { method: Some(params.method.name().into()), left_out, seconds, ..StagePlan::default() }
+        let seconds = screen.as_ref().map(|s| (s.rows * s.columns) as f64 * (per_pixel + PER_VALUE * layers));
+        let makes = screen.map(|s| Extent::images(s.columns as u64, s.rows as u64, layers as u64));
+        let memory = makes.map(|layers| 2 * layers.bytes() + OF_PIXEL * layers.pixels());
+        let makes = makes.map(|layers| ("pattern", layers)).into_iter().collect();
+        let method = Some(params.method.name().into());
+        StagePlan { method, left_out, seconds, memory, makes, ..StagePlan::default() }
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {

@@ -1,0 +1,90 @@
+//! `--memory`, and what commands say of the memory that instances take.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use clap::Args;
+
+use crate::memory::{Budget, SMALL};
+use crate::plan::{InstanceId, Plan};
+use crate::resolve::Survey;
+use crate::spec::{Diagnostic, Section};
+
+use super::cache::{parse_size, size_text};
+
+#[derive(Args)]
+pub(super) struct MemoryLimit {
+    /// Memory that stages may take together, for example 8GB; by default what the machine has free
+    #[arg(long, value_name = "SIZE", value_parser = parse_size)]
+    memory: Option<u64>,
+}
+
+impl MemoryLimit {
+    /// What there is for a run on `threads` threads; `None` where nobody knows.
+    pub fn budget(&self, threads: usize) -> Option<Budget> {
+        Budget::of(self.memory, threads)
+    }
+}
+
+/// Threads of a run that is not told how many.
+pub(super) fn threads() -> usize {
+    std::thread::available_parallelism().map_or(1, std::num::NonZeroUsize::get)
+}
+
+/// Instances that need more than there is, a mistake for each stage: with where the stage stands, what it needs, what there is and the way out.
+pub(super) fn too_large(plan: &Plan, survey: &Survey, budget: Option<Budget>) -> Vec<Diagnostic> {
+    let Some(Budget { bytes: most, by }) = budget else { return Vec::new() };
+    let mut largest: BTreeMap<usize, (u64, InstanceId)> = BTreeMap::new();
+    for (&id, detail) in &survey.plans {
+        let need = detail.memory.unwrap_or(0);
+        if need > most.max(SMALL) {
+            let stage = plan.instances[id].stage;
+            let entry = largest.entry(stage).or_insert((need, id));
+            // Of equal ones the first.
+            if need > entry.0 || (need == entry.0 && id < entry.1) {
+                *entry = (need, id);
+            }
+        }
+    }
+    let told = |(stage, (need, id)): (usize, (u64, InstanceId))| {
+        let (name, use_name) = (plan.label(id), plan.row(stage).name);
+        let message = format!(
+            "`{name}` ({use_name}) needs about {} of memory, and there are {} {}",
+            size_text(need),
+            size_text(most),
+            by.text()
+        );
+        let hint = "fewer pixels, frames or nodes need less; more memory can be named with --memory SIZE, where this figure is wrong";
+        plan.spec.diagnostic(stage, Section::Stage, &[] as &[&str], message, Some(hint.to_owned()))
+    };
+    largest.into_iter().map(told).collect()
+}
+
+/// Bytes that a run takes at the most on `threads` threads: what is ready runs side by side, in the order of the run, as far as it fits into `budget`. Where
+/// all take equally long, that is what happens; else it may be less.
+pub(super) fn at_most(plan: &Plan, survey: &Survey, budget: Option<Budget>, threads: usize) -> u64 {
+    let need = |id: &InstanceId| survey.plans.get(id).and_then(|detail| detail.memory).unwrap_or(0);
+    let mut open: BTreeSet<InstanceId> =
+        plan.needed_instances().filter(|id| survey.plans.contains_key(id) && !survey.twins.contains_key(id)).collect();
+    let mut most = 0;
+    while !open.is_empty() {
+        let is_ready = |id: &InstanceId| {
+            let mut sources = plan.instances[*id].wires.iter().flat_map(|w| w.from.iter().map(|f| f.0));
+            !sources.any(|source| open.contains(&source))
+        };
+        let (mut taken, mut begun) = (0_u64, Vec::new());
+        for id in open.iter().copied().filter(is_ready) {
+            let sum = taken.saturating_add(need(&id));
+            if begun.len() == threads || (!begun.is_empty() && budget.is_some_and(|budget| sum > budget.bytes)) {
+                break;
+            }
+            taken = sum;
+            begun.push(id);
+        }
+        assert!(!begun.is_empty(), "a graph without circles has an instance that is ready");
+        for id in &begun {
+            open.remove(id);
+        }
+        most = most.max(taken);
+    }
+    most
+}

@@ -1,0 +1,179 @@
+//! Large image stacks: line by line between memory and disk, so that neither the encoded bytes nor a second copy of the pixels is ever held.
+
+use std::fs::{self, File};
+use std::io::{self, BufReader, BufWriter, Seek, SeekFrom, Write};
+use std::path::Path;
+
+use tempfile::NamedTempFile;
+use turbid_contract::{ArtifactKind, ImageStack};
+
+use crate::digest::Digest;
+use crate::store::backend::{Backend, Folder};
+use crate::store::disk;
+use crate::store::error::StoreError;
+use crate::store::exr;
+use crate::store::record::Blob;
+
+/// Bytes from which on a stack goes line by line; smaller ones are encoded in memory, which is faster.
+pub(super) const LARGE: u64 = 16 << 20;
+/// Bytes that are read or written at a time.
+const BUFFER: usize = 1 << 20;
+
+/// Whether the encoded stack has [`LARGE`] bytes at least: its masks, which are packed, do not count.
+pub(super) fn is_large(stack: &ImageStack) -> bool {
+    let plain = stack.layers.iter().filter(|l| l.info.kind != turbid_contract::LayerKind::Mask).count();
+    (4 * stack.rows() * stack.columns() * plain) as u64 >= LARGE
+}
+
+/// What [`Store::put`](super::Store::put) does with a large stack; `root` is that of the store.
+pub(super) fn put(root: &Path, folder: &Folder, stack: &ImageStack) -> Result<Blob, StoreError> {
+    let tmp = root.join("tmp");
+    let failed = |source| StoreError::io("write a blob", &tmp)(source);
+    let mut file = temporary(root).map_err(failed)?;
+    let mut to = BufWriter::with_capacity(BUFFER, Passing(file.as_file_mut()));
+    exr::encode_to(stack, &mut to)?;
+    to.flush().map_err(failed)?;
+    drop(to);
+    let bytes = length(file.as_file()).map_err(failed)?;
+    file.as_file_mut().seek(SeekFrom::Start(0)).map_err(failed)?;
+    let digest = Digest::of_reader(file.as_file_mut()).map_err(failed)?;
+    let blob = Blob { digest, kind: ArtifactKind::Images, bytes };
+    let path = folder.loose_path(&blob);
+    if folder.holds(&blob) && digest_of(&path).is_ok_and(|found| found == digest) {
+        return Ok(blob);
+    }
+    // What is there is wrong; what is not there is not moved.
+    folder.set_aside(&path)?;
+    publish(file, &path, true, true).map_err(StoreError::io("write a blob", &path))?;
+    Ok(blob)
+}
+
+/// What [`Store::get`](super::Store::get) does with a large stack: its file is read once to compare it with its digest, and once more to decode it.
+pub(super) fn get(folder: &Folder, blob: &Blob) -> Result<ImageStack, StoreError> {
+    let (digest, path) = (blob.digest, folder.loose_path(blob));
+    let failed = |source: io::Error| match source.kind() {
+        io::ErrorKind::NotFound => StoreError::Missing { digest },
+        _ => StoreError::io("read a blob", &path)(source),
+    };
+    // A folder or a pipe in its place is no blob, and is not waited for.
+    let is_file = fs::metadata(&path).map_err(failed)?.is_file();
+    if !is_file {
+        return Err(StoreError::Damaged { digest });
+    }
+    let mut file = File::open(&path).map_err(failed)?;
+    if length(&file).map_err(failed)? != blob.bytes || Digest::of_reader(&mut file).map_err(failed)? != digest {
+        return Err(StoreError::Damaged { digest });
+    }
+    file.seek(SeekFrom::Start(0)).map_err(failed)?;
+    exr::decode_from(BufReader::with_capacity(BUFFER, file))
+}
+
+fn length(file: &File) -> io::Result<u64> {
+    file.metadata().map(|meta| meta.len())
+}
+
+fn digest_of(path: &Path) -> io::Result<Digest> {
+    Digest::of_reader(&mut File::open(path)?)
+}
+
+/// A file that is removed unless it is published.
+pub(super) fn temporary(root: &Path) -> io::Result<NamedTempFile> {
+    let tmp = root.join("tmp");
+    fs::create_dir_all(&tmp)?;
+    tempfile::Builder::new().prefix("new-").tempfile_in(&tmp)
+}
+
+/// Publishes a temporary file as `path`, as [`disk::publish`] does with bytes.
+pub(super) fn publish(file: NamedTempFile, path: &Path, durable: bool, read_only: bool) -> io::Result<()> {
+    let folder = path.parent().expect("a file of the store lies in a folder");
+    fs::create_dir_all(folder)?;
+    disk::persist(file, path, durable, read_only)
+}
+
+/// Lets every byte pass [`disk::write`].
+pub(super) struct Passing<'a>(pub &'a mut File);
+
+impl Write for Passing<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        disk::write(self.0, bytes)?;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.flush()
+    }
+}
+
+impl Seek for Passing<'_> {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.0.seek(to)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use turbid_contract::ndarray::Array2;
+    use turbid_contract::{Artifact, LayerInfo, LayerKind};
+
+    use super::*;
+    use crate::store::{Store, encode};
+
+    /// 17 MB of values, and a mask of runs.
+    fn stack() -> ImageStack {
+        let (rows, columns) = (1500, 1450);
+        let mut stack = ImageStack::new(rows, columns);
+        for k in 0..2 {
+            let value = |(r, c): (usize, usize)| (r * columns + c + k) as f32 * 0.25;
+            stack.push(LayerInfo::value("m_ac", "1"), Array2::from_shape_fn((rows, columns), value));
+        }
+        let mask = Array2::from_shape_fn((rows, columns), |(r, _)| f32::from(u8::from(r % 7 == 0)));
+        stack.push(LayerInfo::new("mask", LayerKind::Mask, "1"), mask);
+        stack
+    }
+
+    /// The same bytes as in memory, the same stack back, once for twice; a flipped byte is damage, and what is damaged is written anew.
+    #[test]
+    fn line_by_line_gives_the_same_bytes() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(folder.path()).unwrap();
+        let stack = stack();
+        assert!(is_large(&stack));
+        let artifact = Artifact::Images(stack);
+        let blob = store.put(&artifact).unwrap();
+        let bytes = encode(&artifact).unwrap();
+        assert_eq!((blob.digest, blob.bytes), (Digest::of(&bytes), bytes.len() as u64));
+        assert!(store.get(&blob).unwrap() == artifact);
+        assert_eq!(store.extent(&blob), Some(artifact.extent()));
+        assert_eq!(store.put(&artifact).unwrap(), blob);
+        let path = store.file_of(&blob).expect("a file of its own");
+        let mut wrong = bytes.clone();
+        wrong[bytes.len() / 2] ^= 1;
+        for damaged in [&wrong[..], &bytes[..bytes.len() - 1]] {
+            fs::remove_file(&path).unwrap();
+            fs::write(&path, damaged).unwrap();
+            assert!(matches!(store.get(&blob), Err(StoreError::Damaged { .. })));
+            assert!(matches!(store.get(&blob), Err(StoreError::Missing { .. })), "it was set aside");
+            assert_eq!(store.put(&artifact).unwrap(), blob);
+            assert!(store.get(&blob).unwrap() == artifact);
+        }
+        let left = fs::read_dir(folder.path().join("store/tmp")).unwrap().count();
+        assert_eq!(left, 0, "temporary files");
+    }
+
+    /// What cannot be stored is named, and leaves nothing behind; nor does a disk that runs full.
+    #[test]
+    fn what_fails_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(folder.path()).unwrap();
+        let mut wrong = stack();
+        wrong.layers[1].data[(2, 4)] = f32::NAN;
+        let message = store.put(&Artifact::Images(wrong)).unwrap_err().to_string();
+        assert!(message.starts_with("layer 1 `m_ac` has the value NaN at row 2, column 4"), "{message}");
+        disk::quota::set(Some(5_000_000));
+        let full = store.put(&Artifact::Images(stack()));
+        disk::quota::set(None);
+        assert!(full.unwrap_err().is_full());
+        assert_eq!(fs::read_dir(folder.path().join("store/tmp")).unwrap().count(), 0, "temporary files");
+        assert!(fs::read_dir(folder.path().join("store/blobs")).map_or(0, Iterator::count) == 0);
+    }
+}
