@@ -1,7 +1,6 @@
 //! `turbid plan`: every instance as hit, run (reasons) or waits, with the method and kernel taken, what is left out, and how long it takes.
 
 use std::collections::BTreeMap;
-use std::io::Write;
 
 use clap::Args;
 use serde::Serialize;
@@ -12,6 +11,7 @@ use crate::memory::Budget;
 use crate::plan::{InstanceId, Plan};
 use crate::registry::Registry;
 use crate::resolve::{Resolver, State, Survey};
+use crate::terminal::tell;
 use crate::threads;
 
 use super::cache::size_text;
@@ -51,7 +51,7 @@ impl PlanCommand {
         }
         // The run may be meant for another machine: a plan of it is no mistake.
         for warning in too_large(&plan, &survey, budget) {
-            let _ = writeln!(std::io::stderr(), "{}", warning.warning());
+            tell(&warning.warning().to_string());
         }
         Ok(())
     }
