@@ -128,7 +128,7 @@ impl Backend for Folder {
         });
         match read {
             Ok(bytes) => Ok(Some(bytes)),
-            Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
+            Err(e) if matches!(e.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => Ok(None),
             Err(e) => Err(StoreError::io("read a blob", &path)(e)),
         }
     }

@@ -94,7 +94,7 @@ pub(super) fn publish_through(tmp: &Path, path: &Path, bytes: &[u8], durable: bo
     let folder = path.parent().unwrap_or(Path::new("."));
     fs::create_dir_all(tmp)?;
     fs::create_dir_all(folder)?;
-    let mut file = tempfile::Builder::new().prefix(WRITING).tempfile_in(tmp)?;
+    let mut file = crate::shared_file().prefix(WRITING).tempfile_in(tmp)?;
     leftover::hold(file.as_file());
     write(file.as_file_mut(), bytes)?;
     persist(file, path, durable, read_only)
@@ -106,25 +106,16 @@ pub(super) fn persist(file: tempfile::NamedTempFile, path: &Path, durable: bool,
     if durable {
         file.as_file().sync_all()?;
     }
-    let mut permissions = file.as_file().metadata()?.permissions();
-    set_mode(&mut permissions, read_only);
-    file.as_file().set_permissions(permissions)?;
+    if read_only {
+        let mut permissions = file.as_file().metadata()?.permissions();
+        permissions.set_readonly(true);
+        file.as_file().set_permissions(permissions)?;
+    }
     file.persist(path).map_err(|e| e.error)?;
     if durable {
         sync_folder(folder)?;
     }
     Ok(())
-}
-
-#[cfg(unix)]
-fn set_mode(permissions: &mut fs::Permissions, read_only: bool) {
-    use std::os::unix::fs::PermissionsExt;
-    permissions.set_mode(if read_only { 0o444 } else { 0o644 });
-}
-
-#[cfg(not(unix))]
-fn set_mode(permissions: &mut fs::Permissions, read_only: bool) {
-    permissions.set_readonly(read_only);
 }
 
 /// Brings the names in a folder to the disk; file systems that know no such thing are left alone.

@@ -41,6 +41,11 @@ impl StoreError {
         matches!(self, Self::Io { source, .. } if matches!(source.kind(), StorageFull | QuotaExceeded | FileTooLarge))
     }
 
+    /// Whether the disk cannot give these bytes back (EIO), unlike a file that may not or cannot be opened now.
+    pub(super) fn is_broken_medium(&self) -> bool {
+        matches!(self, Self::Io { source, .. } if cfg!(unix) && source.raw_os_error() == Some(5))
+    }
+
     pub(super) fn io(doing: impl Into<String>, path: &Path) -> impl FnOnce(io::Error) -> Self {
         let (doing, path) = (doing.into(), path.to_owned());
         move |source| Self::Io { doing, path, source }

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use crate::store::disk;
 use crate::store::error::StoreError;
+use crate::store::odd;
 
 /// Raised when an older turbid would misread the folder. The text has to change in more than the number then: see [`is_ours`].
 const FORMAT: u64 = 1;
@@ -39,7 +40,7 @@ pub(super) fn check(root: &Path) -> Result<bool, StoreError> {
         }
         // Nothing, or something that is no file.
         Err(e) if matches!(e.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => Ok(false),
-        Err(e) if e.kind() == io::ErrorKind::InvalidInput => Ok(false),
+        Err(_) if odd::is_no_file(&path) => Ok(false),
         Err(e) => Err(StoreError::io("open the store", &path)(e)),
     }
 }

@@ -174,9 +174,12 @@ impl Store {
         if !self.read_only {
             self.begin_use(&|| false)?;
         }
-        let bytes = self.folder.read(blob)?.ok_or(StoreError::Missing { digest })?;
-        if Digest::of(&bytes) == digest {
-            return Ok(bytes);
+        match self.folder.read(blob) {
+            Ok(Some(bytes)) if Digest::of(&bytes) == digest => return Ok(bytes),
+            Ok(Some(_)) => {}
+            Ok(None) => return Err(StoreError::Missing { digest }),
+            Err(error) if error.is_broken_medium() => {}
+            Err(error) => return Err(error),
         }
         if !self.read_only {
             self.folder.quarantine(blob)?;

@@ -27,6 +27,11 @@ fn is_not(path: &Path, kind: Kind) -> bool {
         })
 }
 
+/// Whether something else stands in the place of a file.
+pub(super) fn is_no_file(path: &Path) -> bool {
+    is_not(path, Kind::File)
+}
+
 /// Everything in the store at `root` that is in the way of its files and folders, sorted.
 pub(super) fn all(root: &Path) -> Vec<PathBuf> {
     let mut found: Vec<PathBuf> = ["format", "index"]
@@ -115,7 +120,10 @@ pub(super) fn set_aside(root: &Path, path: &Path) -> io::Result<()> {
         }
     }
     match fs::rename(path, &target) {
-        Err(e) if e.kind() == io::ErrorKind::NotFound && !is_there(path) => Ok(()),
+        // A file in the place of its folder has taken it away.
+        Err(e) if matches!(e.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) && !is_there(path) => {
+            Ok(())
+        }
         done => done,
     }
 }

@@ -253,16 +253,17 @@ impl Packs {
         self.state_mut().save(&self.root)
     }
 
-    /// Checks every frame of every pack: what no whole frame covers, in bytes, by pack.
+    /// Checks every frame of every pack: what no whole frame covers, in bytes, by pack; none where a pack cannot be read.
     ///
     /// The end of a pack that is torn (a writer was killed, or is at work) is not damage.
-    pub fn garbage(&self) -> Vec<(String, u64)> {
+    pub fn garbage(&self) -> Vec<(String, Option<u64>)> {
         let state = self.state();
         let scanned = state.packs.values().map(|pack| {
-            let bytes = disk::read_regular(&self.root.join("packs").join(&pack.name)).unwrap_or_default();
-            (pack.name.clone(), frame::scan(&bytes).garbage)
+            let length = pack.file.metadata().map(|meta| usize::try_from(meta.len()).unwrap_or(usize::MAX));
+            let bytes = length.and_then(|length| disk::read_at(&pack.file, 0, length));
+            (pack.name.clone(), bytes.ok().map(|bytes| frame::scan(&bytes).garbage))
         });
-        scanned.filter(|(_, garbage)| *garbage > 0).collect()
+        scanned.filter(|(_, garbage)| *garbage != Some(0)).collect()
     }
 }
 

@@ -65,7 +65,7 @@ pub enum Finding {
     },
     DamagedIndex,
     /// A folder, a link to nothing, a pipe, .. in the place of a file, a file in the place of a folder, or a pack that cannot
-    /// be opened.
+    /// be opened or read.
     Odd {
         path: PathBuf,
     },
@@ -84,7 +84,7 @@ impl fmt::Display for Finding {
             Self::LostEntries { entries } => write!(f, "{entries} entries of the index are in no pack"),
             Self::DamagedIndex => f.write_str("the index is damaged (it is only a cache)"),
             Self::Odd { path } => {
-                write!(f, "{}: not what the store keeps under that name, or it cannot be opened", path.display())
+                write!(f, "{}: not what the store keeps under that name, or it cannot be read", path.display())
             }
         }
     }
@@ -162,11 +162,15 @@ impl Store {
             0 => {}
             entries => report.findings.push(Finding::LostEntries { entries }),
         }
-        let garbage = self.folder.packs.garbage();
-        if !garbage.is_empty() {
-            self.folder.packs.note_damage();
+        for (name, garbage) in self.folder.packs.garbage() {
+            report.findings.push(match garbage {
+                Some(bytes) => {
+                    self.folder.packs.note_damage();
+                    Finding::DamagedPack { name, bytes }
+                }
+                None => Finding::Odd { path: self.root.join("packs").join(name) },
+            });
         }
-        report.findings.extend(garbage.into_iter().map(|(name, bytes)| Finding::DamagedPack { name, bytes }));
 
         let mut records = Vec::new();
         let mut unfit = BTreeSet::new();

@@ -153,6 +153,31 @@ fn flipped_bits_are_found_and_healed() {
     assert_eq!(kinds.len(), 4, "of each kind there is a file: {kinds:?}");
 }
 
+/// Files of the store get the rights that the user gives to new files: a group that shares a folder shares the store.
+#[cfg(unix)]
+#[test]
+fn the_umask_holds_in_the_store() {
+    use std::os::unix::fs::PermissionsExt;
+    for (umask, packs) in [("007", 0o660), ("077", 0o600), ("022", 0o644)] {
+        let space = Space::with(SMALL);
+        let script = format!("umask {umask}; exec {} run p.yaml phantom", env!("CARGO_BIN_EXE_turbid"));
+        let run = std::process::Command::new("sh").args(["-c", &script]).current_dir(space.path()).output();
+        assert!(run.expect("sh is there").status.success());
+        for name in ["format", "index"] {
+            let mode =
+                fs::metadata(space.outputs().join("store").join(name)).expect("it was written").permissions().mode();
+            assert_eq!(mode & 0o777, packs, "{name} under umask {umask}");
+        }
+        for file in space.files("outputs/store/packs") {
+            assert_eq!(
+                fs::metadata(&file).expect("it was listed").permissions().mode() & 0o777,
+                packs,
+                "umask {umask}"
+            );
+        }
+    }
+}
+
 /// A long run that is interrupted stops soon, with 130, and keeps what it finished.
 #[cfg(unix)]
 #[test]
