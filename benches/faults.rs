@@ -1,12 +1,13 @@
 //! Kills, broken system calls and power cuts: `cargo bench --bench faults [-- OPTIONS]` (Linux on x86-64; about a minute on 2 cores).
 //!
 //! Runs the program under `ptrace` and breaks its n-th call that changes a file: kills it before, after or amid the call, lets the disk be full or
-//! fail, once or from there on, lets reading fail, or shortens what is written and read. For power cuts all calls are logged with their bytes, and states are made that a file system with a
-//! journal may hold after a cut at call n (`faults/disk.rs` says which). After each the command must not hang or panic, and must
-//! end well with right results or say an error that names what it concerns; the next plain run must end well, with the digests and the files in
-//! `outputs/latest` of an undisturbed run; what was published (before the fault; before the last sync where the power is cut) must
-//! not be made again; `cache verify` must find nothing, or nothing after `--repair`. Prints a table; exit status 1 where something is wrong, with the
-//! command that repeats the case.
+//! fail, once or from there on; lets reading fail; or shortens what is written and read. For power cuts all calls are logged with their bytes,
+//! and states are made that a file system with a journal may hold after a cut at call n (`faults/disk.rs` says which).
+//!
+//! After each the command must not hang or panic, and must end well with right results or say an error that names what it concerns. The next plain
+//! run must end well, with the digests and the files in `outputs/latest` of an undisturbed run; what was published (before the fault; before the
+//! last sync where the power is cut) must not be made again; `cache verify` must find nothing, or nothing after `--repair`; no unfinished file
+//! may be left. Prints a table; exit status 1 where something is wrong, with the options that repeat the case.
 //!
 //! ```text
 //! --program PATH     another program than the one built here
@@ -16,7 +17,7 @@
 //! --cases N          most cases of each kind in each scenario (6); calls are taken evenly
 //! --seed X           other calls, other states
 //! --at N             one case: call N (with --scenario and --kind; --seed is the state after a power cut)
-//! --keep FOLDER      where that case is left: broken/ as the fault left it, work/ after the runs that heal
+//! --keep FOLDER      a new folder where that case is left: broken/ as the fault left it, work/ after the runs that heal
 //! --jobs N           cases at once (all cores)
 //! ```
 
@@ -152,31 +153,48 @@ mod campaign {
         let (next, rows) = (AtomicUsize::new(0), Mutex::new(BTreeMap::<(usize, Kind), Row>::new()));
         std::thread::scope(|threads| -> std::io::Result<()> {
             let work = || -> std::io::Result<()> {
-                while let Some((number, (scenario, case))) = {
-                    let k = next.fetch_add(1, Ordering::Relaxed);
-                    cases.get(k).map(|case| (k, case))
-                } {
-                    if number > 0 && number % 200 == 0 {
-                        eprintln!("{number} of {} cases, {:.0} s", cases.len(), began.elapsed().as_secs_f64());
+                let mine = std::iter::repeat_with(|| next.fetch_add(1, Ordering::Relaxed));
+                mine.take_while(|k| *k < cases.len()).try_for_each(|k| {
+                    if k > 0 && k % 200 == 0 {
+                        eprintln!("{k} of {} cases, {:.0} s", cases.len(), began.elapsed().as_secs_f64());
                     }
-                    let verdict = one(options, &references[*scenario], *case, space.path())?;
-                    let mut rows = rows.lock().expect("no holder panics");
-                    let Reference { calls, reads, .. } = references[*scenario];
+                    let (scenario, case) = cases[k];
+                    let verdict = one(options, &references[scenario], case, space.path())?;
+                    let Reference { calls, reads, .. } = references[scenario];
                     let calls = if case.kind.reads() { reads } else { calls };
-                    rows.entry((*scenario, case.kind)).or_default().add(calls, &verdict);
-                }
-                Ok(())
+                    rows.lock()
+                        .expect("no holder panics")
+                        .entry((scenario, case.kind))
+                        .or_default()
+                        .add(calls, &verdict);
+                    Ok(())
+                })
             };
             let workers: Vec<_> = (0..options.jobs).map(|_| threads.spawn(work)).collect();
             workers.into_iter().try_for_each(|worker| worker.join().expect("it does not panic"))
         })?;
         let rows = rows.into_inner().expect("no holder panics");
-        println!(
-            "| scenario | fault | calls | cases | stopped, healed | error said, healed | ended well | failed | files left over |"
-        );
-        println!("|---|---|---|---|---|---|---|---|---|");
+        let all = print_table(&references, &rows);
+        println!("\n{} cases in {:.0} s", all.cases, began.elapsed().as_secs_f64());
+        Ok(all.failed)
+    }
+
+    /// The sum of all rows.
+    fn print_table(references: &[Reference], rows: &BTreeMap<(usize, Kind), Row>) -> Row {
+        let head = [
+            "scenario",
+            "fault",
+            "calls",
+            "cases",
+            "stopped, healed",
+            "error said, healed",
+            "ended well",
+            "failed",
+            "files left over",
+        ];
+        println!("| {} |\n{}|", head.join(" | "), "|---".repeat(head.len()));
         let mut all = Row::default();
-        for ((scenario, kind), row) in &rows {
+        for ((scenario, kind), row) in rows {
             row.print(references[*scenario].scenario.name, kind.name());
             all.cases += row.cases;
             all.stopped += row.stopped;
@@ -186,8 +204,7 @@ mod campaign {
             all.left_over += row.left_over;
         }
         all.print("all", "");
-        println!("\n{} cases in {:.0} s", all.cases, began.elapsed().as_secs_f64());
-        Ok(all.failed)
+        all
     }
 
     /// Runs a case, and says at once what is wrong and how to see it again.

@@ -60,10 +60,13 @@ pub fn run(program: &Path, reference: &Reference, case: Case, folder: &Path, kee
     }
     let place = Place::new(folder.to_owned())?;
     heal(program, reference, &place, published, &mut wrong)?;
-    let left_over = folder::left_over(&place.work()).len();
+    let left_over = folder::left_over(&place.work());
+    if !left_over.is_empty() {
+        wrong.push(format!("unfinished files are left: {left_over:?}"));
+    }
     let name = |path: &Path| path.iter().skip_while(|part| *part != "work").skip(1).collect::<PathBuf>();
     let call = broken.map(|call| format!("{:?} {}", call.op, name(&call.path).display())).unwrap_or_default();
-    Ok(Verdict { call, outcome, wrong, left_over })
+    Ok(Verdict { call, outcome, wrong, left_over: left_over.len() })
 }
 
 /// Lays out what the disk holds after a power cut; what had been published by then.
