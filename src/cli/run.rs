@@ -27,9 +27,12 @@ pub struct Run {
     /// Stages (or STAGE.PORT) to bring up to date; all leaves by default
     #[arg(value_name = "STAGE")]
     targets: Vec<String>,
-    /// Run a stage from its start even where its result is stored, and say where the two differ
+    /// Run a stage from its start even where its result is stored, and compare the two: where they differ the run fails
     #[arg(long, value_name = "STAGE")]
     force: Vec<String>,
+    /// Store the result of a forced stage even where it differs from the stored one
+    #[arg(long, requires = "force")]
+    replace: bool,
     /// Go on with what does not depend on a failed stage
     #[arg(long)]
     keep_going: bool,
@@ -72,7 +75,7 @@ impl Run {
             progress.warn(&warning.path, &warning.message);
         }
         let memory = budget.map(|budget| budget.bytes);
-        let options = Options { jobs, keep_going: self.keep_going, force, simd, memory };
+        let options = Options { jobs, keep_going: self.keep_going, force, replace: self.replace, simd, memory };
         let made = Making { resolver: &resolver, outputs, progress: progress.as_ref() }.make(survey, options)?;
         let Made { summary, folder, figures, rounds } = made;
         if (!recalled || rounds > 1)

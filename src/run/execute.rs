@@ -123,12 +123,15 @@ fn attempt(worker: Worker<'_>, task: Task) -> Outcome {
             .iter()
             .find(|(name, port)| earlier.ports.get(*name).is_some_and(|e| e.blob.digest != port.blob.digest));
         if let Some((name, _)) = differing {
-            let text = format!(
+            let mut text = format!(
                 "output `{name}` came out different from the stored one for the same key; {} must raise its VERSION (now {})",
                 row.name, row.version
             );
-            if !forced {
+            if !forced || comparable && !worker.options.replace {
                 host.forget_checkpoints();
+                if forced {
+                    text.push_str(", or a memory or disk erred; the stored one stays, --replace takes the new one");
+                }
                 return Outcome::Failed(text);
             }
             if comparable {

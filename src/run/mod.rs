@@ -39,6 +39,8 @@ pub struct Options {
     pub keep_going: bool,
     /// Stages that run even where the store holds their outputs.
     pub force: Vec<usize>,
+    /// Store what they make even where it differs from what is stored.
+    pub replace: bool,
     /// `baseline`, `v3`, `v4`, or empty for the best level of vector instructions.
     pub simd: String,
     /// Bytes of memory that instances may take together; `None` where nobody knows.

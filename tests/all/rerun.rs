@@ -273,7 +273,8 @@ fn record_of_frames(store: &turbid::store::Store) -> (turbid::store::InstanceRec
     store.records().find(|(record, _)| record.provenance.stage == "frames").expect("it ran")
 }
 
-/// A stored result that is not what its key stands for: a forced run finds that out, says so, and the new result takes its place.
+/// A stored result that is not what its key stands for: a forced run finds that out, leaves it and its checkpoints do not survive; with `--replace` the new one takes
+/// its place.
 #[test]
 fn a_forced_stage_is_compared_with_what_is_stored() {
     use turbid_contract::Artifact;
@@ -290,9 +291,14 @@ fn a_forced_stage_is_compared_with_what_is_stored() {
     drop(store);
     let wrong = space.digests();
     assert_ne!(wrong, right);
-    let done = space.turbid(&["run", "p.yaml", "frames", "--force", "frames"]);
-    assert!(done.code == Some(0) && done.err.contains("came out different from the stored one"), "{}", done.err);
+    let told = space.turbid(&["run", "p.yaml", "frames", "--force", "frames"]).fails(1);
+    assert!(told.contains("came out different from the stored one") && told.contains("--replace"), "{told}");
+    assert_eq!(space.digests(), wrong);
+    assert_eq!(space.files("outputs/store/checkpoints").len(), 0);
+    let done = space.turbid(&["run", "p.yaml", "frames", "--force", "frames", "--replace"]);
+    assert!(done.code == Some(0) && done.err.contains("came out different"), "{}", done.err);
     assert_eq!(space.digests(), right);
+    space.turbid(&["run", "p.yaml", "--replace"]).fails(2);
 }
 
 /// A checkpoint whose check holds and whose state is wrong: a forced stage starts from the start, finds it and removes it, and what a longer run
