@@ -76,7 +76,7 @@ fn the_filter_stops_at_what_it_lists() {
         assert_eq!((at + 1 + usize::from(step.jt), step.jf), (program.len() - 1, 0), "call {}", step.k);
     }
     let ends: Vec<u32> = program[CALLS.len() + 1..].iter().map(|step| step.k).collect();
-    assert_eq!(ends, [nix::libc::SECCOMP_RET_ALLOW, nix::libc::SECCOMP_RET_TRACE]);
+    assert_eq!(ends, [libc::SECCOMP_RET_ALLOW, libc::SECCOMP_RET_TRACE]);
 }
 
 /// A command that is traced does what it does alone, and each change below the folder is seen with its bytes.
