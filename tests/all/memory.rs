@@ -89,10 +89,11 @@ fn a_limit_of_the_process_is_seen() {
 /// Instances that do not fit together run one after the other, to the same bytes.
 #[test]
 fn what_does_not_fit_together_runs_in_turn() {
-    let text = large(600, 3);
+    let text = large(800, 3);
     let (wide, narrow) = (Space::with(&text), Space::with(&text));
     let planned = wide.turbid(&["plan", "p.yaml", "--json", "modulation", "phantom_modulation"]).json();
     let one = instance(&planned, "frames")["memory"].as_u64().expect("a number");
+    assert!(one > 64_000_000, "{one} bytes are too few to be reckoned with");
     let is_frames = |event: &Value| event["instance"].as_str().is_some_and(|label| label.contains("frames"));
     let run = |space: &Space, memory: u64| {
         let bytes = memory.to_string();
