@@ -170,12 +170,12 @@ fn rotation(mut m: [[f64; 3]; 3]) -> DMat3 {
         let t = 1.0 / (theta.abs() + (theta * theta + 1.0).sqrt()) * if theta < 0.0 { -1.0 } else { 1.0 };
         let c = 1.0 / (t * t + 1.0).sqrt();
         let s = t * c;
-        for k in 0..3 {
-            (m[k][p], m[k][q]) = (c * m[k][p] - s * m[k][q], s * m[k][p] + c * m[k][q]);
+        for row in &mut m {
+            (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
         }
-        for k in 0..3 {
-            (m[p][k], m[q][k]) = (c * m[p][k] - s * m[q][k], s * m[p][k] + c * m[q][k]);
-        }
+        let (row_p, row_q) = (m[p], m[q]);
+        m[p] = std::array::from_fn(|k| c * row_p[k] - s * row_q[k]);
+        m[q] = std::array::from_fn(|k| s * row_p[k] + c * row_q[k]);
         (axes[p], axes[q]) = (c * axes[p] - s * axes[q], s * axes[p] + c * axes[q]);
     }
     DMat3::from_cols(axes[0].normalize(), axes[1].normalize(), axes[2].normalize())

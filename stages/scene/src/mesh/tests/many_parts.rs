@@ -91,7 +91,7 @@ fn rays_and_solid_angles_agree_on_what_lies_in_what() {
 /// Shells in shells, each the cavity of the one around it: the ray of each asks the next, and all are right.
 #[test]
 fn shells_are_nested() {
-    let shell = |i: u32| (-0.25 * f64::from(i) * DVec3::new(1.0, 0.7, 0.13), f64::from(i), i % 2 == 0);
+    let shell = |i: u32| (-0.25 * f64::from(i) * DVec3::new(1.0, 0.7, 0.13), f64::from(i), i.is_multiple_of(2));
     let mesh = tetrahedra((1..120).map(shell));
     let (said, expected) = nested(&mesh);
     assert_eq!(said, expected);
