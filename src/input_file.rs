@@ -1,12 +1,13 @@
 //! Files that the user names: regular ones of bounded size. Nothing else is opened, waited for or read.
 
 use std::fmt;
-use std::fs::{self, File, Metadata, OpenOptions};
+use std::fs::{File, OpenOptions};
 use std::io::{self, Read};
 use std::path::Path;
 use std::sync::Arc;
 
 use crate::digest::Digest;
+use crate::regular::{self, NotOpened};
 
 /// Read at a time where the content is not kept.
 const BLOCK: usize = 1 << 20;
@@ -112,58 +113,20 @@ fn ends(file: &mut File, size: u64, most: u64) -> Result<(), Refused> {
 
 /// A regular file, or what a link leads to, with its size.
 fn open(path: &Path, most: u64) -> Result<(File, u64), Refused> {
-    // Asked before it is opened: to open a pipe that nobody writes to waits for ever, and to open some devices does something.
-    regular(&fs::metadata(path).map_err(Refused::Io)?)?;
-    let file = without_waiting().open(path).map_err(Refused::Io)?;
-    // And afterwards: something else may stand there by now.
-    let opened = file.metadata().map_err(Refused::Io)?;
-    regular(&opened)?;
-    match opened.len() {
+    let file = regular::open(path, OpenOptions::new().read(true)).map_err(|error| match error {
+        NotOpened::Io(error) => Refused::Io(error),
+        NotOpened::Odd(what) => Refused::Odd(what),
+    })?;
+    match file.metadata().map_err(Refused::Io)?.len() {
         bytes if bytes > most => Err(Refused::Larger { bytes, most }),
         size => Ok((file, size)),
     }
 }
 
-#[cfg(unix)]
-fn without_waiting() -> OpenOptions {
-    use std::os::unix::fs::OpenOptionsExt;
-    let mut options = OpenOptions::new();
-    // Regular files do not care; a pipe is opened at once, and a terminal does not become ours.
-    options.read(true).custom_flags(libc::O_NONBLOCK | libc::O_NOCTTY);
-    options
-}
-
-#[cfg(not(unix))]
-fn without_waiting() -> OpenOptions {
-    let mut options = OpenOptions::new();
-    options.read(true);
-    options
-}
-
-fn regular(metadata: &Metadata) -> Result<(), Refused> {
-    let kind = metadata.file_type();
-    if kind.is_file() {
-        return Ok(());
-    }
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::FileTypeExt;
-        if kind.is_fifo() {
-            return Err(Refused::Odd("a pipe (FIFO)"));
-        }
-        if kind.is_socket() {
-            return Err(Refused::Odd("a socket"));
-        }
-        if kind.is_char_device() || kind.is_block_device() {
-            return Err(Refused::Odd("a device"));
-        }
-    }
-    Err(Refused::Odd(if kind.is_dir() { "a directory" } else { "something else" }))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
     use std::io::Write;
 
     fn folder() -> tempfile::TempDir {

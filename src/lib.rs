@@ -18,6 +18,7 @@ pub mod plan;
 pub mod preview;
 pub mod recipe;
 pub mod registry;
+mod regular;
 pub mod resolve;
 pub mod run;
 pub mod spec;

@@ -70,7 +70,7 @@ impl Checkpoints {
     ) -> io::Result<()> {
         let mut length = Counted(0);
         write(&mut length)?;
-        let mut file = large::temporary(&self.root)?;
+        let mut file = disk::temporary(&self.root)?;
         let hasher = {
             let to = BufWriter::with_capacity(1 << 20, large::Passing(file.as_file_mut()));
             let mut hashed = Hashed { hasher: begun(state_key, progress, length.0), to };
@@ -86,7 +86,7 @@ impl Checkpoints {
         head.extend_from_slice(&hasher.finish().0);
         file.as_file_mut().seek(SeekFrom::Start(0))?;
         disk::write(file.as_file_mut(), &head)?;
-        large::publish(file, path, false, false)
+        disk::publish_file(&self.root, file, path, false, false)
     }
 
     /// Lets `read` read the furthest undamaged checkpoint with `progress <= at_most`, piece by piece. Whether there is one.

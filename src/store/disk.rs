@@ -5,6 +5,7 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use crate::leftover;
+use crate::regular::{self, NotOpened};
 use crate::store::odd;
 
 /// Temporary files of the store; their writer holds a lock on them ([`leftover`]).
@@ -19,20 +20,12 @@ pub(super) fn open_regular(path: &Path) -> io::Result<File> {
 
 /// As [`open_regular`], in the way that `options` say.
 pub(super) fn open_regular_with(path: &Path, options: &mut OpenOptions) -> io::Result<File> {
-    let not_regular = || io::Error::new(io::ErrorKind::InvalidInput, "it is not a regular file");
-    match fs::metadata(path) {
-        Ok(meta) if !meta.is_file() => return Err(not_regular()),
-        _ => {}
-    }
-    #[cfg(all(target_os = "linux", any(target_arch = "x86_64", target_arch = "aarch64")))]
-    {
-        use std::os::unix::fs::OpenOptionsExt;
-        // A pipe that took the file's place since: opening must not wait for its other end.
-        const O_NONBLOCK: i32 = 0o4000;
-        options.custom_flags(O_NONBLOCK);
-    }
-    let file = options.open(path)?;
-    if file.metadata()?.is_file() { Ok(file) } else { Err(not_regular()) }
+    regular::open(path, options).map_err(|error| match error {
+        NotOpened::Io(error) => error,
+        NotOpened::Odd(what) => {
+            io::Error::new(io::ErrorKind::InvalidInput, format!("this is {what}, not a regular file"))
+        }
+    })
 }
 
 /// All bytes of a regular file.
@@ -87,6 +80,33 @@ pub(super) fn publish(root: &Path, path: &Path, bytes: &[u8], durable: bool, rea
             done => return done,
         }
     }
+}
+
+/// The same of a temporary file that [`temporary`] made and that holds all bytes.
+pub(super) fn publish_file(
+    root: &Path,
+    file: tempfile::NamedTempFile,
+    path: &Path,
+    durable: bool,
+    read_only: bool,
+) -> io::Result<()> {
+    let folder = path.parent().expect("a file of the store lies in a folder");
+    odd::make_folder(root, folder)?;
+    odd::clear_way(root, path)?;
+    persist(file, path, durable, read_only)
+}
+
+/// An empty temporary file of the store at `root`, removed unless it is published.
+pub(super) fn temporary(root: &Path) -> io::Result<tempfile::NamedTempFile> {
+    let tmp = root.join("tmp");
+    odd::make_folder(root, &tmp)?;
+    temporary_in(&tmp)
+}
+
+fn temporary_in(tmp: &Path) -> io::Result<tempfile::NamedTempFile> {
+    let file = tempfile::Builder::new().prefix(WRITING).tempfile_in(tmp)?;
+    leftover::hold(file.as_file());
+    Ok(file)
 }
 
 /// Publishes `bytes` as `path` through a temporary file in `tmp`, which must be in the same file system.

@@ -4,11 +4,9 @@ use std::fs::{self, File};
 use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
-use tempfile::NamedTempFile;
 use turbid_contract::{ArtifactKind, ImageStack};
 
 use crate::digest::Digest;
-use crate::leftover;
 use crate::store::backend::{Backend, Folder};
 use crate::store::disk;
 use crate::store::error::StoreError;
@@ -30,7 +28,7 @@ pub(super) fn is_large(stack: &ImageStack) -> bool {
 pub(super) fn put(root: &Path, folder: &Folder, stack: &ImageStack) -> Result<Blob, StoreError> {
     let tmp = root.join("tmp");
     let failed = |source| StoreError::io("write a blob", &tmp)(source);
-    let mut file = temporary(root).map_err(failed)?;
+    let mut file = disk::temporary(root).map_err(failed)?;
     let mut to = BufWriter::with_capacity(BUFFER, Passing(file.as_file_mut()));
     exr::encode_to(stack, &mut to)?;
     to.flush().map_err(failed)?;
@@ -54,7 +52,7 @@ pub(super) fn put(root: &Path, folder: &Folder, stack: &ImageStack) -> Result<Bl
         // What is there is wrong.
         _ => folder.set_aside(&path)?,
     }
-    publish(file, &path, true, true).map_err(StoreError::io("write a blob", &path))?;
+    disk::publish_file(root, file, &path, true, true).map_err(StoreError::io("write a blob", &path))?;
     Ok(blob)
 }
 
@@ -82,22 +80,6 @@ fn length(file: &File) -> io::Result<u64> {
 /// Error: also what is no file.
 fn digest_of(path: &Path) -> io::Result<Digest> {
     Digest::of_reader(&mut disk::open_regular(path)?)
-}
-
-/// A file that is removed unless it is published.
-pub(super) fn temporary(root: &Path) -> io::Result<NamedTempFile> {
-    let tmp = root.join("tmp");
-    fs::create_dir_all(&tmp)?;
-    let file = tempfile::Builder::new().prefix(disk::WRITING).tempfile_in(&tmp)?;
-    leftover::hold(file.as_file());
-    Ok(file)
-}
-
-/// Publishes a temporary file as `path`, as [`disk::publish`] does with bytes.
-pub(super) fn publish(file: NamedTempFile, path: &Path, durable: bool, read_only: bool) -> io::Result<()> {
-    let folder = path.parent().expect("a file of the store lies in a folder");
-    fs::create_dir_all(folder)?;
-    disk::persist(file, path, durable, read_only)
 }
 
 /// Lets every byte pass [`disk::write`].

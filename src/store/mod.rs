@@ -214,7 +214,7 @@ impl Store {
     pub fn extent(&self, blob: &Blob) -> Option<Extent> {
         match blob.kind {
             ArtifactKind::Images => match self.file_of(blob) {
-                Some(path) => exr::extent(BufReader::new(fs::File::open(path).ok()?)),
+                Some(path) => exr::extent(BufReader::new(disk::open_regular(&path).ok()?)),
                 // Small: by its bytes, as one layer.
                 None => Some(Extent::Images { pixels: blob.bytes / 4, layers: 1 }),
             },
