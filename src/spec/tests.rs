@@ -335,7 +335,7 @@ fn changed_texts_are_read_or_refused() {
         }
         let began = std::time::Instant::now();
         let sound = if round % 2 == 0 {
-            let (spec, report) = read_bytes(std::path::Path::new("f.yaml"), &bytes, &[]);
+            let (spec, report) = read_bytes(Path::new("f.yaml"), &bytes, &[]);
             if let Some(spec) = spec.filter(|_| !report.has_errors()) {
                 for (i, stage) in spec.stages.iter().enumerate() {
                     let first: Axes = stage.foreach.names.iter().cloned().zip(stage.foreach.rows[0].clone()).collect();
