@@ -138,7 +138,8 @@ fn claims_are_compared_with_the_bytes_that_are_there() {
     assert!(said(&corner(99_999, 99_999)).contains("it has 100000 x 100000 pixels"));
     assert!(said(&corner(i32::MAX, i32::MAX)).contains("it has 2147483648 x 2147483648 pixels"));
     assert!(said(&corner(-5, 3)).contains("it has 0 x 4 pixels"));
-    assert!(said(&corner(0, (1 << 28) - 1)).contains("of its 16777216 blocks"));
+    assert!(said(&corner(0, (1 << 19) - 1)).contains("of its 32768 blocks"));
+    assert!(said(&corner((1 << 28) - 1, 0)).contains("cannot hold the 2684354560 of its pixels"));
     // The second block stands where the first does: a file that is larger than it is.
     let table = table_of(&file);
     let first: [u8; 8] = file[table..table + 8].try_into().expect("eight bytes");

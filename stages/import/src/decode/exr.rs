@@ -10,8 +10,12 @@ use exr::meta::{BlockDescription, MetaData, Requirements};
 
 use super::exr_header::{self, Bytes, ChannelInfo, Header, Sample, wrong};
 use super::numbers::{Numbers, zeros};
-use super::{Channel, Picture};
+use super::{Channel, Picture, can_hold};
 
+/// Above what deflate packs at most into one byte (1,032), a third of the bytes of which PXR24 leaves out;
+const RATIO: u64 = 2048;
+/// and DWA may keep one number of 64.
+const RATIO_DWA: u64 = 200_000;
 /// Bytes of a tile that is larger than its picture.
 const SMALL: usize = 16 << 20;
 
@@ -25,6 +29,8 @@ pub fn read(bytes: &[u8], channel: Option<Channel>) -> Result<Picture, String> {
     }
     let size = (header.columns, header.rows);
     let pixels = header.columns * header.rows;
+    let ratio = if header.compression >= 8 { RATIO_DWA } else { RATIO };
+    can_hold(bytes.len(), pixels as u64 * header.pixel_bytes() as u64, ratio)?;
     let mut values = match header.channels[wanted].sample {
         Sample::U32 => Numbers::U32(zeros(pixels)?),
         Sample::F16 | Sample::F32 => Numbers::F32(zeros(pixels)?),
