@@ -8,7 +8,7 @@ use turbid::plan::{Plan, Target};
 use turbid::registry::Registry;
 use turbid::spec;
 
-use super::{Reader, Seen, no_more};
+use super::{Reader, Seen, no_more, nothing};
 use crate::mutate::Form;
 
 pub fn readers() -> Vec<Reader> {
@@ -17,6 +17,7 @@ pub fn readers() -> Vec<Reader> {
             name: "selector",
             form: Form::Text,
             share: 1,
+            claims: nothing,
             seeds: || {
                 [&b"scene"[..], b"frames.frames", b"s[A=1.5,b=x].p", b"s[ a = 0.1 , b=\xc2\xb5 ]"]
                     .map(<[u8]>::to_vec)
@@ -29,6 +30,7 @@ pub fn readers() -> Vec<Reader> {
             name: "set",
             form: Form::Text,
             share: 2,
+            claims: nothing,
             // One override a line.
             seeds: || {
                 let lines = ["vars.samples=64", "seed=3\nabout=a b", "stages.tissue.with.camera.pixels=[8, 8]"];

@@ -5,12 +5,13 @@ use turbid::store::{decode, encode};
 use turbid_contract::ndarray::Array2;
 use turbid_contract::{Artifact, ArtifactKind, Cells, ImageStack, LayerInfo, LayerKind, Record, Table};
 
-use super::{Reader, Seen, no_more};
+use super::{Reader, Seen, no_more, nothing};
 use crate::mutate::Form;
 
 pub fn readers() -> Vec<Reader> {
     // What decodes needs no checksum to be right here: the store compares bytes with their digest before.
-    let reader = |name, seeds, read| Reader { name, form: Form::Binary, share: 3, seeds, read, law: no_more };
+    let reader =
+        |name, seeds, read| Reader { name, form: Form::Binary, share: 3, claims: nothing, seeds, read, law: no_more };
     vec![
         reader("images", || vec![images(1, 1), images(5, 7), images(40, 30)], |i| Ok(seen(ArtifactKind::Images, i))),
         reader("table", || vec![table(0), table(3), table(300)], |i| Ok(seen(ArtifactKind::Table, i))),

@@ -3,7 +3,7 @@
 use serde_json::json;
 
 use super::stage::FileOf;
-use super::{Reader, Seen};
+use super::{Reader, Seen, nothing};
 use crate::mutate::Form;
 
 fn rxt() -> FileOf {
@@ -23,6 +23,7 @@ pub fn readers() -> Vec<Reader> {
             name: "rxt",
             form: Form::Text,
             share: 3,
+            claims: nothing,
             seeds: || {
                 let phantom = include_bytes!("../../../pipelines/data/phantom.rxt");
                 let port = include_bytes!("../../../pipelines/checks/data/port.rxt");
@@ -35,6 +36,7 @@ pub fn readers() -> Vec<Reader> {
             name: "readings",
             form: Form::Text,
             share: 3,
+            claims: nothing,
             seeds: || [SHORT, ERRORS, KNOWN].map(|text| text.as_bytes().to_vec()).to_vec(),
             read: |input| Ok(Seen::as_large(csv().check(input), input)),
             law: |input| csv().run(input),

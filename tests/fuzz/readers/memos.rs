@@ -13,7 +13,7 @@ use turbid::spec;
 use turbid::store::{Cost, InstanceRecord, PortRecord, Provenance, Recipe, Store};
 use turbid_contract::{Artifact, Record};
 
-use super::{Reader, Seen, no_more};
+use super::{Reader, Seen, no_more, nothing};
 use crate::mutate::Form;
 
 pub fn readers() -> Vec<Reader> {
@@ -21,6 +21,7 @@ pub fn readers() -> Vec<Reader> {
         name: "memo",
         form: Form::Digested,
         share: 1,
+        claims: nothing,
         seeds: || vec![WORLD.memo(&WORLD.plan)],
         read,
         law: no_more,

@@ -3,7 +3,7 @@
 use serde_json::json;
 
 use super::stage::FileOf;
-use super::{Reader, Seen};
+use super::{Reader, Seen, nothing};
 use crate::mutate::Form;
 
 /// A tetrahedron, its faces seen from outside.
@@ -29,7 +29,7 @@ fn law(input: &[u8]) -> Result<(), String> {
 }
 
 pub fn readers() -> Vec<Reader> {
-    let reader = |name, form, seeds| Reader { name, form, share: 2, seeds, read, law };
+    let reader = |name, form, seeds| Reader { name, form, share: 2, claims: nothing, seeds, read, law };
     vec![
         reader("stl", Form::Binary, stl_binary),
         reader("stl_text", Form::Text, || vec![stl_text(1), stl_text(3)]),

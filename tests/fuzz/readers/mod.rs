@@ -20,6 +20,8 @@ pub struct Reader {
     pub share: u32,
     /// Inputs without a fault; each must be taken.
     pub seeds: fn() -> Vec<Vec<u8>>,
+    /// Bytes that the input claims to decode to, whether it is taken or not.
+    pub claims: fn(&[u8]) -> usize,
     /// Reads an input; time and memory of it are limited. Error: a law that does not hold.
     pub read: fn(&[u8]) -> Result<Seen, String>,
     /// What must hold of an input that was taken, in the time of a run.
@@ -40,6 +42,11 @@ impl Seen {
     fn as_large(taken: bool, input: &[u8]) -> Self {
         Self { taken, decoded: input.len() }
     }
+}
+
+/// Where no header says what the input decodes to.
+fn nothing(_: &[u8]) -> usize {
+    0
 }
 
 /// Where `read` sees all that there is to see.

@@ -18,9 +18,10 @@ use crate::mutate::Form;
 
 /// Columns and rows of the seeds.
 const SIZE: (usize, usize) = (7, 5);
-/// A deflated stream is not shorter than this part of what it holds, and no other compression here is as strong: what a header claims
-/// beyond it cannot be in the file.
-const EXPANSION: usize = 1100;
+/// No compression here is stronger (LZW packs 2,700 bytes into one): what a header claims beyond it cannot be in the file.
+const EXPANSION: usize = 4096;
+/// The library that reads TIFF reserves up to 4 times this by the count of a tag, before limits can be set, and touches none of it.
+const TAGS: usize = 64 << 20;
 
 fn frame() -> FileOf {
     let params = json!({"frames": [{"file": "frame", "f_x": 0}]});
@@ -38,38 +39,39 @@ fn texture() -> FileOf {
 }
 
 pub fn readers() -> Vec<Reader> {
-    let law = |input: &[u8]| frame().run(input);
+    let framed = |name, form, share, seeds, claims| {
+        let read = |input: &[u8]| Ok(seen(&frame(), input));
+        Reader { name, form, share, seeds, claims, read, law: |input| frame().run(input) }
+    };
+    let textures = || {
+        let grey = ColorType::Grayscale;
+        vec![png_of(7, 5, BitDepth::Eight, grey), png_of(3, 9, BitDepth::Sixteen, grey)]
+    };
     vec![
-        Reader { name: "png", form: Form::Png, share: 3, seeds: pngs, read: |i| Ok(seen(&frame(), i, of_png)), law },
-        Reader {
-            name: "tiff",
-            form: Form::Binary,
-            share: 4,
-            seeds: tiffs,
-            read: |i| Ok(seen(&frame(), i, of_tiff)),
-            law,
-        },
-        Reader { name: "exr", form: Form::Binary, share: 4, seeds: exrs, read: |i| Ok(seen(&frame(), i, of_exr)), law },
+        framed("png", Form::Png, 3, pngs, |input| claimed(input, of_png)),
+        framed("tiff", Form::Binary, 4, tiffs, |input| claimed(input, of_tiff) + TAGS),
+        framed("exr", Form::Binary, 4, exrs, |input| claimed(input, of_exr)),
         Reader {
             name: "texture",
             form: Form::Png,
             share: 2,
-            seeds: || {
-                vec![
-                    png_of(7, 5, BitDepth::Eight, ColorType::Grayscale),
-                    png_of(3, 9, BitDepth::Sixteen, ColorType::Grayscale),
-                ]
-            },
-            read: |i| Ok(seen(&texture(), i, of_png)),
-            law: |i| texture().run(i),
+            seeds: textures,
+            claims: |input| claimed(input, of_png),
+            read: |input| Ok(seen(&texture(), input)),
+            law: |input| texture().run(input),
         },
     ]
 }
 
+fn seen(file: &FileOf, input: &[u8]) -> Seen {
+    Seen::as_large(file.check(input), input)
+}
+
 /// Pixels are decoded to 8 bytes each, whatever the file has.
-fn seen(file: &FileOf, input: &[u8], pixels: fn(&[u8]) -> Option<usize>) -> Seen {
-    let decoded = pixels(input).unwrap_or(0).saturating_mul(8).min(input.len() * EXPANSION);
-    Seen { taken: file.check(input), decoded }
+fn claimed(input: &[u8], pixels: fn(&[u8]) -> Option<usize>) -> usize {
+    // What cannot read a header may panic at it, as long as the reader does not.
+    let pixels = catch_unwind(|| pixels(input)).ok().flatten().unwrap_or(0);
+    pixels.saturating_mul(8).min(input.len() * EXPANSION)
 }
 
 fn of_png(input: &[u8]) -> Option<usize> {
@@ -78,13 +80,12 @@ fn of_png(input: &[u8]) -> Option<usize> {
 }
 
 fn of_tiff(input: &[u8]) -> Option<usize> {
-    let size = catch_unwind(|| tiff::decoder::Decoder::new(Cursor::new(input)).ok()?.dimensions().ok()).ok()??;
+    let size = tiff::decoder::Decoder::new(Cursor::new(input)).ok()?.dimensions().ok()?;
     (size.0 as usize).checked_mul(size.1 as usize)?.checked_mul(4)
 }
 
 fn of_exr(input: &[u8]) -> Option<usize> {
-    let read = || exr::meta::MetaData::read_from_buffered(input, false).ok();
-    let header = catch_unwind(read).ok()??.headers.into_iter().next()?;
+    let header = exr::meta::MetaData::read_from_buffered(input, false).ok()?.headers.into_iter().next()?;
     let size = header.layer_size;
     size.0.checked_mul(size.1)?.checked_mul(header.channels.list.len())
 }

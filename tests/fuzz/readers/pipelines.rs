@@ -9,7 +9,7 @@ use turbid::resolve::Resolver;
 use turbid::spec;
 use turbid::store::Store;
 
-use super::{Reader, Seen, no_more};
+use super::{Reader, Seen, no_more, nothing};
 use crate::files::{self, Entry, What};
 use crate::mutate::Form;
 
@@ -22,8 +22,8 @@ const CHECK: usize = 8 << 20;
 
 pub fn readers() -> Vec<Reader> {
     vec![
-        Reader { name: "pipeline", form: Form::Texts, share: 8, seeds: shipped, read, law: no_more },
-        Reader { name: "foreach", form: Form::Texts, share: 4, seeds: swept, read, law: no_more },
+        Reader { name: "pipeline", form: Form::Texts, share: 8, claims: nothing, seeds: shipped, read, law: no_more },
+        Reader { name: "foreach", form: Form::Texts, share: 4, claims: nothing, seeds: swept, read, law: no_more },
     ]
 }
 

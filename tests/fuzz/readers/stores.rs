@@ -9,7 +9,7 @@ use turbid::store::{Blob, Cost, InstanceRecord, PortRecord, Provenance, Recipe, 
 use turbid_contract::ndarray::Array2;
 use turbid_contract::{Artifact, ImageStack, LayerInfo, Record};
 
-use super::{Reader, Seen, no_more};
+use super::{Reader, Seen, no_more, nothing};
 use crate::files;
 use crate::mutate::Form;
 
@@ -17,7 +17,15 @@ use crate::mutate::Form;
 const RECORDS: u64 = 4;
 
 pub fn readers() -> Vec<Reader> {
-    vec![Reader { name: "store", form: Form::Store, share: 6, seeds: || vec![seed()], read, law: no_more }]
+    vec![Reader {
+        name: "store",
+        form: Form::Store,
+        share: 6,
+        claims: nothing,
+        seeds: || vec![seed()],
+        read,
+        law: no_more,
+    }]
 }
 
 fn key(i: u64) -> Digest {
