@@ -93,12 +93,12 @@ impl Kind {
             Kind::Error | Kind::Read => Action::Fail(Errno::EIO),
             // Those that Linux documents to be interrupted by a signal.
             Kind::Short
-                if number % 3 == 0
+                if number.is_multiple_of(3)
                     && matches!(call.op, Op::Write { .. } | Op::Read { .. } | Op::Create | Op::Truncate { .. }) =>
             {
                 Action::Fail(Errno::EINTR)
             }
-            Kind::Short if number % 2 == 0 => Action::Half,
+            Kind::Short if number.is_multiple_of(2) => Action::Half,
             _ => Action::Go,
         }
     }
