@@ -11,6 +11,10 @@ const KEPT: usize = 32;
 /// From now on a panic is said in one line of stderr.
 pub fn speak() {
     std::panic::set_hook(Box::new(|panic| {
+        // A decoder gave up on a file: that is told as what is wrong with the file.
+        if turbid_contract::guard::is_guarded() {
+            return;
+        }
         let message = message(panic.payload());
         let place = panic.location().map_or_else(|| "a place unknown".to_owned(), ToString::to_string);
         crate::terminal::tell(&format!("internal error at {place}: {message}"));

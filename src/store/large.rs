@@ -1,6 +1,6 @@
 //! Large image stacks: line by line between memory and disk, so that neither the encoded bytes nor a second copy of the pixels is ever held.
 
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
@@ -104,6 +104,8 @@ impl Seek for Passing<'_> {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use turbid_contract::ndarray::Array2;
     use turbid_contract::{Artifact, LayerInfo, LayerKind};
 
