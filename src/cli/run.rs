@@ -184,6 +184,10 @@ impl Making<'_> {
             let gone = |id: &InstanceId| summary.record(*id).is_some_and(|record| dropped.contains(&record.key));
             let gone: Vec<InstanceId> = plan.needed_instances().filter(gone).collect();
             if gone.is_empty() || summary.interrupted || summary.failed() > 0 {
+                if gone.is_empty() && published.as_ref().is_ok_and(|published| published.lost) {
+                    let text = "a stored output could not be read this time; its pictures are drawn by the next run";
+                    told.warn(&plan.spec.pipeline, text);
+                }
                 self.end(log.as_ref(), rival.as_deref(), &summary);
                 let folder = published.map(|published| published.folder);
                 return Ok(Made { summary, folder, figures, rounds });

@@ -20,7 +20,7 @@ use super::Summary;
 use super::caption::{self, caption};
 use super::name::file_name;
 pub(super) use links::read_small;
-use links::{LINKS, Links, current};
+use links::{Entry, LINKS, Links, current};
 use staged::Staged;
 
 /// Which pipeline file the folder was last filled from.
@@ -159,7 +159,10 @@ impl Filling<'_> {
                 Some(png) => self.staged.file(path, look, &png, false),
                 None => Ok(()),
             },
-            Err(error) => self.failed(path, &error),
+            Err(error) => {
+                self.now.insert(path.to_owned(), Entry::missing());
+                self.failed(path, &error)
+            }
         }
     }
 

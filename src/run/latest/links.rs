@@ -52,6 +52,14 @@ pub struct Entry {
     pub stamp: Stamp,
 }
 
+impl Entry {
+    /// Of a file that could not be made: no file is what this says, so the next run tries again.
+    pub fn missing() -> Self {
+        let stamp = Stamp { length: u64::MAX, modified_ns: 0, changed_ns: 0, inode: 0 };
+        Self { content: "-".to_owned(), bytes: Digest::of(b""), stamp }
+    }
+}
+
 /// By path below the folder.
 pub type Links = BTreeMap<String, Entry>;
 
