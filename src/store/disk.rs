@@ -104,7 +104,7 @@ pub(super) fn temporary(root: &Path) -> io::Result<tempfile::NamedTempFile> {
 }
 
 fn temporary_in(tmp: &Path) -> io::Result<tempfile::NamedTempFile> {
-    let file = tempfile::Builder::new().prefix(WRITING).tempfile_in(tmp)?;
+    let file = crate::shared_file().prefix(WRITING).tempfile_in(tmp)?;
     leftover::hold(file.as_file());
     Ok(file)
 }
@@ -114,8 +114,7 @@ pub(super) fn publish_through(tmp: &Path, path: &Path, bytes: &[u8], durable: bo
     let folder = path.parent().unwrap_or(Path::new("."));
     fs::create_dir_all(tmp)?;
     fs::create_dir_all(folder)?;
-    let mut file = crate::shared_file().prefix(WRITING).tempfile_in(tmp)?;
-    leftover::hold(file.as_file());
+    let mut file = temporary_in(tmp)?;
     write(file.as_file_mut(), bytes)?;
     persist(file, path, durable, read_only)
 }

@@ -18,6 +18,7 @@ const MOST_PAGES: usize = 1000;
 type File<'a> = Decoder<Cursor<&'a [u8]>>;
 
 pub fn read(bytes: &[u8], channel: Option<Channel>) -> Result<Picture, String> {
+    tags_fit(bytes)?;
     let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(said)?;
     let (columns, rows) = decoder.dimensions().map_err(said)?;
     let size = bounded(u64::from(columns), u64::from(rows))?;
@@ -52,6 +53,39 @@ pub fn read(bytes: &[u8], channel: Option<Channel>) -> Result<Picture, String> {
         return Err(format!("it has {pages} pages, and a frame is one picture: save each page as a file of its own"));
     }
     Picture::whole(size, values)
+}
+
+/// No tag of the first directory claims more than the file holds: the library reserves memory by these counts before a limit can be set.
+///
+/// A directory that is cut short is left to the library.
+fn tags_fit(bytes: &[u8]) -> Result<(), String> {
+    const ENTRY: usize = 12;
+    let big = bytes.starts_with(b"MM");
+    let number = |at: usize, length: usize| -> Option<u64> {
+        let digits = bytes.get(at..at.checked_add(length)?)?.iter();
+        let join = |number: u64, digit: &u8| number << 8 | u64::from(*digit);
+        Some(if big { digits.fold(0, join) } else { digits.rev().fold(0, join) })
+    };
+    let Some((start, entries)) = number(4, 4).and_then(|start| Some((start as usize, number(start as usize, 2)?))) else {
+        return Ok(());
+    };
+    let entry = |k: usize| {
+        let at = start + 2 + k * ENTRY;
+        Some((number(at, 2)?, number(at + 2, 2)?, number(at + 4, 4)?))
+    };
+    for (tag, kind, count) in (0..entries as usize).map_while(entry) {
+        // Bytes of a value by its type: TIFF 6.0, section 2; 13 and above are later additions.
+        let size = match kind {
+            3 | 8 => 2,
+            4 | 9 | 11 | 13 => 4,
+            5 | 10 | 12 | 16..=18 => 8,
+            _ => 1,
+        };
+        if count * size > bytes.len() as u64 {
+            return Err(format!("its tag {tag} claims {count} values of {size} bytes, and the file has {}", bytes.len()));
+        }
+    }
+    Ok(())
 }
 
 /// One channel, strip by strip or tile by tile.
@@ -157,4 +191,28 @@ fn pages(decoder: &mut File<'_>) -> Result<usize, String> {
 
 fn said(error: tiff::TiffError) -> String {
     format!("it is no TIFF that can be read: {error}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Both orders of bytes; a tag of as many bytes as the file has is let through, one of more is not.
+    #[test]
+    fn tags_claim_no_more_than_the_file_holds() {
+        let file = |big: bool, count: u32| {
+            let two = |n: u16| if big { n.to_be_bytes() } else { n.to_le_bytes() };
+            let four = |n: u32| if big { n.to_be_bytes() } else { n.to_le_bytes() };
+            let head = [if big { b"MM".as_slice() } else { b"II" }, &two(42), &four(8)].concat();
+            [head, two(1).to_vec(), two(273).to_vec(), two(4).to_vec(), four(count).to_vec(), four(0).to_vec()].concat()
+        };
+        for big in [false, true] {
+            assert_eq!(file(big, 1).len(), 22);
+            assert_eq!(tags_fit(&file(big, 5)), Ok(()));
+            let said = tags_fit(&file(big, 67_108_865)).unwrap_err();
+            assert_eq!(said, "its tag 273 claims 67108865 values of 4 bytes, and the file has 22");
+            (0..22).for_each(|cut| assert_eq!(tags_fit(&file(big, 5)[..cut]), Ok(()), "cut at {cut}"));
+        }
+        assert_eq!(tags_fit(b"II*\0\xff\xff\xff\xff"), Ok(()));
+    }
 }
