@@ -160,7 +160,7 @@ fn the_umask_holds_in_the_store() {
     use std::os::unix::fs::PermissionsExt;
     for (umask, packs) in [("007", 0o660), ("077", 0o600), ("022", 0o644)] {
         let space = Space::with(SMALL);
-        let script = format!("umask {umask}; exec {} run p.yaml phantom", env!("CARGO_BIN_EXE_turbid"));
+        let script = format!("umask {umask}; exec {} run p.yaml frames", env!("CARGO_BIN_EXE_turbid"));
         let run = std::process::Command::new("sh").args(["-c", &script]).current_dir(space.path()).output();
         assert!(run.expect("sh is there").status.success());
         for name in ["format", "index"] {
@@ -168,7 +168,9 @@ fn the_umask_holds_in_the_store() {
                 fs::metadata(space.outputs().join("store").join(name)).expect("it was written").permissions().mode();
             assert_eq!(mode & 0o777, packs, "{name} under umask {umask}");
         }
-        for file in space.files("outputs/store/packs") {
+        let checkpoints = space.files("outputs/store/checkpoints");
+        assert!(!checkpoints.is_empty());
+        for file in space.files("outputs/store/packs").into_iter().chain(checkpoints) {
             assert_eq!(
                 fs::metadata(&file).expect("it was listed").permissions().mode() & 0o777,
                 packs,
