@@ -104,10 +104,12 @@ pub fn digest(path: &Path, most: u64) -> Result<(Digest, u64), Refused> {
 
 /// Nothing follows the `size` bytes that were read.
 fn ends(file: &mut File, size: u64, most: u64) -> Result<(), Refused> {
-    match file.read(&mut [0]).map_err(Refused::Io)? {
-        0 => Ok(()),
-        _ if size == most => Err(Refused::Larger { bytes: size + 1, most }),
-        _ => Err(Refused::Changed),
+    // Not `read`: a signal may interrupt it.
+    match file.read_exact(&mut [0]) {
+        Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => Ok(()),
+        Err(error) => Err(Refused::Io(error)),
+        Ok(()) if size == most => Err(Refused::Larger { bytes: size + 1, most }),
+        Ok(()) => Err(Refused::Changed),
     }
 }
 

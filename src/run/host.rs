@@ -294,7 +294,8 @@ struct Compared<R> {
 
 impl<R: Read> Compared<R> {
     fn same_to_the_end(mut self) -> bool {
-        self.same && matches!(self.with.read(&mut [0]), Ok(0))
+        let ends = |error: &io::Error| error.kind() == io::ErrorKind::UnexpectedEof;
+        self.same && self.with.read_exact(&mut [0]).is_err_and(|error| ends(&error))
     }
 }
 
