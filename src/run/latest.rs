@@ -19,7 +19,7 @@ use crate::store::{Blob, InstanceRecord, PortRecord, Store, StoreError, encode, 
 use super::Summary;
 use super::caption::{self, caption};
 use super::name::file_name;
-pub(super) use links::read_small;
+use links::read_small;
 use links::{LINKS, Links, current};
 use staged::Staged;
 
