@@ -3,7 +3,7 @@
 use clap::{Args, Subcommand};
 
 use crate::run::log::roots;
-use crate::store::Store;
+use crate::store::{Stat, Store};
 
 use super::{Done, Failure, OutputsDir, print, print_json};
 
@@ -48,12 +48,11 @@ impl Cache {
         let fail = |e: crate::store::StoreError| Failure::Failed(e.to_string());
         match &self.command {
             Command::Stat { json } => {
-                let stat = self.outputs.store_to_read()?.stat();
+                let stat = self.outputs.store_to_read()?.stat().map_err(fail)?;
                 if *json {
                     print_json(&to_json(&stat));
                 } else {
-                    let blobs = stat.packed_blobs + stat.loose_blobs;
-                    print(&format!("{} results, {blobs} blobs, {}", stat.records, size_text(stat.bytes)));
+                    print(&stat_text(&stat));
                 }
             }
             Command::Verify { repair, json } => {
@@ -71,6 +70,9 @@ impl Cache {
                     report.findings.iter().for_each(|finding| print(&finding.to_string()));
                     print(if report.repaired {
                         "repaired; the next run makes again what is missing"
+                    } else if report.unread().next().is_some() {
+                        "what could not be read was left as it is; try again, and if it stays so, remove these files: the next run \
+                         makes again what was in them"
                     } else {
                         "`turbid cache verify --repair` cleans up; the next run makes again what is missing"
                     });
@@ -80,12 +82,17 @@ impl Cache {
                 }
             }
             Command::Digests => {
-                let digests = self.outputs.store_to_read()?.digests();
+                let store = self.outputs.store_to_read()?;
+                let digests = store.digests();
+                if let Some(error) = store.unread() {
+                    return Err(Failure::Failed(error));
+                }
                 print(&digests.iter().map(|d| format!("{d}\n")).collect::<String>());
             }
             Command::Gc { max_size, json } => {
                 let store = Store::open(outputs).map_err(|e| Failure::Input(e.to_string()))?;
-                let report = store.gc(*max_size, &roots(outputs)).map_err(fail)?;
+                let roots = roots(outputs).map_err(Failure::Failed)?;
+                let report = store.gc(*max_size, &roots).map_err(fail)?;
                 if *json {
                     print_json(&to_json(&report));
                 } else {
@@ -104,6 +111,19 @@ impl Cache {
 
 fn to_json(report: &impl serde::Serialize) -> String {
     serde_json::to_string(report).expect("reports are plain data")
+}
+
+fn stat_text(stat: &Stat) -> String {
+    let blobs = stat.packed_blobs + stat.loose_blobs;
+    let mut text = format!("{} results, {blobs} blobs, {}", stat.records, size_text(stat.bytes));
+    if stat.temporary > 0 {
+        text.push_str(&format!(
+            "\nof these {} in {} temporary files: those of runs at work, and of killed ones, which the next run removes",
+            size_text(stat.temporary_bytes),
+            stat.temporary
+        ));
+    }
+    text
 }
 
 pub(super) fn size_text(bytes: u64) -> String {
@@ -135,7 +155,15 @@ pub(super) fn parse_size(text: &str) -> Result<u64, String> {
 
 #[cfg(test)]
 mod tests {
-    use super::parse_size;
+    use super::*;
+
+    #[test]
+    fn temporary_files_are_told() {
+        let stat = Stat { records: 2, packed_blobs: 3, bytes: 5000, ..Stat::default() };
+        assert_eq!(stat_text(&stat), "2 results, 3 blobs, 5.0 kB");
+        let text = stat_text(&Stat { temporary: 4, temporary_bytes: 1000, ..stat });
+        assert!(text.contains("\nof these 1.0 kB in 4 temporary files"), "{text}");
+    }
 
     #[test]
     fn sizes_have_units() {

@@ -51,6 +51,9 @@ impl Export {
             return Err(report.into());
         }
         let Some(State::Hit(record)) = &survey.states[*id] else {
+            if let Some(error) = store.unread() {
+                return Err(Failure::Failed(error));
+            }
             return Err(Failure::Failed(format!(
                 "{} has not run yet with these parameters; try `turbid run {} {}`",
                 plan.label(*id),

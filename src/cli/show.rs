@@ -51,6 +51,7 @@ impl Show {
                 Some(State::Hit(record)) => {
                     instances.push(instance(&plan, &store, id, record, port, self.pipeline.outputs.path())?)
                 }
+                _ if store.unread().is_some() => return Err(Failure::Failed(store.unread().unwrap_or_default())),
                 _ if selector.is_some() => {
                     let hint = format!(
                         "turbid run {} {}",

@@ -329,7 +329,9 @@ mod tests {
 
     #[test]
     fn states_are_compared_to_the_end() {
-        for (written, same) in [(&["sta", "te"][..], true), (&["sta"], false), (&["states"], false), (&["stale"], false)] {
+        for (written, same) in
+            [(&["sta", "te"][..], true), (&["sta"], false), (&["states"], false), (&["stale"], false)]
+        {
             let mut compared = Compared { with: &b"state"[..], same: true };
             written.iter().for_each(|piece| compared.write_all(piece.as_bytes()).unwrap());
             assert_eq!(compared.same_to_the_end(), same, "{written:?}");

@@ -19,8 +19,7 @@ use crate::store::{Blob, InstanceRecord, PortRecord, Store, StoreError, encode, 
 use super::Summary;
 use super::caption::{self, caption};
 use super::name::file_name;
-pub(super) use links::read_small;
-use links::{Entry, LINKS, Links, current};
+use links::{Entry, LINKS, Links, current, read_small};
 use staged::Staged;
 
 /// Which pipeline file the folder was last filled from.

@@ -1,7 +1,7 @@
 //! `outputs/runs`: what ran, when, from which files; its keys are the roots of garbage collection.
 
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, Write};
+use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -11,9 +11,9 @@ use serde_json::{Value, json};
 use crate::digest::Digest;
 use crate::panics::lock;
 use crate::plan::Plan;
+use crate::regular::{self, NotOpened};
 use crate::store::InstanceRecord;
 
-use super::latest::read_small;
 use super::name::file_name_of;
 use super::{End, Progress, Summary};
 
@@ -100,13 +100,49 @@ impl RunLog {
 }
 
 /// Keys of the records that the latest runs named: what garbage collection removes last.
-pub fn roots(outputs: &Path) -> Vec<Digest> {
-    let mut folders: Vec<PathBuf> =
-        fs::read_dir(outputs.join("runs")).into_iter().flatten().flatten().map(|e| e.path()).collect();
+///
+/// Error: something is there and cannot be read. A run that was killed has left no roots, and other things than files hold none.
+pub fn roots(outputs: &Path) -> Result<Vec<Digest>, String> {
+    let runs = outputs.join("runs");
+    let failed = |path: &Path, error: io::Error| {
+        format!("cannot read which results the latest runs named ({}): {error}; nothing was removed", path.display())
+    };
+    let mut folders: Vec<PathBuf> = match fs::read_dir(&runs) {
+        Ok(entries) => entries.map(|entry| Ok(entry?.path())).collect::<io::Result<_>>(),
+        Err(error) if is_absent(&error) => Ok(Vec::new()),
+        Err(error) => Err(error),
+    }
+    .map_err(|error| failed(&runs, error))?;
     // Names begin with the time.
     folders.sort();
-    let text = folders.iter().rev().take(LATEST_RUNS).filter_map(|f| read_small(&f.join("roots"), LONGEST_ROOTS));
-    text.collect::<String>().lines().filter_map(|line| line.parse().ok()).collect()
+    let mut keys = Vec::new();
+    for path in folders.iter().rev().take(LATEST_RUNS).map(|folder| folder.join("roots")) {
+        match read_roots(&path) {
+            Ok(text) => keys.extend(text.lines().filter_map(|line| line.parse::<Digest>().ok())),
+            Err(error) if is_absent(&error) => {}
+            Err(error) => return Err(failed(&path, error)),
+        }
+    }
+    Ok(keys)
+}
+
+fn is_absent(error: &io::Error) -> bool {
+    matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory)
+}
+
+/// Nothing where there is no file, or one longer than any.
+fn read_roots(path: &Path) -> io::Result<String> {
+    let file = match regular::open(path, OpenOptions::new().read(true)) {
+        Ok(file) => file,
+        Err(NotOpened::Odd(_)) => return Ok(String::new()),
+        Err(NotOpened::Io(error)) => return Err(error),
+    };
+    let mut bytes = Vec::new();
+    if file.metadata()?.len() <= LONGEST_ROOTS {
+        file.take(LONGEST_ROOTS).read_to_end(&mut bytes)?;
+    }
+    // A damaged line is none.
+    Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
 /// One line for a run that found everything up to date. Returns why it could not be written, if so.
@@ -173,7 +209,28 @@ pub fn timestamp(seconds: u64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::timestamp;
+    use super::*;
+
+    /// What a run named is read, a run that was killed named nothing, and what cannot be read is an error.
+    #[test]
+    fn roots_that_cannot_be_read_are_no_empty_list() {
+        let outputs = tempfile::tempdir().unwrap();
+        assert_eq!(roots(outputs.path()), Ok(Vec::new()), "nothing has run");
+        let (run, key) = (outputs.path().join("runs/20260101T000000Z-abcdef"), Digest::of(b"key"));
+        fs::create_dir_all(&run).unwrap();
+        fs::write(outputs.path().join("runs/log.jsonl"), "{}\n").unwrap();
+        assert_eq!(roots(outputs.path()), Ok(Vec::new()));
+        fs::write(run.join("roots"), format!("{key}\nno key\n")).unwrap();
+        assert_eq!(roots(outputs.path()), Ok(vec![key]));
+        #[cfg(unix)]
+        {
+            // A link to itself cannot be opened, and is not absent either.
+            fs::remove_file(run.join("roots")).unwrap();
+            std::os::unix::fs::symlink(run.join("roots"), run.join("roots")).unwrap();
+            let message = roots(outputs.path()).unwrap_err();
+            assert!(message.contains("roots") && message.ends_with("nothing was removed"), "{message}");
+        }
+    }
 
     #[test]
     fn timestamps_are_civil_dates() {

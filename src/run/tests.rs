@@ -63,7 +63,8 @@ fn panics_outside_of_stages_end_their_instance() {
         let plan = Plan::build(spec.unwrap(), report, &Registry::default().with::<Odd>(), &[]).unwrap();
         let store = Store::open(&folder.path().join("outputs")).unwrap();
         let resolver = Resolver::new(&plan, &store);
-        let options = Options { jobs: 2, keep_going: true, force: Vec::new(), replace: false, simd: String::new(), memory: None };
+        let options =
+            Options { jobs: 2, keep_going: true, force: Vec::new(), replace: false, simd: String::new(), memory: None };
         let survey = resolver.survey(&[]);
         let summary = run(&resolver, survey, &options, &Lines::default(), &Interrupt::default()).unwrap();
         // Nobody may wait any more.

@@ -1,7 +1,6 @@
 //! Where the bytes of records and blobs are kept: the seam behind which a remote store fits.
 
-use std::fs;
-use std::io;
+use std::fs::Metadata;
 use std::path::{Path, PathBuf};
 
 use turbid_contract::ArtifactKind;
@@ -19,14 +18,14 @@ pub(super) const PACKED_BELOW: u64 = 64 << 10;
 
 /// Keeps bytes by digest (blobs) and by key (records). Knows no codec; calls may come from any thread.
 pub(super) trait Backend: Send + Sync {
-    /// The bytes of a record; `None` where there is none, or a damaged one.
-    fn record(&self, key: &Digest) -> Option<Vec<u8>>;
+    /// The bytes of a record; `None` where there is none, or a damaged one. Error (here and below): it cannot be read.
+    fn record(&self, key: &Digest) -> Result<Option<Vec<u8>>, StoreError>;
     /// At least the head of a record, not checked beyond its name; fast.
-    fn record_head(&self, key: &Digest) -> Option<Vec<u8>>;
+    fn record_head(&self, key: &Digest) -> Result<Option<Vec<u8>>, StoreError>;
     /// Replaces the record. The blobs that it names have been written before.
     fn publish(&self, key: &Digest, bytes: &[u8]) -> Result<(), StoreError>;
     /// Whether the blob is there in full length; cheap, its bytes are not read.
-    fn holds(&self, blob: &Blob) -> bool;
+    fn holds(&self, blob: &Blob) -> Result<bool, StoreError>;
     /// The bytes, as they are: the caller checks the digest. `None` where there are none.
     fn read(&self, blob: &Blob) -> Result<Option<Vec<u8>>, StoreError>;
     /// Writes a blob; nothing happens where the same bytes are there already.
@@ -62,22 +61,22 @@ impl Folder {
         path
     }
 
-    /// All loose blobs: digest, path, length. Other files in the folder are not blobs.
-    pub fn loose(&self) -> Vec<(Digest, PathBuf, u64)> {
+    /// All loose blobs: digest, path, length. Other files in the folder are not blobs. Error: one cannot be looked at.
+    pub fn loose(&self) -> Result<Vec<(Digest, PathBuf, u64)>, StoreError> {
+        let list = |folder: &Path| disk::list(folder).map_err(StoreError::io("read the store", folder));
         let mut found = Vec::new();
-        for folder in fs::read_dir(self.root.join("blobs")).into_iter().flatten().flatten() {
-            for entry in fs::read_dir(folder.path()).into_iter().flatten().flatten() {
-                let path = entry.path();
+        for folder in list(&self.root.join("blobs"))? {
+            for path in list(&folder)? {
                 let digest = path.file_stem().and_then(|stem| stem.to_str()).and_then(|stem| stem.parse().ok());
-                if let (Some(digest), Ok(meta)) = (digest, fs::metadata(&path))
-                    && meta.is_file()
-                {
+                let Some(digest) = digest else { continue };
+                let meta = disk::look(&path).map_err(StoreError::io("read the store", &path))?;
+                if let Some(meta) = meta.filter(Metadata::is_file) {
                     found.push((digest, path, meta.len()));
                 }
             }
         }
         found.sort();
-        found
+        Ok(found)
     }
 
     /// Moves a loose file, or what stands in its place, to quarantine.
@@ -96,28 +95,33 @@ impl Folder {
 }
 
 impl Backend for Folder {
-    fn record(&self, key: &Digest) -> Option<Vec<u8>> {
-        self.packs.record(key)
+    fn record(&self, key: &Digest) -> Result<Option<Vec<u8>>, StoreError> {
+        self.packs.record(key).map_err(StoreError::io("read a record", &self.root.join("packs")))
     }
 
-    fn record_head(&self, key: &Digest) -> Option<Vec<u8>> {
-        self.packs.record_head(key)
+    fn record_head(&self, key: &Digest) -> Result<Option<Vec<u8>>, StoreError> {
+        self.packs.record_head(key).map_err(StoreError::io("read a record", &self.root.join("packs")))
     }
 
     fn publish(&self, key: &Digest, bytes: &[u8]) -> Result<(), StoreError> {
         self.packs.append(Kind::Record, key, bytes)
     }
 
-    fn holds(&self, blob: &Blob) -> bool {
+    fn holds(&self, blob: &Blob) -> Result<bool, StoreError> {
         match self.packs.blob_length(&blob.digest) {
-            Some(length) => length == blob.bytes,
-            None if blob.bytes < PACKED_BELOW => false,
-            None => fs::metadata(self.loose_path(blob)).is_ok_and(|m| m.is_file() && m.len() == blob.bytes),
+            Some(length) => Ok(length == blob.bytes),
+            None if blob.bytes < PACKED_BELOW => Ok(false),
+            None => {
+                let path = self.loose_path(blob);
+                let meta = disk::look(&path).map_err(StoreError::io("look for a blob", &path))?;
+                Ok(meta.is_some_and(|m| m.is_file() && m.len() == blob.bytes))
+            }
         }
     }
 
     fn read(&self, blob: &Blob) -> Result<Option<Vec<u8>>, StoreError> {
-        if let Some(bytes) = self.packs.blob(&blob.digest) {
+        let packed = self.packs.blob(&blob.digest);
+        if let Some(bytes) = packed.map_err(StoreError::io("read a blob", &self.root.join("packs")))? {
             return Ok(Some(bytes));
         }
         let path = self.loose_path(blob);
@@ -128,14 +132,14 @@ impl Backend for Folder {
         });
         match read {
             Ok(bytes) => Ok(Some(bytes)),
-            Err(e) if matches!(e.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => Ok(None),
+            Err(e) if disk::is_absent(&e) => Ok(None),
             Err(e) => Err(StoreError::io("read a blob", &path)(e)),
         }
     }
 
     fn write(&self, blob: &Blob, bytes: &[u8]) -> Result<(), StoreError> {
         let there = self.read(blob);
-        if self.holds(blob) && matches!(&there, Ok(Some(there)) if there == bytes) {
+        if matches!(self.holds(blob), Ok(true)) && matches!(&there, Ok(Some(there)) if there == bytes) {
             return Ok(());
         }
         if blob.bytes < PACKED_BELOW {
@@ -143,8 +147,8 @@ impl Backend for Folder {
         }
         let path = self.loose_path(blob);
         // Only what was read and is wrong: another instance may be publishing the same bytes right now, and if the disk
-        // is full there must be no moment without them.
-        if !matches!(there, Ok(None)) {
+        // is full there must be no moment without them. What cannot be read is replaced.
+        if matches!(there, Ok(Some(_))) {
             self.set_aside(&path)?;
         }
         disk::publish(&self.root, &path, bytes, true, true).map_err(StoreError::io("write a blob", &path))
@@ -152,8 +156,10 @@ impl Backend for Folder {
 
     fn quarantine(&self, blob: &Blob) -> Result<(), StoreError> {
         match self.packs.blob(&blob.digest) {
-            Some(bytes) => self.set_packed_aside(blob, &bytes),
-            None => self.set_aside(&self.loose_path(blob)),
+            Ok(Some(bytes)) => self.set_packed_aside(blob, &bytes),
+            Ok(None) if self.packs.blob_length(&blob.digest).is_none() => self.set_aside(&self.loose_path(blob)),
+            // No bytes for people to look at.
+            _ => self.packs.append(Kind::ForgetBlob, &blob.digest, &[]),
         }
     }
 }

@@ -93,7 +93,8 @@ impl Checkpoints {
     pub fn resume(&self, state_key: &Digest, at_most: u64, read: &mut dyn FnMut(u64, &mut dyn Read)) -> bool {
         let mut all = self.of(state_key);
         all.retain(|c| c.progress <= at_most);
-        let opened = all.iter().rev().find_map(|c| Some((c.progress, c.open()?)));
+        // One that cannot be read now is left for later.
+        let opened = all.iter().rev().find_map(|c| Some((c.progress, c.open().ok()??)));
         let Some((progress, mut state)) = opened else { return false };
         read(progress, &mut state);
         true
@@ -115,11 +116,14 @@ impl Checkpoints {
         all
     }
 
-    pub fn all(&self) -> Vec<Checkpoint> {
-        let folders = fs::read_dir(self.root.join("checkpoints")).into_iter().flatten().flatten();
-        let mut all: Vec<_> = folders.flat_map(|folder| list(&folder.path()).unwrap_or_default()).collect();
-        all.sort_by(|a, b| a.path.cmp(&b.path));
-        all
+    /// All of them, by path. Error: one cannot be looked at.
+    pub fn all(&self) -> Result<Vec<Checkpoint>, StoreError> {
+        let mut all = Vec::new();
+        let folder = self.root.join("checkpoints");
+        for folder in disk::list(&folder).map_err(StoreError::io("read the store", &folder))? {
+            all.extend(list(&folder).map_err(StoreError::io("read the store", &folder))?);
+        }
+        Ok(all)
     }
 }
 
@@ -165,41 +169,47 @@ fn begun(state_key: &Digest, progress: u64, length: u64) -> PartHasher {
 
 impl Checkpoint {
     /// The undamaged state, to be read from its beginning; it has been read once, to compare it with its check.
-    fn open(&self) -> Option<impl Read> {
-        let mut file = disk::open_regular(&self.path).ok()?;
-        let mut head = [0; HEADER];
-        file.read_exact(&mut head).ok()?;
+    /// Error: it cannot be read, which says nothing about what is in it.
+    fn open(&self) -> io::Result<Option<impl Read>> {
+        let mut file = match disk::open_regular(&self.path) {
+            Err(error) if disk::is_absent(&error) => return Ok(None),
+            opened => opened?,
+        };
+        let all = file.metadata()?.len();
+        if all < HEADER as u64 {
+            return Ok(None);
+        }
+        let head = disk::read_at(&file, 0, HEADER)?;
         let length = u64::from_le_bytes(head[24..32].try_into().expect("eight bytes"));
         let told = head[..16] == *MAGIC && head[16..24] == self.progress.to_le_bytes();
-        if !told || file.metadata().ok()?.len() != (HEADER as u64).checked_add(length)? {
-            return None;
+        if !told || Some(all) != (HEADER as u64).checked_add(length) {
+            return Ok(None);
         }
         let mut hashed = Hashed { hasher: begun(&self.state_key, self.progress, length), to: io::sink() };
-        io::copy(&mut file, &mut hashed).ok()?;
+        file.seek(SeekFrom::Start(HEADER as u64))?;
+        io::copy(&mut file, &mut hashed)?;
         if hashed.hasher.finish().0 != head[32..] {
-            return None;
+            return Ok(None);
         }
-        file.seek(SeekFrom::Start(HEADER as u64)).ok()?;
-        Some(BufReader::with_capacity(1 << 20, file.take(length)))
+        file.seek(SeekFrom::Start(HEADER as u64))?;
+        Ok(Some(BufReader::with_capacity(1 << 20, file.take(length))))
     }
 
-    /// Whether the file is there and undamaged.
-    pub fn is_whole(&self) -> bool {
-        self.open().is_some()
+    /// Whether the file is there and undamaged. Error: it cannot be read.
+    pub fn is_whole(&self) -> io::Result<bool> {
+        Ok(self.open()?.is_some())
     }
 }
 
 fn list(folder: &Path) -> io::Result<Vec<Checkpoint>> {
     let mut found = Vec::new();
-    for entry in fs::read_dir(folder)?.flatten() {
-        let path = entry.path();
+    for path in disk::list(folder)? {
         let parsed = path.file_name().and_then(|n| n.to_str()).and_then(|n| n.strip_suffix(".state")).and_then(|n| {
             let (key, progress) = n.split_once('-')?;
             Some((key.parse().ok()?, u64::from_str_radix(progress, 16).ok()?))
         });
-        if let (Some((state_key, progress)), Ok(meta)) = (parsed, fs::metadata(&path))
-            && meta.is_file()
-        {
+        let Some((state_key, progress)) = parsed else { continue };
+        if let Some(meta) = disk::look(&path)?.filter(fs::Metadata::is_file) {
             let written = meta.modified().ok().and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok());
             let written = written.map_or(0, |t| t.as_secs());
             found.push(Checkpoint { state_key, progress, path, bytes: meta.len(), written });
@@ -256,7 +266,7 @@ mod tests {
             [u64::MAX, 100, 99, 63, 62, 31, 30].map(found),
             [Some((100, 100)), Some((100, 100)), Some((63, 63)), Some((63, 63)), Some((31, 31)), Some((31, 31)), None]
         );
-        assert_eq!(checkpoints.all().len(), 4);
+        assert_eq!(checkpoints.all().unwrap().len(), 4);
     }
 
     /// A torn or flipped checkpoint is ignored, and the one before it serves.

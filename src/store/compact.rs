@@ -14,7 +14,7 @@ use crate::store::index::Place;
 use crate::store::lock::guard;
 use crate::store::odd;
 use crate::store::packs::{FULL, Packs, now_ns};
-use crate::store::state::{Pack, State, read, read_payload};
+use crate::store::state::{LONGEST, Pack, State, read, read_payload};
 
 /// Fresh packs; they are removed again unless they are kept.
 struct Fresh {
@@ -28,12 +28,13 @@ struct Fresh {
 impl Packs {
     /// Writes the kept records and blobs into fresh packs and removes all others. Needs the store alone.
     ///
-    /// Error: the fresh packs could not be written, and the old ones are as they were; or an old one could not be removed,
+    /// Error: an old pack could not be read or the fresh ones not be written, and the old ones are as they were; or an old one could not be removed,
     /// which says nothing that the fresh ones do not say.
     pub fn compact(&self, records: &BTreeSet<Digest>, blobs: &BTreeSet<Digest>) -> Result<(), StoreError> {
         let mut writer = guard(&self.writer);
         *writer = None;
         let mut state = self.state_mut();
+        state.is_complete()?;
         let folder = self.root.join("packs");
         odd::make_folder(&self.root, &folder).map_err(StoreError::io("create a folder of the store", &folder))?;
         let mut fresh = Fresh { folder, files: Vec::new(), length: FULL, keep: false };
@@ -50,8 +51,9 @@ impl Packs {
 
     fn remove(&self, pack: &Pack) -> Result<(), StoreError> {
         let path = self.root.join("packs").join(&pack.name);
-        // Somebody appends to it, whatever the locks say: it stays, and the next rewriting sees to it.
-        if fs::metadata(&path).is_ok_and(|meta| meta.len() > pack.length) {
+        let there = disk::look(&path).map_err(StoreError::io("read the store", &path))?;
+        // None of ours; or somebody appends to it, whatever the locks say: it stays, and the next rewriting sees to it.
+        if pack.length > LONGEST || there.is_some_and(|meta| meta.len() > pack.length) {
             return Ok(());
         }
         gone(fs::remove_file(&path)).map_err(StoreError::io("remove an old pack", &path))?;
@@ -89,13 +91,15 @@ impl Fresh {
         kept.sort_unstable_by_key(|(pack, offset, kind, key, _)| (*pack, *offset, *kind, *key));
         used.sort_unstable();
         for (pack, _, kind, key, place) in kept {
-            let Some(file) = state.packs.get(&pack).map(|pack| &pack.file) else { continue };
-            // What is damaged is left behind; a blob is whole if its bytes have its digest, whatever became of its header.
+            let Some(Pack { file, name, .. }) = state.packs.get(&pack) else { continue };
+            // What was read and is damaged is left behind; a blob is whole if its bytes have its digest, whatever became of
+            // its header.
             let payload = match kind {
-                Kind::Blob => read_payload(file, &place).filter(|bytes| Digest::of(bytes) == key),
+                Kind::Blob => read_payload(file, &place).map(|read| read.filter(|bytes| Digest::of(bytes) == key)),
                 _ => read(file, &place, kind, &key),
             };
-            if let Some(payload) = payload {
+            let path = self.folder.join(name);
+            if let Some(payload) = payload.map_err(StoreError::io("read the store", &path))? {
                 self.write(&frame::encode(kind, &key, place.stamp, &payload))?;
             }
         }

@@ -11,6 +11,7 @@ use crate::store::Store;
 use crate::store::backend::Backend;
 use crate::store::checkpoint::Checkpoint;
 use crate::store::compact::gone;
+use crate::store::disk;
 use crate::store::error::StoreError;
 use crate::store::frame::HEADER;
 use crate::store::lock::{self, Try, guard};
@@ -39,7 +40,7 @@ impl Store {
     /// store's files take at most `max_size` bytes. What `roots` (keys of records) name goes last.
     ///
     /// To be called when no other thread works on the store. Errors: [`StoreError::Busy`] while another process uses it,
-    /// [`StoreError::NoLocks`] where nobody can tell.
+    /// [`StoreError::NoLocks`] where nobody can tell; something cannot be read: then nothing was removed.
     pub fn gc(&self, max_size: u64, roots: &[Digest]) -> Result<GcReport, StoreError> {
         self.alone(|| self.collect(max_size, roots))
     }
@@ -48,19 +49,24 @@ impl Store {
         let roots: BTreeSet<&Digest> = roots.iter().collect();
         let mut items: Vec<(bool, u64, Item)> = Vec::new();
         for (key, place) in self.folder.packs.records() {
-            let record = self.folder.record_head(&key).and_then(|bytes| InstanceRecord::decode_head(&key, &bytes));
+            let head = self.folder.record_head(&key)?;
+            let Some(record) = head.and_then(|bytes| InstanceRecord::decode_head(&key, &bytes)) else { continue };
             // A record that no run would accept only takes room.
-            if let Some(record) = record.filter(|record| record.blobs().all(|blob| self.folder.holds(blob))) {
+            if self.holds_all(&record)? {
                 let item = Item::Record(Box::new(record), HEADER as u64 + place.length);
                 items.push((roots.contains(&key), place.used, item));
             }
         }
-        for checkpoint in self.checkpoints.all() {
+        for checkpoint in self.checkpoints.all()? {
             items.push((false, checkpoint.written, Item::Checkpoint(checkpoint)));
+        }
+        let (loose, mut rest) = (self.folder.loose()?, Vec::new());
+        for folder in ["quarantine", "tmp"].map(|name| self.root.join(name)) {
+            rest.extend(disk::list(&folder).map_err(StoreError::io("read the store", &folder))?);
         }
         items.sort_by_key(|(root, used, _)| (std::cmp::Reverse(*root), std::cmp::Reverse(*used)));
 
-        let before = self.stat();
+        let before = self.stat()?;
         let mut report = GcReport { bytes_before: before.bytes, ..GcReport::default() };
         let (mut records, mut blobs) = (BTreeSet::new(), BTreeSet::new());
         let (mut size, mut full) = (0, false);
@@ -90,8 +96,7 @@ impl Store {
                     blobs.extend(fresh.into_keys());
                 }
                 Item::Checkpoint(checkpoint) if full => {
-                    let path = &checkpoint.path;
-                    gone(fs::remove_file(path)).map_err(StoreError::io("remove a checkpoint", path))?;
+                    rest.push(checkpoint.path.clone());
                     report.checkpoints_removed += 1;
                 }
                 Item::Checkpoint(_) => size += cost,
@@ -100,18 +105,19 @@ impl Store {
         report.records_kept = records.len() as u64;
         // Records first: a crash between leaves blobs that nobody names, not records whose blobs are gone.
         self.folder.packs.compact(&records, &blobs)?;
-        for (digest, path, _) in self.folder.loose() {
-            if !blobs.contains(&digest) {
-                remove(&path)?;
-            }
-        }
-        for folder in ["quarantine", "tmp"] {
-            for entry in fs::read_dir(self.root.join(folder)).into_iter().flatten().flatten() {
-                remove(&entry.path())?;
-            }
-        }
-        report.bytes_after = self.stat().bytes;
+        rest.extend(loose.into_iter().filter(|(digest, ..)| !blobs.contains(digest)).map(|(_, path, _)| path));
+        rest.iter().try_for_each(|path| remove(path))?;
+        report.bytes_after = self.stat()?.bytes;
         Ok(report)
+    }
+
+    fn holds_all(&self, record: &InstanceRecord) -> Result<bool, StoreError> {
+        for blob in record.blobs() {
+            if !self.folder.holds(blob)? {
+                return Ok(false);
+            }
+        }
+        Ok(true)
     }
 
     /// Length of the frame around a packed blob.
@@ -119,14 +125,16 @@ impl Store {
         if self.folder.packs.blob_length(digest).is_some() { HEADER as u64 } else { 0 }
     }
 
-    /// Rewrites the packs into few, without what newer entries replace and without what is damaged.
+    /// Rewrites the packs into few, without what newer entries replace, without what is damaged, and without the records
+    /// of `unfit`.
     ///
-    /// Errors: [`StoreError::Busy`] while another process uses the store, [`StoreError::NoLocks`], a full disk.
-    pub(super) fn gather_packs(&self) -> Result<(), StoreError> {
+    /// Errors: [`StoreError::Busy`] while another process uses the store, [`StoreError::NoLocks`], a full disk, an old pack
+    /// that cannot be read.
+    pub(super) fn gather_packs(&self, unfit: &BTreeSet<Digest>) -> Result<(), StoreError> {
         let packs = &self.folder.packs;
         self.alone(|| {
-            let keys = |all: Vec<(Digest, _)>| all.into_iter().map(|(key, _)| key).collect();
-            packs.compact(&keys(packs.records()), &keys(packs.blobs()))
+            let keys = |all: Vec<(Digest, _)>| all.into_iter().map(|(key, _)| key).collect::<BTreeSet<_>>();
+            packs.compact(&(&keys(packs.records()) - unfit), &keys(packs.blobs()))
         })
     }
 

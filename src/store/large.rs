@@ -48,9 +48,10 @@ pub(super) fn put(root: &Path, folder: &Folder, stack: &ImageStack) -> Result<Bl
     let path = folder.loose_path(&blob);
     match digest_of(&path) {
         Ok(found) if found == digest => return Ok(blob),
-        Err(e) if e.kind() == io::ErrorKind::NotFound => {}
         // What is there is wrong.
-        _ => folder.set_aside(&path)?,
+        Ok(_) => folder.set_aside(&path)?,
+        // Nothing, or what cannot be read, is replaced.
+        Err(_) => {}
     }
     disk::publish_file(root, file, &path, true, true).map_err(StoreError::io("write a blob", &path))?;
     Ok(blob)

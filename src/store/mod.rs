@@ -65,6 +65,8 @@ pub struct Store {
     in_use: Mutex<Option<Use>>,
     /// Keys that were called a hit, or published, since the store was opened.
     vouched: Mutex<BTreeSet<Digest>>,
+    /// The last record or look for a blob that failed.
+    unread: Mutex<Option<String>>,
 }
 
 /// How a store was left by [`Store::finish`].
@@ -121,6 +123,7 @@ impl Store {
             locks: KeyLocks::new(&root),
             in_use: Mutex::new(None),
             vouched: Mutex::default(),
+            unread: Mutex::default(),
             root,
         })
     }
@@ -140,12 +143,31 @@ impl Store {
     }
 
     fn whole_record(&self, key: &Digest) -> Option<Arc<InstanceRecord>> {
-        let Some(record) = InstanceRecord::decode_head(key, &self.folder.record_head(key)?) else {
+        let head = self.told(self.folder.record_head(key))??;
+        let Some(record) = InstanceRecord::decode_head(key, &head) else {
             self.folder.packs.note_damage();
             return None;
         };
-        let whole = record.blobs().all(|blob| self.folder.holds(blob));
+        let whole = record.blobs().all(|blob| self.holds(blob));
         whole.then(|| Arc::new(record))
+    }
+
+    /// Whether a blob is there, as far as one can tell.
+    fn holds(&self, blob: &Blob) -> bool {
+        self.told(self.folder.holds(blob)).unwrap_or(false)
+    }
+
+    /// What was read; an error is a miss, and kept for [`Store::unread`].
+    fn told<T>(&self, read: Result<T, StoreError>) -> Option<T> {
+        read.map_err(|error| *guard(&self.unread) = Some(error.to_string())).ok()
+    }
+
+    /// Why some of the store could not be read, so that what is a miss may be there nevertheless; `None` where all could.
+    pub fn unread(&self) -> Option<String> {
+        guard(&self.unread).clone().or_else(|| {
+            let (path, error) = self.folder.packs.unread().into_iter().next()?;
+            Some(format!("cannot read the store ({}): {error}", path.display()))
+        })
     }
 
     /// Encodes and writes an artifact. Does nothing where the same bytes are there already.
@@ -174,11 +196,13 @@ impl Store {
         if !self.read_only {
             self.begin_use(&|| false)?;
         }
-        match self.folder.read(blob) {
+        let again = |error: StoreError| if error.is_broken_medium() { self.folder.read(blob) } else { Err(error) };
+        match self.folder.read(blob).or_else(again) {
             Ok(Some(bytes)) if Digest::of(&bytes) == digest => return Ok(bytes),
             Ok(Some(_)) => {}
             Ok(None) => return Err(StoreError::Missing { digest }),
-            Err(error) if error.is_broken_medium() => {}
+            // Whoever only looks is told; a run computes it anew.
+            Err(error) if error.is_broken_medium() && !self.read_only => {}
             Err(error) => return Err(error),
         }
         if !self.read_only {
@@ -286,7 +310,7 @@ impl Store {
     /// All undamaged records with what went in, the newest first, whether or not their blobs are still there.
     pub fn records(&self) -> impl Iterator<Item = (InstanceRecord, Recipe)> {
         let all = self.folder.packs.records();
-        all.into_iter().filter_map(|(key, _)| InstanceRecord::decode(&key, &self.folder.record(&key)?))
+        all.into_iter().filter_map(|(key, _)| InstanceRecord::decode(&key, &self.told(self.folder.record(&key))??))
     }
 
     /// The file that holds exactly this blob; `None` for a blob in a pack (see [`Store::materialise`]).
@@ -309,9 +333,9 @@ impl Store {
     pub fn digests(&self) -> Vec<Digest> {
         let records = self.folder.packs.records().into_iter();
         let mut all: Vec<_> = records
-            .filter_map(|(key, _)| InstanceRecord::decode_head(&key, &self.folder.record_head(&key)?))
+            .filter_map(|(key, _)| InstanceRecord::decode_head(&key, &self.told(self.folder.record_head(&key))??))
             .flat_map(|record| record.blobs().copied().collect::<Vec<_>>())
-            .filter(|blob| self.folder.holds(blob))
+            .filter(|blob| self.holds(blob))
             .map(|blob| blob.digest)
             .collect();
         all.sort_unstable();
@@ -343,8 +367,8 @@ impl Store {
         }
         self.folder.packs.finish()?;
         if self.folder.packs.wants_gathering() {
-            // In use, no locks, a full disk: the old packs hold everything until the new ones do, and the next run tries again.
-            let _ = self.gather_packs();
+            // In use, no locks, a full disk, an old pack that cannot be read: the old packs hold everything until the new ones do, and the next run tries again.
+            let _ = self.gather_packs(&BTreeSet::new());
         }
         Ok(())
     }

@@ -18,44 +18,62 @@ enum Kind {
     File,
 }
 
-/// Whether something is there (a link counts), and is not of that kind, or cannot be looked at.
-fn is_not(path: &Path, kind: Kind) -> bool {
-    fs::symlink_metadata(path).is_ok()
-        && fs::metadata(path).map_or(true, |meta| match kind {
-            Kind::Folder => !meta.is_dir(),
-            Kind::File => !meta.is_file(),
-        })
+/// Whether something is there (a link counts), and is not of that kind. Error: it cannot be looked at.
+fn is_not(path: &Path, kind: Kind) -> io::Result<bool> {
+    let is_there = disk::look_at_link(path)?.is_some();
+    let is_of_kind = |meta: fs::Metadata| if kind == Kind::Folder { meta.is_dir() } else { meta.is_file() };
+    Ok(is_there && !disk::look(path)?.is_some_and(is_of_kind))
 }
 
-/// Whether something else stands in the place of a file.
+/// Whether something else stands in the place of a file, as far as one can tell.
 pub(super) fn is_no_file(path: &Path) -> bool {
-    is_not(path, Kind::File)
+    is_not(path, Kind::File).unwrap_or(false)
 }
 
-/// Everything in the store at `root` that is in the way of its files and folders, sorted.
-pub(super) fn all(root: &Path) -> Vec<PathBuf> {
-    let mut found: Vec<PathBuf> = ["format", "index"]
-        .iter()
-        .map(|name| root.join(name))
-        .filter(|path| is_not(path, Kind::File))
-        .chain(FOLDERS.iter().map(|name| root.join(name)).filter(|path| is_not(path, Kind::Folder)))
-        .collect();
-    for name in ["packs", "locks", "tmp", "memos"] {
-        found.extend(children(&root.join(name)).into_iter().filter(|path| is_not(path, Kind::File)));
-    }
-    let packs = children(&root.join("packs")).into_iter().filter(|path| path.extension().is_some_and(|e| e == "pack"));
-    found.extend(packs.filter(|path| path.is_file() && disk::open_regular(path).is_err()));
-    for name in ["blobs", "checkpoints"] {
-        for folder in children(&root.join(name)) {
-            let is_prefix = folder.file_name().and_then(|n| n.to_str()).is_some_and(is_byte);
-            if is_prefix && is_not(&folder, Kind::Folder) {
-                found.push(folder);
-            } else {
-                found.extend(children(&folder).into_iter().filter(|path| is_not(path, Kind::File)));
-            }
+/// What a look through the store found.
+#[derive(Default)]
+pub(super) struct Found {
+    /// Everything that is in the way of its files and folders.
+    pub odd: Vec<PathBuf>,
+    /// What could not be looked at or listed: nothing is known of it.
+    pub unread: Vec<(PathBuf, io::Error)>,
+}
+
+impl Found {
+    fn check(&mut self, path: PathBuf, kind: Kind) {
+        match is_not(&path, kind) {
+            Ok(true) => self.odd.push(path),
+            Ok(false) => {}
+            Err(error) => self.unread.push((path, error)),
         }
     }
-    found.sort();
+
+    fn children(&mut self, folder: &Path) -> Vec<PathBuf> {
+        disk::list(folder).unwrap_or_else(|error| {
+            self.unread.push((folder.to_owned(), error));
+            Vec::new()
+        })
+    }
+}
+
+/// Looks at all names in the store at `root`.
+pub(super) fn all(root: &Path) -> Found {
+    let mut found = Found::default();
+    ["format", "index"].iter().for_each(|name| found.check(root.join(name), Kind::File));
+    FOLDERS.iter().for_each(|name| found.check(root.join(name), Kind::Folder));
+    for name in ["packs", "locks", "tmp", "memos"] {
+        found.children(&root.join(name)).into_iter().for_each(|path| found.check(path, Kind::File));
+    }
+    for name in ["blobs", "checkpoints"] {
+        for folder in found.children(&root.join(name)) {
+            let is_prefix = folder.file_name().and_then(|n| n.to_str()).is_some_and(is_byte);
+            if is_prefix {
+                found.check(folder.clone(), Kind::Folder);
+            }
+            found.children(&folder).into_iter().for_each(|path| found.check(path, Kind::File));
+        }
+    }
+    found.odd.sort();
     found
 }
 
@@ -64,16 +82,12 @@ fn is_byte(name: &str) -> bool {
     name.len() == 2 && name.bytes().all(|b| b.is_ascii_hexdigit())
 }
 
-fn children(folder: &Path) -> Vec<PathBuf> {
-    fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).collect()
-}
-
 /// Moves what keeps `path` from being written to quarantine. Returns whether there was something.
 pub(super) fn clear_way(root: &Path, path: &Path) -> io::Result<bool> {
     let folders = path.ancestors().skip(1).take_while(|folder| *folder != root && folder.starts_with(root));
     let mut cleared = false;
     for folder in folders.chain([root.join("tmp").as_path()]) {
-        if is_not(folder, Kind::Folder) {
+        if is_not(folder, Kind::Folder)? {
             set_aside(root, folder)?;
             cleared = true;
         }
@@ -95,7 +109,7 @@ pub(super) fn make_folder(root: &Path, folder: &Path) -> io::Result<()> {
 /// Moves something to quarantine under its own name or the next free one; what is gone already needs no move.
 pub(super) fn set_aside(root: &Path, path: &Path) -> io::Result<()> {
     let quarantine = root.join("quarantine");
-    if is_not(&quarantine, Kind::Folder) {
+    if is_not(&quarantine, Kind::Folder)? {
         // It stands in its own way.
         let beside = (0..SAME_NAMES).map(|n| root.join(format!("quarantine-{n}"))).find(|p| !is_there(p));
         let beside = beside.unwrap_or_else(|| root.join("quarantine-last"));

@@ -1,6 +1,8 @@
 //! Packs: append-only files of frames. Each writing process appends to a pack of its own, so writers never meet.
 
 use std::collections::BTreeSet;
+use std::fs::File;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
@@ -13,7 +15,7 @@ use crate::store::frame::{self, HEADER, Kind};
 use crate::store::index::{Map, Place};
 use crate::store::lock::guard;
 use crate::store::record::head_end;
-use crate::store::state::{State, read, read_payload, read_start};
+use crate::store::state::{LONGEST, State, read, read_payload, read_start};
 use crate::store::writer::{Standing, Writer};
 
 /// A pack this long takes no further frames.
@@ -68,27 +70,27 @@ impl Packs {
     }
 
     /// The payload of the record of `key`; `None` where there is none or where it is damaged.
-    pub fn record(&self, key: &Digest) -> Option<Vec<u8>> {
-        let (place, file) = self.state().find(Kind::Record, key)?;
-        let bytes = read(&file, &place, Kind::Record, key);
+    pub fn record(&self, key: &Digest) -> io::Result<Option<Vec<u8>>> {
+        let Some((place, file)) = self.state().find(Kind::Record, key) else { return Ok(None) };
+        let bytes = read(&file, &place, Kind::Record, key)?;
         if bytes.is_none() {
             self.note_damage();
         }
-        bytes
+        Ok(bytes)
     }
 
     /// At least the head of the record of `key`, as it is. This is a use of the record.
-    pub fn record_head(&self, key: &Digest) -> Option<Vec<u8>> {
-        let (place, file) = self.state().find(Kind::Record, key)?;
-        let head = read_start(&file, &place, HEAD);
+    pub fn record_head(&self, key: &Digest) -> io::Result<Option<Vec<u8>>> {
+        let Some((place, file)) = self.state().find(Kind::Record, key) else { return Ok(None) };
+        let head = read_start(&file, &place, HEAD)?;
         let head = match head.as_deref().and_then(head_end) {
-            Some(end) if end > HEAD => read_start(&file, &place, end),
+            Some(end) if end > HEAD => read_start(&file, &place, end)?,
             _ => head,
         };
         if place.used.saturating_add(NOTE_USE_AFTER_S) < self.opened_s {
             guard(&self.touched).insert(*key);
         }
-        head
+        Ok(head)
     }
 
     /// Length of a packed blob.
@@ -96,9 +98,9 @@ impl Packs {
         self.state().index.blobs.get(digest).filter(|p| p.is_here()).map(|p| p.length)
     }
 
-    /// The bytes where the blob should be, damaged or not (`None`: not packed, or beyond reading).
-    pub fn blob(&self, digest: &Digest) -> Option<Vec<u8>> {
-        let (place, file) = self.state().find_blob(digest)?;
+    /// The bytes where the blob should be, damaged or not (`None`: not packed, or its pack is shorter).
+    pub fn blob(&self, digest: &Digest) -> io::Result<Option<Vec<u8>>> {
+        let Some((place, file)) = self.state().find_blob(digest) else { return Ok(None) };
         read_payload(&file, &place)
     }
 
@@ -211,10 +213,12 @@ impl Packs {
         self.state_mut().refresh(&self.root)
     }
 
-    /// Reads all packs again from their beginning, beside what the index says.
+    /// Reads all packs again from their beginning, beside what the index says. Error: also where one cannot be read.
     pub fn read_again(&self) -> Result<(), StoreError> {
         self.settle(&mut guard(&self.writer))?;
-        self.state_mut().read_again(&self.root)
+        let mut state = self.state_mut();
+        state.read_again(&self.root)?;
+        state.is_complete()
     }
 
     /// Brings everything to the disk and writes the index file if it lacks something.
@@ -253,17 +257,26 @@ impl Packs {
         self.state_mut().save(&self.root)
     }
 
-    /// Checks every frame of every pack: what no whole frame covers, in bytes, by pack; none where a pack cannot be read.
+    /// Checks every frame of every pack: what no whole frame covers, in bytes, by pack; or why a pack cannot be read
+    /// ([`io::ErrorKind::FileTooLarge`]: it is none of ours).
     ///
     /// The end of a pack that is torn (a writer was killed, or is at work) is not damage.
-    pub fn garbage(&self) -> Vec<(String, Option<u64>)> {
+    pub fn garbage(&self) -> Vec<(PathBuf, io::Result<u64>)> {
         let state = self.state();
-        let scanned = state.packs.values().map(|pack| {
-            let length = pack.file.metadata().map(|meta| usize::try_from(meta.len()).unwrap_or(usize::MAX));
-            let bytes = length.and_then(|length| disk::read_at(&pack.file, 0, length));
-            (pack.name.clone(), bytes.ok().map(|bytes| frame::scan(&bytes).garbage))
-        });
-        scanned.filter(|(_, garbage)| *garbage != Some(0)).collect()
+        let scan = |file| {
+            let length = File::metadata(file)?.len();
+            if length > LONGEST {
+                return Err(io::ErrorKind::FileTooLarge.into());
+            }
+            Ok(frame::scan(&disk::read_at(file, 0, length as usize)?).garbage)
+        };
+        let scanned = state.packs.values().map(|pack| (self.root.join("packs").join(&pack.name), scan(&*pack.file)));
+        scanned.filter(|(_, garbage)| !matches!(garbage, Ok(0))).collect()
+    }
+
+    /// The packs of which nothing is known, and why.
+    pub fn unread(&self) -> Vec<(PathBuf, String)> {
+        self.state().unread.iter().map(|(path, error)| (path.clone(), error.to_string())).collect()
     }
 }
 

@@ -1,9 +1,9 @@
 //! What this process knows of the packs: the open files, and the index over their frames.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::{self, File};
+use std::fs::File;
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::digest::Digest;
@@ -13,7 +13,7 @@ use crate::store::frame::{self, Frame, HEADER, Kind};
 use crate::store::index::{self, Covered, Index, Map, Place};
 
 /// No pack is longer: writers end it near 64 MiB. Something longer is not read, least of all into memory.
-const LONGEST: u64 = 1 << 30;
+pub(super) const LONGEST: u64 = 1 << 30;
 
 pub(super) struct Pack {
     pub name: String,
@@ -40,6 +40,8 @@ pub(super) struct State {
     pub lost: u64,
     /// Bytes between the frames that were read.
     pub garbage: u64,
+    /// Packs that the last look could not look at, open or read to their end: nothing is known of what is in them.
+    pub unread: Vec<(PathBuf, io::Error)>,
     /// Whether something that was found once may be gone: packs that vanished, blobs that were found damaged.
     pub shrunk: bool,
 }
@@ -57,7 +59,7 @@ impl State {
         for covered in &packs {
             // The number of a pack in the index file becomes its id, so places hold as they are.
             all_there &= match Pack::open(root, &covered.name) {
-                Some(pack) if pack.length >= covered.length && pack.first() == covered.first => {
+                Ok(pack) if pack.length >= covered.length && pack.first() == covered.first => {
                     state.packs.insert(state.next, Pack { covered: covered.length, ..pack });
                     true
                 }
@@ -74,6 +76,9 @@ impl State {
         state.packs.values_mut().for_each(|pack| pack.covered = 0);
         state.stale = true;
         state.refresh(root)?;
+        if !state.unread.is_empty() {
+            return Ok(state);
+        }
         let lost = |named: &Map<Place>, found: &Map<Place>| {
             named.iter().filter(|(key, place)| place.is_here() && !found.contains_key(*key)).count() as u64
         };
@@ -123,37 +128,61 @@ impl State {
     }
 
     /// Takes in packs that are new, packs that have grown, and packs that are gone, cut short or replaced by another
-    /// file of their name. What is in the place of a pack and no file is left alone.
+    /// file of their name. What is in the place of a pack and no file is left alone; what cannot be read now is a miss now,
+    /// and is in `unread`.
     ///
     /// Error: the folder is there and cannot be read.
     pub fn refresh(&mut self, root: &Path) -> Result<(), StoreError> {
         let there = list(&root.join("packs"))?;
-        let is_gone = |pack: &Pack| {
-            there.get(&pack.name).is_none_or(|(identity, n)| *identity != pack.identity || *n < pack.covered)
+        let is_gone = |pack: &Pack| match there.get(&pack.name) {
+            Some(Ok((identity, n))) => *identity != pack.identity || *n < pack.covered,
+            Some(Err(_)) => false,
+            None => true,
         };
         let gone: BTreeSet<u32> = self.packs.iter().filter(|(_, pack)| is_gone(pack)).map(|(id, _)| *id).collect();
         if !gone.is_empty() {
             self.forget(&gone);
         }
-        for (name, (_, length)) in there {
-            match self.packs.values_mut().find(|pack| pack.name == name) {
-                Some(pack) => pack.length = length,
-                None => {
-                    let Some(pack) = Pack::open(root, &name) else { continue };
-                    // Ids end after 4 billion packs; what comes then is a miss.
-                    if self.next < Place::FORGOTTEN {
-                        self.packs.insert(self.next, pack);
-                        self.next += 1;
-                    }
-                }
+        self.unread.clear();
+        for (name, found) in there {
+            let path = root.join("packs").join(&name);
+            match (self.packs.values_mut().find(|pack| pack.name == name), found) {
+                (Some(pack), Ok((_, length))) => pack.length = length,
+                (None, Ok(_)) => self.add(root, &name),
+                (_, Err(error)) => self.unread.push((path, error)),
             }
         }
         let grown: Vec<u32> = self.packs.iter().filter(|(_, p)| p.length > p.covered).map(|(id, _)| *id).collect();
         for id in grown {
-            // What cannot be read now is a miss now.
-            let _ = self.read_tail(id);
+            if let Err(error) = self.read_tail(id)
+                && error.kind() != io::ErrorKind::FileTooLarge
+            {
+                self.unread.push((root.join("packs").join(&self.packs[&id].name), error));
+            }
         }
         Ok(())
+    }
+
+    fn add(&mut self, root: &Path, name: &str) {
+        match Pack::open(root, name) {
+            // Ids end after 4 billion packs; what comes then is a miss.
+            Ok(pack) if self.next < Place::FORGOTTEN => {
+                self.packs.insert(self.next, pack);
+                self.next += 1;
+            }
+            Ok(_) => {}
+            // Gone since, or no file.
+            Err(error) if disk::is_absent(&error) || error.kind() == io::ErrorKind::InvalidInput => {}
+            Err(error) => self.unread.push((root.join("packs").join(name), error)),
+        }
+    }
+
+    /// Error: a pack could not be read. What is in it must not pass for gone.
+    pub fn is_complete(&self) -> Result<(), StoreError> {
+        self.unread.first().map_or(Ok(()), |(path, error)| {
+            let again = error.raw_os_error().map_or_else(|| error.kind().into(), io::Error::from_raw_os_error);
+            Err(StoreError::io("read the store", path)(again))
+        })
     }
 
     /// Forgets packs that are gone. What they said of a key may have hidden an older frame in another: all is read again.
@@ -216,11 +245,11 @@ impl State {
 }
 
 impl Pack {
-    fn open(root: &Path, name: &str) -> Option<Self> {
-        let file = disk::open_regular(&root.join("packs").join(name)).ok()?;
-        let meta = file.metadata().ok()?;
+    fn open(root: &Path, name: &str) -> io::Result<Self> {
+        let file = disk::open_regular(&root.join("packs").join(name))?;
+        let meta = file.metadata()?;
         let (identity, length) = (disk::identity(&meta), meta.len());
-        Some(Self { name: name.to_owned(), file: Arc::new(file), identity, covered: 0, length })
+        Ok(Self { name: name.to_owned(), file: Arc::new(file), identity, covered: 0, length })
     }
 
     /// The check in the header of the first frame: it covers a time in ns and a key, so no two packs share it.
@@ -229,43 +258,51 @@ impl Pack {
     }
 }
 
-/// The files in the folder of packs.
-fn list(folder: &Path) -> Result<BTreeMap<String, (Identity, u64)>, StoreError> {
+/// The files in the folder of packs, or why one of them cannot be looked at.
+fn list(folder: &Path) -> Result<BTreeMap<String, io::Result<(Identity, u64)>>, StoreError> {
     let mut found = BTreeMap::new();
-    let entries = match fs::read_dir(folder) {
-        Ok(entries) => entries,
-        // Whoever writes sets aside what stands there.
-        Err(e) if matches!(e.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => return Ok(found),
-        Err(e) => return Err(StoreError::io("read the store", folder)(e)),
-    };
-    for entry in entries.flatten() {
-        if let Ok(name) = entry.file_name().into_string()
-            && name.ends_with(".pack")
-            && let Ok(meta) = fs::metadata(entry.path())
-            && meta.is_file()
-        {
-            found.insert(name, (disk::identity(&meta), meta.len()));
-        }
+    // Whoever writes sets aside what stands in the place of the folder.
+    for path in disk::list(folder).map_err(StoreError::io("read the store", folder))? {
+        let Some(name) = path.file_name().and_then(|name| name.to_str()).filter(|name| name.ends_with(".pack")) else {
+            continue;
+        };
+        match disk::look(&path) {
+            Ok(Some(meta)) if meta.is_file() => found.insert(name.to_owned(), Ok((disk::identity(&meta), meta.len()))),
+            Ok(_) => None,
+            Err(error) => found.insert(name.to_owned(), Err(error)),
+        };
     }
     Ok(found)
 }
 
-/// What stands where the payload should be.
-pub(super) fn read_payload(file: &File, place: &Place) -> Option<Vec<u8>> {
-    read_start(file, place, usize::try_from(place.length).ok()?)
+/// What stands where the payload should be; none where the pack is shorter. Error: it cannot be read.
+pub(super) fn read_payload(file: &File, place: &Place) -> io::Result<Option<Vec<u8>>> {
+    read_start(file, place, usize::MAX)
 }
 
 /// What stands where the first `length` bytes of the payload should be, less where it is shorter.
-pub(super) fn read_start(file: &File, place: &Place, length: usize) -> Option<Vec<u8>> {
-    let length = usize::try_from(place.length).map_or(length, |all| all.min(length));
-    disk::read_at(file, place.offset.checked_add(HEADER as u64)?, length).ok()
+pub(super) fn read_start(file: &File, place: &Place, length: usize) -> io::Result<Option<Vec<u8>>> {
+    read_place(file, place.offset.saturating_add(HEADER as u64), place.length.min(length as u64))
 }
 
 /// The payload of an undamaged frame of `kind` and `key`.
-pub(super) fn read(file: &File, place: &Place, kind: Kind, key: &Digest) -> Option<Vec<u8>> {
-    let length = usize::try_from(place.length).ok()?.checked_add(HEADER)?;
-    let mut bytes = disk::read_at(file, place.offset, length).ok()?;
-    frame::decode(&bytes).filter(|(frame, _)| frame.kind == kind && frame.key == *key)?;
-    bytes.drain(..HEADER);
-    Some(bytes)
+pub(super) fn read(file: &File, place: &Place, kind: Kind, key: &Digest) -> io::Result<Option<Vec<u8>>> {
+    let bytes = read_place(file, place.offset, place.length.saturating_add(HEADER as u64))?;
+    let is_right =
+        |bytes: &Vec<u8>| frame::decode(bytes).is_some_and(|(frame, _)| frame.kind == kind && frame.key == *key);
+    Ok(bytes.filter(is_right).map(|mut bytes| {
+        bytes.drain(..HEADER);
+        bytes
+    }))
+}
+
+/// The bytes there; none where there are not so many.
+fn read_place(file: &File, offset: u64, length: u64) -> io::Result<Option<Vec<u8>>> {
+    if offset.checked_add(length).is_none_or(|end| end > LONGEST) {
+        return Ok(None);
+    }
+    match disk::read_at(file, offset, length as usize) {
+        Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => Ok(None),
+        read => read.map(Some),
+    }
 }

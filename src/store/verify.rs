@@ -3,7 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::fs;
-use std::path::PathBuf;
+use std::io;
+use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
@@ -64,10 +65,15 @@ pub enum Finding {
         entries: u64,
     },
     DamagedIndex,
-    /// A folder, a link to nothing, a pipe, .. in the place of a file, a file in the place of a folder, or a pack that cannot
-    /// be opened or read.
+    /// A folder, a link to nothing, a pipe, .. in the place of a file, a file in the place of a folder, or a pack that is
+    /// longer than any.
     Odd {
         path: PathBuf,
+    },
+    /// The operating system did not let it be read. That says nothing of what is there: it is left alone.
+    Unread {
+        path: PathBuf,
+        error: String,
     },
 }
 
@@ -84,8 +90,9 @@ impl fmt::Display for Finding {
             Self::LostEntries { entries } => write!(f, "{entries} entries of the index are in no pack"),
             Self::DamagedIndex => f.write_str("the index is damaged (it is only a cache)"),
             Self::Odd { path } => {
-                write!(f, "{}: not what the store keeps under that name, or it cannot be read", path.display())
+                write!(f, "{}: not what the store keeps under that name", path.display())
             }
+            Self::Unread { path, error } => write!(f, "{}: could not be read: {error}", path.display()),
         }
     }
 }
@@ -109,31 +116,45 @@ impl VerifyReport {
     }
 }
 
+/// So often a repair writes the packs anew if a second look still finds something.
+const REWRITINGS: usize = 3;
+
 impl Store {
     /// Reads everything and compares it with its digests and checksums.
     ///
     /// Damaged blobs go to quarantine in any case, so that the next run computes them anew, and damaged pieces of packs
     /// are left behind when the store is closed (if no other process uses it). `repair` also forgets the records
     /// whose blobs are gone, sets aside damaged checkpoints and whatever is in the way, and rewrites the packs, so that
-    /// the next `verify` is clean even before a run: it looks a second time.
+    /// the next `verify` is clean even before a run: it looks a second time. Where something could not be read
+    /// ([`Finding::Unread`]) nothing is repaired: what is there may be right.
     ///
     /// Errors of a repair: what it could not do (a full disk; [`StoreError::Busy`] where packs are damaged and a run is at
     /// work; [`StoreError::NoLocks`]), or [`StoreError::NotRepaired`].
     pub fn verify(&self, repair: bool) -> Result<VerifyReport, StoreError> {
         let (mut report, unfit) = self.look()?;
-        if repair && !self.read_only && !report.is_clean() {
-            self.repair(&report, &unfit)?;
-            let left = Self::at(self.root.clone(), true)?.look()?.0.findings;
-            if !left.is_empty() {
-                let left = left.iter().map(Finding::to_string).collect();
-                return Err(StoreError::NotRepaired { path: self.root.clone(), left });
-            }
-            report.repaired = true;
+        if !repair || self.read_only || report.is_clean() || report.unread().next().is_some() {
+            return Ok(report);
         }
+        self.repair(&report, &unfit, self.folder.packs.wants_gathering())?;
+        let look_again = || Self::at(self.root.clone(), true)?.look();
+        let (mut left, mut unfit) = look_again()?;
+        // Older entries may have come to hold, or newer ones not to: only rewriting ends that.
+        for _ in 0..REWRITINGS {
+            if left.is_clean() || left.unread().next().is_some() {
+                break;
+            }
+            self.repair(&left, &unfit, true)?;
+            (left, unfit) = look_again()?;
+        }
+        if !left.is_clean() {
+            let left = left.findings.iter().map(Finding::to_string).collect();
+            return Err(StoreError::NotRepaired { path: self.root.clone(), left });
+        }
+        report.repaired = true;
         Ok(report)
     }
 
-    fn repair(&self, report: &VerifyReport, unfit: &BTreeSet<Digest>) -> Result<(), StoreError> {
+    fn repair(&self, report: &VerifyReport, unfit: &BTreeSet<Digest>, rewrite: bool) -> Result<(), StoreError> {
         for finding in &report.findings {
             if let Finding::Odd { path } | Finding::DamagedCheckpoint { path } = finding {
                 odd::set_aside(&self.root, path).map_err(StoreError::io("move to quarantine", path))?;
@@ -141,8 +162,8 @@ impl Store {
         }
         unfit.iter().try_for_each(|key| self.folder.packs.append(Kind::ForgetRecord, key, &[]))?;
         self.folder.packs.finish()?;
-        if self.folder.packs.wants_gathering() {
-            self.gather_packs()?;
+        if rewrite || self.folder.packs.wants_gathering() {
+            self.gather_packs(unfit)?;
         }
         self.folder.packs.save_index()
     }
@@ -153,57 +174,104 @@ impl Store {
         if !self.read_only {
             self.begin_use(&|| false)?;
         }
-        report.findings.extend(odd::all(&self.root).into_iter().map(|path| Finding::Odd { path }));
-        let is_damaged = |bytes: Vec<u8>| index::decode(&bytes).is_none() && !index::is_of_another_format(&bytes);
-        if disk::read_regular(&self.root.join("index")).is_ok_and(is_damaged) {
-            report.findings.push(Finding::DamagedIndex);
+        self.verify_names(&mut report);
+        self.verify_packs(&mut report);
+        let (records, mut unfit) = self.verify_records(&mut report);
+        self.verify_blobs(&records, &mut report)?;
+        // Where something could not be read, what is missing may be there.
+        if report.unread().next().is_none() {
+            unfit.extend(self.find_missing(&records, &mut report)?);
         }
-        match self.folder.packs.lost() {
+        for checkpoint in self.checkpoints.all()? {
+            report.checkpoints += 1;
+            match checkpoint.is_whole() {
+                Ok(true) => {}
+                Ok(false) => report.findings.push(Finding::DamagedCheckpoint { path: checkpoint.path }),
+                Err(error) => report.found_unread(checkpoint.path, &error),
+            }
+        }
+        Ok((report, unfit))
+    }
+
+    /// Looks at the names in the folder, and at the index.
+    fn verify_names(&self, report: &mut VerifyReport) {
+        let found = odd::all(&self.root);
+        report.findings.extend(found.odd.into_iter().map(|path| Finding::Odd { path }));
+        found.unread.into_iter().for_each(|(path, error)| report.found_unread(path, &error));
+        let path = self.root.join("index");
+        match disk::read_regular(&path) {
+            Ok(bytes) if index::decode(&bytes).is_none() && !index::is_of_another_format(&bytes) => {
+                report.findings.push(Finding::DamagedIndex);
+            }
+            Err(error) if !disk::is_absent(&error) && error.kind() != io::ErrorKind::InvalidInput => {
+                report.found_unread(path, &error);
+            }
+            _ => {}
+        }
+    }
+
+    /// Reads every pack from end to end.
+    fn verify_packs(&self, report: &mut VerifyReport) {
+        let packs = &self.folder.packs;
+        match packs.lost() {
             0 => {}
             entries => report.findings.push(Finding::LostEntries { entries }),
         }
-        for (name, garbage) in self.folder.packs.garbage() {
-            report.findings.push(match garbage {
-                Some(bytes) => {
-                    self.folder.packs.note_damage();
-                    Finding::DamagedPack { name, bytes }
+        report.findings.extend(packs.unread().into_iter().map(|(path, error)| Finding::Unread { path, error }));
+        for (path, garbage) in packs.garbage() {
+            match garbage {
+                Ok(bytes) => {
+                    packs.note_damage();
+                    let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+                    report.findings.push(Finding::DamagedPack { name, bytes });
                 }
-                None => Finding::Odd { path: self.root.join("packs").join(name) },
-            });
+                Err(error) if error.kind() == io::ErrorKind::FileTooLarge => {
+                    report.findings.push(Finding::Odd { path })
+                }
+                Err(error) => report.found_unread(path, &error),
+            }
         }
+    }
 
-        let mut records = Vec::new();
-        let mut unfit = BTreeSet::new();
+    /// All records, and the keys of the damaged ones.
+    fn verify_records(&self, report: &mut VerifyReport) -> (Vec<InstanceRecord>, BTreeSet<Digest>) {
+        let (mut records, mut damaged) = (Vec::new(), BTreeSet::new());
         for (key, _) in self.folder.packs.records() {
-            match self.folder.record(&key).and_then(|bytes| InstanceRecord::decode(&key, &bytes)) {
-                Some((record, _)) => records.push(record),
-                None => {
-                    report.findings.push(Finding::DamagedRecord { key });
-                    unfit.insert(key);
-                }
+            match self.folder.packs.record(&key) {
+                Err(error) => report.found_unread(self.root.join("packs"), &error),
+                Ok(bytes) => match bytes.and_then(|bytes| InstanceRecord::decode(&key, &bytes)) {
+                    Some((record, _)) => records.push(record),
+                    None => {
+                        report.findings.push(Finding::DamagedRecord { key });
+                        damaged.insert(key);
+                    }
+                },
             }
         }
         report.records = records.len() as u64;
-        self.verify_blobs(&records, &mut report)?;
-        for record in &records {
+        (records, damaged)
+    }
+
+    /// The records whose blobs are not all there.
+    fn find_missing(
+        &self,
+        records: &[InstanceRecord],
+        report: &mut VerifyReport,
+    ) -> Result<BTreeSet<Digest>, StoreError> {
+        let mut unfit = BTreeSet::new();
+        for record in records {
             for (port, held) in &record.ports {
-                if !self.folder.holds(&held.blob) || report.found_damaged(&held.blob.digest) {
+                if !self.folder.holds(&held.blob)? || report.found_damaged(&held.blob.digest) {
                     let (stage, port) = (record.provenance.stage.clone(), port.clone());
                     report.findings.push(Finding::MissingBlob { digest: held.blob.digest, stage, port });
                     unfit.insert(record.key);
                 }
             }
         }
-        for checkpoint in self.checkpoints.all() {
-            report.checkpoints += 1;
-            if !checkpoint.is_whole() {
-                report.findings.push(Finding::DamagedCheckpoint { path: checkpoint.path });
-            }
-        }
-        Ok((report, unfit))
+        Ok(unfit)
     }
 
-    /// Reads every blob, packed or loose; sets the damaged ones aside.
+    /// Reads every blob, packed or loose; sets aside those that were read and are damaged.
     fn verify_blobs(&self, records: &[InstanceRecord], report: &mut VerifyReport) -> Result<(), StoreError> {
         let named: BTreeMap<Digest, Blob> =
             records.iter().flat_map(InstanceRecord::blobs).map(|blob| (blob.digest, *blob)).collect();
@@ -211,46 +279,43 @@ impl Store {
         for (digest, place) in packs.blobs() {
             report.blobs += 1;
             report.bytes += place.length;
-            if packs.blob(&digest).is_none_or(|bytes| Digest::of(&bytes) != digest) {
-                report.findings.push(Finding::DamagedBlob { digest });
-                if !self.read_only {
+            match packs.blob(&digest) {
+                Err(error) => report.found_unread(self.root.join("packs"), &error),
+                Ok(Some(bytes)) if Digest::of(&bytes) == digest => {}
+                Ok(_) => {
+                    report.findings.push(Finding::DamagedBlob { digest });
                     // A blob that no record names has no kind; it is only forgotten.
                     match named.get(&digest) {
+                        _ if self.read_only => {}
                         Some(blob) => self.folder.quarantine(blob)?,
                         None => packs.append(Kind::ForgetBlob, &digest, &[])?,
                     }
                 }
             }
         }
-        for (digest, path, bytes) in self.folder.loose() {
+        for (digest, path, bytes) in self.folder.loose()? {
             report.blobs += 1;
             report.bytes += bytes;
-            if hash_file(&path).ok() != Some(digest) {
-                report.findings.push(Finding::DamagedBlob { digest });
-                if !self.read_only {
-                    self.folder.set_aside(&path)?;
+            match hash_file(&path) {
+                Ok(found) if found == digest => {}
+                Err(error) if !disk::is_absent(&error) => report.found_unread(path, &error),
+                _ => {
+                    report.findings.push(Finding::DamagedBlob { digest });
+                    if !self.read_only {
+                        self.folder.set_aside(&path)?;
+                    }
                 }
             }
         }
         Ok(())
     }
 
-    /// Counts what is in the store.
-    pub fn stat(&self) -> Stat {
-        let loose = self.folder.loose();
-        let checkpoints = self.checkpoints.all();
-        let quarantine: Vec<u64> = fs::read_dir(self.root.join("quarantine"))
-            .into_iter()
-            .flatten()
-            .flatten()
-            .map(|entry| entry.metadata().map_or(0, |m| m.len()))
-            .collect();
-        let temporary: Vec<u64> = fs::read_dir(self.root.join("tmp"))
-            .into_iter()
-            .flatten()
-            .flatten()
-            .map(|entry| entry.metadata().map_or(0, |m| m.len()))
-            .collect();
+    /// Counts what is in the store. Error: some of it cannot be looked at.
+    pub fn stat(&self) -> Result<Stat, StoreError> {
+        let loose = self.folder.loose()?;
+        let checkpoints = self.checkpoints.all()?;
+        let quarantine = self.lengths("quarantine")?;
+        let temporary = self.lengths("tmp")?;
         let (packs, pack_bytes) = self.folder.packs.size();
         let mut stat = Stat {
             records: self.folder.packs.records().len() as u64,
@@ -274,18 +339,40 @@ impl Store {
             + stat.quarantine_bytes
             + stat.temporary_bytes
             + index;
-        stat
+        Ok(stat)
+    }
+
+    /// The lengths of what is in a folder.
+    fn lengths(&self, folder: &str) -> Result<Vec<u64>, StoreError> {
+        let folder = self.root.join(folder);
+        let length = |path: PathBuf| Ok(disk::look_at_link(&path)?.map_or(0, |meta| meta.len()));
+        disk::list(&folder)
+            .and_then(|paths| paths.into_iter().map(length).collect())
+            .map_err(StoreError::io("read the store", &folder))
     }
 }
 
 impl VerifyReport {
+    /// What could not be read.
+    pub fn unread(&self) -> impl Iterator<Item = &Finding> {
+        self.findings.iter().filter(|finding| matches!(finding, Finding::Unread { .. }))
+    }
+
+    fn found_unread(&mut self, path: PathBuf, error: &io::Error) {
+        let finding = Finding::Unread { path, error: error.to_string() };
+        // Once for all entries of the packs.
+        if !self.findings.contains(&finding) {
+            self.findings.push(finding);
+        }
+    }
+
     fn found_damaged(&self, wanted: &Digest) -> bool {
         self.findings.iter().any(|f| matches!(f, Finding::DamagedBlob { digest } if digest == wanted))
     }
 }
 
 /// Digest of a file without holding it in memory.
-fn hash_file(path: &std::path::Path) -> std::io::Result<Digest> {
+fn hash_file(path: &Path) -> io::Result<Digest> {
     let mut hasher = blake3::Hasher::new();
     hasher.update_reader(disk::open_regular(path)?)?;
     Ok(Digest(*hasher.finalize().as_bytes()))

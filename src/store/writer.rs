@@ -135,9 +135,13 @@ impl Writer {
     }
 
     pub fn standing(&self, root: &Path) -> Standing {
-        let at = |folder: &str| fs::metadata(root.join(folder).join(&self.name));
+        let at = |folder: &str| {
+            disk::look(&root.join(folder).join(&self.name))?.ok_or_else(|| io::Error::from(io::ErrorKind::NotFound))
+        };
         let length = match at("packs") {
             Ok(meta) if meta.is_file() && disk::identity(&meta) == self.identity => meta.len(),
+            // Nothing is known of it: another pack, for what comes now.
+            Err(error) if !disk::is_absent(&error) => return Standing::Changed,
             _ => return Standing::Gone,
         };
         let locked =

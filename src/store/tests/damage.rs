@@ -228,7 +228,7 @@ fn repair_leaves_a_clean_store() {
     let store = Store::open(outputs.path()).unwrap();
     let report = store.verify(false).unwrap();
     assert!(report.is_clean(), "{:?}", report.findings);
-    assert!(store.stat().quarantined >= 1);
+    assert!(store.stat().unwrap().quarantined >= 1);
 }
 
 /// `kill -9` at any moment: this test starts itself as a child that only writes, and kills it.

@@ -1,9 +1,10 @@
-//! The store as runs use it: round trips, crashes, damage, full disks, odd files, what vanishes, two runs at once, gc.
+//! The store as runs use it: round trips, crashes, damage, full disks, odd files, what vanishes or cannot be read, two runs at once, gc.
 
 mod damage;
 mod gc;
 mod odd;
 mod sharing;
+mod unread;
 mod vanishing;
 
 use std::collections::BTreeMap;

@@ -66,7 +66,8 @@ fn tags_fit(bytes: &[u8]) -> Result<(), String> {
         let join = |number: u64, digit: &u8| number << 8 | u64::from(*digit);
         Some(if big { digits.fold(0, join) } else { digits.rev().fold(0, join) })
     };
-    let Some((start, entries)) = number(4, 4).and_then(|start| Some((start as usize, number(start as usize, 2)?))) else {
+    let Some((start, entries)) = number(4, 4).and_then(|start| Some((start as usize, number(start as usize, 2)?)))
+    else {
         return Ok(());
     };
     let entry = |k: usize| {
@@ -82,7 +83,10 @@ fn tags_fit(bytes: &[u8]) -> Result<(), String> {
             _ => 1,
         };
         if count * size > bytes.len() as u64 {
-            return Err(format!("its tag {tag} claims {count} values of {size} bytes, and the file has {}", bytes.len()));
+            return Err(format!(
+                "its tag {tag} claims {count} values of {size} bytes, and the file has {}",
+                bytes.len()
+            ));
         }
     }
     Ok(())

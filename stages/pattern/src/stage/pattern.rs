@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 use turbid_contract::canonical::canonical_value;
 use turbid_contract::payload::{Pattern, Picture, Scene, SurfaceFrequency};
 use turbid_contract::{
-    AngleDeg, Ctx, Error, Extent, FileUse, ImageStack, Known, LayerInfo, MaxFile, PerLength, Problems, Stage, StagePlan,
-    in_ports, out_ports, serde_json,
+    AngleDeg, Ctx, Error, Extent, FileUse, ImageStack, Known, LayerInfo, MaxFile, PerLength, Problems, Stage,
+    StagePlan, in_ports, out_ports, serde_json,
 };
 use turbid_geometry::{Bodies, picture};
 use turbid_optics::elementary::sin_cos_turns;
