@@ -2,20 +2,20 @@
 
 #[path = "../../benches/faults/mod.rs"]
 #[allow(dead_code, reason = "the bench takes more")]
-mod faults;
+mod harness;
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use faults::calls::{Call, Op};
-use faults::case::run;
-use faults::disk::Disk;
-use faults::kinds::Kind;
-use faults::random::Random;
-use faults::reference::Reference;
-use faults::scenarios::Scenario;
-use faults::spread;
-use faults::tracer::Logged;
+use harness::calls::{Call, Op};
+use harness::case::run;
+use harness::disk::Disk;
+use harness::kinds::Kind;
+use harness::random::Random;
+use harness::reference::Reference;
+use harness::scenarios::Scenario;
+use harness::spread;
+use harness::tracer::Logged;
 
 /// Runs cases of one kind, spread over the calls of a scenario; none may leave anything wrong.
 fn none_fails(scenario: &str, kinds: &[(Kind, u64)]) {
@@ -69,7 +69,7 @@ fn exports_are_whole_or_as_before() {
 /// Each call of the list jumps to the last instruction (stop), whatever falls through meets the one before (pass).
 #[test]
 fn the_filter_stops_at_what_it_lists() {
-    use faults::stops::{CALLS, filter};
+    use harness::stops::{CALLS, filter};
     let program = filter();
     assert_eq!(program.len(), CALLS.len() + 3);
     for (at, step) in program.iter().enumerate().skip(1).take(CALLS.len()) {
@@ -82,7 +82,7 @@ fn the_filter_stops_at_what_it_lists() {
 /// A command that is traced does what it does alone, and each change below the folder is seen with its bytes.
 #[test]
 fn a_traced_command_is_seen_and_undisturbed() {
-    use faults::tracer::{Action, Follow, follow};
+    use harness::tracer::{Action, Follow, follow};
     let space = tempfile::tempdir().expect("a temporary folder");
     let folder = space.path().canonicalize().expect("it is there");
     let mut shell = std::process::Command::new("sh");

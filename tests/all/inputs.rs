@@ -47,8 +47,8 @@ fn what_is_no_regular_file_is_refused_before_it_is_opened() {
     let fifo = |path: &std::path::Path| assert!(Command::new("mkfifo").arg(path).status().expect("mkfifo").success());
     let device = |path: &std::path::Path| std::os::unix::fs::symlink("/dev/zero", path).expect("a link");
     let folder = |path: &std::path::Path| std::fs::create_dir(path).expect("a folder");
-    let kinds: [(&str, &dyn Fn(&std::path::Path)); 3] =
-        [("a pipe (FIFO)", &fifo), ("a device", &device), ("a directory", &folder)];
+    type Kind<'a> = (&'a str, &'a dyn Fn(&std::path::Path));
+    let kinds: [Kind; 3] = [("a pipe (FIFO)", &fifo), ("a device", &device), ("a directory", &folder)];
     for (what, make) in kinds {
         for (stage, at) in STAGES {
             let space = Space::with(&pipeline(stage));

@@ -73,7 +73,8 @@ fn whatever_happens_to_its_files_a_run_mends_them() {
         fs::remove_file(path).expect("it is ours");
         with(path);
     };
-    let ways: [(&str, &dyn Fn(&Path)); 6] = [
+    type Way<'a> = (&'a str, &'a dyn Fn(&Path));
+    let ways: [Way; 6] = [
         ("half of it zeros", &zeroed),
         ("empty", &|path| fs::write(path, "").expect("it is ours")),
         ("gone", &|path| fs::remove_file(path).expect("it is ours")),

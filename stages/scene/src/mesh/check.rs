@@ -72,7 +72,7 @@ fn extent(mesh: &Mesh) -> Option<Fault> {
     const HINT: &str = "check `scale`: lengths of the file times it are mm";
     let corners = || mesh.triangles.iter().flatten().map(|&i| DVec3::from(mesh.vertices[i as usize]));
     // NaN, which overflow may bring, is not within either.
-    if let Some(p) = corners().find(|p| p.to_array().iter().any(|x| !(x.abs() <= FARTHEST))) {
+    if let Some(p) = corners().find(|p| !p.to_array().iter().all(|x| x.abs() <= FARTHEST)) {
         let [x, y, z] = p.to_array();
         let rule = format!("coordinates must be within {FARTHEST:e} mm of 0");
         return Some((format!("a vertex lies at ({x:e}, {y:e}, {z:e}) mm: {rule}"), HINT));
