@@ -1,6 +1,6 @@
 //! Artifacts to bytes and back; the same artifact gives the same bytes, whatever the thread or the process.
 
-use turbid_contract::{Artifact, ArtifactKind};
+use turbid_contract::{Artifact, ArtifactKind, guard};
 
 use crate::store::error::StoreError;
 use crate::store::{exr, parquet};
@@ -26,7 +26,7 @@ pub fn decode(kind: ArtifactKind, bytes: &[u8]) -> Result<Artifact, StoreError> 
         })
     };
     // The library that reads Parquet panics at some files that nobody wrote (a dictionary that is not there, a negative offset).
-    std::panic::catch_unwind(decode).unwrap_or_else(|_| Err(StoreError::unfit("the bytes cannot be decoded")))
+    guard::guarded(|| Ok(decode())).unwrap_or_else(|text| Err(StoreError::unfit(text)))
 }
 
 #[cfg(test)]

@@ -45,7 +45,7 @@ impl Stamp {
 /// One file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Entry {
-    /// What it stands for: the digest of a blob, the look of a picture, the instances of a list.
+    /// What it stands for, a word: the digest of a blob, the look of a picture, the instances of a list.
     pub content: String,
     /// BLAKE3 of its bytes; of a link, of where it leads.
     pub bytes: Digest,
@@ -142,7 +142,7 @@ mod tests {
 
     fn links() -> Links {
         let stamp = Stamp { length: 5, modified_ns: -7, changed_ns: 1 << 62, inode: u64::MAX };
-        let entry = |content: &str| Entry { content: content.into(), bytes: Digest::of(content.as_bytes()), stamp };
+        let entry = |path: &str| Entry { content: path.replace(' ', "-"), bytes: Digest::of(path.as_bytes()), stamp };
         ["frames/frames.exr", "tissue/A=1,b=two words/scene.parquet"].map(|p| (p.to_owned(), entry(p))).into()
     }
 
