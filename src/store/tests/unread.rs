@@ -108,6 +108,7 @@ fn a_look_names_the_error() {
     assert_eq!(store.get(&blob).unwrap(), small(0), "it can be read again");
 
     let store = Store::open(outputs.path()).unwrap();
+    assert!(store.get(&blob).is_ok());
     disk::faults::set(0, 1);
     assert!(store.get(&blob).is_ok(), "a second try");
     disk::faults::set(0, usize::MAX);
