@@ -68,9 +68,7 @@ fn program() -> String {
 pub fn recall(plan: &Plan, store: &Store, folder: &Path) -> Option<Vec<Arc<InstanceRecord>>> {
     let identity = identity(plan);
     let path = folder.join(identity.to_string());
-    // Neither a pipe, which nobody may ever write to, nor more than any memo holds.
-    fs::metadata(&path).ok().filter(|meta| meta.is_file() && meta.len() <= LONGEST)?;
-    let bytes = fs::read(path).ok()?;
+    let bytes = input_file::read(&path, LONGEST).ok()?;
     let (body, checksum) = bytes.split_at_checked(bytes.len().checked_sub(32)?)?;
     if Digest::of(body).0 != checksum {
         return None;

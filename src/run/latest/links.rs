@@ -6,6 +6,7 @@ use std::path::{Component, Path};
 use std::time::UNIX_EPOCH;
 
 use crate::digest::{Digest, PartHasher};
+use crate::input_file;
 
 /// The file, in the folder of its pipeline.
 pub const LINKS: &str = ".links";
@@ -70,8 +71,7 @@ pub fn read(folder: &Path, pipeline: &str) -> Links {
 
 /// A text file of at most so many bytes; nothing else is read, and no pipe is waited for.
 pub fn read_small(path: &Path, longest: u64) -> Option<String> {
-    fs::metadata(path).ok().filter(|meta| meta.is_file() && meta.len() <= longest)?;
-    fs::read_to_string(path).ok()
+    String::from_utf8(input_file::read(path, longest).ok()?.to_vec()).ok()
 }
 
 pub fn text(links: &Links, pipeline: &str) -> String {
