@@ -153,7 +153,7 @@ pub(super) fn temporary(root: &Path) -> io::Result<tempfile::NamedTempFile> {
 }
 
 fn temporary_in(tmp: &Path) -> io::Result<tempfile::NamedTempFile> {
-    let file = tempfile::Builder::new().prefix(WRITING).tempfile_in(tmp)?;
+    let file = crate::shared_file().prefix(WRITING).tempfile_in(tmp)?;
     leftover::hold(file.as_file());
     Ok(file)
 }
