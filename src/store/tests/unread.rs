@@ -118,6 +118,20 @@ fn a_look_names_the_error() {
     assert!(store.record(&key(0)).is_none());
 }
 
+/// Others may read what they might read of any file that is made: checkpoints are written piece by piece.
+#[cfg(unix)]
+#[test]
+fn checkpoints_have_the_mode_of_other_files() {
+    use std::os::unix::fs::PermissionsExt;
+    let outputs = folder();
+    Store::open(outputs.path()).unwrap().checkpoint(&key(0), 1, b"state").unwrap();
+    let plain = outputs.path().join("plain");
+    fs::write(&plain, "").unwrap();
+    let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode();
+    let state = files(&outputs.path().join("store/checkpoints")).remove(0);
+    assert_eq!(mode(&state), mode(&plain));
+}
+
 /// Entries with right checks around wrong content, older and newer ones of one key, and stamps that nothing can beat.
 #[test]
 fn forged_entries_are_repaired() {
