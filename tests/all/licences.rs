@@ -89,13 +89,16 @@ fn of_deny_toml(section: &str, array: &str) -> Vec<String> {
 fn every_licence_is_allowed_and_every_crate_is_of_the_registry() {
     let allowed = of_deny_toml("licenses", "allow");
     let metadata = metadata();
+    let mut registries = BTreeSet::new();
     for package in packages(&metadata, true) {
         let Package { name, version, licence, source, .. } = &package;
         let terms = expression::chosen(licence, &allowed);
         assert!(terms.is_some(), "{name} {version} is under `{licence}`, and deny.toml allows {allowed:?}");
-        let of_registry = "registry+https://github.com/rust-lang/crates.io-index";
-        assert!(source.as_deref().is_none_or(|source| source == of_registry), "{name} {version} is from {source:?}");
+        let of_registry = source.as_deref().is_none_or(|source| source.starts_with("registry+"));
+        assert!(of_registry, "{name} {version} is from {source:?}");
+        registries.extend(source.clone());
     }
+    assert_eq!(registries.len(), 1, "crates are of one registry: {registries:?}");
     // None is allowed that does not occur.
     let used: BTreeSet<String> =
         packages(&metadata, true).iter().filter_map(|p| expression::chosen(&p.licence, &allowed)).flatten().collect();
