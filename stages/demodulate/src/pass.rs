@@ -12,9 +12,9 @@ use crate::errors::{Elements, Phasors, Toward};
 use crate::fused::{Planes, amplitudes, phases};
 use crate::level::named;
 use crate::noise::Block;
+use crate::params::{NoiseBias, Params};
 use crate::set::{Channel, Fringe, Noise};
 use crate::signal::{Noisy, weak_in_row};
-use crate::stage::{NoiseBias, Params};
 use crate::unknown;
 
 mod describe;
