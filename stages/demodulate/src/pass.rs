@@ -13,8 +13,9 @@ use crate::fused::{Planes, amplitudes, phases};
 use crate::level::named;
 use crate::noise::Block;
 use crate::params::{NoiseBias, Params};
+use crate::robust::Noisy;
 use crate::set::{Channel, Fringe, Noise};
-use crate::signal::{Noisy, weak_in_row};
+use crate::signal::weak_in_row;
 use crate::unknown;
 
 mod describe;
