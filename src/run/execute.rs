@@ -17,7 +17,7 @@ use crate::store::{Cost, InstanceRecord, PortRecord, Provenance, Recipe, StoreEr
 
 use super::host::InstanceHost;
 use super::inputs::StoredInputs;
-use super::{Interrupt, Options, Progress};
+use super::worker::Worker;
 
 /// What became of a running instance.
 pub enum Outcome {
@@ -28,16 +28,6 @@ pub enum Outcome {
     Damaged(InstanceId),
     Failed(String),
     Interrupted,
-}
-
-/// What all instances of a run share.
-#[derive(Clone, Copy)]
-pub struct Worker<'a> {
-    pub resolver: &'a Resolver<'a>,
-    pub pool: &'a rayon::ThreadPool,
-    pub options: &'a Options,
-    pub progress: &'a dyn Progress,
-    pub interrupt: &'a Interrupt,
 }
 
 /// One instance that is to run.
