@@ -10,6 +10,7 @@ pub mod error;
 pub mod extent;
 pub mod file;
 pub mod guard;
+pub mod kit;
 pub mod masked;
 pub mod payload;
 pub mod pilot;
@@ -23,10 +24,11 @@ pub mod stage;
 pub use artifact::{
     Artifact, ArtifactKind, Attributes, Cells, Column, ImageStack, Layer, LayerInfo, LayerKind, Record, Table,
 };
-pub use ctx::{Ctx, Host, MemoryHost};
+pub use ctx::{Ctx, Host};
 pub use error::Error;
 pub use extent::Extent;
 pub use file::{FileUse, Files, MaxFile};
+pub use kit::MemoryHost;
 pub use payload::Payload;
 pub use pilot::Pilot;
 pub use port::{Arity, Axes, InPort, InPorts, InputSource, Known, Many, OutPort, OutPorts};
