@@ -9,7 +9,7 @@ use turbid_contract::{Cells, Ctx, Error, Known, Problems, Stage, Table, in_ports
 
 use super::super::progress::Lines;
 use super::super::{End, Interrupt, Options, run};
-use crate::plan::Plan;
+use crate::plan::{Plan, Target};
 use crate::registry::Registry;
 use crate::resolve::Resolver;
 use crate::store::{InstanceRecord, Store};
@@ -90,7 +90,7 @@ fn strides(folder: &Path, with: &str, ports: &[&str]) -> (bool, Arc<InstanceReco
     let file = folder.join("p.yaml");
     std::fs::write(&file, format!("stages: {{s: {{use: strides, with: {with}}}}}")).unwrap();
     let (spec, report) = crate::spec::read(&file, &[]);
-    let targets: Vec<String> = ports.iter().map(|port| format!("s.{port}")).collect();
+    let targets: Vec<Target> = ports.iter().map(|port| Target::parse(&format!("s.{port}"))).collect();
     let plan = Plan::build(spec.unwrap(), report, &Registry::default().with::<Strides>(), &targets).unwrap();
     let store = Store::open(&folder.join("outputs")).unwrap();
     let resolver = Resolver::new(&plan, &store);
