@@ -7,6 +7,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use turbid_contract::payload::is_pictured;
 use turbid_contract::{Artifact, ArtifactKind, Axes, Cells, Table};
 
 use crate::digest::PartHasher;
@@ -174,9 +175,9 @@ impl Filling<'_> {
     }
 }
 
-/// Whether somebody would look at a picture of it: not of the covariances of every pair of quantities.
+/// Whether somebody would look at a picture of it.
 fn drawn(port: &PortRecord) -> bool {
-    port.blob.kind != ArtifactKind::Record && port.payload != "covariance"
+    port.blob.kind != ArtifactKind::Record && is_pictured(&port.payload)
 }
 
 /// Files of stages that are still in the pipeline but were not asked for this time.

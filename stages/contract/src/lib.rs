@@ -11,6 +11,7 @@ pub mod extent;
 pub mod file;
 pub mod form;
 pub mod guard;
+pub mod kit;
 pub mod known;
 pub mod layers;
 pub mod masked;
@@ -26,11 +27,12 @@ pub mod stage;
 pub use artifact::{
     Artifact, ArtifactKind, Attributes, Cells, Column, ImageStack, Layer, LayerInfo, LayerKind, Record, Table,
 };
-pub use ctx::{Ctx, Host, MemoryHost};
+pub use ctx::{Ctx, Host};
 pub use error::Error;
 pub use extent::Extent;
 pub use file::{FileUse, Files, MaxFile};
 pub use form::{ColumnInfo, Form, Forms};
+pub use kit::MemoryHost;
 pub use known::{Known, Shared};
 pub use payload::Payload;
 pub use pilot::Pilot;
