@@ -92,6 +92,7 @@ pub fn compare_fit(fit: &Table, media: &Media, ctx: Ctx<'_>) -> Result<(Metrics,
     }
     let failed = good.iter().filter(|good| !**good).count();
     if failed > 0 {
+        ctx.measure("unknown: media without a fit", failed as f64, "1");
         ctx.warn(format!("{failed} of {} media have no fit: nothing is known of them", good.len()));
     }
     rows.extend(all);

@@ -94,6 +94,10 @@ fn measure(rows: &[Row<'_>], ctx: Ctx<'_>) {
     tell("worst_bias_mm", POSITION, worst(true, |s| s.bias));
     tell("possible_shift", "%", worst(false, |s| s.possible_shift_percent));
     let sum = |f: fn(&Score) -> u64| rows.iter().map(|row| f(&row.score)).sum::<u64>() as f64;
+    let without = rows.iter().filter(|row| row.score.n == 0).count();
+    if without > 0 {
+        ctx.measure("unknown: rows without a pixel that is not masked", without as f64, "1");
+    }
     let counted = sum(|s| s.n);
     if counted > 0.0 {
         ctx.measure("se_unknown", 100.0 * sum(|s| s.n_unknown) / counted, "%");

@@ -6,7 +6,8 @@ use turbid_contract::payload::{Covariance, Frames};
 use turbid_contract::{Ctx, Error, ImageStack, Layer, LayerKind};
 use turbid_contract::{serde, serde_json};
 
-use crate::doubts::look;
+use crate::diagnostics::Worst;
+use crate::doubts::{light, look};
 use crate::noise::{Block, Element};
 use crate::phase_shift::Weights;
 use crate::unknown_steps;
@@ -29,10 +30,10 @@ pub struct Channel {
 }
 
 impl Channel {
-    /// Takes the steps from the frames, and measures how far they are from what the frames say.
+    /// Takes the steps from the frames, and notes how far they are from what the frames say.
     ///
     /// Errors: frames that do not tell their steps.
-    pub fn estimate_steps(&mut self, stack: &ImageStack, ctx: Ctx<'_>) -> Result<(), Error> {
+    pub fn estimate_steps(&mut self, stack: &ImageStack, worst: &mut Worst) -> Result<(), Error> {
         let mask = stack.mask(self.wavelength_nm).map(Layer::pixels);
         for fringe in self.fringes.iter_mut().filter(|f| f.f_x_per_mm > 0.0) {
             let given: Vec<f64> =
@@ -48,16 +49,14 @@ impl Channel {
                 unknown_steps::find(&planes, &given).map_err(|what| Error::failed(format!("{place}: {what}")))?;
             fringe.weights = Weights::least_squares(&steps)
                 .ok_or_else(|| Error::failed(format!("{place}: those found ({steps:?} rad) fix no sinusoid")))?;
-            let departure = steps.iter().zip(&given).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-            ctx.measure("step_departure", departure.to_degrees(), "deg");
+            worst.departs(steps.iter().zip(&given).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max));
         }
         Ok(())
     }
 
-    /// Measures ripple and drift of the fringes at the highest f_x, and warns where frames of any f_x are not what they say; `given` tells that
-    /// their steps were not estimated.
-    pub fn diagnose(&self, stack: &ImageStack, given: bool, ctx: Ctx<'_>) {
-        let mut last = None;
+    /// Notes ripple and drift of the fringes at each f_x, and warns where frames are not what they say; `given` tells that their steps were not
+    /// estimated.
+    pub fn diagnose(&self, stack: &ImageStack, given: bool, worst: &mut Worst, ctx: Ctx<'_>) {
         let mut untold = Vec::new();
         for fringe in &self.fringes {
             let found = look(fringe, stack, given, ctx);
@@ -65,19 +64,13 @@ impl Channel {
                 if found.is_none() {
                     untold.push(fringe.f_x_per_mm.to_string());
                 }
-                last = found;
+                worst.add(found);
             }
-        }
-        if let Some(found) = last {
-            for (k, ripple) in found.ripple.into_iter().enumerate() {
-                ctx.measure(&format!("ripple_{}f", k + 1), ripple, "%");
-            }
-            ctx.measure("brightness_drift", found.drift, "%");
         }
         if !untold.is_empty() {
-            ctx.measure("steps_untold", untold.len() as f64, "1");
+            let light = light(self.wavelength_nm);
             ctx.warn(format!(
-                "the image does not show fringes of all phases at f_x = {} mm^-1: whether the steps are what the frames say cannot be told",
+                "the image does not show fringes of all phases at f_x = {} mm^-1{light}: whether the steps are what the frames say cannot be told",
                 untold.join(", ")
             ));
         }

@@ -10,8 +10,9 @@ use turbid_optics::elementary::atan2;
 
 use crate::fourier::product;
 use crate::local_fit::{LocalFit, Weights};
+use crate::pass::of;
 use crate::single_shot::{Filter as FilterKind, noise_gain, part};
-use crate::stage::{Filter, Params};
+use crate::stage::{Filter, Params, measure_masked};
 use crate::unknown;
 
 /// Width of the window, four standard deviations, where none is given: wide enough to tell mean and fringe apart at the ends of lines, too.
@@ -67,9 +68,11 @@ pub fn run(
     };
     unknown::pass_on(&mut modulation, flags);
     unknown::pass_on(&mut phases, flags);
-    if let Some(mask) = modulation.layers.iter().find(|l| l.info.is_pixel_mask()) {
-        ctx.measure_masked(mask.data.iter().copied());
+    for mask in modulation.layers.iter().filter(|l| l.info.is_pixel_mask() && l.data.iter().all(|&m| m != 0.0)) {
+        let reasons = ctx.measure_masked(mask.data.iter().copied());
+        ctx.warn(format!("all pixels{} are masked: {reasons}", of(mask.info.wavelength_nm)));
     }
+    measure_masked(&modulation, ctx);
     Ok((modulation, ctx.wants("phase").then_some(phases)))
 }
 

@@ -284,7 +284,8 @@ fn fits_give_properties() {
     inputs.push("references", Axes::new(), modulation(REFERENCE, [0.0; 2], 0.0));
     let fit = |status: &str| {
         let mut table = Table::default();
-        let column = |f: &dyn Fn(&[f64; 2]) -> f64| Cells::F64(media.iter().map(f).collect());
+        // As `calibrate_iad` writes them.
+        let column = |f: &dyn Fn(&[f64; 2]) -> f64| Cells::MaybeF64(media.iter().map(|m| Some(f(m))).collect());
         table.push("medium", "", Cells::Text(names.clone()));
         table.push("mu_a", "mm^-1", column(&|m| m[0]));
         table.push("mu_s_prime", "mm^-1", column(&|m| m[1]));
