@@ -95,7 +95,7 @@ impl Stage for Tabulate {
         }
         let without = rows.iter().filter(|row| row.level.n == 0).count();
         if without > 0 {
-            ctx.measure("unknown: rows without a pixel that is not masked", without as f64, "1");
+            ctx.measure("unknown: rows with every pixel masked", without as f64, "1");
         }
         Ok(TabulateOut { metrics: Metrics(table(&rows)) })
     }
