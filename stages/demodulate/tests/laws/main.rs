@@ -476,7 +476,7 @@ fn doubts_are_told() {
     }
     let host = demodulate(Frames(mixed), None, &[]).unwrap().1;
     let ripple = host.measures.lock().unwrap()["ripple_2f"];
-    assert!((ripple - 28.0).abs() < 0.5, "the worst of all f_x is measured: {ripple}");
+    assert!((ripple - 28.0).abs() < 1.0, "the worst of all f_x is measured: {ripple}");
     let low = said(&host);
     assert!(low.contains("M_AC at f_x = 0.05 mm^-1 ripples") && !low.contains("f_x = 0.1 "), "{low}");
     let radians = said(&told(&[0.1], [0.0, 2.0943951, 4.1887902], right));
