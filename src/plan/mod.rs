@@ -5,7 +5,7 @@ mod lint;
 mod ports;
 mod targets;
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 use turbid_contract::{Arity, Axes, InPort, OutPort, StageRow};
@@ -60,6 +60,8 @@ pub struct Plan {
     ranges: Vec<Range<InstanceId>>,
     /// Stages that the targets need, in topological order.
     pub needed: Vec<usize>,
+    /// Whether a stage is in `needed`.
+    is_needed: Vec<bool>,
     wanted: Vec<BTreeSet<&'static str>>,
     /// Consumers of each stage.
     consumers: Vec<BTreeSet<usize>>,
@@ -138,7 +140,9 @@ impl Plan {
         }
         let (needed, wanted) = targets::select(&spec, &infos, &links, &order, &consumers, &ranges, targets)
             .map_err(|message| Report::from(Diagnostic::error(message, None)))?;
-        Ok(Self { spec, infos, instances, ranges, needed, wanted, consumers })
+        let mut is_needed = vec![false; spec.stages.len()];
+        needed.iter().for_each(|&stage| is_needed[stage] = true);
+        Ok(Self { spec, infos, instances, ranges, needed, is_needed, wanted, consumers })
     }
 
     pub fn row(&self, stage: usize) -> &StageRow {
@@ -156,6 +160,11 @@ impl Plan {
     /// The instances of a stage.
     pub fn instances_of(&self, stage: usize) -> Range<InstanceId> {
         self.ranges[stage].clone()
+    }
+
+    /// Whether the targets need a stage.
+    pub fn needs(&self, stage: usize) -> bool {
+        self.is_needed[stage]
     }
 
     /// Ports of a stage that are to be there after the run.
@@ -219,10 +228,9 @@ fn topological(spec: &Spec) -> Result<Vec<usize>, Vec<usize>> {
         Open,
         Done,
     }
-    let places: HashMap<&str, usize> = spec.stages.iter().enumerate().map(|(i, s)| (s.name.as_str(), i)).collect();
     let sources = |stage: usize| -> Vec<usize> {
         let named = spec.stages[stage].inputs.iter().flat_map(|input| &input.sources);
-        named.filter_map(|source| places.get(source.stage.as_str()).copied()).collect()
+        named.filter_map(|source| spec.stage(&source.stage)).collect()
     };
     let mut marks = vec![Mark::New; spec.stages.len()];
     let mut order = Vec::new();
