@@ -12,38 +12,24 @@ mod interrupt;
 pub mod latest;
 pub mod log;
 mod name;
+mod options;
 pub mod progress;
 mod schedule;
 mod state;
 mod summary;
 mod threads;
+mod worker;
 
 use std::time::Instant;
 
 use crate::resolve::{Resolver, Survey};
 
 pub use interrupt::Interrupt;
+pub use options::Options;
 pub use progress::Progress;
 pub use summary::{End, Summary};
 
 use schedule::Schedule;
-
-/// How to run.
-#[derive(Clone, Debug)]
-pub struct Options {
-    /// Threads of the run, and at most this many instances at once.
-    pub jobs: usize,
-    /// Go on with what does not depend on a failed instance.
-    pub keep_going: bool,
-    /// Stages that run even where the store holds their outputs.
-    pub force: Vec<usize>,
-    /// Store what they make even where it differs from what is stored.
-    pub replace: bool,
-    /// `baseline`, `v3`, `v4`, or empty for the best level of vector instructions.
-    pub simd: String,
-    /// Bytes of memory that instances may take together; `None` where nobody knows.
-    pub memory: Option<u64>,
-}
 
 /// Runs what the survey found stale. The survey must be free of errors.
 ///

@@ -5,14 +5,16 @@ use std::sync::Arc;
 
 use crate::digest::Digest;
 use crate::plan::{InstanceId, Plan};
-use crate::resolve::{Job, Outputs, Resolver, State, Survey, outputs_of};
+use crate::resolve::{Keyed, Outputs, Resolver, State, Survey, outputs_of};
 use crate::spec::Diagnostic;
 use crate::store::{Cost, InstanceRecord};
 
 use super::admission::Admission;
 use super::execute::{Outcome, Task};
+use super::options::Options;
+use super::progress::Progress;
 use super::state::{BuildState, States};
-use super::{End, Options, Progress};
+use super::summary::End;
 
 /// A damaged input makes its producer run again; this often, then the disk is to blame.
 const MAX_REPAIRS: usize = 3;
@@ -129,7 +131,7 @@ impl<'a> Schedule<'a> {
 
     /// The work of an instance whose turn it is. `None`: an instance of the same key or another run made it or is making it, or it cannot run;
     /// it is not `Ready` any more.
-    fn start(&mut self, id: InstanceId) -> Option<(Job, Vec<String>)> {
+    fn start(&mut self, id: InstanceId) -> Option<(Keyed, Vec<String>)> {
         match self.resolver.state(id, &self.outputs, &self.options.force) {
             Ok((State::Run { reasons }, job)) => {
                 let job = job.expect("an instance that runs has a job");

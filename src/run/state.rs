@@ -7,7 +7,7 @@ use std::sync::Arc;
 use crate::plan::InstanceId;
 use crate::store::InstanceRecord;
 
-use super::End;
+use super::summary::End;
 
 /// Where an instance stands.
 ///

@@ -7,9 +7,10 @@ use std::time::Duration;
 
 use crate::plan::InstanceId;
 
-use super::Interrupt;
-use super::execute::{self, Outcome, Task, Worker};
+use super::execute::{self, Outcome, Task};
+use super::interrupt::Interrupt;
 use super::schedule::Schedule;
+use super::worker::Worker;
 
 /// Runs until nothing is at work and nothing may begin.
 ///
