@@ -42,7 +42,7 @@ impl Figures {
         for &stage in &plan.needed {
             let name = &plan.spec.stages[stage].name;
             let port = plan.outputs(stage).iter().find(|port| port.payload == PAYLOAD);
-            let summed_up = plan.consumers(stage).iter().any(|consumer| plan.needed.contains(consumer));
+            let summed_up = plan.consumers(stage).iter().any(|&consumer| plan.needs(consumer));
             let Some(port) = port.filter(|_| !summed_up) else { continue };
             let count = plan.instances_of(stage).len();
             if count > PREVIEW_INSTANCES {

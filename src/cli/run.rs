@@ -123,10 +123,10 @@ impl Run {
         self.force
             .iter()
             .map(|name| {
-                let stage = plan.spec.stages.iter().position(|s| &s.name == name).ok_or_else(|| {
+                let stage = plan.spec.stage(name).ok_or_else(|| {
                     Failure::Input(format!("--force: there is no stage `{name}` in pipeline `{}`", plan.spec.pipeline))
                 })?;
-                if plan.needed.contains(&stage) {
+                if plan.needs(stage) {
                     Ok(stage)
                 } else {
                     let asked = self.targets.join(", ");

@@ -31,7 +31,7 @@ mod vars;
 #[cfg(test)]
 mod tests;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
@@ -77,6 +77,8 @@ pub struct Spec {
     pub sources: Vec<SourceFile>,
     /// As given: `stages.frames.with.samples=64`.
     pub overrides: Vec<String>,
+    /// Places in `stages` by name.
+    places: HashMap<String, usize>,
     root: Node,
 }
 
@@ -146,6 +148,7 @@ fn read_from(file: Result<SourceFile, String>, path: &Path, overrides: &[String]
         _ => read_stages(&root, &vars, &mut reader),
     };
     let studies = study::parse_all(root.entry("studies"), &root, &mut reader);
+    let places = stages.iter().enumerate().map(|(i, stage)| (stage.name.clone(), i)).collect();
     let spec = Spec {
         pipeline,
         about,
@@ -155,6 +158,7 @@ fn read_from(file: Result<SourceFile, String>, path: &Path, overrides: &[String]
         studies,
         sources,
         overrides: overrides.to_vec(),
+        places,
         root,
     };
     (Some(spec), report)
@@ -241,6 +245,11 @@ fn written_axes(stages: &[Entry]) -> Vec<String> {
 }
 
 impl Spec {
+    /// Place in `stages` of the stage of this name.
+    pub fn stage(&self, name: &str) -> Option<usize> {
+        self.places.get(name).copied()
+    }
+
     /// The params of an instance of a stage: `with`, with vars and the axes of the instance put in.
     pub fn params(&self, stage: usize, axes: &Axes) -> Result<Value, Vec<Diagnostic>> {
         let with = &self.stages[stage].with;
