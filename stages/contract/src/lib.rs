@@ -18,6 +18,7 @@ pub mod planes;
 pub mod port;
 pub mod problem;
 pub mod quantity;
+pub mod read;
 pub mod stage;
 
 pub use artifact::{
@@ -32,7 +33,8 @@ pub use pilot::Pilot;
 pub use port::{Arity, Axes, InPort, InPorts, InputSource, Known, Many, OutPort, OutPorts};
 pub use problem::{Problem, Problems};
 pub use quantity::{AngleDeg, Density, Length, PerLength, Power, Ratio, Seconds, Wavelength};
-pub use stage::{Extents, Facts, ParamError, Prepared, Stage, StagePlan, StageRow};
+pub use read::{Found, ParamError, ParamMistake, Wanted};
+pub use stage::{Extents, Facts, Prepared, Stage, StagePlan, StageRow};
 
 // One version of these for every stage.
 pub use ndarray;

@@ -16,6 +16,7 @@ use crate::file::FileUse;
 use crate::pilot::Pilot;
 use crate::port::{InPort, InPorts, InputSource, Known, OutPort, OutPorts};
 use crate::problem::Problems;
+use crate::read::{ParamError, ParamMistake, read_params};
 
 /// What a stage is going to do, for `turbid plan`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -112,14 +113,6 @@ pub type Extents = BTreeMap<&'static str, Extent>;
 /// What is known of outputs before a run, by port.
 pub type Facts = BTreeMap<&'static str, Attributes>;
 
-/// Why params could not be read: the field and the rule.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ParamError {
-    /// Field path below `with`; empty for `with` itself.
-    pub path: Vec<String>,
-    pub message: String,
-}
-
 /// What the engine needs to know of an instance's params.
 #[derive(Clone, Debug)]
 pub struct Prepared {
@@ -166,12 +159,13 @@ impl StageRow {
             schema: || schemars::schema_for!(S::Params).to_value(),
             prepare: |params| {
                 let params = read_params::<S::Params>(params)?;
-                let canonical = S::canonical(&params).map_err(|message| ParamError { path: Vec::new(), message })?;
+                let canonical = S::canonical(&params)
+                    .map_err(|message| ParamError { path: Vec::new(), mistake: ParamMistake::Other(message) })?;
                 Ok(Prepared { canonical, draws: S::draws(&params), files: S::files(&params) })
             },
             check: |params, known, problems| match read_params::<S::Params>(params) {
                 Ok(params) => S::check(&params, known, problems),
-                Err(error) => problems.push(error.path.join("."), error.message),
+                Err(error) => problems.push(error.path.join("."), error.mistake.to_string()),
             },
             reads_facts: S::READS_FACTS,
             facts: |params, known| match read_params::<S::Params>(params) {
@@ -184,27 +178,11 @@ impl StageRow {
             },
             pilot: |params, known, ctx| S::pilot(&read_params::<S::Params>(params).ok()?, known, ctx),
             run: |params, inputs, ctx| {
-                let params =
-                    read_params::<S::Params>(params).map_err(|e| Error::invalid(e.path.join("."), e.message))?;
+                let params = read_params::<S::Params>(params)
+                    .map_err(|e| Error::invalid(e.path.join("."), e.mistake.to_string()))?;
                 let inputs = <S::In as InPorts>::load(inputs)?;
                 Ok(S::run(&params, inputs, ctx)?.into_artifacts())
             },
         }
     }
-}
-
-fn read_params<P: DeserializeOwned>(params: &Value) -> Result<P, ParamError> {
-    serde_path_to_error::deserialize(params).map_err(|error| {
-        let path = error
-            .path()
-            .iter()
-            .filter_map(|segment| match segment {
-                serde_path_to_error::Segment::Seq { index } => Some(index.to_string()),
-                serde_path_to_error::Segment::Map { key } => Some(key.clone()),
-                serde_path_to_error::Segment::Enum { variant } => Some(variant.clone()),
-                serde_path_to_error::Segment::Unknown => None,
-            })
-            .collect();
-        ParamError { path, message: error.into_inner().to_string() }
-    })
 }
