@@ -22,7 +22,7 @@ use crate::key::{Dependencies, InputContent, instance_seed};
 use crate::memory::need;
 use crate::panics::lock;
 use crate::plan::{InstanceId, Plan};
-use crate::spec::{Diagnostic, Section, Severity, read_params};
+use crate::spec::{Diagnostic, Kind, Mistake, Section, Severity, read_params};
 use crate::store::{Blob, InstanceRecord, Store, encode};
 use crate::threads;
 use crate::warned::Warned;
@@ -280,7 +280,7 @@ impl<'a> Resolver<'a> {
             Some(prepared) if errors.is_empty() => Ok((params, prepared)),
             _ => Err(errors
                 .into_iter()
-                .map(|e| self.plan.spec.diagnostic(instance.stage, Section::With, &e.path, e.message, e.hint))
+                .map(|e| self.plan.spec.diagnostic(instance.stage, Section::With, &e.path, e.mistake, None))
                 .collect()),
         }
     }
@@ -338,7 +338,8 @@ impl<'a> Resolver<'a> {
             Ok(digest) => Ok(InputFile { path, digest, most: file.most }),
             Err((message, hint)) => {
                 let at: Vec<&str> = file.at.split('.').collect();
-                Err(Box::new(self.plan.spec.diagnostic(stage, Section::With, &at, message, hint)))
+                let mistake = Mistake::new(Kind::File, message);
+                Err(Box::new(self.plan.spec.diagnostic(stage, Section::With, &at, mistake, hint)))
             }
         }
     }
