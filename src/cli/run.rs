@@ -72,7 +72,7 @@ impl Run {
         }
         let progress = choose(self.json);
         for warning in report.diagnostics() {
-            progress.warn(&warning.path, &warning.message);
+            progress.warn(&warning.path, &warning.in_short());
         }
         let memory = budget.map(|budget| budget.bytes);
         let options = Options { jobs, keep_going: self.keep_going, force, replace: self.replace, simd, memory };
