@@ -47,8 +47,13 @@ fn line(field: &Field) -> String {
         Presence::Default(value) => format!(" [{value}]"),
         Presence::Optional => String::new(),
     };
-    let about = if field.about.is_empty() { &field.kind } else { &field.about };
-    let mut text = format!("{:width$}{name}{presence}: {about}\n", "", width = 2 * depth);
+    // What it holds stands at the end, unless the words below say it.
+    let said = match (field.about.is_empty(), field.choices.is_empty()) {
+        (true, _) => field.kind.clone(),
+        (false, true) => format!("{} ({})", field.about, field.kind),
+        (false, false) => field.about.clone(),
+    };
+    let mut text = format!("{:width$}{name}{presence}: {said}\n", "", width = 2 * depth);
     for (word, meaning) in &field.choices {
         let meaning = if meaning.is_empty() { String::new() } else { format!(": {meaning}") };
         text.push_str(&format!("{:width$}- {word}{meaning}\n", "", width = 2 * (depth + 1)));

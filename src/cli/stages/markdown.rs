@@ -7,7 +7,7 @@ use super::{arity, example};
 
 /// The page of one stage: ports, parameters, an example.
 pub fn page(row: &StageRow) -> String {
-    let mut text = format!("# {}\n\n{}.\n", row.name, row.about.trim_end_matches('.'));
+    let mut text = format!("# {}\n\n{}.\n", row.name, sentence(row.about.trim_end_matches('.')));
     let inputs = (row.inputs)().into_iter().map(|port| {
         vec![code(port.name), port.accepts.join(", "), arity(port.arity).to_owned(), port.about.to_owned()]
     });
@@ -35,7 +35,7 @@ pub fn page(row: &StageRow) -> String {
 /// All stages with links to their pages.
 pub fn index(rows: &[StageRow]) -> String {
     let mut text = "# Stages\n\nWhat every stage takes, makes and can be told.\n".to_owned();
-    let rows = rows.iter().map(|row| vec![format!("[{0}]({0}.md)", row.name), row.about.to_owned()]).collect();
+    let rows = rows.iter().map(|row| vec![format!("[{0}]({0}.md)", row.name), sentence(row.about)]).collect();
     section(&mut text, "", ["stage", "what it does"], rows);
     text
 }
@@ -53,7 +53,7 @@ fn parameter(field: &Field) -> Vec<String> {
     };
     let about = Some(field.about.clone()).filter(|about| !about.is_empty());
     let said: Vec<String> = about.into_iter().chain(field.choices.iter().map(meaning)).collect();
-    vec![code(&field.path.join(".")), field.kind.clone(), presence, said.join("<br>")]
+    vec![code(&field.path.join(".").replace(".[]", "[]")), field.kind.clone(), presence, said.join("<br>")]
 }
 
 /// A heading and a table below it; nothing where there are no rows.
@@ -72,6 +72,15 @@ fn section<const N: usize>(text: &mut String, title: &str, heads: [&str; N], row
     text.push_str(&line(heads.map(str::to_owned).to_vec()));
     text.push_str(&format!("|{}\n", "---|".repeat(N)));
     rows.into_iter().for_each(|cells| text.push_str(&line(cells)));
+}
+
+/// With a capital, unless it begins with a symbol such as `mu_a`.
+fn sentence(text: &str) -> String {
+    let symbol = text.split_whitespace().next().is_some_and(|word| word.contains('_'));
+    match text.chars().next().filter(|_| !symbol) {
+        Some(first) => format!("{}{}", first.to_uppercase(), &text[first.len_utf8()..]),
+        None => text.to_owned(),
+    }
 }
 
 fn code(text: &str) -> String {
