@@ -12,10 +12,12 @@
 pub mod gauss;
 mod memory;
 mod model;
+mod params;
 mod ratio;
 pub mod smooth;
 mod stage;
 
 pub use model::{Model, ReferenceMedium};
+pub use params::{NoiseBias, Params};
 pub use ratio::{Arm, calibrate};
-pub use stage::{Calibrate, In, NoiseBias, Out, Params};
+pub use stage::{Calibrate, In, Out};

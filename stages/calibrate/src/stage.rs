@@ -1,49 +1,16 @@
 //! The stage `calibrate`: matches the layers of sample and reference by what they say, and calibrates each wavelength.
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 use turbid_contract::payload::{CONDITIONS, Conditions, Convention, Modulation, REFERENCE_CONDITIONS, Reflectance};
 use turbid_contract::{
-    Attributes, Ctx, Error, Extents, Facts, ImageStack, Known, LayerInfo, LayerKind, Problems, Stage, StagePlan,
+    Attributes, Ctx, Error, Extents, Form, Forms, ImageStack, Known, LayerInfo, LayerKind, Problems, Stage, StagePlan,
     in_ports, out_ports, serde_json,
 };
 
 use crate::gauss::Gauss;
 use crate::memory::memory;
-use crate::model::{Model, ReferenceMedium};
+use crate::model::Model;
+use crate::params::{NoiseBias, Params};
 use crate::ratio::{Arm, calibrate};
-
-/// What becomes of the part of the mean that dividing by a noisy reference adds, var M / M^2 of the smoothed reference.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum NoiseBias {
-    /// Taken off pixel by pixel; without standard errors nothing changes.
-    #[default]
-    Correct,
-    /// Left in: R_d is the plain ratio.
-    Keep,
-}
-
-/// Params of `calibrate`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Params {
-    /// The phantom that the reference shows.
-    pub reference: ReferenceMedium,
-    #[serde(default)]
-    pub model: Model,
-    /// What the reflectance means; the table that inverts it must say the same.
-    #[serde(default)]
-    pub convention: Convention,
-    /// Standard deviation in px of the Gaussian that smooths the reference; 0 leaves it alone.
-    #[serde(default)]
-    pub smooth: f64,
-    /// The same for the sample: quieter maps that show nothing finer.
-    #[serde(default)]
-    pub smooth_sample: f64,
-    #[serde(default)]
-    pub noise_bias: NoiseBias,
-}
 
 /// The widest smoothing that makes sense: beyond it the source profile no longer cancels.
 const WIDEST_SMOOTHING_PX: f64 = 100.0;
@@ -70,7 +37,6 @@ pub struct Calibrate;
 impl Stage for Calibrate {
     const NAME: &'static str = "calibrate";
     const VERSION: u32 = 4;
-    const READS_FACTS: bool = true;
     const ABOUT: &'static str = "reflectance of a sample from its modulation and that of a reference phantom";
 
     type Params = Params;
@@ -88,10 +54,10 @@ impl Stage for Calibrate {
         }
     }
 
-    fn facts(params: &Params, known: &Known) -> Facts {
+    fn describe(params: &Params, known: &Known) -> Forms {
         let mut facts = known.fact("sample");
         facts.extend(said(params, &known.fact("reference")));
-        Facts::from([("reflectance", facts)])
+        Forms::from([("reflectance", Form::said(facts))])
     }
 
     fn plan(params: &Params, known: &Known) -> StagePlan {

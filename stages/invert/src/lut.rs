@@ -4,7 +4,8 @@ use turbid_contract::payload::Lut;
 use turbid_contract::{Attributes, Error, serde_json};
 use turbid_optics::LogGrid;
 
-use crate::least_squares::MOST;
+/// The most spatial frequencies.
+pub const MOST: usize = 16;
 
 /// Equal up to rounding: one f_x may have passed through a table and the other not.
 pub fn same_f_x(a: f64, b: f64) -> bool {

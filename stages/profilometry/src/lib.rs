@@ -12,9 +12,11 @@
 
 pub mod formula;
 pub mod geometry;
+mod params;
 mod phase;
 mod solve;
 mod stage;
 pub mod unwrap;
 
-pub use stage::{In, Method, Out, Params, Profilometry, ReferenceSurface, Tube, Unwrap};
+pub use params::{Method, Params, ReferenceSurface, Tube, Unwrap};
+pub use stage::{In, Out, Profilometry};

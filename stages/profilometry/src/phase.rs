@@ -7,7 +7,7 @@ use turbid_contract::payload::MaskReason;
 use turbid_contract::{Error, ImageStack, Layer, LayerInfo, LayerKind};
 
 use crate::geometry::Rig;
-use crate::stage::{Params, ReferenceSurface, Tube};
+use crate::params::{Params, ReferenceSurface, Tube};
 
 /// The difference in (-pi, pi].
 pub fn wrap(difference: f64) -> f64 {
