@@ -8,6 +8,8 @@
 
 #[path = "docs/page.rs"]
 mod page;
+#[path = "docs/payloads.rs"]
+mod payloads;
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -305,6 +307,44 @@ fn stages_in(value: &Value, each: &mut dyn FnMut(&str, &Value)) {
         return;
     }
     map.values().for_each(|part| stages_in(part, each));
+}
+
+/// Words of our own that a reader cannot know; `docs/terms.md` says what they mean.
+const PRIVATE: [&str; 9] =
+    ["scout", "scouts", "stand-in", "stand-ins", "flock", "way out", "ways out", "house unit", "house units"];
+
+/// Pages say it in the field's words. Names in code spans are those of files and flags.
+#[test]
+fn private_words_stand_in_the_list_of_terms_only() {
+    let mut found = Vec::new();
+    for page in pages().iter().filter(|page| page.name != "docs/terms.md") {
+        let plain = page.prose().split('`').step_by(2).collect::<Vec<_>>().join(" ").to_lowercase();
+        // Paths of links are no words.
+        let plain = plain.replace("](", " ](").replace(|c: char| !c.is_alphanumeric() && c != '-', " ");
+        let words = format!(" {} ", plain.split_whitespace().collect::<Vec<_>>().join(" "));
+        let private = PRIVATE.iter().filter(|word| words.contains(&format!(" {word} ")));
+        found.extend(private.map(|word| format!("{}: {word}", page.name)));
+    }
+    assert!(found.is_empty(), "say it in the field's words, or explain it in docs/terms.md: {found:#?}");
+}
+
+/// Theory pages say what is, not what some version of the program did.
+#[test]
+fn theory_has_no_version_history() {
+    let mut found = Vec::new();
+    for page in pages().iter().filter(|page| page.name.starts_with("docs/theory/")) {
+        let prose = page.prose();
+        let words: Vec<&str> = prose.split_whitespace().collect();
+        for pair in words.windows(2) {
+            let number = pair[1].trim_end_matches([',', '.', ':', ')', ';']);
+            // Version 4 is that of another program.
+            let ours = ["version", "(version", "render", "(render"].contains(&pair[0]) && number != "4";
+            if ours && !number.is_empty() && number.chars().all(|c| c.is_ascii_digit()) {
+                found.push(format!("{}: {} {}", page.name, pair[0], pair[1]));
+            }
+        }
+    }
+    assert!(found.is_empty(), "{found:#?}");
 }
 
 /// Blocks are of the kinds that are looked at.
