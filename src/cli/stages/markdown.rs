@@ -9,12 +9,13 @@ use super::{arity, example};
 pub fn page(row: &StageRow) -> String {
     let mut text = format!("# {}\n\n{}.\n", row.name, sentence(row.about.trim_end_matches('.')));
     let inputs = (row.inputs)().into_iter().map(|port| {
-        vec![code(port.name), port.accepts.join(", "), arity(port.arity).to_owned(), port.about.to_owned()]
+        let takes: Vec<String> = port.accepts.iter().map(|payload| linked(payload)).collect();
+        vec![code(port.name), takes.join(", "), arity(port.arity).to_owned(), port.about.to_owned()]
     });
     section(&mut text, "Inputs", ["port", "takes", "how many", "what"], inputs.collect());
     let outputs = (row.outputs)().into_iter().map(|port| {
         let when = if port.optional { "when wanted" } else { "always" };
-        vec![code(port.name), port.payload.to_owned(), when.to_owned(), port.about.to_owned()]
+        vec![code(port.name), linked(port.payload), when.to_owned(), port.about.to_owned()]
     });
     section(&mut text, "Outputs", ["port", "holds", "computed", "what"], outputs.collect());
     let rows = fields(&(row.schema)()).iter().map(parameter).collect();
@@ -72,6 +73,11 @@ fn section<const N: usize>(text: &mut String, title: &str, heads: [&str; N], row
     text.push_str(&line(heads.map(str::to_owned).to_vec()));
     text.push_str(&format!("|{}\n", "---|".repeat(N)));
     rows.into_iter().for_each(|cells| text.push_str(&line(cells)));
+}
+
+/// The name of a payload, which leads to its layers or columns.
+fn linked(payload: &str) -> String {
+    format!("[{payload}](../payloads.md#{payload})")
 }
 
 /// With a capital, unless it begins with a symbol such as `mu_a`.
