@@ -49,6 +49,8 @@ mod meshes;
 mod metrics;
 #[path = "all/near_normal.rs"]
 mod near_normal;
+#[path = "all/people.rs"]
+mod people;
 #[path = "all/pictures.rs"]
 mod pictures;
 #[path = "all/profile.rs"]
