@@ -5,12 +5,16 @@ use turbid_contract::payload::{Preview, Scene};
 use turbid_contract::serde_json::Value;
 use turbid_contract::{Ctx, Error, FileUse, Known, Problems, Stage, StagePlan, in_ports, out_ports};
 
-use crate::assemble::assemble;
+use crate::assemble::{RigInput, assemble};
 use crate::params::{AlbedoParams, ObjectParams, Params, SurfaceParams, TextureParams};
 use crate::sketch::sketch;
 
 in_ports! {
-    pub struct In {}
+    pub struct In {
+        /// Another scene whose camera, projector, lights and wavelength_nm this one takes: one rig for both, so that a change in it
+        /// reaches both.
+        rig: optional Scene,
+    }
 }
 
 out_ports! {
@@ -27,7 +31,7 @@ pub struct SceneStage;
 impl Stage for SceneStage {
     const NAME: &'static str = "scene";
     const VERSION: u32 = 3;
-    const ABOUT: &'static str = "Describes media, objects, camera and projector, and checks that they fit together";
+    const ABOUT: &'static str = "Describes media, objects, camera and projector, and checks that they fit together; camera, projector and lights may come from another scene (`in: {rig: STAGE}`)";
     const INSTANT: bool = true;
 
     type Params = Params;
@@ -51,7 +55,12 @@ impl Stage for SceneStage {
     }
 
     fn check(params: &Params, known: &Known, problems: &mut Problems) {
-        assemble(params, &|at| known.files.get(at), problems);
+        let rig = match known.get::<Scene>("rig") {
+            Some(scene) => RigInput::Known(Box::new(scene)),
+            None if known.connected.iter().any(|port| port == "rig") => RigInput::Unknown,
+            None => RigInput::None,
+        };
+        assemble(params, &rig, &|at| known.files.get(at), problems);
     }
 
     fn plan(_: &Params, _: &Known) -> StagePlan {
@@ -59,9 +68,10 @@ impl Stage for SceneStage {
         StagePlan { seconds: Some(0.02), ..StagePlan::default() }
     }
 
-    fn run(params: &Params, _: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
+    fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
         let mut problems = Problems::default();
-        let scene = assemble(params, &|at| ctx.file(at), &mut problems);
+        let rig = inputs.rig.map_or(RigInput::None, |scene| RigInput::Known(Box::new(scene)));
+        let scene = assemble(params, &rig, &|at| ctx.file(at), &mut problems);
         if let Some(problem) = problems.into_parts().0.into_iter().next() {
             return Err(Error::Invalid(problem));
         }
