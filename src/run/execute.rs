@@ -7,12 +7,12 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use cpu_time::ThreadTime;
 use serde_json::{Value, json};
-use turbid_contract::{Artifact, Ctx, Error, StageRow};
+use turbid_contract::{Artifact, Ctx, Error, Form, StageRow};
 
 use crate::key::Dependencies;
 use crate::panics::{self, lock};
 use crate::plan::InstanceId;
-use crate::resolve::{Job, Outputs, Resolver};
+use crate::resolve::{Keyed, Outputs, Resolver};
 use crate::store::{Cost, InstanceRecord, PortRecord, Provenance, Recipe, StoreError};
 
 use super::host::InstanceHost;
@@ -43,7 +43,7 @@ pub struct Worker<'a> {
 /// One instance that is to run.
 pub struct Task {
     pub id: InstanceId,
-    pub job: Job,
+    pub job: Keyed,
     /// The outputs of its producers.
     pub outputs: HashMap<InstanceId, Arc<Outputs>>,
     pub forced: bool,
@@ -93,8 +93,12 @@ fn attempt(worker: Worker<'_>, task: Task) -> Outcome {
     // What the clock stopped once is added to at the samples that it reached then: no clock would stop there again.
     let timed = job.params.get("max_seconds").is_some_and(|limit| !limit.is_null());
     let reached = earlier.as_ref().filter(|_| timed && !forced).and_then(|record| reached_params(job, record));
-    let params = reached.as_ref().unwrap_or(&job.params);
-    let made = match (row.run)(params, &inputs, Ctx::new(&host)) {
+    let reached = match reached.map(|params| (row.prepare)(&params)).transpose() {
+        Ok(reached) => reached,
+        Err(error) => return Outcome::Failed(format!("internal error, please report it: {}", error.message)),
+    };
+    let typed = reached.as_ref().unwrap_or(&job.job);
+    let made = match typed.run(&inputs, Ctx::new(&host)) {
         Ok(made) => made,
         Err(Error::Interrupted) => return Outcome::Interrupted,
         Err(error) => {
@@ -190,6 +194,13 @@ fn publish_blobs(
         let described = resolver.plan.outputs(stage).iter().find(|p| p.name == name);
         let described = described.expect("out_ports! names the ports that it lists");
         assert_eq!(artifact.kind(), described.kind, "port {name} of {}", resolver.plan.row(stage).name);
+        // Those that read it were checked against this form.
+        if let Some(form) = resolver.form(id, name).filter(|form| **form != Form::default())
+            && let Some(text) = form.broken_by(&Form::of(&artifact))
+        {
+            let stage = resolver.plan.row(stage).name;
+            return Err(format!("internal error, please report it: output `{name}` of {stage} has {text}"));
+        }
         let blob = resolver.store.put(&artifact).map_err(|e| format!("output `{name}`: {e}"))?;
         ports.insert(name.to_owned(), PortRecord { payload: described.payload.to_owned(), blob });
     }
@@ -202,14 +213,14 @@ fn publish_blobs(
 /// A run that the clock stopped is the same as one that asked for the samples it reached; it is stored as that too.
 ///
 /// Under the key that was asked for it stays as well, so that the same file is up to date the second time.
-fn reached_record(job: &Job, record: &InstanceRecord, row: &StageRow) -> Option<(InstanceRecord, Recipe)> {
-    let params = (row.prepare)(&reached_params(job, record)?).ok()?.canonical;
+fn reached_record(job: &Keyed, record: &InstanceRecord, row: &StageRow) -> Option<(InstanceRecord, Recipe)> {
+    let params = (row.prepare)(&reached_params(job, record)?).ok()?.canonical().ok()?;
     let dependencies = Dependencies { params, ..job.dependencies.clone() };
     Some((InstanceRecord { key: dependencies.key(), ..record.clone() }, recipe(&dependencies)))
 }
 
 /// The params that ask for just the samples of a record.
-fn reached_params(job: &Job, record: &InstanceRecord) -> Option<Value> {
+fn reached_params(job: &Keyed, record: &InstanceRecord) -> Option<Value> {
     let samples = samples(&record.measures)?;
     let mut params = job.params.as_object()?.clone();
     params.retain(|name, _| name != "target_error" && name != "max_seconds");

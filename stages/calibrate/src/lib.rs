@@ -13,9 +13,11 @@ pub mod gauss;
 mod memory;
 mod model;
 mod ratio;
+mod rigs;
 pub mod smooth;
 mod stage;
 
 pub use model::{Model, ReferenceMedium};
 pub use ratio::{Arm, calibrate};
+pub use rigs::Rigs;
 pub use stage::{Calibrate, In, NoiseBias, Out, Params};

@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use turbid_contract::payload::{CONDITIONS, Conditions, Convention, Modulation, REFERENCE_CONDITIONS, Reflectance};
 use turbid_contract::{
-    Attributes, Ctx, Error, Extents, Facts, ImageStack, Known, LayerInfo, LayerKind, Problems, Stage, StagePlan,
+    Attributes, Ctx, Error, Extents, Form, Forms, ImageStack, Known, LayerInfo, LayerKind, Problems, Stage, StagePlan,
     in_ports, out_ports, serde_json,
 };
 
@@ -12,6 +12,7 @@ use crate::gauss::Gauss;
 use crate::memory::memory;
 use crate::model::{Model, ReferenceMedium};
 use crate::ratio::{Arm, calibrate};
+use crate::rigs::{Rigs, SHARE, difference};
 
 /// What becomes of the part of the mean that dividing by a noisy reference adds, var M / M^2 of the smoothed reference.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -43,6 +44,9 @@ pub struct Params {
     pub smooth_sample: f64,
     #[serde(default)]
     pub noise_bias: NoiseBias,
+    /// Whether sample and reference must share camera, projector, lights and wavelength.
+    #[serde(default)]
+    pub rigs: Rigs,
 }
 
 /// The widest smoothing that makes sense: beyond it the source profile no longer cancels.
@@ -52,7 +56,7 @@ in_ports! {
     pub struct In {
         /// Modulation of the sample.
         sample: one Modulation,
-        /// Modulation of the reference phantom, same geometry, same f_x.
+        /// Modulation of the reference phantom, same rig, same f_x.
         reference: one Modulation,
     }
 }
@@ -70,7 +74,6 @@ pub struct Calibrate;
 impl Stage for Calibrate {
     const NAME: &'static str = "calibrate";
     const VERSION: u32 = 4;
-    const READS_FACTS: bool = true;
     const ABOUT: &'static str = "reflectance of a sample from its modulation and that of a reference phantom";
 
     type Params = Params;
@@ -82,16 +85,21 @@ impl Stage for Calibrate {
         if params.convention != Convention::Relative {
             compare_phantom(params, &known.fact("reference"), problems);
         }
+        if let Some(what) = difference(params.rigs, &known.fact("sample"), &known.fact("reference")) {
+            let (sample, reference) = (known.producer("sample"), known.producer("reference"));
+            let message = format!("`{sample}` and `{reference}` were lit or seen by different rigs: {what}");
+            problems.at_input("reference", message, SHARE);
+        }
         for (field, smooth) in [("smooth", params.smooth), ("smooth_sample", params.smooth_sample)] {
             let rule = "lie in [0, 100]";
             problems.require((0.0..=WIDEST_SMOOTHING_PX).contains(&smooth), field, smooth, "px", rule);
         }
     }
 
-    fn facts(params: &Params, known: &Known) -> Facts {
+    fn describe(params: &Params, known: &Known) -> Forms {
         let mut facts = known.fact("sample");
         facts.extend(said(params, &known.fact("reference")));
-        Facts::from([("reflectance", facts)])
+        Forms::from([("reflectance", Form::said(facts))])
     }
 
     fn plan(params: &Params, known: &Known) -> StagePlan {
@@ -110,6 +118,11 @@ impl Stage for Calibrate {
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
+        let arms = [&inputs.sample.0.attributes, &inputs.reference.0.attributes];
+        if let Some(what) = difference(params.rigs, arms[0], arms[1]) {
+            let what = format!("the sample and the reference were lit or seen by different rigs: {what}");
+            return Err(Error::failed_with_hint(what, SHARE));
+        }
         let model = |f_x: f64| params.reference.reflectance(params.model, params.convention, f_x);
         let mut stack = reflectance(&inputs.sample.0, &inputs.reference.0, params, model, ctx)?;
         stack.attributes.extend(said(params, &inputs.reference.0.attributes));

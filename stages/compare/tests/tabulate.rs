@@ -44,7 +44,7 @@ fn at(a: f64) -> Axes {
 
 fn run(params: &Value, images: &Images) -> Result<Table, Error> {
     let host = MemoryHost::default();
-    let made = (StageRow::of::<Tabulate>().run)(params, images, Ctx::new(&host))?;
+    let made = StageRow::of::<Tabulate>().run(params, images, Ctx::new(&host))?;
     Ok(Metrics::from_artifact(made.into_iter().next().expect("one port").1)?.0)
 }
 

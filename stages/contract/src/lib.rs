@@ -9,7 +9,9 @@ pub mod ctx;
 pub mod error;
 pub mod extent;
 pub mod file;
+pub mod form;
 pub mod guard;
+pub mod known;
 pub mod masked;
 pub mod payload;
 pub mod pilot;
@@ -27,12 +29,14 @@ pub use ctx::{Ctx, Host, MemoryHost};
 pub use error::Error;
 pub use extent::Extent;
 pub use file::{FileUse, Files, MaxFile};
+pub use form::{ColumnInfo, Form, Forms};
+pub use known::{Known, Shared};
 pub use payload::Payload;
 pub use pilot::Pilot;
-pub use port::{Arity, Axes, InPort, InPorts, InputSource, Known, Many, OutPort, OutPorts};
-pub use problem::{Problem, Problems};
+pub use port::{Arity, Axes, InPort, InPorts, InputSource, Many, OutPort, OutPorts};
+pub use problem::{At, Problem, Problems};
 pub use quantity::{AngleDeg, Density, Length, PerLength, Power, Ratio, Seconds, Wavelength};
-pub use stage::{Extents, Facts, ParamError, Prepared, Stage, StagePlan, StageRow};
+pub use stage::{Extents, Job, Made, ParamError, Stage, StagePlan, StageRow};
 
 // One version of these for every stage.
 pub use ndarray;

@@ -2,11 +2,11 @@
 
 use turbid_contract::canonical::canonical_value;
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::{CONDITIONS, Frames};
+use turbid_contract::payload::{CONDITIONS, Frames, Rig};
 use turbid_contract::pitch::PIXEL_PITCH_MM;
 use turbid_contract::{
-    Attributes, Ctx, Error, Facts, FileUse, ImageStack, Known, LayerInfo, LayerKind, Problem, Problems, Stage,
-    StagePlan, in_ports, out_ports, serde_json,
+    At, Attributes, Ctx, Error, FileUse, Form, Forms, ImageStack, Known, LayerInfo, LayerKind, Problem, Problems,
+    Stage, StagePlan, in_ports, out_ports, serde_json,
 };
 
 use crate::correct::{Corrected, Field, Light};
@@ -103,15 +103,13 @@ impl Stage for ImportFrames {
         }
     }
 
-    fn facts(params: &Params, _known: &Known) -> Facts {
+    fn describe(params: &Params, _known: &Known) -> Forms {
         let mut f_x: Vec<f64> = params.shots().iter().map(|shot| shot.f_x).collect();
         f_x.sort_by(f64::total_cmp);
         f_x.dedup();
-        let mut frames = Attributes::from([("f_x".to_owned(), f_x.into())]);
-        if let Some(conditions) = &params.conditions {
-            conditions.said().insert_into(&mut frames, CONDITIONS);
-        }
-        Facts::from([("frames", frames)])
+        let mut frames = stated(params);
+        frames.insert("f_x".to_owned(), f_x.into());
+        Forms::from([("frames", Form::said(frames))])
     }
 
     fn plan(params: &Params, _known: &Known) -> StagePlan {
@@ -145,11 +143,21 @@ impl Stage for ImportFrames {
             usable(shot, seen.corrected.light())?;
         }
         let mut frames = stack(params, &shots, seen, ctx);
-        if let Some(conditions) = &params.conditions {
-            conditions.said().insert_into(&mut frames.attributes, CONDITIONS);
-        }
+        frames.attributes.extend(stated(params));
         Ok(Out { frames: Frames(frames) })
     }
+}
+
+/// What the user says of the frames: how they were taken, and on which bench.
+fn stated(params: &Params) -> Attributes {
+    let mut stated = Attributes::new();
+    if let Some(conditions) = &params.conditions {
+        conditions.said().insert_into(&mut stated, CONDITIONS);
+    }
+    if let Some(name) = &params.rig {
+        Rig::named(name.trim()).insert_into(&mut stated);
+    }
+    stated
 }
 
 /// Floating-point files say no highest number: shares of full scale they should hold, but may hold anything.
@@ -178,7 +186,7 @@ fn odd_numbers(at: &str, path: &str, picture: &Picture, problems: &mut Problems)
 }
 
 fn push(error: Error, problems: &mut Problems) {
-    if let Error::Invalid(Problem { path, message, hint }) = error {
+    if let Error::Invalid(Problem { path, message, hint, .. }) = error {
         match hint {
             Some(hint) => problems.push_with_hint(path, message, hint),
             None => problems.push(path, message),
@@ -229,6 +237,7 @@ fn usable(shot: &Shot, light: Light) -> Result<(), Error> {
     if 2 * light.saturated > light.pixels {
         let share = 100.0 * light.saturated as f64 / light.pixels as f64;
         return Err(Error::Invalid(Problem {
+            at: At::With,
             path: shot.at.clone(),
             message: format!("{share:.0} % of the pixels of `{}` are saturated", shot.file),
             hint: Some("take it with less light, or raise `saturation` if the range goes further".into()),

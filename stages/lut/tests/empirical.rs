@@ -103,7 +103,7 @@ fn params(interpolation: &str) -> Value {
 
 fn build(params: &Value, inputs: &Inputs) -> Result<Table, Error> {
     let host = MemoryHost::default();
-    let outputs = (StageRow::of::<BuildLut>().run)(params, inputs, Ctx::new(&host))?;
+    let outputs = StageRow::of::<BuildLut>().run(params, inputs, Ctx::new(&host))?;
     let lut = outputs.into_iter().find(|(name, _)| *name == "lut").expect("the port is never left out").1;
     Ok(Lut::from_artifact(lut)?.0)
 }
@@ -313,7 +313,7 @@ fn wanted_media_have_a_design() {
     let run = |wanted: &[&str]| {
         let host = MemoryHost { wanted: wanted.iter().map(|w| w.to_string()).collect(), ..MemoryHost::default() };
         let inputs = phantoms(&PAPER_A, &PAPER_S, |_| [0.0; 2], 0.01);
-        let outputs = (StageRow::of::<BuildLut>().run)(&params, &inputs, Ctx::new(&host)).unwrap();
+        let outputs = StageRow::of::<BuildLut>().run(&params, &inputs, Ctx::new(&host)).unwrap();
         outputs.into_iter().find(|(name, _)| *name == "design").map(|(_, artifact)| artifact)
     };
     let Some(Artifact::Table(table)) = run(&["design"]) else { panic!("the design is a table") };
@@ -331,7 +331,7 @@ fn mistakes_of_params_and_ports() {
     let check = |params: &Value, connected: &[&str]| {
         let mut problems = Problems::default();
         let known = Known { connected: connected.iter().map(|&c| c.to_owned()).collect(), ..Known::default() };
-        (StageRow::of::<BuildLut>().check)(params, &known, &mut problems);
+        StageRow::of::<BuildLut>().check(params, &known, &mut problems);
         problems.into_parts().0.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")
     };
     let good = params("guided");

@@ -21,14 +21,14 @@ impl InputSource for NoInputs {
 }
 
 fn build(params: &Value, host: &MemoryHost) -> (Lut, Option<Validity>) {
-    let outputs = (StageRow::of::<BuildLut>().run)(params, &NoInputs, Ctx::new(host)).unwrap();
+    let outputs = StageRow::of::<BuildLut>().run(params, &NoInputs, Ctx::new(host)).unwrap();
     let find = |port: &str| outputs.iter().find(|(name, _)| *name == port).map(|(_, artifact)| artifact.clone());
     (Lut::from_artifact(find("lut").unwrap()).unwrap(), find("validity").map(|a| Validity::from_artifact(a).unwrap()))
 }
 
 fn problems(params: &Value) -> Vec<String> {
     let mut problems = Problems::default();
-    (StageRow::of::<BuildLut>().check)(params, &Known::default(), &mut problems);
+    StageRow::of::<BuildLut>().check(params, &Known::default(), &mut problems);
     problems.into_parts().0.iter().map(ToString::to_string).collect()
 }
 

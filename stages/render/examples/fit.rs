@@ -72,7 +72,7 @@ fn render(scene: &Scene, stop: Value, seed: u64) -> (Vec<f64>, BTreeMap<String, 
     let mut params = json!({"f_x": [0.1], "phases": 3, "method": "auto"});
     params.as_object_mut().expect("an object").extend(stop.as_object().expect("an object").clone());
     let began = cpu_seconds();
-    let ports = (StageRow::of::<RenderStage>().run)(&params, &Input(scene.clone()), Ctx::new(&host));
+    let ports = StageRow::of::<RenderStage>().run(&params, &Input(scene.clone()), Ctx::new(&host));
     let seconds = cpu_seconds() - began;
     let Some((_, Artifact::Images(frames))) = ports.expect("it renders").into_iter().next() else {
         panic!("frames come first")

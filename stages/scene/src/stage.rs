@@ -1,5 +1,7 @@
 //! The stage: instant, draws nothing, one record and a sketch.
 
+use std::sync::Arc;
+
 use turbid_contract::canonical::canonical_value;
 use turbid_contract::payload::{Preview, Scene};
 use turbid_contract::serde_json::Value;
@@ -56,8 +58,8 @@ impl Stage for SceneStage {
 
     fn check(params: &Params, known: &Known, problems: &mut Problems) {
         let rig = match known.get::<Scene>("rig") {
-            Some(scene) => RigInput::Known(Box::new(scene)),
-            None if known.connected.iter().any(|port| port == "rig") => RigInput::Unknown,
+            Some(scene) => RigInput::Known { scene, producer: known.producer("rig").to_owned() },
+            None if known.is_connected("rig") => RigInput::Unknown,
             None => RigInput::None,
         };
         assemble(params, &rig, &|at| known.files.get(at), problems);
@@ -70,7 +72,8 @@ impl Stage for SceneStage {
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
         let mut problems = Problems::default();
-        let rig = inputs.rig.map_or(RigInput::None, |scene| RigInput::Known(Box::new(scene)));
+        let known = |scene| RigInput::Known { scene: Arc::new(scene), producer: "rig".to_owned() };
+        let rig = inputs.rig.map_or(RigInput::None, known);
         let scene = assemble(params, &rig, &|at| ctx.file(at), &mut problems);
         if let Some(problem) = problems.into_parts().0.into_iter().next() {
             return Err(Error::Invalid(problem));

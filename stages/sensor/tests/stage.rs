@@ -54,7 +54,7 @@ fn frames(low: f32, high: f32, se: f32) -> Frames {
 
 fn sense(params: &Value, inputs: Inputs, seed: u64) -> (ImageStack, Option<ImageStack>, MemoryHost) {
     let host = MemoryHost { seed, wanted: vec!["covariance".into()], ..MemoryHost::default() };
-    let outputs = (StageRow::of::<Sensor>().run)(params, &inputs, Ctx::new(&host)).unwrap();
+    let outputs = StageRow::of::<Sensor>().run(params, &inputs, Ctx::new(&host)).unwrap();
     let find = |port: &str| outputs.iter().find(|(name, _)| *name == port).map(|(_, artifact)| artifact.clone());
     let Frames(frames) = Frames::from_artifact(find("frames").unwrap()).unwrap();
     (frames, find("covariance").map(|a| Covariance::from_artifact(a).unwrap().0), host)
@@ -205,7 +205,7 @@ fn dark_and_flat_fields_undo_the_pixels() {
     };
     let read = |params: &Value, ideal: Frames, seed: u64| {
         let host = MemoryHost { seed, wanted: vec!["numbers".into()], ..MemoryHost::default() };
-        let outputs = (StageRow::of::<Sensor>().run)(params, &alone(ideal), Ctx::new(&host)).unwrap();
+        let outputs = StageRow::of::<Sensor>().run(params, &alone(ideal), Ctx::new(&host)).unwrap();
         let numbers = outputs.into_iter().find(|(name, _)| *name == "numbers").unwrap().1;
         Frames::from_artifact(numbers).unwrap().0.layers[0].data.clone()
     };
@@ -252,12 +252,12 @@ fn every_mistake_has_its_field() {
         (json!({"iso": 100}), "unknown field `iso`"),
     ] {
         let mut problems = Problems::default();
-        (StageRow::of::<Sensor>().check)(&params, &Known::default(), &mut problems);
+        StageRow::of::<Sensor>().check(&params, &Known::default(), &mut problems);
         let found: Vec<String> = problems.into_parts().0.iter().map(ToString::to_string).collect();
         assert!(found.iter().any(|p| p.contains(message)), "{params}: {found:?}");
     }
     let host = MemoryHost::default();
-    let dark = (StageRow::of::<Sensor>().run)(&json!({}), &alone(frames(0.0, 0.0, 0.0)), Ctx::new(&host));
+    let dark = StageRow::of::<Sensor>().run(&json!({}), &alone(frames(0.0, 0.0, 0.0)), Ctx::new(&host));
     assert!(dark.unwrap_err().to_string().contains("no pixel is above 0"));
 }
 

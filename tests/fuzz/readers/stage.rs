@@ -39,7 +39,7 @@ impl FileOf {
         let registry = Registry::builtin();
         let row = registry.find(self.stage).expect("the stage is built in");
         let mut problems = Problems::default();
-        (row.check)(&self.params, &Known { files: self.file(input).into(), ..Known::default() }, &mut problems);
+        row.check(&self.params, &Known { files: self.file(input).into(), ..Known::default() }, &mut problems);
         problems.into_parts().0.is_empty()
     }
 
@@ -48,7 +48,7 @@ impl FileOf {
         let registry = Registry::builtin();
         let row = registry.find(self.stage).expect("the stage is built in");
         let host = MemoryHost { files: self.file(input).into(), ..MemoryHost::default() };
-        let made = (row.run)(&self.params, &NoInputs, Ctx::new(&host));
+        let made = row.run(&self.params, &NoInputs, Ctx::new(&host));
         let made = made.map_err(|e| format!("`check` takes it, the run fails: {e}"))?;
         made.iter().try_for_each(|(port, artifact)| match encode(artifact) {
             Ok(_) => Ok(()),

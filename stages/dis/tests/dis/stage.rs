@@ -44,7 +44,7 @@ fn with(path: &str, value: Value) -> Value {
 fn check(params: &Value) -> (Vec<String>, Vec<String>) {
     let row = StageRow::of::<CalibrateDis>();
     let mut problems = Problems::default();
-    (row.check)(params, &Known::default(), &mut problems);
+    row.check(params, &Known::default(), &mut problems);
     let (found, warnings) = problems.into_parts();
     let texts = |list: Vec<turbid_contract::Problem>| list.iter().map(ToString::to_string).collect();
     (texts(found), texts(warnings))
@@ -66,7 +66,7 @@ impl InputSource for NoInputs {
 
 fn run(params: &Value, seed: u64) -> Table {
     let host = MemoryHost { seed, ..MemoryHost::default() };
-    let made = (StageRow::of::<CalibrateDis>().run)(params, &NoInputs, Ctx::new(&host)).expect("readings");
+    let made = StageRow::of::<CalibrateDis>().run(params, &NoInputs, Ctx::new(&host)).expect("readings");
     match made.into_iter().next() {
         Some(("readings", Artifact::Table(table))) => table,
         other => panic!("{other:?}"),

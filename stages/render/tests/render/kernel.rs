@@ -1,6 +1,5 @@
 //! The kernel that a render names, and what it says of a faster one; how much work its pilot foresees.
 
-use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
 
 use serde_json::{Value, json};
@@ -12,12 +11,12 @@ use crate::setup::{FLOOR, Input, TestHost, lambertian, medium, object, rig, scen
 
 fn known(scene: &Scene) -> Known {
     let mut known = Known::default();
-    known.artifacts.insert("scene".to_owned(), Arc::new(scene.clone().into_artifact()));
+    known.insert("scene", scene.clone().into_artifact());
     known
 }
 
 fn plan(scene: &Scene, params: &Value) -> StagePlan {
-    (StageRow::of::<RenderStage>().plan)(params, &known(scene))
+    (StageRow::of::<RenderStage>().prepare)(params).unwrap().plan(&known(scene))
 }
 
 /// A slab and so many small balls in it, all of one medium each.
@@ -90,7 +89,7 @@ fn without_a_limit_nobody_asks_the_clock() {
     let asked = |params: Value| {
         let mut host = TestHost::new(1, &[], 1);
         host.patience = AtomicUsize::new(1000);
-        (StageRow::of::<RenderStage>().run)(&params, &Input(balls(1)), Ctx::new(&host)).unwrap();
+        StageRow::of::<RenderStage>().run(&params, &Input(balls(1)), Ctx::new(&host)).unwrap();
         1000 - host.patience.into_inner()
     };
     assert_eq!(asked(json!({"f_x": [0.1], "samples": 64, "method": "path"})), 0);
@@ -134,9 +133,12 @@ fn the_pilot_foresees_the_flights() {
     ];
     for (name, scene, params) in cases {
         let row = StageRow::of::<RenderStage>();
-        let pilot = (row.pilot)(&params, &known(&scene), Ctx::new(&TestHost::new(1, &[], 1))).expect("there are paths");
+        let pilot = (row.prepare)(&params)
+            .unwrap()
+            .pilot(&known(&scene), Ctx::new(&TestHost::new(1, &[], 1)))
+            .expect("there are paths");
         let host = TestHost::new(2, &[], 2);
-        (row.run)(&params, &Input(scene.clone()), Ctx::new(&host)).unwrap();
+        row.run(&params, &Input(scene.clone()), Ctx::new(&host)).unwrap();
         let counted = host.memory.measures.into_inner().unwrap()["flights"];
         let ratio = pilot.whole / counted;
         assert!((0.5..=2.0).contains(&ratio), "{name}: {:e} flights foreseen, {counted:e} made", pilot.whole);

@@ -37,7 +37,7 @@ pub fn show(
 ) -> Result<BTreeMap<&'static str, ImageStack>, Error> {
     let host = TestHost::new(seed, &["covariance", "white"], 2);
     let input = Both(scene.clone(), pattern.clone());
-    let ports = (StageRow::of::<RenderStage>().run)(params, &input, Ctx::new(&host))?;
+    let ports = StageRow::of::<RenderStage>().run(params, &input, Ctx::new(&host))?;
     let stack = |artifact| if let Artifact::Images(stack) = artifact { stack } else { panic!("images were expected") };
     Ok(ports.into_iter().map(|(name, artifact)| (name, stack(artifact))).collect())
 }
@@ -153,12 +153,12 @@ fn wrong_patterns_are_named() {
     unlit.projector = None;
     unlit.lights = [("sky".to_owned(), turbid_contract::payload::Lamp::Ambient { radiance: vec![1.0] })].into();
     let known = Known {
-        artifacts: [("scene".to_owned(), std::sync::Arc::new(unlit.into_artifact()))].into(),
+        artifacts: [("scene".to_owned(), turbid_contract::Shared::new(unlit.into_artifact()))].into(),
         connected: vec!["scene".to_owned(), "pattern".to_owned()],
         ..Known::default()
     };
     let mut problems = Problems::default();
-    (StageRow::of::<RenderStage>().check)(&json!({"samples": 64}), &known, &mut problems);
+    StageRow::of::<RenderStage>().check(&json!({"samples": 64}), &known, &mut problems);
     let found = problems.into_parts().0;
     assert!(found.len() == 1 && found[0].message.contains("no projector to show it"), "{found:?}");
 }

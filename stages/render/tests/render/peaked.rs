@@ -142,9 +142,9 @@ fn check_and_plan_say_what_g_costs() {
         let params = json!({"f_x": [0], "samples": samples});
         let known = known(&half_space(g, 16));
         let mut problems = Problems::default();
-        (row.check)(&params, &known, &mut problems);
+        row.check(&params, &known, &mut problems);
         let warnings = problems.into_parts().1;
-        let needs = (row.plan)(&params, &known).needs;
+        let needs = (row.prepare)(&params).unwrap().plan(&known).needs;
         (warnings.into_iter().filter(|w| w.message.contains("g = ")).collect::<Vec<_>>(), needs.join("; "))
     };
     let (warnings, needs) = said(0.98, 64);
@@ -159,6 +159,6 @@ fn check_and_plan_say_what_g_costs() {
 fn known(scene: &Scene) -> Known {
     use turbid_contract::payload::Payload;
     let mut known = Known::default();
-    known.artifacts.insert("scene".to_owned(), std::sync::Arc::new(scene.clone().into_artifact()));
+    known.insert("scene", scene.clone().into_artifact());
     known
 }

@@ -151,7 +151,7 @@ impl Host for TestHost {
 
 /// All ports by name.
 pub fn run_on(host: &dyn Host, scene: &Scene, params: &Value) -> Result<BTreeMap<&'static str, ImageStack>, Error> {
-    let ports = (StageRow::of::<RenderStage>().run)(params, &Input(scene.clone()), Ctx::new(host))?;
+    let ports = StageRow::of::<RenderStage>().run(params, &Input(scene.clone()), Ctx::new(host))?;
     let stack = |artifact| if let Artifact::Images(stack) = artifact { stack } else { panic!("images were expected") };
     Ok(ports.into_iter().map(|(name, artifact)| (name, stack(artifact))).collect())
 }
@@ -205,7 +205,7 @@ pub fn power(scene: &Scene, photons: u32, seed: u64) -> Vec<(String, f64, f64, f
 pub fn power_table(scene: &Scene, photons: u32, seed: u64) -> Table {
     let host = TestHost::new(seed, &["power"], 2);
     let params = json!({"f_x": [0], "samples": 2, "photons": photons});
-    let ports = (StageRow::of::<RenderStage>().run)(&params, &Input(scene.clone()), Ctx::new(&host)).unwrap();
+    let ports = StageRow::of::<RenderStage>().run(&params, &Input(scene.clone()), Ctx::new(&host)).unwrap();
     let table = ports.into_iter().find(|p| p.0 == "power").unwrap().1;
     let Artifact::Table(table) = table else { panic!("a table") };
     table

@@ -1,6 +1,5 @@
 //! What the stage promises: continuation, threads, stopping, errors that can be trusted, mistakes that are named.
 
-use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
 
 use serde_json::{Value, json};
@@ -197,9 +196,9 @@ fn truth_is_what_stands_at_the_pixel_centres() {
 
 fn check(scene: &Scene, params: &Value) -> Vec<Problem> {
     let mut known = Known::default();
-    known.artifacts.insert("scene".to_owned(), Arc::new(scene.clone().into_artifact()));
+    known.insert("scene", scene.clone().into_artifact());
     let mut problems = Problems::default();
-    (StageRow::of::<RenderStage>().check)(params, &known, &mut problems);
+    StageRow::of::<RenderStage>().check(params, &known, &mut problems);
     problems.into_parts().0
 }
 
@@ -302,8 +301,8 @@ fn resolution_is_judged_along_the_fringe() {
 #[test]
 fn plan_says_what_is_left_out() {
     let mut known = Known::default();
-    known.artifacts.insert("scene".to_owned(), Arc::new(ball_on_slab(20).into_artifact()));
-    let plan = (StageRow::of::<RenderStage>().plan)(&json!({"f_x": [0.1], "samples": 64}), &known);
+    known.insert("scene", ball_on_slab(20).into_artifact());
+    let plan = (StageRow::of::<RenderStage>().prepare)(&json!({"f_x": [0.1], "samples": 64})).unwrap().plan(&known);
     assert!(plan.method.unwrap().starts_with("path"));
     assert!(plan.needs.iter().any(|n| n == "several media"));
     assert!(plan.left_out.iter().any(|n| n == "BVH") && plan.left_out.iter().any(|n| n == "Lambertian surfaces"));

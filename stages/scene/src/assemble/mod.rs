@@ -98,7 +98,7 @@ fn wavelengths(params: &Params, rig: &RigInput, problems: &mut Problems) -> Vec<
         }
     }
     match rig {
-        RigInput::Known(rig) if own.is_empty() => rig.wavelengths_nm.clone(),
+        RigInput::Known { scene, .. } if own.is_empty() => scene.wavelengths_nm.clone(),
         _ => own,
     }
 }

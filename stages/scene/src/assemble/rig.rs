@@ -1,6 +1,7 @@
 //! The input `rig`: camera, projector, lights and wavelengths that a scene takes from another one.
 
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 use turbid_contract::payload::{Lamp, Scene};
 use turbid_contract::{Problem, Problems};
@@ -13,11 +14,16 @@ pub enum RigInput {
     None,
     /// It is connected, and its scene could not be made yet.
     Unknown,
-    Known(Box<Scene>),
+    /// `producer`: the stage that gives it, for messages.
+    Known { scene: Arc<Scene>, producer: String },
 }
 
 /// The keys that were taken from the rig: mistakes in them are not mistakes of a field here.
-pub struct Taken(BTreeSet<&'static str>);
+#[derive(Default)]
+pub struct Taken {
+    keys: BTreeSet<&'static str>,
+    producer: String,
+}
 
 const REMOVE_ONE: &str = "remove one of the two";
 
@@ -25,7 +31,7 @@ impl RigInput {
     /// Fills in what the rig gives; a key that both give is a mistake.
     pub fn complete(&self, scene: &mut Scene, params: &Params, problems: &mut Problems) -> Taken {
         let mut taken = BTreeSet::new();
-        let Self::Known(rig) = self else { return Taken(taken) };
+        let Self::Known { scene: rig, producer } = self else { return Taken::default() };
         let channels = scene.channels();
         let given = [
             ("wavelength_nm", !params.wavelength_nm.is_empty(), !rig.wavelengths_nm.is_empty()),
@@ -35,7 +41,7 @@ impl RigInput {
         ];
         for (key, here, there) in given {
             if here && there {
-                let message = format!("`{key}` stands here, and in the scene on the input `rig` too");
+                let message = format!("`{key}` stands here, and in the rig `{producer}` (in: rig) too");
                 problems.push_with_hint(key, message, REMOVE_ONE);
             } else if there {
                 taken.insert(key);
@@ -61,34 +67,31 @@ impl RigInput {
                 Lamp::Ambient { radiance } => spread(radiance),
             });
         }
-        Taken(taken)
+        Taken { keys: taken, producer: producer.clone() }
     }
 }
 
 impl Taken {
     /// Reports what was found in the whole scene. A field of the rig does not stand among the parameters here: its mistakes are
-    /// told of the stage, with the field's name in the message.
+    /// told of the input.
     pub fn replace(&self, found: Problems, problems: &mut Problems) {
+        let of_rig = |path: &str| self.keys.contains(path.split('.').next().unwrap_or_default());
+        let said = |path: &str, message: String| format!("{path} of the rig `{}`: {message}", self.producer);
         let (mistakes, warnings) = found.into_parts();
-        for problem in mistakes {
-            let Problem { path, message, hint } = self.placed(problem);
+        for Problem { path, message, hint, .. } in mistakes {
             match hint {
+                Some(hint) if of_rig(&path) => problems.at_input("rig", said(&path, message), hint),
+                None if of_rig(&path) => problems.at_input("rig", said(&path, message), "change it there"),
                 Some(hint) => problems.push_with_hint(path, message, hint),
                 None => problems.push(path, message),
             }
         }
-        for problem in warnings {
-            let Problem { path, message, .. } = self.placed(problem);
-            problems.warn(path, message);
-        }
-    }
-
-    fn placed(&self, problem: Problem) -> Problem {
-        let Problem { path, message, hint } = problem;
-        if self.0.contains(path.split('.').next().unwrap_or_default()) {
-            Problem { path: String::new(), message: format!("{path} of the input `rig`: {message}"), hint }
-        } else {
-            Problem { path, message, hint }
+        for Problem { path, message, .. } in warnings {
+            if of_rig(&path) {
+                problems.warn("", said(&path, message));
+            } else {
+                problems.warn(path, message);
+            }
         }
     }
 }

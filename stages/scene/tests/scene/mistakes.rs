@@ -234,7 +234,7 @@ fn mistakes_are_named() {
         let Some(found) = found else { panic!("nothing at {path}, but {mistakes:?}") };
         let text = found.to_string();
         assert!(words.iter().all(|w| text.contains(w)), "{path}: `{text}` lacks one of {words:?}");
-        let run = (StageRow::of::<SceneStage>().run)(&params, &NoInputs, Ctx::new(&MemoryHost::default()));
+        let run = StageRow::of::<SceneStage>().run(&params, &NoInputs, Ctx::new(&MemoryHost::default()));
         assert!(matches!(run, Err(Error::Invalid(_))), "{path}: ran all the same");
     }
 }

@@ -1,7 +1,5 @@
 //! A scene that takes camera, projector and lights from another one.
 
-use std::sync::Arc;
-
 use serde_json::{Value, json};
 use turbid_contract::payload::{Lamp, Payload, Scene};
 use turbid_contract::{Artifact, Axes, Ctx, Error, InputSource, Known, MemoryHost, Problem, Problems, StageRow};
@@ -44,7 +42,8 @@ fn on(rig: &Value, params: &Value) -> Result<Scene, Error> {
 fn check_on(rig: Option<Scene>, params: &Value) -> (Vec<Problem>, Vec<Problem>) {
     let mut known = Known { connected: vec!["rig".to_owned()], ..Known::default() };
     if let Some(rig) = rig {
-        known.artifacts.insert("rig".to_owned(), Arc::new(rig.into_artifact()));
+        known.insert("rig", rig.into_artifact());
+        known.producers.insert("rig".to_owned(), "bench".to_owned());
     }
     let mut problems = Problems::default();
     (StageRow::of::<SceneStage>().check)(params, &known, &mut problems);
@@ -133,13 +132,13 @@ fn mistakes_with_a_rig_are_named() {
     let mut refracting = rest.clone();
     refracting["media"]["healthy"]["n"] = json!(1.4);
     let table: Vec<(&Value, Value, &str, &[&str])> = vec![
-        (&rig, given("camera", rig["camera"].clone()), "camera", &["`camera` stands here", "`rig`", "remove one"]),
+        (&rig, given("camera", rig["camera"].clone()), "camera", &["`camera` stands here", "`bench`", "remove one"]),
         (&rig, given("projector", rig["projector"].clone()), "projector", &["`projector`", "remove one"]),
         (&lit, given("wavelength_nm", json!([530, 635])), "wavelength_nm", &["`wavelength_nm`", "remove one"]),
         (&lit, given("lights", json!({"sky": {"ambient": {"radiance": 1}}})), "lights", &["`lights`", "remove one"]),
         (&rig, json!({}), "objects", &["no object"]),
-        (&inside, rest.clone(), "", &["camera.position of the input `rig`", "inside the solid polyp"]),
-        (&rig, refracting, "", &["camera.specular of the input `rig`", "tissue has n != 1"]),
+        (&inside, rest.clone(), "rig", &["in.rig: camera.position of the rig `bench`", "inside the solid polyp"]),
+        (&rig, refracting, "rig", &["in.rig: camera.specular of the rig `bench`", "tissue has n != 1"]),
         (
             &lit,
             given("media", json!({"scc": {"mu_a": [1, 2, 3], "mu_s": 1, "g": 0, "n": 1}})),
