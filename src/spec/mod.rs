@@ -4,6 +4,7 @@
 //! know their places ([`parse`]), included files and `--set` overrides are merged into it, vars are put in, and each
 //! section is read into plain types. Mistakes are collected in a [`Report`]; reading goes on after each of them.
 
+mod aliases;
 mod axis;
 pub mod csv;
 pub mod diagnostic;
@@ -77,6 +78,8 @@ pub struct Spec {
     pub sources: Vec<SourceFile>,
     /// As given: `stages.frames.with.samples=64`.
     pub overrides: Vec<String>,
+    /// What is legal in the file and its overrides, but probably not meant.
+    pub warnings: Vec<Diagnostic>,
     root: Node,
 }
 
@@ -155,6 +158,7 @@ fn read_from(file: Result<SourceFile, String>, path: &Path, overrides: &[String]
         studies,
         sources,
         overrides: overrides.to_vec(),
+        warnings: report.warnings(),
         root,
     };
     (Some(spec), report)

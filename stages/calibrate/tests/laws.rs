@@ -297,7 +297,8 @@ fn arms_of_different_rigs_are_refused() {
         assert_eq!((mistakes.len(), check(&may_differ).len()), (usize::from(differs.is_some()), 0), "{mistakes:?}");
         if let Some(what) = differs {
             let text = mistakes[0].to_string();
-            let words = ["in.reference: ", "`fringes`", "`phantom_fringes`", what, "in: {rig: STAGE}", "rigs: may_differ"];
+            let words =
+                ["in.reference: ", "`fringes`", "`phantom_fringes`", what, "in: {rig: STAGE}", "rigs: may_differ"];
             assert!(words.iter().all(|word| text.contains(word)), "{text}");
         }
         let ran = calibrate(sample.clone(), reference.clone(), &params(0.0));

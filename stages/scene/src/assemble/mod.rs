@@ -56,7 +56,7 @@ pub fn assemble(
             objects.insert(name.clone(), object);
         }
     }
-    if params.objects.is_empty() && !(matches!(rig, RigInput::None) && is_rig(params)) {
+    if params.objects.is_empty() && !is_rig(params) {
         problems.push_with_hint(
             "objects",
             "the scene has no object",

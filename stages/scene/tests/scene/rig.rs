@@ -35,7 +35,7 @@ fn parted(params: &Value) -> (Value, Value) {
 }
 
 fn on(rig: &Value, params: &Value) -> Result<Scene, Error> {
-    let made = (StageRow::of::<SceneStage>().run)(params, &OnRig(scene(rig)), Ctx::new(&MemoryHost::default()))?;
+    let made = StageRow::of::<SceneStage>().run(params, &OnRig(scene(rig)), Ctx::new(&MemoryHost::default()))?;
     Scene::from_artifact(made.into_iter().next().expect("the scene").1)
 }
 
@@ -46,7 +46,7 @@ fn check_on(rig: Option<Scene>, params: &Value) -> (Vec<Problem>, Vec<Problem>) 
         known.producers.insert("rig".to_owned(), "bench".to_owned());
     }
     let mut problems = Problems::default();
-    (StageRow::of::<SceneStage>().check)(params, &known, &mut problems);
+    StageRow::of::<SceneStage>().check(params, &known, &mut problems);
     problems.into_parts()
 }
 
@@ -157,7 +157,7 @@ fn mistakes_with_a_rig_are_named() {
     // A rig of nothing, and media that fill nothing.
     for params in [json!({}), with("/objects", json!({}))] {
         assert!(check(&params).0.iter().any(|m| m.message.contains("no object")), "{params}");
-        let run = (StageRow::of::<SceneStage>().run)(&params, &NoInputs, Ctx::new(&MemoryHost::default()));
+        let run = StageRow::of::<SceneStage>().run(&params, &NoInputs, Ctx::new(&MemoryHost::default()));
         assert!(matches!(run, Err(Error::Invalid(_))), "{params}");
     }
 }
