@@ -28,7 +28,14 @@ fn power_of_the_rig_cancels() {
     assert_eq!((five.len(), six.len()), (4, 4));
     for (a, b) in five.iter().zip(&six) {
         assert_eq!((&a.region, &a.quantity), (&b.region, &b.quantity));
-        assert!(a.n > 0.0 && (a.n - b.n).abs() <= 0.02 * a.n, "{} {}: {} and {} pixels", a.region, a.quantity, a.n, b.n);
+        assert!(
+            a.n > 0.0 && (a.n - b.n).abs() <= 0.02 * a.n,
+            "{} {}: {} and {} pixels",
+            a.region,
+            a.quantity,
+            a.n,
+            b.n
+        );
         let off = (b.mean / a.mean - 1.0).abs();
         assert!(off < 1e-3, "{} {}: {} mm^-1 at 5 W, {} at 6 W", a.region, a.quantity, a.mean, b.mean);
     }
