@@ -7,6 +7,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use cpu_time::ThreadTime;
 use serde_json::{Value, json};
+use turbid_contract::payload::undeclared;
 use turbid_contract::{Artifact, Ctx, Error, Form, StageRow};
 
 use crate::key::Dependencies;
@@ -17,7 +18,7 @@ use crate::store::{Cost, InstanceRecord, PortRecord, Provenance, Recipe, StoreEr
 
 use super::host::InstanceHost;
 use super::inputs::StoredInputs;
-use super::{Interrupt, Options, Progress};
+use super::worker::Worker;
 
 /// What became of a running instance.
 pub enum Outcome {
@@ -28,16 +29,6 @@ pub enum Outcome {
     Damaged(InstanceId),
     Failed(String),
     Interrupted,
-}
-
-/// What all instances of a run share.
-#[derive(Clone, Copy)]
-pub struct Worker<'a> {
-    pub resolver: &'a Resolver<'a>,
-    pub pool: &'a rayon::ThreadPool,
-    pub options: &'a Options,
-    pub progress: &'a dyn Progress,
-    pub interrupt: &'a Interrupt,
 }
 
 /// One instance that is to run.
@@ -200,6 +191,11 @@ fn publish_blobs(
         {
             let stage = resolver.plan.row(stage).name;
             return Err(format!("internal error, please report it: output `{name}` of {stage} has {text}"));
+        }
+        if let Some(other) = undeclared(described.holds, &artifact) {
+            let (stage, payload) = (resolver.plan.row(stage).name, described.payload);
+            let text = format!("output `{name}` of {stage} has a {other}, which {payload} does not declare");
+            return Err(format!("internal error, please report it: {text}"));
         }
         let blob = resolver.store.put(&artifact).map_err(|e| format!("output `{name}`: {e}"))?;
         ports.insert(name.to_owned(), PortRecord { payload: described.payload.to_owned(), blob });

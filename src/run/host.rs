@@ -14,7 +14,7 @@ use crate::digest::Digest;
 use crate::panics::lock;
 use crate::resolve::Keyed;
 
-use super::execute::Worker;
+use super::worker::Worker;
 
 /// Between checkpoints of one instance.
 const CHECKPOINT_EVERY: Duration = Duration::from_secs(10);

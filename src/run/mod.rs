@@ -12,6 +12,7 @@ pub mod latest;
 pub mod log;
 mod name;
 pub mod progress;
+mod worker;
 
 use std::collections::{BTreeSet, HashMap};
 use std::sync::{Arc, mpsc};
@@ -28,7 +29,8 @@ use admission::Admission;
 pub use interrupt::Interrupt;
 pub use progress::Progress;
 
-use execute::{Outcome, Task, Worker};
+use execute::{Outcome, Task};
+use worker::Worker;
 
 /// How to run.
 #[derive(Clone, Debug)]

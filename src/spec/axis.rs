@@ -7,7 +7,11 @@ use serde_json::{Number, Value};
 use super::node::{Data, Node};
 use super::parse::join;
 use super::reader::Reader;
+use super::scalar::normal;
 use super::source::Span;
+
+/// More axes than this on one stage are a mistake.
+pub const MAX_AXES: usize = 100;
 
 /// More instances than this are a mistake.
 pub const MAX_INSTANCES: usize = 1_000_000;
@@ -106,15 +110,6 @@ pub fn scalar(node: &Node, path: &str, reader: &mut Reader<'_>) -> Option<Value>
             reader.wrong(node, node.span, path, rule);
             None
         }
-    }
-}
-
-/// 2.0 and 2 are one value of an axis, and -0.0 is 0: whole numbers become integers.
-pub fn normal(n: &Number) -> Value {
-    const EXACT: f64 = 9_007_199_254_740_992.0;
-    match n.as_f64() {
-        Some(x) if n.is_f64() && x == x.trunc() && x.abs() <= EXACT => Value::from(x as i64),
-        _ => Value::Number(n.clone()),
     }
 }
 

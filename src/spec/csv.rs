@@ -4,10 +4,9 @@ use serde_json::Value;
 
 use std::collections::HashSet;
 
-use super::axis::{MAX_INSTANCES, MAX_VALUES, normal};
-use super::foreach::MAX_AXES;
+use super::axis::{MAX_AXES, MAX_INSTANCES, MAX_VALUES};
 use super::reader::is_name;
-use super::scalar::{Plain, plain};
+use super::scalar::{Plain, normal, plain};
 
 /// Column names and, per row, a value for each of them.
 #[derive(Debug, PartialEq)]

@@ -2,10 +2,11 @@
 
 use serde_json::Value;
 
-use super::axis::{MAX_INSTANCES, normal, numbers};
+use super::axis::{MAX_INSTANCES, numbers};
 use super::node::Node;
 use super::parse::join;
 use super::reader::Reader;
+use super::scalar::normal;
 use super::source::Span;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use super::axis::{self, MAX_INSTANCES, MAX_VALUES};
+use super::axis::{self, MAX_AXES, MAX_INSTANCES, MAX_VALUES};
 use super::csv;
 use super::draw::Draw;
 use super::node::{Data, Entry, Node};
@@ -16,9 +16,6 @@ use super::suggest;
 
 /// Keys of a `foreach` that are not themselves axes.
 pub const GRAMMAR: [&str; 3] = ["zip", "csv", "draw"];
-
-/// More axes than this on one stage are a mistake.
-pub const MAX_AXES: usize = 100;
 
 /// The axes that a stage adds to those of its inputs.
 #[derive(Clone, Debug)]

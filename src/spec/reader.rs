@@ -1,10 +1,9 @@
 //! What the readers of all sections share: reporting at a place, and "this must be a text, a map, a whole number".
 
-use super::axis;
 use super::diagnostic::{Diagnostic, Report};
 use super::node::{Data, Node};
 use super::parse::join;
-use super::scalar::look_alike;
+use super::scalar::{look_alike, normal};
 use super::source::{SourceFile, Span};
 use super::suggest;
 
@@ -66,7 +65,7 @@ impl Reader<'_> {
     /// A whole number where `rule` says that, and what else could stand there.
     pub fn whole_number_as(&mut self, node: &Node, key: Span, path: &str, rule: &str) -> Option<u64> {
         if let Data::Number(n) = &node.data
-            && let Some(n) = axis::normal(n).as_u64()
+            && let Some(n) = normal(n).as_u64()
         {
             return Some(n);
         }

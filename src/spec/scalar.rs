@@ -1,6 +1,6 @@
 //! What a plain YAML scalar means: the core schema of YAML 1.2, and the look-alikes that it reads as text.
 
-use serde_json::Number;
+use serde_json::{Number, Value};
 
 /// The meaning of a plain (unquoted) scalar.
 #[derive(Clone, Debug, PartialEq)]
@@ -95,6 +95,15 @@ pub fn look_alike(text: &str, wants_bool: bool) -> Option<String> {
     ];
     let meant = tried.into_iter().find(|t| t != text && matches!(plain(t), Plain::Number(_)))?;
     reads(&format!("`{meant}`"))
+}
+
+/// 2.0 and 2 are one value of an axis, and -0.0 is 0: whole numbers become integers.
+pub fn normal(n: &Number) -> Value {
+    const EXACT: f64 = 9_007_199_254_740_992.0;
+    match n.as_f64() {
+        Some(x) if n.is_f64() && x == x.trunc() && x.abs() <= EXACT => Value::from(x as i64),
+        _ => Value::Number(n.clone()),
+    }
 }
 
 #[cfg(test)]

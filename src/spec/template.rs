@@ -5,10 +5,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde_json::{Map, Value};
 use turbid_contract::Axes;
 
-use super::axis;
 use super::node::{Data, Node};
 use super::parse::join;
 use super::reader::Reader;
+use super::scalar::normal;
 use super::substitute::{Piece, fill, is_dynamic, pieces};
 use super::vars::Vars;
 
@@ -131,7 +131,7 @@ const MAX_TEXTS: usize = 16 << 20;
 /// `samples: 1e3` is a whole number too: 1000.0 becomes 1000, which every number field takes.
 fn normalised(value: Value) -> Value {
     match value {
-        Value::Number(n) => axis::normal(&n),
+        Value::Number(n) => normal(&n),
         Value::Array(items) => items.into_iter().map(normalised).collect(),
         Value::Object(map) => Value::Object(map.into_iter().map(|(key, v)| (key, normalised(v))).collect()),
         other => other,

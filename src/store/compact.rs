@@ -13,8 +13,9 @@ use crate::store::frame::{self, Kind};
 use crate::store::index::Place;
 use crate::store::lock::guard;
 use crate::store::odd;
-use crate::store::packs::{FULL, Packs, now_ns};
+use crate::store::packs::Packs;
 use crate::store::state::{LONGEST, Pack, State, read, read_payload};
+use crate::store::writer::{FULL, now_ns};
 
 /// Fresh packs; they are removed again unless they are kept.
 struct Fresh {

@@ -17,6 +17,7 @@ mod gc;
 mod index;
 mod large;
 mod lock;
+mod look;
 mod odd;
 mod packs;
 mod parquet;

@@ -5,7 +5,7 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::store::disk;
+use crate::store::look;
 
 /// The folders of a store.
 const FOLDERS: [&str; 7] = ["packs", "blobs", "checkpoints", "locks", "tmp", "quarantine", "memos"];
@@ -20,9 +20,9 @@ enum Kind {
 
 /// Whether something is there (a link counts), and is not of that kind. Error: it cannot be looked at.
 fn is_not(path: &Path, kind: Kind) -> io::Result<bool> {
-    let is_there = disk::look_at_link(path)?.is_some();
+    let is_there = look::look_at_link(path)?.is_some();
     let is_of_kind = |meta: fs::Metadata| if kind == Kind::Folder { meta.is_dir() } else { meta.is_file() };
-    Ok(is_there && !disk::look(path)?.is_some_and(is_of_kind))
+    Ok(is_there && !look::look(path)?.is_some_and(is_of_kind))
 }
 
 /// Whether something else stands in the place of a file, as far as one can tell.
@@ -49,7 +49,7 @@ impl Found {
     }
 
     fn children(&mut self, folder: &Path) -> Vec<PathBuf> {
-        disk::list(folder).unwrap_or_else(|error| {
+        look::list(folder).unwrap_or_else(|error| {
             self.unread.push((folder.to_owned(), error));
             Vec::new()
         })

@@ -6,7 +6,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
 use crate::digest::Digest;
 use crate::store::disk;
@@ -16,10 +16,8 @@ use crate::store::index::{Map, Place};
 use crate::store::lock::guard;
 use crate::store::record::head_end;
 use crate::store::state::{LONGEST, State, read, read_payload, read_start};
-use crate::store::writer::{Standing, Writer};
+use crate::store::writer::{FULL, Standing, Writer, now_ns};
 
-/// A pack this long takes no further frames.
-pub(super) const FULL: u64 = 64 << 20;
 /// What is published reaches the disk within about this time.
 const SYNC_EVERY: Duration = Duration::from_secs(1);
 /// More packs than this that still take frames are gathered into few (of which at most one still takes frames).
@@ -40,11 +38,6 @@ pub(super) struct Packs {
     /// Whether something in the packs was found damaged.
     pub(super) damaged: AtomicBool,
     opened_s: u64,
-}
-
-pub(super) fn now_ns() -> u64 {
-    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    u64::try_from(since.as_nanos()).unwrap_or(u64::MAX)
 }
 
 impl Packs {

@@ -3,7 +3,7 @@
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Seek};
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use crate::digest::PartHasher;
 use crate::leftover;
@@ -12,9 +12,10 @@ use crate::store::error::StoreError;
 use crate::store::frame::HEADER;
 use crate::store::lock;
 use crate::store::odd;
-use crate::store::packs::{FULL, now_ns};
 use crate::store::state::State;
 
+/// A pack this long takes no further frames.
+pub(super) const FULL: u64 = 64 << 20;
 /// So many names are tried for a pack.
 const NAMES: u32 = 100_000;
 /// So many of them may fail to open: something is wrong with more than a name.
@@ -46,6 +47,11 @@ pub(super) enum Standing {
     Gone,
     /// Somebody cut it short, or took away its lock: not to be appended to any more.
     Changed,
+}
+
+pub(super) fn now_ns() -> u64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    u64::try_from(since.as_nanos()).unwrap_or(u64::MAX)
 }
 
 /// A name for the running kernel: file locks hold among exactly the processes that share one.

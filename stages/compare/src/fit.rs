@@ -7,7 +7,7 @@ use turbid_contract::payload::{Errors, MaskReason, Metrics};
 use turbid_contract::{Cells, Ctx, Error, ImageStack, LayerInfo, LayerKind, Table};
 
 use crate::media::{MediaScore, Pair, root_mean_square, score};
-use crate::stage::MediumParams;
+use crate::params::MediumParams;
 
 /// mu_a and mu_s' of media by name, mm^-1.
 pub struct Media(BTreeMap<String, [f64; 2]>);

@@ -34,6 +34,7 @@ mod fit;
 pub mod levels;
 mod maps;
 pub mod media;
+mod params;
 pub mod region;
 pub mod score;
 mod stage;
@@ -41,7 +42,8 @@ mod summarize;
 pub mod summary;
 mod tabulate;
 
+pub use params::{MediumParams, Params};
 pub use region::{Disk, Rect, Region};
-pub use stage::{Compare, In, MediumParams, Out, Params};
+pub use stage::{Compare, In, Out};
 pub use summarize::{Summarize, SummarizeIn, SummarizeOut, SummarizeParams};
 pub use tabulate::{Tabulate, TabulateIn, TabulateOut, TabulateParams};

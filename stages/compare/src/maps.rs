@@ -4,9 +4,9 @@ use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Errors, MaskReason, Metrics};
 use turbid_contract::{Cells, Ctx, Error, ImageStack, Layer, LayerInfo, LayerKind, Table};
 
+use crate::params::Params;
 use crate::region::{Region, Selection, View};
 use crate::score::{Pixels, Score, Standing, score};
-use crate::stage::Params;
 
 /// Figures of each region and quantity, and the pictures if they are wanted.
 pub fn compare_maps(

@@ -1,37 +1,11 @@
 //! The stage `compare`: maps against images of the truth, or a fit of media against what they are.
 
-use std::collections::BTreeMap;
-
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 use turbid_contract::payload::{Errors, Estimate, Expected, Fit, Maps, Metrics, Payload, Readings, Truth};
-use turbid_contract::{Ctx, Error, Known, PerLength, Problems, Stage, in_ports, out_ports};
+use turbid_contract::{Ctx, Error, Known, Problems, Stage, in_ports, out_ports};
 
 use crate::fit::{Media, compare_fit};
 use crate::maps::compare_maps;
-use crate::region::Region;
-
-/// Params of `compare`.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Params {
-    /// Regions of maps by name; without any, `all` and each object that the camera sees.
-    #[serde(default)]
-    pub regions: BTreeMap<String, Region>,
-    /// The truth of a fit, medium by medium, where no port `truth` brings it.
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub media: BTreeMap<String, MediumParams>,
-}
-
-/// What a medium is, or is printed to be.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct MediumParams {
-    /// Absorption coefficient, mm^-1.
-    pub mu_a: PerLength,
-    /// Reduced scattering coefficient, mm^-1.
-    pub mu_s_prime: PerLength,
-}
+use crate::params::Params;
 
 in_ports! {
     pub struct In {

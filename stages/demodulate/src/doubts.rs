@@ -7,7 +7,7 @@ use turbid_contract::{Ctx, ImageStack, Layer};
 
 use crate::diagnostics::{Diagnosis, diagnose};
 use crate::phase_shift::Weights;
-use crate::set::Fringe;
+use crate::set::{Channel, Fringe};
 use crate::unknown_steps;
 
 /// Ripple of M_AC, percent, above which the frames are asked what their steps were: steps of 90 degrees in place of 120 make 29 %, a lesion of half
@@ -20,8 +20,39 @@ const MOST_PIXELS: usize = 4096;
 /// Variance of the phasor over that of as many equal steps, above which the steps hardly fix a sinusoid: three of 0, 30 and 60 degrees have 64, of 0, 90 and 180 1.5.
 const LARGE_GAIN: f64 = 10.0;
 
+impl Channel {
+    /// Measures ripple and drift of the fringes at the highest f_x, and warns where frames of any f_x are not what they say; `given` tells that
+    /// their steps were not estimated.
+    pub fn diagnose(&self, stack: &ImageStack, given: bool, ctx: Ctx<'_>) {
+        let mut last = None;
+        let mut untold = Vec::new();
+        for fringe in &self.fringes {
+            let found = look(fringe, stack, given, ctx);
+            if fringe.f_x_per_mm > 0.0 {
+                if found.is_none() {
+                    untold.push(fringe.f_x_per_mm.to_string());
+                }
+                last = found;
+            }
+        }
+        if let Some(found) = last {
+            for (k, ripple) in found.ripple.into_iter().enumerate() {
+                ctx.measure(&format!("ripple_{}f", k + 1), ripple, "%");
+            }
+            ctx.measure("brightness_drift", found.drift, "%");
+        }
+        if !untold.is_empty() {
+            ctx.measure("steps_untold", untold.len() as f64, "1");
+            ctx.warn(format!(
+                "the image does not show fringes of all phases at f_x = {} mm^-1: whether the steps are what the frames say cannot be told",
+                untold.join(", ")
+            ));
+        }
+    }
+}
+
 /// What the fringes at one f_x say of themselves; `None` where they do not tell. Warns where it is not what the frames say.
-pub fn look(fringe: &Fringe, stack: &ImageStack, given: bool, ctx: Ctx<'_>) -> Option<Diagnosis> {
+fn look(fringe: &Fringe, stack: &ImageStack, given: bool, ctx: Ctx<'_>) -> Option<Diagnosis> {
     let f_x = fringe.f_x_per_mm;
     let infos = || fringe.frames.iter().map(|&i| &stack.layers[i].info);
     let steps: Vec<f64> = infos().filter_map(|info| info.phase_rad).collect();

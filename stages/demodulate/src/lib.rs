@@ -19,6 +19,7 @@ pub mod level;
 pub mod local_fit;
 mod memory;
 pub mod noise;
+mod params;
 mod pass;
 pub mod phase_shift;
 mod robust;
@@ -32,4 +33,5 @@ mod stage;
 mod unknown;
 pub mod unknown_steps;
 
-pub use stage::{Demodulate, Filter, In, Method, NoiseBias, Out, Params, Steps};
+pub use params::{Filter, Method, NoiseBias, Params, Steps};
+pub use stage::{Demodulate, In, Out};

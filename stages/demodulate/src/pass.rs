@@ -12,9 +12,10 @@ use crate::errors::{Elements, Phasors, Toward};
 use crate::fused::{Planes, amplitudes, phases};
 use crate::level::named;
 use crate::noise::Block;
+use crate::params::{NoiseBias, Params};
+use crate::robust::Noisy;
 use crate::set::{Channel, Fringe, Noise};
-use crate::signal::{Noisy, weak_in_row};
-use crate::stage::{NoiseBias, Params};
+use crate::signal::weak_in_row;
 use crate::unknown;
 
 mod describe;

@@ -4,7 +4,11 @@
 //! signal but nearly all of the noise, and 24 good pixels would be called weak for its sake. Half of the neighbours would have
 //! to be of that kind before medians saw them.
 
-use crate::signal::{Noisy, REACH};
+/// Neighbours on each side of a pixel.
+pub const REACH: usize = 2;
+
+/// A quantity and its standard error, row by row; both 0 at masked pixels.
+pub type Noisy<'a> = [&'a [f32]; 2];
 
 /// Variance over the median of its estimates. An estimate of nu degrees of freedom has a median of (1 - 2 / (9 nu))^3 of its mean (Wilson and
 /// Hilferty, Proc. Natl. Acad. Sci. 17, 684, 1931): at nu = 8, a renderer's smallest number of batches, 1 / 1.088. With more degrees of freedom the

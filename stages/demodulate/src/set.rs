@@ -6,7 +6,6 @@ use turbid_contract::payload::{Covariance, Frames};
 use turbid_contract::{Ctx, Error, ImageStack, Layer, LayerKind};
 use turbid_contract::{serde, serde_json};
 
-use crate::doubts::look;
 use crate::noise::{Block, Element};
 use crate::phase_shift::Weights;
 use crate::unknown_steps;
@@ -52,35 +51,6 @@ impl Channel {
             ctx.measure("step_departure", departure.to_degrees(), "deg");
         }
         Ok(())
-    }
-
-    /// Measures ripple and drift of the fringes at the highest f_x, and warns where frames of any f_x are not what they say; `given` tells that
-    /// their steps were not estimated.
-    pub fn diagnose(&self, stack: &ImageStack, given: bool, ctx: Ctx<'_>) {
-        let mut last = None;
-        let mut untold = Vec::new();
-        for fringe in &self.fringes {
-            let found = look(fringe, stack, given, ctx);
-            if fringe.f_x_per_mm > 0.0 {
-                if found.is_none() {
-                    untold.push(fringe.f_x_per_mm.to_string());
-                }
-                last = found;
-            }
-        }
-        if let Some(found) = last {
-            for (k, ripple) in found.ripple.into_iter().enumerate() {
-                ctx.measure(&format!("ripple_{}f", k + 1), ripple, "%");
-            }
-            ctx.measure("brightness_drift", found.drift, "%");
-        }
-        if !untold.is_empty() {
-            ctx.measure("steps_untold", untold.len() as f64, "1");
-            ctx.warn(format!(
-                "the image does not show fringes of all phases at f_x = {} mm^-1: whether the steps are what the frames say cannot be told",
-                untold.join(", ")
-            ));
-        }
     }
 }
 

@@ -6,13 +6,7 @@
 
 use fearless_simd::{Level, Simd, dispatch};
 
-use crate::robust::weak_by_medians;
-
-/// Neighbours on each side of a pixel.
-pub const REACH: usize = 2;
-
-/// A quantity and its standard error, row by row; both 0 at masked pixels.
-pub type Noisy<'a> = [&'a [f32]; 2];
+use crate::robust::{Noisy, REACH, weak_by_medians};
 
 /// Whether the good pixels among the 24 neighbours of each pixel of `row` have a mean of some quantity that is not above
 /// `limit` times the root mean square of its standard errors, nor above it by medians, which a bright neighbour does not move; a

@@ -10,8 +10,8 @@ use turbid_optics::elementary::atan2;
 
 use crate::fourier::product;
 use crate::local_fit::{LocalFit, Weights};
+use crate::params::{Filter, Params};
 use crate::single_shot::{Filter as FilterKind, noise_gain, part};
-use crate::stage::{Filter, Params};
 use crate::unknown;
 
 /// Width of the window, four standard deviations, where none is given: wide enough to tell mean and fringe apart at the ends of lines, too.

@@ -5,9 +5,9 @@ use turbid_contract::payload::{Frames, MaskReason, Scene};
 use turbid_contract::planes::mean_se;
 use turbid_contract::{Ctx, Error, ImageStack, Layer, LayerInfo, LayerKind};
 
+use crate::params::Params;
 use crate::snapshot::{order, pixel_size};
 use crate::speckle::{Shot, Windows, band};
-use crate::stage::Params;
 use crate::unknown;
 
 /// Modulation of every wavelength.

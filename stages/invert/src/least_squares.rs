@@ -7,13 +7,11 @@ use turbid_contract::payload::MaskReason;
 
 use crate::forward::inverse;
 use crate::inverse::TOLERANCE;
-use crate::lut::Errors;
+use crate::lut::{Errors, MOST};
 use crate::nearest::Nodes;
 use crate::pass::{Solved, Spread};
 use crate::surface::Surface;
 
-/// The most spatial frequencies.
-pub const MOST: usize = 16;
 /// Converged where ln mu moves by less.
 const CLOSE: f64 = 1e-9;
 const MOST_STEPS: usize = 60;

@@ -6,9 +6,7 @@ use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::MaskReason;
 use turbid_optics::elementary::exp;
 
-use crate::profile::Shake;
 use crate::single;
-use crate::uncertain::Kept;
 
 /// Which planes a pass fills.
 #[derive(Clone, Copy, Debug)]
@@ -48,6 +46,9 @@ pub struct Spread {
     /// By how much it raises the mean of p, to second order; `None` where p is no smooth function of the reflectance.
     pub bias: Option<[f64; 2]>,
 }
+
+/// What three independent errors of the shape, each of one standard error, do to ln(irradiance) and ln(stretch).
+pub type Shake = [[f64; 2]; 3];
 
 impl Solved {
     /// Between two sections: the share `weight` of this one, the rest of the other.
@@ -202,6 +203,14 @@ pub struct Settled {
     pub common: [f64; 2],
     /// What noise adds to mu_a; 0 where nobody knows.
     pub excess: f64,
+}
+
+/// A pixel that was read along the tangent.
+pub struct Kept {
+    pub pixel: usize,
+    pub settled: Settled,
+    /// What it was by itself; `None` where the table does not hold it.
+    pub alone: Option<Settled>,
 }
 
 /// mu = exp(p) with its errors: a scatter of p raises the mean of mu as that of a lognormal.

@@ -16,7 +16,7 @@ use turbid_optics::elementary::{ln, sin_cos_turns};
 use turbid_optics::view::View;
 
 use crate::exposure::{Exposure, Lighting};
-use crate::pass::Solved;
+use crate::pass::{Shake, Solved};
 
 /// How a sample's shape is taken into account.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -57,9 +57,6 @@ pub struct Site {
     /// Cosines of the angles between the normal and the ways to projector and camera.
     pub cos: [f64; 2],
 }
-
-/// What three independent errors of the shape, each of one standard error, do to ln(irradiance) and ln(stretch).
-pub type Shake = [[f64; 2]; 3];
 
 /// What is known of each pixel's shape.
 pub struct Correction {

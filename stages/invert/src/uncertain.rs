@@ -17,8 +17,8 @@ use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::MaskReason;
 use turbid_contract::{Ctx, Error, ImageStack};
 
-use crate::least_squares::MOST;
-use crate::pass::{Settled, Solved, settle};
+use crate::lut::MOST;
+use crate::pass::{Kept, Settled, Solved, settle};
 
 /// Neighbours on each side of a pixel whose mean is taken.
 const REACH: usize = 3;
@@ -46,14 +46,6 @@ pub struct Image<'a> {
     pub sharing: f64,
     /// Whether pixels that the table holds may be read along the tangent, too.
     pub corrects: bool,
-}
-
-/// A pixel that was read along the tangent.
-pub struct Kept {
-    pub pixel: usize,
-    pub settled: Settled,
-    /// What it was by itself; `None` where the table does not hold it.
-    pub alone: Option<Settled>,
 }
 
 /// Noise of ln mu above which a pixel is read along the tangent: up to here what is taken off for the curvature is right to 0.2 %.

@@ -22,6 +22,7 @@ pub mod dither;
 pub mod frequency;
 mod fringes;
 pub mod image;
+mod params;
 mod sample;
 pub mod screen;
 pub mod speckle;
@@ -29,7 +30,6 @@ mod stage;
 mod trace;
 mod wall;
 
-pub use stage::{
-    Method, PatternIn, PatternOut, PatternParams, PatternStage, Predistort, PredistortIn, PredistortOut,
-    PredistortParams, Wave,
-};
+pub use params::pattern::{Params as PatternParams, Wave};
+pub use params::predistort::{Method, Params as PredistortParams};
+pub use stage::{PatternIn, PatternOut, PatternStage, Predistort, PredistortIn, PredistortOut};

@@ -10,11 +10,14 @@
 //! pattern's plane (or on `reference_surface`); without it the phase of that surface is computed from the geometry.
 //! Theory and measured figures: `docs/theory/profilometry.md`.
 
-pub mod formula;
+pub mod form;
+mod formula;
 pub mod geometry;
+mod params;
 mod phase;
 mod solve;
 mod stage;
 pub mod unwrap;
 
-pub use stage::{In, Method, Out, Params, Profilometry, ReferenceSurface, Tube, Unwrap};
+pub use params::{Method, Params, ReferenceSurface, Tube, Unwrap};
+pub use stage::{In, Out, Profilometry};

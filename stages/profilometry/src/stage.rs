@@ -3,93 +3,22 @@
 use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Maps, MaskReason, Phase, Scene};
 use turbid_contract::planes::mean_se;
 use turbid_contract::{
-    AngleDeg, Ctx, Error, Extent, ImageStack, Known, Layer, LayerInfo, LayerKind, Length, PerLength, Problems, Stage,
-    StagePlan, in_ports, out_ports,
+    Ctx, Error, Extent, Forms, ImageStack, Known, Layer, LayerInfo, LayerKind, Length, Problems, Stage, StagePlan,
+    in_ports, out_ports,
 };
 use turbid_geometry::tangent;
 
+use crate::form;
 use crate::formula::Formula;
 use crate::geometry::Rig;
+use crate::params::{Method, Params, ReferenceSurface, Unwrap};
 use crate::phase::{Difference, Fringes, difference, reference_coordinates, refine, same};
 use crate::solve::{Height, Line, by_formula, triangulate};
 use crate::unwrap::unwrap;
-
-/// How a phase becomes a height.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Method {
-    /// The camera's ray meets the projector's plane of that phase: any known geometry, with lens distortion.
-    #[default]
-    Triangulation,
-    /// h = l_0 dphi / (dphi - 2 pi f_0 d): both pupils equally high over the plane, phase linear on it.
-    Formula,
-    /// The shift along a reference plane whose phase is measured (or computed): any pupils, any phase that rises.
-    ReferenceMap,
-}
-
-/// How whole turns of the phase difference are found.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Unwrap {
-    /// `none` where `heights` leave no room for another turn, else `quality`.
-    #[default]
-    Auto,
-    /// |dphi| < pi is known.
-    None,
-    /// In space, most reliable neighbours first.
-    Quality,
-    /// Through the f_x of the phase, from the lowest, which must be free of turns.
-    Temporal,
-}
-
-/// The surface whose phase is the reference.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum ReferenceSurface {
-    /// World z, mm.
-    Plane(Length),
-    /// The inside of a straight tube along z.
-    Tube(Tube),
-}
-
-/// The bore of a straight tube along z with open ends.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Tube {
-    pub inner_diameter: Length,
-    pub length: Length,
-    /// World z of its upper end.
-    pub top: Length,
-    /// World x and y of its axis; [0, 0] where left out.
-    #[serde(default)]
-    pub center: [Length; 2],
-}
-
-/// Params of `profilometry`.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Params {
-    pub method: Method,
-    pub unwrap: Unwrap,
-    /// Which fringes to use; the highest f_x if left out.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub f_x: Option<PerLength>,
-    /// Which orientation to use, where the phase has several.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub orientation_deg: Option<AngleDeg>,
-    /// World z between which the surface is known to lie, mm.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub heights: Option<[Length; 2]>,
-    /// Where the reference is; the pattern's plane if left out.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub reference_surface: Option<ReferenceSurface>,
-}
 
 in_ports! {
     pub struct In {
@@ -128,6 +57,7 @@ impl Stage for Profilometry {
     type Out = Out;
 
     fn check(params: &Params, known: &Known, problems: &mut Problems) {
+        form::check(params, known, problems);
         if let Some([low, high]) = params.heights {
             problems.require(high.0 > low.0, "heights.1", high.0, "mm", "be above the lowest height");
         }
@@ -184,6 +114,10 @@ impl Stage for Profilometry {
         }
     }
 
+    fn describe(params: &Params, known: &Known) -> Forms {
+        form::describe(params, known)
+    }
+
     fn plan(params: &Params, known: &Known) -> StagePlan {
         let method = match params.method {
             Method::Triangulation => "triangulation",
@@ -212,7 +146,7 @@ impl Stage for Profilometry {
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
         let stack = &inputs.sample.0;
-        let fringes = Fringes::choose(stack, params)?;
+        let fringes = Fringes::of(stack, params)?;
         let rig = Rig::new(&inputs.scene, fringes.orientation_deg).map_err(Error::failed)?;
         let reference = inputs.reference.as_ref().map(|Phase(stack)| stack);
         for (what, stack) in [("sample", Some(stack)), ("reference", reference)] {

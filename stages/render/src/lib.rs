@@ -12,6 +12,7 @@ pub mod batches;
 pub mod camera;
 mod caustic;
 pub mod channels;
+mod check;
 mod conditions;
 pub mod detector;
 pub mod field;

@@ -11,8 +11,10 @@
 
 pub mod blend;
 pub mod depth;
+mod params;
 pub mod profile;
 pub mod split;
 mod stage;
 
-pub use stage::{In, Method, Out, Params, SectionTube};
+pub use params::{Method, Params};
+pub use stage::{In, Out, SectionTube};

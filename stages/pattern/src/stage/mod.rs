@@ -8,8 +8,8 @@ use turbid_contract::payload::{MaskReason, SurfaceFrequency};
 use turbid_contract::{Ctx, Error, ImageStack, LayerInfo, LayerKind};
 use turbid_geometry::Hit;
 
-pub use pattern::{In as PatternIn, Out as PatternOut, Params as PatternParams, PatternStage, Wave};
-pub use predistort::{In as PredistortIn, Method, Out as PredistortOut, Params as PredistortParams, Predistort};
+pub use pattern::{In as PatternIn, Out as PatternOut, PatternStage};
+pub use predistort::{In as PredistortIn, Out as PredistortOut, Predistort};
 
 use crate::frequency::{Reached, fringe, places, reached};
 use crate::screen::Screen;

@@ -1,7 +1,7 @@
 //! The body of a PLY file: numbers and lists of them, one after the other.
 
 use super::super::quoted;
-use super::header::{Order, Property, Type};
+use super::header::{Order, Property, Type, index};
 
 const TORN: &str = "the file ends before its last element: it is torn";
 
@@ -102,13 +102,6 @@ fn word<'a>(rest: &mut &'a str) -> Result<&'a str, String> {
     let (word, behind) = text.split_at(text.find(char::is_whitespace).unwrap_or(text.len()));
     *rest = behind;
     if word.is_empty() { Err(TORN.to_owned()) } else { Ok(word) }
-}
-
-/// A number of vertices, or the place of one.
-pub fn index(x: f64) -> Result<u32, String> {
-    // What a cast would change is no index.
-    let i = x as u32;
-    if f64::from(i) == x { Ok(i) } else { Err(format!("{x} is neither a vertex nor a number of them")) }
 }
 
 /// The next N bytes, the lowest first.

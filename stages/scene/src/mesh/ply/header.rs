@@ -1,7 +1,6 @@
 //! The header of a PLY file.
 
 use super::super::{number, quoted};
-use super::body::index;
 
 /// More elements and properties in all has no file that is meant well.
 const MOST_LINES: usize = 1 << 16;
@@ -120,4 +119,11 @@ pub fn header(bytes: &[u8]) -> Result<(Order, Vec<Element<'_>>, &[u8]), String> 
         }
     }
     Ok((order.ok_or("its header names no format")?, elements, rest))
+}
+
+/// A number of vertices, or the place of one.
+pub fn index(x: f64) -> Result<u32, String> {
+    // What a cast would change is no index.
+    let i = x as u32;
+    if f64::from(i) == x { Ok(i) } else { Err(format!("{x} is neither a vertex nor a number of them")) }
 }
