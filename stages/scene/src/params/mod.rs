@@ -32,6 +32,7 @@ pub struct Params {
     /// One wavelength per channel; every list in `media` then has one entry for each. Left out where the input `rig` names them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub wavelength_nm: Vec<Wavelength>,
+    /// What objects are filled with, by name; none in a scene that is only the rig of others.
     #[serde(default)]
     pub media: BTreeMap<String, MediumParams>,
     /// Solids by name; at least one, but for a scene that is only the rig of others.

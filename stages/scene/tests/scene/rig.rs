@@ -5,7 +5,7 @@ use turbid_contract::payload::{Lamp, Payload, Scene};
 use turbid_contract::{Artifact, Axes, Ctx, Error, InputSource, Known, MemoryHost, Problem, Problems, StageRow};
 use turbid_scene::SceneStage;
 
-use crate::{NoInputs, carcinoma, check, scene, with};
+use crate::{NoInputs, carcinoma, check, run, scene, with};
 
 /// One scene on the port `rig`.
 struct OnRig(Scene);
@@ -171,4 +171,18 @@ fn an_unknown_rig_hides_no_mistake() {
     rest["media"]["healthy"]["g"] = json!(2);
     let (mistakes, _) = check_on(None, &rest);
     assert!(mistakes.len() == 1 && mistakes[0].path == "media.healthy.g", "{mistakes:?}");
+}
+
+/// A rig has a sketch, of camera, projector and lights alone.
+#[test]
+fn a_rig_is_sketched() {
+    let (rig, _) = parted(&carcinoma());
+    let sky = json!({"lights": {"sky": {"ambient": {"radiance": 1}}}});
+    for (params, entry) in [(&rig, "camera and what it sees"), (&rig, "projector and what it lights"), (&sky, "lights")]
+    {
+        let ports = run(params, &["preview"]);
+        let Artifact::Images(stack) = &ports[1].1 else { panic!("the preview is no image") };
+        assert!(stack.attributes["legend"].to_string().contains(entry), "{:?}", stack.attributes);
+        assert!(stack.layers.iter().all(|layer| layer.data.iter().all(|v| (0.0..=1.0).contains(v))));
+    }
 }

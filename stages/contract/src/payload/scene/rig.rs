@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 
 use super::{Camera, Lamp, Projector, Scene};
 use crate::artifact::Attributes;
-use crate::canonical::{canonical_text, canonical_value};
+use crate::canonical::canonical_value;
 
 /// Name of the attribute that frames, and all that is made of them, carry.
 pub const RIG: &str = "rig";
@@ -62,9 +62,10 @@ impl Rig {
         attributes.insert(RIG.to_owned(), parts);
     }
 
-    /// The first 16 hexadecimal digits of the BLAKE3 hash of the rig's canonical JSON.
+    /// The first 16 hexadecimal digits of the BLAKE3 hash of the rig's JSON, in the order of the fields here.
     pub fn digest(&self) -> String {
-        blake3::hash(canonical_text(&self.parts()).as_bytes()).to_hex()[..16].to_owned()
+        let text = serde_json::to_vec(self).expect("a rig holds finite numbers and text");
+        blake3::hash(&text).to_hex()[..16].to_owned()
     }
 
     /// What differs from `other`, each with the field, both values and the unit (`projector.power 5 W against 6 W`);
