@@ -62,6 +62,8 @@ mod record;
 mod reproducible;
 #[path = "all/rerun.rs"]
 mod rerun;
+#[path = "all/rigs.rs"]
+mod rigs;
 #[path = "all/schema.rs"]
 mod schema;
 #[path = "all/shapes.rs"]

@@ -58,6 +58,7 @@ impl Check {
         // The file may be meant for another machine.
         report.extend(large.into_iter().map(Diagnostic::warning));
         report.extend(plan.spec.not_yet().into_iter().map(Diagnostic::warning));
+        report.extend(plan.spec.warnings.iter().cloned());
         if report.has_errors() {
             return Err(report.into());
         }

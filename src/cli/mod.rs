@@ -203,5 +203,6 @@ fn code_with_lost_output(code: u8) -> u8 {
 fn report_of(plan: &Plan, survey: &Survey) -> Report {
     let mut report = Report::from(survey.problems.clone());
     report.extend(plan.spec.not_yet());
+    report.extend(plan.spec.warnings.iter().cloned());
     report
 }

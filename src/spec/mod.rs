@@ -4,6 +4,7 @@
 //! know their places ([`parse`]), included files and `--set` overrides are merged into it, vars are put in, and each
 //! section is read into plain types. Mistakes are collected in a [`Report`]; reading goes on after each of them.
 
+mod aliases;
 mod axis;
 pub mod csv;
 pub mod diagnostic;
@@ -84,6 +85,8 @@ pub struct Spec {
     pub overrides: Vec<String>,
     /// Places in `stages` by name.
     places: HashMap<String, usize>,
+    /// What is legal in the file and its overrides, but probably not meant.
+    pub warnings: Vec<Diagnostic>,
     root: Node,
 }
 
@@ -164,6 +167,7 @@ fn read_from(file: Result<SourceFile, String>, path: &Path, overrides: &[String]
         sources,
         overrides: overrides.to_vec(),
         places,
+        warnings: report.warnings(),
         root,
     };
     (Some(spec), report)

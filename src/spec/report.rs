@@ -52,6 +52,11 @@ impl Report {
         self.found.iter().any(|d| d.severity == Severity::Error)
     }
 
+    /// Those that stop nothing.
+    pub fn warnings(&self) -> Vec<Diagnostic> {
+        self.found.iter().filter(|d| d.severity == Severity::Warning).cloned().collect()
+    }
+
     pub fn is_empty(&self) -> bool {
         self.found.is_empty()
     }

@@ -52,6 +52,9 @@ pub struct Params {
     /// How the frames were taken: what a table that reads them has to share.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub conditions: Option<ConditionsParams>,
+    /// Name of the bench that took the frames, with all its settings: frames of two names are not calibrated with each other.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rig: Option<String>,
     /// Size of a pixel on the sample, mm: gives pictures and files of the frames, and of what is made from them, a scale.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pixel_mm: Option<Length>,
@@ -101,6 +104,7 @@ impl Default for Params {
             full_well: None,
             read_noise: 0.0,
             conditions: None,
+            rig: None,
             pixel_mm: None,
             max_file_mb: MaxFile::default(),
         }
@@ -240,6 +244,9 @@ impl Params {
         }
         if let Some(conditions) = &self.conditions {
             conditions.check(problems);
+        }
+        if self.rig.as_ref().is_some_and(|name| name.trim().is_empty()) {
+            problems.push_with_hint("rig", "the name of the rig is empty", "name the bench, or leave `rig` out");
         }
         self.check_sets(problems);
     }

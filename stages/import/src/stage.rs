@@ -2,7 +2,7 @@
 
 use turbid_contract::canonical::canonical_value;
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::{CONDITIONS, Frames};
+use turbid_contract::payload::{CONDITIONS, Frames, Rig};
 use turbid_contract::pitch::PIXEL_PITCH_MM;
 use turbid_contract::{
     At, Attributes, Ctx, Error, FileUse, Form, Forms, ImageStack, Known, LayerInfo, LayerKind, Problem, Problems,
@@ -108,10 +108,8 @@ impl Stage for ImportFrames {
         let mut f_x: Vec<f64> = params.shots().iter().map(|shot| shot.f_x).collect();
         f_x.sort_by(f64::total_cmp);
         f_x.dedup();
-        let mut frames = Attributes::from([("f_x".to_owned(), f_x.into())]);
-        if let Some(conditions) = &params.conditions {
-            conditions.said().insert_into(&mut frames, CONDITIONS);
-        }
+        let mut frames = stated(params);
+        frames.insert("f_x".to_owned(), f_x.into());
         Forms::from([("frames", Form::said(frames))])
     }
 
@@ -150,11 +148,21 @@ impl Stage for ImportFrames {
             usable(shot, seen.corrected.light())?;
         }
         let mut frames = stack(params, &shots, seen, ctx);
-        if let Some(conditions) = &params.conditions {
-            conditions.said().insert_into(&mut frames.attributes, CONDITIONS);
-        }
+        frames.attributes.extend(stated(params));
         Ok(Out { frames: Frames(frames) })
     }
+}
+
+/// What the user says of the frames: how they were taken, and on which bench.
+fn stated(params: &Params) -> Attributes {
+    let mut stated = Attributes::new();
+    if let Some(conditions) = &params.conditions {
+        conditions.said().insert_into(&mut stated, CONDITIONS);
+    }
+    if let Some(name) = &params.rig {
+        Rig::named(name.trim()).insert_into(&mut stated);
+    }
+    stated
 }
 
 /// Floating-point files say no highest number: shares of full scale they should hold, but may hold anything.

@@ -4,7 +4,7 @@ use std::io::Cursor;
 use std::sync::Arc;
 
 use serde_json::{Value, json};
-use turbid_contract::payload::{Frames, MaskReason};
+use turbid_contract::payload::{Frames, MaskReason, Rig};
 use turbid_contract::{
     Artifact, Axes, Ctx, Error, ImageStack, InputSource, Known, LayerKind, MemoryHost, Payload, Problems, StageRow,
 };
@@ -365,4 +365,19 @@ fn pages_counts_and_infinite_pixels_are_named() {
     let mask = stack.layers.iter().find(|l| l.info.kind == LayerKind::Mask).unwrap();
     let bad = mask.data.iter().filter(|&&m| m == MaskReason::NotFinite.code()).count();
     assert_eq!(bad, 25, "24 of the frame and one of the flat field");
+}
+
+/// The name of the bench goes on with the frames, and is known before the run; an empty one is a mistake.
+#[test]
+fn the_bench_is_named() {
+    let params = json!({"frames": [{"file": "a.png", "f_x": 0}], "rig": " bench 2 "});
+    let stack = import(&params, &[("frames.0.file", grey8(|i| 100 + i as u8))]).unwrap();
+    assert_eq!(Rig::of(&stack.attributes), Some(Rig::named("bench 2")));
+    let job = (StageRow::of::<ImportFrames>().prepare)(&params).unwrap();
+    assert_eq!(Rig::of(&job.describe(&Known::default())["frames"].attributes), Some(Rig::named("bench 2")));
+    let mut problems = Problems::default();
+    let empty = json!({"frames": [{"file": "a.png", "f_x": 0}], "rig": " "});
+    StageRow::of::<ImportFrames>().check(&empty, &Known::default(), &mut problems);
+    let (mistakes, _) = problems.into_parts();
+    assert!(mistakes.len() == 1 && mistakes[0].path == "rig", "{mistakes:?}");
 }
