@@ -12,6 +12,7 @@ pub mod file;
 pub mod form;
 pub mod guard;
 pub mod known;
+pub mod layers;
 pub mod masked;
 pub mod payload;
 pub mod pilot;
