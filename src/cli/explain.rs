@@ -3,7 +3,6 @@
 use clap::Args;
 
 use crate::explain::History;
-use crate::plan::Plan;
 use crate::registry::Registry;
 use crate::resolve::{Resolver, State};
 use crate::spec::Report;
@@ -20,7 +19,7 @@ pub struct Explain {
 
 impl Explain {
     pub fn run(&self, registry: &Registry) -> Done {
-        let plan: Plan = self.pipeline.plan(registry, std::slice::from_ref(&self.stage))?;
+        let plan = self.pipeline.plan(registry, std::slice::from_ref(&self.stage))?;
         let stage = plan.spec.stage(&self.stage).ok_or_else(|| {
             Failure::Input(format!("there is no stage `{}` in pipeline `{}`", self.stage, plan.spec.pipeline))
         })?;
