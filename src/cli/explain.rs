@@ -41,7 +41,7 @@ impl Explain {
                     text.push_str(&format!(": waits for {}; explain those first\n", names.join(", ")));
                 }
                 Some(State::Run { reasons }) => {
-                    let (_, job) = resolver.state(id, &survey.outputs, &[]).map_err(Report::from)?;
+                    let (_, job) = resolver.state(id, &survey.outputs, false).map_err(Report::from)?;
                     let job = job.expect("an instance that runs has a job");
                     let nearest = history.nearest(&plan, id, &job.dependencies);
                     // The fields below say it better than the short reasons, which compare with the latest result of this name.

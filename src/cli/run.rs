@@ -7,7 +7,7 @@ use clap::Args;
 use serde_json::json;
 
 use crate::memo;
-use crate::plan::{InstanceId, PREVIEW_INSTANCES, Plan};
+use crate::plan::{InstanceId, PREVIEW_INSTANCES, Plan, StageId};
 use crate::registry::Registry;
 use crate::resolve::{Resolver, State, Survey};
 use crate::run::log::{Logged, RunLog, note_up_to_date};
@@ -119,7 +119,7 @@ impl Run {
         }
     }
 
-    fn forced(&self, plan: &Plan) -> Result<Vec<usize>, Failure> {
+    fn forced(&self, plan: &Plan) -> Result<Vec<StageId>, Failure> {
         self.force
             .iter()
             .map(|name| {

@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use turbid_contract::{Form, Forms};
 
-use super::{Outputs, Resolver};
+use super::{AllOutputs, Resolver};
 use crate::panics::lock;
-use crate::plan::InstanceId;
+use crate::plan::{InstanceId, StageId};
 
 /// The forms of an instance's outputs, by port.
 pub(super) type Described = BTreeMap<&'static str, Arc<Form>>;
@@ -16,11 +16,11 @@ pub(super) type Described = BTreeMap<&'static str, Arc<Form>>;
 #[derive(Default)]
 pub(super) struct KnownForms {
     of: HashMap<InstanceId, Arc<Described>>,
-    latest: HashMap<usize, Arc<Described>>,
+    latest: HashMap<StageId, Arc<Described>>,
 }
 
 impl KnownForms {
-    fn insert(&mut self, id: InstanceId, stage: usize, forms: Forms) -> Arc<Described> {
+    fn insert(&mut self, id: InstanceId, stage: StageId, forms: Forms) -> Arc<Described> {
         let before = self.latest.get(&stage);
         let same = before.filter(|before| {
             before.len() == forms.len()
@@ -42,11 +42,7 @@ impl KnownForms {
 
 impl Resolver<'_> {
     /// The forms of the artifacts on the input ports, in the order in which a run gets them.
-    pub(super) fn forms_of_inputs(
-        &self,
-        id: InstanceId,
-        outputs: &[Option<Arc<Outputs>>],
-    ) -> BTreeMap<String, Vec<Arc<Form>>> {
+    pub(super) fn forms_of_inputs(&self, id: InstanceId, outputs: &AllOutputs) -> BTreeMap<String, Vec<Arc<Form>>> {
         let open = Arc::new(Form::default());
         let of = |&(source, port): &(InstanceId, &'static str)| {
             self.forms(source, outputs).get(port).cloned().unwrap_or_else(|| open.clone())
@@ -66,7 +62,7 @@ impl Resolver<'_> {
     }
 
     /// The forms of an instance's outputs, whether or not the store holds them.
-    fn forms(&self, id: InstanceId, outputs: &[Option<Arc<Outputs>>]) -> Arc<Described> {
+    fn forms(&self, id: InstanceId, outputs: &AllOutputs) -> Arc<Described> {
         let known = |id: InstanceId| lock(&self.forms).of.get(&id).cloned();
         if let Some(forms) = known(id) {
             return forms;
@@ -89,7 +85,7 @@ impl Resolver<'_> {
     }
 
     /// The same, those of its inputs being known.
-    fn own_forms(&self, id: InstanceId, outputs: &[Option<Arc<Outputs>>]) -> Forms {
+    fn own_forms(&self, id: InstanceId, outputs: &AllOutputs) -> Forms {
         // Mistakes in params are told where the stage is checked.
         let Ok(prepared) = self.prepare(id) else { return Forms::new() };
         let mut known = self.known(id, outputs);

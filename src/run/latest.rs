@@ -67,7 +67,7 @@ pub fn publish(plan: &Plan, store: &Store, summary: &Summary, outputs: &Path) ->
     let overrides = caption::overrides(plan);
     for &stage in &plan.needed {
         let set = overrides.get(&stage).map_or(&[][..], Vec::as_slice);
-        let records: Vec<(usize, &Arc<InstanceRecord>)> =
+        let records: Vec<(InstanceId, &Arc<InstanceRecord>)> =
             plan.instances_of(stage).filter_map(|id| summary.record(id).map(|r| (id, r))).collect();
         let name = file_name(&plan.spec.stages[stage].name);
         if records.len() > PREVIEW_INSTANCES {
@@ -184,11 +184,11 @@ fn drawn(port: &PortRecord) -> bool {
 
 /// Folders of stages that are still in the pipeline but were not asked for this time.
 fn kept(plan: &Plan) -> HashSet<String> {
-    let stages = plan.spec.stages.iter().enumerate().filter(|(stage, _)| !plan.needs(*stage));
+    let stages = plan.spec.stages.iter_ids().filter(|(stage, _)| !plan.needs(*stage));
     stages.map(|(_, stage)| file_name(&stage.name)).collect()
 }
 
-fn fingerprint(records: &[(usize, &Arc<InstanceRecord>)]) -> String {
+fn fingerprint(records: &[(InstanceId, &Arc<InstanceRecord>)]) -> String {
     let mut parts = PartHasher::new("turbid instances 1");
     for (_, record) in records {
         parts.add("key", &record.key.0);
@@ -218,7 +218,7 @@ fn place(stage: &str, axes: &Axes) -> String {
 }
 
 /// One row per instance: axes, key, seconds, and digest and path of each port.
-fn instances(plan: &Plan, store: &Store, records: &[(usize, &Arc<InstanceRecord>)]) -> Result<Vec<u8>, String> {
+fn instances(plan: &Plan, store: &Store, records: &[(InstanceId, &Arc<InstanceRecord>)]) -> Result<Vec<u8>, String> {
     let mut table = Table::default();
     let axes = &plan.instances[records[0].0].axes;
     for name in axes.keys() {
