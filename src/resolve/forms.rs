@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use turbid_contract::{Form, Forms};
 
-use super::{AllOutputs, Resolver};
+use super::{AllOutputs, Keyed, Resolver};
 use crate::panics::lock;
 use crate::plan::{InstanceId, StageId};
 
@@ -54,6 +54,29 @@ impl Resolver<'_> {
     /// Remembers what a stage says of its outputs; nothing of one with mistakes in it.
     pub(super) fn note_forms(&self, id: InstanceId, forms: Forms) -> Arc<Described> {
         lock(&self.forms).insert(id, self.plan.instances[id].stage, forms)
+    }
+
+    /// Whether a stage reads what an instance makes: only then is that described before anything runs, and kept.
+    pub(super) fn is_read(&self, id: InstanceId) -> bool {
+        !self.plan.consumers(self.plan.instances[id].stage).is_empty()
+    }
+
+    /// Describes what an instance is going to make that nobody reads, until it is [forgotten](Self::forget): what came of it is held against that.
+    pub fn describe(&self, id: InstanceId, keyed: &Keyed, outputs: &AllOutputs) {
+        if !self.is_read(id)
+            && let Ok(lent) = self.files.lend(&keyed.files, false)
+        {
+            let mut known = self.known(id, outputs);
+            known.files = lent.files.clone();
+            self.note_forms(id, keyed.job.describe(&known));
+        }
+    }
+
+    /// The instance has ended.
+    pub fn forget(&self, id: InstanceId) {
+        if !self.is_read(id) {
+            lock(&self.forms).of.remove(&id);
+        }
     }
 
     /// What is known of an output before its instance runs; `None` where nothing was asked.

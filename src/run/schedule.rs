@@ -113,6 +113,7 @@ impl<'a> Schedule<'a> {
                 return None;
             }
             if let Some((job, reasons)) = self.start(id) {
+                self.resolver.describe(id, &job, &self.outputs);
                 self.progress.started(&self.plan.label(id), &reasons);
                 self.states.set(id, BuildState::Running);
                 self.admission.begin(id);
@@ -207,6 +208,7 @@ impl<'a> Schedule<'a> {
     /// An instance that was at work ended.
     pub fn finish(&mut self, id: InstanceId, outcome: Outcome) {
         self.admission.end(id);
+        self.resolver.forget(id);
         match outcome {
             Outcome::Ran(record) => {
                 self.progress.ran(&self.plan.label(id), &record);

@@ -1,5 +1,7 @@
 //! A program error of ours ends an instance, with its place, and never the run; params are read once to look at an instance, and once to run it.
 
+mod stopping;
+
 use std::sync::atomic::{AtomicIsize, Ordering};
 use std::sync::mpsc::channel;
 use std::time::Duration;
