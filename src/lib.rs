@@ -7,6 +7,7 @@ pub mod digest;
 pub mod estimate;
 pub mod explain;
 pub mod export;
+mod ids;
 pub mod input_file;
 pub mod key;
 mod leftover;

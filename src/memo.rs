@@ -13,18 +13,23 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::UNIX_EPOCH;
 
+use rayon::prelude::*;
+
 use crate::digest::{Digest, PartHasher};
 use crate::input_file;
 use crate::key::axes_text;
 use crate::leftover;
-use crate::plan::Plan;
+use crate::plan::{InstanceId, Plan};
 use crate::store::{InstanceRecord, Store};
+use crate::threads;
 use crate::whole_file::{self, Synced};
 use turbid_contract::file::MOST_BYTES;
 
 const FORMAT: &str = "turbid memo 3";
 /// Kept for so many pipelines (or overrides of them); the oldest go.
 const KEPT: usize = 64;
+/// From so many records on they are looked up side by side.
+const MANY: usize = 256;
 /// Names of memos that are being written begin so.
 const WRITING: &str = "writing-";
 /// Bytes; a million instances take 64 MB.
@@ -94,14 +99,17 @@ pub fn recall(plan: &Plan, store: &Store, folder: &Path) -> Option<Vec<Arc<Insta
     if rest.len() != 64 * ids.len() {
         return None;
     }
-    let found = ids.iter().zip(rest.chunks_exact(64)).map(|(&id, entry)| {
+    let found = |(&id, entry): (&InstanceId, &[u8])| {
         let record = store.record(&Digest(entry[..32].try_into().ok()?))?;
         let wanted = plan.wanted(plan.instances[id].stage);
         let whole =
             outputs_digest(&record).0 == entry[32..] && wanted.iter().all(|port| record.ports.contains_key(*port));
         whole.then_some(record)
-    });
-    found.collect()
+    };
+    if ids.len() >= MANY && threads::shared() {
+        return ids.par_iter().zip(rest.par_chunks_exact(64)).map(found).collect();
+    }
+    ids.iter().zip(rest.chunks_exact(64)).map(found).collect()
 }
 
 /// Notes the records of a plan that is up to date. Best effort: without it the next run is only slower.

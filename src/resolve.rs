@@ -18,7 +18,7 @@ use crate::explain::History;
 use crate::key::{Dependencies, InputContent, instance_seed};
 use crate::memory::need;
 use crate::panics::lock;
-use crate::plan::{InstanceId, Plan};
+use crate::plan::{IdVec, InstanceId, Plan, StageId};
 use crate::spec::{Diagnostic, Kind, Mistake, Section, Severity, read_params};
 use crate::store::{Blob, InstanceRecord, Store, encode};
 use crate::threads;
@@ -30,6 +30,8 @@ use inputs::KnownInputs;
 
 /// The blobs of an instance by port.
 pub type Outputs = BTreeMap<String, Blob>;
+/// The outputs of each instance, as far as they are known.
+pub type AllOutputs = IdVec<InstanceId, Option<Arc<Outputs>>>;
 
 /// The params of an instance, read once.
 pub struct Prepared {
@@ -66,7 +68,7 @@ pub enum State {
     /// It has to run.
     Run { reasons: Vec<String> },
     /// It has no key until these stages have run.
-    Waits(Vec<usize>),
+    Waits(Vec<StageId>),
 }
 
 /// What an instant stage made, by port.
@@ -97,8 +99,8 @@ pub struct Resolver<'a> {
 
 /// States of all needed instances, with the mistakes and warnings found on the way.
 pub struct Survey {
-    pub states: Vec<Option<State>>,
-    pub outputs: Vec<Option<Arc<Outputs>>>,
+    pub states: IdVec<InstanceId, Option<State>>,
+    pub outputs: AllOutputs,
     /// The plan of every instance that is not a hit.
     pub plans: HashMap<InstanceId, StagePlan>,
     /// What the outputs of such an instance will hold.
@@ -140,11 +142,11 @@ impl<'a> Resolver<'a> {
     /// Finds the state of each needed instance and checks those that are not up to date.
     ///
     /// `force` names stages that run even where the store holds their outputs.
-    pub fn survey(&self, force: &[usize]) -> Survey {
+    pub fn survey(&self, force: &[StageId]) -> Survey {
         let n = self.plan.instances.len();
         let mut survey = Survey {
             states: (0..n).map(|_| None).collect(),
-            outputs: vec![None; n],
+            outputs: IdVec::filled(None, n),
             plans: HashMap::new(),
             forms: HashMap::new(),
             twins: HashMap::new(),
@@ -154,13 +156,14 @@ impl<'a> Resolver<'a> {
         let mut warned = Warned::default();
         for &stage in &self.plan.needed {
             let ids: Vec<InstanceId> = self.plan.instances_of(stage).collect();
+            let forced = force.contains(&stage);
             // Instances of one stage know nothing of each other. A block is as much as is looked at in vain after many mistakes.
             for block in ids.chunks(BLOCK) {
                 let errors = survey.problems.iter().filter(|p| is_error(p)).count();
                 if errors >= MANY_PROBLEMS {
                     break;
                 }
-                let look = |&id: &InstanceId| self.look(id, &survey.outputs, force, errors == 0);
+                let look = |&id: &InstanceId| self.look(id, &survey.outputs, forced, errors == 0);
                 let looked: Vec<Looked> = if block.len() < FEW || !threads::shared() {
                     block.iter().map(look).collect()
                 } else {
@@ -176,8 +179,8 @@ impl<'a> Resolver<'a> {
     }
 
     /// State, check and, for instant stages, outputs of one instance.
-    fn look(&self, id: InstanceId, outputs: &[Option<Arc<Outputs>>], force: &[usize], sound: bool) -> Looked {
-        let (state, keyed) = self.state(id, outputs, force)?;
+    fn look(&self, id: InstanceId, outputs: &AllOutputs, forced: bool, sound: bool) -> Looked {
+        let (state, keyed) = self.state(id, outputs, forced)?;
         if matches!(state, State::Hit(_)) {
             return Ok(Look { state, key: None, checked: None, made: None });
         }
@@ -254,7 +257,7 @@ impl<'a> Resolver<'a> {
         let n = self.plan.instances.len();
         let mut survey = Survey {
             states: (0..n).map(|_| None).collect(),
-            outputs: vec![None; n],
+            outputs: IdVec::filled(None, n),
             plans: HashMap::new(),
             forms: HashMap::new(),
             twins: HashMap::new(),
@@ -275,11 +278,11 @@ impl<'a> Resolver<'a> {
     pub fn state(
         &self,
         id: InstanceId,
-        outputs: &[Option<Arc<Outputs>>],
-        force: &[usize],
+        outputs: &AllOutputs,
+        forced: bool,
     ) -> Result<(State, Option<Keyed>), Vec<Diagnostic>> {
         let instance = &self.plan.instances[id];
-        let mut waits: Vec<usize> = Vec::new();
+        let mut waits: Vec<StageId> = Vec::new();
         for (source, port) in instance.wires.iter().flat_map(|w| &w.from) {
             let known = outputs[*source].as_ref().is_some_and(|o| o.contains_key(*port));
             let stage = self.plan.instances[*source].stage;
@@ -292,7 +295,7 @@ impl<'a> Resolver<'a> {
         }
         let keyed = self.keyed(id, outputs)?;
         let record = self.store.record(&keyed.key);
-        if force.contains(&instance.stage) {
+        if forced {
             return Ok((State::Run { reasons: vec!["forced".to_owned()] }, Some(keyed)));
         }
         let Some(record) = record else {
@@ -328,7 +331,7 @@ impl<'a> Resolver<'a> {
     }
 
     /// Key and everything behind it; the inputs must be there.
-    pub fn keyed(&self, id: InstanceId, outputs: &[Option<Arc<Outputs>>]) -> Result<Keyed, Vec<Diagnostic>> {
+    pub fn keyed(&self, id: InstanceId, outputs: &AllOutputs) -> Result<Keyed, Vec<Diagnostic>> {
         let instance = &self.plan.instances[id];
         let stage = &self.plan.spec.stages[instance.stage];
         let row = self.plan.row(instance.stage);
@@ -365,7 +368,7 @@ impl<'a> Resolver<'a> {
         Ok(Keyed { params, job, key: dependencies.key(), state_key, dependencies, seed, files })
     }
 
-    fn input_files(&self, stage: usize, files: &[FileUse]) -> Result<BTreeMap<String, InputFile>, Vec<Diagnostic>> {
+    fn input_files(&self, stage: StageId, files: &[FileUse]) -> Result<BTreeMap<String, InputFile>, Vec<Diagnostic>> {
         let read = |file: &FileUse| {
             let input = self.file(stage, file).map_err(|d| vec![*d])?;
             Ok((file.at.clone(), input))
@@ -374,7 +377,7 @@ impl<'a> Resolver<'a> {
     }
 
     /// Hashes an input file once; one that is missing, none or too large is the user's mistake.
-    fn file(&self, stage: usize, file: &FileUse) -> Result<InputFile, Box<Diagnostic>> {
+    fn file(&self, stage: StageId, file: &FileUse) -> Result<InputFile, Box<Diagnostic>> {
         let path = self.plan.spec.input_file_base(stage, &file.at).join(&file.path);
         match self.files.digest(&path, file.most) {
             Ok(digest) => Ok(InputFile { path, digest, most: file.most }),
@@ -397,7 +400,7 @@ impl<'a> Resolver<'a> {
     }
 
     /// What is known of an instance's inputs by now, but for its files and for the sizes of its inputs.
-    pub fn known(&self, id: InstanceId, outputs: &[Option<Arc<Outputs>>]) -> Known {
+    pub fn known(&self, id: InstanceId, outputs: &AllOutputs) -> Known {
         let instance = &self.plan.instances[id];
         let mut known = Known {
             connected: instance.wires.iter().map(|w| w.port.to_owned()).collect(),
@@ -435,7 +438,7 @@ impl<'a> Resolver<'a> {
         id: InstanceId,
         job: &dyn Job,
         files: &BTreeMap<String, InputFile>,
-        outputs: &[Option<Arc<Outputs>>],
+        outputs: &AllOutputs,
     ) -> Checked {
         let instance = &self.plan.instances[id];
         let mut known = self.known(id, outputs);
@@ -457,7 +460,7 @@ impl<'a> Resolver<'a> {
         }
         let warnings = warnings.into_iter().map(|p| (p, 0.0)).chain(ranked);
         let warnings = warnings.map(|(p, size)| (place(p).warning(), size)).collect();
-        let forms = job.describe(&known);
+        let forms = if self.is_read(id) { job.describe(&known) } else { Forms::new() };
         known.extents = self.extents_of_inputs(id, outputs);
         let mut plan = job.plan(&known);
         plan.memory = need(&plan, &known.extents);
@@ -482,7 +485,7 @@ impl<'a> Resolver<'a> {
     }
 
     /// What an instance made, from memory or from the store.
-    fn artifact(&self, id: InstanceId, port: &str, outputs: &[Option<Arc<Outputs>>]) -> Option<Shared> {
+    fn artifact(&self, id: InstanceId, port: &str, outputs: &AllOutputs) -> Option<Shared> {
         let kept = lock(&self.instant).get(&id).cloned();
         if let Some(artifact) = kept.and_then(|ports| ports.get(port).cloned()) {
             return Some(artifact);
@@ -501,7 +504,7 @@ impl<'a> Resolver<'a> {
     }
 
     /// Runs an instant stage in memory, so that what follows has a key and can be checked.
-    fn run_instant(&self, id: InstanceId, keyed: &Keyed, outputs: &[Option<Arc<Outputs>>]) -> Result<Outputs, Error> {
+    fn run_instant(&self, id: InstanceId, keyed: &Keyed, outputs: &AllOutputs) -> Result<Outputs, Error> {
         let instance = &self.plan.instances[id];
         let lent = self.files.lend(&keyed.files, false).map_err(Error::failed)?;
         let wanted = self.plan.wanted(instance.stage);

@@ -3,7 +3,6 @@
 use clap::Args;
 
 use crate::explain::History;
-use crate::plan::Plan;
 use crate::registry::Registry;
 use crate::resolve::{Resolver, State};
 use crate::spec::Report;
@@ -23,7 +22,7 @@ pub struct Explain {
 
 impl Explain {
     pub fn run(&self, registry: &Registry) -> Done {
-        let plan: Plan = self.pipeline.plan(registry, std::slice::from_ref(&self.stage))?;
+        let plan = self.pipeline.plan(registry, std::slice::from_ref(&self.stage))?;
         let stage = plan.spec.stage(&self.stage).ok_or_else(|| {
             Failure::Input(format!("there is no stage `{}` in pipeline `{}`", self.stage, plan.spec.pipeline))
         })?;
@@ -45,7 +44,7 @@ impl Explain {
                     text.push_str(&format!(": waits for {}; explain those first\n", names.join(", ")));
                 }
                 Some(State::Run { reasons }) => {
-                    let (_, job) = resolver.state(id, &survey.outputs, &[]).map_err(Report::from)?;
+                    let (_, job) = resolver.state(id, &survey.outputs, false).map_err(Report::from)?;
                     let job = job.expect("an instance that runs has a job");
                     let nearest = history.nearest(&plan, id, &job.dependencies);
                     // The fields below say it better than the short reasons, which compare with the latest result of this name.

@@ -307,6 +307,7 @@ fn aligned(lines: &[Vec<String>]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::plan::Id;
 
     /// A value keeps the digits that its error leaves, whatever the size of both.
     #[test]
@@ -335,7 +336,7 @@ mod tests {
     }
 
     fn text(tables: &[(&str, Table)]) -> String {
-        let rows = tables.iter().flat_map(|(label, table)| rows_of(label, 0, table)).collect();
+        let rows = tables.iter().flat_map(|(label, table)| rows_of(label, InstanceId::new(0), table)).collect();
         Figures { rows, notes: Vec::new(), lost: false }.text()
     }
 

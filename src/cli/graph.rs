@@ -4,7 +4,7 @@ use std::collections::HashSet;
 
 use clap::{Args, ValueEnum};
 
-use crate::plan::Plan;
+use crate::plan::{Id, Plan};
 use crate::registry::Registry;
 
 use super::{Done, Pipeline, print};
@@ -36,8 +36,8 @@ fn draw(plan: &Plan, format: Format) -> String {
         Format::Mermaid => "flowchart LR\n".to_owned(),
         Format::Dot => "digraph pipeline {\n  rankdir=LR;\n  node [shape=box];\n".to_owned(),
     };
-    for (index, stage) in plan.spec.stages.iter().enumerate() {
-        let count = plan.instances_of(index).len();
+    for (id, stage) in plan.spec.stages.iter_ids() {
+        let (index, count) = (id.place(), plan.instances_of(id).len());
         let times = if count == 1 { String::new() } else { format!(" × {count}") };
         let line = match format {
             Format::Mermaid => format!("  s{index}[\"{}{times}<br/>{}\"]\n", stage.name, stage.use_name),
@@ -50,7 +50,7 @@ fn draw(plan: &Plan, format: Format) -> String {
     for instance in &plan.instances {
         for wire in &instance.wires {
             for (source, port) in &wire.from {
-                let (from, to) = (plan.instances[*source].stage, instance.stage);
+                let (from, to) = (plan.instances[*source].stage.place(), instance.stage.place());
                 if drawn.insert((from, to, *port, wire.port)) {
                     let renamed = || format!("{port} → {}", wire.port);
                     edges.push((from, to, if *port == wire.port { wire.port.to_owned() } else { renamed() }));

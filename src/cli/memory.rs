@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use clap::Args;
 
 use crate::memory::{Budget, SMALL};
-use crate::plan::{InstanceId, Plan};
+use crate::plan::{InstanceId, Plan, StageId};
 use crate::resolve::Survey;
 use crate::spec::{Diagnostic, Kind, Mistake, Section};
 
@@ -28,7 +28,7 @@ impl MemoryLimit {
 /// Instances that need more than there is, a mistake for each stage: with where the stage stands, what it needs, what there is and the way out.
 pub(super) fn too_large(plan: &Plan, survey: &Survey, budget: Option<Budget>) -> Vec<Diagnostic> {
     let Some(Budget { bytes: most, by }) = budget else { return Vec::new() };
-    let mut largest: BTreeMap<usize, (u64, InstanceId)> = BTreeMap::new();
+    let mut largest: BTreeMap<StageId, (u64, InstanceId)> = BTreeMap::new();
     for (&id, detail) in &survey.plans {
         let need = detail.memory.unwrap_or(0);
         if need > most.max(SMALL) {
@@ -40,7 +40,7 @@ pub(super) fn too_large(plan: &Plan, survey: &Survey, budget: Option<Budget>) ->
             }
         }
     }
-    let told = |(stage, (need, id)): (usize, (u64, InstanceId))| {
+    let told = |(stage, (need, id)): (StageId, (u64, InstanceId))| {
         let (name, use_name) = (plan.label(id), plan.row(stage).name);
         let message = format!(
             "`{name}` ({use_name}) needs about {} of memory, and there are {} {}",

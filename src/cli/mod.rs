@@ -16,6 +16,7 @@ mod show;
 mod stages;
 
 use std::io::{IsTerminal, Write};
+use std::mem::ManuallyDrop;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -126,11 +127,12 @@ struct OutputsDir {
 }
 
 impl Pipeline {
-    fn plan(&self, registry: &Registry, targets: &[String]) -> Result<Plan, Failure> {
+    /// Never given back: the program ends with the command, and to give back what many stages hold takes as long as to plan them.
+    fn plan(&self, registry: &Registry, targets: &[String]) -> Result<ManuallyDrop<Plan>, Failure> {
         let (spec, report) = spec::read(&self.file, &self.set);
         let Some(spec) = spec else { return Err(report.into()) };
         let targets: Vec<Target> = targets.iter().map(|t| Target::parse(t)).collect();
-        Ok(Plan::build(spec, report, registry, &targets)?)
+        Ok(ManuallyDrop::new(Plan::build(spec, report, registry, &targets)?))
     }
 
     fn store_to_read(&self) -> Result<Store, Failure> {

@@ -8,7 +8,7 @@ use turbid_contract::{Axes, Form, StagePlan};
 
 use crate::estimate::{Basis, Estimate, estimates};
 use crate::memory::Budget;
-use crate::plan::{InstanceId, Plan};
+use crate::plan::{InstanceId, Plan, StageId};
 use crate::registry::Registry;
 use crate::resolve::{Resolver, State, Survey};
 use crate::terminal::tell;
@@ -155,7 +155,7 @@ fn to_json(plan: &Plan, survey: &Survey, estimates: &Estimates, memory: &Memory)
             work: estimate.and_then(|e| e.work).map(|(amount, unit)| Work { amount, unit }),
         }
     };
-    let unneeded = (0..plan.spec.stages.len()).filter(|&s| !plan.needs(s));
+    let unneeded = plan.spec.stages.ids().filter(|&s| !plan.needs(s));
     let listing = Listing {
         instances: found.map(row).collect(),
         memory: *memory,
@@ -258,7 +258,7 @@ fn groups<'a>(
     plan: &Plan,
     survey: &'a Survey,
     estimates: &Estimates,
-    stage: usize,
+    stage: StageId,
 ) -> Vec<(Group, Option<&'a StagePlan>)> {
     let mut groups: Vec<(Group, Option<&StagePlan>)> = Vec::new();
     let mut known: HashMap<_, usize> = HashMap::new();

@@ -7,7 +7,7 @@ use clap::Args;
 use serde_json::json;
 
 use crate::memo;
-use crate::plan::{InstanceId, PREVIEW_INSTANCES, Plan};
+use crate::plan::{InstanceId, PREVIEW_INSTANCES, Plan, StageId};
 use crate::registry::Registry;
 use crate::resolve::{Resolver, State, Survey};
 use crate::run::log::{Logged, RunLog, note_up_to_date};
@@ -128,7 +128,7 @@ impl Run {
         folder.map_err(Failure::Failed)
     }
 
-    fn forced(&self, plan: &Plan) -> Result<Vec<usize>, Failure> {
+    fn forced(&self, plan: &Plan) -> Result<Vec<StageId>, Failure> {
         self.force
             .iter()
             .map(|name| {
@@ -258,8 +258,8 @@ fn cost(plan: &Plan, summary: &Summary) -> Option<String> {
 
 /// The folder, what is in it, and how to get at what is not.
 fn where_it_lies(plan: &Plan, summary: &Summary, folder: &Path, outputs: &Path) -> Option<String> {
-    let made = |stage: usize| plan.instances_of(stage).filter(|id| summary.record(*id).is_some()).count();
-    let (many, few): (Vec<usize>, Vec<usize>) =
+    let made = |stage: StageId| plan.instances_of(stage).filter(|id| summary.record(*id).is_some()).count();
+    let (many, few): (Vec<StageId>, Vec<StageId>) =
         plan.needed.iter().filter(|&&stage| made(stage) > 0).partition(|&&stage| made(stage) > PREVIEW_INSTANCES);
     let folder = folder.display();
     let mut text = match (few.is_empty(), many.is_empty()) {

@@ -9,6 +9,7 @@ use std::collections::BTreeMap;
 use clap::Args;
 use serde::Serialize;
 
+use crate::plan::StageId;
 use crate::registry::Registry;
 use crate::resolve::{Resolver, State};
 
@@ -55,7 +56,7 @@ impl Show {
         }
         let port = selector.as_ref().and_then(|s| s.port.as_deref());
         let outputs = self.pipeline.outputs.path();
-        let mut counts: BTreeMap<usize, usize> = BTreeMap::new();
+        let mut counts: BTreeMap<StageId, usize> = BTreeMap::new();
         ids.iter().for_each(|&id| *counts.entry(plan.instances[id].stage).or_default() += 1);
         let (mut instances, mut seen, mut more) = (Vec::new(), BTreeMap::new(), BTreeMap::new());
         for id in ids {
@@ -99,7 +100,7 @@ impl Show {
 }
 
 /// The texts of all, and behind those of a stage how many were left out.
-fn told(instances: &[(usize, Shown)], more: &BTreeMap<usize, usize>, note: &dyn Fn(usize) -> String) -> String {
+fn told(instances: &[(StageId, Shown)], more: &BTreeMap<StageId, usize>, note: &dyn Fn(StageId) -> String) -> String {
     let mut out = String::new();
     for (i, (stage, shown)) in instances.iter().enumerate() {
         if i > 0 {

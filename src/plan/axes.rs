@@ -7,6 +7,7 @@ use std::fmt;
 use serde_json::Value;
 use turbid_contract::Axes;
 
+use crate::ids::InstanceId;
 use crate::key::value_text;
 
 /// More instances than this are a mistake in the file.
@@ -24,7 +25,7 @@ pub struct Piece {
 }
 
 /// A point of some axes (their values in the order of the names), and the instances that stand there.
-pub type Entry = (Vec<Value>, Vec<usize>);
+pub type Entry = (Vec<Value>, Vec<InstanceId>);
 
 /// One instance: its axes, and for each piece the index of the entry it takes.
 #[derive(Debug, PartialEq)]
@@ -164,11 +165,11 @@ fn nested(pieces: &[Piece]) -> Result<(), NotJoined> {
 }
 
 /// Groups the instances of a source by the axes `names`, lists in order of the values of all axes.
-pub fn gather(instances: &[(usize, &Axes)], names: &[String]) -> Vec<Entry> {
-    let mut sorted: Vec<&(usize, &Axes)> = instances.iter().collect();
+pub fn gather(instances: &[(InstanceId, &Axes)], names: &[String]) -> Vec<Entry> {
+    let mut sorted: Vec<&(InstanceId, &Axes)> = instances.iter().collect();
     // By value, so that the order in which a foreach lists its values does not enter the key.
     sorted.sort_by(|a, b| compare_axes(a.1, b.1));
-    let mut groups: BTreeMap<String, (Vec<Value>, Vec<usize>)> = BTreeMap::new();
+    let mut groups: BTreeMap<String, Entry> = BTreeMap::new();
     for (id, axes) in sorted {
         let values = || names.iter().map(|n| &axes[n]);
         let group = groups.entry(point_key(values())).or_insert_with(|| (values().cloned().collect(), Vec::new()));
@@ -201,13 +202,18 @@ fn point_key<'a>(values: impl Iterator<Item = &'a Value>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ids::{Id, IdVec};
     use serde_json::json;
 
     fn piece(label: &str, names: &[&str], points: &[&[i32]]) -> Piece {
         Piece {
             label: label.into(),
             names: names.iter().map(|n| (*n).to_owned()).collect(),
-            entries: points.iter().enumerate().map(|(i, p)| (p.iter().map(|v| json!(v)).collect(), vec![i])).collect(),
+            entries: points
+                .iter()
+                .enumerate()
+                .map(|(i, p)| (p.iter().map(|v| json!(v)).collect(), vec![InstanceId::new(i)]))
+                .collect(),
         }
     }
 
@@ -251,12 +257,13 @@ mod tests {
 
     #[test]
     fn gathering_sorts_by_value() {
-        let points: Vec<Axes> = [[3, 1], [1, 1], [2, 2], [1, 2]]
+        let points: IdVec<InstanceId, Axes> = [[3, 1], [1, 1], [2, 2], [1, 2]]
             .iter()
             .map(|p| [("a".to_owned(), json!(p[0])), ("b".to_owned(), json!(p[1]))].into())
             .collect();
-        let instances: Vec<(usize, &Axes)> = points.iter().enumerate().collect();
+        let instances: Vec<(InstanceId, &Axes)> = points.iter_ids().collect();
         let groups = gather(&instances, &["b".to_owned()]);
-        assert_eq!(groups, vec![(vec![json!(1)], vec![1, 0]), (vec![json!(2)], vec![3, 2])]);
+        let of = |value: i32, ids: [usize; 2]| (vec![json!(value)], ids.map(InstanceId::new).to_vec());
+        assert_eq!(groups, [of(1, [1, 0]), of(2, [3, 2])]);
     }
 }

@@ -4,12 +4,12 @@ use turbid_contract::{Axes, Known, Problems};
 
 use crate::spec::{Diagnostic, Section, Spec, read_params};
 
-use super::StageInfo;
+use super::{IdVec, StageId, StageInfo};
 
 /// Reads and checks the params of every stage that can be read by itself.
-pub fn params(spec: &Spec, infos: &[Option<StageInfo>]) -> Vec<Diagnostic> {
+pub fn params(spec: &Spec, infos: &IdVec<StageId, Option<StageInfo>>) -> Vec<Diagnostic> {
     let mut found = Vec::new();
-    for (stage, info) in infos.iter().enumerate() {
+    for (stage, info) in infos.iter_ids() {
         let Some(info) = info else { continue };
         let stage_spec = &spec.stages[stage];
         let first = stage_spec.foreach.rows.first();

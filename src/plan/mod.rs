@@ -6,13 +6,13 @@ mod ports;
 mod targets;
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::ops::Range;
 
 use turbid_contract::{Arity, Axes, InPort, OutPort, StageRow};
 
 use crate::registry::Registry;
 use crate::spec::{Diagnostic, Report, Section, Spec, nearest};
 
+pub use crate::ids::{Id, IdRange, IdVec, InstanceId, StageId};
 pub use axes::{MAX_INSTANCES, same_value};
 pub use targets::Target;
 
@@ -21,9 +21,6 @@ use ports::Link;
 
 /// Previews are made of stages with at most this many instances; beyond it people read `instances.parquet`.
 pub const PREVIEW_INSTANCES: usize = 64;
-
-/// An instance: index into [`Plan::instances`].
-pub type InstanceId = usize;
 
 /// A stage's kind with its ports, listed once.
 pub(crate) struct StageInfo {
@@ -36,7 +33,7 @@ pub(crate) struct StageInfo {
 /// One stage at one point of its axes.
 #[derive(Debug)]
 pub struct Instance {
-    pub stage: usize,
+    pub stage: StageId,
     pub axes: Axes,
     /// Sorted by port.
     pub wires: Vec<Wire>,
@@ -54,17 +51,17 @@ pub struct Wire {
 /// The checked graph of a pipeline.
 pub struct Plan {
     pub spec: Spec,
-    infos: Vec<StageInfo>,
+    infos: IdVec<StageId, StageInfo>,
     /// In topological order of stages; instances of one stage are neighbours.
-    pub instances: Vec<Instance>,
-    ranges: Vec<Range<InstanceId>>,
+    pub instances: IdVec<InstanceId, Instance>,
+    ranges: IdVec<StageId, IdRange<InstanceId>>,
     /// Stages that the targets need, in topological order.
-    pub needed: Vec<usize>,
+    pub needed: Vec<StageId>,
     /// Whether a stage is in `needed`.
-    is_needed: Vec<bool>,
-    wanted: Vec<BTreeSet<&'static str>>,
+    is_needed: IdVec<StageId, bool>,
+    wanted: IdVec<StageId, BTreeSet<&'static str>>,
     /// Consumers of each stage.
-    consumers: Vec<BTreeSet<usize>>,
+    consumers: IdVec<StageId, BTreeSet<StageId>>,
 }
 
 impl Plan {
@@ -97,10 +94,10 @@ impl Plan {
                 return Err(report);
             }
         };
-        let mut instances: Vec<Instance> = Vec::new();
-        let mut ranges = vec![0..0; spec.stages.len()];
-        let mut broken: BTreeSet<usize> =
-            (0..spec.stages.len()).filter(|&s| infos[s].is_none() || spec.stages[s].broken).collect();
+        let mut instances = IdVec::<InstanceId, Instance>::new();
+        let mut ranges: IdVec<StageId, _> = IdVec::filled(IdRange::new(0, 0), spec.stages.len());
+        let mut broken: BTreeSet<StageId> =
+            spec.stages.ids().filter(|&s| infos[s].is_none() || spec.stages[s].broken).collect();
         for &stage in &order {
             if links[stage].iter().any(|l| l.sources.iter().any(|(_, s)| broken.contains(&s.stage)))
                 || broken.contains(&stage)
@@ -109,9 +106,9 @@ impl Plan {
                 continue;
             }
             match expand(&spec, stage, &links[stage], &instances, &ranges) {
-                Ok(mut fresh) => {
-                    ranges[stage] = instances.len()..instances.len() + fresh.len();
-                    instances.append(&mut fresh);
+                Ok(fresh) => {
+                    ranges[stage] = IdRange::new(instances.len(), instances.len() + fresh.len());
+                    instances.append(fresh);
                     if instances.len() > MAX_INSTANCES {
                         let message = format!("the pipeline has more than {MAX_INSTANCES} instances");
                         report.push(spec.diagnostic(stage, Section::Foreach, &[] as &[&str], message, None));
@@ -131,48 +128,49 @@ impl Plan {
             report.extend(problems);
             return Err(report);
         }
-        let infos: Vec<StageInfo> = infos.into_iter().map(|i| i.expect("every unknown stage was reported")).collect();
-        let mut consumers = vec![BTreeSet::new(); spec.stages.len()];
-        for (stage, links) in links.iter().enumerate() {
+        let infos: IdVec<StageId, StageInfo> =
+            infos.into_iter().map(|i| i.expect("every unknown stage was reported")).collect();
+        let mut consumers = IdVec::<StageId, _>::filled(BTreeSet::new(), spec.stages.len());
+        for (stage, links) in links.iter_ids() {
             for (_, source) in links.iter().flat_map(|l| &l.sources) {
                 consumers[source.stage].insert(stage);
             }
         }
         let (needed, wanted) = targets::select(&spec, &infos, &links, &order, &consumers, &ranges, targets)
             .map_err(|message| Report::from(Diagnostic::error(message, None)))?;
-        let mut is_needed = vec![false; spec.stages.len()];
+        let mut is_needed = IdVec::<StageId, _>::filled(false, spec.stages.len());
         needed.iter().for_each(|&stage| is_needed[stage] = true);
         Ok(Self { spec, infos, instances, ranges, needed, is_needed, wanted, consumers })
     }
 
-    pub fn row(&self, stage: usize) -> &StageRow {
+    pub fn row(&self, stage: StageId) -> &StageRow {
         &self.infos[stage].row
     }
 
-    pub fn inputs(&self, stage: usize) -> &[InPort] {
+    pub fn inputs(&self, stage: StageId) -> &[InPort] {
         &self.infos[stage].inputs
     }
 
-    pub fn outputs(&self, stage: usize) -> &[OutPort] {
+    pub fn outputs(&self, stage: StageId) -> &[OutPort] {
         &self.infos[stage].outputs
     }
 
     /// The instances of a stage.
-    pub fn instances_of(&self, stage: usize) -> Range<InstanceId> {
-        self.ranges[stage].clone()
+    pub fn instances_of(&self, stage: StageId) -> IdRange<InstanceId> {
+        self.ranges[stage]
     }
 
     /// Whether the targets need a stage.
-    pub fn needs(&self, stage: usize) -> bool {
+    pub fn needs(&self, stage: StageId) -> bool {
         self.is_needed[stage]
     }
 
     /// Ports of a stage that are to be there after the run.
-    pub fn wanted(&self, stage: usize) -> &BTreeSet<&'static str> {
+    pub fn wanted(&self, stage: StageId) -> &BTreeSet<&'static str> {
         &self.wanted[stage]
     }
 
-    pub fn consumers(&self, stage: usize) -> &BTreeSet<usize> {
+    pub fn consumers(&self, stage: StageId) -> &BTreeSet<StageId> {
         &self.consumers[stage]
     }
 
@@ -193,8 +191,8 @@ impl Plan {
     }
 }
 
-fn infos(spec: &Spec, registry: &Registry, problems: &mut Vec<Diagnostic>) -> Vec<Option<StageInfo>> {
-    let info = |(at, stage): (usize, &crate::spec::StageSpec)| {
+fn infos(spec: &Spec, registry: &Registry, problems: &mut Vec<Diagnostic>) -> IdVec<StageId, Option<StageInfo>> {
+    let info = |(at, stage): (StageId, &crate::spec::StageSpec)| {
         if stage.use_name.is_empty() {
             return None;
         }
@@ -215,28 +213,28 @@ fn infos(spec: &Spec, registry: &Registry, problems: &mut Vec<Diagnostic>) -> Ve
         };
         Some(StageInfo { name: row.name, row: row.clone(), inputs: (row.inputs)(), outputs: (row.outputs)() })
     };
-    spec.stages.iter().enumerate().map(info).collect()
+    spec.stages.iter_ids().map(info).collect()
 }
 
 /// Stages in an order in which inputs come first (file order where free), or a cycle.
 ///
 /// By the names that inputs give, whether or not ports and payloads fit: those hardly ever do in a circle.
-fn topological(spec: &Spec) -> Result<Vec<usize>, Vec<usize>> {
+fn topological(spec: &Spec) -> Result<Vec<StageId>, Vec<StageId>> {
     #[derive(Clone, Copy, PartialEq)]
     enum Mark {
         New,
         Open,
         Done,
     }
-    let sources = |stage: usize| -> Vec<usize> {
+    let sources = |stage: StageId| -> Vec<StageId> {
         let named = spec.stages[stage].inputs.iter().flat_map(|input| &input.sources);
         named.filter_map(|source| spec.stage(&source.stage)).collect()
     };
-    let mut marks = vec![Mark::New; spec.stages.len()];
+    let mut marks = IdVec::<StageId, _>::filled(Mark::New, spec.stages.len());
     let mut order = Vec::new();
-    for root in 0..spec.stages.len() {
+    for root in spec.stages.ids() {
         // An explicit stack: a chain of a million stages must not end the process.
-        let mut path: Vec<(usize, Vec<usize>)> = Vec::new();
+        let mut path: Vec<(StageId, Vec<StageId>)> = Vec::new();
         if marks[root] == Mark::New {
             marks[root] = Mark::Open;
             path.push((root, sources(root)));
@@ -249,7 +247,7 @@ fn topological(spec: &Spec) -> Result<Vec<usize>, Vec<usize>> {
                 }
                 Some(next) if marks[next] == Mark::Open => {
                     let start = path.iter().position(|(s, _)| *s == next).expect("open stages are on the path");
-                    let mut cycle: Vec<usize> = path[start..].iter().map(|(s, _)| *s).collect();
+                    let mut cycle: Vec<StageId> = path[start..].iter().map(|(s, _)| *s).collect();
                     cycle.reverse();
                     let first = cycle.iter().copied().min().expect("a cycle has stages");
                     let turn = cycle.iter().position(|&s| s == first).expect("it is in it");
@@ -274,10 +272,10 @@ type Mistake = (Section, Vec<String>, String, Option<String>);
 /// The instances of a stage, from those of its sources and its own `foreach`.
 fn expand(
     spec: &Spec,
-    stage: usize,
+    stage: StageId,
     links: &[Link],
-    instances: &[Instance],
-    ranges: &[Range<InstanceId>],
+    instances: &IdVec<InstanceId, Instance>,
+    ranges: &IdVec<StageId, IdRange<InstanceId>>,
 ) -> Result<Vec<Instance>, Mistake> {
     let stage_spec = &spec.stages[stage];
     let at_port = |link: &Link, message: String, hint: Option<String>| {
@@ -288,7 +286,7 @@ fn expand(
     let mut selected: Vec<Selected> = Vec::new();
     for link in links {
         for (source, found) in &link.sources {
-            let some = select(instances, ranges[found.stage].clone(), source).map_err(|(m, h)| at_port(link, m, h))?;
+            let some = select(instances, ranges[found.stage], source).map_err(|(m, h)| at_port(link, m, h))?;
             if !matches!(link.port.arity, Arity::Many | Arity::Some) {
                 brought.extend(some.axes.iter().cloned());
             }
@@ -376,8 +374,8 @@ struct Selected<'a> {
 }
 
 fn select<'a>(
-    instances: &'a [Instance],
-    range: Range<InstanceId>,
+    instances: &'a IdVec<InstanceId, Instance>,
+    range: IdRange<InstanceId>,
     source: &crate::spec::SourceRef,
 ) -> Result<Selected<'a>, Hinted> {
     let mut chosen: Vec<(InstanceId, &Axes)> = range.map(|id| (id, &instances[id].axes)).collect();

@@ -2,6 +2,7 @@
 
 use turbid_contract::{Arity, InPort, OutPort};
 
+use crate::ids::{IdVec, StageId};
 use crate::spec::{Diagnostic, InputSpec, Section, SourceRef, Spec, nearest};
 
 use super::StageInfo;
@@ -13,19 +14,28 @@ pub struct Link {
     pub sources: Vec<(SourceRef, SourcePort)>,
 }
 
-/// Stage (index into the pipeline's stages) and output port that a source names.
+/// Stage and output port that a source names.
 #[derive(Debug, Clone)]
 pub struct SourcePort {
-    pub stage: usize,
+    pub stage: StageId,
     pub port: OutPort,
 }
 
 /// Resolves the inputs of every stage, or reports every mistake in them.
-pub fn link(spec: &Spec, stages: &[Option<StageInfo>], problems: &mut Vec<Diagnostic>) -> Vec<Vec<Link>> {
-    spec.stages.iter().enumerate().map(|(at, _)| link_stage(spec, stages, at, problems)).collect()
+pub fn link(
+    spec: &Spec,
+    stages: &IdVec<StageId, Option<StageInfo>>,
+    problems: &mut Vec<Diagnostic>,
+) -> IdVec<StageId, Vec<Link>> {
+    spec.stages.ids().map(|at| link_stage(spec, stages, at, problems)).collect()
 }
 
-fn link_stage(spec: &Spec, stages: &[Option<StageInfo>], at: usize, problems: &mut Vec<Diagnostic>) -> Vec<Link> {
+fn link_stage(
+    spec: &Spec,
+    stages: &IdVec<StageId, Option<StageInfo>>,
+    at: StageId,
+    problems: &mut Vec<Diagnostic>,
+) -> Vec<Link> {
     let Some(info) = &stages[at] else { return Vec::new() };
     let mut links = Vec::new();
     let mut misspelt = Vec::new();
@@ -82,8 +92,8 @@ type Mistake = (String, Option<String>);
 /// `Ok(None)` where the source's own stage is broken and reported already.
 fn find_source(
     spec: &Spec,
-    stages: &[Option<StageInfo>],
-    at: usize,
+    stages: &IdVec<StageId, Option<StageInfo>>,
+    at: StageId,
     wanted: &InPort,
     source: &SourceRef,
 ) -> Result<Option<SourcePort>, Mistake> {

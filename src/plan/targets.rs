@@ -1,12 +1,11 @@
 //! What the user asked for, and what follows from it: the needed stages and the wanted ports.
 
 use std::collections::BTreeSet;
-use std::ops::Range;
 
 use crate::spec::{Spec, nearest};
 
 use super::ports::Link;
-use super::{InstanceId, PREVIEW_INSTANCES, StageInfo};
+use super::{IdRange, IdVec, InstanceId, PREVIEW_INSTANCES, StageId, StageInfo};
 
 /// `STAGE` or `STAGE.PORT` on the command line.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -24,7 +23,7 @@ impl Target {
     }
 }
 
-type Selection = (Vec<usize>, Vec<BTreeSet<&'static str>>);
+type Selection = (Vec<StageId>, IdVec<StageId, BTreeSet<&'static str>>);
 
 /// Needed stages in topological order, and for each stage of the file the ports that must be there.
 ///
@@ -32,17 +31,17 @@ type Selection = (Vec<usize>, Vec<BTreeSet<&'static str>>);
 /// preview also where the stage has few instances, because someone is going to look.
 pub(super) fn select(
     spec: &Spec,
-    infos: &[StageInfo],
-    links: &[Vec<Link>],
-    order: &[usize],
-    consumers: &[BTreeSet<usize>],
-    ranges: &[Range<InstanceId>],
+    infos: &IdVec<StageId, StageInfo>,
+    links: &IdVec<StageId, Vec<Link>>,
+    order: &[StageId],
+    consumers: &IdVec<StageId, BTreeSet<StageId>>,
+    ranges: &IdVec<StageId, IdRange<InstanceId>>,
     targets: &[Target],
 ) -> Result<Selection, String> {
-    let mut needed: BTreeSet<usize> = BTreeSet::new();
-    let mut wanted: Vec<BTreeSet<&'static str>> = vec![BTreeSet::new(); infos.len()];
+    let mut needed: BTreeSet<StageId> = BTreeSet::new();
+    let mut wanted = IdVec::<StageId, _>::filled(BTreeSet::new(), infos.len());
     if targets.is_empty() {
-        needed.extend((0..infos.len()).filter(|&stage| consumers[stage].is_empty()));
+        needed.extend(infos.ids().filter(|&stage| consumers[stage].is_empty()));
     }
     for target in targets {
         let Some(stage) = spec.stage(&target.stage) else {

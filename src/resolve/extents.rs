@@ -1,11 +1,10 @@
 //! How large artifacts are, or are going to be, and how that flows through the graph: what memory is reckoned from.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 use turbid_contract::{Extent, StagePlan};
 
-use super::{Outputs, Resolver};
+use super::{AllOutputs, Resolver};
 use crate::plan::{InstanceId, Wire};
 
 /// The sizes of an instance's outputs, as far as they are known.
@@ -13,7 +12,7 @@ pub(super) type Sizes = BTreeMap<String, Extent>;
 
 impl Resolver<'_> {
     /// The sizes of the artifacts on the input ports; of many the largest, for one is held at a time.
-    pub(super) fn extents_of_inputs(&self, id: InstanceId, outputs: &[Option<Arc<Outputs>>]) -> Sizes {
+    pub(super) fn extents_of_inputs(&self, id: InstanceId, outputs: &AllOutputs) -> Sizes {
         let largest = |wire: &Wire| {
             let of = |(source, port): &(InstanceId, &str)| self.extent(*source, port, outputs);
             Some((wire.port.to_owned(), wire.from.iter().filter_map(of).max_by_key(|extent| extent.bytes())?))
@@ -30,7 +29,7 @@ impl Resolver<'_> {
     }
 
     /// The size of an output: as its stage foresees it, or as it is in memory or in the store.
-    fn extent(&self, id: InstanceId, port: &str, outputs: &[Option<Arc<Outputs>>]) -> Option<Extent> {
+    fn extent(&self, id: InstanceId, port: &str, outputs: &AllOutputs) -> Option<Extent> {
         let kept = self.instant.lock().expect("no holder panics").get(&id).cloned();
         if let Some(artifact) = kept.as_ref().and_then(|ports| ports.get(port)) {
             return Some(artifact.artifact().extent());

@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use turbid_contract::{Form, Forms};
 
-use super::{Outputs, Resolver};
+use super::{AllOutputs, Keyed, Resolver};
 use crate::panics::lock;
-use crate::plan::InstanceId;
+use crate::plan::{InstanceId, StageId};
 
 /// The forms of an instance's outputs, by port.
 pub type Described = BTreeMap<&'static str, Arc<Form>>;
@@ -16,11 +16,11 @@ pub type Described = BTreeMap<&'static str, Arc<Form>>;
 #[derive(Default)]
 pub(super) struct KnownForms {
     of: HashMap<InstanceId, Arc<Described>>,
-    latest: HashMap<usize, Arc<Described>>,
+    latest: HashMap<StageId, Arc<Described>>,
 }
 
 impl KnownForms {
-    fn insert(&mut self, id: InstanceId, stage: usize, forms: Forms) -> Arc<Described> {
+    fn insert(&mut self, id: InstanceId, stage: StageId, forms: Forms) -> Arc<Described> {
         let before = self.latest.get(&stage);
         let same = before.filter(|before| {
             before.len() == forms.len()
@@ -42,11 +42,7 @@ impl KnownForms {
 
 impl Resolver<'_> {
     /// The forms of the artifacts on the input ports, in the order in which a run gets them.
-    pub(super) fn forms_of_inputs(
-        &self,
-        id: InstanceId,
-        outputs: &[Option<Arc<Outputs>>],
-    ) -> BTreeMap<String, Vec<Arc<Form>>> {
+    pub(super) fn forms_of_inputs(&self, id: InstanceId, outputs: &AllOutputs) -> BTreeMap<String, Vec<Arc<Form>>> {
         let open = Arc::new(Form::default());
         let of = |&(source, port): &(InstanceId, &'static str)| {
             self.forms(source, outputs).get(port).cloned().unwrap_or_else(|| open.clone())
@@ -60,13 +56,36 @@ impl Resolver<'_> {
         lock(&self.forms).insert(id, self.plan.instances[id].stage, forms)
     }
 
+    /// Whether a stage reads what an instance makes: only then is that described before anything runs, and kept.
+    pub(super) fn is_read(&self, id: InstanceId) -> bool {
+        !self.plan.consumers(self.plan.instances[id].stage).is_empty()
+    }
+
+    /// Describes what an instance is going to make that nobody reads, until it is [forgotten](Self::forget): what came of it is held against that.
+    pub fn describe(&self, id: InstanceId, keyed: &Keyed, outputs: &AllOutputs) {
+        if !self.is_read(id)
+            && let Ok(lent) = self.files.lend(&keyed.files, false)
+        {
+            let mut known = self.known(id, outputs);
+            known.files = lent.files.clone();
+            self.note_forms(id, keyed.job.describe(&known));
+        }
+    }
+
+    /// The instance has ended.
+    pub fn forget(&self, id: InstanceId) {
+        if !self.is_read(id) {
+            lock(&self.forms).of.remove(&id);
+        }
+    }
+
     /// What is known of an output before its instance runs; `None` where nothing was asked.
     pub fn form(&self, id: InstanceId, port: &str) -> Option<Arc<Form>> {
         lock(&self.forms).of.get(&id)?.get(port).cloned()
     }
 
     /// The forms of an instance's outputs, whether or not the store holds them.
-    fn forms(&self, id: InstanceId, outputs: &[Option<Arc<Outputs>>]) -> Arc<Described> {
+    fn forms(&self, id: InstanceId, outputs: &AllOutputs) -> Arc<Described> {
         let known = |id: InstanceId| lock(&self.forms).of.get(&id).cloned();
         if let Some(forms) = known(id) {
             return forms;
@@ -89,7 +108,7 @@ impl Resolver<'_> {
     }
 
     /// The same, those of its inputs being known.
-    fn own_forms(&self, id: InstanceId, outputs: &[Option<Arc<Outputs>>]) -> Forms {
+    fn own_forms(&self, id: InstanceId, outputs: &AllOutputs) -> Forms {
         // Mistakes in params are told where the stage is checked.
         let Ok(prepared) = self.prepare(id) else { return Forms::new() };
         let mut known = self.known(id, outputs);

@@ -1,17 +1,15 @@
 //! Inputs of an instant stage during check and plan.
 
-use std::sync::Arc;
-
 use turbid_contract::{Artifact, Axes, Error, InputSource};
 
-use super::{Outputs, Resolver};
+use super::{AllOutputs, Resolver};
 use crate::plan::Wire;
 
 /// Those that the store, or an instant stage before it, has by now.
 pub(super) struct KnownInputs<'a> {
     pub resolver: &'a Resolver<'a>,
     pub wires: &'a [Wire],
-    pub outputs: &'a [Option<Arc<Outputs>>],
+    pub outputs: &'a AllOutputs,
 }
 
 impl InputSource for KnownInputs<'_> {

@@ -43,30 +43,32 @@ impl Admission {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::plan::Id;
 
     const GB: u64 = 1_000_000_000;
 
     /// Two of 3 GB fit into 7 and a third does not; one of 9 GB waits until nothing is at work, then has its turn.
     #[test]
     fn what_fits_runs_side_by_side() {
-        let mut admission =
-            Admission::new(Some(7 * GB), [(0, 3 * GB), (1, 3 * GB), (2, 3 * GB), (3, 9 * GB), (4, 1000)]);
-        assert!(admission.admits(0, false));
-        admission.begin(0);
-        assert!(admission.admits(1, true));
-        admission.begin(1);
-        assert!(!admission.admits(2, true) && !admission.admits(3, true));
+        let [a, b, c, large, small, unknown] = [0, 1, 2, 3, 4, 99].map(InstanceId::new);
+        let needs = [(a, 3 * GB), (b, 3 * GB), (c, 3 * GB), (large, 9 * GB), (small, 1000)];
+        let mut admission = Admission::new(Some(7 * GB), needs);
+        assert!(admission.admits(a, false));
+        admission.begin(a);
+        assert!(admission.admits(b, true));
+        admission.begin(b);
+        assert!(!admission.admits(c, true) && !admission.admits(large, true));
         assert!(
-            admission.admits(4, true) && admission.admits(99, true),
+            admission.admits(small, true) && admission.admits(unknown, true),
             "small ones, and those that nothing is known of"
         );
-        admission.end(0);
-        assert!(admission.admits(2, true) && !admission.admits(3, true));
-        admission.end(1);
-        assert!(admission.admits(3, false));
+        admission.end(a);
+        assert!(admission.admits(c, true) && !admission.admits(large, true));
+        admission.end(b);
+        assert!(admission.admits(large, false));
         assert_eq!(admission.taken, 0);
         assert!(
-            Admission::new(None, [(0, u64::MAX), (1, u64::MAX)]).admits(0, true),
+            Admission::new(None, [(a, u64::MAX), (b, u64::MAX)]).admits(a, true),
             "where nobody knows what there is"
         );
     }

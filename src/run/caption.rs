@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::digest::PartHasher;
 use crate::key::axes_text;
-use crate::plan::{InstanceId, Plan};
+use crate::plan::{InstanceId, Plan, StageId};
 use crate::preview::Caption;
 use crate::store::{Blob, InstanceRecord};
 
@@ -53,8 +53,8 @@ pub fn fingerprint(caption: &Caption) -> String {
 }
 
 /// For each needed stage the overrides that it, or a stage that feeds it, depends on, as they were given.
-pub fn overrides(plan: &Plan) -> BTreeMap<usize, Vec<String>> {
-    let mut found: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();
+pub fn overrides(plan: &Plan) -> BTreeMap<StageId, Vec<String>> {
+    let mut found: BTreeMap<StageId, BTreeSet<usize>> = BTreeMap::new();
     // Sources come first.
     for &stage in &plan.needed {
         let own = found.entry(stage).or_default();

@@ -72,7 +72,7 @@ pub fn publish(plan: &Plan, store: &Store, summary: &Summary, outputs: &Path) ->
     let command = Command::of(plan, outputs);
     for &stage in &plan.needed {
         let set = overrides.get(&stage).map_or(&[][..], Vec::as_slice);
-        let records: Vec<(usize, &Arc<InstanceRecord>)> =
+        let records: Vec<(InstanceId, &Arc<InstanceRecord>)> =
             plan.instances_of(stage).filter_map(|id| summary.record(id).map(|r| (id, r))).collect();
         let name = file_name(&plan.spec.stages[stage].name);
         if records.len() > PREVIEW_INSTANCES {
@@ -190,7 +190,7 @@ fn drawn(port: &PortRecord) -> bool {
 
 /// Folders of stages that are still in the pipeline but were not asked for this time.
 fn kept(plan: &Plan) -> HashSet<String> {
-    let stages = plan.spec.stages.iter().enumerate().filter(|(stage, _)| !plan.needs(*stage));
+    let stages = plan.spec.stages.iter_ids().filter(|(stage, _)| !plan.needs(*stage));
     stages.map(|(_, stage)| file_name(&stage.name)).collect()
 }
 

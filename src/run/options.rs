@@ -1,5 +1,7 @@
 //! How to run.
 
+use crate::plan::StageId;
+
 /// How to run.
 #[derive(Clone, Debug)]
 pub struct Options {
@@ -8,7 +10,7 @@ pub struct Options {
     /// Go on with what does not depend on a failed instance.
     pub keep_going: bool,
     /// Stages that run even where the store holds their outputs.
-    pub force: Vec<usize>,
+    pub force: Vec<StageId>,
     /// Store what they make even where it differs from what is stored.
     pub replace: bool,
     /// `baseline`, `v3`, `v4`, or empty for the best level of vector instructions.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use crate::digest::Digest;
 use crate::plan::{InstanceId, Plan};
-use crate::resolve::{Keyed, Outputs, Resolver, State, Survey, outputs_of};
+use crate::resolve::{AllOutputs, Keyed, Outputs, Resolver, State, Survey, outputs_of};
 use crate::spec::Diagnostic;
 use crate::store::{Cost, InstanceRecord};
 
@@ -28,7 +28,7 @@ pub struct Schedule<'a> {
     pub progress: &'a dyn Progress,
     plan: &'a Plan,
     states: States,
-    outputs: Vec<Option<Arc<Outputs>>>,
+    outputs: AllOutputs,
     /// The needed instances that consume an instance.
     dependents: HashMap<InstanceId, Vec<InstanceId>>,
     repairs: HashMap<InstanceId, usize>,
@@ -53,7 +53,7 @@ impl<'a> Schedule<'a> {
             progress,
             plan,
             states: States::new(plan.instances.len()),
-            outputs: vec![None; plan.instances.len()],
+            outputs: AllOutputs::filled(None, plan.instances.len()),
             dependents: HashMap::new(),
             repairs: HashMap::new(),
             made_by: HashMap::new(),
@@ -62,7 +62,7 @@ impl<'a> Schedule<'a> {
             admission: Admission::new(options.memory, needs),
             stopping: false,
         };
-        for (id, state) in survey.states.into_iter().enumerate() {
+        for (id, state) in plan.instances.ids().zip(survey.states) {
             if let Some(State::Hit(record)) = state {
                 schedule.states.set(id, BuildState::Done { record, ran: false });
             }
@@ -113,6 +113,7 @@ impl<'a> Schedule<'a> {
                 return None;
             }
             if let Some((job, reasons)) = self.start(id) {
+                self.resolver.describe(id, &job, &self.outputs);
                 self.progress.started(&self.plan.label(id), &reasons);
                 self.states.set(id, BuildState::Running);
                 self.admission.begin(id);
@@ -132,7 +133,7 @@ impl<'a> Schedule<'a> {
     /// The work of an instance whose turn it is. `None`: an instance of the same key or another run made it or is making it, or it cannot run;
     /// it is not `Ready` any more.
     fn start(&mut self, id: InstanceId) -> Option<(Keyed, Vec<String>)> {
-        match self.resolver.state(id, &self.outputs, &self.options.force) {
+        match self.resolver.state(id, &self.outputs, self.is_forced(id)) {
             Ok((State::Run { reasons }, job)) => {
                 let job = job.expect("an instance that runs has a job");
                 if let Some(first) = self.made_by.get(&job.key).filter(|first| self.states.is_running(**first)) {
@@ -141,7 +142,7 @@ impl<'a> Schedule<'a> {
                     return None;
                 }
                 self.made_by.insert(job.key, id);
-                if self.options.force.contains(&self.plan.instances[id].stage) {
+                if self.is_forced(id) {
                     self.forced.insert(id);
                 }
                 Some((job, reasons))
@@ -174,6 +175,11 @@ impl<'a> Schedule<'a> {
         }
     }
 
+    /// Whether the user asked that it runs even where the store holds its outputs.
+    fn is_forced(&self, id: InstanceId) -> bool {
+        self.options.force.contains(&self.plan.instances[id].stage)
+    }
+
     /// The record of an instance whose work another one of the same key did: at no cost.
     fn shared(&self, id: InstanceId, record: &InstanceRecord) -> InstanceRecord {
         let mut own = record.clone();
@@ -202,6 +208,7 @@ impl<'a> Schedule<'a> {
     /// An instance that was at work ended.
     pub fn finish(&mut self, id: InstanceId, outcome: Outcome) {
         self.admission.end(id);
+        self.resolver.forget(id);
         match outcome {
             Outcome::Ran(record) => {
                 self.progress.ran(&self.plan.label(id), &record);

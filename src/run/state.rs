@@ -4,7 +4,7 @@ use std::collections::{BTreeSet, HashMap};
 use std::fmt;
 use std::sync::Arc;
 
-use crate::plan::InstanceId;
+use crate::plan::{IdVec, InstanceId};
 use crate::store::InstanceRecord;
 
 use super::summary::End;
@@ -84,7 +84,7 @@ impl fmt::Display for BuildState {
 
 /// The states of all instances of a plan.
 pub struct States {
-    states: Vec<BuildState>,
+    states: IdVec<InstanceId, BuildState>,
     /// Those that are `Ready`, in the order in which they begin.
     ready: BTreeSet<InstanceId>,
     /// How many are `Running`.
@@ -93,7 +93,7 @@ pub struct States {
 
 impl States {
     pub fn new(instances: usize) -> Self {
-        Self { states: vec![BuildState::Unknown; instances], ready: BTreeSet::new(), running: 0 }
+        Self { states: IdVec::filled(BuildState::Unknown, instances), ready: BTreeSet::new(), running: 0 }
     }
 
     pub fn get(&self, id: InstanceId) -> &BuildState {
@@ -106,7 +106,7 @@ impl States {
     /// Where the table of [`BuildState`] does not have it: a mistake of the scheduler.
     pub fn set(&mut self, id: InstanceId, next: BuildState) {
         let state = &mut self.states[id];
-        assert!(state.may_become(&next), "instance {id}: {state} -> {next}");
+        assert!(state.may_become(&next), "{id:?}: {state} -> {next}");
         match state {
             BuildState::Ready => drop(self.ready.remove(&id)),
             BuildState::Running => self.running -= 1,
@@ -138,7 +138,7 @@ impl States {
 
     /// How the needed instances ended; what had no turn is skipped.
     pub fn ends(mut self, needed: impl Iterator<Item = InstanceId>) -> HashMap<InstanceId, End> {
-        let mut end = |id| {
+        let mut end = |id: InstanceId| {
             let open = matches!(self.states[id], BuildState::Want { .. } | BuildState::Ready | BuildState::Twin);
             if open {
                 self.set(id, BuildState::Skipped);
@@ -148,7 +148,7 @@ impl States {
                 BuildState::Done { record, ran: false } => End::Hit(record),
                 BuildState::Failed(message) => End::Failed(message),
                 BuildState::Skipped => End::Skipped,
-                state => panic!("instance {id} is {state} at the end of the run"),
+                state => panic!("{id:?} is {state} at the end of the run"),
             }
         };
         needed.map(|id| (id, end(id))).collect()
@@ -161,6 +161,7 @@ mod tests {
 
     use super::*;
     use crate::digest::Digest;
+    use crate::plan::Id;
     use crate::store::{Cost, Provenance};
 
     fn record() -> Arc<InstanceRecord> {
@@ -199,28 +200,28 @@ mod tests {
     /// Every pair of states: what the table has happens and is counted, what it has not ends with both names.
     #[test]
     fn states_follow_each_other_as_the_table_says() {
-        let (kinds, table) = (kinds(), table());
+        let (kinds, table, id) = (kinds(), table(), InstanceId::new(1));
         assert_eq!(table.len(), kinds.len());
         for (from, (name, row)) in kinds.iter().zip(&table) {
             assert!(from.to_string().starts_with(name.as_str()), "{from} stands in the row of {name}");
             assert_eq!(row.len(), kinds.len(), "{name}");
             for (to, &legal) in kinds.iter().zip(row) {
                 let mut states = States::new(2);
-                states.states[1] = from.clone();
-                states.ready.extend(matches!(from, BuildState::Ready).then_some(1));
+                states.states[id] = from.clone();
+                states.ready.extend(matches!(from, BuildState::Ready).then_some(id));
                 states.running = usize::from(matches!(from, BuildState::Running));
-                let done = catch_unwind(AssertUnwindSafe(|| states.set(1, to.clone())));
+                let done = catch_unwind(AssertUnwindSafe(|| states.set(id, to.clone())));
                 match done {
                     Ok(()) => {
                         assert!(legal, "{from} -> {to}");
-                        assert_eq!(states.get(1).to_string(), to.to_string());
+                        assert_eq!(states.get(id).to_string(), to.to_string());
                         assert_eq!(states.first_ready().is_some(), matches!(to, BuildState::Ready), "{from} -> {to}");
                         assert_eq!(states.running() > 0, matches!(to, BuildState::Running), "{from} -> {to}");
                     }
                     Err(panic) => {
                         assert!(!legal, "{from} -> {to}");
                         let text = crate::panics::text(panic.as_ref());
-                        assert!(text.contains(&format!("instance 1: {from} -> {to}")), "{text}");
+                        assert!(text.contains(&format!("{id:?}: {from} -> {to}")), "{text}");
                     }
                 }
             }
@@ -232,8 +233,9 @@ mod tests {
     fn runs_end_with_an_end_for_each() {
         let ends = |state: BuildState| {
             let mut states = States::new(1);
-            states.states[0] = state;
-            catch_unwind(AssertUnwindSafe(|| states.ends(std::iter::once(0)))).ok().map(|mut ends| ends.remove(&0))
+            let id = InstanceId::new(0);
+            states.states[id] = state;
+            catch_unwind(AssertUnwindSafe(|| states.ends(std::iter::once(id)))).ok().map(|mut ends| ends.remove(&id))
         };
         let words = kinds().map(|state| match ends(state) {
             Some(Some(End::Ran(_))) => "ran",

@@ -41,6 +41,7 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 use turbid_contract::{At, Axes, Problem};
 
+pub use crate::ids::{Id, IdVec, StageId};
 pub use diagnostic::{Diagnostic, Severity};
 pub use draw::{Distribution, Draw, DrawMethod};
 pub use foreach::Foreach;
@@ -77,14 +78,14 @@ pub struct Spec {
     /// With references to other vars put in.
     pub vars: BTreeMap<String, Value>,
     /// In the order of the file.
-    pub stages: Vec<StageSpec>,
+    pub stages: IdVec<StageId, StageSpec>,
     pub studies: Vec<StudySpec>,
     /// The file, what it includes, and the overrides.
     pub sources: Vec<SourceFile>,
     /// As given: `stages.frames.with.samples=64`.
     pub overrides: Vec<String>,
     /// Places in `stages` by name.
-    places: HashMap<String, usize>,
+    places: HashMap<String, StageId>,
     /// What is legal in the file and its overrides, but probably not meant.
     pub warnings: Vec<Diagnostic>,
     root: Node,
@@ -156,7 +157,8 @@ fn read_from(file: Result<SourceFile, String>, path: &Path, overrides: &[String]
         _ => read_stages(&root, &vars, &mut reader),
     };
     let studies = study::parse_all(root.entry("studies"), &root, &mut reader);
-    let places = stages.iter().enumerate().map(|(i, stage)| (stage.name.clone(), i)).collect();
+    let stages: IdVec<StageId, StageSpec> = stages.into();
+    let places = stages.iter_ids().map(|(id, stage)| (stage.name.clone(), id)).collect();
     let spec = Spec {
         pipeline,
         about,
@@ -255,24 +257,24 @@ fn written_axes(stages: &[Entry]) -> Vec<String> {
 
 impl Spec {
     /// Place in `stages` of the stage of this name.
-    pub fn stage(&self, name: &str) -> Option<usize> {
+    pub fn stage(&self, name: &str) -> Option<StageId> {
         self.places.get(name).copied()
     }
 
     /// The params of an instance of a stage: `with`, with vars and the axes of the instance put in.
-    pub fn params(&self, stage: usize, axes: &Axes) -> Result<Value, Vec<Diagnostic>> {
+    pub fn params(&self, stage: StageId, axes: &Axes) -> Result<Value, Vec<Diagnostic>> {
         let with = &self.stages[stage].with;
         with.params(axes, &self.vars).map_err(|wrong| self.unfilled(stage, axes, wrong))
     }
 
     /// Turns the params of one instance (from [`Self::params`]) into those of another of the same stage, touching
     /// only what depends on axes.
-    pub fn refill(&self, stage: usize, axes: &Axes, params: &mut Value) -> Result<(), Vec<Diagnostic>> {
+    pub fn refill(&self, stage: StageId, axes: &Axes, params: &mut Value) -> Result<(), Vec<Diagnostic>> {
         let with = &self.stages[stage].with;
         with.refill(params, axes, &self.vars).map_err(|wrong| self.unfilled(stage, axes, wrong))
     }
 
-    fn unfilled(&self, stage: usize, axes: &Axes, wrong: Vec<template::Unfilled>) -> Vec<Diagnostic> {
+    fn unfilled(&self, stage: StageId, axes: &Axes, wrong: Vec<template::Unfilled>) -> Vec<Diagnostic> {
         let diagnostic = |u: template::Unfilled| {
             let known = axes.keys().map(String::as_str);
             let hint = u.name.and_then(|name| suggest::hint(&name, known));
@@ -283,7 +285,7 @@ impl Spec {
 
     /// The directory that the file name at this field path below `with` is relative to: that of the YAML file in which
     /// it (or the var or axis that it is made of) stands; for an override, the working directory.
-    pub fn input_file_base(&self, stage: usize, at: &str) -> PathBuf {
+    pub fn input_file_base(&self, stage: StageId, at: &str) -> PathBuf {
         let with = self.stage_node(stage).get("with");
         let steps = at.split('.').filter(|s| !s.is_empty());
         let node = steps.fold(with, |node, step| node.and_then(|n| n.step(step)).map(|(_, n)| n).or(node));
@@ -313,7 +315,7 @@ impl Spec {
     }
 
     /// What a stage found wrong, at its place.
-    pub fn problem(&self, stage: usize, problem: Problem) -> Diagnostic {
+    pub fn problem(&self, stage: StageId, problem: Problem) -> Diagnostic {
         let section = match problem.at {
             At::With => Section::With,
             At::In => Section::In,
@@ -333,7 +335,7 @@ impl Spec {
     /// An error at the deepest part of `path` (below the section) that stands in the file.
     pub fn diagnostic<S: AsRef<str>>(
         &self,
-        stage: usize,
+        stage: StageId,
         section: Section,
         path: &[S],
         mistake: impl Into<Mistake>,
@@ -387,7 +389,7 @@ impl Spec {
 
     /// What this version reads and checks but does not run yet: drawn points (errors), studies (warnings).
     pub fn not_yet(&self) -> Vec<Diagnostic> {
-        let drawn = self.stages.iter().enumerate().filter(|(_, s)| s.foreach.draw.is_some()).map(|(i, _)| {
+        let drawn = self.stages.iter_ids().filter(|(_, s)| s.foreach.draw.is_some()).map(|(i, _)| {
             let message = "points are read and checked, but drawing them comes with a later version";
             let hint = "until then, list the values, or use `linspace`, `logspace` or `csv`".to_owned();
             self.diagnostic(i, Section::Foreach, &["draw"], Mistake::new(Kind::NotYet, message), Some(hint))
@@ -399,7 +401,7 @@ impl Spec {
         drawn.chain(studies).collect()
     }
 
-    fn stage_node(&self, stage: usize) -> &Node {
+    fn stage_node(&self, stage: StageId) -> &Node {
         let stages = self.root.get("stages").expect("a spec with a stage has a section of stages");
         &stages.entries()[self.stages[stage].entry].value
     }

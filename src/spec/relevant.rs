@@ -3,18 +3,18 @@
 use std::collections::BTreeSet;
 
 use super::node::Node;
-use super::{Spec, vars};
+use super::{Id, Spec, StageId, vars};
 
 impl Spec {
     /// Places in `overrides` of those that the stage itself depends on: its own parts, vars that it uses, directly or through other vars, and
     /// the seed. What its sources depend on is not among them.
-    pub fn overrides_of(&self, stage: usize) -> BTreeSet<usize> {
+    pub fn overrides_of(&self, stage: StageId) -> BTreeSet<usize> {
         if self.overrides.is_empty() {
             return BTreeSet::new();
         }
         let section = |name: &str| self.root.get(name).map(Node::entries).unwrap_or_default();
         // Stages are in the order of their entries.
-        let mut open = section("stages").get(stage).map(|e| vars::names_in(&e.value)).unwrap_or_default();
+        let mut open = section("stages").get(stage.place()).map(|e| vars::names_in(&e.value)).unwrap_or_default();
         let mut used = BTreeSet::new();
         while let Some(name) = open.pop() {
             if let Some(entry) = section("vars").iter().find(|e| e.key == name) {

@@ -40,7 +40,7 @@ fn mistakes(text: &str) -> String {
 
 fn rows(foreach: &str) -> (Vec<String>, Value) {
     let spec = spec(&format!("stages: {{s: {{use: x, foreach: {foreach}}}}}"));
-    (spec.stages[0].foreach.names.clone(), json!(spec.stages[0].foreach.rows))
+    (spec.stages[StageId::new(0)].foreach.names.clone(), json!(spec.stages[StageId::new(0)].foreach.rows))
 }
 
 #[test]
@@ -59,7 +59,7 @@ fn the_whole_grammar_is_read() {
         "  s: {vary: {vars.f_x: {linspace: [0, 1, 3]}}, estimate: frames.mu_a, truth: frames.truth, error: rmse_percent}\n",
     ));
     assert_eq!((spec.pipeline.as_str(), spec.about.as_deref(), spec.seed), ("whole", Some("All of it"), 7));
-    let frames = &spec.stages[1];
+    let frames = &spec.stages[StageId::new(1)];
     assert_eq!(
         (frames.use_name.as_str(), frames.product, frames.seed),
         ("render", true, Some(SeedSpec::PerInstance(u64::MAX)))
@@ -101,7 +101,7 @@ fn foreach_makes_a_grid_whose_last_axis_varies_fastest() {
     // Paired axes may repeat a value, as the columns of a table do; only the pairs must differ.
     assert_eq!(rows("{a: [1, 2, 0], b: [0, 0, 1], zip: [[a, b]]}").1, json!([[1, 0], [2, 0], [0, 1]]));
     assert_eq!(rows("{}").1, json!([[]]));
-    assert_eq!(spec("stages: {s: {use: x}}").stages[0].foreach.rows, [Vec::<Value>::new()]);
+    assert_eq!(spec("stages: {s: {use: x}}").stages[StageId::new(0)].foreach.rows, [Vec::<Value>::new()]);
 }
 
 /// A draw stands as one point in the middle of its distributions until it can be drawn.
@@ -114,7 +114,10 @@ fn draws_are_read_and_stand_as_one_point() {
     assert!((values[0][1].as_f64().unwrap() - 1e-3).abs() < 1e-18);
     assert_eq!(values[0][2], json!(0.75));
     let spec = spec(&format!("stages: {{s: {{use: x, foreach: {foreach}}}}}"));
-    assert_eq!(spec.stages[0].foreach.draw.as_ref().map(|d| (d.n, d.method)), Some((1000, DrawMethod::Lhs)));
+    assert_eq!(
+        spec.stages[StageId::new(0)].foreach.draw.as_ref().map(|d| (d.n, d.method)),
+        Some((1000, DrawMethod::Lhs))
+    );
     assert!(spec.not_yet()[0].message.contains("later version"));
 }
 
@@ -124,7 +127,7 @@ fn csv_columns_are_axes_that_go_together() {
         ("main.yaml", "stages: {s: {use: x, foreach: {csv: data/m.csv, k: [1, 2]}}}"),
         ("data/m.csv", "mu_a,g\n0.1,0.8\n0.2,0.9\n"),
     ]);
-    let foreach = &files.load(&[]).expect("it is right").stages[0].foreach;
+    let foreach = &files.load(&[]).expect("it is right").stages[StageId::new(0)].foreach;
     assert_eq!(foreach.names, ["mu_a", "g", "k"]);
     assert_eq!(json!(foreach.rows), json!([[0.1, 0.8, 1], [0.1, 0.8, 2], [0.2, 0.9, 1], [0.2, 0.9, 2]]));
 }
@@ -136,7 +139,7 @@ fn refilled_params_are_those_made_afresh() {
         "vars: {k: 3}\nstages:\n  s:\n    use: x\n    foreach: {a: [1, 2, 0.5], b: [u, v]}\n",
         "    with: {list: [0, \"${a}\", {deep: \"${b}-${k}\"}], k: \"${k}\", fixed: {x: 1}}\n",
     ));
-    let foreach = &spec.stages[0].foreach;
+    let foreach = &spec.stages[StageId::new(0)].foreach;
     let mut reused = None;
     for row in &foreach.rows {
         let axes: Axes = foreach.names.iter().cloned().zip(row.iter().cloned()).collect();
@@ -337,7 +340,7 @@ fn changed_texts_are_read_or_refused() {
         let sound = if round % 2 == 0 {
             let (spec, report) = read_bytes(Path::new("f.yaml"), &bytes, &[]);
             if let Some(spec) = spec.filter(|_| !report.has_errors()) {
-                for (i, stage) in spec.stages.iter().enumerate() {
+                for (i, stage) in spec.stages.iter_ids() {
                     let first: Axes = stage.foreach.names.iter().cloned().zip(stage.foreach.rows[0].clone()).collect();
                     let _ = spec.params(i, &first);
                 }

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashMap};
 
 use serde_json::{Value, json};
 
-use crate::plan::Plan;
+use crate::plan::{InstanceId, Plan};
 use crate::resolve::Survey;
 
 use super::words::{duration, percent, rate};
@@ -27,11 +27,11 @@ impl Work {
     /// All that a survey found stale.
     pub fn of(plan: &Plan, survey: &Survey) -> Self {
         let stale = plan.needed_instances().filter(|id| survey.plans.contains_key(id));
-        let seconds = |id: &usize| match survey.twins.contains_key(id) {
+        let seconds = |id: &InstanceId| match survey.twins.contains_key(id) {
             true => 0.0,
             false => survey.plans[id].seconds.unwrap_or(UNKNOWN_S).max(UNKNOWN_S),
         };
-        let stage = |id: usize| plan.spec.stages[plan.instances[id].stage].name.clone();
+        let stage = |id: InstanceId| plan.spec.stages[plan.instances[id].stage].name.clone();
         Self { instances: stale.map(|id| (plan.label(id), (stage(id), seconds(&id)))).collect() }
     }
 
