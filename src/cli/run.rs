@@ -267,18 +267,19 @@ fn where_it_lies(plan: &Plan, summary: &Summary, folder: &Path, outputs: &Path) 
         (true, false) => format!("lists of results: {folder}"),
         (false, _) => format!("results and pictures: {folder}"),
     };
-    let Some(&first) = many.first() else { return Some(text) };
+    // The last stage is what the others are there for.
+    let Some(&last) = many.last() else { return Some(text) };
     let named: Vec<String> =
         many.iter().map(|&s| format!("{} ({} instances)", plan.spec.stages[s].name, made(s))).collect();
     text.push_str(&format!(
         "\nwith more than {PREVIEW_INSTANCES} instances only a list, instances.parquet, with the command for each, and no pictures: {}",
         named.join(", ")
     ));
-    let port = plan.outputs(first).iter().find(|port| plan.wanted(first).contains(port.name) && !port.preview);
-    if let (Some(port), Some(id)) = (port, plan.instances_of(first).next()) {
+    let port = plan.outputs(last).iter().find(|port| plan.wanted(last).contains(port.name) && !port.preview);
+    if let (Some(port), Some(id)) = (port, plan.instances_of(last).next()) {
         let axes: Vec<&str> = plan.instances[id].axes.keys().map(String::as_str).collect();
-        let command = latest::Command::of(plan, outputs);
-        text.push_str(&format!("\nall of them: {}", command.all(&plan.spec.stages[first].name, port.name, &axes)));
+        let (command, name) = (latest::Command::of(plan, outputs), &plan.spec.stages[last].name);
+        text.push_str(&format!("\nall of {name}: {}", command.all(name, port.name, &axes)));
     }
     Some(text)
 }

@@ -70,7 +70,7 @@ fn every_instance_of_a_list_has_its_way() {
     };
     assert_eq!(typed(&lines[4]), "wrote tissue,A_rho=5.scene.npz\n");
     let one = std::fs::read(space.path().join("tissue,A_rho=5.scene.npz")).expect("it was written");
-    let all = out.lines().find_map(|line| line.strip_prefix("all of them: ")).expect("the command for all");
+    let all = out.lines().find_map(|line| line.strip_prefix("all of tissue: ")).expect("the command for all");
     assert_eq!(typed(all).lines().count(), 70);
     assert_eq!(std::fs::read(space.path().join("tissue,A_rho=5.scene.npz")).expect("it was written"), one);
     // Where only such stages ran, there are no pictures to speak of.
