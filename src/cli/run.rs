@@ -84,6 +84,14 @@ impl Run {
         {
             memo::keep(&plan, &records, &resolver.files_read(), &memos);
         }
+        // All results are there; that the log, links and pictures in another user's folder cannot be written takes nothing from them.
+        let not_renewed = folder.as_ref().err().filter(|_| summary.ran() == 0);
+        let not_renewed = not_renewed.map(|message| format!("pictures and links were not renewed: {message}"));
+        let unwritten = unwritten.map(|text| format!("the log of this run could not be written: {text}"));
+        let warning: Vec<String> = not_renewed.into_iter().chain(unwritten).collect();
+        if !warning.is_empty() {
+            progress.warn(&plan.spec.pipeline, &warning.join("; "));
+        }
         let seconds = began.elapsed().as_secs_f64();
         if self.json {
             figures.events(&plan).into_iter().for_each(Json::event);
@@ -108,24 +116,16 @@ impl Run {
             };
             lies.iter().for_each(|text| print(text));
         }
-        // All results are there; that the log, links and pictures in another user's folder cannot be written takes nothing from them.
-        let nothing_ran = summary.ran() == 0;
-        let (folder, not_renewed) = match folder {
-            Err(message) if nothing_ran => (Ok(()), Some(format!("pictures and links were not renewed: {message}"))),
-            folder => (folder.map(drop), None),
-        };
-        let unwritten = unwritten.map(|text| format!("the log of this run could not be written: {text}"));
-        let warning: Vec<String> = not_renewed.into_iter().chain(unwritten).collect();
-        if !warning.is_empty() {
-            progress.warn(&plan.spec.pipeline, &warning.join("; "));
-        }
         if summary.failed() > 0 {
             return Err(Failure::Said);
         }
         if summary.interrupted {
             return Err(Failure::Interrupted);
         }
-        folder.map_err(Failure::Failed)
+        match folder {
+            Err(message) if summary.ran() > 0 => Err(Failure::Failed(message)),
+            _ => Ok(()),
+        }
     }
 
     fn forced(&self, plan: &Plan) -> Result<Vec<usize>, Failure> {
