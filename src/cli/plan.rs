@@ -293,7 +293,7 @@ impl Group {
     /// A line for each instance where there are few.
     fn singles<'a>(
         self,
-        survey: &Survey,
+        survey: &'a Survey,
         estimates: &Estimates,
         detail: Option<&'a StagePlan>,
     ) -> Vec<(Self, Option<&'a StagePlan>)> {
@@ -301,17 +301,17 @@ impl Group {
             return vec![(self, detail)];
         }
         let one = |&id: &InstanceId| {
-            let estimate = estimates.get(&id);
+            let (own, estimate) = (survey.plans.get(&id), estimates.get(&id));
             let single = Self {
                 word: self.word,
                 reasons: self.reasons.clone(),
                 ids: vec![id],
                 seconds: estimate.map_or(0.0, |estimate| estimate.seconds),
                 endless: estimate.is_some_and(|estimate| estimate.by == Basis::AtLeast),
-                bytes: survey.plans.get(&id).and_then(|detail| detail.memory).unwrap_or(0),
+                bytes: own.and_then(|detail| detail.memory).unwrap_or(0),
                 is_rest: false,
             };
-            (single, detail)
+            (single, own)
         };
         self.ids.iter().map(one).collect()
     }
@@ -331,7 +331,7 @@ impl Group {
         let label = |place: Option<&InstanceId>| place.map_or_else(String::new, |&id| plan.label(id));
         let (first, count) = (label(self.ids.first()), self.ids.len());
         let named = match (count, self.is_rest) {
-            (1, false) => first,
+            (1, _) => first,
             (_, false) => format!("{first} .. {}: {count} instances", label(self.ids.last())),
             (_, true) => format!("{first} and {} more, for other reasons (`--json` has all)", count - 1),
         };
