@@ -119,7 +119,7 @@ fn golden_bytes() {
         "11ee3e23cd4e3407",
         "327ea43653726f0e",
         "2918b2b971ca5a3e",
-        "728f6edf5e4ac69f",
+        "ebceaddaffa0eed3",
     ];
     assert_eq!(found, seen);
 }
