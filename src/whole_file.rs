@@ -98,8 +98,8 @@ pub(crate) fn sync_folder(folder: &Path) -> io::Result<()> {
 
 /// The error of the system, without the temporary name, which says nothing to anybody.
 pub(crate) fn cause(error: io::Error) -> io::Error {
-    let inner = error.get_ref().and_then(|e| e.source()).and_then(|e| e.downcast_ref::<io::Error>());
-    inner.and_then(io::Error::raw_os_error).map(io::Error::from_raw_os_error).unwrap_or(error)
+    let text = error.to_string();
+    text.split_once(" at path ").map(|(own, _)| io::Error::new(error.kind(), own)).unwrap_or(error)
 }
 
 #[cfg(test)]

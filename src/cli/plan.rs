@@ -1,6 +1,6 @@
 //! `turbid plan`: every instance as hit, run (reasons) or waits, with the method and kernel taken, what is left out, and how long it takes.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 use clap::Args;
 use serde::Serialize;
@@ -197,18 +197,15 @@ fn to_text(plan: &Plan, survey: &Survey, estimates: &Estimates, memory: &Memory)
     let mut text = String::new();
     let mut seconds = 0.0;
     for &stage in &plan.needed {
-        let groups = groups(plan, survey, estimates, stage);
-        // What the first says, the next ones have in common with it.
-        let mut said = None;
-        for (group, detail) in &groups {
+        // What one line says, the next ones do not repeat.
+        let mut said = HashSet::new();
+        for (group, detail) in groups(plan, survey, estimates, stage) {
             text.push_str(&group.line(plan));
             seconds += group.seconds;
-            if let Some(detail) = detail.filter(|detail| said.replace(Common::of(detail)) != Some(Common::of(detail))) {
-                text.push_str(&detail_text(detail));
-                for (port, form) in group.ids.first().and_then(|&id| makes(plan, survey, id)).into_iter().flatten() {
-                    text.push_str(&format!("    {port}: {form}\n"));
-                }
-            }
+            let mut lines = detail.map_or_else(Vec::new, detail_lines);
+            let made = group.ids.first().and_then(|&id| makes(plan, survey, id));
+            lines.extend(made.into_iter().flatten().map(|(port, form)| format!("    {port}: {form}\n")));
+            lines.into_iter().filter(|line| said.insert(line.clone())).for_each(|line| text.push_str(&line));
         }
     }
     if seconds >= WORTH_S {
@@ -228,13 +225,16 @@ const LINES: usize = 8;
 /// So many equal instances have lines of their own.
 const ALONE: usize = 3;
 
-/// What a stage's instances of one line have in common: the method, the kernel, and what is left out.
-#[derive(Clone, PartialEq, Eq, Hash)]
-struct Common<'a>([&'a Option<String>; 2], [&'a [String]; 3]);
+/// What instances of one line have in common: which method and kernel, not what they say of the numbers of one instance, and what is left out.
+#[derive(PartialEq, Eq, Hash)]
+struct Common<'a>([&'a str; 2], [&'a [String]; 2], Vec<String>);
 
 impl<'a> Common<'a> {
     fn of(detail: &'a StagePlan) -> Self {
-        Self([&detail.method, &detail.kernel], [&detail.needs, &detail.left_out, &detail.refused])
+        let head =
+            |text: &'a Option<String>| text.as_deref().unwrap_or_default().split(" (").next().unwrap_or_default();
+        let refused = detail.refused.iter().map(|text| text.chars().filter(|c| !c.is_ascii_digit()).collect());
+        Self([head(&detail.method), head(&detail.kernel)], [&detail.needs, &detail.left_out], refused.collect())
     }
 }
 
@@ -310,7 +310,7 @@ impl Group {
     /// A line for each instance where there are few.
     fn singles<'a>(
         self,
-        survey: &Survey,
+        survey: &'a Survey,
         estimates: &Estimates,
         detail: Option<&'a StagePlan>,
     ) -> Vec<(Self, Option<&'a StagePlan>)> {
@@ -318,17 +318,17 @@ impl Group {
             return vec![(self, detail)];
         }
         let one = |&id: &InstanceId| {
-            let estimate = estimates.get(&id);
+            let (own, estimate) = (survey.plans.get(&id), estimates.get(&id));
             let single = Self {
                 word: self.word,
                 reasons: self.reasons.clone(),
                 ids: vec![id],
                 seconds: estimate.map_or(0.0, |estimate| estimate.seconds),
                 endless: estimate.is_some_and(|estimate| estimate.by == Basis::AtLeast),
-                bytes: survey.plans.get(&id).and_then(|detail| detail.memory).unwrap_or(0),
+                bytes: own.and_then(|detail| detail.memory).unwrap_or(0),
                 is_rest: false,
             };
-            (single, detail)
+            (single, own)
         };
         self.ids.iter().map(one).collect()
     }
@@ -348,7 +348,7 @@ impl Group {
         let label = |place: Option<&InstanceId>| place.map_or_else(String::new, |&id| plan.label(id));
         let (first, count) = (label(self.ids.first()), self.ids.len());
         let named = match (count, self.is_rest) {
-            (1, false) => first,
+            (1, _) => first,
             (_, false) => format!("{first} .. {}: {count} instances", label(self.ids.last())),
             (_, true) => format!("{first} and {} more, for other reasons (`--json` has all)", count - 1),
         };
@@ -356,25 +356,15 @@ impl Group {
     }
 }
 
-/// How an instance works and what it leaves out, below its line.
-fn detail_text(detail: &StagePlan) -> String {
-    let mut text = String::new();
-    if let Some(method) = &detail.method {
-        text.push_str(&format!("        method: {method}\n"));
-    }
-    if let Some(kernel) = &detail.kernel {
-        text.push_str(&format!("        kernel: {kernel}\n"));
-    }
-    for refused in &detail.refused {
-        text.push_str(&format!("        slower because: {refused}\n"));
-    }
-    if !detail.needs.is_empty() {
-        text.push_str(&format!("        needs: {}\n", detail.needs.join(", ")));
-    }
-    if !detail.left_out.is_empty() {
-        text.push_str(&wrapped("        left out: ", &detail.left_out));
-    }
-    text
+/// How an instance works and what it leaves out, below its line; of several those of the first.
+fn detail_lines(detail: &StagePlan) -> Vec<String> {
+    let line = |head: &str, text: &str| format!("        {head}: {text}\n");
+    let method = detail.method.iter().map(|method| line("method", method));
+    let kernel = detail.kernel.iter().map(|kernel| line("kernel", kernel));
+    let refused = detail.refused.iter().map(|refused| line("slower because", refused));
+    let needs = (!detail.needs.is_empty()).then(|| line("needs", &detail.needs.join(", ")));
+    let left_out = (!detail.left_out.is_empty()).then(|| wrapped("        left out: ", &detail.left_out));
+    method.chain(kernel).chain(refused).chain(needs).chain(left_out).collect()
 }
 
 /// Items behind a head, as many to a line as fit, `;` between them (an item may hold a comma).

@@ -84,6 +84,14 @@ impl Run {
         {
             memo::keep(&plan, &records, &resolver.files_read(), &memos);
         }
+        // All results are there; that the log, links and pictures in another user's folder cannot be written takes nothing from them.
+        let not_renewed = folder.as_ref().err().filter(|_| summary.ran() == 0);
+        let not_renewed = not_renewed.map(|message| format!("pictures and links were not renewed: {message}"));
+        let unwritten = unwritten.map(|text| format!("the log of this run could not be written: {text}"));
+        let warning: Vec<String> = not_renewed.into_iter().chain(unwritten).collect();
+        if !warning.is_empty() {
+            progress.warn(&plan.spec.pipeline, &warning.join("; "));
+        }
         let seconds = began.elapsed().as_secs_f64();
         if self.json {
             figures.events(&plan).into_iter().for_each(Json::event);
@@ -108,24 +116,16 @@ impl Run {
             };
             lies.iter().for_each(|text| print(text));
         }
-        // All results are there; that the log, links and pictures in another user's folder cannot be written takes nothing from them.
-        let nothing_ran = summary.ran() == 0;
-        let (folder, not_renewed) = match folder {
-            Err(message) if nothing_ran => (Ok(()), Some(format!("pictures and links were not renewed: {message}"))),
-            folder => (folder.map(drop), None),
-        };
-        let unwritten = unwritten.map(|text| format!("the log of this run could not be written: {text}"));
-        let warning: Vec<String> = not_renewed.into_iter().chain(unwritten).collect();
-        if !warning.is_empty() {
-            progress.warn(&plan.spec.pipeline, &warning.join("; "));
-        }
         if summary.failed() > 0 {
             return Err(Failure::Said);
         }
         if summary.interrupted {
             return Err(Failure::Interrupted);
         }
-        folder.map_err(Failure::Failed)
+        match folder {
+            Err(message) if summary.ran() > 0 => Err(Failure::Failed(message)),
+            _ => Ok(()),
+        }
     }
 
     fn forced(&self, plan: &Plan) -> Result<Vec<StageId>, Failure> {
@@ -267,18 +267,19 @@ fn where_it_lies(plan: &Plan, summary: &Summary, folder: &Path, outputs: &Path) 
         (true, false) => format!("lists of results: {folder}"),
         (false, _) => format!("results and pictures: {folder}"),
     };
-    let Some(&first) = many.first() else { return Some(text) };
+    // The last stage is what the others are there for.
+    let Some(&last) = many.last() else { return Some(text) };
     let named: Vec<String> =
         many.iter().map(|&s| format!("{} ({} instances)", plan.spec.stages[s].name, made(s))).collect();
     text.push_str(&format!(
         "\nwith more than {PREVIEW_INSTANCES} instances only a list, instances.parquet, with the command for each, and no pictures: {}",
         named.join(", ")
     ));
-    let port = plan.outputs(first).iter().find(|port| plan.wanted(first).contains(port.name) && !port.preview);
-    if let (Some(port), Some(id)) = (port, plan.instances_of(first).next()) {
+    let port = plan.outputs(last).iter().find(|port| plan.wanted(last).contains(port.name) && !port.preview);
+    if let (Some(port), Some(id)) = (port, plan.instances_of(last).next()) {
         let axes: Vec<&str> = plan.instances[id].axes.keys().map(String::as_str).collect();
-        let command = latest::Command::of(plan, outputs);
-        text.push_str(&format!("\nall of them: {}", command.all(&plan.spec.stages[first].name, port.name, &axes)));
+        let (command, name) = (latest::Command::of(plan, outputs), &plan.spec.stages[last].name);
+        text.push_str(&format!("\nall of {name}: {}", command.all(name, port.name, &axes)));
     }
     Some(text)
 }

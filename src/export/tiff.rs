@@ -100,7 +100,17 @@ where
         image.x_resolution(rational(x));
         image.y_resolution(rational(y));
     }
-    Ok(image.write_data(pixels)?)
+    let mut rest = pixels;
+    while let count @ 1.. = image.next_strip_sample_count() {
+        let (strip, later) = rest.split_at(count as usize);
+        image.write_strip(strip)?;
+        rest = later;
+    }
+    if !size_of_val(pixels).is_multiple_of(2) {
+        // Directories begin at even places, and the writer sees to that only before it writes a page.
+        image.encoder().write_data(0_u8)?;
+    }
+    Ok(image.finish()?)
 }
 
 fn rational([n, d]: [u32; 2]) -> Rational {
@@ -129,7 +139,7 @@ pub(super) fn per_cm(pitch_mm: f64) -> Option<[u32; 2]> {
         .find_map(|(numerator, denominator)| holds(&numerator).then_some([numerator as u32, denominator]))
 }
 
-/// JSON in the 7 bits that TIFF's text has.
+/// JSON in the 7 bits that TIFF's text has; of an odd number of letters, so that what follows their closing zero lies at an even place.
 fn text(about: &Value) -> String {
     let mut out = String::new();
     for c in canonical_text(about).chars() {
@@ -138,6 +148,9 @@ fn text(about: &Value) -> String {
         } else {
             out.extend(c.encode_utf16(&mut [0; 2]).iter().map(|unit| format!("\\u{unit:04x}")));
         }
+    }
+    if out.len().is_multiple_of(2) {
+        out.push(' ');
     }
     out
 }

@@ -13,6 +13,7 @@ use crate::panics::lock;
 use crate::plan::Plan;
 use crate::regular::{self, NotOpened};
 use crate::store::InstanceRecord;
+use crate::whole_file::{self, Synced};
 
 use super::name::file_name_of;
 use super::{End, Progress, Summary};
@@ -59,7 +60,7 @@ impl RunLog {
 
     fn file(&self, name: &str, text: &str) {
         let path = self.folder.join(name);
-        self.noted(&path, fs::write(&path, text));
+        self.noted(&path, whole_file::write(&path, ".new-", text.as_bytes(), Synced::No));
     }
 
     fn noted<T>(&self, path: &Path, done: io::Result<T>) -> Option<T> {

@@ -98,7 +98,14 @@ fn file_formats_stay_in_the_root_package() {
 /// Files that the user names are read by `input_file` alone: regular ones, of bounded size. The rest of the program opens what it wrote.
 #[test]
 fn input_files_are_read_in_one_place() {
-    let own = ["src/input_file.rs", "src/store", "src/run/latest", "src/run/log.rs", "src/memory/machine.rs"];
+    let own = [
+        "src/input_file.rs",
+        "src/whole_file.rs",
+        "src/store",
+        "src/run/latest",
+        "src/run/log.rs",
+        "src/memory/machine.rs",
+    ];
     for path in sources(&root().join("src")) {
         let inside = path.strip_prefix(root()).expect("below the root").to_string_lossy().replace('\\', "/");
         if own.iter().any(|own| inside.starts_with(own)) {
@@ -111,6 +118,19 @@ fn input_files_are_read_in_one_place() {
             let ours = line.contains("\"/proc/self/");
             let reads = ["fs::read(", "read_to_string(", "File::open("].iter().any(|call| line.contains(call));
             assert!(!reads || ours || inside.ends_with("tests.rs"), "{inside}: {line}");
+        }
+    }
+}
+
+/// Files that must appear whole are written in one way: with the rights that the user gives, under another name until all of it is there.
+#[test]
+fn whole_files_are_written_in_one_place() {
+    for path in sources(&root().join("src")) {
+        let text = read(&path);
+        let code = text.split("#[cfg(test)]").next().unwrap_or_default();
+        let own = path.ends_with("whole_file.rs");
+        for call in [".tempfile_in(", "NamedTempFile::new", "from_mode("] {
+            assert!(own || path.ends_with("tests.rs") || !code.contains(call), "{}: {call}", path.display());
         }
     }
 }

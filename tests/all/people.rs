@@ -34,7 +34,7 @@ fn many_instances_take_few_lines() {
     let runs = space.files("outputs/runs");
     let events = runs.iter().find(|path| path.ends_with("events.jsonl")).expect("a log of events");
     let events = std::fs::read_to_string(events).expect("it is ours");
-    assert_eq!(events.lines().filter(|line| line.contains("\"ran\"")).count(), 71);
+    assert_eq!(events.lines().filter(|line| line.contains("\"event\":\"ran\"")).count(), 71);
     // And so does the plan of what is to be done, of one reason or of many.
     let changed = ["--set", "stages.tissue.with.objects.block.slab.thickness=29"];
     for (arguments, kinds) in [(&[][..], 2), (&["--outputs", "others"], 2), (&changed, 2)] {
@@ -70,7 +70,7 @@ fn every_instance_of_a_list_has_its_way() {
     };
     assert_eq!(typed(&lines[4]), "wrote tissue,A_rho=5.scene.npz\n");
     let one = std::fs::read(space.path().join("tissue,A_rho=5.scene.npz")).expect("it was written");
-    let all = out.lines().find_map(|line| line.strip_prefix("all of them: ")).expect("the command for all");
+    let all = out.lines().find_map(|line| line.strip_prefix("all of tissue: ")).expect("the command for all");
     assert_eq!(typed(all).lines().count(), 70);
     assert_eq!(std::fs::read(space.path().join("tissue,A_rho=5.scene.npz")).expect("it was written"), one);
     // Where only such stages ran, there are no pictures to speak of.

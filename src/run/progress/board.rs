@@ -248,7 +248,7 @@ mod tests {
     /// Rates and the time left are those of this run from the start and after a checkpoint alike: 16 of 1000 paths a second.
     #[test]
     fn a_resumed_run_has_the_rate_of_this_run() {
-        for (resumed, expected) in [(0.0, "16 %  16 paths/s  53 s left"), (600.0, "76 %  16 paths/s  15 s left")] {
+        for (resumed, expected) in [(0.0, "16 %  16 paths/s  52 s left"), (600.0, "76 %  16 paths/s  15 s left")] {
             let mut board = Board::of(&Work::test(&[("a", "a", 1.0)]));
             board.started("a", 0.0);
             for second in 1..=10 {

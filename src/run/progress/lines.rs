@@ -35,12 +35,13 @@ impl Lines {
     }
 
     fn change(&self, change: impl FnOnce(&mut Board, &mut Said, f64) -> Option<String>) {
-        let mut state = lock(&self.state);
-        let (board, said) = &mut *state;
-        // Told under the lock: lines stand in the order of what they tell.
-        if let Some(line) = change(board, said, self.began.elapsed().as_secs_f64()) {
-            tell(&line);
-        }
+        let line = {
+            let mut state = lock(&self.state);
+            let (board, said) = &mut *state;
+            change(board, said, self.began.elapsed().as_secs_f64())
+        };
+        // Without the lock: who reads slowly must not keep the stages from their work.
+        line.iter().for_each(|line| tell(line));
     }
 }
 
@@ -52,7 +53,10 @@ impl Progress for Lines {
         });
         lock(&self.beat).get_or_insert_with(|| {
             let (state, began) = (self.state.clone(), self.began);
-            Beat::every(PAUSE, move || tell(&lock(&state).0.beat(began.elapsed().as_secs_f64())))
+            Beat::every(PAUSE, move || {
+                let line = lock(&state).0.beat(began.elapsed().as_secs_f64());
+                tell(&line);
+            })
         });
     }
     fn advanced(&self, label: &str, done: f64, total: Option<f64>, unit: &str) {
