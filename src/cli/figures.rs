@@ -389,10 +389,10 @@ metrics  lesion  height    +0.05 (0.02) mm   1.9 mm  3.5 mm        0 %
             ("unit", texts(&["mm^-1"; 3])),
         ]);
         let expected = "
-figures  region  quantity  bias                     RMSE          log RMS  z     without a fit
-fit      milk    mu_a      +2.0 (1.0) %             2.0 %         2.0 %    2.00  0 %
-fit      black   mu_a      -                        -             -        -     100 %
-fit      water   mu_a      +0.0031 (0.0004) mm^-1   0.0031 mm^-1  -        7.75  0 %
+figures  region  quantity  bias                    RMSE          log RMS  z     without a fit
+fit      milk    mu_a      +2.0 (1.0) %            2.0 %         2.0 %    2.00  0 %
+fit      black   mu_a      -                       -             -        -     100 %
+fit      water   mu_a      +0.0031 (0.0004) mm^-1  0.0031 mm^-1  -        7.75  0 %
 ";
         assert_eq!(text(&[("fit", media)]), expected);
     }

@@ -136,7 +136,7 @@ impl Stage for Demodulate {
         let wants_phase = ctx.wants("phase");
         let mut values = Group::default();
         let mut phases = Group::default();
-        let mut worst = Worst::default();
+        let (mut worst, mut all_good) = (Worst::default(), true);
         for mut channel in channels(&inputs.frames)? {
             if params.steps == Steps::Estimated {
                 channel.estimate_steps(frames, &mut worst)?;
@@ -149,6 +149,7 @@ impl Stage for Demodulate {
             let mut tally = Tally::new(&channel);
             tiles.iter().for_each(|tile| tally.add(tile));
             tally.less(&pass.drop_weak(&mut planes, ctx)?);
+            all_good &= tally.all_good();
             tally.report(&channel, noise.is_some(), &planes[planes.len() - 1], ctx);
             pass.describe(planes, &tally, sharing, &mut values, &mut phases);
         }
@@ -161,7 +162,11 @@ impl Stage for Demodulate {
         worst.measure(ctx);
         let phase = wants_phase.then(|| Phase(stack(phases)));
         let mut modulation = stack(values);
-        measure_masked(&modulation, ctx);
+        if all_good {
+            ctx.measure("masked", 0.0, "%");
+        } else {
+            measure_masked(&modulation, ctx);
+        }
         modulation.carry_conditions(frames);
         Ok(Out { modulation: Modulation(modulation), phase })
     }

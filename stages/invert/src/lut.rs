@@ -91,6 +91,7 @@ pub fn read(lut: &Lut, section: usize, f_x: &[f64]) -> Result<(Vec<LogGrid>, Opt
         let what = format!("the table has {} rows for {} f_x and {nodes} nodes", r_d.len(), all.len());
         return Err(Error::failed(what));
     }
+    let column = lut.0.maybe_f64s("r_d_se");
     let (mut grids, mut errors) = (Vec::new(), Errors { u: ln(&mu_a), v: ln(&mu_s_prime), variances: Vec::new() });
     for &wanted in f_x {
         let k = table_f_x(&all, wanted)?;
@@ -100,13 +101,18 @@ pub fn read(lut: &Lut, section: usize, f_x: &[f64]) -> Result<(Vec<LogGrid>, Opt
             LogGrid::new(&mu_a, &mu_s_prime, values)
                 .map_err(|e| Error::failed(format!("the table at f_x = {wanted} mm^-1: {e}")))?,
         );
-        let se = lut.0.f64s("r_d_se").map(|se| &se[rows]);
+        let of = |i: usize| column.as_ref().and_then(|column| column[rows.start + i]);
         errors
             .variances
-            .push(values.iter().enumerate().map(|(i, r)| se.map_or(0.0, |se| (se[i] / r).powi(2))).collect());
+            .push(values.iter().enumerate().map(|(i, r)| of(i).map_or(0.0, |se| (se / r).powi(2))).collect());
     }
     let known = errors.variances.iter().flatten().any(|&v: &f64| v > 0.0);
     Ok((grids, known.then_some(errors)))
+}
+
+/// Whether a table has random errors that it does not know.
+pub fn has_unknown_errors(lut: &Lut) -> bool {
+    lut.0.maybe_f64s("r_d_se").is_some_and(|column| column.contains(&None))
 }
 
 fn ln(nodes: &[f64]) -> Vec<f64> {

@@ -150,6 +150,9 @@ impl Places {
 
 /// All sections of a table, each made on a thread of its own.
 pub fn prepare(lut: &Lut, f_x: &[f64], params: &Params, noise: bool, ctx: Ctx<'_>) -> Result<Vec<Prepared>, Error> {
+    if noise && lut::has_unknown_errors(lut) {
+        ctx.warn("the table does not know its standard errors: those of the maps hold the reflectance's alone");
+    }
     let all = ctx.map_tiles(lut::sections(lut), |k| Prepared::new(lut, k, f_x, params, noise))?;
     all.into_iter().collect()
 }

@@ -112,7 +112,7 @@ mod tests {
                 Axes::from([("A".to_owned(), json!(a)), ("S".to_owned(), json!(s)), ("g".to_owned(), json!(0.8))]);
             let properties = properties(a, s);
             let properties_se = [se * properties[0], 0.0];
-            (axes, Phantom { properties, properties_se, ratio: Vec::new(), ratio_se: Vec::new() })
+            (axes, Phantom { properties, properties_se, ratio: Vec::new(), ratio_se: Vec::new(), ratio_known: true })
         };
         grid.map(one).unzip()
     }

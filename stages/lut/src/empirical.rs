@@ -307,8 +307,13 @@ mod tests {
     use super::*;
 
     fn phantoms(media: &[[f64; 2]]) -> Vec<Phantom> {
-        let phantom =
-            |&properties: &[f64; 2]| Phantom { properties, properties_se: [0.0; 2], ratio: vec![], ratio_se: vec![] };
+        let phantom = |&properties: &[f64; 2]| Phantom {
+            properties,
+            properties_se: [0.0; 2],
+            ratio: vec![],
+            ratio_se: vec![],
+            ratio_known: true,
+        };
         media.iter().map(phantom).collect()
     }
 

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use turbid_contract::layers::values;
+use turbid_contract::layers::{standard_error, values};
 use turbid_contract::payload::{Fit, Modulation, Sections, Shares, Truth};
 use turbid_contract::{Axes, Cells, Error, ImageStack, Layer, LayerInfo, Many, Payload};
 
@@ -15,7 +15,10 @@ pub struct Phantom {
     pub properties_se: [f64; 2],
     /// M / M of the reference at each f_x, over the pixels that are good in both.
     pub ratio: Vec<f64>,
+    /// Their standard errors: where `ratio_known` is false, no more than a part of them.
     pub ratio_se: Vec<f64>,
+    /// Whether phantom and reference know their standard errors.
+    pub ratio_known: bool,
 }
 
 /// The pixels that a table is made of.
@@ -98,7 +101,8 @@ pub fn gather(sources: &Sources<'_, '_>, f_x: &[f64], parts: &[Part]) -> Result<
             let ratios: Result<Vec<[f64; 2]>, Error> =
                 f_x.iter().map(|&f_x| ratio(&sample, against, f_x, part, &name)).collect();
             let (ratio, ratio_se) = ratios?.into_iter().map(|[r, se]| (r, se)).unzip();
-            phantoms.push(Phantom { properties, properties_se, ratio, ratio_se });
+            let ratio_known = f_x.iter().all(|&f_x| knows(&sample, f_x) && knows(against, f_x));
+            phantoms.push(Phantom { properties, properties_se, ratio, ratio_se, ratio_known });
         }
     }
     Ok(phantoms)
@@ -249,6 +253,12 @@ fn ratio(sample: &ImageStack, reference: &ImageStack, f_x: f64, part: &Part, nam
     }
     let ratio = m / m_r;
     Ok([ratio, ratio * libm::hypot(m_se / m, m_r_se / m_r)])
+}
+
+/// Whether a modulation comes with standard errors at `f_x`.
+fn knows(stack: &ImageStack, f_x: f64) -> bool {
+    let infos = stack.infos();
+    modulation(&infos, f_x, "").is_ok_and(|k| standard_error(&infos, &infos[k]).is_some())
 }
 
 /// The place of M_AC at `f_x`; at 0 without a frame of its own that of the mean of the fringes of the lowest f_x.

@@ -143,17 +143,18 @@ impl Stage for BuildLut {
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
         let recipe = params.recipe();
         let sections = inputs.sections.as_ref();
-        let (recipe, Estimate { r_d: values, se }, design) = match params.model {
+        let (recipe, Estimate { r_d: values, se }, design, known) = match params.model {
             Model::MonteCarlo => {
                 let estimate = simulate(params, &recipe, ctx)?;
-                (recipe, estimate, None)
+                (recipe, estimate, None, true)
             }
             Model::Empirical => measure(params, recipe, &inputs, ctx)?,
             _ => {
                 let estimate = solve(&recipe, ctx)?;
-                (recipe, estimate, None)
+                (recipe, estimate, None, true)
             }
         };
+        let se: Vec<Option<f64>> = se.into_iter().map(|se| known.then_some(se)).collect();
         let parts = sections.map_or(Ok(1), |s| s.list().map(|list| list.len()))?;
         let mut reports = Vec::new();
         for (section, values) in values.chunks(values.len() / parts).enumerate() {
@@ -237,13 +238,13 @@ fn check_ports(params: &Params, known: &Known, problems: &mut Problems) {
     }
 }
 
-/// The table of phantoms; its axes may have been filled from what they span.
+/// The table of phantoms; its axes may have been filled from what they span. And whether its standard errors are known.
 fn measure(
     params: &Params,
     recipe: Recipe,
     inputs: &In<'_>,
     ctx: Ctx<'_>,
-) -> Result<(Recipe, Estimate, Option<Design>), Error> {
+) -> Result<(Recipe, Estimate, Option<Design>, bool), Error> {
     let sources = Sources {
         phantoms: &inputs.phantoms,
         references: &inputs.references,
@@ -251,9 +252,11 @@ fn measure(
         truths: &inputs.truths,
     };
     let parts = phantoms::gather(&sources, &recipe.f_x, &Part::of(inputs.sections.as_ref())?)?;
-    let silent = parts.iter().flatten().flat_map(|p| &p.ratio_se).all(|&se| se == 0.0);
-    if silent {
-        ctx.warn("no standard errors: neither the phantoms nor their reference know their own");
+    let knowing = parts.iter().flatten().all(|phantom| phantom.ratio_known);
+    if !knowing {
+        ctx.warn(
+            "no standard errors: the phantoms or their reference do not know their own, and so the table does not",
+        );
     }
     let reference = reference(params, &recipe)?;
     // Sections ask for the same media again and again.
@@ -295,7 +298,7 @@ fn measure(
         filled = table.recipe;
     }
     // An error of 0 % would be made up.
-    if !silent {
+    if knowing {
         tell_errors(&all.r_d, &all.se, ctx);
     }
     let design = match &params.wanted {
@@ -305,7 +308,7 @@ fn measure(
         }
         _ => None,
     };
-    Ok((filled, all, design))
+    Ok((filled, all, design, knowing))
 }
 
 /// Reflectance of the reference phantom at each f_x; 1 in the relative convention.
@@ -381,7 +384,7 @@ fn lut(
     params: &Params,
     recipe: &Recipe,
     r_d: Vec<f64>,
-    r_d_se: Vec<f64>,
+    r_d_se: Vec<Option<f64>>,
     r_d_bound: Vec<Option<f64>>,
     sections: Option<&Sections>,
 ) -> Result<Lut, Error> {
@@ -398,7 +401,7 @@ fn lut(
     table.push("f_x", "mm^-1", column(&|i| recipe.f_x[i / (n_a * n_s) % n_f]));
     table.push("r_d", "1", Cells::F64(r_d));
     // Random errors, and what is systematic.
-    table.push("r_d_se", "1", Cells::F64(r_d_se));
+    table.push("r_d_se", "1", Cells::MaybeF64(r_d_se));
     table.push("r_d_bound", "1", Cells::MaybeF64(r_d_bound));
     Ok(Lut(table))
 }

@@ -45,7 +45,7 @@ fn camera([mu_a, mu_s_prime]: [f64; 2], f_x: f64) -> f64 {
     rte::reflectance(&Medium { mu_a, mu_s_prime, g: G, n: 1.0 }, None, f_x).unwrap().camera
 }
 
-/// Modulation of a medium: reflectance times a vignette times `1 + error`; `se` relative, of every pixel.
+/// Modulation of a medium: reflectance times a vignette times `1 + error`; `se` relative, of every pixel, not known where it is negative.
 fn modulation(medium: [f64; 2], error: [f64; 2], se: f64) -> Modulation {
     let mut stack = ImageStack::new(SIDE, SIDE);
     let mut errors = Vec::new();
@@ -60,7 +60,7 @@ fn modulation(medium: [f64; 2], error: [f64; 2], se: f64) -> Modulation {
         errors.push((info.standard_error(), noise));
         stack.push(info, data);
     }
-    if se > 0.0 {
+    if se >= 0.0 {
         errors.into_iter().for_each(|(info, data)| stack.push(info, data));
     }
     Modulation(stack)
@@ -177,7 +177,9 @@ fn standard_errors_cover_the_noise() {
         let noise: Vec<[f64; 2]> = (0..9).map(|_| [normal(), normal()].map(|z| z * SE / SIDE as f64)).collect();
         let table = build(&params("log_log"), &phantoms(&PAPER_A, &PAPER_S, |i| noise[i], SE)).unwrap();
         let exact = build(&params("log_log"), &phantoms(&PAPER_A, &PAPER_S, |_| [0.0; 2], SE)).unwrap();
-        let column = |table: &Table, name| table.f64s(name).unwrap().to_vec();
+        let column = |table: &Table, name| -> Vec<f64> {
+            table.maybe_f64s(name).unwrap().into_iter().map(|cell| cell.expect("known")).collect()
+        };
         let (r, se, truth) = (column(&table, "r_d"), column(&table, "r_d_se"), column(&exact, "r_d"));
         // Nodes share phantoms; these four of each f_x are nearly independent of each other.
         for k in [0, 24, 600, 624, 625, 649, 1225, 1249] {
@@ -259,7 +261,7 @@ fn sections_have_parts_of_their_own() {
         assert!((r_d[half + i] / r_d[i] / want - 1.0).abs() < 1e-5, "{} {want}", r_d[half + i] / r_d[i]);
     }
     // 28 rows of 8 pixels, a half row counted by its share: 1 % / sqrt(n_eff).
-    let se = table.f64s("r_d_se").unwrap()[0] / r_d[0];
+    let se = table.maybe_f64s("r_d_se").unwrap()[0].unwrap() / r_d[0];
     let weights: f64 = rows(0..3) + 0.5 * row_sum(3);
     let squares: f64 = (0..4)
         .map(|row| if row == 3 { 0.25 } else { 1.0 } * (0..SIDE).map(|c| (1.0 - 0.002 * (row * row + c) as f64).powi(2)).sum::<f64>())
@@ -299,7 +301,7 @@ fn fits_give_properties() {
     // At a corner, which is a phantom: 1 % of mu_a moves ln R by its slope there.
     let slope =
         0.5 * (libm::log(camera([0.026 * 1.01, 0.93], 0.0)) - libm::log(camera([0.026 * 0.99, 0.93], 0.0))).abs();
-    let se = table.f64s("r_d_se").unwrap()[0] / table.f64s("r_d").unwrap()[0];
+    let se = table.maybe_f64s("r_d_se").unwrap()[0].unwrap() / table.f64s("r_d").unwrap()[0];
     assert!((se / slope - 1.0).abs() < 0.02, "{se} {slope}");
     inputs.0.get_mut("properties").unwrap()[0].1 = fit("too_much_light").into_artifact();
     let message = build(&params("log_log"), &inputs).unwrap_err().to_string();
@@ -358,16 +360,22 @@ fn mistakes_of_params_and_ports() {
     assert_eq!(BuildLut::NAME, "build_lut");
 }
 
-/// Phantoms that do not know their errors make a table that has none to tell: a warning, and no error of 0 % in the summary of the run.
+/// Phantoms that do not know their errors make a table that does not: null and a warning, and no error of 0 % in the summary of the run. Errors that
+/// are 0 are known.
 #[test]
 fn unknown_errors_are_no_error_of_0() {
-    let measured = |se: f64| {
+    let made = |se: f64| {
         let host = MemoryHost::default();
         let inputs = phantoms(&PAPER_A, &PAPER_S, |_| [0.0; 2], se);
-        StageRow::of::<BuildLut>().run(&params("log_log"), &inputs, Ctx::new(&host)).expect("a table");
+        let made = StageRow::of::<BuildLut>().run(&params("log_log"), &inputs, Ctx::new(&host)).expect("a table");
+        let Lut(table) = Lut::from_artifact(made.into_iter().next().expect("a port").1).expect("a table");
+        let column = table.maybe_f64s("r_d_se").expect("a column");
         let told = host.measures.lock().expect("no holder panics").contains_key("error: r_d per node");
         let warned = host.warnings.lock().expect("no holder panics").iter().any(|w| w.contains("no standard errors"));
-        (told, warned)
+        (column.iter().filter(|se| se.is_some()).count() == table.rows(), column[0], told, warned)
     };
-    assert_eq!((measured(0.01), measured(0.0)), ((true, false), (false, true)));
+    let (all, first, told, warned) = made(0.01);
+    assert!(all && first > Some(0.0) && told && !warned);
+    assert_eq!(made(0.0), (true, Some(0.0), true, false));
+    assert_eq!(made(-1.0), (false, None, false, true));
 }

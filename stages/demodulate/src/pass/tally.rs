@@ -41,6 +41,11 @@ impl Tally {
         self.variances.iter_mut().zip(&dropped.variances).for_each(|(sum, part)| *sum -= part);
     }
 
+    /// Whether no pixel is masked.
+    pub fn all_good(&self) -> bool {
+        self.good == self.pixels
+    }
+
     /// Measures the Rician bias of the mean M_AC at the highest f_x, and warns where `mask` leaves nothing.
     pub fn report(&self, channel: &Channel, known: bool, mask: &Array2<f32>, ctx: Ctx<'_>) {
         let last = channel.fringes.len() - 1;

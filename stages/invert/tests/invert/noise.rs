@@ -306,3 +306,20 @@ fn unknown_errors_are_passed_on() {
         assert_eq!((found.layers[k].info.mean_se, plain.layers[k].info.mean_se.is_some()), (None, true));
     }
 }
+
+/// A table that does not know its errors leaves the maps those of the reflectance, and says so; one that knows them says nothing.
+#[test]
+fn unknown_errors_of_the_table_are_told() {
+    let of = |known: bool| {
+        let mut table = lut(&F_X, r_d);
+        let se = table.0.f64s("r_d").unwrap().iter().map(|r| known.then_some(0.01 * r)).collect();
+        table.0.push("r_d_se", "1", Cells::MaybeF64(se));
+        let r = [F_X.map(|f| r_d(0.05, 1.2, f)); 4];
+        let reflectance = reflectance(&r, Some(([1e-3, 1e-3], 0.0)));
+        let (out, host) = invert(reflectance, table, &Params::default(), &[]).unwrap();
+        let told = host.warnings.lock().unwrap().iter().any(|w| w.contains("does not know its standard errors"));
+        (layer(&out.maps.0, "mu_a_se")[0], told)
+    };
+    let ((with, quiet), (without, told)) = (of(true), of(false));
+    assert!(!quiet && told && without > 0.0 && without < 0.5 * with, "{with} {without}");
+}
