@@ -12,10 +12,11 @@ use std::time::Duration;
 use cpu_time::ThreadTime;
 use serde::Serialize;
 use serde_json::Value;
-use turbid_contract::{Ctx, Host, Known, Pilot, StageRow};
+use turbid_contract::{Ctx, Host, Job, Known, Pilot};
 
+use crate::digest::Digest;
 use crate::plan::InstanceId;
-use crate::resolve::{Job, Resolver, State, Survey};
+use crate::resolve::{Prepared, Resolver, State, Survey};
 use crate::store::InstanceRecord;
 
 /// Where an estimate comes from.
@@ -77,12 +78,17 @@ pub fn estimates(resolver: &Resolver<'_>, survey: &Survey) -> BTreeMap<InstanceI
         piloted.dedup();
         // What pilots took, and what the stage's own figures say of the same.
         let (mut took, mut figured) = (0.0, 0.0);
+        // Params that were read for a pilot.
+        let mut read = BTreeMap::new();
         for (n, &place) in piloted.iter().enumerate() {
             if n > 0 && spent > MOST_S {
                 break;
             }
             let id = open[place];
-            let Some((estimate, cpu_s)) = pilot(resolver, survey, id, n == 0) else { break };
+            let Some(mut asked) = Asked::of(resolver, survey, id) else { break };
+            let told = timed(&mut asked, resolver.known(id, &survey.outputs), n == 0);
+            let asked = read.entry(id).or_insert(asked);
+            let Some((estimate, cpu_s)) = told else { break };
             spent += cpu_s;
             let Some(estimate) = estimate else {
                 found.insert(id, Estimate { seconds: MOST_WAIT.as_secs_f64(), by: Basis::AtLeast, work: None });
@@ -90,14 +96,20 @@ pub fn estimates(resolver: &Resolver<'_>, survey: &Survey) -> BTreeMap<InstanceI
             };
             took += estimate.seconds;
             figured += survey.plans[&id].seconds.unwrap_or(0.0);
-            found.insert(id, estimate);
+            let known = earlier(resolver, id, asked, Some(&estimate)).unwrap_or(estimate);
+            found.insert(id, known);
         }
+        let scaled = if figured > 0.0 { took / figured } else { 1.0 };
+        let by = if figured > 0.0 { Basis::Alike } else { Basis::Figures };
+        let recorded = resolver.history().knows(resolver.plan.row(stage).name);
         for id in open {
-            let scaled = if figured > 0.0 { took / figured } else { 1.0 };
-            let by = if figured > 0.0 { Basis::Alike } else { Basis::Figures };
+            if found.contains_key(&id) {
+                continue;
+            }
             let figures = survey.plans[&id].seconds.map(|s| Estimate { seconds: s * scaled, by, work: None });
-            let known = found.get(&id).copied().or(figures);
-            if let Some(estimate) = earlier(resolver, survey, id, known.as_ref()).or(known) {
+            let asked = read.remove(&id).or_else(|| if recorded { Asked::of(resolver, survey, id) } else { None });
+            let before = asked.and_then(|asked| earlier(resolver, id, &asked, figures.as_ref()));
+            if let Some(estimate) = before.or(figures) {
                 found.insert(id, estimate);
             }
         }
@@ -105,48 +117,57 @@ pub fn estimates(resolver: &Resolver<'_>, survey: &Survey) -> BTreeMap<InstanceI
     found
 }
 
-/// The job of an instance that has a key.
-fn job(resolver: &Resolver<'_>, survey: &Survey, id: InstanceId) -> Option<Job> {
-    match survey.states[id] {
-        Some(State::Run { .. }) => resolver.job(id, &survey.outputs).ok(),
-        _ => None,
+/// An instance with its params read, once for all that is asked of it.
+struct Asked {
+    /// Taken by a pilot.
+    job: Option<Box<dyn Job>>,
+    canonical: Value,
+    /// Of an instance that has a key.
+    state_key: Option<Digest>,
+    seed: u64,
+}
+
+impl Asked {
+    /// `None` where the params are wrong.
+    fn of(resolver: &Resolver<'_>, survey: &Survey, id: InstanceId) -> Option<Self> {
+        if matches!(survey.states[id], Some(State::Run { .. })) {
+            let keyed = resolver.keyed(id, &survey.outputs).ok()?;
+            let (canonical, state_key) = (keyed.dependencies.params, keyed.state_key);
+            return Some(Self { job: Some(keyed.job), canonical, state_key, seed: keyed.seed });
+        }
+        let Prepared { job, canonical, .. } = resolver.prepare(id).ok()?;
+        Some(Self { job: Some(job), canonical, state_key: None, seed: 0 })
     }
 }
 
-/// By a pilot, if it ended in time; and the CPU seconds that it took. `None` where the stage has none.
-fn pilot(resolver: &Resolver<'_>, survey: &Survey, id: InstanceId, first: bool) -> Option<(Option<Estimate>, f64)> {
-    let job = job(resolver, survey, id);
-    let row = resolver.plan.row(resolver.plan.instances[id].stage);
-    let seed = job.as_ref().map_or(0, |job| job.seed);
-    let once = || timed(row, seed, resolver.asked_of(id, job.as_ref(), survey)?);
-    let (mut pilot, mut tiles_s) = once()?;
-    let mut spent = tiles_s;
-    if first && tiles_s < COLD_S {
-        let (again, again_s) = once()?;
-        (pilot, tiles_s, spent) = (again, tiles_s.min(again_s), spent + again_s);
-    }
-    let estimate = pilot.map(|Pilot { done, whole, unit, rest_s }| Estimate {
-        seconds: tiles_s * whole / done + rest_s,
-        by: Basis::Pilot,
-        work: Some((whole, unit)),
-    });
-    Some((estimate, spent))
-}
-
-/// What a pilot tells, if it ends in time, and the CPU seconds of its tiles; `None` where there is none.
+/// By a pilot, if it ended in time, and the CPU seconds that it took; `None` where the stage has none.
 ///
 /// On a thread of its own: a scene in which light does not end must not keep the plan from being told. That thread ends with the program.
-fn timed(row: &StageRow, seed: u64, (params, known): (Value, Known)) -> Option<(Option<Pilot>, f64)> {
-    let (pilot, (send, receive)) = (row.pilot, channel());
+fn timed(asked: &mut Asked, known: Known, first: bool) -> Option<(Option<Estimate>, f64)> {
+    let (job, seed, (send, receive)) = (asked.job.take()?, asked.seed, channel());
     let walk = move || {
-        let host = PilotHost { seed, tiles_ns: AtomicU64::new(0) };
-        let told = pilot(&params, &known, Ctx::new(&host));
+        let once = || {
+            let host = PilotHost { seed, tiles_ns: AtomicU64::new(0) };
+            let told = job.pilot(&known, Ctx::new(&host))?;
+            Some((told, Duration::from_nanos(host.tiles_ns.into_inner()).as_secs_f64()))
+        };
+        let mut told = once().map(|(pilot, tiles_s)| (pilot, tiles_s, tiles_s));
+        if let Some((pilot, tiles_s, spent)) = &mut told
+            && first
+            && *tiles_s < COLD_S
+            && let Some((again, again_s)) = once()
+        {
+            (*pilot, *tiles_s, *spent) = (again, tiles_s.min(again_s), *spent + again_s);
+        }
         // Nobody may wait any more.
-        let _ = send.send(told.map(|told| (told, Duration::from_nanos(host.tiles_ns.into_inner()).as_secs_f64())));
+        let _ = send.send(told);
     };
     std::thread::Builder::new().stack_size(STACK).spawn(walk).ok()?;
     match receive.recv_timeout(MOST_WAIT) {
-        Ok(told) => told.map(|(pilot, tiles_s)| (Some(pilot), tiles_s)),
+        Ok(told) => told.map(|(Pilot { done, whole, unit, rest_s }, tiles_s, spent)| {
+            let seconds = tiles_s * whole / done + rest_s;
+            (Some(Estimate { seconds, by: Basis::Pilot, work: Some((whole, unit)) }), spent)
+        }),
         Err(RecvTimeoutError::Timeout) => Some((None, MOST_WAIT.as_secs_f64())),
         // What is wrong with it, the run will say.
         Err(RecvTimeoutError::Disconnected) => None,
@@ -154,23 +175,20 @@ fn timed(row: &StageRow, seed: u64, (params, known): (Value, Known)) -> Option<(
 }
 
 /// By what the same work took before: as it was, or for more or fewer units of it.
-fn earlier(resolver: &Resolver<'_>, survey: &Survey, id: InstanceId, now: Option<&Estimate>) -> Option<Estimate> {
-    let stage = resolver.plan.instances[id].stage;
-    let row = resolver.plan.row(stage);
+fn earlier(resolver: &Resolver<'_>, id: InstanceId, asked: &Asked, now: Option<&Estimate>) -> Option<Estimate> {
+    let row = resolver.plan.row(resolver.plan.instances[id].stage);
     if !resolver.history().knows(row.name) {
         return None;
     }
-    let job = job(resolver, survey, id);
     let work = now.and_then(|estimate| estimate.work);
-    let same = job.as_ref().and_then(|job| resolver.history().same_work(job.state_key.as_ref()?));
+    let same = asked.state_key.as_ref().and_then(|key| resolver.history().same_work(key));
     if let (Some(record), Some((whole, unit))) = (same, work)
         && record.version == row.version
         && let Some(done) = measure(record, unit)
     {
         return Some(Estimate { seconds: record.cost.cpu_s * whole / done, by: Basis::Earlier, work });
     }
-    let prepared = resolver.prepare(id).ok()?.1;
-    let record = resolver.history().same_params(resolver.plan, id, row.name, &prepared.canonical)?;
+    let record = resolver.history().same_params(resolver.plan, id, row.name, &asked.canonical)?;
     let took = record.version == row.version && record.cost.cpu_s > 0.0;
     took.then_some(Estimate { seconds: record.cost.cpu_s, by: Basis::Earlier, work })
 }

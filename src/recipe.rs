@@ -22,20 +22,20 @@ pub fn recipe(plan: &Plan) -> Result<Digest, String> {
             messages.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")
         };
         let params = plan.spec.params(instance.stage, &instance.axes).map_err(told)?;
-        let prepared = (row.prepare)(&params).map_err(|e| format!("{}: {}", e.path.join("."), e.message))?;
-        parts.add("with", canonical_text(&prepared.canonical).as_bytes());
+        let job = (row.prepare)(&params).map_err(|e| format!("{}: {}", e.path.join("."), e.message))?;
+        parts.add("with", canonical_text(&job.canonical()?).as_bytes());
         for wire in &instance.wires {
             for (source, port) in &wire.from {
                 parts.add(wire.port, format!("{} {port}", plan.label(*source)).as_bytes());
             }
         }
-        for file in &prepared.files {
+        for file in &job.files() {
             let path = plan.spec.input_file_base(instance.stage, &file.at).join(&file.path);
             let read = input_file::digest(&path, file.most);
             let (digest, _) = read.map_err(|refused| format!("{}: {refused}", path.display()))?;
             parts.add(&file.at, &digest.0);
         }
-        if prepared.draws {
+        if job.draws() {
             parts.add("axes", axes_text(&instance.axes).as_bytes());
             parts.add("seed", format!("{} {:?}", plan.spec.seed, stage.seed).as_bytes());
         }

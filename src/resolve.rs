@@ -1,20 +1,17 @@
 //! Which instances are up to date: keys, states with reasons, and every mistake that can be seen before a run.
 
 mod extents;
-mod facts;
 mod files;
+mod forms;
 mod inputs;
 
-use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, OnceLock};
 
 use rayon::prelude::*;
 use serde_json::Value;
-use turbid_contract::{
-    Artifact, Axes, Ctx, Error, Facts, FileUse, Known, MemoryHost, Prepared, Problem, Problems, StagePlan,
-};
+use turbid_contract::{Axes, Ctx, Error, FileUse, Forms, Job, Known, MemoryHost, Problem, Problems, Shared, StagePlan};
 
 use crate::digest::Digest;
 use crate::explain::History;
@@ -28,15 +25,24 @@ use crate::threads;
 use crate::warned::Warned;
 use extents::Sizes;
 use files::{InputFiles, Lent};
+use forms::KnownForms;
 use inputs::KnownInputs;
 
 /// The blobs of an instance by port.
 pub type Outputs = BTreeMap<String, Blob>;
 
-/// An instance that can run: all its inputs are there.
-#[derive(Clone, Debug)]
-pub struct Job {
+/// The params of an instance, read once.
+pub struct Prepared {
+    /// As `with` says, after substitution.
     pub params: Value,
+    pub job: Box<dyn Job>,
+    pub canonical: Value,
+}
+
+/// An instance that can run: all its inputs are there, so it has a key.
+pub struct Keyed {
+    pub params: Value,
+    pub job: Box<dyn Job>,
     pub dependencies: Dependencies,
     pub key: Digest,
     pub state_key: Option<Digest>,
@@ -64,9 +70,17 @@ pub enum State {
 }
 
 /// What an instant stage made, by port.
-type Made = BTreeMap<String, Arc<Artifact>>;
-/// A stage's plan with its warnings and their sizes, or its mistakes.
-type Checked = Result<(StagePlan, Vec<(Diagnostic, f64)>), Vec<Diagnostic>>;
+type Made = BTreeMap<String, Shared>;
+/// What the stage itself says of an instance, or its mistakes.
+type Checked = Result<Sound, Vec<Diagnostic>>;
+
+/// An instance without mistakes.
+struct Sound {
+    plan: StagePlan,
+    forms: Forms,
+    /// With their sizes.
+    warnings: Vec<(Diagnostic, f64)>,
+}
 
 /// Finds states; remembers files and what instant stages made.
 pub struct Resolver<'a> {
@@ -75,7 +89,9 @@ pub struct Resolver<'a> {
     history: OnceLock<History>,
     files: Arc<InputFiles>,
     instant: Mutex<HashMap<InstanceId, Arc<Made>>>,
-    facts: Mutex<HashMap<InstanceId, Arc<Facts>>>,
+    /// What instant stages made in earlier runs, as it was fetched: a sweep has one scene for many instances.
+    fetched: Mutex<HashMap<Digest, Shared>>,
+    forms: Mutex<KnownForms>,
     extents: Mutex<HashMap<InstanceId, Sizes>>,
 }
 
@@ -96,6 +112,8 @@ const MANY_PROBLEMS: usize = 100;
 const BLOCK: usize = 2048;
 /// ... and how many are not worth it.
 const FEW: usize = 32;
+/// Artifacts of instant stages that are kept in memory after they were fetched from the store.
+const FETCHED: usize = 256;
 
 /// What a look at one instance found, or the mistakes in it.
 type Looked = Result<Look, Vec<Diagnostic>>;
@@ -112,9 +130,9 @@ struct Look {
 
 impl<'a> Resolver<'a> {
     pub fn new(plan: &'a Plan, store: &'a Store) -> Self {
-        let (files, instant, facts) = <(Arc<_>, Mutex<_>, Mutex<_>)>::default();
-        let extents = Mutex::default();
-        Self { plan, store, history: OnceLock::new(), files, instant, facts, extents }
+        let (files, instant, forms) = <(Arc<_>, Mutex<_>, Mutex<_>)>::default();
+        let (extents, fetched) = <(Mutex<_>, Mutex<_>)>::default();
+        Self { plan, store, history: OnceLock::new(), files, instant, fetched, forms, extents }
     }
 
     /// Finds the state of each needed instance and checks those that are not up to date.
@@ -156,21 +174,28 @@ impl<'a> Resolver<'a> {
 
     /// State, check and, for instant stages, outputs of one instance.
     fn look(&self, id: InstanceId, outputs: &[Option<Arc<Outputs>>], force: &[usize], sound: bool) -> Looked {
-        let (state, job) = match self.state(id, outputs, force) {
-            Ok((state @ State::Hit(_), _)) => return Ok(Look { state, key: None, checked: None, made: None }),
-            Ok(found) => found,
-            Err(mistakes) => return Err(mistakes),
+        let (state, keyed) = self.state(id, outputs, force)?;
+        if matches!(state, State::Hit(_)) {
+            return Ok(Look { state, key: None, checked: None, made: None });
+        }
+        let checked = match &keyed {
+            Some(keyed) => self.check(id, &*keyed.job, &keyed.files, outputs),
+            // It has no key yet, and may well have mistakes.
+            None => {
+                let job = self.prepare(id)?.job;
+                let files = self.input_files(self.plan.instances[id].stage, &job.files())?;
+                self.check(id, &*job, &files, outputs)
+            }
         };
-        let checked = self.check(id, job.as_ref(), outputs);
         let stage = self.plan.instances[id].stage;
         let consumed = self.plan.row(stage).instant && !self.plan.consumers(stage).is_empty();
-        let made = match &job {
-            Some(job) if consumed && sound && checked.is_ok() => {
-                Some(self.run_instant(id, job, outputs).map_err(|error| self.error_diagnostic(id, &error)))
+        let made = match &keyed {
+            Some(keyed) if consumed && sound && checked.is_ok() => {
+                Some(self.run_instant(id, keyed, outputs).map_err(|error| self.error_diagnostic(id, &error)))
             }
             _ => None,
         };
-        Ok(Look { state, key: job.map(|job| job.key), checked: Some(checked), made })
+        Ok(Look { state, key: keyed.map(|keyed| keyed.key), checked: Some(checked), made })
     }
 
     /// Adds what was seen of an instance, in the order of instances.
@@ -197,13 +222,19 @@ impl<'a> Resolver<'a> {
             }
         }
         match checked {
-            Some(Ok((plan, warnings))) => {
-                survey.plans.insert(id, plan);
-                for (warning, size) in warnings {
+            Some(Ok(sound)) => {
+                self.note_extents(id, &sound.plan);
+                survey.plans.insert(id, sound.plan);
+                self.note_forms(id, sound.forms);
+                for (warning, size) in sound.warnings {
                     warned.add(&mut survey.problems, warning, size);
                 }
             }
-            Some(Err(mut mistakes)) => survey.problems.append(&mut mistakes),
+            Some(Err(mut mistakes)) => {
+                survey.problems.append(&mut mistakes);
+                // What it makes is open: those that read it are not blamed for its mistakes.
+                self.note_forms(id, Forms::new());
+            }
             None => {}
         }
         match made {
@@ -241,7 +272,7 @@ impl<'a> Resolver<'a> {
         id: InstanceId,
         outputs: &[Option<Arc<Outputs>>],
         force: &[usize],
-    ) -> Result<(State, Option<Job>), Vec<Diagnostic>> {
+    ) -> Result<(State, Option<Keyed>), Vec<Diagnostic>> {
         let instance = &self.plan.instances[id];
         let mut waits: Vec<usize> = Vec::new();
         for (source, port) in instance.wires.iter().flat_map(|w| &w.from) {
@@ -254,43 +285,46 @@ impl<'a> Resolver<'a> {
         if !waits.is_empty() {
             return Ok((State::Waits(waits), None));
         }
-        let job = self.job(id, outputs)?;
-        let record = self.store.record(&job.key);
+        let keyed = self.keyed(id, outputs)?;
+        let record = self.store.record(&keyed.key);
         if force.contains(&instance.stage) {
-            return Ok((State::Run { reasons: vec!["forced".to_owned()] }, Some(job)));
+            return Ok((State::Run { reasons: vec!["forced".to_owned()] }, Some(keyed)));
         }
         let Some(record) = record else {
-            let reasons = self.history().reasons(self.plan, id, &job.dependencies);
-            return Ok((State::Run { reasons }, Some(job)));
+            let reasons = self.history().reasons(self.plan, id, &keyed.dependencies);
+            return Ok((State::Run { reasons }, Some(keyed)));
         };
         let missing: Vec<&str> =
             self.plan.wanted(instance.stage).iter().copied().filter(|port| !record.ports.contains_key(*port)).collect();
         if missing.is_empty() {
             return Ok((State::Hit(record), None));
         }
-        Ok((State::Run { reasons: vec![format!("newly wanted: {}", missing.join(", "))] }, Some(job)))
+        Ok((State::Run { reasons: vec![format!("newly wanted: {}", missing.join(", "))] }, Some(keyed)))
     }
 
-    /// Params with their canonical form, or every mistake in them.
-    pub fn prepare(&self, id: InstanceId) -> Result<(Value, Prepared), Vec<Diagnostic>> {
+    /// The params of an instance, or every mistake in them.
+    pub fn prepare(&self, id: InstanceId) -> Result<Prepared, Vec<Diagnostic>> {
         let instance = &self.plan.instances[id];
         let params = self.plan.spec.params(instance.stage, &instance.axes)?;
-        let (prepared, errors) = read_params(self.plan.row(instance.stage), &params);
-        match prepared {
-            Some(prepared) if errors.is_empty() => Ok((params, prepared)),
-            _ => Err(errors
-                .into_iter()
-                .map(|e| self.plan.spec.diagnostic(instance.stage, Section::With, &e.path, e.message, e.hint))
-                .collect()),
+        let told = |path: &[String], message: String, hint| {
+            self.plan.spec.diagnostic(instance.stage, Section::With, path, message, hint)
+        };
+        let (job, errors) = read_params(self.plan.row(instance.stage), &params);
+        match job {
+            Some(job) if errors.is_empty() => match job.canonical() {
+                Ok(canonical) => Ok(Prepared { params, job, canonical }),
+                Err(message) => Err(vec![told(&[], message, None)]),
+            },
+            _ => Err(errors.into_iter().map(|e| told(&e.path, e.message, e.hint)).collect()),
         }
     }
 
     /// Key and everything behind it; the inputs must be there.
-    pub fn job(&self, id: InstanceId, outputs: &[Option<Arc<Outputs>>]) -> Result<Job, Vec<Diagnostic>> {
+    pub fn keyed(&self, id: InstanceId, outputs: &[Option<Arc<Outputs>>]) -> Result<Keyed, Vec<Diagnostic>> {
         let instance = &self.plan.instances[id];
         let stage = &self.plan.spec.stages[instance.stage];
         let row = self.plan.row(instance.stage);
-        let (params, prepared) = self.prepare(id)?;
+        let Prepared { params, job, canonical } = self.prepare(id)?;
         let digest_of = |(source, port): &(InstanceId, &str)| {
             outputs[*source].as_ref().and_then(|o| o.get(*port)).expect("the inputs are there").digest
         };
@@ -303,12 +337,12 @@ impl<'a> Resolver<'a> {
                 (wire.port.to_owned(), content)
             })
             .collect();
-        let files = self.input_files(instance.stage, &prepared)?;
+        let files = self.input_files(instance.stage, &job.files())?;
         let seed = instance_seed(self.plan.spec.seed, row.name, &instance.axes, &inputs, stage.seed);
         let dependencies = Dependencies {
             use_name: row.name.to_owned(),
             version: row.version,
-            params: prepared.canonical,
+            params: canonical,
             inputs,
             files: files
                 .iter()
@@ -317,18 +351,18 @@ impl<'a> Resolver<'a> {
                     (at.clone(), name, file.digest)
                 })
                 .collect(),
-            seed: prepared.draws.then_some(seed),
+            seed: job.draws().then_some(seed),
         };
         let state_key = dependencies.state_key(row.stopping);
-        Ok(Job { params, key: dependencies.key(), state_key, dependencies, seed, files })
+        Ok(Keyed { params, job, key: dependencies.key(), state_key, dependencies, seed, files })
     }
 
-    fn input_files(&self, stage: usize, prepared: &Prepared) -> Result<BTreeMap<String, InputFile>, Vec<Diagnostic>> {
+    fn input_files(&self, stage: usize, files: &[FileUse]) -> Result<BTreeMap<String, InputFile>, Vec<Diagnostic>> {
         let read = |file: &FileUse| {
             let input = self.file(stage, file).map_err(|d| vec![*d])?;
             Ok((file.at.clone(), input))
         };
-        prepared.files.iter().map(read).collect()
+        files.iter().map(read).collect()
     }
 
     /// Hashes an input file once; one that is missing, none or too large is the user's mistake.
@@ -344,8 +378,8 @@ impl<'a> Resolver<'a> {
     }
 
     /// The input files of an instance that runs, as they were hashed; an error where they are not so any more.
-    pub fn lend(&self, job: &Job) -> Result<Lent, String> {
-        self.files.lend(&job.files, true)
+    pub fn lend(&self, keyed: &Keyed) -> Result<Lent, String> {
+        self.files.lend(&keyed.files, true)
     }
 
     /// The results of earlier runs.
@@ -353,33 +387,28 @@ impl<'a> Resolver<'a> {
         self.history.get_or_init(|| History::read(self.store))
     }
 
-    /// What the pilot of an instance is asked with: its params, and what is known of its inputs. `None` where the params are wrong.
-    pub fn asked_of(&self, id: InstanceId, job: Option<&Job>, survey: &Survey) -> Option<(Value, Known)> {
-        let params = match job {
-            Some(job) => job.params.clone(),
-            None => self.prepare(id).ok()?.0,
-        };
-        Some((params, self.known(id, &survey.outputs)))
-    }
-
-    /// What is known of an instance's inputs by now, but for its files.
-    fn known(&self, id: InstanceId, outputs: &[Option<Arc<Outputs>>]) -> Known {
+    /// What is known of an instance's inputs by now, but for its files and for the sizes of its inputs.
+    pub fn known(&self, id: InstanceId, outputs: &[Option<Arc<Outputs>>]) -> Known {
         let instance = &self.plan.instances[id];
         let mut known = Known {
             connected: instance.wires.iter().map(|w| w.port.to_owned()).collect(),
             wanted: self.plan.wanted(instance.stage).iter().map(|port| (*port).to_owned()).collect(),
+            forms: self.forms_of_inputs(id, outputs),
             ..Known::default()
         };
         for wire in &instance.wires {
-            if let [(source, port)] = wire.from.as_slice()
-                && let Some(from) =
-                    self.plan.outputs(self.plan.instances[*source].stage).iter().find(|p| p.name == *port)
-            {
+            let Some((first, port)) = wire.from.first() else { continue };
+            let producer = self.plan.instances[*first].stage;
+            let label = format!("{}.{port}", self.plan.spec.stages[producer].name);
+            known.producers.insert(wire.port.to_owned(), label);
+            if wire.from.len() > 1 {
+                continue;
+            }
+            if let Some(from) = self.plan.outputs(producer).iter().find(|p| p.name == *port) {
                 known.payloads.insert(wire.port.to_owned(), from.payload.to_owned());
             }
-            if let [(source, port)] = wire.from.as_slice()
-                && self.plan.row(self.plan.instances[*source].stage).instant
-                && let Some(artifact) = self.artifact(*source, port, outputs)
+            if self.plan.row(producer).instant
+                && let Some(artifact) = self.artifact(*first, port, outputs)
             {
                 known.artifacts.insert(wire.port.to_owned(), artifact);
             }
@@ -387,28 +416,23 @@ impl<'a> Resolver<'a> {
         known
     }
 
-    /// The stage's own check and plan, with all inputs that are known by now.
-    fn check(&self, id: InstanceId, job: Option<&Job>, outputs: &[Option<Arc<Outputs>>]) -> Checked {
+    /// The stage's own check and plan, with all inputs that are known by now, and the forms of its outputs.
+    fn check(
+        &self,
+        id: InstanceId,
+        job: &dyn Job,
+        files: &BTreeMap<String, InputFile>,
+        outputs: &[Option<Arc<Outputs>>],
+    ) -> Checked {
         let instance = &self.plan.instances[id];
-        let row = self.plan.row(instance.stage);
-        let (params, files) = match job {
-            Some(job) => (Cow::Borrowed(&job.params), Cow::Borrowed(&job.files)),
-            None => {
-                let (params, prepared) = self.prepare(id)?;
-                (Cow::Owned(params), Cow::Owned(self.input_files(instance.stage, &prepared)?))
-            }
-        };
         let mut known = self.known(id, outputs);
-        if row.reads_facts {
-            known.facts = self.facts_of_inputs(id, outputs);
-        }
         let whole = |message: String| {
             vec![self.plan.spec.diagnostic(instance.stage, Section::Stage, &[] as &[&str], message, None)]
         };
-        let lent = self.files.lend(&files, false).map_err(whole)?;
+        let lent = self.files.lend(files, false).map_err(whole)?;
         known.files = lent.files.clone();
         let mut problems = Problems::default();
-        (row.check)(&params, &known, &mut problems);
+        job.check(&known, &mut problems);
         if let Some(message) = lent.failed() {
             return Err(whole(message));
         }
@@ -420,16 +444,15 @@ impl<'a> Resolver<'a> {
         }
         let warnings = warnings.into_iter().map(|p| (p, 0.0)).chain(ranked);
         let warnings = warnings.map(|(p, size)| (place(p).warning(), size)).collect();
+        let forms = job.describe(&known);
         known.extents = self.extents_of_inputs(id, outputs);
-        let mut plan = (row.plan)(&params, &known);
+        let mut plan = job.plan(&known);
         plan.memory = need(&plan, &known.extents);
-        self.note_extents(id, &plan);
-        Ok((plan, warnings))
+        Ok(Sound { plan, forms, warnings })
     }
 
     fn problem_diagnostic(&self, id: InstanceId, problem: Problem) -> Diagnostic {
-        let path: Vec<&str> = problem.path.split('.').filter(|p| !p.is_empty()).collect();
-        self.plan.spec.diagnostic(self.plan.instances[id].stage, Section::With, &path, problem.message, problem.hint)
+        self.plan.spec.problem(self.plan.instances[id].stage, problem)
     }
 
     fn error_diagnostic(&self, id: InstanceId, error: &Error) -> Diagnostic {
@@ -446,31 +469,40 @@ impl<'a> Resolver<'a> {
     }
 
     /// What an instance made, from memory or from the store.
-    fn artifact(&self, id: InstanceId, port: &str, outputs: &[Option<Arc<Outputs>>]) -> Option<Arc<Artifact>> {
+    fn artifact(&self, id: InstanceId, port: &str, outputs: &[Option<Arc<Outputs>>]) -> Option<Shared> {
         let kept = lock(&self.instant).get(&id).cloned();
         if let Some(artifact) = kept.and_then(|ports| ports.get(port).cloned()) {
             return Some(artifact);
         }
         let blob = outputs[id].as_ref()?.get(port)?;
-        self.store.get(blob).ok().map(Arc::new)
+        if let Some(artifact) = lock(&self.fetched).get(&blob.digest) {
+            return Some(artifact.clone());
+        }
+        let artifact = Shared::new(self.store.get(blob).ok()?);
+        let mut fetched = lock(&self.fetched);
+        if fetched.len() >= FETCHED {
+            fetched.clear();
+        }
+        fetched.insert(blob.digest, artifact.clone());
+        Some(artifact)
     }
 
     /// Runs an instant stage in memory, so that what follows has a key and can be checked.
-    fn run_instant(&self, id: InstanceId, job: &Job, outputs: &[Option<Arc<Outputs>>]) -> Result<Outputs, Error> {
+    fn run_instant(&self, id: InstanceId, keyed: &Keyed, outputs: &[Option<Arc<Outputs>>]) -> Result<Outputs, Error> {
         let instance = &self.plan.instances[id];
-        let lent = self.files.lend(&job.files, false).map_err(Error::failed)?;
+        let lent = self.files.lend(&keyed.files, false).map_err(Error::failed)?;
         let wanted = self.plan.wanted(instance.stage);
         let previews =
             self.plan.outputs(instance.stage).iter().filter(|p| p.preview).map(|p| p.name).collect::<Vec<_>>();
         let host = MemoryHost {
-            seed: job.seed,
+            seed: keyed.seed,
             files: lent.files.clone(),
             // Nobody depends on pictures: they are left to the run.
             wanted: wanted.iter().filter(|p| !previews.contains(p)).map(|p| (*p).to_owned()).collect(),
             ..MemoryHost::default()
         };
         let inputs = KnownInputs { resolver: self, wires: &instance.wires, outputs };
-        let made = (self.plan.row(instance.stage).run)(&job.params, &inputs, Ctx::new(&host));
+        let made = keyed.job.run(&inputs, Ctx::new(&host));
         let made = made.map_err(|error| lent.failed().map_or(error, Error::failed))?;
         let mut blobs = Outputs::new();
         let mut artifacts = BTreeMap::new();
@@ -478,7 +510,7 @@ impl<'a> Resolver<'a> {
             let bytes = encode(&artifact).map_err(|e| Error::failed(e.to_string()))?;
             let blob = Blob { digest: Digest::of(&bytes), kind: artifact.kind(), bytes: bytes.len() as u64 };
             blobs.insert(port.to_owned(), blob);
-            artifacts.insert(port.to_owned(), Arc::new(artifact));
+            artifacts.insert(port.to_owned(), Shared::new(artifact));
         }
         lock(&self.instant).insert(id, Arc::new(artifacts));
         Ok(blobs)

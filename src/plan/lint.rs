@@ -16,16 +16,13 @@ pub fn params(spec: &Spec, infos: &[Option<StageInfo>]) -> Vec<Diagnostic> {
         let axes: Axes = stage_spec.foreach.names.iter().cloned().zip(first.into_iter().flatten().cloned()).collect();
         // Axes that come with inputs are not known here; what depends on them is found in a whole graph.
         let Ok(params) = spec.params(stage, &axes) else { continue };
-        let (prepared, problems) = read_params(&info.row, &params);
+        let (job, problems) = read_params(&info.row, &params);
         found.extend(problems.into_iter().map(|p| spec.diagnostic(stage, Section::With, &p.path, p.message, p.hint)));
-        if prepared.is_some() {
+        if let Some(job) = job {
             let connected = stage_spec.inputs.iter().map(|i| i.port.clone()).collect();
             let mut problems = Problems::default();
-            (info.row.check)(&params, &Known { connected, ..Known::default() }, &mut problems);
-            for problem in problems.into_parts().0 {
-                let path: Vec<&str> = problem.path.split('.').filter(|p| !p.is_empty()).collect();
-                found.push(spec.diagnostic(stage, Section::With, &path, problem.message, problem.hint));
-            }
+            job.check(&Known { connected, ..Known::default() }, &mut problems);
+            found.extend(problems.into_parts().0.into_iter().map(|problem| spec.problem(stage, problem)));
         }
     }
     found

@@ -33,13 +33,14 @@ impl Resolver<'_> {
     fn extent(&self, id: InstanceId, port: &str, outputs: &[Option<Arc<Outputs>>]) -> Option<Extent> {
         let kept = self.instant.lock().expect("no holder panics").get(&id).cloned();
         if let Some(artifact) = kept.as_ref().and_then(|ports| ports.get(port)) {
-            return Some(artifact.extent());
+            return Some(artifact.artifact().extent());
         }
         let known = |port: &str| {
             let extents = self.extents.lock().expect("no holder panics");
             extents.get(&id).and_then(|sizes| sizes.get(port)).copied()
         };
-        known(port).or_else(|| {
+        let foreseen = || self.form(id, port).and_then(|form| form.extent());
+        known(port).or_else(foreseen).or_else(|| {
             let extent = self.store.extent(outputs[id].as_ref()?.get(port)?)?;
             let mut extents = self.extents.lock().expect("no holder panics");
             extents.entry(id).or_default().insert(port.to_owned(), extent);

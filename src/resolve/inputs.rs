@@ -31,6 +31,6 @@ impl InputSource for KnownInputs<'_> {
         let wire = self.wires.iter().find(|w| w.port == port).expect("the stage asks for its own ports");
         let (id, out) = wire.from[index];
         let artifact = self.resolver.artifact(id, out, self.outputs);
-        artifact.map(|a| Artifact::clone(&a)).ok_or_else(|| Error::failed(format!("input `{port}` cannot be read")))
+        artifact.map(|a| a.artifact().clone()).ok_or_else(|| Error::failed(format!("input `{port}` cannot be read")))
     }
 }

@@ -6,12 +6,12 @@ use std::sync::{Arc, Mutex};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use serde_json::Value;
-use turbid_contract::{Artifact, Ctx, Error, StageRow};
+use turbid_contract::{Artifact, Ctx, Error, Form, StageRow};
 
 use crate::key::Dependencies;
 use crate::panics::{self, lock};
 use crate::plan::InstanceId;
-use crate::resolve::{Job, Outputs, Resolver};
+use crate::resolve::{Keyed, Outputs, Resolver};
 use crate::store::{Cost, InstanceRecord, PortRecord, Provenance, Recipe, StoreError};
 
 use super::host::InstanceHost;
@@ -32,7 +32,7 @@ pub enum Outcome {
 /// One instance that is to run.
 pub struct Task {
     pub id: InstanceId,
-    pub job: Job,
+    pub job: Keyed,
     /// The outputs of its producers.
     pub outputs: HashMap<InstanceId, Arc<Outputs>>,
     pub forced: bool,
@@ -80,8 +80,12 @@ fn attempt(worker: Worker<'_>, task: Task) -> Outcome {
     let row = plan.row(instance.stage);
     // What the clock stopped once is added to where it stopped then: no clock would stop there again.
     let reached = earlier.as_ref().filter(|_| !forced).and_then(|record| reached_params(job, record, row));
-    let params = reached.as_ref().unwrap_or(&job.params);
-    let made = match (row.run)(params, &inputs, Ctx::new(&host)) {
+    let reached = match reached.map(|params| (row.prepare)(&params)).transpose() {
+        Ok(reached) => reached,
+        Err(error) => return Outcome::Failed(format!("internal error, please report it: {}", error.message)),
+    };
+    let typed = reached.as_ref().unwrap_or(&job.job);
+    let made = match typed.run(&inputs, Ctx::new(&host)) {
         Ok(made) => made,
         Err(Error::Interrupted) => return Outcome::Interrupted,
         Err(error) => {
@@ -174,6 +178,13 @@ fn publish_blobs(
         let described = resolver.plan.outputs(stage).iter().find(|p| p.name == name);
         let described = described.expect("out_ports! names the ports that it lists");
         assert_eq!(artifact.kind(), described.kind, "port {name} of {}", resolver.plan.row(stage).name);
+        // Those that read it were checked against this form.
+        if let Some(form) = resolver.form(id, name).filter(|form| **form != Form::default())
+            && let Some(text) = form.broken_by(&Form::of(&artifact))
+        {
+            let stage = resolver.plan.row(stage).name;
+            return Err(format!("internal error, please report it: output `{name}` of {stage} has {text}"));
+        }
         let blob = resolver.store.put(&artifact).map_err(|e| format!("output `{name}`: {e}"))?;
         ports.insert(name.to_owned(), PortRecord { payload: described.payload.to_owned(), blob });
     }
@@ -186,14 +197,14 @@ fn publish_blobs(
 /// A run that the clock stopped is the same as one that asked for what it reached; it is stored as that too.
 ///
 /// Under the key that was asked for it stays as well, so that the same file is up to date the second time.
-fn reached_record(job: &Job, record: &InstanceRecord, row: &StageRow) -> Option<(InstanceRecord, Recipe)> {
-    let params = (row.prepare)(&reached_params(job, record, row)?).ok()?.canonical;
+fn reached_record(job: &Keyed, record: &InstanceRecord, row: &StageRow) -> Option<(InstanceRecord, Recipe)> {
+    let params = (row.prepare)(&reached_params(job, record, row)?).ok()?.canonical().ok()?;
     let dependencies = Dependencies { params, ..job.dependencies.clone() };
     Some((InstanceRecord { key: dependencies.key(), ..record.clone() }, recipe(&dependencies)))
 }
 
 /// The params that ask for just what a record holds, where the clock had a say in it.
-fn reached_params(job: &Job, record: &InstanceRecord, row: &StageRow) -> Option<Value> {
+fn reached_params(job: &Keyed, record: &InstanceRecord, row: &StageRow) -> Option<Value> {
     let reached = record.reached.as_ref()?;
     let mut params = job.params.as_object()?.clone();
     params.retain(|name, _| !row.stopping.contains(&name.as_str()));

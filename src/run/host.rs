@@ -14,7 +14,7 @@ use turbid_contract::{Files, Host};
 
 use crate::digest::Digest;
 use crate::panics::lock;
-use crate::resolve::Job;
+use crate::resolve::Keyed;
 
 use super::worker::Worker;
 
@@ -24,7 +24,7 @@ const CHECKPOINT_EVERY: Duration = Duration::from_secs(10);
 /// Everything a running instance can reach.
 pub struct InstanceHost<'a> {
     worker: Worker<'a>,
-    job: &'a Job,
+    job: &'a Keyed,
     label: &'a str,
     wanted: &'a BTreeSet<&'static str>,
     /// Content of the input files, by the field that names them.
@@ -63,7 +63,7 @@ struct Fresh {
 impl<'a> InstanceHost<'a> {
     pub fn new(
         worker: Worker<'a>,
-        job: &'a Job,
+        job: &'a Keyed,
         label: &'a str,
         wanted: &'a BTreeSet<&'static str>,
         files: Files,

@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 
 use crate::digest::Digest;
 use crate::plan::{InstanceId, Plan};
-use crate::resolve::{Job, Outputs, Resolver, State, Survey, outputs_of};
+use crate::resolve::{Keyed, Outputs, Resolver, State, Survey, outputs_of};
 use crate::spec::Diagnostic;
 use crate::store::{Cost, InstanceRecord};
 
@@ -282,7 +282,7 @@ impl<'a> Schedule<'a> {
     }
 
     /// Ready -> Running, or straight to Done where an instance of the same key or another run made it meanwhile.
-    fn start(&mut self, id: InstanceId, progress: &dyn Progress) -> Option<(Job, Vec<String>)> {
+    fn start(&mut self, id: InstanceId, progress: &dyn Progress) -> Option<(Keyed, Vec<String>)> {
         match self.resolver.state(id, &self.outputs, &self.options.force) {
             Ok((State::Run { reasons }, job)) => {
                 let job = job.expect("an instance that runs has a job");

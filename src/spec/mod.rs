@@ -35,7 +35,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
-use turbid_contract::Axes;
+use turbid_contract::{At, Axes, Problem};
 
 pub use diagnostic::{Diagnostic, Report, Severity};
 pub use draw::{Distribution, Draw, DrawMethod};
@@ -298,6 +298,16 @@ impl Spec {
             Some(var) if !is_axis && depth < parse::MAX_DEPTH => self.through_vars((var.at, &var.value), depth + 1),
             _ => at,
         }
+    }
+
+    /// What a stage found wrong, at its place.
+    pub fn problem(&self, stage: usize, problem: Problem) -> Diagnostic {
+        let section = match problem.at {
+            At::With => Section::With,
+            At::In => Section::In,
+        };
+        let path: Vec<&str> = problem.path.split('.').filter(|p| !p.is_empty()).collect();
+        self.diagnostic(stage, section, &path, problem.message, problem.hint)
     }
 
     /// An error at the deepest part of `path` (below the section) that stands in the file.

@@ -5,7 +5,7 @@
 //! mistake and is not reported.
 
 use serde_json::{Value, json};
-use turbid_contract::{ParamError, Prepared, StageRow};
+use turbid_contract::{Job, ParamError, StageRow};
 
 use super::suggest;
 
@@ -22,9 +22,9 @@ pub struct ParamProblem {
 }
 
 /// Reads the params of an instance; without mistakes the result is there, else the mistakes are.
-pub fn read_params(row: &StageRow, params: &Value) -> (Option<Prepared>, Vec<ParamProblem>) {
+pub fn read_params(row: &StageRow, params: &Value) -> (Option<Box<dyn Job>>, Vec<ParamProblem>) {
     let mut error = match (row.prepare)(params) {
-        Ok(prepared) => return (Some(prepared), Vec::new()),
+        Ok(job) => return (Some(job), Vec::new()),
         Err(error) => error,
     };
     let mut params = params.clone();

@@ -2,7 +2,7 @@
 
 use turbid_contract::payload::{CONDITIONS, Conditions, Convention, Modulation, REFERENCE_CONDITIONS, Reflectance};
 use turbid_contract::{
-    Attributes, Ctx, Error, Extents, Facts, ImageStack, Known, LayerInfo, LayerKind, Problems, Stage, StagePlan,
+    Attributes, Ctx, Error, Extents, Form, Forms, ImageStack, Known, LayerInfo, LayerKind, Problems, Stage, StagePlan,
     in_ports, out_ports, serde_json,
 };
 
@@ -37,7 +37,6 @@ pub struct Calibrate;
 impl Stage for Calibrate {
     const NAME: &'static str = "calibrate";
     const VERSION: u32 = 4;
-    const READS_FACTS: bool = true;
     const ABOUT: &'static str = "reflectance of a sample from its modulation and that of a reference phantom";
 
     type Params = Params;
@@ -55,10 +54,10 @@ impl Stage for Calibrate {
         }
     }
 
-    fn facts(params: &Params, known: &Known) -> Facts {
+    fn describe(params: &Params, known: &Known) -> Forms {
         let mut facts = known.fact("sample");
         facts.extend(said(params, &known.fact("reference")));
-        Facts::from([("reflectance", facts)])
+        Forms::from([("reflectance", Form::said(facts))])
     }
 
     fn plan(params: &Params, known: &Known) -> StagePlan {

@@ -1,32 +1,18 @@
 //! The stage `tabulate`: rows by axes, what is subtracted and divided by, what is not there.
 
 use turbid_compare::Tabulate;
+use turbid_contract::kit::Inputs;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Frames, Metrics, Payload};
 use turbid_contract::serde_json::{Value, json};
-use turbid_contract::{
-    Artifact, Axes, Cells, Ctx, Error, ImageStack, InputSource, LayerInfo, MemoryHost, StageRow, Table,
-};
+use turbid_contract::{Axes, Cells, Ctx, Error, ImageStack, LayerInfo, MemoryHost, StageRow, Table};
 
 /// Images on the ports, each with its axes.
-struct Images(Vec<(&'static str, Vec<(Axes, ImageStack)>)>);
+type Images = Vec<(&'static str, Vec<(Axes, ImageStack)>)>;
 
-impl Images {
-    fn on(&self, port: &str) -> &[(Axes, ImageStack)] {
-        self.0.iter().find(|(name, _)| *name == port).map_or(&[], |(_, images)| images)
-    }
-}
-
-impl InputSource for Images {
-    fn one(&self, port: &str) -> Result<Option<Artifact>, Error> {
-        Ok(self.on(port).first().map(|(_, stack)| Frames(stack.clone()).into_artifact()))
-    }
-    fn many(&self, port: &str) -> Vec<Axes> {
-        self.on(port).iter().map(|(axes, _)| axes.clone()).collect()
-    }
-    fn load(&self, port: &str, index: usize) -> Result<Artifact, Error> {
-        Ok(Frames(self.on(port)[index].1.clone()).into_artifact())
-    }
+fn inputs(images: Images) -> Inputs {
+    let all = images.into_iter().flat_map(|(port, images)| images.into_iter().map(move |image| (port, image)));
+    all.fold(Inputs::none(), |inputs, (port, (axes, stack))| inputs.with_at(port, axes, Frames(stack)))
 }
 
 /// A frame of one level with a standard error.
@@ -42,21 +28,21 @@ fn at(a: f64) -> Axes {
     [("A".to_owned(), json!(a)), ("kind".to_owned(), json!("wet"))].into()
 }
 
-fn run(params: &Value, images: &Images) -> Result<Table, Error> {
+fn run(params: &Value, images: Images) -> Result<Table, Error> {
     let host = MemoryHost::default();
-    let made = (StageRow::of::<Tabulate>().run)(params, images, Ctx::new(&host))?;
+    let made = StageRow::of::<Tabulate>().run(params, &inputs(images), Ctx::new(&host))?;
     Ok(Metrics::from_artifact(made.into_iter().next().expect("one port").1)?.0)
 }
 
 /// (8 - 2) / 4 x 255 and (6 - 3) / 4 x 255 at their own axes; four pixels halve the error of one: sqrt(0.3^2 + 0.4^2) / 2 / 4 x 255.
 #[test]
 fn rows_take_what_has_their_axes() {
-    let images = Images(vec![
+    let images = vec![
         ("values", vec![(at(1.0), frame(8.0, 0.3)), (at(2.0), frame(6.0, 0.3))]),
         ("minus", vec![(at(2.0), frame(3.0, 0.4)), (at(1.0), frame(2.0, 0.4))]),
         ("relative_to", vec![(Axes::new(), frame(4.0, 0.0))]),
-    ]);
-    let table = run(&json!({"scale": 255, "unit": "grey levels"}), &images).unwrap();
+    ];
+    let table = run(&json!({"scale": 255, "unit": "grey levels"}), images).unwrap();
     assert_eq!(table.f64s("mean"), Some(&[382.5, 191.25][..]));
     assert_eq!(table.f64s("axis A"), Some(&[1.0, 2.0][..]));
     for se in table.maybe_f64s("mean_se").unwrap() {
@@ -77,7 +63,7 @@ fn rows_take_what_has_their_axes() {
 fn what_is_missing_is_named() {
     let values = || ("values", vec![(at(1.0), frame(8.0, 0.3))]);
     let fails = |more: (&'static str, Vec<(Axes, ImageStack)>)| {
-        run(&json!({}), &Images(vec![values(), more])).expect_err("it is not there").to_string()
+        run(&json!({}), vec![values(), more]).expect_err("it is not there").to_string()
     };
     let message = fails(("minus", vec![(at(3.0), frame(1.0, 0.0))]));
     assert!(message.contains("minus: there is nothing at A=1"), "{message}");

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::problem::Problem;
+use crate::problem::{At, Problem};
 
 /// What stops a stage while it runs. Mistakes that can be seen before belong into `check`.
 #[derive(Clone, Debug)]
@@ -25,7 +25,7 @@ impl Error {
     }
 
     pub fn invalid(path: impl Into<String>, message: impl Into<String>) -> Self {
-        Self::Invalid(Problem { path: path.into(), message: message.into(), hint: None })
+        Self::Invalid(Problem { at: At::With, path: path.into(), message: message.into(), hint: None })
     }
 }
 

@@ -1,14 +1,11 @@
 //! Ports: where stages join. `in_ports!` and `out_ports!` turn a struct of payloads into ports.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 use serde_json::Value;
 
-use crate::artifact::{Artifact, ArtifactKind, Attributes};
+use crate::artifact::{Artifact, ArtifactKind};
 use crate::error::Error;
-use crate::extent::Extent;
-use crate::file::Files;
 use crate::payload::Payload;
 
 /// The axes of an instance with their values: `{A_rho: 1.0, S_rho: 5000.0}`.
@@ -79,41 +76,6 @@ impl<'a, T: Payload> Many<'a, T> {
     /// Loads the `index`-th artifact (order of `axes`).
     pub fn load(&self, index: usize) -> Result<T, Error> {
         T::from_artifact(self.source.load(self.port, index)?)
-    }
-}
-
-/// Inputs whose content is known before anything runs: those that instant stages made.
-#[derive(Clone, Default)]
-pub struct Known {
-    pub artifacts: BTreeMap<String, Arc<Artifact>>,
-    /// Content of the input files, by the field that names them.
-    pub files: Files,
-    /// Names of the input ports that are connected, known or not.
-    pub connected: Vec<String>,
-    /// Names of the output ports that are wanted.
-    pub wanted: Vec<String>,
-    /// Payload on each connected port that takes one artifact; empty while the graph is not whole.
-    pub payloads: BTreeMap<String, String>,
-    /// Attributes that the artifact on a port (of many the first) will have, as far as they are known before the run: [`crate::Stage::facts`] of
-    /// the stage that makes it.
-    pub facts: BTreeMap<String, Attributes>,
-    /// How large the artifacts on the input ports are, as far as that is known before the run: for `plan` only. Of many the largest.
-    pub extents: BTreeMap<String, Extent>,
-}
-
-impl Known {
-    /// What is known of the artifact on `port`; nothing of one that is not connected.
-    pub fn fact(&self, port: &str) -> Attributes {
-        self.facts.get(port).cloned().unwrap_or_default()
-    }
-
-    /// How large the artifact on `port` is; `None` where it is not connected, or not known yet.
-    pub fn extent(&self, port: &str) -> Option<Extent> {
-        self.extents.get(port).copied()
-    }
-
-    pub fn get<T: Payload>(&self, port: &str) -> Option<T> {
-        self.artifacts.get(port).and_then(|a| T::from_artifact(Artifact::clone(a)).ok())
     }
 }
 

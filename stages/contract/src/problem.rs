@@ -2,9 +2,19 @@
 
 use std::fmt;
 
+/// Below which key of a stage a mistake stands.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum At {
+    #[default]
+    With,
+    /// What is connected: the path is the name of the port.
+    In,
+}
+
 /// One mistake: which field, what stands there, the rule, and the way out.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Problem {
+    pub at: At,
     /// Field path below `with`, keys and list indices joined by dots: `objects.polyp.spheroid.diameters.0`.
     pub path: String,
     /// What is wrong, with value and unit: `mu_a = -3 mm^-1 must be >= 0`.
@@ -15,7 +25,10 @@ pub struct Problem {
 
 impl fmt::Display for Problem {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}", self.path, self.message)?;
+        match self.at {
+            At::With => write!(f, "{}: {}", self.path, self.message)?,
+            At::In => write!(f, "in.{}: {}", self.path, self.message)?,
+        }
         if let Some(hint) = &self.hint {
             write!(f, " ({hint})")?;
         }
@@ -34,17 +47,23 @@ pub struct Problems {
 impl Problems {
     /// Reports a mistake at `path`.
     pub fn push(&mut self, path: impl Into<String>, message: impl Into<String>) {
-        self.found.push(Problem { path: path.into(), message: message.into(), hint: None });
+        self.found.push(Problem { at: At::With, path: path.into(), message: message.into(), hint: None });
     }
 
     /// Reports a mistake at `path` together with a way out.
     pub fn push_with_hint(&mut self, path: impl Into<String>, message: impl Into<String>, hint: impl Into<String>) {
-        self.found.push(Problem { path: path.into(), message: message.into(), hint: Some(hint.into()) });
+        self.found.push(Problem { at: At::With, path: path.into(), message: message.into(), hint: Some(hint.into()) });
+    }
+
+    /// Reports that what is connected to `port` does not fit, with a way out.
+    pub fn at_input(&mut self, port: impl Into<String>, message: impl Into<String>, hint: impl Into<String>) {
+        let (path, message, hint) = (port.into(), message.into(), Some(hint.into()));
+        self.found.push(Problem { at: At::In, path, message, hint });
     }
 
     /// Reports something legal that the user probably did not mean; never stops a run.
     pub fn warn(&mut self, path: impl Into<String>, message: impl Into<String>) {
-        self.warnings.push(Problem { path: path.into(), message: message.into(), hint: None });
+        self.warnings.push(Problem { at: At::With, path: path.into(), message: message.into(), hint: None });
     }
 
     /// Reports something legal that instances of a sweep have more or less of: of warnings that differ in numbers only, the one of
@@ -56,7 +75,7 @@ impl Problems {
         message: impl Into<String>,
         hint: impl Into<String>,
     ) {
-        let problem = Problem { path: path.into(), message: message.into(), hint: Some(hint.into()) };
+        let problem = Problem { at: At::With, path: path.into(), message: message.into(), hint: Some(hint.into()) };
         self.ranked.push((problem, size));
     }
 

@@ -7,14 +7,16 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use crate::artifact::{Artifact, Attributes};
+use crate::artifact::Artifact;
 use crate::canonical::canonical_value;
 use crate::ctx::Ctx;
 use crate::error::Error;
 use crate::extent::Extent;
 use crate::file::FileUse;
+use crate::form::Forms;
+use crate::known::Known;
 use crate::pilot::Pilot;
-use crate::port::{InPort, InPorts, InputSource, Known, OutPort, OutPorts};
+use crate::port::{InPort, InPorts, InputSource, OutPort, OutPorts};
 use crate::problem::Problems;
 
 /// What a stage is going to do, for `turbid plan`.
@@ -60,7 +62,7 @@ pub trait Stage: 'static {
     const STOPPING: &'static [&'static str] = &[];
 
     /// Unknown fields refused, defaults filled; quantities as in [`crate::quantity`].
-    type Params: DeserializeOwned + Serialize + JsonSchema;
+    type Params: DeserializeOwned + Serialize + JsonSchema + Send + Sync;
     type In: InPorts;
     type Out: OutPorts;
 
@@ -83,13 +85,10 @@ pub trait Stage: 'static {
     /// Reports every mistake with its field path, before anything runs.
     fn check(params: &Self::Params, known: &Known, problems: &mut Problems);
 
-    /// Whether `check` reads the facts of its inputs; only then are they worked out.
-    const READS_FACTS: bool = false;
-
-    /// Attributes that the artifacts on the output ports will have, as far as they are known before the run: from the params, and
-    /// from what is known of the inputs. An output says the same once it is there.
-    fn facts(_params: &Self::Params, _known: &Known) -> Facts {
-        Facts::new()
+    /// What the artifacts on the output ports will hold, as far as that is known before the run, from the params and from the forms of
+    /// the inputs; asked only where `check` found nothing wrong. An output that differs from it is a mistake of the stage.
+    fn describe(_params: &Self::Params, _known: &Known) -> Forms {
+        Forms::new()
     }
 
     /// Method, capabilities needed and left out, estimated cost.
@@ -109,9 +108,6 @@ pub trait Stage: 'static {
 /// How large outputs are going to be, by port.
 pub type Extents = BTreeMap<&'static str, Extent>;
 
-/// What is known of outputs before a run, by port.
-pub type Facts = BTreeMap<&'static str, Attributes>;
-
 /// Why params could not be read: the field and the rule.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ParamError {
@@ -120,19 +116,53 @@ pub struct ParamError {
     pub message: String,
 }
 
-/// What the engine needs to know of an instance's params.
-#[derive(Clone, Debug)]
-pub struct Prepared {
-    /// Canonical params, defaults filled: what is hashed, stored and explained.
-    pub canonical: Value,
-    pub draws: bool,
-    pub files: Vec<FileUse>,
-}
-
 /// What a run made: the artifact of each port.
 pub type Made = Vec<(&'static str, Artifact)>;
 
-/// A stage as the engine sees it. `params` is always the JSON value of `with` after substitution.
+/// A stage with its params read: what stands behind check, describe, plan and run. Params are read once, by [`StageRow::prepare`].
+pub trait Job: Send + Sync {
+    /// Canonical params, defaults filled: what is hashed, stored and explained.
+    fn canonical(&self) -> Result<Value, String>;
+    fn draws(&self) -> bool;
+    fn files(&self) -> Vec<FileUse>;
+    fn check(&self, known: &Known, problems: &mut Problems);
+    fn describe(&self, known: &Known) -> Forms;
+    fn plan(&self, known: &Known) -> StagePlan;
+    fn pilot(&self, known: &Known, ctx: Ctx<'_>) -> Option<Pilot>;
+    fn run(&self, inputs: &dyn InputSource, ctx: Ctx<'_>) -> Result<Made, Error>;
+}
+
+/// The params of stage `S`, as they were read.
+struct Typed<S: Stage>(S::Params);
+
+impl<S: Stage> Job for Typed<S> {
+    fn canonical(&self) -> Result<Value, String> {
+        S::canonical(&self.0)
+    }
+    fn draws(&self) -> bool {
+        S::draws(&self.0)
+    }
+    fn files(&self) -> Vec<FileUse> {
+        S::files(&self.0)
+    }
+    fn check(&self, known: &Known, problems: &mut Problems) {
+        S::check(&self.0, known, problems);
+    }
+    fn describe(&self, known: &Known) -> Forms {
+        S::describe(&self.0, known)
+    }
+    fn plan(&self, known: &Known) -> StagePlan {
+        S::plan(&self.0, known)
+    }
+    fn pilot(&self, known: &Known, ctx: Ctx<'_>) -> Option<Pilot> {
+        S::pilot(&self.0, known, ctx)
+    }
+    fn run(&self, inputs: &dyn InputSource, ctx: Ctx<'_>) -> Result<Made, Error> {
+        Ok(S::run(&self.0, <S::In as InPorts>::load(inputs)?, ctx)?.into_artifacts())
+    }
+}
+
+/// A stage as the engine sees it.
 #[derive(Clone)]
 pub struct StageRow {
     pub name: &'static str,
@@ -143,13 +173,8 @@ pub struct StageRow {
     pub inputs: fn() -> Vec<InPort>,
     pub outputs: fn() -> Vec<OutPort>,
     pub schema: fn() -> Value,
-    pub prepare: fn(params: &Value) -> Result<Prepared, ParamError>,
-    pub check: fn(params: &Value, known: &Known, problems: &mut Problems),
-    pub reads_facts: bool,
-    pub facts: fn(params: &Value, known: &Known) -> Facts,
-    pub plan: fn(params: &Value, known: &Known) -> StagePlan,
-    pub pilot: fn(params: &Value, known: &Known, ctx: Ctx<'_>) -> Option<Pilot>,
-    pub run: fn(params: &Value, inputs: &dyn InputSource, ctx: Ctx<'_>) -> Result<Made, Error>,
+    /// Reads the JSON value of `with` after substitution.
+    pub prepare: fn(params: &Value) -> Result<Box<dyn Job>, ParamError>,
 }
 
 impl StageRow {
@@ -164,32 +189,21 @@ impl StageRow {
             inputs: <S::In as InPorts>::ports,
             outputs: <S::Out as OutPorts>::ports,
             schema: || schemars::schema_for!(S::Params).to_value(),
-            prepare: |params| {
-                let params = read_params::<S::Params>(params)?;
-                let canonical = S::canonical(&params).map_err(|message| ParamError { path: Vec::new(), message })?;
-                Ok(Prepared { canonical, draws: S::draws(&params), files: S::files(&params) })
-            },
-            check: |params, known, problems| match read_params::<S::Params>(params) {
-                Ok(params) => S::check(&params, known, problems),
-                Err(error) => problems.push(error.path.join("."), error.message),
-            },
-            reads_facts: S::READS_FACTS,
-            facts: |params, known| match read_params::<S::Params>(params) {
-                Ok(params) => S::facts(&params, known),
-                Err(_) => Facts::new(),
-            },
-            plan: |params, known| match read_params::<S::Params>(params) {
-                Ok(params) => S::plan(&params, known),
-                Err(_) => StagePlan::default(),
-            },
-            pilot: |params, known, ctx| S::pilot(&read_params::<S::Params>(params).ok()?, known, ctx),
-            run: |params, inputs, ctx| {
-                let params =
-                    read_params::<S::Params>(params).map_err(|e| Error::invalid(e.path.join("."), e.message))?;
-                let inputs = <S::In as InPorts>::load(inputs)?;
-                Ok(S::run(&params, inputs, ctx)?.into_artifacts())
-            },
+            prepare: |params| Ok(Box::new(Typed::<S>(read_params(params)?))),
         }
+    }
+
+    /// Reads and checks params at once; what cannot be read is a mistake like others.
+    pub fn check(&self, params: &Value, known: &Known, problems: &mut Problems) {
+        match (self.prepare)(params) {
+            Ok(job) => job.check(known, problems),
+            Err(error) => problems.push(error.path.join("."), error.message),
+        }
+    }
+
+    /// Reads params and runs, for who has no engine.
+    pub fn run(&self, params: &Value, inputs: &dyn InputSource, ctx: Ctx<'_>) -> Result<Made, Error> {
+        (self.prepare)(params).map_err(|e| Error::invalid(e.path.join("."), e.message))?.run(inputs, ctx)
     }
 }
 

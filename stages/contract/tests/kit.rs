@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 use turbid_contract::kit::Trial;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Maps, Preview};
-use turbid_contract::{Ctx, Error, ImageStack, Known, LayerInfo, Problems, Stage, in_ports, out_ports};
+use turbid_contract::{Ctx, Error, Form, Forms, ImageStack, Known, LayerInfo, Problems, Stage, in_ports, out_ports};
 
 /// Params of `scale`.
 #[derive(serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
@@ -49,6 +49,15 @@ impl Stage for Scale {
         if known.fact("maps").get("n") == Some(&json!(2)) {
             problems.warn("factor", "glass");
         }
+    }
+
+    fn describe(params: &Params, known: &Known) -> Forms {
+        let mut form = known.form("maps").cloned().unwrap_or_default();
+        if params.breaks == "form" {
+            form.pixels = Some([3, 2]);
+        }
+        form.layers = form.layers.filter(|_| params.breaks.is_empty());
+        Forms::from([("maps", Form { attributes: Default::default(), ..form })])
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
@@ -111,6 +120,7 @@ fn each_broken_rule_is_named() {
     for (breaks, told) in [
         ("threads", "three threads give other outputs than one"),
         ("optional", "`maps` depends on which optional ports are wanted"),
+        ("form", "output `maps` has 3 x 2 pixels instead of 2 x 3 pixels"),
         ("finite", "layer `mu_a` is NaN at row 1, column 2"),
         ("unit", "layer `mu_a` has unit ``"),
         ("twice", "two layers say the same"),

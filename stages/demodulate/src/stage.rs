@@ -3,7 +3,7 @@
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Covariance, Frames, Modulation, Phase, Scene};
 use turbid_contract::{
-    Ctx, Error, Extents, Facts, ImageStack, Known, LayerKind, Problems, Stage, StagePlan, in_ports, out_ports,
+    Ctx, Error, Extents, Form, Forms, ImageStack, Known, LayerKind, Problems, Stage, StagePlan, in_ports, out_ports,
 };
 
 use crate::memory::memory;
@@ -38,7 +38,6 @@ pub struct Demodulate;
 impl Stage for Demodulate {
     const NAME: &'static str = "demodulate";
     const VERSION: u32 = 6;
-    const READS_FACTS: bool = true;
     const ABOUT: &'static str =
         "M_DC, M_AC and phase of each pixel from frames of shifted sinusoids, with standard errors";
 
@@ -78,19 +77,19 @@ impl Stage for Demodulate {
         }
     }
 
-    fn facts(params: &Params, known: &Known) -> Facts {
+    fn describe(params: &Params, known: &Known) -> Forms {
         let mut facts = known.fact("frames");
         if params.method == Method::Speckle {
             let f_x: Vec<f64> = std::iter::once(0.0).chain(params.f_x.iter().map(|f| f.0)).collect();
             facts.insert("f_x".to_owned(), f_x.into());
         }
-        Facts::from([("modulation", facts)])
+        Forms::from([("modulation", Form::said(facts))])
     }
 
     fn plan(params: &Params, known: &Known) -> StagePlan {
         let covariance = known.connected.iter().any(|port| port == "covariance");
         // A window of speckle: measured with 12 frames; all else takes microseconds for a pixel.
-        let camera = known.get::<Scene>("scene").and_then(|scene| scene.camera);
+        let camera = known.get::<Scene>("scene").and_then(|scene| scene.camera.clone());
         let windows = camera.filter(|_| params.method == Method::Speckle).zip(params.window).map(|(camera, window)| {
             let [columns, rows] = camera.pixels.map(f64::from);
             2.5e-6 * columns * rows * window.0 * columns / camera.field[0]

@@ -5,8 +5,8 @@ use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{CONDITIONS, Frames};
 use turbid_contract::pitch::PIXEL_PITCH_MM;
 use turbid_contract::{
-    Attributes, Ctx, Error, Facts, FileUse, ImageStack, Known, LayerInfo, LayerKind, Problem, Problems, Stage,
-    StagePlan, in_ports, out_ports, serde_json,
+    At, Attributes, Ctx, Error, FileUse, Form, Forms, ImageStack, Known, LayerInfo, LayerKind, Problem, Problems,
+    Stage, StagePlan, in_ports, out_ports, serde_json,
 };
 
 use crate::correct::{Corrected, Field, Light};
@@ -103,7 +103,7 @@ impl Stage for ImportFrames {
         }
     }
 
-    fn facts(params: &Params, _known: &Known) -> Facts {
+    fn describe(params: &Params, _known: &Known) -> Forms {
         let mut f_x: Vec<f64> = params.shots().iter().map(|shot| shot.f_x).collect();
         f_x.sort_by(f64::total_cmp);
         f_x.dedup();
@@ -111,7 +111,7 @@ impl Stage for ImportFrames {
         if let Some(conditions) = &params.conditions {
             conditions.said().insert_into(&mut frames, CONDITIONS);
         }
-        Facts::from([("frames", frames)])
+        Forms::from([("frames", Form::said(frames))])
     }
 
     fn plan(params: &Params, _known: &Known) -> StagePlan {
@@ -178,7 +178,7 @@ fn odd_numbers(at: &str, path: &str, picture: &Picture, problems: &mut Problems)
 }
 
 fn push(error: Error, problems: &mut Problems) {
-    if let Error::Invalid(Problem { path, message, hint }) = error {
+    if let Error::Invalid(Problem { path, message, hint, .. }) = error {
         match hint {
             Some(hint) => problems.push_with_hint(path, message, hint),
             None => problems.push(path, message),
@@ -229,6 +229,7 @@ fn usable(shot: &Shot, light: Light) -> Result<(), Error> {
     if 2 * light.saturated > light.pixels {
         let share = 100.0 * light.saturated as f64 / light.pixels as f64;
         return Err(Error::Invalid(Problem {
+            at: At::With,
             path: shot.at.clone(),
             message: format!("{share:.0} % of the pixels of `{}` are saturated", shot.file),
             hint: Some("take it with less light, or raise `saturation` if the range goes further".into()),

@@ -4,28 +4,13 @@ use std::io::Cursor;
 use std::sync::Arc;
 
 use serde_json::{Value, json};
+use turbid_contract::kit::Inputs;
 use turbid_contract::payload::{Frames, MaskReason};
-use turbid_contract::{
-    Artifact, Axes, Ctx, Error, ImageStack, InputSource, Known, LayerKind, MemoryHost, Payload, Problems, StageRow,
-};
+use turbid_contract::{Ctx, Error, ImageStack, Known, LayerKind, MemoryHost, Payload, Problems, StageRow};
 use turbid_import::{Channel, ImportFrames, decode};
 
 const ROWS: usize = 6;
 const COLUMNS: usize = 8;
-
-struct Nothing;
-
-impl InputSource for Nothing {
-    fn one(&self, _: &str) -> Result<Option<Artifact>, Error> {
-        Ok(None)
-    }
-    fn many(&self, _: &str) -> Vec<Axes> {
-        Vec::new()
-    }
-    fn load(&self, port: &str, _: usize) -> Result<Artifact, Error> {
-        Err(Error::failed(format!("nothing on `{port}`")))
-    }
-}
 
 fn png(colour: png::ColorType, depth: png::BitDepth, data: &[u8], rows: usize) -> Arc<[u8]> {
     let mut bytes = Vec::new();
@@ -60,7 +45,7 @@ fn tiff16(value: impl Fn(usize) -> u16) -> Arc<[u8]> {
 fn import(params: &Value, files: &[(&str, Arc<[u8]>)]) -> Result<ImageStack, Error> {
     let files = files.iter().map(|(at, bytes)| ((*at).to_owned(), bytes.clone())).collect();
     let host = MemoryHost { files, ..MemoryHost::default() };
-    let outputs = (StageRow::of::<ImportFrames>().run)(params, &Nothing, Ctx::new(&host))?;
+    let outputs = StageRow::of::<ImportFrames>().run(params, &Inputs::none(), Ctx::new(&host))?;
     Ok(Frames::from_artifact(outputs.into_iter().next().unwrap().1).unwrap().0)
 }
 
@@ -195,17 +180,18 @@ fn patterns_name_files() {
         "pattern": "shots/s_{wavelength}_{f_x}_{phase}.png", "f_x": [0, 0.1], "phases": 3, "wavelength_nm": [635, 850], "gamma": 2.2
     });
     let prepared = (StageRow::of::<ImportFrames>().prepare)(&params).unwrap();
-    let names: Vec<&str> = prepared.files.iter().map(|f| f.path.as_str()).collect();
+    let files = prepared.files();
+    let names: Vec<&str> = files.iter().map(|f| f.path.as_str()).collect();
     assert_eq!(names.len(), 8);
     assert_eq!(
         (names[0], names[3], names[7]),
         ("shots/s_635_0_0.png", "shots/s_635_0.1_2.png", "shots/s_850_0.1_2.png")
     );
     assert!(
-        prepared.canonical.to_string().contains("\"s_{wavelength}_{f_x}_{phase}.png\""),
+        prepared.canonical().unwrap().to_string().contains("\"s_{wavelength}_{f_x}_{phase}.png\""),
         "folders are not in the key"
     );
-    let fields: Vec<String> = prepared.files.iter().map(|f| f.at.clone()).collect();
+    let fields: Vec<String> = prepared.files().iter().map(|f| f.at.clone()).collect();
     let files: Vec<(&str, Arc<[u8]>)> = fields.iter().map(|at| (at.as_str(), grey8(|_| 128))).collect();
     let stack = import(&params, &files).unwrap();
     assert_eq!(stack.layers.len(), 8);
@@ -223,7 +209,7 @@ fn every_mistake_has_its_field() {
     let check = |params: &Value, files: &[(&str, Arc<[u8]>)]| {
         let mut problems = Problems::default();
         let files = files.iter().map(|(at, bytes)| ((*at).to_owned(), bytes.clone())).collect();
-        (StageRow::of::<ImportFrames>().check)(params, &Known { files, ..Known::default() }, &mut problems);
+        StageRow::of::<ImportFrames>().check(params, &Known { files, ..Known::default() }, &mut problems);
         problems.into_parts().0.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")
     };
     let one = |f_x: f64, phase: u32| json!({"file": "a.png", "f_x": f_x, "phase_deg": phase});
@@ -309,7 +295,7 @@ fn pages_counts_and_infinite_pixels_are_named() {
         let files = [("frames.0.file".to_owned(), frame), ("flat".to_owned(), flat)];
         let known = Known { files: files.into(), ..Known::default() };
         let mut problems = Problems::default();
-        (StageRow::of::<ImportFrames>().check)(&params, &known, &mut problems);
+        StageRow::of::<ImportFrames>().check(&params, &known, &mut problems);
         let (wrong, warnings) = problems.into_parts();
         assert!(wrong.is_empty(), "{wrong:?}");
         warnings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")

@@ -6,8 +6,8 @@ use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Covariance, Exposure, Lut, Maps, Reflectance, Relief, Scene, Sections};
 use turbid_contract::planes::mean_se;
 use turbid_contract::{
-    AngleDeg, Attributes, Ctx, Error, Extent, Extents, Facts, ImageStack, Known, Layer, LayerInfo, LayerKind, Problems,
-    Ratio, Stage, StagePlan, in_ports, out_ports, serde_json,
+    AngleDeg, Attributes, Ctx, Error, Extent, Extents, Form, Forms, ImageStack, Known, Layer, LayerInfo, LayerKind,
+    Problems, Ratio, Stage, StagePlan, in_ports, out_ports, serde_json,
 };
 use turbid_optics::level::named;
 
@@ -62,7 +62,6 @@ pub struct Invert;
 impl Stage for Invert {
     const NAME: &'static str = "invert";
     const VERSION: u32 = 8;
-    const READS_FACTS: bool = true;
     const ABOUT: &'static str =
         "maps of mu_a and mu_s' from calibrated reflectance by a look-up table, with standard errors";
 
@@ -111,8 +110,8 @@ impl Stage for Invert {
         }
     }
 
-    fn facts(_params: &Params, known: &Known) -> Facts {
-        Facts::from([("maps", known.fact("reflectance"))])
+    fn describe(_params: &Params, known: &Known) -> Forms {
+        Forms::from([("maps", Form::said(known.fact("reflectance")))])
     }
 
     fn plan(params: &Params, known: &Known) -> StagePlan {

@@ -1,6 +1,6 @@
 //! A table from phantoms: where it may reach, and how it reads between them.
 
-use turbid_contract::{Error, Problem};
+use turbid_contract::{At, Error, Problem};
 
 use crate::nodes::Nodes;
 use crate::phantoms::Phantom;
@@ -183,6 +183,7 @@ pub fn table(
             let what =
                 format!("{axis} from {first} to {last} mm^-1 reaches beyond the phantoms ({low:.4} to {high:.4})");
             return Err(Error::Invalid(Problem {
+                at: At::With,
                 path: axis.into(),
                 message: what,
                 hint: Some("a table is not extrapolated: narrow the axis, leave it out, or add phantoms".into()),

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{CONDITIONS, Convention, Fit, Lut, Modulation, Sections, Truth, Validity};
 use turbid_contract::{
-    Attributes, Cells, Ctx, Error, Extent, Extents, Facts, ImageStack, Known, LayerInfo, Pilot, Problems, Stage,
+    Attributes, Cells, Ctx, Error, Extent, Extents, Form, Forms, ImageStack, Known, LayerInfo, Pilot, Problems, Stage,
     StagePlan, Table, in_ports, out_ports,
 };
 use turbid_optics::level::named;
@@ -77,10 +77,10 @@ impl Stage for BuildLut {
         check_ports(params, known, problems);
     }
 
-    fn facts(params: &Params, known: &Known) -> Facts {
+    fn describe(params: &Params, known: &Known) -> Forms {
         let mut lut = attributes(params, &params.recipe());
         lut.extend(known.fact("phantoms").remove_entry(CONDITIONS));
-        Facts::from([("lut", lut)])
+        Forms::from([("lut", Form::said(lut))])
     }
 
     fn plan(params: &Params, _known: &Known) -> StagePlan {

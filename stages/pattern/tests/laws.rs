@@ -344,7 +344,7 @@ fn speckle_is_seeded() {
 
 fn problems<S: Stage>(params: &S::Params, scene: &Scene) -> Vec<String> {
     let mut known = Known::default();
-    known.artifacts.insert("scene".into(), std::sync::Arc::new(scene.clone().into_artifact()));
+    known.insert("scene", scene.clone().into_artifact());
     known.connected.push("scene".into());
     let mut problems = Problems::default();
     S::check(params, &known, &mut problems);

@@ -1,7 +1,6 @@
 //! Heights of surfaces whose shape is known: phases are computed from camera, projector and shape, the stage gives the shape back.
 
 use std::f64::consts::TAU;
-use std::sync::Arc;
 
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Camera, Distortion, MaskReason, Payload, Phase, Profile, Projection, Projector, Scene};
@@ -166,7 +165,7 @@ fn known_shapes_come_back() {
 fn a_warning_says_where_the_formula_fails() {
     let uneven = scene([35.0, 0.0, 400.0], [0.0; 3], false);
     let mut known = Known::default();
-    known.artifacts.insert("scene".into(), Arc::new(Payload::into_artifact(uneven)));
+    known.insert("scene", Payload::into_artifact(uneven));
     let mut problems = Problems::default();
     Profilometry::check(&Params { method: Method::Formula, ..Params::default() }, &known, &mut problems);
     let (found, warnings) = problems.into_parts();
@@ -274,7 +273,7 @@ fn lumens_are_read_against_a_straight_tube() {
     assert!(problems.into_parts().0[0].to_string().contains("only triangulation"));
     let mut problems = Problems::default();
     let aside = Params { reference_surface: Some(tube(300.0)), ..params };
-    let known = Known { artifacts: [("scene".into(), Arc::new(scene.into_artifact()))].into(), ..Known::default() };
+    let known = Known::with("scene", scene.into_artifact());
     Profilometry::check(&aside, &known, &mut problems);
     assert!(problems.into_parts().0[0].to_string().contains("no pixel of the camera sees the reference tube"));
 }
@@ -314,7 +313,7 @@ fn what_gives_no_height_is_named() {
 
     let mut problems = Problems::default();
     let mut known = Known::default();
-    known.artifacts.insert("scene".into(), Arc::new(Payload::into_artifact(scene.clone())));
+    known.insert("scene", Payload::into_artifact(scene.clone()));
     let params = Params {
         orientation_deg: Some(AngleDeg(90.0)),
         heights: Some([Length(5.0), Length(-5.0)]),
@@ -334,13 +333,13 @@ fn what_gives_no_height_is_named() {
     if let Some(p) = &mut above.projector {
         p.position = [0.0, 0.1, 510.0];
     }
-    known.artifacts.insert("scene".into(), Arc::new(Payload::into_artifact(above)));
+    known.insert("scene", Payload::into_artifact(above));
     let mut problems = Problems::default();
     Profilometry::check(&Params::default(), &known, &mut problems);
     assert!(problems.into_parts().0[0].to_string().contains("one above the other"));
     let mut blind = scene.clone();
     blind.projector = None;
-    known.artifacts.insert("scene".into(), Arc::new(Payload::into_artifact(blind)));
+    known.insert("scene", Payload::into_artifact(blind));
     let mut problems = Problems::default();
     Profilometry::check(&Params::default(), &known, &mut problems);
     assert!(problems.into_parts().0[0].to_string().contains("no projector"));

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use turbid_contract::payload::Pattern;
 use turbid_contract::schemars::JsonSchema;
-use turbid_contract::{AngleDeg, Error, LayerInfo, PerLength, Problem, Ratio, Seconds};
+use turbid_contract::{AngleDeg, At, Error, LayerInfo, PerLength, Problem, Ratio, Seconds};
 
 use crate::light::Carrier;
 
@@ -119,7 +119,7 @@ impl Params {
         let count = |f: f64, o: f64| layers.iter().filter(|info| of(info) == (f, o)).count();
         let other = |message: String| {
             let hint = Some("leave f_x, phases and orientation_deg out: the pattern says them".to_owned());
-            Error::Invalid(Problem { path: "f_x".to_owned(), message, hint })
+            Error::Invalid(Problem { at: At::With, path: "f_x".to_owned(), message, hint })
         };
         let total: usize = asked.iter().map(|a| a.2).sum();
         if let Some((f, o, n)) = asked.iter().find(|(f, o, n)| count(*f, *o) != *n) {

@@ -1,7 +1,9 @@
 //! The stage: checks, traces, and fills the ports that are wanted.
 
 use turbid_contract::payload::{CONDITIONS, Covariance, Frames, Pattern, Power, Scene, Truth, White};
-use turbid_contract::{Attributes, Ctx, Error, Facts, Known, Pilot, Problems, Stage, StagePlan, in_ports, out_ports};
+use turbid_contract::{
+    Attributes, Ctx, Error, Form, Forms, Known, Pilot, Problems, Stage, StagePlan, in_ports, out_ports,
+};
 
 use crate::cautions::{self, pixels_with_lost_light, say_in};
 use crate::channels::groups;
@@ -78,21 +80,21 @@ impl Stage for RenderStage {
         }
     }
 
-    fn facts(params: &Params, known: &Known) -> Facts {
+    fn describe(params: &Params, known: &Known) -> Forms {
         let mut frames = Attributes::new();
-        if let Some(said) = known.get::<Scene>("scene").as_ref().and_then(turbid_geometry::conditions) {
+        if let Some(said) = known.get::<Scene>("scene").as_deref().and_then(turbid_geometry::conditions) {
             said.insert_into(&mut frames, CONDITIONS);
         }
         if !known.connected.iter().any(|port| port == "pattern") {
             let f_x: Vec<f64> = params.f_x.iter().map(|f| f.0).collect();
             frames.insert("f_x".to_owned(), f_x.into());
         }
-        Facts::from([("frames", frames)])
+        Forms::from([("frames", Form::said(frames))])
     }
 
     fn plan(params: &Params, known: &Known) -> StagePlan {
         let scene = known.get::<Scene>("scene");
-        let mut plan = crate::plan::plan(params, scene.as_ref(), known);
+        let mut plan = crate::plan::plan(params, scene.as_deref(), known);
         if let Some(scene) = &scene {
             say_in(&mut plan, scene);
         }
@@ -101,7 +103,7 @@ impl Stage for RenderStage {
 
     fn pilot(params: &Params, known: &Known, ctx: Ctx<'_>) -> Option<Pilot> {
         let patterned = known.connected.iter().any(|port| port == "pattern");
-        crate::pilot::pilot(params, &known.get::<Scene>("scene")?, patterned, ctx)
+        crate::pilot::pilot(params, &*known.get::<Scene>("scene")?, patterned, ctx)
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {

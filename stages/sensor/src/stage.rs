@@ -3,8 +3,8 @@
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Covariance, Frames, MaskReason};
 use turbid_contract::{
-    Ctx, Error, Extent, Extents, Facts, ImageStack, Known, Layer, LayerInfo, LayerKind, Problems, Stage, StagePlan,
-    in_ports, out_ports,
+    Ctx, Error, Extent, Extents, Form, Forms, ImageStack, Known, Layer, LayerInfo, LayerKind, Problems, Stage,
+    StagePlan, in_ports, out_ports,
 };
 use turbid_optics::philox;
 
@@ -59,8 +59,8 @@ impl Stage for Sensor {
         params.check(problems);
     }
 
-    fn facts(_params: &Params, known: &Known) -> Facts {
-        Facts::from([("frames", known.fact("frames"))])
+    fn describe(_params: &Params, known: &Known) -> Forms {
+        Forms::from([("frames", Form::said(known.fact("frames")))])
     }
 
     fn plan(params: &Params, known: &Known) -> StagePlan {

@@ -1,30 +1,14 @@
 //! The stage as the engine calls it: what it does to frames, their masks, standard errors and covariance.
 
 use serde_json::{Value, json};
+use turbid_contract::kit::Inputs;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Covariance, Frames, MaskReason};
-use turbid_contract::{
-    Artifact, Axes, Ctx, Error, ImageStack, InputSource, Known, LayerInfo, LayerKind, MemoryHost, Payload, Problems,
-    StageRow,
-};
+use turbid_contract::{Ctx, ImageStack, Known, LayerInfo, LayerKind, MemoryHost, Payload, Problems, StageRow};
 use turbid_sensor::Sensor;
 
 const N: usize = 64;
 const PHASES: usize = 3;
-
-struct Inputs(Vec<(&'static str, Artifact)>);
-
-impl InputSource for Inputs {
-    fn one(&self, port: &str) -> Result<Option<Artifact>, Error> {
-        Ok(self.0.iter().find(|(name, _)| *name == port).map(|(_, artifact)| artifact.clone()))
-    }
-    fn many(&self, _: &str) -> Vec<Axes> {
-        Vec::new()
-    }
-    fn load(&self, port: &str, _: usize) -> Result<Artifact, Error> {
-        Err(Error::failed(format!("nothing on `{port}`")))
-    }
-}
 
 /// A white frame and three of a fringe of contrast 0.4 on a slope from `low` to `high`; standard errors `se`.
 fn frames(low: f32, high: f32, se: f32) -> Frames {
@@ -54,14 +38,14 @@ fn frames(low: f32, high: f32, se: f32) -> Frames {
 
 fn sense(params: &Value, inputs: Inputs, seed: u64) -> (ImageStack, Option<ImageStack>, MemoryHost) {
     let host = MemoryHost { seed, wanted: vec!["covariance".into()], ..MemoryHost::default() };
-    let outputs = (StageRow::of::<Sensor>().run)(params, &inputs, Ctx::new(&host)).unwrap();
+    let outputs = StageRow::of::<Sensor>().run(params, &inputs, Ctx::new(&host)).unwrap();
     let find = |port: &str| outputs.iter().find(|(name, _)| *name == port).map(|(_, artifact)| artifact.clone());
     let Frames(frames) = Frames::from_artifact(find("frames").unwrap()).unwrap();
     (frames, find("covariance").map(|a| Covariance::from_artifact(a).unwrap().0), host)
 }
 
 fn alone(frames: Frames) -> Inputs {
-    Inputs(vec![("frames", frames.into_artifact())])
+    Inputs::none().with("frames", frames)
 }
 
 /// A camera with nothing in it hands frames on; its layers say what theirs said.
@@ -183,7 +167,7 @@ fn covariance_adds_up() {
     let part = |part: &str, f_x: f64| json!({"part": part, "f_x_per_mm": f_x, "orientation_deg": 0.0});
     let listed = json!([part("dc", 0.0), part("re", 0.1), part("im", 0.1)]);
     given.attributes.insert("quantities".into(), listed);
-    let inputs = Inputs(vec![("frames", flat().into_artifact()), ("covariance", Covariance(given).into_artifact())]);
+    let inputs = Inputs::none().with("frames", flat()).with("covariance", Covariance(given));
     let covariance = sense(&params, inputs, 1).1.unwrap();
     let shot_dc = shot.iter().sum::<f64>() / 9.0;
     assert!((at(&covariance, [1, 1]) / (1e-14 + shot_dc) - 1.0).abs() < 1e-6);
@@ -205,7 +189,7 @@ fn dark_and_flat_fields_undo_the_pixels() {
     };
     let read = |params: &Value, ideal: Frames, seed: u64| {
         let host = MemoryHost { seed, wanted: vec!["numbers".into()], ..MemoryHost::default() };
-        let outputs = (StageRow::of::<Sensor>().run)(params, &alone(ideal), Ctx::new(&host)).unwrap();
+        let outputs = StageRow::of::<Sensor>().run(params, &alone(ideal), Ctx::new(&host)).unwrap();
         let numbers = outputs.into_iter().find(|(name, _)| *name == "numbers").unwrap().1;
         Frames::from_artifact(numbers).unwrap().0.layers[0].data.clone()
     };
@@ -252,12 +236,12 @@ fn every_mistake_has_its_field() {
         (json!({"iso": 100}), "unknown field `iso`"),
     ] {
         let mut problems = Problems::default();
-        (StageRow::of::<Sensor>().check)(&params, &Known::default(), &mut problems);
+        StageRow::of::<Sensor>().check(&params, &Known::default(), &mut problems);
         let found: Vec<String> = problems.into_parts().0.iter().map(ToString::to_string).collect();
         assert!(found.iter().any(|p| p.contains(message)), "{params}: {found:?}");
     }
     let host = MemoryHost::default();
-    let dark = (StageRow::of::<Sensor>().run)(&json!({}), &alone(frames(0.0, 0.0, 0.0)), Ctx::new(&host));
+    let dark = StageRow::of::<Sensor>().run(&json!({}), &alone(frames(0.0, 0.0, 0.0)), Ctx::new(&host));
     assert!(dark.unwrap_err().to_string().contains("no pixel is above 0"));
 }
 

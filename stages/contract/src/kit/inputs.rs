@@ -10,7 +10,8 @@ use crate::port::{Axes, InputSource};
 /// Artifacts on input ports, those of a `many` port with their axes.
 #[derive(Clone, Debug, Default)]
 pub struct Inputs {
-    ports: BTreeMap<String, Vec<(Axes, Artifact)>>,
+    /// By port, in the order of the port.
+    pub ports: BTreeMap<String, Vec<(Axes, Artifact)>>,
 }
 
 impl Inputs {
@@ -35,6 +36,11 @@ impl Inputs {
     /// Names of the ports that are connected.
     pub fn connected(&self) -> impl Iterator<Item = &str> {
         self.ports.keys().map(String::as_str)
+    }
+
+    /// The artifacts on a port.
+    pub fn all(&self, port: &str) -> Vec<&Artifact> {
+        self.ports.get(port).into_iter().flatten().map(|(_, artifact)| artifact).collect()
     }
 
     /// The first artifact on a port.

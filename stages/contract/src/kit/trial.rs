@@ -9,11 +9,13 @@ use crate::artifact::{Artifact, ArtifactKind};
 use crate::ctx::{Ctx, Host};
 use crate::error::Error;
 use crate::file::Files;
+use crate::form::{Form, Forms};
 use crate::kit::{Inputs, MemoryHost};
+use crate::known::Known;
 use crate::payload::Payload;
-use crate::port::{Arity, Axes, InPort, Known};
+use crate::port::{Arity, Axes, InPort};
 use crate::problem::{Problem, Problems};
-use crate::stage::{Stage, StagePlan, StageRow};
+use crate::stage::{Job, ParamError, Stage, StagePlan, StageRow};
 
 /// A stage with params, inputs and settings of a host; each run has a host of its own.
 #[derive(Clone)]
@@ -115,37 +117,39 @@ impl Trial {
         MemoryHost { seed, threads, wanted: self.wanted.clone(), files: self.files.clone(), ..MemoryHost::default() }
     }
 
-    /// What `check` and `plan` know of what is connected: of records their content, as of those that instant stages make; of images and tables
-    /// their attributes and size.
+    /// What `check`, `describe` and `plan` know of what is connected: of records their content, as of those that instant stages make; of images and
+    /// tables their form and size.
     pub fn known(&self) -> Known {
         let mut known = Known { files: self.files.clone(), ..Known::default() };
         let made = (self.row.outputs)().into_iter().filter(|port| !port.optional).map(|port| port.name.to_owned());
         known.wanted = made.chain(self.wanted.iter().cloned()).collect();
         for port in (self.row.inputs)() {
-            let Some(artifact) = self.inputs.first(port.name) else { continue };
-            let name = port.name.to_owned();
+            let (name, artifacts) = (port.name.to_owned(), self.inputs.all(port.name));
+            let Some(artifact) = artifacts.first() else { continue };
             known.connected.push(name.clone());
+            known.extents.insert(name.clone(), artifact.extent());
+            known.producers.insert(name.clone(), format!("made.{name}"));
+            known.forms.insert(name.clone(), artifacts.iter().map(|artifact| Arc::new(Form::of(artifact))).collect());
             if matches!(port.arity, Arity::One | Arity::Optional) {
                 known.payloads.insert(name.clone(), port.payload.to_owned());
                 if artifact.kind() == ArtifactKind::Record {
-                    known.artifacts.insert(name.clone(), Arc::new(artifact.clone()));
+                    known.insert(name, (*artifact).clone());
                 }
             }
-            let attributes = match artifact {
-                Artifact::Images(stack) => stack.attributes.clone(),
-                Artifact::Table(table) => table.attributes.clone(),
-                Artifact::Record(_) => continue,
-            };
-            known.facts.insert(name.clone(), attributes);
-            known.extents.insert(name, artifact.extent());
         }
         known
+    }
+
+    /// The stage with its params read; panics where they cannot be.
+    pub fn job(&self) -> Box<dyn Job> {
+        let read = |error: ParamError| panic!("{}: {}: {}", self.row.name, error.path.join("."), error.message);
+        (self.row.prepare)(&self.params).unwrap_or_else(read)
     }
 
     /// Mistakes and warnings of `check`. Params that cannot be read are the one mistake.
     pub fn check(&self) -> (Vec<Problem>, Vec<Problem>) {
         let mut problems = Problems::default();
-        (self.row.check)(&self.params, &self.known(), &mut problems);
+        self.row.check(&self.params, &self.known(), &mut problems);
         problems.into_parts()
     }
 
@@ -163,20 +167,30 @@ impl Trial {
         assert!(mistakes.is_empty() && warnings.is_empty(), "in {}: {mistakes:#?} {warnings:#?}", self.params);
     }
 
-    pub fn plan(&self) -> StagePlan {
-        (self.row.plan)(&self.params, &self.known())
+    /// What the outputs are said to hold before a run.
+    pub fn describe(&self) -> Forms {
+        self.job().describe(&self.known())
     }
 
-    /// Check, plan, run, as the engine does.
+    pub fn plan(&self) -> StagePlan {
+        self.job().plan(&self.known())
+    }
+
+    /// Check, describe, plan, run, as the engine does.
     ///
-    /// Errors: the first mistake of `check`; what the run says.
+    /// Errors: the first mistake of `check`; what the run says; an output that is not as it was described.
     pub fn run(&self) -> Result<Made, Error> {
         if let Some(mistake) = self.check().0.into_iter().next() {
             return Err(Error::Invalid(mistake));
         }
+        let (forms, host) = (self.describe(), self.host());
         self.plan();
-        let host = self.host();
         let ports = self.run_alone(&host)?;
+        for (port, form) in &forms {
+            if let Some(broken) = ports.get(port).and_then(|artifact| form.broken_by(&Form::of(artifact))) {
+                return Err(Error::failed(format!("output `{port}` has {broken}")));
+            }
+        }
         Ok(Made { ports, host })
     }
 
@@ -184,6 +198,6 @@ impl Trial {
     ///
     /// Errors: what the run says.
     pub fn run_alone(&self, host: &dyn Host) -> Result<BTreeMap<&'static str, Artifact>, Error> {
-        Ok((self.row.run)(&self.params, &self.inputs, Ctx::new(host))?.into_iter().collect())
+        Ok(self.row.run(&self.params, &self.inputs, Ctx::new(host))?.into_iter().collect())
     }
 }

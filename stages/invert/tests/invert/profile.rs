@@ -368,7 +368,7 @@ fn mistakes_are_found_before_the_run() {
     let check = |params: &Params, connected: &[&str], scene: Option<Scene>| -> (Vec<Problem>, Vec<Problem>) {
         let mut known = Known { connected: connected.iter().map(|p| p.to_string()).collect(), ..Known::default() };
         if let Some(scene) = scene {
-            known.artifacts.insert("scene".into(), std::sync::Arc::new(turbid_contract::Payload::into_artifact(scene)));
+            known.insert("scene", turbid_contract::Payload::into_artifact(scene));
         }
         let mut problems = Problems::default();
         Invert::check(params, &known, &mut problems);

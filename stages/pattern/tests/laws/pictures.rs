@@ -71,7 +71,7 @@ fn mistakes_in_pictures_are_named() {
         let mut known = Known::default();
         let at = |k: usize| format!("image.files.{k}");
         known.files = files.iter().enumerate().map(|(k, bytes)| (at(k), bytes.clone().into())).collect();
-        known.artifacts.insert("scene".into(), std::sync::Arc::new(scene.clone().into_artifact()));
+        known.insert("scene", scene.clone().into_artifact());
         let mut problems = Problems::default();
         PatternStage::check(params, &known, &mut problems);
         problems.into_parts().0.iter().map(ToString::to_string).collect::<Vec<_>>()

@@ -1,7 +1,6 @@
 //! Smooth refraction at curved and tilted walls, and at facets.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 use serde_json::json;
 use turbid_contract::payload::{Lamp, Medium, Mesh, Object, Payload, Scene, Shape, Specular, Surface};
@@ -90,12 +89,12 @@ fn clear_meshes_are_warned_of() {
         objects.extend(beside);
         let scene = scene(&[("m", wet(0.1, mu_s, 0.7)), ("n", wet(0.1, 2.0, 0.7))], objects, (camera, projector));
         let mut known = Known::default();
-        known.artifacts.insert("scene".to_owned(), Arc::new(scene.into_artifact()));
+        known.insert("scene", scene.into_artifact());
         let params = json!({"f_x": [0], "samples": 64, "method": "path"});
         let (row, mut problems) = (StageRow::of::<RenderStage>(), Problems::default());
-        (row.check)(&params, &known, &mut problems);
+        row.check(&params, &known, &mut problems);
         let (errors, warnings) = problems.into_parts();
-        (errors, warnings, (row.plan)(&params, &known).seconds.unwrap())
+        (errors, warnings, (row.prepare)(&params).unwrap().plan(&known).seconds.unwrap())
     };
     // 2 mm across: 1.0 and 4.2 mean free paths.
     let lump = || mesh(icosphere(1.0, [0.0; 3].into(), 2));

@@ -1,7 +1,6 @@
 //! Glints on curved walls, tilted ones and facets: closed forms of round mirrors, rays that look for a ball of light, and what is one by another way.
 
 use std::f64::consts::PI;
-use std::sync::Arc;
 
 use glam::DVec3;
 use serde_json::json;
@@ -284,9 +283,9 @@ fn light_in_focus_is_named() {
         scene.camera.as_mut().unwrap().specular = Some(specular);
         scene.lights = [("lamp".to_owned(), Lamp::Point { position: [0.0, 0.0, -20.0], power: vec![1.0] })].into();
         let mut known = Known::default();
-        known.artifacts.insert("scene".to_owned(), Arc::new(scene.into_artifact()));
+        known.insert("scene", scene.into_artifact());
         let mut problems = Problems::default();
-        (StageRow::of::<RenderStage>().check)(&json!({"f_x": [0], "samples": 64}), &known, &mut problems);
+        StageRow::of::<RenderStage>().check(&json!({"f_x": [0], "samples": 64}), &known, &mut problems);
         problems.into_parts().0
     };
     let problems = told(0.0, Specular::Include);

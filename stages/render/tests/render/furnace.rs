@@ -90,17 +90,21 @@ fn the_plan_says_what_a_wall_loses() {
     use turbid_contract::payload::Payload;
     let mut known = turbid_contract::Known::default();
     let artifact: Artifact = furnace(Surface::Rough(0.3), 4).into_artifact();
-    known.artifacts.insert("scene".to_owned(), std::sync::Arc::new(artifact));
-    let needs = (StageRow::of::<RenderStage>().plan)(&json!({"f_x": [0], "samples": 4}), &known).needs.join("; ");
+    known.insert("scene", artifact);
+    let needs = (StageRow::of::<RenderStage>().prepare)(&json!({"f_x": [0], "samples": 4}))
+        .unwrap()
+        .plan(&known)
+        .needs
+        .join("; ");
     assert!(needs.contains("alpha = 0.3 loses 2") && needs.contains("unknown"), "{needs}");
 }
 
 /// The run says it, too.
 #[test]
 fn the_run_warns_of_lost_light() {
-    let host = TestHost::new(1, &[], 2);
+    let host = MemoryHost::new(1, &[], 2);
     let scene = furnace(Surface::Rough(0.3), 1);
-    (StageRow::of::<RenderStage>().run)(&json!({"f_x": [0], "samples": 2}), &Input(scene), Ctx::new(&host)).unwrap();
-    let warnings = host.memory.warnings.lock().unwrap();
+    StageRow::of::<RenderStage>().run(&json!({"f_x": [0], "samples": 2}), &input(scene), Ctx::new(&host)).unwrap();
+    let warnings = host.warnings.lock().unwrap();
     assert!(warnings.iter().any(|w| w.contains("between their facets")), "{warnings:?}");
 }

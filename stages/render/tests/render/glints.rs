@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
-use std::sync::Arc;
 
 use glam::DVec3;
 use serde_json::{Value, json};
@@ -315,10 +314,10 @@ fn parallel_light_in_a_parallel_view_is_refused() {
     let row = StageRow::of::<RenderStage>();
     let told = |scene: &Scene| {
         let mut known = Known::default();
-        known.artifacts.insert("scene".to_owned(), Arc::new(scene.clone().into_artifact()));
+        known.insert("scene", scene.clone().into_artifact());
         let mut problems = Problems::default();
-        (row.check)(&params, &known, &mut problems);
-        (problems.into_parts().0, (row.plan)(&params, &known))
+        row.check(&params, &known, &mut problems);
+        (problems.into_parts().0, (row.prepare)(&params).unwrap().plan(&known))
     };
     let (problems, plan) = told(&scene);
     assert!(problems.len() == 1 && problems[0].message.contains("one direction only"), "{problems:?}");

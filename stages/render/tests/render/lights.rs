@@ -189,9 +189,8 @@ fn scenes_without_a_projector() {
     let said = |scene: &Scene, f_x: f64| {
         let mut problems = Problems::default();
         let artifact = turbid_contract::Payload::into_artifact(scene.clone());
-        let known =
-            Known { artifacts: [("scene".to_owned(), std::sync::Arc::new(artifact))].into(), ..Known::default() };
-        (StageRow::of::<RenderStage>().check)(&json!({"f_x": [f_x], "samples": 64}), &known, &mut problems);
+        let known = Known::with("scene", artifact);
+        StageRow::of::<RenderStage>().check(&json!({"f_x": [f_x], "samples": 64}), &known, &mut problems);
         problems.into_parts().0
     };
     let lamp = lit_by(tiny_view(), &[Lamp::Ambient { radiance: vec![1.0] }]);

@@ -1,7 +1,6 @@
 //! Mirrors: symmetry, images, what is refused.
 
 use std::f64::consts::PI;
-use std::sync::Arc;
 
 use glam::DVec3;
 use serde_json::json;
@@ -166,11 +165,11 @@ fn what_mirrors_would_need_is_named() {
         ];
         let scene = scene(&media, objects, (Camera { specular: Some(specular), ..camera }, projector));
         let mut known = Known::default();
-        known.artifacts.insert("scene".to_owned(), Arc::new(scene.into_artifact()));
+        known.insert("scene", scene.into_artifact());
         let (row, params) = (StageRow::of::<RenderStage>(), json!({"f_x": [0], "samples": 64, "method": "path"}));
         let mut problems = Problems::default();
-        (row.check)(&params, &known, &mut problems);
-        let plan = (row.plan)(&params, &known);
+        row.check(&params, &known, &mut problems);
+        let plan = (row.prepare)(&params).unwrap().plan(&known);
         assert!(plan.needs.iter().any(|n| n == "mirrors"), "{plan:?}");
         problems.into_parts().0.into_iter().map(|p| p.message).collect::<Vec<_>>()
     };
