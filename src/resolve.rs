@@ -401,6 +401,10 @@ impl<'a> Resolver<'a> {
             let producer = self.plan.instances[*first].stage;
             let label = format!("{}.{port}", self.plan.spec.stages[producer].name);
             known.producers.insert(wire.port.to_owned(), label);
+            if wire.many {
+                let axes = wire.from.iter().map(|(id, _)| self.plan.instances[*id].axes.clone());
+                known.axes.insert(wire.port.to_owned(), axes.collect());
+            }
             if wire.from.len() > 1 {
                 continue;
             }

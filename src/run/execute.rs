@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use serde_json::Value;
+use turbid_contract::payload::undeclared;
 use turbid_contract::{Artifact, Ctx, Error, Form, StageRow};
 
 use crate::key::Dependencies;
@@ -184,6 +185,11 @@ fn publish_blobs(
         {
             let stage = resolver.plan.row(stage).name;
             return Err(format!("internal error, please report it: output `{name}` of {stage} has {text}"));
+        }
+        if let Some(other) = undeclared(described.holds, &artifact) {
+            let (stage, payload) = (resolver.plan.row(stage).name, described.payload);
+            let text = format!("output `{name}` of {stage} has a {other}, which {payload} does not declare");
+            return Err(format!("internal error, please report it: {text}"));
         }
         let blob = resolver.store.put(&artifact).map_err(|e| format!("output `{name}`: {e}"))?;
         ports.insert(name.to_owned(), PortRecord { payload: described.payload.to_owned(), blob });

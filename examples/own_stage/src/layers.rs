@@ -2,8 +2,8 @@
 
 use turbid_contract::{LayerInfo, LayerKind};
 
-/// One depth to compute, by the places of the layers that it is made of.
-pub struct Quantity {
+/// A depth to compute, by the places of the layers that it is made of.
+pub struct Fringe {
     /// What the layer of the depth will say.
     pub info: LayerInfo,
     pub m_dc: usize,
@@ -17,7 +17,7 @@ pub struct Quantity {
 }
 
 /// The depths that these layers make: one for each fringe, f_x > 0, in their order.
-pub fn quantities(layers: &[LayerInfo]) -> Vec<Quantity> {
+pub fn fringes(layers: &[LayerInfo]) -> Vec<Fringe> {
     let place = |wanted: LayerInfo| {
         let same = |info: &LayerInfo| LayerInfo { mean_se: None, ..info.clone() } == wanted;
         layers.iter().position(same)
@@ -32,7 +32,7 @@ pub fn quantities(layers: &[LayerInfo]) -> Vec<Quantity> {
             .position(|l| l.kind == LayerKind::Covariance && l.pair.is_some_and(|pair| pairs.contains(&pair)));
         let errors = (place(of_dc.standard_error()), place(of_ac.standard_error()), covariance);
         let holds = |l: &LayerInfo| l.wavelength_nm.is_none() || l.wavelength_nm == info.wavelength_nm;
-        Some(Quantity {
+        Some(Fringe {
             m_dc,
             m_ac,
             noise: if let (Some(dc), Some(ac), Some(pair)) = errors { Some([dc, ac, pair]) } else { None },
@@ -48,11 +48,11 @@ pub fn quantities(layers: &[LayerInfo]) -> Vec<Quantity> {
 }
 
 /// The wavelengths of some depths, in their order.
-pub fn wavelengths(of: &[Quantity]) -> Vec<Option<f64>> {
+pub fn wavelengths(of: &[Fringe]) -> Vec<Option<f64>> {
     let mut found = Vec::new();
-    for quantity in of {
-        if !found.contains(&quantity.info.wavelength_nm) {
-            found.push(quantity.info.wavelength_nm);
+    for fringe in of {
+        if !found.contains(&fringe.info.wavelength_nm) {
+            found.push(fringe.info.wavelength_nm);
         }
     }
     found

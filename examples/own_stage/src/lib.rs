@@ -10,7 +10,9 @@
 
 mod depth;
 mod layers;
+mod payload;
 mod stage;
 
 pub use depth::{Noise, modulation_depth};
+pub use payload::Depth;
 pub use stage::{In, ModulationDepth, Out, Params};

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::{Maps, MaskReason, Modulation};
+use turbid_contract::payload::{MaskReason, Modulation};
 use turbid_contract::planes::mean_se;
 use turbid_contract::schemars::JsonSchema;
 use turbid_contract::serde::{Deserialize, Serialize};
@@ -13,7 +13,8 @@ use turbid_contract::{
 };
 
 use crate::depth::{Noise, modulation_depth};
-use crate::layers::{Quantity, mask, quantities, wavelengths};
+use crate::layers::{Fringe, fringes, mask, wavelengths};
+use crate::payload::Depth;
 
 /// Params of `modulation_depth`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -39,7 +40,7 @@ in_ports! {
 out_ports! {
     pub struct Out {
         /// `modulation_depth` for each f_x > 0, with standard error and mask.
-        depth: one Maps,
+        depth: one Depth,
     }
 }
 
@@ -59,7 +60,7 @@ impl Stage for ModulationDepth {
         let least = params.least.0;
         problems.require((0.0..1.0).contains(&least), "least", least, "", "lie in [0, 1): no depth is above 1");
         let layers = known.form("modulation").and_then(|form| form.layers.as_ref());
-        if layers.is_some_and(|layers| quantities(layers).is_empty()) {
+        if layers.is_some_and(|layers| fringes(layers).is_empty()) {
             let message = format!("{} has no fringe of f_x > 0: there is no depth", known.producer("modulation"));
             problems.at_input("modulation", message, "render or measure frames at an f_x > 0");
         }
@@ -69,13 +70,13 @@ impl Stage for ModulationDepth {
         let Some(from) = known.form("modulation") else { return Forms::new() };
         let mut form = Form { pixels: from.pixels, ..Form::default() };
         if let Some(layers) = &from.layers {
-            let quantities = quantities(layers);
+            let fringes = fringes(layers);
             let conditions = layers.iter().filter(|info| info.kind == LayerKind::Condition);
-            let known = quantities.iter().filter(|q| q.noise.is_some()).map(|q| q.info.standard_error());
-            let masks = wavelengths(&quantities).into_iter().map(mask);
-            let values = quantities.iter().map(|q| q.info.clone());
+            let known = fringes.iter().filter(|q| q.noise.is_some()).map(|q| q.info.standard_error());
+            let masks = wavelengths(&fringes).into_iter().map(mask);
+            let values = fringes.iter().map(|q| q.info.clone());
             form.layers = Some(values.chain(known).chain(masks).chain(conditions.cloned()).collect());
-            form.perhaps = quantities.iter().map(|q| q.info.se_unknown()).collect();
+            form.perhaps = fringes.iter().map(|q| q.info.se_unknown()).collect();
             form.perhaps.extend(from.perhaps.iter().filter(|info| info.kind == LayerKind::Condition).cloned());
         }
         Forms::from([("depth", form)])
@@ -90,16 +91,16 @@ impl Stage for ModulationDepth {
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
         let stack = &inputs.modulation.0;
         let infos: Vec<LayerInfo> = stack.layers.iter().map(|layer| layer.info.clone()).collect();
-        let quantities = quantities(&infos);
-        if quantities.is_empty() {
+        let fringes = fringes(&infos);
+        if fringes.is_empty() {
             return Err(Error::failed("the modulation has no fringe of f_x > 0: there is no depth"));
         }
-        if quantities.iter().any(|q| q.noise.is_none()) {
+        if fringes.iter().any(|q| q.noise.is_none()) {
             ctx.warn("no standard errors: the modulation does not know the covariance of its M_DC and M_AC");
         }
         let (mut values, mut errors, mut masks, mut flags) = (vec![], vec![], vec![], vec![]);
-        for wavelength_nm in wavelengths(&quantities) {
-            let of: Vec<&Quantity> = quantities.iter().filter(|q| q.info.wavelength_nm == wavelength_nm).collect();
+        for wavelength_nm in wavelengths(&fringes) {
+            let of: Vec<&Fringe> = fringes.iter().filter(|q| q.info.wavelength_nm == wavelength_nm).collect();
             let planes = depths(&of, stack, params.least.0, ctx)?;
             let masked = planes[2 * of.len()].clone();
             ctx.measure_masked(masked.iter().copied());
@@ -119,12 +120,12 @@ impl Stage for ModulationDepth {
         values.into_iter().chain(errors).chain(masks).chain(flags).for_each(|(info, data)| depth.push(info, data));
         depth.take_pixel_pitch(stack);
         depth.carry_conditions(stack);
-        Ok(Out { depth: Maps(depth) })
+        Ok(Out { depth: Depth(depth) })
     }
 }
 
 /// For the depths of one wavelength: value and standard error of each, and the mask of all. Masked pixels hold 0.
-fn depths(of: &[&Quantity], stack: &ImageStack, least: f64, ctx: Ctx<'_>) -> Result<Vec<Array2<f32>>, Error> {
+fn depths(of: &[&Fringe], stack: &ImageStack, least: f64, ctx: Ctx<'_>) -> Result<Vec<Array2<f32>>, Error> {
     let pixels: Vec<Cow<'_, [f32]>> = stack.layers.iter().map(Layer::pixels).collect();
     let at = |layer: usize, pixel: usize| f64::from(pixels[layer][pixel]);
     let mut planes = vec![Array2::zeros((stack.rows(), stack.columns())); 2 * of.len() + 1];
@@ -158,7 +159,7 @@ fn depths(of: &[&Quantity], stack: &ImageStack, least: f64, ctx: Ctx<'_>) -> Res
 }
 
 /// Standard error of the mean over the good pixels: where pixels of the modulation share paths, those of the depth do.
-fn mean_error(q: &Quantity, stack: &ImageStack, se: &Array2<f32>, masked: &Array2<f32>) -> Option<f64> {
+fn mean_error(q: &Fringe, stack: &ImageStack, se: &Array2<f32>, masked: &Array2<f32>) -> Option<f64> {
     let sharing = [q.m_dc, q.m_ac].map(|layer| stack.sharing(&stack.layers[layer].info));
     let good = se.iter().zip(masked).filter(|(_, mask)| **mask == 0.0);
     let (n, variances) = good.fold((0, 0.0), |(n, sum), (se, _)| (n + 1, sum + f64::from(*se) * f64::from(*se)));
@@ -166,7 +167,7 @@ fn mean_error(q: &Quantity, stack: &ImageStack, se: &Array2<f32>, masked: &Array
 }
 
 /// Good pixels at which a standard error that went in is not known; `None` where there are none.
-fn flagged(q: &Quantity, stack: &ImageStack, masked: &Array2<f32>) -> Option<Array2<f32>> {
+fn flagged(q: &Fringe, stack: &ImageStack, masked: &Array2<f32>) -> Option<Array2<f32>> {
     let mut flags = Array2::zeros(masked.dim());
     for &layer in &q.unknown {
         flags.zip_mut_with(&stack.layers[layer].data, |flag: &mut f32, &unknown| *flag = flag.max(unknown));

@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 use std::process::Command;
 
-use own_stage::ModulationDepth;
+use own_stage::{Depth, ModulationDepth};
 use turbid_contract::kit::Trial;
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::{Maps, MaskReason, Modulation};
+use turbid_contract::payload::{MaskReason, Modulation};
 use turbid_contract::serde_json::{Value, from_slice, json};
 use turbid_contract::{ImageStack, LayerInfo, LayerKind};
 
@@ -34,7 +34,7 @@ fn trial(params: Value) -> Trial {
 /// 1 / 4 with 3 % and 4 % of noise: 0.25 with 5 %. What is masked stays masked for its reason, and counts in no mean: sqrt(5) 0.0125 / 5.
 #[test]
 fn depth_and_error_of_each_pixel() {
-    let Maps(depth) = trial(json!({})).run().unwrap().get("depth");
+    let Depth(depth) = trial(json!({})).run().unwrap().get("depth");
     let of = |name: &str| depth.find(name, None).unwrap_or_else(|| panic!("no layer {name}"));
     let [d, se, mask] = ["modulation_depth", "modulation_depth_se", "mask"].map(of);
     assert_eq!([d.data[(0, 0)], se.data[(0, 0)], mask.data[(0, 0)]], [0.0, 0.0, MaskReason::Background.code()]);
@@ -47,12 +47,12 @@ fn depth_and_error_of_each_pixel() {
 
 #[test]
 fn weak_pixels_and_unknown_errors_are_told() {
-    let Maps(weak) = trial(json!({"least": "30 %"})).run().unwrap().get("depth");
+    let Depth(weak) = trial(json!({"least": "30 %"})).run().unwrap().get("depth");
     assert_eq!(weak.find("mask", None).unwrap().data[(1, 1)], MaskReason::LowSignal.code());
     let mut unknown = modulation();
     let info = unknown.0.layers[1].info.se_unknown();
     unknown.0.push(info, Array2::from_elem((2, 3), 1.0));
-    let Maps(depth) = Trial::of::<ModulationDepth>(json!({})).input("modulation", unknown).run().unwrap().get("depth");
+    let Depth(depth) = Trial::of::<ModulationDepth>(json!({})).input("modulation", unknown).run().unwrap().get("depth");
     let flags = &depth.find("modulation_depth_se_unknown", None).expect("flags are passed on").data;
     assert_eq!([flags[(0, 0)], flags[(1, 1)]], [0.0, 1.0]);
     assert_eq!(depth.find("modulation_depth", None).unwrap().info.mean_se, None);
@@ -60,7 +60,7 @@ fn weak_pixels_and_unknown_errors_are_told() {
     bare.0.layers.retain(|layer| layer.info.kind != LayerKind::Covariance);
     let made = Trial::of::<ModulationDepth>(json!({})).input("modulation", bare).run().unwrap();
     assert!(made.host.warned()[0].contains("no standard errors"), "{:?}", made.host.warned());
-    assert!(made.get::<Maps>("depth").0.find("modulation_depth_se", None).is_none());
+    assert!(made.get::<Depth>("depth").0.find("modulation_depth_se", None).is_none());
 }
 
 #[test]

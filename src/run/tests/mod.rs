@@ -31,7 +31,7 @@ struct Out;
 impl OutPorts for Out {
     fn ports() -> Vec<OutPort> {
         let kind = ArtifactKind::Table;
-        vec![OutPort { name: "table", payload: "table", kind, optional: false, preview: false, about: "" }]
+        vec![OutPort { name: "table", payload: "table", kind, optional: false, preview: false, about: "", holds: &[] }]
     }
     fn into_artifacts(self) -> Vec<(&'static str, Artifact)> {
         vec![("another", Artifact::Table(Table::default()))]

@@ -9,10 +9,12 @@
 //! R_d(f_x) = M_sample(f_x) / M_reference(f_x) x R_model(f_x), pixel by pixel: source profile, vignetting, carrier phase,
 //! MTF and exposure cancel. Theory and measured figures: `docs/theory/calibrate.md`.
 
+mod form;
 pub mod gauss;
 mod memory;
 mod model;
 mod params;
+mod quantity;
 mod ratio;
 pub mod smooth;
 mod stage;

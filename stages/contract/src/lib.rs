@@ -13,6 +13,7 @@ pub mod form;
 pub mod guard;
 pub mod kit;
 pub mod known;
+pub mod layers;
 pub mod masked;
 pub mod payload;
 pub mod pilot;

@@ -100,7 +100,7 @@ impl ImageStack {
 }
 
 /// Whether two descriptions mean the same quantity: equal name, f_x, phase, orientation, wavelength.
-fn same_quantity(a: &LayerInfo, b: &LayerInfo) -> bool {
+pub(crate) fn same_quantity(a: &LayerInfo, b: &LayerInfo) -> bool {
     a.name == b.name
         && a.f_x_per_mm == b.f_x_per_mm
         && a.phase_rad == b.phase_rad

@@ -75,8 +75,8 @@ impl Stage for Scale {
                 data[(1, 2)] = f32::NAN;
             }
             let mut info = layer.info.clone();
-            if breaks("unit") {
-                info.unit.clear();
+            if breaks("declared") {
+                info.name = "mu_b".to_owned();
             }
             if breaks("twice") {
                 stack.push(info.clone(), data.clone());
@@ -122,7 +122,7 @@ fn each_broken_rule_is_named() {
         ("optional", "`maps` depends on which optional ports are wanted"),
         ("form", "output `maps` has 3 x 2 pixels instead of 2 x 3 pixels"),
         ("finite", "layer `mu_a` is NaN at row 1, column 2"),
-        ("unit", "layer `mu_a` has unit ``"),
+        ("declared", "output `maps` has a layer mu_b (mm^-1), which maps does not declare"),
         ("twice", "two layers say the same"),
         ("wanted", "whether `picture` is made and wanted"),
     ] {

@@ -12,7 +12,7 @@ use crate::file::Files;
 use crate::form::{Form, Forms};
 use crate::kit::{Inputs, MemoryHost};
 use crate::known::Known;
-use crate::payload::Payload;
+use crate::payload::{Payload, undeclared};
 use crate::port::{Arity, Axes, InPort};
 use crate::problem::{Problem, Problems};
 use crate::stage::{Job, ParamError, Stage, StagePlan, StageRow};
@@ -178,7 +178,7 @@ impl Trial {
 
     /// Check, describe, plan, run, as the engine does.
     ///
-    /// Errors: the first mistake of `check`; what the run says; an output that is not as it was described.
+    /// Errors: the first mistake of `check`; what the run says; an output that is not as it was described, or that its payload does not declare.
     pub fn run(&self) -> Result<Made, Error> {
         if let Some(mistake) = self.check().0.into_iter().next() {
             return Err(Error::Invalid(mistake));
@@ -189,6 +189,14 @@ impl Trial {
         for (port, form) in &forms {
             if let Some(broken) = ports.get(port).and_then(|artifact| form.broken_by(&Form::of(artifact))) {
                 return Err(Error::failed(format!("output `{port}` has {broken}")));
+            }
+        }
+        for port in (self.row.outputs)() {
+            if let Some(other) = ports.get(port.name).and_then(|artifact| undeclared(port.holds, artifact)) {
+                return Err(Error::failed(format!(
+                    "output `{}` has a {other}, which {} does not declare",
+                    port.name, port.payload
+                )));
             }
         }
         Ok(Made { ports, host })
