@@ -12,7 +12,7 @@ use crate::file::Files;
 use crate::form::Form;
 use crate::payload::Payload;
 use crate::port::Axes;
-use crate::problem::Problems;
+use crate::problem::{At, Problem, Problems};
 
 /// An artifact that is in memory, and its typed view, which is made once for all who ask.
 #[derive(Clone)]
