@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 use std::io::{self, Write};
-use std::sync::Mutex;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Why something that was to be printed on stdout is lost; the first reason, and that of all that followed.
 static LOST: Mutex<Option<io::Error>> = Mutex::new(None);

@@ -15,6 +15,9 @@ mod commands;
 mod conditions;
 #[path = "all/crash.rs"]
 mod crash;
+#[cfg(unix)]
+#[path = "all/docs.rs"]
+mod docs;
 #[path = "all/estimates.rs"]
 mod estimates;
 #[cfg(all(target_os = "linux", target_arch = "x86_64"))]
@@ -48,6 +51,8 @@ mod meshes;
 mod metrics;
 #[path = "all/near_normal.rs"]
 mod near_normal;
+#[path = "all/people.rs"]
+mod people;
 #[path = "all/pictures.rs"]
 mod pictures;
 #[path = "all/profile.rs"]
@@ -59,6 +64,8 @@ mod record;
 mod reproducible;
 #[path = "all/rerun.rs"]
 mod rerun;
+#[path = "all/rigs.rs"]
+mod rigs;
 #[path = "all/schema.rs"]
 mod schema;
 #[path = "all/shapes.rs"]

@@ -83,7 +83,7 @@ fn attempt(worker: Worker<'_>, task: Task) -> Outcome {
     let reached = earlier.as_ref().filter(|_| !forced).and_then(|record| reached_params(job, record, row));
     let reached = match reached.map(|params| (row.prepare)(&params)).transpose() {
         Ok(reached) => reached,
-        Err(error) => return Outcome::Failed(format!("internal error, please report it: {}", error.message)),
+        Err(error) => return Outcome::Failed(format!("internal error, please report it: {}", error)),
     };
     let typed = reached.as_ref().unwrap_or(&job.job);
     let made = match typed.run(&inputs, Ctx::new(&host)) {

@@ -21,7 +21,8 @@ pub trait Host: Sync {
     fn reached(&self, _params: &[(&str, Value)]) {}
     /// `done` of `total` units of work; `None` where the total is unknown.
     fn progress(&self, done: f64, total: Option<f64>, unit: &str);
-    /// A figure for the record (never for an output). One named `error: WHAT` stands in the summary of a run, with its unit.
+    /// A figure for the record (never for an output). One named `error: WHAT` stands in the summary of a run, with its unit: of each unit the first
+    /// that is measured. One named `unknown: THINGS` stands there too: of how many of them nothing is known, and so no error.
     fn measure(&self, name: &str, value: f64, unit: &str);
     fn warn(&self, message: &str);
     /// For the record: the kernel that does the work, and what keeps faster ones from doing it (as in

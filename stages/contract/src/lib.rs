@@ -22,6 +22,7 @@ pub mod planes;
 pub mod port;
 pub mod problem;
 pub mod quantity;
+pub mod read;
 pub mod stage;
 
 pub use artifact::{
@@ -39,7 +40,8 @@ pub use pilot::Pilot;
 pub use port::{Arity, Axes, InPort, InPorts, InputSource, Many, OutPort, OutPorts};
 pub use problem::{At, Problem, Problems};
 pub use quantity::{AngleDeg, Density, Length, PerLength, Power, Ratio, Seconds, Wavelength};
-pub use stage::{Extents, Job, Made, ParamError, Stage, StagePlan, StageRow};
+pub use read::{Found, ParamError, ParamMistake, Wanted};
+pub use stage::{Extents, Job, Made, Stage, StagePlan, StageRow};
 
 // One version of these for every stage.
 pub use ndarray;

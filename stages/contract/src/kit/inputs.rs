@@ -38,9 +38,9 @@ impl Inputs {
         self.ports.keys().map(String::as_str)
     }
 
-    /// The artifacts on a port.
-    pub fn all(&self, port: &str) -> Vec<&Artifact> {
-        self.ports.get(port).into_iter().flatten().map(|(_, artifact)| artifact).collect()
+    /// All artifacts on a port, with their axes.
+    pub fn all(&self, port: &str) -> &[(Axes, Artifact)] {
+        self.ports.get(port).map_or(&[], Vec::as_slice)
     }
 
     /// The first artifact on a port.

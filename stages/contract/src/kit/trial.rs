@@ -124,17 +124,20 @@ impl Trial {
         let made = (self.row.outputs)().into_iter().filter(|port| !port.optional).map(|port| port.name.to_owned());
         known.wanted = made.chain(self.wanted.iter().cloned()).collect();
         for port in (self.row.inputs)() {
-            let (name, artifacts) = (port.name.to_owned(), self.inputs.all(port.name));
-            let Some(artifact) = artifacts.first() else { continue };
+            let all = self.inputs.all(port.name);
+            let Some((_, artifact)) = all.first() else { continue };
+            let name = port.name.to_owned();
             known.connected.push(name.clone());
             known.extents.insert(name.clone(), artifact.extent());
             known.producers.insert(name.clone(), format!("made.{name}"));
-            known.forms.insert(name.clone(), artifacts.iter().map(|artifact| Arc::new(Form::of(artifact))).collect());
+            known.forms.insert(name.clone(), all.iter().map(|(_, artifact)| Arc::new(Form::of(artifact))).collect());
             if matches!(port.arity, Arity::One | Arity::Optional) {
                 known.payloads.insert(name.clone(), port.payload.to_owned());
                 if artifact.kind() == ArtifactKind::Record {
-                    known.insert(name, (*artifact).clone());
+                    known.insert(name, artifact.clone());
                 }
+            } else {
+                known.axes.insert(name, all.iter().map(|(axes, _)| axes.clone()).collect());
             }
         }
         known

@@ -7,6 +7,7 @@ use turbid_contract::{Artifact, Ctx, Error, Known, MemoryHost, Problem, Problems
 use turbid_scene::SceneStage;
 
 mod mistakes;
+mod rig;
 
 fn carcinoma() -> Value {
     json!({
