@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 use turbid_contract::kit::Inputs;
 use turbid_contract::payload::{Lamp, Payload, Scene};
-use turbid_contract::{Ctx, Error, Known, MemoryHost, Problem, Problems, StageRow};
+use turbid_contract::{Artifact, Ctx, Error, Known, MemoryHost, Problem, Problems, StageRow};
 use turbid_scene::SceneStage;
 
 use crate::{carcinoma, check, run, scene, with};
