@@ -15,7 +15,7 @@ use crate::known::Known;
 use crate::payload::{Payload, undeclared};
 use crate::port::{Arity, Axes, InPort};
 use crate::problem::{Problem, Problems};
-use crate::stage::{Job, ParamError, Stage, StagePlan, StageRow};
+use crate::stage::{Job, Stage, StagePlan, StageRow};
 
 /// A stage with params, inputs and settings of a host; each run has a host of its own.
 #[derive(Clone)]
@@ -145,8 +145,7 @@ impl Trial {
 
     /// The stage with its params read; panics where they cannot be.
     pub fn job(&self) -> Box<dyn Job> {
-        let read = |error: ParamError| panic!("{}: {}: {}", self.row.name, error.path.join("."), error.message);
-        (self.row.prepare)(&self.params).unwrap_or_else(read)
+        (self.row.prepare)(&self.params).unwrap_or_else(|error| panic!("{}: {error:?}", self.row.name))
     }
 
     /// Mistakes and warnings of `check`. Params that cannot be read are the one mistake.
