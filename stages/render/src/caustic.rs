@@ -12,7 +12,7 @@ use crate::lamp::Source;
 use crate::lengths::{Lengths, NO_LENGTHS, count, sum};
 use crate::setting::Setting;
 use crate::walker::Walker;
-use crate::way::{Known, Link, SAME};
+use crate::way::{Known, Link};
 use crate::world::{Skin, Wall};
 
 mod chance;

@@ -4,7 +4,7 @@ use turbid_contract::payload::Scene;
 use turbid_contract::{Ctx, Error};
 
 use crate::field::{Field, Sampled, Watched};
-use crate::fit::{Fitted, Lattice};
+use crate::fit::{FIT_PATHS, Fitted, Lattice};
 use crate::judge::{OfFit, OfPixels};
 use crate::light::Carrier;
 use crate::moments::Moments;

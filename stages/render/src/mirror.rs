@@ -3,6 +3,7 @@
 
 use glam::DVec3;
 
+use crate::finish::Finish;
 use crate::lamp::Source;
 use crate::lengths::{Lengths, NO_LENGTHS, count, sum};
 use crate::link::Chance;

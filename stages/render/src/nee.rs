@@ -11,7 +11,7 @@ use crate::caustic::Best;
 use crate::lamp::Source;
 use crate::lengths::{Lengths, count, sum};
 use crate::link::{Chance, Heading};
-use crate::look::{self, TAU_SURE, depth, rarity};
+use crate::look::{self, depth, rarity};
 use crate::random::{Look, SCOUT, Stream};
 use crate::setting::Place;
 use crate::single::Detour;

@@ -11,7 +11,6 @@ use crate::link::Target;
 use crate::strata::{Bending, Strata};
 use crate::walker::Walker;
 use crate::way::{Link, Way};
-use crate::world::World;
 
 /// Ways are followed no further once they carry less than this part of the light: their sum is below it times the number of planes
 /// at each of which one ends.

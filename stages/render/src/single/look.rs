@@ -7,7 +7,7 @@ use super::deposit::{Deposit, Seen};
 use super::facets::bits;
 use super::frame::Frame;
 use super::lane::{F, LANES, M, U, V, choose, exp, hg_denominator, hg_sample, ln, philox, splat, unit};
-use super::limits::{DARK, ENTRY, FIRST, MOST_BODIES, MOST_CHANNELS, MOST_FACES, WALL};
+use super::limits::{DARK, ENTRY, FIRST, MOST_CHANNELS, MOST_FACES, WALL};
 use super::rows::Rows;
 use super::sight::{Sight, add_along, add_in_own, first_piece, sight, spans, steepness};
 use super::source::{Arrival, Source, whether_projected};

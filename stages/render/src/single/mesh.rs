@@ -3,6 +3,7 @@
 use fearless_simd::prelude::*;
 use turbid_optics::solid::facets::{Crossing, Crossings, Rays};
 
+use super::facets::bits;
 use super::ground::{Ground, Span, Spans};
 use super::lane::{F, LANES, M, U, V};
 use super::limits::MOST_BODIES;

@@ -4,7 +4,7 @@ use fearless_simd::prelude::*;
 
 use super::facets::bits;
 use super::frame::Frame;
-use super::ground::Span;
+use super::ground::{Span, Spans};
 use super::lane::{F, M, U, V, choose, splat};
 use super::limits::{MOST_BODIES, SLIVER};
 use super::source::Source;

@@ -8,7 +8,7 @@ use super::frame::Frame;
 use super::lane::{F, LANES, M, U, V, choose, hg_sample, ln, philox, spare, splat, unit, unit_short};
 use super::limits::{ENTRY, WALL};
 use super::look::{Looks, look_while, rarity};
-use super::rows::Rows;
+use super::rows::Paths;
 use super::scout::{Scouts, sends};
 use super::settle::{LATE, settles};
 use super::start::Starts;

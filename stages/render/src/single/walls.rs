@@ -7,7 +7,7 @@ use fearless_simd::prelude::*;
 use glam::DVec3;
 
 use super::bend::{advanced, tangent};
-use super::face::{Face, Form, Walls, Within, extent, faces_of};
+use super::face::{Form, Walls, Within, extent, faces_of};
 use super::frame::Frame;
 use super::ground::{Ground, Part, Shape, Span, Spans, span};
 use super::lane::{F, M, V, choose, splat};
