@@ -83,8 +83,8 @@ fn spread<'a>(mut path: Vec<String>, mut text: &'a str, found: &mut Vec<Vec<Stri
 }
 
 /// The path from the crate's root.
-fn absolute(module: &Module, path: &[String]) -> Option<Module> {
-    let mut at = if path[0] == "crate" { Vec::new() } else { module.clone() };
+fn absolute(module: &[String], path: &[String]) -> Option<Module> {
+    let mut at = if path[0] == "crate" { Vec::new() } else { module.to_vec() };
     for part in path {
         match part.as_str() {
             "crate" | "self" => {}
@@ -114,7 +114,7 @@ fn circles(graph: &BTreeMap<Module, BTreeSet<Module>>) -> Vec<Vec<Module>> {
     found
 }
 
-fn named(module: &Module) -> String {
+fn named(module: &[String]) -> String {
     module.join("::")
 }
 
@@ -135,10 +135,11 @@ fn no_files_read_each_other_in_a_circle() {
             told.push(format!(
                 "{name}: {} files: {}",
                 circle.len(),
-                circle.iter().map(named).collect::<Vec<_>>().join(", ")
+                circle.iter().map(|module| named(module)).collect::<Vec<_>>().join(", ")
             ));
             for from in &circle {
-                let to: Vec<String> = graph[from].iter().filter(|to| circle.contains(to)).map(named).collect();
+                let to: Vec<String> =
+                    graph[from].iter().filter(|to| circle.contains(to)).map(|module| named(module)).collect();
                 told.push(format!("    {} reads {}", named(from), to.join(", ")));
             }
         }
@@ -149,7 +150,7 @@ fn no_files_read_each_other_in_a_circle() {
 /// The folders and files of `src/`, from the ground up: each reads only what lies below it.
 const FLOORS: [&[&str]; 10] = [
     &["digest", "leftover", "memory", "missing", "preview", "registry", "regular", "terminal", "threads"],
-    &["panics"],
+    &["panics", "whole_file"],
     &["export", "input_file", "store"],
     &["spec"],
     &["key", "warned"],
