@@ -20,6 +20,7 @@ pub mod problem;
 pub mod quantity;
 pub mod read;
 pub mod stage;
+pub mod usual;
 
 pub use artifact::{
     Artifact, ArtifactKind, Attributes, Cells, Column, ImageStack, Layer, LayerInfo, LayerKind, Record, Table,
@@ -35,6 +36,7 @@ pub use problem::{Problem, Problems};
 pub use quantity::{AngleDeg, Density, Length, PerLength, Power, Ratio, Seconds, Wavelength};
 pub use read::{Found, ParamError, ParamMistake, Wanted};
 pub use stage::{Extents, Facts, Prepared, Stage, StagePlan, StageRow};
+pub use usual::Usual;
 
 // One version of these for every stage.
 pub use ndarray;

@@ -2,8 +2,9 @@
 
 use glam::DVec3;
 use turbid_contract::payload::Lamp;
-use turbid_contract::{Length, Power, Problems};
+use turbid_contract::{Length, Power, Problems, Usual};
 
+use crate::assemble::plausible::doubt;
 use crate::assemble::{per_channel, plain};
 use crate::params::{LampParams, Params};
 use crate::per_channel::PerChannel;
@@ -19,6 +20,7 @@ pub fn lamp(name: &str, lamp: &LampParams, params: &Params, problems: &mut Probl
             params,
             problems,
             |path, v, problems| {
+                doubt(&Usual::POWER, &path, v, problems);
                 problems.require(v > 0.0, path, v, "W", "be > 0");
             },
         )

@@ -3,11 +3,12 @@
 use std::f64::consts::PI;
 
 use glam::{DVec2, DVec3};
-use turbid_contract::Problems;
 use turbid_contract::payload::{Aperture, Camera, Distortion, Projection, Projector};
+use turbid_contract::{Problems, Usual};
 use turbid_geometry::{camera_view, projector_view};
 use turbid_optics::view::{View, ViewError};
 
+use crate::assemble::plausible::doubt;
 use crate::assemble::{per_channel, plain};
 use crate::params::{DistortionParams, Params};
 
@@ -73,6 +74,7 @@ pub fn projector(params: &Params, problems: &mut Problems) -> Option<Projector> 
         params,
         problems,
         |path, v, problems| {
+            doubt(&Usual::POWER, &path, v, problems);
             problems.require(v > 0.0, path, v, "W", "be > 0");
         },
     );

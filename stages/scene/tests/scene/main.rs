@@ -5,6 +5,7 @@ use turbid_contract::payload::{Lamp, Motif, Outline, Payload, Scene, Shape, Surf
 use turbid_contract::{Artifact, Axes, Ctx, Error, InputSource, Known, MemoryHost, Problem, Problems, StageRow};
 use turbid_scene::SceneStage;
 
+mod doubts;
 mod mistakes;
 
 struct NoInputs;
