@@ -429,8 +429,7 @@ impl<'a> Resolver<'a> {
     }
 
     fn problem_diagnostic(&self, id: InstanceId, problem: Problem) -> Diagnostic {
-        let path: Vec<&str> = problem.path.split('.').filter(|p| !p.is_empty()).collect();
-        self.plan.spec.diagnostic(self.plan.instances[id].stage, Section::With, &path, problem.message, problem.hint)
+        self.plan.spec.problem(self.plan.instances[id].stage, problem)
     }
 
     fn error_diagnostic(&self, id: InstanceId, error: &Error) -> Diagnostic {

@@ -22,10 +22,7 @@ pub fn params(spec: &Spec, infos: &[Option<StageInfo>]) -> Vec<Diagnostic> {
             let connected = stage_spec.inputs.iter().map(|i| i.port.clone()).collect();
             let mut problems = Problems::default();
             (info.row.check)(&params, &Known { connected, ..Known::default() }, &mut problems);
-            for problem in problems.into_parts().0 {
-                let path: Vec<&str> = problem.path.split('.').filter(|p| !p.is_empty()).collect();
-                found.push(spec.diagnostic(stage, Section::With, &path, problem.message, problem.hint));
-            }
+            found.extend(problems.into_parts().0.into_iter().map(|problem| spec.problem(stage, problem)));
         }
     }
     found

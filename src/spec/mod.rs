@@ -38,7 +38,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
-use turbid_contract::Axes;
+use turbid_contract::{Axes, Problem};
 
 pub use diagnostic::{Diagnostic, Severity};
 pub use draw::{Distribution, Draw, DrawMethod};
@@ -360,6 +360,12 @@ impl Spec {
             || unread && lacks
             || section == Section::With && spec.with.is_broken(path);
         diagnostic
+    }
+
+    /// What a stage found in its params, at its place.
+    pub fn problem(&self, stage: usize, problem: Problem) -> Diagnostic {
+        let path: Vec<&str> = problem.path.split('.').filter(|step| !step.is_empty()).collect();
+        self.diagnostic(stage, Section::With, &path, problem.message, problem.hint)
     }
 
     /// What this version reads and checks but does not run yet: drawn points (errors), studies (warnings).

@@ -29,7 +29,9 @@ fn shipped_pipelines_hold_no_slip_of_a_unit() {
     let (mut looked, mut doubts) = (0, BTreeSet::new());
     for path in pipelines() {
         let spec = spec::load(&path, &[]).unwrap_or_else(|report| panic!("{report}"));
-        for (i, stage) in spec.stages.iter().enumerate().filter(|(_, s)| ["scene", "render"].contains(&s.use_name.as_str())) {
+        for (i, stage) in
+            spec.stages.iter().enumerate().filter(|(_, s)| ["scene", "render"].contains(&s.use_name.as_str()))
+        {
             let row = registry.find(&stage.use_name).expect("it is built in");
             for values in &stage.foreach.rows {
                 let axes: Axes = stage.foreach.names.iter().cloned().zip(values.iter().cloned()).collect();
@@ -39,7 +41,11 @@ fn shipped_pipelines_hold_no_slip_of_a_unit() {
                 let mut problems = Problems::default();
                 (row.check)(&params, &Known::default(), &mut problems);
                 let (_, warnings) = problems.into_parts();
-                let units = warnings.iter().filter(|w| w.hint.as_ref().is_some_and(|h| h.starts_with("if another unit") || h.starts_with("lengths are in mm")));
+                let units = warnings.iter().filter(|w| {
+                    w.hint
+                        .as_ref()
+                        .is_some_and(|h| h.starts_with("if another unit") || h.starts_with("lengths are in mm"))
+                });
                 doubts.extend(units.map(|w| format!("{}: {}: {w}", path.display(), stage.name)));
             }
         }
@@ -52,11 +58,17 @@ fn shipped_pipelines_hold_no_slip_of_a_unit() {
 #[test]
 fn a_slip_is_told_once_by_check_and_by_run() {
     let text = crate::space::SMALL.replacen("A_rho: 50,", "A_rho: \"${a}\",", 1);
-    let space = Space::with(&text.replacen("    use: scene\n", "    use: scene\n    foreach: {a: [0.05, 0.1, 50]}\n", 1));
+    let space =
+        Space::with(&text.replacen("    use: scene\n", "    use: scene\n    foreach: {a: [0.05, 0.1, 50]}\n", 1));
     let told = space.turbid(&["check", "p.yaml"]).ok();
-    let message = "stages.tissue.with.media.m.A_rho: A_rho = 0.05 m^-1 is unusual: tissue and phantoms have 0.3 to 1000 m^-1";
+    let message =
+        "stages.tissue.with.media.m.A_rho: A_rho = 0.05 m^-1 is unusual: tissue and phantoms have 0.3 to 1000 m^-1";
     assert_eq!(told.matches("is unusual").count(), 1, "{told}");
-    for part in [message, "(the largest of 2 instances)", "= help: if another unit is meant, write it: `0.05 cm^-1` or `0.05 mm^-1`"] {
+    for part in [
+        message,
+        "(the largest of 2 instances)",
+        "= help: if another unit is meant, write it: `0.05 cm^-1` or `0.05 mm^-1`",
+    ] {
         assert!(told.contains(part), "{part}\n{told}");
     }
     let run = space.turbid(&["run", "p.yaml", "tissue"]);
