@@ -78,5 +78,7 @@ mod spheres;
 mod terminal;
 #[path = "all/tubes.rs"]
 mod tubes;
+#[path = "all/usual.rs"]
+mod usual;
 #[path = "all/wrong_files.rs"]
 mod wrong_files;

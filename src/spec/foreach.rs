@@ -8,6 +8,7 @@ use serde_json::Value;
 use super::axis::{self, MAX_AXES, MAX_INSTANCES, MAX_VALUES};
 use super::csv;
 use super::draw::Draw;
+use super::mistake::{Kind, Mistake};
 use super::node::{Data, Entry, Node};
 use super::parse::join;
 use super::reader::Reader;
@@ -55,7 +56,7 @@ impl Foreach {
         }
         let zip = section.value.entry("zip");
         if let Some(message) = too_many(section, zip) {
-            reader.error(section.at, path, message, FEWER.to_owned());
+            reader.error(section.at, path, Mistake::new(Kind::TooMany, message), FEWER.to_owned());
             return None;
         }
         let mut groups: Vec<Group> = Vec::new();
@@ -89,7 +90,7 @@ impl Foreach {
         if count > MAX_INSTANCES as u128 {
             let sizes: Vec<String> = groups.iter().map(|g| format!("{} {}", g.rows.len(), g.names.join("+"))).collect();
             let message = format!("{count} instances ({}) are more than {MAX_INSTANCES}", sizes.join(" x "));
-            reader.error(section.at, path, message, FEWER.to_owned());
+            reader.error(section.at, path, Mistake::new(Kind::TooMany, message), FEWER.to_owned());
             return None;
         }
         let names: Vec<String> = groups.iter().flat_map(|g| g.names.clone()).collect();
@@ -100,7 +101,7 @@ impl Foreach {
         }
         if count.saturating_mul(names.len() as u128) > MAX_VALUES as u128 {
             let message = format!("{count} instances with {} axes have more than {MAX_VALUES} values", names.len());
-            reader.error(section.at, path, message, FEWER.to_owned());
+            reader.error(section.at, path, Mistake::new(Kind::TooMany, message), FEWER.to_owned());
             return None;
         }
         Some(Self { names, rows: grid(&groups), draw })
@@ -211,7 +212,13 @@ fn repeated(rows: &[Vec<Value>]) -> Option<usize> {
 fn apply_zip(groups: &mut Vec<Group>, zip: &Entry, path: &str, complete: bool, reader: &mut Reader<'_>) -> Option<()> {
     let rule = "a list of lists of axes, such as [[a, b]]";
     let Data::List(lists) = &zip.value.data else {
-        reader.wrong(&zip.value, zip.at, path, rule);
+        let names: Vec<&str> = zip.value.entries().iter().map(|e| e.key.as_str()).collect();
+        let axes: Vec<String> = names.iter().map(|name| format!("{name}: [..]")).collect();
+        let way_out = format!("write the axes beside it: `{}, zip: [[{}]]`", axes.join(", "), names.join(", "));
+        let message = format!("`zip` is {}, but must be {rule}", zip.value.described());
+        let place = if zip.value.span.len == 0 { zip.at } else { zip.value.span };
+        let mistake = Mistake::new(Kind::WrongType, message).hint((!names.is_empty()).then_some(way_out));
+        reader.error(place, path, mistake, None);
         return None;
     };
     // `zip: [a, b]`: one mistake, not one for each name.
@@ -259,7 +266,9 @@ fn zip_one(
             None if !complete => return None,
             None => {
                 let known = groups.iter().filter(|g| g.names.len() == 1).map(|g| g.names[0].as_str());
-                let hint = suggest::hint(text, known);
+                let hint = suggest::hint(text, known).unwrap_or_else(|| {
+                    "`zip` pairs axes that stand beside it in this `foreach`; those of inputs cannot be paired again".to_owned()
+                });
                 reader.error(name.span, &path, format!("`{text}` is no axis of this stage that could be paired"), hint);
                 return None;
             }

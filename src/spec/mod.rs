@@ -241,7 +241,7 @@ fn written_axes(stages: &[Entry]) -> Vec<String> {
     for entry in sections {
         match entry.key.as_str() {
             "csv" => any = true,
-            "draw" => names.extend(entry.value.entries().iter().map(|e| e.key.clone())),
+            "draw" | "zip" => names.extend(entry.value.entries().iter().map(|e| e.key.clone())),
             key if !foreach::GRAMMAR.contains(&key) => {
                 names.push(entry.key.clone());
                 any |= entry.value.get("csv").is_some();

@@ -200,8 +200,24 @@ fn mistakes_of_a_stage_are_placed_at_what_stands_in_the_file() {
     assert_eq!(place(Section::With, &[]), (4, 5, "stages.s.with".to_owned()));
     assert_eq!(place(Section::In, &["frames"]), (2, 3, "stages.s.in.frames".to_owned()));
     assert_eq!(place(Section::Use, &[]), (3, 10, "stages.s.use".to_owned()));
-    let d = spec.diagnostic(0, Section::With, &["size"], "`size` is the text \"1_000\"", None);
-    assert_eq!(d.hint.as_deref(), Some("YAML reads `1_000` as text; write `1000`"));
+    // What is unknown is the key, whatever the words.
+    assert_eq!(place(Section::With, &["size"]), (6, 13, "stages.s.with.size".to_owned()));
+    let unknown = spec.diagnostic(0, Section::With, &["size"], Mistake::new(Kind::UnknownKey, "wrong"), None);
+    assert_eq!((unknown.line, unknown.column, unknown.kind), (6, 7, Kind::UnknownKey));
+}
+
+/// A value that comes from a var is marked there, one that comes from an axis where it is used; the other place is shown too.
+#[test]
+fn vars_and_axes_are_shown_with_their_other_place() {
+    let text =
+        "vars:\n  n: 4\n  m: \"${n}\"\nstages:\n  s: {use: x, foreach: {k: [1]}, with: {a: \"${m}\", b: \"${k}\"}}\n";
+    let spec = spec(text);
+    let shown = |name: &str| spec.diagnostic(0, Section::With, &[name], "wrong", None).to_string();
+    let (of_var, of_axis) = (shown("a"), shown("b"));
+    assert!(of_var.contains("main.yaml:2:6: error: stages.s.with.a: wrong"), "{of_var}");
+    assert!(of_var.contains("main.yaml:5:44\n") && of_var.contains("------ used here"), "{of_var}");
+    assert!(of_axis.contains("main.yaml:5:55: error: stages.s.with.b: wrong"), "{of_axis}");
+    assert!(of_axis.contains("main.yaml:5:25\n") && of_axis.contains("- the axis"), "{of_axis}");
 }
 
 /// What follows from a reported mistake is not reported: a misspelt section, a name that is not known, a `.nan`.

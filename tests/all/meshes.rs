@@ -75,7 +75,7 @@ fn each_broken_mesh_gets_its_message() {
         space.write("lump.obj", &LUMP.replacen(from, to, 1));
         let shown = space.turbid(&["check", "p.yaml"]).fails(2);
         let place = format!("p.yaml:8:29: error: stages.lump.with.objects.lump.mesh.file: {message}\n");
-        let hint = if way_out.is_empty() { String::new() } else { format!("      = {way_out}\n") };
+        let hint = if way_out.is_empty() { String::new() } else { format!(" = help: {way_out}\n") };
         if !shown.contains(&place) || !shown.contains(&hint) || shown.matches(" error: ").count() != 1 {
             failures += &format!("{from} -> {to}\nexpected: {place}{hint}{shown}\n");
         }

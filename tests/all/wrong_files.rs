@@ -72,7 +72,10 @@ const WRONG: &[(&str, &str, &str, &str)] = &[
     ("pixels: [12, 12]", "pixels: 12", "10:84: stages.tissue.with.camera.pixels: `pixels` is 12, but must be a list of 2 values", "write `[12, 12]`"),
     ("field: [12, 12]", "field: 12", "10:66: stages.tissue.with.camera.field: `field` is 12, but must be a list of 2 values", "write `[12, 12]`"),
     ("      projector: {position: [0, 35, 500], look_at: [0, 0, 0], field: [48, 48], power: 5}\n", "", "14:11: stages.frames.with: the scene has no projector, so all would be dark", "add `projector` to the scene, or to its rig"),
-    ("power: 5", "power: five", "11:87: stages.tissue.with.projector.power: `five` is not a number with a unit; write for example `2 W`", ""),
+    ("power: 5", "power: five", "11:87: stages.tissue.with.projector.power: `power` is the text \"five\", but must be a number in W, or text with a unit such as `2 W`", ""),
+    ("n: 1.0", "n: abc", "8:57: stages.tissue.with.media.m.n: `n` is the text \"abc\", but must be a number without a unit", ""),
+    ("n: 1.0", "n: 1.4 mm", "8:57: stages.tissue.with.media.m.n: `1.4 mm` has the dimension length; a number without one is wanted", ""),
+    ("g: 0.8", "g: 80", "8:49: stages.tissue.with.media.m.g: g = 80 must lie in (-1, 1)", "if per cent are meant, write `80 %`"),
     ("    in: {scene: tissue}\n", "", "12:3: stages.frames.in: render needs the input `scene` (scene)", "add `in: {scene: STAGE}`"),
     ("in: {scene: tissue}", "in: {scene: tisue}", "14:17: stages.frames.in.scene: there is no stage `tisue`", "did you mean `tissue`?"),
     ("in: {scene: tissue}", "in: {scen: tissue}", "14:16: stages.frames.in.scen: render has no input `scen`; it has scene, pattern", "did you mean `scene`?"),
@@ -83,12 +86,17 @@ const WRONG: &[(&str, &str, &str, &str)] = &[
     ("use: scene\n    with:\n      media: {m: {mu_a: 0.05", "use: scene\n    foreach: {draw: {n: 0, method: sobol, absorption: {uniform: [0, 1]}}}\n    with:\n      media: {m: {mu_a: \"${absorption}\"", "7:25: stages.tissue.foreach.draw.n: n must lie in 1..1000000", ""),
     ("in: {scene: tissue}", "in: {scene: {form: tissue}}", "14:18: stages.frames.in.scene.form: an input has no key `form`", "did you mean `from`?"),
     ("in: {frames: frames}", "in: {frames: tissue}", "18:18: stages.modulation.in.frames: stage `modulation`: input `frames` wants frames, but tissue.scene is scene", ""),
-    ("f_x: [0, 0.1]", "f_x: [0, 50]", "15:21: stages.frames.with.f_x.1: f_x = 50 mm^-1 is beyond what the camera's pixels of 1 x 1 mm resolve (0.5000 mm^-1)", "give the camera more pixels or a smaller field, or lower f_x"),
+    ("f_x: [0, 0.1]", "f_x: [0, 50]", "15:21: stages.frames.with.f_x.1: f_x = 50 mm^-1 is beyond what the camera's pixels of 1 x 1 mm resolve (0.5000 mm^-1)", "if another unit is meant, write it: `50 m^-1`"),
+    ("f_x: [0, 0.1]", "f_x: [0, 0.6]", "15:21: stages.frames.with.f_x.1: f_x = 0.6 mm^-1 is beyond what the camera's pixels of 1 x 1 mm resolve (0.5000 mm^-1)", "give the camera more pixels or a smaller field, or lower f_x"),
     ("f_x: [0, 0.1]", "f_x: []", "15:17: stages.frames.with.f_x: f_x is empty: nothing would be projected", "list at least one, such as [0, 0.1]"),
     ("f_x: [0, 0.1]", "f_x: 0.1", "15:17: stages.frames.with.f_x: `f_x` is 0.1, but must be a list", "write `[0.1]`"),
     ("phases: 3", "phases: 3, orientation_deg: 90", "15:55: stages.frames.with.orientation_deg: `orientation_deg` is 90, but must be a list", "write `[90]`"),
     ("vars: {samples: 64}", "vars: {samples: 1e12}", "3:17: stages.frames.with.samples: `samples` is 1000000000000, but must be a whole number from 0 to 4294967295", ""),
-    ("mu_a: 0.05", "mu_a: \"0,05\"", "8:25: stages.tissue.with.media.m.mu_a: `0,05` is no number; write `0.05`", ""),
+    ("mu_a: 0.05", "mu_a: \"0,05\"", "8:25: stages.tissue.with.media.m.mu_a: `mu_a` is the text \"0,05\", but must be a number in mm^-1, or text with a unit such as `2 mm^-1`", "YAML reads `0,05` as text; write `0.05`"),
+    ("mu_a: 0.05", "mu_a: 0,05", "8:25: stages.tissue.with.media.m.mu_a: `0,05` is no number: the comma ends the first", "write `0.05`, or a blank behind the comma of a list"),
+    ("vars: {samples: 64}", "vars: {samples: 0,64}", "3:17: vars.samples: `0,64` is no number: the comma ends the first", "write `0.64`, or a blank behind the comma of a list"),
+    ("vars: {samples: 64}", "vars: {samples: \"64\"}", "3:17: stages.frames.with.samples: `samples` is the text \"64\", but must be a whole number, 0 or more", "write `64` without quotes"),
+    ("    use: scene\n", "    use: scene\n    foreach: {zip: {a: [1, 2], b: [3, 4]}}\n", "7:20: stages.tissue.foreach.zip: `zip` is a map, but must be a list of lists of axes, such as [[a, b]]", "write the axes beside it: `a: [..], b: [..], zip: [[a, b]]`"),
     ("samples: \"${samples}\"", "samples: ${samples}", "15:48: this is not YAML: while parsing a flow mapping, did not find expected ',' or '}'", "inside { } and [ ] a var needs quotes: \"${samples}\""),
     ("phases: 3", "phases: 2", "15:35: stages.frames.with.phases: phases = 2 must be >= 3: fewer do not fix mean, amplitude and phase", ""),
     ("phases: 3", "phases: 1e", "15:35: stages.frames.with.phases: `phases` is the text \"1e\", but must be a whole number, 0 or more", "YAML reads `1e` as text; write `1`"),
@@ -125,7 +133,7 @@ fn messages(shown: &str) -> Vec<(String, String)> {
     for line in shown.lines() {
         if let Some((place, message)) = line.strip_prefix("p.yaml:").and_then(|l| l.split_once(" error: ")) {
             found.push((format!("{place} {message}"), String::new()));
-        } else if let (Some(hint), Some(last)) = (line.strip_prefix("      = "), found.last_mut()) {
+        } else if let (Some(hint), Some(last)) = (line.trim_start().strip_prefix("= help: "), found.last_mut()) {
             last.1 = hint.to_owned();
         }
     }
@@ -176,6 +184,41 @@ fn all_mistakes_of_a_file_come_in_one_report() {
         "stages.modulation.with.method",
     ] {
         assert!(paths.iter().any(|p| p == path), "{path} is missing in\n{shown}");
+    }
+}
+
+/// A wrong var is marked where it stands, and shown where it is used; whoever reads JSON is told the kind.
+#[test]
+fn a_wrong_var_is_shown_with_the_place_that_uses_it() {
+    let space = Space::with(&RIGHT.replacen("vars: {samples: 64}", "vars: {samples: 1e12}", 1));
+    let shown = space.turbid(&["check", "p.yaml"]).fails(2);
+    let expected = "   |
+ 3 | vars: {samples: 1e12}
+   |                 ^^^^
+   |
+  ::: p.yaml:15:47
+   |
+15 |     with: {f_x: [0, 0.1], phases: 3, samples: \"${samples}\"}
+   |                                               ------------ used here
+";
+    assert!(
+        shown.starts_with("p.yaml:3:17: error: stages.frames.with.samples: ") && shown.ends_with(expected),
+        "{shown}"
+    );
+    for (from, to, kind) in [
+        ("samples: 64", "samples: abc", "wrong_type"),
+        ("phases: 3", "phasse: 3", "unknown_key"),
+        ("thickness: 30", "thickness: 30 deg", "wrong_unit"),
+        ("g: 0.8, ", "", "missing"),
+        ("mu_a: 0.05", "mu_a: -1", "wrong_value"),
+        ("in: {scene: tissue}", "in: {scene: tisue}", "graph"),
+        ("seed: 7", "seed: 7\ninclude: nowhere.yaml", "file"),
+        ("pipeline: base", "pipeline: [base", "syntax"),
+    ] {
+        space.write("p.yaml", &RIGHT.replacen(from, to, 1));
+        let run = space.turbid(&["check", "p.yaml", "--json"]);
+        let found: serde_json::Value = serde_json::from_str(&run.out).expect("it is JSON");
+        assert_eq!((run.code, &found[0]["kind"]), (Some(2), &serde_json::json!(kind)), "{found}");
     }
 }
 

@@ -24,6 +24,7 @@ pub mod problem;
 pub mod quantity;
 pub mod read;
 pub mod stage;
+pub mod usual;
 
 pub use artifact::{
     Artifact, ArtifactKind, Attributes, Cells, Column, ImageStack, Layer, LayerInfo, LayerKind, Record, Table,
@@ -42,6 +43,7 @@ pub use problem::{At, Problem, Problems};
 pub use quantity::{AngleDeg, Density, Length, PerLength, Power, Ratio, Seconds, Wavelength};
 pub use read::{Found, ParamError, ParamMistake, Wanted};
 pub use stage::{Extents, Job, Made, Stage, StagePlan, StageRow};
+pub use usual::Usual;
 
 // One version of these for every stage.
 pub use ndarray;

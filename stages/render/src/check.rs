@@ -1,7 +1,7 @@
 //! What is wrong with the parameters of a render: by themselves, and for a given scene.
 
-use turbid_contract::Problems;
 use turbid_contract::payload::Scene;
+use turbid_contract::{Problems, Usual};
 
 use crate::glint::in_focus;
 use crate::light::Carrier;
@@ -33,6 +33,9 @@ impl Params {
         }
         for (i, f) in self.f_x.iter().enumerate() {
             problems.require(f.0 >= 0.0, format!("f_x.{i}"), f.0, "mm^-1", "be >= 0");
+            if let Some((message, hint)) = Usual::F_X.doubt(f.0) {
+                problems.warn_ranked(Usual::F_X.off(f.0), format!("f_x.{i}"), message, hint);
+            }
             if self.f_x[..i].contains(f) {
                 problems.push(format!("f_x.{i}"), format!("f_x = {f} stands twice"));
             }
@@ -183,7 +186,10 @@ impl Params {
                         "f_x = {f} is beyond what the {who}'s pixels of {} x {} mm resolve ({most:.4} mm^-1)",
                         pitch[0], pitch[1]
                     ),
-                    format!("give the {who} more pixels or a smaller field, or lower f_x"),
+                    match Usual::F_X.doubt(f.0) {
+                        Some((_, in_another_unit)) => in_another_unit,
+                        None => format!("give the {who} more pixels or a smaller field, or lower f_x"),
+                    },
                 );
             }
         }

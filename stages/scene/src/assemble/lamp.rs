@@ -2,10 +2,11 @@
 
 use glam::DVec3;
 use turbid_contract::payload::Lamp;
-use turbid_contract::{Length, Power, Problems};
+use turbid_contract::{Length, Power, Problems, Usual};
 
 use crate::assemble::channels::Channels;
 use crate::assemble::plain;
+use crate::assemble::plausible::doubt;
 use crate::params::LampParams;
 use crate::per_channel::PerChannel;
 
@@ -19,6 +20,7 @@ pub fn lamp(name: &str, lamp: &LampParams, channels: Channels, problems: &mut Pr
             |p| p.0,
             problems,
             |path, v, problems| {
+                doubt(&Usual::POWER, &path, v, problems);
                 problems.require(v > 0.0, path, v, "W", "be > 0");
             },
         )

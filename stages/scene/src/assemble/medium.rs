@@ -4,12 +4,18 @@ use turbid_contract::Problems;
 use turbid_contract::payload::Medium;
 
 use crate::assemble::channels::Channels;
+use crate::assemble::plausible::doubt_medium;
 use crate::params::MediumParams;
 use crate::per_channel::PerChannel;
 
 pub fn medium(name: &str, m: &MediumParams, channels: Channels, problems: &mut Problems) -> Medium {
     let at = |field: &str| format!("media.{name}.{field}");
-    problems.require(m.g.0.abs() < 1.0, at("g"), m.g.0, "", "lie in (-1, 1)");
+    if m.g.0 >= 2.0 && m.g.0 < 100.0 {
+        let meant = format!("if per cent are meant, write `{} %`", m.g.0);
+        problems.push_with_hint(at("g"), format!("g = {} must lie in (-1, 1)", m.g.0), meant);
+    } else {
+        problems.require(m.g.0.abs() < 1.0, at("g"), m.g.0, "", "lie in (-1, 1)");
+    }
     problems.require(m.n.0 >= 1.0 && m.n.0 <= 10.0, at("n"), m.n.0, "", "lie in [1, 10]");
     let here = format!("media.{name}");
     let mut values = |given: Vec<f64>, is_list: bool, field: &str, unit: &str| -> Vec<f64> {
@@ -52,7 +58,10 @@ pub fn medium(name: &str, m: &MediumParams, channels: Channels, problems: &mut P
     };
     let none = || vec![0.0; channels.count()];
     let (mu_a, mu_s): (Vec<f64>, Vec<f64>) = coefficients.unwrap_or_else(|| (none(), none()));
-    Medium { mu_a: mu_a.into_iter().map(settle).collect(), mu_s: mu_s.into_iter().map(settle).collect(), g, n: m.n.0 }
+    let settled = |values: Vec<f64>| values.into_iter().map(settle).collect();
+    let medium = Medium { mu_a: settled(mu_a), mu_s: settled(mu_s), g, n: m.n.0 };
+    doubt_medium(name, m, &medium, problems);
+    medium
 }
 
 fn numbers<T>(given: &PerChannel<T>, number: impl Fn(&T) -> f64) -> (Vec<f64>, bool) {

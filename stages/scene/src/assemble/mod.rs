@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 use turbid_contract::payload::{Medium, Object, Scene};
-use turbid_contract::{Length, Problems};
+use turbid_contract::{Length, Problems, Usual};
 use turbid_geometry::solid;
 use turbid_optics::solid::Solid;
 
@@ -17,6 +17,7 @@ mod lamp;
 mod lost;
 mod medium;
 mod object;
+mod plausible;
 mod rig;
 mod shape;
 mod surface;
@@ -29,6 +30,7 @@ use lamp::lamp;
 use lost::warn_of_lost_light;
 use medium::medium;
 use object::object;
+use plausible::doubt;
 use view::{camera, projector};
 use whole::check_whole;
 
@@ -93,6 +95,7 @@ fn wavelengths(params: &Params, rig: &RigInput, problems: &mut Problems) -> Vec<
     let own: Vec<f64> = params.wavelength_nm.iter().map(|w| w.0).collect();
     for (i, &w) in own.iter().enumerate() {
         problems.require(w > 0.0, format!("wavelength_nm.{i}"), w, "nm", "be > 0");
+        doubt(&Usual::WAVELENGTH, &format!("wavelength_nm.{i}"), w, problems);
         if own[..i].contains(&w) {
             problems.push(format!("wavelength_nm.{i}"), format!("wavelength_nm = {w} nm stands twice"));
         }

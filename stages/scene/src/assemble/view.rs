@@ -3,13 +3,14 @@
 use std::f64::consts::PI;
 
 use glam::{DVec2, DVec3};
-use turbid_contract::Problems;
 use turbid_contract::payload::{Aperture, Camera, Distortion, Projection, Projector};
+use turbid_contract::{Problems, Usual};
 use turbid_geometry::{camera_view, projector_view};
 use turbid_optics::view::{View, ViewError};
 
 use crate::assemble::channels::Channels;
 use crate::assemble::plain;
+use crate::assemble::plausible::doubt;
 use crate::params::{CameraParams, DistortionParams, ProjectorParams};
 
 /// The largest image that a scene may ask for, pixels.
@@ -71,6 +72,7 @@ pub fn projector(p: &ProjectorParams, channels: Channels, problems: &mut Problem
         |v| v.0,
         problems,
         |path, v, problems| {
+            doubt(&Usual::POWER, &path, v, problems);
             problems.require(v > 0.0, path, v, "W", "be > 0");
         },
     );

@@ -8,6 +8,7 @@ use turbid_optics::elementary::sin_cos_turns;
 use turbid_optics::solid::Solid;
 use turbid_optics::view::View;
 
+use crate::assemble::plausible::doubt_sizes;
 use crate::assemble::surface::without_coordinates;
 use crate::assemble::{Placed, is_void, object_at, placed};
 use crate::overlap::overlap;
@@ -88,6 +89,7 @@ pub fn check_whole(scene: &Scene, problems: &mut Problems) {
             );
         }
     }
+    doubt_sizes(scene, &objects, problems);
 }
 
 /// Where camera, projector and lights stand: what, the field that says so, the points.
