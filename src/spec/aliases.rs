@@ -11,11 +11,10 @@ use super::source::{SourceFile, Span};
 const MOST: usize = 3;
 
 /// A place that an override does not reach, although its text is the one that the override replaces.
-#[derive(Debug, PartialEq)]
 pub struct Kept {
     path: String,
-    /// Of the anchor and of the alias; of these one is overridden, the other keeps its value.
     anchor: Span,
+    /// The alias that keeps the value, or that the override goes by.
     alias: Span,
 }
 
@@ -34,19 +33,16 @@ pub fn kept(root: &Node, path: &str) -> Vec<Kept> {
     let depth_of: HashMap<_, usize> =
         way.iter().enumerate().filter_map(|(depth, (_, node))| Some((text_of(node)?, depth))).collect();
     let steps: Vec<&str> = path.split('.').collect();
-    let mut found = Vec::new();
+    let (mut found, mut anchors) = (Vec::new(), HashMap::new());
     let mut open = vec![(String::new(), root.span, root)];
     while let Some((at, place, node)) = open.pop() {
         let shared = text_of(node).and_then(|text| depth_of.get(&text).copied());
         if let Some(depth) = shared.filter(|&depth| at != steps[..=depth].join(".")) {
-            let (own, other) = (way[depth].0, place);
-            // An anchor stands in front of its text, an alias behind it.
-            let (anchor, alias) = if other > node.span { (own, other) } else { (other, own) };
-            found.push(Kept {
-                path: steps[depth + 1..].iter().fold(at, |path, step| join(&path, step)),
-                anchor,
-                alias,
-            });
+            let below = steps[depth + 1..].iter().fold(at, |path, step| join(&path, step));
+            found.push((depth, below, place));
+            // An anchor stands before all its aliases.
+            let anchor = anchors.entry(depth).or_insert(way[depth].0);
+            *anchor = place.min(*anchor);
             continue;
         }
         match &node.data {
@@ -62,7 +58,11 @@ pub fn kept(root: &Node, path: &str) -> Vec<Kept> {
             _ => {}
         }
     }
-    found
+    let told = found.into_iter().map(|(depth, path, place)| {
+        let anchor = anchors[&depth];
+        Kept { path, anchor, alias: if place == anchor { way[depth].0 } else { place } }
+    });
+    told.collect()
 }
 
 /// Where the text of a value stands; `None` of what has none.
@@ -154,7 +154,8 @@ stages:
             "{told:?}"
         );
         assert!(
-            told[1].contains("stages.third.with.cameras.0.pixels.0 stays") && told[1].contains("p.yaml:13:7"),
+            told[1].contains("stages.third.with.cameras.0.pixels.0 stays")
+                && told[1].contains("p.yaml:13:7 of the anchor at p.yaml:5:7"),
             "{told:?}"
         );
         let told = said(&["vars.b=6"]);
