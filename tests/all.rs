@@ -3,6 +3,8 @@
 #[path = "all/space.rs"]
 mod space;
 
+#[path = "all/arrows.rs"]
+mod arrows;
 #[path = "all/checks.rs"]
 mod checks;
 #[path = "all/commands.rs"]

@@ -25,11 +25,17 @@ pub struct Check {
 impl Check {
     pub fn run(&self, registry: &Registry) -> Done {
         let done = self.check(registry);
-        if self.json
-            && let Ok(report) | Err(Failure::Report(report)) = &done
-        {
+        if self.json {
+            let (report, code) = match done {
+                Ok(report) => (report, 0),
+                Err(failure) => failure.told(),
+            };
             print_json(&report.to_json().to_string());
-            return if report.has_errors() { Err(Failure::Report(Report::default())) } else { Ok(()) };
+            return match code {
+                0 => Ok(()),
+                1 => Err(Failure::Said),
+                _ => Err(Failure::Report(Report::default())),
+            };
         }
         let report = done?;
         for warning in report.diagnostics() {

@@ -21,7 +21,7 @@ pub struct Explain {
 impl Explain {
     pub fn run(&self, registry: &Registry) -> Done {
         let plan: Plan = self.pipeline.plan(registry, std::slice::from_ref(&self.stage))?;
-        let stage = plan.spec.stages.iter().position(|s| s.name == self.stage).ok_or_else(|| {
+        let stage = plan.spec.stage(&self.stage).ok_or_else(|| {
             Failure::Input(format!("there is no stage `{}` in pipeline `{}`", self.stage, plan.spec.pipeline))
         })?;
         let store = self.pipeline.store_to_read()?;

@@ -151,7 +151,7 @@ fn to_json(plan: &Plan, survey: &Survey, estimates: &Estimates, memory: &Memory)
             work: estimate.and_then(|e| e.work).map(|(amount, unit)| Work { amount, unit }),
         }
     };
-    let unneeded = (0..plan.spec.stages.len()).filter(|s| !plan.needed.contains(s));
+    let unneeded = (0..plan.spec.stages.len()).filter(|&s| !plan.needs(s));
     let listing = Listing {
         instances: found.map(row).collect(),
         memory: *memory,

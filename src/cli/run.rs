@@ -16,7 +16,7 @@ use crate::run::{self, End, Interrupt, Options, Progress, Summary, latest};
 use crate::store::{Store, StoreError};
 use crate::threads;
 
-use super::figures::Figures;
+use super::figures::{Figures, short, with_unit};
 use super::memory::{MemoryLimit, too_large};
 use super::{Done, Failure, Pipeline, print, report_of};
 
@@ -72,7 +72,7 @@ impl Run {
         }
         let progress = choose(self.json);
         for warning in report.diagnostics() {
-            progress.warn(&warning.path, &warning.message);
+            progress.warn(&warning.path, &warning.in_short());
         }
         let memory = budget.map(|budget| budget.bytes);
         let options = Options { jobs, keep_going: self.keep_going, force, replace: self.replace, simd, memory };
@@ -123,10 +123,10 @@ impl Run {
         self.force
             .iter()
             .map(|name| {
-                let stage = plan.spec.stages.iter().position(|s| &s.name == name).ok_or_else(|| {
+                let stage = plan.spec.stage(name).ok_or_else(|| {
                     Failure::Input(format!("--force: there is no stage `{name}` in pipeline `{}`", plan.spec.pipeline))
                 })?;
-                if plan.needed.contains(&stage) {
+                if plan.needs(stage) {
                     Ok(stage)
                 } else {
                     let asked = self.targets.join(", ");
@@ -266,8 +266,46 @@ fn where_it_lies(plan: &Plan, folder: &Path) -> String {
     text
 }
 
-/// Measures whose names begin so stand for a stage's error in the summary.
+/// Measures whose names begin so stand for a stage's error in the summary,
 const ERROR: &str = "error: ";
+/// and those that begin so for what has no error: how many of a thing nothing is known of.
+const UNKNOWN: &str = "unknown: ";
+
+/// A figure with its unit.
+type Measure = (String, f64, String);
+
+/// What the measures of a stage's instances say of their error: of each unit the first that an instance measured, the worst of all of them; then of
+/// how much nothing is known.
+fn errors<'a>(instances: impl Iterator<Item = &'a [Measure]>) -> String {
+    let mut worst: Vec<(&str, &str, f64)> = Vec::new();
+    let mut unknown: Vec<(&str, f64)> = Vec::new();
+    for measures in instances {
+        let mut own: Vec<&str> = Vec::new();
+        for (name, value, unit) in measures {
+            if let Some(what) = name.strip_prefix(ERROR)
+                && !own.contains(&unit.as_str())
+            {
+                own.push(unit);
+                match worst.iter_mut().find(|(_, known, _)| known == unit) {
+                    None => worst.push((what, unit, *value)),
+                    Some(known) if *value > known.2 => *known = (what, unit, *value),
+                    Some(_) => {}
+                }
+            } else if let Some(what) = name.strip_prefix(UNKNOWN) {
+                match unknown.iter_mut().find(|(known, _)| *known == what) {
+                    None => unknown.push((what, *value)),
+                    Some(known) => known.1 += value,
+                }
+            }
+        }
+    }
+    let worst = worst.into_iter().map(|(what, unit, value)| {
+        // Two decimals, but for what they would show as next to nothing.
+        let number = if value == 0.0 || value >= 0.01 { format!("{value:.2}") } else { short(value) };
+        format!("{} {what}", with_unit(&number, unit))
+    });
+    worst.chain(unknown.into_iter().map(|(what, count)| format!("{what}: {count}"))).collect::<Vec<_>>().join(", ")
+}
 
 /// One row per stage: state, seconds, error.
 fn table(plan: &Plan, summary: &Summary, seconds: f64) -> String {
@@ -275,7 +313,7 @@ fn table(plan: &Plan, summary: &Summary, seconds: f64) -> String {
     for &stage in &plan.needed {
         let ends: Vec<&End> = plan.instances_of(stage).filter_map(|id| summary.ends.get(&id)).collect();
         let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
-        let (mut wall, mut error) = (0.0, None::<(f64, &str, &str)>);
+        let mut wall = 0.0;
         for end in &ends {
             let word = match end {
                 End::Hit(_) => "hit",
@@ -287,20 +325,16 @@ fn table(plan: &Plan, summary: &Summary, seconds: f64) -> String {
             if let End::Ran(record) = end {
                 wall += record.cost.wall_s;
             }
-            if let End::Hit(record) | End::Ran(record) = end
-                && let Some((what, value, unit)) =
-                    record.measures.iter().find_map(|(n, v, u)| Some((n.strip_prefix(ERROR)?, *v, u.as_str())))
-                && error.is_none_or(|(worst, ..)| value > worst)
-            {
-                error = Some((value, what, unit));
-            }
         }
         let state = match counts.iter().next() {
             Some((word, 1)) if counts.len() == 1 => (*word).to_owned(),
             _ => counts.iter().map(|(word, n)| format!("{n} {word}")).collect::<Vec<_>>().join(", "),
         };
         let wall = if counts.contains_key("ran") { format!("{wall:.2}") } else { String::new() };
-        let error = error.map(|(value, what, unit)| format!("{value:.2} {unit} {what}")).unwrap_or_default();
+        let error = errors(ends.iter().filter_map(|end| match end {
+            End::Hit(record) | End::Ran(record) => Some(record.measures.as_slice()),
+            End::Failed(_) | End::Skipped => None,
+        }));
         rows.push([plan.spec.stages[stage].name.clone(), state, wall, error]);
     }
     let width = |column: usize| rows.iter().map(|r| r[column].chars().count()).max().unwrap_or(0);
@@ -319,4 +353,32 @@ fn table(plan: &Plan, summary: &Summary, seconds: f64) -> String {
         summary.failed()
     ));
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of maps and heights both are told, each the worst of all instances in its own unit; a small error is not 0.00, and nothing known is said.
+    #[test]
+    fn errors_are_told_in_their_units() {
+        let measures = |own: &[(&str, f64, &str)]| -> Vec<Measure> {
+            own.iter().map(|&(name, value, unit)| (name.to_owned(), value, unit.to_owned())).collect()
+        };
+        let instances = [
+            measures(&[
+                ("error: worst bias", 2.5, "%"),
+                ("error: other", 90.0, "%"),
+                ("error: worst RMSE", 1.87, "mm"),
+            ]),
+            measures(&[("error: worst bias", 12.5, "%"), ("unknown: media without a fit", 2.0, "1")]),
+            measures(&[("masked", 100.0, "%"), ("unknown: media without a fit", 3.0, "1")]),
+        ];
+        let said = |instances: &[Vec<Measure>]| errors(instances.iter().map(Vec::as_slice));
+        assert_eq!(said(&instances), "12.50 % worst bias, 1.87 mm worst RMSE, media without a fit: 5");
+        assert_eq!(said(&instances[2..]), "media without a fit: 3");
+        assert_eq!(said(&[measures(&[("error: worst RMSE", 0.00412, "mm")])]), "0.0041 mm worst RMSE");
+        assert_eq!(said(&[measures(&[("error: rest", 0.0, "1")])]), "0.00 rest");
+        assert_eq!(said(&[measures(&[("masked", 1.0, "%")])]), "");
+    }
 }

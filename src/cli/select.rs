@@ -42,7 +42,7 @@ impl Selector {
 
     /// The instances of the plan that it names; an error where there is none.
     pub fn instances(&self, plan: &Plan) -> Result<Vec<InstanceId>, Failure> {
-        let stage = plan.spec.stages.iter().position(|s| s.name == self.stage).ok_or_else(|| {
+        let stage = plan.spec.stage(&self.stage).ok_or_else(|| {
             let names: Vec<&str> = plan.spec.stages.iter().map(|s| s.name.as_str()).collect();
             Failure::Input(format!("there is no stage `{}`; the pipeline has {}", self.stage, names.join(", ")))
         })?;

@@ -3,10 +3,12 @@
 mod links;
 mod staged;
 
+use std::collections::HashSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use turbid_contract::payload::is_pictured;
 use turbid_contract::{Artifact, ArtifactKind, Axes, Cells, Table};
 
 use crate::digest::PartHasher;
@@ -58,7 +60,9 @@ pub fn publish(plan: &Plan, store: &Store, summary: &Summary, outputs: &Path) ->
     let pipeline = &plan.spec.pipeline;
     let folder = outputs.join("latest").join(file_name(pipeline));
     let before = links::read(&folder, pipeline);
-    let now = before.iter().filter(|(path, _)| keeps(plan, path)).map(|(p, e)| (p.clone(), e.clone())).collect();
+    let kept = kept(plan);
+    let keeps = |path: &str| kept.contains(path.split('/').next().unwrap_or_default());
+    let now = before.iter().filter(|(path, _)| keeps(path)).map(|(p, e)| (p.clone(), e.clone())).collect();
     let mut filling =
         Filling { store, before: &before, now, staged: Staged::new(&folder), folder: &folder, lost: false };
     let overrides = caption::overrides(plan);
@@ -174,16 +178,15 @@ impl Filling<'_> {
     }
 }
 
-/// Whether somebody would look at a picture of it: not of the covariances of every pair of quantities.
+/// Whether somebody would look at a picture of it.
 fn drawn(port: &PortRecord) -> bool {
-    port.blob.kind != ArtifactKind::Record && port.payload != "covariance"
+    port.blob.kind != ArtifactKind::Record && is_pictured(&port.payload)
 }
 
-/// Files of stages that are still in the pipeline but were not asked for this time.
-fn keeps(plan: &Plan, path: &str) -> bool {
-    let stage = path.split('/').next().unwrap_or_default();
-    let known = plan.spec.stages.iter().position(|s| file_name(&s.name) == stage);
-    known.is_some_and(|stage| !plan.needed.contains(&stage))
+/// Folders of stages that are still in the pipeline but were not asked for this time.
+fn kept(plan: &Plan) -> HashSet<String> {
+    let stages = plan.spec.stages.iter().enumerate().filter(|(stage, _)| !plan.needs(*stage));
+    stages.map(|(_, stage)| file_name(&stage.name)).collect()
 }
 
 fn fingerprint(records: &[(usize, &Arc<InstanceRecord>)]) -> String {

@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 
 use super::diagnostic::Diagnostic;
+use super::mistake::{Kind, Mistake};
 use super::node::{Data, Node};
 use super::parse::join;
 use super::source::{SourceFile, Span};
@@ -16,6 +17,8 @@ pub struct Kept {
     anchor: Span,
     /// The alias that keeps the value, or that the override goes by.
     alias: Span,
+    /// Of these the one that keeps it.
+    place: Span,
 }
 
 /// The places that keep the value which `path` replaces. Copies that aliases make keep the places of their anchor's text: that is what they
@@ -60,7 +63,7 @@ pub fn kept(root: &Node, path: &str) -> Vec<Kept> {
     }
     let told = found.into_iter().map(|(depth, path, place)| {
         let anchor = anchors[&depth];
-        Kept { path, anchor, alias: if place == anchor { way[depth].0 } else { place } }
+        Kept { path, anchor, alias: if place == anchor { way[depth].0 } else { place }, place }
     });
     told.collect()
 }
@@ -79,26 +82,27 @@ pub fn warnings(sources: &[SourceFile], path: &str, at: Span, kept: &[Kept], oth
             .any(|path| kept.path.strip_prefix(path).is_some_and(|rest| rest.is_empty() || rest.starts_with('.')))
     };
     let split: Vec<&Kept> = kept.iter().filter(reached).collect();
-    let place = |span: Span| format!("{}:{}:{}", sources[span.file as usize].name, span.line, span.column);
+    let said = |span: Span| format!("{}:{}:{}", sources[span.file as usize].name, span.line, span.column);
     let more = split.len().saturating_sub(MOST);
     let told = split.iter().take(MOST).enumerate().map(|(i, kept)| {
         let more = if i + 1 == MOST && more > 0 { format!(" (and {more} places more)") } else { String::new() };
         let message = format!(
             "{} stays as it is{more}: both are one value by the alias at {} of the anchor at {}",
             kept.path,
-            place(kept.alias),
-            place(kept.anchor)
+            said(kept.alias),
+            said(kept.anchor)
         );
         let hint =
             "override both, or let both take it from one place: a var, or a `rig` for camera, projector and lights";
-        Diagnostic::at(sources, at, path, message).hint(hint.to_owned()).warning()
+        let mistake = Mistake::new(Kind::Suspect, message).hint(hint.to_owned());
+        Diagnostic::at(sources, at, path, mistake).also(sources, kept.place, "this stays as it is").warning()
     });
     told.collect()
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::diagnostic::Report;
+    use super::super::report::Report;
     use super::super::{overrides, parse};
     use super::*;
 

@@ -1,8 +1,10 @@
 //! `--set stages.frames.with.samples=64`: values from the command line, typed by the rules of YAML.
 
-use super::diagnostic::{Diagnostic, Report};
+use super::diagnostic::Diagnostic;
+use super::mistake::{Kind, Mistake};
 use super::node::{Data, Entry, Node};
 use super::parse::{parse, shortened};
+use super::report::Report;
 use super::source::{SourceFile, Span};
 use super::{ROOT_KEYS, aliases, stage, suggest};
 
@@ -44,7 +46,10 @@ pub fn apply(root: &mut Node, overrides: &[String], sources: &mut Vec<SourceFile
                 report.extend(aliases::warnings(sources, path, span, &kept, &paths));
                 set(root, path, node, span);
             }
-            Err((message, hint)) => report.push(Diagnostic::at(sources, span, path, message).hint(hint)),
+            Err((message, hint)) => {
+                let mistake = Mistake::new(Kind::UnknownName, message).hint(hint);
+                report.push(Diagnostic::at(sources, span, path, mistake));
+            }
         }
     }
 }

@@ -188,6 +188,9 @@ impl Stage for RenderStage {
         ctx.measure("flights", traced.flights() as f64, "1");
         if estimate.n > 0 {
             ctx.measure("samples", f64::from(estimate.n), "1");
+            if params.max_seconds.is_some() {
+                ctx.reached(&[("samples", estimate.n.into())]);
+            }
         }
         for (part, of) in [(0.5, "error: m_ac per pixel"), (0.95, "error: m_ac per pixel, 95th percentile")] {
             if let Some(error) = images.relative_error_of(part) {

@@ -1,5 +1,7 @@
 //! A program error of ours ends an instance, with its place, and never the run.
 
+mod stopping;
+
 use std::sync::mpsc::channel;
 use std::time::Duration;
 
