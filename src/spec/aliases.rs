@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 
 use super::diagnostic::Diagnostic;
+use super::mistake::{Kind, Mistake};
 use super::node::{Data, Node};
 use super::parse::join;
 use super::source::{SourceFile, Span};
@@ -11,12 +12,13 @@ use super::source::{SourceFile, Span};
 const MOST: usize = 3;
 
 /// A place that an override does not reach, although its text is the one that the override replaces.
-#[derive(Debug, PartialEq)]
 pub struct Kept {
     path: String,
-    /// Of the anchor and of the alias; of these one is overridden, the other keeps its value.
     anchor: Span,
+    /// The alias that keeps the value, or that the override goes by.
     alias: Span,
+    /// Of these the one that keeps it.
+    place: Span,
 }
 
 /// The places that keep the value which `path` replaces. Copies that aliases make keep the places of their anchor's text: that is what they
@@ -34,19 +36,16 @@ pub fn kept(root: &Node, path: &str) -> Vec<Kept> {
     let depth_of: HashMap<_, usize> =
         way.iter().enumerate().filter_map(|(depth, (_, node))| Some((text_of(node)?, depth))).collect();
     let steps: Vec<&str> = path.split('.').collect();
-    let mut found = Vec::new();
+    let (mut found, mut anchors) = (Vec::new(), HashMap::new());
     let mut open = vec![(String::new(), root.span, root)];
     while let Some((at, place, node)) = open.pop() {
         let shared = text_of(node).and_then(|text| depth_of.get(&text).copied());
         if let Some(depth) = shared.filter(|&depth| at != steps[..=depth].join(".")) {
-            let (own, other) = (way[depth].0, place);
-            // An anchor stands in front of its text, an alias behind it.
-            let (anchor, alias) = if other > node.span { (own, other) } else { (other, own) };
-            found.push(Kept {
-                path: steps[depth + 1..].iter().fold(at, |path, step| join(&path, step)),
-                anchor,
-                alias,
-            });
+            let below = steps[depth + 1..].iter().fold(at, |path, step| join(&path, step));
+            found.push((depth, below, place));
+            // An anchor stands before all its aliases.
+            let anchor = anchors.entry(depth).or_insert(way[depth].0);
+            *anchor = place.min(*anchor);
             continue;
         }
         match &node.data {
@@ -62,7 +61,11 @@ pub fn kept(root: &Node, path: &str) -> Vec<Kept> {
             _ => {}
         }
     }
-    found
+    let told = found.into_iter().map(|(depth, path, place)| {
+        let anchor = anchors[&depth];
+        Kept { path, anchor, alias: if place == anchor { way[depth].0 } else { place }, place }
+    });
+    told.collect()
 }
 
 /// Where the text of a value stands; `None` of what has none.
@@ -79,19 +82,20 @@ pub fn warnings(sources: &[SourceFile], path: &str, at: Span, kept: &[Kept], oth
             .any(|path| kept.path.strip_prefix(path).is_some_and(|rest| rest.is_empty() || rest.starts_with('.')))
     };
     let split: Vec<&Kept> = kept.iter().filter(reached).collect();
-    let place = |span: Span| format!("{}:{}:{}", sources[span.file as usize].name, span.line, span.column);
+    let said = |span: Span| format!("{}:{}:{}", sources[span.file as usize].name, span.line, span.column);
     let more = split.len().saturating_sub(MOST);
     let told = split.iter().take(MOST).enumerate().map(|(i, kept)| {
         let more = if i + 1 == MOST && more > 0 { format!(" (and {more} places more)") } else { String::new() };
         let message = format!(
             "{} stays as it is{more}: both are one value by the alias at {} of the anchor at {}",
             kept.path,
-            place(kept.alias),
-            place(kept.anchor)
+            said(kept.alias),
+            said(kept.anchor)
         );
         let hint =
             "override both, or let both take it from one place: a var, or a `rig` for camera, projector and lights";
-        Diagnostic::at(sources, at, path, message).hint(hint.to_owned()).warning()
+        let mistake = Mistake::new(Kind::Suspect, message).hint(hint.to_owned());
+        Diagnostic::at(sources, at, path, mistake).also(sources, kept.place, "this stays as it is").warning()
     });
     told.collect()
 }
@@ -154,7 +158,8 @@ stages:
             "{told:?}"
         );
         assert!(
-            told[1].contains("stages.third.with.cameras.0.pixels.0 stays") && told[1].contains("p.yaml:13:7"),
+            told[1].contains("stages.third.with.cameras.0.pixels.0 stays")
+                && told[1].contains("p.yaml:13:7 of the anchor at p.yaml:5:7"),
             "{told:?}"
         );
         let told = said(&["vars.b=6"]);
