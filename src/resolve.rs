@@ -19,7 +19,7 @@ use crate::key::{Dependencies, InputContent, instance_seed};
 use crate::memory::need;
 use crate::panics::lock;
 use crate::plan::{InstanceId, Plan};
-use crate::spec::{Diagnostic, Section, Severity, read_params};
+use crate::spec::{Diagnostic, Kind, Mistake, Section, Severity, read_params};
 use crate::store::{Blob, InstanceRecord, Store, encode};
 use crate::threads;
 use crate::warned::Warned;
@@ -306,16 +306,19 @@ impl<'a> Resolver<'a> {
     pub fn prepare(&self, id: InstanceId) -> Result<Prepared, Vec<Diagnostic>> {
         let instance = &self.plan.instances[id];
         let params = self.plan.spec.params(instance.stage, &instance.axes)?;
-        let told = |path: &[String], message: String, hint| {
-            self.plan.spec.diagnostic(instance.stage, Section::With, path, message, hint)
-        };
         let (job, errors) = read_params(self.plan.row(instance.stage), &params);
         match job {
             Some(job) if errors.is_empty() => match job.canonical() {
                 Ok(canonical) => Ok(Prepared { params, job, canonical }),
-                Err(message) => Err(vec![told(&[], message, None)]),
+                Err(message) => {
+                    let path: [&str; 0] = [];
+                    Err(vec![self.plan.spec.diagnostic(instance.stage, Section::With, &path, message, None)])
+                }
             },
-            _ => Err(errors.into_iter().map(|e| told(&e.path, e.message, e.hint)).collect()),
+            _ => Err(errors
+                .into_iter()
+                .map(|e| self.plan.spec.diagnostic(instance.stage, Section::With, &e.path, e.mistake, None))
+                .collect()),
         }
     }
 
@@ -372,7 +375,8 @@ impl<'a> Resolver<'a> {
             Ok(digest) => Ok(InputFile { path, digest, most: file.most }),
             Err((message, hint)) => {
                 let at: Vec<&str> = file.at.split('.').collect();
-                Err(Box::new(self.plan.spec.diagnostic(stage, Section::With, &at, message, hint)))
+                let mistake = Mistake::new(Kind::File, message);
+                Err(Box::new(self.plan.spec.diagnostic(stage, Section::With, &at, mistake, hint)))
             }
         }
     }
@@ -401,6 +405,10 @@ impl<'a> Resolver<'a> {
             let producer = self.plan.instances[*first].stage;
             let label = format!("{}.{port}", self.plan.spec.stages[producer].name);
             known.producers.insert(wire.port.to_owned(), label);
+            if wire.many {
+                let axes = wire.from.iter().map(|(id, _)| self.plan.instances[*id].axes.clone());
+                known.axes.insert(wire.port.to_owned(), axes.collect());
+            }
             if wire.from.len() > 1 {
                 continue;
             }

@@ -3,6 +3,8 @@
 #[path = "all/space.rs"]
 mod space;
 
+#[path = "all/arrows.rs"]
+mod arrows;
 #[path = "all/checks.rs"]
 mod checks;
 #[path = "all/commands.rs"]
@@ -47,6 +49,8 @@ mod meshes;
 mod metrics;
 #[path = "all/near_normal.rs"]
 mod near_normal;
+#[path = "all/people.rs"]
+mod people;
 #[path = "all/pictures.rs"]
 mod pictures;
 #[path = "all/profile.rs"]
@@ -58,6 +62,8 @@ mod record;
 mod reproducible;
 #[path = "all/rerun.rs"]
 mod rerun;
+#[path = "all/rigs.rs"]
+mod rigs;
 #[path = "all/schema.rs"]
 mod schema;
 #[path = "all/shapes.rs"]

@@ -1,5 +1,7 @@
 //! `turbid graph`: the stages and how they feed each other, as Mermaid or DOT.
 
+use std::collections::HashSet;
+
 use clap::{Args, ValueEnum};
 
 use crate::plan::Plan;
@@ -44,13 +46,14 @@ fn draw(plan: &Plan, format: Format) -> String {
         text.push_str(&line);
     }
     let mut edges: Vec<(usize, usize, String)> = Vec::new();
+    let mut drawn = HashSet::new();
     for instance in &plan.instances {
         for wire in &instance.wires {
             for (source, port) in &wire.from {
-                let label = if *port == wire.port { wire.port.to_owned() } else { format!("{port} → {}", wire.port) };
-                let edge = (plan.instances[*source].stage, instance.stage, label);
-                if !edges.contains(&edge) {
-                    edges.push(edge);
+                let (from, to) = (plan.instances[*source].stage, instance.stage);
+                if drawn.insert((from, to, *port, wire.port)) {
+                    let renamed = || format!("{port} → {}", wire.port);
+                    edges.push((from, to, if *port == wire.port { wire.port.to_owned() } else { renamed() }));
                 }
             }
         }

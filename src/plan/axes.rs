@@ -2,6 +2,7 @@
 
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::fmt;
 
 use serde_json::Value;
 use turbid_contract::Axes;
@@ -32,10 +33,54 @@ pub struct Joined {
     pub picks: Vec<usize>,
 }
 
+/// Why pieces do not join.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum NotJoined {
+    /// Of two pieces each has an axis that the other has not; `product: true` asks for every combination.
+    Apart {
+        pieces: [String; 2],
+        axes: [String; 2],
+    },
+    /// A piece has nothing at a point of an axis that both have.
+    Lacks {
+        piece: String,
+        point: String,
+        other: String,
+    },
+    /// A piece has a point more than another on an axis that both have.
+    Exceeds {
+        piece: String,
+        point: String,
+        other: String,
+    },
+    TooMany,
+}
+
+impl NotJoined {
+    /// The way out, where there is one.
+    pub fn hint(&self) -> Option<String> {
+        let apart = matches!(self, Self::Apart { .. });
+        apart.then(|| "say `product: true` to take every combination".to_owned())
+    }
+}
+
+impl fmt::Display for NotJoined {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Apart { pieces: [a, b], axes: [of_a, of_b] } => {
+                write!(f, "{a} has the axes {of_a}, {b} has the axes {of_b}: neither contains the other")
+            }
+            Self::Lacks { piece, point, other } => write!(f, "{piece} has nothing at {point}, which {other} has"),
+            Self::Exceeds { piece, point, other } => write!(f, "{piece} has {point}, which {other} does not have"),
+            Self::TooMany => write!(f, "the axes of its inputs make more than {MAX_INSTANCES} instances"),
+        }
+    }
+}
+
 /// Joins by value: equal names are the same axis; a piece without an axis is broadcast along it.
 ///
 /// Errors: two pieces with different axes (unless `product`), axes whose values differ, too many points.
-pub fn join(pieces: &[Piece], product: bool) -> Result<(Vec<String>, Vec<Joined>), String> {
+pub fn join(pieces: &[Piece], product: bool) -> Result<(Vec<String>, Vec<Joined>), NotJoined> {
     if !product {
         nested(pieces)?;
     }
@@ -63,16 +108,13 @@ pub fn join(pieces: &[Piece], product: bool) -> Result<(Vec<String>, Vec<Joined>
             let key = point_key(shared.iter().map(|&(m, _)| &values[m]));
             let Some(entries) = by_shared.get(&key) else {
                 let point = shared.iter().map(|&(m, _)| format!("{} = {}", names[m], value_text(&values[m])));
-                return Err(format!(
-                    "{} has nothing at {}, which {} has",
-                    piece.label,
-                    point.collect::<Vec<_>>().join(", "),
-                    pieces[order[done - 1]].label
-                ));
+                let point = point.collect::<Vec<_>>().join(", ");
+                let other = pieces[order[done - 1]].label.clone();
+                return Err(NotJoined::Lacks { piece: piece.label.clone(), point, other });
             };
             met.insert(key);
             if next.len() + entries.len() > MAX_INSTANCES {
-                return Err(format!("the axes of its inputs make more than {MAX_INSTANCES} instances"));
+                return Err(NotJoined::TooMany);
             }
             for &entry in entries {
                 let mut values = values.clone();
@@ -84,13 +126,9 @@ pub fn join(pieces: &[Piece], product: bool) -> Result<(Vec<String>, Vec<Joined>
         }
         if let Some(key) = by_shared.keys().filter(|key| !met.contains(*key)).min() {
             let names: Vec<&str> = shared.iter().map(|&(_, t)| piece.names[t].as_str()).collect();
-            return Err(format!(
-                "{} has {} = {}, which {} does not have",
-                piece.label,
-                names.join(", "),
-                key.replace('\u{1f}', ", "),
-                pieces[order[done - 1]].label
-            ));
+            let point = format!("{} = {}", names.join(", "), key.replace('\u{1f}', ", "));
+            let other = pieces[order[done - 1]].label.clone();
+            return Err(NotJoined::Exceeds { piece: piece.label.clone(), point, other });
         }
         names.extend(fresh.iter().map(|&i| piece.names[i].clone()));
         rows = next;
@@ -109,39 +147,34 @@ pub fn join(pieces: &[Piece], product: bool) -> Result<(Vec<String>, Vec<Joined>
 }
 
 /// Any two pieces must have nested axes, else the user has to ask for the product.
-fn nested(pieces: &[Piece]) -> Result<(), String> {
+fn nested(pieces: &[Piece]) -> Result<(), NotJoined> {
     for (i, a) in pieces.iter().enumerate() {
         for b in &pieces[i + 1..] {
             let within = |x: &Piece, y: &Piece| x.names.iter().all(|n| y.names.contains(n));
             if !within(a, b) && !within(b, a) {
-                return Err(format!(
-                    "{} has the axes {}, {} has the axes {}: neither contains the other",
-                    a.label,
-                    a.names.join(", "),
-                    b.label,
-                    b.names.join(", ")
-                ));
+                let both = [a, b];
+                return Err(NotJoined::Apart {
+                    pieces: both.map(|piece| piece.label.clone()),
+                    axes: both.map(|piece| piece.names.join(", ")),
+                });
             }
         }
     }
     Ok(())
 }
 
-/// Groups the instances of a source by the axes that remain after `gathered` are taken out, lists in order of values.
-pub fn gather(instances: &[(usize, &Axes)], gathered: &BTreeSet<String>) -> (Vec<String>, Vec<Entry>) {
-    let names: Vec<String> = instances
-        .first()
-        .map(|(_, axes)| axes.keys().filter(|n| !gathered.contains(*n)).cloned().collect())
-        .unwrap_or_default();
+/// Groups the instances of a source by the axes `names`, lists in order of the values of all axes.
+pub fn gather(instances: &[(usize, &Axes)], names: &[String]) -> Vec<Entry> {
     let mut sorted: Vec<&(usize, &Axes)> = instances.iter().collect();
     // By value, so that the order in which a foreach lists its values does not enter the key.
     sorted.sort_by(|a, b| compare_axes(a.1, b.1));
     let mut groups: BTreeMap<String, (Vec<Value>, Vec<usize>)> = BTreeMap::new();
     for (id, axes) in sorted {
-        let values: Vec<Value> = names.iter().map(|n| axes[n].clone()).collect();
-        groups.entry(point_key(values.iter())).or_insert_with(|| (values, Vec::new())).1.push(*id);
+        let values = || names.iter().map(|n| &axes[n]);
+        let group = groups.entry(point_key(values())).or_insert_with(|| (values().cloned().collect(), Vec::new()));
+        group.1.push(*id);
     }
-    (names, groups.into_values().collect())
+    groups.into_values().collect()
 }
 
 /// Order of two points that have the same axes.
@@ -198,16 +231,22 @@ mod tests {
     #[test]
     fn different_axes_need_a_product() {
         let pieces = [piece("a", &["m"], &[&[1], &[2]]), piece("b", &["s"], &[&[7], &[8], &[9]])];
-        let message = join(&pieces, false).unwrap_err();
-        assert!(message.contains("a has the axes m") && message.contains("b has the axes s"), "{message}");
+        let apart = join(&pieces, false).unwrap_err();
+        let [both, axes] = [["a", "b"], ["m", "s"]].map(|words| words.map(str::to_owned));
+        assert_eq!(apart, NotJoined::Apart { pieces: both, axes });
+        assert!(apart.hint().is_some_and(|hint| hint.contains("product")));
         assert_eq!(join(&pieces, true).unwrap().1.len(), 6);
     }
 
     #[test]
     fn other_values_on_a_shared_axis_are_an_error() {
         let a = || piece("a", &["m"], &[&[1], &[2]]);
-        assert!(join(&[a(), piece("b", &["m"], &[&[1]])], false).unwrap_err().contains("nothing at m = 2"));
-        assert!(join(&[a(), piece("b", &["m"], &[&[1], &[2], &[3]])], false).unwrap_err().contains("m = 3"));
+        let told = |b: &[&[i32]]| join(&[a(), piece("b", &["m"], b)], false).unwrap_err();
+        assert_eq!(told(&[&[1]]).to_string(), "b has nothing at m = 2, which a has");
+        assert_eq!(told(&[&[1], &[2], &[3]]).to_string(), "b has m = 3, which a does not have");
+        // Its name may say what it likes: only axes that are apart have a product as their way out.
+        let odd = piece("neither contains the other", &["m"], &[&[1]]);
+        assert_eq!(join(&[a(), odd], false).unwrap_err().hint(), None);
     }
 
     #[test]
@@ -217,8 +256,7 @@ mod tests {
             .map(|p| [("a".to_owned(), json!(p[0])), ("b".to_owned(), json!(p[1]))].into())
             .collect();
         let instances: Vec<(usize, &Axes)> = points.iter().enumerate().collect();
-        let (names, groups) = gather(&instances, &["a".to_owned()].into());
-        assert_eq!(names, ["b"]);
+        let groups = gather(&instances, &["b".to_owned()]);
         assert_eq!(groups, vec![(vec![json!(1)], vec![1, 0]), (vec![json!(2)], vec![3, 2])]);
     }
 }

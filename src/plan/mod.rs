@@ -5,7 +5,7 @@ mod lint;
 mod ports;
 mod targets;
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 use turbid_contract::{Arity, Axes, InPort, OutPort, StageRow};
@@ -60,6 +60,8 @@ pub struct Plan {
     ranges: Vec<Range<InstanceId>>,
     /// Stages that the targets need, in topological order.
     pub needed: Vec<usize>,
+    /// Whether a stage is in `needed`.
+    is_needed: Vec<bool>,
     wanted: Vec<BTreeSet<&'static str>>,
     /// Consumers of each stage.
     consumers: Vec<BTreeSet<usize>>,
@@ -138,7 +140,9 @@ impl Plan {
         }
         let (needed, wanted) = targets::select(&spec, &infos, &links, &order, &consumers, &ranges, targets)
             .map_err(|message| Report::from(Diagnostic::error(message, None)))?;
-        Ok(Self { spec, infos, instances, ranges, needed, wanted, consumers })
+        let mut is_needed = vec![false; spec.stages.len()];
+        needed.iter().for_each(|&stage| is_needed[stage] = true);
+        Ok(Self { spec, infos, instances, ranges, needed, is_needed, wanted, consumers })
     }
 
     pub fn row(&self, stage: usize) -> &StageRow {
@@ -156,6 +160,11 @@ impl Plan {
     /// The instances of a stage.
     pub fn instances_of(&self, stage: usize) -> Range<InstanceId> {
         self.ranges[stage].clone()
+    }
+
+    /// Whether the targets need a stage.
+    pub fn needs(&self, stage: usize) -> bool {
+        self.is_needed[stage]
     }
 
     /// Ports of a stage that are to be there after the run.
@@ -219,10 +228,9 @@ fn topological(spec: &Spec) -> Result<Vec<usize>, Vec<usize>> {
         Open,
         Done,
     }
-    let places: HashMap<&str, usize> = spec.stages.iter().enumerate().map(|(i, s)| (s.name.as_str(), i)).collect();
     let sources = |stage: usize| -> Vec<usize> {
         let named = spec.stages[stage].inputs.iter().flat_map(|input| &input.sources);
-        named.filter_map(|source| places.get(source.stage.as_str()).copied()).collect()
+        named.filter_map(|source| spec.stage(&source.stage)).collect()
     };
     let mut marks = vec![Mark::New; spec.stages.len()];
     let mut order = Vec::new();
@@ -277,12 +285,12 @@ fn expand(
     };
     // Axes that one and optional ports bring; a many port gathers the others.
     let mut brought = BTreeSet::new();
-    let mut selected: Vec<Vec<(usize, Axes)>> = Vec::new();
+    let mut selected: Vec<Selected> = Vec::new();
     for link in links {
         for (source, found) in &link.sources {
             let some = select(instances, ranges[found.stage].clone(), source).map_err(|(m, h)| at_port(link, m, h))?;
             if !matches!(link.port.arity, Arity::Many | Arity::Some) {
-                brought.extend(some.first().into_iter().flat_map(|(_, axes)| axes.keys().cloned()));
+                brought.extend(some.axes.iter().cloned());
             }
             selected.push(some);
         }
@@ -293,9 +301,7 @@ fn expand(
     for link in links {
         let many = matches!(link.port.arity, Arity::Many | Arity::Some);
         for (source, found) in &link.sources {
-            let chosen: Vec<(usize, &Axes)> =
-                some.next().expect("one per source").iter().map(|(i, a)| (*i, a)).collect();
-            let has: BTreeSet<String> = chosen.first().into_iter().flat_map(|(_, axes)| axes.keys().cloned()).collect();
+            let Selected { chosen, axes: has } = some.next().expect("one per source");
             let gathered = match (&source.over, many) {
                 (Some(over), _) => {
                     if let Some(unknown) = over.iter().find(|name| !has.contains(*name)) {
@@ -311,7 +317,8 @@ fn expand(
                 (None, true) => has.difference(&brought).cloned().collect(),
                 (None, false) => BTreeSet::new(),
             };
-            let (names, entries) = axes::gather(&chosen, &gathered);
+            let names: Vec<String> = has.difference(&gathered).cloned().collect();
+            let entries = axes::gather(chosen, &names);
             pieces.push(Piece {
                 label: format!("input `{}` ({}.{})", link.port.name, source.stage, found.port.name),
                 names,
@@ -320,26 +327,14 @@ fn expand(
             feeds.push((link, found.port.name));
         }
     }
-    let (names, joined) = axes::join(&pieces, stage_spec.product).map_err(|message| {
-        let hint = message
-            .contains("neither contains the other")
-            .then(|| "say `product: true` to take every combination".to_owned());
-        (Section::In, Vec::new(), message, hint)
-    })?;
+    let (names, joined) = axes::join(&pieces, stage_spec.product)
+        .map_err(|apart| (Section::In, Vec::new(), apart.to_string(), apart.hint()))?;
     if let Some(name) = stage_spec.foreach.names.iter().find(|n| names.contains(n)) {
         let message = format!("an input of `{}` carries the axis `{name}` already", stage_spec.name);
         return Err((Section::Foreach, vec![name.clone()], message, Some("give the new axis another name".to_owned())));
     }
-    let points: Vec<Axes> = if stage_spec.foreach.names.is_empty() {
-        vec![Axes::new()]
-    } else {
-        stage_spec
-            .foreach
-            .rows
-            .iter()
-            .map(|row| stage_spec.foreach.names.iter().cloned().zip(row.iter().cloned()).collect())
-            .collect()
-    };
+    // Without a `foreach` one point without values.
+    let (added, points) = (&stage_spec.foreach.names, &stage_spec.foreach.rows);
     if points.len().saturating_mul(joined.len()) > MAX_INSTANCES {
         let message = format!(
             "`{}` has {} x {} instances, more than {MAX_INSTANCES}",
@@ -351,9 +346,9 @@ fn expand(
     }
     let mut fresh = Vec::with_capacity(points.len() * joined.len());
     for row in &joined {
-        for point in &points {
+        for point in points {
             let mut axes = row.axes.clone();
-            axes.extend(point.iter().map(|(n, v)| (n.clone(), v.clone())));
+            axes.extend(added.iter().cloned().zip(point.iter().cloned()));
             fresh.push(Instance { stage, axes, wires: wires(&pieces, &feeds, row) });
         }
     }
@@ -374,22 +369,28 @@ fn wires(pieces: &[Piece], feeds: &[(&Link, &'static str)], row: &Joined) -> Vec
 /// A mistake with its way out.
 type Hinted = (String, Option<String>);
 
-/// The instances that `where` leaves, without the axes that it fixes.
-fn select(
-    instances: &[Instance],
+/// The instances that `where` leaves, and their axes but for those that it fixes.
+struct Selected<'a> {
+    chosen: Vec<(InstanceId, &'a Axes)>,
+    axes: BTreeSet<String>,
+}
+
+fn select<'a>(
+    instances: &'a [Instance],
     range: Range<InstanceId>,
     source: &crate::spec::SourceRef,
-) -> Result<Vec<(InstanceId, Axes)>, Hinted> {
-    let mut chosen: Vec<(usize, Axes)> = range.map(|id| (id, instances[id].axes.clone())).collect();
+) -> Result<Selected<'a>, Hinted> {
+    let mut chosen: Vec<(InstanceId, &Axes)> = range.map(|id| (id, &instances[id].axes)).collect();
     for (name, value) in &source.filter {
         let Some((_, axes)) = chosen.first() else { break };
         if !axes.contains_key(name) {
             let hint = nearest(name, axes.keys().map(String::as_str)).map(|n| format!("did you mean `{n}`?"));
             return Err((format!("`{}` has no axis `{name}`", source.stage), hint));
         }
-        let mut values: Vec<String> = chosen.iter().map(|(_, a)| crate::key::value_text(&a[name])).collect();
+        let all = chosen.clone();
         chosen.retain(|(_, axes)| same_value(&axes[name], value));
         if chosen.is_empty() {
+            let mut values: Vec<String> = all.iter().map(|(_, a)| crate::key::value_text(&a[name])).collect();
             values.sort();
             values.dedup();
             values.truncate(12);
@@ -397,8 +398,7 @@ fn select(
             return Err((message, Some(format!("it has {}", values.join(", ")))));
         }
     }
-    for (_, axes) in &mut chosen {
-        axes.retain(|name, _| !source.filter.contains_key(name));
-    }
-    Ok(chosen)
+    let names = chosen.first().into_iter().flat_map(|(_, axes)| axes.keys());
+    let axes = names.filter(|name| !source.filter.contains_key(*name)).cloned().collect();
+    Ok(Selected { chosen, axes })
 }

@@ -87,7 +87,7 @@ fn find_source(
     wanted: &InPort,
     source: &SourceRef,
 ) -> Result<Option<SourcePort>, Mistake> {
-    let Some(stage) = spec.stages.iter().position(|s| s.name == source.stage) else {
+    let Some(stage) = spec.stage(&source.stage) else {
         let names = spec.stages.iter().map(|s| s.name.as_str());
         let hint = nearest(&source.stage, names).map(|name| format!("did you mean `{name}`?"));
         return Err((format!("there is no stage `{}`", source.stage), hint));

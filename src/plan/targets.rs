@@ -45,7 +45,7 @@ pub(super) fn select(
         needed.extend((0..infos.len()).filter(|&stage| consumers[stage].is_empty()));
     }
     for target in targets {
-        let Some(stage) = spec.stages.iter().position(|s| s.name == target.stage) else {
+        let Some(stage) = spec.stage(&target.stage) else {
             let names: Vec<&str> = spec.stages.iter().map(|s| s.name.as_str()).collect();
             let hint = nearest(&target.stage, names.iter().copied()).map(|n| format!("; did you mean `{n}`?"));
             let hint = hint.unwrap_or_else(|| format!("; the pipeline has {}", names.join(", ")));

@@ -2,7 +2,9 @@
 
 use crate::resolve::Resolver;
 
-use super::{Interrupt, Options, Progress};
+use super::interrupt::Interrupt;
+use super::options::Options;
+use super::progress::Progress;
 
 /// What all instances of a run share.
 #[derive(Clone, Copy)]

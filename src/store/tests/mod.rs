@@ -49,6 +49,7 @@ fn record(i: u64, ports: &[(&str, Blob)]) -> InstanceRecord {
         cost: Cost { wall_s: 0.1, cpu_s: 0.3, peak_bytes: 1 << 20, alone: true },
         seed: Some(u64::MAX),
         state_key: None,
+        reached: None,
         measures: vec![("paths".into(), 1e9, "1".into())],
         warnings: vec!["läuft".into()],
         kernel: None,
@@ -148,7 +149,7 @@ fn filled(n: u64) -> (TempDir, Vec<Digest>) {
 
 /// A pack that a process wrote `days` ago: records of `range`, without blobs.
 fn old_pack(outputs: &Path, days: u64, range: std::ops::Range<u64>) {
-    let stamp = packs::now_ns() - days * 86_400 * 1_000_000_000;
+    let stamp = writer::now_ns() - days * 86_400 * 1_000_000_000;
     let frames = range.flat_map(|i| {
         frame::encode(frame::Kind::Record, &key(i), stamp + i, &record(i, &[]).encode(&recipe(i)).unwrap())
     });

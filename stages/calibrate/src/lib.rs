@@ -9,15 +9,19 @@
 //! R_d(f_x) = M_sample(f_x) / M_reference(f_x) x R_model(f_x), pixel by pixel: source profile, vignetting, carrier phase,
 //! MTF and exposure cancel. Theory and measured figures: `docs/theory/calibrate.md`.
 
+mod form;
 pub mod gauss;
 mod memory;
 mod model;
 mod params;
+mod quantity;
 mod ratio;
+mod rigs;
 pub mod smooth;
 mod stage;
 
 pub use model::{Model, ReferenceMedium};
 pub use params::{NoiseBias, Params};
 pub use ratio::{Arm, calibrate};
+pub use rigs::Rigs;
 pub use stage::{Calibrate, In, Out};

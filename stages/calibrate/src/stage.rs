@@ -2,15 +2,18 @@
 
 use turbid_contract::payload::{CONDITIONS, Conditions, Convention, Modulation, REFERENCE_CONDITIONS, Reflectance};
 use turbid_contract::{
-    Attributes, Ctx, Error, Extents, Form, Forms, ImageStack, Known, LayerInfo, LayerKind, Problems, Stage, StagePlan,
+    Attributes, Ctx, Error, Extents, Forms, ImageStack, Known, LayerInfo, LayerKind, Problems, Stage, StagePlan,
     in_ports, out_ports, serde_json,
 };
 
+use crate::form;
 use crate::gauss::Gauss;
 use crate::memory::memory;
 use crate::model::Model;
 use crate::params::{NoiseBias, Params};
+use crate::quantity::{counterpart, of_one_phantom, quantities, same_size};
 use crate::ratio::{Arm, calibrate};
+use crate::rigs::{SHARE, difference};
 
 /// The widest smoothing that makes sense: beyond it the source profile no longer cancels.
 const WIDEST_SMOOTHING_PX: f64 = 100.0;
@@ -19,7 +22,7 @@ in_ports! {
     pub struct In {
         /// Modulation of the sample.
         sample: one Modulation,
-        /// Modulation of the reference phantom, same geometry, same f_x.
+        /// Modulation of the reference phantom, same rig, same f_x.
         reference: one Modulation,
     }
 }
@@ -45,8 +48,14 @@ impl Stage for Calibrate {
 
     fn check(params: &Params, known: &Known, problems: &mut Problems) {
         params.reference.check(problems);
+        form::check(known, problems);
         if params.convention != Convention::Relative {
             compare_phantom(params, &known.fact("reference"), problems);
+        }
+        if let Some(what) = difference(params.rigs, &known.fact("sample"), &known.fact("reference")) {
+            let (sample, reference) = (known.producer("sample"), known.producer("reference"));
+            let message = format!("`{sample}` and `{reference}` were lit or seen by different rigs: {what}");
+            problems.at_input("reference", message, SHARE);
         }
         for (field, smooth) in [("smooth", params.smooth), ("smooth_sample", params.smooth_sample)] {
             let rule = "lie in [0, 100]";
@@ -57,7 +66,7 @@ impl Stage for Calibrate {
     fn describe(params: &Params, known: &Known) -> Forms {
         let mut facts = known.fact("sample");
         facts.extend(said(params, &known.fact("reference")));
-        Forms::from([("reflectance", Form::said(facts))])
+        Forms::from([("reflectance", form::reflectance(known).with(facts))])
     }
 
     fn plan(params: &Params, known: &Known) -> StagePlan {
@@ -76,6 +85,11 @@ impl Stage for Calibrate {
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
+        let arms = [&inputs.sample.0.attributes, &inputs.reference.0.attributes];
+        if let Some(what) = difference(params.rigs, arms[0], arms[1]) {
+            let what = format!("the sample and the reference were lit or seen by different rigs: {what}");
+            return Err(Error::failed_with_hint(what, SHARE));
+        }
         let model = |f_x: f64| params.reference.reflectance(params.model, params.convention, f_x);
         let mut stack = reflectance(&inputs.sample.0, &inputs.reference.0, params, model, ctx)?;
         stack.attributes.extend(said(params, &inputs.reference.0.attributes));
@@ -133,12 +147,6 @@ fn digits(x: f64) -> f64 {
     format!("{x:.5e}").parse().unwrap_or(x)
 }
 
-/// A quantity to calibrate: the layer of the sample, and the f_x at which it counts.
-struct Quantity {
-    layer: usize,
-    f_x_per_mm: f64,
-}
-
 fn reflectance(
     sample: &ImageStack,
     reference: &ImageStack,
@@ -146,19 +154,10 @@ fn reflectance(
     model: impl Fn(f64) -> Result<f64, Error>,
     ctx: Ctx<'_>,
 ) -> Result<ImageStack, Error> {
-    let size = |s: &ImageStack| format!("{} x {} pixels", s.columns(), s.rows());
-    if size(sample) != size(reference) {
-        let what = format!("the sample has {}, the reference {}", size(sample), size(reference));
-        return Err(Error::failed_with_hint(what, "both must be seen by the same camera"));
-    }
-    let wavelengths = wavelengths(sample);
-    if wavelengths.is_empty() {
-        return Err(Error::failed("the sample holds no layer `m_ac`"));
-    }
-    if wavelengths.len() > 1 {
-        let what = format!("the sample has {} wavelengths, the phantom is given for one", wavelengths.len());
-        return Err(Error::invalid("reference", what));
-    }
+    let size = |s: &ImageStack| [s.rows() as u64, s.columns() as u64];
+    same_size(size(sample), size(reference))?;
+    let (infos, reference_infos) = (sample.infos(), reference.infos());
+    let wavelengths = of_one_phantom(&infos)?;
     let gauss = [params.smooth_sample, params.smooth].map(Gauss::new);
     let mut stack = ImageStack::new(sample.rows(), sample.columns());
     stack.attributes = sample.attributes.clone();
@@ -166,9 +165,9 @@ fn reflectance(
     let mut unknown = vec![];
     let corrects = params.noise_bias == NoiseBias::Correct;
     for wavelength_nm in wavelengths {
-        let quantities = quantities(sample, wavelength_nm);
+        let quantities = quantities(&infos, wavelength_nm);
         let layers: Result<Vec<usize>, Error> =
-            quantities.iter().map(|q| counterpart(reference, &sample.layers[q.layer].info)).collect();
+            quantities.iter().map(|q| counterpart(&reference_infos, &infos[q.layer])).collect();
         let model: Result<Vec<f64>, Error> = quantities.iter().map(|q| model(q.f_x_per_mm)).collect();
         let arm = |stack, layers| Arm { stack, layers, wavelength_nm };
         let sample_arm = arm(sample, quantities.iter().map(|q| q.layer).collect());
@@ -204,63 +203,4 @@ fn reflectance(
     let layers = values.into_iter().chain(errors).chain(covariances).chain(masks).chain(unknown);
     layers.for_each(|(info, data)| stack.push(info, data));
     Ok(stack)
-}
-
-fn is_value(info: &LayerInfo, name: &str) -> bool {
-    info.kind == LayerKind::Value && info.name == name
-}
-
-/// Wavelengths of the modulation, in the order of its layers.
-fn wavelengths(stack: &ImageStack) -> Vec<Option<f64>> {
-    let mut found = Vec::new();
-    for layer in stack.layers.iter().filter(|l| is_value(&l.info, "m_ac")) {
-        if !found.contains(&layer.info.wavelength_nm) {
-            found.push(layer.info.wavelength_nm);
-        }
-    }
-    found
-}
-
-/// M_AC of each f_x; where there was no frame at f_x = 0, the mean of the fringes of the lowest f_x stands for it.
-fn quantities(stack: &ImageStack, wavelength_nm: Option<f64>) -> Vec<Quantity> {
-    let of = |name: &'static str| {
-        let layers = stack.layers.iter().enumerate();
-        let layers = layers.filter(move |(_, l)| is_value(&l.info, name) && l.info.wavelength_nm == wavelength_nm);
-        layers.map(|(layer, l)| Quantity { layer, f_x_per_mm: l.info.f_x_per_mm.unwrap_or(0.0) })
-    };
-    let mut found: Vec<Quantity> = of("m_ac").collect();
-    if found.iter().all(|q| q.f_x_per_mm > 0.0) {
-        let lowest = of("m_dc").min_by(|a, b| a.f_x_per_mm.total_cmp(&b.f_x_per_mm));
-        found.splice(0..0, lowest.map(|q| Quantity { f_x_per_mm: 0.0, ..q }));
-    }
-    found
-}
-
-/// The layer of the reference that shows the same quantity.
-fn counterpart(reference: &ImageStack, wanted: &LayerInfo) -> Result<usize, Error> {
-    let same = |info: &LayerInfo| {
-        is_value(info, &wanted.name)
-            && info.wavelength_nm == wanted.wavelength_nm
-            && info.f_x_per_mm == wanted.f_x_per_mm
-            && info.orientation_deg == wanted.orientation_deg
-    };
-    reference.layers.iter().position(|l| same(&l.info)).ok_or_else(|| {
-        let has: Vec<String> =
-            reference.layers.iter().filter(|l| is_value(&l.info, &wanted.name)).map(|l| place(&l.info)).collect();
-        Error::failed_with_hint(
-            format!("the sample has {} at {}, the reference has it at {}", wanted.name, place(wanted), has.join("; ")),
-            "render or measure the reference at the f_x, orientation and wavelength of the sample",
-        )
-    })
-}
-
-fn place(info: &LayerInfo) -> String {
-    let mut text = format!("f_x = {} mm^-1", info.f_x_per_mm.unwrap_or(0.0));
-    if let Some(orientation) = info.orientation_deg {
-        text += &format!(", {orientation} deg");
-    }
-    if let Some(wavelength) = info.wavelength_nm {
-        text += &format!(", {wavelength} nm");
-    }
-    text
 }

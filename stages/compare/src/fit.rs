@@ -92,6 +92,7 @@ pub fn compare_fit(fit: &Table, media: &Media, ctx: Ctx<'_>) -> Result<(Metrics,
     }
     let failed = good.iter().filter(|good| !**good).count();
     if failed > 0 {
+        ctx.measure("unknown: media without a fit", failed as f64, "1");
         ctx.warn(format!("{failed} of {} media have no fit: nothing is known of them", good.len()));
     }
     rows.extend(all);
@@ -99,7 +100,8 @@ pub fn compare_fit(fit: &Table, media: &Media, ctx: Ctx<'_>) -> Result<(Metrics,
     Ok((table(&rows), errors))
 }
 
-/// Estimate, truth and relative error in percent: a pixel for each medium, one below the other; the attribute `media` names them.
+/// Estimate, truth and relative error in percent (where the truth of some medium is 0 the error itself): a pixel for each medium, one below the
+/// other; the attribute `media` names them.
 fn errors(pairs: &[Vec<Pair>; 2], media: &[String]) -> Errors {
     let mut stack = ImageStack::new(media.len(), 1);
     stack.attributes.insert("media".to_owned(), media.into());
@@ -107,8 +109,13 @@ fn errors(pairs: &[Vec<Pair>; 2], media: &[String]) -> Errors {
     for (name, of) in QUANTITIES.iter().zip(pairs) {
         stack.push(LayerInfo::value(*name, "mm^-1"), column(of, |p| p.estimate));
         stack.push(LayerInfo::value(format!("{name}_truth"), "mm^-1"), column(of, |p| p.truth));
-        let percent = |p: &Pair| if p.good && p.truth != 0.0 { 100.0 * (p.estimate / p.truth - 1.0) } else { 0.0 };
-        stack.push(LayerInfo::value(format!("{name}_error"), "%"), column(of, percent));
+        let percent = |p: &Pair| if p.good { 100.0 * (p.estimate / p.truth - 1.0) } else { 0.0 };
+        let own = |p: &Pair| if p.good { p.estimate - p.truth } else { 0.0 };
+        let error = LayerInfo::value(format!("{name}_error"), "");
+        match of.iter().any(|p| p.good && p.truth == 0.0) {
+            true => stack.push(LayerInfo { unit: "mm^-1".to_owned(), ..error }, column(of, own)),
+            false => stack.push(LayerInfo { unit: "%".to_owned(), ..error }, column(of, percent)),
+        }
     }
     let reason = |p: &Pair| if p.good { 0.0 } else { f64::from(MaskReason::NoFit.code()) };
     stack.push(LayerInfo::new("mask", LayerKind::Mask, "1"), column(&pairs[0], reason));

@@ -94,6 +94,10 @@ fn measure(rows: &[Row<'_>], ctx: Ctx<'_>) {
     tell("worst_bias_mm", POSITION, worst(true, |s| s.bias));
     tell("possible_shift", "%", worst(false, |s| s.possible_shift_percent));
     let sum = |f: fn(&Score) -> u64| rows.iter().map(|row| f(&row.score)).sum::<u64>() as f64;
+    let without = rows.iter().filter(|row| row.score.n == 0).count();
+    if without > 0 {
+        ctx.measure("unknown: rows with every pixel masked", without as f64, "1");
+    }
     let counted = sum(|s| s.n);
     if counted > 0.0 {
         ctx.measure("se_unknown", 100.0 * sum(|s| s.n_unknown) / counted, "%");
@@ -279,7 +283,7 @@ fn table(rows: &[Row<'_>]) -> Metrics {
     Metrics(table)
 }
 
-/// Estimate, truth and relative error in percent (of a position the error itself) of each quantity, where the estimate is but the end of a
+/// Estimate, truth and relative error in percent (of a position, and where some truth is 0, the error itself) of each quantity, where the estimate is but the end of a
 /// table (`outside`), and the mask.
 fn errors(quantities: &[Quantity<'_>], estimate: &ImageStack, truth: &ImageStack) -> Errors {
     let (rows, columns) = (truth.rows(), truth.columns());
@@ -294,16 +298,17 @@ fn errors(quantities: &[Quantity<'_>], estimate: &ImageStack, truth: &ImageStack
             info.wavelength_nm = q.info.wavelength_nm;
             info
         };
-        let position = q.is_position();
-        let counts = |i: usize| q.standing[i] == Standing::Counts && (position || q.truth[i] != 0.0);
+        let counts = |i: usize| q.standing[i] == Standing::Counts;
+        // Where the truth is 0 there is no percentage, and an error of 0 % would be made up.
+        let absolute = q.is_position() || (0..q.truth.len()).any(|i| counts(i) && q.truth[i] == 0.0);
         let error = |i: usize| {
             let (estimate, truth) = (f64::from(q.estimate[i]), f64::from(q.truth[i]));
-            if position { estimate - truth } else { 100.0 * (estimate / truth - 1.0) }
+            if absolute { estimate - truth } else { 100.0 * (estimate / truth - 1.0) }
         };
         stack.push(named("", &q.info.unit), plane(&|i| q.estimate[i]));
         stack.push(named("_truth", &q.info.unit), plane(&|i| q.truth[i]));
         stack.push(
-            named("_error", if position { &q.info.unit } else { "%" }),
+            named("_error", if absolute { &q.info.unit } else { "%" }),
             plane(&|i| if counts(i) { error(i) as f32 } else { 0.0 }),
         );
         if masks.iter().all(|(wavelength, _)| *wavelength != q.info.wavelength_nm) {

@@ -55,6 +55,10 @@ impl Stage for Summarize {
                 instances - n
             ));
         }
+        let without = rows.iter().filter(|row| row.n == 0).count();
+        if without > 0 {
+            ctx.measure("unknown: rows of which no instance knows anything", without as f64, "1");
+        }
         let worst = |of: fn(&Summary) -> Option<f64>| rows.iter().filter_map(of).reduce(f64::max);
         if let Some(worst) = worst(|row| row.mean_abs_error_percent) {
             ctx.measure("error: mean |bias| over instances, worst region", worst, "%");

@@ -15,7 +15,7 @@ pub fn canonical_value<T: Serialize>(what: &T) -> Result<Value, String> {
 /// The text that is hashed and stored.
 pub fn canonical_text(value: &Value) -> String {
     // serde_json's map is a BTreeMap here (`preserve_order` is off), so keys come out sorted.
-    value.to_string()
+    serde_json::to_string(value).expect("a JSON value has text keys and finite numbers")
 }
 
 fn normalise(value: &mut Value) {

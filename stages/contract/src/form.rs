@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::artifact::{Artifact, Attributes, LayerInfo};
+use crate::artifact::{Artifact, Attributes, LayerInfo, LayerKind};
 use crate::canonical::canonical_text;
 use crate::extent::Extent;
 
@@ -93,6 +93,16 @@ impl Form {
     /// The value of an attribute; `None` where it is open.
     pub fn attribute(&self, name: &str) -> Option<&Value> {
         self.attributes.get(name)
+    }
+
+    /// The layers and the size of images, where both are known.
+    pub fn images_known(&self) -> Option<(&[LayerInfo], [u64; 2])> {
+        self.layers.as_deref().zip(self.pixels)
+    }
+
+    /// Layers that are there, or that a run may find, of a kind.
+    pub fn layers_of(&self, kind: LayerKind) -> impl Iterator<Item = &LayerInfo> {
+        self.layers.iter().flatten().chain(&self.perhaps).filter(move |info| info.kind == kind)
     }
 
     /// How large the artifact is going to be; `None` where that is open.

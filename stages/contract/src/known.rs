@@ -5,11 +5,12 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::sync::{Arc, OnceLock};
 
-use crate::artifact::{Artifact, Attributes};
+use crate::artifact::{Artifact, Attributes, LayerInfo};
 use crate::extent::Extent;
 use crate::file::Files;
 use crate::form::Form;
 use crate::payload::Payload;
+use crate::port::Axes;
 
 /// An artifact that is in memory, and its typed view, which is made once for all who ask.
 #[derive(Clone)]
@@ -60,6 +61,8 @@ pub struct Known {
     pub forms: BTreeMap<String, Vec<Arc<Form>>>,
     /// Who makes the artifact on a port, of many the first: `fringes.modulation`.
     pub producers: BTreeMap<String, String>,
+    /// The axes of the artifacts on each port that takes many, in the same order.
+    pub axes: BTreeMap<String, Vec<Axes>>,
     /// How large the artifacts on the input ports are, as far as that is known before the run: for `plan` only. Of many the largest.
     pub extents: BTreeMap<String, Extent>,
 }
@@ -93,6 +96,16 @@ impl Known {
     /// The forms of all artifacts on `port`.
     pub fn forms(&self, port: &str) -> &[Arc<Form>] {
         self.forms.get(port).map_or(&[], Vec::as_slice)
+    }
+
+    /// The axes of the artifacts on `port`, which takes many.
+    pub fn axes(&self, port: &str) -> &[Axes] {
+        self.axes.get(port).map_or(&[], Vec::as_slice)
+    }
+
+    /// The layers of the images on `port`, and how many rows and columns of pixels they have, where both are known.
+    pub fn images(&self, port: &str) -> Option<(&[LayerInfo], [u64; 2])> {
+        self.form(port)?.images_known()
     }
 
     /// Who makes what is on `port`, for messages: `fringes.modulation`.

@@ -100,7 +100,7 @@ impl ImageStack {
 }
 
 /// Whether two descriptions mean the same quantity: equal name, f_x, phase, orientation, wavelength.
-fn same_quantity(a: &LayerInfo, b: &LayerInfo) -> bool {
+pub(crate) fn same_quantity(a: &LayerInfo, b: &LayerInfo) -> bool {
     a.name == b.name
         && a.f_x_per_mm == b.f_x_per_mm
         && a.phase_rad == b.phase_rad
@@ -119,7 +119,7 @@ pub fn mean_se(variances: f64, n: u64, sharing: f64) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ctx::MemoryHost;
+    use crate::kit::MemoryHost;
 
     /// Every pixel is visited once, with its own index, whatever the size; also where rows do not divide into tiles.
     #[test]

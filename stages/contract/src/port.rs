@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use crate::artifact::{Artifact, ArtifactKind};
 use crate::error::Error;
-use crate::payload::Payload;
+use crate::payload::{Payload, Quantity};
 
 /// The axes of an instance with their values: `{A_rho: 1.0, S_rho: 5000.0}`.
 pub type Axes = BTreeMap<String, Value>;
@@ -44,6 +44,8 @@ pub struct OutPort {
     /// Optional, made for people: wanted whenever the stage has few instances.
     pub preview: bool,
     pub about: &'static str,
+    /// What the artifact may hold: layers or columns with their units.
+    pub holds: &'static [Quantity],
 }
 
 /// Where a running stage gets its inputs from.
@@ -179,6 +181,7 @@ macro_rules! out_ports {
                     optional: $crate::out_ports!(@optional $arity),
                     preview: $crate::out_ports!(@preview $arity),
                     about: concat!($($doc),*).trim_ascii(),
+                    holds: <$payload as $crate::Payload>::HOLDS,
                 }),*]
             }
             fn into_artifacts(self) -> Vec<(&'static str, $crate::Artifact)> {

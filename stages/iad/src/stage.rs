@@ -139,6 +139,7 @@ impl Stage for CalibrateIad {
         let found = ctx.map_tiles(cases.len(), |i| solve(params, &cases[i], &tools))?;
         let failed = found.iter().filter(|f| f.is_err()).count();
         if failed > 0 {
+            ctx.measure("unknown: rows without a fit", failed as f64, "1");
             ctx.warn(format!("{failed} of {} rows have no fit; column `status` names why", found.len()));
         }
         let count = |holds: fn(&row::Found) -> bool| found.iter().flatten().filter(|f| holds(f)).count();
@@ -164,7 +165,6 @@ impl Stage for CalibrateIad {
                 found.len()
             ));
         }
-        ctx.measure("rows_without_fit", failed as f64, "1");
         Ok(Out { fit: table(&source.sheet.media, &found) })
     }
 }

@@ -11,11 +11,14 @@
 //! all f_x at once. With the heights of the surface and the scene's camera and projector it also takes off what distance and slope do (`profile`). Theory and measured figures: `docs/theory/invert.md`.
 
 mod cells;
+mod choice;
 mod conditions;
 mod coordinates;
 mod exposure;
+mod form;
 pub mod forward;
 pub mod inverse;
+mod joints;
 mod lanes;
 mod least_squares;
 mod linear;

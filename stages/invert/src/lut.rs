@@ -12,8 +12,23 @@ pub fn same_f_x(a: f64, b: f64) -> bool {
     (a - b).abs() <= 1e-9 * a.abs().max(b.abs())
 }
 
-/// Reflectance and table must mean the same: convention, g and n; where the table was made of phantoms also the reference.
+/// Reflectance and table must mean the same: convention, g and n; where the table was made of phantoms also the reference. Both must say what they mean.
 pub fn agree(reflectance: &Attributes, lut: &Attributes) -> Result<(), Error> {
+    for name in MEANING {
+        for (what, attributes) in [("table", lut), ("reflectance", reflectance)] {
+            if !attributes.contains_key(name) {
+                return Err(Error::failed(format!("the {what} does not say its {name}")));
+            }
+        }
+    }
+    same_meaning(reflectance, lut)
+}
+
+/// Attributes that reflectance and table have to share.
+const MEANING: [&str; 3] = ["convention", "g", "n"];
+
+/// The same of what both say.
+pub fn same_meaning(reflectance: &Attributes, lut: &Attributes) -> Result<(), Error> {
     let of = |attributes: &Attributes, name: &str| {
         attributes.get("reference").and_then(|r| r.get(name)).and_then(serde_json::Value::as_f64)
     };
@@ -29,11 +44,8 @@ pub fn agree(reflectance: &Attributes, lut: &Attributes) -> Result<(), Error> {
             ));
         }
     }
-    for name in ["convention", "g", "n"] {
-        let (Some(a), Some(b)) = (reflectance.get(name), lut.get(name)) else {
-            let which = if reflectance.contains_key(name) { "table" } else { "reflectance" };
-            return Err(Error::failed(format!("the {which} does not say its {name}")));
-        };
+    for name in MEANING {
+        let (Some(a), Some(b)) = (reflectance.get(name), lut.get(name)) else { continue };
         let same = match (a.as_f64(), b.as_f64()) {
             (Some(a), Some(b)) => same_f_x(a, b),
             _ => a == b,
@@ -46,6 +58,17 @@ pub fn agree(reflectance: &Attributes, lut: &Attributes) -> Result<(), Error> {
         }
     }
     Ok(())
+}
+
+/// The place of an f_x among those of the table. Error: it is not there.
+pub fn table_f_x(all: &[f64], wanted: f64) -> Result<usize, Error> {
+    all.iter().position(|&f| same_f_x(f, wanted)).ok_or_else(|| {
+        let has: Vec<String> = all.iter().map(f64::to_string).collect();
+        Error::failed_with_hint(
+            format!("the table has f_x = {} mm^-1, the reflectance needs {wanted}", has.join(", ")),
+            "build_lut must be given the f_x of the frames",
+        )
+    })
 }
 
 /// How many sections the table has: 1 where it does not speak of any.
@@ -70,13 +93,7 @@ pub fn read(lut: &Lut, section: usize, f_x: &[f64]) -> Result<(Vec<LogGrid>, Opt
     }
     let (mut grids, mut errors) = (Vec::new(), Errors { u: ln(&mu_a), v: ln(&mu_s_prime), variances: Vec::new() });
     for &wanted in f_x {
-        let k = all.iter().position(|&f| same_f_x(f, wanted)).ok_or_else(|| {
-            let has: Vec<String> = all.iter().map(f64::to_string).collect();
-            Error::failed_with_hint(
-                format!("the table has f_x = {} mm^-1, the reflectance needs {wanted}", has.join(", ")),
-                "build_lut must be given the f_x of the frames",
-            )
-        })?;
+        let k = table_f_x(&all, wanted)?;
         let rows = (section * all.len() + k) * nodes..(section * all.len() + k + 1) * nodes;
         let values = &r_d[rows.clone()];
         grids.push(

@@ -6,15 +6,18 @@ use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Covariance, Exposure, Lut, Maps, Reflectance, Relief, Scene, Sections};
 use turbid_contract::planes::mean_se;
 use turbid_contract::{
-    AngleDeg, Attributes, Ctx, Error, Extent, Extents, Form, Forms, ImageStack, Known, Layer, LayerInfo, LayerKind,
-    Problems, Ratio, Stage, StagePlan, in_ports, out_ports, serde_json,
+    Attributes, Ctx, Error, Extent, Extents, Forms, ImageStack, Known, Layer, LayerInfo, LayerKind, Problems, Ratio,
+    Stage, StagePlan, in_ports, out_ports,
 };
 use turbid_optics::level::named;
 
+use crate::choice::{Choice, choose, orientation};
 use crate::conditions::{self, Compared, extremes};
+use crate::form;
 use crate::inverse::{InverseTable, TOLERANCE};
+use crate::joints::{self, correctable};
 use crate::lanes::{Lanes, Noise};
-use crate::lut::{MOST, agree, same_f_x, sections};
+use crate::lut::{MOST, agree, sections};
 use crate::memory::memory;
 use crate::params::{Method, NoiseBias, Outside, Params};
 use crate::pass::{Pass, Tally};
@@ -103,15 +106,11 @@ impl Stage for Invert {
             problems.require(most > 0.0 && most.is_finite(), "largest_misreading", most, "", "be > 0 (0.1 is 10 %)");
         }
         conditions::check(params, known, problems);
-        if let (Some(reflectance), Some(lut)) = (known.get::<Reflectance>("reflectance"), known.get::<Lut>("lut"))
-            && let Err(Error::Failed { what, .. }) = agree(&reflectance.0.attributes, &lut.0.attributes)
-        {
-            problems.push("", what);
-        }
+        joints::check(params, known, problems);
     }
 
-    fn describe(_params: &Params, known: &Known) -> Forms {
-        Forms::from([("maps", Form::said(known.fact("reflectance")))])
+    fn describe(params: &Params, known: &Known) -> Forms {
+        form::describe(params, known)
     }
 
     fn plan(params: &Params, known: &Known) -> StagePlan {
@@ -140,9 +139,7 @@ impl Stage for Invert {
         let correction = correction(params, &inputs, ctx)?;
         let corrected = correction.as_ref().map(|correction| correction.corrected(stack));
         let stack = corrected.as_ref().unwrap_or(stack);
-        let first = wavelengths(stack).into_iter().next();
-        let first = first.ok_or_else(|| Error::failed("the reflectance holds no layer `r_d`"))?;
-        let f_x: Vec<f64> = layers_of(stack, first, params)?.iter().map(|&k| f_x_of(&stack.layers[k])).collect();
+        let Choice { f_x, of } = choose(&stack.infos(), params)?;
         let sectioned = lut.0.attributes.contains_key("sections");
         let places = Places::new(inputs.sections.as_ref(), sections(lut), stack, sectioned)?;
         let noise = stack.layers.iter().any(|layer| layer.info.kind == LayerKind::StandardError);
@@ -167,11 +164,7 @@ impl Stage for Invert {
         };
         let mut maps = Layers::default();
         let mut covariance = Layers::default();
-        for wavelength_nm in wavelengths(stack) {
-            let layers = layers_of(stack, wavelength_nm, params)?;
-            if !layers.iter().map(|&k| f_x_of(&stack.layers[k])).eq(f_x.iter().copied()) {
-                return Err(Error::failed("the wavelengths of the reflectance have different f_x"));
-            }
+        for (_, layers) in of {
             invert(stack, &layers, (&solvers, &places, correction.as_ref()), &pass, ctx, &mut maps, &mut covariance)?;
         }
         let exposure = match (&correction, ctx.wants("exposure")) {
@@ -191,10 +184,9 @@ impl Stage for Invert {
         if params.method == Method::Table {
             attributes.insert("table_error".into(), table_error.into());
         }
-        let quantities = serde_json::json!([{"part": "mu_a"}, {"part": "mu_s_prime"}]);
         let mut covariance = (!covariance.values.is_empty()).then(|| {
             let mut stack = covariance.into_stack(stack, attributes.clone());
-            stack.attributes.insert("quantities".into(), quantities);
+            stack.attributes.insert("quantities".into(), form::quantities());
             stack
         });
         let mut maps = maps.into_stack(stack, attributes);
@@ -214,41 +206,10 @@ impl Stage for Invert {
 fn correction(params: &Params, inputs: &In<'_>, ctx: Ctx<'_>) -> Result<Option<Correction>, Error> {
     let Some(relief) = &inputs.height else { return Ok(None) };
     let scene = inputs.scene.as_ref().ok_or_else(|| Error::failed("`height` is connected, but not `scene`"))?;
-    let lut = &inputs.lut.0.attributes;
-    if lut.get("thickness").is_some_and(|d| !d.is_null()) {
-        return Err(Error::failed_with_hint(
-            "the table is that of a slab, whose thickness cannot be scaled with f_x along the surface",
-            "leave `thickness` out of build_lut, or leave out `height`",
-        ));
-    }
-    if lut.contains_key("sections") {
-        return Err(Error::failed("the sections of a table already hold what distance and slope do"));
-    }
     let stack = &inputs.reflectance.0;
-    if let Some(surface) = stack.attributes.get("fringes_along").and_then(|s| s.as_str()) {
-        return Err(Error::failed_with_hint(
-            format!(
-                "the fringes were predistorted for `{surface}`: f_x is along it already, not in the plane of the pattern"
-            ),
-            "show a plain sinusoid, or leave out `height` and read the table of a tube with `sections`",
-        ));
-    }
-    let mut orientations = Vec::new();
-    for wavelength_nm in wavelengths(stack) {
-        for k in layers_of(stack, wavelength_nm, params)? {
-            let layer = &stack.layers[k];
-            let orientation = layer.info.orientation_deg.unwrap_or(0.0);
-            if f_x_of(layer) > 0.0 && !orientations.contains(&orientation) {
-                orientations.push(orientation);
-            }
-        }
-    }
-    if orientations.len() > 1 {
-        let all = orientations.iter().map(f64::to_string).collect::<Vec<_>>().join(" and ");
-        let what = format!("the fringes run along {all} deg, and a slope stretches each differently");
-        return Err(Error::invalid("f_x", format!("{what}; name f_x of one orientation")));
-    }
-    let orientation = orientations.first().copied().unwrap_or(0.0);
+    correctable(&stack.attributes, &inputs.lut.0.attributes)?;
+    let infos = stack.infos();
+    let orientation = orientation(&infos, &choose(&infos, params)?)?;
     let size = (stack.rows(), stack.columns());
     let normals = inputs.normals.as_ref().map(|Relief(stack)| stack);
     let profile = params.profile.unwrap_or_default();
@@ -369,11 +330,7 @@ fn invert(
 
     let mean_known = of.iter().all(|l| stack.se_unknown(&l.info).is_none() || l.info.mean_se.is_some());
     let flags = unknown::plane(flags, &planes[planes.len() - 1]);
-    let infos = ["mu_a", "mu_s_prime"].map(|name| {
-        let mut info = LayerInfo::value(name, "mm^-1");
-        info.wavelength_nm = wavelength_nm;
-        info
-    });
+    let infos = ["mu_a", "mu_s_prime"].map(|name| form::property(name, wavelength_nm));
     let mut planes = planes.into_iter();
     let mut next = || planes.next().expect("as many planes as plane_count says");
     for (k, info) in infos.iter().enumerate() {
@@ -414,63 +371,4 @@ fn both<'m>(a: Option<&'m [f32]>, b: Option<&'m [f32]>) -> Option<Cow<'m, [f32]>
         (Some(a), Some(b)) => Some(a.iter().zip(b).map(|(&a, &b)| if a != 0.0 { a } else { b }).collect()),
         (one, other) => one.or(other).map(Cow::Borrowed),
     }
-}
-
-fn f_x_of(layer: &Layer) -> f64 {
-    layer.info.f_x_per_mm.unwrap_or(0.0)
-}
-
-fn r_d_layers(stack: &ImageStack) -> impl Iterator<Item = (usize, &Layer)> {
-    stack.layers.iter().enumerate().filter(|(_, l)| l.info.kind == LayerKind::Value && l.info.name == "r_d")
-}
-
-fn wavelengths(stack: &ImageStack) -> Vec<Option<f64>> {
-    let mut found = Vec::new();
-    for (_, layer) in r_d_layers(stack) {
-        if !found.contains(&layer.info.wavelength_nm) {
-            found.push(layer.info.wavelength_nm);
-        }
-    }
-    found
-}
-
-/// The layers of the f_x to use, increasing.
-fn layers_of(stack: &ImageStack, wavelength_nm: Option<f64>, params: &Params) -> Result<Vec<usize>, Error> {
-    let mut layers: Vec<(usize, f64)> = r_d_layers(stack)
-        .filter(|(_, l)| l.info.wavelength_nm == wavelength_nm)
-        .filter(|(_, l)| match (params.orientation_deg, l.info.orientation_deg) {
-            (Some(AngleDeg(wanted)), Some(has)) => wanted == has,
-            _ => true,
-        })
-        .map(|(k, l)| (k, f_x_of(l)))
-        .collect();
-    layers.sort_by(|a, b| a.1.total_cmp(&b.1));
-    let mut distinct: Vec<f64> = layers.iter().map(|l| l.1).collect();
-    distinct.dedup_by(|a, b| same_f_x(*a, *b));
-    let has = || distinct.iter().map(f64::to_string).collect::<Vec<_>>().join(", ");
-    let wanted = match &params.f_x {
-        Some(f_x) => f_x.iter().map(|f| f.0).collect(),
-        None if distinct.len() < 2 => {
-            let what = format!("the reflectance has f_x = {} mm^-1; two that differ are needed", has());
-            return Err(Error::failed_with_hint(what, "render at f_x: [0, 0.1], for example"));
-        }
-        None if params.method != Method::LeastSquares => vec![distinct[0], distinct[distinct.len() - 1]],
-        None if distinct.len() > MOST => {
-            let what = format!("the reflectance has {} f_x, more than {MOST}", distinct.len());
-            return Err(Error::failed_with_hint(what, "list those to use in `f_x`"));
-        }
-        None => distinct.clone(),
-    };
-    let only = |f_x: f64| {
-        let found: Vec<usize> = layers.iter().filter(|(_, f)| same_f_x(*f, f_x)).map(|(k, _)| *k).collect();
-        match found[..] {
-            [k] => Ok(k),
-            [] => Err(Error::invalid("f_x", format!("the reflectance has f_x = {}, not {f_x} mm^-1", has()))),
-            _ => Err(Error::invalid(
-                "orientation_deg",
-                format!("the reflectance has {} orientations at f_x = {f_x} mm^-1; name one", found.len()),
-            )),
-        }
-    };
-    wanted.into_iter().map(only).collect()
 }

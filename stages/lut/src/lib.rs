@@ -21,6 +21,7 @@
 mod bound;
 pub mod design;
 pub mod empirical;
+mod form;
 pub mod monte_carlo;
 mod nodes;
 mod params;

@@ -2,8 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use turbid_contract::layers::values;
 use turbid_contract::payload::{Fit, Modulation, Sections, Shares, Truth};
-use turbid_contract::{Axes, Cells, Error, ImageStack, Layer, LayerKind, Many, Payload};
+use turbid_contract::{Axes, Cells, Error, ImageStack, Layer, LayerInfo, Many, Payload};
 
 /// One phantom: its properties, and what the camera saw of it beside the reference.
 #[derive(Clone, Debug, PartialEq)]
@@ -80,7 +81,7 @@ pub fn gather(sources: &Sources<'_, '_>, f_x: &[f64], parts: &[Part]) -> Result<
     let mut phantoms = vec![Vec::new(); parts.len()];
     for (i, axes) in sources.phantoms.axes().iter().enumerate() {
         let name = name(axes);
-        let at = partner(sources.references, axes, "references", &name)?;
+        let at = partner(sources.references, axes, "references")?;
         // One reference for all phantoms is the rule: it is loaded once.
         if reference.as_ref().is_none_or(|(loaded, _)| *loaded != at) {
             reference = Some((at, sources.references.load(at)?.0));
@@ -122,13 +123,18 @@ fn name(axes: &Axes) -> String {
 }
 
 /// The artifact on another port that belongs to a phantom: the one whose axes it carries.
-fn partner<T: Payload>(port: &Many<'_, T>, axes: &Axes, what: &str, phantom: &str) -> Result<usize, Error> {
+fn partner<T: Payload>(port: &Many<'_, T>, axes: &Axes, what: &str) -> Result<usize, Error> {
+    belonging(port.axes(), axes, what)
+}
+
+/// The same among the axes of all that the port `what` has.
+pub fn belonging(all: &[Axes], axes: &Axes, what: &str) -> Result<usize, Error> {
     let belongs = |own: &Axes| own.iter().all(|(axis, value)| axes.get(axis).is_none_or(|v| v == value));
-    let found: Vec<usize> = (0..port.axes().len()).filter(|&k| belongs(&port.axes()[k])).collect();
+    let found: Vec<usize> = (0..all.len()).filter(|&k| belongs(&all[k])).collect();
     match found[..] {
         [k] => Ok(k),
         _ => Err(Error::failed_with_hint(
-            format!("{} of `{what}` belong to {phantom}; one is needed", found.len()),
+            format!("{} of `{what}` belong to {}; one is needed", found.len(), name(axes)),
             "give it the axes of the phantoms, or one for all",
         )),
     }
@@ -137,11 +143,11 @@ fn partner<T: Payload>(port: &Many<'_, T>, axes: &Axes, what: &str, phantom: &st
 /// Properties of a phantom with standard errors: from a fit, or from what the camera truly looked at.
 fn properties(sources: &Sources<'_, '_>, axes: &Axes, name: &str) -> Result<([f64; 2], [f64; 2]), Error> {
     if sources.properties.axes().is_empty() {
-        let truth = sources.truths.load(partner(sources.truths, axes, "truths", name)?)?.0;
+        let truth = sources.truths.load(partner(sources.truths, axes, "truths")?)?.0;
         let exact = [uniform(&truth, "mu_a", name)?, uniform(&truth, "mu_s_prime", name)?];
         return Ok((exact, [0.0; 2]));
     }
-    let Fit(table) = sources.properties.load(partner(sources.properties, axes, "properties", name)?)?;
+    let Fit(table) = sources.properties.load(partner(sources.properties, axes, "properties")?)?;
     let text = |column: &str| {
         let column = table.columns.iter().find(|c| c.name == column);
         column.and_then(|c| if let Cells::Text(cells) = &c.cells { Some(cells) } else { None })
@@ -162,8 +168,9 @@ fn properties(sources: &Sources<'_, '_>, axes: &Axes, name: &str) -> Result<([f6
         return Err(Error::failed_with_hint(what, "leave the phantom out, or mend its readings"));
     }
     let cell = |column: &str| {
-        let cells = table.f64s(column).map(|cells| cells[row]);
-        cells.ok_or_else(|| Error::failed(format!("the fit has no column {column}")))
+        let cells = table.maybe_f64s(column).map(|cells| cells[row]);
+        let cell = cells.ok_or_else(|| Error::failed(format!("the fit has no column {column}")))?;
+        cell.ok_or_else(|| Error::failed(format!("the fit of {name} does not know {column}")))
     };
     let se = |column: &str| {
         let cells = table.maybe_f64s(column).map(|cells| cells[row]);
@@ -205,8 +212,9 @@ fn ratio(sample: &ImageStack, reference: &ImageStack, f_x: f64, part: &Part, nam
             "both must be seen by the same camera",
         ));
     }
-    let [sample_layer, reference_layer] =
-        [modulation(sample, f_x, name)?, modulation(reference, f_x, "the reference")?];
+    let place = |stack: &ImageStack, name: &str| modulation(&stack.infos(), f_x, name);
+    let sample_layer = &sample.layers[place(sample, name)?];
+    let reference_layer = &reference.layers[place(reference, "the reference")?];
     let mask =
         |stack: &ImageStack, layer: &Layer| stack.mask(layer.info.wavelength_nm).map(Layer::pixels).map(|p| p.to_vec());
     let masks = [mask(sample, sample_layer), mask(reference, reference_layer)];
@@ -243,23 +251,17 @@ fn ratio(sample: &ImageStack, reference: &ImageStack, f_x: f64, part: &Part, nam
     Ok([ratio, ratio * libm::hypot(m_se / m, m_r_se / m_r)])
 }
 
-/// M_AC at `f_x`; at 0 without a frame of its own the mean of the fringes of the lowest f_x.
-fn modulation<'s>(stack: &'s ImageStack, f_x: f64, name: &str) -> Result<&'s Layer, Error> {
-    let of = |quantity: &'static str| {
-        stack.layers.iter().filter(move |l| l.info.kind == LayerKind::Value && l.info.name == quantity)
-    };
-    let same = |l: &&Layer| (l.info.f_x_per_mm.unwrap_or(0.0) - f_x).abs() <= 1e-9 * f_x;
-    let found: Vec<&Layer> = of("m_ac").filter(same).collect();
-    let lowest = || {
-        let all = of("m_dc").map(|l| (l.info.f_x_per_mm.unwrap_or(0.0), l));
-        all.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, l)| l)
-    };
-    match found[..] {
-        [layer] => Ok(layer),
-        [] if f_x == 0.0 && lowest().is_some() => Ok(lowest().expect("looked above")),
-        [] => {
-            let has: Vec<String> = of("m_ac").map(|l| l.info.f_x_per_mm.unwrap_or(0.0).to_string()).collect();
-            let what = format!("{name} was seen at f_x = {} mm^-1, not at {f_x}", has.join(", "));
+/// The place of M_AC at `f_x`; at 0 without a frame of its own that of the mean of the fringes of the lowest f_x.
+pub fn modulation(layers: &[LayerInfo], f_x: f64, name: &str) -> Result<usize, Error> {
+    let f_x_of = |info: &LayerInfo| info.f_x_per_mm.unwrap_or(0.0);
+    let same = |info: &LayerInfo| (f_x_of(info) - f_x).abs() <= 1e-9 * f_x;
+    let found: Vec<usize> = values(layers, "m_ac").filter(|(_, info)| same(info)).map(|(k, _)| k).collect();
+    let lowest = || values(layers, "m_dc").min_by(|a, b| f_x_of(a.1).total_cmp(&f_x_of(b.1))).map(|(k, _)| k);
+    match (&found[..], lowest().filter(|_| f_x == 0.0)) {
+        ([k], _) => Ok(*k),
+        ([], Some(k)) => Ok(k),
+        ([], None) => {
+            let what = format!("{name} was seen at f_x = {} mm^-1, not at {f_x}", seen_at(layers));
             Err(Error::invalid("f_x", what))
         }
         _ => {
@@ -267,4 +269,10 @@ fn modulation<'s>(stack: &'s ImageStack, f_x: f64, name: &str) -> Result<&'s Lay
             Err(Error::failed_with_hint(what, "one table is for one orientation and one wavelength"))
         }
     }
+}
+
+/// The f_x of all M_AC, for a message.
+fn seen_at(layers: &[LayerInfo]) -> String {
+    let f_x = values(layers, "m_ac").map(|(_, info)| info.f_x_per_mm.unwrap_or(0.0).to_string());
+    f_x.collect::<Vec<_>>().join(", ")
 }

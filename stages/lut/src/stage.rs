@@ -4,12 +4,12 @@ use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use serde_json::{Value, json};
+use serde_json::json;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{CONDITIONS, Convention, Fit, Lut, Modulation, Sections, Truth, Validity};
 use turbid_contract::{
-    Attributes, Cells, Ctx, Error, Extent, Extents, Form, Forms, ImageStack, Known, LayerInfo, Pilot, Problems, Stage,
-    StagePlan, Table, in_ports, out_ports,
+    Cells, Ctx, Error, Extent, Extents, Forms, ImageStack, Known, Pilot, Problems, Stage, StagePlan, Table, in_ports,
+    out_ports,
 };
 use turbid_optics::level::named;
 use turbid_optics::philox;
@@ -17,12 +17,13 @@ use turbid_optics::philox;
 use crate::bound;
 use crate::design::{Design, design};
 use crate::empirical::{self, Between};
+use crate::form::{self, attributes};
 use crate::monte_carlo::{self, Estimate, PARTS};
 use crate::params::{Interpolation, Model, Params, ReferenceMedium, SAMPLES};
 use crate::phantoms::{self, Part, Sources};
 use crate::pilot;
 use crate::table::Recipe;
-use crate::validity::{Report, examine};
+use crate::validity::{self, Report, examine};
 
 in_ports! {
     pub struct In {
@@ -75,12 +76,11 @@ impl Stage for BuildLut {
     fn check(params: &Params, known: &Known, problems: &mut Problems) {
         params.check(problems);
         check_ports(params, known, problems);
+        form::check(params, known, problems);
     }
 
     fn describe(params: &Params, known: &Known) -> Forms {
-        let mut lut = attributes(params, &params.recipe());
-        lut.extend(known.fact("phantoms").remove_entry(CONDITIONS));
-        Forms::from([("lut", Form::said(lut))])
+        form::describe(params, known)
     }
 
     fn plan(params: &Params, _known: &Known) -> StagePlan {
@@ -251,7 +251,8 @@ fn measure(
         truths: &inputs.truths,
     };
     let parts = phantoms::gather(&sources, &recipe.f_x, &Part::of(inputs.sections.as_ref())?)?;
-    if parts.iter().flatten().flat_map(|p| &p.ratio_se).all(|&se| se == 0.0) {
+    let silent = parts.iter().flatten().flat_map(|p| &p.ratio_se).all(|&se| se == 0.0);
+    if silent {
         ctx.warn("no standard errors: neither the phantoms nor their reference know their own");
     }
     let reference = reference(params, &recipe)?;
@@ -293,7 +294,10 @@ fn measure(
         all.se.extend(table.se);
         filled = table.recipe;
     }
-    tell_errors(&all.r_d, &all.se, ctx);
+    // An error of 0 % would be made up.
+    if !silent {
+        tell_errors(&all.r_d, &all.se, ctx);
+    }
     let design = match &params.wanted {
         Some(wanted) if ctx.wants("design") => {
             let media: Vec<[f64; 2]> = wanted.iter().map(|w| [w.mu_a.0, w.mu_s_prime.0]).collect();
@@ -373,23 +377,6 @@ fn tell(reports: &[Report], ctx: Ctx<'_>) {
     }
 }
 
-fn attributes(params: &Params, recipe: &Recipe) -> Attributes {
-    let mut attributes = Attributes::new();
-    let mut set = |name: &str, value: Value| attributes.insert(name.to_owned(), value);
-    set("model", json!(params.model));
-    set("convention", json!(params.convention));
-    set("f_x", json!(recipe.f_x));
-    set("mu_a", json!(recipe.mu_a));
-    set("mu_s_prime", json!(recipe.mu_s_prime));
-    set("g", json!(recipe.g));
-    set("n", json!(recipe.n));
-    set("thickness", json!(recipe.thickness));
-    if let Some(reference) = &params.reference {
-        set("reference", json!(reference));
-    }
-    attributes
-}
-
 fn lut(
     params: &Params,
     recipe: &Recipe,
@@ -424,11 +411,10 @@ fn image(recipe: &Recipe, reports: &[Report]) -> Validity {
         Array2::from_shape_fn((n_a, n_s), |(row, column)| value((n_a - 1 - row) * n_s + column) as f32)
     };
     for (section, report) in reports.iter().enumerate() {
-        let named = |name: &str| if reports.len() > 1 { format!("{name}_{section}") } else { name.to_owned() };
-        let info = |name: &str| LayerInfo::value(named(name), "1");
-        stack.push(info("noise_gain_mu_a"), layer(&|i| report.noise_gain[i][0]));
-        stack.push(info("noise_gain_mu_s_prime"), layer(&|i| report.noise_gain[i][1]));
-        stack.push(info("jacobian_sign"), layer(&|i| report.sign[i]));
+        let infos = validity::layers((reports.len() > 1).then_some(section));
+        let data =
+            [layer(&|i| report.noise_gain[i][0]), layer(&|i| report.noise_gain[i][1]), layer(&|i| report.sign[i])];
+        infos.into_iter().zip(data).for_each(|(info, data)| stack.push(info, data));
     }
     stack.attributes.insert("mu_a".to_owned(), json!(recipe.mu_a));
     stack.attributes.insert("mu_s_prime".to_owned(), json!(recipe.mu_s_prime));

@@ -1,5 +1,6 @@
 //! Whether, and how well, a table can be inverted: noise gains, the Jacobian's sign, the hull.
 
+use turbid_contract::LayerInfo;
 use turbid_optics::LogGrid;
 
 /// What an inversion of the table has to expect.
@@ -20,6 +21,12 @@ impl Report {
     pub fn invertible(&self) -> bool {
         self.folded == 0 && !self.hull_crosses
     }
+}
+
+/// The layers that show a report as images; `section` where there are several.
+pub fn layers(section: Option<usize>) -> Vec<LayerInfo> {
+    let named = |name: &str| section.map_or_else(|| name.to_owned(), |section| format!("{name}_{section}"));
+    ["noise_gain_mu_a", "noise_gain_mu_s_prime", "jacobian_sign"].map(|name| LayerInfo::value(named(name), "1")).into()
 }
 
 /// Examines a table of at least two spatial frequencies, given as its interpolants.

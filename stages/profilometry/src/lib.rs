@@ -10,7 +10,8 @@
 //! pattern's plane (or on `reference_surface`); without it the phase of that surface is computed from the geometry.
 //! Theory and measured figures: `docs/theory/profilometry.md`.
 
-pub mod formula;
+pub mod form;
+mod formula;
 pub mod geometry;
 mod params;
 mod phase;

@@ -3,8 +3,9 @@
 use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
+use turbid_contract::layers::{place, values, wavelengths};
 use turbid_contract::payload::MaskReason;
-use turbid_contract::{Error, ImageStack, Layer, LayerInfo, LayerKind};
+use turbid_contract::{Error, ImageStack, Layer, LayerInfo};
 
 use crate::geometry::Rig;
 use crate::params::{Params, ReferenceSurface, Tube};
@@ -22,41 +23,10 @@ pub struct Fringes<'a> {
 }
 
 impl<'a> Fringes<'a> {
-    /// Errors: no phase, no such f_x or orientation, several orientations or wavelengths to choose from.
-    pub fn choose(stack: &'a ImageStack, params: &Params) -> Result<Self, Error> {
-        let phase = |l: &&Layer| l.info.kind == LayerKind::Value && l.info.name == "phase";
-        let mut layers: Vec<&Layer> = stack.layers.iter().filter(phase).collect();
-        let first_wavelength = layers.first().and_then(|l| l.info.wavelength_nm);
-        if layers.iter().any(|l| l.info.wavelength_nm != first_wavelength) {
-            return Err(Error::failed("the phase has several wavelengths; profilometry takes one"));
-        }
-        if let Some(wanted) = params.orientation_deg {
-            let known: Vec<String> = orientations(&layers);
-            layers.retain(|l| l.info.orientation_deg.unwrap_or(0.0) == wanted.0);
-            if layers.is_empty() && !known.is_empty() {
-                let message = format!("the phase has no fringes of {wanted}, only of {} deg", known.join(", "));
-                return Err(Error::invalid("orientation_deg", message));
-            }
-        }
-        let orientation_deg = layers.first().map_or(0.0, |l| l.info.orientation_deg.unwrap_or(0.0));
-        if layers.iter().any(|l| l.info.orientation_deg.unwrap_or(0.0) != orientation_deg) {
-            return Err(Error::invalid("orientation_deg", "the phase has several orientations: say which one to use"));
-        }
-        let f_x = |l: &Layer| l.info.f_x_per_mm.unwrap_or(0.0);
-        layers.sort_by(|a, b| f_x(a).total_cmp(&f_x(b)));
-        if let Some(wanted) = params.f_x {
-            layers.retain(|l| f_x(l) <= wanted.0);
-            if layers.last().is_none_or(|l| f_x(l) != wanted.0) {
-                return Err(Error::invalid("f_x", format!("the phase has no fringes of f_x = {wanted}")));
-            }
-        }
-        match layers.last() {
-            Some(l) if f_x(l) > 0.0 => Ok(Self { layers, orientation_deg }),
-            _ => Err(Error::failed_with_hint(
-                "the sample has no phase of fringes (f_x > 0)",
-                "connect the port `phase` of demodulate",
-            )),
-        }
+    /// Error: see [`choose`].
+    pub fn of(stack: &'a ImageStack, params: &Params) -> Result<Self, Error> {
+        let (places, orientation_deg) = choose(&stack.infos(), params)?;
+        Ok(Self { layers: places.into_iter().map(|k| &stack.layers[k]).collect(), orientation_deg })
     }
 
     pub fn f_x(&self, k: usize) -> f64 {
@@ -68,27 +38,61 @@ impl<'a> Fringes<'a> {
     }
 }
 
-/// Each orientation once, in degrees.
-fn orientations(layers: &[&Layer]) -> Vec<String> {
-    let mut all: Vec<String> = layers.iter().map(|l| l.info.orientation_deg.unwrap_or(0.0).to_string()).collect();
-    all.dedup();
-    all
+/// The places of the fringes to use, by rising f_x, and their orientation, degrees.
+///
+/// Errors: no phase, no such f_x or orientation, several orientations or wavelengths to choose from.
+pub fn choose(phase: &[LayerInfo], params: &Params) -> Result<(Vec<usize>, f64), Error> {
+    let f_x = |k: &usize| phase[*k].f_x_per_mm.unwrap_or(0.0);
+    let orientation = |k: &usize| phase[*k].orientation_deg.unwrap_or(0.0);
+    let mut places: Vec<usize> = values(phase, "phase").map(|(k, _)| k).collect();
+    if wavelengths(phase, "phase").len() > 1 {
+        return Err(Error::failed("the phase has several wavelengths; profilometry takes one"));
+    }
+    if let Some(wanted) = params.orientation_deg {
+        let mut known: Vec<String> = places.iter().map(|k| orientation(k).to_string()).collect();
+        known.dedup();
+        places.retain(|k| orientation(k) == wanted.0);
+        if places.is_empty() && !known.is_empty() {
+            let message = format!("the phase has no fringes of {wanted}, only of {} deg", known.join(", "));
+            return Err(Error::invalid("orientation_deg", message));
+        }
+    }
+    let orientation_deg = places.first().map_or(0.0, orientation);
+    if places.iter().any(|k| orientation(k) != orientation_deg) {
+        return Err(Error::invalid("orientation_deg", "the phase has several orientations: say which one to use"));
+    }
+    places.sort_by(|a, b| f_x(a).total_cmp(&f_x(b)));
+    if let Some(wanted) = params.f_x {
+        places.retain(|k| f_x(k) <= wanted.0);
+        if places.last().is_none_or(|k| f_x(k) != wanted.0) {
+            return Err(Error::invalid("f_x", format!("the phase has no fringes of f_x = {wanted}")));
+        }
+    }
+    match places.last() {
+        Some(k) if f_x(k) > 0.0 => Ok((places, orientation_deg)),
+        _ => Err(Error::failed_with_hint(
+            "the sample has no phase of fringes (f_x > 0)",
+            "connect the port `phase` of demodulate",
+        )),
+    }
+}
+
+/// The place of the phase of the reference with the f_x and orientation of `info`.
+pub fn counterpart(reference: &[LayerInfo], info: &LayerInfo) -> Result<usize, Error> {
+    let orientation = |info: &LayerInfo| info.orientation_deg.unwrap_or(0.0);
+    let fits = |other: &LayerInfo| other.f_x_per_mm == info.f_x_per_mm && orientation(other) == orientation(info);
+    let found = values(reference, "phase").find(|(_, other)| fits(other)).map(|(k, _)| k);
+    found.ok_or_else(|| {
+        let has: Vec<String> = values(reference, "phase").map(|(_, info)| place(info)).collect();
+        let has = if has.is_empty() { "none".to_owned() } else { has.join("; ") };
+        let what = format!("the sample has a phase at {}, the reference has it at {has}", place(info));
+        Error::failed_with_hint(what, "project the same fringes on both")
+    })
 }
 
 /// The layer of `stack` with the f_x and orientation of `info`.
 pub fn same<'a>(stack: &'a ImageStack, info: &LayerInfo) -> Result<&'a Layer, Error> {
-    let fits = |l: &&Layer| {
-        l.info.kind == LayerKind::Value
-            && l.info.name == "phase"
-            && l.info.f_x_per_mm == info.f_x_per_mm
-            && l.info.orientation_deg.unwrap_or(0.0) == info.orientation_deg.unwrap_or(0.0)
-    };
-    let f_x = info.f_x_per_mm.unwrap_or(0.0);
-    stack
-        .layers
-        .iter()
-        .find(fits)
-        .ok_or_else(|| Error::failed(format!("the reference has no phase at f_x = {f_x} mm^-1 of this orientation")))
+    Ok(&stack.layers[counterpart(&stack.infos(), info)?])
 }
 
 /// What each pixel's light would have as coordinate u (mm) if the surface were the reference; why there is none, where it does not see it.

@@ -7,11 +7,12 @@ use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Maps, MaskReason, Phase, Scene};
 use turbid_contract::planes::mean_se;
 use turbid_contract::{
-    Ctx, Error, Extent, ImageStack, Known, Layer, LayerInfo, LayerKind, Length, Problems, Stage, StagePlan, in_ports,
-    out_ports,
+    Ctx, Error, Extent, Forms, ImageStack, Known, Layer, LayerInfo, LayerKind, Length, Problems, Stage, StagePlan,
+    in_ports, out_ports,
 };
 use turbid_geometry::tangent;
 
+use crate::form;
 use crate::formula::Formula;
 use crate::geometry::Rig;
 use crate::params::{Method, Params, ReferenceSurface, Unwrap};
@@ -56,6 +57,7 @@ impl Stage for Profilometry {
     type Out = Out;
 
     fn check(params: &Params, known: &Known, problems: &mut Problems) {
+        form::check(params, known, problems);
         if let Some([low, high]) = params.heights {
             problems.require(high.0 > low.0, "heights.1", high.0, "mm", "be above the lowest height");
         }
@@ -112,6 +114,10 @@ impl Stage for Profilometry {
         }
     }
 
+    fn describe(params: &Params, known: &Known) -> Forms {
+        form::describe(params, known)
+    }
+
     fn plan(params: &Params, known: &Known) -> StagePlan {
         let method = match params.method {
             Method::Triangulation => "triangulation",
@@ -140,7 +146,7 @@ impl Stage for Profilometry {
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
         let stack = &inputs.sample.0;
-        let fringes = Fringes::choose(stack, params)?;
+        let fringes = Fringes::of(stack, params)?;
         let rig = Rig::new(&inputs.scene, fringes.orientation_deg).map_err(Error::failed)?;
         let reference = inputs.reference.as_ref().map(|Phase(stack)| stack);
         for (what, stack) in [("sample", Some(stack)), ("reference", reference)] {

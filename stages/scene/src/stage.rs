@@ -1,16 +1,22 @@
 //! The stage: instant, draws nothing, one record and a sketch.
 
+use std::sync::Arc;
+
 use turbid_contract::canonical::canonical_value;
 use turbid_contract::payload::{Preview, Scene};
 use turbid_contract::serde_json::Value;
 use turbid_contract::{Ctx, Error, FileUse, Known, Problems, Stage, StagePlan, in_ports, out_ports};
 
-use crate::assemble::assemble;
+use crate::assemble::{RigInput, assemble};
 use crate::params::{AlbedoParams, ObjectParams, Params, SurfaceParams, TextureParams};
 use crate::sketch::sketch;
 
 in_ports! {
-    pub struct In {}
+    pub struct In {
+        /// Another scene whose camera, projector, lights and wavelength_nm this one takes: one rig for both, so that a change in it
+        /// reaches both.
+        rig: optional Scene,
+    }
 }
 
 out_ports! {
@@ -51,7 +57,12 @@ impl Stage for SceneStage {
     }
 
     fn check(params: &Params, known: &Known, problems: &mut Problems) {
-        assemble(params, &|at| known.files.get(at), problems);
+        let rig = match known.get::<Scene>("rig") {
+            Some(scene) => RigInput::Known { scene, producer: known.producer("rig").to_owned() },
+            None if known.is_connected("rig") => RigInput::Unknown,
+            None => RigInput::None,
+        };
+        assemble(params, &rig, &|at| known.files.get(at), problems);
     }
 
     fn plan(_: &Params, _: &Known) -> StagePlan {
@@ -59,9 +70,11 @@ impl Stage for SceneStage {
         StagePlan { seconds: Some(0.02), ..StagePlan::default() }
     }
 
-    fn run(params: &Params, _: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
+    fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
         let mut problems = Problems::default();
-        let scene = assemble(params, &|at| ctx.file(at), &mut problems);
+        let known = |scene| RigInput::Known { scene: Arc::new(scene), producer: "rig".to_owned() };
+        let rig = inputs.rig.map_or(RigInput::None, known);
+        let scene = assemble(params, &rig, &|at| ctx.file(at), &mut problems);
         if let Some(problem) = problems.into_parts().0.into_iter().next() {
             return Err(Error::Invalid(problem));
         }

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde_json::Value;
 use turbid::registry::Registry;
-use turbid_contract::MaskReason;
+use turbid_contract::payload::MaskReason;
 
 use super::{pages, root};
 use crate::space::Space;

@@ -12,8 +12,8 @@ use crate::payload::Payload;
 /// instrument, null where it was not read. `mu_a_over_mu_s_prime`: known also where only M_R was read. `N`: quadrature points.
 /// `status` (text): `ok`, `conservative` (mu_a = 0 within the standard errors), `no_scatter` (mu_s' = 0 likewise), `empty` (both),
 /// `ambiguous` (the row holds one of two media with these readings, `message` names the other), `disagree` (no medium with what is known
-/// gives both readings: the row holds the nearest), or the name of what failed, with the reason in `message`. A row that failed holds
-/// zeros: read `status` first. Where the readings do not determine an error `status` ends in `, no_se`.
+/// gives both readings: the row holds the nearest), or the name of what failed, with the reason in `message`. Of a row that failed all
+/// numbers are null, but `mu_a_over_mu_s_prime` where the readings tell it. Where the readings do not determine an error `status` ends in `, no_se`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fit(pub Table);
 

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::artifact::{Artifact, ArtifactKind, Table};
 use crate::error::Error;
-use crate::payload::Payload;
+use crate::payload::{Payload, Quantity, quantity};
 
 /// What a reflectance means; travels with every reflectance and table, and must agree where they meet.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -34,6 +34,14 @@ pub struct Lut(pub Table);
 impl Payload for Lut {
     const NAME: &'static str = "lut";
     const KIND: ArtifactKind = ArtifactKind::Table;
+    const HOLDS: &'static [Quantity] = &[
+        quantity("section", "", "of a surface, where the table has several"),
+        quantity("mu_a", "mm^-1", "absorption coefficient of the node"),
+        quantity("mu_s_prime", "mm^-1", "reduced scattering coefficient of the node"),
+        quantity("f_x", "mm^-1", "spatial frequency"),
+        quantity("r_d", "1", "diffuse reflectance, as `convention` says"),
+        quantity("r_d_bound", "1", "what the solution of the model leaves uncertain; null where that is not known"),
+    ];
 
     fn into_artifact(self) -> Artifact {
         Artifact::Table(self.0)

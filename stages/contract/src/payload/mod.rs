@@ -7,6 +7,7 @@ mod images;
 mod lut;
 mod mask;
 mod metrics;
+mod quantity;
 mod readings;
 mod relief;
 mod scene;
@@ -25,6 +26,7 @@ pub use images::{
 pub use lut::{Convention, Lut};
 pub use mask::MaskReason;
 pub use metrics::{Metrics, Power};
+pub use quantity::{Quantity, in_own_unit, quantity, undeclared};
 pub use readings::Readings;
 pub use relief::Relief;
 pub use scene::*;
@@ -34,6 +36,11 @@ pub use stack::Stack;
 use crate::artifact::{Artifact, ArtifactKind};
 use crate::error::Error;
 
+/// Whether a picture of a payload shows a reader something: not of the covariances of every pair of quantities.
+pub fn is_pictured(payload: &str) -> bool {
+    payload != Covariance::NAME
+}
+
 /// A typed view of an artifact.
 pub trait Payload: Sized {
     /// Name that ports, `show` and error messages use.
@@ -41,6 +48,8 @@ pub trait Payload: Sized {
     const KIND: ArtifactKind;
     /// Names of the payloads that a port of this type takes: this one, or those that it is one of.
     const ACCEPTS: &'static [&'static str] = &[Self::NAME];
+    /// The layers or columns that an artifact of this payload may hold, with their units; empty where it is open to any.
+    const HOLDS: &'static [Quantity] = &[];
 
     fn into_artifact(self) -> Artifact;
 

@@ -8,7 +8,8 @@ use crate::payload::Payload;
 ///
 /// Columns `medium` (text); `m_r`, `m_t` with `m_r_se`, `m_t_se` and their covariance `m_rt_cov`; `lost_r`, `lost_t`, `lost_r_diffuse`,
 /// `lost_t_diffuse` and `_se` of each: what a slab without sides would reflect and transmit, of the beam and of diffuse light,
-/// beyond what came into the spheres. Where the readings are simulated also the medium: `mu_a`, `mu_s_prime` (mm^-1), `g`, `n`.
+/// beyond what came into the spheres. Null is what is not known: the error of what no photon showed, the loss of light that there was not.
+/// Where the readings are simulated also the medium: `mu_a`, `mu_s_prime` (mm^-1), `g`, `n`.
 ///
 /// Attributes: `thickness` (mm), `slides` (index, or null), `r_standard`, and `spheres`: `diameter` (mm), `wall_reflectance`, the shares of a
 /// sphere's surface that `sample`, `entrance` (reflectance sphere), `detector` (both) and `exit` (transmittance sphere) take,

@@ -4,7 +4,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::artifact::{Artifact, ArtifactKind, ImageStack};
 use crate::error::Error;
-use crate::payload::Payload;
+use crate::payload::quantity::MASK;
+use crate::payload::{Payload, Quantity, quantity};
 
 /// Camera pixels by sections along a surface: layers `section` (place in the list of sections), `neighbour` (that of the section whose
 /// share is 1 - weight), `weight` (share of the own section, in (0, 1]; 1 where it stands alone and `neighbour` is `section`),
@@ -68,6 +69,13 @@ impl Sections {
 impl Payload for Sections {
     const NAME: &'static str = "sections";
     const KIND: ArtifactKind = ArtifactKind::Images;
+    const HOLDS: &'static [Quantity] = &[
+        quantity("section", "1", "place in the list of sections"),
+        quantity("neighbour", "1", "that of the section that has the rest of the pixel"),
+        quantity("weight", "1", "share of the own section"),
+        quantity("arc_length", "mm", "along the surface"),
+        MASK,
+    ];
 
     fn into_artifact(self) -> Artifact {
         Artifact::Images(self.0)

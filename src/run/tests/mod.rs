@@ -1,5 +1,7 @@
 //! A program error of ours ends an instance, with its place, and never the run.
 
+mod stopping;
+
 use std::sync::mpsc::channel;
 use std::time::Duration;
 
@@ -29,7 +31,7 @@ struct Out;
 impl OutPorts for Out {
     fn ports() -> Vec<OutPort> {
         let kind = ArtifactKind::Table;
-        vec![OutPort { name: "table", payload: "table", kind, optional: false, preview: false, about: "" }]
+        vec![OutPort { name: "table", payload: "table", kind, optional: false, preview: false, about: "", holds: &[] }]
     }
     fn into_artifacts(self) -> Vec<(&'static str, Artifact)> {
         vec![("another", Artifact::Table(Table::default()))]

@@ -1,0 +1,18 @@
+//! How to run.
+
+/// How to run.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Threads of the run, and at most this many instances at once.
+    pub jobs: usize,
+    /// Go on with what does not depend on a failed instance.
+    pub keep_going: bool,
+    /// Stages that run even where the store holds their outputs.
+    pub force: Vec<usize>,
+    /// Store what they make even where it differs from what is stored.
+    pub replace: bool,
+    /// `baseline`, `v3`, `v4`, or empty for the best level of vector instructions.
+    pub simd: String,
+    /// Bytes of memory that instances may take together; `None` where nobody knows.
+    pub memory: Option<u64>,
+}

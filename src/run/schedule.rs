@@ -1,0 +1,275 @@
+//! What begins next, and what follows from the end of an instance.
+
+use std::collections::{BTreeSet, HashMap, HashSet};
+use std::sync::Arc;
+
+use crate::digest::Digest;
+use crate::plan::{InstanceId, Plan};
+use crate::resolve::{Keyed, Outputs, Resolver, State, Survey, outputs_of};
+use crate::spec::Diagnostic;
+use crate::store::{Cost, InstanceRecord};
+
+use super::admission::Admission;
+use super::execute::{Outcome, Task};
+use super::options::Options;
+use super::progress::Progress;
+use super::state::{BuildState, States};
+use super::summary::End;
+
+/// A damaged input makes its producer run again; this often, then the disk is to blame.
+const MAX_REPAIRS: usize = 3;
+
+/// The needed instances of a run, and what they wait for.
+///
+/// Always: an instance that is `Want` misses as many of its producers as are not `Done`; `outputs` are those of the `Done` ones.
+pub struct Schedule<'a> {
+    pub resolver: &'a Resolver<'a>,
+    pub options: &'a Options,
+    pub progress: &'a dyn Progress,
+    plan: &'a Plan,
+    states: States,
+    outputs: Vec<Option<Arc<Outputs>>>,
+    /// The needed instances that consume an instance.
+    dependents: HashMap<InstanceId, Vec<InstanceId>>,
+    repairs: HashMap<InstanceId, usize>,
+    /// Keys that this run makes or has made, each with the instance that does.
+    made_by: HashMap<Digest, InstanceId>,
+    /// Those that wait for an instance of their key, which is running.
+    twins: HashMap<InstanceId, Vec<InstanceId>>,
+    /// Those that ran although the store held their outputs.
+    forced: HashSet<InstanceId>,
+    admission: Admission,
+    /// Nothing begins any more.
+    stopping: bool,
+}
+
+impl<'a> Schedule<'a> {
+    pub fn new(resolver: &'a Resolver<'a>, survey: Survey, options: &'a Options, progress: &'a dyn Progress) -> Self {
+        let plan = resolver.plan;
+        let needs = survey.plans.iter().filter_map(|(&id, plan)| Some((id, plan.memory?)));
+        let mut schedule = Self {
+            resolver,
+            options,
+            progress,
+            plan,
+            states: States::new(plan.instances.len()),
+            outputs: vec![None; plan.instances.len()],
+            dependents: HashMap::new(),
+            repairs: HashMap::new(),
+            made_by: HashMap::new(),
+            twins: HashMap::new(),
+            forced: HashSet::new(),
+            admission: Admission::new(options.memory, needs),
+            stopping: false,
+        };
+        for (id, state) in survey.states.into_iter().enumerate() {
+            if let Some(State::Hit(record)) = state {
+                schedule.states.set(id, BuildState::Done { record, ran: false });
+            }
+        }
+        if plan.needed_instances().any(|id| !schedule.states.is_done(id)) {
+            schedule.connect();
+        }
+        schedule
+    }
+
+    /// Sources come before what they feed, so what is done is known.
+    fn connect(&mut self) {
+        for id in self.plan.needed_instances() {
+            for source in self.producers(id) {
+                self.dependents.entry(source).or_default().push(id);
+            }
+            match self.states.get(id) {
+                BuildState::Done { record, .. } => self.outputs[id] = Some(Arc::new(outputs_of(record))),
+                _ => self.want(id),
+            }
+        }
+    }
+
+    /// Each once.
+    fn producers(&self, id: InstanceId) -> BTreeSet<InstanceId> {
+        self.plan.instances[id].wires.iter().flat_map(|w| w.from.iter().map(|f| f.0)).collect()
+    }
+
+    pub fn running(&self) -> usize {
+        self.states.running()
+    }
+
+    /// Whether nothing is at work and nothing waits for its turn.
+    pub fn is_over(&self) -> bool {
+        self.running() == 0 && self.states.first_ready().is_none()
+    }
+
+    /// How each needed instance ended; to be asked when nothing is at work.
+    pub fn into_ends(self) -> HashMap<InstanceId, End> {
+        self.states.ends(self.plan.needed_instances())
+    }
+
+    /// The next instance to be at work, if one may begin now. Those before it that turn out to be made already, or cannot run, end on the way.
+    pub fn next_task(&mut self) -> Option<Task> {
+        while self.running() < self.options.jobs && !self.stopping {
+            let id = self.states.first_ready()?;
+            if !self.admission.admits(id, self.running() > 0) {
+                return None;
+            }
+            if let Some((job, reasons)) = self.start(id) {
+                self.progress.started(&self.plan.label(id), &reasons);
+                self.states.set(id, BuildState::Running);
+                self.admission.begin(id);
+                let forced = self.forced.contains(&id);
+                return Some(Task { id, job, outputs: self.inputs_of(id), forced, alone: self.running() == 1 });
+            }
+        }
+        None
+    }
+
+    /// There is no thread for it now.
+    pub fn put_back(&mut self, id: InstanceId) {
+        self.admission.end(id);
+        self.states.set(id, BuildState::Ready);
+    }
+
+    /// The work of an instance whose turn it is. `None`: an instance of the same key or another run made it or is making it, or it cannot run;
+    /// it is not `Ready` any more.
+    fn start(&mut self, id: InstanceId) -> Option<(Keyed, Vec<String>)> {
+        match self.resolver.state(id, &self.outputs, &self.options.force) {
+            Ok((State::Run { reasons }, job)) => {
+                let job = job.expect("an instance that runs has a job");
+                if let Some(first) = self.made_by.get(&job.key).filter(|first| self.states.is_running(**first)) {
+                    self.twins.entry(*first).or_default().push(id);
+                    self.states.set(id, BuildState::Twin);
+                    return None;
+                }
+                self.made_by.insert(job.key, id);
+                if self.options.force.contains(&self.plan.instances[id].stage) {
+                    self.forced.insert(id);
+                }
+                Some((job, reasons))
+            }
+            Ok((State::Hit(record), _)) => {
+                // It was planned to run, and so it did: once for all instances of its key.
+                match self.made_by.get(&record.key) {
+                    Some(&first) if first != id => {
+                        let shared = Arc::new(self.shared(id, &record));
+                        self.progress.ran(&self.plan.label(id), &shared);
+                        self.done(id, shared, true);
+                    }
+                    _ => self.done(id, record, false),
+                }
+                None
+            }
+            // A producer was found damaged meanwhile and is made again, or its record lacks a port.
+            Ok((State::Waits(_), _)) => {
+                match self.lacking(id) {
+                    Some(producer) => self.repair(id, producer),
+                    None => self.want(id),
+                }
+                None
+            }
+            Err(diagnostics) => {
+                let text: Vec<String> = diagnostics.iter().map(Diagnostic::to_string).collect();
+                self.fail(id, text.join("\n"));
+                None
+            }
+        }
+    }
+
+    /// The record of an instance whose work another one of the same key did: at no cost.
+    fn shared(&self, id: InstanceId, record: &InstanceRecord) -> InstanceRecord {
+        let mut own = record.clone();
+        let instance = &self.plan.instances[id];
+        own.provenance.stage = self.plan.spec.stages[instance.stage].name.clone();
+        own.provenance.axes = instance.axes.clone();
+        own.cost = Cost::default();
+        own
+    }
+
+    /// The outputs of the producers of `id`, and no others.
+    fn inputs_of(&self, id: InstanceId) -> HashMap<InstanceId, Arc<Outputs>> {
+        let outputs = |s: InstanceId| self.outputs[s].clone().expect("it has a key, so its inputs are there");
+        self.producers(id).into_iter().map(|source| (source, outputs(source))).collect()
+    }
+
+    /// A producer of `id` whose outputs are known and lack the port that it needs.
+    fn lacking(&self, id: InstanceId) -> Option<InstanceId> {
+        let mut sources = self.plan.instances[id].wires.iter().flat_map(|w| &w.from);
+        let lacks = |(source, port): &&(InstanceId, &str)| {
+            self.outputs[*source].as_ref().is_some_and(|outputs| !outputs.contains_key(*port))
+        };
+        sources.find(lacks).map(|(source, _)| *source)
+    }
+
+    /// An instance that was at work ended.
+    pub fn finish(&mut self, id: InstanceId, outcome: Outcome) {
+        self.admission.end(id);
+        match outcome {
+            Outcome::Ran(record) => {
+                self.progress.ran(&self.plan.label(id), &record);
+                self.done(id, record, true);
+            }
+            Outcome::Found(record) => {
+                self.progress.found(&self.plan.label(id));
+                self.done(id, record, false);
+            }
+            Outcome::Damaged(producer) => self.repair(id, producer),
+            Outcome::Failed(message) => self.fail(id, message),
+            Outcome::Interrupted => self.states.set(id, BuildState::Skipped),
+        }
+        for twin in self.twins.remove(&id).unwrap_or_default() {
+            self.want(twin);
+        }
+    }
+
+    fn done(&mut self, id: InstanceId, record: Arc<InstanceRecord>, ran: bool) {
+        self.outputs[id] = Some(Arc::new(outputs_of(&record)));
+        self.states.set(id, BuildState::Done { record, ran });
+        for &dependent in self.dependents.get(&id).into_iter().flatten() {
+            match *self.states.get(dependent) {
+                BuildState::Want { missing: 1 } => self.states.set(dependent, BuildState::Ready),
+                BuildState::Want { missing } => self.states.set(dependent, BuildState::Want { missing: missing - 1 }),
+                _ => {}
+            }
+        }
+    }
+
+    fn fail(&mut self, id: InstanceId, message: String) {
+        self.progress.failed(&self.plan.label(id), &message);
+        self.states.set(id, BuildState::Failed(message));
+        self.stopping |= !self.options.keep_going;
+    }
+
+    /// A blob of `producer` is damaged: it runs again, and `id` waits for it.
+    fn repair(&mut self, id: InstanceId, producer: InstanceId) {
+        let times = self.repairs.entry(producer).or_default();
+        *times += 1;
+        let (times, label) = (*times, self.plan.label(producer));
+        if times > MAX_REPAIRS {
+            let text = format!("the stored outputs of {label} were damaged {times} times over; check the disk");
+            return self.fail(id, text);
+        }
+        if self.states.is_done(producer) {
+            self.progress.warn(&label, "a stored output is damaged or gone; it is made again");
+            self.undo(producer);
+        }
+        self.want(id);
+    }
+
+    /// What was done is not there any more: it is to be made again, and who waits for others too now waits for it as well.
+    fn undo(&mut self, id: InstanceId) {
+        self.outputs[id] = None;
+        self.want(id);
+        for &dependent in self.dependents.get(&id).into_iter().flatten() {
+            match *self.states.get(dependent) {
+                BuildState::Want { missing } => self.states.set(dependent, BuildState::Want { missing: missing + 1 }),
+                BuildState::Ready => self.states.set(dependent, BuildState::Want { missing: 1 }),
+                _ => {}
+            }
+        }
+    }
+
+    /// To `Want` or `Ready`, by what its producers have.
+    fn want(&mut self, id: InstanceId) {
+        let missing = self.producers(id).iter().filter(|source| !self.states.is_done(**source)).count();
+        self.states.set(id, if missing == 0 { BuildState::Ready } else { BuildState::Want { missing } });
+    }
+}

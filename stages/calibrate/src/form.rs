@@ -1,0 +1,78 @@
+//! What the reflectance will hold, from the forms of its arms; and arms that do not fit, found before anything runs.
+
+use turbid_contract::layers::standard_error;
+use turbid_contract::{Error, Form, Known, LayerInfo, LayerKind, Problems};
+
+use crate::quantity::{Quantity, counterpart, of_one_phantom, quantities, same_size};
+
+/// Reports arms that show different quantities, or images of different sizes.
+pub fn check(known: &Known, problems: &mut Problems) {
+    let (sample, reference) = (known.form("sample"), known.form("reference"));
+    let of = |form: Option<&Form>| form.and_then(|form| form.layers.clone());
+    let pixels = sample.and_then(|form| form.pixels).zip(reference.and_then(|form| form.pixels));
+    if let Some(Err(error)) = pixels.map(|(sample, reference)| same_size(sample, reference)) {
+        problems.unfit(known, "reference", error);
+    }
+    let Some(sample) = of(sample) else { return };
+    let wavelengths = match of_one_phantom(&sample) {
+        Ok(wavelengths) => wavelengths,
+        Err(error) => return problems.unfit(known, "sample", error),
+    };
+    let Some(reference) = of(reference) else { return };
+    for q in wavelengths.into_iter().flat_map(|wavelength| quantities(&sample, wavelength)) {
+        if let Err(error) = counterpart(&reference, &sample[q.layer]) {
+            problems.unfit(known, "reference", error);
+        }
+    }
+}
+
+/// The form of the reflectance, but for its attributes.
+pub fn reflectance(known: &Known) -> Form {
+    let pixels = known.form("sample").and_then(|form| form.pixels);
+    match layers(known) {
+        Ok((layers, perhaps)) => Form { pixels, layers: Some(layers), perhaps, ..Form::default() },
+        Err(_) => Form { pixels, ..Form::default() },
+    }
+}
+
+/// Layers that are there, and those that a run may find. Error: one of the arms is open, or does not fit.
+fn layers(known: &Known) -> Result<(Vec<LayerInfo>, Vec<LayerInfo>), Error> {
+    let open = || Error::failed("not known yet");
+    let of = |port: &str| known.form(port).and_then(|form| form.layers.as_deref()).ok_or_else(open);
+    let (sample, reference) = (of("sample")?, of("reference")?);
+    let (mut values, mut errors, mut covariances, mut masks) = (vec![], vec![], vec![], vec![]);
+    for wavelength_nm in of_one_phantom(sample)? {
+        let found = quantities(sample, wavelength_nm);
+        let mut known_errors = true;
+        for Quantity { layer, .. } in &found {
+            let other = counterpart(reference, &sample[*layer])?;
+            known_errors &= standard_error(sample, &sample[*layer]).is_some();
+            known_errors &= standard_error(reference, &reference[other]).is_some();
+        }
+        let first = values.len() as u32;
+        values.extend(found.iter().map(|q| r_d(&sample[q.layer], q.f_x_per_mm)));
+        if known_errors {
+            errors.extend(values[first as usize..].iter().map(LayerInfo::standard_error));
+            let count = found.len() as u32;
+            for (a, b) in (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b))) {
+                let mut info = LayerInfo::new("cov", LayerKind::Covariance, "1");
+                (info.pair, info.wavelength_nm) = (Some([first + a, first + b]), wavelength_nm);
+                covariances.push(info);
+            }
+        }
+        let mut mask = LayerInfo::new("mask", LayerKind::Mask, "1");
+        mask.wavelength_nm = wavelength_nm;
+        masks.push(mask);
+    }
+    let perhaps = if errors.is_empty() { vec![] } else { values.iter().map(LayerInfo::se_unknown).collect() };
+    let conditions = sample.iter().filter(|info| info.kind == LayerKind::Condition).cloned();
+    Ok((values.into_iter().chain(errors).chain(covariances).chain(masks).chain(conditions).collect(), perhaps))
+}
+
+/// R_d at `f_x_per_mm`, of a layer of the sample.
+pub fn r_d(of: &LayerInfo, f_x_per_mm: f64) -> LayerInfo {
+    let mut info = LayerInfo::value("r_d", "1").with_f_x(f_x_per_mm);
+    info.orientation_deg = of.orientation_deg.filter(|_| f_x_per_mm > 0.0);
+    info.wavelength_nm = of.wavelength_nm;
+    info
+}

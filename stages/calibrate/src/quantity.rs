@@ -1,0 +1,68 @@
+//! Which layers of sample and reference are divided by each other: by what they say, before a run and in it.
+
+use turbid_contract::layers::{place, size, values, wavelengths};
+use turbid_contract::{Error, LayerInfo};
+
+/// A quantity to calibrate: the layer of the sample, and the f_x at which it counts.
+pub struct Quantity {
+    pub layer: usize,
+    pub f_x_per_mm: f64,
+}
+
+/// The wavelengths of the sample: one, for the phantom is given for one.
+pub fn of_one_phantom(sample: &[LayerInfo]) -> Result<Vec<Option<f64>>, Error> {
+    let wavelengths = wavelengths(sample, "m_ac");
+    match wavelengths.len() {
+        0 => Err(Error::failed("the sample holds no layer `m_ac`")),
+        1 => Ok(wavelengths),
+        count => {
+            let what = format!("the sample has {count} wavelengths, the phantom is given for one");
+            Err(Error::invalid("reference", what))
+        }
+    }
+}
+
+/// Sizes are (rows, columns). Error: they differ.
+pub fn same_size(sample: [u64; 2], reference: [u64; 2]) -> Result<(), Error> {
+    if sample == reference {
+        return Ok(());
+    }
+    let what = format!("the sample has {}, the reference {}", size(sample), size(reference));
+    Err(Error::failed_with_hint(what, "both must be seen by the same camera"))
+}
+
+/// M_AC of each f_x; where there was no frame at f_x = 0, the mean of the fringes of the lowest f_x stands for it.
+pub fn quantities(sample: &[LayerInfo], wavelength_nm: Option<f64>) -> Vec<Quantity> {
+    let of = |name: &'static str| {
+        let layers = values(sample, name).filter(move |(_, info)| info.wavelength_nm == wavelength_nm);
+        layers.map(|(layer, info)| Quantity { layer, f_x_per_mm: info.f_x_per_mm.unwrap_or(0.0) })
+    };
+    let mut found: Vec<Quantity> = of("m_ac").collect();
+    if found.iter().all(|q| q.f_x_per_mm > 0.0) {
+        let lowest = of("m_dc").min_by(|a, b| a.f_x_per_mm.total_cmp(&b.f_x_per_mm));
+        found.splice(0..0, lowest.map(|q| Quantity { f_x_per_mm: 0.0, ..q }));
+    }
+    found
+}
+
+/// The layer of the reference that shows the same quantity. Error: there is none, or it is in another unit.
+pub fn counterpart(reference: &[LayerInfo], wanted: &LayerInfo) -> Result<usize, Error> {
+    let same = |info: &LayerInfo| {
+        info.wavelength_nm == wanted.wavelength_nm
+            && info.f_x_per_mm == wanted.f_x_per_mm
+            && info.orientation_deg == wanted.orientation_deg
+    };
+    let Some((k, found)) = values(reference, &wanted.name).find(|(_, info)| same(info)) else {
+        let has: Vec<String> = values(reference, &wanted.name).map(|(_, info)| place(info)).collect();
+        let has = if has.is_empty() { "none".to_owned() } else { has.join("; ") };
+        return Err(Error::failed_with_hint(
+            format!("the sample has {} at {}, the reference has it at {has}", wanted.name, place(wanted)),
+            "render or measure the reference at the f_x, orientation and wavelength of the sample",
+        ));
+    };
+    if found.unit != wanted.unit {
+        let what = format!("the sample has {} in {}, the reference in {}", wanted.name, wanted.unit, found.unit);
+        return Err(Error::failed_with_hint(what, "import or render both arms in the same unit"));
+    }
+    Ok(k)
+}

@@ -1,0 +1,50 @@
+//! Layers by what they say of themselves: the same questions to a stack that is there and to the form of one that is not yet.
+
+use crate::artifact::{ImageStack, LayerInfo, LayerKind};
+use crate::planes::same_quantity;
+
+impl ImageStack {
+    /// What all layers say of themselves, in their order.
+    pub fn infos(&self) -> Vec<LayerInfo> {
+        self.layers.iter().map(|layer| layer.info.clone()).collect()
+    }
+}
+
+/// The values of the quantity `name` (one for each f_x, phase, orientation and wavelength), with their places.
+pub fn values<'a>(infos: &'a [LayerInfo], name: &'a str) -> impl Iterator<Item = (usize, &'a LayerInfo)> {
+    infos.iter().enumerate().filter(move |(_, info)| info.kind == LayerKind::Value && info.name == name)
+}
+
+/// Wavelengths at which the quantity `name` is there, in the order of its layers.
+pub fn wavelengths(infos: &[LayerInfo], name: &str) -> Vec<Option<f64>> {
+    let mut found = Vec::new();
+    for (_, info) in values(infos, name) {
+        if !found.contains(&info.wavelength_nm) {
+            found.push(info.wavelength_nm);
+        }
+    }
+    found
+}
+
+/// The place of the standard error of the quantity `of`.
+pub fn standard_error(infos: &[LayerInfo], of: &LayerInfo) -> Option<usize> {
+    let wanted = of.standard_error();
+    infos.iter().position(|info| info.kind == LayerKind::StandardError && same_quantity(info, &wanted))
+}
+
+/// `f_x = 0.1 mm^-1, 30 deg, 660 nm`: of what a layer is, for messages.
+pub fn place(info: &LayerInfo) -> String {
+    let mut text = format!("f_x = {} mm^-1", info.f_x_per_mm.unwrap_or(0.0));
+    if let Some(orientation) = info.orientation_deg {
+        text += &format!(", {orientation} deg");
+    }
+    if let Some(wavelength) = info.wavelength_nm {
+        text += &format!(", {wavelength} nm");
+    }
+    text
+}
+
+/// `64 x 48 pixels`: columns by rows, of a size (rows, columns).
+pub fn size([rows, columns]: [u64; 2]) -> String {
+    format!("{columns} x {rows} pixels")
+}

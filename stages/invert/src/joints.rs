@@ -1,0 +1,128 @@
+//! Whether reflectance, table, sections and shape belong together: the rules of the run, found before anything runs.
+
+use turbid_contract::layers::size;
+use turbid_contract::payload::Scene;
+use turbid_contract::{Attributes, Error, Form, Known, Problems};
+
+use crate::choice::{choose, orientation};
+use crate::form::errors_known;
+use crate::lut::{same_meaning, table_f_x};
+use crate::params::Params;
+
+/// Reports every joint that does not fit.
+pub fn check(params: &Params, known: &Known, problems: &mut Problems) {
+    let (reflectance, lut) = (known.fact("reflectance"), known.fact("lut"));
+    if let Err(error) = same_meaning(&reflectance, &lut) {
+        problems.unfit(known, "lut", error);
+    }
+    check_f_x(params, known, &lut, problems);
+    check_sections(known, problems);
+    if known.is_connected("height") {
+        if let Err(error) = correctable(&reflectance, &lut) {
+            problems.unfit(known, "height", error);
+        }
+    } else if known.is_wanted("exposure") {
+        let what = "`exposure` is wanted, but without the input `height` no light falls on any shape";
+        problems.push_with_hint("", what, "connect `height` and `scene`");
+    }
+    check_sizes(known, problems);
+}
+
+/// The f_x that are read are there, of one orientation where the shape is corrected for, and the table holds them.
+fn check_f_x(params: &Params, known: &Known, lut: &Attributes, problems: &mut Problems) {
+    let Some(layers) = known.form("reflectance").and_then(|form| form.layers.as_deref()) else { return };
+    let choice = match choose(layers, params) {
+        Ok(choice) => choice,
+        Err(error) => return problems.unfit(known, "reflectance", error),
+    };
+    if known.is_connected("height")
+        && let Err(error) = orientation(layers, &choice)
+    {
+        problems.unfit(known, "reflectance", error);
+    }
+    if known.is_wanted("covariance") && !choice.of.iter().all(|(_, places)| errors_known(layers, places)) {
+        let what = "it holds no standard errors, and `covariance` is wanted";
+        let way_out = "connect the covariance of the frames to demodulate, or leave out what reads `covariance`";
+        problems.unfit(known, "reflectance", Error::failed_with_hint(what, way_out));
+    }
+    if let Some(Err(error)) = lut.get("f_x").map(|all| {
+        let all: Vec<f64> = all.as_array().into_iter().flatten().filter_map(|f| f.as_f64()).collect();
+        choice.f_x.iter().try_for_each(|&f_x| table_f_x(&all, f_x).map(drop))
+    }) {
+        problems.unfit(known, "lut", error);
+    }
+}
+
+/// Sections and a table that has some come together.
+fn check_sections(known: &Known, problems: &mut Problems) {
+    let columns = known.form("lut").and_then(|form| form.columns.as_ref());
+    let Some(sectioned) = columns.map(|columns| columns.iter().any(|c| c.name == "section")) else { return };
+    match (sectioned, known.is_connected("sections")) {
+        (true, false) => {
+            let what = "the table has sections, and which pixel belongs to which is not known";
+            let way_out = "connect the port `sections` to the section_tube that build_lut used";
+            problems.unfit(known, "lut", Error::failed_with_hint(what, way_out));
+        }
+        (false, true) => {
+            let what = "there are sections, and the table has none";
+            let way_out = "give build_lut and invert the same sections";
+            problems.unfit(known, "sections", Error::failed_with_hint(what, way_out));
+        }
+        _ => {}
+    }
+}
+
+/// All images are of one camera.
+fn check_sizes(known: &Known, problems: &mut Problems) {
+    let pixels = |port: &str| known.form(port).and_then(|form| form.pixels);
+    let Some(reflectance) = pixels("reflectance") else { return };
+    for port in ["sections", "height", "normals"] {
+        if let Some(other) = pixels(port).filter(|other| *other != reflectance) {
+            let what = format!("it has {}, the reflectance {}", size(other), size(reflectance));
+            problems.unfit(known, port, Error::failed_with_hint(what, "both must be seen by the same camera"));
+        }
+    }
+    let scene = known.get::<Scene>("scene").filter(|_| known.is_connected("height"));
+    if let Some(camera) = scene.as_ref().and_then(|scene| scene.camera.as_ref()) {
+        let [columns, rows] = camera.pixels.map(u64::from);
+        if [rows, columns] != reflectance {
+            let what =
+                format!("the scene's camera has {}, the reflectance {}", size([rows, columns]), size(reflectance));
+            let way_out = "connect the scene whose camera took the frames";
+            problems.unfit(known, "scene", Error::failed_with_hint(what, way_out));
+        }
+    }
+    let lacks = |form: &Form, wanted: &str| {
+        form.layers.as_ref().is_some_and(|layers| layers.iter().all(|layer| layer.name != wanted))
+    };
+    for (port, wanted) in
+        [("height", "height"), ("normals", "normal_x"), ("normals", "normal_y"), ("normals", "normal_z")]
+    {
+        if known.form(port).is_some_and(|form| lacks(form, wanted)) {
+            let way_out = "connect `truth` of render, or what profilometry measures";
+            problems.unfit(known, port, Error::failed_with_hint(format!("it has no layer `{wanted}`"), way_out));
+        }
+    }
+}
+
+/// Whether maps of this reflectance can be corrected for a shape by this table, as far as both say.
+pub fn correctable(reflectance: &Attributes, lut: &Attributes) -> Result<(), Error> {
+    if lut.get("thickness").is_some_and(|d| !d.is_null()) {
+        return Err(Error::failed_with_hint(
+            "the table is that of a slab, whose thickness cannot be scaled with f_x along the surface",
+            "leave `thickness` out of build_lut, or leave out `height`",
+        ));
+    }
+    if lut.contains_key("sections") {
+        return Err(Error::failed("the sections of a table already hold what distance and slope do"));
+    }
+    if let Some(surface) = reflectance.get("fringes_along").and_then(|s| s.as_str()) {
+        return Err(Error::failed_with_hint(
+            format!(
+                "the fringes were predistorted for `{surface}`: f_x is along it already, not in the plane of the pattern"
+            ),
+            "show a plain sinusoid, or leave out `height` and read the table of a tube with `sections`",
+        ));
+    }
+    Ok(())
+}
