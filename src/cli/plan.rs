@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashMap};
 
 use clap::Args;
 use serde::Serialize;
-use turbid_contract::{Axes, StagePlan};
+use turbid_contract::{Axes, Form, StagePlan};
 
 use crate::estimate::{Basis, Estimate, estimates};
 use crate::memory::Budget;
@@ -77,6 +77,9 @@ struct Row<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
     kernel: Option<&'a str>,
     left_out: &'a [String],
+    /// What the outputs will hold, by port.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    makes: Option<BTreeMap<&'static str, &'a Form>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     method: Option<&'a Option<String>>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -139,6 +142,7 @@ fn to_json(plan: &Plan, survey: &Survey, estimates: &Estimates, memory: &Memory)
             bytes: detail.map(|d| d.bytes),
             kernel: detail.and_then(|d| d.kernel.as_deref()),
             left_out: detail.map_or(&[], |d| &d.left_out),
+            makes: makes(plan, survey, id).map(Iterator::collect),
             memory: detail.map(|d| d.memory),
             method: detail.map(|d| &d.method),
             needs: detail.map(|d| d.needs.as_slice()),
@@ -158,6 +162,17 @@ fn to_json(plan: &Plan, survey: &Survey, estimates: &Estimates, memory: &Memory)
         stages_left_out: unneeded.map(|s| plan.spec.stages[s].name.as_str()).collect(),
     };
     serde_json::to_string(&listing).expect("names and finite numbers")
+}
+
+/// The forms of the ports that are wanted of an instance.
+fn makes<'a>(
+    plan: &'a Plan,
+    survey: &'a Survey,
+    id: InstanceId,
+) -> Option<impl Iterator<Item = (&'static str, &'a Form)>> {
+    let wanted = plan.wanted(plan.instances[id].stage);
+    let forms = survey.forms.get(&id)?.iter();
+    Some(forms.filter(|(port, _)| wanted.contains(**port)).map(|(port, form)| (*port, &**form)))
 }
 
 /// An estimate below this is not worth a word, s.
@@ -190,6 +205,9 @@ fn to_text(plan: &Plan, survey: &Survey, estimates: &Estimates, memory: &Memory)
             seconds += group.seconds;
             if let Some(detail) = detail.filter(|detail| said.replace(Common::of(detail)) != Some(Common::of(detail))) {
                 text.push_str(&detail_text(detail));
+                for (port, form) in group.ids.first().and_then(|&id| makes(plan, survey, id)).into_iter().flatten() {
+                    text.push_str(&format!("    {port}: {form}\n"));
+                }
             }
         }
     }

@@ -21,6 +21,10 @@ pub fn manual(row: &StageRow) -> String {
     for port in (row.outputs)() {
         let when = if port.optional { " (when wanted)" } else { "" };
         text.push_str(&format!("  {:<14} {}{when}: {}\n", port.name, port.payload, port.about));
+        for held in port.holds {
+            let unit = held.unit.map_or_else(String::new, |unit| format!(" ({unit})"));
+            text.push_str(&format!("  {:<14}   {}{unit}: {}\n", "", held.name, held.about));
+        }
     }
     text.push_str("\nwith:\n");
     fields(&(row.schema)()).iter().for_each(|field| text.push_str(&line(field)));
