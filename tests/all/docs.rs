@@ -199,12 +199,12 @@ fn inspect(space: &Space, place: &str, arguments: &[String]) {
     let done = space.turbid(&[&words[..], &["--help"]].concat());
     assert_eq!(done.code, Some(0), "{place}: {}\n{}", arguments.join(" "), done.err);
     let ["run" | "plan" | "check" | "show" | "export", file, rest @ ..] = words.as_slice() else { return };
-    let mut check = vec!["check", file];
+    let mut check = vec!["check", *file];
     let mut named = Vec::new();
     let mut rest = rest.iter();
     while let Some(&word) = rest.next() {
         match word {
-            "--set" => check.extend([word, rest.next().expect("the flags were read")]),
+            "--set" => check.extend([word, *rest.next().expect("the flags were read")]),
             "--to" | "--bits" | "-j" | "--force" | "--outputs" => drop(rest.next()),
             _ if word.starts_with('-') => {}
             _ => named.push(word.split(['.', '[']).next().unwrap_or(word)),
@@ -212,7 +212,7 @@ fn inspect(space: &Space, place: &str, arguments: &[String]) {
     }
     let done = space.turbid(&check);
     assert_eq!(done.code, Some(0), "{place}: {}\n{}", check.join(" "), done.err);
-    let graph = space.turbid(&["graph", file]).ok();
+    let graph = space.turbid(&["graph", *file]).ok();
     let unknown = named.iter().find(|stage| !graph.contains(**stage));
     assert_eq!(unknown, None, "{place}: {file} has no such stage");
 }

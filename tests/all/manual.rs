@@ -52,6 +52,9 @@ fn manuals_leave_nothing_blank() {
         let fields = manual.split("\nexample:\n").next().unwrap_or_default();
         let blank = fields.lines().find(|line| line.starts_with("  ") && line.trim_end().ends_with(':'));
         assert_eq!(blank, None, "{}", row.name);
+        let page = space.turbid(&["stages", row.name, "--markdown"]).ok();
+        let blank = page.lines().find(|line| line.starts_with("| `") && line.ends_with("| |"));
+        assert_eq!(blank, None, "{}: a port or parameter without a description", row.name);
         let example = manual.split("\nexample:\n").nth(1).unwrap_or_else(|| panic!("{} has no example", row.name));
         assert!(example.contains(&format!("use: {}", row.name)), "{}: {example}", row.name);
     }

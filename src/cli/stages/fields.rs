@@ -37,7 +37,7 @@ const DEPTH: usize = 12;
 /// All parameters that `schema` knows, each before those inside of it.
 pub fn fields(schema: &Value) -> Vec<Field> {
     let mut walk = Walk { root: schema, fields: Vec::new() };
-    walk.inside(schema, &[], false);
+    walk.inside(schema, &[], None);
     walk.fields
 }
 
@@ -47,8 +47,8 @@ struct Walk<'a> {
 }
 
 impl<'a> Walk<'a> {
-    /// Adds what stands inside of `schema`; `option`: it is one of several ways.
-    fn inside(&mut self, schema: &'a Value, path: &[String], option: bool) {
+    /// Adds what stands inside of `schema`; `way`: it is one of several ways, of a single field, and that is what is said of it.
+    fn inside(&mut self, schema: &'a Value, path: &[String], way: Option<&str>) {
         if path.len() > DEPTH {
             return;
         }
@@ -58,7 +58,7 @@ impl<'a> Walk<'a> {
             let target = self.target(field);
             let presence = match field.get("default") {
                 Some(default) if !default.is_null() => Presence::Default(plain(default)),
-                _ if option => Presence::OneOf,
+                _ if way.is_some() => Presence::OneOf,
                 _ if required.contains(&name.as_str()) => Presence::Required,
                 _ => Presence::Optional,
             };
@@ -67,19 +67,24 @@ impl<'a> Walk<'a> {
                 path: path.clone(),
                 kind: self.kind(target),
                 presence,
-                about: about(field).or_else(|| about(target)).unwrap_or_default(),
+                about: [about(field), way.map(str::to_owned), about(target)]
+                    .into_iter()
+                    .flatten()
+                    .find(|said| !said.is_empty())
+                    .unwrap_or_default(),
                 choices: choices(target),
             });
-            self.inside(target, &path, false);
+            self.inside(target, &path, None);
         }
         for way in ways(schema) {
-            let way = self.target(way);
-            let single = way["properties"].as_object().is_some_and(|fields| fields.len() == 1);
-            self.inside(way, path, single);
+            let target = self.target(way);
+            let single = target["properties"].as_object().is_some_and(|fields| fields.len() == 1);
+            let said = about(way).or_else(|| about(target)).unwrap_or_default();
+            self.inside(target, path, single.then_some(said.as_str()));
         }
         for (inner, name) in [("additionalProperties", NAME), ("items", ITEM)] {
             if schema[inner].is_object() {
-                self.inside(self.target(&schema[inner]), &below(name), false);
+                self.inside(self.target(&schema[inner]), &below(name), None);
             }
         }
     }

@@ -66,8 +66,11 @@ fn section<const N: usize>(text: &mut String, title: &str, heads: [&str; N], row
         text.push_str(&format!("\n## {title}\n"));
     }
     let line = |cells: Vec<String>| {
-        let cells: String = cells.iter().map(|c| format!(" {} |", c.replace('|', "\\|"))).collect();
-        format!("|{cells}\n").replace("|  |", "| |")
+        let cell = |text: &String| match text.is_empty() {
+            true => " |".to_owned(),
+            false => format!(" {} |", text.replace('|', "\\|")),
+        };
+        format!("|{}\n", cells.iter().map(cell).collect::<String>())
     };
     text.push('\n');
     text.push_str(&line(heads.map(str::to_owned).to_vec()));

@@ -20,7 +20,9 @@ pub enum Model {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ReferenceMedium {
+    /// Absorption coefficient.
     pub mu_a: PerLength,
+    /// Reduced scattering coefficient mu_s (1 - g).
     pub mu_s_prime: PerLength,
     /// Anisotropy of scattering, in (-1, 1).
     pub g: f64,

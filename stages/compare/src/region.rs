@@ -27,7 +27,9 @@ pub struct Region {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Rect {
+    /// Of the rectangle; x to the right, y up.
     pub center: [Length; 2],
+    /// Width and height.
     pub size: [Length; 2],
 }
 
@@ -35,7 +37,9 @@ pub struct Rect {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Disk {
+    /// Of the disk; x to the right, y up.
     pub center: [Length; 2],
+    /// Its diameter.
     pub diameter: Length,
 }
 

@@ -67,6 +67,7 @@ pub struct SpheresParams {
     pub baffle: Option<BaffleParams>,
 }
 
+/// The holes in the walls of the spheres.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PortsParams {
@@ -84,8 +85,10 @@ pub struct PortsParams {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PortParams {
+    /// A round hole.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub round: Option<RoundParams>,
+    /// A square hole.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub square: Option<SquareParams>,
 }
@@ -93,8 +96,10 @@ pub struct PortParams {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DetectorParams {
+    /// A round hole.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub round: Option<RoundParams>,
+    /// A square hole.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub square: Option<SquareParams>,
     /// Angle at the centre of the sphere between sample and detector, 0 to 180.
@@ -107,12 +112,14 @@ pub struct DetectorParams {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RoundParams {
+    /// Its diameter.
     pub diameter: Length,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SquareParams {
+    /// Length of its sides.
     pub side: Length,
 }
 
@@ -131,6 +138,7 @@ pub enum SeesParam {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BaffleParams {
+    /// Its diameter.
     pub diameter: Length,
     /// Where on that line: 0 at the sample, 1 at the detector.
     #[serde(default = "halfway")]
@@ -141,6 +149,7 @@ pub struct BaffleParams {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SampleParams {
+    /// Of the plate.
     pub thickness: Length,
     /// Extent along x and y; left out: without end.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -183,6 +192,7 @@ pub struct ConicalParams {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StandardParams {
+    /// What it truly reflects, in [0, 1].
     pub reflectance: Ratio,
     /// The reflectance that M_R is scaled with; left out: the true one.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -40,7 +40,9 @@ pub enum Interpolation {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ReferenceMedium {
+    /// Absorption coefficient.
     pub mu_a: PerLength,
+    /// Reduced scattering coefficient mu_s (1 - g).
     pub mu_s_prime: PerLength,
 }
 

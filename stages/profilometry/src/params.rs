@@ -46,7 +46,9 @@ pub enum ReferenceSurface {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Tube {
+    /// Of its bore.
     pub inner_diameter: Length,
+    /// From end to end.
     pub length: Length,
     /// World z of its upper end.
     pub top: Length,

@@ -122,7 +122,7 @@ pub fn plan(params: &Params, scene: Option<&Scene>, known: &Known) -> StagePlan 
             (_, Some(Taken::Fit)) => "fit".to_owned(),
             (_, Some(Taken::Reference { because })) => {
                 format!(
-                    "path, beside that of laterally uniform stand-ins where a pilot finds that it pays (auto: {because})"
+                    "path, with laterally uniform control variates where a pilot finds that it pays (auto: {because})"
                 )
             }
             (_, Some(Taken::Path { because: Some(because) })) => format!("path (auto: {because})"),
@@ -171,7 +171,7 @@ pub fn plan(params: &Params, scene: Option<&Scene>, known: &Known) -> StagePlan 
     if let Some(taken) = &taken {
         sort(!matches!(taken, Taken::Rte { .. }), "paths");
         sort(!matches!(taken, Taken::Fit | Taken::Rte { .. }), "paths for every pixel");
-        sort(matches!(taken, Taken::Reference { .. }), "stand-ins");
+        sort(matches!(taken, Taken::Reference { .. }), "control variates");
     }
     sort(params.f_x.iter().any(|f| f.0 > 0.0), "carriers");
     sort(params.orientation_deg.len() > 1, "several orientations");

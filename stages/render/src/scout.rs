@@ -1,6 +1,6 @@
 //! Scouts: single flights beside a path, towards the light, so that what the path would find there by chance does not weigh alone.
 //!
-//! `docs/theory/render.md`, "Scouts".
+//! `docs/theory/render.md`, "Light-directed branches".
 
 use glam::DVec3;
 use turbid_optics::henyey_greenstein as hg;

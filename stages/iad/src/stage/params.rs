@@ -117,12 +117,16 @@ pub enum FromParam {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SlidesParams {
+    /// Refractive index of the slide on the side of the light; 1: none.
     #[serde(default = "one")]
     pub top: Ratio,
+    /// Refractive index of the other slide; 1: none.
     #[serde(default = "one")]
     pub bottom: Ratio,
+    /// Optical thickness of absorption of the first slide.
     #[serde(default)]
     pub top_tau: Ratio,
+    /// Optical thickness of absorption of the other slide.
     #[serde(default)]
     pub bottom_tau: Ratio,
 }
@@ -190,15 +194,21 @@ impl JsonSchema for SpheresChoice {
 pub struct SpheresParams {
     /// 1: each reading with its sphere alone; 2: both spheres at the sample.
     pub count: u32,
+    /// Inner diameter of a sphere.
     pub diameter: Length,
+    /// Diameter of the port at the sample.
     pub sample: Length,
+    /// Diameter of the port through which the light comes in; 0: none.
     #[serde(default)]
     pub entrance: Length,
+    /// Diameter of the port opposite the sample in the transmittance sphere; 0: none.
     #[serde(default)]
     pub exit: Length,
+    /// Diameter of the port of the detector.
     pub detector: Length,
     /// In [0, 1].
     pub wall_reflectance: Ratio,
+    /// Reflectance of the detector, in [0, 1].
     #[serde(default)]
     pub detector_reflectance: Ratio,
     /// Light falls straight from the sample into the detector; false behind a baffle.
@@ -213,6 +223,7 @@ pub struct SpheresParams {
     /// Share of the unscattered reflected light that is collected; 0 where it leaves through the entrance.
     #[serde(default = "one")]
     pub unscattered_r: Ratio,
+    /// Share of the unscattered transmitted light that is collected; 0 where it leaves through the exit.
     #[serde(default = "one")]
     pub unscattered_t: Ratio,
 }

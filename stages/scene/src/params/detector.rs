@@ -13,6 +13,7 @@ pub enum DetectorParams {
     Rectangle(RectangleParams),
 }
 
+/// A disc.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(crate = "turbid_contract::schemars")]
@@ -21,6 +22,7 @@ pub struct DiscParams {
     pub position: [Length; 3],
     /// A point straight in front of it.
     pub look_at: [Length; 3],
+    /// Its diameter.
     pub diameter: Length,
     /// Light more inclined to its axis than this is not counted.
     #[serde(default = "all")]
@@ -30,6 +32,7 @@ pub struct DiscParams {
     pub absorbs: bool,
 }
 
+/// A rectangle.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(crate = "turbid_contract::schemars")]

@@ -22,6 +22,7 @@ pub enum LampParams {
 #[serde(deny_unknown_fields)]
 #[schemars(crate = "turbid_contract::schemars")]
 pub struct PointParams {
+    /// Where it stands.
     pub position: [Length; 3],
     /// W, for all channels or one value each.
     pub power: PerChannel<Power>,
@@ -32,6 +33,7 @@ pub struct PointParams {
 #[serde(deny_unknown_fields)]
 #[schemars(crate = "turbid_contract::schemars")]
 pub struct SpotParams {
+    /// Where it stands: the tip of the cone.
     pub position: [Length; 3],
     /// A point on the axis of the cone.
     pub look_at: [Length; 3],
@@ -50,6 +52,7 @@ pub struct CollimatedParams {
     pub position: [Length; 3],
     /// A point on its axis.
     pub look_at: [Length; 3],
+    /// Of the beam.
     pub diameter: Length,
     /// W, for all channels or one value each.
     pub power: PerChannel<Power>,

@@ -35,6 +35,7 @@ pub struct ObjectParams {
     /// Where objects overlap, the higher priority wins.
     #[serde(default)]
     pub priority: i32,
+    /// What its surface does to light.
     #[serde(default)]
     pub surface: SurfaceParams,
 }

@@ -11,6 +11,7 @@ use crate::axis::Axis;
 #[serde(deny_unknown_fields)]
 #[schemars(crate = "turbid_contract::schemars")]
 pub struct SlabParams {
+    /// From its upper to its lower face.
     pub thickness: Length,
     /// World z of its upper face.
     pub top: Length,
@@ -22,43 +23,55 @@ pub struct SlabParams {
     pub center: Option<[Length; 2]>,
 }
 
+/// A box, along x, y and z unless it is turned.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(crate = "turbid_contract::schemars")]
 pub struct BoxParams {
+    /// Along x, y and z, before it is turned.
     pub size: [Length; 3],
+    /// World x, y and z of its middle.
     pub center: [Length; 3],
     /// About its center, by these angles about the world's x, then y, then z axis.
     #[serde(default, skip_serializing_if = "is_straight")]
     pub rotation_deg: [AngleDeg; 3],
 }
 
+/// A ball.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(crate = "turbid_contract::schemars")]
 pub struct SphereParams {
+    /// Its diameter.
     pub diameter: Length,
+    /// World x, y and z of its middle.
     pub center: [Length; 3],
 }
 
+/// An ellipsoid.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(crate = "turbid_contract::schemars")]
 pub struct SpheroidParams {
     /// Along x, y and z.
     pub diameters: [Length; 3],
+    /// World x, y and z of its middle.
     pub center: [Length; 3],
     /// About its center, by these angles about the world's x, then y, then z axis.
     #[serde(default, skip_serializing_if = "is_straight")]
     pub rotation_deg: [AngleDeg; 3],
 }
 
+/// A round cylinder with flat ends.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(crate = "turbid_contract::schemars")]
 pub struct CylinderParams {
+    /// Its diameter.
     pub diameter: Length,
+    /// From end to end.
     pub length: Length,
+    /// World x, y and z of its middle.
     pub center: [Length; 3],
     /// `x`, `y`, `z`, or a vector along it; z where left out.
     #[serde(default)]
@@ -70,8 +83,11 @@ pub struct CylinderParams {
 #[serde(deny_unknown_fields)]
 #[schemars(crate = "turbid_contract::schemars")]
 pub struct TubeParams {
+    /// Of its bore.
     pub inner_diameter: Length,
+    /// Of its outside.
     pub outer_diameter: Length,
+    /// From end to end.
     pub length: Length,
     /// World z of its upper end.
     pub top: Length,
@@ -85,9 +101,11 @@ pub struct TubeParams {
 #[serde(deny_unknown_fields)]
 #[schemars(crate = "turbid_contract::schemars")]
 pub struct SphereShellParams {
+    /// Of the hollow inside.
     pub inner_diameter: Length,
     /// Its thickness.
     pub wall: Length,
+    /// Holes through the wall.
     #[serde(default)]
     pub ports: Vec<PortParams>,
     /// [0, 0, 0] where left out.
@@ -100,6 +118,7 @@ pub struct SphereShellParams {
 #[serde(rename_all = "snake_case")]
 #[schemars(crate = "turbid_contract::schemars")]
 pub enum PortParams {
+    /// A round hole.
     Round(RoundPortParams),
     /// Two of its sides are horizontal, or along x where it looks up or down.
     Square(SquarePortParams),
@@ -111,6 +130,7 @@ pub enum PortParams {
 pub struct RoundPortParams {
     /// From the center of the sphere; its length does not matter.
     pub direction: Axis,
+    /// Its diameter.
     pub diameter: Length,
 }
 
@@ -120,6 +140,7 @@ pub struct RoundPortParams {
 pub struct SquarePortParams {
     /// From the center of the sphere; its length does not matter.
     pub direction: Axis,
+    /// Length of its sides.
     pub side: Length,
 }
 
@@ -128,6 +149,7 @@ pub struct SquarePortParams {
 #[serde(deny_unknown_fields)]
 #[schemars(crate = "turbid_contract::schemars")]
 pub struct MeshParams {
+    /// Its file, relative to the pipeline file.
     pub file: String,
     /// mm per unit of the file; 1 where left out.
     #[serde(default = "one")]

@@ -17,7 +17,9 @@ use turbid_contract::{AngleDeg, Length, Ratio};
 pub enum SurfaceParams {
     #[default]
     Smooth,
+    /// Roughness alpha of the microfacets, in (0, 1].
     Rough(Ratio),
+    /// Fraction of the light that is reflected, in [0, 1]: a number or a texture.
     Lambertian(AlbedoParams),
     Mirror,
 }

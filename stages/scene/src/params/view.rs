@@ -12,8 +12,11 @@ use crate::per_channel::PerChannel;
 #[serde(deny_unknown_fields)]
 #[schemars(crate = "turbid_contract::schemars")]
 pub struct CameraParams {
+    /// World x, y and z of its pupil.
     pub position: [Length; 3],
+    /// The point in the middle of its field.
     pub look_at: [Length; 3],
+    /// The direction that is up in its image, as far as it is across the axis.
     #[serde(default = "y_up")]
     pub up: [f64; 3],
     /// Width and height seen in the plane z = look_at.z, centred on look_at.
@@ -42,8 +45,11 @@ pub struct CameraParams {
 #[serde(deny_unknown_fields)]
 #[schemars(crate = "turbid_contract::schemars")]
 pub struct ProjectorParams {
+    /// World x, y and z of its pupil.
     pub position: [Length; 3],
+    /// The point in the middle of its field.
     pub look_at: [Length; 3],
+    /// The direction that is up in its image, as far as it is across the axis.
     #[serde(default = "y_up")]
     pub up: [f64; 3],
     /// Width and height lit in the plane z = look_at.z, centred on look_at.
@@ -56,6 +62,7 @@ pub struct ProjectorParams {
     /// Columns and rows; bounds the spatial frequencies that it can show.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pixels: Option<[u32; 2]>,
+    /// Of its lens.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub distortion: Option<DistortionParams>,
 }
@@ -65,10 +72,15 @@ pub struct ProjectorParams {
 #[serde(deny_unknown_fields, default)]
 #[schemars(crate = "turbid_contract::schemars")]
 pub struct DistortionParams {
+    /// Radial, of r^2.
     pub k1: f64,
+    /// Radial, of r^4.
     pub k2: f64,
+    /// Tangential: moves x by 2 p1 x y and y by p1 (r^2 + 2 y^2).
     pub p1: f64,
+    /// Tangential: moves x by p2 (r^2 + 2 x^2) and y by 2 p2 x y.
     pub p2: f64,
+    /// Radial, of r^6.
     pub k3: f64,
 }
 
