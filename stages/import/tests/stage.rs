@@ -10,6 +10,9 @@ use turbid_contract::{
 };
 use turbid_import::{Channel, ImportFrames, decode};
 
+#[path = "stage/forms.rs"]
+mod forms;
+
 const ROWS: usize = 6;
 const COLUMNS: usize = 8;
 

@@ -9,6 +9,9 @@ use turbid_contract::{
 };
 use turbid_sensor::Sensor;
 
+#[path = "stage/forms.rs"]
+mod forms;
+
 const N: usize = 64;
 const PHASES: usize = 3;
 
