@@ -49,7 +49,8 @@ fn of_phases(frames: &Form, covariance: bool) -> Option<Both> {
         }
         modulation.values.extend(own.values);
         phase.values.extend(own.phases);
-        [&mut modulation, &mut phase].map(|group| group.masks.push(own.mask.clone()));
+        modulation.masks.push(own.mask.clone());
+        phase.masks.push(own.mask);
     }
     Some([modulation, phase])
 }

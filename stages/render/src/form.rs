@@ -14,17 +14,32 @@ use crate::{power, truth};
 /// Open where the scene is not known; frames and covariance also where the layers of the pattern are not.
 pub fn describe(params: &Params, known: &Known) -> Forms {
     let Some(scene) = known.get::<Scene>("scene") else { return Forms::new() };
-    let seen = Seen::of(&scene);
+    let conditions = turbid_geometry::conditions(&scene);
+    let mut forms = forms(params, &scene, known, conditions.is_some());
+    if let Some(said) = conditions {
+        said.insert_into(&mut forms.entry("frames").or_default().attributes, CONDITIONS);
+    }
+    forms
+}
+
+/// The same without the conditions of light and view, which take rays to find; for sizes.
+pub fn sizes(params: &Params, scene: &Scene, known: &Known) -> Forms {
+    forms(params, scene, known, scene.objects.values().any(|object| object.medium.is_some()))
+}
+
+/// `conditioned`: whether the camera sees a medium.
+fn forms(params: &Params, scene: &Scene, known: &Known, conditioned: bool) -> Forms {
+    let seen = Seen::of(scene);
     let pattern = known.is_connected("pattern").then(|| known.form("pattern").cloned().unwrap_or_default());
-    let mut frames = Form { attributes: of_frames(&scene, pattern.as_ref()), ..seen.open() };
+    let mut frames = Form { attributes: of_frames(scene, pattern.as_ref()), ..seen.open() };
     let mut covariance = seen.open();
     if let Some((shown, quantities)) = shown(params, pattern.as_ref()) {
         let layers = |wavelength_nm: &Option<f64>| -> Vec<LayerInfo> {
             shown.iter().map(|info| frame_layer(info, *wavelength_nm)).collect()
         };
         seen.add_values(&mut frames, seen.wavelengths_nm.iter().flat_map(layers));
-        if frames.attributes.contains_key(CONDITIONS) {
-            let (there, perhaps) = infos(&scene);
+        if conditioned {
+            let (there, perhaps) = infos(scene);
             frames.layers.get_or_insert_default().extend(there);
             frames.perhaps.push(perhaps);
         }
@@ -38,10 +53,10 @@ pub fn describe(params: &Params, known: &Known) -> Forms {
     }
     let mut white = seen.open();
     seen.add_values(&mut white, seen.wavelengths_nm.iter().copied().map(white_layer));
-    let (mut layers, mask) = truth::layers(&scene);
+    let (mut layers, mask) = truth::layers(scene);
     layers.push(mask);
-    let truth = Form { layers: Some(layers), attributes: truth::said(&scene), ..seen.open() };
-    let power = power::form(&scene, params.photons);
+    let truth = Form { layers: Some(layers), attributes: truth::said(scene), ..seen.open() };
+    let power = power::form(scene, params.photons);
     Forms::from([("frames", frames), ("covariance", covariance), ("white", white), ("truth", truth), ("power", power)])
 }
 
@@ -89,12 +104,9 @@ fn of_images(scene: &Scene) -> Attributes {
     attributes
 }
 
-/// What frames say. How many samples there are, and what the errors of pixels share, only a run can tell.
+/// What frames say beside their conditions. How many samples there are, and what the errors of pixels share, only a run can tell.
 fn of_frames(scene: &Scene, pattern: Option<&Form>) -> Attributes {
     let mut attributes = of_images(scene);
-    if let Some(said) = turbid_geometry::conditions(scene) {
-        said.insert_into(&mut attributes, CONDITIONS);
-    }
     let along = pattern.and_then(|pattern| pattern.attributes.get_key_value("fringes_along"));
     attributes.extend(along.map(|(name, surface)| (name.clone(), surface.clone())));
     attributes

@@ -6,7 +6,7 @@ use turbid_optics::diffusion::a_robin;
 
 use crate::channels::groups;
 use crate::fit::Lattice;
-use crate::form::describe;
+use crate::form::sizes;
 use crate::glint::by_several_walls;
 use crate::kernel::Kernels;
 use crate::memory::{Asked, memory};
@@ -222,7 +222,7 @@ pub fn plan(params: &Params, scene: Option<&Scene>, known: &Known) -> StagePlan 
     }
     if let (Some(scene), Some(taken), Some(rig)) = (scene, &taken, &rig) {
         let pattern = known.extent("pattern");
-        let mut made = describe(params, known);
+        let mut made = sizes(params, scene, known);
         made.retain(|port, _| *port == "frames" || known.is_wanted(port));
         let asked = Asked { params, scene, rig, taken, pattern, patterned, made: &made };
         if let Some(bytes) = memory(&asked) {
