@@ -91,7 +91,7 @@ fn what_is_said_is_made() {
     assert_held(&plain, None, &few(json!({"method": "rte"})));
     assert_held(&floor(&[530.0, 635.0], &|_| {}), None, &few(turned));
     // Few paths know nothing of a narrow lobe: pixels are flagged, with the path and with a fit.
-    let peaked = floor(&[530.0, 635.0], &|medium| medium.g = 0.97);
+    let peaked = floor(&[530.0, 635.0], &|medium| (medium.g, medium.mu_s) = (0.97, vec![130.0; 2]));
     assert_held(&peaked, None, &few(json!({"method": "path"})));
     assert_held(&peaked, None, &few(json!({"method": "fit"})));
     // A ball on the slab, rough walls that lose light, textures, a steady light, detectors: a thickness that differs, and more rows of power.
