@@ -35,11 +35,14 @@ pub fn run(params: &Params, frames: &Frames, scene: Option<&Scene>, ctx: Ctx<'_>
     Ok(modulation)
 }
 
-/// The frames of each wavelength by their places among the layers, in the order in which wavelengths come.
+/// A wavelength, and its frames by their places among the layers.
+pub type OfLight = (Option<f64>, Vec<usize>);
+
+/// The frames of each wavelength, in the order in which wavelengths come.
 ///
 /// Errors: no frames; frames that show fringes.
-pub fn by_wavelength(layers: &[&LayerInfo]) -> Result<Vec<(Option<f64>, Vec<usize>)>, Error> {
-    let mut channels: Vec<(Option<f64>, Vec<usize>)> = Vec::new();
+pub fn by_wavelength(layers: &[&LayerInfo]) -> Result<Vec<OfLight>, Error> {
+    let mut channels: Vec<OfLight> = Vec::new();
     for (k, info) in layers.iter().enumerate().filter(|(_, info)| info.kind == LayerKind::Value) {
         if let Some(f_x) = info.f_x_per_mm.filter(|&f_x| f_x > 0.0) {
             return Err(Error::failed_with_hint(
