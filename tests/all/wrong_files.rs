@@ -71,7 +71,7 @@ const WRONG: &[(&str, &str, &str, &str)] = &[
     ("pixels: [12, 12]", "pixels: [1.5, 12]", "10:85: stages.tissue.with.camera.pixels.0: `pixels` is 1.5, but must be a whole number, 0 or more", ""),
     ("pixels: [12, 12]", "pixels: 12", "10:84: stages.tissue.with.camera.pixels: `pixels` is 12, but must be a list of 2 values", "write `[12, 12]`"),
     ("field: [12, 12]", "field: 12", "10:66: stages.tissue.with.camera.field: `field` is 12, but must be a list of 2 values", "write `[12, 12]`"),
-    ("      projector: {position: [0, 35, 500], look_at: [0, 0, 0], field: [48, 48], power: 5}\n", "", "14:11: stages.frames.with: the scene has no projector, so all would be dark", "add `projector` to the scene, or to its rig"),
+    ("      projector: {position: [0, 35, 500], look_at: [0, 0, 0], field: [48, 48], power: 5}\n", "", "13:17: stages.frames.in.scene: the scene has no projector, so all would be dark", "add `projector` to the scene, or to its rig"),
     ("power: 5", "power: five", "11:87: stages.tissue.with.projector.power: `power` is the text \"five\", but must be a number in W, or text with a unit such as `2 W`", ""),
     ("n: 1.0", "n: abc", "8:57: stages.tissue.with.media.m.n: `n` is the text \"abc\", but must be a number without a unit", ""),
     ("n: 1.0", "n: 1.4 mm", "8:57: stages.tissue.with.media.m.n: `1.4 mm` has the dimension length; a number without one is wanted", ""),

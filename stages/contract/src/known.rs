@@ -130,18 +130,3 @@ impl Known {
         self.artifacts.get(port)?.get()
     }
 }
-
-impl Problems {
-    /// Reports what a rule that the run keeps too found wrong with the artifact on `port`: at the field that the rule names, or where the
-    /// port is connected, with the name of the stage that makes it.
-    pub fn unfit(&mut self, known: &Known, port: &str, error: Error) {
-        match error {
-            Error::Invalid(problem) => self.found.push(problem),
-            Error::Failed { what, way_out: hint } => {
-                let message = format!("`{}` does not fit: {what}", known.producer(port));
-                self.found.push(Problem { at: At::In, path: port.to_owned(), message, hint });
-            }
-            Error::Interrupted => {}
-        }
-    }
-}

@@ -1,7 +1,6 @@
 //! Layers by what they say of themselves: the same questions to a stack that is there and to the form of one that is not yet.
 
 use crate::artifact::{ImageStack, LayerInfo, LayerKind};
-use crate::planes::same_quantity;
 
 impl ImageStack {
     /// What all layers say of themselves, in their order.
@@ -28,8 +27,7 @@ pub fn wavelengths(infos: &[LayerInfo], name: &str) -> Vec<Option<f64>> {
 
 /// The place of the standard error of the quantity `of`.
 pub fn standard_error(infos: &[LayerInfo], of: &LayerInfo) -> Option<usize> {
-    let wanted = of.standard_error();
-    infos.iter().position(|info| info.kind == LayerKind::StandardError && same_quantity(info, &wanted))
+    infos.iter().position(|info| info.is_standard_error_of(of))
 }
 
 /// `f_x = 0.1 mm^-1, 30 deg, 660 nm`: of what a layer is, for messages.

@@ -11,6 +11,7 @@ pub mod extent;
 pub mod file;
 pub mod form;
 pub mod guard;
+pub mod joint;
 pub mod kit;
 pub mod known;
 pub mod layers;

@@ -65,14 +65,12 @@ impl ImageStack {
 
     /// The standard error layer of the value layer `info`.
     pub fn standard_error(&self, info: &LayerInfo) -> Option<&Layer> {
-        let wanted = info.standard_error();
-        self.layers.iter().find(|l| l.info.kind == LayerKind::StandardError && same_quantity(&l.info, &wanted))
+        self.layers.iter().find(|l| l.info.is_standard_error_of(info))
     }
 
     /// The layer that flags where the standard error of the value layer `info` is unknown; none means that it is known everywhere.
     pub fn se_unknown(&self, info: &LayerInfo) -> Option<&Layer> {
-        let wanted = info.se_unknown();
-        self.layers.iter().find(|l| l.info.kind == LayerKind::Mask && same_quantity(&l.info, &wanted))
+        self.layers.iter().find(|l| l.info.flags_errors_of(info))
     }
 
     /// How many times the variance of the mean of the value layer `info` exceeds that of independent pixels: 1 where
@@ -99,10 +97,23 @@ impl ImageStack {
     }
 }
 
-/// Whether two descriptions mean the same quantity: equal name, f_x, phase, orientation, wavelength.
-pub(crate) fn same_quantity(a: &LayerInfo, b: &LayerInfo) -> bool {
-    a.name == b.name
-        && a.f_x_per_mm == b.f_x_per_mm
+impl LayerInfo {
+    /// Whether this layer holds the standard error of the value layer `value`.
+    pub fn is_standard_error_of(&self, value: &LayerInfo) -> bool {
+        let of = self.name.strip_suffix("_se");
+        self.kind == LayerKind::StandardError && of == Some(value.name.as_str()) && same_light(self, value)
+    }
+
+    /// Whether this layer flags where the standard error of the value layer `value` is unknown.
+    pub fn flags_errors_of(&self, value: &LayerInfo) -> bool {
+        let of = self.name.strip_suffix("_se_unknown");
+        self.kind == LayerKind::Mask && of == Some(value.name.as_str()) && same_light(self, value)
+    }
+}
+
+/// Whether two layers are seen under the same light: equal f_x, phase, orientation, wavelength.
+fn same_light(a: &LayerInfo, b: &LayerInfo) -> bool {
+    a.f_x_per_mm == b.f_x_per_mm
         && a.phase_rad == b.phase_rad
         && a.orientation_deg == b.orientation_deg
         && a.wavelength_nm == b.wavelength_nm

@@ -13,8 +13,12 @@
 pub mod diagnostics;
 mod doubts;
 mod errors;
+mod form;
 pub mod fourier;
 pub mod fused;
+mod given;
+mod joints;
+mod layers;
 pub mod level;
 pub mod local_fit;
 mod masked;

@@ -10,18 +10,18 @@ use turbid_contract::{Ctx, Error, ImageStack};
 
 use crate::errors::{Elements, Phasors, Toward};
 use crate::fused::{Planes, amplitudes, phases};
+use crate::given::Noise;
 use crate::level::named;
 use crate::noise::Block;
 use crate::params::{NoiseBias, Params};
 use crate::robust::Noisy;
-use crate::set::{Channel, Fringe, Noise};
+use crate::set::{Channel, Fringe};
 use crate::signal::weak_in_row;
 use crate::unknown;
 
 mod describe;
 mod tally;
 
-pub use describe::Group;
 pub use tally::{Tally, of};
 
 /// Pixels that are worked on at a time: their f64 intermediates stay in the first-level cache.
@@ -72,17 +72,13 @@ impl<'a> Pass<'a> {
     ) -> Self {
         let count = channel.fringes.len();
         let blocks = noise.map(|n| upper(count).map(|(a, b)| n.block(channel, a, b)).collect());
-        // At f_x = 0 both quantities are M_DC; its covariances stand once, under m_ac.
-        let stored = |&q: &usize| q % 2 == 1 || channel.fringes[q / 2].f_x_per_mm > 0.0;
-        let quantities: Vec<usize> = (0..2 * count).filter(stored).collect();
-        let pairs = upper(quantities.len()).filter(|(i, j)| i < j).map(|(i, j)| [quantities[i], quantities[j]]);
         let frames = channel.fringes.iter().map(|f| f.frames.iter().map(|&i| stack.layers[i].pixels()).collect());
         let infos = |f: &Fringe| f.frames.iter().map(|&i| &stack.layers[i].info).collect::<Vec<_>>();
         let unknown = |f: &Fringe| if noise.is_some() { unknown::of_layers(stack, infos(f)) } else { None };
         Self {
             channel,
             frames: frames.collect(),
-            pairs: if noise.is_some() { pairs.collect() } else { Vec::new() },
+            pairs: if noise.is_some() { channel.pairs() } else { Vec::new() },
             blocks,
             unknown: channel.fringes.iter().map(unknown).collect(),
             mean_known: channel.fringes.iter().map(|f| infos(f).iter().all(|i| i.mean_se.is_some())).collect(),

@@ -1,13 +1,8 @@
 //! Which frames belong together: by wavelength, spatial frequency and orientation, as their layers say.
 
-use std::borrow::Cow;
-
-use turbid_contract::payload::{Covariance, Frames};
-use turbid_contract::{Error, ImageStack, Layer, LayerKind};
-use turbid_contract::{serde, serde_json};
+use turbid_contract::{Error, ImageStack, Layer, LayerInfo, LayerKind};
 
 use crate::diagnostics::Worst;
-use crate::noise::{Block, Element};
 use crate::phase_shift::Weights;
 use crate::unknown_steps;
 
@@ -29,6 +24,16 @@ pub struct Channel {
 }
 
 impl Channel {
+    /// The pairs of the quantities m_dc (2 k) and m_ac (2 k + 1) of fringe k whose covariance is stored. At f_x = 0 both are M_DC; its covariances
+    /// stand once, under m_ac.
+    pub fn pairs(&self) -> Vec<[usize; 2]> {
+        let stored = |&q: &usize| q % 2 == 1 || self.fringes[q / 2].f_x_per_mm > 0.0;
+        let stored: Vec<usize> = (0..2 * self.fringes.len()).filter(stored).collect();
+        let behind = |i: usize| stored[i + 1..].iter().map(move |&j| [i, j]);
+        let pairs = (0..stored.len()).flat_map(behind);
+        pairs.map(|[i, j]| [stored[i], j]).collect()
+    }
+
     /// Takes the steps from the frames, and notes how far they are from what the frames say.
     ///
     /// Errors: frames that do not tell their steps.
@@ -54,13 +59,12 @@ impl Channel {
     }
 }
 
-/// Sorts frames into channels and fringes.
+/// Sorts frames into channels and fringes, by what their layers say; indices are those of the layers.
 ///
 /// Errors: no radiance layer, one without f_x or phase, fewer than three different phases.
-pub fn channels(frames: &Frames) -> Result<Vec<Channel>, Error> {
+pub fn channels(layers: &[&LayerInfo]) -> Result<Vec<Channel>, Error> {
     let mut channels: Vec<Channel> = Vec::new();
-    for (index, layer) in frames.0.layers.iter().enumerate().filter(|(_, l)| l.info.kind == LayerKind::Value) {
-        let info = &layer.info;
+    for (index, info) in layers.iter().enumerate().filter(|(_, info)| info.kind == LayerKind::Value) {
         let f_x = info.f_x_per_mm.ok_or_else(|| {
             Error::failed_with_hint(
                 format!("frame {index} (`{}`) does not say its f_x", info.name),
@@ -87,7 +91,7 @@ pub fn channels(frames: &Frames) -> Result<Vec<Channel>, Error> {
         }
     }
     if channels.is_empty() {
-        return Err(Error::failed("the frames hold no layer with values"));
+        return Err(no_values());
     }
     channels.sort_by(|a, b| a.wavelength_nm.partial_cmp(&b.wavelength_nm).expect("wavelengths are finite"));
     for channel in &mut channels {
@@ -96,154 +100,33 @@ pub fn channels(frames: &Frames) -> Result<Vec<Channel>, Error> {
             key(a).partial_cmp(&key(b)).expect("f_x and orientations are finite")
         });
         for fringe in &mut channel.fringes {
-            fringe.weights = weights(fringe, &frames.0)?;
+            fringe.weights = weights(fringe, layers)?;
         }
     }
     Ok(channels)
 }
 
-fn weights(fringe: &Fringe, frames: &ImageStack) -> Result<Weights, Error> {
+/// Frames without a frame.
+pub fn no_values() -> Error {
+    Error::failed_with_hint("the frames hold no layer with values", "connect frames of a render, a camera or files")
+}
+
+fn weights(fringe: &Fringe, layers: &[&LayerInfo]) -> Result<Weights, Error> {
     let f_x = fringe.f_x_per_mm;
     if f_x == 0.0 {
         return Ok(Weights::mean(fringe.frames.len()));
     }
-    let phases: Option<Vec<f64>> = fringe.frames.iter().map(|&i| frames.layers[i].info.phase_rad).collect();
-    let phases = phases
-        .ok_or_else(|| Error::failed(format!("a frame at f_x = {f_x} mm^-1 does not say its phase (phase_rad)")))?;
+    let phases: Option<Vec<f64>> = fringe.frames.iter().map(|&i| layers[i].phase_rad).collect();
+    let phases = phases.ok_or_else(|| {
+        Error::failed_with_hint(
+            format!("a frame at f_x = {f_x} mm^-1 does not say its phase (phase_rad)"),
+            "frames carry f_x_per_mm and phase_rad in their layers",
+        )
+    })?;
     Weights::least_squares(&phases).ok_or_else(|| {
         Error::failed_with_hint(
             format!("the {} phases at f_x = {f_x} mm^-1 ({phases:?} rad) do not fix a sinusoid", phases.len()),
             "phase_shift needs at least 3 phases that differ modulo 2 pi",
         )
     })
-}
-
-/// Where the noise of (dc, re, im) is known from.
-pub enum Noise<'a> {
-    /// The renderer's covariance: for each fringe the indices of (dc, re, im) among its quantities.
-    Given { pixels: Vec<Option<Cow<'a, [f32]>>>, quantities: Vec<[Option<usize>; 3]>, count: usize },
-    /// Standard errors of frames that are independent of each other, by layer index of the frame.
-    Frames { se: Vec<Option<Cow<'a, [f32]>>> },
-}
-
-impl<'a> Noise<'a> {
-    /// From the covariance where one is connected, else from the standard errors of the frames; `None` without either.
-    ///
-    /// Errors: a covariance of another size, one that lacks a quantity or a pair.
-    pub fn of_channel(
-        channel: &Channel,
-        frames: &'a Frames,
-        covariance: Option<&'a Covariance>,
-    ) -> Result<Option<Self>, Error> {
-        if let Some(Covariance(stack)) = covariance {
-            return given(channel, &frames.0, stack).map(Some);
-        }
-        let mut se = vec![None; frames.0.layers.len()];
-        for &index in channel.fringes.iter().flat_map(|f| &f.frames) {
-            match frames.0.standard_error(&frames.0.layers[index].info) {
-                Some(layer) => se[index] = Some(layer.pixels()),
-                None => return Ok(None),
-            }
-        }
-        Ok(Some(Self::Frames { se }))
-    }
-
-    /// Covariance between (dc, re, im) of fringes `a` and `b` of the channel.
-    pub fn block(&self, channel: &Channel, a: usize, b: usize) -> Block<'_> {
-        Block([0, 1, 2].map(|p| [0, 1, 2].map(|q| self.element(channel, (a, p), (b, q)))))
-    }
-
-    fn element(&self, channel: &Channel, (a, p): (usize, usize), (b, q): (usize, usize)) -> Element<'_> {
-        match self {
-            Self::Given { pixels, quantities, count } => match (quantities[a][p], quantities[b][q]) {
-                (Some(i), Some(j)) => {
-                    let plane = pixels[i.min(j) * count + i.max(j)].as_ref();
-                    Element::Given(plane.expect("`given` made sure that all pairs in use are there"))
-                }
-                _ => Element::Zero,
-            },
-            Self::Frames { .. } if a != b => Element::Zero,
-            Self::Frames { se } => {
-                let fringe = &channel.fringes[a];
-                let weights = &fringe.weights.weights;
-                let se: Vec<&[f32]> =
-                    fringe.frames.iter().map(|&i| se[i].as_deref().expect("read for each frame")).collect();
-                Element::of_frames(&weights[p], &weights[q], &se)
-            }
-        }
-    }
-}
-
-fn given<'a>(channel: &Channel, frames: &ImageStack, stack: &'a ImageStack) -> Result<Noise<'a>, Error> {
-    if (stack.rows(), stack.columns()) != (frames.rows(), frames.columns()) {
-        return Err(Error::failed(format!(
-            "the covariance is {} x {} pixels, the frames are {} x {}",
-            stack.columns(),
-            stack.rows(),
-            frames.columns(),
-            frames.rows()
-        )));
-    }
-    let listed: Vec<Quantity> = stack
-        .attributes
-        .get("quantities")
-        .and_then(|list| serde_json::from_value(list.clone()).ok())
-        .ok_or_else(|| Error::failed("the covariance does not list its quantities"))?;
-    let find = |part: &str, fringe: &Fringe| {
-        // A fringe's own M_DC, where it has one, before that of all.
-        let own = |q: &&Quantity| q.f_x_per_mm == Some(fringe.f_x_per_mm);
-        let is = |q: &&Quantity| q.is(part, fringe, channel.wavelength_nm);
-        let mut order = listed.iter().filter(own).chain(listed.iter()).filter(is);
-        order
-            .next()
-            .and_then(|found| listed.iter().position(|q| std::ptr::eq(q, found)))
-            .ok_or_else(|| Error::failed(format!("the covariance lacks `{part}` at f_x = {} mm^-1", fringe.f_x_per_mm)))
-    };
-    let mut quantities = Vec::new();
-    for fringe in &channel.fringes {
-        let (re, im) = match fringe.f_x_per_mm {
-            0.0 => (None, None),
-            _ => (Some(find("re", fringe)?), Some(find("im", fringe)?)),
-        };
-        quantities.push([Some(find("dc", fringe)?), re, im]);
-    }
-    let count = listed.len();
-    let mut pixels: Vec<Option<Cow<'a, [f32]>>> = vec![None; count * count];
-    let used: Vec<usize> = quantities.iter().flatten().flatten().copied().collect();
-    for layer in stack.layers.iter().filter(|l| l.info.kind == LayerKind::Covariance) {
-        let Some([i, j]) = layer.info.pair.map(|pair| pair.map(|k| k as usize)) else { continue };
-        if used.contains(&i) && used.contains(&j) && i.max(j) < count {
-            pixels[i.min(j) * count + i.max(j)] = Some(Layer::pixels(layer));
-        }
-    }
-    for &i in &used {
-        for &j in used.iter().filter(|&&j| j >= i) {
-            if pixels[i * count + j].is_none() {
-                return Err(Error::failed(format!("the covariance lacks the pair of its quantities {i} and {j}")));
-            }
-        }
-    }
-    Ok(Noise::Given { pixels, quantities, count })
-}
-
-/// An entry of the covariance's attribute `quantities`.
-#[derive(serde::Deserialize)]
-struct Quantity {
-    part: String,
-    #[serde(default)]
-    f_x_per_mm: Option<f64>,
-    #[serde(default)]
-    orientation_deg: Option<f64>,
-    #[serde(default)]
-    wavelength_nm: Option<f64>,
-}
-
-impl Quantity {
-    fn is(&self, part: &str, fringe: &Fringe, wavelength_nm: Option<f64>) -> bool {
-        // M_DC is the same for every fringe.
-        let same_fringe = part == "dc"
-            || (self.f_x_per_mm == Some(fringe.f_x_per_mm)
-                && Some(self.orientation_deg.unwrap_or(0.0)) == fringe.orientation_deg);
-        self.part == part && same_fringe && self.wavelength_nm == wavelength_nm
-    }
 }

@@ -5,10 +5,11 @@ use std::borrow::Cow;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Frames, MaskReason, Scene};
 use turbid_contract::planes::mean_se;
-use turbid_contract::{Ctx, Error, ImageStack, Layer, LayerInfo, LayerKind, Length};
+use turbid_contract::{Ctx, Error, ImageStack, Layer, LayerInfo, LayerKind};
 use turbid_optics::elementary::atan2;
 
 use crate::fourier::product;
+use crate::layers::OfShot;
 use crate::local_fit::{LocalFit, Weights};
 use crate::masked::measure_masked;
 use crate::params::{Filter, Params};
@@ -27,20 +28,8 @@ pub fn run(
     ctx: Ctx<'_>,
 ) -> Result<(ImageStack, Option<ImageStack>), Error> {
     let stack = &frames.0;
-    let mut shots: Vec<&Layer> = Vec::new();
-    let fringed = |l: &&Layer| l.info.kind == LayerKind::Value && l.info.f_x_per_mm.is_some_and(|f| f > 0.0);
-    for layer in stack.layers.iter().filter(fringed) {
-        // The first phase of each fringe is the shot; others may stand beside it for comparison.
-        if shots.iter().all(|s| !same_fringe(&s.info, &layer.info)) {
-            shots.push(layer);
-        }
-    }
-    if shots.is_empty() {
-        return Err(Error::failed_with_hint(
-            "the frames hold no fringes (f_x > 0)",
-            "single_shot reads one frame with a carrier",
-        ));
-    }
+    let infos: Vec<&LayerInfo> = stack.layers.iter().map(|layer| &layer.info).collect();
+    let shots = shots(&infos)?.into_iter().map(|k| &stack.layers[k]);
     let mut modulation = ImageStack::new(stack.rows(), stack.columns());
     modulation.attributes = stack.attributes.clone();
     let mut phases = ImageStack::new(stack.rows(), stack.columns());
@@ -49,7 +38,7 @@ pub fn run(
     let mut reaches: Vec<(&LayerInfo, [usize; 2])> = Vec::new();
     for shot in shots {
         let pixel = pixel_size(params, scene)?;
-        let carrier = carrier(pixel, &shot.info, stack)?;
+        let carrier = carrier(pixel, &shot.info, [stack.rows(), stack.columns()])?;
         let first = !seen.contains(&shot.info.wavelength_nm);
         seen.push(shot.info.wavelength_nm);
         reaches.push((&shot.info, reach(params, carrier, pixel)));
@@ -77,6 +66,26 @@ pub fn run(
     Ok((modulation, ctx.wants("phase").then_some(phases)))
 }
 
+/// The layers that are shots, by their places: of each fringe the first phase; others may stand beside it for comparison.
+///
+/// Error: none of them shows fringes.
+pub fn shots(layers: &[&LayerInfo]) -> Result<Vec<usize>, Error> {
+    let mut shots: Vec<usize> = Vec::new();
+    let fringed = |info: &LayerInfo| info.kind == LayerKind::Value && info.f_x_per_mm.is_some_and(|f| f > 0.0);
+    for (k, layer) in layers.iter().enumerate().filter(|(_, info)| fringed(info)) {
+        if shots.iter().all(|&s| !same_fringe(layers[s], layer)) {
+            shots.push(k);
+        }
+    }
+    if shots.is_empty() {
+        return Err(Error::failed_with_hint(
+            "the frames hold no fringes (f_x > 0)",
+            "single_shot reads one frame with a carrier",
+        ));
+    }
+    Ok(shots)
+}
+
 /// Pixels to each side along rows and columns that a pixel is made of: half a window of four standard deviations, or two of 0.64 periods of a filter.
 fn reach(params: &Params, carrier: Carrier, pixel: [f64; 2]) -> [usize; 2] {
     let (cycles, pixel) = (carrier.cycles.abs(), if carrier.along_rows { pixel[0] } else { pixel[1] });
@@ -94,7 +103,7 @@ fn same_fringe(a: &LayerInfo, b: &LayerInfo) -> bool {
 
 /// Cycles per pixel along rows or columns, signed by their order in the image; and whether along rows.
 #[derive(Clone, Copy)]
-struct Carrier {
+pub struct Carrier {
     cycles: f64,
     along_rows: bool,
 }
@@ -105,13 +114,16 @@ pub fn pixel_size(params: &Params, scene: Option<&Scene>) -> Result<[f64; 2], Er
         (Some(pixel), _) => Ok([pixel.0; 2]),
         (None, Some(c)) => Ok([c.field[0] / f64::from(c.pixels[0]), c.field[1] / f64::from(c.pixels[1])]),
         (None, None) => {
-            let hint = "connect the port `scene`, or give pixel_mm";
+            let hint = "connect a scene that has a camera to the port `scene`, or give pixel_mm";
             Err(Error::failed_with_hint("the size of a pixel in mm is not known", hint))
         }
     }
 }
 
-fn carrier(pixel: [f64; 2], info: &LayerInfo, stack: &ImageStack) -> Result<Carrier, Error> {
+/// The carrier of a shot of so many rows and columns.
+///
+/// Errors: fringes aslant, fewer than 3 pixels per period, fewer than 4 periods.
+pub fn carrier(pixel: [f64; 2], info: &LayerInfo, [rows, columns]: [usize; 2]) -> Result<Carrier, Error> {
     let f_x = info.f_x_per_mm.unwrap_or(0.0);
     let turns = info.orientation_deg.unwrap_or(0.0) / 360.0;
     let (sin, cos) = turbid_optics::elementary::sin_cos_turns(turns);
@@ -124,16 +136,37 @@ fn carrier(pixel: [f64; 2], info: &LayerInfo, stack: &ImageStack) -> Result<Carr
         let what = format!("fringes at {} deg run neither along rows nor along columns", 360.0 * turns);
         return Err(Error::failed_with_hint(what, "single_shot wants orientation_deg 0 or 90"));
     };
-    let periods = cycles.abs() * if along_rows { stack.columns() } else { stack.rows() } as f64;
+    let periods = cycles.abs() * if along_rows { columns } else { rows } as f64;
     // The band around the carrier ends at 3/2 of it.
     if cycles.abs() > 1.0 / 3.0 || periods < 4.0 {
-        let what = format!("f_x = {f_x} mm^-1 is {:.4} cycles per pixel and {periods:.1} in the image", cycles.abs());
+        let mm = if along_rows { pixel[0] } else { pixel[1] };
+        let cycles = cycles.abs();
+        let what =
+            format!("f_x = {f_x} mm^-1 is {cycles:.4} cycles per pixel of {mm} mm and {periods:.1} in the image");
         return Err(Error::failed_with_hint(
             what,
             "single_shot needs 3 pixels or more per period and 4 periods or more",
         ));
     }
     Ok(Carrier { cycles, along_rows })
+}
+
+/// Periods that the window of a fit holds.
+///
+/// Error: fewer than one, which does not tell mean and fringe apart.
+pub fn periods(params: &Params, shot: &LayerInfo, carrier: Carrier, pixel: [f64; 2]) -> Result<f64, Error> {
+    let Some(window) = params.window.filter(|_| params.filter == Filter::LeastSquares) else {
+        return Ok(WINDOW_PERIODS);
+    };
+    let pixel = if carrier.along_rows { pixel[0] } else { pixel[1] };
+    // As for speckle the window is four standard deviations wide.
+    let periods = window.0 / pixel * carrier.cycles.abs();
+    if periods < 1.0 {
+        let f_x = shot.f_x_per_mm.unwrap_or(0.0);
+        let what = format!("a window of {window} holds {periods:.2} periods of f_x = {f_x} mm^-1; one is the least");
+        return Err(Error::invalid("window", what));
+    }
+    Ok(periods)
 }
 
 /// How a line becomes mean and fringe.
@@ -151,17 +184,7 @@ impl Parting {
             Filter::Gaussian => FilterKind::Gaussian,
             Filter::Rectangle => FilterKind::Rectangle,
             Filter::LeastSquares => {
-                let pixel = if carrier.along_rows { pixel[0] } else { pixel[1] };
-                // As for speckle the window is four standard deviations wide.
-                let periods = params.window.map_or(WINDOW_PERIODS, |w| w.0 / pixel * cycles);
-                if periods < 1.0 {
-                    let f_x = shot.info.f_x_per_mm.unwrap_or(0.0);
-                    let width = params.window.unwrap_or(Length(0.0));
-                    let what = format!(
-                        "a window of {width} holds {periods:.2} periods of f_x = {f_x} mm^-1; one is the least"
-                    );
-                    return Err(Error::invalid("window", what));
-                }
+                let periods = periods(params, &shot.info, carrier, pixel)?;
                 return Ok(Self::Fit(LocalFit::new(cycles, 0.25 * periods / cycles, length)));
             }
         };
@@ -327,50 +350,28 @@ fn one(
         count_good += good.len() as u64;
         sums.add(&good, &variances);
     }
-    let mut info = LayerInfo { name: "m_dc".into(), phase_rad: None, mean_se: None, ..shot.info.clone() };
-    let first = out.layers.iter().filter(|l| l.info.kind == LayerKind::Value).count() as u32;
-    let mut push = |info: &LayerInfo, data: &Array2<f32>, own: &Array2<f32>, variance: f64| {
-        let mut info = info.clone();
+    let first = out.layers.iter().filter(|l| l.info.kind == LayerKind::Value).count();
+    let OfShot { means, m_ac, covariances, mask: mask_info, phase: info } = OfShot::new(&shot.info, with_f_0, first);
+    let mut push = |mut info: LayerInfo, data: &Array2<f32>, own: &Array2<f32>, variance: f64| {
         info.mean_se = if se.is_some() { mean_se(variance, count_good, 1.0) } else { None };
-        out.push(info.clone(), data.clone());
+        let error = info.standard_error();
+        out.push(info, data.clone());
         if se.is_some() {
-            out.push(info.standard_error(), own.clone());
+            out.push(error, own.clone());
         }
     };
     let [of_dc, of_ac] = sums.0;
-    if with_f_0 {
-        // The same frame stands in for the one at f_x = 0.
-        for name in ["m_dc", "m_ac"] {
-            let f_0 = LayerInfo { name: name.into(), f_x_per_mm: Some(0.0), orientation_deg: None, ..info.clone() };
-            push(&f_0, &dc, &dc_se, of_dc);
-        }
+    means.into_iter().for_each(|info| push(info, &dc, &dc_se, of_dc));
+    push(m_ac, &ac, &ac_se, of_ac);
+    for (info, of_fringe) in covariances.into_iter().filter(|_| se.is_some()) {
+        // Else one number under several names.
+        out.push(info, if of_fringe { shared.clone() } else { dc_se.mapv(|se| se * se) });
     }
-    push(&info, &dc, &dc_se, of_dc);
-    info.name = "m_ac".into();
-    push(&info, &ac, &ac_se, of_ac);
-    if se.is_some() {
-        let means: Vec<u32> = if with_f_0 { (first..first + 3).collect() } else { vec![first] };
-        let fringe = first + means.len() as u32;
-        let mut cov = LayerInfo::new("cov", LayerKind::Covariance, format!("({})^2", info.unit));
-        cov.wavelength_nm = shot.info.wavelength_nm;
-        for (i, &a) in means.iter().enumerate() {
-            for &b in &means[i + 1..] {
-                // One number under several names.
-                cov.pair = Some([a, b]);
-                out.push(cov.clone(), dc_se.mapv(|se| se * se));
-            }
-            cov.pair = Some([a, fringe]);
-            out.push(cov.clone(), shared.clone());
-        }
-    }
-    let mut mask_info = LayerInfo::new("mask", LayerKind::Mask, "1");
-    mask_info.wavelength_nm = shot.info.wavelength_nm;
     match out.layers.iter_mut().find(|l| l.info == mask_info) {
         // A pixel is good where every shot of its wavelength is.
         Some(known) => known.data.zip_mut_with(&mask, |known, &new| *known = if *known == 0.0 { new } else { *known }),
         None => out.push(mask_info.clone(), mask.clone()),
     }
-    let info = LayerInfo { name: "phase".into(), unit: "rad".into(), ..info };
     let mut phases = vec![Layer { info: info.clone(), data: phase }];
     if se.is_some() {
         phases.push(Layer { info: info.standard_error(), data: phase_se });

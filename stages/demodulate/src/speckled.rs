@@ -5,9 +5,11 @@ use turbid_contract::payload::{Frames, MaskReason, Scene};
 use turbid_contract::planes::mean_se;
 use turbid_contract::{Ctx, Error, ImageStack, Layer, LayerInfo, LayerKind};
 
+use crate::layers::{mask as mask_info, of_speckle};
 use crate::masked::measure_masked;
 use crate::params::Params;
 use crate::pass::of;
+use crate::set::no_values;
 use crate::snapshot::{order, pixel_size};
 use crate::speckle::{Shot, Windows, band};
 use crate::unknown;
@@ -18,34 +20,58 @@ pub fn run(params: &Params, frames: &Frames, scene: Option<&Scene>, ctx: Ctx<'_>
     let pixel = pixel_size(params, scene)?;
     let mut modulation = ImageStack::new(stack.rows(), stack.columns());
     modulation.attributes = stack.attributes.clone();
-    let values = || stack.layers.iter().filter(|l| l.info.kind == LayerKind::Value);
-    let mut done: Vec<Option<f64>> = Vec::new();
-    for layer in values() {
-        if done.contains(&layer.info.wavelength_nm) {
-            continue;
-        }
-        done.push(layer.info.wavelength_nm);
-        let shots: Vec<&Layer> = values().filter(|l| l.info.wavelength_nm == layer.info.wavelength_nm).collect();
-        if let Some(fringed) = shots.iter().find(|l| l.info.f_x_per_mm.is_some_and(|f| f > 0.0)) {
-            let f_x = fringed.info.f_x_per_mm.unwrap_or(0.0);
+    let infos: Vec<&LayerInfo> = stack.layers.iter().map(|layer| &layer.info).collect();
+    let channels = by_wavelength(&infos)?;
+    resolved(params, pixel)?;
+    for (_, frames) in &channels {
+        let shots: Vec<&Layer> = frames.iter().map(|&k| &stack.layers[k]).collect();
+        one(params, stack, &shots, pixel, &mut modulation, ctx)?;
+    }
+    order(&mut modulation);
+    let half = |mm: f64| libm::ceil(0.5 * params.window.map_or(0.0, |w| w.0) / mm) as usize;
+    unknown::pass_on(&mut modulation, |info| {
+        let (_, frames) = channels.iter().find(|(wavelength_nm, _)| *wavelength_nm == info.wavelength_nm)?;
+        let frames = frames.iter().map(|&k| infos[k]);
+        Some(unknown::of_windows(&unknown::of_layers(stack, frames)?, stack.columns(), pixel.map(half)))
+    });
+    Ok(modulation)
+}
+
+/// A wavelength, and its frames by their places among the layers.
+pub type OfLight = (Option<f64>, Vec<usize>);
+
+/// The frames of each wavelength, in the order in which wavelengths come.
+///
+/// Errors: no frames; frames that show fringes.
+pub fn by_wavelength(layers: &[&LayerInfo]) -> Result<Vec<OfLight>, Error> {
+    let mut channels: Vec<OfLight> = Vec::new();
+    for (k, info) in layers.iter().enumerate().filter(|(_, info)| info.kind == LayerKind::Value) {
+        if let Some(f_x) = info.f_x_per_mm.filter(|&f_x| f_x > 0.0) {
             return Err(Error::failed_with_hint(
                 format!("a frame shows fringes of f_x = {f_x} mm^-1, and speckle wants frames under random light"),
                 "say `f_x: 0` of frames under speckle, or take `method: phase_shift`",
             ));
         }
-        one(params, stack, &shots, pixel, &mut modulation, ctx)?;
+        match channels.iter_mut().find(|(wavelength_nm, _)| *wavelength_nm == info.wavelength_nm) {
+            Some((_, frames)) => frames.push(k),
+            None => channels.push((info.wavelength_nm, vec![k])),
+        }
     }
-    if done.is_empty() {
-        return Err(Error::failed("the frames hold no layer with values"));
+    if channels.is_empty() { Err(no_values()) } else { Ok(channels) }
+}
+
+/// Error: an f_x that pixels of this size (mm) do not resolve.
+pub fn resolved(params: &Params, pixel: [f64; 2]) -> Result<(), Error> {
+    let window = params.window.map_or(0.0, |w| w.0);
+    for f_x in &params.f_x {
+        let highest = 1.0 + band(f_x.0 * window);
+        if pixel.iter().any(|&mm| highest * (f_x.0 * mm) > 0.5) {
+            let pixels = format!("{} x {} mm", pixel[0], pixel[1]);
+            let seen = format!("f_x = {f_x} (a window of {window} mm sees up to {:.3} mm^-1)", highest * f_x.0);
+            return Err(Error::invalid("f_x", format!("{seen} is beyond what pixels of {pixels} resolve")));
+        }
     }
-    order(&mut modulation);
-    measure_masked(&modulation, ctx);
-    let half = |mm: f64| libm::ceil(0.5 * params.window.map_or(0.0, |w| w.0) / mm) as usize;
-    unknown::pass_on(&mut modulation, |info| {
-        let frames = values().map(|l| &l.info).filter(|frame| frame.wavelength_nm == info.wavelength_nm);
-        Some(unknown::of_windows(&unknown::of_layers(stack, frames)?, stack.columns(), pixel.map(half)))
-    });
-    Ok(modulation)
+    Ok(())
 }
 
 /// Adds the layers of one wavelength.
@@ -76,12 +102,6 @@ fn one(
     let mut found = Vec::new();
     for f_x in &params.f_x {
         let f = pixel.map(|mm| f_x.0 * mm);
-        let highest = 1.0 + band(f_x.0 * window);
-        if f.iter().any(|&f| highest * f > 0.5) {
-            let pixels = format!("{} x {} mm", pixel[0], pixel[1]);
-            let seen = format!("f_x = {f_x} (a window of {window} mm sees up to {:.3} mm^-1)", highest * f_x.0);
-            return Err(Error::invalid("f_x", format!("{seen} is beyond what pixels of {pixels} resolve")));
-        }
         let power = windows.power(&shots, f, f_x.0 * window, &weights);
         for (mask, (&mean, &m_ac)) in mask.iter_mut().zip(mean.iter().zip(&power.m_ac)) {
             if *mask == 0.0 && (mean <= 0.0 || m_ac <= f64::from(f32::EPSILON) * mean) {
@@ -104,13 +124,12 @@ fn one(
             if mask[i] == 0.0 { of(i) as f32 } else { 0.0 }
         })
     };
-    let mut push = |name: &str, f_x: f64, value: &dyn Fn(usize) -> f64, se: &dyn Fn(usize) -> f64, shared: f64| {
-        let mut info = LayerInfo::value(name, &layers[0].info.unit).with_f_x(f_x);
-        info.wavelength_nm = layers[0].info.wavelength_nm;
+    let mut push = |mut info: LayerInfo, value: &dyn Fn(usize) -> f64, se: &dyn Fn(usize) -> f64, shared: f64| {
         let variances = (0..mask.len()).filter(|&i| mask[i] == 0.0).map(|i| se(i) * se(i)).sum();
         info.mean_se = mean_se(variances, count, shared);
-        out.push(info.clone(), plane(value));
-        out.push(info.standard_error(), plane(se));
+        let error = info.standard_error();
+        out.push(info, plane(value));
+        out.push(error, plane(se));
     };
     // One shot alone does not tell how its mean wanders: as the speckle of the lowest frequency that was read does.
     let lowest = found.iter().min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, power)| &power.m_ac);
@@ -120,16 +139,16 @@ fn one(
         (None, Some(m_ac)) if narrow_weights[i] > 0.0 => m_ac[i] * squares[i].sqrt() / narrow_weights[i],
         _ => 0.0,
     };
-    for name in ["m_dc", "m_ac"] {
-        push(name, 0.0, &|i| mean[i], &mean_error, narrow_sharing);
+    let mut infos = of_speckle(&layers[0].info, &params.f_x).into_iter();
+    for info in infos.next().into_iter().flatten() {
+        push(info, &|i| mean[i], &mean_error, narrow_sharing);
     }
-    for (f_x, power) in &found {
-        push("m_dc", *f_x, &|i| mean[i], &mean_error, narrow_sharing);
+    for ([m_dc, m_ac], (_, power)) in infos.zip(&found) {
+        push(m_dc, &|i| mean[i], &mean_error, narrow_sharing);
         // The power of `samples` directions spreads by 1 / sqrt(samples), its root by half of that.
-        push("m_ac", *f_x, &|i| power.m_ac[i], &|i| 0.5 * power.m_ac[i] / power.samples.sqrt(), wide_sharing);
+        push(m_ac, &|i| power.m_ac[i], &|i| 0.5 * power.m_ac[i] / power.samples.sqrt(), wide_sharing);
     }
-    let mut info = LayerInfo::new("mask", LayerKind::Mask, "1");
-    info.wavelength_nm = layers[0].info.wavelength_nm;
+    let info = mask_info(layers[0].info.wavelength_nm);
     if count == 0 {
         let reasons = ctx.measure_masked(mask.iter().copied());
         ctx.warn(format!("all pixels{} are masked: {reasons}", of(info.wavelength_nm)));

@@ -3,17 +3,20 @@
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Covariance, Frames, Modulation, Phase, Scene};
 use turbid_contract::{
-    Ctx, Error, Extents, Form, Forms, ImageStack, Known, LayerKind, Problems, Stage, StagePlan, in_ports, out_ports,
+    Ctx, Error, Forms, ImageStack, Known, LayerInfo, LayerKind, Problems, Stage, StagePlan, in_ports, out_ports,
 };
 
 use crate::diagnostics::Worst;
 use crate::doubts::dark;
+use crate::form::describe;
+use crate::given::Noise;
+use crate::layers::Group;
 use crate::masked::measure_masked;
 use crate::memory::memory;
 use crate::params::{Filter, Method, Params, Steps};
-use crate::pass::{Group, Pass, Tally};
-use crate::set::{Noise, channels};
-use crate::{snapshot, speckled};
+use crate::pass::{Pass, Tally};
+use crate::set::channels;
+use crate::{joints, snapshot, speckled};
 
 in_ports! {
     pub struct In {
@@ -34,6 +37,8 @@ out_ports! {
         phase: optional Phase,
     }
 }
+
+const NO_PHASE: &str = "speckle has no phase";
 
 /// `use: demodulate`
 pub struct Demodulate;
@@ -62,6 +67,10 @@ impl Stage for Demodulate {
         }
         check_single_shot(params, problems);
         check_speckle(params, problems);
+        if params.method == Method::Speckle && known.is_wanted("phase") {
+            let hint = "take `method: phase_shift` or `single_shot` for who reads the output `phase`";
+            problems.push_with_hint("method", NO_PHASE, hint);
+        }
         if params.steps == Steps::Estimated {
             if params.method != Method::PhaseShift {
                 problems.push("steps", format!("{} has no steps to estimate", params.method.name()));
@@ -78,15 +87,13 @@ impl Stage for Demodulate {
         if let Some(level) = params.saturation {
             problems.require(level > 0.0 && level.is_finite(), "saturation", level, "", "be > 0 (unit of the frames)");
         }
+        if problems.is_empty() {
+            joints::check(params, known, problems);
+        }
     }
 
     fn describe(params: &Params, known: &Known) -> Forms {
-        let mut facts = known.fact("frames");
-        if params.method == Method::Speckle {
-            let f_x: Vec<f64> = std::iter::once(0.0).chain(params.f_x.iter().map(|f| f.0)).collect();
-            facts.insert("f_x".to_owned(), f_x.into());
-        }
-        Forms::from([("modulation", Form::said(facts))])
+        describe(params, known)
     }
 
     fn plan(params: &Params, known: &Known) -> StagePlan {
@@ -97,13 +104,8 @@ impl Stage for Demodulate {
             let [columns, rows] = camera.pixels.map(f64::from);
             2.5e-6 * columns * rows * window.0 * columns / camera.field[0]
         });
-        let f_x = known.fact("frames").get("f_x").and_then(|f| f.as_array()).map(|list| list.len() as u64);
-        let memory =
-            known.extent("frames").map(|frames| memory(frames, known.extent("covariance"), f_x, &known.wanted));
-        let (memory, makes) = memory.map_or((None, Extents::new()), |(bytes, makes)| (Some(bytes), makes));
         StagePlan {
-            memory,
-            makes,
+            memory: memory(known, &describe(params, known)),
             seconds: windows,
             method: Some(params.method.name().into()),
             left_out: if covariance { Vec::new() } else { vec!["covariance of the frames (not connected)".into()] },
@@ -126,7 +128,7 @@ impl Stage for Demodulate {
             let mut modulation = speckled::run(params, &inputs.frames, inputs.scene.as_ref(), ctx)?;
             modulation.carry_conditions(&inputs.frames.0);
             if ctx.wants("phase") {
-                return Err(Error::failed("speckle has no phase"));
+                return Err(Error::failed(NO_PHASE));
             }
             return Ok(Out { modulation: Modulation(modulation), phase: None });
         }
@@ -137,7 +139,8 @@ impl Stage for Demodulate {
         let mut values = Group::default();
         let mut phases = Group::default();
         let (mut worst, mut all_good) = (Worst::default(), true);
-        for mut channel in channels(&inputs.frames)? {
+        let layers: Vec<&LayerInfo> = frames.layers.iter().map(|layer| &layer.info).collect();
+        for mut channel in channels(&layers)? {
             if params.steps == Steps::Estimated {
                 channel.estimate_steps(frames, &mut worst)?;
             }
@@ -153,7 +156,7 @@ impl Stage for Demodulate {
             tally.report(&channel, noise.is_some(), &planes[planes.len() - 1], ctx);
             pass.describe(planes, &tally, sharing, &mut values, &mut phases);
         }
-        let stack = |group: Group| {
+        let stack = |group: Group<(LayerInfo, Array2<f32>)>| {
             let mut stack = ImageStack::new(frames.rows(), frames.columns());
             stack.attributes = frames.attributes.clone();
             group.into_iter_ordered().for_each(|(info, data)| stack.push(info, data));

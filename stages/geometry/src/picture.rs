@@ -20,12 +20,31 @@ pub fn read(bytes: &[u8]) -> Result<Picture, String> {
     guarded(|| decode(bytes))
 }
 
-fn decode(bytes: &[u8]) -> Result<Picture, String> {
-    let said = |error: png::DecodingError| format!("it is no PNG that can be read: {error}");
+/// Columns and rows, as the header says them.
+///
+/// Error: there is no header.
+pub fn size(bytes: &[u8]) -> Result<[u32; 2], String> {
+    guarded(|| {
+        let mut decoder = decoder(bytes);
+        let info = decoder.read_header_info().map_err(said)?;
+        Ok([info.width, info.height])
+    })
+}
+
+fn said(error: png::DecodingError) -> String {
+    format!("it is no PNG that can be read: {error}")
+}
+
+fn decoder(bytes: &[u8]) -> Decoder<Cursor<&[u8]>> {
     let mut decoder = Decoder::new_with_limits(Cursor::new(bytes), Limits { bytes: CHUNKS });
     decoder.set_transformations(Transformations::IDENTITY);
     decoder.set_ignore_text_chunk(true);
     decoder.set_ignore_iccp_chunk(true);
+    decoder
+}
+
+fn decode(bytes: &[u8]) -> Result<Picture, String> {
+    let mut decoder = decoder(bytes);
     // What the header says is bounded before anything is made by it.
     let info = decoder.read_header_info().map_err(said)?;
     let (columns, rows, depth) = (info.width, info.height, info.bit_depth);

@@ -79,6 +79,18 @@ pub fn decode(bytes: &[u8], channel: Option<Channel>) -> Result<Picture, String>
     })
 }
 
+/// Columns and rows of a file, as its header says them.
+///
+/// Error: what is wrong with the header.
+pub fn size(bytes: &[u8]) -> Result<(usize, usize), String> {
+    guarded(|| match bytes {
+        [0x89, b'P', b'N', b'G', ..] => png::size(bytes),
+        [b'I', b'I', 42, 0, ..] | [b'M', b'M', 0, 42, ..] => tiff::size(bytes),
+        [0x76, 0x2f, 0x31, 0x01, ..] => exr_header::read(bytes).map(|header| (header.columns, header.rows)),
+        _ => Err("it is neither PNG, TIFF nor EXR".to_owned()),
+    })
+}
+
 /// Which of `count` interleaved channels to take.
 fn place(count: usize, channel: Option<Channel>) -> Result<usize, String> {
     match (count, channel) {

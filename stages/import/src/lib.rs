@@ -22,6 +22,7 @@
 mod conditions;
 mod correct;
 mod decode;
+mod form;
 mod params;
 mod stage;
 

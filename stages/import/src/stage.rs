@@ -2,15 +2,15 @@
 
 use turbid_contract::canonical::canonical_value;
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::{CONDITIONS, Frames, Rig};
-use turbid_contract::pitch::PIXEL_PITCH_MM;
+use turbid_contract::payload::Frames;
 use turbid_contract::{
-    At, Attributes, Ctx, Error, FileUse, Form, Forms, ImageStack, Known, LayerInfo, LayerKind, Problem, Problems,
-    Stage, StagePlan, in_ports, out_ports, serde_json,
+    At, Ctx, Error, FileUse, Forms, ImageStack, Known, Problem, Problems, Stage, StagePlan, in_ports, out_ports,
+    serde_json,
 };
 
 use crate::correct::{Corrected, Field, Light};
 use crate::decode::{Picture, decode};
+use crate::form;
 use crate::params::{Params, Shot};
 
 in_ports! {
@@ -104,13 +104,8 @@ impl Stage for ImportFrames {
         }
     }
 
-    fn describe(params: &Params, _known: &Known) -> Forms {
-        let mut f_x: Vec<f64> = params.shots().iter().map(|shot| shot.f_x).collect();
-        f_x.sort_by(f64::total_cmp);
-        f_x.dedup();
-        let mut frames = stated(params);
-        frames.insert("f_x".to_owned(), f_x.into());
-        Forms::from([("frames", Form::said(frames))])
+    fn describe(params: &Params, known: &Known) -> Forms {
+        form::describe(params, known)
     }
 
     fn plan(params: &Params, _known: &Known) -> StagePlan {
@@ -147,22 +142,9 @@ impl Stage for ImportFrames {
         for (shot, seen) in shots.iter().zip(&seen) {
             usable(shot, seen.corrected.light())?;
         }
-        let mut frames = stack(params, &shots, seen, ctx);
-        frames.attributes.extend(stated(params));
+        let frames = stack(params, &shots, seen, ctx);
         Ok(Out { frames: Frames(frames) })
     }
-}
-
-/// What the user says of the frames: how they were taken, and on which bench.
-fn stated(params: &Params) -> Attributes {
-    let mut stated = Attributes::new();
-    if let Some(conditions) = &params.conditions {
-        conditions.said().insert_into(&mut stated, CONDITIONS);
-    }
-    if let Some(name) = &params.rig {
-        Rig::named(name.trim()).insert_into(&mut stated);
-    }
-    stated
 }
 
 /// Floating-point files say no highest number: shares of full scale they should hold, but may hold anything.
@@ -274,18 +256,11 @@ fn stack(params: &Params, shots: &[Shot], seen: Vec<Seen>, ctx: Ctx<'_>) -> Imag
         new.for_each(|(mask, reason)| *mask = reason.code());
     }
     let mut stack = ImageStack::new(rows, columns);
-    if let Some(pixel) = params.pixel_mm {
-        stack.attributes.insert(PIXEL_PITCH_MM.to_owned(), vec![pixel.0; 2].into());
-    }
+    stack.attributes = form::said(params);
     let mut errors = Vec::new();
     for (shot, Seen { mut corrected, .. }) in shots.iter().zip(seen) {
         let mask = &masks.iter().find(|(w, _)| *w == shot.wavelength_nm).expect("one for each wavelength").1;
-        let unit = if params.full_scale.is_some() { "W mm^-2 sr^-1" } else { "1" };
-        let mut info = LayerInfo::value("radiance", unit).with_f_x(shot.f_x);
-        if shot.f_x > 0.0 {
-            (info.phase_rad, info.orientation_deg) = (Some(shot.phase_rad), Some(shot.orientation_deg));
-        }
-        info.wavelength_nm = shot.wavelength_nm;
+        let mut info = form::layer(params, shot);
         let good = mask.iter().filter(|&&m| m == 0.0).count() as f64;
         if !corrected.variance.is_empty() {
             let sum: f64 = corrected.variance.iter().zip(mask).filter(|(_, m)| **m == 0.0).map(|(v, _)| v).sum();
@@ -301,9 +276,7 @@ fn stack(params: &Params, shots: &[Shot], seen: Vec<Seen>, ctx: Ctx<'_>) -> Imag
     ctx.measure_masked(masks.iter().flat_map(|(_, mask)| mask.iter().copied()));
     for (wavelength_nm, mask) in masks {
         if mask.iter().any(|&reason| reason != 0.0) {
-            let mut info = LayerInfo::new("mask", LayerKind::Mask, "1");
-            info.wavelength_nm = wavelength_nm;
-            stack.push(info, plane(mask));
+            stack.push(form::mask(wavelength_nm), plane(mask));
         }
     }
     stack

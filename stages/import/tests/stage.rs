@@ -9,6 +9,9 @@ use turbid_contract::payload::{Frames, MaskReason, Rig};
 use turbid_contract::{Ctx, Error, ImageStack, Known, LayerKind, MemoryHost, Payload, Problems, StageRow};
 use turbid_import::{Channel, ImportFrames, decode};
 
+#[path = "stage/forms.rs"]
+mod forms;
+
 const ROWS: usize = 6;
 const COLUMNS: usize = 8;
 

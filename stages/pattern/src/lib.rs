@@ -19,6 +19,7 @@
 pub mod analytic;
 pub mod capture;
 pub mod dither;
+mod form;
 pub mod frequency;
 mod fringes;
 pub mod image;

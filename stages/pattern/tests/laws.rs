@@ -16,6 +16,8 @@ use turbid_pattern::{
     Method, PatternIn, PatternParams, PatternStage, Predistort, PredistortIn, PredistortParams, Wave,
 };
 
+#[path = "laws/forms.rs"]
+mod forms;
 #[path = "laws/pictures.rs"]
 mod pictures;
 
@@ -373,7 +375,7 @@ fn mistakes_are_named() {
     without.projector.as_mut().unwrap().pixels = None;
     told(flat(fringes(&[0.05], &[0.0]), &without), "pixels", "how many pixels");
     without.projector = None;
-    told(flat(fringes(&[0.05], &[0.0]), &without), "", "no projector");
+    told(flat(fringes(&[0.05], &[0.0]), &without), "in.scene: ", "no projector");
 
     let other = PredistortParams { surface: "lumen".into(), ..along_wall(Method::Trace, &[0.05]) };
     told(wall(other, &scene_of_tube), "surface", "no object `lumen`");

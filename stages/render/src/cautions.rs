@@ -62,6 +62,11 @@ pub fn say_in(plan: &mut StagePlan, scene: &Scene) {
     }
 }
 
+/// Whether pixels may not know their standard error: where few paths find a narrow lobe, and where rough walls lose light.
+pub fn errors_may_be_unknown(scene: &Scene) -> bool {
+    narrowest(scene).is_some() || scene.objects.values().any(|object| matches!(object.surface, Surface::Rough(_)))
+}
+
 /// Relative variance of a path under a narrow lobe is this over (1 - g)^2. Measured, as [`kurtosis_of_lobe`]: 1.7, 5.6, 22, 137 and
 /// some 2600 at g = 0.8, 0.9, 0.95, 0.98 and 0.995.
 const VARIANCE: f64 = 0.055;

@@ -93,11 +93,11 @@ impl Params {
             problems.at_input("scene", "the scene has no object: it is a rig for other scenes", hint);
         }
         if scene.camera.is_none() {
-            problems.push_with_hint("", "the scene has no camera", "add `camera` to the scene, or to its rig");
+            problems.at_input("scene", "the scene has no camera", "add `camera` to the scene, or to its rig");
         }
         if scene.projector.is_none() && scene.lights.is_empty() {
-            problems.push_with_hint(
-                "",
+            problems.at_input(
+                "scene",
                 "the scene has no projector, so all would be dark",
                 "add `projector` to the scene, or to its rig",
             );
@@ -111,10 +111,7 @@ impl Params {
                 "add `projector` to the scene, or write f_x: [0] for the steady lights alone",
             );
         }
-        for (who, field, pixels) in cameras.into_iter().chain(projectors) {
-            let pitch = [field[0] / f64::from(pixels[0]), field[1] / f64::from(pixels[1])];
-            self.check_resolution(who, pitch, problems);
-        }
+        self.check_pitches(scene, problems);
         if scene.channels() > MOST_CHANNELS {
             problems.push_with_hint(
                 "",
@@ -163,6 +160,16 @@ impl Params {
                 format!("a path would make about {flights:.0e} flights: light that is hardly absorbed does not leave an object this thick"),
                 "make the object thinner or give its medium some absorption",
             );
+        }
+    }
+
+    /// No f_x may be finer than the pixels of camera and projector.
+    pub fn check_pitches(&self, scene: &Scene, problems: &mut Problems) {
+        let cameras = scene.camera.as_ref().map(|c| ("camera", c.field, c.pixels));
+        let projectors = scene.projector.as_ref().and_then(|p| p.pixels.map(|n| ("projector", p.field, n)));
+        for (who, field, pixels) in cameras.into_iter().chain(projectors) {
+            let pitch = [field[0] / f64::from(pixels[0]), field[1] / f64::from(pixels[1])];
+            self.check_resolution(who, pitch, problems);
         }
     }
 

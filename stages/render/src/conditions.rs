@@ -28,6 +28,14 @@ pub fn tell_dark_frames(frames: &ImageStack, ctx: Ctx<'_>) {
     }
 }
 
+/// The layers of kind condition: those that are there, and the thickness, which is there where it differs.
+pub fn infos(scene: &Scene) -> (Vec<LayerInfo>, LayerInfo) {
+    let info = |name: &str, unit: &str| LayerInfo::new(name, LayerKind::Condition, unit);
+    let mut layers = vec![info(VIEW_LAYER, "deg")];
+    layers.extend(scene.projector.is_some().then(|| info(INCIDENCE_LAYER, "deg")));
+    (layers, info(THICKNESS_LAYER, "mm"))
+}
+
 /// Adds the layers of kind condition: angles to the normal at the middle of each pixel, and what lies below it where that differs.
 ///
 /// Error: the run was cancelled.
@@ -58,15 +66,15 @@ pub fn layers(scene: &Scene, frames: &mut ImageStack, ctx: Ctx<'_>) -> Result<()
     let mut planes = planes.into_iter();
     let mut next = || planes.next().expect("there are as many as are named");
     let (view, below) = (next(), next());
-    let mut push = |name: &str, unit: &str, data| frames.push(LayerInfo::new(name, LayerKind::Condition, unit), data);
-    push(VIEW_LAYER, "deg", view);
-    if projected {
-        push(INCIDENCE_LAYER, "deg", next());
+    let (infos, thickness_info) = infos(scene);
+    // Incidence comes behind the view.
+    for (info, data) in infos.into_iter().zip([Some(view), planes.next()].into_iter().flatten()) {
+        frames.push(info, data);
     }
     let first = thickness.first().map_or(0.0, |[first, ..]| *first);
     // Rounding of the place where a ray meets the surface.
     if thickness.iter().any(|[_, least, most]| (most - first).max(first - least) > 1e-6 * first) {
-        push(THICKNESS_LAYER, "mm", below);
+        frames.push(thickness_info, below);
     }
     Ok(())
 }

@@ -7,9 +7,43 @@ use turbid_contract::{ImageStack, LayerInfo, LayerKind};
 
 use crate::field::{Field, Watched, relative_error_of};
 use crate::response::ONE;
-use crate::shown::{Shown, Terms};
+use crate::shown::{Quantity, Shown, Terms};
 
 const RADIANCE: &str = "W mm^-2 sr^-1";
+
+/// What a layer of the frames says under the light of a channel; `shown`: what is projected.
+pub fn frame_layer(shown: &LayerInfo, wavelength_nm: Option<f64>) -> LayerInfo {
+    LayerInfo { unit: RADIANCE.to_owned(), wavelength_nm, ..shown.clone() }
+}
+
+/// The frame under uniform light.
+pub fn white_layer(wavelength_nm: Option<f64>) -> LayerInfo {
+    LayerInfo { wavelength_nm, ..LayerInfo::value("radiance", RADIANCE) }
+}
+
+/// The covariance of two quantities by their indices among those of all channels.
+pub fn covariance_layer(pair: [usize; 2], wavelength_nm: Option<f64>) -> LayerInfo {
+    let pair = Some(pair.map(|i| i as u32));
+    LayerInfo { pair, wavelength_nm, ..LayerInfo::new("cov", LayerKind::Covariance, "W^2 mm^-4 sr^-2") }
+}
+
+/// Pairs i <= j of the quantities of a channel.
+pub fn pairs(count: usize) -> impl Iterator<Item = [usize; 2]> {
+    (0..count).flat_map(move |i| (i..count).map(move |j| [i, j]))
+}
+
+/// The attribute that lists the quantities behind a covariance, channel by channel.
+pub fn listed(quantities: &[Quantity], wavelengths_nm: &[Option<f64>]) -> (String, Value) {
+    let of = |q: &Quantity, wavelength_nm: &Option<f64>| {
+        let mut said = json!({"part": q.part, "f_x_per_mm": q.f_x_per_mm, "orientation_deg": q.orientation_deg});
+        if let Some(w) = wavelength_nm {
+            said["wavelength_nm"] = json!(w);
+        }
+        said
+    };
+    let all = wavelengths_nm.iter().flat_map(|wavelength_nm| quantities.iter().map(move |q| of(q, wavelength_nm)));
+    ("quantities".to_owned(), Value::Array(all.collect()))
+}
 
 /// The estimates of all channels.
 pub struct Images<'a> {
@@ -73,8 +107,7 @@ impl Images<'_> {
         for channel in 0..self.channels.len() {
             for (info, terms) in &self.shown.frames {
                 let wavelength_nm = self.wavelength(channel);
-                let info = LayerInfo { unit: RADIANCE.to_owned(), wavelength_nm, ..info.clone() };
-                self.push(&mut stack, info, channel, terms);
+                self.push(&mut stack, frame_layer(info, wavelength_nm), channel, terms);
             }
         }
         Frames(stack)
@@ -85,21 +118,10 @@ impl Images<'_> {
         let mut stack = ImageStack::new(self.rows, self.columns);
         self.attributes(&mut stack);
         let shown = &self.shown.quantities;
-        let mut quantities = Vec::new();
         for (channel, field) in self.channels.iter().enumerate() {
-            let first = quantities.len();
-            quantities.extend(shown.iter().map(|q| {
-                let mut said =
-                    json!({"part": q.part, "f_x_per_mm": q.f_x_per_mm, "orientation_deg": q.orientation_deg});
-                if let Some(w) = self.wavelength(channel) {
-                    said["wavelength_nm"] = json!(w);
-                }
-                said
-            }));
-            for (i, j) in (0..shown.len()).flat_map(|i| (i..shown.len()).map(move |j| (i, j))) {
-                let mut info = LayerInfo::new("cov", LayerKind::Covariance, "W^2 mm^-4 sr^-2");
-                info.pair = Some([(first + i) as u32, (first + j) as u32]);
-                info.wavelength_nm = self.wavelength(channel);
+            let first = channel * shown.len();
+            for [i, j] in pairs(shown.len()) {
+                let info = covariance_layer([first + i, first + j], self.wavelength(channel));
                 let data = Array2::from_shape_fn((self.rows, self.columns), |(row, column)| {
                     let pixel = row * self.columns + column;
                     let cov = field.covariance(pixel, &shown[i].terms, &shown[j].terms);
@@ -108,7 +130,8 @@ impl Images<'_> {
                 stack.push(info, data);
             }
         }
-        stack.attributes.insert("quantities".to_owned(), Value::Array(quantities));
+        let wavelengths_nm: Vec<Option<f64>> = (0..self.channels.len()).map(|c| self.wavelength(c)).collect();
+        stack.attributes.extend([listed(shown, &wavelengths_nm)]);
         Covariance(stack)
     }
 
@@ -117,8 +140,7 @@ impl Images<'_> {
         let mut stack = ImageStack::new(self.rows, self.columns);
         self.attributes(&mut stack);
         for channel in 0..self.channels.len() {
-            let mut info = LayerInfo::value("radiance", RADIANCE);
-            info.wavelength_nm = self.wavelength(channel);
+            let info = white_layer(self.wavelength(channel));
             let steady = self.shown.layout.steady().map(|i| (i, 1.0));
             let terms: Terms = [(ONE, 1.0)].into_iter().chain(steady).collect();
             self.push(&mut stack, info, channel, &terms);

@@ -1,7 +1,7 @@
 //! How much memory a render takes, before anything is taken: bytes by pixels, responses and frames.
 
-use turbid_contract::payload::{Scene, Shape, Surface};
-use turbid_contract::{Extent, Extents};
+use turbid_contract::payload::{Scene, Shape};
+use turbid_contract::{Extent, Forms};
 
 use crate::fit::Lattice;
 use crate::method::Taken;
@@ -20,8 +20,8 @@ pub struct Asked<'a> {
     /// Of the pattern, where one is connected and its size is known.
     pub pattern: Option<Extent>,
     pub patterned: bool,
-    /// Output ports.
-    pub wanted: &'a [String],
+    /// The outputs that are made.
+    pub made: &'a Forms,
 }
 
 /// Bytes for a triangle of a mesh: its corners, its box in the tree, its normals (f64).
@@ -29,8 +29,7 @@ const OF_TRIANGLE: u64 = 400;
 /// What each thread holds of its tile, and code and tables besides.
 const BESIDE: u64 = 8 << 20;
 
-/// Bytes that the run holds at the most, and how large its outputs are going to be; `None` where the scene has no camera, or where the size of a
-/// pattern is not known yet.
+/// Bytes that the run holds at the most; `None` where the scene has no camera, or where the size of a pattern is not known yet.
 ///
 /// The most of three moments:
 /// - tracing: for each traced pixel the sums, q + q (q + 1) / 2 + 2 numbers of 8 bytes (q responses; means, products, two moments of the brightness), twice
@@ -38,25 +37,19 @@ const BESIDE: u64 = 8 << 20;
 ///   every pixel has the same paths; 8 bytes for a pixel's place and paths;
 /// - making images: the sums (or, where a surface is fitted, 8 + 16 c bytes of each pixel's place in c carriers), and 4 bytes for each layer;
 /// - what a scene says of each pixel: layers alone.
-pub fn memory(asked: &Asked<'_>) -> Option<(u64, Extents)> {
+pub fn memory(asked: &Asked<'_>) -> Option<u64> {
     let Asked { params, scene, rig, taken, .. } = asked;
     let camera = scene.camera.as_ref()?;
     let channels = scene.channels() as u64;
     let pixels = u64::from(camera.pixels[0]) * u64::from(camera.pixels[1]);
     let steady = rig.steady[0].shines();
-    let (layout, frames) = match (asked.patterned, asked.pattern) {
-        (false, _) => {
-            let carriers = params.carriers().len();
-            let flat = params.f_x.iter().filter(|f| f.0 == 0.0).count() as u64;
-            (Layout { carriers, pictures: 0, steady }, flat + carriers as u64 * u64::from(params.phases))
-        }
-        (true, Some(pattern)) => {
-            (Layout { carriers: 0, pictures: pattern.layers() as usize, steady }, pattern.layers())
-        }
+    let layout = match (asked.patterned, asked.pattern) {
+        (false, _) => Layout { carriers: params.carriers().len(), pictures: 0, steady },
+        (true, Some(pattern)) => Layout { carriers: 0, pictures: pattern.layers() as usize, steady },
         (true, None) => return None,
     };
-    let makes = outputs(asked, pixels, channels, &layout, frames);
-    let of_layers = |ports: &[&str]| -> u64 { ports.iter().filter_map(|p| makes.get(p)).map(|e| e.bytes()).sum() };
+    let bytes = |port: &&str| asked.made.get(port).and_then(|form| form.extent()).map(Extent::bytes);
+    let of_layers = |ports: &[&str]| -> u64 { ports.iter().filter_map(bytes).sum() };
     let (carriers, q) = (layout.carriers as u64, layout.width() as u64);
     let of_sums = 8 * (q + q * (q + 1) / 2 + 2);
     let beside = matches!(taken, Taken::Reference { .. });
@@ -85,31 +78,7 @@ pub fn memory(asked: &Asked<'_>) -> Option<(u64, Extents)> {
     let triangles: u64 = scene.objects.values().map(|object| triangles(&object.shape)).sum();
     // The pattern as it came, and pixel by pixel.
     let held = triangles * OF_TRIANGLE * channels + asked.pattern.map_or(0, |pattern| 2 * pattern.bytes());
-    Some((held + tracing.max(imaging).max(telling) + BESIDE, makes))
-}
-
-fn outputs(asked: &Asked<'_>, pixels: u64, channels: u64, layout: &Layout, frames: u64) -> Extents {
-    let scene = asked.scene;
-    let images = |layers: u64| Extent::Images { pixels, layers };
-    let wants = |port: &str| asked.wanted.iter().any(|wanted| wanted == port);
-    // View, incidence, and the thickness below where that differs from pixel to pixel.
-    let flat = scene.objects.values().all(|object| matches!(object.shape, Shape::Slab { .. }));
-    let conditions = 1 + u64::from(scene.projector.is_some()) + u64::from(!flat);
-    let mut makes = Extents::from([("frames", images(2 * channels * frames + conditions))]);
-    if wants("covariance") {
-        // Of a pattern the fringes that its layers tell, three of them for each at least.
-        let fringes = if asked.patterned { frames / 3 } else { layout.carriers as u64 };
-        let quantities = 1 + 2 * fringes;
-        makes.insert("covariance", images(channels * quantities * (quantities + 1) / 2));
-    }
-    if wants("white") {
-        makes.insert("white", images(2 * channels));
-    }
-    if wants("truth") {
-        let textured = scene.objects.values().any(|object| matches!(object.surface, Surface::Textured(_)));
-        makes.insert("truth", images(2 * channels + 7 + u64::from(textured)));
-    }
-    makes
+    Some(held + tracing.max(imaging).max(telling) + BESIDE)
 }
 
 fn triangles(shape: &Shape) -> u64 {

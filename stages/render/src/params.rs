@@ -1,7 +1,6 @@
 //! The parameters of a render.
 
 use serde::{Deserialize, Serialize};
-use turbid_contract::payload::Pattern;
 use turbid_contract::schemars::JsonSchema;
 use turbid_contract::{AngleDeg, At, Error, LayerInfo, PerLength, Problem, Ratio, Seconds};
 
@@ -87,9 +86,9 @@ impl Params {
     }
 
     /// With the fringes that the layers of a pattern say.
-    pub fn showing(&self, pattern: &Pattern) -> Self {
+    pub fn showing<'l>(&self, pattern: impl IntoIterator<Item = &'l LayerInfo>) -> Self {
         let mut shown = Self { f_x: Vec::new(), orientation_deg: Vec::new(), ..self.clone() };
-        for info in pattern.0.layers.iter().map(|l| &l.info) {
+        for info in pattern {
             let (f, o) = (info.f_x_per_mm.map(PerLength), AngleDeg(info.orientation_deg.unwrap_or(0.0)));
             shown.f_x.extend(f.filter(|f| !shown.f_x.contains(f)));
             shown.orientation_deg.extend((!shown.orientation_deg.contains(&o)).then_some(o));

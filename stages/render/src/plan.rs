@@ -1,11 +1,12 @@
 //! What a render is going to do: method, what the scene needs, what is left out, how long it will take.
 
 use turbid_contract::payload::{Lamp, Medium, Object, Scene, Shape, Specular, Surface};
-use turbid_contract::{Known, StagePlan};
+use turbid_contract::{Extent, Known, StagePlan};
 use turbid_optics::diffusion::a_robin;
 
 use crate::channels::groups;
 use crate::fit::{FIT_PATHS, Lattice};
+use crate::form::sizes;
 use crate::glint::by_several_walls;
 use crate::kernel::Kernels;
 use crate::memory::{Asked, memory};
@@ -221,11 +222,12 @@ pub fn plan(params: &Params, scene: Option<&Scene>, known: &Known) -> StagePlan 
     }
     if let (Some(scene), Some(taken), Some(rig)) = (scene, &taken, &rig) {
         let pattern = known.extent("pattern");
-        let asked = Asked { params, scene, rig, taken, pattern, patterned, wanted: &known.wanted };
-        if let Some((bytes, makes)) = memory(&asked) {
+        let mut made = sizes(params, scene, known);
+        made.retain(|port, _| *port == "frames" || known.is_wanted(port));
+        let asked = Asked { params, scene, rig, taken, pattern, patterned, made: &made };
+        if let Some(bytes) = memory(&asked) {
             plan.memory = Some(bytes);
-            plan.bytes = Some(makes.values().map(|extent| extent.bytes()).sum());
-            plan.makes = makes;
+            plan.bytes = Some(made.values().filter_map(|form| form.extent()).map(Extent::bytes).sum());
         }
     }
     plan

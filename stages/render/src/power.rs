@@ -1,15 +1,16 @@
 //! The power port: where the light of all sources went, as a table.
 
 use serde_json::json;
-use turbid_contract::payload::{Power, Scene};
-use turbid_contract::{Cells, Table};
+use turbid_contract::payload::{Power, Scene, Surface};
+use turbid_contract::{Cells, ColumnInfo, Form, Table};
 
 use crate::forward::Tally;
 use crate::interval::{CONFIDENCE, share as interval};
 
 /// One row for each way out, each object that is not void, what rough walls lose between their facets where there are any, and each detector,
 /// channel by channel. `object_of` gives for each body its place among the objects.
-pub fn power(scene: &Scene, object_of: &[usize], tallies: &[Tally], has_rough_walls: bool) -> Power {
+pub fn power(scene: &Scene, object_of: &[usize], tallies: &[Tally]) -> Power {
+    let has_rough_walls = has_rough_walls(scene);
     let names: Vec<&String> = scene.objects.keys().collect();
     let (mut detectors, mut wavelengths) = (Vec::new(), Vec::new());
     let (mut shares, mut powers): ([Vec<f64>; 3], [Vec<f64>; 3]) = Default::default();
@@ -58,4 +59,28 @@ pub fn power(scene: &Scene, object_of: &[usize], tallies: &[Tally], has_rough_wa
         table.push(format!("{name}_high"), unit, Cells::F64(high));
     }
     Power(table)
+}
+
+/// The form of that table, by so many `photons` of each wavelength.
+pub fn form(scene: &Scene, photons: u32) -> Form {
+    let of_channel = 2 + scene.objects.len() + usize::from(has_rough_walls(scene)) + scene.detectors.len();
+    let mut columns = vec![ColumnInfo::new("detector", "")];
+    if !scene.wavelengths_nm.is_empty() {
+        columns.push(ColumnInfo::new("wavelength_nm", "nm"));
+    }
+    for (name, unit) in [("power", "W"), ("share", "1")] {
+        columns.extend(["", "_se", "_low", "_high"].map(|part| ColumnInfo::new(format!("{name}{part}"), unit)));
+    }
+    let rows = Some((scene.channels() * of_channel) as u64);
+    let attributes = [("photons", json!(u64::from(photons))), ("confidence", json!(CONFIDENCE))];
+    let attributes = attributes.map(|(name, value)| (name.to_owned(), value)).into();
+    Form { rows, columns: Some(columns), attributes, ..Form::default() }
+}
+
+/// Whether walls lose light between their facets: rough ones between different n.
+fn has_rough_walls(scene: &Scene) -> bool {
+    scene.objects.values().any(|object| {
+        let medium = object.medium.as_ref().and_then(|medium| scene.media.get(medium));
+        matches!(object.surface, Surface::Rough(_)) && medium.is_some_and(|medium| medium.n != 1.0)
+    })
 }

@@ -81,18 +81,9 @@ impl Shown {
     pub fn pattern(pattern: &Pattern, params: &Params, projector: &Projector, steady: bool) -> Result<Self, Error> {
         let stack = &pattern.0;
         let layers: Vec<&Layer> = stack.layers.iter().filter(|l| l.info.kind == LayerKind::Value).collect();
-        if layers.is_empty() {
-            return Err(Error::failed("the pattern has no layers: nothing would be projected"));
-        }
+        let infos: Vec<&LayerInfo> = layers.iter().map(|l| &l.info).collect();
         let (rows, columns) = (stack.rows(), stack.columns());
-        if let Some([c, r]) = projector.pixels
-            && (c as usize, r as usize) != (columns, rows)
-        {
-            return Err(Error::failed_with_hint(
-                format!("the pattern is {columns} x {rows} pixels, the projector has {c} x {r}"),
-                "make the pattern for this projector, or leave the projector's `pixels` out",
-            ));
-        }
+        fits(&infos, Some([rows as u64, columns as u64]), params, projector)?;
         for (i, layer) in layers.iter().enumerate() {
             // Also where a value is no number.
             if let Some(((row, column), v)) = layer.data.indexed_iter().find(|(_, v)| !(0.0..=1.0).contains(*v)) {
@@ -104,18 +95,10 @@ impl Shown {
                 ));
             }
         }
-        params.agree_with(&layers.iter().map(|l| &l.info).collect::<Vec<_>>())?;
         let layout = Layout { carriers: 0, pictures: layers.len(), steady };
         let pictures =
             Pictures::new(layers.len(), rows, columns, |layer, row, column| layers[layer].data[(row, column)]);
-        let frame = |(i, layer): (usize, &&Layer)| {
-            let LayerInfo { f_x_per_mm, phase_rad, orientation_deg, .. } = layer.info;
-            let info = LayerInfo { f_x_per_mm, phase_rad, orientation_deg, ..LayerInfo::value("radiance", "") };
-            let terms = [(layout.picture(i), 1.0)].into_iter().chain(layout.steady().map(|i| (i, 1.0)));
-            (info, terms.collect())
-        };
-        let frames: Vec<(LayerInfo, Terms)> = layers.iter().enumerate().map(frame).collect();
-        let quantities = fringes(&frames);
+        let (frames, quantities) = of_layers(&infos, layout);
         Ok(Self { carriers: Vec::new(), pictures, layout, frames, quantities })
     }
 
@@ -127,6 +110,43 @@ impl Shown {
         let highest = fringes.rev().max_by(|a, b| a.1.f_x_per_mm.total_cmp(&b.1.f_x_per_mm));
         (dc, highest.map(|(i, q)| [&q.terms, &self.quantities[i + 1].terms]))
     }
+}
+
+/// Whether a pattern with these layers and, where they are known, rows and columns fits params and projector.
+///
+/// Error: no layers, another size than the projector's, another set of fringes than the params ask for.
+pub fn fits(
+    layers: &[&LayerInfo],
+    pixels: Option<[u64; 2]>,
+    params: &Params,
+    projector: &Projector,
+) -> Result<(), Error> {
+    if layers.is_empty() {
+        let way_out = "connect the output `pattern` of a stage that makes one";
+        return Err(Error::failed_with_hint("the pattern has no layers: nothing would be projected", way_out));
+    }
+    if let (Some([c, r]), Some([rows, columns])) = (projector.pixels, pixels)
+        && [r, c].map(u64::from) != [rows, columns]
+    {
+        return Err(Error::failed_with_hint(
+            format!("the pattern is {columns} x {rows} pixels, the projector has {c} x {r}"),
+            "make the pattern for this projector, or leave the projector's `pixels` out",
+        ));
+    }
+    params.agree_with(layers)
+}
+
+/// A frame for each layer of a pattern, and the quantities behind them.
+pub fn of_layers(layers: &[&LayerInfo], layout: Layout) -> (Vec<(LayerInfo, Terms)>, Vec<Quantity>) {
+    let frame = |(i, layer): (usize, &&LayerInfo)| {
+        let LayerInfo { f_x_per_mm, phase_rad, orientation_deg, .. } = **layer;
+        let info = LayerInfo { f_x_per_mm, phase_rad, orientation_deg, ..LayerInfo::value("radiance", "") };
+        let terms = [(layout.picture(i), 1.0)].into_iter().chain(layout.steady().map(|i| (i, 1.0)));
+        (info, terms.collect())
+    };
+    let frames: Vec<(LayerInfo, Terms)> = layers.iter().enumerate().map(frame).collect();
+    let quantities = fringes(&frames);
+    (frames, quantities)
 }
 
 /// dc, re and im of every fringe with its phases, by the least-squares fit frame = dc + re cos(phase) - im sin(phase): for N even steps

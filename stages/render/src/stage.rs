@@ -1,19 +1,18 @@
 //! The stage: checks, traces, and fills the ports that are wanted.
 
 use turbid_contract::payload::{CONDITIONS, Covariance, Frames, Pattern, Power, Scene, Truth, White};
-use turbid_contract::{
-    Attributes, Ctx, Error, Form, Forms, Known, Pilot, Problems, Stage, StagePlan, in_ports, out_ports,
-};
+use turbid_contract::{Ctx, Error, Forms, Known, LayerInfo, Pilot, Problems, Stage, StagePlan, in_ports, out_ports};
 
 use crate::cautions::{self, pixels_with_lost_light, say_in};
 use crate::channels::groups;
 use crate::conditions::{layers, tell_dark_frames, warn_of_darkness};
 use crate::detector::Detector;
 use crate::field::Field;
-use crate::finish::Finish;
+use crate::form;
 use crate::forward::tally;
 use crate::frames::Images;
 use crate::glint::{Glinting, by_chance, glints};
+use crate::joints;
 use crate::kernel::Kernels;
 use crate::method::{Taken, sums};
 use crate::params::Params;
@@ -70,29 +69,12 @@ impl Stage for RenderStage {
             params.check_scene(&scene, problems);
             cautions::check(params, &scene, problems);
             warn_of_darkness(&scene, problems);
-            if known.connected.iter().any(|port| port == "pattern") && scene.projector.is_none() {
-                problems.push_with_hint(
-                    "",
-                    "there is a pattern, but the scene has no projector to show it",
-                    "add `projector` to the scene, or leave the input `pattern` out",
-                );
-            }
+            joints::check(params, &scene, known, problems);
         }
     }
 
     fn describe(params: &Params, known: &Known) -> Forms {
-        let mut frames = Attributes::new();
-        if let Some(scene) = known.get::<Scene>("scene") {
-            scene.rig().insert_into(&mut frames);
-            if let Some(said) = turbid_geometry::conditions(&scene) {
-                said.insert_into(&mut frames, CONDITIONS);
-            }
-        }
-        if !known.connected.iter().any(|port| port == "pattern") {
-            let f_x: Vec<f64> = params.f_x.iter().map(|f| f.0).collect();
-            frames.insert("f_x".to_owned(), f_x.into());
-        }
-        Forms::from([("frames", Form::said(frames))])
+        form::describe(params, known)
     }
 
     fn plan(params: &Params, known: &Known) -> StagePlan {
@@ -113,7 +95,7 @@ impl Stage for RenderStage {
         let scene = inputs.scene;
         let mut problems = Problems::default();
         params.check(inputs.pattern.is_some(), &mut problems);
-        let asked = inputs.pattern.as_ref().map_or_else(|| params.clone(), |pattern| params.showing(pattern));
+        let asked = inputs.pattern.as_ref().map_or_else(|| params.clone(), |pattern| params.showing(infos(pattern)));
         asked.check_scene(&scene, &mut problems);
         if let Some(problem) = problems.into_parts().0.into_iter().next() {
             return Err(Error::Invalid(problem));
@@ -124,7 +106,7 @@ impl Stage for RenderStage {
             (None, _) => Shown::sinusoids(params, steady),
             (Some(pattern), Some(projector)) => Shown::pattern(pattern, params, projector, steady)?,
             (Some(_), None) => {
-                return Err(Error::failed("there is a pattern, but the scene has no projector to show it"));
+                return Err(joints::no_projector());
             }
         };
         let taken = Taken::of(params, &scene, inputs.pattern.is_some());
@@ -173,15 +155,9 @@ impl Stage for RenderStage {
             shared_paths: shared_paths(&scene, &rig, &shown),
         };
         let power = if ctx.wants("power") {
-            if rig.steady.iter().zip(&rig.lights).any(|(steady, light)| steady.lamps.is_empty() && !light.shines()) {
-                return Err(Error::failed_with_hint(
-                    "the port `power` shares out the power of the lights, but ambient light has none",
-                    "add a projector or a light with a power",
-                ));
-            }
-            let rough = rig.worlds[0].materials.iter().any(|m| matches!(m.finish, Finish::Rough(_)));
+            joints::has_power(&rig)?;
             let tallies = tally(&rig, &Detector::all(&scene), params.photons, ctx)?;
-            Some(power(&scene, &rig.object_of, &tallies, rough))
+            Some(power(&scene, &rig.object_of, &tallies))
         } else {
             None
         };
@@ -223,6 +199,10 @@ impl Stage for RenderStage {
         }
         Ok(Out { frames, covariance, truth, white, power })
     }
+}
+
+fn infos(pattern: &Pattern) -> impl Iterator<Item = &LayerInfo> {
+    pattern.0.layers.iter().map(|layer| &layer.info)
 }
 
 /// The wavelengths of each group of channels that one walk serves.

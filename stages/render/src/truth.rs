@@ -3,7 +3,7 @@
 use serde_json::json;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{MaskReason, Scene, Surface, Truth};
-use turbid_contract::{ImageStack, LayerInfo, LayerKind};
+use turbid_contract::{Attributes, ImageStack, LayerInfo, LayerKind};
 
 use crate::camera::Camera;
 use crate::world::{Spans, World};
@@ -14,51 +14,68 @@ use crate::world::{Spans, World};
 pub fn truth(scene: &Scene, world: &World, object_of: &[usize], camera: &Camera) -> Truth {
     let (rows, columns) = (camera.rows, camera.columns);
     let mut stack = ImageStack::new(rows, columns);
-    let names: Vec<&String> = scene.objects.keys().collect();
-    stack.attributes.insert("objects".to_owned(), json!(names));
-    if let Some(camera) = &scene.camera {
-        stack.attributes.insert("field".to_owned(), json!(camera.field));
-        stack.set_pixel_pitch(camera);
-    }
+    stack.attributes = said(scene);
     // Optical properties of the object; an opaque one has none and shows 0.
     let media: Vec<_> = scene.objects.values().map(|o| o.medium.as_ref().map(|m| &scene.media[m])).collect();
     let media = &media;
-    let mut layers: Vec<(LayerInfo, Value<'_>)> = Vec::new();
+    let mut values: Vec<Value<'_>> = Vec::new();
     for channel in 0..scene.channels() {
-        let wavelength = scene.wavelengths_nm.get(channel).copied();
-        let info = |name: &str| LayerInfo { wavelength_nm: wavelength, ..LayerInfo::value(name, "mm^-1") };
         let of = |hit: &Hit| media[object_of[hit.body]];
-        layers.push((info("mu_a"), Box::new(move |hit| of(hit).map_or(0.0, |m| m.mu_a[channel]))));
-        let mu_s_prime = move |hit: &Hit| of(hit).map_or(0.0, |m| m.mu_s[channel] * (1.0 - m.g));
-        layers.push((info("mu_s_prime"), Box::new(mu_s_prime)));
+        values.push(Box::new(move |hit| of(hit).map_or(0.0, |m| m.mu_a[channel])));
+        values.push(Box::new(move |hit| of(hit).map_or(0.0, |m| m.mu_s[channel] * (1.0 - m.g))));
     }
-    layers.push((LayerInfo::value("height", "mm"), Box::new(|hit| hit.height)));
-    layers.push((LayerInfo::value("depth", "mm"), Box::new(|hit| hit.depth)));
-    for (i, name) in ["normal_x", "normal_y", "normal_z"].into_iter().enumerate() {
-        layers.push((LayerInfo::value(name, "1"), Box::new(move |hit| hit.normal[i])));
-    }
-    layers.push((LayerInfo::value("object", "1"), Box::new(|hit| object_of[hit.body] as f64)));
-    if scene.objects.values().any(|o| matches!(o.surface, Surface::Textured(_))) {
-        // Of opaque objects; light that enters others is not a matter of their surface alone.
-        layers.push((LayerInfo::value("albedo", "1"), Box::new(|hit| hit.albedo.unwrap_or(0.0))));
-    }
+    values.push(Box::new(|hit| hit.height));
+    values.push(Box::new(|hit| hit.depth));
+    values.extend((0..3).map(|i| -> Value<'_> { Box::new(move |hit| hit.normal[i]) }));
+    values.push(Box::new(|hit| object_of[hit.body] as f64));
+    // Where surfaces have textures.
+    values.push(Box::new(|hit| hit.albedo.unwrap_or(0.0)));
+    let (infos, mask_info) = layers(scene);
     let mut spans = Spans::default();
     // Pixel by pixel into all layers: a hit takes more room than what is said of it.
     let zeros = || Array2::<f32>::zeros((rows, columns));
-    let mut data: Vec<Array2<f32>> = layers.iter().map(|_| zeros()).collect();
+    let mut data: Vec<Array2<f32>> = infos.iter().map(|_| zeros()).collect();
     let mut mask = zeros();
     for (pixel, mask) in mask.iter_mut().enumerate() {
         let Some(hit) = first_hit(world, camera, pixel, &mut spans) else {
             *mask = MaskReason::Background.code();
             continue;
         };
-        for ((_, value), data) in layers.iter().zip(&mut data) {
+        for (value, data) in values.iter().zip(&mut data) {
             data[(pixel / columns, pixel % columns)] = value(&hit) as f32;
         }
     }
-    layers.into_iter().zip(data).for_each(|((info, _), data)| stack.push(info, data));
-    stack.push(LayerInfo::new("mask", LayerKind::Mask, "1"), mask);
+    infos.into_iter().zip(data).for_each(|(info, data)| stack.push(info, data));
+    stack.push(mask_info, mask);
     Truth(stack)
+}
+
+/// The layers of a truth in their order, and its mask.
+pub fn layers(scene: &Scene) -> (Vec<LayerInfo>, LayerInfo) {
+    let of = |channel: usize| {
+        let wavelength_nm = scene.wavelengths_nm.get(channel).copied();
+        ["mu_a", "mu_s_prime"].map(|name| LayerInfo { wavelength_nm, ..LayerInfo::value(name, "mm^-1") })
+    };
+    let mut layers: Vec<LayerInfo> = (0..scene.channels()).flat_map(of).collect();
+    layers.extend(["height", "depth"].map(|name| LayerInfo::value(name, "mm")));
+    layers.extend(["normal_x", "normal_y", "normal_z", "object"].map(|name| LayerInfo::value(name, "1")));
+    if scene.objects.values().any(|o| matches!(o.surface, Surface::Textured(_))) {
+        // Of opaque objects; light that enters others is not a matter of their surface alone.
+        layers.push(LayerInfo::value("albedo", "1"));
+    }
+    (layers, LayerInfo::new("mask", LayerKind::Mask, "1"))
+}
+
+/// What a truth says beside its layers.
+pub fn said(scene: &Scene) -> Attributes {
+    let names: Vec<&String> = scene.objects.keys().collect();
+    let mut attributes = Attributes::from([("objects".to_owned(), json!(names))]);
+    if let Some(camera) = &scene.camera {
+        attributes.insert("field".to_owned(), json!(camera.field));
+        camera.insert_pitch_into(&mut attributes);
+    }
+    scene.rig().insert_into(&mut attributes);
+    attributes
 }
 
 /// What a layer says of a hit.

@@ -11,6 +11,7 @@
 
 pub mod blend;
 pub mod depth;
+mod form;
 mod params;
 pub mod profile;
 pub mod split;

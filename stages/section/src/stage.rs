@@ -3,11 +3,12 @@
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{MaskReason, Modulation, Section, Sections, Truth};
 use turbid_contract::{
-    Ctx, Error, Extent, ImageStack, Known, Layer, LayerInfo, LayerKind, Problems, Stage, StagePlan, in_ports, out_ports,
+    Ctx, Error, Extent, Forms, ImageStack, Known, Layer, LayerInfo, Problems, Stage, StagePlan, in_ports, out_ports,
 };
 
 use crate::blend::{Share, share};
 use crate::depth::{Seen, arc_lengths};
+use crate::form;
 use crate::params::{Method, Params};
 use crate::profile::{Pixel, Profile, RINGS, Ring};
 use crate::split;
@@ -43,7 +44,7 @@ impl Stage for SectionTube {
     type In = In<'static>;
     type Out = Out;
 
-    fn check(params: &Params, _known: &Known, problems: &mut Problems) {
+    fn check(params: &Params, known: &Known, problems: &mut Problems) {
         if let Some(count) = params.count {
             let rule = format!("lie in [1, {RINGS}]");
             problems.require((1..=RINGS as u32).contains(&count), "count", f64::from(count), "", &rule);
@@ -60,6 +61,11 @@ impl Stage for SectionTube {
         if params.objects.as_ref().is_some_and(Vec::is_empty) {
             problems.push_with_hint("objects", "objects is empty", "leave it out for all of them");
         }
+        form::check(params, known, problems);
+    }
+
+    fn describe(params: &Params, known: &Known) -> Forms {
+        form::describe(params, known)
     }
 
     fn plan(params: &Params, known: &Known) -> StagePlan {
@@ -68,25 +74,16 @@ impl Stage for SectionTube {
         let of = |port: &str| known.extent(port).map_or(0, Extent::bytes);
         let sections = known.extent("modulation").map(|m| Extent::Images { pixels: m.pixels(), layers: 5 });
         let memory = sections.map(|s| of("modulation") + of("truth") + s.bytes() + 128 * s.pixels());
-        let makes = sections.map(|sections| ("sections", sections)).into_iter().collect();
-        StagePlan { method: Some(params.method.name().into()), left_out, memory, makes, ..StagePlan::default() }
+        StagePlan { method: Some(params.method.name().into()), left_out, memory, ..StagePlan::default() }
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
         let light = Light::of(&inputs.modulation.0)?;
         let truth = &inputs.truth.0;
-        if (truth.rows(), truth.columns()) != (light.rows, light.columns) {
-            return Err(Error::failed_with_hint(
-                format!(
-                    "the modulation has {} x {} pixels, the truth {} x {}",
-                    light.columns,
-                    light.rows,
-                    truth.columns(),
-                    truth.rows()
-                ),
-                "both must be seen by the same camera",
-            ));
-        }
+        form::same_size(
+            [light.rows, light.columns].map(|n| n as u64),
+            [truth.rows(), truth.columns()].map(|n| n as u64),
+        )?;
         let (wall, objects) = wall(params, truth)?;
         // Counted from the highest point of these objects: the rim, where the camera sees it.
         let top = objects.iter().flatten().map(|s| s.height).fold(f64::NEG_INFINITY, f64::max);
@@ -175,17 +172,7 @@ struct Light<'a> {
 
 impl<'a> Light<'a> {
     fn of(stack: &'a ImageStack) -> Result<Self, Error> {
-        let of = |name: &str, lowest: bool| {
-            let value = |l: &&Layer| l.info.name == name && l.info.kind == LayerKind::Value;
-            let first = stack.layers.iter().find(value)?.info.wavelength_nm;
-            let layers = stack.layers.iter().filter(value).filter(|l| l.info.wavelength_nm == first);
-            let f_x = |l: &&Layer| l.info.f_x_per_mm.unwrap_or(0.0);
-            let by_f = |a: &&Layer, b: &&Layer| f_x(a).total_cmp(&f_x(b));
-            if lowest { layers.min_by(by_f) } else { layers.max_by(by_f) }
-        };
-        let missing = |name: &str| Error::failed(format!("the modulation holds no layer `{name}`"));
-        let m_dc = of("m_dc", true).ok_or_else(|| missing("m_dc"))?;
-        let m_ac = of("m_ac", false).ok_or_else(|| missing("m_ac"))?;
+        let [m_dc, m_ac] = form::light(&infos(stack))?.map(|k| &stack.layers[k]);
         let mask = stack.mask(m_dc.info.wavelength_nm).map(Layer::pixels);
         Ok(Self { rows: stack.rows(), columns: stack.columns(), m_dc: m_dc.pixels(), m_ac: m_ac.pixels(), mask })
     }
@@ -211,28 +198,14 @@ impl<'a> Light<'a> {
     }
 }
 
+fn infos(stack: &ImageStack) -> Vec<&LayerInfo> {
+    stack.layers.iter().map(|layer| &layer.info).collect()
+}
+
 /// What the objects of interest show, and their names for messages.
 fn wall(params: &Params, truth: &ImageStack) -> Result<(String, Vec<Option<Seen>>), Error> {
-    let layer = |name: &str| {
-        let layer =
-            truth.find(name, None).ok_or_else(|| Error::failed(format!("the truth holds no layer `{name}`")))?;
-        Ok::<_, Error>(layer.pixels())
-    };
-    let names = truth.attributes.get("objects").and_then(|v| v.as_array()).cloned().unwrap_or_default();
-    let names: Vec<&str> = names.iter().filter_map(serde_json::Value::as_str).collect();
-    let wanted: Option<Vec<usize>> = match &params.objects {
-        None => None,
-        Some(objects) => {
-            let place = |(i, object): (usize, &String)| {
-                names.iter().position(|name| name == object).ok_or_else(|| {
-                    let what = format!("the scene has no object `{object}`; it has {}", names.join(", "));
-                    Error::invalid(format!("objects.{i}"), what)
-                })
-            };
-            Some(objects.iter().enumerate().map(place).collect::<Result<_, _>>()?)
-        }
-    };
-    let (height, normal_z, object, mask) = (layer("height")?, layer("normal_z")?, layer("object")?, layer("mask")?);
+    let wanted = form::objects(params, &truth.attributes)?;
+    let [height, normal_z, object, mask] = form::shape(&infos(truth))?.map(|k| truth.layers[k].pixels());
     let pixel = |i: usize| {
         let counts = mask[i] == 0.0 && wanted.as_ref().is_none_or(|w| w.contains(&(object[i] as usize)));
         counts.then(|| Seen { height: f64::from(height[i]), normal_z: f64::from(normal_z[i]) })
@@ -294,15 +267,17 @@ fn sections(params: &Params, light: &Light<'_>, arc: &[Option<f64>], bounds_mm: 
     let of = |value: &dyn Fn(&Share) -> f64| {
         image(shares.iter().map(|s| s.as_ref().map_or(0.0, |s| value(s) as f32)).collect())
     };
-    stack.push(LayerInfo::value("section", "1"), of(&|s| s.section as f64));
-    stack.push(LayerInfo::value("neighbour", "1"), of(&|s| s.neighbour as f64));
-    // f32 must not round a small share to nothing.
-    stack.push(LayerInfo::value("weight", "1"), of(&|s| s.weight.max(f64::from(f32::MIN_POSITIVE))));
-    stack.push(LayerInfo::value("arc_length", "mm"), image(arc.iter().map(|s| s.unwrap_or(0.0) as f32).collect()));
     let reason = |s: &Option<f64>| if s.is_some() { MaskReason::Good } else { MaskReason::OutsideSections }.code();
-    stack.push(LayerInfo::new("mask", LayerKind::Mask, "1"), image(arc.iter().map(reason).collect()));
+    let planes = [
+        of(&|s| s.section as f64),
+        of(&|s| s.neighbour as f64),
+        // f32 must not round a small share to nothing.
+        of(&|s| s.weight.max(f64::from(f32::MIN_POSITIVE))),
+        image(arc.iter().map(|s| s.unwrap_or(0.0) as f32).collect()),
+        image(arc.iter().map(reason).collect()),
+    ];
+    form::layers().into_iter().zip(planes).for_each(|(info, data)| stack.push(info, data));
     stack.attributes.insert("sections".into(), serde_json::to_value(list).expect("finite numbers are JSON"));
-    stack.attributes.insert("blend".into(), serde_json::json!(params.blend));
-    stack.attributes.insert("method".into(), serde_json::json!(params.method.name()));
+    stack.attributes.extend(form::said(params));
     Sections(stack)
 }

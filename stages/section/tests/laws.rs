@@ -7,6 +7,9 @@ use turbid_contract::payload::{MaskReason, Modulation, Section, Sections, Truth}
 use turbid_contract::{Ctx, Error, ImageStack, LayerInfo, LayerKind, MemoryHost, Problems, Stage};
 use turbid_section::{In, Method, Params, SectionTube};
 
+#[path = "laws/forms.rs"]
+mod forms;
+
 const N: usize = 200;
 const LENGTH: f64 = 250.0;
 

@@ -21,6 +21,7 @@
 mod blur;
 mod camera;
 mod covariance;
+mod form;
 mod noise;
 mod params;
 mod pixels;

@@ -3,14 +3,15 @@
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Covariance, Frames, MaskReason};
 use turbid_contract::{
-    Ctx, Error, Extent, Extents, Form, Forms, ImageStack, Known, Layer, LayerInfo, LayerKind, Problems, Stage,
-    StagePlan, in_ports, out_ports,
+    Ctx, Error, Extent, Forms, ImageStack, Known, Layer, LayerInfo, LayerKind, Problems, Stage, StagePlan, in_ports,
+    out_ports,
 };
 use turbid_optics::philox;
 
 use crate::blur::Blur;
 use crate::camera::Camera;
 use crate::covariance::covariance;
+use crate::form::{self, mask, number_layer};
 use crate::noise::Draws;
 use crate::params::Params;
 use crate::pixels::Pixels;
@@ -55,12 +56,13 @@ impl Stage for Sensor {
         params.full_well.is_some()
     }
 
-    fn check(params: &Params, _known: &Known, problems: &mut Problems) {
+    fn check(params: &Params, known: &Known, problems: &mut Problems) {
         params.check(problems);
+        form::check(known, problems);
     }
 
     fn describe(_params: &Params, known: &Known) -> Forms {
-        Forms::from([("frames", Form::said(known.fact("frames")))])
+        form::describe(known)
     }
 
     fn plan(params: &Params, known: &Known) -> StagePlan {
@@ -76,7 +78,7 @@ impl Stage for Sensor {
         let mut plan = StagePlan { needs: named(true), left_out: named(false), ..StagePlan::default() };
         if let Some(frames) = known.extent("frames") {
             let covariance = known.extent("covariance").map_or(0, Extent::bytes);
-            (plan.memory, plan.makes) = memory(frames, covariance, &known.wanted);
+            plan.memory = memory(frames.bytes() + covariance, known);
         }
         plan
     }
@@ -136,23 +138,16 @@ impl Stage for Sensor {
     }
 }
 
-/// Bytes that the run holds at the most, and how large its outputs are going to be.
+/// Bytes that the run holds at the most, beside those of its inputs; `None` where the layers of the frames are not known.
 ///
-/// Of each frame, which comes with its standard errors beside two layers of conditions: value, noise of the light and of the camera, and number in f64,
-/// two flags; before that its pixels once more, to be sorted for the full scale. Frames come out as they went in, with a mask.
-fn memory(frames: Extent, covariance: u64, wanted: &[String]) -> (Option<u64>, Extents) {
-    let (pixels, shown) = (frames.pixels(), frames.layers().saturating_sub(2).max(2) / 2);
-    let images = |layers: u64| Extent::Images { pixels, layers };
-    let mut makes = Extents::from([("frames", images(frames.layers() + 1))]);
-    let wants = |port: &str| wanted.iter().any(|wanted| wanted == port);
-    if wants("covariance") {
-        makes.insert("covariance", images(shown * (shown + 1) / 2));
-    }
-    if wants("numbers") {
-        makes.insert("numbers", images(shown));
-    }
-    let made: u64 = makes.values().map(|extent| extent.bytes()).sum();
-    (Some(frames.bytes() + covariance + 38 * shown * pixels + made), makes)
+/// Of each frame: value, noise of the light and of the camera, and number in f64, two flags; before that its pixels once more, to be sorted for the
+/// full scale. Then the outputs.
+fn memory(inputs: u64, known: &Known) -> Option<u64> {
+    let forms = form::describe(known);
+    let wanted = forms.iter().filter(|(port, _)| **port == "frames" || known.is_wanted(port));
+    let made: u64 = wanted.map(|(_, form)| form.extent().map(Extent::bytes)).sum::<Option<u64>>()?;
+    let numbers = forms.get("numbers")?.extent()?;
+    Some(inputs + 38 * numbers.layers() * numbers.pixels() + made)
 }
 
 /// The radiance that all but 0.1 % of the pixels of all frames stay below.
@@ -300,9 +295,7 @@ fn frames(
     }
     errors.into_iter().for_each(|(info, data)| stack.push(info, data));
     for mask in masks.iter().filter(|m| m.reasons.iter().any(|&r| r != 0.0)) {
-        let mut info = LayerInfo::new("mask", LayerKind::Mask, "1");
-        info.wavelength_nm = mask.wavelength_nm;
-        stack.push(info, plane(mask.reasons.clone()));
+        stack.push(self::mask(mask.wavelength_nm), plane(mask.reasons.clone()));
     }
     unknown.into_iter().for_each(|(info, data)| stack.push(info, data));
     stack
@@ -314,7 +307,7 @@ fn numbers(ideal: &ImageStack, values: &[&Layer], seen: &[Seen]) -> ImageStack {
     let mut stack = ImageStack::new(rows, columns);
     stack.take_pixel_pitch(ideal);
     for (layer, seen) in values.iter().zip(seen) {
-        let info = LayerInfo { unit: "1".into(), mean_se: None, ..layer.info.clone() };
+        let info = number_layer(&layer.info);
         let plane = Array2::from_shape_fn((rows, columns), |(r, c)| seen.number[r * columns + c] as f32);
         stack.push(info, plane);
     }

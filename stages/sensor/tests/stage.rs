@@ -7,6 +7,9 @@ use turbid_contract::payload::{Covariance, Frames, MaskReason};
 use turbid_contract::{Ctx, ImageStack, Known, LayerInfo, LayerKind, MemoryHost, Payload, Problems, StageRow};
 use turbid_sensor::Sensor;
 
+#[path = "stage/forms.rs"]
+mod forms;
+
 const N: usize = 64;
 const PHASES: usize = 3;
 

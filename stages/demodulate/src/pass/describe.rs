@@ -1,31 +1,15 @@
 //! From planes of numbers to layers that say what they are.
 
+use turbid_contract::LayerInfo;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::MaskReason;
 use turbid_contract::planes::mean_se;
-use turbid_contract::{LayerInfo, LayerKind};
 
+use crate::layers::{Group, OfChannel};
 use crate::pass::{Pass, Tally};
-use crate::set::Channel;
 use crate::unknown;
 
-type Described = (LayerInfo, Array2<f32>);
-
-/// Layers of a stack by kind; values come first, so that `pair` counts layers and value layers alike.
-#[derive(Default)]
-pub struct Group {
-    values: Vec<Described>,
-    errors: Vec<Described>,
-    covariances: Vec<Described>,
-    masks: Vec<Described>,
-    unknown: Vec<Described>,
-}
-
-impl Group {
-    pub fn into_iter_ordered(self) -> impl Iterator<Item = Described> {
-        self.values.into_iter().chain(self.errors).chain(self.covariances).chain(self.masks).chain(self.unknown)
-    }
-}
+pub type Described = (LayerInfo, Array2<f32>);
 
 impl Pass<'_> {
     /// Gives the planes their descriptions and sorts them into the two stacks.
@@ -34,23 +18,14 @@ impl Pass<'_> {
         planes: Vec<Array2<f32>>,
         tally: &Tally,
         sharing: f64,
-        values: &mut Group,
-        phases: &mut Group,
+        values: &mut Group<Described>,
+        phases: &mut Group<Described>,
     ) {
-        let Channel { wavelength_nm, unit, fringes } = self.channel;
+        let fringes = &self.channel.fringes;
         let known = self.blocks.is_some();
-        let first_value = values.values.len() as u32;
-        let info = |name: &str, unit: &str, k: usize| {
-            let mut info = LayerInfo::value(name, unit).with_f_x(fringes[k].f_x_per_mm);
-            (info.orientation_deg, info.wavelength_nm) = (fringes[k].orientation_deg, *wavelength_nm);
-            info
-        };
-        let mut infos: Vec<LayerInfo> =
-            (0..self.quantity_count()).map(|q| info(if q % 2 == 0 { "m_dc" } else { "m_ac" }, unit, q / 2)).collect();
-        let phase_infos: Vec<LayerInfo> = (0..fringes.len())
-            .filter(|&k| self.wants_phase && fringes[k].f_x_per_mm > 0.0)
-            .map(|k| info("phase", "rad", k))
-            .collect();
+        let OfChannel { values: mut infos, covariances, mask, phases: phase_infos } =
+            OfChannel::new(self.channel, values.values.len());
+        let phase_infos = if self.wants_phase { phase_infos } else { Vec::new() };
         let uncertain = self.uncertain(&planes, tally);
         let flags: Vec<Option<Vec<bool>>> =
             self.unknown.iter().map(|of_frames| either(of_frames.as_deref(), uncertain.as_deref())).collect();
@@ -70,7 +45,7 @@ impl Pass<'_> {
             let fringed = (0..fringes.len()).filter(|&k| fringes[k].f_x_per_mm > 0.0);
             let own = phase_infos.iter().zip(fringed).filter_map(|(info, k)| flagged(info, k, &data));
             phases.unknown.extend(own);
-            phases.masks.push((mask_info(*wavelength_nm), data));
+            phases.masks.push((mask.clone(), data));
         }
         let mut planes = planes.into_iter();
         let mut next = || planes.next().expect("as many planes as plane_count says");
@@ -83,11 +58,8 @@ impl Pass<'_> {
         if known {
             infos.iter().for_each(|info| values.errors.push((info.standard_error(), next())));
         }
-        for pair in &self.pairs {
-            let mut info = LayerInfo::new("cov", LayerKind::Covariance, format!("({unit})^2"));
-            info.pair = Some(pair.map(|q| first_value + q as u32));
-            info.wavelength_nm = *wavelength_nm;
-            values.covariances.push((info, next()));
+        if known {
+            covariances.into_iter().for_each(|info| values.covariances.push((info, next())));
         }
         let phase_plane = |mut plane: Array2<f32>| {
             if uncertain.is_some() {
@@ -99,7 +71,7 @@ impl Pass<'_> {
         if known {
             phase_infos.iter().for_each(|info| phases.errors.push((info.standard_error(), phase_plane(next()))));
         }
-        values.masks.push((mask_info(*wavelength_nm), next()));
+        values.masks.push((mask, next()));
     }
 
     /// The good pixels of which noise has left no signal, but whose neighbours have one; `None` where there are none.
@@ -115,10 +87,6 @@ impl Pass<'_> {
         }
         flags.contains(&true).then_some(flags)
     }
-}
-
-fn mask_info(wavelength_nm: Option<f64>) -> LayerInfo {
-    LayerInfo { wavelength_nm, ..LayerInfo::new("mask", LayerKind::Mask, "1") }
 }
 
 /// Where either is set; `None` where neither is there.

@@ -10,6 +10,7 @@ use turbid_contract::{
 use turbid_demodulate::{Demodulate, Filter, In, Method, Out, Params, Steps};
 
 mod errors;
+mod forms;
 
 /// A pattern's response at one pixel: M_DC and the complex fringe amplitude of each f_x.
 struct Truth {

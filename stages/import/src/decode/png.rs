@@ -14,6 +14,12 @@ const DEFLATE: u64 = 1032;
 
 type File<'a> = Reader<Cursor<&'a [u8]>>;
 
+pub fn size(bytes: &[u8]) -> Result<(usize, usize), String> {
+    let mut decoder = Decoder::new_with_limits(Cursor::new(bytes), Limits { bytes: CHUNKS });
+    let info = decoder.read_header_info().map_err(said)?;
+    bounded(u64::from(info.width), u64::from(info.height))
+}
+
 pub fn read(bytes: &[u8], channel: Option<Channel>) -> Result<Picture, String> {
     let mut decoder = Decoder::new_with_limits(Cursor::new(bytes), Limits { bytes: CHUNKS });
     decoder.set_transformations(Transformations::IDENTITY);

@@ -17,11 +17,20 @@ const MOST_PAGES: usize = 1000;
 
 type File<'a> = Decoder<Cursor<&'a [u8]>>;
 
-pub fn read(bytes: &[u8], channel: Option<Channel>) -> Result<Picture, String> {
+pub fn size(bytes: &[u8]) -> Result<(usize, usize), String> {
+    open(bytes).map(|(_, size)| size)
+}
+
+/// The file with the size of its first page.
+fn open(bytes: &[u8]) -> Result<(File<'_>, (usize, usize)), String> {
     tags_fit(bytes)?;
     let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(said)?;
     let (columns, rows) = decoder.dimensions().map_err(said)?;
-    let size = bounded(u64::from(columns), u64::from(rows))?;
+    Ok((decoder, bounded(u64::from(columns), u64::from(rows))?))
+}
+
+pub fn read(bytes: &[u8], channel: Option<Channel>) -> Result<Picture, String> {
+    let (mut decoder, size) = open(bytes)?;
     let (count, bits) = match decoder.colortype().map_err(said)? {
         tiff::ColorType::Gray(bits) => (1, bits),
         tiff::ColorType::GrayA(bits) => (2, bits),

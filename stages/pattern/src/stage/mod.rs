@@ -5,19 +5,34 @@ mod predistort;
 
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{MaskReason, SurfaceFrequency};
-use turbid_contract::{Ctx, Error, ImageStack, LayerInfo, LayerKind};
+use turbid_contract::{Ctx, Error, Extent, ImageStack, Known, Problems};
 use turbid_geometry::Hit;
 
 pub use pattern::{In as PatternIn, Out as PatternOut, PatternStage};
 pub use predistort::{In as PredistortIn, Out as PredistortOut, Predistort};
 
+use crate::form::{self, of_fringe};
 use crate::frequency::{Reached, fringe, places, reached};
-use crate::screen::Screen;
+use crate::screen::{Lack, Screen};
 
 /// CPU seconds for a value of a layer (measured).
 const PER_VALUE: f64 = 2e-7;
 /// Bytes for each pixel of the projector beside its layers: where its light falls, coordinates and irradiance there, and what the preview says of it.
 const OF_PIXEL: u64 = 128;
+
+/// Bytes that a run holds at the most: its layers twice, and what is known of each pixel.
+fn memory(layers: Extent) -> u64 {
+    2 * layers.bytes() + OF_PIXEL * layers.pixels()
+}
+
+/// Reports why a scene has no screen: at the field that is at fault, or at the port where it is the scene.
+fn unfit_scene((field, what, way_out): Lack, known: &Known, problems: &mut Problems) {
+    if field.is_empty() {
+        problems.unfit(known, "scene", Error::failed_with_hint(what, way_out));
+    } else {
+        problems.push_with_hint(field, what, way_out);
+    }
+}
 
 /// A plane of the screen's size.
 fn plane(screen: &Screen, values: Vec<f32>) -> Array2<f32> {
@@ -78,20 +93,16 @@ impl Map<'_> {
                 };
                 plane(self.screen, map.iter().zip(&mask).map(pixel).collect())
             };
-            let info = |name: &str, unit: &str| {
-                let mut info = LayerInfo::value(name, unit).with_f_x(*f_x);
-                info.orientation_deg = Some(*orientation_deg);
-                info
-            };
-            stack.push(info("f_surface", "mm^-1"), good(&|r| r.f_surface));
-            stack.push(info("cycles_per_pixel", "1"), good(&|r| r.cycles));
+            let [f_surface, cycles] = of_fringe(*f_x, *orientation_deg);
+            stack.push(f_surface, good(&|r| r.f_surface));
+            stack.push(cycles, good(&|r| r.cycles));
             self.report(*f_x, map, &mask, ctx);
         }
         if let Some(s) = coordinate {
-            stack.push(LayerInfo::value("coordinate", "mm"), plane(self.screen, s));
+            stack.push(form::coordinate(), plane(self.screen, s));
         }
         let codes = mask.iter().map(|m| m.code()).collect();
-        stack.push(LayerInfo::new("mask", LayerKind::Mask, "1"), plane(self.screen, codes));
+        stack.push(form::mask(), plane(self.screen, codes));
         let count = |reason: MaskReason| mask.iter().filter(|&&m| m == reason).count() as f64;
         let on_surface = pixels as f64 - count(MaskReason::Background);
         if on_surface > 0.0 {

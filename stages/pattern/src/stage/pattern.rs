@@ -3,7 +3,7 @@
 use turbid_contract::canonical::canonical_value;
 use turbid_contract::payload::{Pattern, Picture, Scene, SurfaceFrequency};
 use turbid_contract::{
-    Ctx, Error, Extent, FileUse, ImageStack, Known, LayerInfo, Problems, Stage, StagePlan, in_ports, out_ports,
+    Ctx, Error, FileUse, Forms, ImageStack, Known, LayerInfo, Problems, Stage, StagePlan, in_ports, out_ports,
     serde_json,
 };
 use turbid_geometry::{Bodies, picture};
@@ -11,12 +11,13 @@ use turbid_optics::elementary::sin_cos_turns;
 use turbid_optics::philox;
 
 use crate::dither::dither;
+use crate::form;
 use crate::fringes::{self, Fringe, fringes};
 use crate::image;
 use crate::params::pattern::{Params, Wave};
 use crate::screen::Screen;
 use crate::speckle::{Speckle, speckle};
-use crate::stage::{Map, OF_PIXEL, PER_VALUE, plane};
+use crate::stage::{Map, PER_VALUE, memory, plane, unfit_scene};
 
 in_ports! {
     pub struct In {
@@ -101,10 +102,14 @@ impl Stage for PatternStage {
                     what,
                     "make the picture for this projector, or leave the projector's `pixels` out",
                 ),
-                Err((path, what, hint)) => problems.push_with_hint(path, what, hint),
+                Err(lack) => unfit_scene(lack, known, problems),
                 Ok(screen) => check_resolution(params, &screen, problems),
             }
         }
+    }
+
+    fn describe(params: &Params, known: &Known) -> Forms {
+        form::of_pattern(params, known)
     }
 
     fn plan(params: &Params, known: &Known) -> StagePlan {
@@ -114,14 +119,10 @@ impl Stage for PatternStage {
             (None, None, Wave::Sinusoid) => "sinusoid",
             (None, None, Wave::Square) => "square",
         };
-        let fringes = params.f_x.len() as f64 * f64::from(params.phases) * params.orientation_deg.len() as f64;
-        let layers = params.speckle.map_or(fringes, |speckle| f64::from(speckle.count));
-        let screen = known.get::<Scene>("scene").and_then(|scene| Screen::of(&scene, params.pixels).ok());
-        let seconds = screen.as_ref().map(|s| (s.rows * s.columns) as f64 * PER_VALUE * layers);
-        let makes = screen.map(|s| Extent::images(s.columns as u64, s.rows as u64, layers as u64));
-        let memory = makes.map(|layers| 2 * layers.bytes() + OF_PIXEL * layers.pixels());
-        let makes = makes.map(|layers| ("pattern", layers)).into_iter().collect();
-        StagePlan { method: Some(method.into()), seconds, memory, makes, ..StagePlan::default() }
+        let layers = form::of_pattern(params, known).get("pattern").and_then(|pattern| pattern.extent());
+        let seconds = layers.map(|all| (all.pixels() * all.layers()) as f64 * PER_VALUE);
+        let memory = layers.map(memory);
+        StagePlan { method: Some(method.into()), seconds, memory, ..StagePlan::default() }
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
@@ -218,19 +219,18 @@ fn layers(
     screen: &Screen,
     ctx: Ctx<'_>,
 ) -> Result<Vec<(LayerInfo, Vec<f32>)>, Error> {
-    let mut layers: Vec<(LayerInfo, Vec<f32>)> = if let Some(image) = &params.image {
-        image.infos().zip(pictures.iter().map(|picture| image.values(picture))).collect()
+    let values: Vec<Vec<f32>> = if let Some(image) = &params.image {
+        pictures.iter().map(|picture| image.values(picture)).collect()
     } else if let Some(speckles) = &params.speckle {
         let key = philox::key(ctx.seed());
-        let made = ctx.map_tiles(speckles.count as usize, |i| {
+        ctx.map_tiles(speckles.count as usize, |i| {
             speckle(speckles, screen.pitch(), screen.columns, screen.rows, key, i as u32)
-        })?;
-        made.into_iter().map(|values| (LayerInfo::value("pattern", "1"), values)).collect()
+        })?
     } else {
         let shown = fringes(&params.f_x, &params.orientation_deg, params.phases);
-        let made = ctx.map_tiles(shown.len(), |i| fringe_values(params.wave, &shown[i], screen))?;
-        shown.iter().map(Fringe::info).zip(made).collect()
+        ctx.map_tiles(shown.len(), |i| fringe_values(params.wave, &shown[i], screen))?
     };
+    let mut layers: Vec<(LayerInfo, Vec<f32>)> = form::layers(params).into_iter().zip(values).collect();
     layers.iter_mut().for_each(|(_, values)| dither(params.dither, values, screen.columns));
     Ok(layers)
 }
@@ -278,9 +278,7 @@ fn surface_frequency(
     };
     let map = Map { screen, hit: &hit, most_cycles: 0.5 };
     let mut shown = Vec::new();
-    let own = params.f_x.iter().flat_map(|f| params.orientation_deg.iter().map(move |o| (f.0, o.0)));
-    let of_image = params.image.iter().filter_map(|image| Some((image.f_x?.0, image.orientation_deg.0)));
-    for (f, o) in own.chain(of_image).filter(|(f, _)| *f > 0.0) {
+    for (f, o) in form::mapped(params) {
         let own = layers.iter().filter(|(info, _)| info.f_x_per_mm == Some(f) && info.orientation_deg == Some(o));
         shown.push((f, o, own.map(|(_, values)| values.as_slice()).collect()));
     }

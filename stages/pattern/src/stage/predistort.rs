@@ -2,17 +2,18 @@
 
 use turbid_contract::payload::{Pattern, Scene, SurfaceFrequency};
 use turbid_contract::{
-    Ctx, Error, Extent, ImageStack, Known, LayerInfo, Problems, Stage, StagePlan, in_ports, out_ports,
+    Ctx, Error, Forms, ImageStack, Known, LayerInfo, Problems, Stage, StagePlan, in_ports, out_ports,
 };
 use turbid_geometry::{Bodies, camera_view};
 
 use crate::analytic::Bore;
 use crate::capture::{Picture, Tunnel};
+use crate::form::{self, FRINGES_ALONG};
 use crate::fringes::{self, Fringe, fringes};
 use crate::params::predistort::{Method, Params};
 use crate::sample::Sample;
 use crate::screen::Screen;
-use crate::stage::{Map, OF_PIXEL, PER_VALUE, plane};
+use crate::stage::{Map, PER_VALUE, memory, plane, unfit_scene};
 use crate::trace::trace;
 use crate::wall::Wall;
 
@@ -68,8 +69,12 @@ impl Stage for Predistort {
         let lamps = f64::from(params.lamps);
         problems.require((1.0..=10_000.0).contains(&lamps), "lamps", lamps, "", "lie in [1, 10000]");
         if let Some(scene) = known.get::<Scene>("scene") {
-            check_scene(params, &scene, problems);
+            check_scene(params, &scene, known, problems);
         }
+    }
+
+    fn describe(params: &Params, known: &Known) -> Forms {
+        form::of_predistort(params, known)
     }
 
     fn plan(params: &Params, known: &Known) -> StagePlan {
@@ -79,14 +84,11 @@ impl Stage for Predistort {
             Method::Trace | Method::Capture => 4.3e-6,
             Method::Analytic => 0.0,
         };
-        let screen = known.get::<Scene>("scene").and_then(|scene| Screen::of(&scene, params.pixels).ok());
-        let layers = params.f_x.len() as f64 * f64::from(params.phases);
-        let seconds = screen.as_ref().map(|s| (s.rows * s.columns) as f64 * (per_pixel + PER_VALUE * layers));
-        let makes = screen.map(|s| Extent::images(s.columns as u64, s.rows as u64, layers as u64));
-        let memory = makes.map(|layers| 2 * layers.bytes() + OF_PIXEL * layers.pixels());
-        let makes = makes.map(|layers| ("pattern", layers)).into_iter().collect();
+        let layers = form::of_predistort(params, known).get("pattern").and_then(|pattern| pattern.extent());
+        let seconds = layers.map(|all| all.pixels() as f64 * (per_pixel + PER_VALUE * all.layers() as f64));
+        let memory = layers.map(memory);
         let method = Some(params.method.name().into());
-        StagePlan { method, left_out, seconds, memory, makes, ..StagePlan::default() }
+        StagePlan { method, left_out, seconds, memory, ..StagePlan::default() }
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
@@ -110,16 +112,16 @@ impl Stage for Predistort {
             if ctx.wants("surface_frequency") { Some(made.map(params, &screen, &wall, ctx)?) } else { None };
         let mut stack = ImageStack::new(screen.rows, screen.columns);
         // f_x is along this surface, not in the plane of the pattern: frames say so on, and who corrects for a slope must know.
-        stack.attributes.insert("fringes_along".to_owned(), params.surface.clone().into());
+        stack.attributes.insert(FRINGES_ALONG.to_owned(), params.surface.clone().into());
         made.layers.into_iter().for_each(|(info, values)| stack.push(info, plane(&screen, values)));
         Ok(Out { pattern: Pattern(stack), surface_frequency })
     }
 }
 
-fn check_scene(params: &Params, scene: &Scene, problems: &mut Problems) {
+fn check_scene(params: &Params, scene: &Scene, known: &Known, problems: &mut Problems) {
     let screen = match Screen::of(scene, params.pixels) {
         Ok(screen) => screen,
-        Err((path, what, hint)) => return problems.push_with_hint(path, what, hint),
+        Err(lack) => return unfit_scene(lack, known, problems),
     };
     let bodies = Bodies::of(scene);
     let wall = match Wall::of(scene, &bodies, &params.surface, params.orientation_deg.0) {

@@ -10,7 +10,7 @@ use turbid_pattern::{PatternIn, PatternParams, PatternStage};
 use crate::{fringes, host, pattern, reached, tube};
 
 /// A 16 bit grey PNG of square size.
-fn png_of(side: u32, grey: impl Fn(usize) -> u16) -> Vec<u8> {
+pub fn png_of(side: u32, grey: impl Fn(usize) -> u16) -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, side, side);
     encoder.set_color(png::ColorType::Grayscale);
@@ -20,7 +20,7 @@ fn png_of(side: u32, grey: impl Fn(usize) -> u16) -> Vec<u8> {
     bytes
 }
 
-fn pictures(count: usize) -> PatternParams {
+pub fn pictures(count: usize) -> PatternParams {
     let files = (0..count).map(|i| format!("shown/{i}.png")).collect();
     let image = Image { files, f_x: None, orientation_deg: AngleDeg(0.0), gamma: 1.0 };
     PatternParams { image: Some(image), ..fringes(&[], &[0.0]) }

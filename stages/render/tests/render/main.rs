@@ -8,6 +8,7 @@ mod curved_glints;
 mod detectors;
 mod extreme;
 mod fit;
+mod forms;
 mod furnace;
 mod glints;
 mod golden;

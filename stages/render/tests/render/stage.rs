@@ -240,8 +240,8 @@ fn mistakes_are_named() {
         (good.clone(), json!({"f_x": [0.1], "samples": 4, "orientation_deg": []}), "orientation_deg", &["empty"]),
         (good.clone(), json!({"f_x": [0.1], "samples": 4, "orientation_deg": [0, 0]}), "orientation_deg.1", &["twice"]),
         (good.clone(), json!({"f_x": [0.1], "sample": 4}), "sample", &["unknown field `sample`"]),
-        (with(&|s| s.camera = None), ok.clone(), "", &["no camera"]),
-        (with(&|s| s.projector = None), ok.clone(), "", &["no projector"]),
+        (with(&|s| s.camera = None), ok.clone(), "scene", &["no camera"]),
+        (with(&|s| s.projector = None), ok.clone(), "scene", &["no projector"]),
         (
             with(&|s| s.projector.as_mut().unwrap().pixels = Some([10, 1000])),
             ok.clone(),

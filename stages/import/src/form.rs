@@ -1,0 +1,58 @@
+//! What imported frames will hold.
+
+use turbid_contract::payload::{CONDITIONS, Rig};
+use turbid_contract::pitch::PIXEL_PITCH_MM;
+use turbid_contract::{Attributes, Form, Forms, Known, LayerInfo, LayerKind};
+
+use crate::decode::size;
+use crate::params::{Params, Shot};
+
+/// What the layer of a file says.
+pub fn layer(params: &Params, shot: &Shot) -> LayerInfo {
+    let unit = if params.full_scale.is_some() { "W mm^-2 sr^-1" } else { "1" };
+    let mut info = LayerInfo::value("radiance", unit).with_f_x(shot.f_x);
+    if shot.f_x > 0.0 {
+        (info.phase_rad, info.orientation_deg) = (Some(shot.phase_rad), Some(shot.orientation_deg));
+    }
+    info.wavelength_nm = shot.wavelength_nm;
+    info
+}
+
+/// The mask of a wavelength: there where a pixel is bad.
+pub fn mask(wavelength_nm: Option<f64>) -> LayerInfo {
+    LayerInfo { wavelength_nm, ..LayerInfo::new("mask", LayerKind::Mask, "1") }
+}
+
+/// What the params say of the frames.
+pub fn said(params: &Params) -> Attributes {
+    let mut attributes = Attributes::new();
+    if let Some(pixel) = params.pixel_mm {
+        attributes.insert(PIXEL_PITCH_MM.to_owned(), vec![pixel.0; 2].into());
+    }
+    if let Some(name) = &params.rig {
+        Rig::named(name.trim()).insert_into(&mut attributes);
+    }
+    if let Some(conditions) = &params.conditions {
+        conditions.said().insert_into(&mut attributes, CONDITIONS);
+    }
+    attributes
+}
+
+/// The size of the frames is that of the first file; it is open where its header cannot be read.
+pub fn describe(params: &Params, known: &Known) -> Forms {
+    let shots = params.shots();
+    let values: Vec<LayerInfo> = shots.iter().map(|shot| layer(params, shot)).collect();
+    // Only a camera whose noise is known has standard errors.
+    let errors: Vec<LayerInfo> =
+        if params.full_well.is_some() { values.iter().map(LayerInfo::standard_error).collect() } else { Vec::new() };
+    let mut masks: Vec<LayerInfo> = Vec::new();
+    for mask in shots.iter().map(|shot| mask(shot.wavelength_nm)) {
+        if !masks.contains(&mask) {
+            masks.push(mask);
+        }
+    }
+    let first = shots.first().and_then(|shot| known.files.get(&shot.at));
+    let pixels = first.and_then(|bytes| size(&bytes).ok()).map(|(columns, rows)| [rows as u64, columns as u64]);
+    let layers = Some([values, errors].concat());
+    Forms::from([("frames", Form { pixels, layers, perhaps: masks, ..Form::said(said(params)) })])
+}
