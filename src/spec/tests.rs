@@ -1,5 +1,6 @@
 //! Whole files, as a user writes them.
 
+use crate::ids::{Id, StageId};
 use std::path::PathBuf;
 
 use serde_json::{Value, json};
@@ -78,7 +79,7 @@ fn the_whole_grammar_is_read() {
     };
     assert_eq!(frames.inputs[1].sources, [filtered]);
     assert_eq!(frames.inputs[2].sources, [source("a", None), source("b", Some("c"))]);
-    let params = spec.params(1, &Axes::new()).expect("it needs no axes");
+    let params = spec.params(StageId::new(1), &Axes::new()).expect("it needs no axes");
     assert_eq!(params, json!({"f_x": [0, 0.1], "samples": 1000, "label": "f_x = 0.1", "cost": "${5}"}));
     assert_eq!(spec.studies[0].vary, [("vars.f_x".to_owned(), vec![json!(0), json!(0.5), json!(1)])]);
     assert_eq!(spec.not_yet().len(), 1);
@@ -143,16 +144,16 @@ fn refilled_params_are_those_made_afresh() {
     let mut reused = None;
     for row in &foreach.rows {
         let axes: Axes = foreach.names.iter().cloned().zip(row.iter().cloned()).collect();
-        let fresh = spec.params(0, &axes).expect("all axes are there");
+        let fresh = spec.params(StageId::new(0), &axes).expect("all axes are there");
         let expected = json!({
             "list": [0, axes["a"], {"deep": format!("{}-3", axes["b"].as_str().unwrap())}], "k": 3, "fixed": {"x": 1}
         });
         assert_eq!(fresh, expected);
         let reused = reused.get_or_insert_with(|| fresh.clone());
-        spec.refill(0, &axes, reused).expect("all axes are there");
+        spec.refill(StageId::new(0), &axes, reused).expect("all axes are there");
         assert_eq!(*reused, fresh);
     }
-    let lost = spec.params(0, &[("a".to_owned(), json!(1))].into()).expect_err("b is not there");
+    let lost = spec.params(StageId::new(0), &[("a".to_owned(), json!(1))].into()).expect_err("b is not there");
     assert!(lost[0].to_string().contains("`${b}` is an axis that this stage does not carry"), "{}", lost[0]);
 }
 
@@ -169,13 +170,13 @@ fn includes_merge_and_paths_stay_with_their_files() {
     ]);
     let spec = files.load(&["stages.s.with.given=g.obj"]).expect("it is right");
     assert_eq!((&spec.vars["a"], &spec.vars["b"]), (&json!(1), &json!(2)));
-    let params = spec.params(0, &Axes::new()).expect("it needs no axes");
+    let params = spec.params(StageId::new(0), &Axes::new()).expect("it needs no axes");
     assert_eq!((&params["x"], &params["y"]), (&json!(1), &json!(5)));
     assert_eq!(spec.stages.iter().map(|s| s.name.as_str()).collect::<Vec<_>>(), ["s", "t"]);
-    assert_eq!(spec.input_file_base(0, "mesh.file"), files.path("lib"));
-    assert_eq!(spec.input_file_base(0, "v"), files.path("lib"));
-    assert_eq!(spec.input_file_base(0, "own"), files.path(""));
-    assert_eq!(spec.input_file_base(0, "given"), PathBuf::new());
+    assert_eq!(spec.input_file_base(StageId::new(0), "mesh.file"), files.path("lib"));
+    assert_eq!(spec.input_file_base(StageId::new(0), "v"), files.path("lib"));
+    assert_eq!(spec.input_file_base(StageId::new(0), "own"), files.path(""));
+    assert_eq!(spec.input_file_base(StageId::new(0), "given"), PathBuf::new());
 }
 
 #[test]
@@ -184,7 +185,10 @@ fn overrides_are_typed_and_recorded() {
     let files = Files::new(&[("main.yaml", text)]);
     let given = ["vars.x=0.5", "stages.s.with.list.1=[3, a]", "stages.s.with.new.deep='7'", "seed=9", "vars.x=0.25"];
     let spec = files.load(&given).expect("they are right");
-    assert_eq!(spec.params(0, &Axes::new()).unwrap(), json!({"list": [1, [3, "a"]], "t": 0.25, "new": {"deep": "7"}}));
+    assert_eq!(
+        spec.params(StageId::new(0), &Axes::new()).unwrap(),
+        json!({"list": [1, [3, "a"]], "t": 0.25, "new": {"deep": "7"}})
+    );
     assert_eq!((spec.seed, spec.overrides.as_slice()), (9, given.map(str::to_owned).as_slice()));
 }
 
@@ -192,7 +196,7 @@ fn overrides_are_typed_and_recorded() {
 fn mistakes_of_a_stage_are_placed_at_what_stands_in_the_file() {
     let spec = spec("stages:\n  s:\n    use: scene\n    with:\n      media: {m: {g: 2}}\n      size: 1_000\n");
     let place = |section, path: &[&str]| {
-        let d = spec.diagnostic(0, section, path, "wrong", None);
+        let d = spec.diagnostic(StageId::new(0), section, path, "wrong", None);
         (d.line, d.column, d.path)
     };
     assert_eq!(place(Section::With, &["media", "m", "g"]), (5, 22, "stages.s.with.media.m.g".to_owned()));
@@ -202,7 +206,8 @@ fn mistakes_of_a_stage_are_placed_at_what_stands_in_the_file() {
     assert_eq!(place(Section::Use, &[]), (3, 10, "stages.s.use".to_owned()));
     // What is unknown is the key, whatever the words.
     assert_eq!(place(Section::With, &["size"]), (6, 13, "stages.s.with.size".to_owned()));
-    let unknown = spec.diagnostic(0, Section::With, &["size"], Mistake::new(Kind::UnknownKey, "wrong"), None);
+    let unknown =
+        spec.diagnostic(StageId::new(0), Section::With, &["size"], Mistake::new(Kind::UnknownKey, "wrong"), None);
     assert_eq!((unknown.line, unknown.column, unknown.kind), (6, 7, Kind::UnknownKey));
 }
 
@@ -212,7 +217,7 @@ fn vars_and_axes_are_shown_with_their_other_place() {
     let text =
         "vars:\n  n: 4\n  m: \"${n}\"\nstages:\n  s: {use: x, foreach: {k: [1]}, with: {a: \"${m}\", b: \"${k}\"}}\n";
     let spec = spec(text);
-    let shown = |name: &str| spec.diagnostic(0, Section::With, &[name], "wrong", None).to_string();
+    let shown = |name: &str| spec.diagnostic(StageId::new(0), Section::With, &[name], "wrong", None).to_string();
     let (of_var, of_axis) = (shown("a"), shown("b"));
     assert!(of_var.contains("main.yaml:2:6: error: stages.s.with.a: wrong"), "{of_var}");
     assert!(of_var.contains("main.yaml:5:44\n") && of_var.contains("------ used here"), "{of_var}");
@@ -234,12 +239,12 @@ fn nothing_is_reported_twice_under_two_names() {
     let spec = spec.expect("much of it can be read");
     let before = report.errors();
     assert_eq!(before, 4, "{report}");
-    report.push(spec.diagnostic(0, Section::With, &["a"], "`a` is missing", None));
-    report.push(spec.diagnostic(1, Section::With, &["a"], "`a` is empty", None));
-    report.push(spec.diagnostic(1, Section::With, &["b"], "`b` is empty", None));
-    report.push(spec.diagnostic(1, Section::In, &[] as &[&str], "needs the input `p`", None));
+    report.push(spec.diagnostic(StageId::new(0), Section::With, &["a"], "`a` is missing", None));
+    report.push(spec.diagnostic(StageId::new(1), Section::With, &["a"], "`a` is empty", None));
+    report.push(spec.diagnostic(StageId::new(1), Section::With, &["b"], "`b` is empty", None));
+    report.push(spec.diagnostic(StageId::new(1), Section::In, &[] as &[&str], "needs the input `p`", None));
     assert_eq!(report.errors(), before, "{report}");
-    report.push(spec.diagnostic(1, Section::With, &["c"], "`c` is wrong", None));
+    report.push(spec.diagnostic(StageId::new(1), Section::With, &["c"], "`c` is wrong", None));
     assert_eq!(report.errors(), before + 1);
 }
 
@@ -304,9 +309,9 @@ fn overrides_belong_to_the_stages_that_use_them() {
     );
     let given = ["vars.samples=4", "vars.other=5", "stages.c.with.g=0.8", "seed=9", "about=more", "vars.samples=6"];
     let spec = Files::new(&[("main.yaml", text)]).load(&given).unwrap_or_else(|report| panic!("{report}"));
-    let of = |stage: usize| spec.overrides_of(stage).into_iter().collect::<Vec<_>>();
+    let of = |stage: usize| spec.overrides_of(StageId::new(stage)).into_iter().collect::<Vec<_>>();
     assert_eq!([of(0), of(1), of(2)], [vec![0, 3, 5], vec![1, 3], vec![2, 3]]);
-    assert!(self::spec(text).overrides_of(0).is_empty());
+    assert!(self::spec(text).overrides_of(StageId::new(0)).is_empty());
 }
 
 /// Any bytes of a pipeline file or of a table of axes changed: a spec, or mistakes with a place; never a panic or a hang.

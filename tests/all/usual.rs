@@ -29,9 +29,7 @@ fn shipped_pipelines_hold_no_slip_of_a_unit() {
     let (mut looked, mut doubts) = (0, BTreeSet::new());
     for path in pipelines() {
         let spec = spec::load(&path, &[]).unwrap_or_else(|report| panic!("{report}"));
-        for (i, stage) in
-            spec.stages.iter().enumerate().filter(|(_, s)| ["scene", "render"].contains(&s.use_name.as_str()))
-        {
+        for (i, stage) in spec.stages.iter_ids().filter(|(_, s)| ["scene", "render"].contains(&s.use_name.as_str())) {
             let row = registry.find(&stage.use_name).expect("it is built in");
             for values in &stage.foreach.rows {
                 let axes: Axes = stage.foreach.names.iter().cloned().zip(values.iter().cloned()).collect();
@@ -39,7 +37,7 @@ fn shipped_pipelines_hold_no_slip_of_a_unit() {
                 let Ok(params) = spec.params(i, &axes) else { continue };
                 looked += usize::from(stage.use_name == "scene");
                 let mut problems = Problems::default();
-                (row.check)(&params, &Known::default(), &mut problems);
+                row.check(&params, &Known::default(), &mut problems);
                 let (_, warnings) = problems.into_parts();
                 let units = warnings.iter().filter(|w| {
                     w.hint

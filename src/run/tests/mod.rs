@@ -7,9 +7,10 @@ use std::sync::atomic::{AtomicIsize, Ordering};
 use std::sync::mpsc::channel;
 use std::time::Duration;
 
+use turbid_contract::payload::Metrics;
 use turbid_contract::{
-    Artifact, ArtifactKind, Cells, Ctx, Error, InPorts, Known, Metrics, OutPort, OutPorts, Problems, Stage, Table,
-    in_ports, out_ports,
+    Artifact, ArtifactKind, Cells, Ctx, Error, InPorts, Known, OutPort, OutPorts, Problems, Stage, Table, in_ports,
+    out_ports,
 };
 
 use super::progress::Lines;

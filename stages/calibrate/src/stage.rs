@@ -77,7 +77,7 @@ impl Stage for Calibrate {
             Model::Rte => "rte",
             Model::Diffusion => "diffusion",
         };
-        let f_x = known.fact("sample").get("f_x").and_then(|f| f.as_array()).map(|list| list.len() as u64);
+        let f_x = known.form("sample").and_then(|form| form.f_x()).map(|list| list.len() as u64);
         let arms = known.extent("sample").zip(known.extent("reference"));
         let memory = arms.map(|(sample, reference)| memory(sample, reference, f_x));
         let (memory, makes) = memory.map_or((None, Extents::new()), |(bytes, makes)| (Some(bytes), makes));

@@ -54,7 +54,7 @@ pub struct Tabulate;
 
 impl Stage for Tabulate {
     const NAME: &'static str = "tabulate";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const ABOUT: &'static str = "means of images along axes, their differences and ratios, with standard errors";
 
     type Params = TabulateParams;

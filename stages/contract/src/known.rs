@@ -6,13 +6,11 @@ use std::fmt;
 use std::sync::{Arc, OnceLock};
 
 use crate::artifact::{Artifact, Attributes, LayerInfo};
-use crate::error::Error;
 use crate::extent::Extent;
 use crate::file::Files;
 use crate::form::Form;
 use crate::payload::Payload;
 use crate::port::Axes;
-use crate::problem::{At, Problem, Problems};
 
 /// An artifact that is in memory, and its typed view, which is made once for all who ask.
 #[derive(Clone)]

@@ -28,6 +28,7 @@ pub fn run(params: &Params, frames: &Frames, scene: Option<&Scene>, ctx: Ctx<'_>
         one(params, stack, &shots, pixel, &mut modulation, ctx)?;
     }
     order(&mut modulation);
+    measure_masked(&modulation, ctx);
     let half = |mm: f64| libm::ceil(0.5 * params.window.map_or(0.0, |w| w.0) / mm) as usize;
     unknown::pass_on(&mut modulation, |info| {
         let (_, frames) = channels.iter().find(|(wavelength_nm, _)| *wavelength_nm == info.wavelength_nm)?;

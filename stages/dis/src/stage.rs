@@ -38,7 +38,7 @@ const PILOT: u64 = 256;
 
 impl Stage for CalibrateDis {
     const NAME: &'static str = "calibrate_dis";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     const ABOUT: &'static str = "Simulates a double integrating sphere: M_R, M_T and lost light of a list of media";
 
     type Params = Params;

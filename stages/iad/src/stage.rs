@@ -64,7 +64,7 @@ fn seconds(params: &Params, known: &Known) -> f64 {
 
 impl Stage for CalibrateIad {
     const NAME: &'static str = "calibrate_iad";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     const ABOUT: &'static str = "mu_a, mu_s' and g from reflectance and transmittance: inverse adding-doubling";
 
     type Params = Params;

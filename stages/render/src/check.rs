@@ -86,8 +86,6 @@ impl Params {
 
     /// What is wrong with them for this scene.
     pub fn check_scene(&self, scene: &Scene, problems: &mut Problems) {
-        let cameras = scene.camera.as_ref().map(|c| ("camera", c.field, c.pixels));
-        let projectors = scene.projector.as_ref().and_then(|p| p.pixels.map(|n| ("projector", p.field, n)));
         if scene.objects.is_empty() {
             let hint = "render a scene that takes its rig from it: `in: {rig: ..}`";
             problems.at_input("scene", "the scene has no object: it is a rig for other scenes", hint);

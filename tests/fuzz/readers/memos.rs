@@ -70,7 +70,8 @@ fn plan(folder: &std::path::Path, mu_a: &str) -> Plan {
 fn publish(plan: &Plan, store: &Store) -> Vec<Arc<InstanceRecord>> {
     let resolver = Resolver::new(plan, store);
     let publish = |id| {
-        let key = resolver.keyed(id, &vec![None; plan.instances.len()]).expect("the pipeline is right").key;
+        let key =
+            resolver.keyed(id, &plan.instances.iter().map(|_| None).collect()).expect("the pipeline is right").key;
         let artifact =
             Artifact::Record(Record { fields: BTreeMap::from([("key".to_owned(), key.to_string().into())]) });
         let blob = store.put(&artifact).expect("there is no number in it");

@@ -43,9 +43,24 @@ impl Inputs {
         self.ports.get(port).map_or(&[], Vec::as_slice)
     }
 
+    /// The first artifact on each port.
+    pub fn each(&self) -> impl Iterator<Item = (&str, &Artifact)> {
+        self.ports.iter().filter_map(|(port, all)| Some((port.as_str(), &all.first()?.1)))
+    }
+
     /// The first artifact on a port.
     pub fn first(&self, port: &str) -> Option<&Artifact> {
         Some(&self.ports.get(port)?.first()?.1)
+    }
+}
+
+impl From<Vec<(&str, Artifact)>> for Inputs {
+    fn from(all: Vec<(&str, Artifact)>) -> Self {
+        let mut inputs = Self::none();
+        for (port, artifact) in all {
+            inputs.ports.entry(port.to_owned()).or_default().push((Axes::new(), artifact));
+        }
+        inputs
     }
 }
 

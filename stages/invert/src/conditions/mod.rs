@@ -233,7 +233,10 @@ pub fn check(params: &Params, known: &Known, problems: &mut Problems) {
     let (reflectance, lut) = (known.fact("reflectance"), known.fact("lut"));
     let f_x = match &params.f_x {
         Some(f_x) => Some(f_x.iter().map(|f| f.0).collect()),
-        None => [&reflectance, &lut].map(|facts| numbers(facts, "f_x")).into_iter().find(|f| f.len() > 1),
+        None => {
+            let own = known.form("reflectance").and_then(|form| form.f_x()).unwrap_or_default();
+            [own, numbers(&lut, "f_x")].into_iter().find(|f| f.len() > 1)
+        }
     };
     let f_x = extremes(f_x.unwrap_or_default());
     let corrected = known.connected.iter().any(|port| port == "height");

@@ -80,7 +80,7 @@ fn lanes_say_what_pixels_say() {
     for noise in [None, Some(([0.02, 0.03], 0.5))] {
         for table_se in [0.0, 0.01] {
             for outside in [Outside::Mask, Outside::Nearest] {
-                let run = |simd, sectioned: bool| {
+                let run = |simd: &str, sectioned: bool| {
                     let mut input = reflectance(&r, noise);
                     let mut mask = Array2::zeros((1, r.len()));
                     mask[(0, 9)] = MaskReason::LowSignal.code();

@@ -4,11 +4,10 @@ use glam::DVec3;
 use turbid_contract::Error;
 use turbid_optics::fresnel::normal_reflectance;
 use turbid_optics::refraction::{Crossing, Leg};
-use turbid_optics::solid::Solid;
 
 use crate::lamp::Source;
 use crate::link::Target;
-use crate::strata::{Bending, Strata};
+use crate::strata::{Bending, Strata, clear};
 use crate::walker::Walker;
 use crate::way::{Link, Way};
 

@@ -30,7 +30,7 @@ pub struct Plane {
     n: f32,
     /// World z of the plane and of both ends of the layer, mm.
     edge: f64,
-    layer: [f64; 2],
+    pub layer: [f64; 2],
     /// n of the light's layer and of the other.
     indices: [f64; 2],
     /// How far behind the plane paths are put that start on it, mm: so little of a free path that light does not see it.

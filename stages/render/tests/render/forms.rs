@@ -56,7 +56,7 @@ fn assert_held(scene: &Scene, pattern: Option<&Pattern>, params: &Value) {
     let job = (row.prepare)(params).unwrap();
     let forms = job.describe(&known);
     assert!(job.plan(&known).memory.is_some());
-    let host = TestHost::new(1, &ALL, 2);
+    let host = MemoryHost::new(1, &ALL, 2);
     let made = job.run(&inputs, Ctx::new(&host)).unwrap();
     assert_eq!(made.len(), ALL.len());
     for (port, artifact) in made {

@@ -32,11 +32,11 @@ fn coloured() -> Frames {
 fn known(inputs: &Inputs) -> Known {
     let wanted = ["frames", "covariance", "numbers"].map(str::to_owned).into();
     let mut known = Known { wanted, ..Known::default() };
-    for (port, artifact) in &inputs.0 {
-        known.connected.push((*port).into());
-        known.forms.insert((*port).into(), vec![Form::of(artifact).into()]);
-        known.extents.insert((*port).into(), artifact.extent());
-        known.producers.insert((*port).into(), format!("ideal.{port}"));
+    for (port, artifact) in inputs.each() {
+        known.connected.push(port.into());
+        known.forms.insert(port.into(), vec![Form::of(artifact).into()]);
+        known.extents.insert(port.into(), artifact.extent());
+        known.producers.insert(port.into(), format!("ideal.{port}"));
     }
     known
 }
@@ -52,11 +52,11 @@ fn what_is_said_is_made() {
     // 1.2e-6 saturates some pixels and not others.
     for params in [json!({"full_scale": 1e-5, "bits": 8, "full_well": 10000}), json!({"full_scale": 1.2e-6})] {
         for ideal in [plain(0.0), plain(1e-8), coloured()] {
-            let alone = Inputs(vec![("frames", ideal.into_artifact())]);
+            let alone = Inputs::from(vec![("frames", ideal.into_artifact())]);
             let first = sensed(&params, &alone);
             let find = |port: &str| first.iter().find(|(name, _)| *name == port).unwrap().1.clone();
             // A camera behind a camera.
-            let behind = Inputs(vec![("frames", find("frames")), ("covariance", find("covariance"))]);
+            let behind = Inputs::from(vec![("frames", find("frames")), ("covariance", find("covariance"))]);
             for inputs in [alone, behind] {
                 let job = (StageRow::of::<Sensor>().prepare)(&params).unwrap();
                 let known = known(&inputs);
@@ -97,7 +97,7 @@ fn wrong_joints_are_named() {
         stack.layers.iter_mut().for_each(|layer| change(&mut layer.info));
         Frames(stack)
     };
-    let alone = |frames: Frames| known(&Inputs(vec![("frames", frames.into_artifact())]));
+    let alone = |frames: Frames| known(&Inputs::from(vec![("frames", frames.into_artifact())]));
     let silent = alone(with(&|info| info.f_x_per_mm = None));
     assert_told(&silent, &["in.frames: `ideal.frames`: ", "does not say its f_x"]);
     let silent = alone(with(&|info| info.phase_rad = None));
@@ -113,12 +113,12 @@ fn wrong_joints_are_named() {
     assert!(told(&Known { wanted: vec!["frames".into()], ..two }).is_empty());
 
     let covariance = |frames: Frames| {
-        let inputs = Inputs(vec![("frames", frames.into_artifact())]);
+        let inputs = Inputs::from(vec![("frames", frames.into_artifact())]);
         let made = sensed(&json!({"full_scale": 1e-5}), &inputs);
         Covariance::from_artifact(made.into_iter().find(|(port, _)| *port == "covariance").unwrap().1).unwrap()
     };
     let beside = |frames: Frames, covariance: Covariance| {
-        known(&Inputs(vec![("frames", frames.into_artifact()), ("covariance", covariance.into_artifact())]))
+        known(&Inputs::from(vec![("frames", frames.into_artifact()), ("covariance", covariance.into_artifact())]))
     };
     let finer = with(&|info| info.f_x_per_mm = info.f_x_per_mm.map(|f| 2.0 * f));
     let both = "in.covariance: `ideal.covariance` does not belong to `ideal.frames`: ";
