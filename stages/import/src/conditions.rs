@@ -18,6 +18,7 @@ pub struct ConditionsParams {
     /// Of the sample; in its place `half_space: true` where nothing of its far side shows.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub thickness: Option<Length>,
+    /// Nothing of the sample's far side shows.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub half_space: bool,
     /// Mean cosine of the scattering angle, in (-1, 1).

@@ -35,7 +35,6 @@ pub struct ObjectParams {
     /// Where objects overlap, the higher priority wins.
     #[serde(default)]
     pub priority: i32,
-    /// What its surface does to light.
     #[serde(default)]
     pub surface: SurfaceParams,
 }

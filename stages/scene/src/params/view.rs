@@ -62,7 +62,6 @@ pub struct ProjectorParams {
     /// Columns and rows; bounds the spatial frequencies that it can show.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pixels: Option<[u32; 2]>,
-    /// Of its lens.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub distortion: Option<DistortionParams>,
 }
