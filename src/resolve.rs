@@ -25,7 +25,7 @@ use crate::threads;
 use crate::warned::Warned;
 use extents::Sizes;
 use files::{InputFiles, Lent};
-use forms::KnownForms;
+use forms::{Described, KnownForms};
 use inputs::KnownInputs;
 
 /// The blobs of an instance by port.
@@ -101,6 +101,8 @@ pub struct Survey {
     pub outputs: Vec<Option<Arc<Outputs>>>,
     /// The plan of every instance that is not a hit.
     pub plans: HashMap<InstanceId, StagePlan>,
+    /// What the outputs of such an instance will hold.
+    pub forms: HashMap<InstanceId, Arc<Described>>,
     /// Instances whose work another one with the same key does.
     pub twins: HashMap<InstanceId, InstanceId>,
     pub problems: Vec<Diagnostic>,
@@ -144,6 +146,7 @@ impl<'a> Resolver<'a> {
             states: (0..n).map(|_| None).collect(),
             outputs: vec![None; n],
             plans: HashMap::new(),
+            forms: HashMap::new(),
             twins: HashMap::new(),
             problems: Vec::new(),
         };
@@ -225,7 +228,8 @@ impl<'a> Resolver<'a> {
             Some(Ok(sound)) => {
                 self.note_extents(id, &sound.plan);
                 survey.plans.insert(id, sound.plan);
-                self.note_forms(id, sound.forms);
+                let forms = self.note_forms(id, sound.forms);
+                survey.forms.insert(id, forms);
                 for (warning, size) in sound.warnings {
                     warned.add(&mut survey.problems, warning, size);
                 }
@@ -252,6 +256,7 @@ impl<'a> Resolver<'a> {
             states: (0..n).map(|_| None).collect(),
             outputs: vec![None; n],
             plans: HashMap::new(),
+            forms: HashMap::new(),
             twins: HashMap::new(),
             problems: Vec::new(),
         };

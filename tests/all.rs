@@ -13,6 +13,9 @@ mod commands;
 mod conditions;
 #[path = "all/crash.rs"]
 mod crash;
+#[cfg(unix)]
+#[path = "all/docs.rs"]
+mod docs;
 #[path = "all/estimates.rs"]
 mod estimates;
 #[cfg(all(target_os = "linux", target_arch = "x86_64"))]
@@ -46,6 +49,8 @@ mod meshes;
 mod metrics;
 #[path = "all/near_normal.rs"]
 mod near_normal;
+#[path = "all/people.rs"]
+mod people;
 #[path = "all/pictures.rs"]
 mod pictures;
 #[path = "all/profile.rs"]

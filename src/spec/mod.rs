@@ -83,10 +83,10 @@ pub struct Spec {
     pub sources: Vec<SourceFile>,
     /// As given: `stages.frames.with.samples=64`.
     pub overrides: Vec<String>,
-    /// What is legal in the file and its overrides, but probably not meant.
-    pub warnings: Vec<Diagnostic>,
     /// Places in `stages` by name.
     places: HashMap<String, usize>,
+    /// What is legal in the file and its overrides, but probably not meant.
+    pub warnings: Vec<Diagnostic>,
     root: Node,
 }
 
@@ -166,8 +166,8 @@ fn read_from(file: Result<SourceFile, String>, path: &Path, overrides: &[String]
         studies,
         sources,
         overrides: overrides.to_vec(),
-        warnings: report.warnings(),
         places,
+        warnings: report.warnings(),
         root,
     };
     (Some(spec), report)

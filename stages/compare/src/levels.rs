@@ -1,6 +1,7 @@
 //! Means of images, their differences and ratios, with standard errors.
 
-use turbid_contract::{ImageStack, Layer, LayerInfo, LayerKind};
+use turbid_contract::serde_json::Value;
+use turbid_contract::{Axes, ImageStack, Layer, LayerInfo, LayerKind};
 
 /// The mean of one layer over the pixels that are not masked.
 #[derive(Clone, Debug, PartialEq)]
@@ -50,10 +51,7 @@ fn level(stack: &ImageStack, layer: &Layer) -> Level {
 impl Level {
     /// Whether both describe one quantity.
     pub fn matches(&self, other: &Self) -> bool {
-        let what = |info: &LayerInfo| {
-            (info.name.clone(), info.f_x_per_mm, info.phase_rad, info.orientation_deg, info.wavelength_nm)
-        };
-        what(&self.info) == what(&other.info)
+        same_quantity(&self.info, &other.info)
     }
 
     /// The difference of two means; their errors count as independent.
@@ -89,21 +87,47 @@ impl Level {
         })
     }
 
-    /// What tells the layer from the others of its stack: `radiance f_x=0.1 phase_deg=120`.
+    /// What tells the layer from the others of its stack.
     pub fn label(&self) -> String {
-        let mut text = self.info.name.clone();
-        let degrees = self.info.phase_rad.map(|phase| (phase.to_degrees() * 1e6).round() / 1e6);
-        let parts = [
-            (" f_x=", self.info.f_x_per_mm, ""),
-            (" phase_deg=", degrees, ""),
-            (" orientation_deg=", self.info.orientation_deg.filter(|&turn| turn != 0.0), ""),
-            (" @", self.info.wavelength_nm, "nm"),
-        ];
-        for (name, value, unit) in parts {
-            text.push_str(&value.map(|value| format!("{name}{value}{unit}")).unwrap_or_default());
-        }
-        text
+        label(&self.info)
     }
+}
+
+/// Whether both describe one quantity, whatever their units.
+pub fn same_quantity(a: &LayerInfo, b: &LayerInfo) -> bool {
+    let what = |info: &LayerInfo| (info.f_x_per_mm, info.phase_rad, info.orientation_deg, info.wavelength_nm);
+    a.name == b.name && what(a) == what(b)
+}
+
+/// `radiance f_x=0.1 phase_deg=120`: what tells a layer from the others of its stack.
+pub fn label(info: &LayerInfo) -> String {
+    let mut text = info.name.clone();
+    let degrees = info.phase_rad.map(|phase| (phase.to_degrees() * 1e6).round() / 1e6);
+    let parts = [
+        (" f_x=", info.f_x_per_mm, ""),
+        (" phase_deg=", degrees, ""),
+        (" orientation_deg=", info.orientation_deg.filter(|&turn| turn != 0.0), ""),
+        (" @", info.wavelength_nm, "nm"),
+    ];
+    for (name, value, unit) in parts {
+        text.push_str(&value.map(|value| format!("{name}{value}{unit}")).unwrap_or_default());
+    }
+    text
+}
+
+/// The value of an axis in words.
+pub fn text(value: &Value) -> String {
+    match (value.as_f64(), value.as_str()) {
+        (Some(number), _) => number.to_string(),
+        (None, Some(text)) => text.to_owned(),
+        (None, None) => value.to_string(),
+    }
+}
+
+/// `A_rho=1,S_rho=0`.
+pub fn point(axes: &Axes) -> String {
+    let parts: Vec<String> = axes.iter().map(|(name, value)| format!("{name}={}", text(value))).collect();
+    if parts.is_empty() { "all".to_owned() } else { parts.join(",") }
 }
 
 #[cfg(test)]

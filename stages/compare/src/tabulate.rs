@@ -6,7 +6,8 @@ use turbid_contract::payload::{Metrics, Stack};
 use turbid_contract::serde_json::Value;
 use turbid_contract::{Axes, Cells, Ctx, Error, Known, Many, Problems, Stage, Table, in_ports, out_ports};
 
-use crate::levels::{Level, levels};
+use crate::joints;
+use crate::levels::{Level, levels, point, text};
 
 /// Params of `tabulate`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -60,7 +61,8 @@ impl Stage for Tabulate {
     type In = TabulateIn<'static>;
     type Out = TabulateOut;
 
-    fn check(params: &TabulateParams, _: &Known, problems: &mut Problems) {
+    fn check(params: &TabulateParams, known: &Known, problems: &mut Problems) {
+        joints::check_tabulate(known, problems);
         problems.require(params.scale != 0.0, "scale", params.scale, "", "not be 0");
     }
 
@@ -90,7 +92,7 @@ impl Stage for Tabulate {
             }
         }
         for row in rows.iter().filter(|row| row.level.n == 0) {
-            let (at, label) = (region(row.axes), row.level.label());
+            let (at, label) = (point(row.axes), row.level.label());
             ctx.warn(format!("{at}: every pixel is masked, nothing is known of {label}"));
         }
         let without = rows.iter().filter(|row| row.level.n == 0).count();
@@ -115,7 +117,7 @@ fn base(minus: &Many<'_, Stack>, axes: &Axes) -> Result<Option<turbid_contract::
     }
     let within = |own: &Axes| own.iter().all(|(name, value)| axes.get(name) == Some(value));
     let found = minus.axes().iter().position(within);
-    let missing = || Error::failed(format!("minus: there is nothing at {}", region(axes)));
+    let missing = || Error::failed(format!("minus: there is nothing at {}", point(axes)));
     minus.load(found.ok_or_else(missing)?).map(|Stack(stack)| Some(stack))
 }
 
@@ -126,25 +128,10 @@ fn find<'a>(among: &'a [Level], level: &Level, port: &str) -> Result<&'a Level, 
     })
 }
 
-/// The value of an axis in words.
-fn text(value: &Value) -> String {
-    match (value.as_f64(), value.as_str()) {
-        (Some(number), _) => number.to_string(),
-        (None, Some(text)) => text.to_owned(),
-        (None, None) => value.to_string(),
-    }
-}
-
-/// `A_rho=1,S_rho=0`.
-fn region(axes: &Axes) -> String {
-    let parts: Vec<String> = axes.iter().map(|(name, value)| format!("{name}={}", text(value))).collect();
-    if parts.is_empty() { "all".to_owned() } else { parts.join(",") }
-}
-
 fn table(rows: &[Row<'_>]) -> Table {
     let mut table = Table::default();
     let texts = |f: &dyn Fn(&Row<'_>) -> String| Cells::Text(rows.iter().map(f).collect());
-    table.push("region", "", texts(&|r| region(r.axes)));
+    table.push("region", "", texts(&|r| point(r.axes)));
     table.push("quantity", "", texts(&|r| r.level.label()));
     for name in rows.first().into_iter().flat_map(|row| row.axes.keys()) {
         let values = || rows.iter().map(|row| row.axes.get(name));

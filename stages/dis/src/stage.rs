@@ -4,7 +4,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use serde_json::{Value, json};
 use turbid_contract::payload::Readings;
-use turbid_contract::{Cells, Ctx, Error, Known, Pilot, Problems, Stage, StagePlan, Table, in_ports, out_ports};
+use turbid_contract::{
+    Artifact, Cells, Ctx, Error, Form, Forms, Known, Pilot, Problems, Stage, StagePlan, Table, in_ports, out_ports,
+};
 
 use crate::assemble::{Experiment, assemble};
 use crate::light::{Method, Setup, Target};
@@ -49,6 +51,14 @@ impl Stage for CalibrateDis {
 
     fn check(params: &Params, _: &Known, problems: &mut Problems) {
         assemble(params, problems);
+    }
+
+    fn describe(params: &Params, _: &Known) -> Forms {
+        let Some(experiment) = assemble(params, &mut Problems::default()) else { return Forms::new() };
+        // Numbers of the media are not part of the form: a table without readings has its columns.
+        let Readings(empty) = table(&experiment, &[]);
+        let form = Form::of(&Artifact::Table(empty));
+        Forms::from([("readings", Form { rows: Some(experiment.media.len() as u64), ..form })])
     }
 
     fn plan(params: &Params, _: &Known) -> StagePlan {

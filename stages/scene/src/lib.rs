@@ -20,7 +20,8 @@
 
 pub mod assemble;
 mod axis;
-pub mod mesh;
+pub mod kept;
+mod mesh;
 pub mod overlap;
 pub mod params;
 mod per_channel;

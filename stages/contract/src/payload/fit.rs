@@ -2,7 +2,7 @@
 
 use crate::artifact::{Artifact, ArtifactKind, Table};
 use crate::error::Error;
-use crate::payload::Payload;
+use crate::payload::{Payload, Quantity, quantity};
 
 /// One row per medium.
 ///
@@ -20,6 +20,21 @@ pub struct Fit(pub Table);
 impl Payload for Fit {
     const NAME: &'static str = "fit";
     const KIND: ArtifactKind = ArtifactKind::Table;
+    const HOLDS: &'static [Quantity] = &[
+        quantity("medium", "", "name of the medium"),
+        quantity("mu_a", "mm^-1", "absorption coefficient"),
+        quantity("mu_s_prime", "mm^-1", "reduced scattering coefficient"),
+        quantity("mu_cov", "mm^-2", "their covariance"),
+        quantity("g", "1", "anisotropy of scattering"),
+        quantity("mu_a_model_error", "mm^-1", "what the model itself leaves uncertain"),
+        quantity("mu_s_prime_model_error", "mm^-1", "what the model itself leaves uncertain"),
+        quantity("m_r_residual", "1", "reading of the fit less that of the instrument"),
+        quantity("m_t_residual", "1", "reading of the fit less that of the instrument"),
+        quantity("mu_a_over_mu_s_prime", "1", "known also where only M_R was read"),
+        quantity("N", "1", "quadrature points"),
+        quantity("status", "", "how the fit of the row ended"),
+        quantity("message", "", "why"),
+    ];
 
     fn into_artifact(self) -> Artifact {
         Artifact::Table(self.0)

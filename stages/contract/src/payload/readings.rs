@@ -2,7 +2,7 @@
 
 use crate::artifact::{Artifact, ArtifactKind, Table};
 use crate::error::Error;
-use crate::payload::Payload;
+use crate::payload::{Payload, Quantity, quantity};
 
 /// One row per medium; fractions of the incident light where no unit is named.
 ///
@@ -20,6 +20,20 @@ pub struct Readings(pub Table);
 impl Payload for Readings {
     const NAME: &'static str = "readings";
     const KIND: ArtifactKind = ArtifactKind::Table;
+    const HOLDS: &'static [Quantity] = &[
+        quantity("medium", "", "name of the medium"),
+        quantity("m_r", "1", "reading of the reflectance sphere"),
+        quantity("m_t", "1", "reading of the transmittance sphere"),
+        quantity("m_rt_cov", "1", "covariance of both"),
+        quantity("lost_r", "1", "reflected light of the beam that misses the sphere"),
+        quantity("lost_t", "1", "transmitted light of the beam that misses the sphere"),
+        quantity("lost_r_diffuse", "1", "the same of diffuse light"),
+        quantity("lost_t_diffuse", "1", "the same of diffuse light"),
+        quantity("mu_a", "mm^-1", "of the medium, where it is simulated"),
+        quantity("mu_s_prime", "mm^-1", "of the medium, where it is simulated"),
+        quantity("g", "1", "of the medium"),
+        quantity("n", "1", "refractive index of the medium"),
+    ];
 
     fn into_artifact(self) -> Artifact {
         Artifact::Table(self.0)
