@@ -79,12 +79,12 @@ fn arms_of_two_rigs_are_refused_before_the_run() {
     let other = ["p.yaml", "--set", "stages.tissue.with.projector.power=6"];
     let text = space.turbid(&[&["check"][..], &other].concat()).fails(2);
     for words in [
-        "p.yaml:22:38: error: stages.reflectance.in.reference: `modulation.modulation` and `phantom_modulation.modulation`",
+        "p.yaml:24:41: error: stages.reflectance.in.reference: `modulation.modulation` and `phantom_modulation.modulation`",
         "different rigs: projector.power 6 W against 5 W",
         "`in: {rig: STAGE}`",
         "`rigs: may_differ`",
         "--set:1:1: warning: stages.tissue.with.projector.power: stages.phantom.with.projector.power stays as it is",
-        "the alias at p.yaml:15:7 of the anchor at p.yaml:8:7",
+        "the alias at p.yaml:16:7 of the anchor at p.yaml:9:7",
     ] {
         assert!(text.contains(words), "`{words}` is not in {text}");
     }
