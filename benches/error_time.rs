@@ -13,20 +13,21 @@ use program::{number, run, stage};
 use turbid::store::decode;
 use turbid_contract::{Artifact, ArtifactKind, ImageStack};
 
-/// Cores that Cycles had.
-const CORES: f64 = 2.0;
-
 /// Pixels between two distances from the middle of the image, in pixels.
 struct Region {
     name: &'static str,
     from: f64,
     to: f64,
-    /// Seconds on two cores to 1 % of M_DC and M_AC in Cycles (extrapolated from 16 to 64 samples per pixel), where known.
+    /// CPU seconds to 1 % of M_DC and M_AC in Blender's Cycles (bpy 5.0.1) on the machine of docs/validation.md, where measured.
     cycles: Option<[f64; 2]>,
 }
 
 const fn region(name: &'static str, from: f64, to: f64) -> Region {
     Region { name, from, to, cycles: None }
+}
+
+const fn measured(region: Region, cycles: [f64; 2]) -> Region {
+    Region { cycles: Some(cycles), ..region }
 }
 
 struct Scene {
@@ -82,13 +83,20 @@ fn scenes() -> Vec<Scene> {
 "
     .to_owned();
     // 20 mm of radius are 20 pixels, two more on the dome 40 mm above the slab.
-    let dome = || vec![region("dome", 0.0, 18.0), region("rim", 18.0, 24.0), region("surround", 24.0, f64::INFINITY)];
+    let dome = |cycles: [Option<[f64; 2]>; 2]| {
+        let [on, around] = cycles;
+        vec![
+            Region { cycles: on, ..region("dome", 0.0, 18.0) },
+            region("rim", 18.0, 24.0),
+            Region { cycles: around, ..region("surround", 24.0, f64::INFINITY) },
+        ]
+    };
     // A depth of t mm down the tube is 32 x 110 / (110 + t) pixels from the middle.
     let down = |t: f64| 32.0 * 110.0 / (110.0 + t);
     let lumen = vec![
-        region("200 to 250 mm down", down(250.0), down(200.0)),
+        measured(region("200 to 250 mm down", down(250.0), down(200.0)), [356_000.0, 5_800_000.0]),
         region("90 to 110 mm down", down(110.0), down(90.0)),
-        Region { cycles: Some([f64::NAN, 29_000.0]), ..region("first 10 mm", down(10.0), down(0.0)) },
+        measured(region("first 10 mm", down(10.0), down(0.0)), [101_000.0, 893_000.0]),
     ];
     let mesh = format!(
         "mesh: {{file: \"{}/pipelines/checks/icosphere.stl\", scale: 40, position: [0, 0, 0]}}",
@@ -97,13 +105,13 @@ fn scenes() -> Vec<Scene> {
     let spheroid = "spheroid: {diameters: [40, 40, 80], center: [0, 0, 0]}";
     let scene = |name, text, regions| Scene { name, text, uniform: false, regions, samples: &[64, 256] };
     vec![
-        half_space("(100, 5000)", 100.0, 5000.0, 1.0, Some([5_150.0, 21_700.0])),
-        half_space("(25, 4236)", 25.0, 4236.0, 1.0, Some([7_900.0, 59_400.0])),
-        half_space("(1, 20000)", 1.0, 20_000.0, 1.0, Some([14_500.0, 43_800.0])),
+        half_space("(100, 5000)", 100.0, 5000.0, 1.0, Some([13_000.0, 57_100.0])),
+        half_space("(25, 4236)", 25.0, 4236.0, 1.0, Some([21_700.0, 177_000.0])),
+        half_space("(1, 20000)", 1.0, 20_000.0, 1.0, Some([43_000.0, 128_000.0])),
         half_space("(100, 5000), n = 1.4", 100.0, 5000.0, 1.4, None),
         scene("lesion level with the surface", flush, vec![region("", 0.0, f64::INFINITY)]),
-        scene("spheroid on a slab", polyp(spheroid), dome()),
-        scene("ball of 1280 facets on a slab", polyp(&mesh), dome()),
+        scene("spheroid on a slab", polyp(spheroid), dome([Some([56_000.0, 509_000.0]), Some([23_600.0, 204_000.0])])),
+        scene("ball of 1280 facets on a slab", polyp(&mesh), dome([Some([44_000.0, 284_000.0]), None])),
         scene("tube", tube, lumen),
     ]
 }
@@ -200,7 +208,7 @@ fn main() {
                     let e = squares.fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
                     let e = e.map(|sum| (sum / seeds as f64).sqrt());
                     let to_one = e.map(|e| seconds * (e / 0.01).powi(2));
-                    let ratio = |i: usize| region.cycles.map(|c| CORES * c[i] / to_one[i]).filter(|r| r.is_finite());
+                    let ratio = |i: usize| region.cycles.map(|c| c[i] / to_one[i]);
                     let gain = [0, 1].map(|i| ratio(i).map_or(String::new(), |r| format!("{r:.0}"))).join(", ");
                     println!(
                         "| {} | {} | {method} | {n} | {seconds:.2} | {:.3} %, {:.3} % | {:.2}, {:.2} | {} |",
@@ -225,8 +233,8 @@ fn main() {
             });
         }
         if let Some([_, ac]) = scene.regions.last().and_then(|r| r.cycles) {
-            // Errors fall like one over the root of time.
-            let points = [10.0, 1e5].map(|s: f64| (s, 0.01 * (CORES * ac / s).sqrt())).to_vec();
+            // Errors fall like one over the root of time, from 100 % on.
+            let points = [f64::max(10.0, 1e-4 * ac), 1e5].map(|s| (s, 0.01 * (ac / s).sqrt())).to_vec();
             curves.push(Curve { name: format!("{}, Cycles", scene.name), dashed: true, color: k, points });
         }
     }

@@ -1,7 +1,7 @@
-//! Runs the pipelines of the README and renews what is stated of them: `cargo bench --bench figures [-- NAME…] [-- --outputs DIR]`.
+//! Runs the shipped pipelines and renews what is stated of them: `cargo bench --bench figures [-- NAME…] [-- --outputs DIR]`.
 //!
-//! The end of each run goes to `docs/figures/NAME.txt`, with the recipe of what ran, and its figures into the README's table. A test compares
-//! the three. All pipelines take some 800 CPU seconds; what is stored in DIR (`outputs` where nothing is said) is not run again.
+//! The end of each run goes to `docs/figures/NAME.txt`, with the recipe of what ran, and its figures into the table of
+//! `docs/validation.md`. A test compares the three. All pipelines take some 800 CPU seconds; what is stored in DIR (`outputs` where nothing is said) is not run again.
 
 #[path = "../tests/all/record.rs"]
 #[allow(dead_code, reason = "the test needs the rest")]
@@ -11,7 +11,7 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::process::{Command, ExitCode};
 
-use record::{Record, of_output, pipeline_file, readme, recipe_now, root, rows, write};
+use record::{Record, of_output, page, page_file, pipeline_file, recipe_now, root, rows, write};
 
 fn main() -> ExitCode {
     let mut arguments = std::env::args().skip(1).filter(|a| a != "--bench");
@@ -22,7 +22,7 @@ fn main() -> ExitCode {
             name => drop(names.insert(name.trim_end_matches(".yaml").to_owned())),
         }
     }
-    let known: BTreeSet<String> = rows(&readme()).into_iter().map(|row| row.pipeline).collect();
+    let known: BTreeSet<String> = rows(&page()).into_iter().map(|row| row.pipeline).collect();
     let names = if names.is_empty() { known } else { names };
     let mut failed = false;
     for name in &names {
@@ -47,11 +47,11 @@ fn renew(name: &str, outputs: &std::path::Path) -> Result<String, String> {
     let text = of_output(&recipe_now(name), &String::from_utf8_lossy(&done.stdout));
     let record = Record::parse(&text).ok_or("the run ended without its cost")?;
     write(name, &text)?;
-    let readme = readme();
-    let mut lines: Vec<String> = readme.lines().map(str::to_owned).collect();
-    for row in rows(&readme).iter().filter(|row| row.pipeline == name) {
+    let page = page();
+    let mut lines: Vec<String> = page.lines().map(str::to_owned).collect();
+    for row in rows(&page).iter().filter(|row| row.pipeline == name) {
         lines[row.at] = row.renewed(&record)?;
     }
-    std::fs::write(root().join("README.md"), lines.join("\n") + "\n").map_err(|e| e.to_string())?;
+    std::fs::write(page_file(), lines.join("\n") + "\n").map_err(|e| e.to_string())?;
     Ok(text)
 }

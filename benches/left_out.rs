@@ -131,7 +131,7 @@ fn rows() -> Vec<Row> {
         ),
         Row(
             "ball in a slab to 4 %",
-            "stand-ins (`auto` against `path`)",
+            "control variates (`auto` against `path`)",
             to_target(vec![SLAB, BALL], "method: path, target_error: 0.04"),
             to_target(vec![SLAB, BALL], "method: auto, target_error: 0.04"),
         ),

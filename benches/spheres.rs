@@ -89,14 +89,15 @@ fn expected(readings: &Table, light: Incidence) -> Vec<[f64; 2]> {
         ..Instrument::NONE
     };
     let experiment = Experiment::<32>::lit(&Slab::bare(1.0, 0.8, 1.0), &instrument, light).expect("an instrument");
-    let column = |name: &str| readings.f64s(name).expect("a column");
+    let column = |name: &str| readings.maybe_f64s(name).expect("a column");
+    let known = |name: &str, i: usize| column(name)[i].unwrap_or_else(|| panic!("{name} is not known"));
     (0..readings.rows())
         .map(|i| {
             let lost = Lost {
-                beam: ["lost_r", "lost_t"].map(|name| column(name)[i]),
-                diffuse: ["lost_r_diffuse", "lost_t_diffuse"].map(|name| column(name)[i]),
+                beam: ["lost_r", "lost_t"].map(|name| known(name, i)),
+                diffuse: ["lost_r_diffuse", "lost_t_diffuse"].map(|name| known(name, i)),
             };
-            experiment.readings(column("mu_a")[i], column("mu_s_prime")[i], &lost).expect("a medium")
+            experiment.readings(known("mu_a", i), known("mu_s_prime", i), &lost).expect("a medium")
         })
         .collect()
 }
@@ -117,7 +118,10 @@ fn row(name: &str, photons: u64, change: &Value) {
         _ => Incidence::Cone(CONE_DEG.to_radians()),
     };
     let readings = measure(&params);
-    let column = |name: &str| readings.f64s(name).expect("a column").to_vec();
+    let of = |table: &Table, name: &str, k: usize| -> f64 {
+        table.maybe_f64s(name).expect("a column")[k].unwrap_or_else(|| panic!("{name} of row {k} is not known"))
+    };
+    let column = |name: &str| (0..readings.rows()).map(|k| of(&readings, name, k)).collect::<Vec<f64>>();
     let expected = expected(&readings, light);
     let reading = |name: &str, i: usize| -> Vec<(f64, f64)> {
         let (found, se) = (column(name), column(&format!("{name}_se")));
@@ -132,10 +136,11 @@ fn row(name: &str, photons: u64, change: &Value) {
     };
     let solved: Vec<usize> = (0..status.len()).filter(|&k| status[k] == "ok").collect();
     let found = |name: &str, relative: bool| -> Vec<(f64, f64)> {
-        let [fit, se] = [name, &format!("{name}_se")].map(|name| fit.f64s(name).expect("a column"));
         let truth = column(name);
         let unit = |k: usize| if relative { 0.01 * truth[k] } else { 1.0 };
-        solved.iter().map(|&k| ((fit[k] - truth[k]) / unit(k), se[k] / unit(k))).collect()
+        let with_se =
+            |&k: &usize| ((of(&fit, name, k) - truth[k]) / unit(k), of(&fit, &format!("{name}_se"), k) / unit(k));
+        solved.iter().map(with_se).collect()
     };
     let fits = match solved.len() {
         0 => "no fit | ".to_owned(),

@@ -47,6 +47,7 @@ fn fill(outputs: &Path, records: u64) -> Duration {
             seed: None,
             state_key: None,
             measures: Vec::new(),
+            reached: None,
             warnings: Vec::new(),
             kernel: None,
             refused: Vec::new(),

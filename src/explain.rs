@@ -93,9 +93,12 @@ impl History {
             difference.field.strip_prefix("with.").is_some_and(|field| stopping.contains(&field))
         };
         let same_label = self.same_label(plan, id, &now.use_name);
+        // The run that it goes on from, also where hundreds came after it.
+        let same_work = now.state_key(stopping).and_then(|state| self.by_state.get(&state));
         let latest = self.by_use.get(&now.use_name).into_iter().flatten().take(COMPARED);
         same_label
             .into_iter()
+            .chain(same_work)
             .chain(latest)
             .map(|record| (record.clone(), differences(&dependencies_of(record), now)))
             .min_by_key(|(_, found)| (found.len() - found.iter().filter(only_stops).count(), found.len()))

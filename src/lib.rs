@@ -26,16 +26,4 @@ pub mod store;
 mod terminal;
 mod threads;
 mod warned;
-
-/// Temporary files with the rights that the user gives to new files, not with those of secrets: others may be meant to read them.
-fn shared_file() -> tempfile::Builder<'static, 'static> {
-    #[allow(unused_mut, reason = "only Unix has rights to set")]
-    let mut builder = tempfile::Builder::new();
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // Less what the umask takes away.
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
-    }
-    builder
-}
+mod whole_file;

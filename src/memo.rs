@@ -22,6 +22,7 @@ use crate::leftover;
 use crate::plan::{InstanceId, Plan};
 use crate::store::{InstanceRecord, Store};
 use crate::threads;
+use crate::whole_file::{self, Synced};
 use turbid_contract::file::MOST_BYTES;
 
 const FORMAT: &str = "turbid memo 3";
@@ -137,10 +138,7 @@ pub fn keep(plan: &Plan, records: &[&Arc<InstanceRecord>], files: &[(PathBuf, Di
 fn write(folder: &Path, name: &str, body: &[u8]) -> std::io::Result<()> {
     fs::create_dir_all(folder)?;
     leftover::sweep(folder, WRITING);
-    let mut file = crate::shared_file().prefix(WRITING).tempfile_in(folder)?;
-    leftover::hold(file.as_file());
-    std::io::Write::write_all(&mut file, body)?;
-    file.persist(folder.join(name)).map_err(|e| e.error)?;
+    whole_file::write(&folder.join(name), WRITING, body, Synced::No)?;
     let mut kept: Vec<_> =
         fs::read_dir(folder)?.flatten().map(|e| (e.metadata().and_then(|m| m.modified()).ok(), e.path())).collect();
     kept.sort();

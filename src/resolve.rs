@@ -19,13 +19,13 @@ use crate::key::{Dependencies, InputContent, instance_seed};
 use crate::memory::need;
 use crate::panics::lock;
 use crate::plan::{InstanceId, Plan};
-use crate::spec::{Diagnostic, Section, Severity, read_params};
+use crate::spec::{Diagnostic, Kind, Mistake, Section, Severity, read_params};
 use crate::store::{Blob, InstanceRecord, Store, encode};
 use crate::threads;
 use crate::warned::Warned;
 use extents::Sizes;
 use files::{InputFiles, Lent};
-use forms::KnownForms;
+use forms::{Described, KnownForms};
 use inputs::KnownInputs;
 
 /// The blobs of an instance by port.
@@ -101,6 +101,8 @@ pub struct Survey {
     pub outputs: Vec<Option<Arc<Outputs>>>,
     /// The plan of every instance that is not a hit.
     pub plans: HashMap<InstanceId, StagePlan>,
+    /// What the outputs of such an instance will hold.
+    pub forms: HashMap<InstanceId, Arc<Described>>,
     /// Instances whose work another one with the same key does.
     pub twins: HashMap<InstanceId, InstanceId>,
     pub problems: Vec<Diagnostic>,
@@ -144,6 +146,7 @@ impl<'a> Resolver<'a> {
             states: (0..n).map(|_| None).collect(),
             outputs: vec![None; n],
             plans: HashMap::new(),
+            forms: HashMap::new(),
             twins: HashMap::new(),
             problems: Vec::new(),
         };
@@ -225,7 +228,8 @@ impl<'a> Resolver<'a> {
             Some(Ok(sound)) => {
                 self.note_extents(id, &sound.plan);
                 survey.plans.insert(id, sound.plan);
-                self.note_forms(id, sound.forms);
+                let forms = self.note_forms(id, sound.forms);
+                survey.forms.insert(id, forms);
                 for (warning, size) in sound.warnings {
                     warned.add(&mut survey.problems, warning, size);
                 }
@@ -252,6 +256,7 @@ impl<'a> Resolver<'a> {
             states: (0..n).map(|_| None).collect(),
             outputs: vec![None; n],
             plans: HashMap::new(),
+            forms: HashMap::new(),
             twins: HashMap::new(),
             problems: Vec::new(),
         };
@@ -306,16 +311,19 @@ impl<'a> Resolver<'a> {
     pub fn prepare(&self, id: InstanceId) -> Result<Prepared, Vec<Diagnostic>> {
         let instance = &self.plan.instances[id];
         let params = self.plan.spec.params(instance.stage, &instance.axes)?;
-        let told = |path: &[String], message: String, hint| {
-            self.plan.spec.diagnostic(instance.stage, Section::With, path, message, hint)
-        };
         let (job, errors) = read_params(self.plan.row(instance.stage), &params);
         match job {
             Some(job) if errors.is_empty() => match job.canonical() {
                 Ok(canonical) => Ok(Prepared { params, job, canonical }),
-                Err(message) => Err(vec![told(&[], message, None)]),
+                Err(message) => {
+                    let path: [&str; 0] = [];
+                    Err(vec![self.plan.spec.diagnostic(instance.stage, Section::With, &path, message, None)])
+                }
             },
-            _ => Err(errors.into_iter().map(|e| told(&e.path, e.message, e.hint)).collect()),
+            _ => Err(errors
+                .into_iter()
+                .map(|e| self.plan.spec.diagnostic(instance.stage, Section::With, &e.path, e.mistake, None))
+                .collect()),
         }
     }
 
@@ -372,7 +380,8 @@ impl<'a> Resolver<'a> {
             Ok(digest) => Ok(InputFile { path, digest, most: file.most }),
             Err((message, hint)) => {
                 let at: Vec<&str> = file.at.split('.').collect();
-                Err(Box::new(self.plan.spec.diagnostic(stage, Section::With, &at, message, hint)))
+                let mistake = Mistake::new(Kind::File, message);
+                Err(Box::new(self.plan.spec.diagnostic(stage, Section::With, &at, mistake, hint)))
             }
         }
     }

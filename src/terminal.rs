@@ -2,9 +2,7 @@
 
 use std::borrow::Cow;
 use std::io::{self, Write};
-use std::sync::Mutex;
-
-use crate::panics::lock;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Why something that was to be printed on stdout is lost; the first reason, and that of all that followed.
 static LOST: Mutex<Option<io::Error>> = Mutex::new(None);
@@ -68,21 +66,26 @@ pub fn tell_painted(text: &str) {
     let _ = io::stderr().write_all(format!("{text}{newline}").as_bytes());
 }
 
+/// A panic elsewhere changes nothing of it.
+fn lost_so_far() -> MutexGuard<'static, Option<io::Error>> {
+    LOST.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// What was to be printed on stdout and could not be written, if anything. A reader who had enough (`turbid show | head`) loses nothing.
 pub fn lost() -> Option<String> {
-    let lost = lock(&LOST);
+    let lost = lost_so_far();
     lost.as_ref().filter(|error| error.kind() != io::ErrorKind::BrokenPipe).map(io::Error::to_string)
 }
 
 /// Notes that a write to stdout failed.
 pub fn note(written: io::Result<()>) {
     if let Err(error) = written {
-        lock(&LOST).get_or_insert(error);
+        lost_so_far().get_or_insert(error);
     }
 }
 
 fn write_out(text: &str) {
-    if lock(&LOST).is_some() {
+    if lost_so_far().is_some() {
         return;
     }
     let newline = if text.ends_with('\n') { "" } else { "\n" };

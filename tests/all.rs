@@ -3,6 +3,8 @@
 #[path = "all/space.rs"]
 mod space;
 
+#[path = "all/arrows.rs"]
+mod arrows;
 #[path = "all/checks.rs"]
 mod checks;
 #[path = "all/commands.rs"]
@@ -11,6 +13,9 @@ mod commands;
 mod conditions;
 #[path = "all/crash.rs"]
 mod crash;
+#[cfg(unix)]
+#[path = "all/docs.rs"]
+mod docs;
 #[path = "all/estimates.rs"]
 mod estimates;
 #[cfg(all(target_os = "linux", target_arch = "x86_64"))]
@@ -44,6 +49,8 @@ mod meshes;
 mod metrics;
 #[path = "all/near_normal.rs"]
 mod near_normal;
+#[path = "all/people.rs"]
+mod people;
 #[path = "all/pictures.rs"]
 mod pictures;
 #[path = "all/profile.rs"]
@@ -55,6 +62,8 @@ mod record;
 mod reproducible;
 #[path = "all/rerun.rs"]
 mod rerun;
+#[path = "all/rigs.rs"]
+mod rigs;
 #[path = "all/schema.rs"]
 mod schema;
 #[path = "all/shapes.rs"]

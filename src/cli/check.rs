@@ -25,11 +25,17 @@ pub struct Check {
 impl Check {
     pub fn run(&self, registry: &Registry) -> Done {
         let done = self.check(registry);
-        if self.json
-            && let Ok(report) | Err(Failure::Report(report)) = &done
-        {
+        if self.json {
+            let (report, code) = match done {
+                Ok(report) => (report, 0),
+                Err(failure) => failure.told(),
+            };
             print_json(&report.to_json().to_string());
-            return if report.has_errors() { Err(Failure::Report(Report::default())) } else { Ok(()) };
+            return match code {
+                0 => Ok(()),
+                1 => Err(Failure::Said),
+                _ => Err(Failure::Report(Report::default())),
+            };
         }
         let report = done?;
         for warning in report.diagnostics() {
@@ -52,6 +58,7 @@ impl Check {
         // The file may be meant for another machine.
         report.extend(large.into_iter().map(Diagnostic::warning));
         report.extend(plan.spec.not_yet().into_iter().map(Diagnostic::warning));
+        report.extend(plan.spec.warnings.iter().cloned());
         if report.has_errors() {
             return Err(report.into());
         }

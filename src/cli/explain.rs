@@ -9,6 +9,9 @@ use crate::spec::Report;
 
 use super::{Done, Failure, Pipeline, print, report_of};
 
+/// So many instances are explained.
+const MOST: usize = 32;
+
 #[derive(Args)]
 pub struct Explain {
     #[command(flatten)]
@@ -32,7 +35,7 @@ impl Explain {
         }
         let history = History::read(&store);
         let mut text = String::new();
-        for id in plan.instances_of(stage) {
+        for id in plan.instances_of(stage).take(MOST) {
             text.push_str(&plan.label(id));
             match &survey.states[id] {
                 Some(State::Hit(record)) => text.push_str(&format!(": up to date, key {}\n", record.key)),
@@ -73,6 +76,10 @@ impl Explain {
                 }
                 None => text.push_str(": not needed\n"),
             }
+        }
+        let more = plan.instances_of(stage).len().saturating_sub(MOST);
+        if more > 0 {
+            text.push_str(&format!("and {more} more instances; `turbid plan` says how many of them run\n"));
         }
         print(&text);
         Ok(())

@@ -1,15 +1,23 @@
 //! `turbid export`: an output as .npz, .mat, .tiff or .csv.
 
+use std::collections::HashSet;
 use std::path::PathBuf;
 
 use clap::Args;
 
 use crate::export::{export, export_frames};
+use crate::key::value_text;
+use crate::plan::{InstanceId, Plan};
 use crate::registry::Registry;
 use crate::resolve::{Resolver, State};
+use crate::run::latest::file_name;
+use crate::store::Blob;
 
 use super::select::Selector;
 use super::{Done, Failure, Pipeline, print, report_of};
+
+/// What `--bits` replaces in the name of a file by what a frame shows.
+const FRAMES: [&str; 3] = ["f_x", "phase", "wavelength"];
 
 #[derive(Args)]
 pub struct Export {
@@ -18,7 +26,7 @@ pub struct Export {
     /// STAGE[axis=value,…].PORT
     #[arg(value_name = "STAGE.PORT")]
     selector: String,
-    /// The file to write: .npz, .mat, .tiff or .csv
+    /// The file to write: .npz, .mat, .tiff or .csv; of several instances with {axis} for the values of each axis
     #[arg(long, value_name = "FILE")]
     to: PathBuf,
     /// A .tiff of whole numbers (8 or 16 bit) for each frame, {f_x}, {phase} and {wavelength} in FILE replaced
@@ -34,15 +42,7 @@ impl Export {
         };
         let plan = self.pipeline.plan(registry, &[format!("{}.{port}", selector.stage)])?;
         let ids = selector.instances(&plan)?;
-        let [id] = ids.as_slice() else {
-            let some: Vec<String> = ids.iter().take(3).map(|&id| plan.label(id)).collect();
-            return Err(Failure::Input(format!(
-                "`{}` names {} instances ({}, …); pick one with [axis=value]",
-                self.selector,
-                ids.len(),
-                some.join(", ")
-            )));
-        };
+        let files = self.files(&plan, &ids)?;
         let store = self.pipeline.store_to_read()?;
         let resolver = Resolver::new(&plan, &store);
         let survey = resolver.survey(&[]);
@@ -50,25 +50,60 @@ impl Export {
         if report.has_errors() {
             return Err(report.into());
         }
-        let Some(State::Hit(record)) = &survey.states[*id] else {
-            if let Some(error) = store.unread() {
-                return Err(Failure::Failed(error));
+        // All of them are looked for before one is written.
+        let blobs: Vec<Blob> = ids
+            .iter()
+            .map(|&id| match &survey.states[id] {
+                Some(State::Hit(record)) => Ok(record.ports[port].blob),
+                _ if store.unread().is_some() => Err(Failure::Failed(store.unread().unwrap_or_default())),
+                _ => Err(Failure::Failed(format!(
+                    "{} has not run yet with these parameters; try `turbid run {} {}`",
+                    plan.label(id),
+                    self.pipeline.file.display(),
+                    self.selector
+                ))),
+            })
+            .collect::<Result<_, _>>()?;
+        for (blob, to) in blobs.iter().zip(files) {
+            let artifact = store.get(blob).map_err(|e| Failure::Failed(e.to_string()))?;
+            let written = match self.bits {
+                Some(bits) => export_frames(&artifact, &to, bits),
+                None => export(&artifact, &to).map(|()| vec![to]),
+            };
+            for file in written.map_err(|e| Failure::Input(e.to_string()))? {
+                print(&format!("wrote {}", file.display()));
             }
-            return Err(Failure::Failed(format!(
-                "{} has not run yet with these parameters; try `turbid run {} {}`",
-                plan.label(*id),
-                self.pipeline.file.display(),
-                self.selector
-            )));
-        };
-        let artifact = store.get(&record.ports[port].blob).map_err(|e| Failure::Failed(e.to_string()))?;
-        let written = match self.bits {
-            Some(bits) => export_frames(&artifact, &self.to, bits),
-            None => export(&artifact, &self.to).map(|()| vec![self.to.clone()]),
-        };
-        for file in written.map_err(|e| Failure::Input(e.to_string()))? {
-            print(&format!("wrote {}", file.display()));
         }
         Ok(())
+    }
+
+    /// The file of each instance: of several the name with the values of their axes.
+    fn files(&self, plan: &Plan, ids: &[InstanceId]) -> Result<Vec<PathBuf>, Failure> {
+        if ids.len() == 1 {
+            return Ok(vec![self.to.clone()]);
+        }
+        let named =
+            |&id: &InstanceId| {
+                let of_frames = |name: &str| self.bits.is_some() && FRAMES.contains(&name);
+                let axes = plan.instances[id].axes.iter().filter(|(name, _)| !of_frames(name));
+                let name = self.to.to_string_lossy().into_owned();
+                PathBuf::from(axes.fold(name, |name, (axis, value)| {
+                    name.replace(&format!("{{{axis}}}"), &file_name(&value_text(value)))
+                }))
+            };
+        let files: Vec<PathBuf> = ids.iter().map(named).collect();
+        let mut different = HashSet::new();
+        if files.iter().all(|file| different.insert(file)) {
+            return Ok(files);
+        }
+        let some: Vec<String> = ids.iter().take(3).map(|&id| plan.label(id)).collect();
+        let axes = plan.instances[ids[0]].axes.keys().map(|axis| format!("{{{axis}}}")).collect::<Vec<_>>();
+        Err(Failure::Input(format!(
+            "`{}` names {} instances ({}, …); pick one with [axis=value], or write {} into the name of the file",
+            self.selector,
+            ids.len(),
+            some.join(", "),
+            axes.join(", ")
+        )))
     }
 }

@@ -176,11 +176,10 @@ impl Kind {
         let known = cells.get("n").and_then(Value::as_f64).is_none_or(|n| n > 0.0);
         let value = |name: &str| cells.get(name).and_then(Value::as_f64).filter(|_| known);
         let unit = cells.get("unit").and_then(Value::as_str).unwrap_or_default();
-        // A position has no natural zero: percentages of it say nothing.
-        let position = unit == "mm";
-        let either = |percent: &str, own: &str| match position {
-            true => (value(own), unit),
-            false => (value(percent), "%"),
+        // What has no percentage (a position, which has no natural zero; a truth of 0) is said in its own unit.
+        let either = |percent: &str, own: &str| match value(percent) {
+            Some(percent) => (Some(percent), "%"),
+            None => (value(own), unit),
         };
         let plain = |(value, unit): (Option<f64>, &str)| value.map_or("-".to_owned(), |v| with_unit(&short(v), unit));
         let signed = |(value, unit): (Option<f64>, &str)| {
@@ -190,15 +189,15 @@ impl Kind {
         };
         let masked = cells.get("masked_percent").and_then(Value::as_f64);
         let masked = masked.map_or("-".to_owned(), |share| with_unit(&short(share), "%"));
-        let truth = value("truth").unwrap_or(0.0).abs();
-        let mean_se = if position { value("mean_se") } else { value("mean_se").map(|se| 100.0 * se / truth) };
         match self {
             Self::Summary => {
                 let (size, unit) = either("mean_abs_error_percent", "mean_abs_error");
-                let (se, _) = either("mean_abs_error_se_percent", "mean_abs_error_se");
+                // An error in the unit of what it is the error of.
+                let of = if unit == "%" { "mean_abs_error_se_percent" } else { "mean_abs_error_se" };
+                let se = value(of);
                 let count = |name: &str| cells.get(name).and_then(Value::as_i64).unwrap_or(0);
-                let only = |name: &str| if position { "-".to_owned() } else { plain((value(name), "%")) };
-                let turned = |name: &str| if position { "-".to_owned() } else { signed((value(name), "%")) };
+                let only = |name: &str| plain((value(name), "%"));
+                let turned = |name: &str| signed((value(name), "%"));
                 vec![
                     size.map_or("-".to_owned(), |size| with_error(size, se, unit, "")),
                     only("noise_percent"),
@@ -213,6 +212,9 @@ impl Kind {
             }
             Self::Fit | Self::Regions => {
                 let (bias, unit) = either("bias_percent", "bias");
+                let relative =
+                    |se: f64| if unit == "%" { 100.0 * se / value("truth").unwrap_or(0.0).abs() } else { se };
+                let mean_se = value("mean_se").map(relative);
                 let bias = bias.map_or("-".to_owned(), |bias| {
                     with_error(bias.abs(), mean_se, unit, if bias < 0.0 { "-" } else { "+" })
                 });
@@ -238,12 +240,12 @@ fn unit_of(cells: &Map<String, Value>) -> &str {
     cells.get("unit").and_then(Value::as_str).unwrap_or_default()
 }
 
-fn with_unit(number: &str, unit: &str) -> String {
+pub(super) fn with_unit(number: &str, unit: &str) -> String {
     if matches!(unit, "" | "1") { number.to_owned() } else { format!("{number} {unit}") }
 }
 
 /// Two digits that count, without an exponent where that reads well.
-fn short(value: f64) -> String {
+pub(super) fn short(value: f64) -> String {
     rounded(value, two_digits(value))
 }
 
@@ -341,18 +343,19 @@ mod tests {
     #[test]
     fn what_is_not_known_is_not_a_number() {
         let texts = |cells: &[&str]| Cells::Text(cells.iter().map(|&c| c.to_owned()).collect());
+        let maybe = |cells: &[Option<f64>]| Cells::MaybeF64(cells.to_vec());
         let regions = table(&[
             ("region", texts(&["lesion", "shade", "lesion"])),
             ("quantity", texts(&["mu_a", "mu_a", "height"])),
             ("n", Cells::I64(vec![9, 0, 4])),
-            ("mean_se", Cells::MaybeF64(vec![None, None, Some(0.02)])),
-            ("truth", Cells::F64(vec![0.1, 0.0, 20.0])),
-            ("bias_percent", Cells::F64(vec![-2.5, 0.0, 0.0])),
-            ("rmse_percent", Cells::F64(vec![3.0, 0.0, 0.0])),
-            ("masked_percent", Cells::F64(vec![12.5, 100.0, 0.0])),
-            ("bias", Cells::F64(vec![-0.0025, 0.0, 0.05])),
-            ("rmse", Cells::F64(vec![0.003, 0.0, 1.87])),
-            ("p95", Cells::F64(vec![0.006, 0.0, 3.53])),
+            ("mean_se", maybe(&[None, None, Some(0.02)])),
+            ("truth", maybe(&[Some(0.1), None, Some(20.0)])),
+            ("bias_percent", maybe(&[Some(-2.5), None, None])),
+            ("rmse_percent", maybe(&[Some(3.0), None, None])),
+            ("masked_percent", maybe(&[Some(12.5), Some(100.0), Some(0.0)])),
+            ("bias", maybe(&[Some(-0.0025), None, Some(0.05)])),
+            ("rmse", maybe(&[Some(0.003), None, Some(1.87)])),
+            ("p95", maybe(&[Some(0.006), None, Some(3.53)])),
             ("unit", texts(&["mm^-1", "mm^-1", "mm"])),
         ]);
         let expected = "
@@ -362,5 +365,34 @@ metrics  shade   mu_a      -                 -       -             100 %
 metrics  lesion  height    +0.05 (0.02) mm   1.9 mm  3.5 mm        0 %
 ";
         assert_eq!(text(&[("metrics", regions)]), expected);
+    }
+
+    /// Each medium of a fit has its line: one without a fit says so, and one whose truth is 0 has its error in the unit of the quantity.
+    #[test]
+    fn a_fit_says_what_it_knows_of_each_medium() {
+        let texts = |cells: &[&str]| Cells::Text(cells.iter().map(|&c| c.to_owned()).collect());
+        let maybe = |cells: &[Option<f64>]| Cells::MaybeF64(cells.to_vec());
+        let media = table(&[
+            ("region", texts(&["milk", "black", "water"])),
+            ("quantity", texts(&["mu_a"; 3])),
+            ("n", Cells::I64(vec![1, 0, 1])),
+            ("mean_se", maybe(&[Some(0.001), None, Some(0.0004)])),
+            ("truth", maybe(&[Some(0.1), None, Some(0.0)])),
+            ("bias_percent", maybe(&[Some(2.0), None, None])),
+            ("rmse_percent", maybe(&[Some(2.0), None, None])),
+            ("masked_percent", maybe(&[Some(0.0), Some(100.0), Some(0.0)])),
+            ("bias", maybe(&[Some(0.002), None, Some(0.0031)])),
+            ("rmse", maybe(&[Some(0.002), None, Some(0.0031)])),
+            ("z", maybe(&[Some(2.0), None, Some(7.75)])),
+            ("rms_log", maybe(&[Some(0.0198), None, None])),
+            ("unit", texts(&["mm^-1"; 3])),
+        ]);
+        let expected = "
+figures  region  quantity  bias                     RMSE          log RMS  z     without a fit
+fit      milk    mu_a      +2.0 (1.0) %             2.0 %         2.0 %    2.00  0 %
+fit      black   mu_a      -                        -             -        -     100 %
+fit      water   mu_a      +0.0031 (0.0004) mm^-1   0.0031 mm^-1  -        7.75  0 %
+";
+        assert_eq!(text(&[("fit", media)]), expected);
     }
 }

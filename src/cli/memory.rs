@@ -7,7 +7,7 @@ use clap::Args;
 use crate::memory::{Budget, SMALL};
 use crate::plan::{InstanceId, Plan};
 use crate::resolve::Survey;
-use crate::spec::{Diagnostic, Section};
+use crate::spec::{Diagnostic, Kind, Mistake, Section};
 
 use super::cache::{parse_size, size_text};
 
@@ -49,7 +49,8 @@ pub(super) fn too_large(plan: &Plan, survey: &Survey, budget: Option<Budget>) ->
             by.text()
         );
         let hint = "fewer pixels, frames or nodes need less; more memory can be named with --memory SIZE, where this figure is wrong";
-        plan.spec.diagnostic(stage, Section::Stage, &[] as &[&str], message, Some(hint.to_owned()))
+        let mistake = Mistake::new(Kind::Memory, message);
+        plan.spec.diagnostic(stage, Section::Stage, &[] as &[&str], mistake, Some(hint.to_owned()))
     };
     largest.into_iter().map(told).collect()
 }

@@ -26,7 +26,7 @@ use crate::panics;
 use crate::plan::{Plan, Target};
 use crate::registry::Registry;
 use crate::resolve::Survey;
-use crate::spec::{self, Report};
+use crate::spec::{self, Diagnostic, Kind, Mistake, Report};
 use crate::store::Store;
 use crate::terminal::{self, print, print_json};
 
@@ -52,6 +52,24 @@ impl From<Report> for Failure {
         Self::Report(report)
     }
 }
+
+impl Failure {
+    /// What is to be said, and with which code to end.
+    fn told(self) -> (Report, u8) {
+        let report = match self {
+            Self::Report(report) => report,
+            Self::Input(message) => Diagnostic::nowhere(Mistake::new(Kind::Usage, message)).into(),
+            Self::Failed(message) => Diagnostic::nowhere(Mistake::new(Kind::Failed, message)).into(),
+            Self::Said => return (Report::default(), Kind::Failed.exit_code()),
+            Self::Interrupted => return (Report::default(), INTERRUPTED),
+        };
+        let code = report.exit_code();
+        (report, code)
+    }
+}
+
+/// What shells give to a program that Ctrl-C ended.
+const INTERRUPTED: u8 = 130;
 
 type Done = Result<(), Failure>;
 
@@ -163,23 +181,14 @@ pub fn main(registry: Registry) -> ExitCode {
     let done = done.unwrap_or_else(|panic| Err(Failure::Failed(panics::text(panic.as_ref()))));
     let code = match done {
         Ok(()) => 0,
-        Err(Failure::Input(message)) => {
-            terminal::tell(&format!("error: {message}"));
-            2
-        }
-        Err(Failure::Report(report)) => {
-            let colour = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
+        Err(failure) => {
+            if matches!(failure, Failure::Interrupted) {
+                terminal::tell("interrupted; what was finished is kept, the next run goes on from there");
+            }
+            let (report, code) = failure.told();
+            let colour = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|no| no.is_empty());
             terminal::tell_painted(report.render(colour).trim_end());
-            2
-        }
-        Err(Failure::Failed(message)) => {
-            terminal::tell(&format!("error: {message}"));
-            1
-        }
-        Err(Failure::Said) => 1,
-        Err(Failure::Interrupted) => {
-            terminal::tell("interrupted; what was finished is kept, the next run goes on from there");
-            130
+            code
         }
     };
     ExitCode::from(code_with_lost_output(code))
@@ -196,5 +205,6 @@ fn code_with_lost_output(code: u8) -> u8 {
 fn report_of(plan: &Plan, survey: &Survey) -> Report {
     let mut report = Report::from(survey.problems.clone());
     report.extend(plan.spec.not_yet());
+    report.extend(plan.spec.warnings.iter().cloned());
     report
 }

@@ -1,10 +1,10 @@
 //! `turbid plan`: every instance as hit, run (reasons) or waits, with the method and kernel taken, what is left out, and how long it takes.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 
 use clap::Args;
 use serde::Serialize;
-use turbid_contract::Axes;
+use turbid_contract::{Axes, Form, StagePlan};
 
 use crate::estimate::{Basis, Estimate, estimates};
 use crate::memory::Budget;
@@ -77,6 +77,9 @@ struct Row<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
     kernel: Option<&'a str>,
     left_out: &'a [String],
+    /// What the outputs will hold, by port.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    makes: Option<BTreeMap<&'static str, &'a Form>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     method: Option<&'a Option<String>>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -139,6 +142,7 @@ fn to_json(plan: &Plan, survey: &Survey, estimates: &Estimates, memory: &Memory)
             bytes: detail.map(|d| d.bytes),
             kernel: detail.and_then(|d| d.kernel.as_deref()),
             left_out: detail.map_or(&[], |d| &d.left_out),
+            makes: makes(plan, survey, id).map(Iterator::collect),
             memory: detail.map(|d| d.memory),
             method: detail.map(|d| &d.method),
             needs: detail.map(|d| d.needs.as_slice()),
@@ -158,6 +162,17 @@ fn to_json(plan: &Plan, survey: &Survey, estimates: &Estimates, memory: &Memory)
         stages_left_out: unneeded.map(|s| plan.spec.stages[s].name.as_str()).collect(),
     };
     serde_json::to_string(&listing).expect("names and finite numbers")
+}
+
+/// The forms of the ports that are wanted of an instance.
+fn makes<'a>(
+    plan: &'a Plan,
+    survey: &'a Survey,
+    id: InstanceId,
+) -> Option<impl Iterator<Item = (&'static str, &'a Form)>> {
+    let wanted = plan.wanted(plan.instances[id].stage);
+    let forms = survey.forms.get(&id)?.iter();
+    Some(forms.filter(|(port, _)| wanted.contains(**port)).map(|(port, form)| (*port, &**form)))
 }
 
 /// An estimate below this is not worth a word, s.
@@ -181,41 +196,18 @@ fn rounded(seconds: f64) -> String {
 fn to_text(plan: &Plan, survey: &Survey, estimates: &Estimates, memory: &Memory) -> String {
     let mut text = String::new();
     let mut seconds = 0.0;
-    // Of the instances of a stage only the first says what they have in common.
-    let mut said = None;
-    for id in plan.needed_instances() {
-        let Some(found) = &survey.states[id] else { continue };
-        let (word, reasons) = state(plan, found);
-        let why = if reasons.is_empty() { String::new() } else { format!(" ({})", reasons.join("; ")) };
-        let takes = estimates.get(&id).map_or(0.0, |estimate| estimate.seconds);
-        let endless = estimates.get(&id).is_some_and(|estimate| estimate.by == Basis::AtLeast);
-        let about = if takes >= WORTH_S { format!(", about {} CPU s", rounded(takes)) } else { String::new() };
-        let about = if endless { ", much longer than its pilot, which did not end".to_owned() } else { about };
-        let bytes = survey.plans.get(&id).and_then(|detail| detail.memory).filter(|&bytes| bytes >= WORTH_BYTES);
-        let holds = bytes.map_or_else(String::new, |bytes| format!(", memory {}", size_text(bytes)));
-        text.push_str(&format!("{word:<5} {}{why}{about}{holds}\n", plan.label(id)));
-        seconds += takes;
-        if let Some(detail) = survey.plans.get(&id) {
-            let kernel = (&detail.kernel, &detail.refused);
-            let common = Some((plan.instances[id].stage, &detail.method, &detail.needs, &detail.left_out, kernel));
-            if said == common {
-                continue;
-            }
-            said = common;
-            if let Some(method) = &detail.method {
-                text.push_str(&format!("        method: {method}\n"));
-            }
-            if let Some(kernel) = &detail.kernel {
-                text.push_str(&format!("        kernel: {kernel}\n"));
-            }
-            for refused in &detail.refused {
-                text.push_str(&format!("        slower because: {refused}\n"));
-            }
-            if !detail.needs.is_empty() {
-                text.push_str(&format!("        needs: {}\n", detail.needs.join(", ")));
-            }
-            if !detail.left_out.is_empty() {
-                text.push_str(&wrapped("        left out: ", &detail.left_out));
+    for &stage in &plan.needed {
+        let groups = groups(plan, survey, estimates, stage);
+        // What the first says, the next ones have in common with it.
+        let mut said = None;
+        for (group, detail) in &groups {
+            text.push_str(&group.line(plan));
+            seconds += group.seconds;
+            if let Some(detail) = detail.filter(|detail| said.replace(Common::of(detail)) != Some(Common::of(detail))) {
+                text.push_str(&detail_text(detail));
+                for (port, form) in group.ids.first().and_then(|&id| makes(plan, survey, id)).into_iter().flatten() {
+                    text.push_str(&format!("    {port}: {form}\n"));
+                }
             }
         }
     }
@@ -227,6 +219,160 @@ fn to_text(plan: &Plan, survey: &Survey, estimates: &Estimates, memory: &Memory)
             .budget
             .map_or_else(String::new, |budget| format!("; there are {} {}", size_text(budget.bytes), budget.by.text()));
         text.push_str(&format!("memory: at most {} at a time{there_are}\n", size_text(memory.at_most)));
+    }
+    text
+}
+
+/// So many lines of a stage; the rest of its instances are counted.
+const LINES: usize = 8;
+/// So many equal instances have lines of their own.
+const ALONE: usize = 3;
+
+/// What a stage's instances of one line have in common: the method, the kernel, and what is left out.
+#[derive(Clone, PartialEq, Eq, Hash)]
+struct Common<'a>([&'a Option<String>; 2], [&'a [String]; 3]);
+
+impl<'a> Common<'a> {
+    fn of(detail: &'a StagePlan) -> Self {
+        Self([&detail.method, &detail.kernel], [&detail.needs, &detail.left_out, &detail.refused])
+    }
+}
+
+/// Instances that are told in one line.
+struct Group {
+    word: &'static str,
+    reasons: Vec<String>,
+    ids: Vec<InstanceId>,
+    /// CPU seconds of all.
+    seconds: f64,
+    /// Whether one takes longer than anybody waited for.
+    endless: bool,
+    /// Bytes of the one that takes the most.
+    bytes: u64,
+    /// The rest of a stage, of whatever reasons.
+    is_rest: bool,
+}
+
+/// The lines of a stage: equal instances in one, and what they have in common with each other.
+fn groups<'a>(
+    plan: &Plan,
+    survey: &'a Survey,
+    estimates: &Estimates,
+    stage: usize,
+) -> Vec<(Group, Option<&'a StagePlan>)> {
+    let mut groups: Vec<(Group, Option<&StagePlan>)> = Vec::new();
+    let mut known: HashMap<_, usize> = HashMap::new();
+    for id in plan.instances_of(stage) {
+        let Some(found) = &survey.states[id] else { continue };
+        let (word, reasons) = state(plan, found);
+        let detail = survey.plans.get(&id);
+        let key = (word, reasons, detail.map(Common::of));
+        let at = *known.entry(key).or_insert_with_key(|(word, reasons, _)| {
+            let fresh = Group { word, reasons: reasons.clone(), ..Group::empty() };
+            groups.push((fresh, detail));
+            groups.len() - 1
+        });
+        let (group, estimate) = (&mut groups[at].0, estimates.get(&id));
+        group.ids.push(id);
+        group.seconds += estimate.map_or(0.0, |estimate| estimate.seconds);
+        group.endless |= estimate.is_some_and(|estimate| estimate.by == Basis::AtLeast);
+        group.bytes = group.bytes.max(detail.and_then(|detail| detail.memory).unwrap_or(0));
+    }
+    // Few of a kind stand for themselves, as long as a stage has few lines.
+    let lines: usize = groups.iter().map(|(group, _)| if group.ids.len() <= ALONE { group.ids.len() } else { 1 }).sum();
+    if lines <= LINES {
+        return groups.into_iter().flat_map(|(group, detail)| group.singles(survey, estimates, detail)).collect();
+    }
+    let rest = groups.split_off(LINES.min(groups.len()));
+    let mut counted: Vec<(Group, Option<&StagePlan>)> = Vec::new();
+    for (group, _) in rest {
+        match counted.iter_mut().find(|(other, _)| other.word == group.word) {
+            Some((other, _)) => other.add(group),
+            None => counted.push((Group { is_rest: true, reasons: Vec::new(), ..group }, None)),
+        }
+    }
+    groups.extend(counted);
+    groups
+}
+
+impl Group {
+    fn empty() -> Self {
+        Self { word: "", reasons: Vec::new(), ids: Vec::new(), seconds: 0.0, endless: false, bytes: 0, is_rest: false }
+    }
+
+    fn add(&mut self, other: Self) {
+        self.ids.extend(other.ids);
+        self.seconds += other.seconds;
+        self.endless |= other.endless;
+        self.bytes = self.bytes.max(other.bytes);
+    }
+
+    /// A line for each instance where there are few.
+    fn singles<'a>(
+        self,
+        survey: &Survey,
+        estimates: &Estimates,
+        detail: Option<&'a StagePlan>,
+    ) -> Vec<(Self, Option<&'a StagePlan>)> {
+        if self.ids.len() > ALONE {
+            return vec![(self, detail)];
+        }
+        let one = |&id: &InstanceId| {
+            let estimate = estimates.get(&id);
+            let single = Self {
+                word: self.word,
+                reasons: self.reasons.clone(),
+                ids: vec![id],
+                seconds: estimate.map_or(0.0, |estimate| estimate.seconds),
+                endless: estimate.is_some_and(|estimate| estimate.by == Basis::AtLeast),
+                bytes: survey.plans.get(&id).and_then(|detail| detail.memory).unwrap_or(0),
+                is_rest: false,
+            };
+            (single, detail)
+        };
+        self.ids.iter().map(one).collect()
+    }
+
+    fn line(&self, plan: &Plan) -> String {
+        let why = if self.reasons.is_empty() { String::new() } else { format!(" ({})", self.reasons.join("; ")) };
+        let about = match self.endless {
+            true => ", much longer than its pilot, which did not end".to_owned(),
+            false if self.seconds >= WORTH_S => format!(", about {} CPU s", rounded(self.seconds)),
+            false => String::new(),
+        };
+        let each = if self.ids.len() > 1 { " each" } else { "" };
+        let holds = match self.bytes {
+            bytes if bytes >= WORTH_BYTES => format!(", memory {}{each}", size_text(bytes)),
+            _ => String::new(),
+        };
+        let label = |place: Option<&InstanceId>| place.map_or_else(String::new, |&id| plan.label(id));
+        let (first, count) = (label(self.ids.first()), self.ids.len());
+        let named = match (count, self.is_rest) {
+            (1, false) => first,
+            (_, false) => format!("{first} .. {}: {count} instances", label(self.ids.last())),
+            (_, true) => format!("{first} and {} more, for other reasons (`--json` has all)", count - 1),
+        };
+        format!("{:<5} {named}{why}{about}{holds}\n", self.word)
+    }
+}
+
+/// How an instance works and what it leaves out, below its line.
+fn detail_text(detail: &StagePlan) -> String {
+    let mut text = String::new();
+    if let Some(method) = &detail.method {
+        text.push_str(&format!("        method: {method}\n"));
+    }
+    if let Some(kernel) = &detail.kernel {
+        text.push_str(&format!("        kernel: {kernel}\n"));
+    }
+    for refused in &detail.refused {
+        text.push_str(&format!("        slower because: {refused}\n"));
+    }
+    if !detail.needs.is_empty() {
+        text.push_str(&format!("        needs: {}\n", detail.needs.join(", ")));
+    }
+    if !detail.left_out.is_empty() {
+        text.push_str(&wrapped("        left out: ", &detail.left_out));
     }
     text
 }

@@ -11,12 +11,12 @@ use crate::plan::{InstanceId, PREVIEW_INSTANCES, Plan};
 use crate::registry::Registry;
 use crate::resolve::{Resolver, State, Survey};
 use crate::run::log::{Logged, RunLog, note_up_to_date};
-use crate::run::progress::{Json, choose};
+use crate::run::progress::{Json, Work, choose};
 use crate::run::{self, End, Interrupt, Options, Progress, Summary, latest};
 use crate::store::{Store, StoreError};
 use crate::threads;
 
-use super::figures::Figures;
+use super::figures::{Figures, short, with_unit};
 use super::memory::{MemoryLimit, too_large};
 use super::{Done, Failure, Pipeline, print, report_of};
 
@@ -70,14 +70,15 @@ impl Run {
         if report.has_errors() {
             return Err(report.into());
         }
-        let progress = choose(self.json);
+        let progress = choose(self.json, &Work::of(&plan, &survey));
         for warning in report.diagnostics() {
-            progress.warn(&warning.path, &warning.message);
+            progress.warn(&warning.path, &warning.in_short());
         }
         let memory = budget.map(|budget| budget.bytes);
         let options = Options { jobs, keep_going: self.keep_going, force, replace: self.replace, simd, memory };
-        let made = Making { resolver: &resolver, outputs, progress: progress.as_ref() }.make(survey, options)?;
-        let Made { summary, folder, figures, rounds } = made;
+        let made = Making { resolver: &resolver, outputs, progress: progress.as_ref() }.make(survey, options);
+        progress.ended();
+        let Made { summary, folder, figures, rounds, unwritten } = made?;
         if (!recalled || rounds > 1)
             && let Some(records) = plan.needed_instances().map(|id| summary.record(id)).collect::<Option<Vec<_>>>()
         {
@@ -99,9 +100,24 @@ impl Run {
             if let Some(cost) = cost(&plan, &summary) {
                 print(&cost);
             }
-            if let Ok(folder) = &folder {
-                print(&where_it_lies(&plan, folder));
-            }
+            let lies = match &folder {
+                Ok(folder) => where_it_lies(&plan, &summary, folder, outputs),
+                Err(_) => {
+                    Some(format!("results: {} (`turbid show`, `turbid export`)", outputs.join("store").display()))
+                }
+            };
+            lies.iter().for_each(|text| print(text));
+        }
+        // All results are there; that the log, links and pictures in another user's folder cannot be written takes nothing from them.
+        let nothing_ran = summary.ran() == 0;
+        let (folder, not_renewed) = match folder {
+            Err(message) if nothing_ran => (Ok(()), Some(format!("pictures and links were not renewed: {message}"))),
+            folder => (folder.map(drop), None),
+        };
+        let unwritten = unwritten.map(|text| format!("the log of this run could not be written: {text}"));
+        let warning: Vec<String> = not_renewed.into_iter().chain(unwritten).collect();
+        if !warning.is_empty() {
+            progress.warn(&plan.spec.pipeline, &warning.join("; "));
         }
         if summary.failed() > 0 {
             return Err(Failure::Said);
@@ -109,14 +125,7 @@ impl Run {
         if summary.interrupted {
             return Err(Failure::Interrupted);
         }
-        match folder {
-            // All results are there; that links and pictures of another user's folder cannot be renewed takes nothing from them.
-            Err(message) if summary.ran() == 0 => {
-                progress.warn(&plan.spec.pipeline, &format!("pictures and links were not renewed: {message}"));
-                Ok(())
-            }
-            folder => folder.map(drop).map_err(Failure::Failed),
-        }
+        folder.map_err(Failure::Failed)
     }
 
     fn forced(&self, plan: &Plan) -> Result<Vec<usize>, Failure> {
@@ -154,6 +163,8 @@ struct Made {
     folder: Result<PathBuf, String>,
     figures: Figures,
     rounds: usize,
+    /// What could not be written of the log.
+    unwritten: Option<String>,
 }
 
 impl Making<'_> {
@@ -188,9 +199,9 @@ impl Making<'_> {
                     let text = "a stored output could not be read this time; its pictures are drawn by the next run";
                     told.warn(&plan.spec.pipeline, text);
                 }
-                self.end(log.as_ref(), rival.as_deref(), &summary);
+                let unwritten = self.end(log.as_ref(), rival.as_deref(), &summary);
                 let folder = published.map(|published| published.folder);
-                return Ok(Made { summary, folder, figures, rounds });
+                return Ok(Made { summary, folder, figures, rounds, unwritten });
             }
             for &id in &gone {
                 told.warn(&plan.label(id), "a stored output is damaged or gone; it is made again");
@@ -209,23 +220,20 @@ impl Making<'_> {
         Err(Failure::Failed(text))
     }
 
-    /// The log's end, and what there is to be warned of.
-    fn end(&self, log: Option<&RunLog>, rival: Option<&Path>, summary: &Summary) {
+    /// The log's end; and what could not be written of it.
+    fn end(&self, log: Option<&RunLog>, rival: Option<&Path>, summary: &Summary) -> Option<String> {
         let plan = self.resolver.plan;
         let name = &plan.spec.pipeline;
-        let trouble = match log {
-            Some(log) => log.end(plan, summary),
-            None => note_up_to_date(self.outputs, plan, summary),
-        };
-        if let Some(trouble) = trouble {
-            self.progress.warn(name, &format!("the log of this run could not be written: {trouble}"));
-        }
         if let Some(other) = rival {
             let other = other.display();
             let message = format!(
-                "{other} is a pipeline of this name too; latest/{name} now holds the files of this one; give one of them another `pipeline:` name"
+                "{other} is a pipeline of this name too; latest/{name} now holds the files of this one, and `turbid show` and `export` still find those of the other; give one of them another `pipeline:` name"
             );
             self.progress.warn(name, &message);
+        }
+        match log {
+            Some(log) => log.end(plan, summary),
+            None => note_up_to_date(self.outputs, plan, summary),
         }
     }
 }
@@ -248,26 +256,73 @@ fn cost(plan: &Plan, summary: &Summary) -> Option<String> {
     Some(format!("\nthese results took {cpu:.1} CPU s, and at most {:.0} MB", peak as f64 / 1e6))
 }
 
-/// The folder, and of which stages it holds neither pictures nor files.
-fn where_it_lies(plan: &Plan, folder: &Path) -> String {
-    let many: Vec<String> = plan
-        .needed
-        .iter()
-        .filter(|&&stage| plan.instances_of(stage).len() > PREVIEW_INSTANCES)
-        .map(|&stage| format!("{} ({} instances)", plan.spec.stages[stage].name, plan.instances_of(stage).len()))
-        .collect();
-    let mut text = format!("results and pictures: {}", folder.display());
-    if !many.is_empty() {
-        text.push_str(&format!(
-            "\nwith more than {PREVIEW_INSTANCES} instances only a list, instances.parquet, and no pictures: {}; `turbid export` writes one instance",
-            many.join(", ")
-        ));
+/// The folder, what is in it, and how to get at what is not.
+fn where_it_lies(plan: &Plan, summary: &Summary, folder: &Path, outputs: &Path) -> Option<String> {
+    let made = |stage: usize| plan.instances_of(stage).filter(|id| summary.record(*id).is_some()).count();
+    let (many, few): (Vec<usize>, Vec<usize>) =
+        plan.needed.iter().filter(|&&stage| made(stage) > 0).partition(|&&stage| made(stage) > PREVIEW_INSTANCES);
+    let folder = folder.display();
+    let mut text = match (few.is_empty(), many.is_empty()) {
+        (true, true) => return None,
+        (true, false) => format!("lists of results: {folder}"),
+        (false, _) => format!("results and pictures: {folder}"),
+    };
+    let Some(&first) = many.first() else { return Some(text) };
+    let named: Vec<String> =
+        many.iter().map(|&s| format!("{} ({} instances)", plan.spec.stages[s].name, made(s))).collect();
+    text.push_str(&format!(
+        "\nwith more than {PREVIEW_INSTANCES} instances only a list, instances.parquet, with the command for each, and no pictures: {}",
+        named.join(", ")
+    ));
+    let port = plan.outputs(first).iter().find(|port| plan.wanted(first).contains(port.name) && !port.preview);
+    if let (Some(port), Some(id)) = (port, plan.instances_of(first).next()) {
+        let axes: Vec<&str> = plan.instances[id].axes.keys().map(String::as_str).collect();
+        let command = latest::Command::of(plan, outputs);
+        text.push_str(&format!("\nall of them: {}", command.all(&plan.spec.stages[first].name, port.name, &axes)));
     }
-    text
+    Some(text)
 }
 
-/// Measures whose names begin so stand for a stage's error in the summary.
+/// Measures whose names begin so stand for a stage's error in the summary,
 const ERROR: &str = "error: ";
+/// and those that begin so for what has no error: how many of a thing nothing is known of.
+const UNKNOWN: &str = "unknown: ";
+
+/// A figure with its unit.
+type Measure = (String, f64, String);
+
+/// What the measures of a stage's instances say of their error: of each unit the first that an instance measured, the worst of all of them; then of
+/// how much nothing is known.
+fn errors<'a>(instances: impl Iterator<Item = &'a [Measure]>) -> String {
+    let mut worst: Vec<(&str, &str, f64)> = Vec::new();
+    let mut unknown: Vec<(&str, f64)> = Vec::new();
+    for measures in instances {
+        let mut own: Vec<&str> = Vec::new();
+        for (name, value, unit) in measures {
+            if let Some(what) = name.strip_prefix(ERROR)
+                && !own.contains(&unit.as_str())
+            {
+                own.push(unit);
+                match worst.iter_mut().find(|(_, known, _)| known == unit) {
+                    None => worst.push((what, unit, *value)),
+                    Some(known) if *value > known.2 => *known = (what, unit, *value),
+                    Some(_) => {}
+                }
+            } else if let Some(what) = name.strip_prefix(UNKNOWN) {
+                match unknown.iter_mut().find(|(known, _)| *known == what) {
+                    None => unknown.push((what, *value)),
+                    Some(known) => known.1 += value,
+                }
+            }
+        }
+    }
+    let worst = worst.into_iter().map(|(what, unit, value)| {
+        // Two decimals, but for what they would show as next to nothing.
+        let number = if value == 0.0 || value >= 0.01 { format!("{value:.2}") } else { short(value) };
+        format!("{} {what}", with_unit(&number, unit))
+    });
+    worst.chain(unknown.into_iter().map(|(what, count)| format!("{what}: {count}"))).collect::<Vec<_>>().join(", ")
+}
 
 /// One row per stage: state, seconds, error.
 fn table(plan: &Plan, summary: &Summary, seconds: f64) -> String {
@@ -275,7 +330,7 @@ fn table(plan: &Plan, summary: &Summary, seconds: f64) -> String {
     for &stage in &plan.needed {
         let ends: Vec<&End> = plan.instances_of(stage).filter_map(|id| summary.ends.get(&id)).collect();
         let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
-        let (mut wall, mut error) = (0.0, None::<(f64, &str, &str)>);
+        let mut wall = 0.0;
         for end in &ends {
             let word = match end {
                 End::Hit(_) => "hit",
@@ -287,20 +342,16 @@ fn table(plan: &Plan, summary: &Summary, seconds: f64) -> String {
             if let End::Ran(record) = end {
                 wall += record.cost.wall_s;
             }
-            if let End::Hit(record) | End::Ran(record) = end
-                && let Some((what, value, unit)) =
-                    record.measures.iter().find_map(|(n, v, u)| Some((n.strip_prefix(ERROR)?, *v, u.as_str())))
-                && error.is_none_or(|(worst, ..)| value > worst)
-            {
-                error = Some((value, what, unit));
-            }
         }
         let state = match counts.iter().next() {
             Some((word, 1)) if counts.len() == 1 => (*word).to_owned(),
             _ => counts.iter().map(|(word, n)| format!("{n} {word}")).collect::<Vec<_>>().join(", "),
         };
         let wall = if counts.contains_key("ran") { format!("{wall:.2}") } else { String::new() };
-        let error = error.map(|(value, what, unit)| format!("{value:.2} {unit} {what}")).unwrap_or_default();
+        let error = errors(ends.iter().filter_map(|end| match end {
+            End::Hit(record) | End::Ran(record) => Some(record.measures.as_slice()),
+            End::Failed(_) | End::Skipped => None,
+        }));
         rows.push([plan.spec.stages[stage].name.clone(), state, wall, error]);
     }
     let width = |column: usize| rows.iter().map(|r| r[column].chars().count()).max().unwrap_or(0);
@@ -319,4 +370,32 @@ fn table(plan: &Plan, summary: &Summary, seconds: f64) -> String {
         summary.failed()
     ));
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of maps and heights both are told, each the worst of all instances in its own unit; a small error is not 0.00, and nothing known is said.
+    #[test]
+    fn errors_are_told_in_their_units() {
+        let measures = |own: &[(&str, f64, &str)]| -> Vec<Measure> {
+            own.iter().map(|&(name, value, unit)| (name.to_owned(), value, unit.to_owned())).collect()
+        };
+        let instances = [
+            measures(&[
+                ("error: worst bias", 2.5, "%"),
+                ("error: other", 90.0, "%"),
+                ("error: worst RMSE", 1.87, "mm"),
+            ]),
+            measures(&[("error: worst bias", 12.5, "%"), ("unknown: media without a fit", 2.0, "1")]),
+            measures(&[("masked", 100.0, "%"), ("unknown: media without a fit", 3.0, "1")]),
+        ];
+        let said = |instances: &[Vec<Measure>]| errors(instances.iter().map(Vec::as_slice));
+        assert_eq!(said(&instances), "12.50 % worst bias, 1.87 mm worst RMSE, media without a fit: 5");
+        assert_eq!(said(&instances[2..]), "media without a fit: 3");
+        assert_eq!(said(&[measures(&[("error: worst RMSE", 0.00412, "mm")])]), "0.0041 mm worst RMSE");
+        assert_eq!(said(&[measures(&[("error: rest", 0.0, "1")])]), "0.00 rest");
+        assert_eq!(said(&[measures(&[("masked", 1.0, "%")])]), "");
+    }
 }

@@ -1,6 +1,6 @@
 //! `STAGE[axis=value,…][.PORT]`: which instances and port a command is about.
 
-use crate::key::value_text;
+use crate::key::{axes_text, value_text};
 use crate::plan::{InstanceId, Plan};
 
 use super::Failure;
@@ -10,6 +10,8 @@ use super::Failure;
 pub struct Selector {
     pub stage: String,
     pub axes: Vec<(String, String)>,
+    /// The axes as they were written: a label of an instance is taken as it is printed, whatever its values hold.
+    pub label: String,
     pub port: Option<String>,
 }
 
@@ -21,15 +23,16 @@ impl Selector {
         let (head, tail) = match text.split_once('[') {
             None => {
                 return Ok(match text.split_once('.') {
-                    Some((stage, port)) => Self { stage: stage.into(), axes: Vec::new(), port: Some(port.into()) },
+                    Some((stage, port)) => Self { stage: stage.into(), port: Some(port.into()), ..Self::default() },
                     None => Self { stage: text.into(), ..Self::default() },
                 });
             }
             Some((head, tail)) => (head, tail),
         };
-        let (inside, rest) = tail.split_once(']').ok_or_else(wrong)?;
-        let axes: Option<Vec<(String, String)>> = inside
-            .split(',')
+        // Values may be lists; the name of a port holds no bracket.
+        let (inside, rest) = tail.rsplit_once(']').ok_or_else(wrong)?;
+        let axes: Option<Vec<(String, String)>> = pairs(inside)
+            .into_iter()
             .map(|pair| pair.split_once('=').map(|(n, v)| (n.trim().to_owned(), v.trim().to_owned())))
             .collect();
         let port = match rest.strip_prefix('.') {
@@ -37,7 +40,7 @@ impl Selector {
             None if rest.is_empty() => None,
             None => return Err(wrong()),
         };
-        Ok(Self { stage: head.into(), axes: axes.ok_or_else(wrong)?, port })
+        Ok(Self { stage: head.into(), axes: axes.ok_or_else(wrong)?, label: inside.to_owned(), port })
     }
 
     /// The instances of the plan that it names; an error where there is none.
@@ -64,7 +67,11 @@ impl Selector {
                 })
             })
         };
-        let found: Vec<InstanceId> = plan.instances_of(stage).filter(fits).collect();
+        let own = |id: &InstanceId| !self.label.is_empty() && axes_text(&plan.instances[*id].axes) == self.label;
+        let found: Vec<InstanceId> = match plan.instances_of(stage).find(own) {
+            Some(id) => vec![id],
+            None => plan.instances_of(stage).filter(fits).collect(),
+        };
         if found.is_empty() {
             let some: Vec<String> = plan.instances_of(stage).take(5).map(|id| plan.label(id)).collect();
             return Err(Failure::Input(format!(
@@ -75,6 +82,24 @@ impl Selector {
         }
         Ok(found)
     }
+}
+
+/// What stands between commas that are in no list.
+fn pairs(text: &str) -> Vec<&str> {
+    let (mut pairs, mut start, mut depth) = (Vec::new(), 0, 0);
+    for (at, c) in text.char_indices() {
+        match c {
+            '[' | '{' => depth += 1,
+            ']' | '}' => depth -= 1,
+            ',' if depth == 0 => {
+                pairs.push(&text[start..at]);
+                start = at + 1;
+            }
+            _ => {}
+        }
+    }
+    pairs.push(&text[start..]);
+    pairs
 }
 
 #[cfg(test)]
@@ -89,9 +114,15 @@ mod tests {
         assert_eq!(parse("s.frames").unwrap().port.as_deref(), Some("frames"));
         assert_eq!(
             parse("s[A=1.5,b=x].p"),
-            Some(Selector { stage: "s".into(), axes: axes.clone(), port: Some("p".into()) })
+            Some(Selector { stage: "s".into(), axes: axes.clone(), label: "A=1.5,b=x".into(), port: Some("p".into()) })
         );
-        assert_eq!(parse("s[A=1.5,b=x]"), Some(Selector { stage: "s".into(), axes, port: None }));
+        assert_eq!(
+            parse("s[A=1.5,b=x]"),
+            Some(Selector { stage: "s".into(), axes, label: "A=1.5,b=x".into(), port: None })
+        );
+        let list = parse("s[f_x=[0,0.1],b=x].p").unwrap();
+        assert_eq!(list.axes, [("f_x".to_owned(), "[0,0.1]".to_owned()), ("b".to_owned(), "x".to_owned())]);
+        assert_eq!(list.port.as_deref(), Some("p"));
         assert_eq!(parse("s[A]"), None);
         assert_eq!(parse("s[A=1"), None);
         assert_eq!(parse("s[A=1]x"), None);

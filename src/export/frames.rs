@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use turbid_contract::{Artifact, ImageStack, Layer, LayerInfo, LayerKind};
 
-use super::{ExportError, Format, TooLarge, publish, tiff};
+use super::{ExportError, Format, publish, tiff};
 
 /// Writes each value layer to a file of its own and tells their names: `to` with {f_x}, {phase} (its number among those of the same
 /// fringes, from 0) and {wavelength} replaced.
@@ -27,9 +27,7 @@ pub fn export_frames(artifact: &Artifact, to: &Path, bits: u32) -> Result<Vec<Pa
     // All of them are looked at before one is written.
     let numbers = layers.iter().map(|layer| whole(layer, bits)).collect::<Result<Vec<_>, _>>()?;
     for ((layer, numbers), to) in layers.iter().zip(&numbers).zip(&names) {
-        let bytes = tiff::encode_numbers(layer, numbers, bits == 8, stack.pixel_pitch_mm())
-            .map_err(|TooLarge| ExportError::TooLarge { to: to.clone(), format })?;
-        publish(&bytes, to).map_err(|source| ExportError::Io { to: to.clone(), source })?;
+        publish(to, format, |file| tiff::encode_numbers(layer, numbers, bits == 8, stack.pixel_pitch_mm(), file))?;
     }
     Ok(names)
 }

@@ -5,7 +5,7 @@ use turbid_contract::pitch::PIXEL_PITCH_MM;
 use turbid_contract::{Artifact, Cells, ImageStack, LayerInfo, Table};
 
 use super::names::Names;
-use super::{TooLarge, json, size_u32};
+use super::{TooLarge, json};
 
 /// Data types of elements.
 const INT8: u32 = 1;
@@ -208,6 +208,11 @@ impl Array {
         out.append(&mut body);
         Ok(())
     }
+}
+
+/// Sizes in these files are 32-bit numbers.
+fn size_u32(bytes: usize) -> Result<u32, TooLarge> {
+    u32::try_from(bytes).map_err(|_| TooLarge)
 }
 
 /// Type, size, data, padded to 8 bytes; up to 4 bytes stand inside the tag, as the format wants it.

@@ -8,8 +8,9 @@ mod names;
 mod npz;
 mod tiff;
 
-use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::fs::File;
+use std::io::{self, BufWriter, Seek, Write};
+use std::path::Path;
 
 use serde::Serialize;
 use serde_json::Value;
@@ -17,9 +18,13 @@ use turbid_contract::{Artifact, ArtifactKind};
 
 use crate::digest::Digest;
 use crate::leftover;
+use crate::whole_file::{self, Synced};
 
 pub use error::ExportError;
 pub use frames::export_frames;
+
+/// Bytes that are written at a time.
+const BUFFER: usize = 1 << 20;
 
 /// A file format, chosen by the ending of the file's name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,29 +72,43 @@ impl Format {
 /// after an error it is what it was.
 ///
 /// Errors: unknown ending, a format that cannot hold the artifact, a folder that is missing or cannot be written,
-/// a full disk, more than the format's 4 GiB.
+/// a full disk, more than the 4 GiB of a .mat file.
 pub fn export(artifact: &Artifact, to: &Path) -> Result<(), ExportError> {
     let format = Format::of(to, artifact.kind())?;
-    let bytes = encode(artifact, format).map_err(|TooLarge| ExportError::TooLarge { to: to.to_owned(), format })?;
-    publish(&bytes, to).map_err(|source| ExportError::Io { to: to.to_owned(), source })
+    publish(to, format, |file| encode(artifact, format, file))
 }
 
-fn encode(artifact: &Artifact, format: Format) -> Result<Vec<u8>, TooLarge> {
+fn encode(artifact: &Artifact, format: Format, mut to: impl Write + Seek) -> Result<(), Unwritten> {
     match (format, artifact) {
-        (Format::Npz, _) => npz::encode(artifact),
-        (Format::Mat, _) => mat::encode(artifact),
-        (Format::Csv, _) => Ok(csv::encode(artifact)),
-        (Format::Tiff, Artifact::Images(stack)) => tiff::encode(stack),
+        (Format::Npz, _) => npz::encode(artifact, to),
+        (Format::Mat, _) => Ok(to.write_all(&mat::encode(artifact)?)?),
+        (Format::Csv, _) => Ok(to.write_all(&csv::encode(artifact))?),
+        (Format::Tiff, Artifact::Images(stack)) => tiff::encode(stack, to),
         (Format::Tiff, other) => unreachable!("Format::of refuses {:?} as TIFF", other.kind()),
     }
 }
 
-/// Sizes in these files are 32-bit numbers.
+/// More than the 32-bit numbers of a format count.
 #[derive(Debug)]
 struct TooLarge;
 
-fn size_u32(bytes: usize) -> Result<u32, TooLarge> {
-    u32::try_from(bytes).map_err(|_| TooLarge)
+/// Why a file was not written.
+#[derive(Debug)]
+enum Unwritten {
+    TooLarge,
+    Io(io::Error),
+}
+
+impl From<TooLarge> for Unwritten {
+    fn from(TooLarge: TooLarge) -> Self {
+        Self::TooLarge
+    }
+}
+
+impl From<io::Error> for Unwritten {
+    fn from(error: io::Error) -> Self {
+        Self::Io(error)
+    }
 }
 
 /// Descriptions as JSON, keys sorted.
@@ -97,19 +116,27 @@ fn json<T: Serialize>(what: &T) -> Value {
     serde_json::to_value(what).expect("descriptions are words and numbers under text keys")
 }
 
-fn publish(bytes: &[u8], to: &Path) -> std::io::Result<()> {
-    let folder = to.parent().filter(|p| !p.as_os_str().is_empty()).map_or_else(|| PathBuf::from("."), Path::to_owned);
+/// A file of what `encode` writes; piece by piece, so that what is large is not held a second time.
+fn publish(
+    to: &Path,
+    format: Format,
+    encode: impl FnOnce(&mut BufWriter<&mut File>) -> Result<(), Unwritten>,
+) -> Result<(), ExportError> {
+    let failed = |source: io::Error| ExportError::Io { to: to.to_owned(), source };
     if to.is_dir() {
-        return Err(std::io::Error::new(std::io::ErrorKind::IsADirectory, "it is a folder"));
+        return Err(failed(io::Error::new(io::ErrorKind::IsADirectory, "it is a folder")));
     }
     let prefix = temporary_prefix(to);
-    leftover::sweep(&folder, &prefix);
-    let mut file = crate::shared_file().prefix(&prefix).tempfile_in(folder)?;
-    leftover::hold(file.as_file());
-    file.write_all(bytes)?;
-    file.as_file().sync_all()?;
-    file.persist(to)?;
-    Ok(())
+    let folder = whole_file::folder_of(to);
+    leftover::sweep(folder, &prefix);
+    let mut file = whole_file::begin(folder, &prefix).map_err(failed)?;
+    let mut buffer = BufWriter::with_capacity(BUFFER, file.as_file_mut());
+    encode(&mut buffer).and_then(|()| Ok(buffer.flush()?)).map_err(|error| match error {
+        Unwritten::TooLarge => ExportError::TooLarge { to: to.to_owned(), format },
+        Unwritten::Io(source) => failed(source),
+    })?;
+    drop(buffer);
+    whole_file::place(file, to, Synced::BytesAndName).map_err(failed)
 }
 
 /// How the temporary files of a target are called, so that the next export to it finds what a killed one has left.

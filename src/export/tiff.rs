@@ -1,146 +1,123 @@
-//! TIFF 6.0: one uncompressed page of 32-bit floats per layer, its description as JSON in `ImageDescription`; or one page of whole
-//! numbers, as cameras write them.
+//! TIFF: one uncompressed page of 32-bit floats per layer, its description as JSON in `ImageDescription`; or one page of whole numbers, as
+//! cameras write them. Files of 4 GiB and more are BigTIFF.
+
+use std::io::{Seek, Write};
 
 use serde_json::Value;
+use tiff::TiffError;
+use tiff::encoder::colortype::{ColorType, Gray8, Gray16, Gray32Float};
+use tiff::encoder::{Rational, TiffEncoder, TiffKind, TiffValue};
+use tiff::tags::{ResolutionUnit, Tag};
 use turbid_contract::canonical::canonical_text;
 use turbid_contract::{ImageStack, Layer};
 
-use super::{TooLarge, json, size_u32};
+use super::{Unwritten, json};
 
-const SHORT: u16 = 3;
-const LONG: u16 = 4;
-const ASCII: u16 = 2;
-const RATIONAL: u16 = 5;
-/// Unit of a resolution.
-const CENTIMETRES: u32 = 3;
-const ENTRY: usize = 12;
+/// More than the entries of a page's directory take, and what stands around its pixels, bytes.
+const AROUND: u64 = 1024;
+/// Bytes of pixels in a strip, at least, but for the last; a strip has an offset and a length of 8 bytes in the directory at most.
+const STRIP: u64 = 1_000_000;
 
-/// Little-endian file; the first page's description also holds the stack's `attributes`, each page the resolution where the pixels'
-/// pitch is known.
-pub fn encode(stack: &ImageStack) -> Result<Vec<u8>, TooLarge> {
-    let mut file = File::default();
-    for (index, layer) in stack.layers.iter().enumerate() {
+/// The first page's description also holds the stack's `attributes`, each page the resolution where the pixels' pitch is known.
+///
+/// Errors: those of writing; more than 2^32 rows or columns.
+pub fn encode(stack: &ImageStack, to: impl Write + Seek) -> Result<(), Unwritten> {
+    let about = |(index, layer): (usize, &Layer)| {
         let mut about = json(&layer.info);
         if index == 0 {
             about["attributes"] = json(&stack.attributes);
         }
-        // Row by row whatever the memory order of the array.
-        let pixels = layer.data.iter().flat_map(|v| v.to_le_bytes());
-        file.page([stack.rows(), stack.columns()], Numbers::Float32, pixels, &about, stack.pixel_pitch_mm())?;
+        text(&about)
+    };
+    let abouts: Vec<String> = stack.layers.iter().enumerate().map(about).collect();
+    let bytes = abouts.iter().map(|about| page_bytes([stack.rows(), stack.columns()], 4, about)).sum();
+    if is_big(bytes) {
+        pages(TiffEncoder::new_big(to)?, stack, &abouts)
+    } else {
+        pages(TiffEncoder::new(to)?, stack, &abouts)
     }
-    Ok(file.bytes)
+}
+
+fn pages<W: Write + Seek, K: TiffKind>(
+    mut file: TiffEncoder<W, K>,
+    stack: &ImageStack,
+    abouts: &[String],
+) -> Result<(), Unwritten> {
+    let (size, pitch) = ([stack.rows(), stack.columns()], stack.pixel_pitch_mm());
+    let mut layers = stack.layers.iter().zip(abouts);
+    layers.try_for_each(|(layer, about)| page::<Gray32Float, _, _>(&mut file, size, &layer.pixels(), about, pitch))
 }
 
 /// One page of whole numbers of 8 or 16 bit.
+///
+/// Errors as [`encode`].
 pub fn encode_numbers(
     layer: &Layer,
     numbers: &[u16],
     eight: bool,
     pitch_mm: Option<[f64; 2]>,
-) -> Result<Vec<u8>, TooLarge> {
-    let mut file = File::default();
-    let (size, about) = ([layer.data.nrows(), layer.data.ncols()], json(&layer.info));
-    if eight {
-        file.page(size, Numbers::Unsigned8, numbers.iter().map(|&v| v as u8), &about, pitch_mm)?;
+    to: impl Write + Seek,
+) -> Result<(), Unwritten> {
+    let (size, about) = ([layer.data.nrows(), layer.data.ncols()], text(&json(&layer.info)));
+    if is_big(page_bytes(size, 2, &about)) {
+        page_of_numbers(TiffEncoder::new_big(to)?, size, numbers, eight, &about, pitch_mm)
     } else {
-        file.page(size, Numbers::Unsigned16, numbers.iter().flat_map(|v| v.to_le_bytes()), &about, pitch_mm)?;
-    }
-    Ok(file.bytes)
-}
-
-/// What a pixel is.
-#[derive(Clone, Copy)]
-enum Numbers {
-    Unsigned8,
-    Unsigned16,
-    Float32,
-}
-
-impl Numbers {
-    /// BitsPerSample and SampleFormat.
-    fn tags(self) -> [u32; 2] {
-        match self {
-            Self::Unsigned8 => [8, 1],
-            Self::Unsigned16 => [16, 1],
-            Self::Float32 => [32, 3],
-        }
+        page_of_numbers(TiffEncoder::new(to)?, size, numbers, eight, &about, pitch_mm)
     }
 }
 
-struct File {
-    bytes: Vec<u8>,
-    /// Where the offset of the next page's directory goes.
-    link: usize,
-}
-
-impl Default for File {
-    fn default() -> Self {
-        Self { bytes: b"II\x2a\0\0\0\0\0".to_vec(), link: 4 }
+fn page_of_numbers<W: Write + Seek, K: TiffKind>(
+    mut file: TiffEncoder<W, K>,
+    size: [usize; 2],
+    numbers: &[u16],
+    eight: bool,
+    about: &str,
+    pitch_mm: Option<[f64; 2]>,
+) -> Result<(), Unwritten> {
+    if eight {
+        let bytes: Vec<u8> = numbers.iter().map(|&v| v as u8).collect();
+        page::<Gray8, _, _>(&mut file, size, &bytes, about, pitch_mm)
+    } else {
+        page::<Gray16, _, _>(&mut file, size, numbers, about, pitch_mm)
     }
 }
 
-impl File {
-    fn page(
-        &mut self,
-        [rows, columns]: [usize; 2],
-        numbers: Numbers,
-        data: impl Iterator<Item = u8>,
-        about: &Value,
-        pitch_mm: Option<[f64; 2]>,
-    ) -> Result<(), TooLarge> {
-        let out = &mut self.bytes;
-        let pixels = size_u32(out.len())?;
-        out.extend(data);
-        let bytes = size_u32(out.len())? - pixels;
-        let text = size_u32(out.len())?;
-        out.extend(ascii(&canonical_text(about)).bytes());
-        out.push(0);
-        let letters = size_u32(out.len())? - text;
-        // Directories start at even offsets, and a value of up to 4 bytes would stand in its entry: JSON is longer.
-        out.resize(out.len().next_multiple_of(4), 0);
-
-        let (rows, columns) = (size_u32(rows)?, size_u32(columns)?);
-        let [bits, format] = numbers.tags();
-        let mut entries: Vec<(u16, u16, u32, u32)> = vec![
-            (256, LONG, 1, columns),
-            (257, LONG, 1, rows),
-            // Then no compression, black is zero.
-            (258, SHORT, 1, bits),
-            (259, SHORT, 1, 1),
-            (262, SHORT, 1, 1),
-            (270, ASCII, letters, text),
-            // One strip, one sample per pixel.
-            (273, LONG, 1, pixels),
-            (277, SHORT, 1, 1),
-            (278, LONG, 1, rows),
-            (279, LONG, 1, bytes),
-            (284, SHORT, 1, 1),
-            (339, SHORT, 1, format),
-        ];
-        if let Some(resolutions) = pitch_mm.and_then(|pitch| Some([per_cm(pitch[0])?, per_cm(pitch[1])?])) {
-            for (tag, resolution) in [282, 283].into_iter().zip(resolutions) {
-                let at = size_u32(out.len())?;
-                out.extend(resolution.iter().flat_map(|v| v.to_le_bytes()));
-                entries.push((tag, RATIONAL, 1, at));
-            }
-            entries.push((296, SHORT, 1, CENTIMETRES));
-            entries.sort_unstable();
-        }
-        let directory = size_u32(out.len())?;
-        out[self.link..self.link + 4].copy_from_slice(&directory.to_le_bytes());
-        out.extend((entries.len() as u16).to_le_bytes());
-        for &(tag, kind, count, value) in &entries {
-            out.extend(tag.to_le_bytes());
-            out.extend(kind.to_le_bytes());
-            out.extend(count.to_le_bytes());
-            out.extend(value.to_le_bytes());
-        }
-        self.link = directory as usize + 2 + ENTRY * entries.len();
-        out.extend([0; 4]);
-        out.resize(out.len().next_multiple_of(4), 0);
-        size_u32(out.len())?;
-        Ok(())
+fn page<C: ColorType, W: Write + Seek, K: TiffKind>(
+    file: &mut TiffEncoder<W, K>,
+    [rows, columns]: [usize; 2],
+    pixels: &[C::Inner],
+    about: &str,
+    pitch_mm: Option<[f64; 2]>,
+) -> Result<(), Unwritten>
+where
+    [C::Inner]: TiffValue,
+{
+    let side = |n: usize| u32::try_from(n).map_err(|_| Unwritten::TooLarge);
+    let mut image = file.new_image::<C>(side(columns)?, side(rows)?)?;
+    image.encoder().write_tag(Tag::ImageDescription, about)?;
+    if let Some([x, y]) = pitch_mm.and_then(|pitch| Some([per_cm(pitch[0])?, per_cm(pitch[1])?])) {
+        image.resolution_unit(ResolutionUnit::Centimeter);
+        image.x_resolution(rational(x));
+        image.y_resolution(rational(y));
     }
+    Ok(image.write_data(pixels)?)
+}
+
+fn rational([n, d]: [u32; 2]) -> Rational {
+    Rational { n, d }
+}
+
+/// The most bytes that a page takes.
+fn page_bytes([rows, columns]: [usize; 2], pixel_bytes: u64, about: &str) -> u64 {
+    let pixels = pixel_bytes * rows as u64 * columns as u64;
+    // A row of more than a strip is a strip of its own.
+    let strips = (pixels / STRIP + 1).min(rows as u64);
+    pixels + 16 * strips + about.len() as u64 + AROUND
+}
+
+/// Whether a file of so many bytes has places that 32 bits do not count.
+pub(super) fn is_big(bytes: u64) -> bool {
+    bytes > u64::from(u32::MAX)
 }
 
 /// Pixels per cm as numerator and denominator, with as many digits as 32 bits hold; `None` where they hold none.
@@ -153,9 +130,9 @@ pub(super) fn per_cm(pitch_mm: f64) -> Option<[u32; 2]> {
 }
 
 /// JSON in the 7 bits that TIFF's text has.
-fn ascii(json: &str) -> String {
-    let mut out = String::with_capacity(json.len());
-    for c in json.chars() {
+fn text(about: &Value) -> String {
+    let mut out = String::new();
+    for c in canonical_text(about).chars() {
         if c.is_ascii() {
             out.push(c);
         } else {
@@ -163,4 +140,72 @@ fn ascii(json: &str) -> String {
         }
     }
     out
+}
+
+impl From<TiffError> for Unwritten {
+    fn from(error: TiffError) -> Self {
+        match error {
+            TiffError::IoError(error) => Self::Io(error),
+            TiffError::IntSizeError => Self::TooLarge,
+            other => Self::Io(std::io::Error::other(other)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Cursor;
+
+    use ndarray::Array2;
+    use tiff::decoder::{Decoder, DecodingResult};
+    use turbid_contract::LayerInfo;
+
+    use super::*;
+
+    /// 4 GiB and more is BigTIFF, also where only what stands around the pixels makes it so: 16 pages of 8192 x 8192 pixels are 4 GiB to the byte.
+    #[test]
+    fn large_files_are_big_tiff() {
+        let whole = |pages: u64, rows| pages * page_bytes([rows, 8192], 4, "{}");
+        assert!(
+            is_big(whole(16, 8192))
+                && is_big(whole(1, 131_072))
+                && is_big(16 * page_bytes([8191, 8192], 4, "{}") + (2 << 20))
+        );
+        assert!(!is_big(whole(15, 8192)) && !is_big(whole(16, 8100)));
+        assert!(!is_big(u64::from(u32::MAX)) && is_big(1 << 32));
+        // What is foreseen is never less than what is written.
+        let mut stack = ImageStack::new(1200, 700);
+        (0..3)
+            .for_each(|k| stack.push(LayerInfo::value("m_dc", "1").with_f_x(f64::from(k)), Array2::zeros((1200, 700))));
+        let abouts: Vec<String> = stack.layers.iter().map(|l| text(&json(&l.info))).collect();
+        let foreseen: u64 = abouts.iter().map(|about| page_bytes([1200, 700], 4, about)).sum();
+        for big in [false, true] {
+            let mut bytes = Vec::new();
+            let to = Cursor::new(&mut bytes);
+            match big {
+                true => pages(TiffEncoder::new_big(to).unwrap(), &stack, &abouts).unwrap(),
+                false => pages(TiffEncoder::new(to).unwrap(), &stack, &abouts).unwrap(),
+            }
+            assert_eq!(bytes[..4], if big { *b"II+\0" } else { *b"II*\0" });
+            assert!(bytes.len() as u64 <= foreseen, "{} of {foreseen}", bytes.len());
+        }
+    }
+
+    /// Both kinds come back through a reader: pixels, page by page.
+    #[test]
+    fn big_tiff_comes_back() {
+        let mut stack = ImageStack::new(2, 3);
+        (0..2).for_each(|k| stack.push(LayerInfo::value("m_dc", "1"), Array2::from_elem((2, 3), k as f32 + 0.5)));
+        let abouts = ["{}".to_owned(), "{}".to_owned()];
+        let mut bytes = Vec::new();
+        pages(TiffEncoder::new_big(Cursor::new(&mut bytes)).unwrap(), &stack, &abouts).unwrap();
+        let mut file = Decoder::new(Cursor::new(bytes)).unwrap();
+        for layer in &stack.layers {
+            let DecodingResult::F32(pixels) = file.read_image().unwrap() else { panic!("32-bit floats") };
+            assert_eq!(pixels, layer.pixels().as_ref());
+            if file.more_images() {
+                file.next_image().unwrap();
+            }
+        }
+    }
 }

@@ -17,7 +17,7 @@ pub fn params(spec: &Spec, infos: &[Option<StageInfo>]) -> Vec<Diagnostic> {
         // Axes that come with inputs are not known here; what depends on them is found in a whole graph.
         let Ok(params) = spec.params(stage, &axes) else { continue };
         let (job, problems) = read_params(&info.row, &params);
-        found.extend(problems.into_iter().map(|p| spec.diagnostic(stage, Section::With, &p.path, p.message, p.hint)));
+        found.extend(problems.into_iter().map(|p| spec.diagnostic(stage, Section::With, &p.path, p.mistake, None)));
         if let Some(job) = job {
             let connected = stage_spec.inputs.iter().map(|i| i.port.clone()).collect();
             let mut problems = Problems::default();

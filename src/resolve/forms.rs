@@ -10,7 +10,7 @@ use crate::panics::lock;
 use crate::plan::InstanceId;
 
 /// The forms of an instance's outputs, by port.
-pub(super) type Described = BTreeMap<&'static str, Arc<Form>>;
+pub type Described = BTreeMap<&'static str, Arc<Form>>;
 
 /// The forms that were worked out. Those of a sweep are mostly the same: they are kept once.
 #[derive(Default)]

@@ -5,8 +5,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use cpu_time::ThreadTime;
-use serde_json::{Value, json};
+use serde_json::Value;
 use turbid_contract::payload::undeclared;
 use turbid_contract::{Artifact, Ctx, Error, Form, StageRow};
 
@@ -79,14 +78,12 @@ fn attempt(worker: Worker<'_>, task: Task) -> Outcome {
     if alone {
         reset_peak_memory();
     }
-    let own_cpu = ThreadTime::now();
     let row = plan.row(instance.stage);
-    // What the clock stopped once is added to at the samples that it reached then: no clock would stop there again.
-    let timed = job.params.get("max_seconds").is_some_and(|limit| !limit.is_null());
-    let reached = earlier.as_ref().filter(|_| timed && !forced).and_then(|record| reached_params(job, record));
+    // What the clock stopped once is added to where it stopped then: no clock would stop there again.
+    let reached = earlier.as_ref().filter(|_| !forced).and_then(|record| reached_params(job, record, row));
     let reached = match reached.map(|params| (row.prepare)(&params)).transpose() {
         Ok(reached) => reached,
-        Err(error) => return Outcome::Failed(format!("internal error, please report it: {}", error.message)),
+        Err(error) => return Outcome::Failed(format!("internal error, please report it: {}", error)),
     };
     let typed = reached.as_ref().unwrap_or(&job.job);
     let made = match typed.run(&inputs, Ctx::new(&host)) {
@@ -100,20 +97,15 @@ fn attempt(worker: Worker<'_>, task: Task) -> Outcome {
             return damaged.map_or_else(|| Outcome::Failed(error.to_string()), Outcome::Damaged);
         }
     };
-    let cost = Cost {
-        wall_s: host.wall().as_secs_f64(),
-        cpu_s: (own_cpu.elapsed() + host.tile_cpu()).as_secs_f64() + host.resumed_cpu_s(),
-        peak_bytes: peak_memory(),
-        alone,
-    };
+    let cost = Cost { wall_s: host.wall().as_secs_f64(), cpu_s: host.cpu_s(), peak_bytes: peak_memory(), alone };
     let mut ports = match publish_blobs(resolver, id, made, wanted) {
         Ok(ports) => ports,
         Err(message) => return Outcome::Failed(message),
     };
     let mut agrees = None;
     if let Some(earlier) = &earlier {
-        // The clock stops elsewhere each time: only equal amounts of work can be compared.
-        let comparable = !timed || samples(&earlier.measures) == samples(&host.measures());
+        // The clock stops elsewhere each time: only equal amounts of work can be compared. What was added was made as much as before.
+        let comparable = reached.is_some() || earlier.reached == host.reached();
         let differing = ports
             .iter()
             .find(|(name, port)| earlier.ports.get(*name).is_some_and(|e| e.blob.digest != port.blob.digest));
@@ -122,7 +114,7 @@ fn attempt(worker: Worker<'_>, task: Task) -> Outcome {
                 "output `{name}` came out different from the stored one for the same key; {} must raise its VERSION (now {})",
                 row.name, row.version
             );
-            if !forced || comparable && !worker.options.replace {
+            if comparable && !(forced && worker.options.replace) {
                 host.forget_checkpoints();
                 if forced {
                     text.push_str(", or a memory or disk erred; the stored one stays, --replace takes the new one");
@@ -141,7 +133,9 @@ fn attempt(worker: Worker<'_>, task: Task) -> Outcome {
         }
     }
     host.settle_checkpoints(agrees);
+    let reached = reached.and(earlier.and_then(|record| record.reached.clone())).or_else(|| host.reached());
     let record = InstanceRecord {
+        reached,
         key: job.key,
         use_name: job.dependencies.use_name.clone(),
         version: job.dependencies.version,
@@ -206,27 +200,29 @@ fn publish_blobs(
     }
 }
 
-/// A run that the clock stopped is the same as one that asked for the samples it reached; it is stored as that too.
+/// A run that the clock stopped is the same as one that asked for what it reached; it is stored as that too.
 ///
 /// Under the key that was asked for it stays as well, so that the same file is up to date the second time.
 fn reached_record(job: &Keyed, record: &InstanceRecord, row: &StageRow) -> Option<(InstanceRecord, Recipe)> {
-    let params = (row.prepare)(&reached_params(job, record)?).ok()?.canonical().ok()?;
+    let params = (row.prepare)(&reached_params(job, record, row)?).ok()?.canonical().ok()?;
     let dependencies = Dependencies { params, ..job.dependencies.clone() };
     Some((InstanceRecord { key: dependencies.key(), ..record.clone() }, recipe(&dependencies)))
 }
 
-/// The params that ask for just the samples of a record.
-fn reached_params(job: &Keyed, record: &InstanceRecord) -> Option<Value> {
-    let samples = samples(&record.measures)?;
+/// The params that ask for just what a record holds, where the clock had a say in it.
+fn reached_params(job: &Keyed, record: &InstanceRecord, row: &StageRow) -> Option<Value> {
+    let reached = record.reached.as_ref()?;
     let mut params = job.params.as_object()?.clone();
-    params.retain(|name, _| name != "target_error" && name != "max_seconds");
-    params.insert("samples".to_owned(), json!(samples as u64));
+    params.retain(|name, _| !row.stopping.contains(&name.as_str()));
+    for (name, value) in reached {
+        assert!(
+            row.stopping.contains(&name.as_str()),
+            "`{}` says where it stopped by `{name}`, no stopping param",
+            row.name
+        );
+        params.insert(name.clone(), value.clone());
+    }
     Some(Value::Object(params))
-}
-
-/// How much work it was, of a stage that may stop early.
-fn samples(measures: &[(String, f64, String)]) -> Option<f64> {
-    measures.iter().find(|(name, _, _)| name == "samples").map(|measure| measure.1)
 }
 
 fn recipe(dependencies: &Dependencies) -> Recipe {

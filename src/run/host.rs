@@ -1,13 +1,15 @@
 //! The engine's side of `Ctx` for one running instance.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Read, Write};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
+use std::thread::{self, ThreadId};
 use std::time::{Duration, Instant};
 
 use cpu_time::ThreadTime;
 use rayon::prelude::*;
+use serde_json::Value;
 use turbid_contract::{Files, Host};
 
 use crate::digest::Digest;
@@ -28,9 +30,15 @@ pub struct InstanceHost<'a> {
     /// Content of the input files, by the field that names them.
     files: Files,
     began: Instant,
+    /// The thread on which the stage runs, and its CPU time then.
+    own: (ThreadId, Duration),
     /// CPU time spent in tiles, on any thread.
     tile_cpu_ns: AtomicU64,
+    /// Whether the stage asked the clock, and whether the clock told it to stop.
+    asked_the_clock: AtomicBool,
     time_was_up: AtomicBool,
+    /// What the stage says of where it stopped, as stopping params.
+    reached: Mutex<Option<BTreeMap<String, Value>>>,
     measures: Mutex<Vec<(String, f64, String)>>,
     warnings: Mutex<Vec<String>>,
     /// Name, and what refused faster ones.
@@ -68,8 +76,11 @@ impl<'a> InstanceHost<'a> {
             wanted,
             files,
             began: Instant::now(),
+            own: (thread::current().id(), ThreadTime::now().as_duration()),
             tile_cpu_ns: AtomicU64::new(0),
+            asked_the_clock: AtomicBool::new(false),
             time_was_up: AtomicBool::new(false),
+            reached: Mutex::default(),
             measures: Mutex::default(),
             warnings: Mutex::default(),
             kernel: Mutex::default(),
@@ -133,13 +144,24 @@ impl<'a> InstanceHost<'a> {
         self.began.elapsed()
     }
 
-    pub fn tile_cpu(&self) -> Duration {
-        Duration::from_nanos(self.tile_cpu_ns.load(Ordering::Relaxed))
+    /// CPU seconds of the work so far: of tiles, of the stage's own thread (asked there), and of the runs whose checkpoint this one went on from.
+    pub fn cpu_s(&self) -> f64 {
+        let tiles = Duration::from_nanos(self.tile_cpu_ns.load(Ordering::Relaxed));
+        let (thread, began) = self.own;
+        let here = thread::current().id() == thread;
+        let own = if here { ThreadTime::now().as_duration().saturating_sub(began) } else { Duration::ZERO };
+        (own + tiles).as_secs_f64() + *lock(&self.resumed_cpu_s)
     }
 
     /// Whether the clock, and so not only the params, decided where the stage stopped.
     pub fn stopped_by_time(&self) -> bool {
         self.time_was_up.load(Ordering::Relaxed)
+    }
+
+    /// The stopping params that ask for just what was made, where the stage may have stopped by the clock.
+    pub fn reached(&self) -> Option<BTreeMap<String, Value>> {
+        let asked = self.asked_the_clock.load(Ordering::Relaxed);
+        lock(&self.reached).clone().filter(|_| asked)
     }
 
     pub fn measures(&self) -> Vec<(String, f64, String)> {
@@ -149,11 +171,6 @@ impl<'a> InstanceHost<'a> {
     /// What the stage said of its kernel.
     pub fn kernel_taken(&self) -> Option<(String, Vec<String>)> {
         lock(&self.kernel).clone()
-    }
-
-    /// CPU seconds that earlier runs spent on what this one went on from.
-    pub fn resumed_cpu_s(&self) -> f64 {
-        *lock(&self.resumed_cpu_s)
     }
 
     pub fn warnings(&self) -> Vec<String> {
@@ -171,11 +188,17 @@ impl Host for InstanceHost<'_> {
     }
 
     fn time_is_up(&self, limit_s: f64) -> bool {
+        self.asked_the_clock.store(true, Ordering::Relaxed);
         let up = self.began.elapsed().as_secs_f64() >= limit_s;
         if up {
             self.time_was_up.store(true, Ordering::Relaxed);
         }
         up
+    }
+
+    fn reached(&self, params: &[(&str, Value)]) {
+        let named = params.iter().map(|(name, value)| ((*name).to_owned(), value.clone()));
+        *lock(&self.reached) = Some(named.collect());
     }
 
     fn progress(&self, done: f64, total: Option<f64>, unit: &str) {
@@ -223,7 +246,7 @@ impl Host for InstanceHost<'_> {
         if let Some(fresh) = &self.fresh {
             self.compare(fresh, key, progress, write);
         }
-        let spent = (self.tile_cpu().as_secs_f64() + self.resumed_cpu_s()).to_le_bytes();
+        let spent = self.cpu_s().to_le_bytes();
         let with_cost = |to: &mut dyn Write| {
             to.write_all(COST)?;
             to.write_all(&spent)?;
@@ -247,8 +270,10 @@ impl Host for InstanceHost<'_> {
         *lock(&self.resumed_cpu_s) = 0.0;
         self.worker.resolver.store.resume_with(key, at_most, &mut |_, from| {
             let (spent, mut state) = behind_cost(from);
-            *lock(&self.resumed_cpu_s) = spent;
             read(&mut state);
+            // A stage that gave up reading starts anew, and owes nothing to what was spent on it.
+            let whole = state.read(&mut [0]).is_ok_and(|left| left == 0);
+            *lock(&self.resumed_cpu_s) = if whole { spent } else { 0.0 };
         })
     }
 

@@ -1,6 +1,8 @@
 //! `outputs/latest`: for people, the newest outputs by name, with pictures.
 
+mod export_line;
 mod links;
+mod list;
 mod staged;
 
 use std::collections::HashSet;
@@ -8,19 +10,21 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use turbid_contract::{Artifact, ArtifactKind, Axes, Cells, Table};
+use turbid_contract::payload::is_pictured;
+use turbid_contract::{ArtifactKind, Axes};
 
-use crate::digest::PartHasher;
-use crate::key::{axes_text, value_text};
+use crate::key::axes_text;
 use crate::plan::{InstanceId, PREVIEW_INSTANCES, Plan};
 use crate::preview::{self, Caption};
 use crate::spec::SourceFile;
-use crate::store::{Blob, InstanceRecord, PortRecord, Store, StoreError, encode, extension};
+use crate::store::{Blob, InstanceRecord, PortRecord, Store, StoreError, extension};
 
 use super::Summary;
 use super::caption::{self, caption};
-use super::name::file_name;
+pub use super::name::file_name;
+pub use export_line::Command;
 use links::{Entry, LINKS, Links, current, read_small};
+use list::List;
 use staged::Staged;
 
 /// Which pipeline file the folder was last filled from.
@@ -65,6 +69,7 @@ pub fn publish(plan: &Plan, store: &Store, summary: &Summary, outputs: &Path) ->
     let mut filling =
         Filling { store, before: &before, now, staged: Staged::new(&folder), folder: &folder, lost: false };
     let overrides = caption::overrides(plan);
+    let command = Command::of(plan, outputs);
     for &stage in &plan.needed {
         let set = overrides.get(&stage).map_or(&[][..], Vec::as_slice);
         let records: Vec<(usize, &Arc<InstanceRecord>)> =
@@ -72,9 +77,10 @@ pub fn publish(plan: &Plan, store: &Store, summary: &Summary, outputs: &Path) ->
         let name = file_name(&plan.spec.stages[stage].name);
         if records.len() > PREVIEW_INSTANCES {
             let path = format!("{name}/instances.parquet");
-            let content = fingerprint(&records);
+            let list = List { plan, store, records: &records, command: &command };
+            let content = list.fingerprint();
             if !filling.keep(&path, &content, None) {
-                filling.staged.file(&path, &content, &instances(plan, store, &records)?, false)?;
+                filling.staged.file(&path, &content, &list.encode()?, false)?;
             }
             continue;
         }
@@ -177,26 +183,15 @@ impl Filling<'_> {
     }
 }
 
-/// Whether somebody would look at a picture of it: not of the covariances of every pair of quantities.
+/// Whether somebody would look at a picture of it.
 fn drawn(port: &PortRecord) -> bool {
-    port.blob.kind != ArtifactKind::Record && port.payload != "covariance"
+    port.blob.kind != ArtifactKind::Record && is_pictured(&port.payload)
 }
 
 /// Folders of stages that are still in the pipeline but were not asked for this time.
 fn kept(plan: &Plan) -> HashSet<String> {
     let stages = plan.spec.stages.iter().enumerate().filter(|(stage, _)| !plan.needs(*stage));
     stages.map(|(_, stage)| file_name(&stage.name)).collect()
-}
-
-fn fingerprint(records: &[(usize, &Arc<InstanceRecord>)]) -> String {
-    let mut parts = PartHasher::new("turbid instances 1");
-    for (_, record) in records {
-        parts.add("key", &record.key.0);
-        for (port, described) in &record.ports {
-            parts.add(port, &described.blob.digest.0);
-        }
-    }
-    parts.finish().to_string()
 }
 
 /// The file of `latest/<pipeline>` that holds a copy of this blob of an instance, if it is there and up to date.
@@ -215,30 +210,4 @@ pub fn copy_of(plan: &Plan, id: InstanceId, port: &str, blob: &Blob, outputs: &P
 fn place(stage: &str, axes: &Axes) -> String {
     let axes = axes_text(axes);
     if axes.is_empty() { file_name(stage) } else { format!("{}/{}", file_name(stage), file_name(&axes)) }
-}
-
-/// One row per instance: axes, key, seconds, and digest and path of each port.
-fn instances(plan: &Plan, store: &Store, records: &[(usize, &Arc<InstanceRecord>)]) -> Result<Vec<u8>, String> {
-    let mut table = Table::default();
-    let axes = &plan.instances[records[0].0].axes;
-    for name in axes.keys() {
-        let values = || records.iter().map(|(id, _)| &plan.instances[*id].axes[name]);
-        let cells = match values().map(|v| v.as_f64()).collect::<Option<Vec<f64>>>() {
-            Some(numbers) => Cells::F64(numbers),
-            None => Cells::Text(values().map(value_text).collect()),
-        };
-        table.push(name.clone(), "", cells);
-    }
-    table.push("key", "", Cells::Text(records.iter().map(|(_, r)| r.key.to_string()).collect()));
-    table.push("seconds", "s", Cells::F64(records.iter().map(|(_, r)| r.cost.wall_s).collect()));
-    for port in records[0].1.ports.keys() {
-        let blobs = || records.iter().map(|(_, r)| r.ports.get(port).map(|p| &p.blob));
-        let digest = |blob: Option<&Blob>| blob.map(|b| b.digest.to_string()).unwrap_or_default();
-        let path = |blob: Option<&Blob>| {
-            blob.and_then(|b| store.file_of(b)).map(|p| p.display().to_string()).unwrap_or_default()
-        };
-        table.push(format!("{port}.digest"), "", Cells::Text(blobs().map(digest).collect()));
-        table.push(format!("{port}.path"), "", Cells::Text(blobs().map(path).collect()));
-    }
-    encode(&Artifact::Table(table)).map_err(|e| e.to_string())
 }

@@ -190,6 +190,9 @@ impl Progress for Logged<'_> {
         self.log.event(&json!({"event": "warning", "instance": label, "message": message}));
         self.progress.warn(label, message);
     }
+    fn ended(&self) {
+        self.progress.ended();
+    }
 }
 
 /// `20260131T235959Z` of seconds since 1970.

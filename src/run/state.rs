@@ -173,6 +173,7 @@ mod tests {
             seed: None,
             state_key: None,
             measures: Vec::new(),
+            reached: None,
             warnings: Vec::new(),
             kernel: None,
             refused: Vec::new(),

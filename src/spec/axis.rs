@@ -6,7 +6,7 @@ use serde_json::{Number, Value};
 
 use super::node::{Data, Node};
 use super::parse::join;
-use super::reader::Reader;
+use super::reader::{Meant, Reader};
 use super::scalar::normal;
 use super::source::Span;
 
@@ -123,7 +123,7 @@ pub fn numbers(node: &Node, key: Span, path: &str, reader: &mut Reader<'_>) -> O
     for (i, item) in items.iter().enumerate() {
         match &item.data {
             Data::Number(n) => found.extend(n.as_f64()),
-            _ => reader.wrong(item, node.span, &join(path, &i.to_string()), "a number"),
+            _ => reader.wrong_as(item, node.span, &join(path, &i.to_string()), "a number", Meant::Number),
         }
     }
     (found.len() == items.len()).then_some(found)

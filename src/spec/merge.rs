@@ -3,10 +3,12 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use super::diagnostic::{Diagnostic, Report};
+use super::diagnostic::Diagnostic;
+use super::mistake::{Kind, Mistake};
 use super::node::{Data, Node};
 use super::parse::{join, parse};
 use super::reader::Reader;
+use super::report::Report;
 use super::source::{MAX_PIPELINE, SourceFile, Span};
 
 const WHAT: &str = "a pipeline file";
@@ -29,7 +31,7 @@ pub fn read_all(
     match file {
         Ok(file) => read_one(file, path, &mut Vec::new(), sources, report),
         Err(why) => {
-            let mut lost = Diagnostic::error(why, None);
+            let mut lost = Diagnostic::nowhere(Mistake::new(Kind::File, why));
             lost.file = path.display().to_string();
             report.push(lost);
             None
@@ -97,7 +99,8 @@ fn read_one(
                 }
             }
             Err(why) => {
-                Reader { sources, report }.error(span, "include", format!("`{}`: {why}", included.display()), None);
+                let lost = Mistake::new(Kind::File, format!("`{}`: {why}", included.display()));
+                Reader { sources, report }.error(span, "include", lost, None);
             }
         }
     }

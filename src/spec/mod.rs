@@ -4,19 +4,23 @@
 //! know their places ([`parse`]), included files and `--set` overrides are merged into it, vars are put in, and each
 //! section is read into plain types. Mistakes are collected in a [`Report`]; reading goes on after each of them.
 
+mod aliases;
 mod axis;
 pub mod csv;
 pub mod diagnostic;
 mod draw;
+mod excerpt;
 mod foreach;
 mod input;
 mod merge;
+mod mistake;
 mod node;
 mod overrides;
 mod parse;
 mod reader;
 mod recover;
 mod relevant;
+mod report;
 mod scalar;
 mod schema;
 mod seed;
@@ -37,11 +41,13 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 use turbid_contract::{At, Axes, Problem};
 
-pub use diagnostic::{Diagnostic, Report, Severity};
+pub use diagnostic::{Diagnostic, Severity};
 pub use draw::{Distribution, Draw, DrawMethod};
 pub use foreach::Foreach;
 pub use input::{InputSpec, SourceRef};
+pub use mistake::{Kind, Mistake};
 pub use recover::{ParamProblem, read_params};
+pub use report::Report;
 pub use schema::schema;
 pub use seed::SeedSpec;
 pub use source::{SourceFile, Span};
@@ -79,6 +85,8 @@ pub struct Spec {
     pub overrides: Vec<String>,
     /// Places in `stages` by name.
     places: HashMap<String, usize>,
+    /// What is legal in the file and its overrides, but probably not meant.
+    pub warnings: Vec<Diagnostic>,
     root: Node,
 }
 
@@ -159,6 +167,7 @@ fn read_from(file: Result<SourceFile, String>, path: &Path, overrides: &[String]
         sources,
         overrides: overrides.to_vec(),
         places,
+        warnings: report.warnings(),
         root,
     };
     (Some(spec), report)
@@ -284,14 +293,10 @@ impl Spec {
 
     /// The file in which the value of `node` stands, through `${name}` alone.
     fn origin(&self, node: &Node, depth: usize) -> u32 {
-        if let Data::Text { text, .. } = &node.data
-            && depth < parse::MAX_DEPTH
-            && let Ok(cut) = substitute::pieces(text)
-            && let [substitute::Piece::Name(name)] = cut.as_slice()
-        {
-            let axis = |e: &Entry| e.value.get("foreach").and_then(|f| f.get(name)).map(|n| n.span.file);
+        if let Some(name) = sole_name(node).filter(|_| depth < parse::MAX_DEPTH) {
+            let axis = |e: &Entry| e.value.get("foreach").and_then(|f| f.get(&name)).map(|n| n.span.file);
             let axis = self.root.get("stages").and_then(|s| s.entries().iter().find_map(axis));
-            let var = self.root.get("vars").and_then(|v| v.get(name)).map(|n| self.origin(n, depth + 1));
+            let var = self.root.get("vars").and_then(|v| v.get(&name)).map(|n| self.origin(n, depth + 1));
             return axis.or(var).unwrap_or(node.span.file);
         }
         node.span.file
@@ -299,11 +304,9 @@ impl Spec {
 
     /// Key and value of the var that a text names, where it names one alone; else what is given. An axis hides a var of its name.
     fn through_vars<'n>(&'n self, at: (Span, &'n Node), depth: usize) -> (Span, &'n Node) {
-        let Data::Text { text, .. } = &at.1.data else { return at };
-        let Ok(cut) = substitute::pieces(text) else { return at };
-        let [substitute::Piece::Name(name)] = cut.as_slice() else { return at };
-        let is_axis = self.stages.iter().any(|stage| stage.foreach.names.contains(name));
-        match self.root.get("vars").and_then(|vars| vars.entry(name)) {
+        let Some(name) = sole_name(at.1) else { return at };
+        let is_axis = self.stages.iter().any(|stage| stage.foreach.names.contains(&name));
+        match self.root.get("vars").and_then(|vars| vars.entry(&name)) {
             Some(var) if !is_axis && depth < parse::MAX_DEPTH => self.through_vars((var.at, &var.value), depth + 1),
             _ => at,
         }
@@ -319,41 +322,61 @@ impl Spec {
         self.diagnostic(stage, section, &path, problem.message, problem.hint)
     }
 
+    /// Where the axis stands that a text names alone.
+    fn axis_of(&self, node: &Node) -> Option<Span> {
+        let name = sole_name(node)?;
+        let stages = self.root.get("stages").map(Node::entries).unwrap_or_default();
+        let axis = |e: &Entry| e.value.get("foreach").and_then(|foreach| foreach.entry(&name)).map(|axis| axis.at);
+        stages.iter().find_map(axis)
+    }
+
     /// An error at the deepest part of `path` (below the section) that stands in the file.
     pub fn diagnostic<S: AsRef<str>>(
         &self,
         stage: usize,
         section: Section,
         path: &[S],
-        message: impl Into<String>,
+        mistake: impl Into<Mistake>,
         hint: Option<String>,
     ) -> Diagnostic {
         let spec = &self.stages[stage];
+        let mut mistake = mistake.into().and_hint(hint);
+        if section == Section::In && mistake.kind == Kind::WrongValue {
+            mistake.kind = Kind::Graph;
+        }
         let mut full = join("stages", &spec.name);
         let mut at = self.root.get("stages").and_then(|s| s.entries().get(spec.entry)).map(|e| (e.at, &e.value));
         let mut complete = true;
+        let mut used = None;
         for step in section.key().into_iter().chain(path.iter().map(AsRef::as_ref)) {
             full = join(&full, step);
-            match at.map(|at| self.through_vars(at, 0)).and_then(|(_, node)| node.step(step)) {
-                Some(next) if complete => at = Some(next),
+            let Some((from, through)) = at.map(|at| (at, self.through_vars(at, 0))) else { break };
+            match through.1.step(step) {
+                Some(next) if complete => {
+                    // What stands in a var is also shown where the var is used.
+                    if !std::ptr::eq(from.1, through.1) {
+                        used = used.or(Some(from.1.span));
+                    }
+                    at = Some(next);
+                }
                 _ => complete = false,
             }
         }
-        let Some((key, written)) = at else { return Diagnostic::error(message, hint) };
+        let Some((key, written)) = at else { return Diagnostic::nowhere(mistake) };
         // What is wrong with `"${samples}"` is wrong where the var stands.
         let (key, node) = if complete { self.through_vars((key, written), 0) } else { (key, written) };
-        let message = message.into();
+        if !std::ptr::eq(node, written) {
+            used = used.or(Some(written.span));
+        }
         // What is missing is missing below a key; what is unknown is the key; what is wrong is the value.
-        let about_key = !complete || node.span.len == 0 || message.starts_with("there is no key");
-        let look_alike = || match &node.data {
-            Data::Text { text, plain: true } if complete && !message.contains("; write `") => {
-                scalar::look_alike(text, message.contains("true or false"))
-            }
-            _ => None,
-        };
-        let hint = hint.or_else(look_alike);
+        let about_key = !complete || node.span.len == 0 || mistake.kind == Kind::UnknownKey;
         let place = if about_key { key } else { node.span };
-        let mut diagnostic = Diagnostic::at(&self.sources, place, full, message).hint(hint);
+        let mut diagnostic = Diagnostic::at(&self.sources, place, full, mistake);
+        diagnostic = match (used, self.axis_of(node).filter(|_| complete)) {
+            (Some(used), _) => diagnostic.also(&self.sources, used, "used here"),
+            (None, Some(axis)) => diagnostic.also(&self.sources, axis, "the axis"),
+            (None, None) => diagnostic,
+        };
         let unread = section.key().is_some_and(|key| spec.unread.contains(&key));
         let lacks = section == Section::With || path.is_empty();
         diagnostic.follow_up = complete && (node.holds_broken() || written.holds_broken())
@@ -367,11 +390,11 @@ impl Spec {
         let drawn = self.stages.iter().enumerate().filter(|(_, s)| s.foreach.draw.is_some()).map(|(i, _)| {
             let message = "points are read and checked, but drawing them comes with a later version";
             let hint = "until then, list the values, or use `linspace`, `logspace` or `csv`".to_owned();
-            self.diagnostic(i, Section::Foreach, &["draw"], message, Some(hint))
+            self.diagnostic(i, Section::Foreach, &["draw"], Mistake::new(Kind::NotYet, message), Some(hint))
         });
         let studies = self.root.entry("studies").filter(|_| !self.studies.is_empty()).map(|entry| {
             let message = "studies are read and checked, but running them comes with a later version";
-            Diagnostic::at(&self.sources, entry.at, "studies", message).warning()
+            Diagnostic::at(&self.sources, entry.at, "studies", Mistake::new(Kind::NotYet, message)).warning()
         });
         drawn.chain(studies).collect()
     }
@@ -379,5 +402,14 @@ impl Spec {
     fn stage_node(&self, stage: usize) -> &Node {
         let stages = self.root.get("stages").expect("a spec with a stage has a section of stages");
         &stages.entries()[self.stages[stage].entry].value
+    }
+}
+
+/// The name in a text that is `${name}` alone.
+fn sole_name(node: &Node) -> Option<String> {
+    let Data::Text { text, .. } = &node.data else { return None };
+    match substitute::pieces(text).ok()?.as_mut_slice() {
+        [substitute::Piece::Name(name)] => Some(std::mem::take(name)),
+        _ => None,
     }
 }

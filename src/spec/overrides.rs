@@ -1,16 +1,20 @@
 //! `--set stages.frames.with.samples=64`: values from the command line, typed by the rules of YAML.
 
-use super::diagnostic::{Diagnostic, Report};
+use super::diagnostic::Diagnostic;
+use super::mistake::{Kind, Mistake};
 use super::node::{Data, Entry, Node};
 use super::parse::{parse, shortened};
+use super::report::Report;
 use super::source::{SourceFile, Span};
-use super::{ROOT_KEYS, stage, suggest};
+use super::{ROOT_KEYS, aliases, stage, suggest};
 
 /// What is wrong with a path, and the way out.
 pub type PathError = (String, Option<String>);
 
-/// Applies the overrides in order; the mistakes of all of them are reported.
+/// Applies the overrides in order; the mistakes of all of them are reported, and what an alias keeps of a value that one of them changes.
 pub fn apply(root: &mut Node, overrides: &[String], sources: &mut Vec<SourceFile>, report: &mut Report) {
+    let paths: Vec<&str> = overrides.iter().filter_map(|text| Some(text.split_once('=')?.0.trim())).collect();
+    let mut kept = paths.iter().map(|path| aliases::kept(root, path)).collect::<Vec<_>>().into_iter();
     for text in overrides {
         let file = sources.len();
         let (path, value) = match text.split_once('=') {
@@ -21,6 +25,7 @@ pub fn apply(root: &mut Node, overrides: &[String], sources: &mut Vec<SourceFile
                 continue;
             }
         };
+        let kept = kept.next().expect("one for each path");
         // Blanks in place of the path keep the columns of the value those of the override as typed.
         let blank = " ".repeat(text.chars().count() - value.chars().count());
         sources.push(SourceFile::new("--set", "", format!("{blank}{value}")));
@@ -37,8 +42,14 @@ pub fn apply(root: &mut Node, overrides: &[String], sources: &mut Vec<SourceFile
             continue;
         }
         match check_path(root, path) {
-            Ok(()) => set(root, path, node, span),
-            Err((message, hint)) => report.push(Diagnostic::at(sources, span, path, message).hint(hint)),
+            Ok(()) => {
+                report.extend(aliases::warnings(sources, path, span, &kept, &paths));
+                set(root, path, node, span);
+            }
+            Err((message, hint)) => {
+                let mistake = Mistake::new(Kind::UnknownName, message).hint(hint);
+                report.push(Diagnostic::at(sources, span, path, mistake));
+            }
         }
     }
 }

@@ -3,10 +3,14 @@
 
 use std::collections::{HashMap, HashSet};
 
-use serde_yaml::granit_parser::{Event, Marker, Options, Parser, ScalarStyle, Span as Marks, StructureStyle, Tag};
+use serde_yaml::granit_parser::{
+    ErrorKind, Event, Marker, Options, Parser, ScalarStyle, ScanError, Span as Marks, StructureStyle, Tag,
+};
 
-use super::diagnostic::{Diagnostic, Report};
+use super::diagnostic::Diagnostic;
+use super::mistake::{Kind as Wrong, Mistake};
 use super::node::{Data, Entry, Node};
+use super::report::Report;
 use super::scalar::{Plain, plain};
 use super::source::{SourceFile, Span};
 use super::substitute;
@@ -30,16 +34,16 @@ pub fn parse(sources: &[SourceFile], file: usize, report: &mut Report) -> Option
         }
     };
     for m in builder.mistakes {
-        report.push(Diagnostic::at(sources, m.span, m.path, m.message).hint(m.hint));
+        report.push(Diagnostic::at(sources, m.span, m.path, m.mistake));
     }
     root
 }
 
-struct Mistake {
+/// A mistake with its place in the file that is read.
+struct Placed {
     span: Span,
     path: String,
-    message: String,
-    hint: Option<String>,
+    mistake: Mistake,
 }
 
 /// A list or map whose end has not come yet.
@@ -80,7 +84,9 @@ struct Builder {
     unfinished: HashSet<usize>,
     nodes: usize,
     documents: usize,
-    mistakes: Vec<Mistake>,
+    /// Place of a key that is none: it is left out with its value.
+    dropped: Option<Span>,
+    mistakes: Vec<Placed>,
 }
 
 impl Builder {
@@ -93,20 +99,18 @@ impl Builder {
             unfinished: HashSet::new(),
             nodes: 0,
             documents: 0,
+            dropped: None,
             mistakes: Vec::new(),
         }
     }
 
-    fn read(&mut self, text: &str) -> Result<(), Mistake> {
+    fn read(&mut self, text: &str) -> Result<(), Placed> {
         let mut options = Options::default();
         options.set_emit_comments(false);
         options.flow_nesting_limit = MAX_DEPTH;
         options.block_nesting_limit = MAX_DEPTH;
         for event in Parser::new_from_str_with_options(text, options) {
-            let (event, marks) = event.map_err(|error| {
-                let at = *error.marker();
-                self.syntax_error(&error.info(), at, text)
-            })?;
+            let (event, marks) = event.map_err(|error| self.syntax_error(&error, text))?;
             self.take(event, marks)?;
             if self.mistakes.len() >= MAX_MISTAKES {
                 let span = self.span(&marks);
@@ -116,7 +120,7 @@ impl Builder {
         Ok(())
     }
 
-    fn take(&mut self, event: Event<'_>, marks: Marks) -> Result<(), Mistake> {
+    fn take(&mut self, event: Event<'_>, marks: Marks) -> Result<(), Placed> {
         match event {
             Event::DocumentStart(..) => {
                 self.documents += 1;
@@ -148,11 +152,14 @@ impl Builder {
         anchor: usize,
         tag: Option<&Tag>,
         marks: &Marks,
-    ) -> Result<(), Mistake> {
+    ) -> Result<(), Placed> {
         let span = self.span(marks);
         self.check_tag(tag, span)?;
         if self.wants_key() {
             return self.take_key(text, style, span);
+        }
+        if style == ScalarStyle::Plain && text.len() > 1 && text.starts_with('0') && self.after_comma(text, span) {
+            return Ok(());
         }
         let as_text = style != ScalarStyle::Plain || tag.and_then(Tag::core_suffix) == Some("str");
         let data = if as_text {
@@ -181,7 +188,7 @@ impl Builder {
         anchor: usize,
         tag: Option<&Tag>,
         marks: &Marks,
-    ) -> Result<(), Mistake> {
+    ) -> Result<(), Placed> {
         let span = self.span(marks);
         self.check_tag(tag, span)?;
         if self.wants_key() {
@@ -197,7 +204,7 @@ impl Builder {
         Ok(())
     }
 
-    fn end(&mut self, marks: &Marks) -> Result<(), Mistake> {
+    fn end(&mut self, marks: &Marks) -> Result<(), Placed> {
         let open = self.open.pop().expect("the parser closes only what it opened");
         let end = self.marker(&marks.end);
         let len = match open.flow {
@@ -222,7 +229,7 @@ impl Builder {
         self.finish(Node::new(span, data), open.anchor)
     }
 
-    fn alias(&mut self, id: usize, marks: &Marks) -> Result<(), Mistake> {
+    fn alias(&mut self, id: usize, marks: &Marks) -> Result<(), Placed> {
         let span = self.span(marks);
         if self.wants_key() {
             return Err(self.mistake(span, "an alias cannot be a key", None));
@@ -243,7 +250,7 @@ impl Builder {
     }
 
     /// Puts a finished value where it belongs.
-    fn finish(&mut self, node: Node, anchor: usize) -> Result<(), Mistake> {
+    fn finish(&mut self, node: Node, anchor: usize) -> Result<(), Placed> {
         self.count(1, node.span)?;
         if anchor > 0 {
             self.count(node.weight(), node.span)?;
@@ -254,6 +261,9 @@ impl Builder {
             Some(Kind::List(items)) => items.push(node),
             Some(Kind::Map { entries, seen, key, .. }) => {
                 let (name, at) = key.take().expect("a value follows its key");
+                if self.dropped.take_if(|dropped| *dropped == at).is_some() {
+                    return Ok(());
+                }
                 if name == "<<" {
                     return self.merge(node, at);
                 }
@@ -272,7 +282,7 @@ impl Builder {
     }
 
     /// `<<: *base` and `<<: [*one, *two]`: keys written in the map win, then the earlier of the merged maps.
-    fn merge(&mut self, node: Node, at: Span) -> Result<(), Mistake> {
+    fn merge(&mut self, node: Node, at: Span) -> Result<(), Placed> {
         let maps = match node.data {
             Data::Map(_) => vec![node],
             Data::List(items) => items,
@@ -291,9 +301,12 @@ impl Builder {
         matches!(self.open.last(), Some(Open { kind: Kind::Map { key: None, .. }, .. }))
     }
 
-    fn take_key(&mut self, text: &str, style: ScalarStyle, span: Span) -> Result<(), Mistake> {
+    fn take_key(&mut self, text: &str, style: ScalarStyle, span: Span) -> Result<(), Placed> {
         if style == ScalarStyle::Plain && plain(text) == Plain::Null {
             return Err(self.mistake(span, "a key is missing, or is null", None));
+        }
+        if style == ScalarStyle::Plain && self.after_comma(text, span) {
+            self.dropped = Some(span);
         }
         if let Some(Open { kind: Kind::Map { key, .. }, .. }) = self.open.last_mut() {
             *key = Some((text.to_owned(), span));
@@ -301,7 +314,38 @@ impl Builder {
         Ok(())
     }
 
-    fn check_tag(&self, tag: Option<&Tag>, span: Span) -> Result<(), Mistake> {
+    /// Reports `{mu_a: 0,05}` and `[0,05]`: digits right behind the comma that ended a number. To YAML these are two entries, of which the
+    /// first would be taken for the whole. `[1,2]` stays a list.
+    fn after_comma(&mut self, text: &str, span: Span) -> bool {
+        let above = self.path();
+        let Some(Open { flow: true, kind, .. }) = self.open.last_mut() else { return false };
+        let (before, path) = match kind {
+            Kind::Map { entries, .. } => match entries.last_mut() {
+                Some(entry) => (&mut entry.value, join(&above, &entry.key)),
+                None => return false,
+            },
+            Kind::List(items) => match items.last_mut() {
+                Some(item) => (item, above),
+                None => return false,
+            },
+        };
+        let Data::Number(number) = &before.data else { return false };
+        let start = before.span;
+        let adjacent =
+            start.line == span.line && start.column.saturating_add(start.len).saturating_add(1) == span.column;
+        let digits = text.trim_end_matches(|c: char| !c.is_ascii_digit());
+        if !adjacent || digits.is_empty() || !digits.chars().all(|c| c.is_ascii_digit()) || number.as_i64().is_none() {
+            return false;
+        }
+        let message = format!("`{number},{}` is no number: the comma ends the first", shortened(text));
+        let hint = format!("write `{number}.{}`, or a blank behind the comma of a list", shortened(text));
+        before.data = Data::Broken;
+        let span = Span { len: start.len.saturating_add(1).saturating_add(span.len), ..start };
+        self.mistakes.push(Placed { span, path, mistake: Mistake::new(Wrong::Syntax, message).hint(hint) });
+        true
+    }
+
+    fn check_tag(&self, tag: Option<&Tag>, span: Span) -> Result<(), Placed> {
         match tag {
             Some(tag) if tag.core_suffix().is_none() => {
                 let message = format!("the tag `{}` means nothing in a pipeline file", shortened(&tag.original()));
@@ -311,7 +355,7 @@ impl Builder {
         }
     }
 
-    fn count(&mut self, nodes: usize, span: Span) -> Result<(), Mistake> {
+    fn count(&mut self, nodes: usize, span: Span) -> Result<(), Placed> {
         self.nodes += nodes;
         if self.nodes <= MAX_NODES {
             return Ok(());
@@ -320,8 +364,8 @@ impl Builder {
         Err(self.mistake(span, message, None))
     }
 
-    fn mistake(&self, span: Span, message: impl Into<String>, hint: Option<String>) -> Mistake {
-        Mistake { span, path: self.path(), message: message.into(), hint }
+    fn mistake(&self, span: Span, message: impl Into<String>, hint: Option<String>) -> Placed {
+        Placed { span, path: self.path(), mistake: Mistake::new(Wrong::Syntax, message).hint(hint) }
     }
 
     /// The keys and indices that lead to where the parser is.
@@ -344,45 +388,52 @@ impl Builder {
         Span { file: self.file, line: small(marker.line()), column: small(marker.col() + 1), len: 0 }
     }
 
-    fn syntax_error(&self, info: &str, at: Marker, text: &str) -> Mistake {
+    fn syntax_error(&self, error: &ScanError, text: &str) -> Placed {
+        let at = *error.marker();
         let mut span = self.marker(&at);
-        if info.contains("recursion limit") {
+        if *error.kind() == ErrorKind::RecursionLimitExceeded {
             return self.mistake(span, format!("lists and maps are nested more than {MAX_DEPTH} deep"), None);
         }
         let line = text.lines().nth(at.line().saturating_sub(1)).unwrap_or_default();
         let is_tabbed = |line: &str| line.trim_start_matches(' ').starts_with('\t');
-        let way_out = if is_tabbed(line) || info.contains("found a tab") || info.contains("tabs") {
+        let way_out = if is_tabbed(line) || is_about_tabs(error.kind()) {
             // A scalar that runs on into a tabbed line is reported at its own start; the tab is what must go.
             let below = text.lines().enumerate().skip(at.line().saturating_sub(1));
             if let Some((i, line)) = below.take(3).find(|(_, line)| is_tabbed(line)) {
                 let column = line.find('\t').unwrap_or(0) + 1;
                 span = Span { line: i as u32 + 1, column: column as u32, ..span };
             }
-            "indent with spaces: YAML allows no tabs there"
-        } else if info.contains("mapping values") {
-            "a text that holds `: ` needs quotes; keys of one map stand in one column"
-        } else if info.contains("anchor") {
-            "a text that begins with `*` or `&` needs quotes"
-        } else if let Some(name) = substitute::unquoted(text, at.line()) {
-            let hint = format!("inside {{ }} and [ ] a var needs quotes: \"{name}\"");
-            return Mistake {
-                span,
-                path: String::new(),
-                message: format!("this is not YAML: {info}"),
-                hint: Some(hint),
-            };
-        } else if line.trim_start().starts_with('%') || line.contains(": @") || line.contains(": `") {
-            "a text that begins with `%`, `@` or a backquote needs quotes"
+            "indent with spaces: YAML allows no tabs there".to_owned()
         } else {
-            "check brackets, quotes and indentation here and in the lines above"
+            match error.kind() {
+                ErrorKind::MappingValueNotAllowed => {
+                    "a text that holds `: ` needs quotes; keys of one map stand in one column".to_owned()
+                }
+                ErrorKind::UnknownAnchor | ErrorKind::MissingAnchorOrAliasName => {
+                    "a text that begins with `*` or `&` needs quotes".to_owned()
+                }
+                _ => match substitute::unquoted(text, at.line()) {
+                    Some(name) => format!("inside {{ }} and [ ] a var needs quotes: \"{name}\""),
+                    None if line.trim_start().starts_with('%') || line.contains(": @") || line.contains(": `") => {
+                        "a text that begins with `%`, `@` or a backquote needs quotes".to_owned()
+                    }
+                    None => "check brackets, quotes and indentation here and in the lines above".to_owned(),
+                },
+            }
         };
-        Mistake {
-            span,
-            path: String::new(),
-            message: format!("this is not YAML: {info}"),
-            hint: Some(way_out.to_owned()),
-        }
+        let mistake = Mistake::new(Wrong::Syntax, format!("this is not YAML: {}", error.info())).hint(way_out);
+        Placed { span, path: String::new(), mistake }
     }
+}
+
+fn is_about_tabs(kind: &ErrorKind) -> bool {
+    matches!(
+        kind,
+        ErrorKind::TabNotAllowed
+            | ErrorKind::TabInBlockIndentation
+            | ErrorKind::TabInIndentation
+            | ErrorKind::TabInPlainScalar
+    )
 }
 
 pub fn depth(node: &Node) -> usize {

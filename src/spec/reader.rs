@@ -1,8 +1,10 @@
 //! What the readers of all sections share: reporting at a place, and "this must be a text, a map, a whole number".
 
-use super::diagnostic::{Diagnostic, Report};
+use super::diagnostic::Diagnostic;
+use super::mistake::{Kind, Mistake};
 use super::node::{Data, Node};
 use super::parse::join;
+use super::report::Report;
 use super::scalar::{look_alike, normal};
 use super::source::{SourceFile, Span};
 use super::suggest;
@@ -13,27 +15,41 @@ pub struct Reader<'a> {
     pub report: &'a mut Report,
 }
 
+/// What a text that stands in a wrong place may be meant as.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Meant {
+    Number,
+    Bool,
+    Other,
+}
+
 impl Reader<'_> {
-    pub fn error(&mut self, span: Span, path: &str, message: impl Into<String>, hint: impl Into<Option<String>>) {
+    pub fn error(&mut self, span: Span, path: &str, mistake: impl Into<Mistake>, hint: impl Into<Option<String>>) {
         // Beyond that they are counted only: in a huge line each excerpt costs a walk along it.
         if self.report.is_full() {
             return self.report.count();
         }
-        self.report.push(Diagnostic::at(self.sources, span, path, message).hint(hint));
+        self.report.push(Diagnostic::at(self.sources, span, path, mistake).hint(hint));
     }
 
     /// `path = FOUND must RULE`, unless what stands there was reported already.
     pub fn wrong(&mut self, node: &Node, key: Span, path: &str, rule: &str) {
+        self.wrong_as(node, key, path, rule, Meant::Other);
+    }
+
+    /// The same where a number or a truth value is wanted, which a text may be meant as.
+    pub fn wrong_as(&mut self, node: &Node, key: Span, path: &str, rule: &str, meant: Meant) {
         if node.is_broken() {
             return;
         }
         let hint = match &node.data {
-            Data::Text { text, plain: true } => look_alike(text, rule.contains("true or false")),
+            Data::Text { text, .. } if meant != Meant::Other => look_alike(text, meant == Meant::Bool),
             _ => None,
         };
         let name = path.rsplit('.').find(|step| step.parse::<usize>().is_err()).unwrap_or(path);
         let place = if node.span.len == 0 { key } else { node.span };
-        self.error(place, path, format!("`{name}` is {}, but must be {rule}", node.described()), hint);
+        let message = format!("`{name}` is {}, but must be {rule}", node.described());
+        self.error(place, path, Mistake::new(Kind::WrongType, message), hint);
     }
 
     pub fn text<'n>(&mut self, node: &'n Node, key: Span, path: &str, rule: &str) -> Option<&'n str> {
@@ -69,7 +85,7 @@ impl Reader<'_> {
         {
             return Some(n);
         }
-        self.wrong(node, key, path, rule);
+        self.wrong_as(node, key, path, rule, Meant::Number);
         None
     }
 
@@ -92,7 +108,7 @@ impl Reader<'_> {
             }
             let hint = suggest::hint(&entry.key, known.iter().copied());
             let message = format!("{what} has no key `{}`", super::parse::shortened(&entry.key));
-            self.error(entry.at, &join(path, &entry.key), message, hint);
+            self.error(entry.at, &join(path, &entry.key), Mistake::new(Kind::UnknownKey, message), hint);
         }
         all_known
     }

@@ -5,9 +5,10 @@
 //! mistake and is not reported.
 
 use serde_json::{Value, json};
-use turbid_contract::{Job, ParamError, StageRow};
+use turbid_contract::{Found, Job, ParamError, ParamMistake, StageRow, Wanted};
 
-use super::suggest;
+use super::mistake::{Kind, Mistake};
+use super::{scalar, suggest};
 
 /// Mistakes in one stage that are looked for.
 const MAX_ROUNDS: usize = 40;
@@ -17,8 +18,7 @@ const MAX_ROUNDS: usize = 40;
 pub struct ParamProblem {
     /// Below `with`; empty for `with` itself.
     pub path: Vec<String>,
-    pub message: String,
-    pub hint: Option<String>,
+    pub mistake: Mistake,
 }
 
 /// Reads the params of an instance; without mistakes the result is there, else the mistakes are.
@@ -104,98 +104,53 @@ fn replace(params: &mut Value, at: &[String], filler: Option<&Value>) -> bool {
 /// The mistake in the words of a pipeline file, and the field that a misspelt one meant.
 fn describe(error: &ParamError) -> (ParamProblem, Option<String>) {
     let mut path = error.path.clone();
-    let (message, _) = error.message.rsplit_once(" at line ").unwrap_or((&error.message, ""));
-    let quoted = |prefix: &str| message.strip_prefix(prefix).and_then(|rest| rest.split('`').next());
-    let step_into = |path: &mut Vec<String>, name: &str| {
-        if path.last().map(String::as_str) != Some(name) {
-            path.push(name.to_owned());
-        }
-    };
-    if let Some(name) = quoted("missing field `") {
-        // Always pushed: the path is that of the map, which may well have the name of its field.
-        path.push(name.to_owned());
-        return (ParamProblem { path, message: format!("`{name}` is missing"), hint: None }, None);
-    }
-    for (prefix, what) in [("unknown field `", "there is no key"), ("unknown variant `", "there is no choice")] {
-        let Some(name) = quoted(prefix) else { continue };
-        let known: Vec<&str> = message[prefix.len() + name.len()..].split('`').skip(2).step_by(2).collect();
-        let is_field = prefix.starts_with("unknown field");
-        if is_field {
-            step_into(&mut path, name);
-        }
-        let message = format!("{what} `{name}` here");
-        let hint = suggest::hint(name, known.iter().copied());
-        let meant = suggest::nearest(name, known.iter().copied()).filter(|_| is_field).map(str::to_owned);
-        return (ParamProblem { path, message, hint }, meant);
-    }
-    let hint = typed(message).and_then(|(is, must)| as_list(&is, &must));
     let field = path.iter().rev().find(|step| step.parse::<usize>().is_err());
     let field = field.map_or_else(|| "`with`".to_owned(), |name| format!("`{name}`"));
-    let message = match (lengths(message), typed(message)) {
-        (Some((has, must)), _) => format!("{field} has {has} values, but must have {must}"),
-        (_, Some((is, must))) => format!("{field} is {is}, but must be {must}"),
-        _ => message.to_owned(),
-    };
-    (ParamProblem { path, message, hint }, None)
-}
-
-/// How a single number is written where a list is wanted.
-fn as_list(is: &str, must: &str) -> Option<String> {
-    is.parse::<f64>().ok()?;
-    let count = match must.strip_prefix("a list of ") {
-        Some(count) => count.split(' ').next()?.parse::<usize>().ok()?,
-        None if must == "a list" => 1,
-        None => return None,
-    };
-    (count <= 4).then(|| format!("write `[{}]`", vec![is; count].join(", ")))
-}
-
-/// `invalid length 2, expected an array of length 3`
-fn lengths(message: &str) -> Option<(&str, &str)> {
-    let (has, must) = message.strip_prefix("invalid length ")?.split_once(", expected ")?;
-    let must = must.strip_prefix("an array of length ").or_else(|| must.strip_prefix("a tuple of size "))?;
-    Some((has, must))
-}
-
-/// `invalid type: string "abc", expected u32` in plain words: what stands there, what must.
-fn typed(message: &str) -> Option<(String, String)> {
-    let rest = ["invalid type: ", "invalid value: "].iter().find_map(|p| message.strip_prefix(p))?;
-    let (is, must) = rest.rsplit_once(", expected ")?;
-    let is = match is.split_once(' ') {
-        Some(("string", text)) => format!("the text {text}"),
-        Some(("integer" | "boolean", value)) => value.replace('`', ""),
-        Some(("floating", value)) => value.replace("point `", "").replace('`', ""),
-        _ => match is {
-            "null" => "empty".to_owned(),
-            "map" => "a map".to_owned(),
-            "sequence" => "a list".to_owned(),
-            other => other.to_owned(),
-        },
-    };
-    let highest = match must {
-        "u8" => u64::from(u8::MAX),
-        "u16" => u64::from(u16::MAX),
-        "u32" => u64::from(u32::MAX),
-        _ => u64::MAX,
-    };
-    let must = match must {
-        "u8" | "u16" | "u32" | "u64" | "usize" if is.parse::<f64>().is_ok_and(|n| n > highest as f64) => {
-            format!("a whole number from 0 to {highest}")
+    let mut meant = None;
+    let mistake = match &error.mistake {
+        ParamMistake::Missing(name) => {
+            // Always pushed: the path is that of the map, which may well have the name of its field.
+            path.push(name.clone());
+            Mistake::new(Kind::Missing, error.mistake.to_string())
         }
-        "u8" | "u16" | "u32" | "u64" | "usize" => "a whole number, 0 or more".to_owned(),
-        "i8" | "i16" | "i32" | "i64" | "isize" => "a whole number".to_owned(),
-        "f32" | "f64" => "a number".to_owned(),
-        "a string" => "a text".to_owned(),
-        "a sequence" => "a list".to_owned(),
-        "a boolean" => "true or false".to_owned(),
-        "a nonzero u32" | "a nonzero u64" | "a nonzero usize" => "a whole number, 1 or more".to_owned(),
-        _ => match must.strip_prefix("an array of length ").or_else(|| must.strip_prefix("a tuple of size ")) {
-            Some(n) => format!("a list of {n} values"),
-            None if must.starts_with("struct ") || must == "a map" => "a map".to_owned(),
-            None => must.to_owned(),
-        },
+        ParamMistake::UnknownKey { name, known } => {
+            if path.last() != Some(name) {
+                path.push(name.clone());
+            }
+            meant = suggest::nearest(name, known.iter().copied()).map(str::to_owned);
+            let hint = suggest::hint(name, known.iter().copied());
+            Mistake::new(Kind::UnknownKey, error.mistake.to_string()).hint(hint)
+        }
+        ParamMistake::UnknownChoice { name, known } => {
+            let hint = suggest::hint(name, known.iter().copied());
+            Mistake::new(Kind::UnknownName, error.mistake.to_string()).hint(hint)
+        }
+        ParamMistake::Type { found, wanted } => {
+            let message = format!("{field} is {found}, but must be {}", wanted.rule(found));
+            Mistake::new(Kind::WrongType, message).hint(written_otherwise(found, wanted))
+        }
+        ParamMistake::Length { found, wanted } => {
+            Mistake::new(Kind::WrongType, format!("{field} has {found} values, but must have {wanted}"))
+        }
+        ParamMistake::Unit(text) => Mistake::new(Kind::WrongUnit, text.clone()),
+        ParamMistake::Other(text) => Mistake::new(Kind::WrongValue, text.clone()),
     };
-    Some((is, must))
+    (ParamProblem { path, mistake }, meant)
+}
+
+/// How what stands there is written where something else is wanted.
+fn written_otherwise(found: &Found, wanted: &Wanted) -> Option<String> {
+    match (found, wanted) {
+        (Found::Number(n), Wanted::List) => Some(format!("write `[{n}]`")),
+        (Found::Number(n), Wanted::ListOf(count)) if *count <= 4 => {
+            Some(format!("write `[{}]`", vec![n.to_string(); *count].join(", ")))
+        }
+        (Found::Text(text), Wanted::Bool) => scalar::look_alike(text, true),
+        (Found::Text(text), Wanted::Whole { .. } | Wanted::Number | Wanted::Described(_)) => {
+            scalar::look_alike(text, false)
+        }
+        _ => None,
+    }
 }
 
 #[cfg(test)]
@@ -252,7 +207,9 @@ mod tests {
     fn problems(params: Value) -> Vec<String> {
         let (prepared, found) = read_params(&StageRow::of::<Probe>(), &params);
         assert_eq!(prepared.is_some(), found.is_empty());
-        let line = |p: ParamProblem| format!("{}: {} | {}", p.path.join("."), p.message, p.hint.unwrap_or_default());
+        let line = |ParamProblem { path, mistake: m }: ParamProblem| {
+            format!("{}: {} | {}", path.join("."), m.message, m.hint.unwrap_or_default())
+        };
         found.into_iter().map(line).collect()
     }
 

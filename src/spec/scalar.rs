@@ -1,6 +1,7 @@
 //! What a plain YAML scalar means: the core schema of YAML 1.2, and the look-alikes that it reads as text.
 
 use serde_json::{Number, Value};
+use turbid_contract::quantity::meant_number;
 
 /// The meaning of a plain (unquoted) scalar.
 #[derive(Clone, Debug, PartialEq)]
@@ -85,10 +86,13 @@ pub fn look_alike(text: &str, wants_bool: bool) -> Option<String> {
     if text.len() > 40 || !text.starts_with(|c: char| c.is_ascii_digit() || "+-.".contains(c)) {
         return None;
     }
+    if matches!(plain(text), Plain::Number(_)) {
+        return Some(format!("write `{text}` without quotes"));
+    }
+    if let Some(meant) = meant_number(text) {
+        return reads(&format!("`{meant}`"));
+    }
     let tried = [
-        text.replace('_', ""),
-        text.replacen(',', ".", 1),
-        text.replace(',', ""),
         text.replace(['\'', ' '], ""),
         text.trim_end_matches(['e', 'E', '+', '-']).to_owned(),
         text.replace(['d', 'D'], "e"),
@@ -157,6 +161,8 @@ mod tests {
             ("1e", Some("`1`")),
             ("0,5", Some("`0.5`")),
             ("1,000,000", Some("`1000000`")),
+            ("0,5 mm", Some("`0.5 mm`")),
+            ("64", Some("`64` without quotes")),
             ("1d-3", Some("`1e-3`")),
             ("yes", Some("`true`")),
             ("Off", Some("`false`")),

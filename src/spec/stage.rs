@@ -4,9 +4,10 @@ use std::collections::BTreeSet;
 
 use super::foreach::Foreach;
 use super::input::InputSpec;
+use super::mistake::{Kind, Mistake};
 use super::node::{Data, Entry, Node};
 use super::parse::join;
-use super::reader::Reader;
+use super::reader::{Meant, Reader};
 use super::seed::{self, SeedSpec};
 use super::suggest;
 use super::template::Template;
@@ -97,7 +98,7 @@ pub fn parse(
                 reader.error(
                     entry.at,
                     &path,
-                    format!("stage `{}` has no `use`", entry.key),
+                    Mistake::new(Kind::Missing, format!("stage `{}` has no `use`", entry.key)),
                     "`turbid stages` lists what it can name".to_owned(),
                 );
             }
@@ -124,7 +125,7 @@ pub fn parse(
     if let Some(e) = filled(&entry.value, "product") {
         match e.value.data {
             Data::Bool(b) => stage.product = b,
-            _ => reader.wrong(&e.value, e.at, &join(&path, "product"), "true or false"),
+            _ => reader.wrong_as(&e.value, e.at, &join(&path, "product"), "true or false", Meant::Bool),
         }
     }
     if let Some(e) = filled(&entry.value, "seed") {

@@ -4,15 +4,17 @@ use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, Write};
 use std::path::Path;
 
-use crate::leftover;
 use crate::regular::{self, NotOpened};
 #[cfg(test)]
 pub(super) use crate::store::look::faults;
 use crate::store::look::reading;
 pub(super) use crate::store::look::{is_absent, list, look, look_at_link};
 use crate::store::odd;
+use crate::whole_file::{self, Synced};
 
-/// Temporary files of the store; their writer holds a lock on them ([`leftover`]).
+pub(super) use crate::whole_file::sync_folder;
+
+/// Temporary files of the store; their writer holds a lock on them (`leftover`).
 pub(super) const WRITING: &str = "writing-";
 /// How often a file is written anew that somebody removed while it was written, or whose way had to be cleared.
 const ATTEMPTS: usize = 20;
@@ -105,13 +107,7 @@ pub(super) fn publish_file(
 pub(super) fn temporary(root: &Path) -> io::Result<tempfile::NamedTempFile> {
     let tmp = root.join("tmp");
     odd::make_folder(root, &tmp)?;
-    temporary_in(&tmp)
-}
-
-fn temporary_in(tmp: &Path) -> io::Result<tempfile::NamedTempFile> {
-    let file = crate::shared_file().prefix(WRITING).tempfile_in(tmp)?;
-    leftover::hold(file.as_file());
-    Ok(file)
+    whole_file::begin(&tmp, WRITING)
 }
 
 /// Publishes `bytes` as `path` through a temporary file in `tmp`, which must be in the same file system.
@@ -119,44 +115,17 @@ pub(super) fn publish_through(tmp: &Path, path: &Path, bytes: &[u8], durable: bo
     let folder = path.parent().unwrap_or(Path::new("."));
     fs::create_dir_all(tmp)?;
     fs::create_dir_all(folder)?;
-    let mut file = temporary_in(tmp)?;
+    let mut file = whole_file::begin(tmp, WRITING)?;
     write(file.as_file_mut(), bytes)?;
     persist(file, path, durable, read_only)
 }
 
 /// The second half of [`publish`]: of a temporary file that holds all bytes.
 pub(super) fn persist(file: tempfile::NamedTempFile, path: &Path, durable: bool, read_only: bool) -> io::Result<()> {
-    let folder = path.parent().expect("a file of the store lies in a folder");
-    if durable {
-        file.as_file().sync_all()?;
-    }
     if read_only {
-        let mut permissions = file.as_file().metadata()?.permissions();
-        permissions.set_readonly(true);
-        file.as_file().set_permissions(permissions)?;
+        whole_file::protect(file.as_file())?;
     }
-    file.persist(path).map_err(|e| e.error)?;
-    if durable {
-        sync_folder(folder)?;
-    }
-    Ok(())
-}
-
-/// Brings the names in a folder to the disk; file systems that know no such thing are left alone.
-pub(super) fn sync_folder(folder: &Path) -> io::Result<()> {
-    #[cfg(unix)]
-    {
-        use io::ErrorKind::{InvalidInput, PermissionDenied, Unsupported};
-        let synced = File::open(folder).and_then(|folder| folder.sync_all());
-        synced.or_else(
-            |e| if matches!(e.kind(), InvalidInput | PermissionDenied | Unsupported) { Ok(()) } else { Err(e) },
-        )
-    }
-    #[cfg(not(unix))]
-    {
-        let _ = folder;
-        Ok(())
-    }
+    whole_file::place(file, path, if durable { Synced::BytesAndName } else { Synced::No })
 }
 
 /// Reads `length` bytes at `offset`.

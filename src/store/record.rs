@@ -62,6 +62,9 @@ pub struct InstanceRecord {
     pub seed: Option<u64>,
     /// The key without the stopping params, under which checkpoints are kept.
     pub state_key: Option<Digest>,
+    /// Where the stage might stop by a clock: the stopping params that ask for just what it made, all others of them left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reached: Option<BTreeMap<String, Value>>,
     /// Name, value, unit.
     pub measures: Vec<(String, f64, String)>,
     pub warnings: Vec<String>,

@@ -90,7 +90,7 @@ fn frames_without_light_are_told() {
     let text = SMALL.replace("[0, 35, 500]", "[0, 35, -500]");
     let space = Space::with(&text);
     let checked = space.turbid(&["check", "p.yaml"]).ok();
-    assert!(checked.contains("stages.frames.with: the projector's light falls on none of 9 places"), "{checked}");
+    assert!(checked.contains("stages.frames.with: the projector's light falls on none of 49 places"), "{checked}");
     space.turbid(&["run", "p.yaml", "frames"]).ok();
     let frames = shown(&space, "p.yaml", "frames");
     let zero = "4 of 4 frames are 0 in every pixel";

@@ -1,16 +1,16 @@
-//! What a run states at its end, and that the README states nothing else.
+//! What a run states at its end, and that the documents state nothing else.
 
 use std::collections::BTreeSet;
 
-use crate::record::{Record, of_output, pipeline_file, readme, recipe_now, rows};
+use crate::record::{Record, of_output, page, pipeline_file, recipe_now, root, rows};
 use crate::space::Space;
 
-const RENEW: &str = "`cargo bench --bench figures -- NAME` runs it and renews docs/figures and the README";
+const RENEW: &str = "`cargo bench --bench figures -- NAME` runs it and renews docs/figures and docs/validation.md";
 
-/// Every figure and run time of the README's table stands in the recorded end of a run of that pipeline.
+/// Every figure and run time of the table of pipelines stands in the recorded end of a run of that pipeline.
 #[test]
-fn the_readme_states_what_runs_state() {
-    let rows = rows(&readme());
+fn the_table_states_what_runs_state() {
+    let rows = rows(&page());
     assert!(rows.iter().filter(|row| !row.line.is_empty()).count() > 20, "the table was not understood");
     let mut wrong = Vec::new();
     for row in &rows {
@@ -19,17 +19,15 @@ fn the_readme_states_what_runs_state() {
             Err(message) => wrong.push(format!("{message}; {RENEW}")),
             Ok(record) => {
                 if !row.named.is_empty() && row.run_time != record.run_time() {
-                    wrong.push(format!("{name}: {} in the README, {} in the record", row.run_time, record.run_time()));
+                    wrong.push(format!("{name}: {} in the table, {} in the record", row.run_time, record.run_time()));
                 }
                 match record.figures(&row.line) {
                     _ if row.line.is_empty() => {}
                     Err(message) => wrong.push(format!("{name}: {message}")),
                     Ok(figures) if figures != row.figures => {
                         let line = row.line.join(" ");
-                        wrong.push(format!(
-                            "{name}, {line}: {:?} in the README, {figures:?} in the record",
-                            row.figures
-                        ));
+                        wrong
+                            .push(format!("{name}, {line}: {:?} in the table, {figures:?} in the record", row.figures));
                     }
                     Ok(_) => {}
                 }
@@ -40,10 +38,27 @@ fn the_readme_states_what_runs_state() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
+/// The run times that the README gives beside its commands are the recorded ones.
+#[test]
+fn the_readme_gives_recorded_run_times() {
+    let text = std::fs::read_to_string(root().join("README.md")).expect("the README is there");
+    let mut stated = 0;
+    for line in text.lines().filter_map(|line| line.strip_prefix("turbid run pipelines/")) {
+        let Some((name, comment)) = line.split_once(".yaml") else { panic!("{line}") };
+        let Some(time) = comment.strip_suffix(" CPU s").and_then(|said| said.split_whitespace().last()) else {
+            continue;
+        };
+        let record = Record::read(name).unwrap_or_else(|message| panic!("{message}; {RENEW}"));
+        assert_eq!(format!("{time} s"), record.run_time(), "README: {name}");
+        stated += 1;
+    }
+    assert!(stated > 5, "the commands were not understood");
+}
+
 /// A pipeline, a VERSION or an input file that changed since the record was made shows.
 #[test]
 fn recorded_runs_are_of_the_pipelines_as_they_are() {
-    let names: BTreeSet<String> = rows(&readme()).into_iter().map(|row| row.pipeline).collect();
+    let names: BTreeSet<String> = rows(&page()).into_iter().map(|row| row.pipeline).collect();
     let stale: Vec<String> = names
         .into_iter()
         .filter(|name| Record::read(name).map(|record| record.recipe).ok() != Some(recipe_now(name)))

@@ -4,16 +4,16 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-fn root() -> &'static Path {
+pub fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-fn read(path: impl AsRef<Path>) -> String {
+pub fn read(path: impl AsRef<Path>) -> String {
     let path = path.as_ref();
     fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
 }
 
-fn stage_crates() -> Vec<String> {
+pub fn stage_crates() -> Vec<String> {
     let mut names: Vec<String> = fs::read_dir(root().join("stages"))
         .expect("the folder of stages")
         .map(|entry| entry.expect("an entry").file_name().to_string_lossy().into_owned())
@@ -37,7 +37,7 @@ fn dependencies(manifest: &str, section: &str) -> BTreeSet<String> {
 }
 
 /// The Rust files below a folder, those of tests left out.
-fn sources(folder: &Path) -> Vec<PathBuf> {
+pub fn sources(folder: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let path = entry.path();
@@ -129,6 +129,26 @@ fn stages_touch_the_world_only_through_ctx() {
                 for word in forbidden {
                     assert!(!line.contains(word), "{}: `{word}` in {line}", path.display());
                 }
+            }
+        }
+    }
+}
+
+/// The engine knows no stage's params, measures or payloads by name: where a stage stops, what it kept and what is drawn of it, its row and its run say.
+#[test]
+fn the_engine_knows_no_stages_words() {
+    let words = ["max_seconds", "target_error", "\"samples\"", "\"covariance\"", "photons", "\"phases\"", "\"f_x\""];
+    for path in sources(&root().join("src")) {
+        let inside = path.strip_prefix(root()).expect("below the root").to_string_lossy().replace('\\', "/");
+        // Pictures and tables name quantities for people to read.
+        if ["src/preview", "src/cli/show.rs", "src/cli/figures.rs"].iter().any(|face| inside.starts_with(face)) {
+            continue;
+        }
+        let text = read(&path);
+        let code = text.split("#[cfg(test)]").next().unwrap_or_default();
+        for line in code.lines().filter(|l| !l.trim_start().starts_with("//")) {
+            for word in words {
+                assert!(!line.contains(word), "{inside}: `{word}` in {line}");
             }
         }
     }

@@ -55,6 +55,9 @@ fn manuals_leave_nothing_blank() {
         let example = manual.split("\nexample:\n").nth(1).unwrap_or_else(|| panic!("{} has no example", row.name));
         assert!(example.contains(&format!("use: {}", row.name)), "{}: {example}", row.name);
     }
+    let manual = space.turbid(&["stages", "calibrate_iad"]).ok();
+    assert!(manual.contains("thickness: Thickness of the sample, > 0. (number, mm)"), "units are missing: {manual}");
+    assert!(manual.contains("slides: Index and absorption"), "what a type says of itself is missing: {manual}");
     let manual = space.turbid(&["stages", "build_lut"]).ok();
     assert!(manual.contains("logspace (one of these)") && !manual.contains("logspace (required)"), "{manual}");
 }

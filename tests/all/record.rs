@@ -1,4 +1,4 @@
-//! What the pipelines of the README stated when they were last run (`docs/figures`), and the rows of the README that hold it.
+//! What the shipped pipelines stated when they were last run (`docs/figures`), and the rows of `docs/validation.md` that hold it.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -18,9 +18,9 @@ pub struct Record {
     pub lines: Vec<Vec<String>>,
 }
 
-/// A row of the README's table of pipelines.
+/// A row of the table of shipped pipelines.
 pub struct Row {
-    /// Its place among the README's lines.
+    /// Its place among the page's lines.
     pub at: usize,
     /// As written: `quickstart.yaml`; empty below the first row of a pipeline.
     pub named: String,
@@ -80,14 +80,14 @@ impl Record {
         Self::parse(&text).ok_or_else(|| format!("{}: not a record", path.display()))
     }
 
-    /// CPU seconds as the README writes them: two digits that count.
+    /// CPU seconds as the pages write them: two digits that count.
     pub fn run_time(&self) -> String {
         let step = 10_f64.powi((self.cpu_s.log10().floor() as i32 - 1).max(if self.cpu_s < 1.0 { -1 } else { 0 }));
         let rounded = (self.cpu_s / step).round() * step;
         if step < 1.0 { format!("{rounded:.1} s") } else { format!("{rounded:.0} s") }
     }
 
-    /// What the README states in the two columns of a row: of mu_a and mu_s', or of what the row names. Error: there is no such line.
+    /// What the page states in the two columns of a row: of mu_a and mu_s', or of what the row names. Error: there is no such line.
     pub fn figures(&self, wanted: &[String]) -> Result<[String; 2], String> {
         let [stage, region, quantity @ ..] = wanted else { return Err(format!("{wanted:?} is no line")) };
         let found: Vec<&Vec<String>> = self.lines.iter().filter(|l| &l[0] == stage && &l[1] == region).collect();
@@ -113,14 +113,19 @@ fn stated(line: &[String]) -> String {
     }
 }
 
-pub fn readme() -> String {
-    fs::read_to_string(root().join("README.md")).expect("the README is there")
+/// The page with the table of shipped pipelines.
+pub fn page_file() -> PathBuf {
+    root().join("docs/validation.md")
+}
+
+pub fn page() -> String {
+    fs::read_to_string(page_file()).expect("the page is there")
 }
 
 /// The rows of the table whose head begins with `pipeline`.
-pub fn rows(readme: &str) -> Vec<Row> {
+pub fn rows(page: &str) -> Vec<Row> {
     let mut found: Vec<Row> = Vec::new();
-    let table = readme.lines().enumerate().skip_while(|(_, l)| !l.starts_with("| pipeline |")).skip(2);
+    let table = page.lines().enumerate().skip_while(|(_, l)| !l.starts_with("| pipeline |")).skip(2);
     for (at, line) in table.take_while(|(_, line)| line.starts_with('|')) {
         let cells: Vec<String> = line.trim_matches('|').split('|').map(|c| c.trim().to_owned()).collect();
         let [name, _, run_time, line, a, s] = cells.as_slice() else { panic!("six columns: {line}") };
@@ -138,7 +143,7 @@ pub fn rows(readme: &str) -> Vec<Row> {
 }
 
 impl Row {
-    /// The row as the README should have it.
+    /// The row as the page should have it.
     pub fn renewed(&self, record: &Record) -> Result<String, String> {
         let mut cells = self.cells.clone();
         if !self.named.is_empty() {

@@ -71,7 +71,7 @@ const WRONG: &[(&str, &str, &str, &str)] = &[
     ("pixels: [12, 12]", "pixels: [1.5, 12]", "10:85: stages.tissue.with.camera.pixels.0: `pixels` is 1.5, but must be a whole number, 0 or more", ""),
     ("pixels: [12, 12]", "pixels: 12", "10:84: stages.tissue.with.camera.pixels: `pixels` is 12, but must be a list of 2 values", "write `[12, 12]`"),
     ("field: [12, 12]", "field: 12", "10:66: stages.tissue.with.camera.field: `field` is 12, but must be a list of 2 values", "write `[12, 12]`"),
-    ("      projector: {position: [0, 35, 500], look_at: [0, 0, 0], field: [48, 48], power: 5}\n", "", "14:11: stages.frames.with: the scene has no projector, so all would be dark", "add `projector` to the scene"),
+    ("      projector: {position: [0, 35, 500], look_at: [0, 0, 0], field: [48, 48], power: 5}\n", "", "14:11: stages.frames.with: the scene has no projector, so all would be dark", "add `projector` to the scene, or to its rig"),
     ("power: 5", "power: five", "11:87: stages.tissue.with.projector.power: `five` is not a number with a unit; write for example `2 W`", ""),
     ("    in: {scene: tissue}\n", "", "12:3: stages.frames.in: render needs the input `scene` (scene)", "add `in: {scene: STAGE}`"),
     ("in: {scene: tissue}", "in: {scene: tisue}", "14:17: stages.frames.in.scene: there is no stage `tisue`", "did you mean `tissue`?"),

@@ -5,10 +5,11 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use tempfile::{Builder, TempPath};
+use tempfile::TempPath;
 
 use crate::digest::Digest;
 use crate::leftover::is_older;
+use crate::whole_file::{self, Synced};
 
 use super::links::{Entry, Links, Stamp};
 
@@ -46,8 +47,12 @@ impl Staged {
     /// A file of these bytes, at `path` once they are all there.
     pub fn file(&mut self, path: &str, content: &str, bytes: &[u8], read_only: bool) -> Result<(), String> {
         let at = self.folder.join(path);
-        let mut file = builder(read_only).tempfile_in(prepared(&at)?).map_err(told(&at))?;
+        let mut file = whole_file::begin(prepared(&at)?, PREFIX).map_err(told(&at))?;
         file.write_all(bytes).map_err(told(&at))?;
+        // Elsewhere a file that is read-only is not replaced either.
+        if read_only && cfg!(unix) {
+            whole_file::protect(file.as_file()).map_err(told(&at))?;
+        }
         self.add(path, content, Digest::of(bytes), false, file.into_temp_path());
         Ok(())
     }
@@ -64,7 +69,9 @@ impl Staged {
         // As it is spelt, so that the outputs folder can be moved; where a folder on the way is a link itself, as it is.
         for target in std::iter::once_with(|| Some(relative(&at, file))).chain(std::iter::once_with(physical)).flatten()
         {
-            let Ok(made) = builder(false).make_in(folder, |fresh| std::os::unix::fs::symlink(&target, fresh)) else {
+            let Ok(made) =
+                whole_file::builder(PREFIX).make_in(folder, |fresh| std::os::unix::fs::symlink(&target, fresh))
+            else {
                 break;
             };
             if same_file(made.path(), file) {
@@ -101,24 +108,8 @@ impl Staged {
 
 /// Whole or not at all, and on the disk before it is there: a reader never sees half a file.
 pub fn write(at: &Path, bytes: &[u8]) -> Result<(), String> {
-    let mut file = builder(false).tempfile_in(prepared(at)?).map_err(told(at))?;
-    file.write_all(bytes).and_then(|()| file.as_file().sync_data()).map_err(told(at))?;
-    file.persist(at).map_err(|e| told(at)(e.error))?;
-    Ok(())
-}
-
-/// With the rights that the user gives to files; read-only against slips of people where it is a copy of what the store holds.
-fn builder(read_only: bool) -> Builder<'static, 'static> {
-    let mut builder = crate::shared_file();
-    builder.prefix(PREFIX);
-    #[cfg(unix)]
-    if read_only {
-        use std::os::unix::fs::PermissionsExt;
-        builder.permissions(fs::Permissions::from_mode(0o444));
-    }
-    #[cfg(not(unix))]
-    let _ = read_only;
-    builder
+    prepared(at)?;
+    whole_file::write(at, PREFIX, bytes, Synced::Bytes).map_err(told(at))
 }
 
 /// The folder of a file, which is there now, and without files of runs that were killed.

@@ -50,6 +50,24 @@ fn all_repeated_keys_and_infinite_numbers_are_found_at_once() {
     }
 }
 
+/// A comma within a number is found where YAML would take half of it; lists of numbers stay lists.
+#[test]
+fn decimal_commas_are_no_second_entry() {
+    for (text, place, meant) in [
+        ("vars: {mu: 0,05, n: 1}", "f:1:12: error: vars.mu: `0,05` is no number", "write `0.05`"),
+        ("f_x: [0, 0,05, 0,1]", "f:1:10: error: f_x.1: `0,05` is no number", "write `0.05`"),
+        ("a: {thickness: 1,5 mm}", "f:1:16: error: a.thickness: `1,5 mm` is no number", "write `1.5 mm`"),
+    ] {
+        let (node, report) = read(text);
+        assert!(report.contains(place) && report.contains(meant), "{report}");
+        assert_eq!(report.matches("error:").count(), 1, "{report}");
+        assert!(node.is_some_and(|node| node.holds_broken()));
+    }
+    assert_eq!(good("a: [0,1,10]").get("a").unwrap().to_json(), serde_json::json!([0, 1, 10]));
+    assert_eq!(good("a: {b: 1,c: 2}").get("a").unwrap().to_json(), serde_json::json!({"b": 1, "c": 2}));
+    assert_eq!(good("a: {b: 1, 2: 3}").get("a").unwrap().to_json(), serde_json::json!({"b": 1, "2": 3}));
+}
+
 #[test]
 fn hostile_texts_get_one_message() {
     let deep_flow = "[".repeat(100_000);

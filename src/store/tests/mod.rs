@@ -49,6 +49,7 @@ fn record(i: u64, ports: &[(&str, Blob)]) -> InstanceRecord {
         cost: Cost { wall_s: 0.1, cpu_s: 0.3, peak_bytes: 1 << 20, alone: true },
         seed: Some(u64::MAX),
         state_key: None,
+        reached: None,
         measures: vec![("paths".into(), 1e9, "1".into())],
         warnings: vec!["läuft".into()],
         kernel: None,

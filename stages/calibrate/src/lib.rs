@@ -16,10 +16,12 @@ mod model;
 mod params;
 mod quantity;
 mod ratio;
+mod rigs;
 pub mod smooth;
 mod stage;
 
 pub use model::{Model, ReferenceMedium};
 pub use params::{NoiseBias, Params};
 pub use ratio::{Arm, calibrate};
+pub use rigs::Rigs;
 pub use stage::{Calibrate, In, Out};

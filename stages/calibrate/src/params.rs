@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use turbid_contract::payload::Convention;
 
 use crate::model::{Model, ReferenceMedium};
+use crate::rigs::Rigs;
 
 /// What becomes of the part of the mean that dividing by a noisy reference adds, var M / M^2 of the smoothed reference.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -36,4 +37,7 @@ pub struct Params {
     pub smooth_sample: f64,
     #[serde(default)]
     pub noise_bias: NoiseBias,
+    /// Whether sample and reference must share camera, projector, lights and wavelength.
+    #[serde(default)]
+    pub rigs: Rigs,
 }

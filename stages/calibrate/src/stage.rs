@@ -13,6 +13,7 @@ use crate::model::Model;
 use crate::params::{NoiseBias, Params};
 use crate::quantity::{counterpart, of_one_phantom, quantities, same_size};
 use crate::ratio::{Arm, calibrate};
+use crate::rigs::{SHARE, difference};
 
 /// The widest smoothing that makes sense: beyond it the source profile no longer cancels.
 const WIDEST_SMOOTHING_PX: f64 = 100.0;
@@ -21,7 +22,7 @@ in_ports! {
     pub struct In {
         /// Modulation of the sample.
         sample: one Modulation,
-        /// Modulation of the reference phantom, same geometry, same f_x.
+        /// Modulation of the reference phantom, same rig, same f_x.
         reference: one Modulation,
     }
 }
@@ -51,6 +52,11 @@ impl Stage for Calibrate {
         if params.convention != Convention::Relative {
             compare_phantom(params, &known.fact("reference"), problems);
         }
+        if let Some(what) = difference(params.rigs, &known.fact("sample"), &known.fact("reference")) {
+            let (sample, reference) = (known.producer("sample"), known.producer("reference"));
+            let message = format!("`{sample}` and `{reference}` were lit or seen by different rigs: {what}");
+            problems.at_input("reference", message, SHARE);
+        }
         for (field, smooth) in [("smooth", params.smooth), ("smooth_sample", params.smooth_sample)] {
             let rule = "lie in [0, 100]";
             problems.require((0.0..=WIDEST_SMOOTHING_PX).contains(&smooth), field, smooth, "px", rule);
@@ -79,6 +85,11 @@ impl Stage for Calibrate {
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
+        let arms = [&inputs.sample.0.attributes, &inputs.reference.0.attributes];
+        if let Some(what) = difference(params.rigs, arms[0], arms[1]) {
+            let what = format!("the sample and the reference were lit or seen by different rigs: {what}");
+            return Err(Error::failed_with_hint(what, SHARE));
+        }
         let model = |f_x: f64| params.reference.reflectance(params.model, params.convention, f_x);
         let mut stack = reflectance(&inputs.sample.0, &inputs.reference.0, params, model, ctx)?;
         stack.attributes.extend(said(params, &inputs.reference.0.attributes));

@@ -1,10 +1,10 @@
 //! The stage as the engine calls it: what cancels, what the errors cover, what is refused.
 
-use turbid_calibrate::{Calibrate, In, Model, NoiseBias, Out, Params, ReferenceMedium};
+use turbid_calibrate::{Calibrate, In, Model, NoiseBias, Out, Params, ReferenceMedium, Rigs};
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::{Convention, MaskReason, Modulation};
+use turbid_contract::payload::{Convention, MaskReason, Modulation, Rig};
 use turbid_contract::{
-    Ctx, Error, ImageStack, Known, LayerInfo, LayerKind, MemoryHost, PerLength, Problems, Stage, serde_json,
+    Ctx, Error, Form, ImageStack, Known, LayerInfo, LayerKind, MemoryHost, PerLength, Problems, Stage, serde_json,
 };
 use turbid_optics::{Medium, Reflectance};
 
@@ -20,6 +20,7 @@ fn params(smooth: f64) -> Params {
         smooth,
         smooth_sample: 0.0,
         noise_bias: NoiseBias::Correct,
+        rigs: Rigs::Same,
     }
 }
 
@@ -260,6 +261,54 @@ fn mismatches_are_named() {
     two.0.layers[1].info.wavelength_nm = Some(660.0);
     assert!(message(two, arm(1)).contains("2 wavelengths"));
     assert!(message(Modulation(ImageStack::new(1, 2)), arm(1)).contains("no layer `m_ac`"));
+}
+
+/// Arms of two rigs are refused before the run and in it, with both producers, both values and the way out; unless they may differ, or one
+/// does not say what its rig is. The reflectance carries the sample's on.
+#[test]
+fn arms_of_different_rigs_are_refused() {
+    let arm = |rig: Option<Rig>| {
+        let mut arm = modulation([Array2::ones((1, 2)), Array2::ones((1, 2))], None);
+        rig.iter().for_each(|rig| rig.insert_into(&mut arm.0.attributes));
+        arm
+    };
+    let bench = |nm: f64| Some(Rig { wavelengths_nm: vec![nm], ..Rig::default() });
+    let may_differ = Params { rigs: Rigs::MayDiffer, ..params(0.0) };
+    for (sample, reference, differs) in [
+        (bench(635.0), bench(660.0), Some("wavelengths_nm 635 nm against 660 nm")),
+        (bench(635.0), bench(635.0), None),
+        (Some(Rig::named("old")), Some(Rig::named("new")), Some("`old` against `new`")),
+        (Some(Rig::named("old")), bench(635.0), Some("`old` against that of a scene")),
+        (Some(Rig::named("old")), Some(Rig::named("old")), None),
+        (bench(635.0), None, None),
+    ] {
+        let (sample, reference) = (arm(sample), arm(reference));
+        let mut known = Known::default();
+        for (port, producer, arm) in [("sample", "fringes", &sample), ("reference", "phantom_fringes", &reference)] {
+            known.forms.insert(port.to_owned(), vec![Form::said(arm.0.attributes.clone()).into()]);
+            known.producers.insert(port.to_owned(), producer.to_owned());
+        }
+        let check = |params: &Params| {
+            let mut problems = Problems::default();
+            Calibrate::check(params, &known, &mut problems);
+            problems.into_parts().0
+        };
+        let mistakes = check(&params(0.0));
+        assert_eq!((mistakes.len(), check(&may_differ).len()), (usize::from(differs.is_some()), 0), "{mistakes:?}");
+        if let Some(what) = differs {
+            let text = mistakes[0].to_string();
+            let words =
+                ["in.reference: ", "`fringes`", "`phantom_fringes`", what, "in: {rig: STAGE}", "rigs: may_differ"];
+            assert!(words.iter().all(|word| text.contains(word)), "{text}");
+        }
+        let ran = calibrate(sample.clone(), reference.clone(), &params(0.0));
+        match (ran, differs) {
+            (Ok(out), None) => assert_eq!(Rig::of(&out.reflectance.0.attributes), Rig::of(&sample.0.attributes)),
+            (Err(error), Some(what)) => assert!(error.to_string().contains(what), "{error}"),
+            (ran, _) => panic!("{differs:?}: {:?}", ran.map(|_| ())),
+        }
+        assert!(calibrate(sample, reference, &may_differ).is_ok());
+    }
 }
 
 /// Every wrong value is found at once, with its path.

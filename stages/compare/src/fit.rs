@@ -13,7 +13,7 @@ use crate::params::MediumParams;
 pub struct Media(BTreeMap<String, [f64; 2]>);
 
 /// What is compared, in the order of [`Media`].
-const QUANTITIES: [&str; 2] = ["mu_a", "mu_s_prime"];
+pub const QUANTITIES: [&str; 2] = ["mu_a", "mu_s_prime"];
 
 impl Media {
     pub fn named(media: &BTreeMap<String, MediumParams>) -> Self {
@@ -92,6 +92,7 @@ pub fn compare_fit(fit: &Table, media: &Media, ctx: Ctx<'_>) -> Result<(Metrics,
     }
     let failed = good.iter().filter(|good| !**good).count();
     if failed > 0 {
+        ctx.measure("unknown: media without a fit", failed as f64, "1");
         ctx.warn(format!("{failed} of {} media have no fit: nothing is known of them", good.len()));
     }
     rows.extend(all);
@@ -99,7 +100,8 @@ pub fn compare_fit(fit: &Table, media: &Media, ctx: Ctx<'_>) -> Result<(Metrics,
     Ok((table(&rows), errors))
 }
 
-/// Estimate, truth and relative error in percent: a pixel for each medium, one below the other; the attribute `media` names them.
+/// Estimate, truth and relative error in percent (where the truth of some medium is 0 the error itself): a pixel for each medium, one below the
+/// other; the attribute `media` names them.
 fn errors(pairs: &[Vec<Pair>; 2], media: &[String]) -> Errors {
     let mut stack = ImageStack::new(media.len(), 1);
     stack.attributes.insert("media".to_owned(), media.into());
@@ -107,8 +109,13 @@ fn errors(pairs: &[Vec<Pair>; 2], media: &[String]) -> Errors {
     for (name, of) in QUANTITIES.iter().zip(pairs) {
         stack.push(LayerInfo::value(*name, "mm^-1"), column(of, |p| p.estimate));
         stack.push(LayerInfo::value(format!("{name}_truth"), "mm^-1"), column(of, |p| p.truth));
-        let percent = |p: &Pair| if p.good && p.truth != 0.0 { 100.0 * (p.estimate / p.truth - 1.0) } else { 0.0 };
-        stack.push(LayerInfo::value(format!("{name}_error"), "%"), column(of, percent));
+        let percent = |p: &Pair| if p.good { 100.0 * (p.estimate / p.truth - 1.0) } else { 0.0 };
+        let own = |p: &Pair| if p.good { p.estimate - p.truth } else { 0.0 };
+        let error = LayerInfo::value(format!("{name}_error"), "");
+        match of.iter().any(|p| p.good && p.truth == 0.0) {
+            true => stack.push(LayerInfo { unit: "mm^-1".to_owned(), ..error }, column(of, own)),
+            false => stack.push(LayerInfo { unit: "%".to_owned(), ..error }, column(of, percent)),
+        }
     }
     let reason = |p: &Pair| if p.good { 0.0 } else { f64::from(MaskReason::NoFit.code()) };
     stack.push(LayerInfo::new("mask", LayerKind::Mask, "1"), column(&pairs[0], reason));
@@ -130,27 +137,51 @@ struct Row<'a> {
     score: MediaScore,
 }
 
+/// Columns of the metrics, with their units.
+pub const COLUMNS: [(&str, &str); 16] = [
+    ("region", ""),
+    ("quantity", ""),
+    ("n", "1"),
+    ("mean", "mm^-1"),
+    ("mean_se", "mm^-1"),
+    ("truth", "mm^-1"),
+    ("bias_percent", "%"),
+    ("rmse_percent", "%"),
+    ("masked_percent", "%"),
+    ("bias", "mm^-1"),
+    ("rmse", "mm^-1"),
+    ("p95", "mm^-1"),
+    ("z", "1"),
+    ("rms_log", "1"),
+    ("n_unknown", "1"),
+    ("unit", ""),
+];
+
 fn table(rows: &[Row<'_>]) -> Metrics {
-    let mut table = Table::default();
     let text = |f: &dyn Fn(&Row<'_>) -> String| Cells::Text(rows.iter().map(f).collect());
-    table.push("region", "", text(&|r| r.medium.to_owned()));
-    table.push("quantity", "", text(&|r| r.quantity.to_owned()));
-    table.push("n", "1", Cells::I64(rows.iter().map(|r| r.score.score.n as i64).collect()));
-    let mut number = |name: &str, unit: &str, f: fn(&MediaScore) -> Option<f64>| {
-        table.push(name, unit, Cells::MaybeF64(rows.iter().map(|r| f(&r.score)).collect()));
-    };
-    number("mean", "mm^-1", |s| s.score.mean);
-    number("mean_se", "mm^-1", |s| s.score.mean_se);
-    number("truth", "mm^-1", |s| s.score.truth);
-    number("bias_percent", "%", |s| s.score.bias_percent);
-    number("rmse_percent", "%", |s| s.score.rmse_percent);
-    number("masked_percent", "%", |s| Some(s.score.masked_percent));
-    number("bias", "mm^-1", |s| s.score.bias);
-    number("rmse", "mm^-1", |s| s.score.rmse);
-    number("p95", "mm^-1", |s| s.score.p95);
-    number("z", "1", |s| s.z);
-    number("rms_log", "1", |s| s.rms_log);
-    table.push("n_unknown", "1", Cells::I64(rows.iter().map(|r| r.score.score.n_unknown as i64).collect()));
-    table.push("unit", "", text(&|_| "mm^-1".to_owned()));
+    let number = |f: fn(&MediaScore) -> Option<f64>| Cells::MaybeF64(rows.iter().map(|r| f(&r.score)).collect());
+    let count = |f: fn(&MediaScore) -> u64| Cells::I64(rows.iter().map(|r| f(&r.score) as i64).collect());
+    let cells = [
+        text(&|r| r.medium.to_owned()),
+        text(&|r| r.quantity.to_owned()),
+        count(|s| s.score.n),
+        number(|s| s.score.mean),
+        number(|s| s.score.mean_se),
+        number(|s| s.score.truth),
+        number(|s| s.score.bias_percent),
+        number(|s| s.score.rmse_percent),
+        number(|s| Some(s.score.masked_percent)),
+        number(|s| s.score.bias),
+        number(|s| s.score.rmse),
+        number(|s| s.score.p95),
+        number(|s| s.z),
+        number(|s| s.rms_log),
+        count(|s| s.score.n_unknown),
+        text(&|_| "mm^-1".to_owned()),
+    ];
+    let mut table = Table::default();
+    for ((name, unit), cells) in COLUMNS.into_iter().zip(cells) {
+        table.push(name, unit, cells);
+    }
     Metrics(table)
 }

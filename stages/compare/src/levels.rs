@@ -1,6 +1,7 @@
 //! Means of images, their differences and ratios, with standard errors.
 
-use turbid_contract::{ImageStack, Layer, LayerInfo, LayerKind};
+use turbid_contract::serde_json::Value;
+use turbid_contract::{Axes, ImageStack, Layer, LayerInfo, LayerKind};
 
 /// The mean of one layer over the pixels that are not masked.
 #[derive(Clone, Debug, PartialEq)]
@@ -8,8 +9,8 @@ pub struct Level {
     pub info: LayerInfo,
     pub pixels: u64,
     pub n: u64,
-    /// 0 without pixels.
-    pub mean: f64,
+    /// `None` without pixels.
+    pub mean: Option<f64>,
     /// Its standard error; none where that of a pixel is not known, or of all of them.
     pub mean_se: Option<f64>,
 }
@@ -35,14 +36,14 @@ fn level(stack: &ImageStack, layer: &Layer) -> Level {
         variances += se.as_ref().map_or(0.0, |se| f64::from(se[i]) * f64::from(se[i]));
         known &= unknown.as_ref().is_none_or(|unknown| unknown[i] == 0.0);
     }
-    let count = n.max(1) as f64;
+    let count = n as f64;
     // Errors that are the same in all pixels have the sharing of their count; of fewer it cannot be more.
     let mean_se = (variances * stack.sharing(info).min(count)).sqrt() / count;
     Level {
         info: info.clone(),
         pixels: pixels.len() as u64,
         n,
-        mean: sum / count,
+        mean: (n > 0).then(|| sum / count),
         mean_se: (known && n > 0).then_some(mean_se),
     }
 }
@@ -50,10 +51,7 @@ fn level(stack: &ImageStack, layer: &Layer) -> Level {
 impl Level {
     /// Whether both describe one quantity.
     pub fn matches(&self, other: &Self) -> bool {
-        let what = |info: &LayerInfo| {
-            (info.name.clone(), info.f_x_per_mm, info.phase_rad, info.orientation_deg, info.wavelength_nm)
-        };
-        what(&self.info) == what(&other.info)
+        same_quantity(&self.info, &other.info)
     }
 
     /// The difference of two means; their errors count as independent.
@@ -64,42 +62,72 @@ impl Level {
             info: self.info.clone(),
             pixels: self.pixels,
             n: self.n.min(other.n),
-            mean: self.mean - other.mean,
+            mean: self.mean.zip(other.mean).map(|(a, b)| a - b),
             mean_se: self.mean_se.zip(other.mean_se).map(|(a, b)| se(a, b)),
         }
     }
 
-    /// The ratio of two means, errors independent, to the first order. `None` where the divisor is 0 or no pixel of it counts.
+    /// The ratio of two means, errors independent, to the first order; not known where either is not. `None` where the divisor is 0.
     pub fn over(&self, divisor: &Self) -> Option<Self> {
-        if divisor.n == 0 || divisor.mean == 0.0 {
+        if divisor.mean == Some(0.0) {
             return None;
         }
-        let ratio = self.mean / divisor.mean;
-        let se = |a: f64, b: f64| (a * a + ratio * ratio * b * b).sqrt() / divisor.mean.abs();
+        let means = self.mean.zip(divisor.mean);
+        let se = |(a, b): (f64, f64)| {
+            let (mean, by) = means?;
+            let ratio = mean / by;
+            Some((a * a + ratio * ratio * b * b).sqrt() / by.abs())
+        };
         Some(Self {
             info: LayerInfo { unit: "1".to_owned(), ..self.info.clone() },
             pixels: self.pixels,
-            n: self.n,
-            mean: ratio,
-            mean_se: self.mean_se.zip(divisor.mean_se).map(|(a, b)| se(a, b)),
+            n: if divisor.n > 0 { self.n } else { 0 },
+            mean: means.map(|(mean, by)| mean / by),
+            mean_se: self.mean_se.zip(divisor.mean_se).and_then(se),
         })
     }
 
-    /// What tells the layer from the others of its stack: `radiance f_x=0.1 phase_deg=120`.
+    /// What tells the layer from the others of its stack.
     pub fn label(&self) -> String {
-        let mut text = self.info.name.clone();
-        let degrees = self.info.phase_rad.map(|phase| (phase.to_degrees() * 1e6).round() / 1e6);
-        let parts = [
-            (" f_x=", self.info.f_x_per_mm, ""),
-            (" phase_deg=", degrees, ""),
-            (" orientation_deg=", self.info.orientation_deg.filter(|&turn| turn != 0.0), ""),
-            (" @", self.info.wavelength_nm, "nm"),
-        ];
-        for (name, value, unit) in parts {
-            text.push_str(&value.map(|value| format!("{name}{value}{unit}")).unwrap_or_default());
-        }
-        text
+        label(&self.info)
     }
+}
+
+/// Whether both describe one quantity, whatever their units.
+pub fn same_quantity(a: &LayerInfo, b: &LayerInfo) -> bool {
+    let what = |info: &LayerInfo| (info.f_x_per_mm, info.phase_rad, info.orientation_deg, info.wavelength_nm);
+    a.name == b.name && what(a) == what(b)
+}
+
+/// `radiance f_x=0.1 phase_deg=120`: what tells a layer from the others of its stack.
+pub fn label(info: &LayerInfo) -> String {
+    let mut text = info.name.clone();
+    let degrees = info.phase_rad.map(|phase| (phase.to_degrees() * 1e6).round() / 1e6);
+    let parts = [
+        (" f_x=", info.f_x_per_mm, ""),
+        (" phase_deg=", degrees, ""),
+        (" orientation_deg=", info.orientation_deg.filter(|&turn| turn != 0.0), ""),
+        (" @", info.wavelength_nm, "nm"),
+    ];
+    for (name, value, unit) in parts {
+        text.push_str(&value.map(|value| format!("{name}{value}{unit}")).unwrap_or_default());
+    }
+    text
+}
+
+/// The value of an axis in words.
+pub fn text(value: &Value) -> String {
+    match (value.as_f64(), value.as_str()) {
+        (Some(number), _) => number.to_string(),
+        (None, Some(text)) => text.to_owned(),
+        (None, None) => value.to_string(),
+    }
+}
+
+/// `A_rho=1,S_rho=0`.
+pub fn point(axes: &Axes) -> String {
+    let parts: Vec<String> = axes.iter().map(|(name, value)| format!("{name}={}", text(value))).collect();
+    if parts.is_empty() { "all".to_owned() } else { parts.join(",") }
 }
 
 #[cfg(test)]
@@ -119,18 +147,22 @@ mod tests {
             stack
         };
         let a = &levels(&stack([3.0, 5.0], [0.75, 1.0], [0.0, 0.0]))[0];
-        assert_eq!((a.n, a.mean, a.mean_se), (2, 4.0, Some(0.625)));
+        assert_eq!((a.n, a.mean, a.mean_se), (2, Some(4.0), Some(0.625)));
         let b = &levels(&stack([2.0, 9.0], [0.5, 1.0], [0.0, 1.0]))[0];
-        assert_eq!((b.n, b.pixels, b.mean, b.mean_se), (1, 2, 2.0, Some(0.5)));
+        assert_eq!((b.n, b.pixels, b.mean, b.mean_se), (1, 2, Some(2.0), Some(0.5)));
         let difference = a.minus(b);
-        assert_eq!((difference.mean, difference.mean_se), (2.0, Some(0.640_625_f64.sqrt())));
+        assert_eq!((difference.mean, difference.mean_se), (Some(2.0), Some(0.640_625_f64.sqrt())));
         let ratio = a.over(b).unwrap();
-        assert_eq!((ratio.mean, ratio.mean_se), (2.0, Some((0.390_625_f64 + 4.0 * 0.25).sqrt() / 2.0)));
+        assert_eq!((ratio.mean, ratio.mean_se), (Some(2.0), Some((0.390_625_f64 + 4.0 * 0.25).sqrt() / 2.0)));
         assert_eq!(a.label(), "radiance f_x=0.1");
         assert!(a.matches(b));
         let nothing = &levels(&stack([2.0, 9.0], [0.5, 1.0], [2.0, 1.0]))[0];
-        assert_eq!((nothing.n, nothing.mean, nothing.mean_se), (0, 0.0, None));
-        assert_eq!(a.over(nothing), None);
+        assert_eq!((nothing.n, nothing.mean, nothing.mean_se), (0, None, None));
+        // What is made of nothing known is not known either, in whichever place it stands.
+        for of in [a.minus(nothing), nothing.minus(a), a.over(nothing).unwrap(), nothing.over(a).unwrap()] {
+            assert_eq!((of.n, of.mean, of.mean_se), (0, None, None));
+        }
+        assert_eq!(a.over(&a.minus(a)), None, "nothing is relative to 0");
     }
 
     /// A pixel whose error is not known leaves that of the mean unknown, and the mean as it is.
@@ -142,6 +174,6 @@ mod tests {
         stack.push(info.standard_error(), array![[1.0, 1.0]]);
         stack.push(info.se_unknown(), array![[0.0, 1.0]]);
         let level = &levels(&stack)[0];
-        assert_eq!((level.n, level.mean, level.mean_se), (2, 4.0, None));
+        assert_eq!((level.n, level.mean, level.mean_se), (2, Some(4.0), None));
     }
 }

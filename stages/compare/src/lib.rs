@@ -31,12 +31,15 @@
 //! up. Columns and formulas: `docs/theory/compare.md`.
 
 mod fit;
+mod form;
+mod joints;
 pub mod levels;
 mod maps;
 pub mod media;
 mod params;
 pub mod region;
 pub mod score;
+mod shared;
 mod stage;
 mod summarize;
 pub mod summary;

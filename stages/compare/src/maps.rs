@@ -7,6 +7,7 @@ use turbid_contract::{Cells, Ctx, Error, ImageStack, Layer, LayerInfo, LayerKind
 use crate::params::Params;
 use crate::region::{Region, Selection, View};
 use crate::score::{Pixels, Score, Standing, score};
+use crate::shared::shared;
 
 /// Figures of each region and quantity, and the pictures if they are wanted.
 pub fn compare_maps(
@@ -94,6 +95,10 @@ fn measure(rows: &[Row<'_>], ctx: Ctx<'_>) {
     tell("worst_bias_mm", POSITION, worst(true, |s| s.bias));
     tell("possible_shift", "%", worst(false, |s| s.possible_shift_percent));
     let sum = |f: fn(&Score) -> u64| rows.iter().map(|row| f(&row.score)).sum::<u64>() as f64;
+    let without = rows.iter().filter(|row| row.score.n == 0).count();
+    if without > 0 {
+        ctx.measure("unknown: rows with every pixel masked", without as f64, "1");
+    }
     let counted = sum(|s| s.n);
     if counted > 0.0 {
         ctx.measure("se_unknown", 100.0 * sum(|s| s.n_unknown) / counted, "%");
@@ -147,19 +152,9 @@ impl Quantity<'_> {
 /// Every value layer of the estimate that the truth knows too.
 fn quantities<'a>(estimate: &'a ImageStack, truth: &ImageStack) -> Result<Vec<Quantity<'a>>, Error> {
     let mut found = Vec::new();
-    for layer in estimate.layers.iter().filter(|l| l.info.kind == LayerKind::Value) {
+    for (k, of) in shared(&estimate.infos(), &truth.infos())? {
+        let (layer, true_layer) = (&estimate.layers[k], &truth.layers[of]);
         let info = &layer.info;
-        // A truth without wavelength holds for all of them.
-        let same = |l: &&Layer| {
-            l.info.kind == LayerKind::Value
-                && l.info.name == info.name
-                && (l.info.wavelength_nm.is_none() || l.info.wavelength_nm == info.wavelength_nm)
-        };
-        let Some(true_layer) = truth.layers.iter().find(same) else { continue };
-        if true_layer.info.unit != info.unit {
-            let (a, b) = (&info.unit, &true_layer.info.unit);
-            return Err(Error::failed(format!("{} is given in {a}, the truth in {b}", info.name)));
-        }
         let mut mask = vec![0.0; estimate.rows() * estimate.columns()];
         for source in [truth.mask(info.wavelength_nm), estimate.mask(info.wavelength_nm)].into_iter().flatten() {
             mask.iter_mut().zip(source.pixels().iter()).for_each(|(m, &code)| *m = if *m == 0.0 { code } else { *m });
@@ -175,14 +170,6 @@ fn quantities<'a>(estimate: &'a ImageStack, truth: &ImageStack) -> Result<Vec<Qu
             standing: mask.iter().map(|&code| standing(code)).collect(),
             mask,
         });
-    }
-    if found.is_empty() {
-        let names = |s: &ImageStack| {
-            let values = s.layers.iter().filter(|l| l.info.kind == LayerKind::Value);
-            values.map(|l| l.info.name.clone()).collect::<Vec<_>>().join(", ")
-        };
-        let what = format!("estimate ({}) and truth ({}) share no quantity", names(estimate), names(truth));
-        return Err(Error::failed(what));
     }
     Ok(found)
 }
@@ -247,39 +234,61 @@ fn regions(params: &Params, truth: &ImageStack) -> Result<Vec<(String, Selection
     Ok(found)
 }
 
+/// Columns of the metrics; those without a unit have that of the quantity, where all rows share one.
+pub const COLUMNS: [(&str, Option<&str>); 17] = [
+    ("region", Some("")),
+    ("quantity", Some("")),
+    ("n", Some("1")),
+    ("mean", None),
+    ("mean_se", None),
+    ("truth", None),
+    ("bias_percent", Some("%")),
+    ("rmse_percent", Some("%")),
+    ("masked_percent", Some("%")),
+    ("bias", None),
+    ("rmse", None),
+    ("p95", None),
+    ("possible_shift_percent", Some("%")),
+    ("possible_shift", None),
+    ("n_unknown", Some("1")),
+    ("n_left_out", Some("1")),
+    ("unit", Some("")),
+];
+
 fn table(rows: &[Row<'_>]) -> Metrics {
-    let mut table = Table::default();
-    let text = |f: &dyn Fn(&Row<'_>) -> String| Cells::Text(rows.iter().map(f).collect());
-    table.push("region", "", text(&|r| r.region.to_owned()));
-    table.push("quantity", "", text(&|r| r.quantity.clone()));
-    table.push("n", "1", Cells::I64(rows.iter().map(|r| r.score.n as i64).collect()));
-    // The unit of a column where all rows share one; else the column `unit` tells.
+    // Else the column `unit` tells.
     let unit = rows.first().map_or("", |r| r.unit.as_str());
     let unit = if rows.iter().all(|r| r.unit == unit) { unit } else { "" };
-    let mut number = |name: &str, unit: &str, f: fn(&Score) -> Option<f64>| {
-        table.push(name, unit, Cells::MaybeF64(rows.iter().map(|r| f(&r.score)).collect()));
-    };
-    number("mean", unit, |s| s.mean);
-    number("mean_se", unit, |s| s.mean_se);
-    number("truth", unit, |s| s.truth);
-    number("bias_percent", "%", |s| s.bias_percent);
-    number("rmse_percent", "%", |s| s.rmse_percent);
-    number("masked_percent", "%", |s| Some(s.masked_percent));
-    number("bias", unit, |s| s.bias);
-    number("rmse", unit, |s| s.rmse);
-    number("p95", unit, |s| s.p95);
-    number("possible_shift_percent", "%", |s| s.possible_shift_percent);
-    number("possible_shift", unit, |s| s.possible_shift);
-    let mut count = |name: &str, f: fn(&Score) -> u64| {
-        table.push(name, "1", Cells::I64(rows.iter().map(|r| f(&r.score) as i64).collect()));
-    };
-    count("n_unknown", |s| s.n_unknown);
-    count("n_left_out", |s| s.n_left_out);
-    table.push("unit", "", text(&|r| r.unit.clone()));
+    let text = |f: &dyn Fn(&Row<'_>) -> String| Cells::Text(rows.iter().map(f).collect());
+    let number = |f: fn(&Score) -> Option<f64>| Cells::MaybeF64(rows.iter().map(|r| f(&r.score)).collect());
+    let count = |f: fn(&Score) -> u64| Cells::I64(rows.iter().map(|r| f(&r.score) as i64).collect());
+    let cells = [
+        text(&|r| r.region.to_owned()),
+        text(&|r| r.quantity.clone()),
+        count(|s| s.n),
+        number(|s| s.mean),
+        number(|s| s.mean_se),
+        number(|s| s.truth),
+        number(|s| s.bias_percent),
+        number(|s| s.rmse_percent),
+        number(|s| Some(s.masked_percent)),
+        number(|s| s.bias),
+        number(|s| s.rmse),
+        number(|s| s.p95),
+        number(|s| s.possible_shift_percent),
+        number(|s| s.possible_shift),
+        count(|s| s.n_unknown),
+        count(|s| s.n_left_out),
+        text(&|r| r.unit.clone()),
+    ];
+    let mut table = Table::default();
+    for ((name, own), cells) in COLUMNS.into_iter().zip(cells) {
+        table.push(name, own.unwrap_or(unit), cells);
+    }
     Metrics(table)
 }
 
-/// Estimate, truth and relative error in percent (of a position the error itself) of each quantity, where the estimate is but the end of a
+/// Estimate, truth and relative error in percent (of a position, and where some truth is 0, the error itself) of each quantity, where the estimate is but the end of a
 /// table (`outside`), and the mask.
 fn errors(quantities: &[Quantity<'_>], estimate: &ImageStack, truth: &ImageStack) -> Errors {
     let (rows, columns) = (truth.rows(), truth.columns());
@@ -294,16 +303,17 @@ fn errors(quantities: &[Quantity<'_>], estimate: &ImageStack, truth: &ImageStack
             info.wavelength_nm = q.info.wavelength_nm;
             info
         };
-        let position = q.is_position();
-        let counts = |i: usize| q.standing[i] == Standing::Counts && (position || q.truth[i] != 0.0);
+        let counts = |i: usize| q.standing[i] == Standing::Counts;
+        // Where the truth is 0 there is no percentage, and an error of 0 % would be made up.
+        let absolute = q.is_position() || (0..q.truth.len()).any(|i| counts(i) && q.truth[i] == 0.0);
         let error = |i: usize| {
             let (estimate, truth) = (f64::from(q.estimate[i]), f64::from(q.truth[i]));
-            if position { estimate - truth } else { 100.0 * (estimate / truth - 1.0) }
+            if absolute { estimate - truth } else { 100.0 * (estimate / truth - 1.0) }
         };
         stack.push(named("", &q.info.unit), plane(&|i| q.estimate[i]));
         stack.push(named("_truth", &q.info.unit), plane(&|i| q.truth[i]));
         stack.push(
-            named("_error", if position { &q.info.unit } else { "%" }),
+            named("_error", if absolute { &q.info.unit } else { "%" }),
             plane(&|i| if counts(i) { error(i) as f32 } else { 0.0 }),
         );
         if masks.iter().all(|(wavelength, _)| *wavelength != q.info.wavelength_nm) {

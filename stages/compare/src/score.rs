@@ -116,7 +116,8 @@ pub fn score(pixels: &Pixels<'_>, selected: &[bool]) -> Option<Score> {
         (None, None) => None,
         (_, scattered) => Some((variances.max(scattered.unwrap_or(0.0)) / count).sqrt()),
     };
-    let relative = |x: f64| if pixels.position { None } else { Some(100.0 * x / truth) };
+    // Truths of both signs may have a mean of 0.
+    let relative = |x: f64| (!pixels.position && truth != 0.0).then(|| 100.0 * x / truth);
     found.mean = Some(mean);
     found.truth = Some(truth);
     found.bias = Some(mean - truth);
@@ -227,6 +228,9 @@ mod tests {
         let masked = score(&one(&[1.0], &[LeftOut]), &[true]).unwrap();
         assert_eq!((masked.n, masked.n_left_out, masked.masked_percent), (0, 1, 100.0));
         assert_eq!((masked.mean, masked.mean_se, masked.rmse, masked.possible_shift), (None, None, None, None));
+        let signed = Pixels { estimate: &[1.0, 1.0], standing: &[Counts; 2], ..one(&[1.0, -1.0], &[]) };
+        let signed = score(&signed, &[true; 2]).unwrap();
+        assert_eq!((signed.bias, signed.bias_percent, signed.rmse_percent.is_some()), (Some(1.0), None, true));
         let single = score(&one(&[1.0], &[Counts]), &[true]).unwrap();
         assert_eq!((single.mean, single.mean_se, single.bias_percent), (Some(1.0), None, Some(0.0)));
         assert_eq!(p95(Vec::new()), None);

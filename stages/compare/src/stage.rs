@@ -1,9 +1,11 @@
 //! The stage `compare`: maps against images of the truth, or a fit of media against what they are.
 
 use turbid_contract::payload::{Errors, Estimate, Expected, Fit, Maps, Metrics, Payload, Readings, Truth};
-use turbid_contract::{Ctx, Error, Known, Problems, Stage, in_ports, out_ports};
+use turbid_contract::{Ctx, Error, Forms, Known, Problems, Stage, in_ports, out_ports};
 
 use crate::fit::{Media, compare_fit};
+use crate::form;
+use crate::joints;
 use crate::maps::compare_maps;
 use crate::params::Params;
 
@@ -57,6 +59,7 @@ impl Stage for Compare {
             ),
             _ => {}
         }
+        joints::check_compare(params, known, problems);
         let on = |port: &str| known.payloads.get(port).map(String::as_str);
         match (on("estimate"), on("truth")) {
             (Some(Maps::NAME), Some(Readings::NAME)) => {
@@ -74,6 +77,10 @@ impl Stage for Compare {
             }
             _ => {}
         }
+    }
+
+    fn describe(_: &Params, known: &Known) -> Forms {
+        form::describe_compare(known)
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use turbid_contract::payload::Metrics;
 use turbid_contract::{Ctx, Error, Known, Problems, Stage, in_ports, out_ports};
 
+use crate::joints;
 use crate::summary::{Summary, figures, summarize, table};
 
 /// Params of `summarize`: it has none.
@@ -38,8 +39,9 @@ impl Stage for Summarize {
     type In = SummarizeIn<'static>;
     type Out = SummarizeOut;
 
-    /// Nothing to ask: a table that is no table of metrics is found when it is read.
-    fn check(_: &SummarizeParams, _: &Known, _: &mut Problems) {}
+    fn check(_: &SummarizeParams, known: &Known, problems: &mut Problems) {
+        joints::check_summarize(known, problems);
+    }
 
     fn run(_: &SummarizeParams, inputs: SummarizeIn<'_>, ctx: Ctx<'_>) -> Result<SummarizeOut, Error> {
         let mut found = Vec::new();
@@ -54,6 +56,10 @@ impl Stage for Summarize {
                 "region `{region}`: nothing is known of {quantity} in {} of {instances} instances",
                 instances - n
             ));
+        }
+        let without = rows.iter().filter(|row| row.n == 0).count();
+        if without > 0 {
+            ctx.measure("unknown: rows of which no instance knows anything", without as f64, "1");
         }
         let worst = |of: fn(&Summary) -> Option<f64>| rows.iter().filter_map(of).reduce(f64::max);
         if let Some(worst) = worst(|row| row.mean_abs_error_percent) {

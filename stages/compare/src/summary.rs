@@ -47,6 +47,9 @@ pub struct Summary {
     pub masked_percent: f64,
 }
 
+/// Columns that a table of metrics must have.
+pub const COLUMNS: [&str; 7] = ["region", "quantity", "unit", "mean", "mean_se", "truth", "masked_percent"];
+
 /// The figures of a table of metrics. Error: it is none of regions and quantities, but a summary already, for example.
 pub fn figures(table: &Table) -> Result<Vec<Figure>, Error> {
     let missing = |name: &str| {

@@ -6,7 +6,8 @@ use turbid_contract::payload::{Metrics, Stack};
 use turbid_contract::serde_json::Value;
 use turbid_contract::{Axes, Cells, Ctx, Error, Known, Many, Problems, Stage, Table, in_ports, out_ports};
 
-use crate::levels::{Level, levels};
+use crate::joints;
+use crate::levels::{Level, levels, point, text};
 
 /// Params of `tabulate`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -60,7 +61,8 @@ impl Stage for Tabulate {
     type In = TabulateIn<'static>;
     type Out = TabulateOut;
 
-    fn check(params: &TabulateParams, _: &Known, problems: &mut Problems) {
+    fn check(params: &TabulateParams, known: &Known, problems: &mut Problems) {
+        joints::check_tabulate(known, problems);
         problems.require(params.scale != 0.0, "scale", params.scale, "", "not be 0");
     }
 
@@ -81,7 +83,7 @@ impl Stage for Tabulate {
                     let nothing = || Error::failed(format!("relative_to: the mean of {} is 0", level.label()));
                     level = level.over(divisor).ok_or_else(nothing)?;
                 }
-                level.mean *= params.scale;
+                level.mean = level.mean.map(|mean| mean * params.scale);
                 level.mean_se = level.mean_se.map(|se| se * params.scale.abs());
                 if let Some(unit) = &params.unit {
                     level.info.unit.clone_from(unit);
@@ -90,8 +92,12 @@ impl Stage for Tabulate {
             }
         }
         for row in rows.iter().filter(|row| row.level.n == 0) {
-            let (at, label) = (region(row.axes), row.level.label());
+            let (at, label) = (point(row.axes), row.level.label());
             ctx.warn(format!("{at}: every pixel is masked, nothing is known of {label}"));
+        }
+        let without = rows.iter().filter(|row| row.level.n == 0).count();
+        if without > 0 {
+            ctx.measure("unknown: rows with every pixel masked", without as f64, "1");
         }
         Ok(TabulateOut { metrics: Metrics(table(&rows)) })
     }
@@ -111,7 +117,7 @@ fn base(minus: &Many<'_, Stack>, axes: &Axes) -> Result<Option<turbid_contract::
     }
     let within = |own: &Axes| own.iter().all(|(name, value)| axes.get(name) == Some(value));
     let found = minus.axes().iter().position(within);
-    let missing = || Error::failed(format!("minus: there is nothing at {}", region(axes)));
+    let missing = || Error::failed(format!("minus: there is nothing at {}", point(axes)));
     minus.load(found.ok_or_else(missing)?).map(|Stack(stack)| Some(stack))
 }
 
@@ -122,27 +128,16 @@ fn find<'a>(among: &'a [Level], level: &Level, port: &str) -> Result<&'a Level, 
     })
 }
 
-/// `A_rho=1,S_rho=0`.
-fn region(axes: &Axes) -> String {
-    let text = |value: &Value| match (value.as_f64(), value.as_str()) {
-        (Some(number), _) => number.to_string(),
-        (None, Some(text)) => text.to_owned(),
-        (None, None) => value.to_string(),
-    };
-    let parts: Vec<String> = axes.iter().map(|(name, value)| format!("{name}={}", text(value))).collect();
-    if parts.is_empty() { "all".to_owned() } else { parts.join(",") }
-}
-
 fn table(rows: &[Row<'_>]) -> Table {
     let mut table = Table::default();
-    let text = |f: &dyn Fn(&Row<'_>) -> String| Cells::Text(rows.iter().map(f).collect());
-    table.push("region", "", text(&|r| region(r.axes)));
-    table.push("quantity", "", text(&|r| r.level.label()));
+    let texts = |f: &dyn Fn(&Row<'_>) -> String| Cells::Text(rows.iter().map(f).collect());
+    table.push("region", "", texts(&|r| point(r.axes)));
+    table.push("quantity", "", texts(&|r| r.level.label()));
     for name in rows.first().into_iter().flat_map(|row| row.axes.keys()) {
         let values = || rows.iter().map(|row| row.axes.get(name));
         let cells = match values().map(|value| value.and_then(Value::as_f64)).collect::<Option<Vec<f64>>>() {
             Some(numbers) => Cells::F64(numbers),
-            None => Cells::Text(values().map(|v| v.and_then(Value::as_str).unwrap_or_default().to_owned()).collect()),
+            None => Cells::Text(values().map(|value| value.map(text).unwrap_or_default()).collect()),
         };
         // An axis may be called as a column is.
         table.push(format!("axis {name}"), "", cells);
@@ -150,11 +145,10 @@ fn table(rows: &[Row<'_>]) -> Table {
     table.push("n", "1", Cells::I64(rows.iter().map(|r| r.level.n as i64).collect()));
     let unit = rows.first().map_or("", |r| r.level.info.unit.as_str());
     let unit = if rows.iter().all(|r| r.level.info.unit == unit) { unit } else { "" };
-    table.push("mean", unit, Cells::F64(rows.iter().map(|r| r.level.mean).collect()));
-    let known: Vec<Option<f64>> = rows.iter().map(|r| r.level.mean_se).collect();
-    table.push("mean_se", unit, Cells::MaybeF64(known));
+    table.push("mean", unit, Cells::MaybeF64(rows.iter().map(|r| r.level.mean).collect()));
+    table.push("mean_se", unit, Cells::MaybeF64(rows.iter().map(|r| r.level.mean_se).collect()));
     let masked = |r: &Row<'_>| 100.0 * (r.level.pixels - r.level.n) as f64 / r.level.pixels as f64;
     table.push("masked_percent", "%", Cells::F64(rows.iter().map(masked).collect()));
-    table.push("unit", "", text(&|r| r.level.info.unit.clone()));
+    table.push("unit", "", texts(&|r| r.level.info.unit.clone()));
     table
 }

@@ -93,6 +93,19 @@ fn media_are_paired_by_name() {
     close(7, "rms_log", ((0.9_f64.ln().powi(2) + 1.1_f64.ln().powi(2)) / 2.0).sqrt());
     close(7, "masked_percent", 100.0 / 3.0);
     assert!(host.warnings.lock().unwrap()[0].contains("1 values lie on the limit 0"));
+    assert_eq!(host.measures.lock().unwrap()["unknown: media without a fit"], 1.0);
+}
+
+/// A medium that truly absorbs nothing has no error in percent: then the picture shows all of the quantity's errors in its unit, and no 0 for it.
+#[test]
+fn errors_from_a_truth_of_0_are_in_their_unit() {
+    let host = MemoryHost { wanted: vec!["errors".into()], ..MemoryHost::default() };
+    let all = r#"{"media": {"a": {"mu_a": 0, "mu_s_prime": 1}, "b": {"mu_a": 0.001, "mu_s_prime": 2}, "c": {"mu_a": 1, "mu_s_prime": 1}}}"#;
+    let input = In { estimate: Estimate::Fit(fit()), truth: None, source: std::marker::PhantomData };
+    let errors = Compare::run(&params(all), input, Ctx::new(&host)).unwrap().errors.expect("the picture was wanted").0;
+    let of = |name: &str| errors.find(name, None).unwrap();
+    assert_eq!((of("mu_a_error").info.unit.as_str(), of("mu_s_prime_error").info.unit.as_str()), ("mm^-1", "%"));
+    assert_eq!(of("mu_a_error").data.iter().copied().collect::<Vec<_>>(), [0.011, -0.001, 0.0]);
 }
 
 /// What is printed of media stands in the params.

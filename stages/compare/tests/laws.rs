@@ -145,10 +145,16 @@ fn masked_regions_have_no_bias() {
         assert_eq!(table.maybe_f64s(column).unwrap()[row], None, "{column} of no pixel");
     }
     assert!((host.measures.lock().unwrap()["error: worst bias"] - 5.0).abs() < 1e-4);
+    // Of mu_a and mu_s' of the polyp.
+    const UNKNOWN: &str = "unknown: rows with every pixel masked";
+    assert_eq!(host.measures.lock().unwrap()[UNKNOWN], 2.0);
     let warnings = host.warnings.lock().unwrap().clone();
     assert!(warnings.iter().any(|w| w.contains("`polyp`") && w.contains("mu_a")), "{warnings:?}");
     let (_, host) = masked(true);
-    assert!(host.measures.lock().unwrap().get("error: worst bias").is_none());
+    let measures = host.measures.lock().unwrap().clone();
+    assert!(!measures.contains_key("error: worst bias") && measures[UNKNOWN] == 6.0, "{measures:?}");
+    let (_, host) = compare(estimate(1.05, 1.0), truth(), &Params::default()).unwrap();
+    assert!(!host.measures.lock().unwrap().contains_key(UNKNOWN), "everything is known");
 }
 
 /// Named regions alone; erosion takes away the rim, so many mm or so many px of it.
@@ -188,6 +194,21 @@ fn errors_are_shown_in_percent() {
     assert!((at("mu_a_error", 5, 5) - 5.0).abs() < 1e-4);
     assert_eq!((at("mu_a_error", 20, 20), at("mask", 20, 20)), (0.0, MaskReason::LowSignal.code()));
     assert_eq!((at("mu_a_error", 0, 3), at("mask", 0, 3)), (0.0, MaskReason::Background.code()));
+}
+
+/// Where some truth is 0 there is no percentage, and a picture of 0 % would say that the pixel is right: the error is in the quantity's unit.
+#[test]
+fn errors_from_a_truth_of_0_are_in_their_unit() {
+    let mut clear = truth();
+    clear.0.layers[0].data[(5, 5)] = 0.0;
+    let (out, _) = compare(estimate(1.05, 1.0), clear, &Params::default()).unwrap();
+    let errors = out.errors.unwrap().0;
+    let of = |name: &str| errors.find(name, None).unwrap();
+    assert_eq!((of("mu_a_error").info.unit.as_str(), of("mu_s_prime_error").info.unit.as_str()), ("mm^-1", "%"));
+    // 1.05 x 0.06 where there is nothing, 0.05 x 0.06 beside it, in f32.
+    let at = |r: usize, c: usize| f64::from(of("mu_a_error").data[(r, c)]);
+    assert!((at(5, 5) - 0.063).abs() < 1e-8 && (at(5, 6) - 0.003).abs() < 1e-8, "{} {}", at(5, 5), at(5, 6));
+    assert_eq!(at(20, 20), 0.0, "masked");
 }
 
 /// Where the estimate is but the end of a table, and how large pixels are, goes with the picture.

@@ -5,7 +5,7 @@ use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Frames, Metrics, Payload};
 use turbid_contract::serde_json::{Value, json};
 use turbid_contract::{
-    Artifact, Axes, Cells, Ctx, Error, ImageStack, InputSource, LayerInfo, MemoryHost, StageRow, Table,
+    Artifact, Axes, Cells, Ctx, Error, ImageStack, InputSource, LayerInfo, LayerKind, MemoryHost, StageRow, Table,
 };
 
 /// Images on the ports, each with its axes.
@@ -57,7 +57,7 @@ fn rows_take_what_has_their_axes() {
         ("relative_to", vec![(Axes::new(), frame(4.0, 0.0))]),
     ]);
     let table = run(&json!({"scale": 255, "unit": "grey levels"}), &images).unwrap();
-    assert_eq!(table.f64s("mean"), Some(&[382.5, 191.25][..]));
+    assert_eq!(table.maybe_f64s("mean"), Some(vec![Some(382.5), Some(191.25)]));
     assert_eq!(table.f64s("axis A"), Some(&[1.0, 2.0][..]));
     for se in table.maybe_f64s("mean_se").unwrap() {
         // Two roundings to f32.
@@ -70,6 +70,46 @@ fn rows_take_what_has_their_axes() {
     assert_eq!(texts("region"), ["A=1,kind=wet", "A=2,kind=wet"]);
     assert_eq!(texts("quantity"), ["radiance f_x=0.1"; 2]);
     assert_eq!(texts("unit"), ["grey levels"; 2]);
+}
+
+/// An image that is masked altogether has no mean, neither as what is tabulated nor as what is subtracted or divided by: null with a warning, not 0.
+#[test]
+fn what_is_masked_altogether_has_no_mean() {
+    let masked = || {
+        let mut stack = frame(8.0, 0.3);
+        stack.push(LayerInfo::new("mask", LayerKind::Mask, "1"), Array2::ones((2, 2)));
+        stack
+    };
+    let cases = [
+        Images(vec![("values", vec![(at(1.0), masked()), (at(2.0), frame(6.0, 0.3))])]),
+        Images(vec![
+            ("values", vec![(at(1.0), frame(8.0, 0.3)), (at(2.0), frame(8.0, 0.3))]),
+            ("minus", vec![(at(1.0), masked()), (at(2.0), frame(2.0, 0.3))]),
+        ]),
+        Images(vec![
+            ("values", vec![(at(1.0), frame(8.0, 0.3)), (at(2.0), frame(8.0, 0.3))]),
+            ("relative_to", vec![(Axes::new(), masked())]),
+        ]),
+    ];
+    for (case, (images, second)) in cases.iter().zip([Some(6.0), Some(6.0), None]).enumerate() {
+        let host = MemoryHost::default();
+        let made = StageRow::of::<Tabulate>().run(&json!({}), images, Ctx::new(&host)).expect("a table");
+        let Metrics(table) = Metrics::from_artifact(made.into_iter().next().expect("one port").1).expect("a table");
+        assert_eq!(table.maybe_f64s("mean"), Some(vec![None, second]), "case {case}");
+        assert_eq!(table.maybe_f64s("mean_se").expect("a column")[0], None, "case {case}");
+        assert_eq!(table.maybe_f64s("masked_percent").expect("a column")[0], Some(100.0), "case {case}");
+        let warned = host.warnings.lock().expect("no holder panics")[0].clone();
+        assert!(warned.contains("A=1,kind=wet: every pixel is masked, nothing is known of radiance"), "{warned}");
+    }
+}
+
+/// Values of axes that are neither numbers nor texts stand in their column as they are written.
+#[test]
+fn switches_are_axes_too() {
+    let axes: Axes = [("dark".to_owned(), json!(true))].into();
+    let table = run(&json!({}), &Images(vec![("values", vec![(axes, frame(8.0, 0.3))])])).unwrap();
+    let cells = &table.columns.iter().find(|c| c.name == "axis dark").expect("a column").cells;
+    assert_eq!(cells, &Cells::Text(vec!["true".to_owned()]));
 }
 
 /// Nothing at a point, nothing to divide by, no such quantity: named, never a number.

@@ -1,22 +1,28 @@
 //! What a running stage may ask of the world: seed, cancellation, progress, measurements, files, checkpoints.
 
-use std::collections::BTreeMap;
 use std::io::{self, Read, Write};
-use std::sync::{Arc, Mutex, OnceLock};
+use std::sync::{Arc, OnceLock};
+
+use serde_json::Value;
 
 use crate::error::Error;
-use crate::file::Files;
 
 /// The engine's side of [`Ctx`]. All methods may be called from any thread.
 pub trait Host: Sync {
     /// Seed of all random streams of this instance.
     fn seed(&self) -> u64;
     fn cancelled(&self) -> bool;
-    /// Whether `limit_s` seconds have passed since this instance began: what a stage stops by. The only clock that a stage ever sees.
+    /// Whether `limit_s` seconds have passed since this instance began: what a stage stops by. The only clock that a stage ever sees; whoever asks it
+    /// says by [`reached`](Self::reached) where it stopped. When to keep a checkpoint is another question, [`checkpoint_is_due`](Self::checkpoint_is_due).
     fn time_is_up(&self, limit_s: f64) -> bool;
+    /// Which stopping params ([`Stage::STOPPING`](crate::Stage::STOPPING)) ask for just what this run made, all others of them left out: a run that a
+    /// clock stopped at 320 paths says `[("samples", 320)]`. It is kept under these params too, and what is added to it later (another port) is
+    /// computed with them, where no clock would stop at the same place again.
+    fn reached(&self, _params: &[(&str, Value)]) {}
     /// `done` of `total` units of work; `None` where the total is unknown.
     fn progress(&self, done: f64, total: Option<f64>, unit: &str);
-    /// A figure for the record (never for an output). One named `error: WHAT` stands in the summary of a run, with its unit.
+    /// A figure for the record (never for an output). One named `error: WHAT` stands in the summary of a run, with its unit: of each unit the first
+    /// that is measured. One named `unknown: THINGS` stands there too: of how many of them nothing is known, and so no error.
     fn measure(&self, name: &str, value: f64, unit: &str);
     fn warn(&self, message: &str);
     /// For the record: the kernel that does the work, and what keeps faster ones from doing it (as in
@@ -93,54 +99,5 @@ impl<'a> std::ops::Deref for Ctx<'a> {
     type Target = dyn Host + 'a;
     fn deref(&self) -> &Self::Target {
         self.host
-    }
-}
-
-/// A host for tests and for use of a stage as a library: no engine, no store, one thread.
-#[derive(Default)]
-pub struct MemoryHost {
-    pub seed: u64,
-    pub wanted: Vec<String>,
-    pub files: Files,
-    pub warnings: Mutex<Vec<String>>,
-    pub measures: Mutex<BTreeMap<String, f64>>,
-    pub checkpoints: Mutex<BTreeMap<u64, Vec<u8>>>,
-}
-
-impl Host for MemoryHost {
-    fn seed(&self) -> u64 {
-        self.seed
-    }
-    fn cancelled(&self) -> bool {
-        false
-    }
-    fn time_is_up(&self, _: f64) -> bool {
-        false
-    }
-    fn progress(&self, _: f64, _: Option<f64>, _: &str) {}
-    fn measure(&self, name: &str, value: f64, _: &str) {
-        self.measures.lock().expect("no holder panics").insert(name.to_owned(), value);
-    }
-    fn warn(&self, message: &str) {
-        self.warnings.lock().expect("no holder panics").push(message.to_owned());
-    }
-    fn wants(&self, port: &str) -> bool {
-        self.wanted.iter().any(|w| w == port)
-    }
-    fn file(&self, at: &str) -> Option<Arc<[u8]>> {
-        self.files.get(at)
-    }
-    fn checkpoint(&self, state: &[u8], progress: u64) {
-        self.checkpoints.lock().expect("no holder panics").insert(progress, state.to_vec());
-    }
-    fn resume(&self, at_most: u64) -> Option<Vec<u8>> {
-        let kept = self.checkpoints.lock().expect("no holder panics");
-        kept.range(..=at_most).next_back().map(|(_, state)| state.clone())
-    }
-    fn tiles(&self, n: usize, work: &(dyn Fn(usize) + Sync)) {
-        (0..n).for_each(work);
-    }
-    fn threads(&self) -> usize {
-        1
     }
 }

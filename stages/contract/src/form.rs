@@ -1,6 +1,7 @@
 //! What an artifact is going to hold, known before anything runs: as shapes and types are inferred through a network.
 
 use std::collections::BTreeMap;
+use std::fmt;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -150,6 +151,55 @@ impl Form {
     }
 }
 
+impl fmt::Display for Form {
+    /// In one line: `64 x 64 pixels; m_dc, m_ac (1), mask; f_x 0, 0.1 mm^-1`. What is open is left out.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut parts = Vec::new();
+        parts.extend(self.pixels.map(|[rows, columns]| format!("{columns} x {rows} pixels")));
+        if let Some(layers) = &self.layers {
+            parts.push(by_unit(layers.iter().map(|info| (info.name.as_str(), info.unit.as_str()))));
+            parts.extend(listed("f_x ", layers.iter().filter_map(|info| info.f_x_per_mm), " mm^-1"));
+            parts.extend(listed("", layers.iter().filter_map(|info| info.wavelength_nm), " nm"));
+        }
+        parts.extend(self.rows.map(|rows| format!("{rows} rows")));
+        if let Some(columns) = &self.columns {
+            parts.push(by_unit(columns.iter().map(|column| (column.name.as_str(), column.unit.as_str()))));
+        }
+        for name in ["convention", "g", "n"] {
+            let value = self.attributes.get(name).map(|value| value.to_string().replace('"', ""));
+            parts.extend(value.map(|value| format!("{name} {value}")));
+        }
+        f.write_str(&if parts.is_empty() { "open until it is made".to_owned() } else { parts.join("; ") })
+    }
+}
+
+/// Names, each once, those of one unit together: `m_dc, m_ac (W), mask (1)`.
+fn by_unit<'a>(all: impl Iterator<Item = (&'a str, &'a str)>) -> String {
+    let mut groups: Vec<(&str, Vec<&str>)> = Vec::new();
+    for (name, unit) in all {
+        if groups.iter().any(|(_, names)| names.contains(&name)) {
+            continue;
+        }
+        match groups.iter_mut().find(|(known, _)| *known == unit) {
+            Some((_, names)) => names.push(name),
+            None => groups.push((unit, vec![name])),
+        }
+    }
+    let group = |(unit, names): (&str, Vec<&str>)| {
+        let names = names.join(", ");
+        if unit.is_empty() { names } else { format!("{names} ({unit})") }
+    };
+    groups.into_iter().map(group).collect::<Vec<_>>().join(", ")
+}
+
+/// Values that occur, each once, in their order; `None` where there are none.
+fn listed(name: &str, values: impl Iterator<Item = f64>, unit: &str) -> Option<String> {
+    let mut all: Vec<f64> = Vec::new();
+    values.for_each(|value| all.extend((!all.contains(&value)).then_some(value)));
+    let text = all.iter().map(f64::to_string).collect::<Vec<_>>().join(", ");
+    (!all.is_empty()).then(|| format!("{name}{text}{unit}"))
+}
+
 /// A layer as a form describes it: the error of its mean shows only when it is there.
 fn described(info: &LayerInfo) -> LayerInfo {
     LayerInfo { mean_se: None, ..info.clone() }
@@ -213,6 +263,7 @@ mod tests {
         assert_eq!(broken(Form { layers: Some(vec![]), ..said.clone() }), "a layer more: r_d (1, f_x = 0.1 mm^-1)");
         assert_eq!(broken(Form::said([("g".to_owned(), 0.9.into())].into())), "g is 0.8 instead of 0.9");
         assert_eq!(broken(Form::said([("n".to_owned(), 1.4.into())].into())), "n is nothing instead of 1.4");
+        assert_eq!(said.to_string(), "3 x 2 pixels; r_d (1); f_x 0.1 mm^-1; g 0.8");
         // What a run may find or not is no difference.
         let perhaps = Form { layers: Some(vec![]), perhaps: vec![layer], ..said };
         assert_eq!(perhaps.broken_by(&made), None);
@@ -230,5 +281,7 @@ mod tests {
         let other = Form::table(None, &[("mu_a", "cm^-1")]);
         assert_eq!(other.broken_by(&made).unwrap(), "the columns mu_a (mm^-1) instead of mu_a (cm^-1)");
         assert_eq!((other.extent(), Form::default().extent()), (None, None));
+        assert_eq!(said.to_string(), "2 rows; mu_a (mm^-1)");
+        assert_eq!(Form::default().to_string(), "open until it is made");
     }
 }

@@ -11,6 +11,7 @@ pub mod extent;
 pub mod file;
 pub mod form;
 pub mod guard;
+pub mod kit;
 pub mod known;
 pub mod layers;
 pub mod masked;
@@ -21,23 +22,26 @@ pub mod planes;
 pub mod port;
 pub mod problem;
 pub mod quantity;
+pub mod read;
 pub mod stage;
 
 pub use artifact::{
     Artifact, ArtifactKind, Attributes, Cells, Column, ImageStack, Layer, LayerInfo, LayerKind, Record, Table,
 };
-pub use ctx::{Ctx, Host, MemoryHost};
+pub use ctx::{Ctx, Host};
 pub use error::Error;
 pub use extent::Extent;
 pub use file::{FileUse, Files, MaxFile};
 pub use form::{ColumnInfo, Form, Forms};
+pub use kit::MemoryHost;
 pub use known::{Known, Shared};
 pub use payload::Payload;
 pub use pilot::Pilot;
 pub use port::{Arity, Axes, InPort, InPorts, InputSource, Many, OutPort, OutPorts};
 pub use problem::{At, Problem, Problems};
 pub use quantity::{AngleDeg, Density, Length, PerLength, Power, Ratio, Seconds, Wavelength};
-pub use stage::{Extents, Job, Made, ParamError, Stage, StagePlan, StageRow};
+pub use read::{Found, ParamError, ParamMistake, Wanted};
+pub use stage::{Extents, Job, Made, Stage, StagePlan, StageRow};
 
 // One version of these for every stage.
 pub use ndarray;

@@ -67,7 +67,7 @@ fn rounded(percent: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ctx::MemoryHost;
+    use crate::kit::MemoryHost;
 
     /// Shares by reason add up to the whole share, good pixels have none, and no pixel at all says nothing.
     #[test]

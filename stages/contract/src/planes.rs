@@ -119,7 +119,7 @@ pub fn mean_se(variances: f64, n: u64, sharing: f64) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ctx::MemoryHost;
+    use crate::kit::MemoryHost;
 
     /// Every pixel is visited once, with its own index, whatever the size; also where rows do not divide into tiles.
     #[test]

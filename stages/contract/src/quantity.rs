@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use serde::de::{self, Deserialize, Deserializer, Visitor};
+use serde::de::{self, Deserialize, Deserializer, Unexpected, Visitor};
 use serde::{Serialize, Serializer};
 
 /// Unit name, dimension, factor to the house unit of that dimension.
@@ -37,41 +37,48 @@ const UNITS: &[(&str, &str, f64)] = &[
     ("%", "ratio", 0.01),
 ];
 
+/// Why a text is no quantity.
+enum Wrong {
+    /// It does not begin with a number.
+    NoNumber,
+    /// What is wrong with its unit, as a whole message.
+    Unit(String),
+}
+
 /// Parses `"0.5 m"` into the house unit of `dimension`; `scale` converts that to the unit of the type.
-fn parse_quantity(text: &str, dimension: &str, unit: &str, scale: f64) -> Result<f64, String> {
+fn parse_quantity(text: &str, dimension: &str, unit: &str, scale: f64) -> Result<f64, Wrong> {
     let text = text.trim();
-    if let Some(meant) = meant_number(text) {
-        return Err(format!("`{text}` is no number; write `{meant}`"));
+    if meant_number(text).is_some() {
+        return Err(Wrong::NoNumber);
     }
-    let split = text
-        .char_indices()
-        .find(|&(i, c)| !(c.is_ascii_digit() || "+-._".contains(c) || is_exponent(text, i, c)))
-        .map_or(text.len(), |(i, _)| i);
+    let split = number_end(text, "+-._");
     let (number, name) = (text[..split].trim(), text[split..].trim());
-    let value: f64 =
-        number.parse().map_err(|_| format!("`{text}` is not a number with a unit; write for example `2 {unit}`"))?;
+    let value: f64 = number.parse().map_err(|_| Wrong::NoNumber)?;
     if name.is_empty() {
-        return Err(format!(
-            "`{text}` is text; write the number without quotes, or with a unit such as `{text} {unit}`"
-        ));
+        return Err(Wrong::NoNumber);
     }
     match UNITS.iter().find(|(known, _, _)| *known == name) {
         Some(&(_, found, factor)) if found == dimension => Ok(value * factor * scale),
-        Some((_, found, _)) => Err(format!("`{text}` has the dimension {found}; {dimension} in {unit} is wanted")),
+        Some((_, found, _)) => {
+            let wanted = if unit == "1" { "a number without one".to_owned() } else { format!("{dimension} in {unit}") };
+            Err(Wrong::Unit(format!("`{text}` has the dimension {found}; {wanted} is wanted")))
+        }
         None => {
             let known: Vec<&str> = UNITS.iter().filter(|u| u.1 == dimension).map(|u| u.0).collect();
-            Err(format!("unit `{name}` is not known; for {dimension} write {}", known.join(", ")))
+            Err(Wrong::Unit(format!("unit `{name}` is not known; for {dimension} write {}", known.join(", "))))
         }
     }
 }
 
-/// `0,1`, `1_000 mm`, `1,000,000`: numbers to somebody, but neither to YAML nor here.
-fn meant_number(text: &str) -> Option<String> {
-    let end = text
-        .char_indices()
-        .find(|&(i, c)| !(c.is_ascii_digit() || "+-._,".contains(c) || is_exponent(text, i, c)))
-        .map_or(text.len(), |(i, _)| i);
-    let (number, unit) = text.split_at(end);
+/// Where the number at the begin of a text ends; `signs` are the characters but digits that it may hold.
+fn number_end(text: &str, signs: &str) -> usize {
+    let other = |&(i, c): &(usize, char)| !(c.is_ascii_digit() || signs.contains(c) || is_exponent(text, i, c));
+    text.char_indices().find(other).map_or(text.len(), |(i, _)| i)
+}
+
+/// `0,1`, `1_000 mm`, `1,000,000`: numbers to somebody, but neither to YAML nor here; as they are to be written.
+pub fn meant_number(text: &str) -> Option<String> {
+    let (number, unit) = text.split_at(number_end(text, "+-._,"));
     if !number.contains([',', '_']) {
         return None;
     }
@@ -85,10 +92,10 @@ fn is_exponent(text: &str, i: usize, c: char) -> bool {
 }
 
 /// What a quantity may be written as.
-fn described(dimension: &str, unit: &str) -> String {
+fn described(unit: &str) -> String {
     match unit {
         "1" => "number without a unit".to_owned(),
-        _ => format!("number in {unit}, or text with a unit of {dimension}"),
+        _ => format!("number in {unit}, or text with a unit such as `2 {unit}`"),
     }
 }
 
@@ -128,7 +135,7 @@ macro_rules! quantity {
                 impl Visitor<'_> for Wanted {
                     type Value = f64;
                     fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                        write!(f, "a {}", described($dimension, $unit))
+                        write!(f, "a {}", described($unit))
                     }
                     fn visit_f64<E: de::Error>(self, v: f64) -> Result<f64, E> {
                         if v.is_finite() { Ok(v) } else { Err(E::custom(format!("{v} is not a finite number"))) }
@@ -140,8 +147,12 @@ macro_rules! quantity {
                         Ok(v as f64)
                     }
                     fn visit_str<E: de::Error>(self, v: &str) -> Result<f64, E> {
-                        let value = parse_quantity(v, $dimension, $unit, $scale).map_err(E::custom)?;
-                        self.visit_f64(value)
+                        match parse_quantity(v, $dimension, $unit, $scale) {
+                            Ok(value) => self.visit_f64(value),
+                            Err(Wrong::NoNumber) => Err(E::invalid_type(Unexpected::Str(v), &self)),
+                            // What `crate::read` knows a wrong unit by.
+                            Err(Wrong::Unit(message)) => Err(E::invalid_value(Unexpected::Other(&message), &self)),
+                        }
                     }
                 }
                 deserializer.deserialize_any(Wanted).map($name)
@@ -154,7 +165,7 @@ macro_rules! quantity {
             }
             fn json_schema(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
                 schemars::json_schema!({
-                    "description": described($dimension, $unit),
+                    "description": described($unit),
                     "type": ["number", "string"],
                     "unit": $unit
                 })
@@ -199,9 +210,11 @@ quantity!(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::read::read_params;
 
     fn length(json: &str) -> Result<f64, String> {
-        serde_json::from_str::<Length>(json).map(|l| l.0).map_err(|e| e.to_string())
+        let value = serde_json::from_str(json).expect("the test writes JSON");
+        read_params::<Length>(&value).map(|l| l.0).map_err(|e| e.to_string())
     }
 
     #[test]
@@ -210,16 +223,24 @@ mod tests {
         assert_eq!(length("\"0.5 m\""), Ok(500.0));
         assert_eq!(length("\"1e2 um\""), Ok(0.1));
         assert_eq!(length("\"-2cm\""), Ok(-20.0));
-        assert!(length("\"4 deg\"").unwrap_err().contains("has the dimension angle"));
-        assert!(length("\"4 furlong\"").unwrap_err().contains("not known"));
-        assert!(length("\"4\"").unwrap_err().contains("without quotes"));
-        for (text, meant) in
-            [("0,1", "0.1"), ("1_000 um", "1000 um"), ("1,000,000", "1000000"), ("-2,5e-3 mm", "-2.5e-3 mm")]
-        {
-            let message = length(&format!("\"{text}\"")).unwrap_err();
-            assert!(message.starts_with(&format!("`{text}` is no number; write `{meant}`")), "{message}");
+        let wrong = |text: &str| length(&format!("\"{text}\"")).unwrap_err();
+        assert_eq!(wrong("4 deg"), "`4 deg` has the dimension angle; length in mm is wanted");
+        assert_eq!(wrong("4 furlong"), "unit `furlong` is not known; for length write mm, um, µm, nm, cm, m");
+        let rule = "a number in mm, or text with a unit such as `2 mm` is wanted";
+        for text in ["4", "0,1", "five", "", "1_000 um"] {
+            assert_eq!(wrong(text), format!("the text \"{text}\" stands where {rule}"));
         }
         assert_eq!(serde_json::from_str::<Density>("\"0.1 mm^-1\"").unwrap().0, 100.0);
         assert_eq!(serde_json::to_string(&Length(-0.0)).unwrap(), "0.0");
+    }
+
+    #[test]
+    fn numbers_written_otherwise_are_known() {
+        for (text, meant) in
+            [("0,1", "0.1"), ("1_000 um", "1000 um"), ("1,000,000", "1000000"), ("-2,5e-3 mm", "-2.5e-3 mm")]
+        {
+            assert_eq!(meant_number(text).as_deref(), Some(meant));
+        }
+        assert!(["0.1", "tissue", "", ",", "1.2,3.4.5"].iter().all(|text| meant_number(text).is_none()));
     }
 }

@@ -18,6 +18,7 @@ use crate::known::Known;
 use crate::pilot::Pilot;
 use crate::port::{InPort, InPorts, InputSource, OutPort, OutPorts};
 use crate::problem::Problems;
+use crate::read::{ParamError, read_params};
 
 /// What a stage is going to do, for `turbid plan`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -108,14 +109,6 @@ pub trait Stage: 'static {
 /// How large outputs are going to be, by port.
 pub type Extents = BTreeMap<&'static str, Extent>;
 
-/// Why params could not be read: the field and the rule.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ParamError {
-    /// Field path below `with`; empty for `with` itself.
-    pub path: Vec<String>,
-    pub message: String,
-}
-
 /// What a run made: the artifact of each port.
 pub type Made = Vec<(&'static str, Artifact)>;
 
@@ -197,28 +190,12 @@ impl StageRow {
     pub fn check(&self, params: &Value, known: &Known, problems: &mut Problems) {
         match (self.prepare)(params) {
             Ok(job) => job.check(known, problems),
-            Err(error) => problems.push(error.path.join("."), error.message),
+            Err(error) => problems.push(error.path.join("."), error.mistake.to_string()),
         }
     }
 
     /// Reads params and runs, for who has no engine.
     pub fn run(&self, params: &Value, inputs: &dyn InputSource, ctx: Ctx<'_>) -> Result<Made, Error> {
-        (self.prepare)(params).map_err(|e| Error::invalid(e.path.join("."), e.message))?.run(inputs, ctx)
+        (self.prepare)(params).map_err(|e| Error::invalid(e.path.join("."), e.mistake.to_string()))?.run(inputs, ctx)
     }
-}
-
-fn read_params<P: DeserializeOwned>(params: &Value) -> Result<P, ParamError> {
-    serde_path_to_error::deserialize(params).map_err(|error| {
-        let path = error
-            .path()
-            .iter()
-            .filter_map(|segment| match segment {
-                serde_path_to_error::Segment::Seq { index } => Some(index.to_string()),
-                serde_path_to_error::Segment::Map { key } => Some(key.clone()),
-                serde_path_to_error::Segment::Enum { variant } => Some(variant.clone()),
-                serde_path_to_error::Segment::Unknown => None,
-            })
-            .collect();
-        ParamError { path, message: error.into_inner().to_string() }
-    })
 }

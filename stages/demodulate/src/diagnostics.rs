@@ -1,5 +1,7 @@
 //! What frames say about themselves: ripple of M_AC along the fringe, and drift of the brightness.
 
+use turbid_contract::Ctx;
+
 use crate::fourier::product;
 use crate::phase_shift::Weights;
 
@@ -14,6 +16,48 @@ pub struct Diagnosis {
     pub ripple: [f64; 3],
     /// Largest departure of a frame's mean from that of all: drift where the image holds whole periods.
     pub drift: f64,
+}
+
+/// The worst of what the fringes of all spatial frequencies and wavelengths say.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Worst {
+    told: Option<Diagnosis>,
+    /// Fringes that do not tell.
+    untold: u32,
+    /// By how much steps that were estimated depart from what the frames say, rad.
+    departure: Option<f64>,
+}
+
+impl Worst {
+    pub fn add(&mut self, fringe: Option<Diagnosis>) {
+        let Some(found) = fringe else {
+            self.untold += 1;
+            return;
+        };
+        let known = self.told.unwrap_or(found);
+        let ripple = std::array::from_fn(|k| known.ripple[k].max(found.ripple[k]));
+        self.told = Some(Diagnosis { ripple, drift: known.drift.max(found.drift) });
+    }
+
+    pub fn departs(&mut self, by: f64) {
+        self.departure = Some(self.departure.map_or(by, |known| known.max(by)));
+    }
+
+    /// What is not known is not measured.
+    pub fn measure(&self, ctx: Ctx<'_>) {
+        if let Some(told) = self.told {
+            for (k, ripple) in told.ripple.into_iter().enumerate() {
+                ctx.measure(&format!("ripple_{}f", k + 1), ripple, "%");
+            }
+            ctx.measure("brightness_drift", told.drift, "%");
+        }
+        if self.untold > 0 {
+            ctx.measure("steps_untold", f64::from(self.untold), "1");
+        }
+        if let Some(departure) = self.departure {
+            ctx.measure("step_departure", departure.to_degrees(), "deg");
+        }
+    }
 }
 
 /// `None` where the pixels do not show fringes of all phases.

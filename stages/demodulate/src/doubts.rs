@@ -3,9 +3,9 @@
 
 use std::f64::consts::TAU;
 
-use turbid_contract::{Ctx, ImageStack, Layer};
+use turbid_contract::{Ctx, ImageStack, Layer, LayerKind};
 
-use crate::diagnostics::{Diagnosis, diagnose};
+use crate::diagnostics::{Diagnosis, Worst, diagnose};
 use crate::phase_shift::Weights;
 use crate::set::{Channel, Fringe};
 use crate::unknown_steps;
@@ -21,10 +21,9 @@ const MOST_PIXELS: usize = 4096;
 const LARGE_GAIN: f64 = 10.0;
 
 impl Channel {
-    /// Measures ripple and drift of the fringes at the highest f_x, and warns where frames of any f_x are not what they say; `given` tells that
-    /// their steps were not estimated.
-    pub fn diagnose(&self, stack: &ImageStack, given: bool, ctx: Ctx<'_>) {
-        let mut last = None;
+    /// Notes ripple and drift of the fringes at each f_x, and warns where frames are not what they say; `given` tells that their steps were not
+    /// estimated.
+    pub fn diagnose(&self, stack: &ImageStack, given: bool, worst: &mut Worst, ctx: Ctx<'_>) {
         let mut untold = Vec::new();
         for fringe in &self.fringes {
             let found = look(fringe, stack, given, ctx);
@@ -32,19 +31,13 @@ impl Channel {
                 if found.is_none() {
                     untold.push(fringe.f_x_per_mm.to_string());
                 }
-                last = found;
+                worst.add(found);
             }
-        }
-        if let Some(found) = last {
-            for (k, ripple) in found.ripple.into_iter().enumerate() {
-                ctx.measure(&format!("ripple_{}f", k + 1), ripple, "%");
-            }
-            ctx.measure("brightness_drift", found.drift, "%");
         }
         if !untold.is_empty() {
-            ctx.measure("steps_untold", untold.len() as f64, "1");
+            let light = light(self.wavelength_nm);
             ctx.warn(format!(
-                "the image does not show fringes of all phases at f_x = {} mm^-1: whether the steps are what the frames say cannot be told",
+                "the image does not show fringes of all phases at f_x = {} mm^-1{light}: whether the steps are what the frames say cannot be told",
                 untold.join(", ")
             ));
         }
@@ -67,6 +60,7 @@ fn look(fringe: &Fringe, stack: &ImageStack, given: bool, ctx: Ctx<'_>) -> Optio
         }
         return None;
     }
+    let light = light(stack.layers[fringe.frames[0]].info.wavelength_nm);
     let degrees = in_degrees(&steps);
     let gain = gain(&fringe.weights);
     if given && gain > LARGE_GAIN {
@@ -74,7 +68,7 @@ fn look(fringe: &Fringe, stack: &ImageStack, given: bool, ctx: Ctx<'_>) -> Optio
         // Three steps of a third of a turn are 4.19 rad, two of them 2.09.
         let radians = if (2.0..6.3).contains(&largest) { "; are they in radians?" } else { "" };
         ctx.warn(format!(
-            "the steps at f_x = {f_x} mm^-1 ({degrees} deg) hardly fix a sinusoid: the variance of M_AC is {gain:.0} times that of as many equal steps{radians}"
+            "the steps at f_x = {f_x} mm^-1{light} ({degrees} deg) hardly fix a sinusoid: the variance of M_AC is {gain:.0} times that of as many equal steps{radians}"
         ));
     }
     let pixels: Vec<_> = fringe.frames.iter().map(|&i| stack.layers[i].pixels()).collect();
@@ -89,10 +83,30 @@ fn look(fringe: &Fringe, stack: &ImageStack, given: bool, ctx: Ctx<'_>) -> Optio
             None => "frames of unlike brightness, a gamma, motion, wrong steps, or a sample that varies with the fringe do so".to_owned(),
         };
         ctx.warn(format!(
-            "M_AC at f_x = {f_x} mm^-1 ripples along the fringe by {one:.1}, {two:.1} and {three:.1} % once, twice and thrice a period: {why}"
+            "M_AC at f_x = {f_x} mm^-1{light} ripples along the fringe by {one:.1}, {two:.1} and {three:.1} % once, twice and thrice a period: {why}"
         ));
     }
     Some(found)
+}
+
+/// ` and 650 nm`, of frames that say their wavelength.
+pub fn light(wavelength_nm: Option<f64>) -> String {
+    wavelength_nm.map(|nm| format!(" and {nm} nm")).unwrap_or_default()
+}
+
+/// The wavelengths at which no frame holds any light, each as ` at 650 nm`; empty where frames say none. A pixel that no light reaches is background
+/// or shade; frames in which all of them are so show nothing.
+pub fn dark(stack: &ImageStack) -> Vec<String> {
+    let values = || stack.layers.iter().filter(|layer| layer.info.kind == LayerKind::Value);
+    let mut wavelengths: Vec<Option<f64>> = Vec::new();
+    for layer in values() {
+        if !wavelengths.contains(&layer.info.wavelength_nm) {
+            wavelengths.push(layer.info.wavelength_nm);
+        }
+    }
+    let lit = |layer: &Layer| layer.data.iter().any(|&value| value != 0.0);
+    wavelengths.retain(|nm| !values().any(|layer| layer.info.wavelength_nm == *nm && lit(layer)));
+    wavelengths.into_iter().map(|nm| nm.map(|nm| format!(" at {nm} nm")).unwrap_or_default()).collect()
 }
 
 /// Variance of (re, im) of white frames over that of as many equal steps, 4 / N.

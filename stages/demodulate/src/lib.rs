@@ -17,6 +17,7 @@ pub mod fourier;
 pub mod fused;
 pub mod level;
 pub mod local_fit;
+mod masked;
 mod memory;
 pub mod noise;
 mod params;

@@ -22,7 +22,7 @@ mod describe;
 mod tally;
 
 pub use describe::Group;
-pub use tally::Tally;
+pub use tally::{Tally, of};
 
 /// Pixels that are worked on at a time: their f64 intermediates stay in the first-level cache.
 const CHUNK: usize = 512;

@@ -3,9 +3,10 @@
 use std::borrow::Cow;
 
 use turbid_contract::payload::{Covariance, Frames};
-use turbid_contract::{Ctx, Error, ImageStack, Layer, LayerKind};
+use turbid_contract::{Error, ImageStack, Layer, LayerKind};
 use turbid_contract::{serde, serde_json};
 
+use crate::diagnostics::Worst;
 use crate::noise::{Block, Element};
 use crate::phase_shift::Weights;
 use crate::unknown_steps;
@@ -28,10 +29,10 @@ pub struct Channel {
 }
 
 impl Channel {
-    /// Takes the steps from the frames, and measures how far they are from what the frames say.
+    /// Takes the steps from the frames, and notes how far they are from what the frames say.
     ///
     /// Errors: frames that do not tell their steps.
-    pub fn estimate_steps(&mut self, stack: &ImageStack, ctx: Ctx<'_>) -> Result<(), Error> {
+    pub fn estimate_steps(&mut self, stack: &ImageStack, worst: &mut Worst) -> Result<(), Error> {
         let mask = stack.mask(self.wavelength_nm).map(Layer::pixels);
         for fringe in self.fringes.iter_mut().filter(|f| f.f_x_per_mm > 0.0) {
             let given: Vec<f64> =
@@ -47,8 +48,7 @@ impl Channel {
                 unknown_steps::find(&planes, &given).map_err(|what| Error::failed(format!("{place}: {what}")))?;
             fringe.weights = Weights::least_squares(&steps)
                 .ok_or_else(|| Error::failed(format!("{place}: those found ({steps:?} rad) fix no sinusoid")))?;
-            let departure = steps.iter().zip(&given).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-            ctx.measure("step_departure", departure.to_degrees(), "deg");
+            worst.departs(steps.iter().zip(&given).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max));
         }
         Ok(())
     }

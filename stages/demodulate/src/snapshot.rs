@@ -10,7 +10,9 @@ use turbid_optics::elementary::atan2;
 
 use crate::fourier::product;
 use crate::local_fit::{LocalFit, Weights};
+use crate::masked::measure_masked;
 use crate::params::{Filter, Params};
+use crate::pass::of;
 use crate::single_shot::{Filter as FilterKind, noise_gain, part};
 use crate::unknown;
 
@@ -67,9 +69,11 @@ pub fn run(
     };
     unknown::pass_on(&mut modulation, flags);
     unknown::pass_on(&mut phases, flags);
-    if let Some(mask) = modulation.layers.iter().find(|l| l.info.is_pixel_mask()) {
-        ctx.measure_masked(mask.data.iter().copied());
+    for mask in modulation.layers.iter().filter(|l| l.info.is_pixel_mask() && l.data.iter().all(|&m| m != 0.0)) {
+        let reasons = ctx.measure_masked(mask.data.iter().copied());
+        ctx.warn(format!("all pixels{} are masked: {reasons}", of(mask.info.wavelength_nm)));
     }
+    measure_masked(&modulation, ctx);
     Ok((modulation, ctx.wants("phase").then_some(phases)))
 }
 

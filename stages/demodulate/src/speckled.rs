@@ -5,7 +5,9 @@ use turbid_contract::payload::{Frames, MaskReason, Scene};
 use turbid_contract::planes::mean_se;
 use turbid_contract::{Ctx, Error, ImageStack, Layer, LayerInfo, LayerKind};
 
+use crate::masked::measure_masked;
 use crate::params::Params;
+use crate::pass::of;
 use crate::snapshot::{order, pixel_size};
 use crate::speckle::{Shot, Windows, band};
 use crate::unknown;
@@ -37,6 +39,7 @@ pub fn run(params: &Params, frames: &Frames, scene: Option<&Scene>, ctx: Ctx<'_>
         return Err(Error::failed("the frames hold no layer with values"));
     }
     order(&mut modulation);
+    measure_masked(&modulation, ctx);
     let half = |mm: f64| libm::ceil(0.5 * params.window.map_or(0.0, |w| w.0) / mm) as usize;
     unknown::pass_on(&mut modulation, |info| {
         let frames = values().map(|l| &l.info).filter(|frame| frame.wavelength_nm == info.wavelength_nm);
@@ -127,9 +130,9 @@ fn one(
     }
     let mut info = LayerInfo::new("mask", LayerKind::Mask, "1");
     info.wavelength_nm = layers[0].info.wavelength_nm;
-    let reasons = ctx.measure_masked(mask.iter().copied());
     if count == 0 {
-        ctx.warn(format!("all pixels are masked: {reasons}"));
+        let reasons = ctx.measure_masked(mask.iter().copied());
+        ctx.warn(format!("all pixels{} are masked: {reasons}", of(info.wavelength_nm)));
     }
     out.push(info, Array2::from_shape_vec((rows, columns), mask).expect("one number per pixel"));
     Ok(())

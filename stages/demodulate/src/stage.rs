@@ -6,6 +6,9 @@ use turbid_contract::{
     Ctx, Error, Extents, Form, Forms, ImageStack, Known, LayerKind, Problems, Stage, StagePlan, in_ports, out_ports,
 };
 
+use crate::diagnostics::Worst;
+use crate::doubts::dark;
+use crate::masked::measure_masked;
 use crate::memory::memory;
 use crate::params::{Filter, Method, Params, Steps};
 use crate::pass::{Group, Pass, Tally};
@@ -109,6 +112,11 @@ impl Stage for Demodulate {
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
+        for light in dark(&inputs.frames.0) {
+            ctx.warn(format!(
+                "the frames{light} are 0 in every pixel: no light comes to the camera; do projector and camera look at the same place, from the same side of the surface?"
+            ));
+        }
         if params.method == Method::SingleShot {
             let (mut modulation, phase) = snapshot::run(params, &inputs.frames, inputs.scene.as_ref(), ctx)?;
             modulation.carry_conditions(&inputs.frames.0);
@@ -128,11 +136,12 @@ impl Stage for Demodulate {
         let wants_phase = ctx.wants("phase");
         let mut values = Group::default();
         let mut phases = Group::default();
+        let mut worst = Worst::default();
         for mut channel in channels(&inputs.frames)? {
             if params.steps == Steps::Estimated {
-                channel.estimate_steps(frames, ctx)?;
+                channel.estimate_steps(frames, &mut worst)?;
             }
-            channel.diagnose(frames, params.steps == Steps::Given, ctx);
+            channel.diagnose(frames, params.steps == Steps::Given, &mut worst, ctx);
             let noise = Noise::of_channel(&channel, &inputs.frames, inputs.covariance.as_ref())?;
             let pass = Pass::new(&channel, noise.as_ref(), frames, params, wants_phase, ctx.simd());
             let mut planes = vec![Array2::zeros((frames.rows(), frames.columns())); pass.plane_count()];
@@ -149,8 +158,10 @@ impl Stage for Demodulate {
             group.into_iter_ordered().for_each(|(info, data)| stack.push(info, data));
             stack
         };
+        worst.measure(ctx);
         let phase = wants_phase.then(|| Phase(stack(phases)));
         let mut modulation = stack(values);
+        measure_masked(&modulation, ctx);
         modulation.carry_conditions(frames);
         Ok(Out { modulation: Modulation(modulation), phase })
     }

@@ -41,7 +41,7 @@ pub use light::{Beam, Method, Setup, Target};
 pub use opening::{Opening, Outline};
 pub use params::Params;
 pub use plate::{Passage, Plate, Ray};
-pub use readings::{Measured, Normals};
+pub use readings::{Loss, Measured, Normals};
 pub use sphere::{Baffle, Port, Sphere};
 pub use stage::{CalibrateDis, In, Out};
 pub use stream::{Stream, of_medium};

@@ -4,13 +4,15 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use serde_json::{Value, json};
 use turbid_contract::payload::Readings;
-use turbid_contract::{Cells, Ctx, Error, Known, Pilot, Problems, Stage, StagePlan, Table, in_ports, out_ports};
+use turbid_contract::{
+    Artifact, Cells, Ctx, Error, Form, Forms, Known, Pilot, Problems, Stage, StagePlan, Table, in_ports, out_ports,
+};
 
 use crate::assemble::{Experiment, assemble};
 use crate::light::{Method, Setup, Target};
 use crate::params::Params;
 use crate::plate::Plate;
-use crate::readings::{Measured, Normals};
+use crate::readings::{Loss, Measured, Normals};
 use crate::sphere::{Port, Sphere};
 use crate::stream::{Stream, of_medium};
 use crate::tally::{Fate, Tally};
@@ -49,6 +51,14 @@ impl Stage for CalibrateDis {
 
     fn check(params: &Params, _: &Known, problems: &mut Problems) {
         assemble(params, problems);
+    }
+
+    fn describe(params: &Params, _: &Known) -> Forms {
+        let Some(experiment) = assemble(params, &mut Problems::default()) else { return Forms::new() };
+        // Numbers of the media are not part of the form: a table without readings has its columns.
+        let Readings(empty) = table(&experiment, &[]);
+        let form = Form::of(&Artifact::Table(empty));
+        Forms::from([("readings", Form { rows: Some(experiment.media.len() as u64), ..form })])
     }
 
     fn plan(params: &Params, _: &Known) -> StagePlan {
@@ -163,15 +173,18 @@ impl Lab<'_> {
 
 fn table(experiment: &Experiment, rows: &[(&String, &Plate, Measured)]) -> Readings {
     let mut table = Table::default();
-    let mut push = |name: &str, unit: &str, value: &dyn Fn(&Plate, &Measured) -> f64| {
-        table.push(name, unit, Cells::F64(rows.iter().map(|(_, plate, found)| value(plate, found)).collect()));
+    let names = rows.iter().map(|(name, ..)| (*name).clone()).collect();
+    table.push("medium", "", Cells::Text(names));
+    let number = |value: fn(&Measured) -> f64| Cells::F64(rows.iter().map(|(.., found)| value(found)).collect());
+    let maybe = |value: &dyn Fn(&Measured) -> Option<f64>| {
+        Cells::MaybeF64(rows.iter().map(|(.., found)| value(found)).collect())
     };
-    push("m_r", "1", &|_, m| m.m_r);
-    push("m_r_se", "1", &|_, m| m.m_r_se);
-    push("m_t", "1", &|_, m| m.m_t);
-    push("m_t_se", "1", &|_, m| m.m_t_se);
-    push("m_rt_cov", "1", &|_, m| m.m_rt_cov);
-    type Lost = (&'static str, fn(&Measured) -> (f64, f64));
+    table.push("m_r", "1", number(|m| m.m_r));
+    table.push("m_r_se", "1", maybe(&|m| m.m_r_se));
+    table.push("m_t", "1", number(|m| m.m_t));
+    table.push("m_t_se", "1", maybe(&|m| m.m_t_se));
+    table.push("m_rt_cov", "1", maybe(&|m| m.m_rt_cov));
+    type Lost = (&'static str, fn(&Measured) -> Loss);
     let lost: [Lost; 4] = [
         ("lost_r", |m| m.lost_r),
         ("lost_t", |m| m.lost_t),
@@ -179,16 +192,14 @@ fn table(experiment: &Experiment, rows: &[(&String, &Plate, Measured)]) -> Readi
         ("lost_t_diffuse", |m| m.lost_t_diffuse),
     ];
     for (name, value) in lost {
-        push(name, "1", &|_, m| value(m).0);
-        push(&format!("{name}_se"), "1", &|_, m| value(m).1);
+        table.push(name, "1", maybe(&|m| value(m).map(|(share, _)| share)));
+        table.push(format!("{name}_se"), "1", maybe(&|m| value(m).and_then(|(_, se)| se)));
     }
-    push("mu_a", "mm^-1", &|p, _| p.mu_a);
-    push("mu_s_prime", "mm^-1", &|p, _| p.mu_s * (1.0 - p.g));
-    push("g", "1", &|p, _| p.g);
-    push("n", "1", &|p, _| p.n);
-    let names = rows.iter().map(|(name, ..)| (*name).clone()).collect();
-    let medium = turbid_contract::Column { name: "medium".to_owned(), unit: String::new(), cells: Cells::Text(names) };
-    table.columns.insert(0, medium);
+    let of_plate = |value: fn(&Plate) -> f64| Cells::F64(rows.iter().map(|(_, plate, _)| value(plate)).collect());
+    table.push("mu_a", "mm^-1", of_plate(|p| p.mu_a));
+    table.push("mu_s_prime", "mm^-1", of_plate(|p| p.mu_s * (1.0 - p.g)));
+    table.push("g", "1", of_plate(|p| p.g));
+    table.push("n", "1", of_plate(|p| p.n));
     attributes(&mut table, experiment);
     Readings(table)
 }

@@ -105,14 +105,19 @@ impl Tally {
         if self.photons == 0 { 0.0 } else { self.sums[i] / self.photons as f64 }
     }
 
-    /// Covariance of the means of `i` and `j`; 0 without two photons to tell.
-    pub fn covariance(&self, i: usize, j: usize) -> f64 {
+    /// Covariance of the means of `i` and `j`; `None` without two photons to tell.
+    pub fn covariance(&self, i: usize, j: usize) -> Option<f64> {
         if self.photons < 2 {
-            return 0.0;
+            return None;
         }
         let n = self.photons as f64;
         let product = self.products[i.max(j)][i.min(j)] / n - self.mean(i) * self.mean(j);
-        product / (n - 1.0)
+        Some(product / (n - 1.0))
+    }
+
+    /// Whether any photon scored in the quantity `i`: photons that all miss say nothing of how many would not.
+    pub fn counted(&self, i: usize) -> bool {
+        self.products[i][i] > 0.0
     }
 
     /// Mean share of the power that ended so.
@@ -120,15 +125,44 @@ impl Tally {
         if self.photons == 0 { 0.0 } else { self.fates[fate as usize] / self.photons as f64 }
     }
 
-    /// Mean of `j` per `i` with its standard error; (0, 0) where nothing of `i` was met.
-    pub fn ratio(&self, j: usize, i: usize) -> (f64, f64) {
+    /// Mean of `j` per `i` with its standard error; `None` where nothing of `i` was met. The error is not known where nothing of `j` was counted.
+    pub fn ratio(&self, j: usize, i: usize) -> Option<(f64, Option<f64>)> {
         let below = self.mean(i);
         if below == 0.0 {
-            return (0.0, 0.0);
+            return None;
         }
         let ratio = self.mean(j) / below;
-        let variance =
-            self.covariance(j, j) - 2.0 * ratio * self.covariance(i, j) + ratio * ratio * self.covariance(i, i);
-        (ratio, variance.max(0.0).sqrt() / below)
+        let variance = || {
+            let [jj, ij, ii] = [self.covariance(j, j)?, self.covariance(i, j)?, self.covariance(i, i)?];
+            Some(jj - 2.0 * ratio * ij + ratio * ratio * ii)
+        };
+        let se = variance().filter(|_| self.counted(j)).map(|variance| variance.max(0.0).sqrt() / below);
+        Some((ratio, se))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(scores: &[Score]) -> Tally {
+        let mut tally = Tally::default();
+        scores.iter().for_each(|score| tally.add(score));
+        tally
+    }
+
+    /// What photons do not tell is not 0: no variance from one of them, no error of what none of them showed, no share of light that was not met.
+    #[test]
+    fn what_photons_do_not_tell_is_not_known() {
+        let read = |r: f64| Score { detected: [r, 0.0], ..Score::default() };
+        assert_eq!(of(&[read(0.5)]).covariance(0, 0), None);
+        let two = of(&[read(0.25), read(0.75)]);
+        assert_eq!((two.mean(0), two.covariance(0, 0)), (0.5, Some(0.0625)));
+        assert!(two.counted(0) && !two.counted(1));
+        assert_eq!(two.ratio(3, 2), None, "no light fell on the sample");
+        let met = |lost_r: f64| Score { beam: Entered { incident: 1.0, lost_r, lost_t: 0.0 }, ..Score::default() };
+        let found = of(&[met(0.25), met(0.75)]);
+        assert_eq!((found.ratio(3, 2), found.ratio(4, 2)), (Some((0.5, Some(0.25))), Some((0.0, None))));
+        assert_eq!(of(&[met(0.25)]).ratio(3, 2), Some((0.25, None)));
     }
 }

@@ -104,12 +104,19 @@ pub fn conditions(scene: &Scene) -> Option<Conditions> {
 }
 
 /// Of nine places that the camera looks at: how many show an object, and on how many of those the projector's light falls from the side that is seen,
-/// other objects aside; `None` without camera or projector.
+/// other objects aside; `None` without camera or projector. Where none of nine is lit, of 49: eight of the nine lie on the border of the image.
 pub fn lit_points(scene: &Scene) -> Option<(usize, usize)> {
     scene.projector.as_ref()?;
-    let found = Sights::of(scene)?.lattice(COARSE, scene.camera.as_ref()?.pixels);
-    let lit = found.iter().filter(|a| a.in_field && a.incidence_deg.is_some_and(|angle| angle < 90.0)).count();
-    Some((found.len(), lit))
+    let (sights, pixels) = (Sights::of(scene)?, scene.camera.as_ref()?.pixels);
+    let look = |side: u32| {
+        let found = sights.lattice(side, pixels);
+        let lit = found.iter().filter(|a| a.in_field && a.incidence_deg.is_some_and(|angle| angle < 90.0)).count();
+        (found.len(), lit)
+    };
+    match look(COARSE) {
+        (_, 0) => Some(look(LATTICE)),
+        found => Some(found),
+    }
 }
 
 /// Least, median and most.
@@ -177,11 +184,23 @@ mod tests {
         assert_eq!(lit_points(&scene), Some((9, 9)));
     }
 
+    /// Light on a spot between the middle and the border of the image is found.
+    #[test]
+    fn a_spot_of_light_is_found() {
+        let mut small = scene([0.0, 0.0, 500.0], [0.0, 0.0, 500.0], -2.0);
+        let (camera, projector) = (small.camera.as_mut().unwrap(), small.projector.as_mut().unwrap());
+        camera.pixels = [7, 7];
+        // The middle of the last pixel but one.
+        let at = 2.0 / 7.0;
+        (projector.position, projector.look_at, projector.field) = ([at, at, 500.0], [at, at, 0.0], [0.1, 0.1]);
+        assert_eq!(lit_points(&small), Some((49, 1)));
+    }
+
     /// Light from below falls on no place that a camera above sees, and an opaque floor ends the media.
     #[test]
     fn light_from_below_is_told() {
         let mut below = scene([0.0, 0.0, 500.0], [0.0, 35.0, -500.0], -100.0);
-        assert_eq!(lit_points(&below), Some((9, 0)));
+        assert_eq!(lit_points(&below), Some((15, 0)), "every pixel");
         let floor = Object {
             shape: Shape::Slab { top: -3.0, bottom: -100.0 },
             medium: None,

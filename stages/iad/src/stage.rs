@@ -17,7 +17,9 @@ mod source;
 use turbid_contract::canonical::canonical_value;
 use turbid_contract::payload::{Fit, Readings};
 use turbid_contract::serde_json::Value;
-use turbid_contract::{Ctx, Error, FileUse, Known, Problems, Stage, StagePlan, in_ports, out_ports};
+use turbid_contract::{
+    Artifact, Ctx, Error, FileUse, Form, Forms, Known, Problems, Stage, StagePlan, in_ports, out_ports,
+};
 
 pub use params::{FromParam, LostLight, Params, SlidesParams, SpheresChoice, SpheresParams};
 use row::{Tools, solve, table};
@@ -91,9 +93,17 @@ impl Stage for CalibrateIad {
             problems.push("file", message);
         }
         params.check(problems);
+        check_readings(params, known, problems);
         if let Some(path) = &params.file {
             check_file(params, path, known, problems);
         }
+    }
+
+    fn describe(_params: &Params, known: &Known) -> Forms {
+        // Of a file the rows are counted when it is read.
+        let rows = known.form("readings").and_then(|form| form.rows);
+        let Fit(empty) = table(&[], &[]);
+        Forms::from([("fit", Form { rows, ..Form::of(&Artifact::Table(empty)) })])
     }
 
     fn plan(params: &Params, known: &Known) -> StagePlan {
@@ -139,6 +149,7 @@ impl Stage for CalibrateIad {
         let found = ctx.map_tiles(cases.len(), |i| solve(params, &cases[i], &tools))?;
         let failed = found.iter().filter(|f| f.is_err()).count();
         if failed > 0 {
+            ctx.measure("unknown: rows without a fit", failed as f64, "1");
             ctx.warn(format!("{failed} of {} rows have no fit; column `status` names why", found.len()));
         }
         let count = |holds: fn(&row::Found) -> bool| found.iter().flatten().filter(|f| holds(f)).count();
@@ -164,7 +175,6 @@ impl Stage for CalibrateIad {
                 found.len()
             ));
         }
-        ctx.measure("rows_without_fit", failed as f64, "1");
         Ok(Out { fit: table(&source.sheet.media, &found) })
     }
 }
@@ -175,6 +185,25 @@ fn sources(params: &Params, connected: bool) -> Option<&'static str> {
         (Some(_), true) => Some("readings come from the port and from a file; give one of them"),
         (None, false) => Some("no readings: connect the port `readings` or name a file"),
         _ => None,
+    }
+}
+
+/// What the readings on the port must hold beside what the params say.
+fn check_readings(params: &Params, known: &Known, problems: &mut Problems) {
+    let Some(form) = known.form("readings") else { return };
+    let Some(columns) = &form.columns else { return };
+    let has = |name: &str| columns.iter().any(|column| column.name == name);
+    for (name, given) in [("m_r", false), ("g", params.g.is_some()), ("n", params.n.is_some())] {
+        if !given && !has(name) {
+            let way_out = "connect the readings of calibrate_dis, or name a `file`";
+            let what = format!("it has no column `{name}`");
+            problems.unfit(known, "readings", Error::failed_with_hint(what, way_out));
+        }
+    }
+    let thick = params.thickness.is_some() || form.attributes.get("thickness").is_some_and(|d| !d.is_null());
+    if !thick && !has("thickness") {
+        let what = "it does not say how thick its samples are";
+        problems.unfit(known, "readings", Error::failed_with_hint(what, "give `thickness`"));
     }
 }
 

@@ -56,12 +56,7 @@ fn points_follow_the_row() {
             continue;
         }
         assert_eq!(status(&chosen), "ok", "{i}: {:?}", texts(&chosen, "message")[i]);
-        *used
-            .entry(match &chosen.columns.iter().find(|c| c.name == "N").expect("N").cells {
-                Cells::I64(n) => n[i],
-                other => panic!("{other:?}"),
-            })
-            .or_insert(0) += 1;
+        *used.entry(column(&chosen, "N")[i].expect("a row with a fit") as u32).or_insert(0) += 1;
         for (k, name) in ["mu_a", "mu_s_prime"].into_iter().enumerate() {
             let of = |t: &Table, name: &str| column(t, name)[i];
             let fine = of(sixty_four, name).expect("a number");

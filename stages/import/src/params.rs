@@ -42,7 +42,7 @@ pub struct Params {
     pub full_scale: Option<f64>,
     /// Of the camera's encoding: number = level^(1 / gamma).
     pub gamma: f64,
-    /// Share of the highest number from which on a pixel is masked.
+    /// Share of the highest number from which on a pixel is masked; floating-point files have none, and nothing of them is saturated.
     pub saturation: f64,
     /// Electrons at the highest number; gives frames standard errors.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -52,6 +52,9 @@ pub struct Params {
     /// How the frames were taken: what a table that reads them has to share.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub conditions: Option<ConditionsParams>,
+    /// Name of the bench that took the frames, with all its settings: frames of two names are not calibrated with each other.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rig: Option<String>,
     /// Size of a pixel on the sample, mm: gives pictures and files of the frames, and of what is made from them, a scale.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pixel_mm: Option<Length>,
@@ -101,6 +104,7 @@ impl Default for Params {
             full_well: None,
             read_noise: 0.0,
             conditions: None,
+            rig: None,
             pixel_mm: None,
             max_file_mb: MaxFile::default(),
         }
@@ -241,7 +245,36 @@ impl Params {
         if let Some(conditions) = &self.conditions {
             conditions.check(problems);
         }
+        if self.rig.as_ref().is_some_and(|name| name.trim().is_empty()) {
+            problems.push_with_hint("rig", "the name of the rig is empty", "name the bench, or leave `rig` out");
+        }
         self.check_sets(problems);
+    }
+
+    /// Warns of what can be read but hardly be meant: a file that counts twice, phases where there is no fringe.
+    pub fn check_meaning(&self, problems: &mut Problems) {
+        for (k, frame) in self.frames.iter().enumerate() {
+            if let Some(first) = self.frames[..k].iter().position(|other| other.file == frame.file) {
+                problems.warn(
+                    format!("frames.{k}.file"),
+                    format!(
+                        "`{}` stands at frames.{first} too: one picture counts as two frames with noise of their own; save each picture of a file as a file",
+                        frame.file
+                    ),
+                );
+            }
+        }
+        let shifted = |frame: &FrameParams| frame.f_x.0 == 0.0 && frame.phase_deg.0 != 0.0;
+        if let Some((k, frame)) = self.frames.iter().enumerate().find(|(_, frame)| shifted(frame)) {
+            let count = self.frames.iter().filter(|frame| shifted(frame)).count();
+            problems.warn(
+                format!("frames.{k}.phase_deg"),
+                format!(
+                    "phase_deg = {} deg at f_x = 0 is not used ({count} such frames): without a fringe nothing is shifted, and frames at f_x = 0 are averaged",
+                    frame.phase_deg.0
+                ),
+            );
+        }
     }
 
     fn check_pattern(&self, pattern: &str, problems: &mut Problems) {
@@ -250,6 +283,20 @@ impl Params {
         }
         for (k, &PerLength(f_x)) in self.f_x.iter().enumerate() {
             problems.require(f_x >= 0.0 && f_x.is_finite(), format!("f_x.{k}"), f_x, "mm^-1", "be >= 0");
+            if self.f_x[..k].iter().any(|other| other.0 == f_x) {
+                problems.push(
+                    format!("f_x.{k}"),
+                    format!("f_x = {f_x} mm^-1 stands twice: its files would count as twice as many frames"),
+                );
+            }
+        }
+        for (k, nm) in self.wavelength_nm.iter().enumerate() {
+            if self.wavelength_nm[..k].contains(nm) {
+                problems.push(
+                    format!("wavelength_nm.{k}"),
+                    format!("wavelength_nm = {nm} nm stands twice: its files would count as twice as many frames"),
+                );
+            }
         }
         let needs = [
             ("{f_x}", self.f_x.len() > 1),

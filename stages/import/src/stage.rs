@@ -2,7 +2,7 @@
 
 use turbid_contract::canonical::canonical_value;
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::{CONDITIONS, Frames};
+use turbid_contract::payload::{CONDITIONS, Frames, Rig};
 use turbid_contract::pitch::PIXEL_PITCH_MM;
 use turbid_contract::{
     At, Attributes, Ctx, Error, FileUse, Form, Forms, ImageStack, Known, LayerInfo, LayerKind, Problem, Problems,
@@ -56,6 +56,7 @@ impl Stage for ImportFrames {
 
     fn check(params: &Params, known: &Known, problems: &mut Problems) {
         params.check(problems);
+        params.check_meaning(problems);
         let decoded = |at: &str, path: &str| {
             let bytes = known.files.get(at)?;
             let picture = decode(&bytes, params.channel).and_then(|picture| picture.of_bits(params.bits));
@@ -107,10 +108,8 @@ impl Stage for ImportFrames {
         let mut f_x: Vec<f64> = params.shots().iter().map(|shot| shot.f_x).collect();
         f_x.sort_by(f64::total_cmp);
         f_x.dedup();
-        let mut frames = Attributes::from([("f_x".to_owned(), f_x.into())]);
-        if let Some(conditions) = &params.conditions {
-            conditions.said().insert_into(&mut frames, CONDITIONS);
-        }
+        let mut frames = stated(params);
+        frames.insert("f_x".to_owned(), f_x.into());
         Forms::from([("frames", Form::said(frames))])
     }
 
@@ -121,8 +120,12 @@ impl Stage for ImportFrames {
             ("gamma", params.gamma != 1.0),
             ("standard errors (full_well)", params.full_well.is_some()),
         ];
-        let named = |on: bool| parts.iter().filter(|p| p.1 == on).map(|p| p.0.to_owned()).collect();
-        StagePlan { needs: named(true), left_out: named(false), ..StagePlan::default() }
+        let named = |on: bool| parts.iter().filter(|p| p.1 == on).map(|p| p.0.to_owned()).collect::<Vec<String>>();
+        let mut left_out = named(false);
+        if params.pattern.is_some() && params.phases > 1 && params.f_x.iter().any(|f_x| f_x.0 == 0.0) {
+            left_out.push("phases at f_x = 0 but number 0: nothing is shifted there".to_owned());
+        }
+        StagePlan { needs: named(true), left_out, ..StagePlan::default() }
     }
 
     fn run(params: &Params, _inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
@@ -145,11 +148,21 @@ impl Stage for ImportFrames {
             usable(shot, seen.corrected.light())?;
         }
         let mut frames = stack(params, &shots, seen, ctx);
-        if let Some(conditions) = &params.conditions {
-            conditions.said().insert_into(&mut frames.attributes, CONDITIONS);
-        }
+        frames.attributes.extend(stated(params));
         Ok(Out { frames: Frames(frames) })
     }
+}
+
+/// What the user says of the frames: how they were taken, and on which bench.
+fn stated(params: &Params) -> Attributes {
+    let mut stated = Attributes::new();
+    if let Some(conditions) = &params.conditions {
+        conditions.said().insert_into(&mut stated, CONDITIONS);
+    }
+    if let Some(name) = &params.rig {
+        Rig::named(name.trim()).insert_into(&mut stated);
+    }
+    stated
 }
 
 /// Floating-point files say no highest number: shares of full scale they should hold, but may hold anything.
@@ -285,10 +298,9 @@ fn stack(params: &Params, shots: &[Shot], seen: Vec<Seen>, ctx: Ctx<'_>) -> Imag
         stack.push(info, plane(corrected.value));
     }
     errors.into_iter().for_each(|(info, data)| stack.push(info, data));
+    ctx.measure_masked(masks.iter().flat_map(|(_, mask)| mask.iter().copied()));
     for (wavelength_nm, mask) in masks {
-        let masked = 100.0 * mask.iter().filter(|&&m| m != 0.0).count() as f64 / mask.len() as f64;
-        ctx.measure("masked", masked, "%");
-        if masked > 0.0 {
+        if mask.iter().any(|&reason| reason != 0.0) {
             let mut info = LayerInfo::new("mask", LayerKind::Mask, "1");
             info.wavelength_nm = wavelength_nm;
             stack.push(info, plane(mask));

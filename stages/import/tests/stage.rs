@@ -4,7 +4,7 @@ use std::io::Cursor;
 use std::sync::Arc;
 
 use serde_json::{Value, json};
-use turbid_contract::payload::{Frames, MaskReason};
+use turbid_contract::payload::{Frames, MaskReason, Rig};
 use turbid_contract::{
     Artifact, Axes, Ctx, Error, ImageStack, InputSource, Known, LayerKind, MemoryHost, Payload, Problems, StageRow,
 };
@@ -237,6 +237,11 @@ fn every_mistake_has_its_field() {
         (json!({"pattern": "a.png"}), "pattern: a pattern needs f_x"),
         (json!({"pattern": "a.png", "f_x": [0, 0.1]}), "`a.png` names one file for all: {f_x} is missing"),
         (json!({"pattern": "a_{f_x}.png", "f_x": [0.1]}), "{phase} is missing"),
+        (json!({"pattern": "a_{f_x}.png", "f_x": [0, 0]}), "f_x.1: f_x = 0 mm^-1 stands twice"),
+        (
+            json!({"pattern": "a_{wavelength}.png", "f_x": [0], "wavelength_nm": [650, 650]}),
+            "wavelength_nm.1: wavelength_nm = 650 nm stands twice",
+        ),
         (json!({"pattern": "{fx}_{phase}.png", "f_x": [0.1]}), "`{fx}_{phase}.png`: nothing stands for {fx}"),
         (
             json!({"pattern": "a_{phase}.png", "f_x": [0.1], "phases": 2}),
@@ -288,6 +293,41 @@ fn every_mistake_has_its_field() {
     assert!(dark.contains("no pixel of `a.png` is brighter than darkness"), "{dark}");
 }
 
+/// One file listed three times with phases at f_x = 0 (pages of it, as its author thinks): each is named where it stands, before anything runs;
+/// files of their own, and phases of fringes, are not.
+#[test]
+fn what_is_hardly_meant_is_warned_of() {
+    let warnings = |frames: Value| {
+        let mut problems = Problems::default();
+        StageRow::of::<ImportFrames>().check(&json!({ "frames": frames }), &Known::default(), &mut problems);
+        let (wrong, warnings) = problems.into_parts();
+        assert!(wrong.is_empty(), "{wrong:?}");
+        warnings.iter().map(ToString::to_string).collect::<Vec<_>>()
+    };
+    let one = |file: &str, f_x: f64, phase: u32| json!({"file": file, "f_x": f_x, "phase_deg": phase});
+    let found = warnings(json!([one("a.tif", 0.0, 0), one("a.tif", 0.0, 120), one("a.tif", 0.0, 240)]));
+    assert_eq!(found.len(), 3, "{found:?}");
+    assert!(found[0].starts_with("frames.1.file: `a.tif` stands at frames.0 too"), "{found:?}");
+    assert!(found[1].starts_with("frames.2.file: `a.tif` stands at frames.0 too"), "{found:?}");
+    assert!(
+        found[2].starts_with("frames.1.phase_deg: phase_deg = 120 deg at f_x = 0 is not used (2 such frames)"),
+        "{found:?}"
+    );
+    let fine = json!([one("a", 0.0, 0), one("b", 0.1, 0), one("c", 0.1, 120), one("d", 0.1, 240)]);
+    assert!(warnings(fine).is_empty());
+}
+
+/// A pattern that has phases says that of f_x = 0 one alone is read.
+#[test]
+fn the_plan_says_which_phases_are_left_out() {
+    let left_out = |f_x: &[f64]| {
+        let params = serde_json::from_value(json!({"pattern": "a_{f_x}_{phase}.png", "f_x": f_x})).unwrap();
+        <ImportFrames as turbid_contract::Stage>::plan(&params, &Known::default()).left_out.join("; ")
+    };
+    assert!(left_out(&[0.0, 0.1]).contains("phases at f_x = 0 but number 0"));
+    assert!(!left_out(&[0.1]).contains("phases"));
+}
+
 /// A file of two pages, of which one would be read silently; numbers that are no shares of full scale; numbers that are none.
 #[test]
 fn pages_counts_and_infinite_pixels_are_named() {
@@ -325,4 +365,19 @@ fn pages_counts_and_infinite_pixels_are_named() {
     let mask = stack.layers.iter().find(|l| l.info.kind == LayerKind::Mask).unwrap();
     let bad = mask.data.iter().filter(|&&m| m == MaskReason::NotFinite.code()).count();
     assert_eq!(bad, 25, "24 of the frame and one of the flat field");
+}
+
+/// The name of the bench goes on with the frames, and is known before the run; an empty one is a mistake.
+#[test]
+fn the_bench_is_named() {
+    let params = json!({"frames": [{"file": "a.png", "f_x": 0}], "rig": " bench 2 "});
+    let stack = import(&params, &[("frames.0.file", grey8(|i| 100 + i as u8))]).unwrap();
+    assert_eq!(Rig::of(&stack.attributes), Some(Rig::named("bench 2")));
+    let job = (StageRow::of::<ImportFrames>().prepare)(&params).unwrap();
+    assert_eq!(Rig::of(&job.describe(&Known::default())["frames"].attributes), Some(Rig::named("bench 2")));
+    let mut problems = Problems::default();
+    let empty = json!({"frames": [{"file": "a.png", "f_x": 0}], "rig": " "});
+    StageRow::of::<ImportFrames>().check(&empty, &Known::default(), &mut problems);
+    let (mistakes, _) = problems.into_parts();
+    assert!(mistakes.len() == 1 && mistakes[0].path == "rig", "{mistakes:?}");
 }

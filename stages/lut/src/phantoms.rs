@@ -168,8 +168,9 @@ fn properties(sources: &Sources<'_, '_>, axes: &Axes, name: &str) -> Result<([f6
         return Err(Error::failed_with_hint(what, "leave the phantom out, or mend its readings"));
     }
     let cell = |column: &str| {
-        let cells = table.f64s(column).map(|cells| cells[row]);
-        cells.ok_or_else(|| Error::failed(format!("the fit has no column {column}")))
+        let cells = table.maybe_f64s(column).map(|cells| cells[row]);
+        let cell = cells.ok_or_else(|| Error::failed(format!("the fit has no column {column}")))?;
+        cell.ok_or_else(|| Error::failed(format!("the fit of {name} does not know {column}")))
     };
     let se = |column: &str| {
         let cells = table.maybe_f64s(column).map(|cells| cells[row]);

@@ -251,7 +251,8 @@ fn measure(
         truths: &inputs.truths,
     };
     let parts = phantoms::gather(&sources, &recipe.f_x, &Part::of(inputs.sections.as_ref())?)?;
-    if parts.iter().flatten().flat_map(|p| &p.ratio_se).all(|&se| se == 0.0) {
+    let silent = parts.iter().flatten().flat_map(|p| &p.ratio_se).all(|&se| se == 0.0);
+    if silent {
         ctx.warn("no standard errors: neither the phantoms nor their reference know their own");
     }
     let reference = reference(params, &recipe)?;
@@ -293,7 +294,10 @@ fn measure(
         all.se.extend(table.se);
         filled = table.recipe;
     }
-    tell_errors(&all.r_d, &all.se, ctx);
+    // An error of 0 % would be made up.
+    if !silent {
+        tell_errors(&all.r_d, &all.se, ctx);
+    }
     let design = match &params.wanted {
         Some(wanted) if ctx.wants("design") => {
             let media: Vec<[f64; 2]> = wanted.iter().map(|w| [w.mu_a.0, w.mu_s_prime.0]).collect();

@@ -284,7 +284,8 @@ fn fits_give_properties() {
     inputs.push("references", Axes::new(), modulation(REFERENCE, [0.0; 2], 0.0));
     let fit = |status: &str| {
         let mut table = Table::default();
-        let column = |f: &dyn Fn(&[f64; 2]) -> f64| Cells::F64(media.iter().map(f).collect());
+        // As `calibrate_iad` writes them.
+        let column = |f: &dyn Fn(&[f64; 2]) -> f64| Cells::MaybeF64(media.iter().map(|m| Some(f(m))).collect());
         table.push("medium", "", Cells::Text(names.clone()));
         table.push("mu_a", "mm^-1", column(&|m| m[0]));
         table.push("mu_s_prime", "mm^-1", column(&|m| m[1]));
@@ -355,4 +356,18 @@ fn mistakes_of_params_and_ports() {
         assert!(found.contains(part), "{found}");
     }
     assert_eq!(BuildLut::NAME, "build_lut");
+}
+
+/// Phantoms that do not know their errors make a table that has none to tell: a warning, and no error of 0 % in the summary of the run.
+#[test]
+fn unknown_errors_are_no_error_of_0() {
+    let measured = |se: f64| {
+        let host = MemoryHost::default();
+        let inputs = phantoms(&PAPER_A, &PAPER_S, |_| [0.0; 2], se);
+        StageRow::of::<BuildLut>().run(&params("log_log"), &inputs, Ctx::new(&host)).expect("a table");
+        let told = host.measures.lock().expect("no holder panics").contains_key("error: r_d per node");
+        let warned = host.warnings.lock().expect("no holder panics").iter().any(|w| w.contains("no standard errors"));
+        (told, warned)
+    };
+    assert_eq!((measured(0.01), measured(0.0)), ((true, false), (false, true)));
 }

@@ -85,14 +85,18 @@ impl Params {
     pub fn check_scene(&self, scene: &Scene, problems: &mut Problems) {
         let cameras = scene.camera.as_ref().map(|c| ("camera", c.field, c.pixels));
         let projectors = scene.projector.as_ref().and_then(|p| p.pixels.map(|n| ("projector", p.field, n)));
+        if scene.objects.is_empty() {
+            let hint = "render a scene that takes its rig from it: `in: {rig: ..}`";
+            problems.at_input("scene", "the scene has no object: it is a rig for other scenes", hint);
+        }
         if scene.camera.is_none() {
-            problems.push_with_hint("", "the scene has no camera", "add `camera` to the scene");
+            problems.push_with_hint("", "the scene has no camera", "add `camera` to the scene, or to its rig");
         }
         if scene.projector.is_none() && scene.lights.is_empty() {
             problems.push_with_hint(
                 "",
                 "the scene has no projector, so all would be dark",
-                "add `projector` to the scene",
+                "add `projector` to the scene, or to its rig",
             );
         }
         if let (None, Some(i)) = (&scene.projector, self.f_x.iter().position(|f| f.0 > 0.0))

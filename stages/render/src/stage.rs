@@ -82,8 +82,11 @@ impl Stage for RenderStage {
 
     fn describe(params: &Params, known: &Known) -> Forms {
         let mut frames = Attributes::new();
-        if let Some(said) = known.get::<Scene>("scene").as_deref().and_then(turbid_geometry::conditions) {
-            said.insert_into(&mut frames, CONDITIONS);
+        if let Some(scene) = known.get::<Scene>("scene") {
+            scene.rig().insert_into(&mut frames);
+            if let Some(said) = turbid_geometry::conditions(&scene) {
+                said.insert_into(&mut frames, CONDITIONS);
+            }
         }
         if !known.connected.iter().any(|port| port == "pattern") {
             let f_x: Vec<f64> = params.f_x.iter().map(|f| f.0).collect();
@@ -185,6 +188,9 @@ impl Stage for RenderStage {
         ctx.measure("flights", traced.flights() as f64, "1");
         if estimate.n > 0 {
             ctx.measure("samples", f64::from(estimate.n), "1");
+            if params.max_seconds.is_some() {
+                ctx.reached(&[("samples", estimate.n.into())]);
+            }
         }
         for (part, of) in [(0.5, "error: m_ac per pixel"), (0.95, "error: m_ac per pixel, 95th percentile")] {
             if let Some(error) = images.relative_error_of(part) {
@@ -204,17 +210,18 @@ impl Stage for RenderStage {
             said.insert_into(&mut frames.0.attributes, CONDITIONS);
             layers(&scene, &mut frames.0, ctx)?;
         }
-        if let Some(camera) = &scene.camera {
-            let others = [covariance.as_mut().map(|c| &mut c.0), white.as_mut().map(|w| &mut w.0)];
-            others.into_iter().flatten().chain([&mut frames.0]).for_each(|stack| stack.set_pixel_pitch(camera));
+        let mut truth = ctx.wants("truth").then(|| truth(&scene, &rig.worlds[0], &rig.object_of, &rig.camera));
+        let others = [covariance.as_mut().map(|c| &mut c.0), white.as_mut().map(|w| &mut w.0)];
+        for stack in others.into_iter().flatten().chain([&mut frames.0]) {
+            scene.rig().insert_into(&mut stack.attributes);
+            if let Some(camera) = &scene.camera {
+                stack.set_pixel_pitch(camera);
+            }
         }
-        Ok(Out {
-            frames,
-            covariance,
-            truth: ctx.wants("truth").then(|| truth(&scene, &rig.worlds[0], &rig.object_of, &rig.camera)),
-            white,
-            power,
-        })
+        if let Some(truth) = &mut truth {
+            scene.rig().insert_into(&mut truth.0.attributes);
+        }
+        Ok(Out { frames, covariance, truth, white, power })
     }
 }
 

@@ -12,12 +12,16 @@
 //!   camera: {position: [0, 0, 500], look_at: [0, 0, 0], field: [64, 64], pixels: [64, 64]}
 //!   projector: {position: [0, 35, 500], look_at: [0, 0, 0], field: [128, 128], power: 5}
 //! ```
+//! Camera, projector, lights and wavelengths may come from another scene instead, `in: {rig: STAGE}`, so that sample and phantom share
+//! them as data; that scene may have no media and no objects.
+//!
 //! Only this stage knows the densities: mu_a = A_rho / 1000, mu_s = S_rho / 1000 mm^-1. Where objects overlap the higher
 //! `priority` wins, so an object of a medium with mu_a = mu_s = 0 carves a hole.
 
 pub mod assemble;
 mod axis;
-pub mod mesh;
+pub mod kept;
+mod mesh;
 pub mod overlap;
 pub mod params;
 mod per_channel;

@@ -105,7 +105,12 @@ impl Stage for SectionTube {
             })
             .collect();
         if good.is_empty() {
-            return Err(Error::failed("no pixel of the wall has a good modulation"));
+            let on_wall = |i: &usize| arc[*i].is_some();
+            let reasons = ctx.measure_masked((0..arc.len()).filter(on_wall).map(|i| light.reason(i)));
+            return Err(Error::failed_with_hint(
+                format!("no pixel of the wall of {wall} has a good modulation: {reasons}"),
+                "give the frames more paths or more light; `low_signal: 0` in `demodulate` masks no pixel for being noisy",
+            ));
         }
         let profile = Profile::of(&good, length);
         let (bounds_mm, list) = cut(params, &profile, light.white(), ctx)?;
@@ -190,6 +195,12 @@ impl<'a> Light<'a> {
         let (m_dc, m_ac) = (f64::from(self.m_dc[i]), f64::from(self.m_ac[i]));
         let good = self.mask.as_ref().is_none_or(|mask| mask[i] == 0.0);
         (good && m_dc > 0.0 && m_ac > 0.0).then_some((m_dc, m_ac))
+    }
+
+    /// Why a pixel is not good: the modulation's own reason, or that it has no signal.
+    fn reason(&self, i: usize) -> f32 {
+        let own = self.mask.as_ref().map_or(0.0, |mask| mask[i]);
+        if own == 0.0 && self.at(i).is_none() { MaskReason::LowSignal.code() } else { own }
     }
 
     /// The 99.9th percentile of M_DC over the good pixels of the image.

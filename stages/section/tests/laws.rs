@@ -196,3 +196,14 @@ fn small_images_have_fewer_sections() {
         assert!(asked.contains("pixels with a good modulation"), "{asked}");
     }
 }
+
+/// Where every pixel of the wall is masked the error says why, and what to do.
+#[test]
+fn a_wall_without_a_signal_says_why() {
+    let (mut modulation, truth) = tube_of(32);
+    let noisy = Array2::from_elem((32, 32), MaskReason::LowSignal.code());
+    modulation.push(LayerInfo::new("mask", LayerKind::Mask, "1"), noisy);
+    let said = run(&Params::default(), (modulation, truth)).unwrap_err().to_string();
+    assert!(said.contains("has a good modulation: 100 % signal too weak"), "{said}");
+    assert!(said.contains("`low_signal: 0` in `demodulate`"), "{said}");
+}

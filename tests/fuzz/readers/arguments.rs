@@ -33,7 +33,7 @@ pub fn readers() -> Vec<Reader> {
             claims: nothing,
             // One override a line.
             seeds: || {
-                let lines = ["vars.samples=64", "seed=3\nabout=a b", "stages.tissue.with.camera.pixels=[8, 8]"];
+                let lines = ["vars.samples=64", "seed=3\nabout=a b", "stages.rig.with.camera.pixels=[8, 8]"];
                 lines.map(|l| l.as_bytes().to_vec()).to_vec()
             },
             read: set,

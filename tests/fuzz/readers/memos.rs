@@ -84,6 +84,7 @@ fn publish(plan: &Plan, store: &Store) -> Vec<Arc<InstanceRecord>> {
             cost: Cost::default(),
             seed: None,
             state_key: None,
+            reached: None,
             measures: Vec::new(),
             warnings: Vec::new(),
             kernel: None,

@@ -68,6 +68,7 @@ fn record(i: u64, blob: Blob) -> InstanceRecord {
         cost: Cost::default(),
         seed: None,
         state_key: None,
+        reached: None,
         measures: Vec::new(),
         warnings: Vec::new(),
         kernel: None,

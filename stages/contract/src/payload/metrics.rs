@@ -4,11 +4,15 @@ use crate::artifact::{Artifact, ArtifactKind, Table};
 use crate::error::Error;
 use crate::payload::Payload;
 
-/// Columns region, quantity, n, mean, mean_se, truth, bias_percent, rmse_percent, masked_percent, bias, rmse, p95, unit.
+/// Columns region, quantity, n, mean, mean_se, truth, bias_percent, rmse_percent, masked_percent, bias, rmse, p95, possible_shift_percent,
+/// possible_shift, n_unknown, n_left_out, unit.
 ///
-/// The last four are in the quantity's unit; of a position (mm) only they say something, and the percentages are 0. Of a fit of media `region` is
-/// the medium or `all`, and two more columns are there: z and rms_log. Means of images (`tabulate`) have region, quantity, one column `axis NAME` for
-/// each axis, n, mean, mean_se, masked_percent, unit.
+/// What is not known is null: all figures of a region of which every pixel is masked, percentages of a position (mm), standard errors that no pixel
+/// states. bias, rmse, p95 and possible_shift are in the quantity's unit. Of a fit of media `region` is the medium or `all`, z and rms_log take the
+/// place of the shifts and of n_left_out, and a medium without a fit has no figures. Means of images (`tabulate`) have region, quantity, one column
+/// `axis NAME` for each axis, n, mean, mean_se, masked_percent, unit. A summary over instances (`summarize`) has region, quantity, instances, n,
+/// mean_abs_error_percent, mean_abs_error_se_percent, noise_percent, bias_percent, rmse_percent, worst_percent, masked_percent, mean_abs_error,
+/// mean_abs_error_se, unit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Metrics(pub Table);
 

@@ -36,6 +36,11 @@ pub use stack::Stack;
 use crate::artifact::{Artifact, ArtifactKind};
 use crate::error::Error;
 
+/// Whether a picture of a payload shows a reader something: not of the covariances of every pair of quantities.
+pub fn is_pictured(payload: &str) -> bool {
+    payload != Covariance::NAME
+}
+
 /// A typed view of an artifact.
 pub trait Payload: Sized {
     /// Name that ports, `show` and error messages use.

@@ -41,19 +41,20 @@ impl Tally {
         self.variances.iter_mut().zip(&dropped.variances).for_each(|(sum, part)| *sum -= part);
     }
 
-    /// Measures the Rician bias of the mean M_AC at the highest f_x and the shares that `mask` leaves out, and warns where nothing is left.
+    /// Measures the Rician bias of the mean M_AC at the highest f_x, and warns where `mask` leaves nothing.
     pub fn report(&self, channel: &Channel, known: bool, mask: &Array2<f32>, ctx: Ctx<'_>) {
         let last = channel.fringes.len() - 1;
         if known && self.m_ac[last] > 0.0 {
             ctx.measure("rician_bias", 100.0 * self.rician[last] / self.m_ac[last], "%");
         }
-        if self.good == self.pixels {
-            ctx.measure("masked", 0.0, "%");
-            return;
-        }
-        let reasons = ctx.measure_masked(mask.iter().copied());
-        if self.good == 0 {
-            ctx.warn(format!("all pixels are masked: {reasons}"));
+        if self.good == 0 && self.pixels > 0 {
+            let reasons = ctx.measure_masked(mask.iter().copied());
+            ctx.warn(format!("all pixels{} are masked: {reasons}", of(channel.wavelength_nm)));
         }
     }
+}
+
+/// ` of 650 nm`, of frames that say their wavelength.
+pub fn of(wavelength_nm: Option<f64>) -> String {
+    wavelength_nm.map(|nm| format!(" of {nm} nm")).unwrap_or_default()
 }

@@ -474,7 +474,10 @@ fn doubts_are_told() {
             push(&mut mixed, f, f64::to_radians(declared[k]), &|_, c| 0.5 + 0.3 * turn(c).cos(), None);
         }
     }
-    let low = said(&demodulate(Frames(mixed), None, &[]).unwrap().1);
+    let host = demodulate(Frames(mixed), None, &[]).unwrap().1;
+    let ripple = host.measures.lock().unwrap()["ripple_2f"];
+    assert!((ripple - 28.0).abs() < 1.0, "the worst of all f_x is measured: {ripple}");
+    let low = said(&host);
     assert!(low.contains("M_AC at f_x = 0.05 mm^-1 ripples") && !low.contains("f_x = 0.1 "), "{low}");
     let radians = said(&told(&[0.1], [0.0, 2.0943951, 4.1887902], right));
     assert!(
@@ -488,4 +491,37 @@ fn doubts_are_told() {
     let (out, host) = demodulate(Frames(thrice), None, &[]).unwrap();
     assert!(said(&host).contains("the 3 frames at f_x = 0 say phases of 0, 120, 240 deg"), "{}", said(&host));
     assert!((at(&out.modulation.0, "m_dc", Some(0.0)) - 0.3).abs() < 1e-6);
+}
+
+/// Frames without any light (the projector below the surface) are named as such by every method, wavelength by wavelength; the masked share is that
+/// of all wavelengths.
+#[test]
+fn frames_without_light_are_named() {
+    let (rows, columns) = (8, 64);
+    let frames = |levels: &[(f64, f64)]| {
+        let mut stack = ImageStack::new(rows, columns);
+        for &(nm, level) in levels {
+            for k in 0..3 {
+                let phase = 2.0 * PI * f64::from(k) / 3.0;
+                let turn = |c: usize| 2.0 * PI * 0.1 * c as f64 + phase;
+                push(&mut stack, 0.1, phase, &|_, c| level * (0.5 + 0.3 * turn(c).cos()), None);
+                stack.layers.last_mut().unwrap().info.wavelength_nm = Some(nm);
+            }
+        }
+        Frames(stack)
+    };
+    for method in [Method::PhaseShift, Method::SingleShot] {
+        let params = Params { method, pixel_mm: Some(Length(1.0)), ..Params::default() };
+        let (_, host) = with(&params, frames(&[(650.0, 0.0), (850.0, 1.0)]), None, &[]).unwrap();
+        let said = host.warnings.lock().unwrap().clone();
+        let one = |words: &str| said.iter().filter(|text| text.contains(words)).count();
+        assert_eq!(one("the frames at 650 nm are 0 in every pixel: no light comes to the camera"), 1, "{said:?}");
+        assert_eq!(one("all pixels of 650 nm are masked: 100 % background"), usize::from(method == Method::PhaseShift));
+        assert_eq!(one("all pixels of 650 nm are masked: 100 % "), 1, "{said:?}");
+        assert_eq!(one("850 nm"), 0, "{said:?}");
+        assert_eq!(host.measures.lock().unwrap()["masked"], 50.0);
+        let (_, host) = with(&params, frames(&[(850.0, 1.0)]), None, &[]).unwrap();
+        assert!(host.warnings.lock().unwrap().is_empty());
+        assert_eq!(host.measures.lock().unwrap()["masked"], 0.0);
+    }
 }

@@ -203,7 +203,10 @@ fn readings_follow_from_params_and_seed() {
 #[test]
 fn readings_are_consistent() {
     let table = run(&params(), 5);
-    let column = |name: &str| table.f64s(name).unwrap_or_else(|| panic!("{name}")).to_vec();
+    let column = |name: &str| -> Vec<f64> {
+        let cells = table.maybe_f64s(name).unwrap_or_else(|| panic!("{name}"));
+        cells.into_iter().map(|cell| cell.unwrap_or_else(|| panic!("{name} is not known"))).collect()
+    };
     for i in 0..2 {
         let (r_se, t_se, cov) = (column("m_r_se")[i], column("m_t_se")[i], column("m_rt_cov")[i]);
         assert!(r_se > 0.0 && t_se > 0.0 && cov < 0.0 && cov * cov < r_se * r_se * t_se * t_se);
@@ -219,13 +222,31 @@ fn readings_are_consistent() {
     assert_eq!(spheres["exit"], 0.0);
 }
 
+/// What too few photons, and photons that all miss, do not tell is null: a reading of 0 has no error of 0, and readings that are 0 say so.
+#[test]
+fn errors_that_are_not_known_are_null() {
+    let mut dark = params();
+    dark["media"] = json!({"black": {"mu_a": 1000, "mu_s": 1e-9, "g": 0.8, "n": 1.0}});
+    dark["samples"] = json!(500);
+    let cell = |table: &Table, name: &str| table.maybe_f64s(name).unwrap_or_else(|| panic!("{name}"))[0];
+    let found = run(&dark, 1);
+    assert_eq!((cell(&found, "m_t"), cell(&found, "m_t_se")), (Some(0.0), None));
+    assert_eq!((cell(&found, "lost_t"), cell(&found, "lost_t_se")), (Some(0.0), None));
+    let mut few = params();
+    few["samples"] = json!(1);
+    let found = run(&few, 1);
+    for name in ["m_r_se", "m_t_se", "m_rt_cov", "lost_r_se"] {
+        assert_eq!(cell(&found, name), None, "{name} of one photon");
+    }
+}
+
 /// The bytes of VERSION 2: raise it when they change.
 #[test]
 fn bytes_belong_to_the_version() {
     let mut small = params();
     small["samples"] = json!(1000);
     let table = run(&small, 1);
-    let bits = |name: &str| table.f64s(name).expect("a column")[0].to_bits();
+    let bits = |name: &str| table.maybe_f64s(name).expect("a column")[0].expect("a number").to_bits();
     assert_eq!(
         (CalibrateDis::VERSION, bits("m_r"), bits("lost_t_diffuse")),
         (2, 4_598_915_574_789_579_679, 4_591_525_612_254_495_885)

@@ -229,7 +229,8 @@ impl Failure {
 pub fn table(media: &[String], found: &[Result<Found, Failure>]) -> Fit {
     let mut table = Table::default();
     table.push("medium", "", Cells::Text(media.to_vec()));
-    let number = |value: fn(&Found) -> f64| Cells::F64(found.iter().map(|f| f.as_ref().map_or(0.0, value)).collect());
+    // Of a row without a fit nothing is known.
+    let number = |value: fn(&Found) -> f64| Cells::MaybeF64(found.iter().map(|f| f.as_ref().ok().map(value)).collect());
     let maybe = |value: fn(&Found) -> Option<f64>| {
         // What is no number is not known.
         Cells::MaybeF64(found.iter().map(|f| f.as_ref().ok().and_then(value).filter(|x| x.is_finite())).collect())
@@ -254,7 +255,7 @@ pub fn table(media: &[String], found: &[Result<Found, Failure>]) -> Fit {
         Err(_) => None,
     };
     table.push("mu_a_over_mu_s_prime", "1", Cells::MaybeF64(found.iter().map(ratio).collect()));
-    table.push("N", "1", Cells::I64(found.iter().map(|f| f.as_ref().map_or(0, |f| i64::from(f.points))).collect()));
+    table.push("N", "1", number(|f| f64::from(f.points)));
     let status = |f: &Result<Found, Failure>| match f {
         Ok(found) if found.answer.slopes.is_none() => format!("{}, no_se", found.answer.status),
         Ok(found) => found.answer.status.to_owned(),

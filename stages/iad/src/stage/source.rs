@@ -22,6 +22,8 @@ pub fn is_rxt(path: &str) -> bool {
 /// Readings with what their source says of sample and instrument.
 pub struct Source {
     pub sheet: Sheet,
+    /// Columns of which some cells are not known.
+    partial: Vec<(String, Vec<Option<f64>>)>,
     /// The file's name.
     path: String,
     n: Option<f64>,
@@ -78,17 +80,19 @@ impl Source {
             beyond_balance: Vec::new(),
             path: path.to_owned(),
             sheet,
+            partial: Vec::new(),
         })
     }
 
     pub fn of_readings(table: &Table) -> Result<Self, Error> {
-        let mut sheet = Sheet::default();
+        let (mut sheet, mut partial) = (Sheet::default(), Vec::new());
         for column in &table.columns {
             match &column.cells {
                 Cells::Text(names) if column.name == "medium" => sheet.media = names.clone(),
                 // The truth of simulated readings is not handed to their inversion.
-                Cells::F64(_) if TRUTH.contains(&column.name.as_str()) => {}
+                _ if TRUTH.contains(&column.name.as_str()) => {}
                 Cells::F64(values) => sheet.columns.push((column.name.clone(), values.clone())),
+                Cells::MaybeF64(values) => partial.push((column.name.clone(), values.clone())),
                 _ => {}
             }
         }
@@ -125,6 +129,7 @@ impl Source {
         }
         Ok(Self {
             sheet,
+            partial,
             path: String::new(),
             n: None,
             thickness_mm: number("thickness"),
@@ -170,7 +175,10 @@ impl Source {
     }
 
     fn cell(&self, name: &str, row: usize) -> Option<f64> {
-        self.sheet.column(name).map(|c| c[row])
+        match self.sheet.column(name) {
+            Some(cells) => Some(cells[row]),
+            None => self.partial.iter().find(|(column, _)| column == name).and_then(|(_, cells)| cells[row]),
+        }
     }
 
     /// A mistake in a row of the file, or of a table.
@@ -243,6 +251,7 @@ impl Source {
 
         let pair = |name: &str, suffix: &str| {
             let at = |side: &str| match params.lost_light {
+                // Light of which nothing was lost, or met, adds neither to the reading nor to its error.
                 LostLight::Correct => cell(&format!("lost_{side}{name}{suffix}")).unwrap_or(0.0),
                 LostLight::Ignore => 0.0,
             };

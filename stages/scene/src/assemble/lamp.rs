@@ -4,19 +4,19 @@ use glam::DVec3;
 use turbid_contract::payload::Lamp;
 use turbid_contract::{Length, Power, Problems};
 
-use crate::assemble::{per_channel, plain};
-use crate::params::{LampParams, Params};
+use crate::assemble::channels::Channels;
+use crate::assemble::plain;
+use crate::params::LampParams;
 use crate::per_channel::PerChannel;
 
-pub fn lamp(name: &str, lamp: &LampParams, params: &Params, problems: &mut Problems) -> Lamp {
+pub fn lamp(name: &str, lamp: &LampParams, channels: Channels, problems: &mut Problems) -> Lamp {
     let at = |kind: &str, field: &str| format!("lights.{name}.{kind}.{field}");
     let powers = |kind: &str, given: &PerChannel<Power>, problems: &mut Problems| {
         let path = at(kind, "power");
-        per_channel(
+        channels.values(
             &path,
             given,
             |p| p.0,
-            params,
             problems,
             |path, v, problems| {
                 problems.require(v > 0.0, path, v, "W", "be > 0");
@@ -51,11 +51,10 @@ pub fn lamp(name: &str, lamp: &LampParams, params: &Params, problems: &mut Probl
         }
         LampParams::Ambient(l) => {
             let path = at("ambient", "radiance");
-            let radiance = per_channel(
+            let radiance = channels.values(
                 &path,
                 &l.radiance,
                 |v| *v,
-                params,
                 problems,
                 |path, v, problems| {
                     problems.require(v > 0.0, path, v, "W mm^-2 sr^-1", "be > 0");

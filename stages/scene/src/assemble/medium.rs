@@ -3,11 +3,11 @@
 use turbid_contract::Problems;
 use turbid_contract::payload::Medium;
 
-use crate::assemble::check_length;
-use crate::params::{MediumParams, Params};
+use crate::assemble::channels::Channels;
+use crate::params::MediumParams;
 use crate::per_channel::PerChannel;
 
-pub fn medium(name: &str, m: &MediumParams, channels: usize, params: &Params, problems: &mut Problems) -> Medium {
+pub fn medium(name: &str, m: &MediumParams, channels: Channels, problems: &mut Problems) -> Medium {
     let at = |field: &str| format!("media.{name}.{field}");
     problems.require(m.g.0.abs() < 1.0, at("g"), m.g.0, "", "lie in (-1, 1)");
     problems.require(m.n.0 >= 1.0 && m.n.0 <= 10.0, at("n"), m.n.0, "", "lie in [1, 10]");
@@ -18,9 +18,9 @@ pub fn medium(name: &str, m: &MediumParams, channels: usize, params: &Params, pr
             problems.require(v >= 0.0, path, v, unit, "be >= 0");
         }
         if is_list {
-            check_length(&at(field), given.len(), params, problems);
+            channels.check_length(&at(field), given.len(), problems);
         }
-        if is_list { given } else { vec![given[0]; channels] }
+        if is_list { given } else { vec![given[0]; channels.count()] }
     };
     let g = m.g.0;
     let coefficients = match (&m.mu_a, &m.mu_s, &m.mu_s_prime, &m.a_rho, &m.s_rho) {
@@ -50,7 +50,8 @@ pub fn medium(name: &str, m: &MediumParams, channels: usize, params: &Params, pr
             None
         }
     };
-    let (mu_a, mu_s): (Vec<f64>, Vec<f64>) = coefficients.unwrap_or((vec![0.0; channels], vec![0.0; channels]));
+    let none = || vec![0.0; channels.count()];
+    let (mu_a, mu_s): (Vec<f64>, Vec<f64>) = coefficients.unwrap_or_else(|| (none(), none()));
     Medium { mu_a: mu_a.into_iter().map(settle).collect(), mu_s: mu_s.into_iter().map(settle).collect(), g, n: m.n.0 }
 }
 

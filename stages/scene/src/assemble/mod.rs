@@ -10,18 +10,20 @@ use turbid_geometry::solid;
 use turbid_optics::solid::Solid;
 
 use crate::params::Params;
-use crate::per_channel::PerChannel;
 
+mod channels;
 mod detector;
 mod lamp;
 mod lost;
 mod medium;
 mod object;
+mod rig;
 mod shape;
 mod surface;
 mod view;
 mod whole;
 
+use channels::Channels;
 use detector::detector;
 use lamp::lamp;
 use lost::warn_of_lost_light;
@@ -30,43 +32,75 @@ use object::object;
 use view::{camera, projector};
 use whole::check_whole;
 
+pub use rig::RigInput;
+
 /// The scene that the parameters describe; meaningless where `problems` got something.
 ///
 /// `file` gives the bytes of the input file that a field names.
-pub fn assemble(params: &Params, file: &dyn Fn(&str) -> Option<Arc<[u8]>>, problems: &mut Problems) -> Scene {
-    let channels = params.wavelength_nm.len().max(1);
-    let wavelengths_nm: Vec<f64> = params.wavelength_nm.iter().map(|w| w.0).collect();
-    for (i, &w) in wavelengths_nm.iter().enumerate() {
-        problems.require(w > 0.0, format!("wavelength_nm.{i}"), w, "nm", "be > 0");
-        if wavelengths_nm[..i].contains(&w) {
-            problems.push(format!("wavelength_nm.{i}"), format!("wavelength_nm = {w} nm stands twice"));
-        }
-    }
+pub fn assemble(
+    params: &Params,
+    rig: &RigInput,
+    file: &dyn Fn(&str) -> Option<Arc<[u8]>>,
+    problems: &mut Problems,
+) -> Scene {
+    let wavelengths_nm = wavelengths(params, rig, problems);
+    let channels = match rig {
+        RigInput::Unknown if wavelengths_nm.is_empty() => Channels::Open,
+        _ => Channels::of(wavelengths_nm.len()),
+    };
     let mut media: BTreeMap<String, Medium> =
-        params.media.iter().map(|(name, m)| (name.clone(), medium(name, m, channels, params, problems))).collect();
+        params.media.iter().map(|(name, m)| (name.clone(), medium(name, m, channels, problems))).collect();
     let mut objects = BTreeMap::new();
     for (name, o) in &params.objects {
         if let Some(object) = object(name, o, params, file, problems) {
             objects.insert(name.clone(), object);
         }
     }
-    if params.objects.is_empty() {
-        problems.push_with_hint("objects", "the scene has no object", "name at least one solid and its medium");
+    if params.objects.is_empty() && !is_rig(params) {
+        problems.push_with_hint(
+            "objects",
+            "the scene has no object",
+            "name at least one solid and its medium; a scene of camera, projector and lights alone is a rig for others",
+        );
     }
-    let camera = camera(params, problems);
-    let projector = projector(params, problems);
-    let lights = params.lights.iter().map(|(name, l)| (name.clone(), lamp(name, l, params, problems))).collect();
+    let camera = params.camera.as_ref().map(|c| camera(c, problems));
+    let projector = params.projector.as_ref().map(|p| projector(p, channels, problems));
+    let lights = params.lights.iter().map(|(name, l)| (name.clone(), lamp(name, l, channels, problems))).collect();
     let detectors = params.detectors.iter().map(|(name, d)| (name.clone(), detector(name, d, problems))).collect();
-    let scene = {
+    let mut scene = {
         let used: BTreeSet<&str> = objects.values().filter_map(|o: &Object| o.medium.as_deref()).collect();
         media.retain(|name, _| used.contains(name.as_str()));
         Scene { wavelengths_nm, media, objects, camera, projector, lights, detectors }
     };
-    if problems.is_empty() {
-        check_whole(&scene, problems);
+    let taken = rig.complete(&mut scene, params, problems);
+    if problems.is_empty() && !matches!(rig, RigInput::Unknown) {
+        let mut whole = Problems::default();
+        check_whole(&scene, &mut whole);
+        taken.replace(whole, problems);
         warn_of_lost_light(&scene, problems);
     }
     scene
+}
+
+/// Whether all that it says is how other scenes are lit and seen.
+fn is_rig(params: &Params) -> bool {
+    let lit_or_seen = params.camera.is_some() || params.projector.is_some() || !params.lights.is_empty();
+    lit_or_seen && params.media.is_empty()
+}
+
+/// Those of the scene, or of its rig.
+fn wavelengths(params: &Params, rig: &RigInput, problems: &mut Problems) -> Vec<f64> {
+    let own: Vec<f64> = params.wavelength_nm.iter().map(|w| w.0).collect();
+    for (i, &w) in own.iter().enumerate() {
+        problems.require(w > 0.0, format!("wavelength_nm.{i}"), w, "nm", "be > 0");
+        if own[..i].contains(&w) {
+            problems.push(format!("wavelength_nm.{i}"), format!("wavelength_nm = {w} nm stands twice"));
+        }
+    }
+    match rig {
+        RigInput::Known { scene, .. } if own.is_empty() => scene.wavelengths_nm.clone(),
+        _ => own,
+    }
 }
 
 /// The objects of a scene with their solids.
@@ -95,51 +129,4 @@ pub fn is_void(scene: &Scene, object: &Object) -> bool {
 fn plain<const N: usize>(lengths: [Length; N]) -> [f64; N] {
     // -0.0 and 0.0 are the same place and must give the same bytes.
     lengths.map(|l| l.0 + 0.0)
-}
-
-/// One value per channel, each tested by `rule`; a list must have as many values as there are wavelengths.
-fn per_channel<T>(
-    path: &str,
-    given: &PerChannel<T>,
-    number: impl Fn(&T) -> f64,
-    params: &Params,
-    problems: &mut Problems,
-    rule: impl Fn(String, f64, &mut Problems),
-) -> Vec<f64> {
-    let channels = params.wavelength_nm.len().max(1);
-    match given {
-        PerChannel::One(value) => {
-            rule(path.to_owned(), number(value), problems);
-            vec![number(value); channels]
-        }
-        PerChannel::Each(values) => {
-            for (i, value) in values.iter().enumerate() {
-                rule(format!("{path}.{i}"), number(value), problems);
-            }
-            check_length(path, values.len(), params, problems);
-            values.iter().map(number).collect()
-        }
-    }
-}
-
-/// A list has one value per channel.
-fn check_length(path: &str, given: usize, params: &Params, problems: &mut Problems) {
-    let name = path.rsplit('.').next().unwrap_or(path);
-    let channels = params.wavelength_nm.len().max(1);
-    if given == channels {
-        return;
-    }
-    if params.wavelength_nm.is_empty() {
-        problems.push_with_hint(
-            path,
-            format!("{name} lists {given} values, but the scene names no wavelengths"),
-            "add `wavelength_nm: [..]` beside `media`, or give one number",
-        );
-    } else {
-        problems.push_with_hint(
-            path,
-            format!("{name} lists {given} values for {channels} wavelengths"),
-            "give one value per wavelength, or one number for all",
-        );
-    }
 }

@@ -36,6 +36,10 @@ pub fn object(
             let known: Vec<&str> = params.media.keys().map(String::as_str).collect();
             let message = format!("there is no medium `{medium}`");
             match closest(medium, &known) {
+                _ if known.is_empty() => {
+                    let hint = format!("add it: `media: {{{medium}: {{mu_a, mu_s_prime, g, n}}}}`");
+                    problems.push_with_hint(at("medium"), message, hint);
+                }
                 Some(near) => problems.push_with_hint(at("medium"), message, format!("did you mean `{near}`?")),
                 None => problems.push_with_hint(at("medium"), message, format!("known: {}", known.join(", "))),
             }

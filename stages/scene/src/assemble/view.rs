@@ -8,14 +8,14 @@ use turbid_contract::payload::{Aperture, Camera, Distortion, Projection, Project
 use turbid_geometry::{camera_view, projector_view};
 use turbid_optics::view::{View, ViewError};
 
-use crate::assemble::{per_channel, plain};
-use crate::params::{DistortionParams, Params};
+use crate::assemble::channels::Channels;
+use crate::assemble::plain;
+use crate::params::{CameraParams, DistortionParams, ProjectorParams};
 
 /// The largest image that a scene may ask for, pixels.
 const MOST_PIXELS: u64 = 1 << 28;
 
-pub fn camera(params: &Params, problems: &mut Problems) -> Option<Camera> {
-    let c = params.camera.as_ref()?;
+pub fn camera(c: &CameraParams, problems: &mut Problems) -> Camera {
     check_field("camera", plain(c.field), problems);
     check_pixels("camera", c.pixels, problems);
     let pinhole = c.projection == Projection::Pinhole;
@@ -60,17 +60,15 @@ pub fn camera(params: &Params, problems: &mut Problems) -> Option<Camera> {
         problems.require(corner <= PI || distance == 0.0, "camera.field", corner, "rad", rule);
     }
     check_view("camera", camera_view(&camera), camera.look_at, camera.up, problems);
-    Some(camera)
+    camera
 }
 
-pub fn projector(params: &Params, problems: &mut Problems) -> Option<Projector> {
-    let p = params.projector.as_ref()?;
+pub fn projector(p: &ProjectorParams, channels: Channels, problems: &mut Problems) -> Projector {
     check_field("projector", plain(p.field), problems);
-    let power = per_channel(
+    let power = channels.values(
         "projector.power",
         &p.power,
         |v| v.0,
-        params,
         problems,
         |path, v, problems| {
             problems.require(v > 0.0, path, v, "W", "be > 0");
@@ -90,7 +88,7 @@ pub fn projector(params: &Params, problems: &mut Problems) -> Option<Projector> 
         distortion: distortion("projector", p.distortion, problems),
     };
     check_view("projector", projector_view(&projector), projector.look_at, projector.up, problems);
-    Some(projector)
+    projector
 }
 
 /// The coefficients; all zero is no distortion, and the same record.

@@ -56,6 +56,10 @@ pub fn check_whole(scene: &Scene, problems: &mut Problems) {
             );
         }
     }
+    // A rig for other scenes: they are what it lights and sees.
+    if objects.is_empty() {
+        return;
+    }
     let solids: Vec<&Solid> = objects.iter().filter(|o| !is_void(scene, o.object)).map(|o| &o.solid).collect();
     if let Some(p) = &scene.projector
         && !projector_view(p).is_ok_and(|view| sees_something(&solids, &view))

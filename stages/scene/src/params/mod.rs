@@ -29,16 +29,22 @@ pub use view::{CameraParams, DistortionParams, ProjectorParams};
 #[serde(deny_unknown_fields)]
 #[schemars(crate = "turbid_contract::schemars")]
 pub struct Params {
-    /// One wavelength per channel; every list in `media` then has one entry for each.
+    /// One wavelength per channel; every list in `media` then has one entry for each. Left out where the input `rig` names them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub wavelength_nm: Vec<Wavelength>,
+    /// What objects are filled with, by name; none in a scene that is only the rig of others.
+    #[serde(default)]
     pub media: BTreeMap<String, MediumParams>,
+    /// Solids by name; at least one, but for a scene that is only the rig of others.
+    #[serde(default)]
     pub objects: BTreeMap<String, ObjectParams>,
+    /// Left out where it comes from the input `rig`, and in a scene that nobody renders.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera: Option<CameraParams>,
+    /// Left out where it comes from the input `rig`, and where there are steady lights only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub projector: Option<ProjectorParams>,
-    /// Steady lights beside the projector: every frame gets them in full.
+    /// Steady lights beside the projector: every frame gets them in full. Left out where they come from the input `rig`.
     #[serde(default)]
     pub lights: BTreeMap<String, LampParams>,
     /// Areas that count the power of the light that comes through them: rows of render's port `power`.

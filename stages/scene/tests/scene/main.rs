@@ -6,6 +6,7 @@ use turbid_contract::{Artifact, Axes, Ctx, Error, InputSource, Known, MemoryHost
 use turbid_scene::SceneStage;
 
 mod mistakes;
+mod rig;
 
 struct NoInputs;
 

@@ -12,6 +12,7 @@ mod detector;
 mod lamp;
 mod lens;
 mod mesh;
+mod rig;
 mod shape;
 mod surface;
 mod texture;
@@ -21,6 +22,7 @@ pub use detector::{Detector, Outline};
 pub use lamp::Lamp;
 pub use lens::{Aperture, Distortion, Projection};
 pub use mesh::Mesh;
+pub use rig::{RIG, Rig};
 pub use shape::{Port, Shape};
 pub use surface::Surface;
 pub use texture::{Motif, Picture, Texture};
@@ -29,7 +31,8 @@ pub use view::{Camera, Profile, Projector, Specular};
 /// A checked scene. World coordinates in mm, z up; outside all objects there is void.
 ///
 /// It holds what light sees and nothing of how it was written: densities became coefficients, a slab with a `size`
-/// a box, a spheroid of equal diameters a sphere, media that no object uses are left out.
+/// a box, a spheroid of equal diameters a sphere, media that no object uses are left out. Its record has a field more, `rig`:
+/// the digest of its [`Rig`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Scene {
     /// One entry per channel; empty for a single channel without a named wavelength.
@@ -89,8 +92,14 @@ impl Payload for Scene {
     const KIND: ArtifactKind = ArtifactKind::Record;
 
     fn into_artifact(self) -> Artifact {
+        let rig = self.rig().digest();
         match serde_json::to_value(&self) {
-            Ok(serde_json::Value::Object(map)) => Artifact::Record(Record { fields: map.into_iter().collect() }),
+            Ok(serde_json::Value::Object(map)) => {
+                let mut fields: BTreeMap<String, serde_json::Value> = map.into_iter().collect();
+                // For people and readers: scenes of one digest were lit and seen by the same rig.
+                fields.insert(RIG.to_owned(), rig.into());
+                Artifact::Record(Record { fields })
+            }
             other => unreachable!("a scene is a map of finite numbers and text: {other:?}"),
         }
     }

@@ -1,5 +1,8 @@
 //! A program error of ours ends an instance, with its place, and never the run.
 
+mod forms;
+mod stopping;
+
 use std::sync::mpsc::channel;
 use std::time::Duration;
 

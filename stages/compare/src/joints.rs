@@ -1,0 +1,92 @@
+//! Estimates, truths, images and tables that do not go together, found before anything runs.
+
+use turbid_contract::layers::size;
+use turbid_contract::{Error, Form, Known, LayerInfo, LayerKind, Problems, serde_json};
+
+use crate::fit::QUANTITIES;
+use crate::levels::{label, point, same_quantity};
+use crate::params::Params;
+use crate::shared::shared;
+use crate::summary::COLUMNS;
+
+/// Reports an estimate and a truth that share nothing, or are not of one camera; regions of objects that the camera does not see.
+pub fn check_compare(params: &Params, known: &Known, problems: &mut Problems) {
+    let (Some(estimate), truth) = (known.form("estimate"), known.form("truth")) else { return };
+    if let Some(columns) = &estimate.columns {
+        let lacks = QUANTITIES.into_iter().find(|name| columns.iter().all(|column| column.name != *name));
+        if let Some(name) = lacks {
+            problems.unfit(known, "estimate", Error::failed(format!("it has no column {name}")));
+        }
+    }
+    let Some(truth) = truth else { return };
+    if let Some((a, b)) = estimate.pixels.zip(truth.pixels).filter(|(a, b)| a != b) {
+        let what = format!("the estimate has {}, the truth {}", size(a), size(b));
+        problems.unfit(known, "truth", Error::failed_with_hint(what, "both must be seen by the same camera"));
+    }
+    if let (Some(a), Some(b)) = (&estimate.layers, &truth.layers)
+        && let Err(error) = shared(a, b)
+    {
+        problems.unfit(known, "truth", error);
+    }
+    if let Some(columns) = &truth.columns {
+        let lacks = QUANTITIES.into_iter().find(|name| columns.iter().all(|column| column.name != *name));
+        if let Some(name) = lacks {
+            let what = format!("the readings do not say {name} of their media");
+            problems.unfit(known, "truth", Error::failed_with_hint(what, "name the `media` of the fit"));
+        }
+    }
+    let objects: Option<Vec<String>> =
+        truth.attributes.get("objects").and_then(|list| serde_json::from_value(list.clone()).ok());
+    for (name, region) in &params.regions {
+        let object = region.object.as_ref().zip(objects.as_ref()).filter(|(object, all)| !all.contains(object));
+        if let Some((object, all)) = object {
+            let message = format!("the scene has no object `{object}`; it has {}", all.join(", "));
+            problems.push(format!("regions.{name}.object"), message);
+        }
+    }
+}
+
+/// Reports tables that are none of `compare`.
+pub fn check_summarize(known: &Known, problems: &mut Problems) {
+    for form in known.forms("metrics") {
+        let Some(columns) = &form.columns else { continue };
+        let lacks = COLUMNS.into_iter().find(|name| columns.iter().all(|column| column.name != *name));
+        if let Some(name) = lacks {
+            let what = format!("the metrics have no column `{name}`");
+            let error = Error::failed_with_hint(what, "connect the metrics of a `compare` stage");
+            return problems.unfit(known, "metrics", error);
+        }
+    }
+}
+
+/// Reports images without the quantities of `values` on the other ports of `tabulate`, and points without images to subtract.
+pub fn check_tabulate(known: &Known, problems: &mut Problems) {
+    for port in ["minus", "relative_to"] {
+        for (values, axes) in known.forms("values").iter().zip(known.axes("values")) {
+            let others = known.forms(port);
+            let at =
+                known.axes(port).iter().position(|own| own.iter().all(|(name, value)| axes.get(name) == Some(value)));
+            let other = if port == "minus" && !others.is_empty() {
+                match at {
+                    Some(at) => others.get(at),
+                    None => {
+                        let what = format!("there is nothing at {}", point(axes));
+                        return problems.unfit(known, port, Error::failed(what));
+                    }
+                }
+            } else {
+                others.first()
+            };
+            let layers = |form: &Form| form.layers.clone();
+            let Some((values, other)) = layers(values).zip(other.and_then(|form| layers(form))) else { continue };
+            let value = |info: &&LayerInfo| info.kind == LayerKind::Value;
+            let lacks =
+                values.iter().filter(value).find(|info| !other.iter().filter(value).any(|o| same_quantity(info, o)));
+            if let Some(info) = lacks {
+                let has = other.iter().filter(value).map(label).collect::<Vec<_>>().join(", ");
+                let what = format!("the images have no {}; they have {has}", label(info));
+                return problems.unfit(known, port, Error::failed(what));
+            }
+        }
+    }
+}
