@@ -2,6 +2,10 @@
 //!
 //! Every shipped pipeline in a store of its own, those of minutes at fewer paths: CPU seconds foreseen before anything has run, CPU seconds recorded, and the
 //! same of each stage that takes more than 0.2 CPU s or is said to. Last the worst factor, of pipelines and of such stages.
+//!
+//! `cargo bench --bench plan -- scale` says how long no-ops and plans of many stages and instances take ([`scale`]).
+
+mod scale;
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -63,6 +67,9 @@ fn factor(foreseen: f64, took: f64) -> f64 {
 
 fn main() {
     let wanted = std::env::args().nth(1).filter(|a| !a.starts_with("--")).unwrap_or_default();
+    if wanted == "scale" {
+        return scale::main();
+    }
     println!("| pipeline | stage | foreseen, CPU s | took, CPU s | ratio |\n| --- | --- | --- | --- | --- |");
     let mut worst = [(1.0, String::new()), (1.0, String::new())];
     for (name, set) in SHIPPED.iter().filter(|(name, _)| name.contains(&wanted)) {
