@@ -2,9 +2,6 @@
 
 use std::fmt;
 
-use crate::error::Error;
-use crate::known::Known;
-
 /// Below which key of a stage a mistake stands.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum At {
@@ -42,7 +39,7 @@ impl fmt::Display for Problem {
 /// The mistakes and warnings found so far in one stage.
 #[derive(Clone, Debug, Default)]
 pub struct Problems {
-    found: Vec<Problem>,
+    pub(crate) found: Vec<Problem>,
     warnings: Vec<Problem>,
     ranked: Vec<(Problem, f64)>,
 }
@@ -62,19 +59,6 @@ impl Problems {
     pub fn at_input(&mut self, port: impl Into<String>, message: impl Into<String>, hint: impl Into<String>) {
         let (path, message, hint) = (port.into(), message.into(), Some(hint.into()));
         self.found.push(Problem { at: At::In, path, message, hint });
-    }
-
-    /// Reports what a rule that the run keeps too found wrong with the artifact on `port`: at the field that the rule names, or where the
-    /// port is connected, with the name of the stage that makes it.
-    pub fn unfit(&mut self, known: &Known, port: &str, error: Error) {
-        match error {
-            Error::Invalid(problem) => self.found.push(problem),
-            Error::Failed { what, way_out: hint } => {
-                let message = format!("`{}` does not fit: {what}", known.producer(port));
-                self.found.push(Problem { at: At::In, path: port.to_owned(), message, hint });
-            }
-            Error::Interrupted => {}
-        }
     }
 
     /// Reports something legal that the user probably did not mean; never stops a run.
