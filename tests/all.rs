@@ -3,6 +3,8 @@
 #[path = "all/space.rs"]
 mod space;
 
+#[path = "all/add_a_stage.rs"]
+mod add_a_stage;
 #[path = "all/arrows.rs"]
 mod arrows;
 #[path = "all/checks.rs"]

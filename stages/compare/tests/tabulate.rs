@@ -1,32 +1,18 @@
 //! The stage `tabulate`: rows by axes, what is subtracted and divided by, what is not there.
 
 use turbid_compare::Tabulate;
+use turbid_contract::kit::Inputs;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Frames, Metrics, Payload};
 use turbid_contract::serde_json::{Value, json};
-use turbid_contract::{
-    Artifact, Axes, Cells, Ctx, Error, ImageStack, InputSource, LayerInfo, LayerKind, MemoryHost, StageRow, Table,
-};
+use turbid_contract::{Axes, Cells, Ctx, Error, ImageStack, LayerInfo, LayerKind, MemoryHost, StageRow, Table};
 
 /// Images on the ports, each with its axes.
-struct Images(Vec<(&'static str, Vec<(Axes, ImageStack)>)>);
+type Images = Vec<(&'static str, Vec<(Axes, ImageStack)>)>;
 
-impl Images {
-    fn on(&self, port: &str) -> &[(Axes, ImageStack)] {
-        self.0.iter().find(|(name, _)| *name == port).map_or(&[], |(_, images)| images)
-    }
-}
-
-impl InputSource for Images {
-    fn one(&self, port: &str) -> Result<Option<Artifact>, Error> {
-        Ok(self.on(port).first().map(|(_, stack)| Frames(stack.clone()).into_artifact()))
-    }
-    fn many(&self, port: &str) -> Vec<Axes> {
-        self.on(port).iter().map(|(axes, _)| axes.clone()).collect()
-    }
-    fn load(&self, port: &str, index: usize) -> Result<Artifact, Error> {
-        Ok(Frames(self.on(port)[index].1.clone()).into_artifact())
-    }
+fn inputs(images: Images) -> Inputs {
+    let all = images.into_iter().flat_map(|(port, images)| images.into_iter().map(move |image| (port, image)));
+    all.fold(Inputs::none(), |inputs, (port, (axes, stack))| inputs.with_at(port, axes, Frames(stack)))
 }
 
 /// A frame of one level with a standard error.
@@ -42,21 +28,21 @@ fn at(a: f64) -> Axes {
     [("A".to_owned(), json!(a)), ("kind".to_owned(), json!("wet"))].into()
 }
 
-fn run(params: &Value, images: &Images) -> Result<Table, Error> {
+fn run(params: &Value, images: Images) -> Result<Table, Error> {
     let host = MemoryHost::default();
-    let made = StageRow::of::<Tabulate>().run(params, images, Ctx::new(&host))?;
+    let made = StageRow::of::<Tabulate>().run(params, &inputs(images), Ctx::new(&host))?;
     Ok(Metrics::from_artifact(made.into_iter().next().expect("one port").1)?.0)
 }
 
 /// (8 - 2) / 4 x 255 and (6 - 3) / 4 x 255 at their own axes; four pixels halve the error of one: sqrt(0.3^2 + 0.4^2) / 2 / 4 x 255.
 #[test]
 fn rows_take_what_has_their_axes() {
-    let images = Images(vec![
+    let images = vec![
         ("values", vec![(at(1.0), frame(8.0, 0.3)), (at(2.0), frame(6.0, 0.3))]),
         ("minus", vec![(at(2.0), frame(3.0, 0.4)), (at(1.0), frame(2.0, 0.4))]),
         ("relative_to", vec![(Axes::new(), frame(4.0, 0.0))]),
-    ]);
-    let table = run(&json!({"scale": 255, "unit": "grey levels"}), &images).unwrap();
+    ];
+    let table = run(&json!({"scale": 255, "unit": "grey levels"}), images).unwrap();
     assert_eq!(table.maybe_f64s("mean"), Some(vec![Some(382.5), Some(191.25)]));
     assert_eq!(table.f64s("axis A"), Some(&[1.0, 2.0][..]));
     for se in table.maybe_f64s("mean_se").unwrap() {
@@ -81,19 +67,19 @@ fn what_is_masked_altogether_has_no_mean() {
         stack
     };
     let cases = [
-        Images(vec![("values", vec![(at(1.0), masked()), (at(2.0), frame(6.0, 0.3))])]),
-        Images(vec![
+        vec![("values", vec![(at(1.0), masked()), (at(2.0), frame(6.0, 0.3))])],
+        vec![
             ("values", vec![(at(1.0), frame(8.0, 0.3)), (at(2.0), frame(8.0, 0.3))]),
             ("minus", vec![(at(1.0), masked()), (at(2.0), frame(2.0, 0.3))]),
-        ]),
-        Images(vec![
+        ],
+        vec![
             ("values", vec![(at(1.0), frame(8.0, 0.3)), (at(2.0), frame(8.0, 0.3))]),
             ("relative_to", vec![(Axes::new(), masked())]),
-        ]),
+        ],
     ];
-    for (case, (images, second)) in cases.iter().zip([Some(6.0), Some(6.0), None]).enumerate() {
+    for (case, (images, second)) in cases.into_iter().zip([Some(6.0), Some(6.0), None]).enumerate() {
         let host = MemoryHost::default();
-        let made = StageRow::of::<Tabulate>().run(&json!({}), images, Ctx::new(&host)).expect("a table");
+        let made = StageRow::of::<Tabulate>().run(&json!({}), &inputs(images), Ctx::new(&host)).expect("a table");
         let Metrics(table) = Metrics::from_artifact(made.into_iter().next().expect("one port").1).expect("a table");
         assert_eq!(table.maybe_f64s("mean"), Some(vec![None, second]), "case {case}");
         assert_eq!(table.maybe_f64s("mean_se").expect("a column")[0], None, "case {case}");
@@ -107,7 +93,7 @@ fn what_is_masked_altogether_has_no_mean() {
 #[test]
 fn switches_are_axes_too() {
     let axes: Axes = [("dark".to_owned(), json!(true))].into();
-    let table = run(&json!({}), &Images(vec![("values", vec![(axes, frame(8.0, 0.3))])])).unwrap();
+    let table = run(&json!({}), vec![("values", vec![(axes, frame(8.0, 0.3))])]).unwrap();
     let cells = &table.columns.iter().find(|c| c.name == "axis dark").expect("a column").cells;
     assert_eq!(cells, &Cells::Text(vec!["true".to_owned()]));
 }
@@ -117,7 +103,7 @@ fn switches_are_axes_too() {
 fn what_is_missing_is_named() {
     let values = || ("values", vec![(at(1.0), frame(8.0, 0.3))]);
     let fails = |more: (&'static str, Vec<(Axes, ImageStack)>)| {
-        run(&json!({}), &Images(vec![values(), more])).expect_err("it is not there").to_string()
+        run(&json!({}), vec![values(), more]).expect_err("it is not there").to_string()
     };
     let message = fails(("minus", vec![(at(3.0), frame(1.0, 0.0))]));
     assert!(message.contains("minus: there is nothing at A=1"), "{message}");

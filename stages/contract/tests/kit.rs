@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 use turbid_contract::kit::Trial;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Maps, Preview};
-use turbid_contract::{Ctx, Error, ImageStack, Known, LayerInfo, Problems, Stage, in_ports, out_ports};
+use turbid_contract::{Ctx, Error, Form, Forms, ImageStack, Known, LayerInfo, Problems, Stage, in_ports, out_ports};
 
 /// Params of `scale`.
 #[derive(serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
@@ -51,6 +51,15 @@ impl Stage for Scale {
         }
     }
 
+    fn describe(params: &Params, known: &Known) -> Forms {
+        let mut form = known.form("maps").cloned().unwrap_or_default();
+        if params.breaks == "form" {
+            form.pixels = Some([3, 2]);
+        }
+        form.layers = form.layers.filter(|_| params.breaks.is_empty());
+        Forms::from([("maps", Form { attributes: Default::default(), ..form })])
+    }
+
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
         let breaks = |rule: &str| params.breaks == rule;
         let mut stack = ImageStack::new(2, 3);
@@ -66,8 +75,8 @@ impl Stage for Scale {
                 data[(1, 2)] = f32::NAN;
             }
             let mut info = layer.info.clone();
-            if breaks("unit") {
-                info.unit.clear();
+            if breaks("declared") {
+                info.name = "mu_b".to_owned();
             }
             if breaks("twice") {
                 stack.push(info.clone(), data.clone());
@@ -111,8 +120,9 @@ fn each_broken_rule_is_named() {
     for (breaks, told) in [
         ("threads", "three threads give other outputs than one"),
         ("optional", "`maps` depends on which optional ports are wanted"),
+        ("form", "output `maps` has 3 x 2 pixels instead of 2 x 3 pixels"),
         ("finite", "layer `mu_a` is NaN at row 1, column 2"),
-        ("unit", "layer `mu_a` has unit ``"),
+        ("declared", "output `maps` has a layer mu_b (mm^-1), which maps does not declare"),
         ("twice", "two layers say the same"),
         ("wanted", "whether `picture` is made and wanted"),
     ] {
@@ -124,7 +134,7 @@ fn each_broken_rule_is_named() {
 #[test]
 fn mistakes_are_found_as_the_engine_finds_them() {
     trial(json!({"factor": -1})).refuses("factor", "factor = -1 must be > 0");
-    trial(json!({"factor": 1, "b": 2})).refuses("b", "unknown field `b`");
+    trial(json!({"factor": 1, "b": 2})).refuses("", "`b`");
     let message = panics(|| trial(json!({"factor": 1})).refuses("factor", "be > 0"));
     assert!(message.contains("one mistake is expected"), "{message}");
     let mut glass = maps();

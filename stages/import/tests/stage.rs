@@ -4,28 +4,13 @@ use std::io::Cursor;
 use std::sync::Arc;
 
 use serde_json::{Value, json};
+use turbid_contract::kit::Inputs;
 use turbid_contract::payload::{Frames, MaskReason, Rig};
-use turbid_contract::{
-    Artifact, Axes, Ctx, Error, ImageStack, InputSource, Known, LayerKind, MemoryHost, Payload, Problems, StageRow,
-};
+use turbid_contract::{Ctx, Error, ImageStack, Known, LayerKind, MemoryHost, Payload, Problems, StageRow};
 use turbid_import::{Channel, ImportFrames, decode};
 
 const ROWS: usize = 6;
 const COLUMNS: usize = 8;
-
-struct Nothing;
-
-impl InputSource for Nothing {
-    fn one(&self, _: &str) -> Result<Option<Artifact>, Error> {
-        Ok(None)
-    }
-    fn many(&self, _: &str) -> Vec<Axes> {
-        Vec::new()
-    }
-    fn load(&self, port: &str, _: usize) -> Result<Artifact, Error> {
-        Err(Error::failed(format!("nothing on `{port}`")))
-    }
-}
 
 fn png(colour: png::ColorType, depth: png::BitDepth, data: &[u8], rows: usize) -> Arc<[u8]> {
     let mut bytes = Vec::new();
@@ -60,7 +45,7 @@ fn tiff16(value: impl Fn(usize) -> u16) -> Arc<[u8]> {
 fn import(params: &Value, files: &[(&str, Arc<[u8]>)]) -> Result<ImageStack, Error> {
     let files = files.iter().map(|(at, bytes)| ((*at).to_owned(), bytes.clone())).collect();
     let host = MemoryHost { files, ..MemoryHost::default() };
-    let outputs = StageRow::of::<ImportFrames>().run(params, &Nothing, Ctx::new(&host))?;
+    let outputs = StageRow::of::<ImportFrames>().run(params, &Inputs::none(), Ctx::new(&host))?;
     Ok(Frames::from_artifact(outputs.into_iter().next().unwrap().1).unwrap().0)
 }
 

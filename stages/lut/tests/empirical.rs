@@ -1,14 +1,13 @@
 //! Tables of phantoms: made phantoms come from the transport solver, so that the truth between them is known.
 
-use std::collections::BTreeMap;
-
 use serde_json::{Value, json};
+use turbid_contract::kit::Inputs;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Lut, Modulation, Sections, Truth};
 use turbid_contract::planes::mean_se;
 use turbid_contract::{
-    Artifact, Axes, Cells, Ctx, Error, ImageStack, InputSource, Known, LayerInfo, LayerKind, MemoryHost, Payload,
-    Problems, Stage, StageRow, Table,
+    Artifact, Axes, Cells, Ctx, Error, ImageStack, Known, LayerInfo, LayerKind, MemoryHost, Payload, Problems, Stage,
+    StageRow, Table,
 };
 use turbid_lut::BuildLut;
 use turbid_optics::{Medium, rte};
@@ -18,28 +17,6 @@ const G: f64 = 0.5;
 const REFERENCE: [f64; 2] = [0.02, 1.5];
 /// Pixels of a side of a made image.
 const SIDE: usize = 8;
-
-/// Artifacts by port, with their axes.
-#[derive(Default)]
-struct Inputs(BTreeMap<&'static str, Vec<(Axes, Artifact)>>);
-
-impl Inputs {
-    fn push(&mut self, port: &'static str, axes: Axes, payload: impl Payload) {
-        self.0.entry(port).or_default().push((axes, payload.into_artifact()));
-    }
-}
-
-impl InputSource for Inputs {
-    fn one(&self, port: &str) -> Result<Option<Artifact>, Error> {
-        Ok(self.0.get(port).map(|all| all[0].1.clone()))
-    }
-    fn many(&self, port: &str) -> Vec<Axes> {
-        self.0.get(port).into_iter().flatten().map(|(axes, _)| axes.clone()).collect()
-    }
-    fn load(&self, port: &str, index: usize) -> Result<Artifact, Error> {
-        Ok(self.0[port][index].1.clone())
-    }
-}
 
 fn camera([mu_a, mu_s_prime]: [f64; 2], f_x: f64) -> f64 {
     rte::reflectance(&Medium { mu_a, mu_s_prime, g: G, n: 1.0 }, None, f_x).unwrap().camera
@@ -87,12 +64,12 @@ fn phantoms(mu_a: &[f64], mu_s_prime: &[f64], error: impl Fn(usize) -> [f64; 2],
     let mut inputs = Inputs::default();
     for &a in mu_a {
         for &s in mu_s_prime {
-            let number = inputs.0.get("phantoms").map_or(0, Vec::len);
-            inputs.push("phantoms", axes(a, s), modulation([a, s], error(number), se));
-            inputs.push("truths", axes(a, s), truth([a, s]));
+            let number = inputs.ports.get("phantoms").map_or(0, Vec::len);
+            inputs = inputs.with_at("phantoms", axes(a, s), modulation([a, s], error(number), se));
+            inputs = inputs.with_at("truths", axes(a, s), truth([a, s]));
         }
     }
-    inputs.push("references", Axes::new(), modulation(REFERENCE, [0.0; 2], 0.0));
+    inputs = inputs.with_at("references", Axes::new(), modulation(REFERENCE, [0.0; 2], 0.0));
     inputs
 }
 
@@ -216,10 +193,10 @@ fn bad_phantoms_are_named() {
     );
     let mut dark = phantoms(&PAPER_A, &PAPER_S, |i| if i == 4 { [-1.0; 2] } else { [0.0; 2] }, 0.0);
     assert!(fails(&params("log_log"), &dark).contains("no modulation in common at f_x = 0 mm^-1"));
-    dark.0.get_mut("references").unwrap().clear();
+    dark.ports.get_mut("references").unwrap().clear();
     assert!(fails(&params("log_log"), &dark).contains("0 of `references` belong to the phantom with mu_a = 0.026"));
     let mut two = phantoms(&PAPER_A, &PAPER_S, none, 0.0);
-    let Artifact::Images(stack) = &mut two.0.get_mut("truths").unwrap()[3].1 else { panic!("a truth is an image") };
+    let Artifact::Images(stack) = &mut two.ports.get_mut("truths").unwrap()[3].1 else { panic!("a truth is an image") };
     stack.layers[0].data[(3, 3)] = 0.5;
     assert!(fails(&params("log_log"), &two).contains("shows mu_a from"));
 }
@@ -238,13 +215,13 @@ fn sections_have_parts_of_their_own() {
     sections.attributes.insert("sections".into(), json!([bounds(0.0, 10.0), bounds(10.0, 20.0)]));
     // The second half of the tube returns half as much of the fringe, whatever the medium.
     let mut inputs = phantoms(&PAPER_A, &PAPER_S, |_| [0.0; 2], 0.01);
-    for (_, artifact) in inputs.0.get_mut("phantoms").unwrap() {
+    for (_, artifact) in inputs.ports.get_mut("phantoms").unwrap() {
         let Artifact::Images(stack) = artifact else { panic!("a modulation is an image") };
         for ((row, _), m) in stack.layers[1].data.indexed_iter_mut() {
             *m *= if row > 3 { 0.5 } else { 1.0 };
         }
     }
-    inputs.push("sections", Axes::new(), Sections(sections));
+    inputs = inputs.with_at("sections", Axes::new(), Sections(sections));
     let table = build(&params("log_log"), &inputs).unwrap();
     let Cells::I64(section) = &table.columns[0].cells else { panic!("the section is a whole number") };
     let (r_d, f_x) = (table.f64s("r_d").unwrap(), table.f64s("f_x").unwrap());
@@ -265,7 +242,7 @@ fn sections_have_parts_of_their_own() {
         .map(|row| if row == 3 { 0.25 } else { 1.0 } * (0..SIDE).map(|c| (1.0 - 0.002 * (row * row + c) as f64).powi(2)).sum::<f64>())
         .sum();
     assert!((se / (0.01 * squares.sqrt() / weights) - 1.0).abs() < 1e-3, "{se}");
-    let Artifact::Images(stack) = &mut inputs.0.get_mut("phantoms").unwrap()[2].1 else { panic!("an image") };
+    let Artifact::Images(stack) = &mut inputs.ports.get_mut("phantoms").unwrap()[2].1 else { panic!("an image") };
     stack.push(LayerInfo::new("mask", LayerKind::Mask, "1"), plane(&|row| if row > 2 { 1.0 } else { 0.0 }));
     let message = build(&params("log_log"), &inputs).unwrap_err().to_string();
     assert!(message.contains("in section 1") && message.contains("fewer sections"), "{message}");
@@ -279,9 +256,9 @@ fn fits_give_properties() {
     let names: Vec<String> = (0..9).map(|i| format!("m{i}")).collect();
     for (name, &medium) in names.iter().zip(&media) {
         let axes = Axes::from([("medium".to_owned(), json!(name))]);
-        inputs.push("phantoms", axes, modulation(medium, [0.0; 2], 0.0));
+        inputs = inputs.with_at("phantoms", axes, modulation(medium, [0.0; 2], 0.0));
     }
-    inputs.push("references", Axes::new(), modulation(REFERENCE, [0.0; 2], 0.0));
+    inputs = inputs.with_at("references", Axes::new(), modulation(REFERENCE, [0.0; 2], 0.0));
     let fit = |status: &str| {
         let mut table = Table::default();
         // As `calibrate_iad` writes them.
@@ -294,14 +271,14 @@ fn fits_give_properties() {
         table.push("status", "", Cells::Text(vec![status.to_owned(); 9]));
         turbid_contract::payload::Fit(table)
     };
-    inputs.push("properties", Axes::new(), fit("ok"));
+    inputs = inputs.with_at("properties", Axes::new(), fit("ok"));
     let table = build(&params("guided"), &inputs).unwrap();
     // At a corner, which is a phantom: 1 % of mu_a moves ln R by its slope there.
     let slope =
         0.5 * (libm::log(camera([0.026 * 1.01, 0.93], 0.0)) - libm::log(camera([0.026 * 0.99, 0.93], 0.0))).abs();
     let se = table.f64s("r_d_se").unwrap()[0] / table.f64s("r_d").unwrap()[0];
     assert!((se / slope - 1.0).abs() < 0.02, "{se} {slope}");
-    inputs.0.get_mut("properties").unwrap()[0].1 = fit("too_much_light").into_artifact();
+    inputs.ports.get_mut("properties").unwrap()[0].1 = fit("too_much_light").into_artifact();
     let message = build(&params("log_log"), &inputs).unwrap_err().to_string();
     assert!(message.contains("ended as `too_much_light`"), "{message}");
 }

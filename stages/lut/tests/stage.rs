@@ -1,27 +1,14 @@
 //! The stage as the engine calls it: a small table end to end, and every mistake of its params.
 
 use serde_json::{Value, json};
+use turbid_contract::kit::Inputs;
 use turbid_contract::payload::{Lut, Validity};
-use turbid_contract::{Artifact, Axes, Ctx, Error, InputSource, Known, MemoryHost, Payload, Problems, Stage, StageRow};
+use turbid_contract::{Ctx, Known, MemoryHost, Payload, Problems, Stage, StageRow};
 use turbid_lut::{BuildLut, Convention, Nodes, Recipe, monte_carlo};
 use turbid_optics::{Medium, diffusion, rte};
 
-struct NoInputs;
-
-impl InputSource for NoInputs {
-    fn one(&self, _: &str) -> Result<Option<Artifact>, Error> {
-        Ok(None)
-    }
-    fn many(&self, _: &str) -> Vec<Axes> {
-        Vec::new()
-    }
-    fn load(&self, port: &str, _: usize) -> Result<Artifact, Error> {
-        Err(Error::failed(format!("nothing on `{port}`")))
-    }
-}
-
 fn build(params: &Value, host: &MemoryHost) -> (Lut, Option<Validity>) {
-    let outputs = StageRow::of::<BuildLut>().run(params, &NoInputs, Ctx::new(host)).unwrap();
+    let outputs = StageRow::of::<BuildLut>().run(params, &Inputs::none(), Ctx::new(host)).unwrap();
     let find = |port: &str| outputs.iter().find(|(name, _)| *name == port).map(|(_, artifact)| artifact.clone());
     (Lut::from_artifact(find("lut").unwrap()).unwrap(), find("validity").map(|a| Validity::from_artifact(a).unwrap()))
 }

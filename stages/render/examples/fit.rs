@@ -6,25 +6,10 @@
 use std::collections::BTreeMap;
 
 use serde_json::{Value, json};
-use turbid_contract::payload::{
-    Camera, Medium, Object, Payload, Profile, Projection, Projector, Scene, Shape, Surface,
-};
-use turbid_contract::{Artifact, Axes, Ctx, Error, ImageStack, InputSource, LayerKind, MemoryHost, StageRow};
+use turbid_contract::kit::Inputs;
+use turbid_contract::payload::{Camera, Medium, Object, Profile, Projection, Projector, Scene, Shape, Surface};
+use turbid_contract::{Artifact, Ctx, ImageStack, LayerKind, MemoryHost, StageRow};
 use turbid_render::RenderStage;
-
-struct Input(Scene);
-
-impl InputSource for Input {
-    fn one(&self, port: &str) -> Result<Option<Artifact>, Error> {
-        Ok((port == "scene").then(|| self.0.clone().into_artifact()))
-    }
-    fn many(&self, _: &str) -> Vec<Axes> {
-        Vec::new()
-    }
-    fn load(&self, port: &str, _: usize) -> Result<Artifact, Error> {
-        Err(Error::failed(port))
-    }
-}
 
 fn scene(a_rho: f64, s_rho: f64) -> Scene {
     let medium = Medium { mu_a: vec![a_rho / 1000.0], mu_s: vec![s_rho / 1000.0], g: 0.8, n: 1.0 };
@@ -72,7 +57,8 @@ fn render(scene: &Scene, stop: Value, seed: u64) -> (Vec<f64>, BTreeMap<String, 
     let mut params = json!({"f_x": [0.1], "phases": 3, "method": "auto"});
     params.as_object_mut().expect("an object").extend(stop.as_object().expect("an object").clone());
     let began = cpu_seconds();
-    let ports = StageRow::of::<RenderStage>().run(&params, &Input(scene.clone()), Ctx::new(&host));
+    let ports =
+        StageRow::of::<RenderStage>().run(&params, &Inputs::none().with("scene", scene.clone()), Ctx::new(&host));
     let seconds = cpu_seconds() - began;
     let Some((_, Artifact::Images(frames))) = ports.expect("it renders").into_iter().next() else {
         panic!("frames come first")

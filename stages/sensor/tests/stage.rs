@@ -1,30 +1,14 @@
 //! The stage as the engine calls it: what it does to frames, their masks, standard errors and covariance.
 
 use serde_json::{Value, json};
+use turbid_contract::kit::Inputs;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Covariance, Frames, MaskReason};
-use turbid_contract::{
-    Artifact, Axes, Ctx, Error, ImageStack, InputSource, Known, LayerInfo, LayerKind, MemoryHost, Payload, Problems,
-    StageRow,
-};
+use turbid_contract::{Ctx, ImageStack, Known, LayerInfo, LayerKind, MemoryHost, Payload, Problems, StageRow};
 use turbid_sensor::Sensor;
 
 const N: usize = 64;
 const PHASES: usize = 3;
-
-struct Inputs(Vec<(&'static str, Artifact)>);
-
-impl InputSource for Inputs {
-    fn one(&self, port: &str) -> Result<Option<Artifact>, Error> {
-        Ok(self.0.iter().find(|(name, _)| *name == port).map(|(_, artifact)| artifact.clone()))
-    }
-    fn many(&self, _: &str) -> Vec<Axes> {
-        Vec::new()
-    }
-    fn load(&self, port: &str, _: usize) -> Result<Artifact, Error> {
-        Err(Error::failed(format!("nothing on `{port}`")))
-    }
-}
 
 /// A white frame and three of a fringe of contrast 0.4 on a slope from `low` to `high`; standard errors `se`.
 fn frames(low: f32, high: f32, se: f32) -> Frames {
@@ -61,7 +45,7 @@ fn sense(params: &Value, inputs: Inputs, seed: u64) -> (ImageStack, Option<Image
 }
 
 fn alone(frames: Frames) -> Inputs {
-    Inputs(vec![("frames", frames.into_artifact())])
+    Inputs::none().with("frames", frames)
 }
 
 /// A camera with nothing in it hands frames on; its layers say what theirs said.
@@ -183,7 +167,7 @@ fn covariance_adds_up() {
     let part = |part: &str, f_x: f64| json!({"part": part, "f_x_per_mm": f_x, "orientation_deg": 0.0});
     let listed = json!([part("dc", 0.0), part("re", 0.1), part("im", 0.1)]);
     given.attributes.insert("quantities".into(), listed);
-    let inputs = Inputs(vec![("frames", flat().into_artifact()), ("covariance", Covariance(given).into_artifact())]);
+    let inputs = Inputs::none().with("frames", flat()).with("covariance", Covariance(given));
     let covariance = sense(&params, inputs, 1).1.unwrap();
     let shot_dc = shot.iter().sum::<f64>() / 9.0;
     assert!((at(&covariance, [1, 1]) / (1e-14 + shot_dc) - 1.0).abs() < 1e-6);

@@ -5,7 +5,8 @@ use std::sync::Arc;
 use serde_json::Value;
 use turbid::registry::Registry;
 use turbid::store::encode;
-use turbid_contract::{Artifact, Axes, Ctx, Error, InputSource, Known, MemoryHost, Problems};
+use turbid_contract::kit::Inputs;
+use turbid_contract::{Ctx, Known, MemoryHost, Problems};
 
 /// A stage with one input file.
 pub struct FileOf {
@@ -13,20 +14,6 @@ pub struct FileOf {
     /// The field that names the file.
     pub at: &'static str,
     pub params: Value,
-}
-
-struct NoInputs;
-
-impl InputSource for NoInputs {
-    fn one(&self, _: &str) -> Result<Option<Artifact>, Error> {
-        Ok(None)
-    }
-    fn many(&self, _: &str) -> Vec<Axes> {
-        Vec::new()
-    }
-    fn load(&self, port: &str, _: usize) -> Result<Artifact, Error> {
-        Err(Error::failed(port))
-    }
 }
 
 impl FileOf {
@@ -48,7 +35,7 @@ impl FileOf {
         let registry = Registry::builtin();
         let row = registry.find(self.stage).expect("the stage is built in");
         let host = MemoryHost { files: self.file(input).into(), ..MemoryHost::default() };
-        let made = row.run(&self.params, &NoInputs, Ctx::new(&host));
+        let made = row.run(&self.params, &Inputs::none(), Ctx::new(&host));
         let made = made.map_err(|e| format!("`check` takes it, the run fails: {e}"))?;
         made.iter().try_for_each(|(port, artifact)| match encode(artifact) {
             Ok(_) => Ok(()),

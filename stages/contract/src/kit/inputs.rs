@@ -10,7 +10,8 @@ use crate::port::{Axes, InputSource};
 /// Artifacts on input ports, those of a `many` port with their axes.
 #[derive(Clone, Debug, Default)]
 pub struct Inputs {
-    ports: BTreeMap<String, Vec<(Axes, Artifact)>>,
+    /// By port, in the order of the port.
+    pub ports: BTreeMap<String, Vec<(Axes, Artifact)>>,
 }
 
 impl Inputs {

@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use serde_json::Value;
+
 use crate::artifact::{Artifact, Cells, ImageStack, Table};
 use crate::kit::Trial;
 
@@ -12,6 +14,7 @@ impl Trial {
     /// Runs the stage several times and asserts what the engine and the stages behind it take for granted:
     ///
     /// - `check` finds no mistake, and canonical params read back are themselves;
+    /// - outputs are as `describe` says;
     /// - the same bytes on one thread and on three, whose tiles come in another order;
     /// - all ports that are declared and wanted, of their kind; optional ones change nothing of the others;
     /// - every layer and column has a name and a unit ("1" for pure numbers, "" for text), no two layers say the same of themselves, and no value is
@@ -42,11 +45,9 @@ impl Trial {
     }
 
     fn canonical_params_are_themselves(&self) {
-        let read = |params| {
-            (self.row.prepare)(params)
-                .unwrap_or_else(|e| panic!("{}: {e:?}", self.row.name))
-                .canonical()
-                .expect("canonical")
+        let read = |params: &Value| {
+            let canonical = self.clone().with(params.clone()).job().canonical();
+            canonical.unwrap_or_else(|error| panic!("{}: canonical params: {error}", self.row.name))
         };
         let once = read(&self.params);
         assert_eq!(read(&once), once, "{}: canonical params, read back, are others", self.row.name);

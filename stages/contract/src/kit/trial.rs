@@ -12,7 +12,7 @@ use crate::file::Files;
 use crate::form::{Form, Forms};
 use crate::kit::{Inputs, MemoryHost};
 use crate::known::Known;
-use crate::payload::Payload;
+use crate::payload::{Payload, undeclared};
 use crate::port::{Arity, Axes, InPort};
 use crate::problem::{Problem, Problems};
 use crate::stage::{Job, Stage, StagePlan, StageRow};
@@ -117,7 +117,8 @@ impl Trial {
         MemoryHost { seed, threads, wanted: self.wanted.clone(), files: self.files.clone(), ..MemoryHost::default() }
     }
 
-    /// What is known of what is connected: the forms of all of it, and the content of records, as of those that instant stages make.
+    /// What `check`, `describe` and `plan` know of what is connected: of records their content, as of those that instant stages make; of images and
+    /// tables their form and size.
     pub fn known(&self) -> Known {
         let mut known = Known { files: self.files.clone(), ..Known::default() };
         let made = (self.row.outputs)().into_iter().filter(|port| !port.optional).map(|port| port.name.to_owned());
@@ -127,8 +128,9 @@ impl Trial {
             let Some((_, artifact)) = all.first() else { continue };
             let name = port.name.to_owned();
             known.connected.push(name.clone());
-            known.forms.insert(name.clone(), all.iter().map(|(_, artifact)| Arc::new(Form::of(artifact))).collect());
             known.extents.insert(name.clone(), artifact.extent());
+            known.producers.insert(name.clone(), format!("made.{name}"));
+            known.forms.insert(name.clone(), all.iter().map(|(_, artifact)| Arc::new(Form::of(artifact))).collect());
             if matches!(port.arity, Arity::One | Arity::Optional) {
                 known.payloads.insert(name.clone(), port.payload.to_owned());
                 if artifact.kind() == ArtifactKind::Record {
@@ -139,6 +141,11 @@ impl Trial {
             }
         }
         known
+    }
+
+    /// The stage with its params read; panics where they cannot be.
+    pub fn job(&self) -> Box<dyn Job> {
+        (self.row.prepare)(&self.params).unwrap_or_else(|error| panic!("{}: {error:?}", self.row.name))
     }
 
     /// Mistakes and warnings of `check`. Params that cannot be read are the one mistake.
@@ -162,11 +169,7 @@ impl Trial {
         assert!(mistakes.is_empty() && warnings.is_empty(), "in {}: {mistakes:#?} {warnings:#?}", self.params);
     }
 
-    fn job(&self) -> Box<dyn Job> {
-        (self.row.prepare)(&self.params).unwrap_or_else(|error| panic!("{}: {error:?}", self.params))
-    }
-
-    /// What the stage says of its outputs before it runs.
+    /// What the outputs are said to hold before a run.
     pub fn describe(&self) -> Forms {
         self.job().describe(&self.known())
     }
@@ -175,20 +178,28 @@ impl Trial {
         self.job().plan(&self.known())
     }
 
-    /// Check, describe, plan, run, as the engine does; panics where an output is not as it was described.
+    /// Check, describe, plan, run, as the engine does.
     ///
-    /// Errors: the first mistake of `check`; what the run says.
+    /// Errors: the first mistake of `check`; what the run says; an output that is not as it was described, or that its payload does not declare.
     pub fn run(&self) -> Result<Made, Error> {
         if let Some(mistake) = self.check().0.into_iter().next() {
             return Err(Error::Invalid(mistake));
         }
+        let (forms, host) = (self.describe(), self.host());
         self.plan();
-        let host = self.host();
         let ports = self.run_alone(&host)?;
-        let forms = self.describe();
-        for (port, artifact) in &ports {
-            let broken = forms.get(port).and_then(|form| form.broken_by(&Form::of(artifact)));
-            assert!(broken.is_none(), "{}: output `{port}` has {}", self.row.name, broken.unwrap_or_default());
+        for (port, form) in &forms {
+            if let Some(broken) = ports.get(port).and_then(|artifact| form.broken_by(&Form::of(artifact))) {
+                return Err(Error::failed(format!("output `{port}` has {broken}")));
+            }
+        }
+        for port in (self.row.outputs)() {
+            if let Some(other) = ports.get(port.name).and_then(|artifact| undeclared(port.holds, artifact)) {
+                return Err(Error::failed(format!(
+                    "output `{}` has a {other}, which {} does not declare",
+                    port.name, port.payload
+                )));
+            }
         }
         Ok(Made { ports, host })
     }

@@ -26,7 +26,7 @@ pub use images::{
 pub use lut::{Convention, Lut};
 pub use mask::MaskReason;
 pub use metrics::{Metrics, Power};
-pub use quantity::{Quantity, in_own_unit, quantity, undeclared};
+pub use quantity::{COV, INCIDENCE, MASK, Quantity, THICKNESS, VIEW, in_own_unit, quantity, undeclared};
 pub use readings::Readings;
 pub use relief::Relief;
 pub use scene::*;

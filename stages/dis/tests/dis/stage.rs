@@ -1,8 +1,9 @@
 //! The stage: what `check` finds, and readings as a table.
 
 use serde_json::{Value, json};
+use turbid_contract::Ctx;
+use turbid_contract::kit::Inputs;
 use turbid_contract::{Artifact, Known, MemoryHost, Problems, Stage, StageRow, Table};
-use turbid_contract::{Ctx, InputSource};
 use turbid_dis::CalibrateDis;
 
 fn params() -> Value {
@@ -50,23 +51,9 @@ fn check(params: &Value) -> (Vec<String>, Vec<String>) {
     (texts(found), texts(warnings))
 }
 
-struct NoInputs;
-
-impl InputSource for NoInputs {
-    fn one(&self, _: &str) -> Result<Option<Artifact>, turbid_contract::Error> {
-        Ok(None)
-    }
-    fn many(&self, _: &str) -> Vec<turbid_contract::Axes> {
-        Vec::new()
-    }
-    fn load(&self, port: &str, _: usize) -> Result<Artifact, turbid_contract::Error> {
-        Err(turbid_contract::Error::failed(port))
-    }
-}
-
 fn run(params: &Value, seed: u64) -> Table {
     let host = MemoryHost { seed, ..MemoryHost::default() };
-    let made = StageRow::of::<CalibrateDis>().run(params, &NoInputs, Ctx::new(&host)).expect("readings");
+    let made = StageRow::of::<CalibrateDis>().run(params, &Inputs::none(), Ctx::new(&host)).expect("readings");
     match made.into_iter().next() {
         Some(("readings", Artifact::Table(table))) => table,
         other => panic!("{other:?}"),

@@ -1,9 +1,5 @@
 //! Tables of sections, and the way in lanes of tables without.
 
-use std::sync::Arc;
-
-use turbid_contract::Host;
-
 use super::*;
 
 /// Sections of the camera's pixels, as (own, other, share of the own); `None` is masked.
@@ -73,51 +69,6 @@ fn sections_have_tables_of_their_own() {
     assert!(fails(sectioned_lut(&[1.0, 0.7]), Some(sections(&[one[0]; 4], 2))).contains("another size"));
 }
 
-/// A host that asks for one kind of vector instructions.
-struct Vectors(&'static str, MemoryHost);
-
-impl Host for Vectors {
-    fn simd(&self) -> &str {
-        self.0
-    }
-    fn seed(&self) -> u64 {
-        self.1.seed()
-    }
-    fn cancelled(&self) -> bool {
-        self.1.cancelled()
-    }
-    fn time_is_up(&self, seconds: f64) -> bool {
-        self.1.time_is_up(seconds)
-    }
-    fn progress(&self, done: f64, total: Option<f64>, unit: &str) {
-        self.1.progress(done, total, unit);
-    }
-    fn measure(&self, name: &str, value: f64, unit: &str) {
-        self.1.measure(name, value, unit);
-    }
-    fn warn(&self, message: &str) {
-        self.1.warn(message);
-    }
-    fn wants(&self, port: &str) -> bool {
-        self.1.wants(port)
-    }
-    fn file(&self, at: &str) -> Option<Arc<[u8]>> {
-        self.1.file(at)
-    }
-    fn checkpoint(&self, state: &[u8], progress: u64) {
-        self.1.checkpoint(state, progress);
-    }
-    fn resume(&self, at_most: u64) -> Option<Vec<u8>> {
-        self.1.resume(at_most)
-    }
-    fn tiles(&self, n: usize, work: &(dyn Fn(usize) + Sync)) {
-        self.1.tiles(n, work);
-    }
-    fn threads(&self) -> usize {
-        self.1.threads()
-    }
-}
-
 /// Tables without sections are read in lanes, those with sections pixel by pixel: bit for bit the same, with or without noise, errors of the table and
 /// values outside, by whatever vector instructions.
 #[test]
@@ -138,7 +89,7 @@ fn lanes_say_what_pixels_say() {
                     let se = lut.0.f64s("r_d").unwrap().iter().map(|r| table_se * r).collect();
                     lut.0.push("r_d_se", "1", Cells::F64(se));
                     let inputs = In { sections: sectioned.then(|| sections(&own, 1)), ..inputs(input, lut) };
-                    let host = Vectors(simd, MemoryHost { wanted: vec!["covariance".into()], ..MemoryHost::default() });
+                    let host = MemoryHost { simd: simd.to_owned(), ..MemoryHost::new(0, &["covariance"], 1) };
                     let params = Params { outside, ..Params::default() };
                     let out = Invert::run(&params, inputs, Ctx::new(&host)).unwrap();
                     let stacks = [Some(out.maps.0), out.covariance.map(|c| c.0)];

@@ -22,12 +22,12 @@ fn dome() -> Scene {
     scene(&media, vec![object(FLOOR, "m", 0), object(ball, "core", 1)], rig(200.0, 20.0, 12.0, 12, 300.0))
 }
 
-fn frames(host: &TestHost, scene: &Scene, params: &Value) -> ImageStack {
+fn frames(host: &MemoryHost, scene: &Scene, params: &Value) -> ImageStack {
     run_on(host, scene, params).unwrap().remove("frames").unwrap()
 }
 
-fn measure(host: &TestHost, name: &str) -> f64 {
-    host.memory.measures.lock().unwrap()[name]
+fn measure(host: &MemoryHost, name: &str) -> f64 {
+    host.measures.lock().unwrap()[name]
 }
 
 /// A run that is continued, wherever it stopped, is a fresh one: on any number of threads, with stand-ins and without.
@@ -35,15 +35,15 @@ fn measure(host: &TestHost, name: &str) -> f64 {
 fn continued_and_threaded_runs_give_the_same_bytes() {
     for (scene, method) in [(tube(12), "path"), (dome(), "auto")] {
         let params = |n: u32| json!({"f_x": [0, 0.1], "samples": n, "allocate": "adaptive", "method": method});
-        let fresh = frames(&TestHost::new(4, &[], 1), &scene, &params(300));
-        let host = TestHost::new(4, &[], 3);
+        let fresh = frames(&MemoryHost::new(4, &[], 1), &scene, &params(300));
+        let host = MemoryHost::new(4, &[], 3);
         for n in [10, 48, 70, 128, 200, 256] {
             frames(&host, &scene, &params(n));
         }
-        let kept: Vec<u64> = host.memory.checkpoints.lock().unwrap().keys().copied().collect();
+        let kept: Vec<u64> = host.checkpoints.lock().unwrap().keys().copied().collect();
         assert_eq!(kept, [8, 48, 64, 128, 200, 256]);
         assert_eq!(frames(&host, &scene, &params(300)), fresh, "{method}");
-        assert_eq!(frames(&host, &scene, &params(200)), frames(&TestHost::new(4, &[], 2), &scene, &params(200)));
+        assert_eq!(frames(&host, &scene, &params(200)), frames(&MemoryHost::new(4, &[], 2), &scene, &params(200)));
     }
 }
 
@@ -52,7 +52,7 @@ fn continued_and_threaded_runs_give_the_same_bytes() {
 fn up_to_the_first_test_paths_are_even() {
     let of = |allocate: &str| {
         let params = json!({"f_x": [0.1], "samples": 64, "method": "path", "allocate": allocate});
-        frames(&TestHost::new(1, &[], 2), &tube(12), &params)
+        frames(&MemoryHost::new(1, &[], 2), &tube(12), &params)
     };
     assert_eq!(of("adaptive"), of("even"));
 }
@@ -67,7 +67,7 @@ fn the_error_becomes_even() {
     let objects = vec![object(FLOOR, "m", 0), object(part, "clear", 1)];
     let scene = scene(&media, objects, rig(300.0, 20.0, 24.0, 24, 200.0));
     let errors = |allocate: &str| {
-        let host = TestHost::new(1, &[], 2);
+        let host = MemoryHost::new(1, &[], 2);
         let params = json!({"f_x": [0.1], "samples": 512, "method": "path", "allocate": allocate});
         frames(&host, &scene, &params);
         [measure(&host, "error: m_ac per pixel"), measure(&host, "error: m_ac per pixel, 95th percentile")]
@@ -82,12 +82,12 @@ fn the_error_becomes_even() {
 #[test]
 fn error_target_stops_where_a_fresh_run_would() {
     let params = json!({"f_x": [0.05], "target_error": 0.1, "method": "path", "allocate": "adaptive"});
-    let host = TestHost::new(2, &[], 2);
+    let host = MemoryHost::new(2, &[], 2);
     let fresh = frames(&host, &tube(12), &params);
     let n = fresh.attributes["samples"].as_u64().unwrap();
     assert!(n >= 128 && n.is_power_of_two(), "{n}");
     assert!(measure(&host, "error: m_ac per pixel") <= 10.0);
-    let long = TestHost::new(2, &[], 2);
+    let long = MemoryHost::new(2, &[], 2);
     frames(&long, &tube(12), &json!({"f_x": [0.05], "samples": 2 * n, "method": "path", "allocate": "adaptive"}));
     assert_eq!(frames(&long, &tube(12), &params), fresh);
 }
@@ -100,9 +100,9 @@ fn it_is_unbiased() {
     let scene = tube(12);
     let seeds = 60;
     let adaptive = json!({"f_x": [0.05], "samples": 256, "method": "path", "allocate": "adaptive"});
-    let runs: Vec<ImageStack> = (0..seeds).map(|s| frames(&TestHost::new(s, &[], 2), &scene, &adaptive)).collect();
+    let runs: Vec<ImageStack> = (0..seeds).map(|s| frames(&MemoryHost::new(s, &[], 2), &scene, &adaptive)).collect();
     let truth = json!({"f_x": [0.05], "samples": 16_384, "method": "path"});
-    let truth = frames(&TestHost::new(1 << 20, &[], 2), &scene, &truth);
+    let truth = frames(&MemoryHost::new(1 << 20, &[], 2), &scene, &truth);
     let mut scores = Vec::new();
     for (i, layer) in truth.layers.iter().enumerate().filter(|(_, l)| l.info.name == "radiance") {
         for (at, &expected) in layer.data.indexed_iter() {

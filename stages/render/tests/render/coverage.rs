@@ -45,7 +45,7 @@ pub struct Coverage {
 pub fn coverage(scene: &Scene, paths: u32, seeds: u64, truth_paths: u32) -> Coverage {
     let render = |paths: u32, seed: u64| {
         let params = json!({"f_x": [F_X], "samples": paths, "method": "path"});
-        let host = TestHost::new(seed, &["covariance"], 2);
+        let host = MemoryHost::new(seed, &["covariance"], 2);
         let ports = run_on(&host, scene, &params).unwrap();
         estimates(&ports["frames"], &ports["covariance"])
     };

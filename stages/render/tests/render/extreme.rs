@@ -142,7 +142,7 @@ fn the_place_of_a_scene_does_not_show() {
 #[test]
 fn endless_paths_are_refused_and_nothing_is_black() {
     let endless = slab(medium(0.0, 1e4, 0.0), 1e6, 0.0);
-    let host = TestHost::new(1, &[], 1);
+    let host = MemoryHost::new(1, &[], 1);
     let refused = run_on(&host, &endless, &json!({"f_x": [0], "samples": 64})).unwrap_err().to_string();
     assert!(refused.contains("flights") && refused.contains("thinner"), "{refused}");
     let empty = scene(&[], vec![], rig(1000.0, 30.0, 8.0, 1, LIT));

@@ -125,7 +125,7 @@ fn covariances_are_those_of_the_frames() {
 #[test]
 fn large_images_cost_no_more_than_small_ones() {
     let small = run(&oblique(64), &json!({"f_x": [0], "samples": 16, "method": "fit"}), 1);
-    let host = TestHost::new(2, &[], 2);
+    let host = MemoryHost::new(2, &[], 2);
     let large = run_on(&host, &oblique(200), &json!({"f_x": [0], "samples": 16, "method": "fit"})).unwrap();
     let (small, large) = (&small["frames"], &large["frames"]);
     let at = |stack: &ImageStack, layer: usize, (x, y): (f64, f64)| {
@@ -190,10 +190,10 @@ fn fits_are_refused_where_they_would_lie() {
         ),
     ];
     for (scene, words) in table {
-        let refused = run_on(&TestHost::new(1, &[], 1), &scene, &params("fit", 8)).unwrap_err().to_string();
+        let refused = run_on(&MemoryHost::new(1, &[], 1), &scene, &params("fit", 8)).unwrap_err().to_string();
         assert!(refused.contains(words), "`{words}` is not in: {refused}");
         let frames = |method: &str| {
-            run_on(&TestHost::new(1, &[], 1), &scene, &params(method, 8)).unwrap().remove("frames").unwrap()
+            run_on(&MemoryHost::new(1, &[], 1), &scene, &params(method, 8)).unwrap().remove("frames").unwrap()
         };
         assert_eq!(frames("auto"), frames("path"), "{words}");
     }
@@ -205,18 +205,18 @@ fn fits_are_refused_where_they_would_lie() {
 /// Continued fits have the bytes of fresh ones, and a target is met where it is first tested after enough paths.
 #[test]
 fn fits_continue_and_stop() {
-    let run_on = |host: &TestHost, params: &Value| run_on(host, &oblique(16), params).unwrap();
-    let host = TestHost::new(4, &["covariance"], 2);
+    let run_on = |host: &MemoryHost, params: &Value| run_on(host, &oblique(16), params).unwrap();
+    let host = MemoryHost::new(4, &["covariance"], 2);
     run_on(&host, &params("fit", 24));
-    let fresh = run_on(&TestHost::new(4, &["covariance"], 1), &params("fit", 99));
+    let fresh = run_on(&MemoryHost::new(4, &["covariance"], 1), &params("fit", 99));
     assert_eq!(run_on(&host, &params("fit", 99)), fresh);
-    let host = TestHost::new(4, &[], 2);
+    let host = MemoryHost::new(4, &[], 2);
     let done = run_on(&host, &json!({"f_x": [0.1], "target_error": 0.01, "method": "fit"}));
-    assert!(host.memory.measures.lock().unwrap()["error: m_ac per pixel"] <= 1.0);
+    assert!(host.measures.lock().unwrap()["error: m_ac per pixel"] <= 1.0);
     let n = done["frames"].attributes["samples"].as_u64().unwrap();
-    let half = TestHost::new(4, &[], 2);
+    let half = MemoryHost::new(4, &[], 2);
     run_on(&half, &json!({"f_x": [0.1], "samples": n / 2, "method": "fit"}));
-    assert!(half.memory.measures.lock().unwrap()["error: m_ac per pixel"] > 1.0);
+    assert!(half.measures.lock().unwrap()["error: m_ac per pixel"] > 1.0);
     assert_eq!(run_on(&half, &json!({"f_x": [0.1], "target_error": 0.01, "method": "fit"})), done);
 }
 

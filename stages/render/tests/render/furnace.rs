@@ -102,9 +102,9 @@ fn the_plan_says_what_a_wall_loses() {
 /// The run says it, too.
 #[test]
 fn the_run_warns_of_lost_light() {
-    let host = TestHost::new(1, &[], 2);
+    let host = MemoryHost::new(1, &[], 2);
     let scene = furnace(Surface::Rough(0.3), 1);
-    StageRow::of::<RenderStage>().run(&json!({"f_x": [0], "samples": 2}), &Input(scene), Ctx::new(&host)).unwrap();
-    let warnings = host.memory.warnings.lock().unwrap();
+    StageRow::of::<RenderStage>().run(&json!({"f_x": [0], "samples": 2}), &input(scene), Ctx::new(&host)).unwrap();
+    let warnings = host.warnings.lock().unwrap();
     assert!(warnings.iter().any(|w| w.contains("between their facets")), "{warnings:?}");
 }

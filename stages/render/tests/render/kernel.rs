@@ -1,13 +1,13 @@
 //! The kernel that a render names, and what it says of a faster one; how much work its pilot foresees.
 
-use std::sync::atomic::AtomicUsize;
+use std::sync::Mutex;
 
 use serde_json::{Value, json};
 use turbid_contract::payload::{Aperture, Distortion, Object, Payload, Scene, Shape, Surface};
 use turbid_contract::{Ctx, Known, StagePlan, StageRow};
 use turbid_render::RenderStage;
 
-use crate::setup::{FLOOR, Input, TestHost, lambertian, medium, object, rig, scene};
+use crate::setup::{FLOOR, MemoryHost, input, lambertian, medium, object, rig, scene};
 
 fn known(scene: &Scene) -> Known {
     let mut known = Known::default();
@@ -87,10 +87,10 @@ fn the_plan_names_the_kernel_and_what_refused_a_faster_one() {
 #[test]
 fn without_a_limit_nobody_asks_the_clock() {
     let asked = |params: Value| {
-        let mut host = TestHost::new(1, &[], 1);
-        host.patience = AtomicUsize::new(1000);
-        StageRow::of::<RenderStage>().run(&params, &Input(balls(1)), Ctx::new(&host)).unwrap();
-        1000 - host.patience.into_inner()
+        let mut host = MemoryHost::new(1, &[], 1);
+        host.patience = Mutex::new(Some(1000));
+        StageRow::of::<RenderStage>().run(&params, &input(balls(1)), Ctx::new(&host)).unwrap();
+        1000 - host.patience.into_inner().unwrap().expect("it was set")
     };
     assert_eq!(asked(json!({"f_x": [0.1], "samples": 64, "method": "path"})), 0);
     assert!(asked(json!({"f_x": [0.1], "samples": 64, "method": "path", "max_seconds": 1000})) > 0);
@@ -135,11 +135,11 @@ fn the_pilot_foresees_the_flights() {
         let row = StageRow::of::<RenderStage>();
         let pilot = (row.prepare)(&params)
             .unwrap()
-            .pilot(&known(&scene), Ctx::new(&TestHost::new(1, &[], 1)))
+            .pilot(&known(&scene), Ctx::new(&MemoryHost::new(1, &[], 1)))
             .expect("there are paths");
-        let host = TestHost::new(2, &[], 2);
-        row.run(&params, &Input(scene.clone()), Ctx::new(&host)).unwrap();
-        let counted = host.memory.measures.into_inner().unwrap()["flights"];
+        let host = MemoryHost::new(2, &[], 2);
+        row.run(&params, &input(scene.clone()), Ctx::new(&host)).unwrap();
+        let counted = host.measures.into_inner().unwrap()["flights"];
         let ratio = pilot.whole / counted;
         assert!((0.5..=2.0).contains(&ratio), "{name}: {:e} flights foreseen, {counted:e} made", pilot.whole);
         // Small beside the whole, unless that is small itself.

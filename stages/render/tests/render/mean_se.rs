@@ -12,7 +12,7 @@ const SEEDS: u64 = 200;
 /// Mean and `mean_se` of every frame, seed after seed.
 fn means(scene: &Scene, params: &Value) -> Vec<Vec<(f64, f64)>> {
     let of = |seed: u64| {
-        let frames = &run_on(&TestHost::new(seed, &[], 2), scene, params).unwrap()["frames"];
+        let frames = &run_on(&MemoryHost::new(seed, &[], 2), scene, params).unwrap()["frames"];
         let values = frames.layers.iter().filter(|l| l.info.name == "radiance");
         values.map(|l| (l.data.mapv(f64::from).mean().unwrap(), l.info.mean_se.expect("it is known"))).collect()
     };

@@ -6,28 +6,10 @@ use std::f64::consts::{PI, TAU};
 use serde_json::{Value, json};
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Distortion, Pattern, Payload, Scene, Shape};
-use turbid_contract::{Artifact, Axes, Ctx, Error, ImageStack, InputSource, Known, LayerInfo, Problems, StageRow};
+use turbid_contract::{Artifact, Ctx, Error, ImageStack, Known, LayerInfo, Problems, StageRow};
 use turbid_render::RenderStage;
 
 use crate::setup::*;
-
-struct Both(Scene, Pattern);
-
-impl InputSource for Both {
-    fn one(&self, port: &str) -> Result<Option<Artifact>, Error> {
-        Ok(match port {
-            "scene" => Some(self.0.clone().into_artifact()),
-            "pattern" => Some(self.1.clone().into_artifact()),
-            _ => None,
-        })
-    }
-    fn many(&self, _: &str) -> Vec<Axes> {
-        Vec::new()
-    }
-    fn load(&self, port: &str, _: usize) -> Result<Artifact, Error> {
-        Err(Error::failed(port))
-    }
-}
 
 pub fn show(
     scene: &Scene,
@@ -35,8 +17,8 @@ pub fn show(
     params: &Value,
     seed: u64,
 ) -> Result<BTreeMap<&'static str, ImageStack>, Error> {
-    let host = TestHost::new(seed, &["covariance", "white"], 2);
-    let input = Both(scene.clone(), pattern.clone());
+    let host = MemoryHost::new(seed, &["covariance", "white"], 2);
+    let input = input(scene.clone()).with("pattern", pattern.clone());
     let ports = StageRow::of::<RenderStage>().run(params, &input, Ctx::new(&host))?;
     let stack = |artifact| if let Artifact::Images(stack) = artifact { stack } else { panic!("images were expected") };
     Ok(ports.into_iter().map(|(name, artifact)| (name, stack(artifact))).collect())

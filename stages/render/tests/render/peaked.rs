@@ -31,7 +31,7 @@ pub fn found(scene: &Scene, samples: u32, seeds: u64) -> Found {
     let (mut values, mut errors, mut flags) = (Vec::new(), Vec::new(), Vec::new());
     for seed in 0..seeds {
         let params = json!({"f_x": [0], "samples": samples, "method": "path"});
-        let frames = &run_on(&TestHost::new(seed + 100, &[], 2), scene, &params).unwrap()["frames"];
+        let frames = &run_on(&MemoryHost::new(seed + 100, &[], 2), scene, &params).unwrap()["frames"];
         let layer = frames.find("radiance", None).unwrap();
         values.extend(layer.data.iter().map(|&x| f64::from(x)));
         errors.extend(frames.standard_error(&layer.info).unwrap().data.iter().map(|&x| f64::from(x)));
@@ -93,7 +93,7 @@ fn the_mean_is_right_under_narrow_lobes() {
         scene.camera.as_mut().unwrap().position = [0.0, 0.0, 2000.0];
         scene.projector.as_mut().unwrap().position = [0.0, 20.0, 2000.0];
         let params = json!({"f_x": [0], "samples": 2, "method": "rte"});
-        let solved = &run_on(&TestHost::new(1, &[], 2), &scene, &params).unwrap()["frames"];
+        let solved = &run_on(&MemoryHost::new(1, &[], 2), &scene, &params).unwrap()["frames"];
         let layer = solved.find("radiance", None).unwrap();
         let (truth, bound) = (layer.data.mapv(f64::from).mean().unwrap(), layer.info.mean_se.unwrap());
         let found = found(&scene, samples, seeds);
@@ -110,7 +110,7 @@ fn too_few_paths_say_so() {
     for (g, pixels, samples) in [(0.995, 16, 64), (0.98, 4, 16)] {
         let scene = half_space(g, pixels);
         let params = json!({"f_x": [0, 0.1], "samples": samples, "method": "path"});
-        let frames = &run_on(&TestHost::new(5, &[], 2), &scene, &params).unwrap()["frames"];
+        let frames = &run_on(&MemoryHost::new(5, &[], 2), &scene, &params).unwrap()["frames"];
         for layer in frames.layers.iter().filter(|l| l.info.name == "radiance") {
             let flags = frames.se_unknown(&layer.info).expect("errors are unknown");
             assert!(flags.data.iter().all(|&flag| flag == 1.0), "g = {g}");
@@ -118,8 +118,11 @@ fn too_few_paths_say_so() {
         }
     }
     // A fit has all of the image's paths, and they are too few as well.
-    let fitted =
-        &run_on(&TestHost::new(5, &[], 2), &half_space(0.995, 8), &json!({"f_x": [0], "samples": 8, "method": "fit"}));
+    let fitted = &run_on(
+        &MemoryHost::new(5, &[], 2),
+        &half_space(0.995, 8),
+        &json!({"f_x": [0], "samples": 8, "method": "fit"}),
+    );
     let frames = &fitted.as_ref().unwrap()["frames"];
     assert!(frames.se_unknown(&frames.find("radiance", None).unwrap().info).is_some());
 }

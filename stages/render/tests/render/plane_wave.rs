@@ -64,9 +64,9 @@ fn the_bound_holds() {
         (thin, 1.4, 1000.0, Projection::Orthographic),
     ] {
         let scene = far(&objects, n, distance, projection);
-        let host = TestHost::new(3, &[], 2);
+        let host = MemoryHost::new(3, &[], 2);
         let solved = &run_on(&host, &scene, &json!({"f_x": [0, 0.1], "method": "rte"})).unwrap()["frames"];
-        bounds.push(host.memory.measures.lock().unwrap()["bound of a frame's error"]);
+        bounds.push(host.measures.lock().unwrap()["bound of a frame's error"]);
         let fitted = &run(&scene, &json!({"f_x": [0, 0.1], "method": "fit", "samples": 1024}), 3)["frames"];
         for ((a, bound), (b, se)) in values(solved).into_iter().zip(values(fitted)) {
             let [mean, noise] = [a, se].map(|l| f64::from(l.data.mean().expect("pixels")));
@@ -104,9 +104,9 @@ fn refused_or_taken_by_the_bound() {
         assert!(found.len() == 1 && found[0].path == "method" && found[0].message.contains(word), "{found:?}");
     }
     let run_auto = |target: f64| {
-        let host = TestHost::new(1, &[], 2);
+        let host = MemoryHost::new(1, &[], 2);
         run_on(&host, &alone, &json!({"f_x": [0, 0.1], "target_error": target})).unwrap();
-        let measures = host.memory.measures.lock().unwrap();
+        let measures = host.measures.lock().unwrap();
         (measures.get("bound of a frame's error").copied(), measures.get("order of the fit").copied())
     };
     let (bound, order) = run_auto(0.1);

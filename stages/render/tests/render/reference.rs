@@ -63,10 +63,10 @@ fn stand_ins_are_taken_where_they_pay() {
         scene(&media, vec![object(FLOOR, "m", 0), ball], rig(200.0, 20.0, 16.0, 24, 300.0))
     };
     let render = |scene: &Scene, method: &str, allocate: &str| {
-        let host = TestHost::new(1, &[], 2);
+        let host = MemoryHost::new(1, &[], 2);
         let params = json!({"f_x": [0, 0.1], "samples": 256, "method": method, "allocate": allocate});
         let frames = run_on(&host, scene, &params).unwrap().remove("frames").unwrap();
-        let measures = host.memory.measures.lock().unwrap();
+        let measures = host.measures.lock().unwrap();
         (frames, measures["flights"], measures["error: m_ac per pixel, 95th percentile"])
     };
     let large = dome(15.0);

@@ -1,13 +1,12 @@
 //! Scenes for the tests, and ways to run them.
 
 use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use serde_json::{Value, json};
-use turbid_contract::payload::{
-    Camera, Lamp, Medium, Object, Payload, Profile, Projection, Projector, Scene, Shape, Surface,
-};
-use turbid_contract::{Artifact, Axes, Cells, Ctx, Error, Host, ImageStack, InputSource, MemoryHost, StageRow, Table};
+pub use turbid_contract::MemoryHost;
+use turbid_contract::kit::Inputs;
+use turbid_contract::payload::{Camera, Lamp, Medium, Object, Profile, Projection, Projector, Scene, Shape, Surface};
+use turbid_contract::{Artifact, Cells, Ctx, Error, Host, ImageStack, StageRow, Table};
 use turbid_render::RenderStage;
 
 pub fn medium(mu_a: f64, mu_s: f64, g: f64) -> Medium {
@@ -64,100 +63,19 @@ pub fn scene(media: &[(&str, Medium)], objects: Vec<Object>, (camera, projector)
 }
 
 /// The scene on the one input port.
-pub struct Input(pub Scene);
-
-impl InputSource for Input {
-    fn one(&self, port: &str) -> Result<Option<Artifact>, Error> {
-        Ok((port == "scene").then(|| self.0.clone().into_artifact()))
-    }
-    fn many(&self, _: &str) -> Vec<Axes> {
-        Vec::new()
-    }
-    fn load(&self, port: &str, _: usize) -> Result<Artifact, Error> {
-        Err(Error::failed(port))
-    }
-}
-
-/// A host with several threads, or one that stops after some time checks.
-pub struct TestHost {
-    pub memory: MemoryHost,
-    pub threads: usize,
-    /// How many more times `time_is_up` says no.
-    pub patience: AtomicUsize,
-}
-
-impl TestHost {
-    pub fn new(seed: u64, wanted: &[&str], threads: usize) -> Self {
-        let wanted = wanted.iter().map(|&w| w.to_owned()).collect();
-        let memory = MemoryHost { seed, wanted, ..MemoryHost::default() };
-        Self { memory, threads, patience: AtomicUsize::new(usize::MAX) }
-    }
-}
-
-impl Host for TestHost {
-    fn seed(&self) -> u64 {
-        self.memory.seed()
-    }
-    fn cancelled(&self) -> bool {
-        false
-    }
-    fn time_is_up(&self, _: f64) -> bool {
-        let left = self.patience.load(Ordering::Relaxed);
-        if left != usize::MAX && left > 0 {
-            self.patience.store(left - 1, Ordering::Relaxed);
-        }
-        left == 0
-    }
-    fn progress(&self, _: f64, _: Option<f64>, _: &str) {}
-    fn measure(&self, name: &str, value: f64, unit: &str) {
-        self.memory.measure(name, value, unit);
-    }
-    fn warn(&self, message: &str) {
-        self.memory.warn(message);
-    }
-    fn wants(&self, port: &str) -> bool {
-        self.memory.wants(port)
-    }
-    fn file(&self, _: &str) -> Option<std::sync::Arc<[u8]>> {
-        None
-    }
-    fn checkpoint(&self, state: &[u8], progress: u64) {
-        self.memory.checkpoint(state, progress);
-    }
-    fn resume(&self, at_most: u64) -> Option<Vec<u8>> {
-        self.memory.resume(at_most)
-    }
-    fn tiles(&self, n: usize, work: &(dyn Fn(usize) + Sync)) {
-        let next = AtomicUsize::new(0);
-        std::thread::scope(|scope| {
-            for _ in 0..self.threads {
-                scope.spawn(|| {
-                    loop {
-                        let i = next.fetch_add(1, Ordering::Relaxed);
-                        if i >= n {
-                            break;
-                        }
-                        // Backwards, so that no order is taken for granted.
-                        work(n - 1 - i);
-                    }
-                });
-            }
-        });
-    }
-    fn threads(&self) -> usize {
-        self.threads
-    }
+pub fn input(scene: Scene) -> Inputs {
+    Inputs::none().with("scene", scene)
 }
 
 /// All ports by name.
 pub fn run_on(host: &dyn Host, scene: &Scene, params: &Value) -> Result<BTreeMap<&'static str, ImageStack>, Error> {
-    let ports = StageRow::of::<RenderStage>().run(params, &Input(scene.clone()), Ctx::new(host))?;
+    let ports = StageRow::of::<RenderStage>().run(params, &input(scene.clone()), Ctx::new(host))?;
     let stack = |artifact| if let Artifact::Images(stack) = artifact { stack } else { panic!("images were expected") };
     Ok(ports.into_iter().map(|(name, artifact)| (name, stack(artifact))).collect())
 }
 
 pub fn run(scene: &Scene, params: &Value, seed: u64) -> BTreeMap<&'static str, ImageStack> {
-    run_on(&TestHost::new(seed, &["covariance", "truth", "white"], 2), scene, params).unwrap()
+    run_on(&MemoryHost::new(seed, &["covariance", "truth", "white"], 2), scene, params).unwrap()
 }
 
 /// Mean over the image, and its standard error, of the first radiance layer at f_x = 0 (radiance at half the pattern).
@@ -203,9 +121,9 @@ pub fn power(scene: &Scene, photons: u32, seed: u64) -> Vec<(String, f64, f64, f
 }
 
 pub fn power_table(scene: &Scene, photons: u32, seed: u64) -> Table {
-    let host = TestHost::new(seed, &["power"], 2);
+    let host = MemoryHost::new(seed, &["power"], 2);
     let params = json!({"f_x": [0], "samples": 2, "photons": photons});
-    let ports = StageRow::of::<RenderStage>().run(&params, &Input(scene.clone()), Ctx::new(&host)).unwrap();
+    let ports = StageRow::of::<RenderStage>().run(&params, &input(scene.clone()), Ctx::new(&host)).unwrap();
     let table = ports.into_iter().find(|p| p.0 == "power").unwrap().1;
     let Artifact::Table(table) = table else { panic!("a table") };
     table

@@ -1,6 +1,6 @@
 //! What the stage promises: continuation, threads, stopping, errors that can be trusted, mistakes that are named.
 
-use std::sync::atomic::AtomicUsize;
+use std::sync::Mutex;
 
 use serde_json::{Value, json};
 use turbid_contract::payload::{Medium, Payload, Scene, Shape, Surface};
@@ -17,7 +17,7 @@ fn ball_on_slab(pixels: u32) -> Scene {
     scene(&media, objects, rig(200.0, 20.0, 16.0, pixels, 60.0))
 }
 
-fn everything(host: &TestHost, params: &Value) -> Vec<(&'static str, ImageStack)> {
+fn everything(host: &MemoryHost, params: &Value) -> Vec<(&'static str, ImageStack)> {
     run_on(host, &ball_on_slab(20), params).unwrap().into_iter().collect()
 }
 
@@ -28,32 +28,32 @@ const ALL: [&str; 3] = ["covariance", "truth", "white"];
 #[test]
 fn continued_and_threaded_runs_give_the_same_bytes() {
     let params = |n: u32| json!({"f_x": [0, 0.1], "samples": n});
-    let fresh = everything(&TestHost::new(4, &ALL, 1), &params(99));
-    assert_eq!(everything(&TestHost::new(4, &ALL, 3), &params(99)), fresh);
-    let host = TestHost::new(4, &ALL, 2);
+    let fresh = everything(&MemoryHost::new(4, &ALL, 1), &params(99));
+    assert_eq!(everything(&MemoryHost::new(4, &ALL, 3), &params(99)), fresh);
+    let host = MemoryHost::new(4, &ALL, 2);
     for n in [10, 16, 50, 64] {
         everything(&host, &params(n));
     }
-    let kept: Vec<u64> = host.memory.checkpoints.lock().unwrap().keys().copied().collect();
+    let kept: Vec<u64> = host.checkpoints.lock().unwrap().keys().copied().collect();
     assert_eq!(kept, [8, 16, 48, 64]);
     assert_eq!(everything(&host, &params(99)), fresh);
     // A shorter run after a longer one, and another seed.
-    assert_eq!(everything(&host, &params(50)), everything(&TestHost::new(4, &ALL, 1), &params(50)));
-    assert_ne!(everything(&TestHost::new(5, &ALL, 1), &params(99)), fresh);
+    assert_eq!(everything(&host, &params(50)), everything(&MemoryHost::new(4, &ALL, 1), &params(50)));
+    assert_ne!(everything(&MemoryHost::new(5, &ALL, 1), &params(99)), fresh);
 }
 
 /// What is wanted beside the frames does not change them; damaged checkpoints are passed over with a warning.
 #[test]
 fn ports_do_not_depend_on_each_other() {
     let params = json!({"f_x": [0.1], "samples": 16});
-    let all = everything(&TestHost::new(1, &ALL, 2), &params);
-    let alone = everything(&TestHost::new(1, &[], 2), &params);
+    let all = everything(&MemoryHost::new(1, &ALL, 2), &params);
+    let alone = everything(&MemoryHost::new(1, &[], 2), &params);
     assert_eq!(alone.len(), 1);
     assert!(all.contains(&alone[0]));
-    let host = TestHost::new(1, &ALL, 2);
-    host.memory.checkpoints.lock().unwrap().insert(8, vec![1, 2, 3]);
+    let host = MemoryHost::new(1, &ALL, 2);
+    host.checkpoints.lock().unwrap().insert(8, vec![1, 2, 3]);
     assert_eq!(everything(&host, &params), all);
-    assert_eq!(host.memory.warnings.lock().unwrap().len(), 1);
+    assert_eq!(host.warnings.lock().unwrap().len(), 1);
 }
 
 fn samples_of(ports: &[(&'static str, ImageStack)]) -> u64 {
@@ -64,33 +64,33 @@ fn samples_of(ports: &[(&'static str, ImageStack)]) -> u64 {
 /// continue from far beyond stops at the same place with the same bytes.
 #[test]
 fn error_target_stops_where_a_fresh_run_would() {
-    let host = TestHost::new(2, &[], 2);
+    let host = MemoryHost::new(2, &[], 2);
     let target = 0.03;
     let params = json!({"f_x": [0.1], "target_error": target});
     let fresh = everything(&host, &params);
     let n = samples_of(&fresh);
     assert!(n >= 128 && n.is_power_of_two(), "{n}");
-    assert!(host.memory.measures.lock().unwrap()["error: m_ac per pixel"] <= 100.0 * target);
-    let before = TestHost::new(2, &[], 2);
+    assert!(host.measures.lock().unwrap()["error: m_ac per pixel"] <= 100.0 * target);
+    let before = MemoryHost::new(2, &[], 2);
     everything(&before, &json!({"f_x": [0.1], "samples": n / 2}));
-    assert!(before.memory.measures.lock().unwrap()["error: m_ac per pixel"] > 100.0 * target);
-    let long = TestHost::new(2, &[], 2);
+    assert!(before.measures.lock().unwrap()["error: m_ac per pixel"] > 100.0 * target);
+    let long = MemoryHost::new(2, &[], 2);
     everything(&long, &json!({"f_x": [0.1], "samples": 2 * n}));
     assert_eq!(everything(&long, &params), fresh);
-    let capped = everything(&TestHost::new(2, &[], 2), &json!({"f_x": [0.1], "target_error": 1e-6, "samples": 70}));
+    let capped = everything(&MemoryHost::new(2, &[], 2), &json!({"f_x": [0.1], "target_error": 1e-6, "samples": 70}));
     assert_eq!(samples_of(&capped), 70);
 }
 
 /// A run that is told to stop keeps what it has, says how many samples that is, and a run of that many has its bytes.
 #[test]
 fn time_limit_is_a_sample_count_in_disguise() {
-    let mut host = TestHost::new(3, &[], 2);
-    host.patience = AtomicUsize::new(5);
+    let mut host = MemoryHost::new(3, &[], 2);
+    host.patience = Mutex::new(Some(5));
     let stopped = everything(&host, &json!({"f_x": [0.1], "samples": 100_000, "max_seconds": 1}));
     let n = samples_of(&stopped);
     assert!((8..100_000).contains(&n), "{n}");
-    assert_eq!(host.memory.measures.lock().unwrap()["samples"], n as f64);
-    assert_eq!(everything(&TestHost::new(3, &[], 1), &json!({"f_x": [0.1], "samples": n})), stopped);
+    assert_eq!(host.measures.lock().unwrap()["samples"], n as f64);
+    assert_eq!(everything(&MemoryHost::new(3, &[], 1), &json!({"f_x": [0.1], "samples": n})), stopped);
 }
 
 /// The standard errors of all layers, and of their means, are the spread over seeds, those of pixels wider by 5 / 64 (so that intervals of
@@ -101,7 +101,7 @@ fn standard_errors_are_the_spread_over_seeds() {
     let params = json!({"f_x": [0, 0.1], "samples": 64, "method": "path"});
     let seeds = 40;
     let runs: Vec<ImageStack> =
-        (0..seeds).map(|s| everything(&TestHost::new(100 + s, &[], 2), &params).remove(0).1).collect();
+        (0..seeds).map(|s| everything(&MemoryHost::new(100 + s, &[], 2), &params).remove(0).1).collect();
     let n = seeds as f64;
     let (mut spread, mut claimed, mut mean_spread, mut mean_claimed) = (0.0, 0.0, 0.0, 0.0);
     for (i, layer) in runs[0].layers.iter().enumerate().filter(|(_, l)| l.info.kind == LayerKind::Value) {

@@ -1,26 +1,13 @@
 //! The stage as the engine calls it: what it makes of good parameters, and what it says of wrong ones.
 
 use serde_json::{Value, json};
+use turbid_contract::kit::Inputs;
 use turbid_contract::payload::{Lamp, Motif, Outline, Payload, Scene, Shape, Surface, Texture};
-use turbid_contract::{Artifact, Axes, Ctx, Error, InputSource, Known, MemoryHost, Problem, Problems, StageRow};
+use turbid_contract::{Artifact, Ctx, Error, Known, MemoryHost, Problem, Problems, StageRow};
 use turbid_scene::SceneStage;
 
 mod mistakes;
 mod rig;
-
-struct NoInputs;
-
-impl InputSource for NoInputs {
-    fn one(&self, _: &str) -> Result<Option<Artifact>, Error> {
-        Ok(None)
-    }
-    fn many(&self, _: &str) -> Vec<Axes> {
-        Vec::new()
-    }
-    fn load(&self, port: &str, _: usize) -> Result<Artifact, Error> {
-        Err(Error::failed(port))
-    }
-}
 
 fn carcinoma() -> Value {
     json!({
@@ -72,7 +59,7 @@ fn textures_are_kept() {
         Some(&json!("dots.png"))
     );
     let host = MemoryHost { files: [(at.to_owned(), DOT.into())].into(), ..MemoryHost::default() };
-    let scene = Scene::from_artifact(row.run(&params, &NoInputs, Ctx::new(&host)).unwrap().remove(0).1).unwrap();
+    let scene = Scene::from_artifact(row.run(&params, &Inputs::none(), Ctx::new(&host)).unwrap().remove(0).1).unwrap();
     let Surface::Textured(Texture { motif: Motif::Image { picture, size }, .. }) = &scene.objects["tissue"].surface
     else {
         panic!("an image")
@@ -80,7 +67,7 @@ fn textures_are_kept() {
     assert_eq!((picture.grey.as_slice(), *size), (&[257 * 128][..], Some([4.0, 4.0])));
     assert_eq!(Scene::from_artifact(scene.clone().into_artifact()).unwrap(), scene);
     let host = MemoryHost { files: [(at.to_owned(), b"solid".as_slice().into())].into(), ..MemoryHost::default() };
-    let Err(Error::Invalid(problem)) = row.run(&params, &NoInputs, Ctx::new(&host)) else { panic!("no PNG") };
+    let Err(Error::Invalid(problem)) = row.run(&params, &Inputs::none(), Ctx::new(&host)) else { panic!("no PNG") };
     assert!(problem.path == at && problem.message.contains("no PNG"), "{problem}");
 }
 
@@ -138,7 +125,7 @@ fn check(params: &Value) -> (Vec<Problem>, Vec<Problem>) {
 
 fn run(params: &Value, wanted: &[&str]) -> Vec<(&'static str, Artifact)> {
     let host = MemoryHost { wanted: wanted.iter().map(|&w| w.to_owned()).collect(), ..MemoryHost::default() };
-    StageRow::of::<SceneStage>().run(params, &NoInputs, Ctx::new(&host)).unwrap()
+    StageRow::of::<SceneStage>().run(params, &Inputs::none(), Ctx::new(&host)).unwrap()
 }
 
 fn scene(params: &Value) -> Scene {

@@ -1,10 +1,11 @@
 //! What the stage refuses, and what it lets pass.
 
 use serde_json::{Value, json};
+use turbid_contract::kit::Inputs;
 use turbid_contract::{Ctx, Error, MemoryHost, StageRow};
 use turbid_scene::SceneStage;
 
-use crate::{NoInputs, carcinoma, check, with};
+use crate::{carcinoma, check, with};
 
 /// Each mistake: where it stands, and words that the message or the way out must have.
 #[test]
@@ -234,7 +235,7 @@ fn mistakes_are_named() {
         let Some(found) = found else { panic!("nothing at {path}, but {mistakes:?}") };
         let text = found.to_string();
         assert!(words.iter().all(|w| text.contains(w)), "{path}: `{text}` lacks one of {words:?}");
-        let run = StageRow::of::<SceneStage>().run(&params, &NoInputs, Ctx::new(&MemoryHost::default()));
+        let run = StageRow::of::<SceneStage>().run(&params, &Inputs::none(), Ctx::new(&MemoryHost::default()));
         assert!(matches!(run, Err(Error::Invalid(_))), "{path}: ran all the same");
     }
 }

@@ -1,26 +1,16 @@
 //! A scene that takes camera, projector and lights from another one.
 
 use serde_json::{Value, json};
+use turbid_contract::kit::Inputs;
 use turbid_contract::payload::{Lamp, Payload, Scene};
-use turbid_contract::{Artifact, Axes, Ctx, Error, InputSource, Known, MemoryHost, Problem, Problems, StageRow};
+use turbid_contract::{Artifact, Ctx, Error, Known, MemoryHost, Problem, Problems, StageRow};
 use turbid_scene::SceneStage;
 
-use crate::{NoInputs, carcinoma, check, run, scene, with};
+use crate::{carcinoma, check, run, scene, with};
 
 /// One scene on the port `rig`.
-struct OnRig(Scene);
-
-impl InputSource for OnRig {
-    fn one(&self, port: &str) -> Result<Option<Artifact>, Error> {
-        assert_eq!(port, "rig");
-        Ok(Some(self.0.clone().into_artifact()))
-    }
-    fn many(&self, _: &str) -> Vec<Axes> {
-        Vec::new()
-    }
-    fn load(&self, port: &str, _: usize) -> Result<Artifact, Error> {
-        Err(Error::failed(port))
-    }
+fn on_rig(rig: Scene) -> Inputs {
+    Inputs::none().with("rig", rig)
 }
 
 /// The parameters of `carcinoma` in two: what lights and sees, and the rest.
@@ -35,7 +25,7 @@ fn parted(params: &Value) -> (Value, Value) {
 }
 
 fn on(rig: &Value, params: &Value) -> Result<Scene, Error> {
-    let made = StageRow::of::<SceneStage>().run(params, &OnRig(scene(rig)), Ctx::new(&MemoryHost::default()))?;
+    let made = StageRow::of::<SceneStage>().run(params, &on_rig(scene(rig)), Ctx::new(&MemoryHost::default()))?;
     Scene::from_artifact(made.into_iter().next().expect("the scene").1)
 }
 
@@ -157,7 +147,7 @@ fn mistakes_with_a_rig_are_named() {
     // A rig of nothing, and media that fill nothing.
     for params in [json!({}), with("/objects", json!({}))] {
         assert!(check(&params).0.iter().any(|m| m.message.contains("no object")), "{params}");
-        let run = StageRow::of::<SceneStage>().run(&params, &NoInputs, Ctx::new(&MemoryHost::default()));
+        let run = StageRow::of::<SceneStage>().run(&params, &Inputs::none(), Ctx::new(&MemoryHost::default()));
         assert!(matches!(run, Err(Error::Invalid(_))), "{params}");
     }
 }
