@@ -7,11 +7,12 @@ use glam::DVec3;
 use turbid_optics::pencil::Aim;
 use turbid_optics::solid::{Ends, Far};
 
-use crate::channels::{Lengths, NO_LENGTHS, count, sum};
 use crate::finish::Finish;
 use crate::lamp::Source;
-use crate::link::Link;
-use crate::path::{Setting, Walker};
+use crate::lengths::{Lengths, NO_LENGTHS, count, sum};
+use crate::setting::Setting;
+use crate::walker::Walker;
+use crate::way::{Known, Link};
 use crate::world::{Skin, Wall};
 
 mod chance;
@@ -20,14 +21,6 @@ mod shot;
 
 pub(crate) use chance::{Beginning, Best};
 use shot::{Shot, Walls};
-
-/// A way that need not be looked for.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Known {
-    pub link: Link,
-    /// Walls that turn it.
-    events: usize,
-}
 
 /// Where the refractive index changes next on a ray, or there is a mirror.
 struct Edge {
@@ -53,9 +46,6 @@ enum Next {
 
 /// A place where light may cross one wall is a way if what is left to turn is less than this, rad: else another wall comes first.
 const NEAR: f64 = 1e-4;
-/// Ways are one if their directions differ by less, rad.
-const SAME: f64 = 1e-6;
-
 impl Walker<'_> {
     /// Fills `self.known` with ways found from fixed beginnings: the straight line, or refraction at one wall, or the straight line's walls one
     /// after the other; and reflection at one mirror. With the first of them if `one` will do.
@@ -250,13 +240,6 @@ impl Walker<'_> {
 impl Edge {
     fn is_mirror(&self) -> bool {
         self.n == self.beyond
-    }
-}
-
-impl Known {
-    /// Whether it is the way that begins along `w`.
-    fn is(&self, w: DVec3, events: usize) -> bool {
-        self.events == events && (self.link.towards - w).length() < SAME
     }
 }
 

@@ -6,7 +6,7 @@ use turbid_contract::payload::Scene;
 use crate::glint::in_focus;
 use crate::light::Carrier;
 use crate::method::Taken;
-use crate::mirror::Mirrors;
+use crate::mirrors::Mirrors;
 use crate::params::{Method, Params};
 use crate::plan::flights_per_path;
 use crate::plane_wave::no_plane_wave;

@@ -4,10 +4,11 @@ use glam::DVec3;
 use turbid_optics::refraction::Crossing;
 
 use crate::lamp::Source;
-use crate::link::{Chance, DETOURS, Link, Target, Way};
-use crate::path::Walker;
+use crate::link::{Chance, DETOURS, Target};
 use crate::random::Dice;
 use crate::strata::{Bending, Strata};
+use crate::walker::Walker;
+use crate::way::{Link, Way};
 use crate::world::Skin;
 
 /// The least and the most probable reflection on a detour.
@@ -144,9 +145,9 @@ mod tests {
     use crate::lamp::{Lamp, Steady};
     use crate::level::named;
     use crate::light::Light;
-    use crate::path::{Nee, Setting};
     use crate::pictures::Pictures;
     use crate::random::{Look, Stream};
+    use crate::setting::{Nee, Setting};
     use crate::world::{Body, Material, World};
 
     /// Thickness, mu_t, n.

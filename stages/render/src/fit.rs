@@ -11,6 +11,10 @@ use crate::rig::Rig;
 use crate::tail::{brightness, expected_kurtosis, image_holds, is_peaked};
 use crate::world::Spans;
 
+/// So many times the paths of a pixel are spent on each traced pixel of a stand-in's image: its few terms have then less noise than
+/// most differences.
+pub const FIT_PATHS: u32 = 1;
+
 /// No more pixels than this are traced along a side: a polynomial needs no more places, only more paths.
 const MOST_ALONG: usize = 64;
 /// The order where nothing speaks for a higher one ...

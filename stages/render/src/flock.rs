@@ -11,11 +11,12 @@ use turbid_optics::philox::{philox4x32, unit, unit_fine};
 use turbid_optics::solid::Solid;
 
 use crate::batches::{Batches, alike};
-use crate::look::LANES;
-use crate::nee::rarity;
-use crate::path::{Place, Walker, deep_weight};
+use crate::look::{LANES, rarity};
+use crate::path::deep_weight;
 use crate::random::{SCOUT, counter};
+use crate::setting::Place;
 use crate::single::{self, Frame};
+use crate::walker::Walker;
 use crate::world::Body;
 
 /// With no more paths than this left, lanes are dearer than one path after the other.

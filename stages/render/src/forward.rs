@@ -10,15 +10,16 @@ use turbid_optics::elementary::{ln, sin_cos_turns};
 use turbid_optics::henyey_greenstein::turn;
 use turbid_optics::philox::{self, unit, unit_fine};
 
-use crate::channels::NO_LENGTHS;
 use crate::detector::{Detector, pass, sides};
 use crate::lamp::{Lamp, Steady};
+use crate::lengths::NO_LENGTHS;
 use crate::level::named;
 use crate::light::{Emission, Light};
-use crate::path::{Ending, Nee, Place, Setting, Walker};
 use crate::pictures::Pictures;
 use crate::random::{Purpose, Stream};
 use crate::rig::Rig;
+use crate::setting::{Nee, Place, Setting};
+use crate::walker::{Ending, Walker};
 use crate::world::World;
 
 /// The pixel in whose stead photons draw their random numbers; no image has so many.

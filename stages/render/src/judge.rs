@@ -2,8 +2,7 @@
 
 use crate::allocation::needs;
 use crate::field::{Field, Sampled, Watched, relative_error};
-use crate::fit::{Fitted, Lattice};
-use crate::method::FIT_PATHS;
+use crate::fit::{FIT_PATHS, Fitted, Lattice};
 use crate::moments::Moments;
 use crate::params::Allocate;
 use crate::pooled::by_paths;

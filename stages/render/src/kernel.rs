@@ -4,13 +4,13 @@ use std::fmt;
 
 use crate::look::{self, bodies_by_material};
 use crate::method::Taken;
-use crate::path::{Nee, Setting, Walker};
 use crate::rig::Rig;
+use crate::setting::{Nee, Setting};
 use crate::shown::Shown;
-use crate::single::Frame;
-use crate::single::lane;
 use crate::single::refusal::Refusal;
+use crate::single::{Frame, lane};
 use crate::strata::Bending;
+use crate::walker::Walker;
 use crate::world::World;
 
 /// How one walk goes on.

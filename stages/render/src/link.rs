@@ -6,32 +6,14 @@ use glam::DVec3;
 use turbid_optics::philox::unit;
 use turbid_optics::refraction::{Crossing, Leg};
 
-use crate::channels::{Lengths, NO_LENGTHS, count, sum};
 use crate::lamp::Source;
-use crate::path::{Setting, Walker};
+use crate::lengths::{Lengths, NO_LENGTHS, count, sum};
 use crate::random::{Dice, Look, Purpose, Stream};
+use crate::setting::Setting;
 use crate::strata::{Bending, Layer, Strata};
+use crate::walker::Walker;
+use crate::way::{Link, Stretch, Way};
 use crate::world::Skin;
-
-/// Light that reaches a point.
-#[derive(Clone, Copy, Debug)]
-pub struct Link {
-    /// Unit vector from the point against the light.
-    pub towards: DVec3,
-    /// On a surface there that faces it, at pattern value 1, over n^2 (W mm^-2), without attenuation; over the probability of
-    /// having looked at this link.
-    pub irradiance: f64,
-    /// Optical depth on the way.
-    pub tau: f64,
-    /// Normal, towards the light, of the first boundary on the way.
-    pub exit: Option<DVec3>,
-    /// Where the pattern's plane lies on the way.
-    pub on_plane: DVec3,
-    /// Whether it is inside the field.
-    pub lit: bool,
-    /// mm on the way in each medium that tells channels apart.
-    pub lengths: Lengths,
-}
 
 /// Where light comes from, be it lit or not, and how far off it is.
 pub(crate) struct Heading {
@@ -82,66 +64,6 @@ impl Chance<'_> {
 
 /// Ways other than the straight one are looked for with this probability: they carry a few per cent of the light.
 pub(crate) const DETOURS: f64 = 0.125;
-/// A straight stretch of a way.
-#[derive(Clone, Copy, Debug)]
-struct Stretch {
-    leg: Leg,
-    up: bool,
-    /// World z of its end.
-    until: f64,
-}
-
-/// A way through parallel planes: stretches, and what happens between them.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Way {
-    stretches: Vec<Stretch>,
-    /// (n on the side where the light is, n on the other side, reflected).
-    events: Vec<(f64, f64, bool)>,
-    /// Scratch of the search: mm of height that it has passed in each layer.
-    pub(crate) passed: Vec<f64>,
-}
-
-impl Way {
-    fn clear(&mut self) {
-        self.stretches.clear();
-        self.events.clear();
-    }
-
-    pub(crate) fn go(&mut self, n: f64, from: f64, until: f64, up: bool) {
-        self.stretches.push(Stretch { leg: Leg { n, depth: (until - from).abs() }, up, until });
-    }
-
-    /// Takes back the last [`Way::go`].
-    pub(crate) fn undo(&mut self) {
-        self.stretches.pop();
-    }
-
-    /// At the end of a stretch in index `n`.
-    pub(crate) fn meet(&mut self, n: f64, beyond: f64, reflected: bool) {
-        self.events.push((n, beyond, reflected));
-    }
-
-    /// Takes back the last [`Way::meet`].
-    pub(crate) fn forget(&mut self) {
-        self.events.pop();
-    }
-
-    /// How many planes are on it.
-    pub(crate) fn turns(&self) -> usize {
-        self.events.len()
-    }
-
-    /// Whether one of them reflects it.
-    pub(crate) fn is_reflected(&self) -> bool {
-        self.events.iter().any(|event| event.2)
-    }
-
-    /// Whether a plane is on it.
-    pub(crate) fn is_bent(&self) -> bool {
-        !self.events.is_empty()
-    }
-}
-
 impl Walker<'_> {
     /// What lies on the straight way from r along `towards`.
     pub(crate) fn sight(&mut self, r: DVec3, towards: DVec3, distance: f64, skin: Option<Skin>) -> Sight {

@@ -10,11 +10,14 @@ use turbid_optics::philox::{philox4x32, unit};
 use turbid_optics::solid::Solid;
 
 use crate::light::{Carrier, Light};
-use crate::nee::{depth, rarity};
-use crate::path::{Place, Setting};
 use crate::random::counter;
+use crate::setting::{Place, Setting};
 use crate::strata::Bending;
 use crate::world::{Body, Material, World};
+
+/// Light is looked for with probability min(1, (TAU_SURE / tau)^4) at optical distance tau from it; looking ahead, from the plane of
+/// the wall through which it comes.
+pub const TAU_SURE: f64 = 3.0;
 
 /// Overlaps are resolved for so many bodies at most.
 pub const MOST_BODIES: usize = 3;
@@ -338,4 +341,22 @@ pub fn ahead(steepness: f64, length: f64, mu_t: f64, u: f64) -> (f64, f64) {
     let s = if rate > 0.0 { fallen } else { length - fallen };
     let flat = steep < FLAT;
     (if flat { u * length } else { s }, if flat { length } else { mass / (rate.abs() * left) })
+}
+
+/// Optical depth below the plane through which the light comes, which is `tau` away at the cosine `cos`; at least what is known.
+///
+/// A look ahead is from further on along the path, which may come up to the wall the short way: where light grazes the wall, it is far
+/// away from places near which it is bright. A roulette by `tau` itself would leave those to one look in very many (measured in a tube
+/// lit along its axis: kurtosis above 2000, intervals of two standard errors that hold the truth in 86 % of cases after 256 paths).
+#[inline(always)]
+pub fn depth(tau: f64, cos: f64, least: f64) -> f64 {
+    let depth = tau * cos.abs();
+    if depth > least { depth } else { least }
+}
+
+/// One over the probability of looking for light at optical distance `tau`; that falls slower than the light does.
+#[inline(always)]
+pub fn rarity(tau: f64) -> f64 {
+    let x = (tau * (1.0 / TAU_SURE)).max(1.0);
+    x * x * x * x
 }

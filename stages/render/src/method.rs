@@ -4,7 +4,7 @@ use turbid_contract::payload::Scene;
 use turbid_contract::{Ctx, Error};
 
 use crate::field::{Field, Sampled, Watched};
-use crate::fit::{Fitted, Lattice};
+use crate::fit::{FIT_PATHS, Fitted, Lattice};
 use crate::judge::{OfFit, OfPixels};
 use crate::light::Carrier;
 use crate::moments::Moments;
@@ -24,9 +24,6 @@ use crate::unsure::Unsure;
 pub const FIRST_TEST: u32 = 64;
 /// That of a fitted one after this many paths in all.
 const FIRST_TEST_OF_ALL: usize = 1 << 15;
-/// So many times the paths of a pixel are spent on each traced pixel of a stand-in's image: its few terms have then less noise than
-/// most differences.
-pub const FIT_PATHS: u32 = 1;
 /// The method taken for a scene, and why.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Taken {

@@ -1,16 +1,15 @@
 //! A small image of the scene by the very kernel of the render: how many flights the whole takes, for `turbid plan` to time.
 
 use turbid_contract::payload::Scene;
-use turbid_contract::{Ctx, LayerInfo, MemoryHost, Pilot};
+use turbid_contract::{Ctx, MemoryHost, Pilot};
 
-use crate::fit::Lattice;
+use crate::fit::{FIT_PATHS, Lattice};
 use crate::judge::{OfFit, OfPixels};
-use crate::method::{FIRST_TEST, FIT_PATHS, Taken, first_test_of_fit};
+use crate::method::{FIRST_TEST, Taken, first_test_of_fit};
+use crate::outline::shown;
 use crate::params::{Allocate, Params};
-use crate::pictures::Pictures;
 use crate::plan;
 use crate::reference::{References, references};
-use crate::response::Layout;
 use crate::rig::Rig;
 use crate::shown::Shown;
 use crate::trace::{Judge, PILOT, Task, trace};
@@ -23,11 +22,6 @@ const SAMPLES: u32 = PILOT;
 const BESIDE: u32 = 8;
 /// ns that the paths may take by the figures of [`plan`]: looks through curved walls take as long as thousands of flights.
 const MOST_NS: f64 = 3e7;
-/// Frames of a pattern that nobody has made yet.
-const LAYERS: usize = 6;
-/// Its pixels along a side are these at most: beyond, they are out of the cache as well.
-const ALONG: u32 = 512;
-
 /// What is known of the paths before they are walked.
 struct Walked {
     /// Flights of a path in the scene and of one in a stand-in, those of all walks.
@@ -92,33 +86,6 @@ fn smaller(scene: &Scene, rig: &Rig, taken: &Taken) -> Option<Scene> {
     }
     camera.pixels = pixels;
     Some(small)
-}
-
-/// What is shown; instead of a pattern that is still to be made one of as many pixels.
-fn shown(params: &Params, scene: &Scene, patterned: bool, steady: bool) -> Shown {
-    if !patterned {
-        return Shown::sinusoids(params, steady);
-    }
-    let [columns, rows] = scene.projector.as_ref().and_then(|p| p.pixels).unwrap_or([ALONG; 2]);
-    // A side beyond what lanes hold shows in the kernel: it stays.
-    grey(LAYERS, [rows.min(ALONG * ALONG / columns.max(1)).max(1), columns], steady)
-}
-
-/// The same for what depends on the pattern's size only.
-pub fn outline(params: &Params, scene: &Scene, patterned: bool, steady: bool) -> Shown {
-    if !patterned {
-        return Shown::sinusoids(params, steady);
-    }
-    let [columns, rows] = scene.projector.as_ref().and_then(|p| p.pixels).unwrap_or([ALONG; 2]);
-    grey(1, [1, columns.max(rows)], steady)
-}
-
-/// A pattern of grey layers with so many rows and columns.
-fn grey(layers: usize, [rows, columns]: [u32; 2], steady: bool) -> Shown {
-    let layout = Layout { carriers: 0, pictures: layers, steady };
-    let pictures = Pictures::new(layers, rows as usize, columns as usize, |_, _, _| 0.5);
-    let frame = |i| (LayerInfo::value("radiance", ""), vec![(layout.picture(i), 1.0)]);
-    Shown { carriers: Vec::new(), pictures, layout, frames: (0..layers).map(frame).collect(), quantities: Vec::new() }
 }
 
 /// Walks the paths of the small image.

@@ -8,7 +8,6 @@ use turbid_optics::solid::Solid;
 use turbid_optics::view::Lens;
 
 use crate::camera::Camera;
-use crate::channels::Channels;
 use crate::finish::Finish;
 use crate::lamp::{Lamp, Steady};
 use crate::light::Light;
@@ -127,4 +126,12 @@ fn steady(scene: &Scene, channel: usize) -> Steady {
         }
     }
     steady
+}
+
+/// What channels see: one entry each. Their worlds have the same bodies, and lights stand at the same places.
+#[derive(Clone, Copy)]
+pub struct Channels<'a> {
+    pub worlds: &'a [World],
+    pub lights: &'a [Light],
+    pub steady: &'a [Steady],
 }

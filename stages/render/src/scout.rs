@@ -6,8 +6,9 @@ use glam::DVec3;
 use turbid_optics::henyey_greenstein as hg;
 use turbid_optics::philox::unit;
 
-use crate::path::{Place, Walker};
 use crate::random::{Purpose, SCOUT};
+use crate::setting::Place;
+use crate::walker::Walker;
 
 /// Scouts are sent nearer to a wall than so many mean free paths: grazing light does not come further.
 pub(crate) const NEAR: f64 = 1.0;

@@ -4,8 +4,8 @@ use glam::DVec3;
 use turbid_optics::solid::Solid;
 
 use crate::finish::Finish;
-use crate::mirror::Mirrors;
-use crate::single::MOST_BODIES;
+use crate::mirrors::Mirrors;
+use crate::single::limits::MOST_BODIES;
 use crate::world::{Body, World};
 
 /// The refractive index as a function of z.
@@ -189,6 +189,40 @@ impl Strata {
         let (edge, next) = if up { (layer, layer + 1) } else { (layer.wrapping_sub(1), layer.wrapping_sub(1)) };
         self.edges.get(edge).map(|&z| (z, next))
     }
+}
+
+/// Of each layer, the most that straight light can keep from one of its planes to the other; 1 in the outer ones.
+pub fn clear(world: &World, strata: &Strata) -> Vec<f64> {
+    let mut cuts: Vec<f64> = Vec::new();
+    for body in &world.bodies {
+        if let Solid::Slab { bottom, top } = body.solid {
+            cuts.extend([bottom, top]);
+        }
+    }
+    cuts.sort_by(f64::total_cmp);
+    let within = |low: f64, high: f64| {
+        let middle = 0.5 * (low + high);
+        let slab =
+            world.bodies.iter().find(|b| matches!(b.solid, Solid::Slab { .. }) && b.solid.contains(DVec3::Z * middle));
+        let around = slab.map_or(0.0, |b| world.materials[b.material].mu_t());
+        // Others may lie in its place.
+        let others = world.bodies.iter().filter(|b| {
+            let (from, to) = b.solid.bounds();
+            !matches!(b.solid, Solid::Slab { .. }) && from.z < high && to.z > low
+        });
+        others.map(|b| world.materials[b.material].mu_t()).fold(around, f64::min) * (high - low)
+    };
+    let layers = 0..strata.layers.len();
+    let tau = layers.map(|i| {
+        let (Some(&low), Some(&high)) = (i.checked_sub(1).and_then(|i| strata.edges.get(i)), strata.edges.get(i))
+        else {
+            return 0.0;
+        };
+        let inner = cuts.iter().copied().filter(|&z| z >= low && z <= high);
+        let inner: Vec<f64> = inner.collect();
+        inner.windows(2).map(|pair| within(pair[0], pair[1])).sum::<f64>()
+    });
+    tau.map(|tau| libm::exp(-tau)).collect()
 }
 
 #[cfg(test)]

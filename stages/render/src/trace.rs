@@ -12,11 +12,12 @@ use crate::flock;
 use crate::level::named;
 use crate::moments::Moments;
 use crate::params::{Allocate, Params};
-use crate::path::{Nee, Setting, Walker};
 use crate::reference::References;
 use crate::rig::Rig;
+use crate::setting::{Nee, Setting};
 use crate::shown::Shown;
 use crate::state::State;
+use crate::walker::Walker;
 
 /// Paths per pixel that are summed before they are added to the image: in f64, and always the same ones, so that neither the
 /// thread count nor a stop in between shows in the result.

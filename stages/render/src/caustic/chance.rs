@@ -7,12 +7,13 @@ use turbid_optics::henyey_greenstein::turn;
 use turbid_optics::pencil::Aim;
 use turbid_optics::refraction::refract;
 
+use super::Next;
 use super::shot::{Shot, Walls};
-use super::{Next, SAME};
 use crate::lamp::Source;
-use crate::link::{Chance, DETOURS, Link};
-use crate::path::Walker;
+use crate::link::{Chance, DETOURS};
 use crate::random::Dice;
+use crate::walker::Walker;
+use crate::way::{Link, SAME};
 use crate::world::Skin;
 
 /// Where one begins to look for a way.

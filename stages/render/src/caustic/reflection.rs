@@ -4,10 +4,11 @@ use glam::{DVec2, DVec3};
 use turbid_optics::pencil::Aim;
 use turbid_optics::solid::{Ends, Far};
 
+use super::NEAR;
 use super::shot::{Shot, Walls};
-use super::{Known, NEAR};
 use crate::lamp::Source;
-use crate::path::Walker;
+use crate::walker::Walker;
+use crate::way::Known;
 use crate::world::Skin;
 
 /// So many times as bright as in the open, light is in focus.

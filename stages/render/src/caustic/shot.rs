@@ -3,10 +3,11 @@
 use glam::DVec3;
 use turbid_optics::pencil::{Aim, Pencil};
 
-use super::{Next, SAME};
-use crate::channels::{Lengths, NO_LENGTHS, sum};
+use super::Next;
 use crate::lamp::Source;
-use crate::path::Walker;
+use crate::lengths::{Lengths, NO_LENGTHS, sum};
+use crate::walker::Walker;
+use crate::way::SAME;
 use crate::world::Skin;
 
 /// A ray behind the last wall of its way.

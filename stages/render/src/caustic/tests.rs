@@ -16,10 +16,11 @@ use crate::lamp::{Lamp, Source, Steady};
 use crate::level::named;
 use crate::light::Light;
 use crate::link::Chance;
-use crate::path::{Nee, Setting, Walker};
 use crate::pictures::Pictures;
 use crate::random::{Look, Purpose, Stream};
+use crate::setting::{Nee, Setting};
 use crate::strata::Bending;
+use crate::walker::Walker;
 use crate::world::{Body, Material, Skin, Spans, Wall, World};
 
 mod glints;

@@ -10,13 +10,13 @@ use super::{Seen, beam_of, eyes, setting};
 use crate::caustic::Beginning;
 use crate::lamp::Source;
 use crate::level::named;
-use crate::mirror::Mirrors;
+use crate::mirrors::Mirrors;
 use crate::moments::Moments;
-use crate::path::Walker;
 use crate::random::Dice;
 use crate::rig::Rig;
 use crate::shown::Shown;
 use crate::strata::Bending;
+use crate::walker::Walker;
 
 /// A trial for so many paths of the image: they cost about as much as some of those.
 const PATHS_A_TRIAL: u64 = 4;

@@ -16,19 +16,19 @@ use turbid_optics::view::Lens;
 
 pub use chance::{Chanced, by_chance, by_several_walls};
 pub use field::Glinting;
-pub use stack::clear;
 
 use crate::camera::Camera;
 use crate::lamp::{Lamp, Source};
 use crate::level::named;
 use crate::light::Carrier;
-use crate::link::Link;
-use crate::mirror::has_mirrors;
-use crate::path::{Nee, Setting, Walker};
+use crate::mirrors::has_mirrors;
 use crate::pictures::Pictures;
 use crate::rig::Rig;
+use crate::setting::{Nee, Setting};
 use crate::shown::Shown;
 use crate::strata::Bending;
+use crate::walker::Walker;
+use crate::way::Link;
 use crate::world::World;
 
 /// By pixel, responses as [`Layout`](crate::response::Layout) says.

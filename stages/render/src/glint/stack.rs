@@ -7,10 +7,10 @@ use turbid_optics::refraction::{Crossing, Leg};
 use turbid_optics::solid::Solid;
 
 use crate::lamp::Source;
-use crate::link::{Link, Target, Way};
-use crate::path::Walker;
+use crate::link::Target;
 use crate::strata::{Bending, Strata};
-use crate::world::World;
+use crate::walker::Walker;
+use crate::way::{Link, Way};
 
 /// Ways are followed no further once they carry less than this part of the light: their sum is below it times the number of planes
 /// at each of which one ends.
@@ -153,38 +153,4 @@ enum Task {
     Forget,
     /// ... and before the stretch to it.
     Undo { layer: usize, passed: f64 },
-}
-
-/// Of each layer, the most that straight light can keep from one of its planes to the other; 1 in the outer ones.
-pub fn clear(world: &World, strata: &Strata) -> Vec<f64> {
-    let mut cuts: Vec<f64> = Vec::new();
-    for body in &world.bodies {
-        if let Solid::Slab { bottom, top } = body.solid {
-            cuts.extend([bottom, top]);
-        }
-    }
-    cuts.sort_by(f64::total_cmp);
-    let within = |low: f64, high: f64| {
-        let middle = 0.5 * (low + high);
-        let slab =
-            world.bodies.iter().find(|b| matches!(b.solid, Solid::Slab { .. }) && b.solid.contains(DVec3::Z * middle));
-        let around = slab.map_or(0.0, |b| world.materials[b.material].mu_t());
-        // Others may lie in its place.
-        let others = world.bodies.iter().filter(|b| {
-            let (from, to) = b.solid.bounds();
-            !matches!(b.solid, Solid::Slab { .. }) && from.z < high && to.z > low
-        });
-        others.map(|b| world.materials[b.material].mu_t()).fold(around, f64::min) * (high - low)
-    };
-    let layers = 0..strata.layers.len();
-    let tau = layers.map(|i| {
-        let (Some(&low), Some(&high)) = (i.checked_sub(1).and_then(|i| strata.edges.get(i)), strata.edges.get(i))
-        else {
-            return 0.0;
-        };
-        let inner = cuts.iter().copied().filter(|&z| z >= low && z <= high);
-        let inner: Vec<f64> = inner.collect();
-        inner.windows(2).map(|pair| within(pair[0], pair[1])).sum::<f64>()
-    });
-    tau.map(|tau| libm::exp(-tau)).collect()
 }

@@ -2,9 +2,9 @@
 
 use glam::DVec3;
 
-use super::{Nee, Place, Setting, Walker};
-use crate::channels::count;
-use crate::nee::Entry;
+use crate::lengths::count;
+use crate::setting::{Nee, Place, Setting};
+use crate::walker::{Entry, Walker};
 use crate::world::{Skin, Wall};
 
 /// How a flight ended.

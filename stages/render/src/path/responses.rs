@@ -1,6 +1,6 @@
 //! What paths have brought: where it is summed.
 
-use super::Walker;
+use crate::walker::Walker;
 
 impl Walker<'_> {
     /// Makes room for the responses of `paths` paths.

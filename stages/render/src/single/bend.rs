@@ -6,13 +6,12 @@ use fearless_simd::prelude::*;
 use glam::DVec3;
 use turbid_optics::refraction::refract;
 
-use super::frame::Frame;
 use super::ground::Part;
 use super::lane::{F, M, V, choose, splat};
-use super::look::{DARK, Looks};
-use crate::channels::MOST_LENGTHS;
-use crate::path::Walker;
+use super::limits::DARK;
+use crate::lengths::MOST_LENGTHS;
 use crate::strata::{self, Bending};
+use crate::walker::Walker;
 
 /// A horizontal plane between a layer, in which everything lies that scatters, and the light's, of lower refractive index.
 #[derive(Clone, Copy, Debug)]
@@ -247,20 +246,6 @@ pub struct KnownWay {
     /// Unit vectors: against it at the point, and out of its wall.
     pub towards: [f32; 3],
     pub normal: [f32; 3],
-}
-
-/// Tries those that wait, in their order.
-#[inline(never)]
-pub fn try_detours<const LENGTHS: usize>(walker: &mut Walker<'_>, frame: &Frame<'_>, looks: &mut Looks<LENGTHS>) {
-    for detour in looks.detours.drain(..) {
-        let mut r = frame.world(detour.r);
-        if let Some(plane) = &frame.plane {
-            // Rounding must not put it into another layer.
-            r.z = r.z.clamp(plane.layer[0].next_up(), plane.layer[1].next_down());
-        }
-        let e = DVec3::from(detour.e.map(f64::from));
-        walker.try_detour(&detour, r, e, frame.unit);
-    }
 }
 
 #[cfg(test)]

@@ -2,9 +2,10 @@
 
 use fearless_simd::prelude::*;
 
-use super::frame::{Frame, MOST_CHANNELS};
+use super::facets::bits;
+use super::frame::Frame;
 use super::lane::{F, M, choose, sin_cos_turns, splat};
-use super::mesh::bits;
+use super::limits::MOST_CHANNELS;
 
 /// Of lights: radiance in each channel, in units of theirs; lanes in which there is any; and where on the pattern's plane its light passes.
 pub struct Seen<S: Simd> {

@@ -4,9 +4,7 @@ use glam::DVec3;
 use turbid_optics::solid::Solid;
 
 use super::ground::Shape;
-
-/// Of the bodies together: worlds of more are left to the scalar walker.
-pub const MOST_FACES: usize = 8;
+use super::limits::MOST_FACES;
 
 /// A face of a body through which light may come.
 #[derive(Clone, Copy, Debug)]
@@ -31,6 +29,20 @@ pub enum Within {
     Everywhere,
     Box { low: [f32; 3], high: [f32; 3] },
     Disc { axis: [f32; 2], radius: f32 },
+}
+
+/// What bends light.
+#[derive(Clone, Debug)]
+pub struct Walls {
+    pub faces: Vec<Face>,
+    /// The projector, local.
+    pub(super) light: [f32; 3],
+    /// n of the bodies; outside it is 1.
+    pub m: f32,
+    /// m^2 - 1.
+    pub(super) excess: f32,
+    /// How far behind walls paths are put that start on them, mm: so little of a free path that light does not see it.
+    pub behind: f64,
 }
 
 impl Face {

@@ -1,34 +1,14 @@
-//! What the f32 lanes know of a render, and when f32 is enough.
-
-use std::ops::RangeInclusive;
+//! What the f32 lanes know of a render.
 
 use glam::DVec3;
-use turbid_optics::solid::{Carved, Solid};
 
 use super::bend::Plane;
+use super::face::Walls;
 use super::ground::{Ground, Part};
-use super::look::MOST_BODIES;
-use super::mesh::Eyes;
 use super::picture::Shown;
-use super::refusal::{self, Refusal};
+use super::refusal::Refusal;
 use super::source::Source;
-use super::walls::Walls;
-use crate::channels::MOST_LENGTHS;
-use crate::finish::Finish;
-use crate::path::{Nee, Setting, Walker};
-use crate::random::LAMPS_IN_LANES;
-use crate::world::{Material, Spans, World};
-
-/// Coordinates up to so many mean free paths: their last digit is 2^-12 of one, and the error made by it, of either sign from
-/// flight to flight, stays below 1e-4.
-pub(super) const RANGE: f64 = 4096.0;
-/// Cycles of a carrier across the field, beyond which its phase loses 1e-4 rad.
-pub(super) const CYCLES: f64 = 256.0;
-/// Coefficients (mm^-1) and lengths (mm) beyond these leave too little of the exponents of f32.
-pub(super) const LARGEST: f64 = 1e9;
-
-/// g of media in which scouts pay (with g = 0 they cost more than they save: measured), up to where f32 holds their lobe.
-const PEAKED: RangeInclusive<f64> = 0.5..=0.99;
+use crate::lengths::MOST_LENGTHS;
 
 /// A world and a light as the lanes see them.
 #[derive(Clone, Debug)]
@@ -104,9 +84,6 @@ pub struct Frame<'a> {
     pub refused: Vec<Refusal>,
 }
 
-/// The most channels whose looks go in lanes together.
-pub const MOST_CHANNELS: usize = 16;
-
 /// A material, mm^-1.
 #[derive(Clone, Copy, Debug)]
 pub struct Medium {
@@ -119,147 +96,7 @@ pub struct Medium {
     pub window: f32,
 }
 
-impl<'a> Frame<'a> {
-    /// `None` where f32 cannot hold the render.
-    pub fn of(walker: &Walker<'a>) -> Option<Self> {
-        Self::held(walker).ok()
-    }
-
-    /// Why f32 cannot hold the render, where it cannot.
-    pub fn held(walker: &Walker<'a>) -> Result<Self, Refusal> {
-        let s = walker.setting();
-        if s.nee != Nee::Line {
-            return Err(Refusal::Reference);
-        }
-        let shortest = (0..s.world.materials.len()).map(|m| walker.free_path(m)).fold(f64::INFINITY, f64::min);
-        let range = (RANGE * shortest).min(LARGEST);
-        let view = &s.light.view;
-        let cycles = view.field.length() * s.carriers.iter().fold(0.0, |most: f64, c| most.max(c.f_x()));
-        let dense = s.world.materials.iter().find(|m| m.mu_t() > LARGEST || (m.mu_s > 0.0 && m.mu_s < 1.0 / LARGEST));
-        let distance = (view.position - view.look_at).length();
-        let refusal = match dense {
-            _ if cycles > CYCLES => Some(Refusal::Cycles(cycles)),
-            Some(m) => Some(Refusal::Coefficient(if m.mu_t() > LARGEST { m.mu_t() } else { m.mu_s })),
-            None if distance > LARGEST => Some(Refusal::Distance(distance)),
-            None if s.channels() > MOST_CHANNELS => Some(Refusal::Channels(s.channels())),
-            None => None,
-        };
-        if let Some(refusal) = refusal {
-            return Err(refusal);
-        }
-        let origin = seen(s);
-        // What the camera sees of the plane through the origin must lie within the range.
-        let corners = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)].map(|(x, y)| {
-            let (from, along) = s.camera.view.ray(x, y);
-            from + (origin.z - from.z) / along.z * along
-        });
-        let reaches = corners.map(|corner| (corner - origin).length());
-        if let Some(&reach) = reaches.iter().find(|reach| reach.is_nan() || **reach > range) {
-            return Err(Refusal::Extent { reach, mu_s: 1.0 / shortest });
-        }
-        let media = s.world.materials.iter().enumerate();
-        let media = media.map(|(i, m)| Medium {
-            free_path: walker.free_path(i) as f32,
-            mu_a: m.mu_a as f32,
-            mu_s: m.mu_s as f32,
-            g: m.g as f32,
-            window: walker.window(i) as f32,
-        });
-        let carriers = s.carriers.iter().map(|c| {
-            let (x, y) = c.along();
-            let turns = x * origin.x + y * origin.y;
-            [x as f32, y as f32, (turns - turns.round()) as f32]
-        });
-        let parts = parts(s.world);
-        let eyes = Eyes { camera: s.camera.view.position, light: s.light.shines().then_some(view.position) };
-        let ground = Ground::about(&parts, origin, range, &eyes);
-        let others = (0..parts.len()).any(|j| ground.is_other(j));
-        let known = if others || !ground.meshes.is_empty() { 0.0 } else { f32::INFINITY };
-        let matt = |m: &Material| m.is_opaque() && m.finish != Finish::Mirror;
-        let straight = |m: &Material| matt(m) || (m.n == 1.0 && m.finish == Finish::Smooth);
-        let straight = s.world.materials.iter().all(straight);
-        let counted_in = s.shared.map_or_else(|| vec![MOST_LENGTHS; s.world.materials.len()], |s| s.counted.clone());
-        let shares = s.shared.map_or(&[][..], |shared| &shared.channels);
-        let channels = shares.iter().map(|share| share.excess.map(|mu_a| mu_a as f32)).collect();
-        let blind = !s.light.shines() && s.steady.lamps.is_empty();
-        let plane = if others || !ground.meshes.is_empty() { None } else { Plane::of(walker, &parts, origin) };
-        let walls = Walls::of(walker, &parts, &ground, origin);
-        // Lenses are looked up one by one; so are lamps where walls bend their light, and beside meshes.
-        let shown = Shown::over(s.light, s.pictures, origin);
-        let plain = view.distortion.is_none() && (s.pictures.layers() == 0 || shown.is_some());
-        let for_lamps = straight && ground.meshes.is_empty() && s.steady.lamps.len() <= LAMPS_IN_LANES;
-        let for_any = if s.light.shines() { plain } else { for_lamps && !blind };
-        let bends = plane.is_some() || walls.is_some();
-        let looks = (straight || bends) && !others && can_look(s.world, &parts) && for_any;
-        let repeated = repeats(&parts);
-        // Rays meet the facets of their own body only.
-        let alone = !repeated || ground.meshes.is_empty();
-        let looks = looks && alone;
-        let (projector, unit) = Source::projector(s.light, origin);
-        let (lamps, steady) = Source::lamps(s.steady, s.shared, origin);
-        let singly = !(lamps.is_empty() || (looks && for_lamps));
-        let lamps = lamps.into_iter().filter(|_| !singly);
-        let projected =
-            if s.shared.is_some() { shares.iter().map(|s| unit * s.projector).collect() } else { vec![unit] };
-        let lanes_alone = blind || (looks && !singly);
-        let turns = bends && lanes_alone;
-        let onward = straight && !others && lanes_alone;
-        let sends = onward && looks && s.light.shines() && ground.meshes.is_empty();
-        let starts = (onward || (turns && !s.steady.shines())) && !s.camera.has_aperture();
-        let mut refused = Vec::new();
-        if !(looks || blind) {
-            refused.extend((!(straight || bends)).then(|| refusal::of_walls(walker, &parts)));
-            refused.extend(refusal::of_solids(&ground, &parts, origin, range));
-            refused.extend((parts.len() > MOST_BODIES).then_some(Refusal::Bodies(parts.len())));
-            refused.extend((carves_opaque(s.world, &parts)).then_some(Refusal::CarvedOpaque));
-            refused.extend(view.distortion.as_ref().filter(|_| s.light.shines()).map(|_| Refusal::Distortion));
-            let longer = s.pictures.size().into_iter().max().filter(|_| s.pictures.layers() > 0 && shown.is_none());
-            refused.extend(longer.map(Refusal::Pattern));
-            refused.extend((!alone).then_some(Refusal::RepeatedMedium));
-        }
-        refused.extend(singly.then_some(Refusal::Lamps(s.steady.lamps.len())).filter(|_| looks || !s.light.shines()));
-        refused.extend(s.camera.has_aperture().then_some(Refusal::Aperture));
-        refused.dedup();
-        Ok(Self {
-            origin,
-            range_squared: (range * range) as f32,
-            ground,
-            media: media.collect(),
-            mu_t: parts.iter().map(|part| s.world.materials[part.material].mu_t() as f32).collect(),
-            opaque: parts.iter().map(|part| s.world.materials[part.material].is_opaque()).collect(),
-            straight: straight && !others,
-            onward: onward || (walls.is_some() && lanes_alone),
-            scouts: if sends { sends_scouts(s.world, origin, range) } else { Vec::new() },
-            others,
-            known,
-            counted: parts.iter().map(|part| counted_in[part.material]).collect(),
-            counted_in,
-            // As many as there are kernels for.
-            lengths: if s.shared.is_some() { MOST_LENGTHS } else { 0 },
-            channels,
-            parts,
-            dark: ((straight && !others) || turns) && s.steady.ambient == 0.0,
-            turns,
-            first: if bends { 4 } else { 2 },
-            plane,
-            walls,
-            looks,
-            repeated,
-            lamps: singly,
-            blind,
-            starts,
-            stride: walker.stride(),
-            windows: (0..s.world.materials.len()).any(|m| walker.window(m) > 0.0),
-            sources: s.light.shines().then_some(projector).into_iter().chain(lamps).collect(),
-            projected,
-            unit,
-            steady,
-            carriers: carriers.collect(),
-            shown,
-            refused,
-        })
-    }
-
+impl Frame<'_> {
     /// Whether light bends on its way in, in lanes.
     pub fn bends(&self) -> bool {
         self.plane.is_some() || self.walls.is_some()
@@ -272,91 +109,5 @@ impl<'a> Frame<'a> {
 
     pub fn world(&self, p: [f32; 3]) -> DVec3 {
         self.origin + DVec3::from(p.map(f64::from))
-    }
-}
-
-/// Where the middle of the image meets the first body that is not void; without one, where the camera looks.
-fn seen(s: &Setting<'_>) -> DVec3 {
-    let view = &s.camera.view;
-    let mut spans = Spans::default();
-    let (from, along) = view.ray(0.5, 0.5);
-    let mut pieces = s.world.trace(from, along, None, &mut spans);
-    pieces.find(|piece| piece.material != 0).map_or(view.look_at, |piece| from + piece.start * along)
-}
-
-/// The bodies of a world; the holes of carved ones are voids before them, where there is nothing else to be seen in a hole.
-fn parts(world: &World) -> Vec<Part> {
-    let mut parts = Vec::with_capacity(world.bodies.len());
-    for (i, body) in world.bodies.iter().enumerate() {
-        let m = &world.materials[body.material];
-        let filled = body.material != 0;
-        let mut part = |solid: &Solid, material: usize, open: bool| {
-            parts.push(Part { solid: solid.clone(), material, filled: material != 0, open });
-        };
-        let open = m.mu_s > 0.0 && !m.is_opaque();
-        match &body.solid {
-            Solid::Carved(carved)
-                if filled && !world.bodies[i + 1..].iter().any(|below| shows_in(carved, &below.solid)) =>
-            {
-                carved.holes.iter().for_each(|hole| part(hole, 0, false));
-                part(&carved.whole, body.material, open);
-            }
-            solid => part(solid, body.material, open),
-        }
-    }
-    parts
-}
-
-/// For each material whether it fills bodies that have a bore or a hollow, within the range of f32, and scatters with a peak: what comes by way of
-/// other walls is then rare and bright. Empty where none does.
-fn sends_scouts(world: &World, origin: DVec3, range: f64) -> Vec<bool> {
-    let near = |solid: &Solid| {
-        let (low, high) = solid.bounds();
-        (low - origin).abs().max((high - origin).abs()).length() <= range
-    };
-    let sends = |(m, material): (usize, &Material)| {
-        let mut filled = world.bodies.iter().filter(|body| body.material == m);
-        let hollow = filled.clone().any(|body| matches!(body.solid, Solid::Carved(_)));
-        m != 0 && material.mu_s > 0.0 && PEAKED.contains(&material.g) && hollow && filled.all(|body| near(&body.solid))
-    };
-    let of: Vec<bool> = world.materials.iter().enumerate().map(sends).collect();
-    if of.contains(&true) { of } else { Vec::new() }
-}
-
-/// Whether a body of lower priority may be seen in a carved one, or where its holes, some of them without end, would carve that body too.
-fn shows_in(carved: &Carved, below: &Solid) -> bool {
-    std::iter::once(&carved.whole).chain(&carved.holes).any(|solid| overlap(below, solid))
-}
-
-/// Whether bounding boxes share more than faces.
-fn overlap(a: &Solid, b: &Solid) -> bool {
-    let ((a_low, a_high), (b_low, b_high)) = (a.bounds(), b.bounds());
-    a_low.cmplt(b_high).all() && b_low.cmplt(a_high).all()
-}
-
-/// Whether looks in lanes are right: few bodies that they know, and nothing that carves opaque ones.
-fn can_look(world: &World, parts: &[Part]) -> bool {
-    parts.len() <= MOST_BODIES && !carves_opaque(world, parts)
-}
-
-/// Whether a body of higher priority may take a part of an opaque one.
-fn carves_opaque(world: &World, parts: &[Part]) -> bool {
-    parts.iter().enumerate().any(|(i, part)| {
-        let opaque = world.materials[part.material].is_opaque();
-        opaque && parts[..i].iter().any(|other| overlap(&other.solid, &part.solid))
-    })
-}
-
-/// Whether bodies share a medium.
-fn repeats(parts: &[Part]) -> bool {
-    let again = |(i, part): (usize, &Part)| part.open && parts[..i].iter().any(|other| other.material == part.material);
-    parts.iter().enumerate().any(again)
-}
-
-impl Frame<'_> {
-    /// Distance (mm) of the nearest surface that lanes do not know.
-    pub fn clearance(&self, p: DVec3) -> f64 {
-        let others = self.parts.iter().enumerate().filter(|(j, _)| self.ground.is_other(*j));
-        others.map(|(_, part)| part.solid.clearance(p)).fold(f64::INFINITY, f64::min)
     }
 }

@@ -4,8 +4,9 @@ use fearless_simd::prelude::*;
 use glam::DVec3;
 use turbid_optics::solid::Solid;
 
+use super::facets::{Eyes, Facets};
 use super::lane::{F, M, U, V, choose, splat};
-use super::mesh::{Eyes, Facets};
+use super::limits::{MOST_BODIES, SLIVER};
 
 /// A convex solid, mm from the local origin.
 #[derive(Clone, Copy, Debug)]
@@ -54,8 +55,6 @@ pub struct Part {
     pub open: bool,
 }
 
-/// Of a ray's coordinates, and of its length to there: some last digits of them. What lies between bodies and is thinner is not there.
-pub const SLIVER: f32 = 4.8e-7;
 /// Bodies between which flights go on in lanes, and boundaries that one may cross.
 const MOST_PARTS: usize = 8;
 const MOST_WALLS: usize = 4;
@@ -86,6 +85,8 @@ pub struct Span<S: Simd> {
     pub enter: F<S>,
     pub leave: F<S>,
 }
+
+pub type Spans<S> = [Span<S>; MOST_BODIES];
 
 impl Ground {
     /// Bodies with curved or upright faces further than `range` (mm) from `origin` are others too: f32 does not hold them. Meshes are

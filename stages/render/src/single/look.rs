@@ -4,35 +4,20 @@ use fearless_simd::prelude::*;
 
 use super::bend::{Detour, KnownWay};
 use super::deposit::{Deposit, Seen};
-use super::face::MOST_FACES;
-use super::frame::{Frame, MOST_CHANNELS};
+use super::facets::bits;
+use super::frame::Frame;
 use super::lane::{F, LANES, M, U, V, choose, exp, hg_denominator, hg_sample, ln, philox, splat, unit};
-use super::mesh::bits;
+use super::limits::{DARK, ENTRY, FIRST, MOST_CHANNELS, MOST_FACES, WALL};
 use super::rows::Rows;
 use super::sight::{Sight, add_along, add_in_own, first_piece, sight, spans, steepness};
 use super::source::{Arrival, Source, whether_projected};
 use super::walls::Way;
-use crate::channels::MOST_LENGTHS;
+use crate::lengths::MOST_LENGTHS;
 use crate::link::DETOURS;
-use crate::look::FLAT;
-use crate::nee::TAU_SURE;
-
-/// Optical depth (optical distance to the light) beyond which it counts as none: e^-80 of it.
-pub const DARK: f32 = 80.0;
+use crate::look::{FLAT, TAU_SURE};
 
 /// Of a density e^-x what lies behind this x is nothing to f32.
 const GONE: f32 = 17.0;
-
-/// Overlaps are resolved for so many bodies at most.
-pub const MOST_BODIES: usize = 4;
-
-/// The number of a look along a camera's ray, whose lower bits say in which piece of it, among those that scatter.
-pub const FIRST: u32 = 1 << 31;
-/// The number of a look from where a flight, by its block of random numbers, comes into a medium from elsewhere. Others have the (odd) block behind
-/// their flight's.
-pub const ENTRY: u32 = 1 << 30;
-/// The same of a look along a flight that a wall has turned.
-pub const WALL: u32 = 1 << 29;
 
 /// Columns: r, the direction in which the path came, the one in which it goes on, weight, roulette, mu_a, mu_s, g, optical distance of
 /// the nearest surface; number, sample, pixel, response, body.

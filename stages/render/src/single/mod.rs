@@ -5,13 +5,17 @@
 
 mod bend;
 mod deposit;
+mod detour;
 mod face;
+mod facets;
 pub mod frame;
 pub mod ground;
 pub mod lane;
+pub mod limits;
 mod look;
 mod mesh;
 mod picture;
+mod prepare;
 pub mod refusal;
 mod round;
 mod rows;
@@ -26,5 +30,4 @@ mod walls;
 
 pub(crate) use bend::Detour;
 pub use frame::Frame;
-pub(crate) use look::MOST_BODIES;
 pub use walk::walk;

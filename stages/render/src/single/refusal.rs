@@ -4,14 +4,12 @@ use std::fmt;
 
 use turbid_optics::solid::Solid;
 
-use super::face::MOST_FACES;
-use super::frame::{CYCLES, LARGEST, MOST_CHANNELS, RANGE};
 use super::ground::{Ground, Part};
-use super::look::MOST_BODIES;
+use super::limits::{CYCLES, LARGEST, MOST_BODIES, MOST_CHANNELS, MOST_FACES, RANGE};
 use super::picture::MOST_PIXELS;
 use crate::finish::Finish;
-use crate::path::Walker;
 use crate::strata::Bending;
+use crate::walker::Walker;
 use crate::world::Material;
 
 /// One reason; written out it says the value and the limit.

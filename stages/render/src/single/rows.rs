@@ -139,3 +139,7 @@ impl<const FLOATS: usize, const WORDS: usize, const LENGTHS: usize> Rows<FLOATS,
         self.len = self.len.saturating_sub(LANES);
     }
 }
+
+/// Columns: r, w, what is left of life, what its rounding lost, weight, free path, mu_a, mu_s, g, window, distance
+/// within which there is no surface that lanes do not know, share beside a scout; block of random numbers, sample, pixel, response, material, body.
+pub type Paths<const LENGTHS: usize> = Rows<16, 6, LENGTHS>;

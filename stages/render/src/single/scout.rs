@@ -4,10 +4,10 @@ use fearless_simd::prelude::*;
 
 use super::frame::Frame;
 use super::lane::{F, LANES, M, U, V, choose, hg_denominator, hg_sample, philox, splat, unit_short};
-use super::walk::Paths;
-use crate::path::Walker;
+use super::rows::Paths;
 use crate::random::{SCOUT, SENT};
 use crate::scout::{KEPT, NEAR};
+use crate::walker::Walker;
 
 /// p(w . e) / (p(w . e) + lobe(e . L)); see `crate::scout`.
 #[inline(always)]

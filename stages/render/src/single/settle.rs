@@ -1,8 +1,9 @@
 //! What befalls a path where lanes cannot follow it: walked one by one until they can.
 
 use super::frame::Frame;
-use crate::path::{Place, Walker};
 use crate::random::SCOUT;
+use crate::setting::Place;
+use crate::walker::Walker;
 
 /// Number of the last flight that is left to the scalar walker for it: lanes count no further.
 pub const LATE: u32 = SCOUT - 2;

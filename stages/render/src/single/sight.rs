@@ -2,11 +2,11 @@
 
 use fearless_simd::prelude::*;
 
+use super::facets::bits;
 use super::frame::Frame;
-use super::ground::{SLIVER, Span};
+use super::ground::{Span, Spans};
 use super::lane::{F, M, U, V, choose, splat};
-use super::look::MOST_BODIES;
-use super::mesh::bits;
+use super::limits::{MOST_BODIES, SLIVER};
 use super::source::Source;
 
 /// What lies between points and the light.
@@ -68,8 +68,6 @@ pub fn sight<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, asked: M<S>, 
     let (foot, gain) = (way.foot, way.gain);
     Sight { towards, spans: inside, normals, tau, length, again: 0, blocked: stopped, foot, gain }
 }
-
-pub type Spans<S> = [Span<S>; MOST_BODIES];
 
 /// Meshes apart.
 #[inline(always)]

@@ -3,11 +3,10 @@
 use fearless_simd::prelude::*;
 use glam::DVec3;
 
-use super::frame::MOST_CHANNELS;
 use super::lane::{F, M, U, V, splat};
-use super::look::{FIRST, WALL};
-use crate::channels::Shared;
+use super::limits::{FIRST, MOST_CHANNELS, WALL};
 use crate::lamp::{Lamp, Steady};
+use crate::lengths::Shared;
 use crate::light::{Emission, Light};
 use crate::random::{ENTERED, WHETHER_PROJECTED, first_of_lamp, of_lamp};
 

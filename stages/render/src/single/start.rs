@@ -7,14 +7,16 @@ use turbid_optics::philox::unit as unit_of;
 use super::bend::Entrance;
 use super::frame::Frame;
 use super::lane::{LANES, U, ln, philox, unit};
-use super::look::{FIRST, Looks, look_while};
+use super::limits::FIRST;
+use super::look::{Looks, look_while};
+use super::rows::Paths;
 use super::settle::settles;
 use super::turns::Outside;
-use super::walk::Paths;
 use crate::batches::Batches;
-use crate::channels::{Lengths, NO_LENGTHS, count};
-use crate::path::{Place, Setting, Walker};
+use crate::lengths::{Lengths, NO_LENGTHS, count};
 use crate::random::PLACES_IN_LANES;
+use crate::setting::{Place, Setting};
+use crate::walker::Walker;
 use crate::world::Piece;
 
 /// Paths still to be begun, and those ready for lanes.

@@ -5,12 +5,12 @@ use glam::DVec3;
 use turbid_optics::refraction::refract;
 
 use super::bend::Meeting;
+use super::face::Walls;
 use super::frame::Frame;
-use super::ground::SLIVER;
 use super::lane::{M, U, V, choose, splat};
+use super::limits::SLIVER;
 use super::sight::spans;
-use super::walls::Walls;
-use crate::path::Walker;
+use crate::walker::Walker;
 use crate::world::Skin;
 
 /// A camera's ray, from outside of all bodies.

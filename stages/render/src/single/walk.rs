@@ -3,22 +3,19 @@
 use fearless_simd::dispatch;
 use fearless_simd::prelude::*;
 
-use super::bend::try_detours;
+use super::detour::try_detours;
 use super::frame::Frame;
 use super::lane::{F, LANES, M, U, V, choose, hg_sample, ln, philox, spare, splat, unit, unit_short};
-use super::look::{ENTRY, Looks, WALL, look_while, rarity};
-use super::rows::Rows;
+use super::limits::{ENTRY, WALL};
+use super::look::{Looks, look_while, rarity};
+use super::rows::Paths;
 use super::scout::{Scouts, sends};
 use super::settle::{LATE, settles};
 use super::start::Starts;
 use crate::batches::Batches;
-use crate::channels::MOST_LENGTHS;
-use crate::path::Walker;
+use crate::lengths::MOST_LENGTHS;
 use crate::random::SCOUT;
-
-/// Columns: r, w, what is left of life, what its rounding lost, weight, free path, mu_a, mu_s, g, window, distance
-/// within which there is no surface that lanes do not know, share beside a scout; block of random numbers, sample, pixel, response, material, body.
-pub type Paths<const LENGTHS: usize> = Rows<16, 6, LENGTHS>;
+use crate::walker::Walker;
 
 /// Walks the batches and leaves the responses of their paths in the walker, in order.
 pub fn walk(walker: &mut Walker<'_>, frame: &Frame<'_>, batches: Batches<'_>) {

@@ -7,29 +7,15 @@ use fearless_simd::prelude::*;
 use glam::DVec3;
 
 use super::bend::{advanced, tangent};
-use super::face::{Face, Form, MOST_FACES, Within, extent, faces_of};
+use super::face::{Form, Walls, Within, extent, faces_of};
 use super::frame::Frame;
-use super::ground::{Ground, Part, SLIVER, Shape, Span, span};
+use super::ground::{Ground, Part, Shape, Span, Spans, span};
 use super::lane::{F, M, V, choose, splat};
-use super::look::MOST_BODIES;
-use super::sight::{Sight, Spans, spans};
+use super::limits::{MOST_BODIES, MOST_FACES, SLIVER};
+use super::sight::{Sight, spans};
 use crate::finish::Finish;
-use crate::path::Walker;
 use crate::strata::Bending;
-
-/// What bends light.
-#[derive(Clone, Debug)]
-pub struct Walls {
-    pub faces: Vec<Face>,
-    /// The projector, local.
-    light: [f32; 3],
-    /// n of the bodies; outside it is 1.
-    pub m: f32,
-    /// m^2 - 1.
-    excess: f32,
-    /// How far behind walls paths are put that start on them, mm: so little of a free path that light does not see it.
-    pub behind: f64,
-}
+use crate::walker::Walker;
 
 /// How light comes to points through one face.
 #[derive(Clone, Copy)]

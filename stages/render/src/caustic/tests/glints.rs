@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::caustic::Beginning;
-use crate::link::Link;
 use crate::random::Dice;
+use crate::way::Link;
 
 /// Points of a unit sphere, evenly at random.
 fn direction(i: u32) -> DVec3 {

@@ -1,0 +1,36 @@
+//! What f32 and the lanes hold, and how the random numbers of looks are marked.
+
+/// Overlaps are resolved for so many bodies at most.
+pub const MOST_BODIES: usize = 4;
+
+/// The number of a look along a camera's ray, whose lower bits say in which piece of it, among those that scatter.
+pub const FIRST: u32 = 1 << 31;
+
+/// The number of a look from where a flight, by its block of random numbers, comes into a medium from elsewhere. Others have the (odd) block behind
+/// their flight's.
+pub const ENTRY: u32 = 1 << 30;
+
+/// The same of a look along a flight that a wall has turned.
+pub const WALL: u32 = 1 << 29;
+
+/// Optical depth (optical distance to the light) beyond which it counts as none: e^-80 of it.
+pub const DARK: f32 = 80.0;
+
+/// The most channels whose looks go in lanes together.
+pub const MOST_CHANNELS: usize = 16;
+
+/// Coordinates up to so many mean free paths: their last digit is 2^-12 of one, and the error made by it, of either sign from
+/// flight to flight, stays below 1e-4.
+pub const RANGE: f64 = 4096.0;
+
+/// Cycles of a carrier across the field, beyond which its phase loses 1e-4 rad.
+pub const CYCLES: f64 = 256.0;
+
+/// Coefficients (mm^-1) and lengths (mm) beyond these leave too little of the exponents of f32.
+pub const LARGEST: f64 = 1e9;
+
+/// Of the bodies together: worlds of more are left to the scalar walker.
+pub const MOST_FACES: usize = 8;
+
+/// Of a ray's coordinates, and of its length to there: some last digits of them. What lies between bodies and is thinner is not there.
+pub const SLIVER: f32 = 4.8e-7;

@@ -1,0 +1,209 @@
+//! Who walks paths: its scratch, and what it knows of the world before the first of them.
+
+use std::collections::VecDeque;
+
+use fearless_simd::Level;
+use glam::DVec3;
+
+use crate::lengths::Lengths;
+use crate::look::{self, Queue};
+use crate::mirrors::Mirrors;
+use crate::random::Stream;
+use crate::setting::{Nee, Place, Setting};
+use crate::strata::{self, Bending, clear};
+use crate::way::{Known, Link, Way};
+use crate::world::{Material, Piece, Spans, Wall};
+
+/// Where mu_a is below this part of mu_s', deep paths end by roulette (elsewhere it does not pay: measured) ...
+const WEAK_ABSORPTION: f64 = 0.01;
+/// ... against the weight (1 + WINDOW mu_eff d)^4 at distance d from the nearest boundary. It must not outrun absorption: light
+/// comes back from there like exp(-mu_eff d), so below WINDOW = 1/2 the weight times its square falls with d.
+const WINDOW: f64 = 0.4;
+
+/// Walks paths and keeps their scratch.
+pub struct Walker<'a> {
+    pub(crate) setting: Setting<'a>,
+    pub(crate) spans: Spans,
+    pub(crate) pieces: Vec<Piece>,
+    pub(crate) way: Way,
+    /// Ways to a light.
+    pub(crate) links: Vec<Link>,
+    /// Those through walls of any shape that are known for sure, and places where there may be one.
+    pub(crate) known: Vec<Known>,
+    pub(crate) places: Vec<DVec3>,
+    /// What walls do to a ray on the way that is being looked for: whether they reflect it.
+    pub(crate) events: Vec<bool>,
+    /// Ways found by chance that were too rare to be weighed.
+    pub(crate) given_up: u64,
+    /// Where light bends in the world.
+    pub(crate) bending: Bending,
+    /// Where it bends at planes, what upright light keeps of itself in each layer, at most.
+    pub(crate) clear: Vec<f64>,
+    /// Whether facets do that.
+    pub(crate) facetted: bool,
+    /// Whether all walls are flat.
+    pub(crate) flat: bool,
+    pub(crate) mirrors: Mirrors,
+    /// Ways of light by them.
+    pub(crate) mirrored: Vec<Link>,
+    /// Path after path, channel after channel of each, as [`crate::response::Layout`] says.
+    pub(crate) responses: Vec<f64>,
+    /// The part of it that comes by the queue; apart, so that it does not matter when the queue is flushed.
+    pub(crate) queued: Vec<f64>,
+    /// The part that comes by f32 lanes.
+    pub(crate) single: Vec<f64>,
+    pub(crate) queue: Queue,
+    pub(crate) level: Level,
+    /// For each material 1 / mu_s, infinite where nothing scatters.
+    pub(crate) free_paths: Vec<f64>,
+    /// For each material its body, where looks ahead are free of branches.
+    pub(crate) body_of: Option<Vec<u64>>,
+    /// For each material WINDOW mu_eff (mm^-1), 0 where there is no roulette.
+    pub(crate) windows: Vec<f64>,
+    /// Pieces of media that the flight under way came into, from elsewhere.
+    pub(crate) entries: Vec<Entry>,
+    /// For each material whether scouts are sent in it; empty where they are nowhere.
+    pub scouts: Vec<bool>,
+    /// Scouts that have not gone yet, in the order in which they were sent.
+    pub(crate) sent: VecDeque<Place>,
+    /// Of how many paths there are responses.
+    pub(crate) paths: usize,
+    pub(crate) flights: u64,
+    pub(crate) endless: bool,
+    pub(crate) ending: Ending,
+    /// Whether light that was never scattered, only turned by walls, is not seen.
+    pub excludes_specular: bool,
+}
+
+/// What became of a path that has ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// On its way to infinity.
+    Left,
+    /// In this body or at its surface.
+    Absorbed(usize),
+    /// Between the facets of a rough wall.
+    Lost,
+    /// It would not end.
+    Endless,
+}
+
+/// A piece of a medium that a flight comes into across a boundary. If it gets there, the light that its scattering there will see is scored
+/// by one point on the piece: where light grazes the wall, few collisions are near enough to it to see any.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Entry {
+    pub r: DVec3,
+    /// mm.
+    pub length: f64,
+    pub material: usize,
+    /// Where it comes in.
+    pub wall: Option<Wall>,
+    /// Up to there.
+    pub lengths: Lengths,
+}
+
+impl<'a> Walker<'a> {
+    pub fn new(setting: Setting<'a>, level: Level) -> Self {
+        let window = |m: &Material| {
+            let reduced = m.mu_s * (1.0 - m.g);
+            let weak = setting.nee == Nee::Line && m.mu_a < WEAK_ABSORPTION * reduced;
+            if weak { WINDOW * (3.0 * m.mu_a * (m.mu_a + reduced)).sqrt() } else { 0.0 }
+        };
+        let windows = setting.world.materials.iter().map(window).collect();
+        let (spans, pieces) = (Spans::default(), Vec::new());
+        let free_paths = setting.world.materials.iter().map(|m| 1.0 / m.mu_s).collect();
+        // Pictures are looked up one by one, and lengths are counted only there.
+        let lanes = setting.pictures.layers() == 0 && setting.shared.is_none();
+        let body_of = if lanes { look::bodies_by_material(setting.world) } else { None };
+        let bending = Bending::of(setting.world);
+        let clear = if let Bending::AtPlanes(strata) = &bending { clear(setting.world, strata) } else { Vec::new() };
+        let (responses, queued, queue) = (Vec::new(), Vec::new(), Queue::default());
+        Self {
+            setting,
+            spans,
+            pieces,
+            way: Way::default(),
+            links: Vec::new(),
+            known: Vec::new(),
+            places: Vec::new(),
+            events: Vec::new(),
+            given_up: 0,
+            bending,
+            clear,
+            flat: strata::is_flat(setting.world),
+            facetted: strata::turns_at_facets(setting.world),
+            mirrors: Mirrors::of(setting.world),
+            mirrored: Vec::new(),
+            responses,
+            queued,
+            single: Vec::new(),
+            queue,
+            level,
+            free_paths,
+            body_of,
+            windows,
+            entries: Vec::new(),
+            scouts: Vec::new(),
+            sent: VecDeque::new(),
+            paths: 0,
+            flights: 0,
+            endless: false,
+            ending: Ending::Left,
+            excludes_specular: false,
+        }
+    }
+
+    /// Whether a path had to be cut because it would not end.
+    pub fn endless(&self) -> bool {
+        self.endless
+    }
+
+    /// How the last path ended.
+    pub fn ending(&self) -> Ending {
+        self.ending
+    }
+
+    /// How many ways of light were found by chance, but too rarely to be weighed: they are missing.
+    pub fn given_up(&self) -> u64 {
+        self.given_up
+    }
+
+    /// Flights since the last call.
+    pub fn take_flights(&mut self) -> u64 {
+        std::mem::take(&mut self.flights)
+    }
+
+    pub fn setting(&self) -> &Setting<'a> {
+        &self.setting
+    }
+
+    /// WINDOW mu_eff of a material, 0 where deep paths play no roulette.
+    pub fn window(&self, material: usize) -> f64 {
+        self.windows[material]
+    }
+
+    /// mm, in a material; infinite where nothing scatters.
+    pub fn free_path(&self, material: usize) -> f64 {
+        self.free_paths[material]
+    }
+
+    /// For each material the body that it fills, where looks can go by the queue.
+    pub fn body_of(&self) -> Option<&[u64]> {
+        self.body_of.as_deref()
+    }
+
+    /// The vector instructions to use.
+    pub fn level(&self) -> Level {
+        self.level
+    }
+
+    /// Flights made on its behalf.
+    pub fn count_flights(&mut self, flights: usize) {
+        self.flights += flights as u64;
+    }
+
+    pub(crate) fn stream(&self, at: &Place) -> Stream {
+        let s = self.setting;
+        Stream::new(s.key, at.pixel, at.sample, s.channel)
+    }
+}
