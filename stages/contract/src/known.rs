@@ -6,13 +6,11 @@ use std::fmt;
 use std::sync::{Arc, OnceLock};
 
 use crate::artifact::{Artifact, Attributes, LayerInfo};
-use crate::error::Error;
 use crate::extent::Extent;
 use crate::file::Files;
 use crate::form::Form;
 use crate::payload::Payload;
 use crate::port::Axes;
-use crate::problem::{At, Problem, Problems};
 
 /// An artifact that is in memory, and its typed view, which is made once for all who ask.
 #[derive(Clone)]
@@ -128,20 +126,5 @@ impl Known {
     /// The artifact on `port`, where it is known already.
     pub fn get<T: Payload + Send + Sync + 'static>(&self, port: &str) -> Option<Arc<T>> {
         self.artifacts.get(port)?.get()
-    }
-}
-
-impl Problems {
-    /// Reports what a rule that the run keeps too found wrong with the artifact on `port`: at the field that the rule names, or where the
-    /// port is connected, with the name of the stage that makes it.
-    pub fn unfit(&mut self, known: &Known, port: &str, error: Error) {
-        match error {
-            Error::Invalid(problem) => self.found.push(problem),
-            Error::Failed { what, way_out: hint } => {
-                let message = format!("`{}` does not fit: {what}", known.producer(port));
-                self.found.push(Problem { at: At::In, path: port.to_owned(), message, hint });
-            }
-            Error::Interrupted => {}
-        }
     }
 }
