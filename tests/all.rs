@@ -29,6 +29,8 @@ mod figures;
 mod floors;
 #[path = "all/inputs.rs"]
 mod inputs;
+#[path = "all/joints.rs"]
+mod joints;
 #[path = "all/latest.rs"]
 mod latest;
 #[path = "all/licences.rs"]

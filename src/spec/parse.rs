@@ -324,10 +324,15 @@ impl Builder {
                 Some(entry) => (&mut entry.value, join(&above, &entry.key)),
                 None => return false,
             },
-            Kind::List(items) => match items.last_mut() {
-                Some(item) => (item, above),
-                None => return false,
-            },
+            Kind::List(items) => {
+                // The path is that of the item to come.
+                let last = items.len().saturating_sub(1).to_string();
+                let list = above.rsplit_once('.').map_or("", |(list, _)| list);
+                match items.last_mut() {
+                    Some(item) => (item, join(list, &last)),
+                    None => return false,
+                }
+            }
         };
         let Data::Number(number) = &before.data else { return false };
         let start = before.span;

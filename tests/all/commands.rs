@@ -163,7 +163,7 @@ fn missing_input_files_are_looked_for() {
     let pipeline = "stages: {frames: {use: import_frames, with: {pattern: 'shots/s_{f_x}_{phase}.png', f_x: [0, 0.1], phases: 3}}}";
     space.write("p.yaml", pipeline);
     let message = space.turbid(&["check", "p.yaml"]).fails(2);
-    assert!(message.contains("its folder has s_0.1_0deg.png, s_0_0.png"), "{message}");
+    assert!(message.contains("its folder has s_0.1_0deg.png"), "{message}");
     space.write("p.yaml", &pipeline.replace("shots/", "shot/"));
     let message = space.turbid(&["check", "p.yaml"]).fails(2);
     assert!(message.contains("there is no folder"), "{message}");

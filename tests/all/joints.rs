@@ -121,7 +121,8 @@ fn try_all(file: &Path, found: &mut BTreeMap<Joint, Tried>) {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let (spec, report) = spec::read(file, &[]);
     let spec = spec.unwrap_or_else(|| panic!("{}: {report}", file.display()));
-    let plan = Plan::build(spec, report, &Registry::builtin(), &[]).unwrap_or_else(|e| panic!("{}: {e}", file.display()));
+    let plan =
+        Plan::build(spec, report, &Registry::builtin(), &[]).unwrap_or_else(|e| panic!("{}: {e}", file.display()));
     let store = Store::open(folder.path()).expect("the folder is ours");
     let resolver = Resolver::new(&plan, &store);
     let survey = resolver.survey(&plan.needed);
@@ -181,13 +182,18 @@ fn print_joints() {
         for port in (consumer.inputs)() {
             for producer in registry.rows() {
                 for out in (producer.outputs)().iter().filter(|out| port.accepts.contains(&out.payload)) {
-                    possible.insert((format!("{}.{}", consumer.name, port.name), format!("{}.{}", producer.name, out.name)));
+                    possible.insert((
+                        format!("{}.{}", consumer.name, port.name),
+                        format!("{}.{}", producer.name, out.name),
+                    ));
                 }
             }
         }
     }
     for ((consumer, producer), tried) in &found {
-        let names = |which: bool| tried.iter().filter(|(_, r)| **r == which).map(|(w, _)| format!("{w:?}")).collect::<Vec<_>>().join(" ");
+        let names = |which: bool| {
+            tried.iter().filter(|(_, r)| **r == which).map(|(w, _)| format!("{w:?}")).collect::<Vec<_>>().join(" ")
+        };
         println!("{consumer} <- {producer}: refused {} | not {}", names(true), names(false));
     }
     for joint in possible.iter().filter(|j| !found.contains_key(*j)) {

@@ -154,7 +154,8 @@ fn common_random_numbers_span_instances_and_stages() {
     assert!(apart(&common, 0, 1) < 2e-5 && apart(&common, 0, 2) < 4e-5, "{common:?}");
     for own in ["", "    seed: 3\n"] {
         let own = means(own);
-        assert!(apart(&own, 0, 1) > 1e-3 && apart(&own, 0, 2) > 1e-3, "{own:?}");
+        // Their noise is a per cent or so: one pair of means in a hundred is nearer than this.
+        assert!(apart(&own, 0, 1) > 2e-4 && apart(&own, 0, 2) > 2e-4, "{own:?}");
     }
 }
 

@@ -50,14 +50,14 @@ stages:
     with:
       media: {m: {mu_a: 0.03, mu_s_prime: 1, g: 0.8, n: 1.0}}
       objects: {block: {slab: {thickness: 2000, top: 0}, medium: m}}
-      camera: {position: [0, 0, 500], look_at: [0, 0, 0], field: [40, 40], pixels: [4, 4]}
+      camera: {position: [0, 0, 500], look_at: [0, 0, 0], field: [12, 12], pixels: [4, 4]}
       projector: &projector {position: [0, 35, 500], look_at: [0, 0, 0], field: [320, 320], power: 5}
   phantom:
     use: scene
     with:
       media: {m: {mu_a: 0.1, mu_s_prime: 1, g: 0.8, n: 1.0}}
       objects: {block: {slab: {thickness: 2000, top: 0}, medium: m}}
-      camera: {position: [0, 0, 500], look_at: [0, 0, 0], field: [40, 40], pixels: [4, 4]}
+      camera: {position: [0, 0, 500], look_at: [0, 0, 0], field: [12, 12], pixels: [4, 4]}
       projector: *projector
   frames: {use: render, in: {scene: tissue}, with: {f_x: [0, 0.1], phases: 3, samples: 64}}
   phantom_frames: {use: render, in: {scene: phantom}, with: {f_x: [0, 0.1], phases: 3, samples: 64}}
@@ -103,7 +103,7 @@ fn arms_of_two_rigs_are_refused_before_the_run() {
 fn mistakes_of_rigs_have_their_places() {
     let rig = |scene: &str, render: &str| {
         format!(
-            "stages:\n  bench:\n    use: scene\n    with:\n      camera: {{position: [0, 0, -5], look_at: [0, 0, -500], field: [40, 40], pixels: [4, 4]}}\n      projector: {{position: [0, 35, 500], look_at: [0, 0, 0], field: [320, 320], power: 5}}\n  tissue:\n    use: scene\n    in: {{rig: bench}}\n    with:\n      media: {{m: {{mu_a: 0.03, mu_s_prime: 1, g: 0.8, n: 1.0}}}}\n      objects: {{block: {{slab: {{thickness: 20, top: 0}}, medium: m}}}}\n{scene}  frames: {{use: render, in: {{scene: {render}}}, with: {{f_x: [0], samples: 4}}}}\n"
+            "stages:\n  bench:\n    use: scene\n    with:\n      camera: {{position: [0, 0, -5], look_at: [0, 0, -500], field: [12, 12], pixels: [4, 4]}}\n      projector: {{position: [0, 35, 500], look_at: [0, 0, 0], field: [320, 320], power: 5}}\n  tissue:\n    use: scene\n    in: {{rig: bench}}\n    with:\n      media: {{m: {{mu_a: 0.03, mu_s_prime: 1, g: 0.8, n: 1.0}}}}\n      objects: {{block: {{slab: {{thickness: 20, top: 0}}, medium: m}}}}\n{scene}  frames: {{use: render, in: {{scene: {render}}}, with: {{f_x: [0], samples: 4}}}}\n"
         )
     };
     let projector = "      projector: {position: [0, 0, 9], look_at: [0, 0, 0], field: [9, 9], power: 5}\n";

@@ -60,7 +60,8 @@ fn known_shapes_are_read_from_rendered_frames() {
             within(2.0)
         );
         assert!(n > 600.0, "{port}: {n} pixels");
-        assert!((sd - 1.0).abs() < 0.15 && worst < 5.0, "{port}: sd of z {sd}, worst {worst}");
+        // Standard errors of 32 paths: of Student's t with 31 degrees of freedom one in three million lies beyond 6.5, of 38,000 pixels one in 80 runs.
+        assert!((sd - 1.0).abs() < 0.15 && worst < 6.5, "{port}: sd of z {sd}, worst {worst}");
         assert!(within(1.0) > 0.683 - 0.04 && within(2.0) > 0.954 - 0.02, "{port}");
     }
 }

@@ -67,7 +67,7 @@ fn weak_pixels_and_unknown_errors_are_told() {
 fn it_keeps_the_rules_and_names_mistakes() {
     trial(json!({"least": 0.1})).keeps_the_rules();
     trial(json!({"least": 2})).refuses("least", "least = 2 must lie in [0, 1)");
-    trial(json!({"last": 0.1})).refuses("", "`last`");
+    trial(json!({"last": 0.1})).refuses("last", "`last`");
     let mut flat = modulation();
     flat.0.layers.iter_mut().for_each(|layer| layer.info.f_x_per_mm = layer.info.f_x_per_mm.map(|_| 0.0));
     let flat = Trial::of::<ModulationDepth>(json!({})).input("modulation", flat);

@@ -62,7 +62,8 @@ fn a_read_that_fails_loses_nothing() {
                 }
                 assert!(!(work == Work::Verify && well), "{case}: it is not sound");
                 if !struck {
-                    assert!(well || work == Work::Verify, "{case}");
+                    // A process that another test starts holds the locks of this one for a moment, between its fork and its exec.
+                    assert!(well || work == Work::Verify || does(work, copied.path()), "{case}");
                     break;
                 }
             }

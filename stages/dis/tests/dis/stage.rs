@@ -139,11 +139,7 @@ fn mistakes_are_named() {
         ("standard.reflectance", json!(0), "standard.reflectance: reflectance = 0 must lie in (0, 1]"),
         ("standard.taken_as", json!(1.5), "standard.taken_as: taken_as = 1.5 must lie in (0, 1]"),
         ("samples", json!(0), "samples: samples = 0 must be > 0: no photon, no reading"),
-        (
-            "baffle",
-            json!({}),
-            ": unknown field `baffle`, expected one of `media`, `spheres`, `sample`, `beam`, `standard`, `samples`, `method`",
-        ),
+        ("baffle", json!({}), "baffle: there is no key `baffle` here"),
     ] {
         let (mut found, _) = check(&with(path, value.clone()));
         found.dedup();
@@ -227,7 +223,7 @@ fn errors_that_are_not_known_are_null() {
     }
 }
 
-/// The bytes of VERSION 2: raise it when they change.
+/// The bytes of VERSION 3: raise it when they change.
 #[test]
 fn bytes_belong_to_the_version() {
     let mut small = params();
@@ -236,6 +232,6 @@ fn bytes_belong_to_the_version() {
     let bits = |name: &str| table.maybe_f64s(name).expect("a column")[0].expect("a number").to_bits();
     assert_eq!(
         (CalibrateDis::VERSION, bits("m_r"), bits("lost_t_diffuse")),
-        (2, 4_598_915_574_789_579_679, 4_591_525_612_254_495_885)
+        (3, 4_598_915_574_789_579_679, 4_591_525_612_254_495_885)
     );
 }
