@@ -51,6 +51,8 @@ mod memos;
 mod meshes;
 #[path = "all/metrics.rs"]
 mod metrics;
+#[path = "all/mismatches.rs"]
+mod mismatches;
 #[path = "all/near_normal.rs"]
 mod near_normal;
 #[path = "all/people.rs"]

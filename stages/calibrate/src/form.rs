@@ -30,7 +30,11 @@ pub fn check(known: &Known, problems: &mut Problems) {
 pub fn reflectance(known: &Known) -> Form {
     let pixels = known.form("sample").and_then(|form| form.pixels);
     match layers(known) {
-        Ok((layers, perhaps)) => Form { pixels, layers: Some(layers), perhaps, ..Form::default() },
+        Ok((layers, perhaps)) => {
+            let mut form = Form { pixels, layers: Some(layers), perhaps, ..Form::default() };
+            known.form("sample").into_iter().for_each(|sample| form.carry_conditions(sample));
+            form
+        }
         Err(_) => Form { pixels, ..Form::default() },
     }
 }
@@ -65,8 +69,7 @@ fn layers(known: &Known) -> Result<(Vec<LayerInfo>, Vec<LayerInfo>), Error> {
         masks.push(mask);
     }
     let perhaps = if errors.is_empty() { vec![] } else { values.iter().map(LayerInfo::se_unknown).collect() };
-    let conditions = sample.iter().filter(|info| info.kind == LayerKind::Condition).cloned();
-    Ok((values.into_iter().chain(errors).chain(covariances).chain(masks).chain(conditions).collect(), perhaps))
+    Ok((values.into_iter().chain(errors).chain(covariances).chain(masks).collect(), perhaps))
 }
 
 /// R_d at `f_x_per_mm`, of a layer of the sample.

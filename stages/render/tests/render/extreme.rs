@@ -146,6 +146,7 @@ fn endless_paths_are_refused_and_nothing_is_black() {
     let refused = run_on(&host, &endless, &json!({"f_x": [0], "samples": 64})).unwrap_err().to_string();
     assert!(refused.contains("flights") && refused.contains("thinner"), "{refused}");
     let empty = scene(&[], vec![], rig(1000.0, 30.0, 8.0, 1, LIT));
-    assert_eq!(dc(&empty, 64, 1), (0.0, 0.0));
+    let refused = run_on(&host, &empty, &json!({"f_x": [0], "samples": 64})).unwrap_err().to_string();
+    assert!(refused.contains("no object"), "{refused}");
     assert_eq!(dc(&slab(medium(0.0, 0.0, 0.0), 10.0, 0.0), 64, 1), (0.0, 0.0));
 }

@@ -74,9 +74,17 @@ impl RigInput {
 impl Taken {
     /// Reports what was found in the whole scene. A field of the rig does not stand among the parameters here: its mistakes are
     /// told of the input.
-    pub fn replace(&self, found: Problems, problems: &mut Problems) {
+    pub fn replace(&self, mut found: Problems, problems: &mut Problems) {
         let of_rig = |path: &str| self.keys.contains(path.split('.').next().unwrap_or_default());
         let said = |path: &str, message: String| format!("{path} of the rig `{}`: {message}", self.producer);
+        for (Problem { path, message, hint, .. }, size) in found.take_ranked() {
+            let hint = hint.unwrap_or_default();
+            if of_rig(&path) {
+                problems.warn_ranked(size, "", said(&path, message), hint);
+            } else {
+                problems.warn_ranked(size, path, message, hint);
+            }
+        }
         let (mistakes, warnings) = found.into_parts();
         for Problem { path, message, hint, .. } in mistakes {
             match hint {

@@ -1,0 +1,123 @@
+//! Stages that do not go together, a pipeline for each kind: found by `check`, at the place of the consumer, with the producer's name, both values and
+//! what to do about it.
+
+use crate::space::Space;
+
+/// A chain from two arms to maps, and beside it what a wrong joint takes instead.
+const CHAIN: &str = "\
+pipeline: chain
+stages:
+  rig:
+    use: scene
+    with:
+      camera: {position: [0, 0, 500], look_at: [0, 0, 0], field: [12, 12], pixels: [12, 12]}
+      projector: {position: [0, 35, 500], look_at: [0, 0, 0], field: [48, 48], power: 5}
+  other_rig:
+    use: scene
+    with:
+      camera: {position: [0, 0, 500], look_at: [0, 0, 0], field: [12, 12], pixels: [16, 16]}
+      projector: {position: [0, 35, 500], look_at: [0, 0, 0], field: [48, 48], power: 6}
+  tissue:
+    use: scene
+    in: {rig: rig}
+    with: &block
+      media: {m: {mu_a: 0.05, mu_s_prime: 1.2, g: 0.8, n: 1.0}}
+      objects: {block: {slab: {thickness: 2000, top: 0}, medium: m}}
+  phantom: {use: scene, in: {rig: rig}, with: *block}
+  elsewhere: {use: scene, in: {rig: other_rig}, with: *block}
+  frames: {use: render, in: {scene: tissue}, with: {f_x: [0, 0.1], phases: 3, samples: 64}}
+  phantom_frames: {use: render, in: {scene: phantom}, with: {f_x: [0, 0.1], phases: 3, samples: 64}}
+  other_frames: {use: render, in: {scene: elsewhere}, with: {f_x: [0, 0.1], phases: 3, samples: 64}}
+  modulation: {use: demodulate, in: {frames: frames, covariance: frames.covariance}}
+  phantom_modulation: {use: demodulate, in: {frames: phantom_frames, covariance: phantom_frames.covariance}}
+  other_modulation: {use: demodulate, in: {frames: other_frames, covariance: other_frames.covariance}}
+  reflectance:
+    use: calibrate
+    in: {sample: modulation, reference: phantom_modulation}
+    with: {reference: {mu_a: 0.05, mu_s_prime: 1.2, g: 0.8, n: 1.0}, model: diffusion}
+  table:
+    use: build_lut
+    with: {model: diffusion, f_x: [0, 0.1], g: 0.8, n: 1.0, mu_a: [0.01, 0.1], mu_s_prime: [0.5, 2]}
+  maps: {use: invert, in: {reflectance: reflectance, lut: table}}
+  metrics: {use: compare, in: {estimate: maps, truth: frames.truth}}
+";
+
+/// Overrides, where the mistake stands, and what it says.
+const WRONG: [(&str, &[&str], &str, &[&str]); 10] = [
+    (
+        "convention",
+        &["stages.table.with.convention=hemispherical_entered"],
+        "stages.maps.in.lut",
+        &["`table.lut`", "\"camera\"", "\"hemispherical_entered\""],
+    ),
+    ("g", &["stages.table.with.g=0.9"], "stages.maps.in.lut", &["`table.lut`", "g = 0.8", "g = 0.9"]),
+    ("n", &["stages.table.with.n=1.4"], "stages.maps.in.lut", &["`table.lut`", "n = 1.0", "n = 1.4"]),
+    (
+        "f_x of table and frames",
+        &["stages.table.with.f_x=[0, 0.2]"],
+        "stages.maps.in.lut",
+        &["`table.lut`", "f_x = 0, 0.2 mm^-1", "needs 0.1"],
+    ),
+    (
+        "f_x of the arms",
+        &["stages.phantom_frames.with.f_x=[0, 0.2]"],
+        "stages.reflectance.in.reference",
+        &["`phantom_modulation.modulation`", "f_x = 0.1 mm^-1", "f_x = 0.2 mm^-1"],
+    ),
+    (
+        "orientation",
+        &["stages.phantom_frames.with.orientation_deg=[90]"],
+        "stages.reflectance.in.reference",
+        &["`phantom_modulation.modulation`", "0 deg", "90 deg"],
+    ),
+    (
+        "wavelength",
+        &[
+            "stages.other_rig.with.camera.pixels=[12, 12]",
+            "stages.rig.with.wavelength_nm=[650]",
+            "stages.reflectance.in.reference=other_modulation",
+            "stages.reflectance.with.rigs=may_differ",
+        ],
+        "stages.reflectance.in.reference",
+        &["`other_modulation.modulation`", "650 nm"],
+    ),
+    (
+        "size",
+        &["stages.metrics.in.truth=other_frames.truth"],
+        "stages.metrics.in.truth",
+        &["`other_frames.truth`", "12 x 12 pixels", "16 x 16 pixels"],
+    ),
+    (
+        "rig",
+        &["stages.other_rig.with.camera.pixels=[12, 12]", "stages.reflectance.in.reference=other_modulation"],
+        "stages.reflectance.in.reference",
+        &["other_modulation", "5 W", "6 W", "may_differ"],
+    ),
+    (
+        "covariance of other frames",
+        &["stages.modulation.in.covariance=other_frames.covariance"],
+        "stages.modulation.in.covariance",
+        &["`other_frames.covariance`", "12 x 12", "16 x 16"],
+    ),
+];
+
+#[test]
+fn stages_that_do_not_go_together_are_named() {
+    let space = Space::with(CHAIN);
+    space.turbid(&["check", "p.yaml"]).ok();
+    for (kind, overrides, path, parts) in WRONG {
+        let sets: Vec<&str> = overrides.iter().flat_map(|set| ["--set", set]).collect();
+        let said = space.turbid(&[&["check", "p.yaml", "--json"][..], &sets].concat());
+        let all = said.json();
+        let errors: Vec<_> =
+            all.as_array().expect("a list").iter().filter(|problem| problem["severity"] == "error").collect();
+        let found = errors.iter().find(|error| error["path"] == path);
+        let found = found.unwrap_or_else(|| panic!("{kind}: nothing at {path}: {errors:#?}"));
+        let text =
+            format!("{} {}", found["message"].as_str().unwrap_or_default(), found["hint"].as_str().unwrap_or_default());
+        for part in parts {
+            assert!(text.contains(part), "{kind}: `{part}` is not in {text}");
+        }
+        assert!(found["hint"].is_string() && found["line"].as_u64() > Some(1), "{kind}: {found}");
+    }
+}
