@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use serde_json::{Value, json};
 use turbid_contract::layers::{place, size};
-use turbid_contract::payload::CONDITIONS;
+use turbid_contract::payload::{CONDITIONS, Rig};
 use turbid_contract::{Attributes, Axes, Error, Form, Forms, Known, LayerInfo, Problems};
 
 use crate::params::{Model, Params};
@@ -118,6 +118,7 @@ fn unlike(phantom: &Form, reference: &Form, sections: Option<[u64; 2]>, params: 
         let what = format!("they are of {}, a phantom has {}", size(b), size(a));
         found.push(("sections", Error::failed_with_hint(what, "both must be seen by the same camera")));
     }
+    found.extend(Rig::shared(&phantom.attributes, &reference.attributes).err().map(|error| ("references", error)));
     for &f_x in &params.f_x.0 {
         let of = |form: &Form, name: &str| {
             let layers = form.layers.as_ref()?;

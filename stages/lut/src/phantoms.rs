@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use turbid_contract::layers::{standard_error, values};
-use turbid_contract::payload::{Fit, Modulation, Sections, Shares, Truth};
+use turbid_contract::payload::{Fit, Modulation, Rig, Sections, Shares, Truth};
 use turbid_contract::{Axes, Cells, Error, ImageStack, Layer, LayerInfo, Many, Payload};
 
 /// One phantom: its properties, and what the camera saw of it beside the reference.
@@ -91,6 +91,7 @@ pub fn gather(sources: &Sources<'_, '_>, f_x: &[f64], parts: &[Part]) -> Result<
         }
         let against = &reference.as_ref().expect("loaded above").1;
         let sample = sources.phantoms.load(i)?.0;
+        Rig::shared(&sample.attributes, &against.attributes)?;
         let (properties, properties_se) = properties(sources, axes, &name)?;
         if properties.iter().any(|&p| !(p > 0.0 && p.is_finite())) {
             let [a, s] = properties;

@@ -1,7 +1,7 @@
 //! What heights and normals will hold; and phases that do not fit the scene, found before anything runs.
 
 use turbid_contract::layers::{size, standard_error};
-use turbid_contract::payload::Scene;
+use turbid_contract::payload::{Rig, Scene};
 use turbid_contract::{Attributes, Error, Form, Forms, Known, LayerInfo, LayerKind, Problems, serde_json};
 
 use crate::params::Params;
@@ -19,6 +19,9 @@ pub fn check(params: &Params, known: &Known, problems: &mut Problems) {
             }
             (Ok(_), None) => {}
         }
+    }
+    if let Err(error) = Rig::shared(&known.fact("sample"), &known.fact("reference")) {
+        problems.unfit_beside(known, "reference", "sample", error);
     }
     let scene = known.get::<Scene>("scene");
     let Some([columns, rows]) = scene.as_ref().and_then(|s| Some(s.camera.as_ref()?.pixels.map(u64::from))) else {

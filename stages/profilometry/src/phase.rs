@@ -80,7 +80,11 @@ pub fn choose(phase: &[LayerInfo], params: &Params) -> Result<(Vec<usize>, f64),
 /// The place of the phase of the reference with the f_x and orientation of `info`.
 pub fn counterpart(reference: &[LayerInfo], info: &LayerInfo) -> Result<usize, Error> {
     let orientation = |info: &LayerInfo| info.orientation_deg.unwrap_or(0.0);
-    let fits = |other: &LayerInfo| other.f_x_per_mm == info.f_x_per_mm && orientation(other) == orientation(info);
+    let fits = |other: &LayerInfo| {
+        other.f_x_per_mm == info.f_x_per_mm
+            && orientation(other) == orientation(info)
+            && other.wavelength_nm == info.wavelength_nm
+    };
     let found = values(reference, "phase").find(|(_, other)| fits(other)).map(|(k, _)| k);
     found.ok_or_else(|| {
         let has: Vec<String> = values(reference, "phase").map(|(_, info)| place(info)).collect();

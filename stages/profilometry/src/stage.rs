@@ -4,7 +4,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::{Maps, MaskReason, Phase, Scene};
+use turbid_contract::payload::{Maps, MaskReason, Phase, Rig as Rigs, Scene};
 use turbid_contract::planes::mean_se;
 use turbid_contract::{
     Ctx, Error, Extent, Forms, ImageStack, Known, Layer, LayerInfo, LayerKind, Length, Problems, Stage, StagePlan,
@@ -155,6 +155,9 @@ impl Stage for Profilometry {
                 let camera = format!("{} x {}", rig.columns, rig.rows);
                 return Err(Error::failed(format!("the {what} has {columns} x {rows} pixels, the camera {camera}")));
             }
+        }
+        if let Some(reference) = reference {
+            Rigs::shared(&stack.attributes, &reference.attributes)?;
         }
         sensitive(&rig).map_err(|what| {
             let place = format!("the fringes (orientation {} deg)", fringes.orientation_deg);

@@ -8,6 +8,7 @@ use serde_json::{Map, Value};
 use super::{Camera, Lamp, Projector, Scene};
 use crate::artifact::Attributes;
 use crate::canonical::canonical_value;
+use crate::error::Error;
 
 /// Name of the attribute that frames, and all that is made of them, carry.
 pub const RIG: &str = "rig";
@@ -84,6 +85,17 @@ impl Rig {
             found.push(format!("{more} more"));
         }
         found
+    }
+
+    /// What was lit and seen by one rig may be divided and subtracted. Error: both say what theirs is, and it is another.
+    pub fn shared(first: &Attributes, second: &Attributes) -> Result<(), Error> {
+        let Some((first, second)) = Self::of(first).zip(Self::of(second)) else { return Ok(()) };
+        let differences = first.differences(&second);
+        if differences.is_empty() {
+            return Ok(());
+        }
+        let what = format!("they were lit or seen by different rigs: {}", differences.join("; "));
+        Err(Error::failed_with_hint(what, "let both scenes take one rig, `in: {rig: STAGE}`"))
     }
 
     fn parts(&self) -> Value {
