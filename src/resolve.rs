@@ -4,6 +4,7 @@ mod extents;
 mod files;
 mod forms;
 mod inputs;
+mod prepare;
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::PathBuf;
@@ -11,15 +12,15 @@ use std::sync::{Arc, Mutex, OnceLock};
 
 use rayon::prelude::*;
 use serde_json::Value;
-use turbid_contract::{Axes, Ctx, Error, FileUse, Forms, Job, Known, MemoryHost, Problem, Problems, Shared, StagePlan};
+use turbid_contract::{Ctx, Error, Forms, Job, Known, MemoryHost, Problem, Problems, Shared, StagePlan};
 
 use crate::digest::Digest;
 use crate::explain::History;
-use crate::key::{Dependencies, InputContent, instance_seed};
+use crate::key::Dependencies;
 use crate::memory::need;
 use crate::panics::lock;
 use crate::plan::{IdVec, InstanceId, Plan, StageId};
-use crate::spec::{Diagnostic, Kind, Mistake, Section, Severity, read_params};
+use crate::spec::{Diagnostic, Section, Severity};
 use crate::store::{Blob, InstanceRecord, Store, encode};
 use crate::threads;
 use crate::warned::Warned;
@@ -308,85 +309,6 @@ impl<'a> Resolver<'a> {
             return Ok((State::Hit(record), None));
         }
         Ok((State::Run { reasons: vec![format!("newly wanted: {}", missing.join(", "))] }, Some(keyed)))
-    }
-
-    /// The params of an instance, or every mistake in them.
-    pub fn prepare(&self, id: InstanceId) -> Result<Prepared, Vec<Diagnostic>> {
-        let instance = &self.plan.instances[id];
-        let params = self.plan.spec.params(instance.stage, &instance.axes)?;
-        let (job, errors) = read_params(self.plan.row(instance.stage), &params);
-        match job {
-            Some(job) if errors.is_empty() => match job.canonical() {
-                Ok(canonical) => Ok(Prepared { params, job, canonical }),
-                Err(message) => {
-                    let path: [&str; 0] = [];
-                    Err(vec![self.plan.spec.diagnostic(instance.stage, Section::With, &path, message, None)])
-                }
-            },
-            _ => Err(errors
-                .into_iter()
-                .map(|e| self.plan.spec.diagnostic(instance.stage, Section::With, &e.path, e.mistake, None))
-                .collect()),
-        }
-    }
-
-    /// Key and everything behind it; the inputs must be there.
-    pub fn keyed(&self, id: InstanceId, outputs: &AllOutputs) -> Result<Keyed, Vec<Diagnostic>> {
-        let instance = &self.plan.instances[id];
-        let stage = &self.plan.spec.stages[instance.stage];
-        let row = self.plan.row(instance.stage);
-        let Prepared { params, job, canonical } = self.prepare(id)?;
-        let digest_of = |(source, port): &(InstanceId, &str)| {
-            outputs[*source].as_ref().and_then(|o| o.get(*port)).expect("the inputs are there").digest
-        };
-        let inputs: Vec<(String, InputContent)> = instance
-            .wires
-            .iter()
-            .map(|wire| {
-                let axes = |id: InstanceId| if wire.many { self.plan.instances[id].axes.clone() } else { Axes::new() };
-                let content = wire.from.iter().map(|from| (axes(from.0), digest_of(from))).collect();
-                (wire.port.to_owned(), content)
-            })
-            .collect();
-        let files = self.input_files(instance.stage, &job.files())?;
-        let seed = instance_seed(self.plan.spec.seed, row.name, &instance.axes, &inputs, stage.seed);
-        let dependencies = Dependencies {
-            use_name: row.name.to_owned(),
-            version: row.version,
-            params: canonical,
-            inputs,
-            files: files
-                .iter()
-                .map(|(at, file)| {
-                    let name = file.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-                    (at.clone(), name, file.digest)
-                })
-                .collect(),
-            seed: job.draws().then_some(seed),
-        };
-        let state_key = dependencies.state_key(row.stopping);
-        Ok(Keyed { params, job, key: dependencies.key(), state_key, dependencies, seed, files })
-    }
-
-    fn input_files(&self, stage: StageId, files: &[FileUse]) -> Result<BTreeMap<String, InputFile>, Vec<Diagnostic>> {
-        let read = |file: &FileUse| {
-            let input = self.file(stage, file).map_err(|d| vec![*d])?;
-            Ok((file.at.clone(), input))
-        };
-        files.iter().map(read).collect()
-    }
-
-    /// Hashes an input file once; one that is missing, none or too large is the user's mistake.
-    fn file(&self, stage: StageId, file: &FileUse) -> Result<InputFile, Box<Diagnostic>> {
-        let path = self.plan.spec.input_file_base(stage, &file.at).join(&file.path);
-        match self.files.digest(&path, file.most) {
-            Ok(digest) => Ok(InputFile { path, digest, most: file.most }),
-            Err((message, hint)) => {
-                let at: Vec<&str> = file.at.split('.').collect();
-                let mistake = Mistake::new(Kind::File, message);
-                Err(Box::new(self.plan.spec.diagnostic(stage, Section::With, &at, mistake, hint)))
-            }
-        }
     }
 
     /// The input files of an instance that runs, as they were hashed; an error where they are not so any more.
