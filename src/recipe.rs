@@ -21,7 +21,7 @@ pub fn recipe(plan: &Plan) -> Result<Digest, String> {
         let told = |messages: Vec<crate::spec::Diagnostic>| {
             messages.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")
         };
-        let params = plan.spec.params(instance.stage, &instance.axes).map_err(told)?;
+        let params = plan.spec.params(instance.stage, &plan.values(id)).map_err(told)?;
         let job = (row.prepare)(&params).map_err(|e| e.to_string())?;
         parts.add("with", canonical_text(&job.canonical()?).as_bytes());
         for wire in &instance.wires {

@@ -336,7 +336,7 @@ impl<'a> Resolver<'a> {
             let label = format!("{}.{port}", self.plan.spec.stages[producer].name);
             known.producers.insert(wire.port.to_owned(), label);
             if wire.many {
-                let axes = wire.from.iter().map(|(id, _)| self.plan.instances[*id].axes.clone());
+                let axes = wire.from.iter().map(|(id, _)| self.plan.values(*id).into_owned());
                 known.axes.insert(wire.port.to_owned(), axes.collect());
             }
             if wire.from.len() > 1 {

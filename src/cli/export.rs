@@ -85,7 +85,8 @@ impl Export {
         let named =
             |&id: &InstanceId| {
                 let of_frames = |name: &str| self.bits.is_some() && FRAMES.contains(&name);
-                let axes = plan.instances[id].axes.iter().filter(|(name, _)| !of_frames(name));
+                let values = plan.values(id);
+                let axes = values.iter().filter(|(name, _)| !of_frames(name));
                 let name = self.to.to_string_lossy().into_owned();
                 PathBuf::from(axes.fold(name, |name, (axis, value)| {
                     name.replace(&format!("{{{axis}}}"), &file_name(&value_text(value)))

@@ -1,5 +1,6 @@
 //! `turbid plan`: every instance as hit, run (reasons) or waits, with the method and kernel taken, what is left out, and how long it takes.
 
+use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap, HashSet};
 
 use clap::Args;
@@ -11,6 +12,7 @@ use crate::memory::Budget;
 use crate::plan::{InstanceId, Plan, StageId};
 use crate::registry::Registry;
 use crate::resolve::{Resolver, State, Survey};
+use crate::spec::Draw;
 use crate::terminal::tell;
 use crate::threads;
 
@@ -71,7 +73,7 @@ fn state(plan: &Plan, state: &State) -> (&'static str, Vec<String>) {
 /// What `--json` says of an instance; the plan's part is left out for those that are up to date.
 #[derive(Serialize)]
 struct Row<'a> {
-    axes: &'a Axes,
+    axes: Cow<'a, Axes>,
     #[serde(skip_serializing_if = "Option::is_none")]
     bytes: Option<Option<u64>>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -101,6 +103,42 @@ struct Row<'a> {
     work: Option<Work>,
 }
 
+/// What a stage draws.
+#[derive(Serialize)]
+struct Drawn<'a> {
+    method: &'static str,
+    n: u64,
+    /// Those that have all conditions met.
+    points: usize,
+    /// How many are left out by each condition.
+    skipped: &'a BTreeMap<String, u64>,
+    stage: &'a str,
+}
+
+impl<'a> Drawn<'a> {
+    fn of(stage: &'a str, draw: &'a Draw) -> Self {
+        let (method, points) = (draw.method().name(), draw.indices.len());
+        Self { method, n: draw.n(), points, skipped: &draw.skipped, stage }
+    }
+}
+
+/// The needed stages that draw, with what they draw.
+fn drawn(plan: &Plan) -> impl Iterator<Item = (&str, &Draw)> {
+    let stages = plan.needed.iter().map(|&stage| &plan.spec.stages[stage]);
+    stages.filter_map(|stage| Some((stage.name.as_str(), stage.foreach.draw.as_ref()?)))
+}
+
+/// `draw tissue: 640 of 1000 points (sobol); 360 do not meet [lesion_a, below, 0.4]`
+fn drawn_line((stage, draw): (&str, &Draw)) -> String {
+    let mut line = format!("draw {stage}: {} of {} points ({})", draw.indices.len(), draw.n(), draw.method().name());
+    let skipped = draw.skipped.iter().map(|(reason, count)| format!("{count} left out by {reason}"));
+    for (i, skipped) in skipped.enumerate() {
+        line.push_str(if i == 0 { "; " } else { ", " });
+        line.push_str(&skipped);
+    }
+    line + "\n"
+}
+
 /// How much work an instance is.
 #[derive(Serialize)]
 struct Work {
@@ -126,6 +164,8 @@ type Estimates = BTreeMap<InstanceId, Estimate>;
 
 #[derive(Serialize)]
 struct Listing<'a> {
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    draws: Vec<Drawn<'a>>,
     instances: Vec<Row<'a>>,
     memory: Memory,
     stages_left_out: Vec<&'a str>,
@@ -138,7 +178,7 @@ fn to_json(plan: &Plan, survey: &Survey, estimates: &Estimates, memory: &Memory)
         let (word, reasons) = state(plan, found);
         let (detail, estimate) = (survey.plans.get(&id), estimates.get(&id));
         Row {
-            axes: &instance.axes,
+            axes: plan.values(id),
             bytes: detail.map(|d| d.bytes),
             kernel: detail.and_then(|d| d.kernel.as_deref()),
             left_out: detail.map_or(&[], |d| &d.left_out),
@@ -157,6 +197,7 @@ fn to_json(plan: &Plan, survey: &Survey, estimates: &Estimates, memory: &Memory)
     };
     let unneeded = plan.spec.stages.ids().filter(|&s| !plan.needs(s));
     let listing = Listing {
+        draws: drawn(plan).map(|(stage, draw)| Drawn::of(stage, draw)).collect(),
         instances: found.map(row).collect(),
         memory: *memory,
         stages_left_out: unneeded.map(|s| plan.spec.stages[s].name.as_str()).collect(),
@@ -194,7 +235,7 @@ fn rounded(seconds: f64) -> String {
 }
 
 fn to_text(plan: &Plan, survey: &Survey, estimates: &Estimates, memory: &Memory) -> String {
-    let mut text = String::new();
+    let mut text: String = drawn(plan).map(drawn_line).collect();
     let mut seconds = 0.0;
     for &stage in &plan.needed {
         // What one line says, the next ones do not repeat.

@@ -13,7 +13,11 @@ pub fn params(spec: &Spec, infos: &IdVec<StageId, Option<StageInfo>>) -> Vec<Dia
         let Some(info) = info else { continue };
         let stage_spec = &spec.stages[stage];
         let first = stage_spec.foreach.rows.first();
-        let axes: Axes = stage_spec.foreach.names.iter().cloned().zip(first.into_iter().flatten().cloned()).collect();
+        let mut axes: Axes =
+            stage_spec.foreach.names.iter().cloned().zip(first.into_iter().flatten().cloned()).collect();
+        if let Some(draw) = &stage_spec.foreach.draw {
+            draw.put_into(&mut axes);
+        }
         // Axes that come with inputs are not known here; what depends on them is found in a whole graph.
         let Ok(params) = spec.params(stage, &axes) else { continue };
         let (job, problems) = read_params(&info.row, &params);

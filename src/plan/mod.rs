@@ -5,12 +5,13 @@ mod lint;
 mod ports;
 mod targets;
 
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 
 use turbid_contract::{Arity, Axes, InPort, OutPort, StageRow};
 
 use crate::registry::Registry;
-use crate::spec::{Diagnostic, Report, Section, Spec, nearest};
+use crate::spec::{DRAW_AXIS, Diagnostic, Report, Section, Spec, nearest};
 
 pub use crate::ids::{Id, IdRange, IdVec, InstanceId, StageId};
 pub use axes::{MAX_INSTANCES, same_value};
@@ -62,6 +63,8 @@ pub struct Plan {
     wanted: IdVec<StageId, BTreeSet<&'static str>>,
     /// Consumers of each stage.
     consumers: IdVec<StageId, BTreeSet<StageId>>,
+    /// The stage whose points the axis `draw` of a stage's instances counts.
+    draws: IdVec<StageId, Option<StageId>>,
 }
 
 impl Plan {
@@ -96,6 +99,7 @@ impl Plan {
         };
         let mut instances = IdVec::<InstanceId, Instance>::new();
         let mut ranges: IdVec<StageId, _> = IdVec::filled(IdRange::new(0, 0), spec.stages.len());
+        let mut draws = IdVec::<StageId, _>::filled(None, spec.stages.len());
         let mut broken: BTreeSet<StageId> =
             spec.stages.ids().filter(|&s| infos[s].is_none() || spec.stages[s].broken).collect();
         for &stage in &order {
@@ -105,7 +109,11 @@ impl Plan {
                 broken.insert(stage);
                 continue;
             }
-            match expand(&spec, stage, &links[stage], &instances, &ranges) {
+            let expanded = draw_of(&spec, stage, &links[stage], &instances, &ranges, &draws).and_then(|draw| {
+                draws[stage] = draw;
+                expand(&spec, stage, &links[stage], &instances, &ranges)
+            });
+            match expanded {
                 Ok(fresh) => {
                     ranges[stage] = IdRange::new(instances.len(), instances.len() + fresh.len());
                     instances.append(fresh);
@@ -140,7 +148,7 @@ impl Plan {
             .map_err(|message| Report::from(Diagnostic::error(message, None)))?;
         let mut is_needed = IdVec::<StageId, _>::filled(false, spec.stages.len());
         needed.iter().for_each(|&stage| is_needed[stage] = true);
-        Ok(Self { spec, infos, instances, ranges, needed, is_needed, wanted, consumers })
+        Ok(Self { spec, infos, instances, ranges, needed, is_needed, wanted, consumers, draws })
     }
 
     pub fn row(&self, stage: StageId) -> &StageRow {
@@ -174,7 +182,21 @@ impl Plan {
         &self.consumers[stage]
     }
 
-    /// `frames` or `frames[A_rho=1,S_rho=5000]`.
+    /// The values that an instance knows by name: its axes, and what is drawn at the point that they name.
+    pub fn values(&self, id: InstanceId) -> Cow<'_, Axes> {
+        let instance = &self.instances[id];
+        let draw = self.draws[instance.stage].and_then(|stage| self.spec.stages[stage].foreach.draw.as_ref());
+        match draw.filter(|_| instance.axes.contains_key(DRAW_AXIS)) {
+            None => Cow::Borrowed(&instance.axes),
+            Some(draw) => {
+                let mut values = instance.axes.clone();
+                draw.put_into(&mut values);
+                Cow::Owned(values)
+            }
+        }
+    }
+
+    /// `frames` or `frames[A_rho=1,S_rho=5000]`; of what is drawn the index.
     pub fn label(&self, id: InstanceId) -> String {
         let instance = &self.instances[id];
         let name = &self.spec.stages[instance.stage].name;
@@ -268,6 +290,55 @@ fn topological(spec: &Spec) -> Result<Vec<StageId>, Vec<StageId>> {
 }
 
 type Mistake = (Section, Vec<String>, String, Option<String>);
+
+/// The stage whose points the axis `draw` of a stage counts: its own, or that of its sources.
+///
+/// Error: two of them, whose indices have nothing to do with each other; a drawn name that is an axis already.
+fn draw_of(
+    spec: &Spec,
+    stage: StageId,
+    links: &[Link],
+    instances: &IdVec<InstanceId, Instance>,
+    ranges: &IdVec<StageId, IdRange<InstanceId>>,
+    draws: &IdVec<StageId, Option<StageId>>,
+) -> Result<Option<StageId>, Mistake> {
+    let own = spec.stages[stage].foreach.draw.is_some().then_some(stage);
+    let mut found = own.map(|own| (own, None));
+    let mut axes = BTreeSet::new();
+    for link in links {
+        for (source, from) in &link.sources {
+            let first = ranges[from.stage].into_iter().next();
+            axes.extend(first.into_iter().flat_map(|id| instances[id].axes.keys().map(String::as_str)));
+            let Some(draw) = draws[from.stage] else { continue };
+            match found {
+                Some((other, by)) if other != draw => {
+                    let name = |stage: StageId| &spec.stages[stage].name;
+                    let by = by.map_or_else(String::new, |by: &str| format!(" (by `{by}`)"));
+                    let message =
+                        format!("`{}` is drawn by `{}`, and not by `{}`{by}", source.stage, name(draw), name(other));
+                    let hint = "one `draw` per chain: draw once, and let both take their values from it";
+                    return Err((Section::In, vec![link.port.name.to_owned()], message, Some(hint.to_owned())));
+                }
+                _ => found = Some((draw, Some(source.stage.as_str()))),
+            }
+        }
+    }
+    let draw = found.map(|(draw, _)| draw);
+    let drawn = draw.and_then(|draw| spec.stages[draw].foreach.draw.as_ref());
+    let names = || drawn.into_iter().flat_map(|draw| draw.names());
+    let taken =
+        |name: &str| axes.contains(name) || own.is_none() && spec.stages[stage].foreach.names.iter().any(|n| n == name);
+    if let Some(name) = names().find(|name| taken(name)) {
+        let message = format!("`{name}` is both drawn and an axis");
+        return Err((
+            Section::Foreach,
+            vec![name.to_owned()],
+            message,
+            Some("give one of them another name".to_owned()),
+        ));
+    }
+    Ok(draw)
+}
 
 /// The instances of a stage, from those of its sources and its own `foreach`.
 fn expand(

@@ -22,7 +22,7 @@ impl InputSource for KnownInputs<'_> {
 
     fn many(&self, port: &str) -> Vec<Axes> {
         let from = self.wires.iter().find(|w| w.port == port).map_or(&[][..], |w| &w.from);
-        from.iter().map(|(id, _)| self.resolver.plan.instances[*id].axes.clone()).collect()
+        from.iter().map(|(id, _)| self.resolver.plan.values(*id).into_owned()).collect()
     }
 
     fn load(&self, port: &str, index: usize) -> Result<Artifact, Error> {

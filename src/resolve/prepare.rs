@@ -13,7 +13,7 @@ impl Resolver<'_> {
     /// The params of an instance, or every mistake in them.
     pub fn prepare(&self, id: InstanceId) -> Result<Prepared, Vec<Diagnostic>> {
         let instance = &self.plan.instances[id];
-        let params = self.plan.spec.params(instance.stage, &instance.axes)?;
+        let params = self.plan.spec.params(instance.stage, &self.plan.values(id))?;
         let (job, errors) = read_params(self.plan.row(instance.stage), &params);
         match job {
             Some(job) if errors.is_empty() => match job.canonical() {
@@ -43,7 +43,7 @@ impl Resolver<'_> {
             .wires
             .iter()
             .map(|wire| {
-                let axes = |id: InstanceId| if wire.many { self.plan.instances[id].axes.clone() } else { Axes::new() };
+                let axes = |id: InstanceId| if wire.many { self.plan.values(id).into_owned() } else { Axes::new() };
                 let content = wire.from.iter().map(|from| (axes(from.0), digest_of(from))).collect();
                 (wire.port.to_owned(), content)
             })

@@ -35,7 +35,7 @@ impl InputSource for StoredInputs<'_> {
 
     fn many(&self, port: &str) -> Vec<Axes> {
         let from = self.wire(port).map_or(&[][..], |w| &w.from);
-        from.iter().map(|(id, _)| self.plan.instances[*id].axes.clone()).collect()
+        from.iter().map(|(id, _)| self.plan.values(*id).into_owned()).collect()
     }
 
     fn load(&self, port: &str, index: usize) -> Result<Artifact, Error> {

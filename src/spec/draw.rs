@@ -1,129 +1,159 @@
-//! `draw:` — one joint set of points over named distributions. Read and checked here; drawing comes later.
+//! `draw:` — one joint set of points over named distributions, on one axis `draw`.
 
+use std::collections::BTreeMap;
+
+use rayon::prelude::*;
 use serde_json::Value;
+use turbid_contract::Axes;
+use turbid_draw::{Method, Mistake as DrawMistake, Skipped, stream};
 
-use super::axis::{MAX_INSTANCES, numbers};
+use super::axis::MAX_INSTANCES;
+use super::diagnostic::Diagnostic;
+use super::mistake::{Kind, Mistake};
 use super::node::Node;
 use super::parse::join;
 use super::reader::Reader;
-use super::scalar::normal;
 use super::source::Span;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum DrawMethod {
-    Sobol,
-    Lhs,
-    Random,
-}
+/// The axis that all drawn names share: the raw index of a point.
+pub const AXIS: &str = "draw";
 
-#[derive(Clone, Debug, PartialEq)]
-pub enum Distribution {
-    Uniform(f64, f64),
-    Loguniform(f64, f64),
-}
+/// A smaller share of points that meet the conditions is a mistake.
+const LEAST_ACCEPTED: f64 = 0.01;
 
-/// `{n: 1000, method: sobol, mu_a: {loguniform: [1e-4, 0.5]}}`
-#[derive(Clone, Debug, PartialEq)]
+/// The points of a stage, with those indices that have one.
+#[derive(Clone, Debug)]
 pub struct Draw {
-    pub n: usize,
-    pub method: DrawMethod,
-    pub names: Vec<(String, Distribution)>,
-}
-
-impl Distribution {
-    /// The middle of the distribution, which stands for all points while a pipeline is only checked.
-    pub fn median(&self) -> f64 {
-        match *self {
-            Self::Uniform(first, last) => first + (last - first) / 2.0,
-            Self::Loguniform(first, last) => first.sqrt() * last.sqrt(),
-        }
-    }
+    points: turbid_draw::Draw,
+    seed: u64,
+    /// Raw indices with a point, ascending.
+    pub indices: Vec<u64>,
+    /// How many indices have none, by reason.
+    pub skipped: BTreeMap<String, u64>,
 }
 
 impl Draw {
-    pub fn parse(node: &Node, key: Span, path: &str, reader: &mut Reader<'_>) -> Option<Self> {
+    /// Reads the section (vars put in); `None` if it is wrong and reported. Points follow from the pipeline's `seed`
+    /// and the name of the stage.
+    pub fn parse(node: &Node, key: Span, path: &str, of: (u64, &str), reader: &mut Reader<'_>) -> Option<Self> {
         if !reader.is_map(node, key, path, "a map {n: .., method: sobol | lhs | random, NAME: {uniform: [..]}}") {
             return None;
         }
-        let n = match node.entry("n") {
-            Some(entry) => {
-                let path = join(path, "n");
-                let n = reader.whole_number(&entry.value, entry.at, &path);
-                if n.is_some_and(|n| n == 0 || n > MAX_INSTANCES as u64) {
-                    reader.error(entry.value.span, &path, format!("n must lie in 1..{MAX_INSTANCES}"), None);
-                }
-                n
-            }
-            None => {
-                reader.error(key, path, "`draw` needs `n`, the number of points", None);
-                None
-            }
-        };
-        let method = match node.entry("method") {
-            None => Some(DrawMethod::Sobol),
-            Some(entry) => {
-                let rule = "one of sobol, lhs, random";
-                let path = join(path, "method");
-                let name = reader.text(&entry.value, entry.at, &path, rule);
-                let method = name.and_then(|name| match name {
-                    "sobol" => Some(DrawMethod::Sobol),
-                    "lhs" => Some(DrawMethod::Lhs),
-                    "random" => Some(DrawMethod::Random),
-                    _ => None,
-                });
-                if name.is_some() && method.is_none() {
-                    reader.wrong(&entry.value, entry.at, &path, rule);
-                }
-                method
-            }
-        };
-        let mut names = Vec::new();
-        let drawn = node.entries().iter().filter(|e| e.key != "n" && e.key != "method");
-        for entry in drawn.clone() {
-            let path = join(path, &entry.key);
-            if reader.name(&entry.key, entry.at, &path, "a drawn quantity")
-                && let Some(distribution) = distribution(&entry.value, entry.at, &path, reader)
-            {
-                names.push((entry.key.clone(), distribution));
+        let mut named = true;
+        for entry in node.entries().iter().filter(|entry| !["n", "method", "only"].contains(&entry.key.as_str())) {
+            named &= reader.name(&entry.key, entry.at, &join(path, &entry.key), "a drawn quantity");
+            if entry.key == AXIS {
+                let message = "`draw` is the axis of the points, and no name of a quantity";
+                reader.error(entry.at, &join(path, &entry.key), message, None);
+                named = false;
             }
         }
-        if drawn.clone().count() == 0 {
-            reader.error(key, path, "`draw` names nothing to draw", "add `mu_a: {uniform: [0.01, 0.1]}`".to_owned());
+        if node.holds_broken() {
             return None;
         }
-        let complete = names.len() == drawn.count();
-        Some(Self { n: usize::try_from(n?).ok()?, method: method?, names }).filter(|_| complete)
+        let entries: Vec<(String, Value)> = node.entries().iter().map(|e| (e.key.clone(), e.value.to_json())).collect();
+        let points = match turbid_draw::Draw::read(&entries, MAX_INSTANCES as u64) {
+            Ok(points) => points,
+            Err(mistakes) => {
+                mistakes.into_iter().for_each(|mistake| report(mistake, node, key, path, reader));
+                return None;
+            }
+        };
+        if points.method == Method::Lhs {
+            let message = "another n moves every point of a Latin hypercube";
+            let hint = "`sobol` and `random` keep the points that are there".to_owned();
+            let warning = Diagnostic::at(reader.sources, key, path, Mistake::new(Kind::WrongValue, message));
+            reader.report.push(warning.hint(hint).warning());
+        }
+        let (seed, stage) = of;
+        let draw = Self { points, seed: stream(seed, stage), indices: Vec::new(), skipped: BTreeMap::new() };
+        draw.accept(key, path, reader).filter(|_| named)
     }
 
-    /// Names and values of the one point that stands for all of them in `turbid check`.
-    pub fn representative(&self) -> (Vec<String>, Vec<Value>) {
-        let median = |d: &Distribution| serde_json::Number::from_f64(d.median()).map_or(Value::Null, |n| normal(&n));
-        let named = self.names.iter().map(|(name, d)| (name.clone(), median(d)));
-        std::iter::once(("draw".to_owned(), Value::from(0))).chain(named).unzip()
+    /// Finds the indices that have a point.
+    fn accept(mut self, key: Span, path: &str, reader: &mut Reader<'_>) -> Option<Self> {
+        let n = self.points.n;
+        if self.points.never_skips() {
+            self.indices = (0..n).collect();
+            return Some(self);
+        }
+        let found: Vec<Result<u64, Skipped>> =
+            (0..n).into_par_iter().map(|i| self.points.point(self.seed, i).map(|_| i)).collect();
+        for found in found {
+            match found {
+                Ok(index) => self.indices.push(index),
+                Err(skipped) => *self.skipped.entry(self.reason(&skipped)).or_default() += 1,
+            }
+        }
+        // A handful of points says little of a share.
+        if self.indices.is_empty() || (self.acceptance() < LEAST_ACCEPTED && n >= 1000) {
+            let reasons: Vec<String> =
+                self.skipped.iter().map(|(reason, count)| format!("{count} by {reason}")).collect();
+            let message = format!("of {n} points {} meet the conditions: {}", self.indices.len(), reasons.join(", "));
+            let hint = "draw from narrower distributions, or ask for less by `only`".to_owned();
+            reader.error(key, path, message, hint);
+            return None;
+        }
+        Some(self)
+    }
+
+    fn reason(&self, skipped: &Skipped) -> String {
+        match skipped {
+            Skipped::Condition(place) => self.points.only[*place].to_string(),
+            Skipped::Undrawn { quantity, .. } => {
+                format!("{} whose bounds leave nothing", self.names().nth(*quantity).unwrap_or_default())
+            }
+        }
+    }
+
+    /// How many indices there are, with a point or without.
+    pub fn n(&self) -> u64 {
+        self.points.n
+    }
+
+    pub fn method(&self) -> Method {
+        self.points.method
+    }
+
+    /// The share of indices that have a point.
+    pub fn acceptance(&self) -> f64 {
+        self.indices.len() as f64 / self.points.n as f64
+    }
+
+    /// Drawn names in the order of the file.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.points.names()
+    }
+
+    /// Names of the groups among them.
+    pub fn groups(&self) -> impl Iterator<Item = &str> {
+        self.points.groups()
+    }
+
+    /// Adds the values of the point that `axes` names by its index.
+    pub fn put_into(&self, axes: &mut Axes) {
+        let index = axes.get(AXIS).and_then(Value::as_u64).expect("the axis `draw` holds an index");
+        let values = self.points.point(self.seed, index).expect("only indices that have a point are instances");
+        axes.extend(self.names().map(str::to_owned).zip(values));
     }
 }
 
-fn distribution(node: &Node, key: Span, path: &str, reader: &mut Reader<'_>) -> Option<Distribution> {
-    let rule = "one of {uniform: [first, last]}, {loguniform: [first, last]}";
-    let [entry] = node.entries() else {
-        reader.wrong(node, key, path, rule);
-        return None;
-    };
-    if !reader.known_keys(node, path, &["uniform", "loguniform"], "a distribution") {
-        return None;
+/// Reports a mistake at the deepest part of its path that stands in the file.
+fn report(mistake: DrawMistake, node: &Node, key: Span, path: &str, reader: &mut Reader<'_>) {
+    let mut place = if node.span.len == 0 { key } else { node.span };
+    let mut at = Some(node);
+    let mut full = path.to_owned();
+    let last = mistake.path.len().saturating_sub(1);
+    for (i, step) in mistake.path.iter().enumerate() {
+        full = join(&full, step);
+        at = at.and_then(|node| node.step(step)).map(|(key, next)| {
+            place = if next.span.len == 0 || (i == last && mistake.unknown_key) { key } else { next.span };
+            next
+        });
     }
-    let path = join(path, &entry.key);
-    let ends = numbers(&entry.value, entry.at, &path, reader)?;
-    let log = entry.key == "loguniform";
-    match ends[..] {
-        [first, last] if first < last && (!log || first > 0.0) => {
-            Some(if log { Distribution::Loguniform(first, last) } else { Distribution::Uniform(first, last) })
-        }
-        _ => {
-            let above = if log { ", both above 0" } else { "" };
-            let message = format!("{} takes [first, last] with first < last{above}", entry.key);
-            reader.error(entry.value.span, &path, message, None);
-            None
-        }
+    if mistake.path.is_empty() {
+        place = key;
     }
+    let kind = if mistake.unknown_key { Kind::UnknownKey } else { Kind::WrongValue };
+    reader.error(place, &full, Mistake::new(kind, mistake.message), mistake.hint);
 }

@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use super::axis::{self, MAX_AXES, MAX_INSTANCES, MAX_VALUES};
 use super::csv;
-use super::draw::Draw;
+use super::draw::{self, Draw};
 use super::mistake::{Kind, Mistake};
 use super::node::{Data, Entry, Node};
 use super::parse::join;
@@ -21,13 +21,20 @@ pub const GRAMMAR: [&str; 3] = ["zip", "csv", "draw"];
 /// The axes that a stage adds to those of its inputs.
 #[derive(Clone, Debug)]
 pub struct Foreach {
-    /// Axes in the order in which they are written.
+    /// Axes in the order in which they are written; of a `draw` the index of its points.
     pub names: Vec<String>,
     /// One row of values (in the order of `names`) per instance, the last axis varying fastest; a stage without
-    /// `foreach` has one row without values. With a `draw`, one point stands for all.
+    /// `foreach` has one row without values.
     pub rows: Vec<Vec<Value>>,
-    /// Points that are drawn at run time.
+    /// What the indices on the axis `draw` stand for.
     pub draw: Option<Draw>,
+}
+
+impl Foreach {
+    /// All names that `${}` may use: the axes, and what is drawn.
+    pub fn visible(&self) -> impl Iterator<Item = &str> {
+        self.names.iter().map(String::as_str).chain(self.draw.iter().flat_map(Draw::names))
+    }
 }
 
 impl Default for Foreach {
@@ -44,8 +51,8 @@ struct Group {
 }
 
 impl Foreach {
-    /// Reads the section (vars put in); `None` if it is wrong and reported.
-    pub fn parse(section: &Entry, path: &str, reader: &mut Reader<'_>) -> Option<Self> {
+    /// Reads the section (vars put in) of the stage of this name; `None` if it is wrong and reported.
+    pub fn parse(section: &Entry, path: &str, of: (u64, &str), reader: &mut Reader<'_>) -> Option<Self> {
         let rule = "a map of axes, such as {mu_a: [0.01, 0.1]}";
         if !reader.is_map(&section.value, section.at, path, rule) {
             return None;
@@ -66,10 +73,10 @@ impl Foreach {
             let path = join(path, &entry.key);
             let group = match csv_of(entry) {
                 _ if entry.key == "draw" => {
-                    draw = Draw::parse(&entry.value, entry.at, &path, reader);
+                    draw = Draw::parse(&entry.value, entry.at, &path, of, reader);
                     draw.as_ref().map(|d: &Draw| {
-                        let (names, row) = d.representative();
-                        Group { at: entry.at, names, rows: vec![row] }
+                        let rows = d.indices.iter().map(|&index| vec![Value::from(index)]).collect();
+                        Group { at: entry.at, names: vec![draw::AXIS.to_owned()], rows }
                     })
                 }
                 Some(file) => csv_group(file, entry.at, &path, reader),
@@ -81,12 +88,11 @@ impl Foreach {
         if let Some(zip) = zip {
             complete &= apply_zip(&mut groups, zip, &join(path, "zip"), complete, reader).is_some();
         }
-        complete &= names_are_distinct(&groups, path, reader);
+        complete &= names_are_distinct(&groups, draw.as_ref(), path, reader);
         if !complete {
             return None;
         }
-        let points = draw.as_ref().map_or(1, |d| d.n as u128);
-        let count = groups.iter().fold(points, |n, g| n.saturating_mul(g.rows.len() as u128));
+        let count = groups.iter().fold(1_u128, |n, g| n.saturating_mul(g.rows.len() as u128));
         if count > MAX_INSTANCES as u128 {
             let sizes: Vec<String> = groups.iter().map(|g| format!("{} {}", g.rows.len(), g.names.join("+"))).collect();
             let message = format!("{count} instances ({}) are more than {MAX_INSTANCES}", sizes.join(" x "));
@@ -308,8 +314,8 @@ fn zip_one(
     Some(())
 }
 
-fn names_are_distinct(groups: &[Group], path: &str, reader: &mut Reader<'_>) -> bool {
-    let mut seen = HashSet::new();
+fn names_are_distinct(groups: &[Group], draw: Option<&Draw>, path: &str, reader: &mut Reader<'_>) -> bool {
+    let mut seen: HashSet<&str> = draw.into_iter().flat_map(Draw::names).collect();
     let mut distinct = true;
     for group in groups {
         for name in &group.names {

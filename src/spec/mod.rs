@@ -43,7 +43,7 @@ use turbid_contract::{At, Axes, Problem};
 
 pub use crate::ids::{Id, IdVec, StageId};
 pub use diagnostic::{Diagnostic, Severity};
-pub use draw::{Distribution, Draw, DrawMethod};
+pub use draw::{AXIS as DRAW_AXIS, Draw};
 pub use foreach::Foreach;
 pub use input::{InputSpec, SourceRef};
 pub use mistake::{Kind, Mistake};
@@ -154,7 +154,7 @@ fn read_from(file: Result<SourceFile, String>, path: &Path, overrides: &[String]
     // The stages may be in an included file that could not be read.
     let stages = match root.entry("stages") {
         None if reader.report.mentions("include") => Vec::new(),
-        _ => read_stages(&root, &vars, &mut reader),
+        _ => read_stages(&root, &vars, seed.unwrap_or(0), &mut reader),
     };
     let studies = study::parse_all(root.entry("studies"), &root, &mut reader);
     let stages: IdVec<StageId, StageSpec> = stages.into();
@@ -192,7 +192,7 @@ fn read_name(root: &Node, path: &Path, reader: &mut Reader<'_>) -> String {
     name.unwrap_or_else(stem)
 }
 
-fn read_stages(root: &Node, vars: &Vars, reader: &mut Reader<'_>) -> Vec<StageSpec> {
+fn read_stages(root: &Node, vars: &Vars, seed: u64, reader: &mut Reader<'_>) -> Vec<StageSpec> {
     let Some(section) = root.entry("stages") else {
         let hint = "add `stages:` with one entry per step; `turbid new` writes an example".to_owned();
         reader.error(Span { column: 1, line: 1, len: 1, ..root.span }, "stages", "the pipeline has no stages", hint);
@@ -213,7 +213,7 @@ fn read_stages(root: &Node, vars: &Vars, reader: &mut Reader<'_>) -> Vec<StageSp
     let mut foreach: Vec<Option<Foreach>> = Vec::with_capacity(entries.len());
     let mut values = 0;
     for entry in entries {
-        let read = stage::parse_foreach(entry, vars, reader);
+        let read = stage::parse_foreach(entry, vars, seed, reader);
         values += read.as_ref().map_or(0, |f| f.rows.len() * f.names.len());
         if values > axis::MAX_VALUES {
             let message = format!("the axes of all stages make more than {} values", axis::MAX_VALUES);
@@ -223,7 +223,7 @@ fn read_stages(root: &Node, vars: &Vars, reader: &mut Reader<'_>) -> Vec<StageSp
         foreach.push(read);
     }
     // A stage may use the axes of any stage before it, so all must be known before `with` is read.
-    let mut axes: BTreeSet<String> = foreach.iter().flatten().flat_map(|f| f.names.clone()).collect();
+    let mut axes: BTreeSet<String> = foreach.iter().flatten().flat_map(Foreach::visible).map(str::to_owned).collect();
     if foreach.iter().any(Option::is_none) {
         axes.extend(written_axes(entries));
     }
@@ -267,13 +267,6 @@ impl Spec {
         with.params(axes, &self.vars).map_err(|wrong| self.unfilled(stage, axes, wrong))
     }
 
-    /// Turns the params of one instance (from [`Self::params`]) into those of another of the same stage, touching
-    /// only what depends on axes.
-    pub fn refill(&self, stage: StageId, axes: &Axes, params: &mut Value) -> Result<(), Vec<Diagnostic>> {
-        let with = &self.stages[stage].with;
-        with.refill(params, axes, &self.vars).map_err(|wrong| self.unfilled(stage, axes, wrong))
-    }
-
     fn unfilled(&self, stage: StageId, axes: &Axes, wrong: Vec<template::Unfilled>) -> Vec<Diagnostic> {
         let diagnostic = |u: template::Unfilled| {
             let known = axes.keys().map(String::as_str);
@@ -296,7 +289,7 @@ impl Spec {
     /// The file in which the value of `node` stands, through `${name}` alone.
     fn origin(&self, node: &Node, depth: usize) -> u32 {
         if let Some(name) = sole_name(node).filter(|_| depth < parse::MAX_DEPTH) {
-            let axis = |e: &Entry| e.value.get("foreach").and_then(|f| f.get(&name)).map(|n| n.span.file);
+            let axis = |e: &Entry| e.value.get("foreach").and_then(|f| axis_in(f, &name)).map(|e| e.value.span.file);
             let axis = self.root.get("stages").and_then(|s| s.entries().iter().find_map(axis));
             let var = self.root.get("vars").and_then(|v| v.get(&name)).map(|n| self.origin(n, depth + 1));
             return axis.or(var).unwrap_or(node.span.file);
@@ -307,7 +300,7 @@ impl Spec {
     /// Key and value of the var that a text names, where it names one alone; else what is given. An axis hides a var of its name.
     fn through_vars<'n>(&'n self, at: (Span, &'n Node), depth: usize) -> (Span, &'n Node) {
         let Some(name) = sole_name(at.1) else { return at };
-        let is_axis = self.stages.iter().any(|stage| stage.foreach.names.contains(&name));
+        let is_axis = self.stages.iter().any(|stage| stage.foreach.visible().any(|axis| axis == name));
         match self.root.get("vars").and_then(|vars| vars.entry(&name)) {
             Some(var) if !is_axis && depth < parse::MAX_DEPTH => self.through_vars((var.at, &var.value), depth + 1),
             _ => at,
@@ -328,7 +321,7 @@ impl Spec {
     fn axis_of(&self, node: &Node) -> Option<Span> {
         let name = sole_name(node)?;
         let stages = self.root.get("stages").map(Node::entries).unwrap_or_default();
-        let axis = |e: &Entry| e.value.get("foreach").and_then(|foreach| foreach.entry(&name)).map(|axis| axis.at);
+        let axis = |e: &Entry| e.value.get("foreach").and_then(|foreach| axis_in(foreach, &name)).map(|axis| axis.at);
         stages.iter().find_map(axis)
     }
 
@@ -387,24 +380,24 @@ impl Spec {
         diagnostic
     }
 
-    /// What this version reads and checks but does not run yet: drawn points (errors), studies (warnings).
+    /// What this version reads and checks but does not run yet: studies (warnings).
     pub fn not_yet(&self) -> Vec<Diagnostic> {
-        let drawn = self.stages.iter_ids().filter(|(_, s)| s.foreach.draw.is_some()).map(|(i, _)| {
-            let message = "points are read and checked, but drawing them comes with a later version";
-            let hint = "until then, list the values, or use `linspace`, `logspace` or `csv`".to_owned();
-            self.diagnostic(i, Section::Foreach, &["draw"], Mistake::new(Kind::NotYet, message), Some(hint))
-        });
         let studies = self.root.entry("studies").filter(|_| !self.studies.is_empty()).map(|entry| {
             let message = "studies are read and checked, but running them comes with a later version";
             Diagnostic::at(&self.sources, entry.at, "studies", Mistake::new(Kind::NotYet, message)).warning()
         });
-        drawn.chain(studies).collect()
+        studies.into_iter().collect()
     }
 
     fn stage_node(&self, stage: StageId) -> &Node {
         let stages = self.root.get("stages").expect("a spec with a stage has a section of stages");
         &stages.entries()[self.stages[stage].entry].value
     }
+}
+
+/// Where an axis or a drawn quantity is given.
+fn axis_in<'n>(foreach: &'n Node, name: &str) -> Option<&'n Entry> {
+    foreach.entry(name).or_else(|| foreach.get("draw").and_then(|draw| draw.entry(name)))
 }
 
 /// The name in a text that is `${name}` alone.

@@ -85,7 +85,7 @@ fn shared() -> Map<String, Value> {
         ]})
     };
     let three = |what: &str| several(3, 3, what);
-    let pair = |what: &str| json!({"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2, "description": what});
+    let bell = |middle: &str| json!({"type": ["object", "array"], "description": format!("{{{middle}, sigma, within: [first, last]}}")});
     let scalar = json!({"type": ["number", "string", "boolean"]});
     let defs = json!({
         // No ASCII but letters, digits, `_` and `-`: classes such as \p{L} are not known to every validator.
@@ -128,17 +128,50 @@ fn shared() -> Map<String, Value> {
             },
             "additionalProperties": {"$ref": "#/$defs/values"}
         },
+        "when": {
+            "description": "This entry is there only where all of these are met: {NAME: VALUE} or {NAME: {above | below | is | in: VALUE}}.",
+            "type": "object"
+        },
+        "number_of_draws": {
+            "anyOf": [
+                {"type": "number"},
+                {"type": "string", "description": "the name of a drawn number, or ${var}"},
+                {"type": "object", "additionalProperties": false, "minProperties": 1, "maxProperties": 1, "properties": {
+                    "product": {"type": "array", "minItems": 1, "items": {"$ref": "#/$defs/number_of_draws"}},
+                    "sum": {"type": "array", "minItems": 1, "items": {"$ref": "#/$defs/number_of_draws"}}
+                }}
+            ]
+        },
+        "ends": {"type": "array", "minItems": 2, "maxItems": 2, "items": {"$ref": "#/$defs/number_of_draws"}},
         "draw": {
-            "description": "One joint set of points, on one axis `draw` (checked now, drawn by a later version).",
+            "description": "One joint set of points, on one axis `draw`; `${NAME}` are their coordinates.",
             "type": "object",
             "required": ["n"],
             "properties": {
-                "n": {"type": "integer", "minimum": 1, "maximum": 1_000_000},
-                "method": {"enum": ["sobol", "lhs", "random"], "default": "sobol"}
+                "n": {"anyOf": [{"type": "integer", "minimum": 1, "maximum": 1_000_000}, {"$ref": "#/$defs/substitution"}]},
+                "method": {"enum": ["sobol", "lhs", "random"], "default": "sobol"},
+                "only": {
+                    "description": "points that do not meet all of these are left out: [[NAME, above | below | is | in, VALUE], ..]",
+                    "type": "array",
+                    "items": {"type": "array", "minItems": 3, "maxItems": 3}
+                }
             },
             "additionalProperties": {
-                "type": "object", "additionalProperties": false, "minProperties": 1, "maxProperties": 1,
-                "properties": {"uniform": pair("first, last"), "loguniform": pair("first, last, both above 0")}
+                "type": "object", "additionalProperties": false, "minProperties": 1, "maxProperties": 3,
+                "properties": {
+                    "uniform": {"$ref": "#/$defs/ends"},
+                    "loguniform": {"$ref": "#/$defs/ends"},
+                    "integer": {"$ref": "#/$defs/ends"},
+                    "normal": bell("mean"),
+                    "lognormal": bell("median"),
+                    "beta": {"type": ["object", "array"], "description": "{alpha, beta, on: [first, last]}"},
+                    "choice": {"type": ["object", "array"], "description": "values, or values with their weights: {a: 3, b: 1}"},
+                    "within": {"$ref": "#/$defs/ends"},
+                    "per": {"type": "string", "description": "drawn once in each group of this name"},
+                    "group": {"type": "integer", "minimum": 1, "description": "the number of groups"},
+                    "product": {"type": "array", "minItems": 1, "items": {"$ref": "#/$defs/number_of_draws"}},
+                    "sum": {"type": "array", "minItems": 1, "items": {"$ref": "#/$defs/number_of_draws"}}
+                }
             }
         },
         "study": {
@@ -187,8 +220,23 @@ fn params(row: &StageRow) -> (Value, Map<String, Value>) {
     }
     let prefix = format!("{DEFS}{}.", row.name);
     adapt(&mut schema, &prefix);
-    own.values_mut().for_each(|def| adapt(def, &prefix));
+    for def in own.values_mut() {
+        adapt(def, &prefix);
+        conditional(def);
+    }
     (schema, own)
+}
+
+/// Lets `when` stand in the entries of maps.
+fn conditional(schema: &mut Value) {
+    let Value::Object(map) = schema else { return };
+    let closed = map.get("additionalProperties") == Some(&json!(false));
+    if let Some(Value::Object(fields)) = map.get_mut("properties").filter(|_| closed) {
+        fields.insert("when".to_owned(), json!({"$ref": "#/$defs/when"}));
+    }
+    for keyword in ["anyOf", "oneOf", "allOf"] {
+        map.get_mut(keyword).and_then(Value::as_array_mut).into_iter().flatten().for_each(conditional);
+    }
 }
 
 /// Renames references, and lets `${name}` stand wherever a value stands.

@@ -44,14 +44,14 @@ pub struct Sections<'a> {
 }
 
 /// Reads the `foreach` of a stage.
-pub fn parse_foreach(entry: &Entry, vars: &Vars, reader: &mut Reader<'_>) -> Option<Foreach> {
+pub fn parse_foreach(entry: &Entry, vars: &Vars, seed: u64, reader: &mut Reader<'_>) -> Option<Foreach> {
     let path = join(&join("stages", &entry.key), "foreach");
     let Some(section) = entry.value.entry("foreach") else { return Some(Foreach::default()) };
     if matches!(section.value.data, Data::Null) {
         return Some(Foreach::default());
     }
     let expanded = Entry { value: vars.expand(&section.value, &path, reader), ..section.clone() };
-    Foreach::parse(&expanded, &path, reader)
+    Foreach::parse(&expanded, &path, (seed, &entry.key), reader)
 }
 
 /// Reads the rest of a stage.

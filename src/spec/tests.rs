@@ -105,21 +105,49 @@ fn foreach_makes_a_grid_whose_last_axis_varies_fastest() {
     assert_eq!(spec("stages: {s: {use: x}}").stages[StageId::new(0)].foreach.rows, [Vec::<Value>::new()]);
 }
 
-/// A draw stands as one point in the middle of its distributions until it can be drawn.
+/// The axis `draw` counts points; what is drawn is known to `${}`, and another n or condition renames nothing.
 #[test]
-fn draws_are_read_and_stand_as_one_point() {
-    let foreach = "{draw: {n: 1000, method: lhs, mu_a: {loguniform: [1e-4, 1e-2]}, g: {uniform: [0.5, 1]}}}";
-    let (names, values) = rows(foreach);
-    assert_eq!(names, ["draw", "mu_a", "g"]);
-    assert_eq!(values[0][0], json!(0));
-    assert!((values[0][1].as_f64().unwrap() - 1e-3).abs() < 1e-18);
-    assert_eq!(values[0][2], json!(0.75));
-    let spec = spec(&format!("stages: {{s: {{use: x, foreach: {foreach}}}}}"));
-    assert_eq!(
-        spec.stages[StageId::new(0)].foreach.draw.as_ref().map(|d| (d.n, d.method)),
-        Some((1000, DrawMethod::Lhs))
-    );
-    assert!(spec.not_yet()[0].message.contains("later version"));
+fn draws_are_one_axis_of_indices() {
+    let foreach = |n: u64, only: &str| {
+        format!("{{draw: {{n: {n}, mu_a: {{loguniform: [1e-4, 1e-2]}}, g: {{uniform: [0.5, 1]}}{only}}}, k: [1, 2]}}")
+    };
+    let of = |foreach: &str| {
+        let spec = spec(&format!("seed: 3\nstages: {{s: {{use: x, foreach: {foreach}, with: {{g: \"${{g}}\"}}}}}}"));
+        let stage = &spec.stages[StageId::new(0)].foreach;
+        assert_eq!(stage.names, ["draw", "k"]);
+        let draw = stage.draw.as_ref().expect("it draws");
+        let values = |row: &Vec<Value>| {
+            let mut axes: Axes = stage.names.iter().cloned().zip(row.iter().cloned()).collect();
+            draw.put_into(&mut axes);
+            assert_eq!(spec.params(StageId::new(0), &axes).expect("g is drawn")["g"], axes["g"]);
+            axes
+        };
+        stage.rows.iter().map(values).collect::<Vec<_>>()
+    };
+    let (few, more) = (of(&foreach(8, "")), of(&foreach(16, "")));
+    assert_eq!((few.len(), more.len()), (16, 32));
+    assert_eq!(few, more[..16]);
+    let some = of(&foreach(16, ", only: [[g, above, 0.75]]"));
+    assert_eq!(some.len(), 16, "half of the points");
+    assert!(some.iter().all(|axes| axes["g"].as_f64() > Some(0.75) && more.contains(axes)));
+}
+
+/// Entries with `when` are there where it is met, without the key itself.
+#[test]
+fn entries_may_depend_on_what_is_drawn() {
+    let spec = spec(concat!(
+        "vars: {deep: 2}\nstages:\n  s:\n    use: x\n    foreach: {shape: [ball, box], width: [1, 3]}\n",
+        "    with:\n      objects:\n        ball: {when: {shape: ball, width: {above: \"${deep}\"}}, radius: \"${width}\"}\n",
+        "        box: {when: {shape: {in: [box, none]}}, inner: {when: {width: 3}, size: 1}}\n        skin: {top: 0}\n",
+    ));
+    let params = |shape: &str, width: u64| {
+        let axes = [("shape".to_owned(), json!(shape)), ("width".to_owned(), json!(width))].into();
+        spec.params(StageId::new(0), &axes).expect("all names are known")["objects"].clone()
+    };
+    assert_eq!(params("ball", 3), json!({"ball": {"radius": 3}, "skin": {"top": 0}}));
+    assert_eq!(params("ball", 1), json!({"skin": {"top": 0}}));
+    assert_eq!(params("box", 3), json!({"box": {"inner": {"size": 1}}, "skin": {"top": 0}}));
+    assert_eq!(params("box", 1), json!({"box": {}, "skin": {"top": 0}}));
 }
 
 #[test]
@@ -141,7 +169,6 @@ fn refilled_params_are_those_made_afresh() {
         "    with: {list: [0, \"${a}\", {deep: \"${b}-${k}\"}], k: \"${k}\", fixed: {x: 1}}\n",
     ));
     let foreach = &spec.stages[StageId::new(0)].foreach;
-    let mut reused = None;
     for row in &foreach.rows {
         let axes: Axes = foreach.names.iter().cloned().zip(row.iter().cloned()).collect();
         let fresh = spec.params(StageId::new(0), &axes).expect("all axes are there");
@@ -149,9 +176,6 @@ fn refilled_params_are_those_made_afresh() {
             "list": [0, axes["a"], {"deep": format!("{}-3", axes["b"].as_str().unwrap())}], "k": 3, "fixed": {"x": 1}
         });
         assert_eq!(fresh, expected);
-        let reused = reused.get_or_insert_with(|| fresh.clone());
-        spec.refill(StageId::new(0), &axes, reused).expect("all axes are there");
-        assert_eq!(*reused, fresh);
     }
     let lost = spec.params(StageId::new(0), &[("a".to_owned(), json!(1))].into()).expect_err("b is not there");
     assert!(lost[0].to_string().contains("`${b}` is an axis that this stage does not carry"), "{}", lost[0]);

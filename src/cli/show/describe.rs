@@ -108,7 +108,7 @@ impl Described<'_> {
         Ok(Shown {
             stage: plan.spec.stages[instance.stage].name.clone(),
             use_name: record.use_name.clone(),
-            axes: instance.axes.clone(),
+            axes: plan.values(id).into_owned(),
             key: record.key.to_string(),
             seconds: record.cost.wall_s,
             cpu_seconds: record.cost.cpu_s,

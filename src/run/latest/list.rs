@@ -39,8 +39,9 @@ impl List<'_> {
         let Self { plan, store, records, command } = self;
         let mut table = Table::default();
         let instance = &plan.instances[records[0].0];
-        for name in instance.axes.keys() {
-            let values = || records.iter().map(|(id, _)| &plan.instances[*id].axes[name]);
+        let known: Vec<_> = records.iter().map(|(id, _)| plan.values(*id)).collect();
+        for name in known[0].keys() {
+            let values = || known.iter().map(|values| &values[name]);
             let cells = match values().map(|v| v.as_f64()).collect::<Option<Vec<f64>>>() {
                 Some(numbers) => Cells::F64(numbers),
                 None => Cells::Text(values().map(value_text).collect()),

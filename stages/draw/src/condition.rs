@@ -51,9 +51,11 @@ impl Condition {
     /// Whether the values meet it; `value` must know every name.
     pub fn holds<'v>(&self, value: &dyn Fn(&str) -> Option<&'v Value>) -> bool {
         let own = value(&self.name).expect("names were checked when the condition was read");
-        let other = self.other.as_str().and_then(value).unwrap_or(&self.other);
+        let named = self.other.as_str().and_then(value);
+        let other = named.unwrap_or(&self.other);
         match self.relation {
-            Relation::Is => same(own, other),
+            // A text may be a name too; what is written comes first.
+            Relation::Is => same(own, &self.other) || same(own, other),
             Relation::In => other.as_array().is_some_and(|list| list.iter().any(|other| same(own, other))),
             // What is no number is neither above nor below another.
             Relation::Above => own.as_f64().zip(other.as_f64()).is_some_and(|(own, other)| own > other),

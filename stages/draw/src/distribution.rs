@@ -34,6 +34,21 @@ pub enum Kind {
 /// A smaller share of a distribution than this cannot be drawn: the digits of its quantiles run out.
 const LEAST_SHARE: f64 = 1e-12;
 
+impl Kind {
+    /// What a file calls it.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Uniform(_) => "uniform",
+            Self::Loguniform(_) => "loguniform",
+            Self::Normal(_) => "normal",
+            Self::Lognormal(_) => "lognormal",
+            Self::Beta { .. } => "beta",
+            Self::Integer(_) => "integer",
+            Self::Choice(_) => "choice",
+        }
+    }
+}
+
 impl Distribution {
     /// The numbers that it is made of.
     pub fn expressions(&self) -> impl Iterator<Item = &Expression> {
@@ -74,9 +89,10 @@ impl Distribution {
                 first + u * (last - first)
             }
             Kind::Loguniform(ends) => {
-                let [first, last] = interval("loguniform", pair(ends))?;
-                if first <= 0.0 {
-                    return Err(format!("loguniform takes numbers above 0, not {first}"));
+                let [first, last] = pair(ends);
+                if !(ordered(first, last) && first > 0.0) {
+                    let rule = "loguniform takes [first, last] with first < last, both above 0";
+                    return Err(format!("{rule}, not [{first}, {last}]"));
                 }
                 let [first, last] = cut([first, last], within)?;
                 let logs = [libm::log(first), libm::log(last)];

@@ -59,6 +59,16 @@ impl Draw {
         self.quantities.iter().filter(|q| matches!(q.source, Source::Group(_))).map(|q| q.name.as_str())
     }
 
+    /// Whether every index has a point, whatever the seed.
+    pub fn never_skips(&self) -> bool {
+        let constant = |quantity: &Quantity| match &quantity.source {
+            Source::Drawn { distribution, .. } => distribution.expressions().all(|e| e.names().is_empty()),
+            Source::Group(_) => true,
+            Source::Derived(_) => false,
+        };
+        self.only.is_empty() && self.quantities.iter().all(constant)
+    }
+
     /// The values of point `index`, in the order of [`Self::names`]: a function of the seed, the index and the
     /// quantities alone (for a Latin hypercube of `n` too).
     pub fn point(&self, seed: u64, index: u64) -> Result<Vec<Value>, Skipped> {

@@ -12,6 +12,12 @@ pub(crate) fn bits(seed: u64, name: u64, index: u64) -> [u32; 4] {
     philox4x32([index as u32, (index >> 32) as u32, name as u32, (name >> 32) as u32], key(seed))
 }
 
+/// The seed of a set of points: each name (of a stage, say) has one of its own.
+pub fn stream(seed: u64, name: &str) -> u64 {
+    let bits = bits(seed, of_name(name), u64::MAX - 1);
+    u64::from(bits[0]) << 32 | u64::from(bits[1])
+}
+
 /// Uniform among `n` numbers: the bias is below n / 2^64.
 pub(crate) fn below(n: u64, bits: [u32; 4]) -> u64 {
     let wide = u64::from(bits[0]) << 32 | u64::from(bits[1]);

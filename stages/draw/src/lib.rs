@@ -22,6 +22,7 @@ pub use condition::{Condition, Relation};
 pub use distribution::Distribution;
 pub use draw::{Draw, Skipped};
 pub use expression::Expression;
+pub use hash::stream;
 pub use mistake::Mistake;
 pub use sobol::{DIMENSIONS, scrambled, sobol};
 pub use unit::Method;

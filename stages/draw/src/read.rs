@@ -62,7 +62,7 @@ fn read(entries: &[(String, Value)], most: u64, mut at: At<'_>) -> Option<Draw> 
         quantities.extend(source.map(|source| Quantity { name: name.clone(), source }));
     }
     if quantities.is_empty() && complete {
-        return at.wrong("it names nothing to draw", Some("add `mu_a: {uniform: [0.01, 0.1]}`"));
+        return at.wrong("`draw` names nothing to draw", Some("add `mu_a: {uniform: [0.01, 0.1]}`"));
     }
     if method == Some(Method::Sobol) && dimension > DIMENSIONS {
         let message = format!("{dimension} drawn quantities are more than the Sobol sequence has ({DIMENSIONS})");
@@ -81,9 +81,10 @@ fn read(entries: &[(String, Value)], most: u64, mut at: At<'_>) -> Option<Draw> 
 }
 
 fn read_n(value: Option<&Value>, most: u64, at: &mut At<'_>) -> Option<u64> {
-    let Some(value) = value else { return at.wrong("it needs `n`, the number of points", None) };
+    let Some(value) = value else { return at.wrong("`draw` needs `n`, the number of points", None) };
     match value.as_u64() {
         Some(n) if n > 0 && n <= most => Some(n),
+        _ if value.is_number() => at.below("n").wrong(format!("n must lie in 1..{most}"), None),
         _ => at.below("n").wrong(format!("n is {value}, but must be a whole number from 1 to {most}"), None),
     }
 }
@@ -341,7 +342,7 @@ fn constant(distribution: &Distribution, at: &mut At<'_>) -> bool {
     match distribution.quantile(0.5, &|name| unreachable!("{name} in an expression without names")) {
         Ok(_) => true,
         Err(why) => {
-            at.wrong::<()>(why, None);
+            at.below(distribution.kind.name()).wrong::<()>(why, None);
             false
         }
     }

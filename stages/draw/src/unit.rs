@@ -19,6 +19,11 @@ pub enum Method {
 impl Method {
     pub const NAMES: [(&'static str, Self); 3] = [("sobol", Self::Sobol), ("lhs", Self::Lhs), ("random", Self::Random)];
 
+    /// What a file calls it.
+    pub fn name(self) -> &'static str {
+        Self::NAMES.iter().find(|(_, method)| *method == self).expect("every method has a name").0
+    }
+
     /// Coordinate of point `index` of `n` for the quantity `name` (a number of its own), the `dimension`-th: inside (0, 1).
     ///
     /// Sobol points beyond 2^32 or dimensions beyond [`DIMENSIONS`] must not be asked for.
