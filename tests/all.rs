@@ -18,6 +18,8 @@ mod crash;
 #[cfg(unix)]
 #[path = "all/docs.rs"]
 mod docs;
+#[path = "all/draws.rs"]
+mod draws;
 #[path = "all/estimates.rs"]
 mod estimates;
 #[cfg(all(target_os = "linux", target_arch = "x86_64"))]

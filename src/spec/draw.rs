@@ -14,6 +14,7 @@ use super::node::Node;
 use super::parse::join;
 use super::reader::Reader;
 use super::source::Span;
+use super::suggest;
 
 /// The axis that all drawn names share: the raw index of a point.
 pub const AXIS: &str = "draw";
@@ -144,16 +145,19 @@ fn report(mistake: DrawMistake, node: &Node, key: Span, path: &str, reader: &mut
     let mut at = Some(node);
     let mut full = path.to_owned();
     let last = mistake.path.len().saturating_sub(1);
+    let unknown = !mistake.known_keys.is_empty();
     for (i, step) in mistake.path.iter().enumerate() {
         full = join(&full, step);
         at = at.and_then(|node| node.step(step)).map(|(key, next)| {
-            place = if next.span.len == 0 || (i == last && mistake.unknown_key) { key } else { next.span };
+            place = if next.span.len == 0 || (i == last && unknown) { key } else { next.span };
             next
         });
     }
     if mistake.path.is_empty() {
         place = key;
     }
-    let kind = if mistake.unknown_key { Kind::UnknownKey } else { Kind::WrongValue };
-    reader.error(place, &full, Mistake::new(kind, mistake.message), mistake.hint);
+    let kind = if unknown { Kind::UnknownKey } else { Kind::WrongValue };
+    let key = mistake.path.last().map(String::as_str).unwrap_or_default();
+    let nearest = suggest::hint(key, mistake.known_keys.iter().map(String::as_str));
+    reader.error(place, &full, Mistake::new(kind, mistake.message), nearest.or(mistake.hint));
 }

@@ -8,8 +8,8 @@ pub struct Mistake {
     pub message: String,
     /// The way out.
     pub hint: Option<String>,
-    /// Whether the key at `path` is one that nobody knows.
-    pub unknown_key: bool,
+    /// Where the key at `path` is one that nobody knows: those that are known there.
+    pub known_keys: Vec<String>,
 }
 
 /// A place below what is read, and the mistakes found so far.
@@ -28,14 +28,15 @@ impl At<'_> {
     /// Reports a mistake here; `None` for what it keeps from being read.
     pub fn wrong<T>(&mut self, message: impl Into<String>, hint: Option<&str>) -> Option<T> {
         let hint = hint.map(str::to_owned);
-        let mistake = Mistake { path: self.path.clone(), message: message.into(), hint, unknown_key: false };
+        let mistake = Mistake { path: self.path.clone(), message: message.into(), hint, known_keys: Vec::new() };
         self.mistakes.push(mistake);
         None
     }
 
     pub fn unknown_key(&mut self, key: &str, what: &str, known: &[&str]) {
         let path = self.path.iter().cloned().chain([key.to_owned()]).collect();
-        let (message, hint) = (format!("{what} has no key `{key}`"), Some(format!("it has {}", known.join(", "))));
-        self.mistakes.push(Mistake { path, message, hint, unknown_key: true });
+        let (message, hint) = (format!("{what} has no key `{key}`"), Some(format!("known: {}", known.join(", "))));
+        let known_keys = known.iter().map(|&key| key.to_owned()).collect();
+        self.mistakes.push(Mistake { path, message, hint, known_keys });
     }
 }
