@@ -95,37 +95,37 @@ fn chains_of_one_draw_join() {
     assert!(of("dark")[5]["axes"]["mu_a"].is_f64() && of("one")[0]["axes"].get("mu_a").is_none());
 }
 
-/// What is replaced, with what, and what `check` says of it (line:column: path: message), and its hint.
+/// What is replaced, with what, and what `check` says of it (line:column, path, message), and its hint.
 const WRONG: [(&str, &str, &str, &str); 13] = [
-    ("n: \"${n}\"", "n: 0", "9:12: stages.tissue.foreach.draw.n: n must lie in 1..1000000", ""),
+    ("n: \"${n}\"", "n: 0", "9:12: error: stages.tissue.foreach.draw.n: n must lie in 1..1000000", ""),
     (
         "{uniform: [4, 8]}",
         "{uniform: [8, 4]}",
-        "12:26: stages.tissue.foreach.draw.width.uniform: uniform takes [first, last] with first < last",
+        "12:26: error: stages.tissue.foreach.draw.width.uniform: uniform takes [first, last] with first < last",
         "",
     ),
     (
         "{uniform: [4, 8]}",
         "{uniform: [4, depth]}",
-        "12:16: stages.tissue.foreach.draw.width: `depth` is not drawn here",
+        "12:16: error: stages.tissue.foreach.draw.width: `depth` is not drawn here",
         "drawn are mu_a, shape, width",
     ),
     (
         "{uniform: [4, 8]}",
         "{unifrom: [4, 8]}",
-        "12:17: stages.tissue.foreach.draw.width.unifrom: a draw has no key `unifrom`",
+        "12:17: error: stages.tissue.foreach.draw.width.unifrom: a draw has no key `unifrom`",
         "did you mean `uniform`?",
     ),
     (
         "{uniform: [4, 8]}",
         "{sum: [width, 1]}",
-        "12:16: stages.tissue.foreach.draw.width: these are made of each other in a circle: width",
+        "12:16: error: stages.tissue.foreach.draw.width: these are made of each other in a circle: width",
         "",
     ),
     (
         "{uniform: [4, 8]}",
         "{uniform: [4, 8], per: patient}",
-        "12:39: stages.tissue.foreach.draw.width.per: `patient` is no group of this draw",
+        "12:39: error: stages.tissue.foreach.draw.width.per: `patient` is no group of this draw",
         "add `patient: {group: 100}`",
     ),
     (
@@ -137,13 +137,13 @@ const WRONG: [(&str, &str, &str, &str); 13] = [
     (
         "        width: {",
         "        only: [[mua, above, 1]]\n        width: {",
-        "12:17: stages.tissue.foreach.draw.only.0.0: `mua` is not drawn here",
+        "12:17: error: stages.tissue.foreach.draw.only.0.0: `mua` is not drawn here",
         "drawn are mu_a, shape, width",
     ),
     (
         "        width: {",
         "        method: lhc\n        width: {",
-        "12:17: stages.tissue.foreach.draw.method: method is \"lhc\", but must be one of sobol, lhs, random",
+        "12:17: error: stages.tissue.foreach.draw.method: method is \"lhc\", but must be one of sobol, lhs, random",
         "",
     ),
     (
