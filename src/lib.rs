@@ -3,6 +3,7 @@
 //! Data flows one way: YAML -> [`spec`] -> [`plan`] -> [`key`] -> [`run`] -> [`store`]; `docs/architecture.md` is the map.
 
 pub mod cli;
+pub mod dataset;
 pub mod digest;
 pub mod estimate;
 pub mod explain;

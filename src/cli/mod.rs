@@ -2,6 +2,7 @@
 
 mod cache;
 mod check;
+mod dataset;
 mod explain;
 mod export;
 mod figures;
@@ -101,6 +102,8 @@ enum Command {
     Schema,
     /// Write an output in another format
     Export(export::Export),
+    /// Build and look after data sets
+    Dataset(dataset::Dataset),
     /// Look after the store of results
     Cache(cache::Cache),
     /// Write a commented starter pipeline
@@ -175,6 +178,7 @@ pub fn main(registry: Registry) -> ExitCode {
         Command::Stages(command) => command.run(&registry),
         Command::Schema => schema::run(&registry),
         Command::Export(command) => command.run(&registry),
+        Command::Dataset(command) => command.run(&registry),
         Command::Cache(command) => command.run(),
         Command::New(command) => command.run(),
     }));

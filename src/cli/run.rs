@@ -239,7 +239,7 @@ impl Making<'_> {
 }
 
 /// `TURBID_SIMD` forces a level of vector instructions, for tests: results must not depend on it.
-fn simd_level() -> Result<String, Failure> {
+pub(super) fn simd_level() -> Result<String, Failure> {
     let asked = std::env::var("TURBID_SIMD").unwrap_or_default();
     match asked.as_str() {
         "" | "best" => Ok(String::new()),

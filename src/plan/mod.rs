@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use turbid_contract::{Arity, Axes, InPort, OutPort, StageRow};
 
 use crate::registry::Registry;
-use crate::spec::{DRAW_AXIS, Diagnostic, Report, Section, Spec, nearest};
+use crate::spec::{DRAW_AXIS, Diagnostic, Draw, Report, Section, Spec, nearest};
 
 pub use crate::ids::{Id, IdRange, IdVec, InstanceId, StageId};
 pub use axes::{MAX_INSTANCES, same_value};
@@ -178,8 +178,23 @@ impl Plan {
         &self.wanted[stage]
     }
 
+    /// The same without what is made for people alone.
+    pub fn without_previews(mut self) -> Self {
+        for stage in self.infos.ids() {
+            let outputs = &self.infos[stage].outputs;
+            self.wanted[stage].retain(|name| !outputs.iter().any(|port| port.name == *name && port.preview));
+        }
+        self
+    }
+
     pub fn consumers(&self, stage: StageId) -> &BTreeSet<StageId> {
         &self.consumers[stage]
+    }
+
+    /// The stage whose points the axis `draw` of this stage's instances counts.
+    pub fn draw_of(&self, stage: StageId) -> Option<(StageId, &Draw)> {
+        let draws = self.draws[stage]?;
+        Some((draws, self.spec.stages[draws].foreach.draw.as_ref()?))
     }
 
     /// The values that an instance knows by name: its axes, and what is drawn at the point that they name.

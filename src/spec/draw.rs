@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use rayon::prelude::*;
 use serde_json::Value;
 use turbid_contract::Axes;
-use turbid_draw::{Method, Mistake as DrawMistake, Skipped, stream};
+use turbid_draw::{Method, Mistake as DrawMistake, Skipped, Type, stream};
 
 use super::axis::MAX_INSTANCES;
 use super::diagnostic::Diagnostic;
@@ -126,9 +126,19 @@ impl Draw {
         self.points.names()
     }
 
+    /// What their values are.
+    pub fn types(&self) -> impl Iterator<Item = Type> {
+        self.points.types()
+    }
+
     /// Names of the groups among them.
     pub fn groups(&self) -> impl Iterator<Item = &str> {
         self.points.groups()
+    }
+
+    /// The values of the point of this index in the order of [`Self::names`], or why it has none.
+    pub fn point(&self, index: u64) -> Result<Vec<Value>, String> {
+        self.points.point(self.seed, index).map_err(|skipped| self.reason(&skipped))
     }
 
     /// Adds the values of the point that `axes` names by its index.

@@ -7,6 +7,7 @@
 mod aliases;
 mod axis;
 pub mod csv;
+mod dataset;
 pub mod diagnostic;
 mod draw;
 mod excerpt;
@@ -42,6 +43,7 @@ use serde_json::Value;
 use turbid_contract::{At, Axes, Problem};
 
 pub use crate::ids::{Id, IdVec, StageId};
+pub use dataset::{DatasetSpec, Dtype, FeatureSpec, KeepSpec, LayerFilter};
 pub use diagnostic::{Diagnostic, Severity};
 pub use draw::{AXIS as DRAW_AXIS, Draw};
 pub use foreach::Foreach;
@@ -62,7 +64,7 @@ use reader::Reader;
 use vars::Vars;
 
 /// The keys of a pipeline file.
-const ROOT_KEYS: [&str; 7] = ["pipeline", "about", "seed", "vars", "include", "stages", "studies"];
+const ROOT_KEYS: [&str; 8] = ["pipeline", "about", "seed", "vars", "include", "stages", "studies", "datasets"];
 
 /// More stages than this are a mistake (instances are made by `foreach`).
 const MAX_STAGES: usize = 10_000;
@@ -80,6 +82,7 @@ pub struct Spec {
     /// In the order of the file.
     pub stages: IdVec<StageId, StageSpec>,
     pub studies: Vec<StudySpec>,
+    pub datasets: Vec<DatasetSpec>,
     /// The file, what it includes, and the overrides.
     pub sources: Vec<SourceFile>,
     /// As given: `stages.frames.with.samples=64`.
@@ -156,6 +159,7 @@ fn read_from(file: Result<SourceFile, String>, path: &Path, overrides: &[String]
         None if reader.report.mentions("include") => Vec::new(),
         _ => read_stages(&root, &vars, seed.unwrap_or(0), &mut reader),
     };
+    let datasets = dataset::parse_all(root.entry("datasets"), &vars, &mut reader);
     let studies = study::parse_all(root.entry("studies"), &root, &mut reader);
     let stages: IdVec<StageId, StageSpec> = stages.into();
     let places = stages.iter_ids().map(|(id, stage)| (stage.name.clone(), id)).collect();
@@ -166,6 +170,7 @@ fn read_from(file: Result<SourceFile, String>, path: &Path, overrides: &[String]
         vars: vars.values,
         stages,
         studies,
+        datasets,
         sources,
         overrides: overrides.to_vec(),
         places,
@@ -305,6 +310,33 @@ impl Spec {
             Some(var) if !is_axis && depth < parse::MAX_DEPTH => self.through_vars((var.at, &var.value), depth + 1),
             _ => at,
         }
+    }
+
+    /// The whole file with includes and overrides, as data.
+    pub fn resolved(&self) -> Value {
+        self.root.to_json()
+    }
+
+    /// A mistake at the deepest part of a path from the root of the file that stands in it.
+    pub fn at_path(&self, path: &[&str], mistake: impl Into<Mistake>, hint: Option<String>) -> Diagnostic {
+        let mut place = Span { column: 1, line: 1, len: 1, ..self.root.span };
+        let mut at = Some(&self.root);
+        for step in path {
+            at = at.and_then(|node| node.step(step)).map(|(key, next)| {
+                place = if next.span.len == 0 { key } else { next.span };
+                next
+            });
+        }
+        Diagnostic::at(&self.sources, place, path.join("."), mistake.into().and_hint(hint))
+    }
+
+    /// The same pipeline with those points of the stage's draw alone that have these indices (ascending).
+    pub fn with_points(&self, stage: StageId, indices: &[u64]) -> Self {
+        let mut spec = self.clone();
+        let foreach = &mut spec.stages[stage].foreach;
+        let axis = foreach.names.iter().position(|name| name == DRAW_AXIS).expect("the stage draws");
+        foreach.rows.retain(|row| row[axis].as_u64().is_some_and(|index| indices.binary_search(&index).is_ok()));
+        spec
     }
 
     /// What a stage found wrong, at its place.

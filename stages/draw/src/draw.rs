@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 use crate::condition::Condition;
-use crate::distribution::{Distribution, finite};
+use crate::distribution::{Distribution, Kind, finite};
 use crate::expression::Expression;
 use crate::hash;
 use crate::unit::Method;
@@ -48,7 +48,31 @@ pub enum Skipped {
     Undrawn { quantity: usize, why: String },
 }
 
+/// What the values of a quantity are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Type {
+    Float,
+    Integer,
+    Text,
+}
+
 impl Draw {
+    /// What the values of each name are, in the order of [`Self::names`].
+    pub fn types(&self) -> impl Iterator<Item = Type> {
+        self.quantities.iter().map(|quantity| match &quantity.source {
+            Source::Group(_) => Type::Integer,
+            Source::Derived(_) => Type::Float,
+            Source::Drawn { distribution, .. } => match &distribution.kind {
+                Kind::Integer(_) => Type::Integer,
+                Kind::Choice(values) if values.iter().all(|(value, _)| value.is_i64() || value.is_u64()) => {
+                    Type::Integer
+                }
+                Kind::Choice(values) if values.iter().any(|(value, _)| !value.is_number()) => Type::Text,
+                _ => Type::Float,
+            },
+        })
+    }
+
     /// Names in the order in which they are written.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.quantities.iter().map(|quantity| quantity.name.as_str())

@@ -20,7 +20,7 @@ mod unit;
 
 pub use condition::{Condition, Relation};
 pub use distribution::Distribution;
-pub use draw::{Draw, Skipped};
+pub use draw::{Draw, Skipped, Type};
 pub use expression::Expression;
 pub use hash::stream;
 pub use mistake::Mistake;

@@ -1,0 +1,311 @@
+//! `turbid dataset`: build, plan, verify and look at data sets.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use clap::{Args, Subcommand};
+use serde_json::{Value, json};
+
+use crate::dataset::build::{Building, Stopped, Told, finished};
+use crate::dataset::{DatasetPlan, verify};
+use crate::estimate::estimates;
+use crate::plan::Plan;
+use crate::registry::Registry;
+use crate::resolve::Resolver;
+use crate::run::progress::{Json, Work, choose};
+use crate::run::{Interrupt, Options};
+use crate::spec::Report;
+use crate::store::Store;
+use crate::threads;
+
+use super::cache::size_text;
+use super::memory::MemoryLimit;
+use super::run::simd_level;
+use super::{Done, Failure, Pipeline, print, print_json};
+
+#[derive(Args)]
+pub struct Dataset {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Compute the samples that are missing and write the folder of the data set
+    Build(Build),
+    /// Show what a build would do: points, splits, shards, CPU hours, bytes
+    Plan(Look),
+    /// Look whether a folder holds what it should: every shard, every row
+    Verify(Folder),
+    /// Show mean, standard deviation and range of every column
+    Stats(Folder),
+}
+
+#[derive(Args)]
+struct Named {
+    #[command(flatten)]
+    pipeline: Pipeline,
+    /// The data set; may be left out where the file has one
+    name: Option<String>,
+}
+
+#[derive(Args)]
+struct Build {
+    #[command(flatten)]
+    named: Named,
+    /// The folder of the data set
+    #[arg(long, value_name = "DIR")]
+    to: PathBuf,
+    /// Threads to use; all of the machine by default
+    #[arg(short = 'j', long = "jobs", value_name = "N", value_parser = threads::parse)]
+    jobs: Option<usize>,
+    #[command(flatten)]
+    memory: MemoryLimit,
+    /// Print events as JSON lines
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Args)]
+struct Look {
+    #[command(flatten)]
+    named: Named,
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Args)]
+struct Folder {
+    #[command(flatten)]
+    named: Named,
+    /// The folder of the data set
+    #[arg(long, value_name = "DIR")]
+    to: PathBuf,
+    #[arg(long)]
+    json: bool,
+}
+
+impl Dataset {
+    pub fn run(&self, registry: &Registry) -> Done {
+        match &self.command {
+            Command::Build(build) => build.run(registry),
+            Command::Plan(look) => look.run(registry),
+            Command::Verify(folder) => folder.verify(registry),
+            Command::Stats(folder) => folder.stats(registry),
+        }
+    }
+}
+
+impl Named {
+    /// The plan of the whole file, and the data set in it.
+    fn plan(&self, registry: &Registry) -> Result<(std::mem::ManuallyDrop<Plan>, DatasetPlan), Failure> {
+        let plan = self.pipeline.plan(registry, &[])?;
+        let dataset = DatasetPlan::build(&plan, self.name.as_deref())?;
+        Ok((plan, dataset))
+    }
+}
+
+impl Build {
+    fn run(&self, registry: &Registry) -> Done {
+        let began = Instant::now();
+        let (plan, dataset) = self.named.plan(registry)?;
+        let outputs = self.named.pipeline.outputs.path();
+        let store = Store::open(outputs).map_err(|e| Failure::Input(e.to_string()))?;
+        let jobs = self.jobs.unwrap_or_else(threads::of_machine);
+        let memory = self.memory.budget(jobs).map(|budget| budget.bytes);
+        let options =
+            Options { jobs, keep_going: false, force: Vec::new(), replace: false, simd: simd_level()?, memory };
+        let interrupt = Interrupt::listen().map_err(|e| Failure::Failed(format!("signals: {e}")))?;
+        let progress = |work: &Work| choose(self.json, work);
+        let told = |told: &Told<'_>| self.told(told);
+        let building = Building {
+            plan: &plan,
+            dataset: &dataset,
+            registry,
+            store: &store,
+            outputs,
+            options: &options,
+            interrupt: &interrupt,
+            progress: &progress,
+            told: &told,
+        };
+        let built = building.build(&self.to).map_err(|stopped| match stopped {
+            Stopped::Report(report) => Failure::Report(report),
+            Stopped::Input(message) => Failure::Input(message),
+            Stopped::Failed(message) => Failure::Failed(message),
+            Stopped::Interrupted => Failure::Interrupted,
+        })?;
+        if self.json {
+            Json::event(finished(&built, began.elapsed().as_secs_f64()));
+            return Ok(());
+        }
+        print(&format!(
+            "{}: {} samples in {}, {}; {:.1} CPU s of samples, {} up to date, {} ran, {:.1} s",
+            dataset.spec.name,
+            built.samples,
+            self.to.display(),
+            size_text(built.bytes),
+            built.cpu_s,
+            built.hits,
+            built.ran,
+            began.elapsed().as_secs_f64(),
+        ));
+        for (reason, n) in &built.rejects {
+            print(&format!("left out: {n} by {reason}"));
+        }
+        Ok(())
+    }
+
+    fn told(&self, told: &Told<'_>) {
+        let Told { shard, shards, rejects, kept } = told;
+        if self.json {
+            Json::event(json!({
+                "event": "shard", "file": shard.file, "rows": shard.rows, "bytes": shard.bytes, "sha256": shard.sha256, "kept": kept,
+            }));
+            return;
+        }
+        let how = if *kept { "as it was" } else { "written" };
+        let left_out = if *rejects > 0 {
+            format!("; {rejects} samples left out of {} so far", shard.split)
+        } else {
+            String::new()
+        };
+        print(&format!(
+            "{} {}/{shards}: {} samples, {}, {how}{left_out}",
+            shard.split,
+            shard.number + 1,
+            shard.rows,
+            size_text(shard.bytes)
+        ));
+    }
+}
+
+/// Fewer shards of the training split than this keep many readers from working side by side.
+const FEW_SHARDS: usize = 16;
+
+impl Look {
+    fn run(&self, registry: &Registry) -> Done {
+        let (plan, dataset) = self.named.plan(registry)?;
+        let store = self.named.pipeline.store_to_read()?;
+        let (_, draw) = plan.draw_of(dataset.draws).expect("the stage draws");
+        // One sample stands for all: forms and costs are alike.
+        let first: Vec<u64> =
+            dataset.splits.iter().flat_map(|split| split.indices.iter().copied()).min().into_iter().collect();
+        let sample = dataset.of_samples(&plan, registry, &first)?;
+        let resolver = Resolver::new(&sample, &store);
+        let survey = resolver.survey(&[]);
+        let report = Report::from(survey.problems.clone());
+        if report.has_errors() {
+            return Err(report.into());
+        }
+        let form = |feature: &crate::dataset::Feature| {
+            let id = sample.instances_of(feature.stage).into_iter().next()?;
+            survey.forms.get(&id)?.get(feature.port).map(|form| (**form).clone())
+        };
+        let shapes = dataset.shapes(form, &plan)?;
+        let seconds: f64 = estimates(&resolver, &survey).values().map(|estimate| estimate.seconds).sum();
+        let points: usize = dataset.splits.iter().map(|split| split.indices.len()).sum();
+        let values: usize = shapes.iter().flatten().map(|shape| shape.values()).sum();
+        let bytes = values as u64 * if dataset.spec.dtype.name() == "float16" { 2 } else { 4 } * points as u64;
+        let shards = |indices: &[u64]| indices.len().div_ceil(dataset.spec.rows);
+        if self.json {
+            let splits: Vec<Value> = dataset
+                .splits
+                .iter()
+                .map(|split| json!({"split": split.name, "points": split.indices.len(), "shards": shards(&split.indices)}))
+                .collect();
+            print_json(&json!({
+                "dataset": dataset.spec.name, "n": draw.n(), "points": points, "acceptance": draw.acceptance(),
+                "skipped": draw.skipped, "splits": splits, "cpu_hours": seconds * points as f64 / 3600.0, "bytes": bytes,
+            }).to_string());
+            return Ok(());
+        }
+        let mut text =
+            format!("{}: {points} of {} points ({:.1} %)\n", dataset.spec.name, draw.n(), 100.0 * draw.acceptance());
+        for (reason, n) in &draw.skipped {
+            text += &format!("  {n} left out by {reason}\n");
+        }
+        for split in &dataset.splits {
+            text += &format!("{}: {} samples, {} shards\n", split.name, split.indices.len(), shards(&split.indices));
+        }
+        for (feature, shape) in dataset.features.iter().zip(&shapes) {
+            let what = match shape.as_ref().map(|shape| (&shape.tensor, &shape.unit)) {
+                Some((Some([c, h, w]), unit)) => format!("{c} x {h} x {w}, {unit}"),
+                Some((None, unit)) => format!("a number, {unit}"),
+                None => "known after the first run".to_owned(),
+            };
+            text += &format!("  {}: {} ({what})\n", feature.spec.name, feature.spec.from.join("."));
+        }
+        text +=
+            &format!("about {:.2} CPU h, {} before compression", seconds * points as f64 / 3600.0, size_text(bytes));
+        print(&text);
+        for split in &dataset.splits {
+            if split.indices.is_empty() {
+                crate::terminal::tell(&format!("warning: the split `{}` is empty", split.name));
+            }
+        }
+        if dataset.splits.first().is_some_and(|train| shards(&train.indices) < FEW_SHARDS) {
+            let message = format!(
+                "warning: {} has fewer than {FEW_SHARDS} shards: few readers can work side by side; `shards: {{rows: ..}}` makes more",
+                dataset.splits[0].name
+            );
+            crate::terminal::tell(&message);
+        }
+        Ok(())
+    }
+}
+
+impl Folder {
+    fn verify(&self, registry: &Registry) -> Done {
+        self.named.plan(registry)?;
+        let verified = verify::verify(&self.to).map_err(Failure::Input)?;
+        if self.json {
+            let text =
+                json!({"shards": verified.shards, "rows": verified.rows, "findings": verified.findings}).to_string();
+            print_json(&text);
+        } else {
+            verified.findings.iter().for_each(|finding| print(finding));
+            print(&format!("{} shards, {} samples as they should be", verified.shards, verified.rows));
+        }
+        match verified.findings.len() {
+            0 => Ok(()),
+            _ if self.json => Err(Failure::Said),
+            n => {
+                Err(Failure::Failed(format!("{n} findings in {}; `turbid dataset build` mends them", shown(&self.to))))
+            }
+        }
+    }
+
+    fn stats(&self, registry: &Registry) -> Done {
+        self.named.plan(registry)?;
+        let rows = verify::statistics(&self.to).map_err(Failure::Input)?;
+        if self.json {
+            print_json(&Value::from(rows).to_string());
+            return Ok(());
+        }
+        for row in rows {
+            let text = |key: &str| row[key].as_str().unwrap_or_default().to_owned();
+            let number = |key: &str| row[key].as_f64().map_or_else(|| "-".to_owned(), |number| format!("{number:.5}"));
+            let name = if text("channel").is_empty() {
+                text("column")
+            } else {
+                format!("{} ({})", text("column"), text("channel"))
+            };
+            print(&format!(
+                "{:<12} {name:<48} n {:>10}  mean {:>12}  sd {:>12}  min {:>12}  max {:>12}  {}",
+                text("split"),
+                row["n"],
+                number("mean"),
+                number("sd"),
+                number("min"),
+                number("max"),
+                text("unit")
+            ));
+        }
+        Ok(())
+    }
+}
+
+fn shown(path: &Path) -> String {
+    path.display().to_string()
+}

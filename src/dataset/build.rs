@@ -1,0 +1,562 @@
+//! Building a data set: shard by shard, each of its samples brought up to date, looked at, and written.
+
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::path::Path;
+use std::sync::Arc;
+
+use rayon::prelude::*;
+use serde_json::{Value, json};
+use turbid_contract::{Artifact, canonical};
+use turbid_draw::Type;
+
+use super::feature::{Shape, Values};
+use super::folder::{Folder, Refused};
+use super::index::{self, Entry};
+use super::manifest::{ColumnOf, FORMAT, Manifest, ShardOf};
+use super::plan::{DatasetPlan, Keep, Limited};
+use super::shard::{Sample, encode};
+use super::statistics::{self, Moments};
+use super::{card, croissant};
+use crate::digest::PartHasher;
+use crate::plan::{InstanceId, Plan, StageId};
+use crate::registry::Registry;
+use crate::resolve::Resolver;
+use crate::run::log::RunLog;
+use crate::run::{self, End, Interrupt, Options, Progress};
+use crate::spec::{DRAW_AXIS, Draw, Report};
+use crate::store::{Blob, InstanceRecord, Store, encode as encode_artifact};
+
+/// Of so many samples that cannot be computed the others are built; more are a mistake in the file.
+const MOST_UNFIT: f64 = 0.1;
+
+/// What a build works with.
+pub struct Building<'a> {
+    pub plan: &'a Plan,
+    pub dataset: &'a DatasetPlan,
+    pub registry: &'a Registry,
+    pub store: &'a Store,
+    pub outputs: &'a Path,
+    pub options: &'a Options,
+    pub interrupt: &'a Interrupt,
+    /// The progress of a run of this much work.
+    pub progress: &'a dyn Fn(&run::progress::Work) -> Box<dyn Progress>,
+    /// Told of each shard that is there.
+    pub told: &'a dyn Fn(&Told<'_>),
+}
+
+/// A shard that is there.
+pub struct Told<'a> {
+    pub shard: &'a ShardOf,
+    pub shards: usize,
+    pub rejects: u64,
+    /// Whether it was there already.
+    pub kept: bool,
+}
+
+/// How a build ended.
+#[derive(Debug)]
+pub struct Built {
+    pub samples: u64,
+    pub rejects: BTreeMap<String, u64>,
+    pub hits: usize,
+    pub ran: usize,
+    pub cpu_s: f64,
+    pub bytes: u64,
+}
+
+/// Why a build stopped. What was finished is kept.
+#[derive(Debug)]
+pub enum Stopped {
+    Report(Report),
+    Input(String),
+    Failed(String),
+    Interrupted,
+}
+
+impl From<Refused> for Stopped {
+    fn from(refused: Refused) -> Self {
+        match refused {
+            Refused::Input(message) => Self::Input(message),
+            Refused::Failed(message) => Self::Failed(message),
+        }
+    }
+}
+
+/// A sample with the blobs of its features.
+struct Found {
+    sample: Sample,
+    blobs: Vec<Blob>,
+}
+
+/// Columns with the moments of a shard: one for a number, one per channel of a tensor.
+type ShardMoments = Vec<Vec<Moments>>;
+
+/// What is known of all samples while it is built.
+#[derive(Default)]
+struct State {
+    columns: Option<Vec<ColumnOf>>,
+    entries: BTreeMap<u64, Entry>,
+    shards: Vec<ShardOf>,
+    moments: BTreeMap<String, ShardMoments>,
+    unfit: u64,
+    hits: usize,
+    ran: usize,
+}
+
+impl Building<'_> {
+    /// Brings every sample up to date and writes the folder `to`.
+    pub fn build(&self, to: &Path) -> Result<Built, Stopped> {
+        let dataset = &self.dataset.spec;
+        let (folder, before) = Folder::open(to, &self.plan.spec.pipeline, &dataset.name)?;
+        let mut state = State::default();
+        let manifest = self.manifest(&state);
+        if before.is_none() {
+            folder.keep(&manifest).map_err(Stopped::Failed)?;
+        }
+        let before: HashMap<(String, usize), ShardOf> =
+            before.into_iter().flat_map(|m| m.shards).map(|s| ((s.split.clone(), s.number), s)).collect();
+        let rows = dataset.rows;
+        let mut empty = Vec::new();
+        for split in &self.dataset.splits {
+            let of = split.shards(rows).count();
+            for (number, indices) in split.shards(rows).enumerate() {
+                let found = self.samples(&split.name, indices, &mut state)?;
+                let file = format!("data/{}-{number:05}-of-{of:05}.parquet", split.name);
+                if found.is_empty() && state.columns.is_none() {
+                    empty.push((split.name.clone(), number, of, file));
+                    continue;
+                }
+                self.shard(&folder, (&split.name, number, of, &file), found, &before, &mut state)?;
+            }
+        }
+        let Some(columns) = state.columns.clone() else {
+            return Err(Stopped::Failed("every sample is left out; see `keep` and `only`".to_owned()));
+        };
+        for (split, number, of, file) in empty {
+            self.shard(&folder, (&split, number, of, &file), Vec::new(), &before, &mut state)?;
+        }
+        self.finish(&folder, &columns, state)
+    }
+
+    /// The samples of these raw indices: up to date, and within the limits of `keep`.
+    fn samples(&self, split: &str, indices: &[u64], state: &mut State) -> Result<Vec<Found>, Stopped> {
+        let (_, draw) = self.plan.draw_of(self.dataset.draws).expect("the stage draws");
+        let mut fit: Vec<u64> = indices.to_vec();
+        let mut plan = self.of(&fit)?;
+        let mut resolver = Resolver::new(&plan, self.store);
+        let mut survey = resolver.survey(&[]);
+        if Report::from(survey.problems.clone()).has_errors() {
+            // Which of them it is, each of them says alone.
+            let unfit: Vec<(u64, String)> = fit
+                .iter()
+                .filter_map(|&index| self.unfit(index).map(|why| Some((index, why?))).transpose())
+                .collect::<Result<_, _>>()?;
+            state.unfit += unfit.len() as u64;
+            let all = state.entries.len() + indices.len();
+            if unfit.is_empty() || state.unfit as f64 > (MOST_UNFIT * all as f64).max(1.0) {
+                return Err(Stopped::Report(Report::from(survey.problems)));
+            }
+            for (index, reason) in unfit {
+                fit.retain(|&other| other != index);
+                let group = self.group(draw, index);
+                state
+                    .entries
+                    .insert(index, Entry { split: split.to_owned(), group, reject: reason, ..Entry::default() });
+            }
+            drop(resolver);
+            plan = self.of(&fit)?;
+            resolver = Resolver::new(&plan, self.store);
+            survey = resolver.survey(&[]);
+            if Report::from(survey.problems.clone()).has_errors() {
+                return Err(Stopped::Report(Report::from(survey.problems)));
+            }
+        }
+        let work = run::progress::Work::of(&plan, &survey);
+        let stale = survey.states.iter().flatten().any(|state| !matches!(state, crate::resolve::State::Hit(_)));
+        let log = stale.then(|| RunLog::begin(self.outputs, &plan));
+        let progress = (self.progress)(&work);
+        let summary = run::run(&resolver, survey, self.options, progress.as_ref(), self.interrupt);
+        progress.ended();
+        let summary = summary.map_err(Stopped::Failed)?;
+        self.store.finish().map_err(|e| Stopped::Failed(e.to_string()))?;
+        if let Some(log) = log {
+            drop(log.end(&plan, &summary));
+        }
+        state.hits += summary.hits();
+        state.ran += summary.ran();
+        if summary.interrupted {
+            return Err(Stopped::Interrupted);
+        }
+        if let Some((id, message)) = summary.ends.iter().find_map(|(id, end)| match end {
+            End::Failed(message) => Some((*id, message)),
+            _ => None,
+        }) {
+            return Err(Stopped::Failed(format!("{}: {message}", plan.label(id))));
+        }
+        let mut found = Vec::new();
+        let places = by_index(&plan);
+        for &index in &fit {
+            let records: BTreeMap<StageId, &Arc<InstanceRecord>> = plan
+                .needed
+                .iter()
+                .filter_map(|&stage| Some((stage, summary.record(*places.get(&(stage, index))?)?)))
+                .collect();
+            let mut entry = Entry { split: split.to_owned(), group: self.group(draw, index), ..Entry::default() };
+            for (stage, record) in &records {
+                let name = &plan.spec.stages[*stage].name;
+                entry
+                    .measures
+                    .extend(record.measures.iter().map(|(measure, value, _)| (format!("{name}.{measure}"), *value)));
+                entry.seed = entry.seed.or(record.seed);
+                entry.cpu_s += record.cost.cpu_s;
+                entry.wall_s += record.cost.wall_s;
+            }
+            entry.reject = self.rejected(&records)?.unwrap_or_default();
+            if entry.reject.is_empty() {
+                let blob = |feature: &super::feature::Feature| records[&feature.stage].ports[feature.port].blob;
+                let blobs = self.dataset.features.iter().map(blob).collect();
+                let draws = draw.point(index).map_err(Stopped::Failed)?;
+                let sample = Sample { index, group: entry.group, draws, values: Vec::new() };
+                found.push(Found { sample, blobs });
+            }
+            state.entries.insert(index, entry);
+        }
+        Ok(found)
+    }
+
+    fn of(&self, indices: &[u64]) -> Result<Plan, Stopped> {
+        self.dataset.of_samples(self.plan, self.registry, indices).map_err(Stopped::Report)
+    }
+
+    /// Why a sample cannot be computed, if it cannot.
+    fn unfit(&self, index: u64) -> Result<Option<String>, Stopped> {
+        let plan = self.of(&[index])?;
+        let problems = Report::from(Resolver::new(&plan, self.store).survey(&[]).problems);
+        let first = problems.diagnostics().into_iter().find(|d| d.severity == crate::spec::Severity::Error).cloned();
+        Ok(first.map(|problem| format!("{}: {}", problem.path, problem.message)))
+    }
+
+    fn group(&self, draw: &Draw, index: u64) -> Option<i64> {
+        let by = self.dataset.spec.by.as_ref()?;
+        let place = draw.names().position(|name| name == by)?;
+        draw.point(index).ok()?.get(place)?.as_i64()
+    }
+
+    /// The limit that a sample does not meet.
+    fn rejected(&self, records: &BTreeMap<StageId, &Arc<InstanceRecord>>) -> Result<Option<String>, Stopped> {
+        for limit in &self.dataset.keep {
+            let record = records[&limit.stage];
+            let value = self.limited(limit, record)?;
+            // What is not known is not within a limit.
+            if !value.is_some_and(|value| limit.spec.holds(value)) {
+                return Ok(Some(format!("keep: {}", limit.spec.text)));
+            }
+        }
+        Ok(None)
+    }
+
+    fn limited(&self, limit: &Keep, record: &InstanceRecord) -> Result<Option<f64>, Stopped> {
+        match &limit.on {
+            Limited::Measure(name) => match record.measures.iter().find(|(measure, ..)| measure == name) {
+                Some((_, value, _)) => Ok(Some(*value)),
+                None => {
+                    let known: Vec<&str> = record.measures.iter().map(|(name, ..)| name.as_str()).collect();
+                    let message = format!(
+                        "`{}`: `{}` has no measure `{name}`; it has {}",
+                        limit.spec.text,
+                        limit.spec.stage,
+                        known.join(", ")
+                    );
+                    Err(Stopped::Input(message))
+                }
+            },
+            Limited::Column { port, column } => {
+                let artifact = self.store.get(&record.ports[*port].blob).map_err(|e| Stopped::Failed(e.to_string()))?;
+                let Artifact::Table(table) = artifact else {
+                    return Err(Stopped::Input(format!("`{}` is no column of a table", limit.spec.text)));
+                };
+                let found = table.columns.iter().find(|known| known.name == *column && known.cells.len() == 1);
+                let Some(found) = found else {
+                    return Err(Stopped::Input(format!("`{}` is no column of a table of one row", limit.spec.text)));
+                };
+                Ok(super::feature::number_of(&found.cells))
+            }
+        }
+    }
+
+    /// Writes a shard, unless the one that is there was made from the same.
+    fn shard(
+        &self,
+        folder: &Folder,
+        (split, number, of, file): (&str, usize, usize, &str),
+        found: Vec<Found>,
+        before: &HashMap<(String, usize), ShardOf>,
+        state: &mut State,
+    ) -> Result<(), Stopped> {
+        let key = self.key(&found);
+        let rows = found.len() as u64;
+        for (row, found) in found.iter().enumerate() {
+            let entry = state.entries.get_mut(&found.sample.index).expect("it was found above");
+            entry.shard = file.to_owned();
+            entry.row = Some(row as u64);
+        }
+        let (_, draw) = self.plan.draw_of(self.dataset.draws).expect("the stage draws");
+        let types: Vec<Type> = draw.types().collect();
+        let samples = self.load(found, state)?;
+        let columns = state.columns.clone().expect("a sample or an earlier one has been loaded");
+        let there = before.get(&(split.to_owned(), number));
+        let kept = there.filter(|there| there.key == key && folder.rename(&there.file, file));
+        let shard = match kept {
+            Some(there) => ShardOf { file: file.to_owned(), ..there.clone() },
+            None => {
+                let bytes = encode(&columns, &types, &samples).map_err(Stopped::Input)?;
+                let of = folder.write(file, &bytes).map_err(Stopped::Failed)?;
+                let (split, file) = (split.to_owned(), file.to_owned());
+                ShardOf { file, split, number, rows, bytes: of.bytes, sha256: of.sha256, key }
+            }
+        };
+        let rejects = state.entries.values().filter(|e| e.split == split && !e.reject.is_empty()).count() as u64;
+        (self.told)(&Told { shard: &shard, shards: of, rejects, kept: kept.is_some() });
+        let moments = moments(&columns, &samples);
+        let joined = state.moments.remove(split).map_or_else(|| moments.clone(), |before| join(before, &moments));
+        state.moments.insert(split.to_owned(), joined);
+        state.shards.push(shard);
+        folder.keep(&self.manifest(state)).map_err(Stopped::Failed)
+    }
+
+    /// What a shard is made from.
+    fn key(&self, found: &[Found]) -> String {
+        let mut parts = PartHasher::new("turbid dataset shard 1");
+        parts.add("dtype", self.dataset.spec.dtype.name().as_bytes());
+        for feature in &self.dataset.features {
+            parts.add("feature", format!("{:?}", (&feature.spec, feature.port, &feature.part)).as_bytes());
+        }
+        for Found { sample, blobs } in found {
+            parts.add("sample", &sample.index.to_le_bytes());
+            parts.add("draws", Value::from(sample.draws.clone()).to_string().as_bytes());
+            parts.add("group", format!("{:?}", sample.group).as_bytes());
+            blobs.iter().for_each(|blob| parts.add("blob", &blob.digest.0));
+        }
+        parts.finish().to_string()
+    }
+
+    /// Reads the features of the samples; all samples must hold the same.
+    fn load(&self, found: Vec<Found>, state: &mut State) -> Result<Vec<Sample>, Stopped> {
+        let read = |Found { mut sample, blobs }: Found| -> Result<(Sample, Vec<Shape>), Stopped> {
+            let mut shapes = Vec::new();
+            let mut artifacts: HashMap<Blob, Artifact> = HashMap::new();
+            for (feature, blob) in self.dataset.features.iter().zip(&blobs) {
+                if !artifacts.contains_key(blob) {
+                    let artifact = self.store.get(blob).map_err(|e| Stopped::Failed(e.to_string()))?;
+                    artifacts.insert(*blob, artifact);
+                }
+                let taken = feature.take(&artifacts[blob]);
+                let (shape, values) =
+                    taken.map_err(|m| Stopped::Input(format!("feature `{}`: {m}", feature.spec.name)))?;
+                shapes.push(shape);
+                sample.values.push(values);
+            }
+            Ok((sample, shapes))
+        };
+        let read: Vec<(Sample, Vec<Shape>)> = found.into_par_iter().map(read).collect::<Result<_, _>>()?;
+        for (sample, shapes) in &read {
+            let columns = self.columns(shapes);
+            match &state.columns {
+                None => state.columns = Some(columns),
+                Some(first) if *first != columns => {
+                    let other =
+                        first.iter().zip(&columns).find(|(a, b)| a != b).map(|(a, b)| (&a.name, a.shape, b.shape));
+                    let (name, a, b) = other.expect("they differ");
+                    let message = format!(
+                        "feature `{name}` differs between samples: {a:?} first, {b:?} in sample {}; draw no number of pixels, layers or units",
+                        sample.index
+                    );
+                    return Err(Stopped::Input(message));
+                }
+                Some(_) => {}
+            }
+        }
+        Ok(read.into_iter().map(|(sample, _)| sample).collect())
+    }
+
+    fn columns(&self, shapes: &[Shape]) -> Vec<ColumnOf> {
+        let column = |name: &str, dtype: &str, about: &str| ColumnOf {
+            name: name.to_owned(),
+            dtype: dtype.to_owned(),
+            shape: None,
+            unit: String::new(),
+            channels: Vec::new(),
+            pixel_mm: None,
+            about: about.to_owned(),
+        };
+        let mut columns = vec![
+            column("id", "string", "name of the sample"),
+            column("draw", "int64", "raw index of the drawn point"),
+            column("group", "int64", "group that no two splits share"),
+        ];
+        let (_, draw) = self.plan.draw_of(self.dataset.draws).expect("the stage draws");
+        for (name, of) in draw.names().zip(draw.types()) {
+            let dtype = match of {
+                Type::Float => "float64",
+                Type::Integer => "int64",
+                Type::Text => "string",
+            };
+            // A feature may be the map of what is drawn as a number.
+            let taken = self.dataset.features.iter().any(|feature| feature.spec.name == name);
+            let name = if taken { format!("draw.{name}") } else { name.to_owned() };
+            columns.push(column(&name, dtype, "drawn"));
+        }
+        for (feature, shape) in self.dataset.features.iter().zip(shapes) {
+            let dtype = if shape.tensor.is_some() { self.dataset.spec.dtype.name() } else { "float64" };
+            columns.push(ColumnOf {
+                shape: shape.tensor,
+                unit: shape.unit.clone(),
+                channels: shape.channels.clone(),
+                pixel_mm: shape.pixel_mm,
+                ..column(&feature.spec.name, dtype, &feature.spec.from.join("."))
+            });
+        }
+        columns
+    }
+
+    fn manifest(&self, state: &State) -> Manifest {
+        let (spec, dataset) = (&self.plan.spec, &self.dataset.spec);
+        let mut rejects: BTreeMap<String, u64> = BTreeMap::new();
+        let (_, draw) = self.plan.draw_of(self.dataset.draws).expect("the stage draws");
+        rejects.extend(draw.skipped.iter().map(|(reason, n)| (format!("only: {reason}"), *n)));
+        for entry in state.entries.values().filter(|entry| !entry.reject.is_empty()) {
+            *rejects.entry(entry.reject.clone()).or_default() += 1;
+        }
+        Manifest {
+            format: FORMAT,
+            turbid_version: env!("CARGO_PKG_VERSION").to_owned(),
+            pipeline: spec.pipeline.clone(),
+            dataset: dataset.name.clone(),
+            about: dataset.about.clone().or_else(|| spec.about.clone()),
+            license: dataset.license.clone(),
+            cite: dataset.cite.clone(),
+            seed: spec.seed,
+            resolved: spec.resolved(),
+            columns: state.columns.clone().unwrap_or_default(),
+            shards: state.shards.clone(),
+            rejects,
+            files: BTreeMap::new(),
+        }
+    }
+
+    /// Index, statistics, card and manifest, in this order.
+    fn finish(&self, folder: &Folder, columns: &[ColumnOf], state: State) -> Result<Built, Stopped> {
+        let failed = Stopped::Failed;
+        let (_, draw) = self.plan.draw_of(self.dataset.draws).expect("the stage draws");
+        let table = |table| encode_artifact(&Artifact::Table(table)).map_err(|e| Stopped::Failed(e.to_string()));
+        let mut manifest = self.manifest(&state);
+        let names: Vec<String> = state.shards.iter().map(|shard| shard.file.clone()).collect();
+        let write = |name: &str, bytes: &[u8], manifest: &mut Manifest| -> Result<(), Stopped> {
+            let of = folder.write(name, bytes).map_err(failed)?;
+            manifest.files.insert(name.to_owned(), of);
+            Ok(())
+        };
+        write("index.parquet", &table(index::table(draw, &state.entries))?, &mut manifest)?;
+        let rows = self.statistics(columns, &state);
+        write("statistics.parquet", &table(statistics::table(&rows))?, &mut manifest)?;
+        let splits: Vec<(String, u64)> = self
+            .dataset
+            .splits
+            .iter()
+            .map(|split| {
+                (split.name.clone(), state.shards.iter().filter(|s| s.split == split.name).map(|s| s.rows).sum())
+            })
+            .collect();
+        write("README.md", card::text(&manifest, &splits).as_bytes(), &mut manifest)?;
+        let document = canonical::canonical_text(&croissant::document(&manifest));
+        write("croissant.json", document.as_bytes(), &mut manifest)?;
+        // Times are of this machine and this day: no digest covers them.
+        folder.write("costs.parquet", &table(index::costs(&state.entries))?).map_err(Stopped::Failed)?;
+        folder.keep(&manifest).map_err(Stopped::Failed)?;
+        folder.remove_others(&names);
+        Ok(Built {
+            samples: splits.iter().map(|(_, n)| n).sum(),
+            rejects: manifest.rejects,
+            hits: state.hits,
+            ran: state.ran,
+            cpu_s: state.entries.values().map(|entry| entry.cpu_s).sum(),
+            bytes: state.shards.iter().map(|shard| shard.bytes).sum(),
+        })
+    }
+
+    fn statistics(&self, columns: &[ColumnOf], state: &State) -> Vec<statistics::Row> {
+        let mut rows = Vec::new();
+        for split in self.dataset.splits.iter() {
+            let Some(of) = state.moments.get(&split.name) else { continue };
+            for (column, of) in columns.iter().zip(of) {
+                for (place, moments) in of.iter().enumerate() {
+                    let channel = column.channels.get(place).cloned().unwrap_or_default();
+                    rows.push((split.name.clone(), column.name.clone(), channel, column.unit.clone(), *moments));
+                }
+            }
+        }
+        rows
+    }
+}
+
+/// The instance of each stage at each raw index.
+fn by_index(plan: &Plan) -> HashMap<(StageId, u64), InstanceId> {
+    let index = |id: InstanceId| plan.instances[id].axes.get(DRAW_AXIS).and_then(Value::as_u64);
+    plan.needed_instances().filter_map(|id| Some(((plan.instances[id].stage, index(id)?), id))).collect()
+}
+
+/// Moments of each column: of numbers, and of each channel of tensors; none of texts.
+fn moments(columns: &[ColumnOf], samples: &[Sample]) -> ShardMoments {
+    let draws = samples.first().map_or(0, |sample| sample.draws.len());
+    let of = |(place, column): (usize, &ColumnOf)| match (place, column.shape) {
+        (0..3, _) => Vec::new(),
+        _ if place < 3 + draws => match column.dtype.as_str() {
+            "string" => Vec::new(),
+            _ => vec![Moments::of(samples.iter().filter_map(|sample| sample.draws[place - 3].as_f64()))],
+        },
+        (_, None) => {
+            let number = |sample: &Sample| match &sample.values[place - 3 - draws] {
+                Values::Number(number) => *number,
+                Values::Tensor(_) => None,
+            };
+            vec![Moments::of(samples.iter().filter_map(number))]
+        }
+        (_, Some([channels, rows, width])) => (0..channels)
+            .map(|channel| {
+                let pixels = rows * width;
+                let of = samples.iter().flat_map(|sample| match &sample.values[place - 3 - draws] {
+                    Values::Tensor(values) => values[channel * pixels..(channel + 1) * pixels].iter(),
+                    Values::Number(_) => [].iter(),
+                });
+                Moments::of(of.map(|&value| f64::from(value)))
+            })
+            .collect(),
+    };
+    if samples.is_empty() {
+        return columns.iter().map(|_| Vec::new()).collect();
+    }
+    columns.iter().enumerate().map(of).collect()
+}
+
+fn join(before: ShardMoments, more: &ShardMoments) -> ShardMoments {
+    let joined = before.into_iter().zip(more).map(|(before, more)| {
+        if more.is_empty() || before.is_empty() {
+            return if before.is_empty() { more.clone() } else { before };
+        }
+        before.into_iter().zip(more).map(|(a, b)| a.and(*b)).collect()
+    });
+    joined.collect()
+}
+
+/// Raw indices of all splits, for messages.
+pub fn points(dataset: &DatasetPlan) -> BTreeSet<u64> {
+    dataset.splits.iter().flat_map(|split| split.indices.iter().copied()).collect()
+}
+
+/// What `--json` prints at the end.
+pub fn finished(built: &Built, seconds: f64) -> Value {
+    json!({
+        "event": "finished", "samples": built.samples, "rejects": built.rejects, "hits": built.hits, "ran": built.ran,
+        "cpu_s": built.cpu_s, "bytes": built.bytes, "seconds": seconds,
+    })
+}

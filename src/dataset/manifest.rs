@@ -1,0 +1,75 @@
+//! `dataset.json`: what a folder holds, and what it was made from.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+/// Format of the folder.
+pub const FORMAT: u32 = 1;
+
+/// The whole file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Manifest {
+    pub format: u32,
+    pub turbid_version: String,
+    pub pipeline: String,
+    pub dataset: String,
+    pub about: Option<String>,
+    pub license: Option<String>,
+    pub cite: Option<String>,
+    pub seed: u64,
+    /// The pipeline file with everything that it includes, as it was resolved.
+    pub resolved: Value,
+    /// Columns of a shard in their order.
+    pub columns: Vec<ColumnOf>,
+    pub shards: Vec<ShardOf>,
+    /// Samples that are left out, by reason.
+    pub rejects: BTreeMap<String, u64>,
+    /// The other files with their SHA-256.
+    pub files: BTreeMap<String, FileOf>,
+}
+
+/// A column.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ColumnOf {
+    pub name: String,
+    /// `string`, `int64`, `float64`, `float32` or `float16`.
+    pub dtype: String,
+    /// Channels, rows, columns of a tensor.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shape: Option<[usize; 3]>,
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub unit: String,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub channels: Vec<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pixel_mm: Option<[f64; 2]>,
+    pub about: String,
+}
+
+/// A shard.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ShardOf {
+    pub file: String,
+    pub split: String,
+    pub number: usize,
+    pub rows: u64,
+    pub bytes: u64,
+    pub sha256: String,
+    /// What it was made from: a shard of this key need not be written again.
+    pub key: String,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FileOf {
+    pub bytes: u64,
+    pub sha256: String,
+}
+
+impl Manifest {
+    /// What tells this data set from another one in the same folder.
+    pub fn is_of(&self, pipeline: &str, dataset: &str) -> bool {
+        self.pipeline == pipeline && self.dataset == dataset
+    }
+}
