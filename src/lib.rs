@@ -2,6 +2,8 @@
 //!
 //! Data flows one way: YAML -> [`spec`] -> [`plan`] -> [`key`] -> [`run`] -> [`store`]; `docs/architecture.md` is the map.
 
+#[cfg(test)]
+mod child;
 pub mod cli;
 pub mod digest;
 pub mod estimate;
