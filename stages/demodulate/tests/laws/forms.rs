@@ -252,12 +252,13 @@ fn a_covariance_that_is_not_read_is_warned_of() {
         assert!(mistakes.is_empty(), "{mistakes:?}");
         warnings.iter().map(Problem::to_string).collect::<Vec<_>>()
     };
-    for (params, shown, noise) in [(&single, shown(), "standard errors"), (&speckle, even, "the spread of the frames")]
+    for (params, method, shown, noise) in
+        [(&single, "single_shot", shown(), "standard errors"), (&speckle, "speckle", even, "the spread of the frames")]
     {
         assert_eq!(warned(params, &known(&frames(&shown), None)), Vec::<String>::new());
         let told = warned(params, &known(&frames(&shown), Some(&covariance(&shown))));
         let [told] = &told[..] else { panic!("{told:?}") };
-        for part in ["in.covariance: `shots.covariance` is not read", params.method.name(), noise, "phase_shift"] {
+        for part in ["in.covariance: `shots.covariance` is not read", method, noise, "phase_shift"] {
             assert!(told.contains(part), "`{part}` is missing in `{told}`");
         }
     }
