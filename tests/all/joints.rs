@@ -2,7 +2,7 @@
 //!
 //! The joints are those of the registry: each output with each input that takes its payload. They stand in the shipped pipelines or in those of
 //! [`bench`]. Of each the form of what comes is made wrong in every way that applies to it; the [table] says which of these the check refuses, which
-//! it warns of, and for each that it lets pass the reason.
+//! it warns of, and for each that it lets pass the reason. Parts that no form tells before a run are listed beside it, with the reason.
 
 #[path = "joints/bench.rs"]
 mod bench;
@@ -22,11 +22,11 @@ use turbid::resolve::{Prepared, Resolver};
 use turbid::spec;
 use turbid::store::Store;
 use turbid_contract::problem::At;
-use turbid_contract::{Known, Problem, Problems};
+use turbid_contract::{Form, Known, Problem, Problems};
 
 use bench::SENSELESS;
 use reason::Effect;
-use table::{JOINTS, Row};
+use table::{JOINTS, OPEN, Row};
 use wrong::{ALL, Wrong};
 
 /// What the check says of a wrong joint; what one pipeline cannot tell (a stage of which one arm is known), another can.
@@ -42,6 +42,13 @@ type Tried = BTreeMap<Wrong, (Said, Effect)>;
 
 /// `use.port` of consumer and producer.
 type Joint = (String, String);
+
+#[derive(Default)]
+struct Found {
+    joints: BTreeMap<Joint, Tried>,
+    /// Of each output that is read: its parts, and whether any pipeline knows them before the run.
+    told: BTreeMap<String, BTreeMap<&'static str, bool>>,
+}
 
 /// The check of an instance with what is known of its inputs.
 fn checked(prepared: &Prepared, known: &Known) -> (Vec<Problem>, Vec<Problem>) {
@@ -83,7 +90,7 @@ fn joints_of(plan: &Plan, id: InstanceId) -> Vec<(&'static str, Joint)> {
 }
 
 /// Tries every joint of a pipeline.
-fn try_all(path: &Path, text: Option<&str>, found: &mut BTreeMap<Joint, Tried>) {
+fn try_all(path: &Path, text: Option<&str>, found: &mut Found) {
     each_stage(path, text, &mut |plan, id, prepared, known| {
         let (mistakes, warnings) = checked(prepared, known);
         // Files that this does not lend: their mistakes are the only ones.
@@ -91,7 +98,13 @@ fn try_all(path: &Path, text: Option<&str>, found: &mut BTreeMap<Joint, Tried>) 
         assert!(alone, "{}: {mistakes:?}", plan.label(id));
         let forms = mistakes.is_empty().then(|| prepared.job.describe(known));
         for (port, joint) in joints_of(plan, id) {
-            let tried = found.entry(joint.clone()).or_default();
+            let told = found.told.entry(joint.1.clone()).or_default();
+            for form in known.forms(port) {
+                for (part, is) in parts(form) {
+                    *told.entry(part).or_default() |= is;
+                }
+            }
+            let tried = found.joints.entry(joint.clone()).or_default();
             for wrong in ALL {
                 let Some(other) = wrong.on(port, known) else { continue };
                 let (new, warned) = checked(prepared, &other);
@@ -115,6 +128,13 @@ fn try_all(path: &Path, text: Option<&str>, found: &mut BTreeMap<Joint, Tried>) 
             }
         }
     });
+}
+
+/// The parts of a form, and whether they are known: of images and tables, as far as it says which it is.
+fn parts(form: &Form) -> Vec<(&'static str, bool)> {
+    let images = [("pixels", form.pixels.is_some()), ("layers", form.layers.is_some())];
+    let table = [("rows", form.rows.is_some()), ("columns", form.columns.is_some())];
+    [images, table].into_iter().filter(|parts| parts.iter().any(|(_, is)| *is)).flatten().collect()
 }
 
 /// What is wrong with how a mistake is told: it names a stage that is connected, stands at an input or at the param that does not fit, and has a way
@@ -159,48 +179,42 @@ fn of_the_registry() -> BTreeSet<Joint> {
     joints
 }
 
+/// How what was said of a joint differs from its row.
+fn unlike_its_row(row: Option<&Row>, tried: &Tried) -> Option<String> {
+    let of = |said: Said| tried.iter().filter(|(_, t)| t.0 == said).map(|(wrong, _)| *wrong).collect::<Vec<_>>();
+    let said = [Said::Mistake, Said::Warning, Said::Nothing].map(of);
+    let told = row.map(|row| {
+        let passes = row.passes.iter().flat_map(|(wrongs, _)| *wrongs).copied().collect();
+        [row.refused.to_vec(), row.warned.to_vec(), passes].map(|mut wrongs: Vec<Wrong>| {
+            wrongs.sort();
+            wrongs
+        })
+    });
+    let [refused, warned, passes] = &said;
+    (told.as_ref() != Some(&said)).then(|| format!("refused {refused:?}, warned {warned:?}, passes {passes:?}"))
+}
+
 #[test]
 fn wrong_joints_are_refused_before_the_run() {
-    let mut found = BTreeMap::new();
+    let mut found = Found::default();
     shipped().iter().for_each(|file| try_all(file, None, &mut found));
     try_all(&pipelines().join("joints.yaml"), Some(&bench::more()), &mut found);
-    let mut differs = Vec::new();
-    for ((consumer, producer), tried) in &found {
-        let row = JOINTS.iter().find(|row| (row.consumer, row.producer) == (consumer, producer));
-        let of = |said: Said| tried.iter().filter(|(_, t)| t.0 == said).map(|(wrong, _)| *wrong).collect::<Vec<_>>();
-        let passes: Vec<Wrong> =
-            row.iter().flat_map(|row| row.passes).flat_map(|(wrongs, _)| *wrongs).copied().collect();
-        let same = |a: &[Wrong], b: &[Wrong]| {
-            a.iter().collect::<BTreeSet<_>>() == b.iter().collect::<BTreeSet<_>>() && a.len() == b.len()
-        };
-        let fits = row.is_some_and(|row| {
-            same(row.refused, &of(Said::Mistake))
-                && same(row.warned, &of(Said::Warning))
-                && same(&passes, &of(Said::Nothing))
-        });
-        if !fits {
-            let nothing: Vec<_> = tried.iter().filter(|(_, t)| t.0 == Said::Nothing).map(|(w, t)| (w, t.1)).collect();
-            differs.push(format!(
-                "{consumer} < {producer}: refused {:?}, warned {:?}, passes {nothing:?}",
-                of(Said::Mistake),
-                of(Said::Warning)
-            ));
-        }
-        for (wrong, reason) in
-            row.iter().flat_map(|row| row.passes).flat_map(|(wrongs, reason)| wrongs.iter().map(move |w| (*w, *reason)))
-        {
-            if let Some((_, effect)) = tried.get(&wrong) {
-                reason.assert(wrong, *effect, producer, consumer);
-            }
+    let row = |joint: &Joint| JOINTS.iter().find(|row| joint.0 == row.consumer && joint.1 == row.producer);
+    let unlike = |(joint, tried): (&Joint, &Tried)| Some(format!("{joint:?}: {}", unlike_its_row(row(joint), tried)?));
+    let differs: Vec<String> = found.joints.iter().filter_map(unlike).collect();
+    assert!(differs.is_empty(), "the table says otherwise:\n{}", differs.join("\n"));
+    assert_eq!(JOINTS.len(), found.joints.len(), "a row stands twice, or for no pipeline");
+    for row in &JOINTS {
+        let tried = &found.joints[&(row.consumer.to_owned(), row.producer.to_owned())];
+        for (wrong, reason) in row.passes.iter().flat_map(|(wrongs, reason)| wrongs.iter().map(|w| (*w, *reason))) {
+            reason.assert(wrong, tried[&wrong].1, row.producer, row.consumer);
         }
     }
-    assert!(differs.is_empty(), "the table says otherwise:\n{}", differs.join("\n"));
-    let told: Vec<Joint> =
-        JOINTS.iter().map(|Row { consumer, producer, .. }| ((*consumer).into(), (*producer).into())).collect();
-    assert!(
-        told.iter().all(|joint| found.contains_key(joint)) && told.len() == found.len(),
-        "a row stands twice, or for no pipeline"
-    );
+    let parts =
+        found.told.iter().flat_map(|(out, told)| told.iter().map(move |(part, known)| (out.as_str(), *part, *known)));
+    let open: Vec<_> = parts.filter(|(.., known)| !known).map(|(out, part, _)| (out, part)).collect();
+    let listed: Vec<_> = OPEN.iter().map(|(out, part, _)| (*out, *part)).collect();
+    assert_eq!(open, listed, "what only a run can tell");
 }
 
 /// Every joint that the registry allows stands in one of the two tables, and in one only.

@@ -3,7 +3,7 @@
 use turbid_contract::{ColumnInfo, Form, Forms, Known, LayerKind};
 
 use crate::shared::shared;
-use crate::tabulate::{TabulateParams, columns};
+use crate::tabulate::columns;
 use crate::{fit, maps, summary};
 
 /// The forms of what `compare` makes; rows depend on what is seen.
@@ -28,8 +28,8 @@ pub fn describe_compare(known: &Known) -> Forms {
     Forms::from([("metrics", metrics), errors])
 }
 
-/// The form of what `tabulate` makes: rows and columns where the layers of all images are known.
-pub fn describe_tabulate(params: &TabulateParams, known: &Known) -> Forms {
+/// The form of what `tabulate` makes: rows and columns where the layers of all images are known. `unit`: that which the figures are said to have.
+pub fn describe_tabulate(unit: Option<&str>, known: &Known) -> Forms {
     let images = known.forms("values");
     let value = |kind: LayerKind| kind == LayerKind::Value;
     let mut units: Vec<&str> = Vec::new();
@@ -39,7 +39,7 @@ pub fn describe_tabulate(params: &TabulateParams, known: &Known) -> Forms {
         };
         units.extend(layers.iter().filter(|info| value(info.kind)).map(|info| info.unit.as_str()));
     }
-    let made = match &params.unit {
+    let made = match unit {
         // A table without a row has no unit.
         _ if units.is_empty() => "",
         Some(unit) => unit,

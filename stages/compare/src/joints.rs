@@ -1,6 +1,7 @@
 //! Estimates, truths, images and tables that do not go together, found before anything runs.
 
 use turbid_contract::layers::size;
+use turbid_contract::payload::Rig;
 use turbid_contract::{Error, Form, Known, LayerInfo, LayerKind, Problems, serde_json};
 
 use crate::fit::QUANTITIES;
@@ -22,6 +23,12 @@ pub fn check_compare(params: &Params, known: &Known, problems: &mut Problems) {
     if let Some((a, b)) = estimate.pixels.zip(truth.pixels).filter(|(a, b)| a != b) {
         let what = format!("the estimate has {}, the truth {}", size(a), size(b));
         problems.unfit(known, "truth", Error::failed_with_hint(what, "both must be seen by the same camera"));
+    }
+    if let Err(Error::Failed { what, .. }) = Rig::shared(&estimate.attributes, &truth.attributes) {
+        let message = format!("`{}` and `{}`: {what}", known.producer("estimate"), known.producer("truth"));
+        let way_out =
+            "connect the `truth` of the render that made the frames of the estimate: pixels are compared one by one";
+        problems.warn_at_input("truth", message, way_out);
     }
     if let (Some(a), Some(b)) = (&estimate.layers, &truth.layers)
         && let Err(error) = shared(a, b)

@@ -67,7 +67,7 @@ impl Stage for Tabulate {
     }
 
     fn describe(params: &TabulateParams, known: &Known) -> Forms {
-        form::describe_tabulate(params, known)
+        form::describe_tabulate(params.unit.as_deref(), known)
     }
 
     fn run(params: &TabulateParams, inputs: TabulateIn<'_>, ctx: Ctx<'_>) -> Result<TabulateOut, Error> {

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use turbid_contract::layers::{is_square, squared};
-use turbid_contract::payload::{Covariance, Frames};
+use turbid_contract::payload::{Covariance, Frames, Rig};
 use turbid_contract::{Attributes, Error, Form, ImageStack, Layer, LayerInfo, LayerKind};
 use turbid_contract::{serde, serde_json};
 
@@ -21,7 +21,7 @@ pub enum Noise<'a> {
 impl<'a> Noise<'a> {
     /// From the covariance where one is connected, else from the standard errors of the frames; `None` without either.
     ///
-    /// Errors: a covariance of another size or unit, one that lacks a quantity or a pair.
+    /// Errors: a covariance of another size, rig or unit, one that lacks a quantity or a pair.
     pub fn of_channel(
         channel: &Channel,
         frames: &'a Frames,
@@ -69,6 +69,7 @@ impl<'a> Noise<'a> {
 fn given<'a>(channel: &Channel, frames: &ImageStack, stack: &'a ImageStack) -> Result<Noise<'a>, Error> {
     let size = |stack: &ImageStack| [stack.rows() as u64, stack.columns() as u64];
     same_size(size(stack), size(frames))?;
+    Rig::shared(&frames.attributes, &stack.attributes)?;
     same_unit(stack.layers.iter().map(|layer| &layer.info), channel)?;
     let listed = listed(&stack.attributes)?;
     let (quantities, count) = (places(channel, &listed)?, listed.len());
@@ -89,6 +90,7 @@ pub fn belongs(covariance: &Form, frames: &Form, channels: &[Channel]) -> Result
     if let (Some(covariance), Some(frames)) = (covariance.pixels, frames.pixels) {
         same_size(covariance, frames)?;
     }
+    Rig::shared(&frames.attributes, &covariance.attributes)?;
     for channel in channels {
         same_unit(covariance.layers.iter().flatten(), channel)?;
     }

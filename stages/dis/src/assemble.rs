@@ -90,7 +90,7 @@ fn media(params: &Params, problems: &mut Problems) -> Vec<(String, Plate)> {
     let slides = sample.slides.map_or(1.0, |n| n.0);
     problems.require((1.0..=10.0).contains(&slides), "sample.slides", slides, "", "lie in [1, 10]");
     let plates = params.media.iter().map(|(name, medium)| {
-        let [mu_a, mu_s] = coefficients(name, medium, problems);
+        let [mu_a, mu_s] = coefficients(name, medium, sample.thickness.0, problems);
         let size = sample.size.map_or([f64::INFINITY; 2], |size| size.map(|side| side.0));
         let plate = Plate { mu_a, mu_s, g: medium.g.0, n: medium.n.0, thickness: sample.thickness.0, size, slides };
         (name.clone(), plate)
@@ -98,13 +98,19 @@ fn media(params: &Params, problems: &mut Problems) -> Vec<(String, Plate)> {
     plates.collect()
 }
 
-fn coefficients(name: &str, m: &MediumParams, problems: &mut Problems) -> [f64; 2] {
+/// Films thinner than this, mm, are no tissue: whatever their coefficients, they are meant so.
+const FILM: f64 = 0.05;
+
+/// mu_a and mu_s of a medium in a plate so thick, mm.
+fn coefficients(name: &str, m: &MediumParams, thickness: f64, problems: &mut Problems) -> [f64; 2] {
     let at = |field: &str| format!("media.{name}.{field}");
     problems.require(m.g.0.abs() < 1.0, at("g"), m.g.0, "", "lie in (-1, 1)");
     problems.require((1.0..=10.0).contains(&m.n.0), at("n"), m.n.0, "", "lie in [1, 10]");
     let mut checked = |value: f64, usual: Usual| {
         problems.require(value >= 0.0, at(usual.name), value, usual.unit, "be >= 0");
-        problems.doubt(&usual, at(usual.name), value);
+        if thickness >= FILM {
+            problems.doubt(&usual, at(usual.name), value);
+        }
         value
     };
     match (m.mu_a, m.mu_s, m.mu_s_prime, m.a_rho, m.s_rho) {

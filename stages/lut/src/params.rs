@@ -136,8 +136,8 @@ impl Params {
         }
     }
 
-    /// Warns of values that look as if they stood in another unit. Tables go beyond what tissue has: of an axis of coefficients the middle
-    /// node is held against it.
+    /// Warns of values that look as if they stood in another unit. Tables go beyond what tissue has, towards 0 above all: of an axis of coefficients
+    /// only a middle node that is too high is doubted.
     fn doubt(&self, problems: &mut Problems) {
         for (i, &f_x) in self.f_x.0.iter().enumerate() {
             problems.doubt(&Usual::F_X, format!("f_x.{i}"), f_x);
@@ -147,6 +147,7 @@ impl Params {
         {
             if let Some(Nodes(nodes)) = nodes
                 && let Some(&middle) = nodes.get(nodes.len() / 2)
+                && middle > usual.most
             {
                 problems.doubt(&usual, format!("{field}.{}", nodes.len() / 2), middle);
             }

@@ -3,7 +3,7 @@
 
 use turbid_contract::layers::{is_square, squared};
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::Covariance;
+use turbid_contract::payload::{Covariance, Rig};
 use turbid_contract::serde_json::{self, Value, json};
 use turbid_contract::{Attributes, Error, Form, ImageStack, LayerInfo, LayerKind};
 use turbid_optics::sinusoid;
@@ -79,11 +79,12 @@ impl Combined {
 
     /// Whether a covariance belongs to frames of this form, as far as the forms tell.
     ///
-    /// Errors: another size or unit; a quantity or a pair of them is missing.
+    /// Errors: another size, rig or unit; a quantity or a pair of them is missing.
     pub fn belongs(&self, covariance: &Form, frames: &Form) -> Result<(), Error> {
         if let (Some(covariance), Some(frames)) = (covariance.pixels, frames.pixels) {
             same_size(covariance, frames)?;
         }
+        Rig::shared(&frames.attributes, &covariance.attributes)?;
         if covariance.attribute(QUANTITIES).is_none() {
             return Ok(());
         }

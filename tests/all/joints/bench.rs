@@ -42,7 +42,7 @@ stages:
 ";
 
 /// Joints that no shipped pipeline has.
-const CONSUMERS: &str = "\
+const CONSUMERS: &str = "
   compare_normals: {use: compare, in: {estimate: shape.normals, truth: frames.truth}}
   second_camera: {use: sensor, in: {frames: camera, covariance: camera.covariance}, with: {bits: 8}}
   behind_two: {use: demodulate, in: {frames: second_camera, covariance: second_camera.covariance}}

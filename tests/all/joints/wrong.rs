@@ -96,7 +96,11 @@ impl Wrong {
                 }
             }
             Wavelength => {
-                each(&mut wrong, &|info| info.wavelength_nm = Some(info.wavelength_nm.map_or(650.0, |nm| nm + 50.0)));
+                let other = |nm: Option<f64>| nm.map_or(650.0, |nm| nm + 50.0);
+                each(&mut wrong, &|info| info.wavelength_nm = Some(other(info.wavelength_nm)));
+                if let Some(Value::Array(all)) = wrong.attributes.get_mut("quantities") {
+                    all.iter_mut().for_each(|q| q["wavelength_nm"] = json!(other(q["wavelength_nm"].as_f64())));
+                }
             }
             Orientation => {
                 each(&mut wrong, &|info| {
