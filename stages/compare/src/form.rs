@@ -3,7 +3,6 @@
 use turbid_contract::{ColumnInfo, Form, Forms, Known, LayerKind};
 
 use crate::shared::shared;
-use crate::tabulate::columns;
 use crate::{fit, maps, summary};
 
 /// The forms of what `compare` makes; rows depend on what is seen.
@@ -48,8 +47,19 @@ pub fn describe_tabulate(unit: Option<&str>, known: &Known) -> Forms {
     };
     let filled = images.iter().zip(known.axes("values")).find(|(form, _)| form.layers_of(LayerKind::Value).count() > 0);
     let axes = filled.into_iter().flat_map(|(_, axes)| axes.keys());
-    let columns = columns(axes, made).into_iter().map(|(name, unit)| ColumnInfo::new(name, unit)).collect();
+    let columns = tabulated(axes, made).into_iter().map(|(name, unit)| ColumnInfo::new(name, unit)).collect();
     Forms::from([("metrics", Form { rows: Some(units.len() as u64), columns: Some(columns), ..Form::default() })])
+}
+
+/// The columns of a table of means with their units, `unit` being that of the means; empty where they have several.
+pub fn tabulated<'a>(axes: impl Iterator<Item = &'a String>, unit: &str) -> Vec<(String, String)> {
+    // An axis may be called as a column is.
+    let axes = axes.map(|name| (format!("axis {name}"), ""));
+    let named = |(name, unit): (&str, &'static str)| (name.to_owned(), unit);
+    let before = [("region", ""), ("quantity", "")].map(named).into_iter().chain(axes).chain([named(("n", "1"))]);
+    let before = before.map(|(name, unit)| (name, unit.to_owned()));
+    let means = [("mean", unit), ("mean_se", unit), ("masked_percent", "%"), ("unit", "")];
+    before.chain(means.map(|(name, unit)| (name.to_owned(), unit.to_owned()))).collect()
 }
 
 /// The form of what `summarize` makes; columns are open where the tables do not say one unit.

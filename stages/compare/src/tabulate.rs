@@ -134,17 +134,6 @@ fn find<'a>(among: &'a [Level], level: &Level, port: &str) -> Result<&'a Level, 
     Ok(found)
 }
 
-/// The columns of the table with their units, `unit` being that of the means; empty where they have several.
-pub fn columns<'a>(axes: impl Iterator<Item = &'a String>, unit: &str) -> Vec<(String, String)> {
-    // An axis may be called as a column is.
-    let axes = axes.map(|name| (format!("axis {name}"), ""));
-    let named = |(name, unit): (&str, &'static str)| (name.to_owned(), unit);
-    let before = [("region", ""), ("quantity", "")].map(named).into_iter().chain(axes).chain([named(("n", "1"))]);
-    let before = before.map(|(name, unit)| (name, unit.to_owned()));
-    let means = [("mean", unit), ("mean_se", unit), ("masked_percent", "%"), ("unit", "")];
-    before.chain(means.map(|(name, unit)| (name.to_owned(), unit.to_owned()))).collect()
-}
-
 fn table(rows: &[Row<'_>]) -> Table {
     let texts = |f: &dyn Fn(&Row<'_>) -> String| Cells::Text(rows.iter().map(f).collect());
     let mut cells = vec![texts(&|r| point(r.axes)), texts(&|r| r.level.label())];
@@ -167,7 +156,7 @@ fn table(rows: &[Row<'_>]) -> Table {
     ]);
     let axes = rows.first().into_iter().flat_map(|row| row.axes.keys());
     let mut table = Table::default();
-    for ((name, unit), cells) in columns(axes, unit).into_iter().zip(cells) {
+    for ((name, unit), cells) in form::tabulated(axes, unit).into_iter().zip(cells) {
         table.push(name, unit, cells);
     }
     table
