@@ -128,7 +128,7 @@ fn images_in_two_units_are_refused() {
         trial(&frame(3.0, 0.4)).passes();
         let told = "`made.values`: radiance f_x=0.1 is in counts here, and in W on the port `values`";
         trial(&counts).refuses(&format!("in.{port}"), told);
-        let error = trial(&counts).run_alone(&MemoryHost::default()).err().expect("it is refused");
+        let error = trial(&counts).run_alone(&MemoryHost::default()).expect_err("it is refused");
         assert!(error.to_string().contains("is in counts here"), "{error}");
     }
 }

@@ -357,7 +357,7 @@ fn truths_are_of_the_phantoms() {
         ("the truth has no mu_a", &|info: &mut LayerInfo| info.name = info.name.replace("mu_a", "albedo")),
     ] {
         trial(change).refuses("in.truths", &format!("`made.truths`: {words}"));
-        let error = trial(change).run_alone(&MemoryHost::default()).err().expect("it is refused");
+        let error = trial(change).run_alone(&MemoryHost::default()).expect_err("it is refused");
         assert!(error.to_string().contains(words), "{error}");
     }
 }

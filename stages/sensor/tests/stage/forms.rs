@@ -138,6 +138,6 @@ fn wrong_joints_are_named() {
     assert_told(&other, &[both, "in counts^2, but the frames are in W mm^-2 sr^-1", "W^2 mm^-4 sr^-2"]);
     let inputs = Inputs::from(vec![("frames", Frames(three).into_artifact()), ("covariance", counts.into_artifact())]);
     let host = MemoryHost { wanted: vec!["covariance".into()], ..MemoryHost::default() };
-    let error = StageRow::of::<Sensor>().run(&json!({}), &inputs, Ctx::new(&host)).err().expect("it is refused");
+    let error = StageRow::of::<Sensor>().run(&json!({}), &inputs, Ctx::new(&host)).expect_err("it is refused");
     assert!(error.to_string().contains("the covariance is in counts^2"), "{error}");
 }
