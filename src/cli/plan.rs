@@ -49,6 +49,9 @@ impl PlanCommand {
         } else {
             print(&to_text(&plan, &survey, &estimates, &memory));
         }
+        for warning in report.diagnostics() {
+            tell(&warning.to_string());
+        }
         // The run may be meant for another machine: a plan of it is no mistake.
         for warning in too_large(&plan, &survey, budget) {
             tell(&warning.warning().to_string());

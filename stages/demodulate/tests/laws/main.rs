@@ -121,7 +121,7 @@ fn covariance(quantities: &[(&str, f64)], matrix: &[&[f64]]) -> Covariance {
     stack.attributes.insert("quantities".into(), list.into());
     for (i, row) in matrix.iter().enumerate() {
         for (j, &value) in row.iter().enumerate().skip(i) {
-            let mut info = LayerInfo::new("cov", LayerKind::Covariance, "1");
+            let mut info = LayerInfo::new("cov", LayerKind::Covariance, "W^2 mm^-4 sr^-2");
             info.pair = Some([i as u32, j as u32]);
             stack.push(info, Array2::from_elem((1, 1), value as f32));
         }
