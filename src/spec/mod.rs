@@ -51,7 +51,7 @@ pub use recover::{ParamProblem, read_params};
 pub use report::Report;
 pub use schema::schema;
 pub use seed::SeedSpec;
-pub use source::{SourceFile, Span};
+pub use source::{SourceFile, Span, TextRead};
 pub use stage::StageSpec;
 pub use study::StudySpec;
 pub use suggest::{hint as known_or_nearest, nearest};
@@ -259,6 +259,14 @@ impl Spec {
     /// Place in `stages` of the stage of this name.
     pub fn stage(&self, name: &str) -> Option<StageId> {
         self.places.get(name).copied()
+    }
+
+    /// The pipeline file, what it includes, and the tables of its axes.
+    pub fn texts(&self) -> impl Iterator<Item = TextRead> {
+        // The overrides come last, one text each.
+        let files = self.sources.iter().take(self.sources.len() - self.overrides.len());
+        let files = files.map(|source| TextRead::of(Path::new(&source.name), &source.text, source::MAX_PIPELINE));
+        files.chain(self.stages.iter().flat_map(|stage| stage.foreach.tables.iter().cloned()))
     }
 
     /// The params of an instance of a stage: `with`, with vars and the axes of the instance put in.
