@@ -184,7 +184,8 @@ mod tests {
     use crate::plan::Id;
 
     fn lut(n: f64, rows: u64) -> Forms {
-        let attributes = [("convention", json!("camera")), ("f_x", json!([0, 0.1])), ("g", json!(n - 1.0)), ("n", json!(n))];
+        let attributes =
+            [("convention", json!("camera")), ("f_x", json!([0, 0.1])), ("g", json!(n - 1.0)), ("n", json!(n))];
         let attributes = attributes.into_iter().map(|(name, value)| (name.to_owned(), value)).collect();
         let lut = Form::table(Some(rows), &[("mu_a", "mm^-1")]).with(attributes);
         Forms::from([("design", Form::default()), ("lut", lut)])

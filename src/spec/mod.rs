@@ -35,7 +35,7 @@ mod vars;
 #[cfg(test)]
 mod tests;
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
@@ -86,6 +86,10 @@ pub struct Spec {
     pub overrides: Vec<String>,
     /// Places in `stages` by name.
     places: HashMap<String, StageId>,
+    /// Where each axis stands that has a key of its own below a `foreach`: its key, its values. The first of a name.
+    written_axes: HashMap<String, (Span, Span)>,
+    /// All axes, also columns of tables and what is drawn.
+    axes: HashSet<String>,
     /// What is legal in the file and its overrides, but probably not meant.
     pub warnings: Vec<Diagnostic>,
     root: Node,
@@ -159,7 +163,16 @@ fn read_from(file: Result<SourceFile, String>, path: &Path, overrides: &[String]
     let studies = study::parse_all(root.entry("studies"), &root, &mut reader);
     let stages: IdVec<StageId, StageSpec> = stages.into();
     let places = stages.iter_ids().map(|(id, stage)| (stage.name.clone(), id)).collect();
+    let mut written_axes = HashMap::new();
+    let foreach =
+        root.get("stages").map(Node::entries).unwrap_or_default().iter().filter_map(|e| e.value.get("foreach"));
+    for axis in foreach.flat_map(Node::entries) {
+        written_axes.entry(axis.key.clone()).or_insert((axis.at, axis.value.span));
+    }
+    let axes = stages.iter().flat_map(|stage| stage.foreach.names.iter().cloned()).collect();
     let spec = Spec {
+        written_axes,
+        axes,
         pipeline,
         about,
         seed: seed.unwrap_or(0),
@@ -304,8 +317,7 @@ impl Spec {
     /// The file in which the value of `node` stands, through `${name}` alone.
     fn origin(&self, node: &Node, depth: usize) -> u32 {
         if let Some(name) = sole_name(node).filter(|_| depth < parse::MAX_DEPTH) {
-            let axis = |e: &Entry| e.value.get("foreach").and_then(|f| f.get(&name)).map(|n| n.span.file);
-            let axis = self.root.get("stages").and_then(|s| s.entries().iter().find_map(axis));
+            let axis = self.written_axes.get(&name).map(|(_, values)| values.file);
             let var = self.root.get("vars").and_then(|v| v.get(&name)).map(|n| self.origin(n, depth + 1));
             return axis.or(var).unwrap_or(node.span.file);
         }
@@ -315,7 +327,7 @@ impl Spec {
     /// Key and value of the var that a text names, where it names one alone; else what is given. An axis hides a var of its name.
     fn through_vars<'n>(&'n self, at: (Span, &'n Node), depth: usize) -> (Span, &'n Node) {
         let Some(name) = sole_name(at.1) else { return at };
-        let is_axis = self.stages.iter().any(|stage| stage.foreach.names.contains(&name));
+        let is_axis = self.axes.contains(&name);
         match self.root.get("vars").and_then(|vars| vars.entry(&name)) {
             Some(var) if !is_axis && depth < parse::MAX_DEPTH => self.through_vars((var.at, &var.value), depth + 1),
             _ => at,
@@ -334,10 +346,7 @@ impl Spec {
 
     /// Where the axis stands that a text names alone.
     fn axis_of(&self, node: &Node) -> Option<Span> {
-        let name = sole_name(node)?;
-        let stages = self.root.get("stages").map(Node::entries).unwrap_or_default();
-        let axis = |e: &Entry| e.value.get("foreach").and_then(|foreach| foreach.entry(&name)).map(|axis| axis.at);
-        stages.iter().find_map(axis)
+        self.written_axes.get(&sole_name(node)?).map(|(key, _)| *key)
     }
 
     /// An error at the deepest part of `path` (below the section) that stands in the file.
