@@ -173,4 +173,41 @@ mod tests {
         assert!(settled(now - SETTLED_NS - 1, now));
         assert!(!settled(now - second, now) && settled(now - 4 * second, now));
     }
+
+    /// What is watched counts by its stamp, input files and texts by what they hold; what changed while the run went on is not noted.
+    #[cfg(unix)]
+    #[test]
+    fn a_note_holds_while_nothing_changes() {
+        let folder = tempfile::tempdir().unwrap();
+        let [watched, file, text] = ["pack", "frames.png", "p.yaml"].map(|name| folder.path().join(name));
+        [&watched, &file, &text].into_iter().for_each(|path| fs::write(path, "as it was").unwrap());
+        let request = Request {
+            registry: &Registry::builtin(),
+            pipeline: &text,
+            outputs: folder.path(),
+            overrides: &[],
+            targets: &[],
+        };
+        let closing = Closing { pipeline: "p".into(), hits: 1, table: "t".into(), texts: vec![], events: vec![] };
+        let kept = |began| {
+            let files = vec![(file.clone(), Digest::of(b"as it was"))];
+            let texts = vec![TextRead::of(&text, "as it was", 1 << 10)];
+            keep(&request, began, Seen { texts, files, watched: vec![watched.clone()] }, closing.clone());
+            recall(&request)
+        };
+        assert_eq!(kept(SystemTime::now()), None, "the pack is as young as the run");
+        std::thread::sleep(Duration::from_millis(130));
+        assert_eq!(kept(SystemTime::now()), Some(closing.clone()));
+        for path in [&file, &text] {
+            fs::write(path, "another").unwrap();
+            assert_eq!(recall(&request), None, "{}", path.display());
+            fs::write(path, "as it was").unwrap();
+            assert_eq!(recall(&request), Some(closing.clone()), "{}", path.display());
+        }
+        fs::write(&watched, "as it was").unwrap();
+        assert_eq!(recall(&request), None, "the same bytes, and yet somebody wrote them");
+        fs::remove_file(&watched).unwrap();
+        assert_eq!(recall(&request), None);
+        assert_eq!(recall(&Request { targets: &["t".to_owned()], ..request }), None);
+    }
 }

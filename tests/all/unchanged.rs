@@ -119,7 +119,7 @@ fn whatever_is_touched_is_looked_at() {
     };
     let pack = space.files("outputs/store/packs").remove(0);
     type Way<'a> = (&'a str, u64, &'a dyn Fn());
-    let ways: [Way; 8] = [
+    let ways: [Way; 9] = [
         ("a comment in the pipeline", 0, &|| space.write("p.yaml", &format!("# note\n{PIPELINE}"))),
         ("an included file", 2, &|| space.write("base.yaml", "vars: {mu_a: [0.02, 0.1]}\n")),
         ("back again", 0, &|| space.write("base.yaml", "vars: {mu_a: [0.01, 0.1]}\n")),
@@ -127,6 +127,9 @@ fn whatever_is_touched_is_looked_at() {
         ("back again", 0, &|| space.write("n.csv", "n\n1.33\n1.40\n")),
         ("a file for people", 0, &|| rewritten(&copy, &flip)),
         ("the folder for people", 0, &|| fs::remove_dir_all(&latest).expect("it is ours")),
+        ("the store", 2, &|| {
+            space.turbid(&["cache", "gc", "--max-size", "1B"]).ok();
+        }),
         ("a pack", u64::MAX, &|| rewritten(&pack, &|bytes| bytes.iter_mut().for_each(|byte| *byte ^= 1))),
     ];
     for (what, ran, touch) in ways {
