@@ -82,6 +82,8 @@ pub struct Spec {
     pub studies: Vec<StudySpec>,
     /// The file, what it includes, and the overrides.
     pub sources: Vec<SourceFile>,
+    /// So many of them are files; overrides follow.
+    files: usize,
     /// As given: `stages.frames.with.samples=64`.
     pub overrides: Vec<String>,
     /// Places in `stages` by name.
@@ -145,6 +147,7 @@ fn read_from(file: Result<SourceFile, String>, path: &Path, overrides: &[String]
     let mut report = Report::default();
     let mut sources = Vec::new();
     let Some(mut root) = merge::read_all(file, path, &mut sources, &mut report) else { return (None, report) };
+    let files = sources.len();
     overrides::apply(&mut root, overrides, &mut sources, &mut report);
     let mut reader = Reader { sources: &sources, report: &mut report };
     reader.known_keys(&root, "", &ROOT_KEYS, "a pipeline");
@@ -171,6 +174,7 @@ fn read_from(file: Result<SourceFile, String>, path: &Path, overrides: &[String]
     }
     let axes = stages.iter().flat_map(|stage| stage.foreach.names.iter().cloned()).collect();
     let spec = Spec {
+        files,
         written_axes,
         axes,
         pipeline,
@@ -276,9 +280,9 @@ impl Spec {
 
     /// The pipeline file, what it includes, and the tables of its axes.
     pub fn texts(&self) -> impl Iterator<Item = TextRead> {
-        // The overrides come last, one text each.
-        let files = self.sources.iter().take(self.sources.len() - self.overrides.len());
-        let files = files.map(|source| TextRead::of(Path::new(&source.name), &source.text, source::MAX_PIPELINE));
+        let files = self.sources[..self.files]
+            .iter()
+            .map(|source| TextRead::of(Path::new(&source.name), &source.text, source::MAX_PIPELINE));
         files.chain(self.stages.iter().flat_map(|stage| stage.foreach.tables.iter().cloned()))
     }
 
