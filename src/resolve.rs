@@ -26,7 +26,8 @@ use crate::threads;
 use crate::warned::Warned;
 use extents::Sizes;
 use files::{InputFiles, Lent};
-use forms::{Described, KnownForms};
+pub use forms::Described;
+use forms::KnownForms;
 use inputs::KnownInputs;
 
 /// The blobs of an instance by port.
@@ -104,8 +105,6 @@ pub struct Survey {
     pub outputs: AllOutputs,
     /// The plan of every instance that is not a hit.
     pub plans: HashMap<InstanceId, StagePlan>,
-    /// What the outputs of such an instance will hold.
-    pub forms: HashMap<InstanceId, Arc<Described>>,
     /// Instances whose work another one with the same key does.
     pub twins: HashMap<InstanceId, InstanceId>,
     pub problems: Vec<Diagnostic>,
@@ -149,7 +148,6 @@ impl<'a> Resolver<'a> {
             states: (0..n).map(|_| None).collect(),
             outputs: IdVec::filled(None, n),
             plans: HashMap::new(),
-            forms: HashMap::new(),
             twins: HashMap::new(),
             problems: Vec::new(),
         };
@@ -232,8 +230,7 @@ impl<'a> Resolver<'a> {
             Some(Ok(sound)) => {
                 self.note_extents(id, &sound.plan);
                 survey.plans.insert(id, sound.plan);
-                let forms = self.note_forms(id, sound.forms);
-                survey.forms.insert(id, forms);
+                self.note_forms(id, sound.forms);
                 for (warning, size) in sound.warnings {
                     warned.add(&mut survey.problems, warning, size);
                 }
@@ -260,7 +257,6 @@ impl<'a> Resolver<'a> {
             states: (0..n).map(|_| None).collect(),
             outputs: IdVec::filled(None, n),
             plans: HashMap::new(),
-            forms: HashMap::new(),
             twins: HashMap::new(),
             problems: Vec::new(),
         };

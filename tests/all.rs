@@ -82,6 +82,8 @@ mod spheres;
 mod terminal;
 #[path = "all/tubes.rs"]
 mod tubes;
+#[path = "all/unchanged.rs"]
+mod unchanged;
 #[path = "all/usual.rs"]
 mod usual;
 #[path = "all/wrong_files.rs"]

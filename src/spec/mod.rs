@@ -35,7 +35,7 @@ mod vars;
 #[cfg(test)]
 mod tests;
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
@@ -51,7 +51,7 @@ pub use recover::{ParamProblem, read_params};
 pub use report::Report;
 pub use schema::schema;
 pub use seed::SeedSpec;
-pub use source::{SourceFile, Span};
+pub use source::{SourceFile, Span, TextRead};
 pub use stage::StageSpec;
 pub use study::StudySpec;
 pub use suggest::{hint as known_or_nearest, nearest};
@@ -82,10 +82,16 @@ pub struct Spec {
     pub studies: Vec<StudySpec>,
     /// The file, what it includes, and the overrides.
     pub sources: Vec<SourceFile>,
+    /// So many of them are files; overrides follow.
+    files: usize,
     /// As given: `stages.frames.with.samples=64`.
     pub overrides: Vec<String>,
     /// Places in `stages` by name.
     places: HashMap<String, StageId>,
+    /// Where each axis stands that has a key of its own below a `foreach`: its key, its values. The first of a name.
+    written_axes: HashMap<String, (Span, Span)>,
+    /// All axes, also columns of tables and what is drawn.
+    axes: HashSet<String>,
     /// What is legal in the file and its overrides, but probably not meant.
     pub warnings: Vec<Diagnostic>,
     root: Node,
@@ -141,6 +147,7 @@ fn read_from(file: Result<SourceFile, String>, path: &Path, overrides: &[String]
     let mut report = Report::default();
     let mut sources = Vec::new();
     let Some(mut root) = merge::read_all(file, path, &mut sources, &mut report) else { return (None, report) };
+    let files = sources.len();
     overrides::apply(&mut root, overrides, &mut sources, &mut report);
     let mut reader = Reader { sources: &sources, report: &mut report };
     reader.known_keys(&root, "", &ROOT_KEYS, "a pipeline");
@@ -159,7 +166,17 @@ fn read_from(file: Result<SourceFile, String>, path: &Path, overrides: &[String]
     let studies = study::parse_all(root.entry("studies"), &root, &mut reader);
     let stages: IdVec<StageId, StageSpec> = stages.into();
     let places = stages.iter_ids().map(|(id, stage)| (stage.name.clone(), id)).collect();
+    let mut written_axes = HashMap::new();
+    let foreach =
+        root.get("stages").map(Node::entries).unwrap_or_default().iter().filter_map(|e| e.value.get("foreach"));
+    for axis in foreach.flat_map(Node::entries) {
+        written_axes.entry(axis.key.clone()).or_insert((axis.at, axis.value.span));
+    }
+    let axes = stages.iter().flat_map(|stage| stage.foreach.names.iter().cloned()).collect();
     let spec = Spec {
+        files,
+        written_axes,
+        axes,
         pipeline,
         about,
         seed: seed.unwrap_or(0),
@@ -261,6 +278,14 @@ impl Spec {
         self.places.get(name).copied()
     }
 
+    /// The pipeline file, what it includes, and the tables of its axes.
+    pub fn texts(&self) -> impl Iterator<Item = TextRead> {
+        let files = self.sources[..self.files]
+            .iter()
+            .map(|source| TextRead::of(Path::new(&source.name), &source.text, source::MAX_PIPELINE));
+        files.chain(self.stages.iter().flat_map(|stage| stage.foreach.tables.iter().cloned()))
+    }
+
     /// The params of an instance of a stage: `with`, with vars and the axes of the instance put in.
     pub fn params(&self, stage: StageId, axes: &Axes) -> Result<Value, Vec<Diagnostic>> {
         let with = &self.stages[stage].with;
@@ -296,8 +321,7 @@ impl Spec {
     /// The file in which the value of `node` stands, through `${name}` alone.
     fn origin(&self, node: &Node, depth: usize) -> u32 {
         if let Some(name) = sole_name(node).filter(|_| depth < parse::MAX_DEPTH) {
-            let axis = |e: &Entry| e.value.get("foreach").and_then(|f| f.get(&name)).map(|n| n.span.file);
-            let axis = self.root.get("stages").and_then(|s| s.entries().iter().find_map(axis));
+            let axis = self.written_axes.get(&name).map(|(_, values)| values.file);
             let var = self.root.get("vars").and_then(|v| v.get(&name)).map(|n| self.origin(n, depth + 1));
             return axis.or(var).unwrap_or(node.span.file);
         }
@@ -307,7 +331,7 @@ impl Spec {
     /// Key and value of the var that a text names, where it names one alone; else what is given. An axis hides a var of its name.
     fn through_vars<'n>(&'n self, at: (Span, &'n Node), depth: usize) -> (Span, &'n Node) {
         let Some(name) = sole_name(at.1) else { return at };
-        let is_axis = self.stages.iter().any(|stage| stage.foreach.names.contains(&name));
+        let is_axis = self.axes.contains(&name);
         match self.root.get("vars").and_then(|vars| vars.entry(&name)) {
             Some(var) if !is_axis && depth < parse::MAX_DEPTH => self.through_vars((var.at, &var.value), depth + 1),
             _ => at,
@@ -326,10 +350,7 @@ impl Spec {
 
     /// Where the axis stands that a text names alone.
     fn axis_of(&self, node: &Node) -> Option<Span> {
-        let name = sole_name(node)?;
-        let stages = self.root.get("stages").map(Node::entries).unwrap_or_default();
-        let axis = |e: &Entry| e.value.get("foreach").and_then(|foreach| foreach.entry(&name)).map(|axis| axis.at);
-        stages.iter().find_map(axis)
+        self.written_axes.get(&sole_name(node)?).map(|(key, _)| *key)
     }
 
     /// An error at the deepest part of `path` (below the section) that stands in the file.
