@@ -26,12 +26,18 @@ impl Shared {
         Self(Arc::new(Held { artifact, typed: OnceLock::new() }))
     }
 
+    /// The artifact of a payload, which stays at hand: nobody reads it out of its artifact again.
+    pub fn of<T: Payload>(payload: T) -> Self {
+        let typed: Arc<dyn Any + Send + Sync> = Arc::new(payload.clone());
+        Self(Arc::new(Held { artifact: payload.into_artifact(), typed: OnceLock::from(Some(typed)) }))
+    }
+
     pub fn artifact(&self) -> &Artifact {
         &self.0.artifact
     }
 
     /// As payload `T`; `None` where it is of another shape. A port has one payload: the view is kept of the type that asks first.
-    pub fn get<T: Payload + Send + Sync + 'static>(&self) -> Option<Arc<T>> {
+    pub fn get<T: Payload>(&self) -> Option<Arc<T>> {
         let read = || T::from_artifact(self.0.artifact.clone()).ok().map(Arc::new);
         let kept = self.0.typed.get_or_init(|| read().map(|typed| typed as Arc<dyn Any + Send + Sync>));
         kept.clone()?.downcast::<T>().ok().or_else(read)
@@ -124,7 +130,7 @@ impl Known {
     }
 
     /// The artifact on `port`, where it is known already.
-    pub fn get<T: Payload + Send + Sync + 'static>(&self, port: &str) -> Option<Arc<T>> {
+    pub fn get<T: Payload>(&self, port: &str) -> Option<Arc<T>> {
         self.artifacts.get(port)?.get()
     }
 }

@@ -9,6 +9,7 @@ pub mod ctx;
 pub mod error;
 pub mod extent;
 pub mod file;
+pub mod fixed;
 pub mod form;
 pub mod guard;
 pub mod joint;
@@ -25,6 +26,7 @@ pub mod problem;
 pub mod quantity;
 pub mod read;
 pub mod stage;
+pub mod suggest;
 pub mod usual;
 
 pub use artifact::{
@@ -34,6 +36,7 @@ pub use ctx::{Ctx, Host};
 pub use error::Error;
 pub use extent::Extent;
 pub use file::{FileUse, Files, MaxFile};
+pub use fixed::Fixed;
 pub use form::{ColumnInfo, Form, Forms};
 pub use kit::MemoryHost;
 pub use known::{Known, Shared};

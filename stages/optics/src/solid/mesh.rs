@@ -110,6 +110,11 @@ impl Mesh {
         self.cells.get_or_init(|| Cells::about(&self.corners, self.half, CELLS_BYTES)).as_ref()
     }
 
+    /// Whether [`cells`](Self::cells) are there for who asks; they are not made for that.
+    pub fn has_cells(&self) -> bool {
+        self.cells.get().map_or_else(|| Cells::fit(&self.corners, self.half, CELLS_BYTES), Option::is_some)
+    }
+
     /// Its triangles as they lie on lines through a point, for many looks towards it; `None` where that is too near, or it
     /// would need too much memory.
     pub fn seen_from(&self, eye: DVec3) -> Option<Arc<Seen>> {
