@@ -7,7 +7,7 @@ use turbid_contract::payload::{Frames, MaskReason};
 use turbid_contract::{ImageStack, LayerInfo, LayerKind};
 use turbid_demodulate::Params;
 
-use crate::{Truth, at, demodulate, frames, push, with};
+use crate::{Truth, at, demodulate, frames, with};
 
 /// Every reason to mask, each with zeros in all value layers.
 #[test]

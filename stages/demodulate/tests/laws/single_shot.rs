@@ -7,7 +7,7 @@ use turbid_contract::payload::{Frames, MaskReason};
 use turbid_contract::{ImageStack, Known, LayerInfo, Length, Problems, Stage};
 use turbid_demodulate::{Demodulate, Filter, Method, Params};
 
-use crate::{noise, push, with};
+use crate::{noise, with};
 
 /// One shot of a flat field stands in for three: M_DC, M_AC and phase away from the ends, along rows and columns, with standard errors
 /// that are the spread of the pixels; a reason reaches as far as a filter does, and a fit goes on without the pixel; what cannot be parted is named.

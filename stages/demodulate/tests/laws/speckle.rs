@@ -5,7 +5,7 @@ use turbid_contract::payload::{Frames, MaskReason};
 use turbid_contract::{ImageStack, Known, LayerInfo, Length, PerLength, Problems, Stage};
 use turbid_demodulate::{Demodulate, Method, Params};
 
-use crate::{Truth, frames, noise, push, with};
+use crate::{Truth, frames, noise, with};
 
 /// Speckle on a sample that passes half the light at every f_x, against the same speckle on a reference: M_DC and M_AC are half, masked pixels have no
 /// say, noise does not count, and what cannot be read is named.
