@@ -6,8 +6,8 @@ use serde_json::Value;
 
 use crate::artifact::{Artifact, ArtifactKind};
 use crate::error::Error;
-use crate::known::Shared;
 use crate::payload::{Payload, Quantity};
+use crate::shared::Shared;
 
 /// The axes of an instance with their values: `{A_rho: 1.0, S_rho: 5000.0}`.
 pub type Axes = BTreeMap<String, Value>;

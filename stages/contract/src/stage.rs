@@ -14,11 +14,12 @@ use crate::error::Error;
 use crate::extent::Extent;
 use crate::file::FileUse;
 use crate::form::Forms;
-use crate::known::{Known, Shared};
+use crate::known::Known;
 use crate::pilot::Pilot;
 use crate::port::{InPort, InPorts, InputSource, OutPort, OutPorts};
 use crate::problem::Problems;
 use crate::read::{ParamError, read_params};
+use crate::shared::Shared;
 
 /// What a stage is going to do, for `turbid plan`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
