@@ -436,15 +436,16 @@ impl<'a> Resolver<'a> {
             ..MemoryHost::default()
         };
         let inputs = KnownInputs { resolver: self, wires: &instance.wires, outputs };
-        let made = keyed.job.run(&inputs, Ctx::new(&host));
+        let made = keyed.job.run_in_memory(&inputs, Ctx::new(&host));
         let made = made.map_err(|error| lent.failed().map_or(error, Error::failed))?;
         let mut blobs = Outputs::new();
         let mut artifacts = BTreeMap::new();
         for (port, artifact) in made {
-            let bytes = encode(&artifact).map_err(|e| Error::failed(e.to_string()))?;
-            let blob = Blob { digest: Digest::of(&bytes), kind: artifact.kind(), bytes: bytes.len() as u64 };
+            let bytes = encode(artifact.artifact()).map_err(|e| Error::failed(e.to_string()))?;
+            let kind = artifact.artifact().kind();
+            let blob = Blob { digest: Digest::of(&bytes), kind, bytes: bytes.len() as u64 };
             blobs.insert(port.to_owned(), blob);
-            artifacts.insert(port.to_owned(), Shared::new(artifact));
+            artifacts.insert(port.to_owned(), artifact);
         }
         lock(&self.instant).insert(id, Arc::new(artifacts));
         Ok(blobs)

@@ -28,7 +28,6 @@ mod source;
 mod stage;
 mod study;
 mod substitute;
-mod suggest;
 mod template;
 mod vars;
 
@@ -39,7 +38,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
-use turbid_contract::{At, Axes, Problem};
+use turbid_contract::{At, Axes, Problem, suggest};
 
 pub use crate::ids::{Id, IdVec, StageId};
 pub use diagnostic::{Diagnostic, Severity};
@@ -54,7 +53,7 @@ pub use seed::SeedSpec;
 pub use source::{SourceFile, Span, TextRead};
 pub use stage::StageSpec;
 pub use study::StudySpec;
-pub use suggest::{hint as known_or_nearest, nearest};
+pub use turbid_contract::suggest::{hint as known_or_nearest, nearest};
 
 use node::{Data, Entry, Node};
 use parse::join;
