@@ -156,7 +156,9 @@ mod tests {
     fn what_is_no_regular_file_is_named_at_once() {
         let folder = folder();
         let fifo = folder.path().join("fifo");
-        let made = std::process::Command::new("mkfifo").arg(&fifo).status().expect("mkfifo is there");
+        let made = crate::child::start(std::process::Command::new("mkfifo").arg(&fifo))
+            .and_then(|mut child| child.wait())
+            .expect("mkfifo is there");
         assert!(made.success());
         let socket = folder.path().join("socket");
         let _bound = std::os::unix::net::UnixListener::bind(&socket).unwrap();

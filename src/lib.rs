@@ -2,6 +2,8 @@
 //!
 //! Data flows one way: YAML -> [`spec`] -> [`plan`] -> [`key`] -> [`run`] -> [`store`]; `docs/architecture.md` is the map.
 
+#[cfg(test)]
+mod child;
 pub mod cli;
 pub mod dataset;
 pub mod digest;
@@ -24,8 +26,10 @@ mod regular;
 pub mod resolve;
 pub mod run;
 pub mod spec;
+mod stamp;
 pub mod store;
 mod terminal;
 mod threads;
+pub mod unchanged;
 mod warned;
 mod whole_file;

@@ -60,8 +60,8 @@ pub fn identity(plan: &Plan) -> Digest {
     parts.finish()
 }
 
-/// A program that was built anew may make other keys although no VERSION was raised.
-fn program() -> String {
+/// This program: one that was built anew may make other keys although no VERSION was raised.
+pub(crate) fn program() -> String {
     let described = std::env::current_exe().and_then(fs::metadata);
     let written = |m: &fs::Metadata| {
         m.modified().ok().and_then(|t| t.duration_since(UNIX_EPOCH).ok()).map_or(0, |d| d.as_nanos())
@@ -70,8 +70,16 @@ fn program() -> String {
     format!("{} {described}", env!("CARGO_PKG_VERSION"))
 }
 
-/// The records of all needed instances, if everything is as it was; `None` sends the caller the long way.
-pub fn recall(plan: &Plan, store: &Store, folder: &Path) -> Option<Vec<Arc<InstanceRecord>>> {
+/// What a plan led to.
+pub struct Recalled {
+    /// Of all needed instances.
+    pub records: Vec<Arc<InstanceRecord>>,
+    /// The input files, with what they hold.
+    pub files: Vec<(PathBuf, Digest)>,
+}
+
+/// What a plan led to, if everything is as it was; `None` sends the caller the long way.
+pub fn recall(plan: &Plan, store: &Store, folder: &Path) -> Option<Recalled> {
     let identity = identity(plan);
     let path = folder.join(identity.to_string());
     let bytes = input_file::read(&path, LONGEST).ok()?;
@@ -86,14 +94,17 @@ pub fn recall(plan: &Plan, store: &Store, folder: &Path) -> Option<Vec<Arc<Insta
         Some(head)
     };
     let number = |bytes: &[u8]| bytes.try_into().map(u64::from_le_bytes).ok().and_then(|n| usize::try_from(n).ok());
+    let mut files = Vec::new();
     for _ in 0..number(take(8)?)? {
         let length = number(take(8)?)?;
         let path = PathBuf::from(String::from_utf8(take(length)?.to_vec()).ok()?);
         let digest = take(32)?;
         // Larger ones than stages take unasked go the long way, which knows their limits.
-        if input_file::digest(&path, MOST_BYTES).ok()?.0.0 != digest {
+        let (now, _) = input_file::digest(&path, MOST_BYTES).ok()?;
+        if now.0 != digest {
             return None;
         }
+        files.push((path, now));
     }
     let ids: Vec<_> = plan.needed_instances().collect();
     if rest.len() != 64 * ids.len() {
@@ -106,10 +117,12 @@ pub fn recall(plan: &Plan, store: &Store, folder: &Path) -> Option<Vec<Arc<Insta
             outputs_digest(&record).0 == entry[32..] && wanted.iter().all(|port| record.ports.contains_key(*port));
         whole.then_some(record)
     };
-    if ids.len() >= MANY && threads::shared() {
-        return ids.par_iter().zip(rest.par_chunks_exact(64)).map(found).collect();
-    }
-    ids.iter().zip(rest.chunks_exact(64)).map(found).collect()
+    let records: Option<_> = if ids.len() >= MANY && threads::shared() {
+        ids.par_iter().zip(rest.par_chunks_exact(64)).map(found).collect()
+    } else {
+        ids.iter().zip(rest.chunks_exact(64)).map(found).collect()
+    };
+    Some(Recalled { records: records?, files })
 }
 
 /// Notes the records of a plan that is up to date. Best effort: without it the next run is only slower.
@@ -135,7 +148,8 @@ pub fn keep(plan: &Plan, records: &[&Arc<InstanceRecord>], files: &[(PathBuf, Di
     }
 }
 
-fn write(folder: &Path, name: &str, body: &[u8]) -> std::io::Result<()> {
+/// Writes a note; the oldest of a folder of many go.
+pub(crate) fn write(folder: &Path, name: &str, body: &[u8]) -> std::io::Result<()> {
     fs::create_dir_all(folder)?;
     leftover::sweep(folder, WRITING);
     whole_file::write(&folder.join(name), WRITING, body, Synced::No)?;

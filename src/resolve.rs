@@ -26,7 +26,8 @@ use crate::threads;
 use crate::warned::Warned;
 use extents::Sizes;
 use files::{InputFiles, Lent};
-use forms::{Described, KnownForms};
+pub use forms::Described;
+use forms::KnownForms;
 use inputs::KnownInputs;
 
 /// The blobs of an instance by port.
@@ -104,8 +105,6 @@ pub struct Survey {
     pub outputs: AllOutputs,
     /// The plan of every instance that is not a hit.
     pub plans: HashMap<InstanceId, StagePlan>,
-    /// What the outputs of such an instance will hold.
-    pub forms: HashMap<InstanceId, Arc<Described>>,
     /// Instances whose work another one with the same key does.
     pub twins: HashMap<InstanceId, InstanceId>,
     pub problems: Vec<Diagnostic>,
@@ -149,7 +148,6 @@ impl<'a> Resolver<'a> {
             states: (0..n).map(|_| None).collect(),
             outputs: IdVec::filled(None, n),
             plans: HashMap::new(),
-            forms: HashMap::new(),
             twins: HashMap::new(),
             problems: Vec::new(),
         };
@@ -232,8 +230,7 @@ impl<'a> Resolver<'a> {
             Some(Ok(sound)) => {
                 self.note_extents(id, &sound.plan);
                 survey.plans.insert(id, sound.plan);
-                let forms = self.note_forms(id, sound.forms);
-                survey.forms.insert(id, forms);
+                self.note_forms(id, sound.forms);
                 for (warning, size) in sound.warnings {
                     warned.add(&mut survey.problems, warning, size);
                 }
@@ -260,7 +257,6 @@ impl<'a> Resolver<'a> {
             states: (0..n).map(|_| None).collect(),
             outputs: IdVec::filled(None, n),
             plans: HashMap::new(),
-            forms: HashMap::new(),
             twins: HashMap::new(),
             problems: Vec::new(),
         };
@@ -440,15 +436,16 @@ impl<'a> Resolver<'a> {
             ..MemoryHost::default()
         };
         let inputs = KnownInputs { resolver: self, wires: &instance.wires, outputs };
-        let made = keyed.job.run(&inputs, Ctx::new(&host));
+        let made = keyed.job.run_in_memory(&inputs, Ctx::new(&host));
         let made = made.map_err(|error| lent.failed().map_or(error, Error::failed))?;
         let mut blobs = Outputs::new();
         let mut artifacts = BTreeMap::new();
         for (port, artifact) in made {
-            let bytes = encode(&artifact).map_err(|e| Error::failed(e.to_string()))?;
-            let blob = Blob { digest: Digest::of(&bytes), kind: artifact.kind(), bytes: bytes.len() as u64 };
+            let bytes = encode(artifact.artifact()).map_err(|e| Error::failed(e.to_string()))?;
+            let kind = artifact.artifact().kind();
+            let blob = Blob { digest: Digest::of(&bytes), kind, bytes: bytes.len() as u64 };
             blobs.insert(port.to_owned(), blob);
-            artifacts.insert(port.to_owned(), Shared::new(artifact));
+            artifacts.insert(port.to_owned(), artifact);
         }
         lock(&self.instant).insert(id, Arc::new(artifacts));
         Ok(blobs)

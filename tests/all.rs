@@ -84,6 +84,8 @@ mod spheres;
 mod terminal;
 #[path = "all/tubes.rs"]
 mod tubes;
+#[path = "all/unchanged.rs"]
+mod unchanged;
 #[path = "all/usual.rs"]
 mod usual;
 #[path = "all/wrong_files.rs"]

@@ -200,7 +200,7 @@ impl Look {
         }
         let form = |feature: &crate::dataset::Feature| {
             let id = sample.instances_of(feature.stage).into_iter().next()?;
-            survey.forms.get(&id)?.get(feature.port).map(|form| (**form).clone())
+            resolver.made(id)?.get(feature.port).map(|form| (**form).clone())
         };
         let shapes = dataset.shapes(form, &plan)?;
         let seconds: f64 = estimates(&resolver, &survey).values().map(|estimate| estimate.seconds).sum();

@@ -5,13 +5,13 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 
 use clap::Args;
 use serde::Serialize;
-use turbid_contract::{Axes, Form, StagePlan};
+use turbid_contract::{Axes, StagePlan};
 
 use crate::estimate::{Basis, Estimate, estimates};
 use crate::memory::Budget;
 use crate::plan::{InstanceId, Plan, StageId};
 use crate::registry::Registry;
-use crate::resolve::{Resolver, State, Survey};
+use crate::resolve::{Described, Resolver, State, Survey};
 use crate::spec::Draw;
 use crate::terminal::tell;
 use crate::threads;
@@ -47,9 +47,12 @@ impl PlanCommand {
         let budget = self.memory.budget(threads::of_machine());
         let memory = Memory { at_most: at_most(&plan, &survey, budget, threads::of_machine()), budget };
         if self.json {
-            print_json(&to_json(&plan, &survey, &estimates, &memory));
+            print_json(&to_json(&resolver, &survey, &estimates, &memory));
         } else {
-            print(&to_text(&plan, &survey, &estimates, &memory));
+            print(&to_text(&resolver, &survey, &estimates, &memory));
+        }
+        for warning in report.diagnostics() {
+            tell(&warning.to_string());
         }
         // The run may be meant for another machine: a plan of it is no mistake.
         for warning in too_large(&plan, &survey, budget) {
@@ -81,7 +84,8 @@ struct Row<'a> {
     left_out: &'a [String],
     /// What the outputs will hold, by port.
     #[serde(skip_serializing_if = "Option::is_none")]
-    makes: Option<BTreeMap<&'static str, &'a Form>>,
+    #[serde(serialize_with = "forms")]
+    makes: Option<Described>,
     #[serde(skip_serializing_if = "Option::is_none")]
     method: Option<&'a Option<String>>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -156,6 +160,10 @@ struct Memory {
     budget: Option<Budget>,
 }
 
+fn forms<S: serde::Serializer>(made: &Option<Described>, to: S) -> Result<S::Ok, S::Error> {
+    to.collect_map(made.iter().flatten().map(|(port, form)| (port, &**form)))
+}
+
 fn bytes_of<S: serde::Serializer>(budget: &Option<Budget>, to: S) -> Result<S::Ok, S::Error> {
     budget.map(|budget| budget.bytes).serialize(to)
 }
@@ -171,7 +179,8 @@ struct Listing<'a> {
     stages_left_out: Vec<&'a str>,
 }
 
-fn to_json(plan: &Plan, survey: &Survey, estimates: &Estimates, memory: &Memory) -> String {
+fn to_json(resolver: &Resolver<'_>, survey: &Survey, estimates: &Estimates, memory: &Memory) -> String {
+    let plan = resolver.plan;
     let found = plan.needed_instances().filter_map(|id| survey.states[id].as_ref().map(|s| (id, s)));
     let row = |(id, found)| {
         let instance = &plan.instances[id];
@@ -182,7 +191,7 @@ fn to_json(plan: &Plan, survey: &Survey, estimates: &Estimates, memory: &Memory)
             bytes: detail.map(|d| d.bytes),
             kernel: detail.and_then(|d| d.kernel.as_deref()),
             left_out: detail.map_or(&[], |d| &d.left_out),
-            makes: makes(plan, survey, id).map(Iterator::collect),
+            makes: makes(resolver, survey, id),
             memory: detail.map(|d| d.memory),
             method: detail.map(|d| &d.method),
             needs: detail.map(|d| d.needs.as_slice()),
@@ -205,15 +214,13 @@ fn to_json(plan: &Plan, survey: &Survey, estimates: &Estimates, memory: &Memory)
     serde_json::to_string(&listing).expect("names and finite numbers")
 }
 
-/// The forms of the ports that are wanted of an instance.
-fn makes<'a>(
-    plan: &'a Plan,
-    survey: &'a Survey,
-    id: InstanceId,
-) -> Option<impl Iterator<Item = (&'static str, &'a Form)>> {
-    let wanted = plan.wanted(plan.instances[id].stage);
-    let forms = survey.forms.get(&id)?.iter();
-    Some(forms.filter(|(port, _)| wanted.contains(**port)).map(|(port, form)| (*port, &**form)))
+/// The forms of the ports that are wanted of an instance that is not up to date.
+fn makes(resolver: &Resolver<'_>, survey: &Survey, id: InstanceId) -> Option<Described> {
+    survey.plans.get(&id)?;
+    let wanted = resolver.plan.wanted(resolver.plan.instances[id].stage);
+    let mut forms = resolver.made(id)?;
+    forms.retain(|port, _| wanted.contains(port));
+    Some(forms)
 }
 
 /// An estimate below this is not worth a word, s.
@@ -234,7 +241,8 @@ fn rounded(seconds: f64) -> String {
     }
 }
 
-fn to_text(plan: &Plan, survey: &Survey, estimates: &Estimates, memory: &Memory) -> String {
+fn to_text(resolver: &Resolver<'_>, survey: &Survey, estimates: &Estimates, memory: &Memory) -> String {
+    let plan = resolver.plan;
     let mut text: String = drawn(plan).map(drawn_line).collect();
     let mut seconds = 0.0;
     for &stage in &plan.needed {
@@ -244,7 +252,7 @@ fn to_text(plan: &Plan, survey: &Survey, estimates: &Estimates, memory: &Memory)
             text.push_str(&group.line(plan));
             seconds += group.seconds;
             let mut lines = detail.map_or_else(Vec::new, detail_lines);
-            let made = group.ids.first().and_then(|&id| makes(plan, survey, id));
+            let made = group.ids.first().and_then(|&id| makes(resolver, survey, id));
             lines.extend(made.into_iter().flatten().map(|(port, form)| format!("    {port}: {form}\n")));
             lines.into_iter().filter(|line| said.insert(line.clone())).for_each(|line| text.push_str(&line));
         }

@@ -2,11 +2,12 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::time::{Instant, SystemTime};
 
 use clap::Args;
-use serde_json::json;
+use serde_json::{Value, json};
 
-use crate::memo;
+use crate::memo::{self, Recalled};
 use crate::plan::{InstanceId, PREVIEW_INSTANCES, Plan, StageId};
 use crate::registry::Registry;
 use crate::resolve::{Resolver, State, Survey};
@@ -15,10 +16,11 @@ use crate::run::progress::{Json, Work, choose};
 use crate::run::{self, End, Interrupt, Options, Progress, Summary, latest};
 use crate::store::{Store, StoreError};
 use crate::threads;
+use crate::unchanged::{self, Closing, Request, Seen};
 
 use super::figures::{Figures, short, with_unit};
 use super::memory::{MemoryLimit, too_large};
-use super::{Done, Failure, Pipeline, print, report_of};
+use super::{Done, Failure, Pipeline, print, print_json, report_of};
 
 #[derive(Args)]
 pub struct Run {
@@ -48,19 +50,34 @@ pub struct Run {
 
 impl Run {
     pub fn run(&self, registry: &Registry) -> Done {
-        let began = std::time::Instant::now();
+        let (began, clock) = (Instant::now(), SystemTime::now());
+        let outputs = self.pipeline.outputs.path();
+        let request = Request {
+            registry,
+            pipeline: &self.pipeline.file,
+            outputs,
+            overrides: &self.pipeline.set,
+            targets: &self.targets,
+        };
+        if self.force.is_empty()
+            && simd_level().is_ok()
+            && let Some(closing) = unchanged::recall(&request)
+            && note_up_to_date(outputs, &closing.pipeline, closing.hits).is_none()
+        {
+            self.say(&closing, &Counts { hits: closing.hits, ..Counts::default() }, began);
+            return Ok(());
+        }
         let plan = self.pipeline.plan(registry, &self.targets)?;
         let force = self.forced(&plan)?;
         let simd = simd_level()?;
-        let outputs = self.pipeline.outputs.path();
         let store = Store::open(outputs).map_err(|e| Failure::Input(e.to_string()))?;
         let resolver = Resolver::new(&plan, &store);
         let memos = outputs.join("store").join("memos");
         let remembered = if force.is_empty() { memo::recall(&plan, &store, &memos) } else { None };
         let recalled = remembered.is_some();
-        let survey = match remembered {
-            Some(records) => resolver.up_to_date(records),
-            None => resolver.survey(&force),
+        let (survey, known_files) = match remembered {
+            Some(Recalled { records, files }) => (resolver.up_to_date(records), files),
+            None => (resolver.survey(&force), Vec::new()),
         };
         let mut report = report_of(&plan, &survey);
         let jobs = self.jobs.unwrap_or_else(threads::of_machine);
@@ -78,7 +95,8 @@ impl Run {
         let options = Options { jobs, keep_going: self.keep_going, force, replace: self.replace, simd, memory };
         let made = Making { resolver: &resolver, outputs, progress: progress.as_ref() }.make(survey, options);
         progress.ended();
-        let Made { summary, folder, figures, rounds, unwritten } = made?;
+        let Made { summary, folder, figures, rounds, unwritten, warned } = made?;
+        let quiet = report.diagnostics().is_empty() && !warned && store.unread().is_none();
         if (!recalled || rounds > 1)
             && let Some(records) = plan.needed_instances().map(|id| summary.record(id)).collect::<Option<Vec<_>>>()
         {
@@ -92,29 +110,16 @@ impl Run {
         if !warning.is_empty() {
             progress.warn(&plan.spec.pipeline, &warning.join("; "));
         }
-        let seconds = began.elapsed().as_secs_f64();
-        if self.json {
-            figures.events(&plan).into_iter().for_each(Json::event);
-            Json::event(json!({
-                "event": "finished", "hits": summary.hits(), "ran": summary.ran(), "failed": summary.failed(),
-                "seconds": seconds, "interrupted": summary.interrupted,
-            }));
-        } else {
-            print(&table(&plan, &summary, seconds));
-            let figures = figures.text();
-            if !figures.is_empty() {
-                print(&figures);
+        let closing = closing(&plan, &summary, &figures, folder.as_deref().ok(), outputs);
+        self.say(&closing, &Counts::of(&summary), began);
+        if quiet && warning.is_empty() && summary.hits() == summary.ends.len() {
+            let records = plan.needed_instances().filter_map(|id| summary.record(id)).map(|record| &**record);
+            let watched = store.watched(records).into_iter();
+            if let Some(of_people) = latest::watched(&plan, outputs) {
+                let files = if recalled { known_files } else { resolver.files_read() };
+                let watched = watched.chain(of_people).collect();
+                unchanged::keep(&request, clock, Seen { texts: plan.spec.texts().collect(), files, watched }, closing);
             }
-            if let Some(cost) = cost(&plan, &summary) {
-                print(&cost);
-            }
-            let lies = match &folder {
-                Ok(folder) => where_it_lies(&plan, &summary, folder, outputs),
-                Err(_) => {
-                    Some(format!("results: {} (`turbid show`, `turbid export`)", outputs.join("store").display()))
-                }
-            };
-            lies.iter().for_each(|text| print(text));
         }
         if summary.failed() > 0 {
             return Err(Failure::Said);
@@ -125,6 +130,22 @@ impl Run {
         match folder {
             Err(message) if summary.ran() > 0 => Err(Failure::Failed(message)),
             _ => Ok(()),
+        }
+    }
+
+    /// The last words of a run.
+    fn say(&self, closing: &Closing, counts: &Counts, began: Instant) {
+        let seconds = began.elapsed().as_secs_f64();
+        let Counts { hits, ran, failed, interrupted } = counts;
+        if self.json {
+            closing.events.iter().for_each(|event| print_json(event));
+            Json::event(json!({
+                "event": "finished", "hits": hits, "ran": ran, "failed": failed, "seconds": seconds, "interrupted": interrupted,
+            }));
+        } else {
+            let table = &closing.table;
+            print(&format!("{table}{hits} up to date, {ran} ran, {failed} failed in {seconds:.2} s\n"));
+            closing.texts.iter().for_each(|text| print(text));
         }
     }
 
@@ -146,6 +167,38 @@ impl Run {
     }
 }
 
+/// How many instances ended in which way.
+#[derive(Default)]
+struct Counts {
+    hits: usize,
+    ran: usize,
+    failed: usize,
+    interrupted: bool,
+}
+
+impl Counts {
+    fn of(summary: &Summary) -> Self {
+        let (hits, ran, failed) = (summary.hits(), summary.ran(), summary.failed());
+        Self { hits, ran, failed, interrupted: summary.interrupted }
+    }
+}
+
+/// What a run says at its end, but for its counts and its time.
+fn closing(plan: &Plan, summary: &Summary, figures: &Figures, folder: Option<&Path>, outputs: &Path) -> Closing {
+    let lies = match folder {
+        Some(folder) => where_it_lies(plan, summary, folder, outputs),
+        None => Some(format!("results: {} (`turbid show`, `turbid export`)", outputs.join("store").display())),
+    };
+    let texts = [Some(figures.text()).filter(|text| !text.is_empty()), cost(plan, summary), lies];
+    Closing {
+        pipeline: plan.spec.pipeline.clone(),
+        hits: summary.hits(),
+        table: table(plan, summary),
+        texts: texts.into_iter().flatten().collect(),
+        events: figures.events(plan).iter().map(Value::to_string).collect(),
+    }
+}
+
 /// So often what was called up to date and then turned out damaged is made again; after that the disk is to blame.
 const MOST_ROUNDS: usize = 4;
 
@@ -163,6 +216,8 @@ struct Made {
     folder: Result<PathBuf, String>,
     figures: Figures,
     rounds: usize,
+    /// Whether something was said that the next run would say again.
+    warned: bool,
     /// What could not be written of the log.
     unwritten: Option<String>,
 }
@@ -200,8 +255,10 @@ impl Making<'_> {
                     told.warn(&plan.spec.pipeline, text);
                 }
                 let unwritten = self.end(log.as_ref(), rival.as_deref(), &summary);
+                let lost = figures.lost || published.as_ref().is_ok_and(|published| published.lost);
+                let warned = lost || rival.is_some();
                 let folder = published.map(|published| published.folder);
-                return Ok(Made { summary, folder, figures, rounds, unwritten });
+                return Ok(Made { summary, folder, figures, rounds, warned, unwritten });
             }
             for &id in &gone {
                 told.warn(&plan.label(id), "a stored output is damaged or gone; it is made again");
@@ -233,7 +290,7 @@ impl Making<'_> {
         }
         match log {
             Some(log) => log.end(plan, summary),
-            None => note_up_to_date(self.outputs, plan, summary),
+            None => note_up_to_date(self.outputs, name, summary.hits()),
         }
     }
 }
@@ -326,7 +383,7 @@ fn errors<'a>(instances: impl Iterator<Item = &'a [Measure]>) -> String {
 }
 
 /// One row per stage: state, seconds, error.
-fn table(plan: &Plan, summary: &Summary, seconds: f64) -> String {
+fn table(plan: &Plan, summary: &Summary) -> String {
     let mut rows = vec![["stage".to_owned(), "state".to_owned(), "seconds".to_owned(), "error".to_owned()]];
     for &stage in &plan.needed {
         let ends: Vec<&End> = plan.instances_of(stage).filter_map(|id| summary.ends.get(&id)).collect();
@@ -364,12 +421,6 @@ fn table(plan: &Plan, summary: &Summary, seconds: f64) -> String {
         text.push_str(line.trim_end());
         text.push('\n');
     }
-    text.push_str(&format!(
-        "{} up to date, {} ran, {} failed in {seconds:.2} s\n",
-        summary.hits(),
-        summary.ran(),
-        summary.failed()
-    ));
     text
 }
 

@@ -183,6 +183,15 @@ impl Filling<'_> {
     }
 }
 
+/// The files that a run compares with its list, and the list; `None` where one of them could not be made, so that the next run tries again.
+pub fn watched(plan: &Plan, outputs: &Path) -> Option<Vec<PathBuf>> {
+    let folder = outputs.join("latest").join(file_name(&plan.spec.pipeline));
+    let links = links::read(&folder, &plan.spec.pipeline);
+    let whole = links.values().all(|entry| !entry.is_missing());
+    let names = [LINKS, SOURCE].into_iter().chain(links.keys().map(String::as_str));
+    whole.then(|| names.map(|name| folder.join(name)).collect())
+}
+
 /// Whether somebody would look at a picture of it.
 fn drawn(port: &PortRecord) -> bool {
     port.blob.kind != ArtifactKind::Record && is_pictured(&port.payload)

@@ -147,10 +147,10 @@ fn read_roots(path: &Path) -> io::Result<String> {
 }
 
 /// One line for a run that found everything up to date. Returns why it could not be written, if so.
-pub fn note_up_to_date(outputs: &Path, plan: &Plan, summary: &Summary) -> Option<String> {
+pub fn note_up_to_date(outputs: &Path, pipeline: &str, hits: usize) -> Option<String> {
     let line = json!({
         "time": timestamp(SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs())),
-        "pipeline": plan.spec.pipeline, "hits": summary.hits(),
+        "pipeline": pipeline, "hits": hits,
     });
     let path = outputs.join("runs").join("log.jsonl");
     let written = fs::create_dir_all(outputs.join("runs"))

@@ -4,6 +4,7 @@ mod beat;
 mod board;
 mod json;
 mod lines;
+mod people;
 mod said;
 mod terminal;
 mod words;

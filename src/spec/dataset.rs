@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use turbid_contract::suggest;
 use turbid_draw::Condition;
 
 use super::mistake::{Kind, Mistake};
@@ -9,7 +10,6 @@ use super::node::{Data, Entry, Node};
 use super::parse::join;
 use super::reader::{Meant, Reader};
 use super::source::Span;
-use super::suggest;
 use super::vars::Vars;
 
 const KEYS: [&str; 9] = ["sample", "splits", "far", "keep", "about", "license", "cite", "shards", "store"];

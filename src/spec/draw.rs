@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 use serde_json::Value;
-use turbid_contract::Axes;
+use turbid_contract::{Axes, suggest};
 use turbid_draw::{Method, Mistake as DrawMistake, Skipped, Type, stream};
 
 use super::axis::MAX_INSTANCES;
@@ -14,7 +14,6 @@ use super::node::Node;
 use super::parse::join;
 use super::reader::Reader;
 use super::source::Span;
-use super::suggest;
 
 /// The axis that all drawn names share: the raw index of a point.
 pub const AXIS: &str = "draw";

@@ -12,8 +12,11 @@ use super::mistake::{Kind, Mistake};
 use super::node::{Data, Entry, Node};
 use super::parse::join;
 use super::reader::Reader;
-use super::source::{SourceFile, Span};
+use super::source::{SourceFile, Span, TextRead};
 use super::suggest;
+
+/// Bytes of a CSV file.
+const MAX_TABLE: u64 = 64 << 20;
 
 /// Keys of a `foreach` that are not themselves axes.
 pub const GRAMMAR: [&str; 3] = ["zip", "csv", "draw"];
@@ -28,6 +31,8 @@ pub struct Foreach {
     pub rows: Vec<Vec<Value>>,
     /// What the indices on the axis `draw` stand for.
     pub draw: Option<Draw>,
+    /// The CSV files that were read, as texts.
+    pub tables: Vec<TextRead>,
 }
 
 impl Foreach {
@@ -39,7 +44,7 @@ impl Foreach {
 
 impl Default for Foreach {
     fn default() -> Self {
-        Self { names: Vec::new(), rows: vec![Vec::new()], draw: None }
+        Self { names: Vec::new(), rows: vec![Vec::new()], draw: None, tables: Vec::new() }
     }
 }
 
@@ -67,7 +72,7 @@ impl Foreach {
             return None;
         }
         let mut groups: Vec<Group> = Vec::new();
-        let mut draw = None;
+        let (mut draw, mut tables) = (None, Vec::new());
         let mut complete = true;
         for entry in section.value.entries().iter().filter(|e| e.key != "zip") {
             let path = join(path, &entry.key);
@@ -79,7 +84,10 @@ impl Foreach {
                         Group { at: entry.at, names: vec![draw::AXIS.to_owned()], rows }
                     })
                 }
-                Some(file) => csv_group(file, entry.at, &path, reader),
+                Some(file) => csv_group(file, entry.at, &path, reader).map(|(group, table)| {
+                    tables.push(table);
+                    group
+                }),
                 None => plain_axis(entry, zip.is_some_and(|zip| pairs(zip, &entry.key)), &path, reader),
             };
             complete &= group.is_some();
@@ -110,7 +118,7 @@ impl Foreach {
             reader.error(section.at, path, Mistake::new(Kind::TooMany, message), FEWER.to_owned());
             return None;
         }
-        Some(Self { names, rows: grid(&groups), draw })
+        Some(Self { names, rows: grid(&groups), draw, tables })
     }
 }
 
@@ -187,12 +195,12 @@ fn csv_of(entry: &Entry) -> Option<&Node> {
     }
 }
 
-fn csv_group(file: &Node, at: Span, path: &str, reader: &mut Reader<'_>) -> Option<Group> {
+fn csv_group(file: &Node, at: Span, path: &str, reader: &mut Reader<'_>) -> Option<(Group, TextRead)> {
     let name = reader.text(file, at, path, "the path of a CSV file")?;
     let base = reader.sources.get(file.span.file as usize).map(|s| s.base.clone()).unwrap_or_default();
     let full = base.join(name);
     match read_table(&full) {
-        Ok(csv::Table { names, rows }) => Some(Group { at, names, rows }),
+        Ok((csv::Table { names, rows }, table)) => Some((Group { at, names, rows }, table)),
         Err(why) => {
             reader.error(file.span, path, format!("`{}`: {why}", full.display()), None);
             None
@@ -200,11 +208,12 @@ fn csv_group(file: &Node, at: Span, path: &str, reader: &mut Reader<'_>) -> Opti
     }
 }
 
-fn read_table(path: &Path) -> Result<csv::Table, String> {
-    let table = csv::parse(&SourceFile::read(path, "a CSV file", 64 << 20)?.text)?;
+fn read_table(path: &Path) -> Result<(csv::Table, TextRead), String> {
+    let file = SourceFile::read(path, "a CSV file", MAX_TABLE)?;
+    let table = csv::parse(&file.text)?;
     match repeated(&table.rows) {
         Some(twice) => Err(format!("row {} repeats an earlier one", twice + 1)),
-        None => Ok(table),
+        None => Ok((table, TextRead::of(path, &file.text, MAX_TABLE))),
     }
 }
 

@@ -29,18 +29,17 @@ mod source;
 mod stage;
 mod study;
 mod substitute;
-mod suggest;
 mod template;
 mod vars;
 
 #[cfg(test)]
 mod tests;
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
-use turbid_contract::{At, Axes, Problem};
+use turbid_contract::{At, Axes, Problem, suggest};
 
 pub use crate::ids::{Id, IdVec, StageId};
 pub use dataset::{DatasetSpec, Dtype, FeatureSpec, KeepSpec, LayerFilter};
@@ -53,10 +52,10 @@ pub use recover::{ParamProblem, read_params};
 pub use report::Report;
 pub use schema::schema;
 pub use seed::SeedSpec;
-pub use source::{SourceFile, Span};
+pub use source::{SourceFile, Span, TextRead};
 pub use stage::StageSpec;
 pub use study::StudySpec;
-pub use suggest::{hint as known_or_nearest, nearest};
+pub use turbid_contract::suggest::{hint as known_or_nearest, nearest};
 
 use node::{Data, Entry, Node};
 use parse::join;
@@ -85,10 +84,16 @@ pub struct Spec {
     pub datasets: Vec<DatasetSpec>,
     /// The file, what it includes, and the overrides.
     pub sources: Vec<SourceFile>,
+    /// So many of them are files; overrides follow.
+    files: usize,
     /// As given: `stages.frames.with.samples=64`.
     pub overrides: Vec<String>,
     /// Places in `stages` by name.
     places: HashMap<String, StageId>,
+    /// Where each axis stands that has a key of its own below a `foreach`: its key, its values. The first of a name.
+    written_axes: HashMap<String, (Span, Span)>,
+    /// All axes, also columns of tables and what is drawn.
+    axes: HashSet<String>,
     /// What is legal in the file and its overrides, but probably not meant.
     pub warnings: Vec<Diagnostic>,
     root: Node,
@@ -144,6 +149,7 @@ fn read_from(file: Result<SourceFile, String>, path: &Path, overrides: &[String]
     let mut report = Report::default();
     let mut sources = Vec::new();
     let Some(mut root) = merge::read_all(file, path, &mut sources, &mut report) else { return (None, report) };
+    let files = sources.len();
     overrides::apply(&mut root, overrides, &mut sources, &mut report);
     let mut reader = Reader { sources: &sources, report: &mut report };
     reader.known_keys(&root, "", &ROOT_KEYS, "a pipeline");
@@ -163,7 +169,17 @@ fn read_from(file: Result<SourceFile, String>, path: &Path, overrides: &[String]
     let studies = study::parse_all(root.entry("studies"), &root, &mut reader);
     let stages: IdVec<StageId, StageSpec> = stages.into();
     let places = stages.iter_ids().map(|(id, stage)| (stage.name.clone(), id)).collect();
+    let mut written_axes = HashMap::new();
+    let foreach =
+        root.get("stages").map(Node::entries).unwrap_or_default().iter().filter_map(|e| e.value.get("foreach"));
+    for axis in foreach.flat_map(written_in) {
+        written_axes.entry(axis.key.clone()).or_insert((axis.at, axis.value.span));
+    }
+    let axes = stages.iter().flat_map(|stage| stage.foreach.visible().map(str::to_owned)).collect();
     let spec = Spec {
+        files,
+        written_axes,
+        axes,
         pipeline,
         about,
         seed: seed.unwrap_or(0),
@@ -266,6 +282,14 @@ impl Spec {
         self.places.get(name).copied()
     }
 
+    /// The pipeline file, what it includes, and the tables of its axes.
+    pub fn texts(&self) -> impl Iterator<Item = TextRead> {
+        let files = self.sources[..self.files]
+            .iter()
+            .map(|source| TextRead::of(Path::new(&source.name), &source.text, source::MAX_PIPELINE));
+        files.chain(self.stages.iter().flat_map(|stage| stage.foreach.tables.iter().cloned()))
+    }
+
     /// The params of an instance of a stage: `with`, with vars and the axes of the instance put in.
     pub fn params(&self, stage: StageId, axes: &Axes) -> Result<Value, Vec<Diagnostic>> {
         let with = &self.stages[stage].with;
@@ -294,8 +318,7 @@ impl Spec {
     /// The file in which the value of `node` stands, through `${name}` alone.
     fn origin(&self, node: &Node, depth: usize) -> u32 {
         if let Some(name) = sole_name(node).filter(|_| depth < parse::MAX_DEPTH) {
-            let axis = |e: &Entry| e.value.get("foreach").and_then(|f| axis_in(f, &name)).map(|e| e.value.span.file);
-            let axis = self.root.get("stages").and_then(|s| s.entries().iter().find_map(axis));
+            let axis = self.written_axes.get(&name).map(|(_, values)| values.file);
             let var = self.root.get("vars").and_then(|v| v.get(&name)).map(|n| self.origin(n, depth + 1));
             return axis.or(var).unwrap_or(node.span.file);
         }
@@ -305,7 +328,7 @@ impl Spec {
     /// Key and value of the var that a text names, where it names one alone; else what is given. An axis hides a var of its name.
     fn through_vars<'n>(&'n self, at: (Span, &'n Node), depth: usize) -> (Span, &'n Node) {
         let Some(name) = sole_name(at.1) else { return at };
-        let is_axis = self.stages.iter().any(|stage| stage.foreach.visible().any(|axis| axis == name));
+        let is_axis = self.axes.contains(&name);
         match self.root.get("vars").and_then(|vars| vars.entry(&name)) {
             Some(var) if !is_axis && depth < parse::MAX_DEPTH => self.through_vars((var.at, &var.value), depth + 1),
             _ => at,
@@ -351,10 +374,7 @@ impl Spec {
 
     /// Where the axis stands that a text names alone.
     fn axis_of(&self, node: &Node) -> Option<Span> {
-        let name = sole_name(node)?;
-        let stages = self.root.get("stages").map(Node::entries).unwrap_or_default();
-        let axis = |e: &Entry| e.value.get("foreach").and_then(|foreach| axis_in(foreach, &name)).map(|axis| axis.at);
-        stages.iter().find_map(axis)
+        self.written_axes.get(&sole_name(node)?).map(|(key, _)| *key)
     }
 
     /// An error at the deepest part of `path` (below the section) that stands in the file.
@@ -427,9 +447,10 @@ impl Spec {
     }
 }
 
-/// Where an axis or a drawn quantity is given.
-fn axis_in<'n>(foreach: &'n Node, name: &str) -> Option<&'n Entry> {
-    foreach.entry(name).or_else(|| foreach.get("draw").and_then(|draw| draw.entry(name)))
+/// Axes, and what is drawn: it is known by name as an axis is.
+fn written_in(foreach: &Node) -> impl Iterator<Item = &Entry> {
+    let drawn = foreach.get("draw").map(Node::entries).unwrap_or_default();
+    foreach.entries().iter().chain(drawn)
 }
 
 /// The name in a text that is `${name}` alone.

@@ -317,25 +317,13 @@ impl Builder {
     /// Reports `{mu_a: 0,05}` and `[0,05]`: digits right behind the comma that ended a number. To YAML these are two entries, of which the
     /// first would be taken for the whole. `[1,2]` stays a list.
     fn after_comma(&mut self, text: &str, span: Span) -> bool {
-        let above = self.path();
-        let Some(Open { flow: true, kind, .. }) = self.open.last_mut() else { return false };
-        let (before, path) = match kind {
-            Kind::Map { entries, .. } => match entries.last_mut() {
-                Some(entry) => (&mut entry.value, join(&above, &entry.key)),
-                None => return false,
-            },
-            Kind::List(items) => {
-                // The path is that of the item to come.
-                let last = items.len().saturating_sub(1).to_string();
-                let list = above.rsplit_once('.').map_or("", |(list, _)| list);
-                match items.last_mut() {
-                    Some(item) => (item, join(list, &last)),
-                    None => return false,
-                }
-            }
+        let Some(Open { flow: true, kind, .. }) = self.open.last() else { return false };
+        let before = match kind {
+            Kind::Map { entries, .. } => entries.last().map(|entry| &entry.value),
+            Kind::List(items) => items.last(),
         };
-        let Data::Number(number) = &before.data else { return false };
-        let start = before.span;
+        let Some(Node { data: Data::Number(number), span: start }) = before else { return false };
+        let start = *start;
         let adjacent =
             start.line == span.line && start.column.saturating_add(start.len).saturating_add(1) == span.column;
         let digits = text.trim_end_matches(|c: char| !c.is_ascii_digit());
@@ -344,6 +332,19 @@ impl Builder {
         }
         let message = format!("`{number},{}` is no number: the comma ends the first", shortened(text));
         let hint = format!("write `{number}.{}`, or a blank behind the comma of a list", shortened(text));
+        // The path is that of the value before.
+        let above = self.path();
+        let (before, path) = match self.open.last_mut().map(|open| &mut open.kind) {
+            Some(Kind::Map { entries, .. }) => {
+                let entry = entries.last_mut().expect("its value is a number");
+                (&mut entry.value, join(&above, &entry.key))
+            }
+            Some(Kind::List(items)) => {
+                let (last, list) = (items.len() - 1, above.rsplit_once('.').map_or("", |(list, _)| list));
+                (&mut items[last], join(list, &last.to_string()))
+            }
+            None => unreachable!("a list or map is open"),
+        };
         before.data = Data::Broken;
         let span = Span { len: start.len.saturating_add(1).saturating_add(span.len), ..start };
         self.mistakes.push(Placed { span, path, mistake: Mistake::new(Wrong::Syntax, message).hint(hint) });

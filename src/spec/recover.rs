@@ -118,12 +118,10 @@ fn describe(error: &ParamError) -> (ParamProblem, Option<String>) {
                 path.push(name.clone());
             }
             meant = suggest::nearest(name, known.iter().copied()).map(str::to_owned);
-            let hint = suggest::hint(name, known.iter().copied());
-            Mistake::new(Kind::UnknownKey, error.mistake.to_string()).hint(hint)
+            Mistake::new(Kind::UnknownKey, error.mistake.to_string()).hint(error.mistake.hint())
         }
-        ParamMistake::UnknownChoice { name, known } => {
-            let hint = suggest::hint(name, known.iter().copied());
-            Mistake::new(Kind::UnknownName, error.mistake.to_string()).hint(hint)
+        ParamMistake::UnknownChoice { .. } => {
+            Mistake::new(Kind::UnknownName, error.mistake.to_string()).hint(error.mistake.hint())
         }
         ParamMistake::Type { found, wanted } => {
             let message = format!("{field} is {found}, but must be {}", wanted.rule(found));

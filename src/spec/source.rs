@@ -4,6 +4,9 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
+use serde::{Deserialize, Serialize};
+
+use crate::digest::Digest;
 use crate::input_file::{self, Refused};
 
 /// Larger files are not pipelines; refusing them keeps a wrong argument from costing minutes.
@@ -69,6 +72,26 @@ impl SourceFile {
             .get_or_init(|| std::iter::once(0).chain(self.text.match_indices('\n').map(|(at, _)| at + 1)).collect());
         let start = *starts.get((line as usize).checked_sub(1)?)?;
         self.text[start..].lines().next()
+    }
+}
+
+/// A text file that was read, and what it said.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TextRead {
+    path: PathBuf,
+    text: Digest,
+    most: u64,
+}
+
+impl TextRead {
+    /// A file of at most `most` bytes in which `text` stood.
+    pub fn of(path: &Path, text: &str, most: u64) -> Self {
+        Self { path: path.to_owned(), text: Digest::of(text.as_bytes()), most }
+    }
+
+    /// Whether the file says the same now.
+    pub fn is_same(&self) -> bool {
+        SourceFile::read(&self.path, "a text", self.most).is_ok_and(|now| Digest::of(now.text.as_bytes()) == self.text)
     }
 }
 

@@ -1,5 +1,7 @@
 //! `studies:` — sweeps over a whole pipeline. Read and checked here; running them comes later.
 
+use std::collections::HashSet;
+
 use serde_json::Value;
 
 use super::axis;
@@ -28,8 +30,8 @@ pub struct StudySpec {
 }
 
 impl StudySpec {
-    /// Reads a study; `root` is the pipeline that it varies.
-    pub fn parse(entry: &Entry, root: &Node, reader: &mut Reader<'_>) -> Option<Self> {
+    /// Reads a study; `root` is the pipeline that it varies, `stages` the names of its stages.
+    pub fn parse(entry: &Entry, root: &Node, stages: &HashSet<&str>, reader: &mut Reader<'_>) -> Option<Self> {
         let path = join("studies", &entry.key);
         let named = reader.name(&entry.key, entry.at, &path, "a study");
         if !reader.is_map(&entry.value, entry.at, &path, "a map with `vary`, `estimate`, `truth`, `error`") {
@@ -48,8 +50,8 @@ impl StudySpec {
         let estimate = required("estimate", "what it looks at, such as maps.mu_a");
         let error = required("error", "the error that it reports, such as rmse_percent");
         let vary = vary.and_then(|e| parse_vary(e, root, &join(&path, "vary"), reader));
-        let estimate = estimate.and_then(|e| parse_result(e, root, &join(&path, "estimate"), reader));
-        let truth = entry.value.entry("truth").map(|e| parse_result(e, root, &join(&path, "truth"), reader));
+        let estimate = estimate.and_then(|e| parse_result(e, (root, stages), &join(&path, "estimate"), reader));
+        let truth = entry.value.entry("truth").map(|e| parse_result(e, (root, stages), &join(&path, "truth"), reader));
         let error = error.and_then(|e| {
             let path = join(&path, "error");
             let name = reader.text(&e.value, e.at, &path, "the name of an error")?;
@@ -90,14 +92,19 @@ fn parse_vary(section: &Entry, root: &Node, path: &str, reader: &mut Reader<'_>)
 }
 
 /// `stage.port`: the stage must be there.
-fn parse_result(entry: &Entry, root: &Node, path: &str, reader: &mut Reader<'_>) -> Option<String> {
+fn parse_result(
+    entry: &Entry,
+    (root, stages): (&Node, &HashSet<&str>),
+    path: &str,
+    reader: &mut Reader<'_>,
+) -> Option<String> {
     let text = reader.text(&entry.value, entry.at, path, "a result such as maps.mu_a")?;
     let stage = text.split('.').next().unwrap_or(text);
-    let stages = root.get("stages").map(Node::entries).unwrap_or_default();
-    if stages.iter().any(|s| s.key == stage) {
+    if stages.contains(stage) {
         return Some(text.to_owned());
     }
-    let hint = suggest::hint(stage, stages.iter().map(|s| s.key.as_str()));
+    let names = root.get("stages").map(Node::entries).unwrap_or_default().iter().map(|s| s.key.as_str());
+    let hint = suggest::hint(stage, names);
     let place: Span = entry.value.span;
     reader.error(place, path, format!("there is no stage `{stage}`"), hint);
     None
@@ -107,5 +114,6 @@ fn parse_result(entry: &Entry, root: &Node, path: &str, reader: &mut Reader<'_>)
 pub fn parse_all(section: Option<&Entry>, root: &Node, reader: &mut Reader<'_>) -> Vec<StudySpec> {
     let Some(section) = section.filter(|s| !matches!(s.value.data, Data::Null)) else { return Vec::new() };
     reader.is_map(&section.value, section.at, "studies", "a map of studies");
-    section.value.entries().iter().filter_map(|e| StudySpec::parse(e, root, reader)).collect()
+    let stages = root.get("stages").map(Node::entries).unwrap_or_default().iter().map(|s| s.key.as_str()).collect();
+    section.value.entries().iter().filter_map(|e| StudySpec::parse(e, root, &stages, reader)).collect()
 }

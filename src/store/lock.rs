@@ -38,6 +38,8 @@ fn attempt(path: &Path, lock: impl Fn(&File) -> Result<(), TryLockError>) -> Try
         fake::Locks::None => return Try::Unsupported,
         fake::Locks::Hollow => return open(path).map_or(Try::Unsupported, Try::Taken),
     }
+    #[cfg(test)]
+    let _steady = crate::child::none_starts();
     let Some(file) = open(path) else { return Try::Unsupported };
     match lock(&file) {
         Ok(()) => Try::Taken(file),

@@ -322,6 +322,13 @@ impl Store {
         Some(self.folder.loose_path(blob)).filter(|path| path.is_file())
     }
 
+    /// The files and folders that look-ups of these records depend on: while none of them is touched, they find the same.
+    pub fn watched<'a>(&self, records: impl Iterator<Item = &'a InstanceRecord>) -> Vec<PathBuf> {
+        let loose = records.flat_map(InstanceRecord::blobs).filter_map(|blob| self.file_of(blob));
+        let own = ["format", "index", "packs"].map(|name| self.root.join(name));
+        own.into_iter().chain(self.folder.packs.paths()).chain(loose).collect()
+    }
+
     /// Writes a copy of a blob to `path`, verified, atomically. Errors as [`Store::bytes`].
     pub fn materialise(&self, blob: &Blob, path: &Path) -> Result<(), StoreError> {
         let bytes = self.bytes(blob)?;

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use crate::store::look;
 
 /// The folders of a store.
-const FOLDERS: [&str; 7] = ["packs", "blobs", "checkpoints", "locks", "tmp", "quarantine", "memos"];
+const FOLDERS: [&str; 8] = ["packs", "blobs", "checkpoints", "locks", "tmp", "quarantine", "memos", "unchanged"];
 /// So many files of one name find a place in quarantine; the last one is replaced.
 const SAME_NAMES: u32 = 1000;
 
@@ -61,7 +61,7 @@ pub(super) fn all(root: &Path) -> Found {
     let mut found = Found::default();
     ["format", "index"].iter().for_each(|name| found.check(root.join(name), Kind::File));
     FOLDERS.iter().for_each(|name| found.check(root.join(name), Kind::Folder));
-    for name in ["packs", "locks", "tmp", "memos"] {
+    for name in ["packs", "locks", "tmp", "memos", "unchanged"] {
         found.children(&root.join(name)).into_iter().for_each(|path| found.check(path, Kind::File));
     }
     for name in ["blobs", "checkpoints"] {

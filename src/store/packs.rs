@@ -120,6 +120,12 @@ impl Packs {
         here(&self.state().index.blobs)
     }
 
+    /// Where the packs are.
+    pub fn paths(&self) -> Vec<PathBuf> {
+        let folder = self.root.join("packs");
+        self.state().packs.values().map(|pack| folder.join(&pack.name)).collect()
+    }
+
     /// Number of packs and their bytes.
     pub fn size(&self) -> (usize, u64) {
         let state = self.state();

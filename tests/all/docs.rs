@@ -6,6 +6,8 @@
 //! the pipeline are checked; "```yaml" is a whole pipeline, "```yaml NAME.yaml" one that later commands of the page use,
 //! "```yaml fragment" a part of one, "```yaml with STAGE" has the params of such a stage.
 
+#[path = "docs/examples.rs"]
+mod examples;
 #[path = "docs/page.rs"]
 mod page;
 #[path = "docs/payloads.rs"]
@@ -39,11 +41,13 @@ fn space() -> Space {
     space
 }
 
-/// `docs/reference` is what the program prints of its stages; each page leads to the theory page that leads to it, and back.
+/// `docs/reference` is what the program prints of its stages, and what it says before a run of one in a shipped pipeline; each page leads to the theory page that leads to it, and back.
 #[test]
 fn references_are_what_the_program_prints() {
     let (space, folder) = (Space::new(), root().join("docs/reference"));
     let theory: Vec<Page> = pages().into_iter().filter(|page| page.name.starts_with("docs/theory/")).collect();
+    let made = examples::sections();
+    assert!(made.len() > 12, "forms of few stages are known: {:?}", made.keys());
     let mut wanted = vec![("README.md".to_owned(), space.turbid(&["stages", "--markdown"]).ok())];
     for row in Registry::builtin().rows() {
         let text = space.turbid(&["stages", row.name, "--markdown"]).ok();
@@ -53,7 +57,8 @@ fn references_are_what_the_program_prints() {
         let theory = of.name.strip_prefix("docs/").expect("it is below docs");
         let (head, rest) = text.split_once("\n## ").expect("a page has sections");
         let text = format!("{head}\nMethod, formulas and measured errors: [{theory}](../{theory}).\n\n## {rest}");
-        wanted.push((format!("{}.md", row.name), text));
+        let made = made.get(row.name).map_or_else(String::new, |made| format!("\n\n{made}"));
+        wanted.push((format!("{}.md", row.name), format!("{}{made}", text.trim_end())));
     }
     if renew() {
         fs::create_dir_all(&folder).expect("the folder can be made");

@@ -55,6 +55,25 @@ fn the_readme_gives_recorded_run_times() {
     assert!(stated > 5, "the commands were not understood");
 }
 
+/// So are those of the comments that the pipelines begin with.
+#[test]
+fn the_pipelines_give_recorded_run_times() {
+    let names: BTreeSet<String> = rows(&page()).into_iter().map(|row| row.pipeline).collect();
+    let mut stated = 0;
+    for name in &names {
+        let text = std::fs::read_to_string(pipeline_file(name)).expect("a shipped pipeline");
+        let Some(said) = text.lines().find_map(|line| line.strip_prefix("# Run time: ")) else { continue };
+        let Some((number, _)) = said.split_once(" CPU s") else {
+            assert_eq!(said, "below 1 s.", "{name}");
+            continue;
+        };
+        let record = Record::read(name).unwrap_or_else(|message| panic!("{message}; {RENEW}"));
+        assert_eq!(format!("{number} s"), record.run_time(), "{name}.yaml");
+        stated += 1;
+    }
+    assert!(stated > 15, "the comments were not understood");
+}
+
 /// A pipeline, a VERSION or an input file that changed since the record was made shows.
 #[test]
 fn recorded_runs_are_of_the_pipelines_as_they_are() {

@@ -1,167 +1,160 @@
 //! Every joint of two stages: what is wrong with what comes on a port is found by the check of the stage that reads it, before anything runs.
 //!
-//! The joints are those of the shipped pipelines and of [`MORE`]. Of each the form of what comes is made wrong in every way that applies to it, and
-//! the table [`JOINTS`] says which of these ways the consumer refuses, and why the others are no mistake of the joint.
+//! The joints are those of the registry: each output with each input that takes its payload. They stand in the shipped pipelines or in those of
+//! [`bench`]. Of each the form of what comes is made wrong in every way that applies to it; the [table] says which of these the check refuses, which
+//! it warns of, and for each that it lets pass the reason. Parts that no form tells before a run are listed beside it, with the reason.
 
-use std::collections::BTreeMap;
+#[path = "joints/bench.rs"]
+mod bench;
+#[path = "joints/reason.rs"]
+mod reason;
+#[path = "joints/table.rs"]
+mod table;
+#[path = "joints/wrong.rs"]
+mod wrong;
+
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
-use turbid::plan::Plan;
+use turbid::plan::{InstanceId, Plan};
 use turbid::registry::Registry;
-use turbid::resolve::Resolver;
+use turbid::resolve::{Prepared, Resolver};
 use turbid::spec;
 use turbid::store::Store;
-use turbid_contract::payload::RIG;
-use turbid_contract::serde_json::{Value, json};
-use turbid_contract::{Form, Known, LayerInfo, LayerKind, Problems};
+use turbid_contract::problem::At;
+use turbid_contract::{Form, Known, Problem, Problems};
 
-/// A way in which what comes on a port can be wrong.
+use bench::SENSELESS;
+use reason::Effect;
+use table::{JOINTS, OPEN, Row};
+use wrong::{ALL, Wrong};
+
+/// What the check says of a wrong joint; what one pipeline cannot tell (a stage of which one arm is known), another can.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Wrong {
-    /// One row of pixels more.
-    Size,
-    /// Twice the spatial frequency.
-    Frequency,
-    /// Another wavelength.
-    Wavelength,
-    /// Fringes turned by a quarter.
-    Orientation,
-    /// All phases the same.
-    Phases,
-    /// Values in another unit.
-    Unit,
-    /// No standard errors and covariances.
-    Errors,
-    /// Quantities of other names.
-    Quantity,
-    /// Columns of other names.
-    Columns,
-    Convention,
-    G,
-    N,
-    Rig,
-}
-use Wrong::*;
-
-const ALL: [Wrong; 13] =
-    [Size, Frequency, Wavelength, Orientation, Phases, Unit, Errors, Quantity, Columns, Convention, G, N, Rig];
-
-impl Wrong {
-    /// The form made wrong; `None` where it has nothing to be wrong in this way.
-    fn done_to(self, form: &Form) -> Option<Form> {
-        let mut wrong = form.clone();
-        let each = |wrong: &mut Form, change: &dyn Fn(&mut LayerInfo)| {
-            wrong.layers.iter_mut().flatten().chain(&mut wrong.perhaps).for_each(change);
-        };
-        match self {
-            Size => wrong.pixels.as_mut()?[0] += 1,
-            Frequency => {
-                each(&mut wrong, &|info| info.f_x_per_mm = info.f_x_per_mm.map(|f_x| 2.0 * f_x));
-                if let Some(Value::Array(all)) = wrong.attributes.get_mut("f_x") {
-                    all.iter_mut().for_each(|f_x| *f_x = f_x.as_f64().map_or(Value::Null, |f_x| json!(2.0 * f_x)));
-                }
-            }
-            Wavelength => {
-                each(&mut wrong, &|info| info.wavelength_nm = Some(info.wavelength_nm.map_or(650.0, |nm| nm + 50.0)));
-            }
-            Orientation => {
-                each(&mut wrong, &|info| {
-                    if info.f_x_per_mm.is_some_and(|f_x| f_x > 0.0) {
-                        info.orientation_deg = Some(info.orientation_deg.unwrap_or(0.0) + 90.0);
-                    }
-                });
-            }
-            Phases => each(&mut wrong, &|info| info.phase_rad = info.phase_rad.map(|_| 0.0)),
-            Unit => {
-                each(&mut wrong, &|info| {
-                    if info.kind != LayerKind::Mask && info.kind != LayerKind::Condition {
-                        info.unit += " wrong";
-                    }
-                });
-            }
-            Errors => {
-                let known = |info: &LayerInfo| !matches!(info.kind, LayerKind::StandardError | LayerKind::Covariance);
-                wrong.layers.as_mut()?.retain(known);
-            }
-            Quantity => {
-                each(&mut wrong, &|info| {
-                    if info.kind == LayerKind::Value {
-                        info.name += "_wrong";
-                    }
-                });
-            }
-            Columns => wrong.columns.as_mut()?.iter_mut().for_each(|column| column.name += "_wrong"),
-            Convention => set(&mut wrong, "convention", json!("hemispherical_entered"))?,
-            G => set(&mut wrong, "g", json!(0.123))?,
-            N => set(&mut wrong, "n", json!(1.234))?,
-            Rig => {
-                let other = turbid_contract::payload::Rig::named("another bench");
-                wrong.attributes.get(RIG)?;
-                other.insert_into(&mut wrong.attributes);
-            }
-        }
-        (wrong != *form).then_some(wrong)
-    }
+enum Said {
+    Nothing,
+    Warning,
+    Mistake,
 }
 
-fn set(form: &mut Form, name: &str, value: Value) -> Option<()> {
-    *form.attributes.get_mut(name)? = value;
-    Some(())
-}
-
-/// What was tried at a joint: refused or not, by the way.
-type Tried = BTreeMap<Wrong, bool>;
+/// What was said of each way of being wrong, and what became of the outputs' forms where nothing was said.
+type Tried = BTreeMap<Wrong, (Said, Effect)>;
 
 /// `use.port` of consumer and producer.
 type Joint = (String, String);
 
-/// Tries every joint of a pipeline, of its first instances.
-fn try_all(file: &Path, found: &mut BTreeMap<Joint, Tried>) {
+#[derive(Default)]
+struct Found {
+    joints: BTreeMap<Joint, Tried>,
+    /// Of each output that is read: its parts, and whether any pipeline knows them before the run.
+    told: BTreeMap<String, BTreeMap<&'static str, bool>>,
+}
+
+/// The check of an instance with what is known of its inputs.
+fn checked(prepared: &Prepared, known: &Known) -> (Vec<Problem>, Vec<Problem>) {
+    let mut problems = Problems::default();
+    prepared.job.check(known, &mut problems);
+    problems.into_parts()
+}
+
+/// Shows `look` the first instance of each stage of a pipeline, with what is known of its inputs.
+fn each_stage(path: &Path, text: Option<&str>, look: &mut dyn FnMut(&Plan, InstanceId, &Prepared, &Known)) {
     let folder = tempfile::tempdir().expect("a temporary folder");
-    let (spec, report) = spec::read(file, &[]);
-    let spec = spec.unwrap_or_else(|| panic!("{}: {report}", file.display()));
+    let (spec, report) = match text {
+        None => spec::read(path, &[]),
+        Some(text) => spec::read_bytes(path, text.as_bytes(), &[]),
+    };
+    let spec = spec.unwrap_or_else(|| panic!("{}: {report}", path.display()));
     let plan =
-        Plan::build(spec, report, &Registry::builtin(), &[]).unwrap_or_else(|e| panic!("{}: {e}", file.display()));
+        Plan::build(spec, report, &Registry::builtin(), &[]).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
     let store = Store::open(folder.path()).expect("the folder is ours");
     let resolver = Resolver::new(&plan, &store);
     let survey = resolver.survey(&plan.needed);
     for &stage in &plan.needed {
         let Some(id) = plan.instances_of(stage).next() else { continue };
         let known = resolver.known(id, &survey.outputs);
-        let Ok(prepared) = resolver.prepare(id) else { panic!("{}: {}", file.display(), plan.label(id)) };
-        let mistakes = |known: &Known| {
-            let mut problems = Problems::default();
-            prepared.job.check(known, &mut problems);
-            problems.into_parts().0
-        };
-        if !mistakes(&known).is_empty() {
-            // Files that this does not lend: their mistakes are the only ones.
-            assert!(!prepared.job.files().is_empty(), "{}: {:?}", plan.label(id), mistakes(&known));
-        }
-        let before = mistakes(&known).len();
-        for wire in &plan.instances[id].wires {
-            let Some((source, out)) = wire.from.first() else { continue };
-            let producer = plan.row(plan.instances[*source].stage).name;
-            let joint = (format!("{}.{}", plan.row(stage).name, wire.port), format!("{producer}.{out}"));
-            let tried = found.entry(joint).or_default();
-            for wrong in ALL {
-                let forms = known.forms(wire.port);
-                let made: Option<Vec<_>> = forms.iter().map(|form| wrong.done_to(form).map(Arc::new)).collect();
-                let Some(made) = made.filter(|made| !made.is_empty()) else { continue };
-                let mut other = known.clone();
-                other.forms.insert(wire.port.to_owned(), made);
-                let refused = mistakes(&other).len() > before;
-                // What one pipeline cannot tell (a stage with one arm known), another can.
-                *tried.entry(wrong).or_default() |= refused;
-            }
-        }
+        let Ok(prepared) = resolver.prepare(id) else { panic!("{}: {}", path.display(), plan.label(id)) };
+        look(&plan, id, &prepared, &known);
     }
 }
 
+/// The joints of an instance, each with its port and that of its producer.
+fn joints_of(plan: &Plan, id: InstanceId) -> Vec<(&'static str, Joint)> {
+    let instance = &plan.instances[id];
+    let joint = |wire: &turbid::plan::Wire| {
+        let (source, out) = wire.from.first()?;
+        let (consumer, producer) = (plan.row(instance.stage).name, plan.row(plan.instances[*source].stage).name);
+        Some((wire.port, (format!("{consumer}.{}", wire.port), format!("{producer}.{out}"))))
+    };
+    instance.wires.iter().filter_map(joint).collect()
+}
+
+/// Tries every joint of a pipeline.
+fn try_all(path: &Path, text: Option<&str>, found: &mut Found) {
+    each_stage(path, text, &mut |plan, id, prepared, known| {
+        let (mistakes, warnings) = checked(prepared, known);
+        // Files that this does not lend: their mistakes are the only ones.
+        let alone = mistakes.is_empty() || !prepared.job.files().is_empty();
+        assert!(alone, "{}: {mistakes:?}", plan.label(id));
+        let forms = mistakes.is_empty().then(|| prepared.job.describe(known));
+        for (port, joint) in joints_of(plan, id) {
+            let told = found.told.entry(joint.1.clone()).or_default();
+            for form in known.forms(port) {
+                for (part, is) in parts(form) {
+                    *told.entry(part).or_default() |= is;
+                }
+            }
+            let tried = found.joints.entry(joint.clone()).or_default();
+            for wrong in ALL {
+                let Some(other) = wrong.on(port, known) else { continue };
+                let (new, warned) = checked(prepared, &other);
+                let said = match () {
+                    () if new.len() > mistakes.len() => Said::Mistake,
+                    () if warned.len() > warnings.len() => Said::Warning,
+                    () => Said::Nothing,
+                };
+                for problem in
+                    new.iter().filter(|p| !mistakes.contains(p)).chain(warned.iter().filter(|w| !warnings.contains(w)))
+                {
+                    if let Some(lacks) = mistold(problem, wrong, known) {
+                        panic!("{joint:?} {wrong:?} {lacks}: {problem}");
+                    }
+                }
+                let unlike = said == Said::Nothing
+                    && forms.as_ref().is_some_and(|forms| prepared.job.describe(&other) != *forms);
+                let effect = if unlike { Effect::Shows } else { Effect::None };
+                let entry = tried.entry(wrong).or_insert((said, effect));
+                *entry = (*entry).max((said, effect));
+            }
+        }
+    });
+}
+
+/// The parts of a form, and whether they are known: of images and tables, as far as it says which it is.
+fn parts(form: &Form) -> Vec<(&'static str, bool)> {
+    let images = [("pixels", form.pixels.is_some()), ("layers", form.layers.is_some())];
+    let table = [("rows", form.rows.is_some()), ("columns", form.columns.is_some())];
+    [images, table].into_iter().filter(|parts| parts.iter().any(|(_, is)| *is)).flatten().collect()
+}
+
+/// What is wrong with how a mistake is told: it names a stage that is connected, stands at an input or at the param that does not fit, and has a way
+/// out. What is missing in a scene stands at the port with the scene's name beside it.
+fn mistold(problem: &Problem, wrong: Wrong, known: &Known) -> Option<&'static str> {
+    let named = wrong == Wrong::Empty || known.producers.values().any(|label| problem.message.contains(label.as_str()));
+    match problem.at {
+        At::In if !known.is_connected(&problem.path) => Some("is at no port"),
+        At::In if !named => Some("names no stage"),
+        At::In if problem.hint.is_none() => Some("has no way out"),
+        _ => None,
+    }
+}
+
+fn pipelines() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("pipelines")
+}
+
 fn shipped() -> Vec<PathBuf> {
-    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("pipelines");
-    let mut files: Vec<PathBuf> = [folder.clone(), folder.join("checks")]
+    let mut files: Vec<PathBuf> = [pipelines(), pipelines().join("checks")]
         .iter()
         .flat_map(|folder| std::fs::read_dir(folder).expect("it is there").flatten().map(|e| e.path()))
         .filter(|path| path.extension().is_some_and(|e| e == "yaml"))
@@ -170,137 +163,90 @@ fn shipped() -> Vec<PathBuf> {
     files
 }
 
-/// Consumer, producer, what is refused, and what is let pass.
-type Row = (&'static str, &'static str, &'static [Wrong], &'static [Wrong]);
+/// Outputs with the inputs that take their payload.
+fn of_the_registry() -> BTreeSet<Joint> {
+    let registry = Registry::builtin();
+    let mut joints = BTreeSet::new();
+    for (consumer, producer) in registry.rows().iter().flat_map(|a| registry.rows().iter().map(move |b| (a, b))) {
+        for (port, out) in
+            (consumer.inputs)().iter().flat_map(|p| (producer.outputs)().into_iter().map(move |o| (p.clone(), o)))
+        {
+            if port.accepts.contains(&out.payload) {
+                joints.insert((format!("{}.{}", consumer.name, port.name), format!("{}.{}", producer.name, out.name)));
+            }
+        }
+    }
+    joints
+}
 
-/// What is let pass is no mistake of the joint (images of any size can be demodulated), or shows in what the consumer makes of it and is refused behind
-/// it (g of a reflectance at its table), or is not compared yet. Records, as scenes are, have no form: their content is there when they are checked.
-const JOINTS: [Row; 42] = [
-    (
-        "build_lut.phantoms",
-        "demodulate.modulation",
-        &[Size, Frequency, Wavelength, Orientation, Unit, Quantity, Rig],
-        &[Errors],
-    ),
-    ("build_lut.properties", "calibrate_iad.fit", &[], &[Columns]),
-    (
-        "build_lut.references",
-        "demodulate.modulation",
-        &[Size, Frequency, Wavelength, Orientation, Unit, Quantity, Rig],
-        &[Errors],
-    ),
-    ("build_lut.sections", "section_tube.sections", &[Size], &[Wavelength, Unit, Quantity]),
-    ("build_lut.truths", "render.truth", &[], &[Size, Wavelength, Unit, Quantity, Rig]),
-    (
-        "calibrate.reference",
-        "demodulate.modulation",
-        &[Size, Frequency, Wavelength, Orientation, Unit, Quantity, Rig],
-        &[Errors],
-    ),
-    (
-        "calibrate.sample",
-        "demodulate.modulation",
-        &[Size, Frequency, Wavelength, Orientation, Unit, Quantity, Rig],
-        &[Errors],
-    ),
-    ("calibrate_iad.readings", "calibrate_dis.readings", &[Columns], &[]),
-    ("compare.estimate", "calibrate_iad.fit", &[Columns], &[]),
-    (
-        "compare.estimate",
-        "invert.maps",
-        &[Size, Unit, Quantity],
-        &[Frequency, Wavelength, Errors, Convention, G, N, Rig],
-    ),
-    ("compare.estimate", "profilometry.height", &[Size, Unit, Quantity], &[Wavelength, Errors]),
-    ("compare.truth", "calibrate_dis.readings", &[Columns], &[]),
-    ("compare.truth", "render.truth", &[Size, Wavelength, Unit, Quantity], &[Rig]),
-    ("demodulate.covariance", "render.covariance", &[Size, Errors], &[Wavelength, Unit, Rig]),
-    ("demodulate.covariance", "sensor.covariance", &[Size, Errors], &[Wavelength, Unit]),
-    (
-        "demodulate.frames",
-        "import_frames.frames",
-        &[Phases],
-        &[Size, Frequency, Wavelength, Orientation, Unit, Errors, Quantity, Rig],
-    ),
-    (
-        "demodulate.frames",
-        "render.frames",
-        &[Size, Frequency, Wavelength, Orientation, Phases],
-        &[Unit, Errors, Quantity, Rig],
-    ),
-    (
-        "demodulate.frames",
-        "sensor.frames",
-        &[Size, Frequency, Wavelength, Orientation, Phases],
-        &[Unit, Errors, Quantity, Rig],
-    ),
-    ("demodulate.scene", "scene.scene", &[], &[]),
-    ("invert.height", "profilometry.height", &[Size, Quantity], &[Wavelength, Unit, Errors]),
-    ("invert.height", "render.truth", &[Size, Quantity], &[Wavelength, Unit, Rig]),
-    ("invert.lut", "build_lut.lut", &[Frequency, Columns, Convention, G, N], &[]),
-    (
-        "invert.reflectance",
-        "calibrate.reflectance",
-        &[Size, Frequency, Orientation, Quantity, Convention, G, N],
-        &[Wavelength, Unit, Errors, Rig],
-    ),
-    ("invert.scene", "scene.scene", &[], &[]),
-    ("invert.sections", "section_tube.sections", &[Size], &[Wavelength, Unit, Quantity]),
-    ("pattern.scene", "scene.scene", &[], &[]),
-    ("predistort.scene", "scene.scene", &[], &[]),
-    (
-        "profilometry.reference",
-        "demodulate.phase",
-        &[Size, Frequency, Wavelength, Orientation, Quantity, Rig],
-        &[Unit, Errors],
-    ),
-    (
-        "profilometry.sample",
-        "demodulate.phase",
-        &[Size, Frequency, Wavelength, Orientation, Quantity, Rig],
-        &[Unit, Errors],
-    ),
-    ("profilometry.scene", "scene.scene", &[], &[]),
-    ("render.pattern", "pattern.pattern", &[Size], &[Wavelength, Unit, Quantity]),
-    ("render.pattern", "predistort.pattern", &[Size], &[Frequency, Wavelength, Orientation, Phases, Unit, Quantity]),
-    ("render.scene", "scene.scene", &[], &[]),
-    ("scene.rig", "scene.scene", &[], &[]),
-    (
-        "section_tube.modulation",
-        "demodulate.modulation",
-        &[Size, Quantity],
-        &[Frequency, Wavelength, Orientation, Unit, Errors, Rig],
-    ),
-    ("section_tube.truth", "render.truth", &[Size, Quantity], &[Wavelength, Unit, Rig]),
-    ("sensor.covariance", "render.covariance", &[Size, Errors], &[Wavelength, Unit, Rig]),
-    (
-        "sensor.frames",
-        "render.frames",
-        &[Size, Frequency, Wavelength, Orientation, Phases],
-        &[Unit, Errors, Quantity, Rig],
-    ),
-    ("summarize.metrics", "compare.metrics", &[Columns], &[]),
-    ("tabulate.minus", "render.frames", &[Wavelength, Quantity], &[Size, Unit, Errors, Rig]),
-    ("tabulate.relative_to", "render.frames", &[Wavelength, Quantity], &[Size, Unit, Errors, Rig]),
-    ("tabulate.values", "render.frames", &[Wavelength, Quantity], &[Size, Unit, Errors, Rig]),
-];
+/// How what was said of a joint differs from its row.
+fn unlike_its_row(row: Option<&Row>, tried: &Tried) -> Option<String> {
+    let of = |said: Said| tried.iter().filter(|(_, t)| t.0 == said).map(|(wrong, _)| *wrong).collect::<Vec<_>>();
+    let said = [Said::Mistake, Said::Warning, Said::Nothing].map(of);
+    let told = row.map(|row| {
+        let passes = row.passes.iter().flat_map(|(wrongs, _)| *wrongs).copied().collect();
+        [row.refused.to_vec(), row.warned.to_vec(), passes].map(|mut wrongs: Vec<Wrong>| {
+            wrongs.sort();
+            wrongs
+        })
+    });
+    let [refused, warned, passes] = &said;
+    (told.as_ref() != Some(&said)).then(|| format!("refused {refused:?}, warned {warned:?}, passes {passes:?}"))
+}
 
 #[test]
 fn wrong_joints_are_refused_before_the_run() {
-    let mut found = BTreeMap::new();
-    for file in shipped() {
-        try_all(&file, &mut found);
+    let mut found = Found::default();
+    shipped().iter().for_each(|file| try_all(file, None, &mut found));
+    try_all(&pipelines().join("joints.yaml"), Some(&bench::more()), &mut found);
+    let row = |joint: &Joint| JOINTS.iter().find(|row| joint.0 == row.consumer && joint.1 == row.producer);
+    let unlike = |(joint, tried): (&Joint, &Tried)| Some(format!("{joint:?}: {}", unlike_its_row(row(joint), tried)?));
+    let differs: Vec<String> = found.joints.iter().filter_map(unlike).collect();
+    assert!(differs.is_empty(), "the table says otherwise:\n{}", differs.join("\n"));
+    assert_eq!(JOINTS.len(), found.joints.len(), "a row stands twice, or for no pipeline");
+    for row in &JOINTS {
+        let tried = &found.joints[&(row.consumer.to_owned(), row.producer.to_owned())];
+        for (wrong, reason) in row.passes.iter().flat_map(|(wrongs, reason)| wrongs.iter().map(|w| (*w, *reason))) {
+            reason.assert(wrong, tried[&wrong].1, row.producer, row.consumer);
+        }
     }
-    let which = |tried: &Tried, refused: bool| -> Vec<Wrong> {
-        tried.iter().filter(|(_, was)| **was == refused).map(|(wrong, _)| *wrong).collect()
-    };
-    let found: Vec<_> = found
-        .iter()
-        .map(|((consumer, producer), tried)| {
-            (consumer.as_str(), producer.as_str(), which(tried, true), which(tried, false))
-        })
-        .collect();
-    let told: Vec<_> =
-        JOINTS.iter().map(|(consumer, producer, a, b)| (*consumer, *producer, a.to_vec(), b.to_vec())).collect();
-    assert_eq!(found, told);
+    let parts =
+        found.told.iter().flat_map(|(out, told)| told.iter().map(move |(part, known)| (out.as_str(), *part, *known)));
+    let open: Vec<_> = parts.filter(|(.., known)| !known).map(|(out, part, _)| (out, part)).collect();
+    let listed: Vec<_> = OPEN.iter().map(|(out, part, _)| (*out, *part)).collect();
+    assert_eq!(open, listed, "what only a run can tell");
+}
+
+/// Every joint that the registry allows stands in one of the two tables, and in one only.
+#[test]
+fn every_joint_of_the_registry_is_in_a_table() {
+    let tables = JOINTS.iter().map(|row| (row.consumer, row.producer)).chain(SENSELESS.iter().map(|s| (s.0, s.1)));
+    let told: Vec<Joint> = tables.map(|(consumer, producer)| (consumer.to_owned(), producer.to_owned())).collect();
+    let once: BTreeSet<Joint> = told.iter().cloned().collect();
+    assert_eq!(once.len(), told.len(), "a joint stands twice");
+    let all = of_the_registry();
+    assert_eq!(all.difference(&once).collect::<Vec<_>>(), Vec::<&Joint>::new(), "joints in no table");
+    assert_eq!(once.difference(&all).collect::<Vec<_>>(), Vec::<&Joint>::new(), "no joints of the registry");
+}
+
+/// Joints of payloads that agree but of contents that never can: refused at their port whatever the params.
+#[test]
+fn joints_that_make_no_sense_are_refused() {
+    let mut seen = 0;
+    each_stage(&pipelines().join("joints.yaml"), Some(&bench::senseless()), &mut |plan, id, prepared, known| {
+        let name = &plan.spec.stages[plan.instances[id].stage].name;
+        let Some(k) = name.strip_prefix("wrong_").and_then(|k| k.parse::<usize>().ok()) else { return };
+        let (consumer, producer, _, words) = SENSELESS[k];
+        let joints = joints_of(plan, id);
+        let joint = joints.iter().find(|(_, joint)| (joint.0.as_str(), joint.1.as_str()) == (consumer, producer));
+        let (port, joint) = joint.unwrap_or_else(|| panic!("{consumer} < {producer} is not in {joints:?}"));
+        let (mistakes, _) = checked(prepared, known);
+        let Some(mistake) = mistakes.first() else { panic!("{joint:?} passes") };
+        assert!(
+            mistake.at == At::In && mistake.path == *port && mistake.message.contains(words),
+            "{joint:?}: {mistake}"
+        );
+        seen += 1;
+    });
+    assert_eq!(seen, SENSELESS.len());
 }

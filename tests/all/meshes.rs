@@ -1,5 +1,12 @@
 //! Mesh files: what each broken one is told, and what is in the key.
 
+use turbid::plan::Plan;
+use turbid::registry::Registry;
+use turbid::resolve::Resolver;
+use turbid::spec;
+use turbid::store::Store;
+use turbid_optics::solid::mesh::Built;
+
 use crate::space::{Space, counts};
 
 const PIPELINE: &str = "\
@@ -98,4 +105,20 @@ fn a_mesh_file_is_part_of_the_key() {
     assert_eq!(counts(&space, &[]), (1, 1), "a comment makes the scene anew, not the frames");
     space.write("lump.obj", &LUMP.replace("v 0 0 2", "v 0 0 2.5"));
     assert_eq!(counts(&space, &[]), (0, 2));
+}
+
+/// Scene and renderer share the tree over a mesh's triangles, whatever either does with it, and a look before the run does without the cells that paths need.
+#[test]
+fn a_tree_is_built_once_for_scene_and_renderer() {
+    let space = Space::with(PIPELINE);
+    space.write("lump.obj", LUMP);
+    let (spec, report) = spec::read(&space.path().join("p.yaml"), &[]);
+    let plan = Plan::build(spec.expect("it is right"), report, &Registry::builtin(), &[]).expect("it fits");
+    let store = Store::open(&space.path().join("outputs")).expect("a new store");
+    let before = Built::here();
+    let survey = Resolver::new(&plan, &store).survey(&[]);
+    let built = Built { trees: Built::here().trees - before.trees, cells: Built::here().cells - before.cells };
+    assert!(survey.problems.iter().all(|problem| problem.severity == spec::Severity::Warning), "{:?}", survey.problems);
+    assert_eq!(survey.plans.len(), 2, "both stages are looked at");
+    assert_eq!(built, Built { trees: 1, cells: 0 });
 }

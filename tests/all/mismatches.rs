@@ -40,10 +40,14 @@ stages:
     with: {model: diffusion, f_x: [0, 0.1], g: 0.8, n: 1.0, mu_a: [0.01, 0.1], mu_s_prime: [0.5, 2]}
   maps: {use: invert, in: {reflectance: reflectance, lut: table}}
   metrics: {use: compare, in: {estimate: maps, truth: frames.truth}}
+  camera: {use: sensor, in: {frames: frames, covariance: frames.covariance}, with: {bits: 12}}
+  seen: {use: demodulate, in: {frames: camera, covariance: camera.covariance}}
+  levels: {use: tabulate, in: {values: frames, minus: phantom_frames}}
+  summary: {use: summarize, in: {metrics: metrics}}
 ";
 
 /// Overrides, where the mistake stands, and what it says.
-const WRONG: [(&str, &[&str], &str, &[&str]); 10] = [
+const WRONG: [(&str, &[&str], &str, &[&str]); 13] = [
     (
         "convention",
         &["stages.table.with.convention=hemispherical_entered"],
@@ -99,7 +103,70 @@ const WRONG: [(&str, &[&str], &str, &[&str]); 10] = [
         "stages.modulation.in.covariance",
         &["`other_frames.covariance`", "12 x 12", "16 x 16"],
     ),
+    (
+        "unit of the covariance",
+        &["stages.seen.in.frames=camera.numbers"],
+        "stages.seen.in.covariance",
+        &["`camera.covariance`", "`camera.numbers`", "W^2 mm^-4 sr^-2", "the frames are in 1"],
+    ),
+    (
+        "unit of what is subtracted",
+        &["stages.levels.in.minus=camera.numbers"],
+        "stages.levels.in.minus",
+        &["`camera.numbers`", "`frames.frames`", "is in 1 here", "in W mm^-2 sr^-1 on the port `values`"],
+    ),
+    (
+        "a table that is no comparison",
+        &["stages.summary.in.metrics=levels"],
+        "stages.summary.in.metrics",
+        &["`levels.metrics`", "no column `truth`", "`compare`"],
+    ),
 ];
+
+/// Joints that can be read but are probably not meant: overrides, where it is said, and the words.
+const DOUBTFUL: [(&str, &[&str], &str, &[&str]); 2] = [
+    (
+        "truth of another rig",
+        &["stages.other_rig.with.camera.pixels=[12, 12]", "stages.metrics.in.truth=other_frames.truth"],
+        "stages.metrics.in.truth",
+        &["`maps.maps` and `other_frames.truth`", "5 W against 6 W", "of the render"],
+    ),
+    (
+        "a covariance that is not read",
+        &[
+            "stages.rig.with.camera.pixels=[16, 16]",
+            "stages.seen.with.method=single_shot",
+            "stages.seen.with.pixel_mm=3",
+        ],
+        "stages.seen.in.covariance",
+        &["`camera.covariance` is not read", "`method: single_shot`", "phase_shift"],
+    ),
+];
+
+#[test]
+fn doubtful_joints_are_warned_of() {
+    let fine = CHAIN.replacen(
+        "{frames: camera, covariance: camera.covariance}}",
+        "{frames: camera, covariance: camera.covariance}, with: {low_signal: 3}}",
+        1,
+    );
+    let space = Space::with(&fine);
+    for (kind, overrides, path, parts) in DOUBTFUL {
+        let sets: Vec<&str> = overrides.iter().flat_map(|set| ["--set", set]).collect();
+        let said = space.turbid(&[&["check", "p.yaml", "--json"][..], &sets].concat()).ok();
+        let all: serde_json::Value = serde_json::from_str(&said).expect("JSON");
+        let found = all.as_array().expect("a list").iter().find(|problem| problem["path"] == path);
+        let found = found.unwrap_or_else(|| panic!("{kind}: nothing at {path}: {all:#}"));
+        let text =
+            format!("{} {}", found["message"].as_str().unwrap_or_default(), found["hint"].as_str().unwrap_or_default());
+        parts.iter().for_each(|part| assert!(text.contains(part), "{kind}: `{part}` is not in {text}"));
+        assert!(found["severity"] == "warning" && found["line"].as_u64() >= Some(1), "{kind}: {found}");
+        // A plan tells what a check does.
+        let planned = space.turbid(&[&["plan", "p.yaml"][..], &sets].concat());
+        assert!(planned.err.contains(parts[0]) && planned.err.contains("warning: "), "{kind}: {}", planned.err);
+        planned.ok();
+    }
+}
 
 #[test]
 fn stages_that_do_not_go_together_are_named() {

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use turbid::registry::Registry;
 use turbid::spec;
+use turbid_contract::serde_json::{Value, json};
 use turbid_contract::{Axes, Known, Problems};
 
 use crate::space::Space;
@@ -22,14 +23,18 @@ fn pipelines() -> Vec<PathBuf> {
     found
 }
 
-/// All scenes and renders of all pipelines, every point of their own axes: none looks as if it stood in another unit.
+/// Stages that hold their params against what is usual.
+const DOUBTING: [&str; 7] = ["scene", "render", "pattern", "predistort", "calibrate", "calibrate_dis", "build_lut"];
+
+/// All scenes, renders, patterns, instruments, phantoms and tables of all pipelines, every point of their own axes: none looks as if it stood in another
+/// unit.
 #[test]
 fn shipped_pipelines_hold_no_slip_of_a_unit() {
     let registry = Registry::builtin();
     let (mut looked, mut doubts) = (0, BTreeSet::new());
     for path in pipelines() {
         let spec = spec::load(&path, &[]).unwrap_or_else(|report| panic!("{report}"));
-        for (i, stage) in spec.stages.iter_ids().filter(|(_, s)| ["scene", "render"].contains(&s.use_name.as_str())) {
+        for (i, stage) in spec.stages.iter_ids().filter(|(_, s)| DOUBTING.contains(&s.use_name.as_str())) {
             let row = registry.find(&stage.use_name).expect("it is built in");
             for values in &stage.foreach.rows {
                 let axes: Axes = stage.foreach.names.iter().cloned().zip(values.iter().cloned()).collect();
@@ -50,6 +55,65 @@ fn shipped_pipelines_hold_no_slip_of_a_unit() {
     }
     assert!(looked > 120, "{looked} scenes");
     assert_eq!(doubts, BTreeSet::new());
+}
+
+/// A coefficient or frequency off by 10 or 1000 in any stage that takes one gets its usual range and the way out; the same in the right unit does not.
+#[test]
+fn every_stage_that_takes_a_coefficient_doubts_it() {
+    let registry = Registry::builtin();
+    let doubts = |stage: &str, params: Value| -> Vec<String> {
+        let mut problems = Problems::default();
+        registry.find(stage).expect("it is built in").check(&params, &Known::default(), &mut problems);
+        let told = problems.into_parts().1.into_iter().filter(|w| w.message.contains("is unusual"));
+        told.map(|w| w.to_string()).collect()
+    };
+    let spheres = json!({"diameter": 100, "wall_reflectance": 0.98, "ports": {"entrance": {"round": {"diameter": 10}},
+        "sample": {"round": {"diameter": 10}}, "detector": {"round": {"diameter": 10}, "sees": "wall"}}});
+    let instrument = |medium: Value| {
+        json!({"media": {"m": medium}, "spheres": spheres, "sample": {"thickness": 1, "size": [10, 10]},
+            "beam": {"collimated": {"diameter": 1}}, "standard": {"reflectance": 0.99}, "samples": 1000})
+    };
+    let phantom =
+        |mu_a: f64, mu_s_prime: f64| json!({"reference": {"mu_a": mu_a, "mu_s_prime": mu_s_prime, "g": 0.8, "n": 1.4}});
+    let table = |f_x: f64, mu_a: [f64; 3], mu_s_prime: [f64; 3]| json!({"model": "diffusion", "f_x": [0, f_x], "mu_a": mu_a, "mu_s_prime": mu_s_prime, "g": 0.8, "n": 1.4});
+    let (low, high) = ([0.005, 0.05, 0.5], [0.2, 1.0, 4.0]);
+    for (stage, good, wrong, told) in [
+        ("calibrate", phantom(0.02, 1.0), phantom(20.0, 1.0), "reference.mu_a: mu_a = 20 mm^-1 is unusual"),
+        (
+            "calibrate",
+            phantom(0.02, 1.0),
+            phantom(0.02, 10.0),
+            "reference.mu_s_prime: mu_s_prime = 10 mm^-1 is unusual",
+        ),
+        ("pattern", json!({"f_x": [0, 0.1]}), json!({"f_x": [0, 100]}), "f_x.1: f_x = 100 mm^-1 is unusual"),
+        (
+            "calibrate_dis",
+            instrument(json!({"A_rho": 25, "S_rho": 4236, "g": 0.8, "n": 1.0})),
+            instrument(json!({"A_rho": 0.025, "S_rho": 4236, "g": 0.8, "n": 1.0})),
+            "media.m.A_rho: A_rho = 0.025 m^-1 is unusual",
+        ),
+        (
+            "calibrate_dis",
+            instrument(json!({"mu_a": 0.025, "mu_s": 4.2, "g": 0.8, "n": 1.0})),
+            instrument(json!({"mu_a": 25, "mu_s": 4.2, "g": 0.8, "n": 1.0})),
+            "media.m.mu_a: mu_a = 25 mm^-1 is unusual",
+        ),
+        ("build_lut", table(0.1, low, high), table(100.0, low, high), "f_x.1: f_x = 100 mm^-1 is unusual"),
+        (
+            "build_lut",
+            table(0.1, low, high),
+            table(0.1, [5.0, 50.0, 500.0], high),
+            "mu_a.1: mu_a = 50 mm^-1 is unusual",
+        ),
+        ("build_lut", table(0.1, low, high), table(0.1, low, [2.0, 10.0, 40.0]), "mu_s_prime.1: mu_s_prime = 10 mm^-1"),
+    ] {
+        assert_eq!(doubts(stage, good), Vec::<String>::new(), "{stage}");
+        let said = doubts(stage, wrong);
+        assert!(
+            said.len() == 1 && said[0].starts_with(told) && said[0].contains("if another unit is meant"),
+            "{stage}: {said:?}"
+        );
+    }
 }
 
 /// One warning with place, range and unit, of a sweep the worst; `run` tells the way out too.

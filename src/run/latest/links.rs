@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 use std::fs::{self, Metadata};
 use std::path::{Component, Path};
-use std::time::UNIX_EPOCH;
 
 use crate::digest::{Digest, PartHasher};
 use crate::input_file;
+use crate::stamp::Stamp;
 
 /// The file, in the folder of its pipeline.
 pub const LINKS: &str = ".links";
@@ -14,34 +14,6 @@ pub const LINKS: &str = ".links";
 const FORMAT: &str = "turbid links 2";
 /// Bytes; a list of so many files is not ours.
 const LONGEST: u64 = 64 << 20;
-
-/// What tells, without reading it, that a file was not touched since: every write changes one of them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Stamp {
-    length: u64,
-    modified_ns: i128,
-    /// When the file or what the file system notes of it changed, and its number; 0 where the system does not tell.
-    changed_ns: i128,
-    inode: u64,
-}
-
-impl Stamp {
-    pub fn of(meta: &Metadata) -> Self {
-        let ns = |time: std::time::SystemTime| match time.duration_since(UNIX_EPOCH) {
-            Ok(since) => since.as_nanos() as i128,
-            Err(before) => -(before.duration().as_nanos() as i128),
-        };
-        let modified_ns = meta.modified().map_or(0, ns);
-        #[cfg(unix)]
-        let (changed_ns, inode) = {
-            use std::os::unix::fs::MetadataExt;
-            (i128::from(meta.ctime()) * 1_000_000_000 + i128::from(meta.ctime_nsec()), meta.ino())
-        };
-        #[cfg(not(unix))]
-        let (changed_ns, inode) = (0, 0);
-        Self { length: meta.len(), modified_ns, changed_ns, inode }
-    }
-}
 
 /// One file.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -58,6 +30,10 @@ impl Entry {
     pub fn missing() -> Self {
         let stamp = Stamp { length: u64::MAX, modified_ns: 0, changed_ns: 0, inode: 0 };
         Self { content: "-".to_owned(), bytes: Digest::of(b""), stamp }
+    }
+
+    pub fn is_missing(&self) -> bool {
+        self.stamp.length == u64::MAX
     }
 }
 

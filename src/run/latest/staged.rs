@@ -9,9 +9,10 @@ use tempfile::TempPath;
 
 use crate::digest::Digest;
 use crate::leftover::is_older;
+use crate::stamp::Stamp;
 use crate::whole_file::{self, Synced};
 
-use super::links::{Entry, Links, Stamp};
+use super::links::{Entry, Links};
 
 const PREFIX: &str = ".new-";
 /// A file that is so old and not in its place is one of a run that was killed.

@@ -4,12 +4,11 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use crate::panics::lock;
-use crate::store::InstanceRecord;
 use crate::terminal::tell;
 
-use super::Progress;
 use super::beat::Beat;
 use super::board::{Board, Work};
+use super::people::Shown;
 use super::said::Said;
 
 /// Between two lines that say how far it is.
@@ -33,7 +32,9 @@ impl Lines {
         let state = Arc::new(Mutex::new((Board::of(work), Said::of(work))));
         Self { began: Instant::now(), state, beat: Mutex::default() }
     }
+}
 
+impl Shown for Lines {
     fn change(&self, change: impl FnOnce(&mut Board, &mut Said, f64) -> Option<String>) {
         let line = {
             let mut state = lock(&self.state);
@@ -43,14 +44,8 @@ impl Lines {
         // Without the lock: who reads slowly must not keep the stages from their work.
         line.iter().for_each(|line| tell(line));
     }
-}
 
-impl Progress for Lines {
-    fn started(&self, label: &str, reasons: &[String]) {
-        self.change(|board, said, now| {
-            board.started(label, now);
-            said.started(label, reasons, now)
-        });
+    fn beat(&self) {
         lock(&self.beat).get_or_insert_with(|| {
             let (state, began) = (self.state.clone(), self.began);
             Beat::every(PAUSE, move || {
@@ -59,34 +54,8 @@ impl Progress for Lines {
             })
         });
     }
-    fn advanced(&self, label: &str, done: f64, total: Option<f64>, unit: &str) {
-        self.change(|board, _, now| {
-            board.advanced(label, now, done, total, unit);
-            None
-        });
-    }
-    fn ran(&self, label: &str, record: &InstanceRecord) {
-        self.change(|board, said, now| {
-            board.ended(label, Some(record.cost.cpu_s));
-            said.ran(label, record.cost.wall_s, now)
-        });
-    }
-    fn found(&self, label: &str) {
-        self.change(|board, said, now| {
-            board.ended(label, None);
-            said.found(label, now)
-        });
-    }
-    fn failed(&self, label: &str, message: &str) {
-        self.change(|board, said, _| {
-            board.ended(label, None);
-            said.failed(label, message)
-        });
-    }
-    fn warn(&self, label: &str, message: &str) {
-        self.change(|_, said, _| said.warned(label, message));
-    }
-    fn ended(&self) {
+
+    fn close(&self) {
         drop(lock(&self.beat).take());
         let rest = lock(&self.state).1.rest();
         rest.iter().for_each(|line| tell(line));

@@ -8,12 +8,11 @@ use terminal_size::{Height, Width, terminal_size_of};
 use unicode_width::UnicodeWidthStr;
 
 use crate::panics::lock;
-use crate::store::InstanceRecord;
 use crate::terminal::{plain, plain_line};
 
-use super::Progress;
 use super::beat::Beat;
 use super::board::{Board, Work};
+use super::people::Shown;
 use super::said::Said;
 use super::words::{fitted, line};
 
@@ -43,16 +42,6 @@ impl Terminal {
         let (board, said) = (Board::of(work), Said::of(work));
         let screen = Screen { began: Instant::now(), board, said, drawn: Vec::new(), last: None };
         Self { screen: Arc::new(Mutex::new(screen)), beat: Mutex::default() }
-    }
-
-    fn change(&self, change: impl FnOnce(&mut Board, &mut Said, f64) -> Option<String>) {
-        let mut screen = lock(&self.screen);
-        let now = screen.began.elapsed().as_secs_f64();
-        let Screen { board, said, .. } = &mut *screen;
-        let line = change(board, said, now);
-        if line.is_some() || screen.last.is_none_or(|last| last.elapsed() >= REDRAW) {
-            screen.draw(line.as_deref());
-        }
     }
 }
 
@@ -107,45 +96,25 @@ fn board(board: &Board, now: f64, [columns, rows]: [usize; 2]) -> Vec<String> {
     lines
 }
 
-impl Progress for Terminal {
-    fn started(&self, label: &str, reasons: &[String]) {
-        self.change(|board, said, now| {
-            board.started(label, now);
-            said.started(label, reasons, now)
-        });
+impl Shown for Terminal {
+    fn change(&self, change: impl FnOnce(&mut Board, &mut Said, f64) -> Option<String>) {
+        let mut screen = lock(&self.screen);
+        let now = screen.began.elapsed().as_secs_f64();
+        let Screen { board, said, .. } = &mut *screen;
+        let line = change(board, said, now);
+        if line.is_some() || screen.last.is_none_or(|last| last.elapsed() >= REDRAW) {
+            screen.draw(line.as_deref());
+        }
+    }
+
+    fn beat(&self) {
         lock(&self.beat).get_or_insert_with(|| {
             let screen = self.screen.clone();
             Beat::every(TICK, move || lock(&screen).draw(None))
         });
     }
-    fn advanced(&self, label: &str, done: f64, total: Option<f64>, unit: &str) {
-        self.change(|board, _, now| {
-            board.advanced(label, now, done, total, unit);
-            None
-        });
-    }
-    fn ran(&self, label: &str, record: &InstanceRecord) {
-        self.change(|board, said, now| {
-            board.ended(label, Some(record.cost.cpu_s));
-            said.ran(label, record.cost.wall_s, now)
-        });
-    }
-    fn found(&self, label: &str) {
-        self.change(|board, said, now| {
-            board.ended(label, None);
-            said.found(label, now)
-        });
-    }
-    fn failed(&self, label: &str, message: &str) {
-        self.change(|board, said, _| {
-            board.ended(label, None);
-            said.failed(label, message)
-        });
-    }
-    fn warn(&self, label: &str, message: &str) {
-        self.change(|_, said, _| said.warned(label, message));
-    }
-    fn ended(&self) {
+
+    fn close(&self) {
         drop(lock(&self.beat).take());
         let mut screen = lock(&self.screen);
         let rest = screen.said.rest();

@@ -9,8 +9,8 @@ use std::time::Duration;
 
 use turbid_contract::payload::Metrics;
 use turbid_contract::{
-    Artifact, ArtifactKind, Cells, Ctx, Error, InPorts, Known, OutPort, OutPorts, Problems, Stage, Table, in_ports,
-    out_ports,
+    Artifact, ArtifactKind, Cells, Ctx, Error, InPorts, Known, OutPort, OutPorts, Problems, Shared, Stage, Table,
+    in_ports, out_ports,
 };
 
 use super::progress::Lines;
@@ -39,6 +39,9 @@ impl OutPorts for Out {
     }
     fn into_artifacts(self) -> Vec<(&'static str, Artifact)> {
         vec![("another", Artifact::Table(Table::default()))]
+    }
+    fn into_shared(self) -> Vec<(&'static str, Shared)> {
+        self.into_artifacts().into_iter().map(|(port, artifact)| (port, Shared::new(artifact))).collect()
     }
 }
 

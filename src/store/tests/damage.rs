@@ -243,12 +243,13 @@ fn kills_lose_nothing_that_was_published() {
     let outputs = folder();
     let mut seen = 0;
     for round in 0..12 {
-        let mut child = std::process::Command::new(std::env::current_exe().unwrap())
-            .args(["--exact", "store::tests::damage::kills_lose_nothing_that_was_published"])
-            .env(FOLDER, outputs.path())
-            .stdout(std::process::Stdio::null())
-            .spawn()
-            .unwrap();
+        let mut child = crate::child::start(
+            std::process::Command::new(std::env::current_exe().unwrap())
+                .args(["--exact", "store::tests::damage::kills_lose_nothing_that_was_published"])
+                .env(FOLDER, outputs.path())
+                .stdout(std::process::Stdio::null()),
+        )
+        .unwrap();
         std::thread::sleep(Duration::from_millis(15 + 7 * round));
         child.kill().unwrap();
         child.wait().unwrap();

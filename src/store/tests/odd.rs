@@ -21,7 +21,10 @@ fn put_odd(kind: &str, path: &Path) {
             fs::rename(short.path().join("s"), path).unwrap();
         }
         #[cfg(unix)]
-        "pipe" => assert!(std::process::Command::new("mkfifo").arg(path).status().unwrap().success()),
+        "pipe" => {
+            let made = crate::child::start(std::process::Command::new("mkfifo").arg(path)).unwrap().wait().unwrap();
+            assert!(made.success());
+        }
         "file" => fs::write(path, "no folder").unwrap(),
         _ => unreachable!("{kind}"),
     }

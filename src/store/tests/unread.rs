@@ -62,8 +62,7 @@ fn a_read_that_fails_loses_nothing() {
                 }
                 assert!(!(work == Work::Verify && well), "{case}: it is not sound");
                 if !struck {
-                    // A process that another test starts holds the locks of this one for a moment, between its fork and its exec.
-                    assert!(well || work == Work::Verify || does(work, copied.path()), "{case}");
+                    assert!(well || work == Work::Verify, "{case}");
                     break;
                 }
             }

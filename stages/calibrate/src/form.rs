@@ -1,29 +1,51 @@
 //! What the reflectance will hold, from the forms of its arms; and arms that do not fit, found before anything runs.
 
-use turbid_contract::layers::standard_error;
+use turbid_contract::layers::{place, standard_error};
 use turbid_contract::{Error, Form, Known, LayerInfo, LayerKind, Problems};
 
 use crate::quantity::{Quantity, counterpart, of_one_phantom, quantities, same_size};
 
-/// Reports arms that show different quantities, or images of different sizes.
+/// Reports arms that show different quantities, or images of different sizes; warns where one arm alone knows its standard errors.
 pub fn check(known: &Known, problems: &mut Problems) {
     let (sample, reference) = (known.form("sample"), known.form("reference"));
-    let of = |form: Option<&Form>| form.and_then(|form| form.layers.clone());
     let pixels = sample.and_then(|form| form.pixels).zip(reference.and_then(|form| form.pixels));
     if let Some(Err(error)) = pixels.map(|(sample, reference)| same_size(sample, reference)) {
         problems.unfit(known, "reference", error);
     }
-    let Some(sample) = of(sample) else { return };
-    let wavelengths = match of_one_phantom(&sample) {
+    let Some((sample, layers)) = with_layers(sample) else { return };
+    let wavelengths = match of_one_phantom(layers) {
         Ok(wavelengths) => wavelengths,
         Err(error) => return problems.unfit(known, "sample", error),
     };
-    let Some(reference) = of(reference) else { return };
-    for q in wavelengths.into_iter().flat_map(|wavelength| quantities(&sample, wavelength)) {
-        if let Err(error) = counterpart(&reference, &sample[q.layer]) {
-            problems.unfit(known, "reference", error);
+    let Some((reference, others)) = with_layers(reference) else { return };
+    for q in wavelengths.into_iter().flat_map(|wavelength| quantities(layers, wavelength)) {
+        let wanted = &layers[q.layer];
+        match counterpart(others, wanted) {
+            Err(error) => problems.unfit(known, "reference", error),
+            Ok(found) => match (sample.has_error_of(wanted), reference.has_error_of(&others[found])) {
+                (Some(true), Some(false)) => return one_arm_knows(known, ["sample", "reference"], wanted, problems),
+                (Some(false), Some(true)) => return one_arm_knows(known, ["reference", "sample"], wanted, problems),
+                _ => {}
+            },
         }
     }
+}
+
+/// A form whose layers are known, with them.
+fn with_layers(form: Option<&Form>) -> Option<(&Form, &[LayerInfo])> {
+    form.and_then(|form| Some((form, form.layers.as_deref()?)))
+}
+
+/// The first port knows the standard error of the quantity `of`, the second does not.
+fn one_arm_knows(known: &Known, [knows, lacks]: [&str; 2], of: &LayerInfo, problems: &mut Problems) {
+    let [knows, lacking] = [knows, lacks].map(|port| known.producer(port));
+    let at = place(of);
+    let message = format!(
+        "`{lacking}` has no standard error of {} at {at}, `{knows}` has one: the reflectance will have none",
+        of.name
+    );
+    let way_out = "say the noise of the camera that took these frames (`full_well` of import_frames), or connect their `covariance` to demodulate";
+    problems.warn_at_input(lacks, message, way_out);
 }
 
 /// The form of the reflectance, but for its attributes.

@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use turbid_contract::payload::Convention;
-use turbid_contract::{Error, PerLength, Problems};
+use turbid_contract::{Error, PerLength, Problems, Usual};
 
 /// The forward model of the reference.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -39,6 +39,8 @@ impl ReferenceMedium {
         problems.require(finite(mu_s_prime, mu_s_prime > 0.0), "reference.mu_s_prime", mu_s_prime, "mm^-1", "be > 0");
         problems.require(g.abs() < 1.0, "reference.g", g, "", "lie in (-1, 1)");
         problems.require(finite(n, n >= 1.0), "reference.n", n, "", "be >= 1");
+        problems.doubt(&Usual::MU_A, "reference.mu_a", mu_a);
+        problems.doubt(&Usual::MU_S_PRIME, "reference.mu_s_prime", mu_s_prime);
     }
 
     /// Reflectance of the phantom at `f_x_per_mm` in the given convention.

@@ -1,8 +1,9 @@
 //! The stage as the engine calls it: what cancels, what the errors cover, what is refused.
 
 use turbid_calibrate::{Calibrate, In, Model, NoiseBias, Out, Params, ReferenceMedium, Rigs};
+use turbid_contract::kit::Trial;
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::{Convention, MaskReason, Modulation, Rig};
+use turbid_contract::payload::{self, Convention, MaskReason, Modulation, Rig};
 use turbid_contract::{
     Ctx, Error, Form, ImageStack, Known, LayerInfo, LayerKind, MemoryHost, PerLength, Problems, Stage, serde_json,
 };
@@ -312,6 +313,36 @@ fn arms_of_different_rigs_are_refused() {
 }
 
 /// Every wrong value is found at once, with its path.
+/// An arm without standard errors beside one that has them leaves the reflectance without: told at the port of the arm that lacks them, with both
+/// producers, and only then.
+#[test]
+fn errors_of_one_arm_alone_are_warned_of() {
+    let arm = |knows: bool| {
+        let noise = knows.then_some(([0.01, 0.01], 0.0));
+        modulation([Array2::from_elem((2, 2), 1.0), Array2::from_elem((2, 2), 0.5)], noise)
+    };
+    for (knows, port) in
+        [([true, true], None), ([false, false], None), ([true, false], Some(1)), ([false, true], Some(0))]
+    {
+        let params = serde_json::to_value(params(0.0)).expect("they are JSON");
+        let trial = Trial::of::<Calibrate>(params).input("sample", arm(knows[0])).input("reference", arm(knows[1]));
+        let (mistakes, warnings) = trial.check();
+        assert!(mistakes.is_empty(), "{mistakes:?}");
+        let told: Vec<String> = warnings.iter().map(ToString::to_string).collect();
+        let Some(port) = port else {
+            assert!(told.is_empty(), "{knows:?}: {told:?}");
+            continue;
+        };
+        let (lacks, has) = (["sample", "reference"][port], ["sample", "reference"][1 - port]);
+        let words = format!(
+            "in.{lacks}: `made.{lacks}` has no standard error of m_ac at f_x = 0 mm^-1, `made.{has}` has one: the reflectance will have none"
+        );
+        assert!(told.len() == 1 && told[0].starts_with(&words) && told[0].contains("full_well"), "{told:?}");
+        let made: payload::Reflectance = trial.run().expect("it is sound").get("reflectance");
+        assert!(made.0.layers.iter().all(|layer| layer.info.kind != LayerKind::StandardError));
+    }
+}
+
 #[test]
 fn check_finds_every_mistake() {
     let reference = ReferenceMedium { mu_a: PerLength(-1.0), mu_s_prime: PerLength(0.0), g: 1.0, n: 0.9 };

@@ -1,9 +1,9 @@
 //! What tables of metrics will hold.
 
-use turbid_contract::{Form, Forms, Known};
+use turbid_contract::{ColumnInfo, Form, Forms, Known, LayerKind};
 
 use crate::shared::shared;
-use crate::{fit, maps};
+use crate::{fit, maps, summary};
 
 /// The forms of what `compare` makes; rows depend on what is seen.
 pub fn describe_compare(known: &Known) -> Forms {
@@ -25,4 +25,60 @@ pub fn describe_compare(known: &Known) -> Forms {
         Form::table(None, &columns)
     });
     Forms::from([("metrics", metrics), errors])
+}
+
+/// The form of what `tabulate` makes: rows and columns where the layers of all images are known. `unit`: that which the figures are said to have.
+pub fn describe_tabulate(unit: Option<&str>, known: &Known) -> Forms {
+    let images = known.forms("values");
+    let value = |kind: LayerKind| kind == LayerKind::Value;
+    let mut units: Vec<&str> = Vec::new();
+    for form in images {
+        let Some(layers) = form.layers.as_ref().filter(|_| form.perhaps.iter().all(|info| !value(info.kind))) else {
+            return Forms::new();
+        };
+        units.extend(layers.iter().filter(|info| value(info.kind)).map(|info| info.unit.as_str()));
+    }
+    let made = match unit {
+        // A table without a row has no unit.
+        _ if units.is_empty() => "",
+        Some(unit) => unit,
+        None if known.is_connected("relative_to") => "1",
+        None => common(&units),
+    };
+    let filled = images.iter().zip(known.axes("values")).find(|(form, _)| form.layers_of(LayerKind::Value).count() > 0);
+    let axes = filled.into_iter().flat_map(|(_, axes)| axes.keys());
+    let columns = tabulated(axes, made).into_iter().map(|(name, unit)| ColumnInfo::new(name, unit)).collect();
+    Forms::from([("metrics", Form { rows: Some(units.len() as u64), columns: Some(columns), ..Form::default() })])
+}
+
+/// The columns of a table of means with their units, `unit` being that of the means; empty where they have several.
+pub fn tabulated<'a>(axes: impl Iterator<Item = &'a String>, unit: &str) -> Vec<(String, String)> {
+    // An axis may be called as a column is.
+    let axes = axes.map(|name| (format!("axis {name}"), ""));
+    let named = |(name, unit): (&str, &'static str)| (name.to_owned(), unit);
+    let before = [("region", ""), ("quantity", "")].map(named).into_iter().chain(axes).chain([named(("n", "1"))]);
+    let before = before.map(|(name, unit)| (name, unit.to_owned()));
+    let means = [("mean", unit), ("mean_se", unit), ("masked_percent", "%"), ("unit", "")];
+    before.chain(means.map(|(name, unit)| (name.to_owned(), unit.to_owned()))).collect()
+}
+
+/// The form of what `summarize` makes; columns are open where the tables do not say one unit.
+pub fn describe_summarize(known: &Known) -> Forms {
+    let mut units = Vec::new();
+    for form in known.forms("metrics") {
+        let Some(columns) = &form.columns else { return Forms::new() };
+        units.extend(columns.iter().filter(|column| column.name == "mean").map(|column| column.unit.as_str()));
+    }
+    let unit = common(&units);
+    if unit.is_empty() {
+        return Forms::new();
+    }
+    let columns = summary::MADE.map(|(name, own)| (name, own.unwrap_or(unit)));
+    Forms::from([("metrics", Form::table(None, &columns))])
+}
+
+/// The unit that all have; empty where they differ, or where there are none.
+fn common<'a>(units: &[&'a str]) -> &'a str {
+    let first = units.first().copied().unwrap_or_default();
+    if units.iter().all(|unit| *unit == first) { first } else { "" }
 }

@@ -1,10 +1,11 @@
 //! Estimates, truths, images and tables that do not go together, found before anything runs.
 
 use turbid_contract::layers::size;
+use turbid_contract::payload::Rig;
 use turbid_contract::{Error, Form, Known, LayerInfo, LayerKind, Problems, serde_json};
 
 use crate::fit::QUANTITIES;
-use crate::levels::{label, point, same_quantity};
+use crate::levels::{label, point, same_quantity, same_unit};
 use crate::params::Params;
 use crate::shared::shared;
 use crate::summary::COLUMNS;
@@ -22,6 +23,12 @@ pub fn check_compare(params: &Params, known: &Known, problems: &mut Problems) {
     if let Some((a, b)) = estimate.pixels.zip(truth.pixels).filter(|(a, b)| a != b) {
         let what = format!("the estimate has {}, the truth {}", size(a), size(b));
         problems.unfit(known, "truth", Error::failed_with_hint(what, "both must be seen by the same camera"));
+    }
+    if let Err(Error::Failed { what, .. }) = Rig::shared(&estimate.attributes, &truth.attributes) {
+        let message = format!("`{}` and `{}`: {what}", known.producer("estimate"), known.producer("truth"));
+        let way_out =
+            "connect the `truth` of the render that made the frames of the estimate: pixels are compared one by one";
+        problems.warn_at_input("truth", message, way_out);
     }
     if let (Some(a), Some(b)) = (&estimate.layers, &truth.layers)
         && let Err(error) = shared(a, b)
@@ -59,7 +66,8 @@ pub fn check_summarize(known: &Known, problems: &mut Problems) {
     }
 }
 
-/// Reports images without the quantities of `values` on the other ports of `tabulate`, and points without images to subtract.
+/// Reports images without the quantities of `values`, or with these in another unit, on the other ports of `tabulate`, and points without
+/// images to subtract.
 pub fn check_tabulate(known: &Known, problems: &mut Problems) {
     for port in ["minus", "relative_to"] {
         for (values, axes) in known.forms("values").iter().zip(known.axes("values")) {
@@ -80,12 +88,15 @@ pub fn check_tabulate(known: &Known, problems: &mut Problems) {
             let layers = |form: &Form| form.layers.clone();
             let Some((values, other)) = layers(values).zip(other.and_then(|form| layers(form))) else { continue };
             let value = |info: &&LayerInfo| info.kind == LayerKind::Value;
-            let lacks =
-                values.iter().filter(value).find(|info| !other.iter().filter(value).any(|o| same_quantity(info, o)));
-            if let Some(info) = lacks {
-                let has = other.iter().filter(value).map(label).collect::<Vec<_>>().join(", ");
-                let what = format!("the images have no {}; they have {has}", label(info));
-                return problems.unfit(known, port, Error::failed(what));
+            for info in values.iter().filter(value) {
+                let Some(found) = other.iter().filter(value).find(|o| same_quantity(info, o)) else {
+                    let has = other.iter().filter(value).map(label).collect::<Vec<_>>().join(", ");
+                    let what = format!("the images have no {}; they have {has}", label(info));
+                    return problems.unfit(known, port, Error::failed(what));
+                };
+                if let Err(error) = same_unit(info, found) {
+                    return problems.unfit_beside(known, port, "values", error);
+                }
             }
         }
     }

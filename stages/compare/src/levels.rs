@@ -1,7 +1,7 @@
 //! Means of images, their differences and ratios, with standard errors.
 
 use turbid_contract::serde_json::Value;
-use turbid_contract::{Axes, ImageStack, Layer, LayerInfo, LayerKind};
+use turbid_contract::{Axes, Error, ImageStack, Layer, LayerInfo, LayerKind};
 
 /// The mean of one layer over the pixels that are not masked.
 #[derive(Clone, Debug, PartialEq)]
@@ -97,6 +97,15 @@ impl Level {
 pub fn same_quantity(a: &LayerInfo, b: &LayerInfo) -> bool {
     let what = |info: &LayerInfo| (info.f_x_per_mm, info.phase_rad, info.orientation_deg, info.wavelength_nm);
     a.name == b.name && what(a) == what(b)
+}
+
+/// Error: means in two units are to be subtracted, or divided by each other.
+pub fn same_unit(values: &LayerInfo, other: &LayerInfo) -> Result<(), Error> {
+    if values.unit == other.unit {
+        return Ok(());
+    }
+    let what = format!("{} is in {} here, and in {} on the port `values`", label(values), other.unit, values.unit);
+    Err(Error::failed_with_hint(what, "connect images that are in one unit"))
 }
 
 /// `radiance f_x=0.1 phase_deg=120`: what tells a layer from the others of its stack.

@@ -3,10 +3,10 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use turbid_contract::payload::Metrics;
-use turbid_contract::{Ctx, Error, Known, Problems, Stage, in_ports, out_ports};
+use turbid_contract::{Ctx, Error, Forms, Known, Problems, Stage, in_ports, out_ports};
 
-use crate::joints;
 use crate::summary::{Summary, figures, summarize, table};
+use crate::{form, joints};
 
 /// Params of `summarize`: it has none.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -41,6 +41,10 @@ impl Stage for Summarize {
 
     fn check(_: &SummarizeParams, known: &Known, problems: &mut Problems) {
         joints::check_summarize(known, problems);
+    }
+
+    fn describe(_: &SummarizeParams, known: &Known) -> Forms {
+        form::describe_summarize(known)
     }
 
     fn run(_: &SummarizeParams, inputs: SummarizeIn<'_>, ctx: Ctx<'_>) -> Result<SummarizeOut, Error> {

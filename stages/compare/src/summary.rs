@@ -125,30 +125,51 @@ fn summary(group: &[&Figure]) -> Summary {
     }
 }
 
+/// The columns that a summary makes; without a unit of their own they are in that of the quantities, where these have one.
+pub const MADE: [(&str, Option<&str>); 14] = [
+    ("region", Some("")),
+    ("quantity", Some("")),
+    ("instances", Some("1")),
+    ("n", Some("1")),
+    ("mean_abs_error_percent", Some("%")),
+    ("mean_abs_error_se_percent", Some("%")),
+    ("noise_percent", Some("%")),
+    ("bias_percent", Some("%")),
+    ("rmse_percent", Some("%")),
+    ("worst_percent", Some("%")),
+    ("masked_percent", Some("%")),
+    ("mean_abs_error", None),
+    ("mean_abs_error_se", None),
+    ("unit", Some("")),
+];
+
 /// Summaries as a table.
 pub fn table(rows: &[Summary]) -> Table {
-    let mut table = Table::default();
     let text = |f: &dyn Fn(&Summary) -> String| Cells::Text(rows.iter().map(f).collect());
     let count = |f: &dyn Fn(&Summary) -> usize| Cells::I64(rows.iter().map(|row| f(row) as i64).collect());
-    table.push("region", "", text(&|r| r.region.clone()));
-    table.push("quantity", "", text(&|r| r.quantity.clone()));
-    table.push("instances", "1", count(&|r| r.instances));
-    table.push("n", "1", count(&|r| r.n));
     let unit = rows.first().map_or("", |r| r.unit.as_str());
     let unit = if rows.iter().all(|r| r.unit == unit) { unit } else { "" };
-    let mut number = |name: &str, unit: &str, f: fn(&Summary) -> Option<f64>| {
-        table.push(name, unit, Cells::MaybeF64(rows.iter().map(f).collect()));
-    };
-    number("mean_abs_error_percent", "%", |r| r.mean_abs_error_percent);
-    number("mean_abs_error_se_percent", "%", |r| r.mean_abs_error_se_percent);
-    number("noise_percent", "%", |r| r.noise_percent);
-    number("bias_percent", "%", |r| r.bias_percent);
-    number("rmse_percent", "%", |r| r.rmse_percent);
-    number("worst_percent", "%", |r| r.worst_percent);
-    number("masked_percent", "%", |r| Some(r.masked_percent));
-    number("mean_abs_error", unit, |r| r.mean_abs_error);
-    number("mean_abs_error_se", unit, |r| r.mean_abs_error_se);
-    table.push("unit", "", text(&|r| r.unit.clone()));
+    let number = |f: fn(&Summary) -> Option<f64>| Cells::MaybeF64(rows.iter().map(f).collect());
+    let cells = [
+        text(&|r| r.region.clone()),
+        text(&|r| r.quantity.clone()),
+        count(&|r| r.instances),
+        count(&|r| r.n),
+        number(|r| r.mean_abs_error_percent),
+        number(|r| r.mean_abs_error_se_percent),
+        number(|r| r.noise_percent),
+        number(|r| r.bias_percent),
+        number(|r| r.rmse_percent),
+        number(|r| r.worst_percent),
+        number(|r| Some(r.masked_percent)),
+        number(|r| r.mean_abs_error),
+        number(|r| r.mean_abs_error_se),
+        text(&|r| r.unit.clone()),
+    ];
+    let mut table = Table::default();
+    for ((name, own), cells) in MADE.into_iter().zip(cells) {
+        table.push(name, own.unwrap_or(unit), cells);
+    }
     table
 }
 

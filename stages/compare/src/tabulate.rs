@@ -4,10 +4,10 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use turbid_contract::payload::{Metrics, Stack};
 use turbid_contract::serde_json::Value;
-use turbid_contract::{Axes, Cells, Ctx, Error, Known, Many, Problems, Stage, Table, in_ports, out_ports};
+use turbid_contract::{Axes, Cells, Ctx, Error, Forms, Known, Many, Problems, Stage, Table, in_ports, out_ports};
 
-use crate::joints;
-use crate::levels::{Level, levels, point, text};
+use crate::levels::{Level, levels, point, same_unit, text};
+use crate::{form, joints};
 
 /// Params of `tabulate`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -66,6 +66,10 @@ impl Stage for Tabulate {
         problems.require(params.scale != 0.0, "scale", params.scale, "", "not be 0");
     }
 
+    fn describe(params: &TabulateParams, known: &Known) -> Forms {
+        form::describe_tabulate(params.unit.as_deref(), known)
+    }
+
     fn run(params: &TabulateParams, inputs: TabulateIn<'_>, ctx: Ctx<'_>) -> Result<TabulateOut, Error> {
         let divisors = inputs.relative_to.as_ref().map(|Stack(stack)| levels(stack));
         let mut rows = Vec::new();
@@ -122,33 +126,38 @@ fn base(minus: &Many<'_, Stack>, axes: &Axes) -> Result<Option<turbid_contract::
 }
 
 fn find<'a>(among: &'a [Level], level: &Level, port: &str) -> Result<&'a Level, Error> {
-    among.iter().find(|other| other.matches(level)).ok_or_else(|| {
+    let found = among.iter().find(|other| other.matches(level)).ok_or_else(|| {
         let names: Vec<String> = among.iter().map(Level::label).collect();
         Error::failed(format!("{port}: the images have no {}; they have {}", level.label(), names.join(", ")))
-    })
+    })?;
+    same_unit(&level.info, &found.info)?;
+    Ok(found)
 }
 
 fn table(rows: &[Row<'_>]) -> Table {
-    let mut table = Table::default();
     let texts = |f: &dyn Fn(&Row<'_>) -> String| Cells::Text(rows.iter().map(f).collect());
-    table.push("region", "", texts(&|r| point(r.axes)));
-    table.push("quantity", "", texts(&|r| r.level.label()));
+    let mut cells = vec![texts(&|r| point(r.axes)), texts(&|r| r.level.label())];
     for name in rows.first().into_iter().flat_map(|row| row.axes.keys()) {
         let values = || rows.iter().map(|row| row.axes.get(name));
-        let cells = match values().map(|value| value.and_then(Value::as_f64)).collect::<Option<Vec<f64>>>() {
+        cells.push(match values().map(|value| value.and_then(Value::as_f64)).collect::<Option<Vec<f64>>>() {
             Some(numbers) => Cells::F64(numbers),
             None => Cells::Text(values().map(|value| value.map(text).unwrap_or_default()).collect()),
-        };
-        // An axis may be called as a column is.
-        table.push(format!("axis {name}"), "", cells);
+        });
     }
-    table.push("n", "1", Cells::I64(rows.iter().map(|r| r.level.n as i64).collect()));
     let unit = rows.first().map_or("", |r| r.level.info.unit.as_str());
     let unit = if rows.iter().all(|r| r.level.info.unit == unit) { unit } else { "" };
-    table.push("mean", unit, Cells::MaybeF64(rows.iter().map(|r| r.level.mean).collect()));
-    table.push("mean_se", unit, Cells::MaybeF64(rows.iter().map(|r| r.level.mean_se).collect()));
     let masked = |r: &Row<'_>| 100.0 * (r.level.pixels - r.level.n) as f64 / r.level.pixels as f64;
-    table.push("masked_percent", "%", Cells::F64(rows.iter().map(masked).collect()));
-    table.push("unit", "", texts(&|r| r.level.info.unit.clone()));
+    cells.extend([
+        Cells::I64(rows.iter().map(|r| r.level.n as i64).collect()),
+        Cells::MaybeF64(rows.iter().map(|r| r.level.mean).collect()),
+        Cells::MaybeF64(rows.iter().map(|r| r.level.mean_se).collect()),
+        Cells::F64(rows.iter().map(masked).collect()),
+        texts(&|r| r.level.info.unit.clone()),
+    ]);
+    let axes = rows.first().into_iter().flat_map(|row| row.axes.keys());
+    let mut table = Table::default();
+    for ((name, unit), cells) in form::tabulated(axes, unit).into_iter().zip(cells) {
+        table.push(name, unit, cells);
+    }
     table
 }

@@ -1,9 +1,9 @@
 //! The stage `tabulate`: rows by axes, what is subtracted and divided by, what is not there.
 
-use turbid_compare::Tabulate;
-use turbid_contract::kit::Inputs;
+use turbid_compare::{Compare, Summarize, Tabulate};
+use turbid_contract::kit::{Inputs, Trial};
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::{Frames, Metrics, Payload};
+use turbid_contract::payload::{Frames, Maps, Metrics, Payload, Truth};
 use turbid_contract::serde_json::{Value, json};
 use turbid_contract::{Axes, Cells, Ctx, Error, ImageStack, LayerInfo, LayerKind, MemoryHost, StageRow, Table};
 
@@ -113,4 +113,63 @@ fn what_is_missing_is_named() {
     other.push(LayerInfo::value("radiance", "W"), Array2::zeros((2, 2)));
     let message = fails(("relative_to", vec![(Axes::new(), other)]));
     assert!(message.contains("the images have no radiance f_x=0.1; they have radiance"), "{message}");
+}
+
+/// Images in two units are neither subtracted nor divided by each other: found before the run by the rule of the run, with both producers and units.
+#[test]
+fn images_in_two_units_are_refused() {
+    let mut counts = frame(3.0, 0.4);
+    counts.layers.iter_mut().for_each(|layer| layer.info.unit = "counts".into());
+    for port in ["minus", "relative_to"] {
+        let trial = |other: &ImageStack| {
+            let trial = Trial::of::<Tabulate>(json!({})).input("values", Frames(frame(8.0, 0.3)));
+            trial.input(port, Frames(other.clone()))
+        };
+        trial(&frame(3.0, 0.4)).passes();
+        let told = "`made.values`: radiance f_x=0.1 is in counts here, and in W on the port `values`";
+        trial(&counts).refuses(&format!("in.{port}"), told);
+        let error = trial(&counts).run_alone(&MemoryHost::default()).expect_err("it is refused");
+        assert!(error.to_string().contains("is in counts here"), "{error}");
+    }
+}
+
+/// Rows, columns and units are said before the run, whatever is subtracted, divided by or named.
+#[test]
+fn what_is_said_is_made() {
+    for params in [json!({}), json!({"scale": 255, "unit": "grey levels"})] {
+        for port in [None, Some("minus"), Some("relative_to")] {
+            let mut trial = Trial::of::<Tabulate>(params.clone());
+            for a in [1.0, 2.0] {
+                trial = trial.input_at("values", at(a), Frames(frame(8.0, 0.3)));
+            }
+            let trial = port.into_iter().fold(trial, |trial, port| trial.input(port, Frames(frame(3.0, 0.4))));
+            let form = &trial.describe()["metrics"];
+            assert!(form.rows == Some(2) && form.columns.is_some(), "{form:?}");
+            trial.run().expect("it is as it was described");
+        }
+    }
+}
+
+/// A summary needs the metrics of `compare`: tables of means, and other summaries, are refused before the run; a summary is as it was described.
+#[test]
+fn summaries_are_of_comparisons() {
+    let metrics = |trial: &Trial| trial.run().expect("it is sound").get::<Metrics>("metrics");
+    let means = metrics(&Trial::of::<Tabulate>(json!({})).input("values", Frames(frame(8.0, 0.3))));
+    let summary = |of: Metrics| Trial::of::<Summarize>(json!({})).input("metrics", of);
+    summary(means).refuses(
+        "in.metrics",
+        "`made.metrics`: the metrics have no column `truth` (connect the metrics of a `compare` stage)",
+    );
+    let image = |name: &str| {
+        let mut stack = ImageStack::new(2, 2);
+        let info = LayerInfo::value(name, "mm^-1");
+        stack.push(info.clone(), Array2::from_elem((2, 2), 0.1));
+        stack.push(info.standard_error(), Array2::from_elem((2, 2), 0.01));
+        stack
+    };
+    let compared =
+        Trial::of::<Compare>(json!({})).input("estimate", Maps(image("mu_a"))).input("truth", Truth(image("mu_a")));
+    let trial = summary(metrics(&compared));
+    assert!(trial.describe()["metrics"].columns.is_some());
+    summary(metrics(&trial)).refuses("in.metrics", "the metrics have no column `mean`");
 }

@@ -1,9 +1,7 @@
 //! What is known of an instance's inputs before anything runs.
 
-use std::any::Any;
 use std::collections::BTreeMap;
-use std::fmt;
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 use crate::artifact::{Artifact, Attributes, LayerInfo};
 use crate::extent::Extent;
@@ -11,38 +9,7 @@ use crate::file::Files;
 use crate::form::Form;
 use crate::payload::Payload;
 use crate::port::Axes;
-
-/// An artifact that is in memory, and its typed view, which is made once for all who ask.
-#[derive(Clone)]
-pub struct Shared(Arc<Held>);
-
-struct Held {
-    artifact: Artifact,
-    typed: OnceLock<Option<Arc<dyn Any + Send + Sync>>>,
-}
-
-impl Shared {
-    pub fn new(artifact: Artifact) -> Self {
-        Self(Arc::new(Held { artifact, typed: OnceLock::new() }))
-    }
-
-    pub fn artifact(&self) -> &Artifact {
-        &self.0.artifact
-    }
-
-    /// As payload `T`; `None` where it is of another shape. A port has one payload: the view is kept of the type that asks first.
-    pub fn get<T: Payload + Send + Sync + 'static>(&self) -> Option<Arc<T>> {
-        let read = || T::from_artifact(self.0.artifact.clone()).ok().map(Arc::new);
-        let kept = self.0.typed.get_or_init(|| read().map(|typed| typed as Arc<dyn Any + Send + Sync>));
-        kept.clone()?.downcast::<T>().ok().or_else(read)
-    }
-}
-
-impl fmt::Debug for Shared {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.0.artifact.fmt(f)
-    }
-}
+use crate::shared::Shared;
 
 /// What is known of the inputs of an instance before anything runs.
 #[derive(Clone, Default)]
@@ -124,7 +91,7 @@ impl Known {
     }
 
     /// The artifact on `port`, where it is known already.
-    pub fn get<T: Payload + Send + Sync + 'static>(&self, port: &str) -> Option<Arc<T>> {
+    pub fn get<T: Payload>(&self, port: &str) -> Option<Arc<T>> {
         self.artifacts.get(port)?.get()
     }
 }

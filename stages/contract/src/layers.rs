@@ -46,3 +46,42 @@ pub fn place(info: &LayerInfo) -> String {
 pub fn size([rows, columns]: [u64; 2]) -> String {
     format!("{columns} x {rows} pixels")
 }
+
+/// The unit of a product of two quantities in `unit`: `W^2 mm^-4 sr^-2` of `W mm^-2 sr^-1`.
+pub fn squared(unit: &str) -> String {
+    let factor = |factor: &str| match factor.split_once('^') {
+        _ if factor == "1" => factor.to_owned(),
+        None => format!("{factor}^2"),
+        Some((base, power)) => match power.parse::<i32>() {
+            Ok(power) => format!("{base}^{}", 2 * power),
+            Err(_) => format!("({factor})^2"),
+        },
+    };
+    unit.split_whitespace().map(factor).collect::<Vec<_>>().join(" ")
+}
+
+/// Whether `square` is the unit of a product of two quantities in `unit`, in either spelling: `W^2 mm^-4` or `(W mm^-2)^2`.
+pub fn is_square(square: &str, unit: &str) -> bool {
+    square == squared(unit) || square.strip_prefix('(').and_then(|rest| rest.strip_suffix(")^2")) == Some(unit)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn units_of_products() {
+        for (unit, square) in [
+            ("W mm^-2 sr^-1", "W^2 mm^-4 sr^-2"),
+            ("1", "1"),
+            ("mm^-1", "mm^-2"),
+            ("counts", "counts^2"),
+            ("", ""),
+            ("m^a", "(m^a)^2"),
+        ] {
+            assert_eq!(squared(unit), square);
+            assert!(is_square(square, unit) && is_square(&format!("({unit})^2"), unit), "{unit}");
+        }
+        assert!(!is_square("W^2 mm^-4 sr^-2", "1") && !is_square("mm^-1", "mm^-1"));
+    }
+}

@@ -9,6 +9,7 @@ pub mod ctx;
 pub mod error;
 pub mod extent;
 pub mod file;
+pub mod fixed;
 pub mod form;
 pub mod guard;
 pub mod joint;
@@ -24,7 +25,9 @@ pub mod port;
 pub mod problem;
 pub mod quantity;
 pub mod read;
+pub mod shared;
 pub mod stage;
+pub mod suggest;
 pub mod usual;
 
 pub use artifact::{
@@ -34,15 +37,17 @@ pub use ctx::{Ctx, Host};
 pub use error::Error;
 pub use extent::Extent;
 pub use file::{FileUse, Files, MaxFile};
+pub use fixed::Fixed;
 pub use form::{ColumnInfo, Form, Forms};
 pub use kit::MemoryHost;
-pub use known::{Known, Shared};
+pub use known::Known;
 pub use payload::Payload;
 pub use pilot::Pilot;
 pub use port::{Arity, Axes, InPort, InPorts, InputSource, Many, OutPort, OutPorts};
 pub use problem::{At, Problem, Problems};
 pub use quantity::{AngleDeg, Density, Length, PerLength, Power, Ratio, Seconds, Wavelength};
 pub use read::{Found, ParamError, ParamMistake, Wanted};
+pub use shared::Shared;
 pub use stage::{Extents, Job, Made, Stage, StagePlan, StageRow};
 pub use usual::Usual;
 

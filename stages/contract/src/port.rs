@@ -7,6 +7,7 @@ use serde_json::Value;
 use crate::artifact::{Artifact, ArtifactKind};
 use crate::error::Error;
 use crate::payload::{Payload, Quantity};
+use crate::shared::Shared;
 
 /// The axes of an instance with their values: `{A_rho: 1.0, S_rho: 5000.0}`.
 pub type Axes = BTreeMap<String, Value>;
@@ -92,6 +93,8 @@ pub trait InPorts {
 pub trait OutPorts {
     fn ports() -> Vec<OutPort>;
     fn into_artifacts(self) -> Vec<(&'static str, Artifact)>;
+    /// The same with the payloads that the artifacts were made of.
+    fn into_shared(self) -> Vec<(&'static str, Shared)>;
 }
 
 /// Loads the artifact on a port that must be connected.
@@ -186,7 +189,12 @@ macro_rules! out_ports {
             }
             fn into_artifacts(self) -> Vec<(&'static str, $crate::Artifact)> {
                 let mut out = Vec::new();
-                $($crate::out_ports!(@store $arity out, self.$port, stringify!($port));)*
+                $($crate::out_ports!(@store $arity out, self.$port, stringify!($port), $crate::Payload::into_artifact);)*
+                out
+            }
+            fn into_shared(self) -> Vec<(&'static str, $crate::Shared)> {
+                let mut out = Vec::new();
+                $($crate::out_ports!(@store $arity out, self.$port, stringify!($port), $crate::Shared::of);)*
                 out
             }
         }
@@ -200,11 +208,8 @@ macro_rules! out_ports {
     (@preview one) => { false };
     (@preview optional) => { false };
     (@preview preview) => { true };
-    (@store one $out:ident, $value:expr, $port:expr) => { $out.push(($port, $crate::Payload::into_artifact($value))) };
-    (@store optional $out:ident, $value:expr, $port:expr) => {
-        if let Some(payload) = $value { $out.push(($port, $crate::Payload::into_artifact(payload))) }
-    };
-    (@store preview $out:ident, $value:expr, $port:expr) => {
-        if let Some(payload) = $value { $out.push(($port, $crate::Payload::into_artifact(payload))) }
+    (@store one $out:ident, $value:expr, $port:expr, $made:expr) => { $out.push(($port, $made($value))) };
+    (@store $optional:ident $out:ident, $value:expr, $port:expr, $made:expr) => {
+        if let Some(payload) = $value { $out.push(($port, $made(payload))) }
     };
 }

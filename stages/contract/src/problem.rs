@@ -66,6 +66,12 @@ impl Problems {
         self.warnings.push(Problem { at: At::With, path: path.into(), message: message.into(), hint: None });
     }
 
+    /// Reports that what is connected to `port` can be read, but is probably not what the user meant, with a way out.
+    pub fn warn_at_input(&mut self, port: impl Into<String>, message: impl Into<String>, hint: impl Into<String>) {
+        let (path, message, hint) = (port.into(), message.into(), Some(hint.into()));
+        self.warnings.push(Problem { at: At::In, path, message, hint });
+    }
+
     /// Reports something legal that instances of a sweep have more or less of: of warnings that differ in numbers only, the one of
     /// the largest `size` is shown.
     pub fn warn_ranked(

@@ -9,6 +9,9 @@ use serde::de::{
 };
 use serde_json::{Number, Value};
 
+use crate::problem::{At, Problem};
+use crate::suggest;
+
 /// Why params could not be read: the field, and what is wrong with it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ParamError {
@@ -154,6 +157,25 @@ impl Wanted {
 /// Whether a number is above the range of its type, or below that of one with negative numbers.
 fn beyond(n: &Number, least: i64, most: u64) -> bool {
     n.as_f64().is_some_and(|x| x > most as f64 || (least < 0 && x < least as f64))
+}
+
+impl ParamMistake {
+    /// The way out, where names are known: the one that was meant, or else all there are.
+    pub fn hint(&self) -> Option<String> {
+        match self {
+            Self::UnknownKey { name, known } | Self::UnknownChoice { name, known } => {
+                suggest::hint(name, known.iter().copied())
+            }
+            _ => None,
+        }
+    }
+}
+
+impl From<ParamError> for Problem {
+    fn from(error: ParamError) -> Self {
+        let hint = error.mistake.hint();
+        Self { at: At::With, path: error.path.join("."), message: error.mistake.to_string(), hint }
+    }
 }
 
 impl fmt::Display for ParamMistake {

@@ -19,6 +19,7 @@ use crate::pilot::Pilot;
 use crate::port::{InPort, InPorts, InputSource, OutPort, OutPorts};
 use crate::problem::Problems;
 use crate::read::{ParamError, read_params};
+use crate::shared::Shared;
 
 /// What a stage is going to do, for `turbid plan`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -123,6 +124,8 @@ pub trait Job: Send + Sync {
     fn plan(&self, known: &Known) -> StagePlan;
     fn pilot(&self, known: &Known, ctx: Ctx<'_>) -> Option<Pilot>;
     fn run(&self, inputs: &dyn InputSource, ctx: Ctx<'_>) -> Result<Made, Error>;
+    /// The same, where what was made stays in memory: the payloads themselves are kept beside the artifacts.
+    fn run_in_memory(&self, inputs: &dyn InputSource, ctx: Ctx<'_>) -> Result<Vec<(&'static str, Shared)>, Error>;
 }
 
 /// The params of stage `S`, as they were read.
@@ -152,6 +155,9 @@ impl<S: Stage> Job for Typed<S> {
     }
     fn run(&self, inputs: &dyn InputSource, ctx: Ctx<'_>) -> Result<Made, Error> {
         Ok(S::run(&self.0, <S::In as InPorts>::load(inputs)?, ctx)?.into_artifacts())
+    }
+    fn run_in_memory(&self, inputs: &dyn InputSource, ctx: Ctx<'_>) -> Result<Vec<(&'static str, Shared)>, Error> {
+        Ok(S::run(&self.0, <S::In as InPorts>::load(inputs)?, ctx)?.into_shared())
     }
 }
 
@@ -190,12 +196,12 @@ impl StageRow {
     pub fn check(&self, params: &Value, known: &Known, problems: &mut Problems) {
         match (self.prepare)(params) {
             Ok(job) => job.check(known, problems),
-            Err(error) => problems.push(error.path.join("."), error.mistake.to_string()),
+            Err(error) => problems.found.push(error.into()),
         }
     }
 
     /// Reads params and runs, for who has no engine.
     pub fn run(&self, params: &Value, inputs: &dyn InputSource, ctx: Ctx<'_>) -> Result<Made, Error> {
-        (self.prepare)(params).map_err(|e| Error::invalid(e.path.join("."), e.mistake.to_string()))?.run(inputs, ctx)
+        (self.prepare)(params).map_err(|error| Error::Invalid(error.into()))?.run(inputs, ctx)
     }
 }

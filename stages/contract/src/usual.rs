@@ -3,6 +3,8 @@
 //! A value is suspect only if it lies outside of what tissue and phantoms usually have *and* comes to lie inside once it is read in the unit
 //! that somebody may have had in mind. What is far from everything (a black absorber of 1e5 mm^-1) is meant so.
 
+use crate::problem::Problems;
+
 /// What a quantity usually is, and the units that it is mistaken in.
 #[derive(Clone, Copy, Debug)]
 pub struct Usual {
@@ -91,6 +93,15 @@ impl Usual {
     }
 }
 
+impl Problems {
+    /// Warns where `value`, which stands at `path`, looks as if it stood in another unit.
+    pub fn doubt(&mut self, usual: &Usual, path: impl Into<String>, value: f64) {
+        if let Some((message, hint)) = usual.doubt(value) {
+            self.warn_ranked(usual.off(value), path, message, hint);
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -114,6 +125,9 @@ mod tests {
             (Usual::F_X, 100.0, vec!["m^-1"]),
         ] {
             assert_eq!(usual.meant(value), meant, "{} = {value}", usual.name);
+            let mut problems = Problems::default();
+            problems.doubt(&usual, "field", value);
+            assert_eq!(problems.into_parts().1.len(), usize::from(!meant.is_empty()));
         }
     }
 }

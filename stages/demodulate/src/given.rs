@@ -2,7 +2,8 @@
 
 use std::borrow::Cow;
 
-use turbid_contract::payload::{Covariance, Frames};
+use turbid_contract::layers::{is_square, squared};
+use turbid_contract::payload::{Covariance, Frames, Rig};
 use turbid_contract::{Attributes, Error, Form, ImageStack, Layer, LayerInfo, LayerKind};
 use turbid_contract::{serde, serde_json};
 
@@ -20,7 +21,7 @@ pub enum Noise<'a> {
 impl<'a> Noise<'a> {
     /// From the covariance where one is connected, else from the standard errors of the frames; `None` without either.
     ///
-    /// Errors: a covariance of another size, one that lacks a quantity or a pair.
+    /// Errors: a covariance of another size, rig or unit, one that lacks a quantity or a pair.
     pub fn of_channel(
         channel: &Channel,
         frames: &'a Frames,
@@ -68,6 +69,8 @@ impl<'a> Noise<'a> {
 fn given<'a>(channel: &Channel, frames: &ImageStack, stack: &'a ImageStack) -> Result<Noise<'a>, Error> {
     let size = |stack: &ImageStack| [stack.rows() as u64, stack.columns() as u64];
     same_size(size(stack), size(frames))?;
+    Rig::shared(&frames.attributes, &stack.attributes)?;
+    same_unit(stack.layers.iter().map(|layer| &layer.info), channel)?;
     let listed = listed(&stack.attributes)?;
     let (quantities, count) = (places(channel, &listed)?, listed.len());
     let mut pixels: Vec<Option<Cow<'a, [f32]>>> = vec![None; count * count];
@@ -86,6 +89,10 @@ fn given<'a>(channel: &Channel, frames: &ImageStack, stack: &'a ImageStack) -> R
 pub fn belongs(covariance: &Form, frames: &Form, channels: &[Channel]) -> Result<(), Error> {
     if let (Some(covariance), Some(frames)) = (covariance.pixels, frames.pixels) {
         same_size(covariance, frames)?;
+    }
+    Rig::shared(&frames.attributes, &covariance.attributes)?;
+    for channel in channels {
+        same_unit(covariance.layers.iter().flatten(), channel)?;
     }
     if covariance.attribute(QUANTITIES).is_none() {
         return Ok(());
@@ -115,6 +122,19 @@ fn same_size(covariance: [u64; 2], frames: [u64; 2]) -> Result<(), Error> {
     let what = format!(
         "the covariance is {} x {} pixels, the frames are {} x {}",
         covariance[1], covariance[0], frames[1], frames[0]
+    );
+    Err(Error::failed_with_hint(what, BOTH))
+}
+
+/// Error: a covariance at the channel's wavelength is not in the square of the unit of its frames.
+fn same_unit<'l>(mut layers: impl Iterator<Item = &'l LayerInfo>, channel: &Channel) -> Result<(), Error> {
+    let Channel { unit, wavelength_nm, .. } = channel;
+    let own = |info: &&LayerInfo| info.kind == LayerKind::Covariance && info.wavelength_nm == *wavelength_nm;
+    let Some(other) = layers.find(|info| own(info) && !is_square(&info.unit, unit)) else { return Ok(()) };
+    let what = format!(
+        "the covariance is in {}, but the frames are in {unit}, whose covariance is in {}",
+        other.unit,
+        squared(unit)
     );
     Err(Error::failed_with_hint(what, BOTH))
 }

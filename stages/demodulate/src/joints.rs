@@ -12,6 +12,7 @@ use crate::speckled::{by_wavelength, resolved};
 /// Reports what does not fit, as far as the inputs are known.
 pub fn check(params: &Params, known: &Known, problems: &mut Problems) {
     let pixel = pixel(params, known, problems);
+    unread_covariance(params, known, problems);
     let Some(frames) = known.form("frames") else { return };
     let Some(layers) = &frames.layers else { return };
     let layers: Vec<&LayerInfo> = layers.iter().collect();
@@ -28,6 +29,21 @@ pub fn check(params: &Params, known: &Known, problems: &mut Problems) {
     };
     if let Err(error) = fits {
         problems.unfit(known, "frames", error);
+    }
+}
+
+/// Warns of a covariance that the method does not read.
+fn unread_covariance(params: &Params, known: &Known, problems: &mut Problems) {
+    let noise = match params.method {
+        Method::PhaseShift => return,
+        Method::SingleShot => "the standard errors of the frames",
+        Method::Speckle => "the spread of the frames",
+    };
+    if known.is_connected("covariance") {
+        let (covariance, method) = (known.producer("covariance"), params.method.name());
+        let message = format!("`{covariance}` is not read: `method: {method}` takes its noise from {noise}");
+        let way_out = "leave the port `covariance` open, or take `method: phase_shift`, which reads it";
+        problems.warn_at_input("covariance", message, way_out);
     }
 }
 

@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use glam::DVec3;
-use turbid_contract::Problems;
+use turbid_contract::{Problems, Usual};
 
 use crate::light::{Beam, Method, Setup, Target};
 use crate::opening::{Opening, Outline};
@@ -90,7 +90,7 @@ fn media(params: &Params, problems: &mut Problems) -> Vec<(String, Plate)> {
     let slides = sample.slides.map_or(1.0, |n| n.0);
     problems.require((1.0..=10.0).contains(&slides), "sample.slides", slides, "", "lie in [1, 10]");
     let plates = params.media.iter().map(|(name, medium)| {
-        let [mu_a, mu_s] = coefficients(name, medium, problems);
+        let [mu_a, mu_s] = coefficients(name, medium, sample.thickness.0, problems);
         let size = sample.size.map_or([f64::INFINITY; 2], |size| size.map(|side| side.0));
         let plate = Plate { mu_a, mu_s, g: medium.g.0, n: medium.n.0, thickness: sample.thickness.0, size, slides };
         (name.clone(), plate)
@@ -98,21 +98,28 @@ fn media(params: &Params, problems: &mut Problems) -> Vec<(String, Plate)> {
     plates.collect()
 }
 
-fn coefficients(name: &str, m: &MediumParams, problems: &mut Problems) -> [f64; 2] {
+/// Films thinner than this, mm, are no tissue: whatever their coefficients, they are meant so.
+const FILM: f64 = 0.05;
+
+/// mu_a and mu_s of a medium in a plate so thick, mm.
+fn coefficients(name: &str, m: &MediumParams, thickness: f64, problems: &mut Problems) -> [f64; 2] {
     let at = |field: &str| format!("media.{name}.{field}");
     problems.require(m.g.0.abs() < 1.0, at("g"), m.g.0, "", "lie in (-1, 1)");
     problems.require((1.0..=10.0).contains(&m.n.0), at("n"), m.n.0, "", "lie in [1, 10]");
-    let mut checked = |field: &str, value: f64, unit: &str| {
-        problems.require(value >= 0.0, at(field), value, unit, "be >= 0");
+    let mut checked = |value: f64, usual: Usual| {
+        problems.require(value >= 0.0, at(usual.name), value, usual.unit, "be >= 0");
+        if thickness >= FILM {
+            problems.doubt(&usual, at(usual.name), value);
+        }
         value
     };
     match (m.mu_a, m.mu_s, m.mu_s_prime, m.a_rho, m.s_rho) {
-        (Some(a), Some(s), None, None, None) => [checked("mu_a", a.0, "mm^-1"), checked("mu_s", s.0, "mm^-1")],
+        (Some(a), Some(s), None, None, None) => [checked(a.0, Usual::MU_A), checked(s.0, Usual::MU_S)],
         (Some(a), None, Some(s), None, None) => {
-            [checked("mu_a", a.0, "mm^-1"), checked("mu_s_prime", s.0, "mm^-1") / (1.0 - m.g.0)]
+            [checked(a.0, Usual::MU_A), checked(s.0, Usual::MU_S_PRIME) / (1.0 - m.g.0)]
         }
         (None, None, None, Some(a), Some(s)) => {
-            [checked("A_rho", a.0, "m^-1") / 1000.0, checked("S_rho", s.0, "m^-1") / 1000.0]
+            [checked(a.0, Usual::A_RHO) / 1000.0, checked(s.0, Usual::S_RHO) / 1000.0]
         }
         _ => {
             problems.push_with_hint(

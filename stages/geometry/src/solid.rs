@@ -1,7 +1,5 @@
 //! Shapes as solids.
 
-use std::sync::Arc;
-
 use glam::DVec3;
 use turbid_contract::payload::{Port, Shape};
 use turbid_optics::solid::{Frame, Mesh, Solid};
@@ -33,7 +31,8 @@ pub fn solid(shape: &Shape) -> Solid {
             });
             Solid::sphere_shell(inner_diameter, outer_diameter, center.into(), holes.collect())
         }
-        Shape::Mesh(ref mesh) => Solid::Mesh(Arc::new(Mesh::new(&mesh.vertices, &mesh.triangles))),
+        // Its tree of boxes is made once for all scenes that hold the same mesh.
+        Shape::Mesh(ref mesh) => Solid::Mesh(mesh.made(|mesh| Mesh::new(&mesh.vertices, &mesh.triangles))),
         Shape::Turned { ref shape, about, rotation_deg } => {
             solid(shape).turned(Frame::turned_about(about.into(), rotation_deg))
         }

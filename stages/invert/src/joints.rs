@@ -1,7 +1,7 @@
 //! Whether reflectance, table, sections and shape belong together: the rules of the run, found before anything runs.
 
 use turbid_contract::layers::size;
-use turbid_contract::payload::Scene;
+use turbid_contract::payload::{Rig, Scene};
 use turbid_contract::{Attributes, Error, Form, Known, Problems};
 
 use crate::choice::{choose, orientation};
@@ -26,6 +26,13 @@ pub fn check(params: &Params, known: &Known, problems: &mut Problems) {
         problems.push_with_hint("", what, "connect `height` and `scene`");
     }
     check_sizes(known, problems);
+    for port in ["height", "normals"] {
+        if let Err(Error::Failed { what, .. }) = Rig::shared(&reflectance, &known.fact(port)) {
+            let message = format!("`{}` and `{}`: {what}", known.producer("reflectance"), known.producer(port));
+            let way_out = "connect the shape that the camera of the reflectance sees: pixels are corrected one by one";
+            problems.warn_at_input(port, message, way_out);
+        }
+    }
 }
 
 /// The f_x that are read are there, of one orientation where the shape is corrected for, and the table holds them.

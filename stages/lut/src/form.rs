@@ -90,6 +90,9 @@ pub fn check(params: &Params, known: &Known, problems: &mut Problems) {
             return problems.unfit(known, port, error);
         }
     }
+    if let Some((port, error)) = unlike_properties(known, params) {
+        problems.unfit(known, port, error);
+    }
     let sections = known.form("sections").and_then(|form| form.pixels);
     let mut checked: Vec<(&Form, &Form)> = Vec::new();
     for (form, axes) in known.forms("phantoms").iter().zip(known.axes("phantoms")) {
@@ -104,6 +107,29 @@ pub fn check(params: &Params, known: &Known, problems: &mut Problems) {
             problems.unfit(known, port, error);
         }
     }
+}
+
+/// Fits and truths that do not say what the phantoms are.
+fn unlike_properties(known: &Known, params: &Params) -> Option<(&'static str, Error)> {
+    for columns in known.forms("properties").iter().filter_map(|form| form.columns.as_ref()) {
+        let lacks = phantoms::OF_A_FIT.into_iter().find(|name| columns.iter().all(|column| column.name != *name));
+        if let Some(name) = lacks {
+            let what = format!("the fit has no column {name}");
+            return Some(("properties", Error::failed_with_hint(what, "connect the fit of a calibrate_iad stage")));
+        }
+    }
+    for (phantom, axes) in known.forms("phantoms").iter().zip(known.axes("phantoms")) {
+        let Ok(at) = phantoms::belonging(known.axes("truths"), axes, "truths") else { continue };
+        let truth = known.forms("truths").get(at).and_then(|truth| truth.layers.as_ref());
+        let Some((phantom, truth)) = phantom.layers.as_ref().zip(truth) else { continue };
+        // Where the phantom does not fit, that is told elsewhere.
+        let Ok(wavelength_nm) = phantoms::wavelength_nm(phantom, &params.f_x.0) else { continue };
+        let says = |quantity: &str| phantoms::true_layer(truth, quantity, wavelength_nm);
+        if let Err(error) = says("mu_a").and_then(|_| says("mu_s_prime")) {
+            return Some(("truths", error));
+        }
+    }
+    None
 }
 
 /// What does not fit of a phantom and its reference, with the port to be blamed.

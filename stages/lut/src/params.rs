@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use turbid_contract::payload::Convention;
-use turbid_contract::{Length, PerLength, Problems, Ratio};
+use turbid_contract::{Length, PerLength, Problems, Ratio, Usual};
 use turbid_optics::rte;
 
 use crate::nodes::Nodes;
@@ -130,8 +130,32 @@ impl Params {
             }
         }
         self.check_empirical(problems);
+        self.doubt(problems);
         if self.f_x.0.len() == 1 {
             problems.warn("f_x", "one spatial frequency cannot tell mu_a from mu_s': no map can be made of this table");
+        }
+    }
+
+    /// Warns of values that look as if they stood in another unit. Tables go beyond what tissue has, towards 0 above all: of an axis of coefficients
+    /// only a middle node that is too high is doubted.
+    fn doubt(&self, problems: &mut Problems) {
+        for (i, &f_x) in self.f_x.0.iter().enumerate() {
+            problems.doubt(&Usual::F_X, format!("f_x.{i}"), f_x);
+        }
+        for (field, usual, nodes) in
+            [("mu_a", Usual::MU_A, &self.mu_a), ("mu_s_prime", Usual::MU_S_PRIME, &self.mu_s_prime)]
+        {
+            if let Some(Nodes(nodes)) = nodes
+                && let Some(&middle) = nodes.get(nodes.len() / 2)
+                && middle > usual.most
+            {
+                problems.doubt(&usual, format!("{field}.{}", nodes.len() / 2), middle);
+            }
+        }
+        let wanted = self.wanted.iter().flatten().enumerate().map(|(i, medium)| (format!("wanted.{i}"), medium));
+        for (field, medium) in self.reference.iter().map(|medium| ("reference".to_owned(), medium)).chain(wanted) {
+            problems.doubt(&Usual::MU_A, format!("{field}.mu_a"), medium.mu_a.0);
+            problems.doubt(&Usual::MU_S_PRIME, format!("{field}.mu_s_prime"), medium.mu_s_prime.0);
         }
     }
 

@@ -92,7 +92,8 @@ pub fn gather(sources: &Sources<'_, '_>, f_x: &[f64], parts: &[Part]) -> Result<
         let against = &reference.as_ref().expect("loaded above").1;
         let sample = sources.phantoms.load(i)?.0;
         Rig::shared(&sample.attributes, &against.attributes)?;
-        let (properties, properties_se) = properties(sources, axes, &name)?;
+        let light = wavelength_nm(&sample.infos(), f_x)?;
+        let (properties, properties_se) = properties(sources, axes, light, &name)?;
         if properties.iter().any(|&p| !(p > 0.0 && p.is_finite())) {
             let [a, s] = properties;
             let what = format!("{name} has mu_a = {a} and mu_s' = {s} mm^-1; the axes of the table are logarithmic");
@@ -145,11 +146,44 @@ pub fn belonging(all: &[Axes], axes: &Axes, what: &str) -> Result<usize, Error> 
     }
 }
 
+/// The wavelength that the phantom was seen at.
+///
+/// Errors: it was not seen at these f_x, or at several wavelengths.
+pub fn wavelength_nm(layers: &[LayerInfo], f_x: &[f64]) -> Result<Option<f64>, Error> {
+    let first = f_x.first().map(|&f_x| modulation(layers, f_x, "the phantom")).transpose()?;
+    Ok(first.and_then(|k| layers[k].wavelength_nm))
+}
+
+/// The layer of a truth that says a quantity at the wavelength of the phantom; one that names no wavelength holds for all of them.
+pub fn true_layer(truth: &[LayerInfo], quantity: &str, wavelength_nm: Option<f64>) -> Result<usize, Error> {
+    let holds = |info: &LayerInfo| info.wavelength_nm.is_none() || info.wavelength_nm == wavelength_nm;
+    if let Some((k, _)) = values(truth, quantity).find(|(_, info)| holds(info)) {
+        return Ok(k);
+    }
+    let light = |nm: Option<f64>| nm.map_or_else(|| "no wavelength".to_owned(), |nm| format!("{nm} nm"));
+    let has: Vec<String> = values(truth, quantity).map(|(_, info)| light(info.wavelength_nm)).collect();
+    let what = if has.is_empty() {
+        format!("the truth has no {quantity}")
+    } else {
+        format!("the truth has {quantity} at {}, the phantom was seen at {}", has.join(", "), light(wavelength_nm))
+    };
+    Err(Error::failed_with_hint(what, "connect the `truth` of the render that made the phantom's frames"))
+}
+
+/// Columns that are read of a fit.
+pub const OF_A_FIT: [&str; 4] = ["mu_a", "mu_s_prime", "mu_a_se", "mu_s_prime_se"];
+
 /// Properties of a phantom with standard errors: from a fit, or from what the camera truly looked at.
-fn properties(sources: &Sources<'_, '_>, axes: &Axes, name: &str) -> Result<([f64; 2], [f64; 2]), Error> {
+fn properties(
+    sources: &Sources<'_, '_>,
+    axes: &Axes,
+    wavelength_nm: Option<f64>,
+    name: &str,
+) -> Result<([f64; 2], [f64; 2]), Error> {
     if sources.properties.axes().is_empty() {
         let truth = sources.truths.load(partner(sources.truths, axes, "truths")?)?.0;
-        let exact = [uniform(&truth, "mu_a", name)?, uniform(&truth, "mu_s_prime", name)?];
+        let of = |quantity: &str| uniform(&truth, quantity, wavelength_nm, name);
+        let exact = [of("mu_a")?, of("mu_s_prime")?];
         return Ok((exact, [0.0; 2]));
     }
     let Fit(table) = sources.properties.load(partner(sources.properties, axes, "properties")?)?;
@@ -188,8 +222,8 @@ fn properties(sources: &Sources<'_, '_>, axes: &Axes, name: &str) -> Result<([f6
 }
 
 /// The one value of a layer of the truth.
-fn uniform(truth: &ImageStack, quantity: &str, name: &str) -> Result<f64, Error> {
-    let layer = truth.find(quantity, None).ok_or_else(|| Error::failed(format!("the truth has no {quantity}")))?;
+fn uniform(truth: &ImageStack, quantity: &str, wavelength_nm: Option<f64>, name: &str) -> Result<f64, Error> {
+    let layer = &truth.layers[true_layer(&truth.infos(), quantity, wavelength_nm)?];
     let mask = truth.mask(layer.info.wavelength_nm).map(Layer::pixels);
     let pixels = layer.pixels();
     let good = pixels.iter().enumerate().filter(|(i, _)| mask.as_ref().is_none_or(|m| m[*i] == 0.0));

@@ -1,7 +1,7 @@
 //! Tables of phantoms: made phantoms come from the transport solver, so that the truth between them is known.
 
 use serde_json::{Value, json};
-use turbid_contract::kit::Inputs;
+use turbid_contract::kit::{Inputs, Trial};
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Lut, Modulation, Sections, Truth};
 use turbid_contract::planes::mean_se;
@@ -335,6 +335,31 @@ fn mistakes_of_params_and_ports() {
         assert!(found.contains(part), "{found}");
     }
     assert_eq!(BuildLut::NAME, "build_lut");
+}
+
+/// Truths at another wavelength than the phantoms', or without coefficients, say nothing of them: found before the run by the rule of the run.
+#[test]
+fn truths_are_of_the_phantoms() {
+    let trial = |change: &dyn Fn(&mut LayerInfo)| {
+        let mut inputs = phantoms(&FIVE_A, &FIVE_S, |_| [0.0; 2], 0.0);
+        for (_, truth) in inputs.ports.get_mut("truths").expect("they are there") {
+            let Artifact::Images(stack) = truth else { panic!("a truth is an image") };
+            stack.layers.iter_mut().for_each(|layer| change(&mut layer.info));
+        }
+        Trial { inputs, ..Trial::of::<BuildLut>(params("log_log")) }
+    };
+    trial(&|_| {}).passes();
+    for (words, change) in [
+        (
+            "the truth has mu_a at 650 nm, the phantom was seen at no wavelength",
+            &(|info: &mut LayerInfo| info.wavelength_nm = Some(650.0)) as &dyn Fn(&mut LayerInfo),
+        ),
+        ("the truth has no mu_a", &|info: &mut LayerInfo| info.name = info.name.replace("mu_a", "albedo")),
+    ] {
+        trial(change).refuses("in.truths", &format!("`made.truths`: {words}"));
+        let error = trial(change).run_alone(&MemoryHost::default()).expect_err("it is refused");
+        assert!(error.to_string().contains(words), "{error}");
+    }
 }
 
 /// Phantoms that do not know their errors make a table that does not: null and a warning, and no error of 0 % in the summary of the run. Errors that

@@ -85,7 +85,7 @@ fn every_mistake_has_its_field() {
         params
     };
     for (key, value, message) in [
-        ("model", json!("mie"), "model: there is no choice `mie` here"),
+        ("model", json!("mie"), "model: there is no choice `mie` here (known: "),
         ("f_x", json!([]), "f_x: f_x has 0 nodes; at least 1 are needed"),
         ("f_x", json!([0.1, 0.0]), "f_x.1: f_x must increase, but 0 follows 0.1 (mm^-1)"),
         ("f_x", json!([-0.1, 0.0]), "f_x.0: f_x = -0.1 mm^-1 must be a finite number >= 0"),
@@ -98,9 +98,13 @@ fn every_mistake_has_its_field() {
         ("g", json!(0.99999), "g: g = 0.99999 must lie within +-0.999 for the transport solver"),
         ("n", json!(0.9), "n: n = 0.9 must be a finite number >= 1"),
         ("thickness", json!(0), "thickness: thickness = 0 mm must be a finite number > 0"),
-        ("convention", json!("lambert"), "convention: there is no choice `lambert` here"),
+        (
+            "convention",
+            json!("lambert"),
+            "convention: there is no choice `lambert` here (known: `camera`, `hemispherical_incident`",
+        ),
         ("samples", json!(1000), "samples: only `model: monte_carlo` has samples"),
-        ("colour", json!(1), "there is no key `colour` here"),
+        ("colour", json!(1), "there is no key `colour` here (known: `model`"),
     ] {
         let found = problems(&with(key, value.clone()));
         assert!(found.iter().any(|p| p.contains(message)), "{key} = {value}: {found:?}");

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use turbid_contract::{AngleDeg, LayerInfo, PerLength, Problems};
+use turbid_contract::{AngleDeg, LayerInfo, PerLength, Problems, Usual};
 use turbid_optics::elementary::sin_cos_turns;
 
 /// One layer of a pattern.
@@ -57,6 +57,7 @@ pub fn check(f_x: &[PerLength], orientation_deg: &[AngleDeg], phases: u32, probl
         if f_x[..i].contains(f) {
             problems.push(format!("f_x.{i}"), format!("f_x = {f} stands twice"));
         }
+        problems.doubt(&Usual::F_X, format!("f_x.{i}"), f.0);
     }
     let rule = "be >= 3: fewer do not fix mean, amplitude and phase";
     problems.require(phases >= 3, "phases", f64::from(phases), "", rule);

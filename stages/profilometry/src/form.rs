@@ -14,8 +14,14 @@ pub fn check(params: &Params, known: &Known, problems: &mut Problems) {
         match (choose(sample, params), layers("reference")) {
             (Err(error), _) => problems.unfit(known, "sample", error),
             (Ok((places, _)), Some(reference)) => {
-                let missing = places.iter().find_map(|&k| counterpart(reference, &sample[k]).err());
-                missing.into_iter().for_each(|error| problems.unfit(known, "reference", error));
+                match places
+                    .iter()
+                    .map(|&k| Ok((k, counterpart(reference, &sample[k])?)))
+                    .collect::<Result<Vec<_>, _>>()
+                {
+                    Err(error) => problems.unfit(known, "reference", error),
+                    Ok(pairs) => pairs.last().into_iter().for_each(|&pair| errors_of_one(known, pair, problems)),
+                }
             }
             (Ok(_), None) => {}
         }
@@ -35,6 +41,23 @@ pub fn check(params: &Params, known: &Known, problems: &mut Problems) {
             problems.unfit(known, port, Error::failed_with_hint(what, way_out));
         }
     }
+}
+
+/// Warns where one phase alone knows its standard error; `pair`: the places of sample and reference.
+fn errors_of_one(known: &Known, pair: (usize, usize), problems: &mut Problems) {
+    let has = |port: &str, place: usize| {
+        let form = known.form(port)?;
+        form.has_error_of(form.layers.as_ref()?.get(place)?)
+    };
+    let (lacks, knows, so) = match (has("sample", pair.0), has("reference", pair.1)) {
+        (Some(true), Some(false)) => ("reference", "sample", "those of the heights leave its noise out"),
+        (Some(false), Some(true)) => ("sample", "reference", "the heights have none"),
+        _ => return,
+    };
+    let [lacking, knowing] = [lacks, knows].map(|port| known.producer(port));
+    let message = format!("`{lacking}` has no standard errors, `{knowing}` has: {so}");
+    let way_out = "say the noise of the camera that took these frames (`full_well` of import_frames), or connect their `covariance` to demodulate";
+    problems.warn_at_input(lacks, message, way_out);
 }
 
 /// The forms of all outputs.

@@ -81,7 +81,7 @@ pub fn groups(rig: &Rig, carriers: &[Carrier], pictures: &Pictures) -> Vec<Group
             nee: Nee::Line,
             shared: group.shared.as_ref(),
         };
-        Frame::of(&Walker::new(setting, crate::level::named("baseline"))).is_some()
+        Frame::held(&Walker::new(setting, crate::level::named("baseline"))).is_ok()
     };
     let joined = groups.into_iter().map(|channels| Group::of(rig.channels(), channels));
     let apart = |group: Group| -> Vec<Group> {

@@ -1,6 +1,7 @@
 //! What sections will hold, and whether modulation and truth fit.
 
 use turbid_contract::joint::pixel_pitch_of;
+use turbid_contract::payload::Rig;
 use turbid_contract::serde_json::Value;
 use turbid_contract::{Attributes, Error, Form, Forms, Known, LayerInfo, LayerKind, Problems};
 
@@ -118,6 +119,11 @@ pub fn check(params: &Params, known: &Known, problems: &mut Problems) {
         && let Err(error) = objects(params, &truth.attributes)
     {
         problems.unfit(known, "truth", error);
+    }
+    if let Err(Error::Failed { what, .. }) = Rig::shared(&known.fact("modulation"), &truth.attributes) {
+        let message = format!("`{}` and `{}`: {what}", known.producer("modulation"), known.producer("truth"));
+        let way_out = "connect the `truth` of the render that made the frames of the modulation";
+        problems.warn_at_input("truth", message, way_out);
     }
     if let (Some(modulation), Some(truth)) = (modulation.and_then(|form| form.pixels), truth.pixels)
         && let Err(error) = same_size(modulation, truth)

@@ -1,8 +1,9 @@
 //! Covariance behind frames that a camera has seen: that of the light, spread by the defocus, and the camera's own noise,
 //! which is independent from frame to frame.
 
+use turbid_contract::layers::{is_square, squared};
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::Covariance;
+use turbid_contract::payload::{Covariance, Rig};
 use turbid_contract::serde_json::{self, Value, json};
 use turbid_contract::{Attributes, Error, Form, ImageStack, LayerInfo, LayerKind};
 use turbid_optics::sinusoid;
@@ -14,6 +15,7 @@ struct Fringe {
     f_x_per_mm: f64,
     orientation_deg: Option<f64>,
     wavelength_nm: Option<f64>,
+    unit: String,
     /// Indices among the value layers, and their phases.
     frames: Vec<usize>,
     phases_rad: Vec<f64>,
@@ -58,11 +60,12 @@ impl Combined {
     /// The layers of their covariance in their order; the indices of a layer's two quantities are its `pair`.
     pub fn layers(&self) -> Vec<LayerInfo> {
         let count = self.quantities.len();
-        let light = |i: usize| self.fringes[self.quantities[i].fringe].wavelength_nm;
+        let of = |i: usize| &self.fringes[self.quantities[i].fringe];
+        let light = |i: usize| of(i).wavelength_nm;
         let pairs = (0..count).flat_map(|i| (i..count).map(move |j| [i, j]));
         let same = pairs.filter(|&[i, j]| light(i) == light(j));
         let info = |[i, j]: [usize; 2]| {
-            let info = LayerInfo::new("cov", LayerKind::Covariance, "W^2 mm^-4 sr^-2");
+            let info = LayerInfo::new("cov", LayerKind::Covariance, squared(&of(i).unit));
             LayerInfo { pair: Some([i as u32, j as u32]), wavelength_nm: light(i), ..info }
         };
         same.map(info).collect()
@@ -76,20 +79,34 @@ impl Combined {
 
     /// Whether a covariance belongs to frames of this form, as far as the forms tell.
     ///
-    /// Errors: another size; a quantity or a pair of them is missing.
+    /// Errors: another size, rig or unit; a quantity or a pair of them is missing.
     pub fn belongs(&self, covariance: &Form, frames: &Form) -> Result<(), Error> {
         if let (Some(covariance), Some(frames)) = (covariance.pixels, frames.pixels) {
             same_size(covariance, frames)?;
         }
+        Rig::shared(&frames.attributes, &covariance.attributes)?;
         if covariance.attribute(QUANTITIES).is_none() {
             return Ok(());
         }
         let source = sources(&covariance.attributes, &self.fringes, &self.quantities)?;
         let Some(layers) = &covariance.layers else { return Ok(()) };
         for info in self.layers() {
-            place(layers.iter(), &source, &info)?;
+            let found = place(layers.iter(), &source, &info)?;
+            self.same_unit(&layers[found], &info)?;
         }
         Ok(())
+    }
+
+    /// Error: a given covariance that is not in the square of the unit of its frames; `info`: what is made of it.
+    fn same_unit(&self, given: &LayerInfo, info: &LayerInfo) -> Result<(), Error> {
+        let [first, _] = info.pair.expect("of two quantities");
+        let unit = &self.fringes[self.quantities[first as usize].fringe].unit;
+        if is_square(&given.unit, unit) {
+            return Ok(());
+        }
+        let (is, wanted) = (&given.unit, &info.unit);
+        let what = format!("the covariance is in {is}, but the frames are in {unit}, whose covariance is in {wanted}");
+        Err(Error::failed_with_hint(what, BOTH))
     }
 }
 
@@ -127,7 +144,8 @@ fn place<'l>(
 /// `given` covariance, else only what the camera added. The given one is spread by the blur and scaled by the square of the
 /// pixels' response. Pixels with `bad` set hold 0.
 ///
-/// Errors: frames that do not say f_x or phase, or too few of them; a covariance of another size, or one that lacks what the frames need.
+/// Errors: frames that do not say f_x or phase, or too few of them; a covariance of another size or unit, or one that lacks what the frames
+/// need.
 pub fn covariance(
     frames: &[&LayerInfo],
     variances: &[Vec<f64>],
@@ -149,6 +167,7 @@ pub fn covariance(
         let mut plane = vec![0.0; rows * columns];
         if let (Some((Covariance(given), blur, response)), Some(source)) = (given, &source) {
             let layer = &given.layers[place(given.layers.iter().map(|layer| &layer.info), source, &info)?];
+            combined.same_unit(&layer.info, &info)?;
             plane.iter_mut().zip(layer.pixels().iter()).for_each(|(p, &c)| *p = f64::from(c));
             blur.apply(&mut plane, columns);
             plane.iter_mut().zip(response).for_each(|(p, r)| *p *= r * r);
@@ -202,6 +221,7 @@ fn fringes(frames: &[&LayerInfo]) -> Result<Vec<Fringe>, Error> {
                 f_x_per_mm: f_x,
                 orientation_deg: info.orientation_deg,
                 wavelength_nm: info.wavelength_nm,
+                unit: info.unit.clone(),
                 frames: vec![k],
                 phases_rad: vec![phase],
             }),

@@ -1,7 +1,7 @@
 //! The stage `sensor`.
 
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::{Covariance, Frames, MaskReason};
+use turbid_contract::payload::{Covariance, Frames, MaskReason, Rig};
 use turbid_contract::{
     Ctx, Error, Extent, Forms, ImageStack, Known, Layer, LayerInfo, LayerKind, Problems, Stage, StagePlan, in_ports,
     out_ports,
@@ -116,6 +116,7 @@ impl Stage for Sensor {
         let covariance = ctx.wants("covariance").then(|| {
             let infos: Vec<&LayerInfo> = values.iter().map(|l| &l.info).collect();
             let given = inputs.covariance.as_ref();
+            given.map_or(Ok(()), |given| Rig::shared(&ideal.attributes, &given.0.attributes))?;
             let independent = |s: &Seen| if given.is_some() { s.added.clone() } else { s.variance() };
             let variances: Vec<Vec<f64>> = seen.iter().map(independent).collect();
             let any_bad: Vec<bool> =

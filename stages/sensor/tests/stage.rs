@@ -236,7 +236,7 @@ fn every_mistake_has_its_field() {
         (json!({"read_noise": 3}), "how many fill the range is not given"),
         (json!({"exposure": 99}), "exposure: exposure = 99 stops must lie in [-30, 30]"),
         (json!({"vignetting": 1}), "vignetting: vignetting = 1 must lie in [0, 0.99]"),
-        (json!({"iso": 100}), "there is no key `iso`"),
+        (json!({"iso": 100}), "iso: there is no key `iso` here (known: `exposure`"),
     ] {
         let mut problems = Problems::default();
         StageRow::of::<Sensor>().check(&params, &Known::default(), &mut problems);

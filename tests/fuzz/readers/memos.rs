@@ -103,7 +103,7 @@ fn read(input: &[u8]) -> Result<Seen, String> {
     let folder = tempfile::tempdir().map_err(|e| e.to_string())?;
     let recall = |plan: &Plan, bytes: &[u8]| {
         fs::write(folder.path().join(memo::identity(plan).to_string()), bytes).map_err(|e| e.to_string())?;
-        Ok::<_, String>(memo::recall(plan, &WORLD.store, folder.path()))
+        Ok::<_, String>(memo::recall(plan, &WORLD.store, folder.path()).map(|found| found.records))
     };
     let found = recall(&WORLD.plan, input)?;
     if found.as_ref().is_some_and(|found| *found != WORLD.right) {

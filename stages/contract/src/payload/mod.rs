@@ -42,7 +42,7 @@ pub fn is_pictured(payload: &str) -> bool {
 }
 
 /// A typed view of an artifact.
-pub trait Payload: Sized {
+pub trait Payload: Clone + Send + Sync + Sized + 'static {
     /// Name that ports, `show` and error messages use.
     const NAME: &'static str;
     const KIND: ArtifactKind;

@@ -83,6 +83,20 @@ fn every_mistake_is_told_by_what_it_is() {
     assert_eq!((path.as_str(), list), ("camera", ParamMistake::Type { found: Found::List, wanted: Wanted::Map }));
 }
 
+/// The way out names the field or the word that was meant, or all there are.
+#[test]
+fn unknown_names_are_told_with_known_ones() {
+    for (params, hint) in [
+        (json!({"camera": {"pixles": 1}}), Some("did you mean `pixels`?")),
+        (json!({"camera": {"lens": 1}}), Some("known: `position`, `pixels`")),
+        (json!({"method": "pth"}), Some("did you mean `path`?")),
+        (json!({"method": "magic"}), Some("known: `path`, `rte`, `both`")),
+        (json!({"f_x": 3}), None),
+    ] {
+        assert_eq!(wrong(&params).1.hint().as_deref(), hint, "{params}");
+    }
+}
+
 /// In plain words, with the limit of the type for those beyond it.
 #[test]
 fn rules_name_the_limit_that_is_broken() {

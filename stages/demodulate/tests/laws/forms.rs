@@ -208,6 +208,63 @@ fn wrong_joints_are_named() {
     assert_told(&fine, &small, &[both, "the covariance is 8 x 4 pixels, the frames are 48 x 48"]);
 }
 
+/// Noise in another unit than the signal is found before the run, and in it: a covariance of radiances beside frames of counts would give standard
+/// errors that are 1e6 times too small.
+#[test]
+fn covariances_in_another_unit_are_named() {
+    let (shown, fine) = (shown(), Params::default());
+    let mut counts = frames(&shown);
+    let values = counts.0.layers.iter_mut().filter(|layer| layer.info.kind == LayerKind::Value);
+    values.for_each(|layer| layer.info.unit = "counts".into());
+    let parts =
+        ["`shots.covariance` does not belong to `shots.frames`: ", "in W^2 mm^-4 sr^-2", "in counts", "counts^2"];
+    assert_told(&fine, &known(&counts, Some(&covariance(&shown))), &parts);
+    let inputs = In { frames: counts.clone(), covariance: Some(covariance(&shown)), scene: None, source: PhantomData };
+    let error = Demodulate::run(&fine, inputs, Ctx::new(&MemoryHost::default())).err().expect("it is refused");
+    assert!(
+        error.to_string().contains("the covariance is in W^2 mm^-4 sr^-2, but the frames are in counts"),
+        "{error}"
+    );
+    for square in ["counts^2", "(counts)^2"] {
+        let mut fits = covariance(&shown);
+        fits.0.layers.iter_mut().for_each(|layer| layer.info.unit = square.into());
+        assert_held(&fine, &counts, Some(&fits));
+    }
+}
+
+/// Methods that take their noise from elsewhere say so of a covariance that is connected, and that they do not read.
+#[test]
+fn a_covariance_that_is_not_read_is_warned_of() {
+    let even = Shown { f_x: vec![0.0], ..shown() };
+    let pixel_mm = Some(Length(1.0));
+    let single = Params { method: Method::SingleShot, pixel_mm, ..Params::default() };
+    let speckle = Params {
+        method: Method::Speckle,
+        f_x: vec![PerLength(0.1)],
+        window: Some(Length(24.0)),
+        pixel_mm,
+        ..Params::default()
+    };
+    let warned = |params: &Params, known: &Known| {
+        let mut problems = Problems::default();
+        Demodulate::check(params, known, &mut problems);
+        let (mistakes, warnings) = problems.into_parts();
+        assert!(mistakes.is_empty(), "{mistakes:?}");
+        warnings.iter().map(Problem::to_string).collect::<Vec<_>>()
+    };
+    for (params, method, shown, noise) in
+        [(&single, "single_shot", shown(), "standard errors"), (&speckle, "speckle", even, "the spread of the frames")]
+    {
+        assert_eq!(warned(params, &known(&frames(&shown), None)), Vec::<String>::new());
+        let told = warned(params, &known(&frames(&shown), Some(&covariance(&shown))));
+        let [told] = &told[..] else { panic!("{told:?}") };
+        for part in ["in.covariance: `shots.covariance` is not read", method, noise, "phase_shift"] {
+            assert!(told.contains(part), "`{part}` is missing in `{told}`");
+        }
+    }
+    assert!(warned(&Params::default(), &known(&frames(&shown()), Some(&covariance(&shown())))).is_empty());
+}
+
 #[test]
 fn shots_and_speckle_that_cannot_be_read_are_named() {
     let with = |shown: &Shown| known(&frames(shown), None);

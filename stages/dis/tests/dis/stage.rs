@@ -139,7 +139,11 @@ fn mistakes_are_named() {
         ("standard.reflectance", json!(0), "standard.reflectance: reflectance = 0 must lie in (0, 1]"),
         ("standard.taken_as", json!(1.5), "standard.taken_as: taken_as = 1.5 must lie in (0, 1]"),
         ("samples", json!(0), "samples: samples = 0 must be > 0: no photon, no reading"),
-        ("baffle", json!({}), "baffle: there is no key `baffle` here"),
+        (
+            "baffle",
+            json!({}),
+            "baffle: there is no key `baffle` here (known: `media`, `spheres`, `sample`, `beam`, `standard`, `samples`, `method`)",
+        ),
     ] {
         let (mut found, _) = check(&with(path, value.clone()));
         found.dedup();

@@ -173,8 +173,11 @@ fn split(boxes: &[(DVec3, DVec3)], things: &mut [u32], depth: usize) -> usize {
     let halves = things.len() / 2;
     match best {
         Some((_, axis, place)) if depth < DEEP / 2 => {
-            things.sort_by_key(|&i| bin(i, axis) >= place);
-            things.partition_point(|&i| bin(i, axis) < place)
+            // In their order on either side.
+            let (left, right): (Vec<u32>, Vec<u32>) = things.iter().partition(|&&i| bin(i, axis) < place);
+            things[..left.len()].copy_from_slice(&left);
+            things[left.len()..].copy_from_slice(&right);
+            left.len()
         }
         _ => halves,
     }

@@ -5,6 +5,7 @@
 //! for all its triangles, the signs are those of exact arithmetic, and where a determinant is exactly 0 the line counts as
 //! shifted by an infinitesimal (e, e^2). So it crosses the projected triangles as in exact geometry a line crosses a closed surface.
 
+use std::cell::Cell;
 use std::sync::{Arc, OnceLock};
 
 use fearless_simd::Simd;
@@ -43,6 +44,29 @@ pub struct Mesh {
     seen: Memo<DVec3, Option<Arc<Seen>>>,
 }
 
+/// What one thread has built so far of the parts of meshes that take long, for tests that count it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Built {
+    pub trees: usize,
+    pub cells: usize,
+}
+
+thread_local! {
+    static BUILT: Cell<Built> = const { Cell::new(Built { trees: 0, cells: 0 }) };
+}
+
+impl Built {
+    /// By this thread.
+    pub fn here() -> Self {
+        BUILT.get()
+    }
+
+    fn add(trees: usize, cells: usize) {
+        let so_far = Self::here();
+        BUILT.set(Self { trees: so_far.trees + trees, cells: so_far.cells + cells });
+    }
+}
+
 /// The two forms in single precision may have so many bytes.
 const CELLS_BYTES: usize = 40 << 20;
 const SEEN_BYTES: usize = 12 << 20;
@@ -71,6 +95,7 @@ impl Mesh {
     /// Without triangles, or with an index beyond the vertices.
     pub fn new(vertices: &[[f64; 3]], triangles: &[[u32; 3]]) -> Self {
         assert!(!triangles.is_empty(), "a mesh has triangles");
+        Built::add(1, 0);
         let nowhere = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         let at = |i: u32| DVec3::from(vertices[i as usize]);
         let used = triangles.iter().flatten();
@@ -107,7 +132,16 @@ impl Mesh {
 
     /// Its triangles in a grid, for many short questions; `None` where they would need too much memory.
     pub fn cells(&self) -> Option<&Cells> {
-        self.cells.get_or_init(|| Cells::about(&self.corners, self.half, CELLS_BYTES)).as_ref()
+        let about = || {
+            Built::add(0, 1);
+            Cells::about(&self.corners, self.half, CELLS_BYTES)
+        };
+        self.cells.get_or_init(about).as_ref()
+    }
+
+    /// Whether [`cells`](Self::cells) are there for who asks; they are not made for that.
+    pub fn has_cells(&self) -> bool {
+        self.cells.get().map_or_else(|| Cells::fit(&self.corners, self.half, CELLS_BYTES), Option::is_some)
     }
 
     /// Its triangles as they lie on lines through a point, for many looks towards it; `None` where that is too near, or it

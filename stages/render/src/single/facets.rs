@@ -34,14 +34,21 @@ pub struct Eyes {
 }
 
 impl Facets {
-    /// `None` where there is no room for its cells.
-    pub fn of(mesh: &Arc<Mesh>, body: usize, origin: DVec3, eyes: &Eyes) -> Option<Self> {
-        mesh.cells()?;
-        let lit = eyes.light.and_then(|eye| mesh.seen_from(eye));
-        let shown = mesh.seen_from(eyes.camera);
+    /// Not [prepared](Self::prepare) for lines yet; `None` where there is no room for its cells.
+    pub fn of(mesh: &Arc<Mesh>, body: usize, origin: DVec3) -> Option<Self> {
+        if !mesh.has_cells() {
+            return None;
+        }
         let center = (mesh.center() - origin).as_vec3().to_array();
         let normals = (0..mesh.triangles() as u32).map(|face| mesh.normal(face).as_vec3().to_array()).collect();
-        Some(Self { body: body as u32, mesh: mesh.clone(), lit, shown, center, normals })
+        Some(Self { body: body as u32, mesh: mesh.clone(), lit: None, shown: None, center, normals })
+    }
+
+    /// Makes its cells, and what is seen of it from the eyes; a plan does without, and it takes as long as all the rest.
+    pub fn prepare(&mut self, eyes: &Eyes) {
+        self.mesh.cells();
+        self.lit = eyes.light.and_then(|eye| self.mesh.seen_from(eye));
+        self.shown = self.mesh.seen_from(eyes.camera);
     }
 
     /// Where the camera's ray is in it; false where it has to be asked otherwise.
@@ -54,7 +61,7 @@ impl Facets {
 
     #[inline(always)]
     pub(super) fn cells(&self) -> &Cells {
-        self.mesh.cells().expect("asked for when it was made")
+        self.mesh.cells().expect("there is room for them, or it would not have been made")
     }
 
     #[inline(always)]

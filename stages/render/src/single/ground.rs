@@ -4,7 +4,7 @@ use fearless_simd::prelude::*;
 use glam::DVec3;
 use turbid_optics::solid::Solid;
 
-use super::facets::{Eyes, Facets};
+use super::facets::Facets;
 use super::lane::{F, M, U, V, choose, splat};
 use super::limits::{MOST_BODIES, SLIVER};
 
@@ -90,8 +90,8 @@ pub type Spans<S> = [Span<S>; MOST_BODIES];
 
 impl Ground {
     /// Bodies with curved or upright faces further than `range` (mm) from `origin` are others too: f32 does not hold them. Meshes are
-    /// prepared for lines through `eyes`.
-    pub fn about(parts: &[Part], origin: DVec3, range: f64, eyes: &Eyes) -> Self {
+    /// to be [prepared](Facets::prepare) before lines meet them.
+    pub fn about(parts: &[Part], origin: DVec3, range: f64) -> Self {
         let local = |p: DVec3| (p - origin).as_vec3().to_array();
         let shape = |solid: &Solid| {
             let (low, high) = solid.bounds();
@@ -121,7 +121,7 @@ impl Ground {
         let mut shapes: Vec<Shape> = parts.iter().map(|part| shape(&part.solid)).collect();
         // All or none: distances from others and from meshes would have to be asked for together.
         let others = (0..parts.len()).filter(|&j| matches!(shapes[j], Shape::Other));
-        let meshes: Option<Vec<Facets>> = others.map(|j| facets(&parts[j].solid, j, origin, range, eyes)).collect();
+        let meshes: Option<Vec<Facets>> = others.map(|j| facets(&parts[j].solid, j, origin, range)).collect();
         for mesh in meshes.iter().flatten() {
             shapes[mesh.body as usize] = Shape::Mesh;
         }
@@ -307,11 +307,11 @@ impl Ground {
 }
 
 /// A mesh for lanes, where it is one and f32 holds it.
-fn facets(solid: &Solid, body: usize, origin: DVec3, range: f64, eyes: &Eyes) -> Option<Facets> {
+fn facets(solid: &Solid, body: usize, origin: DVec3, range: f64) -> Option<Facets> {
     let Solid::Mesh(mesh) = solid else { return None };
     let (low, high) = solid.bounds();
     let far = (low - origin).abs().max((high - origin).abs()).max_element();
-    if far <= range { Facets::of(mesh, body, origin, eyes) } else { None }
+    if far <= range { Facets::of(mesh, body, origin) } else { None }
 }
 
 /// Entry >= exit where the line misses.

@@ -25,12 +25,17 @@ use crate::world::{Material, Spans, World};
 const PEAKED: RangeInclusive<f64> = 0.5..=0.99;
 
 impl<'a> Frame<'a> {
-    /// `None` where f32 cannot hold the render.
+    /// Ready for paths; `None` where f32 cannot hold the render.
     pub fn of(walker: &Walker<'a>) -> Option<Self> {
-        Self::held(walker).ok()
+        let mut frame = Self::held(walker).ok()?;
+        let s = walker.setting();
+        let light = s.light.shines().then_some(s.light.view.position);
+        let eyes = Eyes { camera: s.camera.view.position, light };
+        frame.ground.meshes.iter_mut().for_each(|mesh| mesh.prepare(&eyes));
+        Some(frame)
     }
 
-    /// Why f32 cannot hold the render, where it cannot.
+    /// For plans: its meshes are not prepared for lines. Error: why f32 cannot hold the render.
     pub fn held(walker: &Walker<'a>) -> Result<Self, Refusal> {
         let s = walker.setting();
         if s.nee != Nee::Line {
@@ -76,8 +81,7 @@ impl<'a> Frame<'a> {
             [x as f32, y as f32, (turns - turns.round()) as f32]
         });
         let parts = parts(s.world);
-        let eyes = Eyes { camera: s.camera.view.position, light: s.light.shines().then_some(view.position) };
-        let ground = Ground::about(&parts, origin, range, &eyes);
+        let ground = Ground::about(&parts, origin, range);
         let others = (0..parts.len()).any(|j| ground.is_other(j));
         let known = if others || !ground.meshes.is_empty() { 0.0 } else { f32::INFINITY };
         let matt = |m: &Material| m.is_opaque() && m.finish != Finish::Mirror;

@@ -161,7 +161,7 @@ fn odd_objects() -> Vec<Object> {
 }
 
 fn mesh((vertices, triangles): Triangles) -> Shape {
-    Shape::Mesh(Mesh { vertices, triangles })
+    Shape::Mesh(Mesh { vertices, triangles }.into())
 }
 
 /// Meshes in, on and over a slab, one in another.

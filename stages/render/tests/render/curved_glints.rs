@@ -240,7 +240,7 @@ fn what_looks_alike_glints_alike() {
     let cuboid = || Shape::Box { size, center: [0.0, 0.0, -15.0] };
     let facets = || {
         let (vertices, triangles) = block(low.into(), high.into());
-        Shape::Mesh(Mesh { vertices, triangles })
+        Shape::Mesh(Mesh { vertices, triangles }.into())
     };
     for shape in [cuboid(), facets()] {
         let (at, one) = glint(shape);
@@ -257,7 +257,7 @@ fn what_looks_alike_glints_alike() {
     // A ring of facets has a flat top.
     let (vertices, triangles) = ring(5.0, 100.0, 3.0, 60);
     let lowered = vertices.into_iter().map(|[x, y, z]| [x, y, z - 3.0]).collect();
-    let (at, one) = glint(Shape::Mesh(Mesh { vertices: lowered, triangles }));
+    let (at, one) = glint(Shape::Mesh(Mesh { vertices: lowered, triangles }.into()));
     assert!(at == pixel && (one / plane - 1.0).abs() < 2e-7, "{one} {plane}");
 }
 

@@ -22,7 +22,7 @@ fn bytes_belong_to_the_version() {
         ("denser", Medium { n: 1.4, ..medium(0.3, 3.0, 0.5) }),
     ];
     let (vertices, triangles) = icosphere(2.0, [1.0, 0.0, -0.5].into(), 3);
-    let lump = Shape::Mesh(Mesh { vertices, triangles });
+    let lump = Shape::Mesh(Mesh { vertices, triangles }.into());
     let sunk = Shape::Sphere { diameter: 2.0, center: [1.0, 0.0, -2.0] };
     let slab = || Shape::Slab { top: 0.0, bottom: -50.0 };
     let ball = || Shape::Sphere { diameter: 4.0, center: [1.0, 0.0, -0.5] };

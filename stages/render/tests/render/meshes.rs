@@ -31,7 +31,7 @@ fn agree(name: &str, a: &Scene, b: &Scene, samples: u32) {
 }
 
 fn mesh((vertices, triangles): (Vec<[f64; 3]>, Vec<[u32; 3]>)) -> Shape {
-    Shape::Mesh(Mesh { vertices, triangles })
+    Shape::Mesh(Mesh { vertices, triangles }.into())
 }
 
 /// 81,920 triangles are 2e-5 of the radius away from the sphere; a box and a tube beside and below other bodies.

@@ -236,10 +236,15 @@ fn mistakes_are_named() {
             "method",
             &["transport solver", "bounded sideways"],
         ),
-        (good.clone(), json!({"f_x": [0.1], "samples": 4, "method": "magic"}), "method", &["magic"]),
+        (good.clone(), json!({"f_x": [0.1], "samples": 4, "method": "magic"}), "method", &["magic", "`path`"]),
         (good.clone(), json!({"f_x": [0.1], "samples": 4, "orientation_deg": []}), "orientation_deg", &["empty"]),
         (good.clone(), json!({"f_x": [0.1], "samples": 4, "orientation_deg": [0, 0]}), "orientation_deg.1", &["twice"]),
-        (good.clone(), json!({"f_x": [0.1], "sample": 4}), "sample", &["there is no key `sample`"]),
+        (
+            good.clone(),
+            json!({"f_x": [0.1], "sample": 4}),
+            "sample",
+            &["there is no key `sample`", "did you mean `samples`?"],
+        ),
         (with(&|s| s.camera = None), ok.clone(), "scene", &["no camera"]),
         (with(&|s| s.projector = None), ok.clone(), "scene", &["no projector"]),
         (

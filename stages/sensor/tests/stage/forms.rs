@@ -131,4 +131,13 @@ fn wrong_joints_are_named() {
     let form = &mut small.forms.get_mut("covariance").unwrap()[0];
     *form = Form { pixels: Some([4, 8]), ..(**form).clone() }.into();
     assert_told(&small, &[both, "8 x 4 pixels, the frames are 64 x 64"]);
+    // The covariance of counts is in counts^2; beside it frames in W mm^-2 sr^-1 have no noise that is known.
+    let counts = covariance(with(&|info| info.unit = "counts".into()));
+    assert!(counts.0.layers.iter().all(|layer| layer.info.unit == "counts^2"));
+    let other = beside(Frames(three.clone()), counts.clone());
+    assert_told(&other, &[both, "in counts^2, but the frames are in W mm^-2 sr^-1", "W^2 mm^-4 sr^-2"]);
+    let inputs = Inputs::from(vec![("frames", Frames(three).into_artifact()), ("covariance", counts.into_artifact())]);
+    let host = MemoryHost { wanted: vec!["covariance".into()], ..MemoryHost::default() };
+    let error = StageRow::of::<Sensor>().run(&json!({}), &inputs, Ctx::new(&host)).expect_err("it is refused");
+    assert!(error.to_string().contains("the covariance is in counts^2"), "{error}");
 }

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::mesh::Mesh;
+use crate::fixed::Fixed;
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -49,7 +50,7 @@ pub enum Shape {
         ports: Vec<Port>,
     },
     /// What a closed surface of triangles encloses.
-    Mesh(Mesh),
+    Mesh(Fixed<Mesh>),
     /// A shape turned about a point by degrees about the world's x, then y, then z axis.
     Turned {
         shape: Box<Shape>,
