@@ -113,8 +113,15 @@ impl Build {
         let store = Store::open(outputs).map_err(|e| Failure::Input(e.to_string()))?;
         let jobs = self.jobs.unwrap_or_else(threads::of_machine);
         let memory = self.memory.budget(jobs).map(|budget| budget.bytes);
-        let options =
-            Options { jobs, keep_going: false, force: Vec::new(), replace: false, simd: simd_level()?, memory };
+        let options = Options {
+            jobs,
+            keep_going: false,
+            force: Vec::new(),
+            replace: false,
+            simd: simd_level()?,
+            keep_states: false,
+            memory,
+        };
         let interrupt = Interrupt::listen().map_err(|e| Failure::Failed(format!("signals: {e}")))?;
         let progress = |work: &Work| choose(self.json, work);
         let told = |told: &Told<'_>| self.told(told);

@@ -92,7 +92,15 @@ impl Run {
             progress.warn(&warning.path, &warning.in_short());
         }
         let memory = budget.map(|budget| budget.bytes);
-        let options = Options { jobs, keep_going: self.keep_going, force, replace: self.replace, simd, memory };
+        let options = Options {
+            jobs,
+            keep_going: self.keep_going,
+            force,
+            replace: self.replace,
+            simd,
+            keep_states: true,
+            memory,
+        };
         let made = Making { resolver: &resolver, outputs, progress: progress.as_ref() }.make(survey, options);
         progress.ended();
         let Made { summary, folder, figures, rounds, unwritten, warned } = made?;

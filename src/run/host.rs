@@ -100,6 +100,12 @@ impl<'a> InstanceHost<'a> {
     /// After a run from the start: checkpoints stay only beside a result that they agree with. `agrees`: whether its outputs are those stored before,
     /// if there were any to compare.
     pub fn settle_checkpoints(&self, agrees: Option<bool>) {
+        if !self.worker.options.keep_states {
+            if self.began.elapsed() >= CHECKPOINT_EVERY {
+                self.forget_checkpoints();
+            }
+            return;
+        }
         let (Some(fresh), Some(key)) = (&self.fresh, &self.job.state_key) else { return };
         let fresh = lock(fresh);
         let wrong = fresh.other || agrees == Some(false);
@@ -241,6 +247,10 @@ impl Host for InstanceHost<'_> {
     }
 
     fn checkpoint_with(&self, progress: u64, write: &dyn Fn(&mut dyn Write) -> io::Result<()>) {
+        // The last state is nobody's to go on from; those of a long run are there in case that it is killed.
+        if !self.worker.options.keep_states && !self.checkpoint_is_due() {
+            return;
+        }
         *lock(&self.last_checkpoint) = Instant::now();
         let Some(key) = &self.job.state_key else { return };
         if let Some(fresh) = &self.fresh {

@@ -15,6 +15,8 @@ pub struct Options {
     pub replace: bool,
     /// `baseline`, `v3`, `v4`, or empty for the best level of vector instructions.
     pub simd: String,
+    /// Keep the state in which a stage ended, from which a longer run goes on. Without, states are written for a run that is killed alone.
+    pub keep_states: bool,
     /// Bytes of memory that instances may take together; `None` where nobody knows.
     pub memory: Option<u64>,
 }
