@@ -73,7 +73,8 @@ fn attempt(worker: Worker<'_>, task: Task) -> Outcome {
         Err(message) => return Outcome::Failed(message),
     };
     let host = InstanceHost::new(worker, job, &label, wanted, lent.files.clone(), forced);
-    let inputs = StoredInputs { plan, store, wires: &instance.wires, outputs, damaged: Mutex::new(None) };
+    let inputs =
+        StoredInputs { plan, store, wires: &instance.wires, outputs, kept: worker.kept, damaged: Mutex::new(None) };
     let started = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
     if alone {
         reset_peak_memory();

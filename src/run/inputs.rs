@@ -1,20 +1,22 @@
 //! Inputs of a running instance: loaded from the store when asked for, dropped by the stage when done.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, VecDeque};
 use std::sync::{Arc, Mutex};
 
-use turbid_contract::{Artifact, Axes, Error, InputSource};
+use turbid_contract::{Artifact, ArtifactKind, Axes, Error, InputSource, Shared};
 
 use crate::panics::lock;
 use crate::plan::{InstanceId, Plan, Wire};
 use crate::resolve::Outputs;
-use crate::store::Store;
+use crate::store::{Blob, Store};
 
 pub struct StoredInputs<'a> {
     pub plan: &'a Plan,
     pub store: &'a Store,
     pub wires: &'a [Wire],
     pub outputs: HashMap<InstanceId, Arc<Outputs>>,
+    /// Tables that several instances of the run read.
+    pub kept: &'a Kept,
     /// The producer of a blob that turned out damaged.
     pub damaged: Mutex<Option<InstanceId>>,
 }
@@ -25,7 +27,52 @@ impl StoredInputs<'_> {
     }
 }
 
+/// Tables that several instances read, the latest ones.
+#[derive(Default)]
+pub struct Kept(Mutex<VecDeque<(Blob, Shared)>>);
+
+/// So many are kept ...
+const MOST: usize = 8;
+/// ... of at most so many bytes each.
+const LARGEST: u64 = 64 << 20;
+
+impl Kept {
+    fn get(&self, blob: &Blob) -> Option<Shared> {
+        lock(&self.0).iter().find(|(kept, _)| kept == blob).map(|(_, shared)| shared.clone())
+    }
+
+    fn keep(&self, blob: Blob, artifact: Artifact) -> Shared {
+        let mut kept = lock(&self.0);
+        // Another instance may have been faster.
+        if let Some((_, shared)) = kept.iter().find(|(known, _)| *known == blob) {
+            return shared.clone();
+        }
+        if kept.len() == MOST {
+            kept.pop_front();
+        }
+        let shared = Shared::new(artifact);
+        kept.push_back((blob, shared.clone()));
+        shared
+    }
+}
+
 impl InputSource for StoredInputs<'_> {
+    fn shared(&self, port: &str) -> Result<Option<Shared>, Error> {
+        let Some(wire) = self.wire(port).filter(|wire| !wire.many) else { return Ok(None) };
+        let (producer, out) = wire.from[0];
+        let blob = self.outputs[&producer][out];
+        let stage = self.plan.instances[producer].stage;
+        let readers = self.plan.consumers(stage).iter().map(|&consumer| self.plan.instances_of(consumer).len()).max();
+        let is_shared = readers > Some(self.plan.instances_of(stage).len());
+        if !is_shared || blob.kind != ArtifactKind::Table || blob.bytes > LARGEST {
+            return Ok(None);
+        }
+        if let Some(shared) = self.kept.get(&blob) {
+            return Ok(Some(shared));
+        }
+        Ok(Some(self.kept.keep(blob, self.load(port, 0)?)))
+    }
+
     fn one(&self, port: &str) -> Result<Option<Artifact>, Error> {
         match self.wire(port) {
             Some(_) => self.load(port, 0).map(Some),

@@ -8,6 +8,7 @@ use std::time::Duration;
 use crate::plan::InstanceId;
 
 use super::execute::{self, Outcome, Task};
+use super::inputs::Kept;
 use super::interrupt::Interrupt;
 use super::schedule::Schedule;
 use super::worker::Worker;
@@ -20,7 +21,8 @@ pub fn work(schedule: &mut Schedule<'_>, interrupt: &Interrupt) -> Result<(), St
     let jobs = options.jobs;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(jobs).thread_name(|i| format!("turbid-{i}")).build();
     let pool = pool.map_err(|e| format!("{jobs} threads cannot be started: {e}; take fewer with -j"))?;
-    let worker = Worker { resolver, pool: &pool, options, progress, interrupt };
+    let kept = Kept::default();
+    let worker = Worker { resolver, pool: &pool, options, progress, interrupt, kept: &kept };
     let (send, receive) = mpsc::channel::<(InstanceId, Outcome)>();
     std::thread::scope(|scope| {
         let mut threads: HashMap<InstanceId, ScopedJoinHandle<'_, ()>> = HashMap::new();

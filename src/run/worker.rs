@@ -2,6 +2,7 @@
 
 use crate::resolve::Resolver;
 
+use super::inputs::Kept;
 use super::interrupt::Interrupt;
 use super::options::Options;
 use super::progress::Progress;
@@ -14,4 +15,5 @@ pub struct Worker<'a> {
     pub options: &'a Options,
     pub progress: &'a dyn Progress,
     pub interrupt: &'a Interrupt,
+    pub kept: &'a Kept,
 }

@@ -55,6 +55,10 @@ pub trait InputSource {
     fn one(&self, port: &str) -> Result<Option<Artifact>, Error>;
     /// The axes of everything on a `many` port, in the order of their values.
     fn many(&self, port: &str) -> Vec<Axes>;
+    /// The artifact on a `one` port where other instances of the run read it too: what is made of it is kept for all of them.
+    fn shared(&self, _port: &str) -> Result<Option<Shared>, Error> {
+        Ok(None)
+    }
     /// One artifact of a `many` port.
     fn load(&self, port: &str, index: usize) -> Result<Artifact, Error>;
 }
@@ -99,6 +103,9 @@ pub trait OutPorts {
 
 /// Loads the artifact on a port that must be connected.
 pub fn load_one<T: Payload>(source: &dyn InputSource, port: &'static str) -> Result<T, Error> {
+    if let Some(typed) = source.shared(port)?.and_then(|shared| shared.get::<T>()) {
+        return Ok((*typed).clone());
+    }
     let artifact = source.one(port)?.ok_or_else(|| Error::failed(format!("input `{port}` is not connected")))?;
     T::from_artifact(artifact)
 }

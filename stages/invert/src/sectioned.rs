@@ -1,5 +1,7 @@
 //! A table ready for use: one solver for each section, blended where a pixel belongs to two.
 
+use std::sync::{Arc, Mutex, PoisonError};
+
 use turbid_contract::payload::{Lut, MaskReason, Sections, Shares};
 use turbid_contract::{Ctx, Error, ImageStack, Layer};
 
@@ -148,11 +150,35 @@ impl Places {
     }
 }
 
-/// All sections of a table, each made on a thread of its own.
-pub fn prepare(lut: &Lut, f_x: &[f64], params: &Params, noise: bool, ctx: Ctx<'_>) -> Result<Vec<Prepared>, Error> {
+/// What was prepared of a table, by f_x (as bits), method, outside, noise.
+type Ready = Mutex<Vec<((Vec<u64>, Method, Outside, bool), Arc<Vec<Prepared>>)>>;
+
+/// All sections of a table, each made on a thread of its own; once for all instances of a run that ask for the same.
+pub fn prepare(
+    lut: &Lut,
+    f_x: &[f64],
+    params: &Params,
+    noise: bool,
+    ctx: Ctx<'_>,
+) -> Result<Arc<Vec<Prepared>>, Error> {
     if noise && lut::has_unknown_errors(lut) {
         ctx.warn("the table does not know its standard errors: those of the maps hold the reflectance's alone");
     }
+    let ready = lut.0.made(|_| Ready::default());
+    let key = (f_x.iter().map(|f| f.to_bits()).collect::<Vec<_>>(), params.method, params.outside, noise);
+    let find = || {
+        let ready = ready.lock().unwrap_or_else(PoisonError::into_inner);
+        ready.iter().find(|(known, _)| *known == key).map(|(_, prepared)| prepared.clone())
+    };
+    if let Some(prepared) = find() {
+        return Ok(prepared);
+    }
+    // Without the lock: the threads that make it may belong to somebody who waits for it.
     let all = ctx.map_tiles(lut::sections(lut), |k| Prepared::new(lut, k, f_x, params, noise))?;
-    all.into_iter().collect()
+    let made: Arc<Vec<Prepared>> = Arc::new(all.into_iter().collect::<Result<_, _>>()?);
+    if let Some(prepared) = find() {
+        return Ok(prepared);
+    }
+    ready.lock().unwrap_or_else(PoisonError::into_inner).push((key, made.clone()));
+    Ok(made)
 }

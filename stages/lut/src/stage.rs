@@ -182,9 +182,9 @@ impl Stage for BuildLut {
         let mut table = lut(params, &recipe, values, se, bounds, sections)?;
         if !inputs.phantoms.axes().is_empty() {
             // As the first phantom was seen, so were all: they share camera, light and geometry.
-            table.0.attributes.extend(inputs.phantoms.load(0)?.0.attributes.remove_entry(CONDITIONS));
+            table.attributes.extend(inputs.phantoms.load(0)?.0.attributes.remove_entry(CONDITIONS));
         }
-        Ok(Out { lut: table, validity, design })
+        Ok(Out { lut: table.into(), validity, design })
     }
 }
 
@@ -387,7 +387,7 @@ fn lut(
     r_d_se: Vec<Option<f64>>,
     r_d_bound: Vec<Option<f64>>,
     sections: Option<&Sections>,
-) -> Result<Lut, Error> {
+) -> Result<Table, Error> {
     let (n_a, n_s, size) = (recipe.mu_a.len(), recipe.mu_s_prime.len(), r_d.len());
     let n_f = recipe.f_x.len();
     let column = |f: &dyn Fn(usize) -> f64| Cells::F64((0..size).map(f).collect());
@@ -403,7 +403,7 @@ fn lut(
     // Random errors, and what is systematic.
     table.push("r_d_se", "1", Cells::MaybeF64(r_d_se));
     table.push("r_d_bound", "1", Cells::MaybeF64(r_d_bound));
-    Ok(Lut(table))
+    Ok(table)
 }
 
 /// Rows are mu_a (the largest on top), columns mu_s', as a plot would show them; sections one after the other.

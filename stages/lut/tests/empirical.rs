@@ -82,7 +82,7 @@ fn build(params: &Value, inputs: &Inputs) -> Result<Table, Error> {
     let host = MemoryHost::default();
     let outputs = StageRow::of::<BuildLut>().run(params, inputs, Ctx::new(&host))?;
     let lut = outputs.into_iter().find(|(name, _)| *name == "lut").expect("the port is never left out").1;
-    Ok(Lut::from_artifact(lut)?.0)
+    Ok((*Lut::from_artifact(lut)?.0).clone())
 }
 
 /// Largest and mean relative error of a table against the solver, over all nodes, %.

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::artifact::{Artifact, ArtifactKind, Table};
 use crate::error::Error;
+use crate::fixed::Fixed;
 use crate::payload::{Payload, Quantity, quantity};
 
 /// What a reflectance means; travels with every reflectance and table, and must agree where they meet.
@@ -29,7 +30,13 @@ pub enum Convention {
 /// a column `section` comes first and runs slowest. Attributes: `f_x`, `mu_a`, `mu_s_prime` (the axes), `g`, `n`,
 /// `thickness` (mm, null for a half-space), `convention`, `model`; of phantoms also `reference` (its `mu_a`, `mu_s_prime`, mm^-1).
 #[derive(Clone, Debug, PartialEq)]
-pub struct Lut(pub Table);
+pub struct Lut(pub Fixed<Table>);
+
+impl From<Table> for Lut {
+    fn from(table: Table) -> Self {
+        Self(table.into())
+    }
+}
 
 impl Payload for Lut {
     const NAME: &'static str = "lut";
@@ -44,12 +51,12 @@ impl Payload for Lut {
     ];
 
     fn into_artifact(self) -> Artifact {
-        Artifact::Table(self.0)
+        Artifact::Table((*self.0).clone())
     }
 
     fn from_artifact(artifact: Artifact) -> Result<Self, Error> {
         match artifact {
-            Artifact::Table(table) => Ok(Self(table)),
+            Artifact::Table(table) => Ok(table.into()),
             other => Err(Error::failed(format!("lut must be a table, not {:?}", other.kind()))),
         }
     }

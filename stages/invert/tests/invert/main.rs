@@ -55,7 +55,7 @@ fn lut(f_x: &[f64], model: impl Fn(f64, f64, f64) -> f64) -> Lut {
         ("convention", serde_json::to_value(Convention::Camera).unwrap()),
     ];
     table.attributes = facts.into_iter().map(|(k, v)| (k.to_owned(), v)).collect();
-    Lut(table)
+    table.into()
 }
 
 /// One row of pixels with these reflectances; noise is (relative standard errors, correlation).

@@ -27,7 +27,7 @@ fn sectioned_lut(factors: &[f64]) -> Lut {
     table.push("r_d", "1", Cells::F64(all));
     let list: Vec<serde_json::Value> = factors.iter().map(|_| serde_json::json!({})).collect();
     table.attributes.insert("sections".into(), list.into());
-    Lut(table)
+    table.into()
 }
 
 /// Each pixel is read in the table of its section; between two it is their blend in ln mu, and without one it is masked.
