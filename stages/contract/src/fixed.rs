@@ -28,6 +28,14 @@ impl<T> Fixed<T> {
     }
 }
 
+impl<T: Clone> Fixed<T> {
+    /// The value, to be changed in this copy alone; nothing is made of it yet.
+    pub fn to_mut(&mut self) -> &mut T {
+        *self = Self::new(self.0.value.clone());
+        &mut Arc::get_mut(&mut self.0).expect("it was made just now").value
+    }
+}
+
 impl<T> Clone for Fixed<T> {
     fn clone(&self) -> Self {
         Self(self.0.clone())

@@ -132,7 +132,7 @@ fn errors_of_the_table_are_in_the_maps() {
         let off = [normal(), normal()].map(|z| libm::exp(0.01 * z));
         let mut table = lut(&F_X, |a, s, f| r_d(a, s, f) * off[usize::from(f > 0.0)]);
         let se = table.0.f64s("r_d").unwrap().iter().map(|r| 0.01 * r).collect();
-        table.0.push("r_d_se", "1", Cells::F64(se));
+        table.0.to_mut().push("r_d_se", "1", Cells::F64(se));
         let r = [F_X.map(|f| r_d(medium[0], medium[1], f)); 4];
         let params = Params { method, ..Params::default() };
         let (out, _) = invert(reflectance(&r, Some(([1e-5, 1e-5], 0.0))), table, &params, &[]).unwrap();
@@ -313,7 +313,7 @@ fn unknown_errors_of_the_table_are_told() {
     let of = |known: bool| {
         let mut table = lut(&F_X, r_d);
         let se = table.0.f64s("r_d").unwrap().iter().map(|r| known.then_some(0.01 * r)).collect();
-        table.0.push("r_d_se", "1", Cells::MaybeF64(se));
+        table.0.to_mut().push("r_d_se", "1", Cells::MaybeF64(se));
         let r = [F_X.map(|f| r_d(0.05, 1.2, f)); 4];
         let reflectance = reflectance(&r, Some(([1e-3, 1e-3], 0.0)));
         let (out, host) = invert(reflectance, table, &Params::default(), &[]).unwrap();

@@ -332,7 +332,7 @@ fn a_shape_that_does_not_fit_is_named() {
     };
     let slab = || {
         let mut table = lut(&F_X, r_d);
-        table.0.attributes.insert("thickness".into(), 5.0.into());
+        table.0.to_mut().attributes.insert("thickness".into(), 5.0.into());
         table
     };
     let crossed = || {

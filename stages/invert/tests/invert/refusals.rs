@@ -78,11 +78,11 @@ fn mismatches_are_named() {
     let params = Params::default();
     for (name, value) in [("convention", "hemispherical_entered".into()), ("g", 0.9.into()), ("n", 1.33.into())] {
         let mut table = lut(&F_X, r_d);
-        table.0.attributes.insert(name.into(), value);
+        table.0.to_mut().attributes.insert(name.into(), value);
         let text = message(good(), table, &params);
         assert!(text.contains(&format!("the reflectance has {name} = ")), "{text}");
         let mut table = lut(&F_X, r_d);
-        table.0.attributes.remove(name);
+        table.0.to_mut().attributes.remove(name);
         assert!(message(good(), table, &params).contains(&format!("the table does not say its {name}")));
     }
     assert!(
@@ -101,14 +101,14 @@ fn mismatches_are_named() {
     let of_phantoms = |mu_a: f64| serde_json::json!({"mu_a": mu_a, "mu_s_prime": 1.0});
     let (mut relative, mut table) = (good(), lut(&F_X, r_d));
     relative.0.attributes.insert("reference".into(), of_phantoms(0.02));
-    table.0.attributes.insert("reference".into(), of_phantoms(0.03));
+    table.0.to_mut().attributes.insert("reference".into(), of_phantoms(0.03));
     assert!(
         message(relative, table, &params).contains("with mu_a = 0.02 mm^-1, the table's phantoms to one with 0.03")
     );
     let dark = lut(&F_X, |a, s, f| r_d(a, s, f) - 0.1);
     assert!(message(good(), dark, &params).contains("must be finite and > 0"));
     let mut short = lut(&F_X, r_d);
-    short.0.columns[0].cells = Cells::F64(vec![0.5; 7]);
+    short.0.to_mut().columns[0].cells = Cells::F64(vec![0.5; 7]);
     assert!(message(good(), short, &params).contains("7 rows for 2 f_x"));
 
     let mut problems = Problems::default();

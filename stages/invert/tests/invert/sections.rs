@@ -87,7 +87,7 @@ fn lanes_say_what_pixels_say() {
                     input.0.push(LayerInfo::new("mask", LayerKind::Mask, "1"), mask);
                     let mut lut = if sectioned { sectioned_lut(&[1.0]) } else { lut(&F_X, r_d) };
                     let se = lut.0.f64s("r_d").unwrap().iter().map(|r| table_se * r).collect();
-                    lut.0.push("r_d_se", "1", Cells::F64(se));
+                    lut.0.to_mut().push("r_d_se", "1", Cells::F64(se));
                     let inputs = In { sections: sectioned.then(|| sections(&own, 1)), ..inputs(input, lut) };
                     let host = MemoryHost { simd: simd.to_owned(), ..MemoryHost::new(0, &["covariance"], 1) };
                     let params = Params { outside, ..Params::default() };
