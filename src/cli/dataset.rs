@@ -9,12 +9,12 @@ use serde_json::{Value, json};
 use crate::dataset::build::{Building, Stopped, Told, finished};
 use crate::dataset::{DatasetPlan, verify};
 use crate::estimate::estimates;
-use crate::plan::Plan;
+use crate::plan::{InstanceId, Plan};
 use crate::registry::Registry;
 use crate::resolve::Resolver;
 use crate::run::progress::{Json, Work, choose};
 use crate::run::{Interrupt, Options};
-use crate::spec::Report;
+use crate::spec::{DRAW_AXIS, Report};
 use crate::store::Store;
 use crate::threads;
 
@@ -210,8 +210,11 @@ impl Look {
             resolver.made(id)?.get(feature.port).map(|form| (**form).clone())
         };
         let shapes = dataset.shapes(form, &plan)?;
-        let seconds: f64 = estimates(&resolver, &survey).values().map(|estimate| estimate.seconds).sum();
         let points: usize = dataset.splits.iter().map(|split| split.indices.len()).sum();
+        // What is not drawn is computed once.
+        let times =
+            |id: &InstanceId| if sample.instances[*id].axes.contains_key(DRAW_AXIS) { points as f64 } else { 1.0 };
+        let seconds: f64 = estimates(&resolver, &survey).iter().map(|(id, of)| of.seconds * times(id)).sum();
         let values: usize = shapes.iter().flatten().map(|shape| shape.values()).sum();
         let bytes = values as u64 * if dataset.spec.dtype.name() == "float16" { 2 } else { 4 } * points as u64;
         let shards = |indices: &[u64]| indices.len().div_ceil(dataset.spec.rows);
@@ -221,10 +224,13 @@ impl Look {
                 .iter()
                 .map(|split| json!({"split": split.name, "points": split.indices.len(), "shards": shards(&split.indices)}))
                 .collect();
-            print_json(&json!({
-                "dataset": dataset.spec.name, "n": draw.n(), "points": points, "acceptance": draw.acceptance(),
-                "skipped": draw.skipped, "splits": splits, "cpu_hours": seconds * points as f64 / 3600.0, "bytes": bytes,
-            }).to_string());
+            print_json(
+                &json!({
+                    "dataset": dataset.spec.name, "n": draw.n(), "points": points, "acceptance": draw.acceptance(),
+                    "skipped": draw.skipped, "splits": splits, "cpu_hours": seconds / 3600.0, "bytes": bytes,
+                })
+                .to_string(),
+            );
             return Ok(());
         }
         let mut text =
@@ -243,8 +249,7 @@ impl Look {
             };
             text += &format!("  {}: {} ({what})\n", feature.spec.name, feature.spec.from.join("."));
         }
-        text +=
-            &format!("about {:.2} CPU h, {} before compression", seconds * points as f64 / 3600.0, size_text(bytes));
+        text += &format!("about {:.2} CPU h, {} before compression", seconds / 3600.0, size_text(bytes));
         print(&text);
         for split in &dataset.splits {
             if split.indices.is_empty() {
