@@ -44,7 +44,7 @@ pub struct Sensor;
 
 impl Stage for Sensor {
     const NAME: &'static str = "sensor";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     const ABOUT: &'static str =
         "what a camera makes of ideal frames: exposure, defocus, noise, gamma, saturation, rounding";
 
