@@ -125,13 +125,13 @@ mod tests {
         assert!((square / n - 1.0 / 3.0).abs().max_element() < 4.5 * (4.0 / 45.0 / n).sqrt(), "{}", square / n);
     }
 
-    /// Balls cannot fill more than 74 % of a box; what is wider than the region has no place at all.
+    /// A full box says how many it holds; what is wider than the region has no place at all.
     #[test]
     fn what_does_not_fit_is_said() {
         let full = place(&balls(900, 1.0), &BOX, 0.0, 1).unwrap_err();
-        // The jammed state of random sequential addition holds 38 % of a large volume; 1000 tries come near.
+        // The jammed state of random sequential addition holds 38 % of a large volume; walls and 1000 tries leave less.
         let share = full.placed as f64 * 4.0 / 3.0 * std::f64::consts::PI / 4000.0;
-        assert!(!full.too_large && (0.25..0.38).contains(&share), "{full:?}: {share}");
+        assert!(!full.too_large && (0.2..0.38).contains(&share), "{full:?}: {share}");
         assert_eq!(place(&balls(3, 6.0), &BOX, 0.0, 1), Err(Stuck { placed: 0, too_large: true }));
     }
 
