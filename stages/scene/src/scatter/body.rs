@@ -3,8 +3,8 @@
 use glam::DVec3;
 use turbid_optics::solid::Frame;
 
-/// Steps towards the nearest points of two bodies. What is not decided then is nearer to the wanted distance than a part in a thousand,
-/// or touches.
+/// Steps towards the nearest points of two bodies. What is not decided then touches, or is nearer to the wanted distance than a part in 500
+/// (`distances_are_known`).
 const STEPS: usize = 100;
 /// Shifts of weight in each step.
 const SHIFTS: usize = 12;
