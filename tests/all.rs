@@ -63,6 +63,8 @@ mod people;
 mod pictures;
 #[path = "all/profile.rs"]
 mod profile;
+#[path = "all/random_scenes.rs"]
+mod random_scenes;
 #[path = "all/record.rs"]
 #[allow(dead_code, reason = "the bench that renews records needs the rest")]
 mod record;

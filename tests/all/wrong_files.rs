@@ -61,7 +61,7 @@ const WRONG: &[(&str, &str, &str, &str)] = &[
     ("g: 0.8, ", "", "8:15: stages.tissue.with.media.m.g: `g` is missing", ""),
     ("n: 1.0", "n: 0.9", "8:57: stages.tissue.with.media.m.n: n = 0.9 must lie in [1, 10]", ""),
     ("medium: m", "medium: n", "9:64: stages.tissue.with.objects.block.medium: there is no medium `n`", "known: `m`"),
-    ("slab: {thickness: 30, top: 0}", "slab: {thickness: 30, top: 0}, box: {size: [1, 1, 1], center: [0, 0, 0]}", "9:24: stages.tissue.with.objects.block: block has more than one shape", "give exactly one of slab, box, sphere, spheroid, cylinder, tube, sphere_shell, mesh"),
+    ("slab: {thickness: 30, top: 0}", "slab: {thickness: 30, top: 0}, box: {size: [1, 1, 1], center: [0, 0, 0]}", "9:24: stages.tissue.with.objects.block: block has more than one shape", "give exactly one of slab, box, sphere, spheroid, cylinder, tube, sphere_shell, mesh, relief, path, scatter"),
     ("slab: {", "slap: {", "9:25: stages.tissue.with.objects.block.slap: there is no key `slap` here", "did you mean `slab`?"),
     ("thickness: 30", "thickness: 30 deg", "9:43: stages.tissue.with.objects.block.slab.thickness: `30 deg` has the dimension angle; length in mm is wanted", ""),
     ("thickness: 30", "thickness: 0", "9:43: stages.tissue.with.objects.block.slab.thickness: thickness = 0 mm must be > 0", ""),

@@ -24,5 +24,6 @@ pub use draw::{Draw, Skipped, Type};
 pub use expression::Expression;
 pub use hash::stream;
 pub use mistake::Mistake;
+pub use normal::quantile as normal_quantile;
 pub use sobol::{DIMENSIONS, scrambled, sobol};
 pub use unit::Method;

@@ -10,7 +10,7 @@ pub(crate) fn below(x: f64) -> f64 {
 /// The value of the standard normal distribution below which the share `p` in (0, 1) lies.
 ///
 /// Relative error about 1e-16. Source: M. J. Wichura, Algorithm AS 241 (PPND16), Appl. Stat. 37, 477 (1988).
-pub(crate) fn quantile(p: f64) -> f64 {
+pub fn quantile(p: f64) -> f64 {
     let q = p - 0.5;
     if q.abs() <= 0.425 {
         let r = 0.180_625 - q * q;

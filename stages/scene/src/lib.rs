@@ -24,7 +24,10 @@ pub mod kept;
 mod mesh;
 pub mod overlap;
 pub mod params;
+mod path;
 mod per_channel;
+mod relief;
+mod scatter;
 mod sketch;
 mod stage;
 

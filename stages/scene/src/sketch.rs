@@ -3,6 +3,8 @@
 mod cut;
 mod panel;
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use glam::{DVec2, DVec3};
 use turbid_contract::ImageStack;
 use turbid_contract::LayerInfo;
@@ -45,13 +47,39 @@ const OBJECTS: [Colour; 6] = [
     [0.87, 0.87, 0.6],
 ];
 
-fn colour_of(object: usize) -> Colour {
-    OBJECTS[object % OBJECTS.len()]
+/// Colours of the objects in the order of their names, one for each; scattered bodies have that of the object that they come from.
+struct Colours {
+    of: Vec<usize>,
+}
+
+impl Colours {
+    fn new(scene: &Scene, scattered: &BTreeMap<String, String>) -> Self {
+        let mut origins: Vec<&str> = Vec::new();
+        let number = |name| {
+            let origin = origin(name, scattered);
+            origins.iter().position(|o| *o == origin).unwrap_or_else(|| {
+                origins.push(origin);
+                origins.len() - 1
+            })
+        };
+        Self { of: scene.objects.keys().map(number).collect() }
+    }
+
+    fn of(&self, object: usize) -> Colour {
+        OBJECTS[self.of[object] % OBJECTS.len()]
+    }
+}
+
+/// The object that stands in the file.
+fn origin<'a>(name: &'a String, scattered: &'a BTreeMap<String, String>) -> &'a str {
+    scattered.get(name).unwrap_or(name)
 }
 
 /// Side by side, the first two at one scale: from above (x to the right, y up), with dashed outlines of what lies below; a vertical section
 /// along the line from camera to projector; the whole set-up in that section, where it is much larger than what camera and projector see.
-pub fn sketch(scene: &Scene) -> Preview {
+/// `scattered` tells of which object a body is one of many: they share a colour and a line of the legend.
+pub fn sketch(scene: &Scene, scattered: &BTreeMap<String, String>) -> Preview {
+    let colours = Colours::new(scene, scattered);
     let camera = scene.camera.as_ref().and_then(|c| camera_view(c).ok());
     let projector = scene.projector.as_ref().and_then(|p| projector_view(p).ok());
     let cut = Cut::of(camera.as_ref(), projector.as_ref());
@@ -70,7 +98,7 @@ pub fn sketch(scene: &Scene) -> Preview {
     let beside = |p: DVec3| cut.flatten(p);
     let in_section = |p: DVec2| {
         let seen = object_at(&objects, cut.point(p)).filter(|&i| !is_void(scene, objects[i].object));
-        seen.map(colour_of)
+        seen.map(|i| colours.of(i))
     };
     let widest = |points: &[DVec3]| flat_span(points, above).1.max(flat_span(points, beside).1);
     let split = !near.is_empty() && LARGE * widest(&near) < widest(&whole);
@@ -78,7 +106,7 @@ pub fn sketch(scene: &Scene) -> Preview {
 
     let mut top = Panel::around(flat_span(shown, above).0, width);
     let columns = Columns::below(&top, scene, &objects, span(&whole).1.z + width);
-    let hidden = top.fill_from_above(&columns, colour_of);
+    let hidden = top.fill_from_above(&columns, |i| colours.of(i));
     let ends = [-1.0, 1.0].map(|side| above(cut.point(cut.flatten(cut.through) + DVec2::X * side * 2.0 * width)));
     top.line(ends[0], ends[1], CUT_COLOUR, 4);
     top.draw(&ink, above);
@@ -98,7 +126,7 @@ pub fn sketch(scene: &Scene) -> Preview {
         all.draw(&ink, beside);
         panels.push((all, "the whole set-up in that section".to_owned()));
     }
-    Preview(stack(&panels, legend(scene, hidden)))
+    Preview(stack(&panels, legend(scene, scattered, &colours, hidden)))
 }
 
 /// The panels side by side, with their titles and the lengths of their bars.
@@ -141,12 +169,14 @@ fn lamps(scene: &Scene) -> Vec<(DVec3, DVec3)> {
 }
 
 /// Objects with their media, camera and projector, in the colours of the sketch; `hidden`: some outline is dashed.
-fn legend(scene: &Scene, hidden: bool) -> Value {
+fn legend(scene: &Scene, scattered: &BTreeMap<String, String>, colours: &Colours, hidden: bool) -> Value {
     let objects = scene.objects.iter().enumerate().filter(|(_, (_, o))| !is_void(scene, o));
     let said =
         |name: &str, medium: Option<&String>| medium.map_or_else(|| name.to_owned(), |m| format!("{name} ({m})"));
     let mut entries: Vec<(String, Colour)> =
-        objects.map(|(i, (name, o))| (said(name, o.medium.as_ref()), colour_of(i))).collect();
+        objects.map(|(i, (name, o))| (said(origin(name, scattered), o.medium.as_ref()), colours.of(i))).collect();
+    let mut told = BTreeSet::new();
+    entries.retain(|(text, _)| told.insert(text.clone()));
     entries.extend(scene.camera.iter().map(|_| ("camera and what it sees".to_owned(), CAMERA)));
     entries.extend(scene.projector.iter().map(|_| ("projector and what it lights".to_owned(), PROJECTOR)));
     entries.extend((!scene.lights.is_empty()).then(|| ("steady lights".to_owned(), LAMP)));

@@ -7,7 +7,7 @@ use turbid_contract::payload::{Preview, Scene};
 use turbid_contract::serde_json::Value;
 use turbid_contract::{Ctx, Error, FileUse, Known, Problems, Stage, StagePlan, in_ports, out_ports};
 
-use crate::assemble::{RigInput, assemble};
+use crate::assemble::{RigInput, assemble, scattered};
 use crate::kept::Kept;
 use crate::params::{AlbedoParams, ObjectParams, Params, SurfaceParams, TextureParams};
 use crate::sketch::sketch;
@@ -81,7 +81,7 @@ impl Stage for SceneStage {
             Some(scene) => scene,
             None => assembled(&kept.params, inputs.rig, ctx)?,
         };
-        let preview = ctx.wants("preview").then(|| sketch(&scene));
+        let preview = ctx.wants("preview").then(|| sketch(&scene, &scattered(&kept.params)));
         Ok(Out { scene, preview })
     }
 }

@@ -13,12 +13,16 @@ use crate::params::Params;
 
 mod channels;
 mod detector;
+mod drawn;
 mod lamp;
 mod lost;
 mod medium;
 mod object;
+mod path;
 mod plausible;
+mod relief;
 mod rig;
+mod scatter;
 mod shape;
 mod surface;
 mod view;
@@ -29,12 +33,14 @@ use detector::detector;
 use lamp::lamp;
 use lost::warn_of_lost_light;
 use medium::medium;
-use object::object;
+use object::objects;
 use plausible::doubt;
+use scatter::at_their_origin;
 use view::{camera, projector};
 use whole::check_whole;
 
 pub use rig::RigInput;
+pub use scatter::scattered;
 
 /// The scene that the parameters describe; meaningless where `problems` got something.
 ///
@@ -52,11 +58,14 @@ pub fn assemble(
     };
     let mut media: BTreeMap<String, Medium> =
         params.media.iter().map(|(name, m)| (name.clone(), medium(name, m, channels, problems))).collect();
+    let scattered = scattered(params);
     let mut objects = BTreeMap::new();
     for (name, o) in &params.objects {
-        if let Some(object) = object(name, o, params, file, problems) {
-            objects.insert(name.clone(), object);
+        if let Some(of) = scattered.get(name) {
+            let message = format!("a body of `{of}: {{scatter: ..}}` has the name {name}, too");
+            problems.push_with_hint(format!("objects.{name}"), message, "give one of the two another name");
         }
+        objects.extend(self::objects(name, o, params, file, problems));
     }
     if params.objects.is_empty() && !is_rig(params) {
         problems.push_with_hint(
@@ -77,9 +86,9 @@ pub fn assemble(
     let taken = rig.complete(&mut scene, params, problems);
     if problems.is_empty() && !matches!(rig, RigInput::Unknown) {
         let mut whole = Problems::default();
-        check_whole(&scene, &mut whole);
-        taken.replace(whole, problems);
-        warn_of_lost_light(&scene, problems);
+        check_whole(&scene, &scattered, &mut whole);
+        warn_of_lost_light(&scene, &mut whole);
+        taken.replace(at_their_origin(whole, &scattered), problems);
     }
     scene
 }

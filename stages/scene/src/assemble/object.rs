@@ -2,28 +2,46 @@
 
 use std::sync::Arc;
 
-use turbid_contract::payload::{Object, Shape};
+use turbid_contract::payload::{Mesh, Object, Shape};
 use turbid_contract::{Fixed, Problems, suggest};
 
+use crate::assemble::path::path;
+use crate::assemble::relief::relief;
+use crate::assemble::scatter::{body_name, scatter};
 use crate::assemble::shape::{mesh, shapes};
 use crate::assemble::surface::surface;
 use crate::params::{ObjectParams, Params};
 
-const SHAPES_HINT: &str = "give exactly one of slab, box, sphere, spheroid, cylinder, tube, sphere_shell, mesh";
+const SHAPES_HINT: &str =
+    "give exactly one of slab, box, sphere, spheroid, cylinder, tube, sphere_shell, mesh, relief, path, scatter";
 
-pub fn object(
+/// The object with its name; of `scatter` one for each body.
+pub fn objects(
     name: &str,
     o: &ObjectParams,
     params: &Params,
     file: &dyn Fn(&str) -> Option<Arc<[u8]>>,
     problems: &mut Problems,
-) -> Option<Object> {
+) -> Vec<(String, Object)> {
     let at = |field: &str| format!("objects.{name}.{field}");
     let mut shapes = shapes(name, o, problems);
     let mut given = shapes.len();
-    if let Some(m) = &o.mesh {
+    let mut made = |mesh: Option<Mesh>| {
         given += 1;
-        shapes.extend(mesh(name, m, file, problems).map(|mesh| Shape::Mesh(Fixed::new(mesh))));
+        shapes.extend(mesh.map(|mesh| Shape::Mesh(Fixed::new(mesh))));
+    };
+    if let Some(m) = &o.mesh {
+        made(mesh(name, m, file, problems));
+    }
+    if let Some(r) = &o.relief {
+        made(relief(name, r, problems));
+    }
+    if let Some(p) = &o.path {
+        made(path(name, p, problems));
+    }
+    if let Some(s) = &o.scatter {
+        given += 1;
+        shapes.extend(scatter(name, s, problems).unwrap_or_default());
     }
     if given != 1 {
         let rule = if given == 0 { "has no shape" } else { "has more than one shape" };
@@ -49,5 +67,10 @@ pub fn object(
     }
     // Light never enters an opaque object: what lies below cannot matter.
     let medium = if opaque { None } else { o.medium.clone() };
-    Some(Object { shape: shapes.into_iter().next()?, medium, priority: o.priority, surface })
+    let object =
+        |shape: Shape| Object { shape, medium: medium.clone(), priority: o.priority, surface: surface.clone() };
+    if o.scatter.is_none() {
+        return shapes.into_iter().take(1).map(|shape| (name.to_owned(), object(shape))).collect();
+    }
+    shapes.into_iter().enumerate().map(|(i, shape)| (body_name(name, i), object(shape))).collect()
 }

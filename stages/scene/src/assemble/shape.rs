@@ -40,19 +40,12 @@ pub fn shapes(name: &str, o: &ObjectParams, problems: &mut Problems) -> Vec<Shap
     }
     if let Some(s) = &o.spheroid {
         let diameters = [0, 1, 2].map(|i| positive(&format!("spheroid.diameters.{i}"), s.diameters[i].0));
-        let center = plain(s.center);
-        shapes.push(if diameters[0] == diameters[1] && diameters[1] == diameters[2] {
-            Shape::Sphere { diameter: diameters[0], center }
-        } else {
-            turned(Shape::Spheroid { diameters, center }, center, s.rotation_deg)
-        });
+        shapes.push(spheroid(diameters, plain(s.center), s.rotation_deg));
     }
     if let Some(c) = &o.cylinder {
         let (diameter, length) = (positive("cylinder.diameter", c.diameter.0), positive("cylinder.length", c.length.0));
         match c.axis.unit() {
-            Some(axis) => {
-                shapes.push(Shape::Cylinder { diameter, length, center: plain(c.center), axis: upward(axis) })
-            }
+            Some(axis) => shapes.push(cylinder(diameter, length, plain(c.center), axis)),
             None => nowhere.push("cylinder.axis".to_owned()),
         }
     }
@@ -161,6 +154,19 @@ pub fn mesh(
         problems.push_with_hint(at("file"), format!("`{}`: {what}", m.file), *way_out);
     }
     wrong.is_empty().then_some(mesh)
+}
+
+/// Of equal diameters it is a sphere.
+pub fn spheroid(diameters: [f64; 3], center: [f64; 3], rotation_deg: [AngleDeg; 3]) -> Shape {
+    if diameters[0] == diameters[1] && diameters[1] == diameters[2] {
+        Shape::Sphere { diameter: diameters[0], center }
+    } else {
+        turned(Shape::Spheroid { diameters, center }, center, rotation_deg)
+    }
+}
+
+pub fn cylinder(diameter: f64, length: f64, center: [f64; 3], axis: [f64; 3]) -> Shape {
+    Shape::Cylinder { diameter, length, center, axis: upward(axis) }
 }
 
 /// The shape turned about its center, or as it is where it is not turned.

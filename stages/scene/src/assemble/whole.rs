@@ -1,5 +1,7 @@
 //! What can only be seen with all parts of a scene in place.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use glam::DVec3;
 use turbid_contract::Problems;
 use turbid_contract::payload::{Lamp, Object, Scene, Surface};
@@ -13,12 +15,22 @@ use crate::assemble::surface::without_coordinates;
 use crate::assemble::{Placed, is_void, object_at, placed};
 use crate::overlap::overlap;
 
-/// Overlaps, eyes inside solids, lights that light nothing.
-pub fn check_whole(scene: &Scene, problems: &mut Problems) {
+/// Overlaps, eyes inside solids, lights that light nothing; `scattered` tells which objects were placed so that they do not meet.
+pub fn check_whole(scene: &Scene, scattered: &BTreeMap<String, String>, problems: &mut Problems) {
     let objects = placed(scene);
+    fn origin<'a>(name: &'a str, scattered: &'a BTreeMap<String, String>) -> &'a str {
+        scattered.get(name).map_or(name, String::as_str)
+    }
+    let mut told = BTreeSet::new();
     for (i, a) in objects.iter().enumerate() {
         for b in &objects[i + 1..] {
-            if a.object.priority == b.object.priority && overlap(&a.solid, &b.solid) {
+            let both = [a.name, b.name].map(|name| origin(name, scattered));
+            if a.object.priority == b.object.priority
+                && both[0] != both[1]
+                && !told.contains(&both)
+                && overlap(&a.solid, &b.solid)
+            {
+                told.insert(both);
                 problems.push_with_hint(
                     format!("objects.{}", b.name),
                     format!("{} and {} overlap and have the same priority {}", a.name, b.name, a.object.priority),

@@ -3,6 +3,7 @@
 use std::ops::ControlFlow;
 
 use glam::DVec3;
+use turbid_contract::payload::Mesh;
 
 use super::nearby::Nearby;
 
@@ -30,6 +31,12 @@ pub enum Left {
     Others,
     /// Behind so many pairs that are near each other.
     TooNear(u64),
+}
+
+/// Where a closed mesh first runs through itself.
+pub fn first_crossing(mesh: &Mesh) -> Option<DVec3> {
+    let found = crossings(&Nearby::of(mesh));
+    (found.count > 0).then_some(found.first)
 }
 
 /// Touching is not crossing: an edge must pass a triangle's plane and inside by more than rounding.
@@ -123,8 +130,6 @@ fn rounding(u: DVec3) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use turbid_contract::payload::Mesh;
-
     use super::*;
 
     /// Faces of octahedra about one middle, where all their boxes meet, are no fault where all pairs are looked at, and said to be too many

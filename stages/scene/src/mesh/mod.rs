@@ -12,6 +12,7 @@ mod stl;
 mod topology;
 
 pub use check::check;
+pub use crossing::first_crossing;
 pub use place::{Placing, place};
 
 /// Triangles as a file lists them: vertices in its units, perhaps the same one several times.

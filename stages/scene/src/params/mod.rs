@@ -7,17 +7,25 @@ use turbid_contract::schemars::JsonSchema;
 use turbid_contract::{MaxFile, Wavelength};
 
 mod detector;
+mod drawn;
 mod lamp;
 mod medium;
 mod object;
+mod path;
+mod relief;
+mod scatter;
 mod shape;
 mod surface;
 mod view;
 
 pub use detector::{DetectorParams, DiscParams, RectangleParams};
+pub use drawn::{Drawn, Quantity};
 pub use lamp::{AmbientParams, CollimatedParams, LampParams, PointParams, SpotParams};
 pub use medium::MediumParams;
 pub use object::ObjectParams;
+pub use path::PathParams;
+pub use relief::ReliefParams;
+pub use scatter::{RegionParams, ScatterParams};
 pub use shape::{
     BoxParams, CylinderParams, MeshParams, PortParams, RoundPortParams, SlabParams, SphereParams, SphereShellParams,
     SpheroidParams, SquarePortParams, TubeParams,

@@ -4,11 +4,12 @@ use serde::{Deserialize, Serialize};
 use turbid_contract::schemars::JsonSchema;
 
 use super::{
-    BoxParams, CylinderParams, MeshParams, SlabParams, SphereParams, SphereShellParams, SpheroidParams, SurfaceParams,
-    TubeParams,
+    BoxParams, CylinderParams, MeshParams, PathParams, ReliefParams, ScatterParams, SlabParams, SphereParams,
+    SphereShellParams, SpheroidParams, SurfaceParams, TubeParams,
 };
 
-/// A solid: exactly one of `slab`, `box`, `sphere`, `spheroid`, `cylinder`, `tube`, `sphere_shell`, `mesh`, with its medium.
+/// A solid: exactly one of `slab`, `box`, `sphere`, `spheroid`, `cylinder`, `tube`, `sphere_shell`, `mesh`, `relief`, `path`, with its
+/// medium; or many of one kind, `scatter`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(crate = "turbid_contract::schemars")]
@@ -29,6 +30,12 @@ pub struct ObjectParams {
     pub sphere_shell: Option<SphereShellParams>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mesh: Option<MeshParams>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub relief: Option<ReliefParams>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub path: Option<PathParams>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scatter: Option<ScatterParams>,
     /// Name of an entry of `media`; may be left out below an opaque surface.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub medium: Option<String>,

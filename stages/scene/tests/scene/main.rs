@@ -8,6 +8,7 @@ use turbid_scene::SceneStage;
 
 mod doubts;
 mod mistakes;
+mod random;
 mod rig;
 
 fn carcinoma() -> Value {
