@@ -20,11 +20,12 @@ pub fn sections() -> BTreeMap<String, String> {
         let plan = plan.unwrap_or_else(|report| panic!("{name}: {}", report.render(false)));
         let folder = tempfile::tempdir().expect("a temporary folder");
         let store = Store::open(folder.path()).expect("a new store");
-        let survey = Resolver::new(&plan, &store).survey(&[]);
+        let resolver = Resolver::new(&plan, &store);
+        resolver.survey(&[]);
         for id in plan.needed_instances() {
             let stage = plan.instances[id].stage;
             let kind = plan.row(stage).name;
-            let (Some(forms), false) = (survey.forms.get(&id), sections.contains_key(kind)) else { continue };
+            let (Some(forms), false) = (resolver.made(id), sections.contains_key(kind)) else { continue };
             let wanted = plan.wanted(stage);
             let rows: Vec<String> = forms
                 .iter()
