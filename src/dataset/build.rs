@@ -380,23 +380,28 @@ impl Building<'_> {
 
     /// Reads the features of the samples; all samples must hold the same.
     fn load(&self, found: Vec<Found>, state: &mut State) -> Result<Vec<Sample>, Stopped> {
-        let read = |Found { mut sample, blobs }: Found| -> Result<(Sample, Vec<Shape>), Stopped> {
+        // Which feature is at fault, if it is one.
+        let (features, store) = (&self.dataset.features, self.store);
+        let read = |Found { mut sample, blobs }: Found| -> Result<(Sample, Vec<Shape>), (Option<&str>, String)> {
             let mut shapes = Vec::new();
             let mut artifacts: HashMap<Blob, Artifact> = HashMap::new();
-            for (feature, blob) in self.dataset.features.iter().zip(&blobs) {
+            for (feature, blob) in features.iter().zip(&blobs) {
                 if !artifacts.contains_key(blob) {
-                    let artifact = self.store.get(blob).map_err(|e| Stopped::Failed(e.to_string()))?;
+                    let artifact = store.get(blob).map_err(|e| (None, e.to_string()))?;
                     artifacts.insert(*blob, artifact);
                 }
                 let taken = feature.take(&artifacts[blob]);
-                let (shape, values) =
-                    taken.map_err(|message| self.wrong(&["sample", &feature.spec.name], message, None))?;
+                let (shape, values) = taken.map_err(|message| (Some(feature.spec.name.as_str()), message))?;
                 shapes.push(shape);
                 sample.values.push(values);
             }
             Ok((sample, shapes))
         };
-        let read: Vec<(Sample, Vec<Shape>)> = found.into_par_iter().map(read).collect::<Result<_, _>>()?;
+        let read: Result<Vec<(Sample, Vec<Shape>)>, _> = found.into_par_iter().map(read).collect();
+        let read = read.map_err(|(feature, message)| match feature {
+            Some(name) => self.wrong(&["sample", name], message, None),
+            None => Stopped::Failed(message),
+        })?;
         for (sample, shapes) in &read {
             let columns = self.columns(shapes);
             match &state.columns {

@@ -142,7 +142,11 @@ mod tests {
             let n = draw.indices.len() as f64;
             let wanted = share * n;
             let found = split.indices.len() as f64;
-            assert!((found - wanted).abs() < 4.0 * (wanted * (1.0 - share)).sqrt(), "{}: {found} of {wanted}", split.name);
+            assert!(
+                (found - wanted).abs() < 4.0 * (wanted * (1.0 - share)).sqrt(),
+                "{}: {found} of {wanted}",
+                split.name
+            );
         }
     }
 }
