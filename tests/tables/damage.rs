@@ -47,7 +47,8 @@ fn every_damage_is_named_and_mended() {
     };
     let batch = read(&at);
     let renamed = || {
-        let fields = batch.schema().fields().iter().map(|f| match f.name().as_str() {
+        let schema = batch.schema();
+        let fields = schema.fields().iter().map(|f| match f.name().as_str() {
             "mask" => f.as_ref().clone().with_name("masks"),
             _ => f.as_ref().clone(),
         });

@@ -96,9 +96,22 @@ fn rows(table: &Table) -> Vec<Value> {
 fn word(value: &Value) -> String {
     match value {
         Value::String(text) if !text.is_empty() => text.clone(),
-        Value::Number(number) if number.is_f64() => format!("{:.5}", number.as_f64().unwrap_or_default()),
+        Value::Number(number) if number.is_f64() => digits(number.as_f64().unwrap_or_default()),
         Value::Number(number) => number.to_string(),
         _ => "-".to_owned(),
+    }
+}
+
+/// Five digits.
+fn digits(number: f64) -> String {
+    let size = number.abs();
+    if size == 0.0 {
+        "0".to_owned()
+    } else if (1e-3..1e5).contains(&size) {
+        let before = size.log10().floor() as i32;
+        format!("{number:.0$}", usize::try_from(4 - before).unwrap_or(0))
+    } else {
+        format!("{number:.4e}")
     }
 }
 
@@ -116,4 +129,16 @@ fn aligned(names: &[&str], rows: Vec<Vec<String>>) -> String {
         format!("  {}\n", line.iter().enumerate().map(cell).collect::<Vec<_>>().join("  ").trim_end())
     };
     lines.iter().map(line).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_have_five_digits() {
+        let shown = [0.0, 0.023344, -1.5, 99.9996, 12345.6, 2.3e-4, 1e7].map(digits);
+        assert_eq!(shown, ["0", "0.023344", "-1.5000", "100.000", "12346", "2.3000e-4", "1.0000e7"]);
+        assert_eq!([json!(null), json!(""), json!(3), json!("a")].map(|value| word(&value)), ["-", "-", "3", "a"]);
+    }
 }
