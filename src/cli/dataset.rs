@@ -1,5 +1,7 @@
 //! `turbid dataset`: build, plan, verify and look at data sets.
 
+mod stats;
+
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -37,7 +39,7 @@ enum Command {
     Plan(Look),
     /// Look whether a folder holds what it should: every shard, every row
     Verify(Folder),
-    /// Show mean, standard deviation and range of every column
+    /// Show statistics of every column by split, what samples cost, and how many there are of each kind
     Stats(Folder),
 }
 
@@ -268,8 +270,14 @@ impl Look {
 }
 
 impl Folder {
+    /// The folder holds the data set that is named.
+    fn known(&self, registry: &Registry) -> Done {
+        let (plan, dataset) = self.named.plan(registry)?;
+        verify::is_of(&self.to, &plan.spec.pipeline, &dataset.spec.name).map_err(Failure::Input)
+    }
+
     fn verify(&self, registry: &Registry) -> Done {
-        self.named.plan(registry)?;
+        self.known(registry)?;
         let verified = verify::verify(&self.to).map_err(Failure::Input)?;
         if self.json {
             let text =
@@ -289,32 +297,8 @@ impl Folder {
     }
 
     fn stats(&self, registry: &Registry) -> Done {
-        self.named.plan(registry)?;
-        let rows = verify::statistics(&self.to).map_err(Failure::Input)?;
-        if self.json {
-            print_json(&Value::from(rows).to_string());
-            return Ok(());
-        }
-        for row in rows {
-            let text = |key: &str| row[key].as_str().unwrap_or_default().to_owned();
-            let number = |key: &str| row[key].as_f64().map_or_else(|| "-".to_owned(), |number| format!("{number:.5}"));
-            let name = if text("channel").is_empty() {
-                text("column")
-            } else {
-                format!("{} ({})", text("column"), text("channel"))
-            };
-            print(&format!(
-                "{:<12} {name:<48} n {:>10}  mean {:>12}  sd {:>12}  min {:>12}  max {:>12}  {}",
-                text("split"),
-                row["n"],
-                number("mean"),
-                number("sd"),
-                number("min"),
-                number("max"),
-                text("unit")
-            ));
-        }
-        Ok(())
+        self.known(registry)?;
+        stats::run(&self.to, self.json)
     }
 }
 

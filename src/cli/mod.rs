@@ -2,6 +2,10 @@
 
 mod cache;
 mod check;
+#[cfg(feature = "tables")]
+mod dataset;
+#[cfg(not(feature = "tables"))]
+#[path = "dataset/without.rs"]
 mod dataset;
 mod explain;
 mod export;
@@ -102,7 +106,7 @@ enum Command {
     Schema,
     /// Write an output in another format
     Export(export::Export),
-    /// Build and look after data sets
+    /// Build and look after data sets (needs a build with `--features tables`)
     Dataset(dataset::Dataset),
     /// Look after the store of results
     Cache(cache::Cache),

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 use serde_json::{Value, json};
-use turbid_contract::{Artifact, canonical};
+use turbid_contract::{Artifact, Table, canonical};
 use turbid_draw::Type;
 
 use super::feature::{Shape, Values};
@@ -23,7 +23,7 @@ use crate::registry::Registry;
 use crate::resolve::Resolver;
 use crate::run::log::RunLog;
 use crate::run::{self, End, Interrupt, Options, Progress};
-use crate::spec::{DRAW_AXIS, Draw, Report};
+use crate::spec::{DRAW_AXIS, Draw, Kind, Mistake, Report};
 use crate::store::{Blob, InstanceRecord, Store, encode as encode_artifact};
 
 /// Of so many samples that cannot be computed the others are built; more are a mistake in the file.
@@ -107,6 +107,7 @@ impl Building<'_> {
     /// Brings every sample up to date and writes the folder `to`.
     pub fn build(&self, to: &Path) -> Result<Built, Stopped> {
         let dataset = &self.dataset.spec;
+        self.look_ahead()?;
         let (folder, before) = Folder::open(to, &self.plan.spec.pipeline, &dataset.name)?;
         let mut state = State::default();
         let manifest = self.manifest(&state);
@@ -130,11 +131,16 @@ impl Building<'_> {
             }
         }
         let Some(columns) = state.columns.clone() else {
-            return Err(Stopped::Failed("every sample is left out; see `keep` and `only`".to_owned()));
+            let rejects = self.manifest(&state).rejects;
+            let reasons: Vec<String> = rejects.iter().map(|(reason, n)| format!("{n} by {reason}")).collect();
+            let message = format!("every sample is left out: {}", reasons.join(", "));
+            return Err(self.wrong(&["keep"], message, Some("widen the limits".to_owned())));
         };
         for (split, number, of, file) in empty {
             self.shard(&folder, (&split, number, of, &file), Vec::new(), &before, &mut state)?;
         }
+        let place = |shard: &ShardOf| self.dataset.splits.iter().position(|split| split.name == shard.split);
+        state.shards.sort_by_key(|shard| (place(shard), shard.number));
         self.finish(&folder, &columns, state)
     }
 
@@ -261,23 +267,28 @@ impl Building<'_> {
                 Some((_, value, _)) => Ok(Some(*value)),
                 None => {
                     let known: Vec<&str> = record.measures.iter().map(|(name, ..)| name.as_str()).collect();
-                    let message = format!(
-                        "`{}`: `{}` has no measure `{name}`; it has {}",
-                        limit.spec.text,
-                        limit.spec.stage,
-                        known.join(", ")
-                    );
-                    Err(Stopped::Input(message))
+                    let message = format!("`{}` has no measure `{name}`", limit.spec.stage);
+                    let hint = match known.as_slice() {
+                        [] => "it has none; a column of a table is STAGE.PORT.COLUMN".to_owned(),
+                        known => format!("it has {}", known.join(", ")),
+                    };
+                    Err(self.wrong(&["keep", &limit.spec.text], message, Some(hint)))
                 }
             },
             Limited::Column { port, column } => {
                 let artifact = self.store.get(&record.ports[*port].blob).map_err(|e| Stopped::Failed(e.to_string()))?;
+                let at = ["keep", limit.spec.text.as_str()];
                 let Artifact::Table(table) = artifact else {
-                    return Err(Stopped::Input(format!("`{}` is no column of a table", limit.spec.text)));
+                    return Err(self.wrong(&at, format!("`{port}` is no table"), None));
                 };
                 let found = table.columns.iter().find(|known| known.name == *column && known.cells.len() == 1);
                 let Some(found) = found else {
-                    return Err(Stopped::Input(format!("`{}` is no column of a table of one row", limit.spec.text)));
+                    let names: Vec<&str> = table.columns.iter().map(|known| known.name.as_str()).collect();
+                    let message = match table.rows() {
+                        1 => format!("`{port}` has no column `{column}`"),
+                        rows => format!("`{port}` has {rows} rows, and a limit is on a table of one"),
+                    };
+                    return Err(self.wrong(&at, message, Some(format!("it has {}", names.join(", ")))));
                 };
                 Ok(super::feature::number_of(&found.cells))
             }
@@ -305,7 +316,7 @@ impl Building<'_> {
         let samples = self.load(found, state)?;
         let columns = state.columns.clone().expect("a sample or an earlier one has been loaded");
         let there = before.get(&(split.to_owned(), number));
-        let kept = there.filter(|there| there.key == key && folder.rename(&there.file, file));
+        let kept = there.filter(|there| there.key == key && folder.take_over(there, file));
         let shard = match kept {
             Some(there) => ShardOf { file: file.to_owned(), ..there.clone() },
             None => {
@@ -320,8 +331,35 @@ impl Building<'_> {
         let moments = moments(&columns, &samples);
         let joined = state.moments.remove(split).map_or_else(|| moments.clone(), |before| join(before, &moments));
         state.moments.insert(split.to_owned(), joined);
+        let moved = there.is_none_or(|there| *there != shard);
         state.shards.push(shard);
-        folder.keep(&self.manifest(state)).map_err(Stopped::Failed)
+        // Where nothing is new the manifest of the last build still holds.
+        if moved { folder.keep(&self.manifest(state)).map_err(Stopped::Failed) } else { Ok(()) }
+    }
+
+    /// A mistake at its place below the data set.
+    fn wrong(&self, at: &[&str], message: String, hint: Option<String>) -> Stopped {
+        let path = [&["datasets", self.dataset.spec.name.as_str()], at].concat();
+        Stopped::Report(self.plan.spec.at_path(&path, Mistake::new(Kind::Graph, message), hint).into())
+    }
+
+    /// Finds layers and columns that are not there by what is known of the first sample before it is computed.
+    fn look_ahead(&self) -> Result<(), Stopped> {
+        let Some(first) = self.dataset.splits.iter().filter_map(|split| split.indices.first()).min() else {
+            return Ok(());
+        };
+        let sample = self.of(&[*first])?;
+        let resolver = Resolver::new(&sample, self.store);
+        let survey = resolver.survey(&[]);
+        // Whether one sample or all of them are wrong, the build finds out.
+        if Report::from(survey.problems).has_errors() {
+            return Ok(());
+        }
+        let form = |feature: &super::feature::Feature| {
+            let id = sample.instances_of(feature.stage).into_iter().next()?;
+            resolver.made(id)?.get(feature.port).map(|form| (**form).clone())
+        };
+        self.dataset.shapes(form, self.plan).map(drop).map_err(Stopped::Report)
     }
 
     /// What a shard is made from.
@@ -342,36 +380,43 @@ impl Building<'_> {
 
     /// Reads the features of the samples; all samples must hold the same.
     fn load(&self, found: Vec<Found>, state: &mut State) -> Result<Vec<Sample>, Stopped> {
-        let read = |Found { mut sample, blobs }: Found| -> Result<(Sample, Vec<Shape>), Stopped> {
+        // Which feature is at fault, if it is one.
+        let (features, store) = (&self.dataset.features, self.store);
+        let read = |Found { mut sample, blobs }: Found| -> Result<(Sample, Vec<Shape>), (Option<&str>, String)> {
             let mut shapes = Vec::new();
             let mut artifacts: HashMap<Blob, Artifact> = HashMap::new();
-            for (feature, blob) in self.dataset.features.iter().zip(&blobs) {
+            for (feature, blob) in features.iter().zip(&blobs) {
                 if !artifacts.contains_key(blob) {
-                    let artifact = self.store.get(blob).map_err(|e| Stopped::Failed(e.to_string()))?;
+                    let artifact = store.get(blob).map_err(|e| (None, e.to_string()))?;
                     artifacts.insert(*blob, artifact);
                 }
                 let taken = feature.take(&artifacts[blob]);
-                let (shape, values) =
-                    taken.map_err(|m| Stopped::Input(format!("feature `{}`: {m}", feature.spec.name)))?;
+                let (shape, values) = taken.map_err(|message| (Some(feature.spec.name.as_str()), message))?;
                 shapes.push(shape);
                 sample.values.push(values);
             }
             Ok((sample, shapes))
         };
-        let read: Vec<(Sample, Vec<Shape>)> = found.into_par_iter().map(read).collect::<Result<_, _>>()?;
+        let read: Result<Vec<(Sample, Vec<Shape>)>, _> = found.into_par_iter().map(read).collect();
+        let read = read.map_err(|(feature, message)| match feature {
+            Some(name) => self.wrong(&["sample", name], message, None),
+            None => Stopped::Failed(message),
+        })?;
         for (sample, shapes) in &read {
             let columns = self.columns(shapes);
             match &state.columns {
                 None => state.columns = Some(columns),
                 Some(first) if *first != columns => {
-                    let other =
-                        first.iter().zip(&columns).find(|(a, b)| a != b).map(|(a, b)| (&a.name, a.shape, b.shape));
-                    let (name, a, b) = other.expect("they differ");
+                    let (a, b) = first.iter().zip(&columns).find(|(a, b)| a != b).expect("they differ");
                     let message = format!(
-                        "feature `{name}` differs between samples: {a:?} first, {b:?} in sample {}; draw no number of pixels, layers or units",
+                        "`{}` differs between samples: {} in the first, {} in sample {}",
+                        a.name,
+                        a.form(),
+                        b.form(),
                         sample.index
                     );
-                    return Err(Stopped::Input(message));
+                    let hint = "all samples have the same pixels, layers and units: draw none of them".to_owned();
+                    return Err(self.wrong(&["sample", &a.name], message, Some(hint)));
                 }
                 Some(_) => {}
             }
@@ -456,8 +501,9 @@ impl Building<'_> {
             manifest.files.insert(name.to_owned(), of);
             Ok(())
         };
-        write("index.parquet", &table(index::table(draw, &state.entries))?, &mut manifest)?;
-        let rows = self.statistics(columns, &state);
+        let index = index::table(draw, &state.entries);
+        let rows = self.statistics(columns, &state, &index).map_err(Stopped::Failed)?;
+        write("index.parquet", &table(index)?, &mut manifest)?;
         write("statistics.parquet", &table(statistics::table(&rows))?, &mut manifest)?;
         let splits: Vec<(String, u64)> = self
             .dataset
@@ -467,7 +513,7 @@ impl Building<'_> {
                 (split.name.clone(), state.shards.iter().filter(|s| s.split == split.name).map(|s| s.rows).sum())
             })
             .collect();
-        write("README.md", card::text(&manifest, &splits).as_bytes(), &mut manifest)?;
+        write("README.md", card::text(&manifest, &splits, &rows).as_bytes(), &mut manifest)?;
         let document = canonical::canonical_text(&croissant::document(&manifest));
         write("croissant.json", document.as_bytes(), &mut manifest)?;
         // Times are of this machine and this day: no digest covers them.
@@ -484,19 +530,42 @@ impl Building<'_> {
         })
     }
 
-    fn statistics(&self, columns: &[ColumnOf], state: &State) -> Vec<statistics::Row> {
+    fn statistics(&self, columns: &[ColumnOf], state: &State, index: &Table) -> Result<Vec<statistics::Row>, String> {
+        let quantiles = quantiles(index)?;
+        let (_, draw) = self.plan.draw_of(self.dataset.draws).expect("the stage draws");
+        let drawn: Vec<&str> = draw.names().collect();
         let mut rows = Vec::new();
         for split in self.dataset.splits.iter() {
             let Some(of) = state.moments.get(&split.name) else { continue };
-            for (column, of) in columns.iter().zip(of) {
-                for (place, moments) in of.iter().enumerate() {
-                    let channel = column.channels.get(place).cloned().unwrap_or_default();
-                    rows.push((split.name.clone(), column.name.clone(), channel, column.unit.clone(), *moments));
-                }
+            for (number, (column, of)) in columns.iter().zip(of).enumerate() {
+                let drawn = number.checked_sub(3).and_then(|number| drawn.get(number));
+                let known = drawn.and_then(|&name| quantiles.get(&(split.name.clone(), name.to_owned())));
+                rows.extend(of.iter().enumerate().map(|(place, moments)| statistics::Row {
+                    split: split.name.clone(),
+                    column: column.name.clone(),
+                    channel: column.channels.get(place).cloned().unwrap_or_default(),
+                    unit: column.unit.clone(),
+                    moments: *moments,
+                    quantiles: known.copied().unwrap_or_default(),
+                }));
             }
         }
-        rows
+        Ok(rows)
     }
+}
+
+/// Quantiles of numbers by split and column; none without polars.
+type Quantiles = BTreeMap<(String, String), [Option<f64>; statistics::QUANTILES.len()]>;
+
+#[cfg(feature = "tables")]
+fn quantiles(index: &Table) -> Result<Quantiles, String> {
+    let known = super::tables::of_kept(index)?;
+    Ok(known.into_iter().map(|of| ((of.split, of.column), of.quantiles)).collect())
+}
+
+#[cfg(not(feature = "tables"))]
+fn quantiles(_: &Table) -> Result<Quantiles, String> {
+    Ok(Quantiles::new())
 }
 
 /// The instance of each stage at each raw index.

@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use super::manifest::{ColumnOf, Manifest};
+use super::statistics::Row;
 
-/// The card. `splits` has the number of samples of each.
-pub fn text(manifest: &Manifest, splits: &[(String, u64)]) -> String {
+/// The card. `splits` has the number of samples of each; `rows` are those of `statistics.parquet`.
+pub fn text(manifest: &Manifest, splits: &[(String, u64)], rows: &[Row]) -> String {
     let mut text = String::from("---\n");
     if let Some(license) = &manifest.license {
         let _ = writeln!(text, "license: {}", license.to_lowercase());
@@ -34,6 +35,7 @@ pub fn text(manifest: &Manifest, splits: &[(String, u64)]) -> String {
     for column in &manifest.columns {
         let _ = writeln!(text, "| `{}` | {} | {} | {} |", column.name, type_of(column), unit(column), about(column));
     }
+    text += &drawn(rows);
     let _ = write!(
         text,
         "\nTensors are (channels, rows, columns). `index.parquet` has a row per drawn point, also of those that are left out and\n\
@@ -48,6 +50,26 @@ pub fn text(manifest: &Manifest, splits: &[(String, u64)]) -> String {
     }
     if let Some(cite) = &manifest.cite {
         let _ = writeln!(text, "\n## Citation\n\n{cite}");
+    }
+    text
+}
+
+/// Quantiles of what is drawn.
+fn drawn(rows: &[Row]) -> String {
+    let mut text = String::new();
+    for row in rows.iter().filter(|row| row.quantiles.iter().all(Option::is_some)) {
+        if text.is_empty() {
+            text += "\n## Drawn quantities\n\n| split | quantity | mean | sd | min | 5 % | 25 % | 50 % | 75 % | 95 % | max |\n|---|---|---|---|---|---|---|---|---|---|---|\n";
+        }
+        let of = row.moments;
+        let mut numbers = vec![Some(of.mean), of.sd(), Some(of.least)];
+        numbers.extend(row.quantiles);
+        numbers.push(Some(of.most));
+        let cells: Vec<String> = numbers
+            .into_iter()
+            .map(|number| number.map_or_else(|| "-".to_owned(), |number| format!("{number:.4}")))
+            .collect();
+        let _ = writeln!(text, "| {} | {} | {} |", row.split, row.column, cells.join(" | "));
     }
     text
 }

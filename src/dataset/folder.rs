@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use sha2::{Digest as _, Sha256};
 
-use super::manifest::{FORMAT, FileOf, Manifest};
+use super::manifest::{FORMAT, FileOf, Manifest, ShardOf};
 use crate::leftover;
 use crate::whole_file::{self, Synced};
 
@@ -87,9 +87,11 @@ impl Folder {
         Ok(of)
     }
 
-    /// Gives a shard the name that it has now that there are more of them; what is not there is no shard to keep.
-    pub fn rename(&self, from: &str, to: &str) -> bool {
-        from == to && self.path.join(to).is_file() || fs::rename(self.path.join(from), self.path.join(to)).is_ok()
+    /// Gives a shard the name that it has now that there are more of them. What is not there, or was damaged, is no shard to keep.
+    pub fn take_over(&self, shard: &ShardOf, to: &str) -> bool {
+        let (from, to) = (self.path.join(&shard.file), self.path.join(to));
+        let whole = fs::read(&from).is_ok_and(|bytes| sha256(&bytes) == shard.sha256);
+        whole && (from == to || fs::rename(from, to).is_ok())
     }
 
     /// Removes shards that no longer belong to the data set.

@@ -73,3 +73,16 @@ impl Manifest {
         self.pipeline == pipeline && self.dataset == dataset
     }
 }
+
+impl ColumnOf {
+    /// `1 x 6 x 6, mm^-1`, for messages.
+    pub fn form(&self) -> String {
+        let form = match self.shape {
+            Some([channels, rows, columns]) => format!("{channels} x {rows} x {columns}"),
+            None => "a number".to_owned(),
+        };
+        let pitch = self.pixel_mm.map(|[x, y]| format!(", pixels of {x} x {y} mm")).unwrap_or_default();
+        let channels = self.channels.join("; ");
+        format!("{form} ({channels}), {}{pitch}", self.unit)
+    }
+}

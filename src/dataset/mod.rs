@@ -1,7 +1,8 @@
 //! Data sets: outputs of the drawn instances of a pipeline as shards that load in one line.
 //!
 //! [`plan`] joins what `datasets:` says with the graph, [`split`] gives each point its split and shard, [`feature`] takes
-//! tensors out of artifacts, [`shard`] writes them as Parquet, [`build`] does all of it, [`verify`] looks at what is there.
+//! tensors out of artifacts, [`shard`] writes them as Parquet, [`build`] does all of it, [`verify`] looks at what is there,
+//! and with the feature `tables` polars makes quantiles, joins and counts (`tables`).
 
 pub mod build;
 mod card;
@@ -14,6 +15,8 @@ pub mod plan;
 mod shard;
 mod split;
 mod statistics;
+#[cfg(feature = "tables")]
+pub mod tables;
 pub mod verify;
 
 pub use feature::Feature;

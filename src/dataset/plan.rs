@@ -61,7 +61,7 @@ impl DatasetPlan {
         let Some((&draws, draw)) = drawn.iter().next().and_then(|d| Some((d, plan.draw_of(*d)?.1))) else {
             return Err(reported(problems));
         };
-        problems.extend(unknown_names(plan, &spec, draw));
+        problems.extend(unknown_names(plan, &spec, (draws, draw)));
         let keep: Vec<Keep> = spec
             .keep
             .iter()
@@ -175,8 +175,11 @@ fn of_one_sample(plan: &Plan, spec: &DatasetSpec, feature: &Feature) -> Option<D
     None
 }
 
+/// Columns that every shard (the first three) or the index has.
+const COLUMNS: [&str; 8] = ["id", "draw", "group", "split", "seed", "shard", "row", "reject"];
+
 /// Groups and conditions must name what is drawn.
-fn unknown_names(plan: &Plan, spec: &DatasetSpec, draw: &Draw) -> Vec<Diagnostic> {
+fn unknown_names(plan: &Plan, spec: &DatasetSpec, (draws, draw): (StageId, &Draw)) -> Vec<Diagnostic> {
     let names: Vec<&str> = draw.names().collect();
     let wrong = |path: &[&str], message: String, known: &[&str]| {
         let hint = if known.is_empty() { None } else { Some(format!("known: {}", known.join(", "))) };
@@ -194,7 +197,11 @@ fn unknown_names(plan: &Plan, spec: &DatasetSpec, draw: &Draw) -> Vec<Diagnostic
             problems.push(wrong(&path, format!("`{}` is not drawn", condition.name), &names));
         }
     }
-    for feature in spec.sample.iter().filter(|feature| ["id", "draw", "group"].contains(&feature.name.as_str())) {
+    for name in names.iter().filter(|name| COLUMNS.contains(name)) {
+        let path = ["stages", &plan.spec.stages[draws].name, "foreach", "draw", name];
+        problems.push(wrong(&path, format!("`{name}` is a column of every data set already"), &[]));
+    }
+    for feature in spec.sample.iter().filter(|feature| COLUMNS[..3].contains(&feature.name.as_str())) {
         let path = ["datasets", &spec.name, "sample", &feature.name];
         problems.push(wrong(&path, format!("`{}` is a column of every data set already", feature.name), &[]));
     }

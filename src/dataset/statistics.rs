@@ -51,23 +51,40 @@ impl Moments {
     }
 }
 
-/// A row: split, column, channel (of a tensor), unit, moments.
-pub type Row = (String, String, String, String, Moments);
+/// Quantiles with the names of their columns.
+pub const QUANTILES: [&str; 5] = ["q05", "q25", "q50", "q75", "q95"];
+
+/// A row of the table `statistics.parquet`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    pub split: String,
+    pub column: String,
+    /// Of a tensor.
+    pub channel: String,
+    pub unit: String,
+    pub moments: Moments,
+    /// 5, 25, 50, 75 and 95 % of what is drawn.
+    pub quantiles: [Option<f64>; QUANTILES.len()],
+}
 
 /// The table `statistics.parquet`.
 pub fn table(rows: &[Row]) -> Table {
     let mut table = Table::default();
     let text = |pick: &dyn Fn(&Row) -> &String| Cells::Text(rows.iter().map(|row| pick(row).clone()).collect());
-    let known = |pick: &dyn Fn(&Moments) -> Option<f64>| Cells::MaybeF64(rows.iter().map(|row| pick(&row.4)).collect());
-    table.push("split", "", text(&|row| &row.0));
-    table.push("column", "", text(&|row| &row.1));
-    table.push("channel", "", text(&|row| &row.2));
-    table.push("unit", "", text(&|row| &row.3));
-    table.push("n", "", Cells::I64(rows.iter().map(|row| row.4.n as i64).collect()));
+    let known =
+        |pick: &dyn Fn(&Moments) -> Option<f64>| Cells::MaybeF64(rows.iter().map(|row| pick(&row.moments)).collect());
+    table.push("split", "", text(&|row| &row.split));
+    table.push("column", "", text(&|row| &row.column));
+    table.push("channel", "", text(&|row| &row.channel));
+    table.push("unit", "", text(&|row| &row.unit));
+    table.push("n", "", Cells::I64(rows.iter().map(|row| row.moments.n as i64).collect()));
     table.push("mean", "", known(&|m| (m.n > 0).then_some(m.mean)));
     table.push("sd", "", known(&Moments::sd));
     table.push("min", "", known(&|m| (m.n > 0).then_some(m.least)));
     table.push("max", "", known(&|m| (m.n > 0).then_some(m.most)));
+    for (place, name) in QUANTILES.into_iter().enumerate() {
+        table.push(name, "", Cells::MaybeF64(rows.iter().map(|row| row.quantiles[place]).collect()));
+    }
     table
 }
 

@@ -65,10 +65,8 @@ pub fn verify(to: &Path) -> Result<Verified, String> {
 
 /// The rows of `statistics.parquet`, each a map from column to value.
 pub fn statistics(to: &Path) -> Result<Vec<Value>, String> {
-    folder::read(to)?.ok_or_else(|| format!("{} holds no data set (dataset.json)", to.display()))?;
-    let at = to.join("statistics.parquet");
-    let bytes = fs::read(&at).map_err(|e| format!("{}: {e}", at.display()))?;
-    let table = table(&bytes).ok_or_else(|| format!("{} cannot be read", at.display()))?;
+    whole(to)?;
+    let table = table_of(to, "statistics.parquet")?;
     let cell = |cells: &Cells, row: usize| match cells {
         Cells::F64(cells) => Value::from(cells[row]),
         Cells::MaybeF64(cells) => Value::from(cells[row]),
@@ -78,6 +76,36 @@ pub fn statistics(to: &Path) -> Result<Vec<Value>, String> {
     };
     let row = |row: usize| table.columns.iter().map(|c| (c.name.clone(), cell(&c.cells, row))).collect();
     Ok((0..table.rows()).map(|at| Value::Object(row(at))).collect())
+}
+
+/// Error: the folder holds no data set, or another one than this; in words.
+pub fn is_of(to: &Path, pipeline: &str, dataset: &str) -> Result<(), String> {
+    let found = folder::read(to)?.ok_or_else(|| format!("{} holds no data set (dataset.json)", to.display()))?;
+    if found.is_of(pipeline, dataset) {
+        return Ok(());
+    }
+    Err(format!(
+        "{} holds the data set `{}` of pipeline `{}`, not `{dataset}` of `{pipeline}`",
+        to.display(),
+        found.dataset,
+        found.pipeline
+    ))
+}
+
+/// The manifest of a folder that was built to its end. Error: in words.
+pub fn whole(to: &Path) -> Result<Manifest, String> {
+    let manifest = folder::read(to)?.ok_or_else(|| format!("{} holds no data set (dataset.json)", to.display()))?;
+    if manifest.files.is_empty() {
+        return Err(format!("the build of {} has not ended; run `turbid dataset build` again", to.display()));
+    }
+    Ok(manifest)
+}
+
+/// A table of the folder. Error: in words.
+pub fn table_of(to: &Path, name: &str) -> Result<Table, String> {
+    let at = to.join(name);
+    let bytes = fs::read(&at).map_err(|e| format!("{}: {e}", at.display()))?;
+    table(&bytes).ok_or_else(|| format!("{} cannot be read; `turbid dataset build` writes it anew", at.display()))
 }
 
 fn table(bytes: &[u8]) -> Option<Table> {

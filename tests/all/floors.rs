@@ -74,7 +74,7 @@ fn no_stage_depends_on_a_stage() {
     }
 }
 
-/// Only the store writes EXR and Parquet, and only the root package can. (Foreign files such as PNG are read from their bytes by the
+/// Only the store writes EXR and Parquet, but for the shards of data sets, and only the root package can. (Foreign files such as PNG are read from their bytes by the
 /// stage that they belong to.)
 #[test]
 fn file_formats_stay_in_the_root_package() {
@@ -92,7 +92,9 @@ fn file_formats_stay_in_the_root_package() {
         let text = read(&path);
         for format in ["exr::", "parquet::"] {
             let used = text.lines().any(|l| l.trim_start().starts_with("use ") && l.contains(&format!("use {format}")));
-            assert!(!used || inside.starts_with("src/store"), "{inside} uses {format}");
+            // Shards of data sets are for other programs.
+            let shard = format == "parquet::" && ["src/dataset/shard.rs", "src/dataset/verify.rs"].contains(&&*inside);
+            assert!(!used || shard || inside.starts_with("src/store"), "{inside} uses {format}");
         }
     }
 }
@@ -104,6 +106,8 @@ fn input_files_are_read_in_one_place() {
         "src/input_file.rs",
         "src/whole_file.rs",
         "src/store",
+        "src/dataset/folder.rs",
+        "src/dataset/verify.rs",
         "src/run/latest",
         "src/run/log.rs",
         "src/memory/machine.rs",
@@ -122,6 +126,32 @@ fn input_files_are_read_in_one_place() {
             assert!(!reads || ours || inside.ends_with("tests.rs"), "{inside}: {line}");
         }
     }
+}
+
+/// polars, which takes as long to build as all the rest, is known to one crate, and only the feature `tables` brings that one.
+#[test]
+fn polars_comes_with_its_feature_alone() {
+    let root_manifest = read(root().join("Cargo.toml"));
+    assert!(root_manifest.contains("turbid-tables = { workspace = true, optional = true }"));
+    assert!(root_manifest.contains("\ntables = [\"dep:turbid-tables\"]\n") && !root_manifest.contains("\ndefault = ["));
+    assert!(dependencies(&read(root().join("tables/Cargo.toml")), "dependencies").contains("polars"));
+    for name in stage_crates() {
+        let manifest = read(root().join("stages").join(&name).join("Cargo.toml"));
+        assert!(!manifest.contains("polars") && !manifest.contains("turbid-tables"), "stages/{name} has polars");
+    }
+    // Crates of other machines need not be there.
+    const TARGET: &str = "x86_64-unknown-linux-gnu";
+    let cargo = option_env!("CARGO").unwrap_or("cargo");
+    let tree = |more: &[&str]| {
+        let arguments =
+            ["tree", "--offline", "--locked", "-p", "turbid", "-e", "normal", "--prefix", "none", "--target", TARGET];
+        let done = std::process::Command::new(cargo).args(arguments).args(more).current_dir(root()).output();
+        let done = done.expect("cargo starts");
+        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+        String::from_utf8_lossy(&done.stdout).into_owned()
+    };
+    assert!(!tree(&[]).contains("polars"), "turbid without `tables` has polars");
+    assert!(tree(&["--features", "tables"]).contains("polars"));
 }
 
 /// Files that must appear whole are written in one way: with the rights that the user gives, under another name until all of it is there.

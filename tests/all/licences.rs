@@ -82,7 +82,9 @@ fn of_deny_toml(section: &str, array: &str) -> Vec<String> {
     let inside = section.split(&format!("\n{array} = [")).nth(1).expect("the array is there");
     let inside = &inside[..inside.find("\n]").expect("the array ends on a line of its own")];
     let lines = inside.lines().map(|line| line.split('#').next().unwrap_or_default());
-    lines.filter_map(|line| line.split('"').nth(1)).map(str::to_owned).collect()
+    let words = lines.filter_map(|line| line.split('"').nth(1));
+    // As `expression` reads it.
+    words.map(|word| word.replace(" WITH ", "+")).collect()
 }
 
 #[test]

@@ -1,0 +1,243 @@
+"""Reads a data set of turbid with the programs of others, and compares what they read with `turbid export`.
+
+    python3 examples/train/check.py FILE DIR [--name NAME] [--turbid PROGRAM] [--outputs DIR]
+
+FILE is the pipeline, DIR the folder that `turbid dataset build FILE --to DIR` made. Needs Python 3.10 or newer and, the first
+time, the network: pyarrow, polars, Hugging Face datasets and mlcroissant are put into a virtual environment (about 600 MB in
+`outputs/python`, or `--environment`). PyTorch is tried where the Python that starts this has it.
+
+Each reader must find all samples with shapes, types and, to the bit, the values of the first and the last sample of each split
+as `turbid export` writes them. Ends with 1 where one does not.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import venv
+from pathlib import Path
+
+PACKAGES = ["datasets>=4", "polars>=1", "pyarrow", "mlcroissant>=1.1", "numpy"]
+CHOSEN = "TURBID_CHECK_ENVIRONMENT"
+
+
+def arguments():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("file", type=Path)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--name", help="the data set, where the file has several")
+    parser.add_argument("--turbid", default="turbid", help="the program (default: the one on the path)")
+    parser.add_argument("--outputs", default="outputs", help="where turbid keeps results")
+    parser.add_argument("--environment", type=Path, default=Path("outputs/python"), help="the virtual environment to make or use")
+    return parser.parse_args()
+
+
+def in_environment(folder: Path) -> None:
+    """Goes on in a virtual environment that has the readers; makes it if it is not there."""
+    if os.environ.get(CHOSEN):
+        return
+    python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+    if not python.exists():
+        print(f"making {folder} with {', '.join(PACKAGES)}", flush=True)
+        venv.create(folder, with_pip=True, system_site_packages=True)
+    have = subprocess.run([python, "-c", "import datasets, polars, pyarrow, mlcroissant"], capture_output=True)
+    if have.returncode != 0:
+        subprocess.run([python, "-m", "pip", "install", "--quiet", *PACKAGES], check=True)
+    # Nothing of a data set goes over the network.
+    environment = {**os.environ, CHOSEN: "1", "HF_HUB_OFFLINE": "1", "HF_HUB_DISABLE_TELEMETRY": "1"}
+    sys.exit(subprocess.run([python, *sys.argv], env=environment).returncode)
+
+
+class Exported:
+    """What `turbid export` says of the samples."""
+
+    def __init__(self, options, manifest):
+        self.options, self.manifest = options, manifest
+        self.folder = tempfile.TemporaryDirectory()
+        self.ports = {}
+        self.sample = manifest["resolved"]["datasets"][manifest["dataset"]]["sample"]
+
+    def port(self, stage, port, index):
+        """The archive of an output, or None if the stage has no output of this name."""
+        import numpy
+
+        key = (stage, port, index)
+        if key not in self.ports:
+            to = Path(self.folder.name) / f"{stage}.{port}.{index}.npz"
+            command = [self.options.turbid, "export", str(self.options.file), f"{stage}[draw={index}].{port}"]
+            command += ["--to", str(to), "--outputs", self.options.outputs]
+            done = subprocess.run(command, capture_output=True, text=True)
+            if done.returncode not in (0, 2):
+                sys.exit(done.stderr)
+            self.ports[key] = numpy.load(to, allow_pickle=False) if done.returncode == 0 else None
+        return self.ports[key]
+
+    def tensor(self, name, index):
+        """(channels, rows, columns), float32, or a number."""
+        import numpy
+
+        asked = self.sample[name]
+        asked = asked if isinstance(asked, dict) else {"from": asked}
+        stage, *rest = asked["from"].split(".")
+        outputs = rest[:1] or [None]
+        archive, part = self.port(stage, outputs[0], index) if rest else None, rest[1] if len(rest) > 1 else None
+        if archive is None:
+            sys.exit(f"feature `{name}`: name its output, STAGE.PORT or STAGE.PORT.LAYER, to compare it with `turbid export`")
+        if "images" not in archive:
+            return archive[part].reshape(())
+        layers = [json.loads(str(layer)) for layer in archive["layers"]]
+        keys = {"f_x": "f_x_per_mm", "phase": "phase_rad", "orientation_deg": "orientation_deg", "wavelength_nm": "wavelength_nm"}
+
+        def meant(layer):
+            if (layer["name"] != part) if part else (layer["kind"] != "value"):
+                return False
+            for key, number in keys.items():
+                wanted = asked.get(key)
+                wanted = wanted if isinstance(wanted, list) else [] if wanted is None else [wanted]
+                have = layer.get(number)
+                if wanted and (have is None or not any(abs(have - w) <= 1e-9 * max(abs(w), 1) for w in wanted)):
+                    return False
+            return True
+
+        return numpy.stack([image for image, layer in zip(archive["images"], layers) if meant(layer)])
+
+
+class Checks:
+    """Counts what is compared, and remembers what is wrong."""
+
+    def __init__(self, folder, manifest, exported):
+        import numpy
+
+        self.folder, self.manifest, self.exported, self.numpy = folder, manifest, exported, numpy
+        self.tensors = [column for column in manifest["columns"] if "shape" in column]
+        self.rows = {}
+        for shard in manifest["shards"]:
+            self.rows[shard["split"]] = self.rows.get(shard["split"], 0) + shard["rows"]
+        self.rows = {split: n for split, n in self.rows.items() if n}
+        self.wrong, self.compared = [], 0
+
+    def that(self, held, what):
+        self.compared += 1
+        if not held:
+            self.wrong.append(what)
+
+    def reader(self, reader, split, draws, tensor):
+        """`draws`: raw indices of the rows; `tensor(column)`: all values of a column as an array."""
+        numpy = self.numpy
+        self.that(len(draws) == self.rows[split], f"{reader}: {split} has {len(draws)} samples, not {self.rows[split]}")
+        for column in self.tensors:
+            name, values = column["name"], tensor(column["name"])
+            shape = (len(draws), *column["shape"])
+            self.that(values.shape == shape, f"{reader}: {split}/{name} has the shape {values.shape}, not {shape}")
+            self.that(str(values.dtype) == column["dtype"], f"{reader}: {split}/{name} is {values.dtype}, not {column['dtype']}")
+            for row in sorted({0, len(draws) - 1}):
+                wanted = self.exported.tensor(name, int(draws[row])).astype(values.dtype)
+                same = wanted.shape == values[row].shape and wanted.tobytes() == numpy.ascontiguousarray(values[row]).tobytes()
+                self.that(same, f"{reader}: {split}/{name} of sample {draws[row]} differs from `turbid export`")
+
+    def pyarrow(self):
+        import pyarrow.dataset
+
+        for split in self.rows:
+            files = [str(self.folder / shard["file"]) for shard in self.manifest["shards"] if shard["split"] == split]
+            table = pyarrow.dataset.dataset(files, format="parquet").to_table()
+            units = {column["name"]: column.get("unit") for column in self.tensors}
+
+            def tensor(name):
+                self.that((table.schema.field(name).metadata or {}).get(b"unit", b"").decode() == units[name], f"pyarrow: unit of {name}")
+                column = table.column(name).combine_chunks()
+                column = getattr(column, "storage", column)
+                shape = next(c["shape"] for c in self.tensors if c["name"] == name)
+                for _ in shape:
+                    column = column.flatten()
+                return column.to_numpy().reshape(-1, *shape)
+
+            self.reader("pyarrow", split, table.column("draw").to_numpy(), tensor)
+
+    def polars(self):
+        import polars
+
+        for split in self.rows:
+            frame = polars.scan_parquet(self.folder / "data" / f"{split}-*.parquet").collect()
+            self.reader("polars", split, frame["draw"].to_numpy(), lambda name: frame[name].to_numpy())
+
+    def datasets(self):
+        import datasets
+
+        with tempfile.TemporaryDirectory() as cache:
+            loaded = datasets.load_dataset(str(self.folder), cache_dir=cache)
+            self.that(set(loaded) == set(self.rows), f"datasets: the splits {sorted(loaded)}")
+            for split, rows in loaded.items():
+                for column in self.tensors:
+                    feature = rows.features[column["name"]]
+                    wanted = datasets.Array3D(tuple(column["shape"]), column["dtype"])
+                    self.that(type(feature) is datasets.Array3D and feature.dtype == wanted.dtype and tuple(feature.shape) == wanted.shape, f"datasets: {column['name']} is {feature}")
+                rows = rows.with_format("numpy")
+                self.reader("datasets", split, rows["draw"][:], lambda name: self.numpy.asarray(rows[name][:]))
+
+    def mlcroissant(self):
+        import mlcroissant
+
+        loaded = mlcroissant.Dataset(jsonld=str(self.folder / "croissant.json"))
+        for issue in sorted(loaded.metadata.ctx.issues.errors):
+            self.that(False, f"mlcroissant: {issue}")
+        for issue in sorted(loaded.metadata.ctx.issues.warnings):
+            print(f"  mlcroissant warns: {issue}")
+        for split in self.rows:
+            records = list(loaded.records(record_set=split))
+            by_name = lambda record, name: record[f"{split}/{name}"]
+            draws = self.numpy.array([by_name(record, "draw") for record in records])
+            dtypes = {column["name"]: column["dtype"] for column in self.tensors}
+
+            def tensor(name):
+                # Nested lists, or arrays of arrays.
+                plain = lambda value: [plain(v) for v in value] if hasattr(value, "__len__") else value
+                shape = next(c["shape"] for c in self.tensors if c["name"] == name)
+                values = [self.numpy.array(plain(by_name(record, name)), dtype=dtypes[name]).reshape(shape) for record in records]
+                return self.numpy.stack(values)
+
+            self.reader("mlcroissant", split, draws, tensor)
+
+    def torch(self):
+        import datasets
+        import torch
+
+        with tempfile.TemporaryDirectory() as cache:
+            loaded = datasets.load_dataset(str(self.folder), cache_dir=cache).with_format("torch")
+            for split, rows in loaded.items():
+                names = ["draw", *(column["name"] for column in self.tensors)]
+                batches = list(torch.utils.data.DataLoader(rows.select_columns(names), batch_size=7))
+                joined = {name: torch.cat([batch[name] for batch in batches]).numpy() for name in names}
+                self.reader("torch", split, joined["draw"], joined.__getitem__)
+
+
+def main():
+    options = arguments()
+    in_environment(options.environment)
+    manifest = json.loads((options.folder / "dataset.json").read_text())
+    if options.name not in (None, manifest["dataset"]):
+        sys.exit(f"{options.folder} holds the data set {manifest['dataset']}, not {options.name}")
+    checks = Checks(options.folder, manifest, Exported(options, manifest))
+    for name in ["pyarrow", "polars", "datasets", "mlcroissant", "torch"]:
+        before, wrong = checks.compared, len(checks.wrong)
+        if name == "torch":
+            try:
+                import torch  # noqa: F401
+            except ImportError:
+                print("torch: not there, left out")
+                continue
+        try:
+            getattr(checks, name)()
+        except Exception as error:  # A reader that refuses the folder is a finding, and the others are still asked.
+            checks.wrong.append(f"{name}: {type(error).__name__}: {error}")
+        found = len(checks.wrong) - wrong
+        print(f"{name}: {checks.compared - before} comparisons, {found} differ")
+    for what in checks.wrong:
+        print(what)
+    sys.exit(1 if checks.wrong else 0)
+
+
+if __name__ == "__main__":
+    main()
