@@ -111,7 +111,7 @@ fn speed(method: Method, noise: bool, side: usize) {
     let run = |stack: &ImageStack| {
         let inputs = In {
             reflectance: Reflectance(stack.clone()),
-            lut: Lut(table.clone()),
+            lut: table.clone().into(),
             sections: None,
             height: None,
             normals: None,
