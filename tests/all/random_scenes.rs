@@ -110,12 +110,12 @@ fn samples_have_bodies_of_their_own() {
     let file = format!("{}/pipelines/checks/random_scenes.yaml", env!("CARGO_MANIFEST_DIR"));
     let space = Space::new();
     let digests = |more: &[&str]| -> Vec<String> {
-        let with = |mut arguments: Vec<&str>| {
-            arguments.extend_from_slice(more);
-            space.turbid(&arguments)
-        };
-        with(vec!["run", file.as_str(), "balls"]).ok();
-        let shown = with(vec!["show", file.as_str(), "balls.scene", "--json"]).json();
+        let mut run = vec!["run", file.as_str(), "balls"];
+        run.extend_from_slice(more);
+        space.turbid(&run).ok();
+        let mut show = vec!["show", file.as_str(), "balls.scene", "--json"];
+        show.extend_from_slice(more);
+        let shown = space.turbid(&show).json();
         let digest =
             |i: &Value| i["ports"].as_object().expect("ports").values().next().expect("one")["digest"].to_string();
         shown["instances"].as_array().expect("instances").iter().map(digest).collect()
