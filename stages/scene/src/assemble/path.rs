@@ -34,10 +34,10 @@ pub fn path(name: &str, p: &PathParams, problems: &mut Problems) -> Option<Mesh>
     let bend = path.sharpest();
     if bend.radius <= path.reach() {
         problems.push_with_hint(
-            at(&format!("points.{}", bend.piece)),
+            at(&format!("points.{}", bend.point)),
             format!(
-                "behind the point {} (from 0), at {}, the path bends with a radius of {:.4} mm, but the tube's is {} mm: its wall would run through itself",
-                bend.piece,
+                "near the point {} (from 0), at {}, the path bends with a radius of {:.4} mm, but the tube's is {} mm: its wall would run through itself",
+                bend.point,
                 said(bend.place),
                 bend.radius,
                 0.5 * diameter

@@ -25,10 +25,10 @@ pub struct Path {
     radius: f64,
 }
 
-/// Where a curve bends: the piece, the place, the radius of curvature.
+/// Where a curve bends: the point next to it, the place, the radius of curvature.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bend {
-    pub piece: usize,
+    pub point: usize,
     pub place: DVec3,
     pub radius: f64,
 }
@@ -41,13 +41,13 @@ impl Path {
 
     /// Where the curve bends sharpest, on a close look.
     pub fn sharpest(&self) -> Bend {
-        let mut found = Bend { piece: 0, place: self.spline.at(0, 0.0)[0], radius: f64::INFINITY };
+        let mut found = Bend { point: 0, place: self.spline.at(0, 0.0)[0], radius: f64::INFINITY };
         for piece in 0..self.spline.pieces() {
             for i in 0..=LOOKS {
                 let s = i as f64 / LOOKS as f64;
                 let radius = self.spline.radius(piece, s);
                 if radius < found.radius {
-                    found = Bend { piece, place: self.spline.at(piece, s)[0], radius };
+                    found = Bend { point: piece + usize::from(s > 0.5), place: self.spline.at(piece, s)[0], radius };
                 }
             }
         }

@@ -158,7 +158,7 @@ fn mistakes_of_random_objects_are_named() {
             format!("{at}within.box.size.1"),
             &["size = 0 mm", "> 0"],
         ),
-        (of_balls(json!({"within": {"disc": 3}})), format!("{at}within.disc"), &["disc"]),
+        (of_balls(json!({"within": {"disc": 3}})), format!("{at}within"), &["disc"]),
         (same_priority, "objects.tissue".into(), &["polyp_0 and tissue overlap", "priority"]),
         (twice, "objects.polyp_3".into(), &["polyp", "another name"]),
         (relief(json!({"amplitude": -1})), "objects.tissue.relief.amplitude".into(), &["amplitude = -1 mm", ">= 0"]),
