@@ -21,6 +21,7 @@ use turbid_draw::Type;
 
 use super::feature::Values;
 use super::manifest::ColumnOf;
+use super::rows;
 use crate::key::value_text;
 
 /// One sample.
@@ -44,10 +45,10 @@ impl Sample {
 /// Bytes of a row group: what a reader must hold at once.
 const ROW_GROUP: usize = 32 << 20;
 
-/// The file of these samples. `columns` are `id`, `draw`, `group`, the draws (of these types), the features.
+/// The file of these samples, and the checksums of its rows. `columns` are `id`, `draw`, `group`, the draws (of these types), the features.
 ///
 /// Error: a value that the type of its column does not hold, in words.
-pub fn encode(columns: &[ColumnOf], types: &[Type], samples: &[Sample]) -> Result<Vec<u8>, String> {
+pub fn encode(columns: &[ColumnOf], types: &[Type], samples: &[Sample]) -> Result<(Vec<u8>, String), String> {
     let mut fields = Vec::new();
     let mut arrays: Vec<ArrayRef> = Vec::new();
     let mut properties = WriterProperties::builder()
@@ -91,7 +92,7 @@ pub fn encode(columns: &[ColumnOf], types: &[Type], samples: &[Sample]) -> Resul
     let mut writer = ArrowWriter::try_new(&mut bytes, schema, Some(properties)).map_err(|e| e.to_string())?;
     writer.write(&batch).map_err(|e| e.to_string())?;
     writer.close().map_err(|e| e.to_string())?;
-    Ok(bytes)
+    Ok((bytes, rows::checks(&batch)))
 }
 
 fn number(values: &Values) -> Option<f64> {
