@@ -28,7 +28,10 @@ fn written(space: &Space, to: &str) -> BTreeMap<String, SystemTime> {
 #[test]
 fn a_data_set_is_kept_and_grows() {
     let space = Space::with(PIPELINE);
+    let planned = space.turbid(&["dataset", "plan", "p.yaml", "--json"]).ok();
+    let planned: Value = serde_json::from_str(&planned).expect("it is JSON");
     let first = space.build("set", &[]);
+    assert_eq!(planned["points"], first["samples"], "without `keep` every point is a sample: {planned}");
     let samples = first["samples"].as_u64().expect("a number");
     let left_out: u64 = first["rejects"].as_object().expect("a map").values().filter_map(|n| n.as_u64()).sum();
     assert_eq!(samples + left_out, 16, "every point is a sample or left out for a reason: {first}");
