@@ -4,9 +4,9 @@ mod cache;
 mod check;
 #[cfg(feature = "tables")]
 mod dataset;
-#[cfg(not(feature = "tables"))]
+#[cfg(any(test, not(feature = "tables")))]
 #[path = "dataset/without.rs"]
-mod dataset;
+mod dataset_without;
 mod explain;
 mod export;
 mod figures;
@@ -35,6 +35,8 @@ use crate::spec::{self, Diagnostic, Kind, Mistake, Report};
 use crate::store::Store;
 use crate::terminal::{self, print, print_json};
 
+#[cfg(not(feature = "tables"))]
+use dataset_without as dataset;
 pub use select::Selector;
 
 /// How a command ends when it does not end well.

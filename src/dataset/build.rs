@@ -320,10 +320,10 @@ impl Building<'_> {
         let shard = match kept {
             Some(there) => ShardOf { file: file.to_owned(), ..there.clone() },
             None => {
-                let bytes = encode(&columns, &types, &samples).map_err(Stopped::Input)?;
+                let (bytes, checks) = encode(&columns, &types, &samples).map_err(Stopped::Input)?;
                 let of = folder.write(file, &bytes).map_err(Stopped::Failed)?;
                 let (split, file) = (split.to_owned(), file.to_owned());
-                ShardOf { file, split, number, rows, bytes: of.bytes, sha256: of.sha256, key }
+                ShardOf { file, split, number, rows, bytes: of.bytes, sha256: of.sha256, checks, key }
             }
         };
         let rejects = state.entries.values().filter(|e| e.split == split && !e.reject.is_empty()).count() as u64;

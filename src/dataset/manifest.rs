@@ -57,6 +57,8 @@ pub struct ShardOf {
     pub rows: u64,
     pub bytes: u64,
     pub sha256: String,
+    /// CRC-32 of each row, eight hexadecimal digits a row.
+    pub checks: String,
     /// What it was made from: a shard of this key need not be written again.
     pub key: String,
 }

@@ -12,6 +12,7 @@ mod folder;
 mod index;
 mod manifest;
 pub mod plan;
+mod rows;
 mod shard;
 mod split;
 mod statistics;

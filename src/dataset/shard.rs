@@ -21,6 +21,7 @@ use turbid_draw::Type;
 
 use super::feature::Values;
 use super::manifest::ColumnOf;
+use super::rows;
 use crate::key::value_text;
 
 /// One sample.
@@ -44,10 +45,10 @@ impl Sample {
 /// Bytes of a row group: what a reader must hold at once.
 const ROW_GROUP: usize = 32 << 20;
 
-/// The file of these samples. `columns` are `id`, `draw`, `group`, the draws (of these types), the features.
+/// The file of these samples, and the checksums of its rows. `columns` are `id`, `draw`, `group`, the draws (of these types), the features.
 ///
 /// Error: a value that the type of its column does not hold, in words.
-pub fn encode(columns: &[ColumnOf], types: &[Type], samples: &[Sample]) -> Result<Vec<u8>, String> {
+pub fn encode(columns: &[ColumnOf], types: &[Type], samples: &[Sample]) -> Result<(Vec<u8>, String), String> {
     let mut fields = Vec::new();
     let mut arrays: Vec<ArrayRef> = Vec::new();
     let mut properties = WriterProperties::builder()
@@ -91,7 +92,7 @@ pub fn encode(columns: &[ColumnOf], types: &[Type], samples: &[Sample]) -> Resul
     let mut writer = ArrowWriter::try_new(&mut bytes, schema, Some(properties)).map_err(|e| e.to_string())?;
     writer.write(&batch).map_err(|e| e.to_string())?;
     writer.close().map_err(|e| e.to_string())?;
-    Ok(bytes)
+    Ok((bytes, rows::checks(&batch)))
 }
 
 fn number(values: &Values) -> Option<f64> {
@@ -140,10 +141,10 @@ fn tensor<'s>(
     Ok(array)
 }
 
-/// Error: a value beyond what half precision holds with all of its digits.
+/// What is not known (NaN) stays so. Error: a value beyond what half precision holds with all of its digits.
 fn halves(name: &str, values: &[f32]) -> Result<Vec<f16>, String> {
     let (least, most) = (f16::MIN_POSITIVE.to_f32(), f16::MAX.to_f32());
-    match values.iter().find(|value| **value != 0.0 && !(least..=most).contains(&value.abs())) {
+    match values.iter().find(|value| !value.is_nan() && **value != 0.0 && !(least..=most).contains(&value.abs())) {
         Some(value) => Err(format!(
             "`{name}` holds {value:e}, outside of what float16 holds with all digits ({least:e} to {most}); write `dtype: float32`"
         )),
@@ -175,4 +176,19 @@ pub fn features(columns: &[ColumnOf]) -> Value {
         None => json!({"dtype": column.dtype, "_type": "Value"}),
     };
     Value::Object(columns.iter().map(|column| (column.name.clone(), feature(column))).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn half_precision_takes_what_it_holds() {
+        let held = halves("x", &[0.0, -0.25, 65504.0, 6.1035156e-5, f32::NAN]).unwrap();
+        assert!(held[1].to_f32() == -0.25 && held[4].is_nan());
+        for lost in [1e-5, -70000.0, f32::INFINITY] {
+            let said = halves("x", &[1.0, lost]).unwrap_err();
+            assert!(said.contains("`x`") && said.contains("dtype: float32"), "{said}");
+        }
+    }
 }

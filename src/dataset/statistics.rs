@@ -14,10 +14,10 @@ pub struct Moments {
 }
 
 impl Moments {
-    /// Of some values. Source: B. P. Welford, Technometrics 4, 419 (1962).
+    /// Of those values that are known (no NaN). Source: B. P. Welford, Technometrics 4, 419 (1962).
     pub fn of(values: impl IntoIterator<Item = f64>) -> Self {
         let mut moments = Self { least: f64::INFINITY, most: f64::NEG_INFINITY, ..Self::default() };
-        for value in values {
+        for value in values.into_iter().filter(|value| !value.is_nan()) {
             moments.n += 1;
             let away = value - moments.mean;
             moments.mean += away / moments.n as f64;
@@ -103,5 +103,6 @@ mod tests {
         assert!((a - b).abs() < 1e-9 * a && (whole.mean - joined.mean).abs() < 1e-9 * a, "{whole:?} {joined:?}");
         assert_eq!((joined.n, joined.least, joined.most), (whole.n, whole.least, whole.most));
         assert_eq!(Moments::of([]).sd(), None);
+        assert_eq!(Moments::of([1.0, f64::NAN, 3.0]), Moments::of([1.0, 3.0]));
     }
 }

@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
+use arrow_array::RecordBatch;
 use arrow_array::cast::AsArray;
 use arrow_array::types::Int64Type;
-use arrow_array::{Array, RecordBatch};
 use bytes::Bytes;
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use serde_json::Value;
@@ -14,6 +14,7 @@ use turbid_contract::{Artifact, ArtifactKind, Cells, Table};
 
 use super::folder::{self, sha256};
 use super::manifest::{Manifest, ShardOf};
+use super::rows::checks;
 use super::shard::Sample;
 use crate::store::decode;
 
@@ -167,6 +168,7 @@ fn look(to: &Path, shard: &ShardOf, manifest: &Manifest, indices: Option<&[u64]>
     }
     let mut row = 0;
     for batch in &batches {
+        let checks = checks(batch);
         let ids = batch.column(0).as_string_opt::<i32>();
         let draws = batch.column(1).as_primitive_opt::<Int64Type>();
         let (Some(ids), Some(draws)) = (ids, draws) else {
@@ -182,10 +184,8 @@ fn look(to: &Path, shard: &ShardOf, manifest: &Manifest, indices: Option<&[u64]>
                     Sample::id(listed.unwrap_or(draw))
                 ));
             }
-            if let Some(column) =
-                batch.columns().iter().skip(3).position(|column| column.is_null(at)).filter(|_| changed)
-            {
-                return Some(format!("row {row}: `{}` is empty", wanted[column + 3]));
+            if checks.get(8 * at..8 * at + 8) != shard.checks.get(8 * row..8 * row + 8) {
+                return Some(format!("row {row} (sample {}): its values were changed", ids.value(at)));
             }
             row += 1;
         }

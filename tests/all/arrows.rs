@@ -148,7 +148,8 @@ fn no_files_read_each_other_in_a_circle() {
 }
 
 /// The folders and files of `src/`, from the ground up: each reads only what lies below it.
-const FLOORS: [&[&str]; 11] = [
+const FLOORS: [&[&str]; 12] = [
+    &["child"],
     &[
         "child", "digest", "ids", "leftover", "memory", "missing", "preview", "registry", "regular", "stamp",
         "terminal", "threads",
@@ -186,7 +187,7 @@ const FACE: [&str; 4] = ["impl Stage for", "in_ports!", "out_ports!", "StageRow"
 #[test]
 fn nothing_reads_the_face_of_a_stage() {
     for (name, src) in crates() {
-        if ["turbid", "contract", "optics", "geometry"].contains(&name.as_str()) {
+        if ["turbid", "contract", "draw", "optics", "geometry"].contains(&name.as_str()) {
             continue;
         }
         let faces: BTreeSet<Module> = sources(&src)

@@ -56,7 +56,20 @@ fn every_damage_is_named_and_mended() {
         write(&at, &[RecordBatch::try_new(schema, batch.columns().to_vec()).expect("the same columns")]);
     };
     let others: Vec<usize> = (2..batch.num_rows()).collect();
-    let damages: [(&str, &dyn Fn(), &[&str]); 7] = [
+    // Two samples whose values are swapped, and not their names.
+    let edited = || {
+        let swapped = |row: usize| {
+            let (own, other) = (batch.slice(row, 1), batch.slice(if row < 2 { 1 - row } else { row }, 1));
+            let place = batch.schema().index_of("mu_a").expect("a feature");
+            let columns = own.columns().iter().enumerate();
+            let columns =
+                columns.map(|(at, column)| if at == place { other.column(at).clone() } else { column.clone() });
+            RecordBatch::try_new(batch.schema(), columns.collect()).expect("the same schema")
+        };
+        write(&at, &(0..batch.num_rows()).map(swapped).collect::<Vec<_>>());
+    };
+    let damages: [(&str, &dyn Fn(), &[&str]); 8] = [
+        ("edited values", &edited, &["row 0 (sample ", "its values were changed"]),
         ("a byte among the values", &|| flip(whole.len() / 2), &[]),
         ("a byte at the beginning", &|| flip(5), &[]),
         ("a byte of the footer", &|| flip(whole.len() - 20), &[]),

@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::time::SystemTime;
 
+use serde_json::Value;
+
 use crate::space::{PIPELINE, Space};
 
 fn written(space: &Space, to: &str) -> BTreeMap<String, SystemTime> {
@@ -26,7 +28,10 @@ fn written(space: &Space, to: &str) -> BTreeMap<String, SystemTime> {
 #[test]
 fn a_data_set_is_kept_and_grows() {
     let space = Space::with(PIPELINE);
+    let planned = space.turbid(&["dataset", "plan", "p.yaml", "--json"]).ok();
+    let planned: Value = serde_json::from_str(&planned).expect("it is JSON");
     let first = space.build("set", &[]);
+    assert_eq!(planned["points"], first["samples"], "without `keep` every point is a sample: {planned}");
     let samples = first["samples"].as_u64().expect("a number");
     let left_out: u64 = first["rejects"].as_object().expect("a map").values().filter_map(|n| n.as_u64()).sum();
     assert_eq!(samples + left_out, 16, "every point is a sample or left out for a reason: {first}");
@@ -37,6 +42,7 @@ fn a_data_set_is_kept_and_grows() {
         assert!(space.path("set").join(name).is_file(), "{name}");
     }
     let (before, shards) = (written(&space, "set"), space.shards("set"));
+    described(&space, &shards);
 
     let second = space.build("set", &[]);
     assert_eq!((second["ran"].as_u64(), &second["samples"]), (Some(0), &first["samples"]), "{second}");
@@ -53,6 +59,22 @@ fn a_data_set_is_kept_and_grows() {
         assert_eq!(grown[&place(file)], sha256, "{file}");
     }
     space.verify("set").ok();
+}
+
+/// `croissant.json` has every shard with its digest, and sets of files that are looked for beside it.
+fn described(space: &Space, shards: &[(String, String, u64)]) {
+    let text = fs::read_to_string(space.path("set/croissant.json")).expect("the build wrote it");
+    let document: Value = serde_json::from_str(&text).expect("it is JSON");
+    let files = document["distribution"].as_array().expect("a list");
+    for (file, sha256, _) in shards {
+        let found = files.iter().find(|of| of["contentUrl"] == file.as_str()).expect("every shard is described");
+        assert_eq!(found["sha256"], sha256.as_str());
+        let of = |pattern: &Value| {
+            pattern.as_str().and_then(|p| p.strip_suffix("*.parquet")).is_some_and(|p| file.starts_with(p))
+        };
+        let sets: Vec<_> = files.iter().filter(|set| of(&set["includes"])).collect();
+        assert!(sets.len() == 1 && sets[0].get("containedIn").is_none(), "{file}: {sets:?}");
+    }
 }
 
 /// A folder made by another way in another order of builds is the same but for times.
