@@ -88,6 +88,9 @@ struct Found {
     blobs: Vec<Blob>,
 }
 
+/// Why a sample could not be read: the feature at fault, if it is one, and what is wrong.
+type NotRead<'f> = (Option<&'f str>, String);
+
 /// Columns with the moments of a shard: one for a number, one per channel of a tensor.
 type ShardMoments = Vec<Vec<Moments>>;
 
@@ -382,7 +385,7 @@ impl Building<'_> {
     fn load(&self, found: Vec<Found>, state: &mut State) -> Result<Vec<Sample>, Stopped> {
         // Which feature is at fault, if it is one.
         let (features, store) = (&self.dataset.features, self.store);
-        let read = |Found { mut sample, blobs }: Found| -> Result<(Sample, Vec<Shape>), (Option<&str>, String)> {
+        let read = |Found { mut sample, blobs }: Found| -> Result<(Sample, Vec<Shape>), NotRead<'_>> {
             let mut shapes = Vec::new();
             let mut artifacts: HashMap<Blob, Artifact> = HashMap::new();
             for (feature, blob) in features.iter().zip(&blobs) {

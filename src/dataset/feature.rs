@@ -37,10 +37,10 @@ pub enum Values {
 
 impl Feature {
     /// Finds stage and port. Error: a mistake at its place in the file.
-    pub fn find(spec: &FeatureSpec, plan: &Plan, at: &[&str]) -> Result<Self, Diagnostic> {
+    pub fn find(spec: &FeatureSpec, plan: &Plan, at: &[&str]) -> Result<Self, Box<Diagnostic>> {
         let wrong = |message: String, hint: Option<String>| {
             let mistake = Mistake::new(Kind::Graph, message);
-            plan.spec.at_path(at, mistake, hint.map(|name| format!("did you mean `{name}`?")))
+            Box::new(plan.spec.at_path(at, mistake, hint.map(|name| format!("did you mean `{name}`?"))))
         };
         let stage = plan.spec.stage(&spec.from[0]).ok_or_else(|| {
             let names = plan.spec.stages.iter().map(|stage| stage.name.as_str());

@@ -45,7 +45,7 @@ impl DatasetPlan {
         for feature in &spec.sample {
             match Feature::find(feature, plan, &["datasets", &spec.name, "sample", &feature.name]) {
                 Ok(found) => features.push(found),
-                Err(problem) => problems.push(problem),
+                Err(problem) => problems.push(*problem),
             }
         }
         for feature in &features {
@@ -68,7 +68,7 @@ impl DatasetPlan {
             .filter_map(|limit| match Keep::find(limit, plan, &spec) {
                 Ok(keep) => Some(keep),
                 Err(problem) => {
-                    problems.push(problem);
+                    problems.push(*problem);
                     None
                 }
             })
@@ -209,12 +209,12 @@ fn unknown_names(plan: &Plan, spec: &DatasetSpec, (draws, draw): (StageId, &Draw
 }
 
 impl Keep {
-    fn find(limit: &KeepSpec, plan: &Plan, dataset: &DatasetSpec) -> Result<Self, Diagnostic> {
+    fn find(limit: &KeepSpec, plan: &Plan, dataset: &DatasetSpec) -> Result<Self, Box<Diagnostic>> {
         let at = ["datasets", &dataset.name, "keep", &limit.text];
         let Some(stage) = plan.spec.stage(&limit.stage) else {
             let hint = nearest(&limit.stage, plan.spec.stages.iter().map(|stage| stage.name.as_str()));
             let mistake = Mistake::new(Kind::Graph, format!("there is no stage `{}`", limit.stage));
-            return Err(plan.spec.at_path(&at, mistake, hint.map(|name| format!("did you mean `{name}`?"))));
+            return Err(Box::new(plan.spec.at_path(&at, mistake, hint.map(|name| format!("did you mean `{name}`?")))));
         };
         let column = limit.what.split_once('.').and_then(|(port, column)| {
             let found = plan.outputs(stage).iter().find(|known| known.name == port)?;

@@ -21,5 +21,5 @@ pub fn stream(seed: u64, name: &str) -> u64 {
 /// Uniform among `n` numbers: the bias is below n / 2^64.
 pub(crate) fn below(n: u64, bits: [u32; 4]) -> u64 {
     let wide = u64::from(bits[0]) << 32 | u64::from(bits[1]);
-    (u128::from(wide) * u128::from(n) >> 64) as u64
+    ((u128::from(wide) * u128::from(n)) >> 64) as u64
 }

@@ -6,7 +6,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::{Lut, Reflectance};
+use turbid_contract::payload::Reflectance;
 use turbid_contract::{Cells, Ctx, ImageStack, LayerInfo, LayerKind, MemoryHost, Stage, Table, serde_json::json};
 use turbid_invert::forward::Forward;
 use turbid_invert::inverse::{Found, InverseTable};

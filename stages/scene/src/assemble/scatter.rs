@@ -25,7 +25,7 @@ pub fn scatter(name: &str, s: &ScatterParams, problems: &mut Problems) -> Option
     let region = region(&at("within"), &s.within, problems);
     let kind = kind(name, s, problems);
     let ((region, depth), kind) = (region?, kind?);
-    if s.count > MOST || !(s.apart.0 >= 0.0) {
+    if s.count > MOST || s.apart.0 < 0.0 {
         return None;
     }
     let seed = stream(s.seed, name);
@@ -121,7 +121,7 @@ fn region(path: &str, region: &RegionParams, problems: &mut Problems) -> Option<
         RegionParams::Rect(r) => {
             let mut wide = true;
             for (axis, [first, last]) in [("x", r.x), ("y", r.y)] {
-                if !(first.0 < last.0) {
+                if first.0 >= last.0 {
                     wide = false;
                     let message = format!("{axis} = [{}, {}] mm must rise: [first, last]", first.0, last.0);
                     problems.push(format!("{path}.rect.{axis}"), message);
@@ -144,6 +144,7 @@ fn region(path: &str, region: &RegionParams, problems: &mut Problems) -> Option<
 }
 
 /// What bodies are drawn from: sizes, and turns or an axis.
+#[expect(clippy::large_enum_variant, reason = "there is one for each object")]
 enum Kind {
     Sphere(Source),
     Spheroid([Source; 3], [Source; 3]),

@@ -141,7 +141,7 @@ mod tests {
         let body = |i: u32| {
             let u = |k: u32| unit_of(i, k, 5);
             let frame = Frame::turned(DVec3::ZERO, [360.0 * u(0), 360.0 * u(1), 0.0]);
-            if i % 2 == 0 {
+            if i.is_multiple_of(2) {
                 Body::Ellipsoid { radii: DVec3::new(0.5 + u(2), 1.0, 2.0), frame }
             } else {
                 Body::Cylinder { radius: 0.7, half_length: 1.0 + u(2), axis: frame.direction_out(DVec3::Z) }
