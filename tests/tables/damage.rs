@@ -68,7 +68,9 @@ fn every_damage_is_named_and_mended() {
         };
         write(&at, &(0..batch.num_rows()).map(swapped).collect::<Vec<_>>());
     };
-    let damages: [(&str, &dyn Fn(), &[&str]); 8] = [
+    // What is done, how, and what is said of it.
+    type Damage<'d> = (&'d str, &'d dyn Fn(), &'d [&'d str]);
+    let damages: [Damage<'_>; 8] = [
         ("edited values", &edited, &["row 0 (sample ", "its values were changed"]),
         ("a byte among the values", &|| flip(whole.len() / 2), &[]),
         ("a byte at the beginning", &|| flip(5), &[]),
