@@ -91,8 +91,7 @@ impl Distribution {
             Kind::Loguniform(ends) => {
                 let [first, last] = pair(ends);
                 if !(ordered(first, last) && first > 0.0) {
-                    let rule = "loguniform takes [first, last] with first < last, both above 0";
-                    return Err(format!("{rule}, not [{first}, {last}]"));
+                    return Err("loguniform takes [first, last] with first < last, both above 0".to_owned());
                 }
                 let [first, last] = cut([first, last], within)?;
                 let logs = [libm::log(first), libm::log(last)];
@@ -158,7 +157,7 @@ fn interval(name: &str, [first, last]: [f64; 2]) -> Result<[f64; 2], String> {
     if ordered(first, last) && (last - first).is_finite() {
         return Ok([first, last]);
     }
-    Err(format!("{name} takes [first, last] with first < last, not [{first}, {last}]"))
+    Err(format!("{name} takes [first, last] with first < last"))
 }
 
 /// What two intervals share.
