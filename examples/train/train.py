@@ -49,8 +49,8 @@ class UNet(nn.Module):
         return self.out(x)
 
 
-def read(folder, split):
-    data = load_dataset(folder, split=split).with_format("numpy")
+def read(sets, split):
+    data = sets[split].with_format("numpy")
     columns = {name: np.stack(data[name][:]) for name in data.column_names if name.endswith(("frame", "true", "mu_a", "mu_s_prime", "mask"))}
     return {name: values for name, values in columns.items() if values.ndim == 4}
 
@@ -92,7 +92,8 @@ def main():
     torch.manual_seed(arguments.seed)
     rng = np.random.default_rng(arguments.seed)
 
-    train = read(arguments.folder, "train")
+    sets = load_dataset(arguments.folder)
+    train = read(sets, "train")
     if arguments.scenes:
         train = {name: values[: arguments.scenes] for name, values in train.items()}
     scale = float(train["frame"].mean())
@@ -117,8 +118,9 @@ def main():
 
     print("mean |error| of mu_a, mu_s' in percent      all pixels      within 3 mm of an edge")
     network.eval()
-    for split in ("validation", "test", "test_far"):
-        data = read(arguments.folder, split)
+    # A split without samples is not there.
+    for split in (name for name in ("validation", "test", "test_far") if name in sets):
+        data = read(sets, split)
         with torch.no_grad():
             found = torch.exp(network(inputs(data["frame"], scale)) * spread + middle).numpy()
         methods = {
