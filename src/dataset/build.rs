@@ -1,22 +1,25 @@
 //! Building a data set: shard by shard, each of its samples brought up to date, looked at, and written.
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+mod finish;
+mod moments;
+
+use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::sync::Arc;
 
 use rayon::prelude::*;
 use serde_json::{Value, json};
-use turbid_contract::{Artifact, Table, canonical};
+use turbid_contract::Artifact;
 use turbid_draw::Type;
 
-use super::feature::{Shape, Values};
+use super::feature::Shape;
 use super::folder::{Folder, Refused};
-use super::index::{self, Entry};
-use super::manifest::{ColumnOf, FORMAT, Manifest, ShardOf};
+use super::index::Entry;
+use super::manifest::{ColumnOf, ShardOf};
 use super::plan::{DatasetPlan, Keep, Limited};
 use super::shard::{Sample, encode};
-use super::statistics::{self, Moments};
-use super::{card, croissant};
+use moments::{ShardMoments, join, moments};
+
 use crate::digest::PartHasher;
 use crate::plan::{InstanceId, Plan, StageId};
 use crate::registry::Registry;
@@ -24,7 +27,7 @@ use crate::resolve::Resolver;
 use crate::run::log::RunLog;
 use crate::run::{self, End, Interrupt, Options, Progress};
 use crate::spec::{DRAW_AXIS, Draw, Kind, Mistake, Report};
-use crate::store::{Blob, InstanceRecord, Store, encode as encode_artifact};
+use crate::store::{Blob, InstanceRecord, Store};
 
 /// Of so many samples that cannot be computed the others are built; more are a mistake in the file.
 const MOST_UNFIT: f64 = 0.1;
@@ -90,9 +93,6 @@ struct Found {
 
 /// Why a sample could not be read: the feature at fault, if it is one, and what is wrong.
 type NotRead<'f> = (Option<&'f str>, String);
-
-/// Columns with the moments of a shard: one for a number, one per channel of a tensor.
-type ShardMoments = Vec<Vec<Moments>>;
 
 /// What is known of all samples while it is built.
 #[derive(Default)]
@@ -466,163 +466,12 @@ impl Building<'_> {
         }
         columns
     }
-
-    fn manifest(&self, state: &State) -> Manifest {
-        let (spec, dataset) = (&self.plan.spec, &self.dataset.spec);
-        let mut rejects: BTreeMap<String, u64> = BTreeMap::new();
-        let (_, draw) = self.plan.draw_of(self.dataset.draws).expect("the stage draws");
-        rejects.extend(draw.skipped.iter().map(|(reason, n)| (format!("only: {reason}"), *n)));
-        for entry in state.entries.values().filter(|entry| !entry.reject.is_empty()) {
-            *rejects.entry(entry.reject.clone()).or_default() += 1;
-        }
-        Manifest {
-            format: FORMAT,
-            turbid_version: env!("CARGO_PKG_VERSION").to_owned(),
-            pipeline: spec.pipeline.clone(),
-            dataset: dataset.name.clone(),
-            about: dataset.about.clone().or_else(|| spec.about.clone()),
-            license: dataset.license.clone(),
-            cite: dataset.cite.clone(),
-            seed: spec.seed,
-            resolved: spec.resolved(),
-            columns: state.columns.clone().unwrap_or_default(),
-            shards: state.shards.clone(),
-            rejects,
-            files: BTreeMap::new(),
-        }
-    }
-
-    /// Index, statistics, card and manifest, in this order.
-    fn finish(&self, folder: &Folder, columns: &[ColumnOf], state: State) -> Result<Built, Stopped> {
-        let failed = Stopped::Failed;
-        let (_, draw) = self.plan.draw_of(self.dataset.draws).expect("the stage draws");
-        let table = |table| encode_artifact(&Artifact::Table(table)).map_err(|e| Stopped::Failed(e.to_string()));
-        let mut manifest = self.manifest(&state);
-        let names: Vec<String> = state.shards.iter().map(|shard| shard.file.clone()).collect();
-        let write = |name: &str, bytes: &[u8], manifest: &mut Manifest| -> Result<(), Stopped> {
-            let of = folder.write(name, bytes).map_err(failed)?;
-            manifest.files.insert(name.to_owned(), of);
-            Ok(())
-        };
-        let index = index::table(draw, &state.entries);
-        let rows = self.statistics(columns, &state, &index).map_err(Stopped::Failed)?;
-        write("index.parquet", &table(index)?, &mut manifest)?;
-        write("statistics.parquet", &table(statistics::table(&rows))?, &mut manifest)?;
-        let splits: Vec<(String, u64)> = self
-            .dataset
-            .splits
-            .iter()
-            .map(|split| {
-                (split.name.clone(), state.shards.iter().filter(|s| s.split == split.name).map(|s| s.rows).sum())
-            })
-            .collect();
-        write("README.md", card::text(&manifest, &splits, &rows).as_bytes(), &mut manifest)?;
-        let document = canonical::canonical_text(&croissant::document(&manifest));
-        write("croissant.json", document.as_bytes(), &mut manifest)?;
-        // Times are of this machine and this day: no digest covers them.
-        folder.write("costs.parquet", &table(index::costs(&state.entries))?).map_err(Stopped::Failed)?;
-        folder.keep(&manifest).map_err(Stopped::Failed)?;
-        folder.remove_others(&names);
-        Ok(Built {
-            samples: splits.iter().map(|(_, n)| n).sum(),
-            rejects: manifest.rejects,
-            hits: state.hits,
-            ran: state.ran,
-            cpu_s: state.entries.values().map(|entry| entry.cpu_s).sum(),
-            bytes: state.shards.iter().map(|shard| shard.bytes).sum(),
-        })
-    }
-
-    fn statistics(&self, columns: &[ColumnOf], state: &State, index: &Table) -> Result<Vec<statistics::Row>, String> {
-        let quantiles = quantiles(index)?;
-        let (_, draw) = self.plan.draw_of(self.dataset.draws).expect("the stage draws");
-        let drawn: Vec<&str> = draw.names().collect();
-        let mut rows = Vec::new();
-        for split in self.dataset.splits.iter() {
-            let Some(of) = state.moments.get(&split.name) else { continue };
-            for (number, (column, of)) in columns.iter().zip(of).enumerate() {
-                let drawn = number.checked_sub(3).and_then(|number| drawn.get(number));
-                let known = drawn.and_then(|&name| quantiles.get(&(split.name.clone(), name.to_owned())));
-                rows.extend(of.iter().enumerate().map(|(place, moments)| statistics::Row {
-                    split: split.name.clone(),
-                    column: column.name.clone(),
-                    channel: column.channels.get(place).cloned().unwrap_or_default(),
-                    unit: column.unit.clone(),
-                    moments: *moments,
-                    quantiles: known.copied().unwrap_or_default(),
-                }));
-            }
-        }
-        Ok(rows)
-    }
-}
-
-/// Quantiles of numbers by split and column; none without polars.
-type Quantiles = BTreeMap<(String, String), [Option<f64>; statistics::QUANTILES.len()]>;
-
-#[cfg(feature = "tables")]
-fn quantiles(index: &Table) -> Result<Quantiles, String> {
-    let known = super::tables::of_kept(index)?;
-    Ok(known.into_iter().map(|of| ((of.split, of.column), of.quantiles)).collect())
-}
-
-#[cfg(not(feature = "tables"))]
-fn quantiles(_: &Table) -> Result<Quantiles, String> {
-    Ok(Quantiles::new())
 }
 
 /// The instance of each stage at each raw index.
 fn by_index(plan: &Plan) -> HashMap<(StageId, u64), InstanceId> {
     let index = |id: InstanceId| plan.instances[id].axes.get(DRAW_AXIS).and_then(Value::as_u64);
     plan.needed_instances().filter_map(|id| Some(((plan.instances[id].stage, index(id)?), id))).collect()
-}
-
-/// Moments of each column: of numbers, and of each channel of tensors; none of texts.
-fn moments(columns: &[ColumnOf], samples: &[Sample]) -> ShardMoments {
-    let draws = samples.first().map_or(0, |sample| sample.draws.len());
-    let of = |(place, column): (usize, &ColumnOf)| match (place, column.shape) {
-        (0..3, _) => Vec::new(),
-        _ if place < 3 + draws => match column.dtype.as_str() {
-            "string" => Vec::new(),
-            _ => vec![Moments::of(samples.iter().filter_map(|sample| sample.draws[place - 3].as_f64()))],
-        },
-        (_, None) => {
-            let number = |sample: &Sample| match &sample.values[place - 3 - draws] {
-                Values::Number(number) => *number,
-                Values::Tensor(_) => None,
-            };
-            vec![Moments::of(samples.iter().filter_map(number))]
-        }
-        (_, Some([channels, rows, width])) => (0..channels)
-            .map(|channel| {
-                let pixels = rows * width;
-                let of = samples.iter().flat_map(|sample| match &sample.values[place - 3 - draws] {
-                    Values::Tensor(values) => values[channel * pixels..(channel + 1) * pixels].iter(),
-                    Values::Number(_) => [].iter(),
-                });
-                Moments::of(of.map(|&value| f64::from(value)))
-            })
-            .collect(),
-    };
-    if samples.is_empty() {
-        return columns.iter().map(|_| Vec::new()).collect();
-    }
-    columns.iter().enumerate().map(of).collect()
-}
-
-fn join(before: ShardMoments, more: &ShardMoments) -> ShardMoments {
-    let joined = before.into_iter().zip(more).map(|(before, more)| {
-        if more.is_empty() || before.is_empty() {
-            return if before.is_empty() { more.clone() } else { before };
-        }
-        before.into_iter().zip(more).map(|(a, b)| a.and(*b)).collect()
-    });
-    joined.collect()
-}
-
-/// Raw indices of all splits, for messages.
-pub fn points(dataset: &DatasetPlan) -> BTreeSet<u64> {
-    dataset.splits.iter().flat_map(|split| split.indices.iter().copied()).collect()
 }
 
 /// What `--json` prints at the end.

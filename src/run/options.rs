@@ -20,3 +20,12 @@ pub struct Options {
     /// Bytes of memory that instances may take together; `None` where nobody knows.
     pub memory: Option<u64>,
 }
+
+#[cfg(test)]
+impl Options {
+    /// What the tests of this folder run with.
+    pub fn of_tests(jobs: usize) -> Self {
+        let (force, simd) = (Vec::new(), String::new());
+        Self { jobs, keep_going: true, force, replace: false, simd, keep_states: true, memory: None }
+    }
+}

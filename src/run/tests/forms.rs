@@ -82,15 +82,7 @@ fn tried(stages: &str) -> (Vec<String>, Option<Summary>) {
     if !problems.is_empty() {
         return (problems, None);
     }
-    let options = Options {
-        jobs: 1,
-        keep_going: true,
-        force: Vec::new(),
-        replace: false,
-        simd: String::new(),
-        keep_states: true,
-        memory: None,
-    };
+    let options = Options::of_tests(1);
     let summary = run(&resolver, survey, &options, &Lines::default(), &Interrupt::default()).unwrap();
     (problems, Some(summary))
 }

@@ -72,15 +72,7 @@ fn panics_outside_of_stages_end_their_instance() {
         let plan = Plan::build(spec.unwrap(), report, &Registry::default().with::<Odd>(), &[]).unwrap();
         let store = Store::open(&folder.path().join("outputs")).unwrap();
         let resolver = Resolver::new(&plan, &store);
-        let options = Options {
-            jobs: 2,
-            keep_going: true,
-            force: Vec::new(),
-            replace: false,
-            simd: String::new(),
-            keep_states: true,
-            memory: None,
-        };
+        let options = Options::of_tests(2);
         let survey = resolver.survey(&[]);
         let summary = run(&resolver, survey, &options, &Lines::default(), &Interrupt::default()).unwrap();
         // Nobody may wait any more.
@@ -154,15 +146,7 @@ fn params_are_read_twice_and_not_kept() {
     let plan = Plan::build(spec.unwrap(), report, &Registry::default().with::<Plain>(), &[]).unwrap();
     let store = Store::open(&folder.path().join("outputs")).unwrap();
     let resolver = Resolver::new(&plan, &store);
-    let options = Options {
-        jobs: 2,
-        keep_going: true,
-        force: Vec::new(),
-        replace: false,
-        simd: String::new(),
-        keep_states: true,
-        memory: None,
-    };
+    let options = Options::of_tests(2);
     let counts = || [&READ, &HELD].map(|count| count.load(Ordering::Relaxed));
     let survey = resolver.survey(&[]);
     assert_eq!(counts(), [3, 0], "read and held after the survey");

@@ -94,15 +94,7 @@ fn strides(folder: &Path, with: &str, ports: &[&str]) -> (bool, Arc<InstanceReco
     let plan = Plan::build(spec.unwrap(), report, &Registry::default().with::<Strides>(), &targets).unwrap();
     let store = Store::open(&folder.join("outputs")).unwrap();
     let resolver = Resolver::new(&plan, &store);
-    let options = Options {
-        jobs: 1,
-        keep_going: true,
-        force: Vec::new(),
-        replace: false,
-        simd: String::new(),
-        keep_states: true,
-        memory: None,
-    };
+    let options = Options::of_tests(1);
     let survey = resolver.survey(&[]);
     let mut summary = run(&resolver, survey, &options, &Lines::default(), &Interrupt::default()).unwrap();
     assert_eq!(summary.ends.len(), 1);
