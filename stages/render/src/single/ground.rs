@@ -1,7 +1,7 @@
 //! The bodies of a world in f32, about a place near what the camera sees; and how flights and looks pass through them.
 
 use fearless_simd::prelude::*;
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use turbid_optics::solid::Solid;
 
 use super::facets::Facets;
@@ -40,6 +40,8 @@ pub enum Shape {
 #[derive(Clone, Debug)]
 pub struct Ground {
     shapes: Vec<Shape>,
+    /// Of each body that stands askew: rows of the rotation from the local axes into its own, about the local origin.
+    turns: Vec<Option<[[f32; 3]; 3]>>,
     /// Where all other bodies are known.
     pub meshes: Vec<Facets>,
 }
@@ -92,40 +94,17 @@ impl Ground {
     /// Bodies with curved or upright faces further than `range` (mm) from `origin` are others too: f32 does not hold them. Meshes are
     /// to be [prepared](Facets::prepare) before lines meet them.
     pub fn about(parts: &[Part], origin: DVec3, range: f64) -> Self {
-        let local = |p: DVec3| (p - origin).as_vec3().to_array();
-        let shape = |solid: &Solid| {
-            let (low, high) = solid.bounds();
-            let far = (low - origin).abs().max((high - origin).abs());
-            match *solid {
-                // Only its planes count, and what is far from the origin is far from paths.
-                Solid::Slab { bottom, top } => {
-                    Shape::Slab { bottom: (bottom - origin.z) as f32, top: (top - origin.z) as f32 }
-                }
-                Solid::Box { low, high } if far.max_element() <= range => {
-                    Shape::Box { low: local(low), high: local(high) }
-                }
-                Solid::Ellipsoid { center, radii } if far.max_element() <= range => Shape::Ellipsoid {
-                    center: local(center),
-                    inverse_radii: radii.recip().as_vec3().to_array(),
-                    least: (radii.min_element() * (1.0 - 1e-6)) as f32,
-                },
-                Solid::Cylinder { axis, radius, bottom, top } if far.x.max(far.y) <= range => Shape::Cylinder {
-                    axis: (axis - origin.truncate()).as_vec2().to_array(),
-                    radius: radius as f32,
-                    bottom: (bottom - origin.z) as f32,
-                    top: (top - origin.z) as f32,
-                },
-                _ => Shape::Other,
-            }
-        };
-        let mut shapes: Vec<Shape> = parts.iter().map(|part| shape(&part.solid)).collect();
+        let (mut shapes, turns): (Vec<Shape>, Vec<Option<DMat3>>) =
+            parts.iter().map(|part| of_solid(&part.solid, origin, range)).unzip();
+        let rows = |into: DMat3| into.transpose().to_cols_array_2d().map(|row| row.map(|x| x as f32));
+        let turns = turns.into_iter().map(|turn| turn.map(rows)).collect();
         // All or none: distances from others and from meshes would have to be asked for together.
         let others = (0..parts.len()).filter(|&j| matches!(shapes[j], Shape::Other));
         let meshes: Option<Vec<Facets>> = others.map(|j| facets(&parts[j].solid, j, origin, range)).collect();
         for mesh in meshes.iter().flatten() {
             shapes[mesh.body as usize] = Shape::Mesh;
         }
-        Self { shapes, meshes: meshes.unwrap_or_default() }
+        Self { shapes, turns, meshes: meshes.unwrap_or_default() }
     }
 
     pub fn is_mesh(&self, j: usize) -> bool {
@@ -137,8 +116,23 @@ impl Ground {
         matches!(self.shapes[j], Shape::Other)
     }
 
+    /// Whether body `j` is known in axes of its own.
+    pub fn is_turned(&self, j: usize) -> bool {
+        self.turns[j].is_some()
+    }
+
+    /// In the axes of the body.
     pub fn shape(&self, j: usize) -> Shape {
         self.shapes[j]
+    }
+
+    /// A place or direction in the axes of body `j`.
+    #[inline(always)]
+    fn own<S: Simd>(&self, j: usize, v: V<S>) -> V<S> {
+        match self.turns[j] {
+            None => v,
+            Some([x, y, z]) => V { x: v.along(x), y: v.along(y), z: v.along(z) },
+        }
     }
 
     pub fn bodies(&self) -> usize {
@@ -156,6 +150,7 @@ impl Ground {
             if matches!(shape, Shape::Mesh | Shape::Other) {
                 continue;
             }
+            let (r, w, end) = (self.own(j, r), self.own(j, w), self.own(j, end));
             let j = j as u32;
             let (own, above) = (body.simd_eq(j), body.simd_gt(j));
             // How deep inside the end lies, at least; negative outside.
@@ -190,7 +185,7 @@ impl Ground {
         Passage { crosses, clear }
     }
 
-    /// Whether a flight that starts outside comes to a body; a start that rounding put inside counts.
+    /// Whether a flight that starts outside comes to a body, in whose axes it is given; a start that rounding put inside counts.
     #[inline(always)]
     fn meets<S: Simd>(&self, simd: S, shape: Shape, asked: M<S>, r: V<S>, w: V<S>, s: F<S>) -> M<S> {
         if asked.all_false() {
@@ -204,7 +199,7 @@ impl Ground {
     #[inline(always)]
     pub fn is_free<S: Simd>(&self, simd: S, parts: &[Part], body: U<S>, r: V<S>, w: V<S>, distance: F<S>) -> M<S> {
         let mut free = M::splat(simd, true);
-        if let [Shape::Slab { .. }] = self.shapes[..] {
+        if let ([Shape::Slab { .. }], [None]) = (&self.shapes[..], &self.turns[..]) {
             return free;
         }
         let size = r.x.abs().max(r.y.abs().max(r.z.abs()));
@@ -276,14 +271,15 @@ impl Ground {
     /// Where rays enter and leave body `j`.
     #[inline(always)]
     pub fn span<S: Simd>(&self, simd: S, j: usize, r: V<S>, w: V<S>) -> Span<S> {
-        span(simd, self.shapes[j], r, w)
+        span(simd, self.shapes[j], self.own(j, r), self.own(j, w))
     }
 
     /// The normal of body `j` at points of its surface; neither its length nor its sign matters.
     #[inline(always)]
     pub fn normal<S: Simd>(&self, simd: S, j: usize, p: V<S>) -> V<S> {
         let (zero, one) = (splat(simd, 0.0), splat(simd, 1.0));
-        match self.shapes[j] {
+        let p = self.own(j, p);
+        let normal = match self.shapes[j] {
             Shape::Slab { .. } => V { x: zero, y: zero, z: one },
             Shape::Box { low, high } => {
                 let (a, b) = (p.from(low), p.from(high));
@@ -302,8 +298,47 @@ impl Ground {
             Shape::Ellipsoid { center, inverse_radii: i, .. } => {
                 p.from(center).scaled([i[0] * i[0], i[1] * i[1], i[2] * i[2]])
             }
+        };
+        match self.turns[j] {
+            None => normal,
+            Some([x, y, z]) => {
+                let column = |i: usize| normal.along([x[i], y[i], z[i]]);
+                V { x: column(0), y: column(1), z: column(2) }
+            }
         }
     }
+}
+
+/// A solid as lanes know it, with the rotation into its own axes where they are not the world's. Places are relative to `origin`, before that rotation.
+fn of_solid(solid: &Solid, origin: DVec3, range: f64) -> (Shape, Option<DMat3>) {
+    let local = |p: DVec3| (p - origin).as_vec3().to_array();
+    let (low, high) = solid.bounds();
+    let far = (low - origin).abs().max((high - origin).abs());
+    let shape = match *solid {
+        // Only its planes count, and what is far from the origin is far from paths.
+        Solid::Slab { bottom, top } => Shape::Slab { bottom: (bottom - origin.z) as f32, top: (top - origin.z) as f32 },
+        Solid::Box { low, high } if far.max_element() <= range => Shape::Box { low: local(low), high: local(high) },
+        Solid::Ellipsoid { center, radii } if far.max_element() <= range => Shape::Ellipsoid {
+            center: local(center),
+            inverse_radii: radii.recip().as_vec3().to_array(),
+            least: (radii.min_element() * (1.0 - 1e-6)) as f32,
+        },
+        Solid::Cylinder { axis, radius, bottom, top } if far.x.max(far.y) <= range => Shape::Cylinder {
+            axis: (axis - origin.truncate()).as_vec2().to_array(),
+            radius: radius as f32,
+            bottom: (bottom - origin.z) as f32,
+            top: (top - origin.z) as f32,
+        },
+        Solid::Turned(ref turned) => {
+            let frame = &turned.frame;
+            let (shape, turn) = of_solid(&turned.solid, frame.point_into(origin), range);
+            let into =
+                DMat3::from_cols_array_2d(&[DVec3::X, DVec3::Y, DVec3::Z].map(|w| frame.direction_into(w).to_array()));
+            return (shape, Some(turn.map_or(into, |inner| inner * into)));
+        }
+        _ => Shape::Other,
+    };
+    (shape, None)
 }
 
 /// A mesh for lanes, where it is one and f32 holds it.

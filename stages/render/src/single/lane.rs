@@ -60,6 +60,12 @@ impl<S: Simd> V<S> {
         Self { x: self.x * s[0], y: self.y * s[1], z: self.z * s[2] }
     }
 
+    /// Its component along a unit vector that all share.
+    #[inline(always)]
+    pub fn along(self, unit: [f32; 3]) -> F<S> {
+        self.x * unit[0] + self.y * unit[1] + self.z * unit[2]
+    }
+
     #[inline(always)]
     pub fn from(self, origin: [f32; 3]) -> Self {
         Self { x: self.x - origin[0], y: self.y - origin[1], z: self.z - origin[2] }

@@ -87,10 +87,7 @@ impl fmt::Display for Refusal {
             }
             Self::Bodies(n) => write!(f, "{n} bodies (a hole counts as one): f32 lanes hold up to {MOST_BODIES}"),
             Self::Solid(kind) => {
-                write!(
-                    f,
-                    "{kind}: f32 lanes hold slabs, upright boxes, spheroids, cylinders, holes of these and meshes"
-                )
+                write!(f, "{kind}: f32 lanes hold slabs, boxes, spheroids, cylinders, holes of these and meshes")
             }
             Self::FarSolid(far, range) => {
                 write!(
@@ -144,8 +141,15 @@ pub fn of_solids(ground: &Ground, parts: &[Part], origin: glam::DVec3, range: f6
     let part = parts.iter().enumerate().find(|(j, _)| ground.is_other(*j))?.1;
     let (low, high) = part.solid.bounds();
     let far = (low - origin).abs().max((high - origin).abs()).max_element();
-    let held =
-        matches!(part.solid, Solid::Box { .. } | Solid::Ellipsoid { .. } | Solid::Cylinder { .. } | Solid::Mesh(_));
+    let whole = match &part.solid {
+        Solid::Turned(turned) => &turned.solid,
+        solid => solid,
+    };
+    let held = match whole {
+        Solid::Box { .. } | Solid::Ellipsoid { .. } | Solid::Cylinder { .. } => true,
+        Solid::Mesh(_) => !matches!(part.solid, Solid::Turned(_)),
+        _ => false,
+    };
     Some(if held && far > range { Refusal::FarSolid(far, range) } else { Refusal::Solid(kind(&part.solid)) })
 }
 

@@ -72,7 +72,7 @@ impl Walls {
         let alike = clear().all(|part| material(part).n == n && material(part).finish == Finish::Smooth);
         let (eye, lamp) = (s.camera.view.position, s.light.view.position);
         let outside = !parts.iter().any(|part| part.solid.contains(eye) || part.solid.contains(lamp));
-        let known = (0..parts.len()).all(|j| !ground.is_other(j) && !ground.is_mesh(j));
+        let known = (0..parts.len()).all(|j| !ground.is_other(j) && !ground.is_mesh(j) && !ground.is_turned(j));
         // Nothing carved: holes have walls that bulge the other way.
         let whole = parts.len() == s.world.bodies.len() && parts.len() <= MOST_BODIES;
         if n <= 1.0 || !alike || !outside || !known || !whole {

@@ -133,7 +133,7 @@ pub fn scenes() -> Vec<(&'static str, World)> {
     ]
 }
 
-/// Bodies that the lanes of f32 leave to those of f64, most of them to be met twice.
+/// Bodies of other shapes, most of them left by the lanes of f32 to those of f64, or to be met twice.
 pub fn shaped_scenes() -> Vec<(&'static str, World)> {
     let slab = |top: f64, bottom: f64| Solid::Slab { bottom, top };
     let cuboid = |low: [f64; 3], high: [f64; 3]| Solid::Box { low: low.into(), high: high.into() };
@@ -162,6 +162,39 @@ pub fn shaped_scenes() -> Vec<(&'static str, World)> {
             "turned box in a slab",
             world(vec![(cuboid([-1.0, -1.5, -0.5], [1.0, 1.5, 1.5]).turned(tilt), CORE), (slab(0.0, -500.0), TISSUE)]),
         ),
+    ]
+}
+
+/// Bodies askew: lying, leaning, flush with the surface, one of them below a wet surface.
+pub fn turned_scenes() -> Vec<(&'static str, World)> {
+    let slab = |top: f64, bottom: f64| Solid::Slab { bottom, top };
+    let cuboid = |low: [f64; 3], high: [f64; 3]| Solid::Box { low: low.into(), high: high.into() };
+    let turned =
+        |solid: Solid, about: [f64; 3], deg: [f64; 3]| solid.turned(solid::Frame::turned_about(about.into(), deg));
+    let egg = |top: f64| {
+        let center = DVec3::new(0.2, -0.3, top);
+        turned(Solid::Ellipsoid { center, radii: DVec3::new(0.8, 1.8, 1.2) }, center.into(), [0.0, 0.0, 35.0])
+    };
+    let vessel = |depth: f64| {
+        Solid::Cylinder { axis: DVec2::ZERO, radius: 0.4, bottom: -30.0, top: 30.0 }
+            .turned(solid::Frame::turned(DVec3::new(0.1, 0.0, depth), [90.0, 0.0, 20.0]))
+    };
+    let brick = turned(cuboid([-1.0, -1.5, -2.0], [1.0, 1.5, 0.0]), [0.3, 0.0, -1.5], [20.0, -35.0, 10.0]);
+    let air = cuboid([-9.0, -9.0, 0.0], [9.0, 9.0, 3.0]);
+    vec![
+        ("vessel under the surface", world(vec![(vessel(-0.8), CORE), (slab(0.0, -500.0), TISSUE)])),
+        ("leaning brick in a slab", world(vec![(brick, CORE), (slab(0.0, -500.0), TISSUE)])),
+        (
+            "egg askew, level with tissue",
+            world(vec![(air.clone(), VOID), (egg(0.0), CORE), (slab(0.0, -500.0), TISSUE)]),
+        ),
+        ("groove", world(vec![(vessel(0.0), VOID), (slab(0.0, -500.0), TISSUE)])),
+        ("slope", world(vec![(turned(slab(0.0, -500.0), [0.0; 3], [8.0, 5.0, 0.0]), TISSUE)])),
+        (
+            "wet egg askew, level with wet tissue",
+            world(vec![(air, VOID), (egg(-0.2), WET_CORE), (slab(0.0, -500.0), WET)]),
+        ),
+        ("wet vessel in wet tissue", world(vec![(vessel(-0.8), WET_CORE), (slab(0.0, -500.0), WET)])),
     ]
 }
 
@@ -379,7 +412,9 @@ pub fn difference(steady: &Steady, name: &str, world: &World, paths: u32) -> Dif
         };
         let mut walker = Walker::new(setting, named(""));
         let scouts = Frame::of(&walker).is_some_and(|frame| !frame.scouts.is_empty());
-        assert_eq!(scouts, nee == Nee::Line && hollow_scenes().iter().any(|(hollow, _)| *hollow == name), "{name}");
+        let hollow =
+            name == "hollow sphere with two ports" || hollow_scenes().iter().any(|(hollow, _)| *hollow == name);
+        assert_eq!(scouts, nee == Nee::Line && hollow, "{name}");
         let mut moments = Moments::new(16, numbers);
         for sample in (0..paths).step_by(100) {
             flock::walk(&mut walker, 0..16, sample..sample + 100);
