@@ -13,6 +13,7 @@ impl Registry {
     pub fn builtin() -> Self {
         Self::default()
             .with::<turbid_calibrate::Calibrate>()
+            .with::<turbid_chromophores::Chromophores>()
             .with::<turbid_compare::Compare>()
             .with::<turbid_demodulate::Demodulate>()
             .with::<turbid_dis::CalibrateDis>()

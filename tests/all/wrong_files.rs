@@ -55,7 +55,7 @@ const WRONG: &[(&str, &str, &str, &str)] = &[
     ("mu_a: 0.05", "mu_a: -0.05", "8:25: stages.tissue.with.media.m.mu_a: mu_a = -0.05 mm^-1 must be >= 0", ""),
     ("mu_a: 0.05", "mu_a: \"0.05 mm\"", "8:25: stages.tissue.with.media.m.mu_a: `0.05 mm` has the dimension length; inverse length in mm^-1 is wanted", ""),
     ("mu_a: 0.05", "mu_a: 1e999", "8:25: stages.tissue.with.media.m.mu_a: `1e999` is not a finite number", ""),
-    ("mu_a: 0.05, ", "", "8:18: stages.tissue.with.media.m: m must have exactly one pair of absorption and scattering", "write `mu_a` with `mu_s`, or `mu_a` with `mu_s_prime` (mm^-1), or `A_rho` with `S_rho` (m^-1)"),
+    ("mu_a: 0.05, ", "", "8:18: stages.tissue.with.media.m: m must have exactly one pair of absorption and scattering", "write `mu_a` with `mu_s`, or `mu_a` with `mu_s_prime` (mm^-1), or `A_rho` with `S_rho` (m^-1); `HbO2`, `Hb`, `water`, `lipid`, `melanin` may stand in the place of `mu_a`, `scattering: {a, b}` in that of `mu_s`"),
     ("mu_a: 0.05", "mu_a: \"${mu}\"", "8:25: stages.tissue.with.media.m.mu_a: `${mu}` is not a var", "known: `samples`"),
     ("g: 0.8", "g: 1", "8:49: stages.tissue.with.media.m.g: g = 1 must lie in (-1, 1)", ""),
     ("g: 0.8, ", "", "8:15: stages.tissue.with.media.m.g: `g` is missing", ""),

@@ -1,8 +1,9 @@
 //! How a stage is written: the first block of YAML that uses it in its crate's own manual.
 
 /// Where stages describe themselves.
-const SOURCES: [&str; 14] = [
+const SOURCES: [&str; 15] = [
     include_str!("../../../stages/calibrate/src/lib.rs"),
+    include_str!("../../../stages/chromophores/src/lib.rs"),
     include_str!("../../../stages/compare/src/lib.rs"),
     include_str!("../../../stages/demodulate/src/lib.rs"),
     include_str!("../../../stages/dis/src/lib.rs"),

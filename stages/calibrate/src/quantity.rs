@@ -3,23 +3,55 @@
 use turbid_contract::layers::{place, size, values, wavelengths};
 use turbid_contract::{Error, LayerInfo};
 
+use crate::model::ReferenceMedium;
+
 /// A quantity to calibrate: the layer of the sample, and the f_x at which it counts.
 pub struct Quantity {
     pub layer: usize,
     pub f_x_per_mm: f64,
 }
 
-/// The wavelengths of the sample: one, for the phantom is given for one.
-pub fn of_one_phantom(sample: &[LayerInfo]) -> Result<Vec<Option<f64>>, Error> {
+/// The wavelengths of the sample, for all of which the phantom is known. Errors: the sample has no fringes, a list of the phantom is too short or too long.
+pub fn lit(sample: &[LayerInfo], phantom: &ReferenceMedium) -> Result<Vec<Option<f64>>, Error> {
     let wavelengths = wavelengths(sample, "m_ac");
-    match wavelengths.len() {
-        0 => Err(Error::failed("the sample holds no layer `m_ac`")),
-        1 => Ok(wavelengths),
-        count => {
-            let what = format!("the sample has {count} wavelengths, the phantom is given for one");
-            Err(Error::invalid("reference", what))
+    if wavelengths.is_empty() {
+        return Err(Error::failed("the sample holds no layer `m_ac`"));
+    }
+    match phantom.unfit(wavelengths.len()).next() {
+        None => Ok(wavelengths),
+        Some((name, values)) => {
+            let what = format!("{values} values for the sample's {}", listed(&wavelengths));
+            Err(Error::invalid(
+                format!("reference.{name}"),
+                format!("{what}; give one for each, or one number for all"),
+            ))
         }
     }
+}
+
+/// Wavelengths in words.
+fn listed(wavelengths: &[Option<f64>]) -> String {
+    let named: Vec<String> = wavelengths.iter().flatten().map(f64::to_string).collect();
+    match (wavelengths.len(), named.is_empty()) {
+        (1, true) => "one wavelength".to_owned(),
+        (1, false) => format!("one wavelength ({} nm)", named[0]),
+        (count, _) => format!("{count} wavelengths ({} nm)", named.join(", ")),
+    }
+}
+
+/// Wavelengths that one arm has and the other lacks, in words. Error where the reference lacks some.
+pub fn same_wavelengths(sample: &[LayerInfo], reference: &[LayerInfo]) -> Result<Option<String>, Error> {
+    let [own, others] = [sample, reference].map(|infos| wavelengths(infos, "m_ac"));
+    let lacks = |of: &[Option<f64>], there: &[Option<f64>]| -> Vec<String> {
+        let missing = of.iter().filter(|w| !there.contains(w));
+        missing.map(|w| w.map_or("a wavelength without a name".to_owned(), |nm| format!("{nm} nm"))).collect()
+    };
+    let (missing, unused) = (lacks(&own, &others), lacks(&others, &own));
+    if !missing.is_empty() && !others.is_empty() {
+        let what = format!("the sample was lit with {}, the reference was not", missing.join(", "));
+        return Err(Error::failed_with_hint(what, "render or measure the reference at the wavelengths of the sample"));
+    }
+    Ok((!unused.is_empty()).then(|| format!("the reference was lit with {}, the sample was not", unused.join(", "))))
 }
 
 /// Sizes are (rows, columns). Error: they differ.

@@ -9,9 +9,9 @@ use turbid_contract::{
 use crate::form;
 use crate::gauss::Gauss;
 use crate::memory::memory;
-use crate::model::Model;
+use crate::model::{Model, Phantom};
 use crate::params::{NoiseBias, Params};
-use crate::quantity::{counterpart, of_one_phantom, quantities, same_size};
+use crate::quantity::{counterpart, lit, quantities, same_size, same_wavelengths};
 use crate::ratio::{Arm, calibrate};
 use crate::rigs::{SHARE, difference};
 
@@ -48,7 +48,7 @@ impl Stage for Calibrate {
 
     fn check(params: &Params, known: &Known, problems: &mut Problems) {
         params.reference.check(problems);
-        form::check(known, problems);
+        form::check(&params.reference, known, problems);
         if params.convention != Convention::Relative {
             compare_phantom(params, &known.fact("reference"), problems);
         }
@@ -66,7 +66,7 @@ impl Stage for Calibrate {
     fn describe(params: &Params, known: &Known) -> Forms {
         let mut facts = known.fact("sample");
         facts.extend(said(params, &known.fact("reference")));
-        Forms::from([("reflectance", form::reflectance(known).with(facts))])
+        Forms::from([("reflectance", form::reflectance(&params.reference, known).with(facts))])
     }
 
     fn plan(params: &Params, known: &Known) -> StagePlan {
@@ -90,7 +90,7 @@ impl Stage for Calibrate {
             let what = format!("the sample and the reference were lit or seen by different rigs: {what}");
             return Err(Error::failed_with_hint(what, SHARE));
         }
-        let model = |f_x: f64| params.reference.reflectance(params.model, params.convention, f_x);
+        let model = |phantom: &Phantom, f_x: f64| phantom.reflectance(params.model, params.convention, f_x);
         let mut stack = reflectance(&inputs.sample.0, &inputs.reference.0, params, model, ctx)?;
         stack.attributes.extend(said(params, &inputs.reference.0.attributes));
         stack.carry_conditions(&inputs.sample.0);
@@ -104,9 +104,9 @@ fn said(params: &Params, reference: &Attributes) -> Attributes {
     let facts = [
         ("convention", serde_json::to_value(params.convention)),
         ("model", if relative { Ok("none".into()) } else { serde_json::to_value(params.model) }),
-        ("g", serde_json::to_value(params.reference.g)),
-        ("n", serde_json::to_value(params.reference.n)),
-        ("reference", serde_json::to_value(params.reference)),
+        ("g", serde_json::to_value(&params.reference.g)),
+        ("n", serde_json::to_value(&params.reference.n)),
+        ("reference", serde_json::to_value(&params.reference)),
     ];
     let said = facts.into_iter().map(|(name, value)| (name, value.expect("names and finite numbers are JSON")));
     let other = reference.get(CONDITIONS).map(|conditions| (REFERENCE_CONDITIONS, conditions.clone()));
@@ -120,14 +120,28 @@ const SAME: f64 = 1e-6;
 fn compare_phantom(params: &Params, reference: &Attributes, problems: &mut Problems) {
     let Some(Conditions { seen, .. }) = Conditions::of(reference, CONDITIONS) else { return };
     let Some(phantom) = seen.first() else { return };
-    let taken = &params.reference;
-    let single = |values: &[f64]| if values.len() == 1 { values.first().copied() } else { None };
-    for (name, unit, seen, taken) in [
-        ("mu_a", " mm^-1", single(&phantom.mu_a), taken.mu_a.0),
-        ("mu_s_prime", " mm^-1", single(&phantom.mu_s_prime), taken.mu_s_prime.0),
-        ("g", "", phantom.g, taken.g),
-        ("n", "", phantom.n, taken.n),
-    ] {
+    let lists = params.reference.unfit(1).next().is_some();
+    let at = |name: &str, channel: usize| {
+        if lists { format!("{name} of wavelength {}", channel + 1) } else { name.to_owned() }
+    };
+    let channels = phantom.mu_a.len().min(phantom.mu_s_prime.len());
+    let pairs = (0..channels).filter_map(|channel| Some((channel, params.reference.at(channel)?))).flat_map(
+        |(channel, taken)| {
+            [
+                ("mu_a", at("mu_a", channel), " mm^-1", Some(phantom.mu_a[channel]), taken.mu_a),
+                (
+                    "mu_s_prime",
+                    at("mu_s_prime", channel),
+                    " mm^-1",
+                    Some(phantom.mu_s_prime[channel]),
+                    taken.mu_s_prime,
+                ),
+                ("g", at("g", channel), "", phantom.g, taken.g),
+                ("n", at("n", channel), "", phantom.n, taken.n),
+            ]
+        },
+    );
+    for (field, name, unit, seen, taken) in pairs {
         let Some(seen) = seen.filter(|seen| (seen - taken).abs() > SAME * seen.abs().max(taken.abs())) else {
             continue;
         };
@@ -138,7 +152,7 @@ fn compare_phantom(params: &Params, reference: &Attributes, problems: &mut Probl
             digits(seen),
         );
         let hint = format!("{name}: {}, or another phantom", digits(seen));
-        problems.warn_ranked(size, format!("reference.{name}"), message, hint);
+        problems.warn_ranked(size, format!("reference.{field}"), message, hint);
     }
 }
 
@@ -151,24 +165,26 @@ fn reflectance(
     sample: &ImageStack,
     reference: &ImageStack,
     params: &Params,
-    model: impl Fn(f64) -> Result<f64, Error>,
+    model: impl Fn(&Phantom, f64) -> Result<f64, Error>,
     ctx: Ctx<'_>,
 ) -> Result<ImageStack, Error> {
     let size = |s: &ImageStack| [s.rows() as u64, s.columns() as u64];
     same_size(size(sample), size(reference))?;
     let (infos, reference_infos) = (sample.infos(), reference.infos());
-    let wavelengths = of_one_phantom(&infos)?;
+    let wavelengths = lit(&infos, &params.reference)?;
+    same_wavelengths(&infos, &reference_infos)?;
     let gauss = [params.smooth_sample, params.smooth].map(Gauss::new);
     let mut stack = ImageStack::new(sample.rows(), sample.columns());
     stack.attributes = sample.attributes.clone();
     let (mut values, mut errors, mut covariances, mut masks) = (vec![], vec![], vec![], vec![]);
     let mut unknown = vec![];
     let corrects = params.noise_bias == NoiseBias::Correct;
-    for wavelength_nm in wavelengths {
+    for (channel, wavelength_nm) in wavelengths.into_iter().enumerate() {
+        let phantom = params.reference.at(channel).expect("the lists are as long as the wavelengths are many");
         let quantities = quantities(&infos, wavelength_nm);
         let layers: Result<Vec<usize>, Error> =
             quantities.iter().map(|q| counterpart(&reference_infos, &infos[q.layer])).collect();
-        let model: Result<Vec<f64>, Error> = quantities.iter().map(|q| model(q.f_x_per_mm)).collect();
+        let model: Result<Vec<f64>, Error> = quantities.iter().map(|q| model(&phantom, q.f_x_per_mm)).collect();
         let arm = |stack, layers| Arm { stack, layers, wavelength_nm };
         let sample_arm = arm(sample, quantities.iter().map(|q| q.layer).collect());
         let arms = [&sample_arm, &arm(reference, layers?)];

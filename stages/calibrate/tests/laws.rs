@@ -5,7 +5,8 @@ use turbid_contract::kit::Trial;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{self, Convention, MaskReason, Modulation, Rig};
 use turbid_contract::{
-    Ctx, Error, Form, ImageStack, Known, LayerInfo, LayerKind, MemoryHost, PerLength, Problems, Stage, serde_json,
+    Ctx, Error, Form, ImageStack, Known, LayerInfo, LayerKind, MemoryHost, PerChannel, PerLength, Problems, Stage,
+    serde_json,
 };
 use turbid_optics::{Medium, Reflectance};
 
@@ -13,7 +14,12 @@ const PHANTOM: Medium = Medium { mu_a: 0.02, mu_s_prime: 1.5, g: 0.8, n: 1.4 };
 
 fn params(smooth: f64) -> Params {
     let Medium { mu_a, mu_s_prime, g, n } = PHANTOM;
-    let reference = ReferenceMedium { mu_a: PerLength(mu_a), mu_s_prime: PerLength(mu_s_prime), g, n };
+    let reference = ReferenceMedium {
+        mu_a: PerChannel::One(PerLength(mu_a)),
+        mu_s_prime: PerChannel::One(PerLength(mu_s_prime)),
+        g: PerChannel::One(g),
+        n: PerChannel::One(n),
+    };
     Params {
         reference,
         model: Model::Diffusion,
@@ -50,6 +56,65 @@ fn modulation(planes: [Array2<f32>; 2], noise: Option<([f64; 2], f64)>) -> Modul
         stack.push(info, Array2::from_elem((rows, columns), covariance as f32));
     }
     Modulation(stack)
+}
+
+/// One stack of modulations at several wavelengths, nm.
+fn lit<const N: usize>(of: [(f64, Modulation); N]) -> Modulation {
+    let mut stack = ImageStack::new(of[0].1.0.rows(), of[0].1.0.columns());
+    let mut layers: Vec<_> = of
+        .into_iter()
+        .enumerate()
+        .flat_map(|(k, (nm, modulation))| {
+            modulation.0.layers.into_iter().map(move |mut layer| {
+                layer.info.wavelength_nm = Some(nm);
+                layer.info.pair = layer.info.pair.map(|pair| pair.map(|place| place + 2 * k as u32));
+                layer
+            })
+        })
+        .collect();
+    // Values first.
+    layers.sort_by_key(|layer| layer.info.kind != LayerKind::Value);
+    layers.into_iter().for_each(|layer| stack.push(layer.info, layer.data));
+    Modulation(stack)
+}
+
+/// Several wavelengths in one stack, with a phantom that differs between them, are those that each wavelength gives by itself; in any order of the reference's
+/// layers. A list that is too short is named.
+#[test]
+fn each_wavelength_has_its_phantom() {
+    let noise = Some(([1e-3, 2e-3], 5e-7));
+    let arm = |dc: f32, ac: f32| modulation([dc, ac].map(|v| Array2::from_elem((2, 3), v)), noise);
+    let phantom = |mu_a: &[f64], mu_s_prime: &[f64]| {
+        let list = |values: &[f64]| match values {
+            [one] => PerChannel::One(PerLength(*one)),
+            all => PerChannel::Each(all.iter().map(|&x| PerLength(x)).collect()),
+        };
+        let reference = ReferenceMedium { mu_a: list(mu_a), mu_s_prime: list(mu_s_prime), ..params(0.0).reference };
+        Params { reference, ..params(0.0) }
+    };
+    let sample = || lit([(660.0, arm(0.4, 0.2)), (850.0, arm(0.3, 0.1))]);
+    let reference = || lit([(850.0, arm(0.5, 0.3)), (660.0, arm(0.6, 0.35))]);
+    let both = calibrate(sample(), reference(), &phantom(&[0.02, 0.03], &[1.5, 1.1])).unwrap().reflectance.0;
+    for (nm, of, by, mu_a, mu_s_prime) in
+        [(660.0, arm(0.4, 0.2), arm(0.6, 0.35), 0.02, 1.5), (850.0, arm(0.3, 0.1), arm(0.5, 0.3), 0.03, 1.1)]
+    {
+        let alone =
+            calibrate(lit([(nm, of)]), lit([(nm, by)]), &phantom(&[mu_a], &[mu_s_prime])).unwrap().reflectance.0;
+        let there: Vec<_> = both.layers.iter().filter(|layer| layer.info.wavelength_nm == Some(nm)).collect();
+        assert_eq!(there.len(), alone.layers.len());
+        for (there, alone) in there.into_iter().zip(&alone.layers) {
+            assert_eq!(
+                (&there.info.name, there.info.f_x_per_mm, &there.data),
+                (&alone.info.name, alone.info.f_x_per_mm, &alone.data)
+            );
+        }
+    }
+    let short =
+        calibrate(sample(), reference(), &phantom(&[0.02, 0.03, 0.04], &[1.5])).map(|_| ()).unwrap_err().to_string();
+    assert!(
+        short.contains("mu_a") && short.contains("3 values for the sample's 2 wavelengths (660, 850 nm)"),
+        "{short}"
+    );
 }
 
 fn masked(mut modulation: Modulation, mask: &[(usize, MaskReason)]) -> Modulation {
@@ -258,9 +323,9 @@ fn mismatches_are_named() {
     let mut coloured = arm(1);
     coloured.0.layers.iter_mut().for_each(|l| l.info.wavelength_nm = Some(630.0));
     assert!(message(coloured, arm(1)).contains("630 nm"));
-    let mut two = arm(1);
-    two.0.layers[1].info.wavelength_nm = Some(660.0);
-    assert!(message(two, arm(1)).contains("2 wavelengths"));
+    let two = lit([630.0, 660.0].map(|nm| (nm, arm(1))));
+    let text = message(two, lit([(630.0, arm(1))]));
+    assert!(text.contains("lit with 660 nm, the reference was not"), "{text}");
     assert!(message(Modulation(ImageStack::new(1, 2)), arm(1)).contains("no layer `m_ac`"));
 }
 
@@ -345,13 +410,18 @@ fn errors_of_one_arm_alone_are_warned_of() {
 
 #[test]
 fn check_finds_every_mistake() {
-    let reference = ReferenceMedium { mu_a: PerLength(-1.0), mu_s_prime: PerLength(0.0), g: 1.0, n: 0.9 };
+    let reference = ReferenceMedium {
+        mu_a: PerChannel::One(PerLength(-1.0)),
+        mu_s_prime: PerChannel::Each(vec![PerLength(1.0), PerLength(0.0)]),
+        g: PerChannel::One(1.0),
+        n: PerChannel::One(0.9),
+    };
     let mut problems = Problems::default();
     Calibrate::check(&Params { reference, smooth_sample: 101.0, ..params(-1.0) }, &Known::default(), &mut problems);
     let paths: Vec<String> = problems.into_parts().0.into_iter().map(|p| p.path).collect();
     assert_eq!(
         paths,
-        ["reference.mu_a", "reference.mu_s_prime", "reference.g", "reference.n", "smooth", "smooth_sample"]
+        ["reference.mu_a", "reference.mu_s_prime.1", "reference.g", "reference.n", "smooth", "smooth_sample"]
     );
 }
 

@@ -35,6 +35,12 @@ const UNITS: &[(&str, &str, f64)] = &[
     ("min", "time", 60.0),
     ("h", "time", 3600.0),
     ("%", "ratio", 0.01),
+    ("uM", "concentration", 1.0),
+    ("µM", "concentration", 1.0),
+    ("umol/l", "concentration", 1.0),
+    ("nM", "concentration", 1e-3),
+    ("mM", "concentration", 1e3),
+    ("M", "concentration", 1e6),
 ];
 
 /// Why a text is no quantity.
@@ -201,6 +207,10 @@ quantity!(
 quantity!(
     /// A span of time in s.
     Seconds, "time", "s", 1.0
+);
+quantity!(
+    /// An amount of substance in a volume, in uM (umol/l).
+    Concentration, "concentration", "uM", 1.0
 );
 quantity!(
     /// A pure number; `"1 %"` is 0.01.

@@ -5,6 +5,7 @@
 //! and sums have a fixed order, so results have the same bits on every machine.
 
 pub mod between_facets;
+pub mod chromophore;
 pub mod diffusion;
 pub mod distortion;
 pub mod elementary;
@@ -23,8 +24,11 @@ pub mod rough;
 pub mod rte;
 pub mod sinusoid;
 pub mod solid;
+pub mod spectrum;
 pub mod view;
 
+pub use chromophore::Chromophore;
 pub use error::Error;
 pub use log_grid::LogGrid;
 pub use medium::{Medium, Reflectance};
+pub use spectrum::Spectrum;

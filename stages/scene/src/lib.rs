@@ -6,6 +6,8 @@
 //!   media:
 //!     healthy: {A_rho: 25, S_rho: 4236, g: 0.8, n: 1.0}       # densities in m^-1, or
 //!     scc: {mu_a: 0.12, mu_s_prime: 0.64, g: 0.8, n: 1.0}     # coefficients in mm^-1 (mu_s or mu_s_prime)
+//!     # or what absorbs, and a power law, at the scene's wavelengths:
+//!     # skin: {HbO2: 40 uM, Hb: 20 uM, water: 0.7, scattering: {a: 1.5, b: 1.2}, g: 0.8, n: 1.0}
 //!   objects:
 //!     tissue: {slab: {thickness: 2000, top: 0}, medium: healthy}
 //!     polyp: {spheroid: {diameters: [40, 40, 80], center: [0, 0, 0]}, medium: scc, priority: 1}
@@ -25,7 +27,6 @@ mod mesh;
 pub mod overlap;
 pub mod params;
 mod path;
-mod per_channel;
 mod relief;
 mod scatter;
 mod sketch;

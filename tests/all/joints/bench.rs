@@ -79,7 +79,9 @@ pub fn more() -> String {
 /// A joint of payloads that agree and of contents that cannot: consumer, producer, a stage that makes it, and why it is refused.
 pub type Senseless = (&'static str, &'static str, &'static str, &'static str);
 
-pub const SENSELESS: [Senseless; 8] = [
+pub const SENSELESS: [Senseless; 10] = [
+    ("chromophores.maps", "profilometry.height", "{use: chromophores, in: {maps: shape}}", "no layer `mu_a`"),
+    ("chromophores.maps", "profilometry.normals", "{use: chromophores, in: {maps: shape.normals}}", "no layer `mu_a`"),
     (
         "demodulate.covariance",
         "invert.covariance",
@@ -124,6 +126,6 @@ pub const SENSELESS: [Senseless; 8] = [
 pub fn senseless() -> String {
     let stages = SENSELESS.iter().enumerate().map(|(k, (.., stage, _))| format!("  wrong_{k}: {stage}\n"));
     // Of what a covariance is asked only where it is read.
-    let read = "  seen: {use: demodulate, in: {frames: wrong_5, covariance: wrong_5.covariance}}\n".to_owned();
+    let read = "  seen: {use: demodulate, in: {frames: wrong_7, covariance: wrong_7.covariance}}\n".to_owned();
     std::iter::once(PRODUCERS.to_owned()).chain(stages).chain([read]).collect()
 }

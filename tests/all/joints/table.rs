@@ -29,7 +29,7 @@ const FOR_ALL_LIGHT: Reason = May("a truth that names no wavelength holds for al
 const A_PART: Reason = May("a rig may be a part of a bench: what is missing is refused by the stage that needs it");
 
 /// By consumer, then producer.
-pub const JOINTS: [Row; 80] = [
+pub const JOINTS: [Row; 81] = [
     row(
         "build_lut.phantoms",
         "demodulate.modulation",
@@ -74,6 +74,17 @@ pub const JOINTS: [Row; 80] = [
         &[],
     ),
     row("calibrate_iad.readings", "calibrate_dis.readings", &[Columns], &[], &[(&[Unit], Declared)]),
+    row(
+        "chromophores.maps",
+        "invert.maps",
+        &[Quantity],
+        &[],
+        &[
+            (&[Unit], Declared),
+            (&[Errors], LessKnown),
+            (&[Size, Frequency, Wavelength, Convention, G, N, OtherRig], CarriedOn),
+        ],
+    ),
     row("compare.estimate", "calibrate_iad.fit", &[Columns], &[], &[(&[Unit], Declared)]),
     row(
         "compare.estimate",

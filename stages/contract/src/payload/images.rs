@@ -69,6 +69,12 @@ image_payload!(
     Maps, "maps", &[quantity("mu_a", "mm^-1", "absorption coefficient"), quantity("mu_s_prime", "mm^-1", "reduced scattering coefficient"), quantity("height", "mm", "world z of the surface"), quantity("normal_x", "1", "unit normal towards the camera"), quantity("normal_y", "1", "unit normal towards the camera"), quantity("normal_z", "1", "unit normal towards the camera"), quantity("outside", "1", "the side on which the table ended, where the nearest node stands in"), COV, MASK]
 );
 image_payload!(
+    /// What maps of several wavelengths are made of: a layer for each chromophore (`HbO2`, `Hb` in uM; `water`, `lipid`, `melanin` as shares of the volume;
+    /// others by the names and units that users give them), `THb` (uM), `StO2` (1), `scatter_a` (mm^-1), `scatter_b` (1), `residual` (mm^-1),
+    /// `at_bound` (how many concentrations were held at 0), their `_se`, `mask`.
+    Concentrations, "concentrations", &[]
+);
+image_payload!(
     /// What the camera truly looks at, at pixel centres: `mu_a`, `mu_s_prime` (mm^-1), `height` (world z of the first
     /// hit, mm), `depth` (along the camera axis, mm), `normal_x|y|z`, `object` (index into the attribute `objects`), `mask`.
     /// The attribute `field` is what the camera sees in the plane of its look_at: width and height in mm.

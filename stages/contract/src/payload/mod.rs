@@ -20,8 +20,8 @@ pub use conditions::{
 pub use estimate::{Estimate, Expected};
 pub use fit::Fit;
 pub use images::{
-    Covariance, Errors, Exposure, Frames, Maps, Modulation, Pattern, Phase, Preview, Reflectance, SurfaceFrequency,
-    Truth, Validity, White,
+    Concentrations, Covariance, Errors, Exposure, Frames, Maps, Modulation, Pattern, Phase, Preview, Reflectance,
+    SurfaceFrequency, Truth, Validity, White,
 };
 pub use lut::{Convention, Lut};
 pub use mask::MaskReason;

@@ -95,7 +95,11 @@ impl Compared {
             Some(all.iter().fold([least, most], |[a, b], [least, _, most]| [a.min(*least), b.max(*most)]))
         };
         let reference = reflectance.get("reference").filter(|_| !empirical).and_then(|phantom| {
-            let of = |name: &str| phantom.get(name).and_then(serde_json::Value::as_f64);
+            // Of a phantom that is known for several wavelengths the first stands for all: this is about the size of what is misread.
+            let of = |name: &str| {
+                let value = phantom.get(name)?;
+                value.as_f64().or_else(|| value.get(0)?.as_f64())
+            };
             let seen = Setting { g: of("g")?, n: of("n")?, thickness: None, ..normal };
             let seen_as = Conditions::of(reflectance, REFERENCE_CONDITIONS).and_then(|c| c.seen.into_iter().next());
             Some((seen_as, Side { mu: [of("mu_a")?, of("mu_s_prime")?], seen }))

@@ -2,7 +2,7 @@
 
 use turbid_contract::Problems;
 
-use crate::per_channel::PerChannel;
+use turbid_contract::PerChannel;
 
 /// The channels of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

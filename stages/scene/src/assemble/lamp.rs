@@ -8,7 +8,7 @@ use crate::assemble::channels::Channels;
 use crate::assemble::plain;
 use crate::assemble::plausible::doubt;
 use crate::params::LampParams;
-use crate::per_channel::PerChannel;
+use turbid_contract::PerChannel;
 
 pub fn lamp(name: &str, lamp: &LampParams, channels: Channels, problems: &mut Problems) -> Lamp {
     let at = |kind: &str, field: &str| format!("lights.{name}.{kind}.{field}");

@@ -12,6 +12,7 @@ use turbid_optics::solid::Solid;
 use crate::params::Params;
 
 mod channels;
+mod chromophores;
 mod detector;
 mod drawn;
 mod lamp;
@@ -56,8 +57,11 @@ pub fn assemble(
         RigInput::Unknown if wavelengths_nm.is_empty() => Channels::Open,
         _ => Channels::of(wavelengths_nm.len()),
     };
-    let mut media: BTreeMap<String, Medium> =
-        params.media.iter().map(|(name, m)| (name.clone(), medium(name, m, channels, problems))).collect();
+    let mut media: BTreeMap<String, Medium> = params
+        .media
+        .iter()
+        .map(|(name, m)| (name.clone(), medium(name, m, (channels, &wavelengths_nm), problems)))
+        .collect();
     let scattered = scattered(params);
     let mut objects = BTreeMap::new();
     for (name, o) in &params.objects {

@@ -7,7 +7,7 @@ use turbid_contract::{Problems, Usual};
 
 use crate::assemble::{Placed, is_void};
 use crate::params::MediumParams;
-use crate::per_channel::PerChannel;
+use turbid_contract::PerChannel;
 
 /// Reduced scattering of what may be tissue, mm^-1: only there an unusual absorption is doubted.
 const TURBID: std::ops::RangeInclusive<f64> = 0.1..=15.0;

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use turbid_contract::schemars::JsonSchema;
 use turbid_contract::{AngleDeg, Length, Power};
 
-use crate::per_channel::PerChannel;
+use turbid_contract::PerChannel;
 
 /// One of `point`, `spot`, `collimated`, `ambient`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -21,7 +21,7 @@ mod view;
 pub use detector::{DetectorParams, DiscParams, RectangleParams};
 pub use drawn::{Drawn, Quantity};
 pub use lamp::{AmbientParams, CollimatedParams, LampParams, PointParams, SpotParams};
-pub use medium::MediumParams;
+pub use medium::{MediumParams, ScatteringParams};
 pub use object::ObjectParams;
 pub use path::PathParams;
 pub use relief::ReliefParams;

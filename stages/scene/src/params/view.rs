@@ -5,7 +5,7 @@ use turbid_contract::payload::{Profile, Projection, Specular};
 use turbid_contract::schemars::JsonSchema;
 use turbid_contract::{Length, Power};
 
-use crate::per_channel::PerChannel;
+use turbid_contract::PerChannel;
 
 /// A camera; its field is measured in the plane z = look_at.z.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

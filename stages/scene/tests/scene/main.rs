@@ -6,6 +6,7 @@ use turbid_contract::payload::{Lamp, Motif, Outline, Payload, Scene, Shape, Surf
 use turbid_contract::{Artifact, Ctx, Error, Known, MemoryHost, Problem, Problems, StageRow};
 use turbid_scene::SceneStage;
 
+mod chromophores;
 mod doubts;
 mod mistakes;
 mod random;

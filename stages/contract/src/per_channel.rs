@@ -1,19 +1,45 @@
-//! A quantity that is one number, or a list with one number per channel.
+//! A quantity that is one number for all channels (wavelengths), or a list with one number for each.
 
 use std::borrow::Cow;
 use std::fmt;
 use std::marker::PhantomData;
 
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::value::{F64Deserializer, I64Deserializer, SeqAccessDeserializer, StrDeserializer, U64Deserializer};
 use serde::de::{self, Deserialize, Deserializer, SeqAccess, Visitor};
 use serde::{Serialize, Serializer};
-use turbid_contract::schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 
 /// `0.1` or `[0.1, 0.2]`.
 #[derive(Clone, Debug, PartialEq)]
 pub enum PerChannel<T> {
     One(T),
     Each(Vec<T>),
+}
+
+impl<T> PerChannel<T> {
+    /// How many channels are told apart; `None` where one value holds for all.
+    pub fn channels(&self) -> Option<usize> {
+        match self {
+            Self::One(_) => None,
+            Self::Each(values) => Some(values.len()),
+        }
+    }
+
+    /// The value of a channel; `None` beyond the end of a list.
+    pub fn of(&self, channel: usize) -> Option<&T> {
+        match self {
+            Self::One(value) => Some(value),
+            Self::Each(values) => values.get(channel),
+        }
+    }
+
+    /// Each value with where it stands below `path`.
+    pub fn entries(&self, path: &str) -> Vec<(String, &T)> {
+        match self {
+            Self::One(value) => vec![(path.to_owned(), value)],
+            Self::Each(values) => values.iter().enumerate().map(|(i, value)| (format!("{path}.{i}"), value)).collect(),
+        }
+    }
 }
 
 impl<T: Serialize> Serialize for PerChannel<T> {
