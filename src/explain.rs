@@ -38,8 +38,13 @@ const COMPARED: usize = 256;
 
 impl History {
     pub fn read(store: &Store) -> Self {
+        Self::read_latest(store, usize::MAX)
+    }
+
+    /// So many at most, the latest.
+    pub fn read_latest(store: &Store, most: usize) -> Self {
         let mut by_use: HashMap<String, Vec<Arc<Earlier>>> = HashMap::new();
-        for earlier in store.records() {
+        for earlier in store.records_of_latest(most) {
             by_use.entry(earlier.0.use_name.clone()).or_default().push(Arc::new(earlier));
         }
         for records in by_use.values_mut() {

@@ -5,6 +5,7 @@ mod files;
 mod forms;
 mod inputs;
 mod prepare;
+mod released;
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::PathBuf;
@@ -29,6 +30,7 @@ use files::{InputFiles, Lent};
 pub use forms::Described;
 use forms::KnownForms;
 use inputs::KnownInputs;
+use released::Asked;
 
 /// The blobs of an instance by port.
 pub type Outputs = BTreeMap<String, Blob>;
@@ -97,6 +99,7 @@ pub struct Resolver<'a> {
     fetched: Mutex<HashMap<Digest, Shared>>,
     forms: Mutex<KnownForms>,
     extents: Mutex<HashMap<InstanceId, Sizes>>,
+    asked: Mutex<Asked>,
 }
 
 /// States of all needed instances, with the mistakes and warnings found on the way.
@@ -135,8 +138,14 @@ struct Look {
 impl<'a> Resolver<'a> {
     pub fn new(plan: &'a Plan, store: &'a Store) -> Self {
         let (files, instant, forms) = <(Arc<_>, Mutex<_>, Mutex<_>)>::default();
-        let (extents, fetched) = <(Mutex<_>, Mutex<_>)>::default();
-        Self { plan, store, history: OnceLock::new(), files, instant, fetched, forms, extents }
+        let (extents, fetched, asked) = <(Mutex<_>, Mutex<_>, Mutex<_>)>::default();
+        Self { plan, store, history: OnceLock::new(), files, instant, fetched, forms, extents, asked }
+    }
+
+    /// The same, which compares with so many of the latest results at most: reading a large store takes time and memory.
+    pub fn with_history_of(self, latest: usize) -> Self {
+        let _ = self.history.set(History::read_latest(self.store, latest));
+        self
     }
 
     /// Finds the state of each needed instance and checks those that are not up to date.
@@ -153,6 +162,8 @@ impl<'a> Resolver<'a> {
         };
         let mut first_of: HashMap<Digest, InstanceId> = HashMap::new();
         let mut warned = Warned::default();
+        // At first all that has a record is up to date: its digests key those that read it.
+        let asked = std::mem::take(&mut *lock(&self.asked));
         for &stage in &self.plan.needed {
             let ids: Vec<InstanceId> = self.plan.instances_of(stage).collect();
             let forced = force.contains(&stage);
@@ -173,6 +184,7 @@ impl<'a> Resolver<'a> {
                 }
             }
         }
+        self.survey_released(asked, &mut survey, &mut first_of, &mut warned);
         warned.told(&mut survey.problems);
         survey
     }
@@ -302,7 +314,12 @@ impl<'a> Resolver<'a> {
         let missing: Vec<&str> =
             self.plan.wanted(instance.stage).iter().copied().filter(|port| !record.ports.contains_key(*port)).collect();
         if missing.is_empty() {
-            return Ok((State::Hit(record), None));
+            let released = self.released(id, &record);
+            if released.is_empty() {
+                return Ok((State::Hit(record), None));
+            }
+            let reasons = vec![format!("needed again, and its bytes were released: {}", released.join(", "))];
+            return Ok((State::Run { reasons }, Some(keyed)));
         }
         Ok((State::Run { reasons: vec![format!("newly wanted: {}", missing.join(", "))] }, Some(keyed)))
     }
@@ -412,7 +429,10 @@ impl<'a> Resolver<'a> {
         if let Some(artifact) = lock(&self.fetched).get(&blob.digest) {
             return Some(artifact.clone());
         }
-        let artifact = Shared::new(self.store.get(blob).ok()?);
+        let artifact = match self.store.get(blob) {
+            Ok(artifact) => Shared::new(artifact),
+            Err(_) => return self.made_again(id, port, outputs),
+        };
         let mut fetched = lock(&self.fetched);
         if fetched.len() >= FETCHED {
             fetched.clear();

@@ -1,13 +1,14 @@
 """Reads a data set of turbid with the programs of others, and compares what they read with `turbid export`.
 
-    python3 examples/train/check.py FILE DIR [--name NAME] [--turbid PROGRAM] [--outputs DIR]
+    python3 examples/train/check.py FILE DIR [--name NAME] [--turbid PROGRAM] [--outputs DIR] [--speed]
 
-FILE is the pipeline, DIR the folder that `turbid dataset build FILE --to DIR` made. Needs Python 3.10 or newer and, the first
-time, the network: pyarrow, polars, Hugging Face datasets and mlcroissant are put into a virtual environment (about 600 MB in
-`outputs/python`, or `--environment`). PyTorch is tried where the Python that starts this has it.
+FILE is the pipeline, DIR the folder that `turbid dataset build FILE --to DIR` made, of either format. Needs Python 3.10 or newer
+and, the first time, the network: pyarrow, polars, Hugging Face datasets, mlcroissant and webdataset are put into a virtual
+environment (about 700 MB in `outputs/python`, or `--environment`). PyTorch is tried where the Python that starts this has it.
 
 Each reader must find all samples with shapes, types and, to the bit, the values of the first and the last sample of each split
-as `turbid export` writes them. Ends with 1 where one does not.
+as `turbid export` writes them. Ends with 1 where one does not. `--speed` prints samples per CPU second of each reader for the
+largest split, all tensors as NumPy arrays, in order and shuffled; it compares nothing.
 """
 
 import argparse
@@ -17,11 +18,17 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 import venv
 from pathlib import Path
 
-PACKAGES = ["datasets>=4", "polars>=1", "pyarrow", "mlcroissant>=1.1", "numpy"]
-READERS = ["pyarrow", "polars", "datasets", "mlcroissant", "torch"]
+# NumPy 1.26 is what Debian's PyTorch was built for, and these are the last of the others that work with it.
+PACKAGES = ["numpy<2", "pyarrow<22", "datasets>=4,<5", "polars>=1", "mlcroissant>=1.1", "webdataset>=1"]
+READERS = {
+    "parquet": ["pyarrow", "polars", "datasets", "mlcroissant", "torch"],
+    "webdataset": ["webdataset", "datasets_of_tar", "mlcroissant_of_tar", "torch_of_tar"],
+}
+SPEEDS = {"parquet": ["pyarrow", "polars", "datasets", "torch"], "webdataset": ["webdataset", "torch_of_tar"]}
 CHOSEN = "TURBID_CHECK_ENVIRONMENT"
 
 
@@ -33,7 +40,8 @@ def arguments():
     parser.add_argument("--turbid", default="turbid", help="the program (default: the one on the path)")
     parser.add_argument("--outputs", default="outputs", help="where turbid keeps results")
     parser.add_argument("--environment", type=Path, default=Path("outputs/python"), help="the virtual environment to make or use")
-    parser.add_argument("--reader", choices=READERS, help="only this one")
+    parser.add_argument("--reader", choices=sum(READERS.values(), []), help="only this one")
+    parser.add_argument("--speed", action="store_true", help="how fast the readers are")
     return parser.parse_args()
 
 
@@ -45,11 +53,11 @@ def in_environment(folder: Path) -> None:
     if not python.exists():
         print(f"making {folder} with {', '.join(PACKAGES)}", flush=True)
         venv.create(folder, with_pip=True, system_site_packages=True)
-    have = subprocess.run([python, "-c", "import datasets, polars, pyarrow, mlcroissant"], capture_output=True)
+    have = subprocess.run([python, "-c", "import datasets, polars, pyarrow, mlcroissant, webdataset"], capture_output=True)
     if have.returncode != 0:
         subprocess.run([python, "-m", "pip", "install", "--quiet", *PACKAGES], check=True)
     # Nothing of a data set goes over the network.
-    environment = {**os.environ, CHOSEN: "1", "HF_HUB_OFFLINE": "1", "HF_HUB_DISABLE_TELEMETRY": "1"}
+    environment = {**os.environ, CHOSEN: "1", "HF_HUB_OFFLINE": "1", "HF_HUB_DISABLE_TELEMETRY": "1", "HF_DATASETS_DISABLE_PROGRESS_BARS": "1"}
     sys.exit(subprocess.run([python, *sys.argv], env=environment).returncode)
 
 
@@ -141,6 +149,7 @@ class Checks:
         for shard in manifest["shards"]:
             self.rows[shard["split"]] = self.rows.get(shard["split"], 0) + shard["rows"]
         self.rows = {split: n for split, n in self.rows.items() if n}
+        self.files = {split: [str(folder / s["file"]) for s in manifest["shards"] if s["split"] == split and s["rows"]] for split in self.rows}
         self.wrong, self.compared = [], 0
 
     def that(self, held, what):
@@ -162,12 +171,16 @@ class Checks:
                 same = wanted.shape == values[row].shape and wanted.tobytes() == numpy.ascontiguousarray(values[row]).tobytes()
                 self.that(same, f"{reader}: {split}/{name} of sample {draws[row]} differs from `turbid export`")
 
+    def narrowed(self, name, values):
+        """Hugging Face hands half precision out as float32, which holds it exactly."""
+        half = next(column["dtype"] for column in self.tensors if column["name"] == name) == "float16"
+        return values.astype("float16") if half and values.dtype == "float32" else values
+
     def pyarrow(self):
         import pyarrow.dataset
 
         for split in self.rows:
-            files = [str(self.folder / shard["file"]) for shard in self.manifest["shards"] if shard["split"] == split]
-            table = pyarrow.dataset.dataset(files, format="parquet").to_table()
+            table = pyarrow.dataset.dataset(self.files[split], format="parquet").to_table()
             units = {column["name"]: column.get("unit") for column in self.tensors}
 
             def tensor(name):
@@ -200,7 +213,7 @@ class Checks:
                     wanted = datasets.Array3D(tuple(column["shape"]), column["dtype"])
                     self.that(type(feature) is datasets.Array3D and feature.dtype == wanted.dtype and tuple(feature.shape) == wanted.shape, f"datasets: {column['name']} is {feature}")
                 rows = rows.with_format("numpy")
-                self.reader("datasets", split, rows["draw"][:], lambda name: self.numpy.asarray(rows[name][:]))
+                self.reader("datasets", split, rows["draw"][:], lambda name: self.narrowed(name, self.numpy.asarray(rows[name][:])))
 
     def mlcroissant(self):
         import mlcroissant
@@ -233,7 +246,138 @@ class Checks:
                 names = ["draw", *(column["name"] for column in self.tensors)]
                 batches = list(torch.utils.data.DataLoader(rows.select_columns(names), batch_size=7))
                 joined = {name: torch.cat([batch[name] for batch in batches]).numpy() for name in names}
-                self.reader("torch", split, joined["draw"], joined.__getitem__)
+                self.reader("torch", split, joined["draw"], lambda name: self.narrowed(name, joined[name]))
+
+    def webdataset(self):
+        from webdataset import WebDataset
+
+        for split, files in self.files.items():
+            samples = list(WebDataset(files, shardshuffle=False).decode())
+            draws = self.numpy.array([sample["json"]["draw"] for sample in samples])
+            self.that(all(sample["__key__"] == sample["json"]["id"] for sample in samples), "webdataset: keys are ids")
+            self.reader("webdataset", split, draws, lambda name: self.numpy.stack([sample["npz"][name] for sample in samples]))
+
+    def torch_of_tar(self):
+        import torch
+        from webdataset import WebDataset
+
+        for split, files in self.files.items():
+            loader = torch.utils.data.DataLoader(WebDataset(files, shardshuffle=False).decode().to_tuple("npz"), batch_size=7)
+            batches = [batch for (batch,) in loader]
+            draws = self.numpy.array([sample["json"]["draw"] for sample in WebDataset(files, shardshuffle=False).decode()])
+            self.reader("torch_of_tar", split, draws, lambda name: torch.cat([batch[name] for batch in batches]).numpy())
+
+    def datasets_of_tar(self):
+        import datasets
+
+        dtypes = {column["name"]: column["dtype"] for column in self.tensors}
+        with tempfile.TemporaryDirectory() as cache:
+            loaded = datasets.load_dataset(str(self.folder), cache_dir=cache)
+            self.that(set(loaded) == set(self.rows), f"datasets_of_tar: the splits {sorted(loaded)}")
+            for split, rows in loaded.items():
+                known, arrays = rows["json"][:], rows["npz"][:]
+                draws = self.numpy.array([sample["draw"] for sample in known])
+                self.reader("datasets_of_tar", split, draws, lambda name: self.numpy.array([sample[name] for sample in arrays], dtype=dtypes[name]))
+
+    def mlcroissant_of_tar(self):
+        import mlcroissant
+
+        loaded = mlcroissant.Dataset(jsonld=str(self.folder / "croissant.json"))
+        for issue in sorted(loaded.metadata.ctx.issues.errors):
+            self.that(False, f"mlcroissant_of_tar: {issue}")
+        text = lambda value: value.decode() if isinstance(value, bytes) else value
+        points = [{key.split("/")[1]: text(value) for key, value in record.items()} for record in loaded.records(record_set="points")]
+        kept = {(point["shard"], point["row"]) for point in points if point["reject"] == ""}
+        wanted = {(shard["file"], float(row)) for shard in self.manifest["shards"] for row in range(shard["rows"])}
+        self.that(kept == wanted, "mlcroissant_of_tar: the points are not those of the shards")
+
+
+class Speeds:
+    """Each reader as a function that goes over the samples of the largest split once, in order or shuffled."""
+
+    def __init__(self, folder, manifest):
+        checks = Checks(folder, manifest, None)
+        self.folder, self.split = folder, max(checks.rows, key=checks.rows.get)
+        self.shapes = {column["name"]: tuple(column["shape"]) for column in checks.tensors}
+        self.n, self.files, self.numpy = checks.rows[self.split], checks.files[self.split], checks.numpy
+
+    def arrays(self, batch):
+        """Tensor columns of a batch of Arrow as arrays."""
+        for name, shape in self.shapes.items():
+            column = getattr(batch.column(name), "storage", batch.column(name))
+            for _ in shape:
+                column = column.flatten()
+            yield column.to_numpy(zero_copy_only=False).reshape(-1, *shape)
+
+    def count(self, arrays):
+        return sum(array.shape[0] for array in arrays) // len(self.shapes)
+
+    def pyarrow(self, shuffled):
+        import pyarrow.dataset
+
+        columns = list(self.shapes)
+        found = pyarrow.dataset.dataset(self.files, format="parquet")
+        if shuffled:
+            table = found.take(self.numpy.random.default_rng(0).permutation(self.n), columns=columns)
+            return self.count(array for batch in table.combine_chunks().to_batches() for array in self.arrays(batch))
+        return self.count(array for batch in found.to_batches(columns=columns, batch_size=64) for array in self.arrays(batch))
+
+    def polars(self, shuffled):
+        import polars
+
+        frame = polars.scan_parquet(self.files).select(list(self.shapes)).collect()
+        if shuffled:
+            frame = frame.sample(fraction=1, shuffle=True, seed=0)
+        return self.count(frame[name].to_numpy() for name in self.shapes)
+
+    def datasets(self, shuffled):
+        import datasets
+
+        with tempfile.TemporaryDirectory() as cache:
+            loaded = datasets.load_dataset(str(self.folder), split=self.split, cache_dir=cache).select_columns(list(self.shapes))
+            loaded = loaded.shuffle(seed=0) if shuffled else loaded
+            began = time.process_time()
+            n = self.count(batch[name] for batch in loaded.with_format("numpy").iter(64) for name in self.shapes)
+            return n, time.process_time() - began
+
+    def torch(self, shuffled):
+        import datasets
+        import torch
+
+        with tempfile.TemporaryDirectory() as cache:
+            loaded = datasets.load_dataset(str(self.folder), split=self.split, cache_dir=cache).select_columns(list(self.shapes))
+            began = time.process_time()
+            loader = torch.utils.data.DataLoader(loaded.with_format("torch"), batch_size=64, shuffle=shuffled)
+            n = self.count(batch[name] for batch in loader for name in self.shapes)
+            return n, time.process_time() - began
+
+    def stream(self, shuffled):
+        from webdataset import WebDataset
+
+        samples = WebDataset(self.files, shardshuffle=len(self.files) if shuffled else False, seed=0)
+        return (samples.shuffle(512, seed=0) if shuffled else samples).decode()
+
+    def webdataset(self, shuffled):
+        return self.count(sample["npz"][name][None] for sample in self.stream(shuffled) for name in self.shapes)
+
+    def torch_of_tar(self, shuffled):
+        import torch
+
+        loader = torch.utils.data.DataLoader(self.stream(shuffled).to_tuple("npz"), batch_size=64)
+        return self.count(batch[name] for (batch,) in loader for name in self.shapes)
+
+    def measure(self, reader):
+        """Samples per CPU second of all threads, in order and shuffled: the better of two rounds, after one that imports."""
+
+        def rate(shuffled):
+            began = time.process_time()
+            found = getattr(self, reader)(shuffled)
+            n, seconds = found if isinstance(found, tuple) else (found, time.process_time() - began)
+            if n != self.n:
+                sys.exit(f"{reader}: {n} samples, not {self.n}")
+            return n / seconds
+
+        return [max([rate(shuffled) for _ in range(3)][1:]) for shuffled in (False, True)]
 
 
 def main():
@@ -242,14 +386,22 @@ def main():
     manifest = json.loads((options.folder / "dataset.json").read_text())
     if options.name not in (None, manifest["dataset"]):
         sys.exit(f"{options.folder} holds the data set {manifest['dataset']}, not {options.name}")
+    format = manifest.get("shard_format", "parquet")
     if options.reader is None:
         # Each in a process of its own: what one registers with pyarrow is not to help or hinder another.
-        codes = [subprocess.run([sys.executable, *sys.argv, "--reader", reader]).returncode for reader in READERS]
+        readers = (SPEEDS if options.speed else READERS)[format]
+        if options.speed:
+            print(f"{format}: samples per CPU s\n| reader | in order | shuffled |\n|---|---|---|", flush=True)
+        codes = [subprocess.run([sys.executable, *sys.argv, "--reader", reader]).returncode for reader in readers]
         sys.exit(1 if any(codes) else 0)
-    checks = Checks(options.folder, manifest, Exported(options, manifest))
-    if options.reader == "torch" and not importlib.util.find_spec("torch"):
-        print("torch: not there, left out")
+    if options.reader.startswith("torch") and not importlib.util.find_spec("torch"):
+        print(f"{options.reader}: PyTorch is not there, left out")
         return
+    if options.speed:
+        in_order, shuffled = Speeds(options.folder, manifest).measure(options.reader)
+        print(f"| {options.reader} | {in_order:.0f} | {shuffled:.0f} |")
+        return
+    checks = Checks(options.folder, manifest, Exported(options, manifest))
     try:
         getattr(checks, options.reader)()
     except Exception as error:  # A reader that refuses the folder is a finding.

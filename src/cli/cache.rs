@@ -65,7 +65,8 @@ impl Cache {
                 if *json {
                     print_json(&to_json(&report));
                 } else if report.is_clean() {
-                    print(&format!("{} records and {} blobs read, all sound", report.records, report.blobs));
+                    let released = released_text(report.released);
+                    print(&format!("{} records and {} blobs read, all sound{released}", report.records, report.blobs));
                 } else {
                     report.findings.iter().for_each(|finding| print(&finding.to_string()));
                     print(if report.repaired {
@@ -116,6 +117,7 @@ fn to_json(report: &impl serde::Serialize) -> String {
 fn stat_text(stat: &Stat) -> String {
     let blobs = stat.packed_blobs + stat.loose_blobs;
     let mut text = format!("{} results, {blobs} blobs, {}", stat.records, size_text(stat.bytes));
+    text.push_str(&released_text(stat.released_blobs));
     if stat.temporary > 0 {
         text.push_str(&format!(
             "\nof these {} in {} temporary files: those of runs at work, and of killed ones, which the next run removes",
@@ -124,6 +126,14 @@ fn stat_text(stat: &Stat) -> String {
         ));
     }
     text
+}
+
+/// `; 12 more are released: ..`, or nothing.
+fn released_text(released: u64) -> String {
+    match released {
+        0 => String::new(),
+        n => format!("; {n} more are released: a data set holds what they held, and who needs them makes them again"),
+    }
 }
 
 pub(super) fn size_text(bytes: u64) -> String {

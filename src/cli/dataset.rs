@@ -5,11 +5,12 @@ mod stats;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand};
 use serde_json::{Value, json};
 
 use crate::dataset::build::{Building, Stopped, Told, finished};
-use crate::dataset::{DatasetPlan, verify};
+use crate::dataset::{DatasetPlan, Folder as DatasetFolder, Format, Refused, verify};
 use crate::estimate::estimates;
 use crate::plan::{InstanceId, Plan};
 use crate::registry::Registry;
@@ -58,6 +59,9 @@ struct Build {
     /// The folder of the data set
     #[arg(long, value_name = "DIR")]
     to: PathBuf,
+    /// What the shards are: Parquet, or tar files of WebDataset
+    #[arg(long, value_name = "FORMAT", default_value = "parquet", value_parser = format())]
+    format: Format,
     /// Threads to use; all of the machine by default
     #[arg(short = 'j', long = "jobs", value_name = "N", value_parser = threads::parse)]
     jobs: Option<usize>,
@@ -72,6 +76,12 @@ struct Build {
 struct Look {
     #[command(flatten)]
     named: Named,
+    /// The folder that the data set would go to
+    #[arg(long, value_name = "DIR")]
+    to: Option<PathBuf>,
+    /// What the shards would be: Parquet, or tar files of WebDataset
+    #[arg(long, value_name = "FORMAT", default_value = "parquet", value_parser = format())]
+    format: Format,
     #[arg(long)]
     json: bool,
 }
@@ -83,8 +93,17 @@ struct Folder {
     /// The folder of the data set
     #[arg(long, value_name = "DIR")]
     to: PathBuf,
+    /// What its shards must be; whatever they are by default
+    #[arg(long, value_name = "FORMAT", value_parser = format())]
+    format: Option<Format>,
     #[arg(long)]
     json: bool,
+}
+
+fn format() -> impl TypedValueParser<Value = Format> {
+    let known = |name: String| Format::NAMES.iter().find(|(known, _)| *known == name).map(|(_, format)| *format);
+    PossibleValuesParser::new(Format::NAMES.map(|(name, _)| name))
+        .map(move |name| known(name).expect("clap takes these names alone"))
 }
 
 impl Dataset {
@@ -99,9 +118,9 @@ impl Dataset {
 }
 
 impl Named {
-    /// The plan of the whole file, and the data set in it.
-    fn plan(&self, registry: &Registry) -> Result<(std::mem::ManuallyDrop<Plan>, DatasetPlan), Failure> {
-        let plan = self.pipeline.plan(registry, &[])?;
+    /// The plan of the whole file with one point of each draw, and the data set in it.
+    fn plan(&self, registry: &Registry) -> Result<(Plan, DatasetPlan), Failure> {
+        let plan = self.pipeline.plan_of_first_points(registry)?;
         let dataset = DatasetPlan::build(&plan, self.name.as_deref())?;
         Ok((plan, dataset))
     }
@@ -133,6 +152,7 @@ impl Build {
             registry,
             store: &store,
             outputs,
+            format: self.format,
             options: &options,
             interrupt: &interrupt,
             progress: &progress,
@@ -192,16 +212,26 @@ impl Build {
 /// Fewer shards of the training split than this keep many readers from working side by side.
 const FEW_SHARDS: usize = 16;
 
+/// So many of the latest results say how long a sample takes.
+const COMPARED: usize = 4096;
+
 impl Look {
     fn run(&self, registry: &Registry) -> Done {
         let (plan, dataset) = self.named.plan(registry)?;
+        if let Some(to) = &self.to {
+            let fits = DatasetFolder::fits(to, &plan.spec.pipeline, &dataset.spec.name, self.format);
+            fits.map_err(|refused| match refused {
+                Refused::Input(message) => Failure::Input(message),
+                Refused::Failed(message) => Failure::Failed(message),
+            })?;
+        }
         let store = self.named.pipeline.store_to_read()?;
         let (_, draw) = plan.draw_of(dataset.draws).expect("the stage draws");
         // One sample stands for all: forms and costs are alike.
         let first: Vec<u64> =
             dataset.splits.iter().flat_map(|split| split.indices.iter().copied()).min().into_iter().collect();
         let sample = dataset.of_samples(&plan, registry, &first)?;
-        let resolver = Resolver::new(&sample, &store);
+        let resolver = Resolver::new(&sample, &store).with_history_of(COMPARED);
         let survey = resolver.survey(&[]);
         let report = Report::from(survey.problems.clone());
         if report.has_errors() {
@@ -273,7 +303,7 @@ impl Folder {
     /// The folder holds the data set that is named.
     fn known(&self, registry: &Registry) -> Done {
         let (plan, dataset) = self.named.plan(registry)?;
-        verify::is_of(&self.to, &plan.spec.pipeline, &dataset.spec.name).map_err(Failure::Input)
+        verify::is_of(&self.to, &plan.spec.pipeline, &dataset.spec.name, self.format).map_err(Failure::Input)
     }
 
     fn verify(&self, registry: &Registry) -> Done {

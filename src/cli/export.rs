@@ -13,6 +13,7 @@ use crate::resolve::{Resolver, State};
 use crate::run::latest::file_name;
 use crate::store::Blob;
 
+use super::released::make_again;
 use super::select::Selector;
 use super::{Done, Failure, Pipeline, print, report_of};
 
@@ -43,6 +44,7 @@ impl Export {
         let plan = self.pipeline.plan(registry, &[format!("{}.{port}", selector.stage)])?;
         let ids = selector.instances(&plan)?;
         let files = self.files(&plan, &ids)?;
+        make_again(&self.pipeline, registry, &plan, &ids, Some(port))?;
         let store = self.pipeline.store_to_read()?;
         let resolver = Resolver::new(&plan, &store);
         let survey = resolver.survey(&[]);

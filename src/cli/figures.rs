@@ -53,6 +53,7 @@ impl Figures {
             }
             for id in plan.instances_of(stage) {
                 let blob = summary.record(id).and_then(|record| record.ports.get(port.name)).map(|port| port.blob);
+                let blob = blob.filter(|blob| !store.is_released(blob));
                 match blob.map(|blob| store.get(&blob)) {
                     Some(Ok(Artifact::Table(table))) => rows.extend(rows_of(&plan.label(id), id, &table)),
                     Some(Err(error)) => lost |= error.is_lost_blob(),

@@ -14,6 +14,7 @@ mod graph;
 mod memory;
 mod new;
 mod plan;
+mod released;
 mod run;
 mod schema;
 mod select;
@@ -142,6 +143,14 @@ impl Pipeline {
         let Some(spec) = spec else { return Err(report.into()) };
         let targets: Vec<Target> = targets.iter().map(|t| Target::parse(t)).collect();
         Ok(ManuallyDrop::new(Plan::build(spec, report, registry, &targets)?))
+    }
+
+    /// The same of one point of each draw: of a large one not all instances are held.
+    #[cfg(feature = "tables")]
+    fn plan_of_first_points(&self, registry: &Registry) -> Result<Plan, Failure> {
+        let (spec, report) = spec::read(&self.file, &self.set);
+        let Some(spec) = spec else { return Err(report.into()) };
+        Ok(Plan::build(spec.with_first_points(), report, registry, &[])?)
     }
 
     fn store_to_read(&self) -> Result<Store, Failure> {

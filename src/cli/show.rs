@@ -13,6 +13,7 @@ use crate::plan::StageId;
 use crate::registry::Registry;
 use crate::resolve::{Resolver, State};
 
+use super::released::make_again;
 use super::select::Selector;
 use super::{Done, Failure, Pipeline, print, print_json, report_of};
 use describe::{Described, Shown};
@@ -47,6 +48,12 @@ impl Show {
             Some(selector) => selector.instances(&plan)?,
             None => plan.needed_instances().collect(),
         };
+        if selector.is_some() {
+            let port = selector.as_ref().and_then(|s| s.port.as_deref());
+            let all = self.json || ids.len() <= MANY;
+            let read = &ids[..if all { ids.len() } else { SHOWN }];
+            make_again(&self.pipeline, registry, &plan, read, port)?;
+        }
         let store = self.pipeline.store_to_read()?;
         let resolver = Resolver::new(&plan, &store);
         let survey = resolver.survey(&[]);

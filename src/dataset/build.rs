@@ -1,31 +1,33 @@
 //! Building a data set: shard by shard, each of its samples brought up to date, looked at, and written.
 
 mod finish;
+mod load;
 mod moments;
+mod release;
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::sync::Arc;
 
-use rayon::prelude::*;
 use serde_json::{Value, json};
 use turbid_contract::Artifact;
 use turbid_draw::Type;
 
-use super::feature::Shape;
 use super::folder::{Folder, Refused};
-use super::index::Entry;
-use super::manifest::{ColumnOf, ShardOf};
+use super::format::Format;
+use super::index::{Point, Points, file_of};
+use super::manifest::{ColumnOf, FileOf, ShardOf};
 use super::plan::{DatasetPlan, Keep, Limited};
-use super::shard::{Sample, encode};
-use moments::{ShardMoments, join, moments};
+use super::shard;
+use super::webdataset;
+use moments::{ShardMoments, join};
+use release::Releases;
 
-use crate::digest::PartHasher;
 use crate::plan::{InstanceId, Plan, StageId};
 use crate::registry::Registry;
-use crate::resolve::Resolver;
+use crate::resolve::{Resolver, Survey};
 use crate::run::log::RunLog;
-use crate::run::{self, End, Interrupt, Options, Progress};
+use crate::run::{self, End, Interrupt, Options, Progress, Summary};
 use crate::spec::{DRAW_AXIS, Draw, Kind, Mistake, Report};
 use crate::store::{Blob, InstanceRecord, Store};
 
@@ -39,6 +41,8 @@ pub struct Building<'a> {
     pub registry: &'a Registry,
     pub store: &'a Store,
     pub outputs: &'a Path,
+    /// What the shards are to be.
+    pub format: Format,
     pub options: &'a Options,
     pub interrupt: &'a Interrupt,
     /// The progress of a run of this much work.
@@ -85,25 +89,33 @@ impl From<Refused> for Stopped {
     }
 }
 
+/// A share is told of so many points at least, where there are so many.
+const FIRST: usize = 512;
+
+/// Points that are computed in one go: their plan and their records are held at once.
+const WINDOW: usize = 128;
 /// A sample with the blobs of its features.
 struct Found {
-    sample: Sample,
+    index: u64,
     blobs: Vec<Blob>,
 }
-
-/// Why a sample could not be read: the feature at fault, if it is one, and what is wrong.
-type NotRead<'f> = (Option<&'f str>, String);
 
 /// What is known of all samples while it is built.
 #[derive(Default)]
 struct State {
     columns: Option<Vec<ColumnOf>>,
-    entries: BTreeMap<u64, Entry>,
+    points: Points,
     shards: Vec<ShardOf>,
+    /// Shards of an earlier build that were not come to yet, by split and number.
+    before: BTreeMap<(String, usize), ShardOf>,
+    columns_before: Vec<ColumnOf>,
     moments: BTreeMap<String, ShardMoments>,
     unfit: u64,
     hits: usize,
     ran: usize,
+    releases: Releases,
+    /// Of this build, once something was computed.
+    log: Option<RunLog>,
 }
 
 impl Building<'_> {
@@ -111,26 +123,27 @@ impl Building<'_> {
     pub fn build(&self, to: &Path) -> Result<Built, Stopped> {
         let dataset = &self.dataset.spec;
         self.look_ahead()?;
-        let (folder, before) = Folder::open(to, &self.plan.spec.pipeline, &dataset.name)?;
-        let mut state = State::default();
-        let manifest = self.manifest(&state);
-        if before.is_none() {
-            folder.keep(&manifest).map_err(Stopped::Failed)?;
+        let (folder, before) = Folder::open(to, &self.plan.spec.pipeline, &dataset.name, self.format)?;
+        let points = self.dataset.splits.iter().map(|split| split.indices.len()).sum();
+        let mut state = State { points: Points::for_points(points), ..State::default() };
+        match before {
+            None => folder.keep(&self.manifest(&state)).map_err(Stopped::Failed)?,
+            Some(before) => {
+                state.columns_before = before.columns;
+                state.before = before.shards.into_iter().map(|s| ((s.split.clone(), s.number), s)).collect();
+            }
         }
-        let before: HashMap<(String, usize), ShardOf> =
-            before.into_iter().flat_map(|m| m.shards).map(|s| ((s.split.clone(), s.number), s)).collect();
         let rows = dataset.rows;
         let mut empty = Vec::new();
-        for split in &self.dataset.splits {
-            let of = split.shards(rows).count();
+        for (place, split) in self.dataset.splits.iter().enumerate() {
             for (number, indices) in split.shards(rows).enumerate() {
-                let found = self.samples(&split.name, indices, &mut state)?;
-                let file = format!("data/{}-{number:05}-of-{of:05}.parquet", split.name);
+                let found = self.samples((place, number), indices, &mut state)?;
                 if found.is_empty() && state.columns.is_none() {
-                    empty.push((split.name.clone(), number, of, file));
-                    continue;
+                    empty.push((place, number));
+                } else {
+                    self.shard(&folder, (place, number), found, &mut state)?;
                 }
-                self.shard(&folder, (&split.name, number, of, &file), found, &before, &mut state)?;
+                self.give_back(&folder, &mut state)?;
             }
         }
         let Some(columns) = state.columns.clone() else {
@@ -139,8 +152,8 @@ impl Building<'_> {
             let message = format!("every sample is left out: {}", reasons.join(", "));
             return Err(self.wrong(&["keep"], message, Some("widen the limits".to_owned())));
         };
-        for (split, number, of, file) in empty {
-            self.shard(&folder, (&split, number, of, &file), Vec::new(), &before, &mut state)?;
+        for at in empty {
+            self.shard(&folder, at, Vec::new(), &mut state)?;
         }
         let place = |shard: &ShardOf| self.dataset.splits.iter().position(|split| split.name == shard.split);
         state.shards.sort_by_key(|shard| (place(shard), shard.number));
@@ -148,89 +161,177 @@ impl Building<'_> {
     }
 
     /// The samples of these raw indices: up to date, and within the limits of `keep`.
-    fn samples(&self, split: &str, indices: &[u64], state: &mut State) -> Result<Vec<Found>, Stopped> {
-        let (_, draw) = self.plan.draw_of(self.dataset.draws).expect("the stage draws");
+    fn samples(&self, at: (usize, usize), indices: &[u64], state: &mut State) -> Result<Vec<Found>, Stopped> {
+        let mut found = Vec::new();
+        for indices in indices.chunks(WINDOW) {
+            self.window(at, indices, &mut found, state)?;
+            self.store.settle().map_err(|e| Stopped::Failed(e.to_string()))?;
+        }
+        Ok(found)
+    }
+
+    fn window(
+        &self,
+        (split, shard): (usize, usize),
+        indices: &[u64],
+        found: &mut Vec<Found>,
+        state: &mut State,
+    ) -> Result<(), Stopped> {
         let mut fit: Vec<u64> = indices.to_vec();
         let mut plan = self.of(&fit)?;
-        let mut resolver = Resolver::new(&plan, self.store);
+        let mut resolver = self.resolver(&plan, &self.read_by_limits());
         let mut survey = resolver.survey(&[]);
+        let mut reasons: HashMap<u64, String> = HashMap::new();
         if Report::from(survey.problems.clone()).has_errors() {
             // Which of them it is, each of them says alone.
-            let unfit: Vec<(u64, String)> = fit
+            reasons = fit
                 .iter()
                 .filter_map(|&index| self.unfit(index).map(|why| Some((index, why?))).transpose())
                 .collect::<Result<_, _>>()?;
-            state.unfit += unfit.len() as u64;
-            let all = state.entries.len() + indices.len();
-            if unfit.is_empty() || state.unfit as f64 > (MOST_UNFIT * all as f64).max(1.0) {
+            state.unfit += reasons.len() as u64;
+            // By the first few alone one in ten cannot be told.
+            let seen = state.points.all().len() + indices.len();
+            let all = seen.max(FIRST.min(state.points.expected()));
+            if reasons.is_empty() || state.unfit as f64 > (MOST_UNFIT * all as f64).max(1.0) {
                 return Err(Stopped::Report(Report::from(survey.problems)));
             }
-            for (index, reason) in unfit {
-                fit.retain(|&other| other != index);
-                let group = self.group(draw, index);
-                state
-                    .entries
-                    .insert(index, Entry { split: split.to_owned(), group, reject: reason, ..Entry::default() });
-            }
+            fit.retain(|index| !reasons.contains_key(index));
             drop(resolver);
             plan = self.of(&fit)?;
-            resolver = Resolver::new(&plan, self.store);
+            resolver = self.resolver(&plan, &self.read_by_limits());
             survey = resolver.survey(&[]);
             if Report::from(survey.problems.clone()).has_errors() {
                 return Err(Stopped::Report(Report::from(survey.problems)));
             }
         }
-        let work = run::progress::Work::of(&plan, &survey);
-        let stale = survey.states.iter().flatten().any(|state| !matches!(state, crate::resolve::State::Hit(_)));
-        let log = stale.then(|| RunLog::begin(self.outputs, &plan));
-        let progress = (self.progress)(&work);
-        let summary = run::run(&resolver, survey, self.options, progress.as_ref(), self.interrupt);
-        progress.ended();
-        let summary = summary.map_err(Stopped::Failed)?;
-        self.store.finish().map_err(|e| Stopped::Failed(e.to_string()))?;
-        if let Some(log) = log {
-            drop(log.end(&plan, &summary));
-        }
+        let summary = self.run(&resolver, survey, &mut state.log)?;
         state.hits += summary.hits();
         state.ran += summary.ran();
-        if summary.interrupted {
-            return Err(Stopped::Interrupted);
-        }
-        if let Some((id, message)) = summary.ends.iter().find_map(|(id, end)| match end {
-            End::Failed(message) => Some((*id, message)),
-            _ => None,
-        }) {
-            return Err(Stopped::Failed(format!("{}: {message}", plan.label(id))));
-        }
-        let mut found = Vec::new();
         let places = by_index(&plan);
-        for &index in &fit {
-            let records: BTreeMap<StageId, &Arc<InstanceRecord>> = plan
-                .needed
-                .iter()
-                .filter_map(|&stage| Some((stage, summary.record(*places.get(&(stage, index))?)?)))
-                .collect();
-            let mut entry = Entry { split: split.to_owned(), group: self.group(draw, index), ..Entry::default() };
-            for (stage, record) in &records {
-                let name = &plan.spec.stages[*stage].name;
-                entry
-                    .measures
-                    .extend(record.measures.iter().map(|(measure, value, _)| (format!("{name}.{measure}"), *value)));
-                entry.seed = entry.seed.or(record.seed);
-                entry.cpu_s += record.cost.cpu_s;
-                entry.wall_s += record.cost.wall_s;
+        for &index in indices {
+            let (seed, cpu_s, wall_s, row) = (None, 0.0, 0.0, Ok(0));
+            let at = (split as u16, shard as u32);
+            state.points.push(Point { index, seed, cpu_s, wall_s, shard: at, row });
+            let mut reject = reasons.remove(&index);
+            if reject.is_none() {
+                let records: BTreeMap<StageId, &Arc<InstanceRecord>> = plan
+                    .needed
+                    .iter()
+                    .filter_map(|&stage| Some((stage, summary.record(*places.get(&(stage, index))?)?)))
+                    .collect();
+                for (&stage, record) in &records {
+                    let name = plan.spec.stages[stage].name.as_str();
+                    for (place, (measure, value, _)) in record.measures.iter().enumerate() {
+                        state.points.measure((stage, name), place, measure, *value);
+                    }
+                    let point = state.points.last_mut().expect("it was pushed above");
+                    point.seed = point.seed.or(record.seed);
+                    point.cpu_s += record.cost.cpu_s;
+                    point.wall_s += record.cost.wall_s;
+                }
+                reject = self.rejected(&records)?;
+                if reject.is_none() {
+                    let blob = |feature: &super::feature::Feature| records[&feature.stage].ports[feature.port].blob;
+                    found.push(Found { index, blobs: self.dataset.features.iter().map(blob).collect() });
+                }
             }
-            entry.reject = self.rejected(&records)?.unwrap_or_default();
-            if entry.reject.is_empty() {
-                let blob = |feature: &super::feature::Feature| records[&feature.stage].ports[feature.port].blob;
-                let blobs = self.dataset.features.iter().map(blob).collect();
-                let draws = draw.point(index).map_err(Stopped::Failed)?;
-                let sample = Sample { index, group: entry.group, draws, values: Vec::new() };
-                found.push(Found { sample, blobs });
-            }
-            state.entries.insert(index, entry);
+            let reject = reject.map(|reason| state.points.number_of(&reason));
+            let point = state.points.last_mut().expect("it was pushed above");
+            point.row = reject.map_or_else(|| Ok(found.len() as u32 - 1), Err);
         }
-        Ok(found)
+        self.may_go(&plan, &summary, state);
+        Ok(())
+    }
+
+    /// Notes what may be given back once the shard of these samples is there. What limits look into stays: they are decided again.
+    fn may_go(&self, plan: &Plan, summary: &Summary, state: &mut State) {
+        if !self.dataset.spec.shards_only {
+            return;
+        }
+        let kept = self.read_by_limits();
+        for id in plan.needed_instances().filter(|&id| plan.instances[id].axes.contains_key(DRAW_AXIS)) {
+            let of_stage = kept.iter().filter(|(stage, _)| *stage == plan.instances[id].stage);
+            let but: Vec<&str> = of_stage.map(|(_, port)| *port).collect();
+            if let Some(record) = summary.record(id) {
+                state.releases.add(self.store, record, &but);
+            }
+        }
+    }
+
+    /// Which outputs limits of `keep` look into: their bytes must be there.
+    fn read_by_limits(&self) -> Vec<(StageId, &'static str)> {
+        let port = |limit: &Keep| match limit.on {
+            Limited::Measure(_) => None,
+            Limited::Column { port, .. } => Some((limit.stage, port)),
+        };
+        self.dataset.keep.iter().filter_map(port).collect()
+    }
+
+    /// States of samples; these outputs of theirs must be there, not only their records.
+    fn resolver<'p>(&'p self, plan: &'p Plan, read: &[(StageId, &'static str)]) -> Resolver<'p> {
+        // Why a sample is computed nobody asks; to compare with all that were is work that grows with the set.
+        let resolver = Resolver::new(plan, self.store).with_history_of(0);
+        for (stage, port) in read {
+            plan.instances_of(*stage).into_iter().for_each(|id| resolver.ask(id, port));
+        }
+        resolver
+    }
+
+    /// Computes what is missing. What fails or is interrupted ends the build.
+    fn run(&self, resolver: &Resolver<'_>, survey: Survey, log: &mut Option<RunLog>) -> Result<Summary, Stopped> {
+        let plan = resolver.plan;
+        let work = run::progress::Work::of(plan, &survey);
+        let stale = survey.states.iter().flatten().any(|state| !matches!(state, crate::resolve::State::Hit(_)));
+        if stale && log.is_none() {
+            *log = Some(RunLog::begin(self.outputs, plan));
+        }
+        let progress = (self.progress)(&work);
+        let summary = run::run(resolver, survey, self.options, progress.as_ref(), self.interrupt);
+        progress.ended();
+        let summary = summary.map_err(Stopped::Failed)?;
+        if let Some(log) = log {
+            log.part(plan, &summary);
+        }
+        let failed = summary.ends.iter().find_map(|(id, end)| match end {
+            End::Failed(message) => Some(format!("{}: {message}", plan.label(*id))),
+            _ => None,
+        });
+        if summary.interrupted || failed.is_some() {
+            // What was finished is kept.
+            self.store.finish().map_err(|e| Stopped::Failed(e.to_string()))?;
+        }
+        match failed {
+            _ if summary.interrupted => Err(Stopped::Interrupted),
+            Some(message) => Err(Stopped::Failed(message)),
+            None => Ok(summary),
+        }
+    }
+
+    /// Computes samples again whose bytes are needed and not there any more. Their digests must agree.
+    fn again(&self, indices: &[u64], state: &mut State) -> Result<(), Stopped> {
+        let read: Vec<(StageId, &'static str)> = self.dataset.features.iter().map(|f| (f.stage, f.port)).collect();
+        for indices in indices.chunks(WINDOW) {
+            let plan = self.of(indices)?;
+            let resolver = self.resolver(&plan, &read);
+            let survey = resolver.survey(&[]);
+            let report = Report::from(survey.problems.clone());
+            if report.has_errors() {
+                return Err(Stopped::Report(report));
+            }
+            let summary = self.run(&resolver, survey, &mut state.log)?;
+            state.ran += summary.ran();
+            self.may_go(&plan, &summary, state);
+        }
+        Ok(())
+    }
+
+    /// Gives back what samples left in the store whose shards are there.
+    fn give_back(&self, folder: &Folder, state: &mut State) -> Result<(), Stopped> {
+        if !self.dataset.spec.shards_only {
+            return Ok(());
+        }
+        folder.sync().map_err(Stopped::Failed)?;
+        state.releases.release(self.store).map_err(|e| Stopped::Failed(e.to_string()))
     }
 
     fn of(&self, indices: &[u64]) -> Result<Plan, Stopped> {
@@ -240,15 +341,15 @@ impl Building<'_> {
     /// Why a sample cannot be computed, if it cannot.
     fn unfit(&self, index: u64) -> Result<Option<String>, Stopped> {
         let plan = self.of(&[index])?;
-        let problems = Report::from(Resolver::new(&plan, self.store).survey(&[]).problems);
+        let problems = Report::from(self.resolver(&plan, &[]).survey(&[]).problems);
         let first = problems.diagnostics().into_iter().find(|d| d.severity == crate::spec::Severity::Error).cloned();
         Ok(first.map(|problem| format!("{}: {}", problem.path, problem.message)))
     }
 
-    fn group(&self, draw: &Draw, index: u64) -> Option<i64> {
+    /// Place among the drawn names of the group that splits go by.
+    fn group(&self, draw: &Draw) -> Option<usize> {
         let by = self.dataset.spec.by.as_ref()?;
-        let place = draw.names().position(|name| name == by)?;
-        draw.point(index).ok()?.get(place)?.as_i64()
+        draw.names().position(|name| name == by)
     }
 
     /// The limit that a sample does not meet.
@@ -302,39 +403,51 @@ impl Building<'_> {
     fn shard(
         &self,
         folder: &Folder,
-        (split, number, of, file): (&str, usize, usize, &str),
+        (place, number): (usize, usize),
         found: Vec<Found>,
-        before: &HashMap<(String, usize), ShardOf>,
         state: &mut State,
     ) -> Result<(), Stopped> {
-        let key = self.key(&found);
-        let rows = found.len() as u64;
-        for (row, found) in found.iter().enumerate() {
-            let entry = state.entries.get_mut(&found.sample.index).expect("it was found above");
-            entry.shard = file.to_owned();
-            entry.row = Some(row as u64);
-        }
-        let (_, draw) = self.plan.draw_of(self.dataset.draws).expect("the stage draws");
-        let types: Vec<Type> = draw.types().collect();
-        let samples = self.load(found, state)?;
-        let columns = state.columns.clone().expect("a sample or an earlier one has been loaded");
-        let there = before.get(&(split.to_owned(), number));
-        let kept = there.filter(|there| there.key == key && folder.take_over(there, file));
-        let shard = match kept {
-            Some(there) => ShardOf { file: file.to_owned(), ..there.clone() },
+        let split = &self.dataset.splits[place];
+        let of = split.indices.len().div_ceil(self.dataset.spec.rows);
+        let file = file_of(&split.name, number, of, self.format);
+        let key = self.key(&found)?;
+        let there = state.before.get(&(split.name.clone(), number)).cloned();
+        let columns_before = || Some(state.columns_before.clone()).filter(|columns| !columns.is_empty());
+        let kept =
+            there.as_ref().filter(|there| there.key == key && folder.take_over(there, &file)).and_then(|there| {
+                // What it holds is known without a look into it.
+                let columns = state.columns.clone().or_else(columns_before)?;
+                let moments = moments::read(&there.moments, columns.len())?;
+                Some((ShardOf { file: file.clone(), ..there.clone() }, columns, moments))
+            });
+        let is_kept = kept.is_some();
+        let (shard, columns, moments) = match kept {
+            Some(kept) => kept,
             None => {
+                let (_, draw) = self.plan.draw_of(self.dataset.draws).expect("the stage draws");
+                let types: Vec<Type> = draw.types().collect();
+                let samples = self.load(&found, state)?;
+                let columns = state.columns.clone().expect("a sample or an earlier one has been loaded");
+                let encode = match self.format {
+                    Format::Parquet => shard::encode,
+                    Format::WebDataset => webdataset::encode,
+                };
                 let (bytes, checks) = encode(&columns, &types, &samples).map_err(Stopped::Input)?;
-                let of = folder.write(file, &bytes).map_err(Stopped::Failed)?;
-                let (split, file) = (split.to_owned(), file.to_owned());
-                ShardOf { file, split, number, rows, bytes: of.bytes, sha256: of.sha256, checks, key }
+                let written = folder.write(&file, &bytes).map_err(Stopped::Failed)?;
+                let FileOf { bytes, sha256 } = written;
+                let (moments, rows) = (moments::moments(&columns, &samples), samples.len() as u64);
+                let (split, text) = (split.name.clone(), moments::text(&moments));
+                let shard = ShardOf { file, split, number, rows, bytes, sha256, checks, key, moments: text };
+                (shard, columns, moments)
             }
         };
-        let rejects = state.entries.values().filter(|e| e.split == split && !e.reject.is_empty()).count() as u64;
-        (self.told)(&Told { shard: &shard, shards: of, rejects, kept: kept.is_some() });
-        let moments = moments(&columns, &samples);
-        let joined = state.moments.remove(split).map_or_else(|| moments.clone(), |before| join(before, &moments));
-        state.moments.insert(split.to_owned(), joined);
-        let moved = there.is_none_or(|there| *there != shard);
+        state.columns = Some(columns);
+        state.before.remove(&(split.name.clone(), number));
+        let rejects = state.points.rejected(place);
+        (self.told)(&Told { shard: &shard, shards: of, rejects, kept: is_kept });
+        let joined = state.moments.remove(&split.name).map_or_else(|| moments.clone(), |before| join(before, &moments));
+        state.moments.insert(split.name.clone(), joined);
+        let moved = there.is_none_or(|there| there != shard);
         state.shards.push(shard);
         // Where nothing is new the manifest of the last build still holds.
         if moved { folder.keep(&self.manifest(state)).map_err(Stopped::Failed) } else { Ok(()) }
@@ -352,7 +465,7 @@ impl Building<'_> {
             return Ok(());
         };
         let sample = self.of(&[*first])?;
-        let resolver = Resolver::new(&sample, self.store);
+        let resolver = self.resolver(&sample, &[]);
         let survey = resolver.survey(&[]);
         // Whether one sample or all of them are wrong, the build finds out.
         if Report::from(survey.problems).has_errors() {
@@ -363,108 +476,6 @@ impl Building<'_> {
             resolver.made(id)?.get(feature.port).map(|form| (**form).clone())
         };
         self.dataset.shapes(form, self.plan).map(drop).map_err(Stopped::Report)
-    }
-
-    /// What a shard is made from.
-    fn key(&self, found: &[Found]) -> String {
-        let mut parts = PartHasher::new("turbid dataset shard 1");
-        parts.add("dtype", self.dataset.spec.dtype.name().as_bytes());
-        for feature in &self.dataset.features {
-            parts.add("feature", format!("{:?}", (&feature.spec, feature.port, &feature.part)).as_bytes());
-        }
-        for Found { sample, blobs } in found {
-            parts.add("sample", &sample.index.to_le_bytes());
-            parts.add("draws", Value::from(sample.draws.clone()).to_string().as_bytes());
-            parts.add("group", format!("{:?}", sample.group).as_bytes());
-            blobs.iter().for_each(|blob| parts.add("blob", &blob.digest.0));
-        }
-        parts.finish().to_string()
-    }
-
-    /// Reads the features of the samples; all samples must hold the same.
-    fn load(&self, found: Vec<Found>, state: &mut State) -> Result<Vec<Sample>, Stopped> {
-        // Which feature is at fault, if it is one.
-        let (features, store) = (&self.dataset.features, self.store);
-        let read = |Found { mut sample, blobs }: Found| -> Result<(Sample, Vec<Shape>), NotRead<'_>> {
-            let mut shapes = Vec::new();
-            let mut artifacts: HashMap<Blob, Artifact> = HashMap::new();
-            for (feature, blob) in features.iter().zip(&blobs) {
-                if !artifacts.contains_key(blob) {
-                    let artifact = store.get(blob).map_err(|e| (None, e.to_string()))?;
-                    artifacts.insert(*blob, artifact);
-                }
-                let taken = feature.take(&artifacts[blob]);
-                let (shape, values) = taken.map_err(|message| (Some(feature.spec.name.as_str()), message))?;
-                shapes.push(shape);
-                sample.values.push(values);
-            }
-            Ok((sample, shapes))
-        };
-        let read: Result<Vec<(Sample, Vec<Shape>)>, _> = found.into_par_iter().map(read).collect();
-        let read = read.map_err(|(feature, message)| match feature {
-            Some(name) => self.wrong(&["sample", name], message, None),
-            None => Stopped::Failed(message),
-        })?;
-        for (sample, shapes) in &read {
-            let columns = self.columns(shapes);
-            match &state.columns {
-                None => state.columns = Some(columns),
-                Some(first) if *first != columns => {
-                    let (a, b) = first.iter().zip(&columns).find(|(a, b)| a != b).expect("they differ");
-                    let message = format!(
-                        "`{}` differs between samples: {} in the first, {} in sample {}",
-                        a.name,
-                        a.form(),
-                        b.form(),
-                        sample.index
-                    );
-                    let hint = "all samples have the same pixels, layers and units: draw none of them".to_owned();
-                    return Err(self.wrong(&["sample", &a.name], message, Some(hint)));
-                }
-                Some(_) => {}
-            }
-        }
-        Ok(read.into_iter().map(|(sample, _)| sample).collect())
-    }
-
-    fn columns(&self, shapes: &[Shape]) -> Vec<ColumnOf> {
-        let column = |name: &str, dtype: &str, about: &str| ColumnOf {
-            name: name.to_owned(),
-            dtype: dtype.to_owned(),
-            shape: None,
-            unit: String::new(),
-            channels: Vec::new(),
-            pixel_mm: None,
-            about: about.to_owned(),
-        };
-        let mut columns = vec![
-            column("id", "string", "name of the sample"),
-            column("draw", "int64", "raw index of the drawn point"),
-            column("group", "int64", "group that no two splits share"),
-        ];
-        let (_, draw) = self.plan.draw_of(self.dataset.draws).expect("the stage draws");
-        for (name, of) in draw.names().zip(draw.types()) {
-            let dtype = match of {
-                Type::Float => "float64",
-                Type::Integer => "int64",
-                Type::Text => "string",
-            };
-            // A feature may be the map of what is drawn as a number.
-            let taken = self.dataset.features.iter().any(|feature| feature.spec.name == name);
-            let name = if taken { format!("draw.{name}") } else { name.to_owned() };
-            columns.push(column(&name, dtype, "drawn"));
-        }
-        for (feature, shape) in self.dataset.features.iter().zip(shapes) {
-            let dtype = if shape.tensor.is_some() { self.dataset.spec.dtype.name() } else { "float64" };
-            columns.push(ColumnOf {
-                shape: shape.tensor,
-                unit: shape.unit.clone(),
-                channels: shape.channels.clone(),
-                pixel_mm: shape.pixel_mm,
-                ..column(&feature.spec.name, dtype, &feature.spec.from.join("."))
-            });
-        }
-        columns
     }
 }
 

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
+use super::format::Format;
 use super::manifest::{ColumnOf, Manifest};
 use super::statistics::Row;
 
@@ -16,7 +17,7 @@ pub fn text(manifest: &Manifest, splits: &[(String, u64)], rows: &[Row]) -> Stri
     let _ = writeln!(text, "pretty_name: {}\ntags: [sfdi, biomedical-optics, simulation]", manifest.dataset);
     let _ = writeln!(text, "size_categories: [{}]\nconfigs:\n- config_name: default\n  data_files:", category(samples));
     for (split, _) in splits.iter().filter(|(_, n)| *n > 0) {
-        let _ = writeln!(text, "  - split: {split}\n    path: data/{split}-*.parquet");
+        let _ = writeln!(text, "  - split: {split}\n    path: data/{split}-*.{}", manifest.shard_format.extension());
     }
     let _ = writeln!(text, "---\n\n# {}\n", manifest.dataset);
     if let Some(about) = &manifest.about {
@@ -27,7 +28,10 @@ pub fn text(manifest: &Manifest, splits: &[(String, u64)], rows: &[Row]) -> Stri
         "{samples} simulated samples of spatial frequency domain imaging, made by turbid {} from the pipeline `{}` (seed {}).\n",
         manifest.turbid_version, manifest.pipeline, manifest.seed
     );
-    let _ = writeln!(text, "| split | samples |\n|---|---|");
+    let _ = writeln!(
+        text,
+        "![Some samples, and how what is drawn is spread](overview.png)\n\n| split | samples |\n|---|---|"
+    );
     for (split, n) in splits {
         let _ = writeln!(text, "| {split} | {n} |");
     }
@@ -38,9 +42,11 @@ pub fn text(manifest: &Manifest, splits: &[(String, u64)], rows: &[Row]) -> Stri
     text += &drawn(rows);
     let _ = write!(
         text,
-        "\nTensors are (channels, rows, columns). `index.parquet` has a row per drawn point, also of those that are left out and\n\
-         why; `statistics.parquet` has mean, standard deviation and range of each column; `dataset.json` has the pipeline.\n\n\
-         ```python\nfrom datasets import load_dataset\n\ndata = load_dataset(\"PATH OF THIS FOLDER\").with_format(\"numpy\")\n```\n"
+        "\nTensors are (channels, rows, columns). {}`index.parquet` has a row per drawn point, also of those that are left out\n\
+         and why; `statistics.parquet` has mean, standard deviation and range of each column; `dataset.json` has the pipeline.\n\n\
+         ```python\n{}```\n",
+        members(manifest),
+        python(manifest)
     );
     if !manifest.rejects.is_empty() {
         let _ = writeln!(text, "\n## Left out\n\n| reason | points |\n|---|---|");
@@ -52,6 +58,34 @@ pub fn text(manifest: &Manifest, splits: &[(String, u64)], rows: &[Row]) -> Stri
         let _ = writeln!(text, "\n## Citation\n\n{cite}");
     }
     text
+}
+
+/// Where the columns of a sample are.
+fn members(manifest: &Manifest) -> &'static str {
+    match manifest.shard_format {
+        Format::Parquet => "",
+        Format::WebDataset => {
+            "Of each sample a shard has ID.json (id, draw, group, what is drawn)\nand ID.npz (tensors and computed numbers). "
+        }
+    }
+}
+
+/// How a program loads the first split.
+fn python(manifest: &Manifest) -> String {
+    let first = manifest.shards.first().map_or("train", |shard| shard.split.as_str());
+    let shards = manifest.shards.iter().filter(|shard| shard.split == first).count();
+    match manifest.shard_format {
+        Format::Parquet => {
+            "from datasets import load_dataset\n\ndata = load_dataset(\"PATH OF THIS FOLDER\").with_format(\"numpy\")\n"
+                .to_owned()
+        }
+        Format::WebDataset => format!(
+            "from webdataset import WebDataset\n\n\
+             shards = \"PATH OF THIS FOLDER/data/{first}-{{00000..{:05}}}-of-{shards:05}.tar\"\n\
+             for sample in WebDataset(shards, shardshuffle=False).decode():\n    known, arrays = sample[\"json\"], sample[\"npz\"]\n",
+            shards.saturating_sub(1)
+        ),
+    }
 }
 
 /// Quantiles of what is drawn.

@@ -170,7 +170,7 @@ fn channel(info: &LayerInfo) -> String {
         text += &format!(", f_x {f_x} mm^-1");
     }
     if let Some(phase) = info.phase_rad {
-        text += &format!(", phase {:.6} rad", phase);
+        text += &format!(", phase {} rad", (phase * 1e6).round() / 1e6);
     }
     if let Some(orientation) = info.orientation_deg {
         text += &format!(", orientation {orientation} deg");

@@ -6,7 +6,10 @@ use std::path::{Path, PathBuf};
 
 use sha2::{Digest as _, Sha256};
 
-use super::manifest::{FORMAT, FileOf, Manifest, ShardOf};
+use super::feature::Values;
+use super::format::Format;
+use super::manifest::{ColumnOf, FORMAT, FileOf, Manifest, ShardOf};
+use super::{shard, webdataset};
 use crate::leftover;
 use crate::whole_file::{self, Synced};
 
@@ -30,32 +33,15 @@ pub enum Refused {
 
 impl Folder {
     /// Opens or creates a folder for the data set. Refused: it holds something else, or somebody builds in it.
-    pub fn open(path: &Path, pipeline: &str, dataset: &str) -> Result<(Self, Option<Manifest>), Refused> {
+    pub fn open(
+        path: &Path,
+        pipeline: &str,
+        dataset: &str,
+        format: Format,
+    ) -> Result<(Self, Option<Manifest>), Refused> {
         let shown = path.display();
         let failed = |e: std::io::Error| Refused::Failed(format!("{shown}: {e}"));
-        if path.exists() && !path.is_dir() {
-            return Err(Refused::Input(format!("{shown} is no folder")));
-        }
-        let manifest = read(path).map_err(Refused::Input)?;
-        let empty = match fs::read_dir(path) {
-            Err(_) => true,
-            // What an earlier build began is ours.
-            Ok(entries) => !entries.flatten().any(|entry| !is_ours(&entry.file_name().to_string_lossy())),
-        };
-        match &manifest {
-            Some(found) if !found.is_of(pipeline, dataset) => {
-                let message = format!(
-                    "{shown} holds the data set `{}` of pipeline `{}`, not `{dataset}` of `{pipeline}`; choose another folder",
-                    found.dataset, found.pipeline
-                );
-                return Err(Refused::Input(message));
-            }
-            None if !empty => {
-                let message = format!("{shown} is not empty and holds no data set; choose another folder");
-                return Err(Refused::Input(message));
-            }
-            _ => {}
-        }
+        Self::fits(path, pipeline, dataset, format)?;
         fs::create_dir_all(path.join("data")).map_err(failed)?;
         let lock = OpenOptions::new().create(true).truncate(false).write(true).open(path.join(LOCK)).map_err(failed)?;
         if let Err(TryLockError::WouldBlock) = lock.try_lock() {
@@ -71,6 +57,32 @@ impl Folder {
         Ok((Self { path: path.to_owned(), _lock: lock }, manifest))
     }
 
+    /// Whether a build of the data set may go to that folder. Refused: it holds something else.
+    pub fn fits(path: &Path, pipeline: &str, dataset: &str, format: Format) -> Result<(), Refused> {
+        let shown = path.display();
+        if path.exists() && !path.is_dir() {
+            return Err(Refused::Input(format!("{shown} is no folder")));
+        }
+        let Some(found) = read(path).map_err(Refused::Input)? else {
+            // What an earlier build began is ours.
+            let mut entries = fs::read_dir(path).into_iter().flatten().flatten();
+            if entries.any(|entry| !is_ours(&entry.file_name().to_string_lossy())) {
+                let message = format!("{shown} is not empty and holds no data set; choose another folder");
+                return Err(Refused::Input(message));
+            }
+            return Ok(());
+        };
+        found.holds(path, pipeline, dataset).map_err(|e| Refused::Input(format!("{e}; choose another folder")))?;
+        if found.shard_format != format {
+            let (has, asked) = (found.shard_format.name(), format.name());
+            let message = format!(
+                "{shown} holds `{dataset}` with shards of the format {has}, not {asked}; choose another folder, or `--format {has}`"
+            );
+            return Err(Refused::Input(message));
+        }
+        Ok(())
+    }
+
     /// Writes a file whole; what had its name is replaced. A file that holds these bytes already is left as it is.
     pub fn write(&self, name: &str, bytes: &[u8]) -> Result<FileOf, String> {
         let at = self.path.join(name);
@@ -79,7 +91,7 @@ impl Folder {
         {
             return Ok(of);
         }
-        let told = |e: std::io::Error| format!("{}: {e}", at.display());
+        let told = |e: std::io::Error| unwritten(&at, &e);
         let folder = at.parent().unwrap_or(&self.path);
         let mut file = whole_file::begin(folder, WRITING).map_err(told)?;
         file.write_all(bytes).map_err(told)?;
@@ -90,15 +102,54 @@ impl Folder {
     /// Gives a shard the name that it has now that there are more of them. What is not there, or was damaged, is no shard to keep.
     pub fn take_over(&self, shard: &ShardOf, to: &str) -> bool {
         let (from, to) = (self.path.join(&shard.file), self.path.join(to));
-        let whole = fs::read(&from).is_ok_and(|bytes| sha256(&bytes) == shard.sha256);
-        whole && (from == to || fs::rename(from, to).is_ok())
+        let whole = |at: &Path| fs::read(at).is_ok_and(|bytes| sha256(&bytes) == shard.sha256);
+        // A build that was killed may have given it the name and not told the manifest.
+        whole(&to) || (from != to && whole(&from) && fs::rename(from, to).is_ok())
+    }
+
+    /// What a row of a shard holds of these features. Error: in words.
+    pub fn values(
+        &self,
+        shard: &ShardOf,
+        format: Format,
+        features: &[ColumnOf],
+        row: usize,
+    ) -> Result<Vec<Values>, String> {
+        let bytes = self.read(shard)?;
+        let found = match format {
+            Format::Parquet => shard::values(bytes, features, row),
+            Format::WebDataset => webdataset::values(&bytes, features, row),
+        };
+        found.map_err(|e| format!("{}: {e}", shard.file))
+    }
+
+    /// The values of a feature that is a number in all rows of a shard; NaN where one is not known. Error: in words.
+    pub fn numbers(&self, shard: &ShardOf, format: Format, feature: &ColumnOf) -> Result<Vec<f64>, String> {
+        let bytes = self.read(shard)?;
+        let found = match format {
+            Format::Parquet => shard::numbers(bytes, feature),
+            Format::WebDataset => webdataset::numbers(&bytes, feature),
+        };
+        found.map_err(|e| format!("{}: {e}", shard.file))
+    }
+
+    fn read(&self, shard: &ShardOf) -> Result<Vec<u8>, String> {
+        let at = self.path.join(&shard.file);
+        fs::read(&at).map_err(|e| format!("{}: {e}", at.display()))
+    }
+
+    /// Brings the names of all that was written to the disk.
+    pub fn sync(&self) -> Result<(), String> {
+        let synced =
+            whole_file::sync_folder(&self.path.join("data")).and_then(|()| whole_file::sync_folder(&self.path));
+        synced.map_err(|e| format!("{}: {e}", self.path.display()))
     }
 
     /// Removes shards that no longer belong to the data set.
     pub fn remove_others(&self, keep: &[String]) {
         for entry in fs::read_dir(self.path.join("data")).into_iter().flatten().flatten() {
             let name = format!("data/{}", entry.file_name().to_string_lossy());
-            if name.ends_with(".parquet") && !keep.contains(&name) {
+            if Format::is_shard(&name) && !keep.contains(&name) {
                 drop(fs::remove_file(entry.path()));
             }
         }
@@ -107,6 +158,19 @@ impl Folder {
     pub fn keep(&self, manifest: &Manifest) -> Result<(), String> {
         let text = serde_json::to_string_pretty(manifest).map_err(|e| e.to_string())?;
         self.write(MANIFEST, (text + "\n").as_bytes()).map(drop)
+    }
+}
+
+/// Why a file could not be written, with the way out where it is room that lacks.
+fn unwritten(at: &Path, error: &std::io::Error) -> String {
+    use std::io::ErrorKind::{FileTooLarge, QuotaExceeded, StorageFull};
+    match error.kind() {
+        StorageFull | QuotaExceeded | FileTooLarge => format!(
+            "cannot write {}: the disk is full; what was finished is kept: free some space (`turbid cache gc --max-size`), or move the \
+             folder to another disk, and build again with the same command",
+            at.display()
+        ),
+        _ => format!("{}: {error}", at.display()),
     }
 }
 

@@ -1,9 +1,12 @@
 //! `dataset.json`: what a folder holds, and what it was made from.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+
+use super::format::Format;
 
 /// Format of the folder.
 pub const FORMAT: u32 = 1;
@@ -18,11 +21,17 @@ pub struct Manifest {
     pub about: Option<String>,
     pub license: Option<String>,
     pub cite: Option<String>,
+    /// YYYY-MM-DD, as the file says; never the day of a build.
+    #[serde(default)]
+    pub published: Option<String>,
     pub seed: u64,
     /// The pipeline file with everything that it includes, as it was resolved.
     pub resolved: Value,
     /// Columns of a shard in their order.
     pub columns: Vec<ColumnOf>,
+    /// What the shards are.
+    #[serde(default)]
+    pub shard_format: Format,
     pub shards: Vec<ShardOf>,
     /// Samples that are left out, by reason.
     pub rejects: BTreeMap<String, u64>,
@@ -61,6 +70,9 @@ pub struct ShardOf {
     pub checks: String,
     /// What it was made from: a shard of this key need not be written again.
     pub key: String,
+    /// Counts, means, spreads and ranges of its columns.
+    #[serde(default)]
+    pub moments: String,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -70,13 +82,34 @@ pub struct FileOf {
 }
 
 impl Manifest {
-    /// What tells this data set from another one in the same folder.
-    pub fn is_of(&self, pipeline: &str, dataset: &str) -> bool {
-        self.pipeline == pipeline && self.dataset == dataset
+    /// Error: the folder in which this stands holds another data set than this one, in words.
+    pub fn holds(&self, folder: &Path, pipeline: &str, dataset: &str) -> Result<(), String> {
+        if self.pipeline == pipeline && self.dataset == dataset {
+            return Ok(());
+        }
+        Err(format!(
+            "{} holds the data set `{}` of pipeline `{}`, not `{dataset}` of `{pipeline}`",
+            folder.display(),
+            self.dataset,
+            self.pipeline
+        ))
     }
 }
 
 impl ColumnOf {
+    /// One value a sample, without a unit.
+    pub fn scalar(name: &str, dtype: &str, about: &str) -> Self {
+        Self {
+            name: name.to_owned(),
+            dtype: dtype.to_owned(),
+            shape: None,
+            unit: String::new(),
+            channels: Vec::new(),
+            pixel_mm: None,
+            about: about.to_owned(),
+        }
+    }
+
     /// `1 x 6 x 6, mm^-1`, for messages.
     pub fn form(&self) -> String {
         let form = match self.shape {

@@ -216,6 +216,17 @@ impl Keep {
             let mistake = Mistake::new(Kind::Graph, format!("there is no stage `{}`", limit.stage));
             return Err(Box::new(plan.spec.at_path(&at, mistake, hint.map(|name| format!("did you mean `{name}`?")))));
         };
+        let several = |id: crate::plan::InstanceId| plan.instances[id].axes.keys().any(|axis| axis != DRAW_AXIS);
+        let wrong = match plan.draw_of(stage) {
+            None => Some(format!("`{}` is the same for all samples: no `draw` reaches it", limit.stage)),
+            Some(_) if plan.instances_of(stage).into_iter().any(several) => {
+                Some(format!("`{}` has several instances per sample", limit.stage))
+            }
+            Some(_) => None,
+        };
+        if let Some(message) = wrong {
+            return Err(Box::new(plan.spec.at_path(&at, Mistake::new(Kind::Graph, message), None)));
+        }
         let column = limit.what.split_once('.').and_then(|(port, column)| {
             let found = plan.outputs(stage).iter().find(|known| known.name == port)?;
             Some(Limited::Column { port: found.name, column: column.to_owned() })

@@ -24,7 +24,7 @@ pub fn checks(batch: &RecordBatch) -> String {
 }
 
 /// The numbers or texts of a column, and how many of them a row has.
-fn leaf(column: &ArrayRef) -> (ArrayRef, usize) {
+pub fn leaf(column: &ArrayRef) -> (ArrayRef, usize) {
     let (mut leaf, mut values) = (column.clone(), 1);
     while let DataType::FixedSizeList(_, length) = leaf.data_type() {
         values *= usize::try_from(*length).unwrap_or_default();

@@ -6,15 +6,19 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
+use arrow_array::cast::AsArray;
+use arrow_array::types::{Float16Type, Float32Type, Float64Type};
 use arrow_array::{
     ArrayRef, FixedSizeListArray, Float16Array, Float32Array, Float64Array, Int64Array, RecordBatch, StringArray,
 };
 use arrow_schema::{DataType, Field, FieldRef, Schema};
+use bytes::Bytes;
 use half::f16;
-use parquet::arrow::ArrowWriter;
+use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
+use parquet::arrow::{ArrowWriter, ProjectionMask};
 use parquet::basic::{Compression, Encoding, ZstdLevel};
 use parquet::file::metadata::KeyValue;
-use parquet::file::properties::WriterProperties;
+use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use parquet::schema::types::ColumnPath;
 use serde_json::{Value, json};
 use turbid_draw::Type;
@@ -69,8 +73,10 @@ pub fn encode(columns: &[ColumnOf], types: &[Type], samples: &[Sample]) -> Resul
                     Some(shape) => {
                         row_bytes += shape.iter().product::<usize>() * 4;
                         let path = ColumnPath::new(path_of(&column.name));
+                        // No reader looks for samples by their least pixel, and halves would be compared one by one.
                         properties = properties
                             .set_column_dictionary_enabled(path.clone(), false)
+                            .set_column_statistics_enabled(path.clone(), EnabledStatistics::None)
                             .set_column_encoding(path, Encoding::BYTE_STREAM_SPLIT);
                         tensor(column, shape, of)?
                     }
@@ -93,6 +99,60 @@ pub fn encode(columns: &[ColumnOf], types: &[Type], samples: &[Sample]) -> Resul
     writer.write(&batch).map_err(|e| e.to_string())?;
     writer.close().map_err(|e| e.to_string())?;
     Ok((bytes, rows::checks(&batch)))
+}
+
+/// What a row holds of these features. Error: the bytes are no such shard, in words.
+pub fn values(bytes: Vec<u8>, features: &[ColumnOf], row: usize) -> Result<Vec<Values>, String> {
+    let batches = read(bytes, features.iter().map(|column| column.name.as_str()), Some(row))?;
+    let batch = batches.first().ok_or_else(|| format!("there is no row {row}"))?;
+    let value = |(place, column): (usize, &ColumnOf)| match column.shape {
+        None => Ok(Values::Number(numbers_of(batch.column(place)).next().filter(|number| !number.is_nan()))),
+        Some(_) => {
+            let (leaf, _) = rows::leaf(batch.column(place));
+            Ok(Values::Tensor(numbers_of(&leaf).map(|number| number as f32).collect()))
+        }
+    };
+    let order = batch.schema();
+    let places = features.iter().map(|column| Ok((order.index_of(&column.name).map_err(|e| e.to_string())?, column)));
+    places.collect::<Result<Vec<_>, String>>()?.into_iter().map(value).collect()
+}
+
+/// The values of a feature that is a number; NaN where one is not known. Error: the bytes are no such shard, in words.
+pub fn numbers(bytes: Vec<u8>, feature: &ColumnOf) -> Result<Vec<f64>, String> {
+    let batches = read(bytes, std::iter::once(feature.name.as_str()), None)?;
+    Ok(batches.iter().flat_map(|batch| batch.columns()).flat_map(numbers_of).collect())
+}
+
+/// Columns of all rows, or of one.
+fn read<'n>(
+    bytes: Vec<u8>,
+    names: impl Iterator<Item = &'n str>,
+    row: Option<usize>,
+) -> Result<Vec<RecordBatch>, String> {
+    let builder = ParquetRecordBatchReaderBuilder::try_new(Bytes::from(bytes)).map_err(|e| e.to_string())?;
+    let names: Vec<&str> = names.collect();
+    let columns = ProjectionMask::columns(builder.parquet_schema(), names.iter().copied());
+    let reader = builder.with_projection(columns);
+    let reader = match row {
+        Some(row) => reader.with_offset(row).with_limit(1),
+        None => reader,
+    };
+    let reader = reader.build().map_err(|e| e.to_string())?;
+    reader.collect::<Result<Vec<_>, _>>().map_err(|e| e.to_string())
+}
+
+/// NaN where one is not known.
+fn numbers_of(array: &ArrayRef) -> Box<dyn Iterator<Item = f64> + '_> {
+    match array.data_type() {
+        DataType::Float16 => {
+            Box::new(array.as_primitive::<Float16Type>().iter().map(|x| x.map_or(f64::NAN, f64::from)))
+        }
+        DataType::Float32 => {
+            Box::new(array.as_primitive::<Float32Type>().iter().map(|x| x.map_or(f64::NAN, f64::from)))
+        }
+        DataType::Float64 => Box::new(array.as_primitive::<Float64Type>().iter().map(|x| x.unwrap_or(f64::NAN))),
+        _ => Box::new(std::iter::empty()),
+    }
 }
 
 fn number(values: &Values) -> Option<f64> {
@@ -142,7 +202,7 @@ fn tensor<'s>(
 }
 
 /// What is not known (NaN) stays so. Error: a value beyond what half precision holds with all of its digits.
-fn halves(name: &str, values: &[f32]) -> Result<Vec<f16>, String> {
+pub(super) fn halves(name: &str, values: &[f32]) -> Result<Vec<f16>, String> {
     let (least, most) = (f16::MIN_POSITIVE.to_f32(), f16::MAX.to_f32());
     match values.iter().find(|value| !value.is_nan() && **value != 0.0 && !(least..=most).contains(&value.abs())) {
         Some(value) => Err(format!(

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use turbid_contract::Table;
+use turbid_contract::{Cells, Table};
 use turbid_tables::costs::costs;
 use turbid_tables::counts::counts;
 use turbid_tables::summary::{Summary, summary};
@@ -29,6 +29,15 @@ pub fn tables(to: &Path) -> Result<Tables, String> {
         costs: costs(&index, &spent).map_err(told)?,
         counts: counts(&index, &["split", "group", "reject"]).map_err(told)?,
     })
+}
+
+/// 5, 25, 50, 75 and 95 % of these values; what is not known counts nowhere.
+pub fn quantiles(name: &str, values: Vec<Option<f64>>) -> Result<[Option<f64>; 5], String> {
+    let mut table = Table::default();
+    table.push("split", "", Cells::Text(vec![String::new(); values.len()]));
+    table.push(name, "", Cells::MaybeF64(values));
+    let of = summary(&table, "split", ("split", "")).map_err(|e| e.to_string())?;
+    Ok(of.first().map(|of| of.quantiles).unwrap_or_default())
 }
 
 /// Statistics of the numeric columns of an index but for those that number samples; of the samples that are kept.

@@ -13,9 +13,11 @@ use serde_json::Value;
 use turbid_contract::{Artifact, ArtifactKind, Cells, Table};
 
 use super::folder::{self, sha256};
+use super::format::Format;
 use super::manifest::{Manifest, ShardOf};
 use super::rows::checks;
 use super::shard::Sample;
+use super::webdataset;
 use crate::store::decode;
 
 /// What was looked at, and what is wrong, each with file and row.
@@ -57,7 +59,7 @@ pub fn verify(to: &Path) -> Result<Verified, String> {
     let known = |name: &str| manifest.shards.iter().any(|shard| shard.file == name);
     for entry in fs::read_dir(to.join("data")).into_iter().flatten().flatten() {
         let name = format!("data/{}", entry.file_name().to_string_lossy());
-        if name.ends_with(".parquet") && !known(&name) {
+        if Format::is_shard(&name) && !known(&name) {
             verified.findings.push(format!("{name}: no shard of this data set"));
         }
     }
@@ -79,18 +81,19 @@ pub fn statistics(to: &Path) -> Result<Vec<Value>, String> {
     Ok((0..table.rows()).map(|at| Value::Object(row(at))).collect())
 }
 
-/// Error: the folder holds no data set, or another one than this; in words.
-pub fn is_of(to: &Path, pipeline: &str, dataset: &str) -> Result<(), String> {
+/// Error: the folder holds no data set, or another one than this, or one of another format, in words.
+pub fn is_of(to: &Path, pipeline: &str, dataset: &str, format: Option<Format>) -> Result<(), String> {
     let found = folder::read(to)?.ok_or_else(|| format!("{} holds no data set (dataset.json)", to.display()))?;
-    if found.is_of(pipeline, dataset) {
-        return Ok(());
+    found.holds(to, pipeline, dataset)?;
+    match format {
+        Some(format) if format != found.shard_format => Err(format!(
+            "{} holds shards of the format {}, not {}; leave `--format` out",
+            to.display(),
+            found.shard_format.name(),
+            format.name()
+        )),
+        _ => Ok(()),
     }
-    Err(format!(
-        "{} holds the data set `{}` of pipeline `{}`, not `{dataset}` of `{pipeline}`",
-        to.display(),
-        found.dataset,
-        found.pipeline
-    ))
 }
 
 /// The manifest of a folder that was built to its end. Error: in words.
@@ -146,6 +149,9 @@ fn look(to: &Path, shard: &ShardOf, manifest: &Manifest, indices: Option<&[u64]>
     };
     let changed = sha256(&bytes) != shard.sha256;
     let of_its_own = |finding: Option<String>| finding.or_else(|| changed.then(|| "its bytes were changed".to_owned()));
+    if manifest.shard_format == Format::WebDataset {
+        return of_its_own(webdataset::look(&bytes, shard, &manifest.columns, indices));
+    }
     let batches = match read(bytes) {
         Ok(batches) => batches,
         Err(e) => return Some(format!("it cannot be read: {e}")),

@@ -1,5 +1,6 @@
 //! Artifacts as files for other programs: NumPy, TIFF, CSV, MATLAB. The same artifact gives the same bytes.
 
+pub mod archive;
 mod csv;
 mod error;
 mod frames;
@@ -80,7 +81,7 @@ pub fn export(artifact: &Artifact, to: &Path) -> Result<(), ExportError> {
 
 fn encode(artifact: &Artifact, format: Format, mut to: impl Write + Seek) -> Result<(), Unwritten> {
     match (format, artifact) {
-        (Format::Npz, _) => npz::encode(artifact, to),
+        (Format::Npz, _) => Ok(npz::encode(artifact, to)?),
         (Format::Mat, _) => Ok(to.write_all(&mat::encode(artifact)?)?),
         (Format::Csv, _) => Ok(to.write_all(&csv::encode(artifact))?),
         (Format::Tiff, Artifact::Images(stack)) => tiff::encode(stack, to),

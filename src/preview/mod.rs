@@ -11,6 +11,7 @@ mod lut;
 mod media;
 mod notation;
 mod number;
+pub mod overview;
 mod panel;
 mod pixels;
 mod range;

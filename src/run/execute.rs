@@ -65,6 +65,7 @@ fn attempt(worker: Worker<'_>, task: Task) -> Outcome {
     if let Some(record) = &earlier
         && !forced
         && wanted.iter().all(|port| record.ports.contains_key(*port))
+        && resolver.released(id, record).is_empty()
     {
         return Outcome::Found(record.clone());
     }

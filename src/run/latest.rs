@@ -135,6 +135,12 @@ impl Filling<'_> {
         let path = format!("{place}/{port}.{}", extension(described.blob.kind));
         let picture = format!("{place}/{port}.png");
         let look = caption::fingerprint(caption);
+        if self.store.is_released(&described.blob) {
+            // What is there stays; people's links alone are no reason to make again what was released.
+            self.keep(&path, &content, Some(described.blob.bytes));
+            self.keep(&picture, &look, None);
+            return Ok(());
+        }
         if !self.keep(&path, &content, Some(described.blob.bytes)) {
             self.file(&path, &content, &described.blob)?;
         }

@@ -75,6 +75,21 @@ impl RunLog {
         }
     }
 
+    /// Notes the roots of a part of long work, whose figures stand elsewhere.
+    pub fn part(&self, plan: &Plan, summary: &Summary) {
+        let records = plan.needed_instances().filter_map(|id| summary.record(id));
+        let roots: String = records.map(|record| format!("{}\n", record.key)).collect();
+        let path = self.folder.join("roots");
+        let file = OpenOptions::new().create(true).append(true).open(&path);
+        self.noted(&path, file.and_then(|mut file| file.write_all(roots.as_bytes())));
+    }
+
+    /// The end of work that was noted in [parts](Self::part). Returns what could not be written of the log, if anything.
+    pub fn end_of_parts(&self, hits: usize, ran: usize) -> Option<String> {
+        self.event(&json!({"event": "finished", "hits": hits, "ran": ran, "failed": 0}));
+        lock(&self.trouble).take()
+    }
+
     /// Writes roots and metrics. Returns what could not be written of the log, if anything.
     pub fn end(&self, plan: &Plan, summary: &Summary) -> Option<String> {
         let mut roots = String::new();

@@ -254,6 +254,9 @@ impl<'a> Schedule<'a> {
             let text = format!("the stored outputs of {label} were damaged {times} times over; check the disk");
             return self.fail(id, text);
         }
+        // Its bytes may have been released meanwhile: its record alone will not do.
+        let ports = self.outputs[producer].iter().flat_map(|outputs| outputs.keys());
+        ports.for_each(|port| self.resolver.ask(producer, port));
         if self.states.is_done(producer) {
             self.progress.warn(&label, "a stored output is damaged or gone; it is made again");
             self.undo(producer);

@@ -12,7 +12,8 @@ use super::reader::{Meant, Reader};
 use super::source::Span;
 use super::vars::Vars;
 
-const KEYS: [&str; 9] = ["sample", "splits", "far", "keep", "about", "license", "cite", "shards", "store"];
+const KEYS: [&str; 10] =
+    ["sample", "splits", "far", "keep", "about", "license", "cite", "published", "shards", "store"];
 
 /// A data set as it stands in the file.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,9 +30,13 @@ pub struct DatasetSpec {
     pub about: Option<String>,
     pub license: Option<String>,
     pub cite: Option<String>,
+    /// A day, YYYY-MM-DD.
+    pub published: Option<String>,
     /// Rows of a shard.
     pub rows: usize,
     pub dtype: Dtype,
+    /// Whether the store gives back what its samples held once it is in a shard.
+    pub shards_only: bool,
 }
 
 /// A column of a sample: `frames: {from: shots.frames, f_x: 0.1, phase: 0}` or `mu_a: frames.truth.mu_a`.
@@ -107,20 +112,23 @@ impl DatasetSpec {
             reader.text(&found.value, found.at, &join(&path, key), "a text").map(str::to_owned)
         };
         let (about, license, cite) = (text("about", reader), text("license", reader), text("cite", reader));
+        let published = text("published", reader);
+        if let (Some(day), Some(found)) = (&published, entry.value.entry("published"))
+            && !is_day(day)
+        {
+            reader.wrong(&found.value, found.at, &join(&path, "published"), "a day, such as \"2026-03-31\"");
+        }
         let sample = parse_sample(entry, &path, reader);
         let (splits, by) = parse_splits(entry.value.entry("splits"), &join(&path, "splits"), reader);
         let far = parse_far(entry.value.entry("far"), &join(&path, "far"), &splits, reader);
         let keep = parse_keep(entry.value.entry("keep"), &join(&path, "keep"), reader);
         let (rows, dtype) = parse_shards(entry.value.entry("shards"), &join(&path, "shards"), reader);
+        let mut shards_only = false;
         if let Some(store) = entry.value.entry("store") {
             let path = join(&path, "store");
             match reader.text(&store.value, store.at, &path, "keep or shards_only") {
                 None | Some("keep") => {}
-                Some("shards_only") => {
-                    let message = "samples stay in the store; giving their room back comes with a later version";
-                    let hint = "leave `store` out; `turbid cache gc --max-size` makes room".to_owned();
-                    reader.error(store.value.span, &path, Mistake::new(Kind::NotYet, message), hint);
-                }
+                Some("shards_only") => shards_only = true,
                 Some(_) => reader.wrong(&store.value, store.at, &path, "keep or shards_only"),
             }
         }
@@ -128,7 +136,20 @@ impl DatasetSpec {
             return None;
         }
         let name = entry.key.clone();
-        Some(Self { name, sample, splits, by, far, keep, about, license, cite, rows, dtype })
+        Some(Self { name, sample, splits, by, far, keep, about, license, cite, published, rows, dtype, shards_only })
+    }
+}
+
+/// YYYY-MM-DD.
+fn is_day(text: &str) -> bool {
+    let parts: Vec<&str> = text.split('-').collect();
+    let number = |part: &str| part.bytes().all(|b| b.is_ascii_digit()).then(|| part.parse::<u32>().ok()).flatten();
+    match parts.as_slice() {
+        [year, month, day] if [year.len(), month.len(), day.len()] == [4, 2, 2] => {
+            let within = |part, most| number(part).is_some_and(|n| (1..=most).contains(&n));
+            number(year).is_some() && within(month, 12) && within(day, 31)
+        }
+        _ => false,
     }
 }
 

@@ -40,6 +40,44 @@ impl Foreach {
     pub fn visible(&self) -> impl Iterator<Item = &str> {
         self.names.iter().map(String::as_str).chain(self.draw.iter().flat_map(Draw::names))
     }
+
+    /// Leaves one point of the draw, unless other axes are paired with it.
+    pub fn take_first_point(&mut self) {
+        let Some(axis) = self.names.iter().position(|name| name == draw::AXIS) else { return };
+        let Some(first) = self.rows.first().map(|row| row[axis].clone()) else { return };
+        let rest = |row: &Vec<Value>| {
+            let mut row = row.clone();
+            row.remove(axis);
+            row
+        };
+        let like: Vec<Vec<Value>> = self.rows.iter().filter(|row| row[axis] == first).map(rest).collect();
+        // Of more it is not worth the comparing.
+        if like.len() <= 32 && self.rows.iter().all(|row| like.contains(&rest(row))) {
+            self.rows.retain(|row| row[axis] == first);
+            self.rows.shrink_to_fit();
+        }
+    }
+
+    /// Leaves the rows of these points of the draw (ascending indices); those that [one](Self::take_first_point) point was left of have its values
+    /// of the other axes.
+    pub fn take_points(&mut self, indices: &[u64]) {
+        let Some(axis) = self.names.iter().position(|name| name == draw::AXIS) else { return };
+        let index = |row: &Vec<Value>| row[axis].as_u64();
+        let there: HashSet<u64> = self.rows.iter().filter_map(index).collect();
+        if indices.iter().all(|index| there.contains(index)) {
+            self.rows.retain(|row| index(row).is_some_and(|index| indices.binary_search(&index).is_ok()));
+            return;
+        }
+        let first = self.rows.first().and_then(index);
+        let like: Vec<Vec<Value>> = self.rows.iter().filter(|row| index(row) == first).cloned().collect();
+        let of = |&point: &u64| {
+            like.iter().cloned().map(move |mut row| {
+                row[axis] = Value::from(point);
+                row
+            })
+        };
+        self.rows = indices.iter().flat_map(of).collect();
+    }
 }
 
 impl Default for Foreach {

@@ -356,10 +356,17 @@ impl Spec {
     /// The same pipeline with those points of the stage's draw alone that have these indices (ascending).
     pub fn with_points(&self, stage: StageId, indices: &[u64]) -> Self {
         let mut spec = self.clone();
-        let foreach = &mut spec.stages[stage].foreach;
-        let axis = foreach.names.iter().position(|name| name == DRAW_AXIS).expect("the stage draws");
-        foreach.rows.retain(|row| row[axis].as_u64().is_some_and(|index| indices.binary_search(&index).is_ok()));
+        spec.stages[stage].foreach.take_points(indices);
         spec
+    }
+
+    /// The same pipeline with one point of each draw: of a large one no list of instances is held.
+    /// [`with_points`](Self::with_points) brings in the others.
+    pub fn with_first_points(mut self) -> Self {
+        for stage in self.stages.ids() {
+            self.stages[stage].foreach.take_first_point();
+        }
+        self
     }
 
     /// What a stage found wrong, at its place.

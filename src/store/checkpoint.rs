@@ -10,7 +10,6 @@ use std::path::{Path, PathBuf};
 use crate::digest::{Digest, PartHasher};
 use crate::store::disk;
 use crate::store::error::StoreError;
-use crate::store::large;
 
 const MAGIC: &[u8; 16] = b"turbid state 1\n\0";
 const HEADER: usize = 64;
@@ -72,7 +71,7 @@ impl Checkpoints {
         write(&mut length)?;
         let mut file = disk::temporary(&self.root)?;
         let hasher = {
-            let to = BufWriter::with_capacity(1 << 20, large::Passing(file.as_file_mut()));
+            let to = BufWriter::with_capacity(1 << 20, disk::Passing(file.as_file_mut()));
             let mut hashed = Hashed { hasher: begun(state_key, progress, length.0), to };
             hashed.to.write_all(&[0; HEADER])?;
             write(&mut hashed)?;

@@ -1,6 +1,6 @@
 //! Artifacts to bytes and back; the same artifact gives the same bytes, whatever the thread or the process.
 
-use turbid_contract::{Artifact, ArtifactKind, guard};
+use turbid_contract::{Artifact, ArtifactKind, Table, guard};
 
 use crate::store::error::StoreError;
 use crate::store::{exr, parquet};
@@ -14,6 +14,13 @@ pub fn encode(artifact: &Artifact) -> Result<Vec<u8>, StoreError> {
         Artifact::Table(table) => parquet::encode_table(table),
         Artifact::Record(record) => parquet::encode_record(record),
     }
+}
+
+/// Encodes a table that comes in pieces with the same columns: of a long one no two pieces are held at once.
+///
+/// Error: [`StoreError::Unfit`] where a value is not finite, or where there is no piece.
+pub fn encode_pieces(pieces: impl Iterator<Item = Table>) -> Result<Vec<u8>, StoreError> {
+    parquet::encode_pieces(pieces)
 }
 
 /// Decodes what [`encode`] wrote. Error: [`StoreError::Unfit`] where the bytes are of another kind, or nothing that was encoded.
@@ -33,7 +40,7 @@ pub fn decode(kind: ArtifactKind, bytes: &[u8]) -> Result<Artifact, StoreError> 
 mod tests {
     use serde_json::{Value, json};
     use turbid_contract::ndarray::Array2;
-    use turbid_contract::{Attributes, Cells, ImageStack, LayerInfo, LayerKind, Record, Table};
+    use turbid_contract::{Attributes, Cells, ImageStack, LayerInfo, LayerKind, Record};
 
     use super::*;
     use crate::digest::Digest;

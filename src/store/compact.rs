@@ -13,7 +13,7 @@ use crate::store::frame::{self, Kind};
 use crate::store::index::Place;
 use crate::store::lock::guard;
 use crate::store::odd;
-use crate::store::packs::Packs;
+use crate::store::packs::{Packs, RELEASED, stamp_after};
 use crate::store::state::{LONGEST, Pack, State, read, read_payload};
 use crate::store::writer::{FULL, now_ns};
 
@@ -76,15 +76,15 @@ impl Fresh {
         records: &BTreeSet<Digest>,
         blobs: &BTreeSet<Digest>,
     ) -> Result<(), StoreError> {
-        let mut kept: Vec<(u32, u64, Kind, Digest, Place)> = Vec::new();
+        let mut kept: Vec<(u32, u32, Kind, Digest, Place)> = Vec::new();
         let mut used = Vec::new();
         for (kind, map, keep) in
             [(Kind::Blob, &state.index.blobs, blobs), (Kind::Record, &state.index.records, records)]
         {
             for (key, place) in map.iter().filter(|(key, place)| place.is_here() && keep.contains(*key)) {
                 kept.push((place.pack, place.offset, kind, *key, *place));
-                if kind == Kind::Record && place.used > place.stamp / 1_000_000_000 {
-                    used.push((*key, place.used));
+                if kind == Kind::Record && u64::from(place.used) > place.stamp / 1_000_000_000 {
+                    used.push((*key, u64::from(place.used)));
                 }
             }
         }
@@ -103,6 +103,15 @@ impl Fresh {
             if let Some(payload) = payload.map_err(StoreError::io("read the store", &path))? {
                 self.write(&frame::encode(kind, &key, place.stamp, &payload))?;
             }
+        }
+        // That bytes were given back is all that is left of them.
+        let mut released: Vec<_> =
+            state.index.blobs.iter().filter(|(key, p)| p.is_released() && blobs.contains(*key)).collect();
+        released.sort_unstable_by_key(|(key, _)| **key);
+        for released in released.chunks(RELEASED) {
+            let payload: Vec<u8> = released.iter().flat_map(|(key, _)| key.0).collect();
+            let stamp = stamp_after(released.iter().map(|(_, place)| place.stamp).max());
+            self.write(&frame::encode(Kind::Release, &Digest::of(&payload), stamp, &payload))?;
         }
         if !used.is_empty() {
             let payload: Vec<u8> =

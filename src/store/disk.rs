@@ -1,7 +1,7 @@
 //! The few things that the store does to a disk: open, read at an offset, write, sync, publish atomically.
 
 use std::fs::{self, File, Metadata, OpenOptions};
-use std::io::{self, Write};
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::Path;
 
 use crate::regular::{self, NotOpened};
@@ -68,15 +68,55 @@ pub(super) fn write(file: &mut File, bytes: &[u8]) -> io::Result<()> {
     file.write_all(bytes)
 }
 
+/// Lets every byte pass [`write`].
+pub(super) struct Passing<'a>(pub &'a mut File);
+
+impl Write for Passing<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        write(self.0, bytes)?;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.flush()
+    }
+}
+
+impl Seek for Passing<'_> {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.0.seek(to)
+    }
+}
+
 /// Publishes `bytes` as `path` in the store at `root`: a temporary file, then a rename. Readers see the old file, the
 /// new file or none, never a part.
 ///
 /// What stands in the way (a file for a folder, a folder for a file) goes to quarantine; what somebody removes
 /// meanwhile is made again. `durable`: the bytes and the name are on the disk before this returns.
 pub(super) fn publish(root: &Path, path: &Path, bytes: &[u8], durable: bool, read_only: bool) -> io::Result<()> {
+    publish_so(root, path, &|| publish_through(&root.join("tmp"), path, bytes, durable, read_only))
+}
+
+/// The same of a file that is only a cache, and that `write` writes piece by piece, the same bytes each time it is called.
+pub(super) fn publish_with(
+    root: &Path,
+    path: &Path,
+    write: &dyn Fn(&mut dyn Write) -> io::Result<()>,
+) -> io::Result<()> {
+    publish_so(root, path, &|| {
+        let mut file = temporary(root)?;
+        let mut to = BufWriter::with_capacity(1 << 16, Passing(file.as_file_mut()));
+        write(&mut to)?;
+        to.flush()?;
+        drop(to);
+        publish_file(root, file, path, false, false)
+    })
+}
+
+fn publish_so(root: &Path, path: &Path, publish: &dyn Fn() -> io::Result<()>) -> io::Result<()> {
     let mut attempt = 1;
     loop {
-        match publish_through(&root.join("tmp"), path, bytes, durable, read_only) {
+        match publish() {
             Err(error) if attempt < ATTEMPTS => {
                 let cleared = odd::clear_way(root, path).unwrap_or(false);
                 if !cleared && error.kind() != io::ErrorKind::NotFound {

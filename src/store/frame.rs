@@ -22,11 +22,13 @@ pub(super) enum Kind {
     ForgetBlob = 4,
     /// Payload: (key, Unix time in s) pairs, 40 bytes each: when records were last used.
     Used = 5,
+    /// Payload: digests of blobs, 32 bytes each, whose bytes were given back on purpose: older frames of them no longer hold.
+    Release = 6,
 }
 
 impl Kind {
     fn of(byte: u8) -> Option<Self> {
-        [Self::Record, Self::Blob, Self::ForgetRecord, Self::ForgetBlob, Self::Used]
+        [Self::Record, Self::Blob, Self::ForgetRecord, Self::ForgetBlob, Self::Used, Self::Release]
             .into_iter()
             .find(|k| *k as u8 == byte)
     }
@@ -127,6 +129,11 @@ pub(super) fn used_pairs(payload: &[u8]) -> impl Iterator<Item = (Digest, u64)> 
         let key = Digest(pair[..32].try_into().expect("32 bytes"));
         (key, u64::from_le_bytes(pair[32..].try_into().expect("8 bytes")))
     })
+}
+
+/// The digests in the payload of a [`Kind::Release`] frame.
+pub(super) fn released(payload: &[u8]) -> impl Iterator<Item = Digest> {
+    payload.chunks_exact(32).map(|digest| Digest(digest.try_into().expect("32 bytes")))
 }
 
 #[cfg(test)]

@@ -15,7 +15,7 @@ use crate::store::disk;
 use crate::store::error::StoreError;
 use crate::store::frame::HEADER;
 use crate::store::lock::{self, Try, guard};
-use crate::store::record::InstanceRecord;
+use crate::store::record::{Blob, InstanceRecord};
 
 /// What `gc` removed and kept. Bytes are those of files, the index left out.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
@@ -53,8 +53,8 @@ impl Store {
             let Some(record) = head.and_then(|bytes| InstanceRecord::decode_head(&key, &bytes)) else { continue };
             // A record that no run would accept only takes room.
             if self.holds_all(&record)? {
-                let item = Item::Record(Box::new(record), HEADER as u64 + place.length);
-                items.push((roots.contains(&key), place.used, item));
+                let item = Item::Record(Box::new(record), HEADER as u64 + u64::from(place.length));
+                items.push((roots.contains(&key), u64::from(place.used), item));
             }
         }
         for checkpoint in self.checkpoints.all()? {
@@ -73,10 +73,14 @@ impl Store {
         for (root, _, item) in &items {
             let (fresh, cost) = match item {
                 Item::Record(record, bytes) => {
+                    let room = |blob: &Blob| match self.is_released(blob) {
+                        true => 0,
+                        false => blob.bytes + self.frame_header(&blob.digest),
+                    };
                     let fresh: BTreeMap<Digest, u64> = record
                         .blobs()
                         .filter(|blob| !blobs.contains(&blob.digest))
-                        .map(|blob| (blob.digest, blob.bytes + self.frame_header(&blob.digest)))
+                        .map(|blob| (blob.digest, room(blob)))
                         .collect();
                     let cost = bytes + fresh.values().sum::<u64>();
                     (fresh, cost)
@@ -113,7 +117,7 @@ impl Store {
 
     fn holds_all(&self, record: &InstanceRecord) -> Result<bool, StoreError> {
         for blob in record.blobs() {
-            if !self.folder.holds(blob)? {
+            if !self.folder.holds(blob)? && !self.is_released(blob) {
                 return Ok(false);
             }
         }
@@ -134,7 +138,8 @@ impl Store {
         let packs = &self.folder.packs;
         self.alone(|| {
             let keys = |all: Vec<(Digest, _)>| all.into_iter().map(|(key, _)| key).collect::<BTreeSet<_>>();
-            packs.compact(&(&keys(packs.records()) - unfit), &keys(packs.blobs()))
+            let blobs = keys(packs.blobs()).into_iter().chain(packs.released()).collect();
+            packs.compact(&(&keys(packs.records()) - unfit), &blobs)
         })
     }
 

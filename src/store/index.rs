@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::hash::{BuildHasherDefault, Hasher};
+use std::io::{self, Write};
 
 use crate::digest::Digest;
 use crate::store::frame::{Frame, Kind};
@@ -29,23 +30,29 @@ pub(super) type Map<T> = HashMap<Digest, T, BuildHasherDefault<FirstBytes>>;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Place {
     /// Id of the pack in this process ([`State`](super::state::State)), in the index file its number in the list;
-    /// [`Place::FORGOTTEN`] where the newest frame says that older ones do not hold.
+    /// [`Place::FORGOTTEN`] where the newest frame says that older ones do not hold, [`Place::RELEASED`] where it says that
+    /// they were given back.
     pub pack: u32,
-    /// Of the frame's header.
-    pub offset: u64,
+    /// Of the frame's header. No pack has as many bytes as 32 bits count.
+    pub offset: u32,
     /// Of the payload.
-    pub length: u64,
-    pub stamp: u64,
+    pub length: u32,
     /// Unix time, s, when a record was last used or published.
-    pub used: u64,
+    pub used: u32,
+    pub stamp: u64,
 }
 
 impl Place {
     pub const FORGOTTEN: u32 = u32::MAX;
-    const BYTES: usize = 36;
+    pub const RELEASED: u32 = u32::MAX - 1;
+    const BYTES: usize = 24;
 
     pub fn is_here(&self) -> bool {
-        self.pack != Self::FORGOTTEN
+        self.pack < Self::RELEASED
+    }
+
+    pub fn is_released(&self) -> bool {
+        self.pack == Self::RELEASED
     }
 }
 
@@ -54,39 +61,59 @@ impl Place {
 pub(super) struct Index {
     pub records: Map<Place>,
     pub blobs: Map<Place>,
+    /// Whether a blob may have been released.
+    pub releases: bool,
 }
 
 impl Index {
-    /// Takes in a frame (not [`Kind::Used`]) that stands at `offset` of a pack; frames may come in any order.
+    /// Takes in a frame (not [`Kind::Used`], not [`Kind::Release`]) that stands at `offset` of a pack; frames may come in any order.
     pub fn apply(&mut self, pack: u32, offset: u64, frame: &Frame) {
         let (map, here) = match frame.kind {
             Kind::Record => (&mut self.records, true),
             Kind::Blob => (&mut self.blobs, true),
             Kind::ForgetRecord => (&mut self.records, false),
             Kind::ForgetBlob => (&mut self.blobs, false),
-            Kind::Used => return,
+            Kind::Used | Kind::Release => return,
         };
         let pack = if here { pack } else { Place::FORGOTTEN };
-        let new = Place { pack, offset, length: frame.length, stamp: frame.stamp, used: frame.stamp / 1_000_000_000 };
-        match map.entry(frame.key) {
-            Entry::Vacant(slot) => {
-                slot.insert(new);
-            }
-            Entry::Occupied(mut slot) if slot.get().stamp <= new.stamp => {
-                slot.insert(Place { used: new.used.max(slot.get().used), ..new });
-            }
-            Entry::Occupied(_) => {}
+        if let (Ok(offset), Ok(length)) = (u32::try_from(offset), u32::try_from(frame.length)) {
+            let used = seconds(frame.stamp / 1_000_000_000);
+            newer(map, frame.key, Place { pack, offset, length, used, stamp: frame.stamp });
         }
+    }
+
+    /// Takes in that a frame with this stamp says that a blob was released.
+    pub fn release(&mut self, digest: Digest, stamp: u64) {
+        self.releases = true;
+        newer(&mut self.blobs, digest, Place { pack: Place::RELEASED, offset: 0, length: 0, used: 0, stamp });
     }
 
     pub fn mark_used(&mut self, key: &Digest, time_s: u64) {
         if let Some(place) = self.records.get_mut(key) {
-            place.used = place.used.max(time_s);
+            place.used = place.used.max(seconds(time_s));
         }
     }
 }
 
-const MAGIC: &[u8; 16] = b"turbid index 2\n\0";
+/// Unix time as it is kept: until 2106.
+fn seconds(time_s: u64) -> u32 {
+    u32::try_from(time_s).unwrap_or(u32::MAX)
+}
+
+/// The place with the higher stamp holds.
+fn newer(map: &mut Map<Place>, key: Digest, new: Place) {
+    match map.entry(key) {
+        Entry::Vacant(slot) => {
+            slot.insert(new);
+        }
+        Entry::Occupied(mut slot) if slot.get().stamp <= new.stamp => {
+            slot.insert(Place { used: new.used.max(slot.get().used), ..new });
+        }
+        Entry::Occupied(_) => {}
+    }
+}
+
+const MAGIC: &[u8; 16] = b"turbid index 3\n\0";
 
 /// A pack as the index file names it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -101,35 +128,57 @@ pub(super) struct Covered {
 /// The bytes of the index file: magic, packs, places, BLAKE3 of it all.
 ///
 /// `number` gives the place in `packs` of a pack's id; what it does not know is left out.
-pub(super) fn encode(packs: &[Covered], number: impl Fn(u32) -> Option<u32>, index: &Index) -> Vec<u8> {
-    let mut bytes = Vec::with_capacity(64 + (32 + Place::BYTES) * (index.records.len() + index.blobs.len()));
-    bytes.extend_from_slice(MAGIC);
-    bytes.extend_from_slice(&(packs.len() as u64).to_le_bytes());
+/// Of a large store that is long: it goes to the file as it is made.
+pub(super) fn write(
+    packs: &[Covered],
+    number: impl Fn(u32) -> Option<u32>,
+    index: &Index,
+    to: &mut dyn Write,
+) -> io::Result<()> {
+    let mut to = Hashing { hasher: blake3::Hasher::new(), to };
+    to.write_all(MAGIC)?;
+    to.write_all(&(packs.len() as u64).to_le_bytes())?;
     for pack in packs {
-        bytes.extend_from_slice(&(pack.name.len() as u64).to_le_bytes());
-        bytes.extend_from_slice(pack.name.as_bytes());
-        bytes.extend_from_slice(&pack.length.to_le_bytes());
-        bytes.extend_from_slice(&pack.first);
+        to.write_all(&(pack.name.len() as u64).to_le_bytes())?;
+        to.write_all(pack.name.as_bytes())?;
+        to.write_all(&pack.length.to_le_bytes())?;
+        to.write_all(&pack.first)?;
     }
+    let number = |place: &Place| if place.is_here() { number(place.pack) } else { Some(place.pack) };
     for map in [&index.records, &index.blobs] {
-        let count_at = bytes.len();
-        bytes.extend_from_slice(&[0; 8]);
-        let mut count = 0u64;
+        let count = map.values().filter(|place| number(place).is_some()).count() as u64;
+        to.write_all(&count.to_le_bytes())?;
         for (key, place) in map {
-            let pack = if place.is_here() { number(place.pack) } else { Some(Place::FORGOTTEN) };
-            let Some(pack) = pack else { continue };
-            count += 1;
-            bytes.extend_from_slice(&key.0);
-            bytes.extend_from_slice(&pack.to_le_bytes());
-            for number in [place.offset, place.length, place.stamp, place.used] {
-                bytes.extend_from_slice(&number.to_le_bytes());
+            let Some(pack) = number(place) else { continue };
+            let mut entry = [0; 32 + Place::BYTES];
+            entry[..32].copy_from_slice(&key.0);
+            for (at, number) in [pack, place.offset, place.length, place.used].into_iter().enumerate() {
+                entry[32 + 4 * at..36 + 4 * at].copy_from_slice(&number.to_le_bytes());
             }
+            entry[48..].copy_from_slice(&place.stamp.to_le_bytes());
+            to.write_all(&entry)?;
         }
-        bytes[count_at..count_at + 8].copy_from_slice(&count.to_le_bytes());
     }
-    let digest = Digest::of(&bytes);
-    bytes.extend_from_slice(&digest.0);
-    bytes
+    let digest = to.hasher.finalize();
+    to.to.write_all(digest.as_bytes())
+}
+
+/// What passes goes into a digest too.
+struct Hashing<'a> {
+    hasher: blake3::Hasher,
+    to: &'a mut dyn Write,
+}
+
+impl Write for Hashing<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let written = self.to.write(bytes)?;
+        self.hasher.update(&bytes[..written]);
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.to.flush()
+    }
 }
 
 /// Whether these are the whole bytes of an index of another format: no damage, but of no use.
@@ -161,12 +210,13 @@ pub(super) fn decode(bytes: &[u8]) -> Option<(Vec<Covered>, Index)> {
         map.reserve(n);
         for entry in places.chunks_exact(32 + Place::BYTES) {
             let (key, mut numbers) = entry.split_at(32);
-            let pack = u32::from_le_bytes(take(&mut numbers, 4)?.try_into().ok()?);
-            if pack != Place::FORGOTTEN && pack as usize >= packs.len() {
+            let mut next = || Some(u32::from_le_bytes(take(&mut numbers, 4)?.try_into().ok()?));
+            let (pack, offset, length, used) = (next()?, next()?, next()?, next()?);
+            if pack < Place::RELEASED && pack as usize >= packs.len() {
                 return None;
             }
-            let mut next = || number(&mut numbers);
-            let place = Place { pack, offset: next()?, length: next()?, stamp: next()?, used: next()? };
+            let place = Place { pack, offset, length, used, stamp: number(&mut numbers)? };
+            index.releases |= place.is_released();
             map.insert(Digest(key.try_into().ok()?), place);
         }
     }
@@ -187,10 +237,16 @@ fn number(rest: &mut &[u8]) -> Option<u64> {
 mod tests {
     use super::*;
 
+    fn encode(packs: &[Covered], number: impl Fn(u32) -> Option<u32>, index: &Index) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        write(packs, number, index, &mut bytes).expect("memory takes it");
+        bytes
+    }
+
     fn example() -> (Vec<Covered>, Index) {
         let mut index = Index::default();
-        for i in 0..20u64 {
-            let place = Place { pack: (i % 2) as u32, offset: i, length: 2 * i, stamp: 3 * i, used: 4 * i };
+        for i in 0..20u32 {
+            let place = Place { pack: i % 2, offset: i, length: 2 * i, used: 4 * i, stamp: u64::from(3 * i) };
             index.records.insert(Digest::of(&[i as u8]), place);
             index.blobs.insert(Digest::of(&[i as u8, 0]), Place { pack: Place::FORGOTTEN, ..place });
         }

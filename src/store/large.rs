@@ -29,7 +29,7 @@ pub(super) fn put(root: &Path, folder: &Folder, stack: &ImageStack) -> Result<Bl
     let tmp = root.join("tmp");
     let failed = |source| StoreError::io("write a blob", &tmp)(source);
     let mut file = disk::temporary(root).map_err(failed)?;
-    let mut to = BufWriter::with_capacity(BUFFER, Passing(file.as_file_mut()));
+    let mut to = BufWriter::with_capacity(BUFFER, disk::Passing(file.as_file_mut()));
     exr::encode_to(stack, &mut to)?;
     to.flush().map_err(failed)?;
     drop(to);
@@ -81,26 +81,6 @@ fn length(file: &File) -> io::Result<u64> {
 /// Error: also what is no file.
 fn digest_of(path: &Path) -> io::Result<Digest> {
     Digest::of_reader(&mut disk::open_regular(path)?)
-}
-
-/// Lets every byte pass [`disk::write`].
-pub(super) struct Passing<'a>(pub &'a mut File);
-
-impl Write for Passing<'_> {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        disk::write(self.0, bytes)?;
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.0.flush()
-    }
-}
-
-impl Seek for Passing<'_> {
-    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
-        self.0.seek(to)
-    }
 }
 
 #[cfg(test)]

@@ -22,6 +22,7 @@ mod odd;
 mod packs;
 mod parquet;
 mod record;
+mod release;
 mod state;
 mod verify;
 mod writer;
@@ -45,11 +46,12 @@ use checkpoint::Checkpoints;
 use lock::{KeyLocks, Try, guard};
 
 pub use backend::extension;
-pub use codec::{decode, encode};
+pub use codec::{decode, encode, encode_pieces};
 pub use error::StoreError;
 pub use gc::GcReport;
 pub use lock::KeyLock;
 pub use record::{Blob, Cost, InstanceRecord, PortRecord, Provenance, Recipe};
+pub use release::Names;
 pub use verify::{Finding, Stat, VerifyReport};
 
 /// Temporary files of turbid up to 0.1 are not locked while they are written: only their age tells.
@@ -129,7 +131,8 @@ impl Store {
         })
     }
 
-    /// The record of an instance, if it is undamaged and every blob that it names is there in full length.
+    /// The record of an instance, if it is undamaged and every blob that it names is there in full length, or was
+    /// [released](Store::release).
     ///
     /// Blobs are not read. Never waits; finds what other runs published before this store was opened or before the
     /// last [`Store::lock`].
@@ -149,7 +152,7 @@ impl Store {
             self.folder.packs.note_damage();
             return None;
         };
-        let whole = record.blobs().all(|blob| self.holds(blob));
+        let whole = record.blobs().all(|blob| self.holds(blob) || self.is_released(blob));
         whole.then(|| Arc::new(record))
     }
 
@@ -310,8 +313,15 @@ impl Store {
 
     /// All undamaged records with what went in, the newest first, whether or not their blobs are still there.
     pub fn records(&self) -> impl Iterator<Item = (InstanceRecord, Recipe)> {
-        let all = self.folder.packs.records();
-        all.into_iter().filter_map(|(key, _)| InstanceRecord::decode(&key, &self.told(self.folder.record(&key))??))
+        self.records_of_latest(usize::MAX)
+    }
+
+    /// So many of them at most.
+    pub fn records_of_latest(&self, most: usize) -> impl Iterator<Item = (InstanceRecord, Recipe)> {
+        let all = if most == 0 { Vec::new() } else { self.folder.packs.records() };
+        all.into_iter()
+            .take(most)
+            .filter_map(|(key, _)| InstanceRecord::decode(&key, &self.told(self.folder.record(&key))??))
     }
 
     /// The file that holds exactly this blob; `None` for a blob in a pack (see [`Store::materialise`]).
@@ -351,6 +361,17 @@ impl Store {
         all
     }
 
+    /// Brings everything to the disk in the middle of long work, of which nothing so far is asked for again; gives back the room of
+    /// what was released, if it is much. To be called when no other thread works on the store.
+    ///
+    /// Error: what was published could not be brought to the disk.
+    pub fn settle(&self) -> Result<(), StoreError> {
+        self.folder.packs.finish_for_now()?;
+        self.gather_if_wanted();
+        guard(&self.vouched).clear();
+        Ok(())
+    }
+
     /// Brings everything to the disk, writes the index, and leaves behind what was found damaged. To be called when no
     /// other thread works on the store. Nothing is lost without it, but the next opening is slower.
     ///
@@ -374,11 +395,15 @@ impl Store {
             return Ok(());
         }
         self.folder.packs.finish()?;
+        self.gather_if_wanted();
+        Ok(())
+    }
+
+    fn gather_if_wanted(&self) {
         if self.folder.packs.wants_gathering() {
             // In use, no locks, a full disk, an old pack that cannot be read: the old packs hold everything until the new ones do, and the next run tries again.
             let _ = self.gather_packs(&BTreeSet::new());
         }
-        Ok(())
     }
 
     /// Takes the shared lock that keeps `gc` out, once.

@@ -26,6 +26,10 @@ const MANY_SHORT_PACKS: usize = 64;
 const HEAD: usize = 1024;
 /// A record's last use is noted once a day at most, so that a run of hits writes nothing.
 const NOTE_USE_AFTER_S: u64 = 86_400;
+/// As many bytes may be dead beside as many that are not, and these beyond them ...
+const DEAD: u64 = 16 << 20;
+/// So many blobs are released by one frame.
+pub(super) const RELEASED: usize = 4096;
 /// So often a run that ends writes again what vanishes under it.
 const RESCUES: usize = 3;
 
@@ -80,7 +84,7 @@ impl Packs {
             Some(end) if end > HEAD => read_start(&file, &place, end)?,
             _ => head,
         };
-        if place.used.saturating_add(NOTE_USE_AFTER_S) < self.opened_s {
+        if u64::from(place.used).saturating_add(NOTE_USE_AFTER_S) < self.opened_s {
             guard(&self.touched).insert(*key);
         }
         Ok(head)
@@ -88,7 +92,37 @@ impl Packs {
 
     /// Length of a packed blob.
     pub fn blob_length(&self, digest: &Digest) -> Option<u64> {
-        self.state().index.blobs.get(digest).filter(|p| p.is_here()).map(|p| p.length)
+        self.state().index.blobs.get(digest).filter(|p| p.is_here()).map(|p| u64::from(p.length))
+    }
+
+    /// Whether the bytes of a blob were given back on purpose, and have not come since.
+    pub fn is_released(&self, digest: &Digest) -> bool {
+        let state = self.state();
+        state.index.releases && state.index.blobs.get(digest).is_some_and(Place::is_released)
+    }
+
+    /// Whether there may be a released blob at all.
+    pub fn releases(&self) -> bool {
+        self.state().index.releases
+    }
+
+    /// The blobs that were released.
+    pub fn released(&self) -> Vec<Digest> {
+        let state = self.state();
+        state.index.blobs.iter().filter(|(_, place)| place.is_released()).map(|(digest, _)| *digest).collect()
+    }
+
+    /// Gives back the bytes of blobs: from now on a pack holds no bytes of them. On the disk when this returns.
+    pub fn release(&self, digests: &[Digest]) -> Result<(), StoreError> {
+        let mut slot = guard(&self.writer);
+        for digests in digests.chunks(RELEASED) {
+            self.settle(&mut slot)?;
+            let last = digests.iter().filter_map(|digest| self.state().stamp_of(Kind::Blob, digest)).max();
+            let payload: Vec<u8> = digests.iter().flat_map(|digest| digest.0).collect();
+            let frame = frame::encode(Kind::Release, &Digest::of(&payload), stamp_after(last), &payload);
+            self.append_frame(&mut slot, &frame)?;
+        }
+        slot.as_mut().map_or(Ok(()), |writer| writer.sync(&self.root))
     }
 
     /// The bytes where the blob should be, damaged or not (`None`: not packed, or its pack is shorter).
@@ -102,11 +136,11 @@ impl Packs {
         self.damaged.store(true, Ordering::Relaxed);
     }
 
-    /// Whether gathering the packs would be worth it: damage, or many packs that still take frames.
+    /// Whether gathering the packs would be worth it: damage, many packs that still take frames, or more dead bytes than others.
     pub fn wants_gathering(&self) -> bool {
         let state = self.state();
         let short = state.packs.values().filter(|pack| pack.covered < FULL).count();
-        self.damaged.load(Ordering::Relaxed) || state.garbage > 0 || short > MANY_SHORT_PACKS
+        self.damaged.load(Ordering::Relaxed) || state.garbage > 0 || short > MANY_SHORT_PACKS || is_mostly_dead(&state)
     }
 
     /// All records with their place, the newest first.
@@ -114,6 +148,18 @@ impl Packs {
         let mut all: Vec<_> = here(&self.state().index.records);
         all.sort_by_key(|(key, place)| (std::cmp::Reverse(place.stamp), *key));
         all
+    }
+
+    /// The keys of all records but those.
+    pub fn keys_but(&self, left_out: impl Fn(&Digest) -> bool) -> Vec<Digest> {
+        let state = self.state();
+        let here = state.index.records.iter().filter(|(_, place)| place.is_here());
+        here.map(|(key, _)| *key).filter(|key| !left_out(key)).collect()
+    }
+
+    /// Error: a pack cannot be read.
+    pub fn is_complete(&self) -> Result<(), StoreError> {
+        self.state().is_complete()
     }
 
     pub fn blobs(&self) -> Vec<(Digest, Place)> {
@@ -147,8 +193,7 @@ impl Packs {
         let mut slot = guard(&self.writer);
         self.settle(&mut slot)?;
         let last = self.state().stamp_of(kind, key);
-        let stamp = now_ns().max(last.map_or(0, |stamp| stamp.saturating_add(1)));
-        self.append_frame(&mut slot, &frame::encode(kind, key, stamp, payload))?;
+        self.append_frame(&mut slot, &frame::encode(kind, key, stamp_after(last), payload))?;
         // One sync for many records: a power cut may cost the last second, never the order of blobs and records.
         match slot.as_mut() {
             Some(writer) if kind == Kind::Record && writer.last_sync.elapsed() > SYNC_EVERY => writer.sync(&self.root),
@@ -222,6 +267,25 @@ impl Packs {
 
     /// Brings everything to the disk and writes the index file if it lacks something.
     pub fn finish(&self) -> Result<(), StoreError> {
+        self.sync_all()?;
+        if self.state().stale {
+            // Only a cache: without it the next opening is slower.
+            let _ = self.save_index();
+        }
+        Ok(())
+    }
+
+    /// The same, but writes the index file only if it lacks much of what there is: so often that what is read again after a
+    /// crash is little, and so seldom that all writing together is a few times the last index.
+    pub fn finish_for_now(&self) -> Result<(), StoreError> {
+        self.sync_all()?;
+        if self.state().lacks_much() {
+            let _ = self.save_index();
+        }
+        Ok(())
+    }
+
+    fn sync_all(&self) -> Result<(), StoreError> {
         let touched = std::mem::take(&mut *guard(&self.touched));
         if !touched.is_empty() {
             let mut payload = Vec::with_capacity(40 * touched.len());
@@ -243,12 +307,7 @@ impl Packs {
                 }
             }
         }
-        self.refresh()?;
-        if self.state().stale {
-            // Only a cache: without it the next opening is slower.
-            let _ = self.save_index();
-        }
-        Ok(())
+        self.refresh()
     }
 
     /// Writes the index file.
@@ -277,6 +336,24 @@ impl Packs {
     pub fn unread(&self) -> Vec<(PathBuf, String)> {
         self.state().unread.iter().map(|(path, error)| (path.clone(), error.to_string())).collect()
     }
+}
+
+/// A stamp of now, and later than one.
+pub(super) fn stamp_after(last: Option<u64>) -> u64 {
+    now_ns().max(last.map_or(0, |stamp| stamp.saturating_add(1)))
+}
+
+/// Whether most of the packs is what newer frames replace or release: rewriting them gives more room back than it takes work.
+fn is_mostly_dead(state: &State) -> bool {
+    let all: u64 = state.packs.values().map(|pack| pack.covered).sum();
+    if all <= DEAD {
+        return false;
+    }
+    let live = |map: &Map<Place>| {
+        map.values().filter(|place| place.is_here()).map(|place| HEADER as u64 + u64::from(place.length)).sum::<u64>()
+    };
+    let live = live(&state.index.records) + live(&state.index.blobs);
+    all.saturating_sub(live) > live + DEAD
 }
 
 fn here(map: &Map<Place>) -> Vec<(Digest, Place)> {

@@ -45,9 +45,32 @@ struct RawColumn {
 
 /// Encodes a table. Error: a cell that is not finite.
 pub(super) fn encode_table(table: &Table) -> Result<Vec<u8>, StoreError> {
-    let columns = table.columns.iter().map(|column| {
+    let description = Description { kind: ArtifactKind::Table, attributes: table.attributes.clone() };
+    write(raw_columns(table.columns.clone())?, table.rows(), &description)
+}
+
+/// The same of a table that comes in pieces with the same columns; no two of them are held at once. Error: there is no piece.
+pub(super) fn encode_pieces(pieces: impl Iterator<Item = Table>) -> Result<Vec<u8>, StoreError> {
+    let mut writer = None;
+    for piece in pieces {
+        let Table { columns, attributes } = piece;
+        let rows = columns.first().map_or(0, |column| column.cells.len());
+        let batch = batch(raw_columns(columns)?, rows)?;
+        let writer = match &mut writer {
+            Some(writer) => writer,
+            None => writer.insert(begin(&batch, &Description { kind: ArtifactKind::Table, attributes })?),
+        };
+        // A row group a piece: the writer holds one in memory.
+        writer.write(&batch).and_then(|()| writer.flush()).map_err(unwritten)?;
+    }
+    let writer = writer.ok_or_else(|| StoreError::unfit("a table without a piece"))?;
+    writer.into_inner().map_err(unwritten)
+}
+
+fn raw_columns(columns: Vec<Column>) -> Result<Vec<RawColumn>, StoreError> {
+    let raw = |column: Column| {
         let Column { name, unit, cells } = column;
-        if let Cells::F64(cells) = cells
+        if let Cells::F64(cells) = &cells
             && let Some(row) = cells.iter().position(|cell| !cell.is_finite())
         {
             return Err(StoreError::unfit(format!(
@@ -55,7 +78,7 @@ pub(super) fn encode_table(table: &Table) -> Result<Vec<u8>, StoreError> {
                 cells[row]
             )));
         }
-        if let Cells::MaybeF64(cells) = cells
+        if let Cells::MaybeF64(cells) = &cells
             && let Some((row, cell)) =
                 cells.iter().enumerate().find_map(|(row, c)| c.filter(|c| !c.is_finite()).map(|c| (row, c)))
         {
@@ -63,11 +86,9 @@ pub(super) fn encode_table(table: &Table) -> Result<Vec<u8>, StoreError> {
                 "column `{name}` has the value {cell} in row {row}; what is not known must be null"
             )));
         }
-        let metadata = HashMap::from([(UNIT.to_owned(), unit.clone())]);
-        Ok(RawColumn { name: name.clone(), metadata, cells: cells.clone() })
-    });
-    let description = Description { kind: ArtifactKind::Table, attributes: table.attributes.clone() };
-    write(columns.collect::<Result<_, _>>()?, table.rows(), &description)
+        Ok(RawColumn { name, metadata: HashMap::from([(UNIT.to_owned(), unit)]), cells })
+    };
+    columns.into_iter().map(raw).collect()
 }
 
 /// Decodes what [`encode_table`] wrote.
@@ -130,9 +151,18 @@ fn wrong(what: impl std::fmt::Display) -> StoreError {
     StoreError::unfit(format!("not a table or record of this turbid: {what}"))
 }
 
+fn unwritten(error: impl std::fmt::Display) -> StoreError {
+    StoreError::unfit(format!("the table cannot be written as Parquet: {error}"))
+}
+
 fn write(columns: Vec<RawColumn>, rows: usize, description: &Description) -> Result<Vec<u8>, StoreError> {
-    let failed = |e: &dyn std::fmt::Display| StoreError::unfit(format!("the table cannot be written as Parquet: {e}"));
-    let text = canonical_text(&canonical_value(description).map_err(StoreError::unfit)?);
+    let batch = batch(columns, rows)?;
+    let mut writer = begin(&batch, description)?;
+    writer.write(&batch).map_err(unwritten)?;
+    writer.into_inner().map_err(unwritten)
+}
+
+fn batch(columns: Vec<RawColumn>, rows: usize) -> Result<RecordBatch, StoreError> {
     let mut fields = Vec::with_capacity(columns.len());
     let mut arrays: Vec<ArrayRef> = Vec::with_capacity(columns.len());
     for RawColumn { name, metadata, cells } in columns {
@@ -149,7 +179,12 @@ fn write(columns: Vec<RawColumn>, rows: usize, description: &Description) -> Res
     }
     let schema = Arc::new(Schema::new(fields));
     let options = RecordBatchOptions::new().with_row_count(Some(rows));
-    let batch = RecordBatch::try_new_with_options(schema.clone(), arrays, &options).map_err(|e| failed(&e))?;
+    RecordBatch::try_new_with_options(schema, arrays, &options).map_err(unwritten)
+}
+
+/// A file for rows like these.
+fn begin(batch: &RecordBatch, description: &Description) -> Result<ArrowWriter<Vec<u8>>, StoreError> {
+    let text = canonical_text(&canonical_value(description).map_err(StoreError::unfit)?);
     // Of a single row nothing is to be gained, and setting up zstd for each column costs more than all the rest.
     let compression = match description.kind {
         ArtifactKind::Record => Compression::UNCOMPRESSED,
@@ -162,9 +197,7 @@ fn write(columns: Vec<RawColumn>, rows: usize, description: &Description) -> Res
         .set_created_by("turbid".to_owned())
         .set_key_value_metadata(Some(vec![KeyValue::new(KEY.to_owned(), text)]))
         .build();
-    let mut writer = ArrowWriter::try_new(Vec::new(), schema, Some(properties)).map_err(|e| failed(&e))?;
-    writer.write(&batch).map_err(|e| failed(&e))?;
-    writer.into_inner().map_err(|e| failed(&e))
+    ArrowWriter::try_new(Vec::new(), batch.schema(), Some(properties)).map_err(unwritten)
 }
 
 fn read(bytes: &[u8], kind: ArtifactKind) -> Result<(Vec<RawColumn>, Attributes, usize), StoreError> {

@@ -15,6 +15,9 @@ use crate::store::index::{self, Covered, Index, Map, Place};
 /// No pack is longer: writers end it near 64 MiB. Something longer is not read, least of all into memory.
 pub(super) const LONGEST: u64 = 1 << 30;
 
+/// Fewer frames are read again faster than an index is written.
+const FRESH: usize = 4096;
+
 pub(super) struct Pack {
     pub name: String,
     pub file: Arc<File>,
@@ -36,6 +39,8 @@ pub(super) struct State {
     gone_blobs: Map<(Place, Arc<File>)>,
     /// Whether the index file lacks something that `index` holds.
     pub stale: bool,
+    /// Frames that were taken in since it was written.
+    fresh: usize,
     /// Frames that the index file names and that the packs no longer hold.
     pub lost: u64,
     /// Bytes between the frames that were read.
@@ -101,7 +106,7 @@ impl State {
         match kind {
             Kind::Record | Kind::ForgetRecord => self.index.records.get(key),
             Kind::Blob | Kind::ForgetBlob => self.index.blobs.get(key),
-            Kind::Used => None,
+            Kind::Used | Kind::Release => None,
         }
         .map(|place| place.stamp)
     }
@@ -117,6 +122,10 @@ impl State {
         self.index.apply(id, offset, frame);
         match frame.kind {
             Kind::Used => frame::used_pairs(payload).for_each(|(key, time_s)| self.index.mark_used(&key, time_s)),
+            Kind::Release => frame::released(payload).for_each(|digest| {
+                self.index.release(digest, frame.stamp);
+                self.gone_blobs.remove(&digest);
+            }),
             // Its maker says that these bytes are damaged.
             Kind::ForgetBlob => {
                 self.gone_blobs.remove(&frame.key);
@@ -124,7 +133,13 @@ impl State {
             }
             _ => {}
         }
+        self.fresh += 1;
         self.stale = true;
+    }
+
+    /// Whether the index file lacks a fourth of what there is, and enough to be worth a file.
+    pub fn lacks_much(&self) -> bool {
+        self.stale && self.fresh > FRESH + (self.index.records.len() + self.index.blobs.len()) / 4
     }
 
     /// Takes in packs that are new, packs that have grown, and packs that are gone, cut short or replaced by another
@@ -166,7 +181,7 @@ impl State {
     fn add(&mut self, root: &Path, name: &str) {
         match Pack::open(root, name) {
             // Ids end after 4 billion packs; what comes then is a miss.
-            Ok(pack) if self.next < Place::FORGOTTEN => {
+            Ok(pack) if self.next < Place::RELEASED => {
                 self.packs.insert(self.next, pack);
                 self.next += 1;
             }
@@ -236,10 +251,9 @@ impl State {
         let packs: Vec<_> = self.packs.values().map(covered).collect();
         let numbers: BTreeMap<u32, u32> = self.packs.keys().copied().zip(0..).collect();
         let path = root.join("index");
-        let bytes = index::encode(&packs, |id| numbers.get(&id).copied(), &self.index);
-        disk::publish(root, &path, &bytes, false, false)
-            .map_err(StoreError::io("write the index of the store", &path))?;
-        self.stale = false;
+        let write = |to: &mut dyn io::Write| index::write(&packs, |id| numbers.get(&id).copied(), &self.index, to);
+        disk::publish_with(root, &path, &write).map_err(StoreError::io("write the index of the store", &path))?;
+        (self.stale, self.fresh) = (false, 0);
         Ok(())
     }
 }
@@ -282,12 +296,12 @@ pub(super) fn read_payload(file: &File, place: &Place) -> io::Result<Option<Vec<
 
 /// What stands where the first `length` bytes of the payload should be, less where it is shorter.
 pub(super) fn read_start(file: &File, place: &Place, length: usize) -> io::Result<Option<Vec<u8>>> {
-    read_place(file, place.offset.saturating_add(HEADER as u64), place.length.min(length as u64))
+    read_place(file, u64::from(place.offset) + HEADER as u64, u64::from(place.length).min(length as u64))
 }
 
 /// The payload of an undamaged frame of `kind` and `key`.
 pub(super) fn read(file: &File, place: &Place, kind: Kind, key: &Digest) -> io::Result<Option<Vec<u8>>> {
-    let bytes = read_place(file, place.offset, place.length.saturating_add(HEADER as u64))?;
+    let bytes = read_place(file, u64::from(place.offset), u64::from(place.length) + HEADER as u64)?;
     let is_right =
         |bytes: &Vec<u8>| frame::decode(bytes).is_some_and(|(frame, _)| frame.kind == kind && frame.key == *key);
     Ok(bytes.filter(is_right).map(|mut bytes| {

@@ -22,6 +22,8 @@ pub struct Stat {
     pub packed_blobs: u64,
     pub loose_blobs: u64,
     pub loose_bytes: u64,
+    /// Blobs whose bytes were given back on purpose.
+    pub released_blobs: u64,
     pub packs: u64,
     pub pack_bytes: u64,
     pub checkpoints: u64,
@@ -105,6 +107,8 @@ pub struct VerifyReport {
     pub checkpoints: u64,
     /// Bytes of the blobs.
     pub bytes: u64,
+    /// Blobs that records name and whose bytes were given back on purpose: no finding.
+    pub released: u64,
     pub findings: Vec<Finding>,
     /// Whether what was found has been removed from the store; a second look has found nothing any more.
     pub repaired: bool,
@@ -258,16 +262,19 @@ impl Store {
         records: &[InstanceRecord],
         report: &mut VerifyReport,
     ) -> Result<BTreeSet<Digest>, StoreError> {
-        let mut unfit = BTreeSet::new();
+        let (mut unfit, mut released) = (BTreeSet::new(), BTreeSet::new());
         for record in records {
             for (port, held) in &record.ports {
-                if !self.folder.holds(&held.blob)? || report.found_damaged(&held.blob.digest) {
+                if self.is_released(&held.blob) {
+                    released.insert(held.blob.digest);
+                } else if !self.folder.holds(&held.blob)? || report.found_damaged(&held.blob.digest) {
                     let (stage, port) = (record.provenance.stage.clone(), port.clone());
                     report.findings.push(Finding::MissingBlob { digest: held.blob.digest, stage, port });
                     unfit.insert(record.key);
                 }
             }
         }
+        report.released = released.len() as u64;
         Ok(unfit)
     }
 
@@ -278,7 +285,7 @@ impl Store {
         let packs = &self.folder.packs;
         for (digest, place) in packs.blobs() {
             report.blobs += 1;
-            report.bytes += place.length;
+            report.bytes += u64::from(place.length);
             match packs.blob(&digest) {
                 Err(error) => report.found_unread(self.root.join("packs"), &error),
                 Ok(Some(bytes)) if Digest::of(&bytes) == digest => {}
@@ -322,6 +329,7 @@ impl Store {
             packed_blobs: self.folder.packs.blobs().len() as u64,
             loose_blobs: loose.len() as u64,
             loose_bytes: loose.iter().map(|(_, _, bytes)| bytes).sum(),
+            released_blobs: self.folder.packs.released().len() as u64,
             packs: packs as u64,
             pack_bytes,
             checkpoints: checkpoints.len() as u64,

@@ -37,8 +37,8 @@ fn a_data_set_is_kept_and_grows() {
     assert_eq!(samples + left_out, 16, "every point is a sample or left out for a reason: {first}");
     let said = space.verify("set").ok();
     assert!(said.contains(&format!("{samples} samples as they should be")), "{said}");
-    for name in ["README.md", "croissant.json", "dataset.json", "index.parquet", "costs.parquet", "statistics.parquet"]
-    {
+    let names = ["README.md", "croissant.json", "dataset.json", "index.parquet", "costs.parquet", "statistics.parquet"];
+    for name in names.into_iter().chain(["overview.png"]) {
         assert!(space.path("set").join(name).is_file(), "{name}");
     }
     let (before, shards) = (written(&space, "set"), space.shards("set"));
@@ -85,7 +85,7 @@ fn a_grown_set_is_that_of_one_build() {
     space.build("grown", &[]);
     space.build("at_once", &[]);
     assert_eq!(space.shards("grown"), space.shards("at_once"));
-    for name in ["README.md", "croissant.json", "dataset.json", "index.parquet", "statistics.parquet"] {
+    for name in ["README.md", "croissant.json", "dataset.json", "index.parquet", "statistics.parquet", "overview.png"] {
         let read = |to: &str| fs::read(space.path(to).join(name)).expect("the build wrote it");
         assert!(read("grown") == read("at_once"), "{name}");
     }

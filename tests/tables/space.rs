@@ -66,6 +66,19 @@ pub struct Space {
     folder: tempfile::TempDir,
 }
 
+/// A command that goes on.
+pub struct Begun {
+    child: Child,
+}
+
+impl Begun {
+    /// Its last event.
+    pub fn finished(self) -> Value {
+        let ended = Ended { output: self.child.wait_with_output().expect("it was started") };
+        serde_json::from_str(ended.ok().lines().last().expect("it says how it ended")).expect("events are JSON")
+    }
+}
+
 /// How a command ended.
 pub struct Ended {
     output: Output,
@@ -96,9 +109,31 @@ impl Space {
         Ended { output: self.command(arguments).output().expect("the program starts") }
     }
 
+    /// The same where no file may become longer than this (bytes, in blocks of 512).
+    pub fn turbid_with_files_of_at_most(&self, bytes: u64, arguments: &[&str]) -> Ended {
+        let mut command = Command::new("sh");
+        // Ignored, the signal is an error of the write.
+        let script = format!("trap '' XFSZ; ulimit -f {}; exec \"$0\" \"$@\"", bytes / 512);
+        command.arg("-c").arg(script).arg(program()).args(arguments);
+        command.current_dir(self.folder.path()).env_remove("TURBID_OUTPUTS");
+        Ended { output: command.output().expect("the shell starts") }
+    }
+
     pub fn start(&self, arguments: &[&str]) -> Child {
         let mut command = self.command(arguments);
         command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the program starts")
+    }
+
+    /// A command that goes on beside others, with what it says.
+    pub fn begin(&self, arguments: &[&str]) -> Begun {
+        let mut command = self.command(arguments);
+        Begun { child: command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().expect("the program starts") }
+    }
+
+    /// The same; what it prints goes to a file.
+    pub fn start_to(&self, arguments: &[&str], log: &str) -> Child {
+        let log = fs::File::create(self.path(log)).expect("the folder is ours");
+        self.command(arguments).stdout(log).stderr(Stdio::null()).spawn().expect("the program starts")
     }
 
     /// Builds the data set of `p.yaml` in `to`: the last event.

@@ -32,8 +32,16 @@ fn mistakes_in_the_file_have_a_place() {
     refused("by: patient", "by: width", &["`width` is no group", "patient"], true);
     refused("[[lesion_a, above, 0.15]]", "[[lesion, above, 0.15]]", &["`lesion` is not drawn", "lesion_a"], true);
     refused("shards: {rows: 4}", "shards: {rows: 0}", &["must lie in 1..1000000"], true);
+    refused("license: CC-BY-4.0", "published: 31.3.2026", &["published", "a day, such as \"2026-03-31\""], true);
     refused("shards: {rows: 4}", "keep: {map.masked: {below: 5}}", &["there is no stage `map`", "`maps`"], true);
     refused("shards: {rows: 4}", "keep: {maps.masked: {under: 5}}", &["under", "below"], true);
+    let table = "  table: {use: build_lut, with: {model: diffusion, f_x: [0, 0.05], g: 0.8, n: 1.0}}\n";
+    refused(
+        "datasets:\n  spots:\n",
+        &format!("{table}datasets:\n  spots:\n    keep: {{table.lut.g: {{below: 1}}}}\n"),
+        &["`table` is the same for all samples"],
+        true,
+    );
     refused(
         "width: {uniform: [4, 8], per: patient}",
         "width: {uniform: [4, 8]}\n        split: {uniform: [0, 1]}",

@@ -54,9 +54,26 @@ pub struct Port {
 #[derive(Serialize)]
 #[serde(untagged)]
 pub enum Content {
-    Images { rows: usize, columns: usize, layers: Vec<Layer>, attributes: Attributes },
-    Table { rows: usize, columns: Vec<Column>, attributes: Attributes },
-    Record { rows: usize, fields: BTreeMap<String, Value>, columns: Vec<Field> },
+    Images {
+        rows: usize,
+        columns: usize,
+        layers: Vec<Layer>,
+        attributes: Attributes,
+    },
+    Table {
+        rows: usize,
+        columns: Vec<Column>,
+        attributes: Attributes,
+    },
+    Record {
+        rows: usize,
+        fields: BTreeMap<String, Value>,
+        columns: Vec<Field>,
+    },
+    /// The bytes were given back on purpose.
+    Released {
+        released: bool,
+    },
 }
 
 /// A field of a record, as a column of one row.
@@ -126,12 +143,16 @@ impl Described<'_> {
         let blob = &described.blob;
         let label = self.plan.label(self.id);
         let failed = |e| Failure::Failed(format!("{label}.{name}: {e}; a run makes it again"));
+        let content = match self.store.is_released(blob) {
+            true => Content::Released { released: true },
+            false => Content::of(self.store.get(blob).map_err(failed)?),
+        };
         Ok(Port {
             payload: described.payload.clone(),
             digest: blob.digest.to_string(),
             bytes: blob.bytes,
             path: self.path(name, blob),
-            content: Content::of(self.store.get(blob).map_err(failed)?),
+            content,
         })
     }
 

@@ -42,6 +42,9 @@ fn port_text(name: &str, port: &Port) -> String {
         out.push_str(&format!("    {path}\n"));
     }
     match &port.content {
+        Content::Released { .. } => {
+            out.push_str("    released: a data set holds what it held; shown by its own name it is made again\n");
+        }
         Content::Images { layers, attributes, .. } => {
             layers.iter().for_each(|layer| out.push_str(&layer_text(layer, layers, attributes)));
         }

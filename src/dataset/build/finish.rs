@@ -2,13 +2,17 @@
 
 use std::collections::BTreeMap;
 
-use turbid_contract::{Artifact, Table, canonical};
+use turbid_contract::{Artifact, canonical};
+use turbid_draw::Type;
 
 use super::{Building, Built, State, Stopped};
 use crate::dataset::folder::Folder;
-use crate::dataset::manifest::{ColumnOf, FORMAT, Manifest};
-use crate::dataset::{card, croissant, index, statistics};
-use crate::store::encode as encode_artifact;
+use crate::dataset::index::Point;
+use crate::dataset::manifest::{ColumnOf, FORMAT, Manifest, ShardOf};
+use crate::dataset::overview::Glance;
+use crate::dataset::{card, croissant, statistics};
+use crate::spec::Draw;
+use crate::store::{encode as encode_artifact, encode_pieces};
 
 impl Building<'_> {
     pub(super) fn manifest(&self, state: &State) -> Manifest {
@@ -16,9 +20,13 @@ impl Building<'_> {
         let mut rejects: BTreeMap<String, u64> = BTreeMap::new();
         let (_, draw) = self.plan.draw_of(self.dataset.draws).expect("the stage draws");
         rejects.extend(draw.skipped.iter().map(|(reason, n)| (format!("only: {reason}"), *n)));
-        for entry in state.entries.values().filter(|entry| !entry.reject.is_empty()) {
-            *rejects.entry(entry.reject.clone()).or_default() += 1;
+        for (reason, n) in state.points.rejects() {
+            *rejects.entry(reason).or_default() += n;
         }
+        // A build that is killed now finds the shards again that it did not come to.
+        let place = |shard: &ShardOf| (self.dataset.splits.iter().position(|s| s.name == shard.split), shard.number);
+        let mut shards: Vec<ShardOf> = state.shards.iter().chain(state.before.values()).cloned().collect();
+        shards.sort_by_key(place);
         Manifest {
             format: FORMAT,
             turbid_version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -27,18 +35,22 @@ impl Building<'_> {
             about: dataset.about.clone().or_else(|| spec.about.clone()),
             license: dataset.license.clone(),
             cite: dataset.cite.clone(),
+            published: dataset.published.clone(),
             seed: spec.seed,
             resolved: spec.resolved(),
-            columns: state.columns.clone().unwrap_or_default(),
-            shards: state.shards.clone(),
+            columns: state.columns.clone().unwrap_or_else(|| state.columns_before.clone()),
+            shard_format: self.format,
+            shards,
             rejects,
             files: BTreeMap::new(),
         }
     }
 
     /// Index, statistics, card and manifest, in this order.
-    pub(super) fn finish(&self, folder: &Folder, columns: &[ColumnOf], state: State) -> Result<Built, Stopped> {
+    pub(super) fn finish(&self, folder: &Folder, columns: &[ColumnOf], mut state: State) -> Result<Built, Stopped> {
         let failed = Stopped::Failed;
+        // Those of points that are no longer asked for.
+        state.before.clear();
         let (_, draw) = self.plan.draw_of(self.dataset.draws).expect("the stage draws");
         let table = |table| encode_artifact(&Artifact::Table(table)).map_err(|e| Stopped::Failed(e.to_string()));
         let mut manifest = self.manifest(&state);
@@ -48,9 +60,11 @@ impl Building<'_> {
             manifest.files.insert(name.to_owned(), of);
             Ok(())
         };
-        let index = index::table(draw, &state.entries);
-        let rows = self.statistics(columns, &state, &index).map_err(Stopped::Failed)?;
-        write("index.parquet", &table(index)?, &mut manifest)?;
+        let rows = self.statistics(columns, &state).map_err(Stopped::Failed)?;
+        let of = self.dataset.splits.iter().map(|s| (s.name.clone(), s.indices.len().div_ceil(self.dataset.spec.rows)));
+        let of: Vec<(String, usize)> = of.collect();
+        let index = encode_pieces(state.points.tables(draw, self.group(draw), (&of, self.format)));
+        write("index.parquet", &index.map_err(|e| Stopped::Failed(e.to_string()))?, &mut manifest)?;
         write("statistics.parquet", &table(statistics::table(&rows))?, &mut manifest)?;
         let splits: Vec<(String, u64)> = self
             .dataset
@@ -60,26 +74,34 @@ impl Building<'_> {
                 (split.name.clone(), state.shards.iter().filter(|s| s.split == split.name).map(|s| s.rows).sum())
             })
             .collect();
+        let names_of: Vec<String> = self.dataset.splits.iter().map(|split| split.name.clone()).collect();
+        let glance = Glance::of(folder, &manifest, &state.points, draw, &names_of).map_err(Stopped::Failed)?;
+        write("overview.png", &glance.picture(&manifest, &splits), &mut manifest)?;
         write("README.md", card::text(&manifest, &splits, &rows).as_bytes(), &mut manifest)?;
         let document = canonical::canonical_text(&croissant::document(&manifest));
         write("croissant.json", document.as_bytes(), &mut manifest)?;
         // Times are of this machine and this day: no digest covers them.
-        folder.write("costs.parquet", &table(index::costs(&state.entries))?).map_err(Stopped::Failed)?;
+        let costs = encode_pieces(state.points.costs()).map_err(|e| Stopped::Failed(e.to_string()))?;
+        folder.write("costs.parquet", &costs).map_err(Stopped::Failed)?;
         folder.keep(&manifest).map_err(Stopped::Failed)?;
         folder.remove_others(&names);
+        if let Some(log) = &state.log {
+            drop(log.end_of_parts(state.hits, state.ran));
+        }
+        self.store.finish().map_err(|e| Stopped::Failed(e.to_string()))?;
         Ok(Built {
             samples: splits.iter().map(|(_, n)| n).sum(),
             rejects: manifest.rejects,
             hits: state.hits,
             ran: state.ran,
-            cpu_s: state.entries.values().map(|entry| entry.cpu_s).sum(),
+            cpu_s: state.points.all().iter().map(|point| point.cpu_s).sum(),
             bytes: state.shards.iter().map(|shard| shard.bytes).sum(),
         })
     }
 
-    fn statistics(&self, columns: &[ColumnOf], state: &State, index: &Table) -> Result<Vec<statistics::Row>, String> {
-        let quantiles = quantiles(index)?;
+    fn statistics(&self, columns: &[ColumnOf], state: &State) -> Result<Vec<statistics::Row>, String> {
         let (_, draw) = self.plan.draw_of(self.dataset.draws).expect("the stage draws");
+        let quantiles = self.quantiles(draw, state)?;
         let drawn: Vec<&str> = draw.names().collect();
         let mut rows = Vec::new();
         for split in self.dataset.splits.iter() {
@@ -99,18 +121,39 @@ impl Building<'_> {
         }
         Ok(rows)
     }
+
+    /// Of what is drawn as a number: quantiles of the samples that are kept. One column of one split is held at a time.
+    fn quantiles(&self, draw: &Draw, state: &State) -> Result<Quantiles, String> {
+        let mut quantiles = Quantiles::new();
+        for (split, of) in self.dataset.splits.iter().enumerate() {
+            let kept = |point: &&Point| usize::from(point.shard.0) == split && point.row.is_ok();
+            for (place, (name, kind)) in draw.names().zip(draw.types()).enumerate() {
+                if kind == Type::Text || !HAS_QUANTILES {
+                    continue;
+                }
+                let value = |point: &Point| draw.point(point.index).ok()?.get(place)?.as_f64();
+                let values = state.points.all().iter().filter(kept).map(value).collect();
+                quantiles.insert((of.name.clone(), name.to_owned()), quantiles_of(name, values)?);
+            }
+        }
+        Ok(quantiles)
+    }
 }
 
 /// Quantiles of numbers by split and column; none without polars.
 type Quantiles = BTreeMap<(String, String), [Option<f64>; statistics::QUANTILES.len()]>;
 
 #[cfg(feature = "tables")]
-fn quantiles(index: &Table) -> Result<Quantiles, String> {
-    let known = crate::dataset::tables::of_kept(index)?;
-    Ok(known.into_iter().map(|of| ((of.split, of.column), of.quantiles)).collect())
+const HAS_QUANTILES: bool = true;
+#[cfg(not(feature = "tables"))]
+const HAS_QUANTILES: bool = false;
+
+#[cfg(feature = "tables")]
+fn quantiles_of(name: &str, values: Vec<Option<f64>>) -> Result<[Option<f64>; statistics::QUANTILES.len()], String> {
+    crate::dataset::tables::quantiles(name, values)
 }
 
 #[cfg(not(feature = "tables"))]
-fn quantiles(_: &Table) -> Result<Quantiles, String> {
-    Ok(Quantiles::new())
+fn quantiles_of(_: &str, _: Vec<Option<f64>>) -> Result<[Option<f64>; statistics::QUANTILES.len()], String> {
+    Ok(Default::default())
 }

@@ -41,6 +41,29 @@ pub fn moments(columns: &[ColumnOf], samples: &[Sample]) -> ShardMoments {
     columns.iter().enumerate().map(of).collect()
 }
 
+/// As a manifest has them: columns between bars, channels between semicolons, numbers that read back to the bit.
+pub fn text(moments: &ShardMoments) -> String {
+    let one = |m: &Moments| format!("{} {} {} {} {}", m.n, m.mean, m.m2, m.least, m.most);
+    let column = |of: &Vec<Moments>| of.iter().map(one).collect::<Vec<_>>().join(";");
+    moments.iter().map(column).collect::<Vec<_>>().join("|")
+}
+
+/// What [`text`] wrote; `None` where it is something else, or not of so many columns.
+pub fn read(text: &str, columns: usize) -> Option<ShardMoments> {
+    let one = |text: &str| {
+        let mut words = text.split(' ');
+        let n = words.next()?.parse().ok()?;
+        let mut number = || words.next()?.parse::<f64>().ok();
+        Some(Moments { n, mean: number()?, m2: number()?, least: number()?, most: number()? })
+    };
+    let column = |text: &str| match text {
+        "" => Some(Vec::new()),
+        text => text.split(';').map(one).collect(),
+    };
+    let read: ShardMoments = text.split('|').map(column).collect::<Option<_>>()?;
+    (read.len() == columns).then_some(read)
+}
+
 /// Those of both, column by column.
 pub fn join(before: ShardMoments, more: &ShardMoments) -> ShardMoments {
     let joined = before.into_iter().zip(more).map(|(before, more)| {
@@ -50,4 +73,25 @@ pub fn join(before: ShardMoments, more: &ShardMoments) -> ShardMoments {
         before.into_iter().zip(more).map(|(a, b)| a.and(*b)).collect()
     });
     joined.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Moments read back as they were, those of nothing too; cut short they are none.
+    #[test]
+    fn moments_read_back() {
+        let moments = vec![
+            vec![],
+            vec![Moments::of([0.1, 0.2, -1e-300]), Moments::of([])],
+            vec![Moments::of([1.0 / 3.0])],
+            vec![],
+        ];
+        let text = text(&moments);
+        assert_eq!(read(&text, 4), Some(moments));
+        assert_eq!(read(&text, 3), None);
+        assert_eq!(read(&text[..text.len() - 3], 4), None);
+        assert_eq!(read("", 4), None);
+    }
 }

@@ -3,6 +3,7 @@
 mod damage;
 mod gc;
 mod odd;
+mod released;
 mod sharing;
 mod unread;
 mod vanishing;
