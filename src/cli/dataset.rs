@@ -247,8 +247,9 @@ impl Look {
         let times =
             |id: &InstanceId| if sample.instances[*id].axes.contains_key(DRAW_AXIS) { points as f64 } else { 1.0 };
         let seconds: f64 = estimates(&resolver, &survey).iter().map(|(id, of)| of.seconds * times(id)).sum();
-        let values: usize = shapes.iter().flatten().map(|shape| shape.values()).sum();
-        let bytes = values as u64 * if dataset.spec.dtype.name() == "float16" { 2 } else { 4 } * points as u64;
+        let features = dataset.features.iter().zip(&shapes);
+        let sizes = features.filter_map(|(feature, shape)| Some(shape.as_ref()?.values() * feature.spec.dtype.bytes()));
+        let bytes = sizes.sum::<usize>() as u64 * points as u64;
         let shards = |indices: &[u64]| indices.len().div_ceil(dataset.spec.rows);
         if self.json {
             let splits: Vec<Value> = dataset

@@ -1,6 +1,5 @@
 //! `datasets:` — which outputs of a drawn pipeline make the samples of a data set, and how they are split.
 
-use std::collections::BTreeMap;
 
 use turbid_contract::suggest;
 use turbid_draw::Condition;
@@ -34,7 +33,6 @@ pub struct DatasetSpec {
     pub published: Option<String>,
     /// Rows of a shard.
     pub rows: usize,
-    pub dtype: Dtype,
     /// Whether the store gives back what its samples held once it is in a shard.
     pub shards_only: bool,
 }
@@ -46,6 +44,8 @@ pub struct FeatureSpec {
     /// STAGE, STAGE.PORT, STAGE.LAYER or STAGE.PORT.LAYER, cut at the points.
     pub from: Vec<String>,
     pub layers: LayerFilter,
+    /// Of a tensor; numbers are float64.
+    pub dtype: Dtype,
 }
 
 /// Which layers of a stack are meant; empty lists mean any.
@@ -81,6 +81,19 @@ impl Dtype {
             Self::Float32 => "float32",
             Self::Float16 => "float16",
         }
+    }
+
+    pub fn bytes(self) -> usize {
+        match self {
+            Self::Float32 => 4,
+            Self::Float16 => 2,
+        }
+    }
+
+    /// What stands under `dtype`, if anything does.
+    fn read(map: &Node, path: &str, reader: &mut Reader<'_>) -> Option<Self> {
+        let of = [Self::Float32, Self::Float16];
+        choice(map, "dtype", of.map(Self::name), path, reader).map(|place| of[place])
     }
 }
 
@@ -118,11 +131,11 @@ impl DatasetSpec {
         {
             reader.wrong(&found.value, found.at, &join(&path, "published"), "a day, such as \"2026-03-31\"");
         }
-        let sample = parse_sample(entry, &path, reader);
         let (splits, by) = parse_splits(entry.value.entry("splits"), &join(&path, "splits"), reader);
         let far = parse_far(entry.value.entry("far"), &join(&path, "far"), &splits, reader);
         let keep = parse_keep(entry.value.entry("keep"), &join(&path, "keep"), reader);
         let (rows, dtype) = parse_shards(entry.value.entry("shards"), &join(&path, "shards"), reader);
+        let sample = parse_sample(entry, &path, dtype, reader);
         let mut shards_only = false;
         if let Some(store) = entry.value.entry("store") {
             let path = join(&path, "store");
@@ -136,7 +149,7 @@ impl DatasetSpec {
             return None;
         }
         let name = entry.key.clone();
-        Some(Self { name, sample, splits, by, far, keep, about, license, cite, published, rows, dtype, shards_only })
+        Some(Self { name, sample, splits, by, far, keep, about, license, cite, published, rows, shards_only })
     }
 }
 
@@ -153,7 +166,7 @@ fn is_day(text: &str) -> bool {
     }
 }
 
-fn parse_sample(dataset: &Entry, path: &str, reader: &mut Reader<'_>) -> Vec<FeatureSpec> {
+fn parse_sample(dataset: &Entry, path: &str, usual: Dtype, reader: &mut Reader<'_>) -> Vec<FeatureSpec> {
     let Some(section) = dataset.value.entry("sample") else {
         let hint = "add `sample: {frames: frames.frames, mu_a: frames.truth.mu_a}`".to_owned();
         reader.error(dataset.at, path, Mistake::new(Kind::Missing, "the data set has no `sample`"), hint);
@@ -166,17 +179,17 @@ fn parse_sample(dataset: &Entry, path: &str, reader: &mut Reader<'_>) -> Vec<Fea
     if section.value.entries().is_empty() {
         reader.error(section.at, &path, "a sample needs a feature", None);
     }
-    section.value.entries().iter().filter_map(|entry| parse_feature(entry, &join(&path, &entry.key), reader)).collect()
+    section.value.entries().iter().filter_map(|entry| parse_feature(entry, &join(&path, &entry.key), usual, reader)).collect()
 }
 
-fn parse_feature(entry: &Entry, path: &str, reader: &mut Reader<'_>) -> Option<FeatureSpec> {
-    const FILTER: [&str; 5] = ["from", "f_x", "phase", "orientation_deg", "wavelength_nm"];
+fn parse_feature(entry: &Entry, path: &str, usual: Dtype, reader: &mut Reader<'_>) -> Option<FeatureSpec> {
+    const KEYS: [&str; 6] = ["from", "f_x", "phase", "orientation_deg", "wavelength_nm", "dtype"];
     let named = reader.name(&entry.key, entry.at, path, "a feature");
     let rule = "STAGE.PORT, STAGE.PORT.LAYER, or {from: STAGE.PORT, f_x: 0.1, phase: 0}";
-    let mut layers = LayerFilter::default();
+    let (mut layers, mut dtype) = (LayerFilter::default(), usual);
     let (from, at) = match &entry.value.data {
         Data::Map(_) => {
-            reader.known_keys(&entry.value, path, &FILTER, "a feature");
+            reader.known_keys(&entry.value, path, &KEYS, "a feature");
             let Some(from) = entry.value.entry("from") else {
                 reader.error(entry.at, path, Mistake::new(Kind::Missing, "the feature has no `from`"), None);
                 return None;
@@ -191,6 +204,7 @@ fn parse_feature(entry: &Entry, path: &str, reader: &mut Reader<'_>) -> Option<F
                 orientation_deg: numbers("orientation_deg")?,
                 wavelength_nm: numbers("wavelength_nm")?,
             };
+            dtype = Dtype::read(&entry.value, path, reader).unwrap_or(usual);
             (&from.value, from.at)
         }
         _ => (&entry.value, entry.at),
@@ -201,7 +215,7 @@ fn parse_feature(entry: &Entry, path: &str, reader: &mut Reader<'_>) -> Option<F
         reader.wrong(&entry.value, entry.at, path, rule);
         return None;
     }
-    named.then(|| FeatureSpec { name: entry.key.clone(), from, layers })
+    named.then(|| FeatureSpec { name: entry.key.clone(), from, layers, dtype })
 }
 
 /// A number, or a list of numbers.
@@ -352,28 +366,25 @@ fn parse_shards(section: Option<&Entry>, path: &str, reader: &mut Reader<'_>) ->
             rows
         }
     };
-    let choices: BTreeMap<&str, [&str; 2]> =
-        [("compression", ["zstd", "none"]), ("dtype", ["float32", "float16"])].into();
-    let mut chosen = BTreeMap::new();
-    for (key, names) in choices {
-        let Some(entry) = section.value.entry(key) else { continue };
-        let path = join(path, key);
-        let rule = format!("{} or {}", names[0], names[1]);
-        let Some(name) = reader.text(&entry.value, entry.at, &path, &rule) else { continue };
-        match names.iter().position(|known| *known == name) {
-            Some(place) => drop(chosen.insert(key, place)),
-            None => {
-                let hint = suggest::hint(name, names);
-                reader.error(entry.value.span, &path, format!("`{name}` must be {rule}"), hint);
-            }
-        }
-    }
-    if chosen.get("compression") == Some(&1) {
+    if choice(&section.value, "compression", ["zstd", "none"], path, reader) == Some(1) {
         let path = join(path, "compression");
         reader.error(section.at, &path, "shards are compressed by zstd", "leave `compression` out".to_owned());
     }
-    let dtype = if chosen.get("dtype") == Some(&1) { Dtype::Float16 } else { Dtype::Float32 };
+    let dtype = Dtype::read(&section.value, path, reader).unwrap_or(usual.1);
     (usize::try_from(rows).unwrap_or(usual.0), dtype)
+}
+
+/// Which of two names stands under a key.
+fn choice(map: &Node, key: &str, names: [&str; 2], path: &str, reader: &mut Reader<'_>) -> Option<usize> {
+    let entry = map.entry(key)?;
+    let path = join(path, key);
+    let rule = format!("{} or {}", names[0], names[1]);
+    let name = reader.text(&entry.value, entry.at, &path, &rule)?;
+    let found = names.iter().position(|known| *known == name);
+    if found.is_none() {
+        reader.error(entry.value.span, &path, format!("`{name}` must be {rule}"), suggest::hint(name, names));
+    }
+    found
 }
 
 impl KeepSpec {

@@ -15,6 +15,9 @@ use crate::store::index::{self, Covered, Index, Map, Place};
 /// No pack is longer: writers end it near 64 MiB. Something longer is not read, least of all into memory.
 pub(super) const LONGEST: u64 = 1 << 30;
 
+/// Memory for more bytes is taken only where the file has them.
+const LARGE: u64 = 64 << 10;
+
 /// Fewer frames are read again faster than an index is written.
 const FRESH: usize = 4096;
 
@@ -312,7 +315,9 @@ pub(super) fn read(file: &File, place: &Place, kind: Kind, key: &Digest) -> io::
 
 /// The bytes there; none where there are not so many.
 fn read_place(file: &File, offset: u64, length: u64) -> io::Result<Option<Vec<u8>>> {
-    if offset.checked_add(length).is_none_or(|end| end > LONGEST) {
+    let Some(end) = offset.checked_add(length).filter(|&end| end <= LONGEST) else { return Ok(None) };
+    // An index may claim more than its pack holds: that is no reason to take the memory.
+    if length > LARGE && end > file.metadata()?.len() {
         return Ok(None);
     }
     match disk::read_at(file, offset, length as usize) {

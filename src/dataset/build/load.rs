@@ -31,9 +31,8 @@ impl Building<'_> {
     pub(super) fn key(&self, found: &[Found]) -> Result<String, Stopped> {
         let (_, draw) = self.plan.draw_of(self.dataset.draws).expect("the stage draws");
         let group = self.group(draw);
-        let mut parts = PartHasher::new("turbid dataset shard 2");
+        let mut parts = PartHasher::new("turbid dataset shard 3");
         parts.add("format", self.format.name().as_bytes());
-        parts.add("dtype", self.dataset.spec.dtype.name().as_bytes());
         for (name, of) in draw.names().zip(draw.types()) {
             parts.add("drawn", format!("{name} {of:?}").as_bytes());
         }
@@ -141,7 +140,7 @@ impl Building<'_> {
             columns.push(ColumnOf::scalar(&name, dtype, "drawn"));
         }
         for (feature, shape) in self.dataset.features.iter().zip(shapes) {
-            let dtype = if shape.tensor.is_some() { self.dataset.spec.dtype.name() } else { "float64" };
+            let dtype = if shape.tensor.is_some() { feature.spec.dtype.name() } else { "float64" };
             columns.push(ColumnOf {
                 shape: shape.tensor,
                 unit: shape.unit.clone(),
