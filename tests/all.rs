@@ -82,6 +82,8 @@ mod shapes;
 mod shots;
 #[path = "all/spheres.rs"]
 mod spheres;
+#[path = "all/starters.rs"]
+mod starters;
 #[path = "all/terminal.rs"]
 mod terminal;
 #[path = "all/tubes.rs"]
