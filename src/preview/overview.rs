@@ -65,7 +65,8 @@ pub enum Spread {
 /// A PNG file. The same overview and caption give the same bytes.
 ///
 /// Images of one channel have one scale, that of the bar under them; pixels that are no number have grey stripes. Histograms give the
-/// share of each split: the first is filled, all have outlines; numbers over a factor of 20 and more stand on a logarithmic axis.
+/// share of each split: the first is filled, all have outlines; numbers over a factor of 20 and more whose logarithms are spread
+/// more evenly than they themselves stand on a logarithmic axis.
 pub fn overview(of: &Overview, caption: &Caption) -> Vec<u8> {
     let (samples, spread) = (samples(of), marginals(of));
     let head = Figure { heading: caption.title.clone(), subheading: caption.subtitle.clone(), ..Figure::default() };
@@ -266,7 +267,21 @@ fn bins(splits: &[Vec<f32>]) -> Option<(Axis, usize)> {
     }
     // The rule of Rice.
     let many = 2.0 * libm::cbrt(known().count() as f64);
-    Some((Axis::of_nodes(Text::new(), &[low, high])?, (many as usize).clamp(6, MOST_BINS)))
+    let axis = if low < high && !is_of_decades(known().collect()) {
+        Axis::linear(Text::new(), low, high)
+    } else {
+        Axis::of_nodes(Text::new(), &[low, high])?
+    };
+    Some((axis, (many as usize).clamp(6, MOST_BINS)))
+}
+
+/// Whether the quartiles of the logarithms lie more evenly about their median than those of the values.
+fn is_of_decades(mut values: Vec<f64>) -> bool {
+    values.sort_unstable_by(f64::total_cmp);
+    let quartile = |quarter: usize| values[quarter * (values.len() - 1) / 4];
+    let [low, middle, high] = [1, 2, 3].map(quartile);
+    let uneven = |f: fn(f64) -> f64| ((f(low) + f(high) - 2.0 * f(middle)) / (f(high) - f(low))).abs();
+    low > 0.0 && high > low && uneven(libm::log) < uneven(|value| value)
 }
 
 /// A histogram, its axes, and what is not in it.

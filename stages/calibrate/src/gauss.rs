@@ -34,28 +34,42 @@ impl Gauss {
 }
 
 /// Convolution with `kernel` along columns, then rows; beyond the border nothing takes part.
+///
+/// The neighbours at equal distances are added before they are weighted; a row is finished while it is in the cache.
 fn separable(plane: &Plane, kernel: &[f64]) -> Plane {
     if kernel.len() == 1 {
         return plane.clone();
     }
-    let (columns, rows) = (plane.columns, plane.pixels.len() / plane.columns);
-    let mut down = vec![0.0; plane.pixels.len()];
-    for (r, out) in down.chunks_mut(columns).enumerate() {
-        for other in r.saturating_sub(kernel.len() - 1)..(r + kernel.len()).min(rows) {
-            let weight = kernel[r.abs_diff(other)];
-            let from = &plane.pixels[other * columns..(other + 1) * columns];
-            out.iter_mut().zip(from).for_each(|(out, x)| *out += weight * x);
-        }
-    }
-    let mut pixels = vec![0.0; down.len()];
-    for (out, row) in pixels.chunks_mut(columns).zip(down.chunks(columns)) {
-        for (c, out) in out.iter_mut().enumerate() {
-            for other in c.saturating_sub(kernel.len() - 1)..(c + kernel.len()).min(columns) {
-                *out += kernel[c.abs_diff(other)] * row[other];
+    let (columns, rows, reach) = (plane.columns, plane.pixels.len() / plane.columns, kernel.len() - 1);
+    let row = |r: usize| &plane.pixels[r * columns..(r + 1) * columns];
+    let mut pixels = vec![0.0; plane.pixels.len()];
+    // A row with as many zeros at both ends as the kernel reaches.
+    let mut down = vec![0.0; columns + 2 * reach];
+    for (r, out) in pixels.chunks_mut(columns).enumerate() {
+        let middle = &mut down[reach..reach + columns];
+        middle.iter_mut().zip(row(r)).for_each(|(sum, x)| *sum = kernel[0] * x);
+        for (k, &weight) in kernel.iter().enumerate().skip(1) {
+            match (r.checked_sub(k), r + k < rows) {
+                (Some(above), true) => add_both(middle, weight, row(above), row(r + k)),
+                (Some(other), false) => add(middle, weight, row(other)),
+                (None, true) => add(middle, weight, row(r + k)),
+                (None, false) => break,
             }
+        }
+        out.iter_mut().zip(&down[reach..]).for_each(|(sum, x)| *sum = kernel[0] * x);
+        for (k, &weight) in kernel.iter().enumerate().skip(1) {
+            add_both(out, weight, &down[reach - k..], &down[reach + k..]);
         }
     }
     Plane { columns, pixels }
+}
+
+fn add(sum: &mut [f64], weight: f64, x: &[f64]) {
+    sum.iter_mut().zip(x).for_each(|(sum, x)| *sum += weight * x);
+}
+
+fn add_both(sum: &mut [f64], weight: f64, x: &[f64], y: &[f64]) {
+    sum.iter_mut().zip(x).zip(y).for_each(|((sum, x), y)| *sum += weight * (x + y));
 }
 
 #[cfg(test)]

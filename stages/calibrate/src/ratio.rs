@@ -91,7 +91,7 @@ pub fn calibrate(
     let smoothing = [0, 1].map(|arm| {
         // Rounding of the layers' f32 alone is no sharing.
         let sharing = (0..count).map(|k| arms[arm].stack.sharing(arms[arm].info(k))).fold(1.0, f64::max);
-        Smoothing { gauss: gauss[arm], good: &good[arm], sharing: if sharing > 1.001 { sharing } else { 1.0 } }
+        Smoothing::new(gauss[arm], &good[arm], if sharing > 1.001 { sharing } else { 1.0 })
     });
     // Made when needed, twice: kept they would be the third part of all.
     let noise = |arm: usize, k: usize| arms[arm].se(k).map(|se| plane(&se));
@@ -110,7 +110,7 @@ pub fn calibrate(
         .iter()
         .map(|&[i, j]| {
             [0, 1].map(|arm| {
-                let smooth = |c: Cow<'_, [f32]>| smoothing[arm].smoothed_covariance(&plane(&c)).pixels;
+                let smooth = |c: Cow<'_, [f32]>| smoothing[arm].covariance(&plane(&c)).pixels;
                 arms[arm].covariance(i, j).map(smooth)
             })
         })
@@ -185,7 +185,7 @@ pub fn calibrate(
                 let sensitivity =
                     Plane { columns: dim.1, pixels: terms.map(|(&r, m)| over(f64::from(r), *m)).collect() };
                 let se = noise(arm, k).expect("all errors are known");
-                let own = smoothing[arm].variance_of_sum(&smooth[arm][k], &sensitivity, &se);
+                let own = smoothing[arm].variance_of_sum(&sensitivity, &se);
                 own * arms[arm].stack.sharing(arms[arm].info(k))
             };
             // What an arm does not know of a pixel it may still know of its mean.

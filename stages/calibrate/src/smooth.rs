@@ -8,19 +8,24 @@ pub struct Smooth {
     pub value: Plane,
     /// Variance of `value`; `None` where the noise is not known.
     pub variance: Option<Plane>,
+}
+
+/// The smoothing of an arm's planes over its good pixels.
+pub struct Smoothing<'a> {
+    gauss: &'a Gauss,
+    good: &'a Plane,
+    sharing: f64,
     /// sum_j w_ij over good pixels.
     weight: Plane,
 }
 
-/// Good pixels as 1, masked ones as 0, and the smoothing to apply.
-pub struct Smoothing<'a> {
-    pub gauss: &'a Gauss,
-    pub good: &'a Plane,
-    /// How many pixels are as noisy as one, their errors being common: 1 where they are independent.
-    pub sharing: f64,
-}
+impl<'a> Smoothing<'a> {
+    /// `good` is 1 at good pixels and 0 at masked ones. So many pixels as `sharing` are as noisy as one, their errors being common: 1 where
+    /// they are independent.
+    pub fn new(gauss: &'a Gauss, good: &'a Plane, sharing: f64) -> Self {
+        Self { gauss, good, sharing, weight: gauss.sum(good) }
+    }
 
-impl Smoothing<'_> {
     /// sum_j w_ij x_j over good pixels.
     fn sum(&self, x: &Plane) -> Plane {
         self.gauss.sum(&product(self.good, x))
@@ -28,21 +33,16 @@ impl Smoothing<'_> {
 
     /// Smooths a value and its standard error.
     pub fn smooth(&self, value: &Plane, se: Option<&Plane>) -> Smooth {
-        let weight = self.gauss.sum(self.good);
-        let value = quotient(&self.sum(value), &weight);
-        let variance = se.map(|se| self.covariance(&product(se, se), &weight));
-        Smooth { value, variance, weight }
+        let value = quotient(&self.sum(value), &self.weight);
+        Smooth { value, variance: se.map(|se| self.covariance(&product(se, se))) }
     }
 
     /// Smooths the covariance of two quantities of one pixel.
-    pub fn smoothed_covariance(&self, covariance: &Plane) -> Plane {
-        self.covariance(covariance, &self.gauss.sum(self.good))
-    }
-
+    ///
     /// That of independent pixels falls to sum w^2 / (sum w)^2; it grows by as many of them as share their error.
-    fn covariance(&self, covariance: &Plane, weight: &Plane) -> Plane {
+    pub fn covariance(&self, covariance: &Plane) -> Plane {
         let squares = self.gauss.sum_of_squares(&product(self.good, covariance));
-        let weight_squared = product(weight, weight);
+        let weight_squared = product(&self.weight, &self.weight);
         let independent = quotient(&squares, &weight_squared);
         if self.sharing <= 1.0 {
             return independent;
@@ -53,13 +53,13 @@ impl Smoothing<'_> {
 
     /// The share of what a smoothed pixel is made of that `flags` (0 or 1) marks.
     pub fn share(&self, flags: &Plane) -> Plane {
-        quotient(&self.sum(flags), &self.gauss.sum(self.good))
+        quotient(&self.sum(flags), &self.weight)
     }
 
-    /// Variance of sum_i s_i `value_i` by the arm's own noise: smoothing makes neighbours share it, so their
+    /// Variance of sum_i s_i v_i over a smoothed plane v by the arm's own noise: smoothing makes neighbours share it, so their
     /// errors add up instead of averaging out.
-    pub fn variance_of_sum(&self, smooth: &Smooth, sensitivity: &Plane, se: &Plane) -> f64 {
-        let back = self.gauss.sum(&quotient(sensitivity, &smooth.weight));
+    pub fn variance_of_sum(&self, sensitivity: &Plane, se: &Plane) -> f64 {
+        let back = self.gauss.sum(&quotient(sensitivity, &self.weight));
         let terms = back.pixels.iter().zip(&se.pixels).zip(&self.good.pixels);
         terms.map(|((back, se), good)| (good * back * se).powi(2)).sum()
     }
@@ -93,7 +93,7 @@ mod tests {
         let good = plane(12, |i| if i % 7 == 3 { 0.0 } else { 1.0 }, n);
         let value = plane(12, |i| if i % 7 == 3 { 1e30 } else { 0.3 }, n);
         let gauss = Gauss::new(1.5);
-        let smoothing = Smoothing { gauss: &gauss, good: &good, sharing: 1.0 };
+        let smoothing = Smoothing::new(&gauss, &good, 1.0);
         let smooth = smoothing.smooth(&value, None);
         assert!(smooth.value.pixels.iter().all(|v| (v - 0.3).abs() < 1e-14));
     }
@@ -104,10 +104,10 @@ mod tests {
         let n = 12 * 9;
         let good = plane(12, |i| if i == 40 { 0.0 } else { 1.0 }, n);
         let flags = plane(12, |i| if i == 40 || i == 52 { 1.0 } else { 0.0 }, n);
-        let plain = Smoothing { gauss: &Gauss::new(0.0), good: &good, sharing: 1.0 }.share(&flags);
+        let plain = Smoothing::new(&Gauss::new(0.0), &good, 1.0).share(&flags);
         assert!((0..n).all(|i| plain.pixels[i] == if i == 52 { 1.0 } else { 0.0 }));
         let gauss = Gauss::new(1.0);
-        let smoothing = Smoothing { gauss: &gauss, good: &good, sharing: 1.0 };
+        let smoothing = Smoothing::new(&gauss, &good, 1.0);
         let own = smoothing.share(&flags).pixels[52];
         // 1 / (2 pi sigma^2), and a little more for the hole and the border.
         assert!((own - 0.159).abs() < 0.03, "{own}");
@@ -122,13 +122,13 @@ mod tests {
         let (good, se) = (plane(61, |_| 1.0, n), plane(61, |_| 0.2, n));
         for sigma in [1.0_f64, 3.0] {
             let gauss = Gauss::new(sigma);
-            let smoothing = Smoothing { gauss: &gauss, good: &good, sharing: 1.0 };
+            let smoothing = Smoothing::new(&gauss, &good, 1.0);
             let variance = smoothing.smooth(&good, Some(&se)).variance.unwrap().pixels[n / 2];
             let want = 0.04 / (4.0 * std::f64::consts::PI * sigma * sigma);
             assert!((variance / want - 1.0).abs() < 1e-3, "sigma {sigma}: {variance} for {want}");
         }
         let gauss = Gauss::new(0.0);
-        let smoothing = Smoothing { gauss: &gauss, good: &good, sharing: 1.0 };
+        let smoothing = Smoothing::new(&gauss, &good, 1.0);
         assert_eq!(smoothing.smooth(&good, Some(&se)).variance.unwrap().pixels[0], 0.2_f64 * 0.2);
     }
 
@@ -138,7 +138,7 @@ mod tests {
         let n = 12 * 9;
         let (good, se) = (plane(12, |i| if i == 40 { 0.0 } else { 1.0 }, n), plane(12, |_| 0.2, n));
         let gauss = Gauss::new(2.0);
-        let smoothing = Smoothing { gauss: &gauss, good: &good, sharing: n as f64 };
+        let smoothing = Smoothing::new(&gauss, &good, n as f64);
         let variance = smoothing.smooth(&good, Some(&se)).variance.unwrap();
         assert!(variance.pixels.iter().all(|v| (v - 0.04).abs() < 1e-15), "{variance:?}");
     }
@@ -151,7 +151,7 @@ mod tests {
         let se = plane(columns, |i| 0.1 + 0.01 * i as f64, n);
         let s = plane(columns, |i| if i == 7 { 0.0 } else { (i as f64).cos() }, n);
         let gauss = Gauss::new(1.2);
-        let smoothing = Smoothing { gauss: &gauss, good: &good, sharing: 1.0 };
+        let smoothing = Smoothing::new(&gauss, &good, 1.0);
         let mut want = 0.0;
         for j in 0..n {
             let unit = plane(columns, |i| if i == j { 1.0 } else { 0.0 }, n);
@@ -159,8 +159,7 @@ mod tests {
             let total: f64 = response.pixels.iter().zip(&s.pixels).map(|(r, s)| r * s).sum();
             want += (total * se.pixels[j]).powi(2);
         }
-        let reference = smoothing.smooth(&good, Some(&se));
-        let got = smoothing.variance_of_sum(&reference, &s, &se);
+        let got = smoothing.variance_of_sum(&s, &se);
         assert!((got / want - 1.0).abs() < 1e-12, "{got} for {want}");
     }
 }
