@@ -50,14 +50,6 @@ fn look(fringe: &Fringe, stack: &ImageStack, given: bool, ctx: Ctx<'_>) -> Optio
     let infos = || fringe.frames.iter().map(|&i| &stack.layers[i].info);
     let steps: Vec<f64> = infos().filter_map(|info| info.phase_rad).collect();
     if f_x == 0.0 {
-        let differ = steps.iter().any(|s| (s - steps[0]).abs() > 1e-9);
-        if differ && steps.len() == fringe.frames.len() {
-            let degrees = in_degrees(&steps);
-            ctx.warn(format!(
-                "the {} frames at f_x = 0 say phases of {degrees} deg; without a fringe nothing is shifted, and their plain mean is taken as M_DC",
-                fringe.frames.len()
-            ));
-        }
         return None;
     }
     let light = light(stack.layers[fringe.frames[0]].info.wavelength_nm);

@@ -44,10 +44,12 @@ fn of_phases(frames: &Form, covariance: bool) -> Option<Both> {
         if known {
             // Where noise has left no signal of a pixel, its errors are unknown, too.
             modulation.add_errors(&own.values, true);
+            modulation.errors.extend(own.ambient.iter().map(LayerInfo::standard_error));
             phase.add_errors(&own.phases, true);
             modulation.covariances.extend(own.covariances);
         }
         modulation.values.extend(own.values);
+        modulation.values.extend(own.ambient);
         phase.values.extend(own.phases);
         modulation.masks.push(own.mask.clone());
         phase.masks.push(own.mask);

@@ -44,6 +44,8 @@ impl Group<LayerInfo> {
 pub struct OfChannel {
     /// M_DC and M_AC of each fringe.
     pub values: Vec<LayerInfo>,
+    /// Behind them, where frames at f_x = 0 have phases.
+    pub ambient: Option<LayerInfo>,
     /// Where noise is known, for each of the channel's pairs.
     pub covariances: Vec<LayerInfo>,
     pub mask: LayerInfo,
@@ -64,6 +66,7 @@ impl OfChannel {
         let pairs = channel.pairs().into_iter();
         Self {
             values: (0..2 * fringes.len()).map(|q| info(["m_dc", "m_ac"][q % 2], unit, q / 2)).collect(),
+            ambient: crate::ambient::info(channel),
             covariances: pairs.map(|p| covariance(unit, p.map(|q| first_value + q), *wavelength_nm)).collect(),
             mask: mask(*wavelength_nm),
             phases: fringed.map(|k| info("phase", "rad", k)).collect(),

@@ -7,9 +7,11 @@
 //!   with: {method: phase_shift, low_signal: 3}
 //! ```
 //! Frames are told apart by what their layers say (f_x, phase, orientation, wavelength), never by their names. Each
-//! f_x > 0 needs three phases or more that differ; the steps may be unequal. A frame at f_x = 0 is M_DC itself.
+//! f_x > 0 needs three phases or more that differ; the steps may be unequal. A frame at f_x = 0 is M_DC itself;
+//! three or more of them with phases are an amplitude: M_DC without black level and room light, which stand beside it as `ambient`.
 //! Theory and measured figures: `docs/theory/demodulate.md`.
 
+mod ambient;
 pub mod diagnostics;
 mod doubts;
 mod errors;

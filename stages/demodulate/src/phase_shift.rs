@@ -7,8 +7,10 @@ use turbid_optics::sinusoid;
 /// Linear weights that turn the N frames of one spatial frequency into (dc, re, im).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Weights {
-    /// `weights[q][n]` for q = dc, re, im. dc sums to 1, re and im to 0.
+    /// `weights[q][n]` for q = dc, re, im. dc sums to `level`, re and im to 0.
     pub weights: [Vec<f64>; 3],
+    /// What of a constant in all frames is in dc: 1, and 0 where dc is an amplitude ([`Self::amplitude`]).
+    level: f64,
 }
 
 impl Weights {
@@ -17,12 +19,23 @@ impl Weights {
     /// `None` where the steps do not fix a sinusoid: fewer than three phases that differ modulo 2 pi.
     pub fn least_squares(phases_rad: &[f64]) -> Option<Self> {
         let weights = sinusoid::weights(phases_rad)?;
-        Some(Self { weights })
+        Some(Self { weights, level: 1.0 })
+    }
+
+    /// Weights for frames without a fringe (f_x = 0) whose light is stepped as (1 + cos(d_n + `turn_rad`)) / 2: dc is the amplitude of the
+    /// steps, free of black level and room light; re and im stay 0. With them the weights of what is left of the mean: that light.
+    pub fn amplitude(phases_rad: &[f64], turn_rad: f64) -> Option<(Self, Vec<f64>)> {
+        let [mean, re, im] = sinusoid::weights(phases_rad)?;
+        let (sin, cos) = (libm::sin(turn_rad), libm::cos(turn_rad));
+        let amplitude: Vec<f64> = re.iter().zip(&im).map(|(re, im)| cos * re + sin * im).collect();
+        let ambient = mean.iter().zip(&amplitude).map(|(mean, amplitude)| mean - amplitude).collect();
+        let none = vec![0.0; phases_rad.len()];
+        Some((Self { weights: [amplitude, none.clone(), none], level: 0.0 }, ambient))
     }
 
     /// Weights for `n` equal frames without a fringe (f_x = 0): their mean; re and im stay 0.
     pub fn mean(n: usize) -> Self {
-        Self { weights: [vec![1.0 / n as f64; n], vec![0.0; n], vec![0.0; n]] }
+        Self { weights: [vec![1.0 / n as f64; n], vec![0.0; n], vec![0.0; n]], level: 1.0 }
     }
 
     /// The dc of each pixel alone; same bits as [`Self::apply`].
@@ -30,7 +43,8 @@ impl Weights {
         for (i, out) in out.iter_mut().enumerate() {
             let base = f64::from(frames[0][i]);
             let steps = frames.iter().zip(&self.weights[0]).skip(1);
-            *out = steps.fold(base, |sum, (frame, weight)| sum + weight * (f64::from(frame[i]) - base)) as f32;
+            let first = self.level * base;
+            *out = steps.fold(first, |sum, (frame, weight)| sum + weight * (f64::from(frame[i]) - base)) as f32;
         }
     }
 
@@ -42,7 +56,7 @@ impl Weights {
         let first = frames[0];
         let [dc, re, im] = out;
         for ((dc, (re, im)), &base) in dc.iter_mut().zip(re.iter_mut().zip(im.iter_mut())).zip(first) {
-            (*dc, *re, *im) = (f64::from(base), 0.0, 0.0);
+            (*dc, *re, *im) = (self.level * f64::from(base), 0.0, 0.0);
         }
         for (n, frame) in frames.iter().enumerate().skip(1) {
             let [a, b, c] = [self.weights[0][n], self.weights[1][n], self.weights[2][n]];

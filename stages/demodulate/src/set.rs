@@ -14,6 +14,8 @@ pub struct Fringe {
     /// Indices into the layers of the frames.
     pub frames: Vec<usize>,
     pub weights: Weights,
+    /// At f_x = 0 with phases: weights of the light that does not follow them.
+    pub ambient: Option<Vec<f64>>,
 }
 
 /// The frames of one wavelength, fringes by rising f_x, then orientation.
@@ -87,6 +89,7 @@ pub fn channels(layers: &[&LayerInfo]) -> Result<Vec<Channel>, Error> {
                 orientation_deg: orientation,
                 frames: vec![index],
                 weights: Weights::mean(1),
+                ambient: None,
             }),
         }
     }
@@ -100,7 +103,7 @@ pub fn channels(layers: &[&LayerInfo]) -> Result<Vec<Channel>, Error> {
             key(a).partial_cmp(&key(b)).expect("f_x and orientations are finite")
         });
         for fringe in &mut channel.fringes {
-            fringe.weights = weights(fringe, layers)?;
+            (fringe.weights, fringe.ambient) = weights(fringe, layers)?;
         }
     }
     Ok(channels)
@@ -111,10 +114,10 @@ pub fn no_values() -> Error {
     Error::failed_with_hint("the frames hold no layer with values", "connect frames of a render, a camera or files")
 }
 
-fn weights(fringe: &Fringe, layers: &[&LayerInfo]) -> Result<Weights, Error> {
+fn weights(fringe: &Fringe, layers: &[&LayerInfo]) -> Result<(Weights, Option<Vec<f64>>), Error> {
     let f_x = fringe.f_x_per_mm;
     if f_x == 0.0 {
-        return Ok(Weights::mean(fringe.frames.len()));
+        return even_light(fringe, layers);
     }
     let phases: Option<Vec<f64>> = fringe.frames.iter().map(|&i| layers[i].phase_rad).collect();
     let phases = phases.ok_or_else(|| {
@@ -123,10 +126,33 @@ fn weights(fringe: &Fringe, layers: &[&LayerInfo]) -> Result<Weights, Error> {
             "frames carry f_x_per_mm and phase_rad in their layers",
         )
     })?;
-    Weights::least_squares(&phases).ok_or_else(|| {
+    let weights = Weights::least_squares(&phases).ok_or_else(|| {
         Error::failed_with_hint(
             format!("the {} phases at f_x = {f_x} mm^-1 ({phases:?} rad) do not fix a sinusoid", phases.len()),
             "phase_shift needs at least 3 phases that differ modulo 2 pi",
         )
-    })
+    })?;
+    Ok((weights, None))
 }
+
+/// The mean of frames of one phase; of frames whose phases differ the amplitude, with what is left.
+fn even_light(fringe: &Fringe, layers: &[&LayerInfo]) -> Result<(Weights, Option<Vec<f64>>), Error> {
+    let said: Vec<f64> = fringe.frames.iter().filter_map(|&i| layers[i].phase_rad).collect();
+    if said.iter().all(|phase| (phase - said[0]).abs() <= SAME_PHASE_RAD) {
+        return Ok((Weights::mean(fringe.frames.len()), None));
+    }
+    let known = if said.len() == fringe.frames.len() { Weights::amplitude(&said, 0.0) } else { None };
+    let (weights, ambient) = known.ok_or_else(|| {
+        let degrees = said.iter().map(|phase| format!("{:.4}", phase.to_degrees()));
+        let degrees: Vec<String> = degrees.map(|d| d.trim_end_matches('0').trim_end_matches('.').to_owned()).collect();
+        let frames = fringe.frames.len();
+        Error::failed_with_hint(
+            format!("the {frames} frames at f_x = 0 have phases of {} deg, which fix no amplitude", degrees.join(", ")),
+            "three phases or more that differ modulo 360 deg take black level and room light off; frames without steps have one phase",
+        )
+    })?;
+    Ok((weights, Some(ambient)))
+}
+
+/// Phases closer to each other are one: rounding of degrees.
+const SAME_PHASE_RAD: f64 = 1e-9;

@@ -6,6 +6,7 @@ use turbid_contract::{
     Ctx, Error, Forms, ImageStack, Known, LayerInfo, LayerKind, Problems, Stage, StagePlan, in_ports, out_ports,
 };
 
+use crate::ambient;
 use crate::diagnostics::Worst;
 use crate::doubts::dark;
 use crate::form::describe;
@@ -20,7 +21,7 @@ use crate::{joints, snapshot, speckled};
 
 in_ports! {
     pub struct In {
-        /// Camera frames: three phases or more for each f_x > 0, one for f_x = 0.
+        /// Camera frames: three phases or more for each f_x > 0, for f_x = 0 one or three and more.
         frames: one Frames,
         /// Covariance behind the frames, where pixels of several frames share paths.
         covariance: optional Covariance,
@@ -45,7 +46,7 @@ pub struct Demodulate;
 
 impl Stage for Demodulate {
     const NAME: &'static str = "demodulate";
-    const VERSION: u32 = 6;
+    const VERSION: u32 = 7;
     const ABOUT: &'static str =
         "M_DC, M_AC and phase of each pixel from frames of shifted sinusoids, with standard errors";
 
@@ -144,6 +145,7 @@ impl Stage for Demodulate {
             if params.steps == Steps::Estimated {
                 channel.estimate_steps(frames, &mut worst)?;
             }
+            channel.turn_even_light(frames, ctx);
             channel.diagnose(frames, params.steps == Steps::Given, &mut worst, ctx);
             let noise = Noise::of_channel(&channel, &inputs.frames, inputs.covariance.as_ref())?;
             let pass = Pass::new(&channel, noise.as_ref(), frames, params, wants_phase, ctx.simd());
@@ -155,6 +157,12 @@ impl Stage for Demodulate {
             all_good &= tally.all_good();
             tally.report(&channel, noise.is_some(), &planes[planes.len() - 1], ctx);
             pass.describe(planes, &tally, sharing, &mut values, &mut phases);
+            let mask = &values.masks.last().expect("each channel has one").1;
+            let light = ambient::of_channel(&channel, frames, noise.as_ref(), mask, ctx);
+            if let (Some(info), Some((light, errors))) = (ambient::info(&channel), light) {
+                values.errors.extend(errors.map(|errors| (info.standard_error(), errors)));
+                values.values.push((info, light));
+            }
         }
         let stack = |group: Group<(LayerInfo, Array2<f32>)>| {
             let mut stack = ImageStack::new(frames.rows(), frames.columns());

@@ -23,7 +23,7 @@ impl Pass<'_> {
     ) {
         let fringes = &self.channel.fringes;
         let known = self.blocks.is_some();
-        let OfChannel { values: mut infos, covariances, mask, phases: phase_infos } =
+        let OfChannel { values: mut infos, covariances, mask, phases: phase_infos, .. } =
             OfChannel::new(self.channel, values.values.len());
         let phase_infos = if self.wants_phase { phase_infos } else { Vec::new() };
         let uncertain = self.uncertain(&planes, tally);

@@ -8,6 +8,7 @@ use turbid_contract::{Ctx, Error, ImageStack, LayerInfo, LayerKind, MemoryHost, 
 use turbid_demodulate::{Demodulate, In, Out, Params};
 
 mod errors;
+mod even_light;
 mod forms;
 mod inputs;
 mod masks;

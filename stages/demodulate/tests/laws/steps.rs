@@ -7,7 +7,7 @@ use turbid_contract::payload::{Frames, MaskReason};
 use turbid_contract::{ImageStack, Known, LayerInfo, LayerKind, MemoryHost, Problems, Stage};
 use turbid_demodulate::{Demodulate, Method, Params, Steps};
 
-use crate::{at, demodulate, push, with};
+use crate::{demodulate, push, with};
 
 /// Frames whose steps are 10 and 20 degrees off what they say: M_AC ripples by percents; with estimated steps it does not, to 1e-6, masked pixels have
 /// no say, and how far off they were is measured.
@@ -87,9 +87,4 @@ fn doubts_are_told() {
     );
     let flat = said(&told(&[0.0001], right, right));
     assert!(flat.contains("does not show fringes of all phases at f_x = 0.0001 mm^-1"), "{flat}");
-    let mut thrice = ImageStack::new(4, n);
-    (0..3).for_each(|k| push(&mut thrice, 0.0, 2.0 * PI * f64::from(k) / 3.0, &|_, _| 0.2 + 0.1 * f64::from(k), None));
-    let (out, host) = demodulate(Frames(thrice), None, &[]).unwrap();
-    assert!(said(&host).contains("the 3 frames at f_x = 0 say phases of 0, 120, 240 deg"), "{}", said(&host));
-    assert!((at(&out.modulation.0, "m_dc", Some(0.0)) - 0.3).abs() < 1e-6);
 }
