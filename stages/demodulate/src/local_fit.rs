@@ -4,6 +4,8 @@
 //! any window, so that it can be half as wide as the filters that part them in frequency, and at the end of a line, or beside pixels
 //! that do not count, the fit goes on with what there is: nothing is made up beyond the end.
 
+use std::borrow::Cow;
+
 use turbid_optics::elementary::sin_cos_turns;
 
 use crate::unknown_steps::inverted;
@@ -13,6 +15,9 @@ const REACH: f64 = 4.0;
 
 /// A fit whose noise has more than this many times the variance of a full window's is none. At the end of a line it is 2 to 3 times.
 const MOST_NOISE: f64 = 10.0;
+
+/// Standard deviations of its own by which the variance of noise alone may be too large: once in a thousand pixels.
+const LARGE_CHANCE: f64 = 3.0;
 
 /// Share of a full window's weight below which pixels far away speak for what lies between. At the end of a line it is a half.
 const LEAST_WEIGHT: f64 = 0.3;
@@ -43,6 +48,17 @@ impl Weights {
         [0, 1, 2].map(|p| [0, 1, 2].map(|q| of(p, q)))
     }
 
+    /// dc of `mean`, re and im of these.
+    pub fn with_mean(&self, mean: &Self) -> Self {
+        let first = self.first.min(mean.first);
+        let end = (self.first + self.weights.len()).max(mean.first + mean.weights.len());
+        let mut weights = vec![[0.0; 3]; end - first];
+        weights[mean.first - first..].iter_mut().zip(&mean.weights).for_each(|(w, mean)| w[0] = mean[0]);
+        let own = weights[self.first - first..].iter_mut().zip(&self.weights);
+        own.for_each(|(w, own)| (w[1], w[2]) = (own[1], own[2]));
+        Self { first, weights }
+    }
+
     /// Sum of the variances of dc, re and im under white noise of variance 1.
     fn noise(&self) -> f64 {
         self.weights.iter().flatten().map(|w| w * w).sum()
@@ -51,10 +67,10 @@ impl Weights {
 
 /// Fits along lines of one length, all with the same carrier and window.
 pub struct LocalFit {
-    /// The carrier in cycles per pixel.
-    carrier: f64,
-    /// Standard deviation of the window, pixels.
-    sigma: f64,
+    /// Pixels to either side that have a say.
+    reach: usize,
+    /// By the place in the window, from -`reach` on: what a pixel is made of, (dc, re, im) -> value, and its weight.
+    rows: Vec<([f64; 3], f64)>,
     /// Noise and weight of a window that nothing cuts.
     full: [f64; 2],
     /// Of lines without a bad pixel.
@@ -64,52 +80,85 @@ pub struct LocalFit {
 impl LocalFit {
     /// Fits on lines of `length` pixels with a carrier in (0, 1/2) cycles per pixel, under Gaussians of standard deviation `sigma` pixels.
     pub fn new(carrier: f64, sigma: f64, length: usize) -> Self {
-        let mut fit = Self { carrier, sigma, full: [f64::INFINITY, 0.0], whole: Vec::new() };
-        let reach = fit.reach();
+        let reach = libm::ceil(REACH * sigma) as usize;
+        let row = |i: usize| {
+            let j = i as f64 - reach as f64;
+            let (sin, cos) = sin_cos_turns(carrier * j);
+            let x = j / sigma;
+            ([1.0, cos, -sin], libm::exp(-0.5 * x * x))
+        };
+        let rows: Vec<([f64; 3], f64)> = (0..=2 * reach).map(row).collect();
+        let weight = rows.iter().map(|(_, weight)| weight).sum();
+        let mut fit = Self { reach, rows, full: [f64::INFINITY, 0.0], whole: Vec::new() };
         let all = vec![true; (2 * reach + 1).max(length)];
         let noise = fit.solve(reach, &all).map_or(0.0, |w| w.noise());
-        fit.full = [noise, (0..=2 * reach).map(|i| fit.weight(i, reach)).sum()];
+        fit.full = [noise, weight];
         fit.whole = (0..length).map(|k| fit.solve(k, &all[..length])).collect();
         fit
     }
 
     /// Pixels to either side that have a say.
     pub fn reach(&self) -> usize {
-        libm::ceil(REACH * self.sigma) as usize
+        self.reach
     }
 
-    /// The weights of pixel k where all of the line counts; `None` where they do not tell mean and fringe apart.
-    pub fn whole(&self, k: usize) -> Option<&Weights> {
-        self.whole[k].as_ref()
+    /// The window of pixel k on a line: the first of its pixels, and what each is made of with its weight.
+    fn window(&self, k: usize, length: usize) -> (usize, &[([f64; 3], f64)]) {
+        let (first, end) = (k.saturating_sub(self.reach), (k + self.reach + 1).min(length));
+        (first, &self.rows[first + self.reach - k..end + self.reach - k])
     }
 
-    /// The weights of pixel k where only `good` pixels count.
-    pub fn solve(&self, k: usize, good: &[bool]) -> Option<Weights> {
-        let (first, end) = (k.saturating_sub(self.reach()), (k + self.reach() + 1).min(good.len()));
-        let row = |i: usize| {
-            let (sin, cos) = sin_cos_turns(self.carrier * (i as f64 - k as f64));
-            [1.0, cos, -sin]
-        };
-        let rows: Vec<[f64; 3]> = (first..end).map(row).collect();
-        let window: Vec<f64> = (first..end).map(|i| if good[i] { self.weight(i, k) } else { 0.0 }).collect();
+    /// The weights of pixel k where only `good` pixels count; `None` where they do not tell mean and fringe apart.
+    pub fn weights(&self, k: usize, good: &[bool]) -> Option<Cow<'_, Weights>> {
+        let (first, rows) = self.window(k, good.len());
+        if good[first..first + rows.len()].iter().all(|&good| good) {
+            return self.whole[k].as_ref().map(Cow::Borrowed);
+        }
+        self.solve(k, good).map(Cow::Owned)
+    }
+
+    fn solve(&self, k: usize, good: &[bool]) -> Option<Weights> {
+        let (first, rows) = self.window(k, good.len());
+        let window: Vec<f64> =
+            rows.iter().zip(&good[first..]).map(|((_, w), &good)| if good { *w } else { 0.0 }).collect();
         let [noise, weight] = self.full;
         if window.iter().sum::<f64>() < LEAST_WEIGHT * weight {
             return None;
         }
         let mut normal = [[0.0; 3]; 3];
-        for (x, weight) in rows.iter().zip(&window) {
+        for ((x, _), weight) in rows.iter().zip(&window) {
             (0..3).for_each(|p| (0..3).for_each(|q| normal[p][q] += weight * x[p] * x[q]));
         }
         let inverse = inverted(normal, LEAST_DETERMINANT)?;
         let of = |x: &[f64; 3], w: f64| inverse.map(|row| w * (row[0] * x[0] + row[1] * x[1] + row[2] * x[2]));
-        let weights = Weights { first, weights: rows.iter().zip(&window).map(|(x, &w)| of(x, w)).collect() };
+        let weights = Weights { first, weights: rows.iter().zip(&window).map(|((x, _), &w)| of(x, w)).collect() };
         (weights.noise() <= MOST_NOISE * noise).then_some(weights)
     }
 
-    /// Of pixel i in the window of k.
-    fn weight(&self, i: usize, k: usize) -> f64 {
-        let x = (i as f64 - k as f64) / self.sigma;
-        libm::exp(-0.5 * x * x)
+    /// Variance of the structure that the fit of pixel k cannot follow, as one of independent pixels: what it leaves of the line beyond `noise`, the
+    /// variance of a pixel; 0 where noise alone may leave as much.
+    ///
+    /// sum w^2 r^2 over its expectation for residuals of variance 1, sum w^2 (1 - h), h the share that a pixel has in its own fit. Squared weights look
+    /// nearer to the pixel than the fit does: far from it a smooth sample departs more than where the fit is asked.
+    pub fn structure(&self, k: usize, weights: &Weights, line: &[f64], good: &[bool], noise: f64) -> f64 {
+        let [dc, re, im] = weights.apply(line);
+        let (first, rows) = self.window(k, line.len());
+        let (mut sum, mut freedom, mut squares) = (0.0, 0.0, 0.0);
+        for (i, ((x, w), own)) in rows.iter().zip(&weights.weights).enumerate() {
+            if good[first + i] {
+                let residual = line[first + i] - (dc * x[0] + re * x[1] + im * x[2]);
+                let w = w * w;
+                let free = w * (1.0 - (x[0] * own[0] + x[1] * own[1] + x[2] * own[2]));
+                sum += w * residual * residual;
+                (freedom, squares) = (freedom + free, squares + free * free);
+            }
+        }
+        if freedom <= 0.0 {
+            return 0.0;
+        }
+        let chance = 1.0 + LARGE_CHANCE * (2.0 * squares).sqrt() / freedom;
+        let left = sum / freedom;
+        if left > chance * noise { left - noise } else { 0.0 }
     }
 }
 
@@ -136,7 +185,7 @@ mod tests {
                     let line = line(60, carrier, |_| (dc, ac));
                     let fit = LocalFit::new(carrier, periods / carrier, 60);
                     for k in 0..60 {
-                        let [found, re, im] = fit.whole(k).expect("four periods").apply(&line);
+                        let [found, re, im] = fit.weights(k, &[true; 60]).expect("four periods").apply(&line);
                         let phase = TAU * carrier * k as f64 + 0.8;
                         let off = [found - dc, re - ac * libm::cos(phase), im - ac * libm::sin(phase)];
                         assert!(off.iter().all(|off| off.abs() < 1e-11), "carrier {carrier}, pixel {k}: {off:?}");
@@ -156,7 +205,7 @@ mod tests {
         let line = line(512, carrier, truth);
         let fit = LocalFit::new(carrier, 0.35 / carrier, 512);
         let filtered = part(&line, carrier, Filter::Gaussian);
-        let ours: Vec<[f64; 3]> = (0..512).map(|k| fit.whole(k).unwrap().apply(&line)).collect();
+        let ours: Vec<[f64; 3]> = (0..512).map(|k| fit.weights(k, &[true; 512]).unwrap().apply(&line)).collect();
         let theirs = |k: usize| [filtered.dc[k], filtered.fringe[k][0], filtered.fringe[k][1]];
         let (mut own, mut other) = (0.0, 0.0);
         for (k, &ours) in ours.iter().enumerate().take(412).skip(100) {
@@ -202,7 +251,9 @@ mod tests {
         let variances: Vec<f64> = (0..n).map(|k| sigma(k) * sigma(k)).collect();
         let good: Vec<bool> = (0..n).map(|k| k != 22).collect();
         let fit = LocalFit::new(carrier, 0.35 / carrier, n);
-        for weights in [fit.whole(20).unwrap(), fit.whole(0).unwrap(), &fit.solve(24, &good).unwrap()] {
+        let all = [true; 40];
+        for (k, good) in [(20, &all[..]), (0, &all), (24, &good)] {
+            let weights = fit.weights(k, good).unwrap();
             let want = weights.covariance(&variances);
             let mut found = [[0.0; 3]; 3];
             for seed in 0..lines {

@@ -82,11 +82,12 @@ pub struct Params {
     /// speckle: spatial frequencies to read.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub f_x: Vec<PerLength>,
-    /// Width of the window around a pixel, four standard deviations of its Gaussian. speckle: two periods of the lowest f_x or more; single_shot by
-    /// least squares: one period or more, 1.4 if left out.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    /// Width of the window around a pixel, four standard deviations of its Gaussian; `amplitude_window` is another name of it. speckle: two periods of
+    /// the lowest f_x or more; single_shot by least squares: one period or more, two if left out.
+    #[serde(skip_serializing_if = "Option::is_none", alias = "amplitude_window")]
     pub window: Option<Length>,
-    /// speckle: width of the window of M_DC, which needs no band of frequencies; half of `window` if left out.
+    /// Width of the window of M_DC, if another. speckle, whose M_DC needs no band of frequencies: half of `window` if left out; single_shot by least
+    /// squares: one period or more, that of the fringe if left out.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mean_window: Option<Length>,
     /// single_shot, speckle: size of a pixel in the pattern's plane, where no scene is connected.

@@ -189,14 +189,14 @@ fn check_single_shot(params: &Params, problems: &mut Problems) {
     if !single && params.filter != Filter::default() {
         problems.push("filter", "only `method: single_shot` reads filter");
     }
-    if single && params.window.is_some() && params.filter != Filter::LeastSquares {
-        problems.push(
-            "window",
-            "the filters have widths of their own, a quarter or half of the carrier; only `least_squares` reads window",
-        );
-    }
-    if let Some(window) = params.window.filter(|_| single) {
-        problems.require(window.0 > 0.0, "window", window.0, "mm", "be > 0");
+    for (field, window) in [("window", params.window), ("mean_window", params.mean_window)] {
+        let Some(window) = window.filter(|_| single) else { continue };
+        problems.require(window.0 > 0.0, field, window.0, "mm", "be > 0");
+        if params.filter != Filter::LeastSquares {
+            let what =
+                "the filters have widths of their own, a quarter or half of the carrier; only `least_squares` reads";
+            problems.push(field, format!("{what} {field}"));
+        }
     }
 }
 
@@ -206,11 +206,10 @@ fn check_speckle(params: &Params, problems: &mut Problems) {
         if !params.f_x.is_empty() {
             problems.push("f_x", "only `method: speckle` reads f_x");
         }
-        if params.mean_window.is_some() {
-            problems.push("mean_window", "only `method: speckle` reads mean_window");
-        }
-        if params.window.is_some() && params.method != Method::SingleShot {
-            problems.push("window", "only `method: single_shot` and `method: speckle` read window");
+        for (field, window) in [("window", params.window), ("mean_window", params.mean_window)] {
+            if window.is_some() && params.method != Method::SingleShot {
+                problems.push(field, format!("only `method: single_shot` and `method: speckle` read {field}"));
+            }
         }
         return;
     }
