@@ -31,6 +31,31 @@ pub struct Corrected {
     pub reasons: Vec<MaskReason>,
 }
 
+impl Corrected {
+    /// Means of squares of `side` pixels with their new rows and columns; what is left at the right and below is dropped. A square has the first reason of
+    /// its pixels.
+    pub fn binned(self, (rows, columns): (usize, usize), side: usize) -> ((usize, usize), Self) {
+        let size = (rows / side, columns / side);
+        if side == 1 {
+            return (size, self);
+        }
+        let squares = || (0..size.0).flat_map(|r| (0..size.1).map(move |c| (r * side, c * side)));
+        let pixels =
+            |(r, c): (usize, usize)| (r..r + side).flat_map(move |r| (c..c + side).map(move |c| r * columns + c));
+        let count = (side * side) as f64;
+        let mean = |at| (pixels(at).map(|i| f64::from(self.value[i])).sum::<f64>() / count) as f32;
+        let variance = |at| pixels(at).map(|i| self.variance[i]).sum::<f64>() / (count * count);
+        let reason =
+            |at| pixels(at).map(|i| self.reasons[i]).find(|r| *r != MaskReason::Good).unwrap_or(MaskReason::Good);
+        let binned = Self {
+            value: squares().map(mean).collect(),
+            variance: if self.variance.is_empty() { Vec::new() } else { squares().map(variance).collect() },
+            reasons: squares().map(reason).collect(),
+        };
+        (size, binned)
+    }
+}
+
 /// Levels, as shares of full scale.
 pub struct Field {
     levels: Vec<f64>,

@@ -1,11 +1,15 @@
-//! Pictures from the bytes of PNG, TIFF and EXR files.
+//! Pictures from the bytes of PNG, TIFF, EXR, BMP, PGM and NumPy files, and of files without a header.
 //!
 //! Sizes are read and bounded before memory is asked for; one channel is kept, in the numbers of the file.
 
+mod bmp;
 mod exr;
 mod exr_header;
+mod npy;
 mod numbers;
+mod pgm;
 mod png;
+mod raw;
 mod tiff;
 
 use schemars::JsonSchema;
@@ -13,6 +17,7 @@ use serde::{Deserialize, Serialize};
 use turbid_contract::guard::guarded;
 
 pub use numbers::Numbers;
+pub use raw::{Raw, RawType};
 
 /// The most pixels of a picture.
 pub const MOST_PIXELS: u64 = 1 << 28;
@@ -56,6 +61,23 @@ impl Picture {
         Ok(Self { highest: Some(own), ..self })
     }
 
+    /// The part of so many columns and rows, from the column `left` and the row `top` on.
+    ///
+    /// Error: it reaches beyond the picture.
+    pub fn cropped(self, crop: Option<[u32; 4]>) -> Result<Self, String> {
+        let Some([left, top, width, height]) = crop.map(|crop| crop.map(|n| n as usize)) else { return Ok(self) };
+        let Self { rows, columns, .. } = self;
+        if left + width > columns || top + height > rows {
+            return Err(format!(
+                "it has {columns} x {rows} pixels, and crop = [{left}, {top}, {width}, {height}] ends at {} x {}",
+                left + width,
+                top + height
+            ));
+        }
+        let places = (top..top + height).flat_map(|r| (left..left + width).map(move |c| r * columns + c));
+        Ok(Self { rows: height, columns: width, values: self.values.pick(places), highest: self.highest })
+    }
+
     /// A picture of all that was read.
     fn whole((columns, rows): (usize, usize), values: Numbers) -> Result<Self, String> {
         if values.len() != rows * columns {
@@ -66,29 +88,127 @@ impl Picture {
     }
 }
 
+/// Which picture of a file is wanted, and how it is to be read.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Wanted {
+    /// Of coloured pictures.
+    pub channel: Option<Channel>,
+    /// Of several in a file, from 0.
+    pub page: Option<usize>,
+    /// Of files without a header.
+    pub raw: Option<Raw>,
+}
+
 /// Reads a file by its first bytes. At most two times the picture as it is kept, and one row or block of all its channels, stand in
 /// memory beside the bytes.
 ///
 /// Error: what is wrong with it.
-pub fn decode(bytes: &[u8], channel: Option<Channel>) -> Result<Picture, String> {
-    guarded(|| match bytes {
-        [0x89, b'P', b'N', b'G', ..] => png::read(bytes, channel),
-        [b'I', b'I', 42, 0, ..] | [b'M', b'M', 0, 42, ..] => tiff::read(bytes, channel),
-        [0x76, 0x2f, 0x31, 0x01, ..] => exr::read(bytes, channel),
-        _ => Err("it is neither PNG, TIFF nor EXR".to_owned()),
+pub fn decode(bytes: &[u8], wanted: Wanted) -> Result<Picture, String> {
+    let Wanted { channel, page, raw } = wanted;
+    guarded(|| {
+        if let Some(raw) = raw {
+            grey(channel)?;
+            return raw.read(bytes, page.unwrap_or(0));
+        }
+        let kind = Kind::of(bytes)?;
+        if !matches!(kind, Kind::Tiff | Kind::Npy) && page.is_some_and(|page| page > 0) {
+            return Err(no_page(page.unwrap_or(0), 1));
+        }
+        match kind {
+            Kind::Png => png::read(bytes, channel),
+            Kind::Tiff => tiff::read(bytes, channel, page),
+            Kind::Exr => exr::read(bytes, channel),
+            Kind::Bmp => bmp::read(bytes, channel),
+            Kind::Pgm => grey(channel).and_then(|()| pgm::read(bytes)),
+            Kind::Npy => {
+                grey(channel)?;
+                let pages = npy::pages(bytes)?;
+                if page.is_none() && pages > 1 {
+                    return Err(format!(
+                        "it has {pages} pages, and a frame is one picture: name each by `page`, or leave {{phase}} out of the pattern"
+                    ));
+                }
+                npy::read(bytes, page.unwrap_or(0))
+            }
+        }
+    })
+}
+
+/// How many pictures are in a file.
+///
+/// Error: what is wrong with it.
+pub fn pages(bytes: &[u8], raw: Option<Raw>) -> Result<usize, String> {
+    guarded(|| match raw {
+        Some(raw) => raw.pages(bytes),
+        None => match Kind::of(bytes)? {
+            Kind::Tiff => tiff::count(bytes),
+            Kind::Npy => npy::pages(bytes),
+            _ => Ok(1),
+        },
     })
 }
 
 /// Columns and rows of a file, as its header says them.
 ///
 /// Error: what is wrong with the header.
-pub fn size(bytes: &[u8]) -> Result<(usize, usize), String> {
-    guarded(|| match bytes {
-        [0x89, b'P', b'N', b'G', ..] => png::size(bytes),
-        [b'I', b'I', 42, 0, ..] | [b'M', b'M', 0, 42, ..] => tiff::size(bytes),
-        [0x76, 0x2f, 0x31, 0x01, ..] => exr_header::read(bytes).map(|header| (header.columns, header.rows)),
-        _ => Err("it is neither PNG, TIFF nor EXR".to_owned()),
+pub fn size(bytes: &[u8], raw: Option<Raw>) -> Result<(usize, usize), String> {
+    guarded(|| match raw {
+        Some(raw) => Ok((raw.size[0] as usize, raw.size[1] as usize)),
+        None => match Kind::of(bytes)? {
+            Kind::Png => png::size(bytes),
+            Kind::Tiff => tiff::size(bytes),
+            Kind::Exr => exr_header::read(bytes).map(|header| (header.columns, header.rows)),
+            Kind::Bmp => bmp::size(bytes),
+            Kind::Pgm => pgm::size(bytes),
+            Kind::Npy => npy::size(bytes),
+        },
     })
+}
+
+/// What a file is by its first bytes.
+enum Kind {
+    Png,
+    Tiff,
+    Exr,
+    Bmp,
+    Pgm,
+    Npy,
+}
+
+impl Kind {
+    fn of(bytes: &[u8]) -> Result<Self, String> {
+        Ok(match bytes {
+            [0x89, b'P', b'N', b'G', ..] => Self::Png,
+            [b'I', b'I', 42 | 43, 0, ..] | [b'M', b'M', 0, 42 | 43, ..] => Self::Tiff,
+            [0x76, 0x2f, 0x31, 0x01, ..] => Self::Exr,
+            [b'B', b'M', ..] => Self::Bmp,
+            [b'P', b'5', ..] => Self::Pgm,
+            [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => Self::Npy,
+            [b'M', b'A', b'T', b'L', b'A', b'B', ..] => {
+                return Err("it is a MATLAB file: write each frame by `imwrite(uint16(frame), 'name.tif')`".to_owned());
+            }
+            [0x89, b'H', b'D', b'F', ..] => {
+                return Err(
+                    "it is HDF5 (MATLAB 7.3): write each frame by `imwrite(uint16(frame), 'name.tif')`".to_owned()
+                );
+            }
+            [0xff, 0xd8, ..] => return Err("it is a JPEG, whose packing changes numbers: save PNG or TIFF".to_owned()),
+            _ => {
+                let known = "neither PNG, TIFF, EXR, BMP, PGM (P5) nor NumPy (.npy)";
+                return Err(format!("it is {known}; for numbers without a header say `raw`"));
+            }
+        })
+    }
+}
+
+fn no_page(page: usize, pages: usize) -> String {
+    let s = if pages == 1 { "" } else { "s" };
+    format!("it has {pages} page{s}, and page {} is asked for", page + 1)
+}
+
+/// Error: a channel of a kind of file that has none.
+fn grey(channel: Option<Channel>) -> Result<(), String> {
+    place(1, channel).map(|_| ())
 }
 
 /// Which of `count` interleaved channels to take.

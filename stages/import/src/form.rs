@@ -11,9 +11,8 @@ use crate::params::{Params, Shot};
 pub fn layer(params: &Params, shot: &Shot) -> LayerInfo {
     let unit = if params.full_scale.is_some() { "W mm^-2 sr^-1" } else { "1" };
     let mut info = LayerInfo::value("radiance", unit).with_f_x(shot.f_x);
-    if shot.f_x > 0.0 {
-        (info.phase_rad, info.orientation_deg) = (Some(shot.phase_rad), Some(shot.orientation_deg));
-    }
+    info.phase_rad = shot.phase_rad;
+    info.orientation_deg = (shot.f_x > 0.0).then_some(shot.orientation_deg);
     info.wavelength_nm = shot.wavelength_nm;
     info
 }
@@ -27,7 +26,7 @@ pub fn mask(wavelength_nm: Option<f64>) -> LayerInfo {
 pub fn said(params: &Params) -> Attributes {
     let mut attributes = Attributes::new();
     if let Some(pixel) = params.pixel_mm {
-        attributes.insert(PIXEL_PITCH_MM.to_owned(), vec![pixel.0; 2].into());
+        attributes.insert(PIXEL_PITCH_MM.to_owned(), vec![pixel.0 * f64::from(params.bin); 2].into());
     }
     if let Some(name) = &params.rig {
         Rig::named(name.trim()).insert_into(&mut attributes);
@@ -52,7 +51,11 @@ pub fn describe(params: &Params, known: &Known) -> Forms {
         }
     }
     let first = shots.first().and_then(|shot| known.files.get(&shot.at));
-    let pixels = first.and_then(|bytes| size(&bytes).ok()).map(|(columns, rows)| [rows as u64, columns as u64]);
+    let whole = first.and_then(|bytes| size(&bytes, params.raw).ok());
+    let pixels = whole.map(|(columns, rows)| {
+        let (columns, rows) = params.crop.map_or((columns, rows), |[_, _, w, h]| (w as usize, h as usize));
+        [rows, columns].map(|n| n as u64 / u64::from(params.bin.max(1)))
+    });
     let layers = Some([values, errors].concat());
     Forms::from([("frames", Form { pixels, layers, perhaps: masks, ..Form::said(said(params)) })])
 }

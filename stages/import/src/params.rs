@@ -6,19 +6,25 @@ use turbid_contract::{AngleDeg, Length, MaxFile, PerLength, Problems};
 
 use crate::conditions::ConditionsParams;
 use crate::correct::Camera;
-use crate::decode::Channel;
+use crate::decode::{Channel, Picture, Raw, Wanted, decode};
+use crate::names::{self, Place};
 
 /// Params of `import_frames`: `pattern` with `f_x` and `phases`, or `frames`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Params {
-    /// File name with {f_x}, {phase} (its number 0, 1, .., never degrees: name such files in `frames`) and {wavelength}; relative to the pipeline file.
+    /// File name, relative to the pipeline file, with {f_x}, {f_x_index}, {phase} (its number), {phase_deg}, {wavelength}, {wavelength_index} and {n}, the number of
+    /// the file: by wavelength, f_x and phase. Numbers begin with 0; {phase:1} begins with 1, {n:02} has two digits, {n:02+1} both. Without a phase in the name
+    /// the pages of a file are the phases.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pattern: Option<String>,
     /// Of `pattern`: spatial frequencies, mm^-1, written in names as they stand here.
     pub f_x: Vec<PerLength>,
     /// Of `pattern`: equal steps of 2 pi / phases at each f_x > 0.
     pub phases: u32,
+    /// Of `pattern`: the same at f_x = 0, where three steps or more of even light make an amplitude without black level and room light; 1 is a frame
+    /// without steps.
+    pub phases_at_0: u32,
     /// Of `pattern`.
     pub wavelength_nm: Vec<f64>,
     /// Direction of the fringes.
@@ -34,6 +40,15 @@ pub struct Params {
     /// Which channel of coloured files.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub channel: Option<Channel>,
+    /// Part of each picture, px: left, top, width, height.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub crop: Option<[u32; 4]>,
+    /// Square of so many pixels a side that becomes one: the mean of what was corrected; masked where one of them is.
+    #[serde(skip_serializing_if = "is_one")]
+    pub bin: u32,
+    /// Files without a header: what they hold.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub raw: Option<Raw>,
     /// Of the camera, where its numbers fill only part of the file's: 12 in a file of 16.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bits: Option<u32>,
@@ -55,7 +70,7 @@ pub struct Params {
     /// Name of the bench that took the frames, with all its settings: frames of two names are not calibrated with each other.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rig: Option<String>,
-    /// Size of a pixel on the sample, mm: gives pictures and files of the frames, and of what is made from them, a scale.
+    /// Size of a pixel of the files on the sample, mm: gives pictures and files of the frames, and of what is made from them, a scale.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pixel_mm: Option<Length>,
     /// MB (10^6 bytes) that an input file may have; 1 GiB where left out. Not in the key.
@@ -69,9 +84,12 @@ pub struct Params {
 pub struct FrameParams {
     /// Relative to the pipeline file.
     pub file: String,
+    /// Of several pictures in the file: its number, from 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub page: Option<u32>,
     /// Spatial frequency of what is projected; 0 is even light.
     pub f_x: PerLength,
-    /// Phase of the fringes, (1 + cos(2 pi f_x u + phase)) / 2.
+    /// Phase of the fringes, (1 + cos(2 pi f_x u + phase)) / 2; at f_x = 0 that of even light in steps.
     #[serde(default)]
     pub phase_deg: AngleDeg,
     /// Direction of the fringes, where it is not that of all.
@@ -91,12 +109,16 @@ impl Default for Params {
             pattern: None,
             f_x: Vec::new(),
             phases: 3,
+            phases_at_0: 1,
             wavelength_nm: Vec::new(),
             orientation_deg: AngleDeg(0.0),
             frames: Vec::new(),
             dark: None,
             flat: None,
             channel: None,
+            crop: None,
+            bin: 1,
+            raw: None,
             bits: None,
             full_scale: None,
             gamma: 1.0,
@@ -117,20 +139,35 @@ pub struct Shot {
     /// Field that names it.
     pub at: String,
     pub file: String,
+    /// Of several pictures in it, from 0.
+    pub page: Option<usize>,
     pub f_x: f64,
-    pub phase_rad: f64,
+    /// `None` of even light that takes no steps.
+    pub phase_rad: Option<f64>,
     pub orientation_deg: f64,
     pub wavelength_nm: Option<f64>,
     pub exposure: f64,
 }
 
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde asks so")]
+fn is_one(n: &u32) -> bool {
+    *n == 1
+}
+
+/// Files that hold one picture, by the end of their names.
+const ONE_PICTURE: [&str; 4] = [".png", ".exr", ".bmp", ".pgm"];
+
 /// Files of frames that a stage reads.
 const MOST_FILES: u64 = 10_000;
 
 impl Params {
+    fn phases_of(&self, f_x: PerLength) -> u32 {
+        if f_x.0 == 0.0 { self.phases_at_0 } else { self.phases }
+    }
+
     /// How many files of frames are named.
     fn count(&self) -> u64 {
-        let phases = |f_x: &PerLength| if f_x.0 == 0.0 { 1 } else { u64::from(self.phases) };
+        let phases = |f_x: &PerLength| u64::from(self.phases_of(*f_x));
         let of_pattern: u64 = match self.pattern {
             Some(_) => self.f_x.iter().map(phases).sum::<u64>().saturating_mul(self.wavelength_nm.len().max(1) as u64),
             None => 0,
@@ -143,34 +180,27 @@ impl Params {
         if self.count() > MOST_FILES {
             return Vec::new();
         }
-        let turn = 2.0 * std::f64::consts::PI;
-        let listed = self.frames.iter().enumerate().map(|(k, f)| Shot {
-            at: format!("frames.{k}.file"),
-            file: f.file.clone(),
-            f_x: f.f_x.0,
-            phase_rad: f.phase_deg.0 * turn / 360.0,
-            orientation_deg: f.orientation_deg.unwrap_or(self.orientation_deg).0,
-            wavelength_nm: f.wavelength_nm,
-            exposure: f.exposure,
-        });
-        let mut shots: Vec<Shot> = listed.collect();
-        let Some(pattern) = &self.pattern else { return shots };
-        let wavelengths: Vec<Option<f64>> = if self.wavelength_nm.is_empty() {
-            vec![None]
-        } else {
-            self.wavelength_nm.iter().copied().map(Some).collect()
+        let Some(pattern) = &self.pattern else { return self.listed() };
+        let pages = !names::has_phase(pattern);
+        let mut shots = Vec::new();
+        let wavelengths: Vec<Option<f64>> = match &self.wavelength_nm[..] {
+            [] => vec![None],
+            list => list.iter().copied().map(Some).collect(),
         };
-        for wavelength_nm in wavelengths {
-            for &PerLength(f_x) in &self.f_x {
-                let count = if f_x == 0.0 { 1 } else { self.phases };
+        for (wavelength_index, wavelength_nm) in wavelengths.into_iter().enumerate() {
+            for (f_x_index, &PerLength(f_x)) in self.f_x.iter().enumerate() {
+                let count = self.phases_of(PerLength(f_x));
                 for phase in 0..count {
-                    let file = pattern.replace("{f_x}", &f_x.to_string()).replace("{phase}", &phase.to_string());
-                    let file = wavelength_nm.map_or(file.clone(), |w| file.replace("{wavelength}", &w.to_string()));
+                    let n = shots.len();
+                    let place = Place { f_x, f_x_index, phase, phases: count, wavelength_nm, wavelength_index, n };
+                    let turn = 2.0 * std::f64::consts::PI * f64::from(phase) / f64::from(count);
                     shots.push(Shot {
-                        at: format!("pattern.{}", shots.len()),
-                        file,
+                        at: format!("pattern.{n}"),
+                        // What cannot be written is reported by `check`.
+                        file: names::fill(pattern, &place).unwrap_or_else(|_| pattern.clone()),
+                        page: (pages && count > 1).then_some(phase as usize),
                         f_x,
-                        phase_rad: turn * f64::from(phase) / f64::from(count),
+                        phase_rad: (f_x > 0.0 || count > 1).then_some(turn),
                         orientation_deg: self.orientation_deg.0,
                         wavelength_nm,
                         exposure: 0.0,
@@ -179,6 +209,41 @@ impl Params {
             }
         }
         shots
+    }
+
+    fn listed(&self) -> Vec<Shot> {
+        // Even light without steps has no phase.
+        let steps = |f: &FrameParams| {
+            f.f_x.0 > 0.0
+                || self
+                    .frames
+                    .iter()
+                    .any(|o| o.f_x.0 == 0.0 && o.wavelength_nm == f.wavelength_nm && o.phase_deg.0 != 0.0)
+        };
+        let shot = |(k, f): (usize, &FrameParams)| Shot {
+            at: format!("frames.{k}.file"),
+            file: f.file.clone(),
+            page: f.page.map(|page| page.saturating_sub(1) as usize),
+            f_x: f.f_x.0,
+            phase_rad: steps(f).then(|| f.phase_deg.0 * (2.0 * std::f64::consts::PI) / 360.0),
+            orientation_deg: f.orientation_deg.unwrap_or(self.orientation_deg).0,
+            wavelength_nm: f.wavelength_nm,
+            exposure: f.exposure,
+        };
+        self.frames.iter().enumerate().map(shot).collect()
+    }
+
+    /// The picture that is meant of a file of frames, or of a dark or flat field (`page` none).
+    ///
+    /// Error: what is wrong with the file.
+    pub fn read(&self, bytes: &[u8], page: Option<usize>) -> Result<Picture, String> {
+        let wanted = Wanted { channel: self.channel, page, raw: self.raw };
+        let picture = decode(bytes, wanted)?.of_bits(self.bits)?.cropped(self.crop)?;
+        let Picture { rows, columns, .. } = picture;
+        if rows.min(columns) < self.bin as usize {
+            return Err(format!("it has {columns} x {rows} pixels, fewer than bin = {} a side", self.bin));
+        }
+        Ok(picture)
     }
 
     pub fn camera(&self) -> Camera {
@@ -216,6 +281,12 @@ impl Params {
         require((0.1..=10.0).contains(&self.gamma), "gamma", self.gamma, "", "lie in [0.1, 10]");
         let saturation = self.saturation;
         require(saturation > 0.0 && saturation <= 1.0, "saturation", saturation, "", "lie in (0, 1]");
+        if let Some([_, _, width, height]) = self.crop {
+            require(width > 0 && height > 0, "crop", f64::from(width.min(height)), "px", "be a width and a height > 0");
+        }
+        require((1..=64).contains(&self.bin), "bin", f64::from(self.bin), "px", "lie in [1, 64]");
+        let steps = f64::from(self.phases_at_0);
+        require(self.phases_at_0 == 1 || self.phases_at_0 >= 3, "phases_at_0", steps, "", "be 1, or 3 and more");
         if let Some(bits) = self.bits {
             require((1..=32).contains(&bits), "bits", f64::from(bits), "bits", "lie in [1, 32]");
         }
@@ -239,6 +310,9 @@ impl Params {
         for (k, frame) in self.frames.iter().enumerate() {
             let (f_x, exposure) = (frame.f_x.0, frame.exposure);
             problems.require(f_x >= 0.0 && f_x.is_finite(), format!("frames.{k}.f_x"), f_x, "mm^-1", "be >= 0");
+            if frame.page == Some(0) {
+                problems.push(format!("frames.{k}.page"), "pages are counted from 1");
+            }
             let at = format!("frames.{k}.exposure");
             problems.require((-30.0..=30.0).contains(&exposure), at, exposure, "stops", "lie in [-30, 30]");
         }
@@ -251,29 +325,19 @@ impl Params {
         self.check_sets(problems);
     }
 
-    /// Warns of what can be read but hardly be meant: a file that counts twice, phases where there is no fringe.
+    /// Warns of what can be read but hardly be meant: a picture that counts twice.
     pub fn check_meaning(&self, problems: &mut Problems) {
         for (k, frame) in self.frames.iter().enumerate() {
-            if let Some(first) = self.frames[..k].iter().position(|other| other.file == frame.file) {
+            let same = |other: &FrameParams| other.file == frame.file && other.page == frame.page;
+            if let Some(first) = self.frames[..k].iter().position(same) {
                 problems.warn(
                     format!("frames.{k}.file"),
                     format!(
-                        "`{}` stands at frames.{first} too: one picture counts as two frames with noise of their own; save each picture of a file as a file",
+                        "`{}` stands at frames.{first} too: one picture counts as two frames with noise of their own; name each picture of a file by `page`",
                         frame.file
                     ),
                 );
             }
-        }
-        let shifted = |frame: &FrameParams| frame.f_x.0 == 0.0 && frame.phase_deg.0 != 0.0;
-        if let Some((k, frame)) = self.frames.iter().enumerate().find(|(_, frame)| shifted(frame)) {
-            let count = self.frames.iter().filter(|frame| shifted(frame)).count();
-            problems.warn(
-                format!("frames.{k}.phase_deg"),
-                format!(
-                    "phase_deg = {} deg at f_x = 0 is not used ({count} such frames): without a fringe nothing is shifted, and frames at f_x = 0 are averaged",
-                    frame.phase_deg.0
-                ),
-            );
         }
     }
 
@@ -298,20 +362,29 @@ impl Params {
                 );
             }
         }
-        let needs = [
-            ("{f_x}", self.f_x.len() > 1),
-            ("{phase}", self.f_x.iter().any(|f| f.0 > 0.0) && self.phases > 1),
-            ("{wavelength}", self.wavelength_nm.len() > 1),
-        ];
-        let rest = needs.iter().fold(pattern.to_owned(), |rest, (place, _)| rest.replace(place, ""));
-        if let Some((_, from)) = rest.split_once('{') {
-            let unknown = from.split_once('}').map_or(from, |(name, _)| name);
-            let message = format!("`{pattern}`: nothing stands for {{{unknown}}}");
-            problems.push_with_hint("pattern", message, "known: {f_x}, {phase} and {wavelength}");
+        let first =
+            Place { f_x: 0.0, f_x_index: 0, phase: 0, phases: 1, wavelength_nm: Some(0.0), wavelength_index: 0, n: 0 };
+        if let Err(what) = names::fill(pattern, &first) {
+            problems.push_with_hint("pattern", format!("`{pattern}`: {what}"), names::KNOWN);
         }
-        for (place, needed) in needs {
-            if needed && !pattern.contains(place) {
-                problems.push("pattern", format!("`{pattern}` names one file for all: {place} is missing"));
+        let several = self.f_x.iter().any(|f_x| self.phases_of(*f_x) > 1);
+        let name = pattern.to_lowercase();
+        if several && !names::has_phase(pattern) && ONE_PICTURE.iter().any(|kind| name.ends_with(kind)) {
+            problems.push("pattern", format!("`{pattern}` names one file for all: {{phase}} is missing"));
+        }
+        if self.wavelength_nm.is_empty() && names::has(pattern, &["wavelength", "wavelength_nm"]) {
+            problems.push_with_hint(
+                "pattern",
+                "the pattern names a wavelength, and `wavelength_nm` lists none",
+                "wavelength_nm: [660, 850], for example",
+            );
+        }
+        for (what, names, needed) in [
+            ("{f_x}", &["f_x", "f_x_index", "n"][..], self.f_x.len() > 1),
+            ("{wavelength}", &["wavelength", "wavelength_nm", "wavelength_index", "n"], self.wavelength_nm.len() > 1),
+        ] {
+            if needed && !names::has(pattern, names) {
+                problems.push("pattern", format!("`{pattern}` names one file for all: {what} is missing"));
             }
         }
     }

@@ -9,7 +9,7 @@ use turbid_contract::{
 };
 
 use crate::correct::{Corrected, Field, Light};
-use crate::decode::{Picture, decode};
+use crate::decode::{Picture, pages};
 use crate::form;
 use crate::params::{Params, Shot};
 
@@ -29,8 +29,9 @@ pub struct ImportFrames;
 
 impl Stage for ImportFrames {
     const NAME: &'static str = "import_frames";
-    const VERSION: u32 = 2;
-    const ABOUT: &'static str = "measured frames from PNG, TIFF and EXR files, corrected by dark and flat field";
+    const VERSION: u32 = 3;
+    const ABOUT: &'static str =
+        "measured frames from PNG, TIFF, EXR, BMP, PGM, NumPy and raw files, corrected by dark and flat field";
 
     type Params = Params;
     type In = In<'static>;
@@ -57,16 +58,17 @@ impl Stage for ImportFrames {
     fn check(params: &Params, known: &Known, problems: &mut Problems) {
         params.check(problems);
         params.check_meaning(problems);
+        let shots = params.shots();
+        let page = |at: &str| shots.iter().find(|shot| shot.at == at).and_then(|shot| shot.page);
         let decoded = |at: &str, path: &str| {
-            let bytes = known.files.get(at)?;
-            let picture = decode(&bytes, params.channel).and_then(|picture| picture.of_bits(params.bits));
+            let picture = params.read(&known.files.get(at)?, page(at));
             Some(picture.map_err(|what| Error::invalid(at, format!("`{path}`: {what}"))))
         };
         // Pictures of dark and flat field that cannot be read are named with the others.
         let absent = || Error::failed("it was not read");
         let load = |at: &str, path: &str| decoded(at, path).unwrap_or_else(|| Err(absent()));
         let fields = if problems.is_empty() { Fields::of(params, load) } else { Err(absent()) };
-        let shots = params.shots();
+        unread_pages(params, &shots, known, problems);
         let mut first: Option<(String, [usize; 2])> = None;
         for FileUse { at, path, .. } in Self::files(params) {
             let picture = match decoded(&at, &path) {
@@ -117,8 +119,9 @@ impl Stage for ImportFrames {
         ];
         let named = |on: bool| parts.iter().filter(|p| p.1 == on).map(|p| p.0.to_owned()).collect::<Vec<String>>();
         let mut left_out = named(false);
-        if params.pattern.is_some() && params.phases > 1 && params.f_x.iter().any(|f_x| f_x.0 == 0.0) {
-            left_out.push("phases at f_x = 0 but number 0: nothing is shifted there".to_owned());
+        let even = params.f_x.iter().any(|f_x| f_x.0 == 0.0);
+        if params.pattern.is_some() && params.phases > 1 && params.phases_at_0 == 1 && even {
+            left_out.push("phases at f_x = 0 but number 0 (phases_at_0 reads them)".to_owned());
         }
         StagePlan { needs: named(true), left_out, ..StagePlan::default() }
     }
@@ -128,15 +131,16 @@ impl Stage for ImportFrames {
         if shots.is_empty() {
             return Err(Error::failed("no files of frames are named, or too many"));
         }
-        let load = |at: &str, path: &str| -> Result<Picture, Error> {
+        let load = |at: &str, path: &str, page: Option<usize>| -> Result<Picture, Error> {
             let bytes = ctx.file(at).ok_or_else(|| Error::failed(format!("`{path}` was not read")))?;
-            let picture = decode(&bytes, params.channel).and_then(|picture| picture.of_bits(params.bits));
-            picture.map_err(|what| Error::invalid(at, format!("`{path}`: {what}")))
+            params.read(&bytes, page).map_err(|what| Error::invalid(at, format!("`{path}`: {what}")))
         };
-        let fields = Fields::of(params, load)?;
+        let fields = Fields::of(params, |at, path| load(at, path, None))?;
         let read = |k: usize| -> Result<Seen, Error> {
-            let picture = load(&shots[k].at, &shots[k].file)?;
-            Ok(Seen { size: (picture.rows, picture.columns), corrected: fields.correct(params, &shots[k], &picture) })
+            let picture = load(&shots[k].at, &shots[k].file, shots[k].page)?;
+            let size = (picture.rows, picture.columns);
+            let (size, corrected) = fields.correct(params, &shots[k], &picture).binned(size, params.bin as usize);
+            Ok(Seen { size, corrected })
         };
         let seen: Vec<Seen> = ctx.map_tiles(shots.len(), read)?.into_iter().collect::<Result<_, _>>()?;
         for (shot, seen) in shots.iter().zip(&seen) {
@@ -144,6 +148,22 @@ impl Stage for ImportFrames {
         }
         let frames = stack(params, &shots, seen, ctx);
         Ok(Out { frames: Frames(frames) })
+    }
+}
+
+/// Reports pages that no frame is: files of pictures one does not know of.
+fn unread_pages(params: &Params, shots: &[Shot], known: &Known, problems: &mut Problems) {
+    for (k, shot) in shots.iter().enumerate().filter(|(_, shot)| shot.page.is_some()) {
+        if shots[..k].iter().any(|other| other.file == shot.file) {
+            continue;
+        }
+        let Some(Ok(there)) = known.files.get(&shot.at).map(|bytes| pages(&bytes, params.raw)) else { continue };
+        let read = |page: &usize| shots.iter().any(|other| other.file == shot.file && other.page == Some(*page));
+        let unread: Vec<String> = (0..there).filter(|page| !read(page)).map(|page| (page + 1).to_string()).collect();
+        if !unread.is_empty() {
+            let message = format!("`{}` has {there} pages, and no frame is page {}", shot.file, unread.join(", "));
+            problems.push_with_hint(shot.at.as_str(), message, "name it, or save the file without it");
+        }
     }
 }
 

@@ -6,7 +6,11 @@ use exr::prelude::{
     Blocks, Compression, Encoding, FlatSamples, Image, LineOrder, ReadChannels, ReadLayers, SpecificChannels, Vec2,
     WritableImage, f16,
 };
-use turbid_import::{Channel, decode};
+use turbid_import::{Channel, Picture, Wanted};
+
+fn decode(bytes: &[u8], channel: Option<Channel>) -> Result<Picture, String> {
+    turbid_import::decode(bytes, Wanted { channel, ..Wanted::default() })
+}
 
 const COLUMNS: usize = 37;
 const ROWS: usize = 41;

@@ -7,10 +7,14 @@ use serde_json::{Value, json};
 use turbid_contract::kit::Inputs;
 use turbid_contract::payload::{Frames, MaskReason, Rig};
 use turbid_contract::{Ctx, Error, ImageStack, Known, LayerKind, MemoryHost, Payload, Problems, StageRow};
-use turbid_import::{Channel, ImportFrames, decode};
+use turbid_import::{Channel, ImportFrames, Picture, Wanted};
 
 #[path = "stage/forms.rs"]
 mod forms;
+
+fn decode(bytes: &[u8], channel: Option<Channel>) -> Result<Picture, String> {
+    turbid_import::decode(bytes, Wanted { channel, ..Wanted::default() })
+}
 
 const ROWS: usize = 6;
 const COLUMNS: usize = 8;
@@ -50,6 +54,14 @@ fn import(params: &Value, files: &[(&str, Arc<[u8]>)]) -> Result<ImageStack, Err
     let host = MemoryHost { files, ..MemoryHost::default() };
     let outputs = StageRow::of::<ImportFrames>().run(params, &Inputs::none(), Ctx::new(&host))?;
     Ok(Frames::from_artifact(outputs.into_iter().next().unwrap().1).unwrap().0)
+}
+
+/// What `check` says of params and files, a line each.
+fn check(params: &Value, files: &[(&str, Arc<[u8]>)]) -> String {
+    let mut problems = Problems::default();
+    let files = files.iter().map(|(at, bytes)| ((*at).to_owned(), bytes.clone())).collect();
+    StageRow::of::<ImportFrames>().check(params, &Known { files, ..Known::default() }, &mut problems);
+    problems.into_parts().0.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")
 }
 
 /// The same ramp in every kind of file: numbers come back as they were written, with the highest that there is.
@@ -108,7 +120,7 @@ fn every_kind_of_file_is_read() {
     let rgb = tiff::<RGB16>(&coloured);
     assert!(decode(&rgb, None).unwrap_err().contains("say `channel: red`"));
     assert!(decode(&grey8(|_| 1), Some(Channel::Red)).unwrap_err().contains("leave `channel` out"));
-    assert!(decode(b"GIF89a", None).unwrap_err().contains("neither PNG, TIFF nor EXR"));
+    assert!(decode(b"GIF89a", None).unwrap_err().contains("neither PNG, TIFF, EXR, BMP"));
 }
 
 /// Frame = (number - dark) / response: a scene behind vignette and offset comes back, whatever the exposure; saturated and
@@ -209,12 +221,6 @@ fn patterns_name_files() {
 
 #[test]
 fn every_mistake_has_its_field() {
-    let check = |params: &Value, files: &[(&str, Arc<[u8]>)]| {
-        let mut problems = Problems::default();
-        let files = files.iter().map(|(at, bytes)| ((*at).to_owned(), bytes.clone())).collect();
-        StageRow::of::<ImportFrames>().check(params, &Known { files, ..Known::default() }, &mut problems);
-        problems.into_parts().0.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")
-    };
     let one = |f_x: f64, phase: u32| json!({"file": "a.png", "f_x": f_x, "phase_deg": phase});
     for (params, message) in [
         (json!({}), "no files are named"),
@@ -251,7 +257,7 @@ fn every_mistake_has_its_field() {
     let found =
         check(&two, &[("frames.0.file", grey8(|_| 7)), ("frames.1.file", small), ("flat", Arc::from(*b"no picture"))]);
     assert!(found.contains("frames.1.file: `a.png` has 8 x 2 pixels, `a.png` has 8 x 6"), "{found}");
-    assert!(found.contains("flat: `f.png`: it is neither PNG, TIFF nor EXR"), "{found}");
+    assert!(found.contains("flat: `f.png`: it is neither PNG, TIFF, EXR, BMP"), "{found}");
     // A camera of 12 bits in files of 16: full scale is 4095, and what is above it is no number of it.
     let twelve = |bits: u32| json!({"frames": [one(0.0, 0)], "bits": bits});
     let stack = import(&twelve(12), &[("frames.0.file", tiff16(|_| 819))]).unwrap();
@@ -281,8 +287,8 @@ fn every_mistake_has_its_field() {
     assert!(dark.contains("no pixel of `a.png` is brighter than darkness"), "{dark}");
 }
 
-/// One file listed three times with phases at f_x = 0 (pages of it, as its author thinks): each is named where it stands, before anything runs;
-/// files of their own, and phases of fringes, are not.
+/// One picture listed three times (pages of it, as its author thinks): each is named where it stands, before anything runs; pages and files of their own
+/// are not.
 #[test]
 fn what_is_hardly_meant_is_warned_of() {
     let warnings = |frames: Value| {
@@ -294,26 +300,26 @@ fn what_is_hardly_meant_is_warned_of() {
     };
     let one = |file: &str, f_x: f64, phase: u32| json!({"file": file, "f_x": f_x, "phase_deg": phase});
     let found = warnings(json!([one("a.tif", 0.0, 0), one("a.tif", 0.0, 120), one("a.tif", 0.0, 240)]));
-    assert_eq!(found.len(), 3, "{found:?}");
+    assert_eq!(found.len(), 2, "{found:?}");
     assert!(found[0].starts_with("frames.1.file: `a.tif` stands at frames.0 too"), "{found:?}");
     assert!(found[1].starts_with("frames.2.file: `a.tif` stands at frames.0 too"), "{found:?}");
-    assert!(
-        found[2].starts_with("frames.1.phase_deg: phase_deg = 120 deg at f_x = 0 is not used (2 such frames)"),
-        "{found:?}"
-    );
+    let page = |page: u32| json!({"file": "a.tif", "f_x": 0, "phase_deg": 120 * page, "page": page});
+    assert!(warnings(json!([page(1), page(2), page(3)])).is_empty());
     let fine = json!([one("a", 0.0, 0), one("b", 0.1, 0), one("c", 0.1, 120), one("d", 0.1, 240)]);
     assert!(warnings(fine).is_empty());
 }
 
-/// A pattern that has phases says that of f_x = 0 one alone is read.
+/// A pattern that has phases says that of f_x = 0 one alone is read, where that is so.
 #[test]
 fn the_plan_says_which_phases_are_left_out() {
-    let left_out = |f_x: &[f64]| {
-        let params = serde_json::from_value(json!({"pattern": "a_{f_x}_{phase}.png", "f_x": f_x})).unwrap();
+    let left_out = |f_x: &[f64], phases_at_0: u32| {
+        let params = json!({"pattern": "a_{f_x}_{phase}.png", "f_x": f_x, "phases_at_0": phases_at_0});
+        let params = serde_json::from_value(params).unwrap();
         <ImportFrames as turbid_contract::Stage>::plan(&params, &Known::default()).left_out.join("; ")
     };
-    assert!(left_out(&[0.0, 0.1]).contains("phases at f_x = 0 but number 0"));
-    assert!(!left_out(&[0.1]).contains("phases"));
+    assert!(left_out(&[0.0, 0.1], 1).contains("phases at f_x = 0 but number 0"));
+    assert!(!left_out(&[0.1], 1).contains("phases"));
+    assert!(!left_out(&[0.0, 0.1], 3).contains("phases"));
 }
 
 /// A file of two pages, of which one would be read silently; numbers that are no shares of full scale; numbers that are none.
@@ -368,4 +374,92 @@ fn the_bench_is_named() {
     StageRow::of::<ImportFrames>().check(&empty, &Known::default(), &mut problems);
     let (mistakes, _) = problems.into_parts();
     assert!(mistakes.len() == 1 && mistakes[0].path == "rig", "{mistakes:?}");
+}
+
+/// What a file of numbers `0..n` is read as: pages as phases of a pattern, by their names, and none left unread.
+#[test]
+fn pages_are_phases() {
+    use tiff::encoder::colortype::Gray16;
+    let n = ROWS * COLUMNS;
+    let pages = |count: u16, large: bool| -> Arc<[u8]> {
+        let mut bytes = Cursor::new(Vec::new());
+        let page = |k: u16| vec![1000 * (k + 1); n];
+        if large {
+            let mut encoder = tiff::encoder::TiffEncoder::new_big(&mut bytes).unwrap();
+            (0..count).for_each(|k| encoder.write_image::<Gray16>(COLUMNS as u32, ROWS as u32, &page(k)).unwrap());
+        } else {
+            let mut encoder = tiff::encoder::TiffEncoder::new(&mut bytes).unwrap();
+            (0..count).for_each(|k| encoder.write_image::<Gray16>(COLUMNS as u32, ROWS as u32, &page(k)).unwrap());
+        }
+        bytes.into_inner().into()
+    };
+    let pattern = json!({"pattern": "a_{f_x}.tif", "f_x": [0.1], "phases": 3});
+    let at = |bytes: &Arc<[u8]>| [0, 1, 2].map(|k| (["pattern.0", "pattern.1", "pattern.2"][k], bytes.clone()));
+    for large in [false, true] {
+        let stack = import(&pattern, &at(&pages(3, large))).unwrap();
+        for (k, layer) in stack.layers.iter().enumerate() {
+            let want = (1000.0 * (k as f64 + 1.0) / 65535.0) as f32;
+            assert!(layer.data.iter().all(|&v| v == want), "page {k}");
+            let phase = 2.0 * std::f64::consts::PI * k as f64 / 3.0;
+            assert!((layer.info.phase_rad.unwrap() - phase).abs() < 1e-12);
+        }
+        let found = check(&pattern, &at(&pages(4, large)));
+        assert!(found.contains("pattern.0: `a_0.1.tif` has 4 pages, and no frame is page 4"), "{found}");
+        let found = check(&pattern, &at(&pages(2, large)));
+        assert!(found.contains("pattern.2: `a_0.1.tif`: it has 2 pages, and page 3 is asked for"), "{found}");
+    }
+    // Those of one file in another order, by name.
+    let one = |page: u32, phase: u32| json!({"file": "a.tif", "f_x": 0.1, "phase_deg": phase, "page": page});
+    let named = json!({"frames": [one(3, 0), one(1, 120), one(2, 240)]});
+    let files = [0, 1, 2].map(|k| (["frames.0.file", "frames.1.file", "frames.2.file"][k], pages(3, false)));
+    let stack = import(&named, &files).unwrap();
+    let firsts: Vec<f32> = stack.layers.iter().map(|layer| layer.data[(0, 0)] * 65535.0).collect();
+    assert_eq!(firsts, [3000.0, 1000.0, 2000.0]);
+}
+
+/// Three steps of even light by a pattern carry their phases; one frame carries none.
+#[test]
+fn even_light_in_steps_has_phases() {
+    let of = |phases_at_0: u32| {
+        let params = json!({"pattern": "a_{phase:1}.png", "f_x": [0], "phases_at_0": phases_at_0});
+        let names: Vec<String> = (0..phases_at_0).map(|k| format!("pattern.{k}")).collect();
+        let files: Vec<(&str, Arc<[u8]>)> = names.iter().map(|name| (name.as_str(), grey8(|_| 99))).collect();
+        import(&params, &files).unwrap().layers.iter().map(|layer| layer.info.phase_rad).collect::<Vec<_>>()
+    };
+    assert_eq!(of(1), [None]);
+    let third = 2.0 * std::f64::consts::PI / 3.0;
+    assert_eq!(of(3), [Some(0.0), Some(third), Some(2.0 * third)]);
+}
+
+/// A part of the picture, and squares of its pixels: means, variances of means, and no pixel beside a saturated one passes for good.
+#[test]
+fn pictures_are_cropped_and_binned() {
+    let ramp = grey8(|i| if i == 9 { 255 } else { i as u8 });
+    let params = |crop: Value, bin: u32| json!({"frames": [{"file": "a.png", "f_x": 0}], "crop": crop, "bin": bin, "full_well": 1000, "pixel_mm": 0.5});
+    let stack = import(&params(json!([2, 1, 5, 4]), 1), &[("frames.0.file", ramp.clone())]).unwrap();
+    let layer = |stack: &ImageStack, k: usize| stack.layers[k].data.clone();
+    assert_eq!(layer(&stack, 0).dim(), (4, 5));
+    assert_eq!(layer(&stack, 0)[(0, 0)], (10.0_f64 / 255.0) as f32);
+    assert_eq!(layer(&stack, 0)[(3, 4)], (38.0_f64 / 255.0) as f32);
+    let plain = import(&params(json!([0, 0, 8, 6]), 1), &[("frames.0.file", ramp.clone())]).unwrap();
+    let binned = import(&params(json!([0, 0, 8, 6]), 2), &[("frames.0.file", ramp.clone())]).unwrap();
+    assert_eq!(layer(&binned, 0).dim(), (3, 4));
+    // Pixels 2, 3, 10 and 11.
+    assert!((layer(&binned, 0)[(0, 1)] - 6.5 / 255.0).abs() < 1e-7);
+    let se = |stack: &ImageStack, at| f64::from(layer(stack, 1)[at]).powi(2);
+    let want = (se(&plain, (0, 2)) + se(&plain, (0, 3)) + se(&plain, (1, 2)) + se(&plain, (1, 3))) / 16.0;
+    assert!((se(&binned, (0, 1)) / want - 1.0).abs() < 1e-5);
+    let mask = |stack: &ImageStack| stack.mask(None).unwrap().data.clone();
+    assert_eq!(mask(&plain).iter().filter(|&&m| m != 0.0).count(), 1);
+    assert_eq!(mask(&binned)[(0, 0)], MaskReason::Saturated.code());
+    assert_eq!(binned.attributes["pixel_pitch_mm"], json!([1.0, 1.0]));
+    for (crop, bin, message) in [
+        (json!([4, 0, 5, 6]), 1, "`a.png`: it has 8 x 6 pixels, and crop = [4, 0, 5, 6] ends at 9 x 6"),
+        (json!([0, 0, 0, 6]), 1, "crop = 0 px must be a width and a height > 0"),
+        (json!([0, 0, 3, 6]), 4, "`a.png`: it has 3 x 6 pixels, fewer than bin = 4 a side"),
+        (json!([0, 0, 3, 6]), 0, "bin = 0 px must lie in [1, 64]"),
+    ] {
+        let found = check(&params(crop, bin), &[("frames.0.file", ramp.clone())]);
+        assert!(found.contains(message), "{found}");
+    }
 }

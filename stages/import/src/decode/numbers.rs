@@ -5,6 +5,7 @@
 pub enum Numbers {
     U8(Vec<u8>),
     U16(Vec<u16>),
+    I16(Vec<i16>),
     U32(Vec<u32>),
     F32(Vec<f32>),
     F64(Vec<f64>),
@@ -16,6 +17,7 @@ impl Numbers {
         match self {
             Self::U8(v) => v.len(),
             Self::U16(v) => v.len(),
+            Self::I16(v) => v.len(),
             Self::U32(v) => v.len(),
             Self::F32(v) => v.len(),
             Self::F64(v) => v.len(),
@@ -27,6 +29,7 @@ impl Numbers {
         match self {
             Self::U8(v) => f64::from(v[i]),
             Self::U16(v) => f64::from(v[i]),
+            Self::I16(v) => f64::from(v[i]),
             Self::U32(v) => f64::from(v[i]),
             Self::F32(v) => f64::from(v[i]),
             Self::F64(v) => v[i],
@@ -42,9 +45,31 @@ impl Numbers {
         match self {
             Self::U8(_) => Some(f64::from(u8::MAX)),
             Self::U16(_) => Some(f64::from(u16::MAX)),
+            Self::I16(_) => Some(f64::from(i16::MAX)),
             Self::U32(_) => Some(f64::from(u32::MAX)),
             Self::F32(_) | Self::F64(_) => None,
         }
+    }
+}
+
+/// The numbers of a type, kept by their places.
+macro_rules! kept {
+    ($numbers:expr, $at:expr) => {
+        match $numbers {
+            Numbers::U8(v) => Numbers::U8($at.map(|i| v[i]).collect()),
+            Numbers::U16(v) => Numbers::U16($at.map(|i| v[i]).collect()),
+            Numbers::I16(v) => Numbers::I16($at.map(|i| v[i]).collect()),
+            Numbers::U32(v) => Numbers::U32($at.map(|i| v[i]).collect()),
+            Numbers::F32(v) => Numbers::F32($at.map(|i| v[i]).collect()),
+            Numbers::F64(v) => Numbers::F64($at.map(|i| v[i]).collect()),
+        }
+    };
+}
+
+impl Numbers {
+    /// Those at these places, in this order.
+    pub(super) fn pick(&self, places: impl Iterator<Item = usize>) -> Self {
+        kept!(self, places)
     }
 }
 

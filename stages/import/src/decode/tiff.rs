@@ -1,4 +1,4 @@
-//! TIFF: grey and RGB of 8, 16 and 32 bit and floating-point, by strips and tiles.
+//! TIFF and BigTIFF: grey and RGB of 8, 16 (signed too) and 32 bit and floating-point, by strips and tiles, of one page or several.
 
 use std::io::Cursor;
 
@@ -29,8 +29,71 @@ fn open(bytes: &[u8]) -> Result<(File<'_>, (usize, usize)), String> {
     Ok((decoder, bounded(u64::from(columns), u64::from(rows))?))
 }
 
-pub fn read(bytes: &[u8], channel: Option<Channel>) -> Result<Picture, String> {
+/// `page`: which of several, from 0; a file of one page needs none.
+pub fn read(bytes: &[u8], channel: Option<Channel>, page: Option<usize>) -> Result<Picture, String> {
     let (mut decoder, size) = open(bytes)?;
+    let (mut decoder, size) = match page {
+        Some(page) => turned_to(decoder, page)?,
+        None => {
+            let pages = pages(&mut decoder)?;
+            if pages > 1 {
+                let pages = if pages > MOST_PAGES { format!("more than {MOST_PAGES}") } else { pages.to_string() };
+                return Err(format!(
+                    "it has {pages} pages, and a frame is one picture: name each by `page`, or leave {{phase}} out of the pattern"
+                ));
+            }
+            drop(decoder);
+            (open(bytes)?.0, size)
+        }
+    };
+    let orientation = decoder.find_tag_unsigned::<u16>(Tag::Orientation).map_err(said)?.unwrap_or(1);
+    let picture = one(decoder, bytes, size, channel)?;
+    turned(picture, orientation)
+}
+
+/// The page that is asked for: smaller copies of pages do not count.
+fn turned_to(mut decoder: File<'_>, page: usize) -> Result<(File<'_>, (usize, usize)), String> {
+    let mut at = 0;
+    while at < page {
+        let pages = at + 1;
+        if !decoder.more_images() || at > MOST_PAGES {
+            return Err(super::no_page(page, pages));
+        }
+        decoder.next_image().map_err(said)?;
+        at += usize::from(!is_copy(&mut decoder)?);
+    }
+    let (columns, rows) = decoder.dimensions().map_err(said)?;
+    let size = bounded(u64::from(columns), u64::from(rows))?;
+    Ok((decoder, size))
+}
+
+/// How many pictures are in it.
+pub fn count(bytes: &[u8]) -> Result<usize, String> {
+    pages(&mut open(bytes)?.0)
+}
+
+/// The picture as its orientation tag (TIFF 6.0, section 8) has it seen.
+fn turned(picture: Picture, orientation: u16) -> Result<Picture, String> {
+    let Picture { rows, columns, ref values, .. } = picture;
+    let (up, left) = match orientation {
+        1 => return Ok(picture),
+        2 => (false, true),
+        3 => (true, true),
+        4 => (true, false),
+        other => {
+            return Err(format!(
+                "its tag `Orientation` is {other}, which turns it on its side: save it upright (orientation 1)"
+            ));
+        }
+    };
+    let places = (0..rows).flat_map(|r| {
+        let row = if up { rows - 1 - r } else { r };
+        (0..columns).map(move |c| row * columns + if left { columns - 1 - c } else { c })
+    });
+    Ok(Picture { values: values.pick(places), ..picture })
+}
+
+fn one(mut decoder: File<'_>, bytes: &[u8], size: (usize, usize), channel: Option<Channel>) -> Result<Picture, String> {
     let (count, bits) = match decoder.colortype().map_err(said)? {
         tiff::ColorType::Gray(bits) => (1, bits),
         tiff::ColorType::GrayA(bits) => (2, bits),
@@ -54,34 +117,31 @@ pub fn read(bytes: &[u8], channel: Option<Channel>) -> Result<Picture, String> {
     let mut limits = Limits::default();
     limits.decoding_buffer_size = whole.max(SMALL) as usize;
     limits.intermediate_buffer_size = limits.intermediate_buffer_size.max(bytes.len());
-    let mut decoder = decoder.with_limits(limits);
-    let values = pixels(&mut decoder, size, count, at)?;
-    let pages = pages(&mut decoder)?;
-    if pages > 1 {
-        let pages = if pages > MOST_PAGES { format!("more than {MOST_PAGES}") } else { pages.to_string() };
-        return Err(format!("it has {pages} pages, and a frame is one picture: save each page as a file of its own"));
-    }
-    Picture::whole(size, values)
+    Picture::whole(size, pixels(&mut decoder.with_limits(limits), size, count, at)?)
 }
 
 /// No tag of the first directory claims more than the file holds: the library reserves memory by these counts before a limit can be set.
 ///
 /// A directory that is cut short is left to the library.
 fn tags_fit(bytes: &[u8]) -> Result<(), String> {
-    const ENTRY: usize = 12;
     let big = bytes.starts_with(b"MM");
+    // BigTIFF counts in 8 bytes what TIFF counts in 4, and its entries in 8 in place of 2.
+    let is_large = bytes.get(2..4).is_some_and(|magic| magic.contains(&43));
+    let (wide, few, entry_bytes, first) = if is_large { (8, 8, 20, 8) } else { (4, 2, 12, 4) };
     let number = |at: usize, length: usize| -> Option<u64> {
         let digits = bytes.get(at..at.checked_add(length)?)?.iter();
         let join = |number: u64, digit: &u8| number << 8 | u64::from(*digit);
         Some(if big { digits.fold(0, join) } else { digits.rev().fold(0, join) })
     };
-    let Some((start, entries)) = number(4, 4).and_then(|start| Some((start as usize, number(start as usize, 2)?)))
-    else {
+    let Some((start, entries)) = number(first, wide).and_then(|start| {
+        let start = usize::try_from(start).ok().filter(|start| *start < bytes.len())?;
+        Some((start, number(start, few)?))
+    }) else {
         return Ok(());
     };
     let entry = |k: usize| {
-        let at = start + 2 + k * ENTRY;
-        Some((number(at, 2)?, number(at + 2, 2)?, number(at + 4, 4)?))
+        let at = k.checked_mul(entry_bytes)?.checked_add(start + few)?;
+        Some((number(at, 2)?, number(at + 2, 2)?, number(at + 4, wide)?))
     };
     for (tag, kind, count) in (0..entries as usize).map_while(entry) {
         // Bytes of a value by its type: TIFF 6.0, section 2; 13 and above are later additions.
@@ -91,7 +151,7 @@ fn tags_fit(bytes: &[u8]) -> Result<(), String> {
             5 | 10 | 12 | 16..=18 => 8,
             _ => 1,
         };
-        if count * size > bytes.len() as u64 {
+        if count.saturating_mul(size) > bytes.len() as u64 {
             return Err(format!(
                 "its tag {tag} claims {count} values of {size} bytes, and the file has {}",
                 bytes.len()
@@ -146,6 +206,7 @@ impl Place {
         match (read, all) {
             (DecodingResult::U8(read), Numbers::U8(all)) => self.copy(&read, all),
             (DecodingResult::U16(read), Numbers::U16(all)) => self.copy(&read, all),
+            (DecodingResult::I16(read), Numbers::I16(all)) => self.copy(&read, all),
             (DecodingResult::U32(read), Numbers::U32(all)) => self.copy(&read, all),
             (DecodingResult::F32(read), Numbers::F32(all)) => self.copy(&read, all),
             (DecodingResult::F64(read), Numbers::F64(all)) => self.copy(&read, all),
@@ -170,10 +231,13 @@ fn numbers(read: DecodingResult) -> Result<Numbers, String> {
     match read {
         DecodingResult::U8(v) => Ok(Numbers::U8(v)),
         DecodingResult::U16(v) => Ok(Numbers::U16(v)),
+        DecodingResult::I16(v) => Ok(Numbers::I16(v)),
         DecodingResult::U32(v) => Ok(Numbers::U32(v)),
         DecodingResult::F32(v) => Ok(Numbers::F32(v)),
         DecodingResult::F64(v) => Ok(Numbers::F64(v)),
-        _ => Err("its numbers are neither unsigned of 8, 16 or 32 bit nor floating-point".to_owned()),
+        _ => {
+            Err("its numbers are neither unsigned of 8, 16 or 32 bit, nor signed of 16, nor floating-point".to_owned())
+        }
     }
 }
 
@@ -182,6 +246,7 @@ fn like(read: &DecodingResult, n: usize) -> Result<Numbers, String> {
     match read {
         DecodingResult::U8(_) => Ok(Numbers::U8(zeros(n)?)),
         DecodingResult::U16(_) => Ok(Numbers::U16(zeros(n)?)),
+        DecodingResult::I16(_) => Ok(Numbers::I16(zeros(n)?)),
         DecodingResult::U32(_) => Ok(Numbers::U32(zeros(n)?)),
         DecodingResult::F32(_) => Ok(Numbers::F32(zeros(n)?)),
         DecodingResult::F64(_) => Ok(Numbers::F64(zeros(n)?)),
@@ -194,12 +259,15 @@ fn pages(decoder: &mut File<'_>) -> Result<usize, String> {
     while decoder.more_images() && seen <= MOST_PAGES {
         decoder.next_image().map_err(said)?;
         seen += 1;
-        // A smaller copy of the picture, for file browsers, is no page of its own.
-        let copy =
-            decoder.find_tag_unsigned::<u32>(Tag::NewSubfileType).map_err(said)?.is_some_and(|kind| kind & 1 == 1);
-        pages += usize::from(!copy);
+        pages += usize::from(!is_copy(decoder)?);
     }
     Ok(if seen > MOST_PAGES { seen } else { pages })
+}
+
+/// Whether this is a smaller copy of a picture, for file browsers, and no page of its own.
+fn is_copy(decoder: &mut File<'_>) -> Result<bool, String> {
+    let kind = decoder.find_tag_unsigned::<u32>(Tag::NewSubfileType).map_err(said)?;
+    Ok(kind.is_some_and(|kind| kind & 1 == 1))
 }
 
 fn said(error: tiff::TiffError) -> String {

@@ -1,0 +1,142 @@
+//! NumPy's `.npy`: one array of whole or floating-point numbers, rows by columns, or pages of them.
+//!
+//! Source: NumPy Enhancement Proposal 1, "A simple file format for NumPy arrays".
+
+use super::numbers::Numbers;
+use super::{Picture, bounded};
+
+/// What the header says.
+struct Header<'a> {
+    kind: &'a str,
+    pages: usize,
+    columns: usize,
+    rows: usize,
+    /// The bytes behind it.
+    data: &'a [u8],
+}
+
+pub fn size(bytes: &[u8]) -> Result<(usize, usize), String> {
+    header(bytes).map(|header| (header.columns, header.rows))
+}
+
+/// Pictures that are in it.
+pub fn pages(bytes: &[u8]) -> Result<usize, String> {
+    header(bytes).map(|header| header.pages)
+}
+
+pub fn read(bytes: &[u8], page: usize) -> Result<Picture, String> {
+    let Header { kind, pages, columns, rows, data } = header(bytes)?;
+    if page >= pages {
+        return Err(super::no_page(page, pages));
+    }
+    let (n, size) = (columns * rows, kind[2..].parse::<usize>().map_err(|_| unknown(kind))?);
+    // `header` has bounded pages, rows and columns.
+    let Some(data) = data.get(page * n * size..(page + 1) * n * size) else {
+        return Err(format!("it ends after {} of {} bytes of its numbers", data.len(), pages * n * size));
+    };
+    let big = kind.starts_with('>');
+    Picture::whole((columns, rows), numbers(kind, data, big).ok_or_else(|| unknown(kind))?)
+}
+
+fn unknown(kind: &str) -> String {
+    format!("its numbers are of the type `{kind}`; uint8, uint16, uint32, int16, float32 and float64 are read")
+}
+
+/// Numbers of a type as NumPy writes it, without the sign of their order.
+pub(super) fn numbers(kind: &str, data: &[u8], big: bool) -> Option<Numbers> {
+    macro_rules! of {
+        ($variant:ident, $type:ty, $size:literal) => {
+            Numbers::$variant(
+                data.as_chunks::<$size>()
+                    .0
+                    .iter()
+                    .map(|&b| if big { <$type>::from_be_bytes(b) } else { <$type>::from_le_bytes(b) })
+                    .collect(),
+            )
+        };
+    }
+    Some(match &kind[1..] {
+        "u1" => Numbers::U8(data.to_vec()),
+        "u2" => of!(U16, u16, 2),
+        "u4" => of!(U32, u32, 4),
+        "i2" => of!(I16, i16, 2),
+        "f4" => of!(F32, f32, 4),
+        "f8" => of!(F64, f64, 8),
+        _ => return None,
+    })
+}
+
+fn header(bytes: &[u8]) -> Result<Header<'_>, String> {
+    let cut = || "it is cut off within its header".to_owned();
+    let (length, start) = match bytes.get(6).ok_or_else(cut)? {
+        1 => (u64::from(u16::from_le_bytes(*bytes.get(8..).and_then(|b| b.first_chunk()).ok_or_else(cut)?)), 10),
+        2 | 3 => (u64::from(u32::from_le_bytes(*bytes.get(8..).and_then(|b| b.first_chunk()).ok_or_else(cut)?)), 12),
+        other => return Err(format!("it is of version {other} of .npy; 1, 2 and 3 are read")),
+    };
+    let end = usize::try_from(start as u64 + length).ok().filter(|end| *end <= bytes.len()).ok_or_else(cut)?;
+    let text = std::str::from_utf8(&bytes[start..end]).map_err(|_| "its header is no text".to_owned())?;
+    let behind =
+        |key: &str| text.split_once(key).map(|(_, rest)| rest.trim_start().trim_start_matches(':').trim_start());
+    let lacks = |what: &str| format!("its header does not say {what}");
+    let kind = behind("'descr'").and_then(|rest| rest.strip_prefix('\'')).and_then(|rest| rest.split('\'').next());
+    let kind = kind.filter(|kind| kind.len() > 2 && kind.is_ascii()).ok_or_else(|| lacks("the type of its numbers"))?;
+    if behind("'fortran_order'").is_some_and(|rest| rest.starts_with("True")) {
+        return Err(
+            "its numbers are in Fortran's order: save it by `numpy.save(name, numpy.ascontiguousarray(a))`".to_owned()
+        );
+    }
+    let shape = behind("'shape'").and_then(|rest| rest.strip_prefix('(')).and_then(|rest| rest.split(')').next());
+    let shape = shape.ok_or_else(|| lacks("its shape"))?.split(',').map(str::trim).filter(|n| !n.is_empty());
+    let shape: Result<Vec<u64>, _> = shape.map(str::parse).collect();
+    let (pages, rows, columns) = match shape.map_err(|_| lacks("its shape in whole numbers"))?[..] {
+        [rows, columns] => (1, rows, columns),
+        [pages, rows, columns] if pages > 0 => (pages, rows, columns),
+        ref other => {
+            return Err(format!("it has the shape {other:?}; (rows, columns) and (pages, rows, columns) are read"));
+        }
+    };
+    let (columns, rows) = bounded(columns, rows)?;
+    let pages =
+        usize::try_from(pages).ok().filter(|pages| pages.checked_mul(columns * rows).is_some_and(|n| n <= 1 << 40));
+    let pages = pages.ok_or_else(|| "it has more pages than can be".to_owned())?;
+    Ok(Header { kind, pages, columns, rows, data: &bytes[end..] })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn file(descr: &str, shape: &str, data: &[u8]) -> Vec<u8> {
+        let text = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}\n");
+        [b"\x93NUMPY\x01\x00".as_slice(), &(text.len() as u16).to_le_bytes(), text.as_bytes(), data].concat()
+    }
+
+    #[test]
+    fn arrays_are_read() {
+        let data: Vec<u8> = (0..24).collect();
+        assert_eq!(read(&file("|u1", "(2, 3)", &data[..6]), 0).unwrap().values, Numbers::U8(data[..6].to_vec()));
+        let two = read(&file("<u2", "(2, 2, 3)", &data), 1).unwrap();
+        assert_eq!(two.values, Numbers::U16(vec![3340, 3854, 4368, 4882, 5396, 5910]));
+        let signed = read(&file(">i2", "(1, 2)", &[0xff, 0xfe, 0, 5]), 0).unwrap();
+        assert_eq!((signed.values, signed.highest), (Numbers::I16(vec![-2, 5]), Some(32767.0)));
+        let float = read(&file("<f4", "(1, 1)", &0.25_f32.to_le_bytes()), 0).unwrap();
+        assert_eq!((float.values, float.highest), (Numbers::F32(vec![0.25]), None));
+    }
+
+    #[test]
+    fn wrong_arrays_are_named() {
+        for (bytes, said) in [
+            (file("|u1", "(2, 3)", &[0; 5]), "it ends after 5 of 6 bytes"),
+            (file("<c8", "(2, 3)", &[0; 48]), "of the type `<c8`"),
+            (file("|u1", "(6,)", &[0; 6]), "it has the shape [6]"),
+            (file("|u1", "(0, 3)", &[]), "it has 3 x 0 pixels"),
+            (file("<f8", "(99999999, 99999999)", &[]), "pixels; from 1 to"),
+            (file("|u1", "(2, x)", &[]), "does not say its shape"),
+            (file("|u1", "(2, 3)", &[0; 6])[..20].to_vec(), "cut off"),
+        ] {
+            let error = read(&bytes, 0).unwrap_err();
+            assert!(error.contains(said), "{error}");
+        }
+        assert_eq!(read(&file("|u1", "(2, 3)", &[0; 6]), 1).unwrap_err(), "it has 1 page, and page 2 is asked for");
+    }
+}
