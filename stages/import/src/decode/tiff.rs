@@ -271,6 +271,10 @@ fn is_copy(decoder: &mut File<'_>) -> Result<bool, String> {
 }
 
 fn said(error: tiff::TiffError) -> String {
+    use tiff::{TiffError, TiffUnsupportedError::InterpretationWithBits, tags::PhotometricInterpretation};
+    if let TiffError::UnsupportedError(InterpretationWithBits(PhotometricInterpretation::RGBPalette, _)) = error {
+        return "it has a palette of colours, whose indices are no brightness: save it as grey or RGB".to_owned();
+    }
     format!("it is no TIFF that can be read: {error}")
 }
 
