@@ -1,6 +1,5 @@
 //! `datasets:` — which outputs of a drawn pipeline make the samples of a data set, and how they are split.
 
-
 use turbid_contract::suggest;
 use turbid_draw::Condition;
 
@@ -179,7 +178,12 @@ fn parse_sample(dataset: &Entry, path: &str, usual: Dtype, reader: &mut Reader<'
     if section.value.entries().is_empty() {
         reader.error(section.at, &path, "a sample needs a feature", None);
     }
-    section.value.entries().iter().filter_map(|entry| parse_feature(entry, &join(&path, &entry.key), usual, reader)).collect()
+    section
+        .value
+        .entries()
+        .iter()
+        .filter_map(|entry| parse_feature(entry, &join(&path, &entry.key), usual, reader))
+        .collect()
 }
 
 fn parse_feature(entry: &Entry, path: &str, usual: Dtype, reader: &mut Reader<'_>) -> Option<FeatureSpec> {

@@ -16,12 +16,16 @@ mod model;
 mod params;
 mod quantity;
 mod ratio;
+mod reference;
+mod resolve;
 mod rigs;
 pub mod smooth;
 mod stage;
+mod table;
 
-pub use model::{Model, ReferenceMedium};
+pub use model::Model;
 pub use params::{NoiseBias, Params};
 pub use ratio::{Arm, calibrate};
+pub use reference::{CoefficientUnit, Reference};
 pub use rigs::Rigs;
 pub use stage::{Calibrate, In, Out};
