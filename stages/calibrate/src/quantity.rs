@@ -34,7 +34,10 @@ pub fn same_wavelengths(sample: &[LayerInfo], reference: &[LayerInfo]) -> Result
     };
     let (missing, unused) = (lacks(&own, &others), lacks(&others, &own));
     if !missing.is_empty() && !others.is_empty() {
-        let what = format!("the sample was lit with {}, the reference was not", missing.join(", "));
+        let mut what = format!("the sample was lit with {}, the reference was not", missing.join(", "));
+        if !unused.is_empty() {
+            what += &format!("; the reference was lit with {}, the sample was not", unused.join(", "));
+        }
         return Err(Error::failed_with_hint(what, "render or measure the reference at the wavelengths of the sample"));
     }
     Ok((!unused.is_empty()).then(|| format!("the reference was lit with {}, the sample was not", unused.join(", "))))

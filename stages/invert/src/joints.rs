@@ -1,19 +1,29 @@
 //! Whether reflectance, table, sections and shape belong together: the rules of the run, found before anything runs.
 
-use turbid_contract::layers::size;
+use turbid_contract::layers::{size, wavelengths};
 use turbid_contract::payload::{Rig, Scene};
 use turbid_contract::{Attributes, Error, Form, Known, Problems};
 
 use crate::choice::{choose, orientation};
 use crate::form::errors_known;
-use crate::lut::{same_meaning, table_f_x};
+use crate::lut::{places, same_meaning, table_f_x, unused};
 use crate::params::Params;
 
 /// Reports every joint that does not fit.
 pub fn check(params: &Params, known: &Known, problems: &mut Problems) {
     let (reflectance, lut) = (known.fact("reflectance"), known.fact("lut"));
-    if let Err(error) = same_meaning(&reflectance, &lut) {
+    let layers = known.form("reflectance").and_then(|form| form.layers.as_deref());
+    let wavelengths_nm = layers.map(|layers| wavelengths(layers, "r_d"));
+    if let Err(error) = same_meaning(&reflectance, &lut, wavelengths_nm.as_deref()) {
         problems.unfit(known, "lut", error);
+    }
+    if let Some(wavelengths_nm) = wavelengths_nm.filter(|found| !found.is_empty()) {
+        let unused = unused(&lut, &wavelengths_nm);
+        match (places(&lut, &wavelengths_nm), unused) {
+            (Err(error), unused) => problems.unfit(known, "lut", with(error, unused)),
+            (Ok(_), Some(unused)) => problems.warn_at_input("lut", unused, "these are left out"),
+            (Ok(_), None) => {}
+        }
     }
     check_f_x(params, known, &lut, problems);
     check_sections(known, problems);
@@ -32,6 +42,14 @@ pub fn check(params: &Params, known: &Known, problems: &mut Problems) {
             let way_out = "connect the shape that the camera of the reflectance sees: pixels are corrected one by one";
             problems.warn_at_input(port, message, way_out);
         }
+    }
+}
+
+/// The same error with one thing more.
+fn with(error: Error, more: Option<String>) -> Error {
+    match (error, more) {
+        (Error::Failed { what, way_out }, Some(more)) => Error::Failed { what: format!("{what}; {more}"), way_out },
+        (error, _) => error,
     }
 }
 
