@@ -9,6 +9,7 @@ use crate::levels::{label, point, same_quantity, same_unit};
 use crate::params::Params;
 use crate::shared::shared;
 use crate::summary::COLUMNS;
+use crate::written::{quantities, unknown_object};
 
 /// Reports an estimate and a truth that share nothing, or are not of one camera; regions of objects that the camera does not see.
 pub fn check_compare(params: &Params, known: &Known, problems: &mut Problems) {
@@ -17,6 +18,17 @@ pub fn check_compare(params: &Params, known: &Known, problems: &mut Problems) {
         let lacks = QUANTITIES.into_iter().find(|name| columns.iter().all(|column| column.name != *name));
         if let Some(name) = lacks {
             problems.unfit(known, "estimate", Error::failed(format!("it has no column {name}")));
+        }
+    }
+    let of_objects = truth.and_then(|truth| truth.attributes.get("objects"));
+    let objects: Option<Vec<String>> = of_objects.and_then(|list| serde_json::from_value(list.clone()).ok());
+    if !params.concentrations.is_empty() {
+        if let Some(Err(error)) = estimate.layers.as_ref().map(|layers| quantities(&params.concentrations, layers)) {
+            problems.unfit(known, "estimate", error);
+        }
+        let open = known.is_connected("truth") && objects.is_none();
+        if let (false, Some(error)) = (open, unknown_object(&params.concentrations, objects.as_deref())) {
+            problems.unfit(known, "estimate", error);
         }
     }
     let Some(truth) = truth else { return };
@@ -30,7 +42,7 @@ pub fn check_compare(params: &Params, known: &Known, problems: &mut Problems) {
             "connect the `truth` of the render that made the frames of the estimate: pixels are compared one by one";
         problems.warn_at_input("truth", message, way_out);
     }
-    if let (Some(a), Some(b)) = (&estimate.layers, &truth.layers)
+    if let (Some(a), Some(b), true) = (&estimate.layers, &truth.layers, params.concentrations.is_empty())
         && let Err(error) = shared(a, b)
     {
         problems.unfit(known, "truth", error);
@@ -42,8 +54,6 @@ pub fn check_compare(params: &Params, known: &Known, problems: &mut Problems) {
             problems.unfit(known, "truth", Error::failed_with_hint(what, "name the `media` of the fit"));
         }
     }
-    let objects: Option<Vec<String>> =
-        truth.attributes.get("objects").and_then(|list| serde_json::from_value(list.clone()).ok());
     for (name, region) in &params.regions {
         let object = region.object.as_ref().zip(objects.as_ref()).filter(|(object, all)| !all.contains(object));
         if let Some((object, all)) = object {
