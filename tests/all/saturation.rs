@@ -74,7 +74,7 @@ fn frames(medium: &dyn Fn(usize) -> Medium, even: bool) -> Frames {
 
 fn trial(name: &str, params: Value) -> Trial {
     let registry = Registry::builtin();
-    Trial::of_row(*registry.find(name).unwrap_or_else(|| panic!("there is a stage {name}")), params)
+    Trial::of_row(registry.find(name).unwrap_or_else(|| panic!("there is a stage {name}")).clone(), params)
 }
 
 fn run(trial: &Trial) -> Made {

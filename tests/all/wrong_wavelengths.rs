@@ -11,7 +11,7 @@ stages:
     use: scene
     with:
       wavelength_nm: [660, 730, 850]
-      camera: {position: [0, 0, 500], look_at: [0, 0, 0], field: [12, 12], pixels: [12, 12]}
+      camera: {position: [0, 0, 500], look_at: [0, 0, 0], field: [12, 12], pixels: [12, 12], specular: exclude}
       projector: {position: [0, 35, 500], look_at: [0, 0, 0], field: [48, 48], power: 5}
   arm:
     use: scene

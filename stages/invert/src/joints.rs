@@ -25,6 +25,7 @@ pub fn check(params: &Params, known: &Known, problems: &mut Problems) {
             (Ok(_), None) => {}
         }
     }
+    warn_without_convention(known, problems);
     check_f_x(params, known, &lut, problems);
     check_sections(known, problems);
     if known.is_connected("height") {
@@ -40,6 +41,18 @@ pub fn check(params: &Params, known: &Known, problems: &mut Problems) {
         if let Err(Error::Failed { what, .. }) = Rig::shared(&reflectance, &known.fact(port)) {
             let message = format!("`{}` and `{}`: {what}", known.producer("reflectance"), known.producer(port));
             let way_out = "connect the shape that the camera of the reflectance sees: pixels are corrected one by one";
+            problems.warn_at_input(port, message, way_out);
+        }
+    }
+}
+
+/// Warns of what is described down to its layers or columns, and does not say what its reflectance means.
+fn warn_without_convention(known: &Known, problems: &mut Problems) {
+    for port in ["reflectance", "lut"] {
+        let described = known.form(port).is_some_and(|form| form.layers.is_some() || form.columns.is_some());
+        if described && !known.fact(port).contains_key("convention") {
+            let message = format!("`{}` does not say its convention", known.producer(port));
+            let way_out = "say it: what a camera saw is `camera`; most published tables are `hemispherical_incident`, and differ from that by -9 to +49 %";
             problems.warn_at_input(port, message, way_out);
         }
     }

@@ -109,3 +109,14 @@ fn beside_a_plate_the_table_says_g_and_n() {
         assert!((f64::from(found) / mu[0] - 1.0).abs() < 1e-3, "{nm}: {found}");
     }
 }
+
+/// What does not say its convention is warned of, with what is meant by most.
+#[test]
+fn a_table_without_a_convention_is_warned_of() {
+    let mut table = tables(&MEDIA, &[660.0, 850.0], &[0, 1]);
+    table.0.to_mut().attributes.remove("convention");
+    let (_, warnings) = trial(lit(&[(660.0, 0), (850.0, 1)], [0.03, 1.1]), table).check();
+    let told = warnings.iter().map(ToString::to_string).filter(|w| w.contains("convention")).collect::<Vec<_>>();
+    assert!(told.len() == 1 && told[0].starts_with("in.lut: `made.lut` does not say its convention"), "{told:?}");
+    assert!(told[0].contains("published tables are `hemispherical_incident`"), "{told:?}");
+}
