@@ -169,7 +169,11 @@ fn check_reference(params: &Params, known: &Known, problems: &mut Problems) {
         if let (Some(_), Some(bytes)) = (&params.reference.table, known.files.get(TABLE))
             && let Err(Error::Invalid(problem)) = Table::read(&params.reference, &bytes)
         {
-            problems.push_with_hint(problem.path, problem.message, TABLE_HINT);
+            problems.push_with_hint(
+                problem.path,
+                problem.message,
+                problem.hint.unwrap_or_else(|| TABLE_HINT.to_owned()),
+            );
         }
         return;
     };
@@ -177,9 +181,13 @@ fn check_reference(params: &Params, known: &Known, problems: &mut Problems) {
         Ok(Some(resolved)) => resolved,
         Ok(None) => return,
         Err(Error::Invalid(problem)) if problem.path == TABLE => {
-            return problems.push_with_hint(problem.path, problem.message, TABLE_HINT);
+            let way_out = problem.hint.unwrap_or_else(|| TABLE_HINT.to_owned());
+            return problems.push_with_hint(problem.path, problem.message, way_out);
         }
-        Err(error) => return problems.unfit(known, "sample", error),
+        Err(error) => {
+            let port = if params.reference.object.is_some() { "reference" } else { "sample" };
+            return problems.unfit(known, port, error);
+        }
     };
     let relative = params.convention == Convention::Relative;
     if params.reference.table.is_some()

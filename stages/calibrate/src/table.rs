@@ -1,6 +1,7 @@
 //! The file `reference.table`: what a supplier or a laboratory states of its phantom over wavelength.
 
-use turbid_contract::Error;
+use turbid_contract::problem::At;
+use turbid_contract::{Error, Problem};
 use turbid_optics::{Spectrum, spectra};
 
 use crate::model::{Phantom, Plate, Standard};
@@ -129,10 +130,11 @@ impl Table {
         let [first, last] = columns[0].1.range_nm();
         let of = |spectrum: &Spectrum| {
             spectrum.at(nm).ok_or_else(|| {
-                Error::invalid(
-                    TABLE,
-                    format!("{file} reaches from {first} to {last} nm, the sample was lit with {nm} nm; nothing is extrapolated"),
-                )
+                let message = format!(
+                    "{file} reaches from {first} to {last} nm, the sample was lit with {nm} nm; nothing is extrapolated"
+                );
+                let hint = Some("give a table that covers the wavelengths of the frames".to_owned());
+                Error::Invalid(Problem { at: At::With, path: TABLE.to_owned(), message, hint })
             })
         };
         let Some((mu_a, mu_s_prime)) = self.find(Column::MuA).zip(self.find(Column::MuSPrime)) else {

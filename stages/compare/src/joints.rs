@@ -1,7 +1,7 @@
 //! Estimates, truths, images and tables that do not go together, found before anything runs.
 
 use turbid_contract::layers::size;
-use turbid_contract::payload::Rig;
+use turbid_contract::payload::{Concentrations, Payload, Rig};
 use turbid_contract::{Error, Form, Known, LayerInfo, LayerKind, Problems, serde_json};
 
 use crate::fit::QUANTITIES;
@@ -24,13 +24,14 @@ pub fn check_compare(params: &Params, known: &Known, problems: &mut Problems) {
     let objects: Option<Vec<String>> = of_objects.and_then(|list| serde_json::from_value(list.clone()).ok());
     if !params.concentrations.is_empty() {
         if let Some(Err(error)) = estimate.layers.as_ref().map(|layers| quantities(&params.concentrations, layers)) {
-            problems.unfit(known, "estimate", error);
+            unfit_field(known, error, problems);
         }
         let open = known.is_connected("truth") && objects.is_none();
         if let (false, Some(error)) = (open, unknown_object(&params.concentrations, objects.as_deref())) {
-            problems.unfit(known, "estimate", error);
+            unfit_field(known, error, problems);
         }
     }
+    let of_concentrations = known.payloads.get("estimate").map(String::as_str) == Some(Concentrations::NAME);
     let Some(truth) = truth else { return };
     if let Some((a, b)) = estimate.pixels.zip(truth.pixels).filter(|(a, b)| a != b) {
         let what = format!("the estimate has {}, the truth {}", size(a), size(b));
@@ -42,7 +43,7 @@ pub fn check_compare(params: &Params, known: &Known, problems: &mut Problems) {
             "connect the `truth` of the render that made the frames of the estimate: pixels are compared one by one";
         problems.warn_at_input("truth", message, way_out);
     }
-    if let (Some(a), Some(b), true) = (&estimate.layers, &truth.layers, params.concentrations.is_empty())
+    if let (Some(a), Some(b), true) = (&estimate.layers, &truth.layers, !of_concentrations)
         && let Err(error) = shared(a, b)
     {
         problems.unfit(known, "truth", error);
@@ -60,6 +61,14 @@ pub fn check_compare(params: &Params, known: &Known, problems: &mut Problems) {
             let message = format!("the scene has no object `{object}`; it has {}", all.join(", "));
             problems.push(format!("regions.{name}.object"), message);
         }
+    }
+}
+
+/// What is wrong with a field is told there, without the name of what is connected.
+fn unfit_field(known: &Known, error: Error, problems: &mut Problems) {
+    match error {
+        Error::Invalid(problem) => problems.push(problem.path, problem.message),
+        error => problems.unfit(known, "estimate", error),
     }
 }
 
