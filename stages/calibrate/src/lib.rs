@@ -6,6 +6,9 @@
 //!   in: {sample: fringes, reference: phantom_fringes}
 //!   with: {reference: {mu_a: 0.026, mu_s_prime: 4.75, g: 0.8, n: 1.0}, model: rte, convention: camera, smooth: 0}
 //! ```
+//! The reference may also be `{table: block.csv, g: 0.8, n: 1.4}`, a phantom over wavelength; `{object: block}`, what a rendered arm shows; or
+//! `{reflectance: 0.99}`, a plate.
+//!
 //! R_d(f_x) = M_sample(f_x) / M_reference(f_x) x R_model(f_x), pixel by pixel: source profile, vignetting, carrier phase,
 //! MTF and exposure cancel. Theory and measured figures: `docs/theory/calibrate.md`.
 

@@ -8,8 +8,11 @@ use turbid_contract::serde_json::{Value, json};
 use turbid_contract::{ImageStack, LayerInfo, StageRow};
 use turbid_optics::Medium;
 
-/// One pixel at each wavelength: layers by name, f_x and value.
-fn arm(of: &[(f64, &[(&str, f64, f32)])]) -> Modulation {
+/// Name, f_x and value of a layer.
+type OfLayer = (&'static str, f64, f32);
+
+/// One pixel at each wavelength.
+fn arm(of: &[(f64, &[OfLayer])]) -> Modulation {
     let mut stack = ImageStack::new(1, 1);
     for (nm, layers) in of {
         for &(name, f_x, value) in *layers {
@@ -20,8 +23,8 @@ fn arm(of: &[(f64, &[(&str, f64, f32)])]) -> Modulation {
     Modulation(stack)
 }
 
-const SAMPLE: &[(&str, f64, f32)] = &[("m_ac", 0.0, 0.4), ("m_ac", 0.1, 0.2)];
-const REFERENCE: &[(&str, f64, f32)] = &[("m_ac", 0.0, 0.5), ("m_ac", 0.1, 0.4)];
+const SAMPLE: &[OfLayer] = &[("m_ac", 0.0, 0.4), ("m_ac", 0.1, 0.2)];
+const REFERENCE: &[OfLayer] = &[("m_ac", 0.0, 0.5), ("m_ac", 0.1, 0.4)];
 
 fn trial(reference: Value) -> Trial {
     let params = json!({"reference": reference, "model": "diffusion"});
@@ -227,10 +230,10 @@ fn an_object_is_what_the_arm_says_of_it() {
 #[test]
 fn the_mean_of_fringes_is_even_light_in_either_arm() {
     let phantom = json!({"mu_a": 0.02, "mu_s_prime": 1.5, "g": 0.8, "n": 1.4});
-    let with_frame: &[(&str, f64, f32)] =
+    let with_frame: &[OfLayer] =
         &[("m_dc", 0.0, 0.5), ("m_ac", 0.0, 0.5), ("m_dc", 0.1, 0.9), ("m_ac", 0.1, 0.4)];
-    let fringes: &[(&str, f64, f32)] = &[("m_dc", 0.1, 0.5), ("m_ac", 0.1, 0.4)];
-    let two: &[(&str, f64, f32)] = &[("m_dc", 0.2, 0.9), ("m_ac", 0.2, 0.3), ("m_dc", 0.1, 0.5), ("m_ac", 0.1, 0.4)];
+    let fringes: &[OfLayer] = &[("m_dc", 0.1, 0.5), ("m_ac", 0.1, 0.4)];
+    let two: &[OfLayer] = &[("m_dc", 0.2, 0.9), ("m_ac", 0.2, 0.3), ("m_dc", 0.1, 0.5), ("m_ac", 0.1, 0.4)];
     let of = |sample, reference| {
         let params = json!({"reference": phantom, "model": "diffusion"});
         let trial = Trial::of::<Calibrate>(params).input("sample", arm(&[(660.0, sample)]));
@@ -257,7 +260,7 @@ fn the_mean_of_fringes_is_even_light_in_either_arm() {
 
 #[test]
 fn a_reference_darker_than_its_dark_is_refused() {
-    let dark: &[(&str, f64, f32)] = &[("m_ac", 0.0, -0.5), ("m_ac", 0.1, 0.4)];
+    let dark: &[OfLayer] = &[("m_ac", 0.0, -0.5), ("m_ac", 0.1, 0.4)];
     let phantom = json!({"reference": {"mu_a": 0.02, "mu_s_prime": 1.5, "g": 0.8, "n": 1.4}});
     let trial = Trial::of::<Calibrate>(phantom)
         .input("sample", arm(&[(660.0, SAMPLE)]))
