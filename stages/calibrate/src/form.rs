@@ -27,6 +27,15 @@ pub fn check(known: &Known, problems: &mut Problems) {
         let wanted = &layers[q.layer];
         match counterpart(others, wanted) {
             Err(error) => problems.unfit(known, "reference", error),
+            Ok(found) if stands_in(wanted, &others[found]) => {
+                let (name, other) = (place(wanted), place(&others[found]));
+                let message = format!(
+                    "the mean of the reference's fringes ({other}) stands beside the sample's {} ({name})",
+                    wanted.name
+                );
+                let way_out = "right where even light is half of the full light, as fringes are in the mean; else take both arms with a frame at f_x = 0, or both without";
+                problems.warn_at_input("reference", message, way_out);
+            }
             Ok(found) => match (sample.has_error_of(wanted), reference.has_error_of(&others[found])) {
                 (Some(true), Some(false)) => return one_arm_knows(known, ["sample", "reference"], wanted, problems),
                 (Some(false), Some(true)) => return one_arm_knows(known, ["reference", "sample"], wanted, problems),
@@ -34,6 +43,13 @@ pub fn check(known: &Known, problems: &mut Problems) {
             },
         }
     }
+}
+
+/// Whether one is of even light and the other the mean of fringes, or both the means of different fringes.
+fn stands_in(wanted: &LayerInfo, found: &LayerInfo) -> bool {
+    wanted.name != found.name
+        || wanted.f_x_per_mm != found.f_x_per_mm
+        || wanted.orientation_deg != found.orientation_deg
 }
 
 /// A form whose layers are known, with them.
