@@ -28,10 +28,11 @@ pub fn check(known: &Known, problems: &mut Problems) {
         match counterpart(others, wanted) {
             Err(error) => problems.unfit(known, "reference", error),
             Ok(found) if stands_in(wanted, &others[found]) => {
-                let (name, other) = (place(wanted), place(&others[found]));
+                let [of, by] = ["sample", "reference"].map(|port| known.producer(port));
                 let message = format!(
-                    "the mean of the reference's fringes ({other}) stands beside the sample's {} ({name})",
-                    wanted.name
+                    "`{by}` at {} stands beside `{of}` at {}: the mean of fringes and even light are taken for one",
+                    place(&others[found]),
+                    place(wanted)
                 );
                 let way_out = "right where even light is half of the full light, as fringes are in the mean; else take both arms with a frame at f_x = 0, or both without";
                 problems.warn_at_input("reference", message, way_out);
@@ -45,11 +46,10 @@ pub fn check(known: &Known, problems: &mut Problems) {
     }
 }
 
-/// Whether one is of even light and the other the mean of fringes, or both the means of different fringes.
+/// Whether one is of even light and the other the mean of fringes.
 fn stands_in(wanted: &LayerInfo, found: &LayerInfo) -> bool {
-    wanted.name != found.name
-        || wanted.f_x_per_mm != found.f_x_per_mm
-        || wanted.orientation_deg != found.orientation_deg
+    let even = |info: &LayerInfo| info.f_x_per_mm.unwrap_or(0.0) == 0.0;
+    even(wanted) != even(found)
 }
 
 /// A form whose layers are known, with them.
