@@ -74,6 +74,8 @@ mod reproducible;
 mod rerun;
 #[path = "all/rigs.rs"]
 mod rigs;
+#[path = "all/saturation.rs"]
+mod saturation;
 #[path = "all/schema.rs"]
 mod schema;
 #[path = "all/shapes.rs"]
@@ -94,3 +96,5 @@ mod unchanged;
 mod usual;
 #[path = "all/wrong_files.rs"]
 mod wrong_files;
+#[path = "all/wrong_wavelengths.rs"]
+mod wrong_wavelengths;

@@ -35,7 +35,8 @@ struct Grid {
 impl Grid {
     /// None where the table lacks a column, or where its rows are no full grid in order.
     fn read(table: &Table) -> Option<Self> {
-        let column = |name| table.f64s(name);
+        let rows = rows_of_the_first(table);
+        let column = |name| table.f64s(name).and_then(|values| values.get(..rows));
         let (f_x, mu_a, mu_s_prime, r_d) = (column("f_x")?, column("mu_a")?, column("mu_s_prime")?, column("r_d")?);
         let nodes = |values: &[f64]| {
             let mut nodes = values.to_vec();
@@ -52,6 +53,13 @@ impl Grid {
         let [f_x, mu_a, mu_s_prime] = axes;
         (in_order && !r_d.is_empty()).then_some(Self { f_x, mu_a, mu_s_prime, r_d })
     }
+}
+
+/// Rows of the first table, where an artifact holds one for each pair of g and n, one after the other.
+fn rows_of_the_first(table: &Table) -> usize {
+    let Some((g, n)) = table.f64s("g").zip(table.f64s("n")) else { return table.rows() };
+    let pairs = || g.iter().zip(n);
+    pairs().take_while(|pair| Some(*pair) == pairs().next()).count()
 }
 
 pub fn figure(table: &Table, title: &str) -> Option<Figure> {
@@ -72,6 +80,10 @@ pub fn figure(table: &Table, title: &str) -> Option<Figure> {
         if let Some(value) = said(name).filter(|v| v != "null") {
             remark += &format!("; {name} {value}{}", if name == "thickness" { " mm" } else { "" });
         }
+    }
+    let (shown, all) = (rows_of_the_first(table), table.rows());
+    if shown < all {
+        remark += &format!("; the first of {} tables is shown", all / shown.max(1));
     }
     if grid.f_x.len() > MOST_MAPS {
         remark += &format!("; {} further spatial frequencies are not shown", grid.f_x.len() - MOST_MAPS);

@@ -181,6 +181,25 @@ fn tables_with_a_full_grid_have_pictures_and_others_none() {
     }
 }
 
+/// Of an artifact with a table for each pair of g and n the first is drawn.
+#[test]
+fn the_first_of_several_tables_is_drawn() {
+    let nodes: Vec<f64> = (0..4).map(|i| libm::exp2(f64::from(i) - 9.0)).collect();
+    let of = |gain: f64| lut(&[0.0, 0.1], &nodes, &nodes, move |f: f64, a: f64, s: f64| s / (s + gain * a + f));
+    let (first, second) = (of(4.0), of(9.0));
+    let mut both = Table::default();
+    for (name, values) in [("g", [0.8, 0.7]), ("n", [1.4, 1.4])] {
+        both.push(name, "1", Cells::F64(values.iter().flat_map(|&value| [value; 32]).collect()));
+    }
+    for (a, b) in first.columns.iter().zip(&second.columns) {
+        let (Cells::F64(a_cells), Cells::F64(b_cells)) = (&a.cells, &b.cells) else { unreachable!() };
+        both.push(a.name.as_str(), "1", Cells::F64([a_cells.as_slice(), b_cells].concat()));
+    }
+    let shown = draw(&Artifact::Table(both), "tables").expect("it is drawn");
+    let alone = draw(&Artifact::Table(first), "tables").expect("it is drawn");
+    assert_eq!((shown.width(), shown.height()), (alone.width(), alone.height()));
+}
+
 /// What `outside: nearest` fills in is striped in the map, its standard error and its error, and nowhere in the truth.
 #[test]
 fn the_end_of_a_table_is_marked() {

@@ -128,7 +128,7 @@ const WRONG: &[(&str, &str, &str, &str)] = &[
 ];
 
 /// The messages in what `turbid check` printed, each with the way out below it.
-fn messages(shown: &str) -> Vec<(String, String)> {
+pub fn messages(shown: &str) -> Vec<(String, String)> {
     let mut found: Vec<(String, String)> = Vec::new();
     for line in shown.lines() {
         if let Some((place, message)) = line.strip_prefix("p.yaml:").and_then(|l| l.split_once(" error: ")) {

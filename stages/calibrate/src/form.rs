@@ -3,18 +3,17 @@
 use turbid_contract::layers::{place, standard_error};
 use turbid_contract::{Error, Form, Known, LayerInfo, LayerKind, Problems};
 
-use crate::model::ReferenceMedium;
 use crate::quantity::{Quantity, counterpart, lit, quantities, same_size, same_wavelengths};
 
 /// Reports arms that show different quantities, or images of different sizes; warns where one arm alone knows its standard errors.
-pub fn check(phantom: &ReferenceMedium, known: &Known, problems: &mut Problems) {
+pub fn check(known: &Known, problems: &mut Problems) {
     let (sample, reference) = (known.form("sample"), known.form("reference"));
     let pixels = sample.and_then(|form| form.pixels).zip(reference.and_then(|form| form.pixels));
     if let Some(Err(error)) = pixels.map(|(sample, reference)| same_size(sample, reference)) {
         problems.unfit(known, "reference", error);
     }
     let Some((sample, layers)) = with_layers(sample) else { return };
-    let wavelengths = match lit(layers, phantom) {
+    let wavelengths = match lit(layers) {
         Ok(wavelengths) => wavelengths,
         Err(error) => return problems.unfit(known, "sample", error),
     };
@@ -28,6 +27,16 @@ pub fn check(phantom: &ReferenceMedium, known: &Known, problems: &mut Problems) 
         let wanted = &layers[q.layer];
         match counterpart(others, wanted) {
             Err(error) => problems.unfit(known, "reference", error),
+            Ok(found) if stands_in(wanted, &others[found]) => {
+                let [of, by] = ["sample", "reference"].map(|port| known.producer(port));
+                let message = format!(
+                    "`{by}` at {} stands beside `{of}` at {}: the mean of fringes and even light are taken for one",
+                    place(&others[found]),
+                    place(wanted)
+                );
+                let way_out = "right where even light is half of the full light, as fringes are in the mean; else take both arms with a frame at f_x = 0, or both without";
+                problems.warn_at_input("reference", message, way_out);
+            }
             Ok(found) => match (sample.has_error_of(wanted), reference.has_error_of(&others[found])) {
                 (Some(true), Some(false)) => return one_arm_knows(known, ["sample", "reference"], wanted, problems),
                 (Some(false), Some(true)) => return one_arm_knows(known, ["reference", "sample"], wanted, problems),
@@ -35,6 +44,12 @@ pub fn check(phantom: &ReferenceMedium, known: &Known, problems: &mut Problems) 
             },
         }
     }
+}
+
+/// Whether one is of even light and the other the mean of fringes.
+fn stands_in(wanted: &LayerInfo, found: &LayerInfo) -> bool {
+    let even = |info: &LayerInfo| info.f_x_per_mm.unwrap_or(0.0) == 0.0;
+    even(wanted) != even(found)
 }
 
 /// A form whose layers are known, with them.
@@ -55,9 +70,9 @@ fn one_arm_knows(known: &Known, [knows, lacks]: [&str; 2], of: &LayerInfo, probl
 }
 
 /// The form of the reflectance, but for its attributes.
-pub fn reflectance(phantom: &ReferenceMedium, known: &Known) -> Form {
+pub fn reflectance(known: &Known) -> Form {
     let pixels = known.form("sample").and_then(|form| form.pixels);
-    match layers(phantom, known) {
+    match layers(known) {
         Ok((layers, perhaps)) => {
             let mut form = Form { pixels, layers: Some(layers), perhaps, ..Form::default() };
             known.form("sample").into_iter().for_each(|sample| form.carry_conditions(sample));
@@ -68,12 +83,12 @@ pub fn reflectance(phantom: &ReferenceMedium, known: &Known) -> Form {
 }
 
 /// Layers that are there, and those that a run may find. Error: one of the arms is open, or does not fit.
-fn layers(phantom: &ReferenceMedium, known: &Known) -> Result<(Vec<LayerInfo>, Vec<LayerInfo>), Error> {
+fn layers(known: &Known) -> Result<(Vec<LayerInfo>, Vec<LayerInfo>), Error> {
     let open = || Error::failed("not known yet");
     let of = |port: &str| known.form(port).and_then(|form| form.layers.as_deref()).ok_or_else(open);
     let (sample, reference) = (of("sample")?, of("reference")?);
     let (mut values, mut errors, mut covariances, mut masks) = (vec![], vec![], vec![], vec![]);
-    for wavelength_nm in lit(sample, phantom)? {
+    for wavelength_nm in lit(sample)? {
         let found = quantities(sample, wavelength_nm);
         let mut known_errors = true;
         for Quantity { layer, .. } in &found {

@@ -6,6 +6,9 @@
 //!   in: {sample: fringes, reference: phantom_fringes}
 //!   with: {reference: {mu_a: 0.026, mu_s_prime: 4.75, g: 0.8, n: 1.0}, model: rte, convention: camera, smooth: 0}
 //! ```
+//! The reference may also be `{table: block.csv, g: 0.8, n: 1.4}`, a phantom over wavelength; `{object: block}`, what a rendered arm shows; or
+//! `{reflectance: 0.99}`, a plate.
+//!
 //! R_d(f_x) = M_sample(f_x) / M_reference(f_x) x R_model(f_x), pixel by pixel: source profile, vignetting, carrier phase,
 //! MTF and exposure cancel. Theory and measured figures: `docs/theory/calibrate.md`.
 
@@ -16,12 +19,16 @@ mod model;
 mod params;
 mod quantity;
 mod ratio;
+mod reference;
+mod resolve;
 mod rigs;
 pub mod smooth;
 mod stage;
+mod table;
 
-pub use model::{Model, ReferenceMedium};
+pub use model::Model;
 pub use params::{NoiseBias, Params};
 pub use ratio::{Arm, calibrate};
+pub use reference::{CoefficientUnit, Reference};
 pub use rigs::Rigs;
 pub use stage::{Calibrate, In, Out};

@@ -2,9 +2,11 @@
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use turbid_contract::MaxFile;
 use turbid_contract::payload::Convention;
 
-use crate::model::{Model, ReferenceMedium};
+use crate::model::Model;
+use crate::reference::Reference;
 use crate::rigs::Rigs;
 
 /// What becomes of the part of the mean that dividing by a noisy reference adds, var M / M^2 of the smoothed reference.
@@ -22,8 +24,8 @@ pub enum NoiseBias {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Params {
-    /// The phantom that the reference shows.
-    pub reference: ReferenceMedium,
+    /// What the reference arm shows.
+    pub reference: Reference,
     #[serde(default)]
     pub model: Model,
     /// What the reflectance means; the table that inverts it must say the same.
@@ -40,4 +42,7 @@ pub struct Params {
     /// Whether sample and reference must share camera, projector, lights and wavelength.
     #[serde(default)]
     pub rigs: Rigs,
+    /// MB (10^6 bytes) that an input file may have; 1 GiB where left out. Not in the key.
+    #[serde(default, skip_serializing)]
+    pub max_file_mb: MaxFile,
 }

@@ -3,34 +3,20 @@
 use turbid_contract::layers::{place, size, values, wavelengths};
 use turbid_contract::{Error, LayerInfo};
 
-use crate::model::ReferenceMedium;
-
 /// A quantity to calibrate: the layer of the sample, and the f_x at which it counts.
 pub struct Quantity {
     pub layer: usize,
     pub f_x_per_mm: f64,
 }
 
-/// The wavelengths of the sample, for all of which the phantom is known. Errors: the sample has no fringes, a list of the phantom is too short or too long.
-pub fn lit(sample: &[LayerInfo], phantom: &ReferenceMedium) -> Result<Vec<Option<f64>>, Error> {
+/// The wavelengths of the sample. Error: it has no fringes.
+pub fn lit(sample: &[LayerInfo]) -> Result<Vec<Option<f64>>, Error> {
     let wavelengths = wavelengths(sample, "m_ac");
-    if wavelengths.is_empty() {
-        return Err(Error::failed("the sample holds no layer `m_ac`"));
-    }
-    match phantom.unfit(wavelengths.len()).next() {
-        None => Ok(wavelengths),
-        Some((name, values)) => {
-            let what = format!("{values} values for the sample's {}", listed(&wavelengths));
-            Err(Error::invalid(
-                format!("reference.{name}"),
-                format!("{what}; give one for each, or one number for all"),
-            ))
-        }
-    }
+    if wavelengths.is_empty() { Err(Error::failed("the sample holds no layer `m_ac`")) } else { Ok(wavelengths) }
 }
 
 /// Wavelengths in words.
-fn listed(wavelengths: &[Option<f64>]) -> String {
+pub fn listed(wavelengths: &[Option<f64>]) -> String {
     let named: Vec<String> = wavelengths.iter().flatten().map(f64::to_string).collect();
     match (wavelengths.len(), named.is_empty()) {
         (1, true) => "one wavelength".to_owned(),
@@ -48,7 +34,10 @@ pub fn same_wavelengths(sample: &[LayerInfo], reference: &[LayerInfo]) -> Result
     };
     let (missing, unused) = (lacks(&own, &others), lacks(&others, &own));
     if !missing.is_empty() && !others.is_empty() {
-        let what = format!("the sample was lit with {}, the reference was not", missing.join(", "));
+        let mut what = format!("the sample was lit with {}, the reference was not", missing.join(", "));
+        if !unused.is_empty() {
+            what += &format!("; the reference was lit with {}, the sample was not", unused.join(", "));
+        }
         return Err(Error::failed_with_hint(what, "render or measure the reference at the wavelengths of the sample"));
     }
     Ok((!unused.is_empty()).then(|| format!("the reference was lit with {}, the sample was not", unused.join(", "))))
@@ -77,14 +66,21 @@ pub fn quantities(sample: &[LayerInfo], wavelength_nm: Option<f64>) -> Vec<Quant
     found
 }
 
-/// The layer of the reference that shows the same quantity. Error: there is none, or it is in another unit.
+/// The layer of the reference that shows the same quantity. M_DC of fringes is that at f_x = 0: where one arm has a frame of even light and the other has
+/// none, the mean of the other's fringes takes its place, of those of the lowest f_x. Error: there is none, or it is in another unit.
 pub fn counterpart(reference: &[LayerInfo], wanted: &LayerInfo) -> Result<usize, Error> {
+    let lit = |info: &LayerInfo| info.wavelength_nm == wanted.wavelength_nm;
     let same = |info: &LayerInfo| {
-        info.wavelength_nm == wanted.wavelength_nm
-            && info.f_x_per_mm == wanted.f_x_per_mm
-            && info.orientation_deg == wanted.orientation_deg
+        lit(info) && info.f_x_per_mm == wanted.f_x_per_mm && info.orientation_deg == wanted.orientation_deg
     };
-    let Some((k, found)) = values(reference, &wanted.name).find(|(_, info)| same(info)) else {
+    let f_x = |info: &LayerInfo| info.f_x_per_mm.unwrap_or(0.0);
+    let even = wanted.name == "m_dc" || f_x(wanted) == 0.0;
+    let means = || {
+        let all = values(reference, "m_dc").filter(|(_, info)| lit(info));
+        all.min_by(|(_, a), (_, b)| f_x(a).total_cmp(&f_x(b)))
+    };
+    let found = values(reference, &wanted.name).find(|(_, info)| same(info)).or_else(|| even.then(means).flatten());
+    let Some((k, found)) = found else {
         let has: Vec<String> = values(reference, &wanted.name).map(|(_, info)| place(info)).collect();
         let has = if has.is_empty() { "none".to_owned() } else { has.join("; ") };
         return Err(Error::failed_with_hint(

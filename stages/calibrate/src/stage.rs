@@ -1,19 +1,24 @@
 //! The stage `calibrate`: matches the layers of sample and reference by what they say, and calibrates each wavelength.
 
+use turbid_contract::canonical::canonical_value;
+use turbid_contract::layers::place;
 use turbid_contract::payload::{CONDITIONS, Conditions, Convention, Modulation, REFERENCE_CONDITIONS, Reflectance};
 use turbid_contract::{
-    Attributes, Ctx, Error, Extents, Forms, ImageStack, Known, LayerInfo, LayerKind, Problems, Stage, StagePlan,
-    in_ports, out_ports, serde_json,
+    Attributes, Ctx, Error, Extents, FileUse, Forms, ImageStack, Known, Layer, LayerInfo, LayerKind, Problems, Stage,
+    StagePlan, Usual, in_ports, out_ports, serde_json,
 };
 
 use crate::form;
 use crate::gauss::Gauss;
 use crate::memory::memory;
-use crate::model::{Model, Phantom};
+use crate::model::{Model, Standard};
 use crate::params::{NoiseBias, Params};
 use crate::quantity::{counterpart, lit, quantities, same_size, same_wavelengths};
 use crate::ratio::{Arm, calibrate};
+use crate::reference::TABLE;
+use crate::resolve::{Resolved, resolve};
 use crate::rigs::{SHARE, difference};
+use crate::table::Table;
 
 /// The widest smoothing that makes sense: beyond it the source profile no longer cancels.
 const WIDEST_SMOOTHING_PX: f64 = 100.0;
@@ -46,12 +51,24 @@ impl Stage for Calibrate {
     type In = In<'static>;
     type Out = Out;
 
+    fn files(params: &Params) -> Vec<FileUse> {
+        params.reference.table.iter().map(|file| FileUse::new(TABLE, file, params.max_file_mb)).collect()
+    }
+
+    fn canonical(params: &Params) -> Result<serde_json::Value, String> {
+        let mut params = params.clone();
+        // Where the file lies does not matter: its content is in the key.
+        if let Some(file) = &mut params.reference.table {
+            *file = file.rsplit(['/', '\\']).next().unwrap_or_default().to_owned();
+        }
+        canonical_value(&params)
+    }
+
     fn check(params: &Params, known: &Known, problems: &mut Problems) {
         params.reference.check(problems);
-        form::check(&params.reference, known, problems);
-        if params.convention != Convention::Relative {
-            compare_phantom(params, &known.fact("reference"), problems);
-        }
+        check_plate(params, problems);
+        form::check(known, problems);
+        check_reference(params, known, problems);
         if let Some(what) = difference(params.rigs, &known.fact("sample"), &known.fact("reference")) {
             let (sample, reference) = (known.producer("sample"), known.producer("reference"));
             let message = format!("`{sample}` and `{reference}` were lit or seen by different rigs: {what}");
@@ -65,8 +82,9 @@ impl Stage for Calibrate {
 
     fn describe(params: &Params, known: &Known) -> Forms {
         let mut facts = known.fact("sample");
-        facts.extend(said(params, &known.fact("reference")));
-        Forms::from([("reflectance", form::reflectance(&params.reference, known).with(facts))])
+        let resolved = resolved(params, known).and_then(Result::ok).flatten();
+        facts.extend(said(params, resolved.as_ref(), &known.fact("reference")));
+        Forms::from([("reflectance", form::reflectance(known).with(facts))])
     }
 
     fn plan(params: &Params, known: &Known) -> StagePlan {
@@ -74,6 +92,7 @@ impl Stage for Calibrate {
         let left_out = arms.iter().filter(|(px, _)| *px == 0.0).map(|(_, what)| (*what).into()).collect();
         let method = match params.model {
             _ if params.convention == Convention::Relative => "relative: no model of the reference",
+            _ if params.reference.reflectance.is_some() => "plate: no model of the reference",
             Model::Rte => "rte",
             Model::Diffusion => "diffusion",
         };
@@ -90,57 +109,163 @@ impl Stage for Calibrate {
             let what = format!("the sample and the reference were lit or seen by different rigs: {what}");
             return Err(Error::failed_with_hint(what, SHARE));
         }
-        let model = |phantom: &Phantom, f_x: f64| phantom.reflectance(params.model, params.convention, f_x);
-        let mut stack = reflectance(&inputs.sample.0, &inputs.reference.0, params, model, ctx)?;
-        stack.attributes.extend(said(params, &inputs.reference.0.attributes));
+        let wavelengths = lit(&inputs.sample.0.infos())?;
+        let resolved = resolve(&params.reference, &wavelengths, arms[1], &|at| ctx.file(at))?;
+        let lost =
+            || Error::invalid("reference", "what the reference is, is not said, or its file was not handed over");
+        let resolved = resolved.ok_or_else(lost)?;
+        conventional(params, &resolved)?;
+        let model = |standard: &Standard, f_x: f64| standard.reflectance(params.model, params.convention, f_x);
+        let arms = [&inputs.sample.0, &inputs.reference.0];
+        let mut stack = reflectance(arms, (&wavelengths, &resolved.at), params, model, ctx)?;
+        stack.attributes.extend(said(params, Some(&resolved), &inputs.reference.0.attributes));
         stack.carry_conditions(&inputs.sample.0);
         Ok(Out { reflectance: Reflectance(stack) })
     }
 }
 
-/// What the reflectance says of itself beside what its sample says.
-fn said(params: &Params, reference: &Attributes) -> Attributes {
+/// The reference at the wavelengths of the sample; `None` where these are not known yet.
+fn resolved(params: &Params, known: &Known) -> Option<Result<Option<Resolved>, Error>> {
+    let layers = known.form("sample").and_then(|form| form.layers.as_deref())?;
+    let wavelengths = lit(layers).ok()?;
+    Some(resolve(&params.reference, &wavelengths, &known.fact("reference"), &|at| known.files.get(at)))
+}
+
+/// A plate says what light comes back of what falls in; of what enters a sample it knows nothing.
+fn check_plate(params: &Params, problems: &mut Problems) {
+    if params.reference.reflectance.is_some()
+        && let Some((message, way_out)) = plate_unfit(params.convention)
+    {
+        problems.push_with_hint("convention", message, way_out);
+    }
+}
+
+fn plate_unfit(convention: Convention) -> Option<(&'static str, &'static str)> {
+    match convention {
+        Convention::Camera | Convention::HemisphericalIncident => None,
+        Convention::HemisphericalEntered => Some((
+            "beside a plate R_d is over the light that falls in, and what of it enters the sample is not known",
+            "take `camera` for a Lambertian plate seen by a camera, or `hemispherical_incident`",
+        )),
+        Convention::Relative => {
+            Some(("a relative reflectance knows no R_d of its reference", "take `camera`, or leave `reflectance` out"))
+        }
+    }
+}
+
+/// The same once the file is read.
+fn conventional(params: &Params, resolved: &Resolved) -> Result<(), Error> {
+    let plate = resolved.at.iter().any(|standard| matches!(standard, Standard::Plate(_)));
+    match plate_unfit(params.convention).filter(|_| plate) {
+        Some((message, way_out)) => Err(Error::failed_with_hint(message, way_out)),
+        None => Ok(()),
+    }
+}
+
+/// Reports what is wrong with the reference at the wavelengths of the sample, and warns where it is not the one that is seen.
+fn check_reference(params: &Params, known: &Known, problems: &mut Problems) {
+    let Some(found) = resolved(params, known) else {
+        // The file tells its own mistakes, whatever the sample is.
+        if let (Some(_), Some(bytes)) = (&params.reference.table, known.files.get(TABLE))
+            && let Err(Error::Invalid(problem)) = Table::read(&params.reference, &bytes)
+        {
+            problems.push_with_hint(
+                problem.path,
+                problem.message,
+                problem.hint.unwrap_or_else(|| TABLE_HINT.to_owned()),
+            );
+        }
+        return;
+    };
+    let resolved = match found {
+        Ok(Some(resolved)) => resolved,
+        Ok(None) => return,
+        Err(Error::Invalid(problem)) if problem.path == TABLE => {
+            let way_out = problem.hint.unwrap_or_else(|| TABLE_HINT.to_owned());
+            return problems.push_with_hint(problem.path, problem.message, way_out);
+        }
+        Err(error) => {
+            let port = if params.reference.object.is_some() { "reference" } else { "sample" };
+            return problems.unfit(known, port, error);
+        }
+    };
     let relative = params.convention == Convention::Relative;
-    let facts = [
-        ("convention", serde_json::to_value(params.convention)),
-        ("model", if relative { Ok("none".into()) } else { serde_json::to_value(params.model) }),
-        ("g", serde_json::to_value(&params.reference.g)),
-        ("n", serde_json::to_value(&params.reference.n)),
-        ("reference", serde_json::to_value(&params.reference)),
+    if params.reference.table.is_some()
+        && let Err(error) = conventional(params, &resolved)
+    {
+        problems.unfit(known, "reference", error);
+    }
+    if let Some(Ok(wavelengths)) = known.form("sample").and_then(|form| form.layers.as_deref()).map(lit) {
+        check_f_x(params, known, &wavelengths, &resolved, problems);
+    }
+    for standard in resolved.at.iter().filter(|_| params.reference.table.is_some()) {
+        if let Standard::Medium(phantom) = standard {
+            problems.doubt(&Usual::MU_A, TABLE, phantom.mu_a);
+            problems.doubt(&Usual::MU_S_PRIME, TABLE, phantom.mu_s_prime);
+        }
+    }
+    if !relative && params.reference.object.is_none() {
+        compare_phantom(&resolved.at, &known.fact("reference"), problems);
+    }
+}
+
+/// The R_d of a plate is known at each f_x of the sample.
+fn check_f_x(
+    params: &Params,
+    known: &Known,
+    wavelengths: &[Option<f64>],
+    resolved: &Resolved,
+    problems: &mut Problems,
+) {
+    let Some(layers) = known.form("sample").and_then(|form| form.layers.as_deref()) else { return };
+    for (standard, &wavelength_nm) in resolved.at.iter().zip(wavelengths) {
+        if !matches!(standard, Standard::Plate(_)) {
+            continue;
+        }
+        let f_x = quantities(layers, wavelength_nm).into_iter().map(|q| q.f_x_per_mm);
+        let lacks = f_x.map(|f_x| standard.reflectance(params.model, params.convention, f_x)).find_map(Result::err);
+        if let Some(error) = lacks {
+            return problems.unfit(known, "sample", error);
+        }
+    }
+}
+
+const TABLE_HINT: &str = "a table of text is wanted: `wavelength_nm, mu_a, mu_s_prime, g, n` in mm^-1, or `wavelength_nm, reflectance`, then a row for each wavelength, rising";
+
+/// What the reflectance says of itself beside what its sample says.
+fn said(params: &Params, resolved: Option<&Resolved>, reference: &Attributes) -> Attributes {
+    let relative = params.convention == Convention::Relative;
+    let plate = resolved.is_some_and(|resolved| resolved.at.iter().any(|s| matches!(s, Standard::Plate(_))));
+    let json = |value: Result<serde_json::Value, serde_json::Error>| value.expect("names are JSON");
+    let mut facts = vec![
+        ("convention", json(serde_json::to_value(params.convention))),
+        ("model", if relative || plate { "none".into() } else { json(serde_json::to_value(params.model)) }),
     ];
-    let said = facts.into_iter().map(|(name, value)| (name, value.expect("names and finite numbers are JSON")));
+    facts.extend(resolved.into_iter().flat_map(|resolved| resolved.said.clone()));
     let other = reference.get(CONDITIONS).map(|conditions| (REFERENCE_CONDITIONS, conditions.clone()));
-    said.chain(other).map(|(name, value)| (name.to_owned(), value)).collect()
+    facts.into_iter().chain(other).map(|(name, value)| (name.to_owned(), value)).collect()
 }
 
 /// Properties of the phantom that differ by less than this of themselves are the same: rounding of mu_s (1 - g).
 const SAME: f64 = 1e-6;
 
 /// Warns where the phantom that is seen is not the one that the model is asked of.
-fn compare_phantom(params: &Params, reference: &Attributes, problems: &mut Problems) {
+fn compare_phantom(taken: &[Standard], reference: &Attributes, problems: &mut Problems) {
     let Some(Conditions { seen, .. }) = Conditions::of(reference, CONDITIONS) else { return };
     let Some(phantom) = seen.first() else { return };
-    let lists = params.reference.unfit(1).next().is_some();
     let at = |name: &str, channel: usize| {
-        if lists { format!("{name} of wavelength {}", channel + 1) } else { name.to_owned() }
+        if taken.len() > 1 { format!("{name} of wavelength {}", channel + 1) } else { name.to_owned() }
     };
-    let channels = phantom.mu_a.len().min(phantom.mu_s_prime.len());
-    let pairs = (0..channels).filter_map(|channel| Some((channel, params.reference.at(channel)?))).flat_map(
-        |(channel, taken)| {
-            [
-                ("mu_a", at("mu_a", channel), " mm^-1", Some(phantom.mu_a[channel]), taken.mu_a),
-                (
-                    "mu_s_prime",
-                    at("mu_s_prime", channel),
-                    " mm^-1",
-                    Some(phantom.mu_s_prime[channel]),
-                    taken.mu_s_prime,
-                ),
-                ("g", at("g", channel), "", phantom.g, taken.g),
-                ("n", at("n", channel), "", phantom.n, taken.n),
-            ]
-        },
-    );
+    let channels = taken.iter().zip(phantom.mu_a.iter().zip(&phantom.mu_s_prime)).enumerate();
+    let pairs = channels.flat_map(|(channel, (taken, (&mu_a, &mu_s_prime)))| {
+        let Standard::Medium(taken) = taken else { return Vec::new() };
+        vec![
+            ("mu_a", at("mu_a", channel), " mm^-1", Some(mu_a), taken.mu_a),
+            ("mu_s_prime", at("mu_s_prime", channel), " mm^-1", Some(mu_s_prime), taken.mu_s_prime),
+            ("g", at("g", channel), "", phantom.g, taken.g),
+            ("n", at("n", channel), "", phantom.n, taken.n),
+        ]
+    });
     for (field, name, unit, seen, taken) in pairs {
         let Some(seen) = seen.filter(|seen| (seen - taken).abs() > SAME * seen.abs().max(taken.abs())) else {
             continue;
@@ -156,22 +281,43 @@ fn compare_phantom(params: &Params, reference: &Attributes, problems: &mut Probl
     }
 }
 
+/// A reference that is darker than its dark frame, in the mean of its good pixels, is none: all would be masked, or worse. Warns where no pixel is good.
+fn lit_at_all(reference: &ImageStack, layer: usize, wavelength_nm: Option<f64>, ctx: Ctx<'_>) -> Result<(), Error> {
+    let (values, mask) = (reference.layers[layer].pixels(), reference.mask(wavelength_nm).map(Layer::pixels));
+    let good = |i: &usize| mask.as_ref().is_none_or(|mask| mask[*i] == 0.0);
+    let good: Vec<f64> = (0..values.len()).filter(good).map(|i| f64::from(values[i])).collect();
+    let info = &reference.layers[layer].info;
+    let at = place(info);
+    let way_out = "see whether dark and reference were exchanged, and whether both were taken with the exposure and gain of the dark frame";
+    if good.is_empty() {
+        ctx.warn(format!("no pixel of the reference is good at {at}: {way_out}"));
+        return Ok(());
+    }
+    let mean = good.iter().sum::<f64>() / good.len() as f64;
+    if mean <= 0.0 {
+        let (name, unit) = (&info.name, &info.unit);
+        let what =
+            format!("the reference is darker than its dark: the mean of its {name} is {} {unit} at {at}", digits(mean));
+        return Err(Error::failed_with_hint(what, way_out));
+    }
+    Ok(())
+}
+
 /// A number without the rounding of products: six digits.
 fn digits(x: f64) -> f64 {
     format!("{x:.5e}").parse().unwrap_or(x)
 }
 
 fn reflectance(
-    sample: &ImageStack,
-    reference: &ImageStack,
+    [sample, reference]: [&ImageStack; 2],
+    (wavelengths, standards): (&[Option<f64>], &[Standard]),
     params: &Params,
-    model: impl Fn(&Phantom, f64) -> Result<f64, Error>,
+    model: impl Fn(&Standard, f64) -> Result<f64, Error>,
     ctx: Ctx<'_>,
 ) -> Result<ImageStack, Error> {
     let size = |s: &ImageStack| [s.rows() as u64, s.columns() as u64];
     same_size(size(sample), size(reference))?;
     let (infos, reference_infos) = (sample.infos(), reference.infos());
-    let wavelengths = lit(&infos, &params.reference)?;
     same_wavelengths(&infos, &reference_infos)?;
     let gauss = [params.smooth_sample, params.smooth].map(Gauss::new);
     let mut stack = ImageStack::new(sample.rows(), sample.columns());
@@ -179,15 +325,18 @@ fn reflectance(
     let (mut values, mut errors, mut covariances, mut masks) = (vec![], vec![], vec![], vec![]);
     let mut unknown = vec![];
     let corrects = params.noise_bias == NoiseBias::Correct;
-    for (channel, wavelength_nm) in wavelengths.into_iter().enumerate() {
-        let phantom = params.reference.at(channel).expect("the lists are as long as the wavelengths are many");
+    for (&wavelength_nm, standard) in wavelengths.iter().zip(standards) {
         let quantities = quantities(&infos, wavelength_nm);
         let layers: Result<Vec<usize>, Error> =
             quantities.iter().map(|q| counterpart(&reference_infos, &infos[q.layer])).collect();
-        let model: Result<Vec<f64>, Error> = quantities.iter().map(|q| model(&phantom, q.f_x_per_mm)).collect();
+        let layers = layers?;
+        if let Some(&layer) = layers.first() {
+            lit_at_all(reference, layer, wavelength_nm, ctx)?;
+        }
+        let model: Result<Vec<f64>, Error> = quantities.iter().map(|q| model(standard, q.f_x_per_mm)).collect();
         let arm = |stack, layers| Arm { stack, layers, wavelength_nm };
         let sample_arm = arm(sample, quantities.iter().map(|q| q.layer).collect());
-        let arms = [&sample_arm, &arm(reference, layers?)];
+        let arms = [&sample_arm, &arm(reference, layers)];
         let calibrated = calibrate(arms, &model?, gauss.each_ref(), corrects, ctx)?;
         if calibrated.se.is_empty() {
             ctx.warn("no standard errors: the sample or the reference does not know its own");

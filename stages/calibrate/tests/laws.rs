@@ -1,12 +1,12 @@
 //! The stage as the engine calls it: what cancels, what the errors cover, what is refused.
 
-use turbid_calibrate::{Calibrate, In, Model, NoiseBias, Out, Params, ReferenceMedium, Rigs};
+use turbid_calibrate::{Calibrate, In, Model, NoiseBias, Out, Params, Reference, Rigs};
 use turbid_contract::kit::Trial;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{self, Convention, MaskReason, Modulation, Rig};
 use turbid_contract::{
-    Ctx, Error, Form, ImageStack, Known, LayerInfo, LayerKind, MemoryHost, PerChannel, PerLength, Problems, Stage,
-    serde_json,
+    Ctx, Error, Form, ImageStack, Known, LayerInfo, LayerKind, MaxFile, MemoryHost, PerChannel, PerLength, Problems,
+    Stage, serde_json,
 };
 use turbid_optics::{Medium, Reflectance};
 
@@ -14,11 +14,12 @@ const PHANTOM: Medium = Medium { mu_a: 0.02, mu_s_prime: 1.5, g: 0.8, n: 1.4 };
 
 fn params(smooth: f64) -> Params {
     let Medium { mu_a, mu_s_prime, g, n } = PHANTOM;
-    let reference = ReferenceMedium {
-        mu_a: PerChannel::One(PerLength(mu_a)),
-        mu_s_prime: PerChannel::One(PerLength(mu_s_prime)),
-        g: PerChannel::One(g),
-        n: PerChannel::One(n),
+    let reference = Reference {
+        mu_a: Some(PerChannel::One(PerLength(mu_a))),
+        mu_s_prime: Some(PerChannel::One(PerLength(mu_s_prime))),
+        g: Some(PerChannel::One(g)),
+        n: Some(PerChannel::One(n)),
+        ..Reference::default()
     };
     Params {
         reference,
@@ -28,6 +29,7 @@ fn params(smooth: f64) -> Params {
         smooth_sample: 0.0,
         noise_bias: NoiseBias::Correct,
         rigs: Rigs::Same,
+        max_file_mb: MaxFile::default(),
     }
 }
 
@@ -89,7 +91,8 @@ fn each_wavelength_has_its_phantom() {
             [one] => PerChannel::One(PerLength(*one)),
             all => PerChannel::Each(all.iter().map(|&x| PerLength(x)).collect()),
         };
-        let reference = ReferenceMedium { mu_a: list(mu_a), mu_s_prime: list(mu_s_prime), ..params(0.0).reference };
+        let reference =
+            Reference { mu_a: Some(list(mu_a)), mu_s_prime: Some(list(mu_s_prime)), ..params(0.0).reference };
         Params { reference, ..params(0.0) }
     };
     let sample = || lit([(660.0, arm(0.4, 0.2)), (850.0, arm(0.3, 0.1))]);
@@ -410,11 +413,12 @@ fn errors_of_one_arm_alone_are_warned_of() {
 
 #[test]
 fn check_finds_every_mistake() {
-    let reference = ReferenceMedium {
-        mu_a: PerChannel::One(PerLength(-1.0)),
-        mu_s_prime: PerChannel::Each(vec![PerLength(1.0), PerLength(0.0)]),
-        g: PerChannel::One(1.0),
-        n: PerChannel::One(0.9),
+    let reference = Reference {
+        mu_a: Some(PerChannel::One(PerLength(-1.0))),
+        mu_s_prime: Some(PerChannel::Each(vec![PerLength(1.0), PerLength(0.0)])),
+        g: Some(PerChannel::One(1.0)),
+        n: Some(PerChannel::One(0.9)),
+        ..Reference::default()
     };
     let mut problems = Problems::default();
     Calibrate::check(&Params { reference, smooth_sample: 101.0, ..params(-1.0) }, &Known::default(), &mut problems);

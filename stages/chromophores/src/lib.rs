@@ -22,7 +22,6 @@ pub mod condition;
 pub mod design;
 mod form;
 pub mod least_squares;
-pub mod own;
 pub mod oxygen;
 mod params;
 mod pass;

@@ -4,11 +4,10 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use turbid_contract::{Problems, suggest};
-use turbid_optics::{Chromophore, Spectrum};
+use turbid_optics::{Chromophore, Spectrum, spectra};
 
 use crate::amount::Amount;
 use crate::least_squares::MOST;
-use crate::own;
 use crate::params::Params;
 
 /// Content of the file that a field names.
@@ -84,7 +83,9 @@ impl Catalogue {
                 catalogue.unread = true;
                 continue;
             };
-            match own::read(&bytes, from.unit.to_mm()) {
+            let to_mm = from.unit.to_mm();
+            let in_mm = |_: &str, value: f64| if value < 0.0 { Err("be >= 0".to_owned()) } else { Ok(value * to_mm) };
+            match spectra::read(&bytes, &in_mm) {
                 Err(e) => {
                     catalogue.unread = true;
                     problems.push_with_hint(

@@ -2,17 +2,21 @@
 
 use turbid_contract::{ColumnInfo, Form, Forms, Known, LayerKind};
 
+use crate::params::Params;
 use crate::shared::shared;
-use crate::{fit, maps, summary};
+use crate::{fit, maps, summary, written};
 
 /// The forms of what `compare` makes; rows depend on what is seen.
-pub fn describe_compare(known: &Known) -> Forms {
+pub fn describe_compare(params: &Params, known: &Known) -> Forms {
     let Some(estimate) = known.form("estimate") else { return Forms::new() };
     let errors = ("errors", Form { pixels: estimate.pixels, ..Form::default() });
     if estimate.columns.is_some() {
         return Forms::from([("metrics", Form::table(None, &fit::COLUMNS)), errors]);
     }
+    let written = estimate.layers.as_deref().filter(|_| !params.concentrations.is_empty());
+    let written = written.and_then(|layers| written::quantities(&params.concentrations, layers).ok());
     let truth = known.form("truth").and_then(|form| form.layers.as_deref());
+    let truth = if params.concentrations.is_empty() { truth } else { written.as_deref() };
     let units = estimate.layers.as_deref().zip(truth).and_then(|(a, b)| {
         let pairs = shared(a, b).ok()?;
         Some(pairs.into_iter().map(|(k, _)| a[k].unit.clone()).collect::<Vec<_>>())

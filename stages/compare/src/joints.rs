@@ -1,7 +1,7 @@
 //! Estimates, truths, images and tables that do not go together, found before anything runs.
 
 use turbid_contract::layers::size;
-use turbid_contract::payload::Rig;
+use turbid_contract::payload::{Concentrations, Payload, Rig};
 use turbid_contract::{Error, Form, Known, LayerInfo, LayerKind, Problems, serde_json};
 
 use crate::fit::QUANTITIES;
@@ -9,6 +9,7 @@ use crate::levels::{label, point, same_quantity, same_unit};
 use crate::params::Params;
 use crate::shared::shared;
 use crate::summary::COLUMNS;
+use crate::written::{quantities, unknown_object};
 
 /// Reports an estimate and a truth that share nothing, or are not of one camera; regions of objects that the camera does not see.
 pub fn check_compare(params: &Params, known: &Known, problems: &mut Problems) {
@@ -19,6 +20,18 @@ pub fn check_compare(params: &Params, known: &Known, problems: &mut Problems) {
             problems.unfit(known, "estimate", Error::failed(format!("it has no column {name}")));
         }
     }
+    let of_objects = truth.and_then(|truth| truth.attributes.get("objects"));
+    let objects: Option<Vec<String>> = of_objects.and_then(|list| serde_json::from_value(list.clone()).ok());
+    if !params.concentrations.is_empty() {
+        if let Some(Err(error)) = estimate.layers.as_ref().map(|layers| quantities(&params.concentrations, layers)) {
+            unfit_field(known, error, problems);
+        }
+        let open = known.is_connected("truth") && objects.is_none();
+        if let (false, Some(error)) = (open, unknown_object(&params.concentrations, objects.as_deref())) {
+            unfit_field(known, error, problems);
+        }
+    }
+    let of_concentrations = known.payloads.get("estimate").map(String::as_str) == Some(Concentrations::NAME);
     let Some(truth) = truth else { return };
     if let Some((a, b)) = estimate.pixels.zip(truth.pixels).filter(|(a, b)| a != b) {
         let what = format!("the estimate has {}, the truth {}", size(a), size(b));
@@ -30,7 +43,7 @@ pub fn check_compare(params: &Params, known: &Known, problems: &mut Problems) {
             "connect the `truth` of the render that made the frames of the estimate: pixels are compared one by one";
         problems.warn_at_input("truth", message, way_out);
     }
-    if let (Some(a), Some(b)) = (&estimate.layers, &truth.layers)
+    if let (Some(a), Some(b), true) = (&estimate.layers, &truth.layers, !of_concentrations)
         && let Err(error) = shared(a, b)
     {
         problems.unfit(known, "truth", error);
@@ -42,14 +55,20 @@ pub fn check_compare(params: &Params, known: &Known, problems: &mut Problems) {
             problems.unfit(known, "truth", Error::failed_with_hint(what, "name the `media` of the fit"));
         }
     }
-    let objects: Option<Vec<String>> =
-        truth.attributes.get("objects").and_then(|list| serde_json::from_value(list.clone()).ok());
     for (name, region) in &params.regions {
         let object = region.object.as_ref().zip(objects.as_ref()).filter(|(object, all)| !all.contains(object));
         if let Some((object, all)) = object {
             let message = format!("the scene has no object `{object}`; it has {}", all.join(", "));
             problems.push(format!("regions.{name}.object"), message);
         }
+    }
+}
+
+/// What is wrong with a field is told there, without the name of what is connected.
+fn unfit_field(known: &Known, error: Error, problems: &mut Problems) {
+    match error {
+        Error::Invalid(problem) => problems.push(problem.path, problem.message),
+        error => problems.unfit(known, "estimate", error),
     }
 }
 

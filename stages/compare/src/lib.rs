@@ -44,6 +44,7 @@ mod stage;
 mod summarize;
 pub mod summary;
 mod tabulate;
+mod written;
 
 pub use params::{MediumParams, Params};
 pub use region::{Disk, Rect, Region};

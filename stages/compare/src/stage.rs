@@ -1,6 +1,8 @@
 //! The stage `compare`: maps against images of the truth, or a fit of media against what they are.
 
-use turbid_contract::payload::{Errors, Estimate, Expected, Fit, Maps, Metrics, Payload, Readings, Truth};
+use turbid_contract::payload::{
+    Concentrations, Errors, Estimate, Expected, Fit, Maps, Metrics, Payload, Readings, Truth,
+};
 use turbid_contract::{Ctx, Error, Forms, Known, Problems, Stage, in_ports, out_ports};
 
 use crate::fit::{Media, compare_fit};
@@ -8,12 +10,13 @@ use crate::form;
 use crate::joints;
 use crate::maps::compare_maps;
 use crate::params::Params;
+use crate::written;
 
 in_ports! {
     pub struct In {
-        /// Maps with standard errors and mask, or a fit of media.
+        /// Maps or concentrations with standard errors and mask, or a fit of media.
         estimate: one Estimate,
-        /// What the camera truly looks at, or the simulated readings that were fitted.
+        /// What the camera truly looks at, or the simulated readings that were fitted. Of concentrations it tells which pixel shows which object.
         truth: optional Expected,
     }
 }
@@ -49,8 +52,23 @@ impl Stage for Compare {
                 problems.require(value.0 >= 0.0, format!("media.{name}.{field}"), value.0, "mm^-1", "be >= 0");
             }
         }
+        written::check(&params.concentrations, problems);
         let truth = known.connected.iter().any(|port| port == "truth");
+        let of_concentrations = known.payloads.get("estimate").map(String::as_str) == Some(Concentrations::NAME);
+        match (of_concentrations, params.concentrations.is_empty()) {
+            (true, true) => problems.push_with_hint(
+                "concentrations",
+                "the estimate is concentrations, and what they should be is not said",
+                "concentrations: {OBJECT: {HbO2: 45, Hb: 15}}, by object of the scene, or `all`",
+            ),
+            (false, false) if known.is_connected("estimate") => problems.push(
+                "concentrations",
+                "the estimate is no concentrations: connect those of a `chromophores`, or leave `concentrations` out",
+            ),
+            _ => {}
+        }
         match (truth, params.media.is_empty()) {
+            _ if of_concentrations => {}
             (true, false) => problems.push("media", "the truth comes from the port and from `media`; give one of them"),
             (false, true) => problems.push_with_hint(
                 "",
@@ -72,6 +90,15 @@ impl Stage for Compare {
             (Some(Fit::NAME), _) if !params.regions.is_empty() => {
                 problems.push("regions", "the estimate is a fit of media, which has no regions; leave them out");
             }
+            (Some(Concentrations::NAME), Some(Readings::NAME)) => {
+                problems.push("", "the estimate is concentrations, the truth is readings: connect the port `truth` of a render, or none");
+            }
+            (Some(Concentrations::NAME), _) if !params.media.is_empty() => {
+                problems.push(
+                    "media",
+                    "the estimate is concentrations: `media` is the truth of a fit; write `concentrations`",
+                );
+            }
             (Some(Maps::NAME), None) if !params.media.is_empty() => {
                 problems.push("media", "the estimate is maps: `media` is the truth of a fit; connect the port `truth`");
             }
@@ -79,14 +106,24 @@ impl Stage for Compare {
         }
     }
 
-    fn describe(_: &Params, known: &Known) -> Forms {
-        form::describe_compare(known)
+    fn describe(params: &Params, known: &Known) -> Forms {
+        form::describe_compare(params, known)
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
         match (&inputs.estimate, &inputs.truth) {
             (Estimate::Maps(maps), Some(Expected::Truth(truth))) => {
                 let (metrics, errors) = compare_maps(params, &maps.0, &truth.0, ctx)?;
+                Ok(Out { metrics, errors })
+            }
+            (Estimate::Concentrations(Concentrations(found)), Some(Expected::Truth(Truth(scene)))) => {
+                let truth = written::images(&params.concentrations, found, Some(scene))?;
+                let (metrics, errors) = compare_maps(params, found, &truth, ctx)?;
+                Ok(Out { metrics, errors })
+            }
+            (Estimate::Concentrations(Concentrations(found)), None) => {
+                let truth = written::images(&params.concentrations, found, None)?;
+                let (metrics, errors) = compare_maps(params, found, &truth, ctx)?;
                 Ok(Out { metrics, errors })
             }
             (Estimate::Fit(fit), Some(Expected::Readings(readings))) => {
@@ -98,6 +135,9 @@ impl Stage for Compare {
                 Ok(Out { metrics, errors })
             }
             (Estimate::Maps(_), _) => Err(Error::failed("maps are compared with the port `truth` of a render")),
+            (Estimate::Concentrations(_), _) => {
+                Err(Error::failed("concentrations are compared with what the pipeline says, by object of a render"))
+            }
             (Estimate::Fit(_), _) => Err(Error::failed("a fit is compared with its readings, or with `media`")),
         }
     }

@@ -1,20 +1,31 @@
 //! Whether reflectance, table, sections and shape belong together: the rules of the run, found before anything runs.
 
-use turbid_contract::layers::size;
+use turbid_contract::layers::{size, wavelengths};
 use turbid_contract::payload::{Rig, Scene};
 use turbid_contract::{Attributes, Error, Form, Known, Problems};
 
 use crate::choice::{choose, orientation};
 use crate::form::errors_known;
-use crate::lut::{same_meaning, table_f_x};
+use crate::lut::{places, same_meaning, table_f_x, unused};
 use crate::params::Params;
 
 /// Reports every joint that does not fit.
 pub fn check(params: &Params, known: &Known, problems: &mut Problems) {
     let (reflectance, lut) = (known.fact("reflectance"), known.fact("lut"));
-    if let Err(error) = same_meaning(&reflectance, &lut) {
+    let layers = known.form("reflectance").and_then(|form| form.layers.as_deref());
+    let wavelengths_nm = layers.map(|layers| wavelengths(layers, "r_d"));
+    if let Err(error) = same_meaning(&reflectance, &lut, wavelengths_nm.as_deref()) {
         problems.unfit(known, "lut", error);
     }
+    if let Some(wavelengths_nm) = wavelengths_nm.filter(|found| !found.is_empty()) {
+        let unused = unused(&lut, &wavelengths_nm);
+        match (places(&lut, &wavelengths_nm), unused) {
+            (Err(error), unused) => problems.unfit(known, "lut", with(error, unused)),
+            (Ok(_), Some(unused)) => problems.warn_at_input("lut", unused, "these are left out"),
+            (Ok(_), None) => {}
+        }
+    }
+    warn_without_convention(known, problems);
     check_f_x(params, known, &lut, problems);
     check_sections(known, problems);
     if known.is_connected("height") {
@@ -32,6 +43,26 @@ pub fn check(params: &Params, known: &Known, problems: &mut Problems) {
             let way_out = "connect the shape that the camera of the reflectance sees: pixels are corrected one by one";
             problems.warn_at_input(port, message, way_out);
         }
+    }
+}
+
+/// Warns of what is described down to its layers or columns, and does not say what its reflectance means.
+fn warn_without_convention(known: &Known, problems: &mut Problems) {
+    for port in ["reflectance", "lut"] {
+        let described = known.form(port).is_some_and(|form| form.layers.is_some() || form.columns.is_some());
+        if described && !known.fact(port).contains_key("convention") {
+            let message = format!("`{}` does not say its convention", known.producer(port));
+            let way_out = "say it: what a camera saw is `camera`; most published tables are `hemispherical_incident`, and differ from that by -9 to +49 %";
+            problems.warn_at_input(port, message, way_out);
+        }
+    }
+}
+
+/// The same error with one thing more.
+fn with(error: Error, more: Option<String>) -> Error {
+    match (error, more) {
+        (Error::Failed { what, way_out }, Some(more)) => Error::Failed { what: format!("{what}; {more}"), way_out },
+        (error, _) => error,
     }
 }
 

@@ -153,7 +153,7 @@ impl Places {
 /// What was prepared of a table, by f_x (as bits), method, outside, noise.
 type Ready = Mutex<Vec<((Vec<u64>, Method, Outside, bool), Arc<Vec<Prepared>>)>>;
 
-/// All sections of a table, each made on a thread of its own; once for all instances of a run that ask for the same.
+/// All sections of a table, or all of its pairs of g and n, each made on a thread of its own; once for all instances of a run that ask for the same.
 pub fn prepare(
     lut: &Lut,
     f_x: &[f64],
@@ -174,7 +174,7 @@ pub fn prepare(
         return Ok(prepared);
     }
     // Without the lock: the threads that make it may belong to somebody who waits for it.
-    let all = ctx.map_tiles(lut::sections(lut), |k| Prepared::new(lut, k, f_x, params, noise))?;
+    let all = ctx.map_tiles(lut::parts(lut), |k| Prepared::new(lut, k, f_x, params, noise))?;
     let made: Arc<Vec<Prepared>> = Arc::new(all.into_iter().collect::<Result<_, _>>()?);
     if let Some(prepared) = find() {
         return Ok(prepared);

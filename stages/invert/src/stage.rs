@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 
+use turbid_contract::layers::wavelengths;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Covariance, Exposure, Lut, Maps, Reflectance, Relief, Scene, Sections};
 use turbid_contract::planes::mean_se;
@@ -17,7 +18,7 @@ use crate::form;
 use crate::inverse::{InverseTable, TOLERANCE};
 use crate::joints::{self, correctable};
 use crate::lanes::{Lanes, Noise};
-use crate::lut::{MOST, agree, sections};
+use crate::lut::{self, MOST, agree, of_table, sections, table_of, tables};
 use crate::memory::memory;
 use crate::params::{Method, NoiseBias, Outside, Params};
 use crate::pass::{Pass, Tally};
@@ -135,7 +136,8 @@ impl Stage for Invert {
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
         let (stack, lut) = (&inputs.reflectance.0, &inputs.lut);
-        agree(&stack.attributes, &lut.0.attributes)?;
+        let wavelengths_nm = wavelengths(&stack.infos(), "r_d");
+        agree(&stack.attributes, &lut.0.attributes, &wavelengths_nm)?;
         let correction = correction(params, &inputs, ctx)?;
         let corrected = correction.as_ref().map(|correction| correction.corrected(stack));
         let stack = corrected.as_ref().unwrap_or(stack);
@@ -164,8 +166,15 @@ impl Stage for Invert {
         };
         let mut maps = Layers::default();
         let mut covariance = Layers::default();
-        for (_, layers) in of {
-            invert(stack, &layers, (&solvers, &places, correction.as_ref()), &pass, ctx, &mut maps, &mut covariance)?;
+        // The table of each wavelength; sections are all those of the one table.
+        let several = tables(&lut.0.attributes) > 1;
+        let mut table_at = Vec::new();
+        for (wavelength_nm, layers) in of {
+            let place = lut::places(&lut.0.attributes, &[wavelength_nm])?[0];
+            let table = table_of(&lut.0.attributes, place);
+            table_at.push((wavelength_nm, table));
+            let solvers = if several { &solvers[table..=table] } else { &solvers[..] };
+            invert(stack, &layers, (solvers, &places, correction.as_ref()), &pass, ctx, &mut maps, &mut covariance)?;
         }
         let exposure = match (&correction, ctx.wants("exposure")) {
             (Some(correction), true) => {
@@ -190,14 +199,25 @@ impl Stage for Invert {
             stack
         });
         let mut maps = maps.into_stack(stack, attributes);
-        let compared =
-            extremes(f_x).and_then(|f_x| Compared::of(&stack.attributes, &lut.0.attributes, f_x, correction.is_some()));
-        if let Some(compared) = compared {
-            let most = params.largest_misreading.map(|most| most.0);
-            conditions::tell(&compared, stack, &mut maps, covariance.as_mut(), most, ctx)?;
+        for table in 0..tables(&lut.0.attributes) {
+            let at: Vec<Option<f64>> = table_at.iter().filter(|(_, of)| *of == table).map(|(nm, _)| *nm).collect();
+            let compared = extremes(f_x.clone()).and_then(|f_x| {
+                let (own, channel) =
+                    (of_table(&lut.0.attributes, table), if several { first(&table_at, table) } else { 0 });
+                Compared::of(&stack.attributes, &own, (f_x, channel), correction.is_some())
+            });
+            if let Some(compared) = compared {
+                let most = params.largest_misreading.map(|most| most.0);
+                conditions::tell((&compared, &at), stack, &mut maps, covariance.as_mut(), most, ctx)?;
+            }
         }
         Ok(Out { maps: Maps(maps), covariance: covariance.map(Covariance), exposure })
     }
+}
+
+/// The number of the first wavelength that reads this table.
+fn first(table_at: &[(Option<f64>, usize)], table: usize) -> usize {
+    table_at.iter().position(|(_, of)| *of == table).unwrap_or(0)
 }
 
 /// What the shape does to each pixel, where it is known.

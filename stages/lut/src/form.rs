@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use serde_json::{Value, json};
 use turbid_contract::layers::{place, size};
 use turbid_contract::payload::{CONDITIONS, Rig};
-use turbid_contract::{Attributes, Axes, Error, Form, Forms, Known, LayerInfo, Problems};
+use turbid_contract::{Attributes, Axes, Error, Form, Forms, Known, LayerInfo, PerChannel, Problems, Ratio};
 
 use crate::params::{Model, Params};
 use crate::phantoms;
@@ -16,10 +16,14 @@ use crate::validity;
 pub const COLUMNS: [(&str, &str); 6] =
     [("mu_a", "mm^-1"), ("mu_s_prime", "mm^-1"), ("f_x", "mm^-1"), ("r_d", "1"), ("r_d_se", "1"), ("r_d_bound", "1")];
 
+/// Columns that come first where the artifact holds several tables, one after the other.
+pub const MEDIUM: [(&str, &str); 2] = [("g", "1"), ("n", "1")];
+
 /// The forms of all outputs. Axes that come from phantoms are open.
 pub fn describe(params: &Params, known: &Known) -> Forms {
-    let recipe = params.recipe();
-    let mut attributes = attributes(params, &recipe);
+    let recipes = params.recipes();
+    let Some(recipe) = recipes.first() else { return Forms::new() };
+    let mut attributes = attributes(params, recipe);
     let measured = params.model == Model::Empirical;
     for (name, axis) in [("mu_a", &recipe.mu_a), ("mu_s_prime", &recipe.mu_s_prime)] {
         if measured || axis.is_empty() {
@@ -28,11 +32,18 @@ pub fn describe(params: &Params, known: &Known) -> Forms {
     }
     attributes.extend(known.fact("phantoms").remove_entry(CONDITIONS));
     let sectioned = known.is_connected("sections");
-    let section: &[(&str, &str)] = if sectioned { &[("section", "")] } else { &[] };
+    let section: &[(&str, &str)] = match (sectioned, recipes.len() > 1) {
+        (true, _) => &[("section", "")],
+        (false, true) => &MEDIUM,
+        (false, false) => &[],
+    };
     let columns: Vec<(&str, &str)> = section.iter().chain(&COLUMNS).copied().collect();
     let nodes = [recipe.mu_a.len() as u64, recipe.mu_s_prime.len() as u64];
-    let rows = (!measured).then(|| recipe.f_x.len() as u64 * nodes[0] * nodes[1]);
-    let validity = if measured { Form::default() } else { Form::images(nodes[0], nodes[1], validity::layers(None)) };
+    let rows = (!measured).then(|| (recipes.len() * recipe.f_x.len()) as u64 * nodes[0] * nodes[1]);
+    let several = (recipes.len() > 1).then_some(0..recipes.len());
+    let layers =
+        several.map_or_else(|| validity::layers(None), |k| k.flat_map(|k| validity::layers(Some(k))).collect());
+    let validity = if measured { Form::default() } else { Form::images(nodes[0], nodes[1], layers) };
     let lut = Form::table(rows, &columns).with(attributes);
     Forms::from([("lut", lut), ("validity", validity), ("design", design(params, known))])
 }
@@ -46,8 +57,17 @@ pub fn attributes(params: &Params, recipe: &Recipe) -> Attributes {
     set("f_x", json!(recipe.f_x));
     set("mu_a", json!(recipe.mu_a));
     set("mu_s_prime", json!(recipe.mu_s_prime));
-    set("g", json!(recipe.g));
-    set("n", json!(recipe.n));
+    let wavelengths_nm: Vec<f64> = params.wavelengths_nm.iter().map(|w| w.0).collect();
+    let several = params.media().len() > 1;
+    let each = |list: &PerChannel<Ratio>, one: f64| match several {
+        true => json!((0..wavelengths_nm.len()).filter_map(|k| Some(list.of(k)?.0)).collect::<Vec<f64>>()),
+        false => json!(one),
+    };
+    set("g", each(&params.g, recipe.g));
+    set("n", each(&params.n, recipe.n));
+    if !wavelengths_nm.is_empty() {
+        set("wavelengths_nm", json!(wavelengths_nm));
+    }
     set("thickness", json!(recipe.thickness));
     if let Some(reference) = &params.reference {
         set("reference", json!(reference));

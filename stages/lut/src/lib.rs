@@ -10,6 +10,7 @@
 //!   mu_a: {logspace: [1e-4, 0.5, 28]} # default; also {linspace: ..} or a list, mm^-1
 //!   mu_s_prime: {logspace: [0.1, 5, 18]}
 //!   thickness: 10                     # mm; left out: a half-space
+//!   # wavelengths_nm: [660, 850]      # with g and n as lists, one for each: a table for each pair of them
 //!   convention: camera                # default; or hemispherical_incident, hemispherical_entered
 //! ```
 //!

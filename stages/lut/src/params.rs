@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use turbid_contract::payload::Convention;
-use turbid_contract::{Length, PerLength, Problems, Ratio, Usual};
+use turbid_contract::{Length, PerChannel, PerLength, Problems, Ratio, Usual, Wavelength};
 use turbid_optics::rte;
 
 use crate::nodes::Nodes;
@@ -59,10 +59,13 @@ pub struct Params {
     /// Left out: 18 nodes from 0.1 to 5; of an empirical table 25 over what the phantoms span.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mu_s_prime: Option<Nodes>,
-    /// Mean cosine of the scattering angle (Henyey-Greenstein).
-    pub g: Ratio,
-    /// Refractive index relative to the outside.
-    pub n: Ratio,
+    /// Mean cosine of the scattering angle (Henyey-Greenstein); one for all, or a list with one for each of `wavelengths_nm`.
+    pub g: PerChannel<Ratio>,
+    /// Refractive index relative to the outside; one for all, or a list with one for each of `wavelengths_nm`.
+    pub n: PerChannel<Ratio>,
+    /// Wavelengths for which the lists `g` and `n` are. The artifact then holds one table for each pair of g and n that occurs.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub wavelengths_nm: Vec<Wavelength>,
     /// Thickness of a slab, mm; left out for a half-space.
     #[serde(default)]
     pub thickness: Option<Length>,
@@ -104,13 +107,17 @@ impl Params {
                 axis(name, nodes, 2, positive, "be a finite number > 0 (the axis is logarithmic)", problems);
             }
         }
-        problems.require(self.g.0.abs() < 1.0, "g", self.g.0, "", "lie in (-1, 1)");
-        problems.require(self.n.0 >= 1.0 && self.n.0.is_finite(), "n", self.n.0, "", "be a finite number >= 1");
-        if self.solves()
-            && self.g.0.abs() < 1.0
-            && let Err(error) = rte::solvable(self.g.0, self.n.0)
-        {
-            problems.push("g", error.to_string());
+        for (at, &Ratio(g)) in self.g.entries("g") {
+            problems.require(g.abs() < 1.0, at, g, "", "lie in (-1, 1)");
+        }
+        for (at, &Ratio(n)) in self.n.entries("n") {
+            problems.require(n >= 1.0 && n.is_finite(), at, n, "", "be a finite number >= 1");
+        }
+        self.check_wavelengths(problems);
+        for recipe in self.recipes().iter().filter(|recipe| self.solves() && recipe.g.abs() < 1.0) {
+            if let Err(error) = rte::solvable(recipe.g, recipe.n) {
+                problems.push("g", error.to_string());
+            }
         }
         if let Some(Length(d)) = self.thickness {
             problems.require(positive(d), "thickness", d, "mm", "be a finite number > 0");
@@ -133,6 +140,37 @@ impl Params {
         self.doubt(problems);
         if self.f_x.0.len() == 1 {
             problems.warn("f_x", "one spatial frequency cannot tell mu_a from mu_s': no map can be made of this table");
+        }
+    }
+
+    /// Lists are for wavelengths, as many as there are.
+    fn check_wavelengths(&self, problems: &mut Problems) {
+        let count = self.wavelengths_nm.len();
+        for (k, &Wavelength(nm)) in self.wavelengths_nm.iter().enumerate() {
+            let at = format!("wavelengths_nm.{k}");
+            problems.require(nm > 0.0 && nm.is_finite(), at.clone(), nm, "nm", "be > 0");
+            problems.doubt(&Usual::WAVELENGTH, at.clone(), nm);
+            if self.wavelengths_nm[..k].contains(&Wavelength(nm)) {
+                problems.push(at, format!("{nm} nm stands twice"));
+            }
+        }
+        for (name, list) in [("g", &self.g), ("n", &self.n)] {
+            let Some(length) = list.channels() else { continue };
+            if count == 0 {
+                let way_out = "wavelengths_nm: [660, 850], or one number for all";
+                problems.push_with_hint(
+                    name,
+                    format!("{name} is a list, and for which wavelengths is not said"),
+                    way_out,
+                );
+            } else if length != count {
+                let way_out = "give one for each wavelength, or one number for all";
+                problems.push_with_hint(name, format!("{length} values of {name} for {count} wavelengths"), way_out);
+            }
+        }
+        if count > 0 && self.model == Model::Empirical {
+            let way_out = "leave it out, and make a table for each wavelength";
+            problems.push_with_hint("wavelengths_nm", "phantoms are seen at one wavelength", way_out);
         }
     }
 
@@ -221,8 +259,26 @@ impl Params {
         self.interpolation.unwrap_or_default()
     }
 
-    /// The table as plain numbers; the axes of an empirical one may be empty, for the phantoms to fill.
-    pub fn recipe(&self) -> Recipe {
+    /// g and n of each table of the artifact, in the order of the wavelengths that need them first.
+    pub fn media(&self) -> Vec<[f64; 2]> {
+        let mut found: Vec<[f64; 2]> = Vec::new();
+        for channel in 0..self.wavelengths_nm.len().max(1) {
+            if let Some((g, n)) = self.g.of(channel).zip(self.n.of(channel))
+                && !found.contains(&[g.0, n.0])
+            {
+                found.push([g.0, n.0]);
+            }
+        }
+        found
+    }
+
+    /// Each table of the artifact as plain numbers: at least one of params that `check` let pass.
+    pub fn recipes(&self) -> Vec<Recipe> {
+        self.media().into_iter().map(|medium| self.recipe(medium)).collect()
+    }
+
+    /// The table of these g and n; the axes of an empirical one may be empty, for the phantoms to fill.
+    fn recipe(&self, [g, n]: [f64; 2]) -> Recipe {
         let nodes = |given: &Option<Nodes>, default: fn() -> Nodes| match given {
             Some(Nodes(nodes)) => nodes.clone(),
             None if self.model == Model::Empirical => Vec::new(),
@@ -233,8 +289,8 @@ impl Params {
             f_x: self.f_x.0.clone(),
             mu_a: nodes(&self.mu_a, default_mu_a),
             mu_s_prime: nodes(&self.mu_s_prime, default_mu_s_prime),
-            g: self.g.0,
-            n: self.n.0,
+            g,
+            n,
             thickness: self.thickness.map(|d| d.0),
             convention: match self.convention {
                 // What guides a relative table is the camera's view, as its phantoms are.

@@ -18,24 +18,27 @@ const FEW: u64 = 1024;
 
 /// `None` where phantoms have to be seen before.
 pub fn pilot(params: &Params, ctx: Ctx<'_>) -> Option<Pilot> {
-    let recipe = params.recipe();
+    let recipes = params.recipes();
+    // The first stands for all: they differ in g and n alone.
+    let recipe = recipes.first()?;
+    let tables = recipes.len() as f64;
     match params.model {
         Model::Empirical => None,
         Model::MonteCarlo => {
-            let white = monte_carlo::white(&recipe);
+            let white = monte_carlo::white(recipe);
             let each = params.samples.unwrap_or(SAMPLES).div_ceil(PARTS as u64);
             let count = FEW.min(each);
             let key = philox::key(ctx.seed());
             let walk = |_| white.trace(key, 0, count, &mut white.tally(turbid_optics::level::named(ctx.simd())));
             ctx.map_tiles(1, walk).ok()?;
-            Some(Pilot { done: count as f64, whole: (each * PARTS as u64) as f64, unit: PATHS, rest_s: 0.0 })
+            Some(Pilot { done: count as f64, whole: tables * (each * PARTS as u64) as f64, unit: PATHS, rest_s: 0.0 })
         }
         Model::Rte | Model::Diffusion => {
-            let places = places(&recipe);
+            let places = places(recipe);
             let of = |i: usize| recipe.value(places[i][1], places[i][2], places[i][0]);
             let values = ctx.map_tiles(places.len(), of).ok()?;
             let done = values.iter().filter(|value| value.is_ok()).count() as f64;
-            let whole = (recipe.rows() * recipe.mu_s_prime.len()) as f64;
+            let whole = tables * (recipe.rows() * recipe.mu_s_prime.len()) as f64;
             (done > 0.0).then_some(Pilot { done, whole, unit: VALUES, rest_s: 0.0 })
         }
     }

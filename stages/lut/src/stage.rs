@@ -17,7 +17,7 @@ use turbid_optics::philox;
 use crate::bound;
 use crate::design::{Design, design};
 use crate::empirical::{self, Between};
-use crate::form::{self, attributes};
+use crate::form::{self, MEDIUM, attributes};
 use crate::monte_carlo::{self, Estimate, PARTS};
 use crate::params::{Interpolation, Model, Params, ReferenceMedium, SAMPLES};
 use crate::phantoms::{self, Part, Sources};
@@ -84,7 +84,9 @@ impl Stage for BuildLut {
     }
 
     fn plan(params: &Params, _known: &Known) -> StagePlan {
-        let recipe = params.recipe();
+        let recipes = params.recipes();
+        let Some(recipe) = recipes.first() else { return StagePlan::default() };
+        let tables = recipes.len();
         // An empirical table may not know its axes yet.
         let count = |axis: &[f64]| if axis.is_empty() { empirical::NODES } else { axis.len() };
         let nodes = count(&recipe.mu_a) * count(&recipe.mu_s_prime);
@@ -97,16 +99,17 @@ impl Stage for BuildLut {
             (_, None) => (2e-4, 1.3e-3),
             (_, Some(_)) => (4e-3, 6e-2),
         };
-        let seconds = if params.model == Model::MonteCarlo {
-            params.samples.unwrap_or(SAMPLES) as f64 * SECONDS_PER_PATH
-        } else {
-            nodes as f64 * (modulated as f64 * patterned + (recipe.f_x.len() - modulated) as f64 * uniform)
-        };
+        let seconds = tables as f64
+            * if params.model == Model::MonteCarlo {
+                params.samples.unwrap_or(SAMPLES) as f64 * SECONDS_PER_PATH
+            } else {
+                nodes as f64 * (modulated as f64 * patterned + (recipe.f_x.len() - modulated) as f64 * uniform)
+            };
         let mut left_out = Vec::new();
         if params.thickness.is_none() {
             left_out.push("slab (no thickness)".to_owned());
         }
-        if recipe.n == 1.0 {
+        if recipes.iter().all(|recipe| recipe.n == 1.0) {
             left_out.push("Fresnel reflection (n = 1)".to_owned());
         }
         if modulated == 0 {
@@ -124,14 +127,16 @@ impl Stage for BuildLut {
                 }
             },
         };
-        let bytes = (recipe.f_x.len() * nodes * 5 * 8) as u64;
+        let columns = if tables > 1 { 7 } else { 5 };
+        let rows = tables * recipe.f_x.len() * nodes;
+        let bytes = (rows * columns * 8) as u64;
         StagePlan {
             method: Some(method.into()),
             left_out,
             seconds: Some(seconds),
             bytes: Some(bytes),
             memory: Some(2 * bytes),
-            makes: Extents::from([("lut", Extent::Table { rows: (recipe.f_x.len() * nodes) as u64, columns: 5 })]),
+            makes: Extents::from([("lut", Extent::Table { rows: rows as u64, columns: columns as u64 })]),
             ..StagePlan::default()
         }
     }
@@ -141,45 +146,44 @@ impl Stage for BuildLut {
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
-        let recipe = params.recipe();
+        let recipes = params.recipes();
+        let first = || recipes.first().cloned().ok_or_else(|| Error::invalid("g", "no value of g and n is given"));
         let sections = inputs.sections.as_ref();
         let (recipe, Estimate { r_d: values, se }, design, known) = match params.model {
-            Model::MonteCarlo => {
-                let estimate = simulate(params, &recipe, ctx)?;
-                (recipe, estimate, None, true)
-            }
-            Model::Empirical => measure(params, recipe, &inputs, ctx)?,
-            _ => {
-                let estimate = solve(&recipe, ctx)?;
-                (recipe, estimate, None, true)
-            }
+            Model::MonteCarlo => (first()?, simulate(params, &recipes, ctx)?, None, true),
+            Model::Empirical => measure(params, first()?, &inputs, ctx)?,
+            _ => (first()?, solve(&recipes, ctx)?, None, true),
         };
         let se: Vec<Option<f64>> = se.into_iter().map(|se| known.then_some(se)).collect();
-        let parts = sections.map_or(Ok(1), |s| s.list().map(|list| list.len()))?;
+        let parts = sections.map_or(Ok(recipes.len()), |s| s.list().map(|list| list.len()))?;
+        let named = |part: usize| match sections {
+            _ if parts == 1 => String::new(),
+            Some(_) => format!(" of section {part}"),
+            None => format!(" of g = {}, n = {}", recipes[part].g, recipes[part].n),
+        };
         let mut reports = Vec::new();
         for (section, values) in values.chunks(values.len() / parts).enumerate() {
             let grids = recipe.grids(values).map_err(|error| {
-                let of = if parts > 1 { format!(" of section {section}") } else { String::new() };
                 Error::failed_with_hint(
-                    format!("the table{of} cannot be interpolated: {error}"),
+                    format!("the table{} cannot be interpolated: {error}", named(section)),
                     "narrow mu_s_prime or lower f_x: there is no modulation left to tabulate",
                 )
             })?;
             reports.extend((grids.len() > 1).then(|| examine(&grids)));
         }
         if !reports.is_empty() {
-            tell(&reports, ctx);
+            tell(&reports, &named, ctx);
         }
         let wanted = ctx.wants("validity") && !reports.is_empty();
         let validity = wanted.then(|| image(&recipe, &reports));
         let bounds = match params.model {
-            Model::Rte => bounds(&recipe, &values, ctx)?,
+            Model::Rte => bounds(&recipes, &values, ctx)?,
             // The spline between the nodes of the white run (`interpolation_of_the_white_run_is_below_its_noise`).
             Model::MonteCarlo => values.iter().map(|r| Some(2e-5 * r)).collect(),
             // What a model or an instrument leaves out is not known from within.
             Model::Diffusion | Model::Empirical => vec![None; values.len()],
         };
-        let mut table = lut(params, &recipe, values, se, bounds, sections)?;
+        let mut table = lut(params, (&recipe, &recipes), values, se, bounds, sections)?;
         if !inputs.phantoms.axes().is_empty() {
             // As the first phantom was seen, so were all: they share camera, light and geometry.
             table.attributes.extend(inputs.phantoms.load(0)?.0.attributes.remove_entry(CONDITIONS));
@@ -189,12 +193,15 @@ impl Stage for BuildLut {
 }
 
 /// Values of a deterministic model: no random error.
-fn solve(recipe: &Recipe, ctx: Ctx<'_>) -> Result<Estimate, Error> {
+fn solve(recipes: &[Recipe], ctx: Ctx<'_>) -> Result<Estimate, Error> {
     let done = AtomicUsize::new(0);
-    let rows = ctx.map_tiles(recipe.rows(), |row| {
-        let values = recipe.row(row);
+    // All tables have the same axes.
+    let each = recipes.first().map_or(0, Recipe::rows);
+    let count = recipes.len() * each;
+    let rows = ctx.map_tiles(count, |row| {
+        let values = recipes[row / each].row(row % each);
         let done = done.fetch_add(1, Ordering::Relaxed) + 1;
-        ctx.progress(done as f64, Some(recipe.rows() as f64), "rows");
+        ctx.progress(done as f64, Some(count as f64), "rows");
         values
     })?;
     let mut r_d = Vec::new();
@@ -207,10 +214,13 @@ fn solve(recipe: &Recipe, ctx: Ctx<'_>) -> Result<Estimate, Error> {
 }
 
 /// What the solver's discretisation leaves uncertain of each row.
-fn bounds(recipe: &Recipe, values: &[f64], ctx: Ctx<'_>) -> Result<Vec<Option<f64>>, Error> {
-    let samples = bound::samples(recipe);
-    let changes = ctx.map_tiles(samples.len(), |i| bound::change(recipe, samples[i]))?;
-    let bounds = bound::bounds(recipe, &changes, values);
+fn bounds(recipes: &[Recipe], values: &[f64], ctx: Ctx<'_>) -> Result<Vec<Option<f64>>, Error> {
+    let mut bounds = Vec::new();
+    for (recipe, values) in recipes.iter().zip(values.chunks(values.len() / recipes.len())) {
+        let samples = bound::samples(recipe);
+        let changes = ctx.map_tiles(samples.len(), |i| bound::change(recipe, samples[i]))?;
+        bounds.extend(bound::bounds(recipe, &changes, values));
+    }
     if let Some(largest) = bounds.iter().copied().collect::<Option<Vec<f64>>>() {
         ctx.measure("largest_bound", largest.into_iter().fold(0.0, f64::max), "1");
     }
@@ -323,14 +333,34 @@ fn reference(params: &Params, recipe: &Recipe) -> Result<Vec<f64>, Error> {
     recipe.f_x.iter().map(value).collect::<Result<_, _>>().map_err(|e| Error::invalid("reference", e.to_string()))
 }
 
-fn simulate(params: &Params, recipe: &Recipe, ctx: Ctx<'_>) -> Result<Estimate, Error> {
-    let white = monte_carlo::white(recipe);
+/// The tables one after the other, each of paths of its own: their errors are independent.
+fn simulate(params: &Params, recipes: &[Recipe], ctx: Ctx<'_>) -> Result<Estimate, Error> {
+    let mut all = Estimate { r_d: Vec::new(), se: Vec::new() };
     let each = params.samples.unwrap_or(SAMPLES).div_ceil(PARTS as u64);
-    let key = philox::key(ctx.seed());
     let done = AtomicUsize::new(0);
+    for (table, recipe) in recipes.iter().enumerate() {
+        let before = table as u64 * each * PARTS as u64;
+        let Estimate { r_d, se } = trace(recipe, (before, each), (&done, recipes.len() * PARTS), ctx)?;
+        all.r_d.extend(r_d);
+        all.se.extend(se);
+    }
+    ctx.measure(pilot::PATHS, (recipes.len() as u64 * each * PARTS as u64) as f64, "1");
+    tell_errors(&all.r_d, &all.se, ctx);
+    Ok(all)
+}
+
+/// One table: `each` paths of each part, the first of all having the number `before`. `done` of `count` parts are done.
+fn trace(
+    recipe: &Recipe,
+    (before, each): (u64, u64),
+    (done, count): (&AtomicUsize, usize),
+    ctx: Ctx<'_>,
+) -> Result<Estimate, Error> {
+    let white = monte_carlo::white(recipe);
+    let key = philox::key(ctx.seed());
     let parts = ctx.map_tiles(PARTS, |part| {
         let mut tally = white.tally(named(ctx.simd()));
-        let mut first = part as u64 * each;
+        let mut first = before + part as u64 * each;
         let end = first + each;
         while first < end && !ctx.cancelled() {
             let count = CHUNK.min(end - first);
@@ -338,17 +368,14 @@ fn simulate(params: &Params, recipe: &Recipe, ctx: Ctx<'_>) -> Result<Estimate, 
             first += count;
         }
         let done = done.fetch_add(1, Ordering::Relaxed) + 1;
-        ctx.progress(done as f64, Some(PARTS as f64), "parts");
+        ctx.progress(done as f64, Some(count as f64), "parts");
         tally.mean(&white)
     })?;
     // A part that was cut short must not enter.
     ctx.checked()?;
-    ctx.measure(pilot::PATHS, (each * PARTS as u64) as f64, "1");
-    let estimate = monte_carlo::estimate(recipe, &white, &parts).map_err(|error| {
+    monte_carlo::estimate(recipe, &white, &parts).map_err(|error| {
         Error::failed_with_hint(format!("the paths are too few: {error}"), "raise `samples`, or narrow the axes")
-    })?;
-    tell_errors(&estimate.r_d, &estimate.se, ctx);
-    Ok(estimate)
+    })
 }
 
 fn tell_errors(r_d: &[f64], se: &[f64], ctx: Ctx<'_>) {
@@ -359,13 +386,13 @@ fn tell_errors(r_d: &[f64], se: &[f64], ctx: Ctx<'_>) {
 }
 
 /// What holds for all sections, if there are several: the worst of each figure.
-fn tell(reports: &[Report], ctx: Ctx<'_>) {
+fn tell(reports: &[Report], named: &dyn Fn(usize) -> String, ctx: Ctx<'_>) {
     ctx.measure("invertible", if reports.iter().all(Report::invertible) { 1.0 } else { 0.0 }, "1");
     let largest = |k: usize| reports.iter().flat_map(|r| &r.noise_gain).map(|gain| gain[k]).fold(0.0, f64::max);
     ctx.measure("largest_noise_gain_mu_a", largest(0), "1");
     ctx.measure("largest_noise_gain_mu_s_prime", largest(1), "1");
     for (section, report) in reports.iter().enumerate() {
-        let of = if reports.len() > 1 { format!(" of section {section}") } else { String::new() };
+        let of = named(section);
         if report.folded > 0 {
             ctx.warn(format!(
                 "the table{of} folds: at {} nodes or cell centres the Jacobian has another sign than elsewhere, so some \
@@ -382,7 +409,7 @@ fn tell(reports: &[Report], ctx: Ctx<'_>) {
 
 fn lut(
     params: &Params,
-    recipe: &Recipe,
+    (recipe, recipes): (&Recipe, &[Recipe]),
     r_d: Vec<f64>,
     r_d_se: Vec<Option<f64>>,
     r_d_bound: Vec<Option<f64>>,
@@ -395,6 +422,12 @@ fn lut(
     if let Some(sections) = sections {
         table.push("section", "", Cells::I64((0..size).map(|i| (i / (n_a * n_s * n_f)) as i64).collect()));
         table.attributes.insert("sections".to_owned(), json!(sections.list()?));
+    }
+    if recipes.len() > 1 {
+        let of = |i: usize| &recipes[i / (n_a * n_s * n_f)];
+        for ((name, unit), column) in MEDIUM.into_iter().zip([column(&|i| of(i).g), column(&|i| of(i).n)]) {
+            table.push(name, unit, column);
+        }
     }
     table.push("mu_a", "mm^-1", column(&|i| recipe.mu_a[i / n_s % n_a]));
     table.push("mu_s_prime", "mm^-1", column(&|i| recipe.mu_s_prime[i % n_s]));

@@ -220,3 +220,84 @@ fn rows_state_what_the_solver_leaves_uncertain() {
         json!({"model": "diffusion", "f_x": [0], "g": 0.8, "n": 1.4, "mu_a": [0.01, 0.1], "mu_s_prime": [1, 2]});
     assert!(table(&diffusion).maybe_f64s("r_d_bound").unwrap().iter().all(Option::is_none));
 }
+
+fn several(model: &str, g: Value, n: Value, wavelengths: Value) -> Value {
+    let mut params = json!({
+        "model": model, "f_x": [0, 0.1], "g": g, "n": n,
+        "mu_a": {"logspace": [0.01, 0.1, 4]}, "mu_s_prime": {"logspace": [0.5, 2, 4]}
+    });
+    if !wavelengths.is_null() {
+        params["wavelengths_nm"] = wavelengths;
+    }
+    if model == "monte_carlo" {
+        params["samples"] = json!(2000);
+    }
+    params
+}
+
+/// One artifact holds a table for each pair of g and n that occurs, one after the other, each as it is by itself; wavelengths of the same pair share one. Of
+/// one pair the rows are those of a table without wavelengths.
+#[test]
+fn each_pair_of_g_and_n_has_its_table() {
+    let host = || MemoryHost { wanted: vec!["validity".into()], ..MemoryHost::default() };
+    for model in ["rte", "diffusion"] {
+        let (Lut(all), validity) =
+            build(&several(model, json!([0.8, 0.7, 0.8]), json!([1.4, 1.4, 1.4]), json!([660, 730, 850])), &host());
+        let names: Vec<&str> = all.columns.iter().map(|c| c.name.as_str()).collect();
+        assert_eq!(names, ["g", "n", "mu_a", "mu_s_prime", "f_x", "r_d", "r_d_se", "r_d_bound"]);
+        assert_eq!(
+            (all.rows(), &all.attributes["g"], &all.attributes["n"]),
+            (64, &json!([0.8, 0.7, 0.8]), &json!([1.4, 1.4, 1.4]))
+        );
+        assert_eq!(all.attributes["wavelengths_nm"], json!([660.0, 730.0, 850.0]));
+        let Validity(stack) = validity.unwrap();
+        assert_eq!(stack.layers.len(), 6);
+        for (k, g) in [0.8, 0.7].into_iter().enumerate() {
+            let (Lut(alone), one) = build(&several(model, json!(g), json!(1.4), Value::Null), &host());
+            for column in ["mu_a", "mu_s_prime", "f_x", "r_d"] {
+                let of = |table: &turbid_contract::Table| table.f64s(column).unwrap().to_vec();
+                assert_eq!(of(&all)[32 * k..32 * (k + 1)], of(&alone), "{model} {column} {g}");
+            }
+            assert_eq!(
+                all.maybe_f64s("r_d_bound").unwrap()[32 * k..32 * (k + 1)],
+                alone.maybe_f64s("r_d_bound").unwrap()
+            );
+            assert_eq!(stack.layers[3 * k].data, one.unwrap().0.layers[0].data, "{model} {g}");
+            assert_eq!(all.f64s("g").unwrap()[32 * k..32 * (k + 1)], [g; 32]);
+        }
+    }
+    let plain = build(&several("diffusion", json!(0.8), json!(1.4), Value::Null), &host()).0.0.columns.clone();
+    let same = build(&several("diffusion", json!([0.8, 0.8]), json!(1.4), json!([660, 850])), &host()).0.0;
+    assert_eq!((same.columns.clone(), &same.attributes["g"]), (plain, &json!(0.8)));
+}
+
+/// Tables of one Monte Carlo artifact have paths of their own: the first is that of one pair alone, and errors of two with the same g and n nearly are independent.
+#[test]
+fn monte_carlo_tables_do_not_share_paths() {
+    let build = |g: Value, wavelengths: Value| {
+        build(&several("monte_carlo", g, json!(1.4), wavelengths), &MemoryHost::default()).0.0
+    };
+    let all = build(json!([0.8, 0.800_000_1]), json!([660, 850]));
+    let alone = build(json!(0.8), Value::Null);
+    let of = |table: &turbid_contract::Table| table.f64s("r_d").unwrap().to_vec();
+    assert_eq!(of(&all)[..32], of(&alone));
+    let se = all.maybe_f64s("r_d_se").unwrap();
+    // The same paths would differ by some 1e-7.
+    let apart = (0..32).map(|i| (of(&all)[i] - of(&all)[32 + i]).abs() / se[i].unwrap()).fold(0.0, f64::max);
+    assert!((0.1..6.0).contains(&apart), "{apart}");
+}
+
+#[test]
+fn lists_are_for_wavelengths() {
+    for (g, n, wavelengths, words) in [
+        (json!([0.8, 0.7]), json!(1.4), Value::Null, "g: g is a list, and for which wavelengths is not said"),
+        (json!([0.8, 0.7]), json!(1.4), json!([660]), "g: 2 values of g for 1 wavelengths"),
+        (json!([0.8, 0.7]), json!([1.4]), json!([660, 850]), "n: 1 values of n for 2 wavelengths"),
+        (json!([0.8, 1.2]), json!(1.4), json!([660, 850]), "g.1: g = 1.2 must lie in (-1, 1)"),
+        (json!(0.8), json!([1.4, 0.9]), json!([660, 850]), "n.1: n = 0.9 must be a finite number >= 1"),
+        (json!([0.8, 0.7]), json!(1.4), json!([660, 660]), "wavelengths_nm.1: 660 nm stands twice"),
+    ] {
+        let found = problems(&several("diffusion", g, n, wavelengths));
+        assert!(found.len() == 1 && found[0].starts_with(words), "{words}: {found:?}");
+    }
+}

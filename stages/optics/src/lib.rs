@@ -24,6 +24,7 @@ pub mod rough;
 pub mod rte;
 pub mod sinusoid;
 pub mod solid;
+pub mod spectra;
 pub mod spectrum;
 pub mod view;
 

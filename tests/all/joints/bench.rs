@@ -32,10 +32,26 @@ stages:
     use: build_lut
     with: {model: diffusion, f_x: [0, 0.1], g: 0.8, n: 1.0, mu_a: [0.01, 0.1], mu_s_prime: [0.5, 2]}
   maps: {use: invert, in: {reflectance: reflectance, lut: table}}
+  two_colours:
+    use: scene
+    with:
+      camera: {position: [0, 0, 500], look_at: [0, 0, 0], field: [12, 12], pixels: [12, 12]}
+      projector: {position: [0, 35, 500], look_at: [0, 0, 0], field: [48, 48], power: 5}
+      wavelength_nm: [660, 850]
+      media: {m: {mu_a: [0.05, 0.04], mu_s_prime: 1.2, g: 0.8, n: 1.0}}
+      objects: {block: {slab: {thickness: 2000, top: 0}, medium: m}}
+  frames_of_two: {use: render, in: {scene: two_colours}, with: *fringes}
+  modulation_of_two: {use: demodulate, in: {frames: frames_of_two, covariance: frames_of_two.covariance}}
+  reflectance_of_two:
+    use: calibrate
+    in: {sample: modulation_of_two, reference: modulation_of_two}
+    with: {reference: {mu_a: [0.05, 0.04], mu_s_prime: 1.2, g: 0.8, n: 1.0}, model: diffusion}
+  maps_of_two: {use: invert, in: {reflectance: reflectance_of_two, lut: table}}
   shape:
     use: profilometry
     in: {sample: modulation.phase, reference: phantom_modulation.phase, scene: tissue}
     with: {method: triangulation, orientation_deg: 90, heights: [-5, 5]}
+  absorbers: {use: chromophores, in: {maps: maps_of_two}}
   metrics: {use: compare, in: {estimate: maps, truth: frames.truth}}
   means: {use: tabulate, in: {values: frames}}
   summary: {use: summarize, in: {metrics: metrics}}
@@ -43,6 +59,7 @@ stages:
 
 /// Joints that no shipped pipeline has.
 const CONSUMERS: &str = "
+  compare_absorbers: {use: compare, in: {estimate: absorbers, truth: frames_of_two.truth}, with: {concentrations: {block: {HbO2: 45, Hb: 15}}}}
   compare_normals: {use: compare, in: {estimate: shape.normals, truth: frames.truth}}
   second_camera: {use: sensor, in: {frames: camera, covariance: camera.covariance}, with: {bits: 8}}
   behind_two: {use: demodulate, in: {frames: second_camera, covariance: second_camera.covariance}}
@@ -54,7 +71,7 @@ const CONSUMERS: &str = "
 ";
 
 /// Every stack of images can be tabulated, subtracted and divided by: each by itself.
-const STACKS: [&str; 11] = [
+const STACKS: [&str; 12] = [
     "frames",
     "frames.white",
     "shots",
@@ -64,6 +81,7 @@ const STACKS: [&str; 11] = [
     "modulation.phase",
     "reflectance",
     "maps",
+    "absorbers",
     "shape",
     "shape.normals",
 ];

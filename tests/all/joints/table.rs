@@ -29,7 +29,7 @@ const FOR_ALL_LIGHT: Reason = May("a truth that names no wavelength holds for al
 const A_PART: Reason = May("a rig may be a part of a bench: what is missing is refused by the stage that needs it");
 
 /// By consumer, then producer.
-pub const JOINTS: [Row; 81] = [
+pub const JOINTS: [Row; 85] = [
     row(
         "build_lut.phantoms",
         "demodulate.modulation",
@@ -86,6 +86,13 @@ pub const JOINTS: [Row; 81] = [
         ],
     ),
     row("compare.estimate", "calibrate_iad.fit", &[Columns], &[], &[(&[Unit], Declared)]),
+    row(
+        "compare.estimate",
+        "chromophores.concentrations",
+        &[Size, Unit, Quantity],
+        &[OtherRig],
+        &[(&[Frequency, Convention, G, N], NotRead), (&[Wavelength], FOR_ALL_LIGHT), (&[Errors], LessKnown)],
+    ),
     row(
         "compare.estimate",
         "invert.maps",
@@ -263,6 +270,18 @@ pub const JOINTS: [Row; 81] = [
     ),
     row(
         "tabulate.minus",
+        "chromophores.concentrations",
+        &[Wavelength, Unit, Quantity],
+        &[],
+        &[
+            (&[Size], ANY_SIZE),
+            (&[Frequency], NotRead),
+            (&[Errors], LessKnown),
+            (&[Convention, G, N, OtherRig], A_STUDY),
+        ],
+    ),
+    row(
+        "tabulate.minus",
         "demodulate.modulation",
         &[Frequency, Wavelength, Orientation, Unit, Quantity],
         &[],
@@ -339,6 +358,18 @@ pub const JOINTS: [Row; 81] = [
     ),
     row(
         "tabulate.relative_to",
+        "chromophores.concentrations",
+        &[Wavelength, Unit, Quantity],
+        &[],
+        &[
+            (&[Size], ANY_SIZE),
+            (&[Frequency], NotRead),
+            (&[Errors], LessKnown),
+            (&[Convention, G, N, OtherRig], A_STUDY),
+        ],
+    ),
+    row(
+        "tabulate.relative_to",
         "demodulate.modulation",
         &[Frequency, Wavelength, Orientation, Unit, Quantity],
         &[],
@@ -412,6 +443,18 @@ pub const JOINTS: [Row; 81] = [
         &[Frequency, Wavelength, Orientation, Unit, Quantity],
         &[],
         &[(&[Size], ANY_SIZE), (&[Errors], LessKnown), (&[Convention, G, N, OtherRig], A_STUDY)],
+    ),
+    row(
+        "tabulate.values",
+        "chromophores.concentrations",
+        &[Wavelength, Unit, Quantity],
+        &[],
+        &[
+            (&[Size], ANY_SIZE),
+            (&[Frequency], NotRead),
+            (&[Errors], LessKnown),
+            (&[Convention, G, N, OtherRig], A_STUDY),
+        ],
     ),
     row(
         "tabulate.values",

@@ -28,6 +28,8 @@ pub struct Trial {
     pub wanted: Vec<String>,
     pub files: Files,
     pub threads: usize,
+    /// Names of the payloads on ports that take several.
+    pub payloads: BTreeMap<String, &'static str>,
 }
 
 /// What a run made and said.
@@ -53,7 +55,7 @@ impl Trial {
     /// The same of a row of a registry.
     pub fn of_row(row: StageRow, params: Value) -> Self {
         let (inputs, files) = (Inputs::none(), Files::default());
-        Self { row, params, inputs, seed: 0, wanted: Vec::new(), files, threads: 1 }
+        Self { row, params, inputs, seed: 0, wanted: Vec::new(), files, threads: 1, payloads: BTreeMap::new() }
     }
 
     /// With other params.
@@ -77,6 +79,7 @@ impl Trial {
         let many = matches!(arity, Arity::Many | Arity::Some);
         assert!(many || self.inputs.first(port).is_none(), "`{port}` of `{stage}` takes one artifact");
         self.inputs = self.inputs.with_at(port, axes, payload);
+        self.payloads.insert(port.to_owned(), name);
         self
     }
 
@@ -132,7 +135,8 @@ impl Trial {
             known.producers.insert(name.clone(), format!("made.{name}"));
             known.forms.insert(name.clone(), all.iter().map(|(_, artifact)| Arc::new(Form::of(artifact))).collect());
             if matches!(port.arity, Arity::One | Arity::Optional) {
-                known.payloads.insert(name.clone(), port.payload.to_owned());
+                let payload = self.payloads.get(port.name).copied().unwrap_or(port.payload);
+                known.payloads.insert(name.clone(), payload.to_owned());
                 if artifact.kind() == ArtifactKind::Record {
                     known.insert(name, artifact.clone());
                 }

@@ -1,14 +1,15 @@
-//! What `compare` takes: an estimate with its truth, as images or as a table of media. Types of input ports; nothing makes them.
+//! What `compare` takes: an estimate with its truth, as images or as a table of media; of concentrations the truth is in its params. Types of input ports; nothing makes them.
 
 use crate::artifact::{Artifact, ArtifactKind};
 use crate::error::Error;
-use crate::payload::{Fit, Maps, Payload, Readings, Truth};
+use crate::payload::{Concentrations, Fit, Maps, Payload, Readings, Truth};
 
-/// Optical properties that somebody found.
+/// Optical properties that somebody found, or what absorbs.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Estimate {
     Maps(Maps),
     Fit(Fit),
+    Concentrations(Concentrations),
 }
 
 /// What they should have been.
@@ -20,20 +21,25 @@ pub enum Expected {
 }
 
 impl Payload for Estimate {
-    const NAME: &'static str = "maps or fit";
+    const NAME: &'static str = "maps, fit or concentrations";
     const KIND: ArtifactKind = ArtifactKind::Images;
-    const ACCEPTS: &'static [&'static str] = &[Maps::NAME, Fit::NAME];
+    const ACCEPTS: &'static [&'static str] = &[Maps::NAME, Fit::NAME, Concentrations::NAME];
 
     fn into_artifact(self) -> Artifact {
         match self {
             Self::Maps(maps) => maps.into_artifact(),
             Self::Fit(fit) => fit.into_artifact(),
+            Self::Concentrations(concentrations) => concentrations.into_artifact(),
         }
     }
 
     fn from_artifact(artifact: Artifact) -> Result<Self, Error> {
-        match artifact.kind() {
-            ArtifactKind::Table => Fit::from_artifact(artifact).map(Self::Fit),
+        match &artifact {
+            Artifact::Table(_) => Fit::from_artifact(artifact).map(Self::Fit),
+            // Only concentrations hold what they leave of mu_a.
+            Artifact::Images(stack) if stack.find("residual", None).is_some() => {
+                Concentrations::from_artifact(artifact).map(Self::Concentrations)
+            }
             _ => Maps::from_artifact(artifact).map(Self::Maps),
         }
     }

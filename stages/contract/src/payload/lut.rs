@@ -27,7 +27,8 @@ pub enum Convention {
 /// (what the model's own solution leaves uncertain; null where that is not known) (1).
 ///
 /// Order: f_x outermost, then mu_a, then mu_s'; where the table has sections (attribute `sections`, a list as in [`crate::payload::Section`])
-/// a column `section` comes first and runs slowest. Attributes: `f_x`, `mu_a`, `mu_s_prime` (the axes), `g`, `n`,
+/// a column `section` comes first and runs slowest. Where g or n differ between wavelengths there is a table for each pair of them, one after the other:
+/// columns `g` and `n` come first, the attributes `g` and `n` are lists with one value for each of the attribute `wavelengths_nm`. Attributes: `f_x`, `mu_a`, `mu_s_prime` (the axes), `g`, `n`,
 /// `thickness` (mm, null for a half-space), `convention`, `model`; of phantoms also `reference` (its `mu_a`, `mu_s_prime`, mm^-1).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lut(pub Fixed<Table>);
@@ -43,6 +44,8 @@ impl Payload for Lut {
     const KIND: ArtifactKind = ArtifactKind::Table;
     const HOLDS: &'static [Quantity] = &[
         quantity("section", "", "of a surface, where the table has several"),
+        quantity("g", "1", "anisotropy of the table, where there are several beside each other"),
+        quantity("n", "1", "refractive index of the table, where there are several beside each other"),
         quantity("mu_a", "mm^-1", "absorption coefficient of the node"),
         quantity("mu_s_prime", "mm^-1", "reduced scattering coefficient of the node"),
         quantity("f_x", "mm^-1", "spatial frequency"),

@@ -2,17 +2,24 @@
 
 use crate::artifact::{Artifact, ArtifactKind, ImageStack};
 use crate::error::Error;
-use crate::payload::{Frames, Maps, Modulation, Payload, Phase, Reflectance, White};
+use crate::payload::{Concentrations, Frames, Maps, Modulation, Payload, Phase, Reflectance, White};
 
 /// Images of quantities with their standard errors.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stack(pub ImageStack);
 
 impl Payload for Stack {
-    const NAME: &'static str = "frames, modulation, phase, reflectance, maps or white";
+    const NAME: &'static str = "frames, modulation, phase, reflectance, maps, concentrations or white";
     const KIND: ArtifactKind = ArtifactKind::Images;
-    const ACCEPTS: &'static [&'static str] =
-        &[Frames::NAME, Modulation::NAME, Phase::NAME, Reflectance::NAME, Maps::NAME, White::NAME];
+    const ACCEPTS: &'static [&'static str] = &[
+        Frames::NAME,
+        Modulation::NAME,
+        Phase::NAME,
+        Reflectance::NAME,
+        Maps::NAME,
+        Concentrations::NAME,
+        White::NAME,
+    ];
 
     fn into_artifact(self) -> Artifact {
         Artifact::Images(self.0)

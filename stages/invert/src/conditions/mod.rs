@@ -8,13 +8,14 @@ mod say;
 use std::collections::BTreeMap;
 use std::sync::Mutex;
 
+use turbid_contract::layers::wavelengths;
 use turbid_contract::payload::{CONDITIONS, Conditions, REFERENCE_CONDITIONS, SaidBy, Seen, Thickness};
 use turbid_contract::{Attributes, Known, Problems, serde_json};
 use turbid_optics::misreading::{Reading, Setting, Side, misreading};
 
 pub use run::tell;
 
-use crate::lut::same_f_x;
+use crate::lut::{of_table, places, same_f_x, table_of, tables};
 use crate::params::Params;
 
 /// Lines of light and view no more oblique than this (degrees) count as normal: what they do to mu_a stays below some 1 %.
@@ -77,7 +78,14 @@ fn numbers(attributes: &Attributes, name: &str) -> Vec<f64> {
 
 impl Compared {
     /// From what both say of themselves; `None` where the table does not say what it is of.
-    pub fn of(reflectance: &Attributes, lut: &Attributes, f_x: [f64; 2], slopes_corrected: bool) -> Option<Self> {
+    ///
+    /// `channel`: the number of the wavelength whose reference stands for that of all that read this table; it is about the size of what is misread.
+    pub fn of(
+        reflectance: &Attributes,
+        lut: &Attributes,
+        (f_x, channel): ([f64; 2], usize),
+        slopes_corrected: bool,
+    ) -> Option<Self> {
         let normal = Setting {
             g: number(lut, "g")?,
             n: number(lut, "n")?,
@@ -95,10 +103,9 @@ impl Compared {
             Some(all.iter().fold([least, most], |[a, b], [least, _, most]| [a.min(*least), b.max(*most)]))
         };
         let reference = reflectance.get("reference").filter(|_| !empirical).and_then(|phantom| {
-            // Of a phantom that is known for several wavelengths the first stands for all: this is about the size of what is misread.
             let of = |name: &str| {
                 let value = phantom.get(name)?;
-                value.as_f64().or_else(|| value.get(0)?.as_f64())
+                value.as_f64().or_else(|| value.get(channel)?.as_f64())
             };
             let seen = Setting { g: of("g")?, n: of("n")?, thickness: None, ..normal };
             let seen_as = Conditions::of(reflectance, REFERENCE_CONDITIONS).and_then(|c| c.seen.into_iter().next());
@@ -244,23 +251,45 @@ pub fn check(params: &Params, known: &Known, problems: &mut Problems) {
     };
     let f_x = extremes(f_x.unwrap_or_default());
     let corrected = known.connected.iter().any(|port| port == "height");
-    let compared = f_x.and_then(|f_x| Compared::of(&reflectance, &lut, f_x, corrected));
-    let Some(compared) = compared.filter(|_| reflectance.contains_key("convention")) else { return };
-    if let Some(message) = say::unsaid(&compared) {
-        problems.warn("", message);
+    if !reflectance.contains_key("convention") {
+        return;
     }
-    for seen in compared.said.iter().flat_map(|said| &said.seen) {
-        for mu in media(seen, &compared) {
-            for cause in compared.causes(seen, mu) {
-                let found = worst(&compared, seen, mu, cause);
-                if found.is_some_and(|(_, off)| off.iter().all(|x| x.abs() < LEAST_TOLD)) {
-                    continue;
-                }
-                let (message, way_out) = say::differs(&compared, seen, mu, cause, found);
-                let size = found.map_or(1.0, |(_, off)| off[0].abs().max(off[1].abs()));
-                problems.warn_ranked(size, "", message, way_out);
+    let layers = known.form("reflectance").and_then(|form| form.layers.as_deref());
+    let wavelengths_nm = layers.map(|layers| wavelengths(layers, "r_d")).unwrap_or_default();
+    let places = places(&lut, &wavelengths_nm).unwrap_or_default();
+    let several = tables(&lut) > 1;
+    let mut said = false;
+    for table in 0..tables(&lut) {
+        let reads = |channel: usize| table_of(&lut, places.get(channel).copied().flatten()) == table;
+        let channel = if several { (0..places.len()).find(|&k| reads(k)) } else { Some(0) };
+        let Some((f_x, channel)) = f_x.zip(channel) else { continue };
+        let Some(compared) = Compared::of(&reflectance, &of_table(&lut, table), (f_x, channel), corrected) else {
+            continue;
+        };
+        if let Some(message) = say::unsaid(&compared).filter(|_| !said) {
+            problems.warn("", message);
+            said = true;
+        }
+        for seen in compared.said.iter().flat_map(|said| &said.seen) {
+            let media = media(seen, &compared).into_iter().enumerate();
+            let own = media.filter(|(k, _)| !several || seen.mu_a.is_empty() || reads(*k));
+            for (_, mu) in own {
+                warn_of(&compared, seen, mu, problems);
             }
         }
+    }
+}
+
+/// Warns of each cause that tells on an object of mu_a and mu_s' `mu`.
+fn warn_of(compared: &Compared, seen: &Seen, mu: [f64; 2], problems: &mut Problems) {
+    for cause in compared.causes(seen, mu) {
+        let found = worst(compared, seen, mu, cause);
+        if found.is_some_and(|(_, off)| off.iter().all(|x| x.abs() < LEAST_TOLD)) {
+            continue;
+        }
+        let (message, way_out) = say::differs(compared, seen, mu, cause, found);
+        let size = found.map_or(1.0, |(_, off)| off[0].abs().max(off[1].abs()));
+        problems.warn_ranked(size, "", message, way_out);
     }
 }
 

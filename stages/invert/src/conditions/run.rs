@@ -27,7 +27,7 @@ type Kind = [i32; 5];
 ///
 /// Error: the run was cancelled.
 pub fn tell(
-    compared: &Compared,
+    (compared, wavelengths_nm): (&Compared, &[Option<f64>]),
     stack: &ImageStack,
     maps: &mut ImageStack,
     mut covariance: Option<&mut ImageStack>,
@@ -42,13 +42,7 @@ pub fn tell(
         let all = said.seen.iter().flat_map(|seen| compared.causes(seen, mu));
         Cause::ALL.into_iter().filter(|cause| all.clone().any(|c| c == *cause)).collect()
     };
-    let wavelengths: Vec<Option<f64>> = maps
-        .layers
-        .iter()
-        .filter(|l| l.info.name == "mu_a" && l.info.kind == LayerKind::Value)
-        .map(|l| l.info.wavelength_nm)
-        .collect();
-    for wavelength_nm in wavelengths {
+    for &wavelength_nm in wavelengths_nm {
         let pixels = Pixels::of(stack, maps, wavelength_nm);
         // The lowest mu_a goes deepest: what makes no difference there makes none.
         let Some(lowest) = pixels.lowest() else { continue };

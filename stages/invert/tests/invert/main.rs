@@ -16,6 +16,7 @@ mod profile;
 mod refusals;
 mod round_trips;
 mod sections;
+mod wavelengths;
 
 const F_X: [f64; 2] = [0.0, 0.1];
 /// mu_a and mu_s' of the default table.

@@ -1,6 +1,6 @@
-//! A user's own spectra: a table of text, wavelength_nm and a column for each chromophore.
+//! Spectra as laboratories keep them: a table of text, wavelength_nm and a column for each quantity.
 
-use turbid_optics::Spectrum;
+use crate::Spectrum;
 
 /// A mistake in a file of spectra: where it stands, from 1, and what it is.
 #[derive(Clone, Debug, PartialEq)]
@@ -13,11 +13,14 @@ pub struct FileError {
 /// Columns that one file may have: a table of more is another kind of file.
 const MOST_COLUMNS: usize = 64;
 
-/// The spectra of a file by name, times `to_mm`.
+/// The spectra of a file by name; `value` makes of a cell, with the name of its column, what the spectrum holds, or says which rule it breaks.
 ///
 /// Cells stand between commas, semicolons or white space; `#` begins a comment; the first other line names the columns. Errors: no `wavelength_nm`, no
-/// other column, a name twice, a row of another length, what is no finite number, values below 0, wavelengths that do not rise.
-pub fn read(bytes: &[u8], to_mm: f64) -> Result<Vec<(String, Spectrum)>, FileError> {
+/// other column, a name twice, a row of another length, what is no finite number, a broken rule, wavelengths that do not rise.
+pub fn read(
+    bytes: &[u8],
+    value: &dyn Fn(&str, f64) -> Result<f64, String>,
+) -> Result<Vec<(String, Spectrum)>, FileError> {
     let wrong = |line: usize, column: usize, message: String| Err(FileError { line, column, message });
     let Ok(text) = std::str::from_utf8(bytes) else {
         return wrong(1, 1, "the file is no text: a table with the columns wavelength_nm, NAME.. is wanted".to_owned());
@@ -34,7 +37,7 @@ pub fn read(bytes: &[u8], to_mm: f64) -> Result<Vec<(String, Spectrum)>, FileErr
         );
     };
     if names.len() < 2 || names.len() > MOST_COLUMNS {
-        let rule = format!("wavelength_nm and 1 to {} chromophores are wanted", MOST_COLUMNS - 1);
+        let rule = format!("wavelength_nm and 1 to {} others are wanted", MOST_COLUMNS - 1);
         return wrong(line, 1, format!("{} columns: {rule}", names.len()));
     }
     if let Some(k) = (0..names.len()).find(|&k| names[..k].contains(&names[k])) {
@@ -50,31 +53,37 @@ pub fn read(bytes: &[u8], to_mm: f64) -> Result<Vec<(String, Spectrum)>, FileErr
             );
         }
         for (k, cell) in row.iter().enumerate() {
-            let Some(value) = cell.parse::<f64>().ok().filter(|v| v.is_finite()) else {
+            let Some(number) = cell.parse::<f64>().ok().filter(|v| v.is_finite()) else {
                 return wrong(line, k + 1, format!("{} = `{cell}` is not a finite number", names[k]));
             };
-            if value < 0.0 {
-                return wrong(line, k + 1, format!("{} = {value} must be >= 0", names[k]));
+            if k != of_wavelength {
+                match value(names[k], number) {
+                    Ok(value) => columns[k].push(value),
+                    Err(rule) => return wrong(line, k + 1, format!("{} = {number} must {rule}", names[k])),
+                }
+                continue;
             }
-            if let (true, Some(&before)) = (k == of_wavelength, columns[k].last())
-                && value <= before
+            if number < 0.0 {
+                return wrong(line, k + 1, format!("wavelength_nm = {number} must be >= 0"));
+            }
+            if let Some(&before) = columns[k].last()
+                && number <= before
             {
                 return wrong(
                     line,
                     k + 1,
-                    format!("wavelength_nm = {value} nm follows {before} nm: wavelengths must rise"),
+                    format!("wavelength_nm = {number} nm follows {before} nm: wavelengths must rise"),
                 );
             }
-            columns[k].push(value);
+            columns[k].push(number);
         }
     }
-    if columns[0].is_empty() {
+    if columns[of_wavelength].is_empty() {
         return wrong(line, 1, "no row follows the names of the columns".to_owned());
     }
     let wavelengths = columns[of_wavelength].clone();
     let named = names.iter().zip(columns).enumerate().filter(|(k, _)| *k != of_wavelength);
     let spectra = named.map(|(_, (&name, values))| {
-        let values = values.into_iter().map(|v| v * to_mm).collect();
         (name.to_owned(), Spectrum::new(wavelengths.clone(), values).expect("rows are finite and rise"))
     });
     Ok(spectra.collect())
@@ -94,6 +103,10 @@ fn cells(line: &str) -> Vec<&str> {
 mod tests {
     use super::*;
 
+    fn not_negative(_: &str, value: f64) -> Result<f64, String> {
+        if value < 0.0 { Err("be >= 0".to_owned()) } else { Ok(value * 0.1) }
+    }
+
     #[test]
     fn tables_are_read_whatever_separates_their_cells() {
         for text in [
@@ -101,7 +114,7 @@ mod tests {
             "\u{feff}wavelength_nm; dye; ink\r\n500; 1; 2\r\n\r\n600; 3; 4",
             "dye\twavelength_nm\tink\n1 500 2 # first\n3 600 4\n",
         ] {
-            let spectra = read(text.as_bytes(), 0.1).expect("it is a table");
+            let spectra = read(text.as_bytes(), &not_negative).expect("it is a table");
             assert_eq!(spectra.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>(), ["dye", "ink"]);
             assert_eq!(spectra[0].1.at(550.0), Some(0.5 * 0.1 + 0.5 * (3.0 * 0.1)));
         }
@@ -125,7 +138,7 @@ mod tests {
             (b"wavelength_nm,a\n500,-1\n", 2, 2, "must be >= 0"),
             (b"wavelength_nm,a\n500,1\n# between\n500,2\n", 4, 1, "must rise"),
         ] {
-            let error = read(text, 1.0).expect_err(words);
+            let error = read(text, &not_negative).expect_err(words);
             assert!(error.message.contains(words), "{words}: {error:?}");
             assert_eq!((error.line, error.column), (line, column), "{words}");
         }
