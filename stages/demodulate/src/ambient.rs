@@ -13,6 +13,10 @@ use crate::set::{Channel, Fringe};
 /// A turn beyond this many degrees is told: the phases are not what the frames say.
 const LARGE_TURN_DEG: f64 = 5.0;
 
+/// Amplitude of even light in steps over its mean, below which it takes none: a projector without a black (contrast 10 : 1) in a room as bright as
+/// itself has some 0.4.
+const LEAST_AMPLITUDE: f64 = 0.05;
+
 impl Channel {
     /// Turns the weights at f_x = 0 into the direction that the frames have, and says how far that is from the phases that they say.
     pub fn turn_even_light(&mut self, stack: &ImageStack, ctx: Ctx<'_>) {
@@ -32,6 +36,14 @@ impl Channel {
             weights.weights[0].iter().zip(&sums).map(|(weight, sum)| weight * sum).sum::<f64>()
         });
         let turn = libm::atan2(parts[1], parts[0]);
+        let (amplitude, mean) = (libm::hypot(parts[0], parts[1]), sums.iter().sum::<f64>() / sums.len() as f64);
+        if mean > 0.0 && amplitude < LEAST_AMPLITUDE * mean {
+            ctx.warn(format!(
+                "the {} frames at f_x = 0{light} follow the phases that they say by {:.2} % of their mean: where the projector shows the same light each time leave the phases out, and the frames are averaged",
+                phases.len(),
+                100.0 * amplitude / mean
+            ));
+        }
         let (weights, ambient) = Weights::amplitude(&phases, turn).expect("weights were made of these phases");
         (fringe.weights, fringe.ambient) = (weights, Some(ambient));
         ctx.measure("even_light_turn", turn.to_degrees(), "deg");

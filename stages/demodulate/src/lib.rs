@@ -11,6 +11,7 @@
 //! three or more of them with phases are an amplitude: M_DC without black level and room light, which stand beside it as `ambient`.
 //! Theory and measured figures: `docs/theory/demodulate.md`.
 
+mod acquisition;
 mod ambient;
 pub mod diagnostics;
 mod doubts;

@@ -18,6 +18,13 @@ pub struct Fringe {
     pub ambient: Option<Vec<f64>>,
 }
 
+impl Fringe {
+    /// Whether its frames differ by their phases.
+    pub fn is_shifted(&self) -> bool {
+        self.f_x_per_mm > 0.0 || self.ambient.is_some()
+    }
+}
+
 /// The frames of one wavelength, fringes by rising f_x, then orientation.
 pub struct Channel {
     pub wavelength_nm: Option<f64>,

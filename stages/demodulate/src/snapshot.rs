@@ -231,7 +231,7 @@ impl Parting {
                     let mean = mean.as_ref().map(|mean| mean.weights(k, &good).ok_or_else(|| lacking(mean)));
                     Ok((own, mean.transpose()?))
                 };
-                let fits: Vec<Result<_, f32>> = (0..line.len()).map(fitted).collect();
+                let fits: Vec<Result<Fitted<'_>, f32>> = (0..line.len()).map(fitted).collect();
                 let mut structure = vec![0.0; line.len()];
                 let variances = variances.map(|variances| {
                     for (k, found) in fits.iter().enumerate() {
@@ -241,7 +241,7 @@ impl Parting {
                     variances.iter_mut().zip(&structure).for_each(|(variance, structure)| *variance += structure);
                     &*variances
                 });
-                let pixel = |(k, found): (usize, Result<(Cow<'_, Weights>, Option<Cow<'_, Weights>>), f32>)| {
+                let pixel = |(k, found): (usize, Result<Fitted<'_>, f32>)| {
                     let (own, mean) = found?;
                     let weights = mean.map_or(own.clone(), |mean| Cow::Owned(own.with_mean(&mean)));
                     let value = weights.apply(line);
@@ -281,6 +281,9 @@ fn with_structure(mut covariance: [[f64; 3]; 3], value: [f64; 3], structure: f64
     }
     covariance
 }
+
+/// Weights of a pixel: those of mean and fringe, and those of the mean where it has a window of its own.
+type Fitted<'a> = (Cow<'a, Weights>, Option<Cow<'a, Weights>>);
 
 /// What a pixel of a line is made of.
 struct Pixel {

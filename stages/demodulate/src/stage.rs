@@ -146,6 +146,7 @@ impl Stage for Demodulate {
                 channel.estimate_steps(frames, &mut worst)?;
             }
             channel.turn_even_light(frames, ctx);
+            channel.check_frames(frames, params.saturation, ctx);
             channel.diagnose(frames, params.steps == Steps::Given, &mut worst, ctx);
             let noise = Noise::of_channel(&channel, &inputs.frames, inputs.covariance.as_ref())?;
             let pass = Pass::new(&channel, noise.as_ref(), frames, params, wants_phase, ctx.simd());

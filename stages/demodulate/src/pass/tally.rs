@@ -2,6 +2,7 @@
 
 use turbid_contract::Ctx;
 use turbid_contract::ndarray::Array2;
+use turbid_contract::payload::MaskReason;
 
 use crate::set::Channel;
 
@@ -55,8 +56,19 @@ impl Tally {
         if self.good == 0 && self.pixels > 0 {
             let reasons = ctx.measure_masked(mask.iter().copied());
             ctx.warn(format!("all pixels{} are masked: {reasons}", of(channel.wavelength_nm)));
+        } else if 2 * lost(mask) > self.pixels {
+            let share = 100.0 * lost(mask) as f64 / self.pixels as f64;
+            let reasons = ctx.measure_masked(mask.iter().copied());
+            let light = of(channel.wavelength_nm);
+            ctx.warn(format!("{share:.0} % of the pixels{light} are masked, more than half: {reasons}"));
         }
     }
+}
+
+/// Pixels that are masked and were meant to show something: background is not.
+fn lost(mask: &Array2<f32>) -> u64 {
+    let background = MaskReason::Background.code();
+    mask.iter().filter(|&&reason| reason != 0.0 && reason != background).count() as u64
 }
 
 /// ` of 650 nm`, of frames that say their wavelength.

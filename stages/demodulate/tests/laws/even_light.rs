@@ -47,7 +47,10 @@ fn an_offset_is_ambient_light() {
             push(&mut stack, 0.0, f64::to_radians(d), &|_, _| level, None);
             push(&mut stack, 0.1, f64::to_radians(d), &|_, c| level + 0.0625 * (c % 4) as f64, None);
         }
-        demodulate(Frames(stack), None, &[]).unwrap().0.modulation.0
+        let (out, host) = demodulate(Frames(stack), None, &[]).unwrap();
+        // A step without light is none that was forgotten.
+        assert!(!host.warnings.lock().unwrap().join("").contains("is dark"));
+        out.modulation.0
     };
     let (plain, offset) = (of(0.0), of(0.5));
     for (a, b) in plain.layers.iter().zip(&offset.layers) {

@@ -7,6 +7,7 @@ use turbid_contract::payload::{Covariance, Frames};
 use turbid_contract::{Ctx, Error, ImageStack, LayerInfo, LayerKind, MemoryHost, Stage};
 use turbid_demodulate::{Demodulate, In, Out, Params};
 
+mod acquisition;
 mod errors;
 mod even_light;
 mod forms;

@@ -17,7 +17,9 @@ pub fn read(bytes: &[u8]) -> Result<Picture, String> {
 }
 
 /// Columns and rows, the highest number, and the bytes of the pixels.
-fn header(bytes: &[u8]) -> Result<((usize, usize), u32, &[u8]), String> {
+type Header<'a> = ((usize, usize), u32, &'a [u8]);
+
+fn header(bytes: &[u8]) -> Result<Header<'_>, String> {
     let mut at = 2;
     let mut number = || -> Option<u64> {
         // White space and comments, digits, one white space.
