@@ -59,6 +59,8 @@ mod mismatches;
 mod near_normal;
 #[path = "all/people.rs"]
 mod people;
+#[path = "all/phantoms.rs"]
+mod phantoms;
 #[path = "all/pictures.rs"]
 mod pictures;
 #[path = "all/profile.rs"]

@@ -6,7 +6,7 @@ use std::io::{BufRead, BufReader};
 use crate::space::Space;
 
 /// Value layers and masks of an exported stack by name and kind, row by row.
-fn planes(space: &Space, file: &str, port: &str, settings: &[&str]) -> BTreeMap<(String, String), Vec<f64>> {
+pub fn planes(space: &Space, file: &str, port: &str, settings: &[&str]) -> BTreeMap<(String, String), Vec<f64>> {
     let csv = space.path().join("planes.csv");
     let mut arguments = vec!["export", file, port, "--to", csv.to_str().expect("a temporary folder of UTF-8")];
     arguments.extend(settings);
