@@ -8,8 +8,7 @@ use turbid_optics::{Medium, rte};
 use crate::measured::planes;
 use crate::space::Space;
 
-const PHANTOMS: [&str; 12] =
-    ["p01", "p02", "p03", "ph2", "ph3", "ph5", "ph6", "ph7", "ph10", "ph11", "ph12", "ph14"];
+const PHANTOMS: [&str; 12] = ["p01", "p02", "p03", "ph2", "ph3", "ph5", "ph6", "ph7", "ph10", "ph11", "ph12", "ph14"];
 /// Rows and columns of the part that is compared: within the crop, a period and more from its ends, on the phantom.
 const ROWS: std::ops::Range<usize> = 90..166;
 const COLUMNS: std::ops::Range<usize> = 80..176;
