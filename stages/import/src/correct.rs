@@ -20,6 +20,8 @@ pub struct Camera {
     pub full_well: Option<f64>,
     /// Electrons.
     pub read_noise: f64,
+    /// Number that the camera writes without light, where no field tells.
+    pub black_level: f64,
 }
 
 /// One frame as radiance.
@@ -57,11 +59,19 @@ impl Corrected {
 }
 
 /// Levels, as shares of full scale.
+#[derive(Clone, Debug)]
 pub struct Field {
     levels: Vec<f64>,
 }
 
 impl Field {
+    /// The mean of several.
+    pub fn mean(fields: &[&Self]) -> Option<Self> {
+        let (first, n) = (fields.first()?, fields.len() as f64);
+        let at = |i: usize| fields.iter().map(|field| field.levels[i]).sum::<f64>() / n;
+        Some(Self { levels: (0..first.levels.len()).map(at).collect() })
+    }
+
     /// Pixels.
     #[allow(clippy::len_without_is_empty, reason = "pictures have pixels")]
     pub fn len(&self) -> usize {
@@ -71,7 +81,17 @@ impl Field {
 
 impl Camera {
     fn level(&self, picture: &Picture, i: usize) -> f64 {
-        libm::pow(picture.values.at(i) / picture.highest.unwrap_or(1.0), self.gamma)
+        self.level_of(picture, picture.values.at(i))
+    }
+
+    fn level_of(&self, picture: &Picture, number: f64) -> f64 {
+        libm::pow(number / picture.highest.unwrap_or(1.0), self.gamma)
+    }
+
+    /// Level of a pixel without light.
+    fn darkness<'a>(&self, picture: &Picture, dark: Option<&'a Field>) -> impl Fn(usize) -> f64 + use<'a> {
+        let black = self.level_of(picture, self.black_level);
+        move |i| dark.map_or(black, |field| field.levels[i])
     }
 
     /// Dark level of each pixel.
@@ -83,8 +103,8 @@ impl Camera {
     ///
     /// Error: none does.
     pub fn response(&self, flat: &Picture, dark: Option<&Field>) -> Result<Field, String> {
-        let mut levels: Vec<f64> =
-            (0..flat.values.len()).map(|i| self.level(flat, i) - dark.map_or(0.0, |d| d.levels[i])).collect();
+        let darkness = self.darkness(flat, dark);
+        let mut levels: Vec<f64> = (0..flat.values.len()).map(|i| self.level(flat, i) - darkness(i)).collect();
         let bright: Vec<f64> = levels.iter().copied().filter(|&l| l > 0.0 && l.is_finite()).collect();
         if bright.is_empty() {
             return Err("no pixel of it is brighter than the dark field".to_owned());
@@ -94,8 +114,8 @@ impl Camera {
         Ok(Field { levels })
     }
 
-    /// The frame, taken with 2^exposure times the light.
-    pub fn correct(&self, frame: &Picture, dark: Option<&Field>, response: Option<&Field>, exposure: f64) -> Corrected {
+    /// The frame, taken with `light` times the light.
+    pub fn correct(&self, frame: &Picture, dark: Option<&Field>, response: Option<&Field>, light: f64) -> Corrected {
         let pixels = frame.values.len();
         let variances = if self.full_well.is_some() { pixels } else { 0 };
         let mut corrected = Corrected {
@@ -103,7 +123,7 @@ impl Camera {
             variance: Vec::with_capacity(variances),
             reasons: Vec::with_capacity(pixels),
         };
-        for pixel in self.pixels(frame, dark, response, exposure) {
+        for pixel in self.pixels(frame, dark, response, light) {
             corrected.reasons.push(pixel.reason);
             corrected.value.push(pixel.value);
             corrected.variance.extend(pixel.variance);
@@ -112,8 +132,8 @@ impl Camera {
     }
 
     /// How much of the frame is light, without the frame.
-    pub fn light(&self, frame: &Picture, dark: Option<&Field>, response: Option<&Field>, exposure: f64) -> Light {
-        Light::of(self.pixels(frame, dark, response, exposure).map(|pixel| (pixel.value, pixel.reason)))
+    pub fn light(&self, frame: &Picture, dark: Option<&Field>, response: Option<&Field>, light: f64) -> Light {
+        Light::of(self.pixels(frame, dark, response, light).map(|pixel| (pixel.value, pixel.reason)))
     }
 
     fn pixels(
@@ -121,12 +141,13 @@ impl Camera {
         frame: &Picture,
         dark: Option<&Field>,
         response: Option<&Field>,
-        exposure: f64,
+        light: f64,
     ) -> impl Iterator<Item = Pixel> {
-        let scale = self.full_scale / libm::exp2(exposure);
+        let scale = self.full_scale / light;
+        let darkness = self.darkness(frame, dark);
         (0..frame.values.len()).map(move |i| {
             let level = self.level(frame, i);
-            let above = level - dark.map_or(0.0, |d| d.levels[i]);
+            let above = level - darkness(i);
             let gain = response.map_or(1.0, |r| r.levels[i]);
             let value = above / gain * scale;
             // Images hold f32: what overflows there is infinite too.

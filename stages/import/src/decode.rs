@@ -1,11 +1,15 @@
-//! Pictures from the bytes of PNG, TIFF, EXR, BMP, PGM and NumPy files, and of files without a header.
+//! Pictures from the bytes of PNG, TIFF, EXR, BMP, PGM, NumPy and MATLAB files, of numbers in text, and of files without a header.
 //!
 //! Sizes are read and bounded before memory is asked for; one channel is kept, in the numbers of the file.
 
+mod array;
 mod bmp;
+mod csv;
 mod exr;
 mod exr_header;
+mod mat;
 mod npy;
+mod npz;
 mod numbers;
 mod pgm;
 mod png;
@@ -43,20 +47,17 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// The same with the highest number that a camera of so many bits writes.
+    /// The same with the highest number that a camera of so many bits writes; of floating-point numbers these are counts.
     ///
-    /// Error: the file has no whole numbers, or too few or too many bits for it.
+    /// Error: the file has too few or too many bits for it.
     pub fn of_bits(self, bits: Option<u32>) -> Result<Self, String> {
         let Some(bits) = bits else { return Ok(self) };
-        let Some(highest) = self.highest else {
-            return Err(format!("its numbers are floating-point, not of {bits} bits: leave `bits` out"));
-        };
         let own = ((1_u64 << bits) - 1) as f64;
-        let largest = self.values.iter().fold(0.0, f64::max);
+        let largest = self.values.iter().filter(|v| v.is_finite()).fold(0.0, f64::max);
+        let highest = self.highest.unwrap_or(f64::INFINITY);
         if own > highest || largest > own {
-            return Err(format!(
-                "it holds numbers up to {largest} of at most {highest}, a camera of {bits} bits writes up to {own}"
-            ));
+            let of = if highest.is_finite() { format!(" of at most {highest}") } else { String::new() };
+            return Err(format!("it holds numbers up to {largest}{of}, a camera of {bits} bits writes up to {own}"));
         }
         Ok(Self { highest: Some(own), ..self })
     }
@@ -90,11 +91,13 @@ impl Picture {
 
 /// Which picture of a file is wanted, and how it is to be read.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Wanted {
+pub struct Wanted<'a> {
     /// Of coloured pictures.
     pub channel: Option<Channel>,
     /// Of several in a file, from 0.
     pub page: Option<usize>,
+    /// Of several arrays in a file of NumPy or MATLAB.
+    pub variable: Option<&'a str>,
     /// Of files without a header.
     pub raw: Option<Raw>,
 }
@@ -103,33 +106,33 @@ pub struct Wanted {
 /// memory beside the bytes.
 ///
 /// Error: what is wrong with it.
-pub fn decode(bytes: &[u8], wanted: Wanted) -> Result<Picture, String> {
-    let Wanted { channel, page, raw } = wanted;
+pub fn decode(bytes: &[u8], wanted: Wanted<'_>) -> Result<Picture, String> {
+    let Wanted { channel, page, variable, raw } = wanted;
     guarded(|| {
         if let Some(raw) = raw {
             grey(channel)?;
             return raw.read(bytes, page.unwrap_or(0));
         }
         let kind = Kind::of(bytes)?;
-        if !matches!(kind, Kind::Tiff | Kind::Npy) && page.is_some_and(|page| page > 0) {
+        if kind.is_one_picture() && page.is_some_and(|page| page > 0) {
             return Err(no_page(page.unwrap_or(0), 1));
+        }
+        if !kind.has_variables() && variable.is_some() {
+            return Err("its picture has no name: leave `variable` out".to_owned());
+        }
+        if !kind.has_colours() {
+            grey(channel)?;
         }
         match kind {
             Kind::Png => png::read(bytes, channel),
             Kind::Tiff => tiff::read(bytes, channel, page),
             Kind::Exr => exr::read(bytes, channel),
             Kind::Bmp => bmp::read(bytes, channel),
-            Kind::Pgm => grey(channel).and_then(|()| pgm::read(bytes)),
-            Kind::Npy => {
-                grey(channel)?;
-                let pages = npy::pages(bytes)?;
-                if page.is_none() && pages > 1 {
-                    return Err(format!(
-                        "it has {pages} pages, and a frame is one picture: name each by `page`, or leave {{phase}} out of the pattern"
-                    ));
-                }
-                npy::read(bytes, page.unwrap_or(0))
-            }
+            Kind::Pgm => pgm::read(bytes),
+            Kind::Npy => npy::read(bytes, page),
+            Kind::Npz => npy::read(&npz::entry(bytes, variable)?, page),
+            Kind::Mat => mat::array(bytes, variable)?.picture(page),
+            Kind::Csv => csv::read(bytes),
         }
     })
 }
@@ -137,12 +140,14 @@ pub fn decode(bytes: &[u8], wanted: Wanted) -> Result<Picture, String> {
 /// How many pictures are in a file.
 ///
 /// Error: what is wrong with it.
-pub fn pages(bytes: &[u8], raw: Option<Raw>) -> Result<usize, String> {
+pub fn pages(bytes: &[u8], variable: Option<&str>, raw: Option<Raw>) -> Result<usize, String> {
     guarded(|| match raw {
         Some(raw) => raw.pages(bytes),
         None => match Kind::of(bytes)? {
             Kind::Tiff => tiff::count(bytes),
             Kind::Npy => npy::pages(bytes),
+            Kind::Npz => npy::pages(&npz::entry(bytes, variable)?),
+            Kind::Mat => mat::array(bytes, variable).map(|array| array.pages),
             _ => Ok(1),
         },
     })
@@ -151,7 +156,7 @@ pub fn pages(bytes: &[u8], raw: Option<Raw>) -> Result<usize, String> {
 /// Columns and rows of a file, as its header says them.
 ///
 /// Error: what is wrong with the header.
-pub fn size(bytes: &[u8], raw: Option<Raw>) -> Result<(usize, usize), String> {
+pub fn size(bytes: &[u8], variable: Option<&str>, raw: Option<Raw>) -> Result<(usize, usize), String> {
     guarded(|| match raw {
         Some(raw) => Ok((raw.size[0] as usize, raw.size[1] as usize)),
         None => match Kind::of(bytes)? {
@@ -161,6 +166,9 @@ pub fn size(bytes: &[u8], raw: Option<Raw>) -> Result<(usize, usize), String> {
             Kind::Bmp => bmp::size(bytes),
             Kind::Pgm => pgm::size(bytes),
             Kind::Npy => npy::size(bytes),
+            Kind::Npz => npy::size(&npz::entry(bytes, variable)?),
+            Kind::Mat => mat::array(bytes, variable).map(|array| (array.columns, array.rows)),
+            Kind::Csv => csv::size(bytes),
         },
     })
 }
@@ -173,9 +181,24 @@ enum Kind {
     Bmp,
     Pgm,
     Npy,
+    Npz,
+    Mat,
+    Csv,
 }
 
 impl Kind {
+    fn is_one_picture(&self) -> bool {
+        matches!(self, Self::Png | Self::Exr | Self::Bmp | Self::Pgm | Self::Csv)
+    }
+
+    fn has_variables(&self) -> bool {
+        matches!(self, Self::Npz | Self::Mat)
+    }
+
+    fn has_colours(&self) -> bool {
+        matches!(self, Self::Png | Self::Tiff | Self::Exr | Self::Bmp)
+    }
+
     fn of(bytes: &[u8]) -> Result<Self, String> {
         Ok(match bytes {
             [0x89, b'P', b'N', b'G', ..] => Self::Png,
@@ -184,17 +207,18 @@ impl Kind {
             [b'B', b'M', ..] => Self::Bmp,
             [b'P', b'5', ..] => Self::Pgm,
             [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => Self::Npy,
-            [b'M', b'A', b'T', b'L', b'A', b'B', ..] => {
-                return Err("it is a MATLAB file: write each frame by `imwrite(uint16(frame), 'name.tif')`".to_owned());
-            }
-            [0x89, b'H', b'D', b'F', ..] => {
+            [b'P', b'K', 3, 4, ..] => Self::Npz,
+            [b'M', b'A', b'T', b'L', b'A', b'B', b' ', b'5', ..] => Self::Mat,
+            [0x89, b'H', b'D', b'F', ..] | [b'M', b'A', b'T', b'L', b'A', b'B', b' ', b'7', ..] => {
                 return Err(
-                    "it is HDF5 (MATLAB 7.3): write each frame by `imwrite(uint16(frame), 'name.tif')`".to_owned()
+                    "it is HDF5 (MATLAB 7.3), which is not read: write it by `save(name, 'frame', '-v7')`".to_owned()
                 );
             }
             [0xff, 0xd8, ..] => return Err("it is a JPEG, whose packing changes numbers: save PNG or TIFF".to_owned()),
+            _ if csv::is(bytes) => Self::Csv,
             _ => {
-                let known = "neither PNG, TIFF, EXR, BMP, PGM (P5) nor NumPy (.npy)";
+                let known =
+                    "neither PNG, TIFF, EXR, BMP, PGM (P5), NumPy (.npy, .npz), MATLAB (.mat) nor numbers in text";
                 return Err(format!("it is {known}; for numbers without a header say `raw`"));
             }
         })

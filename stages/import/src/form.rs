@@ -9,7 +9,12 @@ use crate::params::{Params, Shot};
 
 /// What the layer of a file says.
 pub fn layer(params: &Params, shot: &Shot) -> LayerInfo {
-    let unit = if params.full_scale.is_some() { "W mm^-2 sr^-1" } else { "1" };
+    // Numbers by exposure time are of another unit than numbers: arms that differ in it are not calibrated with each other.
+    let unit = match (params.full_scale, shot.exposure_ms) {
+        (Some(_), _) => "W mm^-2 sr^-1",
+        (None, Some(_)) => "ms^-1",
+        (None, None) => "1",
+    };
     let mut info = LayerInfo::value("radiance", unit).with_f_x(shot.f_x);
     info.phase_rad = shot.phase_rad;
     info.orientation_deg = (shot.f_x > 0.0).then_some(shot.orientation_deg);
@@ -50,8 +55,8 @@ pub fn describe(params: &Params, known: &Known) -> Forms {
             masks.push(mask);
         }
     }
-    let first = shots.first().and_then(|shot| known.files.get(&shot.at));
-    let whole = first.and_then(|bytes| size(&bytes, params.raw).ok());
+    let first = shots.first().and_then(|shot| Some((shot.variable.as_deref(), known.files.get(&shot.at)?)));
+    let whole = first.and_then(|(variable, bytes)| size(&bytes, variable, params.raw).ok());
     let pixels = whole.map(|(columns, rows)| {
         let (columns, rows) = params.crop.map_or((columns, rows), |[_, _, w, h]| (w as usize, h as usize));
         [rows, columns].map(|n| n as u64 / u64::from(params.bin.max(1)))

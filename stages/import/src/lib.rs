@@ -17,7 +17,7 @@
 //!       - {file: a.png, f_x: 0}
 //!       - {file: b.png, f_x: 0.1, phase_deg: 0, exposure: 1}
 //! ```
-//! PNG (8, 16 bit), TIFF and BigTIFF (8, 16, 32 bit, float; pages), EXR, BMP, PGM, NumPy's .npy and files without a header. Theory: `docs/theory/import_frames.md`.
+//! PNG (8, 16 bit), TIFF and BigTIFF (8, 16, 32 bit, float; pages), EXR, BMP, PGM, NumPy's .npy and .npz, MATLAB's .mat, numbers in text and files without a header. Theory: `docs/theory/import_frames.md`.
 
 mod conditions;
 mod correct;
@@ -30,5 +30,5 @@ mod stage;
 pub use conditions::ConditionsParams;
 pub use correct::{Camera, Corrected, Light};
 pub use decode::{Channel, Numbers, Picture, Raw, RawType, Wanted, decode, pages};
-pub use params::{FrameParams, Params, Shot};
+pub use params::{DarkParams, FrameParams, Params, Shot};
 pub use stage::{ImportFrames, In, Out};

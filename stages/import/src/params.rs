@@ -31,15 +31,28 @@ pub struct Params {
     pub orientation_deg: AngleDeg,
     /// Files one by one.
     pub frames: Vec<FrameParams>,
+    /// Exposure of all files of `pattern` in ms, or one for each of `wavelength_nm`: frames are divided by it, so that sample and reference may be exposed
+    /// differently. Their unit is then ms^-1 where `full_scale` (then at 1 ms) is left out.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub exposure_ms: Vec<f64>,
     /// What the camera reads without light.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub dark: Option<String>,
+    /// Several of them, each for the frames of its wavelength and exposure, where it names these; those that are for the same frames are averaged.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub darks: Vec<DarkParams>,
+    /// What the camera reads without light in every pixel, in the numbers of the file, where no picture tells.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub black_level: Option<f64>,
     /// An even surface under even light, in the same camera.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub flat: Option<String>,
     /// Which channel of coloured files.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub channel: Option<Channel>,
+    /// Name of the array in files of NumPy (.npz) and MATLAB that hold several.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub variable: Option<String>,
     /// Part of each picture, px: left, top, width, height.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub crop: Option<[u32; 4]>,
@@ -49,7 +62,8 @@ pub struct Params {
     /// Files without a header: what they hold.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub raw: Option<Raw>,
-    /// Of the camera, where its numbers fill only part of the file's: 12 in a file of 16.
+    /// Of the camera, where its numbers fill only part of the file's (12 in a file of 16), or are counts in floating-point files, of which 1 is full scale
+    /// without it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bits: Option<u32>,
     /// Radiance at the highest number (floating-point files: at 1) and exposure 0, W mm^-2 sr^-1; left out: frames have the unit 1.
@@ -101,6 +115,36 @@ pub struct FrameParams {
     /// Stops: taken with 2^exposure times the light.
     #[serde(default)]
     pub exposure: f64,
+    /// The same in ms; the frame is divided by it. All frames say it, or none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub exposure_ms: Option<f64>,
+    /// Name of its array, where it is not that of all.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub variable: Option<String>,
+}
+
+/// A picture without light.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DarkParams {
+    /// Relative to the pipeline file.
+    pub file: String,
+    /// Of several pictures in the file: its number, from 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub page: Option<u32>,
+    /// Of the frames that it is for; left out: of any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wavelength_nm: Option<f64>,
+    /// Of the frames that it is for; left out: of any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub exposure_ms: Option<f64>,
+}
+
+impl DarkParams {
+    pub fn is_for(&self, shot: &Shot) -> bool {
+        let fits = |own: Option<f64>, of: Option<f64>| own.is_none() || own == of;
+        fits(self.wavelength_nm, shot.wavelength_nm) && fits(self.exposure_ms, shot.exposure_ms)
+    }
 }
 
 impl Default for Params {
@@ -113,9 +157,13 @@ impl Default for Params {
             wavelength_nm: Vec::new(),
             orientation_deg: AngleDeg(0.0),
             frames: Vec::new(),
+            exposure_ms: Vec::new(),
             dark: None,
+            darks: Vec::new(),
+            black_level: None,
             flat: None,
             channel: None,
+            variable: None,
             crop: None,
             bin: 1,
             raw: None,
@@ -141,12 +189,23 @@ pub struct Shot {
     pub file: String,
     /// Of several pictures in it, from 0.
     pub page: Option<usize>,
+    /// Of several arrays in it.
+    pub variable: Option<String>,
     pub f_x: f64,
     /// `None` of even light that takes no steps.
     pub phase_rad: Option<f64>,
     pub orientation_deg: f64,
     pub wavelength_nm: Option<f64>,
+    /// Stops.
     pub exposure: f64,
+    pub exposure_ms: Option<f64>,
+}
+
+impl Shot {
+    /// How many times the light of exposure 0, or of 1 ms.
+    pub fn light(&self) -> f64 {
+        self.exposure_ms.unwrap_or(1.0) * libm::exp2(self.exposure)
+    }
 }
 
 #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde asks so")]
@@ -155,7 +214,7 @@ fn is_one(n: &u32) -> bool {
 }
 
 /// Files that hold one picture, by the end of their names.
-const ONE_PICTURE: [&str; 4] = [".png", ".exr", ".bmp", ".pgm"];
+const ONE_PICTURE: [&str; 6] = [".png", ".exr", ".bmp", ".pgm", ".csv", ".txt"];
 
 /// Files of frames that a stage reads.
 const MOST_FILES: u64 = 10_000;
@@ -204,6 +263,8 @@ impl Params {
                         orientation_deg: self.orientation_deg.0,
                         wavelength_nm,
                         exposure: 0.0,
+                        exposure_ms: self.exposure_ms.get(wavelength_index).or(self.exposure_ms.first()).copied(),
+                        variable: self.variable.clone(),
                     });
                 }
             }
@@ -229,21 +290,37 @@ impl Params {
             orientation_deg: f.orientation_deg.unwrap_or(self.orientation_deg).0,
             wavelength_nm: f.wavelength_nm,
             exposure: f.exposure,
+            exposure_ms: f.exposure_ms,
+            variable: f.variable.clone().or_else(|| self.variable.clone()),
         };
         self.frames.iter().enumerate().map(shot).collect()
     }
 
-    /// The picture that is meant of a file of frames, or of a dark or flat field (`page` none).
+    /// The picture that is meant of a file of frames, or of a dark or flat field.
     ///
     /// Error: what is wrong with the file.
-    pub fn read(&self, bytes: &[u8], page: Option<usize>) -> Result<Picture, String> {
-        let wanted = Wanted { channel: self.channel, page, raw: self.raw };
+    pub fn read(&self, bytes: &[u8], page: Option<usize>, variable: Option<&str>) -> Result<Picture, String> {
+        let wanted = Wanted { channel: self.channel, page, variable, raw: self.raw };
         let picture = decode(bytes, wanted)?.of_bits(self.bits)?.cropped(self.crop)?;
         let Picture { rows, columns, .. } = picture;
         if rows.min(columns) < self.bin as usize {
             return Err(format!("it has {columns} x {rows} pixels, fewer than bin = {} a side", self.bin));
         }
         Ok(picture)
+    }
+
+    /// The picture of the field that names its file.
+    ///
+    /// Error: what is wrong with the file.
+    pub fn read_at(&self, shots: &[Shot], at: &str, bytes: &[u8]) -> Result<Picture, String> {
+        if let Some(shot) = shots.iter().find(|shot| shot.at == at) {
+            return self.read(bytes, shot.page, shot.variable.as_deref());
+        }
+        let place =
+            at.strip_prefix("darks.").and_then(|rest| rest.split('.').next()).and_then(|k| k.parse::<usize>().ok());
+        let dark = place.and_then(|k| self.darks.get(k));
+        let page = dark.and_then(|dark| dark.page).map(|page| page.saturating_sub(1) as usize);
+        self.read(bytes, page, self.variable.as_deref())
     }
 
     pub fn camera(&self) -> Camera {
@@ -253,6 +330,7 @@ impl Params {
             saturation: self.saturation,
             full_well: self.full_well,
             read_noise: self.read_noise,
+            black_level: self.black_level.unwrap_or(0.0),
         }
     }
 
@@ -296,6 +374,12 @@ impl Params {
         if let Some(v) = self.full_well {
             require(v >= 1.0 && v.is_finite(), "full_well", v, "electrons", "be a finite number >= 1");
         }
+        if let Some(v) = self.black_level {
+            require(v.is_finite() && v >= 0.0, "black_level", v, "", "be a finite number >= 0");
+        }
+        for (k, &ms) in self.exposure_ms.iter().enumerate() {
+            require(ms > 0.0 && ms.is_finite(), &format!("exposure_ms.{k}"), ms, "ms", "be a finite number > 0");
+        }
         let read_noise = self.read_noise;
         require(read_noise >= 0.0 && read_noise.is_finite(), "read_noise", read_noise, "electrons", "be >= 0");
         if let Some(Length(v)) = self.pixel_mm {
@@ -316,6 +400,8 @@ impl Params {
             let at = format!("frames.{k}.exposure");
             problems.require((-30.0..=30.0).contains(&exposure), at, exposure, "stops", "lie in [-30, 30]");
         }
+        self.check_exposures(problems);
+        self.check_darks(problems);
         if let Some(conditions) = &self.conditions {
             conditions.check(problems);
         }
@@ -325,10 +411,86 @@ impl Params {
         self.check_sets(problems);
     }
 
+    /// Every frame has an exposure time, or none has.
+    fn check_exposures(&self, problems: &mut Problems) {
+        let times = self.exposure_ms.len();
+        if times > 1 && times != self.wavelength_nm.len() {
+            let message = format!("{times} exposures for {} wavelengths", self.wavelength_nm.len());
+            problems.push_with_hint("exposure_ms", message, "give one for all, or one for each of `wavelength_nm`");
+        }
+        if times > 0 && self.pattern.is_none() {
+            let hint = "in a list of frames each says its own `exposure_ms`";
+            problems.push_with_hint(
+                "exposure_ms",
+                "exposure_ms is of the files of `pattern`, which is not given",
+                hint,
+            );
+        }
+        let said = self.frames.iter().position(|f| f.exposure_ms.is_some());
+        for (k, frame) in self.frames.iter().enumerate() {
+            let at = || format!("frames.{k}.exposure_ms");
+            match (frame.exposure_ms, said) {
+                (Some(ms), _) => problems.require(ms > 0.0 && ms.is_finite(), at(), ms, "ms", "be a finite number > 0"),
+                (None, Some(other)) => {
+                    problems.push(at(), format!("`{}` says no exposure_ms, and frames.{other} does", frame.file));
+                    return;
+                }
+                (None, None) => return,
+            }
+        }
+    }
+
+    /// One way to say what the camera reads without light, and for every frame.
+    fn check_darks(&self, problems: &mut Problems) {
+        let ways = [
+            ("dark", self.dark.is_some()),
+            ("darks", !self.darks.is_empty()),
+            ("black_level", self.black_level.is_some()),
+        ];
+        let given: Vec<&str> = ways.iter().filter(|way| way.1).map(|way| way.0).collect();
+        if let [first, second, ..] = given[..] {
+            problems.push(
+                second,
+                format!("what the camera reads without light is said by `{first}` and by `{second}`; give one of them"),
+            );
+        }
+        for (k, dark) in self.darks.iter().enumerate().filter(|(_, dark)| dark.page == Some(0)) {
+            problems.push(format!("darks.{k}.page"), format!("`{}`: pages are counted from 1", dark.file));
+        }
+        if self.darks.is_empty() {
+            return;
+        }
+        let shots = self.shots();
+        if let Some(shot) = shots.iter().find(|shot| !self.darks.iter().any(|dark| dark.is_for(shot))) {
+            let of = |name: &str, value: Option<f64>, unit: &str| value.map(|v| format!("{name} {v} {unit}"));
+            let what: Vec<String> =
+                [of("wavelength", shot.wavelength_nm, "nm"), of("exposure", shot.exposure_ms, "ms")]
+                    .into_iter()
+                    .flatten()
+                    .collect();
+            let what = if what.is_empty() { "no wavelength or exposure".to_owned() } else { what.join(", ") };
+            problems.push_with_hint(
+                "darks",
+                format!("none of them is for `{}` ({what})", shot.file),
+                "a dark frame that names neither wavelength nor exposure is for all",
+            );
+        }
+        for (k, dark) in self.darks.iter().enumerate() {
+            if !shots.is_empty() && !shots.iter().any(|shot| dark.is_for(shot)) {
+                problems.push(
+                    format!("darks.{k}"),
+                    format!("`{}` is for no frame: none has its wavelength and exposure", dark.file),
+                );
+            }
+        }
+    }
+
     /// Warns of what can be read but hardly be meant: a picture that counts twice.
     pub fn check_meaning(&self, problems: &mut Problems) {
         for (k, frame) in self.frames.iter().enumerate() {
-            let same = |other: &FrameParams| other.file == frame.file && other.page == frame.page;
+            let same = |other: &FrameParams| {
+                other.file == frame.file && other.page == frame.page && other.variable == frame.variable
+            };
             if let Some(first) = self.frames[..k].iter().position(same) {
                 problems.warn(
                     format!("frames.{k}.file"),

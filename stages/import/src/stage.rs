@@ -1,5 +1,7 @@
 //! The stage `import_frames`.
 
+use std::borrow::Cow;
+
 use turbid_contract::canonical::canonical_value;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::Frames;
@@ -40,7 +42,8 @@ impl Stage for ImportFrames {
     fn files(params: &Params) -> Vec<FileUse> {
         let fields = [("dark", &params.dark), ("flat", &params.flat)];
         let fields = fields.into_iter().filter_map(|(at, path)| Some((at.to_owned(), path.clone()?)));
-        let named = params.shots().into_iter().map(|s| (s.at, s.file)).chain(fields);
+        let darks = params.darks.iter().enumerate().map(|(k, dark)| (format!("darks.{k}.file"), dark.file.clone()));
+        let named = params.shots().into_iter().map(|s| (s.at, s.file)).chain(fields).chain(darks);
         named.map(|(at, path)| FileUse::new(at, path, params.max_file_mb)).collect()
     }
 
@@ -49,6 +52,7 @@ impl Stage for ImportFrames {
         let name = |path: &String| path.rsplit(['/', '\\']).next().unwrap_or_default().to_owned();
         let mut params = params.clone();
         params.frames.iter_mut().for_each(|f| f.file = name(&f.file));
+        params.darks.iter_mut().for_each(|d| d.file = name(&d.file));
         for path in [&mut params.pattern, &mut params.dark, &mut params.flat].into_iter().flatten() {
             *path = name(path);
         }
@@ -59,9 +63,8 @@ impl Stage for ImportFrames {
         params.check(problems);
         params.check_meaning(problems);
         let shots = params.shots();
-        let page = |at: &str| shots.iter().find(|shot| shot.at == at).and_then(|shot| shot.page);
         let decoded = |at: &str, path: &str| {
-            let picture = params.read(&known.files.get(at)?, page(at));
+            let picture = params.read_at(&shots, at, &known.files.get(at)?);
             Some(picture.map_err(|what| Error::invalid(at, format!("`{path}`: {what}"))))
         };
         // Pictures of dark and flat field that cannot be read are named with the others.
@@ -112,7 +115,7 @@ impl Stage for ImportFrames {
 
     fn plan(params: &Params, _known: &Known) -> StagePlan {
         let parts = [
-            ("dark field", params.dark.is_some()),
+            ("dark field", params.dark.is_some() || !params.darks.is_empty()),
             ("flat field", params.flat.is_some()),
             ("gamma", params.gamma != 1.0),
             ("standard errors (full_well)", params.full_well.is_some()),
@@ -131,13 +134,13 @@ impl Stage for ImportFrames {
         if shots.is_empty() {
             return Err(Error::failed("no files of frames are named, or too many"));
         }
-        let load = |at: &str, path: &str, page: Option<usize>| -> Result<Picture, Error> {
+        let load = |at: &str, path: &str| -> Result<Picture, Error> {
             let bytes = ctx.file(at).ok_or_else(|| Error::failed(format!("`{path}` was not read")))?;
-            params.read(&bytes, page).map_err(|what| Error::invalid(at, format!("`{path}`: {what}")))
+            params.read_at(&shots, at, &bytes).map_err(|what| Error::invalid(at, format!("`{path}`: {what}")))
         };
-        let fields = Fields::of(params, |at, path| load(at, path, None))?;
+        let fields = Fields::of(params, load)?;
         let read = |k: usize| -> Result<Seen, Error> {
-            let picture = load(&shots[k].at, &shots[k].file, shots[k].page)?;
+            let picture = load(&shots[k].at, &shots[k].file)?;
             let size = (picture.rows, picture.columns);
             let (size, corrected) = fields.correct(params, &shots[k], &picture).binned(size, params.bin as usize);
             Ok(Seen { size, corrected })
@@ -157,7 +160,11 @@ fn unread_pages(params: &Params, shots: &[Shot], known: &Known, problems: &mut P
         if shots[..k].iter().any(|other| other.file == shot.file) {
             continue;
         }
-        let Some(Ok(there)) = known.files.get(&shot.at).map(|bytes| pages(&bytes, params.raw)) else { continue };
+        let Some(Ok(there)) =
+            known.files.get(&shot.at).map(|bytes| pages(&bytes, shot.variable.as_deref(), params.raw))
+        else {
+            continue;
+        };
         let read = |page: &usize| shots.iter().any(|other| other.file == shot.file && other.page == Some(*page));
         let unread: Vec<String> = (0..there).filter(|page| !read(page)).map(|page| (page + 1).to_string()).collect();
         if !unread.is_empty() {
@@ -171,7 +178,7 @@ fn unread_pages(params: &Params, shots: &[Shot], known: &Known, problems: &mut P
 fn odd_numbers(at: &str, path: &str, picture: &Picture, problems: &mut Problems) {
     /// Light beyond full scale by more than this is no light.
     const MOST: f64 = 10.0;
-    if picture.highest.is_some() {
+    if picture.values.highest().is_some() {
         return;
     }
     let odd = picture.values.iter().filter(|v| !v.is_finite()).count();
@@ -182,12 +189,11 @@ fn odd_numbers(at: &str, path: &str, picture: &Picture, problems: &mut Problems)
         );
     }
     let largest = picture.values.iter().filter(|v| v.is_finite()).fold(0.0, f64::max);
-    if largest > MOST {
-        problems.warn(
+    if picture.highest.is_none() && largest > MOST {
+        problems.push_with_hint(
             at,
-            format!(
-                "`{path}` holds numbers up to {largest}, and full scale of a floating-point file is 1; if these are counts, divide them by the highest, or save them as whole numbers: full_scale, full_well, gamma and saturation mean shares of it"
-            ),
+            format!("`{path}` holds floating-point numbers up to {largest}, and does not say which is the highest of the camera"),
+            "bits: 16, for counts of up to 65535; without it 1 is full scale",
         );
     }
 }
@@ -201,41 +207,55 @@ fn push(error: Error, problems: &mut Problems) {
     }
 }
 
-/// Dark level and response of the pixels, where there are pictures of them.
+/// Dark levels and response of the pixels, where there are pictures of them.
 struct Fields {
-    dark: Option<Field>,
+    /// In the order of `darks`, or the one `dark`.
+    darks: Vec<Field>,
     response: Option<Field>,
 }
 
 impl Fields {
     /// Error: a picture that cannot be read, a flat field without light.
     fn of(params: &Params, load: impl Fn(&str, &str) -> Result<Picture, Error>) -> Result<Self, Error> {
-        let field = |at: &str, path: &Option<String>| path.as_ref().map(|path| load(at, path)).transpose();
         let camera = params.camera();
-        let (dark, flat) = (field("dark", &params.dark)?, field("flat", &params.flat)?);
-        if let (Some(dark), Some(flat)) = (&dark, &flat)
-            && dark.values.len() != flat.values.len()
-        {
+        let of_one = params.dark.iter().map(|path| load("dark", path));
+        let of_many = params.darks.iter().enumerate().map(|(k, d)| load(&format!("darks.{k}.file"), &d.file));
+        let darks: Vec<Picture> = of_one.chain(of_many).collect::<Result<_, _>>()?;
+        let flat = params.flat.as_ref().map(|path| load("flat", path)).transpose()?;
+        let pixels = darks.iter().chain(&flat).map(|picture| picture.values.len());
+        if pixels.clone().any(|n| Some(n) != pixels.clone().next()) {
             return Err(Error::failed("dark and flat field differ in size"));
         }
-        let dark = dark.map(|picture| camera.dark(&picture));
+        let darks: Vec<Field> = darks.iter().map(|picture| camera.dark(picture)).collect();
+        // Under which light and exposure the flat field was taken is not said: the mean of all serves.
+        let dark = Field::mean(&darks.iter().collect::<Vec<_>>());
         let response = flat
             .map(|flat| camera.response(&flat, dark.as_ref()).map_err(|what| Error::invalid("flat", what)))
             .transpose()?;
-        Ok(Self { dark, response })
+        Ok(Self { darks, response })
+    }
+
+    /// The dark level of a frame's pixels.
+    fn dark(&self, params: &Params, shot: &Shot) -> Option<Cow<'_, Field>> {
+        let own = |k: usize| params.darks.get(k).is_none_or(|dark| dark.is_for(shot));
+        let of_shot = self.darks.iter().enumerate().filter(|(k, _)| own(*k)).map(|(_, field)| field);
+        match of_shot.collect::<Vec<_>>()[..] {
+            [one] => Some(Cow::Borrowed(one)),
+            ref several => Field::mean(several).map(Cow::Owned),
+        }
     }
 
     /// Whether they have as many pixels as the frame.
     fn fit(&self, frame: &Picture) -> bool {
-        [&self.dark, &self.response].into_iter().flatten().all(|field| field.len() == frame.values.len())
+        self.darks.iter().chain(&self.response).all(|field| field.len() == frame.values.len())
     }
 
     fn light(&self, params: &Params, shot: &Shot, picture: &Picture) -> Light {
-        params.camera().light(picture, self.dark.as_ref(), self.response.as_ref(), shot.exposure)
+        params.camera().light(picture, self.dark(params, shot).as_deref(), self.response.as_ref(), shot.light())
     }
 
     fn correct(&self, params: &Params, shot: &Shot, picture: &Picture) -> Corrected {
-        params.camera().correct(picture, self.dark.as_ref(), self.response.as_ref(), shot.exposure)
+        params.camera().correct(picture, self.dark(params, shot).as_deref(), self.response.as_ref(), shot.light())
     }
 }
 

@@ -349,8 +349,8 @@ fn pages_counts_and_infinite_pixels_are_named() {
         assert!(wrong.is_empty(), "{wrong:?}");
         warnings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
     };
-    let counts = warnings(float(&|i| 1000.0 + i as f32));
-    assert!(counts.contains("`a.tif` holds numbers up to 1047") && counts.contains("`f.tif`: 1 of 48"), "{counts}");
+    let shares = warnings(float(&|i| i as f32 / 48.0));
+    assert!(shares.contains("`f.tif`: 1 of 48"), "{shares}");
     let odd = float(&|i| [0.5, f32::INFINITY, f32::NAN, 0.5][i % 4]);
     assert!(warnings(odd.clone()).contains("`a.tif`: 24 of 48 pixels are no finite numbers; they are masked"));
     // Masked in the run as well: also where the flat field alone is infinite.
@@ -359,6 +359,81 @@ fn pages_counts_and_infinite_pixels_are_named() {
     let mask = stack.layers.iter().find(|l| l.info.kind == LayerKind::Mask).unwrap();
     let bad = mask.data.iter().filter(|&&m| m == MaskReason::NotFinite.code()).count();
     assert_eq!(bad, 25, "24 of the frame and one of the flat field");
+}
+
+/// Counts in floating-point files say of how many bits they are; then they are read as those of whole numbers.
+#[test]
+fn counts_in_floating_point_files_have_bits() {
+    use tiff::encoder::colortype::Gray32Float;
+    let n = ROWS * COLUMNS;
+    let counts = |i: usize| if i == 5 { 4095 } else { 1000 + 7 * i as u16 };
+    let float: Arc<[u8]> = tiff::<Gray32Float>(&(0..n).map(|i| f32::from(counts(i))).collect::<Vec<_>>()).into();
+    let params = json!({"frames": [{"file": "a.tif", "f_x": 0}]});
+    let problem = check(&params, &[("frames.0.file", float.clone())]);
+    assert!(
+        problem.contains("`a.tif` holds floating-point numbers up to 4095") && problem.contains("bits: 16"),
+        "{problem}"
+    );
+    let params = json!({"frames": [{"file": "a.tif", "f_x": 0}], "bits": 12, "full_well": 10000});
+    assert_eq!(check(&params, &[("frames.0.file", float.clone())]), "");
+    let [read, whole] = [float, tiff16(counts)].map(|file| import(&params, &[("frames.0.file", file)]).unwrap());
+    assert_eq!(read, whole);
+    assert_eq!(read.mask(None).unwrap().data.iter().filter(|&&m| m == MaskReason::Saturated.code()).count(), 1);
+}
+
+/// A black level is a dark frame of that number; dark frames belong to the frames of their wavelength and exposure, and those of the same are averaged.
+#[test]
+fn darkness_is_a_number_or_a_frame_for_each_exposure() {
+    let light = |i: usize| 1000 + 10 * i as u16;
+    let file = |at: &'static str, value: &dyn Fn(usize) -> u16| (at, tiff16(value));
+    let frames = json!([{"file": "a.tif", "f_x": 0, "wavelength_nm": 660, "exposure_ms": 4},
+        {"file": "b.tif", "f_x": 0, "wavelength_nm": 850, "exposure_ms": 20}]);
+    let shots = [file("frames.0.file", &|i| 40 + 4 * light(i)), file("frames.1.file", &|i| 70 + 20 * light(i))];
+    let darks = json!([{"file": "d4.tif", "wavelength_nm": 660}, {"file": "d20.tif", "exposure_ms": 20}, {"file": "e20.tif", "exposure_ms": 20}]);
+    let of_darks = [file("darks.0.file", &|_| 40), file("darks.1.file", &|_| 60), file("darks.2.file", &|_| 80)];
+    let files: Vec<_> = shots.iter().chain(&of_darks).cloned().collect();
+    let params = json!({"frames": frames, "darks": darks});
+    assert_eq!(check(&params, &files), "");
+    let stack = import(&params, &files).unwrap();
+    for layer in stack.layers.iter().filter(|l| l.info.kind == LayerKind::Value) {
+        assert_eq!(layer.info.unit, "ms^-1");
+        for (i, &value) in layer.data.iter().enumerate() {
+            let expected = f32::from(light(i)) / 65535.0;
+            assert!((value / expected - 1.0).abs() < 1e-6, "{value} for {expected}");
+        }
+    }
+    let one = json!({"frames": [{"file": "a.tif", "f_x": 0}], "black_level": 40});
+    let dark = json!({"frames": [{"file": "a.tif", "f_x": 0}], "dark": "d.tif"});
+    let by_number = import(&one, &[shots[0].clone()]).unwrap();
+    let by_frame = import(&dark, &[shots[0].clone(), file("dark", &|_| 40)]).unwrap();
+    assert_eq!(by_number, by_frame);
+
+    for (params, said) in [
+        (
+            json!({"frames": frames, "darks": [{"file": "d.tif", "exposure_ms": 4}]}),
+            "none of them is for `b.tif` (wavelength 850 nm, exposure 20 ms)",
+        ),
+        (
+            json!({"frames": frames, "darks": [{"file": "d.tif"}, {"file": "e.tif", "exposure_ms": 5}]}),
+            "`e.tif` is for no frame",
+        ),
+        (json!({"frames": frames, "darks": [{"file": "d.tif", "page": 0}]}), "pages are counted from 1"),
+        (json!({"frames": frames, "dark": "d.tif", "black_level": 3}), "said by `dark` and by `black_level`"),
+        (json!({"frames": frames, "black_level": -1}), "black_level = -1"),
+        (
+            json!({"frames": [{"file": "a.tif", "f_x": 0, "exposure_ms": 4}, {"file": "b.tif", "f_x": 0}]}),
+            "`b.tif` says no exposure_ms",
+        ),
+        (json!({"frames": [{"file": "a.tif", "f_x": 0, "exposure_ms": 0}]}), "exposure_ms = 0"),
+        (
+            json!({"frames": [{"file": "a.tif", "f_x": 0}], "exposure_ms": [4]}),
+            "exposure_ms is of the files of `pattern`",
+        ),
+        (json!({"pattern": "{f_x}.tif", "f_x": [0], "exposure_ms": [4, 5]}), "2 exposures for 0 wavelengths"),
+    ] {
+        let problems = check(&params, &[]);
+        assert!(problems.contains(said), "{params}: {problems}");
+    }
 }
 
 /// The name of the bench goes on with the frames, and is known before the run; an empty one is a mistake.

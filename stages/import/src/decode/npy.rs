@@ -2,40 +2,43 @@
 //!
 //! Source: NumPy Enhancement Proposal 1, "A simple file format for NumPy arrays".
 
+use super::Picture;
+use super::array::{Array, Order};
 use super::numbers::Numbers;
-use super::{Picture, bounded};
 
 /// What the header says.
 struct Header<'a> {
     kind: &'a str,
-    pages: usize,
-    columns: usize,
-    rows: usize,
+    array: Array,
     /// The bytes behind it.
     data: &'a [u8],
 }
 
 pub fn size(bytes: &[u8]) -> Result<(usize, usize), String> {
-    header(bytes).map(|header| (header.columns, header.rows))
+    header(bytes).map(|Header { array, .. }| (array.columns, array.rows))
 }
 
 /// Pictures that are in it.
 pub fn pages(bytes: &[u8]) -> Result<usize, String> {
-    header(bytes).map(|header| header.pages)
+    header(bytes).map(|header| header.array.pages)
 }
 
-pub fn read(bytes: &[u8], page: usize) -> Result<Picture, String> {
-    let Header { kind, pages, columns, rows, data } = header(bytes)?;
-    if page >= pages {
-        return Err(super::no_page(page, pages));
+/// The picture of a page; of several pages one has to be named.
+pub fn read(bytes: &[u8], page: Option<usize>) -> Result<Picture, String> {
+    let Header { kind, array, data } = header(bytes)?;
+    let size = kind[2..].parse::<usize>().map_err(|_| unknown(kind))?;
+    let (own, wanted) = (array.count().saturating_mul(size), page.unwrap_or(0));
+    if data.len() < own {
+        return Err(format!("it ends after {} of {own} bytes of its numbers", data.len()));
     }
-    let (n, size) = (columns * rows, kind[2..].parse::<usize>().map_err(|_| unknown(kind))?);
-    // `header` has bounded pages, rows and columns.
-    let Some(data) = data.get(page * n * size..(page + 1) * n * size) else {
-        return Err(format!("it ends after {} of {} bytes of its numbers", data.len(), pages * n * size));
-    };
     let big = kind.starts_with('>');
-    Picture::whole((columns, rows), numbers(kind, data, big).ok_or_else(|| unknown(kind))?)
+    // A page that lies in one piece is all that is read.
+    let piece = own / array.pages;
+    if let Some(data) = array.page_in_one_piece(page).then(|| &data[wanted * piece..(wanted + 1) * piece]) {
+        return Picture::whole((array.columns, array.rows), numbers(kind, data, big).ok_or_else(|| unknown(kind))?);
+    }
+    let numbers = numbers(kind, &data[..own], big).ok_or_else(|| unknown(kind))?;
+    array.with(numbers).picture(page)
 }
 
 fn unknown(kind: &str) -> String {
@@ -80,26 +83,13 @@ fn header(bytes: &[u8]) -> Result<Header<'_>, String> {
     let lacks = |what: &str| format!("its header does not say {what}");
     let kind = behind("'descr'").and_then(|rest| rest.strip_prefix('\'')).and_then(|rest| rest.split('\'').next());
     let kind = kind.filter(|kind| kind.len() > 2 && kind.is_ascii()).ok_or_else(|| lacks("the type of its numbers"))?;
-    if behind("'fortran_order'").is_some_and(|rest| rest.starts_with("True")) {
-        return Err(
-            "its numbers are in Fortran's order: save it by `numpy.save(name, numpy.ascontiguousarray(a))`".to_owned()
-        );
-    }
+    let fortran = behind("'fortran_order'").is_some_and(|rest| rest.starts_with("True"));
+    let order = if fortran { Order::PagesFirst } else { Order::RowsFirst };
     let shape = behind("'shape'").and_then(|rest| rest.strip_prefix('(')).and_then(|rest| rest.split(')').next());
     let shape = shape.ok_or_else(|| lacks("its shape"))?.split(',').map(str::trim).filter(|n| !n.is_empty());
     let shape: Result<Vec<u64>, _> = shape.map(str::parse).collect();
-    let (pages, rows, columns) = match shape.map_err(|_| lacks("its shape in whole numbers"))?[..] {
-        [rows, columns] => (1, rows, columns),
-        [pages, rows, columns] if pages > 0 => (pages, rows, columns),
-        ref other => {
-            return Err(format!("it has the shape {other:?}; (rows, columns) and (pages, rows, columns) are read"));
-        }
-    };
-    let (columns, rows) = bounded(columns, rows)?;
-    let pages =
-        usize::try_from(pages).ok().filter(|pages| pages.checked_mul(columns * rows).is_some_and(|n| n <= 1 << 40));
-    let pages = pages.ok_or_else(|| "it has more pages than can be".to_owned())?;
-    Ok(Header { kind, pages, columns, rows, data: &bytes[end..] })
+    let array = Array::new(&shape.map_err(|_| lacks("its shape in whole numbers"))?, order)?;
+    Ok(Header { kind, array, data: &bytes[end..] })
 }
 
 #[cfg(test)]
@@ -114,12 +104,12 @@ mod tests {
     #[test]
     fn arrays_are_read() {
         let data: Vec<u8> = (0..24).collect();
-        assert_eq!(read(&file("|u1", "(2, 3)", &data[..6]), 0).unwrap().values, Numbers::U8(data[..6].to_vec()));
-        let two = read(&file("<u2", "(2, 2, 3)", &data), 1).unwrap();
+        assert_eq!(read(&file("|u1", "(2, 3)", &data[..6]), None).unwrap().values, Numbers::U8(data[..6].to_vec()));
+        let two = read(&file("<u2", "(2, 2, 3)", &data), Some(1)).unwrap();
         assert_eq!(two.values, Numbers::U16(vec![3340, 3854, 4368, 4882, 5396, 5910]));
-        let signed = read(&file(">i2", "(1, 2)", &[0xff, 0xfe, 0, 5]), 0).unwrap();
+        let signed = read(&file(">i2", "(1, 2)", &[0xff, 0xfe, 0, 5]), None).unwrap();
         assert_eq!((signed.values, signed.highest), (Numbers::I16(vec![-2, 5]), Some(32767.0)));
-        let float = read(&file("<f4", "(1, 1)", &0.25_f32.to_le_bytes()), 0).unwrap();
+        let float = read(&file("<f4", "(1, 1)", &0.25_f32.to_le_bytes()), None).unwrap();
         assert_eq!((float.values, float.highest), (Numbers::F32(vec![0.25]), None));
     }
 
@@ -134,9 +124,12 @@ mod tests {
             (file("|u1", "(2, x)", &[]), "does not say its shape"),
             (file("|u1", "(2, 3)", &[0; 6])[..20].to_vec(), "cut off"),
         ] {
-            let error = read(&bytes, 0).unwrap_err();
+            let error = read(&bytes, None).unwrap_err();
             assert!(error.contains(said), "{error}");
         }
-        assert_eq!(read(&file("|u1", "(2, 3)", &[0; 6]), 1).unwrap_err(), "it has 1 page, and page 2 is asked for");
+        assert_eq!(
+            read(&file("|u1", "(2, 3)", &[0; 6]), Some(1)).unwrap_err(),
+            "it has 1 page, and page 2 is asked for"
+        );
     }
 }

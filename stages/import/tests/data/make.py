@@ -1,4 +1,4 @@
-"""Makes the pictures of this folder: python3 make.py (NumPy, tifffile, Pillow; ImageMagick's `convert` for the last).
+"""Makes the pictures of this folder: python3 make.py (NumPy, SciPy, tifffile, Pillow; ImageMagick's `convert` for the last).
 
 Each holds numbers that a test knows: pixel (r, c) of page p is 1000 p + 10 r + c, less where the type has no room.
 """
@@ -7,6 +7,7 @@ import subprocess
 
 import numpy as np
 import tifffile
+from scipy.io import savemat
 from PIL import Image
 
 rows, columns = 5, 7
@@ -17,6 +18,16 @@ np.save("i16_big.npy", (ramp - 20).astype(">i2"))
 np.save("f32.npy", (ramp / 64).astype(np.float32))
 np.save("pages_u16.npy", pages.astype(np.uint16))
 pages.astype("<u2").tofile("pages.raw")
+np.save("fortran.npy", np.asfortranarray(ramp.astype(np.uint16)))
+np.save("fortran_pages.npy", np.asfortranarray(pages.astype(np.uint16)))
+np.savez("one.npz", ramp.astype(np.uint16))
+np.savez_compressed("two.npz", mu_a=(ramp / 64).astype(np.float32), pages=pages.astype(np.uint16))
+np.savetxt("spaces.txt", ramp / 64)
+np.savetxt("commas.csv", ramp / 64, delimiter=",", fmt="%.18g")
+others = {"name": "a text", "complex": ramp * 1j, "one": 7.0}
+savemat("plain.mat", {**others, "u16": ramp.astype(np.uint16)})
+savemat("packed.mat", {**others, "f64": ramp / 64, "i16": (ramp - 20).astype(np.int16)}, do_compression=True)
+savemat("pages.mat", {"pages": np.moveaxis(pages, 0, -1).astype(np.uint16)}, do_compression=True)
 tifffile.imwrite("pages.tif", pages.astype(np.uint16), photometric="minisblack")
 tifffile.imwrite("pages_big.tif", pages.astype(np.uint16), photometric="minisblack", bigtiff=True)
 tifffile.imwrite("i16.tif", (ramp - 20).astype(np.int16), photometric="minisblack")
