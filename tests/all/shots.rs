@@ -26,7 +26,7 @@ fn one_frame_gives_the_maps_of_three() {
             let tolerance = 4.5 * (a.se * a.se + b.se * b.se).sqrt() + 0.01 * b.truth;
             println!("{region}, {quantity}: {} against {}, {}", a.mean, b.mean, tolerance);
             assert!((a.mean - b.mean).abs() < tolerance, "{region}, {quantity}: {} against {}", a.mean, b.mean);
-            assert!(tolerance < 0.06 * b.truth, "{region}, {quantity}: {tolerance} tells nothing");
+            assert!(tolerance < 0.08 * b.truth, "{region}, {quantity}: {tolerance} tells nothing");
         }
     }
     let mirrored = row(&filtered, "border", "mu_a");
