@@ -1,4 +1,4 @@
-//! Pictures: frames of a camera (PNG, TIFF, EXR), and textures of a scene (PNG).
+//! Pictures: frames of a camera (PNG, TIFF, EXR, and as arrays of other programs), and textures of a scene (PNG).
 
 use std::io::Cursor;
 use std::panic::catch_unwind;
@@ -48,6 +48,7 @@ pub fn readers() -> Vec<Reader> {
         framed("png", Form::Png, 3, pngs, |input| claimed(input, of_png)),
         framed("tiff", Form::Binary, 4, tiffs, |input| claimed(input, of_tiff)),
         framed("exr", Form::Binary, 4, exrs, |input| claimed(input, of_exr)),
+        framed("arrays", Form::Binary, 4, arrays, packed),
         Reader {
             name: "texture",
             form: Form::Png,
@@ -69,6 +70,11 @@ fn claimed(input: &[u8], pixels: fn(&[u8]) -> Option<usize>) -> usize {
     // What cannot read a header may panic at it, as long as the reader does not.
     let pixels = catch_unwind(|| pixels(input)).ok().flatten().unwrap_or(0);
     pixels.saturating_mul(8).min(input.len() * EXPANSION)
+}
+
+/// Deflate makes a byte of 1032 at the most; arrays of bytes are read as numbers of 8 bytes.
+fn packed(input: &[u8]) -> usize {
+    input.len() * 1032 * 8
 }
 
 fn of_png(input: &[u8]) -> Option<usize> {
@@ -165,6 +171,28 @@ fn tiffs() -> Vec<Vec<u8>> {
         }
     }
     all
+}
+
+/// As NumPy, SciPy and ImageMagick write them.
+fn arrays() -> Vec<Vec<u8>> {
+    macro_rules! files {
+        ($($name:literal),*) => {
+            vec![$(include_bytes!(concat!("../../../stages/import/tests/data/", $name)).to_vec()),*]
+        };
+    }
+    files![
+        "u8.npy",
+        "f32.npy",
+        "i16_big.npy",
+        "fortran.npy",
+        "one.npz",
+        "plain.mat",
+        "spaces.txt",
+        "commas.csv",
+        "grey.bmp",
+        "grey.pgm",
+        "grey16.pgm"
+    ]
 }
 
 fn exrs() -> Vec<Vec<u8>> {
