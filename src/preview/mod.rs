@@ -22,6 +22,7 @@ mod stack;
 mod tests;
 mod text;
 mod ticks;
+mod transfer;
 mod tristimulus;
 
 use turbid_contract::Artifact;
@@ -38,7 +39,8 @@ use figure::Figure;
 /// layers that belong together, a colour and a name for each reason, object or section, a bar in mm where the pixels' pitch is known. Masked
 /// pixels have grey stripes; pink ones lie over pixels that hold the end of a table. Stacks of `red`, `green`,
 /// `blue` are shown as the picture they are, and frames of a red, a green and a blue wavelength also in colours. Look-up tables become their
-/// mesh and their reflectances over (mu_a, mu_s'), a fit of media the error of each under its name.
+/// mesh and their reflectances over (mu_a, mu_s'), a fit of media the error of each under its name, photon
+/// transfer the variance over the level with its line.
 pub fn picture(artifact: &Artifact, caption: &Caption) -> Option<Vec<u8>> {
     let mut figure = figure(artifact, &caption.title)?;
     figure.subheading.clone_from(&caption.subtitle);
@@ -53,7 +55,7 @@ fn figure(artifact: &Artifact, title: &str) -> Option<Figure> {
                 .or_else(|| media::figure(stack, title))
                 .unwrap_or_else(|| stack::figure(stack, title)),
         ),
-        Artifact::Table(table) => lut::figure(table, title),
+        Artifact::Table(table) => lut::figure(table, title).or_else(|| transfer::figure(table, title)),
         Artifact::Record(_) => None,
     }
 }

@@ -16,7 +16,8 @@ in_ports! {
     pub struct In {
         /// Maps or concentrations with standard errors and mask, or a fit of media.
         estimate: one Estimate,
-        /// What the camera truly looks at, or the simulated readings that were fitted. Of concentrations it tells which pixel shows which object.
+        /// What the camera truly looks at, or maps of others that are taken for true, or the simulated readings that were fitted. Of concentrations it tells which
+        /// pixel shows which object.
         truth: optional Expected,
     }
 }
@@ -82,16 +83,16 @@ impl Stage for Compare {
         match (on("estimate"), on("truth")) {
             (Some(Maps::NAME), Some(Readings::NAME)) => {
                 problems
-                    .push("", "the estimate is maps, the truth is readings: maps need the port `truth` of a render");
+                    .push("", "the estimate is maps, the truth is readings: maps need the port `truth` of a render, or other maps");
             }
-            (Some(Fit::NAME), Some(Truth::NAME)) => {
+            (Some(Fit::NAME), Some(Truth::NAME | Maps::NAME)) => {
                 problems.push("", "the estimate is a fit, the truth is images: a fit needs its readings, or `media`");
             }
             (Some(Fit::NAME), _) if !params.regions.is_empty() => {
                 problems.push("regions", "the estimate is a fit of media, which has no regions; leave them out");
             }
-            (Some(Concentrations::NAME), Some(Readings::NAME)) => {
-                problems.push("", "the estimate is concentrations, the truth is readings: connect the port `truth` of a render, or none");
+            (Some(Concentrations::NAME), Some(Readings::NAME | Maps::NAME)) => {
+                problems.push("", "the estimate is concentrations, the truth tells no objects: connect the port `truth` of a render, or none");
             }
             (Some(Concentrations::NAME), _) if !params.media.is_empty() => {
                 problems.push(
@@ -112,8 +113,8 @@ impl Stage for Compare {
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
         match (&inputs.estimate, &inputs.truth) {
-            (Estimate::Maps(maps), Some(Expected::Truth(truth))) => {
-                let (metrics, errors) = compare_maps(params, &maps.0, &truth.0, ctx)?;
+            (Estimate::Maps(Maps(maps)), Some(Expected::Truth(Truth(truth)) | Expected::Maps(Maps(truth)))) => {
+                let (metrics, errors) = compare_maps(params, maps, truth, ctx)?;
                 Ok(Out { metrics, errors })
             }
             (Estimate::Concentrations(Concentrations(found)), Some(Expected::Truth(Truth(scene)))) => {
@@ -134,7 +135,9 @@ impl Stage for Compare {
                 let (metrics, errors) = compare_fit(&fit.0, &Media::named(&params.media), ctx)?;
                 Ok(Out { metrics, errors })
             }
-            (Estimate::Maps(_), _) => Err(Error::failed("maps are compared with the port `truth` of a render")),
+            (Estimate::Maps(_), _) => {
+                Err(Error::failed("maps are compared with the port `truth` of a render, or with other maps"))
+            }
             (Estimate::Concentrations(_), _) => {
                 Err(Error::failed("concentrations are compared with what the pipeline says, by object of a render"))
             }

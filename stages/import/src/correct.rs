@@ -16,12 +16,29 @@ pub struct Camera {
     pub gamma: f64,
     /// Share of the highest number from which on a pixel is saturated.
     pub saturation: f64,
-    /// Electrons at full scale, where standard errors are wanted.
-    pub full_well: Option<f64>,
+    /// Where standard errors are wanted.
+    pub electrons: Option<Electrons>,
     /// Electrons.
     pub read_noise: f64,
     /// Number that the camera writes without light, where no field tells.
     pub black_level: f64,
+}
+
+/// How many electrons a number stands for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Electrons {
+    /// At the highest number (floating-point pictures: at 1).
+    AtHighest(f64),
+    PerNumber(f64),
+}
+
+impl Electrons {
+    fn at_highest(self, highest: Option<f64>) -> f64 {
+        match self {
+            Self::AtHighest(electrons) => electrons,
+            Self::PerNumber(electrons) => electrons * highest.unwrap_or(1.0),
+        }
+    }
 }
 
 /// One frame as radiance.
@@ -117,7 +134,7 @@ impl Camera {
     /// The frame, taken with `light` times the light.
     pub fn correct(&self, frame: &Picture, dark: Option<&Field>, response: Option<&Field>, light: f64) -> Corrected {
         let pixels = frame.values.len();
-        let variances = if self.full_well.is_some() { pixels } else { 0 };
+        let variances = if self.electrons.is_some() { pixels } else { 0 };
         let mut corrected = Corrected {
             value: Vec::with_capacity(pixels),
             variance: Vec::with_capacity(variances),
@@ -162,7 +179,8 @@ impl Camera {
                 MaskReason::Good
             };
             let good = reason == MaskReason::Good;
-            let variance = self.full_well.map(|full_well| {
+            let variance = self.electrons.map(|electrons| {
+                let full_well = electrons.at_highest(frame.highest);
                 let read = self.read_noise / full_well;
                 // One number is a step of gamma level^(1 - 1 / gamma) / highest; rounding spreads evenly over it.
                 let share = level.max(0.0);

@@ -47,8 +47,9 @@ pub fn describe(params: &Params, known: &Known) -> Forms {
     let shots = params.shots();
     let values: Vec<LayerInfo> = shots.iter().map(|shot| layer(params, shot)).collect();
     // Only a camera whose noise is known has standard errors.
+    let noise = params.full_well.is_some() || known.is_connected("transfer");
     let errors: Vec<LayerInfo> =
-        if params.full_well.is_some() { values.iter().map(LayerInfo::standard_error).collect() } else { Vec::new() };
+        if noise { values.iter().map(LayerInfo::standard_error).collect() } else { Vec::new() };
     let mut masks: Vec<LayerInfo> = Vec::new();
     for mask in shots.iter().map(|shot| mask(shot.wavelength_nm)) {
         if !masks.contains(&mask) {

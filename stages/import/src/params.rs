@@ -2,10 +2,11 @@
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use turbid_contract::payload::CameraNoise;
 use turbid_contract::{AngleDeg, Length, MaxFile, PerLength, Problems};
 
 use crate::conditions::ConditionsParams;
-use crate::correct::Camera;
+use crate::correct::{Camera, Electrons};
 use crate::decode::{Channel, Picture, Raw, Wanted, decode};
 use crate::names::{self, Place};
 
@@ -323,13 +324,16 @@ impl Params {
         self.read(bytes, page, self.variable.as_deref())
     }
 
-    pub fn camera(&self) -> Camera {
+    /// With the noise that a photon transfer found, where there is one.
+    pub fn camera(&self, noise: Option<&CameraNoise>) -> Camera {
+        let own = self.full_well.map(Electrons::AtHighest);
+        let found = noise.map(|noise| Electrons::PerNumber(noise.electrons_per_number));
         Camera {
             full_scale: self.full_scale.unwrap_or(1.0),
             gamma: self.gamma,
             saturation: self.saturation,
-            full_well: self.full_well,
-            read_noise: self.read_noise,
+            electrons: found.or(own),
+            read_noise: noise.map_or(self.read_noise, |noise| noise.read_noise),
             black_level: self.black_level.unwrap_or(0.0),
         }
     }
@@ -409,6 +413,18 @@ impl Params {
             problems.push_with_hint("rig", "the name of the rig is empty", "name the bench, or leave `rig` out");
         }
         self.check_sets(problems);
+    }
+
+    /// Reports what cannot stand beside a connected `transfer`.
+    pub fn check_transfer(&self, problems: &mut Problems) {
+        for (name, given) in [("full_well", self.full_well.is_some()), ("read_noise", self.read_noise > 0.0)] {
+            if given {
+                problems.push(name, format!("the camera's noise comes from the port `transfer`: leave {name} out"));
+            }
+        }
+        if self.gamma != 1.0 {
+            problems.push("gamma", "the noise of the port `transfer` is that of a linear camera: leave gamma out");
+        }
     }
 
     /// Every frame has an exposure time, or none has.

@@ -4,19 +4,22 @@ use std::borrow::Cow;
 
 use turbid_contract::canonical::canonical_value;
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::Frames;
+use turbid_contract::payload::{CameraNoise, Frames, Transfer};
 use turbid_contract::{
     At, Ctx, Error, FileUse, Forms, ImageStack, Known, Problem, Problems, Stage, StagePlan, in_ports, out_ports,
     serde_json,
 };
 
-use crate::correct::{Corrected, Field, Light};
+use crate::correct::{Camera, Corrected, Field, Light};
 use crate::decode::{Picture, pages};
 use crate::form;
 use crate::params::{Params, Shot};
 
 in_ports! {
-    pub struct In {}
+    pub struct In {
+        /// Noise of the camera, in the place of full_well and read_noise.
+        transfer: optional Transfer,
+    }
 }
 
 out_ports! {
@@ -62,6 +65,9 @@ impl Stage for ImportFrames {
     fn check(params: &Params, known: &Known, problems: &mut Problems) {
         params.check(problems);
         params.check_meaning(problems);
+        if known.is_connected("transfer") {
+            params.check_transfer(problems);
+        }
         let shots = params.shots();
         let decoded = |at: &str, path: &str| {
             let picture = params.read_at(&shots, at, &known.files.get(at)?);
@@ -70,7 +76,7 @@ impl Stage for ImportFrames {
         // Pictures of dark and flat field that cannot be read are named with the others.
         let absent = || Error::failed("it was not read");
         let load = |at: &str, path: &str| decoded(at, path).unwrap_or_else(|| Err(absent()));
-        let fields = if problems.is_empty() { Fields::of(params, load) } else { Err(absent()) };
+        let fields = if problems.is_empty() { Fields::of(params, &params.camera(None), load) } else { Err(absent()) };
         unread_pages(params, &shots, known, problems);
         let mut first: Option<(String, [usize; 2])> = None;
         for FileUse { at, path, .. } in Self::files(params) {
@@ -95,7 +101,7 @@ impl Stage for ImportFrames {
             }
             match (&fields, shots.iter().find(|shot| shot.at == at)) {
                 (Ok(fields), Some(shot)) if fields.fit(&picture) => {
-                    if let Err(error) = usable(shot, fields.light(params, shot, &picture)) {
+                    if let Err(error) = usable(shot, fields.light(params, &params.camera(None), shot, &picture)) {
                         push(error, problems);
                     }
                 }
@@ -113,12 +119,12 @@ impl Stage for ImportFrames {
         form::describe(params, known)
     }
 
-    fn plan(params: &Params, _known: &Known) -> StagePlan {
+    fn plan(params: &Params, known: &Known) -> StagePlan {
         let parts = [
             ("dark field", params.dark.is_some() || !params.darks.is_empty()),
             ("flat field", params.flat.is_some()),
             ("gamma", params.gamma != 1.0),
-            ("standard errors (full_well)", params.full_well.is_some()),
+            ("standard errors (full_well, or transfer)", params.full_well.is_some() || known.is_connected("transfer")),
         ];
         let named = |on: bool| parts.iter().filter(|p| p.1 == on).map(|p| p.0.to_owned()).collect::<Vec<String>>();
         let mut left_out = named(false);
@@ -129,7 +135,7 @@ impl Stage for ImportFrames {
         StagePlan { needs: named(true), left_out, ..StagePlan::default() }
     }
 
-    fn run(params: &Params, _inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
+    fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
         let shots = params.shots();
         if shots.is_empty() {
             return Err(Error::failed("no files of frames are named, or too many"));
@@ -138,11 +144,14 @@ impl Stage for ImportFrames {
             let bytes = ctx.file(at).ok_or_else(|| Error::failed(format!("`{path}` was not read")))?;
             params.read_at(&shots, at, &bytes).map_err(|what| Error::invalid(at, format!("`{path}`: {what}")))
         };
-        let fields = Fields::of(params, load)?;
+        let noise = inputs.transfer.as_ref().map(|Transfer(table)| CameraNoise::of(&table.attributes)).transpose()?;
+        let camera = params.camera(noise.as_ref());
+        let fields = Fields::of(params, &camera, load)?;
         let read = |k: usize| -> Result<Seen, Error> {
             let picture = load(&shots[k].at, &shots[k].file)?;
             let size = (picture.rows, picture.columns);
-            let (size, corrected) = fields.correct(params, &shots[k], &picture).binned(size, params.bin as usize);
+            let (size, corrected) =
+                fields.correct(params, &camera, &shots[k], &picture).binned(size, params.bin as usize);
             Ok(Seen { size, corrected })
         };
         let seen: Vec<Seen> = ctx.map_tiles(shots.len(), read)?.into_iter().collect::<Result<_, _>>()?;
@@ -216,8 +225,11 @@ struct Fields {
 
 impl Fields {
     /// Error: a picture that cannot be read, a flat field without light.
-    fn of(params: &Params, load: impl Fn(&str, &str) -> Result<Picture, Error>) -> Result<Self, Error> {
-        let camera = params.camera();
+    fn of(
+        params: &Params,
+        camera: &Camera,
+        load: impl Fn(&str, &str) -> Result<Picture, Error>,
+    ) -> Result<Self, Error> {
         let of_one = params.dark.iter().map(|path| load("dark", path));
         let of_many = params.darks.iter().enumerate().map(|(k, d)| load(&format!("darks.{k}.file"), &d.file));
         let darks: Vec<Picture> = of_one.chain(of_many).collect::<Result<_, _>>()?;
@@ -250,12 +262,12 @@ impl Fields {
         self.darks.iter().chain(&self.response).all(|field| field.len() == frame.values.len())
     }
 
-    fn light(&self, params: &Params, shot: &Shot, picture: &Picture) -> Light {
-        params.camera().light(picture, self.dark(params, shot).as_deref(), self.response.as_ref(), shot.light())
+    fn light(&self, params: &Params, camera: &Camera, shot: &Shot, picture: &Picture) -> Light {
+        camera.light(picture, self.dark(params, shot).as_deref(), self.response.as_ref(), shot.light())
     }
 
-    fn correct(&self, params: &Params, shot: &Shot, picture: &Picture) -> Corrected {
-        params.camera().correct(picture, self.dark(params, shot).as_deref(), self.response.as_ref(), shot.light())
+    fn correct(&self, params: &Params, camera: &Camera, shot: &Shot, picture: &Picture) -> Corrected {
+        camera.correct(picture, self.dark(params, shot).as_deref(), self.response.as_ref(), shot.light())
     }
 }
 

@@ -131,7 +131,11 @@ fn layers_and_columns_are_as_described() {
     }
     assert!(wrong.is_empty(), "docs/payloads.md: {wrong:#?}");
     let unseen: Vec<&String> = described.keys().filter(|payload| !seen.contains(*payload)).collect();
-    assert_eq!(unseen, ["concentrations", "design", "sections", "wavelengths"], "payloads that no small run makes");
+    assert_eq!(
+        unseen,
+        ["concentrations", "design", "sections", "transfer", "wavelengths"],
+        "payloads that no small run makes"
+    );
 }
 
 /// The table of masks has every reason under its number.

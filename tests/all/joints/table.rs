@@ -29,11 +29,18 @@ const FOR_ALL_LIGHT: Reason = May("a truth that names no wavelength holds for al
 const A_PART: Reason = May("a rig may be a part of a bench: what is missing is refused by the stage that needs it");
 
 /// By consumer, then producer.
-pub const JOINTS: [Row; 85] = [
+pub const JOINTS: [Row; 108] = [
     row(
         "build_lut.phantoms",
         "demodulate.modulation",
         &[Size, Frequency, Wavelength, Orientation, Unit, Quantity, OtherRig],
+        &[],
+        &[(&[Errors], LessKnown)],
+    ),
+    row(
+        "build_lut.phantoms",
+        "import_modulation.modulation",
+        &[Size, Frequency, Wavelength, Orientation, Unit, Quantity],
         &[],
         &[(&[Errors], LessKnown)],
     ),
@@ -42,6 +49,13 @@ pub const JOINTS: [Row; 85] = [
         "build_lut.references",
         "demodulate.modulation",
         &[Size, Frequency, Wavelength, Orientation, Unit, Quantity, OtherRig],
+        &[],
+        &[(&[Errors], LessKnown)],
+    ),
+    row(
+        "build_lut.references",
+        "import_modulation.modulation",
+        &[Size, Frequency, Wavelength, Orientation, Unit, Quantity],
         &[],
         &[(&[Errors], LessKnown)],
     ),
@@ -67,13 +81,34 @@ pub const JOINTS: [Row; 85] = [
         &[],
     ),
     row(
+        "calibrate.reference",
+        "import_modulation.modulation",
+        &[Size, Frequency, Wavelength, Orientation, Unit, Quantity],
+        &[Errors],
+        &[],
+    ),
+    row(
         "calibrate.sample",
         "demodulate.modulation",
         &[Size, Frequency, Wavelength, Orientation, Unit, Quantity, OtherRig],
         &[Errors],
         &[],
     ),
+    row(
+        "calibrate.sample",
+        "import_modulation.modulation",
+        &[Size, Frequency, Wavelength, Orientation, Unit, Quantity],
+        &[Errors],
+        &[],
+    ),
     row("calibrate_iad.readings", "calibrate_dis.readings", &[Columns], &[], &[(&[Unit], Declared)]),
+    row(
+        "chromophores.maps",
+        "import_maps.maps",
+        &[Quantity],
+        &[],
+        &[(&[Unit], Declared), (&[Errors], LessKnown), (&[Size, Wavelength], CarriedOn)],
+    ),
     row(
         "chromophores.maps",
         "invert.maps",
@@ -93,12 +128,13 @@ pub const JOINTS: [Row; 85] = [
         &[OtherRig],
         &[(&[Frequency, Convention, G, N], NotRead), (&[Wavelength], FOR_ALL_LIGHT), (&[Errors], LessKnown)],
     ),
+    row("compare.estimate", "import_maps.maps", &[Size, Wavelength, Unit, Quantity], &[], &[(&[Errors], LessKnown)]),
     row(
         "compare.estimate",
         "invert.maps",
-        &[Size, Unit, Quantity],
+        &[Size, Wavelength, Unit, Quantity],
         &[OtherRig],
-        &[(&[Frequency, Convention, G, N], NotRead), (&[Wavelength], FOR_ALL_LIGHT), (&[Errors], LessKnown)],
+        &[(&[Frequency, Convention, G, N], NotRead), (&[Errors], LessKnown)],
     ),
     row(
         "compare.estimate",
@@ -109,6 +145,16 @@ pub const JOINTS: [Row; 85] = [
     ),
     row("compare.estimate", "profilometry.normals", &[Size, Unit, Quantity], &[], &[(&[Wavelength], FOR_ALL_LIGHT)]),
     row("compare.truth", "calibrate_dis.readings", &[Columns], &[], &[(&[Unit], Declared)]),
+    row("compare.truth", "import_maps.maps", &[Size, Wavelength, Unit, Quantity], &[], &[(&[Errors], NotRead)]),
+    row(
+        "compare.truth",
+        "invert.maps",
+        &[Size, Wavelength, Unit, Quantity],
+        &[OtherRig],
+        &[(&[Frequency, Errors, Convention, G, N], NotRead)],
+    ),
+    row("compare.truth", "profilometry.height", &[Size, Wavelength, Unit, Quantity], &[], &[(&[Errors], NotRead)]),
+    row("compare.truth", "profilometry.normals", &[Size, Wavelength, Unit, Quantity], &[], &[]),
     row("compare.truth", "render.truth", &[Size, Wavelength, Unit, Quantity], &[OtherRig], &[]),
     row("demodulate.covariance", "render.covariance", &[Size, Wavelength, Unit, Errors, OtherRig], &[], &[]),
     row("demodulate.covariance", "sensor.covariance", &[Size, Wavelength, Unit, Errors], &[], &[]),
@@ -145,6 +191,14 @@ pub const JOINTS: [Row; 85] = [
         &[(&[Size, Frequency, Wavelength, Orientation, Unit], CarriedOn), (&[Quantity], Declared)],
     ),
     row("demodulate.scene", "scene.scene", &[Empty], &[], &[]),
+    row("import_frames.transfer", "photon_transfer.transfer", &[], &[], &[(&[Unit, Columns], NotRead)]),
+    row(
+        "invert.height",
+        "import_maps.maps",
+        &[Size, Quantity],
+        &[],
+        &[(&[Wavelength], NotRead), (&[Unit], Declared), (&[Errors], LessKnown)],
+    ),
     row(
         "invert.height",
         "profilometry.height",
@@ -180,6 +234,13 @@ pub const JOINTS: [Row; 85] = [
         &[Size, Frequency, Orientation, Quantity, Convention, G, N],
         &[OtherRig],
         &[(&[Wavelength], CarriedOn), (&[Unit], Declared), (&[Errors], LessKnown)],
+    ),
+    row(
+        "invert.reflectance",
+        "import_reflectance.reflectance",
+        &[Size, Frequency, Quantity, Convention, G, N],
+        &[],
+        &[(&[Wavelength], CarriedOn), (&[Orientation], NotRead), (&[Unit], Declared), (&[Errors], LessKnown)],
     ),
     row("invert.scene", "scene.scene", &[Empty], &[], &[]),
     row(
@@ -221,6 +282,13 @@ pub const JOINTS: [Row; 85] = [
         "demodulate.modulation",
         &[Size, Quantity],
         &[OtherRig],
+        &[(&[Frequency, Wavelength, Orientation, Unit, Errors], NotRead)],
+    ),
+    row(
+        "section_tube.modulation",
+        "import_modulation.modulation",
+        &[Size, Quantity],
+        &[],
         &[(&[Frequency, Wavelength, Orientation, Unit, Errors], NotRead)],
     ),
     row(
@@ -300,6 +368,27 @@ pub const JOINTS: [Row; 85] = [
         &[Frequency, Wavelength, Orientation, Phases, Unit, Quantity],
         &[],
         &[(&[Size], ANY_SIZE)],
+    ),
+    row(
+        "tabulate.minus",
+        "import_maps.maps",
+        &[Wavelength, Unit, Quantity],
+        &[],
+        &[(&[Size], ANY_SIZE), (&[Errors], LessKnown)],
+    ),
+    row(
+        "tabulate.minus",
+        "import_modulation.modulation",
+        &[Frequency, Wavelength, Orientation, Unit, Quantity],
+        &[],
+        &[(&[Size], ANY_SIZE), (&[Errors], LessKnown)],
+    ),
+    row(
+        "tabulate.minus",
+        "import_reflectance.reflectance",
+        &[Frequency, Wavelength, Orientation, Unit, Quantity],
+        &[],
+        &[(&[Size], ANY_SIZE), (&[Errors], LessKnown), (&[Convention, G, N], A_STUDY)],
     ),
     row(
         "tabulate.minus",
@@ -391,6 +480,27 @@ pub const JOINTS: [Row; 85] = [
     ),
     row(
         "tabulate.relative_to",
+        "import_maps.maps",
+        &[Wavelength, Unit, Quantity],
+        &[],
+        &[(&[Size], ANY_SIZE), (&[Errors], LessKnown)],
+    ),
+    row(
+        "tabulate.relative_to",
+        "import_modulation.modulation",
+        &[Frequency, Wavelength, Orientation, Unit, Quantity],
+        &[],
+        &[(&[Size], ANY_SIZE), (&[Errors], LessKnown)],
+    ),
+    row(
+        "tabulate.relative_to",
+        "import_reflectance.reflectance",
+        &[Frequency, Wavelength, Orientation, Unit, Quantity],
+        &[],
+        &[(&[Size], ANY_SIZE), (&[Errors], LessKnown), (&[Convention, G, N], A_STUDY)],
+    ),
+    row(
+        "tabulate.relative_to",
         "invert.maps",
         &[Wavelength, Unit, Quantity],
         &[],
@@ -479,6 +589,27 @@ pub const JOINTS: [Row; 85] = [
     ),
     row(
         "tabulate.values",
+        "import_maps.maps",
+        &[Wavelength, Unit, Quantity],
+        &[],
+        &[(&[Size], ANY_SIZE), (&[Errors], LessKnown)],
+    ),
+    row(
+        "tabulate.values",
+        "import_modulation.modulation",
+        &[Frequency, Wavelength, Orientation, Unit, Quantity],
+        &[],
+        &[(&[Size], ANY_SIZE), (&[Errors], LessKnown)],
+    ),
+    row(
+        "tabulate.values",
+        "import_reflectance.reflectance",
+        &[Frequency, Wavelength, Orientation, Unit, Quantity],
+        &[],
+        &[(&[Size], ANY_SIZE), (&[Errors], LessKnown), (&[Convention, G, N], A_STUDY)],
+    ),
+    row(
+        "tabulate.values",
         "invert.maps",
         &[Wavelength, Unit, Quantity],
         &[],
@@ -528,8 +659,11 @@ pub const JOINTS: [Row; 85] = [
 ];
 
 /// Outputs of which no check knows a part before the run: output, part, and why.
-pub const OPEN: [(&str, &str, &str); 1] = [(
-    "compare.metrics",
-    "rows",
-    "a row for each region and quantity of which the images show something: an object may be hidden",
-)];
+pub const OPEN: [(&str, &str, &str); 2] = [
+    (
+        "compare.metrics",
+        "rows",
+        "a row for each region and quantity of which the images show something: an object may be hidden",
+    ),
+    ("photon_transfer.transfer", "rows", "a row for each level that enough pixels of the frames have"),
+];

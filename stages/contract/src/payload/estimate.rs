@@ -16,6 +16,8 @@ pub enum Estimate {
 #[derive(Clone, Debug, PartialEq)]
 pub enum Expected {
     Truth(Truth),
+    /// Found by others, or in another way, and taken for true.
+    Maps(Maps),
     /// Of simulated readings, whose rows hold their medium.
     Readings(Readings),
 }
@@ -46,20 +48,25 @@ impl Payload for Estimate {
 }
 
 impl Payload for Expected {
-    const NAME: &'static str = "truth or readings";
+    const NAME: &'static str = "truth, maps or readings";
     const KIND: ArtifactKind = ArtifactKind::Images;
-    const ACCEPTS: &'static [&'static str] = &[Truth::NAME, Readings::NAME];
+    const ACCEPTS: &'static [&'static str] = &[Truth::NAME, Maps::NAME, Readings::NAME];
 
     fn into_artifact(self) -> Artifact {
         match self {
             Self::Truth(truth) => truth.into_artifact(),
+            Self::Maps(maps) => maps.into_artifact(),
             Self::Readings(readings) => readings.into_artifact(),
         }
     }
 
     fn from_artifact(artifact: Artifact) -> Result<Self, Error> {
-        match artifact.kind() {
-            ArtifactKind::Table => Readings::from_artifact(artifact).map(Self::Readings),
+        match &artifact {
+            Artifact::Table(_) => Readings::from_artifact(artifact).map(Self::Readings),
+            // Only a render tells which object a pixel shows.
+            Artifact::Images(stack) if stack.find("object", None).is_none() => {
+                Maps::from_artifact(artifact).map(Self::Maps)
+            }
             _ => Truth::from_artifact(artifact).map(Self::Truth),
         }
     }

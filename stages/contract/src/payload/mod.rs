@@ -13,6 +13,7 @@ mod relief;
 mod scene;
 mod sections;
 mod stack;
+mod transfer;
 
 pub use conditions::{
     CONDITIONS, Conditions, INCIDENCE_LAYER, REFERENCE_CONDITIONS, SaidBy, Seen, THICKNESS_LAYER, Thickness, VIEW_LAYER,
@@ -32,6 +33,7 @@ pub use relief::Relief;
 pub use scene::*;
 pub use sections::{Section, Sections, Shares};
 pub use stack::Stack;
+pub use transfer::{CameraNoise, Transfer};
 
 use crate::artifact::{Artifact, ArtifactKind};
 use crate::error::Error;

@@ -3,15 +3,15 @@
 use super::numbers::Numbers;
 use super::{Picture, bounded, no_page};
 
-/// Which number stands beside the first.
+/// What stands in one piece.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Order {
-    /// The next column: (rows, columns) or (pages, rows, columns), as NumPy writes it.
-    RowsFirst,
-    /// The next row: (rows, columns) or (rows, columns, pages), as MATLAB writes it.
-    ColumnsFirst,
-    /// The next page: (pages, rows, columns), as NumPy writes what came from Fortran.
-    PagesFirst,
+    /// A row: (rows, columns) or (pages, rows, columns), as NumPy writes it.
+    Rows,
+    /// A column: (rows, columns) or (rows, columns, pages), as MATLAB writes it.
+    Columns,
+    /// A pixel of all pages: (pages, rows, columns), as NumPy writes what came from Fortran.
+    Pages,
 }
 
 /// Pages of rows and columns.
@@ -31,11 +31,11 @@ impl Array {
     pub fn new(shape: &[u64], order: Order) -> Result<Self, String> {
         let (pages, rows, columns) = match (shape, order) {
             (&[rows, columns], _) => (1, rows, columns),
-            (&[rows, columns, pages], Order::ColumnsFirst) if pages > 0 => (pages, rows, columns),
-            (&[pages, rows, columns], Order::RowsFirst | Order::PagesFirst) if pages > 0 => (pages, rows, columns),
+            (&[rows, columns, pages], Order::Columns) if pages > 0 => (pages, rows, columns),
+            (&[pages, rows, columns], Order::Rows | Order::Pages) if pages > 0 => (pages, rows, columns),
             (other, _) => {
                 let known = match order {
-                    Order::ColumnsFirst => "(rows, columns) and (rows, columns, pages)",
+                    Order::Columns => "(rows, columns) and (rows, columns, pages)",
                     _ => "(rows, columns) and (pages, rows, columns)",
                 };
                 return Err(format!("it has the shape {other:?}; {known} are read"));
@@ -60,7 +60,7 @@ impl Array {
     /// Whether the page, which is there, is a piece of the numbers in its own order.
     pub fn page_in_one_piece(&self, page: Option<usize>) -> bool {
         let named = if page.is_none() { self.pages == 1 } else { page < Some(self.pages) };
-        named && self.order == Order::RowsFirst
+        named && self.order == Order::Rows
     }
 
     /// Error: there is no such page, or several and none is named.
@@ -76,11 +76,11 @@ impl Array {
             return Err(no_page(page, pages));
         }
         let place = move |r: usize, c: usize| match order {
-            Order::RowsFirst => (page * rows + r) * columns + c,
-            Order::ColumnsFirst => (page * columns + c) * rows + r,
-            Order::PagesFirst => (c * rows + r) * pages + page,
+            Order::Rows => (page * rows + r) * columns + c,
+            Order::Columns => (page * columns + c) * rows + r,
+            Order::Pages => (c * rows + r) * pages + page,
         };
-        let own = if pages == 1 && order == Order::RowsFirst {
+        let own = if pages == 1 && order == Order::Rows {
             numbers
         } else {
             numbers.pick((0..rows).flat_map(|r| (0..columns).map(move |c| place(r, c))))

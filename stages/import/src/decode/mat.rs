@@ -138,7 +138,7 @@ impl Matrix {
         if wanted.is_none() && dimensions.iter().all(|&n| n <= 1) {
             return Ok(Err(name));
         }
-        let array = Array::new(&dimensions, Order::ColumnsFirst)?;
+        let array = Array::new(&dimensions, Order::Columns)?;
         let numbers = Tag::read(from)?;
         let bytes = numbers.bytes(from, array.count().saturating_mul(8))?;
         let numbers = class.numbers(numbers.kind, &bytes)?;

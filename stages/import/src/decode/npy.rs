@@ -84,7 +84,7 @@ fn header(bytes: &[u8]) -> Result<Header<'_>, String> {
     let kind = behind("'descr'").and_then(|rest| rest.strip_prefix('\'')).and_then(|rest| rest.split('\'').next());
     let kind = kind.filter(|kind| kind.len() > 2 && kind.is_ascii()).ok_or_else(|| lacks("the type of its numbers"))?;
     let fortran = behind("'fortran_order'").is_some_and(|rest| rest.starts_with("True"));
-    let order = if fortran { Order::PagesFirst } else { Order::RowsFirst };
+    let order = if fortran { Order::Pages } else { Order::Rows };
     let shape = behind("'shape'").and_then(|rest| rest.strip_prefix('(')).and_then(|rest| rest.split(')').next());
     let shape = shape.ok_or_else(|| lacks("its shape"))?.split(',').map(str::trim).filter(|n| !n.is_empty());
     let shape: Result<Vec<u64>, _> = shape.map(str::parse).collect();
