@@ -32,12 +32,26 @@
 //! What others found of their frames:
 //! ```yaml
 //! theirs:
-//!   use: import_maps            # import_modulation: m_dc, m_ac; import_reflectance: r_d
+//!   use: import_maps
 //!   with:
 //!     layers:
 //!       - {quantity: mu_a, file: data/theirs.mat, variable: mua, unit: cm^-1}
 //!       - {quantity: mu_s_prime, file: data/theirs.mat, variable: musp, unit: cm^-1}
 //! judged: {use: compare, in: {estimate: maps, truth: theirs}}
+//!
+//! demodulated:
+//!   use: import_modulation
+//!   with:
+//!     layers:
+//!       - {quantity: m_dc, f_x: 0, file: data/dc.tif}
+//!       - {quantity: m_ac, f_x: 0.1, file: data/ac.tif}
+//!
+//! calibrated:
+//!   use: import_reflectance
+//!   with:
+//!     layers: [{quantity: r_d, f_x: 0, file: data/rd.csv, unit: "%"}, {quantity: r_d, f_x: 0.1, file: data/rd_ac.csv, unit: "%"}]
+//!     convention: hemispherical_incident
+//!     conditions: {g: 0.8, n: 1.4}
 //! ```
 //! PNG (8, 16 bit), TIFF and BigTIFF (8, 16, 32 bit, float; pages), EXR, BMP, PGM, NumPy's .npy and .npz, MATLAB's .mat, numbers in text and files without a header. Theory: `docs/theory/import_frames.md`.
 
