@@ -127,7 +127,8 @@ impl Panel {
         let bar = self.bar.as_ref().map_or(0, Bar::width);
         let notes = self.notes.iter().map(|n| n.text.width(Size::Small) + n.swatch.map_or(0, Swatch::width));
         let texts = [self.title.width(Size::Normal), self.subtitle.width(Size::Small)];
-        (self.gutter() + self.image.width() + 2 + bar).max(texts.into_iter().chain(notes).max().unwrap_or(0))
+        // Titles and notes begin where the image does.
+        self.gutter() + (self.image.width() + 2 + bar).max(texts.into_iter().chain(notes).max().unwrap_or(0))
     }
 
     /// Width of what stands left of the image.

@@ -45,9 +45,14 @@ pub fn figure(table: &Table, title: &str) -> Option<Figure> {
             swatch: Some(Swatch::Colour(FITTED)),
             text: Text::plain("line: ")
                 .join(said(noise.electrons_per_number, noise.electrons_per_number_se))
-                .then(" electrons per number, read noise ")
+                .then(" electrons per number"),
+        },
+        Note {
+            swatch: None,
+            text: Text::plain("read noise ")
                 .join(said(noise.read_noise, noise.read_noise_se))
-                .then(" electrons"),
+                .then(" electrons, black level ")
+                .join(number(noise.black_level, 4)),
         },
     ];
     let title_of = Text::plain("variance of a number over its level");
