@@ -28,6 +28,7 @@ pub mod run;
 pub mod spec;
 mod stamp;
 pub mod store;
+pub mod study;
 mod terminal;
 mod threads;
 pub mod unchanged;

@@ -9,7 +9,7 @@ use crate::store::Store;
 use crate::threads;
 
 use super::memory::{MemoryLimit, too_large};
-use super::{Done, Failure, Pipeline, print, print_json};
+use super::{Done, Failure, Pipeline, print, print_json, study_mistakes};
 
 #[derive(Args)]
 pub struct Check {
@@ -57,7 +57,7 @@ impl Check {
         let mut report = Report::from(survey.problems);
         // The file may be meant for another machine.
         report.extend(large.into_iter().map(Diagnostic::warning));
-        report.extend(plan.spec.not_yet().into_iter().map(Diagnostic::warning));
+        report.extend(study_mistakes(&plan));
         report.extend(plan.spec.warnings.iter().cloned());
         if report.has_errors() {
             return Err(report.into());

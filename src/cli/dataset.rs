@@ -23,7 +23,7 @@ use crate::threads;
 
 use super::cache::size_text;
 use super::memory::MemoryLimit;
-use super::run::simd_level;
+use super::simd::simd_level;
 use super::{Done, Failure, Pipeline, print, print_json};
 
 #[derive(Args)]

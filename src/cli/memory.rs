@@ -11,7 +11,7 @@ use crate::spec::{Diagnostic, Kind, Mistake, Section};
 
 use super::cache::{parse_size, size_text};
 
-#[derive(Args)]
+#[derive(Args, Clone)]
 pub(super) struct MemoryLimit {
     /// Memory that stages may take together, for example 8GB; by default what the machine has free
     #[arg(long, value_name = "SIZE", value_parser = parse_size)]

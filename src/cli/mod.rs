@@ -19,7 +19,10 @@ mod run;
 mod schema;
 mod select;
 mod show;
+mod simd;
 mod stages;
+#[cfg(feature = "tables")]
+mod study;
 
 use std::io::{IsTerminal, Write};
 use std::mem::ManuallyDrop;
@@ -36,9 +39,9 @@ use crate::spec::{self, Diagnostic, Kind, Mistake, Report};
 use crate::store::Store;
 use crate::terminal::{self, print, print_json};
 
-#[cfg(not(feature = "tables"))]
-use dataset_without as dataset;
 pub use select::Selector;
+#[cfg(not(feature = "tables"))]
+use {dataset_without as dataset, dataset_without as study};
 
 /// How a command ends when it does not end well.
 #[derive(Debug)]
@@ -111,6 +114,8 @@ enum Command {
     Export(export::Export),
     /// Build and look after data sets (needs a build with `--features tables`)
     Dataset(dataset::Dataset),
+    /// Measure errors against run time over what a study varies (needs a build with `--features tables`)
+    Study(study::Study),
     /// Look after the store of results
     Cache(cache::Cache),
     /// Write a commented starter pipeline
@@ -118,7 +123,7 @@ enum Command {
 }
 
 /// What every command that reads a pipeline takes.
-#[derive(Args)]
+#[derive(Args, Clone)]
 struct Pipeline {
     /// The pipeline file
     file: PathBuf,
@@ -129,7 +134,7 @@ struct Pipeline {
     outputs: OutputsDir,
 }
 
-#[derive(Args)]
+#[derive(Args, Clone)]
 struct OutputsDir {
     /// Where results are kept
     #[arg(long, global = true, value_name = "DIR", env = "TURBID_OUTPUTS", default_value = "outputs")]
@@ -194,6 +199,7 @@ pub fn main(registry: Registry) -> ExitCode {
         Command::Schema => schema::run(&registry),
         Command::Export(command) => command.run(&registry),
         Command::Dataset(command) => command.run(&registry),
+        Command::Study(command) => command.run(&registry),
         Command::Cache(command) => command.run(),
         Command::New(command) => command.run(),
     }));
@@ -220,10 +226,15 @@ fn code_with_lost_output(code: u8) -> u8 {
     if code == 0 { 1 } else { code }
 }
 
-/// What a survey found, and what this version cannot run yet.
+/// What studies name that the pipeline has not.
+fn study_mistakes(plan: &Plan) -> Vec<Diagnostic> {
+    crate::study::mistakes(&plan.spec, plan)
+}
+
+/// What a survey found, and what is wrong with studies.
 fn report_of(plan: &Plan, survey: &Survey) -> Report {
     let mut report = Report::from(survey.problems.clone());
-    report.extend(plan.spec.not_yet());
+    report.extend(study_mistakes(plan));
     report.extend(plan.spec.warnings.iter().cloned());
     report
 }

@@ -12,7 +12,7 @@ use crate::spec::{DRAW_AXIS, Report};
 use crate::store::Store;
 use crate::threads;
 
-use super::run::simd_level;
+use super::simd::simd_level;
 use super::{Done, Failure, Pipeline};
 
 /// Runs again those of the instances of which outputs (or this one) were released, with all that they need for it.

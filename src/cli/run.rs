@@ -14,19 +14,23 @@ use crate::resolve::{Resolver, State, Survey};
 use crate::run::log::{Logged, RunLog, note_up_to_date};
 use crate::run::progress::{Json, Work, choose};
 use crate::run::{self, End, Interrupt, Options, Progress, Summary, latest};
+use crate::spec;
 use crate::store::{Store, StoreError};
 use crate::threads;
 use crate::unchanged::{self, Closing, Request, Seen};
 
 use super::figures::{Figures, short, with_unit};
 use super::memory::{MemoryLimit, too_large};
+use super::simd::simd_level;
+#[cfg(feature = "tables")]
+use super::study::Study;
 use super::{Done, Failure, Pipeline, print, print_json, report_of};
 
-#[derive(Args)]
+#[derive(Args, Clone)]
 pub struct Run {
     #[command(flatten)]
     pipeline: Pipeline,
-    /// Stages (or STAGE.PORT) to bring up to date; all leaves by default
+    /// Stages (or STAGE.PORT) to bring up to date, or studies to run; all leaves by default
     #[arg(value_name = "STAGE")]
     targets: Vec<String>,
     /// Run a stage from its start even where its result is stored, and compare the two: where they differ the run fails
@@ -66,6 +70,15 @@ impl Run {
         {
             self.say(&closing, &Counts { hits: closing.hits, ..Counts::default() }, began);
             return Ok(());
+        }
+        if let Some((studies, stages)) = self.studies() {
+            for study in studies {
+                self.study(study, registry)?;
+            }
+            if stages.is_empty() {
+                return Ok(());
+            }
+            return Self { targets: stages, ..self.clone() }.run(registry);
         }
         let plan = self.pipeline.plan(registry, &self.targets)?;
         let force = self.forced(&plan)?;
@@ -139,6 +152,31 @@ impl Run {
             Err(message) if summary.ran() > 0 => Err(Failure::Failed(message)),
             _ => Ok(()),
         }
+    }
+
+    /// The targets that are studies, and the others; `None` where none is.
+    fn studies(&self) -> Option<(Vec<String>, Vec<String>)> {
+        if self.targets.is_empty() {
+            return None;
+        }
+        let (spec, _) = spec::read(&self.pipeline.file, &self.pipeline.set);
+        let names: Vec<String> = spec?.studies.into_iter().map(|study| study.name).collect();
+        let (studies, stages): (Vec<String>, Vec<String>) =
+            self.targets.iter().cloned().partition(|target| names.contains(target));
+        (!studies.is_empty()).then_some((studies, stages))
+    }
+
+    #[cfg(feature = "tables")]
+    fn study(&self, name: String, registry: &Registry) -> Done {
+        let Self { pipeline, jobs, memory, json, .. } = self;
+        let study =
+            Study { pipeline: pipeline.clone(), name: Some(name), jobs: *jobs, memory: memory.clone(), json: *json };
+        study.run(registry)
+    }
+
+    #[cfg(not(feature = "tables"))]
+    fn study(&self, _: String, _: &Registry) -> Done {
+        Err(super::study::without("study"))
     }
 
     /// The last words of a run.
@@ -300,16 +338,6 @@ impl Making<'_> {
             Some(log) => log.end(plan, summary),
             None => note_up_to_date(self.outputs, name, summary.hits()),
         }
-    }
-}
-
-/// `TURBID_SIMD` forces a level of vector instructions, for tests: results must not depend on it.
-pub(super) fn simd_level() -> Result<String, Failure> {
-    let asked = std::env::var("TURBID_SIMD").unwrap_or_default();
-    match asked.as_str() {
-        "" | "best" => Ok(String::new()),
-        "baseline" | "v3" | "v4" => Ok(asked),
-        _ => Err(Failure::Input(format!("TURBID_SIMD = {asked} must be baseline, v3, v4 or best"))),
     }
 }
 

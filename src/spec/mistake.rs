@@ -25,8 +25,6 @@ pub enum Kind {
     File,
     /// More memory than there is.
     Memory,
-    /// What this version reads but does not run.
-    NotYet,
     /// Legal, but probably not meant.
     Suspect,
     /// On the command line, or of the folder that it names.
@@ -50,7 +48,6 @@ impl Kind {
             Self::TooMany => "too_many",
             Self::File => "file",
             Self::Memory => "memory",
-            Self::NotYet => "not_yet",
             Self::Suspect => "suspect",
             Self::Usage => "usage",
             Self::Failed => "failed",

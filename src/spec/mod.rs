@@ -439,13 +439,25 @@ impl Spec {
         diagnostic
     }
 
-    /// What this version reads and checks but does not run yet: studies (warnings).
-    pub fn not_yet(&self) -> Vec<Diagnostic> {
-        let studies = self.root.entry("studies").filter(|_| !self.studies.is_empty()).map(|entry| {
-            let message = "studies are read and checked, but running them comes with a later version";
-            Diagnostic::at(&self.sources, entry.at, "studies", Mistake::new(Kind::NotYet, message)).warning()
-        });
-        studies.into_iter().collect()
+    /// A mistake in a key of a study.
+    pub fn at_study(&self, study: &str, key: &str, message: impl Into<String>) -> Diagnostic {
+        let node = self.root.get("studies").and_then(|studies| studies.get(study));
+        let entry = node.and_then(|node| node.entry(key));
+        let span = entry.map_or(self.root.span, |entry| entry.value.span);
+        let path = format!("studies.{study}.{key}");
+        Diagnostic::at(&self.sources, span, &path, Mistake::new(Kind::WrongValue, message))
+    }
+
+    /// The same experiment with other random numbers, explicit and common seeds included; 0 is the file itself. What is drawn stays: scenes are the same.
+    #[must_use]
+    pub fn repeated(mut self, repeat: u64) -> Self {
+        if repeat > 0 {
+            self.seed = seed::of_repeat(self.seed, repeat);
+            for stage in self.stages.ids() {
+                self.stages[stage].seed = self.stages[stage].seed.map(|seed| seed.repeated(repeat));
+            }
+        }
+        self
     }
 
     fn stage_node(&self, stage: StageId) -> &Node {

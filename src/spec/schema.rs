@@ -175,14 +175,17 @@ fn shared() -> Map<String, Value> {
             }
         },
         "study": {
-            "description": "Error of an estimate against what is varied (checked now, run by a later version).",
+            "description": "Error of an estimate against what is varied, and against run time (turbid study).",
             "type": "object", "additionalProperties": false, "required": ["vary", "estimate", "error"],
             "properties": {
                 "about": {"type": "string"},
                 "vary": {"type": "object", "additionalProperties": {"$ref": "#/$defs/values"}, "description": "paths as --set takes them"},
-                "estimate": {"type": "string", "description": "stage.port or stage.quantity"},
-                "truth": {"type": "string", "description": "stage.port"},
-                "error": {"enum": ERRORS}
+                "estimate": {"type": "string", "description": "stage.quantity or stage.port.quantity"},
+                "truth": {"type": "string", "description": "stage.port, or stage.port.quantity; without it the scatter of the repeats is the error"},
+                "error": {"enum": ERRORS},
+                "repeats": {"type": "integer", "minimum": 1, "maximum": 1000, "description": "how often each point is computed, with other random numbers"},
+                "also": {"type": "array", "items": {"type": "string"}, "description": "other results, a column each: stage.quantity with the same error, or stage.measure"},
+                "reference": {"type": "string", "description": "a CSV file of points of others: cpu_seconds, error, label"}
             }
         }
     });

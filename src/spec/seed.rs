@@ -1,5 +1,7 @@
 //! `seed:` of a stage — which of its instances, and of other stages, see the same random numbers.
 
+use crate::digest::Digest;
+
 use super::node::{Data, Entry};
 use super::parse::join;
 use super::reader::Reader;
@@ -11,6 +13,23 @@ pub enum SeedSpec {
     PerInstance(u64),
     /// `seed: {common: 7}`: one for all instances, and for every stage of the same kind that says so with this number.
     Common(u64),
+}
+
+impl SeedSpec {
+    /// With other random numbers.
+    pub(super) fn repeated(self, repeat: u64) -> Self {
+        match self {
+            Self::PerInstance(seed) => Self::PerInstance(of_repeat(seed, repeat)),
+            Self::Common(seed) => Self::Common(of_repeat(seed, repeat)),
+        }
+    }
+}
+
+/// The seed that a repeat (from 1) has in place of this one.
+pub(super) fn of_repeat(seed: u64, repeat: u64) -> u64 {
+    let mut bytes = seed.to_le_bytes().to_vec();
+    bytes.extend(repeat.to_le_bytes());
+    u64::from_le_bytes(*Digest::of(&bytes).0.first_chunk().expect("a digest has 32 bytes"))
 }
 
 /// Reads the `seed` of a stage, at `path`; vars are expanded.

@@ -1,4 +1,4 @@
-//! `studies:` — sweeps over a whole pipeline. Read and checked here; running them comes later.
+//! `studies:` — sweeps over a whole pipeline, which `turbid study` runs.
 
 use std::collections::HashSet;
 
@@ -17,16 +17,27 @@ pub const ERRORS: [&str; 5] = ["rmse_percent", "bias_percent", "masked_percent",
 
 /// More than this in one study is a mistake.
 const MAX_VARIED: usize = 100;
+const MAX_POINTS: usize = 10_000;
+const MAX_REPEATS: u64 = 1000;
 
-/// `{vary: {stages.frames.with.samples: [16, 64]}, estimate: maps.mu_a, truth: frames.truth, error: rmse_percent}`
+const KEYS: [&str; 8] = ["about", "vary", "repeats", "estimate", "truth", "error", "also", "reference"];
+
+/// `{vary: {stages.frames.with.samples: [16, 64]}, repeats: 4, estimate: maps.mu_a, truth: frames.truth, error: rmse_percent}`
 #[derive(Clone, Debug, PartialEq)]
 pub struct StudySpec {
     pub name: String,
+    pub about: Option<String>,
     /// Paths as `--set` takes them, each with its values.
     pub vary: Vec<(String, Vec<Value>)>,
+    /// How often each point is computed, with other random numbers each time.
+    pub repeats: u64,
     pub estimate: String,
     pub truth: Option<String>,
     pub error: String,
+    /// Other results: each a column with the same error of it, or a measure.
+    pub also: Vec<String>,
+    /// Points of others to show beside: a CSV file with columns cpu_seconds, error and perhaps label; relative to the pipeline file.
+    pub reference: Option<String>,
 }
 
 impl StudySpec {
@@ -37,8 +48,7 @@ impl StudySpec {
         if !reader.is_map(&entry.value, entry.at, &path, "a map with `vary`, `estimate`, `truth`, `error`") {
             return None;
         }
-        let keys = ["about", "vary", "estimate", "truth", "error"];
-        let known = reader.known_keys(&entry.value, &path, &keys, "a study");
+        let known = reader.known_keys(&entry.value, &path, &KEYS, "a study");
         let mut required = |key: &str, what: &str| {
             let found = entry.value.entry(key);
             if found.is_none() && known {
@@ -62,11 +72,70 @@ impl StudySpec {
             }
             Some(name.to_owned())
         });
+        let text = |key: &str, what: &str, reader: &mut Reader<'_>| match entry.value.entry(key) {
+            Some(e) => reader.text(&e.value, e.at, &join(&path, key), what).map(|text| Some(text.to_owned())),
+            None => Some(None),
+        };
+        let about = text("about", "a text", reader);
+        let reference = text("reference", "the name of a CSV file", reader);
+        let repeats = match entry.value.entry("repeats") {
+            Some(e) => parse_repeats(e, &join(&path, "repeats"), reader),
+            None => Some(1),
+        };
+        let also = match entry.value.entry("also") {
+            Some(e) => parse_also(e, (root, stages), &join(&path, "also"), reader),
+            None => Some(Vec::new()),
+        };
         if !named || !known || matches!(truth, Some(None)) {
             return None;
         }
-        Some(Self { name: entry.key.clone(), vary: vary?, estimate: estimate?, truth: truth.flatten(), error: error? })
+        let found = Self {
+            name: entry.key.clone(),
+            about: about?,
+            vary: vary?,
+            repeats: repeats?,
+            estimate: estimate?,
+            truth: truth.flatten(),
+            error: error?,
+            also: also?,
+            reference: reference?,
+        };
+        let points = found.vary.iter().map(|(_, values)| values.len()).try_fold(1_usize, usize::checked_mul);
+        let points = points.and_then(|n| n.checked_mul(usize::try_from(found.repeats).ok()?));
+        if points.is_none_or(|n| n > MAX_POINTS) {
+            let message = format!("the study has more than {MAX_POINTS} points");
+            reader.error(entry.at, &path, message, Some("vary fewer values, or repeat them less often".to_owned()));
+            return None;
+        }
+        Some(found)
     }
+}
+
+fn parse_repeats(entry: &Entry, path: &str, reader: &mut Reader<'_>) -> Option<u64> {
+    let repeats = reader.whole_number(&entry.value, entry.at, path)?;
+    if (1..=MAX_REPEATS).contains(&repeats) {
+        return Some(repeats);
+    }
+    let message = format!("repeats = {repeats} must lie in [1, {MAX_REPEATS}]");
+    reader.error(entry.value.span, path, message, None);
+    None
+}
+
+fn parse_also(
+    entry: &Entry,
+    known: (&Node, &HashSet<&str>),
+    path: &str,
+    reader: &mut Reader<'_>,
+) -> Option<Vec<String>> {
+    let Data::List(items) = &entry.value.data else {
+        reader.wrong(&entry.value, entry.at, path, "a list of results such as [maps.mu_s_prime]");
+        return None;
+    };
+    let item = |(i, item): (usize, &Node)| {
+        let entry = Entry { key: i.to_string(), at: item.span, value: item.clone() };
+        parse_result(&entry, known, &format!("{path}.{i}"), reader)
+    };
+    items.iter().enumerate().map(item).collect()
 }
 
 fn parse_vary(section: &Entry, root: &Node, path: &str, reader: &mut Reader<'_>) -> Option<Vec<(String, Vec<Value>)>> {

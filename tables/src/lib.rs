@@ -1,5 +1,5 @@
 //! Tables of data sets, made by polars: statistics of columns by split ([`summary`]), costs joined with what became of
-//! each sample ([`costs`]), counts ([`counts`]).
+//! each sample ([`costs`]), counts ([`counts`]). Of studies: error against run time over repeats ([`study`]).
 //!
 //! In and out go turbid's own tables ([`turbid_contract::Table`]); nothing of polars is seen outside of this crate, and no
 //! other crate depends on it. Rows come in the order of their keys, whatever the number of threads. Means and standard
@@ -9,6 +9,7 @@
 pub mod costs;
 pub mod counts;
 mod frame;
+pub mod study;
 pub mod summary;
 
 /// Why a table cannot be made, in words.

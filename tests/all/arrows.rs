@@ -162,7 +162,7 @@ const FLOORS: [&[&str]; 12] = [
     &["explain", "memo", "recipe"],
     &["resolve", "unchanged"],
     &["estimate", "run"],
-    &["dataset"],
+    &["dataset", "study"],
     &["cli"],
 ];
 

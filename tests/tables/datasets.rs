@@ -1,4 +1,4 @@
-//! Data sets as a user builds them: whole, grown, killed, side by side, damaged, and asked for wrongly.
+//! Data sets as a user builds them: whole, grown, killed, side by side, damaged, and asked for wrongly. Studies.
 
 mod damage;
 mod full_disk;
@@ -9,5 +9,6 @@ mod released;
 mod shard;
 mod space;
 mod statistics;
+mod studies;
 mod webdataset;
 mod wrong;

@@ -1,0 +1,375 @@
+//! Runs the points of a study, each a run of its own on the same store, and gathers what they say.
+
+use std::cell::RefCell;
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use turbid_contract::{Artifact, ImageStack};
+
+use crate::digest::Digest;
+use crate::plan::{InstanceId, Plan, Target};
+use crate::registry::Registry;
+use crate::resolve::{Resolver, State, Survey};
+use crate::run::log::{Logged, RunLog};
+use crate::run::progress::Work;
+use crate::run::{self, End, Interrupt, Options, Progress};
+use crate::spec::{self, Diagnostic, Report, Severity, Spec, StageId, StudySpec};
+use crate::store::Store;
+
+use super::found::{Errors, Found, Seen, Spent, spent};
+use super::points::{Point, order, points};
+use super::quantity::Quantity;
+
+/// What a study works with.
+pub struct Studying<'a> {
+    pub file: &'a Path,
+    /// Those of the command line; the values of a point come after them.
+    pub overrides: &'a [String],
+    pub study: &'a StudySpec,
+    pub registry: &'a Registry,
+    pub store: &'a Store,
+    pub outputs: &'a Path,
+    pub options: &'a Options,
+    pub interrupt: &'a Interrupt,
+    /// The progress of a run of this much work.
+    pub progress: &'a dyn Fn(&Work) -> Box<dyn Progress>,
+    /// What a run cannot begin for: instances that need more memory than there is.
+    pub refused: &'a dyn Fn(&Plan, &Survey) -> Vec<Diagnostic>,
+    /// Told of each point that ended: the point, how many are done, what it says or why it failed.
+    pub told: &'a Told<'a>,
+}
+
+/// What a caller does with a point that ended.
+pub type Told<'a> = dyn Fn(&Point, usize, &Result<Found, String>) + 'a;
+
+/// A point and what it says.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    pub point: Point,
+    /// Or why there is nothing to say.
+    pub found: Result<Found, String>,
+    /// What all points of its repeat share is counted apart.
+    pub own: Spent,
+    pub shared: Spent,
+}
+
+/// Why a study stopped. What was finished is kept.
+#[derive(Debug)]
+pub enum Stopped {
+    Failed(String),
+    Interrupted,
+}
+
+/// How many results were there, and how many were made.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Counts {
+    pub hits: usize,
+    pub ran: usize,
+}
+
+impl Studying<'_> {
+    /// Runs all points, cheap ones first; a row each, in the order of [`points`]. A point that fails is a row with the reason, and the others are run.
+    pub fn run(&self) -> Result<(Vec<Row>, Counts), Stopped> {
+        let points = points(self.study);
+        let mut found: Vec<Option<Result<Found, String>>> = vec![None; points.len()];
+        let (log, counts) = (RefCell::new(None), RefCell::new(Counts::default()));
+        for (done, i) in order(&points).into_iter().enumerate() {
+            let result = self.point(&points[i], &log, &counts);
+            if self.interrupt.requested() {
+                return Err(Stopped::Interrupted);
+            }
+            self.store.finish().map_err(|e| Stopped::Failed(e.to_string()))?;
+            (self.told)(&points[i], done + 1, &result);
+            found[i] = Some(result);
+        }
+        let counts = counts.into_inner();
+        if let Some(log) = log.into_inner() {
+            let log: RunLog = log;
+            if let Some(text) = log.end_of_parts(counts.hits, counts.ran) {
+                crate::terminal::tell(&format!("warning: the log of this run could not be written: {text}"));
+            }
+        }
+        let mut found: Vec<Result<Found, String>> =
+            found.into_iter().map(|f| f.expect("every point was run")).collect();
+        if self.study.truth.is_none() {
+            against_each_other(self.study, &points, &mut found);
+        }
+        Ok((rows(points, found), counts))
+    }
+
+    fn point(&self, point: &Point, log: &RefCell<Option<RunLog>>, counts: &RefCell<Counts>) -> Result<Found, String> {
+        let overrides = [self.overrides, &point.overrides(self.study)].concat();
+        let (spec, report) = spec::read(self.file, &overrides);
+        let Some(spec) = spec.filter(|_| !report.has_errors()) else { return Err(first(&report)) };
+        let plan = self.plan(spec.repeated(point.repeat), report)?;
+        let looked_at = Looked::of(self.study, &plan)?;
+        let resolver = Resolver::new(&plan, self.store);
+        let survey = resolver.survey(&[]);
+        let mut report = Report::from(survey.problems.clone());
+        report.extend((self.refused)(&plan, &survey));
+        if report.has_errors() {
+            return Err(first(&report));
+        }
+        let stale = survey.states.iter().flatten().any(|state| !matches!(state, State::Hit(_)));
+        if stale && log.borrow().is_none() {
+            *log.borrow_mut() = Some(RunLog::begin(self.outputs, &plan));
+        }
+        let progress = (self.progress)(&Work::of(&plan, &survey));
+        let log = log.borrow();
+        let logged = log.as_ref().map(|log| Logged { log, progress: progress.as_ref() });
+        let told: &dyn Progress = logged.as_ref().map_or(progress.as_ref(), |logged| logged);
+        let summary = run::run(&resolver, survey, self.options, told, self.interrupt)?;
+        progress.ended();
+        if let Some(log) = log.as_ref() {
+            log.part(&plan, &summary);
+        }
+        {
+            let mut counts = counts.borrow_mut();
+            counts.hits += summary.hits();
+            counts.ran += summary.ran();
+        }
+        let failed = plan.needed_instances().find_map(|id| match summary.ends.get(&id) {
+            Some(End::Failed(message)) => Some(format!("{}: {message}", plan.label(id))),
+            _ => None,
+        });
+        if let Some(message) = failed {
+            return Err(message);
+        }
+        let record = |id: InstanceId| summary.record(id).map(|record| &**record);
+        let stack = |id: InstanceId, port: &str| -> Result<ImageStack, String> {
+            let blob = record(id).and_then(|record| record.ports.get(port)).map(|port| port.blob);
+            let blob = blob.ok_or_else(|| format!("{} has not made `{port}`", plan.label(id)))?;
+            match self.store.get(&blob) {
+                Ok(Artifact::Images(stack)) => Ok(stack),
+                Ok(_) => Err(format!("`{port}` of {} is no image", plan.label(id))),
+                Err(error) => Err(format!("`{port}` of {}: {error}", plan.label(id))),
+            }
+        };
+        let all = looked_at.estimates.iter().map(|quantity| seen(quantity, looked_at.truth.as_ref(), &plan, &stack));
+        let all: Vec<Seen> = all.collect::<Result<_, _>>()?;
+        let true_error =
+            |seen: &Seen| if seen.truth.is_empty() { Errors::default() } else { seen.error(&self.study.error) };
+        let (mut also, mut also_seen) = (Vec::new(), Vec::new());
+        for wanted in &looked_at.also {
+            match wanted {
+                Wanted::Error => {
+                    also_seen.push(also.len());
+                    also.push(true_error(&all[also_seen.len()]).error);
+                }
+                Wanted::Measure(stage, name) => {
+                    let of = plan.instances_of(*stage).filter_map(record);
+                    let values = of.flat_map(|r| r.measures.iter().filter(|m| m.0 == *name).map(|m| m.1));
+                    // Of several instances the worst.
+                    also.push(values.reduce(f64::max));
+                }
+            }
+        }
+        Ok(Found {
+            errors: true_error(&all[0]),
+            unit: all[0].unit.clone(),
+            also,
+            also_seen,
+            spent: spent(&plan, plan.instances_of(looked_at.estimates[0].stage), record),
+            seen: if self.study.truth.is_some() { Vec::new() } else { all },
+        })
+    }
+
+    /// The plan of what the study looks at.
+    fn plan(&self, spec: Spec, report: Report) -> Result<Plan, String> {
+        let names = [Some(&self.study.estimate), self.study.truth.as_ref()];
+        let texts = names.into_iter().flatten().chain(&self.study.also);
+        let targets: Vec<Target> = texts.map(|text| target(text, &spec, self.registry)).collect();
+        let plan = Plan::build(spec, report, self.registry, &targets).map_err(|report| first(&report))?;
+        Ok(plan.without_previews())
+    }
+}
+
+/// The stage of a quantity, and its port where it names one.
+fn target(text: &str, spec: &Spec, registry: &Registry) -> Target {
+    let mut words = text.split('.');
+    let stage = words.next().unwrap_or_default().to_owned();
+    let row = spec.stage(&stage).and_then(|id| registry.find(&spec.stages[id].use_name));
+    let port = words.next().filter(|word| row.is_some_and(|row| (row.outputs)().iter().any(|p| p.name == *word)));
+    Target { stage, port: port.map(str::to_owned) }
+}
+
+fn first(report: &Report) -> String {
+    let all = report.diagnostics();
+    let error = all.iter().find(|d| d.severity == Severity::Error);
+    error.map(|error| error.in_short()).unwrap_or_else(|| "it cannot be run".to_owned())
+}
+
+/// One of `also`.
+enum Wanted {
+    /// Of a quantity.
+    Error,
+    Measure(StageId, String),
+}
+
+/// What a study looks at, in one plan.
+struct Looked {
+    /// The estimate, and the quantities of `also`.
+    estimates: Vec<Quantity>,
+    truth: Option<Quantity>,
+    also: Vec<Wanted>,
+}
+
+impl Looked {
+    fn of(study: &StudySpec, plan: &Plan) -> Result<Self, String> {
+        let layer = |text: &str| {
+            let quantity = Quantity::read(text, plan)?;
+            match &quantity.layer {
+                Some(_) => Ok(quantity),
+                None => Err(format!("`{text}` names no quantity: write {text}.NAME")),
+            }
+        };
+        let mut estimates = vec![layer(&study.estimate)?];
+        let mut also = Vec::new();
+        for text in &study.also {
+            let (stage, rest) = text.split_once('.').unwrap_or((text, ""));
+            let id = plan.spec.stage(stage).ok_or_else(|| format!("there is no stage `{stage}`"))?;
+            match layer(text) {
+                // A name with blanks is a measure, as `frames.error: m_ac per pixel`.
+                Ok(quantity) if !rest.contains([' ', ':']) && rest != "flights" => {
+                    estimates.push(quantity);
+                    also.push(Wanted::Error);
+                }
+                _ => also.push(Wanted::Measure(id, rest.to_owned())),
+            }
+        }
+        let truth = study.truth.as_ref().map(|text| Quantity::read(text, plan)).transpose()?;
+        Ok(Self { estimates, truth, also })
+    }
+}
+
+/// What a study names that no stage of the pipeline has, found before anything runs.
+pub fn mistakes(spec: &Spec, plan: &Plan) -> Vec<Diagnostic> {
+    let mut found = Vec::new();
+    for study in &spec.studies {
+        let named = [("estimate", Some(&study.estimate)), ("truth", study.truth.as_ref())];
+        for (key, text) in named.into_iter().filter_map(|(key, text)| Some((key, text?))) {
+            match Quantity::read(text, plan) {
+                Err(message) => found.push(spec.at_study(&study.name, key, message)),
+                Ok(quantity) if key == "estimate" && quantity.layer.is_none() => {
+                    let message = format!("`{text}` names no quantity: write {text}.NAME");
+                    found.push(spec.at_study(&study.name, key, message));
+                }
+                Ok(_) => {}
+            }
+        }
+        if study.truth.is_none() && study.repeats == 1 && study.error != "masked_percent" {
+            let message = "without a truth the error is the scatter of the repeats, and there is one only: name `truth`, or let `repeats` be 2 or more";
+            found.push(spec.at_study(&study.name, "estimate", message));
+        }
+        if spec.stage(&study.name).is_some() {
+            let message =
+                format!("`{}` is the name of a stage too: `turbid run` could not tell which is meant", study.name);
+            found.push(spec.at_study(&study.name, "vary", message));
+        }
+    }
+    found
+}
+
+/// The pixels of a quantity over all its instances, each with the truth of the same axes.
+fn seen(
+    quantity: &Quantity,
+    truth: Option<&Quantity>,
+    plan: &Plan,
+    stack: &dyn Fn(InstanceId, &str) -> Result<ImageStack, String>,
+) -> Result<Seen, String> {
+    let name = quantity.layer.as_deref().expect("looked at: it names a layer");
+    let mut seen = Seen::default();
+    for id in plan.instances_of(quantity.stage) {
+        let estimate = stack(id, quantity.port)?;
+        let label = || plan.label(id);
+        let true_stack = match truth {
+            None => None,
+            Some(truth) => {
+                let of = truth.instance_for(&plan.instances[id].axes, plan);
+                let of = of.ok_or_else(|| format!("{} has no truth of the same axes", label()))?;
+                Some((stack(of, truth.port)?, truth.layer.as_deref().unwrap_or(name)))
+            }
+        };
+        let truth = true_stack.as_ref().map(|(stack, name)| (stack, *name));
+        seen.add(&estimate, name, truth).map_err(|what| format!("{}: {what}", label()))?;
+    }
+    Ok(seen)
+}
+
+/// Without a truth: the error of a repeat is its distance from the mean of all repeats of its point.
+fn against_each_other(study: &StudySpec, points: &[Point], found: &mut [Result<Found, String>]) {
+    let groups: BTreeSet<String> = points.iter().map(|point| format!("{:?}", point.values)).collect();
+    for group in groups {
+        let places: Vec<usize> = (0..points.len()).filter(|&i| format!("{:?}", points[i].values) == group).collect();
+        let mut all: Vec<(usize, Vec<Seen>)> = Vec::new();
+        for place in places {
+            if let Ok(found) = &mut found[place] {
+                all.push((place, std::mem::take(&mut found.seen)));
+            }
+        }
+        for k in 0..all.first().map_or(0, |(_, seen)| seen.len()) {
+            let repeats: Vec<&Seen> = all.iter().map(|(_, seen)| &seen[k]).collect();
+            for ((place, _), seen) in all.iter().zip(from_their_mean(&repeats)) {
+                let errors = seen.error(&study.error);
+                let Ok(found) = &mut found[*place] else { continue };
+                if k == 0 {
+                    found.errors = errors;
+                } else {
+                    let at = found.also_seen[k - 1];
+                    found.also[at] = errors.error;
+                }
+            }
+        }
+    }
+}
+
+/// Each repeat against the mean of all, which stands for the truth, by sqrt(n / (n - 1)) further from it, as the mean holds its own n-th part. A pixel counts where it
+/// does in all. None where there are fewer than two repeats, or of different size.
+fn from_their_mean(repeats: &[&Seen]) -> Vec<Seen> {
+    let n = repeats.len();
+    let pixels = repeats.first().map_or(0, |seen| seen.estimate.len());
+    if n < 2 || repeats.iter().any(|seen| seen.estimate.len() != pixels) {
+        return Vec::new();
+    }
+    let mean = |i: usize| repeats.iter().map(|seen| f64::from(seen.estimate[i])).sum::<f64>() / n as f64;
+    let mean: Vec<f64> = (0..pixels).map(mean).collect();
+    let counts: Vec<bool> = (0..pixels).map(|i| repeats.iter().all(|seen| seen.counts[i])).collect();
+    let wider = (n as f64 / (n as f64 - 1.0)).sqrt();
+    let against = |seen: &&Seen| Seen {
+        estimate: (0..pixels).map(|i| (mean[i] + wider * (f64::from(seen.estimate[i]) - mean[i])) as f32).collect(),
+        truth: mean.iter().map(|m| *m as f32).collect(),
+        counts: counts.clone(),
+        ..(*seen).clone()
+    };
+    repeats.iter().map(against).collect()
+}
+
+/// Costs of each point: what is its own, and what all points of its repeat share.
+fn rows(points: Vec<Point>, found: Vec<Result<Found, String>>) -> Vec<Row> {
+    let shared_of = |repeat: u64| -> BTreeSet<Digest> {
+        let mut all =
+            points.iter().zip(&found).filter(|(p, _)| p.repeat == repeat).filter_map(|(_, f)| f.as_ref().ok());
+        let Some(first) = all.next() else { return BTreeSet::new() };
+        let (mut keys, mut several): (BTreeSet<Digest>, bool) = (first.spent.keys().copied().collect(), false);
+        for other in all {
+            several = true;
+            keys.retain(|key| other.spent.contains_key(key));
+        }
+        // A point alone shares nothing.
+        if several { keys } else { BTreeSet::new() }
+    };
+    let repeats: BTreeSet<u64> = points.iter().map(|point| point.repeat).collect();
+    let shared: std::collections::BTreeMap<u64, BTreeSet<Digest>> =
+        repeats.into_iter().map(|repeat| (repeat, shared_of(repeat))).collect();
+    let mut rows = Vec::with_capacity(points.len());
+    for (point, found) in points.into_iter().zip(found) {
+        let shared = &shared[&point.repeat];
+        let sum = |in_shared: bool| {
+            let spent = found.iter().flat_map(|f| &f.spent).filter(|(key, _)| shared.contains(key) == in_shared);
+            spent.fold(Spent::default(), |sum, (_, spent)| sum.and(*spent))
+        };
+        let (own, of_all) = (sum(false), sum(true));
+        rows.push(Row { own, shared: of_all, point, found });
+    }
+    rows
+}
