@@ -145,23 +145,29 @@ impl Studying<'_> {
                 Err(error) => Err(format!("`{port}` of {}: {error}", plan.label(id))),
             }
         };
-        let all = looked_at.estimates.iter().map(|quantity| seen(quantity, looked_at.truth.as_ref(), &plan, &stack));
-        let all: Vec<Seen> = all.collect::<Result<_, _>>()?;
+        let mut all = vec![seen(&looked_at.estimate, looked_at.truth.as_ref(), &plan, &stack)?];
+        // Of other quantities the truth is the layer of their own names.
+        let truth_of_others = looked_at.truth.clone().map(|truth| Quantity { layer: None, ..truth });
         let true_error =
             |seen: &Seen| if seen.truth.is_empty() { Errors::default() } else { seen.error(&self.study.error) };
         let (mut also, mut also_seen) = (Vec::new(), Vec::new());
-        for wanted in &looked_at.also {
-            match wanted {
-                Wanted::Error => {
+        for Other { text, quantity, stage, name } in &looked_at.also {
+            let looked = quantity.as_ref().map(|quantity| seen(quantity, truth_of_others.as_ref(), &plan, &stack));
+            let measured = || {
+                let of = plan.instances_of(*stage).filter_map(record);
+                let values = of.flat_map(|r| r.measures.iter().filter(|m| m.0 == *name).map(|m| m.1));
+                // Of several instances the worst.
+                values.reduce(f64::max)
+            };
+            match (looked, measured()) {
+                (_, Some(value)) => also.push(Some(value)),
+                (Some(Ok(seen)), None) => {
                     also_seen.push(also.len());
-                    also.push(true_error(&all[also_seen.len()]).error);
+                    also.push(true_error(&seen).error);
+                    all.push(seen);
                 }
-                Wanted::Measure(stage, name) => {
-                    let of = plan.instances_of(*stage).filter_map(record);
-                    let values = of.flat_map(|r| r.measures.iter().filter(|m| m.0 == *name).map(|m| m.1));
-                    // Of several instances the worst.
-                    also.push(values.reduce(f64::max));
-                }
+                (Some(Err(what)), None) => return Err(format!("also: `{text}` is no measure, and {what}")),
+                (None, None) => return Err(format!("also: `{text}` is no measure of its stage")),
             }
         }
         Ok(Found {
@@ -169,7 +175,7 @@ impl Studying<'_> {
             unit: all[0].unit.clone(),
             also,
             also_seen,
-            spent: spent(&plan, plan.instances_of(looked_at.estimates[0].stage), record),
+            spent: spent(&plan, plan.instances_of(looked_at.estimate.stage), record),
             seen: if self.study.truth.is_some() { Vec::new() } else { all },
         })
     }
@@ -199,19 +205,19 @@ fn first(report: &Report) -> String {
     error.map(|error| error.in_short()).unwrap_or_else(|| "it cannot be run".to_owned())
 }
 
-/// One of `also`.
-enum Wanted {
-    /// Of a quantity.
-    Error,
-    Measure(StageId, String),
+/// One of `also`: a measure of a stage, or a quantity.
+struct Other {
+    text: String,
+    quantity: Option<Quantity>,
+    stage: StageId,
+    name: String,
 }
 
 /// What a study looks at, in one plan.
 struct Looked {
-    /// The estimate, and the quantities of `also`.
-    estimates: Vec<Quantity>,
+    estimate: Quantity,
     truth: Option<Quantity>,
-    also: Vec<Wanted>,
+    also: Vec<Other>,
 }
 
 impl Looked {
@@ -223,22 +229,16 @@ impl Looked {
                 None => Err(format!("`{text}` names no quantity: write {text}.NAME")),
             }
         };
-        let mut estimates = vec![layer(&study.estimate)?];
-        let mut also = Vec::new();
-        for text in &study.also {
-            let (stage, rest) = text.split_once('.').unwrap_or((text, ""));
+        let other = |text: &String| {
+            let (stage, name) = text.split_once('.').unwrap_or((text, ""));
             let id = plan.spec.stage(stage).ok_or_else(|| format!("there is no stage `{stage}`"))?;
-            match layer(text) {
-                // A name with blanks is a measure, as `frames.error: m_ac per pixel`.
-                Ok(quantity) if !rest.contains([' ', ':']) && rest != "flights" => {
-                    estimates.push(quantity);
-                    also.push(Wanted::Error);
-                }
-                _ => also.push(Wanted::Measure(id, rest.to_owned())),
-            }
-        }
-        let truth = study.truth.as_ref().map(|text| Quantity::read(text, plan)).transpose()?;
-        Ok(Self { estimates, truth, also })
+            Ok::<_, String>(Other { text: text.clone(), quantity: layer(text).ok(), stage: id, name: name.to_owned() })
+        };
+        Ok(Self {
+            estimate: layer(&study.estimate)?,
+            truth: study.truth.as_ref().map(|text| Quantity::read(text, plan)).transpose()?,
+            also: study.also.iter().map(other).collect::<Result<_, _>>()?,
+        })
     }
 }
 

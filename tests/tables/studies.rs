@@ -24,7 +24,7 @@ studies:
     vary: {vars.samples: [256, 16, 64]}
     repeats: 4
     estimate: modulation.m_dc
-    truth: exact_modulation.modulation
+    truth: exact_modulation.modulation.m_dc
     error: rmse_percent
     also: [modulation.m_ac, \"frames.error: m_ac per pixel\"]
 ";
@@ -34,6 +34,12 @@ fn events(space: &Space, arguments: &[&str]) -> Vec<Value> {
     let arguments = [&["study", "p.yaml", "--json"], arguments].concat();
     let said = space.turbid(&arguments).ok();
     said.lines().map(|line| serde_json::from_str(line).expect("events are JSON")).collect()
+}
+
+/// The cells of a column of a CSV file without quotes.
+fn column(csv: &str, name: &str) -> Vec<String> {
+    let at = csv.lines().next().and_then(|head| head.split(',').position(|c| c == name)).expect("a column");
+    csv.lines().skip(1).filter_map(|line| line.split(',').nth(at).map(str::to_owned)).collect()
 }
 
 fn of<'a>(events: &'a [Value], kind: &str) -> Vec<&'a Value> {
@@ -69,6 +75,11 @@ fn points_have_errors_and_costs() {
         assert!(head.split(',').any(|column| column == name), "{name} is not in {head}");
     }
     assert_eq!(csv.lines().count(), 13);
+    // The truth of another quantity is that of its own name: M_AC is about a third of M_DC, and would be 70 % off.
+    let others = column(&csv, "modulation.m_ac");
+    assert!(others.iter().all(|error| error.parse::<f64>().is_ok_and(|e| e > 0.0)), "{others:?}");
+    let mean = others.iter().filter_map(|error| error.parse::<f64>().ok()).fold(f64::MAX, f64::min);
+    assert!(mean < 50.0, "{others:?}");
     assert!(space.path("outputs/latest/noise/studies/paths/study.parquet").exists());
     let svg = std::fs::read_to_string(space.path("outputs/latest/noise/studies/paths/study.svg")).expect("it is there");
     assert!(svg.contains("modulation.m_dc: error ~ time^"), "{svg}");
@@ -119,14 +130,14 @@ fn points_that_fail_are_named_beside_the_others() {
 /// Without a truth repeats are compared with each other; a result against itself is exact, and no logarithm of 0.
 #[test]
 fn no_truth_and_no_error() {
-    let truth = "    truth: exact_modulation.modulation\n";
+    let truth = "    truth: exact_modulation.modulation.m_dc\n";
     let space = Space::with(&PIPELINE.replace(truth, ""));
     let events = events(&space, &[]);
     for mean in of(&events, "study_point") {
         let ratio = mean["ratio"][0].as_f64().expect("a ratio");
         assert!((0.8..1.25).contains(&ratio), "{mean}");
     }
-    let space = Space::with(&PIPELINE.replace("exact_modulation.modulation", "modulation"));
+    let space = Space::with(&PIPELINE.replace("exact_modulation.modulation.m_dc", "modulation.modulation.m_dc"));
     let said = space.turbid(&["study", "p.yaml"]).ok();
     assert!(said.contains("0 (exact)") && !said.contains("time^") && !said.contains("study.svg"), "{said}");
 }
@@ -154,13 +165,15 @@ fn mistakes_have_a_place() {
             );
         }
     }
-    let truth = "    truth: exact_modulation.modulation\n";
+    let truth = "    truth: exact_modulation.modulation.m_dc\n";
     let one = PIPELINE.replace(truth, "").replace("repeats: 4", "repeats: 1");
     assert!(Space::with(&one).turbid(&["study", "p.yaml"]).fails(2).contains("the scatter of the repeats"));
     let space = Space::with(PIPELINE);
     assert!(space.turbid(&["study", "p.yaml", "path"]).fails(2).contains("did you mean `paths`?"));
     let layer = Space::with(&PIPELINE.replace("estimate: modulation.m_dc", "estimate: modulation.m_cd"));
     assert!(layer.turbid(&["study", "p.yaml"]).fails(1).contains("there is no layer `m_cd`"));
+    let also = Space::with(&PIPELINE.replace("also: [modulation.m_ac,", "also: [modulation.m_cd,"));
+    assert!(also.turbid(&["study", "p.yaml"]).fails(1).contains("`modulation.m_cd` is no measure, and"));
     let reference = PIPELINE.replace("    repeats: 4\n", "    repeats: 4\n    reference: peers.csv\n");
     let space = Space::with(&reference);
     assert!(space.turbid(&["study", "p.yaml"]).fails(2).contains("peers.csv"));
