@@ -107,6 +107,17 @@ fn format() -> impl TypedValueParser<Value = Format> {
 }
 
 impl Dataset {
+    /// `turbid dataset build FILE NAME --to DIR`.
+    pub fn build(
+        pipeline: Pipeline,
+        name: String,
+        to: PathBuf,
+        (jobs, memory, json): (Option<usize>, MemoryLimit, bool),
+    ) -> Self {
+        let named = Named { pipeline, name: Some(name) };
+        Self { command: Command::Build(Build { named, to, format: Format::Parquet, jobs, memory, json }) }
+    }
+
     pub fn run(&self, registry: &Registry) -> Done {
         match &self.command {
             Command::Build(build) => build.run(registry),

@@ -22,15 +22,15 @@ use crate::unchanged::{self, Closing, Request, Seen};
 use super::figures::{Figures, short, with_unit};
 use super::memory::{MemoryLimit, too_large};
 use super::simd::simd_level;
-#[cfg(feature = "tables")]
-use super::study::Study;
 use super::{Done, Failure, Pipeline, print, print_json, report_of};
+#[cfg(feature = "tables")]
+use super::{dataset::Dataset, study::Study};
 
 #[derive(Args, Clone)]
 pub struct Run {
     #[command(flatten)]
     pipeline: Pipeline,
-    /// Stages (or STAGE.PORT) to bring up to date, or studies to run; all leaves by default
+    /// Stages (or STAGE.PORT) to bring up to date, or studies and data sets; all leaves by default
     #[arg(value_name = "STAGE")]
     targets: Vec<String>,
     /// Run a stage from its start even where its result is stored, and compare the two: where they differ the run fails
@@ -71,9 +71,9 @@ impl Run {
             self.say(&closing, &Counts { hits: closing.hits, ..Counts::default() }, began);
             return Ok(());
         }
-        if let Some((studies, stages)) = self.studies() {
-            for study in studies {
-                self.study(study, registry)?;
+        if let Some((whole, stages)) = self.whole_targets() {
+            for target in whole {
+                self.run_whole(target, registry)?;
             }
             if stages.is_empty() {
                 return Ok(());
@@ -154,29 +154,45 @@ impl Run {
         }
     }
 
-    /// The targets that are studies, and the others; `None` where none is.
-    fn studies(&self) -> Option<(Vec<String>, Vec<String>)> {
+    /// The targets that are studies and data sets, and the others; `None` where none is.
+    fn whole_targets(&self) -> Option<(Vec<Whole>, Vec<String>)> {
         if self.targets.is_empty() {
             return None;
         }
         let (spec, _) = spec::read(&self.pipeline.file, &self.pipeline.set);
-        let names: Vec<String> = spec?.studies.into_iter().map(|study| study.name).collect();
-        let (studies, stages): (Vec<String>, Vec<String>) =
-            self.targets.iter().cloned().partition(|target| names.contains(target));
-        (!studies.is_empty()).then_some((studies, stages))
+        let spec = spec?;
+        let (mut whole, mut stages) = (Vec::new(), Vec::new());
+        for target in self.targets.iter().cloned() {
+            if spec.studies.iter().any(|study| study.name == target) {
+                whole.push(Whole::Study(target));
+            } else if spec.datasets.iter().any(|set| set.name == target) && spec.stage(&target).is_none() {
+                let folder = Path::new("datasets").join(latest::file_name(&spec.pipeline));
+                whole.push(Whole::Dataset { folder: folder.join(latest::file_name(&target)), name: target });
+            } else {
+                stages.push(target);
+            }
+        }
+        (!whole.is_empty()).then_some((whole, stages))
     }
 
     #[cfg(feature = "tables")]
-    fn study(&self, name: String, registry: &Registry) -> Done {
-        let Self { pipeline, jobs, memory, json, .. } = self;
-        let study =
-            Study { pipeline: pipeline.clone(), name: Some(name), jobs: *jobs, memory: memory.clone(), json: *json };
-        study.run(registry)
+    fn run_whole(&self, target: Whole, registry: &Registry) -> Done {
+        let Self { pipeline, jobs, memory, json, .. } = self.clone();
+        match target {
+            Whole::Study(name) => Study { pipeline, name: Some(name), jobs, memory, json }.run(registry),
+            Whole::Dataset { name, folder } => {
+                let to = self.pipeline.outputs.path().join(folder);
+                Dataset::build(pipeline, name, to, (jobs, memory, json)).run(registry)
+            }
+        }
     }
 
     #[cfg(not(feature = "tables"))]
-    fn study(&self, _: String, _: &Registry) -> Done {
-        Err(super::study::without("study"))
+    fn run_whole(&self, target: Whole, _: &Registry) -> Done {
+        Err(super::study::without(match target {
+            Whole::Study(_) => "study",
+            Whole::Dataset { .. } => "dataset",
+        }))
     }
 
     /// The last words of a run.
@@ -211,6 +227,17 @@ impl Run {
             })
             .collect()
     }
+}
+
+/// A target that is more than stages.
+#[cfg_attr(not(feature = "tables"), allow(dead_code, reason = "only a build with tables runs them"))]
+enum Whole {
+    Study(String),
+    /// Built in this folder of the outputs.
+    Dataset {
+        name: String,
+        folder: PathBuf,
+    },
 }
 
 /// How many instances ended in which way.

@@ -90,3 +90,17 @@ fn a_grown_set_is_that_of_one_build() {
         assert!(read("grown") == read("at_once"), "{name}");
     }
 }
+
+/// A data set is a target of `run` too: the same shards, in the folder of outputs, and stages beside it run as always.
+#[test]
+fn a_data_set_is_a_target_of_run() {
+    let space = Space::with(&PIPELINE.replace("vars: {n: 16}", "vars: {n: 4}"));
+    let said = space.turbid(&["run", "p.yaml", "spots", "maps"]).ok();
+    assert!(said.contains("samples in outputs/datasets"), "{said}");
+    assert!(said.lines().any(|line| line.starts_with("maps")), "{said}");
+    let folder = "outputs/datasets/drawn/spots";
+    drop(space.build("set", &[]));
+    assert_eq!(space.shards(folder), space.shards("set"));
+    space.verify(folder).ok();
+    assert!(space.turbid(&["run", "p.yaml", "spot"]).fails(2).contains("there is no stage `spot`"));
+}

@@ -3,7 +3,7 @@
 use turbid_calibrate::Calibrate;
 use turbid_contract::kit::Trial;
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::{CONDITIONS, Conditions, Modulation, Reflectance, SaidBy, Seen};
+use turbid_contract::payload::{CONDITIONS, Conditions, Modulation, Reflectance, Rig, SaidBy, Seen};
 use turbid_contract::serde_json::{Value, json};
 use turbid_contract::{ImageStack, LayerInfo, StageRow};
 use turbid_optics::Medium;
@@ -49,6 +49,37 @@ const BY_HAND: [Medium; 2] =
     [Medium { mu_a: 0.018, mu_s_prime: 1.12, g: 0.7, n: 1.4 }, Medium { mu_a: 0.01, mu_s_prime: 0.9, g: 0.7, n: 1.4 }];
 const TABLE: &str =
     "# a block of silicone\nwavelength_nm, mu_a, mu_s_prime\n600, 0.03, 1.3\n700, 0.01, 1.0\n850, 0.01, 0.9\n";
+
+/// What a camera's gain (or exposure, or the lamp) does: in both arms it cancels; in one it is a factor of R_d at every f_x, which no frame tells, so that rigs of two
+/// names are refused.
+#[test]
+fn a_gain_cancels_between_arms_and_nowhere_else() {
+    let known = json!({"mu_a": 0.02, "mu_s_prime": 1.0, "g": 0.7, "n": 1.4});
+    let brighter =
+        |layers: &[OfLayer]| -> Vec<OfLayer> { layers.iter().map(|&(name, f_x, v)| (name, f_x, 1.5 * v)).collect() };
+    let run = |sample: &[OfLayer], reference: &[OfLayer]| {
+        let both = |layers: &[OfLayer]| arm(&[(660.0, layers), (850.0, layers)]);
+        let params = json!({"reference": known, "model": "diffusion"});
+        let trial = Trial::of::<Calibrate>(params).input("sample", both(sample)).input("reference", both(reference));
+        values(&made(&trial))
+    };
+    let plain = run(SAMPLE, REFERENCE);
+    for (cancelled, of) in run(&brighter(SAMPLE), &brighter(REFERENCE)).iter().zip(&plain) {
+        assert!((cancelled / of - 1.0).abs() < 1e-6);
+    }
+    for (one, of) in run(&brighter(SAMPLE), REFERENCE).iter().zip(&plain) {
+        assert!((one / of - 1.5).abs() < 1e-6);
+    }
+    let on = |name: &str, layers| {
+        let Modulation(mut stack) = arm(&[(660.0, layers)]);
+        Rig::named(name).insert_into(&mut stack.attributes);
+        Modulation(stack)
+    };
+    Trial::of::<Calibrate>(json!({"reference": known, "model": "diffusion"}))
+        .input("sample", on("gain 2", SAMPLE))
+        .input("reference", on("gain 1", REFERENCE))
+        .refuses("in.reference", "gain");
+}
 
 /// A table is the phantom that it holds between its rows, in each unit of its columns; the values are those of the same phantom written out.
 #[test]
