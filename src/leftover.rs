@@ -41,8 +41,12 @@ fn is_dead(path: &Path) -> bool {
 
 /// Whether a file was last written to longer than `age` ago.
 pub(crate) fn is_older(path: &Path, age: Duration) -> bool {
-    let written = fs::metadata(path).and_then(|meta| meta.modified());
-    written.is_ok_and(|time| SystemTime::now().duration_since(time).is_ok_and(|since| since > age))
+    fs::metadata(path).is_ok_and(|meta| is_past(&meta, age))
+}
+
+/// The same of a file of which this is known.
+pub(crate) fn is_past(meta: &fs::Metadata, age: Duration) -> bool {
+    meta.modified().is_ok_and(|time| SystemTime::now().duration_since(time).is_ok_and(|since| since > age))
 }
 
 #[cfg(test)]

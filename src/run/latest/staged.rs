@@ -8,7 +8,7 @@ use std::time::Duration;
 use tempfile::TempPath;
 
 use crate::digest::Digest;
-use crate::leftover::is_older;
+use crate::leftover::is_past;
 use crate::stamp::Stamp;
 use crate::whole_file::{self, Synced};
 
@@ -120,7 +120,8 @@ fn prepared(at: &Path) -> Result<&Path, String> {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let ours = entry.file_name().as_encoded_bytes().starts_with(PREFIX.as_bytes());
         // No lock tells here: so many files are not kept open.
-        if ours && is_older(&entry.path(), ABANDONED) {
+        // Of a link its own: what it leads to may have been in the store for years.
+        if ours && entry.metadata().is_ok_and(|own| is_past(&own, ABANDONED)) {
             let _ = fs::remove_file(entry.path());
         }
     }
@@ -166,5 +167,27 @@ mod tests {
         File::options().write(true).open(&old).unwrap().set_modified(long_ago).unwrap();
         write(&folder.path().join("whole"), b"a picture").unwrap();
         assert!(!old.exists() && young.exists());
+    }
+
+    /// Links to results of long ago are as good as others, whatever is staged beside them.
+    #[test]
+    fn links_to_old_files_stay() {
+        let space = tempfile::tempdir().unwrap();
+        let result = space.path().join("blob.exr");
+        fs::write(&result, "of last year").unwrap();
+        File::options()
+            .write(true)
+            .open(&result)
+            .unwrap()
+            .set_modified(std::time::SystemTime::now() - 2 * ABANDONED)
+            .unwrap();
+        let latest = space.path().join("latest");
+        let mut staged = Staged::new(&latest);
+        assert!(staged.link("s/frames.exr", "a", &result).unwrap());
+        staged.file("s/frames.png", "b", b"a picture", false).unwrap();
+        let mut links = Links::default();
+        staged.commit(&mut links).unwrap();
+        assert_eq!(fs::read(latest.join("s/frames.exr")).unwrap(), b"of last year");
+        assert_eq!(links.len(), 2);
     }
 }
