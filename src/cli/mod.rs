@@ -228,7 +228,7 @@ fn code_with_lost_output(code: u8) -> u8 {
 
 /// What studies name that the pipeline has not.
 fn study_mistakes(plan: &Plan) -> Vec<Diagnostic> {
-    crate::study::mistakes(&plan.spec, plan)
+    crate::study::mistakes(plan)
 }
 
 /// What a survey found, and what is wrong with studies.

@@ -1,5 +1,7 @@
 //! `turbid run`: run what is stale, then say what was done and where it lies.
 
+mod whole;
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Instant, SystemTime};
@@ -14,7 +16,6 @@ use crate::resolve::{Resolver, State, Survey};
 use crate::run::log::{Logged, RunLog, note_up_to_date};
 use crate::run::progress::{Json, Work, choose};
 use crate::run::{self, End, Interrupt, Options, Progress, Summary, latest};
-use crate::spec;
 use crate::store::{Store, StoreError};
 use crate::threads;
 use crate::unchanged::{self, Closing, Request, Seen};
@@ -23,8 +24,6 @@ use super::figures::{Figures, short, with_unit};
 use super::memory::{MemoryLimit, too_large};
 use super::simd::simd_level;
 use super::{Done, Failure, Pipeline, print, print_json, report_of};
-#[cfg(feature = "tables")]
-use super::{dataset::Dataset, study::Study};
 
 #[derive(Args, Clone)]
 pub struct Run {
@@ -72,13 +71,7 @@ impl Run {
             return Ok(());
         }
         if let Some((whole, stages)) = self.whole_targets() {
-            for target in whole {
-                self.run_whole(target, registry)?;
-            }
-            if stages.is_empty() {
-                return Ok(());
-            }
-            return Self { targets: stages, ..self.clone() }.run(registry);
+            return self.run_all(whole, stages, registry);
         }
         let plan = self.pipeline.plan(registry, &self.targets)?;
         let force = self.forced(&plan)?;
@@ -154,47 +147,6 @@ impl Run {
         }
     }
 
-    /// The targets that are studies and data sets, and the others; `None` where none is.
-    fn whole_targets(&self) -> Option<(Vec<Whole>, Vec<String>)> {
-        if self.targets.is_empty() {
-            return None;
-        }
-        let (spec, _) = spec::read(&self.pipeline.file, &self.pipeline.set);
-        let spec = spec?;
-        let (mut whole, mut stages) = (Vec::new(), Vec::new());
-        for target in self.targets.iter().cloned() {
-            if spec.studies.iter().any(|study| study.name == target) {
-                whole.push(Whole::Study(target));
-            } else if spec.datasets.iter().any(|set| set.name == target) && spec.stage(&target).is_none() {
-                let folder = Path::new("datasets").join(latest::file_name(&spec.pipeline));
-                whole.push(Whole::Dataset { folder: folder.join(latest::file_name(&target)), name: target });
-            } else {
-                stages.push(target);
-            }
-        }
-        (!whole.is_empty()).then_some((whole, stages))
-    }
-
-    #[cfg(feature = "tables")]
-    fn run_whole(&self, target: Whole, registry: &Registry) -> Done {
-        let Self { pipeline, jobs, memory, json, .. } = self.clone();
-        match target {
-            Whole::Study(name) => Study { pipeline, name: Some(name), jobs, memory, json }.run(registry),
-            Whole::Dataset { name, folder } => {
-                let to = self.pipeline.outputs.path().join(folder);
-                Dataset::build(pipeline, name, to, (jobs, memory, json)).run(registry)
-            }
-        }
-    }
-
-    #[cfg(not(feature = "tables"))]
-    fn run_whole(&self, target: Whole, _: &Registry) -> Done {
-        Err(super::study::without(match target {
-            Whole::Study(_) => "study",
-            Whole::Dataset { .. } => "dataset",
-        }))
-    }
-
     /// The last words of a run.
     fn say(&self, closing: &Closing, counts: &Counts, began: Instant) {
         let seconds = began.elapsed().as_secs_f64();
@@ -227,17 +179,6 @@ impl Run {
             })
             .collect()
     }
-}
-
-/// A target that is more than stages.
-#[cfg_attr(not(feature = "tables"), allow(dead_code, reason = "only a build with tables runs them"))]
-enum Whole {
-    Study(String),
-    /// Built in this folder of the outputs.
-    Dataset {
-        name: String,
-        folder: PathBuf,
-    },
 }
 
 /// How many instances ended in which way.

@@ -51,7 +51,7 @@ pub struct Study {
 impl Study {
     pub fn run(&self, registry: &Registry) -> Done {
         let plan = self.pipeline.plan_of_first_points(registry)?;
-        let wrong = mistakes(&plan.spec, &plan);
+        let wrong = mistakes(&plan);
         if !wrong.is_empty() {
             return Err(spec::Report::from(wrong).into());
         }

@@ -243,7 +243,8 @@ impl Looked {
 }
 
 /// What a study names that no stage of the pipeline has, found before anything runs.
-pub fn mistakes(spec: &Spec, plan: &Plan) -> Vec<Diagnostic> {
+pub fn mistakes(plan: &Plan) -> Vec<Diagnostic> {
+    let spec = &plan.spec;
     let mut found = Vec::new();
     for study in &spec.studies {
         let named = [("estimate", Some(&study.estimate)), ("truth", study.truth.as_ref())];

@@ -94,6 +94,8 @@ fn points_have_errors_and_costs() {
         assert!(line.contains(" hit"), "{run}");
     }
     assert!(space.turbid(&["run", "p.yaml", "paths"]).ok().contains("12 points, 0 failed"));
+    let forced = space.turbid(&["run", "p.yaml", "paths", "--force", "frames"]).fails(2);
+    assert!(forced.contains("studies and data sets are not forced"), "{forced}");
 }
 
 /// A run that goes on from a shorter one has followed the same paths and costs what a fresh one does: flights say it exactly.

@@ -8,6 +8,7 @@ use turbid_contract::{AngleDeg, LayerInfo, Length, MaxFile, PerLength, Problems}
 
 use crate::conditions::ConditionsParams;
 use crate::decode::{Channel, Picture, Wanted, decode};
+use crate::names::place_in;
 
 /// Params of `import_maps`, `import_modulation` and `import_reflectance`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -199,9 +200,7 @@ impl AnswerParams {
     /// Error: what is wrong with it.
     pub fn read(&self, at: &str, bytes: &[u8]) -> Result<Picture, String> {
         let page = |page: Option<u32>| page.map(|page| page.saturating_sub(1) as usize);
-        let place =
-            at.strip_prefix("layers.").and_then(|rest| rest.split('.').next()).and_then(|k| k.parse::<usize>().ok());
-        let wanted = match (place.and_then(|k| self.layers.get(k)), &self.mask) {
+        let wanted = match (place_in(at, "layers").and_then(|k| self.layers.get(k)), &self.mask) {
             (Some(layer), _) => Wanted {
                 channel: layer.channel,
                 page: page(layer.page),

@@ -11,6 +11,7 @@ use turbid_contract::{
 
 use crate::answers::{AnswerParams, Kind, Shown};
 use crate::decode::{Picture, size};
+use crate::names::base;
 
 in_ports! {
     pub struct AnswerIn {}
@@ -98,12 +99,10 @@ fn files(params: &AnswerParams) -> Vec<FileUse> {
     layers.chain(mask).map(|(at, path)| FileUse::new(at, path, params.max_file_mb)).collect()
 }
 
-/// Where the files lie does not matter: content and names are in the key.
 fn canonical(params: &AnswerParams) -> Result<serde_json::Value, String> {
-    let name = |path: &String| path.rsplit(['/', '\\']).next().unwrap_or_default().to_owned();
     let mut params = params.clone();
-    params.layers.iter_mut().for_each(|layer| layer.file = name(&layer.file));
-    params.mask.iter_mut().for_each(|mask| mask.file = name(&mask.file));
+    params.layers.iter_mut().for_each(|layer| layer.file = base(&layer.file));
+    params.mask.iter_mut().for_each(|mask| mask.file = base(&mask.file));
     canonical_value(&params)
 }
 

@@ -1,5 +1,15 @@
 //! Names of files by a pattern: what stands between braces is put in.
 
+/// The name of a file without its folders: where files lie does not matter, their content and names are in the key.
+pub fn base(path: &str) -> String {
+    path.rsplit(['/', '\\']).next().unwrap_or_default().to_owned()
+}
+
+/// The place in a list that a field such as `darks.3.file` means.
+pub fn place_in(at: &str, list: &str) -> Option<usize> {
+    at.strip_prefix(list)?.strip_prefix('.')?.split('.').next()?.parse().ok()
+}
+
 /// What a file shows, and which it is.
 #[derive(Clone, Copy, Debug)]
 pub struct Place {

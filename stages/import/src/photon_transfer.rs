@@ -9,6 +9,7 @@ use turbid_contract::{
 };
 
 use crate::decode::{Channel, Picture, Raw, Wanted, decode, pages};
+use crate::names::base;
 use crate::transfer::{Burst, Line, Point, ROUNDING};
 
 /// Params of `photon_transfer`.
@@ -100,9 +101,13 @@ impl Stage for PhotonTransfer {
     }
 
     fn canonical(params: &TransferParams) -> Result<serde_json::Value, String> {
-        let name = |path: &mut String| *path = path.rsplit(['/', '\\']).next().unwrap_or_default().to_owned();
         let mut params = params.clone();
-        params.bursts.iter_mut().chain(&mut params.dark).flat_map(|burst| &mut burst.files).for_each(name);
+        params
+            .bursts
+            .iter_mut()
+            .chain(&mut params.dark)
+            .flat_map(|burst| &mut burst.files)
+            .for_each(|path| *path = base(path));
         canonical_value(&params)
     }
 

@@ -13,6 +13,7 @@ use turbid_contract::{
 use crate::correct::{Camera, Corrected, Field, Light};
 use crate::decode::{Picture, pages};
 use crate::form;
+use crate::names::base;
 use crate::params::{Params, Shot};
 
 in_ports! {
@@ -51,13 +52,11 @@ impl Stage for ImportFrames {
     }
 
     fn canonical(params: &Params) -> Result<serde_json::Value, String> {
-        // Where the files lie does not matter: content and names are in the key.
-        let name = |path: &String| path.rsplit(['/', '\\']).next().unwrap_or_default().to_owned();
         let mut params = params.clone();
-        params.frames.iter_mut().for_each(|f| f.file = name(&f.file));
-        params.darks.iter_mut().for_each(|d| d.file = name(&d.file));
+        params.frames.iter_mut().for_each(|f| f.file = base(&f.file));
+        params.darks.iter_mut().for_each(|d| d.file = base(&d.file));
         for path in [&mut params.pattern, &mut params.dark, &mut params.flat].into_iter().flatten() {
-            *path = name(path);
+            *path = base(path);
         }
         canonical_value(&params)
     }

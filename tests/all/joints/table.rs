@@ -1,4 +1,4 @@
-//! What is said of each wrong joint.
+//! What is said of each wrong joint. One table, and so one long file: a row for each joint of the registry.
 
 use super::reason::Reason::{self, *};
 use super::wrong::Wrong::{self, *};
