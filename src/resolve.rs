@@ -367,6 +367,12 @@ impl<'a> Resolver<'a> {
         known
     }
 
+    /// What the stage says of an instance whose inputs are there: method, kernel, what it leaves out. `None` where it finds a mistake.
+    pub fn stage_plan(&self, id: InstanceId, outputs: &AllOutputs) -> Option<StagePlan> {
+        let keyed = self.keyed(id, outputs).ok()?;
+        self.check(id, &*keyed.job, &keyed.files, outputs).ok().map(|sound| sound.plan)
+    }
+
     /// The stage's own check and plan, with all inputs that are known by now, and the forms of its outputs.
     fn check(
         &self,

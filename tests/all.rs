@@ -7,6 +7,8 @@ mod space;
 mod add_a_stage;
 #[path = "all/arrows.rs"]
 mod arrows;
+#[path = "all/browser.rs"]
+mod browser;
 #[path = "all/checks.rs"]
 mod checks;
 #[path = "all/commands.rs"]
@@ -70,6 +72,8 @@ mod random_scenes;
 #[path = "all/record.rs"]
 #[allow(dead_code, reason = "the bench that renews records needs the rest")]
 mod record;
+#[path = "all/report.rs"]
+mod report;
 #[path = "all/reproducible.rs"]
 mod reproducible;
 #[path = "all/rerun.rs"]

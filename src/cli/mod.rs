@@ -7,15 +7,17 @@ mod dataset;
 #[cfg(any(test, not(feature = "tables")))]
 #[path = "dataset/without.rs"]
 mod dataset_without;
+mod diff;
 mod explain;
 mod export;
-mod figures;
 mod graph;
 mod memory;
 mod new;
 mod plan;
 mod released;
+mod report;
 mod run;
+mod runs;
 mod schema;
 mod select;
 mod show;
@@ -104,6 +106,12 @@ enum Command {
     Check(check::Check),
     /// Show what a stage made: digest, path, layers, units, statistics, cost
     Show(show::Show),
+    /// Write one page on a pipeline: its question, figures, errors, costs and where they come from
+    Report(report::Report),
+    /// List what ran, when, and how it ended
+    Runs(runs::Runs),
+    /// Show what two runs, pipelines or instances differ in: parameters, inputs, numbers with z scores, pictures
+    Diff(diff::Diff),
     /// Draw the stages and how they feed each other
     Graph(graph::Graph),
     /// List the stages, or print the manual of one
@@ -194,6 +202,9 @@ pub fn main(registry: Registry) -> ExitCode {
         Command::Explain(command) => command.run(&registry),
         Command::Check(command) => command.run(&registry),
         Command::Show(command) => command.run(&registry),
+        Command::Report(command) => command.run(&registry),
+        Command::Runs(command) => command.run(),
+        Command::Diff(command) => command.run(&registry),
         Command::Graph(command) => command.run(&registry),
         Command::Stages(command) => command.run(&registry),
         Command::Schema => schema::run(&registry),

@@ -12,6 +12,8 @@ use serde_json::{Value, json};
 use crate::memo::{self, Recalled};
 use crate::plan::{InstanceId, PREVIEW_INSTANCES, Plan, StageId};
 use crate::registry::Registry;
+use crate::report::figures::Figures;
+use crate::report::measures::errors;
 use crate::resolve::{Resolver, State, Survey};
 use crate::run::log::{Logged, RunLog, note_up_to_date};
 use crate::run::progress::{Json, Work, choose};
@@ -20,7 +22,6 @@ use crate::store::{Store, StoreError};
 use crate::threads;
 use crate::unchanged::{self, Closing, Request, Seen};
 
-use super::figures::{Figures, short, with_unit};
 use super::memory::{MemoryLimit, too_large};
 use super::simd::simd_level;
 use super::{Done, Failure, Pipeline, print, print_json, report_of};
@@ -345,47 +346,6 @@ fn where_it_lies(plan: &Plan, summary: &Summary, folder: &Path, outputs: &Path) 
     Some(text)
 }
 
-/// Measures whose names begin so stand for a stage's error in the summary,
-const ERROR: &str = "error: ";
-/// and those that begin so for what has no error: how many of a thing nothing is known of.
-const UNKNOWN: &str = "unknown: ";
-
-/// A figure with its unit.
-type Measure = (String, f64, String);
-
-/// What the measures of a stage's instances say of their error: of each unit the first that an instance measured, the worst of all of them; then of
-/// how much nothing is known.
-fn errors<'a>(instances: impl Iterator<Item = &'a [Measure]>) -> String {
-    let mut worst: Vec<(&str, &str, f64)> = Vec::new();
-    let mut unknown: Vec<(&str, f64)> = Vec::new();
-    for measures in instances {
-        let mut own: Vec<&str> = Vec::new();
-        for (name, value, unit) in measures {
-            if let Some(what) = name.strip_prefix(ERROR)
-                && !own.contains(&unit.as_str())
-            {
-                own.push(unit);
-                match worst.iter_mut().find(|(_, known, _)| known == unit) {
-                    None => worst.push((what, unit, *value)),
-                    Some(known) if *value > known.2 => *known = (what, unit, *value),
-                    Some(_) => {}
-                }
-            } else if let Some(what) = name.strip_prefix(UNKNOWN) {
-                match unknown.iter_mut().find(|(known, _)| *known == what) {
-                    None => unknown.push((what, *value)),
-                    Some(known) => known.1 += value,
-                }
-            }
-        }
-    }
-    let worst = worst.into_iter().map(|(what, unit, value)| {
-        // Two decimals, but for what they would show as next to nothing.
-        let number = if value == 0.0 || value >= 0.01 { format!("{value:.2}") } else { short(value) };
-        format!("{} {what}", with_unit(&number, unit))
-    });
-    worst.chain(unknown.into_iter().map(|(what, count)| format!("{what}: {count}"))).collect::<Vec<_>>().join(", ")
-}
-
 /// One row per stage: state, seconds, error.
 fn table(plan: &Plan, summary: &Summary) -> String {
     let mut rows = vec![["stage".to_owned(), "state".to_owned(), "seconds".to_owned(), "error".to_owned()]];
@@ -426,32 +386,4 @@ fn table(plan: &Plan, summary: &Summary) -> String {
         text.push('\n');
     }
     text
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Of maps and heights both are told, each the worst of all instances in its own unit; a small error is not 0.00, and nothing known is said.
-    #[test]
-    fn errors_are_told_in_their_units() {
-        let measures = |own: &[(&str, f64, &str)]| -> Vec<Measure> {
-            own.iter().map(|&(name, value, unit)| (name.to_owned(), value, unit.to_owned())).collect()
-        };
-        let instances = [
-            measures(&[
-                ("error: worst bias", 2.5, "%"),
-                ("error: other", 90.0, "%"),
-                ("error: worst RMSE", 1.87, "mm"),
-            ]),
-            measures(&[("error: worst bias", 12.5, "%"), ("unknown: media without a fit", 2.0, "1")]),
-            measures(&[("masked", 100.0, "%"), ("unknown: media without a fit", 3.0, "1")]),
-        ];
-        let said = |instances: &[Vec<Measure>]| errors(instances.iter().map(Vec::as_slice));
-        assert_eq!(said(&instances), "12.50 % worst bias, 1.87 mm worst RMSE, media without a fit: 5");
-        assert_eq!(said(&instances[2..]), "media without a fit: 3");
-        assert_eq!(said(&[measures(&[("error: worst RMSE", 0.00412, "mm")])]), "0.0041 mm worst RMSE");
-        assert_eq!(said(&[measures(&[("error: rest", 0.0, "1")])]), "0.00 rest");
-        assert_eq!(said(&[measures(&[("masked", 1.0, "%")])]), "");
-    }
 }

@@ -1,7 +1,6 @@
 //! `turbid show`: what the stored outputs hold: digest, path, layers, units, statistics, cost.
 
 mod describe;
-mod statistics;
 mod text;
 
 use std::collections::BTreeMap;

@@ -152,7 +152,7 @@ impl Study {
             None => drop(std::fs::remove_file(folder.join("study.svg"))),
         }
         let failed = rows.iter().filter(|row| row.found.is_err()).count();
-        self.closing(&Closing {
+        let closing = Closing {
             study,
             rows: &rows,
             means: &means,
@@ -162,7 +162,10 @@ impl Study {
             counts,
             seconds: began.elapsed().as_secs_f64(),
             picture: picture.is_some(),
-        });
+        };
+        let found = serde_json::to_string_pretty(&closing.found()).expect("texts");
+        write(&folder, crate::report::studies::FILE, found.as_bytes())?;
+        self.closing(&closing);
         Ok(failed)
     }
 
@@ -211,7 +214,7 @@ impl Study {
     }
 
     fn closing(&self, closing: &Closing<'_>) {
-        let Closing { study, rows, means, slopes, unit, folder, counts, seconds, picture } = closing;
+        let Closing { study, rows, means, slopes, folder, counts, seconds, picture, .. } = closing;
         let Counts { hits, ran } = counts;
         let failed = rows.iter().filter(|row| row.found.is_err()).count();
         if self.json {
@@ -231,45 +234,12 @@ impl Study {
             }));
             return;
         }
-        let points = all_points(study);
-        let mut lines = vec![
-            ["study", "point", "error", "stated", "error / stated (95 %)", "CPU s", "1 / (error^2 CPU s)"]
-                .map(str::to_owned)
-                .to_vec(),
-        ];
-        for mean in *means {
-            let point = &points[mean.point as usize * study.repeats as usize];
-            let label = Point { repeat: 0, ..point.clone() }.label(&StudySpec { repeats: 1, ..(*study).clone() });
-            let number = |v: Option<f64>| v.map_or("-".to_owned(), digits);
-            let with = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{} {unit}", digits(v)));
-            let ratio = mean.ratio.map_or("-".to_owned(), |[r, low, high]| format!("{r:.2} ({low:.2} to {high:.2})"));
-            let error = if mean.error == Some(0.0) { "0 (exact)".to_owned() } else { with(mean.error) };
-            lines.push(vec![
-                study.name.clone(),
-                label,
-                error,
-                with(mean.stated),
-                ratio,
-                number(mean.cpu_seconds),
-                number(mean.efficiency),
-            ]);
-        }
-        let mut text = super::figures::aligned(&lines);
-        for slope in *slopes {
-            let name = if slope.series.is_empty() { String::new() } else { format!("{}: ", slope.series) };
-            text += &format!("{name}{}\n", said(slope, study.truth.is_some()));
-        }
-        let mut reasons: Vec<(&str, Vec<String>)> = Vec::new();
-        for row in *rows {
-            let Err(message) = &row.found else { continue };
-            match reasons.iter_mut().find(|(known, _)| known == message) {
-                Some((_, labels)) => labels.push(row.point.label(study)),
-                None => reasons.push((message, vec![row.point.label(study)])),
-            }
-        }
-        for (message, labels) in reasons {
-            let more = if labels.len() > 1 { format!(" and {} more", labels.len() - 1) } else { String::new() };
-            text += &format!("failed: {}{more}: {message}\n", labels[0]);
+        let head = ["study", "point", "error", "stated", "error / stated (95 %)", "CPU s", "1 / (error^2 CPU s)"];
+        let mut lines = vec![head.map(str::to_owned).to_vec()];
+        lines.extend(closing.lines().into_iter().map(|line| [vec![study.name.clone()], line.to_vec()].concat()));
+        let mut text = crate::report::figures::aligned(&lines);
+        for line in closing.slopes_said().iter().chain(&closing.failures()) {
+            text += &format!("{line}\n");
         }
         let files = if *picture { "study.svg, study.csv, study.parquet" } else { "study.csv, study.parquet" };
         text += &format!(
@@ -292,6 +262,64 @@ struct Closing<'a> {
     counts: Counts,
     seconds: f64,
     picture: bool,
+}
+
+impl Closing<'_> {
+    /// Of each point: what it is, its error, what it states, their ratio, CPU seconds, efficiency.
+    fn lines(&self) -> Vec<[String; 6]> {
+        let Self { study, means, unit, .. } = self;
+        let points = all_points(study);
+        let once = StudySpec { repeats: 1, ..(*study).clone() };
+        let line = |mean: &turbid_tables::study::Point| {
+            let point = &points[mean.point as usize * study.repeats as usize];
+            let label = Point { repeat: 0, ..point.clone() }.label(&once);
+            let number = |v: Option<f64>| v.map_or("-".to_owned(), digits);
+            let with = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{} {unit}", digits(v)));
+            let ratio = mean.ratio.map_or("-".to_owned(), |[r, low, high]| format!("{r:.2} ({low:.2} to {high:.2})"));
+            // No error is a limit, not a point at minus infinity of a logarithm.
+            let error = if mean.error == Some(0.0) { "0 (exact)".to_owned() } else { with(mean.error) };
+            [label, error, with(mean.stated), ratio, number(mean.cpu_seconds), number(mean.efficiency)]
+        };
+        means.iter().map(line).collect()
+    }
+
+    fn slopes_said(&self) -> Vec<String> {
+        let with_truth = self.study.truth.is_some();
+        let line = |slope: &Slope| {
+            let name = if slope.series.is_empty() { String::new() } else { format!("{}: ", slope.series) };
+            format!("{name}{}", said(slope, with_truth))
+        };
+        self.slopes.iter().map(line).collect()
+    }
+
+    /// Points without an error: each reason once.
+    fn failures(&self) -> Vec<String> {
+        let mut reasons: Vec<(&str, Vec<String>)> = Vec::new();
+        for row in self.rows {
+            let Err(message) = &row.found else { continue };
+            match reasons.iter_mut().find(|(known, _)| known == message) {
+                Some((_, labels)) => labels.push(row.point.label(self.study)),
+                None => reasons.push((message, vec![row.point.label(self.study)])),
+            }
+        }
+        let line = |(message, labels): (&str, Vec<String>)| {
+            let more = if labels.len() > 1 { format!(" and {} more", labels.len() - 1) } else { String::new() };
+            format!("failed: {}{more}: {message}", labels[0])
+        };
+        reasons.into_iter().map(line).collect()
+    }
+
+    /// The same for the report.
+    fn found(&self) -> Value {
+        let names = ["point", "error", "stated", "ratio", "cpu_seconds", "efficiency"];
+        let points = self.lines().into_iter().map(|line| {
+            names.iter().map(|name| (*name).to_owned()).zip(line.map(Value::from)).collect::<serde_json::Map<_, _>>()
+        });
+        json!({
+            "study": self.study.name, "definition": crate::report::studies::definition(self.study),
+            "points": points.collect::<Vec<_>>(), "slopes": self.slopes_said(), "failed": self.failures(),
+        })
+    }
 }
 
 /// The slope in words. The scatter of repeats is noise alone: that it falls more slowly than noise tells of a bias where there is a truth.

@@ -6,12 +6,13 @@ use super::number::plain;
 use super::text::Text;
 
 /// Endings of names and what a reader sees.
-const ROLES: [(&str, &str); 9] = [
+const ROLES: [(&str, &str); 10] = [
     ("_error_percent", "relative error of "),
     ("_bias_percent", "bias of "),
     ("_relative_error", "relative error of "),
     ("_error", "error of "),
     ("_bias", "bias of "),
+    ("_difference", "difference of "),
     ("_estimate", "estimate of "),
     ("_truth", "true "),
     ("_true", "true "),
@@ -23,9 +24,9 @@ pub fn base(name: &str) -> &str {
     ROLES.iter().find_map(|(ending, _)| name.strip_suffix(ending)).unwrap_or(name)
 }
 
-/// Whether the layer is a difference from the truth, whose natural middle is zero.
+/// Whether the layer is a difference, from the truth or between two results, whose natural middle is zero.
 pub fn is_error(name: &str) -> bool {
-    ROLES[..5].iter().any(|(ending, _)| name.ends_with(ending))
+    ROLES[..6].iter().any(|(ending, _)| name.ends_with(ending))
 }
 
 /// Whether the layer holds what should have been found, which no table has touched.

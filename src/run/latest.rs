@@ -5,7 +5,7 @@ mod links;
 mod list;
 mod staged;
 
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -14,13 +14,13 @@ use turbid_contract::payload::is_pictured;
 use turbid_contract::{ArtifactKind, Axes};
 
 use crate::key::axes_text;
-use crate::plan::{InstanceId, PREVIEW_INSTANCES, Plan};
+use crate::plan::{InstanceId, PREVIEW_INSTANCES, Plan, StageId};
 use crate::preview::{self, Caption};
 use crate::spec::SourceFile;
 use crate::store::{Blob, InstanceRecord, PortRecord, Store, StoreError, extension};
 
 use super::Summary;
-use super::caption::{self, caption};
+use super::caption::{self, caption, fingerprint};
 pub use super::name::file_name;
 pub use export_line::Command;
 use links::{Entry, LINKS, Links, current, read_small};
@@ -134,7 +134,7 @@ impl Filling<'_> {
         let content = described.blob.digest.to_string();
         let path = format!("{place}/{port}.{}", extension(described.blob.kind));
         let picture = format!("{place}/{port}.png");
-        let look = caption::fingerprint(caption);
+        let look = fingerprint(caption);
         if self.store.is_released(&described.blob) {
             // What is there stays; people's links alone are no reason to make again what was released.
             self.keep(&path, &content, Some(described.blob.bytes));
@@ -211,14 +211,50 @@ fn kept(plan: &Plan) -> HashSet<String> {
 
 /// The file of `latest/<pipeline>` that holds a copy of this blob of an instance, if it is there and up to date.
 pub fn copy_of(plan: &Plan, id: InstanceId, port: &str, blob: &Blob, outputs: &Path) -> Option<PathBuf> {
-    let folder = outputs.join("latest").join(file_name(&plan.spec.pipeline));
-    let instance = &plan.instances[id];
-    let place = place(&plan.spec.stages[instance.stage].name, &instance.axes);
-    let path = format!("{place}/{port}.{}", extension(blob.kind));
-    let links = links::read(&folder, &plan.spec.pipeline);
-    let entry = links.get(&path).filter(|entry| entry.content == blob.digest.to_string())?;
-    let path = folder.join(path);
-    current(entry, &path, Some(blob.bytes)).map(|_| path)
+    Files::of(plan, outputs).output(id, port, blob)
+}
+
+/// The files of `latest/<pipeline>`, for those who show them elsewhere.
+pub struct Files<'a> {
+    plan: &'a Plan,
+    folder: PathBuf,
+    links: Links,
+    overrides: BTreeMap<StageId, Vec<String>>,
+}
+
+impl<'a> Files<'a> {
+    pub fn of(plan: &'a Plan, outputs: &Path) -> Self {
+        let folder = outputs.join("latest").join(file_name(&plan.spec.pipeline));
+        let links = links::read(&folder, &plan.spec.pipeline);
+        Self { plan, folder, links, overrides: caption::overrides(plan) }
+    }
+
+    /// The file that holds an output of an instance, if it is there and up to date.
+    pub fn output(&self, id: InstanceId, port: &str, blob: &Blob) -> Option<PathBuf> {
+        let path = format!("{}/{port}.{}", self.place(id), extension(blob.kind));
+        self.current(path, &blob.digest.to_string(), Some(blob.bytes))
+    }
+
+    /// What the picture of an output is to say, and the picture where there is one that says so.
+    pub fn picture(&self, id: InstanceId, record: &InstanceRecord, port: &str) -> (Caption, Option<PathBuf>) {
+        let set = self.overrides.get(&self.plan.instances[id].stage).map_or(&[][..], Vec::as_slice);
+        let blob = &record.ports[port].blob;
+        let caption = caption(self.plan, id, record, port, blob, set);
+        let path = format!("{}/{port}.png", self.place(id));
+        let picture = self.current(path, &fingerprint(&caption), None);
+        (caption, picture)
+    }
+
+    fn place(&self, id: InstanceId) -> String {
+        let instance = &self.plan.instances[id];
+        place(&self.plan.spec.stages[instance.stage].name, &instance.axes)
+    }
+
+    fn current(&self, path: String, content: &str, length: Option<u64>) -> Option<PathBuf> {
+        let entry = self.links.get(&path).filter(|entry| entry.content == content)?;
+        let path = self.folder.join(path);
+        current(entry, &path, length).map(|_| path)
+    }
 }
 
 /// `stage` or `stage/axes`.

@@ -4,7 +4,7 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use serde_json::{Value, json};
 
@@ -28,6 +28,7 @@ const LONGEST_ROOTS: u64 = 1 << 28;
 /// A service: what cannot be written ends no run, and is told at the end of it.
 pub struct RunLog {
     folder: PathBuf,
+    began: Instant,
     events: Mutex<Option<File>>,
     /// The first thing that could not be written.
     trouble: Mutex<Option<String>>,
@@ -39,13 +40,14 @@ impl RunLog {
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let id = blake3::hash(format!("{} {}", now.as_nanos(), std::process::id()).as_bytes()).to_hex();
         let folder = outputs.join("runs").join(format!("{}-{}", timestamp(now.as_secs()), &id[..6]));
-        let log = Self { folder, events: Mutex::default(), trouble: Mutex::default() };
+        let log = Self { folder, began: Instant::now(), events: Mutex::default(), trouble: Mutex::default() };
         log.noted(&log.folder, fs::create_dir_all(&log.folder));
         for (index, source) in plan.spec.sources.iter().enumerate() {
             log.file(&format!("{index}-{}", file_name_of(Path::new(&source.name))), &source.text);
         }
         let configuration = json!({
             "pipeline": plan.spec.pipeline, "overrides": plan.spec.overrides,
+            "file": plan.spec.sources.first().map(|source| source.name.as_str()),
             "turbid_version": env!("CARGO_PKG_VERSION"),
             "stages": plan.needed.iter().map(|&s| {
                 let row = plan.row(s);
@@ -86,17 +88,24 @@ impl RunLog {
 
     /// The end of work that was noted in [parts](Self::part). Returns what could not be written of the log, if anything.
     pub fn end_of_parts(&self, hits: usize, ran: usize) -> Option<String> {
-        self.event(&json!({"event": "finished", "hits": hits, "ran": ran, "failed": 0}));
+        self.finished(hits, ran, 0);
         lock(&self.trouble).take()
     }
 
-    /// Writes roots and metrics. Returns what could not be written of the log, if anything.
+    fn finished(&self, hits: usize, ran: usize, failed: usize) {
+        let seconds = self.began.elapsed().as_secs_f64();
+        self.event(&json!({"event": "finished", "hits": hits, "ran": ran, "failed": failed, "seconds": seconds}));
+    }
+
+    /// Writes roots, which instance each stands for, and metrics. Returns what could not be written of the log, if anything.
     pub fn end(&self, plan: &Plan, summary: &Summary) -> Option<String> {
-        let mut roots = String::new();
+        let (mut roots, mut instances) = (String::new(), String::new());
         let mut metrics = Vec::new();
         for id in plan.needed_instances() {
             if let Some(record) = summary.record(id) {
                 roots.push_str(&format!("{}\n", record.key));
+                instances
+                    .push_str(&format!("{}\n", json!({"instance": plan.label(id), "key": record.key.to_string()})));
             }
             if let Some(End::Ran(record)) = summary.ends.get(&id) {
                 metrics.push(json!({
@@ -107,10 +116,9 @@ impl RunLog {
             }
         }
         self.file("roots", &roots);
+        self.file("instances.jsonl", &instances);
         self.file("metrics.json", &format!("{:#}\n", Value::from(metrics)));
-        self.event(
-            &json!({"event": "finished", "hits": summary.hits(), "ran": summary.ran(), "failed": summary.failed()}),
-        );
+        self.finished(summary.hits(), summary.ran(), summary.failed());
         lock(&self.trouble).take()
     }
 }

@@ -311,6 +311,11 @@ impl Store {
         self.checkpoints.forget(state_key, but);
     }
 
+    /// The record of an instance with what went in; `None` where it is damaged or gone.
+    pub fn record_and_recipe(&self, key: &Digest) -> Option<(InstanceRecord, Recipe)> {
+        InstanceRecord::decode(key, &self.told(self.folder.record(key))??)
+    }
+
     /// All undamaged records with what went in, the newest first, whether or not their blobs are still there.
     pub fn records(&self) -> impl Iterator<Item = (InstanceRecord, Recipe)> {
         self.records_of_latest(usize::MAX)
@@ -319,9 +324,7 @@ impl Store {
     /// So many of them at most.
     pub fn records_of_latest(&self, most: usize) -> impl Iterator<Item = (InstanceRecord, Recipe)> {
         let all = if most == 0 { Vec::new() } else { self.folder.packs.records() };
-        all.into_iter()
-            .take(most)
-            .filter_map(|(key, _)| InstanceRecord::decode(&key, &self.told(self.folder.record(&key))??))
+        all.into_iter().take(most).filter_map(|(key, _)| self.record_and_recipe(&key))
     }
 
     /// The file that holds exactly this blob; `None` for a blob in a pack (see [`Store::materialise`]).

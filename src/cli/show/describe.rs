@@ -12,7 +12,7 @@ use crate::run::latest::copy_of;
 use crate::store::{Blob, InstanceRecord, PortRecord, Store};
 
 use super::super::Failure;
-use super::statistics::{Column, Layer, columns, layers};
+use crate::statistics::{Column, Layer, columns, layers};
 
 /// One instance.
 #[derive(Serialize)]

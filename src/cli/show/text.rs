@@ -1,14 +1,11 @@
 //! What an instance left in the store, for people.
 
-use std::collections::BTreeMap;
-
-use serde_json::Value;
-use turbid_contract::{Attributes, LayerKind};
+use turbid_contract::Attributes;
 
 use crate::key::{axes_text, value_text};
+use crate::statistics::{Cell, Column, Layer, label, masked, shown_unit, significant};
 
 use super::describe::{Content, Port, Shown};
-use super::statistics::{Cell, Column, Layer};
 
 pub fn text(instance: &Shown) -> String {
     let axes = axes_text(&instance.axes);
@@ -74,54 +71,6 @@ fn layer_text(layer: &Layer, all: &[Layer], attributes: &Attributes) -> String {
     format!("    {label:<32} min {min} mean {mean}{mean_se} max {max} {}\n", shown_unit(&layer.unit))
 }
 
-/// The reasons of a mask, each with the pixels that it has.
-fn masked(reasons: &BTreeMap<String, u64>) -> String {
-    let shares: Vec<String> = reasons.iter().map(|(why, n)| format!("{n} pixels {why}")).collect();
-    if shares.is_empty() { "every pixel is good".to_owned() } else { shares.join(", ") }
-}
-
-/// A layer by what tells it from others of its name.
-fn label(layer: &Layer, all: &[Layer], attributes: &Attributes) -> String {
-    let mut label = layer.name.clone();
-    let numbers = [
-        (layer.f_x_per_mm, "/mm"),
-        (layer.phase_rad, " rad"),
-        (layer.orientation_deg, "°"),
-        (layer.wavelength_nm, " nm"),
-    ];
-    for (value, unit) in numbers {
-        if let Some(value) = value {
-            label.push_str(&format!(" {}{unit}", trimmed(value)));
-        }
-    }
-    if let Some(pair) = layer.pair.and_then(|pair| paired(pair, all, attributes)) {
-        label.push_str(&format!(" ({pair})"));
-    }
-    label
-}
-
-/// The two quantities of a covariance layer: of the attribute `quantities`, or else the value layers of the stack.
-fn paired(pair: [u32; 2], all: &[Layer], attributes: &Attributes) -> Option<String> {
-    let named = |name: &str, f_x: Option<f64>| {
-        format!("{name}{}", f_x.map(|f| format!(" {}/mm", trimmed(f))).unwrap_or_default())
-    };
-    let one = |index: u32| {
-        let index = index as usize;
-        match attributes.get("quantities").and_then(Value::as_array) {
-            Some(listed) => {
-                let quantity = listed.get(index)?;
-                let name = quantity["part"].as_str().or(quantity["name"].as_str())?;
-                Some(named(name, quantity["f_x_per_mm"].as_f64()))
-            }
-            None => {
-                let layer = all.iter().filter(|layer| layer.kind == LayerKind::Value).nth(index)?;
-                Some(named(&layer.name, layer.f_x_per_mm))
-            }
-        }
-    };
-    Some(format!("{}, {}", one(pair[0])?, one(pair[1])?))
-}
-
 fn column_text(column: &Column) -> String {
     let name = &column.name;
     if let (Some(values), Some(different)) = (&column.values, column.different) {
@@ -157,30 +106,6 @@ fn cells_text(columns: &[Column]) -> Option<String> {
     Some(lines.iter().map(|line| format!("  {}\n", line.trim_end())).collect())
 }
 
-/// The unit of pure numbers is for programs.
-fn shown_unit(unit: &str) -> &str {
-    if unit == "1" { "" } else { unit }
-}
-
-/// Five digits that count, without zeros behind them: 0.1, 2.0944.
-fn trimmed(value: f64) -> String {
-    let rounded: f64 = format!("{value:.4e}").parse().unwrap_or(value);
-    rounded.to_string()
-}
-
-/// Five digits that count, without an exponent where that reads well.
-fn significant(value: f64) -> String {
-    let size = value.abs();
-    if value == 0.0 || value.fract() == 0.0 && size < 1e9 {
-        format!("{value}")
-    } else if (1e-3..1e6).contains(&size) {
-        let digits = (4 - size.log10().floor() as i32).clamp(0, 8) as usize;
-        format!("{value:.digits$}")
-    } else {
-        format!("{value:.4e}")
-    }
-}
-
 /// A description in one line of the screen.
 fn shortened(text: &str) -> String {
     const MOST: usize = 100;
@@ -193,7 +118,7 @@ fn shortened(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use turbid_contract::ndarray::Array2;
-    use turbid_contract::{Artifact, Cells, Column, ImageStack, LayerInfo, Table};
+    use turbid_contract::{Artifact, Cells, Column, ImageStack, LayerInfo, LayerKind, Table};
 
     use super::*;
 

@@ -15,7 +15,7 @@ const USUAL: &str = "outputs";
 
 /// `turbid export` of one run: its pipeline file, overrides and outputs. To be typed where the run was.
 pub struct Command {
-    head: String,
+    file: String,
     tail: String,
 }
 
@@ -26,7 +26,12 @@ impl Command {
         if outputs != Path::new(USUAL) {
             tail.push_str(&format!(" --outputs {}", quoted(&outputs.to_string_lossy())));
         }
-        Self { head: format!("turbid export {}", quoted(file)), tail }
+        Self { file: quoted(file).into_owned(), tail }
+    }
+
+    /// The run itself.
+    pub fn run(&self) -> String {
+        format!("turbid run {}{}", self.file, self.tail)
     }
 
     /// Of one instance.
@@ -46,7 +51,7 @@ impl Command {
     }
 
     fn line(&self, selected: &str, to: &str) -> String {
-        format!("{} {} --to {}{}", self.head, quoted(selected), quoted(to), self.tail)
+        format!("turbid export {} {} --to {}{}", self.file, quoted(selected), quoted(to), self.tail)
     }
 }
 

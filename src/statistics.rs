@@ -1,10 +1,11 @@
-//! What the numbers of layers and columns range over.
+//! What the numbers of layers and columns range over, and how they are written.
 
 use std::collections::BTreeMap;
 
 use serde::Serialize;
+use serde_json::Value;
 use turbid_contract::payload::MaskReason;
-use turbid_contract::{Cells, ImageStack, LayerInfo, LayerKind, Table};
+use turbid_contract::{Attributes, Cells, ImageStack, LayerInfo, LayerKind, Table};
 
 /// One layer; numbers over its good pixels, over all for a mask.
 #[derive(Serialize)]
@@ -146,5 +147,77 @@ fn cells(cells: &Cells) -> Vec<Cell> {
         Cells::I64(v) => v.iter().map(|&i| Cell::Number(i as f64)).collect(),
         Cells::Bool(v) => v.iter().map(|b| Cell::Text(b.to_string())).collect(),
         Cells::Text(v) => v.iter().cloned().map(Cell::Text).collect(),
+    }
+}
+
+/// The reasons of a mask, each with the pixels that it has.
+pub fn masked(reasons: &BTreeMap<String, u64>) -> String {
+    let shares: Vec<String> = reasons.iter().map(|(why, n)| format!("{n} pixels {why}")).collect();
+    if shares.is_empty() { "every pixel is good".to_owned() } else { shares.join(", ") }
+}
+
+/// A layer by what tells it from others of its name.
+pub fn label(layer: &Layer, all: &[Layer], attributes: &Attributes) -> String {
+    let mut label = layer.name.clone();
+    let numbers = [
+        (layer.f_x_per_mm, "/mm"),
+        (layer.phase_rad, " rad"),
+        (layer.orientation_deg, "°"),
+        (layer.wavelength_nm, " nm"),
+    ];
+    for (value, unit) in numbers {
+        if let Some(value) = value {
+            label.push_str(&format!(" {}{unit}", trimmed(value)));
+        }
+    }
+    if let Some(pair) = layer.pair.and_then(|pair| paired(pair, all, attributes)) {
+        label.push_str(&format!(" ({pair})"));
+    }
+    label
+}
+
+/// The two quantities of a covariance layer: of the attribute `quantities`, or else the value layers of the stack.
+fn paired(pair: [u32; 2], all: &[Layer], attributes: &Attributes) -> Option<String> {
+    let named = |name: &str, f_x: Option<f64>| {
+        format!("{name}{}", f_x.map(|f| format!(" {}/mm", trimmed(f))).unwrap_or_default())
+    };
+    let one = |index: u32| {
+        let index = index as usize;
+        match attributes.get("quantities").and_then(Value::as_array) {
+            Some(listed) => {
+                let quantity = listed.get(index)?;
+                let name = quantity["part"].as_str().or(quantity["name"].as_str())?;
+                Some(named(name, quantity["f_x_per_mm"].as_f64()))
+            }
+            None => {
+                let layer = all.iter().filter(|layer| layer.kind == LayerKind::Value).nth(index)?;
+                Some(named(&layer.name, layer.f_x_per_mm))
+            }
+        }
+    };
+    Some(format!("{}, {}", one(pair[0])?, one(pair[1])?))
+}
+
+/// The unit of pure numbers is for programs.
+pub fn shown_unit(unit: &str) -> &str {
+    if unit == "1" { "" } else { unit }
+}
+
+/// Five digits that count, without zeros behind them: 0.1, 2.0944.
+pub fn trimmed(value: f64) -> String {
+    let rounded: f64 = format!("{value:.4e}").parse().unwrap_or(value);
+    rounded.to_string()
+}
+
+/// Five digits that count, without an exponent where that reads well.
+pub fn significant(value: f64) -> String {
+    let size = value.abs();
+    if value == 0.0 || value.fract() == 0.0 && size < 1e9 {
+        format!("{value}")
+    } else if (1e-3..1e6).contains(&size) {
+        let digits = (4 - size.log10().floor() as i32).clamp(0, 8) as usize;
+        format!("{value:.digits$}")
+    } else {
+        format!("{value:.4e}")
     }
 }

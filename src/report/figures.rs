@@ -77,29 +77,35 @@ impl Figures {
 
     /// A block of aligned lines for each kind of table; empty where there is nothing to say.
     pub fn text(&self) -> String {
-        let mut text = String::new();
+        let blocks = self.blocks();
+        let blocks = blocks.iter().map(|lines| format!("\n{}", aligned(lines)));
+        blocks.chain(self.notes.iter().map(|note| format!("{note}\n"))).collect()
+    }
+
+    /// For each kind of table its lines, the heads of the columns first.
+    pub fn blocks(&self) -> Vec<Vec<Vec<String>>> {
         let mut kinds: Vec<Kind> = Vec::new();
         for kind in self.rows.iter().map(|row| Kind::of(&row.cells)) {
             if !kinds.contains(&kind) {
                 kinds.push(kind);
             }
         }
-        for kind in kinds {
-            let rows: Vec<&Row> = self.rows.iter().filter(|row| Kind::of(&row.cells) == kind).collect();
+        let block = |kind: Kind| {
             let head = ["figures", "region", "quantity"].into_iter().chain(kind.heads().iter().copied());
-            let mut lines = vec![head.map(str::to_owned).collect::<Vec<_>>()];
-            for row in rows {
+            let rows = self.rows.iter().filter(move |row| Kind::of(&row.cells) == kind);
+            let line = |row: &Row| {
                 let quantity = row.cells.get("quantity").and_then(Value::as_str).unwrap_or_default();
                 let start = [row.label.clone(), row.region.clone(), quantity.to_owned()];
-                lines.push(start.into_iter().chain(kind.figures(&row.cells)).collect());
-            }
-            text.push('\n');
-            text.push_str(&aligned(&lines));
-        }
-        for note in &self.notes {
-            text.push_str(&format!("{note}\n"));
-        }
-        text
+                start.into_iter().chain(kind.figures(&row.cells)).collect()
+            };
+            std::iter::once(head.map(str::to_owned).collect()).chain(rows.map(line)).collect()
+        };
+        kinds.into_iter().map(block).collect()
+    }
+
+    /// What is left out, and why.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
     }
 
     /// The same for programs: all columns of each line.
@@ -241,12 +247,12 @@ fn unit_of(cells: &Map<String, Value>) -> &str {
     cells.get("unit").and_then(Value::as_str).unwrap_or_default()
 }
 
-pub(super) fn with_unit(number: &str, unit: &str) -> String {
+pub fn with_unit(number: &str, unit: &str) -> String {
     if matches!(unit, "" | "1") { number.to_owned() } else { format!("{number} {unit}") }
 }
 
 /// Two digits that count, without an exponent where that reads well.
-pub(super) fn short(value: f64) -> String {
+pub fn short(value: f64) -> String {
     rounded(value, two_digits(value))
 }
 
@@ -294,7 +300,7 @@ fn with_error(size: f64, se: Option<f64>, unit: &str, sign: &str) -> String {
 }
 
 /// Columns to the left, two blanks between them.
-pub(super) fn aligned(lines: &[Vec<String>]) -> String {
+pub fn aligned(lines: &[Vec<String>]) -> String {
     let columns = lines.iter().map(Vec::len).max().unwrap_or(0);
     let width = |column: usize| lines.iter().filter_map(|l| l.get(column)).map(|c| c.chars().count()).max();
     let widths: Vec<usize> = (0..columns).map(|column| width(column).unwrap_or(0)).collect();
