@@ -11,9 +11,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use turbid_contract::payload::is_pictured;
-use turbid_contract::{ArtifactKind, Axes};
+use turbid_contract::ArtifactKind;
 
-use crate::key::axes_text;
 use crate::plan::{InstanceId, PREVIEW_INSTANCES, Plan};
 use crate::preview::{self, Caption};
 use crate::spec::SourceFile;
@@ -22,6 +21,8 @@ use crate::store::{Blob, InstanceRecord, PortRecord, Store, StoreError, extensio
 use super::Summary;
 use super::caption::{self, caption};
 pub use super::name::file_name;
+use super::name::place;
+use super::partial;
 pub use export_line::Command;
 use links::{Entry, LINKS, Links, current, read_small};
 use list::List;
@@ -87,6 +88,7 @@ pub fn publish(plan: &Plan, store: &Store, summary: &Summary, outputs: &Path) ->
         for (id, record) in records {
             let place = place(&plan.spec.stages[stage].name, &plan.instances[id].axes);
             for (port, described) in &record.ports {
+                partial::sweep(&folder.join(&place), port);
                 filling.port(&place, port, described, &caption(plan, id, record, port, &described.blob, set))?;
             }
         }
@@ -219,10 +221,4 @@ pub fn copy_of(plan: &Plan, id: InstanceId, port: &str, blob: &Blob, outputs: &P
     let entry = links.get(&path).filter(|entry| entry.content == blob.digest.to_string())?;
     let path = folder.join(path);
     current(entry, &path, Some(blob.bytes)).map(|_| path)
-}
-
-/// `stage` or `stage/axes`.
-fn place(stage: &str, axes: &Axes) -> String {
-    let axes = axes_text(axes);
-    if axes.is_empty() { file_name(stage) } else { format!("{}/{}", file_name(stage), file_name(&axes)) }
 }
