@@ -10,8 +10,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use turbid_contract::payload::is_pictured;
 use turbid_contract::ArtifactKind;
+use turbid_contract::payload::is_pictured;
 
 use crate::plan::{InstanceId, PREVIEW_INSTANCES, Plan};
 use crate::preview::{self, Caption};
