@@ -27,7 +27,8 @@ pub fn caption(
 /// The same of what an instance has before it ends; `done`: how much that is.
 pub fn so_far(plan: &Plan, id: InstanceId, key: &Digest, port: &str, set: &[String], done: &str) -> Caption {
     let caption = of(plan, id, key, port, set, ("So far", done.to_owned()));
-    Caption { subtitle: format!("so far: {done}   {}", caption.subtitle).trim_end().to_owned(), ..caption }
+    let words = [format!("so far: {done}"), caption.subtitle].into_iter().filter(|text| !text.is_empty());
+    Caption { subtitle: words.collect::<Vec<_>>().join(" · "), ..caption }
 }
 
 /// `last`: what tells artifacts of one key apart.

@@ -87,7 +87,9 @@ pub fn publish(plan: &Plan, store: &Store, summary: &Summary, outputs: &Path) ->
         }
         for (id, record) in records {
             let place = place(&plan.spec.stages[stage].name, &plan.instances[id].axes);
-            for (port, described) in &record.ports {
+            // A record may hold an output that an older turbid had.
+            let known = |port: &str| plan.outputs(stage).iter().any(|output| output.name == port);
+            for (port, described) in record.ports.iter().filter(|(port, _)| known(port)) {
                 partial::sweep(&folder.join(&place), port);
                 filling.port(&place, port, described, &caption(plan, id, record, port, &described.blob, set))?;
             }

@@ -33,7 +33,7 @@ fn pictures_say_what_they_show() {
     assert_ne!(frames["Key"], plain["Key"]);
     let (modulation, _) = picture(&space, "modulation/modulation.png");
     assert_eq!(modulation["Overrides"], "--set vars.samples=32\n--set stages.modulation.with.low_signal=1");
-    assert!(!picture(&space, "tissue/preview.png").0.contains_key("Overrides"), "a scene has no samples");
+    assert!(!picture(&space, "tissue/sketch.png").0.contains_key("Overrides"), "a scene has no samples");
 
     counts(&space, &["--set", "vars.samples=32"]);
     assert!(picture(&space, "frames/frames.png").1 == bytes, "nothing has changed for the frames");

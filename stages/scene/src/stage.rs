@@ -24,8 +24,8 @@ out_ports! {
     pub struct Out {
         /// Media, objects, camera and projector in mm and mm^-1.
         scene: one Scene,
-        /// Top and side view of the set-up with the fields of camera and projector.
-        preview: preview Preview,
+        /// The set-up to scale, with axes and fields of camera and projector; what they look at, enlarged; the view from above.
+        sketch: preview Preview,
     }
 }
 
@@ -81,8 +81,8 @@ impl Stage for SceneStage {
             Some(scene) => scene,
             None => assembled(&kept.params, inputs.rig, ctx)?,
         };
-        let preview = ctx.wants("preview").then(|| sketch(&scene, &scattered(&kept.params)));
-        Ok(Out { scene, preview })
+        let sketch = ctx.wants("sketch").then(|| sketch(&scene, &scattered(&kept.params)));
+        Ok(Out { scene, sketch })
     }
 }
 

@@ -96,8 +96,8 @@ fn reliefs_and_paths_are_meshes() {
 /// The bodies of one object share a colour and a line of the legend.
 #[test]
 fn the_sketch_names_bodies_once() {
-    let ports = run(&spots(balls()), &["preview"]);
-    let Artifact::Images(stack) = &ports[1].1 else { panic!("the preview is no image") };
+    let ports = run(&spots(balls()), &["sketch"]);
+    let Artifact::Images(stack) = &ports[1].1 else { panic!("the sketch is no image") };
     let legend: Vec<&str> =
         stack.attributes["legend"].as_array().unwrap().iter().filter_map(|e| e["text"].as_str()).collect();
     assert_eq!(legend[..2], ["polyp (scc)", "tissue (healthy)"]);
