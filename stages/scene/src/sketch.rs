@@ -114,9 +114,11 @@ pub fn sketch(scene: &Scene, scattered: &BTreeMap<String, String>) -> Preview {
     let widest = |points: &[DVec3]| flat_span(points, above).1.max(flat_span(points, beside).1);
     let section = Section { scene, objects: &objects, colours: &colours, cut: &cut, scattered };
 
-    let (middle, width) = flat_span(&whole, beside);
-    let inset = (!nearest.is_empty() && LARGE * widest(&nearest) < width)
+    let inset = (!nearest.is_empty() && LARGE * widest(&nearest) < flat_span(&whole, beside).1)
         .then(|| Panel::around(flat_span(&nearest, beside).0, widest(&nearest)));
+    // With the whole frame.
+    let framed = inset.iter().flat_map(|inset| inset.corners()).map(|corner| cut.point(corner));
+    let (middle, width) = flat_span(&whole.iter().copied().chain(framed).collect::<Vec<_>>(), beside);
     let mut panels = Vec::new();
     let mut set_up = Panel::around(middle, width);
     let there = section.fill(&mut set_up).0;
@@ -137,8 +139,13 @@ pub fn sketch(scene: &Scene, scattered: &BTreeMap<String, String>) -> Preview {
     let mut dashed = false;
     if let Some(mut inset) = inset {
         panels.push((set_up, format!("set-up to scale, along {}", cut.said()), words.placed));
-        let (there, has_dashes) = section.fill(&mut inset);
+        let (mut there, has_dashes) = section.fill(&mut inset);
+        let behind = section.dash_off_plane(&there, &mut inset);
+        dashed |= !behind.is_empty();
         inset.draw(&ink, beside);
+        for (object, holds) in behind {
+            there.iter_mut().zip(holds).filter(|(_, holds)| *holds).for_each(|(there, _)| *there = Some(object));
+        }
         let words = Words::new(&inset.bar_text());
         let words = section.name(&there, &mut inset, words);
         panels.push((inset, "inset: the framed part of it".to_owned(), words));
@@ -177,6 +184,36 @@ impl Section<'_> {
             panel.look(|p| object_at(self.objects, self.cut.point(p)).filter(|&i| !is_void(self.scene, object(i))));
         let dashed = panel.fill_section(&there, |i| self.colours.of(i), |a, b| object(a).priority > object(b).priority);
         (there, dashed)
+    }
+
+    /// Dashes around finite objects that the plane misses, as they look from across it; the pixels of each.
+    fn dash_off_plane(&self, there: &[Option<usize>], panel: &mut Panel) -> Vec<(usize, Vec<bool>)> {
+        let (normal, mut stays, mut found) = (self.cut.normal(), Vec::new(), Vec::new());
+        for (object, placed) in self.objects.iter().enumerate() {
+            let (low, high) = placed.solid.bounds();
+            let finite = low.is_finite() && high.is_finite() && !is_void(self.scene, placed.object);
+            if !finite || there.contains(&Some(object)) {
+                continue;
+            }
+            let (middle, radius) = (0.5 * (low + high), 0.5 * low.distance(high));
+            let flat = self.cut.flatten(middle);
+            let holds = panel.look(|at| {
+                if at.distance(flat) > radius {
+                    return None;
+                }
+                let p = self.cut.point(at);
+                let from = p + ((middle - p).dot(normal) - 1.5 * radius) * normal;
+                stays.clear();
+                placed.solid.cut(from, normal, None, &mut stays);
+                (!stays.is_empty()).then_some(object)
+            });
+            let holds: Vec<bool> = holds.iter().map(Option::is_some).collect();
+            if holds.contains(&true) {
+                panel.dash_around(&holds, self.colours.of(object));
+                found.push((object, holds));
+            }
+        }
+        found
     }
 
     /// Writes what each object is made of, the smallest first; opaque ones by their own name. Of scattered bodies one stands for all.
@@ -262,7 +299,9 @@ fn legend(scene: &Scene, scattered: &BTreeMap<String, String>, colours: &Colours
     entries.extend((!scene.lights.is_empty()).then(|| ("steady lights".to_owned(), LAMP)));
     entries.extend((!scene.detectors.is_empty()).then(|| ("detectors".to_owned(), DETECTOR)));
     entries.push(("dotted from above: the plane of the set-up".to_owned(), CUT_COLOUR));
-    entries.extend(hidden.then(|| ("dashed: outlines of what lies below the surface".to_owned(), BAR_COLOUR)));
+    entries.extend(
+        hidden.then(|| ("dashed: outlines of what lies below the surface, or off the plane".to_owned(), BAR_COLOUR)),
+    );
     entries.into_iter().map(|(text, colour)| json!({"text": text, "colour": colour})).collect()
 }
 

@@ -61,14 +61,24 @@ impl Cut {
         self.through + at.x * self.along + (at.y - self.through.z) * self.up
     }
 
+    /// Across the plane.
+    pub fn normal(&self) -> DVec3 {
+        self.along.cross(self.up)
+    }
+
     /// `y (camera to projector), z up`.
     pub fn said(&self) -> String {
         let axis = [("x", DVec3::X), ("y", DVec3::Y)].into_iter().find(|(_, axis)| self.along.dot(*axis) > 1.0 - 1e-9);
         let (x, y) = (self.along.x, self.along.y);
         let along = axis.map_or_else(|| format!("({x:.2}, {y:.2})"), |(name, _)| name.to_owned());
         let tilt = libm::acos(self.up.z.clamp(-1.0, 1.0)).to_degrees();
-        let up = if tilt < 0.5 { "z up".to_owned() } else { format!("tilted by {tilt:.0}°") };
-        if self.baseline { format!("{along} (camera to projector), {up}") } else { format!("{along}, {up}") }
+        match (self.baseline, axis) {
+            // Only a plane that camera and projector span is tilted.
+            _ if tilt >= 0.5 => format!("{along}, tilted by {tilt:.0}°"),
+            (true, Some(_)) => format!("{along} (camera to projector), z up"),
+            (true, None) => format!("{along} (camera to projector)"),
+            (false, _) => format!("{along}, z up"),
+        }
     }
 }
 
@@ -88,7 +98,7 @@ mod tests {
             ([0.0, 35.0, 500.0], "y (camera to projector), z up"),
             ([0.0, -35.0, 400.0], "y (camera to projector), z up"),
             ([35.0, 0.0, 500.0], "x (camera to projector), z up"),
-            ([-30.0, 30.0, 500.0], "(0.71, -0.71) (camera to projector), z up"),
+            ([-30.0, 30.0, 500.0], "(0.71, -0.71) (camera to projector)"),
             ([0.0, 0.0, 400.0], "x, z up"),
         ] {
             let projector = view(position, [0.0; 3]);
@@ -103,7 +113,7 @@ mod tests {
         assert_eq!(Cut::of(None, None).said(), "x, z up");
         let beside = view([40.0, 300.0, 400.0], [0.0; 3]);
         let cut = Cut::of(Some(&tilted), Some(&beside));
-        assert_eq!(cut.said(), "x (camera to projector), tilted by 37°");
+        assert_eq!(cut.said(), "x, tilted by 37°");
         for p in [tilted.position, beside.position, DVec3::ZERO, DVec3::new(30.0, 3.0, 4.0)] {
             assert!((cut.point(cut.flatten(p)) - p).length() < 1e-9, "{p} is not in the cut");
         }

@@ -102,7 +102,7 @@ impl Panel {
     }
 
     /// What is `there` at each pixel.
-    pub fn look(&self, there: impl Fn(DVec2) -> Option<usize>) -> Vec<Option<usize>> {
+    pub fn look(&self, mut there: impl FnMut(DVec2) -> Option<usize>) -> Vec<Option<usize>> {
         (0..PANEL * PANEL).map(|i| there(self.point(i / PANEL, i % PANEL))).collect()
     }
 
@@ -158,6 +158,24 @@ impl Panel {
             }
         }
         hidden
+    }
+
+    /// Dashes around pixels that hold an object which is not in the section.
+    pub fn dash_around(&mut self, holds: &[bool], colour: Colour) {
+        for i in (0..PANEL * PANEL).filter(|&i| holds[i]) {
+            let (row, column) = (i / PANEL, i % PANEL);
+            let inside = [row > 0, row + 1 < PANEL, column > 0, column + 1 < PANEL];
+            let neighbours = [i.wrapping_sub(PANEL), i + PANEL, i.wrapping_sub(1), i + 1];
+            if inside.iter().zip(neighbours).any(|(is, at)| *is && !holds[at]) && is_dash(row, column) {
+                (self.pixels[i], self.lines[i]) = (colour.map(|c| SHADE * c), true);
+            }
+        }
+    }
+
+    /// The corners, mm.
+    pub fn corners(&self) -> [DVec2; 4] {
+        let width = self.mm_per_pixel * PANEL as f64;
+        [DVec2::ZERO, DVec2::X, DVec2::new(1.0, -1.0), DVec2::NEG_Y].map(|corner| self.corner + width * corner)
     }
 
     /// Fields, pinholes, lights, detectors, and the bar of the scale.
@@ -232,8 +250,7 @@ impl Panel {
 
     /// The edge of what another panel shows.
     pub fn frame(&mut self, shown: &Self, colour: Colour) {
-        let width = shown.mm_per_pixel * PANEL as f64;
-        let corners = [DVec2::ZERO, DVec2::X, DVec2::new(1.0, -1.0), DVec2::NEG_Y].map(|c| shown.corner + width * c);
+        let corners = shown.corners();
         for (i, &corner) in corners.iter().enumerate() {
             self.line(corner, corners[(i + 1) % 4], colour, 1);
         }

@@ -50,6 +50,10 @@ fn short(text: &str) -> String {
     text.chars().take(LONGEST - 1).chain(['…']).collect()
 }
 
+fn length([row, column]: [f64; 2]) -> f64 {
+    (row * row + column * column).sqrt()
+}
+
 /// Sums over rectangles of a panel.
 struct Sums(Vec<u32>);
 
@@ -122,7 +126,7 @@ impl Words {
         let Some(place) = self.best(&text, panel, point, free, &|_, edge| edge) else { return };
         let ends = [(point[0], place.0, HEIGHT), (point[1], place.1, width(&text))];
         let end = ends.map(|(at, first, long)| at.clamp(first as f64, (first + long - 1) as f64));
-        if (end[0] - point[0]).hypot(end[1] - point[1]) > NEAR {
+        if length([end[0] - point[0], end[1] - point[1]]) > NEAR {
             panel.lead(end, point, colour);
         }
         self.put(text, place);
@@ -153,7 +157,7 @@ impl Words {
                 let sides = [(point[0], top, HEIGHT), (point[1], left, width)];
                 let centre = sides.map(|(at, first, long)| at - (first as f64 + 0.5 * long as f64));
                 let edge = sides.map(|(at, first, long)| at - at.clamp(first as f64, (first + long) as f64));
-                let cost = cost(centre[0].hypot(centre[1]), edge[0].hypot(edge[1]));
+                let cost = cost(length(centre), length(edge));
                 let cost = cost + OVER_LINE * busy.within(top, left, width) as f64;
                 if best.is_none_or(|(least, _)| cost < least) {
                     best = Some((cost, (top, left)));

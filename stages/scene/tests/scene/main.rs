@@ -236,7 +236,7 @@ fn the_sketch_shows_the_objects() {
             "camera and what it sees: 64 x 64 mm, 500 mm away",
             "projector and what it lights: 128 x 128 mm, 501.2 mm away",
             "dotted from above: the plane of the set-up",
-            "dashed: outlines of what lies below the surface"
+            "dashed: outlines of what lies below the surface, or off the plane"
         ]
     );
     // The whole set-up (540 mm, from the polyp's foot to the camera), the field of the camera (64 mm) and that of the projector (128 mm) with a margin of
