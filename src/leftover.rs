@@ -14,11 +14,16 @@ pub(crate) fn hold(file: &File) {
 }
 
 /// Removes the files in `folder` whose names begin with `prefix` and that no living process writes.
+pub(crate) fn sweep(folder: &Path, prefix: &str) {
+    sweep_those(folder, &|name| name.starts_with(prefix));
+}
+
+/// The same of files that are told by their `names`.
 ///
 /// Best effort: what cannot be removed (another user's) is left.
-pub(crate) fn sweep(folder: &Path, prefix: &str) {
+pub(crate) fn sweep_those(folder: &Path, names: &dyn Fn(&str) -> bool) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
-        let ours = entry.file_name().to_str().is_some_and(|name| name.starts_with(prefix));
+        let ours = entry.file_name().to_str().is_some_and(names);
         if ours && entry.file_type().is_ok_and(|kind| kind.is_file()) && is_dead(&entry.path()) {
             drop(fs::remove_file(entry.path()));
         }

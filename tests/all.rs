@@ -59,6 +59,8 @@ mod metrics;
 mod mismatches;
 #[path = "all/near_normal.rs"]
 mod near_normal;
+#[path = "all/partial.rs"]
+mod partial;
 #[path = "all/people.rs"]
 mod people;
 #[path = "all/phantoms.rs"]

@@ -153,6 +153,7 @@ impl Build {
             simd: simd_level()?,
             keep_states: false,
             memory,
+            live: None,
         };
         let interrupt = Interrupt::listen().map_err(|e| Failure::Failed(format!("signals: {e}")))?;
         let progress = |work: &Work| choose(self.json, work);

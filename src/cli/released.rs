@@ -65,6 +65,7 @@ pub(super) fn make_again(
         simd: simd_level()?,
         keep_states: false,
         memory: None,
+        live: None,
     };
     let interrupt = Interrupt::listen().map_err(|e| Failure::Failed(format!("signals: {e}")))?;
     // On stderr: stdout is what the command was asked for.

@@ -107,6 +107,7 @@ impl Run {
             simd,
             keep_states: true,
             memory,
+            live: Some(outputs.to_owned()),
         };
         let made = Making { resolver: &resolver, outputs, progress: progress.as_ref() }.make(survey, options);
         progress.ended();

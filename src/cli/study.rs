@@ -110,6 +110,7 @@ impl Study {
             simd: simd_level()?,
             keep_states: true,
             memory: budget.as_ref().map(|budget| budget.bytes),
+            live: None,
         };
         let progress =
             |work: &Work| -> Box<dyn Progress> { if self.json { choose(true, work) } else { Box::new(Quiet) } };

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::digest::PartHasher;
+use crate::digest::{Digest, PartHasher};
 use crate::key::axes_text;
 use crate::plan::{InstanceId, Plan, StageId};
 use crate::preview::Caption;
@@ -21,6 +21,18 @@ pub fn caption(
     blob: &Blob,
     set: &[String],
 ) -> Caption {
+    of(plan, id, &record.key, port, set, ("Content", blob.digest.to_string()))
+}
+
+/// The same of what an instance has before it ends; `done`: how much that is.
+pub fn so_far(plan: &Plan, id: InstanceId, key: &Digest, port: &str, set: &[String], done: &str) -> Caption {
+    let caption = of(plan, id, key, port, set, ("So far", done.to_owned()));
+    let words = [format!("so far: {done}"), caption.subtitle].into_iter().filter(|text| !text.is_empty());
+    Caption { subtitle: words.collect::<Vec<_>>().join(" · "), ..caption }
+}
+
+/// `last`: what tells artifacts of one key apart.
+fn of(plan: &Plan, id: InstanceId, key: &Digest, port: &str, set: &[String], last: (&'static str, String)) -> Caption {
     let instance = &plan.instances[id];
     let (pipeline, stage) = (&plan.spec.pipeline, &plan.spec.stages[instance.stage]);
     let facts = [
@@ -32,8 +44,8 @@ pub fn caption(
         ("Axes", axes_text(&instance.axes)),
         ("Port", port.to_owned()),
         ("Overrides", set.join("\n")),
-        ("Key", record.key.to_string()),
-        ("Content", blob.digest.to_string()),
+        ("Key", key.to_string()),
+        last,
     ];
     Caption {
         title: format!("{pipeline} · {} · {port}", plan.label(id)),

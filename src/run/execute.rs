@@ -17,6 +17,7 @@ use crate::store::{Cost, InstanceRecord, PortRecord, Provenance, Recipe, StoreEr
 
 use super::host::InstanceHost;
 use super::inputs::StoredInputs;
+use super::partial::Partial;
 use super::worker::Worker;
 
 /// What became of a running instance.
@@ -73,7 +74,8 @@ fn attempt(worker: Worker<'_>, task: Task) -> Outcome {
         Ok(lent) => lent,
         Err(message) => return Outcome::Failed(message),
     };
-    let host = InstanceHost::new(worker, job, &label, wanted, lent.files.clone(), forced);
+    let partial = worker.options.live.as_deref().and_then(|outputs| Partial::of(plan, id, job.key, outputs));
+    let host = InstanceHost::new(worker, job, &label, wanted, lent.files.clone(), partial, forced);
     let inputs =
         StoredInputs { plan, store, wires: &instance.wires, outputs, kept: worker.kept, damaged: Mutex::new(None) };
     let started = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());

@@ -10,12 +10,13 @@ use std::time::{Duration, Instant};
 use cpu_time::ThreadTime;
 use rayon::prelude::*;
 use serde_json::Value;
-use turbid_contract::{Files, Host};
+use turbid_contract::{Artifact, Files, Host};
 
 use crate::digest::Digest;
 use crate::panics::lock;
 use crate::resolve::Keyed;
 
+use super::partial::Partial;
 use super::worker::Worker;
 
 /// Between checkpoints of one instance.
@@ -34,6 +35,10 @@ pub struct InstanceHost<'a> {
     own: (ThreadId, Duration),
     /// CPU time spent in tiles, on any thread.
     tile_cpu_ns: AtomicU64,
+    /// That of the stage's own thread that went into live pictures: nobody's work.
+    picture_cpu_ns: AtomicU64,
+    /// Live pictures, where somebody may look at them.
+    partial: Option<Partial<'a>>,
     /// Whether the stage asked the clock, and whether the clock told it to stop.
     asked_the_clock: AtomicBool,
     time_was_up: AtomicBool,
@@ -67,6 +72,7 @@ impl<'a> InstanceHost<'a> {
         label: &'a str,
         wanted: &'a BTreeSet<&'static str>,
         files: Files,
+        partial: Option<Partial<'a>>,
         from_the_start: bool,
     ) -> Self {
         Self {
@@ -78,6 +84,8 @@ impl<'a> InstanceHost<'a> {
             began: Instant::now(),
             own: (thread::current().id(), ThreadTime::now().as_duration()),
             tile_cpu_ns: AtomicU64::new(0),
+            picture_cpu_ns: AtomicU64::new(0),
+            partial,
             asked_the_clock: AtomicBool::new(false),
             time_was_up: AtomicBool::new(false),
             reached: Mutex::default(),
@@ -155,7 +163,8 @@ impl<'a> InstanceHost<'a> {
         let tiles = Duration::from_nanos(self.tile_cpu_ns.load(Ordering::Relaxed));
         let (thread, began) = self.own;
         let here = thread::current().id() == thread;
-        let own = if here { ThreadTime::now().as_duration().saturating_sub(began) } else { Duration::ZERO };
+        let pictures = Duration::from_nanos(self.picture_cpu_ns.load(Ordering::Relaxed));
+        let own = if here { ThreadTime::now().as_duration().saturating_sub(began + pictures) } else { Duration::ZERO };
         (own + tiles).as_secs_f64() + *lock(&self.resumed_cpu_s)
     }
 
@@ -209,6 +218,15 @@ impl Host for InstanceHost<'_> {
 
     fn progress(&self, done: f64, total: Option<f64>, unit: &str) {
         self.worker.progress.advanced(self.label, done, total, unit);
+    }
+
+    fn partial(&self, port: &str, done: (f64, Option<f64>, &str), so_far: &dyn Fn() -> Option<Artifact>) {
+        let Some(partial) = &self.partial else { return };
+        let began = ThreadTime::now();
+        partial.offer(port, done, so_far);
+        if thread::current().id() == self.own.0 {
+            self.picture_cpu_ns.fetch_add(began.elapsed().as_nanos() as u64, Ordering::Relaxed);
+        }
     }
 
     fn measure(&self, name: &str, value: f64, unit: &str) {

@@ -10,10 +10,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use turbid_contract::ArtifactKind;
 use turbid_contract::payload::is_pictured;
-use turbid_contract::{ArtifactKind, Axes};
 
-use crate::key::axes_text;
 use crate::plan::{InstanceId, PREVIEW_INSTANCES, Plan, StageId};
 use crate::preview::{self, Caption};
 use crate::spec::SourceFile;
@@ -22,6 +21,8 @@ use crate::store::{Blob, InstanceRecord, PortRecord, Store, StoreError, extensio
 use super::Summary;
 use super::caption::{self, caption, fingerprint};
 pub use super::name::file_name;
+use super::name::place;
+use super::partial;
 pub use export_line::Command;
 use links::{Entry, LINKS, Links, current, read_small};
 use list::List;
@@ -86,7 +87,10 @@ pub fn publish(plan: &Plan, store: &Store, summary: &Summary, outputs: &Path) ->
         }
         for (id, record) in records {
             let place = place(&plan.spec.stages[stage].name, &plan.instances[id].axes);
-            for (port, described) in &record.ports {
+            // A record may hold an output that an older turbid had.
+            let known = |port: &str| plan.outputs(stage).iter().any(|output| output.name == port);
+            for (port, described) in record.ports.iter().filter(|(port, _)| known(port)) {
+                partial::sweep(&folder.join(&place), port);
                 filling.port(&place, port, described, &caption(plan, id, record, port, &described.blob, set))?;
             }
         }
@@ -255,10 +259,4 @@ impl<'a> Files<'a> {
         let path = self.folder.join(path);
         current(entry, &path, length).map(|_| path)
     }
-}
-
-/// `stage` or `stage/axes`.
-fn place(stage: &str, axes: &Axes) -> String {
-    let axes = axes_text(axes);
-    if axes.is_empty() { file_name(stage) } else { format!("{}/{}", file_name(stage), file_name(&axes)) }
 }

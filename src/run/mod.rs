@@ -13,6 +13,7 @@ pub mod latest;
 pub mod log;
 mod name;
 mod options;
+mod partial;
 pub mod progress;
 mod schedule;
 mod state;

@@ -2,7 +2,10 @@
 
 use std::path::Path;
 
+use turbid_contract::Axes;
+
 use crate::digest::Digest;
+use crate::key::axes_text;
 
 /// Bytes of the text that are kept; the longest name is 9 longer.
 const MOST: usize = 200;
@@ -28,6 +31,12 @@ pub fn file_name_of(path: &Path) -> String {
         return file_name(&text(path.file_name()));
     }
     format!("{}.{ending}", file_name(&stem))
+}
+
+/// Where files of an instance lie in the folder of its pipeline: `stage` or `stage/axes`.
+pub fn place(stage: &str, axes: &Axes) -> String {
+    let axes = axes_text(axes);
+    if axes.is_empty() { file_name(stage) } else { format!("{}/{}", file_name(stage), file_name(&axes)) }
 }
 
 #[cfg(test)]

@@ -1,5 +1,7 @@
 //! How to run.
 
+use std::path::PathBuf;
+
 use crate::plan::StageId;
 
 /// How to run.
@@ -19,6 +21,8 @@ pub struct Options {
     pub keep_states: bool,
     /// Bytes of memory that instances may take together; `None` where nobody knows.
     pub memory: Option<u64>,
+    /// The outputs folder, below whose `latest` pictures of what runs are drawn meanwhile; `None` where nobody looks at single ones.
+    pub live: Option<PathBuf>,
 }
 
 #[cfg(test)]
@@ -26,6 +30,6 @@ impl Options {
     /// What the tests of this folder run with.
     pub fn of_tests(jobs: usize) -> Self {
         let (force, simd) = (Vec::new(), String::new());
-        Self { jobs, keep_going: true, force, replace: false, simd, keep_states: true, memory: None }
+        Self { jobs, keep_going: true, force, replace: false, simd, keep_states: true, memory: None, live: None }
     }
 }

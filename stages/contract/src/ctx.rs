@@ -5,6 +5,7 @@ use std::sync::{Arc, OnceLock};
 
 use serde_json::Value;
 
+use crate::artifact::Artifact;
 use crate::error::Error;
 
 /// The engine's side of [`Ctx`]. All methods may be called from any thread.
@@ -21,6 +22,10 @@ pub trait Host: Sync {
     fn reached(&self, _params: &[(&str, Value)]) {}
     /// `done` of `total` units of work; `None` where the total is unknown.
     fn progress(&self, done: f64, total: Option<f64>, unit: &str);
+    /// Shows people what there is so far of the output `port`, at the same `done`, `total` and unit as [`progress`](Self::progress). `so_far` is called
+    /// on this thread if somebody may look and the last picture is old enough for its cost; it may leave out what is dear to make, such as
+    /// standard errors. No result depends on whether it was called.
+    fn partial(&self, _port: &str, _done: (f64, Option<f64>, &str), _so_far: &dyn Fn() -> Option<Artifact>) {}
     /// A figure for the record (never for an output). One named `error: WHAT` stands in the summary of a run, with its unit: of each unit the first
     /// that is measured. One named `unknown: THINGS` stands there too: of how many of them nothing is known, and so no error.
     fn measure(&self, name: &str, value: f64, unit: &str);

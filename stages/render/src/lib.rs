@@ -68,6 +68,7 @@ mod referenced;
 mod rig;
 mod scout;
 mod shown;
+mod so_far;
 mod stage;
 mod state;
 mod tail;

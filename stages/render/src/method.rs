@@ -15,6 +15,8 @@ use crate::reference::{References, no_stand_in, references};
 use crate::referenced::{Images, Referenced};
 use crate::rig::Rig;
 use crate::shown::Shown;
+use crate::so_far::SoFar;
+use crate::state::State;
 use crate::tail::{brightness, expected_kurtosis, kurtosis};
 use crate::trace::{Sums, Task, trace};
 use crate::uniform::obstacle;
@@ -108,9 +110,10 @@ pub fn sums(
     shown: &Shown,
     ctx: Ctx<'_>,
 ) -> Result<Traced, Error> {
+    let so_far = SoFar { scene, rig, shown };
     match taken {
-        Taken::Path { .. } => pixels(params, rig, shown, None, ctx),
-        Taken::Fit => fit(params, rig, shown, (0, true), ctx),
+        Taken::Path { .. } => pixels(params, so_far, None, ctx),
+        Taken::Fit => fit(params, rig, shown, (0, Some(so_far)), ctx),
         Taken::Rte { bound } => {
             ctx.measure("bound of a frame's error", 100.0 * bound, "%");
             let solved = PlaneWave::all(scene, rig, &shown.carriers)?;
@@ -126,20 +129,15 @@ pub fn sums(
         }
         Taken::Reference { .. } => {
             let stand_ins = references(scene, rig, params.target_error.map(|t| t.0))?;
-            let Some(stand_ins) = stand_ins else { return pixels(params, rig, shown, None, ctx) };
-            pixels(params, rig, shown, Some(stand_ins), ctx)
+            let Some(stand_ins) = stand_ins else { return pixels(params, so_far, None, ctx) };
+            pixels(params, so_far, Some(stand_ins), ctx)
         }
     }
 }
 
 /// Every pixel by its own paths, perhaps beside stand-ins.
-fn pixels(
-    params: &Params,
-    rig: &Rig,
-    shown: &Shown,
-    beside: Option<References>,
-    ctx: Ctx<'_>,
-) -> Result<Traced, Error> {
+fn pixels(params: &Params, so_far: SoFar<'_>, beside: Option<References>, ctx: Ctx<'_>) -> Result<Traced, Error> {
+    let SoFar { rig, shown, .. } = so_far;
     let pixels: Vec<u32> = (0..rig.camera.pixels() as u32).collect();
     let judge = OfPixels::new(rig, shown, beside.as_ref(), params.allocate);
     let task = Task {
@@ -153,6 +151,7 @@ fn pixels(
         first_test: FIRST_TEST,
         allocate: params.allocate,
         judge: &judge,
+        so_far: Some(&|state: &State, paths: &[u32]| Some(so_far.of_pixels(state, paths))),
     };
     let Sums { mut channels, samples: n, paths, beside: taken, flights } = trace(&task, ctx)?;
     let flights = flights.iter().sum();
@@ -166,15 +165,22 @@ fn pixels(
         let samples = Some(n.max(FIRST_TEST).saturating_mul(FIT_PATHS));
         let enough = Params { samples, target_error: None, max_seconds: None, ..params.clone() };
         let images = stand_ins.references.iter().zip(1..);
-        let images = images.map(|(r, salt)| fit(&enough, &r.plain, shown, (salt, false), ctx));
+        let images = images.map(|(r, salt)| fit(&enough, &r.plain, shown, (salt, None), ctx));
         Ok::<_, Error>(Beside { images: images.collect::<Result<_, _>>()?, stand_ins })
     });
     let beside = beside.transpose()?;
     Ok(Traced { channels, n, paths, lattice: None, beside, flights, solved: Vec::new() })
 }
 
-/// A lattice of pixels, to fit a smooth image to; `salt` and `kept` as in [`Task`].
-fn fit(params: &Params, rig: &Rig, shown: &Shown, (salt, kept): (u64, bool), ctx: Ctx<'_>) -> Result<Traced, Error> {
+/// A lattice of pixels, to fit a smooth image to; `salt` as in [`Task`]. What is there so far is shown, and kept for a longer run, where it is an image of
+/// the scene itself.
+fn fit(
+    params: &Params,
+    rig: &Rig,
+    shown: &Shown,
+    (salt, so_far): (u64, Option<SoFar<'_>>),
+    ctx: Ctx<'_>,
+) -> Result<Traced, Error> {
     let camera = &rig.camera;
     let lattice = Lattice::over(camera.columns, camera.rows);
     let pixels = lattice.pixels(camera.columns);
@@ -182,8 +188,21 @@ fn fit(params: &Params, rig: &Rig, shown: &Shown, (salt, kept): (u64, bool), ctx
     let judge = OfFit { rig, shown, lattice: &lattice };
     // Its error is that of a few coefficients, which all pixels share.
     let allocate = Allocate::Even;
-    let task =
-        Task { params, rig, shown, pixels: &pixels, beside: None, salt, kept, first_test, allocate, judge: &judge };
+    let kept = so_far.is_some();
+    let picture = |state: &State, _: &[u32]| so_far.and_then(|so_far| so_far.of_fit(state, &lattice));
+    let task = Task {
+        params,
+        rig,
+        shown,
+        pixels: &pixels,
+        beside: None,
+        salt,
+        kept,
+        first_test,
+        allocate,
+        judge: &judge,
+        so_far: kept.then_some(&picture),
+    };
     let Sums { channels, samples: n, flights, .. } = trace(&task, ctx)?;
     let flights = flights.iter().sum();
     Ok(Traced { channels, n, paths: Vec::new(), lattice: Some(lattice), beside: None, flights, solved: Vec::new() })

@@ -113,6 +113,7 @@ fn walk(
         first_test: u32::MAX,
         allocate: Allocate::Even,
         judge,
+        so_far: None,
     };
     let sums = trace(&task, ctx).ok()?;
     let count = pixels.len() as f64;

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use turbid_contract::{Ctx, Error};
+use turbid_contract::{Artifact, Ctx, Error};
 use turbid_optics::philox;
 
 use crate::allocation;
@@ -16,6 +16,7 @@ use crate::reference::References;
 use crate::rig::Rig;
 use crate::setting::{Nee, Setting};
 use crate::shown::Shown;
+use crate::so_far::is_due;
 use crate::state::State;
 use crate::walker::Walker;
 
@@ -51,6 +52,8 @@ pub struct Task<'a> {
     pub first_test: u32,
     pub allocate: Allocate,
     pub judge: &'a dyn Judge,
+    /// What there is of the frames, for people who look on: of a state and the paths of each pixel.
+    pub so_far: Option<&'a (dyn Fn(&State, &[u32]) -> Option<Artifact> + Sync)>,
 }
 
 /// What is made of sums while they grow: of those of all channels, and the paths of each pixel.
@@ -129,6 +132,7 @@ pub fn trace(task: &Task<'_>, ctx: Ctx<'_>) -> Result<Sums, Error> {
         let until = if task.beside.is_some() && state.samples < PILOT { until.min(PILOT) } else { until };
         let most = (ROUND / (task.pixels.len() * task.fields())).max(1) as u32 * BATCH;
         let until = until.min(state.samples.saturating_add(most));
+        let before = state.samples;
         match job.round(&mut state, until) {
             Ok(ways) => given_up += ways,
             Err(interrupted) => {
@@ -143,7 +147,11 @@ pub fn trace(task: &Task<'_>, ctx: Ctx<'_>) -> Result<Sums, Error> {
             // Where nothing is lit there is nothing to wait for.
             state.history.push((state.samples, error.unwrap_or(0.0)));
         }
-        ctx.progress(f64::from(state.samples), params.samples.map(f64::from), "paths per pixel");
+        let done = (f64::from(state.samples), params.samples.map(f64::from), "paths per pixel");
+        ctx.progress(done.0, done.1, done.2);
+        if let Some(so_far) = task.so_far.filter(|_| is_due(before, state.samples, BATCH) && state.samples < whole) {
+            ctx.partial("frames", done, &|| so_far(&state, &task.paths(&state)));
+        }
         if task.kept && ctx.checkpoint_is_due() {
             keep(&state, ctx);
         }

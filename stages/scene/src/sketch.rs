@@ -1,7 +1,8 @@
-//! The preview: the scene from above, in a vertical section, and as a whole, with camera, projector and their fields.
+//! The sketch: the set-up to scale with camera, projector, their axes and fields; what they look at, enlarged; the scene from above.
 
 mod cut;
 mod panel;
+mod words;
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -17,7 +18,8 @@ use turbid_optics::view::{Lens, View};
 
 use crate::assemble::{Placed, is_void, object_at, placed};
 use cut::Cut;
-use panel::{BAR_COLOUR, BAR_LEFT, BAR_ROW, Colour, Columns, Ink, PANEL, Panel};
+use panel::{BAR_COLOUR, BAR_LEFT, BAR_ROW, Colour, Columns, Ink, PANEL, Panel, Seen};
+use words::{Word, Words};
 
 const GAP: usize = 8;
 /// Rows over the panels for their titles.
@@ -27,8 +29,14 @@ const HEAD: usize = 24;
 const EDGE_STEPS: u32 = 16;
 /// Objects up to so many times as wide as the fields are shown whole beside them.
 const WIDE: f64 = 4.0;
-/// The whole set-up has a panel of its own where it is so many times as large as the fields.
+/// What the camera sees has a panel of its own where the whole set-up is so many times as large.
 const LARGE: f64 = 1.5;
+
+/// Pixels around a pinhole that no name may cover.
+const CROSS: usize = 7;
+/// Objects with fewer pixels in a panel have no name there, and no panel has more names.
+const LEAST_NAMED: usize = 12;
+const MOST_NAMED: usize = 10;
 
 const HEAD_COLOUR: Colour = [1.0; 3];
 const GAP_COLOUR: Colour = [0.75, 0.75, 0.75];
@@ -75,9 +83,9 @@ fn origin<'a>(name: &'a String, scattered: &'a BTreeMap<String, String>) -> &'a 
     scattered.get(name).unwrap_or(name)
 }
 
-/// Side by side, the first two at one scale: from above (x to the right, y up), with dashed outlines of what lies below; a vertical section
-/// along the line from camera to projector; the whole set-up in that section, where it is much larger than what camera and projector see.
-/// `scattered` tells of which object a body is one of many: they share a colour and a line of the legend.
+/// Side by side: the set-up to scale, in the plane that holds camera and projector, with their fields and optical axes; where it is much larger than
+/// what the camera sees, that part of it as an inset, with the names of the media; the scene from above (x to the right, y up), with dashed outlines of
+/// what lies below. `scattered` tells of which object a body is one of many: they share a colour and a line of the legend.
 pub fn sketch(scene: &Scene, scattered: &BTreeMap<String, String>) -> Preview {
     let colours = Colours::new(scene, scattered);
     let camera = scene.camera.as_ref().and_then(|c| camera_view(c).ok());
@@ -87,50 +95,155 @@ pub fn sketch(scene: &Scene, scattered: &BTreeMap<String, String>) -> Preview {
         camera.map(|v| (v, CAMERA)).into_iter().chain(projector.map(|v| (v, PROJECTOR))).collect();
     let lamps = lamps(scene);
     let objects = placed(scene);
-    let (whole, near) = (everything(&objects, &views, &lamps, scene), seen(&objects, &views, scene));
+    let whole = everything(&objects, &views, &lamps, scene);
+    let (near, nearest) = (seen(&objects, &views, scene), seen(&objects, &views[..views.len().min(1)], scene));
     let far = 4.0 * span(&whole).1.max_element();
+    let seen = |(view, colour): &(View, Colour)| Seen {
+        edge: edge(view),
+        pinhole: view.position,
+        look_at: view.look_at,
+        colour: *colour,
+    };
     let ink = Ink {
-        views: views.iter().map(|(view, colour)| (edge(view), view.position, *colour)).collect(),
+        views: views.iter().map(seen).collect(),
         lamps: lamps.iter().map(|&(from, to)| (from, to, LAMP)).collect(),
         detectors: scene.detectors.values().map(|d| (outline(d, far), DETECTOR)).collect(),
     };
     let above = |p: DVec3| DVec2::new(p.x, p.y);
     let beside = |p: DVec3| cut.flatten(p);
-    let in_section = |p: DVec2| {
-        let seen = object_at(&objects, cut.point(p)).filter(|&i| !is_void(scene, objects[i].object));
-        seen.map(|i| colours.of(i))
-    };
     let widest = |points: &[DVec3]| flat_span(points, above).1.max(flat_span(points, beside).1);
-    let split = !near.is_empty() && LARGE * widest(&near) < widest(&whole);
-    let (shown, width) = if split { (&near, widest(&near)) } else { (&whole, widest(&whole)) };
+    let section = Section { scene, objects: &objects, colours: &colours, cut: &cut, scattered };
 
+    let inset = (!nearest.is_empty() && LARGE * widest(&nearest) < flat_span(&whole, beside).1)
+        .then(|| Panel::around(flat_span(&nearest, beside).0, widest(&nearest)));
+    // With the whole frame.
+    let framed = inset.iter().flat_map(|inset| inset.corners()).map(|corner| cut.point(corner));
+    let (middle, width) = flat_span(&whole.iter().copied().chain(framed).collect::<Vec<_>>(), beside);
+    let mut panels = Vec::new();
+    let mut set_up = Panel::around(middle, width);
+    let there = section.fill(&mut set_up).0;
+    set_up.draw(&ink, beside);
+    let mut words = Words::new(&set_up.bar_text());
+    if let Some(inset) = &inset {
+        set_up.frame(inset, CUT_COLOUR);
+    }
+    let pinholes = ink.views.iter().filter_map(|view| Some((set_up.pixel(beside(view.pinhole))?, view.colour)));
+    let pinholes: Vec<([usize; 2], Colour)> = pinholes.collect();
+    for ([row, column], _) in &pinholes {
+        words.take(row.saturating_sub(CROSS), column.saturating_sub(CROSS), 2 * CROSS + 1, 2 * CROSS + 1);
+    }
+    for (at, colour) in pinholes {
+        let text = if colour == CAMERA { "camera" } else { "projector" };
+        words.name_point(text, &mut set_up, colour, at, &|_| true);
+    }
+    let mut dashed = false;
+    if let Some(mut inset) = inset {
+        panels.push((set_up, format!("set-up to scale, along {}", cut.said()), words.placed));
+        let (mut there, has_dashes) = section.fill(&mut inset);
+        let behind = section.dash_off_plane(&there, &mut inset);
+        dashed |= !behind.is_empty();
+        inset.draw(&ink, beside);
+        for (object, holds) in behind {
+            there.iter_mut().zip(holds).filter(|(_, holds)| *holds).for_each(|(there, _)| *there = Some(object));
+        }
+        let words = Words::new(&inset.bar_text());
+        let words = section.name(&there, &mut inset, words);
+        panels.push((inset, "inset: the framed part of it".to_owned(), words));
+        dashed |= has_dashes;
+    } else {
+        let words = section.name(&there, &mut set_up, words);
+        panels.push((set_up, format!("set-up to scale, along {}", cut.said()), words));
+    }
+
+    let large = near.is_empty() || LARGE * widest(&near) >= widest(&whole);
+    let (shown, width) = if large { (&whole, widest(&whole)) } else { (&near, widest(&near)) };
     let mut top = Panel::around(flat_span(shown, above).0, width);
     let columns = Columns::below(&top, scene, &objects, span(&whole).1.z + width);
-    let hidden = top.fill_from_above(&columns, |i| colours.of(i));
+    dashed |= top.fill_from_above(&columns, |i| colours.of(i));
     let ends = [-1.0, 1.0].map(|side| above(cut.point(cut.flatten(cut.through) + DVec2::X * side * 2.0 * width)));
     top.line(ends[0], ends[1], CUT_COLOUR, 4);
     top.draw(&ink, above);
-
-    let mut section = Panel::around(flat_span(shown, beside).0, width);
-    section.fill(in_section);
-    section.draw(&ink, beside);
-
-    let mut panels = vec![
-        (top, "from above: x to the right, y up".to_owned()),
-        (section, format!("section along {}, z up", cut.said())),
-    ];
-    if split {
-        let (middle, width) = flat_span(&whole, beside);
-        let mut all = Panel::around(middle, width);
-        all.fill(in_section);
-        all.draw(&ink, beside);
-        panels.push((all, "the whole set-up in that section".to_owned()));
-    }
-    Preview(stack(&panels, legend(scene, scattered, &colours, hidden)))
+    panels.push((top, "from above: x to the right, y up".to_owned(), Vec::new()));
+    Preview(stack(&panels, legend(scene, scattered, &colours, dashed)))
 }
 
-/// The panels side by side, with their titles and the lengths of their bars.
-fn stack(panels: &[(Panel, String)], legend: Value) -> ImageStack {
+/// The objects as the plane of the cut shows them.
+struct Section<'a> {
+    scene: &'a Scene,
+    objects: &'a [Placed<'a>],
+    colours: &'a Colours,
+    cut: &'a Cut,
+    scattered: &'a BTreeMap<String, String>,
+}
+
+impl Section<'_> {
+    /// Colours a panel; what is there, and whether something of it is dashed.
+    fn fill(&self, panel: &mut Panel) -> (Vec<Option<usize>>, bool) {
+        let object = |i: usize| self.objects[i].object;
+        let there =
+            panel.look(|p| object_at(self.objects, self.cut.point(p)).filter(|&i| !is_void(self.scene, object(i))));
+        let dashed = panel.fill_section(&there, |i| self.colours.of(i), |a, b| object(a).priority > object(b).priority);
+        (there, dashed)
+    }
+
+    /// Dashes around finite objects that the plane misses, as they look from across it; the pixels of each.
+    fn dash_off_plane(&self, there: &[Option<usize>], panel: &mut Panel) -> Vec<(usize, Vec<bool>)> {
+        let (normal, mut stays, mut found) = (self.cut.normal(), Vec::new(), Vec::new());
+        for (object, placed) in self.objects.iter().enumerate() {
+            let (low, high) = placed.solid.bounds();
+            let finite = low.is_finite() && high.is_finite() && !is_void(self.scene, placed.object);
+            if !finite || there.contains(&Some(object)) {
+                continue;
+            }
+            let (middle, radius) = (0.5 * (low + high), 0.5 * low.distance(high));
+            let flat = self.cut.flatten(middle);
+            let holds = panel.look(|at| {
+                if at.distance(flat) > radius {
+                    return None;
+                }
+                let p = self.cut.point(at);
+                let from = p + ((middle - p).dot(normal) - 1.5 * radius) * normal;
+                stays.clear();
+                placed.solid.cut(from, normal, None, &mut stays);
+                (!stays.is_empty()).then_some(object)
+            });
+            let holds: Vec<bool> = holds.iter().map(Option::is_some).collect();
+            if holds.contains(&true) {
+                panel.dash_around(&holds, self.colours.of(object));
+                found.push((object, holds));
+            }
+        }
+        found
+    }
+
+    /// Writes what each object is made of, the smallest first; opaque ones by their own name. Of scattered bodies one stands for all.
+    fn name(&self, there: &[Option<usize>], panel: &mut Panel, mut words: Words) -> Vec<Word> {
+        let mut sizes = vec![0; self.objects.len()];
+        there.iter().flatten().for_each(|&object| sizes[object] += 1);
+        let named = |object: usize| {
+            let Placed { name, object, .. } = &self.objects[object];
+            object.medium.as_deref().unwrap_or(name)
+        };
+        let mut largest: BTreeMap<(&str, &str), usize> = BTreeMap::new();
+        for object in (0..self.objects.len()).filter(|&object| sizes[object] >= LEAST_NAMED) {
+            let origin =
+                self.scattered.get(self.objects[object].name).map_or(self.objects[object].name, String::as_str);
+            let known = largest.entry((origin, named(object))).or_insert(object);
+            if sizes[object] > sizes[*known] {
+                *known = object;
+            }
+        }
+        let mut order: Vec<usize> = largest.into_values().collect();
+        order.sort_by_key(|&object| (sizes[object], object));
+        for object in order.into_iter().rev().take(MOST_NAMED).rev() {
+            words.name(named(object), panel, BAR_COLOUR, &|i| there[i] == Some(object));
+        }
+        words.placed
+    }
+}
+
+/// The panels side by side, with their titles, names and the lengths of their bars.
+fn stack(panels: &[(Panel, String, Vec<Word>)], legend: Value) -> ImageStack {
     let columns = panels.len() * (PANEL + GAP) - GAP;
     let mut stack = ImageStack::new(HEAD + PANEL, columns);
     for (channel, name) in ["red", "green", "blue"].into_iter().enumerate() {
@@ -144,13 +257,12 @@ fn stack(panels: &[(Panel, String)], legend: Value) -> ImageStack {
         });
         stack.push(LayerInfo::value(name, "1"), data);
     }
-    let words = panels.iter().enumerate().flat_map(|(k, (panel, title))| {
-        let (left, (length, _)) = (k * (PANEL + GAP), panel.bar());
-        [
-            json!({"text": title, "row": HEAD - 7, "column": left + 8}),
-            json!({"text": format!("{length} mm"), "row": HEAD + BAR_ROW - 6, "column": left + BAR_LEFT}),
-        ]
+    let words = panels.iter().enumerate().flat_map(|(k, (panel, title, words))| {
+        let left = k * (PANEL + GAP);
+        let own = [(title.clone(), HEAD - 7, left + 8), (panel.bar_text(), HEAD + BAR_ROW - 6, left + BAR_LEFT)];
+        own.into_iter().chain(words.iter().map(move |(text, row, column)| (text.clone(), HEAD + row, left + column)))
     });
+    let words = words.map(|(text, row, column)| json!({"text": text, "row": row, "column": column}));
     stack.attributes.insert("labels".into(), words.collect());
     stack.attributes.insert("legend".into(), legend);
     stack
@@ -177,13 +289,29 @@ fn legend(scene: &Scene, scattered: &BTreeMap<String, String>, colours: &Colours
         objects.map(|(i, (name, o))| (said(origin(name, scattered), o.medium.as_ref()), colours.of(i))).collect();
     let mut told = BTreeSet::new();
     entries.retain(|(text, _)| told.insert(text.clone()));
-    entries.extend(scene.camera.iter().map(|_| ("camera and what it sees".to_owned(), CAMERA)));
-    entries.extend(scene.projector.iter().map(|_| ("projector and what it lights".to_owned(), PROJECTOR)));
+    let camera = scene.camera.as_ref().map(|c| ("camera and what it sees", c.field, c.position, c.look_at, CAMERA));
+    let projector = scene.projector.as_ref();
+    let projector = projector.map(|p| ("projector and what it lights", p.field, p.position, p.look_at, PROJECTOR));
+    for (what, [x, y], position, look_at, colour) in camera.into_iter().chain(projector) {
+        let away = DVec3::from(position).distance(look_at.into());
+        entries.push((format!("{what}: {} x {} mm, {} mm away", round(x), round(y), round(away)), colour));
+    }
     entries.extend((!scene.lights.is_empty()).then(|| ("steady lights".to_owned(), LAMP)));
     entries.extend((!scene.detectors.is_empty()).then(|| ("detectors".to_owned(), DETECTOR)));
-    entries.push(("dotted: where the section is cut".to_owned(), CUT_COLOUR));
-    entries.extend(hidden.then(|| ("dashed: outlines of what lies below the surface".to_owned(), BAR_COLOUR)));
+    entries.push(("dotted from above: the plane of the set-up".to_owned(), CUT_COLOUR));
+    entries.extend(
+        hidden.then(|| ("dashed: outlines of what lies below the surface, or off the plane".to_owned(), BAR_COLOUR)),
+    );
     entries.into_iter().map(|(text, colour)| json!({"text": text, "colour": colour})).collect()
+}
+
+/// To 4 digits.
+fn round(mm: f64) -> f64 {
+    if mm == 0.0 || !mm.is_finite() {
+        return mm;
+    }
+    let unit = libm::exp10(libm::floor(libm::log10(mm.abs())) - 3.0);
+    if unit < 1.0 { (mm / unit).round() / (1.0 / unit).round() } else { (mm / unit).round() * unit }
 }
 
 /// The middles of detectors, lights, pinholes, the corners of the fields, and finite objects; of infinite ones the highest point.

@@ -24,7 +24,7 @@ out_ports! {
     pub struct Out {
         /// Media, objects, camera and projector in mm and mm^-1.
         scene: one Scene,
-        /// Top and side view of the set-up with the fields of camera and projector.
+        /// The set-up to scale, with axes and fields of camera and projector; what they look at, enlarged; the view from above.
         preview: preview Preview,
     }
 }

@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use serde_json::Value;
 
+use crate::artifact::Artifact;
 use crate::ctx::Host;
 use crate::file::Files;
 
@@ -31,6 +32,10 @@ pub struct MemoryHost {
     pub checkpoints: Mutex<BTreeMap<u64, Vec<u8>>>,
     /// The stopping params that the stage says it reached.
     pub reached: Mutex<BTreeMap<String, Value>>,
+    /// Whether somebody looks on: then whatever a stage shows of an output meanwhile is kept below.
+    pub looks_on: bool,
+    /// Output, units of work done, and what there was.
+    pub seen: Mutex<Vec<(String, f64, Artifact)>>,
 }
 
 impl MemoryHost {
@@ -76,6 +81,11 @@ impl Host for MemoryHost {
         *open(&self.reached) = params.iter().map(|(name, value)| ((*name).to_owned(), value.clone())).collect();
     }
     fn progress(&self, _: f64, _: Option<f64>, _: &str) {}
+    fn partial(&self, port: &str, (done, ..): (f64, Option<f64>, &str), so_far: &dyn Fn() -> Option<Artifact>) {
+        if self.looks_on {
+            open(&self.seen).extend(so_far().map(|artifact| (port.to_owned(), done, artifact)));
+        }
+    }
     fn measure(&self, name: &str, value: f64, _: &str) {
         assert!(value.is_finite(), "measure {name} = {value}");
         open(&self.measures).insert(name.to_owned(), value);

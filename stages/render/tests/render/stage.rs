@@ -4,7 +4,7 @@ use std::sync::Mutex;
 
 use serde_json::{Value, json};
 use turbid_contract::payload::{Medium, Payload, Scene, Shape, Surface};
-use turbid_contract::{ImageStack, Known, LayerKind, Problem, Problems, StageRow};
+use turbid_contract::{Artifact, ImageStack, Known, LayerKind, Problem, Problems, StageRow};
 use turbid_render::RenderStage;
 
 use crate::setup::*;
@@ -312,4 +312,39 @@ fn plan_says_what_is_left_out() {
     assert!(plan.needs.iter().any(|n| n == "several media"));
     assert!(plan.left_out.iter().any(|n| n == "BVH") && plan.left_out.iter().any(|n| n == "Lambertian surfaces"));
     assert!(plan.seconds.unwrap() > 0.0 && plan.bytes.unwrap() > 0);
+}
+
+/// What is shown of a render meanwhile: the frames of a shorter one where pixels have paths of their own or share a fit, without standard errors;
+/// beside stand-ins something like them. It changes nothing.
+#[test]
+fn what_there_is_so_far_is_shown() {
+    let slab = || scene(&[("m", medium(0.1, 4.0, 0.8))], vec![object(FLOOR, "m", 0)], rig(200.0, 20.0, 16.0, 20, 60.0));
+    for (scene, more, near) in [
+        (ball_on_slab(20), json!({"method": "path"}), 1e-6),
+        (ball_on_slab(20), json!({"method": "path", "allocate": "adaptive"}), 1e-6),
+        (ball_on_slab(20), json!({}), 0.2),
+        (slab(), json!({"method": "fit"}), 1e-6),
+    ] {
+        let params = |samples: u32| {
+            let mut params = json!({"f_x": [0, 0.1], "samples": samples});
+            params.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+            params
+        };
+        let host = MemoryHost { looks_on: true, ..MemoryHost::new(4, &[], 1) };
+        let watched = run_on(&host, &scene, &params(200)).unwrap();
+        assert_eq!(watched, run_on(&MemoryHost::new(4, &[], 1), &scene, &params(200)).unwrap());
+        let seen = host.seen.into_inner().unwrap();
+        let (port, done, Artifact::Images(last)) = seen.last().expect("something was shown") else { panic!("images") };
+        assert_eq!((port.as_str(), *done), ("frames", 128.0));
+        let shorter = run_on(&MemoryHost::new(4, &[], 1), &scene, &params(128)).unwrap();
+        let shorter = &shorter.iter().find(|port| port.0 == "frames").unwrap().1;
+        assert_eq!(last.pixel_pitch_mm(), shorter.pixel_pitch_mm());
+        let values = shorter.layers.iter().filter(|layer| layer.info.kind == LayerKind::Value);
+        assert_eq!(last.layers.len(), values.clone().count());
+        for (shown, made) in last.layers.iter().zip(values) {
+            let apart = shown.data.iter().zip(&made.data).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>();
+            let size = made.data.iter().map(|v| f64::from(*v).powi(2)).sum::<f64>();
+            assert!(apart <= near * near * size, "{more}: {apart} of {size}");
+        }
+    }
 }

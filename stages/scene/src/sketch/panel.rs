@@ -27,11 +27,19 @@ pub type Line = (DVec3, DVec3);
 
 /// Lines and crosses over the objects.
 pub struct Ink {
-    /// Edge of the field with where the ray to each of its points comes from, and the pinhole.
-    pub views: Vec<(Vec<Line>, DVec3, Colour)>,
+    pub views: Vec<Seen>,
     /// From where to where.
     pub lamps: Vec<(DVec3, DVec3, Colour)>,
     pub detectors: Vec<(Vec<DVec3>, Colour)>,
+}
+
+/// Of a camera or projector.
+pub struct Seen {
+    /// Edge of the field with where the ray to each of its points comes from.
+    pub edge: Vec<Line>,
+    pub pinhole: DVec3,
+    pub look_at: DVec3,
+    pub colour: Colour,
 }
 
 /// A square window on the world with the same scale along both axes.
@@ -40,6 +48,8 @@ pub struct Panel {
     corner: DVec2,
     mm_per_pixel: f64,
     pixels: Vec<Colour>,
+    /// Where lines run.
+    lines: Vec<bool>,
 }
 
 /// For each pixel of a view from above the objects that a line straight down meets, the visible one first.
@@ -78,7 +88,8 @@ impl Panel {
     /// Around a point of its plane; `width` in mm.
     pub fn around(middle: DVec2, width: f64) -> Self {
         let corner = middle + 0.5 * width * DVec2::new(-1.0, 1.0);
-        Self { corner, mm_per_pixel: width / PANEL as f64, pixels: vec![PAPER; PANEL * PANEL] }
+        let (pixels, lines) = (vec![PAPER; PANEL * PANEL], vec![false; PANEL * PANEL]);
+        Self { corner, mm_per_pixel: width / PANEL as f64, pixels, lines }
     }
 
     pub fn at(&self, row: usize, column: usize) -> Colour {
@@ -90,11 +101,43 @@ impl Panel {
         self.corner + self.mm_per_pixel * DVec2::new(column as f64 + 0.5, -(row as f64 + 0.5))
     }
 
-    /// Colours what is there; the rest stays paper.
-    pub fn fill(&mut self, colour: impl Fn(DVec2) -> Option<Colour>) {
-        for i in 0..self.pixels.len() {
-            self.pixels[i] = colour(self.point(i / PANEL, i % PANEL)).unwrap_or(PAPER);
+    /// What is `there` at each pixel.
+    pub fn look(&self, mut there: impl FnMut(DVec2) -> Option<usize>) -> Vec<Option<usize>> {
+        (0..PANEL * PANEL).map(|i| there(self.point(i / PANEL, i % PANEL))).collect()
+    }
+
+    /// Colours the objects that are `there` in a section, with dashes where they end below the surface and a whole line where it is; whether there are
+    /// any dashes. `above`: of two objects that meet, whether the first is in the other, and not the other way around.
+    pub fn fill_section(
+        &mut self,
+        there: &[Option<usize>],
+        colour: impl Fn(usize) -> Colour,
+        above: impl Fn(usize, usize) -> bool,
+    ) -> bool {
+        let mut dashed = false;
+        for (i, object) in there.iter().enumerate() {
+            let Some(object) = *object else { continue };
+            let (row, column) = (i / PANEL, i % PANEL);
+            self.pixels[i] = colour(object);
+            // Lines are 2 pixels thick, within the object that they are of.
+            let near = (row.saturating_sub(2)..PANEL.min(row + 3))
+                .flat_map(|r| (column.saturating_sub(2)..PANEL.min(column + 3)).map(move |c| (r, c)))
+                .filter(|&(r, c)| r.abs_diff(row) + c.abs_diff(column) <= 2)
+                .map(|(r, c)| there[r * PANEL + c]);
+            let (mut surface, mut below) = (false, false);
+            for other in near.filter(|other| *other != Some(object)) {
+                surface |= other.is_none();
+                below |= other.is_some_and(|other| above(object, other));
+            }
+            if surface || below {
+                self.lines[i] = true;
+                dashed |= !surface;
+                if surface || is_dash(row, column) {
+                    self.pixels[i] = colour(object).map(|c| SHADE * c);
+                }
+            }
         }
+        dashed
     }
 
     /// Colours what is seen from above, and outlines with dashes what lies below it; whether there is any such.
@@ -109,8 +152,7 @@ impl Panel {
             // Where a neighbouring line misses a hidden object, its outline runs.
             if let Some(&object) = met.iter().skip(1).find(|o| misses(o)) {
                 hidden = true;
-                // A slope that no edge of an object is likely to have: along it there would be no dashes.
-                if ((3 * row + 5 * column) / (4 * DASH)).is_multiple_of(2) {
+                if is_dash(row, column) {
                     self.pixels[i] = colour(object).map(|c| SHADE * c);
                 }
             }
@@ -118,9 +160,27 @@ impl Panel {
         hidden
     }
 
+    /// Dashes around pixels that hold an object which is not in the section.
+    pub fn dash_around(&mut self, holds: &[bool], colour: Colour) {
+        for i in (0..PANEL * PANEL).filter(|&i| holds[i]) {
+            let (row, column) = (i / PANEL, i % PANEL);
+            let inside = [row > 0, row + 1 < PANEL, column > 0, column + 1 < PANEL];
+            let neighbours = [i.wrapping_sub(PANEL), i + PANEL, i.wrapping_sub(1), i + 1];
+            if inside.iter().zip(neighbours).any(|(is, at)| *is && !holds[at]) && is_dash(row, column) {
+                (self.pixels[i], self.lines[i]) = (colour.map(|c| SHADE * c), true);
+            }
+        }
+    }
+
+    /// The corners, mm.
+    pub fn corners(&self) -> [DVec2; 4] {
+        let width = self.mm_per_pixel * PANEL as f64;
+        [DVec2::ZERO, DVec2::X, DVec2::new(1.0, -1.0), DVec2::NEG_Y].map(|corner| self.corner + width * corner)
+    }
+
     /// Fields, pinholes, lights, detectors, and the bar of the scale.
     pub fn draw(&mut self, ink: &Ink, flatten: impl Fn(DVec3) -> DVec2) {
-        for (edge, pinhole, colour) in &ink.views {
+        for Seen { edge, pinhole, look_at, colour } in &ink.views {
             let edge: Vec<(DVec2, DVec2)> = edge.iter().map(|&(a, b)| (flatten(a), flatten(b))).collect();
             for (i, &(from, to)) in edge.iter().enumerate() {
                 self.line(to, edge[(i + 1) % edge.len()].1, *colour, 1);
@@ -128,6 +188,7 @@ impl Panel {
                     self.line(from, to, *colour, 3);
                 }
             }
+            self.axis(flatten(*pinhole), flatten(*look_at), *colour);
             self.cross(flatten(*pinhole), *colour);
         }
         for &(from, to, colour) in &ink.lamps {
@@ -158,6 +219,11 @@ impl Panel {
         }
     }
 
+    /// What stands over the bar.
+    pub fn bar_text(&self) -> String {
+        format!("{} mm", self.bar().0)
+    }
+
     /// A round length in mm, up to a third of the panel, and how many pixels that are.
     pub fn bar(&self) -> (f64, usize) {
         let third = self.mm_per_pixel * PANEL as f64 / 3.0;
@@ -168,17 +234,63 @@ impl Panel {
 
     /// Draws every `dash`-th pixel of a line.
     pub fn line(&mut self, from: DVec2, to: DVec2, colour: Colour, dash: usize) {
-        let place = |p: DVec2| (p - self.corner) / self.mm_per_pixel * DVec2::new(1.0, -1.0);
-        let Some((from, to)) = clipped(place(from), place(to)) else { return };
+        self.stroke(self.place(from), self.place(to), colour, |i| i.is_multiple_of(dash));
+    }
+
+    /// An optical axis: a dash, a dot, a dash.
+    fn axis(&mut self, from: DVec2, to: DVec2, colour: Colour) {
+        self.stroke(self.place(from), self.place(to), colour, |i| !matches!(i % 20, 12..15 | 17..));
+    }
+
+    /// A line between two places, as (row, column), over whatever is there.
+    pub fn lead(&mut self, from: [f64; 2], to: [f64; 2], colour: Colour) {
+        let [from, to] = [from, to].map(|[row, column]| DVec2::new(column + 0.5, row + 0.5));
+        self.stroke(from, to, colour, |_| true);
+    }
+
+    /// The edge of what another panel shows.
+    pub fn frame(&mut self, shown: &Self, colour: Colour) {
+        let corners = shown.corners();
+        for (i, &corner) in corners.iter().enumerate() {
+            self.line(corner, corners[(i + 1) % 4], colour, 1);
+        }
+    }
+
+    /// Row and column of a point, if the panel has it.
+    pub fn pixel(&self, p: DVec2) -> Option<[usize; 2]> {
+        let p = self.place(p).floor();
+        let inside = |x: f64| (0.0..PANEL as f64).contains(&x);
+        (inside(p.x) && inside(p.y)).then_some([p.y as usize, p.x as usize])
+    }
+
+    /// Whether a line runs over a pixel.
+    pub fn is_line(&self, i: usize) -> bool {
+        self.lines[i]
+    }
+
+    /// In pixels from the top left, to the right and down.
+    fn place(&self, p: DVec2) -> DVec2 {
+        (p - self.corner) / self.mm_per_pixel * DVec2::new(1.0, -1.0)
+    }
+
+    /// Draws those pixels of a line of which `on` is true, counted from its visible start.
+    fn stroke(&mut self, from: DVec2, to: DVec2, colour: Colour, on: impl Fn(usize) -> bool) {
+        let Some((from, to)) = clipped(from, to) else { return };
         let steps = (to - from).abs().max_element().ceil().max(1.0) as usize;
-        for i in (0..=steps).step_by(dash) {
+        for i in (0..=steps).filter(|&i| on(i)) {
             let p = from + (i as f64 / steps as f64) * (to - from);
             let (column, row) = (p.x.floor(), p.y.floor());
             if (0.0..PANEL as f64).contains(&column) && (0.0..PANEL as f64).contains(&row) {
-                self.pixels[row as usize * PANEL + column as usize] = colour;
+                let i = row as usize * PANEL + column as usize;
+                (self.pixels[i], self.lines[i]) = (colour, true);
             }
         }
     }
+}
+
+/// Dashes along a slope that no edge of an object is likely to have: along it there would be none.
+fn is_dash(row: usize, column: usize) -> bool {
+    ((3 * row + 5 * column) / (4 * DASH)).is_multiple_of(2)
 }
 
 /// The part of a line in pixels that lies in the panel: a pinhole may be far outside.

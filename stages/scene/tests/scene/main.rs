@@ -213,7 +213,7 @@ fn channels_broadcast_single_numbers() {
 fn the_sketch_shows_the_objects() {
     let ports = run(&carcinoma(), &["preview"]);
     assert_eq!(ports.iter().map(|p| p.0).collect::<Vec<_>>(), ["scene", "preview"]);
-    let Artifact::Images(stack) = &ports[1].1 else { panic!("the preview is no image") };
+    let Artifact::Images(stack) = &ports[1].1 else { panic!("the sketch is no image") };
     let names: Vec<&str> = stack.layers.iter().map(|l| l.info.name.as_str()).collect();
     assert_eq!(names, ["red", "green", "blue"]);
     let mut colours: Vec<[u32; 3]> = (0..stack.rows())
@@ -222,8 +222,8 @@ fn the_sketch_shows_the_objects() {
         .collect();
     colours.sort_unstable();
     colours.dedup();
-    // White behind the titles, paper, gap, the bar of the scale, the line of the cut, camera, projector, two objects.
-    assert_eq!(colours.len(), 9);
+    // White behind the titles, paper, gap, the bar of the scale, the line of the cut, camera, projector, two objects and their outlines.
+    assert_eq!(colours.len(), 11);
     let said = |name: &str| -> Vec<String> {
         let entries = stack.attributes[name].as_array().unwrap();
         entries.iter().filter_map(|e| e["text"].as_str()).map(str::to_owned).collect()
@@ -233,22 +233,27 @@ fn the_sketch_shows_the_objects() {
         [
             "polyp (scc)",
             "tissue (healthy)",
-            "camera and what it sees",
-            "projector and what it lights",
-            "dotted: where the section is cut"
+            "camera and what it sees: 64 x 64 mm, 500 mm away",
+            "projector and what it lights: 128 x 128 mm, 501.2 mm away",
+            "dotted from above: the plane of the set-up",
+            "dashed: outlines of what lies below the surface, or off the plane"
         ]
     );
-    // The field of the projector (128 mm) and the whole set-up (540 mm, from the polyp's foot to the camera) with a margin of 5 % on either
-    // side; a bar is the longest round length within a third of that.
+    // The whole set-up (540 mm, from the polyp's foot to the camera), the field of the camera (64 mm) and that of the projector (128 mm) with a margin of
+    // 5 % on either side; a bar is the longest round length within a third of that.
     assert_eq!(
         said("labels"),
         [
+            "set-up to scale, along y (camera to projector), z up",
+            "100 mm",
+            "camera",
+            "projector",
+            "inset: the framed part of it",
+            "20 mm",
+            "scc",
+            "healthy",
             "from above: x to the right, y up",
-            "20 mm",
-            "section along y (camera to projector), z up",
-            "20 mm",
-            "the whole set-up in that section",
-            "100 mm"
+            "20 mm"
         ]
     );
     assert_eq!(run(&carcinoma(), &[]).len(), 1);
@@ -259,7 +264,7 @@ const SKETCH_PANEL: usize = 360;
 /// The sketch of params as rows of colours, and its legend.
 fn sketched(params: &Value) -> (Vec<Vec<[f32; 3]>>, String) {
     let ports = run(params, &["preview"]);
-    let Artifact::Images(stack) = &ports[1].1 else { panic!("the preview is no image") };
+    let Artifact::Images(stack) = &ports[1].1 else { panic!("the sketch is no image") };
     let pixel = |r: usize, c: usize| [0, 1, 2].map(|k| stack.layers[k].data[(r, c)]);
     let rows = (stack.rows() - SKETCH_PANEL..stack.rows())
         .map(|r| (0..stack.columns()).map(|c| pixel(r, c)).collect())
@@ -267,8 +272,8 @@ fn sketched(params: &Value) -> (Vec<Vec<[f32; 3]>>, String) {
     (rows, stack.attributes["legend"].to_string())
 }
 
-/// From above and in the section a thing is as wide, in as many pixels as the bar says: the lesion of 30 x 30 x 10 mm under 128 mm of
-/// field. It lies below the surface, so that dashes of its outline are all that is seen of it from above.
+/// From above and in the inset a thing is as wide, in as many pixels as the bar says: the lesion of 30 x 30 x 10 mm under 128 and 64 mm of
+/// field. It lies below the surface, so that dashes of its outline are all that is seen of it from above; in the inset they are around it.
 #[test]
 fn what_lies_below_the_surface_is_outlined() {
     let lesion = json!({"spheroid": {"diameters": [30, 30, 10], "center": [0, 0, -8]}, "medium": "scc", "priority": 1});
@@ -282,16 +287,23 @@ fn what_lies_below_the_surface_is_outlined() {
         (0..SKETCH_PANEL).filter(has).collect()
     };
     let width = |columns: &[usize]| columns[columns.len() - 1] - columns[0] + 1;
-    // 140.8 mm on 360 pixels.
+    // 140.8 and 70.4 mm on 360 pixels.
     let expected = 30.0 / 140.8 * 360.0;
-    let (above, section) = (columns(shade, 0), columns(lesion, 1));
-    assert!((width(&section) as f64 - expected).abs() < 1.5, "{} of {expected} pixels", width(&section));
+    let (above, inset) = (columns(shade, 2), [columns(shade, 1), columns(lesion, 1)].concat());
+    let inset = inset.iter().max().unwrap() - inset.iter().min().unwrap() + 1;
+    assert!((inset as f64 - 2.0 * expected).abs() < 1.5, "{inset} of {} pixels", 2.0 * expected);
     // Dashes of 4 pixels may leave the outermost ones out.
     assert!((width(&above) as f64 - expected).abs() < 5.0, "{} of {expected} pixels", width(&above));
-    assert!(columns(lesion, 0).is_empty() && columns(tissue, 0).len() == SKETCH_PANEL, "it is seen from above");
-    let dashes = rows.iter().flat_map(|row| &row[..SKETCH_PANEL]).filter(|c| **c == shade).count() as f64;
+    assert!(columns(lesion, 2).is_empty() && columns(tissue, 2).len() == SKETCH_PANEL, "it is seen from above");
+    let dashes = |panel: usize| {
+        let of_row = |row: &Vec<[f32; 3]>| row[panel * (SKETCH_PANEL + 8)..][..SKETCH_PANEL].to_vec();
+        rows.iter().flat_map(of_row).filter(|c| *c == shade).count() as f64
+    };
     let outline = std::f64::consts::PI * expected;
-    assert!(dashes > 0.3 * outline && dashes < 0.9 * outline, "{dashes} pixels of an outline of {outline}");
+    assert!(dashes(2) > 0.3 * outline && dashes(2) < 0.9 * outline, "{} pixels of an outline of {outline}", dashes(2));
+    // Two pixels thick, of an ellipse of 30 x 10 mm.
+    let outline = 2.0 * 66.8 / 70.4 * 360.0;
+    assert!(dashes(1) > 0.3 * outline && dashes(1) < 0.9 * outline, "{} pixels of an outline of {outline}", dashes(1));
 }
 
 /// Camera and projector stand apart in the section wherever they stand around each other.
@@ -301,9 +313,8 @@ fn the_section_holds_camera_and_projector() {
     for position in [[0, 35, 500], [35, 0, 500], [-25, 25, 500]] {
         let (rows, _) = sketched(&with("/projector/position", json!(position)));
         // Crosses in the panel of the whole set-up: arms of 11 x 5 pixels.
-        let left = 2 * (SKETCH_PANEL + 8);
         let middle = |colour: [f32; 3]| {
-            let bar = |c: &usize| (0..60).any(|r| (0..11).all(|k| rows[r + k][left + c] == colour));
+            let bar = |c: &usize| (0..60).any(|r| (0..11).all(|k| rows[r + k][*c] == colour));
             let columns: Vec<usize> = (0..SKETCH_PANEL).filter(bar).collect();
             assert!(!columns.is_empty(), "no cross of {colour:?} for {position:?}");
             columns.iter().sum::<usize>() as f64 / columns.len() as f64

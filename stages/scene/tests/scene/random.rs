@@ -97,7 +97,7 @@ fn reliefs_and_paths_are_meshes() {
 #[test]
 fn the_sketch_names_bodies_once() {
     let ports = run(&spots(balls()), &["preview"]);
-    let Artifact::Images(stack) = &ports[1].1 else { panic!("the preview is no image") };
+    let Artifact::Images(stack) = &ports[1].1 else { panic!("the sketch is no image") };
     let legend: Vec<&str> =
         stack.attributes["legend"].as_array().unwrap().iter().filter_map(|e| e["text"].as_str()).collect();
     assert_eq!(legend[..2], ["polyp (scc)", "tissue (healthy)"]);

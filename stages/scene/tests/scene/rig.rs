@@ -171,7 +171,7 @@ fn a_rig_is_sketched() {
     for (params, entry) in [(&rig, "camera and what it sees"), (&rig, "projector and what it lights"), (&sky, "lights")]
     {
         let ports = run(params, &["preview"]);
-        let Artifact::Images(stack) = &ports[1].1 else { panic!("the preview is no image") };
+        let Artifact::Images(stack) = &ports[1].1 else { panic!("the sketch is no image") };
         assert!(stack.attributes["legend"].to_string().contains(entry), "{:?}", stack.attributes);
         assert!(stack.layers.iter().all(|layer| layer.data.iter().all(|v| (0.0..=1.0).contains(v))));
     }
