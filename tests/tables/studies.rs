@@ -75,6 +75,26 @@ fn points_have_errors_and_costs() {
         assert!(head.split(',').any(|column| column == name), "{name} is not in {head}");
     }
     assert_eq!(csv.lines().count(), 13);
+    // The report shows it, whoever built the program: picture, points, slope. Another definition and damage are said.
+    let report = |what: &str| {
+        space.turbid(&["report", "p.yaml", "--to", "r.html"]).ok();
+        let page = std::fs::read_to_string(space.path("r.html")).expect("it was written");
+        assert!(page.contains(what), "`{what}` is missing");
+        page
+    };
+    let page = report("data:image/svg+xml;base64,");
+    assert!(page.contains("vars.samples=256") && page.contains("slope"), "points and slope");
+    let folder = space.path("outputs/latest/noise/studies/paths");
+    let found = std::fs::read_to_string(folder.join("study.json")).expect("it is there");
+    std::fs::write(folder.join("study.json"), found.replace("\"repeats\": 4", "\"repeats\": 5")).expect("it is ours");
+    report("another definition");
+    std::fs::write(folder.join("study.json"), &found[..found.len() / 2]).expect("it is ours");
+    report("what it found is damaged");
+    std::fs::write(folder.join("study.json"), &found).expect("it is ours");
+    std::fs::write(folder.join("study.svg"), "<!doctype html><script>alert(1)</script>").expect("it is ours");
+    assert!(!report("study.svg is damaged").contains("alert(1)"));
+    std::fs::remove_dir_all(&folder).expect("it is ours");
+    report("it has not run yet");
     // The truth of another quantity is that of its own name: M_AC is about a third of M_DC, and would be 70 % off.
     let others = column(&csv, "modulation.m_ac");
     assert!(others.iter().all(|error| error.parse::<f64>().is_ok_and(|e| e > 0.0)), "{others:?}");

@@ -33,7 +33,7 @@ pub struct SceneStage;
 
 impl Stage for SceneStage {
     const NAME: &'static str = "scene";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     const ABOUT: &'static str = "Describes media, objects, camera and projector, and checks that they fit together";
     const INSTANT: bool = true;
 
