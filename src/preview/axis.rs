@@ -86,6 +86,18 @@ impl Axis {
         (marks, 0)
     }
 
+    /// Where its labels stand (0 at the low end, 1 at the high end), in plain letters.
+    pub fn labels(&self) -> Vec<(f64, String)> {
+        let (marks, _) = self.marks();
+        marks.into_iter().filter(|m| !m.label.is_empty()).map(|m| (m.position, m.label.letters())).collect()
+    }
+
+    /// The name as [`Self::labels`] are to be read, in plain letters.
+    pub fn full(&self) -> String {
+        let (_, exponent) = self.marks();
+        if exponent == 0 { self.name.letters() } else { format!("{}, 10^{exponent}", self.name.letters()) }
+    }
+
     /// The name, with the power of ten that its labels leave out.
     fn full_name(&self, exponent: i32) -> Text {
         if exponent == 0 { self.name.clone() } else { self.name.clone().then(", ").join(times_power(exponent)) }

@@ -4,6 +4,7 @@ mod arrange;
 mod axis;
 mod canvas;
 mod caption;
+pub mod chart;
 mod classes;
 mod colour;
 mod figure;
@@ -40,7 +41,7 @@ use figure::Figure;
 /// pixels have grey stripes; pink ones lie over pixels that hold the end of a table. Stacks of `red`, `green`,
 /// `blue` are shown as the picture they are, and frames of a red, a green and a blue wavelength also in colours. Look-up tables become their
 /// mesh and their reflectances over (mu_a, mu_s'), a fit of media the error of each under its name, photon
-/// transfer the variance over the level with its line.
+/// transfer the variance over the level with its line, metrics their [charts](chart::charts).
 pub fn picture(artifact: &Artifact, caption: &Caption) -> Option<Vec<u8>> {
     let mut figure = figure(artifact, &caption.title)?;
     figure.subheading.clone_from(&caption.subtitle);
@@ -55,7 +56,9 @@ fn figure(artifact: &Artifact, title: &str) -> Option<Figure> {
                 .or_else(|| media::figure(stack, title))
                 .unwrap_or_else(|| stack::figure(stack, title)),
         ),
-        Artifact::Table(table) => lut::figure(table, title).or_else(|| transfer::figure(table, title)),
+        Artifact::Table(table) => lut::figure(table, title)
+            .or_else(|| transfer::figure(table, title))
+            .or_else(|| chart::panel::figure(table, title)),
         Artifact::Record(_) => None,
     }
 }

@@ -44,6 +44,12 @@ pub struct Range {
 }
 
 impl Range {
+    /// From end to end.
+    pub fn of([low, high]: [f64; 2]) -> Self {
+        let (low, high) = if low < high { (low, high) } else { (low - 1.0, low + 1.0) };
+        Self { low, high, extremes: [low, high] }
+    }
+
     /// One range for layers that belong together: from the lowest 0.5 to the highest 99.5 percentile of a layer. What
     /// lies outside is clipped only where showing it would cost more than a fifth of the bar.
     pub fn robust(layers: &[&Statistics]) -> Option<Self> {

@@ -75,7 +75,6 @@ impl Text {
     }
 
     /// The letters without their style.
-    #[cfg(test)]
     pub fn letters(&self) -> String {
         self.runs.iter().map(|(_, text)| text.as_str()).collect()
     }

@@ -5,6 +5,8 @@
 
 use std::fmt::Write;
 
+use crate::preview::chart::svg::escaped;
+
 use super::page::{Edge, Node};
 
 const WIDTH: f64 = 168.0;
@@ -149,24 +151,6 @@ fn order(items: &[Item], ways: &[Vec<usize>], depth: usize) -> Vec<Vec<usize>> {
         }
     }
     rows
-}
-
-/// Text as XML takes it.
-pub fn escaped(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => out.push_str("&amp;"),
-            '<' => out.push_str("&lt;"),
-            '>' => out.push_str("&gt;"),
-            '"' => out.push_str("&quot;"),
-            '\'' => out.push_str("&#39;"),
-            // XML has no sign for them.
-            c if c.is_control() => out.push(' '),
-            c => out.push(c),
-        }
-    }
-    out
 }
 
 fn clipped(text: &str, most: usize) -> String {

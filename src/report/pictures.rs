@@ -8,6 +8,7 @@ use turbid_contract::{Artifact, ArtifactKind};
 use crate::input_file;
 use crate::plan::{InstanceId, PREVIEW_INSTANCES, Plan, StageId};
 use crate::preview;
+use crate::preview::chart::{Chart, charts};
 use crate::run::latest::Files;
 use crate::statistics::{self, Layer, label, masked, shown_unit, significant};
 use crate::store::{InstanceRecord, Store};
@@ -31,12 +32,22 @@ pub struct Pictures<'a> {
     bytes: usize,
     read: u64,
     pub left_out: usize,
+    charts: usize,
 }
 
 impl<'a> Pictures<'a> {
     pub fn of(plan: &'a Plan, store: &'a Store, outputs: &Path, folder: &Path) -> Self {
         let files = Files::of(plan, outputs);
-        Self { plan, store, files, folder: folder.to_owned(), bytes: MOST_BYTES, read: MOST_READ, left_out: 0 }
+        Self {
+            plan,
+            store,
+            files,
+            folder: folder.to_owned(),
+            bytes: MOST_BYTES,
+            read: MOST_READ,
+            left_out: 0,
+            charts: 0,
+        }
     }
 
     /// The figures of a stage whose instances have these records; `None` where there is nothing to see.
@@ -78,6 +89,22 @@ impl<'a> Pictures<'a> {
         (!shown.figures.is_empty() || !shown.notes.is_empty()).then_some(shown)
     }
 
+    fn chart(&mut self, chart: &Chart, of: &str, file: Option<String>) -> Option<Figure> {
+        let image = Image::Svg(chart.svg(&format!("chart{}", self.charts))?);
+        self.charts += 1;
+        let (head, rows) = chart.table();
+        let more = (!chart.notes.is_empty()).then(|| chart.notes.join("; "));
+        let rows = rows.into_iter().map(|row| row.into_iter().map(Cell::Text).collect()).collect();
+        let title = format!("{of}: {}", chart.title());
+        Some(Figure {
+            alt: title.clone(),
+            title,
+            image,
+            file,
+            behind: Some(Grid { head, rows, more, ..Grid::default() }),
+        })
+    }
+
     /// A link to the file of an output, where there is a current one.
     pub fn link(&self, id: InstanceId, record: &InstanceRecord, port: &str) -> Option<String> {
         href(&self.folder, &self.files.output(id, port, &record.ports[port].blob)?)
@@ -94,6 +121,14 @@ impl<'a> Pictures<'a> {
         if artifact.is_some() {
             self.read -= blob.bytes;
         }
+        let title = format!("{}.{port}", self.plan.label(id));
+        if let Some(Artifact::Table(table)) = &artifact {
+            let charts = charts(table);
+            if !charts.is_empty() {
+                let file = self.link(id, record, port);
+                return Ok(charts.iter().filter_map(|chart| self.chart(chart, &title, file.clone())).collect());
+            }
+        }
         let stored = file.and_then(|file| input_file::read(&file, MOST_BYTES as u64).ok()).map(|bytes| bytes.to_vec());
         let Some(bytes) = stored.or_else(|| preview::picture(artifact.as_ref()?, &caption)) else {
             self.left_out += usize::from(!small);
@@ -107,7 +142,6 @@ impl<'a> Pictures<'a> {
         self.bytes -= bytes.len();
         let behind = artifact.as_ref().and_then(behind);
         let names: Vec<String> = behind.iter().flat_map(|grid| &grid.rows).filter_map(|row| name(row)).collect();
-        let title = format!("{}.{port}", self.plan.label(id));
         let alt = if names.is_empty() { title.clone() } else { format!("{title}: {}", names.join(", ")) };
         let image = Image::Png { bytes, width, height };
         Ok(vec![Figure { title, alt, image, file: self.link(id, record, port), behind }])

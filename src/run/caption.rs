@@ -9,7 +9,7 @@ use crate::preview::Caption;
 use crate::store::{Blob, InstanceRecord};
 
 /// Raised whenever pictures of the same artifact look different: those of an older turbid are then drawn anew.
-const PICTURES: &str = "2";
+const PICTURES: &str = "3";
 
 /// `pipeline · stage[axes] · port`; of [`overrides`] those of the stage (`set`); the key of the instance. What of the run did not matter to the
 /// artifact (its time, other overrides) is left out, so that equal artifacts keep equal pictures.

@@ -83,7 +83,7 @@ fn points_have_errors_and_costs() {
         page
     };
     let page = report("data:image/svg+xml;base64,");
-    assert!(page.contains("vars.samples=256") && page.contains("slope"), "points and slope");
+    assert!(page.contains("samples = 256") && page.contains("error ~ time^"), "points and slope");
     let folder = space.path("outputs/latest/noise/studies/paths");
     let found = std::fs::read_to_string(folder.join("study.json")).expect("it is there");
     std::fs::write(folder.join("study.json"), found.replace("\"repeats\": 4", "\"repeats\": 5")).expect("it is ours");

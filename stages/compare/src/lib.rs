@@ -36,6 +36,7 @@ mod joints;
 pub mod levels;
 mod maps;
 pub mod media;
+mod over_axes;
 mod params;
 pub mod region;
 pub mod score;

@@ -6,7 +6,7 @@ use turbid_contract::payload::Metrics;
 use turbid_contract::{Ctx, Error, Forms, Known, Problems, Stage, in_ports, out_ports};
 
 use crate::summary::{Summary, figures, summarize, table};
-use crate::{form, joints};
+use crate::{form, joints, over_axes};
 
 /// Params of `summarize`: it has none.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -24,6 +24,8 @@ out_ports! {
     pub struct SummarizeOut {
         /// One row for each region and quantity.
         metrics: one Metrics,
+        /// One row for each instance, region and quantity, with the axes of the instance: what its charts show.
+        over_axes: preview Metrics,
     }
 }
 
@@ -48,11 +50,13 @@ impl Stage for Summarize {
     }
 
     fn run(_: &SummarizeParams, inputs: SummarizeIn<'_>, ctx: Ctx<'_>) -> Result<SummarizeOut, Error> {
-        let mut found = Vec::new();
-        for index in 0..inputs.metrics.axes().len() {
+        let mut instances = Vec::new();
+        for (index, axes) in inputs.metrics.axes().iter().enumerate() {
             let Metrics(table) = inputs.metrics.load(index)?;
-            found.extend(figures(&table)?);
+            instances.push((axes.clone(), figures(&table)?));
         }
+        let over_axes = ctx.wants("over_axes").then(|| Metrics(over_axes::table(&instances)));
+        let found: Vec<_> = instances.into_iter().flat_map(|(_, figures)| figures).collect();
         let rows = summarize(&found);
         for row in rows.iter().filter(|row| row.n < row.instances) {
             let Summary { region, quantity, n, instances, .. } = row;
@@ -72,6 +76,6 @@ impl Stage for Summarize {
         if let Some(worst) = worst(|row| row.mean_abs_error.filter(|_| row.unit == "mm")) {
             ctx.measure("error: mean |bias| of positions over instances, worst region", worst, "mm");
         }
-        Ok(SummarizeOut { metrics: Metrics(table(&rows)) })
+        Ok(SummarizeOut { metrics: Metrics(table(&rows)), over_axes })
     }
 }
