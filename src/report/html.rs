@@ -209,7 +209,10 @@ fn figure(of: &Figure) -> Markup {
                     None => (of.title),
                 }
             }
-            @if let Some(grid) = &of.behind { (folded("The numbers", grid)) }
+            @match &of.behind {
+                Some(grid) => (folded("The numbers", grid)),
+                None => p.quiet { "Its numbers: `turbid show FILE`" },
+            }
         }
     }
 }

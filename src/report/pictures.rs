@@ -16,9 +16,9 @@ use crate::store::{InstanceRecord, Store};
 use super::page::{Cell, Figure, Grid, Image, Shown};
 
 /// Bytes of all pictures of a page: in base64 with the rest of it below 2 MB.
-const MOST_BYTES: usize = 1_300_000;
+const MOST_BYTES: usize = 1_100_000;
 /// Bytes of all outputs that are read for the numbers behind pictures; of what is larger `turbid show` tells.
-const MOST_READ: u64 = 24_000_000;
+const MOST_READ: u64 = 4_000_000;
 /// Instances of a stage whose pictures are shown.
 const SHOWN: usize = 4;
 
@@ -90,8 +90,11 @@ impl<'a> Pictures<'a> {
     }
 
     fn chart(&mut self, chart: &Chart, of: &str, file: Option<String>) -> Option<Figure> {
-        let image = Image::Svg(chart.svg(&format!("chart{}", self.charts))?);
+        let svg = chart.svg(&format!("chart{}", self.charts))?;
         self.charts += 1;
+        // Pictures make room for it: it stands in the page as it is, they in base64.
+        self.bytes = self.bytes.saturating_sub(svg.len() * 3 / 4);
+        let image = Image::Svg(svg);
         let (head, rows) = chart.table();
         let more = (!chart.notes.is_empty()).then(|| chart.notes.join("; "));
         let rows = rows.into_iter().map(|row| row.into_iter().map(Cell::Text).collect()).collect();
@@ -113,13 +116,13 @@ impl<'a> Pictures<'a> {
     fn output(&mut self, id: InstanceId, record: &InstanceRecord, port: &str) -> Result<Vec<Figure>, String> {
         let blob = &record.ports[port].blob;
         let (caption, file) = self.files.picture(id, record, port);
-        let small = blob.bytes <= self.read;
+        let small = blob.bytes <= self.read || blob.kind == ArtifactKind::Table;
         let artifact = match small {
             true => Some(self.store.get(blob).map_err(|error| error.to_string())?),
             false => None,
         };
         if artifact.is_some() {
-            self.read -= blob.bytes;
+            self.read = self.read.saturating_sub(blob.bytes);
         }
         let title = format!("{}.{port}", self.plan.label(id));
         if let Some(Artifact::Table(table)) = &artifact {

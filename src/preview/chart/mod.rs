@@ -5,7 +5,7 @@
 pub mod panel;
 pub mod svg;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 
 use turbid_contract::{Cells, Column, Table};
 
@@ -57,6 +57,8 @@ const MOST_ROWS: usize = 60;
 /// points. Of more the means of bins are shown, with the standard deviation within each.
 const MOST_POINTS: usize = 5000;
 const BINS: usize = 200;
+/// The region of all pixels.
+const ALL: &str = "all";
 /// Two axes of at least so many values make a heat map.
 const HEAT: usize = 3;
 
@@ -64,6 +66,11 @@ impl Value {
     fn of(value: Option<f64>, se: Option<f64>) -> Option<Self> {
         let value = value.filter(|value| value.is_finite())?;
         Some(Self { value, se: se.filter(|se| se.is_finite() && *se >= 0.0) })
+    }
+
+    /// [`interval`](Self::interval) as far as it lies between two ends.
+    pub fn interval_within(&self, [low, high]: [f64; 2]) -> Option<[f64; 2]> {
+        self.interval().map(|bar| bar.map(|end| end.clamp(low, high)))
     }
 
     /// Ends of the interval of 95 % for normal errors.
@@ -165,22 +172,31 @@ fn content(rows: &[&Row], axes: &[String], notes: &mut Vec<String>) -> Content {
                 None => series.push(Series { name, points: vec![(at, row.value)] }),
             }
         }
+        // Axes that vary together leave a point or two of each line: their rows say more.
+        if rows.len() < 2 * series.len() {
+            return forest(rows, &|row| others(row, &[]), notes);
+        }
+        series.iter_mut().for_each(|one| one.points.sort_by(|a, b| a.0.total_cmp(&b.0)));
         if series.len() > MOST_SERIES {
             notes.push(format!("{} more lines", series.len() - MOST_SERIES));
             series.truncate(MOST_SERIES);
         }
-        series.iter_mut().for_each(|one| one.points.sort_by(|a, b| a.0.total_cmp(&b.0)));
         if rows.len() > MOST_POINTS {
             notes.push(format!("{} points, as means of bins with the standard deviation within each", rows.len()));
             series.iter_mut().for_each(|one| one.points = binned(&one.points));
         }
         return Content::Lines { axis: axes[*k].clone(), series };
     }
+    forest(rows, &|row| others(row, &[]), notes)
+}
+
+/// A row for each name.
+fn forest(rows: &[&Row], named: &dyn Fn(&Row) -> Vec<String>, notes: &mut Vec<String>) -> Content {
     if rows.len() > MOST_ROWS {
         notes.push(format!("{} more rows", rows.len() - MOST_ROWS));
     }
     let name = |row: &Row| {
-        let named = others(row, &[]).join(", ");
+        let named = named(row).join(", ");
         if named.is_empty() { row.region.clone() } else { named }
     };
     Content::Forest { rows: rows.iter().take(MOST_ROWS).map(|row| (name(row), row.value)).collect() }
@@ -261,23 +277,34 @@ fn rows(table: &Table) -> Option<(Vec<Row>, Vec<String>, usize)> {
         });
     }
     let unknown = table.rows() - found.len();
+    // Where one object fills the image, `all` says the same a second time.
+    let said = |row: &Row| {
+        let at: Vec<String> = row.at.iter().map(At::text).collect();
+        format!("{} {} {:?} {}", row.quantity, at.join(" "), row.value, row.unit)
+    };
+    let others: HashSet<String> = found.iter().filter(|row| row.region != ALL).map(said).collect();
+    found.retain(|row| row.region != ALL || !others.contains(&said(row)));
     Some((found, axes.into_iter().map(|(name, _)| name.to_owned()).collect(), unknown))
 }
 
 impl Content {
     /// Least and largest number that is shown, 0 among them where values are differences or a row stands for each name.
     pub fn range(&self, with_zero: bool) -> Option<[f64; 2]> {
-        let of = |value: &Value| {
-            let [low, high] = value.interval().unwrap_or([value.value; 2]);
-            [low, high]
+        let all: Vec<Value> = match self {
+            Self::Lines { series, .. } => series.iter().flat_map(|s| &s.points).map(|(_, v)| *v).collect(),
+            Self::Forest { rows } => rows.iter().map(|(_, v)| *v).collect(),
+            Self::Heat { cells, .. } => {
+                cells.iter().flatten().flatten().map(|value| Value { value: *value, se: None }).collect()
+            }
         };
-        let all: Vec<f64> = match self {
-            Self::Lines { series, .. } => series.iter().flat_map(|s| &s.points).flat_map(|(_, v)| of(v)).collect(),
-            Self::Forest { rows } => rows.iter().flat_map(|(_, v)| of(v)).collect(),
-            Self::Heat { cells, .. } => cells.iter().flatten().flatten().copied().collect(),
-        };
-        let all = || all.iter().copied().chain(with_zero.then_some(0.0));
-        let (low, high) = (all().reduce(f64::min)?, all().reduce(f64::max)?);
+        let values = || all.iter().map(|v| v.value).chain(with_zero.then_some(0.0));
+        let (low, high) = (values().reduce(f64::min)?, values().reduce(f64::max)?);
+        // Bars far longer than values differ would leave of these a line: they are cut at the frame.
+        let most =
+            if high > low { [low - (high - low), high + (high - low)] } else { [f64::NEG_INFINITY, f64::INFINITY] };
+        let bars = || all.iter().filter_map(Value::interval);
+        let low = bars().map(|bar| bar[0]).fold(low, f64::min).max(most[0]);
+        let high = bars().map(|bar| bar[1]).fold(high, f64::max).min(most[1]);
         // Equal values stand in the middle.
         let room = if high > low { 0.05 * (high - low) } else { (0.1 * high.abs()).max(1e-12) };
         Some([low - room, high + room])

@@ -34,7 +34,7 @@ pub fn figure(table: &Table, title: &str) -> Option<Figure> {
     }
     let rows = panels.chunks(2).map(<[Panel]>::to_vec).collect();
     let sections = vec![Section { heading: Text::new(), rows }];
-    let remarks = vec![Text::plain("bars: 95 % by the standard errors")];
+    let remarks = vec![Text::plain("bars: 95 % by the standard errors, cut where they leave the frame")];
     Some(Figure { heading: title.to_owned(), sections, remarks, ..Figure::default() })
 }
 
@@ -43,6 +43,7 @@ fn panel(chart: &Chart) -> Option<Panel> {
     let measured = named.clone().join(in_unit(&chart.unit));
     let with_zero = chart.what != "mean";
     let [low, high] = chart.content.range(with_zero)?;
+    let [bottom, top] = [low, high];
     let mut notes: Vec<Note> = Vec::new();
     let (image, axes, bar) = match &chart.content {
         Content::Lines { axis, series } => {
@@ -61,7 +62,7 @@ fn panel(chart: &Chart) -> Option<Panel> {
                 let at = |(x, v): &(f64, Value)| [px(*x), py(v.value)];
                 one.points.windows(2).for_each(|pair| image.line(at(&pair[0]), at(&pair[1]), 1.4, colour));
                 for point in &one.points {
-                    if let Some([low, high]) = point.1.interval() {
+                    if let Some([low, high]) = point.1.interval_within([bottom, top]) {
                         image.line([px(point.0), py(low)], [px(point.0), py(high)], 1.0, colour);
                     }
                     image.line(at(point), at(point), POINT, colour);
@@ -82,7 +83,7 @@ fn panel(chart: &Chart) -> Option<Panel> {
             }
             for (i, (_, value)) in rows.iter().enumerate() {
                 let row = (i as f64 + 0.5) * ROW as f64;
-                if let Some([low, high]) = value.interval() {
+                if let Some([low, high]) = value.interval_within([bottom, top]) {
                     image.line([px(low), row], [px(high), row], 1.4, COLOURS[0]);
                 }
                 image.line([px(value.value), row], [px(value.value), row], POINT, COLOURS[0]);

@@ -71,7 +71,8 @@ impl Chart {
             Content::Heat { x, y, cells } => self.heat(&mut svg, x, y, cells),
         };
         let title = escaped(&self.title());
-        let said = "bars are 95 % by the standard errors; the table below has the numbers";
+        let said =
+            "bars are 95 % by the standard errors, cut where they leave the frame; the table below has the numbers";
         Some(format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width:.0} {height:.0}\" width=\"{width:.0}\" height=\"{height:.0}\" role=\"img\" aria-labelledby=\"{id}-title {id}-about\" font-family=\"sans-serif\" font-size=\"13\">\n<title id=\"{id}-title\">{title}</title>\n<desc id=\"{id}-about\">{said}</desc>\n<rect class=\"cb\" width=\"{width:.0}\" height=\"{height:.0}\" fill=\"#ffffff\"/>\n{}{svg}</svg>",
             text(12.0, 20.0, "start", &format!("{} of {}", self.what, self.quantity))
@@ -125,7 +126,7 @@ impl Chart {
                 );
             }
             for (at, value) in &one.points {
-                bar(svg, value, colour, |v| [px(*at), py(v)]);
+                bar(svg, value.interval_within([low, high]), colour, |v| [px(*at), py(v)]);
                 svg.push_str(&mark(k, px(*at), py(value.value), colour));
             }
             if !one.name.is_empty() {
@@ -161,7 +162,7 @@ impl Chart {
             let row = TOP + (i as f64 + 0.5) * ROW;
             let name: String = name.chars().take(40).collect();
             svg.push_str(&text(left - 10.0, row + 4.0, "end", &name));
-            bar(svg, value, COLOURS[0], |v| [px(v), row]);
+            bar(svg, value.interval_within([low, high]), COLOURS[0], |v| [px(v), row]);
             svg.push_str(&mark(0, px(value.value), row, COLOURS[0]));
         }
         svg.push_str(&text(left + inner / 2.0, bottom + 38.0, "middle", &x.full()));
@@ -225,9 +226,9 @@ impl Chart {
     }
 }
 
-/// The interval of a value, where there is one.
-fn bar(svg: &mut String, value: &Value, colour: &str, at: impl Fn(f64) -> [f64; 2]) {
-    if let Some([low, high]) = value.interval() {
+/// The bar of an interval, where there is one.
+fn bar(svg: &mut String, interval: Option<[f64; 2]>, colour: &str, at: impl Fn(f64) -> [f64; 2]) {
+    if let Some([low, high]) = interval {
         let ([x0, y0], [x1, y1]) = (at(low), at(high));
         let _ =
             writeln!(svg, "<path d=\"M{x0:.1} {y0:.1}L{x1:.1} {y1:.1}\" stroke=\"{colour}\" stroke-width=\"1.5\"/>");
