@@ -118,7 +118,7 @@ mod tests {
             assert!((cut.point(cut.flatten(p)) - p).length() < 1e-9, "{p} is not in the cut");
         }
         assert!(cut.flatten(tilted.position).y > 499.0, "up is up");
-        let level = [view([500.0, 0.0, 0.0], [0.0; 3]), view([500.0, 40.0, 0.0], [0.0; 3])];
+        let level = [view([500.0, 0.0, 60.0], [0.0; 3]), view([500.0, 40.0, 60.0], [0.0; 3])];
         assert_eq!(Cut::of(Some(&level[0]), Some(&level[1])).said(), "y (camera to projector), z up", "not the ground");
     }
 }

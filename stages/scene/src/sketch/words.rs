@@ -182,6 +182,8 @@ mod tests {
         for text in ["carcinoma", "healthy", "a name that is longer than any that a panel has room for", "x"] {
             words.name_point(text, &mut panel, [0.0; 3], [180, 180], &|_| true);
         }
+        // No room nearby.
+        words.take(60, 270, 90, 90);
         words.name("too wide", &mut panel, [0.0; 3], &|i| (100..105).contains(&(i / PANEL)) && i % PANEL > 350);
         assert_eq!(words.placed.len(), 5);
         assert!(words.placed[2].0.ends_with('…'));

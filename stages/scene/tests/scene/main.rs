@@ -250,8 +250,8 @@ fn the_sketch_shows_the_objects() {
             "projector",
             "inset: the framed part of it",
             "20 mm",
-            "scc",
             "healthy",
+            "scc",
             "from above: x to the right, y up",
             "20 mm"
         ]
