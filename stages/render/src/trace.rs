@@ -34,6 +34,9 @@ pub const PILOT: u32 = 16;
 /// Tells the paths beside the even ones apart.
 const MORE: u64 = 1 << 63;
 
+/// What there is of the frames: of a state and the paths of each pixel.
+pub type Picture<'a> = dyn Fn(&State, &[u32]) -> Option<Artifact> + Sync + 'a;
+
 /// What to trace, and how to judge it.
 pub struct Task<'a> {
     pub params: &'a Params,
@@ -52,8 +55,8 @@ pub struct Task<'a> {
     pub first_test: u32,
     pub allocate: Allocate,
     pub judge: &'a dyn Judge,
-    /// What there is of the frames, for people who look on: of a state and the paths of each pixel.
-    pub so_far: Option<&'a (dyn Fn(&State, &[u32]) -> Option<Artifact> + Sync)>,
+    /// What there is of the frames, for people who look on.
+    pub so_far: Option<&'a Picture<'a>>,
 }
 
 /// What is made of sums while they grow: of those of all channels, and the paths of each pixel.

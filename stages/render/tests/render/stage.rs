@@ -337,7 +337,7 @@ fn what_there_is_so_far_is_shown() {
         let (port, done, Artifact::Images(last)) = seen.last().expect("something was shown") else { panic!("images") };
         assert_eq!((port.as_str(), *done), ("frames", 128.0));
         let shorter = run_on(&MemoryHost::new(4, &[], 1), &scene, &params(128)).unwrap();
-        let shorter = &shorter.iter().find(|port| port.0 == "frames").unwrap().1;
+        let shorter = &shorter["frames"];
         assert_eq!(last.pixel_pitch_mm(), shorter.pixel_pitch_mm());
         let values = shorter.layers.iter().filter(|layer| layer.info.kind == LayerKind::Value);
         assert_eq!(last.layers.len(), values.clone().count());
