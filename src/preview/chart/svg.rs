@@ -294,7 +294,9 @@ mod tests {
     /// Whatever the numbers: whole elements, no NaN, no style attribute, names as text.
     #[test]
     fn elements_are_whole() {
-        let cases: [(&[(&str, &[f64], f64)], &[&str]); 6] = [
+        /// Rows (metric, values of the axes, value) and the names of the axes.
+        type Case<'a> = (&'a [(&'a str, &'a [f64], f64)], &'a [&'a str]);
+        let cases: [Case; 6] = [
             (&[("<script>\"&'", &[], 2.0), ("b", &[], -1.0)], &[]),
             (&[("a", &[], 0.0), ("b", &[], 0.0)], &[]),
             (&[("a", &[1.0], 5.0), ("a", &[2.0], 5.0)], &["n"]),
