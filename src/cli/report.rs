@@ -5,6 +5,7 @@ use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use clap::Args;
 
+use crate::memory;
 use crate::registry::Registry;
 use crate::report::gather::{Source, gather};
 use crate::report::history::timestamp_text;
@@ -74,9 +75,6 @@ impl Report {
 fn here() -> String {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let cpu = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let model =
-        cpu.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':')).map(|(_, name)| name.trim());
-    let on = model.map_or_else(String::new, |model| format!("{model}, "));
+    let on = memory::machine::processor().map_or_else(String::new, |model| format!("{model}, "));
     format!("written {} on {on}{cores} cores", timestamp_text(now))
 }

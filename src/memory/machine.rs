@@ -76,6 +76,13 @@ impl Budget {
     }
 }
 
+/// The name of the processor, where the system says it.
+pub fn processor() -> Option<String> {
+    let text = fs::read_to_string("/proc/cpuinfo").ok()?;
+    let name = text.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'))?.1.trim();
+    Some(name.to_owned())
+}
+
 /// `NAME   123 kB` in bytes.
 fn kilobytes(text: &str, name: &str) -> Option<u64> {
     let rest = text.lines().find_map(|line| line.strip_prefix(name))?;

@@ -1,6 +1,6 @@
 //! How much memory an instance takes, reckoned before anything is taken; and how much there is.
 
-mod machine;
+pub mod machine;
 
 use std::collections::BTreeMap;
 

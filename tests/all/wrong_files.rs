@@ -79,7 +79,7 @@ const WRONG: &[(&str, &str, &str, &str)] = &[
     ("    in: {scene: tissue}\n", "", "12:3: stages.frames.in: render needs the input `scene` (scene)", "add `in: {scene: STAGE}`"),
     ("in: {scene: tissue}", "in: {scene: tisue}", "14:17: stages.frames.in.scene: there is no stage `tisue`", "did you mean `tissue`?"),
     ("in: {scene: tissue}", "in: {scen: tissue}", "14:16: stages.frames.in.scen: render has no input `scen`; it has scene, pattern", "did you mean `scene`?"),
-    ("in: {scene: tissue}", "in: {scene: tissue.scenes}", "14:17: stages.frames.in.scene: stage `tissue` (scene) has no output `scenes`; it has scene, sketch", "did you mean `tissue.scene`?"),
+    ("in: {scene: tissue}", "in: {scene: tissue.scenes}", "14:17: stages.frames.in.scene: stage `tissue` (scene) has no output `scenes`; it has scene, preview", "did you mean `tissue.scene`?"),
     ("in: {scene: tissue}", "in: {scene: modulation}", "14:17: stages.frames.in.scene: the stages feed each other in a circle: frames -> modulation -> frames", "stage `frames`: input `scene` wants scene, but modulation.modulation is modulation"),
     ("seed: 7", "seed: 7\ninclude: nowhere.yaml", "3:10: include: `nowhere.yaml`: the file does not exist", ""),
     ("use: scene\n    with:\n      media: {m: {mu_a: 0.05", "use: scene\n    foreach: {csv: nowhere.csv}\n    with:\n      media: {m: {mu_a: \"${absorption}\"", "7:20: stages.tissue.foreach.csv: `nowhere.csv`: the file does not exist", ""),

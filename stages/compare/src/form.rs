@@ -4,7 +4,7 @@ use turbid_contract::{ColumnInfo, Form, Forms, Known, LayerKind};
 
 use crate::params::Params;
 use crate::shared::shared;
-use crate::{fit, maps, summary, written};
+use crate::{fit, maps, over_axes, summary, written};
 
 /// The forms of what `compare` makes; rows depend on what is seen.
 pub fn describe_compare(params: &Params, known: &Known) -> Forms {
@@ -78,7 +78,12 @@ pub fn describe_summarize(known: &Known) -> Forms {
         return Forms::new();
     }
     let columns = summary::MADE.map(|(name, own)| (name, own.unwrap_or(unit)));
-    Forms::from([("metrics", Form::table(None, &columns))])
+    let axes = known.axes("metrics").first().into_iter().flat_map(|axes| axes.keys());
+    let axes: Vec<String> = axes.map(|name| over_axes::column_of(name)).collect();
+    let axes = axes.iter().map(|name| (name.as_str(), ""));
+    let after = over_axes::AFTER.map(|(name, own)| (name, own.unwrap_or(unit)));
+    let rows: Vec<_> = over_axes::BEFORE.into_iter().chain(axes).chain(after).collect();
+    Forms::from([("metrics", Form::table(None, &columns)), ("over_axes", Form::table(None, &rows))])
 }
 
 /// The unit that all have; empty where they differ, or where there are none.

@@ -5,6 +5,25 @@ use turbid_contract::{Axes, Cells, Table};
 
 use crate::summary::{Figure, Known};
 
+/// Columns before those of the axes: name and unit.
+pub const BEFORE: [(&str, &str); 2] = [("region", ""), ("quantity", "")];
+
+/// Columns after those of the axes; no unit: that of the means.
+pub const AFTER: [(&str, Option<&str>); 7] = [
+    ("mean", None),
+    ("mean_se", None),
+    ("truth", None),
+    ("bias", None),
+    ("bias_percent", Some("%")),
+    ("masked_percent", Some("%")),
+    ("unit", Some("")),
+];
+
+/// The column with the values of an axis.
+pub fn column_of(axis: &str) -> String {
+    format!("axis {axis}")
+}
+
 /// A row for each figure of each instance: `region`, `quantity`, `axis NAME`, `mean`, `mean_se`, `truth`, `bias`, `bias_percent`, `masked_percent`, `unit`.
 ///
 /// `bias_percent` is null where the truth is 0 and of positions (mm), as in the summary; all that is known of nothing is null.
@@ -29,7 +48,7 @@ pub fn table(instances: &[(Axes, Vec<Figure>)]) -> Table {
             None => String::new(),
         };
         let cells = numbers.map_or_else(|| Cells::Text(values().map(text).collect()), Cells::F64);
-        table.push(format!("axis {name}"), "", cells);
+        table.push(column_of(name), "", cells);
     }
     table.push("mean", unit, known(&|_, known| Some(known.mean)));
     table.push("mean_se", unit, known(&|_, known| known.mean_se));
@@ -68,6 +87,11 @@ mod tests {
             (axes(1.0, "a"), vec![figure(Some([0.3, 0.2]))]),
             (axes(2.0, "b"), vec![figure(Some([0.1, 0.0])), figure(None)]),
         ]);
+        let names: Vec<&str> = table.columns.iter().map(|c| c.name.as_str()).collect();
+        let before = BEFORE.iter().map(|(name, _)| *name);
+        let told: Vec<&str> =
+            before.chain(["axis kind", "axis n"]).chain(AFTER.iter().map(|(name, _)| *name)).collect();
+        assert_eq!(names, told, "the form says otherwise");
         let column = |name: &str| &table.columns.iter().find(|c| c.name == name).expect("a column").cells;
         assert!(matches!(column("axis n"), Cells::F64(v) if v[..] == [1.0, 2.0, 2.0]));
         assert!(matches!(column("axis kind"), Cells::Text(v) if v[..] == ["a", "b", "b"]));

@@ -136,6 +136,7 @@ const CONSUMERS: &str = "
     use: import_frames
     in: {transfer: noise}
     with: {pattern: \"data/measured/tissue_{f_x}_{phase}.tif\", f_x: [0, 0.1], phases: 3, dark: data/measured/dark.tif}
+  summary_of_rows: {use: summarize, in: {metrics: summary.over_axes}}
   compare_normals: {use: compare, in: {estimate: shape.normals, truth: frames.truth}}
   second_camera: {use: sensor, in: {frames: camera, covariance: camera.covariance}, with: {bits: 8}}
   behind_two: {use: demodulate, in: {frames: second_camera, covariance: second_camera.covariance}}

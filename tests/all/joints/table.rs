@@ -29,7 +29,7 @@ const FOR_ALL_LIGHT: Reason = May("a truth that names no wavelength holds for al
 const A_PART: Reason = May("a rig may be a part of a bench: what is missing is refused by the stage that needs it");
 
 /// By consumer, then producer.
-pub const JOINTS: [Row; 108] = [
+pub const JOINTS: [Row; 109] = [
     row(
         "build_lut.phantoms",
         "demodulate.modulation",
@@ -329,6 +329,7 @@ pub const JOINTS: [Row; 108] = [
         &[(&[Size, Frequency, Wavelength, Orientation, Phases, Unit], CarriedOn), (&[Quantity], Declared)],
     ),
     row("summarize.metrics", "compare.metrics", &[Columns], &[], &[(&[Unit], CarriedOn)]),
+    row("summarize.metrics", "summarize.over_axes", &[Columns], &[], &[(&[Unit], CarriedOn)]),
     row(
         "tabulate.minus",
         "calibrate.reflectance",
@@ -659,11 +660,12 @@ pub const JOINTS: [Row; 108] = [
 ];
 
 /// Outputs of which no check knows a part before the run: output, part, and why.
-pub const OPEN: [(&str, &str, &str); 2] = [
+pub const OPEN: [(&str, &str, &str); 3] = [
     (
         "compare.metrics",
         "rows",
         "a row for each region and quantity of which the images show something: an object may be hidden",
     ),
     ("photon_transfer.transfer", "rows", "a row for each level that enough pixels of the frames have"),
+    ("summarize.over_axes", "rows", "the rows of the metrics, whose number only a run can tell"),
 ];
