@@ -75,6 +75,10 @@ fn points_have_errors_and_costs() {
         assert!(head.split(',').any(|column| column == name), "{name} is not in {head}");
     }
     assert_eq!(csv.lines().count(), 13);
+    let folder = space.path("outputs/latest/noise/studies/paths");
+    assert!(folder.join("study.parquet").exists());
+    let svg = std::fs::read_to_string(folder.join("study.svg")).expect("it is there");
+    assert!(svg.contains("modulation.m_dc: error ~ time^"), "{svg}");
     // The report shows it, whoever built the program: picture, points, slope. Another definition and damage are said.
     let report = |what: &str| {
         space.turbid(&["report", "p.yaml", "--to", "r.html"]).ok();
@@ -84,7 +88,6 @@ fn points_have_errors_and_costs() {
     };
     let page = report("data:image/svg+xml;base64,");
     assert!(page.contains("samples = 256") && page.contains("error ~ time^"), "points and slope");
-    let folder = space.path("outputs/latest/noise/studies/paths");
     let found = std::fs::read_to_string(folder.join("study.json")).expect("it is there");
     std::fs::write(folder.join("study.json"), found.replace("\"repeats\": 4", "\"repeats\": 5")).expect("it is ours");
     report("another definition");
@@ -100,9 +103,6 @@ fn points_have_errors_and_costs() {
     assert!(others.iter().all(|error| error.parse::<f64>().is_ok_and(|e| e > 0.0)), "{others:?}");
     let mean = others.iter().filter_map(|error| error.parse::<f64>().ok()).fold(f64::MAX, f64::min);
     assert!(mean < 50.0, "{others:?}");
-    assert!(space.path("outputs/latest/noise/studies/paths/study.parquet").exists());
-    let svg = std::fs::read_to_string(space.path("outputs/latest/noise/studies/paths/study.svg")).expect("it is there");
-    assert!(svg.contains("modulation.m_dc: error ~ time^"), "{svg}");
     let second = events(&space, &["paths"]);
     assert_eq!(of(&second, "finished")[0]["ran"], 0);
     let errors_again: Vec<&Value> = of(&second, "study_point").iter().map(|m| &m["error"]).collect();
