@@ -31,6 +31,7 @@ mod stamp;
 pub mod statistics;
 pub mod store;
 pub mod study;
+pub mod submit;
 mod terminal;
 mod threads;
 pub mod unchanged;

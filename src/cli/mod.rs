@@ -25,6 +25,8 @@ mod simd;
 mod stages;
 #[cfg(feature = "tables")]
 mod study;
+mod submit;
+mod task;
 
 use std::io::{IsTerminal, Write};
 use std::mem::ManuallyDrop;
@@ -58,6 +60,8 @@ pub enum Failure {
     Said,
     /// Ctrl-C: exit 130.
     Interrupted,
+    /// Ctrl-C, and all has been said: what others do goes on.
+    Left,
 }
 
 impl From<Report> for Failure {
@@ -67,6 +71,16 @@ impl From<Report> for Failure {
 }
 
 impl Failure {
+    /// With which code the command ends.
+    fn code(&self) -> u8 {
+        match self {
+            Self::Report(report) => report.exit_code(),
+            Self::Input(_) => Kind::Usage.exit_code(),
+            Self::Failed(_) | Self::Said => Kind::Failed.exit_code(),
+            Self::Interrupted | Self::Left => INTERRUPTED,
+        }
+    }
+
     /// What is to be said, and with which code to end.
     fn told(self) -> (Report, u8) {
         let report = match self {
@@ -74,7 +88,7 @@ impl Failure {
             Self::Input(message) => Diagnostic::nowhere(Mistake::new(Kind::Usage, message)).into(),
             Self::Failed(message) => Diagnostic::nowhere(Mistake::new(Kind::Failed, message)).into(),
             Self::Said => return (Report::default(), Kind::Failed.exit_code()),
-            Self::Interrupted => return (Report::default(), INTERRUPTED),
+            Self::Interrupted | Self::Left => return (Report::default(), INTERRUPTED),
         };
         let code = report.exit_code();
         (report, code)
@@ -124,6 +138,11 @@ enum Command {
     Dataset(dataset::Dataset),
     /// Measure errors against run time over what a study varies (needs a build with `--features tables`)
     Study(study::Study),
+    /// Hand shards over to HyperQueue or Slurm, and follow them
+    Submit(submit::Submit),
+    /// What an engine starts: a shard of a job
+    #[command(hide = true)]
+    Task(task::Task),
     /// Look after the store of results
     Cache(cache::Cache),
     /// Write a commented starter pipeline
@@ -159,7 +178,6 @@ impl Pipeline {
     }
 
     /// The same of one point of each draw: of a large one not all instances are held.
-    #[cfg(feature = "tables")]
     fn plan_of_first_points(&self, registry: &Registry) -> Result<Plan, Failure> {
         let (spec, report) = spec::read(&self.file, &self.set);
         let Some(spec) = spec else { return Err(report.into()) };
@@ -196,25 +214,7 @@ pub fn main(registry: Registry) -> ExitCode {
             return ExitCode::from(code_with_lost_output(0));
         }
     };
-    let done = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| match &cli.command {
-        Command::Run(command) => command.run(&registry),
-        Command::Plan(command) => command.run(&registry),
-        Command::Explain(command) => command.run(&registry),
-        Command::Check(command) => command.run(&registry),
-        Command::Show(command) => command.run(&registry),
-        Command::Report(command) => command.run(&registry),
-        Command::Runs(command) => command.run(),
-        Command::Diff(command) => command.run(&registry),
-        Command::Graph(command) => command.run(&registry),
-        Command::Stages(command) => command.run(&registry),
-        Command::Schema => schema::run(&registry),
-        Command::Export(command) => command.run(&registry),
-        Command::Dataset(command) => command.run(&registry),
-        Command::Study(command) => command.run(&registry),
-        Command::Cache(command) => command.run(),
-        Command::New(command) => command.run(),
-    }));
-    let done = done.unwrap_or_else(|panic| Err(Failure::Failed(panics::text(panic.as_ref()))));
+    let done = cli.command.run(&registry);
     let code = match done {
         Ok(()) => 0,
         Err(failure) => {
@@ -228,6 +228,40 @@ pub fn main(registry: Registry) -> ExitCode {
         }
     };
     ExitCode::from(code_with_lost_output(code))
+}
+
+/// Does what another command of turbid would do, given by its arguments.
+fn perform(arguments: &[String], registry: &Registry) -> Done {
+    let words = std::iter::once("turbid").chain(arguments.iter().map(String::as_str));
+    let cli = Cli::try_parse_from(words).map_err(|error| Failure::Input(error.to_string()))?;
+    cli.command.run(registry)
+}
+
+impl Command {
+    /// A panic is a failure like any other.
+    fn run(&self, registry: &Registry) -> Done {
+        let done = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| match self {
+            Self::Run(command) => command.run(registry),
+            Self::Plan(command) => command.run(registry),
+            Self::Explain(command) => command.run(registry),
+            Self::Check(command) => command.run(registry),
+            Self::Show(command) => command.run(registry),
+            Self::Report(command) => command.run(registry),
+            Self::Runs(command) => command.run(),
+            Self::Diff(command) => command.run(registry),
+            Self::Graph(command) => command.run(registry),
+            Self::Stages(command) => command.run(registry),
+            Self::Schema => schema::run(registry),
+            Self::Export(command) => command.run(registry),
+            Self::Dataset(command) => command.run(registry),
+            Self::Study(command) => command.run(registry),
+            Self::Submit(command) => command.run(registry),
+            Self::Task(command) => command.run(registry),
+            Self::Cache(command) => command.run(),
+            Self::New(command) => command.run(),
+        }));
+        done.unwrap_or_else(|panic| Err(Failure::Failed(panics::text(panic.as_ref()))))
+    }
 }
 
 /// What was done is done, but whoever waits for what was to be printed must know that it is not all there.

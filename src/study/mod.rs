@@ -4,6 +4,7 @@
 //! [`points`] says which points there are, [`quantity`] what is looked at, [`found`] what one point says, [`studied`] runs them, [`table`] makes the
 //! table and [`plot`] the picture of error over CPU time.
 
+pub mod ahead;
 pub mod found;
 pub mod plot;
 pub mod points;

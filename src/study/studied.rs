@@ -7,15 +7,16 @@ use std::path::Path;
 use turbid_contract::{Artifact, ImageStack};
 
 use crate::digest::Digest;
-use crate::plan::{InstanceId, Plan, Target};
+use crate::plan::{InstanceId, Plan};
 use crate::registry::Registry;
 use crate::resolve::{Resolver, State, Survey};
 use crate::run::log::{Logged, RunLog};
 use crate::run::progress::Work;
 use crate::run::{self, End, Interrupt, Options, Progress};
-use crate::spec::{self, Diagnostic, Report, Severity, Spec, StageId, StudySpec};
+use crate::spec::{Diagnostic, Report, StageId, StudySpec};
 use crate::store::Store;
 
+use super::ahead::{self, first};
 use super::found::{Errors, Found, Seen, Spent, spent};
 use super::points::{Point, order, points};
 use super::quantity::Quantity;
@@ -71,9 +72,33 @@ impl Studying<'_> {
     /// Runs all points, cheap ones first; a row each, in the order of [`points`]. A point that fails is a row with the reason, and the others are run.
     pub fn run(&self) -> Result<(Vec<Row>, Counts), Stopped> {
         let points = points(self.study);
+        let (found, counts) = self.run_those(&points, &order(&points))?;
+        let mut found: Vec<Result<Found, String>> =
+            found.into_iter().map(|f| f.expect("every point was run")).collect();
+        if self.study.truth.is_none() {
+            against_each_other(self.study, &points, &mut found);
+        }
+        Ok((rows(points, found), counts))
+    }
+
+    /// Runs the points of one of `of` shards (`number` from 1), for whoever runs the whole study afterwards. How many failed.
+    pub fn run_shard(&self, number: u32, of: u32) -> Result<(usize, Counts), Stopped> {
+        let points = points(self.study);
+        let own = order(&points).into_iter().skip(number as usize - 1).step_by(of as usize);
+        let (found, counts) = self.run_those(&points, &own.collect::<Vec<_>>())?;
+        Ok((found.iter().flatten().filter(|found| found.is_err()).count(), counts))
+    }
+
+    /// What each of these points says, at its place among all.
+    #[allow(clippy::type_complexity, reason = "a list of all points, and counts")]
+    fn run_those(
+        &self,
+        points: &[Point],
+        those: &[usize],
+    ) -> Result<(Vec<Option<Result<Found, String>>>, Counts), Stopped> {
         let mut found: Vec<Option<Result<Found, String>>> = vec![None; points.len()];
         let (log, counts) = (RefCell::new(None), RefCell::new(Counts::default()));
-        for (done, i) in order(&points).into_iter().enumerate() {
+        for (done, &i) in those.iter().enumerate() {
             let result = self.point(&points[i], &log, &counts);
             if self.interrupt.requested() {
                 return Err(Stopped::Interrupted);
@@ -89,19 +114,11 @@ impl Studying<'_> {
                 crate::terminal::tell(&format!("warning: the log of this run could not be written: {text}"));
             }
         }
-        let mut found: Vec<Result<Found, String>> =
-            found.into_iter().map(|f| f.expect("every point was run")).collect();
-        if self.study.truth.is_none() {
-            against_each_other(self.study, &points, &mut found);
-        }
-        Ok((rows(points, found), counts))
+        Ok((found, counts))
     }
 
     fn point(&self, point: &Point, log: &RefCell<Option<RunLog>>, counts: &RefCell<Counts>) -> Result<Found, String> {
-        let overrides = [self.overrides, &point.overrides(self.study)].concat();
-        let (spec, report) = spec::read(self.file, &overrides);
-        let Some(spec) = spec.filter(|_| !report.has_errors()) else { return Err(first(&report)) };
-        let plan = self.plan(spec.repeated(point.repeat), report)?;
+        let plan = ahead::plan(self.file, self.overrides, self.study, self.registry, point)?;
         let looked_at = Looked::of(self.study, &plan)?;
         let resolver = Resolver::new(&plan, self.store);
         let survey = resolver.survey(&[]);
@@ -179,30 +196,6 @@ impl Studying<'_> {
             seen: if self.study.truth.is_some() { Vec::new() } else { all },
         })
     }
-
-    /// The plan of what the study looks at.
-    fn plan(&self, spec: Spec, report: Report) -> Result<Plan, String> {
-        let names = [Some(&self.study.estimate), self.study.truth.as_ref()];
-        let texts = names.into_iter().flatten().chain(&self.study.also);
-        let targets: Vec<Target> = texts.map(|text| target(text, &spec, self.registry)).collect();
-        let plan = Plan::build(spec, report, self.registry, &targets).map_err(|report| first(&report))?;
-        Ok(plan.without_previews())
-    }
-}
-
-/// The stage of a quantity, and its port where it names one.
-fn target(text: &str, spec: &Spec, registry: &Registry) -> Target {
-    let mut words = text.split('.');
-    let stage = words.next().unwrap_or_default().to_owned();
-    let row = spec.stage(&stage).and_then(|id| registry.find(&spec.stages[id].use_name));
-    let port = words.next().filter(|word| row.is_some_and(|row| (row.outputs)().iter().any(|p| p.name == *word)));
-    Target { stage, port: port.map(str::to_owned) }
-}
-
-fn first(report: &Report) -> String {
-    let all = report.diagnostics();
-    let error = all.iter().find(|d| d.severity == Severity::Error);
-    error.map(|error| error.in_short()).unwrap_or_else(|| "it cannot be run".to_owned())
 }
 
 /// One of `also`: a measure of a stage, or a quantity.
