@@ -165,7 +165,7 @@ impl<'a> Resolver<'a> {
         // At first all that has a record is up to date: its digests key those that read it.
         let asked = std::mem::take(&mut *lock(&self.asked));
         for &stage in &self.plan.needed {
-            let ids: Vec<InstanceId> = self.plan.instances_of(stage).collect();
+            let ids: Vec<InstanceId> = self.plan.needed_of(stage).collect();
             let forced = force.contains(&stage);
             // Instances of one stage know nothing of each other. A block is as much as is looked at in vain after many mistakes.
             for block in ids.chunks(BLOCK) {

@@ -13,6 +13,7 @@ mod export;
 mod graph;
 mod memory;
 mod new;
+mod part;
 mod plan;
 mod released;
 mod report;
@@ -175,6 +176,18 @@ impl Pipeline {
         let Some(spec) = spec else { return Err(report.into()) };
         let targets: Vec<Target> = targets.iter().map(|t| Target::parse(t)).collect();
         Ok(ManuallyDrop::new(Plan::build(spec, report, registry, &targets)?))
+    }
+
+    /// The same, and of it what is asked for. How many instances no shard runs, because they gather what several make.
+    fn plan_part(
+        &self,
+        registry: &Registry,
+        targets: &[String],
+        part: &part::PartOf,
+    ) -> Result<(ManuallyDrop<Plan>, usize), Failure> {
+        let mut plan = self.plan(registry, targets)?;
+        let left = part.restrict(&mut plan)?;
+        Ok((plan, left))
     }
 
     /// The same of one point of each draw: of a large one not all instances are held.

@@ -18,6 +18,7 @@ use crate::threads;
 
 use super::cache::size_text;
 use super::memory::{MemoryLimit, at_most, too_large};
+use super::part::PartOf;
 use super::{Done, Pipeline, print, print_json, report_of};
 
 #[derive(Args)]
@@ -28,6 +29,8 @@ pub struct PlanCommand {
     #[arg(value_name = "STAGE")]
     targets: Vec<String>,
     #[command(flatten)]
+    part: PartOf,
+    #[command(flatten)]
     memory: MemoryLimit,
     #[arg(long)]
     json: bool,
@@ -35,7 +38,7 @@ pub struct PlanCommand {
 
 impl PlanCommand {
     pub fn run(&self, registry: &Registry) -> Done {
-        let plan = self.pipeline.plan(registry, &self.targets)?;
+        let (plan, left) = self.pipeline.plan_part(registry, &self.targets, &self.part)?;
         let store = self.pipeline.store_to_read()?;
         let resolver = Resolver::new(&plan, &store);
         let survey = resolver.survey(&[]);
@@ -47,9 +50,12 @@ impl PlanCommand {
         let budget = self.memory.budget(threads::of_machine());
         let memory = Memory { at_most: at_most(&plan, &survey, budget, threads::of_machine()), budget };
         if self.json {
-            print_json(&to_json(&resolver, &survey, &estimates, &memory));
+            print_json(&to_json(&resolver, &survey, &estimates, &memory, self.part.event(left)));
         } else {
             print(&to_text(&resolver, &survey, &estimates, &memory));
+            if let Some(text) = self.part.text(&plan, &self.targets, self.pipeline.outputs.path(), left) {
+                print(&text);
+            }
         }
         for warning in report.diagnostics() {
             tell(&warning.to_string());
@@ -176,10 +182,19 @@ struct Listing<'a> {
     draws: Vec<Drawn<'a>>,
     instances: Vec<Row<'a>>,
     memory: Memory,
+    /// What is said of a shard.
+    #[serde(flatten)]
+    shard: BTreeMap<&'static str, serde_json::Value>,
     stages_left_out: Vec<&'a str>,
 }
 
-fn to_json(resolver: &Resolver<'_>, survey: &Survey, estimates: &Estimates, memory: &Memory) -> String {
+fn to_json(
+    resolver: &Resolver<'_>,
+    survey: &Survey,
+    estimates: &Estimates,
+    memory: &Memory,
+    shard: Vec<(&'static str, serde_json::Value)>,
+) -> String {
     let plan = resolver.plan;
     let found = plan.needed_instances().filter_map(|id| survey.states[id].as_ref().map(|s| (id, s)));
     let row = |(id, found)| {
@@ -209,6 +224,7 @@ fn to_json(resolver: &Resolver<'_>, survey: &Survey, estimates: &Estimates, memo
         draws: drawn(plan).map(|(stage, draw)| Drawn::of(stage, draw)).collect(),
         instances: found.map(row).collect(),
         memory: *memory,
+        shard: shard.into_iter().collect(),
         stages_left_out: unneeded.map(|s| plan.spec.stages[s].name.as_str()).collect(),
     };
     serde_json::to_string(&listing).expect("names and finite numbers")

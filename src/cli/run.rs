@@ -23,6 +23,7 @@ use crate::threads;
 use crate::unchanged::{self, Closing, Request, Seen};
 
 use super::memory::{MemoryLimit, too_large};
+use super::part::PartOf;
 use super::simd::simd_level;
 use super::{Done, Failure, Pipeline, print, print_json, report_of};
 
@@ -36,6 +37,8 @@ pub struct Run {
     /// Run a stage from its start even where its result is stored, and compare the two: where they differ the run fails
     #[arg(long, value_name = "STAGE")]
     force: Vec<String>,
+    #[command(flatten)]
+    part: PartOf,
     /// Store the result of a forced stage even where it differs from the stored one
     #[arg(long, requires = "force")]
     replace: bool,
@@ -63,24 +66,27 @@ impl Run {
             overrides: &self.pipeline.set,
             targets: &self.targets,
         };
+        let whole = self.part.is_whole();
         if self.force.is_empty()
+            && whole
             && simd_level().is_ok()
             && let Some(closing) = unchanged::recall(&request)
             && note_up_to_date(outputs, &closing.pipeline, closing.hits).is_none()
         {
-            self.say(&closing, &Counts { hits: closing.hits, ..Counts::default() }, began);
+            self.say(&closing, &Counts { hits: closing.hits, ..Counts::default() }, began, 0);
             return Ok(());
         }
-        if let Some((whole, stages)) = self.whole_targets() {
-            return self.run_all(whole, stages, registry);
+        if let Some((sets, stages)) = self.whole_targets() {
+            return self.run_all(sets, stages, registry);
         }
-        let plan = self.pipeline.plan(registry, &self.targets)?;
+        let (plan, left) = self.pipeline.plan_part(registry, &self.targets, &self.part)?;
         let force = self.forced(&plan)?;
         let simd = simd_level()?;
-        let store = Store::open(outputs).map_err(|e| Failure::Input(e.to_string()))?;
+        let open = if self.part.shard.is_some() { Store::open_for_shard } else { Store::open };
+        let store = open(outputs).map_err(|e| Failure::Input(e.to_string()))?;
         let resolver = Resolver::new(&plan, &store);
         let memos = outputs.join("store").join("memos");
-        let remembered = if force.is_empty() { memo::recall(&plan, &store, &memos) } else { None };
+        let remembered = if force.is_empty() && whole { memo::recall(&plan, &store, &memos) } else { None };
         let recalled = remembered.is_some();
         let (survey, known_files) = match remembered {
             Some(Recalled { records, files }) => (resolver.up_to_date(records), files),
@@ -107,13 +113,14 @@ impl Run {
             simd,
             keep_states: true,
             memory,
-            live: Some(outputs.to_owned()),
+            live: whole.then(|| outputs.to_owned()),
         };
-        let made = Making { resolver: &resolver, outputs, progress: progress.as_ref() }.make(survey, options);
+        let made = Making { resolver: &resolver, outputs, progress: progress.as_ref(), whole }.make(survey, options);
         progress.ended();
         let Made { summary, folder, figures, rounds, unwritten, warned } = made?;
         let quiet = report.diagnostics().is_empty() && !warned && store.unread().is_none();
-        if (!recalled || rounds > 1)
+        if whole
+            && (!recalled || rounds > 1)
             && let Some(records) = plan.needed_instances().map(|id| summary.record(id)).collect::<Option<Vec<_>>>()
         {
             memo::keep(&plan, &records, &resolver.files_read(), &memos);
@@ -126,9 +133,11 @@ impl Run {
         if !warning.is_empty() {
             progress.warn(&plan.spec.pipeline, &warning.join("; "));
         }
-        let closing = closing(&plan, &summary, &figures, folder.as_deref().ok(), outputs);
-        self.say(&closing, &Counts::of(&summary), began);
-        if quiet && warning.is_empty() && summary.hits() == summary.ends.len() {
+        let filled = folder.as_ref().ok().and_then(Option::as_deref);
+        let mut closing = closing(&plan, &summary, &figures, filled, outputs);
+        closing.texts.extend(self.part.text(&plan, &self.targets, outputs, left));
+        self.say(&closing, &Counts::of(&summary), began, left);
+        if whole && quiet && warning.is_empty() && summary.hits() == summary.ends.len() {
             let records = plan.needed_instances().filter_map(|id| summary.record(id)).map(|record| &**record);
             let watched = store.watched(records).into_iter();
             if let Some(of_people) = latest::watched(&plan, outputs) {
@@ -150,14 +159,16 @@ impl Run {
     }
 
     /// The last words of a run.
-    fn say(&self, closing: &Closing, counts: &Counts, began: Instant) {
+    fn say(&self, closing: &Closing, counts: &Counts, began: Instant, left: usize) {
         let seconds = began.elapsed().as_secs_f64();
         let Counts { hits, ran, failed, interrupted } = counts;
         if self.json {
             closing.events.iter().for_each(|event| print_json(event));
-            Json::event(json!({
+            let mut event = json!({
                 "event": "finished", "hits": hits, "ran": ran, "failed": failed, "seconds": seconds, "interrupted": interrupted,
-            }));
+            });
+            self.part.event(left).into_iter().for_each(|(name, value)| event[name] = value);
+            Json::event(event);
         } else {
             let table = &closing.table;
             print(&format!("{table}{hits} up to date, {ran} ran, {failed} failed in {seconds:.2} s\n"));
@@ -223,13 +234,15 @@ struct Making<'a> {
     resolver: &'a Resolver<'a>,
     outputs: &'a Path,
     progress: &'a dyn Progress,
+    /// Whether all that the targets need takes part. Of less nothing is for people: the run of all fills their folder.
+    whole: bool,
 }
 
 /// What a run made and left.
 struct Made {
     summary: Summary,
-    /// The folder for people, or why it could not be brought up to date.
-    folder: Result<PathBuf, String>,
+    /// The folder for people, or why it could not be brought up to date; none where a part ran.
+    folder: Result<Option<PathBuf>, String>,
     figures: Figures,
     rounds: usize,
     /// Whether something was said that the next run would say again.
@@ -241,7 +254,7 @@ struct Made {
 impl Making<'_> {
     /// Runs what is stale and publishes it, until all that is called up to date is there and whole.
     fn make(&self, mut survey: Survey, mut options: Options) -> Result<Made, Failure> {
-        let Self { resolver, outputs, progress } = *self;
+        let Self { resolver, outputs, progress, whole } = *self;
         let (plan, store) = (resolver.plan, resolver.store);
         let failed = |e: StoreError| Failure::Failed(e.to_string());
         let (mut log, mut interrupt) = (None, Interrupt::default());
@@ -257,23 +270,26 @@ impl Making<'_> {
             let told: &dyn Progress = logged.as_ref().map_or(progress, |logged| logged);
             summary.add(run::run(resolver, survey, &options, told, &interrupt).map_err(Failure::Failed)?);
             let mut dropped = store.finish().map_err(failed)?.dropped;
-            rival = rival.or_else(|| latest::rival(plan, outputs));
-            let published = latest::publish(plan, store, &summary, outputs);
+            rival = rival.or_else(|| if whole { latest::rival(plan, outputs) } else { None });
+            let published = match whole {
+                true => latest::publish(plan, store, &summary, outputs).map(Some),
+                false => Ok(None),
+            };
+            let lost = published.as_ref().is_ok_and(|published| published.as_ref().is_some_and(|made| made.lost));
             let figures = Figures::read(plan, store, &summary);
-            if figures.lost || published.as_ref().is_ok_and(|published| published.lost) {
+            if figures.lost || lost {
                 dropped.extend(store.finish().map_err(failed)?.dropped);
             }
             let gone = |id: &InstanceId| summary.record(*id).is_some_and(|record| dropped.contains(&record.key));
             let gone: Vec<InstanceId> = plan.needed_instances().filter(gone).collect();
             if gone.is_empty() || summary.interrupted || summary.failed() > 0 {
-                if gone.is_empty() && published.as_ref().is_ok_and(|published| published.lost) {
+                if gone.is_empty() && lost {
                     let text = "a stored output could not be read this time; its pictures are drawn by the next run";
                     told.warn(&plan.spec.pipeline, text);
                 }
                 let unwritten = self.end(log.as_ref(), rival.as_deref(), &summary);
-                let lost = figures.lost || published.as_ref().is_ok_and(|published| published.lost);
-                let warned = lost || rival.is_some();
-                let folder = published.map(|published| published.folder);
+                let warned = figures.lost || lost || rival.is_some();
+                let folder = published.map(|published| published.map(|made| made.folder));
                 return Ok(Made { summary, folder, figures, rounds, warned, unwritten });
             }
             for &id in &gone {
@@ -352,6 +368,9 @@ fn table(plan: &Plan, summary: &Summary) -> String {
     let mut rows = vec![["stage".to_owned(), "state".to_owned(), "seconds".to_owned(), "error".to_owned()]];
     for &stage in &plan.needed {
         let ends: Vec<&End> = plan.instances_of(stage).filter_map(|id| summary.ends.get(&id)).collect();
+        if ends.is_empty() {
+            continue;
+        }
         let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
         let mut wall = 0.0;
         for end in &ends {

@@ -3,6 +3,7 @@
 mod axes;
 mod lint;
 mod ports;
+pub mod shard;
 mod targets;
 
 use std::borrow::Cow;
@@ -65,6 +66,8 @@ pub struct Plan {
     consumers: IdVec<StageId, BTreeSet<StageId>>,
     /// The stage whose points the axis `draw` of a stage's instances counts.
     draws: IdVec<StageId, Option<StageId>>,
+    /// Whether an instance takes part, where not all that the targets need do.
+    part: Option<IdVec<InstanceId, bool>>,
 }
 
 impl Plan {
@@ -148,7 +151,7 @@ impl Plan {
             .map_err(|message| Report::from(Diagnostic::error(message, None)))?;
         let mut is_needed = IdVec::<StageId, _>::filled(false, spec.stages.len());
         needed.iter().for_each(|&stage| is_needed[stage] = true);
-        Ok(Self { spec, infos, instances, ranges, needed, is_needed, wanted, consumers, draws })
+        Ok(Self { spec, infos, instances, ranges, needed, is_needed, wanted, consumers, draws, part: None })
     }
 
     pub fn row(&self, stage: StageId) -> &StageRow {
@@ -224,7 +227,21 @@ impl Plan {
 
     /// The needed instances, in an order in which inputs come first.
     pub fn needed_instances(&self) -> impl Iterator<Item = InstanceId> + '_ {
-        self.needed.iter().flat_map(|&stage| self.instances_of(stage))
+        self.needed.iter().flat_map(|&stage| self.needed_of(stage))
+    }
+
+    /// Those of one stage.
+    pub fn needed_of(&self, stage: StageId) -> impl Iterator<Item = InstanceId> + '_ {
+        self.instances_of(stage)
+            .filter(move |&id| self.is_needed[stage] && self.part.as_ref().is_none_or(|part| part[id]))
+    }
+
+    /// From now on only these instances are needed; with each those that feed it must be among them. Which outputs are wanted
+    /// does not change, nor do keys.
+    pub fn restrict(&mut self, to: &[InstanceId]) {
+        let mut part = IdVec::filled(false, self.instances.len());
+        to.iter().for_each(|&id| part[id] = true);
+        self.part = Some(part);
     }
 }
 

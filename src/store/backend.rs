@@ -48,8 +48,9 @@ pub fn extension(kind: ArtifactKind) -> &'static str {
 }
 
 impl Folder {
-    pub fn open(root: &Path) -> Result<Self, StoreError> {
-        Ok(Self { root: root.to_owned(), packs: Packs::open(root)? })
+    /// `among_many`: as [`Packs::open`] says.
+    pub fn open(root: &Path, among_many: bool) -> Result<Self, StoreError> {
+        Ok(Self { root: root.to_owned(), packs: Packs::open(root, among_many)? })
     }
 
     /// Where a loose blob lies: `blobs/ab/abcd....exr`.

@@ -93,20 +93,30 @@ impl Store {
     ///
     /// Errors: `outputs` is not a folder or cannot be written to; the store is of a newer format.
     pub fn open(outputs: &Path) -> Result<Self, StoreError> {
+        Self::open_to_write(outputs, false)
+    }
+
+    /// The same for a run among many on many machines: it appends to a pack of its own, and leaves the index and the gathering
+    /// of packs to others.
+    pub fn open_for_shard(outputs: &Path) -> Result<Self, StoreError> {
+        Self::open_to_write(outputs, true)
+    }
+
+    fn open_to_write(outputs: &Path, among_many: bool) -> Result<Self, StoreError> {
         let root = outputs.join("store");
         if !format::check(&root)? {
             fs::create_dir_all(&root).map_err(StoreError::io("create the outputs folder", &root))?;
             format::write(&root).map_err(StoreError::io("write to the outputs folder", &root))?;
         }
         remove_leftovers(&root.join("tmp"));
-        Self::at(root, false)
+        Self::at(root, false, among_many)
     }
 
     /// Opens the store for looking only: nothing is created or changed, a missing store is an empty one.
     pub fn open_read_only(outputs: &Path) -> Result<Self, StoreError> {
         let root = outputs.join("store");
         format::check(&root)?;
-        Self::at(root, true)
+        Self::at(root, true, false)
     }
 
     /// Whether a run could write to `outputs`; leaves no trace. Errors as [`Store::open`].
@@ -118,10 +128,10 @@ impl Store {
         tempfile::tempfile_in(nearest).map(drop).map_err(StoreError::io("write to the outputs folder", nearest))
     }
 
-    fn at(root: PathBuf, read_only: bool) -> Result<Self, StoreError> {
+    fn at(root: PathBuf, read_only: bool, among_many: bool) -> Result<Self, StoreError> {
         Ok(Self {
             read_only,
-            folder: Folder::open(&root)?,
+            folder: Folder::open(&root, among_many)?,
             checkpoints: Checkpoints::new(&root),
             locks: KeyLocks::new(&root),
             in_use: Mutex::new(None),

@@ -42,11 +42,15 @@ pub(super) struct Packs {
     /// Whether something in the packs was found damaged.
     pub(super) damaged: AtomicBool,
     opened_s: u64,
+    among_many: bool,
 }
 
 impl Packs {
     /// Reads the index and whatever the packs hold beyond it; creates nothing.
-    pub fn open(root: &Path) -> Result<Self, StoreError> {
+    ///
+    /// `among_many`: other processes, perhaps on other machines, are at work on the same store. Then it appends to a pack of its
+    /// own, and neither writes the index nor wants packs to be gathered.
+    pub fn open(root: &Path, among_many: bool) -> Result<Self, StoreError> {
         Ok(Self {
             root: root.to_owned(),
             state: RwLock::new(State::load(root)?),
@@ -54,6 +58,7 @@ impl Packs {
             touched: Mutex::new(BTreeSet::new()),
             damaged: AtomicBool::new(false),
             opened_s: now_ns() / 1_000_000_000,
+            among_many,
         })
     }
 
@@ -138,6 +143,9 @@ impl Packs {
 
     /// Whether gathering the packs would be worth it: damage, many packs that still take frames, or more dead bytes than others.
     pub fn wants_gathering(&self) -> bool {
+        if self.among_many {
+            return false;
+        }
         let state = self.state();
         let short = state.packs.values().filter(|pack| pack.covered < FULL).count();
         self.damaged.load(Ordering::Relaxed) || state.garbage > 0 || short > MANY_SHORT_PACKS || is_mostly_dead(&state)
@@ -205,7 +213,7 @@ impl Packs {
     fn append_frame(&self, slot: &mut Option<Writer>, bytes: &[u8]) -> Result<(), StoreError> {
         let mut writer = match slot.take() {
             Some(writer) => writer,
-            None => Writer::adopt(&self.root, &mut self.state_mut())?,
+            None => Writer::adopt(&self.root, &mut self.state_mut(), self.among_many)?,
         };
         let path = self.root.join("packs").join(&writer.name);
         match writer.append(bytes) {
@@ -268,7 +276,7 @@ impl Packs {
     /// Brings everything to the disk and writes the index file if it lacks something.
     pub fn finish(&self) -> Result<(), StoreError> {
         self.sync_all()?;
-        if self.state().stale {
+        if self.state().stale && !self.among_many {
             // Only a cache: without it the next opening is slower.
             let _ = self.save_index();
         }
@@ -279,7 +287,7 @@ impl Packs {
     /// crash is little, and so seldom that all writing together is a few times the last index.
     pub fn finish_for_now(&self) -> Result<(), StoreError> {
         self.sync_all()?;
-        if self.state().lacks_much() {
+        if self.state().lacks_much() && !self.among_many {
             let _ = self.save_index();
         }
         Ok(())

@@ -140,7 +140,7 @@ impl Store {
             return Ok(report);
         }
         self.repair(&report, &unfit, self.folder.packs.wants_gathering())?;
-        let look_again = || Self::at(self.root.clone(), true)?.look();
+        let look_again = || Self::at(self.root.clone(), true, false)?.look();
         let (mut left, mut unfit) = look_again()?;
         // Older entries may have come to hold, or newer ones not to: only rewriting ends that.
         for _ in 0..REWRITINGS {

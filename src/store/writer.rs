@@ -64,7 +64,8 @@ impl Writer {
     /// Takes over a pack that no process appends to, or begins a new one.
     ///
     /// A name at which something stands that is no file, or that cannot be opened or read, is left to the next one.
-    pub fn adopt(root: &Path, state: &mut State) -> Result<Self, StoreError> {
+    /// `own`: no pack is taken over that another process began.
+    pub fn adopt(root: &Path, state: &mut State, own: bool) -> Result<Self, StoreError> {
         let folder = root.join("packs");
         odd::make_folder(root, &folder).map_err(StoreError::io("create a folder of the store", &folder))?;
         let machine = machine();
@@ -72,8 +73,8 @@ impl Writer {
         for n in 0..NAMES {
             // Where machines cannot be told apart, a lock may not reach every writer: then a name for this process only.
             let name = match &machine {
-                Some(machine) => format!("{machine}-{n:04}.pack"),
-                None => format!("{:016x}-{:08x}-{n:04}.pack", now_ns(), std::process::id()),
+                Some(machine) if !own => format!("{machine}-{n:04}.pack"),
+                _ => format!("{:016x}-{:08x}-{n:04}.pack", now_ns(), std::process::id()),
             };
             let path = folder.join(&name);
             match Self::open(root, state, name) {

@@ -32,6 +32,9 @@ impl Run {
             );
             return Err(Failure::Input(text));
         }
+        if !self.part.is_whole() {
+            return Err(self.not_in_parts(&whole));
+        }
         for target in whole {
             self.run_whole(target, registry)?;
         }
@@ -39,6 +42,22 @@ impl Run {
             return Ok(());
         }
         Self { targets: stages, ..self.clone() }.run(registry)
+    }
+
+    /// Studies and data sets are made by one process; what they take from stages can be made in parts before.
+    fn not_in_parts(&self, whole: &[Whole]) -> Failure {
+        let names: Vec<&str> = whole
+            .iter()
+            .map(|target| match target {
+                Whole::Study(name) | Whole::Dataset { name, .. } => name.as_str(),
+            })
+            .collect();
+        Failure::Input(format!(
+            "--shard and --only: {} is no stage; run the stages that it takes its values from in shards, then `turbid run {} {}` as a whole",
+            names.join(", "),
+            self.pipeline.file.display(),
+            names.join(" ")
+        ))
     }
 
     /// The targets that are studies and data sets, and the others; `None` where none is.

@@ -34,6 +34,12 @@ impl Command {
         format!("turbid run {}{}", self.file, self.tail)
     }
 
+    /// The run of these targets, all leaves where there are none.
+    pub fn run_of(&self, targets: &[String]) -> String {
+        let targets: String = targets.iter().map(|target| format!(" {}", quoted(target))).collect();
+        format!("turbid run {}{targets}{}", self.file, self.tail)
+    }
+
     /// Of one instance.
     pub fn one(&self, stage: &str, axes: &Axes, port: &str) -> String {
         let label = axes_text(axes);
