@@ -94,6 +94,9 @@ mod shots;
 mod spheres;
 #[path = "all/starters.rs"]
 mod starters;
+#[cfg(unix)]
+#[path = "all/submit.rs"]
+mod submit;
 #[path = "all/terminal.rs"]
 mod terminal;
 #[path = "all/tubes.rs"]

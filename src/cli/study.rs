@@ -10,6 +10,7 @@ use turbid_contract::Artifact;
 use turbid_tables::study::{OF_NOISE, Slope, points as over_repeats, slopes};
 
 use crate::plan::Plan;
+use crate::plan::shard::Shard;
 use crate::registry::Registry;
 use crate::resolve::Survey;
 use crate::run::latest::file_name;
@@ -43,6 +44,9 @@ pub struct Study {
     pub(super) jobs: Option<usize>,
     #[command(flatten)]
     pub(super) memory: MemoryLimit,
+    /// Only the K-th of N parts of the points (K from 1), for N processes or machines that share the outputs folder; no table is written
+    #[arg(long, value_name = "K/N")]
+    pub(super) shard: Option<Shard>,
     /// Print events as JSON lines
     #[arg(long)]
     pub(super) json: bool,
@@ -116,6 +120,8 @@ impl Study {
             |work: &Work| -> Box<dyn Progress> { if self.json { choose(true, work) } else { Box::new(Quiet) } };
         let refused = |plan: &Plan, survey: &Survey| too_large(plan, survey, self.memory.budget(jobs));
         let total = all_points(study).len();
+        let total =
+            self.shard.map_or(total, |Shard { number, of }| (total + of as usize - number as usize) / of as usize);
         let told =
             |point: &Point, done: usize, found: &Result<Found, String>| self.told(study, point, (done, total), found);
         let studying = Studying {
@@ -131,10 +137,16 @@ impl Study {
             refused: &refused,
             told: &told,
         };
-        let (rows, counts) = studying.run().map_err(|stopped| match stopped {
+        let stopped = |stopped| match stopped {
             Stopped::Failed(message) => Failure::Failed(message),
             Stopped::Interrupted => Failure::Interrupted,
-        })?;
+        };
+        if let Some(shard) = self.shard {
+            let (failed, counts) = studying.run_shard(shard.number, shard.of).map_err(stopped)?;
+            self.ended(study, shard, (failed, counts), began.elapsed().as_secs_f64());
+            return Ok(failed);
+        }
+        let (rows, counts) = studying.run().map_err(stopped)?;
         let table = table(study, &rows);
         let told = |e: turbid_tables::Error| Failure::Failed(e.to_string());
         let means = over_repeats(&table, study.error.starts_with("bias")).map_err(told)?;
@@ -212,6 +224,22 @@ impl Study {
             }
         };
         crate::terminal::tell(&format!("{done}/{total} {label}: {said}"));
+    }
+
+    /// The end of a shard.
+    fn ended(&self, study: &StudySpec, shard: Shard, (failed, counts): (usize, Counts), seconds: f64) {
+        let (Counts { hits, ran }, Shard { number, of }) = (counts, shard);
+        if self.json {
+            return Json::event(json!({
+                "event": "finished", "study": study.name, "shard": {"shard": number, "of": of}, "failed": failed, "hits": hits, "ran": ran,
+                "seconds": seconds,
+            }));
+        }
+        let name = &study.name;
+        print(&format!(
+            "shard {number} of {of}: {hits} up to date, {ran} ran, {failed} points failed in {seconds:.2} s; when all shards have run: turbid study {} {name}",
+            self.pipeline.file.display()
+        ));
     }
 
     fn closing(&self, closing: &Closing<'_>) {

@@ -22,7 +22,7 @@ use crate::threads;
 use turbid_contract::file::MOST_BYTES;
 
 use super::{Done, Failure, Pipeline, perform};
-use parts::Parts;
+use parts::{Ahead, Parts};
 use said::Said;
 
 /// So many of the latest jobs may still be at work.
@@ -38,9 +38,12 @@ pub struct Submit {
     /// Who runs the shards: hq (HyperQueue) or slurm
     #[arg(long, value_name = "ENGINE", value_parser = ENGINES)]
     engine: String,
-    /// At most so many tasks; by default as many as have 5 s of work each, up to 1000
+    /// At most so many tasks; by default as many as have enough to do, up to 1000
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     shards: Option<u32>,
+    /// Seconds of work that a task has at the least, by the estimates of `turbid plan`
+    #[arg(long, value_name = "SECONDS", default_value_t = batches::LEAST_S, value_parser = number)]
+    task_seconds: f64,
     /// Stay until all is done: say how far it is, submit again what failed, and gather here at the end
     #[arg(long)]
     follow: bool,
@@ -48,7 +51,7 @@ pub struct Submit {
     #[arg(long, value_name = "R", default_value_t = 2)]
     retries: usize,
     /// How long an engine that does not answer is waited for, in minutes
-    #[arg(long, value_name = "MINUTES", default_value_t = 60.0, value_parser = minutes)]
+    #[arg(long, value_name = "MINUTES", default_value_t = 60.0, value_parser = number)]
     patience: f64,
     /// Threads of each task
     #[arg(short = 'j', long = "jobs", value_name = "N", default_value_t = 1, value_parser = threads::parse)]
@@ -61,9 +64,9 @@ pub struct Submit {
     json: bool,
 }
 
-fn minutes(text: &str) -> Result<f64, String> {
+fn number(text: &str) -> Result<f64, String> {
     let value = text.parse::<f64>().ok().filter(|value| (0.0..=1e6).contains(value));
-    value.ok_or_else(|| "the patience is a number of minutes, 0 to 1000000".to_owned())
+    value.ok_or_else(|| "this is a number from 0 to 1000000".to_owned())
 }
 
 impl Submit {
@@ -71,10 +74,11 @@ impl Submit {
         let began = Instant::now();
         let options = program::words(&self.engine_args).map_err(|e| Failure::Input(format!("--engine-args {e}")))?;
         let parts = Parts::of(&self.pipeline, &self.targets, registry)?;
-        let ahead = parts.ahead(self.jobs)?;
+        let least_s = self.task_seconds * self.jobs as f64;
+        let ahead = parts.ahead(least_s)?;
         let command = Command::of(parts.plan(), self.pipeline.outputs.path());
-        let again = command.line(&format!("submit --engine {}", self.engine), &self.targets);
-        let said = Said { json: self.json, again, run: command.line("run", &self.targets), began };
+        let again = format!("{} --engine {}", command.command("submit", &self.targets), self.engine);
+        let said = Said { json: self.json, again, run: command.run_of(&self.targets), began };
         if ahead.stale() == 0 {
             said.up_to_date(ahead.hits);
             return if self.follow { self.gather(registry) } else { Ok(()) };
@@ -87,11 +91,11 @@ impl Submit {
             return self.gather(registry);
         }
         let engine = engine(&self.engine).expect("clap takes these names alone");
-        let work = self.work(&parts, options)?;
+        let work = self.work(&parts, &ahead, options)?;
         let (job, submission, engine) = match self.at_work(&work, &said)? {
             Some((job, submission, engine)) => (job, submission, engine),
             None => {
-                let tasks = batches::tasks(ahead.cpu_s, self.jobs, self.shards);
+                let tasks = batches::tasks(ahead.cpu_s, least_s, self.shards);
                 let work = Work { shards: parts.shards(tasks, &ahead), ..work };
                 let (job, submission) = self.submit(work, &parts, &ahead, engine.as_ref())?;
                 said.submitted(&job, &submission, engine.as_ref());
@@ -106,11 +110,12 @@ impl Submit {
     }
 
     /// What is to be done, for any number of shards.
-    fn work(&self, parts: &Parts<'_>, options: Vec<String>) -> Result<Work, Failure> {
+    fn work(&self, parts: &Parts<'_>, ahead: &Ahead, options: Vec<String>) -> Result<Work, Failure> {
         let whole = |path: &Path| {
             std::path::absolute(path).map_err(|error| Failure::Input(format!("{}: {error}", path.display())))
         };
         let outputs = whole(self.pipeline.outputs.path())?;
+        let read = parts.texts().map(|text| text.path().to_owned()).chain(ahead.files.iter().cloned()).collect();
         Ok(Work {
             form: Work::FORM,
             pipeline: parts.plan().spec.pipeline.clone(),
@@ -122,8 +127,8 @@ impl Submit {
             options,
             shards: 1,
             threads: self.jobs,
-            commands: parts.commands(&self.pipeline, &outputs, self.jobs)?,
-            read: digests(parts.files())?,
+            commands: parts.commands(&outputs, self.jobs)?,
+            read: digests(read)?,
             outputs,
         })
     }
@@ -132,16 +137,17 @@ impl Submit {
         &self,
         work: Work,
         parts: &Parts<'_>,
-        ahead: &parts::Ahead,
+        ahead: &Ahead,
         engine: &dyn Engine,
     ) -> Result<(Job, Submission), Failure> {
-        if let Some(path) = parts.touched() {
-            let text = format!("{} changed while it was read; submit again", path.display());
+        // The digests were taken after the texts were read.
+        if let Some(text) = parts.texts().find(|text| !text.is_same()) {
+            let text = format!("{} changed while it was read; submit again", text.path().display());
             return Err(Failure::Input(text));
         }
         let program = std::env::current_exe().map_err(|e| Failure::Failed(format!("where this program lies: {e}")))?;
         let shards = parts.stale_shards(work.shards, ahead);
-        let job = Job::begin(work, &program, &parts.plan().spec.sources).map_err(Failure::Failed)?;
+        let job = Job::begin(work, &program, parts.plan().spec.files()).map_err(Failure::Failed)?;
         let submitted = submit(&job, engine, 1, shards).map_err(|error| {
             // Nothing was submitted: nobody is to find it.
             drop(std::fs::remove_dir_all(&job.folder));
@@ -164,7 +170,9 @@ impl Submit {
                     continue;
                 }
             };
-            let (Some(submission), Some(engine)) = (job.submissions().pop(), engine(&job.work.engine)) else { continue };
+            let (Some(submission), Some(engine)) = (job.submissions().pop(), engine(&job.work.engine)) else {
+                continue;
+            };
             let marks = job.marks(submission.round);
             if job.stop().exists() || submission.shards.iter().all(|shard| marks.ended.contains_key(shard)) {
                 continue;
@@ -186,7 +194,10 @@ impl Submit {
                 return Ok(Some((job, submission, engine)));
             }
             let cancel = said::cancel(&job, &submission, engine.as_ref());
-            said.warning(&format!("{name} is at work too, and on something else: {}; to end it: {cancel}", other.join("; ")));
+            said.warning(&format!(
+                "{name} is at work too, and on something else: {}; to end it: {cancel}",
+                other.join("; ")
+            ));
         }
         Ok(None)
     }

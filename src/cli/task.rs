@@ -37,7 +37,8 @@ impl Task {
     fn work(&self, job: &Job, registry: &Registry) -> Done {
         let work = &job.work;
         if !(1..=work.shards).contains(&self.shard) {
-            let text = format!("{}: the job has shards 1 to {}, and no {}", self.job.display(), work.shards, self.shard);
+            let text =
+                format!("{}: the job has shards 1 to {}, and no {}", self.job.display(), work.shards, self.shard);
             return Err(Failure::Input(text));
         }
         std::env::set_current_dir(&work.cwd).map_err(|e| Failure::Failed(format!("{}: {e}", work.cwd.display())))?;

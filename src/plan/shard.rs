@@ -45,9 +45,9 @@ pub struct Split {
     homes: Vec<Home>,
 }
 
-/// Where a node belongs.
+/// Where an instance belongs.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Home {
+pub enum Home {
     /// To one shard (from 0).
     Shard(u32),
     /// To all that need it.
@@ -85,6 +85,11 @@ impl Split {
             }
         }
         (0..runs.len()).filter(|&node| runs[node]).collect()
+    }
+
+    /// Where each needed instance belongs; those that feed it come before it.
+    pub fn homes(&self) -> impl Iterator<Item = (InstanceId, Home)> + '_ {
+        self.links.ids.iter().copied().zip(self.homes.iter().copied())
     }
 
     /// How many instances no shard runs.

@@ -1,6 +1,7 @@
 //! What the user asked for, and what follows from it: the needed stages and the wanted ports.
 
 use std::collections::BTreeSet;
+use std::fmt;
 
 use crate::spec::{Spec, nearest};
 
@@ -19,6 +20,15 @@ impl Target {
         match text.split_once('.') {
             Some((stage, port)) => Self { stage: stage.to_owned(), port: Some(port.to_owned()) },
             None => Self { stage: text.to_owned(), port: None },
+        }
+    }
+}
+
+impl fmt::Display for Target {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.port {
+            Some(port) => write!(f, "{}.{port}", self.stage),
+            None => f.write_str(&self.stage),
         }
     }
 }

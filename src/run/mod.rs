@@ -11,7 +11,7 @@ mod inputs;
 mod interrupt;
 pub mod latest;
 pub mod log;
-mod name;
+pub(crate) mod name;
 mod options;
 mod partial;
 pub mod progress;

@@ -282,11 +282,15 @@ impl Spec {
         self.places.get(name).copied()
     }
 
+    /// The pipeline file and what it includes.
+    pub fn files(&self) -> &[SourceFile] {
+        &self.sources[..self.files]
+    }
+
     /// The pipeline file, what it includes, and the tables of its axes.
     pub fn texts(&self) -> impl Iterator<Item = TextRead> {
-        let files = self.sources[..self.files]
-            .iter()
-            .map(|source| TextRead::of(Path::new(&source.name), &source.text, source::MAX_PIPELINE));
+        let files =
+            self.files().iter().map(|source| TextRead::of(Path::new(&source.name), &source.text, source::MAX_PIPELINE));
         files.chain(self.stages.iter().flat_map(|stage| stage.foreach.tables.iter().cloned()))
     }
 

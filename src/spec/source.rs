@@ -89,6 +89,10 @@ impl TextRead {
         Self { path: path.to_owned(), text: Digest::of(text.as_bytes()), most }
     }
 
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// Whether the file says the same now.
     pub fn is_same(&self) -> bool {
         SourceFile::read(&self.path, "a text", self.most).is_ok_and(|now| Digest::of(now.text.as_bytes()) == self.text)

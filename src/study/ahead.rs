@@ -44,7 +44,8 @@ pub fn points(
             return Err(format!("{label}: {}", first(&report)));
         }
         let is_hit = |state: &&State| matches!(state, State::Hit(_));
-        let (hits, known) = (survey.states.iter().flatten().filter(is_hit).count(), survey.states.iter().flatten().count());
+        let (hits, known) =
+            (survey.states.iter().flatten().filter(is_hit).count(), survey.states.iter().flatten().count());
         let cpu_s = if hits < known { estimates(&resolver, &survey).values().map(|of| of.seconds).sum() } else { 0.0 };
         Ok(PointAhead { label, hits, stale: known - hits, cpu_s })
     };

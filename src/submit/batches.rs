@@ -1,7 +1,7 @@
 //! How many shards work is cut into.
 
-/// CPU seconds that a thread of a shard is at work for at the least: to start a task takes an engine about 0.1 s, and the
-/// program some 0.05 s.
+/// CPU seconds that each thread of a task is at work for at the least, unless the user says otherwise: to start a task takes
+/// an engine about 0.1 s, and the program some 0.05 s.
 pub const LEAST_S: f64 = 5.0;
 /// More tasks than this only if somebody asks for them: Slurm takes arrays of 1000 tasks unless its administrator says otherwise.
 const USUAL_MOST: u32 = 1000;
@@ -10,9 +10,9 @@ const FINEST: u32 = 64;
 
 /// How many tasks there should be.
 ///
-/// `cpu_s`: what is stale takes that many CPU seconds, on `threads` threads a task. `most`: what the user said.
-pub fn tasks(cpu_s: f64, threads: usize, most: Option<u32>) -> u32 {
-    let long_enough = (cpu_s / (LEAST_S * threads as f64)).floor().max(1.0);
+/// `cpu_s`: what is stale takes that many CPU seconds; `least_s`: CPU seconds of a task; `most`: what the user said.
+pub fn tasks(cpu_s: f64, least_s: f64, most: Option<u32>) -> u32 {
+    let long_enough = (cpu_s / least_s).floor().max(1.0);
     // A number of any size fits: the cast ends at the largest.
     (long_enough as u32).min(most.unwrap_or(USUAL_MOST)).max(1)
 }
@@ -34,18 +34,18 @@ mod tests {
     /// Each task takes the least time, unless there is less work than that; the user's number is never exceeded.
     #[test]
     fn tasks_are_long_enough_and_no_more_than_asked_for() {
-        for (cpu_s, threads, most, wanted) in [
-            (0.0, 1, None, 1),
-            (4.0, 1, Some(8), 1),
-            (40.0, 1, Some(8), 8),
-            (40.0, 1, Some(64), 8),
-            (40.0, 4, Some(64), 2),
-            (1e4, 1, None, 1000),
-            (1e6, 1, Some(5000), 5000),
-            (f64::INFINITY, 1, Some(7), 7),
-            (f64::NAN, 1, Some(7), 1),
+        for (cpu_s, least_s, most, wanted) in [
+            (0.0, 5.0, None, 1),
+            (4.0, 5.0, Some(8), 1),
+            (40.0, 5.0, Some(8), 8),
+            (40.0, 5.0, Some(64), 8),
+            (40.0, 20.0, Some(64), 2),
+            (1e4, 5.0, None, 1000),
+            (1e6, 5.0, Some(5000), 5000),
+            (4.0, 0.0, Some(7), 7),
+            (f64::NAN, 5.0, Some(7), 1),
         ] {
-            assert_eq!(tasks(cpu_s, threads, most), wanted, "{cpu_s} s, {threads} threads, {most:?}");
+            assert_eq!(tasks(cpu_s, least_s, most), wanted, "{cpu_s} s, {least_s} s a task, {most:?}");
         }
     }
 

@@ -116,7 +116,11 @@ impl Trouble {
 /// What a program said, in one line for a message.
 pub fn said_by(program: &str, said: &Said) -> String {
     let words: Vec<&str> = said.words().lines().map(str::trim).filter(|line| !line.is_empty()).collect();
-    if words.is_empty() { format!("`{program}` failed without a word") } else { format!("`{program}`: {}", words.join("; ")) }
+    if words.is_empty() {
+        format!("`{program}` failed without a word")
+    } else {
+        format!("`{program}`: {}", words.join("; "))
+    }
 }
 
 /// Numbers as engines take them: `1-3,7`.
@@ -138,12 +142,9 @@ mod tests {
 
     #[test]
     fn numbers_in_a_row_are_ranges() {
-        for (numbers, text) in [
-            (vec![], ""),
-            (vec![4], "4"),
-            (vec![1, 2, 3], "1-3"),
-            (vec![1, 2, 4, 7, 8], "1-2,4,7-8"),
-        ] {
+        for (numbers, text) in
+            [(vec![], ""), (vec![4], "4"), (vec![1, 2, 3], "1-3"), (vec![1, 2, 4, 7, 8], "1-2,4,7-8")]
+        {
             assert_eq!(ranges(&numbers), text);
         }
     }

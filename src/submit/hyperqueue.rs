@@ -14,8 +14,7 @@ use super::program::{self, Said};
 /// The program between turbid and the Python package.
 const DRIVER: &str = include_str!("hyperqueue.py");
 const NO_SERVER: &str = "start a server (`hq server start`), or name the folder of the one that runs in HQ_SERVER_DIR";
-const NO_PACKAGE: &str =
-    "put `hq` on PATH, or install the Python package (`pip install hyperqueue`) for the `python3` on PATH, or for the one that TURBID_PYTHON names";
+const NO_PACKAGE: &str = "put `hq` on PATH, or install the Python package (`pip install hyperqueue`) for the `python3` on PATH, or for the one that TURBID_PYTHON names";
 /// Bytes of the file by which clients find their server.
 const MOST: u64 = 1 << 16;
 
@@ -195,7 +194,8 @@ fn counted(answer: &Value, shards: &[u32]) -> Look {
     }
     let count = |name: &str| answer[name].as_u64().unwrap_or_default() as usize;
     let errors = answer["failed"].as_object().cloned().unwrap_or_default();
-    let failed = |place: usize| errors.get(&place.to_string()).map(|error| error.as_str().unwrap_or("failed").to_owned());
+    let failed =
+        |place: usize| errors.get(&place.to_string()).map(|error| error.as_str().unwrap_or("failed").to_owned());
     let over = answer["completed"] == true;
     let others = match (over, count("finished") + errors.len() == count("total"), count("finished")) {
         (false, _, _) => Some(Task::Runs),
@@ -203,7 +203,8 @@ fn counted(answer: &Value, shards: &[u32]) -> Look {
         (true, false, 0) => Some(Task::Cancelled),
         (true, false, _) => None,
     };
-    let of = |(place, shard): (usize, &u32)| Some((*shard, failed(place).map(Task::Failed).or_else(|| others.clone())?));
+    let of =
+        |(place, shard): (usize, &u32)| Some((*shard, failed(place).map(Task::Failed).or_else(|| others.clone())?));
     Look::Tasks(shards.iter().enumerate().filter_map(of).collect::<BTreeMap<_, _>>())
 }
 
@@ -216,9 +217,7 @@ mod tests {
     fn answers_of_hyperqueue_are_read() {
         let tasks = |list: &[(u32, Task)]| Look::Tasks(list.iter().cloned().collect());
         let error = || Task::Failed("Program terminated with exit code 1.".to_owned());
-        let said = |completed: bool, finished: u64, failed: Value| {
-            json!({"completed": completed, "finished": finished, "total": 3, "failed": failed})
-        };
+        let said = |completed: bool, finished: u64, failed: Value| json!({"completed": completed, "finished": finished, "total": 3, "failed": failed});
         let one = json!({"1": "Program terminated with exit code 1."});
         let look = counted(&said(false, 1, one.clone()), &[4, 5, 9]);
         assert_eq!(look, tasks(&[(4, Task::Runs), (5, error()), (9, Task::Runs)]));

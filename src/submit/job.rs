@@ -41,7 +41,7 @@ const SUBMISSIONS: &str = "submissions.jsonl";
 /// What is to be done. All paths are absolute.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Work {
-    form: u32,
+    pub form: u32,
     /// Name of the pipeline.
     pub pipeline: String,
     pub file: PathBuf,
@@ -94,9 +94,8 @@ impl Work {
 
     /// Which files are not any more what they were when the job was submitted.
     pub fn changed(&self) -> Vec<&Path> {
-        let same = |path: &Path, digest: &Digest| {
-            input_file::digest(path, MOST_BYTES).is_ok_and(|(now, _)| now == *digest)
-        };
+        let same =
+            |path: &Path, digest: &Digest| input_file::digest(path, MOST_BYTES).is_ok_and(|(now, _)| now == *digest);
         self.read.iter().filter(|(path, digest)| !same(path, digest)).map(|(path, _)| path.as_path()).collect()
     }
 }
@@ -174,7 +173,8 @@ impl Job {
     pub fn all(outputs: &Path) -> Vec<Result<Self, String>> {
         let entries = fs::read_dir(jobs(outputs)).into_iter().flatten().flatten();
         // One that was killed while it made its folder has no file.
-        let mut files: Vec<PathBuf> = entries.map(|entry| entry.path().join(FILE)).filter(|file| file.exists()).collect();
+        let mut files: Vec<PathBuf> =
+            entries.map(|entry| entry.path().join(FILE)).filter(|file| file.exists()).collect();
         files.sort();
         files.iter().rev().map(|file| Self::read(file)).collect()
     }
@@ -341,7 +341,8 @@ mod tests {
         assert_eq!(Job::read(&job.file()).unwrap().work, job.work);
         assert_eq!(Job::all(outputs.path()).len(), 1);
         let text = fs::read_to_string(job.file()).unwrap();
-        for (old, new) in [("vars.n=2", "vars.n=3"), ("\"shards\": 8", "\"shards\": 9"), ("\"form\": 1", "\"form\": 2")] {
+        for (old, new) in [("vars.n=2", "vars.n=3"), ("\"shards\": 8", "\"shards\": 9"), ("\"form\": 1", "\"form\": 2")]
+        {
             assert!(text.contains(old), "{text}");
             fs::write(job.file(), text.replace(old, new)).unwrap();
             let message = Job::read(&job.file()).unwrap_err();

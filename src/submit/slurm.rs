@@ -26,8 +26,7 @@ impl Engine for Slurm {
             .arg(format!("--job-name={}", array.name))
             .arg(format!("--cpus-per-task={}", array.threads))
             .arg(format!("--output={log}"))
-            .arg("--chdir")
-            .arg(array.cwd)
+            .arg(format!("--chdir={}", array.cwd.display()))
             .args(array.options)
             .arg(array.script)
             .arg(array.round.to_string());
@@ -43,7 +42,9 @@ impl Engine for Slurm {
 
     fn look(&self, ticket: &Ticket, shards: &[u32]) -> Result<Look, Trouble> {
         let mut command = Command::new("squeue");
-        command.args(["--noheader", "--array", "--states=all", "--format=%K|%T|%r"]).arg(format!("--job={}", ticket.id));
+        command
+            .args(["--noheader", "--array", "--states=all", "--format=%K|%T|%r"])
+            .arg(format!("--job={}", ticket.id));
         cluster(&mut command, ticket);
         let said = run("squeue", &mut command)?;
         // Arrays are forgotten some minutes after they ended.
@@ -178,7 +179,9 @@ mod tests {
             (7, Task::Cancelled),
         ];
         assert_eq!(tasks, BTreeMap::from(wanted));
-        let tasks = accounted("17_1|COMPLETED\n17_2|CANCELLED by 1000\n17_[3-8]|PENDING\nSlurm accounting storage is disabled\n");
+        let tasks = accounted(
+            "17_1|COMPLETED\n17_2|CANCELLED by 1000\n17_[3-8]|PENDING\nSlurm accounting storage is disabled\n",
+        );
         assert_eq!(tasks, BTreeMap::from([(1, Task::Done), (2, Task::Cancelled)]));
     }
 
@@ -189,7 +192,8 @@ mod tests {
         assert!(matches!(&partition, Trouble::Refused { hint, .. } if hint.contains("--partition")), "{partition:?}");
         let array = told("sbatch: error: Batch job submission failed: Invalid job array specification");
         assert!(matches!(&array, Trouble::Refused { hint, .. } if hint.contains("--shards")), "{array:?}");
-        let silent = told("sbatch: error: Batch job submission failed: Unable to contact slurm controller (connect failure)");
+        let silent =
+            told("sbatch: error: Batch job submission failed: Unable to contact slurm controller (connect failure)");
         assert!(matches!(silent, Trouble::Silent { .. }), "{silent:?}");
     }
 }

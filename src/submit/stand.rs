@@ -116,7 +116,13 @@ fn stand(shard: u32, marks: &Marks, look: Option<&Look>) -> Stand {
         (Some(Task::Done), _) => Stand::Done,
         (Some(Task::Waits(what)), _) => Stand::Waits(what.clone()),
         // Some engines do not tell these two apart.
-        (Some(Task::Runs), _) => if begun { Stand::Runs } else { Stand::Waits(None) },
+        (Some(Task::Runs), _) => {
+            if begun {
+                Stand::Runs
+            } else {
+                Stand::Waits(None)
+            }
+        }
         (Some(Task::Cancelled), _) => Stand::Ended(Why::Cancelled),
         (_, Some(code)) => Stand::Ended(Why::Code(code)),
         (Some(Task::Failed(words)), None) => Stand::Ended(Why::Killed(words.clone())),
@@ -131,7 +137,10 @@ mod tests {
     #[test]
     fn marks_and_engine_together_say_where_a_shard_stands() {
         use Stand::{Done, Ended, Runs, Waits};
-        let marks = |begun: &[u32], ended: &[(u32, i32)]| Marks { begun: begun.to_vec(), ended: ended.iter().copied().collect() };
+        let marks = |begun: &[u32], ended: &[(u32, i32)]| Marks {
+            begun: begun.to_vec(),
+            ended: ended.iter().copied().collect(),
+        };
         let look = |task: Task| Some(Look::Tasks(BTreeMap::from([(1, task)])));
         let killed = || Task::Failed("SIGKILL".to_owned());
         for (begun, ended, look, wanted) in [

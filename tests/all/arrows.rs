@@ -173,7 +173,7 @@ const FLOORS: [&[&str]; 12] = [
     &["explain", "memo", "recipe"],
     &["resolve", "unchanged"],
     &["estimate", "run"],
-    &["dataset", "report", "study"],
+    &["dataset", "report", "study", "submit"],
     &["cli"],
 ];
 

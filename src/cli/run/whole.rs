@@ -85,7 +85,7 @@ impl Run {
     fn run_whole(&self, target: Whole, registry: &Registry) -> Done {
         let Self { pipeline, jobs, memory, json, .. } = self.clone();
         match target {
-            Whole::Study(name) => Study { pipeline, name: Some(name), jobs, memory, json }.run(registry),
+            Whole::Study(name) => Study { pipeline, name: Some(name), jobs, memory, shard: None, json }.run(registry),
             Whole::Dataset { name, folder } => {
                 let to = self.pipeline.outputs.path().join(folder);
                 Dataset::build(pipeline, name, to, (jobs, memory, json)).run(registry)

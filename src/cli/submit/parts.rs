@@ -1,6 +1,6 @@
 //! What is to be handed over: instances of stages and points of studies; what of it is stale, and which shard runs it.
 
-use std::collections::BTreeMap;
+use std::collections::HashSet;
 use std::mem::ManuallyDrop;
 use std::path::{Path, PathBuf};
 
@@ -15,8 +15,8 @@ use crate::resolve::{Resolver, State};
 use crate::spec::TextRead;
 use crate::store::Store;
 use crate::study::ahead::{self, PointAhead};
-use crate::submit::batches::{self, LEAST_S};
 use crate::submit::Work;
+use crate::submit::batches;
 use crate::submit::follow::{Missing, Stale};
 
 /// What was asked for.
@@ -80,8 +80,8 @@ impl<'a> Parts<'a> {
         &self.plan
     }
 
-    /// The first look: what is stale, and how long it takes on `threads` threads a task.
-    pub fn ahead(&self, threads: usize) -> Result<Ahead, Failure> {
+    /// The first look: what is stale, and how long it takes; what nobody knows counts as `least_s` CPU seconds.
+    pub fn ahead(&self, least_s: f64) -> Result<Ahead, Failure> {
         let store = self.pipeline.store_to_read()?;
         let mut ahead = Ahead {
             hits: 0,
@@ -117,7 +117,7 @@ impl<'a> Parts<'a> {
                     ahead.stale.push(id);
                     ahead.cpu_s += match estimates.get(&id) {
                         // It takes longer than anybody knows: worth a task of its own.
-                        Some(estimate) if estimate.by == Basis::AtLeast => LEAST_S * threads as f64,
+                        Some(estimate) if estimate.by == Basis::AtLeast => least_s,
                         Some(estimate) => estimate.seconds,
                         None => 0.0,
                     };
@@ -137,7 +137,7 @@ impl<'a> Parts<'a> {
     pub fn stale_shards(&self, of: u32, ahead: &Ahead) -> Vec<u32> {
         let mut shards = vec![false; of as usize];
         if self.targets.is_some() {
-            let stale: std::collections::HashSet<InstanceId> = ahead.stale.iter().copied().collect();
+            let stale: HashSet<InstanceId> = ahead.stale.iter().copied().collect();
             let homes = Split::of(&self.plan, of);
             for (id, home) in homes.homes() {
                 if let Home::Shard(shard) = home {

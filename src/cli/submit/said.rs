@@ -86,7 +86,9 @@ impl Said {
 
     pub fn taken_up(&self, name: &str, tally: &Tally, other_number: bool) {
         if self.json {
-            return Json::event(json!({"event": "taken_up", "job": name, "done": tally.done, "running": tally.runs, "waiting": tally.waits}));
+            return Json::event(
+                json!({"event": "taken_up", "job": name, "done": tally.done, "running": tally.runs, "waiting": tally.waits}),
+            );
         }
         let note = if other_number { "; its number of shards stays as it is" } else { "" };
         tell(&format!("{name} is at work on this already: {}{note}", tally.text()));
@@ -153,7 +155,10 @@ impl Said {
         if shards.len() > SHARDS {
             text += &format!("and {} more shards\n", shards.len() - SHARDS);
         }
-        tell(&format!("{text}what is done is kept. Submit the rest again: {} --follow; run it here: {}", self.again, self.run));
+        tell(&format!(
+            "{text}what is done is kept. Submit the rest again: {} --follow; run it here: {}",
+            self.again, self.run
+        ));
     }
 
     fn finished(&self, hits: usize, failed: usize, shards: Vec<Value>) {

@@ -36,8 +36,13 @@ impl Command {
 
     /// The run of these targets, all leaves where there are none.
     pub fn run_of(&self, targets: &[String]) -> String {
+        self.command("run", targets)
+    }
+
+    /// Another command on these targets.
+    pub fn command(&self, name: &str, targets: &[String]) -> String {
         let targets: String = targets.iter().map(|target| format!(" {}", quoted(target))).collect();
-        format!("turbid run {}{targets}{}", self.file, self.tail)
+        format!("turbid {name} {}{targets}{}", self.file, self.tail)
     }
 
     /// Of one instance.
