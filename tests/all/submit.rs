@@ -197,16 +197,13 @@ fn an_array_of_shards_is_one_run() {
 /// As many shards as have enough to do; those that have something to do alone.
 #[test]
 fn tasks_have_enough_to_do() {
-    let cluster = Cluster::with(SWEEP);
+    let of = |values: &str| SWEEP.replace("{linspace: [0.01, 0.1, 66]}", values);
+    let cluster = Cluster::with(&of(&list(66, 0)));
     // By far less than a minute of work.
     let one = events(cluster.submit("slurm", &["--shards", "5", "--task-seconds", "60", "--follow", "--json"]));
     assert_eq!(of_kind(&one, "submitted")[0]["of"], 1);
-    // Of twice as many points every second is new.
-    cluster.space.write("p.yaml", &SWEEP.replace("[0.01, 0.1, 66]", "[0.01, 0.1, 131]"));
-    let more = events(cluster.submit("slurm", &["--shards", "5", "--follow", "--json"]));
-    assert_eq!(of_kind(&more, "submitted")[0]["shards"], Value::from(vec![1, 2, 3, 4, 5]));
-    // Of some more than that the last ones are.
-    cluster.space.write("p.yaml", &SWEEP.replace("{linspace: [0.01, 0.1, 66]}", &list(66, 6)));
+    // Of some more points the last ones are new.
+    cluster.space.write("p.yaml", &of(&list(66, 6)));
     let few = events(cluster.submit("slurm", &["--shards", "3", "--follow", "--json"]));
     let submitted = of_kind(&few, "submitted")[0];
     let (shards, of) = (submitted["shards"].as_array().expect("a list"), submitted["of"].as_u64().expect("a number"));
@@ -302,11 +299,14 @@ fn what_changed_since_is_named() {
         ("p.yaml", "samples: 64", "samples: 65", "p.yaml changed since the job was submitted"),
     ] {
         cluster.tell("hold");
+        let before = cluster.jobs();
         let child = cluster.begin("slurm", &["--shards", "2", "--follow"]);
-        let jobs = || cluster.jobs().into_iter().filter(|job| job.join("submissions.jsonl").exists()).last();
-        let of_before = if name == "p.yaml" { 1 } else { 0 };
-        until("a job is submitted", || cluster.jobs().len() > of_before && jobs().is_some());
-        let folder = jobs().expect("it is there");
+        let submitted = || {
+            let is_new = |job: &PathBuf| job.join("submissions.jsonl").exists() && !before.contains(job);
+            cluster.jobs().into_iter().find(is_new)
+        };
+        until("a job is submitted", || submitted().is_some());
+        let folder = submitted().expect("it is there");
         let path = if name == "p.yaml" { cluster.space.path().join(name) } else { folder.join(name) };
         let text = fs::read_to_string(&path).expect("it is there");
         assert!(text.contains(old), "{text}");
