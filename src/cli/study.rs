@@ -10,6 +10,7 @@ use turbid_contract::Artifact;
 use turbid_tables::study::{OF_NOISE, Slope, points as over_repeats, slopes};
 
 use crate::plan::Plan;
+use crate::plan::shard::Shard;
 use crate::registry::Registry;
 use crate::resolve::Survey;
 use crate::run::latest::file_name;
@@ -26,6 +27,7 @@ use crate::threads;
 use crate::whole_file;
 
 use super::memory::{MemoryLimit, too_large};
+use super::part::told_of_shard;
 use super::simd::simd_level;
 use super::{Done, Failure, Pipeline, print};
 
@@ -46,6 +48,9 @@ pub struct Study {
     /// Print events as JSON lines
     #[arg(long)]
     pub(super) json: bool,
+    /// Only these of its points, and no table: `turbid run FILE NAME --shard K/N`.
+    #[arg(skip)]
+    pub(super) shard: Option<Shard>,
 }
 
 impl Study {
@@ -79,7 +84,8 @@ impl Study {
             return Err(Failure::Input(text));
         }
         let outputs = self.pipeline.outputs.path();
-        let store = Store::open(outputs).map_err(|e| Failure::Input(e.to_string()))?;
+        let open = if self.shard.is_some() { Store::open_for_shard } else { Store::open };
+        let store = open(outputs).map_err(|e| Failure::Input(e.to_string()))?;
         let interrupt = Interrupt::listen().map_err(|e| Failure::Failed(format!("signals: {e}")))?;
         let mut failed = 0;
         for study in studies {
@@ -131,10 +137,18 @@ impl Study {
             refused: &refused,
             told: &told,
         };
-        let (rows, counts) = studying.run().map_err(|stopped| match stopped {
+        let stopped = |stopped| match stopped {
             Stopped::Failed(message) => Failure::Failed(message),
             Stopped::Interrupted => Failure::Interrupted,
-        })?;
+        };
+        if let Some(shard) = self.shard {
+            let (points, counts) = studying.make(shard).map_err(stopped)?;
+            let failed = points.iter().filter(|found| found.is_err()).count();
+            let counts = (points.len() - failed, counts.hits, counts.ran);
+            told_of_shard((shard, self.json), ("points", &study.name), counts, began.elapsed().as_secs_f64());
+            return Ok(failed);
+        }
+        let (rows, counts) = studying.run().map_err(stopped)?;
         let table = table(study, &rows);
         let told = |e: turbid_tables::Error| Failure::Failed(e.to_string());
         let means = over_repeats(&table, study.error.starts_with("bias")).map_err(told)?;
