@@ -39,6 +39,9 @@ mod joints;
 mod latest;
 #[path = "all/licences.rs"]
 mod licences;
+#[cfg(target_os = "linux")]
+#[path = "all/locks.rs"]
+mod locks;
 #[path = "all/low_samples.rs"]
 mod low_samples;
 #[path = "all/luts.rs"]
@@ -88,6 +91,8 @@ mod saturation;
 mod schema;
 #[path = "all/shapes.rs"]
 mod shapes;
+#[path = "all/shards.rs"]
+mod shards;
 #[path = "all/shots.rs"]
 mod shots;
 #[path = "all/spheres.rs"]

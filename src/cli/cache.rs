@@ -27,6 +27,9 @@ enum Command {
         /// Move damaged pieces to quarantine, so that the next run makes them again
         #[arg(long)]
         repair: bool,
+        /// No other machine uses the store: a repair may rewrite packs on a network file system too
+        #[arg(long, requires = "repair")]
+        exclusive: bool,
         #[arg(long)]
         json: bool,
     },
@@ -37,6 +40,9 @@ enum Command {
         /// For example 500MB or 20GB
         #[arg(long, value_name = "SIZE", value_parser = parse_size)]
         max_size: u64,
+        /// No other machine uses the store: make room on a network file system too
+        #[arg(long)]
+        exclusive: bool,
         #[arg(long)]
         json: bool,
     },
@@ -55,12 +61,8 @@ impl Cache {
                     print(&stat_text(&stat));
                 }
             }
-            Command::Verify { repair, json } => {
-                let store = if *repair {
-                    Store::open(outputs).map_err(|e| Failure::Input(e.to_string()))?
-                } else {
-                    self.outputs.store_to_read()?
-                };
+            Command::Verify { repair, exclusive, json } => {
+                let store = if *repair { self.store_to_write(*exclusive)? } else { self.outputs.store_to_read()? };
                 let report = store.verify(*repair).map_err(fail)?;
                 if *json {
                     print_json(&to_json(&report));
@@ -90,8 +92,8 @@ impl Cache {
                 }
                 print(&digests.iter().map(|d| format!("{d}\n")).collect::<String>());
             }
-            Command::Gc { max_size, json } => {
-                let store = Store::open(outputs).map_err(|e| Failure::Input(e.to_string()))?;
+            Command::Gc { max_size, exclusive, json } => {
+                let store = self.store_to_write(*exclusive)?;
                 let roots = roots(outputs).map_err(Failure::Failed)?;
                 let report = store.gc(*max_size, &roots).map_err(fail)?;
                 if *json {
@@ -107,6 +109,11 @@ impl Cache {
             }
         }
         Ok(())
+    }
+
+    fn store_to_write(&self, exclusive: bool) -> Result<Store, Failure> {
+        let store = Store::open(self.outputs.path()).map_err(|e| Failure::Input(e.to_string()))?;
+        Ok(if exclusive { store.without_other_machines() } else { store })
     }
 }
 

@@ -12,6 +12,7 @@ use serde_json::{Value, json};
 use crate::dataset::build::{Building, Stopped, Told, finished};
 use crate::dataset::{DatasetPlan, Folder as DatasetFolder, Format, Refused, verify};
 use crate::estimate::estimates;
+use crate::plan::shard::Shard;
 use crate::plan::{InstanceId, Plan};
 use crate::registry::Registry;
 use crate::resolve::Resolver;
@@ -23,6 +24,7 @@ use crate::threads;
 
 use super::cache::size_text;
 use super::memory::MemoryLimit;
+use super::part::told_of_shard;
 use super::simd::simd_level;
 use super::{Done, Failure, Pipeline, print, print_json};
 
@@ -70,6 +72,9 @@ struct Build {
     /// Print events as JSON lines
     #[arg(long)]
     json: bool,
+    /// Only its samples, and no folder: `turbid run FILE NAME --shard K/N`.
+    #[arg(skip)]
+    shard: Option<Shard>,
 }
 
 #[derive(Args)]
@@ -107,15 +112,16 @@ fn format() -> impl TypedValueParser<Value = Format> {
 }
 
 impl Dataset {
-    /// `turbid dataset build FILE NAME --to DIR`.
+    /// `turbid dataset build FILE NAME --to DIR`; of a shard, its samples alone.
     pub fn build(
         pipeline: Pipeline,
         name: String,
         to: PathBuf,
         (jobs, memory, json): (Option<usize>, MemoryLimit, bool),
+        shard: Option<Shard>,
     ) -> Self {
         let named = Named { pipeline, name: Some(name) };
-        Self { command: Command::Build(Build { named, to, format: Format::Parquet, jobs, memory, json }) }
+        Self { command: Command::Build(Build { named, to, format: Format::Parquet, jobs, memory, json, shard }) }
     }
 
     pub fn run(&self, registry: &Registry) -> Done {
@@ -142,7 +148,8 @@ impl Build {
         let began = Instant::now();
         let (plan, dataset) = self.named.plan(registry)?;
         let outputs = self.named.pipeline.outputs.path();
-        let store = Store::open(outputs).map_err(|e| Failure::Input(e.to_string()))?;
+        let open = if self.shard.is_some() { Store::open_for_shard } else { Store::open };
+        let store = open(outputs).map_err(|e| Failure::Input(e.to_string()))?;
         let jobs = self.jobs.unwrap_or_else(threads::of_machine);
         let memory = self.memory.budget(jobs).map(|budget| budget.bytes);
         let options = Options {
@@ -170,12 +177,19 @@ impl Build {
             progress: &progress,
             told: &told,
         };
-        let built = building.build(&self.to).map_err(|stopped| match stopped {
+        let stopped = |stopped| match stopped {
             Stopped::Report(report) => Failure::Report(report),
             Stopped::Input(message) => Failure::Input(message),
             Stopped::Failed(message) => Failure::Failed(message),
             Stopped::Interrupted => Failure::Interrupted,
-        })?;
+        };
+        if let Some(shard) = self.shard {
+            let made = building.make(shard).map_err(stopped)?;
+            let counts = (made.samples, made.hits, made.ran);
+            told_of_shard((shard, self.json), ("samples", &dataset.spec.name), counts, began.elapsed().as_secs_f64());
+            return Ok(());
+        }
+        let built = building.build(&self.to).map_err(stopped)?;
         if self.json {
             Json::event(finished(&built, began.elapsed().as_secs_f64()));
             return Ok(());

@@ -8,6 +8,10 @@ use serde_json::{Value, json};
 use crate::plan::shard::{Shard, Split, closure};
 use crate::plan::{InstanceId, Plan};
 use crate::run::latest;
+#[cfg(feature = "tables")]
+use crate::run::progress::Json;
+#[cfg(feature = "tables")]
+use crate::terminal::print;
 
 use super::{Failure, Selector};
 
@@ -19,6 +23,28 @@ pub(super) struct PartOf {
     /// Only these instances and what feeds them: STAGE or STAGE[axis=value,..]; may be given several times
     #[arg(long, value_name = "SELECTOR")]
     pub only: Vec<String>,
+}
+
+/// The last words of a shard of a data set or a study: how many of its samples or points are there, hits, and instances that ran.
+#[cfg(feature = "tables")]
+pub(super) fn told_of_shard(
+    (shard, json): (Shard, bool),
+    (what, name): (&str, &str),
+    (done, hits, ran): (usize, usize, usize),
+    seconds: f64,
+) {
+    let Shard { number, of } = shard;
+    if json {
+        Json::event(json!({
+            "event": "finished", what: done, "hits": hits, "ran": ran, "failed": 0, "seconds": seconds, "interrupted": false,
+            "shard": {"shard": number, "of": of}, "left": 0,
+        }));
+        return;
+    }
+    print(&format!(
+        "{name}, shard {number} of {of}: {done} {what} are in the store, {hits} up to date, {ran} ran, {seconds:.1} s; when all \
+         shards have run, the same command without --shard finds them there"
+    ));
 }
 
 impl PartOf {

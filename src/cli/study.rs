@@ -27,6 +27,7 @@ use crate::threads;
 use crate::whole_file;
 
 use super::memory::{MemoryLimit, too_large};
+use super::part::told_of_shard;
 use super::simd::simd_level;
 use super::{Done, Failure, Pipeline, print};
 
@@ -44,12 +45,12 @@ pub struct Study {
     pub(super) jobs: Option<usize>,
     #[command(flatten)]
     pub(super) memory: MemoryLimit,
-    /// Only the K-th of N parts of the points (K from 1), for N processes or machines that share the outputs folder; no table is written
-    #[arg(long, value_name = "K/N")]
-    pub(super) shard: Option<Shard>,
     /// Print events as JSON lines
     #[arg(long)]
     pub(super) json: bool,
+    /// Only these of its points, and no table: `turbid run FILE NAME --shard K/N`.
+    #[arg(skip)]
+    pub(super) shard: Option<Shard>,
 }
 
 impl Study {
@@ -83,7 +84,8 @@ impl Study {
             return Err(Failure::Input(text));
         }
         let outputs = self.pipeline.outputs.path();
-        let store = Store::open(outputs).map_err(|e| Failure::Input(e.to_string()))?;
+        let open = if self.shard.is_some() { Store::open_for_shard } else { Store::open };
+        let store = open(outputs).map_err(|e| Failure::Input(e.to_string()))?;
         let interrupt = Interrupt::listen().map_err(|e| Failure::Failed(format!("signals: {e}")))?;
         let mut failed = 0;
         for study in studies {
@@ -120,8 +122,6 @@ impl Study {
             |work: &Work| -> Box<dyn Progress> { if self.json { choose(true, work) } else { Box::new(Quiet) } };
         let refused = |plan: &Plan, survey: &Survey| too_large(plan, survey, self.memory.budget(jobs));
         let total = all_points(study).len();
-        let total =
-            self.shard.map_or(total, |Shard { number, of }| (total + of as usize - number as usize) / of as usize);
         let told =
             |point: &Point, done: usize, found: &Result<Found, String>| self.told(study, point, (done, total), found);
         let studying = Studying {
@@ -142,8 +142,10 @@ impl Study {
             Stopped::Interrupted => Failure::Interrupted,
         };
         if let Some(shard) = self.shard {
-            let (failed, counts) = studying.run_shard(shard.number, shard.of).map_err(stopped)?;
-            self.ended(study, shard, (failed, counts), began.elapsed().as_secs_f64());
+            let (points, counts) = studying.make(shard).map_err(stopped)?;
+            let failed = points.iter().filter(|found| found.is_err()).count();
+            let counts = (points.len() - failed, counts.hits, counts.ran);
+            told_of_shard((shard, self.json), ("points", &study.name), counts, began.elapsed().as_secs_f64());
             return Ok(failed);
         }
         let (rows, counts) = studying.run().map_err(stopped)?;
@@ -224,22 +226,6 @@ impl Study {
             }
         };
         crate::terminal::tell(&format!("{done}/{total} {label}: {said}"));
-    }
-
-    /// The end of a shard.
-    fn ended(&self, study: &StudySpec, shard: Shard, (failed, counts): (usize, Counts), seconds: f64) {
-        let (Counts { hits, ran }, Shard { number, of }) = (counts, shard);
-        if self.json {
-            return Json::event(json!({
-                "event": "finished", "study": study.name, "shard": {"shard": number, "of": of}, "failed": failed, "hits": hits, "ran": ran,
-                "seconds": seconds,
-            }));
-        }
-        let name = &study.name;
-        print(&format!(
-            "shard {number} of {of}: {hits} up to date, {ran} ran, {failed} points failed in {seconds:.2} s; when all shards have run: turbid study {} {name}",
-            self.pipeline.file.display()
-        ));
     }
 
     fn closing(&self, closing: &Closing<'_>) {

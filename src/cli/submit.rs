@@ -1,5 +1,6 @@
 //! `turbid submit`: hands shards over to an engine, and follows them to the end.
 
+mod dealt;
 mod parts;
 mod said;
 
@@ -115,7 +116,8 @@ impl Submit {
             std::path::absolute(path).map_err(|error| Failure::Input(format!("{}: {error}", path.display())))
         };
         let outputs = whole(self.pipeline.outputs.path())?;
-        let read = parts.texts().map(|text| text.path().to_owned()).chain(ahead.files.iter().cloned()).collect();
+        let read =
+            parts.plan().spec.texts().map(|text| text.path().to_owned()).chain(ahead.files.iter().cloned()).collect();
         Ok(Work {
             form: Work::FORM,
             pipeline: parts.plan().spec.pipeline.clone(),
@@ -127,7 +129,7 @@ impl Submit {
             options,
             shards: 1,
             threads: self.jobs,
-            commands: parts.commands(&outputs, self.jobs)?,
+            command: parts::command(&self.pipeline, &self.targets, &outputs, self.jobs)?,
             read: digests(read)?,
             outputs,
         })
@@ -141,7 +143,7 @@ impl Submit {
         engine: &dyn Engine,
     ) -> Result<(Job, Submission), Failure> {
         // The digests were taken after the texts were read.
-        if let Some(text) = parts.texts().find(|text| !text.is_same()) {
+        if let Some(text) = parts.plan().spec.texts().find(|text| !text.is_same()) {
             let text = format!("{} changed while it was read; submit again", text.path().display());
             return Err(Failure::Input(text));
         }
@@ -248,13 +250,11 @@ impl Submit {
 
     /// What gathers over shards, what else is left, and `outputs/latest`: a plain run here.
     fn gather(&self, registry: &Registry) -> Done {
-        let mut words = vec!["run".to_owned()];
-        words.extend(self.targets.iter().cloned());
-        let outputs = parts::text(self.pipeline.outputs.path())?;
+        let mut words = vec!["run".to_owned(), format!("--outputs={}", parts::text(self.pipeline.outputs.path())?)];
         words.extend(self.pipeline.set.iter().map(|set| format!("--set={set}")));
-        words.push(format!("--outputs={outputs}"));
         words.extend(self.json.then(|| "--json".to_owned()));
         words.extend(["--".to_owned(), parts::text(&self.pipeline.file)?]);
+        words.extend(self.targets.iter().cloned());
         perform(&words, registry)
     }
 }

@@ -6,8 +6,8 @@ use std::time::Duration;
 use clap::Args;
 
 use crate::registry::Registry;
+use crate::submit::Job;
 use crate::submit::job::Marked;
-use crate::submit::{Job, Work};
 use crate::terminal::tell;
 
 use super::{Done, Failure, perform};
@@ -61,15 +61,6 @@ impl Task {
             tell(&format!("{} is there: the task stops", stop.display()));
             drop(signal_hook::low_level::raise(signal_hook::consts::SIGTERM));
         });
-        let mut end = Ok(());
-        for command in &work.commands {
-            let words = Work::command_of(command, self.shard, work.shards);
-            match perform(&words, registry) {
-                // What others do not depend on goes on.
-                Err(failure) if failure.code() == 1 => end = end.and(Err(failure)),
-                done => done?,
-            }
-        }
-        end
+        perform(&work.command_of(self.shard), registry)
     }
 }

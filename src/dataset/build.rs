@@ -3,6 +3,7 @@
 mod finish;
 mod load;
 mod moments;
+mod part;
 mod release;
 
 use std::collections::{BTreeMap, HashMap};
@@ -21,6 +22,7 @@ use super::plan::{DatasetPlan, Keep, Limited};
 use super::shard;
 use super::webdataset;
 use moments::{ShardMoments, join};
+pub use part::Made;
 use release::Releases;
 
 use crate::plan::{InstanceId, Plan, StageId};

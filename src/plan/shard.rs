@@ -5,6 +5,7 @@
 
 mod links;
 
+use std::ops::Range;
 use std::str::FromStr;
 
 use links::{Feed, Links};
@@ -34,6 +35,15 @@ impl FromStr for Shard {
             _ if number > of => Err(format!("there are {of} shards: write 1/{of} to {of}/{of}")),
             _ => Ok(Self { number, of }),
         }
+    }
+}
+
+impl Shard {
+    /// Which of `count` things in a row belong to it: a block, as long as those of the others, or one longer or shorter.
+    pub fn block(self, count: usize) -> Range<usize> {
+        // 128 bits: the product of two numbers of 64 bits at the most.
+        let before = |shards: u32| (shards as u128 * count as u128).div_ceil(self.of as u128) as usize;
+        before(self.number - 1)..before(self.number)
     }
 }
 
@@ -187,9 +197,10 @@ fn deal(links: &Links, is_chained: &[bool], chains: &[usize], of: u32) -> Vec<Ho
     dealt.dedup_by_key(|(_, _, chain)| *chain);
     dealt.sort_unstable();
     let mut home_of = vec![Home::Shared; links.len()];
-    for (place, (_, _, chain)) in dealt.iter().enumerate() {
-        let shard = place as u64 * u64::from(of) / dealt.len() as u64;
-        home_of[*chain] = Home::Shard(u32::try_from(shard).expect("it is less than the number of shards"));
+    for number in 1..=of {
+        for (_, _, chain) in &dealt[Shard { number, of }.block(dealt.len())] {
+            home_of[*chain] = Home::Shard(number - 1);
+        }
     }
     chains.iter().map(|chain| home_of[*chain]).collect()
 }

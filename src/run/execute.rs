@@ -1,4 +1,4 @@
-//! Running one instance: lock, look again, run, publish.
+//! Running one instance under the lock of its key: look again, run, publish.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -13,7 +13,7 @@ use crate::key::Dependencies;
 use crate::panics::{self, lock};
 use crate::plan::InstanceId;
 use crate::resolve::{Keyed, Outputs, Resolver};
-use crate::store::{Cost, InstanceRecord, PortRecord, Provenance, Recipe, StoreError};
+use crate::store::{Cost, InstanceRecord, KeyLock, PortRecord, Provenance, Recipe};
 
 use super::host::InstanceHost;
 use super::inputs::StoredInputs;
@@ -23,7 +23,7 @@ use super::worker::Worker;
 /// What became of a running instance.
 pub enum Outcome {
     Ran(Arc<InstanceRecord>),
-    /// Another run made it while this one waited for the lock.
+    /// Another run made it since this one looked.
     Found(Arc<InstanceRecord>),
     /// An input of this producer is damaged.
     Damaged(InstanceId),
@@ -40,6 +40,8 @@ pub struct Task {
     pub forced: bool,
     /// Whether nothing else ran when it began.
     pub alone: bool,
+    /// Held until the record is published: a second run looks after other work meanwhile, and then finds it.
+    pub lock: KeyLock,
 }
 
 /// Runs an instance to its end; called on a thread of its own. A panic anywhere in it is a failure of this instance.
@@ -49,19 +51,16 @@ pub fn execute(worker: Worker<'_>, task: Task) -> Outcome {
 }
 
 fn attempt(worker: Worker<'_>, task: Task) -> Outcome {
-    let Worker { resolver, progress, interrupt, .. } = worker;
-    let Task { id, job, outputs, forced, alone } = task;
+    let Worker { resolver, progress, .. } = worker;
+    let Task { id, job, outputs, forced, alone, lock: _held } = task;
     let job = &job;
     let (plan, store) = (resolver.plan, resolver.store);
     let instance = &plan.instances[id];
     let label = plan.label(id);
     let wanted = plan.wanted(instance.stage);
-    // Held until the record is published: a second run waits here and then finds it.
-    let _lock = match store.lock(&job.key, &|| interrupt.requested()) {
-        Ok(lock) => lock,
-        Err(StoreError::Cancelled) => return Outcome::Interrupted,
-        Err(error) => return Outcome::Failed(error.to_string()),
-    };
+    if let Err(error) = store.refresh() {
+        return Outcome::Failed(error.to_string());
+    }
     let earlier = store.record(&job.key);
     if let Some(record) = &earlier
         && !forced

@@ -5,6 +5,7 @@
 
 mod admission;
 mod caption;
+mod elsewhere;
 mod execute;
 mod host;
 mod inputs;
@@ -44,7 +45,7 @@ pub fn run(
 ) -> Result<Summary, String> {
     let began = Instant::now();
     let mut schedule = Schedule::new(resolver, survey, options, progress);
-    if !schedule.is_over() {
+    if schedule.has_work() {
         threads::work(&mut schedule, interrupt)?;
     }
     let ends = schedule.into_ends();

@@ -1,15 +1,18 @@
 //! What begins next, and what follows from the end of an instance.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
+use std::hash::{BuildHasher, Hasher, RandomState};
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use crate::digest::Digest;
-use crate::plan::{InstanceId, Plan};
+use crate::plan::{Id, InstanceId, Plan};
 use crate::resolve::{AllOutputs, Keyed, Outputs, Resolver, State, Survey, outputs_of};
 use crate::spec::Diagnostic;
-use crate::store::{Cost, InstanceRecord};
+use crate::store::{Cost, InstanceRecord, KeyLock, StoreError};
 
 use super::admission::Admission;
+use super::elsewhere::Elsewhere;
 use super::execute::{Outcome, Task};
 use super::options::Options;
 use super::progress::Progress;
@@ -41,6 +44,13 @@ pub struct Schedule<'a> {
     admission: Admission,
     /// Nothing begins any more.
     stopping: bool,
+    began: Instant,
+    /// Those at which other processes are at work.
+    elsewhere: Elsewhere,
+    /// Whether another process was met at the same work.
+    met: bool,
+    /// Where the next one is taken from: apart from where others are. The beginning while nobody was met.
+    start: Option<InstanceId>,
 }
 
 impl<'a> Schedule<'a> {
@@ -61,6 +71,10 @@ impl<'a> Schedule<'a> {
             forced: HashSet::new(),
             admission: Admission::new(options.memory, needs),
             stopping: false,
+            began: Instant::now(),
+            elsewhere: Elsewhere::default(),
+            met: false,
+            start: None,
         };
         for (id, state) in plan.instances.ids().zip(survey.states) {
             if let Some(State::Hit(record)) = state {
@@ -95,9 +109,20 @@ impl<'a> Schedule<'a> {
         self.states.running()
     }
 
-    /// Whether nothing is at work and nothing waits for its turn.
-    pub fn is_over(&self) -> bool {
-        self.running() == 0 && self.states.first_ready().is_none()
+    /// Whether something waits for its turn.
+    pub fn has_work(&self) -> bool {
+        self.states.first_ready().is_some()
+    }
+
+    /// Whether something is to be looked at again when another process is done with it.
+    pub fn waits_for_others(&self) -> bool {
+        !self.elsewhere.is_empty() && !self.stopping
+    }
+
+    /// How long nothing begins unless something ends here.
+    pub fn pause(&self) -> Duration {
+        let may_begin = self.waits_for_others() && self.running() < self.options.jobs;
+        if may_begin { self.elsewhere.pause(self.began.elapsed()) } else { Duration::MAX }
     }
 
     /// How each needed instance ended; to be asked when nothing is at work.
@@ -105,20 +130,28 @@ impl<'a> Schedule<'a> {
         self.states.ends(self.plan.needed_instances())
     }
 
-    /// The next instance to be at work, if one may begin now. Those before it that turn out to be made already, or cannot run, end on the way.
-    pub fn next_task(&mut self) -> Option<Task> {
-        while self.running() < self.options.jobs && !self.stopping {
-            let id = self.states.first_ready()?;
+    /// The next instance to be at work, if one may begin now. Those before it that turn out to be made already, or cannot run, end on the way;
+    /// those at which other processes are at work are left for later.
+    pub fn next_task(&mut self, cancelled: &dyn Fn() -> bool) -> Option<Task> {
+        while self.running() < self.options.jobs && !self.stopping && !cancelled() {
+            self.look_elsewhere();
+            let id = self.start.map_or_else(|| self.states.first_ready(), |start| self.states.ready_from(start))?;
             if !self.admission.admits(id, self.running() > 0) {
                 return None;
             }
-            if let Some((job, reasons)) = self.start(id) {
+            if let Some((job, reasons)) = self.start(id)
+                && let Some(lock) = self.hold(id, &job.key, cancelled)
+            {
+                self.made_by.insert(job.key, id);
+                if self.is_forced(id) {
+                    self.forced.insert(id);
+                }
                 self.resolver.describe(id, &job, &self.outputs);
                 self.progress.started(&self.plan.label(id), &reasons);
                 self.states.set(id, BuildState::Running);
                 self.admission.begin(id);
                 let forced = self.forced.contains(&id);
-                return Some(Task { id, job, outputs: self.inputs_of(id), forced, alone: self.running() == 1 });
+                return Some(Task { id, job, outputs: self.inputs_of(id), forced, alone: self.running() == 1, lock });
             }
         }
         None
@@ -133,6 +166,13 @@ impl<'a> Schedule<'a> {
     /// The work of an instance whose turn it is. `None`: an instance of the same key or another run made it or is making it, or it cannot run;
     /// it is not `Ready` any more.
     fn start(&mut self, id: InstanceId) -> Option<(Keyed, Vec<String>)> {
+        // Where others are at the same work, what they have made since need not begin.
+        if self.met
+            && let Err(error) = self.resolver.store.refresh()
+        {
+            self.fail(id, error.to_string());
+            return None;
+        }
         match self.resolver.state(id, &self.outputs, self.is_forced(id)) {
             Ok((State::Run { reasons }, job)) => {
                 let job = job.expect("an instance that runs has a job");
@@ -140,10 +180,6 @@ impl<'a> Schedule<'a> {
                     self.twins.entry(*first).or_default().push(id);
                     self.states.set(id, BuildState::Twin);
                     return None;
-                }
-                self.made_by.insert(job.key, id);
-                if self.is_forced(id) {
-                    self.forced.insert(id);
                 }
                 Some((job, reasons))
             }
@@ -155,7 +191,12 @@ impl<'a> Schedule<'a> {
                         self.progress.ran(&self.plan.label(id), &shared);
                         self.done(id, shared, true);
                     }
-                    _ => self.done(id, record, false),
+                    _ => {
+                        if self.met {
+                            self.progress.found(&self.plan.label(id));
+                        }
+                        self.done(id, record, false);
+                    }
                 }
                 None
             }
@@ -172,6 +213,42 @@ impl<'a> Schedule<'a> {
                 self.fail(id, text.join("\n"));
                 None
             }
+        }
+    }
+
+    /// The lock of an instance that is to begin. `None`: another process holds it, and this one goes on somewhere else.
+    fn hold(&mut self, id: InstanceId, key: &Digest, cancelled: &dyn Fn() -> bool) -> Option<KeyLock> {
+        match self.resolver.store.try_lock(key, cancelled) {
+            Ok(Some(lock)) => return Some(lock),
+            Ok(None) => {
+                self.states.set(id, BuildState::Elsewhere);
+                self.elsewhere.add(id, *key, self.began.elapsed());
+                self.met = true;
+                self.go_apart();
+            }
+            // The caller asks the same.
+            Err(StoreError::Cancelled) => {}
+            Err(error) => self.fail(id, error.to_string()),
+        }
+        None
+    }
+
+    /// Goes on anywhere among what is ready, so that many processes do not try one after the other what others have. What they
+    /// make does not depend on it.
+    fn go_apart(&mut self) {
+        if let (Some(first), Some(last)) = (self.states.first_ready(), self.states.last_ready()) {
+            let (first, last) = (first.place(), last.place());
+            let random = RandomState::new().build_hasher().finish() as usize;
+            self.start = Some(InstanceId::new(first + random % (last - first + 1)));
+        }
+    }
+
+    /// What other processes have finished, or died at, is ready again: it is found in the store, or begins here.
+    fn look_elsewhere(&mut self) {
+        let store = self.resolver.store;
+        let is_free = |key: &Digest| !matches!(store.try_lock(key, &|| true), Ok(None));
+        for id in self.elsewhere.freed(self.began.elapsed(), is_free) {
+            self.states.set(id, BuildState::Ready);
         }
     }
 
@@ -215,6 +292,7 @@ impl<'a> Schedule<'a> {
                 self.done(id, record, true);
             }
             Outcome::Found(record) => {
+                self.met = true;
                 self.progress.found(&self.plan.label(id));
                 self.done(id, record, false);
             }
@@ -272,6 +350,10 @@ impl<'a> Schedule<'a> {
             match *self.states.get(dependent) {
                 BuildState::Want { missing } => self.states.set(dependent, BuildState::Want { missing: missing + 1 }),
                 BuildState::Ready => self.states.set(dependent, BuildState::Want { missing: 1 }),
+                BuildState::Elsewhere => {
+                    self.elsewhere.remove(dependent);
+                    self.states.set(dependent, BuildState::Want { missing: 1 });
+                }
                 _ => {}
             }
         }

@@ -14,19 +14,20 @@ use super::summary::End;
 /// What may follow what (rows: from, columns: to):
 ///
 /// ```text
-/// from     | Unknown Want Ready Twin Running Done Failed Skipped
-/// Unknown  |    -     x     x    -      -     x     -      -
-/// Want     |    -     x     x    -      -     -     -      x
-/// Ready    |    -     x     -    x      x     x     x      x
-/// Twin     |    -     x     x    -      -     -     -      x
-/// Running  |    -     x     x    -      -     x     x      x
-/// Done     |    -     x     x    -      -     -     -      -
-/// Failed   |    -     -     -    -      -     -     -      -
-/// Skipped  |    -     -     -    -      -     -     -      -
+/// from       | Unknown Want Ready Twin Elsewhere Running Done Failed Skipped
+/// Unknown    |    -     x     x    -       -        -     x     -      -
+/// Want       |    -     x     x    -       -        -     -     -      x
+/// Ready      |    -     x     -    x       x        x     x     x      x
+/// Twin       |    -     x     x    -       -        -     -     -      x
+/// Elsewhere  |    -     x     x    -       -        -     -     -      x
+/// Running    |    -     x     x    -       -        -     x     x      x
+/// Done       |    -     x     x    -       -        -     -     -      -
+/// Failed     |    -     -     -    -       -        -     -     -      -
+/// Skipped    |    -     -     -    -       -        -     -     -      -
 /// ```
 ///
-/// Back from `Ready` and `Running` to `Want`: a producer is found damaged. From `Done`: it is that producer. From `Running` to `Ready`: the
-/// system has no thread for it now.
+/// Back from `Ready`, `Elsewhere` and `Running` to `Want`: a producer is found damaged. From `Done`: it is that producer. From `Running` to
+/// `Ready`: the system has no thread for it now. From `Elsewhere` to `Ready`: the other process is done with it, or gone.
 #[derive(Clone, Debug, Default)]
 pub enum BuildState {
     /// No target needs it, or nobody has looked yet.
@@ -40,6 +41,8 @@ pub enum BuildState {
     Ready,
     /// An instance of the same key is at work, and this one waits for what it makes.
     Twin,
+    /// Another process holds its key, and is at work on it.
+    Elsewhere,
     Running,
     Done {
         record: Arc<InstanceRecord>,
@@ -54,12 +57,12 @@ pub enum BuildState {
 impl BuildState {
     /// Whether `next` may follow: the table above.
     fn may_become(&self, next: &Self) -> bool {
-        use BuildState::{Done, Failed, Ready, Running, Skipped, Twin, Unknown, Want};
+        use BuildState::{Done, Elsewhere, Failed, Ready, Running, Skipped, Twin, Unknown, Want};
         match self {
             Unknown => matches!(next, Want { .. } | Ready | Done { .. }),
             Want { .. } => matches!(next, Want { .. } | Ready | Skipped),
-            Ready => matches!(next, Want { .. } | Twin | Running | Done { .. } | Failed(_) | Skipped),
-            Twin => matches!(next, Want { .. } | Ready | Skipped),
+            Ready => matches!(next, Want { .. } | Twin | Elsewhere | Running | Done { .. } | Failed(_) | Skipped),
+            Twin | Elsewhere => matches!(next, Want { .. } | Ready | Skipped),
             Running => matches!(next, Want { .. } | Ready | Done { .. } | Failed(_) | Skipped),
             Done { .. } => matches!(next, Want { .. } | Ready),
             Failed(_) | Skipped => false,
@@ -74,6 +77,7 @@ impl fmt::Display for BuildState {
             Self::Want { missing } => write!(f, "Want ({missing} missing)"),
             Self::Ready => f.write_str("Ready"),
             Self::Twin => f.write_str("Twin"),
+            Self::Elsewhere => f.write_str("Elsewhere"),
             Self::Running => f.write_str("Running"),
             Self::Done { record, ran } => write!(f, "Done ({}, ran: {ran})", record.key),
             Self::Failed(message) => write!(f, "Failed ({message})"),
@@ -124,6 +128,15 @@ impl States {
         self.ready.first().copied()
     }
 
+    /// The first that is `Ready` from `start` on, or from the beginning where there is none.
+    pub fn ready_from(&self, start: InstanceId) -> Option<InstanceId> {
+        self.ready.range(start..).next().copied().or_else(|| self.first_ready())
+    }
+
+    pub fn last_ready(&self) -> Option<InstanceId> {
+        self.ready.last().copied()
+    }
+
     pub fn running(&self) -> usize {
         self.running
     }
@@ -139,8 +152,8 @@ impl States {
     /// How the needed instances ended; what had no turn is skipped.
     pub fn ends(mut self, needed: impl Iterator<Item = InstanceId>) -> HashMap<InstanceId, End> {
         let mut end = |id: InstanceId| {
-            let open = matches!(self.states[id], BuildState::Want { .. } | BuildState::Ready | BuildState::Twin);
-            if open {
+            use BuildState::{Elsewhere, Ready, Twin, Want};
+            if matches!(self.states[id], Want { .. } | Ready | Twin | Elsewhere) {
                 self.set(id, BuildState::Skipped);
             }
             match std::mem::take(&mut self.states[id]) {
@@ -183,10 +196,10 @@ mod tests {
     }
 
     /// One of each, in the order of the table.
-    fn kinds() -> [BuildState; 8] {
-        use BuildState::{Done, Failed, Ready, Running, Skipped, Twin, Unknown, Want};
+    fn kinds() -> [BuildState; 9] {
+        use BuildState::{Done, Elsewhere, Failed, Ready, Running, Skipped, Twin, Unknown, Want};
         let done = Done { record: record(), ran: true };
-        [Unknown, Want { missing: 2 }, Ready, Twin, Running, done, Failed("no disk".to_owned()), Skipped]
+        [Unknown, Want { missing: 2 }, Ready, Twin, Elsewhere, Running, done, Failed("no disk".to_owned()), Skipped]
     }
 
     /// The table of the doc comment, row by row.
@@ -244,6 +257,6 @@ mod tests {
             Some(_) => "another",
             None => "panic",
         });
-        assert_eq!(words, ["panic", "skipped", "skipped", "skipped", "panic", "ran", "failed", "skipped"]);
+        assert_eq!(words, ["panic", "skipped", "skipped", "skipped", "skipped", "panic", "ran", "failed", "skipped"]);
     }
 }

@@ -13,6 +13,11 @@ use super::interrupt::Interrupt;
 use super::schedule::Schedule;
 use super::worker::Worker;
 
+/// So often it is looked for threads that ended without a word, and for Ctrl-C where only other processes are at work.
+const LONGEST: Duration = Duration::from_secs(1);
+/// The same where nothing is at work here.
+const IDLE: Duration = Duration::from_millis(100);
+
 /// Runs until nothing is at work and nothing may begin.
 ///
 /// Error: the system starts no threads.
@@ -28,7 +33,7 @@ pub fn work(schedule: &mut Schedule<'_>, interrupt: &Interrupt) -> Result<(), St
         let mut threads: HashMap<InstanceId, ScopedJoinHandle<'_, ()>> = HashMap::new();
         loop {
             while !interrupt.requested()
-                && let Some(task) = schedule.next_task()
+                && let Some(task) = schedule.next_task(&|| interrupt.requested())
             {
                 let id = task.id;
                 match begin(scope, worker, task, send.clone()) {
@@ -44,11 +49,11 @@ pub fn work(schedule: &mut Schedule<'_>, interrupt: &Interrupt) -> Result<(), St
                     }
                 }
             }
-            if schedule.running() == 0 {
+            if schedule.running() == 0 && (interrupt.requested() || !schedule.waits_for_others()) {
                 break;
             }
             let ended: Vec<InstanceId> = threads.iter().filter(|(_, t)| t.is_finished()).map(|(id, _)| *id).collect();
-            match receive.recv_timeout(Duration::from_secs(1)) {
+            match receive.recv_timeout(schedule.pause().min(if schedule.running() == 0 { IDLE } else { LONGEST })) {
                 Ok((id, outcome)) => {
                     threads.remove(&id);
                     schedule.finish(id, outcome);

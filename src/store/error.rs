@@ -25,6 +25,8 @@ pub enum StoreError {
     Busy { path: PathBuf },
     /// The file system does not keep other processes out, and what was asked needs the store alone.
     NoLocks { path: PathBuf },
+    /// A file system that other machines may use too, and what was asked needs the store alone.
+    OtherMachines { path: PathBuf, kind: &'static str },
     /// A second look after a repair found this.
     NotRepaired { path: PathBuf, left: Vec<String> },
 }
@@ -86,6 +88,12 @@ impl fmt::Display for StoreError {
                 "the file system of {} does not keep other processes out (its locks are missing or do not exclude, or something \
                  else stands in the place of locks/gc), so a run might be at work unseen, and nothing was removed; to make room \
                  delete the whole folder when no run is at work, or move it to a local disk and run `turbid cache gc` there",
+                path.display()
+            ),
+            Self::OtherMachines { path, kind } => write!(
+                f,
+                "{} lies on a network file system ({kind}), on which another machine might be at work unseen, and nothing was \
+                 removed; when no other machine uses the store, say so with --exclusive",
                 path.display()
             ),
             Self::NotRepaired { path, left } => write!(

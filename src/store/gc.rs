@@ -15,6 +15,7 @@ use crate::store::disk;
 use crate::store::error::StoreError;
 use crate::store::frame::HEADER;
 use crate::store::lock::{self, Try, guard};
+use crate::store::network;
 use crate::store::record::{Blob, InstanceRecord};
 
 /// What `gc` removed and kept. Bytes are those of files, the index left out.
@@ -40,7 +41,7 @@ impl Store {
     /// store's files take at most `max_size` bytes. What `roots` (keys of records) name goes last.
     ///
     /// To be called when no other thread works on the store. Errors: [`StoreError::Busy`] while another process uses it,
-    /// [`StoreError::NoLocks`] where nobody can tell; something cannot be read: then nothing was removed.
+    /// [`StoreError::NoLocks`] and [`StoreError::OtherMachines`] where nobody can tell; something cannot be read: then nothing was removed.
     pub fn gc(&self, max_size: u64, roots: &[Digest]) -> Result<GcReport, StoreError> {
         self.alone(|| self.collect(max_size, roots))
     }
@@ -132,8 +133,8 @@ impl Store {
     /// Rewrites the packs into few, without what newer entries replace, without what is damaged, and without the records
     /// of `unfit`.
     ///
-    /// Errors: [`StoreError::Busy`] while another process uses the store, [`StoreError::NoLocks`], a full disk, an old pack
-    /// that cannot be read.
+    /// Errors: [`StoreError::Busy`] while another process uses the store, [`StoreError::NoLocks`],
+    /// [`StoreError::OtherMachines`], a full disk, an old pack that cannot be read.
     pub(super) fn gather_packs(&self, unfit: &BTreeSet<Digest>) -> Result<(), StoreError> {
         let packs = &self.folder.packs;
         self.alone(|| {
@@ -152,6 +153,10 @@ impl Store {
             Try::Held => Err(StoreError::Busy { path: self.root.clone() }),
             _ if self.read_only => Err(StoreError::Busy { path: self.root.clone() }),
             Try::Taken(held) if lock::is_exclusive(&path) => {
+                // What this machine's locks prove they prove of its own processes.
+                if let Some(kind) = network::kind(&held).filter(|_| !self.no_other_machine) {
+                    return Err(StoreError::OtherMachines { path: self.root.clone(), kind });
+                }
                 self.folder.packs.read_again()?;
                 let done = work();
                 drop(held);

@@ -15,9 +15,12 @@ mod format;
 mod frame;
 mod gc;
 mod index;
+mod kernel;
+mod key_lock;
 mod large;
 mod lock;
 mod look;
+mod network;
 mod odd;
 mod packs;
 mod parquet;
@@ -43,13 +46,14 @@ use crate::digest::Digest;
 use crate::leftover;
 use backend::{Backend, Folder};
 use checkpoint::Checkpoints;
-use lock::{KeyLocks, Try, guard};
+use key_lock::KeyLocks;
+use lock::{Try, guard};
 
 pub use backend::extension;
 pub use codec::{decode, encode, encode_pieces};
 pub use error::StoreError;
 pub use gc::GcReport;
-pub use lock::KeyLock;
+pub use key_lock::KeyLock;
 pub use record::{Blob, Cost, InstanceRecord, PortRecord, Provenance, Recipe};
 pub use release::Names;
 pub use verify::{Finding, Stat, VerifyReport};
@@ -70,6 +74,8 @@ pub struct Store {
     vouched: Mutex<BTreeSet<Digest>>,
     /// The last record or look for a blob that failed.
     unread: Mutex<Option<String>>,
+    /// Whether somebody gave his word that no other machine uses the store.
+    no_other_machine: bool,
 }
 
 /// How a store was left by [`Store::finish`].
@@ -137,6 +143,7 @@ impl Store {
             in_use: Mutex::new(None),
             vouched: Mutex::default(),
             unread: Mutex::default(),
+            no_other_machine: false,
             root,
         })
     }
@@ -145,7 +152,7 @@ impl Store {
     /// [released](Store::release).
     ///
     /// Blobs are not read. Never waits; finds what other runs published before this store was opened or before the
-    /// last [`Store::lock`].
+    /// last [`Store::lock`] or [`Store::refresh`].
     pub fn record(&self, key: &Digest) -> Option<Arc<InstanceRecord>> {
         let record = self.whole_record(key)?;
         self.vouch(key);
@@ -272,6 +279,14 @@ impl Store {
         Ok(())
     }
 
+    /// The same store, of which its user says that no other machine is at work on it: what needs it alone is done on a network
+    /// file system too.
+    #[must_use]
+    pub fn without_other_machines(mut self) -> Self {
+        self.no_other_machine = true;
+        self
+    }
+
     /// Waits until no other run works on `key`, then takes in what other runs have published meanwhile: look the
     /// record up once more. Where the file system has no locks, two runs may do the same work; no harm.
     ///
@@ -279,8 +294,19 @@ impl Store {
     pub fn lock(&self, key: &Digest, cancelled: &dyn Fn() -> bool) -> Result<KeyLock, StoreError> {
         self.begin_use(cancelled)?;
         let lock = self.locks.take(key, cancelled)?;
-        self.folder.packs.refresh()?;
+        self.refresh()?;
         Ok(lock)
+    }
+
+    /// The same without waiting: none where another run works on `key`. It waits for a `gc` alone, and takes nothing in.
+    pub fn try_lock(&self, key: &Digest, cancelled: &dyn Fn() -> bool) -> Result<Option<KeyLock>, StoreError> {
+        self.begin_use(cancelled)?;
+        Ok(self.locks.try_take(key))
+    }
+
+    /// Takes in what other runs have published meanwhile.
+    pub fn refresh(&self) -> Result<(), StoreError> {
+        self.folder.packs.refresh()
     }
 
     /// Keeps a state from which a killed or longer run can go on; `progress` orders the states of one key.

@@ -133,7 +133,7 @@ impl Store {
     /// ([`Finding::Unread`]) nothing is repaired: what is there may be right.
     ///
     /// Errors of a repair: what it could not do (a full disk; [`StoreError::Busy`] where packs are damaged and a run is at
-    /// work; [`StoreError::NoLocks`]), or [`StoreError::NotRepaired`].
+    /// work; [`StoreError::NoLocks`]; [`StoreError::OtherMachines`]), or [`StoreError::NotRepaired`].
     pub fn verify(&self, repair: bool) -> Result<VerifyReport, StoreError> {
         let (mut report, unfit) = self.look()?;
         if !repair || self.read_only || report.is_clean() || report.unread().next().is_some() {

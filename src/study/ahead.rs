@@ -9,7 +9,7 @@ use crate::resolve::{Resolver, State};
 use crate::spec::{self, Report, Severity, Spec, StudySpec};
 use crate::store::Store;
 
-use super::points::{Point, order, points as all};
+use super::points::{Point, points as all};
 
 /// What there is to do for a point.
 #[derive(Clone, Debug, PartialEq)]
@@ -22,7 +22,7 @@ pub struct PointAhead {
     pub cpu_s: f64,
 }
 
-/// All points of a study, in the order in which they run.
+/// All points of a study, in the order of [`points`](all).
 ///
 /// Error: the first point that cannot be run, and why.
 pub fn points(
@@ -33,8 +33,7 @@ pub fn points(
     store: &Store,
 ) -> Result<Vec<PointAhead>, String> {
     let points = all(study);
-    let look = |i: usize| {
-        let point = &points[i];
+    let look = |point: &Point| {
         let label = format!("{}: {}", study.name, point.label(study));
         let plan = plan(file, overrides, study, registry, point).map_err(|what| format!("{label}: {what}"))?;
         let resolver = Resolver::new(&plan, store);
@@ -49,7 +48,7 @@ pub fn points(
         let cpu_s = if hits < known { estimates(&resolver, &survey).values().map(|of| of.seconds).sum() } else { 0.0 };
         Ok(PointAhead { label, hits, stale: known - hits, cpu_s })
     };
-    order(&points).into_iter().map(look).collect()
+    points.iter().map(look).collect()
 }
 
 /// The plan of what a study looks at, at one of its points.

@@ -7,6 +7,7 @@ use std::path::Path;
 use turbid_contract::{Artifact, ImageStack};
 
 use crate::digest::Digest;
+use crate::plan::shard::Shard;
 use crate::plan::{InstanceId, Plan};
 use crate::registry::Registry;
 use crate::resolve::{Resolver, State, Survey};
@@ -72,33 +73,24 @@ impl Studying<'_> {
     /// Runs all points, cheap ones first; a row each, in the order of [`points`]. A point that fails is a row with the reason, and the others are run.
     pub fn run(&self) -> Result<(Vec<Row>, Counts), Stopped> {
         let points = points(self.study);
-        let (found, counts) = self.run_those(&points, &order(&points))?;
-        let mut found: Vec<Result<Found, String>> =
-            found.into_iter().map(|f| f.expect("every point was run")).collect();
+        let (mut found, counts) = self.found(&points)?;
         if self.study.truth.is_none() {
             against_each_other(self.study, &points, &mut found);
         }
         Ok((rows(points, found), counts))
     }
 
-    /// Runs the points of one of `of` shards (`number` from 1), for whoever runs the whole study afterwards. How many failed.
-    pub fn run_shard(&self, number: u32, of: u32) -> Result<(usize, Counts), Stopped> {
+    /// The points of a shard: a block of all of them. What they say, as far as each says it alone.
+    pub fn make(&self, shard: Shard) -> Result<(Vec<Result<Found, String>>, Counts), Stopped> {
         let points = points(self.study);
-        let own = order(&points).into_iter().skip(number as usize - 1).step_by(of as usize);
-        let (found, counts) = self.run_those(&points, &own.collect::<Vec<_>>())?;
-        Ok((found.iter().flatten().filter(|found| found.is_err()).count(), counts))
+        self.found(&points[shard.block(points.len())])
     }
 
-    /// What each of these points says, at its place among all.
-    #[allow(clippy::type_complexity, reason = "a list of all points, and counts")]
-    fn run_those(
-        &self,
-        points: &[Point],
-        those: &[usize],
-    ) -> Result<(Vec<Option<Result<Found, String>>>, Counts), Stopped> {
+    /// What some points say, in their order.
+    fn found(&self, points: &[Point]) -> Result<(Vec<Result<Found, String>>, Counts), Stopped> {
         let mut found: Vec<Option<Result<Found, String>>> = vec![None; points.len()];
         let (log, counts) = (RefCell::new(None), RefCell::new(Counts::default()));
-        for (done, &i) in those.iter().enumerate() {
+        for (done, i) in order(points).into_iter().enumerate() {
             let result = self.point(&points[i], &log, &counts);
             if self.interrupt.requested() {
                 return Err(Stopped::Interrupted);
@@ -114,7 +106,7 @@ impl Studying<'_> {
                 crate::terminal::tell(&format!("warning: the log of this run could not be written: {text}"));
             }
         }
-        Ok((found, counts))
+        Ok((found.into_iter().map(|f| f.expect("every point was run")).collect(), counts))
     }
 
     fn point(&self, point: &Point, log: &RefCell<Option<RunLog>>, counts: &RefCell<Counts>) -> Result<Found, String> {

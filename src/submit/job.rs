@@ -58,8 +58,8 @@ pub struct Work {
     pub shards: u32,
     /// Of each task.
     pub threads: usize,
-    /// What a task runs, one after the other: arguments of turbid, with [`SHARD`](Self::SHARD) where its shard is to stand.
-    pub commands: Vec<Vec<String>>,
+    /// What a task runs: arguments of turbid, [`SHARD`](Self::SHARD) among them.
+    pub command: Vec<String>,
     /// The pipeline file, what it includes, tables and input files, with the digests of their bytes.
     pub read: Vec<(PathBuf, Digest)>,
 }
@@ -69,10 +69,10 @@ impl Work {
     /// What stands in a command for the shard.
     pub const SHARD: &str = "--shard=K/N";
 
-    /// A command for a shard.
-    pub fn command_of(command: &[String], shard: u32, of: u32) -> Vec<String> {
-        let word = |word: &String| if word == Self::SHARD { format!("--shard={shard}/{of}") } else { word.clone() };
-        command.iter().map(word).collect()
+    /// What the task of a shard runs.
+    pub fn command_of(&self, shard: u32) -> Vec<String> {
+        let own = format!("--shard={shard}/{}", self.shards);
+        self.command.iter().map(|word| if word == Self::SHARD { own.clone() } else { word.clone() }).collect()
     }
 
     /// What this job asks for that the other one of the same file does not; nothing where they ask for the same.
@@ -328,7 +328,7 @@ mod tests {
             options: Vec::new(),
             shards: 8,
             threads: 1,
-            commands: vec![vec!["run".to_owned()]],
+            command: vec!["run".to_owned()],
             read: Vec::new(),
         }
     }

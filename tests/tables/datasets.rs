@@ -5,6 +5,7 @@ mod full_disk;
 mod growth;
 mod halves;
 mod kills;
+mod parts;
 mod released;
 mod shard;
 mod space;

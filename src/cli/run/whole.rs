@@ -22,6 +22,14 @@ pub(super) enum Whole {
     },
 }
 
+impl Whole {
+    fn name(&self) -> &str {
+        match self {
+            Self::Study(name) | Self::Dataset { name, .. } => name,
+        }
+    }
+}
+
 impl Run {
     /// Studies and data sets, then the stages that are targets beside them.
     pub(super) fn run_all(&self, whole: Vec<Whole>, stages: Vec<String>, registry: &Registry) -> Done {
@@ -32,8 +40,13 @@ impl Run {
             );
             return Err(Failure::Input(text));
         }
-        if !self.part.is_whole() {
-            return Err(self.not_in_parts(&whole));
+        if !self.part.only.is_empty() {
+            let names: Vec<&str> = whole.iter().map(Whole::name).collect();
+            let text = format!(
+                "--only: {} is no stage; a study or a data set can be run in shards (`--shard K/N`), or name stages as targets",
+                names.join(", ")
+            );
+            return Err(Failure::Input(text));
         }
         for target in whole {
             self.run_whole(target, registry)?;
@@ -42,22 +55,6 @@ impl Run {
             return Ok(());
         }
         Self { targets: stages, ..self.clone() }.run(registry)
-    }
-
-    /// Studies and data sets are made by one process; what they take from stages can be made in parts before.
-    fn not_in_parts(&self, whole: &[Whole]) -> Failure {
-        let names: Vec<&str> = whole
-            .iter()
-            .map(|target| match target {
-                Whole::Study(name) | Whole::Dataset { name, .. } => name.as_str(),
-            })
-            .collect();
-        Failure::Input(format!(
-            "--shard and --only: {} is no stage; run the stages that it takes its values from in shards, then `turbid run {} {}` as a whole",
-            names.join(", "),
-            self.pipeline.file.display(),
-            names.join(" ")
-        ))
     }
 
     /// The targets that are studies and data sets, and the others; `None` where none is.
@@ -84,11 +81,12 @@ impl Run {
     #[cfg(feature = "tables")]
     fn run_whole(&self, target: Whole, registry: &Registry) -> Done {
         let Self { pipeline, jobs, memory, json, .. } = self.clone();
+        let shard = self.part.shard;
         match target {
-            Whole::Study(name) => Study { pipeline, name: Some(name), jobs, memory, shard: None, json }.run(registry),
+            Whole::Study(name) => Study { pipeline, name: Some(name), jobs, memory, json, shard }.run(registry),
             Whole::Dataset { name, folder } => {
                 let to = self.pipeline.outputs.path().join(folder);
-                Dataset::build(pipeline, name, to, (jobs, memory, json)).run(registry)
+                Dataset::build(pipeline, name, to, (jobs, memory, json), shard).run(registry)
             }
         }
     }

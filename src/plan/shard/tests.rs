@@ -172,6 +172,11 @@ fn shards_are_written_k_of_n() {
     let wrong = |text: &str| text.parse::<Shard>().unwrap_err();
     assert!(wrong("0/8").contains("count from 1") && wrong("9/8").contains("1/8 to 8/8"));
     assert!(wrong("1/0").contains("one shard at least"));
+    for (count, of) in [(0, 3), (1, 4), (7, 3), (64, 8), (10, 64)] {
+        let blocks: Vec<_> = (1..=of).map(|number| Shard { number, of }.block(count)).collect();
+        assert!(blocks.iter().all(|block| (count / of as usize..=count.div_ceil(of as usize)).contains(&block.len())));
+        assert_eq!(blocks.into_iter().flatten().collect::<Vec<_>>(), (0..count).collect::<Vec<_>>());
+    }
     for text in ["a/b", "", "3", "-1/8", "1/8/2", "1/99999999999", "1.0/2"] {
         assert!(wrong(text).contains("K/N"), "{text}");
     }
