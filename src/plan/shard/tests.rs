@@ -1,7 +1,6 @@
 use std::collections::BTreeSet;
 
 use super::*;
-use crate::plan::Id;
 
 /// A random graph of stages over the axes a, b, c, each node fed by nodes before it whose axes it takes over or gathers; and
 /// the small generator behind it.
