@@ -11,5 +11,7 @@ mod shard;
 mod space;
 mod statistics;
 mod studies;
+#[cfg(unix)]
+mod submit;
 mod webdataset;
 mod wrong;

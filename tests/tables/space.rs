@@ -99,7 +99,7 @@ impl Space {
         fs::write(self.path(name), bytes).expect("the folder is ours");
     }
 
-    fn command(&self, arguments: &[&str]) -> Command {
+    pub fn command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(program());
         command.args(arguments).current_dir(self.folder.path()).env_remove("TURBID_OUTPUTS");
         command
