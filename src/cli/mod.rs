@@ -8,6 +8,7 @@ mod dataset;
 #[path = "dataset/without.rs"]
 mod dataset_without;
 mod diff;
+mod elsewhere;
 mod explain;
 mod export;
 mod graph;
@@ -211,7 +212,7 @@ pub fn main(registry: Registry) -> ExitCode {
         Command::Export(command) => command.run(&registry),
         Command::Dataset(command) => command.run(&registry),
         Command::Study(command) => command.run(&registry),
-        Command::Cache(command) => command.run(),
+        Command::Cache(command) => command.run(&registry),
         Command::New(command) => command.run(),
     }));
     let done = done.unwrap_or_else(|panic| Err(Failure::Failed(panics::text(panic.as_ref()))));

@@ -9,6 +9,7 @@ use std::time::{Instant, SystemTime};
 use clap::Args;
 use serde_json::{Value, json};
 
+use crate::digest::Digest;
 use crate::memo::{self, Recalled};
 use crate::plan::{InstanceId, PREVIEW_INSTANCES, Plan, StageId};
 use crate::registry::Registry;
@@ -22,6 +23,7 @@ use crate::store::{Store, StoreError};
 use crate::threads;
 use crate::unchanged::{self, Closing, Request, Seen};
 
+use super::elsewhere::{self, Elsewhere, pushed_text, traffic_text};
 use super::memory::{MemoryLimit, too_large};
 use super::simd::simd_level;
 use super::{Done, Failure, Pipeline, print, print_json, report_of};
@@ -47,6 +49,8 @@ pub struct Run {
     jobs: Option<usize>,
     #[command(flatten)]
     memory: MemoryLimit,
+    #[command(flatten)]
+    elsewhere: Elsewhere,
     /// Print events as JSON lines
     #[arg(long)]
     json: bool,
@@ -64,6 +68,8 @@ impl Run {
             targets: &self.targets,
         };
         if self.force.is_empty()
+            // What is here may not have been sent yet.
+            && !self.elsewhere.is_given()
             && simd_level().is_ok()
             && let Some(closing) = unchanged::recall(&request)
             && note_up_to_date(outputs, &closing.pipeline, closing.hits).is_none()
@@ -77,14 +83,17 @@ impl Run {
         let plan = self.pipeline.plan(registry, &self.targets)?;
         let force = self.forced(&plan)?;
         let simd = simd_level()?;
-        let store = Store::open(outputs).map_err(|e| Failure::Input(e.to_string()))?;
+        let store = self.elsewhere.store(&self.pipeline.outputs)?;
         let resolver = Resolver::new(&plan, &store);
         let memos = outputs.join("store").join("memos");
         let remembered = if force.is_empty() { memo::recall(&plan, &store, &memos) } else { None };
         let recalled = remembered.is_some();
         let (survey, known_files) = match remembered {
             Some(Recalled { records, files }) => (resolver.up_to_date(records), files),
-            None => (resolver.survey(&force), Vec::new()),
+            None => {
+                elsewhere::bring(&resolver)?;
+                (resolver.survey(&force), Vec::new())
+            }
         };
         let mut report = report_of(&plan, &survey);
         let jobs = self.jobs.unwrap_or_else(threads::of_machine);
@@ -126,9 +135,14 @@ impl Run {
         if !warning.is_empty() {
             progress.warn(&plan.spec.pipeline, &warning.join("; "));
         }
-        let closing = closing(&plan, &summary, &figures, folder.as_deref().ok(), outputs);
+        let pushed = self.push(&plan, &store, &summary);
+        for warning in elsewhere::warnings(&store) {
+            progress.warn(&plan.spec.pipeline, &warning);
+        }
+        let mut closing = closing(&plan, &summary, &figures, folder.as_deref().ok(), outputs);
+        closing.texts.extend(pushed.as_ref().ok().cloned().flatten());
         self.say(&closing, &Counts::of(&summary), began);
-        if quiet && warning.is_empty() && summary.hits() == summary.ends.len() {
+        if quiet && warning.is_empty() && store.remote().is_none() && summary.hits() == summary.ends.len() {
             let records = plan.needed_instances().filter_map(|id| summary.record(id)).map(|record| &**record);
             let watched = store.watched(records).into_iter();
             if let Some(of_people) = latest::watched(&plan, outputs) {
@@ -137,6 +151,7 @@ impl Run {
                 unchanged::keep(&request, clock, Seen { texts: plan.spec.texts().collect(), files, watched }, closing);
             }
         }
+        pushed?;
         if summary.failed() > 0 {
             return Err(Failure::Said);
         }
@@ -147,6 +162,24 @@ impl Run {
             Err(message) if summary.ran() > 0 => Err(Failure::Failed(message)),
             _ => Ok(()),
         }
+    }
+
+    /// Sends what the store elsewhere lacks of the results, also of a run that was interrupted: the next one may be at work elsewhere.
+    ///
+    /// What is to be said of it; an error does not end the run before its last words.
+    fn push(&self, plan: &Plan, store: &Store, summary: &Summary) -> Result<Option<String>, Failure> {
+        let Some(remote) = store.remote() else { return Ok(None) };
+        let records = plan.needed_instances().filter_map(|id| summary.record(id));
+        let keys: Vec<Digest> = records.map(|record| record.key).collect();
+        let pushed = store.push(Some(&keys), false, &|_, _| ()).map_err(|error| {
+            let later = "the results are here, and `turbid cache push` sends them later";
+            Failure::Failed(format!("{error}; {later}"))
+        })?;
+        let (address, traffic) = (remote.address().to_string(), remote.traffic());
+        if self.json {
+            Json::event(json!({"event": "pushed", "store": address, "pushed": pushed, "traffic": traffic}));
+        }
+        Ok(Some(format!("{address}: {}; {}", pushed_text(&pushed), traffic_text(&traffic))))
     }
 
     /// The last words of a run.

@@ -5,6 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use crate::digest::Digest;
+use crate::store::remote::objects::RemoteError;
 
 /// An error of the store; `Display` says what happened, where, and the way out.
 #[derive(Debug)]
@@ -25,6 +26,8 @@ pub enum StoreError {
     Busy { path: PathBuf },
     /// The file system does not keep other processes out, and what was asked needs the store alone.
     NoLocks { path: PathBuf },
+    /// A store elsewhere could not be read or written.
+    Remote(RemoteError),
     /// A second look after a repair found this.
     NotRepaired { path: PathBuf, left: Vec<String> },
 }
@@ -88,6 +91,7 @@ impl fmt::Display for StoreError {
                  delete the whole folder when no run is at work, or move it to a local disk and run `turbid cache gc` there",
                 path.display()
             ),
+            Self::Remote(error) => fmt::Display::fmt(error, f),
             Self::NotRepaired { path, left } => write!(
                 f,
                 "the store at {} could not be repaired; a second look still finds: {}; if it stays so, delete the folder when no \
@@ -96,6 +100,12 @@ impl fmt::Display for StoreError {
                 left.join("; ")
             ),
         }
+    }
+}
+
+impl From<RemoteError> for StoreError {
+    fn from(error: RemoteError) -> Self {
+        Self::Remote(error)
     }
 }
 
