@@ -1,5 +1,6 @@
 //! Which instances are up to date: keys, states with reasons, and every mistake that can be seen before a run.
 
+mod bring;
 mod extents;
 mod files;
 mod forms;

@@ -1,11 +1,15 @@
-//! `turbid cache`: how big the store is, whether it is sound, what it holds, and making room.
+//! `turbid cache`: how big the store is, whether it is sound, what it holds, making room, and stores elsewhere.
+
+mod ship;
 
 use clap::{Args, Subcommand};
 
+use crate::registry::Registry;
 use crate::run::log::roots;
 use crate::store::{Stat, Store};
 
 use super::{Done, Failure, OutputsDir, print, print_json};
+use ship::{Ship, Way};
 
 #[derive(Args)]
 pub struct Cache {
@@ -46,10 +50,16 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// Send to a store elsewhere what it lacks
+    Push(Ship),
+    /// Bring from a store elsewhere what is missing here
+    Pull(Ship),
+    /// Pull, then push
+    Sync(Ship),
 }
 
 impl Cache {
-    pub fn run(&self) -> Done {
+    pub fn run(&self, registry: &Registry) -> Done {
         let outputs = self.outputs.path();
         let fail = |e: crate::store::StoreError| Failure::Failed(e.to_string());
         match &self.command {
@@ -67,8 +77,8 @@ impl Cache {
                 if *json {
                     print_json(&to_json(&report));
                 } else if report.is_clean() {
-                    let released = released_text(report.released);
-                    print(&format!("{} records and {} blobs read, all sound{released}", report.records, report.blobs));
+                    let more = released_text(report.released) + &elsewhere_text(report.elsewhere);
+                    print(&format!("{} records and {} blobs read, all sound{more}", report.records, report.blobs));
                 } else {
                     report.findings.iter().for_each(|finding| print(&finding.to_string()));
                     print(if report.repaired {
@@ -84,6 +94,9 @@ impl Cache {
                     return Err(Failure::Said);
                 }
             }
+            Command::Push(ship) => ship.run(Way::Push, &self.outputs, registry)?,
+            Command::Pull(ship) => ship.run(Way::Pull, &self.outputs, registry)?,
+            Command::Sync(ship) => ship.run(Way::Both, &self.outputs, registry)?,
             Command::Digests => {
                 let store = self.outputs.store_to_read()?;
                 let digests = store.digests();
@@ -140,6 +153,16 @@ fn released_text(released: u64) -> String {
     match released {
         0 => String::new(),
         n => format!("; {n} more are released: a data set holds what they held, and who needs them makes them again"),
+    }
+}
+
+/// `; 12 more are elsewhere: ..`, or nothing.
+fn elsewhere_text(elsewhere: u64) -> String {
+    match elsewhere {
+        0 => String::new(),
+        n => format!(
+            "; {n} more are in a store elsewhere: `--store` brings them when they are read, `cache pull` at once"
+        ),
     }
 }
 

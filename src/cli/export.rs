@@ -13,6 +13,7 @@ use crate::resolve::{Resolver, State};
 use crate::run::latest::file_name;
 use crate::store::Blob;
 
+use super::elsewhere::{self, Elsewhere};
 use super::released::make_again;
 use super::select::Selector;
 use super::{Done, Failure, Pipeline, print, report_of};
@@ -33,6 +34,8 @@ pub struct Export {
     /// A .tiff of whole numbers (8 or 16 bit) for each frame, {f_x}, {phase} and {wavelength} in FILE replaced
     #[arg(long, value_name = "BITS")]
     bits: Option<u32>,
+    #[command(flatten)]
+    elsewhere: Elsewhere,
 }
 
 impl Export {
@@ -45,8 +48,9 @@ impl Export {
         let ids = selector.instances(&plan)?;
         let files = self.files(&plan, &ids)?;
         make_again(&self.pipeline, registry, &plan, &ids, Some(port))?;
-        let store = self.pipeline.store_to_read()?;
+        let store = self.elsewhere.store_to_read(&self.pipeline.outputs)?;
         let resolver = Resolver::new(&plan, &store);
+        elsewhere::bring(&resolver)?;
         let survey = resolver.survey(&[]);
         let report = report_of(&plan, &survey);
         if report.has_errors() {
@@ -76,6 +80,7 @@ impl Export {
                 print(&format!("wrote {}", file.display()));
             }
         }
+        elsewhere::warn(&store);
         Ok(())
     }
 

@@ -8,6 +8,7 @@ mod dataset;
 #[path = "dataset/without.rs"]
 mod dataset_without;
 mod diff;
+mod elsewhere;
 mod explain;
 mod export;
 mod graph;
@@ -270,7 +271,7 @@ impl Command {
             Self::Study(command) => command.run(registry),
             Self::Submit(command) => command.run(registry),
             Self::Task(command) => command.run(registry),
-            Self::Cache(command) => command.run(),
+            Self::Cache(command) => command.run(registry),
             Self::New(command) => command.run(),
         }));
         done.unwrap_or_else(|panic| Err(Failure::Failed(panics::text(panic.as_ref()))))

@@ -17,6 +17,7 @@ use crate::terminal::tell;
 use crate::threads;
 
 use super::cache::size_text;
+use super::elsewhere::{self, Elsewhere};
 use super::memory::{MemoryLimit, at_most, too_large};
 use super::part::PartOf;
 use super::{Done, Pipeline, print, print_json, report_of};
@@ -32,6 +33,8 @@ pub struct PlanCommand {
     part: PartOf,
     #[command(flatten)]
     memory: MemoryLimit,
+    #[command(flatten)]
+    elsewhere: Elsewhere,
     #[arg(long)]
     json: bool,
 }
@@ -39,8 +42,9 @@ pub struct PlanCommand {
 impl PlanCommand {
     pub fn run(&self, registry: &Registry) -> Done {
         let (plan, left) = self.pipeline.plan_part(registry, &self.targets, &self.part)?;
-        let store = self.pipeline.store_to_read()?;
+        let store = self.elsewhere.store_to_read(&self.pipeline.outputs)?;
         let resolver = Resolver::new(&plan, &store);
+        elsewhere::bring(&resolver)?;
         let survey = resolver.survey(&[]);
         let report = report_of(&plan, &survey);
         if report.has_errors() {
@@ -60,6 +64,7 @@ impl PlanCommand {
         for warning in report.diagnostics() {
             tell(&warning.to_string());
         }
+        elsewhere::warn(&store);
         // The run may be meant for another machine: a plan of it is no mistake.
         for warning in too_large(&plan, &survey, budget) {
             tell(&warning.warning().to_string());

@@ -9,6 +9,7 @@ use std::time::{Instant, SystemTime};
 use clap::Args;
 use serde_json::{Value, json};
 
+use crate::digest::Digest;
 use crate::memo::{self, Recalled};
 use crate::plan::{InstanceId, PREVIEW_INSTANCES, Plan, StageId};
 use crate::registry::Registry;
@@ -22,6 +23,7 @@ use crate::store::{Store, StoreError};
 use crate::threads;
 use crate::unchanged::{self, Closing, Request, Seen};
 
+use super::elsewhere::{self, Elsewhere, pushed_text, traffic_text};
 use super::memory::{MemoryLimit, too_large};
 use super::part::PartOf;
 use super::simd::simd_level;
@@ -50,6 +52,8 @@ pub struct Run {
     jobs: Option<usize>,
     #[command(flatten)]
     memory: MemoryLimit,
+    #[command(flatten)]
+    elsewhere: Elsewhere,
     /// Print events as JSON lines
     #[arg(long)]
     json: bool,
@@ -69,6 +73,8 @@ impl Run {
         let whole = self.part.is_whole();
         if self.force.is_empty()
             && whole
+            // What is here may not have been sent yet.
+            && !self.elsewhere.is_given()
             && simd_level().is_ok()
             && let Some(closing) = unchanged::recall(&request)
             && note_up_to_date(outputs, &closing.pipeline, closing.hits).is_none()
@@ -82,15 +88,21 @@ impl Run {
         let (plan, left) = self.pipeline.plan_part(registry, &self.targets, &self.part)?;
         let force = self.forced(&plan)?;
         let simd = simd_level()?;
-        let open = if self.part.shard.is_some() { Store::open_for_shard } else { Store::open };
-        let store = open(outputs).map_err(|e| Failure::Input(e.to_string()))?;
+        let store = if self.part.shard.is_some() {
+            self.elsewhere.store_for_shard(&self.pipeline.outputs)?
+        } else {
+            self.elsewhere.store(&self.pipeline.outputs)?
+        };
         let resolver = Resolver::new(&plan, &store);
         let memos = outputs.join("store").join("memos");
         let remembered = if force.is_empty() && whole { memo::recall(&plan, &store, &memos) } else { None };
         let recalled = remembered.is_some();
         let (survey, known_files) = match remembered {
             Some(Recalled { records, files }) => (resolver.up_to_date(records), files),
-            None => (resolver.survey(&force), Vec::new()),
+            None => {
+                elsewhere::bring(&resolver)?;
+                (resolver.survey(&force), Vec::new())
+            }
         };
         let mut report = report_of(&plan, &survey);
         let jobs = self.jobs.unwrap_or_else(threads::of_machine);
@@ -133,11 +145,17 @@ impl Run {
         if !warning.is_empty() {
             progress.warn(&plan.spec.pipeline, &warning.join("; "));
         }
+        let pushed = self.push(&plan, &store, &summary);
+        for warning in elsewhere::warnings(&store) {
+            progress.warn(&plan.spec.pipeline, &warning);
+        }
         let filled = folder.as_ref().ok().and_then(Option::as_deref);
         let mut closing = closing(&plan, &summary, &figures, filled, outputs);
+        closing.texts.extend(pushed.as_ref().ok().cloned().flatten());
         closing.texts.extend(self.part.text(&plan, &self.targets, outputs, left));
         self.say(&closing, &Counts::of(&summary), began, left);
-        if whole && quiet && warning.is_empty() && summary.hits() == summary.ends.len() {
+        let local = store.remote().is_none();
+        if whole && local && quiet && warning.is_empty() && summary.hits() == summary.ends.len() {
             let records = plan.needed_instances().filter_map(|id| summary.record(id)).map(|record| &**record);
             let watched = store.watched(records).into_iter();
             if let Some(of_people) = latest::watched(&plan, outputs) {
@@ -146,6 +164,7 @@ impl Run {
                 unchanged::keep(&request, clock, Seen { texts: plan.spec.texts().collect(), files, watched }, closing);
             }
         }
+        pushed?;
         if summary.failed() > 0 {
             return Err(Failure::Said);
         }
@@ -156,6 +175,24 @@ impl Run {
             Err(message) if summary.ran() > 0 => Err(Failure::Failed(message)),
             _ => Ok(()),
         }
+    }
+
+    /// Sends what the store elsewhere lacks of the results, also of a run that was interrupted: the next one may be at work elsewhere.
+    ///
+    /// What is to be said of it; an error does not end the run before its last words.
+    fn push(&self, plan: &Plan, store: &Store, summary: &Summary) -> Result<Option<String>, Failure> {
+        let Some(remote) = store.remote() else { return Ok(None) };
+        let records = plan.needed_instances().filter_map(|id| summary.record(id));
+        let keys: Vec<Digest> = records.map(|record| record.key).collect();
+        let pushed = store.push(Some(&keys), false, &|_, _| ()).map_err(|error| {
+            let later = "the results are here, and `turbid cache push` sends them later";
+            Failure::Failed(format!("{error}; {later}"))
+        })?;
+        let (address, traffic) = (remote.address().to_string(), remote.traffic());
+        if self.json {
+            Json::event(json!({"event": "pushed", "store": address, "pushed": pushed, "traffic": traffic}));
+        }
+        Ok(Some(format!("{address}: {}; {}", pushed_text(&pushed), traffic_text(&traffic))))
     }
 
     /// The last words of a run.

@@ -12,6 +12,7 @@ use crate::plan::StageId;
 use crate::registry::Registry;
 use crate::resolve::{Resolver, State};
 
+use super::elsewhere::{self, Elsewhere};
 use super::released::make_again;
 use super::select::Selector;
 use super::{Done, Failure, Pipeline, print, print_json, report_of};
@@ -29,6 +30,8 @@ pub struct Show {
     /// STAGE[axis=value,…][.PORT]; everything by default
     #[arg(value_name = "STAGE")]
     selector: Option<String>,
+    #[command(flatten)]
+    elsewhere: Elsewhere,
     #[arg(long)]
     json: bool,
 }
@@ -53,8 +56,9 @@ impl Show {
             let read = &ids[..if all { ids.len() } else { SHOWN }];
             make_again(&self.pipeline, registry, &plan, read, port)?;
         }
-        let store = self.pipeline.store_to_read()?;
+        let store = self.elsewhere.store_to_read(&self.pipeline.outputs)?;
         let resolver = Resolver::new(&plan, &store);
+        elsewhere::bring(&resolver)?;
         let survey = resolver.survey(&[]);
         let report = report_of(&plan, &survey);
         if report.has_errors() {
@@ -89,6 +93,7 @@ impl Show {
                 _ => {}
             }
         }
+        elsewhere::warn(&store);
         if self.json {
             let listing = Listing { instances: instances.into_iter().map(|(_, shown)| shown).collect() };
             print_json(&serde_json::to_string(&listing).expect("names and finite numbers"));

@@ -160,6 +160,8 @@ impl Filling<'_> {
 
     /// A link to the blob's file, or a copy where the blob lives in a pack or links are not to be had.
     fn file(&mut self, path: &str, content: &str, blob: &Blob) -> Result<(), String> {
+        // Where it cannot be had, reading it says why.
+        let _ = self.store.bring(blob);
         if let Some(file) = self.store.file_of(blob)
             && self.staged.link(path, content, &file)?
         {

@@ -1,8 +1,9 @@
-//! Where the bytes of records and blobs are kept: the seam behind which a remote store fits.
+//! Where the bytes of records and blobs are kept: a folder, alone or with a store elsewhere behind it (`remote/through.rs`).
 
 use std::fs::Metadata;
 use std::path::{Path, PathBuf};
 
+use tempfile::NamedTempFile;
 use turbid_contract::ArtifactKind;
 
 use crate::digest::Digest;
@@ -28,6 +29,8 @@ pub(super) trait Backend: Send + Sync {
     fn holds(&self, blob: &Blob) -> Result<bool, StoreError>;
     /// The bytes, as they are: the caller checks the digest. `None` where there are none.
     fn read(&self, blob: &Blob) -> Result<Option<Vec<u8>>, StoreError>;
+    /// Makes a blob one of this machine, as a file if it is large, where it is to be had elsewhere.
+    fn bring(&self, blob: &Blob) -> Result<(), StoreError>;
     /// Writes a blob; nothing happens where the same bytes are there already.
     fn write(&self, blob: &Blob, bytes: &[u8]) -> Result<(), StoreError>;
     /// Sets a damaged blob aside, so that the backend does not hold it any more.
@@ -51,6 +54,17 @@ impl Folder {
     /// `among_many`: as [`Packs::open`] says.
     pub fn open(root: &Path, among_many: bool) -> Result<Self, StoreError> {
         Ok(Self { root: root.to_owned(), packs: Packs::open(root, among_many)? })
+    }
+
+    /// The folder of the store.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// Publishes a temporary file that holds all bytes of a large blob.
+    pub fn take_file(&self, blob: &Blob, file: NamedTempFile) -> Result<(), StoreError> {
+        let path = self.loose_path(blob);
+        disk::publish_file(&self.root, file, &path, true, true).map_err(StoreError::io("write a blob", &path))
     }
 
     /// Where a loose blob lies: `blobs/ab/abcd....exr`.
@@ -136,6 +150,10 @@ impl Backend for Folder {
             Err(e) if disk::is_absent(&e) => Ok(None),
             Err(e) => Err(StoreError::io("read a blob", &path)(e)),
         }
+    }
+
+    fn bring(&self, _: &Blob) -> Result<(), StoreError> {
+        Ok(())
     }
 
     fn write(&self, blob: &Blob, bytes: &[u8]) -> Result<(), StoreError> {

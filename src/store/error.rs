@@ -5,6 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use crate::digest::Digest;
+use crate::store::remote::objects::RemoteError;
 
 /// An error of the store; `Display` says what happened, where, and the way out.
 #[derive(Debug)]
@@ -27,6 +28,8 @@ pub enum StoreError {
     NoLocks { path: PathBuf },
     /// A file system that other machines may use too, and what was asked needs the store alone.
     OtherMachines { path: PathBuf, kind: &'static str },
+    /// A store elsewhere could not be read or written.
+    Remote(RemoteError),
     /// A second look after a repair found this.
     NotRepaired { path: PathBuf, left: Vec<String> },
 }
@@ -96,6 +99,7 @@ impl fmt::Display for StoreError {
                  removed; when no other machine uses the store, say so with --exclusive",
                 path.display()
             ),
+            Self::Remote(error) => fmt::Display::fmt(error, f),
             Self::NotRepaired { path, left } => write!(
                 f,
                 "the store at {} could not be repaired; a second look still finds: {}; if it stays so, delete the folder when no \
@@ -104,6 +108,12 @@ impl fmt::Display for StoreError {
                 left.join("; ")
             ),
         }
+    }
+}
+
+impl From<RemoteError> for StoreError {
+    fn from(error: RemoteError) -> Self {
+        Self::Remote(error)
     }
 }
 

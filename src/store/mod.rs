@@ -26,6 +26,7 @@ mod packs;
 mod parquet;
 mod record;
 mod release;
+mod remote;
 mod state;
 mod verify;
 mod writer;
@@ -56,6 +57,7 @@ pub use gc::GcReport;
 pub use key_lock::KeyLock;
 pub use record::{Blob, Cost, InstanceRecord, PortRecord, Provenance, Recipe};
 pub use release::Names;
+pub use remote::{Address, Pulled, Pushed, Remote, RemoteError, Traffic};
 pub use verify::{Finding, Stat, VerifyReport};
 
 /// Temporary files of turbid up to 0.1 are not locked while they are written: only their age tells.
@@ -65,7 +67,11 @@ const UNLOCKED: (&str, Duration) = ("new-", Duration::from_secs(3600));
 pub struct Store {
     root: PathBuf,
     read_only: bool,
-    folder: Folder,
+    /// The local store: what looks after its files works on it.
+    folder: Arc<Folder>,
+    /// What look-ups, reads and writes go through: the folder, or the folder with a store elsewhere behind it.
+    backend: Arc<dyn Backend>,
+    remote: Option<Arc<Remote>>,
     checkpoints: Checkpoints,
     locks: KeyLocks,
     /// Shared lock that keeps `gc` out, taken with the first write or read of a blob.
@@ -135,9 +141,12 @@ impl Store {
     }
 
     fn at(root: PathBuf, read_only: bool, among_many: bool) -> Result<Self, StoreError> {
+        let folder = Arc::new(Folder::open(&root, among_many)?);
         Ok(Self {
             read_only,
-            folder: Folder::open(&root, among_many)?,
+            backend: folder.clone(),
+            folder,
+            remote: None,
             checkpoints: Checkpoints::new(&root),
             locks: KeyLocks::new(&root),
             in_use: Mutex::new(None),
@@ -164,7 +173,7 @@ impl Store {
     }
 
     fn whole_record(&self, key: &Digest) -> Option<Arc<InstanceRecord>> {
-        let head = self.told(self.folder.record_head(key))??;
+        let head = self.told(self.backend.record_head(key))??;
         let Some(record) = InstanceRecord::decode_head(key, &head) else {
             self.folder.packs.note_damage();
             return None;
@@ -175,7 +184,7 @@ impl Store {
 
     /// Whether a blob is there, as far as one can tell.
     fn holds(&self, blob: &Blob) -> bool {
-        self.told(self.folder.holds(blob)).unwrap_or(false)
+        self.told(self.backend.holds(blob)).unwrap_or(false)
     }
 
     /// What was read; an error is a miss, and kept for [`Store::unread`].
@@ -204,7 +213,7 @@ impl Store {
         let bytes = encode(artifact)?;
         let blob = Blob { digest: Digest::of(&bytes), kind: artifact.kind(), bytes: bytes.len() as u64 };
         self.begin_use(&|| false)?;
-        self.folder.write(&blob, &bytes)?;
+        self.backend.write(&blob, &bytes)?;
         Ok(blob)
     }
 
@@ -217,8 +226,8 @@ impl Store {
         if !self.read_only {
             self.begin_use(&|| false)?;
         }
-        let again = |error: StoreError| if error.is_broken_medium() { self.folder.read(blob) } else { Err(error) };
-        match self.folder.read(blob).or_else(again) {
+        let again = |error: StoreError| if error.is_broken_medium() { self.backend.read(blob) } else { Err(error) };
+        match self.backend.read(blob).or_else(again) {
             Ok(Some(bytes)) if Digest::of(&bytes) == digest => return Ok(bytes),
             Ok(Some(_)) => {}
             Ok(None) => return Err(StoreError::Missing { digest }),
@@ -227,7 +236,7 @@ impl Store {
             Err(error) => return Err(error),
         }
         if !self.read_only {
-            self.folder.quarantine(blob)?;
+            self.backend.quarantine(blob)?;
         }
         Err(StoreError::Damaged { digest })
     }
@@ -244,10 +253,11 @@ impl Store {
         if !self.read_only {
             self.begin_use(&|| false)?;
         }
+        self.backend.bring(blob)?;
         match large::get(&self.folder, blob) {
             Err(StoreError::Damaged { digest }) => {
                 if !self.read_only {
-                    self.folder.quarantine(blob)?;
+                    self.backend.quarantine(blob)?;
                 }
                 Err(StoreError::Damaged { digest })
             }
@@ -274,7 +284,7 @@ impl Store {
     pub fn publish(&self, record: &InstanceRecord, recipe: &Recipe) -> Result<(), StoreError> {
         let bytes = record.encode(recipe)?;
         self.begin_use(&|| false)?;
-        self.folder.publish(&record.key, &bytes)?;
+        self.backend.publish(&record.key, &bytes)?;
         self.vouch(&record.key);
         Ok(())
     }
@@ -349,7 +359,7 @@ impl Store {
 
     /// The record of an instance with what went in; `None` where it is damaged or gone.
     pub fn record_and_recipe(&self, key: &Digest) -> Option<(InstanceRecord, Recipe)> {
-        InstanceRecord::decode(key, &self.told(self.folder.record(key))??)
+        InstanceRecord::decode(key, &self.told(self.backend.record(key))??)
     }
 
     /// All undamaged records with what went in, the newest first, whether or not their blobs are still there.
@@ -361,6 +371,11 @@ impl Store {
     pub fn records_of_latest(&self, most: usize) -> impl Iterator<Item = (InstanceRecord, Recipe)> {
         let all = if most == 0 { Vec::new() } else { self.folder.packs.records() };
         all.into_iter().take(most).filter_map(|(key, _)| self.record_and_recipe(&key))
+    }
+
+    /// Brings a blob here from the store elsewhere, if there is one and it is not here. Error: it cannot be read, or this one not be written.
+    pub fn bring(&self, blob: &Blob) -> Result<(), StoreError> {
+        self.backend.bring(blob)
     }
 
     /// The file that holds exactly this blob; `None` for a blob in a pack (see [`Store::materialise`]).
@@ -392,7 +407,7 @@ impl Store {
         let mut all: Vec<_> = records
             .filter_map(|(key, _)| InstanceRecord::decode_head(&key, &self.told(self.folder.record_head(&key))??))
             .flat_map(|record| record.blobs().copied().collect::<Vec<_>>())
-            .filter(|blob| self.holds(blob))
+            .filter(|blob| self.told(self.folder.holds(blob)).unwrap_or(false))
             .map(|blob| blob.digest)
             .collect();
         all.sort_unstable();

@@ -81,6 +81,13 @@ impl Packs {
         Ok(bytes)
     }
 
+    /// The frame of a record or blob with its stamp, as it was appended; `None` as of [`Packs::record`].
+    pub fn frame(&self, kind: Kind, key: &Digest) -> io::Result<Option<(u64, Vec<u8>)>> {
+        let Some((place, file)) = self.state().find(kind, key) else { return Ok(None) };
+        let payload = read(&file, &place, kind, key)?;
+        Ok(payload.map(|payload| (place.stamp, frame::encode(kind, key, place.stamp, &payload))))
+    }
+
     /// At least the head of the record of `key`, as it is. This is a use of the record.
     pub fn record_head(&self, key: &Digest) -> io::Result<Option<Vec<u8>>> {
         let Some((place, file)) = self.state().find(Kind::Record, key) else { return Ok(None) };

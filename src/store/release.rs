@@ -43,7 +43,7 @@ impl Store {
     /// Whether the bytes of a blob were given back on purpose and have not come since.
     pub fn is_released(&self, blob: &Blob) -> bool {
         // A loose one may have come again without a word in the packs.
-        self.folder.packs.is_released(&blob.digest) && !self.folder.holds(blob).unwrap_or(true)
+        self.folder.packs.is_released(&blob.digest) && !self.backend.holds(blob).unwrap_or(true)
     }
 
     /// Whether there may be a released blob at all.

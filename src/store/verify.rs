@@ -1,5 +1,6 @@
 //! `cache verify` and `cache stat`: what is in the store, and whether it is what it should be.
 
+use std::cell::OnceCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::fs;
@@ -13,7 +14,7 @@ use crate::store::backend::Backend;
 use crate::store::error::StoreError;
 use crate::store::frame::Kind;
 use crate::store::record::{Blob, InstanceRecord};
-use crate::store::{Store, disk, index, odd};
+use crate::store::{Store, disk, index, odd, remote};
 
 /// What is in the store. Bytes are those of files.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
@@ -109,6 +110,8 @@ pub struct VerifyReport {
     pub bytes: u64,
     /// Blobs that records name and whose bytes were given back on purpose: no finding.
     pub released: u64,
+    /// Blobs that records name and that are in a store elsewhere alone: no finding.
+    pub elsewhere: u64,
     pub findings: Vec<Finding>,
     /// Whether what was found has been removed from the store; a second look has found nothing any more.
     pub repaired: bool,
@@ -262,12 +265,17 @@ impl Store {
         records: &[InstanceRecord],
         report: &mut VerifyReport,
     ) -> Result<BTreeSet<Digest>, StoreError> {
-        let (mut unfit, mut released) = (BTreeSet::new(), BTreeSet::new());
+        let (mut unfit, mut released, mut elsewhere) = (BTreeSet::new(), BTreeSet::new(), BTreeSet::new());
+        let kept_elsewhere = OnceCell::new();
         for record in records {
             for (port, held) in &record.ports {
                 if self.is_released(&held.blob) {
                     released.insert(held.blob.digest);
                 } else if !self.folder.holds(&held.blob)? || report.found_damaged(&held.blob.digest) {
+                    if kept_elsewhere.get_or_init(|| remote::kept_elsewhere(&self.root))(&held.blob) {
+                        elsewhere.insert(held.blob.digest);
+                        continue;
+                    }
                     let (stage, port) = (record.provenance.stage.clone(), port.clone());
                     report.findings.push(Finding::MissingBlob { digest: held.blob.digest, stage, port });
                     unfit.insert(record.key);
@@ -275,6 +283,7 @@ impl Store {
             }
         }
         report.released = released.len() as u64;
+        report.elsewhere = elsewhere.len() as u64;
         Ok(unfit)
     }
 

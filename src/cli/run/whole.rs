@@ -8,6 +8,7 @@ use crate::cli::{dataset::Dataset, study::Study};
 use crate::registry::Registry;
 use crate::run::latest;
 use crate::spec;
+use crate::terminal::tell;
 
 use super::Run;
 
@@ -47,6 +48,11 @@ impl Run {
                 names.join(", ")
             );
             return Err(Failure::Input(text));
+        }
+        if self.elsewhere.is_given() {
+            tell(
+                "warning: studies and data sets work on the local store alone; `turbid cache push` sends what they made",
+            );
         }
         for target in whole {
             self.run_whole(target, registry)?;

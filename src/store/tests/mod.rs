@@ -1,9 +1,10 @@
-//! The store as runs use it: round trips, crashes, damage, full disks, odd files, what vanishes or cannot be read, two runs at once, gc.
+//! The store as runs use it: round trips, crashes, damage, full disks, odd files, what vanishes or cannot be read, two runs at once, gc, stores elsewhere.
 
 mod damage;
 mod gc;
 mod odd;
 mod released;
+mod remote;
 mod sharing;
 mod unread;
 mod vanishing;

@@ -1,0 +1,65 @@
+//! What a store elsewhere has of a plan, brought in with few requests before anything is looked at one by one.
+
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::{AllOutputs, BLOCK, FEW, Keyed, Outputs, Resolver, outputs_of};
+use crate::digest::Digest;
+use crate::plan::InstanceId;
+use crate::store::StoreError;
+use crate::threads;
+
+impl Resolver<'_> {
+    /// Brings in the records of all instances that are up to date here or elsewhere, stage by stage: the digests of one stage make the keys of the next. Their keys.
+    ///
+    /// Mistakes of the pipeline are left to the survey. Error: the store elsewhere cannot be read, or the local one not be written.
+    pub fn bring(&self) -> Result<Vec<Digest>, StoreError> {
+        let mut outputs = AllOutputs::filled(None, self.plan.instances.len());
+        let mut found = Vec::new();
+        for &stage in &self.plan.needed {
+            let ids: Vec<InstanceId> = self.plan.instances_of(stage).collect();
+            for block in ids.chunks(BLOCK) {
+                let key = |&id: &InstanceId| self.key_if_known(id, &outputs);
+                let keyed: Vec<Option<Keyed>> = if block.len() < FEW || !threads::shared() {
+                    block.iter().map(key).collect()
+                } else {
+                    block.par_iter().map(key).collect()
+                };
+                let keys: Vec<Digest> = keyed.iter().flatten().map(|keyed| keyed.key).collect();
+                self.store.bring_records(&keys)?;
+                let here = block.iter().zip(keyed).filter_map(|(&id, keyed)| Some((id, keyed?)));
+                let here: Vec<(InstanceId, Option<Digest>, Outputs)> =
+                    here.filter_map(|(id, keyed)| self.outputs_now(id, &keyed, &outputs)).collect();
+                for (id, key, made) in here {
+                    found.extend(key);
+                    outputs[id] = Some(Arc::new(made));
+                }
+            }
+        }
+        Ok(found)
+    }
+
+    /// The key of an instance whose inputs are known.
+    fn key_if_known(&self, id: InstanceId, outputs: &AllOutputs) -> Option<Keyed> {
+        let mut wires = self.plan.instances[id].wires.iter().flat_map(|wire| &wire.from);
+        let known = wires.all(|(source, port)| outputs[*source].as_ref().is_some_and(|made| made.contains_key(*port)));
+        known.then(|| self.keyed(id, outputs).ok()).flatten()
+    }
+
+    /// What an instance made, and its key where a record says so; instant stages are run in memory otherwise.
+    fn outputs_now(
+        &self,
+        id: InstanceId,
+        keyed: &Keyed,
+        outputs: &AllOutputs,
+    ) -> Option<(InstanceId, Option<Digest>, Outputs)> {
+        if let Some(record) = self.store.record(&keyed.key) {
+            return Some((id, Some(keyed.key), outputs_of(&record)));
+        }
+        let stage = self.plan.instances[id].stage;
+        let consumed = self.plan.row(stage).instant && !self.plan.consumers(stage).is_empty();
+        let made = consumed.then(|| self.run_instant(id, keyed, outputs).ok()).flatten()?;
+        Some((id, None, made))
+    }
+}
