@@ -15,7 +15,7 @@ impl Random {
     fn links(&mut self) -> Links {
         let sizes: Vec<u64> = (0..3).map(|_| 1 + self.below(5)).collect();
         let mut nodes: Vec<(usize, Vec<u32>, Vec<Feed>)> = Vec::new();
-        let mut stages: Vec<(Vec<bool>, std::ops::Range<usize>)> = Vec::new();
+        let mut stages: Vec<(Vec<bool>, Range<usize>)> = Vec::new();
         for stage in 0..2 + self.below(7) as usize {
             // An ordinary input brings its axes, a gathered one those that no other brings.
             let ordinary: Vec<usize> = (0..stage).filter(|_| self.below(3) == 0).collect();

@@ -70,3 +70,34 @@ fn gc_waits_for_nobody_and_disturbs_nobody() {
     assert_eq!(run(&bystander, 4), 0);
     assert_eq!(run(&collector, 4), 4);
 }
+
+/// On a network file system short packs are not gathered and nothing is removed, unless somebody says that no other machine is at
+/// work; a shard gathers nothing anywhere, and takes over no pack.
+#[test]
+fn where_others_may_be_at_work_nothing_is_removed() {
+    let outputs = folder();
+    for i in 0..70 {
+        old_pack(outputs.path(), i, i..i + 1);
+    }
+    network::fake::set(Some("NFS"));
+    let store = Store::open(outputs.path()).unwrap();
+    store.finish().unwrap();
+    assert_eq!(store.stat().unwrap().packs, 70);
+    let refused = store.gc(u64::MAX, &[]).unwrap_err();
+    assert!(matches!(refused, StoreError::OtherMachines { kind: "NFS", .. }), "{refused}");
+    drop(store);
+    let shard = Store::open_for_shard(outputs.path()).unwrap();
+    publish(&shard, 70, &small(70)).unwrap();
+    drop(shard);
+    network::fake::set(None);
+    let shard = Store::open_for_shard(outputs.path()).unwrap();
+    publish(&shard, 71, &small(71)).unwrap();
+    drop(shard);
+    network::fake::set(Some("NFS"));
+    let store = Store::open(outputs.path()).unwrap().without_other_machines();
+    assert_eq!(store.stat().unwrap().packs, 72);
+    store.gc(u64::MAX, &[]).unwrap();
+    network::fake::set(None);
+    assert_eq!(store.stat().unwrap().packs, 1);
+    assert!((0..72).all(|i| store.record(&key(i)).is_some()));
+}
