@@ -20,17 +20,79 @@ pub struct Statistics {
 impl Statistics {
     /// None where no pixel is good.
     pub fn of(data: &Array2<f32>, good: &Array2<bool>) -> Option<Self> {
-        let values = data.iter().zip(good).filter(|(_, good)| **good).map(|(v, _)| f64::from(*v));
-        let mut values: Vec<f64> = values.collect();
-        let n = values.len();
-        let min = values.iter().copied().reduce(f64::min)?;
-        let max = values.iter().copied().reduce(f64::max)?;
-        let mean = values.iter().sum::<f64>() / n as f64;
-        let rms = (values.iter().map(|v| v * v).sum::<f64>() / n as f64).sqrt();
-        // Two order statistics need no sorted image.
+        let values = || data.iter().zip(good).filter(|(_, good)| **good).map(|(v, _)| *v);
+        let (mut min, mut max, mut sum, mut squares) = (f32::INFINITY, f32::NEG_INFINITY, 0.0, 0.0);
+        let mut ranks = Ranks::default();
+        values().for_each(|value| {
+            (min, max) = (if value < min { value } else { min }, if value > max { value } else { max });
+            let wide = f64::from(value);
+            (sum, squares) = (sum + wide, squares + wide * wide);
+            ranks.count(value);
+        });
+        let n = ranks.all;
+        if n == 0 {
+            return None;
+        }
         let few = (n as f64 * CLIPPED) as usize;
-        let bulk = [few, n - 1 - few].map(|rank| *values.select_nth_unstable_by(rank, f64::total_cmp).1);
-        Some(Self { min, mean, max, rms, bulk })
+        let bulk = ranks.values([few, n - 1 - few], values).map(f64::from);
+        let (mean, rms) = (sum / n as f64, (squares / n as f64).sqrt());
+        Some(Self { min: f64::from(min), mean, max: f64::from(max), rms, bulk })
+    }
+}
+
+/// How many numbers begin with each pair of bytes: an order statistic needs neither a sorted image nor a copy of it.
+struct Ranks {
+    counts: Vec<u32>,
+    all: usize,
+}
+
+impl Default for Ranks {
+    fn default() -> Self {
+        Self { counts: vec![0; 1 << 16], all: 0 }
+    }
+}
+
+impl Ranks {
+    /// Bits that are in the order of the numbers, as `total_cmp` has it.
+    fn key(value: f32) -> u32 {
+        let bits = value.to_bits();
+        if bits >> 31 == 0 { bits | 1 << 31 } else { !bits }
+    }
+
+    fn number(key: u32) -> f32 {
+        f32::from_bits(if key >> 31 == 1 { key & !(1 << 31) } else { !key })
+    }
+
+    fn count(&mut self, value: f32) {
+        self.counts[(Self::key(value) >> 16) as usize] += 1;
+        self.all += 1;
+    }
+
+    /// The class in which the number of a rank is, and its rank there.
+    fn class(counts: &[u32], mut rank: usize) -> (usize, usize) {
+        let class = counts.iter().position(|&count| {
+            let is_in = rank < count as usize;
+            rank -= if is_in { 0 } else { count as usize };
+            is_in
+        });
+        (class.expect("a rank is below the count of all"), rank)
+    }
+
+    /// The numbers of two ranks among the values that were counted.
+    fn values<I: Iterator<Item = f32>>(&self, ranks: [usize; 2], values: impl Fn() -> I) -> [f32; 2] {
+        let classes = ranks.map(|rank| Self::class(&self.counts, rank));
+        let mut ends = [vec![0; 1 << 16], vec![0; 1 << 16]];
+        values().map(Self::key).for_each(|key| {
+            for (ends, (class, _)) in ends.iter_mut().zip(classes) {
+                if (key >> 16) as usize == class {
+                    ends[(key & 0xffff) as usize] += 1;
+                }
+            }
+        });
+        [0, 1].map(|k| {
+            let (class, rank) = classes[k];
+            Self::number((class as u32) << 16 | Self::class(&ends[k], rank).0 as u32)
+        })
     }
 }
 
@@ -114,6 +176,25 @@ mod tests {
         values[0] = -1e6;
         let r = range(&values).unwrap();
         assert!(r.low == 5.0 && r.high == 994.0 && r.under() && r.over(), "{r:?}");
+    }
+
+    /// The ranks of numbers are those of the sorted ones, whatever their signs and sizes.
+    #[test]
+    fn ranks_need_no_sorting() {
+        let values: Vec<f32> = (0..1500u32)
+            .map(|i| f32::from_bits(i.wrapping_mul(2_654_435_761)))
+            .chain([0.0, -0.0, f32::MIN_POSITIVE / 8.0, 1.0, 1.0, -1.0])
+            .filter(|v| v.is_finite())
+            .collect();
+        let mut ranks = Ranks::default();
+        values.iter().for_each(|&v| ranks.count(v));
+        let mut sorted = values.clone();
+        sorted.sort_by(f32::total_cmp);
+        for rank in 0..sorted.len() {
+            let two = [rank, sorted.len() - 1 - rank];
+            let found = ranks.values(two, || values.iter().copied());
+            assert_eq!(found.map(f32::to_bits), two.map(|rank| sorted[rank].to_bits()));
+        }
     }
 
     /// Whatever the pixels, the range is finite, not empty, and holds the bulk of them.

@@ -17,6 +17,7 @@ pub mod gauss;
 mod memory;
 mod model;
 mod params;
+pub mod plane;
 mod quantity;
 mod ratio;
 mod reference;

@@ -5,8 +5,8 @@ use turbid_contract::{Extent, Extents};
 /// Bytes that the run holds at the most, and how large its output is going to be. `f_x`: how many spatial frequencies the sample has, where that is known;
 /// two are taken otherwise.
 ///
-/// Beside inputs and output there are f64 planes of one wavelength: which pixels are good (2), for each f_x and arm the smoothed value, its variance and
-/// the weights (6), for each pair of f_x its covariance in both arms (2), and five while one of them is smoothed.
+/// Beside inputs and output there are f64 planes, those of one wavelength: the weights of both arms (2), for each f_x and arm the smoothed value and its
+/// variance (4), for each pair of f_x its covariance in both arms (2), and one for what a mean owes to each pixel.
 pub fn memory(sample: Extent, reference: Extent, f_x: Option<u64>) -> (u64, Extents) {
     const CONDITIONS: u64 = 2;
     let pixels = sample.pixels();
@@ -16,7 +16,7 @@ pub fn memory(sample: Extent, reference: Extent, f_x: Option<u64>) -> (u64, Exte
     let channels = (sample.layers().saturating_sub(CONDITIONS) / of_modulation).max(1);
     let pairs = count * (count - 1) / 2;
     let made = Extent::Images { pixels, layers: channels * (2 * count + pairs + 1) + CONDITIONS };
-    let planes = 2 + 6 * count + 2 * pairs + 5;
+    let planes = 2 + 4 * count + 2 * pairs + 1;
     (sample.bytes() + reference.bytes() + made.bytes() + 8 * planes * pixels, Extents::from([("reflectance", made)]))
 }
 
@@ -24,12 +24,12 @@ pub fn memory(sample: Extent, reference: Extent, f_x: Option<u64>) -> (u64, Exte
 mod tests {
     use super::*;
 
-    /// Two arms of 14 layers, two f_x: 6 layers and the conditions, 21 planes.
+    /// Two arms of 14 layers, two f_x: 6 layers and the conditions, 13 planes.
     #[test]
     fn planes_are_counted() {
         let arm = Extent::Images { pixels: 1000, layers: 14 };
         let (bytes, makes) = memory(arm, arm, Some(2));
         assert_eq!(makes["reflectance"].layers(), 8);
-        assert_eq!(bytes, 1000 * (4 * (14 + 14 + 8) + 8 * 21));
+        assert_eq!(bytes, 1000 * (4 * (14 + 14 + 8) + 8 * 13));
     }
 }

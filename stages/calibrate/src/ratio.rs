@@ -7,7 +7,8 @@ use turbid_contract::payload::MaskReason;
 use turbid_contract::planes::mean_se;
 use turbid_contract::{Ctx, Error, ImageStack, Layer, LayerInfo, LayerKind};
 
-use crate::gauss::{Gauss, Plane};
+use crate::gauss::Gauss;
+use crate::plane::{Plane, Room};
 use crate::smooth::{Smooth, Smoothing};
 
 /// A reference whose signal is not above this many of its standard errors cannot be divided by.
@@ -75,50 +76,38 @@ pub fn calibrate(
     model: &[f64],
     gauss: [&Gauss; 2],
     corrects: bool,
+    room: &Room<'_>,
     ctx: Ctx<'_>,
 ) -> Result<Calibrated, Error> {
     let sample = arms[0];
     let dim = (sample.stack.rows(), sample.stack.columns());
     let count = sample.layers.len();
-    let plane = |pixels: &[f32]| Plane { columns: dim.1, pixels: pixels.iter().map(|&v| f64::from(v)).collect() };
-    let good = arms.map(|arm| Plane {
-        columns: dim.1,
-        pixels: match &arm.mask() {
-            Some(mask) => mask.iter().map(|&m| if m == 0.0 { 1.0 } else { 0.0 }).collect(),
-            None => vec![1.0; dim.0 * dim.1],
-        },
-    });
-    let smoothing = [0, 1].map(|arm| {
+    let masks = arms.map(Arm::mask);
+    let sharings: [Vec<f64>; 2] = arms.map(|arm| (0..count).map(|k| arm.stack.sharing(arm.info(k))).collect());
+    let smoothed = |arm: usize| {
         // Rounding of the layers' f32 alone is no sharing.
-        let sharing = (0..count).map(|k| arms[arm].stack.sharing(arms[arm].info(k))).fold(1.0, f64::max);
-        Smoothing::new(gauss[arm], &good[arm], if sharing > 1.001 { sharing } else { 1.0 })
-    });
-    // Made when needed, twice: kept they would be the third part of all.
-    let noise = |arm: usize, k: usize| arms[arm].se(k).map(|se| plane(&se));
+        let sharing = sharings[arm].iter().copied().fold(1.0, f64::max);
+        Smoothing::new(room, gauss[arm], masks[arm].as_deref(), if sharing > 1.001 { sharing } else { 1.0 })
+    };
+    let smoothing = [smoothed(0)?, smoothed(1)?];
     let known = arms.iter().all(|arm| (0..count).all(|k| arm.se(k).is_some()));
-    let mut smooth = [Vec::new(), Vec::new()];
-    for (arm, smooth) in smooth.iter_mut().enumerate() {
-        for k in 0..count {
-            ctx.checked()?;
-            smooth.push(smoothing[arm].smooth(&plane(&arms[arm].value(k)), noise(arm, k).as_ref()));
-        }
-    }
+    let smooth_all = |arm: usize| -> Result<Vec<Smooth<'_>>, Error> {
+        let smooth = |k: usize| smoothing[arm].smooth(&arms[arm].value(k), arms[arm].se(k).as_deref());
+        (0..count).map(smooth).collect()
+    };
+    let smooth = [smooth_all(0)?, smooth_all(1)?];
     let [samples, references] = &smooth;
     let pairs: Vec<[usize; 2]> =
         if known { (0..count).flat_map(|i| (i + 1..count).map(move |j| [i, j])).collect() } else { Vec::new() };
-    let shared: Vec<_> = pairs
-        .iter()
-        .map(|&[i, j]| {
-            [0, 1].map(|arm| {
-                let smooth = |c: Cow<'_, [f32]>| smoothing[arm].covariance(&plane(&c)).pixels;
-                arms[arm].covariance(i, j).map(smooth)
-            })
-        })
-        .collect();
+    let covariance = |arm: usize, [i, j]: [usize; 2]| {
+        arms[arm].covariance(i, j).map(|c| smoothing[arm].covariance(&c)).transpose()
+    };
+    let shared: Result<Vec<[Option<Plane<'_>>; 2]>, Error> =
+        pairs.iter().map(|&pair| Ok([covariance(0, pair)?, covariance(1, pair)?])).collect();
+    let shared = shared?;
 
-    let sample_mask = sample.mask();
     let errors = if known { count } else { 0 };
-    let mut planes = vec![Array2::zeros(dim); count + errors + pairs.len() + 1];
+    let mut planes: Vec<_> = (0..count + errors + pairs.len() + 1).map(|_| Array2::zeros(dim)).collect();
     ctx.fill_planes(&mut planes, |pixels, out| {
         // d R / d M_sample, and R.
         let (mut slope, mut r_d) = (vec![0.0; count], vec![0.0; count]);
@@ -132,8 +121,8 @@ pub fn calibrate(
                 }
                 r_d[k] = samples[k].value.pixels[i] * slope[k];
             }
-            let carried = sample_mask.as_ref().map_or(0.0, |m| m[i]);
-            let weak = || good[1].pixels[i] == 0.0 || references.iter().any(|r| is_weak(r, i));
+            let carried = masks[0].as_ref().map_or(0.0, |m| m[i]);
+            let weak = || smoothing[1].good(i) == 0.0 || references.iter().any(|r| is_weak(r, i));
             let code = if carried != 0.0 {
                 carried
             } else if weak() {
@@ -159,7 +148,7 @@ pub fn calibrate(
             }
             for (p, (&[a, b], shared)) in pairs.iter().zip(&shared).enumerate() {
                 let (of_a, of_b) = (slopes(a), slopes(b));
-                let part = |arm: usize| shared[arm].as_ref().map_or(0.0, |c| c[i] * (of_a[arm] * of_b[arm]));
+                let part = |arm: usize| shared[arm].as_ref().map_or(0.0, |c| c.pixels[i] * (of_a[arm] * of_b[arm]));
                 out[count + errors + p][o] = (part(0) + part(1)) as f32;
             }
         }
@@ -168,30 +157,31 @@ pub fn calibrate(
     let mask = planes.pop().expect("the mask is the last plane");
     let covariances = pairs.iter().copied().zip(planes.split_off(count + errors)).collect();
     let se = planes.split_off(count);
-    let flagged = |arm: usize, k: usize| {
-        let share = arms[arm].se_unknown(k).filter(|_| known).map(|flags| smoothing[arm].share(&plane(&flags)));
-        share.map(|share| share.pixels.iter().map(|&share| share > LARGEST_SHARE).collect::<Vec<bool>>())
+    let flagged = |arm: usize, k: usize| -> Result<Option<Vec<bool>>, Error> {
+        let share = arms[arm].se_unknown(k).filter(|_| known).map(|flags| smoothing[arm].share(&flags)).transpose()?;
+        Ok(share.map(|share| share.pixels.iter().map(|&share| share > LARGEST_SHARE).collect()))
     };
-    let unknown: Vec<Option<Array2<f32>>> = (0..count).map(|k| flags([flagged(0, k), flagged(1, k)], &mask)).collect();
+    let unknown: Result<Vec<Option<Array2<f32>>>, Error> =
+        (0..count).map(|k| Ok(flags([flagged(0, k)?, flagged(1, k)?], &mask))).collect();
+    let unknown = unknown?;
+    let n = mask.iter().filter(|&&m| m == 0.0).count() as u64;
     let mut r_d = Vec::new();
     for (k, data) in planes.into_iter().enumerate() {
         let mut info = LayerInfo::value("r_d", "1");
         info.wavelength_nm = sample.wavelength_nm;
         if known {
-            let n = mask.iter().filter(|&&m| m == 0.0).count() as u64;
-            let of_arm = |arm: usize| {
+            let pixels = data.as_slice().expect("planes are row-major");
+            let of_arm = |arm: usize| -> Result<f64, Error> {
                 // d mean / d M of each pixel, before smoothing shares it out.
-                let terms = data.iter().zip(&smooth[arm][k].value.pixels);
-                let sensitivity =
-                    Plane { columns: dim.1, pixels: terms.map(|(&r, m)| over(f64::from(r), *m)).collect() };
-                let se = noise(arm, k).expect("all errors are known");
-                let own = smoothing[arm].variance_of_sum(&sensitivity, &se);
-                own * arms[arm].stack.sharing(arms[arm].info(k))
+                let value = &smooth[arm][k].value.pixels;
+                let sensitivity = |i: usize| over(f64::from(pixels[i]), value[i]);
+                let se = arms[arm].se(k).expect("all errors are known");
+                Ok(smoothing[arm].variance_of_sum(sensitivity, &se)? * sharings[arm][k])
             };
             // What an arm does not know of a pixel it may still know of its mean.
             let mean_known = |arm: usize| arms[arm].se_unknown(k).is_none() || arms[arm].info(k).mean_se.is_some();
             if mean_known(0) && mean_known(1) {
-                info.mean_se = mean_se(of_arm(0) + of_arm(1), n, 1.0);
+                info.mean_se = mean_se(of_arm(0)? + of_arm(1)?, n, 1.0);
             }
         }
         r_d.push((info, data));
@@ -213,7 +203,7 @@ fn over(r: f64, m: f64) -> f64 {
     if r == 0.0 { 0.0 } else { r / m }
 }
 
-fn is_weak(reference: &Smooth, pixel: usize) -> bool {
+fn is_weak(reference: &Smooth<'_>, pixel: usize) -> bool {
     let value = reference.value.pixels[pixel];
     let se = reference.variance.as_ref().map_or(0.0, |v| v.pixels[pixel].sqrt());
     value.is_nan() || value <= LEAST_REFERENCE_SIGNAL * se

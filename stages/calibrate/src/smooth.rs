@@ -1,165 +1,203 @@
 //! One arm of the ratio: M_AC, smoothed where wanted, with its noise, and what a mean over pixels owes to it.
 
-use crate::gauss::{Gauss, Plane};
+use turbid_contract::Error;
+
+use crate::gauss::Gauss;
+use crate::plane::{Plane, Room};
 
 /// One quantity of an arm at one f_x, smoothed.
-pub struct Smooth {
+pub struct Smooth<'r> {
     /// 0 where there is nothing near.
-    pub value: Plane,
+    pub value: Plane<'r>,
     /// Variance of `value`; `None` where the noise is not known.
-    pub variance: Option<Plane>,
+    pub variance: Option<Plane<'r>>,
 }
 
-/// The smoothing of an arm's planes over its good pixels.
-pub struct Smoothing<'a> {
+/// The smoothing of an arm's images over its good pixels.
+pub struct Smoothing<'a, 'r> {
+    room: &'r Room<'a>,
     gauss: &'a Gauss,
-    good: &'a Plane,
+    mask: Option<&'a [f32]>,
     sharing: f64,
     /// sum_j w_ij over good pixels.
-    weight: Plane,
+    weight: Plane<'r>,
 }
 
-impl<'a> Smoothing<'a> {
-    /// `good` is 1 at good pixels and 0 at masked ones. So many pixels as `sharing` are as noisy as one, their errors being common: 1 where
+impl<'a, 'r> Smoothing<'a, 'r> {
+    /// `mask` is 0 at good pixels; without one all are. So many pixels as `sharing` are as noisy as one, their errors being common: 1 where
     /// they are independent.
-    pub fn new(gauss: &'a Gauss, good: &'a Plane, sharing: f64) -> Self {
-        Self { gauss, good, sharing, weight: gauss.sum(good) }
+    pub fn new(
+        room: &'r Room<'a>,
+        gauss: &'a Gauss,
+        mask: Option<&'a [f32]>,
+        sharing: f64,
+    ) -> Result<Self, Error> {
+        let weight = gauss.sum(room, |i| good(mask, i), |_, sum| sum)?;
+        Ok(Self { room, gauss, mask, sharing, weight })
     }
 
-    /// sum_j w_ij x_j over good pixels.
-    fn sum(&self, x: &Plane) -> Plane {
-        self.gauss.sum(&product(self.good, x))
+    /// 1 at good pixels, 0 at masked ones.
+    pub fn good(&self, i: usize) -> f64 {
+        good(self.mask, i)
+    }
+
+    /// The mean of x over the good pixels around.
+    fn mean(&self, x: &[f32]) -> Result<Plane<'r>, Error> {
+        let weight = &self.weight.pixels;
+        self.gauss.sum(self.room, |i| self.good(i) * f64::from(x[i]), |i, sum| quotient(sum, weight[i]))
     }
 
     /// Smooths a value and its standard error.
-    pub fn smooth(&self, value: &Plane, se: Option<&Plane>) -> Smooth {
-        let value = quotient(&self.sum(value), &self.weight);
-        Smooth { value, variance: se.map(|se| self.covariance(&product(se, se))) }
+    pub fn smooth(&self, value: &[f32], se: Option<&[f32]>) -> Result<Smooth<'r>, Error> {
+        let square = |se: f32| f64::from(se) * f64::from(se);
+        let variance = se.map(|se| self.covariance_of(|i| square(se[i]))).transpose()?;
+        Ok(Smooth { value: self.mean(value)?, variance })
     }
 
     /// Smooths the covariance of two quantities of one pixel.
-    ///
+    pub fn covariance(&self, covariance: &[f32]) -> Result<Plane<'r>, Error> {
+        self.covariance_of(|i| f64::from(covariance[i]))
+    }
+
     /// That of independent pixels falls to sum w^2 / (sum w)^2; it grows by as many of them as share their error.
-    pub fn covariance(&self, covariance: &Plane) -> Plane {
-        let squares = self.gauss.sum_of_squares(&product(self.good, covariance));
-        let weight_squared = product(&self.weight, &self.weight);
-        let independent = quotient(&squares, &weight_squared);
+    fn covariance_of(&self, covariance: impl Fn(usize) -> f64 + Sync) -> Result<Plane<'r>, Error> {
+        let (room, weight) = (self.room, &self.weight.pixels);
+        let squared = |i: usize| weight[i] * weight[i];
+        let independent = |i, sum| quotient(sum, squared(i));
+        let x = |i| self.good(i) * covariance(i);
         if self.sharing <= 1.0 {
-            return independent;
+            return self.gauss.sum_of_squares(room, x, independent);
         }
-        let pixels = quotient(&weight_squared, &self.gauss.sum_of_squares(self.good));
-        zip(&independent, &pixels, |variance, pixels| variance * self.sharing.min(pixels))
+        let pixels = self.gauss.sum_of_squares(room, |i| self.good(i), |i, sum| quotient(squared(i), sum))?;
+        let pixels = &pixels.pixels;
+        self.gauss.sum_of_squares(room, x, |i, sum| independent(i, sum) * self.sharing.min(pixels[i]))
     }
 
     /// The share of what a smoothed pixel is made of that `flags` (0 or 1) marks.
-    pub fn share(&self, flags: &Plane) -> Plane {
-        quotient(&self.sum(flags), &self.weight)
+    pub fn share(&self, flags: &[f32]) -> Result<Plane<'r>, Error> {
+        self.mean(flags)
     }
 
-    /// Variance of sum_i s_i v_i over a smoothed plane v by the arm's own noise: smoothing makes neighbours share it, so their
+    /// Variance of sum_i s_i v_i over a smoothed image v by the arm's own noise: smoothing makes neighbours share it, so their
     /// errors add up instead of averaging out.
-    pub fn variance_of_sum(&self, sensitivity: &Plane, se: &Plane) -> f64 {
-        let back = self.gauss.sum(&quotient(sensitivity, &self.weight));
-        let terms = back.pixels.iter().zip(&se.pixels).zip(&self.good.pixels);
-        terms.map(|((back, se), good)| (good * back * se).powi(2)).sum()
+    pub fn variance_of_sum(&self, sensitivity: impl Fn(usize) -> f64 + Sync, se: &[f32]) -> Result<f64, Error> {
+        let weight = &self.weight.pixels;
+        let term = |i: usize, back: f64| (self.good(i) * back * f64::from(se[i])).powi(2);
+        let terms = self.gauss.sum(self.room, |i| quotient(sensitivity(i), weight[i]), term)?;
+        Ok(terms.pixels.iter().sum())
     }
 }
 
-fn zip(a: &Plane, b: &Plane, f: impl Fn(f64, f64) -> f64) -> Plane {
-    Plane { columns: a.columns, pixels: a.pixels.iter().zip(&b.pixels).map(|(&a, &b)| f(a, b)).collect() }
-}
-
-fn product(a: &Plane, b: &Plane) -> Plane {
-    zip(a, b, |a, b| a * b)
+fn good(mask: Option<&[f32]>, i: usize) -> f64 {
+    if mask.is_none_or(|mask| mask[i] == 0.0) { 1.0 } else { 0.0 }
 }
 
 /// a / b, and 0 where b is 0: there is nothing near that pixel.
-fn quotient(a: &Plane, b: &Plane) -> Plane {
-    zip(a, b, |a, b| if b > 0.0 { a / b } else { 0.0 })
+fn quotient(a: f64, b: f64) -> f64 {
+    if b > 0.0 { a / b } else { 0.0 }
 }
 
 #[cfg(test)]
 mod tests {
+    use turbid_contract::Ctx;
+    use turbid_contract::kit::MemoryHost;
+
     use super::*;
 
-    fn plane(columns: usize, pixel: impl Fn(usize) -> f64, n: usize) -> Plane {
-        Plane { columns, pixels: (0..n).map(pixel).collect() }
+    /// What `test` finds on an image of so many rows and columns.
+    fn in_room<T>([rows, columns]: [usize; 2], test: impl Fn(&Room<'_>) -> Result<T, Error>) -> T {
+        test(&Room::new(rows, columns, Ctx::new(&MemoryHost::default()))).expect("nobody cancels")
+    }
+
+    fn pixels<const N: usize>(pixel: impl Fn(usize) -> f32) -> [f32; N] {
+        std::array::from_fn(pixel)
     }
 
     /// A constant stays constant whatever the holes; a masked pixel, whatever it holds, has no say.
     #[test]
     fn constants_survive_holes() {
-        let n = 12 * 9;
-        let good = plane(12, |i| if i % 7 == 3 { 0.0 } else { 1.0 }, n);
-        let value = plane(12, |i| if i % 7 == 3 { 1e30 } else { 0.3 }, n);
+        let mask: [f32; 108] = pixels(|i| if i % 7 == 3 { 1.0 } else { 0.0 });
+        let value: [f32; 108] = pixels(|i| if i % 7 == 3 { 1e30 } else { 0.25 });
         let gauss = Gauss::new(1.5);
-        let smoothing = Smoothing::new(&gauss, &good, 1.0);
-        let smooth = smoothing.smooth(&value, None);
-        assert!(smooth.value.pixels.iter().all(|v| (v - 0.3).abs() < 1e-14));
+        in_room([9, 12], |room| {
+            let smooth = Smoothing::new(room, &gauss, Some(&mask), 1.0)?.smooth(&value, None)?;
+            assert!(smooth.value.pixels.iter().all(|v| (v - 0.25).abs() < 1e-14));
+            Ok(())
+        });
     }
 
     /// Without smoothing a flag is its pixel's; smoothed it is shared out, by weights that add up to 1, and a masked pixel's has no say.
     #[test]
     fn flags_are_shared_out() {
-        let n = 12 * 9;
-        let good = plane(12, |i| if i == 40 { 0.0 } else { 1.0 }, n);
-        let flags = plane(12, |i| if i == 40 || i == 52 { 1.0 } else { 0.0 }, n);
-        let plain = Smoothing::new(&Gauss::new(0.0), &good, 1.0).share(&flags);
-        assert!((0..n).all(|i| plain.pixels[i] == if i == 52 { 1.0 } else { 0.0 }));
-        let gauss = Gauss::new(1.0);
-        let smoothing = Smoothing::new(&gauss, &good, 1.0);
-        let own = smoothing.share(&flags).pixels[52];
-        // 1 / (2 pi sigma^2), and a little more for the hole and the border.
-        assert!((own - 0.159).abs() < 0.03, "{own}");
-        assert!(smoothing.share(&good).pixels.iter().all(|s| (s - 1.0).abs() < 1e-12));
+        let mask: [f32; 108] = pixels(|i| if i == 40 { 1.0 } else { 0.0 });
+        let flags: [f32; 108] = pixels(|i| if i == 40 || i == 52 { 1.0 } else { 0.0 });
+        let good = mask.map(|m| 1.0 - m);
+        let (none, gauss) = (Gauss::new(0.0), Gauss::new(1.0));
+        in_room([9, 12], |room| {
+            let plain = Smoothing::new(room, &none, Some(&mask), 1.0)?.share(&flags)?;
+            assert!((0..108).all(|i| plain.pixels[i] == if i == 52 { 1.0 } else { 0.0 }));
+            let smoothing = Smoothing::new(room, &gauss, Some(&mask), 1.0)?;
+            let own = smoothing.share(&flags)?.pixels[52];
+            // 1 / (2 pi sigma^2), and a little more for the hole and the border.
+            assert!((own - 0.159).abs() < 0.03, "{own}");
+            assert!(smoothing.share(&good)?.pixels.iter().all(|s| (s - 1.0).abs() < 1e-12));
+            Ok(())
+        });
     }
 
     /// Far from the border the variance falls to 1 / (4 pi sigma^2) (a Gaussian cut at 4 sigma: to 0.1 %); without
     /// smoothing it stays.
     #[test]
     fn smoothing_averages_noise_as_the_closed_form() {
-        let n = 61 * 61;
-        let (good, se) = (plane(61, |_| 1.0, n), plane(61, |_| 0.2, n));
-        for sigma in [1.0_f64, 3.0] {
+        let (value, se): ([f32; 61 * 61], [f32; 61 * 61]) = (pixels(|_| 1.0), pixels(|_| 0.25));
+        let variance = |sigma: f64, at: usize| {
             let gauss = Gauss::new(sigma);
-            let smoothing = Smoothing::new(&gauss, &good, 1.0);
-            let variance = smoothing.smooth(&good, Some(&se)).variance.unwrap().pixels[n / 2];
-            let want = 0.04 / (4.0 * std::f64::consts::PI * sigma * sigma);
+            in_room([61, 61], |room| {
+                let smooth = Smoothing::new(room, &gauss, None, 1.0)?.smooth(&value, Some(&se))?;
+                Ok(smooth.variance.map(|variance| variance.pixels[at]))
+            })
+        };
+        for sigma in [1.0_f64, 3.0] {
+            let variance = variance(sigma, 61 * 61 / 2).unwrap();
+            let want = 0.0625 / (4.0 * std::f64::consts::PI * sigma * sigma);
             assert!((variance / want - 1.0).abs() < 1e-3, "sigma {sigma}: {variance} for {want}");
         }
-        let gauss = Gauss::new(0.0);
-        let smoothing = Smoothing::new(&gauss, &good, 1.0);
-        assert_eq!(smoothing.smooth(&good, Some(&se)).variance.unwrap().pixels[0], 0.2_f64 * 0.2);
+        assert_eq!(variance(0.0, 0), Some(0.0625));
     }
 
     /// An error that all pixels share stays what it is, whatever the smoothing and the border.
     #[test]
     fn smoothing_leaves_common_noise() {
-        let n = 12 * 9;
-        let (good, se) = (plane(12, |i| if i == 40 { 0.0 } else { 1.0 }, n), plane(12, |_| 0.2, n));
+        let mask: [f32; 108] = pixels(|i| if i == 40 { 1.0 } else { 0.0 });
+        let (value, se): ([f32; 108], [f32; 108]) = (pixels(|_| 1.0), pixels(|_| 0.25));
         let gauss = Gauss::new(2.0);
-        let smoothing = Smoothing::new(&gauss, &good, n as f64);
-        let variance = smoothing.smooth(&good, Some(&se)).variance.unwrap();
-        assert!(variance.pixels.iter().all(|v| (v - 0.04).abs() < 1e-15), "{variance:?}");
+        in_room([9, 12], |room| {
+            let smooth = Smoothing::new(room, &gauss, Some(&mask), 108.0)?.smooth(&value, Some(&se))?;
+            let variance = smooth.variance.unwrap();
+            assert!(variance.pixels.iter().all(|v| (v - 0.0625).abs() < 1e-15), "{:?}", variance.pixels);
+            Ok(())
+        });
     }
 
     /// var sum_i s_i v_i = s^T W V W^T s, against the matrix written out.
     #[test]
     fn the_variance_of_a_sum_is_the_matrix_product() {
-        let (columns, n) = (5, 20);
-        let good = plane(columns, |i| if i == 7 { 0.0 } else { 1.0 }, n);
-        let se = plane(columns, |i| 0.1 + 0.01 * i as f64, n);
-        let s = plane(columns, |i| if i == 7 { 0.0 } else { (i as f64).cos() }, n);
+        const N: usize = 20;
+        let mask: [f32; N] = pixels(|i| if i == 7 { 1.0 } else { 0.0 });
+        let se: [f32; N] = pixels(|i| 0.1 + 0.01 * i as f32);
+        let s = |i: usize| if i == 7 { 0.0 } else { (i as f64).cos() };
         let gauss = Gauss::new(1.2);
-        let smoothing = Smoothing::new(&gauss, &good, 1.0);
-        let mut want = 0.0;
-        for j in 0..n {
-            let unit = plane(columns, |i| if i == j { 1.0 } else { 0.0 }, n);
-            let response = smoothing.smooth(&unit, None).value;
-            let total: f64 = response.pixels.iter().zip(&s.pixels).map(|(r, s)| r * s).sum();
-            want += (total * se.pixels[j]).powi(2);
-        }
-        let got = smoothing.variance_of_sum(&s, &se);
+        let [got, want] = in_room([4, 5], |room| {
+            let smoothing = Smoothing::new(room, &gauss, Some(&mask), 1.0)?;
+            let mut want = 0.0;
+            for j in 0..N {
+                let unit: [f32; N] = pixels(|i| if i == j { 1.0 } else { 0.0 });
+                let response = smoothing.smooth(&unit, None)?.value;
+                let total: f64 = response.pixels.iter().enumerate().map(|(i, r)| r * s(i)).sum();
+                want += (total * f64::from(se[j])).powi(2);
+            }
+            Ok([smoothing.variance_of_sum(s, &se)?, want])
+        });
         assert!((got / want - 1.0).abs() < 1e-12, "{got} for {want}");
     }
 }

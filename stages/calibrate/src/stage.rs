@@ -13,6 +13,7 @@ use crate::gauss::Gauss;
 use crate::memory::memory;
 use crate::model::{Model, Standard};
 use crate::params::{NoiseBias, Params};
+use crate::plane::Room;
 use crate::quantity::{counterpart, lit, quantities, same_size, same_wavelengths};
 use crate::ratio::{Arm, calibrate};
 use crate::reference::TABLE;
@@ -284,16 +285,17 @@ fn compare_phantom(taken: &[Standard], reference: &Attributes, problems: &mut Pr
 /// A reference that is darker than its dark frame, in the mean of its good pixels, is none: all would be masked, or worse. Warns where no pixel is good.
 fn lit_at_all(reference: &ImageStack, layer: usize, wavelength_nm: Option<f64>, ctx: Ctx<'_>) -> Result<(), Error> {
     let (values, mask) = (reference.layers[layer].pixels(), reference.mask(wavelength_nm).map(Layer::pixels));
-    let good = |i: &usize| mask.as_ref().is_none_or(|mask| mask[*i] == 0.0);
-    let good: Vec<f64> = (0..values.len()).filter(good).map(|i| f64::from(values[i])).collect();
+    let is_good = |i: &usize| mask.as_ref().is_none_or(|mask| mask[*i] == 0.0);
+    let good = (0..values.len()).filter(is_good).map(|i| f64::from(values[i]));
+    let (sum, count) = good.fold((0.0, 0_u64), |(sum, count), value| (sum + value, count + 1));
     let info = &reference.layers[layer].info;
     let at = place(info);
     let way_out = "see whether dark and reference were exchanged, and whether both were taken with the exposure and gain of the dark frame";
-    if good.is_empty() {
+    if count == 0 {
         ctx.warn(format!("no pixel of the reference is good at {at}: {way_out}"));
         return Ok(());
     }
-    let mean = good.iter().sum::<f64>() / good.len() as f64;
+    let mean = sum / count as f64;
     if mean <= 0.0 {
         let (name, unit) = (&info.name, &info.unit);
         let what =
@@ -325,6 +327,7 @@ fn reflectance(
     let (mut values, mut errors, mut covariances, mut masks) = (vec![], vec![], vec![], vec![]);
     let mut unknown = vec![];
     let corrects = params.noise_bias == NoiseBias::Correct;
+    let room = Room::new(sample.rows(), sample.columns(), ctx);
     for (&wavelength_nm, standard) in wavelengths.iter().zip(standards) {
         let quantities = quantities(&infos, wavelength_nm);
         let layers: Result<Vec<usize>, Error> =
@@ -337,7 +340,7 @@ fn reflectance(
         let arm = |stack, layers| Arm { stack, layers, wavelength_nm };
         let sample_arm = arm(sample, quantities.iter().map(|q| q.layer).collect());
         let arms = [&sample_arm, &arm(reference, layers)];
-        let calibrated = calibrate(arms, &model?, gauss.each_ref(), corrects, ctx)?;
+        let calibrated = calibrate(arms, &model?, gauss.each_ref(), corrects, &room, ctx)?;
         if calibrated.se.is_empty() {
             ctx.warn("no standard errors: the sample or the reference does not know its own");
         }

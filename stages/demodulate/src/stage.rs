@@ -150,7 +150,9 @@ impl Stage for Demodulate {
             channel.diagnose(frames, params.steps == Steps::Given, &mut worst, ctx);
             let noise = Noise::of_channel(&channel, &inputs.frames, inputs.covariance.as_ref())?;
             let pass = Pass::new(&channel, noise.as_ref(), frames, params, wants_phase, ctx.simd());
-            let mut planes = vec![Array2::zeros((frames.rows(), frames.columns())); pass.plane_count()];
+            let dim = (frames.rows(), frames.columns());
+            // Each of its own: a copy would write all its zeros.
+            let mut planes: Vec<_> = (0..pass.plane_count()).map(|_| Array2::zeros(dim)).collect();
             let tiles = ctx.fill_planes(&mut planes, |pixels, planes| pass.run(pixels, planes))?;
             let mut tally = Tally::new(&channel);
             tiles.iter().for_each(|tile| tally.add(tile));

@@ -2,7 +2,7 @@
 
 use turbid_contract::payload::MaskReason;
 
-use crate::decode::Picture;
+use crate::decode::{Numbers, Picture};
 
 /// Share of the mean response below which a pixel counts as dead: its gain would be more than 50.
 const DEAD: f64 = 0.02;
@@ -102,7 +102,9 @@ impl Camera {
     }
 
     fn level_of(&self, picture: &Picture, number: f64) -> f64 {
-        libm::pow(number / picture.highest.unwrap_or(1.0), self.gamma)
+        let share = number / picture.highest.unwrap_or(1.0);
+        // What `pow` gives then, too.
+        if self.gamma == 1.0 { share } else { libm::pow(share, self.gamma) }
     }
 
     /// Level of a pixel without light.
@@ -140,17 +142,41 @@ impl Camera {
             variance: Vec::with_capacity(variances),
             reasons: Vec::with_capacity(pixels),
         };
-        for pixel in self.pixels(frame, dark, response, light) {
+        let mut push = |pixel: &Pixel| {
             corrected.reasons.push(pixel.reason);
             corrected.value.push(pixel.value);
             corrected.variance.extend(pixel.variance);
+        };
+        match self.of_numbers(frame, dark, response, light) {
+            Some((numbers, of)) => numbers.iter().for_each(|&number| push(&of[usize::from(number)])),
+            None => self.pixels(frame, dark, response, light).for_each(|pixel| push(&pixel)),
         }
         corrected
     }
 
+    /// What becomes of each number of 16 bits where no pixel has a dark level or a response of its own, with the numbers of the frame: `None` where
+    /// pixels differ, and of a frame that has fewer pixels than there are numbers.
+    fn of_numbers<'p>(
+        &self,
+        frame: &'p Picture,
+        dark: Option<&Field>,
+        response: Option<&Field>,
+        light: f64,
+    ) -> Option<(&'p [u16], Vec<Pixel>)> {
+        let alike = dark.is_none() && response.is_none();
+        let numbers = frame.values.of_16_bits().filter(|numbers| alike && numbers.len() > 1 << 16)?;
+        let all = Numbers::U16((0..=u16::MAX).collect());
+        let each = Picture { rows: 1, columns: 1 << 16, values: all, highest: frame.highest };
+        Some((numbers, self.pixels(&each, None, None, light).collect()))
+    }
+
     /// How much of the frame is light, without the frame.
     pub fn light(&self, frame: &Picture, dark: Option<&Field>, response: Option<&Field>, light: f64) -> Light {
-        Light::of(self.pixels(frame, dark, response, light).map(|pixel| (pixel.value, pixel.reason)))
+        let seen = |pixel: &Pixel| (pixel.value, pixel.reason);
+        match self.of_numbers(frame, dark, response, light) {
+            Some((numbers, of)) => Light::of(numbers.iter().map(|&number| seen(&of[usize::from(number)]))),
+            None => Light::of(self.pixels(frame, dark, response, light).map(|pixel| seen(&pixel))),
+        }
     }
 
     fn pixels(
@@ -185,7 +211,10 @@ impl Camera {
                 // One number is a step of gamma level^(1 - 1 / gamma) / highest; rounding spreads evenly over it.
                 let share = level.max(0.0);
                 let step = frame.highest.map_or(0.0, |highest| {
-                    self.gamma * libm::pow(share.max(1.0 / highest), 1.0 - 1.0 / self.gamma) / highest
+                    let share = share.max(1.0 / highest);
+                    // What `pow` gives then, too.
+                    let steep = if self.gamma == 1.0 { 1.0 } else { libm::pow(share, 1.0 - 1.0 / self.gamma) };
+                    self.gamma * steep / highest
                 });
                 let variance = above.max(0.0) / full_well + read * read + step * step / 12.0;
                 let factor = scale / gain;

@@ -6,7 +6,7 @@ use turbid_contract::canonical::canonical_value;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{CameraNoise, Frames, Transfer};
 use turbid_contract::{
-    At, Ctx, Error, FileUse, Forms, ImageStack, Known, Problem, Problems, Stage, StagePlan, in_ports, out_ports,
+    At, Ctx, Error, FileUse, Forms, ImageStack, Known, LayerInfo, Problem, Problems, Stage, StagePlan, in_ports, out_ports,
     serde_json,
 };
 
@@ -153,13 +153,32 @@ impl Stage for ImportFrames {
                 fields.correct(params, &camera, &shots[k], &picture).binned(size, params.bin as usize);
             Ok(Seen { size, corrected })
         };
-        let seen: Vec<Seen> = ctx.map_tiles(shots.len(), read)?.into_iter().collect::<Result<_, _>>()?;
-        for (shot, seen) in shots.iter().zip(&seen) {
-            usable(shot, seen.corrected.light())?;
+        let mut frames: Option<Stacked> = None;
+        for channel in channels(&shots) {
+            let seen: Vec<Seen> =
+                ctx.map_tiles(channel.len(), |i| read(channel[i]))?.into_iter().collect::<Result<_, _>>()?;
+            for (&k, seen) in channel.iter().zip(&seen) {
+                usable(&shots[k], seen.corrected.light())?;
+            }
+            let (rows, columns) = seen[0].size;
+            let frames = frames.get_or_insert_with(|| Stacked::new(params, &shots, rows, columns));
+            frames.add(&channel, seen);
         }
-        let frames = stack(params, &shots, seen, ctx);
+        let frames = frames.expect("there are shots").finish(ctx);
         Ok(Out { frames: Frames(frames) })
     }
+}
+
+/// The shots of each wavelength, by their places.
+fn channels(shots: &[Shot]) -> Vec<Vec<usize>> {
+    let mut channels: Vec<Vec<usize>> = Vec::new();
+    for (k, shot) in shots.iter().enumerate() {
+        match channels.iter_mut().find(|channel| shots[channel[0]].wavelength_nm == shot.wavelength_nm) {
+            Some(channel) => channel.push(k),
+            None => channels.push(vec![k]),
+        }
+    }
+    channels
 }
 
 /// Reports pages that no frame is: files of pictures one does not know of.
@@ -294,41 +313,62 @@ struct Seen {
     corrected: Corrected,
 }
 
-fn stack(params: &Params, shots: &[Shot], seen: Vec<Seen>, ctx: Ctx<'_>) -> ImageStack {
-    let (rows, columns) = seen[0].size;
-    let plane = |pixels: Vec<f32>| Array2::from_shape_vec((rows, columns), pixels).expect("checked: one size");
-    let mut masks: Vec<(Option<f64>, Vec<f32>)> = Vec::new();
-    for (shot, Seen { corrected, .. }) in shots.iter().zip(&seen) {
-        let at = masks.iter().position(|(w, _)| *w == shot.wavelength_nm).unwrap_or_else(|| {
-            masks.push((shot.wavelength_nm, vec![0.0; rows * columns]));
-            masks.len() - 1
-        });
-        let new = masks[at].1.iter_mut().zip(&corrected.reasons).filter(|(mask, _)| **mask == 0.0);
-        new.for_each(|(mask, reason)| *mask = reason.code());
+/// The layers that are made: wavelength by wavelength, so that no more than the frames of one are held beside them.
+struct Stacked<'a> {
+    params: &'a Params,
+    shots: &'a [Shot],
+    rows: usize,
+    columns: usize,
+    /// In the order of the shots.
+    values: Vec<Option<(LayerInfo, Array2<f32>)>>,
+    errors: Vec<Option<(LayerInfo, Array2<f32>)>>,
+    masks: Vec<(Option<f64>, Vec<f32>)>,
+}
+
+impl<'a> Stacked<'a> {
+    fn new(params: &'a Params, shots: &'a [Shot], rows: usize, columns: usize) -> Self {
+        let none = || shots.iter().map(|_| None).collect();
+        Self { params, shots, rows, columns, values: none(), errors: none(), masks: Vec::new() }
     }
-    let mut stack = ImageStack::new(rows, columns);
-    stack.attributes = form::said(params);
-    let mut errors = Vec::new();
-    for (shot, Seen { mut corrected, .. }) in shots.iter().zip(seen) {
-        let mask = &masks.iter().find(|(w, _)| *w == shot.wavelength_nm).expect("one for each wavelength").1;
-        let mut info = form::layer(params, shot);
+
+    /// The frames of one wavelength, which have one mask.
+    fn add(&mut self, channel: &[usize], seen: Vec<Seen>) {
+        let (rows, columns) = (self.rows, self.columns);
+        let plane = |pixels: Vec<f32>| Array2::from_shape_vec((rows, columns), pixels).expect("checked: one size");
+        let mut mask = vec![0.0; rows * columns];
+        for Seen { corrected, .. } in &seen {
+            let new = mask.iter_mut().zip(&corrected.reasons).filter(|(mask, _)| **mask == 0.0);
+            new.for_each(|(mask, reason)| *mask = reason.code());
+        }
         let good = mask.iter().filter(|&&m| m == 0.0).count() as f64;
-        if !corrected.variance.is_empty() {
-            let sum: f64 = corrected.variance.iter().zip(mask).filter(|(_, m)| **m == 0.0).map(|(v, _)| v).sum();
-            info.mean_se = (good > 0.0).then(|| sum.sqrt() / good);
-            let standard_error = |(v, m): (&f64, &f32)| if *m == 0.0 { v.sqrt() as f32 } else { 0.0 };
-            let se = corrected.variance.iter().zip(mask).map(standard_error).collect();
-            errors.push((info.standard_error(), plane(se)));
+        for (&k, Seen { mut corrected, .. }) in channel.iter().zip(seen) {
+            let mut info = form::layer(self.params, &self.shots[k]);
+            if !corrected.variance.is_empty() {
+                let sum: f64 = corrected.variance.iter().zip(&mask).filter(|(_, m)| **m == 0.0).map(|(v, _)| v).sum();
+                info.mean_se = (good > 0.0).then(|| sum.sqrt() / good);
+                let standard_error = |(v, m): (&f64, &f32)| if *m == 0.0 { v.sqrt() as f32 } else { 0.0 };
+                let se = corrected.variance.iter().zip(&mask).map(standard_error).collect();
+                self.errors[k] = Some((info.standard_error(), plane(se)));
+            }
+            corrected.value.iter_mut().zip(&mask).filter(|(_, m)| **m != 0.0).for_each(|(value, _)| *value = 0.0);
+            self.values[k] = Some((info, plane(corrected.value)));
         }
-        corrected.value.iter_mut().zip(mask).filter(|(_, m)| **m != 0.0).for_each(|(value, _)| *value = 0.0);
-        stack.push(info, plane(corrected.value));
+        self.masks.push((self.shots[channel[0]].wavelength_nm, mask));
     }
-    errors.into_iter().for_each(|(info, data)| stack.push(info, data));
-    ctx.measure_masked(masks.iter().flat_map(|(_, mask)| mask.iter().copied()));
-    for (wavelength_nm, mask) in masks {
-        if mask.iter().any(|&reason| reason != 0.0) {
-            stack.push(form::mask(wavelength_nm), plane(mask));
+
+    fn finish(self, ctx: Ctx<'_>) -> ImageStack {
+        let (rows, columns) = (self.rows, self.columns);
+        let mut stack = ImageStack::new(rows, columns);
+        stack.attributes = form::said(self.params);
+        let layers = self.values.into_iter().chain(self.errors).flatten();
+        layers.for_each(|(info, data)| stack.push(info, data));
+        ctx.measure_masked(self.masks.iter().flat_map(|(_, mask)| mask.iter().copied()));
+        for (wavelength_nm, mask) in self.masks {
+            if mask.iter().any(|&reason| reason != 0.0) {
+                let mask = Array2::from_shape_vec((rows, columns), mask).expect("as many as pixels");
+                stack.push(form::mask(wavelength_nm), mask);
+            }
         }
+        stack
     }
-    stack
 }

@@ -36,6 +36,11 @@ impl Numbers {
         }
     }
 
+    /// Those of a picture of 16 bits.
+    pub fn of_16_bits(&self) -> Option<&[u16]> {
+        if let Self::U16(numbers) = self { Some(numbers) } else { None }
+    }
+
     pub fn iter(&self) -> impl Iterator<Item = f64> {
         (0..self.len()).map(|i| self.at(i))
     }
