@@ -33,11 +33,7 @@ impl Elsewhere {
         self.opened_by(Store::open_for_shard, outputs)
     }
 
-    fn opened_by(
-        &self,
-        open: fn(&Path) -> Result<Store, StoreError>,
-        outputs: &OutputsDir,
-    ) -> Result<Store, Failure> {
+    fn opened_by(&self, open: fn(&Path) -> Result<Store, StoreError>, outputs: &OutputsDir) -> Result<Store, Failure> {
         // First what takes no network: a slip is told at once.
         let remote = self.remote()?;
         let store = open(outputs.path()).map_err(|e| Failure::Input(e.to_string()))?;

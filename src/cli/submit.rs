@@ -29,6 +29,9 @@ use said::Said;
 /// So many of the latest jobs may still be at work.
 const LATEST_JOBS: usize = 32;
 
+/// A job, what of it was submitted last, and the engine that works on it.
+type AtWork = (Job, Submission, Box<dyn Engine>);
+
 #[derive(Args)]
 pub struct Submit {
     #[command(flatten)]
@@ -162,7 +165,7 @@ impl Submit {
     }
 
     /// A job that is at work on this very thing. Others of the same file, and files of jobs that were edited, are told.
-    fn at_work(&self, work: &Work, said: &Said) -> Result<Option<(Job, Submission, Box<dyn Engine>)>, Failure> {
+    fn at_work(&self, work: &Work, said: &Said) -> Result<Option<AtWork>, Failure> {
         for job in Job::all(&work.outputs).into_iter().take(LATEST_JOBS) {
             let job = match job {
                 Ok(job) if job.work.file == work.file => job,

@@ -99,9 +99,8 @@ pub fn calibrate(
     let [samples, references] = &smooth;
     let pairs: Vec<[usize; 2]> =
         if known { (0..count).flat_map(|i| (i + 1..count).map(move |j| [i, j])).collect() } else { Vec::new() };
-    let covariance = |arm: usize, [i, j]: [usize; 2]| {
-        arms[arm].covariance(i, j).map(|c| smoothing[arm].covariance(&c)).transpose()
-    };
+    let covariance =
+        |arm: usize, [i, j]: [usize; 2]| arms[arm].covariance(i, j).map(|c| smoothing[arm].covariance(&c)).transpose();
     let shared: Result<Vec<[Option<Plane<'_>>; 2]>, Error> =
         pairs.iter().map(|&pair| Ok([covariance(0, pair)?, covariance(1, pair)?])).collect();
     let shared = shared?;
