@@ -185,11 +185,11 @@ mod tests {
         let [got, want] = in_room([4, 5], |room| {
             let smoothing = Smoothing::new(room, &gauss, Some(&mask), 1.0)?;
             let mut want = 0.0;
-            for j in 0..N {
+            for (j, se) in se.iter().enumerate() {
                 let unit: [f32; N] = pixels(|i| if i == j { 1.0 } else { 0.0 });
                 let response = smoothing.smooth(&unit, None)?.value;
                 let total: f64 = response.pixels.iter().enumerate().map(|(i, r)| r * s(i)).sum();
-                want += (total * f64::from(se[j])).powi(2);
+                want += (total * f64::from(*se)).powi(2);
             }
             Ok([smoothing.variance_of_sum(s, &se)?, want])
         });
