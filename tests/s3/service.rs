@@ -1,7 +1,7 @@
 //! A service that speaks S3, on this machine, with objects in memory and faults on demand: PUT, GET with ranges, lists in pages.
 
 use std::collections::BTreeMap;
-use std::io::{BufRead, BufReader, Read, Write};
+use std::io::{BufRead, BufReader, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -126,6 +126,16 @@ impl Service {
         self.state().objects[name].0.clone()
     }
 
+    /// All objects as they are.
+    pub fn objects(&self) -> BTreeMap<String, (Vec<u8>, usize)> {
+        self.state().objects.clone()
+    }
+
+    /// These objects and no others.
+    pub fn restore(&self, objects: &BTreeMap<String, (Vec<u8>, usize)>) {
+        self.state().objects = objects.clone();
+    }
+
     /// Puts other bytes under a name, or removes it.
     pub fn replace(&self, name: &str, bytes: Option<Vec<u8>>) {
         let mut state = self.state();
@@ -155,8 +165,11 @@ fn serve(stream: TcpStream, state: &Mutex<State>) {
     while let Some((seen, body)) = request(&mut from) {
         let fault = state.lock().expect("no panic").fault(&seen);
         let (status, head, mut answer) = match &fault {
-            Some(Fault::Reset) => break drop(to.shutdown(Shutdown::Both)),
-            Some(Fault::Stalled(time)) => break thread::sleep(*time),
+            Some(Fault::Reset) => break,
+            Some(Fault::Stalled(time)) => {
+                thread::sleep(*time);
+                break;
+            }
             Some(Fault::Refused(status, code, region)) => refusal(*status, code, *region),
             Some(Fault::Echo(status)) => {
                 let headers: String = seen.headers.iter().map(|(name, value)| format!("{name}: {value} ")).collect();
