@@ -91,7 +91,13 @@ pub(super) fn pushed_text(pushed: &Pushed) -> String {
     let Pushed { records, large_blobs, packs, bytes, left_out, .. } = pushed;
     let mut text = match (records, bytes) {
         (0, 0) => "nothing was to be pushed".to_owned(),
-        _ => format!("pushed {records} results: {packs} packs and {large_blobs} large blobs, {}", size_text(*bytes)),
+        _ => format!(
+            "pushed {}: {} and {}, {}",
+            counted(*records, "result"),
+            counted(*packs, "pack"),
+            counted(*large_blobs, "large blob"),
+            size_text(*bytes)
+        ),
     };
     if *left_out > 0 {
         text.push_str(&format!(
@@ -101,8 +107,13 @@ pub(super) fn pushed_text(pushed: &Pushed) -> String {
     text
 }
 
+/// `1 pack`, `2 packs`
+pub(super) fn counted(n: u64, what: &str) -> String {
+    format!("{n} {what}{}", if n == 1 { "" } else { "s" })
+}
+
 /// `52 requests, 210.3 MB sent, 1.2 kB received`
 pub(super) fn traffic_text(traffic: &Traffic) -> String {
     let Traffic { requests, sent, received } = traffic;
-    format!("{requests} requests, {} sent, {} received", size_text(*sent), size_text(*received))
+    format!("{}, {} sent, {} received", counted(*requests, "request"), size_text(*sent), size_text(*received))
 }

@@ -434,7 +434,8 @@ impl Store {
     /// Error: what was published could not be brought to the disk.
     pub fn finish(&self) -> Result<Finished, StoreError> {
         self.close()?;
-        if !self.folder.packs.take_shrunk() {
+        let elsewhere = self.remote.as_ref().is_some_and(|remote| remote.take_shrunk());
+        if !self.folder.packs.take_shrunk() && !elsewhere {
             return Ok(Finished::default());
         }
         let mut vouched = guard(&self.vouched);

@@ -126,6 +126,16 @@ impl Service {
         self.state().objects[name].0.clone()
     }
 
+    /// All objects as they are.
+    pub fn objects(&self) -> BTreeMap<String, (Vec<u8>, usize)> {
+        self.state().objects.clone()
+    }
+
+    /// These objects and no others.
+    pub fn restore(&self, objects: &BTreeMap<String, (Vec<u8>, usize)>) {
+        self.state().objects = objects.clone();
+    }
+
     /// Puts other bytes under a name, or removes it.
     pub fn replace(&self, name: &str, bytes: Option<Vec<u8>>) {
         let mut state = self.state();

@@ -10,15 +10,15 @@ fn a_run_is_pulled_elsewhere() {
     let here = Space::with(PIPELINE, &service);
     here.turbid(&["run", "p.yaml"]).ok();
     let said = here.with_store(&["cache", "push"]).ok();
-    assert!(said.contains("pushed 9 results: 1 packs and 3 large blobs"), "{said}");
+    assert!(said.contains("pushed 9 results: 1 pack and 6 large blobs"), "{said}");
     let folders = |part: &str| service.names().iter().filter(|name| name.starts_with(part)).count();
     let found = ["packs", "blobs", "manifests"].map(|folder| folders(&format!("some/where/{folder}/")));
-    assert_eq!((found, service.names().len()), ([1, 3, 1], 5));
+    assert_eq!((found, service.names().len()), ([1, 6, 1], 8));
 
     let there = Space::with(PIPELINE, &service);
     assert_eq!(there.planned(), (0, 9));
     let said = there.with_store(&["cache", "pull"]).ok();
-    assert!(said.contains("pulled 9 results with"), "{said}");
+    assert!(said.contains("pulled 9 results,"), "{said}");
     assert_eq!((there.planned(), there.digests()), ((9, 0), here.digests()));
     there.turbid(&["cache", "verify"]).ok();
     // Nothing is sent or fetched twice.
@@ -68,7 +68,7 @@ fn a_pipeline_says_what_is_sent() {
     assert!(said.contains("3 of 3 instances") && said.contains("pushed 2 results"), "{said}");
     let there = Space::with(PIPELINE, &service);
     let said = there.with_store(&["cache", "pull", "p.yaml", "frames"]).ok();
-    assert!(said.contains("4 of 6 instances") && said.contains("1 large blobs"), "{said}");
+    assert!(said.contains("4 of 6 instances") && said.contains("1 large blob"), "{said}");
     assert_eq!(there.planned(), (4, 5), "three scenes, one render; its demodulation was not asked for");
     let said = there.with_store(&["cache", "pull", "absent.yaml"]).fails(2);
     assert!(said.contains("absent.yaml"), "{said}");

@@ -14,7 +14,7 @@ use crate::store::{Pulled, Pushed, Store};
 use crate::terminal::tell;
 
 use super::size_text;
-use crate::cli::elsewhere::{Elsewhere, failed, pushed_text, traffic_text, warn};
+use crate::cli::elsewhere::{Elsewhere, counted, failed, pushed_text, traffic_text, warn};
 use crate::cli::{Done, Failure, OutputsDir, Pipeline, print, print_json};
 
 /// How often a long transfer says how far it is.
@@ -120,7 +120,12 @@ fn pulled_text(pulled: &Pulled) -> String {
     let Pulled { records, small_blobs, large_blobs, left_out } = pulled;
     let mut text = match records + small_blobs + large_blobs {
         0 => "nothing was to be pulled".to_owned(),
-        _ => format!("pulled {records} results with {small_blobs} small and {large_blobs} large blobs"),
+        _ => format!(
+            "pulled {}, {} and {}",
+            counted(*records, "result"),
+            counted(*small_blobs, "small blob"),
+            counted(*large_blobs, "large blob")
+        ),
     };
     if *left_out > 0 {
         text.push_str(&format!(
@@ -138,11 +143,11 @@ mod tests {
     fn what_moved_is_said() {
         assert_eq!(pulled_text(&Pulled::default()), "nothing was to be pulled");
         let pulled = Pulled { records: 3, small_blobs: 2, large_blobs: 1, left_out: 1 };
-        assert!(pulled_text(&pulled).starts_with("pulled 3 results with 2 small and 1 large blobs; of 1 results"));
+        assert!(pulled_text(&pulled).starts_with("pulled 3 results, 2 small blobs and 1 large blob; of 1 results"));
         assert_eq!(pushed_text(&Pushed::default()), "nothing was to be pushed");
         let pushed = Pushed { records: 3, packs: 1, bytes: 5000, left_out: 2, ..Pushed::default() };
         assert!(
-            pushed_text(&pushed).starts_with("pushed 3 results: 1 packs and 0 large blobs, 5.0 kB; 2 were left out")
+            pushed_text(&pushed).starts_with("pushed 3 results: 1 pack and 0 large blobs, 5.0 kB; 2 were left out")
         );
     }
 }

@@ -34,7 +34,7 @@ impl FromStr for Address {
 
 fn s3(rest: &str) -> Result<Address, String> {
     let (bucket, prefix) = rest.split_once('/').unwrap_or((rest, ""));
-    if bucket.contains(['@', ':']) {
+    if bucket.contains(':') || rest.contains('@') {
         return Err("an address of a store holds no keys and no passwords: set AWS_ACCESS_KEY_ID and \
                     AWS_SECRET_ACCESS_KEY, or AWS_PROFILE, and write s3://BUCKET/PREFIX"
             .to_owned());
@@ -102,7 +102,12 @@ mod tests {
 
     #[test]
     fn a_password_in_an_address_is_not_repeated() {
-        for text in ["s3://AKIAKEY:hidden@bucket/x", "https://user:hidden@host/x", "user:hidden@host"] {
+        for text in [
+            "s3://AKIAKEY:hidden@bucket/x",
+            "s3://AKIAKEY/hidden@bucket/x",
+            "https://user:hidden@host/x",
+            "user:hidden@host",
+        ] {
             let error = text.parse::<Address>().expect_err("it is no address");
             assert!(!error.contains("hidden") && !error.contains("AKIAKEY"), "{error}");
         }

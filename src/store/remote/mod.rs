@@ -19,6 +19,7 @@ mod through;
 
 use std::collections::BTreeSet;
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError, RwLock, RwLockReadGuard};
 
 use crate::digest::Digest;
@@ -55,6 +56,8 @@ pub struct Remote {
     damaged: Mutex<BTreeSet<Digest>>,
     /// Manifests that are known here and were cut short elsewhere.
     torn: Mutex<Vec<Digest>>,
+    /// Whether something that was taken for there has turned out not to be.
+    shrunk: AtomicBool,
     /// What is to be told of damage, in words.
     told: Mutex<Vec<String>>,
 }
@@ -80,7 +83,7 @@ impl Remote {
 
     pub(super) fn new(address: Address, objects: Box<dyn Objects>) -> Self {
         let (known, damaged, torn, told) = <(RwLock<_>, Mutex<_>, Mutex<_>, Mutex<_>)>::default();
-        Self { address, objects, known, damaged, torn, told }
+        Self { address, objects, known, damaged, torn, shrunk: AtomicBool::new(false), told }
     }
 
     pub fn address(&self) -> &Address {
@@ -94,6 +97,11 @@ impl Remote {
     /// What was found damaged since this was last asked.
     pub fn take_warnings(&self) -> Vec<String> {
         std::mem::take(&mut *guard(&self.told))
+    }
+
+    /// Whether something that was called there may be gone by now. Asking forgets it.
+    pub(super) fn take_shrunk(&self) -> bool {
+        self.shrunk.swap(false, Ordering::Relaxed)
     }
 
     /// Learns what the store holds by now; `root` is that of the local store, which keeps the manifests.
@@ -126,6 +134,7 @@ impl Remote {
     /// Notes that an object is not what its name says; told once.
     fn note_damage(&self, folder: &str, object: &Digest, what: &str) {
         if guard(&self.damaged).insert(*object) {
+            self.shrunk.store(true, Ordering::Relaxed);
             let text = format!("{}: {folder}/{object} {what}; it counts as missing", self.address);
             guard(&self.told).push(text);
         }

@@ -125,8 +125,8 @@ impl Endpoint {
             _ => return Err(format!("the endpoint of S3 has no https:// or http:// before it: {rule}")),
         };
         let (authority, path) = rest.split_once('/').unwrap_or((rest, ""));
-        // What stands before an @ is a password: it is not repeated.
-        if authority.contains('@') {
+        // What stands before an @ may be a password, slashes included: it is not repeated.
+        if rest.contains('@') {
             return Err(format!("the endpoint of S3 holds a name or a password, which would be shown: {rule}"));
         }
         let host = |c: char| c.is_ascii_alphanumeric() || ".-_:[]".contains(c);
@@ -202,6 +202,7 @@ mod tests {
             ("AWS_REGION", "eu west", "is no region"),
             ("AWS_ENDPOINT_URL", "host:9000", "no https:// or http://"),
             ("AWS_ENDPOINT_URL", "http://user:hidden@host", "a name or a password"),
+            ("AWS_ENDPOINT_URL", "http://user:hid/hidden@host", "a name or a password"),
             ("AWS_ENDPOINT_URL", "http://", "is none"),
             ("AWS_ENDPOINT_URL_S3", "http://host/?x", "is none"),
             ("AWS_SESSION_TOKEN", "hidden token", "set it anew"),
