@@ -1,23 +1,24 @@
 //! Pushes, pulls and runs that are killed.
 //!
-//! `TURBID_KILLS=200 cargo test -p turbid-s3-tests -- --nocapture kills` kills as often.
+//! `TURBID_KILLS=200 cargo test -p turbid-s3-tests -- --nocapture kills` kills transfers as often, and runs as often.
 
 use std::time::{Duration, Instant};
 
 use crate::service::Service;
 use crate::space::{PIPELINE, Space};
 
-fn kills() -> usize {
-    std::env::var("TURBID_KILLS").map_or(6, |text| text.parse().expect("a number of kills"))
+/// Of three kills each.
+fn rounds() -> usize {
+    std::env::var("TURBID_KILLS").map_or(2, |text| text.parse::<usize>().expect("a number of kills").div_ceil(3))
 }
 
-/// Kills a command after a part of `length`; the share goes round so that every moment comes.
-fn kill(space: &Space, arguments: &[&str], length: Duration, round: usize) {
+/// Kills a command after a part of `length`; the share goes round so that every moment comes. Whether it was still at work.
+fn kill(space: &Space, arguments: &[&str], length: Duration, round: usize) -> usize {
     let mut child = space.start(arguments);
     std::thread::sleep(length.mul_f64((0.618 * round as f64).fract()));
     // It may have ended already; then there is nothing to kill.
     let _ = child.kill();
-    child.wait().expect("it was started");
+    usize::from(!child.wait().expect("it was started").success())
 }
 
 /// Killed at any moment, the next push and the next pull go on: the same digests, and `verify` finds nothing.
@@ -30,20 +31,22 @@ fn killed_transfers_go_on() {
     let began = Instant::now();
     here.with_store(&["cache", "push"]).ok();
     let length = began.elapsed();
-    for round in 0..kills() {
+    let mut killed = 0;
+    for round in 0..rounds() {
         // Everything anew, into the same bucket.
         service.names().iter().for_each(|name| service.replace(name, None));
-        kill(&here, &["cache", "push"], length, round);
+        killed += kill(&here, &["cache", "push"], length, round);
         let there = Space::with(PIPELINE, &service);
-        kill(&there, &["cache", "pull"], length, 7 * round + 3);
+        killed += kill(&there, &["cache", "pull"], length, 7 * round + 3);
         there.turbid(&["cache", "verify"]).ok();
         here.with_store(&["cache", "push"]).ok();
-        kill(&there, &["cache", "pull"], length, 11 * round + 5);
+        killed += kill(&there, &["cache", "pull"], length, 11 * round + 5);
         there.turbid(&["cache", "verify"]).ok();
         there.with_store(&["cache", "pull"]).ok();
         assert_eq!((there.digests(), there.planned()), (digests.clone(), (9, 0)), "round {round}");
         there.turbid(&["cache", "verify"]).ok();
     }
+    println!("{killed} of {} pushes and pulls were killed at work", 3 * rounds());
 }
 
 /// Runs with a store behind them, killed at any moment.
@@ -54,11 +57,12 @@ fn killed_runs_go_on() {
     let began = Instant::now();
     reference.turbid(&["run", "p.yaml"]).ok();
     let (length, digests) = (2 * began.elapsed(), reference.digests());
-    for round in 0..kills() {
+    let mut killed = 0;
+    for round in 0..rounds() {
         service.names().iter().for_each(|name| service.replace(name, None));
         let here = Space::with(PIPELINE, &service);
         for again in 0..3 {
-            kill(&here, &["run", "p.yaml"], length, 3 * round + again);
+            killed += kill(&here, &["run", "p.yaml"], length, 3 * round + again);
         }
         here.with_store(&["run", "p.yaml"]).ok();
         let there = Space::with(PIPELINE, &service);
@@ -66,4 +70,5 @@ fn killed_runs_go_on() {
         assert_eq!((there.digests(), there.planned()), (digests.clone(), (9, 0)), "round {round}");
         there.turbid(&["cache", "verify"]).ok();
     }
+    println!("{killed} of {} runs were killed at work", 3 * rounds());
 }

@@ -91,6 +91,8 @@ fn is_of(licence: &str, name: &str, text: &str) -> bool {
         "Zlib" => "This software is provided 'as-is'",
         "Unicode-3.0" => "UNICODE LICENSE V3",
         "CC0-1.0" => "CC0 1.0 Universal",
+        "ISC" => "Permission to use, copy, modify, and/or distribute this software",
+        "CDLA-Permissive-2.0" => "Community Data License Agreement",
         _ => return false,
     };
     let text = text.split_whitespace().collect::<Vec<_>>().join(" ");
