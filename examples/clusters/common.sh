@@ -8,7 +8,7 @@ mkdir -p "$WORK"
 RANDOM=${SEED:-1}
 cp "$here/sweep.yaml" "$WORK/sweep.yaml"
 cd "$WORK"
-set_to=(--set "vars.samples=${SAMPLES:-2000}")
+set_to=(--set "vars.samples=${SAMPLES:-2000}" --set "vars.points=${POINTS:-64}" --set "vars.from=${FROM:-0.005}")
 
 # Ends processes that were started here, by the ids in files of this folder.
 end() {

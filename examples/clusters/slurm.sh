@@ -58,12 +58,16 @@ kill_node() {
     echo "kill -9: slurmd of node $node"
     kill -9 "$(cat "slurmd-n$node.pid")" 2>/dev/null
     node "$node"
+    # As an administrator would: a node that lost its tasks is set aside.
+    scontrol update NodeName=n[1-2] State=RESUME 2> /dev/null || true
 }
 kill_controller() {
     echo "kill -9: slurmctld"
     kill -9 "$(cat slurmctld.pid)" 2>/dev/null
     sleep 1
     controller
+    sleep 2
+    scontrol update NodeName=n[1-2] State=RESUME 2> /dev/null || true
 }
 reference
 echo "eight shards on Slurm:"

@@ -18,6 +18,9 @@ pub trait Engine {
     /// What became of the tasks of an array; `shards` are all of its shards, as they were handed over.
     fn look(&self, ticket: &Ticket, shards: &[u32]) -> Result<Look, Trouble>;
 
+    /// Takes tasks that ended badly out of the engine's lists, where it keeps them to be released by hand.
+    fn give_up(&self, _: &Ticket, _: &[u32]) {}
+
     /// The command that ends the tasks of an array; `None` where the engine has none.
     fn cancel(&self, ticket: &Ticket) -> Option<String>;
 }

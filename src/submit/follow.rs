@@ -174,6 +174,8 @@ impl<E> Following<'_, E> {
                 return Ok(End::Unfinished(Unfinished { why, stale, failed, round }));
             }
             left -= 1;
+            let ended: Vec<u32> = failed.keys().copied().collect();
+            self.engine.give_up(&submission.ticket, &ended);
             let shards: Vec<u32> = stale.shards.keys().copied().collect();
             let Some(again) = self.again(round + 1, &shards)? else { return Ok(End::Interrupted) };
             (self.told)(Event::Submitted(&again));

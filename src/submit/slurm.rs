@@ -11,6 +11,9 @@ pub struct Slurm;
 
 const NO_SLURM: &str = "submit where Slurm's commands are installed, on a login node of the cluster";
 
+/// What Slurm says of a task that no node could begin.
+const LAUNCH_FAILED: &str = "launch failed requeued held";
+
 impl Engine for Slurm {
     fn name(&self) -> &'static str {
         "Slurm"
@@ -57,6 +60,14 @@ impl Engine for Slurm {
             tasks.extend(self.accounts(ticket));
         }
         Ok(if forgotten && tasks.is_empty() { Look::Unknown } else { Look::Tasks(tasks) })
+    }
+
+    fn give_up(&self, ticket: &Ticket, shards: &[u32]) {
+        let mut command = Command::new("scancel");
+        cluster(&mut command, ticket);
+        command.args(shards.iter().map(|shard| format!("{}_{shard}", ticket.id)));
+        // Those that are gone already are an error of no weight.
+        drop(program::run(&mut command, ""));
     }
 
     fn cancel(&self, ticket: &Ticket) -> Option<String> {
@@ -122,6 +133,8 @@ fn task(state: &str, reason: &str) -> Task {
             let usual = ["", "None", "NonZeroExitCode"].contains(&reason);
             Task::Failed(if usual { word.to_owned() } else { format!("{word}, {reason}") })
         }
+        // Slurm gave up: the task stays in the queue until somebody releases it. What people hold goes on waiting for them.
+        _ if reason == LAUNCH_FAILED => Task::Failed(format!("{word}, {reason}")),
         // PENDING, CONFIGURING, REQUEUED, .. and what later versions bring.
         _ => {
             let usual = ["", "None", "Resources", "Priority", "BeginTime"].contains(&reason);
@@ -167,7 +180,7 @@ mod tests {
         assert_eq!(ticket("a word of the site\n17;west\n"), of("17", Some("west")));
         assert_eq!(ticket("Submitted\n"), None);
         let tasks = queued(
-            "CLUSTER: west\n3|PENDING|Resources\n4|PENDING|PartitionConfig\n1|RUNNING|None\n2|FAILED|NonZeroExitCode\n5|NODE_FAIL|NodeDown\n6|COMPLETED|None\n7|CANCELLED|None\n",
+            "CLUSTER: west\n3|PENDING|Resources\n4|PENDING|PartitionConfig\n1|RUNNING|None\n2|FAILED|NonZeroExitCode\n5|NODE_FAIL|NodeDown\n6|COMPLETED|None\n7|CANCELLED|None\n8|PENDING|launch failed requeued held\n9|PENDING|JobHeldUser\n",
         );
         let wanted = [
             (1, Task::Runs),
@@ -177,6 +190,8 @@ mod tests {
             (5, Task::Failed("NODE_FAIL, NodeDown".to_owned())),
             (6, Task::Done),
             (7, Task::Cancelled),
+            (8, Task::Failed("PENDING, launch failed requeued held".to_owned())),
+            (9, Task::Waits(Some("JobHeldUser".to_owned()))),
         ];
         assert_eq!(tasks, BTreeMap::from(wanted));
         let tasks = accounted(

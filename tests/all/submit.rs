@@ -37,11 +37,12 @@ stages:
 ";
 const ALL: u64 = 3 * 66 + 1;
 
-const SCRIPTS: [(&str, &str); 6] = [
+const SCRIPTS: [(&str, &str); 7] = [
     ("tasks.sh", include_str!("submit/tasks.sh")),
     ("sbatch", include_str!("submit/sbatch")),
     ("squeue", include_str!("submit/squeue")),
     ("sacct", include_str!("submit/sacct")),
+    ("scancel", include_str!("submit/scancel")),
     ("hq", include_str!("submit/hq")),
     ("python", include_str!("submit/python")),
 ];
