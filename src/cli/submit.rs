@@ -94,6 +94,9 @@ impl Submit {
         if ahead.in_shards == 0 {
             return self.gather(registry);
         }
+        // From here on there may be a job that goes on without us, and Ctrl-C must not leave anybody without its name.
+        let interrupt = if self.follow { Interrupt::listen() } else { Ok(Interrupt::default()) };
+        let interrupt = interrupt.map_err(|e| Failure::Failed(format!("signals: {e}")))?;
         let engine = engine(&self.engine).expect("clap takes these names alone");
         let work = self.work(&parts, &ahead, options)?;
         let (job, submission, engine) = match self.at_work(&work, &said)? {
@@ -110,7 +113,7 @@ impl Submit {
             said.ways(&job, &submission, engine.as_ref());
             return Ok(());
         }
-        self.follow(&parts, &job, submission, engine.as_ref(), &said, registry)
+        self.follow(&parts, (job, submission, engine), &interrupt, &said, registry)
     }
 
     /// What is to be done, for any number of shards.
@@ -210,13 +213,12 @@ impl Submit {
     fn follow(
         &self,
         parts: &Parts<'_>,
-        job: &Job,
-        submission: Submission,
-        engine: &dyn Engine,
+        (job, submission, engine): AtWork,
+        interrupt: &Interrupt,
         said: &Said,
         registry: &Registry,
     ) -> Done {
-        let interrupt = Interrupt::listen().map_err(|e| Failure::Failed(format!("signals: {e}")))?;
+        let (job, engine) = (&job, engine.as_ref());
         let stale = || parts.stale(job.work.shards);
         let told = said.follower(job, engine);
         let following = Following {
@@ -224,7 +226,7 @@ impl Submit {
             engine,
             retries: self.retries,
             patience: Duration::from_secs_f64(60.0 * self.patience),
-            interrupt: &interrupt,
+            interrupt,
             stale: &stale,
             told: &told,
         };

@@ -210,7 +210,7 @@ fn inspect(space: &Space, place: &str, arguments: &[String]) {
     while let Some(&word) = rest.next() {
         match word {
             "--set" => check.extend([word, *rest.next().expect("the flags were read")]),
-            "--to" | "--bits" | "-j" | "--force" | "--outputs" => drop(rest.next()),
+            "--to" | "--bits" | "-j" | "--force" | "--outputs" | "--store" => drop(rest.next()),
             _ if word.starts_with('-') => {}
             _ => named.push(word.split(['.', '[']).next().unwrap_or(word)),
         }
