@@ -43,8 +43,7 @@ impl<'a> Room<'a> {
     /// Error: the run was cancelled.
     pub fn fill(&self, work: impl Fn(Range<usize>, &mut [f64]) + Sync) -> Result<Plane<'_>, Error> {
         let kept = self.free.lock().ok().and_then(|mut free| free.pop());
-        let mut plane =
-            Plane { pixels: kept.unwrap_or_else(|| vec![0.0; self.rows * self.columns]), free: &self.free };
+        let mut plane = Plane { pixels: kept.unwrap_or_else(|| vec![0.0; self.rows * self.columns]), free: &self.free };
         let blocks: Vec<Mutex<&mut [f64]>> = plane.pixels.chunks_mut(BLOCK * self.columns).map(Mutex::new).collect();
         self.ctx.map_tiles(blocks.len(), |i| {
             let mut pixels = blocks[i].lock().expect("each block is taken once");

@@ -26,12 +26,7 @@ pub struct Smoothing<'a, 'r> {
 impl<'a, 'r> Smoothing<'a, 'r> {
     /// `mask` is 0 at good pixels; without one all are. So many pixels as `sharing` are as noisy as one, their errors being common: 1 where
     /// they are independent.
-    pub fn new(
-        room: &'r Room<'a>,
-        gauss: &'a Gauss,
-        mask: Option<&'a [f32]>,
-        sharing: f64,
-    ) -> Result<Self, Error> {
+    pub fn new(room: &'r Room<'a>, gauss: &'a Gauss, mask: Option<&'a [f32]>, sharing: f64) -> Result<Self, Error> {
         let weight = gauss.sum(room, |i| good(mask, i), |_, sum| sum)?;
         Ok(Self { room, gauss, mask, sharing, weight })
     }

@@ -6,8 +6,8 @@ use turbid_contract::canonical::canonical_value;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{CameraNoise, Frames, Transfer};
 use turbid_contract::{
-    At, Ctx, Error, FileUse, Forms, ImageStack, Known, LayerInfo, Problem, Problems, Stage, StagePlan, in_ports, out_ports,
-    serde_json,
+    At, Ctx, Error, FileUse, Forms, ImageStack, Known, LayerInfo, Problem, Problems, Stage, StagePlan, in_ports,
+    out_ports, serde_json,
 };
 
 use crate::correct::{Camera, Corrected, Field, Light};
