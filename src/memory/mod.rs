@@ -17,7 +17,7 @@ pub const SMALL: u64 = 48 << 20;
 /// the engine holds before and after. `None` where neither is known.
 ///
 /// The most of three moments:
-/// - reading: the inputs decoded, and a line of pixels; of a table or a record also its bytes as they are stored, no more than decoded;
+/// - reading: the inputs decoded, but for those that are held in parts, and a line of pixels; of a table or a record also its bytes as they are stored, no more than decoded;
 /// - running: what the stage says, or twice its inputs and outputs;
 /// - storing: the outputs decoded, and of one table or record at a time its encoded bytes. Images go to the disk line by line.
 ///
@@ -32,7 +32,8 @@ pub fn need(plan: &StagePlan, inputs: &BTreeMap<String, Extent>) -> Option<u64> 
         }
         (bytes, bytes.saturating_add(stored))
     };
-    let (taken, reading) = of(&mut inputs.values());
+    let whole = inputs.iter().filter(|(port, _)| !plan.in_parts.contains(&port.as_str()));
+    let (taken, reading) = of(&mut whole.map(|(_, extent)| extent));
     let (made, storing) = of(&mut plan.makes.values());
     if plan.memory.is_none() && inputs.is_empty() && plan.makes.is_empty() {
         return None;
@@ -54,6 +55,9 @@ mod tests {
         assert_eq!(need(&plan, &inputs), Some(64_000_000 + BESIDE));
         plan.memory = Some(1_000_000);
         assert_eq!(need(&plan, &inputs), Some(32_000_000 + BESIDE), "reading");
+        plan.in_parts = vec!["frames"];
+        assert_eq!(need(&plan, &inputs), Some(1_000_000 + BESIDE), "in parts");
+        plan.in_parts.clear();
         plan.memory = Some(50_000_000);
         assert_eq!(need(&plan, &inputs), Some(50_000_000 + BESIDE), "running");
         plan.makes.insert("lut", Extent::Table { rows: 1_000_000, columns: 5 });

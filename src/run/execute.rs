@@ -75,8 +75,15 @@ fn attempt(worker: Worker<'_>, task: Task) -> Outcome {
     };
     let partial = worker.options.live.as_deref().and_then(|outputs| Partial::of(plan, id, job.key, outputs));
     let host = InstanceHost::new(worker, job, &label, wanted, lent.files.clone(), partial, forced);
-    let inputs =
-        StoredInputs { plan, store, wires: &instance.wires, outputs, kept: worker.kept, damaged: Mutex::new(None) };
+    let inputs = StoredInputs {
+        plan,
+        store,
+        wires: &instance.wires,
+        outputs,
+        kept: worker.kept,
+        damaged: Mutex::new(None),
+        opened: Mutex::default(),
+    };
     let started = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
     if alone {
         reset_peak_memory();

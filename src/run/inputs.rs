@@ -3,12 +3,12 @@
 use std::collections::{HashMap, VecDeque};
 use std::sync::{Arc, Mutex};
 
-use turbid_contract::{Artifact, ArtifactKind, Axes, Error, InputSource, Shared};
+use turbid_contract::{Artifact, ArtifactKind, Axes, Error, Head, ImageStack, InputSource, LayerInfo, Shared};
 
 use crate::panics::lock;
 use crate::plan::{InstanceId, Plan, Wire};
 use crate::resolve::Outputs;
-use crate::store::{Blob, Store};
+use crate::store::{Blob, OpenedImages, Store, StoreError};
 
 pub struct StoredInputs<'a> {
     pub plan: &'a Plan,
@@ -19,11 +19,34 @@ pub struct StoredInputs<'a> {
     pub kept: &'a Kept,
     /// The producer of a blob that turned out damaged.
     pub damaged: Mutex<Option<InstanceId>>,
+    /// Image stacks of which parts are asked for, by port.
+    pub opened: Mutex<HashMap<String, Arc<OpenedImages>>>,
 }
 
 impl StoredInputs<'_> {
     fn wire(&self, port: &str) -> Option<&Wire> {
         self.wires.iter().find(|w| w.port == port)
+    }
+
+    /// The image stack on a `one` port, compared with its digest once.
+    fn images(&self, port: &str) -> Result<Arc<OpenedImages>, Error> {
+        let mut opened = lock(&self.opened);
+        if let Some(known) = opened.get(port) {
+            return Ok(known.clone());
+        }
+        let wire = self.wire(port).ok_or_else(|| Error::failed(format!("input `{port}` is not connected")))?;
+        let (producer, out) = wire.from[0];
+        let images = self.store.open_images(&self.outputs[&producer][out]);
+        let images = Arc::new(images.map_err(|error| self.lost(port, producer, &error))?);
+        opened.insert(port.to_owned(), images.clone());
+        Ok(images)
+    }
+
+    fn lost(&self, port: &str, producer: InstanceId, error: &StoreError) -> Error {
+        if error.is_lost_blob() {
+            *lock(&self.damaged) = Some(producer);
+        }
+        Error::failed(format!("input `{port}`: {error}"))
     }
 }
 
@@ -88,11 +111,15 @@ impl InputSource for StoredInputs<'_> {
     fn load(&self, port: &str, index: usize) -> Result<Artifact, Error> {
         let (producer, out) = self.wire(port).expect("a stage asks for its own ports").from[index];
         let blob = &self.outputs[&producer][out];
-        self.store.get(blob).map_err(|error| {
-            if error.is_lost_blob() {
-                *lock(&self.damaged) = Some(producer);
-            }
-            Error::failed(format!("input `{port}`: {error}"))
-        })
+        self.store.get(blob).map_err(|error| self.lost(port, producer, &error))
+    }
+
+    fn head(&self, port: &str) -> Result<Head, Error> {
+        Ok(self.images(port)?.head().clone())
+    }
+
+    fn part(&self, port: &str, wanted: &dyn Fn(usize, &LayerInfo) -> bool) -> Result<ImageStack, Error> {
+        let producer = self.wire(port).expect("a stage asks for its own ports").from[0].0;
+        self.images(port)?.part(wanted).map_err(|error| self.lost(port, producer, &error))
     }
 }

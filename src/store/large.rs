@@ -1,12 +1,16 @@
 //! Large image stacks: line by line between memory and disk, so that neither the encoded bytes nor a second copy of the pixels is ever held.
 
+use std::borrow::Cow;
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::Path;
+use std::sync::Mutex;
 
-use turbid_contract::{ArtifactKind, ImageStack};
+use turbid_contract::parts::kept;
+use turbid_contract::{ArtifactKind, Head, ImageStack, LayerInfo};
 
 use crate::digest::Digest;
+use crate::panics::lock;
 use crate::store::backend::{Backend, Folder};
 use crate::store::disk;
 use crate::store::error::StoreError;
@@ -59,6 +63,18 @@ pub(super) fn put(root: &Path, folder: &Folder, stack: &ImageStack) -> Result<Bl
 
 /// What [`Store::get`](super::Store::get) does with a large stack: its file is read once to compare it with its digest, and once more to decode it.
 pub(super) fn get(folder: &Folder, blob: &Blob) -> Result<ImageStack, StoreError> {
+    exr::decode_from(BufReader::with_capacity(BUFFER, verified(folder, blob)?))
+}
+
+/// The stack without its pixels, once its file was compared with its digest.
+pub(super) fn open(folder: &Folder, blob: &Blob) -> Result<OpenedImages, StoreError> {
+    let file = verified(folder, blob)?;
+    let head = exr::head(BufReader::new(&file))?;
+    Ok(OpenedImages { head, from: Source::File(Mutex::new(file)) })
+}
+
+/// The file of a blob, at its start.
+fn verified(folder: &Folder, blob: &Blob) -> Result<File, StoreError> {
     let (digest, path) = (blob.digest, folder.loose_path(blob));
     let failed = |source: io::Error| match source.kind() {
         io::ErrorKind::NotFound => StoreError::Missing { digest },
@@ -71,7 +87,44 @@ pub(super) fn get(folder: &Folder, blob: &Blob) -> Result<ImageStack, StoreError
         return Err(StoreError::Damaged { digest });
     }
     file.seek(SeekFrom::Start(0)).map_err(failed)?;
-    exr::decode_from(BufReader::with_capacity(BUFFER, file))
+    Ok(file)
+}
+
+/// An image stack whose layers are decoded when they are asked for.
+pub struct OpenedImages {
+    head: Head,
+    from: Source,
+}
+
+enum Source {
+    /// A small one.
+    Memory(ImageStack),
+    /// Open from when it was verified: whoever replaces or removes it changes nothing here.
+    File(Mutex<File>),
+}
+
+impl OpenedImages {
+    pub(super) fn of(stack: ImageStack) -> Self {
+        Self { head: Head::of(&stack), from: Source::Memory(stack) }
+    }
+
+    pub fn head(&self) -> &Head {
+        &self.head
+    }
+
+    /// The layers that `wanted` says yes to, by their place and what they are.
+    ///
+    /// Error: the file cannot be read any more.
+    pub fn part(&self, wanted: &dyn Fn(usize, &LayerInfo) -> bool) -> Result<ImageStack, StoreError> {
+        match &self.from {
+            Source::Memory(stack) => Ok(kept(Cow::Borrowed(stack), wanted)),
+            Source::File(file) => {
+                let mut file = lock(file);
+                file.seek(SeekFrom::Start(0)).map_err(|e| StoreError::unfit(format!("it cannot be read: {e}")))?;
+                exr::decode_part(BufReader::with_capacity(BUFFER, &mut *file), &self.head, wanted)
+            }
+        }
+    }
 }
 
 fn length(file: &File) -> io::Result<u64> {
@@ -119,6 +172,13 @@ mod tests {
         assert_eq!((blob.digest, blob.bytes), (Digest::of(&bytes), bytes.len() as u64));
         assert!(store.get(&blob).unwrap() == artifact);
         assert_eq!(store.extent(&blob), Some(artifact.extent()));
+        let opened = store.open_images(&blob).unwrap();
+        let Artifact::Images(stack) = &artifact else { unreachable!("it is one") };
+        assert_eq!(*opened.head(), Head::of(stack));
+        for some in [vec![], vec![1], vec![0, 2], vec![0, 1, 2]] {
+            let wanted = |k: usize, _: &LayerInfo| some.contains(&k);
+            assert!(opened.part(&wanted).unwrap() == kept(Cow::Borrowed(stack), &wanted), "{some:?}");
+        }
         assert_eq!(store.put(&artifact).unwrap(), blob);
         let path = store.file_of(&blob).expect("a file of its own");
         let mut wrong = bytes.clone();

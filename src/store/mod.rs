@@ -55,6 +55,7 @@ pub use codec::{decode, encode, encode_pieces};
 pub use error::StoreError;
 pub use gc::GcReport;
 pub use key_lock::KeyLock;
+pub use large::OpenedImages;
 pub use record::{Blob, Cost, InstanceRecord, PortRecord, Provenance, Recipe};
 pub use release::Names;
 pub use remote::{Address, Pulled, Pushed, Remote, RemoteError, Traffic};
@@ -249,12 +250,28 @@ impl Store {
         decode(blob.kind, &self.bytes(blob)?)
     }
 
+    /// An image stack of which parts are wanted: of a large one no more than these are ever in memory. Errors as [`Store::bytes`].
+    pub fn open_images(&self, blob: &Blob) -> Result<OpenedImages, StoreError> {
+        if blob.kind == ArtifactKind::Images && blob.bytes >= large::LARGE {
+            return self.large(blob, large::open);
+        }
+        match self.get(blob)? {
+            Artifact::Images(stack) => Ok(OpenedImages::of(stack)),
+            _ => Err(StoreError::unfit("not an image stack")),
+        }
+    }
+
     fn get_large(&self, blob: &Blob) -> Result<ImageStack, StoreError> {
+        self.large(blob, large::get)
+    }
+
+    /// What `read` makes of a large blob; a damaged one goes to quarantine.
+    fn large<T>(&self, blob: &Blob, read: impl Fn(&Folder, &Blob) -> Result<T, StoreError>) -> Result<T, StoreError> {
         if !self.read_only {
             self.begin_use(&|| false)?;
         }
         self.backend.bring(blob)?;
-        match large::get(&self.folder, blob) {
+        match read(&self.folder, blob) {
             Err(StoreError::Damaged { digest }) => {
                 if !self.read_only {
                     self.backend.quarantine(blob)?;

@@ -3,9 +3,9 @@
 use std::borrow::Cow;
 
 use turbid_contract::ndarray::Array2;
-use turbid_contract::payload::MaskReason;
+use turbid_contract::payload::{MaskReason, Modulation};
 use turbid_contract::planes::mean_se;
-use turbid_contract::{Ctx, Error, ImageStack, Layer, LayerInfo, LayerKind};
+use turbid_contract::{Ctx, Error, ImageStack, Layer, LayerInfo, LayerKind, Parts};
 
 use crate::gauss::Gauss;
 use crate::plane::{Plane, Room};
@@ -15,29 +15,43 @@ use crate::smooth::{Smooth, Smoothing};
 const LEAST_REFERENCE_SIGNAL: f64 = 5.0;
 
 /// One side of the ratio: the stack and the layers that make R_d at each f_x of one wavelength.
-pub struct Arm<'a> {
-    pub stack: &'a ImageStack,
-    /// Indices of the layers, in the order of the results.
+pub struct Arm {
+    /// What belongs to the wavelength.
+    pub stack: ImageStack,
+    /// Places of the layers in it, in the order of the results.
     pub layers: Vec<usize>,
+    /// The same in the whole arm, which covariances point to.
+    places: Vec<usize>,
     pub wavelength_nm: Option<f64>,
 }
 
-impl<'a> Arm<'a> {
-    fn value(&self, k: usize) -> Cow<'a, [f32]> {
+impl Arm {
+    /// The arm at one wavelength; `places` are those of its layers in the whole.
+    ///
+    /// Error: it cannot be read.
+    pub fn of(arm: &Parts<'_, Modulation>, places: Vec<usize>, wavelength_nm: Option<f64>) -> Result<Self, Error> {
+        let held = arm.places(wavelength_nm);
+        let at = |place: &usize| held.iter().position(|held| held == place).expect("it is of this wavelength");
+        let layers = places.iter().map(at).collect();
+        let stack = arm.channel(wavelength_nm)?.0;
+        Ok(Self { stack, layers, places, wavelength_nm })
+    }
+
+    fn value(&self, k: usize) -> Cow<'_, [f32]> {
         self.stack.layers[self.layers[k]].pixels()
     }
 
-    fn info(&self, k: usize) -> &'a LayerInfo {
+    fn info(&self, k: usize) -> &LayerInfo {
         &self.stack.layers[self.layers[k]].info
     }
 
-    fn se(&self, k: usize) -> Option<Cow<'a, [f32]>> {
+    fn se(&self, k: usize) -> Option<Cow<'_, [f32]>> {
         self.stack.standard_error(self.info(k)).map(Layer::pixels)
     }
 
     /// Covariance of quantities `i` and `j`: what the stack says; none means independent.
-    fn covariance(&self, i: usize, j: usize) -> Option<Cow<'a, [f32]>> {
-        let (a, b) = (self.layers[i] as u32, self.layers[j] as u32);
+    fn covariance(&self, i: usize, j: usize) -> Option<Cow<'_, [f32]>> {
+        let (a, b) = (self.places[i] as u32, self.places[j] as u32);
         let wanted = |l: &&Layer| {
             l.info.kind == LayerKind::Covariance && (l.info.pair == Some([a, b]) || l.info.pair == Some([b, a]))
         };
@@ -45,11 +59,11 @@ impl<'a> Arm<'a> {
     }
 
     /// 1 where the standard error of quantity `k` is not known; `None` where it is everywhere.
-    fn se_unknown(&self, k: usize) -> Option<Cow<'a, [f32]>> {
+    fn se_unknown(&self, k: usize) -> Option<Cow<'_, [f32]>> {
         self.stack.se_unknown(self.info(k)).map(Layer::pixels).filter(|flags| flags.iter().any(|&f| f != 0.0))
     }
 
-    fn mask(&self) -> Option<Cow<'a, [f32]>> {
+    fn mask(&self) -> Option<Cow<'_, [f32]>> {
         self.stack.mask(self.wavelength_nm).map(Layer::pixels)
     }
 }
@@ -72,7 +86,7 @@ const LARGEST_SHARE: f64 = 0.1;
 /// Errors are known where both arms know theirs; then they hold the noise of both. `corrects` takes off what the noise of
 /// the reference adds to the mean of the ratio.
 pub fn calibrate(
-    arms: [&Arm<'_>; 2],
+    arms: [&Arm; 2],
     model: &[f64],
     gauss: [&Gauss; 2],
     corrects: bool,

@@ -4,8 +4,8 @@ use turbid_contract::canonical::canonical_value;
 use turbid_contract::layers::place;
 use turbid_contract::payload::{CONDITIONS, Conditions, Convention, Modulation, REFERENCE_CONDITIONS, Reflectance};
 use turbid_contract::{
-    Attributes, Ctx, Error, Extents, FileUse, Forms, ImageStack, Known, Layer, LayerInfo, LayerKind, Problems, Stage,
-    StagePlan, Usual, in_ports, out_ports, serde_json,
+    Attributes, Ctx, Error, Extents, FileUse, Forms, Head, ImageStack, Known, Layer, LayerInfo, LayerKind, Parts,
+    Problems, Stage, StagePlan, Usual, in_ports, out_ports, serde_json,
 };
 
 use crate::form;
@@ -27,9 +27,9 @@ const WIDEST_SMOOTHING_PX: f64 = 100.0;
 in_ports! {
     pub struct In {
         /// Modulation of the sample.
-        sample: one Modulation,
+        sample: parts Modulation,
         /// Modulation of the reference phantom, same rig, same f_x.
-        reference: one Modulation,
+        reference: parts Modulation,
     }
 }
 
@@ -100,27 +100,28 @@ impl Stage for Calibrate {
         let f_x = known.form("sample").and_then(|form| form.f_x()).map(|list| list.len() as u64);
         let arms = known.extent("sample").zip(known.extent("reference"));
         let memory = arms.map(|(sample, reference)| memory(sample, reference, f_x));
+        let in_parts = vec!["sample", "reference"];
         let (memory, makes) = memory.map_or((None, Extents::new()), |(bytes, makes)| (Some(bytes), makes));
-        StagePlan { method: Some(method.into()), left_out, memory, makes, ..StagePlan::default() }
+        StagePlan { method: Some(method.into()), left_out, memory, in_parts, makes, ..StagePlan::default() }
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
-        let arms = [&inputs.sample.0.attributes, &inputs.reference.0.attributes];
+        let arms = [&inputs.sample.head().attributes, &inputs.reference.head().attributes];
         if let Some(what) = difference(params.rigs, arms[0], arms[1]) {
             let what = format!("the sample and the reference were lit or seen by different rigs: {what}");
             return Err(Error::failed_with_hint(what, SHARE));
         }
-        let wavelengths = lit(&inputs.sample.0.infos())?;
+        let wavelengths = lit(&inputs.sample.head().layers)?;
         let resolved = resolve(&params.reference, &wavelengths, arms[1], &|at| ctx.file(at))?;
         let lost =
             || Error::invalid("reference", "what the reference is, is not said, or its file was not handed over");
         let resolved = resolved.ok_or_else(lost)?;
         conventional(params, &resolved)?;
         let model = |standard: &Standard, f_x: f64| standard.reflectance(params.model, params.convention, f_x);
-        let arms = [&inputs.sample.0, &inputs.reference.0];
-        let mut stack = reflectance(arms, (&wavelengths, &resolved.at), params, model, ctx)?;
-        stack.attributes.extend(said(params, Some(&resolved), &inputs.reference.0.attributes));
-        stack.carry_conditions(&inputs.sample.0);
+        let both = [&inputs.sample, &inputs.reference];
+        let mut stack = reflectance(both, (&wavelengths, &resolved.at), params, model, ctx)?;
+        stack.attributes.extend(said(params, Some(&resolved), arms[1]));
+        stack.carry_conditions(&inputs.sample.conditions()?.0);
         Ok(Out { reflectance: Reflectance(stack) })
     }
 }
@@ -311,35 +312,36 @@ fn digits(x: f64) -> f64 {
 }
 
 fn reflectance(
-    [sample, reference]: [&ImageStack; 2],
+    [sample, reference]: [&Parts<'_, Modulation>; 2],
     (wavelengths, standards): (&[Option<f64>], &[Standard]),
     params: &Params,
     model: impl Fn(&Standard, f64) -> Result<f64, Error>,
     ctx: Ctx<'_>,
 ) -> Result<ImageStack, Error> {
-    let size = |s: &ImageStack| [s.rows() as u64, s.columns() as u64];
-    same_size(size(sample), size(reference))?;
-    let (infos, reference_infos) = (sample.infos(), reference.infos());
-    same_wavelengths(&infos, &reference_infos)?;
+    let [own, others] = [sample.head(), reference.head()];
+    let size = |head: &Head| [head.rows as u64, head.columns as u64];
+    same_size(size(own), size(others))?;
+    same_wavelengths(&own.layers, &others.layers)?;
     let gauss = [params.smooth_sample, params.smooth].map(Gauss::new);
-    let mut stack = ImageStack::new(sample.rows(), sample.columns());
-    stack.attributes = sample.attributes.clone();
+    let mut stack = ImageStack::new(own.rows, own.columns);
+    stack.attributes = own.attributes.clone();
     let (mut values, mut errors, mut covariances, mut masks) = (vec![], vec![], vec![], vec![]);
     let mut unknown = vec![];
     let corrects = params.noise_bias == NoiseBias::Correct;
-    let room = Room::new(sample.rows(), sample.columns(), ctx);
+    let room = Room::new(own.rows, own.columns, ctx);
     for (&wavelength_nm, standard) in wavelengths.iter().zip(standards) {
-        let quantities = quantities(&infos, wavelength_nm);
+        let quantities = quantities(&own.layers, wavelength_nm);
         let layers: Result<Vec<usize>, Error> =
-            quantities.iter().map(|q| counterpart(&reference_infos, &infos[q.layer])).collect();
+            quantities.iter().map(|q| counterpart(&others.layers, &own.layers[q.layer])).collect();
         let layers = layers?;
-        if let Some(&layer) = layers.first() {
-            lit_at_all(reference, layer, wavelength_nm, ctx)?;
+        // Of each arm the layers of one wavelength are in memory.
+        let sample = Arm::of(sample, quantities.iter().map(|q| q.layer).collect(), wavelength_nm)?;
+        let reference = Arm::of(reference, layers, wavelength_nm)?;
+        if let Some(&layer) = reference.layers.first() {
+            lit_at_all(&reference.stack, layer, wavelength_nm, ctx)?;
         }
         let model: Result<Vec<f64>, Error> = quantities.iter().map(|q| model(standard, q.f_x_per_mm)).collect();
-        let arm = |stack, layers| Arm { stack, layers, wavelength_nm };
-        let sample_arm = arm(sample, quantities.iter().map(|q| q.layer).collect());
-        let arms = [&sample_arm, &arm(reference, layers)];
+        let arms = [&sample, &reference];
         let calibrated = calibrate(arms, &model?, gauss.each_ref(), corrects, &room, ctx)?;
         if calibrated.se.is_empty() {
             ctx.warn("no standard errors: the sample or the reference does not know its own");
@@ -351,7 +353,7 @@ fn reflectance(
         }
         for ((mut info, data), q) in calibrated.r_d.into_iter().zip(&quantities) {
             info.f_x_per_mm = Some(q.f_x_per_mm);
-            info.orientation_deg = sample.layers[q.layer].info.orientation_deg.filter(|_| q.f_x_per_mm > 0.0);
+            info.orientation_deg = own.layers[q.layer].orientation_deg.filter(|_| q.f_x_per_mm > 0.0);
             values.push((info, data));
         }
         let described = values[first as usize..].iter().map(|(info, _)| info.standard_error());

@@ -134,7 +134,8 @@ fn masked(mut modulation: Modulation, mask: &[(usize, MaskReason)]) -> Modulatio
 
 fn calibrate(sample: Modulation, reference: Modulation, params: &Params) -> Result<Out, Error> {
     let host = MemoryHost::default();
-    Calibrate::run(params, In { sample, reference, source: std::marker::PhantomData }, Ctx::new(&host))
+    let inputs = In { sample: sample.into(), reference: reference.into(), source: std::marker::PhantomData };
+    Calibrate::run(params, inputs, Ctx::new(&host))
 }
 
 fn noise(seed: u64) -> impl FnMut() -> f64 {

@@ -1,11 +1,13 @@
 //! Ports: where stages join. `in_ports!` and `out_ports!` turn a struct of payloads into ports.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use serde_json::Value;
 
-use crate::artifact::{Artifact, ArtifactKind};
+use crate::artifact::{Artifact, ArtifactKind, ImageStack, LayerInfo};
 use crate::error::Error;
+use crate::parts::{Head, kept};
 use crate::payload::{Payload, Quantity};
 use crate::shared::Shared;
 
@@ -59,8 +61,24 @@ pub trait InputSource {
     fn shared(&self, _port: &str) -> Result<Option<Shared>, Error> {
         Ok(None)
     }
+    /// What the image stack on a `one` port is. Error: there is none.
+    fn head(&self, port: &str) -> Result<Head, Error> {
+        Ok(Head::of(&images(self.one(port)?, port)?))
+    }
+    /// Those of its layers that are wanted, by their place and what they are; as often as asked.
+    fn part(&self, port: &str, wanted: &dyn Fn(usize, &LayerInfo) -> bool) -> Result<ImageStack, Error> {
+        Ok(kept(Cow::Owned(images(self.one(port)?, port)?), wanted))
+    }
     /// One artifact of a `many` port.
     fn load(&self, port: &str, index: usize) -> Result<Artifact, Error>;
+}
+
+fn images(artifact: Option<Artifact>, port: &str) -> Result<ImageStack, Error> {
+    match artifact {
+        Some(Artifact::Images(stack)) => Ok(stack),
+        Some(other) => Err(Error::failed(format!("input `{port}` must be an image stack, not {:?}", other.kind()))),
+        None => Err(Error::failed(format!("input `{port}` is not connected"))),
+    }
 }
 
 /// The artifacts of a `many` port: axes now, each artifact when asked for.
@@ -129,6 +147,7 @@ pub fn load_optional<T: Payload>(source: &dyn InputSource, port: &'static str) -
 ///     }
 /// }
 /// ```
+/// `frames: parts Frames` is the same port as `one`, of an image stack whose layers the stage asks for ([`Parts`](crate::Parts)). This
 /// makes `struct In<'a> { frames: Frames, covariance: Option<Covariance>, phantoms: Many<'a, Modulation> }`; the
 /// `Stage::In` type is `In<'static>`.
 #[macro_export]
@@ -161,14 +180,17 @@ macro_rules! in_ports {
         }
     };
     (@slot $life:lifetime one $payload:ty) => { $payload };
+    (@slot $life:lifetime parts $payload:ty) => { $crate::Parts<$life, $payload> };
     (@slot $life:lifetime optional $payload:ty) => { Option<$payload> };
     (@slot $life:lifetime many $payload:ty) => { $crate::Many<$life, $payload> };
     (@slot $life:lifetime some $payload:ty) => { $crate::Many<$life, $payload> };
     (@arity one) => { $crate::Arity::One };
+    (@arity parts) => { $crate::Arity::One };
     (@arity optional) => { $crate::Arity::Optional };
     (@arity many) => { $crate::Arity::Many };
     (@arity some) => { $crate::Arity::Some };
     (@load one $payload:ty, $source:ident, $port:expr) => { $crate::port::load_one::<$payload>($source, $port)? };
+    (@load parts $payload:ty, $source:ident, $port:expr) => { $crate::Parts::<$payload>::open($port, $source)? };
     (@load optional $payload:ty, $source:ident, $port:expr) => { $crate::port::load_optional::<$payload>($source, $port)? };
     (@load many $payload:ty, $source:ident, $port:expr) => { $crate::Many::<$payload>::new($port, $source) };
     (@load some $payload:ty, $source:ident, $port:expr) => { $crate::Many::<$payload>::new($port, $source) };

@@ -42,6 +42,9 @@ pub struct StagePlan {
     /// Bytes that the run holds at the most: its inputs as long as it holds them, its state, what it works with, and its outputs.
     /// `None` where that is not known yet; the engine then takes what it knows of inputs and outputs.
     pub memory: Option<u64>,
+    /// Inputs that are never held whole: [`memory`](Self::memory) says what of them is.
+    #[serde(skip)]
+    pub in_parts: Vec<&'static str>,
     /// How large the outputs are going to be, as far as that is known: what the stages that read them reckon with.
     #[serde(skip)]
     pub makes: Extents,

@@ -99,7 +99,7 @@ fn main() {
             let whole = with_own(
                 || input.clone(),
                 |frames| {
-                    let inputs = In { frames, covariance: None, scene: None, source: PhantomData };
+                    let inputs = In { frames: frames.into(), covariance: None, scene: None, source: PhantomData };
                     drop(black_box(Demodulate::run(&params, inputs, Ctx::new(&host))));
                 },
             );

@@ -22,6 +22,7 @@ use crate::unknown;
 mod describe;
 mod tally;
 
+pub use describe::Mean;
 pub use tally::{Tally, of};
 
 /// Pixels that are worked on at a time: their f64 intermediates stay in the first-level cache.

@@ -2,6 +2,7 @@
 
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Covariance, Frames, Modulation, Phase, Scene};
+use turbid_contract::planes::mean_se;
 use turbid_contract::{
     Ctx, Error, Forms, ImageStack, Known, LayerInfo, LayerKind, Problems, Stage, StagePlan, in_ports, out_ports,
 };
@@ -15,14 +16,14 @@ use crate::layers::Group;
 use crate::masked::measure_masked;
 use crate::memory::memory;
 use crate::params::{Filter, Method, Params, Steps};
-use crate::pass::{Pass, Tally};
+use crate::pass::{Mean, Pass, Tally};
 use crate::set::channels;
 use crate::{joints, snapshot, speckled};
 
 in_ports! {
     pub struct In {
         /// Camera frames: three phases or more for each f_x > 0, for f_x = 0 one or three and more.
-        frames: one Frames,
+        frames: parts Frames,
         /// Covariance behind the frames, where pixels of several frames share paths.
         covariance: optional Covariance,
         /// Camera whose pixels single_shot and speckle count in.
@@ -106,7 +107,8 @@ impl Stage for Demodulate {
             2.5e-6 * columns * rows * window.0 * columns / camera.field[0]
         });
         StagePlan {
-            memory: memory(known, &describe(params, known)),
+            memory: memory(known, &describe(params, known), params.method == Method::PhaseShift),
+            in_parts: if params.method == Method::PhaseShift { vec!["frames"] } else { Vec::new() },
             seconds: windows,
             method: Some(params.method.name().into()),
             left_out: if covariance { Vec::new() } else { vec!["covariance of the frames (not connected)".into()] },
@@ -115,40 +117,34 @@ impl Stage for Demodulate {
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
-        for light in dark(&inputs.frames.0) {
-            ctx.warn(format!(
-                "the frames{light} are 0 in every pixel: no light comes to the camera; do projector and camera look at the same place, from the same side of the surface?"
-            ));
+        if params.method != Method::PhaseShift {
+            return whole(params, &inputs, ctx);
         }
-        if params.method == Method::SingleShot {
-            let (mut modulation, phase) = snapshot::run(params, &inputs.frames, inputs.scene.as_ref(), ctx)?;
-            modulation.carry_conditions(&inputs.frames.0);
-            return Ok(Out { modulation: Modulation(modulation), phase: phase.map(Phase) });
-        }
-        if params.method == Method::Speckle {
-            let mut modulation = speckled::run(params, &inputs.frames, inputs.scene.as_ref(), ctx)?;
-            modulation.carry_conditions(&inputs.frames.0);
-            if ctx.wants("phase") {
-                return Err(Error::failed(NO_PHASE));
-            }
-            return Ok(Out { modulation: Modulation(modulation), phase: None });
-        }
-        let frames = &inputs.frames.0;
-        let sharing = frames.layers.iter().filter(|l| l.info.kind == LayerKind::Value).map(|l| frames.sharing(&l.info));
-        let sharing = sharing.fold(frames.common_sharing(), f64::max);
+        let head = inputs.frames.head();
+        let conditions = inputs.frames.conditions()?.0;
+        let mut sharing = conditions.common_sharing();
         let wants_phase = ctx.wants("phase");
         let mut values = Group::default();
         let mut phases = Group::default();
+        let mut means = Vec::new();
         let (mut worst, mut all_good) = (Worst::default(), true);
-        let layers: Vec<&LayerInfo> = frames.layers.iter().map(|layer| &layer.info).collect();
-        for mut channel in channels(&layers)? {
+        let layers: Vec<&LayerInfo> = head.layers.iter().collect();
+        for wavelength_nm in channels(&layers)?.into_iter().map(|channel| channel.wavelength_nm) {
+            // Of the frames those of one wavelength are in memory.
+            let part = inputs.frames.channel(wavelength_nm)?;
+            let frames = &part.0;
+            warn_of_darkness(frames, ctx);
+            let shared = frames.layers.iter().filter(|l| l.info.kind == LayerKind::Value);
+            sharing = shared.map(|l| frames.sharing(&l.info)).fold(sharing, f64::max);
+            let infos: Vec<&LayerInfo> = frames.layers.iter().map(|layer| &layer.info).collect();
+            let mut channel = channels(&infos)?.pop().expect("the frames of a wavelength are one channel");
             if params.steps == Steps::Estimated {
                 channel.estimate_steps(frames, &mut worst)?;
             }
             channel.turn_even_light(frames, ctx);
             channel.check_frames(frames, params.saturation, ctx);
             channel.diagnose(frames, params.steps == Steps::Given, &mut worst, ctx);
-            let noise = Noise::of_channel(&channel, &inputs.frames, inputs.covariance.as_ref())?;
+            let noise = Noise::of_channel(&channel, &part, inputs.covariance.as_ref())?;
             let pass = Pass::new(&channel, noise.as_ref(), frames, params, wants_phase, ctx.simd());
             let dim = (frames.rows(), frames.columns());
             // Each of its own: a copy would write all its zeros.
@@ -159,7 +155,7 @@ impl Stage for Demodulate {
             tally.less(&pass.drop_weak(&mut planes, ctx)?);
             all_good &= tally.all_good();
             tally.report(&channel, noise.is_some(), &planes[planes.len() - 1], ctx);
-            pass.describe(planes, &tally, sharing, &mut values, &mut phases);
+            pass.describe(planes, &tally, &mut values, &mut phases, &mut means);
             let mask = &values.masks.last().expect("each channel has one").1;
             let light = ambient::of_channel(&channel, frames, noise.as_ref(), mask, ctx);
             if let (Some(info), Some((light, errors))) = (ambient::info(&channel), light) {
@@ -167,9 +163,13 @@ impl Stage for Demodulate {
                 values.values.push((info, light));
             }
         }
+        // Once all frames were seen.
+        for Mean { value, variances, good } in means {
+            values.values[value].0.mean_se = mean_se(variances, good, sharing);
+        }
         let stack = |group: Group<(LayerInfo, Array2<f32>)>| {
-            let mut stack = ImageStack::new(frames.rows(), frames.columns());
-            stack.attributes = frames.attributes.clone();
+            let mut stack = ImageStack::new(head.rows, head.columns);
+            stack.attributes = head.attributes.clone();
             group.into_iter_ordered().for_each(|(info, data)| stack.push(info, data));
             stack
         };
@@ -181,9 +181,30 @@ impl Stage for Demodulate {
         } else {
             measure_masked(&modulation, ctx);
         }
-        modulation.carry_conditions(frames);
+        modulation.carry_conditions(&conditions);
         Ok(Out { modulation: Modulation(modulation), phase })
     }
+}
+
+fn warn_of_darkness(frames: &ImageStack, ctx: Ctx<'_>) {
+    for light in dark(frames) {
+        ctx.warn(format!(
+            "the frames{light} are 0 in every pixel: no light comes to the camera; do projector and camera look at the same place, from the same side of the surface?"
+        ));
+    }
+}
+
+/// The methods that take a frame for more than its pixels.
+fn whole(params: &Params, inputs: &In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
+    let frames = inputs.frames.whole()?;
+    warn_of_darkness(&frames.0, ctx);
+    let (mut modulation, phase) = match params.method {
+        Method::Speckle if ctx.wants("phase") => return Err(Error::failed(NO_PHASE)),
+        Method::Speckle => (speckled::run(params, &frames, inputs.scene.as_ref(), ctx)?, None),
+        _ => snapshot::run(params, &frames, inputs.scene.as_ref(), ctx)?,
+    };
+    modulation.carry_conditions(&frames.0);
+    Ok(Out { modulation: Modulation(modulation), phase: phase.map(Phase) })
 }
 
 /// What only single_shot has.

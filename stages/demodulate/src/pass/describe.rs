@@ -3,7 +3,6 @@
 use turbid_contract::LayerInfo;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::MaskReason;
-use turbid_contract::planes::mean_se;
 
 use crate::layers::{Group, OfChannel};
 use crate::pass::{Pass, Tally};
@@ -11,19 +10,28 @@ use crate::unknown;
 
 pub type Described = (LayerInfo, Array2<f32>);
 
+/// What the standard error of the mean of a value is made of.
+pub struct Mean {
+    /// Which of the values.
+    pub value: usize,
+    /// The sum of those of its good pixels.
+    pub variances: f64,
+    pub good: u64,
+}
+
 impl Pass<'_> {
     /// Gives the planes their descriptions and sorts them into the two stacks.
     pub fn describe(
         &self,
         planes: Vec<Array2<f32>>,
         tally: &Tally,
-        sharing: f64,
         values: &mut Group<Described>,
         phases: &mut Group<Described>,
+        means: &mut Vec<Mean>,
     ) {
         let fringes = &self.channel.fringes;
         let known = self.blocks.is_some();
-        let OfChannel { values: mut infos, covariances, mask, phases: phase_infos, .. } =
+        let OfChannel { values: infos, covariances, mask, phases: phase_infos, .. } =
             OfChannel::new(self.channel, values.values.len());
         let phase_infos = if self.wants_phase { phase_infos } else { Vec::new() };
         let uncertain = self.uncertain(&planes, tally);
@@ -49,10 +57,13 @@ impl Pass<'_> {
         }
         let mut planes = planes.into_iter();
         let mut next = || planes.next().expect("as many planes as plane_count says");
-        for (q, info) in infos.iter_mut().enumerate() {
+        for (q, info) in infos.iter().enumerate() {
             // What frames do not know of a pixel they may still know of their mean.
             let known = known && (self.unknown[q / 2].is_none() || self.mean_known[q / 2]);
-            info.mean_se = if known { mean_se(tally.variances[q], tally.good, sharing) } else { None };
+            if known {
+                let value = values.values.len();
+                means.push(Mean { value, variances: tally.variances[q], good: tally.good });
+            }
             values.values.push((info.clone(), next()));
         }
         if known {

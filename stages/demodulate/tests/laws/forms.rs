@@ -114,7 +114,8 @@ fn assert_held(params: &Params, frames: &Frames, covariance: Option<&Covariance>
     assert!(problems.is_empty(), "{problems:?}");
     let forms = Demodulate::describe(params, &known);
     assert!(Demodulate::plan(params, &known).memory.is_some());
-    let inputs = In { frames: frames.clone(), covariance: covariance.cloned(), scene: None, source: PhantomData };
+    let inputs =
+        In { frames: frames.clone().into(), covariance: covariance.cloned(), scene: None, source: PhantomData };
     let out = Demodulate::run(params, inputs, Ctx::new(&host)).unwrap();
     let phase = out.phase.map(|phase| ("phase", phase.into_artifact()));
     for (port, artifact) in [("modulation", out.modulation.into_artifact())].into_iter().chain(phase) {
@@ -219,7 +220,8 @@ fn covariances_in_another_unit_are_named() {
     let parts =
         ["`shots.covariance` does not belong to `shots.frames`: ", "in W^2 mm^-4 sr^-2", "in counts", "counts^2"];
     assert_told(&fine, &known(&counts, Some(&covariance(&shown))), &parts);
-    let inputs = In { frames: counts.clone(), covariance: Some(covariance(&shown)), scene: None, source: PhantomData };
+    let inputs =
+        In { frames: counts.clone().into(), covariance: Some(covariance(&shown)), scene: None, source: PhantomData };
     let error = Demodulate::run(&fine, inputs, Ctx::new(&MemoryHost::default())).err().expect("it is refused");
     assert!(
         error.to_string().contains("the covariance is in W^2 mm^-4 sr^-2, but the frames are in counts"),

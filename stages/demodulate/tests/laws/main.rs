@@ -67,7 +67,7 @@ fn with(
     wanted: &[&str],
 ) -> Result<(Out, MemoryHost), Error> {
     let host = MemoryHost { wanted: wanted.iter().map(|w| w.to_string()).collect(), ..MemoryHost::default() };
-    let inputs = In { frames, covariance, scene: None, source: std::marker::PhantomData };
+    let inputs = In { frames: frames.into(), covariance, scene: None, source: std::marker::PhantomData };
     let out = Demodulate::run(params, inputs, Ctx::new(&host))?;
     Ok((out, host))
 }
