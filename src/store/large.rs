@@ -6,7 +6,7 @@ use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 use std::sync::Mutex;
 
-use turbid_contract::parts::kept;
+use turbid_contract::head::kept;
 use turbid_contract::{ArtifactKind, Head, ImageStack, LayerInfo};
 
 use crate::digest::Digest;

@@ -3,27 +3,11 @@
 use std::borrow::Cow;
 use std::marker::PhantomData;
 
-use crate::artifact::{Artifact, Attributes, ImageStack, LayerInfo, LayerKind};
+use crate::artifact::{Artifact, ImageStack, LayerInfo, LayerKind};
 use crate::error::Error;
+use crate::head::{Head, kept};
 use crate::payload::Payload;
 use crate::port::InputSource;
-
-/// What image stack is on a port, without its pixels.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Head {
-    pub rows: usize,
-    pub columns: usize,
-    pub attributes: Attributes,
-    /// Of its layers, in their order.
-    pub layers: Vec<LayerInfo>,
-}
-
-impl Head {
-    pub fn of(stack: &ImageStack) -> Self {
-        let (rows, columns) = (stack.rows(), stack.columns());
-        Self { rows, columns, attributes: stack.attributes.clone(), layers: stack.infos() }
-    }
-}
 
 /// The image stack of a `parts` port: what it is now, its layers when they are asked for.
 pub struct Parts<'a, T> {
@@ -96,21 +80,4 @@ impl<T: Payload> From<T> for Parts<'_, T> {
         let Artifact::Images(stack) = payload.into_artifact() else { panic!("{} is no image stack", T::NAME) };
         Self { head: Head::of(&stack), from: Origin::Memory(stack), payload: PhantomData }
     }
-}
-
-/// The layers of a stack that are wanted.
-pub fn kept(stack: Cow<'_, ImageStack>, wanted: &dyn Fn(usize, &LayerInfo) -> bool) -> ImageStack {
-    let mut part = ImageStack::new(stack.rows(), stack.columns());
-    part.attributes = stack.attributes.clone();
-    match stack {
-        Cow::Owned(stack) => {
-            let layers = stack.layers.into_iter().enumerate().filter(|(k, layer)| wanted(*k, &layer.info));
-            part.layers = layers.map(|(_, layer)| layer).collect();
-        }
-        Cow::Borrowed(stack) => {
-            let layers = stack.layers.iter().enumerate().filter(|(k, layer)| wanted(*k, &layer.info));
-            part.layers = layers.map(|(_, layer)| layer.clone()).collect();
-        }
-    }
-    part
 }

@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use crate::artifact::{Artifact, ArtifactKind, ImageStack, LayerInfo};
 use crate::error::Error;
-use crate::parts::{Head, kept};
+use crate::head::{Head, kept};
 use crate::payload::{Payload, Quantity};
 use crate::shared::Shared;
 
