@@ -22,6 +22,9 @@ pub fn tasks(cpu_s: f64, least_s: f64, most: Option<u32>) -> u32 {
 ///
 /// `stale` tells how many of so many shards have something to do.
 pub fn shards(tasks: u32, stale: impl Fn(u32) -> usize) -> u32 {
+    if stale(tasks) >= tasks as usize {
+        return tasks;
+    }
     let finer = std::iter::successors(Some(FINEST), |by| Some(by / 2)).take_while(|by| *by > 1);
     let fits = |of: &u32| stale(*of) <= tasks as usize;
     finer.filter_map(|by| tasks.checked_mul(by)).find(fits).unwrap_or(tasks)
@@ -60,6 +63,7 @@ mod tests {
             }
         };
         assert_eq!(shards(8, stale_of((0..100).collect())), 8);
+        assert_eq!(shards(4, stale_of(vec![10, 30, 60, 90])), 4, "no shard is empty");
         let last_ten = stale_of((90..100).collect());
         let of = shards(8, &last_ten);
         assert!(of > 8 && (5..=8).contains(&last_ten(of)), "{of}: {}", last_ten(of));
