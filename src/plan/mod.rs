@@ -2,6 +2,7 @@
 
 mod axes;
 mod lint;
+mod order;
 mod ports;
 pub mod shard;
 mod targets;
@@ -78,7 +79,7 @@ impl Plan {
         let mut problems = Vec::new();
         let infos = infos(&spec, registry, &mut problems);
         let links = ports::link(&spec, &infos, &mut problems);
-        let order = match topological(&spec) {
+        let order = match order::topological(&spec) {
             Ok(order) => order,
             Err(cycle) => {
                 let names: Vec<&str> = cycle.iter().map(|&s| spec.stages[s].name.as_str()).collect();
@@ -268,57 +269,6 @@ fn infos(spec: &Spec, registry: &Registry, problems: &mut Vec<Diagnostic>) -> Id
         Some(StageInfo { name: row.name, row: row.clone(), inputs: (row.inputs)(), outputs: (row.outputs)() })
     };
     spec.stages.iter_ids().map(info).collect()
-}
-
-/// Stages in an order in which inputs come first (file order where free), or a cycle.
-///
-/// By the names that inputs give, whether or not ports and payloads fit: those hardly ever do in a circle.
-fn topological(spec: &Spec) -> Result<Vec<StageId>, Vec<StageId>> {
-    #[derive(Clone, Copy, PartialEq)]
-    enum Mark {
-        New,
-        Open,
-        Done,
-    }
-    let sources = |stage: StageId| -> Vec<StageId> {
-        let named = spec.stages[stage].inputs.iter().flat_map(|input| &input.sources);
-        named.filter_map(|source| spec.stage(&source.stage)).collect()
-    };
-    let mut marks = IdVec::<StageId, _>::filled(Mark::New, spec.stages.len());
-    let mut order = Vec::new();
-    for root in spec.stages.ids() {
-        // An explicit stack: a chain of a million stages must not end the process.
-        let mut path: Vec<(StageId, Vec<StageId>)> = Vec::new();
-        if marks[root] == Mark::New {
-            marks[root] = Mark::Open;
-            path.push((root, sources(root)));
-        }
-        while let Some((stage, rest)) = path.last_mut() {
-            match rest.pop() {
-                Some(next) if marks[next] == Mark::New => {
-                    marks[next] = Mark::Open;
-                    path.push((next, sources(next)));
-                }
-                Some(next) if marks[next] == Mark::Open => {
-                    let start = path.iter().position(|(s, _)| *s == next).expect("open stages are on the path");
-                    let mut cycle: Vec<StageId> = path[start..].iter().map(|(s, _)| *s).collect();
-                    cycle.reverse();
-                    let first = cycle.iter().copied().min().expect("a cycle has stages");
-                    let turn = cycle.iter().position(|&s| s == first).expect("it is in it");
-                    cycle.rotate_left(turn);
-                    cycle.push(first);
-                    return Err(cycle);
-                }
-                Some(_) => {}
-                None => {
-                    marks[*stage] = Mark::Done;
-                    order.push(*stage);
-                    path.pop();
-                }
-            }
-        }
-    }
-    Ok(order)
 }
 
 type Mistake = (Section, Vec<String>, String, Option<String>);

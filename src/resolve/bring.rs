@@ -7,16 +7,16 @@ use rayon::prelude::*;
 use super::{AllOutputs, BLOCK, FEW, Keyed, Outputs, Resolver, outputs_of};
 use crate::digest::Digest;
 use crate::plan::InstanceId;
-use crate::store::StoreError;
+use crate::store::{Pulled, StoreError};
 use crate::threads;
 
 impl Resolver<'_> {
-    /// Brings in the records of all instances that are up to date here or elsewhere, stage by stage: the digests of one stage make the keys of the next. Their keys.
+    /// Brings in the records of all instances that are up to date here or elsewhere, stage by stage: the digests of one stage make the keys of the next. Their keys, and what was brought.
     ///
     /// Mistakes of the pipeline are left to the survey. Error: the store elsewhere cannot be read, or the local one not be written.
-    pub fn bring(&self) -> Result<Vec<Digest>, StoreError> {
+    pub fn bring(&self) -> Result<(Vec<Digest>, Pulled), StoreError> {
         let mut outputs = AllOutputs::filled(None, self.plan.instances.len());
-        let mut found = Vec::new();
+        let (mut found, mut pulled) = (Vec::new(), Pulled::default());
         for &stage in &self.plan.needed {
             let ids: Vec<InstanceId> = self.plan.instances_of(stage).collect();
             for block in ids.chunks(BLOCK) {
@@ -27,7 +27,7 @@ impl Resolver<'_> {
                     block.par_iter().map(key).collect()
                 };
                 let keys: Vec<Digest> = keyed.iter().flatten().map(|keyed| keyed.key).collect();
-                self.store.bring_records(&keys)?;
+                pulled += self.store.bring_records(&keys)?;
                 let here = block.iter().zip(keyed).filter_map(|(&id, keyed)| Some((id, keyed?)));
                 let here: Vec<(InstanceId, Option<Digest>, Outputs)> =
                     here.filter_map(|(id, keyed)| self.outputs_now(id, &keyed, &outputs)).collect();
@@ -37,7 +37,7 @@ impl Resolver<'_> {
                 }
             }
         }
-        Ok(found)
+        Ok((found, pulled))
     }
 
     /// The key of an instance whose inputs are known.

@@ -68,7 +68,8 @@ fn a_pipeline_says_what_is_sent() {
     assert!(said.contains("3 of 3 instances") && said.contains("pushed 2 results"), "{said}");
     let there = Space::with(PIPELINE, &service);
     let said = there.with_store(&["cache", "pull", "p.yaml", "frames"]).ok();
-    assert!(said.contains("4 of 6 instances") && said.contains("1 large blob"), "{said}");
+    assert!(said.contains("4 of 6 instances") && said.contains("pulled 4 results"), "{said}");
+    assert!(said.contains("1 large blob"), "{said}");
     assert_eq!(there.planned(), (4, 5), "three scenes, one render; its demodulation was not asked for");
     let said = there.with_store(&["cache", "pull", "absent.yaml"]).fails(2);
     assert!(said.contains("absent.yaml"), "{said}");

@@ -47,16 +47,17 @@ pub enum Way {
 impl Ship {
     pub fn run(&self, way: Way, outputs: &OutputsDir, registry: &Registry) -> Done {
         let store = self.elsewhere.required(outputs)?;
-        let (keys, mut lines) = match &self.file {
+        let (keys, mut brought, mut lines) = match &self.file {
             Some(file) => {
-                let (keys, line) = self.of_pipeline(file, &store, outputs, registry)?;
-                (Some(keys), vec![line])
+                let (keys, brought, line) = self.of_pipeline(file, &store, outputs, registry)?;
+                (Some(keys), brought, vec![line])
             }
-            None => (None, Vec::new()),
+            None => (None, Pulled::default(), Vec::new()),
         };
         let (mut pulled, mut pushed) = (None::<Pulled>, None::<Pushed>);
         if way != Way::Push {
-            pulled = Some(store.pull(keys.as_deref(), &Beat::new("pulled").told()).map_err(failed)?);
+            brought += store.pull(keys.as_deref(), &Beat::new("pulled").told()).map_err(failed)?;
+            pulled = Some(brought);
         }
         if way != Way::Pull {
             pushed = Some(store.push(keys.as_deref(), true, &Beat::new("pushed").told()).map_err(failed)?);
@@ -78,19 +79,20 @@ impl Ship {
         Ok(())
     }
 
-    /// The keys of what a pipeline names and is here or elsewhere; and how much that is, in words.
+    /// The keys of what a pipeline names and is here or elsewhere, what had to be brought here to know them, and how much that is, in words.
     fn of_pipeline(
         &self,
         file: &std::path::Path,
         store: &Store,
         outputs: &OutputsDir,
         registry: &Registry,
-    ) -> Result<(Vec<Digest>, String), Failure> {
+    ) -> Result<(Vec<Digest>, Pulled, String), Failure> {
         let pipeline = Pipeline { file: file.to_owned(), set: self.set.clone(), outputs: outputs.clone() };
         let plan = pipeline.plan(registry, &self.targets)?;
-        let keys = Resolver::new(&plan, store).bring().map_err(failed)?;
+        let (keys, brought) = Resolver::new(&plan, store).bring().map_err(failed)?;
         let all = plan.needed_instances().count();
-        Ok((keys.clone(), format!("{} of {all} instances are here or there", keys.len())))
+        let line = format!("{} of {all} instances are here or there", keys.len());
+        Ok((keys, brought, line))
     }
 }
 

@@ -1,6 +1,7 @@
 //! A local store with one elsewhere, and pulling from it.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::AddAssign;
 use std::sync::Arc;
 
 use serde::Serialize;
@@ -25,6 +26,15 @@ pub struct Pulled {
     pub left_out: u64,
 }
 
+impl AddAssign for Pulled {
+    fn add_assign(&mut self, more: Self) {
+        self.records += more.records;
+        self.small_blobs += more.small_blobs;
+        self.large_blobs += more.large_blobs;
+        self.left_out += more.left_out;
+    }
+}
+
 impl Store {
     /// This store with another one behind it: what is a miss here is looked for there and brought in, records with what is asked of them. One list of manifests
     /// and those that are not known yet are read.
@@ -47,9 +57,9 @@ impl Store {
     /// Brings in the records of these keys with their small blobs, in few requests, as far as they are elsewhere; large blobs come when they are read.
     ///
     /// Error: the store elsewhere cannot be read, or this one not be written.
-    pub fn bring_records(&self, keys: &[Digest]) -> Result<(), StoreError> {
-        let Some(remote) = &self.remote else { return Ok(()) };
-        self.pull_records(remote, keys).map(drop)
+    pub fn bring_records(&self, keys: &[Digest]) -> Result<Pulled, StoreError> {
+        let Some(remote) = &self.remote else { return Ok(Pulled::default()) };
+        self.pull_records(remote, keys)
     }
 
     fn pull_records(&self, remote: &Remote, keys: &[Digest]) -> Result<Pulled, StoreError> {
