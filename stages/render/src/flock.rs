@@ -3,8 +3,9 @@
 
 use std::ops::Range;
 
-use fearless_simd::{Simd, dispatch};
+use fearless_simd::Simd;
 use glam::DVec3;
+use turbid_optics::at_level;
 use turbid_optics::elementary::ln;
 use turbid_optics::henyey_greenstein as hg;
 use turbid_optics::philox::{philox4x32, unit, unit_fine};
@@ -111,7 +112,7 @@ pub fn walk_double_among(walker: &mut Walker<'_>, batches: Batches<'_>) {
         if places.len() <= FEW {
             break;
         }
-        dispatch!(level, simd => simd.vectorize(#[inline(always)] || bundle.fly(setting.key, setting.channel, &setting.world.bodies, queues)));
+        at_level!(level, simd => simd.vectorize(#[inline(always)] || bundle.fly(setting.key, setting.channel, &setting.world.bodies, queues)));
         // Odd flights are counted where they are made.
         let odd = bundle.verdict[..places.len()].iter().filter(|&&v| v == ODD).count();
         walker.count_flights(places.len() - odd);

@@ -2,8 +2,9 @@
 //!
 //! They wait in a [`Queue`] until all lanes are full, whichever path they belong to; those of one path are added in its order.
 
-use fearless_simd::{Level, Simd, dispatch};
+use fearless_simd::{Level, Simd};
 use glam::DVec3;
+use turbid_optics::at_level;
 use turbid_optics::elementary::{exp, ln};
 use turbid_optics::henyey_greenstein as hg;
 use turbid_optics::philox::{philox4x32, unit};
@@ -87,7 +88,7 @@ impl Queue {
     /// Looks, and adds to `responses`, which are as [`crate::response::Layout`] says.
     pub fn flush(&mut self, level: Level, setting: &Setting<'_>, responses: &mut [f64]) {
         if !self.paths.is_empty() {
-            dispatch!(level, simd => simd.vectorize(#[inline(always)] || {
+            at_level!(level, simd => simd.vectorize(#[inline(always)] || {
                 self.looks.look(setting.key, setting.channel, setting.world, setting.light);
                 self.add(setting.carriers, setting.layout().width(), responses);
             }));

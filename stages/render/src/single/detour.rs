@@ -8,7 +8,7 @@ use crate::walker::Walker;
 
 /// Tries those that wait, in their order.
 #[inline(never)]
-pub fn try_detours<const LENGTHS: usize>(walker: &mut Walker<'_>, frame: &Frame<'_>, looks: &mut Looks<LENGTHS>) {
+pub fn try_detours(walker: &mut Walker<'_>, frame: &Frame<'_>, looks: &mut Looks) {
     for detour in looks.detours.drain(..) {
         let mut r = frame.world(detour.r);
         if let Some(plane) = &frame.plane {

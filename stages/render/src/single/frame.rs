@@ -76,8 +76,8 @@ pub struct Frame<'a> {
     pub counted: Vec<usize>,
     /// The same for each material.
     pub counted_in: Vec<usize>,
-    /// How many lengths a path carries: 0 where it is seen by one channel.
-    pub lengths: usize,
+    /// Whether paths carry lengths: several channels see them.
+    pub counts: bool,
     /// Of each of those that share the paths: absorption beyond that of the walk, mm^-1, for each length.
     pub channels: Vec<[f32; MOST_LENGTHS]>,
     /// What keeps looks and starts from going in lanes.

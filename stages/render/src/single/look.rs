@@ -8,7 +8,7 @@ use super::facets::bits;
 use super::frame::Frame;
 use super::lane::{F, LANES, M, U, V, choose, exp, hg_denominator, hg_sample, ln, philox, splat, unit};
 use super::limits::{DARK, ENTRY, FIRST, MOST_CHANNELS, MOST_FACES, WALL};
-use super::rows::Rows;
+use super::rows::{Counts, Rows};
 use super::sight::{Sight, add_along, add_in_own, first_piece, sight, spans, steepness};
 use super::source::{Arrival, Source, whether_projected};
 use super::walls::Way;
@@ -21,21 +21,27 @@ const GONE: f32 = 17.0;
 
 /// Columns: r, the direction in which the path came, the one in which it goes on, weight, roulette, mu_a, mu_s, g, optical distance of
 /// the nearest surface; number, sample, pixel, response, body.
-pub type Rays<const LENGTHS: usize> = Rows<15, 5, LENGTHS>;
+pub type Rays = Rows<15, 5>;
 
 /// What waits for being looked at.
-#[derive(Clone, Debug, Default)]
-pub struct Looks<const LENGTHS: usize> {
-    pub rays: Rays<LENGTHS>,
+#[derive(Clone, Debug)]
+pub struct Looks {
+    pub rays: Rays,
     /// Where light bends.
     pub detours: Vec<Detour>,
 }
 
+impl Looks {
+    pub fn new(counted: bool) -> Self {
+        Self { rays: Rays::new(counted), detours: Vec::new() }
+    }
+}
+
 /// Looks for light while so many wait.
 #[inline(always)]
-pub fn look_while<S: Simd, const LENGTHS: usize>(
+pub fn look_while<S: Simd>(
     simd: S,
-    looks: &mut Looks<LENGTHS>,
+    looks: &mut Looks,
     many: usize,
     frame: &Frame<'_>,
     key: [u32; 2],
@@ -49,14 +55,7 @@ pub fn look_while<S: Simd, const LENGTHS: usize>(
 
 /// Compiled once for all callers, each of which would be as large as all the rest of a flight.
 #[inline(never)]
-fn look_once<S: Simd, const LENGTHS: usize>(
-    simd: S,
-    looks: &mut Looks<LENGTHS>,
-    frame: &Frame<'_>,
-    key: [u32; 2],
-    high: u32,
-    responses: &mut [f64],
-) {
+fn look_once<S: Simd>(simd: S, looks: &mut Looks, frame: &Frame<'_>, key: [u32; 2], high: u32, responses: &mut [f64]) {
     simd.vectorize(
         #[inline(always)]
         || {
@@ -68,14 +67,7 @@ fn look_once<S: Simd, const LENGTHS: usize>(
 
 /// The first 16 looks, or as many as there are: adds to the responses of their paths.
 #[inline(always)]
-fn look<S: Simd, const LENGTHS: usize>(
-    simd: S,
-    looks: &mut Looks<LENGTHS>,
-    frame: &Frame<'_>,
-    key: [u32; 2],
-    high: u32,
-    responses: &mut [f64],
-) {
+fn look<S: Simd>(simd: S, looks: &mut Looks, frame: &Frame<'_>, key: [u32; 2], high: u32, responses: &mut [f64]) {
     let (floats, words, lengths) = looks.rays.load(simd);
     let [rx, ry, rz, cx, cy, cz, ox, oy, oz, weight, roulette, mu_a, mu_s, g, least] = floats;
     let [number, sample, pixel, path, body] = words;
@@ -100,7 +92,7 @@ fn look<S: Simd, const LENGTHS: usize>(
         body,
         lengths,
     };
-    let channels = if LENGTHS == 0 { 1 } else { frame.channels.len() };
+    let channels = if frame.counts { frame.channels.len() } else { 1 };
     let mut deposit = Deposit { frame, channels, paths: &path.as_slice()[..count], responses };
     // Of all lamps one sum: that a path's looks are added one by one must not depend on which go together.
     let mut steady = [splat(simd, 0.0); MOST_CHANNELS];
@@ -130,7 +122,7 @@ fn look<S: Simd, const LENGTHS: usize>(
 }
 
 /// Lanes that look, as in [`Rays`].
-struct Ray<S: Simd, const LENGTHS: usize> {
+struct Ray<S: Simd> {
     waiting: M<S>,
     r: V<S>,
     came: V<S>,
@@ -146,11 +138,11 @@ struct Ray<S: Simd, const LENGTHS: usize> {
     pixel: U<S>,
     path: U<S>,
     body: U<S>,
-    lengths: [F<S>; LENGTHS],
+    lengths: Counts<S>,
 }
 
 /// Where the next scattering is looked for.
-struct Line<S: Simd, const LENGTHS: usize> {
+struct Line<S: Simd> {
     looked: M<S>,
     r: V<S>,
     /// Unit vector along which the path comes there, and mm.
@@ -160,7 +152,7 @@ struct Line<S: Simd, const LENGTHS: usize> {
     g: F<S>,
     /// Of what is scattered there, without what is lost on the line.
     fraction: F<S>,
-    lengths: [F<S>; LENGTHS],
+    lengths: Counts<S>,
     /// Random numbers of the look: its block, and its place on the ray.
     block: U<S>,
     place: U<S>,
@@ -168,14 +160,7 @@ struct Line<S: Simd, const LENGTHS: usize> {
 
 /// A point on a line from where a lane looks for a source.
 #[inline(always)]
-fn line<S: Simd, const LENGTHS: usize>(
-    simd: S,
-    frame: &Frame<'_>,
-    source: &Source,
-    key: [u32; 2],
-    high: u32,
-    ray: &Ray<S, LENGTHS>,
-) -> Line<S, LENGTHS> {
+fn line<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, key: [u32; 2], high: u32, ray: &Ray<S>) -> Line<S> {
     let &Ray { waiting, r, came, own, weight, roulette, mu_a, mu_s, g, least, .. } = ray;
     let &Ray { number, sample, pixel, body, mut lengths, .. } = ray;
     let mu_t = mu_a + mu_s;
@@ -219,7 +204,7 @@ fn line<S: Simd, const LENGTHS: usize>(
     }
     let (length, _) = first_piece(simd, frame, body, r, &along);
     let (s, inverse_density) = ahead(simd, rate, length, mu_t, unit(!u));
-    if LENGTHS > 0 {
+    if frame.counts {
         add_in_own(&mut lengths, frame, body, s);
     }
     Line {
@@ -236,7 +221,7 @@ fn line<S: Simd, const LENGTHS: usize>(
     }
 }
 
-impl<S: Simd, const LENGTHS: usize> Line<S, LENGTHS> {
+impl<S: Simd> Line<S> {
     /// What its point sees of a source.
     #[inline(always)]
     fn sees(&self, simd: S, frame: &Frame<'_>, source: &Source, sight: &Sight<S>) -> Seen<S> {
@@ -250,7 +235,7 @@ impl<S: Simd, const LENGTHS: usize> Line<S, LENGTHS> {
         let radiance = choose(seen, self.fraction * p * (irradiance * gain) * exp(-dark.min(splat(simd, DARK))), zero);
         // What each channel sees of it.
         let mut seen_in = [radiance; MOST_CHANNELS];
-        if LENGTHS > 0 {
+        if frame.counts {
             let mut lengths = self.lengths;
             add_along(simd, &mut lengths, frame, self.r, sight);
             for (of, excess) in seen_in.iter_mut().zip(&frame.channels) {
@@ -272,7 +257,7 @@ impl<S: Simd, const LENGTHS: usize> Line<S, LENGTHS> {
         &self,
         simd: S,
         detours: &mut Vec<Detour>,
-        ray: &Ray<S, LENGTHS>,
+        ray: &Ray<S>,
         left: M<S>,
         known: impl Fn(usize) -> Option<KnownWay>,
     ) {
@@ -298,13 +283,7 @@ impl<S: Simd, const LENGTHS: usize> Line<S, LENGTHS> {
 
 /// Whether `Walker::detour`, or `Walker::by_chance`, looks at all.
 #[inline(always)]
-fn tries<S: Simd, const LENGTHS: usize>(
-    simd: S,
-    key: [u32; 2],
-    high: u32,
-    ray: &Ray<S, LENGTHS>,
-    line: &Line<S, LENGTHS>,
-) -> M<S> {
+fn tries<S: Simd>(simd: S, key: [u32; 2], high: u32, ray: &Ray<S>, line: &Line<S>) -> M<S> {
     let word = whether_projected(simd, line.place) | high;
     let [chance, ..] = philox(simd, line.block, word, ray.sample, ray.pixel, key);
     chance.simd_lt((DETOURS * 4_294_967_296.0) as u32)
@@ -313,14 +292,14 @@ fn tries<S: Simd, const LENGTHS: usize>(
 /// Every way by one refraction, and others by chance; where lanes know none, or do not know, all is left to the scalar walker.
 #[inline(always)]
 #[allow(clippy::too_many_arguments, reason = "all that a look is made of")]
-fn see_through_walls<S: Simd, const LENGTHS: usize>(
+fn see_through_walls<S: Simd>(
     simd: S,
     detours: &mut Vec<Detour>,
     source: &Source,
     key: [u32; 2],
     high: u32,
-    ray: &Ray<S, LENGTHS>,
-    line: &Line<S, LENGTHS>,
+    ray: &Ray<S>,
+    line: &Line<S>,
     deposit: &mut Deposit<'_>,
 ) {
     let frame = deposit.frame;

@@ -144,7 +144,7 @@ impl<'a> Frame<'a> {
             counted: parts.iter().map(|part| counted_in[part.material]).collect(),
             counted_in,
             // As many as there are kernels for.
-            lengths: if s.shared.is_some() { MOST_LENGTHS } else { 0 },
+            counts: s.shared.is_some(),
             channels,
             parts,
             dark: ((straight && !others) || turns) && s.steady.ambient == 0.0,

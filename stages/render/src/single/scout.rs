@@ -42,14 +42,18 @@ pub fn sends<S: Simd>(
 }
 
 /// What is to become scouts, and those that wait: rows of paths that stand there; all of a path in its own order.
-#[derive(Clone, Debug, Default)]
-pub struct Scouts<const LENGTHS: usize> {
+#[derive(Clone, Debug)]
+pub struct Scouts {
     /// From which they may go, with the direction in which the path came.
-    pub collisions: Paths<LENGTHS>,
-    pub waiting: Paths<LENGTHS>,
+    pub collisions: Paths,
+    pub waiting: Paths,
 }
 
-impl<const LENGTHS: usize> Scouts<LENGTHS> {
+impl Scouts {
+    pub fn new(counted: bool) -> Self {
+        Self { collisions: Paths::new(counted), waiting: Paths::new(counted) }
+    }
+
     pub fn is_empty(&self) -> bool {
         self.collisions.len() + self.waiting.len() == 0
     }

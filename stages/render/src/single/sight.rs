@@ -7,7 +7,9 @@ use super::frame::Frame;
 use super::ground::{Span, Spans};
 use super::lane::{F, M, U, V, choose, splat};
 use super::limits::{MOST_BODIES, SLIVER};
+use super::rows::Counts;
 use super::source::Source;
+use crate::lengths::MOST_LENGTHS;
 
 /// What lies between points and the light.
 pub struct Sight<S: Simd> {
@@ -200,30 +202,19 @@ pub fn steepness<S: Simd>(
 
 /// Adds a stretch within the own body to the lengths by which channels differ.
 #[inline(always)]
-pub fn add_in_own<S: Simd, const LENGTHS: usize>(
-    lengths: &mut [F<S>; LENGTHS],
-    frame: &Frame<'_>,
-    body: U<S>,
-    s: F<S>,
-) {
+pub fn add_in_own<S: Simd>(lengths: &mut Counts<S>, frame: &Frame<'_>, body: U<S>, s: F<S>) {
     let zero = splat(s.token(), 0.0);
-    for (j, &place) in frame.counted.iter().enumerate().filter(|(_, place)| **place < LENGTHS) {
+    for (j, &place) in frame.counted.iter().enumerate().filter(|(_, place)| **place < MOST_LENGTHS) {
         lengths[place] += choose(body.simd_eq(j as u32), s, zero);
     }
 }
 
 /// Adds what the lines to the light have in each body and is not carved out; as in [`optical_depth`].
 #[inline(always)]
-pub fn add_along<S: Simd, const LENGTHS: usize>(
-    simd: S,
-    lengths: &mut [F<S>; LENGTHS],
-    frame: &Frame<'_>,
-    p: V<S>,
-    sight: &Sight<S>,
-) {
+pub fn add_along<S: Simd>(simd: S, lengths: &mut Counts<S>, frame: &Frame<'_>, p: V<S>, sight: &Sight<S>) {
     let (zero, before) = (splat(simd, 0.0), *lengths);
     let Sight { towards, spans, length: distance, again, .. } = sight;
-    for (j, &place) in frame.counted.iter().enumerate().filter(|(_, place)| **place < LENGTHS) {
+    for (j, &place) in frame.counted.iter().enumerate().filter(|(_, place)| **place < MOST_LENGTHS) {
         for set in 0..1_usize << j {
             let (mut enter, mut leave) = (spans[j].enter.max(zero), spans[j].leave.min(*distance));
             for (k, span) in spans[..j].iter().enumerate() {
@@ -238,7 +229,7 @@ pub fn add_along<S: Simd, const LENGTHS: usize>(
     for lane in bits(*again) {
         let mut sums = before.map(|length| length.as_slice()[lane]);
         for (j, length) in frame.ground.pieces_to_light(simd, lane, (p, *towards, *distance), spans) {
-            if frame.counted[j] < LENGTHS {
+            if frame.counted[j] < MOST_LENGTHS {
                 sums[frame.counted[j]] += length;
             }
         }

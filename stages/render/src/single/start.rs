@@ -13,22 +13,22 @@ use super::rows::Paths;
 use super::settle::settles;
 use super::turns::Outside;
 use crate::batches::Batches;
-use crate::lengths::{Lengths, NO_LENGTHS, count};
+use crate::lengths::{Lengths, MOST_LENGTHS, NO_LENGTHS, count};
 use crate::random::PLACES_IN_LANES;
 use crate::setting::{Place, Setting};
 use crate::walker::Walker;
 use crate::world::Piece;
 
 /// Paths still to be begun, and those ready for lanes.
-pub struct Starts<'a, const LENGTHS: usize> {
+pub struct Starts<'a> {
     batches: Batches<'a>,
     next: usize,
-    pub ready: Paths<LENGTHS>,
+    pub ready: Paths,
 }
 
-impl<'a, const LENGTHS: usize> Starts<'a, LENGTHS> {
-    pub fn new(batches: Batches<'a>) -> Self {
-        Self { batches, next: 0, ready: Paths::default() }
+impl<'a> Starts<'a> {
+    pub fn new(batches: Batches<'a>, counted: bool) -> Self {
+        Self { batches, next: 0, ready: Paths::new(counted) }
     }
 
     pub fn more(&self) -> bool {
@@ -46,7 +46,7 @@ impl<'a, const LENGTHS: usize> Starts<'a, LENGTHS> {
         simd: S,
         walker: &mut Walker<'_>,
         frame: &Frame<'_>,
-        looks: &mut Looks<LENGTHS>,
+        looks: &mut Looks,
         responses: &mut [f64],
     ) {
         let first = self.next;
@@ -91,7 +91,7 @@ impl<'a, const LENGTHS: usize> Starts<'a, LENGTHS> {
         simd: S,
         walker: &mut Walker<'_>,
         frame: &Frame<'_>,
-        looks: &mut Looks<LENGTHS>,
+        looks: &mut Looks,
         ids: Ids,
         [across, down, chance]: [f64; 3],
         life: f32,
@@ -178,7 +178,7 @@ impl<'a, const LENGTHS: usize> Starts<'a, LENGTHS> {
         &mut self,
         s: &Setting<'_>,
         frame: &Frame<'_>,
-        looks: &mut Looks<LENGTHS>,
+        looks: &mut Looks,
         ids: Ids,
         (from, along): (DVec3, DVec3),
         life: f32,
@@ -259,7 +259,7 @@ impl<'a, const LENGTHS: usize> Starts<'a, LENGTHS> {
 }
 
 /// Those that lanes carry.
-fn counted<const LENGTHS: usize>(lengths: &Lengths) -> [f32; LENGTHS] {
+fn counted(lengths: &Lengths) -> [f32; MOST_LENGTHS] {
     std::array::from_fn(|k| lengths[k] as f32)
 }
 
@@ -284,7 +284,7 @@ impl Frame<'_> {
     }
 
     /// The row of a path in its medium.
-    pub fn row<const LENGTHS: usize>(&self, place: &Place) -> ([f32; 16], [u32; 6], [f32; LENGTHS]) {
+    pub fn row(&self, place: &Place) -> ([f32; 16], [u32; 6], [f32; MOST_LENGTHS]) {
         let body = self.body_at(place).expect("only settled paths are put into lanes");
         let m = &self.media[place.material];
         let ([x, y, z], [a, b, c]) = (self.local(place.r), place.w.as_vec3().to_array());
@@ -298,10 +298,7 @@ impl Frame<'_> {
     }
 
     /// The path of a row, for the scalar walker.
-    pub fn place<const LENGTHS: usize>(
-        &self,
-        (floats, words, lengths): ([f32; 16], [u32; 6], [f32; LENGTHS]),
-    ) -> Place {
+    pub fn place(&self, (floats, words, lengths): ([f32; 16], [u32; 6], [f32; MOST_LENGTHS])) -> Place {
         let [x, y, z, a, b, c, life, lost, weight, .., share] = floats;
         let [number, sample, pixel, path, material, _] = words;
         Place {

@@ -1,14 +1,14 @@
 //! Paths walked side by side in f32.
 
-use fearless_simd::dispatch;
 use fearless_simd::prelude::*;
+use turbid_optics::at_level;
 
 use super::detour::try_detours;
 use super::frame::Frame;
 use super::lane::{F, LANES, M, U, V, choose, hg_sample, ln, philox, spare, splat, unit, unit_short};
 use super::limits::{ENTRY, WALL};
 use super::look::{Looks, look_while, rarity};
-use super::rows::Paths;
+use super::rows::{Counts, Paths};
 use super::scout::{Scouts, sends};
 use super::settle::{LATE, settles};
 use super::start::Starts;
@@ -22,25 +22,13 @@ pub fn walk(walker: &mut Walker<'_>, frame: &Frame<'_>, batches: Batches<'_>) {
     walker.scouts.clone_from(&frame.scouts);
     walker.clear_responses(batches.paths());
     let mut responses = walker.take_single();
-    match frame.lengths {
-        0 => counting::<0>(walker, frame, batches, &mut responses),
-        _ => counting::<MOST_LENGTHS>(walker, frame, batches, &mut responses),
-    }
+    let starts = Starts::new(batches, frame.counts);
+    at_level!(walker.level(), simd => simd.vectorize(#[inline(always)] || {
+        Flock::new(simd, frame, batches.paths()).run(walker, starts, &mut responses);
+    }));
     walker.gather();
     walker.add_single(responses);
     walker.scouts.clear();
-}
-
-/// The same for paths that carry so many lengths.
-fn counting<const LENGTHS: usize>(
-    walker: &mut Walker<'_>,
-    frame: &Frame<'_>,
-    batches: Batches<'_>,
-    responses: &mut [f64],
-) {
-    dispatch!(walker.level(), simd => simd.vectorize(#[inline(always)] || {
-        Flock::<_, LENGTHS>::new(simd, frame, batches.paths()).run(walker, Starts::new(batches), responses);
-    }));
 }
 
 fn with_room(mut floats: [f32; 16], known: f32) -> [f32; 16] {
@@ -49,53 +37,54 @@ fn with_room(mut floats: [f32; 16], known: f32) -> [f32; 16] {
 }
 
 /// The paths in flight.
-struct Flock<'a, S: Simd, const LENGTHS: usize> {
+struct Flock<'a, S: Simd> {
     simd: S,
     frame: &'a Frame<'a>,
     floats: [F<S>; 16],
     words: [U<S>; 6],
     /// By which channels differ, mm.
-    lengths: [F<S>; LENGTHS],
+    lengths: Counts<S>,
     /// By bits.
     alive: u64,
     /// Flights that only ask how far they may go, by bits, and the lengths of all.
     asking: u64,
     steps: [f32; LANES],
-    looks: Looks<LENGTHS>,
+    looks: Looks,
     /// For what goes through memory.
-    memory: Paths<LENGTHS>,
-    scouts: Scouts<LENGTHS>,
+    memory: Paths,
+    scouts: Scouts,
     /// The paths that rest while scouts fly, and by bits those that live.
-    resting: Paths<LENGTHS>,
+    resting: Paths,
     resting_alive: u64,
     /// How many responses there are of each kind: after those of paths come those of scouts where they end, and where they come in.
     paths: u32,
 }
 
-impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
+impl<'a, S: Simd> Flock<'a, S> {
     #[inline(always)]
     fn new(simd: S, frame: &'a Frame<'a>, paths: usize) -> Self {
         let (floats, words) = ([splat(simd, 0.0); 16], [U::splat(simd, 0); 6]);
+        let counted = frame.counts;
         Self {
             simd,
             frame,
             floats,
             words,
-            lengths: [splat(simd, 0.0); LENGTHS],
+            lengths: [splat(simd, 0.0); MOST_LENGTHS],
             alive: 0,
             asking: 0,
             steps: [0.0; LANES],
-            looks: Looks::default(),
-            memory: Paths::default(),
-            scouts: Scouts::default(),
-            resting: Paths::default(),
+            looks: Looks::new(counted),
+            memory: Paths::new(counted),
+            scouts: Scouts::new(counted),
+            resting: Paths::new(counted),
             resting_alive: 0,
             paths: paths as u32,
         }
     }
 
     #[inline(always)]
-    fn run(mut self, walker: &mut Walker<'_>, mut starts: Starts<'_, LENGTHS>, responses: &mut [f64]) {
+    fn run(mut self, walker: &mut Walker<'_>, mut starts: Starts<'_>, responses: &mut [f64]) {
         let simd = self.simd;
         let (key, high) = (walker.setting().key, walker.setting().channel << 16);
         let mut flights = 0;
@@ -234,8 +223,12 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
                 if frame.looks && entered.any_true() {
                     let (zero, [_, mu_a, mu_s, g, _]) = (splat(simd, 0.0), here);
                     let mut before = self.lengths;
-                    for (m, &place) in frame.counted_in.iter().enumerate().filter(|(_, place)| **place < LENGTHS) {
-                        before[place] += choose(was_in.simd_eq(m as u32), on.leaves, zero);
+                    if frame.counts {
+                        for (m, &place) in
+                            frame.counted_in.iter().enumerate().filter(|(_, place)| **place < MOST_LENGTHS)
+                        {
+                            before[place] += choose(was_in.simd_eq(m as u32), on.leaves, zero);
+                        }
                     }
                     let (seen, roulette) = (weight * share, unit_short(d));
                     // Those of scouts apart: which of them fly together must not show.
@@ -248,7 +241,7 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
                     );
                     look_while(simd, &mut self.looks, LANES, frame, key, high, responses);
                 }
-                if LENGTHS > 0 {
+                if frame.counts {
                     (first, second_in) = (choose(crossed, on.leaves, first), choose(crossed, rest, second_in));
                 }
                 (material, body) = (crossed.select(its, material), crossed.select(on.body, body));
@@ -292,8 +285,8 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
         let flight = if scouting { number & (SCOUT - 1) } else { number };
         let far = end.dot(end).simd_gt(frame.range_squared) | flight.simd_ge(LATE);
         turned &= !far;
-        if LENGTHS > 0 {
-            for (m, &place) in frame.counted_in.iter().enumerate().filter(|(_, place)| **place < LENGTHS) {
+        if frame.counts {
+            for (m, &place) in frame.counted_in.iter().enumerate().filter(|(_, place)| **place < MOST_LENGTHS) {
                 let within = |it: U<S>, length: F<S>| choose(it.simd_eq(m as u32), length, splat(simd, 0.0));
                 lengths[place] += within(was_in, first) + within(material, second_in);
             }
@@ -381,8 +374,10 @@ impl<'a, S: Simd, const LENGTHS: usize> Flock<'a, S, LENGTHS> {
             (floats[10], floats[12]) = (roulette, passage.clear);
             self.memory.store(&floats, &words, &lengths);
         }
-        for (length, new) in self.lengths.iter_mut().zip(lengths) {
-            *length = choose(goes_on, new, *length);
+        if frame.counts {
+            for (length, new) in self.lengths.iter_mut().zip(lengths) {
+                *length = choose(goes_on, new, *length);
+            }
         }
         let old = self.floats;
         let step = |new: F<S>, old: F<S>| choose(goes_on, new, old);
