@@ -92,7 +92,7 @@ fn bytes(folder: &Path) -> u64 {
 pub fn table(numbers: &[u64]) {
     println!("wall ms, the best of {ROUNDS} (append: the first), and peak MB of the process");
     println!(
-        "| records | put and publish, us each | MB | packs, MB | index, B a record | open, look, close | append {APPENDED}, index B written each | run of one | no-op | all digests | verify | gc |"
+        "| records | put and publish, us each | MB | packs, MB | index, B a record | open, look, close | append {APPENDED}, index B more for each | run of one | no-op | all digests | verify | gc |"
     );
     println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
     for &n in numbers {

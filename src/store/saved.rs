@@ -206,7 +206,8 @@ impl Saved {
             disk::publish_with(root, &path, &|to| {
                 let own: Source<'_> = Box::new(fresh.entries.iter().map(|entry| Ok(*entry)));
                 let sources = old.iter().map(|file| Box::new(file.entries()) as Source<'_>).chain([own]);
-                sorted::write(to, foot.clone(), Merged::of(sources), |id| numbers.get(&id).copied())
+                let all = merged == self.files.len();
+                sorted::write(to, foot.clone(), all, Merged::of(sources), |id| numbers.get(&id).copied())
             })?;
             let mut file = Sorted::open(&path)?.ok_or(io::ErrorKind::InvalidData)?;
             file.set_ids(ids);

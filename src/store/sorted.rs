@@ -242,15 +242,16 @@ pub(super) fn is_sound(path: &Path) -> io::Result<bool> {
 }
 
 /// Writes entries that come in their order. `number` gives the place of a pack's id in the foot's list; what it does not know is
-/// left out.
+/// left out. `all`: no other file has entries, so that what none of these holds is dead.
 pub(super) fn write(
     to: &mut dyn Write,
     mut foot: Foot,
+    all: bool,
     entries: impl Iterator<Item = io::Result<Entry>>,
     number: impl Fn(u32) -> Option<u32>,
 ) -> io::Result<()> {
     let mut block = Vec::with_capacity(BLOCK);
-    let mut blocks = 0;
+    let (mut blocks, mut live) = (0, 0i64);
     (foot.count, foot.releases) = (0, false);
     for entry in entries {
         let entry = entry?;
@@ -258,6 +259,7 @@ pub(super) fn write(
         let Some(pack) = pack else { continue };
         encode(&entry, pack, &mut block);
         foot.count += 1;
+        live = live.saturating_add(entry.room());
         foot.releases |= entry.place.is_released();
         if block.len() == PER_BLOCK * ENTRY {
             end_block(&mut block, foot.id, blocks, to)?;
@@ -266,6 +268,10 @@ pub(super) fn write(
     }
     if !block.is_empty() {
         end_block(&mut block, foot.id, blocks, to)?;
+    }
+    if all {
+        let covered: u64 = foot.packs.iter().map(|part| part.to.saturating_sub(part.from)).sum();
+        foot.dead = i64::try_from(covered).unwrap_or(i64::MAX) - live;
     }
     to.write_all(&foot.encode())
 }

@@ -321,7 +321,7 @@ impl State {
                 to: pack.covered,
                 first: pack.first(),
             };
-            let is_new = |(id, pack): &(&u32, &Pack)| pack.covered > pack.saved || named.contains(id);
+            let is_new = |(id, pack): &(&u32, &Pack)| pack.covered > pack.saved || named.contains(*id);
             fresh.covered = self.packs.iter().filter(is_new).map(part).collect();
             let names: BTreeMap<u32, &str> = self.packs.iter().map(|(id, pack)| (*id, pack.name.as_str())).collect();
             match self.index.saved.write(root, &fresh, whole, &names) {
