@@ -113,8 +113,7 @@ pub fn table(numbers: &[u64]) {
         });
         std::thread::sleep(Duration::from_millis(200));
         let no_op = best("run", path, || ());
-        let [digests, verify, gc] =
-            ["digests", "verify", "gc"].map(|what| in_a_process(&format!("{what}={n}"), path));
+        let [digests, verify, gc] = ["digests", "verify", "gc"].map(|what| in_a_process(&format!("{what}={n}"), path));
         let took = |took: &Took| format!("{:.1} ms, {:.0} MB", took.ms, took.mb);
         println!(
             "| {n} | {:.1} | {:.0} | {:.1} | {:.0} | {} | {}, {:.0} | {} | {} | {} | {} | {} |",

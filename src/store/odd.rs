@@ -8,8 +8,7 @@ use std::path::{Path, PathBuf};
 use crate::store::look;
 
 /// The folders of a store.
-const FOLDERS: [&str; 9] =
-    ["packs", INDEX, "blobs", "checkpoints", "locks", "tmp", "quarantine", "memos", "unchanged"];
+const FOLDERS: [&str; 9] = ["packs", INDEX, "blobs", "checkpoints", "locks", "tmp", "quarantine", "memos", "unchanged"];
 const INDEX: &str = "index";
 /// So many files of one name find a place in quarantine; the last one is replaced.
 const SAME_NAMES: u32 = 1000;
@@ -62,7 +61,10 @@ impl Found {
 pub(super) fn all(root: &Path) -> Found {
     let mut found = Found::default();
     found.check(root.join("format"), Kind::File);
-    FOLDERS.iter().filter(|name| **name != INDEX || !is_old_index(root)).for_each(|name| found.check(root.join(name), Kind::Folder));
+    FOLDERS
+        .iter()
+        .filter(|name| **name != INDEX || !is_old_index(root))
+        .for_each(|name| found.check(root.join(name), Kind::Folder));
     for name in ["packs", INDEX, "locks", "tmp", "memos", "unchanged"] {
         found.children(&root.join(name)).into_iter().for_each(|path| found.check(path, Kind::File));
     }

@@ -110,9 +110,8 @@ impl Saved {
 
     /// Leaves out files of which a longer one covers all: whoever merged them was killed before they were removed.
     pub fn drop_covered(&mut self) {
-        let within = |a: &Covered, b: &Covered| {
-            (&a.name, a.first) == (&b.name, b.first) && b.from <= a.from && a.to <= b.to
-        };
+        let within =
+            |a: &Covered, b: &Covered| (&a.name, a.first) == (&b.name, b.first) && b.from <= a.from && a.to <= b.to;
         let covers = |longer: &Sorted, file: &Sorted| {
             file.foot.packs.iter().all(|part| longer.foot.packs.iter().any(|other| within(part, other)))
         };
@@ -199,7 +198,8 @@ impl Saved {
         }
         if !foot.packs.is_empty() {
             let by_name: BTreeMap<&str, u32> = names.iter().map(|(id, name)| (*name, *id)).collect();
-            let ids: Option<Vec<u32>> = foot.packs.iter().map(|pack| by_name.get(pack.name.as_str()).copied()).collect();
+            let ids: Option<Vec<u32>> =
+                foot.packs.iter().map(|pack| by_name.get(pack.name.as_str()).copied()).collect();
             let ids = ids.ok_or(io::ErrorKind::NotFound)?;
             let numbers: BTreeMap<u32, u32> = ids.iter().copied().zip(0..).collect();
             let path = folder(root).join(format!("{:016x}-{:08x}.index", fresh.id, std::process::id()));

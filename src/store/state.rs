@@ -263,7 +263,9 @@ impl State {
         let recent = self.index.sorted();
         for entry in self.index.entries(&recent).flatten() {
             let Entry { digest, named, place } = entry;
-            if let Some(pack) = self.packs.get(&place.pack).filter(|_| named == Named::Blob && gone.contains(&place.pack)) {
+            if let Some(pack) =
+                self.packs.get(&place.pack).filter(|_| named == Named::Blob && gone.contains(&place.pack))
+            {
                 self.gone_blobs.insert(digest, (place, pack.file.clone()));
             }
         }

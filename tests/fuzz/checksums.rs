@@ -54,7 +54,9 @@ pub fn index(bytes: &mut [u8]) {
     const FOOT_END: usize = 56;
     let Some(end) = bytes.len().checked_sub(FOOT_END) else { return };
     let number = |at: usize| usize::try_from(u64::from_le_bytes(*bytes[at..].first_chunk().expect("8 bytes"))).ok();
-    let Some(begin) = number(end).and_then(|length| end.checked_sub(length)).filter(|at| at + 16 <= end) else { return };
+    let Some(begin) = number(end).and_then(|length| end.checked_sub(length)).filter(|at| at + 16 <= end) else {
+        return;
+    };
     let mut left = number(begin + 8).unwrap_or(0);
     let check = Digest::of(&bytes[begin..bytes.len() - 32]);
     let tail = bytes.len() - 32;

@@ -228,7 +228,9 @@ fn a_gap_is_not_covered() {
     }
     let mut files = saved(folder.path(), &ids);
     assert_eq!(files.reach(), [(4, 12)].into());
-    files.write(folder.path(), &Fresh { entries: Vec::new(), covered: Vec::new(), dead: 0, id: 9 }, true, &names).unwrap();
+    files
+        .write(folder.path(), &Fresh { entries: Vec::new(), covered: Vec::new(), dead: 0, id: 9 }, true, &names)
+        .unwrap();
     assert_eq!(files.reach(), [(4, 12)].into(), "merging closes no gap");
     let fresh = Fresh { entries: Vec::new(), covered: vec![pack("a.pack", 12, 15)], dead: 0, id: 10 };
     files.write(folder.path(), &fresh, false, &names).unwrap();

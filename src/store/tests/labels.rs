@@ -22,9 +22,12 @@ fn the_latest_result_of_a_label_is_found() {
     let store = Store::open(outputs.path()).unwrap();
     let axes = |value| Axes::from([("mu_a".to_owned(), value), ("kind".to_owned(), json!("skin"))]);
     let (one, two) = (axes(json!(1)), axes(json!(2.5)));
-    for (i, stage, axes, state) in
-        [(0, "tissue", &one, Some(50)), (1, "tissue", &one, Some(50)), (2, "tissue", &two, None), (3, "sky", &one, None)]
-    {
+    for (i, stage, axes, state) in [
+        (0, "tissue", &one, Some(50)),
+        (1, "tissue", &one, Some(50)),
+        (2, "tissue", &two, None),
+        (3, "sky", &one, None),
+    ] {
         store.publish(&of(i, stage, axes, state), &recipe(i)).unwrap();
     }
     let look = |store: &Store, when: &str| {
@@ -33,7 +36,10 @@ fn the_latest_result_of_a_label_is_found() {
         assert_eq!(found(store, "tissue", &two), Some(key(2)), "{when}");
         assert_eq!(found(store, "sky", &two), None, "{when}");
         assert_eq!(found(store, "tissue", &Axes::new()), None, "{when}");
-        assert_eq!(store.latest_of_work(&key(50)).map(|(record, recipe)| (record.key, recipe)), Some((key(1), recipe(1))));
+        assert_eq!(
+            store.latest_of_work(&key(50)).map(|(record, recipe)| (record.key, recipe)),
+            Some((key(1), recipe(1)))
+        );
         assert_eq!(store.latest_of_work(&key(51)), None, "{when}");
         assert!(store.knows("scene") && !store.knows("frames"), "{when}");
         let latest: Vec<Digest> = store.latest_records(3).map(|(record, _)| record.key).collect();

@@ -40,7 +40,8 @@ fn odd_files_are_set_aside() {
     let store = outputs.path().join("store");
     let mut places = files(&store);
     fs::create_dir(store.join("quarantine")).unwrap();
-    places.extend(["packs", "index", "blobs", "checkpoints", "locks", "tmp", "quarantine"].map(|name| store.join(name)));
+    places
+        .extend(["packs", "index", "blobs", "checkpoints", "locks", "tmp", "quarantine"].map(|name| store.join(name)));
     places.extend(files(&store.join("checkpoints")).iter().map(|path| path.parent().unwrap().to_owned()));
     let kinds: &[&str] =
         if cfg!(unix) { &["folder", "link to nothing", "socket", "pipe", "file"] } else { &["folder"] };
