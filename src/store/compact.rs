@@ -13,7 +13,7 @@ use crate::store::frame::{self, Kind};
 use crate::store::lock::guard;
 use crate::store::odd;
 use crate::store::packs::{Packs, RELEASED, stamp_after};
-use crate::store::place::{Entry, Named, Place};
+use crate::store::place::{Entry, Named};
 use crate::store::state::{LONGEST, Pack, State, read, read_payload};
 use crate::store::writer::{FULL, now_ns};
 

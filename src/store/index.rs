@@ -122,7 +122,7 @@ impl Index {
 
     /// Entries in memory.
     pub fn recent(&self) -> usize {
-        self.recent.iter().map(Map::len).sum()
+        self.recent.iter().map(|map| map.len()).sum()
     }
 
     /// Forgets what is in memory.

@@ -56,17 +56,17 @@ pub(super) fn of_payload(payload: &[u8]) -> Vec<(Named, Digest)> {
     struct Head {
         use_name: String,
         state_key: Option<Digest>,
-        provenance: From,
+        provenance: Origin,
     }
     #[derive(Deserialize)]
-    struct From {
+    struct Origin {
         pipeline: String,
         stage: String,
         axes: Axes,
     }
     let head = record::head_end(payload).and_then(|end| payload.get(record::LEAD..end));
     let Some(head) = head.and_then(|head| serde_json::from_slice::<Head>(head).ok()) else { return Vec::new() };
-    let From { pipeline, stage, axes } = &head.provenance;
+    let Origin { pipeline, stage, axes } = &head.provenance;
     let label = Label { use_name: &head.use_name, pipeline, stage, axes };
     let named = [(Named::Label, label.digest()), (Named::Kind, kind(&head.use_name))];
     named.into_iter().chain(head.state_key.map(|key| (Named::Work, key))).collect()

@@ -12,7 +12,7 @@ use crate::store::error::StoreError;
 use crate::store::frame::{self, Frame, HEADER, Kind};
 use crate::store::index::Index;
 use crate::store::place::{Entry, Map, Named, Place};
-use crate::store::saved::Merged;
+use crate::store::saved::{Merged, Source};
 use crate::store::sorted::{Covered, Sorted};
 
 /// No pack is longer: writers end it near 64 MiB. Something longer is not read, least of all into memory.
@@ -72,7 +72,7 @@ impl State {
         state.cover_what_is_saved();
         state.refresh(root)?;
         if state.unread.is_empty() && !useless.is_empty() {
-            let entries = Merged::of(useless.iter().map(|file| Box::new(file.entries()) as _)).flatten();
+            let entries = Merged::of(useless.iter().map(|file| Box::new(file.entries()) as Source<'_>)).flatten();
             let is_lost = |entry: &Entry| {
                 let stands = matches!(entry.named, Named::Record | Named::Blob) && entry.place.is_here();
                 stands && state.index.find(entry.named, &entry.digest).is_none()
