@@ -105,8 +105,8 @@ fn a_look_up_finds_what_a_map_finds() {
                 assert_eq!(file.find(named, digest), known.get(&(*digest, named)).copied(), "{n}: {digest}");
             }
         }
-        for digest in self::digests(&mut random, 1000).iter().filter(|digest| digest.0[1..] != [0; 31]) {
-            assert_eq!(file.find(Named::Blob, digest), known.get(&(*digest, Named::Blob)).copied());
+        for digest in self::digests(&mut random, 1000) {
+            assert_eq!(file.find(Named::Blob, &digest), known.get(&(digest, Named::Blob)).copied());
         }
         assert!(!file.is_hurt());
     }
@@ -255,7 +255,9 @@ fn grown(n: u64) -> TempDir {
 
 fn has_all(store: &Store, n: u64) -> bool {
     (0..=n).all(|i| {
-        store.record(&key(2 * i)).is_some_and(|record| store.get(&record.ports["out"].blob).unwrap() == small(2 * i))
+        // Decoding all takes long in the dev profile.
+        let is_right = |blob: &Blob| i % 8 > 0 || store.get(blob).unwrap() == small(2 * i);
+        store.record(&key(2 * i)).is_some_and(|record| is_right(&record.ports["out"].blob))
     })
 }
 
