@@ -55,7 +55,8 @@ pub(super) struct Foot {
     pub dead: i64,
     /// Whether a blob may have been released.
     pub releases: bool,
-    count: u64,
+    /// Number of entries; given by what is written.
+    pub count: u64,
 }
 
 /// An open file of sorted entries.

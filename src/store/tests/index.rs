@@ -105,7 +105,7 @@ fn a_look_up_finds_what_a_map_finds() {
                 assert_eq!(file.find(named, digest), known.get(&(*digest, named)).copied(), "{n}: {digest}");
             }
         }
-        for digest in self::digests(&mut random, 1000) {
+        for digest in digests(&mut random, 1000) {
             assert_eq!(file.find(Named::Blob, &digest), known.get(&(digest, Named::Blob)).copied());
         }
         assert!(!file.is_hurt());
@@ -246,7 +246,9 @@ fn index(outputs: &TempDir) -> PathBuf {
 fn grown(n: u64) -> TempDir {
     let outputs = folder();
     let store = Store::open(outputs.path()).unwrap();
-    (0..n).for_each(|i| drop(publish(&store, 2 * i, &small(2 * i)).unwrap()));
+    for i in 0..n {
+        publish(&store, 2 * i, &small(2 * i)).unwrap();
+    }
     drop(store);
     publish(&Store::open(outputs.path()).unwrap(), 2 * n, &small(2 * n)).unwrap();
     assert_eq!(files(&index(&outputs)).len(), 2);
