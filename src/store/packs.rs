@@ -32,7 +32,7 @@ const DEAD: u64 = 16 << 20;
 pub(super) const RELEASED: usize = 4096;
 /// So often a run that ends writes again what vanishes under it.
 const RESCUES: usize = 3;
-/// As many entries are kept in memory at most before they go into a file of the index: some 30 MB.
+/// As many entries are kept in memory at most before they go into a file of the index.
 const MOST_RECENT: usize = 1 << 18;
 
 /// All packs of a store. Of the two locks `writer` is always taken first.
