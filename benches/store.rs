@@ -1,7 +1,12 @@
 //! What the store costs: look-ups, opening, and the encoding of images. `cargo bench --bench store`
 //!
+//! `cargo bench --bench store -- size [RECORDS..]` says what look-ups, appending and runs of one instance cost in stores of 1000
+//! to a million records ([`store_size`]).
+//!
 //! CPU time of the calling thread (user and system), the best of several rounds, in a temporary folder; wall time where
 //! it says so.
+
+mod store_size;
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -31,30 +36,38 @@ fn scene(i: u64) -> serde_json::Value {
     })
 }
 
+/// The result of an instance, as small as the scene's.
+fn publish(store: &Store, i: u64) {
+    let params = scene(i);
+    let artifact = Artifact::Record(Record { fields: BTreeMap::from([("scene".to_owned(), params.clone())]) });
+    let blob = store.put(&artifact).expect("there is room");
+    let record = InstanceRecord {
+        key: key(i),
+        use_name: "scene".into(),
+        version: 1,
+        ports: BTreeMap::from([("scene".into(), PortRecord { payload: "scene".into(), blob })]),
+        cost: Cost::default(),
+        seed: None,
+        state_key: None,
+        measures: Vec::new(),
+        reached: None,
+        warnings: Vec::new(),
+        kernel: None,
+        refused: Vec::new(),
+        provenance: Provenance {
+            pipeline: "sweep".into(),
+            stage: "scene".into(),
+            axes: BTreeMap::from([("A_rho".to_owned(), json!(i))]),
+            ..Provenance::default()
+        },
+    };
+    store.publish(&record, &Recipe { params, ..Recipe::default() }).expect("there is room");
+}
+
 fn fill(outputs: &Path, records: u64) -> Duration {
     let store = Store::open(outputs).expect("a fresh store opens");
     let begin = Instant::now();
-    for i in 0..records {
-        let params = scene(i);
-        let artifact = Artifact::Record(Record { fields: BTreeMap::from([("scene".to_owned(), params.clone())]) });
-        let blob = store.put(&artifact).expect("there is room");
-        let record = InstanceRecord {
-            key: key(i),
-            use_name: "scene".into(),
-            version: 1,
-            ports: BTreeMap::from([("scene".into(), PortRecord { payload: "scene".into(), blob })]),
-            cost: Cost::default(),
-            seed: None,
-            state_key: None,
-            measures: Vec::new(),
-            reached: None,
-            warnings: Vec::new(),
-            kernel: None,
-            refused: Vec::new(),
-            provenance: Provenance::default(),
-        };
-        store.publish(&record, &Recipe { params, ..Recipe::default() }).expect("there is room");
-    }
+    (0..records).for_each(|i| publish(&store, i));
     store.finish().expect("there is room");
     begin.elapsed()
 }
@@ -69,6 +82,14 @@ fn best(rounds: usize, mut work: impl FnMut()) -> Duration {
 }
 
 fn main() {
+    if store_size::work() {
+        return;
+    }
+    let words: Vec<String> = std::env::args().skip(1).filter(|word| !word.starts_with("--")).collect();
+    if words.first().is_some_and(|word| word == "size") {
+        let numbers: Vec<u64> = words[1..].iter().filter_map(|word| word.parse().ok()).collect();
+        return store_size::table(if numbers.is_empty() { &[1000, 10_000, 100_000, 1_000_000] } else { &numbers });
+    }
     for records in [1000, 100_000] {
         let outputs = tempfile::tempdir().expect("a temporary folder");
         let wrote = fill(outputs.path(), records);
@@ -85,7 +106,7 @@ fn main() {
         let hash = || (0..1000).for_each(|_| assert!(Digest::of(std::hint::black_box(&bytes)) != key(0)));
         println!("    of which hashing: {:.3?}", best(9, hash));
         println!("  all digests: {:.3?}", best(3, || assert_eq!(store.digests().len() as u64, records)));
-        std::fs::remove_file(outputs.path().join("store/index")).expect("it was written");
+        std::fs::remove_dir_all(outputs.path().join("store/index")).expect("it was written");
         println!("  open without the index: {:.3?}", best(3, || std::mem::forget(open())));
     }
 

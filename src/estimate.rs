@@ -182,9 +182,9 @@ fn earlier(resolver: &Resolver<'_>, id: InstanceId, asked: &Asked, now: Option<&
     }
     let work = now.and_then(|estimate| estimate.work);
     let same = asked.state_key.as_ref().and_then(|key| resolver.history().same_work(key));
-    if let (Some(record), Some((whole, unit))) = (same, work)
+    if let (Some((record, _)), Some((whole, unit))) = (same, work)
         && record.version == row.version
-        && let Some(done) = measure(record, unit)
+        && let Some(done) = measure(&record, unit)
     {
         return Some(Estimate { seconds: record.cost.cpu_s * whole / done, by: Basis::Earlier, work });
     }

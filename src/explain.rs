@@ -1,14 +1,14 @@
 //! Why an instance runs: the fields in which its dependencies differ from the nearest earlier result.
 
 use std::collections::{BTreeMap, HashMap};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use serde_json::Value;
 
 use crate::digest::Digest;
-use crate::key::{Dependencies, axes_text};
+use crate::key::Dependencies;
 use crate::plan::{InstanceId, Plan};
-use crate::store::{InstanceRecord, Recipe, Store};
+use crate::store::{InstanceRecord, Label, Recipe, Store};
 
 /// A field that differs; `None` where one side does not have it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -21,73 +21,65 @@ pub struct Difference {
 /// An earlier result and what went into it.
 pub type Earlier = (InstanceRecord, Recipe);
 
-/// Earlier results, by kind of stage.
-pub struct History {
-    by_use: HashMap<String, Vec<Arc<Earlier>>>,
-    /// The latest of each stage at each point of its axes.
-    by_label: HashMap<Label, Arc<Earlier>>,
-    /// By what they depend on but for the params that say when to stop; the latest of each.
-    by_state: HashMap<Digest, Arc<Earlier>>,
+/// Earlier results, looked up in a store: those of one instance take no longer in a store of many.
+pub struct History<'a> {
+    /// `None` where nothing is compared with.
+    store: Option<&'a Store>,
+    /// The latest of all, for whoever asks for the nearest one.
+    latest: OnceLock<HashMap<String, Vec<Arc<Earlier>>>>,
 }
 
-/// Kind, pipeline, stage, axes.
-type Label = (String, String, String, String);
-
-/// Comparing with every record of a big sweep would be quadratic; the latest ones are near enough.
+/// Comparing with every record of a big sweep would be quadratic; the latest ones of a kind of stage are near enough ...
 const COMPARED: usize = 256;
+/// ... and so are those among the latest of all kinds.
+const LATEST: usize = 16 * COMPARED;
 
-impl History {
-    pub fn read(store: &Store) -> Self {
-        Self::read_latest(store, usize::MAX)
+impl<'a> History<'a> {
+    pub fn of(store: &'a Store) -> Self {
+        Self { store: Some(store), latest: OnceLock::new() }
     }
 
-    /// So many at most, the latest.
-    pub fn read_latest(store: &Store, most: usize) -> Self {
-        let mut by_use: HashMap<String, Vec<Arc<Earlier>>> = HashMap::new();
-        for earlier in store.records_of_latest(most) {
-            by_use.entry(earlier.0.use_name.clone()).or_default().push(Arc::new(earlier));
-        }
-        for records in by_use.values_mut() {
-            // Latest first; the key only makes the order complete.
-            records.sort_by_key(|earlier| std::cmp::Reverse((earlier.0.provenance.started, earlier.0.key)));
-        }
-        let mut by_label = HashMap::new();
-        for earlier in by_use.values().flatten() {
-            let from = &earlier.0.provenance;
-            let label = (earlier.0.use_name.clone(), from.pipeline.clone(), from.stage.clone(), axes_text(&from.axes));
-            by_label.entry(label).or_insert_with(|| earlier.clone());
-        }
-        let mut by_state = HashMap::new();
-        for earlier in by_use.values().flatten() {
-            if let Some(state) = earlier.0.state_key {
-                by_state.entry(state).or_insert_with(|| earlier.clone());
-            }
-        }
-        Self { by_use, by_label, by_state }
+    /// Of nothing: everything is new.
+    pub fn none() -> Self {
+        Self { store: None, latest: OnceLock::new() }
     }
 
-    /// Whether there is any earlier result of this kind of stage.
+    /// Whether there may be an earlier result of this kind of stage.
     pub fn knows(&self, use_name: &str) -> bool {
-        self.by_use.contains_key(use_name)
+        self.store.is_some_and(|store| store.knows(use_name))
     }
 
     /// The latest result of the same work, done for longer or shorter.
-    pub fn same_work(&self, state_key: &Digest) -> Option<&InstanceRecord> {
-        self.by_state.get(state_key).map(|earlier| &earlier.0)
+    pub fn same_work(&self, state_key: &Digest) -> Option<Earlier> {
+        self.store?.latest_of_work(state_key)
     }
 
     /// The last result under this very label from the same params and files, whatever its inputs held.
-    pub fn same_params(&self, plan: &Plan, id: InstanceId, use_name: &str, params: &Value) -> Option<&InstanceRecord> {
-        let earlier = self.same_label(plan, id, use_name)?;
-        (earlier.1.params == *params).then_some(&earlier.0)
+    pub fn same_params(&self, plan: &Plan, id: InstanceId, use_name: &str, params: &Value) -> Option<InstanceRecord> {
+        let (record, recipe) = self.same_label(plan, id, use_name)?;
+        (recipe.params == *params).then_some(record)
     }
 
     /// The last result under the very label of the instance: what the user compares with.
-    fn same_label(&self, plan: &Plan, id: InstanceId, use_name: &str) -> Option<&Arc<Earlier>> {
+    fn same_label(&self, plan: &Plan, id: InstanceId, use_name: &str) -> Option<Earlier> {
         let instance = &plan.instances[id];
-        let stage = plan.spec.stages[instance.stage].name.clone();
-        let axes = axes_text(&instance.axes);
-        self.by_label.get(&(use_name.to_owned(), plan.spec.pipeline.clone(), stage, axes))
+        let stage = &plan.spec.stages[instance.stage].name;
+        self.store?.latest_of(&Label { use_name, pipeline: &plan.spec.pipeline, stage, axes: &instance.axes })
+    }
+
+    /// The latest results of a kind of stage.
+    fn latest(&self, use_name: &str) -> &[Arc<Earlier>] {
+        let latest = self.latest.get_or_init(|| {
+            let mut by_use: HashMap<String, Vec<Arc<Earlier>>> = HashMap::new();
+            for earlier in self.store.into_iter().flat_map(|store| store.latest_records(LATEST)) {
+                let alike = by_use.entry(earlier.0.use_name.clone()).or_default();
+                if alike.len() < COMPARED {
+                    alike.push(Arc::new(earlier));
+                }
+            }
+            by_use
+        });
+        latest.get(use_name).map_or(&[], Vec::as_slice)
     }
 
     /// The earlier result with the fewest differences, where params that only say when to stop hardly count: the run goes on from it.
@@ -99,13 +91,14 @@ impl History {
         };
         let same_label = self.same_label(plan, id, &now.use_name);
         // The run that it goes on from, also where hundreds came after it.
-        let same_work = now.state_key(stopping).and_then(|state| self.by_state.get(&state));
-        let latest = self.by_use.get(&now.use_name).into_iter().flatten().take(COMPARED);
-        same_label
-            .into_iter()
-            .chain(same_work)
-            .chain(latest)
-            .map(|record| (record.clone(), differences(&dependencies_of(record), now)))
+        let same_work = now.state_key(stopping).and_then(|state| self.same_work(&state));
+        let looked_up = same_label.into_iter().chain(same_work).map(Arc::new);
+        looked_up
+            .chain(self.latest(&now.use_name).iter().cloned())
+            .map(|record| {
+                let found = differences(&dependencies_of(&record), now);
+                (record, found)
+            })
             .min_by_key(|(_, found)| (found.len() - found.iter().filter(only_stops).count(), found.len()))
     }
 
@@ -114,7 +107,7 @@ impl History {
         let Some(earlier) = self.same_label(plan, id, &now.use_name) else {
             return vec!["no earlier result".to_owned()];
         };
-        let differences = differences(&dependencies_of(earlier), now);
+        let differences = differences(&dependencies_of(&earlier), now);
         if differences.is_empty() {
             return vec!["its stored result is damaged or gone".to_owned()];
         }

@@ -10,7 +10,7 @@ mod released;
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, OnceLock};
+use std::sync::{Arc, Mutex};
 
 use rayon::prelude::*;
 use serde_json::Value;
@@ -93,7 +93,7 @@ struct Sound {
 pub struct Resolver<'a> {
     pub plan: &'a Plan,
     pub store: &'a Store,
-    history: OnceLock<History>,
+    history: History<'a>,
     files: Arc<InputFiles>,
     instant: Mutex<HashMap<InstanceId, Arc<Made>>>,
     /// What instant stages made in earlier runs, as it was fetched: a sweep has one scene for many instances.
@@ -140,13 +140,12 @@ impl<'a> Resolver<'a> {
     pub fn new(plan: &'a Plan, store: &'a Store) -> Self {
         let (files, instant, forms) = <(Arc<_>, Mutex<_>, Mutex<_>)>::default();
         let (extents, fetched, asked) = <(Mutex<_>, Mutex<_>, Mutex<_>)>::default();
-        Self { plan, store, history: OnceLock::new(), files, instant, fetched, forms, extents, asked }
+        Self { plan, store, history: History::of(store), files, instant, fetched, forms, extents, asked }
     }
 
-    /// The same, which compares with so many of the latest results at most: reading a large store takes time and memory.
-    pub fn with_history_of(self, latest: usize) -> Self {
-        let _ = self.history.set(History::read_latest(self.store, latest));
-        self
+    /// The same, which compares with no earlier result: nobody asks why an instance runs.
+    pub fn without_history(self) -> Self {
+        Self { history: History::none(), ..self }
     }
 
     /// Finds the state of each needed instance and checks those that are not up to date.
@@ -309,7 +308,7 @@ impl<'a> Resolver<'a> {
             return Ok((State::Run { reasons: vec!["forced".to_owned()] }, Some(keyed)));
         }
         let Some(record) = record else {
-            let reasons = self.history().reasons(self.plan, id, &keyed.dependencies);
+            let reasons = self.history.reasons(self.plan, id, &keyed.dependencies);
             return Ok((State::Run { reasons }, Some(keyed)));
         };
         let missing: Vec<&str> =
@@ -331,8 +330,8 @@ impl<'a> Resolver<'a> {
     }
 
     /// The results of earlier runs.
-    pub fn history(&self) -> &History {
-        self.history.get_or_init(|| History::read(self.store))
+    pub fn history(&self) -> &History<'a> {
+        &self.history
     }
 
     /// What is known of an instance's inputs by now, but for its files and for the sizes of its inputs.

@@ -238,9 +238,6 @@ impl Build {
 /// Fewer shards of the training split than this keep many readers from working side by side.
 const FEW_SHARDS: usize = 16;
 
-/// So many of the latest results say how long a sample takes.
-const COMPARED: usize = 4096;
-
 impl Look {
     fn run(&self, registry: &Registry) -> Done {
         let (plan, dataset) = self.named.plan(registry)?;
@@ -257,7 +254,7 @@ impl Look {
         let first: Vec<u64> =
             dataset.splits.iter().flat_map(|split| split.indices.iter().copied()).min().into_iter().collect();
         let sample = dataset.of_samples(&plan, registry, &first)?;
-        let resolver = Resolver::new(&sample, &store).with_history_of(COMPARED);
+        let resolver = Resolver::new(&sample, &store);
         let survey = resolver.survey(&[]);
         let report = Report::from(survey.problems.clone());
         if report.has_errors() {

@@ -2,7 +2,6 @@
 
 use clap::Args;
 
-use crate::explain::History;
 use crate::registry::Registry;
 use crate::resolve::{Resolver, State};
 use crate::spec::Report;
@@ -33,7 +32,6 @@ impl Explain {
         if report.has_errors() {
             return Err(report.into());
         }
-        let history = History::read(&store);
         let mut text = String::new();
         for id in plan.instances_of(stage).take(MOST) {
             text.push_str(&plan.label(id));
@@ -46,7 +44,7 @@ impl Explain {
                 Some(State::Run { reasons }) => {
                     let (_, job) = resolver.state(id, &survey.outputs, false).map_err(Report::from)?;
                     let job = job.expect("an instance that runs has a job");
-                    let nearest = history.nearest(&plan, id, &job.dependencies);
+                    let nearest = resolver.history().nearest(&plan, id, &job.dependencies);
                     // The fields below say it better than the short reasons, which compare with the latest result of this name.
                     match &nearest {
                         Some((_, differences)) if !differences.is_empty() => text.push_str(": runs\n"),

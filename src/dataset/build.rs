@@ -271,8 +271,8 @@ impl Building<'_> {
 
     /// States of samples; these outputs of theirs must be there, not only their records.
     fn resolver<'p>(&'p self, plan: &'p Plan, read: &[(StageId, &'static str)]) -> Resolver<'p> {
-        // Why a sample is computed nobody asks; to compare with all that were is work that grows with the set.
-        let resolver = Resolver::new(plan, self.store).with_history_of(0);
+        // Why a sample is computed nobody asks.
+        let resolver = Resolver::new(plan, self.store).without_history();
         for (stage, port) in read {
             plan.instances_of(*stage).into_iter().for_each(|id| resolver.ask(id, port));
         }

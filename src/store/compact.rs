@@ -10,10 +10,10 @@ use crate::digest::Digest;
 use crate::store::disk;
 use crate::store::error::StoreError;
 use crate::store::frame::{self, Kind};
-use crate::store::index::Place;
 use crate::store::lock::guard;
 use crate::store::odd;
 use crate::store::packs::{Packs, RELEASED, stamp_after};
+use crate::store::place::{Entry, Named};
 use crate::store::state::{LONGEST, Pack, State, read, read_payload};
 use crate::store::writer::{FULL, now_ns};
 
@@ -35,11 +35,19 @@ impl Packs {
         let mut writer = guard(&self.writer);
         *writer = None;
         let mut state = self.state_mut();
+        // First, as it reads packs again where the index turns out damaged.
+        let is_kept = |Entry { digest, named, place }: &Entry| match named {
+            Named::Record => place.is_here() && records.contains(digest),
+            Named::Blob => (place.is_here() || place.is_released()) && blobs.contains(digest),
+            _ => false,
+        };
+        let kept = |kept: &mut Vec<Entry>, entry| kept.extend(Some(entry).filter(is_kept));
+        let kept = state.fold(&self.root, kept);
         state.is_complete()?;
         let folder = self.root.join("packs");
         odd::make_folder(&self.root, &folder).map_err(StoreError::io("create a folder of the store", &folder))?;
         let mut fresh = Fresh { folder, files: Vec::new(), length: FULL, keep: false };
-        fresh.write_kept(&state, records, blobs)?;
+        fresh.write_kept(&state, kept)?;
         fresh.sync()?;
         fresh.keep = true;
         let removed = state.packs.values().map(|pack| self.remove(pack)).fold(Ok(()), Result::and);
@@ -47,7 +55,7 @@ impl Packs {
         state.refresh(&self.root)?;
         removed?;
         self.damaged.store(false, Ordering::Relaxed);
-        state.save(&self.root)
+        state.save(&self.root, true, now_ns())
     }
 
     fn remove(&self, pack: &Pack) -> Result<(), StoreError> {
@@ -70,29 +78,17 @@ pub(super) fn gone(removed: io::Result<()>) -> io::Result<()> {
 }
 
 impl Fresh {
-    fn write_kept(
-        &mut self,
-        state: &State,
-        records: &BTreeSet<Digest>,
-        blobs: &BTreeSet<Digest>,
-    ) -> Result<(), StoreError> {
-        let mut kept: Vec<(u32, u32, Kind, Digest, Place)> = Vec::new();
-        let mut used = Vec::new();
-        for (kind, map, keep) in
-            [(Kind::Blob, &state.index.blobs, blobs), (Kind::Record, &state.index.records, records)]
-        {
-            for (key, place) in map.iter().filter(|(key, place)| place.is_here() && keep.contains(*key)) {
-                kept.push((place.pack, place.offset, kind, *key, *place));
-                if kind == Kind::Record && u64::from(place.used) > place.stamp / 1_000_000_000 {
-                    used.push((*key, u64::from(place.used)));
-                }
-            }
-        }
+    fn write_kept(&mut self, state: &State, kept: Vec<Entry>) -> Result<(), StoreError> {
+        let is_used = |e: &&Entry| e.named == Named::Record && u64::from(e.place.used) > e.place.stamp / 1_000_000_000;
+        let mut used: Vec<_> = kept.iter().filter(is_used).map(|e| (e.digest, u64::from(e.place.used))).collect();
+        // In order already.
+        let (released, mut kept): (Vec<Entry>, Vec<Entry>) = kept.into_iter().partition(|e| e.place.is_released());
         // In the order of the packs: old neighbours stay neighbours.
-        kept.sort_unstable_by_key(|(pack, offset, kind, key, _)| (*pack, *offset, *kind, *key));
+        kept.sort_unstable_by_key(|e| (e.place.pack, e.place.offset, e.named, e.digest));
         used.sort_unstable();
-        for (pack, _, kind, key, place) in kept {
-            let Some(Pack { file, name, .. }) = state.packs.get(&pack) else { continue };
+        for Entry { digest: key, named, place } in kept {
+            let Some(Pack { file, name, .. }) = state.packs.get(&place.pack) else { continue };
+            let kind = if named == Named::Blob { Kind::Blob } else { Kind::Record };
             // What was read and is damaged is left behind; a blob is whole if its bytes have its digest, whatever became of
             // its header.
             let payload = match kind {
@@ -105,12 +101,9 @@ impl Fresh {
             }
         }
         // That bytes were given back is all that is left of them.
-        let mut released: Vec<_> =
-            state.index.blobs.iter().filter(|(key, p)| p.is_released() && blobs.contains(*key)).collect();
-        released.sort_unstable_by_key(|(key, _)| **key);
         for released in released.chunks(RELEASED) {
-            let payload: Vec<u8> = released.iter().flat_map(|(key, _)| key.0).collect();
-            let stamp = stamp_after(released.iter().map(|(_, place)| place.stamp).max());
+            let payload: Vec<u8> = released.iter().flat_map(|entry| entry.digest.0).collect();
+            let stamp = stamp_after(released.iter().map(|entry| entry.place.stamp).max());
             self.write(&frame::encode(Kind::Release, &Digest::of(&payload), stamp, &payload))?;
         }
         if !used.is_empty() {

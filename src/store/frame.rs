@@ -66,7 +66,7 @@ pub(super) fn encode(kind: Kind, key: &Digest, stamp: u64, payload: &[u8]) -> Ve
 }
 
 /// The header at the start of `bytes`, if one is there and undamaged.
-fn header(bytes: &[u8]) -> Option<Frame> {
+pub(super) fn header(bytes: &[u8]) -> Option<Frame> {
     let head = bytes.get(..HEADER)?;
     if head[..4] != MAGIC || head[72..] != check_of(&head[..72]) {
         return None;

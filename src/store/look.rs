@@ -1,8 +1,10 @@
 //! Looking at what stands in the store: what it is, and what lies in a folder.
 
 use std::fs::{self, Metadata};
-use std::io;
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
+
+use crate::regular;
 
 /// Whether an error says that nothing stands at a path (a link to nothing, or to itself, leads to nothing). Any other error
 /// says nothing about what is there.
@@ -28,6 +30,13 @@ pub(super) fn look_at_link(path: &Path) -> io::Result<Option<Metadata>> {
 
 fn present(found: io::Result<Metadata>) -> io::Result<Option<Metadata>> {
     found.map(Some).or_else(|e| if is_absent(&e) { Ok(None) } else { Err(e) })
+}
+
+/// Whether a regular file begins with these bytes, as far as one can tell.
+pub(super) fn begins(path: &Path, bytes: &[u8]) -> bool {
+    let mut first = vec![0; bytes.len()];
+    let file = regular::open(path, fs::OpenOptions::new().read(true));
+    file.is_ok_and(|mut file| file.read_exact(&mut first).is_ok() && first == bytes)
 }
 
 /// Everything in a folder, sorted; nothing where there is no such folder.

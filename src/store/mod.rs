@@ -9,6 +9,7 @@ mod checkpoint;
 mod codec;
 mod compact;
 mod disk;
+mod earlier;
 mod error;
 mod exr;
 mod format;
@@ -17,17 +18,22 @@ mod gc;
 mod index;
 mod kernel;
 mod key_lock;
+mod labels;
 mod large;
+mod listing;
 mod lock;
 mod look;
 mod network;
 mod odd;
 mod packs;
 mod parquet;
+mod place;
 mod record;
 mod release;
 mod remote;
 mod resume;
+mod saved;
+mod sorted;
 mod state;
 mod verify;
 mod writer;
@@ -56,6 +62,7 @@ pub use codec::{decode, encode, encode_pieces};
 pub use error::StoreError;
 pub use gc::GcReport;
 pub use key_lock::KeyLock;
+pub use labels::Label;
 pub use large::OpenedImages;
 pub use record::{Blob, Cost, InstanceRecord, PortRecord, Provenance, Recipe};
 pub use release::Names;
@@ -344,13 +351,7 @@ impl Store {
 
     /// All undamaged records with what went in, the newest first, whether or not their blobs are still there.
     pub fn records(&self) -> impl Iterator<Item = (InstanceRecord, Recipe)> {
-        self.records_of_latest(usize::MAX)
-    }
-
-    /// So many of them at most.
-    pub fn records_of_latest(&self, most: usize) -> impl Iterator<Item = (InstanceRecord, Recipe)> {
-        let all = if most == 0 { Vec::new() } else { self.folder.packs.records() };
-        all.into_iter().take(most).filter_map(|(key, _)| self.record_and_recipe(&key))
+        self.folder.packs.records().into_iter().filter_map(|(key, _)| self.record_and_recipe(&key))
     }
 
     /// Brings a blob here from the store elsewhere, if there is one and it is not here. Error: it cannot be read, or this one not be written.

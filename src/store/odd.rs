@@ -8,7 +8,8 @@ use std::path::{Path, PathBuf};
 use crate::store::look;
 
 /// The folders of a store.
-const FOLDERS: [&str; 8] = ["packs", "blobs", "checkpoints", "locks", "tmp", "quarantine", "memos", "unchanged"];
+const FOLDERS: [&str; 9] = ["packs", INDEX, "blobs", "checkpoints", "locks", "tmp", "quarantine", "memos", "unchanged"];
+const INDEX: &str = "index";
 /// So many files of one name find a place in quarantine; the last one is replaced.
 const SAME_NAMES: u32 = 1000;
 
@@ -59,9 +60,12 @@ impl Found {
 /// Looks at all names in the store at `root`.
 pub(super) fn all(root: &Path) -> Found {
     let mut found = Found::default();
-    ["format", "index"].iter().for_each(|name| found.check(root.join(name), Kind::File));
-    FOLDERS.iter().for_each(|name| found.check(root.join(name), Kind::Folder));
-    for name in ["packs", "locks", "tmp", "memos", "unchanged"] {
+    found.check(root.join("format"), Kind::File);
+    FOLDERS
+        .iter()
+        .filter(|name| **name != INDEX || !is_old_index(root))
+        .for_each(|name| found.check(root.join(name), Kind::Folder));
+    for name in ["packs", INDEX, "locks", "tmp", "memos", "unchanged"] {
         found.children(&root.join(name)).into_iter().for_each(|path| found.check(path, Kind::File));
     }
     for name in ["blobs", "checkpoints"] {
@@ -75,6 +79,11 @@ pub(super) fn all(root: &Path) -> Found {
     }
     found.odd.sort();
     found
+}
+
+/// Whether the index is the one file that turbid up to 0.1 kept.
+pub(super) fn is_old_index(root: &Path) -> bool {
+    look::begins(&root.join(INDEX), b"turbid index ")
 }
 
 /// Two hexadecimal digits.

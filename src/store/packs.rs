@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 use std::time::Duration;
 
@@ -12,10 +12,10 @@ use crate::digest::Digest;
 use crate::store::disk;
 use crate::store::error::StoreError;
 use crate::store::frame::{self, HEADER, Kind};
-use crate::store::index::{Map, Place};
 use crate::store::lock::guard;
+use crate::store::place::{Named, Place};
 use crate::store::record::head_end;
-use crate::store::state::{LONGEST, State, read, read_payload, read_start};
+use crate::store::state::{LONGEST, State, read, read_key, read_payload, read_start};
 use crate::store::writer::{FULL, Standing, Writer, now_ns};
 
 /// What is published reaches the disk within about this time.
@@ -32,6 +32,8 @@ const DEAD: u64 = 16 << 20;
 pub(super) const RELEASED: usize = 4096;
 /// So often a run that ends writes again what vanishes under it.
 const RESCUES: usize = 3;
+/// As many entries are kept in memory at most before they go into a file of the index.
+const MOST_RECENT: usize = 1 << 18;
 
 /// All packs of a store. Of the two locks `writer` is always taken first.
 pub(super) struct Packs {
@@ -41,6 +43,8 @@ pub(super) struct Packs {
     touched: Mutex<BTreeSet<Digest>>,
     /// Whether something in the packs was found damaged.
     pub(super) damaged: AtomicBool,
+    /// So many entries in memory are too many. More, where they could not be written.
+    pub(super) most_recent: AtomicUsize,
     opened_s: u64,
     among_many: bool,
 }
@@ -57,6 +61,7 @@ impl Packs {
             writer: Mutex::new(None),
             touched: Mutex::new(BTreeSet::new()),
             damaged: AtomicBool::new(false),
+            most_recent: AtomicUsize::new(MOST_RECENT),
             opened_s: now_ns() / 1_000_000_000,
             among_many,
         })
@@ -71,9 +76,22 @@ impl Packs {
         self.state.write().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// What is known of something. Where a file of the index turns out damaged meanwhile, what it covered is read again from the packs.
+    fn look<T>(&self, find: impl Fn(&State) -> T) -> T {
+        loop {
+            let state = self.state();
+            let found = find(&state);
+            if !state.is_hurt() {
+                return found;
+            }
+            drop(state);
+            self.state_mut().mend(&self.root);
+        }
+    }
+
     /// The payload of the record of `key`; `None` where there is none or where it is damaged.
     pub fn record(&self, key: &Digest) -> io::Result<Option<Vec<u8>>> {
-        let Some((place, file)) = self.state().find(Kind::Record, key) else { return Ok(None) };
+        let Some((place, file)) = self.look(|state| state.find(Named::Record, key)) else { return Ok(None) };
         let bytes = read(&file, &place, Kind::Record, key)?;
         if bytes.is_none() {
             self.note_damage();
@@ -83,14 +101,15 @@ impl Packs {
 
     /// The frame of a record or blob with its stamp, as it was appended; `None` as of [`Packs::record`].
     pub fn frame(&self, kind: Kind, key: &Digest) -> io::Result<Option<(u64, Vec<u8>)>> {
-        let Some((place, file)) = self.state().find(kind, key) else { return Ok(None) };
+        let named = if kind == Kind::Record { Named::Record } else { Named::Blob };
+        let Some((place, file)) = self.look(|state| state.find(named, key)) else { return Ok(None) };
         let payload = read(&file, &place, kind, key)?;
         Ok(payload.map(|payload| (place.stamp, frame::encode(kind, key, place.stamp, &payload))))
     }
 
     /// At least the head of the record of `key`, as it is. This is a use of the record.
     pub fn record_head(&self, key: &Digest) -> io::Result<Option<Vec<u8>>> {
-        let Some((place, file)) = self.state().find(Kind::Record, key) else { return Ok(None) };
+        let Some((place, file)) = self.look(|state| state.find(Named::Record, key)) else { return Ok(None) };
         let head = read_start(&file, &place, HEAD)?;
         let head = match head.as_deref().and_then(head_end) {
             Some(end) if end > HEAD => read_start(&file, &place, end)?,
@@ -102,26 +121,34 @@ impl Packs {
         Ok(head)
     }
 
+    /// Key of the latest record of a label, work or kind of stage. It may have been replaced or forgotten since.
+    pub fn latest(&self, named: Named, digest: &Digest) -> Option<Digest> {
+        let (place, file) = self.look(|state| state.find(named, digest))?;
+        read_key(&file, &place).ok()?
+    }
+
+    /// Stamp of the newest frame of a record.
+    pub fn record_stamp(&self, key: &Digest) -> Option<u64> {
+        self.look(|state| state.find(Named::Record, key)).map(|(place, _)| place.stamp)
+    }
+
+    fn blob_place(&self, digest: &Digest) -> Option<Place> {
+        self.look(|state| state.index.find(Named::Blob, digest))
+    }
+
     /// Length of a packed blob.
     pub fn blob_length(&self, digest: &Digest) -> Option<u64> {
-        self.state().index.blobs.get(digest).filter(|p| p.is_here()).map(|p| u64::from(p.length))
+        self.blob_place(digest).filter(Place::is_here).map(|place| u64::from(place.length))
     }
 
     /// Whether the bytes of a blob were given back on purpose, and have not come since.
     pub fn is_released(&self, digest: &Digest) -> bool {
-        let state = self.state();
-        state.index.releases && state.index.blobs.get(digest).is_some_and(Place::is_released)
+        self.releases() && self.blob_place(digest).is_some_and(|place| place.is_released())
     }
 
     /// Whether there may be a released blob at all.
     pub fn releases(&self) -> bool {
-        self.state().index.releases
-    }
-
-    /// The blobs that were released.
-    pub fn released(&self) -> Vec<Digest> {
-        let state = self.state();
-        state.index.blobs.iter().filter(|(_, place)| place.is_released()).map(|(digest, _)| *digest).collect()
+        self.state().index.releases()
     }
 
     /// Gives back the bytes of blobs: from now on a pack holds no bytes of them. On the disk when this returns.
@@ -129,7 +156,7 @@ impl Packs {
         let mut slot = guard(&self.writer);
         for digests in digests.chunks(RELEASED) {
             self.settle(&mut slot)?;
-            let last = digests.iter().filter_map(|digest| self.state().stamp_of(Kind::Blob, digest)).max();
+            let last = digests.iter().filter_map(|digest| self.stamp_of(Kind::Blob, digest)).max();
             let payload: Vec<u8> = digests.iter().flat_map(|digest| digest.0).collect();
             let frame = frame::encode(Kind::Release, &Digest::of(&payload), stamp_after(last), &payload);
             self.append_frame(&mut slot, &frame)?;
@@ -139,7 +166,7 @@ impl Packs {
 
     /// The bytes where the blob should be, damaged or not (`None`: not packed, or its pack is shorter).
     pub fn blob(&self, digest: &Digest) -> io::Result<Option<Vec<u8>>> {
-        let Some((place, file)) = self.state().find_blob(digest) else { return Ok(None) };
+        let Some((place, file)) = self.look(|state| state.find_blob(digest)) else { return Ok(None) };
         read_payload(&file, &place)
     }
 
@@ -155,30 +182,29 @@ impl Packs {
         }
         let state = self.state();
         let short = state.packs.values().filter(|pack| pack.covered < FULL).count();
-        self.damaged.load(Ordering::Relaxed) || state.garbage > 0 || short > MANY_SHORT_PACKS || is_mostly_dead(&state)
+        if self.damaged.load(Ordering::Relaxed) || state.garbage > 0 || short > MANY_SHORT_PACKS {
+            return true;
+        }
+        let seems = is_mostly_dead(&state);
+        drop(state);
+        // Counted as frames came: some may have been counted twice.
+        seems && {
+            self.count_dead();
+            is_mostly_dead(&self.state())
+        }
     }
 
-    /// All records with their place, the newest first.
-    pub fn records(&self) -> Vec<(Digest, Place)> {
-        let mut all: Vec<_> = here(&self.state().index.records);
-        all.sort_by_key(|(key, place)| (std::cmp::Reverse(place.stamp), *key));
-        all
-    }
-
-    /// The keys of all records but those.
-    pub fn keys_but(&self, left_out: impl Fn(&Digest) -> bool) -> Vec<Digest> {
-        let state = self.state();
-        let here = state.index.records.iter().filter(|(_, place)| place.is_here());
-        here.map(|(key, _)| *key).filter(|key| !left_out(key)).collect()
+    /// Counts the bytes that no entry needs.
+    fn count_dead(&self) {
+        let mut state = self.state_mut();
+        let live = state.fold(&self.root, |live: &mut i64, entry| *live += entry.room());
+        let all: u64 = state.packs.values().map(|pack| pack.covered).sum();
+        state.index.set_dead(i64::try_from(all).unwrap_or(i64::MAX) - live);
     }
 
     /// Error: a pack cannot be read.
     pub fn is_complete(&self) -> Result<(), StoreError> {
         self.state().is_complete()
-    }
-
-    pub fn blobs(&self) -> Vec<(Digest, Place)> {
-        here(&self.state().index.blobs)
     }
 
     /// Where the packs are.
@@ -207,12 +233,26 @@ impl Packs {
     pub fn append(&self, kind: Kind, key: &Digest, payload: &[u8]) -> Result<(), StoreError> {
         let mut slot = guard(&self.writer);
         self.settle(&mut slot)?;
-        let last = self.state().stamp_of(kind, key);
+        let last = self.stamp_of(kind, key);
         self.append_frame(&mut slot, &frame::encode(kind, key, stamp_after(last), payload))?;
+        self.keep_little_in_memory();
         // One sync for many records: a power cut may cost the last second, never the order of blobs and records.
         match slot.as_mut() {
             Some(writer) if kind == Kind::Record && writer.last_sync.elapsed() > SYNC_EVERY => writer.sync(&self.root),
             _ => Ok(()),
+        }
+    }
+
+    fn stamp_of(&self, kind: Kind, key: &Digest) -> Option<u64> {
+        self.look(|state| state.stamp_of(kind, key))
+    }
+
+    /// Lets the files of the index take what is in memory, if it is much.
+    fn keep_little_in_memory(&self) {
+        let recent = self.state().index.recent();
+        if !self.among_many && recent > self.most_recent.load(Ordering::Relaxed) {
+            let most = if self.save(false).is_ok() { MOST_RECENT } else { 2 * recent };
+            self.most_recent.store(most, Ordering::Relaxed);
         }
     }
 
@@ -280,22 +320,21 @@ impl Packs {
         state.is_complete()
     }
 
-    /// Brings everything to the disk and writes the index file if it lacks something.
+    /// Brings everything to the disk and writes what the files of the index lack.
     pub fn finish(&self) -> Result<(), StoreError> {
         self.sync_all()?;
         if self.state().stale && !self.among_many {
             // Only a cache: without it the next opening is slower.
-            let _ = self.save_index();
+            let _ = self.save(false);
         }
         Ok(())
     }
 
-    /// The same, but writes the index file only if it lacks much of what there is: so often that what is read again after a
-    /// crash is little, and so seldom that all writing together is a few times the last index.
+    /// The same, but writes a file of the index only if they lack enough: what is read again after a crash is little.
     pub fn finish_for_now(&self) -> Result<(), StoreError> {
         self.sync_all()?;
         if self.state().lacks_much() && !self.among_many {
-            let _ = self.save_index();
+            let _ = self.save(false);
         }
         Ok(())
     }
@@ -325,9 +364,13 @@ impl Packs {
         self.refresh()
     }
 
-    /// Writes the index file.
+    /// Writes the index anew, as one file.
     pub fn save_index(&self) -> Result<(), StoreError> {
-        self.state_mut().save(&self.root)
+        self.save(true)
+    }
+
+    fn save(&self, whole: bool) -> Result<(), StoreError> {
+        self.state_mut().save(&self.root, whole, now_ns())
     }
 
     /// Checks every frame of every pack: what no whole frame covers, in bytes, by pack; or why a pack cannot be read
@@ -349,7 +392,7 @@ impl Packs {
 
     /// The packs of which nothing is known, and why.
     pub fn unread(&self) -> Vec<(PathBuf, String)> {
-        self.state().unread.iter().map(|(path, error)| (path.clone(), error.to_string())).collect()
+        self.state().unread().map(|(path, error)| (path.clone(), error.to_string())).collect()
     }
 }
 
@@ -358,19 +401,10 @@ pub(super) fn stamp_after(last: Option<u64>) -> u64 {
     now_ns().max(last.map_or(0, |stamp| stamp.saturating_add(1)))
 }
 
-/// Whether most of the packs is what newer frames replace or release: rewriting them gives more room back than it takes work.
+/// Whether most of the packs is what newer frames replace or release, as far as it was counted: rewriting them gives more room
+/// back than it takes work.
 fn is_mostly_dead(state: &State) -> bool {
     let all: u64 = state.packs.values().map(|pack| pack.covered).sum();
-    if all <= DEAD {
-        return false;
-    }
-    let live = |map: &Map<Place>| {
-        map.values().filter(|place| place.is_here()).map(|place| HEADER as u64 + u64::from(place.length)).sum::<u64>()
-    };
-    let live = live(&state.index.records) + live(&state.index.blobs);
-    all.saturating_sub(live) > live + DEAD
-}
-
-fn here(map: &Map<Place>) -> Vec<(Digest, Place)> {
-    map.iter().filter(|(_, place)| place.is_here()).map(|(key, place)| (*key, *place)).collect()
+    let dead = u64::try_from(state.index.dead()).unwrap_or(0).min(all);
+    dead > (all - dead) + DEAD
 }

@@ -64,7 +64,8 @@ impl Store {
             }
             names.counted.insert(first(&key));
         }
-        Ok(())
+        // Also while they were listed and looked up.
+        self.folder.packs.is_complete()
     }
 
     /// Gives back the bytes of blobs. All of a pack's are dead with one frame; the packs are rewritten when most of them is

@@ -10,7 +10,10 @@ use crate::digest::Digest;
 use crate::store::disk::{self, Identity};
 use crate::store::error::StoreError;
 use crate::store::frame::{self, Frame, HEADER, Kind};
-use crate::store::index::{self, Covered, Index, Map, Place};
+use crate::store::index::Index;
+use crate::store::place::{Entry, Map, Named, Place};
+use crate::store::saved::{Merged, Source};
+use crate::store::sorted::{Covered, Sorted};
 
 /// No pack is longer: writers end it near 64 MiB. Something longer is not read, least of all into memory.
 pub(super) const LONGEST: u64 = 1 << 30;
@@ -18,15 +21,17 @@ pub(super) const LONGEST: u64 = 1 << 30;
 /// Memory for more bytes is taken only where the file has them.
 const LARGE: u64 = 64 << 10;
 
-/// Fewer frames are read again faster than an index is written.
+/// Fewer entries are read again faster than a file of the index is written.
 const FRESH: usize = 4096;
 
 pub(super) struct Pack {
     pub name: String,
     pub file: Arc<File>,
     identity: Identity,
-    /// The index knows all frames up to here.
+    /// The index knows all frames up to here ...
     pub covered: u64,
+    /// ... and its files those up to here.
+    saved: u64,
     /// Length at the last look.
     pub length: u64,
 }
@@ -40,78 +45,124 @@ pub(super) struct State {
     pub index: Index,
     /// Blobs of packs that are gone. What this process found once it can still read: the files are open.
     gone_blobs: Map<(Place, Arc<File>)>,
-    /// Whether the index file lacks something that `index` holds.
+    /// Whether the files of the index lack something that `index` holds, or are not as they should be.
     pub stale: bool,
-    /// Frames that were taken in since it was written.
-    fresh: usize,
-    /// Frames that the index file names and that the packs no longer hold.
+    /// Frames that the files of the index name and that the packs no longer hold.
     pub lost: u64,
     /// Bytes between the frames that were read.
     pub garbage: u64,
     /// Packs that the last look could not look at, open or read to their end: nothing is known of what is in them.
-    pub unread: Vec<(PathBuf, io::Error)>,
+    unread: Vec<(PathBuf, io::Error)>,
+    /// The same of looks since, while the index was mended: what was not found meanwhile may be there.
+    missed: Vec<(PathBuf, io::Error)>,
     /// Whether something that was found once may be gone: packs that vanished, blobs that were found damaged.
     pub shrunk: bool,
 }
 
 impl State {
     pub fn load(root: &Path) -> Result<Self, StoreError> {
-        let mut state = Self::default();
-        let saved = disk::read_regular(&root.join("index")).ok().and_then(|bytes| index::decode(&bytes));
-        let Some((packs, index)) = saved else {
-            state.stale = true;
-            state.refresh(root)?;
-            return Ok(state);
-        };
-        let mut all_there = true;
-        for covered in &packs {
-            // The number of a pack in the index file becomes its id, so places hold as they are.
-            all_there &= match Pack::open(root, &covered.name) {
-                Ok(pack) if pack.length >= covered.length && pack.first() == covered.first => {
-                    state.packs.insert(state.next, Pack { covered: covered.length, ..pack });
-                    true
-                }
-                _ => false,
-            };
-            state.next += 1;
-        }
-        if all_there {
-            state.index = index;
-            state.refresh(root)?;
-            return Ok(state);
-        }
-        // Another frame of a lost key may stand in another pack: read it all.
-        state.packs.values_mut().for_each(|pack| pack.covered = 0);
-        state.stale = true;
+        let mut state = Self { index: Index::open(root), ..Self::default() };
+        // What a pack that is gone said of a key may have hidden an older frame in another: a file that names one is of no use.
+        let mut opened = BTreeMap::new();
+        let mut saved = std::mem::take(&mut state.index.saved);
+        let useless = saved.keep_those(|file| state.ids_of(root, file, &mut opened));
+        saved.drop_covered();
+        state.index.saved = saved;
+        state.stale = state.index.saved.has_useless();
+        state.cover_what_is_saved();
         state.refresh(root)?;
-        if !state.unread.is_empty() {
-            return Ok(state);
+        if state.unread.is_empty() && !useless.is_empty() {
+            let entries = Merged::of(useless.iter().map(|file| Box::new(file.entries()) as Source<'_>)).flatten();
+            let is_lost = |entry: &Entry| {
+                let stands = matches!(entry.named, Named::Record | Named::Blob) && entry.place.is_here();
+                stands && state.index.find(entry.named, &entry.digest).is_none()
+            };
+            state.lost = entries.filter(is_lost).count() as u64;
         }
-        let lost = |named: &Map<Place>, found: &Map<Place>| {
-            named.iter().filter(|(key, place)| place.is_here() && !found.contains_key(*key)).count() as u64
-        };
-        state.lost = lost(&index.records, &state.index.records) + lost(&index.blobs, &state.index.blobs);
         Ok(state)
     }
 
-    pub fn find(&self, kind: Kind, key: &Digest) -> Option<(Place, Arc<File>)> {
-        let map = if kind == Kind::Record { &self.index.records } else { &self.index.blobs };
-        let place = map.get(key).filter(|place| place.is_here())?;
-        Some((*place, self.packs.get(&place.pack)?.file.clone()))
+    /// Ids of the packs that a file of the index covers; `None` where one is gone, cut short or another.
+    fn ids_of(
+        &mut self,
+        root: &Path,
+        file: &Sorted,
+        opened: &mut BTreeMap<String, Option<(u32, [u8; 16])>>,
+    ) -> Option<Vec<u32>> {
+        let mut id_of = |covered: &Covered| {
+            let (id, first) = (*opened.entry(covered.name.clone()).or_insert_with(|| {
+                let id = self.add(root, &covered.name)?;
+                Some((id, self.packs[&id].first()))
+            }))?;
+            (self.packs[&id].length >= covered.to && first == covered.first).then_some(id)
+        };
+        file.foot.packs.iter().map(&mut id_of).collect()
+    }
+
+    /// Lets the files of the index say how far packs are known.
+    fn cover_what_is_saved(&mut self) {
+        let reach = self.index.saved.reach();
+        for (id, pack) in &mut self.packs {
+            pack.saved = reach.get(id).copied().unwrap_or(0);
+            pack.covered = pack.saved;
+        }
+    }
+
+    /// Whether a file of the index was found damaged, so that what was looked up may not have been found.
+    pub fn is_hurt(&self) -> bool {
+        self.index.saved.is_hurt()
+    }
+
+    /// Leaves out files of the index that were found damaged, and reads again what they covered. What cannot be read is in `missed`.
+    pub fn mend(&mut self, root: &Path) {
+        if !self.is_hurt() {
+            return;
+        }
+        self.index.saved.drop_hurt();
+        self.stale = true;
+        self.cover_what_is_saved();
+        if let Err(StoreError::Io { path, source, .. }) = self.take_stock(root) {
+            self.missed.push((path, source));
+        }
+        self.missed.append(&mut self.unread);
+    }
+
+    /// What could not be read.
+    pub fn unread(&self) -> impl Iterator<Item = &(PathBuf, io::Error)> {
+        self.unread.iter().chain(&self.missed)
+    }
+
+    /// What `add` makes of all entries, in the order of their digests.
+    pub fn fold<T: Default>(&mut self, root: &Path, add: impl Fn(&mut T, Entry)) -> T {
+        loop {
+            let (recent, mut all) = (self.index.sorted(), T::default());
+            let mut entries = self.index.entries(&recent);
+            let whole = entries.try_for_each(|entry| entry.map(|entry| add(&mut all, entry)));
+            drop(entries);
+            if whole.is_ok() {
+                return all;
+            }
+            self.mend(root);
+        }
+    }
+
+    pub fn find(&self, named: Named, digest: &Digest) -> Option<(Place, Arc<File>)> {
+        let place = self.index.find(named, digest).filter(Place::is_here)?;
+        Some((place, self.packs.get(&place.pack)?.file.clone()))
     }
 
     /// A blob to read: in a pack, or in one that is gone and still open.
     pub fn find_blob(&self, digest: &Digest) -> Option<(Place, Arc<File>)> {
-        self.find(Kind::Blob, digest).or_else(|| self.gone_blobs.get(digest).cloned())
+        self.find(Named::Blob, digest).or_else(|| self.gone_blobs.get(digest).cloned())
     }
 
     pub fn stamp_of(&self, kind: Kind, key: &Digest) -> Option<u64> {
-        match kind {
-            Kind::Record | Kind::ForgetRecord => self.index.records.get(key),
-            Kind::Blob | Kind::ForgetBlob => self.index.blobs.get(key),
-            Kind::Used | Kind::Release => None,
-        }
-        .map(|place| place.stamp)
+        let named = match kind {
+            Kind::Record | Kind::ForgetRecord => Named::Record,
+            Kind::Blob | Kind::ForgetBlob => Named::Blob,
+            Kind::Used | Kind::Release => return None,
+        };
+        self.index.find(named, key).map(|place| place.stamp)
     }
 
     pub fn id_of(&self, name: &str) -> Option<u32> {
@@ -122,13 +173,9 @@ impl State {
     pub fn take_in(&mut self, id: u32, offset: u64, frame: &Frame, payload: &[u8]) {
         let Some(pack) = self.packs.get_mut(&id) else { return };
         pack.covered = pack.covered.max(offset + HEADER as u64 + frame.length);
-        self.index.apply(id, offset, frame);
+        self.index.apply(id, offset, frame, payload);
         match frame.kind {
-            Kind::Used => frame::used_pairs(payload).for_each(|(key, time_s)| self.index.mark_used(&key, time_s)),
-            Kind::Release => frame::released(payload).for_each(|digest| {
-                self.index.release(digest, frame.stamp);
-                self.gone_blobs.remove(&digest);
-            }),
+            Kind::Release => frame::released(payload).for_each(|digest| drop(self.gone_blobs.remove(&digest))),
             // Its maker says that these bytes are damaged.
             Kind::ForgetBlob => {
                 self.gone_blobs.remove(&frame.key);
@@ -136,13 +183,12 @@ impl State {
             }
             _ => {}
         }
-        self.fresh += 1;
         self.stale = true;
     }
 
-    /// Whether the index file lacks a fourth of what there is, and enough to be worth a file.
+    /// Whether the files of the index lack enough to be worth another one.
     pub fn lacks_much(&self) -> bool {
-        self.stale && self.fresh > FRESH + (self.index.records.len() + self.index.blobs.len()) / 4
+        self.stale && self.index.recent() > FRESH
     }
 
     /// Takes in packs that are new, packs that have grown, and packs that are gone, cut short or replaced by another
@@ -151,6 +197,11 @@ impl State {
     ///
     /// Error: the folder is there and cannot be read.
     pub fn refresh(&mut self, root: &Path) -> Result<(), StoreError> {
+        self.missed.clear();
+        self.take_stock(root)
+    }
+
+    fn take_stock(&mut self, root: &Path) -> Result<(), StoreError> {
         let there = list(&root.join("packs"))?;
         let is_gone = |pack: &Pack| match there.get(&pack.name) {
             Some(Ok((identity, n))) => *identity != pack.identity || *n < pack.covered,
@@ -162,12 +213,12 @@ impl State {
             self.forget(&gone);
         }
         self.unread.clear();
+        let ids: BTreeMap<String, u32> = self.packs.iter().map(|(id, pack)| (pack.name.clone(), *id)).collect();
         for (name, found) in there {
-            let path = root.join("packs").join(&name);
-            match (self.packs.values_mut().find(|pack| pack.name == name), found) {
+            match (ids.get(&name).and_then(|id| self.packs.get_mut(id)), found) {
                 (Some(pack), Ok((_, length))) => pack.length = length,
-                (None, Ok(_)) => self.add(root, &name),
-                (_, Err(error)) => self.unread.push((path, error)),
+                (None, Ok(_)) => drop(self.add(root, &name)),
+                (_, Err(error)) => self.unread.push((root.join("packs").join(&name), error)),
             }
         }
         let grown: Vec<u32> = self.packs.iter().filter(|(_, p)| p.length > p.covered).map(|(id, _)| *id).collect();
@@ -181,38 +232,48 @@ impl State {
         Ok(())
     }
 
-    fn add(&mut self, root: &Path, name: &str) {
+    /// Opens a pack; its id.
+    fn add(&mut self, root: &Path, name: &str) -> Option<u32> {
         match Pack::open(root, name) {
             // Ids end after 4 billion packs; what comes then is a miss.
-            Ok(pack) if self.next < Place::RELEASED => {
+            Ok(pack) if self.next < Place::UNKNOWN => {
                 self.packs.insert(self.next, pack);
                 self.next += 1;
+                return Some(self.next - 1);
             }
             Ok(_) => {}
             // Gone since, or no file.
             Err(error) if disk::is_absent(&error) || error.kind() == io::ErrorKind::InvalidInput => {}
             Err(error) => self.unread.push((root.join("packs").join(name), error)),
         }
+        None
     }
 
     /// Error: a pack could not be read. What is in it must not pass for gone.
     pub fn is_complete(&self) -> Result<(), StoreError> {
-        self.unread.first().map_or(Ok(()), |(path, error)| {
+        self.unread().next().map_or(Ok(()), |(path, error)| {
             let again = error.raw_os_error().map_or_else(|| error.kind().into(), io::Error::from_raw_os_error);
             Err(StoreError::io("read the store", path)(again))
         })
     }
 
-    /// Forgets packs that are gone. What they said of a key may have hidden an older frame in another: all is read again.
+    /// Forgets packs that are gone. What they said of a key may have hidden an older frame in another: all that files of the index
+    /// say beside them is forgotten too, and read again.
     fn forget(&mut self, gone: &BTreeSet<u32>) {
-        for (digest, place) in self.index.blobs.iter().filter(|(_, place)| gone.contains(&place.pack)) {
-            if let Some(pack) = self.packs.get(&place.pack) {
-                self.gone_blobs.insert(*digest, (*place, pack.file.clone()));
+        let recent = self.index.sorted();
+        for entry in self.index.entries(&recent).flatten() {
+            let Entry { digest, named, place } = entry;
+            if let Some(pack) =
+                self.packs.get(&place.pack).filter(|_| named == Named::Blob && gone.contains(&place.pack))
+            {
+                self.gone_blobs.insert(digest, (place, pack.file.clone()));
             }
         }
         self.packs.retain(|id, _| !gone.contains(id));
-        self.packs.values_mut().for_each(|pack| pack.covered = 0);
-        self.index = Index::default();
+        let is_there = |file: &Sorted| file.ids().iter().all(|id| self.packs.contains_key(id));
+        self.index.saved.keep_those(|file| is_there(file).then(|| file.ids().to_vec()));
+        self.index.forget_recent();
+        self.cover_what_is_saved();
         self.garbage = 0;
         (self.stale, self.shrunk) = (true, true);
     }
@@ -220,6 +281,7 @@ impl State {
     /// Knows nothing any more: the packs were rewritten, without what was not to be kept.
     pub fn clear(&mut self) {
         self.packs.clear();
+        self.index.saved.keep_those(|_| None);
         self.forget(&BTreeSet::new());
         self.gone_blobs = Map::default();
     }
@@ -249,14 +311,33 @@ impl State {
         Ok(())
     }
 
-    pub fn save(&mut self, root: &Path) -> Result<(), StoreError> {
-        let covered = |pack: &Pack| Covered { name: pack.name.clone(), length: pack.covered, first: pack.first() };
-        let packs: Vec<_> = self.packs.values().map(covered).collect();
-        let numbers: BTreeMap<u32, u32> = self.packs.keys().copied().zip(0..).collect();
-        let path = root.join("index");
-        let write = |to: &mut dyn io::Write| index::write(&packs, |id| numbers.get(&id).copied(), &self.index, to);
-        disk::publish_with(root, &path, &write).map_err(StoreError::io("write the index of the store", &path))?;
-        (self.stale, self.fresh) = (false, 0);
+    /// Writes what the files of the index lack, into one with the shorter of them or (`whole`) with all.
+    pub fn save(&mut self, root: &Path, whole: bool, id: u64) -> Result<(), StoreError> {
+        loop {
+            let mut fresh = self.index.fresh(id);
+            let named: BTreeSet<u32> = fresh.entries.iter().map(|entry| entry.place.pack).collect();
+            // In a part that is read again the files know all, and more.
+            let part = |(_, pack): (&u32, &Pack)| Covered {
+                name: pack.name.clone(),
+                from: pack.saved.min(pack.covered),
+                to: pack.covered,
+                first: pack.first(),
+            };
+            let is_new = |(id, pack): &(&u32, &Pack)| pack.covered > pack.saved || named.contains(*id);
+            fresh.covered = self.packs.iter().filter(is_new).map(part).collect();
+            let names: BTreeMap<u32, &str> = self.packs.iter().map(|(id, pack)| (*id, pack.name.as_str())).collect();
+            match self.index.saved.write(root, &fresh, whole, &names) {
+                Ok(()) => break,
+                Err(_) if self.is_hurt() => self.mend(root),
+                Err(error) => return Err(StoreError::io("write the index of the store", &root.join("index"))(error)),
+            }
+        }
+        self.index.forget_recent();
+        let reach = self.index.saved.reach();
+        for (id, pack) in &mut self.packs {
+            pack.saved = reach.get(id).copied().unwrap_or(0);
+        }
+        self.stale = false;
         Ok(())
     }
 }
@@ -266,7 +347,7 @@ impl Pack {
         let file = disk::open_regular(&root.join("packs").join(name))?;
         let meta = file.metadata()?;
         let (identity, length) = (disk::identity(&meta), meta.len());
-        Ok(Self { name: name.to_owned(), file: Arc::new(file), identity, covered: 0, length })
+        Ok(Self { name: name.to_owned(), file: Arc::new(file), identity, covered: 0, saved: 0, length })
     }
 
     /// The check in the header of the first frame: it covers a time in ns and a key, so no two packs share it.
@@ -300,6 +381,12 @@ pub(super) fn read_payload(file: &File, place: &Place) -> io::Result<Option<Vec<
 /// What stands where the first `length` bytes of the payload should be, less where it is shorter.
 pub(super) fn read_start(file: &File, place: &Place, length: usize) -> io::Result<Option<Vec<u8>>> {
     read_place(file, u64::from(place.offset) + HEADER as u64, u64::from(place.length).min(length as u64))
+}
+
+/// The key of the undamaged frame that begins there.
+pub(super) fn read_key(file: &File, place: &Place) -> io::Result<Option<Digest>> {
+    let bytes = read_place(file, u64::from(place.offset), HEADER as u64)?;
+    Ok(bytes.and_then(|bytes| frame::header(&bytes)).map(|frame| frame.key))
 }
 
 /// The payload of an undamaged frame of `kind` and `key`.

@@ -3,7 +3,6 @@
 use std::cell::OnceCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
-use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -14,7 +13,7 @@ use crate::store::backend::Backend;
 use crate::store::error::StoreError;
 use crate::store::frame::Kind;
 use crate::store::record::{Blob, InstanceRecord};
-use crate::store::{Store, disk, index, odd, remote};
+use crate::store::{Store, disk, odd, remote, saved, sorted};
 
 /// What is in the store. Bytes are those of files.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
@@ -185,6 +184,8 @@ impl Store {
         self.verify_packs(&mut report);
         let (records, mut unfit) = self.verify_records(&mut report);
         self.verify_blobs(&records, &mut report)?;
+        // Where the index was found damaged meanwhile.
+        self.verify_all_was_read(&mut report);
         // Where something could not be read, what is missing may be there.
         if report.unread().next().is_none() {
             unfit.extend(self.find_missing(&records, &mut report)?);
@@ -205,16 +206,24 @@ impl Store {
         let found = odd::all(&self.root);
         report.findings.extend(found.odd.into_iter().map(|path| Finding::Odd { path }));
         found.unread.into_iter().for_each(|(path, error)| report.found_unread(path, &error));
-        let path = self.root.join("index");
-        match disk::read_regular(&path) {
-            Ok(bytes) if index::decode(&bytes).is_none() && !index::is_of_another_format(&bytes) => {
-                report.findings.push(Finding::DamagedIndex);
+        for path in saved::paths(&self.root).unwrap_or_default() {
+            match sorted::is_sound(&path) {
+                Ok(true) => {}
+                Ok(false) if report.findings.contains(&Finding::DamagedIndex) => {}
+                Ok(false) => report.findings.push(Finding::DamagedIndex),
+                Err(error) if !disk::is_absent(&error) && error.kind() != io::ErrorKind::InvalidInput => {
+                    report.found_unread(path, &error);
+                }
+                Err(_) => {}
             }
-            Err(error) if !disk::is_absent(&error) && error.kind() != io::ErrorKind::InvalidInput => {
-                report.found_unread(path, &error);
-            }
-            _ => {}
         }
+    }
+
+    /// Says what of the packs could not be read so far.
+    fn verify_all_was_read(&self, report: &mut VerifyReport) {
+        let unread = self.folder.packs.unread().into_iter().map(|(path, error)| Finding::Unread { path, error });
+        let fresh: Vec<Finding> = unread.filter(|finding| !report.findings.contains(finding)).collect();
+        report.findings.extend(fresh);
     }
 
     /// Reads every pack from end to end.
@@ -224,7 +233,7 @@ impl Store {
             0 => {}
             entries => report.findings.push(Finding::LostEntries { entries }),
         }
-        report.findings.extend(packs.unread().into_iter().map(|(path, error)| Finding::Unread { path, error }));
+        self.verify_all_was_read(report);
         for (path, garbage) in packs.garbage() {
             match garbage {
                 Ok(bytes) => {
@@ -333,12 +342,13 @@ impl Store {
         let quarantine = self.lengths("quarantine")?;
         let temporary = self.lengths("tmp")?;
         let (packs, pack_bytes) = self.folder.packs.size();
+        let counts = self.folder.packs.counts();
         let mut stat = Stat {
-            records: self.folder.packs.records().len() as u64,
-            packed_blobs: self.folder.packs.blobs().len() as u64,
+            records: counts.records,
+            packed_blobs: counts.blobs,
             loose_blobs: loose.len() as u64,
             loose_bytes: loose.iter().map(|(_, _, bytes)| bytes).sum(),
-            released_blobs: self.folder.packs.released().len() as u64,
+            released_blobs: counts.released,
             packs: packs as u64,
             pack_bytes,
             checkpoints: checkpoints.len() as u64,
@@ -349,13 +359,12 @@ impl Store {
             temporary_bytes: temporary.iter().sum(),
             bytes: 0,
         };
-        let index = fs::metadata(self.root.join("index")).map_or(0, |m| m.len());
         stat.bytes = stat.loose_bytes
             + stat.pack_bytes
             + stat.checkpoint_bytes
             + stat.quarantine_bytes
             + stat.temporary_bytes
-            + index;
+            + saved::bytes(&self.root);
         Ok(stat)
     }
 

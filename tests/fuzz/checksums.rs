@@ -46,7 +46,32 @@ fn record(payload: &mut [u8]) {
     }
 }
 
-/// The last 32 bytes, which are the digest of those before (index, memos).
+/// The checks of a file of the index: that of each block, as long as the foot counts entries, and that of the foot.
+pub fn index(bytes: &mut [u8]) {
+    const ENTRY: usize = 56;
+    const PER_BLOCK: usize = 72;
+    const BLOCK_END: usize = 32;
+    const FOOT_END: usize = 56;
+    let Some(end) = bytes.len().checked_sub(FOOT_END) else { return };
+    let number = |at: usize| usize::try_from(u64::from_le_bytes(*bytes[at..].first_chunk().expect("8 bytes"))).ok();
+    let Some(begin) = number(end).and_then(|length| end.checked_sub(length)).filter(|at| at + 16 <= end) else {
+        return;
+    };
+    let mut left = number(begin + 8).unwrap_or(0);
+    let check = Digest::of(&bytes[begin..bytes.len() - 32]);
+    let tail = bytes.len() - 32;
+    bytes[tail..].copy_from_slice(&check.0);
+    let mut at = 0;
+    while left > 0 {
+        let count = left.min(PER_BLOCK);
+        let Some(block) = bytes[..begin].get_mut(at..at + count * ENTRY + BLOCK_END) else { return };
+        let (body, check) = block.split_at_mut(block.len() - 16);
+        check.copy_from_slice(&Digest::of(body).0[..16]);
+        (at, left) = (at + block.len(), left - count);
+    }
+}
+
+/// The last 32 bytes, which are the digest of those before (memos).
 pub fn tail(bytes: &mut [u8]) {
     if let Some(body) = bytes.len().checked_sub(32) {
         let check = Digest::of(&bytes[..body]);

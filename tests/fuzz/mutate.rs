@@ -72,8 +72,8 @@ fn repair(entry: &mut files::Entry) {
     if let What::File(bytes) = &mut entry.what {
         if entry.name.ends_with(".pack") {
             checksums::pack(bytes);
-        } else if entry.name.ends_with("index") {
-            checksums::tail(bytes);
+        } else if entry.name.ends_with(".index") {
+            checksums::index(bytes);
         }
     }
 }

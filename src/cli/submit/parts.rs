@@ -167,7 +167,7 @@ impl<'a> Parts<'a> {
         }
         for dealt in &self.dealt {
             // Why something is stale nobody asks here.
-            let survey = Resolver::new(&dealt.plan, &store).with_history_of(0).survey(&[]);
+            let survey = Resolver::new(&dealt.plan, &store).without_history().survey(&[]);
             let report = report_of(&dealt.plan, &survey);
             if report.has_errors() {
                 return Err(report.into());

@@ -66,13 +66,16 @@ impl Store {
         self.folder.packs.refresh()?;
         let there = if looks { remote.look_at_objects()? } else { There::default() };
         let mut pushing = Pushing { store: self, remote, there, pushed: Pushed::default(), sending: BTreeSet::new() };
-        let wanted: Option<BTreeSet<&Digest>> = keys.map(|keys| keys.iter().collect());
-        let mut records = self.folder.packs.records();
-        records.retain(|(key, _)| wanted.as_ref().is_none_or(|wanted| wanted.contains(key)));
         // In the order in which they were made: what belongs together is read together.
-        records.reverse();
+        let records: Vec<Digest> = match keys {
+            Some(keys) => {
+                let stamps = keys.iter().filter_map(|key| Some((self.folder.packs.record_stamp(key)?, *key)));
+                stamps.collect::<BTreeSet<_>>().into_iter().map(|(_, key)| key).collect()
+            }
+            None => self.folder.packs.records().into_iter().rev().map(|(key, _)| key).collect(),
+        };
         let mut parcels = Vec::new();
-        for (key, _) in records {
+        for key in records {
             parcels.extend(pushing.parcel(&key)?);
         }
         let size = |parcel: &Parcel| parcel.blobs.iter().map(|blob| blob.bytes).sum::<u64>() + (2 << 10);

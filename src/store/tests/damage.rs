@@ -43,16 +43,17 @@ fn a_pack_cut_anywhere_is_healed() {
     drop(store);
     let pack = files(&outputs.path().join("store/packs")).remove(0);
     let whole = fs::read(&pack).unwrap();
-    let index = fs::read(outputs.path().join("store/index")).unwrap();
+    let index = outputs.path().join("store/index");
+    let saved = files(&index).remove(0);
+    let saved_bytes = fs::read(&saved).unwrap();
     let mut hits_before = 0;
     for cut in 0..=whole.len() {
         for with_index in [true, false] {
             fs::write(&pack, &whole[..cut]).unwrap();
-            let path = outputs.path().join("store/index");
+            fs::remove_dir_all(&index).unwrap();
+            fs::create_dir(&index).unwrap();
             if with_index {
-                fs::write(&path, &index).unwrap()
-            } else {
-                fs::remove_file(&path).unwrap()
+                fs::write(&saved, &saved_bytes).unwrap();
             }
             let store = Store::open_read_only(outputs.path()).unwrap();
             let hits = [0, 2].iter().filter(|&&i| store.record(&key(i)).is_some()).count();

@@ -1,7 +1,10 @@
-//! The store as runs use it: round trips, crashes, damage, full disks, odd files, what vanishes or cannot be read, two runs at once, gc, stores elsewhere.
+//! The store as runs use it: round trips, crashes, damage, full disks, odd files, what vanishes or cannot be read,
+//! two runs at once, the index, gc, stores elsewhere.
 
 mod damage;
 mod gc;
+mod index;
+mod labels;
 mod odd;
 mod released;
 mod remote;
@@ -185,7 +188,7 @@ fn a_newer_record_replaces_an_older_one() {
     store.publish(&record(0, &[("out", first)]), &recipe(0)).unwrap();
     store.publish(&record(0, &[("more", second), ("out", first)]), &recipe(0)).unwrap();
     drop(store);
-    fs::remove_file(outputs.path().join("store/index")).unwrap();
+    fs::remove_dir_all(outputs.path().join("store/index")).unwrap();
     let store = Store::open(outputs.path()).unwrap();
     assert_eq!(store.record(&key(0)).unwrap().ports.len(), 2);
     assert_eq!(store.records().map(|(_, recipe)| recipe).collect::<Vec<_>>(), [recipe(0)]);
@@ -267,7 +270,7 @@ fn looking_creates_nothing() {
     assert_eq!(fs::read_dir(outputs.path()).unwrap().count(), 0);
 
     let (outputs, _) = filled(2);
-    fs::remove_file(outputs.path().join("store/index")).unwrap();
+    fs::remove_dir_all(outputs.path().join("store/index")).unwrap();
     let before = files(outputs.path());
     let store = Store::open_read_only(outputs.path()).unwrap();
     assert!(store.records().all(|(r, _)| store.get(&r.ports["out"].blob).is_ok()));

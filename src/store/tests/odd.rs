@@ -40,7 +40,8 @@ fn odd_files_are_set_aside() {
     let store = outputs.path().join("store");
     let mut places = files(&store);
     fs::create_dir(store.join("quarantine")).unwrap();
-    places.extend(["packs", "blobs", "checkpoints", "locks", "tmp", "quarantine"].map(|name| store.join(name)));
+    places
+        .extend(["packs", "index", "blobs", "checkpoints", "locks", "tmp", "quarantine"].map(|name| store.join(name)));
     places.extend(files(&store.join("checkpoints")).iter().map(|path| path.parent().unwrap().to_owned()));
     let kinds: &[&str] =
         if cfg!(unix) { &["folder", "link to nothing", "socket", "pipe", "file"] } else { &["folder"] };
@@ -83,7 +84,7 @@ fn a_repair_that_fails_does_not_say_that_it_is_done() {
     let mut bytes = fs::read(&pack).unwrap();
     bytes[10] ^= 1;
     overwrite(&pack, &bytes);
-    fs::remove_file(outputs.path().join("store/index")).unwrap();
+    fs::remove_dir_all(outputs.path().join("store/index")).unwrap();
     let (mut failed, mut repaired) = (0, 0);
     for room in (0..8000).step_by(211) {
         let copied = folder();

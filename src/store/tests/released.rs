@@ -24,7 +24,7 @@ fn what_was_released_is_a_hit_without_bytes() {
     look(&store, "at once");
     drop(store);
     look(&Store::open_read_only(outputs.path()).unwrap(), "with the index");
-    fs::remove_file(outputs.path().join("store/index")).unwrap();
+    fs::remove_dir_all(outputs.path().join("store/index")).unwrap();
     let store = Store::open(outputs.path()).unwrap();
     look(&store, "without the index");
     store.gather_packs(&BTreeSet::new()).unwrap();

@@ -74,7 +74,12 @@ fn a_read_that_fails_loses_nothing() {
 #[test]
 fn what_could_not_be_read_is_told() {
     let (outputs, _) = filled(2);
-    let before = files(outputs.path());
+    // An index that could not be read is written anew.
+    let but_index = || {
+        let all = files(outputs.path()).into_iter();
+        all.filter(|path| !path.starts_with(outputs.path().join("store/index"))).collect::<Vec<_>>()
+    };
+    let before = but_index();
     for (good, repair) in (0..).step_by(3).flat_map(|good| [(good, false), (good, true)]) {
         let store = Store::open(outputs.path()).unwrap();
         disk::faults::set(good, usize::MAX);
@@ -89,7 +94,7 @@ fn what_could_not_be_read_is_told() {
             assert!(told.contains("could not be read") && !told.contains("missing"), "{told}");
         }
         drop(store);
-        assert_eq!(files(outputs.path()), before, "after {good} reads");
+        assert_eq!(but_index(), before, "after {good} reads");
     }
 }
 

@@ -13,7 +13,7 @@ const LOSSES: [(&str, Loss); 7] = [
     ("the packs", |store| files(&store.join("packs")).iter().for_each(|pack| fs::remove_file(pack).unwrap())),
     ("the folder of packs", |store| fs::remove_dir_all(store.join("packs")).unwrap()),
     ("the locks", |store| fs::remove_dir_all(store.join("locks")).unwrap()),
-    ("the index", |store| drop(fs::remove_file(store.join("index")))),
+    ("the index", |store| drop(fs::remove_dir_all(store.join("index")))),
     ("everything", |store| fs::remove_dir_all(store).unwrap()),
     ("the packs, for empty ones", |store| {
         for pack in files(&store.join("packs")) {
@@ -144,7 +144,7 @@ fn without_locks_nothing_is_removed() {
         let mut bytes = fs::read(&pack).unwrap();
         bytes[10] ^= 1;
         overwrite(&pack, &bytes);
-        fs::remove_file(outputs.path().join("store/index")).unwrap();
+        fs::remove_dir_all(outputs.path().join("store/index")).unwrap();
         assert!(matches!(Store::open(outputs.path()).unwrap().verify(true), Err(StoreError::NoLocks { .. })));
         run(&Store::open(outputs.path()).unwrap(), 6);
         set(Locks::Real);
@@ -193,7 +193,7 @@ fn runs_survive_whatever_is_removed_beside_them() {
                 std::thread::sleep(Duration::from_millis(3));
                 match round % 4 {
                     0 => files(&store.join("packs")).iter().for_each(|pack| drop(fs::remove_file(pack))),
-                    1 => drop(fs::remove_file(store.join("index"))),
+                    1 => drop(fs::remove_dir_all(store.join("index"))),
                     2 => drop(fs::remove_dir_all(store.join("locks"))),
                     _ => match Store::open(outputs.path()).and_then(|store| store.gc(1 << 20, &[])) {
                         Ok(_) | Err(StoreError::Busy { .. } | StoreError::NoLocks { .. }) => {}
