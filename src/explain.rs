@@ -84,16 +84,14 @@ impl History {
 
     /// The last result under the very label of the instance: what the user compares with.
     fn same_label(&self, plan: &Plan, id: InstanceId, use_name: &str) -> Option<&Arc<Earlier>> {
-        let instance = &plan.instances[id];
-        let stage = plan.spec.stages[instance.stage].name.clone();
-        let axes = axes_text(&instance.axes);
+        let (stage, axes) = (plan.stage_name(id).to_owned(), plan.axes_text(id));
         self.by_label.get(&(use_name.to_owned(), plan.spec.pipeline.clone(), stage, axes))
     }
 
     /// The earlier result with the fewest differences, where params that only say when to stop hardly count: the run goes on from it.
     /// Among equals that of the same label, then the latest.
     pub fn nearest(&self, plan: &Plan, id: InstanceId, now: &Dependencies) -> Option<(Arc<Earlier>, Vec<Difference>)> {
-        let stopping = plan.row(plan.instances[id].stage).stopping;
+        let stopping = plan.row(plan.stage_of(id)).stopping;
         let only_stops = |difference: &&Difference| {
             difference.field.strip_prefix("with.").is_some_and(|field| stopping.contains(&field))
         };
