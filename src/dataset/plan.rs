@@ -163,7 +163,7 @@ fn of_one_sample(plan: &Plan, spec: &DatasetSpec, feature: &Feature) -> Option<D
         let Some(first) = plan.instances_of(stage).into_iter().next() else { continue };
         for wire in &plan.wires(first) {
             let gathers = |id: &crate::plan::InstanceId| plan.axis(*id, DRAW_AXIS).is_some();
-            if !plan.axis(first, DRAW_AXIS).is_some() && wire.from.iter().any(|(id, _)| gathers(id)) {
+            if plan.axis(first, DRAW_AXIS).is_none() && wire.from.iter().any(|(id, _)| gathers(id)) {
                 let message =
                     format!("`{}` gathers all samples, and this feature depends on it", plan.spec.stages[stage].name);
                 return wrong(message, "give that stage inputs of its own, which are not drawn");

@@ -36,7 +36,7 @@ impl Resolver<'_> {
         let row = self.plan.row(stage);
         let Prepared { params, job, canonical } = self.prepare(id)?;
         let digest_of = |(source, port): &(InstanceId, &str)| {
-            outputs[*source].as_ref().and_then(|o| o.get(*port)).expect("the inputs are there").digest
+            outputs[*source].as_ref().and_then(|o| o.get(port)).expect("the inputs are there").digest
         };
         let inputs: Vec<(String, InputContent)> = self
             .plan
