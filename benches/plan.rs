@@ -3,7 +3,8 @@
 //! Every shipped pipeline in a store of its own, those of minutes at fewer paths: CPU seconds foreseen before anything has run, CPU seconds recorded, and the
 //! same of each stage that takes more than 0.2 CPU s or is said to. Last the worst factor, of pipelines and of such stages.
 //!
-//! `cargo bench --bench plan -- scale` says how long no-ops and plans of many stages and instances take ([`scale`]).
+//! `cargo bench --bench plan -- scale` says how long no-ops and plans of many stages and instances take ([`scale`]), and `-- many [MOST]` what sets of
+//! up to a million instances cost from the first plan to the last no-op ([`scale::many`]).
 
 mod scale;
 
@@ -69,6 +70,10 @@ fn main() {
     let wanted = std::env::args().nth(1).filter(|a| !a.starts_with("--")).unwrap_or_default();
     if wanted == "scale" {
         return scale::main();
+    }
+    if wanted == "many" {
+        let most = std::env::args().nth(2).and_then(|most| most.parse().ok());
+        return scale::many::main(most.unwrap_or(1_000_000));
     }
     println!("| pipeline | stage | foreseen, CPU s | took, CPU s | ratio |\n| --- | --- | --- | --- | --- |");
     let mut worst = [(1.0, String::new()), (1.0, String::new())];

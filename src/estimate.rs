@@ -176,7 +176,7 @@ fn timed(asked: &mut Asked, known: Known, first: bool) -> Option<(Option<Estimat
 
 /// By what the same work took before: as it was, or for more or fewer units of it.
 fn earlier(resolver: &Resolver<'_>, id: InstanceId, asked: &Asked, now: Option<&Estimate>) -> Option<Estimate> {
-    let row = resolver.plan.row(resolver.plan.instances[id].stage);
+    let row = resolver.plan.row(resolver.plan.stage_of(id));
     if !resolver.history().knows(row.name) {
         return None;
     }

@@ -62,9 +62,8 @@ impl<'a> History<'a> {
 
     /// The last result under the very label of the instance: what the user compares with.
     fn same_label(&self, plan: &Plan, id: InstanceId, use_name: &str) -> Option<Earlier> {
-        let instance = &plan.instances[id];
-        let stage = &plan.spec.stages[instance.stage].name;
-        self.store?.latest_of(&Label { use_name, pipeline: &plan.spec.pipeline, stage, axes: &instance.axes })
+        let (stage, axes) = (plan.stage_name(id), plan.axes(id));
+        self.store?.latest_of(&Label { use_name, pipeline: &plan.spec.pipeline, stage, axes: &axes })
     }
 
     /// The latest results of a kind of stage.
@@ -85,7 +84,7 @@ impl<'a> History<'a> {
     /// The earlier result with the fewest differences, where params that only say when to stop hardly count: the run goes on from it.
     /// Among equals that of the same label, then the latest.
     pub fn nearest(&self, plan: &Plan, id: InstanceId, now: &Dependencies) -> Option<(Arc<Earlier>, Vec<Difference>)> {
-        let stopping = plan.row(plan.instances[id].stage).stopping;
+        let stopping = plan.row(plan.stage_of(id)).stopping;
         let only_stops = |difference: &&Difference| {
             difference.field.strip_prefix("with.").is_some_and(|field| stopping.contains(&field))
         };

@@ -16,7 +16,7 @@ pub trait Id: Copy + Ord {
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub struct StageId(u32);
 
-/// A stage at one point of its axes: its place in `Plan::instances`.
+/// A stage at one point of its axes: its place among `Plan::instances`.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub struct InstanceId(u32);
 
@@ -26,6 +26,13 @@ impl Id for StageId {
     }
     fn place(self) -> usize {
         self.0 as usize
+    }
+}
+
+impl InstanceId {
+    /// Its neighbour: mostly another one of its stage.
+    pub fn before(self) -> Option<Self> {
+        self.0.checked_sub(1).map(Self)
     }
 }
 
@@ -53,6 +60,11 @@ pub struct IdRange<I> {
 impl<I: Id> IdRange<I> {
     pub fn new(start: usize, end: usize) -> Self {
         Self { next: start, end, id: PhantomData }
+    }
+
+    /// The place of the first.
+    pub fn start(&self) -> usize {
+        self.next
     }
 }
 

@@ -1,5 +1,7 @@
 //! What a result depends on. One walk over it yields the key, and the text that `explain` shows.
 
+use std::fmt::Write;
+
 use serde_json::Value;
 use turbid_contract::Axes;
 use turbid_contract::canonical::canonical_text;
@@ -88,11 +90,11 @@ impl Dependencies {
 }
 
 /// Seed of an instance's random streams (DESIGN: not the label, not the params, so that a longer render continues
-/// the same streams and no two scenes share one). An explicit seed replaces the input digests, a common one the axes too.
+/// the same streams and no two scenes share one). `axes` is the text of its axes. An explicit seed replaces the input digests, a common one the axes too.
 pub fn instance_seed(
     pipeline_seed: u64,
     use_name: &str,
-    axes: &Axes,
+    axes: &str,
     inputs: &[(String, InputContent)],
     explicit: Option<SeedSpec>,
 ) -> u64 {
@@ -100,7 +102,7 @@ pub fn instance_seed(
     parts.add("pipeline", &pipeline_seed.to_le_bytes());
     parts.add("use", use_name.as_bytes());
     if !matches!(explicit, Some(SeedSpec::Common(_))) {
-        parts.add("axes", axes_text(axes).as_bytes());
+        parts.add("axes", axes.as_bytes());
     }
     match explicit {
         Some(SeedSpec::Common(seed)) => parts.add("common", &seed.to_le_bytes()),
@@ -121,7 +123,7 @@ fn input_name(port: &str, axes: &Axes) -> String {
 }
 
 /// `A_rho=1,S_rho=5000`: one text for one point, whether a value was written 1 or 1.0.
-pub fn axes_text(axes: &Axes) -> String {
+pub fn axes_text<'a>(axes: impl IntoIterator<Item = (&'a String, &'a Value)>) -> String {
     let mut text = String::new();
     for (name, value) in axes {
         if !text.is_empty() {
@@ -129,22 +131,30 @@ pub fn axes_text(axes: &Axes) -> String {
         }
         text.push_str(name);
         text.push('=');
-        text.push_str(&value_text(value));
+        push_value(&mut text, value);
     }
     text
 }
 
 /// Text of an axis value: numbers by value, text without quotes.
 pub fn value_text(value: &Value) -> String {
-    match value {
+    let mut text = String::new();
+    push_value(&mut text, value);
+    text
+}
+
+/// The same at the end of another text.
+pub fn push_value(text: &mut String, value: &Value) {
+    let written = match value {
         Value::Number(number) => match (number.as_i64(), number.as_f64()) {
-            (Some(integer), _) => integer.to_string(),
-            (None, Some(float)) if float.fract() == 0.0 && float.abs() < 1e15 => format!("{float:.0}"),
-            _ => number.to_string(),
+            (Some(integer), _) => write!(text, "{integer}"),
+            (None, Some(float)) if float.fract() == 0.0 && float.abs() < 1e15 => write!(text, "{float:.0}"),
+            _ => write!(text, "{number}"),
         },
-        Value::String(text) => text.clone(),
-        other => canonical_text(other),
-    }
+        Value::String(word) => text.write_str(word),
+        other => text.write_str(&canonical_text(other)),
+    };
+    written.expect("a String takes every text");
 }
 
 fn flatten(path: &str, value: &Value, lines: &mut Vec<(String, String)>) {
@@ -223,7 +233,7 @@ mod tests {
         use SeedSpec::{Common, PerInstance};
         let seed = |use_name: &str, input: &[u8], mu_a: f64, explicit| {
             let inputs = [("scene".to_owned(), vec![(Axes::new(), Digest::of(input))])];
-            instance_seed(1, use_name, &[("mu_a".to_owned(), json!(mu_a))].into(), &inputs, explicit)
+            instance_seed(1, use_name, &format!("mu_a={mu_a}"), &inputs, explicit)
         };
         let render = |input: &[u8], mu_a, explicit| seed("render", input, mu_a, explicit);
         assert_ne!(render(b"a", 1.0, None), render(b"b", 1.0, None));
@@ -244,8 +254,7 @@ mod tests {
     #[test]
     fn seeds_are_what_they_were() {
         let inputs = [("scene".to_owned(), vec![(Axes::new(), Digest::of(b"scene"))])];
-        let axes: Axes = [("mu_a".to_owned(), json!(0.1))].into();
-        let seed = |explicit| instance_seed(1, "render", &axes, &inputs, explicit);
+        let seed = |explicit| instance_seed(1, "render", "mu_a=0.1", &inputs, explicit);
         assert_eq!(
             [None, Some(SeedSpec::PerInstance(7))].map(seed),
             [6_428_100_788_515_178_958, 17_550_958_084_679_957_646]

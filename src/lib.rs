@@ -2,6 +2,7 @@
 //!
 //! Data flows one way: YAML -> [`spec`] -> [`plan`] -> [`key`] -> [`run`] -> [`store`]; `docs/architecture.md` is the map.
 
+pub mod brief;
 #[cfg(test)]
 mod child;
 pub mod cli;

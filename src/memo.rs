@@ -15,12 +15,12 @@ use std::time::UNIX_EPOCH;
 
 use rayon::prelude::*;
 
+use crate::brief::{Brief, Outputs};
 use crate::digest::{Digest, PartHasher};
 use crate::input_file;
-use crate::key::axes_text;
 use crate::leftover;
 use crate::plan::{InstanceId, Plan};
-use crate::store::{InstanceRecord, Store};
+use crate::store::Store;
 use crate::threads;
 use crate::whole_file::{self, Synced};
 use turbid_contract::file::MOST_BYTES;
@@ -55,7 +55,7 @@ pub fn identity(plan: &Plan) -> Digest {
         }
     }
     for id in plan.needed_instances() {
-        parts.add("axes", axes_text(&plan.instances[id].axes).as_bytes());
+        parts.add("axes", plan.axes_text(id).as_bytes());
     }
     parts.finish()
 }
@@ -73,7 +73,7 @@ pub(crate) fn program() -> String {
 /// What a plan led to.
 pub struct Recalled {
     /// Of all needed instances.
-    pub records: Vec<Arc<InstanceRecord>>,
+    pub briefs: Vec<Arc<Brief>>,
     /// The input files, with what they hold.
     pub files: Vec<(PathBuf, Digest)>,
 }
@@ -112,23 +112,24 @@ pub fn recall(plan: &Plan, store: &Store, folder: &Path) -> Option<Recalled> {
     }
     let found = |(&id, entry): (&InstanceId, &[u8])| {
         let record = store.record(&Digest(entry[..32].try_into().ok()?))?;
-        let wanted = plan.wanted(plan.instances[id].stage);
-        let whole =
-            outputs_digest(&record).0 == entry[32..] && wanted.iter().all(|port| record.ports.contains_key(*port));
-        whole.then_some(record)
+        let stage = plan.stage_of(id);
+        let brief = Brief::of(&record, plan.outputs(stage));
+        let whole = outputs_digest(&brief.outputs).0 == entry[32..]
+            && plan.wanted(stage).iter().all(|port| brief.outputs.has(port));
+        whole.then(|| Arc::new(brief))
     };
-    let records: Option<_> = if ids.len() >= MANY && threads::shared() {
+    let briefs: Option<_> = if ids.len() >= MANY && threads::shared() {
         ids.par_iter().zip(rest.par_chunks_exact(64)).map(found).collect()
     } else {
         ids.iter().zip(rest.chunks_exact(64)).map(found).collect()
     };
-    Some(Recalled { records: records?, files })
+    Some(Recalled { briefs: briefs?, files })
 }
 
-/// Notes the records of a plan that is up to date. Best effort: without it the next run is only slower.
-pub fn keep(plan: &Plan, records: &[&Arc<InstanceRecord>], files: &[(PathBuf, Digest)], folder: &Path) {
+/// Notes the results of a plan that is up to date. Best effort: without it the next run is only slower.
+pub fn keep(plan: &Plan, briefs: &[&Arc<Brief>], files: &[(PathBuf, Digest)], folder: &Path) {
     let identity = identity(plan);
-    let mut body = Vec::with_capacity(64 * records.len() + 256);
+    let mut body = Vec::with_capacity(64 * briefs.len() + 256);
     body.extend(FORMAT.as_bytes());
     body.extend(identity.0);
     body.extend((files.len() as u64).to_le_bytes());
@@ -138,9 +139,9 @@ pub fn keep(plan: &Plan, records: &[&Arc<InstanceRecord>], files: &[(PathBuf, Di
         body.extend(path.as_bytes());
         body.extend(digest.0);
     }
-    for record in records {
-        body.extend(record.key.0);
-        body.extend(outputs_digest(record).0);
+    for brief in briefs {
+        body.extend(brief.key.0);
+        body.extend(outputs_digest(&brief.outputs).0);
     }
     body.extend(Digest::of(&body).0);
     if body.len() as u64 <= LONGEST {
@@ -163,10 +164,10 @@ pub(crate) fn write(folder: &Path, name: &str, body: &[u8]) -> std::io::Result<(
     Ok(())
 }
 
-fn outputs_digest(record: &InstanceRecord) -> Digest {
+fn outputs_digest(outputs: &Outputs) -> Digest {
     let mut parts = PartHasher::new(FORMAT);
-    for (name, port) in &record.ports {
-        parts.add(name, &port.blob.digest.0);
+    for (name, blob) in outputs.iter() {
+        parts.add(name, &blob.digest.0);
     }
     parts.finish()
 }

@@ -2,7 +2,6 @@
 
 use crate::digest::{Digest, PartHasher};
 use crate::input_file;
-use crate::key::axes_text;
 use crate::plan::Plan;
 use turbid_contract::canonical::canonical_text;
 
@@ -14,30 +13,30 @@ const FORMAT: &str = "turbid recipe 1";
 pub fn recipe(plan: &Plan) -> Result<Digest, String> {
     let mut parts = PartHasher::new(FORMAT);
     for id in plan.needed_instances() {
-        let instance = &plan.instances[id];
-        let (stage, row) = (&plan.spec.stages[instance.stage], plan.row(instance.stage));
+        let stage = plan.stage_of(id);
+        let row = plan.row(stage);
         parts.add("instance", plan.label(id).as_bytes());
         parts.add(row.name, &row.version.to_le_bytes());
         let told = |messages: Vec<crate::spec::Diagnostic>| {
             messages.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")
         };
-        let params = plan.spec.params(instance.stage, &plan.values(id)).map_err(told)?;
+        let params = plan.spec.params(stage, &plan.values(id)).map_err(told)?;
         let job = (row.prepare)(&params).map_err(|e| e.to_string())?;
         parts.add("with", canonical_text(&job.canonical()?).as_bytes());
-        for wire in &instance.wires {
+        for wire in &plan.wires(id) {
             for (source, port) in &wire.from {
                 parts.add(wire.port, format!("{} {port}", plan.label(*source)).as_bytes());
             }
         }
         for file in &job.files() {
-            let path = plan.spec.input_file_base(instance.stage, &file.at).join(&file.path);
+            let path = plan.spec.input_file_base(stage, &file.at).join(&file.path);
             let read = input_file::digest(&path, file.most);
             let (digest, _) = read.map_err(|refused| format!("{}: {refused}", path.display()))?;
             parts.add(&file.at, &digest.0);
         }
         if job.draws() {
-            parts.add("axes", axes_text(&instance.axes).as_bytes());
-            parts.add("seed", format!("{} {:?}", plan.spec.seed, stage.seed).as_bytes());
+            parts.add("axes", plan.axes_text(id).as_bytes());
+            parts.add("seed", format!("{} {:?}", plan.spec.seed, plan.spec.stages[stage].seed).as_bytes());
         }
     }
     Ok(parts.finish())

@@ -7,6 +7,7 @@ mod forms;
 mod inputs;
 mod prepare;
 mod released;
+mod state;
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::PathBuf;
@@ -16,6 +17,7 @@ use rayon::prelude::*;
 use serde_json::Value;
 use turbid_contract::{Ctx, Error, Forms, Job, Known, MemoryHost, Problem, Problems, Shared, StagePlan};
 
+use crate::brief::{Brief, Outputs};
 use crate::digest::Digest;
 use crate::explain::History;
 use crate::key::Dependencies;
@@ -23,7 +25,7 @@ use crate::memory::need;
 use crate::panics::lock;
 use crate::plan::{IdVec, InstanceId, Plan, StageId};
 use crate::spec::{Diagnostic, Section, Severity};
-use crate::store::{Blob, InstanceRecord, Store, encode};
+use crate::store::{Blob, Store, encode};
 use crate::threads;
 use crate::warned::Warned;
 use extents::Sizes;
@@ -32,11 +34,10 @@ pub use forms::Described;
 use forms::KnownForms;
 use inputs::KnownInputs;
 use released::Asked;
+pub use state::{State, Survey};
 
-/// The blobs of an instance by port.
-pub type Outputs = BTreeMap<String, Blob>;
 /// The outputs of each instance, as far as they are known.
-pub type AllOutputs = IdVec<InstanceId, Option<Arc<Outputs>>>;
+pub type AllOutputs = IdVec<InstanceId, Option<Outputs>>;
 
 /// The params of an instance, read once.
 pub struct Prepared {
@@ -66,16 +67,6 @@ pub struct InputFile {
     pub most: u64,
 }
 
-/// What a run would do with an instance.
-pub enum State {
-    /// The store holds its outputs.
-    Hit(Arc<InstanceRecord>),
-    /// It has to run.
-    Run { reasons: Vec<String> },
-    /// It has no key until these stages have run.
-    Waits(Vec<StageId>),
-}
-
 /// What an instant stage made, by port.
 type Made = BTreeMap<String, Shared>;
 /// What the stage itself says of an instance, or its mistakes.
@@ -99,19 +90,8 @@ pub struct Resolver<'a> {
     /// What instant stages made in earlier runs, as it was fetched: a sweep has one scene for many instances.
     fetched: Mutex<HashMap<Digest, Shared>>,
     forms: Mutex<KnownForms>,
-    extents: Mutex<HashMap<InstanceId, Sizes>>,
+    extents: Mutex<HashMap<InstanceId, Arc<Sizes>>>,
     asked: Mutex<Asked>,
-}
-
-/// States of all needed instances, with the mistakes and warnings found on the way.
-pub struct Survey {
-    pub states: IdVec<InstanceId, Option<State>>,
-    pub outputs: AllOutputs,
-    /// The plan of every instance that is not a hit.
-    pub plans: HashMap<InstanceId, StagePlan>,
-    /// Instances whose work another one with the same key does.
-    pub twins: HashMap<InstanceId, InstanceId>,
-    pub problems: Vec<Diagnostic>,
 }
 
 /// A sweep repeats its mistakes; this many are enough to see what is wrong.
@@ -152,14 +132,7 @@ impl<'a> Resolver<'a> {
     ///
     /// `force` names stages that run even where the store holds their outputs.
     pub fn survey(&self, force: &[StageId]) -> Survey {
-        let n = self.plan.instances.len();
-        let mut survey = Survey {
-            states: (0..n).map(|_| None).collect(),
-            outputs: IdVec::filled(None, n),
-            plans: HashMap::new(),
-            twins: HashMap::new(),
-            problems: Vec::new(),
-        };
+        let mut survey = Survey::of(self.plan.instances().len());
         let mut first_of: HashMap<Digest, InstanceId> = HashMap::new();
         let mut warned = Warned::default();
         // At first all that has a record is up to date: its digests key those that read it.
@@ -200,11 +173,11 @@ impl<'a> Resolver<'a> {
             // It has no key yet, and may well have mistakes.
             None => {
                 let job = self.prepare(id)?.job;
-                let files = self.input_files(self.plan.instances[id].stage, &job.files())?;
+                let files = self.input_files(self.plan.stage_of(id), &job.files())?;
                 self.check(id, &*job, &files, outputs)
             }
         };
-        let stage = self.plan.instances[id].stage;
+        let stage = self.plan.stage_of(id);
         let consumed = self.plan.row(stage).instant && !self.plan.consumers(stage).is_empty();
         let made = match &keyed {
             Some(keyed) if consumed && sound && checked.is_ok() => {
@@ -228,21 +201,28 @@ impl<'a> Resolver<'a> {
             Ok(look) => look,
             Err(mut mistakes) => return survey.problems.append(&mut mistakes),
         };
-        if let State::Hit(record) = &state {
-            survey.outputs[id] = Some(Arc::new(outputs_of(record)));
+        if let State::Hit(brief) = &state {
+            survey.outputs[id] = Some(brief.outputs.clone());
         }
         if let (State::Run { reasons }, Some(key)) = (&mut state, key) {
             let first = *first_of.entry(key).or_insert(id);
             if first != id {
-                *reasons = vec![format!("the same as {}", self.plan.label(first))];
+                *reasons = [format!("the same as {}", self.plan.label(first))].into();
                 survey.twins.insert(id, first);
             }
         }
         match checked {
             Some(Ok(sound)) => {
                 self.note_extents(id, &sound.plan);
-                survey.plans.insert(id, sound.plan);
-                self.note_forms(id, sound.forms);
+                let known = id.before().and_then(|before| survey.plans.get(&before));
+                let plan = match known.filter(|known| ***known == sound.plan) {
+                    Some(known) => known.clone(),
+                    None => Arc::new(sound.plan),
+                };
+                survey.plans.insert(id, plan);
+                if self.is_read(id) {
+                    self.note_forms(id, sound.forms);
+                }
                 for (warning, size) in sound.warnings {
                     warned.add(&mut survey.problems, warning, size);
                 }
@@ -255,25 +235,19 @@ impl<'a> Resolver<'a> {
             None => {}
         }
         match made {
-            Some(Ok(outputs)) => survey.outputs[id] = Some(Arc::new(outputs)),
+            Some(Ok(outputs)) => survey.outputs[id] = Some(outputs),
             Some(Err(error)) => survey.problems.push(error),
             None => {}
         }
-        survey.states[id] = Some(state);
+        let known = id.before().and_then(|before| survey.states[before].as_ref());
+        survey.states[id] = Some(state.sharing(known));
     }
 
     /// The survey of a plan whose every instance is known to be up to date.
-    pub fn up_to_date(&self, records: Vec<Arc<InstanceRecord>>) -> Survey {
-        let n = self.plan.instances.len();
-        let mut survey = Survey {
-            states: (0..n).map(|_| None).collect(),
-            outputs: IdVec::filled(None, n),
-            plans: HashMap::new(),
-            twins: HashMap::new(),
-            problems: Vec::new(),
-        };
-        for (id, record) in self.plan.needed_instances().zip(records) {
-            survey.states[id] = Some(State::Hit(record));
+    pub fn up_to_date(&self, briefs: Vec<Arc<Brief>>) -> Survey {
+        let mut survey = Survey::of(self.plan.instances().len());
+        for (id, brief) in self.plan.needed_instances().zip(briefs) {
+            survey.states[id] = Some(State::Hit(brief));
         }
         survey
     }
@@ -290,38 +264,41 @@ impl<'a> Resolver<'a> {
         outputs: &AllOutputs,
         forced: bool,
     ) -> Result<(State, Option<Keyed>), Vec<Diagnostic>> {
-        let instance = &self.plan.instances[id];
         let mut waits: Vec<StageId> = Vec::new();
-        for (source, port) in instance.wires.iter().flat_map(|w| &w.from) {
-            let known = outputs[*source].as_ref().is_some_and(|o| o.contains_key(*port));
-            let stage = self.plan.instances[*source].stage;
-            if !known && !waits.contains(&stage) {
+        for (source, port) in self.plan.sources(id) {
+            if outputs[source].as_ref().is_some_and(|outputs| outputs.has(port)) {
+                continue;
+            }
+            let stage = self.plan.stage_of(source);
+            if !waits.contains(&stage) {
                 waits.push(stage);
             }
         }
         if !waits.is_empty() {
-            return Ok((State::Waits(waits), None));
+            return Ok((State::Waits(waits.into()), None));
         }
         let keyed = self.keyed(id, outputs)?;
         let record = self.store.record(&keyed.key);
         if forced {
-            return Ok((State::Run { reasons: vec!["forced".to_owned()] }, Some(keyed)));
+            return Ok((State::run("forced".to_owned()), Some(keyed)));
         }
         let Some(record) = record else {
-            let reasons = self.history.reasons(self.plan, id, &keyed.dependencies);
+            let reasons = self.history.reasons(self.plan, id, &keyed.dependencies).into();
             return Ok((State::Run { reasons }, Some(keyed)));
         };
+        let stage = self.plan.stage_of(id);
+        let brief = Brief::of(&record, self.plan.outputs(stage));
         let missing: Vec<&str> =
-            self.plan.wanted(instance.stage).iter().copied().filter(|port| !record.ports.contains_key(*port)).collect();
+            self.plan.wanted(stage).iter().copied().filter(|port| !brief.outputs.has(port)).collect();
         if missing.is_empty() {
-            let released = self.released(id, &record);
+            let released = self.released(id, &brief.outputs);
             if released.is_empty() {
-                return Ok((State::Hit(record), None));
+                return Ok((State::Hit(Arc::new(brief)), None));
             }
-            let reasons = vec![format!("needed again, and its bytes were released: {}", released.join(", "))];
-            return Ok((State::Run { reasons }, Some(keyed)));
+            let reason = format!("needed again, and its bytes were released: {}", released.join(", "));
+            return Ok((State::run(reason), Some(keyed)));
         }
-        Ok((State::Run { reasons: vec![format!("newly wanted: {}", missing.join(", "))] }, Some(keyed)))
+        Ok((State::run(format!("newly wanted: {}", missing.join(", "))), Some(keyed)))
     }
 
     /// The input files of an instance that runs, as they were hashed; an error where they are not so any more.
@@ -336,20 +313,20 @@ impl<'a> Resolver<'a> {
 
     /// What is known of an instance's inputs by now, but for its files and for the sizes of its inputs.
     pub fn known(&self, id: InstanceId, outputs: &AllOutputs) -> Known {
-        let instance = &self.plan.instances[id];
+        let wires = self.plan.wires(id);
         let mut known = Known {
-            connected: instance.wires.iter().map(|w| w.port.to_owned()).collect(),
-            wanted: self.plan.wanted(instance.stage).iter().map(|port| (*port).to_owned()).collect(),
+            connected: wires.iter().map(|w| w.port.to_owned()).collect(),
+            wanted: self.plan.wanted(self.plan.stage_of(id)).iter().map(|port| (*port).to_owned()).collect(),
             forms: self.forms_of_inputs(id, outputs),
             ..Known::default()
         };
-        for wire in &instance.wires {
+        for wire in &wires {
             let Some((first, port)) = wire.from.first() else { continue };
-            let producer = self.plan.instances[*first].stage;
+            let producer = self.plan.stage_of(*first);
             let label = format!("{}.{port}", self.plan.spec.stages[producer].name);
             known.producers.insert(wire.port.to_owned(), label);
             if wire.many {
-                let axes = wire.from.iter().map(|(id, _)| self.plan.values(*id).into_owned());
+                let axes = wire.from.iter().map(|(id, _)| self.plan.values(*id));
                 known.axes.insert(wire.port.to_owned(), axes.collect());
             }
             if wire.from.len() > 1 {
@@ -381,10 +358,9 @@ impl<'a> Resolver<'a> {
         files: &BTreeMap<String, InputFile>,
         outputs: &AllOutputs,
     ) -> Checked {
-        let instance = &self.plan.instances[id];
         let mut known = self.known(id, outputs);
         let whole = |message: String| {
-            vec![self.plan.spec.diagnostic(instance.stage, Section::Stage, &[] as &[&str], message, None)]
+            vec![self.plan.spec.diagnostic(self.plan.stage_of(id), Section::Stage, &[] as &[&str], message, None)]
         };
         let lent = self.files.lend(files, false).map_err(whole)?;
         known.files = lent.files.clone();
@@ -409,14 +385,14 @@ impl<'a> Resolver<'a> {
     }
 
     fn problem_diagnostic(&self, id: InstanceId, problem: Problem) -> Diagnostic {
-        self.plan.spec.problem(self.plan.instances[id].stage, problem)
+        self.plan.spec.problem(self.plan.stage_of(id), problem)
     }
 
     fn error_diagnostic(&self, id: InstanceId, error: &Error) -> Diagnostic {
         match error {
             Error::Invalid(problem) => self.problem_diagnostic(id, problem.clone()),
             other => self.plan.spec.diagnostic(
-                self.plan.instances[id].stage,
+                self.plan.stage_of(id),
                 Section::Stage,
                 &[] as &[&str],
                 other.to_string(),
@@ -449,11 +425,10 @@ impl<'a> Resolver<'a> {
 
     /// Runs an instant stage in memory, so that what follows has a key and can be checked.
     fn run_instant(&self, id: InstanceId, keyed: &Keyed, outputs: &AllOutputs) -> Result<Outputs, Error> {
-        let instance = &self.plan.instances[id];
+        let stage = self.plan.stage_of(id);
         let lent = self.files.lend(&keyed.files, false).map_err(Error::failed)?;
-        let wanted = self.plan.wanted(instance.stage);
-        let previews =
-            self.plan.outputs(instance.stage).iter().filter(|p| p.preview).map(|p| p.name).collect::<Vec<_>>();
+        let wanted = self.plan.wanted(stage);
+        let previews = self.plan.outputs(stage).iter().filter(|p| p.preview).map(|p| p.name).collect::<Vec<_>>();
         let host = MemoryHost {
             seed: keyed.seed,
             files: lent.files.clone(),
@@ -461,28 +436,23 @@ impl<'a> Resolver<'a> {
             wanted: wanted.iter().filter(|p| !previews.contains(p)).map(|p| (*p).to_owned()).collect(),
             ..MemoryHost::default()
         };
-        let inputs = KnownInputs { resolver: self, wires: &instance.wires, outputs };
+        let inputs = KnownInputs { resolver: self, wires: self.plan.wires(id), outputs };
         let made = keyed.job.run_in_memory(&inputs, Ctx::new(&host));
         let made = made.map_err(|error| lent.failed().map_or(error, Error::failed))?;
-        let mut blobs = Outputs::new();
+        let mut blobs = Vec::new();
         let mut artifacts = BTreeMap::new();
         for (port, artifact) in made {
             let bytes = encode(artifact.artifact()).map_err(|e| Error::failed(e.to_string()))?;
             let kind = artifact.artifact().kind();
             let blob = Blob { digest: Digest::of(&bytes), kind, bytes: bytes.len() as u64 };
-            blobs.insert(port.to_owned(), blob);
+            blobs.push((port, blob));
             artifacts.insert(port.to_owned(), artifact);
         }
         lock(&self.instant).insert(id, Arc::new(artifacts));
-        Ok(blobs)
+        Ok(blobs.into_iter().collect())
     }
 }
 
 fn is_error(diagnostic: &Diagnostic) -> bool {
     diagnostic.severity == Severity::Error
-}
-
-/// The ports that a record holds.
-pub fn outputs_of(record: &InstanceRecord) -> Outputs {
-    record.ports.iter().map(|(name, port)| (name.clone(), port.blob)).collect()
 }

@@ -2,6 +2,8 @@
 //!
 //! Wall time of the whole program, start included, the best of several; the most memory that was resident (Linux, looked at every 2 ms; 0 elsewhere).
 
+pub mod many;
+
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -76,18 +78,21 @@ fn wall(command: &mut Command, rounds: usize, before: &dyn Fn()) -> Duration {
     (0..rounds).map(once).min().expect("there are rounds")
 }
 
-/// Bytes.
-fn peak(command: &mut Command) -> u64 {
+/// Runs it; the most bytes of memory that it had.
+fn peak_while(command: &mut Command) -> u64 {
     let mut child = command.spawn().expect("the program starts");
     let mut most = 0;
-    while child.try_wait().expect("it is our child").is_none() {
+    loop {
+        if let Some(status) = child.try_wait().expect("it is our child") {
+            assert!(status.success(), "{command:?}: {status}");
+            return most;
+        }
         let status = std::fs::read_to_string(format!("/proc/{}/status", child.id())).unwrap_or_default();
         let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
         let kb = line.and_then(|line| line.trim().trim_end_matches("kB").trim().parse::<u64>().ok());
         most = most.max(kb.unwrap_or(0) * 1024);
         std::thread::sleep(Duration::from_millis(2));
     }
-    most
 }
 
 /// A pipeline; which of its stages have run before, where it is a plan.
@@ -135,7 +140,7 @@ pub fn main() {
             }
         };
         let time = wall(&mut turbid(verb, folder.path(), &[]), rounds, &forget);
-        let memory = peak(&mut turbid(verb, folder.path(), &[]));
+        let memory = peak_while(&mut turbid(verb, folder.path(), &[]));
         println!("| {what} | {:.1} | {:.0} |", time.as_secs_f64() * 1e3, memory as f64 / 1e6);
     }
 }

@@ -131,7 +131,7 @@ impl Diff {
         let (mut instances, mut missing) = (Vec::new(), Vec::new());
         for id in ids {
             let found = match &survey.states[id] {
-                Some(State::Hit(record)) => store.record_and_recipe(&record.key),
+                Some(State::Hit(brief)) => store.record_and_recipe(&brief.key),
                 _ => None,
             };
             match found {

@@ -36,7 +36,7 @@ impl Explain {
         for id in plan.instances_of(stage).take(MOST) {
             text.push_str(&plan.label(id));
             match &survey.states[id] {
-                Some(State::Hit(record)) => text.push_str(&format!(": up to date, key {}\n", record.key)),
+                Some(State::Hit(brief)) => text.push_str(&format!(": up to date, key {}\n", brief.key)),
                 Some(State::Waits(on)) => {
                     let names: Vec<&str> = on.iter().map(|&s| plan.spec.stages[s].name.as_str()).collect();
                     text.push_str(&format!(": waits for {}; explain those first\n", names.join(", ")));

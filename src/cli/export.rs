@@ -60,7 +60,7 @@ impl Export {
         let blobs: Vec<Blob> = ids
             .iter()
             .map(|&id| match &survey.states[id] {
-                Some(State::Hit(record)) => Ok(record.ports[port].blob),
+                Some(State::Hit(brief)) => Ok(brief.outputs[port.as_str()]),
                 _ if store.unread().is_some() => Err(Failure::Failed(store.unread().unwrap_or_default())),
                 _ => Err(Failure::Failed(format!(
                     "{} has not run yet with these parameters; try `turbid run {} {}`",
@@ -105,7 +105,7 @@ impl Export {
             return Ok(files);
         }
         let some: Vec<String> = ids.iter().take(3).map(|&id| plan.label(id)).collect();
-        let axes = plan.instances[ids[0]].axes.keys().map(|axis| format!("{{{axis}}}")).collect::<Vec<_>>();
+        let axes = plan.axis_names(plan.stage_of(ids[0])).map(|axis| format!("{{{axis}}}")).collect::<Vec<_>>();
         Err(Failure::Input(format!(
             "`{}` names {} instances ({}, …); pick one with [axis=value], or write {} into the name of the file",
             self.selector,

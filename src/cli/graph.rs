@@ -47,10 +47,16 @@ fn draw(plan: &Plan, format: Format) -> String {
     }
     let mut edges: Vec<(usize, usize, String)> = Vec::new();
     let mut drawn = HashSet::new();
-    for instance in &plan.instances {
-        for wire in &instance.wires {
+    let mut seen = HashSet::new();
+    for id in plan.instances() {
+        // The instances of a stage are wired alike.
+        let stage = plan.stage_of(id);
+        if !seen.insert(stage) {
+            continue;
+        }
+        for wire in &plan.wires(id) {
             for (source, port) in &wire.from {
-                let (from, to) = (plan.instances[*source].stage.place(), instance.stage.place());
+                let (from, to) = (plan.stage_of(*source).place(), stage.place());
                 if drawn.insert((from, to, *port, wire.port)) {
                     let renamed = || format!("{port} → {}", wire.port);
                     edges.push((from, to, if *port == wire.port { wire.port.to_owned() } else { renamed() }));

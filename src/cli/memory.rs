@@ -32,7 +32,7 @@ pub(super) fn too_large(plan: &Plan, survey: &Survey, budget: Option<Budget>) ->
     for (&id, detail) in &survey.plans {
         let need = detail.memory.unwrap_or(0);
         if need > most.max(SMALL) {
-            let stage = plan.instances[id].stage;
+            let stage = plan.stage_of(id);
             let entry = largest.entry(stage).or_insert((need, id));
             // Of equal ones the first.
             if need > entry.0 || (need == entry.0 && id < entry.1) {
@@ -62,16 +62,17 @@ pub(super) fn at_most(plan: &Plan, survey: &Survey, budget: Option<Budget>, thre
     let runs = |id: &InstanceId| survey.plans.contains_key(id) && !survey.twins.contains_key(id);
     let mut missing: HashMap<InstanceId, usize> = HashMap::new();
     let mut consumers: HashMap<InstanceId, Vec<InstanceId>> = HashMap::new();
-    let mut ready = BTreeSet::new();
+    let mut ready = Vec::new();
     for id in plan.needed_instances().filter(runs) {
-        let sources = plan.instances[id].wires.iter().flat_map(|w| w.from.iter().map(|f| f.0));
-        let sources: BTreeSet<InstanceId> = sources.filter(runs).collect();
+        let sources: BTreeSet<InstanceId> = plan.sources(id).map(|from| from.0).filter(runs).collect();
         if sources.is_empty() {
-            ready.insert(id);
+            ready.push(id);
+        } else {
+            missing.insert(id, sources.len());
+            sources.into_iter().for_each(|source| consumers.entry(source).or_default().push(id));
         }
-        missing.insert(id, sources.len());
-        sources.into_iter().for_each(|source| consumers.entry(source).or_default().push(id));
     }
+    let mut ready: BTreeSet<InstanceId> = ready.into_iter().collect();
     let mut most = 0;
     while !ready.is_empty() {
         let (mut taken, mut begun) = (0_u64, Vec::new());

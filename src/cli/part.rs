@@ -81,7 +81,7 @@ impl PartOf {
             let message = format!("an instance makes all its outputs at once; write it without `.{port}`");
             return Err(named(Failure::Input(message)));
         }
-        let is_needed = found.first().is_some_and(|&id| plan.needs(plan.instances[id].stage));
+        let is_needed = found.first().is_some_and(|&id| plan.needs(plan.stage_of(id)));
         let message = format!("no target needs `{}`; name it as a target too", selector.stage);
         if is_needed { Ok(found) } else { Err(named(Failure::Input(message))) }
     }

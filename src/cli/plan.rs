@@ -1,7 +1,7 @@
 //! `turbid plan`: every instance as hit, run (reasons) or waits, with the method and kernel taken, what is left out, and how long it takes.
 
-use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap, HashSet};
+use std::sync::Arc;
 
 use clap::Args;
 use serde::Serialize;
@@ -77,7 +77,7 @@ impl PlanCommand {
 fn state(plan: &Plan, state: &State) -> (&'static str, Vec<String>) {
     match state {
         State::Hit(_) => ("hit", Vec::new()),
-        State::Run { reasons, .. } => ("run", reasons.clone()),
+        State::Run { reasons } => ("run", reasons.to_vec()),
         State::Waits(stages) => {
             ("waits", stages.iter().map(|&s| format!("for {}", plan.spec.stages[s].name)).collect())
         }
@@ -87,7 +87,7 @@ fn state(plan: &Plan, state: &State) -> (&'static str, Vec<String>) {
 /// What `--json` says of an instance; the plan's part is left out for those that are up to date.
 #[derive(Serialize)]
 struct Row<'a> {
-    axes: Cow<'a, Axes>,
+    axes: Axes,
     #[serde(skip_serializing_if = "Option::is_none")]
     bytes: Option<Option<u64>>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -203,7 +203,6 @@ fn to_json(
     let plan = resolver.plan;
     let found = plan.needed_instances().filter_map(|id| survey.states[id].as_ref().map(|s| (id, s)));
     let row = |(id, found)| {
-        let instance = &plan.instances[id];
         let (word, reasons) = state(plan, found);
         let (detail, estimate) = (survey.plans.get(&id), estimates.get(&id));
         Row {
@@ -219,7 +218,7 @@ fn to_json(
             refused: detail.map_or(&[], |d| &d.refused),
             seconds: detail.map(|_| estimate.map(|e| e.seconds)),
             seconds_by: estimate.map(|e| e.by),
-            stage: &plan.spec.stages[instance.stage].name,
+            stage: plan.stage_name(id),
             state: word,
             work: estimate.and_then(|e| e.work).map(|(amount, unit)| Work { amount, unit }),
         }
@@ -238,8 +237,8 @@ fn to_json(
 /// The forms of the ports that are wanted of an instance that is not up to date.
 fn makes(resolver: &Resolver<'_>, survey: &Survey, id: InstanceId) -> Option<Described> {
     survey.plans.get(&id)?;
-    let wanted = resolver.plan.wanted(resolver.plan.instances[id].stage);
-    let mut forms = resolver.made(id)?;
+    let wanted = resolver.plan.wanted(resolver.plan.stage_of(id));
+    let mut forms = resolver.made(id).unwrap_or_default();
     forms.retain(|port, _| wanted.contains(port));
     Some(forms)
 }
@@ -332,16 +331,25 @@ fn groups<'a>(
 ) -> Vec<(Group, Option<&'a StagePlan>)> {
     let mut groups: Vec<(Group, Option<&StagePlan>)> = Vec::new();
     let mut known: HashMap<_, usize> = HashMap::new();
+    // The one before, and where it belongs: mostly there belongs the next one too.
+    let mut last: Option<(&State, Option<&Arc<StagePlan>>, usize)> = None;
     for id in plan.instances_of(stage) {
         let Some(found) = &survey.states[id] else { continue };
-        let (word, reasons) = state(plan, found);
         let detail = survey.plans.get(&id);
-        let key = (word, reasons, detail.map(Common::of));
-        let at = *known.entry(key).or_insert_with_key(|(word, reasons, _)| {
-            let fresh = Group { word, reasons: reasons.clone(), ..Group::empty() };
-            groups.push((fresh, detail));
-            groups.len() - 1
-        });
+        let like_last = last.filter(|(state, before, _)| state.is_like(found) && same(*before, detail));
+        let at = like_last.map_or_else(
+            || {
+                let (word, reasons) = state(plan, found);
+                let key = (word, reasons, detail.map(|detail| Common::of(detail)));
+                *known.entry(key).or_insert_with_key(|(word, reasons, _)| {
+                    let fresh = Group { word, reasons: reasons.clone(), ..Group::empty() };
+                    groups.push((fresh, detail.map(|detail| &**detail)));
+                    groups.len() - 1
+                })
+            },
+            |(_, _, at)| at,
+        );
+        last = Some((found, detail, at));
         let (group, estimate) = (&mut groups[at].0, estimates.get(&id));
         group.ids.push(id);
         group.seconds += estimate.map_or(0.0, |estimate| estimate.seconds);
@@ -363,6 +371,14 @@ fn groups<'a>(
     }
     groups.extend(counted);
     groups
+}
+
+/// Whether two instances share a plan.
+fn same(a: Option<&Arc<StagePlan>>, b: Option<&Arc<StagePlan>>) -> bool {
+    match (a, b) {
+        (Some(a), Some(b)) => Arc::ptr_eq(a, b),
+        (a, b) => a.is_none() && b.is_none(),
+    }
 }
 
 impl Group {
@@ -388,7 +404,7 @@ impl Group {
             return vec![(self, detail)];
         }
         let one = |&id: &InstanceId| {
-            let (own, estimate) = (survey.plans.get(&id), estimates.get(&id));
+            let (own, estimate) = (survey.plans.get(&id).map(|own| &**own), estimates.get(&id));
             let single = Self {
                 word: self.word,
                 reasons: self.reasons.clone(),

@@ -2,7 +2,6 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::key::axes_text;
 use crate::plan::{InstanceId, Plan, StageId, Target};
 use crate::registry::Registry;
 use crate::resolve::{Resolver, State};
@@ -32,9 +31,9 @@ pub(super) fn make_again(
     let survey = Resolver::new(plan, &looked).survey(&[]);
     let mut gone: BTreeMap<InstanceId, BTreeSet<&str>> = BTreeMap::new();
     for &id in ids {
-        let Some(State::Hit(record)) = &survey.states[id] else { continue };
-        let asked = record.ports.iter().filter(|(name, _)| port.is_none_or(|port| port == *name));
-        let released = asked.filter(|(_, held)| looked.is_released(&held.blob)).map(|(name, _)| name.as_str());
+        let Some(State::Hit(brief)) = &survey.states[id] else { continue };
+        let asked = brief.outputs.iter().filter(|(name, _)| port.is_none_or(|port| port == *name));
+        let released = asked.filter(|(_, blob)| looked.is_released(blob)).map(|(name, _)| name);
         let released: BTreeSet<&str> = released.collect();
         if !released.is_empty() {
             gone.insert(id, released);
@@ -46,7 +45,7 @@ pub(super) fn make_again(
     let store = Store::open(pipeline.outputs.path()).map_err(|e| Failure::Input(e.to_string()))?;
     let few = of_points(plan, registry, &gone)?;
     let resolver = Resolver::new(&few, &store);
-    let name = |plan: &Plan, id: InstanceId| (plan.instances[id].stage, axes_text(&plan.instances[id].axes));
+    let name = |plan: &Plan, id: InstanceId| (plan.stage_of(id), plan.axes_text(id));
     let gone: BTreeMap<_, _> = gone.into_iter().map(|(id, ports)| (name(plan, id), ports)).collect();
     for id in few.needed_instances() {
         let ports = gone.get(&name(&few, id));
@@ -88,13 +87,12 @@ fn of_points(plan: &Plan, registry: &Registry, gone: &BTreeMap<InstanceId, BTree
     let mut points: BTreeMap<StageId, BTreeSet<u64>> = BTreeMap::new();
     let mut targets: Vec<Target> = Vec::new();
     for (&id, ports) in gone {
-        let instance = &plan.instances[id];
-        let index = instance.axes.get(DRAW_AXIS).and_then(serde_json::Value::as_u64);
-        if let Some(((draws, _), index)) = plan.draw_of(instance.stage).zip(index) {
+        let index = plan.axis(id, DRAW_AXIS).and_then(serde_json::Value::as_u64);
+        if let Some(((draws, _), index)) = plan.draw_of(plan.stage_of(id)).zip(index) {
             points.entry(draws).or_default().insert(index);
         }
         for port in ports {
-            let stage = plan.spec.stages[instance.stage].name.clone();
+            let stage = plan.stage_name(id).to_owned();
             let target = Target { stage, port: Some((*port).to_owned()) };
             if !targets.contains(&target) {
                 targets.push(target);

@@ -98,7 +98,7 @@ impl Run {
         let remembered = if force.is_empty() && whole { memo::recall(&plan, &store, &memos) } else { None };
         let recalled = remembered.is_some();
         let (survey, known_files) = match remembered {
-            Some(Recalled { records, files }) => (resolver.up_to_date(records), files),
+            Some(Recalled { briefs, files }) => (resolver.up_to_date(briefs), files),
             None => {
                 elsewhere::bring(&resolver)?;
                 (resolver.survey(&force), Vec::new())
@@ -133,9 +133,9 @@ impl Run {
         let quiet = report.diagnostics().is_empty() && !warned && store.unread().is_none();
         if whole
             && (!recalled || rounds > 1)
-            && let Some(records) = plan.needed_instances().map(|id| summary.record(id)).collect::<Option<Vec<_>>>()
+            && let Some(made) = plan.needed_instances().map(|id| summary.brief(id)).collect::<Option<Vec<_>>>()
         {
-            memo::keep(&plan, &records, &resolver.files_read(), &memos);
+            memo::keep(&plan, &made, &resolver.files_read(), &memos);
         }
         // All results are there; that the log, links and pictures in another user's folder cannot be written takes nothing from them.
         let not_renewed = folder.as_ref().err().filter(|_| summary.ran() == 0);
@@ -156,8 +156,9 @@ impl Run {
         self.say(&closing, &Counts::of(&summary), began, left);
         let local = store.remote().is_none();
         if whole && local && quiet && warning.is_empty() && summary.hits() == summary.ends.len() {
-            let records = plan.needed_instances().filter_map(|id| summary.record(id)).map(|record| &**record);
-            let watched = store.watched(records).into_iter();
+            let made = plan.needed_instances().filter_map(|id| summary.brief(id));
+            let blobs = made.flat_map(|brief| brief.outputs.iter().map(|(_, blob)| blob));
+            let watched = store.watched(blobs).into_iter();
             if let Some(of_people) = latest::watched(&plan, outputs) {
                 let files = if recalled { known_files } else { resolver.files_read() };
                 let watched = watched.chain(of_people).collect();
@@ -182,8 +183,8 @@ impl Run {
     /// What is to be said of it; an error does not end the run before its last words.
     fn push(&self, plan: &Plan, store: &Store, summary: &Summary) -> Result<Option<String>, Failure> {
         let Some(remote) = store.remote() else { return Ok(None) };
-        let records = plan.needed_instances().filter_map(|id| summary.record(id));
-        let keys: Vec<Digest> = records.map(|record| record.key).collect();
+        let made = plan.needed_instances().filter_map(|id| summary.brief(id));
+        let keys: Vec<Digest> = made.map(|brief| brief.key).collect();
         let pushed = store.push(Some(&keys), false, &|_, _| ()).map_err(|error| {
             let later = "the results are here, and `turbid cache push` sends them later";
             Failure::Failed(format!("{error}; {later}"))
@@ -317,7 +318,7 @@ impl Making<'_> {
             if figures.lost || lost {
                 dropped.extend(store.finish().map_err(failed)?.dropped);
             }
-            let gone = |id: &InstanceId| summary.record(*id).is_some_and(|record| dropped.contains(&record.key));
+            let gone = |id: &InstanceId| summary.brief(*id).is_some_and(|brief| dropped.contains(&brief.key));
             let gone: Vec<InstanceId> = plan.needed_instances().filter(gone).collect();
             if gone.is_empty() || summary.interrupted || summary.failed() > 0 {
                 if gone.is_empty() && lost {
@@ -358,7 +359,7 @@ impl Making<'_> {
             self.progress.warn(name, &message);
         }
         match log {
-            Some(log) => log.end(plan, summary),
+            Some(log) => log.end(plan, self.resolver.store, summary),
             None => note_up_to_date(self.outputs, name, summary.hits()),
         }
     }
@@ -366,15 +367,15 @@ impl Making<'_> {
 
 /// What the results cost, whenever they were made: CPU seconds of all instances, memory of the one that took the most.
 fn cost(plan: &Plan, summary: &Summary) -> Option<String> {
-    let records = || plan.needed_instances().filter_map(|id| summary.record(id));
-    let cpu: f64 = records().map(|record| record.cost.cpu_s).sum();
-    let peak = records().map(|record| record.cost.peak_bytes).max()?;
+    let made = || plan.needed_instances().filter_map(|id| summary.brief(id));
+    let cpu: f64 = made().map(|brief| brief.cost.cpu_s).sum();
+    let peak = made().map(|brief| brief.cost.peak_bytes).max()?;
     Some(format!("\nthese results took {cpu:.1} CPU s, and at most {:.0} MB", peak as f64 / 1e6))
 }
 
 /// The folder, what is in it, and how to get at what is not.
 fn where_it_lies(plan: &Plan, summary: &Summary, folder: &Path, outputs: &Path) -> Option<String> {
-    let made = |stage: StageId| plan.instances_of(stage).filter(|id| summary.record(*id).is_some()).count();
+    let made = |stage: StageId| plan.instances_of(stage).filter(|id| summary.brief(*id).is_some()).count();
     let (many, few): (Vec<StageId>, Vec<StageId>) =
         plan.needed.iter().filter(|&&stage| made(stage) > 0).partition(|&&stage| made(stage) > PREVIEW_INSTANCES);
     let folder = folder.display();
@@ -392,8 +393,8 @@ fn where_it_lies(plan: &Plan, summary: &Summary, folder: &Path, outputs: &Path) 
         named.join(", ")
     ));
     let port = plan.outputs(last).iter().find(|port| plan.wanted(last).contains(port.name) && !port.preview);
-    if let (Some(port), Some(id)) = (port, plan.instances_of(last).next()) {
-        let axes: Vec<&str> = plan.instances[id].axes.keys().map(String::as_str).collect();
+    if let Some(port) = port {
+        let axes: Vec<&str> = plan.axis_names(last).collect();
         let (command, name) = (latest::Command::of(plan, outputs), &plan.spec.stages[last].name);
         text.push_str(&format!("\nall of {name}: {}", command.all(name, port.name, &axes)));
     }
@@ -418,8 +419,8 @@ fn table(plan: &Plan, summary: &Summary) -> String {
                 End::Skipped => "not run",
             };
             *counts.entry(word).or_default() += 1;
-            if let End::Ran(record) = end {
-                wall += record.cost.wall_s;
+            if let End::Ran(brief) = end {
+                wall += brief.cost.wall_s;
             }
         }
         let state = match counts.iter().next() {
@@ -428,7 +429,7 @@ fn table(plan: &Plan, summary: &Summary) -> String {
         };
         let wall = if counts.contains_key("ran") { format!("{wall:.2}") } else { String::new() };
         let error = errors(ends.iter().filter_map(|end| match end {
-            End::Hit(record) | End::Ran(record) => Some(record.measures.as_slice()),
+            End::Hit(brief) | End::Ran(brief) => Some(brief.errors()),
             End::Failed(_) | End::Skipped => None,
         }));
         rows.push([plan.spec.stages[stage].name.clone(), state, wall, error]);

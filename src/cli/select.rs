@@ -1,6 +1,6 @@
 //! `STAGE[axis=value,…][.PORT]`: which instances and port a command is about.
 
-use crate::key::{axes_text, value_text};
+use crate::key::value_text;
 use crate::plan::{InstanceId, Plan};
 
 use super::Failure;
@@ -61,13 +61,13 @@ impl Selector {
         }
         let fits = |id: &InstanceId| {
             self.axes.iter().all(|(name, wanted)| {
-                plan.instances[*id].axes.get(name).is_some_and(|value| {
+                plan.axis(*id, name).is_some_and(|value| {
                     let same_number = matches!((wanted.parse::<f64>(), value.as_f64()), (Ok(a), Some(b)) if a == b);
                     same_number || value_text(value) == *wanted
                 })
             })
         };
-        let own = |id: &InstanceId| !self.label.is_empty() && axes_text(&plan.instances[*id].axes) == self.label;
+        let own = |id: &InstanceId| !self.label.is_empty() && plan.axes_text(*id) == self.label;
         let found: Vec<InstanceId> = match plan.instances_of(stage).find(own) {
             Some(id) => vec![id],
             None => plan.instances_of(stage).filter(fits).collect(),

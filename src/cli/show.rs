@@ -67,19 +67,20 @@ impl Show {
         let port = selector.as_ref().and_then(|s| s.port.as_deref());
         let outputs = self.pipeline.outputs.path();
         let mut counts: BTreeMap<StageId, usize> = BTreeMap::new();
-        ids.iter().for_each(|&id| *counts.entry(plan.instances[id].stage).or_default() += 1);
+        ids.iter().for_each(|&id| *counts.entry(plan.stage_of(id)).or_default() += 1);
         let (mut instances, mut seen, mut more) = (Vec::new(), BTreeMap::new(), BTreeMap::new());
         for id in ids {
-            let stage = plan.instances[id].stage;
+            let stage = plan.stage_of(id);
             match &survey.states[id] {
-                Some(State::Hit(record)) => {
+                Some(State::Hit(brief)) => {
                     let seen: &mut usize = seen.entry(stage).or_default();
                     *seen += 1;
                     if !self.json && counts[&stage] > MANY && *seen > SHOWN {
                         *more.entry(stage).or_insert(0_usize) += 1;
                         continue;
                     }
-                    let one = Described { plan: &plan, store: &store, outputs, id, record };
+                    let Some(record) = store.record(&brief.key) else { continue };
+                    let one = Described { plan: &plan, store: &store, outputs, id, record: &record };
                     instances.push((stage, one.shown(port)?));
                 }
                 _ if store.unread().is_some() => return Err(Failure::Failed(store.unread().unwrap_or_default())),

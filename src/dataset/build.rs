@@ -8,7 +8,6 @@ mod release;
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
-use std::sync::Arc;
 
 use serde_json::{Value, json};
 use turbid_contract::Artifact;
@@ -216,11 +215,9 @@ impl Building<'_> {
             state.points.push(Point { index, seed, cpu_s, wall_s, shard: at, row });
             let mut reject = reasons.remove(&index);
             if reject.is_none() {
-                let records: BTreeMap<StageId, &Arc<InstanceRecord>> = plan
-                    .needed
-                    .iter()
-                    .filter_map(|&stage| Some((stage, summary.record(*places.get(&(stage, index))?)?)))
-                    .collect();
+                let record = |stage: StageId| Some((stage, summary.record(*places.get(&(stage, index))?, self.store)?));
+                let records: BTreeMap<StageId, InstanceRecord> =
+                    plan.needed.iter().filter_map(|&stage| record(stage)).collect();
                 for (&stage, record) in &records {
                     let name = plan.spec.stages[stage].name.as_str();
                     for (place, (measure, value, _)) in record.measures.iter().enumerate() {
@@ -251,11 +248,11 @@ impl Building<'_> {
             return;
         }
         let kept = self.read_by_limits();
-        for id in plan.needed_instances().filter(|&id| plan.instances[id].axes.contains_key(DRAW_AXIS)) {
-            let of_stage = kept.iter().filter(|(stage, _)| *stage == plan.instances[id].stage);
+        for id in plan.needed_instances().filter(|&id| plan.axis(id, DRAW_AXIS).is_some()) {
+            let of_stage = kept.iter().filter(|(stage, _)| *stage == plan.stage_of(id));
             let but: Vec<&str> = of_stage.map(|(_, port)| *port).collect();
-            if let Some(record) = summary.record(id) {
-                state.releases.add(self.store, record, &but);
+            if let Some(brief) = summary.brief(id) {
+                state.releases.add(self.store, brief, &but);
             }
         }
     }
@@ -355,9 +352,9 @@ impl Building<'_> {
     }
 
     /// The limit that a sample does not meet.
-    fn rejected(&self, records: &BTreeMap<StageId, &Arc<InstanceRecord>>) -> Result<Option<String>, Stopped> {
+    fn rejected(&self, records: &BTreeMap<StageId, InstanceRecord>) -> Result<Option<String>, Stopped> {
         for limit in &self.dataset.keep {
-            let record = records[&limit.stage];
+            let record = &records[&limit.stage];
             let value = self.limited(limit, record)?;
             // What is not known is not within a limit.
             if !value.is_some_and(|value| limit.spec.holds(value)) {
@@ -483,8 +480,8 @@ impl Building<'_> {
 
 /// The instance of each stage at each raw index.
 fn by_index(plan: &Plan) -> HashMap<(StageId, u64), InstanceId> {
-    let index = |id: InstanceId| plan.instances[id].axes.get(DRAW_AXIS).and_then(Value::as_u64);
-    plan.needed_instances().filter_map(|id| Some(((plan.instances[id].stage, index(id)?), id))).collect()
+    let index = |id: InstanceId| plan.axis(id, DRAW_AXIS).and_then(Value::as_u64);
+    plan.needed_instances().filter_map(|id| Some(((plan.stage_of(id), index(id)?), id))).collect()
 }
 
 /// What `--json` prints at the end.

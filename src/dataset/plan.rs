@@ -152,8 +152,7 @@ fn of_one_sample(plan: &Plan, spec: &DatasetSpec, feature: &Feature) -> Option<D
         return wrong(format!("{name}.{} holds no images and no table", feature.port), "take another output");
     }
     let first = plan.instances_of(feature.stage).into_iter().next()?;
-    let axes: Vec<&str> =
-        plan.instances[first].axes.keys().map(String::as_str).filter(|axis| *axis != DRAW_AXIS).collect();
+    let axes: Vec<&str> = plan.axis_names(plan.stage_of(first)).filter(|axis| *axis != DRAW_AXIS).collect();
     if !axes.is_empty() {
         let message = format!("`{name}` has several instances per sample: they differ by {}", axes.join(", "));
         return wrong(message, "take a stage that has one per sample, or draw what differs");
@@ -162,14 +161,14 @@ fn of_one_sample(plan: &Plan, spec: &DatasetSpec, feature: &Feature) -> Option<D
     let mut seen = BTreeSet::new();
     while let Some(stage) = open.pop().filter(|&stage| seen.insert(stage)) {
         let Some(first) = plan.instances_of(stage).into_iter().next() else { continue };
-        for wire in &plan.instances[first].wires {
-            let gathers = |id: &crate::plan::InstanceId| plan.instances[*id].axes.contains_key(DRAW_AXIS);
-            if !plan.instances[first].axes.contains_key(DRAW_AXIS) && wire.from.iter().any(|(id, _)| gathers(id)) {
+        for wire in &plan.wires(first) {
+            let gathers = |id: &crate::plan::InstanceId| plan.axis(*id, DRAW_AXIS).is_some();
+            if plan.axis(first, DRAW_AXIS).is_none() && wire.from.iter().any(|(id, _)| gathers(id)) {
                 let message =
                     format!("`{}` gathers all samples, and this feature depends on it", plan.spec.stages[stage].name);
                 return wrong(message, "give that stage inputs of its own, which are not drawn");
             }
-            open.extend(wire.from.iter().map(|(id, _)| plan.instances[*id].stage));
+            open.extend(wire.from.iter().map(|(id, _)| plan.stage_of(*id)));
         }
     }
     None
@@ -216,7 +215,7 @@ impl Keep {
             let mistake = Mistake::new(Kind::Graph, format!("there is no stage `{}`", limit.stage));
             return Err(Box::new(plan.spec.at_path(&at, mistake, hint.map(|name| format!("did you mean `{name}`?")))));
         };
-        let several = |id: crate::plan::InstanceId| plan.instances[id].axes.keys().any(|axis| axis != DRAW_AXIS);
+        let several = |id: crate::plan::InstanceId| plan.axis_names(plan.stage_of(id)).any(|axis| axis != DRAW_AXIS);
         let wrong = match plan.draw_of(stage) {
             None => Some(format!("`{}` is the same for all samples: no `draw` reaches it", limit.stage)),
             Some(_) if plan.instances_of(stage).into_iter().any(several) => {

@@ -110,11 +110,11 @@ impl Split {
 
 /// All that is needed for some instances: they and what feeds them, each after those that feed it.
 pub fn closure(plan: &Plan, some: impl IntoIterator<Item = InstanceId>) -> Vec<InstanceId> {
-    let mut needed = IdVec::<InstanceId, _>::filled(false, plan.instances.len());
+    let mut needed = IdVec::<InstanceId, _>::filled(false, plan.instances().len());
     let mut open: Vec<InstanceId> = some.into_iter().collect();
     while let Some(id) = open.pop() {
         if !std::mem::replace(&mut needed[id], true) {
-            open.extend(plan.instances[id].wires.iter().flat_map(|wire| wire.from.iter().map(|(from, _)| *from)));
+            open.extend(plan.sources(id).map(|(from, _)| from));
         }
     }
     plan.needed_instances().filter(|id| needed[*id]).collect()

@@ -5,8 +5,9 @@ use std::fmt;
 
 use crate::spec::{Spec, nearest};
 
+use super::expand::Expanded;
 use super::ports::Link;
-use super::{IdRange, IdVec, InstanceId, PREVIEW_INSTANCES, StageId, StageInfo};
+use super::{IdVec, PREVIEW_INSTANCES, StageId, StageInfo};
 
 /// `STAGE` or `STAGE.PORT` on the command line.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -45,7 +46,7 @@ pub(super) fn select(
     links: &IdVec<StageId, Vec<Link>>,
     order: &[StageId],
     consumers: &IdVec<StageId, BTreeSet<StageId>>,
-    ranges: &IdVec<StageId, IdRange<InstanceId>>,
+    expanded: &IdVec<StageId, Expanded>,
     targets: &[Target],
 ) -> Result<Selection, String> {
     let mut needed: BTreeSet<StageId> = BTreeSet::new();
@@ -83,7 +84,7 @@ pub(super) fn select(
         }
     }
     for &stage in &needed {
-        let few = ranges[stage].len() <= PREVIEW_INSTANCES;
+        let few = expanded[stage].points.len() <= PREVIEW_INSTANCES;
         let made = infos[stage].outputs.iter().filter(|p| !p.optional || (p.preview && few));
         wanted[stage].extend(made.map(|p| p.name));
     }

@@ -52,7 +52,7 @@ impl Figures {
                 continue;
             }
             for id in plan.instances_of(stage) {
-                let blob = summary.record(id).and_then(|record| record.ports.get(port.name)).map(|port| port.blob);
+                let blob = summary.brief(id).and_then(|brief| brief.outputs.get(port.name)).copied();
                 let blob = blob.filter(|blob| !store.is_released(blob));
                 match blob.map(|blob| store.get(&blob)) {
                     Some(Ok(Artifact::Table(table))) => rows.extend(rows_of(&plan.label(id), id, &table)),
@@ -111,9 +111,8 @@ impl Figures {
     /// The same for programs: all columns of each line.
     pub fn events(&self, plan: &Plan) -> Vec<Value> {
         let event = |row: &Row| {
-            let instance = &plan.instances[row.instance];
-            let stage = &plan.spec.stages[instance.stage].name;
-            json!({"event": "figures", "stage": stage, "axes": instance.axes, "figures": row.cells})
+            let (stage, axes) = (plan.stage_name(row.instance), plan.axes(row.instance));
+            json!({"event": "figures", "stage": stage, "axes": axes, "figures": row.cells})
         };
         self.rows.iter().map(event).collect()
     }

@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
+use std::sync::Arc;
 
 use serde_json::Value;
 use turbid_contract::StagePlan;
@@ -41,7 +42,7 @@ pub struct Source<'a> {
     pub here: String,
 }
 
-type Records<'a> = Vec<(InstanceId, &'a InstanceRecord)>;
+type Records = Vec<(InstanceId, Arc<InstanceRecord>)>;
 
 /// The page of a pipeline.
 pub fn gather(of: &Source<'_>) -> Page {
@@ -49,16 +50,16 @@ pub fn gather(of: &Source<'_>) -> Page {
     let (plan, store) = (resolver.plan, resolver.store);
     let mut summary = Summary::default();
     for id in plan.needed_instances() {
-        if let Some(State::Hit(record)) = &survey.states[id] {
-            summary.ends.insert(id, End::Hit(record.clone()));
+        if let Some(State::Hit(brief)) = &survey.states[id] {
+            summary.ends.insert(id, End::Hit(brief.clone()));
         }
     }
-    let records: BTreeMap<StageId, Records<'_>> = plan
+    let records: BTreeMap<StageId, Records> = plan
         .needed
         .iter()
         .map(|&stage| {
             let hit = |id| match &survey.states[id] {
-                Some(State::Hit(record)) => Some((id, &**record)),
+                Some(State::Hit(brief)) => Some((id, store.record(&brief.key)?)),
                 _ => None,
             };
             (stage, plan.instances_of(stage).filter_map(hit).collect())
@@ -69,7 +70,7 @@ pub fn gather(of: &Source<'_>) -> Page {
         .iter()
         .filter_map(|&stage| {
             let first = plan.instances_of(stage).next()?;
-            let plan = survey.plans.get(&first).cloned();
+            let plan = survey.plans.get(&first).map(|plan| StagePlan::clone(plan));
             Some((stage, plan.or_else(|| resolver.stage_plan(first, &survey.outputs))?))
         })
         .collect();
@@ -120,7 +121,7 @@ pub fn gather(of: &Source<'_>) -> Page {
         warnings: warnings(of, &records),
         left_out: left_out(plan, &said),
         provenance: provenance(of, &records),
-        instances: instances(plan, survey, &pictures),
+        instances: instances(plan, survey, &records, &pictures),
     }
 }
 
@@ -149,16 +150,17 @@ fn node(plan: &Plan, survey: &Survey, stage: StageId) -> Node {
 fn edges(plan: &Plan, places: &BTreeMap<StageId, usize>) -> Vec<Edge> {
     let mut found: BTreeMap<(usize, usize), BTreeSet<String>> = BTreeMap::new();
     let mut seen = BTreeSet::new();
-    for instance in &plan.instances {
+    for id in plan.instances() {
         // The instances of a stage are wired alike.
-        if !seen.insert(instance.stage) {
+        let stage = plan.stage_of(id);
+        if !seen.insert(stage) {
             continue;
         }
-        for wire in &instance.wires {
+        for wire in &plan.wires(id) {
             for (source, port) in &wire.from {
-                let from = places[&plan.instances[*source].stage];
+                let from = places[&plan.stage_of(*source)];
                 let text = if *port == wire.port { (*port).to_owned() } else { format!("{port} → {}", wire.port) };
-                found.entry((from, places[&instance.stage])).or_default().insert(text);
+                found.entry((from, places[&stage])).or_default().insert(text);
             }
         }
     }
@@ -177,7 +179,7 @@ fn heads(heads: &[&str]) -> Vec<String> {
 fn stages(
     plan: &Plan,
     survey: &Survey,
-    records: &BTreeMap<StageId, Records<'_>>,
+    records: &BTreeMap<StageId, Records>,
     said: &BTreeMap<StageId, StagePlan>,
 ) -> Grid {
     let row = |stage: StageId| {
@@ -207,8 +209,8 @@ fn stages(
 }
 
 /// Error and time of each stage; and what all of them took.
-fn costs(plan: &Plan, records: &BTreeMap<StageId, Records<'_>>) -> (Grid, Vec<Cell>) {
-    let cpu = |records: &Records<'_>| records.iter().map(|(_, record)| record.cost.cpu_s).sum::<f64>();
+fn costs(plan: &Plan, records: &BTreeMap<StageId, Records>) -> (Grid, Vec<Cell>) {
+    let cpu = |records: &Records| records.iter().map(|(_, record)| record.cost.cpu_s).sum::<f64>();
     let total: f64 = records.values().map(cpu).sum();
     let mut rows = Vec::new();
     for &stage in &plan.needed {
@@ -238,7 +240,7 @@ fn costs(plan: &Plan, records: &BTreeMap<StageId, Records<'_>>) -> (Grid, Vec<Ce
 }
 
 /// What stages noted of their work: of several instances the range.
-fn measures(plan: &Plan, records: &BTreeMap<StageId, Records<'_>>) -> Option<Grid> {
+fn measures(plan: &Plan, records: &BTreeMap<StageId, Records>) -> Option<Grid> {
     let mut rows = Vec::new();
     for &stage in &plan.needed {
         let mut found: BTreeMap<(&str, &str), [f64; 2]> = BTreeMap::new();
@@ -272,7 +274,7 @@ fn measures(plan: &Plan, records: &BTreeMap<StageId, Records<'_>>) -> Option<Gri
 }
 
 /// Of the file, of what ran, and what failed the last time; each once, with how often.
-fn warnings(of: &Source<'_>, records: &BTreeMap<StageId, Records<'_>>) -> Vec<String> {
+fn warnings(of: &Source<'_>, records: &BTreeMap<StageId, Records>) -> Vec<String> {
     let plan = of.resolver.plan;
     let mut found: Vec<(String, usize)> = Vec::new();
     let mut add = |text: String| match found.iter_mut().find(|(known, _)| *known == text) {
@@ -322,9 +324,9 @@ fn left_out(plan: &Plan, said: &BTreeMap<StageId, StagePlan>) -> Vec<(String, Ve
     stages.chain(whole).collect()
 }
 
-fn provenance(of: &Source<'_>, records: &BTreeMap<StageId, Records<'_>>) -> Grid {
+fn provenance(of: &Source<'_>, records: &BTreeMap<StageId, Records>) -> Grid {
     let plan = of.resolver.plan;
-    let all = || records.values().flatten().map(|(_, record)| *record);
+    let all = || records.values().flatten().map(|(_, record)| record);
     let versions: BTreeSet<&str> = all().map(|record| record.provenance.turbid_version.as_str()).collect();
     let times: Vec<u64> = all().map(|record| record.provenance.started).collect();
     let mut rows: Vec<(&str, Cell)> = vec![
@@ -367,13 +369,15 @@ fn provenance(of: &Source<'_>, records: &BTreeMap<StageId, Records<'_>>) -> Grid
     }
 }
 
-fn instances(plan: &Plan, survey: &Survey, pictures: &Pictures<'_>) -> Grid {
+fn instances(plan: &Plan, survey: &Survey, records: &BTreeMap<StageId, Records>, pictures: &Pictures<'_>) -> Grid {
     let mut rows = Vec::new();
     let count = plan.needed_instances().count();
     for id in plan.needed_instances().take(MOST_ROWS) {
         let label = Cell::text(plan.label(id));
-        rows.push(match &survey.states[id] {
-            Some(State::Hit(record)) => {
+        let of = &records[&plan.stage_of(id)];
+        let record = of.binary_search_by_key(&id, |(id, _)| *id).ok().map(|at| &of[at].1);
+        rows.push(match (&survey.states[id], record) {
+            (_, Some(record)) => {
                 let ports = record.ports.keys().map(|port| (port, pictures.link(id, record, port)));
                 let ports: Vec<(&String, Option<String>)> = ports.collect();
                 let file = match ports.iter().find_map(|(port, link)| Some((port, link.as_ref()?))) {
@@ -389,7 +393,7 @@ fn instances(plan: &Plan, survey: &Survey, pictures: &Pictures<'_>) -> Grid {
                     Cell::run(timestamp_text(record.provenance.started)),
                 ]
             }
-            other => {
+            (other, None) => {
                 let text = match other {
                     Some(State::Run { reasons }) => format!("to run: {}", shortened(&reasons.join("; "))),
                     _ => "waits".to_owned(),

@@ -5,9 +5,10 @@ use std::path::Path;
 
 use serde_json::Value;
 
+use crate::brief::Measure;
 use crate::input_file;
 
-use super::measures::{Measure, errors};
+use super::measures::errors;
 
 /// Bytes of a file of a run; a longer one is none of ours.
 const MOST: u64 = 64 << 20;

@@ -1,14 +1,8 @@
 //! The figures that stages measure of themselves: of their error, and of what they know nothing.
 
+use crate::brief::{ERROR, Measure, UNKNOWN};
+
 use super::figures::{short, with_unit};
-
-/// Measures whose names begin so stand for a stage's error in the summary,
-const ERROR: &str = "error: ";
-/// and those that begin so for what has no error: how many of a thing nothing is known of.
-const UNKNOWN: &str = "unknown: ";
-
-/// A figure with its unit.
-pub type Measure = (String, f64, String);
 
 /// What the measures of a stage's instances say of their error: of each unit the first that an instance measured, the worst of all of them; then of
 /// how much nothing is known.

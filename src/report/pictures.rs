@@ -1,6 +1,7 @@
 //! The pictures of a report: those of `outputs/latest` where they are current, drawn anew where not, as many as a page carries.
 
 use std::path::{Component, Path, PathBuf};
+use std::sync::Arc;
 
 use turbid_contract::payload::is_pictured;
 use turbid_contract::{Artifact, ArtifactKind};
@@ -51,7 +52,7 @@ impl<'a> Pictures<'a> {
     }
 
     /// The figures of a stage whose instances have these records; `None` where there is nothing to see.
-    pub fn stage(&mut self, stage: StageId, records: &[(InstanceId, &InstanceRecord)]) -> Option<Shown> {
+    pub fn stage(&mut self, stage: StageId, records: &[(InstanceId, Arc<InstanceRecord>)]) -> Option<Shown> {
         let mut shown =
             Shown { stage: self.plan.spec.stages[stage].name.clone(), figures: Vec::new(), notes: Vec::new() };
         if records.len() > PREVIEW_INSTANCES {
@@ -62,7 +63,8 @@ impl<'a> Pictures<'a> {
             ));
             return Some(shown);
         }
-        for &(id, record) in records.iter().take(SHOWN) {
+        for (id, record) in records.iter().take(SHOWN) {
+            let id = *id;
             for port in self.plan.outputs(stage) {
                 let Some(described) = record.ports.get(port.name) else { continue };
                 if described.blob.kind == ArtifactKind::Record || !is_pictured(&described.payload) {
@@ -115,7 +117,7 @@ impl<'a> Pictures<'a> {
 
     fn output(&mut self, id: InstanceId, record: &InstanceRecord, port: &str) -> Result<Vec<Figure>, String> {
         let blob = &record.ports[port].blob;
-        let (caption, file) = self.files.picture(id, record, port);
+        let (caption, file) = self.files.picture(id, &record.key, port, blob);
         let small = blob.bytes <= self.read || blob.kind == ArtifactKind::Table;
         let artifact = match small {
             true => Some(self.store.get(blob).map_err(|error| error.to_string())?),

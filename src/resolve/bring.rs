@@ -1,10 +1,9 @@
 //! What a store elsewhere has of a plan, brought in with few requests before anything is looked at one by one.
 
-use std::sync::Arc;
-
 use rayon::prelude::*;
 
-use super::{AllOutputs, BLOCK, FEW, Keyed, Outputs, Resolver, outputs_of};
+use super::{AllOutputs, BLOCK, FEW, Keyed, Resolver};
+use crate::brief::Outputs;
 use crate::digest::Digest;
 use crate::plan::InstanceId;
 use crate::store::{Pulled, StoreError};
@@ -15,7 +14,7 @@ impl Resolver<'_> {
     ///
     /// Mistakes of the pipeline are left to the survey. Error: the store elsewhere cannot be read, or the local one not be written.
     pub fn bring(&self) -> Result<(Vec<Digest>, Pulled), StoreError> {
-        let mut outputs = AllOutputs::filled(None, self.plan.instances.len());
+        let mut outputs = AllOutputs::filled(None, self.plan.instances().len());
         let (mut found, mut pulled) = (Vec::new(), Pulled::default());
         for &stage in &self.plan.needed {
             let ids: Vec<InstanceId> = self.plan.instances_of(stage).collect();
@@ -33,7 +32,7 @@ impl Resolver<'_> {
                     here.filter_map(|(id, keyed)| self.outputs_now(id, &keyed, &outputs)).collect();
                 for (id, key, made) in here {
                     found.extend(key);
-                    outputs[id] = Some(Arc::new(made));
+                    outputs[id] = Some(made);
                 }
             }
         }
@@ -42,8 +41,8 @@ impl Resolver<'_> {
 
     /// The key of an instance whose inputs are known.
     fn key_if_known(&self, id: InstanceId, outputs: &AllOutputs) -> Option<Keyed> {
-        let mut wires = self.plan.instances[id].wires.iter().flat_map(|wire| &wire.from);
-        let known = wires.all(|(source, port)| outputs[*source].as_ref().is_some_and(|made| made.contains_key(*port)));
+        let mut sources = self.plan.sources(id);
+        let known = sources.all(|(source, port)| outputs[source].as_ref().is_some_and(|made| made.has(port)));
         known.then(|| self.keyed(id, outputs).ok()).flatten()
     }
 
@@ -54,10 +53,10 @@ impl Resolver<'_> {
         keyed: &Keyed,
         outputs: &AllOutputs,
     ) -> Option<(InstanceId, Option<Digest>, Outputs)> {
+        let stage = self.plan.stage_of(id);
         if let Some(record) = self.store.record(&keyed.key) {
-            return Some((id, Some(keyed.key), outputs_of(&record)));
+            return Some((id, Some(keyed.key), Outputs::of(&record, self.plan.outputs(stage))));
         }
-        let stage = self.plan.instances[id].stage;
         let consumed = self.plan.row(stage).instant && !self.plan.consumers(stage).is_empty();
         let made = consumed.then(|| self.run_instant(id, keyed, outputs).ok()).flatten()?;
         Some((id, None, made))

@@ -1,6 +1,7 @@
 //! How large artifacts are, or are going to be, and how that flows through the graph: what memory is reckoned from.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use turbid_contract::{Extent, StagePlan};
 
@@ -17,14 +18,17 @@ impl Resolver<'_> {
             let of = |(source, port): &(InstanceId, &str)| self.extent(*source, port, outputs);
             Some((wire.port.to_owned(), wire.from.iter().filter_map(of).max_by_key(|extent| extent.bytes())?))
         };
-        self.plan.instances[id].wires.iter().filter_map(largest).collect()
+        self.plan.wires(id).iter().filter_map(largest).collect()
     }
 
     /// Remembers what a stage says of its outputs before it runs: those that read them are looked at later.
     pub(super) fn note_extents(&self, id: InstanceId, plan: &StagePlan) {
-        if !plan.makes.is_empty() {
-            let sizes = plan.makes.iter().map(|(port, extent)| ((*port).to_owned(), *extent)).collect();
-            self.extents.lock().expect("no holder panics").insert(id, sizes);
+        if !plan.makes.is_empty() && self.is_read(id) {
+            let sizes: Sizes = plan.makes.iter().map(|(port, extent)| ((*port).to_owned(), *extent)).collect();
+            let mut extents = self.extents.lock().expect("no holder panics");
+            // Those of a sweep are mostly equal.
+            let known = id.before().and_then(|before| extents.get(&before)).filter(|known| ***known == sizes).cloned();
+            extents.insert(id, known.unwrap_or_else(|| Arc::new(sizes)));
         }
     }
 
@@ -42,7 +46,7 @@ impl Resolver<'_> {
         known(port).or_else(foreseen).or_else(|| {
             let extent = self.store.extent(outputs[id].as_ref()?.get(port)?)?;
             let mut extents = self.extents.lock().expect("no holder panics");
-            extents.entry(id).or_default().insert(port.to_owned(), extent);
+            Arc::make_mut(extents.entry(id).or_default()).insert(port.to_owned(), extent);
             Some(extent)
         })
     }

@@ -99,18 +99,18 @@ impl Resolver<'_> {
             self.work_out(source, outputs);
             self.form(source, port).unwrap_or_else(|| open.clone())
         };
-        let wires = &self.plan.instances[id].wires;
+        let wires = self.plan.wires(id);
         wires.iter().map(|wire| (wire.port.to_owned(), wire.from.iter().map(of).collect())).collect()
     }
 
     /// Remembers what a stage says of its outputs; nothing of one with mistakes in it.
     pub(super) fn note_forms(&self, id: InstanceId, forms: Forms) {
-        lock(&self.forms).insert(id, self.plan.instances[id].stage, forms);
+        lock(&self.forms).insert(id, self.plan.stage_of(id), forms);
     }
 
     /// Whether a stage reads what an instance makes: only then is that described before anything runs, and kept.
     pub(super) fn is_read(&self, id: InstanceId) -> bool {
-        !self.plan.consumers(self.plan.instances[id].stage).is_empty()
+        !self.plan.consumers(self.plan.stage_of(id)).is_empty()
     }
 
     /// Describes what an instance is going to make that nobody reads, until it is [forgotten](Self::forget): what came of it is held against that.
@@ -151,7 +151,7 @@ impl Resolver<'_> {
                 path.pop();
                 continue;
             }
-            let sources = self.plan.instances[last].wires.iter().flat_map(|w| w.from.iter().map(|from| from.0));
+            let sources = self.plan.sources(last).map(|from| from.0);
             let open: Vec<InstanceId> = sources.filter(|&source| !is_known(source)).collect();
             if open.is_empty() {
                 self.note_forms(last, self.own_forms(last, outputs));
@@ -165,7 +165,7 @@ impl Resolver<'_> {
         // Mistakes in params are told where the stage is checked.
         let Ok(prepared) = self.prepare(id) else { return Forms::new() };
         let mut known = self.known(id, outputs);
-        let stage = self.plan.instances[id].stage;
+        let stage = self.plan.stage_of(id);
         if let Ok(files) = self.input_files(stage, &prepared.job.files())
             && let Ok(lent) = self.files.lend(&files, false)
         {

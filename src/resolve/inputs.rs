@@ -8,7 +8,7 @@ use crate::plan::Wire;
 /// Those that the store, or an instant stage before it, has by now.
 pub(super) struct KnownInputs<'a> {
     pub resolver: &'a Resolver<'a>,
-    pub wires: &'a [Wire],
+    pub wires: Vec<Wire>,
     pub outputs: &'a AllOutputs,
 }
 
@@ -22,7 +22,7 @@ impl InputSource for KnownInputs<'_> {
 
     fn many(&self, port: &str) -> Vec<Axes> {
         let from = self.wires.iter().find(|w| w.port == port).map_or(&[][..], |w| &w.from);
-        from.iter().map(|(id, _)| self.resolver.plan.values(*id).into_owned()).collect()
+        from.iter().map(|(id, _)| self.resolver.plan.values(*id)).collect()
     }
 
     fn load(&self, port: &str, index: usize) -> Result<Artifact, Error> {

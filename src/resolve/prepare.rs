@@ -12,44 +12,45 @@ use crate::spec::{Diagnostic, Kind, Mistake, Section, StageId, read_params};
 impl Resolver<'_> {
     /// The params of an instance, or every mistake in them.
     pub fn prepare(&self, id: InstanceId) -> Result<Prepared, Vec<Diagnostic>> {
-        let instance = &self.plan.instances[id];
-        let params = self.plan.spec.params(instance.stage, &self.plan.values(id))?;
-        let (job, errors) = read_params(self.plan.row(instance.stage), &params);
+        let stage = self.plan.stage_of(id);
+        let params = self.plan.spec.params(stage, &self.plan.values(id))?;
+        let (job, errors) = read_params(self.plan.row(stage), &params);
         match job {
             Some(job) if errors.is_empty() => match job.canonical() {
                 Ok(canonical) => Ok(Prepared { params, job, canonical }),
                 Err(message) => {
                     let path: [&str; 0] = [];
-                    Err(vec![self.plan.spec.diagnostic(instance.stage, Section::With, &path, message, None)])
+                    Err(vec![self.plan.spec.diagnostic(stage, Section::With, &path, message, None)])
                 }
             },
             _ => Err(errors
                 .into_iter()
-                .map(|e| self.plan.spec.diagnostic(instance.stage, Section::With, &e.path, e.mistake, None))
+                .map(|e| self.plan.spec.diagnostic(stage, Section::With, &e.path, e.mistake, None))
                 .collect()),
         }
     }
 
     /// Key and everything behind it; the inputs must be there.
     pub fn keyed(&self, id: InstanceId, outputs: &AllOutputs) -> Result<Keyed, Vec<Diagnostic>> {
-        let instance = &self.plan.instances[id];
-        let stage = &self.plan.spec.stages[instance.stage];
-        let row = self.plan.row(instance.stage);
+        let stage = self.plan.stage_of(id);
+        let row = self.plan.row(stage);
         let Prepared { params, job, canonical } = self.prepare(id)?;
         let digest_of = |(source, port): &(InstanceId, &str)| {
-            outputs[*source].as_ref().and_then(|o| o.get(*port)).expect("the inputs are there").digest
+            outputs[*source].as_ref().and_then(|o| o.get(port)).expect("the inputs are there").digest
         };
-        let inputs: Vec<(String, InputContent)> = instance
-            .wires
+        let inputs: Vec<(String, InputContent)> = self
+            .plan
+            .wires(id)
             .iter()
             .map(|wire| {
-                let axes = |id: InstanceId| if wire.many { self.plan.values(id).into_owned() } else { Axes::new() };
+                let axes = |id: InstanceId| if wire.many { self.plan.values(id) } else { Axes::new() };
                 let content = wire.from.iter().map(|from| (axes(from.0), digest_of(from))).collect();
                 (wire.port.to_owned(), content)
             })
             .collect();
-        let files = self.input_files(instance.stage, &job.files())?;
-        let seed = instance_seed(self.plan.spec.seed, row.name, &instance.axes, &inputs, stage.seed);
+        let files = self.input_files(stage, &job.files())?;
+        let explicit = self.plan.spec.stages[stage].seed;
+        let seed = instance_seed(self.plan.spec.seed, row.name, &self.plan.axes_text(id), &inputs, explicit);
         let dependencies = Dependencies {
             use_name: row.name.to_owned(),
             version: row.version,

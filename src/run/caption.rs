@@ -3,25 +3,17 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::digest::{Digest, PartHasher};
-use crate::key::axes_text;
 use crate::plan::{InstanceId, Plan, StageId};
 use crate::preview::Caption;
-use crate::store::{Blob, InstanceRecord};
+use crate::store::Blob;
 
 /// Raised whenever pictures of the same artifact look different: those of an older turbid are then drawn anew.
 const PICTURES: &str = "3";
 
 /// `pipeline · stage[axes] · port`; of [`overrides`] those of the stage (`set`); the key of the instance. What of the run did not matter to the
 /// artifact (its time, other overrides) is left out, so that equal artifacts keep equal pictures.
-pub fn caption(
-    plan: &Plan,
-    id: InstanceId,
-    record: &InstanceRecord,
-    port: &str,
-    blob: &Blob,
-    set: &[String],
-) -> Caption {
-    of(plan, id, &record.key, port, set, ("Content", blob.digest.to_string()))
+pub fn caption(plan: &Plan, id: InstanceId, key: &Digest, port: &str, blob: &Blob, set: &[String]) -> Caption {
+    of(plan, id, key, port, set, ("Content", blob.digest.to_string()))
 }
 
 /// The same of what an instance has before it ends; `done`: how much that is.
@@ -33,15 +25,14 @@ pub fn so_far(plan: &Plan, id: InstanceId, key: &Digest, port: &str, set: &[Stri
 
 /// `last`: what tells artifacts of one key apart.
 fn of(plan: &Plan, id: InstanceId, key: &Digest, port: &str, set: &[String], last: (&'static str, String)) -> Caption {
-    let instance = &plan.instances[id];
-    let (pipeline, stage) = (&plan.spec.pipeline, &plan.spec.stages[instance.stage]);
+    let (pipeline, stage) = (&plan.spec.pipeline, &plan.spec.stages[plan.stage_of(id)]);
     let facts = [
         ("Title", format!("{pipeline} {} {port}", plan.label(id))),
         ("Software", concat!("turbid ", env!("CARGO_PKG_VERSION")).to_owned()),
         ("Pipeline", pipeline.clone()),
         ("Stage", stage.name.clone()),
         ("Stage kind", stage.use_name.clone()),
-        ("Axes", axes_text(&instance.axes)),
+        ("Axes", plan.axes_text(id)),
         ("Port", port.to_owned()),
         ("Overrides", set.join("\n")),
         ("Key", key.to_string()),

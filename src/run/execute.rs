@@ -9,10 +9,11 @@ use serde_json::Value;
 use turbid_contract::payload::undeclared;
 use turbid_contract::{Artifact, Ctx, Error, Form, StageRow};
 
+use crate::brief::Outputs;
 use crate::key::Dependencies;
 use crate::panics::{self, lock};
 use crate::plan::InstanceId;
-use crate::resolve::{Keyed, Outputs, Resolver};
+use crate::resolve::{Keyed, Resolver};
 use crate::store::{Cost, InstanceRecord, KeyLock, PortRecord, Provenance, Recipe};
 
 use super::host::InstanceHost;
@@ -36,7 +37,7 @@ pub struct Task {
     pub id: InstanceId,
     pub job: Keyed,
     /// The outputs of its producers.
-    pub outputs: HashMap<InstanceId, Arc<Outputs>>,
+    pub outputs: HashMap<InstanceId, Outputs>,
     pub forced: bool,
     /// Whether nothing else ran when it began.
     pub alone: bool,
@@ -55,9 +56,9 @@ fn attempt(worker: Worker<'_>, task: Task) -> Outcome {
     let Task { id, job, outputs, forced, alone, lock: _held } = task;
     let job = &job;
     let (plan, store) = (resolver.plan, resolver.store);
-    let instance = &plan.instances[id];
+    let stage = plan.stage_of(id);
     let label = plan.label(id);
-    let wanted = plan.wanted(instance.stage);
+    let wanted = plan.wanted(stage);
     if let Err(error) = store.refresh() {
         return Outcome::Failed(error.to_string());
     }
@@ -65,7 +66,7 @@ fn attempt(worker: Worker<'_>, task: Task) -> Outcome {
     if let Some(record) = &earlier
         && !forced
         && wanted.iter().all(|port| record.ports.contains_key(*port))
-        && resolver.released(id, record).is_empty()
+        && resolver.released(id, &Outputs::of(record, plan.outputs(stage))).is_empty()
     {
         return Outcome::Found(record.clone());
     }
@@ -78,7 +79,7 @@ fn attempt(worker: Worker<'_>, task: Task) -> Outcome {
     let inputs = StoredInputs {
         plan,
         store,
-        wires: &instance.wires,
+        wires: plan.wires(id),
         outputs,
         kept: worker.kept,
         damaged: Mutex::new(None),
@@ -88,7 +89,7 @@ fn attempt(worker: Worker<'_>, task: Task) -> Outcome {
     if alone {
         reset_peak_memory();
     }
-    let row = plan.row(instance.stage);
+    let row = plan.row(stage);
     // What the clock stopped once is added to where it stopped then: no clock would stop there again.
     let reached = earlier.as_ref().filter(|_| !forced).and_then(|record| reached_params(job, record, row));
     let reached = match reached.map(|params| (row.prepare)(&params)).transpose() {
@@ -159,8 +160,8 @@ fn attempt(worker: Worker<'_>, task: Task) -> Outcome {
         refused: host.kernel_taken().map(|(_, refused)| refused).unwrap_or_default(),
         provenance: Provenance {
             pipeline: plan.spec.pipeline.clone(),
-            stage: plan.spec.stages[instance.stage].name.clone(),
-            axes: instance.axes.clone(),
+            stage: plan.stage_name(id).to_owned(),
+            axes: plan.axes(id),
             turbid_version: env!("CARGO_PKG_VERSION").to_owned(),
             started,
         },
@@ -183,7 +184,7 @@ fn publish_blobs(
     made: Vec<(&'static str, Artifact)>,
     wanted: &BTreeSet<&'static str>,
 ) -> Result<BTreeMap<String, PortRecord>, String> {
-    let stage = resolver.plan.instances[id].stage;
+    let stage = resolver.plan.stage_of(id);
     let mut ports = BTreeMap::new();
     for (name, artifact) in made {
         let described = resolver.plan.outputs(stage).iter().find(|p| p.name == name);

@@ -5,16 +5,16 @@ use std::sync::{Arc, Mutex};
 
 use turbid_contract::{Artifact, ArtifactKind, Axes, Error, Head, ImageStack, InputSource, LayerInfo, Shared};
 
+use crate::brief::Outputs;
 use crate::panics::lock;
 use crate::plan::{InstanceId, Plan, Wire};
-use crate::resolve::Outputs;
 use crate::store::{Blob, OpenedImages, Store, StoreError};
 
 pub struct StoredInputs<'a> {
     pub plan: &'a Plan,
     pub store: &'a Store,
-    pub wires: &'a [Wire],
-    pub outputs: HashMap<InstanceId, Arc<Outputs>>,
+    pub wires: Vec<Wire>,
+    pub outputs: HashMap<InstanceId, Outputs>,
     /// Tables that several instances of the run read.
     pub kept: &'a Kept,
     /// The producer of a blob that turned out damaged.
@@ -84,7 +84,7 @@ impl InputSource for StoredInputs<'_> {
         let Some(wire) = self.wire(port).filter(|wire| !wire.many) else { return Ok(None) };
         let (producer, out) = wire.from[0];
         let blob = self.outputs[&producer][out];
-        let stage = self.plan.instances[producer].stage;
+        let stage = self.plan.stage_of(producer);
         let readers = self.plan.consumers(stage).iter().map(|&consumer| self.plan.instances_of(consumer).len()).max();
         let is_shared = readers > Some(self.plan.instances_of(stage).len());
         if !is_shared || blob.kind != ArtifactKind::Table || blob.bytes > LARGEST {
@@ -105,7 +105,7 @@ impl InputSource for StoredInputs<'_> {
 
     fn many(&self, port: &str) -> Vec<Axes> {
         let from = self.wire(port).map_or(&[][..], |w| &w.from);
-        from.iter().map(|(id, _)| self.plan.values(*id).into_owned()).collect()
+        from.iter().map(|(id, _)| self.plan.values(*id)).collect()
     }
 
     fn load(&self, port: &str, index: usize) -> Result<Artifact, Error> {

@@ -10,13 +10,15 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use turbid_contract::ArtifactKind;
 use turbid_contract::payload::is_pictured;
+use turbid_contract::{ArtifactKind, OutPort};
 
+use crate::brief::Brief;
+use crate::digest::Digest;
 use crate::plan::{InstanceId, PREVIEW_INSTANCES, Plan, StageId};
 use crate::preview::{self, Caption};
 use crate::spec::SourceFile;
-use crate::store::{Blob, InstanceRecord, PortRecord, Store, StoreError, extension};
+use crate::store::{Blob, Store, StoreError, extension};
 
 use super::Summary;
 use super::caption::{self, caption, fingerprint};
@@ -73,25 +75,24 @@ pub fn publish(plan: &Plan, store: &Store, summary: &Summary, outputs: &Path) ->
     let command = Command::of(plan, outputs);
     for &stage in &plan.needed {
         let set = overrides.get(&stage).map_or(&[][..], Vec::as_slice);
-        let records: Vec<(InstanceId, &Arc<InstanceRecord>)> =
-            plan.instances_of(stage).filter_map(|id| summary.record(id).map(|r| (id, r))).collect();
+        let made: Vec<(InstanceId, &Arc<Brief>)> =
+            plan.instances_of(stage).filter_map(|id| summary.brief(id).map(|brief| (id, brief))).collect();
         let name = file_name(&plan.spec.stages[stage].name);
-        if records.len() > PREVIEW_INSTANCES {
+        if made.len() > PREVIEW_INSTANCES {
             let path = format!("{name}/instances.parquet");
-            let list = List { plan, store, records: &records, command: &command };
+            let list = List { plan, store, made: &made, command: &command };
             let content = list.fingerprint();
             if !filling.keep(&path, &content, None) {
                 filling.staged.file(&path, &content, &list.encode()?, false)?;
             }
             continue;
         }
-        for (id, record) in records {
-            let place = place(&plan.spec.stages[stage].name, &plan.instances[id].axes);
-            // A record may hold an output that an older turbid had.
-            let known = |port: &str| plan.outputs(stage).iter().any(|output| output.name == port);
-            for (port, described) in record.ports.iter().filter(|(port, _)| known(port)) {
-                partial::sweep(&folder.join(&place), port);
-                filling.port(&place, port, described, &caption(plan, id, record, port, &described.blob, set))?;
+        for (id, brief) in made {
+            let place = place(&plan.spec.stages[stage].name, &plan.axes_text(id));
+            for port in plan.outputs(stage) {
+                let Some(blob) = brief.outputs.get(port.name) else { continue };
+                partial::sweep(&folder.join(&place), port.name);
+                filling.port(&place, port, blob, &caption(plan, id, &brief.key, port.name, blob, set))?;
             }
         }
     }
@@ -134,25 +135,25 @@ impl Filling<'_> {
     }
 
     /// The file of a port, and its picture.
-    fn port(&mut self, place: &str, port: &str, described: &PortRecord, caption: &Caption) -> Result<(), String> {
-        let content = described.blob.digest.to_string();
-        let path = format!("{place}/{port}.{}", extension(described.blob.kind));
-        let picture = format!("{place}/{port}.png");
+    fn port(&mut self, place: &str, port: &OutPort, blob: &Blob, caption: &Caption) -> Result<(), String> {
+        let content = blob.digest.to_string();
+        let path = format!("{place}/{}.{}", port.name, extension(blob.kind));
+        let picture = format!("{place}/{}.png", port.name);
         let look = fingerprint(caption);
-        if self.store.is_released(&described.blob) {
+        if self.store.is_released(blob) {
             // What is there stays; people's links alone are no reason to make again what was released.
-            self.keep(&path, &content, Some(described.blob.bytes));
+            self.keep(&path, &content, Some(blob.bytes));
             self.keep(&picture, &look, None);
             return Ok(());
         }
-        if !self.keep(&path, &content, Some(described.blob.bytes)) {
-            self.file(&path, &content, &described.blob)?;
+        if !self.keep(&path, &content, Some(blob.bytes)) {
+            self.file(&path, &content, blob)?;
         }
         if !self.keep(&picture, &look, None) {
             let stood_for = |path: &str| self.before.get(path).is_some_and(|entry| entry.content == content);
-            let fresh = drawn(described) && !stood_for(&path);
+            let fresh = drawn(port, blob) && !stood_for(&path);
             if fresh || self.before.contains_key(&picture) {
-                self.draw(&picture, &look, &described.blob, caption)?;
+                self.draw(&picture, &look, blob, caption)?;
             }
         }
         Ok(())
@@ -205,8 +206,8 @@ pub fn watched(plan: &Plan, outputs: &Path) -> Option<Vec<PathBuf>> {
 }
 
 /// Whether somebody would look at a picture of it.
-fn drawn(port: &PortRecord) -> bool {
-    port.blob.kind != ArtifactKind::Record && is_pictured(&port.payload)
+fn drawn(port: &OutPort, blob: &Blob) -> bool {
+    blob.kind != ArtifactKind::Record && is_pictured(port.payload)
 }
 
 /// Folders of stages that are still in the pipeline but were not asked for this time.
@@ -242,18 +243,16 @@ impl<'a> Files<'a> {
     }
 
     /// What the picture of an output is to say, and the picture where there is one that says so.
-    pub fn picture(&self, id: InstanceId, record: &InstanceRecord, port: &str) -> (Caption, Option<PathBuf>) {
-        let set = self.overrides.get(&self.plan.instances[id].stage).map_or(&[][..], Vec::as_slice);
-        let blob = &record.ports[port].blob;
-        let caption = caption(self.plan, id, record, port, blob, set);
+    pub fn picture(&self, id: InstanceId, key: &Digest, port: &str, blob: &Blob) -> (Caption, Option<PathBuf>) {
+        let set = self.overrides.get(&self.plan.stage_of(id)).map_or(&[][..], Vec::as_slice);
+        let caption = caption(self.plan, id, key, port, blob, set);
         let path = format!("{}/{port}.png", self.place(id));
         let picture = self.current(path, &fingerprint(&caption), None);
         (caption, picture)
     }
 
     fn place(&self, id: InstanceId) -> String {
-        let instance = &self.plan.instances[id];
-        place(&self.plan.spec.stages[instance.stage].name, &instance.axes)
+        place(self.plan.stage_name(id), &self.plan.axes_text(id))
     }
 
     fn current(&self, path: String, content: &str, length: Option<u64>) -> Option<PathBuf> {

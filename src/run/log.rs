@@ -1,7 +1,7 @@
 //! `outputs/runs`: what ran, when, from which files; its keys are the roots of garbage collection.
 
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, Read, Write};
+use std::io::{self, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
@@ -10,9 +10,9 @@ use serde_json::{Value, json};
 
 use crate::digest::Digest;
 use crate::panics::lock;
-use crate::plan::Plan;
+use crate::plan::{InstanceId, Plan};
 use crate::regular::{self, NotOpened};
-use crate::store::InstanceRecord;
+use crate::store::{Cost, InstanceRecord, Store};
 use crate::whole_file::{self, Synced};
 
 use super::name::file_name_of;
@@ -79,8 +79,8 @@ impl RunLog {
 
     /// Notes the roots of a part of long work, whose figures stand elsewhere.
     pub fn part(&self, plan: &Plan, summary: &Summary) {
-        let records = plan.needed_instances().filter_map(|id| summary.record(id));
-        let roots: String = records.map(|record| format!("{}\n", record.key)).collect();
+        let made = plan.needed_instances().filter_map(|id| summary.brief(id));
+        let roots: String = made.map(|brief| format!("{}\n", brief.key)).collect();
         let path = self.folder.join("roots");
         let file = OpenOptions::new().create(true).append(true).open(&path);
         self.noted(&path, file.and_then(|mut file| file.write_all(roots.as_bytes())));
@@ -98,29 +98,48 @@ impl RunLog {
     }
 
     /// Writes roots, which instance each stands for, and metrics. Returns what could not be written of the log, if anything.
-    pub fn end(&self, plan: &Plan, summary: &Summary) -> Option<String> {
-        let (mut roots, mut instances) = (String::new(), String::new());
-        let mut metrics = Vec::new();
-        for id in plan.needed_instances() {
-            if let Some(record) = summary.record(id) {
-                roots.push_str(&format!("{}\n", record.key));
-                instances
-                    .push_str(&format!("{}\n", json!({"instance": plan.label(id), "key": record.key.to_string()})));
+    pub fn end(&self, plan: &Plan, store: &Store, summary: &Summary) -> Option<String> {
+        let made = || plan.needed_instances().filter_map(|id| Some((id, summary.brief(id)?)));
+        self.long_file("roots", &|to| made().try_for_each(|(_, brief)| writeln!(to, "{}", brief.key)));
+        self.long_file("instances.jsonl", &|to| {
+            let line = |id: InstanceId, key: &Digest| json!({"instance": plan.label(id), "key": key.to_string()});
+            made().try_for_each(|(id, brief)| writeln!(to, "{}", line(id, &brief.key)))
+        });
+        self.long_file("metrics.json", &|to| {
+            let mut any = false;
+            for id in plan.needed_instances() {
+                let Some(End::Ran(brief)) = summary.ends.get(&id) else { continue };
+                let Some(record) = store.record(&brief.key) else { continue };
+                // As an array is written, without all of it in memory.
+                let text = format!("{:#}", metrics(&plan.label(id), &brief.cost, &record)).replace('\n', "\n  ");
+                write!(to, "{}\n  {text}", if any { "," } else { "[" })?;
+                any = true;
             }
-            if let Some(End::Ran(record)) = summary.ends.get(&id) {
-                metrics.push(json!({
-                    "instance": plan.label(id), "wall_s": record.cost.wall_s, "cpu_s": record.cost.cpu_s,
-                    "peak_bytes": record.cost.peak_bytes, "alone": record.cost.alone, "measures": record.measures,
-                    "warnings": record.warnings,
-                }));
-            }
-        }
-        self.file("roots", &roots);
-        self.file("instances.jsonl", &instances);
-        self.file("metrics.json", &format!("{:#}\n", Value::from(metrics)));
+            to.write_all(if any { b"\n]\n" } else { b"[]\n" })
+        });
         self.finished(summary.hits(), summary.ran(), summary.failed());
         lock(&self.trouble).take()
     }
+
+    /// A file that is written line by line.
+    fn long_file(&self, name: &str, write: &dyn Fn(&mut dyn Write) -> io::Result<()>) {
+        let path = self.folder.join(name);
+        let written = whole_file::begin(&self.folder, ".new-").and_then(|mut file| {
+            let mut to = BufWriter::new(file.as_file_mut());
+            write(&mut to)?;
+            to.flush()?;
+            drop(to);
+            whole_file::place(file, &path, Synced::No)
+        });
+        self.noted(&path, written);
+    }
+}
+
+fn metrics(label: &str, cost: &Cost, record: &InstanceRecord) -> Value {
+    json!({
+        "instance": label, "wall_s": cost.wall_s, "cpu_s": cost.cpu_s, "peak_bytes": cost.peak_bytes,
+        "alone": cost.alone, "measures": record.measures, "warnings": record.warnings,
+    })
 }
 
 /// Keys of the records that the latest runs named: what garbage collection removes last.

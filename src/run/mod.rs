@@ -5,6 +5,7 @@
 
 mod admission;
 mod caption;
+mod dependents;
 mod elsewhere;
 mod execute;
 mod host;

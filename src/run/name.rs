@@ -2,10 +2,7 @@
 
 use std::path::Path;
 
-use turbid_contract::Axes;
-
 use crate::digest::Digest;
-use crate::key::axes_text;
 
 /// Bytes of the text that are kept; the longest name is 9 longer.
 const MOST: usize = 200;
@@ -33,10 +30,9 @@ pub fn file_name_of(path: &Path) -> String {
     format!("{}.{ending}", file_name(&stem))
 }
 
-/// Where files of an instance lie in the folder of its pipeline: `stage` or `stage/axes`.
-pub fn place(stage: &str, axes: &Axes) -> String {
-    let axes = axes_text(axes);
-    if axes.is_empty() { file_name(stage) } else { format!("{}/{}", file_name(stage), file_name(&axes)) }
+/// Where files of an instance lie in the folder of its pipeline: `stage`, or `stage/axes` by the text of its axes.
+pub fn place(stage: &str, axes: &str) -> String {
+    if axes.is_empty() { file_name(stage) } else { format!("{}/{}", file_name(stage), file_name(axes)) }
 }
 
 #[cfg(test)]

@@ -50,12 +50,11 @@ struct Drawn {
 impl<'a> Partial<'a> {
     /// Below `outputs`, whose owner wants pictures; none of one of many instances. What a killed run left of it goes.
     pub fn of(plan: &'a Plan, id: InstanceId, key: Digest, outputs: &Path) -> Option<Self> {
-        let instance = &plan.instances[id];
-        if plan.instances_of(instance.stage).count() > PREVIEW_INSTANCES {
+        if plan.instances_of(plan.stage_of(id)).len() > PREVIEW_INSTANCES {
             return None;
         }
         let pipeline = outputs.join("latest").join(file_name(&plan.spec.pipeline));
-        let folder = pipeline.join(place(&plan.spec.stages[instance.stage].name, &instance.axes));
+        let folder = pipeline.join(place(plan.stage_name(id), &plan.axes_text(id)));
         leftover::sweep_those(&folder, &|name| name.starts_with(PREFIX) || name.ends_with(ENDING));
         let drawn = Mutex::new(Drawn { at: Instant::now(), took: Duration::ZERO, file: None });
         Some(Self { plan, id, key, folder, drawn })
@@ -75,7 +74,7 @@ impl<'a> Partial<'a> {
         }
         let began = Instant::now();
         let of = total.map_or_else(String::new, |total| format!(" of {total}"));
-        let set = caption::overrides(self.plan).remove(&self.plan.instances[self.id].stage).unwrap_or_default();
+        let set = caption::overrides(self.plan).remove(&self.plan.stage_of(self.id)).unwrap_or_default();
         let caption = caption::so_far(self.plan, self.id, &self.key, port, &set, &format!("{done}{of} {unit}"));
         let png = so_far().and_then(|artifact| preview::picture(&artifact, &caption));
         if let Some(written) = png.and_then(|png| self.write(port, &png).ok()) {

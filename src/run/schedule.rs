@@ -1,17 +1,19 @@
 //! What begins next, and what follows from the end of an instance.
 
-use std::collections::{BTreeSet, HashMap, HashSet};
+use std::collections::{HashMap, HashSet};
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use crate::brief::{Brief, Outputs};
 use crate::digest::Digest;
 use crate::plan::{Id, InstanceId, Plan};
-use crate::resolve::{AllOutputs, Keyed, Outputs, Resolver, State, Survey, outputs_of};
+use crate::resolve::{AllOutputs, Keyed, Resolver, State, Survey};
 use crate::spec::Diagnostic;
 use crate::store::{Cost, InstanceRecord, KeyLock, StoreError};
 
 use super::admission::Admission;
+use super::dependents::{Dependents, producers};
 use super::elsewhere::Elsewhere;
 use super::execute::{Outcome, Task};
 use super::options::Options;
@@ -33,7 +35,7 @@ pub struct Schedule<'a> {
     states: States,
     outputs: AllOutputs,
     /// The needed instances that consume an instance.
-    dependents: HashMap<InstanceId, Vec<InstanceId>>,
+    dependents: Dependents,
     repairs: HashMap<InstanceId, usize>,
     /// Keys that this run makes or has made, each with the instance that does.
     made_by: HashMap<Digest, InstanceId>,
@@ -62,9 +64,9 @@ impl<'a> Schedule<'a> {
             options,
             progress,
             plan,
-            states: States::new(plan.instances.len()),
-            outputs: AllOutputs::filled(None, plan.instances.len()),
-            dependents: HashMap::new(),
+            states: States::new(plan.instances().len()),
+            outputs: AllOutputs::filled(None, plan.instances().len()),
+            dependents: Dependents::default(),
             repairs: HashMap::new(),
             made_by: HashMap::new(),
             twins: HashMap::new(),
@@ -76,9 +78,9 @@ impl<'a> Schedule<'a> {
             met: false,
             start: None,
         };
-        for (id, state) in plan.instances.ids().zip(survey.states) {
-            if let Some(State::Hit(record)) = state {
-                schedule.states.set(id, BuildState::Done { record, ran: false });
+        for (id, state) in plan.instances().zip(survey.states) {
+            if let Some(State::Hit(brief)) = state {
+                schedule.states.set(id, BuildState::Done { brief, ran: false });
             }
         }
         if plan.needed_instances().any(|id| !schedule.states.is_done(id)) {
@@ -89,20 +91,13 @@ impl<'a> Schedule<'a> {
 
     /// Sources come before what they feed, so what is done is known.
     fn connect(&mut self) {
+        self.dependents = Dependents::of(self.plan);
         for id in self.plan.needed_instances() {
-            for source in self.producers(id) {
-                self.dependents.entry(source).or_default().push(id);
-            }
             match self.states.get(id) {
-                BuildState::Done { record, .. } => self.outputs[id] = Some(Arc::new(outputs_of(record))),
+                BuildState::Done { brief, .. } => self.outputs[id] = Some(brief.outputs.clone()),
                 _ => self.want(id),
             }
         }
-    }
-
-    /// Each once.
-    fn producers(&self, id: InstanceId) -> BTreeSet<InstanceId> {
-        self.plan.instances[id].wires.iter().flat_map(|w| w.from.iter().map(|f| f.0)).collect()
     }
 
     pub fn running(&self) -> usize {
@@ -165,7 +160,7 @@ impl<'a> Schedule<'a> {
 
     /// The work of an instance whose turn it is. `None`: an instance of the same key or another run made it or is making it, or it cannot run;
     /// it is not `Ready` any more.
-    fn start(&mut self, id: InstanceId) -> Option<(Keyed, Vec<String>)> {
+    fn start(&mut self, id: InstanceId) -> Option<(Keyed, Arc<[String]>)> {
         // Where others are at the same work, what they have made since need not begin.
         if self.met
             && let Err(error) = self.resolver.store.refresh()
@@ -183,19 +178,15 @@ impl<'a> Schedule<'a> {
                 }
                 Some((job, reasons))
             }
-            Ok((State::Hit(record), _)) => {
+            Ok((State::Hit(brief), _)) => {
                 // It was planned to run, and so it did: once for all instances of its key.
-                match self.made_by.get(&record.key) {
-                    Some(&first) if first != id => {
-                        let shared = Arc::new(self.shared(id, &record));
-                        self.progress.ran(&self.plan.label(id), &shared);
-                        self.done(id, shared, true);
-                    }
+                match self.made_by.get(&brief.key) {
+                    Some(&first) if first != id => self.share(id, &brief),
                     _ => {
                         if self.met {
                             self.progress.found(&self.plan.label(id));
                         }
-                        self.done(id, record, false);
+                        self.done(id, brief, false);
                     }
                 }
                 None
@@ -254,32 +245,37 @@ impl<'a> Schedule<'a> {
 
     /// Whether the user asked that it runs even where the store holds its outputs.
     fn is_forced(&self, id: InstanceId) -> bool {
-        self.options.force.contains(&self.plan.instances[id].stage)
+        self.options.force.contains(&self.plan.stage_of(id))
     }
 
-    /// The record of an instance whose work another one of the same key did: at no cost.
+    /// The work of an instance was done by another one of the same key: at no cost.
+    fn share(&mut self, id: InstanceId, brief: &Brief) {
+        if let Some(record) = self.resolver.store.record(&brief.key) {
+            self.progress.ran(&self.plan.label(id), &self.shared(id, &record));
+        }
+        self.done(id, Arc::new(brief.shared()), true);
+    }
+
     fn shared(&self, id: InstanceId, record: &InstanceRecord) -> InstanceRecord {
         let mut own = record.clone();
-        let instance = &self.plan.instances[id];
-        own.provenance.stage = self.plan.spec.stages[instance.stage].name.clone();
-        own.provenance.axes = instance.axes.clone();
+        own.provenance.stage = self.plan.stage_name(id).to_owned();
+        own.provenance.axes = self.plan.axes(id);
         own.cost = Cost::default();
         own
     }
 
     /// The outputs of the producers of `id`, and no others.
-    fn inputs_of(&self, id: InstanceId) -> HashMap<InstanceId, Arc<Outputs>> {
+    fn inputs_of(&self, id: InstanceId) -> HashMap<InstanceId, Outputs> {
         let outputs = |s: InstanceId| self.outputs[s].clone().expect("it has a key, so its inputs are there");
-        self.producers(id).into_iter().map(|source| (source, outputs(source))).collect()
+        producers(self.plan, id).into_iter().map(|source| (source, outputs(source))).collect()
     }
 
     /// A producer of `id` whose outputs are known and lack the port that it needs.
     fn lacking(&self, id: InstanceId) -> Option<InstanceId> {
-        let mut sources = self.plan.instances[id].wires.iter().flat_map(|w| &w.from);
-        let lacks = |(source, port): &&(InstanceId, &str)| {
-            self.outputs[*source].as_ref().is_some_and(|outputs| !outputs.contains_key(*port))
+        let lacks = |(source, port): &(InstanceId, &str)| {
+            self.outputs[*source].as_ref().is_some_and(|outputs| !outputs.has(port))
         };
-        sources.find(lacks).map(|(source, _)| *source)
+        self.plan.sources(id).find(lacks).map(|(source, _)| source)
     }
 
     /// An instance that was at work ended.
@@ -289,12 +285,12 @@ impl<'a> Schedule<'a> {
         match outcome {
             Outcome::Ran(record) => {
                 self.progress.ran(&self.plan.label(id), &record);
-                self.done(id, record, true);
+                self.done(id, self.brief(id, &record), true);
             }
             Outcome::Found(record) => {
                 self.met = true;
                 self.progress.found(&self.plan.label(id));
-                self.done(id, record, false);
+                self.done(id, self.brief(id, &record), false);
             }
             Outcome::Damaged(producer) => self.repair(id, producer),
             Outcome::Failed(message) => self.fail(id, message),
@@ -305,10 +301,14 @@ impl<'a> Schedule<'a> {
         }
     }
 
-    fn done(&mut self, id: InstanceId, record: Arc<InstanceRecord>, ran: bool) {
-        self.outputs[id] = Some(Arc::new(outputs_of(&record)));
-        self.states.set(id, BuildState::Done { record, ran });
-        for &dependent in self.dependents.get(&id).into_iter().flatten() {
+    fn brief(&self, id: InstanceId, record: &InstanceRecord) -> Arc<Brief> {
+        Arc::new(Brief::of(record, self.plan.outputs(self.plan.stage_of(id))))
+    }
+
+    fn done(&mut self, id: InstanceId, brief: Arc<Brief>, ran: bool) {
+        self.outputs[id] = Some(brief.outputs.clone());
+        self.states.set(id, BuildState::Done { brief, ran });
+        for dependent in self.dependents.of_one(id) {
             match *self.states.get(dependent) {
                 BuildState::Want { missing: 1 } => self.states.set(dependent, BuildState::Ready),
                 BuildState::Want { missing } => self.states.set(dependent, BuildState::Want { missing: missing - 1 }),
@@ -333,8 +333,8 @@ impl<'a> Schedule<'a> {
             return self.fail(id, text);
         }
         // Its bytes may have been released meanwhile: its record alone will not do.
-        let ports = self.outputs[producer].iter().flat_map(|outputs| outputs.keys());
-        ports.for_each(|port| self.resolver.ask(producer, port));
+        let ports = self.outputs[producer].iter().flat_map(|outputs| outputs.iter());
+        ports.for_each(|(port, _)| self.resolver.ask(producer, port));
         if self.states.is_done(producer) {
             self.progress.warn(&label, "a stored output is damaged or gone; it is made again");
             self.undo(producer);
@@ -346,7 +346,7 @@ impl<'a> Schedule<'a> {
     fn undo(&mut self, id: InstanceId) {
         self.outputs[id] = None;
         self.want(id);
-        for &dependent in self.dependents.get(&id).into_iter().flatten() {
+        for dependent in self.dependents.of_one(id) {
             match *self.states.get(dependent) {
                 BuildState::Want { missing } => self.states.set(dependent, BuildState::Want { missing: missing + 1 }),
                 BuildState::Ready => self.states.set(dependent, BuildState::Want { missing: 1 }),
@@ -361,7 +361,7 @@ impl<'a> Schedule<'a> {
 
     /// To `Want` or `Ready`, by what its producers have.
     fn want(&mut self, id: InstanceId) {
-        let missing = self.producers(id).iter().filter(|source| !self.states.is_done(**source)).count();
+        let missing = producers(self.plan, id).iter().filter(|source| !self.states.is_done(**source)).count();
         self.states.set(id, if missing == 0 { BuildState::Ready } else { BuildState::Want { missing } });
     }
 }

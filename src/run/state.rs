@@ -4,8 +4,8 @@ use std::collections::{BTreeSet, HashMap};
 use std::fmt;
 use std::sync::Arc;
 
+use crate::brief::Brief;
 use crate::plan::{IdVec, InstanceId};
-use crate::store::InstanceRecord;
 
 use super::summary::End;
 
@@ -45,7 +45,7 @@ pub enum BuildState {
     Elsewhere,
     Running,
     Done {
-        record: Arc<InstanceRecord>,
+        brief: Arc<Brief>,
         /// Whether this run made it.
         ran: bool,
     },
@@ -79,7 +79,7 @@ impl fmt::Display for BuildState {
             Self::Twin => f.write_str("Twin"),
             Self::Elsewhere => f.write_str("Elsewhere"),
             Self::Running => f.write_str("Running"),
-            Self::Done { record, ran } => write!(f, "Done ({}, ran: {ran})", record.key),
+            Self::Done { brief, ran } => write!(f, "Done ({}, ran: {ran})", brief.key),
             Self::Failed(message) => write!(f, "Failed ({message})"),
             Self::Skipped => f.write_str("Skipped"),
         }
@@ -157,8 +157,8 @@ impl States {
                 self.set(id, BuildState::Skipped);
             }
             match std::mem::take(&mut self.states[id]) {
-                BuildState::Done { record, ran: true } => End::Ran(record),
-                BuildState::Done { record, ran: false } => End::Hit(record),
+                BuildState::Done { brief, ran: true } => End::Ran(brief),
+                BuildState::Done { brief, ran: false } => End::Hit(brief),
                 BuildState::Failed(message) => End::Failed(message),
                 BuildState::Skipped => End::Skipped,
                 state => panic!("{id:?} is {state} at the end of the run"),
@@ -175,10 +175,10 @@ mod tests {
     use super::*;
     use crate::digest::Digest;
     use crate::plan::Id;
-    use crate::store::{Cost, Provenance};
+    use crate::store::{Cost, InstanceRecord, Provenance};
 
-    fn record() -> Arc<InstanceRecord> {
-        Arc::new(InstanceRecord {
+    fn brief() -> Arc<Brief> {
+        let record = InstanceRecord {
             key: Digest::of(b"key"),
             use_name: "odd".to_owned(),
             version: 1,
@@ -192,13 +192,14 @@ mod tests {
             kernel: None,
             refused: Vec::new(),
             provenance: Provenance::default(),
-        })
+        };
+        Arc::new(Brief::of(&record, &[]))
     }
 
     /// One of each, in the order of the table.
     fn kinds() -> [BuildState; 9] {
         use BuildState::{Done, Elsewhere, Failed, Ready, Running, Skipped, Twin, Unknown, Want};
-        let done = Done { record: record(), ran: true };
+        let done = Done { brief: brief(), ran: true };
         [Unknown, Want { missing: 2 }, Ready, Twin, Elsewhere, Running, done, Failed("no disk".to_owned()), Skipped]
     }
 

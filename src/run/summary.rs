@@ -3,14 +3,15 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
+use crate::brief::Brief;
 use crate::plan::InstanceId;
-use crate::store::InstanceRecord;
+use crate::store::{InstanceRecord, Store};
 
 /// How an instance ended.
 #[derive(Clone, Debug)]
 pub enum End {
-    Hit(Arc<InstanceRecord>),
-    Ran(Arc<InstanceRecord>),
+    Hit(Arc<Brief>),
+    Ran(Arc<Brief>),
     Failed(String),
     /// Something that it needs failed, or the run stopped before its turn.
     Skipped,
@@ -53,9 +54,17 @@ impl Summary {
         self.count(|end| matches!(end, End::Failed(_)))
     }
 
-    pub fn record(&self, id: InstanceId) -> Option<&Arc<InstanceRecord>> {
+    /// The record of an instance, with its own cost: another one may have done its work.
+    pub fn record(&self, id: InstanceId, store: &Store) -> Option<InstanceRecord> {
+        let brief = self.brief(id)?;
+        let record = store.record(&brief.key)?;
+        Some(InstanceRecord { cost: brief.cost, ..InstanceRecord::clone(&record) })
+    }
+
+    /// What it made or found.
+    pub fn brief(&self, id: InstanceId) -> Option<&Arc<Brief>> {
         match self.ends.get(&id) {
-            Some(End::Hit(record) | End::Ran(record)) => Some(record),
+            Some(End::Hit(brief) | End::Ran(brief)) => Some(brief),
             _ => None,
         }
     }

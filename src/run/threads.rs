@@ -1,10 +1,12 @@
-//! A thread for each instance that is at work: begins those that the schedule names, and brings their ends back to it.
+//! A crew of threads for the instances that are at work: hands them those that the schedule names, and brings their ends back to it.
 
-use std::collections::HashMap;
-use std::sync::mpsc::{self, Sender};
-use std::thread::{Scope, ScopedJoinHandle};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Mutex;
+use std::sync::mpsc::{self, Receiver, Sender};
+use std::thread::Scope;
 use std::time::Duration;
 
+use crate::panics::lock;
 use crate::plan::InstanceId;
 
 use super::execute::{self, Outcome, Task};
@@ -13,9 +15,9 @@ use super::interrupt::Interrupt;
 use super::schedule::Schedule;
 use super::worker::Worker;
 
-/// So often it is looked for threads that ended without a word, and for Ctrl-C where only other processes are at work.
+/// So often it is looked for Ctrl-C where instances are at work ...
 const LONGEST: Duration = Duration::from_secs(1);
-/// The same where nothing is at work here.
+/// ... and where only other processes are.
 const IDLE: Duration = Duration::from_millis(100);
 
 /// Runs until nothing is at work and nothing may begin.
@@ -29,15 +31,17 @@ pub fn work(schedule: &mut Schedule<'_>, interrupt: &Interrupt) -> Result<(), St
     let kept = Kept::default();
     let worker = Worker { resolver, pool: &pool, options, progress, interrupt, kept: &kept };
     let (send, receive) = mpsc::channel::<(InstanceId, Outcome)>();
+    let (hand_out, tasks) = mpsc::channel::<Task>();
+    let tasks = Mutex::new(tasks);
     std::thread::scope(|scope| {
-        let mut threads: HashMap<InstanceId, ScopedJoinHandle<'_, ()>> = HashMap::new();
+        let mut crew = Crew { scope, worker, tasks: &tasks, hand_out, send, idle: 0 };
         loop {
             while !interrupt.requested()
                 && let Some(task) = schedule.next_task(&|| interrupt.requested())
             {
                 let id = task.id;
-                match begin(scope, worker, task, send.clone()) {
-                    Ok(thread) => drop(threads.insert(id, thread)),
+                match crew.begin(task) {
+                    Ok(()) => {}
                     // There were threads enough for the others: it waits until one of them is free.
                     Err(_) if schedule.running() > 1 => {
                         schedule.put_back(id);
@@ -52,37 +56,53 @@ pub fn work(schedule: &mut Schedule<'_>, interrupt: &Interrupt) -> Result<(), St
             if schedule.running() == 0 && (interrupt.requested() || !schedule.waits_for_others()) {
                 break;
             }
-            let ended: Vec<InstanceId> = threads.iter().filter(|(_, t)| t.is_finished()).map(|(id, _)| *id).collect();
-            match receive.recv_timeout(schedule.pause().min(if schedule.running() == 0 { IDLE } else { LONGEST })) {
-                Ok((id, outcome)) => {
-                    threads.remove(&id);
-                    schedule.finish(id, outcome);
-                }
-                // What had ended before the wait has sent what became of it, or never will.
-                Err(_) => {
-                    for id in ended {
-                        threads.remove(&id);
-                        let text = "internal error, please report it: its thread ended without a word".to_owned();
-                        schedule.finish(id, Outcome::Failed(text));
-                    }
-                }
+            let longest = if schedule.running() == 0 { IDLE } else { LONGEST };
+            if let Ok((id, outcome)) = receive.recv_timeout(schedule.pause().min(longest)) {
+                crew.idle += 1;
+                schedule.finish(id, outcome);
             }
         }
     });
     Ok(())
 }
 
-/// An instance on a thread of its own, which sends what became of it.
-fn begin<'scope, 'env>(
+/// Threads that take one instance after the other; as many as were at work at once.
+struct Crew<'scope, 'env> {
     scope: &'scope Scope<'scope, 'env>,
     worker: Worker<'env>,
-    task: Task,
+    tasks: &'env Mutex<Receiver<Task>>,
+    hand_out: Sender<Task>,
     send: Sender<(InstanceId, Outcome)>,
-) -> std::io::Result<ScopedJoinHandle<'scope, ()>> {
-    std::thread::Builder::new().spawn_scoped(scope, move || {
+    /// How many have nothing to do.
+    idle: usize,
+}
+
+impl Crew<'_, '_> {
+    /// Hands out an instance. Error: nobody is idle, and the system starts no further thread.
+    fn begin(&mut self, task: Task) -> std::io::Result<()> {
+        match self.idle.checked_sub(1) {
+            Some(idle) => self.idle = idle,
+            None => {
+                let (worker, tasks, send) = (self.worker, self.tasks, self.send.clone());
+                std::thread::Builder::new().spawn_scoped(self.scope, move || serve(worker, tasks, &send))?;
+            }
+        }
+        self.hand_out.send(task).expect("the receiver outlives the crew");
+        Ok(())
+    }
+}
+
+/// Works off instances until there are no more to come.
+fn serve(worker: Worker<'_>, tasks: &Mutex<Receiver<Task>>, send: &Sender<(InstanceId, Outcome)>) {
+    loop {
+        let next = lock(tasks).recv();
+        let Ok(task) = next else { return };
         let id = task.id;
-        let outcome = execute::execute(worker, task);
+        let done = catch_unwind(AssertUnwindSafe(|| execute::execute(worker, task)));
+        let outcome = done.unwrap_or_else(|_| {
+            Outcome::Failed("internal error, please report it: its thread ended without a word".to_owned())
+        });
         // The receiver outlives every worker: it stands outside of the scope.
         let _ = send.send((id, outcome));
-    })
+    }
 }

@@ -367,9 +367,9 @@ impl Store {
         Some(self.folder.loose_path(blob)).filter(|path| path.is_file())
     }
 
-    /// The files and folders that look-ups of these records depend on: while none of them is touched, they find the same.
-    pub fn watched<'a>(&self, records: impl Iterator<Item = &'a InstanceRecord>) -> Vec<PathBuf> {
-        let loose = records.flat_map(InstanceRecord::blobs).filter_map(|blob| self.file_of(blob));
+    /// The files and folders that look-ups of records with these blobs depend on: while none of them is touched, they find the same.
+    pub fn watched<'a>(&self, blobs: impl Iterator<Item = &'a Blob>) -> Vec<PathBuf> {
+        let loose = blobs.filter_map(|blob| self.file_of(blob));
         let own = ["format", "index", "packs"].map(|name| self.root.join(name));
         own.into_iter().chain(self.folder.packs.paths()).chain(loose).collect()
     }

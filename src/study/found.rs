@@ -177,10 +177,10 @@ pub struct Found {
 }
 
 /// What the estimates depend on, themselves included.
-pub fn spent<'a>(
+pub fn spent(
     plan: &Plan,
     estimates: impl IntoIterator<Item = InstanceId>,
-    record: impl Fn(InstanceId) -> Option<&'a InstanceRecord>,
+    record: impl Fn(InstanceId) -> Option<InstanceRecord>,
 ) -> BTreeMap<Digest, Spent> {
     let (mut open, mut seen): (Vec<InstanceId>, BTreeSet<InstanceId>) =
         (estimates.into_iter().collect(), BTreeSet::new());
@@ -189,8 +189,8 @@ pub fn spent<'a>(
         if !seen.insert(id) {
             continue;
         }
-        spent.extend(record(id).map(|record| (record.key, Spent::of(record))));
-        open.extend(plan.instances[id].wires.iter().flat_map(|wire| wire.from.iter().map(|(source, _)| *source)));
+        spent.extend(record(id).map(|record| (record.key, Spent::of(&record))));
+        open.extend(plan.sources(id).map(|(source, _)| source));
     }
     spent
 }

@@ -39,9 +39,8 @@ impl Quantity {
 
     /// The instance that belongs to one with these axes: all axes that both have agree.
     pub fn instance_for(&self, axes: &Axes, plan: &Plan) -> Option<InstanceId> {
-        let agrees = |id: &InstanceId| {
-            plan.instances[*id].axes.iter().all(|(name, value)| axes.get(name).is_none_or(|other| other == value))
-        };
+        let agrees =
+            |id: &InstanceId| plan.point(*id).all(|(name, value)| axes.get(name).is_none_or(|other| other == value));
         plan.instances_of(self.stage).find(agrees)
     }
 }

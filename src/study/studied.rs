@@ -144,9 +144,9 @@ impl Studying<'_> {
         if let Some(message) = failed {
             return Err(message);
         }
-        let record = |id: InstanceId| summary.record(id).map(|record| &**record);
+        let record = |id: InstanceId| summary.record(id, self.store);
         let stack = |id: InstanceId, port: &str| -> Result<ImageStack, String> {
-            let blob = record(id).and_then(|record| record.ports.get(port)).map(|port| port.blob);
+            let blob = summary.brief(id).and_then(|brief| brief.outputs.get(port)).copied();
             let blob = blob.ok_or_else(|| format!("{} has not made `{port}`", plan.label(id)))?;
             match self.store.get(&blob) {
                 Ok(Artifact::Images(stack)) => Ok(stack),
@@ -164,7 +164,7 @@ impl Studying<'_> {
             let looked = quantity.as_ref().map(|quantity| seen(quantity, truth_of_others.as_ref(), &plan, &stack));
             let measured = || {
                 let of = plan.instances_of(*stage).filter_map(record);
-                let values = of.flat_map(|r| r.measures.iter().filter(|m| m.0 == *name).map(|m| m.1));
+                let values = of.flat_map(|r| r.measures.clone().into_iter().filter(|m| m.0 == *name).map(|m| m.1));
                 // Of several instances the worst.
                 values.reduce(f64::max)
             };
@@ -271,7 +271,7 @@ fn seen(
         let true_stack = match truth {
             None => None,
             Some(truth) => {
-                let of = truth.instance_for(&plan.instances[id].axes, plan);
+                let of = truth.instance_for(&plan.axes(id), plan);
                 let of = of.ok_or_else(|| format!("{} has no truth of the same axes", label()))?;
                 Some((stack(of, truth.port)?, truth.layer.as_deref().unwrap_or(name)))
             }

@@ -168,7 +168,7 @@ const FLOORS: [&[&str]; 12] = [
     &["panics", "whole_file"],
     &["export", "input_file", "store"],
     &["spec"],
-    &["key", "warned"],
+    &["brief", "key", "warned"],
     &["plan"],
     &["explain", "memo", "recipe"],
     &["resolve", "unchanged"],

@@ -80,13 +80,12 @@ fn each_stage(path: &Path, text: Option<&str>, look: &mut dyn FnMut(&Plan, Insta
 
 /// The joints of an instance, each with its port and that of its producer.
 fn joints_of(plan: &Plan, id: InstanceId) -> Vec<(&'static str, Joint)> {
-    let instance = &plan.instances[id];
     let joint = |wire: &turbid::plan::Wire| {
         let (source, out) = wire.from.first()?;
-        let (consumer, producer) = (plan.row(instance.stage).name, plan.row(plan.instances[*source].stage).name);
+        let (consumer, producer) = (plan.row(plan.stage_of(id)).name, plan.row(plan.stage_of(*source)).name);
         Some((wire.port, (format!("{consumer}.{}", wire.port), format!("{producer}.{out}"))))
     };
-    instance.wires.iter().filter_map(joint).collect()
+    plan.wires(id).iter().filter_map(joint).collect()
 }
 
 /// Tries every joint of a pipeline.
@@ -234,7 +233,7 @@ fn every_joint_of_the_registry_is_in_a_table() {
 fn joints_that_make_no_sense_are_refused() {
     let mut seen = 0;
     each_stage(&pipelines().join("joints.yaml"), Some(&bench::senseless()), &mut |plan, id, prepared, known| {
-        let name = &plan.spec.stages[plan.instances[id].stage].name;
+        let name = plan.stage_name(id);
         let Some(k) = name.strip_prefix("wrong_").and_then(|k| k.parse::<usize>().ok()) else { return };
         let (consumer, producer, _, words) = SENSELESS[k];
         let joints = joints_of(plan, id);

@@ -119,13 +119,12 @@ impl Described<'_> {
                 record.provenance.stage
             )));
         }
-        let instance = &plan.instances[id];
         let measure =
             |(name, value, unit): &(String, f64, String)| (name.clone(), Measure { value: *value, unit: unit.clone() });
         Ok(Shown {
-            stage: plan.spec.stages[instance.stage].name.clone(),
+            stage: plan.stage_name(id).to_owned(),
             use_name: record.use_name.clone(),
-            axes: plan.values(id).into_owned(),
+            axes: plan.values(id),
             key: record.key.to_string(),
             seconds: record.cost.wall_s,
             cpu_seconds: record.cost.cpu_s,

@@ -38,7 +38,7 @@ impl Dealt {
         let By::Samples(places) = &self.by else { return Split::of(&self.plan, of).homes().collect() };
         let shards = by_place(places.len(), of);
         let home = |id: InstanceId| {
-            let index = self.plan.instances[id].axes.get(DRAW_AXIS).and_then(serde_json::Value::as_u64);
+            let index = self.plan.axis(id, DRAW_AXIS).and_then(serde_json::Value::as_u64);
             let place = index.and_then(|index| places.get(&index));
             place.map_or(Home::Shared, |place| Home::Shard(shards[*place]))
         };

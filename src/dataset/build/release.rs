@@ -2,8 +2,9 @@
 
 use std::collections::{HashMap, HashSet};
 
+use crate::brief::Brief;
 use crate::digest::Digest;
-use crate::store::{Blob, InstanceRecord, Names, Store, StoreError};
+use crate::store::{Blob, Names, Store, StoreError};
 
 /// What a build gives back. Never what a record outside of the data set names.
 #[derive(Default)]
@@ -17,11 +18,11 @@ pub struct Releases {
 
 impl Releases {
     /// An instance of a sample, whose outputs may go but for those `but`.
-    pub fn add(&mut self, store: &Store, record: &InstanceRecord, but: &[&str]) {
-        let kept: HashSet<Digest> = but.iter().filter_map(|port| Some(record.ports.get(*port)?.blob.digest)).collect();
+    pub fn add(&mut self, store: &Store, brief: &Brief, but: &[&str]) {
+        let kept: HashSet<Digest> = but.iter().filter_map(|port| Some(brief.outputs.get(port)?.digest)).collect();
         let goes = |blob: &&Blob| !kept.contains(&blob.digest) && !store.is_released(blob);
-        let blobs: HashSet<&Blob> = record.blobs().filter(goes).collect();
-        let first = u64::from_le_bytes(*record.key.0.first_chunk().expect("a digest has 32 bytes"));
+        let blobs: HashSet<&Blob> = brief.outputs.iter().map(|(_, blob)| blob).filter(goes).collect();
+        let first = u64::from_le_bytes(*brief.key.0.first_chunk().expect("a digest has 32 bytes"));
         let fresh = !blobs.is_empty() && self.records.insert(first);
         for blob in blobs {
             let (_, own) = self.due.entry(blob.digest).or_insert((*blob, u32::from(!fresh)));

@@ -35,18 +35,17 @@ pub struct Feed {
 impl Links {
     pub fn of(plan: &Plan) -> Self {
         let mut links = Self { counts: vec![0; plan.spec.stages.len()], ..Self::default() };
-        let mut node_of = IdVec::<InstanceId, _>::filled(u32::MAX, plan.instances.len());
+        let mut node_of = IdVec::<InstanceId, _>::filled(u32::MAX, plan.instances().len());
         let mut points = Points::of(plan);
         for id in plan.needed_instances() {
-            let instance = &plan.instances[id];
             node_of[id] = u32::try_from(links.len()).expect("there are not more nodes than instances");
             let mut fed = HashSet::new();
-            for wire in &instance.wires {
+            for wire in &plan.wires(id) {
                 let gathered = wire.many && wire.from.len() > 1;
                 let feeds = wire.from.iter().map(|(from, _)| Feed { node: node_of[*from] as usize, gathered });
                 links.feeds.extend(feeds.filter(|feed| fed.insert((feed.node, gathered))));
             }
-            links.add(id, instance.stage.place(), points.place(&instance.axes));
+            links.add(id, plan.stage_of(id).place(), points.place(plan.point(id)));
         }
         links.values = points.values;
         links.put_points_in_order();

@@ -3,9 +3,6 @@
 use std::borrow::Cow;
 use std::path::Path;
 
-use turbid_contract::Axes;
-
-use crate::key::axes_text;
 use crate::plan::Plan;
 
 use super::file_name;
@@ -45,12 +42,11 @@ impl Command {
         format!("turbid {name} {}{targets}{}", self.file, self.tail)
     }
 
-    /// Of one instance.
-    pub fn one(&self, stage: &str, axes: &Axes, port: &str) -> String {
-        let label = axes_text(axes);
-        let (selected, named) = match label.is_empty() {
+    /// Of one instance, by the text of its axes.
+    pub fn one(&self, stage: &str, axes: &str, port: &str) -> String {
+        let (selected, named) = match axes.is_empty() {
             true => (format!("{stage}.{port}"), format!("{stage}.{port}.npz")),
-            false => (format!("{stage}[{label}].{port}"), format!("{stage},{label}.{port}.npz")),
+            false => (format!("{stage}[{axes}].{port}"), format!("{stage},{axes}.{port}.npz")),
         };
         self.line(&selected, &file_name(&named))
     }

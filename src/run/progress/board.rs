@@ -4,7 +4,8 @@ use std::collections::{BTreeMap, HashMap};
 
 use serde_json::{Value, json};
 
-use crate::plan::{InstanceId, Plan};
+use crate::digest::Digest;
+use crate::plan::{Id, InstanceId, Plan};
 use crate::resolve::Survey;
 
 use super::words::{duration, percent, rate};
@@ -19,8 +20,19 @@ const APART_S: f64 = 0.05;
 /// The instances that are going to run.
 #[derive(Clone, Debug, Default)]
 pub struct Work {
+    stages: Vec<String>,
     /// By label: the stage, and the CPU seconds that it foresees.
-    instances: HashMap<String, (String, f64)>,
+    instances: HashMap<Label, (u32, f64)>,
+}
+
+/// A label by its digest: of a million instances no million texts are held.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+struct Label(u64);
+
+impl Label {
+    fn of(text: &str) -> Self {
+        Self(Digest::of(text.as_bytes()).first_u64())
+    }
 }
 
 impl Work {
@@ -31,21 +43,30 @@ impl Work {
             true => 0.0,
             false => survey.plans[id].seconds.unwrap_or(UNKNOWN_S).max(UNKNOWN_S),
         };
-        let stage = |id: InstanceId| plan.spec.stages[plan.instances[id].stage].name.clone();
-        Self { instances: stale.map(|id| (plan.label(id), (stage(id), seconds(&id)))).collect() }
+        let stage = |id: InstanceId| plan.stage_of(id).place() as u32;
+        let instances = stale.map(|id| (Label::of(&plan.label(id)), (stage(id), seconds(&id)))).collect();
+        Self { stages: plan.spec.stages.iter().map(|stage| stage.name.clone()).collect(), instances }
     }
 
     #[cfg(test)]
     pub fn test(instances: &[(&str, &str, f64)]) -> Self {
-        let entry = |&(label, stage, s): &(&str, &str, f64)| (label.to_owned(), (stage.to_owned(), s));
-        Self { instances: instances.iter().map(entry).collect() }
+        let mut work = Self::default();
+        for &(label, stage, s) in instances {
+            let known = work.stages.iter().position(|name| name == stage);
+            let at = known.unwrap_or_else(|| {
+                work.stages.push(stage.to_owned());
+                work.stages.len() - 1
+            });
+            work.instances.insert(Label::of(label), (at as u32, s));
+        }
+        work
     }
 
     /// How many instances of each stage run.
     pub fn counts(&self) -> HashMap<String, usize> {
-        let mut counts = HashMap::new();
-        self.instances.values().for_each(|(stage, _)| *counts.entry(stage.clone()).or_default() += 1);
-        counts
+        let mut counts = vec![0; self.stages.len()];
+        self.instances.values().for_each(|(stage, _)| counts[*stage as usize] += 1);
+        self.stages.iter().cloned().zip(counts).filter(|(_, count)| *count > 0).collect()
     }
 }
 
@@ -129,16 +150,16 @@ impl Running {
 #[derive(Default)]
 pub struct Board {
     work: Work,
-    stages: HashMap<String, Stage>,
+    stages: Vec<Stage>,
     running: BTreeMap<String, Running>,
     done: usize,
 }
 
 impl Board {
     pub fn of(work: &Work) -> Self {
-        let mut stages: HashMap<String, Stage> = HashMap::new();
+        let mut stages: Vec<Stage> = work.stages.iter().map(|_| Stage::default()).collect();
         for (stage, seconds) in work.instances.values() {
-            stages.entry(stage.clone()).or_default().foreseen += seconds;
+            stages[*stage as usize].foreseen += seconds;
         }
         Self { work: work.clone(), stages, ..Self::default() }
     }
@@ -161,9 +182,9 @@ impl Board {
     /// `cpu_s`: what it took, where it ran.
     pub fn ended(&mut self, label: &str, cpu_s: Option<f64>) {
         let ran = self.running.remove(label);
-        let Some((stage, foreseen)) = self.work.instances.remove(label) else { return };
+        let Some((stage, foreseen)) = self.work.instances.remove(&Label::of(label)) else { return };
         self.done += 1;
-        let stage = self.stages.entry(stage).or_default();
+        let stage = &mut self.stages[stage as usize];
         stage.foreseen_done += foreseen;
         stage.took += cpu_s.unwrap_or(foreseen);
         stage.resumed += foreseen * ran.map_or(0.0, |ran| ran.resumed_part());
@@ -180,7 +201,7 @@ impl Board {
 
     /// The part of the work that is done, and seconds until all is; by what stages foresaw, as far as it is not known better by now.
     pub fn whole(&self, now: f64) -> (f64, Option<f64>) {
-        let sums = self.stages.values().filter(|stage| stage.foreseen_done > 0.0);
+        let sums = self.stages.iter().filter(|stage| stage.foreseen_done > 0.0);
         let (took, foreseen) = sums.fold((0.0, 0.0), |sum, s| (sum.0 + s.took, sum.1 + s.foreseen_done));
         // A stage that was off by a factor will be so for its other instances too; of one that is not known, that of all.
         let usual = if took > 0.0 && foreseen > 0.0 { took / foreseen } else { 1.0 };
@@ -188,14 +209,16 @@ impl Board {
             if stage.took > 0.0 && stage.foreseen_done > 0.0 { stage.took / stage.foreseen_done } else { usual }
         };
         let (mut all, mut done, mut resumed) = (0.0, 0.0, 0.0);
-        for stage in self.stages.values() {
+        for stage in &self.stages {
             all += factor(stage) * stage.foreseen;
             done += factor(stage) * stage.foreseen_done;
             resumed += factor(stage) * stage.resumed;
         }
         for (label, running) in &self.running {
-            if let (Some((stage, foreseen)), Some((part, before))) = (self.work.instances.get(label), running.parts()) {
-                let weight = factor(&self.stages[stage]) * foreseen;
+            if let (Some((stage, foreseen)), Some((part, before))) =
+                (self.work.instances.get(&Label::of(label)), running.parts())
+            {
+                let weight = factor(&self.stages[*stage as usize]) * foreseen;
                 done += weight * part;
                 resumed += weight * before;
             }

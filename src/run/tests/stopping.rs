@@ -98,11 +98,12 @@ fn strides(folder: &Path, with: &str, ports: &[&str]) -> (bool, Arc<InstanceReco
     let survey = resolver.survey(&[]);
     let mut summary = run(&resolver, survey, &options, &Lines::default(), &Interrupt::default()).unwrap();
     assert_eq!(summary.ends.len(), 1);
-    match summary.ends.drain().next() {
-        Some((_, End::Hit(record))) => (false, record),
-        Some((_, End::Ran(record))) => (true, record),
+    let (ran, brief) = match summary.ends.drain().next() {
+        Some((_, End::Hit(brief))) => (false, brief),
+        Some((_, End::Ran(brief))) => (true, brief),
         other => panic!("{other:?}"),
-    }
+    };
+    (ran, store.record(&brief.key).expect("it was published"))
 }
 
 fn made(record: &InstanceRecord) -> f64 {

@@ -23,7 +23,7 @@ pub fn sections() -> BTreeMap<String, String> {
         let resolver = Resolver::new(&plan, &store);
         resolver.survey(&[]);
         for id in plan.needed_instances() {
-            let stage = plan.instances[id].stage;
+            let stage = plan.stage_of(id);
             let kind = plan.row(stage).name;
             let (Some(forms), false) = (resolver.made(id), sections.contains_key(kind)) else { continue };
             let wanted = plan.wanted(stage);

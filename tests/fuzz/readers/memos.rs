@@ -5,6 +5,7 @@ use std::fs;
 use std::sync::{Arc, LazyLock};
 
 use tempfile::TempDir;
+use turbid::brief::Brief;
 use turbid::memo;
 use turbid::plan::Plan;
 use turbid::registry::Registry;
@@ -34,7 +35,7 @@ struct World {
     plan: Plan,
     other: Plan,
     store: Store,
-    right: Vec<Arc<InstanceRecord>>,
+    right: Vec<Arc<Brief>>,
 }
 
 static WORLD: LazyLock<World> = LazyLock::new(World::new);
@@ -67,16 +68,16 @@ fn plan(folder: &std::path::Path, mu_a: &str) -> Plan {
 }
 
 /// Results of all instances, as a run leaves them.
-fn publish(plan: &Plan, store: &Store) -> Vec<Arc<InstanceRecord>> {
+fn publish(plan: &Plan, store: &Store) -> Vec<Arc<Brief>> {
     let resolver = Resolver::new(plan, store);
     let publish = |id| {
-        let key =
-            resolver.keyed(id, &plan.instances.iter().map(|_| None).collect()).expect("the pipeline is right").key;
+        let key = resolver.keyed(id, &plan.instances().map(|_| None).collect()).expect("the pipeline is right").key;
         let artifact =
             Artifact::Record(Record { fields: BTreeMap::from([("key".to_owned(), key.to_string().into())]) });
         let blob = store.put(&artifact).expect("there is no number in it");
         let port = PortRecord { payload: "scene".into(), blob };
-        let wanted = plan.wanted(plan.instances[id].stage);
+        let stage = plan.stage_of(id);
+        let wanted = plan.wanted(stage);
         let record = InstanceRecord {
             key,
             use_name: "scene".into(),
@@ -93,7 +94,8 @@ fn publish(plan: &Plan, store: &Store) -> Vec<Arc<InstanceRecord>> {
             provenance: Provenance::default(),
         };
         store.publish(&record, &Recipe::default()).expect("its numbers are finite");
-        store.record(&key).expect("it was published")
+        let record = store.record(&key).expect("it was published");
+        Arc::new(Brief::of(&record, plan.outputs(stage)))
     };
     plan.needed_instances().map(publish).collect()
 }
@@ -103,7 +105,7 @@ fn read(input: &[u8]) -> Result<Seen, String> {
     let folder = tempfile::tempdir().map_err(|e| e.to_string())?;
     let recall = |plan: &Plan, bytes: &[u8]| {
         fs::write(folder.path().join(memo::identity(plan).to_string()), bytes).map_err(|e| e.to_string())?;
-        Ok::<_, String>(memo::recall(plan, &WORLD.store, folder.path()).map(|found| found.records))
+        Ok::<_, String>(memo::recall(plan, &WORLD.store, folder.path()).map(|found| found.briefs))
     };
     let found = recall(&WORLD.plan, input)?;
     if found.as_ref().is_some_and(|found| *found != WORLD.right) {

@@ -90,7 +90,7 @@ fn read(input: &[u8]) -> Result<Seen, String> {
             return refused;
         }
     };
-    let instances = plan.instances.len();
+    let instances = plan.instances().len();
     let mut taken = true;
     if instances <= CHECKED {
         let store = Store::open_read_only(folder.path()).map_err(|e| e.to_string())?;
