@@ -146,8 +146,8 @@ impl Solved {
         let mut x = *x;
         for i in (0..count).rev() {
             let mut behind = NOTHING;
-            for k in i + 1..count {
-                behind = each(|l| behind[l] + self.r[i][k][l] * x[k][l]);
+            for (r, x) in self.r[i][i + 1..count].iter().zip(&x[i + 1..count]) {
+                behind = each(|l| behind[l] + r[l] * x[l]);
             }
             x[i] = each(|l| (x[i][l] - behind[l]) / self.r[i][i][l]);
         }
@@ -158,16 +158,14 @@ impl Solved {
     #[inline(always)]
     fn covariance(&mut self, count: usize) {
         let mut columns = [[[0.0; LANES]; MOST]; MOST];
-        for k in 0..count {
+        for (k, column) in columns.iter_mut().enumerate().take(count) {
             let mut unit = [[0.0; LANES]; MOST];
             unit[k] = [1.0; LANES];
-            columns[k] = self.backwards(count, &unit);
+            *column = self.backwards(count, &unit);
         }
         for k in 0..count {
             let mut row = [[0.0; LANES]; MOST];
-            for i in 0..count {
-                row[i] = columns[i][k];
-            }
+            row.iter_mut().zip(&columns).take(count).for_each(|(to, column)| *to = column[k]);
             self.covariance[k] = self.backwards(count, &row);
         }
     }
