@@ -60,9 +60,9 @@ mod linux {
     }
 
     pub fn return_large_memory() {
-        /// Bytes: 2048 x 2048 pixels.
+        /// Bytes: 1024 x 1024 pixels.
         #[cfg(target_env = "gnu")]
-        const LARGE: libc::c_int = 16 << 20;
+        const LARGE: libc::c_int = 4 << 20;
         // SAFETY: it sets a number of the allocator; smaller pieces are served as before. Where it is refused, nothing changes.
         #[cfg(target_env = "gnu")]
         unsafe {
