@@ -1,7 +1,7 @@
 //! BLAKE3 digests: the names of everything that the store holds, and of everything that is hashed into a key.
 
 use std::fmt;
-use std::io::{self, Read};
+use std::io::{self, Read, Write};
 use std::str::FromStr;
 
 use serde::de::{self, Deserialize, Deserializer, Visitor};
@@ -43,6 +43,35 @@ impl Digest {
     /// The first 8 bytes as a number: 64 uniformly random bits (seeds, hash maps).
     pub fn first_u64(&self) -> u64 {
         u64::from_le_bytes(self.0[..8].try_into().expect("a digest has 32 bytes"))
+    }
+}
+
+/// Hashes what passes on to `to`.
+pub struct Hashing<W> {
+    to: W,
+    hasher: blake3::Hasher,
+}
+
+impl<W> Hashing<W> {
+    pub fn new(to: W) -> Self {
+        Self { to, hasher: blake3::Hasher::new() }
+    }
+
+    /// The digest of all bytes, and how many there were.
+    pub fn finish(self) -> (Digest, u64) {
+        (Digest(*self.hasher.finalize().as_bytes()), self.hasher.count())
+    }
+}
+
+impl<W: Write> Write for Hashing<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let written = self.to.write(bytes)?;
+        self.hasher.update(&bytes[..written]);
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.to.flush()
     }
 }
 

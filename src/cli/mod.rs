@@ -42,7 +42,7 @@ use crate::plan::{Plan, Target};
 use crate::registry::Registry;
 use crate::resolve::Survey;
 use crate::spec::{self, Diagnostic, Kind, Mistake, Report};
-use crate::store::Store;
+use crate::store::{self, Store};
 use crate::terminal::{self, print, print_json};
 
 pub use select::Selector;
@@ -216,6 +216,7 @@ impl OutputsDir {
 /// The whole program: parses the arguments, does the command, reports, and gives the exit code.
 pub fn main(registry: Registry) -> ExitCode {
     panics::speak();
+    store::return_large_memory();
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) if error.use_stderr() => {

@@ -26,7 +26,9 @@ mod ticks;
 mod transfer;
 mod tristimulus;
 
-use turbid_contract::Artifact;
+use std::borrow::Cow;
+
+use turbid_contract::{Artifact, Head, ImageStack, LayerInfo};
 
 #[cfg(test)]
 use canvas::Canvas;
@@ -47,6 +49,28 @@ pub fn picture(artifact: &Artifact, caption: &Caption) -> Option<Vec<u8>> {
     figure.subheading.clone_from(&caption.subtitle);
     Some(figure.draw().to_png(&caption.facts))
 }
+
+/// The same of an image stack of which `part` reads the layers that are wanted, by their place and what they are: of a large one no more than one layer is held at
+/// a time, and the masks.
+///
+/// Error: that of reading.
+pub fn picture_of_parts<E>(head: &Head, part: Part<'_, E>, caption: &Caption) -> Result<Option<Vec<u8>>, E> {
+    if head.layers.is_empty() || sketch::is_drawn(&head.layers) || head.attributes.contains_key("media") {
+        return Ok(picture(&Artifact::Images(part(&|_, _| true)?), caption));
+    }
+    let colours = tristimulus::read(&head.layers);
+    let colours = stack::colours(&part(&|k, _| colours.contains(&k))?);
+    let read = |wanted: usize| {
+        let layer = part(&|k, _| k == wanted)?.layers.pop().expect("a part holds what was asked for");
+        Ok(Cow::Owned(layer.data))
+    };
+    let mut figure = stack::figure_of(head, &read, colours, &caption.title)?;
+    figure.subheading.clone_from(&caption.subtitle);
+    Ok(Some(figure.draw().to_png(&caption.facts)))
+}
+
+/// Reads layers.
+pub type Part<'a, E> = &'a dyn Fn(&dyn Fn(usize, &LayerInfo) -> bool) -> Result<ImageStack, E>;
 
 fn figure(artifact: &Artifact, title: &str) -> Option<Figure> {
     match artifact {

@@ -42,25 +42,26 @@ pub fn fit(data: &Array2<f32>, good: &Array2<bool>, side: usize, reduce: Reduce)
     Pixels { rows: out_rows, columns: out_columns, zoom, step, cells }
 }
 
-/// The mean of the good pixels of each block: row by row through the image, which stays in the cache.
+/// The mean of the good pixels of each block: column by column, row by row through the image, then over the columns of a block.
 fn means(data: &Array2<f32>, good: &Array2<bool>, step: usize) -> Vec<Option<f64>> {
     let (rows, columns) = data.dim();
     let mut cells = Vec::with_capacity(rows.div_ceil(step) * columns.div_ceil(step));
-    let mut sums = vec![(0.0, 0, 0); columns.div_ceil(step)];
+    let (mut sums, mut counts) = (vec![0.0; columns], vec![0_u32; columns]);
     for top in (0..rows).step_by(step) {
-        sums.fill((0.0, 0, 0));
-        for row in top..(top + step).min(rows) {
-            let (data, good) = (data.row(row), good.row(row));
-            let mut pixels = data.iter().zip(good);
-            for (sum, count, all) in &mut sums {
-                for (&value, &good) in pixels.by_ref().take(step) {
-                    *sum += if good { f64::from(value) } else { 0.0 };
-                    *count += usize::from(good);
-                    *all += 1;
-                }
+        let block = top..(top + step).min(rows);
+        sums.fill(0.0);
+        counts.fill(0);
+        for row in block.clone() {
+            let pixels = data.row(row).into_iter().zip(good.row(row));
+            for ((sum, count), (&value, &good)) in sums.iter_mut().zip(&mut counts).zip(pixels) {
+                *sum += f64::from(if good { value } else { 0.0 });
+                *count += u32::from(good);
             }
         }
-        cells.extend(sums.iter().map(|&(sum, count, all)| (2 * count > all).then(|| sum / count as f64)));
+        for (sums, counts) in sums.chunks(step).zip(counts.chunks(step)) {
+            let (sum, count) = (sums.iter().sum::<f64>(), counts.iter().sum::<u32>() as usize);
+            cells.push((2 * count > sums.len() * block.len()).then(|| sum / count as f64));
+        }
     }
     cells
 }

@@ -20,23 +20,49 @@ pub struct Statistics {
 impl Statistics {
     /// None where no pixel is good.
     pub fn of(data: &Array2<f32>, good: &Array2<bool>) -> Option<Self> {
-        let values = || data.iter().zip(good).filter(|(_, good)| **good).map(|(v, _)| *v);
-        let (mut min, mut max, mut sum, mut squares) = (f32::INFINITY, f32::NEG_INFINITY, 0.0, 0.0);
-        let mut ranks = Ranks::default();
-        values().for_each(|value| {
-            (min, max) = (if value < min { value } else { min }, if value > max { value } else { max });
-            let wide = f64::from(value);
-            (sum, squares) = (sum + wide, squares + wide * wide);
-            ranks.count(value);
-        });
+        let (data, good) = (data.as_standard_layout(), good.as_standard_layout());
+        let (values, good) = (data.as_slice()?, good.as_slice()?);
+        let ranks = Ranks::of(values, good);
         let n = ranks.all;
         if n == 0 {
             return None;
         }
         let few = (n as f64 * CLIPPED) as usize;
-        let bulk = ranks.values([few, n - 1 - few], values).map(f64::from);
+        let bulk = ranks.values([few, n - 1 - few], values, good).map(f64::from);
+        let Sums { min, max, sum, squares } = Sums::of(values, good);
         let (mean, rms) = (sum / n as f64, (squares / n as f64).sqrt());
         Some(Self { min: f64::from(min), mean, max: f64::from(max), rms, bulk })
+    }
+}
+
+/// Of good pixels.
+struct Sums {
+    min: f32,
+    max: f32,
+    sum: f64,
+    squares: f64,
+}
+
+impl Sums {
+    fn of(values: &[f32], good: &[bool]) -> Self {
+        /// Sums that run side by side: none waits for another.
+        const LANES: usize = 8;
+        let (mut min, mut max) = ([f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]);
+        let (mut sum, mut squares) = ([0.0; LANES], [0.0; LANES]);
+        for (values, good) in values.chunks(LANES).zip(good.chunks(LANES)) {
+            for (l, (&value, &good)) in values.iter().zip(good).enumerate() {
+                min[l] = if good & (value < min[l]) { value } else { min[l] };
+                max[l] = if good & (value > max[l]) { value } else { max[l] };
+                let wide = f64::from(if good { value } else { 0.0 });
+                (sum[l], squares[l]) = (sum[l] + wide, squares[l] + wide * wide);
+            }
+        }
+        Self {
+            min: min.into_iter().fold(f32::INFINITY, f32::min),
+            max: max.into_iter().fold(f32::NEG_INFINITY, f32::max),
+            sum: sum.iter().sum(),
+            squares: squares.iter().sum(),
+        }
     }
 }
 
@@ -46,13 +72,20 @@ struct Ranks {
     all: usize,
 }
 
-impl Default for Ranks {
-    fn default() -> Self {
-        Self { counts: vec![0; 1 << 16], all: 0 }
-    }
-}
-
 impl Ranks {
+    fn of(values: &[f32], good: &[bool]) -> Self {
+        // Neighbours are often alike: a count that was just written is not read at once.
+        let mut counts = [vec![0_u32; 1 << 16], vec![0; 1 << 16]];
+        for (values, good) in values.chunks(2).zip(good.chunks(2)) {
+            for (counts, (&value, &good)) in counts.iter_mut().zip(values.iter().zip(good)) {
+                counts[(Self::key(value) >> 16) as usize] += u32::from(good);
+            }
+        }
+        let [mut counts, others] = counts;
+        counts.iter_mut().zip(others).for_each(|(count, other)| *count += other);
+        Self { all: counts.iter().map(|&count| count as usize).sum(), counts }
+    }
+
     /// Bits that are in the order of the numbers, as `total_cmp` has it.
     fn key(value: f32) -> u32 {
         let bits = value.to_bits();
@@ -61,11 +94,6 @@ impl Ranks {
 
     fn number(key: u32) -> f32 {
         f32::from_bits(if key >> 31 == 1 { key & !(1 << 31) } else { !key })
-    }
-
-    fn count(&mut self, value: f32) {
-        self.counts[(Self::key(value) >> 16) as usize] += 1;
-        self.all += 1;
     }
 
     /// The class in which the number of a rank is, and its rank there.
@@ -78,17 +106,19 @@ impl Ranks {
         (class.expect("a rank is below the count of all"), rank)
     }
 
-    /// The numbers of two ranks among the values that were counted.
-    fn values<I: Iterator<Item = f32>>(&self, ranks: [usize; 2], values: impl Fn() -> I) -> [f32; 2] {
+    /// The numbers of two ranks among the good values that were counted.
+    fn values(&self, ranks: [usize; 2], values: &[f32], good: &[bool]) -> [f32; 2] {
         let classes = ranks.map(|rank| Self::class(&self.counts, rank));
+        let [low, high] = classes.map(|(class, _)| class as u32);
         let mut ends = [vec![0; 1 << 16], vec![0; 1 << 16]];
-        values().map(Self::key).for_each(|key| {
-            for (ends, (class, _)) in ends.iter_mut().zip(classes) {
-                if (key >> 16) as usize == class {
-                    ends[(key & 0xffff) as usize] += 1;
-                }
+        for (&value, &good) in values.iter().zip(good) {
+            let key = Self::key(value);
+            let class = key >> 16;
+            if class == low || class == high {
+                ends[0][(key & 0xffff) as usize] += u32::from(good & (class == low));
+                ends[1][(key & 0xffff) as usize] += u32::from(good & (class == high));
             }
-        });
+        }
         [0, 1].map(|k| {
             let (class, rank) = classes[k];
             Self::number((class as u32) << 16 | Self::class(&ends[k], rank).0 as u32)
@@ -186,13 +216,13 @@ mod tests {
             .chain([0.0, -0.0, f32::MIN_POSITIVE / 8.0, 1.0, 1.0, -1.0])
             .filter(|v| v.is_finite())
             .collect();
-        let mut ranks = Ranks::default();
-        values.iter().for_each(|&v| ranks.count(v));
+        let good = vec![true; values.len()];
+        let ranks = Ranks::of(&values, &good);
         let mut sorted = values.clone();
         sorted.sort_by(f32::total_cmp);
         for rank in 0..sorted.len() {
             let two = [rank, sorted.len() - 1 - rank];
-            let found = ranks.values(two, || values.iter().copied());
+            let found = ranks.values(two, &values, &good);
             assert_eq!(found.map(f32::to_bits), two.map(|rank| sorted[rank].to_bits()));
         }
     }

@@ -6,7 +6,7 @@
 
 use ndarray::Array2;
 use serde_json::Value;
-use turbid_contract::ImageStack;
+use turbid_contract::{ImageStack, LayerInfo};
 
 use super::canvas::{Canvas, INK};
 use super::figure::{Figure, Section};
@@ -16,6 +16,12 @@ use super::text::{Size, Text};
 /// Pictures smaller than this are enlarged, by a whole number; larger than `MOST` reduced.
 const LEAST: i64 = 320;
 const MOST: i64 = 1600;
+
+/// Whether a stack of these layers is a picture.
+pub fn is_drawn(layers: &[LayerInfo]) -> bool {
+    let has = |name: &str| layers.iter().any(|info| info.name == name);
+    has("grey") || ["red", "green", "blue"].into_iter().all(has)
+}
 
 /// The figure of a picture; None where the stack is no picture.
 pub fn figure(stack: &ImageStack, title: &str) -> Option<Figure> {
@@ -86,7 +92,6 @@ fn picture(channels: [&Array2<f32>; 3], Scale { zoom, step }: Scale) -> Canvas {
 mod tests {
     use ndarray::Array2;
     use serde_json::json;
-    use turbid_contract::LayerInfo;
 
     use super::*;
 

@@ -15,12 +15,21 @@ const BANDS: [(f64, f64); 3] = [(580.0, 750.0), (490.0, 580.0), (380.0, 490.0)];
 /// White is the brightest value of any colour but this part of the pixels.
 const CLIPPED: f64 = 0.005;
 
+/// Places of the layers that [`panels`] reads.
+pub fn read(layers: &[LayerInfo]) -> Vec<usize> {
+    let alike = |info: &LayerInfo| layers.iter().filter(|other| is_shown(other) && same_shot(other, info)).count();
+    (0..layers.len()).filter(|&k| is_shown(&layers[k]) && alike(&layers[k]) == BANDS.len()).collect()
+}
+
+/// Of the phases of a fringe the first.
+fn is_shown(info: &LayerInfo) -> bool {
+    info.kind == LayerKind::Value && info.name == "radiance" && info.phase_rad.unwrap_or(0.0) == 0.0
+}
+
 /// One panel for each set of layers that differ in their wavelength only and have one in each band, and no fourth. Intensities have one
 /// scale in all three colours, and are coded as screens decode them (sRGB).
 pub fn panels(stack: &ImageStack, side: usize) -> Vec<Panel> {
-    // Of the phases of a fringe the first.
-    let shown = |i: &LayerInfo| i.kind == LayerKind::Value && i.name == "radiance" && i.phase_rad.unwrap_or(0.0) == 0.0;
-    let values: Vec<&Layer> = stack.layers.iter().filter(|l| shown(&l.info)).collect();
+    let values: Vec<&Layer> = stack.layers.iter().filter(|l| is_shown(&l.info)).collect();
     let mut firsts: Vec<&LayerInfo> = Vec::new();
     for layer in &values {
         if !firsts.iter().any(|first| same_shot(first, &layer.info)) {

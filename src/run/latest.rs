@@ -175,11 +175,17 @@ impl Filling<'_> {
     }
 
     fn draw(&mut self, path: &str, look: &str, blob: &Blob, caption: &Caption) -> Result<(), String> {
-        match self.store.get(blob) {
-            Ok(artifact) => match preview::picture(&artifact, caption) {
-                Some(png) => self.staged.file(path, look, &png, false),
-                None => Ok(()),
-            },
+        let drawn = match blob.kind {
+            // Of a large stack one layer after the other.
+            ArtifactKind::Images => self
+                .store
+                .open_images(blob)
+                .and_then(|images| preview::picture_of_parts(images.head(), &|wanted| images.part(wanted), caption)),
+            _ => self.store.get(blob).map(|artifact| preview::picture(&artifact, caption)),
+        };
+        match drawn {
+            Ok(Some(png)) => self.staged.file(path, look, &png, false),
+            Ok(None) => Ok(()),
             Err(error) => {
                 self.now.insert(path.to_owned(), Entry::missing());
                 self.failed(path, &error)

@@ -7,6 +7,7 @@ use tempfile::NamedTempFile;
 use turbid_contract::ArtifactKind;
 
 use crate::digest::Digest;
+use crate::store::compared::Compared;
 use crate::store::disk;
 use crate::store::error::StoreError;
 use crate::store::frame::Kind;
@@ -41,6 +42,8 @@ pub(super) trait Backend: Send + Sync {
 pub(super) struct Folder {
     root: PathBuf,
     pub packs: Packs,
+    /// What need not be compared with its digest again.
+    pub compared: Compared,
 }
 
 pub fn extension(kind: ArtifactKind) -> &'static str {
@@ -53,7 +56,7 @@ pub fn extension(kind: ArtifactKind) -> &'static str {
 impl Folder {
     /// `among_many`: as [`Packs::open`] says.
     pub fn open(root: &Path, among_many: bool) -> Result<Self, StoreError> {
-        Ok(Self { root: root.to_owned(), packs: Packs::open(root, among_many)? })
+        Ok(Self { root: root.to_owned(), packs: Packs::open(root, among_many)?, compared: Compared::default() })
     }
 
     /// The folder of the store.

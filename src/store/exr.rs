@@ -4,22 +4,17 @@
 //! for people and never read; so are `xDensity` and `pixelAspectRatio`, which tell other programs the pixels' pitch. Scan lines in increasing order and a single custom attribute: with tiles, an unspecified
 //! order or two attributes (they sit in a hash map) the same image would give other bytes each time.
 
-use std::borrow::Cow;
-use std::collections::HashSet;
-use std::io::{Cursor, Read, Seek, SeekFrom, Write};
-use std::path::PathBuf;
+mod lines;
 
-use exr::block::UncompressedBlock;
-use exr::block::lines::LineRefMut;
-use exr::block::reader::ChunksReader;
-use exr::image::write::samples::{SamplesWriter, WritableSamples};
-use exr::math::RoundingMode;
-use exr::meta::MetaData;
-use exr::meta::attribute::{LevelMode, SampleType};
+use std::collections::HashSet;
+use std::io::{Cursor, Read, Write};
+
+use exr::meta::attribute::{ChannelDescription, SampleType};
 use exr::meta::header::Header;
+use exr::meta::{BlockDescription, Headers, MetaData};
 use exr::prelude::{
-    AnyChannel, AnyChannels, AttributeValue, Blocks, Compression, Encoding, FlatSamples, Image, ImageAttributes,
-    IntegerBounds, Layer as Part, LayerAttributes, Layers, LineOrder, ReadChannels, ReadLayers, Text, WritableImage,
+    AttributeValue, Compression, FlatSamples, ImageAttributes, IntegerBounds, LayerAttributes, LineOrder, ReadChannels,
+    ReadLayers, Text,
 };
 use serde::{Deserialize, Serialize};
 use smallvec::smallvec;
@@ -28,6 +23,7 @@ use turbid_contract::ndarray::Array2;
 use turbid_contract::{Attributes, Extent, Head, ImageStack, LayerInfo, LayerKind};
 
 use crate::store::error::StoreError;
+pub(super) use lines::Layout;
 
 const ATTRIBUTE: &str = "turbid";
 
@@ -44,12 +40,17 @@ struct Description {
 /// Encodes a stack. Errors: no layer; a pixel that is not finite.
 pub(super) fn encode(stack: &ImageStack) -> Result<Vec<u8>, StoreError> {
     let mut bytes = Vec::new();
-    encode_to(stack, Cursor::new(&mut bytes))?;
+    encode_to(stack, &mut bytes)?;
     Ok(bytes)
 }
 
-/// The same, line by line: no more than a few lines are held beside the stack. Errors also: those of writing.
-pub(super) fn encode_to(stack: &ImageStack, to: impl Write + Seek) -> Result<(), StoreError> {
+/// The same, front to back and line by line: beside the stack only masks are held, packed. Errors also: those of writing.
+pub(super) fn encode_to(stack: &ImageStack, to: &mut impl Write) -> Result<(), StoreError> {
+    lines::write(stack, &headers(stack)?, to)
+}
+
+/// What the parts of a stack's file say of themselves. Error: no layer.
+fn headers(stack: &ImageStack) -> Result<Headers, StoreError> {
     if stack.layers.is_empty() {
         return Err(StoreError::unfit("an image stack without layers cannot be stored"));
     }
@@ -61,19 +62,13 @@ pub(super) fn encode_to(stack: &ImageStack, to: impl Write + Seek) -> Result<(),
     let size = (stack.columns(), stack.rows());
     let drawn = stack.layers.iter().all(|l| DRAWN.contains(&l.info.name.as_str()));
     let density = density(stack);
+    let mut shared = ImageAttributes::new(IntegerBounds::from_dimensions(size));
+    if let Some([_, aspect]) = density {
+        shared.pixel_aspect = aspect;
+    }
     let mut names = HashSet::new();
-    let mut parts = Layers::new();
+    let mut headers = Headers::new();
     for (i, layer) in stack.layers.iter().enumerate() {
-        // Of the magnitudes' bits: a loop that does not end early is several times faster.
-        let largest = layer.data.iter().fold(0, |most, value| value.abs().to_bits().max(most));
-        let all_finite = largest < f32::INFINITY.to_bits();
-        let odd = || layer.data.indexed_iter().find(|(_, value)| !value.is_finite());
-        if let Some(((row, column), value)) = if all_finite { None } else { odd() } {
-            return Err(StoreError::unfit(format!(
-                "layer {i} `{}` has the value {value} at row {row}, column {column}; every pixel must be finite (mask it)",
-                layer.info.name
-            )));
-        }
         // Masks are long runs of one value, drawings of few; the others hardly shrink, and cost time.
         let compression = match layer.info.kind {
             LayerKind::Mask => Compression::RLE,
@@ -81,62 +76,17 @@ pub(super) fn encode_to(stack: &ImageStack, to: impl Write + Seek) -> Result<(),
             _ if drawn => Compression::ZIP16,
             _ => Compression::Uncompressed,
         };
-        let encoding = Encoding { compression, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
-        let mut attributes = LayerAttributes::named(part_name(&layer.info, i, &mut names).as_str());
-        attributes.horizontal_density = density.map(|[density, _]| density);
+        let mut own = LayerAttributes::named(part_name(&layer.info, i, &mut names).as_str());
+        own.horizontal_density = density.map(|[density, _]| density);
         if i == 0 {
-            attributes.other.insert(Text::from(ATTRIBUTE), AttributeValue::Text(Text::from(json.as_str())));
+            own.other.insert(Text::from(ATTRIBUTE), AttributeValue::Text(Text::from(json.as_str())));
         }
-        let pixels = Pixels { columns: stack.columns(), values: layer.pixels() };
-        parts.push(Part::new(size, attributes, encoding, AnyChannels::sort(smallvec![AnyChannel::new("Y", pixels)])));
+        let channel = ChannelDescription::named("Y", SampleType::F32);
+        let header = Header::new(channel.name.clone(), size, smallvec![channel]);
+        let header = header.with_encoding(compression, BlockDescription::ScanLines, LineOrder::Increasing);
+        headers.push(header.with_attributes(own).with_shared_attributes(shared.clone()));
     }
-    let mut attributes = ImageAttributes::new(IntegerBounds::from_dimensions(size));
-    if let Some([_, aspect]) = density {
-        attributes.pixel_aspect = aspect;
-    }
-    let image = Image { attributes, layer_data: parts };
-    // Without threads of its own: the store is called from the threads of a run.
-    image.write().non_parallel().to_buffered(to).map_err(|e| match e {
-        exr::error::Error::Io(source) => {
-            StoreError::Io { doing: "write images".to_owned(), path: PathBuf::from("temporary file"), source }
-        }
-        e => StoreError::unfit(format!("the images cannot be written as EXR: {e}")),
-    })
-}
-
-/// The pixels of a layer as they are: none is copied before its line is written.
-struct Pixels<'a> {
-    columns: usize,
-    values: Cow<'a, [f32]>,
-}
-
-impl<'a> WritableSamples<'a> for Pixels<'_> {
-    type Writer = Lines<'a>;
-
-    fn sample_type(&self) -> SampleType {
-        SampleType::F32
-    }
-
-    fn infer_level_modes(&self) -> (LevelMode, RoundingMode) {
-        (LevelMode::Singular, RoundingMode::Down)
-    }
-
-    fn create_samples_writer(&'a self, _: &Header) -> Lines<'a> {
-        Lines { columns: self.columns, values: &self.values }
-    }
-}
-
-struct Lines<'a> {
-    columns: usize,
-    values: &'a [f32],
-}
-
-impl SamplesWriter for Lines<'_> {
-    fn extract_line(&self, line: LineRefMut<'_>) {
-        let start = line.location.position.y() * self.columns + line.location.position.x();
-        let values = &self.values[start..start + line.location.sample_count];
-        line.write_samples_from_slice(values).expect("a line of memory takes its samples");
-    }
+    Ok(headers)
 }
 
 /// Pixels of a layer and how many layers a stack has, as the head of its file says.
@@ -156,22 +106,13 @@ fn density(stack: &ImageStack) -> Option<[f32; 2]> {
 
 /// Decodes what [`encode`] wrote.
 pub(super) fn decode(bytes: &[u8]) -> Result<ImageStack, StoreError> {
-    decode_from(Cursor::new(bytes))
-}
-
-/// The same, line by line: no more than a few lines are held beside the stack.
-pub(super) fn decode_from(mut from: impl Read + Seek) -> Result<ImageStack, StoreError> {
     let wrong = |what: &str| StoreError::unfit(format!("not an image stack of this turbid: {what}"));
-    let unreadable = |e: std::io::Error| wrong(&e.to_string());
-    let length = from.seek(SeekFrom::End(0)).map_err(unreadable)?;
-    from.rewind().map_err(unreadable)?;
-    let headers = MetaData::read_from_buffered(&mut from, false).map_err(|e| wrong(&e.to_string()))?.headers;
+    let headers = MetaData::read_from_buffered(bytes, false).map_err(|e| wrong(&e.to_string()))?.headers;
     let pixels = headers.iter().try_fold(0u64, |sum, header| sum.checked_add(fewest_bytes(header)?));
     // Asked first: the reader allocates what the headers claim.
-    if pixels.is_none_or(|n| n > length) {
+    if pixels.is_none_or(|n| n > bytes.len() as u64) {
         return Err(wrong("its headers claim more pixels than its bytes can hold"));
     }
-    from.rewind().map_err(unreadable)?;
     let image = exr::prelude::read()
         .no_deep_data()
         .largest_resolution_level()
@@ -179,7 +120,7 @@ pub(super) fn decode_from(mut from: impl Read + Seek) -> Result<ImageStack, Stor
         .all_layers()
         .all_attributes()
         .non_parallel()
-        .from_buffered(from)
+        .from_buffered(Cursor::new(bytes))
         .map_err(|e| wrong(&e.to_string()))?;
     let parts = image.layer_data;
     let first = parts.first().ok_or_else(|| wrong("it has no part"))?;
@@ -206,50 +147,18 @@ pub(super) fn decode_from(mut from: impl Read + Seek) -> Result<ImageStack, Stor
 }
 
 /// What a stack is, by the head of its file.
-pub(super) fn head(from: impl Read) -> Result<Head, StoreError> {
+pub(super) fn head(headers: &[Header]) -> Result<Head, StoreError> {
     let wrong = |what: &str| StoreError::unfit(format!("not an image stack of this turbid: {what}"));
-    let headers = MetaData::read_from_buffered(from, false).map_err(|e| wrong(&e.to_string()))?.headers;
     let first = headers.first().ok_or_else(|| wrong("it has no part"))?;
     let json = match first.own_attributes.other.get(&Text::from(ATTRIBUTE)) {
         Some(AttributeValue::Text(text)) => text.to_string(),
         _ => return Err(wrong("the attribute `turbid` is missing")),
     };
     let Description { attributes, layers } = serde_json::from_str(&json).map_err(|e| wrong(&e.to_string()))?;
-    if layers.len() != headers.len() {
+    if layers.len() != headers.len() || headers.iter().any(|header| header.layer_size != first.layer_size) {
         return Err(wrong("its parts are not those that it describes"));
     }
     Ok(Head { rows: first.layer_size.1, columns: first.layer_size.0, attributes, layers })
-}
-
-/// Decodes the layers that are wanted, block by block; the others are not read. `head` is that of the file, which was compared with its digest.
-pub(super) fn decode_part(
-    from: impl Read + Seek,
-    head: &Head,
-    wanted: &dyn Fn(usize, &LayerInfo) -> bool,
-) -> Result<ImageStack, StoreError> {
-    let wrong = |e: exr::error::Error| StoreError::unfit(format!("not an image stack of this turbid: {e}"));
-    let (rows, columns) = (head.rows, head.columns);
-    let mut stack = ImageStack::new(rows, columns);
-    stack.attributes = head.attributes.clone();
-    let mut places: Vec<Option<usize>> = vec![None; head.layers.len()];
-    for (k, info) in head.layers.iter().enumerate().filter(|(k, info)| wanted(*k, info)) {
-        places[k] = Some(stack.layers.len());
-        stack.push(info.clone(), Array2::zeros((rows, columns)));
-    }
-    if stack.layers.is_empty() {
-        return Ok(stack);
-    }
-    let blocks = exr::block::read(from, false).map_err(wrong)?;
-    let chunks = blocks.filter_chunks(false, |_, _, block| places[block.layer].is_some()).map_err(wrong)?;
-    for block in chunks.sequential_decompressor(false) {
-        let UncompressedBlock { index, data } = block.map_err(wrong)?;
-        let place = places[index.layer].expect("no other block was asked for");
-        let pixels = stack.layers[place].data.as_slice_mut().expect("row-major");
-        let (start, count) = (index.pixel_position.y() * columns, index.pixel_size.area());
-        let floats = data.chunks_exact(4).map(|b| f32::from_ne_bytes([b[0], b[1], b[2], b[3]]));
-        pixels[start..start + count].iter_mut().zip(floats).for_each(|(pixel, value)| *pixel = value);
-    }
-    Ok(stack)
 }
 
 /// The least that the pixels of a part take in the file; `None` for sizes that no file has.

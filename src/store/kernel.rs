@@ -1,5 +1,5 @@
-//! The two calls to the system that the standard library does not have: locks of single bytes that belong to an opened file, and
-//! the kind of a file system. The only place of `unsafe` in the engine.
+//! The three calls to the system and its library that the standard library does not have: locks of single bytes that belong to an opened
+//! file, the kind of a file system, and what becomes of large memory that is given back. The only place of `unsafe` in the engine.
 
 use std::fs::File;
 use std::io;
@@ -31,9 +31,15 @@ pub(super) fn file_system(file: &File) -> Option<u32> {
     linux::file_system(file).ok()
 }
 
+/// Has planes of images go back to the system as soon as they are given back. Left to itself glibc begins to keep them, in pieces that no
+/// other thread can use, and a run takes twice the memory of its largest stage. To be called once, before other threads are there.
+pub fn return_large_memory() {
+    linux::return_large_memory();
+}
+
 #[cfg(all(target_os = "linux", target_pointer_width = "64"))]
 mod linux {
-    #![allow(unsafe_code, reason = "the standard library has neither call, and no crate of the engine does")]
+    #![allow(unsafe_code, reason = "the standard library has none of the calls, and no crate of the engine does")]
 
     use std::fs::File;
     use std::io;
@@ -51,6 +57,17 @@ mod linux {
         // lives until the call returns, and keeps nothing of it.
         let done = unsafe { libc::fcntl(file.as_raw_fd(), libc::F_OFD_SETLK, &raw const request) };
         if done == -1 { Err(io::Error::last_os_error()) } else { Ok(()) }
+    }
+
+    pub fn return_large_memory() {
+        /// Bytes: 1024 x 1024 pixels.
+        #[cfg(target_env = "gnu")]
+        const LARGE: libc::c_int = 4 << 20;
+        // SAFETY: it sets a number of the allocator; smaller pieces are served as before. Where it is refused, nothing changes.
+        #[cfg(target_env = "gnu")]
+        unsafe {
+            libc::mallopt(libc::M_MMAP_THRESHOLD, LARGE);
+        }
     }
 
     pub fn file_system(file: &File) -> io::Result<u32> {
@@ -71,6 +88,8 @@ mod linux {
 mod linux {
     use std::fs::File;
     use std::io;
+
+    pub fn return_large_memory() {}
 
     pub fn set_lock(_: &File, _: u64, _: bool) -> io::Result<()> {
         Err(io::ErrorKind::Unsupported.into())

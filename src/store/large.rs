@@ -2,14 +2,15 @@
 
 use std::borrow::Cow;
 use std::fs::File;
-use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
+use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 use std::sync::Mutex;
 
 use turbid_contract::head::kept;
+use turbid_contract::ndarray::Array2;
 use turbid_contract::{ArtifactKind, Head, ImageStack, LayerInfo};
 
-use crate::digest::Digest;
+use crate::digest::{Digest, Hashing};
 use crate::panics::lock;
 use crate::store::backend::{Backend, Folder};
 use crate::store::disk;
@@ -19,8 +20,8 @@ use crate::store::record::Blob;
 
 /// Bytes from which on a stack goes line by line; smaller ones are encoded in memory, which is faster.
 pub(super) const LARGE: u64 = 16 << 20;
-/// Bytes that are read or written at a time.
-const BUFFER: usize = 1 << 20;
+/// Bytes of a head that are read at a time.
+const BUFFER: usize = 1 << 16;
 
 /// Whether the encoded stack has [`LARGE`] bytes at least: its masks, which are packed, do not count.
 pub(super) fn is_large(stack: &ImageStack) -> bool {
@@ -28,18 +29,14 @@ pub(super) fn is_large(stack: &ImageStack) -> bool {
     (4 * stack.rows() * stack.columns() * plain) as u64 >= LARGE
 }
 
-/// What [`Store::put`](super::Store::put) does with a large stack; `root` is that of the store.
+/// What [`Store::put`](super::Store::put) does with a large stack; `root` is that of the store. Its digest is known with its last byte.
 pub(super) fn put(root: &Path, folder: &Folder, stack: &ImageStack) -> Result<Blob, StoreError> {
     let tmp = root.join("tmp");
     let failed = |source| StoreError::io("write a blob", &tmp)(source);
     let mut file = disk::temporary(root).map_err(failed)?;
-    let mut to = BufWriter::with_capacity(BUFFER, disk::Passing(file.as_file_mut()));
+    let mut to = Hashing::new(disk::Passing(file.as_file_mut()));
     exr::encode_to(stack, &mut to)?;
-    to.flush().map_err(failed)?;
-    drop(to);
-    let bytes = length(file.as_file()).map_err(failed)?;
-    file.as_file_mut().seek(SeekFrom::Start(0)).map_err(failed)?;
-    let digest = Digest::of_reader(file.as_file_mut()).map_err(failed)?;
+    let (digest, bytes) = to.finish();
     let blob = Blob { digest, kind: ArtifactKind::Images, bytes };
     if bytes < LARGE {
         // Drawings shrink.
@@ -50,27 +47,25 @@ pub(super) fn put(root: &Path, folder: &Folder, stack: &ImageStack) -> Result<Bl
         return Ok(blob);
     }
     let path = folder.loose_path(&blob);
-    match digest_of(&path) {
-        Ok(found) if found == digest => return Ok(blob),
+    match verified(folder, &blob) {
+        Ok(_) => return Ok(blob),
         // What is there is wrong.
-        Ok(_) => folder.set_aside(&path)?,
+        Err(StoreError::Damaged { .. }) => folder.set_aside(&path)?,
         // Nothing, or what cannot be read, is replaced.
         Err(_) => {}
     }
     disk::publish_file(root, file, &path, true, true).map_err(StoreError::io("write a blob", &path))?;
+    if let Ok(file) = disk::open_regular(&path) {
+        folder.compared.note(&blob, &file);
+    }
     Ok(blob)
-}
-
-/// What [`Store::get`](super::Store::get) does with a large stack: its file is read once to compare it with its digest, and once more to decode it.
-pub(super) fn get(folder: &Folder, blob: &Blob) -> Result<ImageStack, StoreError> {
-    exr::decode_from(BufReader::with_capacity(BUFFER, verified(folder, blob)?))
 }
 
 /// The stack without its pixels, once its file was compared with its digest.
 pub(super) fn open(folder: &Folder, blob: &Blob) -> Result<OpenedImages, StoreError> {
     let file = verified(folder, blob)?;
-    let head = exr::head(BufReader::new(&file))?;
-    Ok(OpenedImages { head, from: Source::File(Mutex::new(file)) })
+    let layout = exr::Layout::read(BufReader::with_capacity(BUFFER, &file))?;
+    Ok(OpenedImages { head: exr::head(&layout.headers)?, from: Source::File(Mutex::new(file), layout) })
 }
 
 /// The file of a blob, at its start.
@@ -83,9 +78,13 @@ fn verified(folder: &Folder, blob: &Blob) -> Result<File, StoreError> {
         _ => StoreError::io("read a blob", &path)(source),
     };
     let mut file = disk::open_regular(&path).map_err(failed)?;
+    if folder.compared.holds(blob, &file) {
+        return Ok(file);
+    }
     if length(&file).map_err(failed)? != blob.bytes || Digest::of_reader(&mut file).map_err(failed)? != digest {
         return Err(StoreError::Damaged { digest });
     }
+    folder.compared.note(blob, &file);
     file.seek(SeekFrom::Start(0)).map_err(failed)?;
     Ok(file)
 }
@@ -100,7 +99,7 @@ enum Source {
     /// A small one.
     Memory(ImageStack),
     /// Open from when it was verified: whoever replaces or removes it changes nothing here.
-    File(Mutex<File>),
+    File(Mutex<File>, exr::Layout),
 }
 
 impl OpenedImages {
@@ -118,10 +117,16 @@ impl OpenedImages {
     pub fn part(&self, wanted: &dyn Fn(usize, &LayerInfo) -> bool) -> Result<ImageStack, StoreError> {
         match &self.from {
             Source::Memory(stack) => Ok(kept(Cow::Borrowed(stack), wanted)),
-            Source::File(file) => {
+            Source::File(file, layout) => {
+                let mut part = ImageStack::new(self.head.rows, self.head.columns);
+                part.attributes = self.head.attributes.clone();
                 let mut file = lock(file);
-                file.seek(SeekFrom::Start(0)).map_err(|e| StoreError::unfit(format!("it cannot be read: {e}")))?;
-                exr::decode_part(BufReader::with_capacity(BUFFER, &mut *file), &self.head, wanted)
+                for (k, info) in self.head.layers.iter().enumerate().filter(|(k, info)| wanted(*k, info)) {
+                    let mut data = Array2::zeros((self.head.rows, self.head.columns));
+                    layout.part(k, &mut *file, data.as_slice_mut().expect("row-major"))?;
+                    part.push(info.clone(), data);
+                }
+                Ok(part)
             }
         }
     }
@@ -129,11 +134,6 @@ impl OpenedImages {
 
 fn length(file: &File) -> io::Result<u64> {
     file.metadata().map(|meta| meta.len())
-}
-
-/// Error: also what is no file.
-fn digest_of(path: &Path) -> io::Result<Digest> {
-    Digest::of_reader(&mut disk::open_regular(path)?)
 }
 
 #[cfg(test)]

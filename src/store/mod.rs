@@ -1,13 +1,15 @@
 //! The content-addressed store: blobs under the digest of their bytes, one record per instance key.
 //!
 //! A torn or missing piece is a miss, never an error and never a wrong hit: records carry a checksum that every
-//! look-up verifies, and a blob's bytes are compared with its digest whenever they are read. `docs/store.md` describes
+//! look-up verifies, and a blob's bytes are compared with its digest whenever they are read (of a file that this process wrote or
+//! compared itself, while nobody touches it, once). `docs/store.md` describes
 //! the files. Only this module knows EXR and Parquet.
 
 mod backend;
 mod checkpoint;
 mod codec;
 mod compact;
+mod compared;
 mod disk;
 mod earlier;
 mod error;
@@ -48,7 +50,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use turbid_contract::{Artifact, ArtifactKind, Extent, ImageStack};
+use turbid_contract::{Artifact, ArtifactKind, Extent};
 
 use crate::digest::Digest;
 use crate::leftover;
@@ -61,6 +63,7 @@ pub use backend::extension;
 pub use codec::{decode, encode, encode_pieces};
 pub use error::StoreError;
 pub use gc::GcReport;
+pub use kernel::return_large_memory;
 pub use key_lock::KeyLock;
 pub use labels::Label;
 pub use large::OpenedImages;
@@ -253,7 +256,7 @@ impl Store {
     /// Reads an artifact. Errors as [`Store::bytes`].
     pub fn get(&self, blob: &Blob) -> Result<Artifact, StoreError> {
         if blob.kind == ArtifactKind::Images && blob.bytes >= large::LARGE {
-            return self.get_large(blob).map(Artifact::Images);
+            return self.open_images(blob)?.part(&|_, _| true).map(Artifact::Images);
         }
         decode(blob.kind, &self.bytes(blob)?)
     }
@@ -267,10 +270,6 @@ impl Store {
             Artifact::Images(stack) => Ok(OpenedImages::of(stack)),
             _ => Err(StoreError::unfit("not an image stack")),
         }
-    }
-
-    fn get_large(&self, blob: &Blob) -> Result<ImageStack, StoreError> {
-        self.large(blob, large::get)
     }
 
     /// What `read` makes of a large blob; a damaged one goes to quarantine.

@@ -1,5 +1,7 @@
 //! Gaussian smoothing of an image with holes: normalised convolution, its noise, and its transpose.
 
+use std::ops::Range;
+
 use fearless_simd::{Level, Simd, dispatch};
 use turbid_contract::Error;
 
@@ -19,6 +21,11 @@ impl Gauss {
         let weight = |k: usize| if k == 0 { 1.0 } else { libm::exp(-0.5 * (k as f64 / sigma_px).powi(2)) };
         let kernel: Vec<f64> = (0..=reach).map(weight).collect();
         Self { squares: kernel.iter().map(|w| w * w).collect(), kernel }
+    }
+
+    /// Whether it leaves the image alone.
+    pub fn is_none(&self) -> bool {
+        self.kernel.len() == 1
     }
 
     /// Weights of an image's neighbours, added up: `end` of the pixel and of sum_j w_ij x_j.
@@ -42,10 +49,14 @@ impl Gauss {
     }
 }
 
+/// Columns that are worked on at a time: what of the rows within reach belongs to them stays in the cache of a core.
+const TILE: usize = 256;
+/// Columns whose sums are in registers at a time.
+const STRIP: usize = 16;
+
 /// Convolution with `kernel` along columns, then rows; beyond the border nothing takes part.
 ///
-/// The neighbours at equal distances are added before they are weighted. Rows of `x` are made as they come within reach, and stay in the cache
-/// as long as they are.
+/// The neighbours at equal distances are added before they are weighted. Rows of `x` are made as they come within reach.
 fn separable<'r>(
     room: &'r Room<'_>,
     kernel: &[f64],
@@ -53,71 +64,88 @@ fn separable<'r>(
     end: impl Fn(usize, f64) -> f64 + Sync,
 ) -> Result<Plane<'r>, Error> {
     let (rows, columns, reach) = (room.rows, room.columns, kernel.len() - 1);
-    let fill = |row: usize, to: &mut [f64]| to.iter_mut().zip(row * columns..).for_each(|(to, i)| *to = x(i));
     room.fill(|block, pixels| {
-        let mut window = Window::new(columns, kernel.len());
-        let mut next = block.start.saturating_sub(reach);
-        for (r, out) in block.zip(pixels.chunks_mut(columns)) {
-            if reach == 0 {
-                fill(r, out);
-            } else {
+        if reach == 0 {
+            pixels.iter_mut().zip(block.start * columns..).for_each(|(out, i)| *out = end(i, x(i)));
+            return;
+        }
+        for first in (0..columns).step_by(TILE) {
+            let tile = first..(first + TILE).min(columns);
+            let mut window = Window::new(tile.clone(), columns, reach);
+            let mut next = block.start.saturating_sub(reach);
+            for (r, out) in block.clone().zip(pixels.chunks_mut(columns)) {
                 while next < (r + reach + 1).min(rows) {
-                    fill(next, window.row_mut(next));
+                    window.fill(next, |column| x(next * columns + column));
                     next += 1;
                 }
+                let out = &mut out[tile.clone()];
                 window.convolve(room.level, kernel, r, rows, out);
+                out.iter_mut().zip(r * columns + first..).for_each(|(out, i)| *out = end(i, *out));
             }
-            out.iter_mut().zip(r * columns..).for_each(|(out, i)| *out = end(i, *out));
         }
     })
 }
 
-/// The rows within reach of one.
+/// The rows within reach of one, as far as a tile of columns reaches.
 struct Window {
-    columns: usize,
-    /// Row r in the place of r modulo how many there are.
+    reach: usize,
+    /// The columns that the image has of them, and how many stand before these.
+    columns: Range<usize>,
+    before: usize,
+    /// Numbers of a row: a whole number of strips.
+    stride: usize,
+    /// Row r in the place of r modulo how many there are; 0 beyond the border.
     rows: Vec<f64>,
-    /// A row with as many zeros at both ends as the kernel reaches.
+    /// A row convolved along columns.
     down: Vec<f64>,
 }
 
 impl Window {
-    fn new(columns: usize, kernel: usize) -> Self {
-        let reach = kernel - 1;
-        let rows = if reach == 0 { 0 } else { 2 * reach + 1 };
-        Self { columns, rows: vec![0.0; rows * columns], down: vec![0.0; columns + 2 * reach] }
+    fn new(tile: Range<usize>, columns: usize, reach: usize) -> Self {
+        let stride = (tile.len().next_multiple_of(STRIP) + 2 * reach).next_multiple_of(STRIP);
+        let before = reach - reach.min(tile.start);
+        let columns = tile.start - reach.min(tile.start)..(tile.end + reach).min(columns);
+        Self { reach, columns, before, stride, rows: vec![0.0; (2 * reach + 1) * stride], down: vec![0.0; stride] }
     }
 
     fn start(&self, row: usize) -> usize {
-        let rows = self.rows.len() / self.columns;
-        row % rows * self.columns
+        row % (2 * self.reach + 1) * self.stride
     }
 
-    fn row_mut(&mut self, row: usize) -> &mut [f64] {
-        let start = self.start(row);
-        &mut self.rows[start..start + self.columns]
+    fn fill(&mut self, row: usize, x: impl Fn(usize) -> f64) {
+        let start = self.start(row) + self.before;
+        self.rows[start..].iter_mut().zip(self.columns.clone()).for_each(|(to, column)| *to = x(column));
     }
 
     fn convolve(&mut self, level: Level, kernel: &[f64], r: usize, rows: usize, out: &mut [f64]) {
-        let (columns, reach) = (self.columns, kernel.len() - 1);
+        let (stride, reach) = (self.stride, self.reach);
         let mut down = std::mem::take(&mut self.down);
-        let row = |r: usize| &self.rows[self.start(r)..][..columns];
-        let middle = &mut down[reach..reach + columns];
+        let row = |r: usize| &self.rows[self.start(r)..][..stride];
         dispatch!(level, simd => simd.vectorize(#[inline(always)] || {
-            middle.iter_mut().zip(row(r)).for_each(|(sum, x)| *sum = kernel[0] * x);
-            for (k, &weight) in kernel.iter().enumerate().skip(1) {
-                match (r.checked_sub(k), r + k < rows) {
-                    (Some(above), true) => add_both(middle, weight, row(above), row(r + k)),
-                    (Some(other), false) => add(middle, weight, row(other)),
-                    (None, true) => add(middle, weight, row(r + k)),
-                    (None, false) => break,
+            for (strip, to) in down.chunks_exact_mut(STRIP).enumerate() {
+                let part = |r: usize| &row(r)[strip * STRIP..][..STRIP];
+                let mut sum = [0.0; STRIP];
+                sum.iter_mut().zip(part(r)).for_each(|(sum, x)| *sum = kernel[0] * x);
+                for (k, &weight) in kernel.iter().enumerate().skip(1) {
+                    match (r.checked_sub(k), r + k < rows) {
+                        (Some(above), true) => add_both(&mut sum, weight, part(above), part(r + k)),
+                        (Some(other), false) => add(&mut sum, weight, part(other)),
+                        (None, true) => add(&mut sum, weight, part(r + k)),
+                        (None, false) => break,
+                    }
                 }
+                to.copy_from_slice(&sum);
             }
         }));
         dispatch!(level, simd => simd.vectorize(#[inline(always)] || {
-            out.iter_mut().zip(&down[reach..]).for_each(|(sum, x)| *sum = kernel[0] * x);
-            for (k, &weight) in kernel.iter().enumerate().skip(1) {
-                add_both(out, weight, &down[reach - k..], &down[reach + k..]);
+            for (strip, to) in out.chunks_mut(STRIP).enumerate() {
+                let part = |shift: usize| &down[strip * STRIP + shift..][..STRIP];
+                let mut sum = [0.0; STRIP];
+                sum.iter_mut().zip(part(reach)).for_each(|(sum, x)| *sum = kernel[0] * x);
+                for (k, &weight) in kernel.iter().enumerate().skip(1) {
+                    add_both(&mut sum, weight, part(reach - k), part(reach + k));
+                }
+                to.copy_from_slice(&sum[..to.len()]);
             }
         }));
         self.down = down;
@@ -125,12 +153,12 @@ impl Window {
 }
 
 #[inline(always)]
-fn add(sum: &mut [f64], weight: f64, x: &[f64]) {
+fn add(sum: &mut [f64; STRIP], weight: f64, x: &[f64]) {
     sum.iter_mut().zip(x).for_each(|(sum, x)| *sum += weight * x);
 }
 
 #[inline(always)]
-fn add_both(sum: &mut [f64], weight: f64, x: &[f64], y: &[f64]) {
+fn add_both(sum: &mut [f64; STRIP], weight: f64, x: &[f64], y: &[f64]) {
     sum.iter_mut().zip(x).zip(y).for_each(|((sum, x), y)| *sum += weight * (x + y));
 }
 

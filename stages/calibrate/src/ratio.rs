@@ -8,8 +8,8 @@ use turbid_contract::planes::mean_se;
 use turbid_contract::{Ctx, Error, ImageStack, Layer, LayerInfo, LayerKind, Parts};
 
 use crate::gauss::Gauss;
-use crate::plane::{Plane, Room};
-use crate::smooth::{Smooth, Smoothing};
+use crate::plane::Room;
+use crate::smooth::{Smooth, Smoothing, Values};
 
 /// A reference whose signal is not above this many of its standard errors cannot be divided by.
 const LEAST_REFERENCE_SIGNAL: f64 = 5.0;
@@ -105,8 +105,8 @@ pub fn calibrate(
     };
     let smoothing = [smoothed(0)?, smoothed(1)?];
     let known = arms.iter().all(|arm| (0..count).all(|k| arm.se(k).is_some()));
-    let smooth_all = |arm: usize| -> Result<Vec<Smooth<'_>>, Error> {
-        let smooth = |k: usize| smoothing[arm].smooth(&arms[arm].value(k), arms[arm].se(k).as_deref());
+    let smooth_all = |arm: usize| -> Result<Vec<Smooth<'_, '_>>, Error> {
+        let smooth = |k: usize| smoothing[arm].smooth(arms[arm].value(k), arms[arm].se(k));
         (0..count).map(smooth).collect()
     };
     let smooth = [smooth_all(0)?, smooth_all(1)?];
@@ -114,8 +114,8 @@ pub fn calibrate(
     let pairs: Vec<[usize; 2]> =
         if known { (0..count).flat_map(|i| (i + 1..count).map(move |j| [i, j])).collect() } else { Vec::new() };
     let covariance =
-        |arm: usize, [i, j]: [usize; 2]| arms[arm].covariance(i, j).map(|c| smoothing[arm].covariance(&c)).transpose();
-    let shared: Result<Vec<[Option<Plane<'_>>; 2]>, Error> =
+        |arm: usize, [i, j]: [usize; 2]| arms[arm].covariance(i, j).map(|c| smoothing[arm].covariance(c)).transpose();
+    let shared: Result<Vec<[Option<Values<'_, '_>>; 2]>, Error> =
         pairs.iter().map(|&pair| Ok([covariance(0, pair)?, covariance(1, pair)?])).collect();
     let shared = shared?;
 
@@ -126,13 +126,13 @@ pub fn calibrate(
         let (mut slope, mut r_d) = (vec![0.0; count], vec![0.0; count]);
         for (o, i) in pixels.enumerate() {
             for k in 0..count {
-                let m = references[k].value.pixels[i];
+                let m = references[k].value.at(i);
                 slope[k] = model[k] / m;
                 if let (true, Some(variance)) = (corrects, &references[k].variance) {
                     // E[1 / M] = (1 + var M / M^2) / E[M] to second order.
-                    slope[k] /= 1.0 + variance.pixels[i] / (m * m);
+                    slope[k] /= 1.0 + variance.at(i) / (m * m);
                 }
-                r_d[k] = samples[k].value.pixels[i] * slope[k];
+                r_d[k] = samples[k].value.at(i) * slope[k];
             }
             let carried = masks[0].as_ref().map_or(0.0, |m| m[i]);
             let weak = || smoothing[1].good(i) == 0.0 || references.iter().any(|r| is_weak(r, i));
@@ -149,11 +149,11 @@ pub fn calibrate(
             if code != 0.0 {
                 continue;
             }
-            let slopes = |k: usize| [slope[k], r_d[k] / references[k].value.pixels[i]];
+            let slopes = |k: usize| [slope[k], r_d[k] / references[k].value.at(i)];
             for k in 0..count {
                 out[k][o] = r_d[k] as f32;
                 if known {
-                    let variance = |arm: usize| smooth[arm][k].variance.as_ref().map_or(0.0, |v| v.pixels[i]);
+                    let variance = |arm: usize| smooth[arm][k].variance.as_ref().map_or(0.0, |v| v.at(i));
                     let [of_sample, of_reference] = slopes(k);
                     let sum = of_sample * of_sample * variance(0) + of_reference * of_reference * variance(1);
                     out[count + k][o] = sum.sqrt() as f32;
@@ -161,7 +161,7 @@ pub fn calibrate(
             }
             for (p, (&[a, b], shared)) in pairs.iter().zip(&shared).enumerate() {
                 let (of_a, of_b) = (slopes(a), slopes(b));
-                let part = |arm: usize| shared[arm].as_ref().map_or(0.0, |c| c.pixels[i] * (of_a[arm] * of_b[arm]));
+                let part = |arm: usize| shared[arm].as_ref().map_or(0.0, |c| c.at(i) * (of_a[arm] * of_b[arm]));
                 out[count + errors + p][o] = (part(0) + part(1)) as f32;
             }
         }
@@ -171,8 +171,8 @@ pub fn calibrate(
     let covariances = pairs.iter().copied().zip(planes.split_off(count + errors)).collect();
     let se = planes.split_off(count);
     let flagged = |arm: usize, k: usize| -> Result<Option<Vec<bool>>, Error> {
-        let share = arms[arm].se_unknown(k).filter(|_| known).map(|flags| smoothing[arm].share(&flags)).transpose()?;
-        Ok(share.map(|share| share.pixels.iter().map(|&share| share > LARGEST_SHARE).collect()))
+        let share = arms[arm].se_unknown(k).filter(|_| known).map(|flags| smoothing[arm].share(flags)).transpose()?;
+        Ok(share.map(|share| (0..dim.0 * dim.1).map(|i| share.at(i) > LARGEST_SHARE).collect()))
     };
     let unknown: Result<Vec<Option<Array2<f32>>>, Error> =
         (0..count).map(|k| Ok(flags([flagged(0, k)?, flagged(1, k)?], &mask))).collect();
@@ -186,8 +186,8 @@ pub fn calibrate(
             let pixels = data.as_slice().expect("planes are row-major");
             let of_arm = |arm: usize| -> Result<f64, Error> {
                 // d mean / d M of each pixel, before smoothing shares it out.
-                let value = &smooth[arm][k].value.pixels;
-                let sensitivity = |i: usize| over(f64::from(pixels[i]), value[i]);
+                let value = &smooth[arm][k].value;
+                let sensitivity = |i: usize| over(f64::from(pixels[i]), value.at(i));
                 let se = arms[arm].se(k).expect("all errors are known");
                 Ok(smoothing[arm].variance_of_sum(sensitivity, &se)? * sharings[arm][k])
             };
@@ -216,8 +216,8 @@ fn over(r: f64, m: f64) -> f64 {
     if r == 0.0 { 0.0 } else { r / m }
 }
 
-fn is_weak(reference: &Smooth<'_>, pixel: usize) -> bool {
-    let value = reference.value.pixels[pixel];
-    let se = reference.variance.as_ref().map_or(0.0, |v| v.pixels[pixel].sqrt());
+fn is_weak(reference: &Smooth<'_, '_>, pixel: usize) -> bool {
+    let value = reference.value.at(pixel);
+    let se = reference.variance.as_ref().map_or(0.0, |v| v.at(pixel).sqrt());
     value.is_nan() || value <= LEAST_REFERENCE_SIGNAL * se
 }

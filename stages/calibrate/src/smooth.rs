@@ -1,33 +1,62 @@
 //! One arm of the ratio: M_AC, smoothed where wanted, with its noise, and what a mean over pixels owes to it.
 
+use std::borrow::Cow;
+
 use turbid_contract::Error;
 
 use crate::gauss::Gauss;
 use crate::plane::{Plane, Room};
 
-/// One quantity of an arm at one f_x, smoothed.
-pub struct Smooth<'r> {
+/// What an arm holds at each pixel.
+pub enum Values<'a, 'r> {
+    Smoothed(Plane<'r>),
+    /// As a layer has it.
+    Layer {
+        pixels: Cow<'a, [f32]>,
+        /// 0 at good pixels.
+        mask: Option<&'a [f32]>,
+        /// A variance, of a layer of standard errors.
+        squared: bool,
+    },
+}
+
+impl Values<'_, '_> {
     /// 0 where there is nothing near.
-    pub value: Plane<'r>,
+    #[inline(always)]
+    pub fn at(&self, i: usize) -> f64 {
+        match self {
+            Self::Smoothed(plane) => plane.pixels[i],
+            Self::Layer { mask: Some(mask), .. } if mask[i] != 0.0 => 0.0,
+            Self::Layer { pixels, squared, .. } => {
+                let value = f64::from(pixels[i]);
+                if *squared { value * value } else { value }
+            }
+        }
+    }
+}
+
+/// One quantity of an arm at one f_x, smoothed.
+pub struct Smooth<'a, 'r> {
+    pub value: Values<'a, 'r>,
     /// Variance of `value`; `None` where the noise is not known.
-    pub variance: Option<Plane<'r>>,
+    pub variance: Option<Values<'a, 'r>>,
 }
 
 /// The smoothing of an arm's images over its good pixels.
 pub struct Smoothing<'a, 'r> {
-    room: &'r Room<'a>,
+    room: &'r Room<'r>,
     gauss: &'a Gauss,
     mask: Option<&'a [f32]>,
     sharing: f64,
-    /// sum_j w_ij over good pixels.
-    weight: Plane<'r>,
+    /// sum_j w_ij over good pixels; `None` where nothing is smoothed.
+    weight: Option<Plane<'r>>,
 }
 
 impl<'a, 'r> Smoothing<'a, 'r> {
     /// `mask` is 0 at good pixels; without one all are. So many pixels as `sharing` are as noisy as one, their errors being common: 1 where
     /// they are independent.
-    pub fn new(room: &'r Room<'a>, gauss: &'a Gauss, mask: Option<&'a [f32]>, sharing: f64) -> Result<Self, Error> {
-        let weight = gauss.sum(room, |i| good(mask, i), |_, sum| sum)?;
+    pub fn new(room: &'r Room<'r>, gauss: &'a Gauss, mask: Option<&'a [f32]>, sharing: f64) -> Result<Self, Error> {
+        let weight = if gauss.is_none() { None } else { Some(gauss.sum(room, |i| good(mask, i), |_, sum| sum)?) };
         Ok(Self { room, gauss, mask, sharing, weight })
     }
 
@@ -36,27 +65,40 @@ impl<'a, 'r> Smoothing<'a, 'r> {
         good(self.mask, i)
     }
 
+    fn layer(&self, pixels: Cow<'a, [f32]>, squared: bool) -> Values<'a, 'r> {
+        Values::Layer { pixels, mask: self.mask, squared }
+    }
+
     /// The mean of x over the good pixels around.
-    fn mean(&self, x: &[f32]) -> Result<Plane<'r>, Error> {
-        let weight = &self.weight.pixels;
-        self.gauss.sum(self.room, |i| self.good(i) * f64::from(x[i]), |i, sum| quotient(sum, weight[i]))
+    fn mean(&self, x: Cow<'a, [f32]>) -> Result<Values<'a, 'r>, Error> {
+        let Some(weight) = &self.weight else { return Ok(self.layer(x, false)) };
+        let mean =
+            self.gauss.sum(self.room, |i| self.good(i) * f64::from(x[i]), |i, sum| quotient(sum, weight.pixels[i]));
+        mean.map(Values::Smoothed)
     }
 
     /// Smooths a value and its standard error.
-    pub fn smooth(&self, value: &[f32], se: Option<&[f32]>) -> Result<Smooth<'r>, Error> {
+    pub fn smooth(&self, value: Cow<'a, [f32]>, se: Option<Cow<'a, [f32]>>) -> Result<Smooth<'a, 'r>, Error> {
         let square = |se: f32| f64::from(se) * f64::from(se);
-        let variance = se.map(|se| self.covariance_of(|i| square(se[i]))).transpose()?;
+        let variance = match (se, &self.weight) {
+            (None, _) => None,
+            (Some(se), None) => Some(self.layer(se, true)),
+            (Some(se), Some(weight)) => Some(Values::Smoothed(self.covariance_of(weight, |i| square(se[i]))?)),
+        };
         Ok(Smooth { value: self.mean(value)?, variance })
     }
 
     /// Smooths the covariance of two quantities of one pixel.
-    pub fn covariance(&self, covariance: &[f32]) -> Result<Plane<'r>, Error> {
-        self.covariance_of(|i| f64::from(covariance[i]))
+    pub fn covariance(&self, covariance: Cow<'a, [f32]>) -> Result<Values<'a, 'r>, Error> {
+        match &self.weight {
+            None => Ok(self.layer(covariance, false)),
+            Some(weight) => self.covariance_of(weight, |i| f64::from(covariance[i])).map(Values::Smoothed),
+        }
     }
 
     /// That of independent pixels falls to sum w^2 / (sum w)^2; it grows by as many of them as share their error.
-    fn covariance_of(&self, covariance: impl Fn(usize) -> f64 + Sync) -> Result<Plane<'r>, Error> {
-        let (room, weight) = (self.room, &self.weight.pixels);
+    fn covariance_of(&self, weight: &Plane<'_>, covariance: impl Fn(usize) -> f64 + Sync) -> Result<Plane<'r>, Error> {
+        let (room, weight) = (self.room, &weight.pixels);
         let squared = |i: usize| weight[i] * weight[i];
         let independent = |i, sum| quotient(sum, squared(i));
         let x = |i| self.good(i) * covariance(i);
@@ -69,16 +111,18 @@ impl<'a, 'r> Smoothing<'a, 'r> {
     }
 
     /// The share of what a smoothed pixel is made of that `flags` (0 or 1) marks.
-    pub fn share(&self, flags: &[f32]) -> Result<Plane<'r>, Error> {
+    pub fn share(&self, flags: Cow<'a, [f32]>) -> Result<Values<'a, 'r>, Error> {
         self.mean(flags)
     }
 
     /// Variance of sum_i s_i v_i over a smoothed image v by the arm's own noise: smoothing makes neighbours share it, so their
     /// errors add up instead of averaging out.
     pub fn variance_of_sum(&self, sensitivity: impl Fn(usize) -> f64 + Sync, se: &[f32]) -> Result<f64, Error> {
-        let weight = &self.weight.pixels;
         let term = |i: usize, back: f64| (self.good(i) * back * f64::from(se[i])).powi(2);
-        let terms = self.gauss.sum(self.room, |i| quotient(sensitivity(i), weight[i]), term)?;
+        let Some(weight) = &self.weight else {
+            return Ok((0..se.len()).map(|i| term(i, quotient(sensitivity(i), self.good(i)))).sum());
+        };
+        let terms = self.gauss.sum(self.room, |i| quotient(sensitivity(i), weight.pixels[i]), term)?;
         Ok(terms.pixels.iter().sum())
     }
 }
@@ -104,6 +148,10 @@ mod tests {
         test(&Room::new(rows, columns, Ctx::new(&MemoryHost::default()))).expect("nobody cancels")
     }
 
+    fn of(pixels: &[f32]) -> Cow<'_, [f32]> {
+        Cow::Borrowed(pixels)
+    }
+
     fn pixels<const N: usize>(pixel: impl Fn(usize) -> f32) -> [f32; N] {
         std::array::from_fn(pixel)
     }
@@ -115,8 +163,8 @@ mod tests {
         let value: [f32; 108] = pixels(|i| if i % 7 == 3 { 1e30 } else { 0.25 });
         let gauss = Gauss::new(1.5);
         in_room([9, 12], |room| {
-            let smooth = Smoothing::new(room, &gauss, Some(&mask), 1.0)?.smooth(&value, None)?;
-            assert!(smooth.value.pixels.iter().all(|v| (v - 0.25).abs() < 1e-14));
+            let smooth = Smoothing::new(room, &gauss, Some(&mask), 1.0)?.smooth(of(&value), None)?;
+            assert!((0..108).all(|i| (smooth.value.at(i) - 0.25).abs() < 1e-14));
             Ok(())
         });
     }
@@ -129,13 +177,14 @@ mod tests {
         let good = mask.map(|m| 1.0 - m);
         let (none, gauss) = (Gauss::new(0.0), Gauss::new(1.0));
         in_room([9, 12], |room| {
-            let plain = Smoothing::new(room, &none, Some(&mask), 1.0)?.share(&flags)?;
-            assert!((0..108).all(|i| plain.pixels[i] == if i == 52 { 1.0 } else { 0.0 }));
+            let plain = Smoothing::new(room, &none, Some(&mask), 1.0)?.share(of(&flags))?;
+            assert!((0..108).all(|i| plain.at(i) == if i == 52 { 1.0 } else { 0.0 }));
             let smoothing = Smoothing::new(room, &gauss, Some(&mask), 1.0)?;
-            let own = smoothing.share(&flags)?.pixels[52];
+            let own = smoothing.share(of(&flags))?.at(52);
             // 1 / (2 pi sigma^2), and a little more for the hole and the border.
             assert!((own - 0.159).abs() < 0.03, "{own}");
-            assert!(smoothing.share(&good)?.pixels.iter().all(|s| (s - 1.0).abs() < 1e-12));
+            let all = smoothing.share(of(&good))?;
+            assert!((0..108).all(|i| (all.at(i) - 1.0).abs() < 1e-12));
             Ok(())
         });
     }
@@ -148,8 +197,8 @@ mod tests {
         let variance = |sigma: f64, at: usize| {
             let gauss = Gauss::new(sigma);
             in_room([61, 61], |room| {
-                let smooth = Smoothing::new(room, &gauss, None, 1.0)?.smooth(&value, Some(&se))?;
-                Ok(smooth.variance.map(|variance| variance.pixels[at]))
+                let smooth = Smoothing::new(room, &gauss, None, 1.0)?.smooth(of(&value), Some(of(&se)))?;
+                Ok(smooth.variance.map(|variance| variance.at(at)))
             })
         };
         for sigma in [1.0_f64, 3.0] {
@@ -167,9 +216,9 @@ mod tests {
         let (value, se): ([f32; 108], [f32; 108]) = (pixels(|_| 1.0), pixels(|_| 0.25));
         let gauss = Gauss::new(2.0);
         in_room([9, 12], |room| {
-            let smooth = Smoothing::new(room, &gauss, Some(&mask), 108.0)?.smooth(&value, Some(&se))?;
+            let smooth = Smoothing::new(room, &gauss, Some(&mask), 108.0)?.smooth(of(&value), Some(of(&se)))?;
             let variance = smooth.variance.unwrap();
-            assert!(variance.pixels.iter().all(|v| (v - 0.0625).abs() < 1e-15), "{:?}", variance.pixels);
+            assert!((0..108).all(|i| (variance.at(i) - 0.0625).abs() < 1e-15));
             Ok(())
         });
     }
@@ -187,8 +236,8 @@ mod tests {
             let mut want = 0.0;
             for (j, se) in se.iter().enumerate() {
                 let unit: [f32; N] = pixels(|i| if i == j { 1.0 } else { 0.0 });
-                let response = smoothing.smooth(&unit, None)?.value;
-                let total: f64 = response.pixels.iter().enumerate().map(|(i, r)| r * s(i)).sum();
+                let response = smoothing.smooth(of(&unit), None)?.value;
+                let total: f64 = (0..N).map(|i| response.at(i) * s(i)).sum();
                 want += (total * f64::from(*se)).powi(2);
             }
             Ok([smoothing.variance_of_sum(s, &se)?, want])

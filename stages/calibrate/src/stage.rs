@@ -98,8 +98,9 @@ impl Stage for Calibrate {
             Model::Diffusion => "diffusion",
         };
         let f_x = known.form("sample").and_then(|form| form.f_x()).map(|list| list.len() as u64);
+        let smoothed = [params.smooth, params.smooth_sample].iter().filter(|px| **px > 0.0).count() as u64;
         let arms = known.extent("sample").zip(known.extent("reference"));
-        let memory = arms.map(|(sample, reference)| memory(sample, reference, f_x));
+        let memory = arms.map(|(sample, reference)| memory(sample, reference, f_x, smoothed));
         let in_parts = vec!["sample", "reference"];
         let (memory, makes) = memory.map_or((None, Extents::new()), |(bytes, makes)| (Some(bytes), makes));
         StagePlan { method: Some(method.into()), left_out, memory, in_parts, makes, ..StagePlan::default() }

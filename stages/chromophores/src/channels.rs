@@ -65,6 +65,29 @@ impl Channels {
     }
 }
 
+impl Channels {
+    /// Places of all layers that are read.
+    pub fn places(&self) -> impl Iterator<Item = usize> {
+        let of = |q: &Quantity| {
+            let covariances = q.covariances.iter().map(|(_, place)| *place);
+            q.layers.iter().chain(q.errors.iter().flatten()).copied().chain(covariances).collect::<Vec<_>>()
+        };
+        std::iter::once(&self.mu_a).chain(&self.mu_s_prime).flat_map(of)
+    }
+
+    /// The same in a part of the maps: `kept` are the places in the whole of what it holds, in their order.
+    #[must_use]
+    pub fn within(self, kept: &[usize]) -> Self {
+        let at = |place: usize| kept.iter().position(|&kept| kept == place).expect("what is read is kept");
+        let of = |q: Quantity| Quantity {
+            layers: q.layers.into_iter().map(at).collect(),
+            errors: q.errors.map(|errors| errors.into_iter().map(at).collect()),
+            covariances: q.covariances.into_iter().map(|(pair, place)| (pair, at(place))).collect(),
+        };
+        Self { wavelengths_nm: self.wavelengths_nm, mu_a: of(self.mu_a), mu_s_prime: self.mu_s_prime.map(of) }
+    }
+}
+
 fn reduced_scattering(layers: &[LayerInfo], wavelengths_nm: &[f64]) -> Result<Quantity, Error> {
     let at = |nm: &f64| {
         let place =

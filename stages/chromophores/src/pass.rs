@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::ops::Range;
 
+use fearless_simd::Level;
 use turbid_contract::payload::MaskReason;
 use turbid_contract::{ImageStack, Layer};
 
@@ -13,7 +14,8 @@ use crate::oxygen::{saturation, total};
 use crate::params::{Fit, Params};
 use crate::resolve::Resolved;
 use crate::scatter::{self, PowerLawFit};
-use crate::unmix::{self, Mixture};
+use crate::unmix::lanes::{self, LANES, Lanes};
+use crate::unmix::{self, Mixture, Unmixed};
 
 /// A quantity of all wavelengths, ready to be read pixel by pixel.
 struct Planes<'a> {
@@ -71,6 +73,22 @@ impl<'a> Planes<'a> {
         finite
     }
 
+    /// Values and independent standard errors of the pixels from `first` on, wavelength by wavelength; `false` where that is not what there is.
+    fn read_lanes(&self, first: usize, values: &mut Vec<Lanes>, errors: &mut Vec<Lanes>) -> bool {
+        let Some(of_errors) = self.errors.as_ref().filter(|_| self.covariances.is_empty()) else { return false };
+        let at = |planes: &[Cow<'_, [f32]>], into: &mut Vec<Lanes>| {
+            into.clear();
+            into.extend(planes.iter().map(|plane| {
+                let pixels = &plane[first..first + LANES];
+                let lanes: Lanes = std::array::from_fn(|l| f64::from(pixels[l]));
+                lanes
+            }));
+        };
+        at(&self.values, values);
+        at(of_errors, errors);
+        true
+    }
+
     fn noise<'r>(&self, read: &'r Read) -> Noise<'r> {
         match &self.errors {
             None => Noise::Unknown,
@@ -102,6 +120,7 @@ pub struct Pass<'a> {
     /// How many planes hold values; standard errors follow, then a plane of flags for each [`Doubt`], then the mask.
     values: usize,
     errors: [bool; 2],
+    level: Level,
 }
 
 /// Sums over pixels.
@@ -135,6 +154,9 @@ impl Tally {
 struct Scratch {
     read: Read,
     unmix: unmix::Scratch,
+    lanes: lanes::Scratch,
+    values: Vec<Lanes>,
+    errors: Vec<Lanes>,
     law: scatter::Scratch,
     /// Values, then standard errors.
     out: [Vec<f64>; 2],
@@ -149,7 +171,7 @@ struct Said {
 }
 
 impl<'a> Pass<'a> {
-    pub fn of(params: &Params, resolved: &'a Resolved, stack: &'a ImageStack, made: &Made) -> Self {
+    pub fn of(params: &Params, resolved: &'a Resolved, stack: &'a ImageStack, made: &Made, level: Level) -> Self {
         let channels = &resolved.channels;
         let law = channels.mu_s_prime.as_ref();
         let mut masks: Vec<Cow<'a, [f32]>> = Vec::new();
@@ -170,6 +192,7 @@ impl<'a> Pass<'a> {
             non_negative: params.fit == Fit::NonNegative,
             values: made.values().count(),
             errors: made.errors,
+            level,
         }
     }
 
@@ -182,52 +205,80 @@ impl<'a> Pass<'a> {
     pub fn run(&self, pixels: Range<usize>, planes: &mut [&mut [f32]]) -> Tally {
         let (errors, mut scratch) = (planes.len() - self.values - DOUBTS - 1, Scratch::default());
         let mut tally = Tally { variances: vec![0.0; errors], ..Tally::default() };
-        for (place, pixel) in pixels.enumerate() {
-            let last = planes.len() - 1;
-            let said = match self.pixel(pixel, &mut scratch) {
-                Err(code) => {
-                    planes[last][place] = code;
-                    continue;
-                }
-                Ok(said) => said,
-            };
-            let [values, se] = &scratch.out;
-            let all = values.iter().chain(se);
-            // What is finite in f64 may not be in f32.
-            if all.clone().any(|&v| !(v as f32).is_finite()) {
-                planes[last][place] = MaskReason::NotFinite.code();
-                continue;
-            }
-            all.zip(planes.iter_mut()).for_each(|(&v, plane)| plane[place] = v as f32);
-            for (flag, plane) in said.unknown.into_iter().zip(&mut planes[last - DOUBTS..last]) {
-                plane[place] = f32::from(u8::from(flag));
-            }
-            tally.good += 1;
-            tally.held += u64::from(said.held > 0);
-            tally.variances.iter_mut().zip(se).for_each(|(sum, se)| *sum += se * se);
-            if let (0, Some(chi2)) = (said.held, said.chi2) {
-                tally.chi2 += chi2;
-                tally.free += 1;
+        for first in pixels.clone().step_by(LANES) {
+            let mut solved = self.lanes(first, pixels.end, &mut scratch);
+            for (pixel, solved) in (first..pixels.end).zip(&mut solved) {
+                self.write(pixel, pixel - pixels.start, solved.take(), planes, &mut scratch, &mut tally);
             }
         }
         tally
     }
 
-    /// Values and standard errors into `scratch.out`. Error: the code of the reason against the pixel.
-    fn pixel(&self, pixel: usize, scratch: &mut Scratch) -> Result<Said, f32> {
-        let Scratch { read, unmix, law, out: [values, errors] } = scratch;
+    /// What the pixels from `first` on are made of, where it was found for all of them at once.
+    fn lanes(&self, first: usize, end: usize, scratch: &mut Scratch) -> [Option<Unmixed>; LANES] {
+        let Scratch { lanes, values, errors, .. } = scratch;
+        if first + LANES > end || !self.mu_a.read_lanes(first, values, errors) {
+            return [const { None }; LANES];
+        }
+        for (mu_a, fixed) in values.iter_mut().zip(&self.resolved.fixed) {
+            mu_a.iter_mut().for_each(|mu_a| *mu_a -= fixed);
+        }
+        self.mixture.unmix_lanes(self.level, values, errors, self.non_negative, lanes)
+    }
+
+    /// One pixel, into the place `place` of the planes.
+    fn write(
+        &self,
+        pixel: usize,
+        place: usize,
+        solved: Option<Unmixed>,
+        planes: &mut [&mut [f32]],
+        scratch: &mut Scratch,
+        tally: &mut Tally,
+    ) {
+        let last = planes.len() - 1;
+        let said = match self.pixel(pixel, solved, scratch) {
+            Err(code) => return planes[last][place] = code,
+            Ok(said) => said,
+        };
+        let [values, se] = &scratch.out;
+        let all = values.iter().chain(se);
+        // What is finite in f64 may not be in f32.
+        if all.clone().any(|&v| !(v as f32).is_finite()) {
+            planes[last][place] = MaskReason::NotFinite.code();
+            return;
+        }
+        all.zip(planes.iter_mut()).for_each(|(&v, plane)| plane[place] = v as f32);
+        for (flag, plane) in said.unknown.into_iter().zip(&mut planes[last - DOUBTS..last]) {
+            plane[place] = f32::from(u8::from(flag));
+        }
+        tally.good += 1;
+        tally.held += u64::from(said.held > 0);
+        tally.variances.iter_mut().zip(se).for_each(|(sum, se)| *sum += se * se);
+        if let (0, Some(chi2)) = (said.held, said.chi2) {
+            tally.chi2 += chi2;
+            tally.free += 1;
+        }
+    }
+
+    /// Values and standard errors into `scratch.out`; `solved`: what it is made of, where that is known. Error: the code of the reason against the pixel.
+    fn pixel(&self, pixel: usize, solved: Option<Unmixed>, scratch: &mut Scratch) -> Result<Said, f32> {
+        let Scratch { read, unmix, law, out: [values, errors], .. } = scratch;
         if let Some(carried) = self.masks.iter().map(|mask| mask[pixel]).find(|&code| code != 0.0) {
             return Err(carried);
         }
         values.clear();
         errors.clear();
         let not_finite = MaskReason::NotFinite.code();
-        if !self.mu_a.read(pixel, read) {
-            return Err(not_finite);
-        }
-        read.values.iter_mut().zip(&self.resolved.fixed).for_each(|(mu_a, fixed)| *mu_a -= fixed);
-        let found = self.mixture.unmix(&read.values, self.mu_a.noise(read), self.non_negative, unmix);
-        let found = found.ok_or(MaskReason::NoFit.code())?;
+        let found = match solved {
+            Some(found) => found,
+            None if !self.mu_a.read(pixel, read) => return Err(not_finite),
+            None => {
+                read.values.iter_mut().zip(&self.resolved.fixed).for_each(|(mu_a, fixed)| *mu_a -= fixed);
+                let found = self.mixture.unmix(&read.values, self.mu_a.noise(read), self.non_negative, unmix);
+                found.ok_or(MaskReason::NoFit.code())?
+            }
+        };
         let count = self.resolved.species.len();
         values.extend(&found.amounts[..count]);
         let variance = |k: usize| found.covariance.map(|c| c[k][k].max(0.0));

@@ -6,9 +6,10 @@ use turbid_contract::payload::{Concentrations, Maps};
 use turbid_contract::planes::mean_se;
 use turbid_contract::serde_json::Value;
 use turbid_contract::{
-    Ctx, Error, Extent, Extents, FileUse, Forms, ImageStack, Known, LayerInfo, Problems, Stage, StagePlan, in_ports,
-    out_ports,
+    Ctx, Error, Extent, Extents, FileUse, Forms, ImageStack, Known, LayerInfo, LayerKind, Problems, Stage, StagePlan,
+    in_ports, out_ports,
 };
+use turbid_optics::level::named;
 
 use crate::channels::listed;
 use crate::design::Wavelengths;
@@ -20,7 +21,7 @@ use crate::resolve::{Resolved, resolve};
 in_ports! {
     pub struct In {
         /// mu_a at two or more wavelengths, and mu_s' where scattering is fitted; with standard errors, the concentrations have them too.
-        maps: one Maps,
+        maps: parts Maps,
     }
 }
 
@@ -87,29 +88,43 @@ impl Stage for Chromophores {
         let choices =
             resolved.design.as_ref().filter(|_| known.is_wanted("design")).map_or(0, |design| design.choices());
         plan.seconds = maps.map(|maps| PER_VALUE * maps.pixels() as f64 * wavelengths + PER_CHOICE * choices as f64);
-        // Planes of flags beside the output.
-        plan.memory =
-            maps.zip(made).map(|(maps, made)| maps.bytes() + made.bytes() + 4 * DOUBTS as u64 * made.pixels());
+        // Of the maps what is read of them, beside the output planes of flags.
+        let layers = known.form("maps").and_then(|form| form.layers.as_deref());
+        let held = layers.map(|layers| kept(&resolved, layers).len() as u64);
+        plan.memory = maps.zip(made).map(|(maps, made)| {
+            let held = held.unwrap_or(maps.layers()) + DOUBTS as u64;
+            made.bytes() + 4 * held * made.pixels()
+        });
+        plan.in_parts = vec!["maps"];
         plan.makes = made.map_or_else(Extents::new, |made: Extent| Extents::from([("concentrations", made)]));
         plan
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
-        let Maps(stack) = &inputs.maps;
-        let (infos, mut problems) = (stack.infos(), Problems::default());
-        let resolved = resolve(params, &|at| ctx.file(at), Some((&infos, "maps")), ctx.wants("design"), &mut problems);
-        let Some(resolved) = resolved else {
+        let (infos, mut problems) = (&inputs.maps.head().layers, Problems::default());
+        let resolved = resolve(params, &|at| ctx.file(at), Some((infos, "maps")), ctx.wants("design"), &mut problems);
+        let Some(mut resolved) = resolved else {
             let first = problems.into_parts().0.into_iter().next();
             return Err(first.map_or_else(|| Error::failed("a file of spectra was not handed over"), Error::Invalid));
         };
         ctx.measure("condition_number", resolved.condition, "1");
-        let concentrations = concentrations(params, &resolved, stack, ctx)?;
+        let kept = kept(&resolved, infos);
+        resolved.channels = resolved.channels.within(&kept);
+        let Maps(stack) = inputs.maps.part(&|place, _| kept.contains(&place))?;
+        let concentrations = concentrations(params, &resolved, &stack, ctx)?;
         let design = match &resolved.design {
             Some(design) if ctx.wants("design") => Some(design.table(ctx)?),
             _ => None,
         };
         Ok(Out { concentrations: Concentrations(concentrations), design })
     }
+}
+
+/// Places of the layers of maps that a run holds: those that are read, masks, and how the surface lies to the light.
+fn kept(resolved: &Resolved, infos: &[LayerInfo]) -> Vec<usize> {
+    let read: Vec<usize> = resolved.channels.places().collect();
+    let beside = |info: &LayerInfo| matches!(info.kind, LayerKind::Mask | LayerKind::Condition);
+    infos.iter().enumerate().filter(|(k, info)| read.contains(k) || beside(info)).map(|(k, _)| k).collect()
 }
 
 fn method(fit: Fit) -> &'static str {
@@ -133,7 +148,7 @@ fn concentrations(params: &Params, resolved: &Resolved, stack: &ImageStack, ctx:
              standard errors come from frames that have them",
         );
     }
-    let pass = Pass::of(params, resolved, stack, &made);
+    let pass = Pass::of(params, resolved, stack, &made, named(ctx.simd()));
     let size = (stack.rows(), stack.columns());
     let mut planes: Vec<Array2<f32>> = (0..pass.planes(&made)).map(|_| Array2::zeros(size)).collect();
     let tiles = ctx.fill_planes(&mut planes, |pixels, planes| pass.run(pixels, planes))?;

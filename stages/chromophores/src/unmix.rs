@@ -4,6 +4,8 @@
 //! has a negative one: the least sum of squares among those without a negative concentration is the solution, exactly and without iteration (the
 //! problem is convex, and its solution is the free one of its own choice; Lawson and Hanson, Solving Least Squares Problems (1974), chapter 23).
 
+pub mod lanes;
+
 use crate::least_squares::{Factors, MOST, Noise, Square, Weights, factorise, turned, unit};
 
 /// What each unit of each chromophore absorbs, at the wavelengths.

@@ -41,7 +41,7 @@ impl Electrons {
     }
 }
 
-/// One frame as radiance.
+/// One frame as radiance, pixel by pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Corrected {
     pub value: Vec<f32>,
@@ -142,21 +142,17 @@ impl Camera {
             variance: Vec::with_capacity(variances),
             reasons: Vec::with_capacity(pixels),
         };
-        let mut push = |pixel: &Pixel| {
+        for pixel in self.pixels(frame, dark, response, light) {
             corrected.reasons.push(pixel.reason);
             corrected.value.push(pixel.value);
             corrected.variance.extend(pixel.variance);
-        };
-        match self.of_numbers(frame, dark, response, light) {
-            Some((numbers, of)) => numbers.iter().for_each(|&number| push(&of[usize::from(number)])),
-            None => self.pixels(frame, dark, response, light).for_each(|pixel| push(&pixel)),
         }
         corrected
     }
 
     /// What becomes of each number of 16 bits where no pixel has a dark level or a response of its own, with the numbers of the frame: `None` where
     /// pixels differ, and of a frame that has fewer pixels than there are numbers.
-    fn of_numbers<'p>(
+    pub fn of_numbers<'p>(
         &self,
         frame: &'p Picture,
         dark: Option<&Field>,
@@ -225,10 +221,12 @@ impl Camera {
     }
 }
 
-struct Pixel {
-    value: f32,
-    variance: Option<f64>,
-    reason: MaskReason,
+/// What becomes of a pixel.
+pub struct Pixel {
+    pub value: f32,
+    /// Where the camera's noise is known.
+    pub variance: Option<f64>,
+    pub reason: MaskReason,
 }
 
 /// How much of a frame can be used.
@@ -241,7 +239,7 @@ pub struct Light {
 }
 
 impl Light {
-    fn of(pixels: impl Iterator<Item = (f32, MaskReason)>) -> Self {
+    pub fn of(pixels: impl Iterator<Item = (f32, MaskReason)>) -> Self {
         pixels.fold(Self::default(), |all, (value, reason)| Self {
             pixels: all.pixels + 1,
             saturated: all.saturated + usize::from(reason == MaskReason::Saturated),

@@ -61,6 +61,7 @@ mod conditions;
 mod correct;
 mod decode;
 mod form;
+mod frame;
 mod names;
 mod params;
 mod photon_transfer;

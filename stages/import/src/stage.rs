@@ -1,18 +1,20 @@
 //! The stage `import_frames`.
 
 use std::borrow::Cow;
+use std::sync::Mutex;
 
 use turbid_contract::canonical::canonical_value;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{CameraNoise, Frames, Transfer};
 use turbid_contract::{
-    At, Ctx, Error, FileUse, Forms, ImageStack, Known, LayerInfo, Problem, Problems, Stage, StagePlan, in_ports,
+    At, Ctx, Error, FileUse, Form, Forms, ImageStack, Known, LayerInfo, Problem, Problems, Stage, StagePlan, in_ports,
     out_ports, serde_json,
 };
 
 use crate::correct::{Camera, Corrected, Field, Light};
-use crate::decode::{Picture, pages};
+use crate::decode::{self, Picture, pages};
 use crate::form;
+use crate::frame::{ByNumber, Frame, Planes};
 use crate::names::base;
 use crate::params::{Params, Shot};
 
@@ -131,7 +133,7 @@ impl Stage for ImportFrames {
         if params.pattern.is_some() && params.phases > 1 && params.phases_at_0 == 1 && even {
             left_out.push("phases at f_x = 0 but number 0 (phases_at_0 reads them)".to_owned());
         }
-        StagePlan { needs: named(true), left_out, ..StagePlan::default() }
+        StagePlan { needs: named(true), left_out, memory: memory(params, known), ..StagePlan::default() }
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
@@ -149,24 +151,43 @@ impl Stage for ImportFrames {
         let read = |k: usize| -> Result<Seen, Error> {
             let picture = load(&shots[k].at, &shots[k].file)?;
             let size = (picture.rows, picture.columns);
-            let (size, corrected) =
-                fields.correct(params, &camera, &shots[k], &picture).binned(size, params.bin as usize);
-            Ok(Seen { size, corrected })
+            if params.bin == 1 {
+                return Ok(Seen { size, frame: fields.frame(params, &camera, &shots[k], picture) });
+            }
+            let corrected = fields.correct(params, &camera, &shots[k], &picture);
+            let (size, corrected) = corrected.binned(size, params.bin as usize);
+            Ok(Seen { size, frame: Frame::Pixels(corrected) })
         };
         let mut frames: Option<Stacked> = None;
         for channel in channels(&shots) {
             let seen: Vec<Seen> =
                 ctx.map_tiles(channel.len(), |i| read(channel[i]))?.into_iter().collect::<Result<_, _>>()?;
             for (&k, seen) in channel.iter().zip(&seen) {
-                usable(&shots[k], seen.corrected.light())?;
+                usable(&shots[k], seen.frame.light())?;
             }
             let (rows, columns) = seen[0].size;
             let frames = frames.get_or_insert_with(|| Stacked::new(params, &shots, rows, columns));
-            frames.add(&channel, seen);
+            frames.add(&channel, seen, ctx)?;
         }
         let frames = frames.expect("there are shots").finish(ctx);
         Ok(Out { frames: Frames(frames) })
     }
+}
+
+/// Bytes that the run holds at the most; `None` where the size of the pictures is not known.
+///
+/// Beside the frames there are the masks of all wavelengths, the frames of one as they are read (2 bytes a pixel and no more than 4 while they are, where all pixels
+/// are alike; else value, variance and reason), and the fields.
+fn memory(params: &Params, known: &Known) -> Option<u64> {
+    let form = form::describe(params, known).remove("frames")?;
+    let made = Form { perhaps: Vec::new(), ..form.clone() }.extent()?;
+    let shots = params.shots();
+    let most = channels(&shots).iter().map(Vec::len).max().unwrap_or(0) as u64;
+    let fields = params.darks.len() as u64 + u64::from(params.dark.is_some()) + u64::from(params.flat.is_some());
+    let alike = fields == 0 && params.bin == 1;
+    let of_pixel = if alike { 6 } else { 24 };
+    let read = made.pixels() * u64::from(params.bin * params.bin);
+    Some(made.bytes() + 4 * made.pixels() * form.perhaps.len() as u64 + read * (of_pixel * most + 8 * fields))
 }
 
 /// The shots of each wavelength, by their places.
@@ -284,6 +305,15 @@ impl Fields {
         camera.light(picture, self.dark(params, shot).as_deref(), self.response.as_ref(), shot.light())
     }
 
+    fn frame(&self, params: &Params, camera: &Camera, shot: &Shot, picture: Picture) -> Frame {
+        let dark = self.dark(params, shot);
+        let of = camera.of_numbers(&picture, dark.as_deref(), self.response.as_ref(), shot.light());
+        match (of.map(|(_, of)| ByNumber::of(&of)), picture.values) {
+            (Some(of), decode::Numbers::U16(numbers)) => Frame::Numbers { numbers, of },
+            (_, values) => Frame::Pixels(self.correct(params, camera, shot, &Picture { values, ..picture })),
+        }
+    }
+
     fn correct(&self, params: &Params, camera: &Camera, shot: &Shot, picture: &Picture) -> Corrected {
         camera.correct(picture, self.dark(params, shot).as_deref(), self.response.as_ref(), shot.light())
     }
@@ -310,7 +340,7 @@ fn usable(shot: &Shot, light: Light) -> Result<(), Error> {
 /// A frame, and its rows and columns.
 struct Seen {
     size: (usize, usize),
-    corrected: Corrected,
+    frame: Frame,
 }
 
 /// The layers that are made: wavelength by wavelength, so that no more than the frames of one are held beside them.
@@ -331,29 +361,28 @@ impl<'a> Stacked<'a> {
         Self { params, shots, rows, columns, values: none(), errors: none(), masks: Vec::new() }
     }
 
-    /// The frames of one wavelength, which have one mask.
-    fn add(&mut self, channel: &[usize], seen: Vec<Seen>) {
+    /// The frames of one wavelength, which have one mask. Error: the run was cancelled.
+    fn add(&mut self, channel: &[usize], seen: Vec<Seen>, ctx: Ctx<'_>) -> Result<(), Error> {
         let (rows, columns) = (self.rows, self.columns);
         let plane = |pixels: Vec<f32>| Array2::from_shape_vec((rows, columns), pixels).expect("checked: one size");
         let mut mask = vec![0.0; rows * columns];
-        for Seen { corrected, .. } in &seen {
-            let new = mask.iter_mut().zip(&corrected.reasons).filter(|(mask, _)| **mask == 0.0);
-            new.for_each(|(mask, reason)| *mask = reason.code());
-        }
+        seen.iter().for_each(|seen| seen.frame.mask(&mut mask));
         let good = mask.iter().filter(|&&m| m == 0.0).count() as f64;
-        for (&k, Seen { mut corrected, .. }) in channel.iter().zip(seen) {
+        let frames: Vec<Mutex<Option<Frame>>> = seen.into_iter().map(|seen| Mutex::new(Some(seen.frame))).collect();
+        let made = ctx.map_tiles(frames.len(), |i| {
+            let frame = frames[i].lock().ok().and_then(|mut frame| frame.take());
+            frame.expect("each frame is taken once").planes(&mask)
+        })?;
+        for (&k, Planes { value, errors }) in channel.iter().zip(made) {
             let mut info = form::layer(self.params, &self.shots[k]);
-            if !corrected.variance.is_empty() {
-                let sum: f64 = corrected.variance.iter().zip(&mask).filter(|(_, m)| **m == 0.0).map(|(v, _)| v).sum();
+            if let Some((se, sum)) = errors {
                 info.mean_se = (good > 0.0).then(|| sum.sqrt() / good);
-                let standard_error = |(v, m): (&f64, &f32)| if *m == 0.0 { v.sqrt() as f32 } else { 0.0 };
-                let se = corrected.variance.iter().zip(&mask).map(standard_error).collect();
                 self.errors[k] = Some((info.standard_error(), plane(se)));
             }
-            corrected.value.iter_mut().zip(&mask).filter(|(_, m)| **m != 0.0).for_each(|(value, _)| *value = 0.0);
-            self.values[k] = Some((info, plane(corrected.value)));
+            self.values[k] = Some((info, plane(value)));
         }
         self.masks.push((self.shots[channel[0]].wavelength_nm, mask));
+        Ok(())
     }
 
     fn finish(self, ctx: Ctx<'_>) -> ImageStack {

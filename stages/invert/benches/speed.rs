@@ -110,7 +110,7 @@ fn speed(method: Method, noise: bool, side: usize) {
     }
     let run = |stack: &ImageStack| {
         let inputs = In {
-            reflectance: Reflectance(stack.clone()),
+            reflectance: Reflectance(stack.clone()).into(),
             lut: table.clone().into(),
             sections: None,
             height: None,

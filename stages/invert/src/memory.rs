@@ -8,7 +8,7 @@ const OF_SHAPE: u64 = 96;
 /// Bytes that the run holds at the most, and how large its outputs are going to be. `others`: bytes of all inputs but the reflectance; `corrects`:
 /// whether heights are connected.
 ///
-/// Of each wavelength R_d at two f_x comes with standard errors, covariance and mask, and becomes mu_a and mu_s' with standard errors, mask and the side of
+/// Of the reflectance no more than the layers of one wavelength are held at a time, beside those of conditions. Of each wavelength R_d at two f_x comes with standard errors, covariance and mask, and becomes mu_a and mu_s' with standard errors, mask and the side of
 /// the table where it ended. Beside inputs and outputs there are flags of unknown errors and of conditions (16 bytes for each pixel), and where the shape is
 /// corrected for the corrected reflectance.
 pub fn memory(reflectance: Extent, others: u64, corrects: bool, wanted: &[String]) -> (u64, Extents) {
@@ -25,8 +25,9 @@ pub fn memory(reflectance: Extent, others: u64, corrects: bool, wanted: &[String
         makes.insert("exposure", images(6));
     }
     let made: u64 = makes.values().map(|extent| extent.bytes()).sum();
-    let of_shape = if corrects { OF_SHAPE * pixels + reflectance.bytes() } else { 0 };
-    (reflectance.bytes() + others + made + 16 * pixels + of_shape, makes)
+    let held = images(reflectance.layers().min(6 + CONDITIONS)).bytes();
+    let of_shape = if corrects { OF_SHAPE * pixels + held } else { 0 };
+    (held + others + made + 16 * pixels + of_shape, makes)
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use turbid_contract::payload::{Lut, MaskReason, Sections, Shares};
-use turbid_contract::{Ctx, Error, ImageStack, Layer};
+use turbid_contract::{Ctx, Error, Layer};
 
 use crate::forward::Forward;
 use crate::inverse::InverseTable;
@@ -108,8 +108,13 @@ pub struct Places {
 }
 
 impl Places {
-    /// Errors: a sectioned table without sections, sections without a sectioned table, or of another number or size.
-    pub fn new(sections: Option<&Sections>, tables: usize, stack: &ImageStack, sectioned: bool) -> Result<Self, Error> {
+    /// `size`: rows and columns of the reflectance. Errors: a sectioned table without sections, sections without a sectioned table, or of another number or size.
+    pub fn new(
+        sections: Option<&Sections>,
+        tables: usize,
+        size: (usize, usize),
+        sectioned: bool,
+    ) -> Result<Self, Error> {
         let Some(sections) = sections else {
             if sectioned {
                 return Err(Error::failed_with_hint(
@@ -125,7 +130,7 @@ impl Places {
             let what = format!("there are {count} sections, and the table has {has} sections");
             return Err(Error::failed_with_hint(what, "give build_lut and invert the same sections"));
         }
-        if (sections.0.rows(), sections.0.columns()) != (stack.rows(), stack.columns()) {
+        if (sections.0.rows(), sections.0.columns()) != size {
             return Err(Error::failed("the sections are of another camera: their image has another size"));
         }
         let mask = sections.0.find("mask", None).map(|l| Layer::pixels(l).into_owned());

@@ -7,8 +7,8 @@ use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Covariance, Exposure, Lut, Maps, Reflectance, Relief, Scene, Sections};
 use turbid_contract::planes::mean_se;
 use turbid_contract::{
-    Attributes, Ctx, Error, Extent, Extents, Forms, ImageStack, Known, Layer, LayerInfo, LayerKind, Problems, Ratio,
-    Stage, StagePlan, in_ports, out_ports,
+    Attributes, Ctx, Error, Extent, Extents, Forms, ImageStack, Known, Layer, LayerInfo, LayerKind, Parts, Problems,
+    Ratio, Stage, StagePlan, in_ports, out_ports,
 };
 use turbid_optics::level::named;
 
@@ -30,7 +30,7 @@ use crate::unknown;
 in_ports! {
     pub struct In {
         /// Calibrated reflectance.
-        reflectance: one Reflectance,
+        reflectance: parts Reflectance,
         /// Table of the same convention, g and n, which holds both f_x.
         lut: one Lut,
         /// Which pixel belongs to which section of the table, where it has any.
@@ -123,28 +123,30 @@ impl Stage for Invert {
         let of = |port: &str| known.extent(port).map_or(0, Extent::bytes);
         let others = ["lut", "sections", "height", "normals"].map(of).iter().sum();
         let memory = known.extent("reflectance").map(|stack| memory(stack, others, corrects, &known.wanted));
+        let in_parts = vec!["reflectance"];
         let (memory, makes) = memory.map_or((None, Extents::new()), |(bytes, makes)| (Some(bytes), makes));
         StagePlan {
             method: Some(params.method.name().into()),
             left_out,
             seconds,
             memory,
+            in_parts,
             makes,
             ..StagePlan::default()
         }
     }
 
     fn run(params: &Params, inputs: In<'_>, ctx: Ctx<'_>) -> Result<Out, Error> {
-        let (stack, lut) = (&inputs.reflectance.0, &inputs.lut);
-        let wavelengths_nm = wavelengths(&stack.infos(), "r_d");
-        agree(&stack.attributes, &lut.0.attributes, &wavelengths_nm)?;
+        let (head, lut) = (inputs.reflectance.head(), &inputs.lut);
+        let wavelengths_nm = wavelengths(&head.layers, "r_d");
+        agree(&head.attributes, &lut.0.attributes, &wavelengths_nm)?;
         let correction = correction(params, &inputs, ctx)?;
-        let corrected = correction.as_ref().map(|correction| correction.corrected(stack));
-        let stack = corrected.as_ref().unwrap_or(stack);
-        let Choice { f_x, of } = choose(&stack.infos(), params)?;
+        // What is said of the reflectance, and how its surface lies to the light; the rest comes wavelength by wavelength.
+        let about = inputs.reflectance.conditions()?.0;
+        let Choice { f_x, of } = choose(&head.layers, params)?;
         let sectioned = lut.0.attributes.contains_key("sections");
-        let places = Places::new(inputs.sections.as_ref(), sections(lut), stack, sectioned)?;
-        let noise = stack.layers.iter().any(|layer| layer.info.kind == LayerKind::StandardError);
+        let places = Places::new(inputs.sections.as_ref(), sections(lut), (head.rows, head.columns), sectioned)?;
+        let noise = head.layers.iter().any(|info| info.kind == LayerKind::StandardError);
         let prepared = prepare(lut, &f_x, params, noise, ctx)?;
         let table_error = prepared.iter().filter_map(|p| p.table.as_ref()).map(|t| t.worst_error).fold(0.0, f64::max);
         if params.method == Method::Table {
@@ -169,17 +171,18 @@ impl Stage for Invert {
         // The table of each wavelength; sections are all those of the one table.
         let several = tables(&lut.0.attributes) > 1;
         let mut table_at = Vec::new();
-        for (wavelength_nm, layers) in of {
+        for (wavelength_nm, at) in of {
             let place = lut::places(&lut.0.attributes, &[wavelength_nm])?[0];
             let table = table_of(&lut.0.attributes, place);
             table_at.push((wavelength_nm, table));
             let solvers = if several { &solvers[table..=table] } else { &solvers[..] };
-            invert(stack, &layers, (solvers, &places, correction.as_ref()), &pass, ctx, &mut maps, &mut covariance)?;
+            let seen = Seen::of(&inputs.reflectance, at, wavelength_nm, correction.as_ref())?;
+            invert(&seen, (solvers, &places, correction.as_ref()), &pass, ctx, &mut maps, &mut covariance)?;
         }
         let exposure = match (&correction, ctx.wants("exposure")) {
             (Some(correction), true) => {
                 let mut image = correction.image(&f_x);
-                image.take_pixel_pitch(stack);
+                image.take_pixel_pitch(&about);
                 Some(Exposure(image))
             }
             (None, true) => {
@@ -188,27 +191,27 @@ impl Stage for Invert {
             }
             (_, false) => None,
         };
-        let mut attributes = stack.attributes.clone();
+        let mut attributes = about.attributes.clone();
         attributes.insert("f_x".into(), f_x.clone().into());
         if params.method == Method::Table {
             attributes.insert("table_error".into(), table_error.into());
         }
         let mut covariance = (!covariance.values.is_empty()).then(|| {
-            let mut stack = covariance.into_stack(stack, attributes.clone());
+            let mut stack = covariance.into_stack(&about, attributes.clone());
             stack.attributes.insert("quantities".into(), form::quantities());
             stack
         });
-        let mut maps = maps.into_stack(stack, attributes);
+        let mut maps = maps.into_stack(&about, attributes);
         for table in 0..tables(&lut.0.attributes) {
             let at: Vec<Option<f64>> = table_at.iter().filter(|(_, of)| *of == table).map(|(nm, _)| *nm).collect();
             let compared = extremes(f_x.clone()).and_then(|f_x| {
                 let (own, channel) =
                     (of_table(&lut.0.attributes, table), if several { first(&table_at, table) } else { 0 });
-                Compared::of(&stack.attributes, &own, (f_x, channel), correction.is_some())
+                Compared::of(&about.attributes, &own, (f_x, channel), correction.is_some())
             });
             if let Some(compared) = compared {
                 let most = params.largest_misreading.map(|most| most.0);
-                conditions::tell((&compared, &at), stack, &mut maps, covariance.as_mut(), most, ctx)?;
+                conditions::tell((&compared, &at), &about, &mut maps, covariance.as_mut(), most, ctx)?;
             }
         }
         Ok(Out { maps: Maps(maps), covariance: covariance.map(Covariance), exposure })
@@ -226,11 +229,10 @@ fn first(table_at: &[(Option<f64>, usize)], table: usize) -> usize {
 fn correction(params: &Params, inputs: &In<'_>, ctx: Ctx<'_>) -> Result<Option<Correction>, Error> {
     let Some(relief) = &inputs.height else { return Ok(None) };
     let scene = inputs.scene.as_ref().ok_or_else(|| Error::failed("`height` is connected, but not `scene`"))?;
-    let stack = &inputs.reflectance.0;
-    correctable(&stack.attributes, &inputs.lut.0.attributes)?;
-    let infos = stack.infos();
-    let orientation = orientation(&infos, &choose(&infos, params)?)?;
-    let size = (stack.rows(), stack.columns());
+    let head = inputs.reflectance.head();
+    correctable(&head.attributes, &inputs.lut.0.attributes)?;
+    let orientation = orientation(&head.layers, &choose(&head.layers, params)?)?;
+    let size = (head.rows, head.columns);
     let normals = inputs.normals.as_ref().map(|Relief(stack)| stack);
     let profile = params.profile.unwrap_or_default();
     Correction::new(&profile, scene, relief, normals, size, orientation, ctx).map(Some)
@@ -252,9 +254,33 @@ impl Layers {
     }
 }
 
+/// The reflectance at one wavelength.
+struct Seen {
+    stack: ImageStack,
+    /// Where R_d at each f_x is in the whole, which covariances point to, and in `stack`.
+    places: Vec<usize>,
+    layers: Vec<usize>,
+}
+
+impl Seen {
+    /// As it would be on a plane, where the shape is corrected for. Error: it cannot be read.
+    fn of(
+        reflectance: &Parts<'_, Reflectance>,
+        places: Vec<usize>,
+        wavelength_nm: Option<f64>,
+        correction: Option<&Correction>,
+    ) -> Result<Self, Error> {
+        let held = reflectance.places(wavelength_nm);
+        let at = |place: &usize| held.iter().position(|held| held == place).expect("it is of this wavelength");
+        let layers = places.iter().map(at).collect();
+        let stack = reflectance.channel(wavelength_nm)?.0;
+        let stack = correction.map(|correction| correction.corrected(&stack)).unwrap_or(stack);
+        Ok(Self { stack, places, layers })
+    }
+}
+
 fn invert(
-    stack: &ImageStack,
-    layers: &[usize],
+    Seen { stack, places: whole, layers }: &Seen,
     (solvers, places, correction): (&[Solver<'_>], &Places, Option<&Correction>),
     pass: &dyn Fn(bool) -> Pass,
     ctx: Ctx<'_>,
@@ -268,7 +294,7 @@ fn invert(
     let known = se.is_some();
     let se = se.unwrap_or_default();
     let between = |a: usize, b: usize| {
-        let wanted = [layers[a] as u32, layers[b] as u32];
+        let wanted = [whole[a] as u32, whole[b] as u32];
         let found = stack.layers.iter().find(|l| {
             let turned = [wanted[1], wanted[0]];
             l.info.kind == LayerKind::Covariance && l.info.pair.is_some_and(|p| p == wanted || p == turned)

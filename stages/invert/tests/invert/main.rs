@@ -78,7 +78,15 @@ fn reflectance(r: &[[f64; 2]], noise: Option<([f64; 2], f64)>) -> Reflectance {
 
 /// Of a flat sample, and a table without sections.
 fn inputs(reflectance: Reflectance, lut: Lut) -> In<'static> {
-    In { reflectance, lut, sections: None, height: None, normals: None, scene: None, source: std::marker::PhantomData }
+    In {
+        reflectance: reflectance.into(),
+        lut,
+        sections: None,
+        height: None,
+        normals: None,
+        scene: None,
+        source: std::marker::PhantomData,
+    }
 }
 
 fn invert(reflectance: Reflectance, lut: Lut, params: &Params, wanted: &[&str]) -> Result<(Out, MemoryHost), Error> {

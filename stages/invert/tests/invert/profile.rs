@@ -341,6 +341,11 @@ fn a_shape_that_does_not_fit_is_named() {
         stack.0.layers[0].info.orientation_deg = Some(90.0);
         stack
     };
+    let predistorted = || {
+        let mut stack = seen(&flat, tissue, None);
+        stack.0.attributes.insert("fringes_along".into(), "wall".into());
+        stack
+    };
     #[rustfmt::skip]
     let wrong: [(Change<'_>, &str); 10] = [
         (&|i| i.scene = None, "`height` is connected, but not `scene`"),
@@ -351,8 +356,8 @@ fn a_shape_that_does_not_fit_is_named() {
         (&|i| i.scene.as_mut().unwrap().camera.as_mut().unwrap().pixels = [64, 40], "the scene's camera has 64 x 40 pixels, the reflectance 40 x 40"),
         (&|i| i.height = Some(in_metres()), "`height` is given in m, not in mm"),
         (&|i| i.lut = slab(), "the table is that of a slab"),
-        (&|i| i.reflectance = crossed(), "the fringes run along 90 and 0 deg"),
-        (&|i| { i.reflectance.0.attributes.insert("fringes_along".into(), "wall".into()); }, "the fringes were predistorted for `wall`"),
+        (&|i| i.reflectance = crossed().into(), "the fringes run along 90 and 0 deg"),
+        (&|i| i.reflectance = predistorted().into(), "the fringes were predistorted for `wall`"),
     ];
     for (change, message) in wrong {
         let found = fails(change);
