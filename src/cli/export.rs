@@ -1,4 +1,6 @@
-//! `turbid export`: an output as .npz, .mat, .tiff or .csv.
+//! `turbid export`: an output as .npz, .mat, .tiff, .csv or .parquet.
+
+mod together;
 
 use std::collections::HashSet;
 use std::path::PathBuf;
@@ -14,9 +16,11 @@ use crate::run::latest::file_name;
 use crate::store::Blob;
 
 use super::elsewhere::{self, Elsewhere};
+use super::not_run::not_run;
 use super::released::make_again;
 use super::select::Selector;
 use super::{Done, Failure, Pipeline, print, report_of};
+use together::Together;
 
 /// What `--bits` replaces in the name of a file by what a frame shows.
 const FRAMES: [&str; 3] = ["f_x", "phase", "wavelength"];
@@ -31,6 +35,10 @@ pub struct Export {
     /// The file to write: .npz, .mat, .tiff or .csv; of several instances with {axis} for the values of each axis
     #[arg(long, value_name = "FILE")]
     to: PathBuf,
+    /// All instances in one FILE: image stacks in an .npz or .mat, tables in a .parquet, .npz, .mat or .csv with the axes as columns; in
+    /// FOLDER/ each in a file as the store has it
+    #[arg(long, conflicts_with = "bits")]
+    all: bool,
     /// A .tiff of whole numbers (8 or 16 bit) for each frame, {f_x}, {phase} and {wavelength} in FILE replaced
     #[arg(long, value_name = "BITS")]
     bits: Option<u32>,
@@ -46,7 +54,7 @@ impl Export {
         };
         let plan = self.pipeline.plan(registry, &[format!("{}.{port}", selector.stage)])?;
         let ids = selector.instances(&plan)?;
-        let files = self.files(&plan, &ids)?;
+        let files = if self.all { Vec::new() } else { self.files(&plan, &ids)? };
         make_again(&self.pipeline, registry, &plan, &ids, Some(port))?;
         let store = self.elsewhere.store_to_read(&self.pipeline.outputs)?;
         let resolver = Resolver::new(&plan, &store);
@@ -57,20 +65,19 @@ impl Export {
             return Err(report.into());
         }
         // All of them are looked for before one is written.
-        let blobs: Vec<Blob> = ids
-            .iter()
-            .map(|&id| match &survey.states[id] {
-                Some(State::Hit(record)) => Ok(record.ports[port].blob),
-                _ if store.unread().is_some() => Err(Failure::Failed(store.unread().unwrap_or_default())),
-                _ => Err(Failure::Failed(format!(
-                    "{} has not run yet with these parameters; try `turbid run {} {}`",
-                    plan.label(id),
-                    self.pipeline.file.display(),
-                    self.selector
-                ))),
-            })
-            .collect::<Result<_, _>>()?;
-        for (blob, to) in blobs.iter().zip(files) {
+        let found = ids.iter().map(|&id| match &survey.states[id] {
+            // A record may be of a run that was not asked for this output.
+            Some(State::Hit(record)) if record.ports.contains_key(port) => Ok((id, record.ports[port].blob)),
+            _ => Err(not_run(&self.pipeline, &resolver, &survey, id, &self.selector)),
+        });
+        let found = found.collect::<Result<Vec<(InstanceId, Blob)>, Failure>>()?;
+        if self.all {
+            let together = Together { plan: &plan, store: &store, port, found };
+            together.write(&self.to)?;
+            elsewhere::warn(&store);
+            return Ok(());
+        }
+        for ((_, blob), to) in found.iter().zip(files) {
             let artifact = store.get(blob).map_err(|e| Failure::Failed(e.to_string()))?;
             let written = match self.bits {
                 Some(bits) => export_frames(&artifact, &to, bits),
@@ -107,7 +114,7 @@ impl Export {
         let some: Vec<String> = ids.iter().take(3).map(|&id| plan.label(id)).collect();
         let axes = plan.instances[ids[0]].axes.keys().map(|axis| format!("{{{axis}}}")).collect::<Vec<_>>();
         Err(Failure::Input(format!(
-            "`{}` names {} instances ({}, …); pick one with [axis=value], or write {} into the name of the file",
+            "`{}` names {} instances ({}, …); pick one with [axis=value], write {} into the name of the file, or --all",
             self.selector,
             ids.len(),
             some.join(", "),

@@ -3,6 +3,8 @@
 use crate::key::{axes_text, value_text};
 use crate::plan::{InstanceId, Plan};
 
+use crate::spec::{Diagnostic, Kind, Mistake};
+
 use super::Failure;
 
 /// A parsed selector.
@@ -47,17 +49,13 @@ impl Selector {
     pub fn instances(&self, plan: &Plan) -> Result<Vec<InstanceId>, Failure> {
         let stage = plan.spec.stage(&self.stage).ok_or_else(|| {
             let names: Vec<&str> = plan.spec.stages.iter().map(|s| s.name.as_str()).collect();
-            Failure::Input(format!("there is no stage `{}`; the pipeline has {}", self.stage, names.join(", ")))
+            unknown(format!("there is no stage `{}`; the pipeline has {}", self.stage, names.join(", ")))
         })?;
         if let Some(port) = &self.port
             && !plan.outputs(stage).iter().any(|p| p.name == port)
         {
             let names: Vec<&str> = plan.outputs(stage).iter().map(|p| p.name).collect();
-            return Err(Failure::Input(format!(
-                "stage `{}` has no output `{port}`; it has {}",
-                self.stage,
-                names.join(", ")
-            )));
+            return Err(unknown(format!("stage `{}` has no output `{port}`; it has {}", self.stage, names.join(", "))));
         }
         let fits = |id: &InstanceId| {
             self.axes.iter().all(|(name, wanted)| {
@@ -74,7 +72,7 @@ impl Selector {
         };
         if found.is_empty() {
             let some: Vec<String> = plan.instances_of(stage).take(5).map(|id| plan.label(id)).collect();
-            return Err(Failure::Input(format!(
+            return Err(unknown(format!(
                 "no instance of `{}` has these axes; there are {}",
                 self.stage,
                 some.join(", ")
@@ -82,6 +80,11 @@ impl Selector {
         }
         Ok(found)
     }
+}
+
+/// A name or value that the plan has not.
+fn unknown(message: String) -> Failure {
+    Failure::Report(Diagnostic::nowhere(Mistake::new(Kind::UnknownName, message)).into())
 }
 
 /// What stands between commas that are in no list.

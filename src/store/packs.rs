@@ -107,6 +107,14 @@ impl Packs {
         self.state().index.blobs.get(digest).filter(|p| p.is_here()).map(|p| u64::from(p.length))
     }
 
+    /// The pack of a blob, and where its bytes begin and how many they are.
+    pub fn place_of(&self, digest: &Digest) -> Option<(PathBuf, u64, u64)> {
+        let state = self.state();
+        let place = state.index.blobs.get(digest).filter(|place| place.is_here())?;
+        let path = self.root.join("packs").join(&state.packs.get(&place.pack)?.name);
+        Some((path, u64::from(place.offset) + HEADER as u64, u64::from(place.length)))
+    }
+
     /// Whether the bytes of a blob were given back on purpose, and have not come since.
     pub fn is_released(&self, digest: &Digest) -> bool {
         let state = self.state();

@@ -1,0 +1,216 @@
+//! Image stacks of many instances in one file, or of what fits into one: NumPy's as they come, MATLAB's in chunks.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+use turbid_contract::canonical::canonical_text;
+use turbid_contract::pitch::PIXEL_PITCH_MM;
+use turbid_contract::{Attributes, Axes, Cells, ImageStack, LayerInfo};
+
+use super::archive::{Archive, Kind};
+use super::gather::cells;
+use super::names::Names;
+use super::{ExportError, Format, Unwritten, json, mat, publish};
+
+/// Bytes of pixels in one .mat file, about; MATLAB reads variables up to 2 GiB.
+const CHUNK: usize = 256 << 20;
+
+/// The stack of one instance, its label and the values of its axes.
+pub struct Images {
+    pub label: String,
+    pub values: Axes,
+    pub stack: ImageStack,
+}
+
+/// Image stacks that come one after another, so many of them.
+pub struct Stacks<I> {
+    pub count: usize,
+    pub stacks: I,
+}
+
+/// What is said of stacks beside their pixels.
+#[derive(Default)]
+pub(super) struct Heads {
+    size: [usize; 2],
+    pub values: Vec<Axes>,
+    pub layers: Vec<Vec<LayerInfo>>,
+    /// Standard errors of the means of layers; NaN where they are not known.
+    pub mean_se: Vec<Vec<f64>>,
+    pub attributes: Vec<Attributes>,
+    pitch_mm: Vec<Option<[f64; 2]>>,
+}
+
+/// Stacks in memory, pixels down the columns.
+#[derive(Default)]
+pub(super) struct Stacked {
+    pub heads: Heads,
+    pub pixels: Vec<u8>,
+    /// How many instances are in the files before.
+    pub first: usize,
+}
+
+impl Heads {
+    /// Error: another size, or number of layers, than that of those before.
+    fn add(&mut self, label: String, values: Axes, stack: &ImageStack) -> Result<(), ExportError> {
+        let (size, count) = ([stack.rows(), stack.columns()], stack.layers.len());
+        if let Some(layers) = self.layers.first()
+            && (self.size != size || layers.len() != count)
+        {
+            let [r, c] = self.size;
+            let what = format!("{count} layers of {} x {} pixels, not {} of {r} x {c}", size[0], size[1], layers.len());
+            return Err(ExportError::Differs { label, what });
+        }
+        self.size = size;
+        self.values.push(values);
+        self.mean_se.push(stack.layers.iter().map(|layer| layer.info.mean_se.unwrap_or(f64::NAN)).collect());
+        self.layers.push(stack.layers.iter().map(|l| LayerInfo { mean_se: None, ..l.info.clone() }).collect());
+        self.pitch_mm.push(stack.pixel_pitch_mm());
+        self.attributes.push(stack.attributes.clone());
+        Ok(())
+    }
+
+    /// Layers, rows, columns.
+    pub fn shape(&self) -> [usize; 3] {
+        [self.layers.first().map_or(0, Vec::len), self.size[0], self.size[1]]
+    }
+
+    pub fn same_layers(&self) -> bool {
+        self.layers.iter().all(|layers| *layers == self.layers[0])
+    }
+
+    pub fn same_attributes(&self) -> bool {
+        self.attributes.iter().all(|own| *own == self.attributes[0])
+    }
+
+    /// The pitch of the pixels, of all or of each; `None` where it is not known of all.
+    pub fn pitches(&self) -> Option<Vec<[f64; 2]>> {
+        let pitches: Vec<[f64; 2]> = self.pitch_mm.iter().copied().collect::<Option<_>>()?;
+        let same = pitches.iter().all(|pitch| *pitch == pitches[0]);
+        Some(if same { pitches[..1].to_vec() } else { pitches })
+    }
+
+    /// The axes, each with its value for every instance.
+    pub fn axes(&self) -> Vec<(String, Cells)> {
+        let names = self.values.first().map(Axes::keys).into_iter().flatten();
+        names.map(|axis| (axis.clone(), cells(self.values.iter().map(|values| values.get(axis))))).collect()
+    }
+}
+
+impl<I, E> Stacks<I>
+where
+    I: Iterator<Item = Result<Images, E>>,
+    E: From<ExportError>,
+{
+    /// Writes them to an .npz, or to as many .mat files as they need, and tells the names.
+    ///
+    /// Errors: those of the stacks; another format; stacks that differ in size or number of layers; those of [`super::export`].
+    pub fn export(self, to: &Path) -> Result<Vec<PathBuf>, E> {
+        match to.extension().map(|ending| ending.to_string_lossy().to_lowercase()).as_deref() {
+            Some("npz") => self.export_npz(to).map(|()| vec![to.to_owned()]),
+            Some("mat") => self.export_mat(to),
+            _ => Err(ExportError::NotStacked { to: to.to_owned() }.into()),
+        }
+    }
+
+    /// `images` (float32, [instance, layer, row, column]), `layers` (JSON text, [layer], or [instance, layer] where they differ), `mean_se`
+    /// (float64, [instance, layer]), an array for each axis, `attributes` (JSON text, of all or [instance]), `pixel_pitch_mm`.
+    fn export_npz(mut self, to: &Path) -> Result<(), E> {
+        let mut failed = None;
+        let written = publish(to, Format::Npz, |file| {
+            let mut archive = Archive::new(file);
+            let mut heads = Heads::default();
+            for images in self.stacks.by_ref() {
+                let added = images.and_then(|Images { label, values, stack }| {
+                    heads.add(label, values, &stack)?;
+                    Ok(stack)
+                });
+                let stack = match added {
+                    Ok(stack) => stack,
+                    Err(error) => {
+                        failed = Some(error);
+                        return Err(Unwritten::Io(std::io::ErrorKind::Interrupted.into()));
+                    }
+                };
+                if heads.values.len() == 1 {
+                    let [layers, rows, columns] = heads.shape();
+                    archive.begin("images", Kind::F32, &[self.count, layers, rows, columns])?;
+                }
+                archive.go_on(stack.layers.iter().flat_map(|l| l.data.iter()).map(|v| v.to_le_bytes()))?;
+            }
+            Ok(write_heads(&heads, archive)?)
+        });
+        match failed {
+            Some(error) => Err(error),
+            None => Ok(written?),
+        }
+    }
+
+    fn export_mat(self, to: &Path) -> Result<Vec<PathBuf>, E> {
+        let (mut all, mut written) = (Stacked::default(), Vec::new());
+        let mut each = self.count;
+        let name = |number: usize, each: usize| match each < self.count {
+            false => to.to_owned(),
+            true => to.with_file_name(format!("{}_{number}.mat", to.file_stem().unwrap_or_default().to_string_lossy())),
+        };
+        let write = |all: &Stacked, to: &Path| {
+            let encoded = mat::encode_stacked(all).map_err(Unwritten::from);
+            publish(to, Format::Mat, |file| Ok(std::io::Write::write_all(file, &encoded?)?))
+        };
+        for images in self.stacks {
+            let Images { label, values, stack } = images?;
+            all.heads.add(label, values, &stack)?;
+            all.pixels.extend(
+                stack
+                    .layers
+                    .iter()
+                    .flat_map(|l| l.data.t().into_iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>()),
+            );
+            if all.first == 0 && all.heads.values.len() == 1 {
+                each = (CHUNK / all.pixels.len()).max(1);
+            }
+            if all.heads.values.len() == each {
+                written.push(name(written.len() + 1, each));
+                write(&all, written.last().expect("it was pushed"))?;
+                all = Stacked { first: all.first + each, ..Stacked::default() };
+            }
+        }
+        if !all.heads.values.is_empty() {
+            written.push(name(written.len() + 1, each));
+            write(&all, written.last().expect("it was pushed"))?;
+        }
+        Ok(written)
+    }
+}
+
+/// All but the pixels.
+fn write_heads<W: std::io::Write + std::io::Seek>(heads: &Heads, mut archive: Archive<W>) -> std::io::Result<()> {
+    let (n, [layer_count, ..]) = (heads.values.len(), heads.shape());
+    let mut names = Names::default();
+    for own in ["images", "layers", "mean_se", "attributes", PIXEL_PITCH_MM] {
+        names.file(own);
+    }
+    let text = |value: &Value| canonical_text(value);
+    let layers: Vec<String> = match heads.same_layers() {
+        true => heads.layers[0].iter().map(|info| text(&json(info))).collect(),
+        false => heads.layers.iter().flatten().map(|info| text(&json(info))).collect(),
+    };
+    let shape = [n, layer_count];
+    archive.texts("layers", if heads.same_layers() { &shape[1..] } else { &shape }, &layers)?;
+    archive.add("mean_se", Kind::F64, &shape, heads.mean_se.iter().flatten().map(|v| v.to_le_bytes()))?;
+    match heads.same_attributes() {
+        true => archive.text("attributes", text(&json(&heads.attributes[0])))?,
+        false => {
+            let texts: Vec<String> = heads.attributes.iter().map(|own| text(&json(own))).collect();
+            archive.texts("attributes", &[n], &texts)?;
+        }
+    }
+    if let Some(pitches) = heads.pitches() {
+        let shape = [pitches.len(), 2];
+        let shape = if pitches.len() == 1 { &shape[1..] } else { &shape };
+        archive.add(PIXEL_PITCH_MM, Kind::F64, shape, pitches.iter().flatten().map(|v| v.to_le_bytes()))?;
+    }
+    for (axis, cells) in heads.axes() {
+        archive.column(&names.file(&axis), &cells)?;
+    }
+    archive.finish().map(drop)
+}
