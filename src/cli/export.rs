@@ -49,13 +49,11 @@ pub struct Export {
 impl Export {
     pub fn run(&self, registry: &Registry) -> Done {
         let selector = Selector::parse(&self.selector)?;
-        let Some(port) = &selector.port else {
-            return Err(Failure::Input(format!("`{}` names no output; write {}.PORT", self.selector, selector.stage)));
-        };
+        let port = self.port(registry, &selector)?;
         let plan = self.pipeline.plan(registry, &[format!("{}.{port}", selector.stage)])?;
         let ids = selector.instances(&plan)?;
         let files = if self.all { Vec::new() } else { self.files(&plan, &ids)? };
-        make_again(&self.pipeline, registry, &plan, &ids, Some(port))?;
+        make_again(&self.pipeline, registry, &plan, &ids, Some(&port))?;
         let store = self.elsewhere.store_to_read(&self.pipeline.outputs)?;
         let resolver = Resolver::new(&plan, &store);
         elsewhere::bring(&resolver)?;
@@ -67,12 +65,12 @@ impl Export {
         // All of them are looked for before one is written.
         let found = ids.iter().map(|&id| match &survey.states[id] {
             // A record may be of a run that was not asked for this output.
-            Some(State::Hit(record)) if record.ports.contains_key(port) => Ok((id, record.ports[port].blob)),
+            Some(State::Hit(record)) if record.ports.contains_key(&port) => Ok((id, record.ports[&port].blob)),
             _ => Err(not_run(&self.pipeline, &resolver, &survey, id, &self.selector)),
         });
         let found = found.collect::<Result<Vec<(InstanceId, Blob)>, Failure>>()?;
         if self.all {
-            let together = Together { plan: &plan, store: &store, port, found };
+            let together = Together { plan: &plan, store: &store, port: &port, found };
             together.write(&self.to)?;
             elsewhere::warn(&store);
             return Ok(());
@@ -89,6 +87,20 @@ impl Export {
         }
         elsewhere::warn(&store);
         Ok(())
+    }
+
+    /// The output that is meant: with --all that of a stage alone is its first.
+    fn port(&self, registry: &Registry, selector: &Selector) -> Result<String, Failure> {
+        if let Some(port) = &selector.port {
+            return Ok(port.clone());
+        }
+        if !self.all {
+            return Err(Failure::Input(format!("`{}` names no output; write {}.PORT", self.selector, selector.stage)));
+        }
+        let plan = self.pipeline.plan(registry, std::slice::from_ref(&selector.stage))?;
+        let stage = selector.stage(&plan)?;
+        let first = plan.outputs(stage).first().expect("every stage has an output");
+        Ok(first.name.to_owned())
     }
 
     /// The file of each instance: of several the name with the values of their axes.

@@ -1,7 +1,7 @@
 //! `STAGE[axis=value,…][.PORT]`: which instances and port a command is about.
 
 use crate::key::{axes_text, value_text};
-use crate::plan::{InstanceId, Plan};
+use crate::plan::{InstanceId, Plan, StageId};
 
 use crate::spec::{Diagnostic, Kind, Mistake};
 
@@ -45,12 +45,17 @@ impl Selector {
         Ok(Self { stage: head.into(), axes: axes.ok_or_else(wrong)?, label: inside.to_owned(), port })
     }
 
-    /// The instances of the plan that it names; an error where there is none.
-    pub fn instances(&self, plan: &Plan) -> Result<Vec<InstanceId>, Failure> {
-        let stage = plan.spec.stage(&self.stage).ok_or_else(|| {
+    /// The stage that it names; an error where there is none.
+    pub fn stage(&self, plan: &Plan) -> Result<StageId, Failure> {
+        plan.spec.stage(&self.stage).ok_or_else(|| {
             let names: Vec<&str> = plan.spec.stages.iter().map(|s| s.name.as_str()).collect();
             unknown(format!("there is no stage `{}`; the pipeline has {}", self.stage, names.join(", ")))
-        })?;
+        })
+    }
+
+    /// The instances of the plan that it names; an error where there is none.
+    pub fn instances(&self, plan: &Plan) -> Result<Vec<InstanceId>, Failure> {
+        let stage = self.stage(plan)?;
         if let Some(port) = &self.port
             && !plan.outputs(stage).iter().any(|p| p.name == port)
         {

@@ -69,10 +69,14 @@ impl Together<'_> {
             let (label, values, artifact) = read?;
             all.add(&label, values, artifact)?;
         }
-        let table = Artifact::Table(all.finish());
-        match to.extension().is_some_and(|ending| ending.eq_ignore_ascii_case(extension(ArtifactKind::Table))) {
-            true => export_bytes(&encode(&table).map_err(|e| Failure::Failed(e.to_string()))?, to)?,
-            false => export(&table, to)?,
+        let mut table = all.finish();
+        if to.extension().is_some_and(|ending| ending.eq_ignore_ascii_case(extension(ArtifactKind::Table))) {
+            // Readers that see no metadata of fields see those of the file.
+            let units = table.columns.iter().map(|c| (c.name.clone(), c.unit.clone().into())).collect();
+            table.attributes.insert("units".to_owned(), serde_json::Value::Object(units));
+            export_bytes(&encode(&Artifact::Table(table)).map_err(|e| Failure::Failed(e.to_string()))?, to)?;
+        } else {
+            export(&Artifact::Table(table), to)?;
         }
         Ok(to.to_owned())
     }

@@ -17,6 +17,8 @@ pub struct Places {
     /// With what a draw gave it.
     axes: Axes,
     key: String,
+    /// The output that is meant where none is named.
+    first: &'static str,
     ports: BTreeMap<String, Place>,
 }
 
@@ -62,7 +64,9 @@ impl Places {
                 "{label} has no output `{port}` stored; ask for it with `turbid run FILE {stage}.{port}`"
             )));
         }
-        let stage = plan.spec.stages[plan.instances[id].stage].name.clone();
-        Ok(Self { stage, axes: plan.values(id).into_owned(), key: record.key.to_string(), ports })
+        let stage = plan.instances[id].stage;
+        let first = plan.outputs(stage).first().map_or("", |port| port.name);
+        let stage = plan.spec.stages[stage].name.clone();
+        Ok(Self { stage, first, axes: plan.values(id).into_owned(), key: record.key.to_string(), ports })
     }
 }
