@@ -107,7 +107,7 @@ where
     pub fn export(self, to: &Path) -> Result<Vec<PathBuf>, E> {
         match to.extension().map(|ending| ending.to_string_lossy().to_lowercase()).as_deref() {
             Some("npz") => self.export_npz(to).map(|()| vec![to.to_owned()]),
-            Some("mat") => self.export_mat(to),
+            Some("mat") => self.export_mat(to, CHUNK),
             _ => Err(ExportError::NotStacked { to: to.to_owned() }.into()),
         }
     }
@@ -145,7 +145,8 @@ where
         }
     }
 
-    fn export_mat(self, to: &Path) -> Result<Vec<PathBuf>, E> {
+    /// `chunk`: bytes of pixels in a file, about.
+    fn export_mat(self, to: &Path, chunk: usize) -> Result<Vec<PathBuf>, E> {
         let (mut all, mut written) = (Stacked::default(), Vec::new());
         let mut each = self.count;
         let name = |number: usize, each: usize| match each < self.count {
@@ -166,7 +167,7 @@ where
                     .flat_map(|l| l.data.t().into_iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>()),
             );
             if all.first == 0 && all.heads.values.len() == 1 {
-                each = (CHUNK / all.pixels.len()).max(1);
+                each = (chunk / all.pixels.len()).max(1);
             }
             if all.heads.values.len() == each {
                 written.push(name(written.len() + 1, each));
@@ -213,4 +214,102 @@ fn write_heads<W: std::io::Write + std::io::Seek>(heads: &Heads, mut archive: Ar
         archive.column(&names.file(&axis), &cells)?;
     }
     archive.finish().map(drop)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Read;
+
+    use serde_json::json;
+    use turbid_contract::ndarray::Array2;
+
+    use super::*;
+
+    fn stack(k: usize, rows: usize) -> Images {
+        let mut stack = ImageStack::new(rows, 3);
+        let pixel = |(r, c): (usize, usize)| (100 * k + 10 * r + c) as f32;
+        stack.push(
+            LayerInfo { mean_se: Some(k as f64), ..LayerInfo::value("mu_a", "mm^-1") },
+            Array2::from_shape_fn((rows, 3), pixel),
+        );
+        stack.push(LayerInfo::value("mu_a", "mm^-1").with_f_x(0.1 * k.min(1) as f64), Array2::zeros((rows, 3)));
+        stack.attributes.insert("g".into(), json!(0.8));
+        stack.attributes.insert("pixel_pitch_mm".into(), json!([0.5, 1]));
+        let values = Axes::from([("mu_a".to_owned(), json!(k)), ("images".to_owned(), json!(format!("µ {k}")))]);
+        Images { label: format!("maps[{k}]"), values, stack }
+    }
+
+    fn stacks(sizes: &[usize]) -> Stacks<impl Iterator<Item = Result<Images, ExportError>>> {
+        let made: Vec<_> = sizes.iter().enumerate().map(|(k, &rows)| Ok(stack(k, rows))).collect();
+        Stacks { count: sizes.len(), stacks: made.into_iter() }
+    }
+
+    /// An array of an archive: its description, and its bytes.
+    fn array(path: &Path, name: &str) -> (String, Vec<u8>) {
+        let mut archive = zip::ZipArchive::new(std::fs::File::open(path).unwrap()).unwrap();
+        let mut bytes = Vec::new();
+        archive.by_name(&format!("{name}.npy")).unwrap().read_to_end(&mut bytes).unwrap();
+        let end = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
+        (String::from_utf8(bytes[10..end].to_vec()).unwrap(), bytes[end..].to_vec())
+    }
+
+    #[test]
+    fn archives_hold_all_instances() {
+        let folder = tempfile::tempdir().unwrap();
+        let to = folder.path().join("x.npz");
+        assert_eq!(stacks(&[2, 2, 2]).export(&to).unwrap(), [to.clone()]);
+        let (head, bytes) = array(&to, "images");
+        assert!(head.contains("(3, 2, 2, 3)"), "{head}");
+        let third: Vec<u8> = stack(2, 2)
+            .stack
+            .layers
+            .iter()
+            .flat_map(|l| l.data.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<_>>())
+            .collect();
+        assert_eq!(bytes[2 * third.len()..], third);
+        // They differ in f_x, and agree in attributes and pitch; a name that is taken gets another one.
+        for (name, shape) in [
+            ("layers", "(3, 2)"),
+            ("attributes", "()"),
+            ("mean_se", "(3, 2)"),
+            ("pixel_pitch_mm", "(2,)"),
+            ("mu_a", "(3,)"),
+            ("images_2", "(3,)"),
+        ] {
+            let (head, _) = array(&to, name);
+            assert!(head.contains(&format!("'shape': {shape}")), "{name}: {head}");
+        }
+        assert_eq!(array(&to, "mu_a").1, [0_i64, 1, 2].map(i64::to_le_bytes).concat());
+    }
+
+    /// Files of MATLAB hold as many as fit; numbers say which. (Octave reads them in the tests of the Python module.)
+    #[test]
+    fn matlab_files_come_in_chunks() {
+        let folder = tempfile::tempdir().unwrap();
+        let to = folder.path().join("x.mat");
+        assert_eq!(stacks(&[2, 2, 2]).export(&to).unwrap(), [to.clone()]);
+        let bytes = 2 * 2 * 3 * 4;
+        let written = stacks(&[2, 2, 2, 2, 2]).export_mat(&to, 2 * bytes + 1).unwrap();
+        assert_eq!(written, ["x_1.mat", "x_2.mat", "x_3.mat"].map(|name| folder.path().join(name)));
+        let numbers = |k: usize| std::fs::read(&written[k]).unwrap();
+        for (k, range) in [[1.0_f64, 2.0], [3.0, 4.0], [5.0, 5.0]].into_iter().enumerate() {
+            let range = range.map(f64::to_le_bytes).concat();
+            assert!(numbers(k).windows(16).any(|w| w == range), "{k}");
+        }
+        assert_eq!(numbers(0).len(), numbers(1).len());
+    }
+
+    /// Nothing is left where an instance does not fit, or cannot be read.
+    #[test]
+    fn what_differs_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["x.npz", "x.mat"] {
+            let error = stacks(&[2, 3]).export(&folder.path().join(name)).unwrap_err().to_string();
+            assert!(error.contains("maps[1] has 2 layers of 3 x 3 pixels, not 2 of 2 x 3"), "{error}");
+            let lost = ExportError::Bits { bits: 3 };
+            let stacks = Stacks { count: 2, stacks: vec![Ok(stack(0, 2)), Err(lost)].into_iter() };
+            assert!(matches!(stacks.export(&folder.path().join(name)), Err(ExportError::Bits { bits: 3 })));
+        }
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
 }
