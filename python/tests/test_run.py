@@ -91,7 +91,8 @@ def test_mistakes_have_places(fresh: MakeSpace) -> None:
     unknown = next(m for m in error.mistakes if m.kind == "unknown_key")
     assert unknown.path.startswith("stages.modulation.with") and f"{unknown.line}:{unknown.column}" in str(error)
     assert "methd" in lines[unknown.line - 1][unknown.column - 1 :]
-    for call in (turbid.plan, turbid.check):
+    calls: List[Callable[..., Any]] = [turbid.plan, turbid.check]
+    for call in calls:
         with pytest.raises(turbid.InputError) as same:
             call(space.file, outputs=space.outputs)
         assert [m.line for m in same.value.mistakes] == [m.line for m in error.mistakes]
