@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[2]
 def scene(mu_a: Any, pixels: int) -> Dict[str, Any]:
     return {
         "media": {"m": {"mu_a": mu_a, "mu_s_prime": 1.0, "g": 0.8, "n": 1.0}},
-        "objects": {"block": {"slab": {"thickness": 30, "top": 0}, "medium": "m"}},
+        "objects": {"block": {"slab": {"thickness": 30, "top": 0, "size": [21, 40], "center": [0, 0]}, "medium": "m"}},
         "camera": {"position": [0, 0, 500], "look_at": [0, 0, 0], "field": [24, 12], "pixels": [2 * pixels, pixels]},
         "projector": {"position": [0, 35, 500], "look_at": [0, 0, 0], "field": [48, 48], "power": 5},
     }
@@ -30,18 +30,19 @@ def tree(name: str, pixels: int = 12, **tissue: Any) -> Dict[str, Any]:
     return {
         "pipeline": name,
         "seed": 7,
-        "vars": {"samples": 16},
+        "vars": {"samples": 256},
         "stages": {
             "tissue": {"use": "scene", "with": scene(mu_a, pixels), **tissue},
             "phantom": {"use": "scene", "with": scene(0.03, pixels)},
             "frames": {"use": "render", "in": {"scene": "tissue"}, "with": render},
             "phantom_frames": {"use": "render", "in": {"scene": "phantom"}, "with": render},
-            "modulation": {"use": "demodulate", "in": {"frames": "frames", "covariance": "frames.covariance"}},
-            "phantom_modulation": {"use": "demodulate", "in": {"frames": "phantom_frames"}},
+            "modulation": {"use": "demodulate", "in": {"frames": "frames", "covariance": "frames.covariance"},
+                           "with": {"low_signal": 0}},
+            "phantom_modulation": {"use": "demodulate", "in": {"frames": "phantom_frames"}, "with": {"low_signal": 0}},
             "reflectance": {
                 "use": "calibrate",
                 "in": {"sample": "modulation", "reference": "phantom_modulation"},
-                "with": {"reference": scene(0.03, 1)["media"]["m"], "model": "diffusion", "convention": "camera"},
+                "with": {"reference": scene(0.03, 1)["media"]["m"], "model": "diffusion", "convention": "camera", "smooth": 3},
             },
             "table": {
                 "use": "build_lut",

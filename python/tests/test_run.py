@@ -47,10 +47,10 @@ def test_a_plan_is_what_a_run_does(fresh: MakeSpace) -> None:
     assert plan[0].stage == "tissue" and "frames: 1 run" in repr(plan) and "frames" in plan._repr_html_()
     space.run("modulation")
     assert turbid.plan(space.file, "modulation", outputs=space.outputs).stale == []
-    changed = turbid.plan(space.file, "modulation", set={"vars.samples": 32}, outputs=space.outputs)
+    changed = turbid.plan(space.file, "modulation", set={"vars.samples": 300}, outputs=space.outputs)
     assert {one.stage for one in changed.stale} == {"frames", "modulation"}
-    (why,) = turbid.explain(space.file, "frames", set={"vars.samples": 32}, outputs=space.outputs)
-    assert (why.state, why.differences[0].field, why.differences[0].now) == ("run", "with.samples", "32")
+    (why,) = turbid.explain(space.file, "frames", set={"vars.samples": 300}, outputs=space.outputs)
+    assert (why.state, why.differences[0].field, why.differences[0].now) == ("run", "with.samples", "300")
     (hit,) = turbid.explain(space.file, "frames", outputs=space.outputs)
     assert hit.state == "hit" and hit.differences == []
 

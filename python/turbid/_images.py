@@ -46,8 +46,8 @@ _PIXELS = ("y", "x")
 def dataset(stack: Stack) -> xarray.Dataset:
     """All layers: NAME, NAME_se (standard errors), NAME_se_unknown (bool), `mask` (uint8, a number of `REASONS`), `good` (bool).
 
-    Layers of one name have the dimension in which they differ (`f_x`, `phase`, `orientation`, `wavelength`), or `NAME_layer` with
-    all of these as coordinates. `x` and `y` are the places of pixels.
+    Layers of one name have as dimension the number by which each is told (`f_x`, `phase`, `orientation`, `wavelength`), or `NAME_layer`
+    where no single one does; other numbers in which they differ are coordinates such as `NAME_phase`. `x` and `y` are the places of pixels.
     """
     import xarray
 
@@ -90,14 +90,17 @@ def _joined(
     values = {key: [layer.info.get(key) for layer in layers] for key in _NUMBERS}
     pixels = _stacked([layer.pixels for layer in layers])
     differ = [key for key, of in values.items() if len(set(of)) > 1]
-    if len(differ) == 1 and None not in values[differ[0]] and len(set(values[differ[0]])) == len(layers):
-        dim, unit = _NUMBERS[differ[0]]
-        known = taken.get(dim)
-        if known is None or list(known[1]) == values[differ[0]]:
-            return (dim, *_PIXELS), {dim: (dim, values[differ[0]], {"units": unit})}, pixels
     dim = f"{name}_layer"
     own: Dict[Hashable, Any] = {}
     for key in differ:
+        short, unit = _NUMBERS[key]
+        known = taken.get(short)
+        if None not in values[key] and len(set(values[key])) == len(layers) and (known is None or list(known[1]) == values[key]):
+            dim, own = short, {short: (short, values[key], {"units": unit})}
+            break
+    for key in differ:
+        if dim == _NUMBERS[key][0]:
+            continue
         numbers = [float("nan") if value is None else value for value in values[key]]
         own[f"{name}_{_NUMBERS[key][0]}"] = (dim, numbers, {"units": _NUMBERS[key][1]})
     pairs = [",".join(map(str, layer.info.get("pair") or ())) for layer in layers]
