@@ -86,7 +86,9 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Space:
 @pytest.fixture(scope="session")
 def large(tmp_path_factory: pytest.TempPathFactory) -> Space:
     """Images that are files of their own in the store."""
-    space = Space(tmp_path_factory.mktemp("large"), tree("large", 96))
+    pipeline = tree("large", 96)
+    pipeline["vars"]["samples"] = 16
+    space = Space(tmp_path_factory.mktemp("large"), pipeline)
     space.run("modulation", "frames.truth")
     return space
 

@@ -7,9 +7,11 @@
 Lengths are mm, coefficients mm^-1, angles rad. `docs/python.md` is the tutorial.
 """
 
-from typing import TYPE_CHECKING, Any, List
-
+#: What type checkers take as true; `typing` itself would be most of the import.
+TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from typing import Any, List
+
     from ._dataset import Samples, dataset
     from ._exr import Layer, Stack, read_exr
     from ._images import REASONS
@@ -80,7 +82,7 @@ _MODULES = {
 _WHERE = {name: module for module, names in _MODULES.items() for name in names.split()}
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
     if name not in _WHERE:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module
@@ -90,5 +92,5 @@ def __getattr__(name: str) -> Any:
     return value
 
 
-def __dir__() -> List[str]:
+def __dir__() -> "List[str]":
     return sorted({*globals(), *__all__})

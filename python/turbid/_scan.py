@@ -76,4 +76,4 @@ def units(
 
     with _Gathered(file, selector, set, outputs) as path:
         told: Dict[str, str] = json.loads(polars.read_parquet_metadata(path)["turbid"])["attributes"]["units"]
-        return told
+        return {name: told[name] for name in polars.read_parquet_schema(path)}

@@ -4,8 +4,8 @@ use serde_json::Value;
 use turbid_contract::pitch::PIXEL_PITCH_MM;
 use turbid_contract::{Artifact, Cells, ImageStack, LayerInfo, Table};
 
+use super::heads::Stacked;
 use super::names::Names;
-use super::stacked::Stacked;
 use super::{TooLarge, json};
 
 /// Data types of elements.
@@ -124,7 +124,7 @@ fn structures<'a>(dims: Vec<usize>, infos: impl Iterator<Item = &'a LayerInfo>) 
     let Value::Object(fields) = json(&full) else { unreachable!("a structure becomes an object") };
     let fields: Vec<String> = fields.into_iter().map(|(name, _)| name).collect();
     let values = infos
-        .map(|info| json(info))
+        .map(json)
         .flat_map(|info| fields.iter().map(|f| Array::of(&info[f.as_str()])).collect::<Vec<_>>())
         .collect();
     Array { dims, content: Content::Structure { fields, values } }

@@ -5,6 +5,7 @@ mod csv;
 mod error;
 mod frames;
 mod gather;
+mod heads;
 mod mat;
 mod names;
 mod npz;

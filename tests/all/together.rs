@@ -13,9 +13,12 @@ fn sweep() -> Space {
     let foreach = "  tissue:\n    use: scene\n    foreach: {A_rho: [50, 60.5, 70], site: [\"µ, \\\"x\\\"\", b]}\n";
     let text =
         SMALL.replacen("  tissue:\n    use: scene\n", foreach, 1).replacen("A_rho: 50,", "A_rho: \"${A_rho}\",", 1);
-    let metrics = "  errors: {use: compare, in: {estimate: frames.truth, truth: frames.truth}}\n";
-    let space = Space::with(&(text + metrics));
-    space.turbid(&["run", "p.yaml"]).ok();
+    let table = concat!(
+        "  table:\n    use: build_lut\n    foreach: {gg: [0.7, 0.75, 0.8], site: [\"µ, \\\"x\\\"\", b]}\n",
+        "    with: {model: diffusion, f_x: [0, 0.1], mu_a: [0.01, 0.05], mu_s_prime: [0.5, 1], g: \"${gg}\", n: 1, convention: camera}\n",
+    );
+    let space = Space::with(&(text + table));
+    space.turbid(&["run", "p.yaml", "frames.truth", "table"]).ok();
     space
 }
 
@@ -39,8 +42,8 @@ fn column<'a>(table: &'a Table, name: &str) -> &'a Cells {
 fn all_instances_are_in_one_table() {
     let space = sweep();
     let at = |name: &str| space.path().join(name);
-    space.turbid(&["export", "p.yaml", "errors", "--all", "--to", "all.parquet"]).ok();
-    let said = space.turbid(&["export", "p.yaml", "errors.metrics", "--all", "--to", "each/"]).ok();
+    space.turbid(&["export", "p.yaml", "table", "--all", "--to", "all.parquet"]).ok();
+    let said = space.turbid(&["export", "p.yaml", "table.lut", "--all", "--to", "each/"]).ok();
     assert!(said.contains("wrote 6 files and instances.parquet"), "{said}");
     let (all, list) = (table(&at("all.parquet")), table(&at("each/instances.parquet")));
     let Cells::Text(files) = column(&list, "file") else { panic!("names are text") };
@@ -57,10 +60,10 @@ fn all_instances_are_in_one_table() {
         let plain = |text: &str| text.replace("Some", "").replace('(', "");
         assert_eq!(plain(&text(&together.cells)), plain(&joined.join(", ")), "{}", one.name);
     }
-    let numbers: Vec<f64> = [50.0, 60.5, 70.0].into_iter().flat_map(|v| vec![v; 2 * parts[0].rows()]).collect();
-    assert_eq!(column(&all, "A_rho"), &Cells::F64(numbers));
+    let numbers: Vec<f64> = [0.7, 0.75, 0.8].into_iter().flat_map(|v| vec![v; 2 * parts[0].rows()]).collect();
+    assert_eq!(column(&all, "gg"), &Cells::F64(numbers));
     for name in ["all.npz", "all.mat", "all.csv"] {
-        space.turbid(&["export", "p.yaml", "errors", "--all", "--to", name]).ok();
+        space.turbid(&["export", "p.yaml", "table", "--all", "--to", name]).ok();
     }
     assert_eq!(std::fs::read_to_string(at("all.csv")).expect("CSV").lines().count(), 1 + all.rows());
 }
@@ -71,7 +74,7 @@ fn what_does_not_go_together_is_refused() {
     for (arguments, says) in [
         (&["frames.truth", "--to", "x.tiff"][..], "go into one .npz or .mat"),
         (&["frames.truth", "--to", "x.parquet"], "go into one .npz or .mat"),
-        (&["errors", "--to", "x.jpeg"], "`.jpeg` is not a format"),
+        (&["table", "--to", "x.jpeg"], "`.jpeg` is not a format"),
         (&["frames.truth", "--to", "x.npz", "--bits", "8"], "cannot be used with"),
         (&["nothing", "--to", "x.npz"], "nothing"),
     ] {
@@ -80,9 +83,13 @@ fn what_does_not_go_together_is_refused() {
     }
     let message = space.turbid(&["export", "p.yaml", "frames.truth", "--to", "x.npz"]).fails(2);
     assert!(message.contains("or --all"), "{message}");
-    let message =
-        space.turbid(&["export", "p.yaml", "errors", "--all", "--to", "x.csv", "--set", "vars.samples=17"]).fails(1);
-    assert!(message.contains("has not run yet with these parameters; try `turbid run p.yaml errors`"), "{message}");
+    let message = space
+        .turbid(&["export", "p.yaml", "frames.truth", "--all", "--to", "x.npz", "--set", "vars.samples=17"])
+        .fails(1);
+    assert!(
+        message.contains("has not run yet with these parameters; try `turbid run p.yaml frames.truth`"),
+        "{message}"
+    );
     assert!(!space.path().join("x.npz").exists() && !space.path().join("x.csv").exists());
 }
 
@@ -126,7 +133,8 @@ fn mistakes_are_json_for_programs() {
         (&["run"][..], 2, "usage", "required"),
         (&["plan", "p.yaml", "--set", "vars.samples=x"], 2, "wrong_type", "samples"),
         (&["run", "none.yaml"], 2, "file", "none.yaml"),
-        (&["show", "p.yaml", "nothing"], 2, "unknown_name", "nothing"),
+        (&["show", "p.yaml", "nothing"], 2, "usage", "nothing"),
+        (&["show", "p.yaml", "frames.nothing"], 2, "unknown_name", "nothing"),
         (&["show", "p.yaml", "frames[A=1]"], 2, "unknown_name", "no instance"),
         (&["show", "p.yaml", "frames"], 1, "not_run", "has not run yet"),
         (&["export", "p.yaml", "frames.frames", "--to", "x.npz"], 1, "not_run", "has not run yet"),
