@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, OnceLock};
 
+use serde::Serialize;
 use serde_json::Value;
 
 use crate::digest::Digest;
@@ -11,7 +12,7 @@ use crate::plan::{InstanceId, Plan};
 use crate::store::{InstanceRecord, Label, Recipe, Store};
 
 /// A field that differs; `None` where one side does not have it.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Difference {
     pub field: String,
     pub before: Option<String>,

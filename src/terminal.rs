@@ -56,6 +56,11 @@ pub fn tell(text: &str) {
     tell_painted(&plain(text));
 }
 
+/// Says JSON on stderr.
+pub fn tell_json(text: &str) {
+    tell_painted(&plain_json(text));
+}
+
 /// The same for text that holds colours of ours, and what others wrote made [`plain`].
 pub fn tell_painted(text: &str) {
     if text.is_empty() {

@@ -104,6 +104,8 @@ mod starters;
 mod submit;
 #[path = "all/terminal.rs"]
 mod terminal;
+#[path = "all/together.rs"]
+mod together;
 #[path = "all/tubes.rs"]
 mod tubes;
 #[path = "all/unchanged.rs"]

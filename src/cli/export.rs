@@ -1,4 +1,6 @@
-//! `turbid export`: an output as .npz, .mat, .tiff or .csv.
+//! `turbid export`: an output as .npz, .mat, .tiff, .csv or .parquet.
+
+mod together;
 
 use std::collections::HashSet;
 use std::path::PathBuf;
@@ -14,9 +16,11 @@ use crate::run::latest::file_name;
 use crate::store::Blob;
 
 use super::elsewhere::{self, Elsewhere};
+use super::not_run::not_run;
 use super::released::make_again;
 use super::select::Selector;
 use super::{Done, Failure, Pipeline, print, report_of};
+use together::Together;
 
 /// What `--bits` replaces in the name of a file by what a frame shows.
 const FRAMES: [&str; 3] = ["f_x", "phase", "wavelength"];
@@ -31,6 +35,10 @@ pub struct Export {
     /// The file to write: .npz, .mat, .tiff or .csv; of several instances with {axis} for the values of each axis
     #[arg(long, value_name = "FILE")]
     to: PathBuf,
+    /// All instances in one FILE: image stacks in an .npz or .mat, tables in a .parquet, .npz, .mat or .csv with the axes as columns; in
+    /// FOLDER/ each in a file as the store has it
+    #[arg(long, conflicts_with = "bits")]
+    all: bool,
     /// A .tiff of whole numbers (8 or 16 bit) for each frame, {f_x}, {phase} and {wavelength} in FILE replaced
     #[arg(long, value_name = "BITS")]
     bits: Option<u32>,
@@ -41,13 +49,11 @@ pub struct Export {
 impl Export {
     pub fn run(&self, registry: &Registry) -> Done {
         let selector = Selector::parse(&self.selector)?;
-        let Some(port) = &selector.port else {
-            return Err(Failure::Input(format!("`{}` names no output; write {}.PORT", self.selector, selector.stage)));
-        };
+        let port = self.port(registry, &selector)?;
         let plan = self.pipeline.plan(registry, &[format!("{}.{port}", selector.stage)])?;
         let ids = selector.instances(&plan)?;
-        let files = self.files(&plan, &ids)?;
-        make_again(&self.pipeline, registry, &plan, &ids, Some(port))?;
+        let files = if self.all { Vec::new() } else { self.files(&plan, &ids)? };
+        make_again(&self.pipeline, registry, &plan, &ids, Some(&port))?;
         let store = self.elsewhere.store_to_read(&self.pipeline.outputs)?;
         let resolver = Resolver::new(&plan, &store);
         elsewhere::bring(&resolver)?;
@@ -57,20 +63,19 @@ impl Export {
             return Err(report.into());
         }
         // All of them are looked for before one is written.
-        let blobs: Vec<Blob> = ids
-            .iter()
-            .map(|&id| match &survey.states[id] {
-                Some(State::Hit(brief)) => Ok(brief.outputs[port.as_str()]),
-                _ if store.unread().is_some() => Err(Failure::Failed(store.unread().unwrap_or_default())),
-                _ => Err(Failure::Failed(format!(
-                    "{} has not run yet with these parameters; try `turbid run {} {}`",
-                    plan.label(id),
-                    self.pipeline.file.display(),
-                    self.selector
-                ))),
-            })
-            .collect::<Result<_, _>>()?;
-        for (blob, to) in blobs.iter().zip(files) {
+        let found = ids.iter().map(|&id| match &survey.states[id] {
+            // A record may be of a run that was not asked for this output.
+            Some(State::Hit(brief)) if brief.outputs.has(&port) => Ok((id, brief.outputs[port.as_str()])),
+            _ => Err(not_run(&self.pipeline, &resolver, &survey, id, &self.selector)),
+        });
+        let found = found.collect::<Result<Vec<(InstanceId, Blob)>, Failure>>()?;
+        if self.all {
+            let together = Together { plan: &plan, store: &store, port: &port, found };
+            together.write(&self.to)?;
+            elsewhere::warn(&store);
+            return Ok(());
+        }
+        for ((_, blob), to) in found.iter().zip(files) {
             let artifact = store.get(blob).map_err(|e| Failure::Failed(e.to_string()))?;
             let written = match self.bits {
                 Some(bits) => export_frames(&artifact, &to, bits),
@@ -82,6 +87,20 @@ impl Export {
         }
         elsewhere::warn(&store);
         Ok(())
+    }
+
+    /// The output that is meant: with --all that of a stage alone is its first.
+    fn port(&self, registry: &Registry, selector: &Selector) -> Result<String, Failure> {
+        if let Some(port) = &selector.port {
+            return Ok(port.clone());
+        }
+        if !self.all {
+            return Err(Failure::Input(format!("`{}` names no output; write {}.PORT", self.selector, selector.stage)));
+        }
+        let plan = self.pipeline.plan(registry, std::slice::from_ref(&selector.stage))?;
+        let stage = selector.stage(&plan)?;
+        let first = plan.outputs(stage).first().expect("every stage has an output");
+        Ok(first.name.to_owned())
     }
 
     /// The file of each instance: of several the name with the values of their axes.
@@ -107,7 +126,7 @@ impl Export {
         let some: Vec<String> = ids.iter().take(3).map(|&id| plan.label(id)).collect();
         let axes = plan.axis_names(plan.stage_of(ids[0])).map(|axis| format!("{{{axis}}}")).collect::<Vec<_>>();
         Err(Failure::Input(format!(
-            "`{}` names {} instances ({}, …); pick one with [axis=value], or write {} into the name of the file",
+            "`{}` names {} instances ({}, …); pick one with [axis=value], write {} into the name of the file, or --all",
             self.selector,
             ids.len(),
             some.join(", "),

@@ -14,6 +14,7 @@ mod export;
 mod graph;
 mod memory;
 mod new;
+mod not_run;
 mod part;
 mod plan;
 mod released;
@@ -56,6 +57,8 @@ pub enum Failure {
     Input(String),
     /// Mistakes in a pipeline file: exit 2.
     Report(Report),
+    /// No run has made yet what was asked for: exit 1.
+    NotRun(String),
     /// Something failed while it ran: exit 1.
     Failed(String),
     /// Failed, and all has been said: exit 1.
@@ -78,6 +81,7 @@ impl Failure {
         match self {
             Self::Report(report) => report.exit_code(),
             Self::Input(_) => Kind::Usage.exit_code(),
+            Self::NotRun(_) => Kind::NotRun.exit_code(),
             Self::Failed(_) | Self::Said => Kind::Failed.exit_code(),
             Self::Interrupted | Self::Left => INTERRUPTED,
         }
@@ -88,6 +92,7 @@ impl Failure {
         let report = match self {
             Self::Report(report) => report,
             Self::Input(message) => Diagnostic::nowhere(Mistake::new(Kind::Usage, message)).into(),
+            Self::NotRun(message) => Diagnostic::nowhere(Mistake::new(Kind::NotRun, message)).into(),
             Self::Failed(message) => Diagnostic::nowhere(Mistake::new(Kind::Failed, message)).into(),
             Self::Said => return (Report::default(), Kind::Failed.exit_code()),
             Self::Interrupted | Self::Left => return (Report::default(), INTERRUPTED),
@@ -96,6 +101,9 @@ impl Failure {
         (report, code)
     }
 }
+
+/// A variable of the environment: set to `json`, mistakes are one line of JSON on stderr, `{"mistakes": [..]}`, for programs.
+const ERRORS: &str = "TURBID_ERRORS";
 
 /// What shells give to a program that Ctrl-C ended.
 const INTERRUPTED: u8 = 130;
@@ -221,7 +229,12 @@ pub fn main(registry: Registry) -> ExitCode {
         Ok(cli) => cli,
         Err(error) if error.use_stderr() => {
             // Without colours: it quotes what the user, or a name of a file, made it.
-            terminal::tell(&error.render().to_string());
+            let text = error.render().to_string();
+            if for_programs() {
+                say(&Failure::Input(text.trim_end().to_owned()).told().0);
+            } else {
+                terminal::tell(&text);
+            }
             return ExitCode::from(2);
         }
         Err(help) => {
@@ -237,12 +250,28 @@ pub fn main(registry: Registry) -> ExitCode {
                 terminal::tell("interrupted; what was finished is kept, the next run goes on from there");
             }
             let (report, code) = failure.told();
-            let colour = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|no| no.is_empty());
-            terminal::tell_painted(report.render(colour).trim_end());
+            say(&report);
             code
         }
     };
     ExitCode::from(code_with_lost_output(code))
+}
+
+/// Whether mistakes are read by a program.
+fn for_programs() -> bool {
+    std::env::var_os(ERRORS).is_some_and(|format| format == "json")
+}
+
+/// Says mistakes on stderr, as people or programs read them.
+fn say(report: &Report) {
+    if for_programs() {
+        if !report.is_empty() {
+            terminal::tell_json(&serde_json::json!({"mistakes": report.to_json()}).to_string());
+        }
+        return;
+    }
+    let colour = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|no| no.is_empty());
+    terminal::tell_painted(report.render(colour).trim_end());
 }
 
 /// Does what another command of turbid would do, given by its arguments.

@@ -203,7 +203,7 @@ impl Run {
         if self.json {
             closing.events.iter().for_each(|event| print_json(event));
             let mut event = json!({
-                "event": "finished", "hits": hits, "ran": ran, "failed": failed, "seconds": seconds, "interrupted": interrupted,
+                "event": "finished", "pipeline": closing.pipeline, "hits": hits, "ran": ran, "failed": failed, "seconds": seconds, "interrupted": interrupted,
             });
             self.part.event(left).into_iter().for_each(|(name, value)| event[name] = value);
             Json::event(event);

@@ -1,7 +1,9 @@
 //! `STAGE[axis=value,…][.PORT]`: which instances and port a command is about.
 
 use crate::key::value_text;
-use crate::plan::{InstanceId, Plan};
+use crate::plan::{InstanceId, Plan, StageId};
+
+use crate::spec::{Diagnostic, Kind, Mistake};
 
 use super::Failure;
 
@@ -43,21 +45,22 @@ impl Selector {
         Ok(Self { stage: head.into(), axes: axes.ok_or_else(wrong)?, label: inside.to_owned(), port })
     }
 
+    /// The stage that it names; an error where there is none.
+    pub fn stage(&self, plan: &Plan) -> Result<StageId, Failure> {
+        plan.spec.stage(&self.stage).ok_or_else(|| {
+            let names: Vec<&str> = plan.spec.stages.iter().map(|s| s.name.as_str()).collect();
+            unknown(format!("there is no stage `{}`; the pipeline has {}", self.stage, names.join(", ")))
+        })
+    }
+
     /// The instances of the plan that it names; an error where there is none.
     pub fn instances(&self, plan: &Plan) -> Result<Vec<InstanceId>, Failure> {
-        let stage = plan.spec.stage(&self.stage).ok_or_else(|| {
-            let names: Vec<&str> = plan.spec.stages.iter().map(|s| s.name.as_str()).collect();
-            Failure::Input(format!("there is no stage `{}`; the pipeline has {}", self.stage, names.join(", ")))
-        })?;
+        let stage = self.stage(plan)?;
         if let Some(port) = &self.port
             && !plan.outputs(stage).iter().any(|p| p.name == port)
         {
             let names: Vec<&str> = plan.outputs(stage).iter().map(|p| p.name).collect();
-            return Err(Failure::Input(format!(
-                "stage `{}` has no output `{port}`; it has {}",
-                self.stage,
-                names.join(", ")
-            )));
+            return Err(unknown(format!("stage `{}` has no output `{port}`; it has {}", self.stage, names.join(", "))));
         }
         let fits = |id: &InstanceId| {
             self.axes.iter().all(|(name, wanted)| {
@@ -74,7 +77,7 @@ impl Selector {
         };
         if found.is_empty() {
             let some: Vec<String> = plan.instances_of(stage).take(5).map(|id| plan.label(id)).collect();
-            return Err(Failure::Input(format!(
+            return Err(unknown(format!(
                 "no instance of `{}` has these axes; there are {}",
                 self.stage,
                 some.join(", ")
@@ -82,6 +85,11 @@ impl Selector {
         }
         Ok(found)
     }
+}
+
+/// A name or value that the plan has not.
+fn unknown(message: String) -> Failure {
+    Failure::Report(Diagnostic::nowhere(Mistake::new(Kind::UnknownName, message)).into())
 }
 
 /// What stands between commas that are in no list.

@@ -1,22 +1,27 @@
 //! `turbid show`: what the stored outputs hold: digest, path, layers, units, statistics, cost.
 
 mod describe;
+mod places;
 mod text;
 
 use std::collections::BTreeMap;
 
 use clap::Args;
 use serde::Serialize;
+use serde_json::json;
 
 use crate::plan::StageId;
 use crate::registry::Registry;
 use crate::resolve::{Resolver, State};
+use crate::run::latest::Files;
 
 use super::elsewhere::{self, Elsewhere};
+use super::not_run::not_run;
 use super::released::make_again;
 use super::select::Selector;
 use super::{Done, Failure, Pipeline, print, print_json, report_of};
 use describe::{Described, Shown};
+use places::Places;
 
 /// Of a stage of more instances than this ...
 const MANY: usize = 8;
@@ -34,6 +39,9 @@ pub struct Show {
     elsewhere: Elsewhere,
     #[arg(long)]
     json: bool,
+    /// With --json: only where the outputs are, as file, offset and length, and their pictures; nothing is read
+    #[arg(long, requires = "json")]
+    places: bool,
 }
 
 #[derive(Serialize)]
@@ -66,6 +74,8 @@ impl Show {
         }
         let port = selector.as_ref().and_then(|s| s.port.as_deref());
         let outputs = self.pipeline.outputs.path();
+        let files = self.places.then(|| Files::of(&plan, outputs));
+        let mut places = Vec::new();
         let mut counts: BTreeMap<StageId, usize> = BTreeMap::new();
         ids.iter().for_each(|&id| *counts.entry(plan.stage_of(id)).or_default() += 1);
         let (mut instances, mut seen, mut more) = (Vec::new(), BTreeMap::new(), BTreeMap::new());
@@ -80,22 +90,26 @@ impl Show {
                         continue;
                     }
                     let Some(record) = store.record(&brief.key) else { continue };
+                    if let Some(files) = &files {
+                        places.push(Places::of(&plan, &store, files, id, &record, port)?);
+                        continue;
+                    }
                     let one = Described { plan: &plan, store: &store, outputs, id, record: &record };
                     instances.push((stage, one.shown(port)?));
                 }
                 _ if store.unread().is_some() => return Err(Failure::Failed(store.unread().unwrap_or_default())),
                 _ if selector.is_some() => {
-                    let hint = format!("turbid run {} {}", self.pipeline.file.display(), plan.spec.stages[stage].name);
-                    return Err(Failure::Failed(format!(
-                        "{} has not run yet with these parameters; try `{hint}`",
-                        plan.label(id)
-                    )));
+                    let stage = &plan.spec.stages[stage].name;
+                    return Err(not_run(&self.pipeline, &resolver, &survey, id, stage));
                 }
                 _ => {}
             }
         }
         elsewhere::warn(&store);
-        if self.json {
+        if self.places {
+            let listing = json!({"pipeline": plan.spec.pipeline, "instances": places});
+            print_json(&listing.to_string());
+        } else if self.json {
             let listing = Listing { instances: instances.into_iter().map(|(_, shown)| shown).collect() };
             print_json(&serde_json::to_string(&listing).expect("names and finite numbers"));
         } else if instances.is_empty() {

@@ -78,10 +78,20 @@ impl<W: Write + Seek> Archive<W> {
         shape: &[usize],
         data: impl Iterator<Item = [u8; N]>,
     ) -> io::Result<()> {
+        self.begin(name, kind, shape)?;
+        self.go_on(data)
+    }
+
+    /// The head of an array, whose numbers follow by [`Archive::go_on`].
+    pub fn begin(&mut self, name: &str, kind: Kind, shape: &[usize]) -> io::Result<()> {
         let head = head(kind, shape);
         let bytes = head.len() as u64 + kind.bytes() * shape.iter().map(|&n| n as u64).product::<u64>();
         self.zip.start_file(format!("{name}.npy"), options(bytes)).map_err(plain)?;
-        self.zip.write_all(&head)?;
+        self.zip.write_all(&head)
+    }
+
+    /// Further numbers of the array that was begun last.
+    pub fn go_on<const N: usize>(&mut self, data: impl Iterator<Item = [u8; N]>) -> io::Result<()> {
         // The archive takes a checksum over every piece: pieces are not single numbers.
         let mut block = Vec::with_capacity(BLOCK + N);
         for number in data {
@@ -108,7 +118,7 @@ fn head(kind: Kind, shape: &[usize]) -> Vec<u8> {
     header.extend(std::iter::repeat_n(' ', padding));
     header.push('\n');
     let mut head = b"\x93NUMPY\x01\x00".to_vec();
-    head.extend(u16::try_from(header.len()).expect("a header of three axes is short").to_le_bytes());
+    head.extend(u16::try_from(header.len()).expect("a header of four axes is short").to_le_bytes());
     head.extend(header.bytes());
     head
 }

@@ -23,6 +23,10 @@ pub enum ExportError {
     NotWhole { layer: String, value: f32, bits: u32 },
     /// One file name for several frames.
     SameName { to: PathBuf, count: usize },
+    /// Instances that do not go into one file.
+    Differs { label: String, what: String },
+    /// A file for many image stacks of a format that holds one.
+    NotStacked { to: PathBuf },
     /// The file could not be written.
     Io { to: PathBuf, source: std::io::Error },
 }
@@ -68,6 +72,17 @@ impl fmt::Display for ExportError {
             Self::SameName { to, count } => write!(
                 f,
                 "`{}` names {count} frames alike; write {{f_x}}, {{phase}} or {{wavelength}} into it",
+                to.display()
+            ),
+            Self::Differs { label, what } => {
+                write!(
+                    f,
+                    "{label} has {what}; what goes into one file must be alike: pick some with [axis=value], or write --to FOLDER/"
+                )
+            }
+            Self::NotStacked { to } => write!(
+                f,
+                "{}: image stacks of many instances go into one .npz or .mat, or each into a file of its own: --to FOLDER/",
                 to.display()
             ),
             Self::Io { to, source } => write!(f, "{}: cannot be written: {source}", to.display()),

@@ -4,6 +4,7 @@ use serde_json::Value;
 use turbid_contract::pitch::PIXEL_PITCH_MM;
 use turbid_contract::{Artifact, Cells, ImageStack, LayerInfo, Table};
 
+use super::heads::Stacked;
 use super::names::Names;
 use super::{TooLarge, json};
 
@@ -25,11 +26,50 @@ const FIELD: usize = 64;
 /// a row, along a column) where it is known.
 /// Tables: a column vector (or cell array of texts) per column, `units`, `attributes`. Records: a variable per field.
 pub fn encode(artifact: &Artifact) -> Result<Vec<u8>, TooLarge> {
+    file(variables(artifact))
+}
+
+/// Image stacks of many instances: `images` (single, row x column x layer x instance), `layers` (structure array, 1 x layer, or instance x
+/// layer where they differ), `mean_se` (instance x layer), `axes` (structure of columns), `instances` (the first and the last, from 1),
+/// `attributes` (structure, or a cell array of them where they differ), `pixel_pitch_mm` (a row, or a row for each).
+pub(super) fn encode_stacked(stacks: &Stacked) -> Result<Vec<u8>, TooLarge> {
+    let (heads, [layer_count, rows, columns]) = (&stacks.heads, stacks.heads.shape());
+    let n = heads.values.len();
+    let images = Content::Numbers { class: 7, kind: SINGLE, logical: false, data: stacks.pixels.clone() };
+    let same = heads.same_layers();
+    let infos = if same { &heads.layers[..1] } else { &heads.layers[..] };
+    // Down the columns: all instances of a layer, then of the next.
+    let infos = (0..layer_count).flat_map(|k| infos.iter().map(move |layers| &layers[k]));
+    let layers = structures(vec![if same { 1 } else { n }, layer_count], infos);
+    let mean_se = (0..layer_count).flat_map(|k| heads.mean_se.iter().map(move |of| of[k]));
+    let mut names = Names::default();
+    let (fields, values) = heads.axes().iter().map(|(axis, cells)| (names.matlab(axis), Array::column(cells))).unzip();
+    let attributes = match heads.same_attributes() {
+        true => Array::of(&json(&heads.attributes[0])),
+        false => Array::cells([n, 1], heads.attributes.iter().map(|own| Array::of(&json(own)))),
+    };
+    let first = stacks.first as f64;
+    let mut out = vec![
+        ("images".into(), Array { dims: vec![rows, columns, layer_count, n], content: images }),
+        ("layers".into(), layers),
+        ("mean_se".into(), Array::doubles([n, layer_count], mean_se)),
+        ("axes".into(), Array { dims: vec![1, 1], content: Content::Structure { fields, values } }),
+        ("instances".into(), Array::doubles([1, 2], [first + 1.0, first + n as f64].into_iter())),
+        ("attributes".into(), attributes),
+    ];
+    if let Some(pitches) = heads.pitches() {
+        let down = (0..2).flat_map(|k| pitches.iter().map(move |pitch| pitch[k]));
+        out.push((PIXEL_PITCH_MM.into(), Array::doubles([pitches.len(), 2], down)));
+    }
+    file(out)
+}
+
+fn file(variables: Vec<(String, Array)>) -> Result<Vec<u8>, TooLarge> {
     let mut out = format!("{:<116}", "MATLAB 5.0 MAT-file, written by turbid").into_bytes();
     // No subsystem data; version 1.0; "IM" tells little-endian readers that nothing needs swapping.
     out.extend([0; 8]);
     out.extend(b"\x00\x01IM");
-    for (name, array) in variables(artifact) {
+    for (name, array) in variables {
         array.write(&name, &mut out)?;
     }
     Ok(out)
@@ -68,6 +108,10 @@ fn images(stack: &ImageStack) -> Array {
 
 /// A structure array with every field of a layer's description; what a layer does not say is `[]`.
 fn layers(stack: &ImageStack) -> Array {
+    structures(vec![1, stack.layers.len()], stack.layers.iter().map(|layer| &layer.info))
+}
+
+fn structures<'a>(dims: Vec<usize>, infos: impl Iterator<Item = &'a LayerInfo>) -> Array {
     let full = LayerInfo {
         f_x_per_mm: Some(0.0),
         phase_rad: Some(0.0),
@@ -79,10 +123,11 @@ fn layers(stack: &ImageStack) -> Array {
     };
     let Value::Object(fields) = json(&full) else { unreachable!("a structure becomes an object") };
     let fields: Vec<String> = fields.into_iter().map(|(name, _)| name).collect();
-    let infos = stack.layers.iter().map(|l| json(&l.info));
-    let values =
-        infos.flat_map(|info| fields.iter().map(|f| Array::of(&info[f.as_str()])).collect::<Vec<_>>()).collect();
-    Array { dims: vec![1, stack.layers.len()], content: Content::Structure { fields, values } }
+    let values = infos
+        .map(json)
+        .flat_map(|info| fields.iter().map(|f| Array::of(&info[f.as_str()])).collect::<Vec<_>>())
+        .collect();
+    Array { dims, content: Content::Structure { fields, values } }
 }
 
 fn table_variables(table: &Table) -> Vec<(String, Array)> {

@@ -1,12 +1,15 @@
-//! Artifacts as files for other programs: NumPy, TIFF, CSV, MATLAB. The same artifact gives the same bytes.
+//! Artifacts as files for other programs: NumPy, TIFF, CSV, MATLAB; those of many instances in one. The same artifact gives the same bytes.
 
 pub mod archive;
 mod csv;
 mod error;
 mod frames;
+mod gather;
+mod heads;
 mod mat;
 mod names;
 mod npz;
+mod stacked;
 mod tiff;
 
 use std::fs::File;
@@ -23,6 +26,8 @@ use crate::whole_file::{self, Synced};
 
 pub use error::ExportError;
 pub use frames::export_frames;
+pub use gather::Gathered;
+pub use stacked::{Images, Stacks};
 
 /// Bytes that are written at a time.
 const BUFFER: usize = 1 << 20;
@@ -77,6 +82,12 @@ impl Format {
 pub fn export(artifact: &Artifact, to: &Path) -> Result<(), ExportError> {
     let format = Format::of(to, artifact.kind())?;
     publish(to, format, |file| encode(artifact, format, file))
+}
+
+/// Writes bytes of another writer in the same way. Errors: as [`export`].
+pub fn export_bytes(bytes: &[u8], to: &Path) -> Result<(), ExportError> {
+    // The format is only named where there are too many bytes for it, and these have no limit.
+    publish(to, Format::Csv, |file| Ok(file.write_all(bytes)?))
 }
 
 fn encode(artifact: &Artifact, format: Format, mut to: impl Write + Seek) -> Result<(), Unwritten> {

@@ -57,7 +57,7 @@ impl<W: Write + Seek> Archive<W> {
         self.add("images", Kind::F32, &shape, pixels.map(|v| v.to_le_bytes()))
     }
 
-    fn column(&mut self, name: &str, cells: &Cells) -> io::Result<()> {
+    pub(super) fn column(&mut self, name: &str, cells: &Cells) -> io::Result<()> {
         let shape = [cells.len()];
         match cells {
             Cells::F64(v) => self.add(name, Kind::F64, &shape, v.iter().map(|x| x.to_le_bytes())),

@@ -29,6 +29,8 @@ pub enum Kind {
     Suspect,
     /// On the command line, or of the folder that it names.
     Usage,
+    /// A result that was asked for and that no run has made yet.
+    NotRun,
     /// Nothing of what the user wrote: it failed while it was done.
     Failed,
 }
@@ -50,13 +52,14 @@ impl Kind {
             Self::Memory => "memory",
             Self::Suspect => "suspect",
             Self::Usage => "usage",
+            Self::NotRun => "not_run",
             Self::Failed => "failed",
         }
     }
 
-    /// How a command ends that it ends: 1 where something failed, 2 where the user's input is wrong.
+    /// How a command ends that it ends: 1 where something failed or is not there yet, 2 where the user's input is wrong.
     pub fn exit_code(self) -> u8 {
-        if self == Self::Failed { 1 } else { 2 }
+        if matches!(self, Self::Failed | Self::NotRun) { 1 } else { 2 }
     }
 }
 

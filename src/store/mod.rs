@@ -338,6 +338,11 @@ impl Store {
         Ok(self.locks.try_take(key))
     }
 
+    /// Whether another process is at work on `key`, as far as the system tells; creates nothing.
+    pub fn is_at_work(&self, key: &Digest) -> bool {
+        self.lock_path().with_file_name("keys").is_file() && self.locks.try_take(key).is_none()
+    }
+
     /// Takes in what other runs have published meanwhile.
     pub fn refresh(&self) -> Result<(), StoreError> {
         self.folder.packs.refresh()
@@ -364,6 +369,13 @@ impl Store {
             return None;
         }
         Some(self.folder.loose_path(blob)).filter(|path| path.is_file())
+    }
+
+    /// Where the bytes of a blob are: a file, from which byte on and how many. Bytes in a pack stay where they are until packs are
+    /// rewritten, which makes new files. `None`: it is not here.
+    pub fn place_of(&self, blob: &Blob) -> Option<(PathBuf, u64, u64)> {
+        let packed = self.folder.packs.place_of(&blob.digest);
+        packed.or_else(|| self.file_of(blob).map(|path| (path, 0, blob.bytes)))
     }
 
     /// The files and folders that look-ups of records with these blobs depend on: while none of them is touched, they find the same.

@@ -141,6 +141,14 @@ impl Packs {
         self.blob_place(digest).filter(Place::is_here).map(|place| u64::from(place.length))
     }
 
+    /// The pack of a blob, and where its bytes begin and how many they are.
+    pub fn place_of(&self, digest: &Digest) -> Option<(PathBuf, u64, u64)> {
+        let place = self.blob_place(digest).filter(Place::is_here)?;
+        let state = self.state();
+        let path = self.root.join("packs").join(&state.packs.get(&place.pack)?.name);
+        Some((path, u64::from(place.offset) + HEADER as u64, u64::from(place.length)))
+    }
+
     /// Whether the bytes of a blob were given back on purpose, and have not come since.
     pub fn is_released(&self, digest: &Digest) -> bool {
         self.releases() && self.blob_place(digest).is_some_and(|place| place.is_released())
