@@ -65,7 +65,7 @@ pub(super) fn put(root: &Path, folder: &Folder, stack: &ImageStack) -> Result<Bl
 pub(super) fn open(folder: &Folder, blob: &Blob) -> Result<OpenedImages, StoreError> {
     let file = verified(folder, blob)?;
     let layout = exr::Layout::read(BufReader::with_capacity(BUFFER, &file))?;
-    Ok(OpenedImages { head: exr::head(&layout.headers)?, from: Source::File(Mutex::new(file), layout) })
+    Ok(OpenedImages { head: exr::head(&layout.headers)?, from: Source::File(Mutex::new(file), Box::new(layout)) })
 }
 
 /// The file of a blob, at its start.
@@ -99,7 +99,7 @@ enum Source {
     /// A small one.
     Memory(ImageStack),
     /// Open from when it was verified: whoever replaces or removes it changes nothing here.
-    File(Mutex<File>, exr::Layout),
+    File(Mutex<File>, Box<exr::Layout>),
 }
 
 impl OpenedImages {
