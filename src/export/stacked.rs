@@ -228,8 +228,11 @@ mod tests {
         for (k, range) in [[1.0_f64, 2.0], [3.0, 4.0], [5.0, 5.0]].into_iter().enumerate() {
             let range = range.map(f64::to_le_bytes).concat();
             assert!(numbers(k).windows(16).any(|w| w == range), "{k}");
+            // The first column of pixels of the first instance in the file, and of no other file.
+            let pixels = [0.0, 10.0].map(|v: f32| (200.0 * k as f32 + v).to_le_bytes()).concat();
+            let holds = |k: usize| numbers(k).windows(8).any(|w| w == pixels);
+            assert_eq!([0, 1, 2].map(holds), [0, 1, 2].map(|other| other == k));
         }
-        assert_eq!(numbers(0).len(), numbers(1).len());
     }
 
     /// Nothing is left where an instance does not fit, or cannot be read.
