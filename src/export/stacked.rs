@@ -190,7 +190,7 @@ mod tests {
     fn archives_hold_all_instances() {
         let folder = tempfile::tempdir().unwrap();
         let to = folder.path().join("x.npz");
-        assert_eq!(stacks(&[2, 2, 2]).export(&to).unwrap(), [to.clone()]);
+        assert_eq!(stacks(&[2, 2, 2]).export(&to).unwrap(), std::slice::from_ref(&to));
         let (head, bytes) = array(&to, "images");
         assert!(head.contains("(3, 2, 2, 3)"), "{head}");
         let third: Vec<u8> = stack(2, 2)
@@ -220,7 +220,7 @@ mod tests {
     fn matlab_files_come_in_chunks() {
         let folder = tempfile::tempdir().unwrap();
         let to = folder.path().join("x.mat");
-        assert_eq!(stacks(&[2, 2, 2]).export(&to).unwrap(), [to.clone()]);
+        assert_eq!(stacks(&[2, 2, 2]).export(&to).unwrap(), std::slice::from_ref(&to));
         let bytes = 2 * 2 * 3 * 4;
         let written = stacks(&[2, 2, 2, 2, 2]).export_mat(&to, 2 * bytes + 1).unwrap();
         assert_eq!(written, ["x_1.mat", "x_2.mat", "x_3.mat"].map(|name| folder.path().join(name)));
