@@ -25,8 +25,9 @@ const PROCESSES: usize = 8;
 const WORKERS: usize = 128;
 
 fn pipeline(renders: usize, samples: u64) -> String {
+    let values = if renders == 1 { "[50]".to_owned() } else { format!("{{linspace: [50, 100, {renders}]}}") };
     format!(
-        "pipeline: sharing\nseed: 1\nstages:\n  scene:\n    use: scene\n    foreach: {{A_rho: {{linspace: [50, 100, {renders}]}}}}\n    with:\n      media: {{m: {{A_rho: \"${{A_rho}}\", S_rho: 5000, g: 0.8, n: 1.0}}}}\n      objects: {{tissue: {{slab: {{thickness: 2000, top: 0}}, medium: m}}}}\n      camera: {{position: [0, 0, 500], look_at: [0, 0, 0], field: [64, 64], pixels: [32, 32]}}\n      projector: {{position: [35, 0, 500], look_at: [0, 0, 0], field: [256, 256], power: 5}}\n  frames:\n    use: render\n    in: {{scene: scene}}\n    with: {{f_x: [0.1], phases: 3, samples: {samples}, method: path}}\n"
+        "pipeline: sharing\nseed: 1\nstages:\n  scene:\n    use: scene\n    foreach: {{A_rho: {values}}}\n    with:\n      media: {{m: {{A_rho: \"${{A_rho}}\", S_rho: 5000, g: 0.8, n: 1.0}}}}\n      objects: {{tissue: {{slab: {{thickness: 2000, top: 0}}, medium: m}}}}\n      camera: {{position: [0, 0, 500], look_at: [0, 0, 0], field: [64, 64], pixels: [32, 32]}}\n      projector: {{position: [35, 0, 500], look_at: [0, 0, 0], field: [256, 256], power: 5}}\n  frames:\n    use: render\n    in: {{scene: scene}}\n    with: {{f_x: [0.1], phases: 3, samples: {samples}, method: path}}\n"
     )
 }
 

@@ -2,8 +2,8 @@
 //! `cargo bench --bench wavelengths -- --pixels 1024`.
 //!
 //! 8 wavelengths, one frame of even light and three phases at f_x = 0.1 mm^-1 (`--phases-at-0 3`: three phases of even light, too), a tissue and a
-//! phantom, 16-bit TIFF (0.5 GB, made here in a temporary folder and removed at the end, as are some 6.2 GB of results). For each command CPU seconds, user's and system's, of all its threads, wall seconds and the most
-//! memory of the process; for each stage the CPU seconds of its own work, what it holds, and bytes that it stores. What commands take beyond
+//! phantom, 16-bit TIFF (0.5 GB, made here in a temporary folder and removed at the end, as are some 6.2 GB of results). For each command CPU seconds, user's and system's, of all its threads, and wall
+//! seconds; for each stage the CPU seconds of its own work, the most memory of the process meanwhile, and bytes that it stores. What commands take beyond
 //! their stages is reading, storing and hashing of frames and results, and drawing.
 
 use std::fs;
@@ -44,9 +44,9 @@ fn measure(pixels: u32, phases_at_0: u32) -> Result<(), String> {
     fs::write(space.path().join("wavelengths.yaml"), pipeline(phases_at_0)).map_err(|e| e.to_string())?;
     let frames = 2 * 8 * (3 + phases_at_0);
     println!("{pixels} x {pixels} pixels, 8 wavelengths, {frames} frames of 16 bit\n");
-    println!("| command | CPU s, user | system | wall s | MB at most |\n|---|---|---|---|---|");
+    println!("| command | CPU s, user | system | wall s |\n|---|---|---|---|");
     timed(space.path(), "plan", "plan", &[])?;
-    // Instances run in turn: the memory is that of the largest.
+    // Instances run in turn: the memory of the process is that of the largest, and each begins to count anew.
     timed(space.path(), "run -j 1", "run", &["-j", "1"])?;
     timed(space.path(), "run, nothing to do", "run", &[])?;
     let shown = output(&mut command(space.path(), "show", &["--json"]))?;
@@ -54,8 +54,8 @@ fn measure(pixels: u32, phases_at_0: u32) -> Result<(), String> {
     println!("\n| stage | CPU s | MB at most | MB stored |\n|---|---|---|---|");
     for stage in shown["instances"].as_array().into_iter().flatten() {
         let number = |value: &Value| value.as_f64().unwrap_or(0.0);
-        let ports = stage["ports"].as_array().into_iter().flatten();
-        let stored: f64 = ports.map(|port| number(&port["bytes"])).sum();
+        let ports = stage["ports"].as_object().into_iter().flatten();
+        let stored: f64 = ports.map(|(_, port)| number(&port["bytes"])).sum();
         println!(
             "| {} | {:.1} | {:.0} | {:.0} |",
             stage["stage"].as_str().unwrap_or("?"),
@@ -73,7 +73,7 @@ fn timed(space: &Path, name: &str, verb: &str, more: &[&str]) -> Result<(), Stri
     output(&mut command(space, verb, more))?;
     let (wall, after) = (began.elapsed().as_secs_f64(), Taken::by_children());
     let [user, system] = [after.user_s - before.user_s, after.system_s - before.system_s];
-    println!("| {name} | {user:.1} | {system:.1} | {wall:.1} | {:.0} |", after.most_bytes / 1e6);
+    println!("| {name} | {user:.1} | {system:.1} | {wall:.1} |");
     Ok(())
 }
 
@@ -89,11 +89,10 @@ fn output(command: &mut Command) -> Result<String, String> {
     if done.status.success() { Ok(said(done.stdout)) } else { Err(said(done.stderr) + &said(done.stdout)) }
 }
 
-/// What all children that ended took, and the most memory of any.
+/// What all children that ended took.
 struct Taken {
     user_s: f64,
     system_s: f64,
-    most_bytes: f64,
 }
 
 impl Taken {
@@ -103,16 +102,12 @@ impl Taken {
         use nix::sys::time::TimeValLike;
         let usage = getrusage(UsageWho::RUSAGE_CHILDREN).expect("the system tells");
         let seconds = |time: nix::sys::time::TimeVal| time.num_microseconds() as f64 / 1e6;
-        Self {
-            user_s: seconds(usage.user_time()),
-            system_s: seconds(usage.system_time()),
-            most_bytes: usage.max_rss() as f64 * 1024.0,
-        }
+        Self { user_s: seconds(usage.user_time()), system_s: seconds(usage.system_time()) }
     }
 
     #[cfg(not(all(target_os = "linux", target_arch = "x86_64")))]
     fn by_children() -> Self {
-        Self { user_s: f64::NAN, system_s: f64::NAN, most_bytes: f64::NAN }
+        Self { user_s: f64::NAN, system_s: f64::NAN }
     }
 }
 
