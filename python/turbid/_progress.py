@@ -100,7 +100,7 @@ class Notebook:
     def __call__(self, event: Event) -> None:
         from html import escape
 
-        from IPython import display  # type: ignore[import-not-found, unused-ignore]
+        from IPython import display
 
         text = self.line.take(event)
         part = (self.line.heartbeat or {}).get("part") or 0.0
