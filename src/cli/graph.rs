@@ -1,7 +1,5 @@
 //! `turbid graph`: the stages and how they feed each other, as Mermaid or DOT.
 
-use std::collections::HashSet;
-
 use clap::{Args, ValueEnum};
 
 use crate::plan::{Id, Plan};
@@ -45,26 +43,8 @@ fn draw(plan: &Plan, format: Format) -> String {
         };
         text.push_str(&line);
     }
-    let mut edges: Vec<(usize, usize, String)> = Vec::new();
-    let mut drawn = HashSet::new();
-    let mut seen = HashSet::new();
-    for id in plan.instances() {
-        // The instances of a stage are wired alike.
-        let stage = plan.stage_of(id);
-        if !seen.insert(stage) {
-            continue;
-        }
-        for wire in &plan.wires(id) {
-            for (source, port) in &wire.from {
-                let (from, to) = (plan.stage_of(*source).place(), stage.place());
-                if drawn.insert((from, to, *port, wire.port)) {
-                    let renamed = || format!("{port} → {}", wire.port);
-                    edges.push((from, to, if *port == wire.port { wire.port.to_owned() } else { renamed() }));
-                }
-            }
-        }
-    }
-    for (from, to, label) in edges {
+    for edge in plan.edges() {
+        let (from, to, label) = (edge.from.place(), edge.to.place(), edge.label());
         text.push_str(&match format {
             Format::Mermaid => format!("  s{from} -->|{label}| s{to}\n"),
             Format::Dot => format!("  s{from} -> s{to} [label=\"{label}\"];\n"),

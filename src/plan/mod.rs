@@ -1,6 +1,7 @@
 //! Spec and registry -> checked graph of stage instances: ports exist, payloads match, axes join, no cycle, pruned.
 
 mod axes;
+mod edges;
 mod expand;
 mod feeds;
 mod lint;

@@ -149,20 +149,8 @@ fn node(plan: &Plan, survey: &Survey, stage: StageId) -> Node {
 /// One edge for each pair of stages, with the ports that it stands for.
 fn edges(plan: &Plan, places: &BTreeMap<StageId, usize>) -> Vec<Edge> {
     let mut found: BTreeMap<(usize, usize), BTreeSet<String>> = BTreeMap::new();
-    let mut seen = BTreeSet::new();
-    for id in plan.instances() {
-        // The instances of a stage are wired alike.
-        let stage = plan.stage_of(id);
-        if !seen.insert(stage) {
-            continue;
-        }
-        for wire in &plan.wires(id) {
-            for (source, port) in &wire.from {
-                let from = places[&plan.stage_of(*source)];
-                let text = if *port == wire.port { (*port).to_owned() } else { format!("{port} → {}", wire.port) };
-                found.entry((from, places[&stage])).or_default().insert(text);
-            }
-        }
+    for edge in plan.edges() {
+        found.entry((places[&edge.from], places[&edge.to])).or_default().insert(edge.label());
     }
     let edge = |((from, to), ports): ((usize, usize), BTreeSet<String>)| Edge {
         from,
