@@ -9,7 +9,7 @@ fn refused(bytes: &[u8], words: &str) {
     let begun = Instant::now();
     let error = read(bytes).map(|soup| soup.triangles.len()).expect_err(words);
     assert!(error.contains(words), "{error}\nlacks\n{words}");
-    assert!(begun.elapsed().as_secs() < 5, "{words}: {:?}", begun.elapsed());
+    assert!(begun.elapsed().as_secs() < 60, "{words}: {:?}", begun.elapsed());
 }
 
 #[test]

@@ -135,7 +135,7 @@ fn mutated_files_are_errors_or_meshes() {
                 solids += u64::from(check(&place(&soup, &STRAIGHT)).is_empty());
             }
             slowest = slowest.max(begun.elapsed());
-            assert!(begun.elapsed().as_secs() < 5, "{name} {i}: {:?}", begun.elapsed());
+            assert!(begun.elapsed().as_secs() < 60, "{name} {i}: {:?}", begun.elapsed());
         }
         println!("{name}: {each} mutations, {read_well} read, {solids} solids, at most {slowest:?}");
     }
