@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Builds the wheel for Linux with glibc 2.17 or newer, and the source distribution, into target/wheels. Needs a Rust toolchain, Python 3.9 or
-# newer and its registry of packages: maturin, and zig, which links for an old glibc, come from there. Some 20 CPU minutes.
+# newer and its registry of packages: maturin, and zig, which links for an old glibc, come from there. Half an hour on two busy cores.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
