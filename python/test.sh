@@ -18,7 +18,7 @@ if [ ! -x "$environment/bin/pytest" ]; then
     [ -n "${PYTHON:-}" ] || ! /usr/bin/python3 -c 'import torch, ensurepip' 2>/dev/null || python=/usr/bin/python3
     "$python" -c 'import sys, venv, ensurepip; assert sys.version_info >= (3, 9)' 2>/dev/null || { echo "there is no Python 3.9 or newer with venv"; exit 3; }
     "$python" -m venv --system-site-packages "$environment"
-    "$environment/bin/python" -m pip install --quiet "numpy<2" xarray polars matplotlib pytest mypy OpenEXR || { rm -r "$environment"; echo "its packages cannot be had"; exit 3; }
+    "$environment/bin/python" -m pip install --quiet "numpy<2" xarray polars "pyarrow; python_version < '3.10'" matplotlib pytest mypy OpenEXR || { rm -r "$environment"; echo "its packages cannot be had"; exit 3; }
 fi
 "$environment/bin/python" -m mypy --config-file pyproject.toml --cache-dir=/dev/null
 "$environment/bin/python" -m pytest "$@"

@@ -7,6 +7,7 @@ import json
 import os
 from typing import TYPE_CHECKING, Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
+from . import _parquet
 from ._program import PathLike
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ class Samples(Sequence[Dict[str, Any]]):
     def _read_parquet(self, path: str) -> Dict[str, Array]:
         import polars
 
-        frame = polars.read_parquet(path, memory_map=False)
+        frame = _parquet.read(path)
         columns: Dict[str, Array] = {}
         for name in frame.columns:
             series = frame[name]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, Tuple
 
-from . import _program
+from . import _parquet, _program
 from ._exr import Stack, read_exr
 from ._pipeline import File, common
 from ._program import PathLike
@@ -62,13 +62,11 @@ class Result:
     @property
     def table(self) -> polars.DataFrame:
         """The rows of a table."""
-        import polars
-
         if self.kind == "images":
             raise TypeError(f"{self}: images are no table; see `dataset`")
         with open_binary(self._file()) as file:
             file.seek(self._place["offset"])
-            return polars.read_parquet(file.read(self._place["bytes"]))
+            return _parquet.read(file.read(self._place["bytes"]))
 
     @property
     def record(self) -> Dict[str, Any]:

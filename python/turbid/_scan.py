@@ -6,7 +6,7 @@ import json
 import os
 from typing import TYPE_CHECKING, Any, Dict, List, Mapping, Optional
 
-from . import _program
+from . import _parquet, _program
 from ._pipeline import File, common
 from ._program import PathLike
 
@@ -62,18 +62,14 @@ def scan(
 
     Errors: those of `open`.
     """
-    import polars
-
     with _Gathered(file, selector, set, outputs) as path:
-        return polars.read_parquet(path, memory_map=False).lazy()
+        return _parquet.read(path).lazy()
 
 
 def units(
     file: File, selector: str, *, set: Optional[Mapping[str, Any]] = None, outputs: Optional[PathLike] = None
 ) -> Dict[str, str]:
     """The unit of each column of `scan`; "1" for pure numbers, "" for text."""
-    import polars
-
     with _Gathered(file, selector, set, outputs) as path:
-        told: Dict[str, str] = json.loads(polars.read_parquet_metadata(path)["turbid"])["attributes"]["units"]
-        return {name: told[name] for name in polars.read_parquet_schema(path)}
+        told: Dict[str, str] = json.loads(_parquet.metadata(path)["turbid"])["attributes"]["units"]
+        return {name: told[name] for name in _parquet.columns(path)}
