@@ -70,7 +70,7 @@ fn plan_and_record_name_the_kernel() {
         ("\"frames_of_four\" {}", "16 paths abreast in f32, 4 bodies", None),
         (
             "\"frames_of_five\" {}",
-            "16 paths abreast in f32, 5 bodies, looks for light one by one, starts one by one",
+            "16 paths abreast in f32, 5 bodies, light connections one by one, starts one by one",
             Some(bodies),
         ),
         ("\"frames_of_wide\" {\"mu_s\":90}", "16 paths abreast in f32, 1 body", None),

@@ -27,7 +27,7 @@ use turbid_render::world::{Body, Material, World};
 
 use truth::{Quantity, Truth, half_spaces};
 
-/// Paths between two looks at the sums.
+/// Paths between two tests of the sums.
 const BATCH: u32 = 1024;
 
 fn main() {

@@ -48,7 +48,7 @@ fn main() {
         textures: Vec::new(),
     };
     println!("estimator, depth mm (pixels): M_DC / its error, rv, excess kurtosis, within 2 se; us a path");
-    let f32s = ["f32", "scouts"];
+    let f32s = ["f32", "branches"];
     for (name, nee) in [("point", Nee::Point), ("f64", Nee::Line), (f32s[0], Nee::Line), (f32s[1], Nee::Line)] {
         if only.as_ref().is_some_and(|only| only != name) {
             continue;
@@ -74,8 +74,8 @@ fn main() {
             };
             let mut walker = Walker::new(setting, named(&std::env::var("TURBID_SIMD").unwrap_or_default()));
             let mut frame = Frame::of(&walker);
-            if let (false, Some(frame)) = (name == "scouts", &mut frame) {
-                frame.scouts.clear();
+            if let (false, Some(frame)) = (name == "branches", &mut frame) {
+                frame.light_branches.clear();
             }
             let mut of_pixel = vec![Vec::with_capacity(paths); pixels.len()];
             let mut amplitude = vec![Amplitude::default(); pixels.len()];

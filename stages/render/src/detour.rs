@@ -146,7 +146,7 @@ mod tests {
     use crate::level::named;
     use crate::light::Light;
     use crate::pictures::Pictures;
-    use crate::random::{Look, Stream};
+    use crate::random::{NeeSite, Stream};
     use crate::setting::{Nee, Setting};
     use crate::world::{Body, Material, World};
 
@@ -220,7 +220,7 @@ mod tests {
             let (mut sum, mut square, mut turns, mut longest) = (0.0, 0.0, 0, 0);
             for i in 0..draws {
                 let stream = Stream::new([3, 0], 0, i, 0);
-                let chance = Chance { stream: &stream, flight: 2, look: Look::Here };
+                let chance = Chance { stream: &stream, flight: 2, site: NeeSite::Here };
                 let found = walker.detour(source, r, None, &chance).map_or(0.0, |link| strength(&link));
                 (sum, square) = (sum + found, square + found * found);
                 (turns, longest) = (turns + walker.way.turns(), longest.max(walker.way.turns()));

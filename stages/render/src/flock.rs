@@ -12,9 +12,9 @@ use turbid_optics::philox::{philox4x32, unit, unit_fine};
 use turbid_optics::solid::Solid;
 
 use crate::batches::{Batches, alike};
-use crate::look::{LANES, rarity};
+use crate::next_event_lanes::{LANES, rarity};
 use crate::path::deep_weight;
-use crate::random::{SCOUT, counter};
+use crate::random::{LIGHT_BRANCH, counter};
 use crate::setting::Place;
 use crate::single::{self, Frame};
 use crate::walker::Walker;
@@ -27,12 +27,12 @@ type Lane = [f64; LANES];
 
 /// What became of a lane's flight.
 const PLAIN: u64 = 0;
-/// It met a boundary or a roulette (or light has to be looked for one by one): it has not been made.
+/// It met a boundary or a roulette (or has to be connected one by one): it has not been made.
 const ODD: u64 = 1;
 /// Absorbed.
 const GONE: u64 = 2;
-/// Made, and its end is a place from which to look for light.
-const LOOK: u64 = 3;
+/// Made, and its end is to be connected to the light.
+const NEXT_EVENT: u64 = 3;
 
 /// The paths in flight. All of them are in a medium, and scored ahead up to the next boundary.
 #[derive(Default)]
@@ -51,7 +51,7 @@ struct Bundle {
     sample: [u32; LANES],
     pixel: [u32; LANES],
     verdict: [u64; LANES],
-    /// Direction before it, the number that decides on looks, and the distance from the nearest boundary.
+    /// Direction before it, the number that decides on connections, and the distance from the nearest boundary.
     came: [Lane; 3],
     roulette: Lane,
     clear: Lane,
@@ -124,14 +124,14 @@ pub fn walk_double_among(walker: &mut Walker<'_>, batches: Batches<'_>) {
                 alive = settles(walker, &mut places[lane]);
                 bundle.put(lane, &places[lane], walker);
             }
-            if let (LOOK, Some(body_of)) = (bundle.verdict[lane], &body_of) {
+            if let (NEXT_EVENT, Some(body_of)) = (bundle.verdict[lane], &body_of) {
                 let place = &mut places[lane];
                 bundle.get(lane, place);
                 place.clear = bundle.clear[lane];
                 let own = std::mem::replace(&mut place.w, point(&bundle.came, lane));
                 let material = &setting.world.materials[place.material];
-                walker.queue_look(place, own, bundle.roulette[lane], material, body_of[place.material]);
-                walker.look_at_lamps(place, own, bundle.roulette[lane]);
+                walker.queue_next_event(place, own, bundle.roulette[lane], material, body_of[place.material]);
+                walker.next_event_to_lamps(place, own, bundle.roulette[lane]);
             }
             if !alive {
                 places.swap_remove(lane);
@@ -234,15 +234,15 @@ impl Bundle {
         for i in 0..LANES {
             self.roulette[i] = unit(random[3][i]);
             self.clear[i] = clear[i];
-            let looks = self.roulette[i] * rarity((self.mu_a[i] + self.mu_s[i]) * clear[i]) < 1.0;
+            let next_events = self.roulette[i] * rarity((self.mu_a[i] + self.mu_s[i]) * clear[i]) < 1.0;
             let plays = self.weight[i] < 0.5 * deep_weight(self.window[i], clear[i]);
-            let late = self.number[i] >= u64::from(SCOUT) - 2;
+            let late = self.number[i] >= u64::from(LIGHT_BRANCH) - 2;
             let (crosses, dies) = (step[i] >= reach[i], life[i] < 0.0);
-            let odd = crosses | (!dies & (plays | late | (looks & !queues)));
+            let odd = crosses | (!dies & (plays | late | (next_events & !queues)));
             let made = if dies {
                 GONE
-            } else if looks {
-                LOOK
+            } else if next_events {
+                NEXT_EVENT
             } else {
                 PLAIN
             };

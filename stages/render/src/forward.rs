@@ -1,6 +1,6 @@
 //! Light walked forward from its sources, to where it ends: the power that leaves the scene, and that absorbed in each object.
 //!
-//! The flights and walls are those of the paths from the camera ([`Walker::step`]); nothing is looked for on the way.
+//! The flights and walls are those of the paths from the camera ([`Walker::step`]); nothing is estimated on the way.
 
 use std::f64::consts::FRAC_1_PI;
 
@@ -63,7 +63,7 @@ pub fn tally(rig: &Rig, detectors: &[Detector], photons: u32, ctx: Ctx<'_>) -> R
         let setting = Setting {
             world: &rig.worlds[channel],
             camera: &rig.camera,
-            // Nothing to look for.
+            // No light.
             light: &dark,
             steady: &still,
             carriers: &[],
@@ -202,7 +202,7 @@ impl<'a> Sources<'a> {
             scattered: false,
             glint: false,
             share: 1.0,
-            scout: false,
+            light_branch: false,
             response: 0,
             lengths: NO_LENGTHS,
         }

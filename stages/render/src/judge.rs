@@ -15,7 +15,7 @@ use crate::trace::Judge;
 
 /// Terms of a fit of the least order.
 const TERMS: f64 = 6.0;
-/// What starting a path and its looks cost, in flights (160 ns against 5; see `plan.rs`).
+/// What starting a path and its next-event estimation cost, in flights (160 ns against 5; see `plan.rs`).
 const START: f64 = 32.0;
 
 /// Of an image fitted to a lattice of pixels.

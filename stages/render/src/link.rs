@@ -8,7 +8,7 @@ use turbid_optics::refraction::{Crossing, Leg};
 
 use crate::lamp::Source;
 use crate::lengths::{Lengths, NO_LENGTHS, count, sum};
-use crate::random::{Dice, Look, Purpose, Stream};
+use crate::random::{Dice, NeeSite, Purpose, Stream};
 use crate::setting::Setting;
 use crate::strata::{Bending, Layer, Strata};
 use crate::walker::Walker;
@@ -35,34 +35,34 @@ pub(crate) struct Sight {
     pub lengths: Lengths,
 }
 
-/// Which random numbers a look has.
+/// Which random numbers a next-event estimate has.
 pub(crate) struct Chance<'a> {
     pub stream: &'a Stream,
     /// Number of the flight beside which it is.
     pub flight: u64,
-    pub look: Look,
+    pub site: NeeSite,
 }
 
 impl Chance<'_> {
-    /// For the point from which it looks, and the direction to that.
+    /// For the point that is connected, and the direction to that.
     #[inline]
     pub fn point(&self, source: Source<'_>) -> [u32; 4] {
-        self.stream.block(Purpose::Look(self.flight, self.look, source.place()))
+        self.stream.block(Purpose::NeeSite(self.flight, self.site, source.place()))
     }
 
-    /// Whether it looks for ways beside the likeliest.
+    /// Whether connections other than the likeliest are tried.
     #[inline]
     pub fn whether(&self, source: Source<'_>) -> [f64; 4] {
-        self.stream.block(Purpose::Whether(self.flight, self.look, source.place())).map(unit)
+        self.stream.block(Purpose::Whether(self.flight, self.site, source.place())).map(unit)
     }
 
     /// For which.
     pub fn which(&self, source: Source<'_>) -> Dice {
-        self.stream.dice(Purpose::Which(self.flight, self.look, source.place()))
+        self.stream.dice(Purpose::Which(self.flight, self.site, source.place()))
     }
 }
 
-/// Ways other than the straight one are looked for with this probability: they carry a few per cent of the light.
+/// Connections other than the straight one are tried with this probability: they carry a few per cent of the light.
 pub(crate) const DETOURS: f64 = 0.125;
 impl Walker<'_> {
     /// What lies on the straight way from r along `towards`.
@@ -117,7 +117,7 @@ impl Walker<'_> {
         .filter(|link| link.lit || !lit)
     }
 
-    /// Adds the lit ways from a source to r that are looked for every time: they bring most of its light.
+    /// Adds the lit ways from a source to r that are tried every time: they bring most of its light.
     #[inline]
     pub(crate) fn reach(&mut self, source: Source<'_>, r: DVec3, skin: Option<Skin>, links: &mut Vec<Link>) {
         if self.bending == Bending::AtWalls {
@@ -162,7 +162,7 @@ impl Walker<'_> {
         })
     }
 
-    /// Where to look for a source from r, inside a medium and at least the optical depth `tau` away.
+    /// The direction of a source from r, inside a medium and at least the optical depth `tau` away.
     #[inline]
     pub(crate) fn heading(&mut self, source: Source<'_>, r: DVec3, tau: f64) -> Heading {
         let (towards, distance) = source.towards(r);

@@ -1,4 +1,4 @@
-//! The light that flat mirrors throw, from the mirror images of its sources. What curved ones throw is looked for as what walls
+//! The light that flat mirrors throw, from the mirror images of its sources. What curved ones throw is found as what walls
 //! refract (`caustic.rs`).
 
 use glam::DVec3;

@@ -1,6 +1,6 @@
 //! One path from the camera: free flights, analog absorption, and what follows from each.
 //!
-//! A path is walked backward from a random point of its pixel; what it sees of the light at its turns stands in `nee.rs`.
+//! A path is walked backward from a random point of its pixel; what it sees of the light at its turns stands in `next_event.rs`.
 //! `docs/theory/render.md` derives the weights.
 
 mod flight;
@@ -27,8 +27,8 @@ impl Walker<'_> {
         self.clear_responses(1);
         let mut at = self.begin(pixel, sample, 0);
         while self.step(&mut at) {}
-        while let Some(mut scout) = self.sent.pop_front() {
-            self.step(&mut scout);
+        while let Some(mut light_branch) = self.sent.pop_front() {
+            self.step(&mut light_branch);
         }
         self.gather();
         &self.responses
@@ -63,12 +63,12 @@ impl Walker<'_> {
             scattered: false,
             glint: false,
             share: 1.0,
-            scout: false,
+            light_branch: false,
             response,
             lengths: NO_LENGTHS,
         };
         if line {
-            self.look_along(&at, &stream);
+            self.next_event_along(&at, &stream);
         }
         at
     }
@@ -78,7 +78,7 @@ impl Walker<'_> {
         let stream = self.stream(at);
         let flight = at.number;
         let [a, b, c, d] = stream.block(Purpose::Flight(flight));
-        at.number = after(flight, at.scout);
+        at.number = after(flight, at.light_branch);
         self.flights += 1;
         // In a closed white cavity light has nowhere to go.
         if at.number > MOST_NUMBERS {
@@ -89,11 +89,11 @@ impl Walker<'_> {
         let roulette = unit(d);
         let end = self.fly(at, -ln(unit_fine(a, d)));
         if !self.entries.is_empty() {
-            self.look_into_entries(at, roulette);
+            self.next_event_in_entries(at, roulette);
         }
         match end {
             // The path itself sees to the light there.
-            End::Left | End::Surface { .. } if at.scout => false,
+            End::Left | End::Surface { .. } if at.light_branch => false,
             End::Gone => {
                 // The first, in order of priority, that holds the place.
                 let body = self.setting.world.bodies.iter().position(|body| body.solid.contains(at.r));
@@ -109,7 +109,7 @@ impl Walker<'_> {
                 at.skin = Some(skin);
                 at.clear = 0.0;
                 (at.scattered, at.glint, at.share) = (true, false, 1.0);
-                self.look_from_surface(at, normal, rho);
+                self.next_event_at_surface(at, normal, rho);
                 if roulette >= rho {
                     self.ending = Ending::Absorbed(skin.wall.body);
                     return false;
@@ -126,7 +126,7 @@ impl Walker<'_> {
                 let line = self.setting.nee == Nee::Line;
                 (at.ahead, at.wholly) = (line, line && !at.scattered);
                 if line {
-                    self.look_along(at, &stream);
+                    self.next_event_along(at, &stream);
                 }
                 true
             }
@@ -138,7 +138,7 @@ impl Walker<'_> {
                     let normal = if skin.inside { -normal } else { normal };
                     let rough = Rough { alpha, normal, n_from, n_to };
                     if at.scattered || !self.excludes_specular {
-                        self.look_from_rough(at, &rough, skin);
+                        self.next_event_at_rough(at, &rough, skin);
                     }
                     let [fate, ..] = stream.block(Purpose::Facet(flight));
                     let Some(on) = rough.sample(at.w, [unit(b), unit(c), roulette, unit(fate)]) else {
@@ -158,7 +158,7 @@ impl Walker<'_> {
                 let line = self.setting.nee == Nee::Line;
                 (at.ahead, at.wholly) = (line, line && !at.scattered);
                 if line {
-                    self.look_along(at, &stream);
+                    self.next_event_along(at, &stream);
                 }
                 true
             }
@@ -166,22 +166,22 @@ impl Walker<'_> {
                 at.skin = None;
                 (at.scattered, at.glint) = (true, false);
                 if !(at.ahead || (crossed && self.setting.nee == Nee::Line)) {
-                    self.look_from_collision(at, roulette);
+                    self.next_event_at_collision(at, roulette);
                 }
                 at.wholly = false;
-                if !at.scout && self.windows[at.material] > 0.0 && self.ends_deep(at, spare(b, c, d)) {
+                if !at.light_branch && self.windows[at.material] > 0.0 && self.ends_deep(at, spare(b, c, d)) {
                     return false;
                 }
                 let next = hg::sample(self.setting.world.materials[at.material].g, at.w, unit(b), unit(c));
                 if self.setting.nee == Nee::Line {
-                    self.look_ahead(at, next, roulette);
+                    self.next_event_ahead(at, next, roulette);
                     (at.ahead, at.share) = (true, 1.0);
-                    if self.scouts.get(at.material) == Some(&true) && !at.scout {
-                        self.send_scout(at, next);
+                    if self.light_branches.get(at.material) == Some(&true) && !at.light_branch {
+                        self.send_light_branch(at, next);
                     }
                 }
                 at.w = next;
-                !at.scout
+                !at.light_branch
             }
         }
     }

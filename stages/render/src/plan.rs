@@ -22,7 +22,7 @@ use crate::world::World;
 /// ns per flight on one core, f32 lanes of AVX-512 (measured: 305, 547 and 2070 ns per path of 31, 67 and 387 flights; see
 /// docs/theory/render.md). AVX2 takes about twice as long.
 const NS_PER_FLIGHT: f64 = 5.0;
-/// ns per path for its start and for looking for light, where that goes in lanes.
+/// ns per path for its start and for next-event estimation, where that goes in lanes.
 const NS_PER_PATH: f64 = 160.0;
 /// What the roulette of deep paths leaves of the flights in weakly absorbing media (measured: 405 of 902).
 const LEFT_BY_ROULETTE: f64 = 0.45;
@@ -32,7 +32,7 @@ const VARIANCE_PER_PATH: f64 = 4.0;
 
 /// What a path costs where smooth walls turn light, over what it costs elsewhere (measured at n = 1.4: 131 s against 21 s to 1 % of M_AC).
 const REFRACTED: f64 = 5.0;
-/// ns more per path where walls are curved or tilted, or facets, and each look finds its ways by itself (measured; see docs/theory/render.md).
+/// ns more per path where walls are curved or tilted, or facets, and each estimate finds its connections by itself (measured; see docs/theory/render.md).
 const NS_AT_WALLS: f64 = 6e4;
 /// The same where lanes find the ways, but for those that are left to chance (measured: 17 us at a half-embedded ball).
 const NS_AT_BULGES: f64 = 1.7e4;
@@ -233,7 +233,7 @@ pub fn plan(params: &Params, scene: Option<&Scene>, known: &Known) -> StagePlan 
     plan
 }
 
-/// ns that a path takes on one core, with its looks for light, by figures measured in other scenes.
+/// ns that a path takes on one core, with its next-event estimation, by figures measured in other scenes.
 pub fn ns_per_path(scene: &Scene, rig: Option<&Rig>) -> f64 {
     let flights = flights_per_path(scene);
     // Many flights are those of a weakly absorbing medium.

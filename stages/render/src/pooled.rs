@@ -38,10 +38,10 @@ pub fn by_paths<'a>(
         // Rare paths between walls are bright in few pixels: only what a lobe does is alike in all that look at a body.
         if is_peaked(expected) && is_heavy(kurtosis.max(expected), mean_paths) {
             let scatters = |body: usize| world.materials[world.bodies[body].material].mu_s > 0.0;
-            let looks: Vec<Look> =
-                body().into_iter().map(|b| Look { body: b, scatters: b.is_some_and(scatters) }).collect();
+            let views: Vec<PixelView> =
+                body().into_iter().map(|b| PixelView { body: b, scatters: b.is_some_and(scatters) }).collect();
             let pixels = brightness(moments, paths);
-            Box::new(Pooled::by_windows(sampled(kurtosis - 1.0), &pixels, &looks, columns, expected))
+            Box::new(Pooled::by_windows(sampled(kurtosis - 1.0), &pixels, &views, columns, expected))
         } else if world.is_hollow() {
             Box::new(Pooled::around(sampled(kurtosis - 1.0), watched, &body(), columns))
         } else {
@@ -51,9 +51,9 @@ pub fn by_paths<'a>(
     channels.iter().map(of).collect()
 }
 
-/// At which body a pixel looks, and whether that scatters light within.
+/// At which body a pixel views, and whether that scatters light within.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Look {
+pub struct PixelView {
     pub body: Option<usize>,
     pub scatters: bool,
 }
@@ -73,7 +73,7 @@ pub struct Pooled<'a> {
 }
 
 impl<'a> Pooled<'a> {
-    /// The mean of the variances of the 5 x 5 pixels around. `seen`: at which body each pixel looks; pixels without noise have no say and keep it.
+    /// The mean of the variances of the 5 x 5 pixels around. `seen`: at which body each pixel views; pixels without noise have no say and keep it.
     pub fn around(sampled: Sampled<'a>, watched: &Watched, seen: &[Option<usize>], columns: usize) -> Self {
         let (spread, sampled) = sampled.apart();
         // Of one path: some pixels may have more of them.
@@ -96,25 +96,25 @@ impl<'a> Pooled<'a> {
     pub fn by_windows(
         sampled: Sampled<'a>,
         pixels: &[Brightness],
-        looks: &[Look],
+        views: &[PixelView],
         columns: usize,
         expected: f64,
     ) -> Self {
         let ((spread, sampled), count) = (sampled.apart(), pixels.len());
         let window = |reach: usize, pixel: usize| -> Sum {
-            let alike = within(reach, pixel, columns, count).filter(|&p| looks[p] == looks[pixel]);
+            let alike = within(reach, pixel, columns, count).filter(|&p| views[p] == views[pixel]);
             alike.map(|p| Sum::of(&pixels[p])).fold(Sum::default(), Sum::and)
         };
-        let mut whole: Vec<(Look, Sum)> = Vec::new();
-        for (look, pixel) in looks.iter().zip(pixels) {
-            match whole.iter_mut().find(|(of, _)| of == look) {
+        let mut whole: Vec<(PixelView, Sum)> = Vec::new();
+        for (view, pixel) in views.iter().zip(pixels) {
+            match whole.iter_mut().find(|(of, _)| of == view) {
                 Some((_, sum)) => *sum = sum.and(Sum::of(pixel)),
-                None => whole.push((*look, Sum::of(pixel))),
+                None => whole.push((*view, Sum::of(pixel))),
             }
         }
-        let all = |pixel: usize| whole.iter().find(|(of, _)| *of == looks[pixel]).expect("it is one of them").1;
+        let all = |pixel: usize| whole.iter().find(|(of, _)| *of == views[pixel]).expect("it is one of them").1;
         let of = |pixel: usize| -> (f64, bool) {
-            let expected = if looks[pixel].scatters { expected } else { 0.0 };
+            let expected = if views[pixel].scatters { expected } else { 0.0 };
             let smallest = window(REACHES[0], pixel);
             let (mut sum, mut bright) = (smallest, smallest);
             let mut variance = sum.variance / sum.paths;

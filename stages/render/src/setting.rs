@@ -11,7 +11,7 @@ use crate::random::before;
 use crate::response::Layout;
 use crate::world::{Skin, World};
 
-/// How scatterings look for the light.
+/// How scatterings are connected to the light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Nee {
     /// At the scattering itself. The reference that the others are tested against.
@@ -75,10 +75,10 @@ pub struct Place {
     pub scattered: bool,
     /// Whether smooth or rough walls have turned it, and nothing has scattered it.
     pub glint: bool,
-    /// Of the light that the next flight's end sees, what is left beside a scout's.
+    /// Of the light that the next flight's end sees, what is left beside a light-directed branch's.
     pub share: f64,
-    /// Whether it is a scout: it ends where its flight does.
-    pub scout: bool,
+    /// Whether it is a light-directed branch: it ends where its flight does.
+    pub light_branch: bool,
     /// Which of the walker's responses is its own.
     pub response: usize,
     /// How far it has come in each medium that tells channels apart.
@@ -88,6 +88,6 @@ pub struct Place {
 impl Place {
     /// Number of the flight that has come here; 0 at the camera.
     pub(crate) fn flight(&self) -> u64 {
-        before(self.number, self.scout)
+        before(self.number, self.light_branch)
     }
 }

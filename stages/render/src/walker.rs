@@ -6,8 +6,8 @@ use fearless_simd::Level;
 use glam::DVec3;
 
 use crate::lengths::Lengths;
-use crate::look::{self, Queue};
 use crate::mirrors::Mirrors;
+use crate::next_event_lanes::{self, Queue};
 use crate::random::Stream;
 use crate::setting::{Nee, Place, Setting};
 use crate::strata::{self, Bending, clear};
@@ -31,7 +31,7 @@ pub struct Walker<'a> {
     /// Those through walls of any shape that are known for sure, and places where there may be one.
     pub(crate) known: Vec<Known>,
     pub(crate) places: Vec<DVec3>,
-    /// What walls do to a ray on the way that is being looked for: whether they reflect it.
+    /// What walls do to a ray on the way that is being searched: whether they reflect it.
     pub(crate) events: Vec<bool>,
     /// Ways found by chance that were too rare to be weighed.
     pub(crate) given_up: u64,
@@ -56,15 +56,15 @@ pub struct Walker<'a> {
     pub(crate) level: Level,
     /// For each material 1 / mu_s, infinite where nothing scatters.
     pub(crate) free_paths: Vec<f64>,
-    /// For each material its body, where looks ahead are free of branches.
+    /// For each material its body, where next-event estimation ahead are free of branches.
     pub(crate) body_of: Option<Vec<u64>>,
     /// For each material WINDOW mu_eff (mm^-1), 0 where there is no roulette.
     pub(crate) windows: Vec<f64>,
     /// Pieces of media that the flight under way came into, from elsewhere.
     pub(crate) entries: Vec<Entry>,
-    /// For each material whether scouts are sent in it; empty where they are nowhere.
-    pub scouts: Vec<bool>,
-    /// Scouts that have not gone yet, in the order in which they were sent.
+    /// For each material whether light-directed branches start in it; empty where they are nowhere.
+    pub light_branches: Vec<bool>,
+    /// Light-directed branches that are not followed yet, in the order in which they started.
     pub(crate) sent: VecDeque<Place>,
     /// Of how many paths there are responses.
     pub(crate) paths: usize,
@@ -114,7 +114,7 @@ impl<'a> Walker<'a> {
         let free_paths = setting.world.materials.iter().map(|m| 1.0 / m.mu_s).collect();
         // Pictures are looked up one by one, and lengths are counted only there.
         let lanes = setting.pictures.layers() == 0 && setting.shared.is_none();
-        let body_of = if lanes { look::bodies_by_material(setting.world) } else { None };
+        let body_of = if lanes { next_event_lanes::bodies_by_material(setting.world) } else { None };
         let bending = Bending::of(setting.world);
         let clear = if let Bending::AtPlanes(strata) = &bending { clear(setting.world, strata) } else { Vec::new() };
         let (responses, queued, queue) = (Vec::new(), Vec::new(), Queue::default());
@@ -143,7 +143,7 @@ impl<'a> Walker<'a> {
             body_of,
             windows,
             entries: Vec::new(),
-            scouts: Vec::new(),
+            light_branches: Vec::new(),
             sent: VecDeque::new(),
             paths: 0,
             flights: 0,
@@ -187,7 +187,7 @@ impl<'a> Walker<'a> {
         self.free_paths[material]
     }
 
-    /// For each material the body that it fills, where looks can go by the queue.
+    /// For each material the body that it fills, where next-event estimation can go by the queue.
     pub fn body_of(&self) -> Option<&[u64]> {
         self.body_of.as_deref()
     }

@@ -11,7 +11,7 @@ pub struct Link {
     /// Unit vector from the point against the light.
     pub towards: DVec3,
     /// On a surface there that faces it, at pattern value 1, over n^2 (W mm^-2), without attenuation; over the probability of
-    /// having looked at this link.
+    /// having tried this link.
     pub irradiance: f64,
     /// Optical depth on the way.
     pub tau: f64,
@@ -85,7 +85,7 @@ impl Way {
     }
 }
 
-/// A way that need not be looked for.
+/// A way that need not be searched.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Known {
     pub link: Link,

@@ -16,7 +16,7 @@ use crate::walker::Walker;
 use crate::way::{Link, SAME};
 use crate::world::Skin;
 
-/// Where one begins to look for a way.
+/// Where one begins to search.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Beginning {
     /// All around, more towards the source and where this normal of a wall that light comes out of points.

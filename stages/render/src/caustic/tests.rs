@@ -17,7 +17,7 @@ use crate::level::named;
 use crate::light::Light;
 use crate::link::Chance;
 use crate::pictures::Pictures;
-use crate::random::{Look, Purpose, Stream};
+use crate::random::{NeeSite, Purpose, Stream};
 use crate::setting::{Nee, Setting};
 use crate::strata::Bending;
 use crate::walker::Walker;
@@ -355,7 +355,7 @@ fn by_links(case: &Case, points: u32) -> (Vec<Measured>, u64) {
                 let r = center + radius * libm::cbrt(c) * direction;
                 let n = walker.index_around(r);
                 let mut links = Vec::new();
-                let chance = Chance { stream: &stream, flight: 2, look: Look::Entered(0) };
+                let chance = Chance { stream: &stream, flight: 2, site: NeeSite::Entered(0) };
                 let source = Source::Lamp(0, &case.lamp);
                 walker.reach(source, r, None, &mut links);
                 walker.reach_on(source, r, None, &chance, &mut links);

@@ -216,10 +216,10 @@ pub fn tangent<S: Simd>(simd: S, advance: F<S>, (depth, height): (F<S>, f32), m:
     t
 }
 
-/// A point for which the scalar walker looks for ways of light that lanes do not know: those with reflections, or by several walls.
+/// A point for which the scalar walker finds connections that lanes do not know: those with reflections, or by several walls.
 #[derive(Clone, Copy, Debug)]
 pub struct Detour {
-    /// Of the look's random numbers.
+    /// Of the random numbers of its estimate.
     pub number: u32,
     pub sample: u32,
     pub pixel: u32,
@@ -232,9 +232,9 @@ pub struct Detour {
     pub fraction: f32,
     /// mm up to it in each medium that tells channels apart.
     pub lengths: [f32; MOST_LENGTHS + 1],
-    /// Of the look on its ray.
+    /// Of the estimate on its ray.
     pub place: u32,
-    /// One that lanes do know; without one all are looked for.
+    /// One that lanes do know; without one all are tried.
     pub known: Option<KnownWay>,
 }
 

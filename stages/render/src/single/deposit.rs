@@ -1,4 +1,4 @@
-//! What looks see, in the responses of their paths, as [`Layout`](crate::response::Layout) says.
+//! What next-event estimation sees, in the responses of their paths, as [`Layout`](crate::response::Layout) says.
 
 use fearless_simd::prelude::*;
 
@@ -19,7 +19,7 @@ pub struct Seen<S: Simd> {
 pub struct Deposit<'a> {
     pub frame: &'a Frame<'a>,
     pub channels: usize,
-    /// Those that look: the first ones.
+    /// Those that estimate: the first ones.
     pub paths: &'a [u32],
     pub responses: &'a mut [f64],
 }

@@ -1,15 +1,15 @@
-//! Points from which the scalar walker looks for ways of light that lanes do not know.
+//! Points from which the scalar walker finds connections that lanes do not know.
 
 use glam::DVec3;
 
 use super::frame::Frame;
-use super::look::Looks;
+use super::next_event::NextEvents;
 use crate::walker::Walker;
 
 /// Tries those that wait, in their order.
 #[inline(never)]
-pub fn try_detours(walker: &mut Walker<'_>, frame: &Frame<'_>, looks: &mut Looks) {
-    for detour in looks.detours.drain(..) {
+pub fn try_detours(walker: &mut Walker<'_>, frame: &Frame<'_>, next_events: &mut NextEvents) {
+    for detour in next_events.detours.drain(..) {
         let mut r = frame.world(detour.r);
         if let Some(plane) = &frame.plane {
             // Rounding must not put it into another layer.

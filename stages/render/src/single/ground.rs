@@ -1,4 +1,4 @@
-//! The bodies of a world in f32, about a place near what the camera sees; and how flights and looks pass through them.
+//! The bodies of a world in f32, about a place near what the camera sees; and how flights and shadow rays pass through them.
 
 use fearless_simd::prelude::*;
 use glam::{DMat3, DVec3};

@@ -21,7 +21,7 @@ use crate::setting::{Nee, Setting};
 use crate::walker::Walker;
 use crate::world::{Material, Spans, World};
 
-/// g of media in which scouts pay (with g = 0 they cost more than they save: measured), up to where f32 holds their lobe.
+/// g of media in which light-directed branches pay (with g = 0 they cost more than they save: measured), up to where f32 holds their lobe.
 const PEAKED: RangeInclusive<f64> = 0.5..=0.99;
 
 impl<'a> Frame<'a> {
@@ -99,24 +99,24 @@ impl<'a> Frame<'a> {
         let for_lamps = straight && ground.meshes.is_empty() && s.steady.lamps.len() <= LAMPS_IN_LANES;
         let for_any = if s.light.shines() { plain } else { for_lamps && !blind };
         let bends = plane.is_some() || walls.is_some();
-        let looks = (straight || bends) && !others && can_look(s.world, &parts) && for_any;
+        let next_events = (straight || bends) && !others && can_connect(s.world, &parts) && for_any;
         let repeated = repeats(&parts);
         // Rays meet the facets of their own body only.
         let alone = !repeated || ground.meshes.is_empty();
-        let looks = looks && alone;
+        let next_events = next_events && alone;
         let (projector, unit) = Source::projector(s.light, origin);
         let (lamps, steady) = Source::lamps(s.steady, s.shared, origin);
-        let singly = !(lamps.is_empty() || (looks && for_lamps));
+        let singly = !(lamps.is_empty() || (next_events && for_lamps));
         let lamps = lamps.into_iter().filter(|_| !singly);
         let projected =
             if s.shared.is_some() { shares.iter().map(|s| unit * s.projector).collect() } else { vec![unit] };
-        let lanes_alone = blind || (looks && !singly);
+        let lanes_alone = blind || (next_events && !singly);
         let turns = bends && lanes_alone;
         let onward = straight && !others && lanes_alone;
-        let sends = onward && looks && s.light.shines() && ground.meshes.is_empty();
+        let sends = onward && next_events && s.light.shines() && ground.meshes.is_empty();
         let starts = (onward || (turns && !s.steady.shines())) && !s.camera.has_aperture();
         let mut refused = Vec::new();
-        if !(looks || blind) {
+        if !(next_events || blind) {
             refused.extend((!(straight || bends)).then(|| refusal::of_walls(walker, &parts)));
             refused.extend(refusal::of_solids(&ground, &parts, origin, range));
             refused.extend((parts.len() > MOST_BODIES).then_some(Refusal::Bodies(parts.len())));
@@ -126,7 +126,9 @@ impl<'a> Frame<'a> {
             refused.extend(longer.map(Refusal::Pattern));
             refused.extend((!alone).then_some(Refusal::RepeatedMedium));
         }
-        refused.extend(singly.then_some(Refusal::Lamps(s.steady.lamps.len())).filter(|_| looks || !s.light.shines()));
+        refused.extend(
+            singly.then_some(Refusal::Lamps(s.steady.lamps.len())).filter(|_| next_events || !s.light.shines()),
+        );
         refused.extend(s.camera.has_aperture().then_some(Refusal::Aperture));
         refused.dedup();
         Ok(Self {
@@ -138,7 +140,7 @@ impl<'a> Frame<'a> {
             opaque: parts.iter().map(|part| s.world.materials[part.material].is_opaque()).collect(),
             straight: straight && !others,
             onward: onward || (walls.is_some() && lanes_alone),
-            scouts: if sends { sends_scouts(s.world, origin, range) } else { Vec::new() },
+            light_branches: if sends { sends_light_branches(s.world, origin, range) } else { Vec::new() },
             others,
             known,
             counted: parts.iter().map(|part| counted_in[part.material]).collect(),
@@ -152,7 +154,7 @@ impl<'a> Frame<'a> {
             first: if bends { 4 } else { 2 },
             plane,
             walls,
-            looks,
+            next_events,
             repeated,
             lamps: singly,
             blind,
@@ -204,7 +206,7 @@ fn parts(world: &World) -> Vec<Part> {
 
 /// For each material whether it fills bodies that have a bore or a hollow, within the range of f32, and scatters with a peak: what comes by way of
 /// other walls is then rare and bright. Empty where none does.
-fn sends_scouts(world: &World, origin: DVec3, range: f64) -> Vec<bool> {
+fn sends_light_branches(world: &World, origin: DVec3, range: f64) -> Vec<bool> {
     let near = |solid: &Solid| {
         let (low, high) = solid.bounds();
         (low - origin).abs().max((high - origin).abs()).length() <= range
@@ -229,8 +231,8 @@ fn overlap(a: &Solid, b: &Solid) -> bool {
     a_low.cmplt(b_high).all() && b_low.cmplt(a_high).all()
 }
 
-/// Whether looks in lanes are right: few bodies that they know, and nothing that carves opaque ones.
-fn can_look(world: &World, parts: &[Part]) -> bool {
+/// Whether next-event estimation in lanes is right: few bodies that they know, and nothing that carves opaque ones.
+fn can_connect(world: &World, parts: &[Part]) -> bool {
     parts.len() <= MOST_BODIES && !carves_opaque(world, parts)
 }
 

@@ -1,12 +1,12 @@
 //! What befalls a path where lanes cannot follow it: walked one by one until they can.
 
 use super::frame::Frame;
-use crate::random::SCOUT;
+use crate::random::LIGHT_BRANCH;
 use crate::setting::Place;
 use crate::walker::Walker;
 
 /// Number of the last flight that is left to the scalar walker for it: lanes count no further.
-pub const LATE: u32 = SCOUT - 2;
+pub const LATE: u32 = LIGHT_BRANCH - 2;
 
 /// One odd flight, and those after it until the path is in a medium again, scored ahead, where lanes can go on; false where it
 /// has ended.

@@ -1,4 +1,4 @@
-//! Lights that lanes look for: the projector, and lamps where their light comes straight.
+//! Lights that lanes connect to: the projector, and lamps where their light comes straight.
 
 use fearless_simd::prelude::*;
 use glam::DVec3;
@@ -97,7 +97,7 @@ impl Source {
         (source, strength / reach)
     }
 
-    /// Lamps, and the irradiance (W mm^-2) that is the unit of all of them: what one look sees of them is one sum.
+    /// Lamps, and the irradiance (W mm^-2) that is the unit of all of them: what one estimate sees of them is one sum.
     pub fn lamps(steady: &Steady, shared: Option<&Shared>, origin: DVec3) -> (Vec<Self>, f64) {
         // (W mm^-2 there, mm^2), there being 1 mm away at least.
         let strength = |lamp: &Lamp| match *lamp {
@@ -202,7 +202,7 @@ impl Source {
         }
     }
 
-    /// Where random numbers of looks for it stand, number and word without the channel (`random.rs`): of such as are `first` along a camera's ray, whose
+    /// Where random numbers of connections to it stand, number and word without the channel (`random.rs`): of such as are `first` along a camera's ray, whose
     /// number is `start`, such as are from where a flight comes in, and all others.
     #[inline(always)]
     pub fn numbers<S: Simd>(&self, simd: S, number: U<S>, start: u32, first: M<S>, entry: M<S>) -> (U<S>, U<S>) {
@@ -216,7 +216,7 @@ impl Source {
     }
 }
 
-/// Word without the channel of the numbers that say whether more ways of the projector's light are looked for, at a place on a ray.
+/// Word without the channel of the numbers that say whether more connections to the projector are tried, at a place on a ray.
 #[inline(always)]
 pub fn whether_projected<S: Simd>(simd: S, place: U<S>) -> U<S> {
     (place << 8) | U::splat(simd, WHETHER_PROJECTED)

@@ -1,4 +1,4 @@
-//! Paths at their start: the camera's ray to the first medium, and the looks along it.
+//! Paths at their start: the camera's ray to the first medium, and next-event estimation along it.
 
 use fearless_simd::prelude::*;
 use glam::DVec3;
@@ -8,7 +8,7 @@ use super::bend::Entrance;
 use super::frame::Frame;
 use super::lane::{LANES, U, ln, philox, unit};
 use super::limits::FIRST;
-use super::look::{Looks, look_while};
+use super::next_event::{NextEvents, estimate_while};
 use super::rows::Paths;
 use super::settle::settles;
 use super::turns::Outside;
@@ -46,7 +46,7 @@ impl<'a> Starts<'a> {
         simd: S,
         walker: &mut Walker<'_>,
         frame: &Frame<'_>,
-        looks: &mut Looks,
+        next_events: &mut NextEvents,
         responses: &mut [f64],
     ) {
         let first = self.next;
@@ -70,7 +70,7 @@ impl<'a> Starts<'a> {
         for i in 0..count {
             let draw = [unit_of(jx[i]), unit_of(jy[i]), unit_of(chance[i])];
             let ids = Ids { pixel: pixel[i], sample: sample[i], path: (first + i) as u32 };
-            let made = frame.starts && self.enter(simd, walker, frame, looks, ids, draw, life[i]);
+            let made = frame.starts && self.enter(simd, walker, frame, next_events, ids, draw, life[i]);
             if !made {
                 let mut place = walker.begin(pixel[i] as usize, sample[i], first + i);
                 if settles(walker, frame, &mut place) {
@@ -78,11 +78,11 @@ impl<'a> Starts<'a> {
                     self.ready.push(floats, words, lengths);
                 }
             }
-            look_while(simd, looks, LANES, frame, key, high, responses);
+            estimate_while(simd, next_events, LANES, frame, key, high, responses);
         }
     }
 
-    /// A path whose ray meets a medium before any surface: it starts where the ray enters, its single scattering left to looks in
+    /// A path whose ray meets a medium before any surface: it starts where the ray enters, its single scattering left to next-event estimation in
     /// every piece. False where things are not so simple.
     #[inline(never)]
     #[allow(clippy::too_many_arguments, reason = "all there is at a start")]
@@ -91,7 +91,7 @@ impl<'a> Starts<'a> {
         simd: S,
         walker: &mut Walker<'_>,
         frame: &Frame<'_>,
-        looks: &mut Looks,
+        next_events: &mut NextEvents,
         ids: Ids,
         [across, down, chance]: [f64; 3],
         life: f32,
@@ -160,7 +160,7 @@ impl<'a> Starts<'a> {
             _ => pieces.extend(s.world.trace(from, along, None, &mut walker.spans).filter(|p| p.material != 0)),
         }
         let ready = self.ready.len();
-        let made = self.enter_pieces(&s, frame, looks, ids, (from, along), life, &pieces);
+        let made = self.enter_pieces(&s, frame, next_events, ids, (from, along), life, &pieces);
         if made && self.ready.len() == ready {
             // The camera's ray is a flight, wherever it ended.
             walker.count_flights(1);
@@ -178,7 +178,7 @@ impl<'a> Starts<'a> {
         &mut self,
         s: &Setting<'_>,
         frame: &Frame<'_>,
-        looks: &mut Looks,
+        next_events: &mut NextEvents,
         ids: Ids,
         (from, along): (DVec3, DVec3),
         life: f32,
@@ -246,7 +246,7 @@ impl<'a> Starts<'a> {
                     let row =
                         [r[0], r[1], r[2], w[0], w[1], w[2], w[0], w[1], w[2], weight, 0.0, m.mu_a, m.mu_s, m.g, 0.0];
                     let words = [FIRST | scored, ids.sample, ids.pixel, ids.path, body as u32];
-                    looks.rays.push(row, words, counted(&lengths));
+                    next_events.rays.push(row, words, counted(&lengths));
                 }
                 scored += 1;
             }
@@ -263,7 +263,7 @@ fn counted(lengths: &Lengths) -> [f32; MOST_LENGTHS] {
     std::array::from_fn(|k| lengths[k] as f32)
 }
 
-/// Looks along one camera's ray in lanes.
+/// Next-event estimation along one camera's ray in lanes.
 const MOST_PIECES: usize = 8;
 const _: () = assert!(MOST_PIECES <= PLACES_IN_LANES);
 
@@ -319,7 +319,7 @@ impl Frame<'_> {
             scattered: number != self.first,
             glint: number == self.first && self.bends(),
             share: f64::from(share),
-            scout: false,
+            light_branch: false,
             response: path as usize,
             lengths: std::array::from_fn(|k| lengths.get(k).copied().map_or(0.0, f64::from)),
         }

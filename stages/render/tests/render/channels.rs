@@ -156,7 +156,7 @@ fn lanes_count_the_lengths_of_the_scalar_walker() {
             }
             turned += usize::from((expected[0] - lanes.response(path)[0]).abs() > 1e-3 * expected[0]);
         }
-        // As in `lanes.rs`: the camera's ray may be looked along elsewhere.
+        // As in `lanes.rs`: the camera's ray may be sampled elsewhere.
         assert!(turned <= 16 * 128 / 6, "{name}: {turned} paths are others");
         for [sum, difference, square] in sums {
             let noise = 4.5 * f64::sqrt(square) + 1e-5 * sum;
@@ -178,7 +178,7 @@ fn lanes_count_the_lengths_of_the_scalar_walker() {
             (0..256).map(|path| walker.response_in(path, 0).to_vec()).collect::<Vec<_>>()
         };
         for (path, (a, b)) in walked(&together).iter().zip(walked(&alone)).enumerate() {
-            // Looks from odd flights go one by one beside others, and by a queue alone: another order of sums.
+            // Estimates at odd flights go one by one beside others, and by a queue alone: another order of sums.
             let same = a.iter().zip(&b).all(|(a, b)| (a - b).abs() <= 1e-12 * b.abs().max(1e-12));
             assert!(same, "{name}: path {path} brings {a:?}, alone {b:?}");
         }

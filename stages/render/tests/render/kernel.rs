@@ -41,7 +41,7 @@ fn the_plan_names_the_kernel_and_what_refused_a_faster_one() {
     assert!(four.refused.is_empty(), "{four:?}");
     assert_eq!(
         five.kernel.as_deref(),
-        Some("16 paths abreast in f32, 5 bodies, looks for light one by one, starts one by one")
+        Some("16 paths abreast in f32, 5 bodies, light connections one by one, starts one by one")
     );
     assert_eq!(five.refused, ["5 bodies (a hole counts as one): f32 lanes hold up to 4"]);
 

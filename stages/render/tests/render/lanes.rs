@@ -91,7 +91,7 @@ fn checks() -> Pictures {
 }
 
 /// Of 4096 paths, how many lanes see otherwise than the scalar walker by more than 1e-3: by the projector alone, and with lamps and pictures beside it. Where the
-/// light comes in through another wall than the camera's ray, the first look of lanes lies elsewhere on its line; ways of light through curved walls are
+/// light comes in through another wall than the camera's ray, the first estimate of lanes lies elsewhere on its line; ways of light through curved walls are
 /// found elsewhere first. Elsewhere only rounding turns decisions: each by some 1e-7 of what it compares, ten for each of up to 90 flights, so less than one
 /// path. Another choice of random numbers gives other counts: those here hold within 5 of their standard errors and 4.
 const OTHERS: [(&str, [u32; 2]); 23] = [
@@ -137,7 +137,7 @@ fn f32_lanes_are_the_scalar_paths_to_rounding() {
         let (samples, mut alone, mut lanes) =
             (0..256, Walker::new(setting, named("")), Walker::new(setting, named("")));
         let frame = Frame::of(&lanes).expect("f32 holds these scenes");
-        alone.scouts.clone_from(&frame.scouts);
+        alone.light_branches.clone_from(&frame.light_branches);
         single::walk(&mut lanes, &frame, Batches { of: &alike(0..16, &samples), count: samples.len() as u32 });
         // Per response: sum of magnitudes, of differences and of their squares.
         let (mut sums, mut turned, mut path) = ([[0.0; 3]; 9], 0_u32, 0);
@@ -165,10 +165,10 @@ fn f32_lanes_are_the_scalar_paths_to_rounding() {
     }
 }
 
-/// Down a tube the camera's light and the projector's come in at a grazing angle, through the wall of a hole that was there before: no look
+/// Down a tube the camera's light and the projector's come in at a grazing angle, through the wall of a hole that was there before: no estimate
 /// that starts at a wall may be lost to rounding. They make 6 % of this image.
 #[test]
-fn looks_from_walls_of_holes_are_not_lost() {
+fn next_events_at_walls_of_holes_are_not_lost() {
     let view = |z: f64, look_at: f64| {
         View::new(DVec3::new(0.0, 0.0, z), DVec3::new(0.0, 0.0, look_at), DVec3::Y, DVec2::splat(20.4)).unwrap()
     };
@@ -183,8 +183,8 @@ fn looks_from_walls_of_holes_are_not_lost() {
     let setting = setting(&world, &camera, &light);
     let (samples, mut alone, mut lanes) = (0..32, Walker::new(setting, named("")), Walker::new(setting, named("")));
     let frame = Frame::of(&lanes).expect("f32 holds it");
-    alone.scouts.clone_from(&frame.scouts);
-    assert_eq!(frame.scouts, [false, true]);
+    alone.light_branches.clone_from(&frame.light_branches);
+    assert_eq!(frame.light_branches, [false, true]);
     single::walk(&mut lanes, &frame, Batches { of: &alike(0..64, &samples), count: samples.len() as u32 });
     let (mut sum, mut difference, mut square, mut path) = (0.0, 0.0, 0.0, 0);
     for (pixel, sample) in (0..64).flat_map(|p| samples.clone().map(move |s| (p, s))) {

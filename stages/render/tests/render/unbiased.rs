@@ -30,7 +30,7 @@ const GLASS: usize = 8;
 const DENSE: usize = 9;
 const FROSTED: usize = 10;
 const FROSTED_CORE: usize = 11;
-/// Dark, so that paths are short: a look for light through curved walls costs as much as a hundred flights.
+/// Dark, so that paths are short: a connection through curved walls costs as much as a hundred flights.
 const MURKY: usize = 12;
 const MURKY_CORE: usize = 13;
 
@@ -256,7 +256,7 @@ pub fn mesh_scenes() -> Vec<(&'static str, World)> {
     ]
 }
 
-/// Tubes whose walls send scouts: with a ball in the bore, alone, and a longer one.
+/// Tubes whose walls send light-directed branches: with a ball in the bore, alone, and a longer one.
 pub fn hollow_scenes() -> Vec<(&'static str, World)> {
     let tube = |length: f64| Solid::tube(4.0, 6.0, DVec2::ZERO, -length, 0.0);
     vec![
@@ -345,7 +345,7 @@ fn line_and_point_estimators_agree_at_curved_walls() {
     pool.is_unbiased(0.12);
 }
 
-/// Without lamps, for which looks go one by one: flights go on across boundaries in lanes.
+/// Without lamps, which are connected one by one: flights go on across boundaries in lanes.
 #[test]
 fn line_and_point_estimators_agree_without_lamps() {
     let several = scenes().into_iter().filter(|(name, _)| CROSSED.contains(name));
@@ -361,9 +361,9 @@ fn line_and_point_estimators_agree_without_lamps() {
     pool.is_unbiased(0.05);
 }
 
-/// Scouts go towards the projector, and look for lamps too.
+/// Light-directed branches go towards the projector, and are connected to lamps too.
 #[test]
-fn line_and_point_estimators_agree_with_scouts_and_lamps() {
+fn line_and_point_estimators_agree_with_light_branches_and_lamps() {
     let mut pool = Pool::default();
     for (name, world) in hollow_scenes() {
         pool.add(&compare(&lamps(), name, &world, 4000));
@@ -411,10 +411,10 @@ pub fn difference(steady: &Steady, name: &str, world: &World, paths: u32) -> Dif
             shared: None,
         };
         let mut walker = Walker::new(setting, named(""));
-        let scouts = Frame::of(&walker).is_some_and(|frame| !frame.scouts.is_empty());
+        let light_branches = Frame::of(&walker).is_some_and(|frame| !frame.light_branches.is_empty());
         let hollow =
             name == "hollow sphere with two ports" || hollow_scenes().iter().any(|(hollow, _)| *hollow == name);
-        assert_eq!(scouts, nee == Nee::Line && hollow, "{name}");
+        assert_eq!(light_branches, nee == Nee::Line && hollow, "{name}");
         let mut moments = Moments::new(16, numbers);
         for sample in (0..paths).step_by(100) {
             flock::walk(&mut walker, 0..16, sample..sample + 100);

@@ -1,4 +1,4 @@
-//! Looks for light one scattering ahead, in f32 lanes: `Walker::look_ahead` for worlds of few transparent bodies.
+//! Next-event estimation one scattering ahead, in f32 lanes: `Walker::next_event_ahead` for worlds of few transparent bodies.
 
 use fearless_simd::prelude::*;
 
@@ -14,7 +14,7 @@ use super::source::{Arrival, Source, whether_projected};
 use super::walls::Way;
 use crate::lengths::MOST_LENGTHS;
 use crate::link::DETOURS;
-use crate::look::{FLAT, TAU_SURE};
+use crate::next_event_lanes::{FLAT, TAU_SURE};
 
 /// Of a density e^-x what lies behind this x is nothing to f32.
 const GONE: f32 = 17.0;
@@ -23,56 +23,70 @@ const GONE: f32 = 17.0;
 /// the nearest surface; number, sample, pixel, response, body.
 pub type Rays = Rows<15, 5>;
 
-/// What waits for being looked at.
+/// Vertices that wait for their next-event estimation.
 #[derive(Clone, Debug)]
-pub struct Looks {
+pub struct NextEvents {
     pub rays: Rays,
     /// Where light bends.
     pub detours: Vec<Detour>,
 }
 
-impl Looks {
+impl NextEvents {
     pub fn new(counted: bool) -> Self {
         Self { rays: Rays::new(counted), detours: Vec::new() }
     }
 }
 
-/// Looks for light while so many wait.
+/// Estimates while so many wait.
 #[inline(always)]
-pub fn look_while<S: Simd>(
+pub fn estimate_while<S: Simd>(
     simd: S,
-    looks: &mut Looks,
+    next_events: &mut NextEvents,
     many: usize,
     frame: &Frame<'_>,
     key: [u32; 2],
     high: u32,
     responses: &mut [f64],
 ) {
-    while looks.rays.len() >= many {
-        look_once(simd, looks, frame, key, high, responses);
+    while next_events.rays.len() >= many {
+        estimate_once(simd, next_events, frame, key, high, responses);
     }
 }
 
 /// Compiled once for all callers, each of which would be as large as all the rest of a flight.
 #[inline(never)]
-fn look_once<S: Simd>(simd: S, looks: &mut Looks, frame: &Frame<'_>, key: [u32; 2], high: u32, responses: &mut [f64]) {
+fn estimate_once<S: Simd>(
+    simd: S,
+    next_events: &mut NextEvents,
+    frame: &Frame<'_>,
+    key: [u32; 2],
+    high: u32,
+    responses: &mut [f64],
+) {
     simd.vectorize(
         #[inline(always)]
         || {
-            look(simd, looks, frame, key, high, responses);
-            looks.rays.drop_first(simd);
+            estimate(simd, next_events, frame, key, high, responses);
+            next_events.rays.drop_first(simd);
         },
     );
 }
 
-/// The first 16 looks, or as many as there are: adds to the responses of their paths.
+/// The first 16 vertices, or as many as there are: adds to the responses of their paths.
 #[inline(always)]
-fn look<S: Simd>(simd: S, looks: &mut Looks, frame: &Frame<'_>, key: [u32; 2], high: u32, responses: &mut [f64]) {
-    let (floats, words, lengths) = looks.rays.load(simd);
+fn estimate<S: Simd>(
+    simd: S,
+    next_events: &mut NextEvents,
+    frame: &Frame<'_>,
+    key: [u32; 2],
+    high: u32,
+    responses: &mut [f64],
+) {
+    let (floats, words, lengths) = next_events.rays.load(simd);
     let [rx, ry, rz, cx, cy, cz, ox, oy, oz, weight, roulette, mu_a, mu_s, g, least] = floats;
     let [number, sample, pixel, path, body] = words;
     let (r, came, own) = (V { x: rx, y: ry, z: rz }, V { x: cx, y: cy, z: cz }, V { x: ox, y: oy, z: oz });
-    let count = looks.rays.len().min(LANES);
+    let count = next_events.rays.len().min(LANES);
     let waiting = M::from_bitmask(simd, (1 << count) - 1);
     let ray = Ray {
         waiting,
@@ -94,19 +108,19 @@ fn look<S: Simd>(simd: S, looks: &mut Looks, frame: &Frame<'_>, key: [u32; 2], h
     };
     let channels = if frame.counts { frame.channels.len() } else { 1 };
     let mut deposit = Deposit { frame, channels, paths: &path.as_slice()[..count], responses };
-    // Of all lamps one sum: that a path's looks are added one by one must not depend on which go together.
+    // Of all lamps one sum: that a path's estimates are added one by one must not depend on which go together.
     let mut steady = [splat(simd, 0.0); MOST_CHANNELS];
     for source in &frame.sources {
         let line = line(simd, frame, source, key, high, &ray);
         if frame.walls.is_some() {
-            see_through_walls(simd, &mut looks.detours, source, key, high, &ray, &line, &mut deposit);
+            see_through_walls(simd, &mut next_events.detours, source, key, high, &ray, &line, &mut deposit);
             continue;
         }
-        let sight = sight(simd, frame, source, line.looked, line.r);
+        let sight = sight(simd, frame, source, line.asked, line.r);
         let seen = line.sees(simd, frame, source, &sight);
         if frame.plane.as_ref().is_some_and(|plane| plane.detours) {
-            let tried = line.looked & tries(simd, key, high, &ray, &line);
-            line.leave(simd, &mut looks.detours, &ray, tried, |_| None);
+            let tried = line.asked & tries(simd, key, high, &ray, &line);
+            line.leave(simd, &mut next_events.detours, &ray, tried, |_| None);
         }
         if source.is_lamp() {
             for ((sum, radiance), share) in steady[..channels].iter_mut().zip(seen.radiance).zip(source.shares) {
@@ -121,7 +135,7 @@ fn look<S: Simd>(simd: S, looks: &mut Looks, frame: &Frame<'_>, key: [u32; 2], h
     }
 }
 
-/// Lanes that look, as in [`Rays`].
+/// Lanes that estimate, as in [`Rays`].
 struct Ray<S: Simd> {
     waiting: M<S>,
     r: V<S>,
@@ -141,9 +155,9 @@ struct Ray<S: Simd> {
     lengths: Counts<S>,
 }
 
-/// Where the next scattering is looked for.
+/// The line on which the next scattering is sampled.
 struct Line<S: Simd> {
-    looked: M<S>,
+    asked: M<S>,
     r: V<S>,
     /// Unit vector along which the path comes there, and mm.
     e: V<S>,
@@ -153,12 +167,12 @@ struct Line<S: Simd> {
     /// Of what is scattered there, without what is lost on the line.
     fraction: F<S>,
     lengths: Counts<S>,
-    /// Random numbers of the look: its block, and its place on the ray.
+    /// Random numbers of the estimate: its block, and its place on the ray.
     block: U<S>,
     place: U<S>,
 }
 
-/// A point on a line from where a lane looks for a source.
+/// A point on a line that a lane connects to a source.
 #[inline(always)]
 fn line<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, key: [u32; 2], high: u32, ray: &Ray<S>) -> Line<S> {
     let &Ray { waiting, r, came, own, weight, roulette, mu_a, mu_s, g, least, .. } = ray;
@@ -174,12 +188,12 @@ fn line<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, key: [u32; 2], hig
 
     // The line: along the path's own direction, or one from the lobe around the light. Rays that come in from outside have no choice.
     let (first, entry) = (number.simd_ge(FIRST), (number & (FIRST | ENTRY)).simd_eq(ENTRY));
-    let wall_look = (number & (FIRST | ENTRY | WALL)).simd_eq(WALL);
+    let turned = (number & (FIRST | ENTRY | WALL)).simd_eq(WALL);
     let (block, piece) = source.numbers(simd, number, frame.first - 1, first, entry);
     let high = piece | high;
     let [choice, b, c, u] = philox(simd, block, high, sample, pixel, key);
     let lobe = hg_sample(g, towards, unit(b), unit(c));
-    let sure = first | wall_look;
+    let sure = first | turned;
     let given = sure | entry;
     let goes_on = (choice >> 31).simd_eq(0) | given;
     let e =
@@ -191,7 +205,7 @@ fn line<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, key: [u32; 2], hig
         steepness = choose(known, steepness, splat(simd, 0.0));
         incidence = choose(known, incidence, splat(simd, 1.0));
     }
-    // Nor are the camera's and those from walls looked for by roulette. See `nee::depth`.
+    // Nor are the camera's and those from walls subject to roulette. See `next_event_lanes::depth`.
     let depth = tau * incidence.abs();
     let depth = choose(depth.simd_gt(least), depth, least);
     let rarity = choose(sure, splat(simd, 1.0), rarity(simd, depth));
@@ -208,7 +222,7 @@ fn line<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, key: [u32; 2], hig
         add_in_own(&mut lengths, frame, body, s);
     }
     Line {
-        looked: chosen & length.simd_gt(0.0),
+        asked: chosen & length.simd_gt(0.0),
         r: r.plus(s, e),
         e,
         s,
@@ -231,7 +245,7 @@ impl<S: Simd> Line<S> {
         let dark = self.mu_t * self.s + tau;
         let q = hg_denominator(self.g, self.e.dot(towards));
         let p = (1.0 - self.g) * (1.0 + self.g) * (0.25 * std::f32::consts::FRAC_1_PI) / (q * q.sqrt());
-        let seen = self.looked & lit & !blocked & dark.simd_lt(DARK);
+        let seen = self.asked & lit & !blocked & dark.simd_lt(DARK);
         let radiance = choose(seen, self.fraction * p * (irradiance * gain) * exp(-dark.min(splat(simd, DARK))), zero);
         // What each channel sees of it.
         let mut seen_in = [radiance; MOST_CHANNELS];
@@ -281,7 +295,7 @@ impl<S: Simd> Line<S> {
     }
 }
 
-/// Whether `Walker::detour`, or `Walker::by_chance`, looks at all.
+/// Whether `Walker::detour`, or `Walker::by_chance`, tries at all.
 #[inline(always)]
 fn tries<S: Simd>(simd: S, key: [u32; 2], high: u32, ray: &Ray<S>, line: &Line<S>) -> M<S> {
     let word = whether_projected(simd, line.place) | high;
@@ -291,7 +305,7 @@ fn tries<S: Simd>(simd: S, key: [u32; 2], high: u32, ray: &Ray<S>, line: &Line<S
 
 /// Every way by one refraction, and others by chance; where lanes know none, or do not know, all is left to the scalar walker.
 #[inline(always)]
-#[allow(clippy::too_many_arguments, reason = "all that a look is made of")]
+#[allow(clippy::too_many_arguments, reason = "all that an estimate is made of")]
 fn see_through_walls<S: Simd>(
     simd: S,
     detours: &mut Vec<Detour>,
@@ -306,11 +320,11 @@ fn see_through_walls<S: Simd>(
     let Some(walls) = &frame.walls else { return };
     let mut ways: [Option<Way<S>>; MOST_FACES] = [None; MOST_FACES];
     // Of each lane the first way that there is, and by bits the lanes that each of the others has found, too.
-    let mut first = walls.way(simd, frame, 0, line.looked, line.r);
+    let mut first = walls.way(simd, frame, 0, line.asked, line.r);
     let mut others = [0; MOST_FACES];
     ways[0] = Some(first);
     for (i, face) in walls.faces.iter().enumerate().skip(1) {
-        let mut way = walls.way(simd, frame, i, line.looked, line.r);
+        let mut way = walls.way(simd, frame, i, line.asked, line.r);
         for same in face.same() {
             if let Some(before) = ways.get(same).and_then(Option::as_ref) {
                 way.found &= !before.found;
@@ -322,7 +336,7 @@ fn see_through_walls<S: Simd>(
     }
     let found = first.found & !first.unsure;
     let several = others.iter().fold(0, |several, others| several | others) & found.to_bitmask();
-    // Lane by lane where one has several: that a path's looks are added one by one must not depend on which go together.
+    // Lane by lane where one has several: that a path's estimates are added one by one must not depend on which go together.
     let (mut start, mut rest) = (0, several);
     loop {
         let last = rest.trailing_zeros().min(LANES as u32 - 1);
@@ -344,8 +358,8 @@ fn see_through_walls<S: Simd>(
             break;
         }
     }
-    let wholly = line.looked & !found;
-    let tried = line.looked & !wholly & tries(simd, key, high, ray, line);
+    let wholly = line.asked & !found;
+    let tried = line.asked & !wholly & tries(simd, key, high, ray, line);
     let dark = first.tau.max(splat(simd, 0.0)).min(splat(simd, DARK));
     let strength = source.arrives(simd, first.foot).irradiance * first.gain * exp(-dark);
     let known = found.to_bitmask();
@@ -356,7 +370,7 @@ fn see_through_walls<S: Simd>(
     });
 }
 
-/// One over the probability of looking; see `nee::rarity`.
+/// One over the probability of connecting; see `next_event_lanes::rarity`.
 #[inline(always)]
 pub fn rarity<S: Simd>(simd: S, tau: F<S>) -> F<S> {
     let x = (tau * (1.0 / TAU_SURE as f32)).max(splat(simd, 1.0));
@@ -364,14 +378,14 @@ pub fn rarity<S: Simd>(simd: S, tau: F<S>) -> F<S> {
     square * square
 }
 
-/// The rate of the density along the line by its steepness; see `crate::look::ahead`.
+/// The rate of the density along the line by its steepness; see `crate::next_event_lanes::ahead`.
 #[inline(always)]
 fn falling<S: Simd>(simd: S, steepness: F<S>, mu_t: F<S>) -> F<S> {
     let known = steepness.simd_eq(steepness);
     choose(known, (1.0 - steepness).max(splat(simd, -1.0)).min(splat(simd, 2.0)), splat(simd, 1.0)) * mu_t
 }
 
-/// s in (0, length) from a density proportional to exp(-rate s), and one over that density; see `crate::look::ahead`.
+/// s in (0, length) from a density proportional to exp(-rate s), and one over that density; see `crate::next_event_lanes::ahead`.
 #[inline(always)]
 fn ahead<S: Simd>(simd: S, rate: F<S>, length: F<S>, mu_t: F<S>, u: F<S>) -> (F<S>, F<S>) {
     // On an infinite length only positive rates have a density.

@@ -1,6 +1,6 @@
-//! Looks for light one scattering ahead, in lanes, in worlds of few transparent bodies without repeated media.
+//! Next-event estimation one scattering ahead, in f64 lanes, in worlds of few transparent bodies without repeated media.
 //!
-//! They wait in a [`Queue`] until all lanes are full, whichever path they belong to; those of one path are added in its order.
+//! Vertices wait in a [`Queue`] until all lanes are full, whichever path they belong to; those of one path are added in its order.
 
 use fearless_simd::{Level, Simd};
 use glam::DVec3;
@@ -16,7 +16,7 @@ use crate::setting::{Place, Setting};
 use crate::strata::Bending;
 use crate::world::{Body, Material, World};
 
-/// Light is looked for with probability min(1, (TAU_SURE / tau)^4) at optical distance tau from it; looking ahead, from the plane of
+/// A vertex is connected with probability min(1, (TAU_SURE / tau)^4) at optical distance tau from the light; estimating ahead, from the plane of
 /// the wall through which it comes.
 pub const TAU_SURE: f64 = 3.0;
 
@@ -32,9 +32,9 @@ pub const LANES: usize = 16;
 
 type Axes = [[f64; LANES]; 3];
 
-/// Points from which to look, as struct of arrays, and what is seen.
+/// Vertices to connect, as struct of arrays, and what they see.
 #[derive(Clone, Debug, Default)]
-struct Looks {
+struct NextEvents {
     r: Axes,
     /// Direction in which the path came.
     w: Axes,
@@ -58,10 +58,10 @@ struct Looks {
     on_plane: Axes,
 }
 
-/// Looks that wait until all lanes are full.
+/// Vertices that wait until all lanes are full.
 #[derive(Clone, Debug, Default)]
 pub struct Queue {
-    looks: Looks,
+    next_events: NextEvents,
     /// Whose they are: indices of responses.
     paths: Vec<usize>,
 }
@@ -73,23 +73,23 @@ impl Queue {
 
     /// Enters a collision; `place` has its point, its clearance, and still the direction in which the path came to it.
     pub fn push(&mut self, place: &Place, own: DVec3, roulette: f64, material: &Material, body: u64) {
-        let (to, lane) = (&mut self.looks, self.paths.len());
+        let (to, lane) = (&mut self.next_events, self.paths.len());
         set(&mut to.r, lane, place.r);
         set(&mut to.w, lane, place.w);
         set(&mut to.own, lane, own);
         (to.weight[lane], to.roulette[lane], to.body[lane]) = (place.weight, roulette, body);
         (to.mu_a[lane], to.mu_s[lane], to.g[lane]) = (material.mu_a, material.mu_s, material.g);
         to.least[lane] = material.mu_t() * place.clear;
-        // Of the look ahead from the end of the flight, `random.rs`.
+        // Of the estimate ahead from the end of the flight, `random.rs`.
         (to.number[lane], to.sample[lane], to.pixel[lane]) = (place.flight() + 1, place.sample, place.pixel);
         self.paths.push(place.response);
     }
 
-    /// Looks, and adds to `responses`, which are as [`crate::response::Layout`] says.
+    /// Connects, and adds to `responses`, which are as [`crate::response::Layout`] says.
     pub fn flush(&mut self, level: Level, setting: &Setting<'_>, responses: &mut [f64]) {
         if !self.paths.is_empty() {
             at_level!(level, simd => simd.vectorize(#[inline(always)] || {
-                self.looks.look(setting.key, setting.channel, setting.world, setting.light);
+                self.next_events.estimate(setting.key, setting.channel, setting.world, setting.light);
                 self.add(setting.carriers, setting.layout().width(), responses);
             }));
         }
@@ -98,7 +98,7 @@ impl Queue {
 
     #[inline(always)]
     fn add(&self, carriers: &[Carrier], stride: usize, responses: &mut [f64]) {
-        let Looks { radiance, on_plane, .. } = &self.looks;
+        let NextEvents { radiance, on_plane, .. } = &self.next_events;
         for (&path, radiance) in self.paths.iter().zip(radiance) {
             responses[path * stride] += radiance;
         }
@@ -118,7 +118,7 @@ impl Queue {
     }
 }
 
-/// For each material the body that it fills, where this module's looks are right for the world.
+/// For each material the body that it fills, where this module's estimates are right for the world.
 pub fn bodies_by_material(world: &World) -> Option<Vec<u64>> {
     if Bending::of(world) != Bending::Nowhere {
         return None;
@@ -148,10 +148,10 @@ struct Wall {
     body: [u64; LANES],
 }
 
-impl Looks {
-    /// Looks. In every lane the optical depth below where light comes in is tested against the roulette, then one point ahead is scored.
+impl NextEvents {
+    /// Estimates. In every lane the optical depth below where light comes in is tested against the roulette, then one point ahead is scored.
     #[inline(always)]
-    fn look(&mut self, key: [u32; 2], channel: u32, world: &World, light: &Light) {
+    fn estimate(&mut self, key: [u32; 2], channel: u32, world: &World, light: &Light) {
         let (mut towards, mut distance) = ([[0.0; LANES]; 3], [0.0; LANES]);
         for (i, distance) in distance.iter_mut().enumerate() {
             let (to, far) = light.towards(at(&self.r, i));
@@ -346,8 +346,8 @@ pub fn ahead(steepness: f64, length: f64, mu_t: f64, u: f64) -> (f64, f64) {
 
 /// Optical depth below the plane through which the light comes, which is `tau` away at the cosine `cos`; at least what is known.
 ///
-/// A look ahead is from further on along the path, which may come up to the wall the short way: where light grazes the wall, it is far
-/// away from places near which it is bright. A roulette by `tau` itself would leave those to one look in very many (measured in a tube
+/// An estimate ahead is from further on along the path, which may come up to the wall the short way: where light grazes the wall, it is far
+/// away from places near which it is bright. A roulette by `tau` itself would leave those to one estimate in very many (measured in a tube
 /// lit along its axis: kurtosis above 2000, intervals of two standard errors that hold the truth in 86 % of cases after 256 paths).
 #[inline(always)]
 pub fn depth(tau: f64, cos: f64, least: f64) -> f64 {
@@ -355,7 +355,7 @@ pub fn depth(tau: f64, cos: f64, least: f64) -> f64 {
     if depth > least { depth } else { least }
 }
 
-/// One over the probability of looking for light at optical distance `tau`; that falls slower than the light does.
+/// One over the probability of connecting at optical distance `tau`; that falls slower than the light does.
 #[inline(always)]
 pub fn rarity(tau: f64) -> f64 {
     let x = (tau * (1.0 / TAU_SURE)).max(1.0);

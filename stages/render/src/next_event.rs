@@ -11,15 +11,15 @@ use crate::caustic::Best;
 use crate::lamp::Source;
 use crate::lengths::{Lengths, count, sum};
 use crate::link::{Chance, Heading};
-use crate::look::{self, depth, rarity};
-use crate::random::{Look, SCOUT, Stream};
+use crate::next_event_lanes::{self, depth, rarity};
+use crate::random::{LIGHT_BRANCH, NeeSite, Stream};
 use crate::setting::Place;
 use crate::single::Detour;
 use crate::strata::Bending;
 use crate::walker::{Entry, Walker};
 use crate::world::{Material, Skin};
 
-/// Where the next scattering is looked for.
+/// The line on which the next scattering is sampled.
 struct Line {
     r: DVec3,
     /// Unit vector along it.
@@ -98,7 +98,7 @@ impl<'a> Walker<'a> {
     }
 
     /// Light that a Lambertian surface throws into the path.
-    pub(crate) fn look_from_surface(&mut self, at: &Place, normal: DVec3, rho: f64) {
+    pub(crate) fn next_event_at_surface(&mut self, at: &Place, normal: DVec3, rho: f64) {
         for source in self.sources() {
             self.surface_lit(at, normal, rho, source);
         }
@@ -111,7 +111,7 @@ impl<'a> Walker<'a> {
         let stream = self.stream(at);
         let mut links = std::mem::take(&mut self.links);
         self.reach(source, at.r, at.skin, &mut links);
-        let chance = Chance { stream: &stream, flight: at.flight(), look: Look::Here };
+        let chance = Chance { stream: &stream, flight: at.flight(), site: NeeSite::Here };
         self.reach_on(source, at.r, at.skin, &chance, &mut links);
         for link in links.drain(..) {
             let cos = normal.dot(link.towards);
@@ -135,13 +135,13 @@ impl<'a> Walker<'a> {
     }
 
     /// Light that a rough wall throws into the path; `skin` is on the side from which the path comes.
-    pub(crate) fn look_from_rough(&mut self, at: &Place, rough: &Rough, skin: Skin) {
+    pub(crate) fn next_event_at_rough(&mut self, at: &Place, rough: &Rough, skin: Skin) {
         let stream = self.stream(at);
         for source in self.sources() {
             let behind = source.towards(at.r).0.dot(rough.normal) < 0.0;
             let link = self.link(source, at.r, Some(Skin { inside: skin.inside != behind, ..skin }), true);
             let mut mirrored = std::mem::take(&mut self.mirrored);
-            let chance = Chance { stream: &stream, flight: at.flight(), look: Look::Here };
+            let chance = Chance { stream: &stream, flight: at.flight(), site: NeeSite::Here };
             for behind in [false, true] {
                 let first = mirrored.len();
                 let skin = Skin { inside: skin.inside != behind, ..skin };
@@ -160,9 +160,9 @@ impl<'a> Walker<'a> {
         }
     }
 
-    /// Leaves a look ahead to the queue.
+    /// Leaves next-event estimation ahead to the queue.
     #[inline]
-    pub fn queue_look(&mut self, at: &Place, own: DVec3, roulette: f64, material: &Material, body: u64) {
+    pub fn queue_next_event(&mut self, at: &Place, own: DVec3, roulette: f64, material: &Material, body: u64) {
         if !self.setting.light.shines() {
             return;
         }
@@ -173,7 +173,7 @@ impl<'a> Walker<'a> {
     }
 
     /// Light scattered into the path at a collision.
-    pub(crate) fn look_from_collision(&mut self, at: &mut Place, roulette: f64) {
+    pub(crate) fn next_event_at_collision(&mut self, at: &mut Place, roulette: f64) {
         if self.hidden(&self.setting.world.materials[at.material]) {
             return;
         }
@@ -183,7 +183,7 @@ impl<'a> Walker<'a> {
     }
 
     /// Light that the next scattering will see, in every piece of a medium that the flight, now over, came into from elsewhere.
-    pub(crate) fn look_into_entries(&mut self, at: &Place, roulette: f64) {
+    pub(crate) fn next_event_in_entries(&mut self, at: &Place, roulette: f64) {
         let (mut entries, stream) = (std::mem::take(&mut self.entries), self.stream(at));
         for (place, entry) in entries.drain(..).enumerate() {
             if !self.hidden(&self.setting.world.materials[entry.material]) {
@@ -212,7 +212,7 @@ impl<'a> Walker<'a> {
         if roulette * rarity >= 1.0 {
             return;
         }
-        let chance = Chance { stream, flight: at.flight(), look: Look::Entered(place) };
+        let chance = Chance { stream, flight: at.flight(), site: NeeSite::Entered(place) };
         let [.., u] = chance.point(source);
         let line = Line { r: entry.r, e: at.w, length: entry.length, material: entry.material, towards, exit };
         self.score(at.response, &line, at.weight * at.share * rarity, unit(u), source, &chance, &entry.lengths);
@@ -226,7 +226,7 @@ impl<'a> Walker<'a> {
         if roulette * rarity >= 1.0 {
             links.clear();
         } else {
-            let chance = Chance { stream: &stream, flight: at.flight(), look: Look::Here };
+            let chance = Chance { stream: &stream, flight: at.flight(), site: NeeSite::Here };
             self.reach_on(source, at.r, None, &chance, &mut links);
         }
         let g = self.setting.world.materials[at.material].g;
@@ -239,8 +239,8 @@ impl<'a> Walker<'a> {
     }
 
     /// Exact single scattering of a ray that starts outside or at a wall: one point in each scattering piece that it crosses, up to
-    /// where it is bent or ends; or in its first piece alone, where the others are looked into when the path gets there.
-    pub(crate) fn look_along(&mut self, at: &Place, stream: &Stream) {
+    /// where it is bent or ends; or in its first piece alone, where the others are sampled when the path gets there.
+    pub(crate) fn next_event_along(&mut self, at: &Place, stream: &Stream) {
         let world = self.setting.world;
         let mut pieces = std::mem::take(&mut self.pieces);
         pieces.clear();
@@ -263,7 +263,7 @@ impl<'a> Walker<'a> {
                     let towards = self.heading_from_wall(source, start, inside);
                     // Where the ray came in is where the light comes in, if it comes from that side.
                     let exit = normal.filter(|n| n.dot(towards) > 0.0);
-                    let chance = Chance { stream, flight: at.flight(), look: Look::Next(scored) };
+                    let chance = Chance { stream, flight: at.flight(), site: NeeSite::Next(scored) };
                     let [.., u] = chance.point(source);
                     let line = Line { r: start, e: at.w, length, material: piece.material, towards, exit };
                     let weight = at.weight * libm::exp(-tau);
@@ -285,7 +285,7 @@ impl<'a> Walker<'a> {
 
     /// The light that the next scattering will see, from one point on a line (the one-sample light lobe).
     #[inline]
-    pub(crate) fn look_ahead(&mut self, at: &mut Place, own: DVec3, roulette: f64) {
+    pub(crate) fn next_event_ahead(&mut self, at: &mut Place, own: DVec3, roulette: f64) {
         let world = self.setting.world;
         let material = world.materials[at.material];
         if self.hidden(&material) {
@@ -300,10 +300,11 @@ impl<'a> Walker<'a> {
         if roulette * rarity(material.mu_t() * at.clear) >= 1.0 {
             return;
         }
-        if let Some(body_of) = self.body_of.as_ref().filter(|_| at.scout || at.number < u64::from(SCOUT)) {
+        if let Some(body_of) = self.body_of.as_ref().filter(|_| at.light_branch || at.number < u64::from(LIGHT_BRANCH))
+        {
             let body = body_of[at.material];
-            self.queue_look(at, own, roulette, &material, body);
-            self.look_at_lamps(at, own, roulette);
+            self.queue_next_event(at, own, roulette, &material, body);
+            self.next_event_to_lamps(at, own, roulette);
             return;
         }
         for source in self.sources() {
@@ -311,20 +312,20 @@ impl<'a> Walker<'a> {
         }
     }
 
-    /// Looks one by one for the steady lights, from a collision from which the queue looks for the projector; `at.clear` is what
+    /// Connects a collision to the steady lights one by one, where the queue connects it to the projector; `at.clear` is what
     /// decided that.
-    pub fn look_at_lamps(&mut self, at: &Place, own: DVec3, roulette: f64) {
+    pub fn next_event_to_lamps(&mut self, at: &Place, own: DVec3, roulette: f64) {
         for (i, lamp) in self.setting.steady.lamps.iter().enumerate() {
             self.line_lit(at, own, roulette, Source::Lamp(i, lamp));
         }
     }
 
-    /// The ways from the projector to r that lanes, which have looked ahead, do not know; apart from what is not queued. `unit`: W mm^-2.
+    /// The ways from the projector to r that lanes, which have estimated ahead, do not know; apart from what is not queued. `unit`: W mm^-2.
     pub(crate) fn try_detour(&mut self, detour: &Detour, r: DVec3, e: DVec3, unit: f64) {
         let s = self.setting;
         let (source, stream) = (Source::Projector(s.light), Stream::new(s.key, detour.pixel, detour.sample, s.channel));
-        let (flight, look) = Look::of(detour.number, detour.place as usize);
-        let chance = Chance { stream: &stream, flight, look };
+        let (flight, site) = NeeSite::of(detour.number, detour.place as usize);
+        let chance = Chance { stream: &stream, flight, site };
         let mut links = std::mem::take(&mut self.links);
         if self.bending == Bending::AtWalls {
             if let Some(known) = detour.known {
@@ -361,7 +362,7 @@ impl<'a> Walker<'a> {
         }
         let g = material.g;
         let stream = self.stream(at);
-        let chance = Chance { stream: &stream, flight: at.flight(), look: Look::Next(0) };
+        let chance = Chance { stream: &stream, flight: at.flight(), site: NeeSite::Next(0) };
         let [choice, b, c, u] = chance.point(source);
         let e = if choice >> 31 == 0 { own } else { hg::sample(g, towards, unit(b), unit(c)) };
         // 2 p_A / (p_A + p_B): p_A would have sent the path along e, p_B is the lobe around the light.
@@ -397,7 +398,7 @@ impl<'a> Walker<'a> {
         let material = self.setting.world.materials[line.material];
         let mu_t = material.mu_t();
         let steepness = line.exit.map_or(0.0, |n| e.dot(n) / towards.dot(n));
-        let (s, inverse_density) = look::ahead(steepness, length, mu_t, u);
+        let (s, inverse_density) = next_event_lanes::ahead(steepness, length, mu_t, u);
         let at = r + s * e;
         let mut lengths = *lengths;
         count(self.setting.shared, &mut lengths, line.material, s);

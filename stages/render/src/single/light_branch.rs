@@ -1,15 +1,15 @@
-//! Scouts in lanes: `Walker::send_scout`, sixteen abreast.
+//! Light-directed branches in lanes: `Walker::send_light_branch`, sixteen abreast.
 
 use fearless_simd::prelude::*;
 
 use super::frame::Frame;
 use super::lane::{F, LANES, M, U, V, choose, hg_denominator, hg_sample, philox, splat, unit_short};
 use super::rows::Paths;
-use crate::random::{SCOUT, SENT};
-use crate::scout::{KEPT, NEAR};
+use crate::light_branch::{KEPT, NEAR};
+use crate::random::{LIGHT_BRANCH, SENT};
 use crate::walker::Walker;
 
-/// p(w . e) / (p(w . e) + lobe(e . L)); see `crate::scout`.
+/// p(w . e) / (p(w . e) + lobe(e . L)); see `crate::light_branch`.
 #[inline(always)]
 fn share<S: Simd>(g: F<S>, w: V<S>, e: V<S>, towards: V<S>) -> F<S> {
     let (lobe, narrower) = ((g + 1.0) * 0.5, (g + 3.0) * 0.25 / (g + 1.0));
@@ -17,7 +17,7 @@ fn share<S: Simd>(g: F<S>, w: V<S>, e: V<S>, towards: V<S>) -> F<S> {
     1.0 / (1.0 + narrower * ratio * ratio.sqrt())
 }
 
-/// Of the paths in `asked`, at `r`, those from which scouts may go, and what is left to each of the light that its next flight along `own` sees.
+/// Of the paths in `asked`, at `r`, those from which light-directed branches may go, and what is left to each of the light that its next flight along `own` sees.
 #[inline(always)]
 #[allow(clippy::too_many_arguments, reason = "columns")]
 pub fn sends<S: Simd>(
@@ -30,7 +30,7 @@ pub fn sends<S: Simd>(
     least: F<S>,
 ) -> (M<S>, F<S>) {
     let (one, mut hollow) = (splat(simd, 1.0), M::splat(simd, false));
-    for (m, _) in frame.scouts.iter().enumerate().filter(|(_, sends)| **sends) {
+    for (m, _) in frame.light_branches.iter().enumerate().filter(|(_, sends)| **sends) {
         hollow |= material.simd_eq(m as u32);
     }
     let sends = asked & hollow & least.simd_lt(NEAR as f32);
@@ -41,15 +41,15 @@ pub fn sends<S: Simd>(
     (sends, choose(sends, share(g, came, own, towards), one))
 }
 
-/// What is to become scouts, and those that wait: rows of paths that stand there; all of a path in its own order.
+/// What is to become light-directed branches, and those that wait: rows of paths that stand there; all of a path in its own order.
 #[derive(Clone, Debug)]
-pub struct Scouts {
+pub struct LightBranches {
     /// From which they may go, with the direction in which the path came.
     pub collisions: Paths,
     pub waiting: Paths,
 }
 
-impl Scouts {
+impl LightBranches {
     pub fn new(counted: bool) -> Self {
         Self { collisions: Paths::new(counted), waiting: Paths::new(counted) }
     }
@@ -90,7 +90,7 @@ impl Scouts {
         let [number, sample, pixel, ..] = words;
         let (r, came) = (V { x, y, z }, V { x: wx, y: wy, z: wz });
         let (towards, _) = frame.sources[0].towards(r);
-        let number = number | SCOUT;
+        let number = number | LIGHT_BRANCH;
         let [b, c, d, _] = philox(simd, number, U::splat(simd, high | SENT), sample, pixel, key);
         let along = hg_sample((g + 1.0) * 0.5, towards, unit_short(b), unit_short(c));
         let part = share(g, came, along, towards);
@@ -106,14 +106,14 @@ impl Scouts {
     #[inline(never)]
     fn enlist(&mut self, walker: &mut Walker<'_>, frame: &Frame<'_>) {
         while self.waiting.len() < LANES
-            && let Some(mut scout) = walker.sent.pop_front()
+            && let Some(mut light_branch) = walker.sent.pop_front()
         {
-            if frame.body_at(&scout).is_some() {
-                let (floats, words, lengths) = frame.row(&scout);
+            if frame.body_at(&light_branch).is_some() {
+                let (floats, words, lengths) = frame.row(&light_branch);
                 self.waiting.push(floats, words, lengths);
             } else {
                 // Rounding: it stands on the wall.
-                walker.step(&mut scout);
+                walker.step(&mut light_branch);
             }
         }
     }

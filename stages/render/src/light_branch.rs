@@ -1,4 +1,4 @@
-//! Scouts: single flights beside a path, towards the light, so that what the path would find there by chance does not weigh alone.
+//! Light-directed branches: single flights towards the light, besides those of the path, so that what the path would find there by chance does not weigh alone.
 //!
 //! `docs/theory/render.md`, "Light-directed branches".
 
@@ -6,16 +6,16 @@ use glam::DVec3;
 use turbid_optics::henyey_greenstein as hg;
 use turbid_optics::philox::unit;
 
-use crate::random::{Purpose, SCOUT};
+use crate::random::{LIGHT_BRANCH, Purpose};
 use crate::setting::Place;
 use crate::walker::Walker;
 
-/// Scouts are sent nearer to a wall than so many mean free paths: grazing light does not come further.
+/// Light-directed branches start nearer to a wall than so many mean free paths: grazing light does not come further.
 pub(crate) const NEAR: f64 = 1.0;
-/// A scout goes with this times its share of the light, or 1, as probability: most shares are some per cent.
+/// A light-directed branch is followed with this times its share of the light, or 1, as probability: most shares are some per cent.
 pub(crate) const KEPT: f64 = 8.0;
 
-/// g of the lobe around the light from which scouts are drawn: half as wide as the phase function.
+/// g of the lobe around the light from which light-directed branches are drawn: half as wide as the phase function.
 fn lobe(g: f64) -> f64 {
     0.5 * (1.0 + g)
 }
@@ -32,8 +32,8 @@ fn share(g: f64, w: DVec3, e: DVec3, towards: DVec3) -> f64 {
 }
 
 impl Walker<'_> {
-    /// Sends a scout from the collision where a path stands, which came there along `at.w` and goes on along `next`; leaves the path its share.
-    pub(crate) fn send_scout(&mut self, at: &mut Place, next: DVec3) {
+    /// Starts a light-directed branch from the collision where a path stands, which came there along `at.w` and goes on along `next`; leaves the path its share.
+    pub(crate) fn send_light_branch(&mut self, at: &mut Place, next: DVec3) {
         let world = self.setting.world;
         let here = world.materials[at.material];
         if here.mu_t() * at.clear >= NEAR {
@@ -45,14 +45,14 @@ impl Walker<'_> {
         }
         let towards = self.setting.light.towards(at.r).0;
         at.share = share(here.g, at.w, next, towards);
-        let number = at.flight() | u64::from(SCOUT);
-        let [b, c, d, _] = self.stream(at).block(Purpose::Scout(number));
+        let number = at.flight() | u64::from(LIGHT_BRANCH);
+        let [b, c, d, _] = self.stream(at).block(Purpose::LightBranch(number));
         let w = hg::sample(lobe(here.g), towards, unit(b), unit(c));
         let part = share(here.g, at.w, w, towards);
         let kept = (KEPT * part).min(1.0);
         if unit(d) < kept {
             let (weight, response) = (at.weight * part / kept, at.response + self.paths);
-            self.sent.push_back(Place { w, weight, number, response, share: 1.0, scout: true, ..*at });
+            self.sent.push_back(Place { w, weight, number, response, share: 1.0, light_branch: true, ..*at });
         }
     }
 }
