@@ -1,25 +1,25 @@
-//! Ways of light through smooth walls of any shape, and by mirrors: some known for sure, all others by chance.
+//! Specular connections through smooth walls of any shape, and by mirrors: some known for sure, all others by manifold sampling.
 //!
-//! A way is found by aiming: a ray from the point is refracted and reflected as its events say, its neighbours tell how to turn it so that it
+//! A connection is found by a manifold walk (Newton's method): a ray from the point is refracted and reflected as its events say, its neighbours tell how to turn it so that it
 //! meets the light. `docs/theory/render.md` says why nothing is counted twice and nothing is left out.
 
 use glam::DVec3;
-use turbid_optics::pencil::Aim;
+use turbid_optics::ray_differential::NewtonStep;
 use turbid_optics::solid::{Ends, Far};
 
+use crate::connection::{Connection, Known};
 use crate::finish::Finish;
 use crate::lamp::Source;
 use crate::lengths::{Lengths, NO_LENGTHS, count, sum};
 use crate::setting::Setting;
 use crate::walker::Walker;
-use crate::way::{Known, Link};
 use crate::world::{Skin, Wall};
 
-mod chance;
+mod manifold_sampling;
 mod reflection;
 mod shot;
 
-pub(crate) use chance::{Beginning, Best};
+pub(crate) use manifold_sampling::{Beginning, Best};
 use shot::{Shot, Walls};
 
 /// Where the refractive index changes next on a ray, or there is a mirror.
@@ -44,28 +44,28 @@ enum Next {
     Free(f64),
 }
 
-/// A place where light may cross one wall is a way if what is left to turn is less than this, rad: else another wall comes first.
+/// A place where light may cross one wall is a connection if what is left to turn is less than this, rad: else another wall comes first.
 const NEAR: f64 = 1e-4;
 impl Walker<'_> {
-    /// Fills `self.known` with ways found from fixed beginnings: the straight line, or refraction at one wall, or the straight line's walls one
+    /// Fills `self.known` with connections found from fixed beginnings: the straight line, or refraction at one wall, or the straight line's walls one
     /// after the other; and reflection at one mirror. With the first of them if `one` will do.
-    pub(crate) fn know_ways(&mut self, source: Source<'_>, r: DVec3, skin: Option<Skin>, one: bool) {
+    pub(crate) fn find_known(&mut self, source: Source<'_>, r: DVec3, skin: Option<Skin>, one: bool) {
         let mut known = std::mem::take(&mut self.known);
         known.clear();
-        self.find_ways(source, r, skin, one, &mut known);
+        self.search_known(source, r, skin, one, &mut known);
         if (known.is_empty() || !one) && !self.mirrors.is_empty() {
             self.by_one_reflection(source, (r, skin), false, &mut known);
             // In a focus there is no telling how bright it is; hardly any place is in one.
-            known.retain(|known| known.link.irradiance.is_finite());
+            known.retain(|known| known.connection.irradiance.is_finite());
         }
         self.known = known;
     }
 
-    fn find_ways(&mut self, source: Source<'_>, r: DVec3, skin: Option<Skin>, one: bool, known: &mut Vec<Known>) {
+    fn search_known(&mut self, source: Source<'_>, r: DVec3, skin: Option<Skin>, one: bool, known: &mut Vec<Known>) {
         let (towards, distance) = source.towards(r);
         let (n, edges) = self.edges(r, towards, skin, distance);
         if edges == Some(0) {
-            known.extend(self.unbent(source, r, skin, n).map(|link| Known { link, events: 0 }));
+            known.extend(self.unbent(source, r, skin, n).map(|connection| Known { connection, events: 0 }));
             return;
         }
         let far = match source.origin() {
@@ -84,9 +84,9 @@ impl Walker<'_> {
             }
             for p in &places {
                 let shot = self.shoot((r, skin), (p - r).normalize(), &[false], Walls::AsTheyAre);
-                let shot = shot.and_then(|shot| shot.aim(source).map(|aim| (shot, aim)));
-                if let Some((shot, aim)) = shot.filter(|(_, aim)| aim.turn.length() < NEAR) {
-                    self.keep(source, (r, skin), (shot, aim), &[false], known);
+                let shot = shot.and_then(|shot| shot.newton(source).map(|newton| (shot, newton)));
+                if let Some((shot, newton)) = shot.filter(|(_, newton)| newton.turn.length() < NEAR) {
+                    self.keep(source, (r, skin), (shot, newton), &[false], known);
                 }
                 if one && !known.is_empty() {
                     break;
@@ -99,74 +99,74 @@ impl Walker<'_> {
         {
             let events = vec![false; edges];
             let shot = self.shoot((r, skin), towards, &events, Walls::AsTheyAre);
-            if let Some(shot) = shot.and_then(|shot| shot.aim(source).map(|aim| (shot, aim))) {
+            if let Some(shot) = shot.and_then(|shot| shot.newton(source).map(|newton| (shot, newton))) {
                 self.keep(source, (r, skin), shot, &events, known);
             }
         }
     }
 
-    /// Adds the way that a ray leads to, if it is not known yet.
+    /// Adds the connection that a ray leads to, if it is not known yet.
     fn keep(
         &mut self,
         source: Source<'_>,
         begin: (DVec3, Option<Skin>),
-        shot: (Shot, Aim),
+        shot: (Shot, NewtonStep),
         events: &[bool],
         known: &mut Vec<Known>,
     ) {
-        let Some((shot, aim)) = self.steer(source, begin, shot, events, Walls::AsTheyAre) else { return };
-        let way = shot.pencil.start();
-        if known.iter().any(|known| known.is(way, events.len())) {
+        let Some((shot, newton)) = self.manifold_walk(source, begin, shot, events, Walls::AsTheyAre) else { return };
+        let chain = shot.differential.start();
+        if known.iter().any(|known| known.is(chain, events.len())) {
             return;
         }
-        let link = self.arrive(source, &shot, &aim);
-        known.extend(link.map(|link| Known { link, events: events.len() }));
+        let connection = self.arrive(source, &shot, &newton);
+        known.extend(connection.map(|connection| Known { connection, events: events.len() }));
     }
 
-    /// The light that comes by a way that has been found, if nothing stands in its last part.
-    fn arrive(&mut self, source: Source<'_>, shot: &Shot, aim: &Aim) -> Option<Link> {
-        let Shot { pencil, skin, n, passed, tau, lengths, exit } = shot;
-        let sight = self.sight(pencil.r, pencil.w, source.towards(pencil.r).1, *skin);
-        if sight.blocked {
+    /// The light that comes by a chain that has been found, if nothing stands in its last part.
+    fn arrive(&mut self, source: Source<'_>, shot: &Shot, newton: &NewtonStep) -> Option<Connection> {
+        let Shot { differential, skin, n, passed, tau, lengths, exit } = shot;
+        let visibility = self.visibility(differential.r, differential.w, source.towards(differential.r).1, *skin);
+        if visibility.blocked {
             return None;
         }
-        let mut link = Link {
-            towards: pencil.start(),
+        let mut connection = Connection {
+            towards: differential.start(),
             irradiance: 0.0,
-            tau: tau + sight.tau,
+            tau: tau + visibility.tau,
             exit: *exit,
             on_plane: DVec3::ZERO,
             lit: false,
-            lengths: sum(lengths, &sight.lengths),
+            lengths: sum(lengths, &visibility.lengths),
         };
         // From the last wall on it is the light's own cone: there are its intensity and the place on its pattern.
-        if let Some(arrival) = source.arrival(pencil.r) {
+        if let Some(arrival) = source.arrival(differential.r) {
             let strength = match source.origin().1 {
                 None => arrival.irradiance * arrival.distance * arrival.distance,
                 Some(_) => arrival.irradiance,
             };
-            link.irradiance = strength * passed * aim.spread / (n * n);
-            (link.on_plane, link.lit) = (arrival.on_plane, true);
+            connection.irradiance = strength * passed * newton.spread / (n * n);
+            (connection.on_plane, connection.lit) = (arrival.on_plane, true);
         }
-        Some(link)
+        Some(connection)
     }
 
-    /// The straight way through one index.
-    fn unbent(&mut self, source: Source<'_>, r: DVec3, skin: Option<Skin>, n: f64) -> Option<Link> {
+    /// The straight connection through one index.
+    fn unbent(&mut self, source: Source<'_>, r: DVec3, skin: Option<Skin>, n: f64) -> Option<Connection> {
         let (towards, distance) = source.towards(r);
-        let sight = self.sight(r, towards, distance, skin);
-        if sight.blocked {
+        let visibility = self.visibility(r, towards, distance, skin);
+        if visibility.blocked {
             return None;
         }
         let arrival = source.arrival(r);
-        Some(Link {
+        Some(Connection {
             towards,
             irradiance: arrival.map_or(0.0, |arrival| arrival.irradiance / (n * n)),
-            tau: sight.tau,
-            exit: sight.exit,
+            tau: visibility.tau,
+            exit: visibility.exit,
             on_plane: arrival.map_or(DVec3::ZERO, |arrival| arrival.on_plane),
             lit: arrival.is_some(),
-            lengths: sight.lengths,
+            lengths: visibility.lengths,
         })
     }
 

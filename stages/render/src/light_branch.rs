@@ -1,4 +1,4 @@
-//! Light-directed branches: single flights towards the light, besides those of the path, so that what the path would find there by chance does not weigh alone.
+//! Light-directed branches: single flights towards the light, besides those of the path, so that what the path would rarely find there does not weigh alone.
 //!
 //! `docs/theory/render.md`, "Light-directed branches".
 

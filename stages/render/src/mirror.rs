@@ -3,15 +3,15 @@
 
 use glam::DVec3;
 
+use crate::connect::Draws;
+use crate::connection::Connection;
 use crate::finish::Finish;
 use crate::lamp::Source;
 use crate::lengths::{Lengths, NO_LENGTHS, count, sum};
-use crate::link::Chance;
 use crate::mirrors::{Mirrors, Plane};
 use crate::setting::Setting;
 use crate::strata::Bending;
 use crate::walker::Walker;
-use crate::way::Link;
 use crate::world::{Skin, Wall};
 
 /// A mirror at the end of a ray.
@@ -25,24 +25,24 @@ struct Seen {
 }
 
 impl Walker<'_> {
-    /// Adds the lit ways from a source to r by mirrors: each by one of them, and, where mirrors face each other, one by several, by chance.
+    /// Adds the lit connections from r to a source by mirrors: each by one of them, and, where mirrors face each other, one by several, at random.
     #[inline]
     pub(crate) fn by_mirrors(
         &mut self,
         source: Source<'_>,
         r: DVec3,
         skin: Option<Skin>,
-        chance: &Chance<'_>,
-        links: &mut Vec<Link>,
+        draws: &Draws<'_>,
+        connections: &mut Vec<Connection>,
     ) {
         if self.mirrors.planes.is_empty() {
             return;
         }
-        self.by_one_mirror(source, r, skin, links);
-        if !self.mirrors.face || chance.whether(source)[0] < 0.5 {
+        self.by_one_mirror(source, r, skin, connections);
+        if !self.mirrors.face || draws.whether(source)[0] < 0.5 {
             return;
         }
-        let mut dice = chance.which(source);
+        let mut dice = draws.which(source);
         // Two of them with probability 1/2, three with 1/4, ...
         let mut length = 2;
         while dice.throw()[0] < 0.5 {
@@ -64,23 +64,29 @@ impl Walker<'_> {
             planes.push(next);
             probability /= count as f64;
         }
-        if let Some(link) = self.by_planes(source, r, skin, &planes) {
-            links.push(Link { irradiance: link.irradiance / probability, ..link });
+        if let Some(connection) = self.by_planes(source, r, skin, &planes) {
+            connections.push(Connection { irradiance: connection.irradiance / probability, ..connection });
         }
     }
 
-    /// Adds the ways by one mirror.
-    pub(crate) fn by_one_mirror(&mut self, source: Source<'_>, r: DVec3, skin: Option<Skin>, links: &mut Vec<Link>) {
+    /// Adds the connections by one mirror.
+    pub(crate) fn by_one_mirror(
+        &mut self,
+        source: Source<'_>,
+        r: DVec3,
+        skin: Option<Skin>,
+        connections: &mut Vec<Connection>,
+    ) {
         for k in 0..self.mirrors.planes.len() {
             let plane = &self.mirrors.planes[k];
             if plane.faces(r) && plane.faces_source(source) {
-                links.extend(self.by_planes(source, r, skin, &[k]));
+                connections.extend(self.by_planes(source, r, skin, &[k]));
             }
         }
     }
 
-    /// The way from r over these planes, one after the other, to the source, if there are mirrors, and it is open and lit.
-    fn by_planes(&mut self, source: Source<'_>, r: DVec3, skin: Option<Skin>, planes: &[usize]) -> Option<Link> {
+    /// The connection from r over these planes, one after the other, to the source, if there are mirrors, and it is open and lit.
+    fn by_planes(&mut self, source: Source<'_>, r: DVec3, skin: Option<Skin>, planes: &[usize]) -> Option<Connection> {
         let plane = |mirrors: &Mirrors, k: usize| mirrors.planes[planes[k]];
         let (origin, along) = source.origin();
         // Unfolded: the image of the source in the last plane, then in those before it.
@@ -112,19 +118,19 @@ impl Walker<'_> {
             w = plane.turn(w);
         }
         let arrival = source.arrival(p)?;
-        let sight = self.sight(p, arrival.towards, arrival.distance, skin);
-        if sight.blocked || arrival.towards.dot(w) < 0.0 {
+        let visibility = self.visibility(p, arrival.towards, arrival.distance, skin);
+        if visibility.blocked || arrival.towards.dot(w) < 0.0 {
             return None;
         }
         let spread = if along.is_none() { arrival.distance / whole } else { 1.0 };
-        Some(Link {
+        Some(Connection {
             towards,
             irradiance: arrival.irradiance * spread * spread,
-            tau: tau + sight.tau,
+            tau: tau + visibility.tau,
             exit,
             on_plane: arrival.on_plane,
             lit: true,
-            lengths: sum(&lengths, &sight.lengths),
+            lengths: sum(&lengths, &visibility.lengths),
         })
     }
 

@@ -25,7 +25,7 @@ pub struct Mirrors {
     pub face: bool,
     /// Whether one of them is not flat, or a mesh.
     pub curved: bool,
-    /// Whether no way of light has more turns than one, by a mirror: it is convex, and alone in turning light.
+    /// Whether no specular chain has more turns than one, by a mirror: it is convex, and alone in turning light.
     pub once: bool,
     /// Their planes, where all of them are flat.
     pub(crate) planes: Vec<Plane>,

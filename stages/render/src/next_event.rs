@@ -8,13 +8,13 @@ use turbid_optics::philox::unit;
 use turbid_optics::rough::Rough;
 
 use crate::caustic::Best;
+use crate::connect::{Draws, Heading};
 use crate::lamp::Source;
 use crate::lengths::{Lengths, count, sum};
-use crate::link::{Chance, Heading};
 use crate::next_event_lanes::{self, depth, rarity};
 use crate::random::{LIGHT_BRANCH, NeeSite, Stream};
 use crate::setting::Place;
-use crate::single::Detour;
+use crate::single::ScalarConnection;
 use crate::strata::Bending;
 use crate::walker::{Entry, Walker};
 use crate::world::{Material, Skin};
@@ -41,7 +41,7 @@ impl<'a> Walker<'a> {
         projector.into_iter().chain(lamps.iter().enumerate().map(|(i, lamp)| Source::Lamp(i, lamp)))
     }
 
-    /// Adds what a path of these lengths, the link's among them, sees of a source, to every channel.
+    /// Adds what a path of these lengths, the connection's among them, sees of a source, to every channel.
     fn deposit(&mut self, path: usize, radiance: f64, on_plane: DVec3, source: Source<'_>, lengths: &Lengths) {
         let Some(shared) = self.setting.shared else {
             return self.add(path, radiance, on_plane, source);
@@ -109,24 +109,24 @@ impl<'a> Walker<'a> {
             return;
         }
         let stream = self.stream(at);
-        let mut links = std::mem::take(&mut self.links);
-        self.reach(source, at.r, at.skin, &mut links);
-        let chance = Chance { stream: &stream, flight: at.flight(), site: NeeSite::Here };
-        self.reach_on(source, at.r, at.skin, &chance, &mut links);
-        for link in links.drain(..) {
-            let cos = normal.dot(link.towards);
+        let mut connections = std::mem::take(&mut self.connections);
+        self.reach(source, at.r, at.skin, &mut connections);
+        let draws = Draws { stream: &stream, flight: at.flight(), site: NeeSite::Here };
+        self.reach_on(source, at.r, at.skin, &draws, &mut connections);
+        for connection in connections.drain(..) {
+            let cos = normal.dot(connection.towards);
             if cos > 0.0 {
-                let radiance = rho * FRAC_1_PI * cos * link.irradiance * libm::exp(-link.tau);
+                let radiance = rho * FRAC_1_PI * cos * connection.irradiance * libm::exp(-connection.tau);
                 self.deposit(
                     at.response,
                     at.weight * radiance,
-                    link.on_plane,
+                    connection.on_plane,
                     source,
-                    &sum(&at.lengths, &link.lengths),
+                    &sum(&at.lengths, &connection.lengths),
                 );
             }
         }
-        self.links = links;
+        self.connections = connections;
     }
 
     /// Whether a medium lies behind rough walls, through which its light comes: all lights are outside.
@@ -139,22 +139,22 @@ impl<'a> Walker<'a> {
         let stream = self.stream(at);
         for source in self.sources() {
             let behind = source.towards(at.r).0.dot(rough.normal) < 0.0;
-            let link = self.link(source, at.r, Some(Skin { inside: skin.inside != behind, ..skin }), true);
+            let connection = self.connect(source, at.r, Some(Skin { inside: skin.inside != behind, ..skin }), true);
             let mut mirrored = std::mem::take(&mut self.mirrored);
-            let chance = Chance { stream: &stream, flight: at.flight(), site: NeeSite::Here };
+            let draws = Draws { stream: &stream, flight: at.flight(), site: NeeSite::Here };
             for behind in [false, true] {
                 let first = mirrored.len();
                 let skin = Skin { inside: skin.inside != behind, ..skin };
-                self.by_mirrors(source, at.r, Some(skin), &chance, &mut mirrored);
+                self.by_mirrors(source, at.r, Some(skin), &draws, &mut mirrored);
                 let others = mirrored.split_off(first);
                 mirrored.extend(others.into_iter().filter(|l| (l.towards.dot(rough.normal) < 0.0) == behind));
             }
-            for link in link.into_iter().chain(mirrored.drain(..)) {
-                let n = if link.towards.dot(rough.normal) < 0.0 { rough.n_to } else { rough.n_from };
-                let response = rough.response(at.w, link.towards);
-                let radiance = response * link.irradiance / (n * n) * libm::exp(-link.tau);
-                let lengths = sum(&at.lengths, &link.lengths);
-                self.deposit(at.response, at.weight * radiance, link.on_plane, source, &lengths);
+            for connection in connection.into_iter().chain(mirrored.drain(..)) {
+                let n = if connection.towards.dot(rough.normal) < 0.0 { rough.n_to } else { rough.n_from };
+                let response = rough.response(at.w, connection.towards);
+                let radiance = response * connection.irradiance / (n * n) * libm::exp(-connection.tau);
+                let lengths = sum(&at.lengths, &connection.lengths);
+                self.deposit(at.response, at.weight * radiance, connection.on_plane, source, &lengths);
             }
             self.mirrored = mirrored;
         }
@@ -212,30 +212,30 @@ impl<'a> Walker<'a> {
         if roulette * rarity >= 1.0 {
             return;
         }
-        let chance = Chance { stream, flight: at.flight(), site: NeeSite::Entered(place) };
-        let [.., u] = chance.point(source);
+        let draws = Draws { stream, flight: at.flight(), site: NeeSite::Entered(place) };
+        let [.., u] = draws.point(source);
         let line = Line { r: entry.r, e: at.w, length: entry.length, material: entry.material, towards, exit };
-        self.score(at.response, &line, at.weight * at.share * rarity, unit(u), source, &chance, &entry.lengths);
+        self.score(at.response, &line, at.weight * at.share * rarity, unit(u), source, &draws, &entry.lengths);
     }
 
     fn collision_lit(&mut self, at: &Place, roulette: f64, source: Source<'_>) {
         let stream = self.stream(at);
-        let mut links = std::mem::take(&mut self.links);
-        self.reach(source, at.r, None, &mut links);
-        let rarity = rarity(links.first().map_or(0.0, |link| link.tau));
+        let mut connections = std::mem::take(&mut self.connections);
+        self.reach(source, at.r, None, &mut connections);
+        let rarity = rarity(connections.first().map_or(0.0, |connection| connection.tau));
         if roulette * rarity >= 1.0 {
-            links.clear();
+            connections.clear();
         } else {
-            let chance = Chance { stream: &stream, flight: at.flight(), site: NeeSite::Here };
-            self.reach_on(source, at.r, None, &chance, &mut links);
+            let draws = Draws { stream: &stream, flight: at.flight(), site: NeeSite::Here };
+            self.reach_on(source, at.r, None, &draws, &mut connections);
         }
         let g = self.setting.world.materials[at.material].g;
-        for link in links.drain(..) {
-            let p = hg::density(g, at.w.dot(link.towards));
-            let radiance = at.weight * p * link.irradiance * libm::exp(-link.tau) * rarity;
-            self.deposit(at.response, radiance, link.on_plane, source, &sum(&at.lengths, &link.lengths));
+        for connection in connections.drain(..) {
+            let p = hg::density(g, at.w.dot(connection.towards));
+            let radiance = at.weight * p * connection.irradiance * libm::exp(-connection.tau) * rarity;
+            self.deposit(at.response, radiance, connection.on_plane, source, &sum(&at.lengths, &connection.lengths));
         }
-        self.links = links;
+        self.connections = connections;
     }
 
     /// Exact single scattering of a ray that starts outside or at a wall: one point in each scattering piece that it crosses, up to
@@ -263,11 +263,11 @@ impl<'a> Walker<'a> {
                     let towards = self.heading_from_wall(source, start, inside);
                     // Where the ray came in is where the light comes in, if it comes from that side.
                     let exit = normal.filter(|n| n.dot(towards) > 0.0);
-                    let chance = Chance { stream, flight: at.flight(), site: NeeSite::Next(scored) };
-                    let [.., u] = chance.point(source);
+                    let draws = Draws { stream, flight: at.flight(), site: NeeSite::Next(scored) };
+                    let [.., u] = draws.point(source);
                     let line = Line { r: start, e: at.w, length, material: piece.material, towards, exit };
                     let weight = at.weight * libm::exp(-tau);
-                    self.score(at.response, &line, weight, unit(u), source, &chance, &lengths);
+                    self.score(at.response, &line, weight, unit(u), source, &draws, &lengths);
                 }
                 scored += 1;
             }
@@ -320,35 +320,35 @@ impl<'a> Walker<'a> {
         }
     }
 
-    /// The ways from the projector to r that lanes, which have estimated ahead, do not know; apart from what is not queued. `unit`: W mm^-2.
-    pub(crate) fn try_detour(&mut self, detour: &Detour, r: DVec3, e: DVec3, unit: f64) {
+    /// The connections from r to the projector that lanes, which have estimated ahead, do not know; apart from what is not queued. `unit`: W mm^-2.
+    pub(crate) fn scalar_connection(&mut self, scalar: &ScalarConnection, r: DVec3, e: DVec3, unit: f64) {
         let s = self.setting;
-        let (source, stream) = (Source::Projector(s.light), Stream::new(s.key, detour.pixel, detour.sample, s.channel));
-        let (flight, site) = NeeSite::of(detour.number, detour.place as usize);
-        let chance = Chance { stream: &stream, flight, site };
-        let mut links = std::mem::take(&mut self.links);
+        let (source, stream) = (Source::Projector(s.light), Stream::new(s.key, scalar.pixel, scalar.sample, s.channel));
+        let (flight, site) = NeeSite::of(scalar.number, scalar.place as usize);
+        let draws = Draws { stream: &stream, flight, site };
+        let mut connections = std::mem::take(&mut self.connections);
         if self.bending == Bending::AtWalls {
-            if let Some(known) = detour.known {
+            if let Some(known) = scalar.known {
                 let [towards, normal] = [known.towards, known.normal].map(|v| DVec3::from(v.map(f64::from)));
                 let strength = unit * f64::from(known.strength);
                 let best = Best { strength, exit: Some(normal), turns: 1, about: Some(towards) };
-                links.extend(self.one_by_chance(source, (r, None), &chance, Some(best)));
+                connections.extend(self.sample_manifold_once(source, (r, None), &draws, Some(best)));
             } else {
-                self.reach(source, r, None, &mut links);
-                links.extend(self.by_chance(source, r, None, &chance));
+                self.reach(source, r, None, &mut connections);
+                connections.extend(self.sample_manifold(source, r, None, &draws));
             }
         } else {
-            links.extend(self.detour(source, r, None, &chance));
+            connections.extend(self.reflected_connection(source, r, None, &draws));
         }
         std::mem::swap(&mut self.responses, &mut self.queued);
-        for link in links.drain(..) {
-            let p = hg::density(f64::from(detour.g), e.dot(link.towards));
-            let radiance = f64::from(detour.fraction) * p * link.irradiance * libm::exp(-link.tau);
-            let lengths = sum(&detour.lengths.map(f64::from), &link.lengths);
-            self.deposit(detour.path as usize, radiance, link.on_plane, source, &lengths);
+        for connection in connections.drain(..) {
+            let p = hg::density(f64::from(scalar.g), e.dot(connection.towards));
+            let radiance = f64::from(scalar.fraction) * p * connection.irradiance * libm::exp(-connection.tau);
+            let lengths = sum(&scalar.lengths.map(f64::from), &connection.lengths);
+            self.deposit(scalar.path as usize, radiance, connection.on_plane, source, &lengths);
         }
         std::mem::swap(&mut self.responses, &mut self.queued);
-        self.links = links;
+        self.connections = connections;
     }
 
     fn line_lit(&mut self, at: &Place, own: DVec3, roulette: f64, source: Source<'_>) {
@@ -362,8 +362,8 @@ impl<'a> Walker<'a> {
         }
         let g = material.g;
         let stream = self.stream(at);
-        let chance = Chance { stream: &stream, flight: at.flight(), site: NeeSite::Next(0) };
-        let [choice, b, c, u] = chance.point(source);
+        let draws = Draws { stream: &stream, flight: at.flight(), site: NeeSite::Next(0) };
+        let [choice, b, c, u] = draws.point(source);
         let e = if choice >> 31 == 0 { own } else { hg::sample(g, towards, unit(b), unit(c)) };
         // 2 p_A / (p_A + p_B): p_A would have sent the path along e, p_B is the lobe around the light.
         let (own_q, lobe_q) = (hg::denominator(g, at.w.dot(e)), hg::denominator(g, e.dot(towards)));
@@ -376,7 +376,7 @@ impl<'a> Walker<'a> {
         if length > 0.0 {
             let line = Line { r: at.r, e, length, material: at.material, towards, exit };
             let weight = at.weight * at.share * balance * rarity;
-            self.score(at.response, &line, weight, unit(u), source, &chance, &at.lengths);
+            self.score(at.response, &line, weight, unit(u), source, &draws, &at.lengths);
         }
     }
 
@@ -391,7 +391,7 @@ impl<'a> Walker<'a> {
         weight: f64,
         u: f64,
         source: Source<'_>,
-        chance: &Chance<'_>,
+        draws: &Draws<'_>,
         lengths: &Lengths,
     ) {
         let &Line { r, e, length, towards, .. } = line;
@@ -402,15 +402,15 @@ impl<'a> Walker<'a> {
         let at = r + s * e;
         let mut lengths = *lengths;
         count(self.setting.shared, &mut lengths, line.material, s);
-        let mut links = std::mem::take(&mut self.links);
-        self.reach(source, at, None, &mut links);
-        self.reach_on(source, at, None, chance, &mut links);
-        for link in links.drain(..) {
-            let p = hg::density(material.g, e.dot(link.towards));
-            let attenuation = libm::exp(-(mu_t * s + link.tau));
-            let radiance = weight * material.mu_s * p * link.irradiance * attenuation * inverse_density;
-            self.deposit(path, radiance, link.on_plane, source, &sum(&lengths, &link.lengths));
+        let mut connections = std::mem::take(&mut self.connections);
+        self.reach(source, at, None, &mut connections);
+        self.reach_on(source, at, None, draws, &mut connections);
+        for connection in connections.drain(..) {
+            let p = hg::density(material.g, e.dot(connection.towards));
+            let attenuation = libm::exp(-(mu_t * s + connection.tau));
+            let radiance = weight * material.mu_s * p * connection.irradiance * attenuation * inverse_density;
+            self.deposit(path, radiance, connection.on_plane, source, &sum(&lengths, &connection.lengths));
         }
-        self.links = links;
+        self.connections = connections;
     }
 }

@@ -54,7 +54,7 @@ struct NextEvents {
     pixel: [u32; LANES],
     /// Result: radiance under the pattern 1 (W mm^-2 sr^-1), 0 where nothing is seen.
     radiance: [f64; LANES],
-    /// Result: where the pattern's plane lies on the way of that light.
+    /// Result: where the pattern's plane lies on the connection.
     on_plane: Axes,
 }
 

@@ -34,7 +34,7 @@ const VARIANCE_PER_PATH: f64 = 4.0;
 const REFRACTED: f64 = 5.0;
 /// ns more per path where walls are curved or tilted, or facets, and each estimate finds its connections by itself (measured; see docs/theory/render.md).
 const NS_AT_WALLS: f64 = 6e4;
-/// The same where lanes find the ways, but for those that are left to chance (measured: 17 us at a half-embedded ball).
+/// The same where lanes find the connections, but for those that are left to manifold sampling (measured: 17 us at a half-embedded ball).
 const NS_AT_BULGES: f64 = 1.7e4;
 const NS_AT_FACETS: f64 = 4e5;
 

@@ -122,10 +122,10 @@ fn bound(scene: &Scene, channel: usize, geometry: &Geometry, f_x: f64) -> Bound 
     let decay = (3.0 * medium.mu_a * reduced + q * q).sqrt();
     let depth = (1.0 / reduced + 1.0 / decay).min(thickness);
     let tilt = q * depth * (geometry.tangents[0] + geometry.tangents[1]);
-    let [light, sight] = geometry.sines;
+    let [light, visibility] = geometry.sines;
     let missing = missing_light(scene, channel);
     Bound {
-        modulus: 2.0 * depth / geometry.height + light * light + sight * sight + 0.5 * tilt * tilt + missing,
+        modulus: 2.0 * depth / geometry.height + light * light + visibility * visibility + 0.5 * tilt * tilt + missing,
         phase: tilt,
     }
 }

@@ -11,7 +11,7 @@ use crate::field::Field;
 use crate::form;
 use crate::forward::tally;
 use crate::frames::Images;
-use crate::glint::{Glinting, by_chance, glints};
+use crate::glint::{Glinting, by_manifold_sampling, glints};
 use crate::joints;
 use crate::kernel::Kernels;
 use crate::method::{Taken, sums};
@@ -114,16 +114,16 @@ impl Stage for RenderStage {
         ctx.kernel(&kernels.name, &kernels.refused);
         let traced = sums(&taken, params, &scene, &rig, &shown, ctx)?;
         let mut estimate = traced.estimate(&rig, &shown, ctx)?;
-        let (glints, chanced) = (glints(&rig, &shown, ctx)?, by_chance(&rig, &shown, estimate.n, ctx)?);
+        let (glints, sampled) = (glints(&rig, &shown, ctx)?, by_manifold_sampling(&rig, &shown, estimate.n, ctx)?);
         estimate.channels = estimate
             .channels
             .into_iter()
-            .zip(glints.into_iter().zip(chanced))
-            .map(|(field, (glints, chanced))| -> Box<dyn Field> {
-                if glints.is_empty() && chanced.is_none() {
+            .zip(glints.into_iter().zip(sampled))
+            .map(|(field, (glints, sampled))| -> Box<dyn Field> {
+                if glints.is_empty() && sampled.is_none() {
                     field
                 } else {
-                    Box::new(Glinting { field, glints, chanced })
+                    Box::new(Glinting { field, glints, sampled })
                 }
             })
             .collect();

@@ -34,7 +34,7 @@ pub enum Bending {
     AtRough,
     /// At smooth walls of any shape, mirrors among them.
     AtWalls,
-    /// At walls for which there is no way to find the light behind them.
+    /// At walls for which no connection to the light behind them is found.
     Anywhere,
 }
 
@@ -66,7 +66,7 @@ impl Bending {
     }
 }
 
-/// Whether no wall is curved: then all ways of light by one refraction are known.
+/// Whether no wall is curved: then all connections by one refraction are known.
 pub fn is_flat(world: &World) -> bool {
     fn flat(solid: &Solid) -> bool {
         match solid {
@@ -78,7 +78,7 @@ pub fn is_flat(world: &World) -> bool {
     world.bodies.iter().all(|body| world.materials[body.material].is_opaque() || flat(&body.solid))
 }
 
-/// Whether all that bends light is the walls of few whole bodies of one refractive index that bulge outwards: f32 lanes find its ways.
+/// Whether all that bends light is the walls of few whole bodies of one refractive index that bulge outwards: f32 lanes find the connections.
 pub fn bulges(world: &World) -> bool {
     let n = |body: &Body| world.materials[body.material].n;
     let bends = world.bodies.iter().filter(|body| !world.materials[body.material].is_opaque());

@@ -111,7 +111,7 @@ impl Task<'_> {
 pub fn trace(task: &Task<'_>, ctx: Ctx<'_>) -> Result<Sums, Error> {
     let params = task.params;
     let job = Job::new(task, ctx);
-    // Ways of light that are missing.
+    // Connections that are missing.
     let mut given_up = 0;
     let cap = params.samples.unwrap_or(u32::MAX);
     let whole = cap / BATCH * BATCH;
@@ -137,7 +137,7 @@ pub fn trace(task: &Task<'_>, ctx: Ctx<'_>) -> Result<Sums, Error> {
         let until = until.min(state.samples.saturating_add(most));
         let before = state.samples;
         match job.round(&mut state, until) {
-            Ok(ways) => given_up += ways,
+            Ok(connections) => given_up += connections,
             Err(interrupted) => {
                 if state.samples > resumed_at && task.kept && state.is_whole {
                     keep(&state, ctx);
@@ -251,7 +251,7 @@ impl Job<'_> {
     }
 
     /// Goes on to `until` paths per pixel on average, not beyond the next doubling. What is left of a batch is even.
-    /// How many ways of light were given up.
+    /// How many connections were given up.
     fn round(&self, state: &mut State, until: u32) -> Result<u64, Error> {
         let (at, to) = (state.samples / BATCH, until / BATCH);
         let (first, last) = match state.more {

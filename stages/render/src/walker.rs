@@ -5,13 +5,13 @@ use std::collections::VecDeque;
 use fearless_simd::Level;
 use glam::DVec3;
 
+use crate::connection::{Connection, Known, SpecularChain};
 use crate::lengths::Lengths;
 use crate::mirrors::Mirrors;
 use crate::next_event_lanes::{self, Queue};
 use crate::random::Stream;
 use crate::setting::{Nee, Place, Setting};
 use crate::strata::{self, Bending, clear};
-use crate::way::{Known, Link, Way};
 use crate::world::{Material, Piece, Spans, Wall};
 
 /// Where mu_a is below this part of mu_s', deep paths end by roulette (elsewhere it does not pay: measured) ...
@@ -25,15 +25,15 @@ pub struct Walker<'a> {
     pub(crate) setting: Setting<'a>,
     pub(crate) spans: Spans,
     pub(crate) pieces: Vec<Piece>,
-    pub(crate) way: Way,
-    /// Ways to a light.
-    pub(crate) links: Vec<Link>,
+    pub(crate) chain: SpecularChain,
+    /// Connections to a light.
+    pub(crate) connections: Vec<Connection>,
     /// Those through walls of any shape that are known for sure, and places where there may be one.
     pub(crate) known: Vec<Known>,
     pub(crate) places: Vec<DVec3>,
-    /// What walls do to a ray on the way that is being searched: whether they reflect it.
+    /// What walls do to a ray on the chain that is being searched: whether they reflect it.
     pub(crate) events: Vec<bool>,
-    /// Ways found by chance that were too rare to be weighed.
+    /// Connections found by manifold sampling that were too rare to be weighed.
     pub(crate) given_up: u64,
     /// Where light bends in the world.
     pub(crate) bending: Bending,
@@ -44,8 +44,8 @@ pub struct Walker<'a> {
     /// Whether all walls are flat.
     pub(crate) flat: bool,
     pub(crate) mirrors: Mirrors,
-    /// Ways of light by them.
-    pub(crate) mirrored: Vec<Link>,
+    /// Connections by them.
+    pub(crate) mirrored: Vec<Connection>,
     /// Path after path, channel after channel of each, as [`crate::response::Layout`] says.
     pub(crate) responses: Vec<f64>,
     /// The part of it that comes by the queue; apart, so that it does not matter when the queue is flushed.
@@ -122,8 +122,8 @@ impl<'a> Walker<'a> {
             setting,
             spans,
             pieces,
-            way: Way::default(),
-            links: Vec::new(),
+            chain: SpecularChain::default(),
+            connections: Vec::new(),
             known: Vec::new(),
             places: Vec::new(),
             events: Vec::new(),
@@ -163,7 +163,7 @@ impl<'a> Walker<'a> {
         self.ending
     }
 
-    /// How many ways of light were found by chance, but too rarely to be weighed: they are missing.
+    /// How many connections were found by manifold sampling, but too rarely to be weighed: they are missing.
     pub fn given_up(&self) -> u64 {
         self.given_up
     }

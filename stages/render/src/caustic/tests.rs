@@ -1,4 +1,4 @@
-//! Ways of light against light walked forward.
+//! Connections against light walked forward.
 
 use std::f64::consts::PI;
 
@@ -11,11 +11,11 @@ use turbid_optics::solid::{Frame, Mesh, Solid};
 use turbid_optics::view::View;
 
 use crate::camera::Camera;
+use crate::connect::Draws;
 use crate::finish::Finish;
 use crate::lamp::{Lamp, Source, Steady};
 use crate::level::named;
 use crate::light::Light;
-use crate::link::Chance;
 use crate::pictures::Pictures;
 use crate::random::{NeeSite, Purpose, Stream};
 use crate::setting::{Nee, Setting};
@@ -27,7 +27,7 @@ mod glints;
 #[path = "../../../optics/tests/shapes/mod.rs"]
 mod shapes;
 
-/// mu_t in mm^-1, n. In clearer ones, light beyond foci comes by ways so rarely found that a few of them make the mean, and standard errors say too
+/// mu_t in mm^-1, n. In clearer ones, light beyond foci comes by chains so rarely found that a few of them make the mean, and standard errors say too
 /// little: `docs/theory/render.md` has what longer runs gave there.
 const MEDIA: [(f64, f64); 4] = [(0.6, 1.4), (0.4, 1.5), (0.8, 1.33), (0.0, 1.0)];
 
@@ -339,8 +339,8 @@ fn with_walker<T>(case: &Case, work: impl FnOnce(&mut Walker<'_>) -> T) -> T {
 /// Height of the camera.
 const EYE: f64 = 2.8;
 
-/// Irradiances of all ways to points of the balls, times n^2; how many points lie on known ways, and how many trials were given up.
-fn by_links(case: &Case, points: u32) -> (Vec<Measured>, u64) {
+/// Irradiances of all connections to points of the balls, times n^2; how many points lie on known connections, and how many trials were given up.
+fn by_connections(case: &Case, points: u32) -> (Vec<Measured>, u64) {
     with_walker(case, |walker| {
         assert_eq!(walker.bending, Bending::AtWalls, "{}", case.name);
         let mut measured = Vec::new();
@@ -354,12 +354,13 @@ fn by_links(case: &Case, points: u32) -> (Vec<Measured>, u64) {
                 let direction = DVec3::new(cos * (1.0 - z * z).sqrt(), sin * (1.0 - z * z).sqrt(), z);
                 let r = center + radius * libm::cbrt(c) * direction;
                 let n = walker.index_around(r);
-                let mut links = Vec::new();
-                let chance = Chance { stream: &stream, flight: 2, site: NeeSite::Entered(0) };
+                let mut connections = Vec::new();
+                let draws = Draws { stream: &stream, flight: 2, site: NeeSite::Entered(0) };
                 let source = Source::Lamp(0, &case.lamp);
-                walker.reach(source, r, None, &mut links);
-                walker.reach_on(source, r, None, &chance, &mut links);
-                let fluence: f64 = links.iter().map(|link| link.irradiance * n * n * (-link.tau).exp()).sum();
+                walker.reach(source, r, None, &mut connections);
+                walker.reach_on(source, r, None, &draws, &mut connections);
+                let fluence: f64 =
+                    connections.iter().map(|connection| connection.irradiance * n * n * (-connection.tau).exp()).sum();
                 (sum, square) = (sum + fluence, square + fluence * fluence);
             }
             let n = f64::from(points);
@@ -369,13 +370,13 @@ fn by_links(case: &Case, points: u32) -> (Vec<Measured>, u64) {
     })
 }
 
-/// The fluence rate that all ways together bring to small balls is that of light walked forward through the same walls: all
+/// The fluence rate that all connections together bring to small balls is that of light walked forward through the same walls: all
 /// refractions, reflections and foci are in it, and their Jacobians. As z scores over all balls of all cases.
 fn check(cases: Vec<Case>, photons: u32, points: u32) {
     let (mut scores, mut imprecise) = (Vec::new(), false);
     for (i, case) in cases.into_iter().enumerate() {
-        let (walked, (linked, given_up)) = (forward(&case, i as u32, photons), by_links(&case, points));
-        for (k, ((a, a_se), (b, b_se))) in walked.into_iter().zip(linked).enumerate() {
+        let (walked, (connected, given_up)) = (forward(&case, i as u32, photons), by_connections(&case, points));
+        for (k, ((a, a_se), (b, b_se))) in walked.into_iter().zip(connected).enumerate() {
             let z = (a - b) / f64::hypot(a_se, b_se);
             println!("{}, ball {k}: {a:.5} +- {a_se:.5}, {b:.5} +- {b_se:.5}, z {z:.2}", case.name);
             imprecise |= a_se > 0.35 * a || b_se > 0.35 * b;
@@ -391,12 +392,12 @@ fn check(cases: Vec<Case>, photons: u32, points: u32) {
 }
 
 #[test]
-fn ways_bring_the_light_that_walks_forward() {
+fn connections_bring_the_light_that_walks_forward() {
     check(cases(), 400_000, 15_000);
 }
 
 #[test]
-fn ways_through_facets_bring_the_light_that_walks_forward() {
+fn connections_through_facets_bring_the_light_that_walks_forward() {
     check(facetted_cases(), 400_000, 4_000);
 }
 

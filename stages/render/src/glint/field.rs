@@ -1,16 +1,16 @@
 //! Estimates with glints added to them.
 
-use super::{Chanced, Glints};
+use super::{Glints, ManifoldSampled};
 use crate::field::Field;
 
 /// A field, and the glints of its pixels: those that are known have no errors.
 pub struct Glinting<'a> {
     pub field: Box<dyn Field + 'a>,
     pub glints: Glints,
-    pub chanced: Option<Chanced>,
+    pub sampled: Option<ManifoldSampled>,
 }
 
-impl Chanced {
+impl ManifoldSampled {
     fn covariance(&self, pixel: usize, a: &[(usize, f64)], b: &[(usize, f64)]) -> f64 {
         let pairs = a.iter().flat_map(|a| b.iter().map(move |b| (a, b)));
         pairs.map(|(&(i, wi), &(j, wj))| wi * wj * self.moments.covariance(pixel, i, j, self.trials)).sum()
@@ -24,24 +24,24 @@ impl Field for Glinting<'_> {
 
     fn mean(&self, pixel: usize, i: usize) -> f64 {
         let known = self.glints.get(&pixel).map_or(0.0, |responses| responses[i]);
-        let chanced = self.chanced.as_ref().map_or(0.0, |chanced| chanced.moments.mean(pixel, i, chanced.trials));
-        self.field.mean(pixel, i) + known + chanced
+        let sampled = self.sampled.as_ref().map_or(0.0, |sampled| sampled.moments.mean(pixel, i, sampled.trials));
+        self.field.mean(pixel, i) + known + sampled
     }
 
     fn covariance(&self, pixel: usize, a: &[(usize, f64)], b: &[(usize, f64)]) -> f64 {
-        let chanced = self.chanced.as_ref().map_or(0.0, |chanced| chanced.covariance(pixel, a, b));
-        self.field.covariance(pixel, a, b) + chanced
+        let sampled = self.sampled.as_ref().map_or(0.0, |sampled| sampled.covariance(pixel, a, b));
+        self.field.covariance(pixel, a, b) + sampled
     }
 
     fn variance(&self, pixel: usize, terms: &[(usize, f64)]) -> f64 {
-        let chanced = self.chanced.as_ref().map_or(0.0, |chanced| chanced.covariance(pixel, terms, terms).max(0.0));
-        self.field.variance(pixel, terms) + chanced
+        let sampled = self.sampled.as_ref().map_or(0.0, |sampled| sampled.covariance(pixel, terms, terms).max(0.0));
+        self.field.variance(pixel, terms) + sampled
     }
 
     fn variance_of_mean(&self, terms: &[(usize, f64)], total: f64) -> f64 {
-        let Some(chanced) = &self.chanced else { return self.field.variance_of_mean(terms, total) };
+        let Some(sampled) = &self.sampled else { return self.field.variance_of_mean(terms, total) };
         // A trial is seen by one pixel at most: their errors are hardly correlated.
-        let all: f64 = (0..self.pixels()).map(|pixel| chanced.covariance(pixel, terms, terms).max(0.0)).sum();
+        let all: f64 = (0..self.pixels()).map(|pixel| sampled.covariance(pixel, terms, terms).max(0.0)).sum();
         let n = self.pixels() as f64;
         self.field.variance_of_mean(terms, (total - all).max(0.0)) + all / (n * n)
     }

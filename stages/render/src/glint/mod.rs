@@ -3,8 +3,8 @@
 //!
 //! `docs/theory/render.md` derives the radiance of its pixel.
 
-mod chance;
 mod field;
+mod manifold_sampling;
 mod stack;
 
 use std::collections::BTreeMap;
@@ -14,10 +14,11 @@ use turbid_contract::{Ctx, Error};
 use turbid_optics::elementary::sin_cos_turns;
 use turbid_optics::view::Lens;
 
-pub use chance::{Chanced, by_chance, by_several_walls};
 pub use field::Glinting;
+pub use manifold_sampling::{ManifoldSampled, by_manifold_sampling, by_several_walls};
 
 use crate::camera::Camera;
+use crate::connection::Connection;
 use crate::lamp::{Lamp, Source};
 use crate::level::named;
 use crate::light::Carrier;
@@ -28,7 +29,6 @@ use crate::setting::{Nee, Setting};
 use crate::shown::Shown;
 use crate::strata::Bending;
 use crate::walker::Walker;
-use crate::way::Link;
 use crate::world::World;
 
 /// By pixel, responses as [`Layout`](crate::response::Layout) says.
@@ -43,7 +43,7 @@ const GOLDEN_TURNS: f64 = 0.618_033_988_749_894_9;
 
 /// The glints of every channel; empty where walls turn no light or where they are excluded.
 ///
-/// Error: there are too many ways to follow, or light is in focus at the camera.
+/// Error: there are too many chains to follow, or light is in focus at the camera.
 pub fn glints(rig: &Rig, shown: &Shown, ctx: Ctx<'_>) -> Result<Vec<Glints>, Error> {
     let eyes = eyes(&rig.camera);
     let tiles = eyes.len().div_ceil(TILE);
@@ -128,18 +128,22 @@ struct Seen {
 
 impl Seen {
     /// What comes to a place of the lens; `None` outside the image.
-    fn through(camera: &Camera, eye: DVec3, link: &Link) -> Option<Self> {
-        let (pixel, gain) = camera.image_of(eye, link.towards)?;
-        Some(Self { pixel, radiance: gain * link.irradiance * libm::exp(-link.tau), on_plane: link.on_plane })
+    fn through(camera: &Camera, eye: DVec3, connection: &Connection) -> Option<Self> {
+        let (pixel, gain) = camera.image_of(eye, connection.towards)?;
+        Some(Self {
+            pixel,
+            radiance: gain * connection.irradiance * libm::exp(-connection.tau),
+            on_plane: connection.on_plane,
+        })
     }
 
-    /// What comes from a light at `at` to a camera whose rays are parallel: backwards, they are a beam that falls on the light, by that link.
-    fn in_parallel(camera: &Camera, source: Source<'_>, at: DVec3, link: &Link) -> Option<Self> {
+    /// What comes from a light at `at` to a camera whose rays are parallel: backwards, they are a beam that falls on the light, by that connection.
+    fn in_parallel(camera: &Camera, source: Source<'_>, at: DVec3, connection: &Connection) -> Option<Self> {
         // Behind the last wall the light goes where the beam came from.
-        let (pixel, area) = camera.seen_along_axis(link.on_plane)?;
-        let arrival = source.arrival(at + link.towards)?;
+        let (pixel, area) = camera.seen_along_axis(connection.on_plane)?;
+        let arrival = source.arrival(at + connection.towards)?;
         let intensity = arrival.irradiance * arrival.distance * arrival.distance;
-        let radiance = intensity * link.irradiance * libm::exp(-link.tau) / area;
+        let radiance = intensity * connection.irradiance * libm::exp(-connection.tau) / area;
         Some(Self { pixel, radiance, on_plane: arrival.on_plane })
     }
 }
@@ -173,25 +177,25 @@ impl Walker<'_> {
     fn glints_of(&mut self, source: Source<'_>, eye: DVec3) -> Result<Vec<Seen>, Error> {
         let camera = self.setting.camera;
         if camera.view.lens != Lens::Orthographic {
-            let links = self.ways_by_walls(source, eye)?;
-            return Ok(links.iter().filter_map(|link| Seen::through(camera, eye, link)).collect());
+            let connections = self.chains_by_walls(source, eye)?;
+            return Ok(connections.iter().filter_map(|connection| Seen::through(camera, eye, connection)).collect());
         }
         let (at, None) = source.origin() else { return Ok(Vec::new()) };
         let beam = beam_of(camera);
-        let links = self.ways_by_walls(Source::Lamp(0, &beam), at)?;
-        Ok(links.iter().filter_map(|link| Seen::in_parallel(camera, source, at, link)).collect())
+        let connections = self.chains_by_walls(Source::Lamp(0, &beam), at)?;
+        Ok(connections.iter().filter_map(|connection| Seen::in_parallel(camera, source, at, connection)).collect())
     }
 
-    /// Every lit way from a source to `r` that smooth planes turn; or, where walls are curved or tilted, those by one reflection.
-    fn ways_by_walls(&mut self, source: Source<'_>, r: DVec3) -> Result<Vec<Link>, Error> {
+    /// Every lit connection from a source to `r` that smooth planes turn; or, where walls are curved or tilted, those by one reflection.
+    fn chains_by_walls(&mut self, source: Source<'_>, r: DVec3) -> Result<Vec<Connection>, Error> {
         if self.bending == Bending::AtWalls {
             let mut known = Vec::new();
             self.by_one_reflection(source, (r, None), true, &mut known);
-            return Ok(known.into_iter().map(|known| known.link).filter(|link| link.lit).collect());
+            return Ok(known.into_iter().map(|known| known.connection).filter(|connection| connection.lit).collect());
         }
-        let mut ways = self.ways_through_planes(source, r)?;
-        self.by_one_mirror(source, r, None, &mut ways);
-        Ok(ways)
+        let mut connections = self.chains_through_planes(source, r)?;
+        self.by_one_mirror(source, r, None, &mut connections);
+        Ok(connections)
     }
 
     /// What a radiance at pattern value 1 means for all responses.

@@ -1,20 +1,20 @@
-//! All ways of light through a stack of parallel planes, one after the other, until what is left of them is next to nothing.
+//! All specular chains through a stack of parallel planes, one after the other, until what is left of them is next to nothing.
 
 use glam::DVec3;
 use turbid_contract::Error;
 use turbid_optics::fresnel::normal_reflectance;
 use turbid_optics::refraction::{Crossing, Leg};
 
+use crate::connect::Target;
+use crate::connection::{Connection, SpecularChain};
 use crate::lamp::Source;
-use crate::link::Target;
 use crate::strata::{Bending, Strata, clear};
 use crate::walker::Walker;
-use crate::way::{Link, Way};
 
-/// Ways are followed no further once they carry less than this part of the light: their sum is below it times the number of planes
+/// Chains are followed no further once they carry less than this part of the light: their sum is below it times the number of planes
 /// at each of which one ends.
 const FAINT: f64 = 1e-10;
-/// Planes met by all ways together, beyond which they are too many.
+/// Planes met by all chains together, beyond which they are too many.
 const MOST_EVENTS: usize = 1 << 24;
 
 /// What the search shares.
@@ -26,27 +26,27 @@ struct Search<'a> {
     target: Target,
     /// The layer in which the light is.
     last: usize,
-    /// No way is less steep.
+    /// No chain is less steep.
     slope: Crossing,
-    /// mm of height that the way under search has passed in each layer.
+    /// mm of height that the chain under search has passed in each layer.
     passed: Vec<f64>,
     from: DVec3,
     events: usize,
-    links: Vec<Link>,
+    connections: Vec<Connection>,
 }
 
 impl Walker<'_> {
-    /// Every lit way from a source to `r` that a plane turns; all of them with the probability 1.
+    /// Every lit connection from a source to `r` that a plane turns; all of them with the probability 1.
     ///
     /// Error: they are too many, because hardly any light is lost between planes.
-    pub(crate) fn ways_through_planes(&mut self, source: Source<'_>, r: DVec3) -> Result<Vec<Link>, Error> {
+    pub(crate) fn chains_through_planes(&mut self, source: Source<'_>, r: DVec3) -> Result<Vec<Connection>, Error> {
         let Bending::AtPlanes(strata) = self.bending.clone() else { return Ok(Vec::new()) };
         let target = Target::of(source);
         let n_least = strata.layers.iter().map(|layer| layer.n).fold(f64::INFINITY, f64::min);
         let last = strata.layer(target.origin.z, !target.is_above(r.z));
         let first = self.layer(&strata, r, None, target.is_above(r.z));
         let across = target.towards.unwrap_or(target.origin - r);
-        // Within a layer the least upright length of a way is that by the nearer plane, else that of the straight line.
+        // Within a layer the least upright length of a chain is that by the nearer plane, else that of the straight line.
         let edges = [first.checked_sub(1), Some(first)].map(|i| i.and_then(|i| strata.edges.get(i)));
         let by_plane = edges.into_iter().flatten().map(|z| (r.z - z).abs() + (target.origin.z - z).abs());
         let depth = if first == last && target.towards.is_none() {
@@ -68,45 +68,50 @@ impl Walker<'_> {
             passed: vec![0.0; strata.layers.len()],
             from: r,
             events: 0,
-            links: Vec::new(),
+            connections: Vec::new(),
         };
-        let mut way = Way::default();
+        let mut chain = SpecularChain::default();
         for up in [true, false] {
             let layer = self.layer(&strata, r, None, up);
-            self.follow(&mut search, &mut way, (layer, r.z, up))?;
+            self.follow(&mut search, &mut chain, (layer, r.z, up))?;
         }
-        Ok(search.links)
+        Ok(search.connections)
     }
 
     /// Goes on from height z in a layer.
-    fn follow(&mut self, search: &mut Search<'_>, way: &mut Way, from: (usize, f64, bool)) -> Result<(), Error> {
+    fn follow(
+        &mut self,
+        search: &mut Search<'_>,
+        chain: &mut SpecularChain,
+        from: (usize, f64, bool),
+    ) -> Result<(), Error> {
         let strata = search.strata;
-        // What is still to be done, the next thing last: ways may be thousands of planes long.
+        // What is still to be done, the next thing last: chains may be thousands of planes long.
         let mut tasks = vec![Task::Go(from, 1.0)];
         while let Some(task) = tasks.pop() {
             let ((layer, z, up), left) = match task {
                 Task::Go(from, left) => (from, left),
                 Task::Meet { indices: (n, beyond), reflected, on, left } => {
-                    way.meet(n, beyond, reflected);
+                    chain.meet(n, beyond, reflected);
                     tasks.extend([Task::Forget, Task::Go(on, left)]);
                     continue;
                 }
                 Task::Forget => {
-                    way.forget();
+                    chain.forget();
                     continue;
                 }
                 Task::Undo { layer, passed } => {
-                    way.undo();
+                    chain.undo();
                     search.passed[layer] = passed;
                     continue;
                 }
             };
-            if layer == search.last && up == search.target.is_above(z) && way.is_bent() {
-                search.events += way.turns();
-                way.go(strata.layers[layer].n, z, search.target.origin.z, up);
-                let link = self.along(search.source, search.from, None, way, 1.0);
-                search.links.extend(link.filter(|link| link.lit));
-                way.undo();
+            if layer == search.last && up == search.target.is_above(z) && chain.is_bent() {
+                search.events += chain.turns();
+                chain.go(strata.layers[layer].n, z, search.target.origin.z, up);
+                let connection = self.along(search.source, search.from, None, chain, 1.0);
+                search.connections.extend(connection.filter(|connection| connection.lit));
+                chain.undo();
             }
             let Some((edge, next)) = strata.onward(layer, up).filter(|&(_, next)| !strata.layers[next].opaque) else {
                 continue;
@@ -129,8 +134,8 @@ impl Walker<'_> {
             let normal = normal_reflectance(indices.0 / indices.1);
             let (most, least) = (reflectance.max(normal), reflectance.min(0.5 * normal));
             // The first stretch begins within its layer.
-            let left = if way.is_bent() { left * search.clear[layer] } else { left };
-            way.go(indices.0, z, edge, up);
+            let left = if chain.is_bent() { left * search.clear[layer] } else { left };
+            chain.go(indices.0, z, edge, up);
             for (reflected, left) in [(true, left * most), (false, left * (1.0 - least))] {
                 if left > FAINT {
                     let on = if reflected { (layer, edge, !up) } else { (next, edge, up) };

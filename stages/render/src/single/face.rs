@@ -46,7 +46,7 @@ pub struct Walls {
 }
 
 impl Face {
-    /// Those before it that lie in its plane, by bits: a way by one of them is its own.
+    /// Those before it that lie in its plane, by bits: a connection by one of them is its own.
     pub fn same(&self) -> impl Iterator<Item = usize> + use<> {
         let same = self.same;
         (0..MOST_FACES).filter(move |i| same >> i & 1 == 1)

@@ -5,7 +5,6 @@
 
 mod bend;
 mod deposit;
-mod detour;
 mod face;
 mod facets;
 pub mod frame;
@@ -20,14 +19,15 @@ mod prepare;
 pub mod refusal;
 mod round;
 mod rows;
+mod scalar_connections;
 mod settle;
-mod sight;
 mod source;
 mod start;
 mod turns;
+mod visibility;
 mod walk;
 mod walls;
 
-pub(crate) use bend::Detour;
+pub(crate) use bend::ScalarConnection;
 pub use frame::Frame;
 pub use walk::walk;

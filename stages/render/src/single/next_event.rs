@@ -2,18 +2,18 @@
 
 use fearless_simd::prelude::*;
 
-use super::bend::{Detour, KnownWay};
+use super::bend::{KnownConnection, ScalarConnection};
 use super::deposit::{Deposit, Seen};
 use super::facets::bits;
 use super::frame::Frame;
 use super::lane::{F, LANES, M, U, V, choose, exp, hg_denominator, hg_sample, ln, philox, splat, unit};
 use super::limits::{DARK, ENTRY, FIRST, MOST_CHANNELS, MOST_FACES, WALL};
 use super::rows::{Counts, Rows};
-use super::sight::{Sight, add_along, add_in_own, first_piece, sight, spans, steepness};
 use super::source::{Arrival, Source, whether_projected};
-use super::walls::Way;
+use super::visibility::{Visibility, add_along, add_in_own, first_piece, spans, steepness, visibility};
+use super::walls::Refraction;
+use crate::connect::OTHER_CONNECTIONS;
 use crate::lengths::MOST_LENGTHS;
-use crate::link::DETOURS;
 use crate::next_event_lanes::{FLAT, TAU_SURE};
 
 /// Of a density e^-x what lies behind this x is nothing to f32.
@@ -28,12 +28,12 @@ pub type Rays = Rows<15, 5>;
 pub struct NextEvents {
     pub rays: Rays,
     /// Where light bends.
-    pub detours: Vec<Detour>,
+    pub scalar_connections: Vec<ScalarConnection>,
 }
 
 impl NextEvents {
     pub fn new(counted: bool) -> Self {
-        Self { rays: Rays::new(counted), detours: Vec::new() }
+        Self { rays: Rays::new(counted), scalar_connections: Vec::new() }
     }
 }
 
@@ -113,14 +113,14 @@ fn estimate<S: Simd>(
     for source in &frame.sources {
         let line = line(simd, frame, source, key, high, &ray);
         if frame.walls.is_some() {
-            see_through_walls(simd, &mut next_events.detours, source, key, high, &ray, &line, &mut deposit);
+            see_through_walls(simd, &mut next_events.scalar_connections, source, key, high, &ray, &line, &mut deposit);
             continue;
         }
-        let sight = sight(simd, frame, source, line.asked, line.r);
-        let seen = line.sees(simd, frame, source, &sight);
-        if frame.plane.as_ref().is_some_and(|plane| plane.detours) {
+        let visibility = visibility(simd, frame, source, line.asked, line.r);
+        let seen = line.sees(simd, frame, source, &visibility);
+        if frame.plane.as_ref().is_some_and(|plane| plane.scalar_connections) {
             let tried = line.asked & tries(simd, key, high, &ray, &line);
-            line.leave(simd, &mut next_events.detours, &ray, tried, |_| None);
+            line.leave(simd, &mut next_events.scalar_connections, &ray, tried, |_| None);
         }
         if source.is_lamp() {
             for ((sum, radiance), share) in steady[..channels].iter_mut().zip(seen.radiance).zip(source.shares) {
@@ -181,9 +181,9 @@ fn line<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, key: [u32; 2], hig
     let (to_light, known) = if let Some(walls) = &frame.walls {
         walls.heading(simd, frame, waiting, r)
     } else {
-        (sight(simd, frame, source, waiting, r), M::splat(simd, true))
+        (visibility(simd, frame, source, waiting, r), M::splat(simd, true))
     };
-    let Sight { towards, spans: to_light, normals, tau, .. } = to_light;
+    let Visibility { towards, spans: to_light, normals, tau, .. } = to_light;
     let (wall, wall_body) = first_piece(simd, frame, body, r, &to_light);
 
     // The line: along the path's own direction, or one from the lobe around the light. Rays that come in from outside have no choice.
@@ -238,9 +238,9 @@ fn line<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, key: [u32; 2], hig
 impl<S: Simd> Line<S> {
     /// What its point sees of a source.
     #[inline(always)]
-    fn sees(&self, simd: S, frame: &Frame<'_>, source: &Source, sight: &Sight<S>) -> Seen<S> {
+    fn sees(&self, simd: S, frame: &Frame<'_>, source: &Source, visibility: &Visibility<S>) -> Seen<S> {
         let zero = splat(simd, 0.0);
-        let &Sight { towards, tau, blocked, foot, gain, .. } = sight;
+        let &Visibility { towards, tau, blocked, foot, gain, .. } = visibility;
         let Arrival { irradiance, lit, x, y } = source.arrives(simd, foot);
         let dark = self.mu_t * self.s + tau;
         let q = hg_denominator(self.g, self.e.dot(towards));
@@ -251,7 +251,7 @@ impl<S: Simd> Line<S> {
         let mut seen_in = [radiance; MOST_CHANNELS];
         if frame.counts {
             let mut lengths = self.lengths;
-            add_along(simd, &mut lengths, frame, self.r, sight);
+            add_along(simd, &mut lengths, frame, self.r, visibility);
             for (of, excess) in seen_in.iter_mut().zip(&frame.channels) {
                 if *excess == [0.0; MOST_LENGTHS] {
                     // It is that of the walk, to the last digit.
@@ -265,20 +265,20 @@ impl<S: Simd> Line<S> {
         Seen { radiance: seen_in, lit: seen, x, y }
     }
 
-    /// Leaves ways that lanes do not know to the scalar walker: one of them by chance, or all of them.
+    /// Leaves connections that lanes do not know to the scalar walker: one of them at random, or all of them.
     #[inline(always)]
     fn leave(
         &self,
         simd: S,
-        detours: &mut Vec<Detour>,
+        scalar_connections: &mut Vec<ScalarConnection>,
         ray: &Ray<S>,
         left: M<S>,
-        known: impl Fn(usize) -> Option<KnownWay>,
+        known: impl Fn(usize) -> Option<KnownConnection>,
     ) {
         let scattered = self.fraction * exp(-(self.mu_t * self.s).min(splat(simd, DARK)));
         let (r, e) = (self.r, self.e);
         for i in bits(left.to_bitmask()) {
-            detours.push(Detour {
+            scalar_connections.push(ScalarConnection {
                 number: self.block.as_slice()[i],
                 sample: ray.sample.as_slice()[i],
                 pixel: ray.pixel.as_slice()[i],
@@ -295,20 +295,20 @@ impl<S: Simd> Line<S> {
     }
 }
 
-/// Whether `Walker::detour`, or `Walker::by_chance`, tries at all.
+/// Whether `Walker::reflected_connection`, or `Walker::sample_manifold`, tries at all.
 #[inline(always)]
 fn tries<S: Simd>(simd: S, key: [u32; 2], high: u32, ray: &Ray<S>, line: &Line<S>) -> M<S> {
     let word = whether_projected(simd, line.place) | high;
-    let [chance, ..] = philox(simd, line.block, word, ray.sample, ray.pixel, key);
-    chance.simd_lt((DETOURS * 4_294_967_296.0) as u32)
+    let [draws, ..] = philox(simd, line.block, word, ray.sample, ray.pixel, key);
+    draws.simd_lt((OTHER_CONNECTIONS * 4_294_967_296.0) as u32)
 }
 
-/// Every way by one refraction, and others by chance; where lanes know none, or do not know, all is left to the scalar walker.
+/// Every connection by one refraction, and others by manifold sampling; where lanes know none, or do not know, all is left to the scalar walker.
 #[inline(always)]
 #[allow(clippy::too_many_arguments, reason = "all that an estimate is made of")]
 fn see_through_walls<S: Simd>(
     simd: S,
-    detours: &mut Vec<Detour>,
+    scalar_connections: &mut Vec<ScalarConnection>,
     source: &Source,
     key: [u32; 2],
     high: u32,
@@ -318,21 +318,21 @@ fn see_through_walls<S: Simd>(
 ) {
     let frame = deposit.frame;
     let Some(walls) = &frame.walls else { return };
-    let mut ways: [Option<Way<S>>; MOST_FACES] = [None; MOST_FACES];
-    // Of each lane the first way that there is, and by bits the lanes that each of the others has found, too.
-    let mut first = walls.way(simd, frame, 0, line.asked, line.r);
+    let mut refractions: [Option<Refraction<S>>; MOST_FACES] = [None; MOST_FACES];
+    // Of each lane the first connection that there is, and by bits the lanes that each of the others has found, too.
+    let mut first = walls.refraction(simd, frame, 0, line.asked, line.r);
     let mut others = [0; MOST_FACES];
-    ways[0] = Some(first);
+    refractions[0] = Some(first);
     for (i, face) in walls.faces.iter().enumerate().skip(1) {
-        let mut way = walls.way(simd, frame, i, line.asked, line.r);
+        let mut refraction = walls.refraction(simd, frame, i, line.asked, line.r);
         for same in face.same() {
-            if let Some(before) = ways.get(same).and_then(Option::as_ref) {
-                way.found &= !before.found;
+            if let Some(before) = refractions.get(same).and_then(Option::as_ref) {
+                refraction.found &= !before.found;
             }
         }
-        others[i] = (way.found & first.found).to_bitmask();
-        ways[i] = Some(way);
-        first = first.or(first.found | !way.found, &way);
+        others[i] = (refraction.found & first.found).to_bitmask();
+        refractions[i] = Some(refraction);
+        first = first.or(first.found | !refraction.found, &refraction);
     }
     let found = first.found & !first.unsure;
     let several = others.iter().fold(0, |several, others| several | others) & found.to_bitmask();
@@ -343,13 +343,13 @@ fn see_through_walls<S: Simd>(
         rest &= !(1 << last);
         let segment = ((2_u64 << last) - 1) & !((1 << start) - 1);
         for (i, others) in [segment].iter().chain(&others).enumerate() {
-            let (way, seen) = match i {
+            let (refraction, seen) = match i {
                 0 => (Some(&first), *others),
-                _ => (ways[i - 1].as_ref(), others & several & segment & (1 << last)),
+                _ => (refractions[i - 1].as_ref(), others & several & segment & (1 << last)),
             };
             let seen = seen & found.to_bitmask();
-            if let (Some(way), true) = (way, seen != 0) {
-                let seen = line.sees(simd, frame, source, &way.sight(!M::from_bitmask(simd, seen)));
+            if let (Some(refraction), true) = (refraction, seen != 0) {
+                let seen = line.sees(simd, frame, source, &refraction.visibility(!M::from_bitmask(simd, seen)));
                 deposit.add_projected(simd, &seen);
             }
         }
@@ -363,10 +363,10 @@ fn see_through_walls<S: Simd>(
     let dark = first.tau.max(splat(simd, 0.0)).min(splat(simd, DARK));
     let strength = source.arrives(simd, first.foot).irradiance * first.gain * exp(-dark);
     let known = found.to_bitmask();
-    line.leave(simd, detours, ray, tried | wholly, |i| {
+    line.leave(simd, scalar_connections, ray, tried | wholly, |i| {
         let at = |v: V<S>| [v.x, v.y, v.z].map(|x| x.as_slice()[i]);
         let (strength, towards, normal) = (strength.as_slice()[i], at(first.towards), at(first.normal));
-        (known >> i & 1 == 1).then_some(KnownWay { strength, towards, normal })
+        (known >> i & 1 == 1).then_some(KnownConnection { strength, towards, normal })
     });
 }
 

@@ -153,7 +153,7 @@ pub fn of_solids(ground: &Ground, parts: &[Part], origin: glam::DVec3, range: f6
     Some(if held && far > range { Refusal::FarSolid(far, range) } else { Refusal::Solid(kind(&part.solid)) })
 }
 
-/// Why lanes do not know the ways of light by the walls that turn it.
+/// Why lanes do not know the connections by the walls that turn light.
 pub fn of_walls(walker: &Walker<'_>, parts: &[Part]) -> Refusal {
     let setting = walker.setting();
     let of = |part: &Part| &setting.world.materials[part.material];

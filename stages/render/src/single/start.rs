@@ -61,14 +61,14 @@ impl<'a> Starts<'a> {
         let [jx, jy, ja, _] = philox(simd, U::splat(simd, 0), U::splat(simd, high), s, p, key);
         let life = -ln(unit(ja));
         let bends = frame.starts && frame.bends();
-        let chance = if bends {
+        let random = if bends {
             let [.., d] = philox(simd, U::splat(simd, 2), U::splat(simd, high), s, p, key);
             d.to_array()
         } else {
             [0; LANES]
         };
         for i in 0..count {
-            let draw = [unit_of(jx[i]), unit_of(jy[i]), unit_of(chance[i])];
+            let draw = [unit_of(jx[i]), unit_of(jy[i]), unit_of(random[i])];
             let ids = Ids { pixel: pixel[i], sample: sample[i], path: (first + i) as u32 };
             let made = frame.starts && self.enter(simd, walker, frame, next_events, ids, draw, life[i]);
             if !made {
@@ -93,21 +93,21 @@ impl<'a> Starts<'a> {
         frame: &Frame<'_>,
         next_events: &mut NextEvents,
         ids: Ids,
-        [across, down, chance]: [f64; 3],
+        [across, down, random]: [f64; 3],
         life: f32,
     ) -> bool {
         let s = *walker.setting();
         let (mut from, mut along) = s.camera.ray(ids.pixel as usize, across, down);
         let (mut inside, mut turns) = (true, usize::from(frame.bends()));
         if let Some(plane) = &frame.plane {
-            match plane.enter(from, along, chance) {
+            match plane.enter(from, along, random) {
                 Some(Entrance::In(place, refracted)) => (from, along) = (place, refracted),
                 Some(Entrance::Out) if frame.dark => inside = false,
                 _ => return false,
             }
         }
         if let Some(walls) = &frame.walls {
-            match walls.enter(walker, from, along, chance) {
+            match walls.enter(walker, from, along, random) {
                 Some(Outside::In(place, refracted)) => (from, along) = (place, refracted),
                 Some(Outside::Out(walls)) if frame.dark => (inside, turns) = (false, walls),
                 _ => return false,

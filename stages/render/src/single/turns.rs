@@ -9,7 +9,7 @@ use super::face::Walls;
 use super::frame::Frame;
 use super::lane::{M, U, V, choose, splat};
 use super::limits::SLIVER;
-use super::sight::spans;
+use super::visibility::spans;
 use crate::walker::Walker;
 use crate::world::Skin;
 

@@ -3,13 +3,13 @@
 use fearless_simd::prelude::*;
 use turbid_optics::at_level;
 
-use super::detour::try_detours;
 use super::frame::Frame;
 use super::lane::{F, LANES, M, U, V, choose, hg_sample, ln, philox, spare, splat, unit, unit_short};
 use super::light_branch::{LightBranches, sends};
 use super::limits::{ENTRY, WALL};
 use super::next_event::{NextEvents, estimate_while, rarity};
 use super::rows::{Counts, Paths};
+use super::scalar_connections::make_scalar_connections;
 use super::settle::{LATE, settles};
 use super::start::Starts;
 use crate::batches::Batches;
@@ -132,12 +132,12 @@ impl<'a, S: Simd> Flock<'a, S> {
                 self.resume();
             }
             estimate_while(simd, &mut self.next_events, LANES, self.frame, key, high, responses);
-            if !self.next_events.detours.is_empty() {
-                try_detours(walker, self.frame, &mut self.next_events);
+            if !self.next_events.scalar_connections.is_empty() {
+                make_scalar_connections(walker, self.frame, &mut self.next_events);
             }
         }
         estimate_while(simd, &mut self.next_events, 1, self.frame, key, high, responses);
-        try_detours(walker, self.frame, &mut self.next_events);
+        make_scalar_connections(walker, self.frame, &mut self.next_events);
         walker.count_flights(flights);
     }
 

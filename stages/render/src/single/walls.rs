@@ -1,7 +1,7 @@
-//! Light that bends once on its way, through the curved and plane walls of convex bodies of one refractive index, in f32 lanes.
+//! Connections by one refraction, through the curved and plane walls of convex bodies of one refractive index, in f32 lanes.
 //!
-//! `Walker::know_ways` for worlds in which camera and projector are outside of all bodies: of each face the place where Snell's law takes light to a
-//! point. It is a way if its inner part is within the bodies and its outer part is not. `docs/theory/render.md` derives the irradiance.
+//! `Walker::find_known` for worlds in which camera and projector are outside of all bodies: of each face the place where Snell's law takes light to a
+//! point. It is a connection if its inner part is within the bodies and its outer part is not. `docs/theory/render.md` derives the irradiance.
 
 use fearless_simd::prelude::*;
 use glam::DVec3;
@@ -12,14 +12,14 @@ use super::frame::Frame;
 use super::ground::{Ground, Part, Shape, Span, Spans, span};
 use super::lane::{F, M, V, choose, splat};
 use super::limits::{MOST_BODIES, MOST_FACES, SLIVER};
-use super::sight::{Sight, spans};
+use super::visibility::{Visibility, spans};
 use crate::finish::Finish;
 use crate::strata::Bending;
 use crate::walker::Walker;
 
 /// How light comes to points through one face.
 #[derive(Clone, Copy)]
-pub struct Way<S: Simd> {
+pub struct Refraction<S: Simd> {
     /// Whether it does.
     pub found: M<S>,
     /// Lanes that do not know.
@@ -56,7 +56,7 @@ const ENOUGH: f32 = 3e-4;
 const BENT: usize = 2;
 /// Of the second derivatives' determinant, some n^2 where the wall is near: below this light is near a focus, where it may come by several places.
 const NEAR_FOCUS: f32 = 1e-3;
-/// What bodies may leave out of the inner part of a way, or take of its outer one: of its length, and of the coordinates.
+/// What bodies may leave out of the inner part of a connection, or take of its outer one: of its length, and of the coordinates.
 const SLACK: f32 = 1e-5;
 
 impl Walls {
@@ -97,15 +97,15 @@ impl Walls {
 
     /// How the light that bends at a face comes to points in the bodies. Compiled once for all callers.
     #[inline(never)]
-    pub fn way<S: Simd>(&self, simd: S, frame: &Frame<'_>, index: usize, asked: M<S>, p: V<S>) -> Way<S> {
+    pub fn refraction<S: Simd>(&self, simd: S, frame: &Frame<'_>, index: usize, asked: M<S>, p: V<S>) -> Refraction<S> {
         simd.vectorize(
             #[inline(always)]
-            || self.way_by(simd, frame, index, asked, p),
+            || self.refracted_by(simd, frame, index, asked, p),
         )
     }
 
     #[inline(always)]
-    fn way_by<S: Simd>(&self, simd: S, frame: &Frame<'_>, index: usize, asked: M<S>, p: V<S>) -> Way<S> {
+    fn refracted_by<S: Simd>(&self, simd: S, frame: &Frame<'_>, index: usize, asked: M<S>, p: V<S>) -> Refraction<S> {
         let face = &self.faces[index];
         let place = match face.form {
             Form::Flat { axis, at, up, height, within } => {
@@ -138,7 +138,7 @@ impl Walls {
             found &= outer.length.simd_le(slack) & !outer.blocked;
         }
         let Passed { tau, spans, .. } = inner;
-        Way {
+        Refraction {
             found,
             unsure,
             towards,
@@ -151,22 +151,22 @@ impl Walls {
         }
     }
 
-    /// Towards the light by the first way that there is, and where there is one; else straight.
+    /// Towards the light by the first connection that there is, and where there is one; else straight.
     #[inline(always)]
-    pub fn heading<S: Simd>(&self, simd: S, frame: &Frame<'_>, asked: M<S>, p: V<S>) -> (Sight<S>, M<S>) {
-        let mut first = self.way(simd, frame, 0, asked, p);
+    pub fn heading<S: Simd>(&self, simd: S, frame: &Frame<'_>, asked: M<S>, p: V<S>) -> (Visibility<S>, M<S>) {
+        let mut first = self.refraction(simd, frame, 0, asked, p);
         for face in 1..self.faces.len() {
             let open = asked & !first.found;
             if open.all_false() {
                 break;
             }
-            let next = self.way(simd, frame, face, open, p);
+            let next = self.refraction(simd, frame, face, open, p);
             first = first.or(!next.found, &next);
         }
         let found = first.found;
         first.towards = first.towards.or(found, self.to_light(p).0);
         first.tau = choose(found, first.tau, splat(simd, 0.0));
-        (first.sight(!found), found)
+        (first.visibility(!found), found)
     }
 
     /// Unit vectors inside towards the light that comes from a; n is the normal outwards.
@@ -186,7 +186,7 @@ impl Walls {
         (d.times(1.0 / distance), distance)
     }
 
-    /// As `bend::Plane::way`, for any axis.
+    /// As `bend::Plane::refraction`, for any axis.
     #[inline(always)]
     fn through_plane<S: Simd>(
         &self,
@@ -282,7 +282,7 @@ impl Walls {
     }
 
     /// Second derivatives of the optical length along a face, times the distance d2 of the point: by the unit vector a to the light, d1 away, and
-    /// b along the inner part of the way.
+    /// b along the inner part of the connection.
     #[inline(always)]
     fn second<S: Simd>(
         &self,
@@ -312,13 +312,13 @@ impl Walls {
     }
 }
 
-impl<S: Simd> Way<S> {
+impl<S: Simd> Refraction<S> {
     #[inline(always)]
-    pub fn sight(&self, blocked: M<S>) -> Sight<S> {
+    pub fn visibility(&self, blocked: M<S>) -> Visibility<S> {
         let zero = splat(self.tau.token(), 0.0);
         let &Self { towards, spans, tau, length, foot, gain, .. } = self;
         let normals = [V { x: zero, y: zero, z: zero }; MOST_BODIES];
-        Sight { towards, spans, normals, tau, length, again: 0, blocked, foot, gain }
+        Visibility { towards, spans, normals, tau, length, again: 0, blocked, foot, gain }
     }
 
     /// This where `mask` says so, else the other; found where either is, unsure too.
@@ -384,7 +384,7 @@ fn passed<S: Simd>(
                     blocked |= enter.simd_lt(leave) & leave.simd_gt(zero) & enter.simd_lt(distance);
                     continue;
                 }
-                // As in `sight::optical_depth`.
+                // As in `visibility::optical_depth`.
                 let mut own = zero;
                 for set in 0..1_usize << j {
                     let (mut enter, mut leave) = (cut[j].enter.max(zero), cut[j].leave.min(distance));

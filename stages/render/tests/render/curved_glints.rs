@@ -1,4 +1,4 @@
-//! Glints on curved walls, tilted ones and facets: closed forms of round mirrors, rays that look for a ball of light, and what is one by another way.
+//! Glints on curved walls, tilted ones and facets: closed forms of round mirrors, rays that look for a ball of light, and what is one by another chain.
 
 use std::f64::consts::PI;
 
@@ -20,7 +20,7 @@ fn body(shape: Shape, medium: &str) -> Object {
     object(shape, medium, 0)
 }
 
-/// A way by a ball of radius R about `center`: where it is reflected, by bisection along the arc between both ends; the cosine there.
+/// A reflection by a ball of radius R about `center`: where it is reflected, by bisection along the arc between both ends; the cosine there.
 fn by_ball(center: DVec3, radius: f64, eye: DVec3, towards_light: impl Fn(DVec3) -> DVec3) -> (DVec3, f64) {
     let lamp = towards_light(center);
     let from = (eye - center).normalize();

@@ -102,7 +102,7 @@ fn a_plane_shows_the_mirror_image() {
     let expected = fresnel::reflectance(1.0 / 1.4, -axis.z) / (pixel_area * -axis.z);
     assert_eq!(pixel, place(on.x, on.y, &orthographic));
     assert!((found / expected - 1.0).abs() < 2e-7, "orthographic: {found} {expected}");
-    // A distorted image: the sum over pixels around is that of two ways to one place; here the pixel and its area change.
+    // A distorted image: the sum over pixels around is that of two chains to one place; here the pixel and its area change.
     let (k1, p2) = (-0.12, 0.01);
     let distortion = Distortion { k1, p2, ..Distortion::default() };
     let (pixel, found) = only(&shiny(&black, floor.clone(), Camera { distortion: Some(distortion), ..c.clone() }));
@@ -154,7 +154,7 @@ fn a_plate_shows_all_its_images() {
     let expected = (0..20).map(order).sum::<f64>() * 80.0 * 80.0 / 4.0;
     let (pixel, found) = only(&scene);
     assert_eq!(pixel, (22, 22));
-    // f32, and ways of less than 1e-10 of the light.
+    // f32, and chains of less than 1e-10 of the light.
     assert!((found / expected - 1.0).abs() < 1e-6, "{found} {expected}");
     assert!(order(1) > 0.5 * order(0), "its back shows");
 }

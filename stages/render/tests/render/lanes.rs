@@ -91,7 +91,7 @@ fn checks() -> Pictures {
 }
 
 /// Of 4096 paths, how many lanes see otherwise than the scalar walker by more than 1e-3: by the projector alone, and with lamps and pictures beside it. Where the
-/// light comes in through another wall than the camera's ray, the first estimate of lanes lies elsewhere on its line; ways of light through curved walls are
+/// light comes in through another wall than the camera's ray, the first estimate of lanes lies elsewhere on its line; connections through curved walls are
 /// found elsewhere first. Elsewhere only rounding turns decisions: each by some 1e-7 of what it compares, ten for each of up to 90 flights, so less than one
 /// path. Another choice of random numbers gives other counts: those here hold within 5 of their standard errors and 4.
 const OTHERS: [(&str, [u32; 2]); 23] = [

@@ -341,7 +341,7 @@ fn line_and_point_estimators_agree_at_curved_walls() {
     for (name, world) in curved_scenes() {
         pool.add(&compare(&lamps(), name, &world, 2000));
     }
-    // Ways of light that are found by chance have heavy tails.
+    // Connections that are found by manifold sampling have heavy tails.
     pool.is_unbiased(0.12);
 }
 

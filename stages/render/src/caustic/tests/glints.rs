@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::caustic::Beginning;
+use crate::connection::Connection;
 use crate::random::Dice;
-use crate::way::Link;
 
 /// Points of a unit sphere, evenly at random.
 fn direction(i: u32) -> DVec3 {
@@ -13,10 +13,10 @@ fn direction(i: u32) -> DVec3 {
     DVec3::new(cos * across, sin * across, z)
 }
 
-fn one_reflection(walker: &mut Walker<'_>, source: Source<'_>, r: DVec3) -> Vec<Link> {
+fn one_reflection(walker: &mut Walker<'_>, source: Source<'_>, r: DVec3) -> Vec<Connection> {
     let mut known = Vec::new();
     walker.by_one_reflection(source, (r, None), true, &mut known);
-    known.into_iter().map(|known| known.link).collect()
+    known.into_iter().map(|known| known.connection).collect()
 }
 
 /// A convex mirror throws all the light that falls on it outwards, each ray once: over a large sphere around it the flux of what is reflected is the intensity
@@ -34,10 +34,10 @@ fn convex_mirrors_keep_the_light() {
             let (mut sum, mut square) = (0.0, 0.0);
             for i in 0..n {
                 let w = direction(i);
-                let links = one_reflection(walker, Source::Lamp(0, &mirror.lamp), far * w);
-                assert!(links.len() <= 1, "{w}");
+                let connections = one_reflection(walker, Source::Lamp(0, &mirror.lamp), far * w);
+                assert!(connections.len() <= 1, "{w}");
                 let flux: f64 =
-                    links.iter().map(|l| l.irradiance * -l.towards.dot(w)).sum::<f64>() * 4.0 * PI * far * far;
+                    connections.iter().map(|l| l.irradiance * -l.towards.dot(w)).sum::<f64>() * 4.0 * PI * far * far;
                 (sum, square) = (sum + flux, square + flux * flux);
             }
             let mean = sum / f64::from(n);
@@ -48,7 +48,7 @@ fn convex_mirrors_keep_the_light() {
     }
 }
 
-/// Light goes from a lamp to an eye as it would go back: ways and irradiances are the same with both exchanged, by mirrors and by glass, convex and hollow.
+/// Light goes from a lamp to an eye as it would go back: chains and irradiances are the same with both exchanged, by mirrors and by glass, convex and hollow.
 #[test]
 fn reflections_go_either_way() {
     let ball = |radius: f64| Solid::Ellipsoid { center: DVec3::ZERO, radii: DVec3::splat(radius) };
@@ -70,8 +70,8 @@ fn reflections_go_either_way() {
                     continue;
                 }
                 let (from_a, from_b) = (Lamp::point(a, 4.0 * PI), Lamp::point(b, 4.0 * PI));
-                let brightness = |links: Vec<Link>| {
-                    let mut brightness: Vec<f64> = links.iter().map(|link| link.irradiance).collect();
+                let brightness = |connections: Vec<Connection>| {
+                    let mut brightness: Vec<f64> = connections.iter().map(|connection| connection.irradiance).collect();
                     brightness.sort_by(f64::total_cmp);
                     brightness
                 };
@@ -87,7 +87,7 @@ fn reflections_go_either_way() {
     }
 }
 
-/// What a camera sees by walls alone, by one reflection for sure and by several walls by chance, and of the lamp itself is the light that walks forward to its pinhole:
+/// What a camera sees by walls alone, by one reflection for sure and by several walls by manifold sampling, and of the lamp itself is the light that walks forward to its pinhole:
 /// behind glass, and over a bowl of mirrors in which light goes to and fro. Four standard errors.
 #[test]
 fn glints_are_the_light_that_walks_forward() {
@@ -103,27 +103,27 @@ fn glints_are_the_light_that_walks_forward() {
     for (k, (case, direct)) in cases.into_iter().enumerate() {
         let (walked, walked_se) = forward(&case, 20 + k as u32, 2_000_000)[0];
         let n = 40_000;
-        let (mut sum, mut square, mut by_chance) = (0.0, 0.0, 0.0);
+        let (mut sum, mut square, mut sampled_sum) = (0.0, 0.0, 0.0);
         with_walker(&case, |walker| {
             for i in 0..n {
                 let [u, ..] = philox4x32([i, 0, 0, 1], [13, 14]).map(unit);
                 let r = DVec3::from(eye[0].0) + eye[0].1 * libm::cbrt(u) * direction(i);
                 let source = Source::Lamp(0, &case.lamp);
-                let strength = |link: &Link| link.irradiance * libm::exp(-link.tau);
+                let strength = |connection: &Connection| connection.irradiance * libm::exp(-connection.tau);
                 let known: f64 = one_reflection(walker, source, r).iter().map(strength).sum();
                 let mut dice = Dice::of([15, 16, i, 0]);
-                let link = walker.glint_by_chance(source, r, Beginning::Image, &mut dice, |_| true);
-                let chanced = link.as_ref().map_or(0.0, strength);
-                let all = known + chanced + direct * case.lamp.arrival(r).unwrap().irradiance;
-                (sum, square, by_chance) = (sum + all, square + all * all, by_chance + chanced);
+                let connection = walker.sample_manifold_of_glint(source, r, Beginning::Image, &mut dice, |_| true);
+                let sampled = connection.as_ref().map_or(0.0, strength);
+                let all = known + sampled + direct * case.lamp.arrival(r).unwrap().irradiance;
+                (sum, square, sampled_sum) = (sum + all, square + all * all, sampled_sum + sampled);
             }
             assert_eq!(walker.given_up, 0, "{}", case.name);
         });
-        let (mean, by_chance) = (sum / f64::from(n), by_chance / f64::from(n));
+        let (mean, sampled) = (sum / f64::from(n), sampled_sum / f64::from(n));
         let se = f64::hypot(walked_se, ((square / f64::from(n) - mean * mean) / f64::from(n)).sqrt());
-        println!("{}: {walked} +- {walked_se}, {mean}, {by_chance} of it by chance, both +- {se}", case.name);
+        println!("{}: {walked} +- {walked_se}, {mean}, {sampled} of it by manifold sampling, both +- {se}", case.name);
         assert!((mean - walked).abs() < 4.0 * se, "{}: {walked}, {mean} +- {se}", case.name);
         // Behind glass all of it is; over the bowl a part that light walked forward hardly resolves.
-        assert!(by_chance > 4.0 * (1.0 - direct) * se, "{}: {by_chance} +- {se}", case.name);
+        assert!(sampled > 4.0 * (1.0 - direct) * se, "{}: {sampled} +- {se}", case.name);
     }
 }

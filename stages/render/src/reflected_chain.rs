@@ -1,61 +1,61 @@
-//! Detours: ways of light through parallel planes that some of these reflect, one of them by chance.
+//! Specular chains through parallel planes that some of these reflect, one of them at random.
 
 use glam::DVec3;
 use turbid_optics::refraction::Crossing;
 
+use crate::connect::{Draws, OTHER_CONNECTIONS, Target};
+use crate::connection::{Connection, SpecularChain};
 use crate::lamp::Source;
-use crate::link::{Chance, DETOURS, Target};
 use crate::random::Dice;
 use crate::strata::{Bending, Strata};
 use crate::walker::Walker;
-use crate::way::{Link, Way};
 use crate::world::Skin;
 
-/// The least and the most probable reflection on a detour.
+/// The least and the most probable reflection of a chain.
 const RARE: f64 = 0.05;
 const OFTEN: f64 = 0.95;
 /// What is less than this part of the light goes on by roulette, through a layer at least with the probability `FAINT`, be it never so dark.
 const WEAK: f64 = 0.1;
 const FAINT: f64 = 1e-3;
-/// Detours by more planes than this go on from each with this probability. At grazing slopes between close planes ways by dozens matter.
+/// Chains by more planes than this go on from each with this probability. At grazing slopes between close planes chains of dozens matter.
 const LONG: usize = 64;
 const SHORTENED: f64 = 0.8;
 
 impl Walker<'_> {
-    /// One of the other lit ways, by chance.
+    /// One of the other lit chains, at random.
     #[inline]
-    pub(crate) fn detour(
+    pub(crate) fn reflected_connection(
         &mut self,
         source: Source<'_>,
         r: DVec3,
         skin: Option<Skin>,
-        chance: &Chance<'_>,
-    ) -> Option<Link> {
+        draws: &Draws<'_>,
+    ) -> Option<Connection> {
         if !matches!(self.bending, Bending::AtPlanes(_)) {
             return None;
         }
-        if chance.whether(source)[0] >= DETOURS {
+        if draws.whether(source)[0] >= OTHER_CONNECTIONS {
             return None;
         }
-        let mut dice = chance.which(source);
-        self.on_scratch(|walker, way| {
-            let probability = walker.with_reflections(source, r, skin, way, &mut dice)?;
-            walker.along(source, r, skin, way, DETOURS * probability)
+        let mut dice = draws.which(source);
+        self.on_scratch(|walker, chain| {
+            let probability = walker.with_reflections(source, r, skin, chain, &mut dice)?;
+            walker.along(source, r, skin, chain, OTHER_CONNECTIONS * probability)
         })
-        .filter(|link| link.lit)
+        .filter(|connection| connection.lit)
     }
 
-    /// A way with reflections, and its probability.
+    /// A chain with reflections, and its probability.
     ///
-    /// At a plane it is reflected with a probability near the reflectance at the slope of the least steep way that can follow, and where upright light has been lost in
-    /// layers it goes on with a probability near what is left: every further stretch makes ways steeper and longer, so none weighs more than it brings but for the few
+    /// At a plane it is reflected with a probability near the reflectance at the slope of the least steep chain that can follow, and where upright light has been lost in
+    /// layers it goes on with a probability near what is left: every further stretch makes chains steeper and longer, so none weighs more than it brings but for the few
     /// beyond `LONG`, and most end soon. Those that do not end by roulette: hardly one in 1e6 is twice as long.
     fn with_reflections(
         &self,
         source: Source<'_>,
         r: DVec3,
         skin: Option<Skin>,
-        way: &mut Way,
+        chain: &mut SpecularChain,
         dice: &mut Dice,
     ) -> Option<f64> {
         let Bending::AtPlanes(strata) = &self.bending else { return None };
@@ -65,7 +65,7 @@ impl Walker<'_> {
         let mut probability = 0.5;
         let (mut layer, mut z) = (self.layer(strata, r, skin, up), r.z);
         let last = strata.layer(target.origin.z, !target.is_above(r.z));
-        let mut passed = std::mem::take(&mut way.passed);
+        let mut passed = std::mem::take(&mut chain.passed);
         passed.clear();
         passed.resize(strata.layers.len(), 0.0);
         let mut left = 1.0;
@@ -76,18 +76,18 @@ impl Walker<'_> {
                 let ends = onward.is_none() || ends < 0.5;
                 probability *= if onward.is_none() { 1.0 } else { 0.5 };
                 if ends {
-                    way.go(strata.layers[last].n, z, target.origin.z, up);
+                    chain.go(strata.layers[last].n, z, target.origin.z, up);
                     break true;
                 }
             }
             let Some((edge, next)) = onward else { break false };
             let before = (left / WEAK).min(1.0);
             // The first stretch begins within its layer.
-            if way.is_bent() {
+            if chain.is_bent() {
                 left *= self.clear[layer].max(FAINT);
             }
             let mut kept = (left / WEAK).min(1.0) / before;
-            if way.turns() >= LONG {
+            if chain.turns() >= LONG {
                 kept *= SHORTENED;
             }
             if goes_on >= kept {
@@ -102,8 +102,8 @@ impl Walker<'_> {
             };
             let reflected = reflects < likely;
             probability *= if reflected { likely } else { 1.0 - likely };
-            way.go(n, z, edge, up);
-            way.meet(n, beyond, reflected);
+            chain.go(n, z, edge, up);
+            chain.meet(n, beyond, reflected);
             z = edge;
             if reflected {
                 up = !up;
@@ -111,14 +111,14 @@ impl Walker<'_> {
                 layer = next;
             }
         };
-        way.passed = passed;
-        // Without a reflection it is no detour.
-        (found && way.is_reflected()).then_some(probability)
+        chain.passed = passed;
+        // Without a reflection it is the direct connection.
+        (found && chain.is_reflected()).then_some(probability)
     }
 }
 
 impl Target {
-    /// The least steep way to here from r that has `passed` so much of each layer, is at the `edge` of one, going `up` or down, and is reflected there. `None`
+    /// The least steep chain to here from r that has `passed` so much of each layer, is at the `edge` of one, going `up` or down, and is reflected there. `None`
     /// where it does not come here any more.
     fn reflected(
         &self,
@@ -172,11 +172,11 @@ mod tests {
         Lamp::beam(-1e5 * along, along, 50.0, 1.0)
     }
 
-    /// The mean of what detours bring is the sum over all ways that a plane reflects, one after the other, at slopes from upright to grazing (where
+    /// The mean of what reflected chains bring is the sum over all of them, one after the other, at slopes from upright to grazing (where
     /// numbers that repeat went to and fro for ever): to 4.5 standard errors, which are below 5 % of the light that comes in all. 13 cases; and what was
-    /// cut off the sum, 1e-9 of it. The longest ways have some hundreds of planes, and most are short.
+    /// cut off the sum, 1e-9 of it. The longest chains have some hundreds of planes, and most are short.
     #[test]
-    fn detours_bring_what_all_reflected_ways_bring() {
+    fn reflected_chains_bring_what_all_reflections_bring() {
         let point = |x: f64, z: f64| Lamp::point(DVec3::new(x, 0.0, z), 1.0);
         let (tissue, thin) = ([(10.0, 0.05, 1.4)], [(1.0, 0.3, 1.4)]);
         let glass = [(1.0, 0.0, 1.5), (2.0, 0.2, 1.4), (0.5, 0.0, 2.5)];
@@ -213,21 +213,23 @@ mod tests {
             };
             let mut walker = Walker::new(setting, named(""));
             let source = Source::Lamp(0, &lamp);
-            let strength = |link: &Link| link.irradiance * libm::exp(-link.tau);
-            let all: f64 = walker.ways_through_planes(source, r).expect("not too many").iter().map(strength).sum();
-            let straight = walker.link(source, r, None, true).map_or(0.0, |link| strength(&link));
+            let strength = |connection: &Connection| connection.irradiance * libm::exp(-connection.tau);
+            let all: f64 = walker.chains_through_planes(source, r).expect("not too many").iter().map(strength).sum();
+            let straight = walker.connect(source, r, None, true).map_or(0.0, |connection| strength(&connection));
             let draws = 60_000;
             let (mut sum, mut square, mut turns, mut longest) = (0.0, 0.0, 0, 0);
             for i in 0..draws {
                 let stream = Stream::new([3, 0], 0, i, 0);
-                let chance = Chance { stream: &stream, flight: 2, site: NeeSite::Here };
-                let found = walker.detour(source, r, None, &chance).map_or(0.0, |link| strength(&link));
+                let draws = Draws { stream: &stream, flight: 2, site: NeeSite::Here };
+                let found = walker
+                    .reflected_connection(source, r, None, &draws)
+                    .map_or(0.0, |connection| strength(&connection));
                 (sum, square) = (sum + found, square + found * found);
-                (turns, longest) = (turns + walker.way.turns(), longest.max(walker.way.turns()));
+                (turns, longest) = (turns + walker.chain.turns(), longest.max(walker.chain.turns()));
                 walker.on_scratch(|_, _| None::<()>);
             }
             let n = f64::from(draws);
-            let (mean, turns) = (sum / n, turns as f64 / (DETOURS * n));
+            let (mean, turns) = (sum / n, turns as f64 / (OTHER_CONNECTIONS * n));
             let se = ((square / n - mean * mean) / n).sqrt();
             let expected = all - straight;
             println!(

@@ -12,7 +12,7 @@ use super::source::Source;
 use crate::lengths::MOST_LENGTHS;
 
 /// What lies between points and the light.
-pub struct Sight<S: Simd> {
+pub struct Visibility<S: Simd> {
     /// Unit vector from the point against the light, and where its line meets the bodies.
     pub towards: V<S>,
     pub spans: Spans<S>,
@@ -30,7 +30,7 @@ pub struct Sight<S: Simd> {
 
 /// Of those lanes that are asked; of the others the meshes are left out.
 #[inline(always)]
-pub fn sight<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, asked: M<S>, p: V<S>) -> Sight<S> {
+pub fn visibility<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, asked: M<S>, p: V<S>) -> Visibility<S> {
     let zero = splat(simd, 0.0);
     let mut normals = [V { x: zero, y: zero, z: zero }; MOST_BODIES];
     let Some(plane) = &frame.plane else {
@@ -50,7 +50,7 @@ pub fn sight<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, asked: M<S>, 
             tau = F::load_array(simd, depths);
         }
         let blocked = blocked(simd, frame, &spans, distance);
-        return Sight {
+        return Visibility {
             towards,
             spans,
             normals,
@@ -62,13 +62,13 @@ pub fn sight<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, asked: M<S>, 
             gain: splat(simd, 1.0),
         };
     };
-    let way = plane.way(simd, source.position, p);
-    let inside = spans(simd, frame, p, way.towards);
-    let tau = optical_depth(simd, frame, &inside, way.length);
-    let stopped = blocked(simd, frame, &inside, way.length);
-    let (towards, length) = (way.towards, way.length);
-    let (foot, gain) = (way.foot, way.gain);
-    Sight { towards, spans: inside, normals, tau, length, again: 0, blocked: stopped, foot, gain }
+    let refraction = plane.refraction(simd, source.position, p);
+    let inside = spans(simd, frame, p, refraction.towards);
+    let tau = optical_depth(simd, frame, &inside, refraction.length);
+    let stopped = blocked(simd, frame, &inside, refraction.length);
+    let (towards, length) = (refraction.towards, refraction.length);
+    let (foot, gain) = (refraction.foot, refraction.gain);
+    Visibility { towards, spans: inside, normals, tau, length, again: 0, blocked: stopped, foot, gain }
 }
 
 /// Meshes apart.
@@ -211,9 +211,9 @@ pub fn add_in_own<S: Simd>(lengths: &mut Counts<S>, frame: &Frame<'_>, body: U<S
 
 /// Adds what the lines to the light have in each body and is not carved out; as in [`optical_depth`].
 #[inline(always)]
-pub fn add_along<S: Simd>(simd: S, lengths: &mut Counts<S>, frame: &Frame<'_>, p: V<S>, sight: &Sight<S>) {
+pub fn add_along<S: Simd>(simd: S, lengths: &mut Counts<S>, frame: &Frame<'_>, p: V<S>, visibility: &Visibility<S>) {
     let (zero, before) = (splat(simd, 0.0), *lengths);
-    let Sight { towards, spans, length: distance, again, .. } = sight;
+    let Visibility { towards, spans, length: distance, again, .. } = visibility;
     for (j, &place) in frame.counted.iter().enumerate().filter(|(_, place)| **place < MOST_LENGTHS) {
         for set in 0..1_usize << j {
             let (mut enter, mut leave) = (spans[j].enter.max(zero), spans[j].leave.min(*distance));

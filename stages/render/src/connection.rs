@@ -1,4 +1,4 @@
-//! Ways of light to a point: what they bring, and of which stretches they are made.
+//! Light connections of a point: what they bring, and the specular chains that they follow.
 
 use glam::DVec3;
 use turbid_optics::refraction::Leg;
@@ -7,25 +7,25 @@ use crate::lengths::Lengths;
 
 /// Light that reaches a point.
 #[derive(Clone, Copy, Debug)]
-pub struct Link {
+pub struct Connection {
     /// Unit vector from the point against the light.
     pub towards: DVec3,
     /// On a surface there that faces it, at pattern value 1, over n^2 (W mm^-2), without attenuation; over the probability of
-    /// having tried this link.
+    /// having tried this connection.
     pub irradiance: f64,
-    /// Optical depth on the way.
+    /// Optical depth on it.
     pub tau: f64,
-    /// Normal, towards the light, of the first boundary on the way.
+    /// Normal, towards the light, of the first boundary on it.
     pub exit: Option<DVec3>,
-    /// Where the pattern's plane lies on the way.
+    /// Where the pattern's plane lies on it.
     pub on_plane: DVec3,
     /// Whether it is inside the field.
     pub lit: bool,
-    /// mm on the way in each medium that tells channels apart.
+    /// mm on it in each medium that tells channels apart.
     pub lengths: Lengths,
 }
 
-/// A straight stretch of a way.
+/// A straight stretch of a chain.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Stretch {
     pub(crate) leg: Leg,
@@ -34,9 +34,9 @@ pub(crate) struct Stretch {
     pub(crate) until: f64,
 }
 
-/// A way through parallel planes: stretches, and what happens between them.
+/// A specular chain through parallel planes: stretches, and what happens between them.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Way {
+pub(crate) struct SpecularChain {
     pub(crate) stretches: Vec<Stretch>,
     /// (n on the side where the light is, n on the other side, reflected).
     pub(crate) events: Vec<(f64, f64, bool)>,
@@ -44,7 +44,7 @@ pub(crate) struct Way {
     pub(crate) passed: Vec<f64>,
 }
 
-impl Way {
+impl SpecularChain {
     pub(crate) fn clear(&mut self) {
         self.stretches.clear();
         self.events.clear();
@@ -54,7 +54,7 @@ impl Way {
         self.stretches.push(Stretch { leg: Leg { n, depth: (until - from).abs() }, up, until });
     }
 
-    /// Takes back the last [`Way::go`].
+    /// Takes back the last [`SpecularChain::go`].
     pub(crate) fn undo(&mut self) {
         self.stretches.pop();
     }
@@ -64,7 +64,7 @@ impl Way {
         self.events.push((n, beyond, reflected));
     }
 
-    /// Takes back the last [`Way::meet`].
+    /// Takes back the last [`SpecularChain::meet`].
     pub(crate) fn forget(&mut self) {
         self.events.pop();
     }
@@ -85,20 +85,20 @@ impl Way {
     }
 }
 
-/// A way that need not be searched.
+/// A connection that need not be searched.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Known {
-    pub link: Link,
+    pub connection: Connection,
     /// Walls that turn it.
     pub(crate) events: usize,
 }
 
-/// Ways are one if their directions differ by less, rad.
+/// Connections are one if their directions differ by less, rad.
 pub(crate) const SAME: f64 = 1e-6;
 
 impl Known {
-    /// Whether it is the way that begins along `w`.
+    /// Whether it is the connection that begins along `w`.
     pub(crate) fn is(&self, w: DVec3, events: usize) -> bool {
-        self.events == events && (self.link.towards - w).length() < SAME
+        self.events == events && (self.connection.towards - w).length() < SAME
     }
 }

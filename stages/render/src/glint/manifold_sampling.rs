@@ -1,5 +1,5 @@
 //! Glints by several walls, some of them curved or tilted: light that is mirrored to and fro in a bore, or goes into a clear body and out again. Nobody
-//! knows all of these ways, so they are found by chance, without bias, and have standard errors.
+//! knows all of these chains, so they are found by specular manifold sampling, without bias, and have standard errors.
 
 use glam::DVec3;
 use turbid_contract::{Ctx, Error};
@@ -28,7 +28,7 @@ const TILE: usize = 1 << 10;
 const SALT: u64 = 0x676c_696e_7473;
 
 /// What trials have seen, pixel by pixel.
-pub struct Chanced {
+pub struct ManifoldSampled {
     pub moments: Moments,
     pub trials: u32,
 }
@@ -40,8 +40,13 @@ pub fn by_several_walls(rig: &Rig) -> bool {
     !rig.excludes_specular && rig.shines() && !sure
 }
 
-/// The glints of every channel that are found by chance, in an image of `paths` paths per pixel; `None` where there are none.
-pub fn by_chance(rig: &Rig, shown: &Shown, paths: u32, ctx: Ctx<'_>) -> Result<Vec<Option<Chanced>>, Error> {
+/// The glints of every channel that are found by manifold sampling, in an image of `paths` paths per pixel; `None` where there are none.
+pub fn by_manifold_sampling(
+    rig: &Rig,
+    shown: &Shown,
+    paths: u32,
+    ctx: Ctx<'_>,
+) -> Result<Vec<Option<ManifoldSampled>>, Error> {
     let (channels, pixels) = (rig.worlds.len(), rig.camera.pixels());
     if !by_several_walls(rig) {
         return Ok((0..channels).map(|_| None).collect());
@@ -62,7 +67,7 @@ pub fn by_chance(rig: &Rig, shown: &Shown, paths: u32, ctx: Ctx<'_>) -> Result<V
                 let mut dice = Dice::of(philox::philox4x32(place, key));
                 let [eye, ..] = dice.throw();
                 let eye = eyes[((eye * eyes.len() as f64) as usize).min(eyes.len() - 1)];
-                if let Some(seen) = walker.seen_by_chance(source, eye, &mut dice) {
+                if let Some(seen) = walker.seen_by_sampling(source, eye, &mut dice) {
                     let responses = walker.responses_to(seen.radiance, seen.on_plane, source);
                     found.push((seen.pixel, responses.to_vec()));
                 }
@@ -70,15 +75,15 @@ pub fn by_chance(rig: &Rig, shown: &Shown, paths: u32, ctx: Ctx<'_>) -> Result<V
         }
         (found, walker.given_up())
     })?;
-    let mut all: Vec<Chanced> = Vec::new();
+    let mut all: Vec<ManifoldSampled> = Vec::new();
     let mut given_up = 0;
-    for (i, (found, ways)) in parts.into_iter().enumerate() {
+    for (i, (found, connections)) in parts.into_iter().enumerate() {
         if i % tiles == 0 {
-            all.push(Chanced { moments: Moments::new(pixels, shown.layout.width()), trials: trials as u32 });
+            all.push(ManifoldSampled { moments: Moments::new(pixels, shown.layout.width()), trials: trials as u32 });
         }
         let sums = &mut all[i / tiles].moments;
         found.iter().for_each(|(pixel, responses)| sums.add(*pixel, responses));
-        given_up += ways;
+        given_up += connections;
     }
     if given_up > 0 {
         ctx.measure("glints given up", given_up as f64, "1");
@@ -89,17 +94,18 @@ pub fn by_chance(rig: &Rig, shown: &Shown, paths: u32, ctx: Ctx<'_>) -> Result<V
 
 impl Walker<'_> {
     /// What one trial finds.
-    fn seen_by_chance(&mut self, source: Source<'_>, eye: DVec3, dice: &mut Dice) -> Option<Seen> {
+    fn seen_by_sampling(&mut self, source: Source<'_>, eye: DVec3, dice: &mut Dice) -> Option<Seen> {
         let camera = self.setting.camera;
         if camera.view.lens != Lens::Orthographic {
-            let shows = |link: &_| Seen::through(camera, eye, link).is_some();
-            let link = self.glint_by_chance(source, eye, Beginning::Image, dice, shows)?;
-            return Seen::through(camera, eye, &link);
+            let shows = |connection: &_| Seen::through(camera, eye, connection).is_some();
+            let connection = self.sample_manifold_of_glint(source, eye, Beginning::Image, dice, shows)?;
+            return Seen::through(camera, eye, &connection);
         }
         let (at, None) = source.origin() else { return None };
         let beam = beam_of(camera);
-        let shows = |link: &_| Seen::in_parallel(camera, source, at, link).is_some();
-        let link = self.glint_by_chance(Source::Lamp(0, &beam), at, Beginning::Around(None), dice, shows)?;
-        Seen::in_parallel(camera, source, at, &link)
+        let shows = |connection: &_| Seen::in_parallel(camera, source, at, connection).is_some();
+        let connection =
+            self.sample_manifold_of_glint(Source::Lamp(0, &beam), at, Beginning::Around(None), dice, shows)?;
+        Seen::in_parallel(camera, source, at, &connection)
     }
 }

@@ -1,19 +1,19 @@
-//! Ways of light that are found by chance: a random ray, turned by walls at random, is aimed at the source; the number of trials until the
+//! Specular manifold sampling: a random ray, turned by walls at random, begins a manifold walk to the source; the number of trials until the
 //! same is found again says how probable that was.
 
 use glam::{DVec2, DVec3};
 use turbid_optics::elementary::sin_cos_turns;
 use turbid_optics::henyey_greenstein::turn;
-use turbid_optics::pencil::Aim;
+use turbid_optics::ray_differential::NewtonStep;
 use turbid_optics::refraction::refract;
 
 use super::Next;
 use super::shot::{Shot, Walls};
+use crate::connect::{Draws, OTHER_CONNECTIONS};
+use crate::connection::{Connection, SAME};
 use crate::lamp::Source;
-use crate::link::{Chance, DETOURS};
 use crate::random::Dice;
 use crate::walker::Walker;
-use crate::way::{Link, SAME};
 use crate::world::Skin;
 
 /// Where one begins to search.
@@ -25,15 +25,15 @@ pub(crate) enum Beginning {
     Image,
 }
 
-/// A way that has been found.
+/// A chain that has been found.
 pub(crate) struct Found {
     shot: Shot,
-    aim: Aim,
+    newton: NewtonStep,
     /// Walls that turn it.
     events: usize,
 }
 
-/// Of a known way.
+/// Of a known connection.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Best {
     /// What it brings over n^2, W mm^-2.
@@ -42,14 +42,14 @@ pub(crate) struct Best {
     pub exit: Option<DVec3>,
     /// Walls that turn it.
     pub turns: usize,
-    /// Its direction in single precision, where lanes have found it: then `self.known` does not hold it, and all known ways are by one refraction.
+    /// Its direction in single precision, where lanes have found it: then `self.known` does not hold it, and all known connections are by one refraction.
     pub about: Option<DVec3>,
 }
 
-/// A way by one refraction so near (rad) to the one that lanes have found is that: where others are as near they are not sure of theirs.
+/// A connection by one refraction so near (rad) to the one that lanes have found is that: where others are as near they are not sure of theirs.
 const ABOUT: f64 = 1e-4;
 
-/// Ways that bring less than this part of the light of the best are weighed by roulette.
+/// Connections that bring less than this part of the light of the best are weighed by roulette.
 const WEAK: f64 = 1e-2;
 /// The same of glints of which walls and media leave less than this part.
 const FAINT: f64 = 1e-4;
@@ -58,78 +58,78 @@ const OUTSIDE: f64 = 0.5;
 const RARE: f64 = 0.1;
 /// A trial ends at each event with this probability.
 const DIES: f64 = 0.1;
-/// Among facets a trial begins with this probability near a way by smooth surfaces, up to so many rad and down to e^-SCALES of that from it.
+/// Among facets a trial begins with this probability near a chain by smooth surfaces, up to so many rad and down to e^-SCALES of that from it.
 const SMOOTHLY: f64 = 0.75;
 const FARTHEST: f64 = 0.3;
 const SCALES: f64 = 8.0;
 /// Where one refraction is known most trials by one lead to that: the others, behind foci, are tried with this probability.
 const ONCE: f64 = 0.25;
-/// Trials after which a way that was found once is given up.
+/// Trials after which a chain that was found once is given up.
 const MOST_TRIALS: u32 = 1 << 18;
 
 impl Found {
     /// The direction in which it begins.
-    fn way(&self) -> DVec3 {
-        self.shot.pencil.start()
+    fn chain(&self) -> DVec3 {
+        self.shot.differential.start()
     }
 }
 
 impl Walker<'_> {
-    /// One of the ways that are not in `self.known`, found by trying. The mean number of trials until it is found again is one over the
+    /// One of the connections that are not in `self.known`, found by trying. The mean number of trials until it is found again is one over the
     /// probability with which it is found: so it is scored by that number.
-    pub(crate) fn by_chance(
+    pub(crate) fn sample_manifold(
         &mut self,
         source: Source<'_>,
         r: DVec3,
         skin: Option<Skin>,
-        chance: &Chance<'_>,
-    ) -> Option<Link> {
+        draws: &Draws<'_>,
+    ) -> Option<Connection> {
         let best = self.known.first().map(|known| Best {
-            strength: known.link.irradiance * libm::exp(-known.link.tau),
-            exit: known.link.exit,
+            strength: known.connection.irradiance * libm::exp(-known.connection.tau),
+            exit: known.connection.exit,
             turns: known.events,
             about: None,
         });
-        self.one_by_chance(source, (r, skin), chance, best)
+        self.sample_manifold_once(source, (r, skin), draws, best)
     }
 
-    /// The same where a known way is said.
-    pub(crate) fn one_by_chance(
+    /// The same where a known connection is said.
+    pub(crate) fn sample_manifold_once(
         &mut self,
         source: Source<'_>,
         begin: (DVec3, Option<Skin>),
-        chance: &Chance<'_>,
+        draws: &Draws<'_>,
         best: Option<Best>,
-    ) -> Option<Link> {
+    ) -> Option<Connection> {
         if self.mirrors.once {
             return None;
         }
         let (r, skin) = begin;
-        let tried = if best.is_some() { DETOURS } else { 1.0 };
-        let [whether, roulette, ..] = chance.whether(source);
+        let tried = if best.is_some() { OTHER_CONNECTIONS } else { 1.0 };
+        let [whether, roulette, ..] = draws.whether(source);
         if whether >= tried {
             return None;
         }
-        let mut dice = chance.which(source);
+        let mut dice = draws.which(source);
         let beginning = Beginning::Around(best.and_then(|best| best.exit));
         let n_far = self.index_around(source.origin().0);
         let rarely = !self.facetted && best.is_some_and(|best| best.turns == 1);
-        let found = self.try_way(source, begin, beginning, n_far, &mut dice, rarely)?;
+        let found = self.try_chain(source, begin, beginning, n_far, &mut dice, rarely)?;
         let refracted = self.events[..] == [false];
         if let Some(about) = best.and_then(|best| best.about) {
-            if refracted && (found.way() - about).length() < ABOUT {
+            if refracted && (found.chain() - about).length() < ABOUT {
                 return None;
             }
             self.known.clear();
             if refracted {
-                self.know_ways(source, r, skin, false);
+                self.find_known(source, r, skin, false);
             }
         }
-        if self.known.iter().any(|known| known.is(found.way(), found.events)) {
+        if self.known.iter().any(|known| known.is(found.chain(), found.events)) {
             return None;
         }
-        let mut link = self.arrive(source, &found.shot, &found.aim).filter(|link| link.lit)?;
-        let strength = link.irradiance * libm::exp(-link.tau);
+        let mut connection = self.arrive(source, &found.shot, &found.newton).filter(|connection| connection.lit)?;
+        let strength = connection.irradiance * libm::exp(-connection.tau);
         let best = match best {
             Some(best) => best.strength,
             None => source.arrival(r).map_or(0.0, |arrival| arrival.irradiance / (n_far * n_far)),
@@ -140,38 +140,39 @@ impl Walker<'_> {
         }
         let trials = self.trials_until_again(source, begin, beginning, &found, &mut dice)?;
         let tried = if rarely && refracted { ONCE * tried } else { tried };
-        link.irradiance *= f64::from(trials) / (tried * kept);
-        Some(link)
+        connection.irradiance *= f64::from(trials) / (tried * kept);
+        Some(connection)
     }
 
     /// One of the glints by several walls, found by trying from a place where the camera sees light (from a light, of parallel rays); scored
     /// in the same way.
-    pub(crate) fn glint_by_chance(
+    pub(crate) fn sample_manifold_of_glint(
         &mut self,
         source: Source<'_>,
         eye: DVec3,
         beginning: Beginning,
         dice: &mut Dice,
-        shows: impl Fn(&Link) -> bool,
-    ) -> Option<Link> {
+        shows: impl Fn(&Connection) -> bool,
+    ) -> Option<Connection> {
         let n_far = self.index_around(source.origin().0);
         let [roulette, ..] = dice.throw();
-        let found = self.try_way(source, (eye, None), beginning, n_far, dice, false)?;
+        let found = self.try_chain(source, (eye, None), beginning, n_far, dice, false)?;
         // Between ends of one index that is a reflection, and all of those are known.
         if found.events == 1 {
             return None;
         }
-        let mut link = self.arrive(source, &found.shot, &found.aim).filter(|link| link.lit && shows(link))?;
-        let kept = (found.shot.passed * libm::exp(-link.tau) / FAINT).min(1.0);
+        let mut connection =
+            self.arrive(source, &found.shot, &found.newton).filter(|connection| connection.lit && shows(connection))?;
+        let kept = (found.shot.passed * libm::exp(-connection.tau) / FAINT).min(1.0);
         if roulette >= kept {
             return None;
         }
         let trials = self.trials_until_again(source, (eye, None), beginning, &found, dice)?;
-        link.irradiance *= f64::from(trials) / kept;
-        Some(link)
+        connection.irradiance *= f64::from(trials) / kept;
+        Some(connection)
     }
 
-    /// How many trials it takes to find a way again; `None` where that are too many.
+    /// How many trials it takes to find a chain again; `None` where that are too many.
     fn trials_until_again(
         &mut self,
         source: Source<'_>,
@@ -183,8 +184,8 @@ impl Walker<'_> {
         let n_far = self.index_around(source.origin().0);
         for trial in 1..MOST_TRIALS {
             dice.begin(trial);
-            let again = self.try_way(source, begin, beginning, n_far, dice, false);
-            if again.is_some_and(|a| a.events == found.events && (a.way() - found.way()).length() < SAME) {
+            let again = self.try_chain(source, begin, beginning, n_far, dice, false);
+            if again.is_some_and(|a| a.events == found.events && (a.chain() - found.chain()).length() < SAME) {
                 return Some(trial);
             }
         }
@@ -192,8 +193,8 @@ impl Walker<'_> {
         None
     }
 
-    /// A random ray with random events, aimed at the source; if it is refracted once, only with the probability `ONCE` where `rarely`.
-    fn try_way(
+    /// A manifold walk to the source from a random ray with random events; if it is refracted once, only with the probability `ONCE` where `rarely`.
+    fn try_chain(
         &mut self,
         source: Source<'_>,
         (r, skin): (DVec3, Option<Skin>),
@@ -222,14 +223,14 @@ impl Walker<'_> {
         let known = self.facetted && self.flat;
         let begun = begun.filter(|()| events[..] != [false] || !(known || (rarely && spare >= ONCE)));
         let first = begun.and_then(|()| self.among_facets(source, (r, skin), first, &events, dice));
-        let found = first.and_then(|w| self.connect(source, (r, skin), w, &events, Walls::AsTheyAre));
+        let found = first.and_then(|w| self.walk_from(source, (r, skin), w, &events, Walls::AsTheyAre));
         let count = events.len();
         self.events = events;
-        found.map(|(shot, aim)| Found { shot, aim, events: count })
+        found.map(|(shot, newton)| Found { shot, newton, events: count })
     }
 
-    /// Where there are facets, mostly a direction at random about the one that would be the way if the surfaces that they stand for were smooth: ways
-    /// by facets, of which each holds one or none, lie around it, and few rays find a way from far off. All scales are as likely.
+    /// Where there are facets, mostly a direction at random about the one that would be the chain if the surfaces that they stand for were smooth: chains
+    /// by facets, of which each holds one or none, lie around it, and few walks find a chain from far off. All scales are as likely.
     fn among_facets(
         &mut self,
         source: Source<'_>,
@@ -245,10 +246,10 @@ impl Walker<'_> {
         if whether >= SMOOTHLY {
             return Some(w);
         }
-        let (shot, _) = self.connect(source, begin, w, events, Walls::Rounded)?;
+        let (shot, _) = self.walk_from(source, begin, w, events, Walls::Rounded)?;
         let off = FARTHEST * libm::exp(-SCALES * scale) * u.sqrt();
         let (sin, cos) = sin_cos_turns(turns);
-        Some(shot.pencil.turned(off * DVec2::new(cos, sin)))
+        Some(shot.differential.turned(off * DVec2::new(cos, sin)))
     }
 
     /// Random events along a ray, until it may see the source.

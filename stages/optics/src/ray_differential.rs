@@ -1,4 +1,4 @@
-//! A ray and its neighbours: where a slightly turned ray would go, through smooth walls of any curvature.
+//! Ray differentials: where a slightly turned ray would go, through smooth walls of any curvature.
 //!
 //! Two derivatives travel with the ray, those by the angles at which it started along two axes across it. They say how to turn it so
 //! that it arrives where it should (Newton's method), and how its light has spread by then.
@@ -9,7 +9,7 @@ use crate::refraction::refract;
 
 /// A ray that started at a point, with the derivatives of place and direction by its two starting angles.
 #[derive(Clone, Copy, Debug)]
-pub struct Pencil {
+pub struct RayDifferential {
     pub r: DVec3,
     /// Unit vector along it.
     pub w: DVec3,
@@ -21,18 +21,18 @@ pub struct Pencil {
     dw: [DVec3; 2],
 }
 
-/// What has to be done for a pencil to arrive, to first order.
+/// What has to be done for a ray to arrive, to first order.
 #[derive(Clone, Copy, Debug)]
-pub struct Aim {
+pub struct NewtonStep {
     /// Angles by which to turn it at the start, rad.
     pub turn: DVec2,
     /// How far it misses: mm from a point, a difference of unit vectors from a direction.
     pub miss: f64,
-    /// Solid angle at the start over the area across the pencil at the point, mm^-2; over solid angle there for a direction.
+    /// Solid angle at the start over the area across the ray at the point, mm^-2; over solid angle there for a direction.
     pub spread: f64,
 }
 
-impl Pencil {
+impl RayDifferential {
     /// From `r` along the unit vector `w`.
     pub fn new(r: DVec3, w: DVec3) -> Self {
         let (a, b) = w.any_orthonormal_pair();
@@ -89,7 +89,7 @@ impl Pencil {
     }
 
     /// Straight on to a point. `None` where it goes away from it, or all neighbours meet there.
-    pub fn aim_at(&self, point: DVec3) -> Option<Aim> {
+    pub fn newton_step_to(&self, point: DVec3) -> Option<NewtonStep> {
         let distance = (point - self.r).dot(self.w);
         let miss = point - self.r - distance * self.w;
         let moved = [0, 1].map(|k| self.dr[k] + distance * self.dw[k]);
@@ -97,18 +97,18 @@ impl Pencil {
     }
 
     /// Into a direction, a unit vector.
-    pub fn aim_along(&self, direction: DVec3) -> Option<Aim> {
+    pub fn newton_step_along(&self, direction: DVec3) -> Option<NewtonStep> {
         self.solve(direction - self.w, self.dw).filter(|_| direction.dot(self.w) > 0.0)
     }
 
-    fn solve(&self, miss: DVec3, moved: [DVec3; 2]) -> Option<Aim> {
+    fn solve(&self, miss: DVec3, moved: [DVec3; 2]) -> Option<NewtonStep> {
         let (x, y) = self.w.any_orthonormal_pair();
         let across = |v: DVec3| DVec2::new(v.dot(x), v.dot(y));
         let [a, b] = moved.map(across);
         let m = across(miss);
         let det = a.perp_dot(b);
         let turn = DVec2::new(m.perp_dot(b), a.perp_dot(m)) / det;
-        turn.is_finite().then(|| Aim { turn, miss: m.length(), spread: 1.0 / det.abs() })
+        turn.is_finite().then(|| NewtonStep { turn, miss: m.length(), spread: 1.0 / det.abs() })
     }
 }
 
@@ -124,16 +124,16 @@ mod tests {
             for slope in [0.0, 0.2, 0.7_f64] {
                 let w = DVec3::new(0.6 * slope, -0.8 * slope, 1.0 - slope * slope).normalize();
                 let (depth, height) = (3.0, 40.0);
-                let mut pencil = Pencil::new(DVec3::new(1.0, 2.0, -depth), w);
-                pencil.fly(depth / w.z);
-                let Some(_) = pencil.meet(DVec3::Z, |_| DVec3::ZERO, (n_from, n_to), false) else { continue };
-                let end = pencil.r + height / pencil.w.z * pencil.w;
-                let aim = pencil.aim_at(end).unwrap();
-                assert!(aim.miss < 1e-12, "{aim:?}");
+                let mut differential = RayDifferential::new(DVec3::new(1.0, 2.0, -depth), w);
+                differential.fly(depth / w.z);
+                let Some(_) = differential.meet(DVec3::Z, |_| DVec3::ZERO, (n_from, n_to), false) else { continue };
+                let end = differential.r + height / differential.w.z * differential.w;
+                let newton = differential.newton_step_to(end).unwrap();
+                assert!(newton.miss < 1e-12, "{newton:?}");
                 let legs = [Leg { n: n_from, depth }, Leg { n: n_to, depth: height }];
                 let advance = (end - DVec3::new(1.0, 2.0, -depth)).truncate().length();
                 let closed = Crossing::new(legs.into_iter(), advance).unwrap().spread(n_from, n_to);
-                assert!((aim.spread / closed - 1.0).abs() < 1e-11, "{n_from} {n_to} {slope}: {aim:?} {closed}");
+                assert!((newton.spread / closed - 1.0).abs() < 1e-11, "{n_from} {n_to} {slope}: {newton:?} {closed}");
             }
         }
     }
@@ -145,21 +145,21 @@ mod tests {
         let radii = DVec3::new(2.0, 1.5, 1.1);
         let gradient = |p: DVec3| p / (radii * radii);
         let trace = |w: DVec3| {
-            let mut pencil = Pencil::new(DVec3::new(0.2, -0.1, 0.3), w);
+            let mut differential = RayDifferential::new(DVec3::new(0.2, -0.1, 0.3), w);
             for reflected in [true, true, false] {
-                let (o, d) = (pencil.r / radii, pencil.w / radii);
+                let (o, d) = (differential.r / radii, differential.w / radii);
                 let (a, b, c) = (d.length_squared(), o.dot(d), o.length_squared() - 1.0);
                 // From a point on it, the other end of the chord.
                 let t = if c.abs() < 1e-9 { -2.0 * b / a } else { (-b + (b * b - a * c).sqrt()) / a };
-                pencil.fly(t);
-                let g = gradient(pencil.r);
+                differential.fly(t);
+                let g = gradient(differential.r);
                 let bends = |d: DVec3| {
                     let n = g.normalize();
                     (d / (radii * radii) - n.dot(d / (radii * radii)) * n) / g.length()
                 };
-                pencil.meet(g.normalize(), bends, (1.2, 1.0), reflected)?;
+                differential.meet(g.normalize(), bends, (1.2, 1.0), reflected)?;
             }
-            Some(pencil)
+            Some(differential)
         };
         let mut seen = 0;
         for i in 0..60 {

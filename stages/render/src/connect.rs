@@ -1,18 +1,18 @@
-//! Links: the ways by which light from the projector reaches a point without being scattered.
+//! Light connections: the straight or specular chains by which light reaches a point without being scattered.
 //!
-//! `docs/theory/render.md` derives the irradiance of a link through refracting boundaries.
+//! `docs/theory/render.md` derives the irradiance of a connection through refracting boundaries.
 
 use glam::DVec3;
 use turbid_optics::philox::unit;
 use turbid_optics::refraction::{Crossing, Leg};
 
+use crate::connection::{Connection, SpecularChain, Stretch};
 use crate::lamp::Source;
 use crate::lengths::{Lengths, NO_LENGTHS, count, sum};
 use crate::random::{Dice, NeeSite, Purpose, Stream};
 use crate::setting::Setting;
 use crate::strata::{Bending, Layer, Strata};
 use crate::walker::Walker;
-use crate::way::{Link, Stretch, Way};
 use crate::world::Skin;
 
 /// Where light comes from, be it lit or not, and how far off it is.
@@ -20,30 +20,30 @@ pub(crate) struct Heading {
     pub towards: DVec3,
     /// Optical depth; opaque bodies do not count.
     pub tau: f64,
-    /// As of a [`Link`].
+    /// As of a [`Connection`].
     pub exit: Option<DVec3>,
 }
 
-/// What lies on a straight way.
-pub(crate) struct Sight {
+/// What a shadow ray meets.
+pub(crate) struct Visibility {
     /// Optical depth; opaque bodies do not count.
     pub tau: f64,
     pub blocked: bool,
-    /// Normal, along the way, of the first boundary on it.
+    /// Normal, along the ray, of the first boundary on it.
     pub exit: Option<DVec3>,
     /// mm in each medium that tells channels apart.
     pub lengths: Lengths,
 }
 
 /// Which random numbers a next-event estimate has.
-pub(crate) struct Chance<'a> {
+pub(crate) struct Draws<'a> {
     pub stream: &'a Stream,
     /// Number of the flight beside which it is.
     pub flight: u64,
     pub site: NeeSite,
 }
 
-impl Chance<'_> {
+impl Draws<'_> {
     /// For the point that is connected, and the direction to that.
     #[inline]
     pub fn point(&self, source: Source<'_>) -> [u32; 4] {
@@ -63,102 +63,114 @@ impl Chance<'_> {
 }
 
 /// Connections other than the straight one are tried with this probability: they carry a few per cent of the light.
-pub(crate) const DETOURS: f64 = 0.125;
+pub(crate) const OTHER_CONNECTIONS: f64 = 0.125;
 impl Walker<'_> {
-    /// What lies on the straight way from r along `towards`.
-    pub(crate) fn sight(&mut self, r: DVec3, towards: DVec3, distance: f64, skin: Option<Skin>) -> Sight {
+    /// What a shadow ray meets from r along `towards`.
+    pub(crate) fn visibility(&mut self, r: DVec3, towards: DVec3, distance: f64, skin: Option<Skin>) -> Visibility {
         let Setting { world, shared, .. } = self.setting;
-        let mut sight = Sight { tau: 0.0, blocked: false, exit: None, lengths: NO_LENGTHS };
+        let mut visibility = Visibility { tau: 0.0, blocked: false, exit: None, lengths: NO_LENGTHS };
         let mut n = None;
         for piece in world.trace(r, towards, skin, &mut self.spans) {
             if piece.start >= distance {
                 break;
             }
-            if sight.exit.is_none()
+            if visibility.exit.is_none()
                 && let Some(wall) = piece.wall
             {
                 let normal = world.normal(wall, r + piece.end * towards);
-                sight.exit = Some(if normal.dot(towards) < 0.0 { -normal } else { normal });
+                visibility.exit = Some(if normal.dot(towards) < 0.0 { -normal } else { normal });
             }
             let material = &world.materials[piece.material];
-            // Where light bends at planes a way is made of stretches within one index.
+            // Where light bends at planes a chain is made of stretches within one index.
             let bends = matches!(self.bending, Bending::AtRough | Bending::AtWalls);
             let crosses = bends && *n.get_or_insert(material.n) != material.n;
             if material.is_opaque() || crosses {
-                sight.blocked = true;
+                visibility.blocked = true;
             } else if piece.material != 0 {
                 let length = piece.end.min(distance) - piece.start;
-                sight.tau += material.mu_t() * length;
-                count(shared, &mut sight.lengths, piece.material, length);
+                visibility.tau += material.mu_t() * length;
+                count(shared, &mut visibility.lengths, piece.material, length);
             }
         }
-        sight
+        visibility
     }
 
-    /// The way by which most of the light of a source comes, if it is open: the straight one, or the one that only refraction bends.
+    /// The connection by which most of the light of a source comes, if it is open: the straight one, or the one that only refraction bends.
     /// `lit`: only where it lies inside the source's field.
     #[inline]
-    pub(crate) fn link(&mut self, source: Source<'_>, r: DVec3, skin: Option<Skin>, lit: bool) -> Option<Link> {
+    pub(crate) fn connect(
+        &mut self,
+        source: Source<'_>,
+        r: DVec3,
+        skin: Option<Skin>,
+        lit: bool,
+    ) -> Option<Connection> {
         if matches!(self.bending, Bending::Nowhere | Bending::AtRough) {
             return self.straight(source, r, skin, 1.0);
         }
         if self.bending == Bending::AtWalls {
-            self.know_ways(source, r, skin, true);
-            return self.known.first().map(|known| known.link).filter(|link| link.lit || !lit);
+            self.find_known(source, r, skin, true);
+            return self.known.first().map(|known| known.connection).filter(|connection| connection.lit || !lit);
         }
-        self.on_scratch(|walker, way| {
-            walker.without_reflections(source, r, skin, way)?;
-            match way.stretches[..] {
+        self.on_scratch(|walker, chain| {
+            walker.without_reflections(source, r, skin, chain)?;
+            match chain.stretches[..] {
                 // Exact for horizontal beams, too.
                 [only] => walker.straight(source, r, skin, only.leg.n),
-                _ => walker.along(source, r, skin, way, 1.0),
+                _ => walker.along(source, r, skin, chain, 1.0),
             }
         })
-        .filter(|link| link.lit || !lit)
+        .filter(|connection| connection.lit || !lit)
     }
 
-    /// Adds the lit ways from a source to r that are tried every time: they bring most of its light.
+    /// Adds the lit connections from r to a source that are tried every time: they bring most of its light.
     #[inline]
-    pub(crate) fn reach(&mut self, source: Source<'_>, r: DVec3, skin: Option<Skin>, links: &mut Vec<Link>) {
+    pub(crate) fn reach(
+        &mut self,
+        source: Source<'_>,
+        r: DVec3,
+        skin: Option<Skin>,
+        connections: &mut Vec<Connection>,
+    ) {
         if self.bending == Bending::AtWalls {
-            self.know_ways(source, r, skin, false);
-            links.extend(self.known.iter().map(|known| known.link).filter(|link| link.lit));
+            self.find_known(source, r, skin, false);
+            connections.extend(self.known.iter().map(|known| known.connection).filter(|connection| connection.lit));
         } else {
-            links.extend(self.link(source, r, skin, true));
+            connections.extend(self.connect(source, r, skin, true));
         }
     }
 
-    /// Adds those by mirrors, and one of the others by chance; after [`Walker::reach`] for the same source and place.
+    /// Adds those by mirrors, and one of the others at random; after [`Walker::reach`] for the same source and place.
     #[inline]
     pub(crate) fn reach_on(
         &mut self,
         source: Source<'_>,
         r: DVec3,
         skin: Option<Skin>,
-        chance: &Chance<'_>,
-        links: &mut Vec<Link>,
+        draws: &Draws<'_>,
+        connections: &mut Vec<Connection>,
     ) {
         if self.bending == Bending::AtWalls {
-            links.extend(self.by_chance(source, r, skin, chance));
+            connections.extend(self.sample_manifold(source, r, skin, draws));
         } else {
-            links.extend(self.detour(source, r, skin, chance));
-            self.by_mirrors(source, r, skin, chance, links);
+            connections.extend(self.reflected_connection(source, r, skin, draws));
+            self.by_mirrors(source, r, skin, draws, connections);
         }
     }
 
     /// Through index n all the way.
     #[inline]
-    pub(crate) fn straight(&mut self, source: Source<'_>, r: DVec3, skin: Option<Skin>, n: f64) -> Option<Link> {
+    pub(crate) fn straight(&mut self, source: Source<'_>, r: DVec3, skin: Option<Skin>, n: f64) -> Option<Connection> {
         let arrival = source.arrival(r)?;
-        let sight = self.sight(r, arrival.towards, arrival.distance, skin);
-        (!sight.blocked).then_some(Link {
+        let visibility = self.visibility(r, arrival.towards, arrival.distance, skin);
+        (!visibility.blocked).then_some(Connection {
             towards: arrival.towards,
             irradiance: arrival.irradiance / (n * n),
-            tau: sight.tau,
-            exit: sight.exit,
+            tau: visibility.tau,
+            exit: visibility.exit,
             on_plane: arrival.on_plane,
             lit: true,
-            lengths: sight.lengths,
+            lengths: visibility.lengths,
         })
     }
 
@@ -167,11 +179,11 @@ impl Walker<'_> {
     pub(crate) fn heading(&mut self, source: Source<'_>, r: DVec3, tau: f64) -> Heading {
         let (towards, distance) = source.towards(r);
         if matches!(self.bending, Bending::Nowhere | Bending::AtRough) {
-            let sight = self.sight(r, towards, distance, None);
-            return Heading { towards, tau: sight.tau, exit: sight.exit };
+            let visibility = self.visibility(r, towards, distance, None);
+            return Heading { towards, tau: visibility.tau, exit: visibility.exit };
         }
-        match self.link(source, r, None, false) {
-            Some(Link { towards, tau, exit, .. }) => Heading { towards, tau, exit },
+        match self.connect(source, r, None, false) {
+            Some(Connection { towards, tau, exit, .. }) => Heading { towards, tau, exit },
             None => Heading { towards, tau, exit: None },
         }
     }
@@ -181,21 +193,27 @@ impl Walker<'_> {
         let bent = if matches!(self.bending, Bending::Nowhere | Bending::AtRough) {
             None
         } else {
-            self.link(source, inside, None, false)
+            self.connect(source, inside, None, false)
         };
-        bent.map_or_else(|| source.towards(start).0, |link| link.towards)
+        bent.map_or_else(|| source.towards(start).0, |connection| connection.towards)
     }
 
-    pub(crate) fn on_scratch<T>(&mut self, work: impl FnOnce(&mut Self, &mut Way) -> Option<T>) -> Option<T> {
-        let mut way = std::mem::take(&mut self.way);
-        way.clear();
-        let result = work(self, &mut way);
-        self.way = way;
+    pub(crate) fn on_scratch<T>(&mut self, work: impl FnOnce(&mut Self, &mut SpecularChain) -> Option<T>) -> Option<T> {
+        let mut chain = std::mem::take(&mut self.chain);
+        chain.clear();
+        let result = work(self, &mut chain);
+        self.chain = chain;
         result
     }
 
     /// Up or down through the layers to the light; `None` where something opaque fills one of them.
-    fn without_reflections(&self, source: Source<'_>, r: DVec3, skin: Option<Skin>, way: &mut Way) -> Option<()> {
+    fn without_reflections(
+        &self,
+        source: Source<'_>,
+        r: DVec3,
+        skin: Option<Skin>,
+        chain: &mut SpecularChain,
+    ) -> Option<()> {
         let Bending::AtPlanes(strata) = &self.bending else { return None };
         let target = Target::of(source);
         let up = target.is_above(r.z);
@@ -207,33 +225,33 @@ impl Walker<'_> {
                 return None;
             }
             let (n, beyond) = (strata.layers[layer].n, strata.layers[next].n);
-            way.go(n, z, edge, up);
-            way.events.push((n, beyond, false));
+            chain.go(n, z, edge, up);
+            chain.events.push((n, beyond, false));
             (layer, z) = (next, edge);
         }
-        way.go(strata.layers[last].n, z, target.origin.z, up);
+        chain.go(strata.layers[last].n, z, target.origin.z, up);
         Some(())
     }
 
-    /// The light that comes by a way, over the probability with which the way was chosen.
+    /// The light that comes by a chain, over the probability with which the chain was chosen.
     pub(crate) fn along(
         &mut self,
         source: Source<'_>,
         r: DVec3,
         skin: Option<Skin>,
-        way: &Way,
+        chain: &SpecularChain,
         probability: f64,
-    ) -> Option<Link> {
+    ) -> Option<Connection> {
         let target = Target::of(source);
-        let legs = way.stretches.iter().map(|stretch| stretch.leg);
-        let (n, n_source) = (way.stretches[0].leg.n, way.stretches[way.stretches.len() - 1].leg.n);
+        let legs = chain.stretches.iter().map(|stretch| stretch.leg);
+        let (n, n_source) = (chain.stretches[0].leg.n, chain.stretches[chain.stretches.len() - 1].leg.n);
         let across = target.towards.unwrap_or(target.origin - r).truncate();
         let crossing = match target.towards {
             None => Crossing::new(legs, across.length())?,
             Some(towards) => Crossing::at_slope(legs, n_source, across.length() / towards.z.abs())?,
         };
         let sideways = across.try_normalize().map_or(DVec3::ZERO, |across| across.extend(0.0));
-        let mut link = Link {
+        let mut connection = Connection {
             towards: DVec3::ZERO,
             irradiance: 1.0 / probability,
             tau: 0.0,
@@ -242,24 +260,24 @@ impl Walker<'_> {
             lit: false,
             lengths: NO_LENGTHS,
         };
-        for &(n, beyond, reflected) in &way.events {
+        for &(n, beyond, reflected) in &chain.events {
             let reflectance = crossing.reflectance(n, beyond);
-            link.irradiance *= if reflected { reflectance } else { 1.0 - reflectance };
+            connection.irradiance *= if reflected { reflectance } else { 1.0 - reflectance };
         }
         let (mut p, mut skin) = (r, skin);
-        for (i, &Stretch { leg, up, until }) in way.stretches.iter().enumerate() {
+        for (i, &Stretch { leg, up, until }) in chain.stretches.iter().enumerate() {
             let (sin, cos) = (crossing.sin(leg.n), crossing.cos(leg.n));
             let w = sin * sideways + (if up { cos } else { -cos }) * DVec3::Z;
-            let last = i + 1 == way.stretches.len();
+            let last = i + 1 == chain.stretches.len();
             let distance = if last { source.towards(p).1 } else { leg.depth / cos };
-            let sight = self.sight(p, w, distance, skin);
-            if sight.blocked {
+            let visibility = self.visibility(p, w, distance, skin);
+            if visibility.blocked {
                 return None;
             }
-            link.tau += sight.tau;
-            link.lengths = sum(&link.lengths, &sight.lengths);
+            connection.tau += visibility.tau;
+            connection.lengths = sum(&connection.lengths, &visibility.lengths);
             if i == 0 {
-                (link.towards, link.exit) = (w, sight.exit);
+                (connection.towards, connection.exit) = (w, visibility.exit);
             }
             if !last {
                 p += leg.depth * crossing.tan(leg.n) * sideways;
@@ -273,10 +291,10 @@ impl Walker<'_> {
                 None => arrival.distance * arrival.distance * crossing.spread(n_source, n),
                 Some(_) => crossing.cos(n_source) / crossing.cos(n),
             };
-            link.irradiance *= arrival.irradiance * spread / (n * n);
-            (link.on_plane, link.lit) = (arrival.on_plane, true);
+            connection.irradiance *= arrival.irradiance * spread / (n * n);
+            (connection.on_plane, connection.lit) = (arrival.on_plane, true);
         }
-        Some(link)
+        Some(connection)
     }
 
     /// The layer around a point; on a surface the one that the surface faces, else on an edge the one where light goes on.
@@ -289,7 +307,7 @@ impl Walker<'_> {
     }
 }
 
-/// Where a way has to arrive.
+/// Where a chain has to arrive.
 pub(crate) struct Target {
     pub origin: DVec3,
     /// Towards the source, where that is the same direction everywhere.
@@ -306,7 +324,7 @@ impl Target {
         self.towards.map_or(self.origin.z > z, |towards| towards.z > 0.0)
     }
 
-    /// The least steep way to here from r that has `passed` so much of each layer and is at height z now, with `across` of a layer still to pass besides.
+    /// The least steep chain to here from r that has `passed` so much of each layer and is at height z now, with `across` of a layer still to pass besides.
     pub(crate) fn least_steep(
         &self,
         strata: &Strata,
