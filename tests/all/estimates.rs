@@ -119,7 +119,7 @@ fn what_was_resumed_is_in_the_cost() {
     assert!((2.0..8.0).contains(&(seconds / longer)), "{seconds} s foreseen, {longer} s for a quarter");
 }
 
-/// A render beside stand-ins walks several images; its own checkpoint is no work of an earlier run, and no more CPU seconds are counted than all threads have.
+/// A render with control variates walks several images; its own checkpoint is no work of an earlier run, and no more CPU seconds are counted than all threads have.
 #[test]
 fn a_run_does_not_resume_itself() {
     let file = shipped("quickstart");

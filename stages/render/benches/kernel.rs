@@ -6,10 +6,10 @@ use glam::{DVec2, DVec3};
 use turbid_optics::solid::{Mesh, Solid};
 use turbid_optics::view::View;
 use turbid_render::camera::Camera;
-use turbid_render::flock;
 use turbid_render::lamp::Steady;
 use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
+use turbid_render::packet;
 use turbid_render::path::{Nee, Setting, Walker};
 use turbid_render::pictures::Pictures;
 use turbid_render::world::{Body, Material, World};
@@ -107,7 +107,7 @@ fn row(name: &str, world: &World, lit: bool) {
         for _ in 0..3 {
             let began = cpu_seconds();
             for first in (0..4096).step_by(1024) {
-                flock::walk(&mut walker, first..first + 1024, 0..samples);
+                packet::walk(&mut walker, first..first + 1024, 0..samples);
             }
             let flights = walker.take_flights() as f64;
             best = f64::max(best, 1e-6 * flights / (cpu_seconds() - began));

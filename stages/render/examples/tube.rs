@@ -1,20 +1,20 @@
 //! What a path down a tube costs and how much it varies: `cargo run --release -p turbid-render --example tube [paths per pixel] [estimator] [pictures]`.
 //!
 //! The tube of the paper (250 mm long, bore of 20 mm, wall of 30 mm), seen along its axis from 110 mm and lit from 100 mm above its mouth, 64 x 64
-//! pixels, by depth below the mouth. rv = variance per path / mean^2 of M_DC, so 1e4 rv paths give 1 %; "within 2 se": how often the stated error of 64
+//! pixels, by depth below the mouth. relative variance = variance per path / mean^2 of M_DC, so 1e4 relative variance paths give 1 %; "within 2 se": how often the stated error of 64
 //! paths holds the mean of all those of the eight pixels that are alike. With `pictures` so many are shown in place of a sinusoid: phases of a fringe that is
-//! uniform along the wall, and rv of M_AC (the part of its amplitude along the mean) stands behind that of M_DC; it takes
-//! more than rv paths to be known.
+//! uniform along the wall, and relative variance of M_AC (the part of its amplitude along the mean) stands behind that of M_DC; it takes
+//! more than relative variance paths to be known.
 
 use glam::{DVec2, DVec3};
 use turbid_optics::solid::Solid;
 use turbid_optics::view::View;
 use turbid_render::batches::Batches;
 use turbid_render::camera::Camera;
-use turbid_render::flock;
 use turbid_render::lamp::Steady;
 use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
+use turbid_render::packet;
 use turbid_render::path::{Nee, Setting, Walker};
 use turbid_render::pictures::Pictures;
 use turbid_render::single::{self, Frame};
@@ -87,7 +87,7 @@ fn main() {
                     let batches = Batches { of: &of, count };
                     match &frame {
                         Some(frame) if f32s.contains(&name) => single::walk(&mut walker, frame, batches),
-                        _ => flock::walk_double_among(&mut walker, batches),
+                        _ => packet::walk_double_among(&mut walker, batches),
                     }
                     for path in 0..some.len() * count as usize {
                         let place = some[path / count as usize];
@@ -135,7 +135,8 @@ fn main() {
                 intervals += 1;
             }
             let se = (variance / n / of_pixel.len() as f64).sqrt();
-            let ac = relative_variance(&amplitude).map_or(String::new(), |rv| format!(" and {rv:.0}"));
+            let ac = relative_variance(&amplitude)
+                .map_or(String::new(), |relative_variance| format!(" and {relative_variance:.0}"));
             println!(
                 "{name}, {from:.0} to {to:.0} ({}): {m:.4e} +- {:.2} %, {:.2}{ac}, {:.0}, {:.3}; {:.2}; {:.1} flights",
                 pixels.len(),

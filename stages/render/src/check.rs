@@ -147,7 +147,7 @@ impl Params {
             ),
             _ => {}
         }
-        if let (Taken::Path { .. } | Taken::Reference { .. }, Some(samples @ 2..64)) = (taken, self.samples) {
+        if let (Taken::Path { .. } | Taken::ControlVariates { .. }, Some(samples @ 2..64)) = (taken, self.samples) {
             let text = "standard errors from fewer than 64 paths per pixel are themselves uncertain";
             problems.warn("samples", format!("samples = {samples}: {text}"));
         }

@@ -11,7 +11,7 @@ use crate::rig::Rig;
 use crate::tail::{brightness, expected_kurtosis, image_holds, is_peaked};
 use crate::world::Spans;
 
-/// So many times the paths of a pixel are spent on each traced pixel of a stand-in's image: its few terms have then less noise than
+/// So many times the paths of a pixel are spent on each traced pixel of a control variate's image: its few terms have then less noise than
 /// most differences.
 pub const FIT_PATHS: u32 = 1;
 
@@ -188,7 +188,7 @@ impl Fitted {
     }
 
     /// How many times the variance of the mean of M_DC exceeds that of independent pixels.
-    pub fn sharing(&self) -> f64 {
+    pub fn design_effect(&self) -> f64 {
         let terms = [(0, 1.0)];
         let total: f64 = (0..self.pixels()).map(|p| self.variance(p, &terms)).sum();
         let n = self.pixels() as f64;

@@ -192,7 +192,7 @@ impl<'a> Sources<'a> {
             material: 0,
             skin: None,
             clear: 0.0,
-            life: -ln(unit_fine(ja, jb)),
+            absorption_depth: -ln(unit_fine(ja, jb)),
             weight: 1.0,
             pixel: PIXEL,
             sample: photon,

@@ -56,7 +56,7 @@ pub struct Images<'a> {
     /// Paths per traced pixel.
     pub n: u32,
     /// Where the errors of pixels are common: how many times the variance of an image mean exceeds that of independent pixels.
-    pub sharing: Option<f64>,
+    pub design_effect: Option<f64>,
     /// Wavelengths of channels that share paths, so that their errors are correlated; those that share none are left out.
     pub shared_paths: Vec<Vec<f64>>,
 }
@@ -68,8 +68,8 @@ impl Images<'_> {
 
     fn attributes(&self, stack: &mut ImageStack) {
         stack.attributes.insert("samples".to_owned(), json!(self.n));
-        if let Some(sharing) = self.sharing {
-            stack.attributes.insert("sharing".to_owned(), json!(sharing));
+        if let Some(design_effect) = self.design_effect {
+            stack.attributes.insert("sharing".to_owned(), json!(design_effect));
         }
         if !self.shared_paths.is_empty() {
             stack.attributes.insert("shared_paths_nm".to_owned(), json!(self.shared_paths));

@@ -11,7 +11,7 @@ use crate::caustic::Best;
 use crate::connect::{Draws, Heading};
 use crate::lamp::Source;
 use crate::lengths::{Lengths, count, sum};
-use crate::next_event_lanes::{self, depth, rarity};
+use crate::next_event_lanes::{self, depth, inverse_survival};
 use crate::random::{LIGHT_BRANCH, NeeSite, Stream};
 use crate::setting::Place;
 use crate::single::ScalarConnection;
@@ -208,22 +208,30 @@ impl<'a> Walker<'a> {
         let Heading { towards, tau, exit } = self.heading(source, entry.r, 0.0);
         // Where the flight came in is where the light comes in, if it comes from that side.
         let exit = normal.filter(|n| n.dot(towards) > 0.0).or(exit);
-        let rarity = rarity(depth(tau, exit.map_or(1.0, |n| n.dot(towards)), 0.0));
-        if roulette * rarity >= 1.0 {
+        let inverse_survival = inverse_survival(depth(tau, exit.map_or(1.0, |n| n.dot(towards)), 0.0));
+        if roulette * inverse_survival >= 1.0 {
             return;
         }
         let draws = Draws { stream, flight: at.flight(), site: NeeSite::Entered(place) };
         let [.., u] = draws.point(source);
         let line = Line { r: entry.r, e: at.w, length: entry.length, material: entry.material, towards, exit };
-        self.score(at.response, &line, at.weight * at.share * rarity, unit(u), source, &draws, &entry.lengths);
+        self.score(
+            at.response,
+            &line,
+            at.weight * at.share * inverse_survival,
+            unit(u),
+            source,
+            &draws,
+            &entry.lengths,
+        );
     }
 
     fn collision_lit(&mut self, at: &Place, roulette: f64, source: Source<'_>) {
         let stream = self.stream(at);
         let mut connections = std::mem::take(&mut self.connections);
         self.reach(source, at.r, None, &mut connections);
-        let rarity = rarity(connections.first().map_or(0.0, |connection| connection.tau));
-        if roulette * rarity >= 1.0 {
+        let inverse_survival = inverse_survival(connections.first().map_or(0.0, |connection| connection.tau));
+        if roulette * inverse_survival >= 1.0 {
             connections.clear();
         } else {
             let draws = Draws { stream: &stream, flight: at.flight(), site: NeeSite::Here };
@@ -232,7 +240,7 @@ impl<'a> Walker<'a> {
         let g = self.setting.world.materials[at.material].g;
         for connection in connections.drain(..) {
             let p = hg::density(g, at.w.dot(connection.towards));
-            let radiance = at.weight * p * connection.irradiance * libm::exp(-connection.tau) * rarity;
+            let radiance = at.weight * p * connection.irradiance * libm::exp(-connection.tau) * inverse_survival;
             self.deposit(at.response, radiance, connection.on_plane, source, &sum(&at.lengths, &connection.lengths));
         }
         self.connections = connections;
@@ -292,12 +300,12 @@ impl<'a> Walker<'a> {
             return;
         }
         // The light is at least `clear` away: most collisions are settled by that, without a ray.
-        if roulette * rarity(material.mu_t() * at.clear) >= 1.0 {
+        if roulette * inverse_survival(material.mu_t() * at.clear) >= 1.0 {
             return;
         }
         // Lanes may know better: surfaces that do not show are none to them.
         at.clear = at.clear.max(world.clearance(at.r));
-        if roulette * rarity(material.mu_t() * at.clear) >= 1.0 {
+        if roulette * inverse_survival(material.mu_t() * at.clear) >= 1.0 {
             return;
         }
         if let Some(body_of) = self.body_of.as_ref().filter(|_| at.light_branch || at.number < u64::from(LIGHT_BRANCH))
@@ -356,8 +364,8 @@ impl<'a> Walker<'a> {
         let material = world.materials[at.material];
         let least = material.mu_t() * at.clear;
         let Heading { towards, tau, exit } = self.heading(source, at.r, least);
-        let rarity = rarity(depth(tau, exit.map_or(1.0, |n| n.dot(towards)), least));
-        if roulette * rarity >= 1.0 {
+        let inverse_survival = inverse_survival(depth(tau, exit.map_or(1.0, |n| n.dot(towards)), least));
+        if roulette * inverse_survival >= 1.0 {
             return;
         }
         let g = material.g;
@@ -375,7 +383,7 @@ impl<'a> Walker<'a> {
             .map_or(f64::INFINITY, |piece| if piece.material == at.material { piece.end } else { 0.0 });
         if length > 0.0 {
             let line = Line { r: at.r, e, length, material: at.material, towards, exit };
-            let weight = at.weight * at.share * balance * rarity;
+            let weight = at.weight * at.share * balance * inverse_survival;
             self.score(at.response, &line, weight, unit(u), source, &draws, &at.lengths);
         }
     }

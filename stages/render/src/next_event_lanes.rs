@@ -196,12 +196,12 @@ impl NextEvents {
         }
         let tau1 = optical_depth(world, &spans(&world.bodies, &r1, &towards), &distance);
         for i in 0..LANES {
-            let rarity = rarity(depth(tau[i], cos[i], self.least[i]));
+            let inverse_survival = inverse_survival(depth(tau[i], cos[i], self.least[i]));
             let p = hg::density(self.g[i], at(&e, i).dot(at(&towards, i)));
             let dark = ((self.mu_a[i] + self.mu_s[i]) * s[i] + tau1[i]).min(DARK);
-            let weight = self.weight[i] * balance[i] * rarity * inverse_density[i];
+            let weight = self.weight[i] * balance[i] * inverse_survival * inverse_density[i];
             let radiance = weight * self.mu_s[i] * p * irradiance[i] * exp(-dark);
-            let seen = (self.roulette[i] * rarity < 1.0) & lit[i] & (length[i] > 0.0);
+            let seen = (self.roulette[i] * inverse_survival < 1.0) & lit[i] & (length[i] > 0.0);
             self.radiance[i] = if seen { radiance } else { 0.0 };
         }
     }
@@ -357,7 +357,7 @@ pub fn depth(tau: f64, cos: f64, least: f64) -> f64 {
 
 /// One over the probability of connecting at optical distance `tau`; that falls slower than the light does.
 #[inline(always)]
-pub fn rarity(tau: f64) -> f64 {
+pub fn inverse_survival(tau: f64) -> f64 {
     let x = (tau * (1.0 / TAU_SURE)).max(1.0);
     x * x * x * x
 }

@@ -53,7 +53,7 @@ impl Walker<'_> {
             skin: None,
             clear: 0.0,
             // Absorption at a rate mu_a along the way ends the path: drawn once, exact for any albedo and sequence of media.
-            life: -ln(unit_fine(ja, jb)),
+            absorption_depth: -ln(unit_fine(ja, jb)),
             weight: 1.0,
             pixel: pixel as u32,
             sample,

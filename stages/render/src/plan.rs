@@ -121,7 +121,7 @@ pub fn plan(params: &Params, scene: Option<&Scene>, known: &Known) -> StagePlan 
             }
             (_, Some(Taken::Rte { bound })) => format!("rte, off by {:.2} % of a frame at most", 100.0 * bound),
             (_, Some(Taken::Fit)) => "fit".to_owned(),
-            (_, Some(Taken::Reference { because })) => {
+            (_, Some(Taken::ControlVariates { because })) => {
                 format!(
                     "path, with laterally uniform control variates where a pilot finds that it pays (auto: {because})"
                 )
@@ -172,7 +172,7 @@ pub fn plan(params: &Params, scene: Option<&Scene>, known: &Known) -> StagePlan 
     if let Some(taken) = &taken {
         sort(!matches!(taken, Taken::Rte { .. }), "paths");
         sort(!matches!(taken, Taken::Fit | Taken::Rte { .. }), "paths for every pixel");
-        sort(matches!(taken, Taken::Reference { .. }), "control variates");
+        sort(matches!(taken, Taken::ControlVariates { .. }), "control variates");
     }
     sort(params.f_x.iter().any(|f| f.0 > 0.0), "carriers");
     sort(params.orientation_deg.len() > 1, "several orientations");
@@ -202,7 +202,7 @@ pub fn plan(params: &Params, scene: Option<&Scene>, known: &Known) -> StagePlan 
         let [columns, rows] = camera.pixels.map(|n| n as usize);
         let channels = scene.channels() as f64;
         let pixels = (columns * rows) as f64 * channels;
-        let beside = matches!(taken, Some(Taken::Reference { .. }));
+        let with_control = matches!(taken, Some(Taken::ControlVariates { .. }));
         let lattice = Lattice::over(columns, rows);
         let traced = (lattice.columns.len() * lattice.rows.len()) as f64;
         let (traced, terms) =
@@ -214,9 +214,9 @@ pub fn plan(params: &Params, scene: Option<&Scene>, known: &Known) -> StagePlan 
             // Some ms for each spatial frequency (measured; see docs/theory/rte.md).
             plan.seconds = Some(5e-3 * channels * (1 + params.carriers().len()) as f64);
         } else if let Some(samples) = for_target.into_iter().chain(most).reduce(f64::min) {
-            // At most: all pixels have the one stand-in, and it pays.
+            // At most: all pixels have the one control variate, and it pays.
             let of_lattice = f64::from(FIT_PATHS) * (lattice.columns.len() * lattice.rows.len()) as f64;
-            let paths = if beside { 2.0 * traced + of_lattice } else { traced };
+            let paths = if with_control { 2.0 * traced + of_lattice } else { traced };
             plan.seconds = Some(paths * walks as f64 * samples * ns_per_path(scene, rig.as_ref()) * 1e-9);
         }
     }

@@ -20,7 +20,7 @@ pub(crate) enum NeeSite {
 /// What a block is drawn for. Flights are known by their numbers: 0 is the camera, those after it are even; sources by `Source::place`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Purpose {
-    /// Where a path begins in its pixel, and how long it lives.
+    /// Where a path begins in its pixel, and its absorption depth.
     Begin,
     /// The same on the lens.
     Lens,

@@ -60,7 +60,7 @@ pub struct Place {
     /// No boundary is nearer than this.
     pub clear: f64,
     /// Optical depth of absorption that is left until the path ends.
-    pub life: f64,
+    pub absorption_depth: f64,
     /// What the path stands for, after the roulettes it survived.
     pub weight: f64,
     pub pixel: u32,

@@ -151,7 +151,7 @@ impl Stage for RenderStage {
             wavelengths_nm: &scene.wavelengths_nm,
             channels: &estimate.channels,
             n: estimate.n,
-            sharing: estimate.sharing,
+            design_effect: estimate.design_effect,
             shared_paths: shared_paths(&scene, &rig, &shown),
         };
         let power = if ctx.wants("power") {

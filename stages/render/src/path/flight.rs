@@ -49,9 +49,9 @@ impl Walker<'_> {
                 at.clear = world.clearance(at.r);
             }
             if s < at.clear {
-                at.life -= here.mu_a * s;
-                if at.life < 0.0 {
-                    at.r += (s + at.life / here.mu_a) * at.w;
+                at.absorption_depth -= here.mu_a * s;
+                if at.absorption_depth < 0.0 {
+                    at.r += (s + at.absorption_depth / here.mu_a) * at.w;
                     return End::Gone;
                 }
                 at.r += s * at.w;
@@ -106,10 +106,10 @@ impl Walker<'_> {
             let to_scattering = tau * self.free_paths[piece.material];
             let flown = length.min(to_scattering);
             if material.mu_a > 0.0 {
-                at.life -= material.mu_a * flown;
-                if at.life < 0.0 {
-                    // The life went out before its end.
-                    at.r += (piece.start + flown + at.life / material.mu_a) * at.w;
+                at.absorption_depth -= material.mu_a * flown;
+                if at.absorption_depth < 0.0 {
+                    // The absorption depth is used up before its end.
+                    at.r += (piece.start + flown + at.absorption_depth / material.mu_a) * at.w;
                     return End::Gone;
                 }
             }

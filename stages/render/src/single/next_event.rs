@@ -208,8 +208,8 @@ fn line<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, key: [u32; 2], hig
     // Nor are the camera's and those from walls subject to roulette. See `next_event_lanes::depth`.
     let depth = tau * incidence.abs();
     let depth = choose(depth.simd_gt(least), depth, least);
-    let rarity = choose(sure, splat(simd, 1.0), rarity(simd, depth));
-    let chosen = waiting & (roulette * rarity).simd_lt(1.0);
+    let inverse_survival = choose(sure, splat(simd, 1.0), inverse_survival(simd, depth));
+    let chosen = waiting & (roulette * inverse_survival).simd_lt(1.0);
     let mut along = spans(simd, frame, r, e);
     let rate = falling(simd, steepness, mu_t);
     if !frame.ground.meshes.is_empty() {
@@ -228,7 +228,7 @@ fn line<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, key: [u32; 2], hig
         s,
         mu_t,
         g,
-        fraction: weight * rarity * (balance * inverse_density * mu_s),
+        fraction: weight * inverse_survival * (balance * inverse_density * mu_s),
         lengths,
         block,
         place: first.select(piece, U::splat(simd, 0)),
@@ -370,9 +370,9 @@ fn see_through_walls<S: Simd>(
     });
 }
 
-/// One over the probability of connecting; see `next_event_lanes::rarity`.
+/// One over the probability of connecting; see `next_event_lanes::inverse_survival`.
 #[inline(always)]
-pub fn rarity<S: Simd>(simd: S, tau: F<S>) -> F<S> {
+pub fn inverse_survival<S: Simd>(simd: S, tau: F<S>) -> F<S> {
     let x = (tau * (1.0 / TAU_SURE as f32)).max(splat(simd, 1.0));
     let square = x * x;
     square * square

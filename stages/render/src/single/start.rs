@@ -10,7 +10,7 @@ use super::lane::{LANES, U, ln, philox, unit};
 use super::limits::FIRST;
 use super::next_event::{NextEvents, estimate_while};
 use super::rows::Paths;
-use super::settle::settles;
+use super::scalar_fallback::scalar_fallback;
 use super::turns::Outside;
 use crate::batches::Batches;
 use crate::lengths::{Lengths, MOST_LENGTHS, NO_LENGTHS, count};
@@ -59,7 +59,7 @@ impl<'a> Starts<'a> {
         let (key, high) = (walker.setting().key, walker.setting().channel << 16);
         let (p, s) = (U::load_array(simd, pixel), U::load_array(simd, sample));
         let [jx, jy, ja, _] = philox(simd, U::splat(simd, 0), U::splat(simd, high), s, p, key);
-        let life = -ln(unit(ja));
+        let absorption_depth = -ln(unit(ja));
         let bends = frame.starts && frame.bends();
         let random = if bends {
             let [.., d] = philox(simd, U::splat(simd, 2), U::splat(simd, high), s, p, key);
@@ -70,10 +70,10 @@ impl<'a> Starts<'a> {
         for i in 0..count {
             let draw = [unit_of(jx[i]), unit_of(jy[i]), unit_of(random[i])];
             let ids = Ids { pixel: pixel[i], sample: sample[i], path: (first + i) as u32 };
-            let made = frame.starts && self.enter(simd, walker, frame, next_events, ids, draw, life[i]);
+            let made = frame.starts && self.enter(simd, walker, frame, next_events, ids, draw, absorption_depth[i]);
             if !made {
                 let mut place = walker.begin(pixel[i] as usize, sample[i], first + i);
-                if settles(walker, frame, &mut place) {
+                if scalar_fallback(walker, frame, &mut place) {
                     let (floats, words, lengths) = frame.row(&place);
                     self.ready.push(floats, words, lengths);
                 }
@@ -94,7 +94,7 @@ impl<'a> Starts<'a> {
         next_events: &mut NextEvents,
         ids: Ids,
         [across, down, random]: [f64; 3],
-        life: f32,
+        absorption_depth: f32,
     ) -> bool {
         let s = *walker.setting();
         let (mut from, mut along) = s.camera.ray(ids.pixel as usize, across, down);
@@ -160,7 +160,7 @@ impl<'a> Starts<'a> {
             _ => pieces.extend(s.world.trace(from, along, None, &mut walker.spans).filter(|p| p.material != 0)),
         }
         let ready = self.ready.len();
-        let made = self.enter_pieces(&s, frame, next_events, ids, (from, along), life, &pieces);
+        let made = self.enter_pieces(&s, frame, next_events, ids, (from, along), absorption_depth, &pieces);
         if made && self.ready.len() == ready {
             // The camera's ray is a flight, wherever it ended.
             walker.count_flights(1);
@@ -181,7 +181,7 @@ impl<'a> Starts<'a> {
         next_events: &mut NextEvents,
         ids: Ids,
         (from, along): (DVec3, DVec3),
-        life: f32,
+        absorption_depth: f32,
         pieces: &[Piece],
     ) -> bool {
         let material = |piece: &Piece| &s.world.materials[piece.material];
@@ -216,7 +216,7 @@ impl<'a> Starts<'a> {
                     }
                 };
                 let m = &frame.media[piece.material];
-                let left = life - absorbed as f32;
+                let left = absorption_depth - absorbed as f32;
                 if scored == 0 && left > 0.0 {
                     let coefficients = [m.free_path, m.mu_a, m.mu_s, m.g, m.window];
                     let [free_path, mu_a, mu_s, g, window] = coefficients;
@@ -288,10 +288,10 @@ impl Frame<'_> {
         let body = self.body_at(place).expect("only settled paths are put into lanes");
         let m = &self.media[place.material];
         let ([x, y, z], [a, b, c]) = (self.local(place.r), place.w.as_vec3().to_array());
-        let (life, weight) = (place.life as f32, place.weight as f32);
+        let (absorption_depth, weight) = (place.absorption_depth as f32, place.weight as f32);
         let [free_path, mu_a, mu_s, g, window] = [m.free_path, m.mu_a, m.mu_s, m.g, m.window];
         let (known, share) = (self.known, place.share as f32);
-        let floats = [x, y, z, a, b, c, life, 0.0, weight, free_path, mu_a, mu_s, g, window, known, share];
+        let floats = [x, y, z, a, b, c, absorption_depth, 0.0, weight, free_path, mu_a, mu_s, g, window, known, share];
         let (path, material) = (place.response as u32, place.material as u32);
         let words = [place.number as u32, place.sample, place.pixel, path, material, body as u32];
         (floats, words, counted(&place.lengths))
@@ -299,7 +299,7 @@ impl Frame<'_> {
 
     /// The path of a row, for the scalar walker.
     pub fn place(&self, (floats, words, lengths): ([f32; 16], [u32; 6], [f32; MOST_LENGTHS])) -> Place {
-        let [x, y, z, a, b, c, life, lost, weight, .., share] = floats;
+        let [x, y, z, a, b, c, absorption_depth, lost, weight, .., share] = floats;
         let [number, sample, pixel, path, material, _] = words;
         Place {
             r: self.world([x, y, z]),
@@ -308,7 +308,7 @@ impl Frame<'_> {
             material: material as usize,
             skin: None,
             clear: 0.0,
-            life: f64::from(life) - f64::from(lost),
+            absorption_depth: f64::from(absorption_depth) - f64::from(lost),
             weight: f64::from(weight),
             pixel,
             sample,

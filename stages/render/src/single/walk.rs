@@ -7,10 +7,10 @@ use super::frame::Frame;
 use super::lane::{F, LANES, M, U, V, choose, hg_sample, ln, philox, spare, splat, unit, unit_short};
 use super::light_branch::{LightBranches, sends};
 use super::limits::{ENTRY, WALL};
-use super::next_event::{NextEvents, estimate_while, rarity};
+use super::next_event::{NextEvents, estimate_while, inverse_survival};
 use super::rows::{Counts, Paths};
 use super::scalar_connections::make_scalar_connections;
-use super::settle::{LATE, settles};
+use super::scalar_fallback::{LATE, scalar_fallback};
 use super::start::Starts;
 use crate::batches::Batches;
 use crate::lengths::MOST_LENGTHS;
@@ -24,7 +24,7 @@ pub fn walk(walker: &mut Walker<'_>, frame: &Frame<'_>, batches: Batches<'_>) {
     let mut responses = walker.take_single();
     let starts = Starts::new(batches, frame.counts);
     at_level!(walker.level(), simd => simd.vectorize(#[inline(always)] || {
-        Flock::new(simd, frame, batches.paths()).run(walker, starts, &mut responses);
+        Packet::new(simd, frame, batches.paths()).run(walker, starts, &mut responses);
     }));
     walker.gather();
     walker.add_single(responses);
@@ -37,7 +37,7 @@ fn with_room(mut floats: [f32; 16], known: f32) -> [f32; 16] {
 }
 
 /// The paths in flight.
-struct Flock<'a, S: Simd> {
+struct Packet<'a, S: Simd> {
     simd: S,
     frame: &'a Frame<'a>,
     floats: [F<S>; 16],
@@ -60,7 +60,7 @@ struct Flock<'a, S: Simd> {
     paths: u32,
 }
 
-impl<'a, S: Simd> Flock<'a, S> {
+impl<'a, S: Simd> Packet<'a, S> {
     #[inline(always)]
     fn new(simd: S, frame: &'a Frame<'a>, paths: usize) -> Self {
         let (floats, words) = ([splat(simd, 0.0); 16], [U::splat(simd, 0); 6]);
@@ -118,15 +118,15 @@ impl<'a, S: Simd> Flock<'a, S> {
                 }
             }
             flights += self.alive.count_ones() as usize;
-            let (odd, connecting, out) = self.fly(branching, key, high, responses);
+            let (divergent, connecting, out) = self.fly(branching, key, high, responses);
             // On its way to infinity a path makes one more.
             flights += out.count_ones() as usize;
             if connecting != 0 && (self.frame.lamps || !self.frame.next_events) {
                 self.next_event_singly(walker, connecting);
             }
-            if odd != 0 {
-                flights -= odd.count_ones() as usize;
-                self.settle(walker, odd, branching);
+            if divergent != 0 {
+                flights -= divergent.count_ones() as usize;
+                self.scalar_fallback(walker, divergent, branching);
             }
             if branching {
                 self.resume();
@@ -146,7 +146,8 @@ impl<'a, S: Simd> Flock<'a, S> {
     #[inline(always)]
     fn fly(&mut self, branching: bool, key: [u32; 2], high: u32, responses: &mut [f64]) -> (u64, u64, u64) {
         let (simd, frame) = (self.simd, self.frame);
-        let [rx, ry, rz, wx, wy, wz, life, lost, weight, free_path, mu_a, mu_s, g, window, known, share] = self.floats;
+        let [rx, ry, rz, wx, wy, wz, absorption_depth, lost, weight, free_path, mu_a, mu_s, g, window, known, share] =
+            self.floats;
         let [number, sample, pixel, path, material, body] = self.words;
         let (r, w) = (V { x: rx, y: ry, z: rz }, V { x: wx, y: wy, z: wz });
         let alive = M::from_bitmask(simd, self.alive);
@@ -158,7 +159,7 @@ impl<'a, S: Simd> Flock<'a, S> {
         let mut passage = frame.ground.pass(simd, body, r, w, s, end);
         let no = M::splat(simd, false);
         let (meshes, mut left_known, mut stale) = (!frame.ground.meshes.is_empty(), known - s, no);
-        let beside = passage.clear;
+        let passage_clear = passage.clear;
         if meshes {
             let asks = s.simd_ge(known) & !passage.crosses & alive;
             stale = !asks;
@@ -219,7 +220,7 @@ impl<'a, S: Simd> Flock<'a, S> {
                 // In another medium, or behind a gap: touching bodies of one medium are one. The camera's ray was scored as far as it goes.
                 let beyond =
                     crossed & (!its.simd_eq(material) | on.enters.simd_gt(on.leaves)) & !number.simd_eq(frame.first);
-                let entered = beyond & alive & (life - (mu_a * on.leaves + lost)).simd_ge(splat(simd, 0.0));
+                let entered = beyond & alive & (absorption_depth - (mu_a * on.leaves + lost)).simd_ge(splat(simd, 0.0));
                 if frame.next_events && entered.any_true() {
                     let (zero, [_, mu_a, mu_s, g, _]) = (splat(simd, 0.0), here);
                     let mut before = self.lengths;
@@ -294,14 +295,14 @@ impl<'a, S: Simd> Flock<'a, S> {
         let [free_path, mu_a, mu_s, g, window] = here;
         // Compensated: at high albedo each flight takes less than the last digit of what is left.
         let taken = -absorbed - lost;
-        let left = life + taken;
-        let lost = (left - life) - taken;
+        let left = absorption_depth + taken;
+        let lost = (left - absorption_depth) - taken;
         let dies = left.simd_lt(0.0);
         if frame.turns {
             out = escapes & alive & !dies;
         }
         let crosses = passage.crosses | (far & !crossed);
-        let odd = alive & crosses & !escapes;
+        let divergent = alive & crosses & !escapes;
         let mut gone = (dies & !crosses) | escapes;
         let mut heavier = weight;
         if frame.windows && !branching {
@@ -314,15 +315,15 @@ impl<'a, S: Simd> Flock<'a, S> {
             heavier = choose(plays, deep, weight);
         }
         let (roulette, mut least) = (unit_short(d), (mu_a + mu_s) * passage.clear);
-        let mut near = (roulette * rarity(simd, least)).simd_lt(1.0);
+        let mut near = (roulette * inverse_survival(simd, least)).simd_lt(1.0);
         if meshes {
             // An estimate costs more than to ask how far the surface really is.
             let asks = near & stale & alive & !crosses & !dies;
             if asks.any_true() {
                 let clear = frame.ground.from_meshes(simd, asks, body, end);
                 left_known = choose(asks, clear, left_known);
-                least = choose(asks, (mu_a + mu_s) * clear.min(beside), least);
-                near &= (roulette * rarity(simd, least)).simd_lt(1.0);
+                least = choose(asks, (mu_a + mu_s) * clear.min(passage_clear), least);
+                near &= (roulette * inverse_survival(simd, least)).simd_lt(1.0);
             }
         }
         let goes_on = alive & !crosses & !gone;
@@ -388,7 +389,7 @@ impl<'a, S: Simd> Flock<'a, S> {
             step(e.x, wx),
             step(e.y, wy),
             step(e.z, wz),
-            step(left, life),
+            step(left, absorption_depth),
             step(lost, old[7]),
             step(heavier, weight),
             step(free_path, old[9]),
@@ -407,9 +408,9 @@ impl<'a, S: Simd> Flock<'a, S> {
             goes_on.select(material, self.words[4]),
             goes_on.select(body, self.words[5]),
         ];
-        let odd = odd.to_bitmask();
-        self.alive = if branching { odd } else { goes_on.to_bitmask() | odd };
-        (odd, next_events.to_bitmask(), out.to_bitmask())
+        let divergent = divergent.to_bitmask();
+        self.alive = if branching { divergent } else { goes_on.to_bitmask() | divergent };
+        (divergent, next_events.to_bitmask(), out.to_bitmask())
     }
 
     /// Puts light-directed branches into lanes, as many as go in, and what is there aside.
@@ -450,11 +451,11 @@ impl<'a, S: Simd> Flock<'a, S> {
         }
     }
 
-    /// Lets the scalar walker make odd flights.
+    /// Lets the scalar walker make divergent flights.
     #[inline(never)]
-    fn settle(&mut self, walker: &mut Walker<'_>, odd: u64, branching: bool) {
+    fn scalar_fallback(&mut self, walker: &mut Walker<'_>, divergent: u64, branching: bool) {
         self.memory.store(&self.floats, &self.words, &self.lengths);
-        let mut lanes = odd;
+        let mut lanes = divergent;
         while lanes != 0 {
             let lane = lanes.trailing_zeros() as usize;
             lanes &= lanes - 1;
@@ -469,7 +470,7 @@ impl<'a, S: Simd> Flock<'a, S> {
                     continue;
                 }
             }
-            if settles(walker, self.frame, &mut place) {
+            if scalar_fallback(walker, self.frame, &mut place) {
                 let (floats, words, lengths) = self.frame.row(&place);
                 self.memory.set(lane, floats, words, lengths);
             } else {

@@ -5,11 +5,11 @@ use turbid_optics::view::View;
 use turbid_render::batches::{Batches, alike};
 use turbid_render::camera::Camera;
 use turbid_render::channels::{Channels, Group};
-use turbid_render::flock;
 use turbid_render::lamp::{Lamp, Steady};
 use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
 use turbid_render::moments::Moments;
+use turbid_render::packet;
 use turbid_render::path::{Nee, Setting, Walker};
 use turbid_render::pictures::Pictures;
 use turbid_render::single::{self, Frame};
@@ -98,7 +98,7 @@ fn shared_paths_are_unbiased() {
             let mut walker = Walker::new(setting(&rig, group, &steady, seed), named(""));
             let mut moments = vec![Moments::new(16, width); group.channels.len()];
             for sample in (0..paths).step_by(50) {
-                flock::walk(&mut walker, 0..16, sample..sample + 50);
+                packet::walk(&mut walker, 0..16, sample..sample + 50);
                 for (path, place) in (0..800).flat_map(|path| (0..group.channels.len()).map(move |c| (path, c))) {
                     moments[place].add(path / 50, walker.response_in(path, place));
                 }
@@ -174,11 +174,11 @@ fn lanes_count_the_lengths_of_the_scalar_walker() {
         let alone = Group { channels: vec![0], shared: None, ..together.clone() };
         let walked = |group: &Group| {
             let mut walker = Walker::new(self::setting(&rig, group, &steady, 7), named(""));
-            flock::walk(&mut walker, 0..16, 0..16);
+            packet::walk(&mut walker, 0..16, 0..16);
             (0..256).map(|path| walker.response_in(path, 0).to_vec()).collect::<Vec<_>>()
         };
         for (path, (a, b)) in walked(&together).iter().zip(walked(&alone)).enumerate() {
-            // Estimates at odd flights go one by one beside others, and by a queue alone: another order of sums.
+            // Estimates at divergent flights go one by one beside others, and by a queue alone: another order of sums.
             let same = a.iter().zip(&b).all(|(a, b)| (a - b).abs() <= 1e-12 * b.abs().max(1e-12));
             assert!(same, "{name}: path {path} brings {a:?}, alone {b:?}");
         }

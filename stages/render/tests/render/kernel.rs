@@ -97,7 +97,7 @@ fn without_a_limit_nobody_asks_the_clock() {
 }
 
 /// Flights that the pilot foresees against those that the render counts. A pilot holds thousands of paths, whose mean number of flights it knows to
-/// some percent; where stand-ins pay is decided by its own few paths, and that is at most a factor of 2 in the flights.
+/// some percent; where control variates pay is decided by its own few paths, and that is at most a factor of 2 in the flights.
 #[test]
 fn the_pilot_foresees_the_flights() {
     let cases = [

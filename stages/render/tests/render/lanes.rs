@@ -5,10 +5,10 @@ use turbid_optics::solid::Solid;
 use turbid_optics::view::View;
 use turbid_render::batches::{Batches, alike};
 use turbid_render::camera::Camera;
-use turbid_render::flock;
 use turbid_render::lamp::Steady;
 use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
+use turbid_render::packet;
 use turbid_render::path::{Nee, Setting, Walker};
 use turbid_render::pictures::Pictures;
 use turbid_render::single::{self, Frame};
@@ -37,7 +37,7 @@ fn setting<'a>(world: &'a World, camera: &'a Camera, light: &'a Light) -> Settin
     }
 }
 
-/// In every odd scene, for whole and partial bundles, from channels and samples beyond the first.
+/// In every odd scene, for whole and partial packets, from channels and samples beyond the first.
 #[test]
 fn f64_lanes_and_levels_do_not_show() {
     let view = |position: [f64; 3], field: f64| {
@@ -60,7 +60,7 @@ fn f64_lanes_and_levels_do_not_show() {
             let flights = alone.take_flights();
             for level in ["baseline", "v3", "v4"] {
                 let mut walker = Walker::new(setting, named(level));
-                flock::walk_double(&mut walker, pixels.clone(), samples.clone());
+                packet::walk_double(&mut walker, pixels.clone(), samples.clone());
                 for (path, expected) in expected.iter().enumerate() {
                     assert_eq!(walker.response(path), expected, "{name}, {level}: path {path}");
                 }

@@ -2,6 +2,7 @@
 
 mod adaptive;
 mod channels;
+mod control_variate;
 mod coverage;
 mod curved;
 mod curved_glints;
@@ -24,7 +25,6 @@ mod patterns;
 mod peaked;
 mod plane_wave;
 mod power;
-mod reference;
 mod rough;
 mod sensors;
 mod setup;

@@ -5,11 +5,11 @@ use turbid_optics::solid::{self, Mesh, Solid};
 use turbid_optics::view::View;
 use turbid_render::camera::Camera;
 use turbid_render::finish::Finish;
-use turbid_render::flock;
 use turbid_render::lamp::{Lamp, Steady};
 use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
 use turbid_render::moments::Moments;
+use turbid_render::packet;
 use turbid_render::path::{Nee, Setting, Walker};
 use turbid_render::pictures::Pictures;
 use turbid_render::single::Frame;
@@ -417,7 +417,7 @@ pub fn difference(steady: &Steady, name: &str, world: &World, paths: u32) -> Dif
         assert_eq!(light_branches, nee == Nee::Line && hollow, "{name}");
         let mut moments = Moments::new(16, numbers);
         for sample in (0..paths).step_by(100) {
-            flock::walk(&mut walker, 0..16, sample..sample + 100);
+            packet::walk(&mut walker, 0..16, sample..sample + 100);
             for path in 0..1600 {
                 moments.add(path / 100, walker.response(path));
             }

@@ -12,7 +12,7 @@ use turbid_optics::philox::{philox4x32, unit, unit_fine};
 use turbid_optics::solid::Solid;
 
 use crate::batches::{Batches, alike};
-use crate::next_event_lanes::{LANES, rarity};
+use crate::next_event_lanes::{LANES, inverse_survival};
 use crate::path::deep_weight;
 use crate::random::{LIGHT_BRANCH, counter};
 use crate::setting::Place;
@@ -28,7 +28,7 @@ type Lane = [f64; LANES];
 /// What became of a lane's flight.
 const PLAIN: u64 = 0;
 /// It met a boundary or a roulette (or has to be connected one by one): it has not been made.
-const ODD: u64 = 1;
+const DIVERGENT: u64 = 1;
 /// Absorbed.
 const GONE: u64 = 2;
 /// Made, and its end is to be connected to the light.
@@ -36,10 +36,10 @@ const NEXT_EVENT: u64 = 3;
 
 /// The paths in flight. All of them are in a medium, and scored ahead up to the next boundary.
 #[derive(Default)]
-struct Bundle {
+struct Packet {
     r: [Lane; 3],
     w: [Lane; 3],
-    life: Lane,
+    absorption_depth: Lane,
     weight: Lane,
     mu_s: Lane,
     free_path: Lane,
@@ -91,7 +91,7 @@ pub fn walk_double(walker: &mut Walker<'_>, pixels: Range<usize>, samples: Range
 pub fn walk_double_among(walker: &mut Walker<'_>, batches: Batches<'_>) {
     let paths = batches.paths();
     walker.clear_responses(paths);
-    let (setting, mut bundle) = (*walker.setting(), Bundle::default());
+    let (setting, mut packet) = (*walker.setting(), Packet::default());
     let body_of = walker.body_of().map(<[u64]>::to_vec);
     let (level, queues) = (walker.level(), body_of.is_some());
     let mut places: Vec<Place> = Vec::with_capacity(LANES);
@@ -101,8 +101,8 @@ pub fn walk_double_among(walker: &mut Walker<'_>, batches: Batches<'_>) {
             let (pixel, sample) = batches.path(next);
             let mut place = walker.begin(pixel as usize, sample, next);
             next += 1;
-            if settles(walker, &mut place) {
-                bundle.put(places.len(), &place, walker);
+            if scalar_fallback(walker, &mut place) {
+                packet.put(places.len(), &place, walker);
                 places.push(place);
             }
         }
@@ -112,42 +112,42 @@ pub fn walk_double_among(walker: &mut Walker<'_>, batches: Batches<'_>) {
         if places.len() <= FEW {
             break;
         }
-        at_level!(level, simd => simd.vectorize(#[inline(always)] || bundle.fly(setting.key, setting.channel, &setting.world.bodies, queues)));
-        // Odd flights are counted where they are made.
-        let odd = bundle.verdict[..places.len()].iter().filter(|&&v| v == ODD).count();
-        walker.count_flights(places.len() - odd);
+        at_level!(level, simd => simd.vectorize(#[inline(always)] || packet.fly(setting.key, setting.channel, &setting.world.bodies, queues)));
+        // Divergent flights are counted where they are made.
+        let divergent = packet.verdict[..places.len()].iter().filter(|&&v| v == DIVERGENT).count();
+        walker.count_flights(places.len() - divergent);
         // Backwards: the lane that fills a gap has been seen to.
         for lane in (0..places.len()).rev() {
-            let mut alive = bundle.verdict[lane] != GONE;
-            if bundle.verdict[lane] == ODD {
-                bundle.get(lane, &mut places[lane]);
-                alive = settles(walker, &mut places[lane]);
-                bundle.put(lane, &places[lane], walker);
+            let mut alive = packet.verdict[lane] != GONE;
+            if packet.verdict[lane] == DIVERGENT {
+                packet.get(lane, &mut places[lane]);
+                alive = scalar_fallback(walker, &mut places[lane]);
+                packet.put(lane, &places[lane], walker);
             }
-            if let (NEXT_EVENT, Some(body_of)) = (bundle.verdict[lane], &body_of) {
+            if let (NEXT_EVENT, Some(body_of)) = (packet.verdict[lane], &body_of) {
                 let place = &mut places[lane];
-                bundle.get(lane, place);
-                place.clear = bundle.clear[lane];
-                let own = std::mem::replace(&mut place.w, point(&bundle.came, lane));
+                packet.get(lane, place);
+                place.clear = packet.clear[lane];
+                let own = std::mem::replace(&mut place.w, point(&packet.came, lane));
                 let material = &setting.world.materials[place.material];
-                walker.queue_next_event(place, own, bundle.roulette[lane], material, body_of[place.material]);
-                walker.next_event_to_lamps(place, own, bundle.roulette[lane]);
+                walker.queue_next_event(place, own, packet.roulette[lane], material, body_of[place.material]);
+                walker.next_event_to_lamps(place, own, packet.roulette[lane]);
             }
             if !alive {
                 places.swap_remove(lane);
-                bundle.copy(places.len(), lane);
+                packet.copy(places.len(), lane);
             }
         }
     }
     for (lane, place) in places.iter_mut().enumerate() {
-        bundle.get(lane, place);
+        packet.get(lane, place);
         while walker.step(place) {}
     }
     walker.gather();
 }
 
-/// One odd flight, and those after it until the path is in a medium again, scored ahead; false where it has ended.
-fn settles(walker: &mut Walker<'_>, place: &mut Place) -> bool {
+/// One divergent flight, and those after it until the path is in a medium again, scored ahead; false where it has ended.
+fn scalar_fallback(walker: &mut Walker<'_>, place: &mut Place) -> bool {
     loop {
         if !walker.step(place) {
             return false;
@@ -158,14 +158,14 @@ fn settles(walker: &mut Walker<'_>, place: &mut Place) -> bool {
     }
 }
 
-impl Bundle {
+impl Packet {
     fn put(&mut self, lane: usize, place: &Place, walker: &Walker<'_>) {
         for (axis, (r, w)) in place.r.to_array().into_iter().zip(place.w.to_array()).enumerate() {
             self.r[axis][lane] = r;
             self.w[axis][lane] = w;
         }
         let material = &walker.setting().world.materials[place.material];
-        self.life[lane] = place.life;
+        self.absorption_depth[lane] = place.absorption_depth;
         self.weight[lane] = place.weight;
         self.mu_s[lane] = material.mu_s;
         self.free_path[lane] = walker.free_path(place.material);
@@ -181,7 +181,7 @@ impl Bundle {
     fn get(&self, lane: usize, place: &mut Place) {
         place.r = self.at(lane);
         place.w = self.along(lane);
-        place.life = self.life[lane];
+        place.absorption_depth = self.absorption_depth[lane];
         place.number = self.number[lane];
         place.clear = 0.0;
     }
@@ -192,7 +192,7 @@ impl Bundle {
             self.w[axis][to] = self.w[axis][from];
         }
         let lanes = [
-            &mut self.life,
+            &mut self.absorption_depth,
             &mut self.weight,
             &mut self.mu_s,
             &mut self.free_path,
@@ -218,14 +218,14 @@ impl Bundle {
         point(&self.w, i)
     }
 
-    /// One flight of every lane, made where nothing odd comes of it.
+    /// One flight of every lane, made where it does not diverge.
     #[inline(always)]
     fn fly(&mut self, key: [u32; 2], channel: u32, bodies: &[Body], queues: bool) {
         let random = self.draw(key, channel);
-        let (mut step, mut life, mut end) = ([0.0; LANES], [0.0; LANES], [[0.0; LANES]; 3]);
+        let (mut step, mut absorption_depth, mut end) = ([0.0; LANES], [0.0; LANES], [[0.0; LANES]; 3]);
         for i in 0..LANES {
             step[i] = -ln(unit_fine(random[0][i], random[3][i])) * self.free_path[i];
-            life[i] = self.life[i] - self.mu_a[i] * step[i];
+            absorption_depth[i] = self.absorption_depth[i] - self.mu_a[i] * step[i];
             let r = self.at(i) + step[i] * self.along(i);
             (end[0][i], end[1][i], end[2][i]) = (r.x, r.y, r.z);
         }
@@ -234,11 +234,11 @@ impl Bundle {
         for i in 0..LANES {
             self.roulette[i] = unit(random[3][i]);
             self.clear[i] = clear[i];
-            let next_events = self.roulette[i] * rarity((self.mu_a[i] + self.mu_s[i]) * clear[i]) < 1.0;
+            let next_events = self.roulette[i] * inverse_survival((self.mu_a[i] + self.mu_s[i]) * clear[i]) < 1.0;
             let plays = self.weight[i] < 0.5 * deep_weight(self.window[i], clear[i]);
             let late = self.number[i] >= u64::from(LIGHT_BRANCH) - 2;
-            let (crosses, dies) = (step[i] >= reach[i], life[i] < 0.0);
-            let odd = crosses | (!dies & (plays | late | (next_events & !queues)));
+            let (crosses, dies) = (step[i] >= reach[i], absorption_depth[i] < 0.0);
+            let divergent = crosses | (!dies & (plays | late | (next_events & !queues)));
             let made = if dies {
                 GONE
             } else if next_events {
@@ -246,15 +246,15 @@ impl Bundle {
             } else {
                 PLAIN
             };
-            self.verdict[i] = if odd { ODD } else { made };
+            self.verdict[i] = if divergent { DIVERGENT } else { made };
             let w = hg::sample(self.g[i], self.along(i), unit(random[1][i]), unit(random[2][i]));
             for (axis, w) in [w.x, w.y, w.z].into_iter().enumerate() {
-                self.r[axis][i] = if odd { self.r[axis][i] } else { end[axis][i] };
+                self.r[axis][i] = if divergent { self.r[axis][i] } else { end[axis][i] };
                 self.came[axis][i] = self.w[axis][i];
-                self.w[axis][i] = if odd { self.w[axis][i] } else { w };
+                self.w[axis][i] = if divergent { self.w[axis][i] } else { w };
             }
-            self.life[i] = if odd { self.life[i] } else { life[i] };
-            self.number[i] += if odd { 0 } else { 2 };
+            self.absorption_depth[i] = if divergent { self.absorption_depth[i] } else { absorption_depth[i] };
+            self.number[i] += if divergent { 0 } else { 2 };
         }
     }
 

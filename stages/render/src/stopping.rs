@@ -1,17 +1,17 @@
-//! How good an image is while its paths are walked: its error, where more are needed, and where stand-ins are worth their time.
+//! The stopping criterion: how good an image is while its paths are walked, its error, where more are needed, and where control variates are worth their time.
 
 use crate::allocation::needs;
+use crate::control_variate::ControlVariates;
+use crate::controlled::{Controlled, Images};
 use crate::field::{Field, Sampled, Watched, relative_error};
 use crate::fit::{FIT_PATHS, Fitted, Lattice};
 use crate::moments::Moments;
 use crate::params::Allocate;
-use crate::pooled::by_paths;
-use crate::reference::References;
-use crate::referenced::{Images, Referenced};
 use crate::rig::Rig;
 use crate::shown::Shown;
 use crate::tail::{expected_kurtosis, kurtosis, of_pixels};
-use crate::trace::Judge;
+use crate::trace::StoppingCriterion;
+use crate::variance_smoothing::by_paths;
 
 /// Terms of a fit of the least order.
 const TERMS: f64 = 6.0;
@@ -25,7 +25,7 @@ pub struct OfFit<'a> {
     pub lattice: &'a Lattice,
 }
 
-impl Judge for OfFit<'_> {
+impl StoppingCriterion for OfFit<'_> {
     fn error(&self, sums: &[Moments], paths: &[u32], _: Option<&[bool]>) -> Option<f64> {
         let (watched, n) = (Watched::of(self.shown), paths.first().copied().unwrap_or_default());
         let of = |moments| {
@@ -39,7 +39,7 @@ impl Judge for OfFit<'_> {
         vec![1.0; paths.len()]
     }
 
-    fn beside(&self, _: &[Moments], paths: &[u32], _: [f64; 2]) -> Vec<bool> {
+    fn with_control(&self, _: &[Moments], paths: &[u32], _: [f64; 2]) -> Vec<bool> {
         vec![false; paths.len()]
     }
 
@@ -48,22 +48,22 @@ impl Judge for OfFit<'_> {
     }
 }
 
-/// Of pixels by their own paths, perhaps beside stand-ins.
+/// Of pixels by their own paths, perhaps with control variates.
 pub struct OfPixels<'a> {
     rig: &'a Rig,
     shown: &'a Shown,
-    stand_ins: Option<&'a References>,
+    controls: Option<&'a ControlVariates>,
     allocate: Allocate,
     watched: Watched,
-    /// Pixels that a stand-in's image is fitted to.
+    /// Pixels that a control variate's image is fitted to.
     lattice: usize,
 }
 
 impl<'a> OfPixels<'a> {
-    pub fn new(rig: &'a Rig, shown: &'a Shown, stand_ins: Option<&'a References>, allocate: Allocate) -> Self {
+    pub fn new(rig: &'a Rig, shown: &'a Shown, controls: Option<&'a ControlVariates>, allocate: Allocate) -> Self {
         let lattice = Lattice::over(rig.camera.columns, rig.camera.rows);
         let lattice = lattice.columns.len() * lattice.rows.len();
-        Self { rig, shown, stand_ins, allocate, watched: Watched::of(shown), lattice }
+        Self { rig, shown, controls, allocate, watched: Watched::of(shown), lattice }
     }
 
     fn spread(&self, moments: &Moments, paths: &[u32]) -> f64 {
@@ -76,12 +76,17 @@ impl<'a> OfPixels<'a> {
         sums[..self.rig.worlds.len()].iter().map(of).collect()
     }
 
-    /// The fields of all channels, with stand-ins where they are walked.
-    fn fields<'b>(&self, sums: &'b [Moments], paths: &'b [u32], beside: Option<&[bool]>) -> Vec<Box<dyn Field + 'b>> {
-        let Some(stand_ins) = self.stand_ins else { return self.direct(sums, paths) };
-        let of_pixel: Vec<Option<usize>> = match beside {
-            Some(beside) => stand_ins.of_pixel.iter().zip(beside).map(|(of, &b)| of.filter(|_| b)).collect(),
-            None => stand_ins.of_pixel.clone(),
+    /// The fields of all channels, with control variates where they are walked.
+    fn fields<'b>(
+        &self,
+        sums: &'b [Moments],
+        paths: &'b [u32],
+        with_control: Option<&[bool]>,
+    ) -> Vec<Box<dyn Field + 'b>> {
+        let Some(controls) = self.controls else { return self.direct(sums, paths) };
+        let of_pixel: Vec<Option<usize>> = match with_control {
+            Some(with_control) => controls.of_pixel.iter().zip(with_control).map(|(of, &b)| of.filter(|_| b)).collect(),
+            None => controls.of_pixel.clone(),
         };
         let expected = TERMS / (f64::from(FIT_PATHS) * self.lattice as f64);
         let (direct, differences) = sums.split_at(self.rig.worlds.len());
@@ -91,61 +96,61 @@ impl<'a> OfPixels<'a> {
             // Variances of differences are pooled over pixels.
             let (direct, difference) = (sampled(direct, spread), sampled(difference, 0.0));
             let (images, columns) = (Images::Expected(expected), self.rig.camera.columns);
-            Box::new(Referenced::new(direct, difference, images, &of_pixel, columns, self.shown.layout))
+            Box::new(Controlled::new(direct, difference, images, &of_pixel, columns, self.shown.layout))
         };
         direct.iter().zip(differences).map(of).collect()
     }
 }
 
-impl Judge for OfPixels<'_> {
-    fn error(&self, sums: &[Moments], paths: &[u32], beside: Option<&[bool]>) -> Option<f64> {
-        let errors = match self.stand_ins {
+impl StoppingCriterion for OfPixels<'_> {
+    fn error(&self, sums: &[Moments], paths: &[u32], with_control: Option<&[bool]>) -> Option<f64> {
+        let errors = match self.controls {
             // As the frames will say it.
             None => by_paths(self.rig, &self.watched, sums, paths),
-            Some(_) => self.fields(sums, paths, beside),
+            Some(_) => self.fields(sums, paths, with_control),
         };
         errors.iter().filter_map(|field| relative_error(field.as_ref(), &self.watched)).max_by(f64::total_cmp)
     }
 
-    fn needs(&self, sums: &[Moments], paths: &[u32], beside: Option<&[bool]>) -> Vec<f64> {
-        needs(&self.fields(sums, paths, beside), &self.watched, self.rig.camera.columns, paths)
+    fn needs(&self, sums: &[Moments], paths: &[u32], with_control: Option<&[bool]>) -> Vec<f64> {
+        needs(&self.fields(sums, paths, with_control), &self.watched, self.rig.camera.columns, paths)
     }
 
-    fn beside(&self, sums: &[Moments], paths: &[u32], flights: [f64; 2]) -> Vec<bool> {
-        let stand_ins = self.stand_ins.expect("asked only where there are stand-ins");
+    fn with_control(&self, sums: &[Moments], paths: &[u32], flights: [f64; 2]) -> Vec<bool> {
+        let controls = self.controls.expect("asked only where there are stand-ins");
         let columns = self.rig.camera.columns;
         let alone = needs(&self.direct(sums, paths), &self.watched, columns, paths);
         let together = needs(&self.fields(sums, paths, None), &self.watched, columns, paths);
-        let candidates = stand_ins.of_pixel.iter().map(Option::is_some);
+        let candidates = controls.of_pixel.iter().map(Option::is_some);
         let pixels: Vec<Choice> = candidates
             .zip(alone.iter().zip(&together))
             .map(|(may, (&alone, &together))| Choice { may, alone, together })
             .collect();
-        let [scene, stand_in] = flights.map(|flights| flights + START);
-        let images = f64::from(FIT_PATHS) * (stand_ins.references.len() * self.lattice) as f64 * stand_in;
+        let [scene, control] = flights.map(|flights| flights + START);
+        let images = f64::from(FIT_PATHS) * (controls.variates.len() * self.lattice) as f64 * control;
         match self.allocate {
-            Allocate::Even => worth_evenly(&pixels, [scene, stand_in], images),
-            Allocate::Adaptive => worth_adaptively(&pixels, [scene, stand_in], images),
+            Allocate::Even => worth_evenly(&pixels, [scene, control], images),
+            Allocate::Adaptive => worth_adaptively(&pixels, [scene, control], images),
         }
     }
 
-    fn part(&self, beside: Option<&[bool]>) -> f64 {
-        let Some(stand_ins) = self.stand_ins else { return 1.0 };
-        let pixels = paths_of(stand_ins, beside);
+    fn part(&self, with_control: Option<&[bool]>) -> f64 {
+        let Some(controls) = self.controls else { return 1.0 };
+        let pixels = paths_of(controls, with_control);
         if pixels == 0 {
             return 1.0;
         }
         let paths = (self.rig.camera.pixels() + pixels) as f64;
-        paths / (paths + f64::from(FIT_PATHS) * (stand_ins.references.len() * self.lattice) as f64)
+        paths / (paths + f64::from(FIT_PATHS) * (controls.variates.len() * self.lattice) as f64)
     }
 }
 
-/// Pixels whose paths are walked in their stand-in, too.
-fn paths_of(stand_ins: &References, beside: Option<&[bool]>) -> usize {
-    beside.map_or_else(|| stand_ins.of_pixel.iter().flatten().count(), |b| b.iter().filter(|&&b| b).count())
+/// Pixels whose paths are walked in their control variate, too.
+fn paths_of(controls: &ControlVariates, with_control: Option<&[bool]>) -> usize {
+    with_control.map_or_else(|| controls.of_pixel.iter().flatten().count(), |b| b.iter().filter(|&&b| b).count())
 }
 
-/// Relative variances of a path in a pixel alone, and beside its stand-in.
+/// Relative variances of a path in a pixel alone, and with its control variate.
 #[derive(Clone, Copy, Debug)]
 struct Choice {
     /// Whether it has one.
@@ -155,14 +160,14 @@ struct Choice {
 }
 
 impl Choice {
-    /// Logarithm of what the stand-in takes off the variance; 0 where there is none.
+    /// Logarithm of what the control variate takes off the variance; 0 where there is none.
     fn gain(&self) -> f64 {
         if self.may && self.together > 0.0 { libm::log(self.alone / self.together) } else { 0.0 }
     }
 }
 
 /// With the same number of paths everywhere: the pixels for which the geometric mean over the image of relative variance x cost becomes
-/// least. `cost` of a path in the scene and in a stand-in, that of the stand-ins' `images` per path of every pixel.
+/// least. `cost` of a path in the scene and in a control variate, that of the control variates' `images` per path of every pixel.
 ///
 /// The geometric mean counts what any pixel gains alike; a plain one would be that of the few worst.
 fn worth_evenly(pixels: &[Choice], cost: [f64; 2], images: f64) -> Vec<bool> {
@@ -188,8 +193,8 @@ fn worth_evenly(pixels: &[Choice], cost: [f64; 2], images: f64) -> Vec<bool> {
 
 /// With as many paths in each pixel as it takes to the same relative error everywhere: those that it costs less to bring there, if it
 /// makes up for the images.
-fn worth_adaptively(pixels: &[Choice], [scene, stand_in]: [f64; 2], images: f64) -> Vec<bool> {
-    let both = |p: &Choice| p.together * (scene + stand_in);
+fn worth_adaptively(pixels: &[Choice], [scene, control]: [f64; 2], images: f64) -> Vec<bool> {
+    let both = |p: &Choice| p.together * (scene + control);
     let worth: Vec<bool> = pixels.iter().map(|p| p.may && both(p) < p.alone * scene).collect();
     let alone: f64 = pixels.iter().map(|p| p.alone * scene).sum();
     let chosen = || pixels.iter().zip(&worth);
@@ -211,7 +216,7 @@ mod tests {
     /// 100 pixels, a path costs the same everywhere, images as much as all pixels: with all of them by differences the cost is 3 times, so
     /// a gain of 2 in all is not worth it and one of 4 is; one of 30 in 20 of them is not (30^0.2 = 2.0 against 2.2 times), one of 100 is (2.5).
     #[test]
-    fn stand_ins_are_weighed_against_their_cost() {
+    fn control_variates_are_weighed_against_their_cost() {
         let count = |gains: &[(bool, f64, usize)]| {
             let worth = worth_evenly(&pixels(gains), [1.0, 1.0], 100.0);
             worth.iter().filter(|&&w| w).count()
@@ -225,7 +230,7 @@ mod tests {
         assert_eq!(count(&[(false, 100.0, 100)]), 0);
     }
 
-    /// To one error everywhere a pixel alone costs 4, beside its stand-in 2 x 4 / gain, and the images the mean number of paths.
+    /// To one error everywhere a pixel alone costs 4, with its control variate 2 x 4 / gain, and the images the mean number of paths.
     #[test]
     fn adaptive_paths_take_what_costs_less() {
         let worth = |gains: &[(bool, f64, usize)]| {

@@ -41,9 +41,9 @@ pub fn by_paths<'a>(
             let views: Vec<PixelView> =
                 body().into_iter().map(|b| PixelView { body: b, scatters: b.is_some_and(scatters) }).collect();
             let pixels = brightness(moments, paths);
-            Box::new(Pooled::by_windows(sampled(kurtosis - 1.0), &pixels, &views, columns, expected))
+            Box::new(Smoothed::by_windows(sampled(kurtosis - 1.0), &pixels, &views, columns, expected))
         } else if world.is_hollow() {
-            Box::new(Pooled::around(sampled(kurtosis - 1.0), watched, &body(), columns))
+            Box::new(Smoothed::around(sampled(kurtosis - 1.0), watched, &body(), columns))
         } else {
             Box::new(sampled(kurtosis - 1.0))
         }
@@ -60,7 +60,7 @@ pub struct PixelView {
 
 /// A field whose covariances are scaled, pixel by pixel, so that the variance of M_DC is that of the pixels around that look at the
 /// same body.
-pub struct Pooled<'a> {
+pub struct Smoothed<'a> {
     sampled: Sampled<'a>,
     /// Pooled over own variance.
     scale: Vec<f64>,
@@ -68,11 +68,11 @@ pub struct Pooled<'a> {
     unknown: Vec<bool>,
     /// Whether the image does not hold it.
     mean_unknown: bool,
-    /// By which the error of the mean is widened, as [`Sampled::spread`].
+    /// By which the error of the mean is inflated, as [`Sampled::spread`].
     spread: f64,
 }
 
-impl<'a> Pooled<'a> {
+impl<'a> Smoothed<'a> {
     /// The mean of the variances of the 5 x 5 pixels around. `seen`: at which body each pixel views; pixels without noise have no say and keep it.
     pub fn around(sampled: Sampled<'a>, watched: &Watched, seen: &[Option<usize>], columns: usize) -> Self {
         let (spread, sampled) = sampled.apart();
@@ -182,7 +182,7 @@ impl Sum {
     }
 }
 
-impl Field for Pooled<'_> {
+impl Field for Smoothed<'_> {
     fn pixels(&self) -> usize {
         self.sampled.pixels()
     }

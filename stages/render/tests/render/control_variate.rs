@@ -1,4 +1,4 @@
-//! Stand-ins and differences from them against every pixel by its own paths.
+//! Control variates and differences from them against every pixel by its own paths.
 
 use serde_json::json;
 use turbid_contract::payload::{Medium, Scene, Shape, Specular};
@@ -8,11 +8,11 @@ use crate::setup::*;
 
 const SIDE: u32 = 16;
 
-/// Over every pixel, rim and straddling ones too, the image beside stand-ins equals the one without within noise: the rms of z over
+/// Over every pixel, rim and straddling ones too, the image with control variates equals the one without within noise: the rms of z over
 /// 256 pixels of four correlated layers is 1 +- 0.1, none is above 4.5 and the mean within 0.2 (its sigma is below 0.07, and skewed noise shifts it by 0.06); and
 /// there is less noise. Frames at f_x = 0 and 0.1.
 #[test]
-fn differences_from_stand_ins_are_unbiased() {
+fn differences_from_control_variates_are_unbiased() {
     let ball = |z: f64, r: f64| Shape::Sphere { diameter: 2.0 * r, center: [0.3, 0.1, z] };
     let lid = object(Shape::Box { size: [18.0, 18.0, 9.0], center: [0.0, 0.0, 4.5] }, "air", 2);
     // The last is absorbed so weakly that deep paths are roulettes.
@@ -33,10 +33,10 @@ fn differences_from_stand_ins_are_unbiased() {
             let params = json!({"f_x": [0, 0.1], "samples": 1024, "method": method});
             run(&scene, &params, seed).remove("frames").unwrap()
         };
-        let (beside, alone) = (render("auto", 1), render("path", 2));
-        assert!(beside.attributes.contains_key("sharing"), "{name}: a stand-in was taken");
+        let (with_control, alone) = (render("auto", 1), render("path", 2));
+        assert!(with_control.attributes.contains_key("sharing"), "{name}: a stand-in was taken");
         let (mut scores, mut variances) = (Vec::new(), [0.0; 2]);
-        for (a, b) in layers(&beside).zip(layers(&alone)) {
+        for (a, b) in layers(&with_control).zip(layers(&alone)) {
             for (at, &value) in a.0.indexed_iter() {
                 let of = |x: f32| f64::from(x) * f64::from(x);
                 variances = [variances[0] + of(a.1[at]), variances[1] + of(b.1[at])];
@@ -53,10 +53,10 @@ fn differences_from_stand_ins_are_unbiased() {
     }
 }
 
-/// Where most pixels see a dome, and so have no stand-in, those of the others are not worth their time: the image is that of paths alone,
+/// Where most pixels see a dome, and so have no control variate, those of the others are not worth their time: the image is that of paths alone,
 /// bit for bit. At a smaller dome they are where paths go to where the error is: what is saved beside it goes to the dome.
 #[test]
-fn stand_ins_are_taken_where_they_pay() {
+fn control_variates_are_taken_where_they_pay() {
     let media = [("m", medium(0.05, 2.5, 0.8)), ("core", medium(0.2, 4.0, 0.8))];
     let dome = |diameter: f64| {
         let ball = object(Shape::Sphere { diameter, center: [0.0; 3] }, "core", 1);
@@ -71,14 +71,18 @@ fn stand_ins_are_taken_where_they_pay() {
     };
     let large = dome(15.0);
     let (alone, flights, _) = render(&large, "path", "even");
-    let (beside, with_pilot, _) = render(&large, "auto", "even");
-    assert!(beside == alone, "the pilot must not show");
-    // Of 256 paths 16 are walked in stand-ins, too, by a third of the pixels.
+    let (with_control, with_pilot, _) = render(&large, "auto", "even");
+    assert!(with_control == alone, "the pilot must not show");
+    // Of 256 paths 16 are walked in control variates, too, by a third of the pixels.
     assert!(with_pilot > flights && with_pilot < 1.06 * flights, "{with_pilot}, {flights}");
-    let [alone, beside] = ["path", "auto"].map(|method| render(&dome(5.0), method, "adaptive"));
-    println!("adaptive, flights and error: alone {:?}, beside {:?}", (alone.1, alone.2), (beside.1, beside.2));
-    assert!(beside.0.attributes.contains_key("sharing"));
-    assert!(beside.1 * beside.2 * beside.2 < alone.1 * alone.2 * alone.2);
+    let [alone, with_control] = ["path", "auto"].map(|method| render(&dome(5.0), method, "adaptive"));
+    println!(
+        "adaptive, flights and error: alone {:?}, beside {:?}",
+        (alone.1, alone.2),
+        (with_control.1, with_control.2)
+    );
+    assert!(with_control.0.attributes.contains_key("sharing"));
+    assert!(with_control.1 * with_control.2 * with_control.2 < alone.1 * alone.2 * alone.2);
 }
 
 /// Standard errors of differences against the spread over 60 seeds, near and far from what makes the difference: pooled over all pixels

@@ -1,25 +1,25 @@
-//! Images made of a stand-in's smooth image and the mean difference from it, where that is better than the mean itself.
+//! Images made of a control variate's smooth image and the mean difference from it, where that is better than the mean itself.
 
 use crate::field::{Field, Sampled};
 use crate::fit::Fitted;
 use crate::neighbours::around;
 use crate::response::Layout;
 
-/// What is known of the stand-ins' images.
+/// What is known of the control variates' images.
 pub enum Images {
     /// They will be made with this part of the variance that the scene's pixels have by their own paths.
     Expected(f64),
-    /// One for each stand-in.
+    /// One for each control variate.
     Known(Vec<Fitted>),
 }
 
 /// One channel.
-pub struct Referenced<'a> {
+pub struct Controlled<'a> {
     direct: Sampled<'a>,
-    /// Scene - stand-in.
+    /// Scene - control variate.
     differences: Sampled<'a>,
     images: Images,
-    /// For each pixel the stand-in that is better there than none.
+    /// For each pixel the control variate that is better there than none.
     chosen: Vec<Option<usize>>,
     layout: Layout,
     /// `[pixel][group]`: variance of the differences of the responses of a group, pooled over the pixels around.
@@ -28,8 +28,8 @@ pub struct Referenced<'a> {
     pooled: Vec<f64>,
 }
 
-impl<'a> Referenced<'a> {
-    /// Of `of_pixel`, takes the stand-ins of those pixels around which the difference varies less than the mean.
+impl<'a> Controlled<'a> {
+    /// Of `of_pixel`, takes the control variates of those pixels around which the difference varies less than the mean.
     ///
     /// A pixel's own paths have no say in it: choosing by them the estimate that happens to look better would bias it.
     pub fn new(
@@ -57,9 +57,9 @@ impl<'a> Referenced<'a> {
         let difference: Vec<f64> = (0..of_pixel.len()).map(|p| of_pixel[p].map_or(0.0, |k| total(p, k))).collect();
         let mut pooled = vec![0.0; own.len()];
         let mut chosen = vec![None; of_pixel.len()];
-        for (pixel, stand_in) in of_pixel.iter().enumerate().filter(|(_, k)| k.is_some()) {
+        for (pixel, control) in of_pixel.iter().enumerate().filter(|(_, k)| k.is_some()) {
             let around: Vec<usize> =
-                around(pixel, columns, of_pixel.len()).filter(|&p| of_pixel[p] == *stand_in).collect();
+                around(pixel, columns, of_pixel.len()).filter(|&p| of_pixel[p] == *control).collect();
             let (mut ours, mut theirs) = (0.0, 0.0);
             for &other in &around {
                 // As if they had as many paths as this pixel.
@@ -71,7 +71,7 @@ impl<'a> Referenced<'a> {
                     (ours, theirs) = (ours + difference[other], theirs + mean[other]);
                 }
             }
-            chosen[pixel] = stand_in.filter(|_| ours < theirs);
+            chosen[pixel] = control.filter(|_| ours < theirs);
         }
         Self { direct, differences, images, chosen, layout, pooled }
     }
@@ -82,7 +82,7 @@ impl<'a> Referenced<'a> {
     }
 
     /// How many times the variance of the mean of the sum of weight x response over `terms` exceeds that of independent pixels.
-    pub fn sharing(&self, terms: &[(usize, f64)]) -> f64 {
+    pub fn design_effect(&self, terms: &[(usize, f64)]) -> f64 {
         let total: f64 = (0..self.pixels()).map(|p| self.variance(p, terms)).sum();
         let n = self.pixels() as f64;
         if total > 0.0 { (self.variance_of_mean(terms, total) * n * n / total).max(1.0) } else { 1.0 }
@@ -107,7 +107,7 @@ impl<'a> Referenced<'a> {
     }
 }
 
-impl Field for Referenced<'_> {
+impl Field for Controlled<'_> {
     fn pixels(&self) -> usize {
         self.chosen.len()
     }
@@ -131,7 +131,7 @@ impl Field for Referenced<'_> {
     }
 
     fn variance_of_mean(&self, terms: &[(usize, f64)], total: f64) -> f64 {
-        // What pixels have for themselves, and what they share with all that have the same stand-in.
+        // What pixels have for themselves, and what they share with all that have the same control variate.
         let n = self.pixels() as f64;
         let Images::Known(images) = &self.images else { return total / (n * n) };
         let of_image = |pixel: usize| self.chosen[pixel].map_or(0.0, |k| images[k].variance(pixel, terms));

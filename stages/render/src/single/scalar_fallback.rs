@@ -1,4 +1,4 @@
-//! What befalls a path where lanes cannot follow it: walked one by one until they can.
+//! The scalar fallback: what befalls a path where lanes cannot follow it: walked one by one until they can.
 
 use super::frame::Frame;
 use crate::random::LIGHT_BRANCH;
@@ -8,9 +8,9 @@ use crate::walker::Walker;
 /// Number of the last flight that is left to the scalar walker for it: lanes count no further.
 pub const LATE: u32 = LIGHT_BRANCH - 2;
 
-/// One odd flight, and those after it until the path is in a medium again, scored ahead, where lanes can go on; false where it
+/// One divergent flight, and those after it until the path is in a medium again, scored ahead, where lanes can go on; false where it
 /// has ended.
-pub fn settles(walker: &mut Walker<'_>, frame: &Frame<'_>, place: &mut Place) -> bool {
+pub fn scalar_fallback(walker: &mut Walker<'_>, frame: &Frame<'_>, place: &mut Place) -> bool {
     loop {
         if !walker.step(place) {
             return false;

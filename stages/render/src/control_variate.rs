@@ -1,4 +1,4 @@
-//! Laterally uniform stand-ins of a scene: their images are smooth and so cheaply known, and what the scene's own objects add to
+//! Laterally uniform control variates of a scene: their images are smooth and so cheaply known, and what the scene's own objects add to
 //! them varies much less than the image, if both are seen by the same random numbers.
 
 use turbid_contract::Error;
@@ -15,7 +15,7 @@ const NOTHING: &str = " ";
 const LEVEL: f64 = 1e-9;
 
 /// A laterally uniform scene, twice.
-pub struct Reference {
+pub struct ControlVariate {
     /// Slabs only.
     pub plain: Rig,
     /// The same as paths see it, with all surfaces of the scene: those that do not show there still decide how paths are cut into
@@ -23,14 +23,14 @@ pub struct Reference {
     pub paired: Rig,
 }
 
-/// The stand-ins of a scene.
-pub struct References {
-    pub references: Vec<Reference>,
+/// The control variates of a scene.
+pub struct ControlVariates {
+    pub variates: Vec<ControlVariate>,
     /// For each pixel one of them, where its middle sees their surface and their medium.
     pub of_pixel: Vec<Option<usize>>,
 }
 
-impl References {
+impl ControlVariates {
     /// Only in the pixels that are `taken`; in all where it says nothing.
     pub fn within(mut self, taken: Option<&[bool]>) -> Self {
         if let Some(taken) = taken {
@@ -40,8 +40,8 @@ impl References {
     }
 }
 
-/// Why no part of a scene has a stand-in; `None` where there may be one.
-pub fn no_stand_in(scene: &Scene, target_error: Option<f64>) -> Option<String> {
+/// Why no part of a scene has a control variate; `None` where there may be one.
+pub fn no_control(scene: &Scene, target_error: Option<f64>) -> Option<String> {
     let base = slabs_of(scene);
     if base.objects.len() == scene.objects.len() || base.objects.is_empty() {
         return Some("there is no slab without bounds sideways beside other objects".to_owned());
@@ -49,16 +49,16 @@ pub fn no_stand_in(scene: &Scene, target_error: Option<f64>) -> Option<String> {
     obstacle(&base, target_error)
 }
 
-/// The stand-ins, one for each medium that shows at the level of the uppermost slab; `None` where there are none.
-pub fn references(scene: &Scene, rig: &Rig, target_error: Option<f64>) -> Result<Option<References>, Error> {
-    if no_stand_in(scene, target_error).is_some() {
+/// The control variates, one for each medium that shows at the level of the uppermost slab; `None` where there are none.
+pub fn control_variates(scene: &Scene, rig: &Rig, target_error: Option<f64>) -> Result<Option<ControlVariates>, Error> {
+    if no_control(scene, target_error).is_some() {
         return Ok(None);
     }
     let base = slabs_of(scene);
     let level = Rig::of(&base)?;
     let (objects, slabs): (Vec<_>, Vec<_>) = (scene.objects.iter().collect(), base.objects.iter().collect());
     // By the names of the top slab and of the medium in it.
-    let mut known: Vec<((&str, &str), Reference)> = Vec::new();
+    let mut known: Vec<((&str, &str), ControlVariate)> = Vec::new();
     let mut spans = Spans::default();
     let mut of_pixel = Vec::with_capacity(rig.camera.pixels());
     for pixel in 0..rig.camera.pixels() {
@@ -88,15 +88,15 @@ pub fn references(scene: &Scene, rig: &Rig, target_error: Option<f64>) -> Result
                     of_pixel.push(None);
                     continue;
                 }
-                let reference = Reference { paired: Rig::of(&paired(scene, &plain))?, plain: Rig::of(&plain)? };
-                known.push(((name, medium), reference));
+                let variate = ControlVariate { paired: Rig::of(&paired(scene, &plain))?, plain: Rig::of(&plain)? };
+                known.push(((name, medium), variate));
                 known.len() - 1
             }
         };
         of_pixel.push(Some(place));
     }
-    let references: Vec<Reference> = known.into_iter().map(|(_, reference)| reference).collect();
-    Ok((!references.is_empty()).then_some(References { references, of_pixel }))
+    let variates: Vec<ControlVariate> = known.into_iter().map(|(_, variate)| variate).collect();
+    Ok((!variates.is_empty()).then_some(ControlVariates { variates, of_pixel }))
 }
 
 /// The scene without all that is bounded sideways.
