@@ -22,7 +22,7 @@ use turbid_render::light::{Carrier, Light};
 use turbid_render::moments::Moments;
 use turbid_render::packet;
 use turbid_render::path::{Nee, Setting, Walker};
-use turbid_render::pictures::Pictures;
+use turbid_render::projected_images::ProjectedImages;
 use turbid_render::world::{Body, Material, World};
 
 use truth::{Quantity, Truth, half_spaces};
@@ -100,7 +100,7 @@ fn z_scores(rows: &[Truth], seed: u32, paths: u32) -> Vec<f64> {
         light: &light,
         steady: &Steady::NONE,
         carriers: &carriers,
-        pictures: &Pictures::NONE,
+        projected_images: &ProjectedImages::NONE,
         key: [seed, 0],
         channel: 0,
         nee: Nee::Line,

@@ -11,7 +11,7 @@ use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
 use turbid_render::packet;
 use turbid_render::path::{Nee, Setting, Walker};
-use turbid_render::pictures::Pictures;
+use turbid_render::projected_images::ProjectedImages;
 use turbid_render::world::{Body, Material, World};
 
 #[allow(dead_code, reason = "not all of them are needed here")]
@@ -96,7 +96,7 @@ fn row(name: &str, world: &World, lit: bool) {
             light: &light,
             steady: &Steady::NONE,
             carriers: &carriers,
-            pictures: &Pictures::NONE,
+            projected_images: &ProjectedImages::NONE,
             key: [1, 2],
             channel: 0,
             nee: Nee::Line,

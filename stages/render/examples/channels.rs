@@ -15,7 +15,7 @@ use turbid_render::light::{Carrier, Light};
 use turbid_render::moments::Moments;
 use turbid_render::packet;
 use turbid_render::path::{Nee, Setting, Walker};
-use turbid_render::pictures::Pictures;
+use turbid_render::projected_images::ProjectedImages;
 use turbid_render::world::{Body, Material, World};
 
 fn main() {
@@ -53,7 +53,7 @@ fn main() {
                 light: &lights[0],
                 steady: &steady[0],
                 carriers: &carriers,
-                pictures: &Pictures::NONE,
+                projected_images: &ProjectedImages::NONE,
                 key: [1, 2],
                 channel: 0,
                 nee: Nee::Line,

@@ -13,7 +13,7 @@ use turbid_render::light::{Carrier, Light};
 use turbid_render::moments::Moments;
 use turbid_render::packet;
 use turbid_render::path::{Nee, Setting, Walker};
-use turbid_render::pictures::Pictures;
+use turbid_render::projected_images::ProjectedImages;
 use turbid_render::world::{Body, Material, World};
 
 #[allow(dead_code, reason = "not all of them are needed here")]
@@ -86,7 +86,7 @@ fn main() {
                 light: &light,
                 steady: &Steady::NONE,
                 carriers: &carriers,
-                pictures: &Pictures::NONE,
+                projected_images: &ProjectedImages::NONE,
                 key: [1, 2],
                 channel: 0,
                 nee,

@@ -7,8 +7,8 @@ use glam::DVec3;
 use turbid_optics::ray_differential::NewtonStep;
 use turbid_optics::solid::{Ends, Far};
 
+use crate::bsdf::Bsdf;
 use crate::connection::{Connection, Known};
-use crate::finish::Finish;
 use crate::lamp::Source;
 use crate::lengths::{Lengths, NO_LENGTHS, count, sum};
 use crate::setting::Setting;
@@ -177,7 +177,7 @@ impl Walker<'_> {
         let (mut before, mut exit): (Option<Wall>, Option<DVec3>) = (None, None);
         for piece in world.trace(r, w, skin, &mut self.spans) {
             let material = &world.materials[piece.material];
-            let mirror = material.finish == Finish::Mirror;
+            let mirror = material.bsdf == Bsdf::Mirror;
             if material.is_opaque() && !mirror {
                 return Next::Opaque;
             }

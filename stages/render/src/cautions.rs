@@ -4,8 +4,8 @@ use turbid_contract::payload::{Lamp, Scene, Surface};
 use turbid_contract::{Problems, StagePlan};
 use turbid_optics::between_facets::worst_neighbour;
 
+use crate::bsdf::Bsdf;
 use crate::camera::Camera;
-use crate::finish::Finish;
 use crate::params::Params;
 use crate::tail::{is_peaked, kurtosis_of_lobe, paths_to_hold};
 use crate::world::{Spans, World};
@@ -16,11 +16,11 @@ pub const MOST_LOST: f64 = 0.01;
 /// For each material what its rough walls lose of light that goes in and would all come back; 0 where walls are not rough.
 fn lost_by_material(world: &World) -> Vec<f64> {
     let indices = || world.materials.iter().filter(|m| !m.is_opaque()).map(|m| m.n);
-    let lost = |finish: Finish, n: f64| match finish {
-        Finish::Rough(alpha) => worst_neighbour(alpha, n, indices()).1,
+    let lost = |bsdf: Bsdf, n: f64| match bsdf {
+        Bsdf::Rough(alpha) => worst_neighbour(alpha, n, indices()).1,
         _ => 0.0,
     };
-    world.materials.iter().map(|m| lost(m.finish, m.n)).collect()
+    world.materials.iter().map(|m| lost(m.bsdf, m.n)).collect()
 }
 
 /// Pixels that look at, or through, rough walls which lose more than [`MOST_LOST`]: what is missing there no paths tell. Empty where

@@ -77,7 +77,7 @@ impl<'a> Controlled<'a> {
     }
 
     /// Part of the pixels that are differences.
-    pub fn share(&self) -> f64 {
+    pub fn fraction(&self) -> f64 {
         self.chosen.iter().flatten().count() as f64 / self.chosen.len() as f64
     }
 

@@ -1,7 +1,7 @@
 //! What an image is made from: for every pixel the responses (1, re, im, ..) with their covariance.
 
 use crate::moments::Moments;
-use crate::shown::{Shown, Terms};
+use crate::projected::{Projected, Terms};
 
 /// Estimates of the responses of every pixel, whose errors may be common to pixels.
 pub trait Field {
@@ -104,8 +104,8 @@ pub struct Watched {
 }
 
 impl Watched {
-    pub fn of(shown: &Shown) -> Self {
-        let (dc, fringe) = shown.watched();
+    pub fn of(projected: &Projected) -> Self {
+        let (dc, fringe) = projected.watched();
         Self { dc: dc.clone(), fringe: fringe.map(|parts| parts.map(Terms::clone)) }
     }
 }

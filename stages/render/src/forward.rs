@@ -15,7 +15,7 @@ use crate::lamp::{Lamp, Steady};
 use crate::lengths::NO_LENGTHS;
 use crate::level::named;
 use crate::light::{Emission, Light};
-use crate::pictures::Pictures;
+use crate::projected_images::ProjectedImages;
 use crate::random::{Purpose, Stream};
 use crate::rig::Rig;
 use crate::setting::{Nee, Place, Setting};
@@ -67,7 +67,7 @@ pub fn tally(rig: &Rig, detectors: &[Detector], photons: u32, ctx: Ctx<'_>) -> R
             light: &dark,
             steady: &still,
             carriers: &[],
-            pictures: &Pictures::NONE,
+            projected_images: &ProjectedImages::NONE,
             key,
             channel: channel as u32,
             nee: Nee::Point,
@@ -200,8 +200,8 @@ impl<'a> Sources<'a> {
             ahead: false,
             wholly: false,
             scattered: false,
-            glint: false,
-            share: 1.0,
+            specular: false,
+            mis_weight: 1.0,
             light_branch: false,
             response: 0,
             lengths: NO_LENGTHS,

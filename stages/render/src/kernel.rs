@@ -4,9 +4,9 @@ use std::fmt;
 
 use crate::method::Taken;
 use crate::next_event_lanes::{self, bodies_by_material};
+use crate::projected::Projected;
 use crate::rig::Rig;
 use crate::setting::{Nee, Setting};
-use crate::shown::Shown;
 use crate::single::refusal::Refusal;
 use crate::single::{Frame, lane};
 use crate::strata::Bending;
@@ -58,7 +58,7 @@ impl Kernel {
 /// Why next-event estimation does not go in f64 lanes.
 fn singly(setting: &Setting<'_>) -> String {
     let World { bodies, materials, .. } = setting.world;
-    if setting.pictures.layers() > 0 {
+    if setting.projected_images.layers() > 0 {
         return "a pattern's images: f64 lanes connect to light under sinusoids".to_owned();
     }
     if Bending::of(setting.world) != Bending::Nowhere {
@@ -99,7 +99,7 @@ impl fmt::Display for Kernel {
 
 impl Kernels {
     /// Those of all walks of a render; `power`: photons are counted, too.
-    pub fn of(taken: &Taken, rig: &Rig, shown: &Shown, power: bool) -> Self {
+    pub fn of(taken: &Taken, rig: &Rig, projected: &Projected, power: bool) -> Self {
         let mut names: Vec<String> = Vec::new();
         let mut refused: Vec<String> = Vec::new();
         let add = |list: &mut Vec<String>, text: String| {
@@ -110,15 +110,15 @@ impl Kernels {
         if matches!(taken, Taken::Rte { .. }) {
             names.push("transport solver for plane waves".to_owned());
         } else {
-            for group in crate::channels::groups(rig, &shown.carriers, &shown.pictures) {
+            for group in crate::channels::groups(rig, &projected.carriers, &projected.projected_images) {
                 let channel = group.channels[0];
                 let (kernel, reasons) = Kernel::of(Setting {
                     world: &group.world,
                     camera: &rig.camera,
                     light: &rig.lights[channel],
                     steady: &rig.steady[channel],
-                    carriers: &shown.carriers,
-                    pictures: &shown.pictures,
+                    carriers: &projected.carriers,
+                    projected_images: &projected.projected_images,
                     key: [0; 2],
                     channel: 0,
                     nee: Nee::Line,

@@ -9,6 +9,7 @@
 //! same paths: a path carries the complex response to exp(i 2 pi f_x u), of which every frame is a linear combination.
 
 pub mod batches;
+pub mod bsdf;
 pub mod camera;
 mod caustic;
 pub mod channels;
@@ -16,7 +17,6 @@ mod check;
 mod conditions;
 pub mod detector;
 pub mod field;
-pub mod finish;
 pub mod forward;
 pub mod lamp;
 pub mod packet;
@@ -31,7 +31,7 @@ pub mod next_event;
 pub mod next_event_lanes;
 mod outline;
 pub mod path;
-pub mod pictures;
+pub mod projected_images;
 pub mod response;
 mod setting;
 pub mod single;
@@ -62,10 +62,10 @@ mod plan;
 mod plane_wave;
 mod polynomials;
 mod power;
+mod projected;
 mod random;
 mod reflected_chain;
 mod rig;
-mod shown;
 mod so_far;
 mod stage;
 mod state;

@@ -12,7 +12,7 @@ use crate::walker::Walker;
 
 /// Light-directed branches start nearer to a wall than so many mean free paths: grazing light does not come further.
 pub(crate) const NEAR: f64 = 1.0;
-/// A light-directed branch is followed with this times its share of the light, or 1, as probability: most shares are some per cent.
+/// A light-directed branch is followed with this times its MIS weight, or 1, as probability: most weights are some per cent.
 pub(crate) const KEPT: f64 = 8.0;
 
 /// g of the lobe around the light from which light-directed branches are drawn: half as wide as the phase function.
@@ -26,13 +26,13 @@ pub(crate) fn narrower(g: f64) -> f64 {
 }
 
 /// p(w . e) / (p(w . e) + lobe(e . L)), the balance heuristic: the part that a path going from w along e has of the light that it sees next.
-fn share(g: f64, w: DVec3, e: DVec3, towards: DVec3) -> f64 {
+fn mis_weight(g: f64, w: DVec3, e: DVec3, towards: DVec3) -> f64 {
     let ratio = hg::denominator(g, w.dot(e)) / hg::denominator(lobe(g), e.dot(towards));
     1.0 / (1.0 + narrower(g) * ratio * ratio.sqrt())
 }
 
 impl Walker<'_> {
-    /// Starts a light-directed branch from the collision where a path stands, which came there along `at.w` and goes on along `next`; leaves the path its share.
+    /// Starts a light-directed branch from the collision where a path stands, which came there along `at.w` and goes on along `next`; leaves the path its MIS weight.
     pub(crate) fn send_light_branch(&mut self, at: &mut Place, next: DVec3) {
         let world = self.setting.world;
         let here = world.materials[at.material];
@@ -44,15 +44,15 @@ impl Walker<'_> {
             return;
         }
         let towards = self.setting.light.towards(at.r).0;
-        at.share = share(here.g, at.w, next, towards);
+        at.mis_weight = mis_weight(here.g, at.w, next, towards);
         let number = at.flight() | u64::from(LIGHT_BRANCH);
         let [b, c, d, _] = self.stream(at).block(Purpose::LightBranch(number));
         let w = hg::sample(lobe(here.g), towards, unit(b), unit(c));
-        let part = share(here.g, at.w, w, towards);
+        let part = mis_weight(here.g, at.w, w, towards);
         let kept = (KEPT * part).min(1.0);
         if unit(d) < kept {
             let (weight, response) = (at.weight * part / kept, at.response + self.paths);
-            self.sent.push_back(Place { w, weight, number, response, share: 1.0, light_branch: true, ..*at });
+            self.sent.push_back(Place { w, weight, number, response, mis_weight: 1.0, light_branch: true, ..*at });
         }
     }
 }

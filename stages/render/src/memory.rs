@@ -44,8 +44,8 @@ pub fn memory(asked: &Asked<'_>) -> Option<u64> {
     let pixels = u64::from(camera.pixels[0]) * u64::from(camera.pixels[1]);
     let steady = rig.steady[0].shines();
     let layout = match (asked.patterned, asked.pattern) {
-        (false, _) => Layout { carriers: params.carriers().len(), pictures: 0, steady },
-        (true, Some(pattern)) => Layout { carriers: 0, pictures: pattern.layers() as usize, steady },
+        (false, _) => Layout { carriers: params.carriers().len(), projected_images: 0, steady },
+        (true, Some(pattern)) => Layout { carriers: 0, projected_images: pattern.layers() as usize, steady },
         (true, None) => return None,
     };
     let bytes = |port: &&str| asked.made.get(port).and_then(|form| form.extent()).map(Extent::bytes);

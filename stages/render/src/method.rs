@@ -11,8 +11,8 @@ use crate::light::Carrier;
 use crate::moments::Moments;
 use crate::params::{Allocate, Method, Params};
 use crate::plane_wave::{Bound, PlaneWave, bounds, no_plane_wave};
+use crate::projected::Projected;
 use crate::rig::Rig;
-use crate::shown::Shown;
 use crate::so_far::SoFar;
 use crate::state::State;
 use crate::stopping::{OfFit, OfPixels};
@@ -107,16 +107,16 @@ pub fn sums(
     params: &Params,
     scene: &Scene,
     rig: &Rig,
-    shown: &Shown,
+    projected: &Projected,
     ctx: Ctx<'_>,
 ) -> Result<Traced, Error> {
-    let so_far = SoFar { scene, rig, shown };
+    let so_far = SoFar { scene, rig, projected };
     match taken {
         Taken::Path { .. } => pixels(params, so_far, None, ctx),
-        Taken::Fit => fit(params, rig, shown, (0, Some(so_far)), ctx),
+        Taken::Fit => fit(params, rig, projected, (0, Some(so_far)), ctx),
         Taken::Rte { bound } => {
             ctx.measure("bound of a frame's error", 100.0 * bound, "%");
-            let solved = PlaneWave::all(scene, rig, &shown.carriers)?;
+            let solved = PlaneWave::all(scene, rig, &projected.carriers)?;
             Ok(Traced {
                 channels: Vec::new(),
                 n: 0,
@@ -142,13 +142,13 @@ fn pixels(
     controls: Option<ControlVariates>,
     ctx: Ctx<'_>,
 ) -> Result<Traced, Error> {
-    let SoFar { rig, shown, .. } = so_far;
+    let SoFar { rig, projected, .. } = so_far;
     let pixels: Vec<u32> = (0..rig.camera.pixels() as u32).collect();
-    let criterion = OfPixels::new(rig, shown, controls.as_ref(), params.allocate);
+    let criterion = OfPixels::new(rig, projected, controls.as_ref(), params.allocate);
     let task = Task {
         params,
         rig,
-        shown,
+        projected,
         pixels: &pixels,
         controls: controls.as_ref(),
         salt: 0,
@@ -170,7 +170,7 @@ fn pixels(
         let samples = Some(n.max(FIRST_TEST).saturating_mul(FIT_PATHS));
         let enough = Params { samples, target_error: None, max_seconds: None, ..params.clone() };
         let images = controls.variates.iter().zip(1..);
-        let images = images.map(|(r, salt)| fit(&enough, &r.plain, shown, (salt, None), ctx));
+        let images = images.map(|(r, salt)| fit(&enough, &r.plain, projected, (salt, None), ctx));
         Ok::<_, Error>(ControlImages { images: images.collect::<Result<_, _>>()?, controls })
     });
     let controls = controls.transpose()?;
@@ -182,7 +182,7 @@ fn pixels(
 fn fit(
     params: &Params,
     rig: &Rig,
-    shown: &Shown,
+    projected: &Projected,
     (salt, so_far): (u64, Option<SoFar<'_>>),
     ctx: Ctx<'_>,
 ) -> Result<Traced, Error> {
@@ -190,15 +190,15 @@ fn fit(
     let lattice = Lattice::over(camera.columns, camera.rows);
     let pixels = lattice.pixels(camera.columns);
     let first_test = first_test_of_fit(pixels.len());
-    let criterion = OfFit { rig, shown, lattice: &lattice };
+    let criterion = OfFit { rig, projected, lattice: &lattice };
     // Its error is that of a few coefficients, which all pixels share.
     let allocate = Allocate::Even;
     let kept = so_far.is_some();
-    let picture = |state: &State, _: &[u32]| so_far.and_then(|so_far| so_far.of_fit(state, &lattice));
+    let preview = |state: &State, _: &[u32]| so_far.and_then(|so_far| so_far.of_fit(state, &lattice));
     let task = Task {
         params,
         rig,
-        shown,
+        projected,
         pixels: &pixels,
         controls: None,
         salt,
@@ -206,7 +206,7 @@ fn fit(
         first_test,
         allocate,
         criterion: &criterion,
-        so_far: kept.then_some(&picture),
+        so_far: kept.then_some(&preview),
     };
     let Sums { channels, samples: n, flights, .. } = trace(&task, ctx)?;
     let flights = flights.iter().sum();
@@ -225,9 +225,9 @@ impl Traced {
     }
 
     /// The fields of all channels.
-    pub fn estimate(&self, rig: &Rig, shown: &Shown, ctx: Ctx<'_>) -> Result<Estimate<'_>, Error> {
+    pub fn estimate(&self, rig: &Rig, projected: &Projected, ctx: Ctx<'_>) -> Result<Estimate<'_>, Error> {
         if let Some(controls) = &self.controls {
-            return self.estimate_with_control(controls, rig, shown, ctx);
+            return self.estimate_with_control(controls, rig, projected, ctx);
         }
         if !self.solved.is_empty() {
             let field = |solved: &'_ PlaneWave| -> Box<dyn Field> { Box::new(solved.clone()) };
@@ -239,13 +239,13 @@ impl Traced {
             });
         }
         let Some(lattice) = &self.lattice else {
-            let channels = by_paths(rig, &Watched::of(shown), &self.channels, &self.paths);
+            let channels = by_paths(rig, &Watched::of(projected), &self.channels, &self.paths);
             return Ok(Estimate { channels, n: self.n, design_effect: None });
         };
         let mut channels: Vec<Box<dyn Field>> = Vec::new();
         let (mut design_effect, mut order) = (1.0_f64, 0);
         for moments in &self.channels {
-            let fitted = Fitted::new(rig, &shown.carriers, lattice, moments, self.n)
+            let fitted = Fitted::new(rig, &projected.carriers, lattice, moments, self.n)
                 .ok_or_else(|| Error::failed("a pixel sees nothing, so no surface can be fitted"))?;
             if fitted.rough {
                 ctx.warn("the image is not smooth enough for a fit of order 6; `method: path` renders every pixel");
@@ -261,21 +261,22 @@ impl Traced {
         &self,
         controls: &ControlImages,
         rig: &Rig,
-        shown: &Shown,
+        projected: &Projected,
         ctx: Ctx<'_>,
     ) -> Result<Estimate<'_>, Error> {
-        let (count, watched) = (rig.worlds.len(), Watched::of(shown));
+        let (count, watched) = (rig.worlds.len(), Watched::of(projected));
         let mut channels: Vec<Box<dyn Field>> = Vec::new();
-        let (mut design_effect, mut share) = (1.0_f64, 0.0_f64);
-        for (channel, images) in controls.fitted(&shown.carriers)?.into_iter().enumerate() {
+        let (mut design_effect, mut fraction) = (1.0_f64, 0.0_f64);
+        for (channel, images) in controls.fitted(&projected.carriers)?.into_iter().enumerate() {
             let sampled = |moments, spread| Sampled { moments, paths: &self.paths, spread };
             let seen = brightness(&self.channels[channel], &self.paths);
             let direct = sampled(&self.channels[channel], kurtosis(seen.iter().copied(), expected_kurtosis(rig)) - 1.0);
             // Variances of differences are pooled over pixels.
             let differences = sampled(&self.channels[count + channel], 0.0);
             let (images, of_pixel) = (Images::Known(images), &controls.controls.of_pixel);
-            let field = Controlled::new(direct, differences, images, of_pixel, rig.camera.columns, shown.layout);
-            (design_effect, share) = (design_effect.max(field.design_effect(&watched.dc)), share.max(field.share()));
+            let field = Controlled::new(direct, differences, images, of_pixel, rig.camera.columns, projected.layout);
+            (design_effect, fraction) =
+                (design_effect.max(field.design_effect(&watched.dc)), fraction.max(field.fraction()));
             channels.push(Box::new(Unsure::of_tail(
                 Box::new(field),
                 &seen,
@@ -283,7 +284,7 @@ impl Traced {
                 rig.camera.columns,
             )));
         }
-        ctx.measure("pixels by difference", 100.0 * share, "%");
+        ctx.measure("pixels by difference", 100.0 * fraction, "%");
         Ok(Estimate { channels, n: self.n, design_effect: Some(design_effect) })
     }
 }

@@ -3,9 +3,9 @@
 
 use glam::DVec3;
 
+use crate::bsdf::Bsdf;
 use crate::connect::Draws;
 use crate::connection::Connection;
-use crate::finish::Finish;
 use crate::lamp::Source;
 use crate::lengths::{Lengths, NO_LENGTHS, count, sum};
 use crate::mirrors::{Mirrors, Plane};
@@ -142,7 +142,7 @@ impl Walker<'_> {
         for piece in world.trace(r, w, skin, &mut self.spans) {
             let material = &world.materials[piece.material];
             if material.is_opaque() {
-                let mirror = material.finish == Finish::Mirror;
+                let mirror = material.bsdf == Bsdf::Mirror;
                 let p = r + piece.start * w;
                 let plane = Plane { point: r + distance * w, normal: w, one_sided: false };
                 let seen = |wall| Seen { wall, tau, lengths, exit: exit.unwrap_or(w) };

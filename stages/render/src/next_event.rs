@@ -46,8 +46,8 @@ impl<'a> Walker<'a> {
         let Some(shared) = self.setting.shared else {
             return self.add(path, radiance, on_plane, source);
         };
-        for (channel, share) in shared.channels.iter().enumerate() {
-            let radiance = radiance * share.of(source) * share.weight(lengths);
+        for (channel, scale) in shared.channels.iter().enumerate() {
+            let radiance = radiance * scale.of(source) * scale.weight(lengths);
             self.add(path * shared.channels.len() + channel, radiance, on_plane, source);
         }
     }
@@ -61,12 +61,12 @@ impl<'a> Walker<'a> {
             return;
         }
         response[0] += radiance;
-        let pictures = self.setting.pictures;
-        if pictures.layers() > 0 {
+        let projected_images = self.setting.projected_images;
+        if projected_images.layers() > 0 {
             let (x, y) = self.setting.light.view.position_of(on_plane);
-            let around = pictures.around(x, y);
-            for (i, seen) in response[layout.picture(0)..][..layout.pictures].iter_mut().enumerate() {
-                *seen += radiance * pictures.value(i, &around);
+            let around = projected_images.around(x, y);
+            for (i, seen) in response[layout.projected_image(0)..][..layout.projected_images].iter_mut().enumerate() {
+                *seen += radiance * projected_images.value(i, &around);
             }
         }
         for (carrier, re_im) in self.setting.carriers.iter().zip(response[1..].chunks_exact_mut(2)) {
@@ -78,7 +78,7 @@ impl<'a> Walker<'a> {
 
     /// Steady light from infinity that a path on its way there sees.
     pub(crate) fn see_ambient(&mut self, at: &Place) {
-        if at.glint && self.excludes_specular {
+        if at.specular && self.excludes_specular {
             return;
         }
         let (layout, radiance) = (self.setting.layout(), at.weight * self.setting.steady.ambient);
@@ -88,9 +88,9 @@ impl<'a> Walker<'a> {
             match self.setting.shared {
                 None => response[steady] += radiance,
                 Some(shared) => {
-                    for (channel, share) in shared.channels.iter().enumerate() {
+                    for (channel, scale) in shared.channels.iter().enumerate() {
                         response[channel * layout.width() + steady] +=
-                            radiance * share.ambient * share.weight(&at.lengths);
+                            radiance * scale.ambient * scale.weight(&at.lengths);
                     }
                 }
             }
@@ -218,7 +218,7 @@ impl<'a> Walker<'a> {
         self.score(
             at.response,
             &line,
-            at.weight * at.share * inverse_survival,
+            at.weight * at.mis_weight * inverse_survival,
             unit(u),
             source,
             &draws,
@@ -383,7 +383,7 @@ impl<'a> Walker<'a> {
             .map_or(f64::INFINITY, |piece| if piece.material == at.material { piece.end } else { 0.0 });
         if length > 0.0 {
             let line = Line { r: at.r, e, length, material: at.material, towards, exit };
-            let weight = at.weight * at.share * balance * inverse_survival;
+            let weight = at.weight * at.mis_weight * balance * inverse_survival;
             self.score(at.response, &line, weight, unit(u), source, &draws, &at.lengths);
         }
     }

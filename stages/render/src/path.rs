@@ -14,7 +14,7 @@ use turbid_optics::refraction::refract;
 use turbid_optics::rough::Rough;
 
 use self::flight::End;
-use crate::finish::Finish;
+use crate::bsdf::Bsdf;
 use crate::lengths::NO_LENGTHS;
 use crate::random::{MOST_NUMBERS, Purpose, Stream, after};
 pub use crate::setting::{Nee, Place, Setting};
@@ -61,8 +61,8 @@ impl Walker<'_> {
             ahead: line,
             wholly: line,
             scattered: false,
-            glint: false,
-            share: 1.0,
+            specular: false,
+            mis_weight: 1.0,
             light_branch: false,
             response,
             lengths: NO_LENGTHS,
@@ -108,7 +108,7 @@ impl Walker<'_> {
             End::Surface { skin, normal, rho } => {
                 at.skin = Some(skin);
                 at.clear = 0.0;
-                (at.scattered, at.glint, at.share) = (true, false, 1.0);
+                (at.scattered, at.specular, at.mis_weight) = (true, false, 1.0);
                 self.next_event_at_surface(at, normal, rho);
                 if roulette >= rho {
                     self.ending = Ending::Absorbed(skin.wall.body);
@@ -119,7 +119,7 @@ impl Walker<'_> {
                 true
             }
             End::Mirror { skin, normal, from } => {
-                at.glint |= !at.scattered;
+                at.specular |= !at.scattered;
                 (at.skin, at.material) = (Some(skin), from);
                 at.w = (at.w - 2.0 * at.w.dot(normal) * normal).normalize();
                 at.clear = 0.0;
@@ -133,8 +133,8 @@ impl Walker<'_> {
             End::Boundary { skin, normal, from, to } => {
                 let [n_from, n_to] = [from, to].map(|m| self.setting.world.materials[m].n);
                 let owner = self.setting.world.bodies[skin.wall.body].material;
-                at.glint |= !at.scattered;
-                let on = if let Finish::Rough(alpha) = self.setting.world.materials[owner].finish {
+                at.specular |= !at.scattered;
+                let on = if let Bsdf::Rough(alpha) = self.setting.world.materials[owner].bsdf {
                     let normal = if skin.inside { -normal } else { normal };
                     let rough = Rough { alpha, normal, n_from, n_to };
                     if at.scattered || !self.excludes_specular {
@@ -164,7 +164,7 @@ impl Walker<'_> {
             }
             End::Scattered { crossed } => {
                 at.skin = None;
-                (at.scattered, at.glint) = (true, false);
+                (at.scattered, at.specular) = (true, false);
                 if !(at.ahead || (crossed && self.setting.nee == Nee::Line)) {
                     self.next_event_at_collision(at, roulette);
                 }
@@ -175,7 +175,7 @@ impl Walker<'_> {
                 let next = hg::sample(self.setting.world.materials[at.material].g, at.w, unit(b), unit(c));
                 if self.setting.nee == Nee::Line {
                     self.next_event_ahead(at, next, roulette);
-                    (at.ahead, at.share) = (true, 1.0);
+                    (at.ahead, at.mis_weight) = (true, 1.0);
                     if self.light_branches.get(at.material) == Some(&true) && !at.light_branch {
                         self.send_light_branch(at, next);
                     }

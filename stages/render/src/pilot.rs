@@ -6,11 +6,11 @@ use turbid_contract::{Ctx, MemoryHost, Pilot};
 use crate::control_variate::{ControlVariates, control_variates};
 use crate::fit::{FIT_PATHS, Lattice};
 use crate::method::{FIRST_TEST, Taken, first_test_of_fit};
-use crate::outline::shown;
+use crate::outline::projected;
 use crate::params::{Allocate, Params};
 use crate::plan;
+use crate::projected::Projected;
 use crate::rig::Rig;
-use crate::shown::Shown;
 use crate::stopping::{OfFit, OfPixels};
 use crate::trace::{PILOT, StoppingCriterion, Task, trace};
 
@@ -42,13 +42,13 @@ pub fn pilot(params: &Params, scene: &Scene, patterned: bool, ctx: Ctx<'_>) -> O
     let whole = Rig::of(scene).ok()?;
     let small = smaller(scene, &whole, &taken)?;
     let rig = Rig::of(&small).ok()?;
-    let shown = shown(params, scene, patterned, rig.steady[0].shines());
+    let projected = projected(params, scene, patterned, rig.steady[0].shines());
     let controls = match taken {
         Taken::ControlVariates { .. } => control_variates(&small, &rig, params.target_error.map(|t| t.0)).ok()?,
         _ => None,
     };
     // Of meshes what camera and light see of them is found once, by the first paths: that is not theirs to be timed by.
-    let walk = |samples, ctx| walk(params, &taken, (&rig, &shown, controls.as_ref()), samples, ctx);
+    let walk = |samples, ctx| walk(params, &taken, (&rig, &projected, controls.as_ref()), samples, ctx);
     let unseen = MemoryHost::default();
     walk(2, Ctx::new(&unseen))?;
     let walked = walk(SAMPLES + if controls.is_some() { MORE_SAMPLES } else { 0 }, ctx)?;
@@ -92,20 +92,20 @@ fn smaller(scene: &Scene, rig: &Rig, taken: &Taken) -> Option<Scene> {
 fn walk(
     params: &Params,
     taken: &Taken,
-    (rig, shown, controls): (&Rig, &Shown, Option<&ControlVariates>),
+    (rig, projected, controls): (&Rig, &Projected, Option<&ControlVariates>),
     samples: u32,
     ctx: Ctx<'_>,
 ) -> Option<Walked> {
     let pixels: Vec<u32> = (0..rig.camera.pixels() as u32).collect();
     let few = Params { samples: Some(samples), target_error: None, max_seconds: None, ..params.clone() };
     let lattice = Lattice::over(rig.camera.columns, rig.camera.rows);
-    let of_pixels = OfPixels::new(rig, shown, controls, Allocate::Even);
-    let of_fit = OfFit { rig, shown, lattice: &lattice };
+    let of_pixels = OfPixels::new(rig, projected, controls, Allocate::Even);
+    let of_fit = OfFit { rig, projected, lattice: &lattice };
     let criterion: &dyn StoppingCriterion = if *taken == Taken::Fit { &of_fit } else { &of_pixels };
     let task = Task {
         params: &few,
         rig,
-        shown,
+        projected,
         pixels: &pixels,
         controls: controls,
         salt: 0,

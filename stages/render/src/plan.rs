@@ -14,7 +14,7 @@ use crate::method::{Taken, bound};
 use crate::mirrors::Mirrors;
 use crate::outline::outline;
 use crate::params::{Allocate, Method, Params};
-use crate::pictures::Pictures;
+use crate::projected_images::ProjectedImages;
 use crate::rig::Rig;
 use crate::strata::{Bending, bulges, turns_at_facets};
 use crate::world::World;
@@ -79,7 +79,7 @@ fn walks(params: &Params, scene: &Scene) -> usize {
     if scene.channels() == 1 {
         return 1;
     }
-    Rig::of(scene).map_or(scene.channels(), |rig| groups(&rig, &params.carriers(), &Pictures::NONE).len())
+    Rig::of(scene).map_or(scene.channels(), |rig| groups(&rig, &params.carriers(), &ProjectedImages::NONE).len())
 }
 
 /// The least extent of a shape, mm.
@@ -192,8 +192,8 @@ pub fn plan(params: &Params, scene: Option<&Scene>, known: &Known) -> StagePlan 
         && let Some(taken) = &taken
         && let Some(rig) = &rig
     {
-        let shown = outline(params, scene, patterned, rig.steady[0].shines());
-        let Kernels { name, refused } = Kernels::of(taken, rig, &shown, power);
+        let projected = outline(params, scene, patterned, rig.steady[0].shines());
+        let Kernels { name, refused } = Kernels::of(taken, rig, &projected, power);
         (plan.kernel, plan.refused) = (Some(name), refused);
     }
     if let Some(scene) = scene

@@ -5,7 +5,7 @@ use turbid_contract::payload::{Power, Scene, Surface};
 use turbid_contract::{Cells, ColumnInfo, Form, Table};
 
 use crate::forward::Tally;
-use crate::interval::{CONFIDENCE, share as interval};
+use crate::interval::{CONFIDENCE, fraction as interval};
 
 /// One row for each way out, each object that is not void, what rough walls lose between their facets where there are any, and each detector,
 /// channel by channel. `object_of` gives for each body its place among the objects.

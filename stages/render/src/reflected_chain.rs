@@ -145,7 +145,7 @@ mod tests {
     use crate::lamp::{Lamp, Steady};
     use crate::level::named;
     use crate::light::Light;
-    use crate::pictures::Pictures;
+    use crate::projected_images::ProjectedImages;
     use crate::random::{NeeSite, Stream};
     use crate::setting::{Nee, Setting};
     use crate::world::{Body, Material, World};
@@ -205,7 +205,7 @@ mod tests {
                 light: &light,
                 steady: &steady,
                 carriers: &[],
-                pictures: &Pictures::NONE,
+                projected_images: &ProjectedImages::NONE,
                 key: [3, 0],
                 channel: 0,
                 nee: Nee::Line,

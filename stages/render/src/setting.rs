@@ -6,7 +6,7 @@ use crate::camera::Camera;
 use crate::lamp::Steady;
 use crate::lengths::{Lengths, Shared};
 use crate::light::{Carrier, Light};
-use crate::pictures::Pictures;
+use crate::projected_images::ProjectedImages;
 use crate::random::before;
 use crate::response::Layout;
 use crate::world::{Skin, World};
@@ -30,7 +30,7 @@ pub struct Setting<'a> {
     pub steady: &'a Steady,
     /// Those with f_x > 0.
     pub carriers: &'a [Carrier],
-    pub pictures: &'a Pictures,
+    pub projected_images: &'a ProjectedImages,
     pub key: [u32; 2],
     pub channel: u32,
     pub nee: Nee,
@@ -40,7 +40,11 @@ pub struct Setting<'a> {
 
 impl Setting<'_> {
     pub fn layout(&self) -> Layout {
-        Layout { carriers: self.carriers.len(), pictures: self.pictures.layers(), steady: self.steady.shines() }
+        Layout {
+            carriers: self.carriers.len(),
+            projected_images: self.projected_images.layers(),
+            steady: self.steady.shines(),
+        }
     }
 
     /// How many channels see what a path brings.
@@ -74,9 +78,9 @@ pub struct Place {
     /// Whether it has been scattered, by a medium or diffusely.
     pub scattered: bool,
     /// Whether smooth or rough walls have turned it, and nothing has scattered it.
-    pub glint: bool,
-    /// Of the light that the next flight's end sees, what is left beside a light-directed branch's.
-    pub share: f64,
+    pub specular: bool,
+    /// MIS weight of the light that the next flight's end sees, against that of a light-directed branch.
+    pub mis_weight: f64,
     /// Whether it is a light-directed branch: it ends where its flight does.
     pub light_branch: bool,
     /// Which of the walker's responses is its own.

@@ -206,7 +206,7 @@ mod tests {
     #[test]
     fn bytes_round_trip_and_torn_ones_are_refused() {
         for (allocate, other) in [(Allocate::Even, Allocate::Adaptive), (Allocate::Adaptive, Allocate::Even)] {
-            let layout = Layout { carriers: 1, pictures: 0, steady: false };
+            let layout = Layout { carriers: 1, projected_images: 0, steady: false };
             let empty = |pixels: usize| State::new(2, pixels, layout, allocate);
             let mut state = empty(3);
             state.samples = 64;

@@ -7,8 +7,8 @@ use crate::field::{Field, Sampled, Watched, relative_error};
 use crate::fit::{FIT_PATHS, Fitted, Lattice};
 use crate::moments::Moments;
 use crate::params::Allocate;
+use crate::projected::Projected;
 use crate::rig::Rig;
-use crate::shown::Shown;
 use crate::tail::{expected_kurtosis, kurtosis, of_pixels};
 use crate::trace::StoppingCriterion;
 use crate::variance_smoothing::by_paths;
@@ -21,15 +21,15 @@ const START: f64 = 32.0;
 /// Of an image fitted to a lattice of pixels.
 pub struct OfFit<'a> {
     pub rig: &'a Rig,
-    pub shown: &'a Shown,
+    pub projected: &'a Projected,
     pub lattice: &'a Lattice,
 }
 
 impl StoppingCriterion for OfFit<'_> {
     fn error(&self, sums: &[Moments], paths: &[u32], _: Option<&[bool]>) -> Option<f64> {
-        let (watched, n) = (Watched::of(self.shown), paths.first().copied().unwrap_or_default());
+        let (watched, n) = (Watched::of(self.projected), paths.first().copied().unwrap_or_default());
         let of = |moments| {
-            let fitted = Fitted::new(self.rig, &self.shown.carriers, self.lattice, moments, n);
+            let fitted = Fitted::new(self.rig, &self.projected.carriers, self.lattice, moments, n);
             fitted.and_then(|f| relative_error(&f, &watched))
         };
         sums.iter().filter_map(of).max_by(f64::total_cmp)
@@ -51,7 +51,7 @@ impl StoppingCriterion for OfFit<'_> {
 /// Of pixels by their own paths, perhaps with control variates.
 pub struct OfPixels<'a> {
     rig: &'a Rig,
-    shown: &'a Shown,
+    projected: &'a Projected,
     controls: Option<&'a ControlVariates>,
     allocate: Allocate,
     watched: Watched,
@@ -60,10 +60,15 @@ pub struct OfPixels<'a> {
 }
 
 impl<'a> OfPixels<'a> {
-    pub fn new(rig: &'a Rig, shown: &'a Shown, controls: Option<&'a ControlVariates>, allocate: Allocate) -> Self {
+    pub fn new(
+        rig: &'a Rig,
+        projected: &'a Projected,
+        controls: Option<&'a ControlVariates>,
+        allocate: Allocate,
+    ) -> Self {
         let lattice = Lattice::over(rig.camera.columns, rig.camera.rows);
         let lattice = lattice.columns.len() * lattice.rows.len();
-        Self { rig, shown, controls, allocate, watched: Watched::of(shown), lattice }
+        Self { rig, projected, controls, allocate, watched: Watched::of(projected), lattice }
     }
 
     fn spread(&self, moments: &Moments, paths: &[u32]) -> f64 {
@@ -96,7 +101,7 @@ impl<'a> OfPixels<'a> {
             // Variances of differences are pooled over pixels.
             let (direct, difference) = (sampled(direct, spread), sampled(difference, 0.0));
             let (images, columns) = (Images::Expected(expected), self.rig.camera.columns);
-            Box::new(Controlled::new(direct, difference, images, &of_pixel, columns, self.shown.layout))
+            Box::new(Controlled::new(direct, difference, images, &of_pixel, columns, self.projected.layout))
         };
         direct.iter().zip(differences).map(of).collect()
     }

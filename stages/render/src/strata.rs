@@ -3,7 +3,7 @@
 use glam::DVec3;
 use turbid_optics::solid::Solid;
 
-use crate::finish::Finish;
+use crate::bsdf::Bsdf;
 use crate::mirrors::Mirrors;
 use crate::single::limits::MOST_BODIES;
 use crate::world::{Body, World};
@@ -47,7 +47,7 @@ impl Bending {
         if bends.is_empty() {
             return if mirrors.curved { Self::AtWalls } else { Self::Nowhere };
         }
-        let rough = |material: usize| matches!(world.materials[material].finish, Finish::Rough(_));
+        let rough = |material: usize| matches!(world.materials[material].bsdf, Bsdf::Rough(_));
         if bends.iter().any(|b| rough(b.material)) {
             // A smooth body carved into a rough one has smooth walls.
             let carves = |i: usize, hole: &Body| {
@@ -112,7 +112,7 @@ pub fn turns_at_facets(world: &World) -> bool {
 }
 
 /// Bounds of what shows of a solid, less what boxes and slabs before it take off its top and bottom; upside down where nothing shows.
-pub fn shown<'a>(before: impl Iterator<Item = &'a Solid>, solid: &Solid) -> (DVec3, DVec3) {
+pub fn visible_bounds<'a>(before: impl Iterator<Item = &'a Solid>, solid: &Solid) -> (DVec3, DVec3) {
     let (mut low, mut high) = solid.bounds();
     for solid in before.filter(|solid| matches!(solid, Solid::Slab { .. } | Solid::Box { .. })) {
         let (from, to) = solid.bounds();
@@ -166,7 +166,7 @@ impl Strata {
             if matches!(body.solid, Solid::Slab { .. }) || material.is_opaque() {
                 return true;
             }
-            let (low, high) = shown(world.bodies[..i].iter().map(|body| &body.solid), &body.solid);
+            let (low, high) = visible_bounds(world.bodies[..i].iter().map(|body| &body.solid), &body.solid);
             if low.z >= high.z {
                 return true;
             }

@@ -13,9 +13,9 @@ use crate::level::named;
 use crate::moments::Moments;
 use crate::packet;
 use crate::params::{Allocate, Params};
+use crate::projected::Projected;
 use crate::rig::Rig;
 use crate::setting::{Nee, Setting};
-use crate::shown::Shown;
 use crate::so_far::is_due;
 use crate::state::State;
 use crate::walker::Walker;
@@ -35,13 +35,13 @@ pub const PILOT: u32 = 16;
 const MORE: u64 = 1 << 63;
 
 /// What there is of the frames: of a state and the paths of each pixel.
-pub type Picture<'a> = dyn Fn(&State, &[u32]) -> Option<Artifact> + Sync + 'a;
+pub type Preview<'a> = dyn Fn(&State, &[u32]) -> Option<Artifact> + Sync + 'a;
 
 /// What to trace, and how to judge it.
 pub struct Task<'a> {
     pub params: &'a Params,
     pub rig: &'a Rig,
-    pub shown: &'a Shown,
+    pub projected: &'a Projected,
     /// Which pixels.
     pub pixels: &'a [u32],
     /// Control variates that are walked with the scene by the same random numbers: then the sums of all channels are followed by those of
@@ -56,7 +56,7 @@ pub struct Task<'a> {
     pub allocate: Allocate,
     pub criterion: &'a dyn StoppingCriterion,
     /// What there is of the frames, for people who look on.
-    pub so_far: Option<&'a Picture<'a>>,
+    pub so_far: Option<&'a Preview<'a>>,
 }
 
 /// What is made of sums while they grow: of those of all channels, and the paths of each pixel.
@@ -184,7 +184,7 @@ fn keep(state: &State, ctx: Ctx<'_>) {
 /// The furthest checkpoint at which a fresh run would not have stopped before.
 fn resume(task: &Task<'_>, whole: u32, ctx: Ctx<'_>) -> State {
     // Made when needed: its zeros take no room before they are written over.
-    let empty = || State::new(task.fields(), task.pixels.len(), task.shown.layout, task.allocate);
+    let empty = || State::new(task.fields(), task.pixels.len(), task.projected.layout, task.allocate);
     let mut at_most = whole;
     // The host counts what it hands over as work of this run: it is not asked in vain.
     loop {
@@ -218,7 +218,7 @@ struct Job<'a> {
 
 impl<'a> Job<'a> {
     fn new(task: &'a Task<'a>, ctx: Ctx<'a>) -> Self {
-        let groups = groups(task.rig, &task.shown.carriers, &task.shown.pictures);
+        let groups = groups(task.rig, &task.projected.carriers, &task.projected.projected_images);
         let controls = task.controls.iter().flat_map(|with_control| &with_control.variates);
         let paired = controls
             .map(|control| groups.iter().map(|g| Group::of(control.paired.channels(), g.channels.clone())).collect());
@@ -346,8 +346,8 @@ impl Job<'_> {
                 camera: &rig.camera,
                 light: &rig.lights[channel],
                 steady: &rig.steady[channel],
-                carriers: &self.task.shown.carriers,
-                pictures: &self.task.shown.pictures,
+                carriers: &self.task.projected.carriers,
+                projected_images: &self.task.projected.projected_images,
                 key,
                 channel: channel as u32,
                 nee: Nee::Line,
@@ -387,7 +387,7 @@ impl Job<'_> {
     fn tile(&self, setting: Setting<'_>, group: usize, tile: &[Batch], with_control: Option<&[bool]>) -> Part {
         let mut walker = Walker::new(setting, named(self.ctx.simd()));
         walker.excludes_specular = self.task.rig.excludes_specular;
-        let layout = self.task.shown.layout;
+        let layout = self.task.projected.layout;
         let sums = Moments::new(tile.len(), layout.width()).with_steady(layout.steady);
         let fresh = || vec![sums.clone(); setting.channels()];
         let mut part = Part { moments: fresh(), differences: Vec::new(), flights: [0; 2], given_up: 0, endless: false };

@@ -105,7 +105,7 @@ pub(crate) fn first_hit(world: &World, camera: &Camera, pixel: usize, spans: &mu
             let axis = camera.view.forward;
             let depth = piece.start * w.dot(axis) + (origin - camera.view.position).dot(axis);
             let wall = wall?;
-            let albedo = world.albedo(world.materials[piece.material].finish, wall, r);
+            let albedo = world.albedo(world.materials[piece.material].bsdf, wall, r);
             let normal = world.normal(wall, r);
             let normal = if normal.dot(w) > 0.0 { -normal } else { normal };
             // Which body fills it: the first, in order of priority, that holds a point just inside.

@@ -141,7 +141,7 @@ fn margin(rig: &Rig) -> Result<f64, String> {
     let mut margin = f64::INFINITY;
     for (x, y) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)] {
         let (origin, w) = camera.ray(x, y);
-        let scatters = |m: usize| world.materials[m].mu_s > 0.0 || world.materials[m].finish.is_opaque();
+        let scatters = |m: usize| world.materials[m].mu_s > 0.0 || world.materials[m].bsdf.is_opaque();
         let mut pieces = world.trace(origin, w, None, &mut spans);
         let Some(piece) = pieces.find(|p| scatters(p.material)) else {
             return Err("not every pixel looks at something".to_owned());

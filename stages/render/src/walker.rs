@@ -112,8 +112,8 @@ impl<'a> Walker<'a> {
         let windows = setting.world.materials.iter().map(window).collect();
         let (spans, pieces) = (Spans::default(), Vec::new());
         let free_paths = setting.world.materials.iter().map(|m| 1.0 / m.mu_s).collect();
-        // Pictures are looked up one by one, and lengths are counted only there.
-        let lanes = setting.pictures.layers() == 0 && setting.shared.is_none();
+        // Projected images are looked up one by one, and lengths are counted only there.
+        let lanes = setting.projected_images.layers() == 0 && setting.shared.is_none();
         let body_of = if lanes { next_event_lanes::bodies_by_material(setting.world) } else { None };
         let bending = Bending::of(setting.world);
         let clear = if let Bending::AtPlanes(strata) = &bending { clear(setting.world, strata) } else { Vec::new() };

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use turbid_optics::solid::{Solid, Start, Stay};
 
-use crate::finish::Finish;
+use crate::bsdf::Bsdf;
 use crate::texture::Texture;
 
 /// What fills a piece of a ray.
@@ -17,7 +17,7 @@ pub struct Material {
     /// Refractive index.
     pub n: f64,
     /// What light meets at the wall of a body of it.
-    pub finish: Finish,
+    pub bsdf: Bsdf,
 }
 
 impl Material {
@@ -25,17 +25,17 @@ impl Material {
 
     /// One that light can enter, with smooth walls.
     pub const fn medium(mu_a: f64, mu_s: f64, g: f64, n: f64) -> Self {
-        Self { mu_a, mu_s, g, n, finish: Finish::Smooth }
+        Self { mu_a, mu_s, g, n, bsdf: Bsdf::Smooth }
     }
 
     pub fn lambertian(rho: f64) -> Self {
-        Self { finish: Finish::Lambertian(rho), ..Self::VOID }
+        Self { bsdf: Bsdf::Lambertian(rho), ..Self::VOID }
     }
 
     /// Whether light cannot enter.
     #[inline(always)]
     pub fn is_opaque(&self) -> bool {
-        self.finish.is_opaque()
+        self.bsdf.is_opaque()
     }
 
     pub fn mu_t(&self) -> f64 {
@@ -141,17 +141,17 @@ impl World {
         self.bodies[wall.body].solid.normal(wall.face, p)
     }
 
-    /// Fraction of the light that a finish reflects diffusely at a point of a wall; `None` where it goes on as a ray.
+    /// Fraction of the light that a BSDF reflects diffusely at a point of a wall; `None` where it goes on as a ray.
     #[inline]
-    pub fn albedo(&self, finish: Finish, wall: Wall, p: DVec3) -> Option<f64> {
-        match finish {
-            Finish::Lambertian(rho) => Some(rho),
-            Finish::Textured(texture) => {
+    pub fn albedo(&self, bsdf: Bsdf, wall: Wall, p: DVec3) -> Option<f64> {
+        match bsdf {
+            Bsdf::Lambertian(rho) => Some(rho),
+            Bsdf::Textured(texture) => {
                 let place = self.bodies[wall.body].solid.patch(wall.face, p);
                 // Meshes are refused; a hole of such a shape in a textured body is black.
                 Some(place.map_or(0.0, |place| self.textures[texture].albedo(&place)))
             }
-            Finish::Smooth | Finish::Rough(_) | Finish::Mirror => None,
+            Bsdf::Smooth | Bsdf::Rough(_) | Bsdf::Mirror => None,
         }
     }
 

@@ -10,13 +10,13 @@ use turbid_optics::refraction::refract;
 use turbid_optics::solid::{Frame, Mesh, Solid};
 use turbid_optics::view::View;
 
+use crate::bsdf::Bsdf;
 use crate::camera::Camera;
 use crate::connect::Draws;
-use crate::finish::Finish;
 use crate::lamp::{Lamp, Source, Steady};
 use crate::level::named;
 use crate::light::Light;
-use crate::pictures::Pictures;
+use crate::projected_images::ProjectedImages;
 use crate::random::{NeeSite, Purpose, Stream};
 use crate::setting::{Nee, Setting};
 use crate::strata::Bending;
@@ -43,7 +43,7 @@ fn case(name: &'static str, bodies: Vec<(Solid, usize)>, lamp: Lamp, balls: &[([
     let mut materials = vec![Material::VOID];
     materials.extend(MEDIA.map(|(mu_t, n)| Material::medium(mu_t, 0.0, 0.0, n)));
     materials.push(Material::lambertian(0.0));
-    materials.push(Material { finish: Finish::Mirror, ..Material::VOID });
+    materials.push(Material { bsdf: Bsdf::Mirror, ..Material::VOID });
     let bodies = bodies.into_iter().map(|(solid, material)| Body { solid, material }).collect();
     Case {
         name,
@@ -263,7 +263,7 @@ fn forward(case: &Case, key: u32, photons: u32) -> Vec<Measured> {
             let mut before: Option<(Wall, usize)> = None;
             for piece in world.trace(r, w, skin, &mut spans) {
                 let m = &world.materials[piece.material];
-                if let (Finish::Mirror, Some((wall, _))) = (m.finish, before) {
+                if let (Bsdf::Mirror, Some((wall, _))) = (m.bsdf, before) {
                     r += piece.start * w;
                     let normal = world.normal(wall, r);
                     skin = Some(Skin { wall, inside: normal.dot(w) > 0.0 });
@@ -327,7 +327,7 @@ fn with_walker<T>(case: &Case, work: impl FnOnce(&mut Walker<'_>) -> T) -> T {
         light: &light,
         steady: &steady,
         carriers: &[],
-        pictures: &Pictures::NONE,
+        projected_images: &ProjectedImages::NONE,
         key: [1, 2],
         channel: 0,
         nee: Nee::Point,

@@ -12,9 +12,9 @@ use crate::lamp::Source;
 use crate::level::named;
 use crate::mirrors::Mirrors;
 use crate::moments::Moments;
+use crate::projected::Projected;
 use crate::random::Dice;
 use crate::rig::Rig;
-use crate::shown::Shown;
 use crate::strata::Bending;
 use crate::walker::Walker;
 
@@ -43,7 +43,7 @@ pub fn by_several_walls(rig: &Rig) -> bool {
 /// The glints of every channel that are found by manifold sampling, in an image of `paths` paths per pixel; `None` where there are none.
 pub fn by_manifold_sampling(
     rig: &Rig,
-    shown: &Shown,
+    projected: &Projected,
     paths: u32,
     ctx: Ctx<'_>,
 ) -> Result<Vec<Option<ManifoldSampled>>, Error> {
@@ -57,7 +57,8 @@ pub fn by_manifold_sampling(
     let tiles = trials.div_ceil(TILE);
     let parts = ctx.map_tiles(channels * tiles, |i| {
         let (channel, tile) = (i / tiles, i % tiles);
-        let mut walker = Walker::new(setting(rig, channel, &shown.carriers, &shown.pictures), named(ctx.simd()));
+        let mut walker =
+            Walker::new(setting(rig, channel, &projected.carriers, &projected.projected_images), named(ctx.simd()));
         let mut found: Vec<(usize, Vec<f64>)> = Vec::new();
         // What was begun is thrown away.
         let until = if ctx.cancelled() { 0 } else { trials.min((tile + 1) * TILE) };
@@ -79,7 +80,10 @@ pub fn by_manifold_sampling(
     let mut given_up = 0;
     for (i, (found, connections)) in parts.into_iter().enumerate() {
         if i % tiles == 0 {
-            all.push(ManifoldSampled { moments: Moments::new(pixels, shown.layout.width()), trials: trials as u32 });
+            all.push(ManifoldSampled {
+                moments: Moments::new(pixels, projected.layout.width()),
+                trials: trials as u32,
+            });
         }
         let sums = &mut all[i / tiles].moments;
         found.iter().for_each(|(pixel, responses)| sums.add(*pixel, responses));

@@ -23,10 +23,10 @@ use crate::lamp::{Lamp, Source};
 use crate::level::named;
 use crate::light::Carrier;
 use crate::mirrors::has_mirrors;
-use crate::pictures::Pictures;
+use crate::projected::Projected;
+use crate::projected_images::ProjectedImages;
 use crate::rig::Rig;
 use crate::setting::{Nee, Setting};
-use crate::shown::Shown;
 use crate::strata::Bending;
 use crate::walker::Walker;
 use crate::world::World;
@@ -44,7 +44,7 @@ const GOLDEN_TURNS: f64 = 0.618_033_988_749_894_9;
 /// The glints of every channel; empty where walls turn no light or where they are excluded.
 ///
 /// Error: there are too many chains to follow, or light is in focus at the camera.
-pub fn glints(rig: &Rig, shown: &Shown, ctx: Ctx<'_>) -> Result<Vec<Glints>, Error> {
+pub fn glints(rig: &Rig, projected: &Projected, ctx: Ctx<'_>) -> Result<Vec<Glints>, Error> {
     let eyes = eyes(&rig.camera);
     let tiles = eyes.len().div_ceil(TILE);
     let channels = rig.worlds.len();
@@ -53,7 +53,8 @@ pub fn glints(rig: &Rig, shown: &Shown, ctx: Ctx<'_>) -> Result<Vec<Glints>, Err
     }
     let parts = ctx.map_tiles(channels * tiles, |i| {
         let (channel, tile) = (i / tiles, i % tiles);
-        let mut walker = Walker::new(setting(rig, channel, &shown.carriers, &shown.pictures), named(ctx.simd()));
+        let mut walker =
+            Walker::new(setting(rig, channel, &projected.carriers, &projected.projected_images), named(ctx.simd()));
         let mut glints = Glints::new();
         for &eye in &eyes[tile * TILE..eyes.len().min((tile + 1) * TILE)] {
             walker.add_glints(eye, 1.0 / eyes.len() as f64, &mut glints)?;
@@ -76,8 +77,8 @@ pub fn in_focus(rig: &Rig) -> bool {
     if Bending::of(&rig.worlds[0]) != Bending::AtWalls || rig.camera.has_aperture() {
         return false;
     }
-    let pictures = Pictures::NONE;
-    let mut walker = Walker::new(setting(rig, 0, &[], &pictures), named(""));
+    let projected_images = ProjectedImages::NONE;
+    let mut walker = Walker::new(setting(rig, 0, &[], &projected_images), named(""));
     walker.add_glints(rig.camera.view.position, 1.0, &mut Glints::new()).is_err()
 }
 
@@ -86,14 +87,19 @@ fn turns_light(world: &World) -> bool {
     matches!(Bending::of(world), Bending::AtPlanes(_) | Bending::AtWalls) || has_mirrors(world)
 }
 
-fn setting<'a>(rig: &'a Rig, channel: usize, carriers: &'a [Carrier], pictures: &'a Pictures) -> Setting<'a> {
+fn setting<'a>(
+    rig: &'a Rig,
+    channel: usize,
+    carriers: &'a [Carrier],
+    projected_images: &'a ProjectedImages,
+) -> Setting<'a> {
     Setting {
         world: &rig.worlds[channel],
         camera: &rig.camera,
         light: &rig.lights[channel],
         steady: &rig.steady[channel],
         carriers,
-        pictures,
+        projected_images,
         // Nothing is drawn.
         key: [0; 2],
         channel: channel as u32,
@@ -155,8 +161,8 @@ fn beam_of(camera: &Camera) -> Lamp {
 }
 
 impl Walker<'_> {
-    /// Adds the glints that come through `eye`, times `share`.
-    fn add_glints(&mut self, eye: DVec3, share: f64, glints: &mut Glints) -> Result<(), Error> {
+    /// Adds the glints that come through `eye`, times `weight`.
+    fn add_glints(&mut self, eye: DVec3, weight: f64, glints: &mut Glints) -> Result<(), Error> {
         for source in self.sources() {
             for Seen { pixel, radiance, on_plane } in self.glints_of(source, eye)? {
                 if radiance == f64::INFINITY {
@@ -165,7 +171,7 @@ impl Walker<'_> {
                         "move the camera or the light aside, or write `specular: exclude`",
                     ));
                 }
-                let responses = self.responses_to(share * radiance, on_plane, source);
+                let responses = self.responses_to(weight * radiance, on_plane, source);
                 let sum = glints.entry(pixel).or_insert_with(|| vec![0.0; responses.len()]);
                 sum.iter_mut().zip(responses).for_each(|(sum, response)| *sum += response);
             }

@@ -84,7 +84,7 @@ impl Walker<'_> {
                 at.r = r;
                 let normal = if inside { -normal } else { normal };
                 let skin = Skin { wall, inside };
-                return match world.albedo(material.finish, wall, r) {
+                return match world.albedo(material.bsdf, wall, r) {
                     Some(rho) => End::Surface { skin, normal, rho },
                     None => End::Mirror { skin, normal, from: from.unwrap_or(0) },
                 };

@@ -79,13 +79,13 @@ impl Plane {
     /// `None` where light does not bend, or not like this.
     pub fn of(walker: &Walker<'_>, parts: &[Part], origin: DVec3) -> Option<Self> {
         let Bending::AtPlanes(layers) = &walker.bending else { return None };
-        let shown = |i: usize| {
-            let (low, high) = strata::shown(parts[..i].iter().map(|part| &part.solid), &parts[i].solid);
+        let visible = |i: usize| {
+            let (low, high) = strata::visible_bounds(parts[..i].iter().map(|part| &part.solid), &parts[i].solid);
             (low.z, high.z)
         };
         let (low, high) = (0..parts.len())
             .filter(|&i| parts[i].open)
-            .map(shown)
+            .map(visible)
             .filter(|(low, high)| low < high)
             .fold((f64::INFINITY, f64::NEG_INFINITY), |ends, (low, high)| (ends.0.min(low), ends.1.max(high)));
         let lamp = walker.setting().light.view.position.z;
@@ -98,7 +98,7 @@ impl Plane {
         }
         let end = |up: bool| layers.onward(layer, up).map_or(if up { f64::MAX } else { f64::MIN }, |(edge, _)| edge);
         let stands = |i: usize| {
-            let (low, high) = shown(i);
+            let (low, high) = visible(i);
             parts[i].material != 0 && low < high && if up { high > edge } else { low < edge }
         };
         // Bodies on the light's side would have to be looked past twice.

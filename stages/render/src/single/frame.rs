@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::bend::Plane;
 use super::face::Walls;
 use super::ground::{Ground, Part};
-use super::picture::Shown;
+use super::image_lookup::ImageLookup;
 use super::refusal::Refusal;
 use super::source::Source;
 use crate::lengths::MOST_LENGTHS;
@@ -71,7 +71,7 @@ pub struct Frame<'a> {
     /// Cycles per mm along x and y, and at the origin, of each carrier.
     pub carriers: Vec<[f32; 3]>,
     /// Where patterns are pictures.
-    pub shown: Option<Shown<'a>>,
+    pub image_lookup: Option<ImageLookup<'a>>,
     /// For each body, which of a path's lengths counts what lies in it.
     pub counted: Vec<usize>,
     /// The same for each material.

@@ -11,7 +11,7 @@ use crate::walker::Walker;
 
 /// p(w . e) / (p(w . e) + lobe(e . L)); see `crate::light_branch`.
 #[inline(always)]
-fn share<S: Simd>(g: F<S>, w: V<S>, e: V<S>, towards: V<S>) -> F<S> {
+fn mis_weight<S: Simd>(g: F<S>, w: V<S>, e: V<S>, towards: V<S>) -> F<S> {
     let (lobe, narrower) = ((g + 1.0) * 0.5, (g + 3.0) * 0.25 / (g + 1.0));
     let ratio = hg_denominator(g, w.dot(e)) / hg_denominator(lobe, e.dot(towards));
     1.0 / (1.0 + narrower * ratio * ratio.sqrt())
@@ -38,7 +38,7 @@ pub fn sends<S: Simd>(
         return (sends, one);
     }
     let (towards, _) = frame.sources[0].towards(r);
-    (sends, choose(sends, share(g, came, own, towards), one))
+    (sends, choose(sends, mis_weight(g, came, own, towards), one))
 }
 
 /// What is to become light-directed branches, and those that wait: rows of paths that stand there; all of a path in its own order.
@@ -93,7 +93,7 @@ impl LightBranches {
         let number = number | LIGHT_BRANCH;
         let [b, c, d, _] = philox(simd, number, U::splat(simd, high | SENT), sample, pixel, key);
         let along = hg_sample((g + 1.0) * 0.5, towards, unit_short(b), unit_short(c));
-        let part = share(g, came, along, towards);
+        let part = mis_weight(g, came, along, towards);
         let kept = (part * KEPT as f32).min(splat(simd, 1.0));
         (floats[3], floats[4], floats[5]) = (along.x, along.y, along.z);
         floats[8] = weight * (part / kept);

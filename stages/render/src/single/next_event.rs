@@ -123,8 +123,8 @@ fn estimate<S: Simd>(
             line.leave(simd, &mut next_events.scalar_connections, &ray, tried, |_| None);
         }
         if source.is_lamp() {
-            for ((sum, radiance), share) in steady[..channels].iter_mut().zip(seen.radiance).zip(source.shares) {
-                *sum += radiance * share;
+            for ((sum, radiance), scale) in steady[..channels].iter_mut().zip(seen.radiance).zip(source.scales) {
+                *sum += radiance * scale;
             }
         } else {
             deposit.add_projected(simd, &seen);

@@ -10,11 +10,11 @@ use super::face::Walls;
 use super::facets::Eyes;
 use super::frame::{Frame, Medium};
 use super::ground::{Ground, Part};
+use super::image_lookup::ImageLookup;
 use super::limits::{CYCLES, LARGEST, MOST_BODIES, MOST_CHANNELS, RANGE};
-use super::picture::Shown;
 use super::refusal::{self, Refusal};
 use super::source::Source;
-use crate::finish::Finish;
+use crate::bsdf::Bsdf;
 use crate::lengths::MOST_LENGTHS;
 use crate::random::LAMPS_IN_LANES;
 use crate::setting::{Nee, Setting};
@@ -84,18 +84,18 @@ impl<'a> Frame<'a> {
         let ground = Ground::about(&parts, origin, range);
         let others = (0..parts.len()).any(|j| ground.is_other(j));
         let known = if others || !ground.meshes.is_empty() { 0.0 } else { f32::INFINITY };
-        let matt = |m: &Material| m.is_opaque() && m.finish != Finish::Mirror;
-        let straight = |m: &Material| matt(m) || (m.n == 1.0 && m.finish == Finish::Smooth);
+        let matt = |m: &Material| m.is_opaque() && m.bsdf != Bsdf::Mirror;
+        let straight = |m: &Material| matt(m) || (m.n == 1.0 && m.bsdf == Bsdf::Smooth);
         let straight = s.world.materials.iter().all(straight);
         let counted_in = s.shared.map_or_else(|| vec![MOST_LENGTHS; s.world.materials.len()], |s| s.counted.clone());
-        let shares = s.shared.map_or(&[][..], |shared| &shared.channels);
-        let channels = shares.iter().map(|share| share.excess.map(|mu_a| mu_a as f32)).collect();
+        let scales = s.shared.map_or(&[][..], |shared| &shared.channels);
+        let channels = scales.iter().map(|scale| scale.excess.map(|mu_a| mu_a as f32)).collect();
         let blind = !s.light.shines() && s.steady.lamps.is_empty();
         let plane = if others || !ground.meshes.is_empty() { None } else { Plane::of(walker, &parts, origin) };
         let walls = Walls::of(walker, &parts, &ground, origin);
         // Lenses are looked up one by one; so are lamps where walls bend their light, and beside meshes.
-        let shown = Shown::over(s.light, s.pictures, origin);
-        let plain = view.distortion.is_none() && (s.pictures.layers() == 0 || shown.is_some());
+        let image_lookup = ImageLookup::over(s.light, s.projected_images, origin);
+        let plain = view.distortion.is_none() && (s.projected_images.layers() == 0 || image_lookup.is_some());
         let for_lamps = straight && ground.meshes.is_empty() && s.steady.lamps.len() <= LAMPS_IN_LANES;
         let for_any = if s.light.shines() { plain } else { for_lamps && !blind };
         let bends = plane.is_some() || walls.is_some();
@@ -109,7 +109,7 @@ impl<'a> Frame<'a> {
         let singly = !(lamps.is_empty() || (next_events && for_lamps));
         let lamps = lamps.into_iter().filter(|_| !singly);
         let projected =
-            if s.shared.is_some() { shares.iter().map(|s| unit * s.projector).collect() } else { vec![unit] };
+            if s.shared.is_some() { scales.iter().map(|scale| unit * scale.projector).collect() } else { vec![unit] };
         let lanes_alone = blind || (next_events && !singly);
         let turns = bends && lanes_alone;
         let onward = straight && !others && lanes_alone;
@@ -122,7 +122,12 @@ impl<'a> Frame<'a> {
             refused.extend((parts.len() > MOST_BODIES).then_some(Refusal::Bodies(parts.len())));
             refused.extend((carves_opaque(s.world, &parts)).then_some(Refusal::CarvedOpaque));
             refused.extend(view.distortion.as_ref().filter(|_| s.light.shines()).map(|_| Refusal::Distortion));
-            let longer = s.pictures.size().into_iter().max().filter(|_| s.pictures.layers() > 0 && shown.is_none());
+            let longer = s
+                .projected_images
+                .size()
+                .into_iter()
+                .max()
+                .filter(|_| s.projected_images.layers() > 0 && image_lookup.is_none());
             refused.extend(longer.map(Refusal::Pattern));
             refused.extend((!alone).then_some(Refusal::RepeatedMedium));
         }
@@ -166,7 +171,7 @@ impl<'a> Frame<'a> {
             unit,
             steady,
             carriers: carriers.collect(),
-            shown,
+            image_lookup,
             refused,
         })
     }

@@ -5,9 +5,9 @@ use std::fmt;
 use turbid_optics::solid::Solid;
 
 use super::ground::{Ground, Part};
+use super::image_lookup::MOST_PIXELS;
 use super::limits::{CYCLES, LARGEST, MOST_BODIES, MOST_CHANNELS, MOST_FACES, RANGE};
-use super::picture::MOST_PIXELS;
-use crate::finish::Finish;
+use crate::bsdf::Bsdf;
 use crate::strata::Bending;
 use crate::walker::Walker;
 use crate::world::Material;
@@ -158,10 +158,10 @@ pub fn of_walls(walker: &Walker<'_>, parts: &[Part]) -> Refusal {
     let setting = walker.setting();
     let of = |part: &Part| &setting.world.materials[part.material];
     let refracts = |m: &&Material| !m.is_opaque() && m.n != 1.0;
-    if setting.world.materials.iter().any(|m| m.finish == Finish::Mirror) {
+    if setting.world.materials.iter().any(|m| m.bsdf == Bsdf::Mirror) {
         return Refusal::Mirrors;
     }
-    if setting.world.materials.iter().any(|m| matches!(m.finish, Finish::Rough(_))) {
+    if setting.world.materials.iter().any(|m| matches!(m.bsdf, Bsdf::Rough(_))) {
         return Refusal::RoughWalls;
     }
     if matches!(walker.bending, Bending::AtPlanes(_)) {

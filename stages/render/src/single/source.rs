@@ -21,7 +21,7 @@ pub struct Source {
     /// Its number, as of `lamp::Source::place`: 0 is the projector.
     place: usize,
     /// Of the response of each channel that it is part of, over that of the first.
-    pub shares: [f32; MOST_CHANNELS],
+    pub scales: [f32; MOST_CHANNELS],
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -92,7 +92,7 @@ impl Source {
             strength: reach as f32,
             place: 0,
             // Its channels have units of their own.
-            shares: [1.0; MOST_CHANNELS],
+            scales: [1.0; MOST_CHANNELS],
         };
         (source, strength / reach)
     }
@@ -127,13 +127,13 @@ impl Source {
                 }
             };
             let (irradiance, reach) = strength(lamp);
-            let share = |channel: usize| shared.and_then(|s| s.channels.get(channel)).map_or(1.0, |s| s.lamps[i]);
+            let scale = |channel: usize| shared.and_then(|s| s.channels.get(channel)).map_or(1.0, |s| s.lamps[i]);
             Self {
                 position,
                 kind,
                 strength: (reach * (irradiance / unit)) as f32,
                 place: i + 1,
-                shares: std::array::from_fn(|channel| share(channel) as f32),
+                scales: std::array::from_fn(|channel| scale(channel) as f32),
             }
         };
         (steady.lamps.iter().enumerate().map(of).collect(), unit)

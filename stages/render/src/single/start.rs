@@ -146,7 +146,7 @@ impl<'a> Starts<'a> {
                                 let mesh = frame.ground.meshes.iter().find(|mesh| mesh.body == i as u32);
                                 // No `is_some_and`: what is not inlined loses the vector instructions.
                                 if let Some(mesh) = mesh
-                                    && mesh.cut_shown(simd, from, along, stays)
+                                    && mesh.cut_from_camera(simd, from, along, stays)
                                 {
                                     return;
                                 }
@@ -290,8 +290,9 @@ impl Frame<'_> {
         let ([x, y, z], [a, b, c]) = (self.local(place.r), place.w.as_vec3().to_array());
         let (absorption_depth, weight) = (place.absorption_depth as f32, place.weight as f32);
         let [free_path, mu_a, mu_s, g, window] = [m.free_path, m.mu_a, m.mu_s, m.g, m.window];
-        let (known, share) = (self.known, place.share as f32);
-        let floats = [x, y, z, a, b, c, absorption_depth, 0.0, weight, free_path, mu_a, mu_s, g, window, known, share];
+        let (known, mis_weight) = (self.known, place.mis_weight as f32);
+        let floats =
+            [x, y, z, a, b, c, absorption_depth, 0.0, weight, free_path, mu_a, mu_s, g, window, known, mis_weight];
         let (path, material) = (place.response as u32, place.material as u32);
         let words = [place.number as u32, place.sample, place.pixel, path, material, body as u32];
         (floats, words, counted(&place.lengths))
@@ -299,7 +300,7 @@ impl Frame<'_> {
 
     /// The path of a row, for the scalar walker.
     pub fn place(&self, (floats, words, lengths): ([f32; 16], [u32; 6], [f32; MOST_LENGTHS])) -> Place {
-        let [x, y, z, a, b, c, absorption_depth, lost, weight, .., share] = floats;
+        let [x, y, z, a, b, c, absorption_depth, lost, weight, .., mis_weight] = floats;
         let [number, sample, pixel, path, material, _] = words;
         Place {
             r: self.world([x, y, z]),
@@ -317,8 +318,8 @@ impl Frame<'_> {
             // The camera's ray was scored as far as it goes.
             wholly: number == self.first,
             scattered: number != self.first,
-            glint: number == self.first && self.bends(),
-            share: f64::from(share),
+            specular: number == self.first && self.bends(),
+            mis_weight: f64::from(mis_weight),
             light_branch: false,
             response: path as usize,
             lengths: std::array::from_fn(|k| lengths.get(k).copied().map_or(0.0, f64::from)),

@@ -146,8 +146,24 @@ impl<'a, S: Simd> Packet<'a, S> {
     #[inline(always)]
     fn fly(&mut self, branching: bool, key: [u32; 2], high: u32, responses: &mut [f64]) -> (u64, u64, u64) {
         let (simd, frame) = (self.simd, self.frame);
-        let [rx, ry, rz, wx, wy, wz, absorption_depth, lost, weight, free_path, mu_a, mu_s, g, window, known, share] =
-            self.floats;
+        let [
+            rx,
+            ry,
+            rz,
+            wx,
+            wy,
+            wz,
+            absorption_depth,
+            lost,
+            weight,
+            free_path,
+            mu_a,
+            mu_s,
+            g,
+            window,
+            known,
+            mis_weight,
+        ] = self.floats;
         let [number, sample, pixel, path, material, body] = self.words;
         let (r, w) = (V { x: rx, y: ry, z: rz }, V { x: wx, y: wy, z: wz });
         let alive = M::from_bitmask(simd, self.alive);
@@ -231,7 +247,7 @@ impl<'a, S: Simd> Packet<'a, S> {
                             before[place] += choose(was_in.simd_eq(m as u32), on.leaves, zero);
                         }
                     }
-                    let (seen, roulette) = (weight * share, unit_short(d));
+                    let (seen, roulette) = (weight * mis_weight, unit_short(d));
                     // Those of light-directed branches apart: which of them fly together must not show.
                     let path = if branching { path + self.paths } else { path };
                     self.next_events.rays.pack(
@@ -344,15 +360,15 @@ impl<'a, S: Simd> Packet<'a, S> {
         if frame.next_events && next_events.any_true() {
             self.next_events.rays.pack(
                 next_events,
-                &[end.x, end.y, end.z, wx, wy, wz, e.x, e.y, e.z, heavier * share, roulette, mu_a, mu_s, g, least],
+                &[end.x, end.y, end.z, wx, wy, wz, e.x, e.y, e.z, heavier * mis_weight, roulette, mu_a, mu_s, g, least],
                 &[number + 1, sample, pixel, path, body],
                 &lengths,
             );
         }
-        let mut left_share = splat(simd, 1.0);
+        let mut left_mis_weight = splat(simd, 1.0);
         if !frame.light_branches.is_empty() && !branching && next_events.any_true() {
             let sending;
-            (sending, left_share) = sends(simd, frame, next_events, material, (end, w, e), g, least);
+            (sending, left_mis_weight) = sends(simd, frame, next_events, material, (end, w, e), g, least);
             if sending.any_true() {
                 let one = splat(simd, 1.0);
                 self.light_branches.collisions.pack(
@@ -398,7 +414,7 @@ impl<'a, S: Simd> Packet<'a, S> {
             step(g, old[12]),
             step(window, old[13]),
             step(left_known, old[14]),
-            step(left_share, share),
+            step(left_mis_weight, mis_weight),
         ];
         self.words = [
             goes_on.select(number + 2, number),

@@ -13,7 +13,7 @@ use super::ground::{Ground, Part, Shape, Span, Spans, span};
 use super::lane::{F, M, V, choose, splat};
 use super::limits::{MOST_BODIES, MOST_FACES, SLIVER};
 use super::visibility::{Visibility, spans};
-use crate::finish::Finish;
+use crate::bsdf::Bsdf;
 use crate::strata::Bending;
 use crate::walker::Walker;
 
@@ -69,7 +69,7 @@ impl Walls {
         let material = |part: &Part| &s.world.materials[part.material];
         let clear = || parts.iter().filter(|part| !material(part).is_opaque());
         let n = clear().next().map(|part| material(part).n)?;
-        let alike = clear().all(|part| material(part).n == n && material(part).finish == Finish::Smooth);
+        let alike = clear().all(|part| material(part).n == n && material(part).bsdf == Bsdf::Smooth);
         let (eye, lamp) = (s.camera.view.position, s.light.view.position);
         let outside = !parts.iter().any(|part| part.solid.contains(eye) || part.solid.contains(lamp));
         let known = (0..parts.len()).all(|j| !ground.is_other(j) && !ground.is_mesh(j) && !ground.is_turned(j));

@@ -11,7 +11,7 @@ use turbid_render::light::{Carrier, Light};
 use turbid_render::moments::Moments;
 use turbid_render::packet;
 use turbid_render::path::{Nee, Setting, Walker};
-use turbid_render::pictures::Pictures;
+use turbid_render::projected_images::ProjectedImages;
 use turbid_render::single::{self, Frame};
 use turbid_render::world::{Material, World};
 
@@ -20,7 +20,7 @@ use crate::unbiased::{curved_scenes, lamps, mesh_scenes, scenes, shaped_scenes};
 /// Factor and summand (mm^-1) of the absorption in the media of even and odd places: none is the least everywhere.
 const ABSORPTION: [[(f64, f64); 2]; 3] =
     [[(1.0, 0.0), (1.0, 0.1)], [(1.5, 0.02), (2.0, 0.0)], [(0.3, 0.0), (1.0, 0.4)]];
-static NO_PICTURES: Pictures = Pictures::NONE;
+static NO_PROJECTED_IMAGES: ProjectedImages = ProjectedImages::NONE;
 
 const POWERS: [f64; 3] = [1.0, 0.25, 3.0];
 
@@ -70,7 +70,7 @@ fn setting<'a>(rig: &'a Rig, group: &'a Group, steady: &'a [Steady], seed: u32) 
         light: &rig.lights[group.channels[0]],
         steady: &steady[group.channels[0]],
         carriers: &rig.carriers,
-        pictures: &NO_PICTURES,
+        projected_images: &NO_PROJECTED_IMAGES,
         key: [seed, 0],
         channel: 0,
         nee: Nee::Line,

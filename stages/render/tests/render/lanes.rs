@@ -10,7 +10,7 @@ use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
 use turbid_render::packet;
 use turbid_render::path::{Nee, Setting, Walker};
-use turbid_render::pictures::Pictures;
+use turbid_render::projected_images::ProjectedImages;
 use turbid_render::single::{self, Frame};
 use turbid_render::world::{Body, Material, World};
 
@@ -19,7 +19,7 @@ use crate::unbiased::{
 };
 
 static NO_LAMPS: Steady = Steady::NONE;
-static NO_PICTURES: Pictures = Pictures::NONE;
+static NO_PROJECTED_IMAGES: ProjectedImages = ProjectedImages::NONE;
 
 /// One channel, the projector alone, and the pattern 1.
 fn setting<'a>(world: &'a World, camera: &'a Camera, light: &'a Light) -> Setting<'a> {
@@ -29,7 +29,7 @@ fn setting<'a>(world: &'a World, camera: &'a Camera, light: &'a Light) -> Settin
         light,
         steady: &NO_LAMPS,
         carriers: &[],
-        pictures: &NO_PICTURES,
+        projected_images: &NO_PROJECTED_IMAGES,
         key: [7, 0],
         channel: 0,
         nee: Nee::Line,
@@ -78,19 +78,19 @@ fn camera_and_light() -> (Camera, Light) {
     (camera, Light::new(view([-9.0, 8.0, 20.0], 6.0), 1.0, false))
 }
 
-/// Each by the projector's carriers alone, and with pictures and lamps beside them.
-fn single_scenes() -> impl Iterator<Item = ((&'static str, World), Steady, Pictures)> {
+/// Each by the projector's carriers alone, and with projected images and lamps beside them.
+fn single_scenes() -> impl Iterator<Item = ((&'static str, World), Steady, ProjectedImages)> {
     let scenes = scenes().into_iter().chain(turned_scenes()).chain(mesh_scenes()).chain(hollow_scenes());
     let scenes = scenes.chain(bent_scenes());
-    scenes.flat_map(|s| [(s.clone(), Steady::NONE, Pictures::NONE), (s, lamps(), checks())])
+    scenes.flat_map(|s| [(s.clone(), Steady::NONE, ProjectedImages::NONE), (s, lamps(), checks())])
 }
 
 /// Three coarse pictures with sharp edges, neither alike nor square.
-fn checks() -> Pictures {
-    Pictures::new(3, 23, 31, |layer, row, column| ((row * 7 + column * (layer + 3)) % 5) as f32 / 4.0)
+fn checks() -> ProjectedImages {
+    ProjectedImages::new(3, 23, 31, |layer, row, column| ((row * 7 + column * (layer + 3)) % 5) as f32 / 4.0)
 }
 
-/// Of 4096 paths, how many lanes see otherwise than the scalar walker by more than 1e-3: by the projector alone, and with lamps and pictures beside it. Where the
+/// Of 4096 paths, how many lanes see otherwise than the scalar walker by more than 1e-3: by the projector alone, and with lamps and projected images beside it. Where the
 /// light comes in through another wall than the camera's ray, the first estimate of lanes lies elsewhere on its line; connections through curved walls are
 /// found elsewhere first. Elsewhere only rounding turns decisions: each by some 1e-7 of what it compares, ten for each of up to 90 flights, so less than one
 /// path. Another choice of random numbers gives other counts: those here hold within 5 of their standard errors and 4.
@@ -126,11 +126,11 @@ const OTHERS: [(&str, [u32; 2]); 23] = [
 fn f32_lanes_are_the_scalar_paths_to_rounding() {
     let (camera, light) = camera_and_light();
     let carriers = [Carrier::new(0.15, 20.0), Carrier::new(0.3, 110.0)];
-    for ((name, world), steady, pictures) in single_scenes() {
+    for ((name, world), steady, projected_images) in single_scenes() {
         let setting = Setting {
             steady: &steady,
             carriers: &carriers,
-            pictures: &pictures,
+            projected_images: &projected_images,
             channel: 3,
             ..setting(&world, &camera, &light)
         };
@@ -225,11 +225,11 @@ fn a_floor_under_fog_is_met() {
 fn f32_lanes_and_levels_do_not_show() {
     let (camera, light) = camera_and_light();
     let carriers = [Carrier::new(0.15, 20.0)];
-    for ((name, world), steady, pictures) in single_scenes() {
+    for ((name, world), steady, projected_images) in single_scenes() {
         let setting = Setting {
             steady: &steady,
             carriers: &carriers,
-            pictures: &pictures,
+            projected_images: &projected_images,
             channel: 3,
             ..setting(&world, &camera, &light)
         };

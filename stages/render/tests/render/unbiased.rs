@@ -3,15 +3,15 @@
 use glam::{DVec2, DVec3};
 use turbid_optics::solid::{self, Mesh, Solid};
 use turbid_optics::view::View;
+use turbid_render::bsdf::Bsdf;
 use turbid_render::camera::Camera;
-use turbid_render::finish::Finish;
 use turbid_render::lamp::{Lamp, Steady};
 use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
 use turbid_render::moments::Moments;
 use turbid_render::packet;
 use turbid_render::path::{Nee, Setting, Walker};
-use turbid_render::pictures::Pictures;
+use turbid_render::projected_images::ProjectedImages;
 use turbid_render::single::Frame;
 use turbid_render::world::{Body, Material, World};
 
@@ -51,8 +51,8 @@ fn world(bodies: Vec<(Solid, usize)>) -> World {
             Material::medium(0.4, 4.0, 0.5, 1.4),
             Material::medium(0.01, 0.0, 0.0, 1.5),
             Material::medium(0.05, 1.0, -0.3, 2.5),
-            Material { finish: Finish::Rough(0.4), ..Material::medium(0.02, 2.0, 0.7, 1.4) },
-            Material { finish: Finish::Rough(0.7), ..Material::medium(0.1, 3.0, 0.5, 1.5) },
+            Material { bsdf: Bsdf::Rough(0.4), ..Material::medium(0.02, 2.0, 0.7, 1.4) },
+            Material { bsdf: Bsdf::Rough(0.7), ..Material::medium(0.1, 3.0, 0.5, 1.5) },
             Material::medium(0.6, 2.0, 0.7, 1.4),
             Material::medium(1.2, 4.0, 0.5, 1.4),
         ],
@@ -404,7 +404,7 @@ pub fn difference(steady: &Steady, name: &str, world: &World, paths: u32) -> Dif
             light: &light,
             steady,
             carriers: &carriers,
-            pictures: &Pictures::NONE,
+            projected_images: &ProjectedImages::NONE,
             key: [seed, 0],
             channel: 0,
             nee,

@@ -8,16 +8,16 @@ use turbid_optics::elementary::sin_cos_turns;
 
 use crate::light::Carrier;
 use crate::params::Params;
-use crate::pictures::Pictures;
+use crate::projected_images::ProjectedImages;
 use crate::response::{Layout, ONE};
 
 /// Weights of responses, by their places.
 pub type Terms = Vec<(usize, f64)>;
 
 /// What is shown, and what to make of the responses to it.
-pub struct Shown {
+pub struct Projected {
     pub carriers: Vec<Carrier>,
-    pub pictures: Pictures,
+    pub projected_images: ProjectedImages,
     pub layout: Layout,
     /// Every frame: what its layer says, and the responses that it is the sum of.
     pub frames: Vec<(LayerInfo, Terms)>,
@@ -33,12 +33,12 @@ pub struct Quantity {
     pub terms: Terms,
 }
 
-impl Shown {
+impl Projected {
     /// The sinusoids of the params: frame = L(1)/2 + Re(e^{i phase} L(e^{i 2 pi f_x u}))/2 and the steady light, so of the responses
     /// (1, re, im, steady) the weights (1/2, cos(phase)/2, -sin(phase)/2, 1).
     pub fn sinusoids(params: &Params, steady: bool) -> Self {
         let carriers = params.carriers();
-        let layout = Layout { carriers: carriers.len(), pictures: 0, steady };
+        let layout = Layout { carriers: carriers.len(), projected_images: 0, steady };
         let with_steady = |mut terms: Terms| {
             terms.extend(layout.steady().map(|i| (i, 1.0)));
             terms
@@ -72,7 +72,7 @@ impl Shown {
             quantities.push(quantity("re", c.f_x(), c.orientation_deg(), vec![(re, 0.5)]));
             quantities.push(quantity("im", c.f_x(), c.orientation_deg(), vec![(re + 1, 0.5)]));
         }
-        Self { carriers, pictures: Pictures::NONE, layout, frames, quantities }
+        Self { carriers, projected_images: ProjectedImages::NONE, layout, frames, quantities }
     }
 
     /// The layers of a pattern: a frame for each.
@@ -95,11 +95,11 @@ impl Shown {
                 ));
             }
         }
-        let layout = Layout { carriers: 0, pictures: layers.len(), steady };
-        let pictures =
-            Pictures::new(layers.len(), rows, columns, |layer, row, column| layers[layer].data[(row, column)]);
+        let layout = Layout { carriers: 0, projected_images: layers.len(), steady };
+        let projected_images =
+            ProjectedImages::new(layers.len(), rows, columns, |layer, row, column| layers[layer].data[(row, column)]);
         let (frames, quantities) = of_layers(&infos, layout);
-        Ok(Self { carriers: Vec::new(), pictures, layout, frames, quantities })
+        Ok(Self { carriers: Vec::new(), projected_images, layout, frames, quantities })
     }
 
     /// M_DC and, where there is a fringe, the re and im whose error the error target is about: the highest f_x, its first orientation.
@@ -141,7 +141,7 @@ pub fn of_layers(layers: &[&LayerInfo], layout: Layout) -> (Vec<(LayerInfo, Term
     let frame = |(i, layer): (usize, &&LayerInfo)| {
         let LayerInfo { f_x_per_mm, phase_rad, orientation_deg, .. } = **layer;
         let info = LayerInfo { f_x_per_mm, phase_rad, orientation_deg, ..LayerInfo::value("radiance", "") };
-        let terms = [(layout.picture(i), 1.0)].into_iter().chain(layout.steady().map(|i| (i, 1.0)));
+        let terms = [(layout.projected_image(i), 1.0)].into_iter().chain(layout.steady().map(|i| (i, 1.0)));
         (info, terms.collect())
     };
     let frames: Vec<(LayerInfo, Terms)> = layers.iter().enumerate().map(frame).collect();

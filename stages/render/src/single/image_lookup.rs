@@ -1,19 +1,19 @@
-//! Pictures that the projector shows, for lanes.
+//! Lookup of projected images, for lanes.
 
 use fearless_simd::prelude::*;
 use glam::DVec3;
 
 use super::lane::{F, splat};
 use crate::light::Light;
-use crate::pictures::Pictures;
+use crate::projected_images::ProjectedImages;
 
-/// Beyond so many pixels along a side a place in a picture is less sure than 1e-3 of a pixel.
+/// Beyond so many pixels along a side a place in an image is less sure than 1e-3 of a pixel.
 pub const MOST_PIXELS: usize = 4096;
 
-/// Pictures over the field of a projector.
+/// Projected images over the field of a projector.
 #[derive(Clone, Debug)]
-pub struct Shown<'a> {
-    pub pictures: &'a Pictures,
+pub struct ImageLookup<'a> {
+    pub projected_images: &'a ProjectedImages,
     /// Columns along x and y of the pattern's plane, and at the local origin; the same of rows.
     columns: [f32; 3],
     rows: [f32; 3],
@@ -21,11 +21,11 @@ pub struct Shown<'a> {
     last: [f32; 2],
 }
 
-impl<'a> Shown<'a> {
+impl<'a> ImageLookup<'a> {
     /// `None` where there are none, or they are too fine for f32.
-    pub fn over(light: &Light, pictures: &'a Pictures, origin: DVec3) -> Option<Self> {
-        let (view, [rows, columns]) = (&light.view, pictures.size());
-        if pictures.layers() == 0 || rows.max(columns) > MOST_PIXELS {
+    pub fn over(light: &Light, projected_images: &'a ProjectedImages, origin: DVec3) -> Option<Self> {
+        let (view, [rows, columns]) = (&light.view, projected_images.size());
+        if projected_images.layers() == 0 || rows.max(columns) > MOST_PIXELS {
             return None;
         }
         let center = view.look_at - origin;
@@ -36,7 +36,7 @@ impl<'a> Shown<'a> {
             [step.x as f32, step.y as f32, start as f32]
         };
         Some(Self {
-            pictures,
+            projected_images,
             columns: along(view.right, view.field.x, columns),
             rows: along(-view.top, view.field.y, rows),
             last: [columns, rows].map(|pixels| (pixels - 1) as f32),

@@ -3,7 +3,7 @@
 /// Images of one size that cover the projector's field, row 0 at its upper side; values in [0, 1], linear between pixel centres,
 /// beyond the outermost centres as there.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Pictures {
+pub struct ProjectedImages {
     rows: usize,
     columns: usize,
     layers: usize,
@@ -18,7 +18,7 @@ pub struct Around {
     weights: [f64; 4],
 }
 
-impl Pictures {
+impl ProjectedImages {
     pub const NONE: Self = Self { rows: 0, columns: 0, layers: 0, texels: Vec::new() };
 
     /// `value(layer, row, column)` of each.
@@ -91,7 +91,7 @@ mod tests {
     #[test]
     fn planes_are_kept() {
         let (rows, columns) = (5, 8);
-        let p = Pictures::new(2, rows, columns, |layer, row, column| (layer * 100 + row * 10 + column) as f32);
+        let p = ProjectedImages::new(2, rows, columns, |layer, row, column| (layer * 100 + row * 10 + column) as f32);
         for (x, y) in [(0.3, 0.4), (0.0625, 0.1), (0.9, 0.9), (0.5, 0.5)] {
             let around = p.around(x, y);
             let expected = (y * 5.0 - 0.5) * 10.0 + x * 8.0 - 0.5;
@@ -102,7 +102,7 @@ mod tests {
         }
         assert_eq!(p.value(1, &p.around(0.0, 0.0)), 100.0);
         assert_eq!(p.value(1, &p.around(1.0, 1.0)), 147.0);
-        let one = Pictures::new(1, 1, 1, |_, _, _| 0.25);
+        let one = ProjectedImages::new(1, 1, 1, |_, _, _| 0.25);
         assert_eq!(one.value(0, &one.around(0.99, 0.01)), 0.25);
     }
 }

@@ -1,8 +1,8 @@
-//! Finishes: what a ray meets at the wall of a body.
+//! BSDFs: what a ray meets at the wall of a body.
 
 /// How the wall of a body treats light.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Finish {
+pub enum Bsdf {
     /// A boundary that obeys Fresnel and Snell where the refractive indices differ, nothing where they do not.
     #[default]
     Smooth,
@@ -16,7 +16,7 @@ pub enum Finish {
     Mirror,
 }
 
-impl Finish {
+impl Bsdf {
     /// Whether light cannot enter the body.
     #[inline(always)]
     pub fn is_opaque(&self) -> bool {
