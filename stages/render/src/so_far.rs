@@ -29,7 +29,7 @@ pub struct SoFar<'a> {
 }
 
 impl SoFar<'_> {
-    /// Every pixel by its own paths. What is added at the end is not there yet: control variates, and glints that no path finds.
+    /// Every pixel by its own paths. What is added at the end is not there yet: control variates, and lamp reflections that no path finds.
     pub fn of_pixels(&self, state: &State, paths: &[u32]) -> Artifact {
         self.frames(&|channel, pixel, i| {
             let more = state.more.as_ref().map_or(0.0, |more| more.channels[channel].mean(pixel, i, paths[pixel]));

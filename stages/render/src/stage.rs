@@ -11,9 +11,9 @@ use crate::field::Field;
 use crate::form;
 use crate::forward::tally;
 use crate::frames::Images;
-use crate::glint::{Glinting, by_manifold_sampling, glints};
 use crate::joints;
 use crate::kernel::Kernels;
+use crate::lamp_reflection::{WithLampReflections, by_manifold_sampling, lamp_reflections};
 use crate::method::{Taken, sums};
 use crate::params::Params;
 use crate::power::power;
@@ -114,17 +114,17 @@ impl Stage for RenderStage {
         ctx.kernel(&kernels.name, &kernels.refused);
         let traced = sums(&taken, params, &scene, &rig, &projected, ctx)?;
         let mut estimate = traced.estimate(&rig, &projected, ctx)?;
-        let (glints, sampled) =
-            (glints(&rig, &projected, ctx)?, by_manifold_sampling(&rig, &projected, estimate.n, ctx)?);
+        let (lamp_reflections, sampled) =
+            (lamp_reflections(&rig, &projected, ctx)?, by_manifold_sampling(&rig, &projected, estimate.n, ctx)?);
         estimate.channels = estimate
             .channels
             .into_iter()
-            .zip(glints.into_iter().zip(sampled))
-            .map(|(field, (glints, sampled))| -> Box<dyn Field> {
-                if glints.is_empty() && sampled.is_none() {
+            .zip(lamp_reflections.into_iter().zip(sampled))
+            .map(|(field, (lamp_reflections, sampled))| -> Box<dyn Field> {
+                if lamp_reflections.is_empty() && sampled.is_none() {
                     field
                 } else {
-                    Box::new(Glinting { field, glints, sampled })
+                    Box::new(WithLampReflections { field, lamp_reflections, sampled })
                 }
             })
             .collect();

@@ -169,7 +169,7 @@ pub fn trace(task: &Task<'_>, ctx: Ctx<'_>) -> Result<Sums, Error> {
     }
     if given_up > 0 {
         ctx.measure("ways of light given up", given_up as f64, "1");
-        ctx.warn("some ways of light through curved walls are too rare to be weighed, and are missing");
+        ctx.warn("some light connections through curved walls are too rare to be weighed, and are missing");
     }
     let (samples, paths, flights, with_control) =
         (state.samples, task.paths(&state), state.flights, state.with_control.take());

@@ -51,7 +51,7 @@ const ABOUT: f64 = 1e-4;
 
 /// Connections that bring less than this part of the light of the best are weighed by roulette.
 const WEAK: f64 = 1e-2;
-/// The same of glints of which walls and media leave less than this part.
+/// The same of lamp reflections of which walls and media leave less than this part.
 const FAINT: f64 = 1e-4;
 /// Of a trial's events: a ray from outside is reflected by a wall with this probability, one from inside with at least `RARE`.
 const OUTSIDE: f64 = 0.5;
@@ -144,9 +144,9 @@ impl Walker<'_> {
         Some(connection)
     }
 
-    /// One of the glints by several walls, found by trying from a place where the camera sees light (from a light, of parallel rays); scored
+    /// One of the lamp reflections by several walls, found by trying from a place where the camera sees light (from a light, of parallel rays); scored
     /// in the same way.
-    pub(crate) fn sample_manifold_of_glint(
+    pub(crate) fn sample_manifold_of_lamp_reflection(
         &mut self,
         source: Source<'_>,
         eye: DVec3,

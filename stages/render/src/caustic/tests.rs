@@ -23,7 +23,7 @@ use crate::strata::Bending;
 use crate::walker::Walker;
 use crate::world::{Body, Material, Skin, Spans, Wall, World};
 
-mod glints;
+mod lamp_reflections;
 #[path = "../../../optics/tests/shapes/mod.rs"]
 mod shapes;
 

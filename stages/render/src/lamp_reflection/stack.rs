@@ -119,7 +119,7 @@ impl Walker<'_> {
             search.events += 1;
             if search.events > MOST_EVENTS {
                 return Err(Error::failed_with_hint(
-                    "the glint comes by more ways between the planes than can be followed",
+                    "the lamp reflection comes by more chains between the planes than can be followed",
                     "write `specular: exclude`, or take layers out that hardly reflect",
                 ));
             }

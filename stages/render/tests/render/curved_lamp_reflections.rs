@@ -1,4 +1,4 @@
-//! Glints on curved walls, tilted ones and facets: closed forms of round mirrors, rays that look for a ball of light, and what is one by another chain.
+//! Lamp reflections on curved walls, tilted ones and facets: closed forms of round mirrors, rays that look for a ball of light, and what is one by another chain.
 
 use std::f64::consts::PI;
 
@@ -12,7 +12,7 @@ use turbid_optics::fresnel;
 use turbid_optics::philox::{philox4x32, unit};
 use turbid_render::RenderStage;
 
-use crate::glints::{LAMP, camera, glass, image, only, shiny};
+use crate::lamp_reflections::{LAMP, camera, glass, image, only, shiny};
 use crate::setup::*;
 use crate::shapes::{block, ring};
 
@@ -229,11 +229,11 @@ fn round_walls_against_a_ball_of_light() {
 
 /// From near by a ball of 200 m is a half-space; a box of facets is a box, turned or not; a mesh of flat pieces is what planes say.
 #[test]
-fn what_looks_alike_glints_alike() {
+fn what_looks_alike_reflects_lamps_alike() {
     let black = [("ink", glass(1e3, 1.4))];
-    let glint = |shape: Shape| only(&shiny(&black, vec![body(shape, "ink")], camera()));
-    let (pixel, plane) = glint(Shape::Slab { top: 0.0, bottom: -40.0 });
-    let (of_ball, ball) = glint(Shape::Sphere { diameter: 2e8, center: [0.0, 0.0, -1e8] });
+    let lamp_reflection = |shape: Shape| only(&shiny(&black, vec![body(shape, "ink")], camera()));
+    let (pixel, plane) = lamp_reflection(Shape::Slab { top: 0.0, bottom: -40.0 });
+    let (of_ball, ball) = lamp_reflection(Shape::Sphere { diameter: 2e8, center: [0.0, 0.0, -1e8] });
     assert!(of_ball == pixel && (ball / plane - 1.0).abs() < 1e-5, "{ball} {plane}");
     let (low, high) = ([-100.0, -100.0, -30.0], [100.0, 100.0, 0.0]);
     let size = [200.0, 200.0, 30.0];
@@ -243,27 +243,27 @@ fn what_looks_alike_glints_alike() {
         Shape::Mesh(Mesh { vertices, triangles }.into())
     };
     for shape in [cuboid(), facets()] {
-        let (at, one) = glint(shape);
+        let (at, one) = lamp_reflection(shape);
         assert!(at == pixel && (one / plane - 1.0).abs() < 2e-7, "{one} {plane}");
     }
     let turned =
         |shape: Shape| Shape::Turned { shape: Box::new(shape), about: [0.0; 3], rotation_deg: [5.0, -8.0, 20.0] };
-    let ((at, one), (other_at, other)) = (glint(turned(cuboid())), glint(turned(facets())));
+    let ((at, one), (other_at, other)) = (lamp_reflection(turned(cuboid())), lamp_reflection(turned(facets())));
     assert!(at == other_at && at != pixel && (one / other - 1.0).abs() < 2e-7, "{one} {other}");
     let quarter =
         |shape: Shape| Shape::Turned { shape: Box::new(shape), about: [0.0; 3], rotation_deg: [0.0, 0.0, 90.0] };
-    let (at, one) = glint(quarter(facets()));
+    let (at, one) = lamp_reflection(quarter(facets()));
     assert!(at == pixel && (one / plane - 1.0).abs() < 2e-7, "{one} {plane}");
     // A ring of facets has a flat top.
     let (vertices, triangles) = ring(5.0, 100.0, 3.0, 60);
     let lowered = vertices.into_iter().map(|[x, y, z]| [x, y, z - 3.0]).collect();
-    let (at, one) = glint(Shape::Mesh(Mesh { vertices: lowered, triangles }.into()));
+    let (at, one) = lamp_reflection(Shape::Mesh(Mesh { vertices: lowered, triangles }.into()));
     assert!(at == pixel && (one / plane - 1.0).abs() < 2e-7, "{one} {plane}");
 }
 
-/// An open lens makes a disc of a ball's glint, too, with the light of a pinhole's up to what it varies over the lens.
+/// An open lens makes a disc of a ball's lamp reflection, too, with the light of a pinhole's up to what it varies over the lens.
 #[test]
-fn an_open_lens_blurs_the_glint_of_a_ball() {
+fn an_open_lens_blurs_the_lamp_reflection_of_a_ball() {
     let ball = || vec![body(Shape::Sphere { diameter: 40.0, center: [6.0, 4.0, -20.0] }, "ink")];
     let black = [("ink", glass(1e3, 1.4))];
     let (_, closed) = only(&shiny(&black, ball(), Camera { pixels: [1; 2], ..camera() }));

@@ -1,4 +1,4 @@
-//! Glints by closed forms: mirror images in planes, and against rays that look for a small ball of light.
+//! Lamp reflections by closed forms: mirror images in planes, and against rays that look for a small ball of light.
 
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
@@ -159,9 +159,9 @@ fn a_plate_shows_all_its_images() {
     assert!(order(1) > 0.5 * order(0), "its back shows");
 }
 
-/// The projector's glint carries its pattern, each f_x with the phase of the direction in which it left.
+/// The projector's lamp reflection carries its pattern, each f_x with the phase of the direction in which it left.
 #[test]
-fn glints_show_the_pattern() {
+fn lamp_reflections_show_the_pattern() {
     let (f_x, lit) = (0.07, 200.0);
     let c = camera();
     let mut scene = shiny(&[("ink", glass(1e3, 1.4))], vec![glassy(0.0, -40.0, "ink")], c.clone());
@@ -196,9 +196,9 @@ fn glints_show_the_pattern() {
     assert_eq!(frames, 4);
 }
 
-/// Where tissue lies below, the glint is what `include` adds to `exclude`, by every method; elsewhere the images are the same.
+/// Where tissue lies below, the lamp reflection is what `include` adds to `exclude`, by every method; elsewhere the images are the same.
 #[test]
-fn include_adds_the_glint_to_tissue() {
+fn include_adds_the_lamp_reflection_to_tissue() {
     let tissue = Medium { n: 1.4, ..medium(0.05, 5.0, 0.8) };
     for method in ["path", "fit"] {
         let (camera, mut projector) = rig(300.0, 40.0, 60.0, 16, 600.0);
@@ -222,7 +222,7 @@ fn include_adds_the_glint_to_tissue() {
     }
 }
 
-/// An open lens makes a disc of the glint: of the diameter a |1 - focus / z| x scale, with the mean of a pinhole's all over it. The place of the disc
+/// An open lens makes a disc of the lamp reflection: of the diameter a |1 - focus / z| x scale, with the mean of a pinhole's all over it. The place of the disc
 /// takes 16384 points; sums over it are exact but for what the irradiance varies over the lens.
 #[test]
 fn an_open_lens_makes_a_disc() {

@@ -90,7 +90,7 @@ fn reflections_go_either_way() {
 /// What a camera sees by walls alone, by one reflection for sure and by several walls by manifold sampling, and of the lamp itself is the light that walks forward to its pinhole:
 /// behind glass, and over a bowl of mirrors in which light goes to and fro. Four standard errors.
 #[test]
-fn glints_are_the_light_that_walks_forward() {
+fn lamp_reflections_are_the_light_that_walks_forward() {
     let ball = |center: [f64; 3], radius: f64| Solid::Ellipsoid { center: center.into(), radii: DVec3::splat(radius) };
     let cuboid = Solid::Box { low: DVec3::new(-3.0, -3.0, -2.0), high: DVec3::new(3.0, 3.0, 0.3) };
     let eye = [([0.0, 0.0, EYE], 0.3)];
@@ -112,7 +112,8 @@ fn glints_are_the_light_that_walks_forward() {
                 let strength = |connection: &Connection| connection.irradiance * libm::exp(-connection.tau);
                 let known: f64 = one_reflection(walker, source, r).iter().map(strength).sum();
                 let mut dice = Dice::of([15, 16, i, 0]);
-                let connection = walker.sample_manifold_of_glint(source, r, Beginning::Image, &mut dice, |_| true);
+                let connection =
+                    walker.sample_manifold_of_lamp_reflection(source, r, Beginning::Image, &mut dice, |_| true);
                 let sampled = connection.as_ref().map_or(0.0, strength);
                 let all = known + sampled + direct * case.lamp.arrival(r).unwrap().irradiance;
                 (sum, square, sampled_sum) = (sum + all, square + all * all, sampled_sum + sampled);

@@ -1,4 +1,4 @@
-//! Glints by several walls, some of them curved or tilted: light that is mirrored to and fro in a bore, or goes into a clear body and out again. Nobody
+//! Lamp reflections by several walls, some of them curved or tilted: light that is mirrored to and fro in a bore, or goes into a clear body and out again. Nobody
 //! knows all of these chains, so they are found by specular manifold sampling, without bias, and have standard errors.
 
 use glam::DVec3;
@@ -40,7 +40,7 @@ pub fn by_several_walls(rig: &Rig) -> bool {
     !rig.excludes_specular && rig.shines() && !sure
 }
 
-/// The glints of every channel that are found by manifold sampling, in an image of `paths` paths per pixel; `None` where there are none.
+/// The lamp reflections of every channel that are found by manifold sampling, in an image of `paths` paths per pixel; `None` where there are none.
 pub fn by_manifold_sampling(
     rig: &Rig,
     projected: &Projected,
@@ -91,7 +91,7 @@ pub fn by_manifold_sampling(
     }
     if given_up > 0 {
         ctx.measure("glints given up", given_up as f64, "1");
-        ctx.warn("some glints by several walls are too rare to be weighed, and are missing");
+        ctx.warn("some lamp reflections by several walls are too rare to be weighed, and are missing");
     }
     Ok(all.into_iter().map(Some).collect())
 }
@@ -102,14 +102,14 @@ impl Walker<'_> {
         let camera = self.setting.camera;
         if camera.view.lens != Lens::Orthographic {
             let shows = |connection: &_| Seen::through(camera, eye, connection).is_some();
-            let connection = self.sample_manifold_of_glint(source, eye, Beginning::Image, dice, shows)?;
+            let connection = self.sample_manifold_of_lamp_reflection(source, eye, Beginning::Image, dice, shows)?;
             return Seen::through(camera, eye, &connection);
         }
         let (at, None) = source.origin() else { return None };
         let beam = beam_of(camera);
         let shows = |connection: &_| Seen::in_parallel(camera, source, at, connection).is_some();
         let connection =
-            self.sample_manifold_of_glint(Source::Lamp(0, &beam), at, Beginning::Around(None), dice, shows)?;
+            self.sample_manifold_of_lamp_reflection(Source::Lamp(0, &beam), at, Beginning::Around(None), dice, shows)?;
         Seen::in_parallel(camera, source, at, &connection)
     }
 }

@@ -1,12 +1,12 @@
-//! Estimates with glints added to them.
+//! Estimates with lamp reflections added to them.
 
-use super::{Glints, ManifoldSampled};
+use super::{LampReflections, ManifoldSampled};
 use crate::field::Field;
 
-/// A field, and the glints of its pixels: those that are known have no errors.
-pub struct Glinting<'a> {
+/// A field, and the lamp reflections of its pixels: those that are known have no errors.
+pub struct WithLampReflections<'a> {
     pub field: Box<dyn Field + 'a>,
-    pub glints: Glints,
+    pub lamp_reflections: LampReflections,
     pub sampled: Option<ManifoldSampled>,
 }
 
@@ -17,13 +17,13 @@ impl ManifoldSampled {
     }
 }
 
-impl Field for Glinting<'_> {
+impl Field for WithLampReflections<'_> {
     fn pixels(&self) -> usize {
         self.field.pixels()
     }
 
     fn mean(&self, pixel: usize, i: usize) -> f64 {
-        let known = self.glints.get(&pixel).map_or(0.0, |responses| responses[i]);
+        let known = self.lamp_reflections.get(&pixel).map_or(0.0, |responses| responses[i]);
         let sampled = self.sampled.as_ref().map_or(0.0, |sampled| sampled.moments.mean(pixel, i, sampled.trials));
         self.field.mean(pixel, i) + known + sampled
     }

@@ -1,4 +1,4 @@
-//! Glints: light that comes from a lamp to the camera by smooth walls alone. A glint is a point of the image, which no path can hit: it is
+//! Lamp reflections: light that comes from a lamp to the camera by smooth walls alone. A lamp reflection is a point of the image, which no path can hit: it is
 //! computed once, without noise, and added.
 //!
 //! `docs/theory/render.md` derives the radiance of its pixel.
@@ -14,7 +14,7 @@ use turbid_contract::{Ctx, Error};
 use turbid_optics::elementary::sin_cos_turns;
 use turbid_optics::view::Lens;
 
-pub use field::Glinting;
+pub use field::WithLampReflections;
 pub use manifold_sampling::{ManifoldSampled, by_manifold_sampling, by_several_walls};
 
 use crate::camera::Camera;
@@ -32,36 +32,36 @@ use crate::walker::Walker;
 use crate::world::World;
 
 /// By pixel, responses as [`Layout`](crate::response::Layout) says.
-pub type Glints = BTreeMap<usize, Vec<f64>>;
+pub type LampReflections = BTreeMap<usize, Vec<f64>>;
 
-/// Places all over a lens through which a glint is looked for: the disc that it is blurred to is made of so many points.
+/// Places all over a lens through which a lamp reflection is found: the disc that it is blurred to is made of so many points.
 const LENS_PLACES: usize = 1 << 14;
 /// Of them, those of a tile.
 const TILE: usize = 512;
 /// The golden ratio's part behind the point: turns between neighbours of an even spiral.
 const GOLDEN_TURNS: f64 = 0.618_033_988_749_894_9;
 
-/// The glints of every channel; empty where walls turn no light or where they are excluded.
+/// The lamp reflections of every channel; empty where walls turn no light or where they are excluded.
 ///
 /// Error: there are too many chains to follow, or light is in focus at the camera.
-pub fn glints(rig: &Rig, projected: &Projected, ctx: Ctx<'_>) -> Result<Vec<Glints>, Error> {
+pub fn lamp_reflections(rig: &Rig, projected: &Projected, ctx: Ctx<'_>) -> Result<Vec<LampReflections>, Error> {
     let eyes = eyes(&rig.camera);
     let tiles = eyes.len().div_ceil(TILE);
     let channels = rig.worlds.len();
     if rig.excludes_specular || !rig.worlds.iter().any(turns_light) {
-        return Ok(vec![Glints::new(); channels]);
+        return Ok(vec![LampReflections::new(); channels]);
     }
     let parts = ctx.map_tiles(channels * tiles, |i| {
         let (channel, tile) = (i / tiles, i % tiles);
         let mut walker =
             Walker::new(setting(rig, channel, &projected.carriers, &projected.projected_images), named(ctx.simd()));
-        let mut glints = Glints::new();
+        let mut lamp_reflections = LampReflections::new();
         for &eye in &eyes[tile * TILE..eyes.len().min((tile + 1) * TILE)] {
-            walker.add_glints(eye, 1.0 / eyes.len() as f64, &mut glints)?;
+            walker.add_lamp_reflections(eye, 1.0 / eyes.len() as f64, &mut lamp_reflections)?;
         }
-        Ok::<_, Error>(glints)
+        Ok::<_, Error>(lamp_reflections)
     })?;
-    let mut all = vec![Glints::new(); channels];
+    let mut all = vec![LampReflections::new(); channels];
     for (i, part) in parts.into_iter().enumerate() {
         for (pixel, responses) in part? {
             let width = responses.len();
@@ -79,7 +79,7 @@ pub fn in_focus(rig: &Rig) -> bool {
     }
     let projected_images = ProjectedImages::NONE;
     let mut walker = Walker::new(setting(rig, 0, &[], &projected_images), named(""));
-    walker.add_glints(rig.camera.view.position, 1.0, &mut Glints::new()).is_err()
+    walker.add_lamp_reflections(rig.camera.view.position, 1.0, &mut LampReflections::new()).is_err()
 }
 
 /// Whether some of it comes to the camera by walls alone.
@@ -161,18 +161,23 @@ fn beam_of(camera: &Camera) -> Lamp {
 }
 
 impl Walker<'_> {
-    /// Adds the glints that come through `eye`, times `weight`.
-    fn add_glints(&mut self, eye: DVec3, weight: f64, glints: &mut Glints) -> Result<(), Error> {
+    /// Adds the lamp reflections that come through `eye`, times `weight`.
+    fn add_lamp_reflections(
+        &mut self,
+        eye: DVec3,
+        weight: f64,
+        lamp_reflections: &mut LampReflections,
+    ) -> Result<(), Error> {
         for source in self.sources() {
-            for Seen { pixel, radiance, on_plane } in self.glints_of(source, eye)? {
+            for Seen { pixel, radiance, on_plane } in self.lamp_reflections_of(source, eye)? {
                 if radiance == f64::INFINITY {
                     return Err(Error::failed_with_hint(
-                        "walls bring the light of a lamp to a focus at the camera: its glint is endlessly bright",
+                        "walls bring the light of a lamp to a focus at the camera: its reflection is endlessly bright",
                         "move the camera or the light aside, or write `specular: exclude`",
                     ));
                 }
                 let responses = self.responses_to(weight * radiance, on_plane, source);
-                let sum = glints.entry(pixel).or_insert_with(|| vec![0.0; responses.len()]);
+                let sum = lamp_reflections.entry(pixel).or_insert_with(|| vec![0.0; responses.len()]);
                 sum.iter_mut().zip(responses).for_each(|(sum, response)| *sum += response);
             }
         }
@@ -180,7 +185,7 @@ impl Walker<'_> {
     }
 
     /// Those of a source that are known for sure.
-    fn glints_of(&mut self, source: Source<'_>, eye: DVec3) -> Result<Vec<Seen>, Error> {
+    fn lamp_reflections_of(&mut self, source: Source<'_>, eye: DVec3) -> Result<Vec<Seen>, Error> {
         let camera = self.setting.camera;
         if camera.view.lens != Lens::Orthographic {
             let connections = self.chains_by_walls(source, eye)?;
