@@ -41,12 +41,12 @@ fn main() {
             ((RADIUS * (1.0 - 1e-3) - 2.0 * c * c) * up, direction(d, e[0]))
         })
         .collect();
-    let mut stays = Vec::new();
+    let mut chords = Vec::new();
     rate("f64: clearance", &rays, |p, _| solid.clearance(p));
     rate("f64: whole line", &rays, |p, w| {
-        stays.clear();
-        solid.cut(p, w, None, &mut stays);
-        stays.len() as f64
+        chords.clear();
+        solid.cut(p, w, None, &mut chords);
+        chords.len() as f64
     });
     rate("f64: refractions to the eye", &rays, |p, _| {
         let mut count = 0.0;

@@ -20,7 +20,7 @@ mod reflection;
 mod shot;
 
 pub(crate) use manifold_sampling::{Beginning, Best};
-use shot::{Shot, Walls};
+use shot::{Shot, SurfaceNormals};
 
 /// Where the refractive index changes next on a ray, or there is a mirror.
 struct Edge {
@@ -83,7 +83,7 @@ impl Walker<'_> {
                 }
             }
             for p in &places {
-                let shot = self.shoot((r, skin), (p - r).normalize(), &[false], Walls::AsTheyAre);
+                let shot = self.shoot((r, skin), (p - r).normalize(), &[false], SurfaceNormals::AsTheyAre);
                 let shot = shot.and_then(|shot| shot.newton(source).map(|newton| (shot, newton)));
                 if let Some((shot, newton)) = shot.filter(|(_, newton)| newton.turn.length() < NEAR) {
                     self.keep(source, (r, skin), (shot, newton), &[false], known);
@@ -98,7 +98,7 @@ impl Walker<'_> {
             && let Some(edges @ 1..) = edges
         {
             let events = vec![false; edges];
-            let shot = self.shoot((r, skin), towards, &events, Walls::AsTheyAre);
+            let shot = self.shoot((r, skin), towards, &events, SurfaceNormals::AsTheyAre);
             if let Some(shot) = shot.and_then(|shot| shot.newton(source).map(|newton| (shot, newton))) {
                 self.keep(source, (r, skin), shot, &events, known);
             }
@@ -114,7 +114,9 @@ impl Walker<'_> {
         events: &[bool],
         known: &mut Vec<Known>,
     ) {
-        let Some((shot, newton)) = self.manifold_walk(source, begin, shot, events, Walls::AsTheyAre) else { return };
+        let Some((shot, newton)) = self.manifold_walk(source, begin, shot, events, SurfaceNormals::AsTheyAre) else {
+            return;
+        };
         let chain = shot.differential.start();
         if known.iter().any(|known| known.is(chain, events.len())) {
             return;
@@ -175,7 +177,7 @@ impl Walker<'_> {
         let Setting { world, shared, .. } = self.setting;
         let (mut n, mut tau, mut lengths) = (None, 0.0, NO_LENGTHS);
         let (mut before, mut exit): (Option<Wall>, Option<DVec3>) = (None, None);
-        for piece in world.trace(r, w, skin, &mut self.spans) {
+        for piece in world.trace(r, w, skin, &mut self.chords) {
             let material = &world.materials[piece.material];
             let mirror = material.bsdf == Bsdf::Mirror;
             if material.is_opaque() && !mirror {
@@ -213,7 +215,7 @@ impl Walker<'_> {
     fn edges(&mut self, r: DVec3, w: DVec3, skin: Option<Skin>, distance: f64) -> (f64, Option<usize>) {
         let world = self.setting.world;
         let (mut first, mut n, mut edges) = (None, 1.0, 0);
-        for piece in world.trace(r, w, skin, &mut self.spans) {
+        for piece in world.trace(r, w, skin, &mut self.chords) {
             if piece.start >= distance {
                 break;
             }

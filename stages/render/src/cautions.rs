@@ -8,7 +8,7 @@ use crate::bsdf::Bsdf;
 use crate::camera::Camera;
 use crate::params::Params;
 use crate::tail::{is_peaked, kurtosis_of_lobe, paths_to_hold};
-use crate::world::{Spans, World};
+use crate::world::{Chords, World};
 
 /// Where more than this part of the light is lost between facets, standard errors say nothing of an image's error.
 pub const MOST_LOST: f64 = 0.01;
@@ -30,10 +30,10 @@ pub fn pixels_with_lost_light(world: &World, camera: &Camera) -> Vec<bool> {
     if !lossy.contains(&true) {
         return Vec::new();
     }
-    let mut spans = Spans::default();
+    let mut chords = Chords::default();
     let mut meets = |pixel: usize, (x, y): (f64, f64)| {
         let (origin, w) = camera.ray(pixel, x, y);
-        let mut pieces = world.trace(origin, w, None, &mut spans);
+        let mut pieces = world.trace(origin, w, None, &mut chords);
         let seen = pieces.find(|piece| lossy[piece.material] || world.materials[piece.material].is_opaque());
         seen.is_some_and(|piece| lossy[piece.material])
     };

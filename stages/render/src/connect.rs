@@ -70,7 +70,7 @@ impl Walker<'_> {
         let Setting { world, shared, .. } = self.setting;
         let mut visibility = Visibility { tau: 0.0, blocked: false, exit: None, lengths: NO_LENGTHS };
         let mut n = None;
-        for piece in world.trace(r, towards, skin, &mut self.spans) {
+        for piece in world.trace(r, towards, skin, &mut self.chords) {
             if piece.start >= distance {
                 break;
             }

@@ -7,7 +7,7 @@ use turbid_contract::payload::{Medium, Scene, Shape, Surface};
 use crate::rig::Rig;
 use crate::truth::first_hit;
 use crate::uniform::obstacle;
-use crate::world::Spans;
+use crate::world::Chords;
 
 /// Name of the medium that fills what does not show; not one that a file can give.
 const NOTHING: &str = " ";
@@ -59,11 +59,11 @@ pub fn control_variates(scene: &Scene, rig: &Rig, target_error: Option<f64>) -> 
     let (objects, slabs): (Vec<_>, Vec<_>) = (scene.objects.iter().collect(), base.objects.iter().collect());
     // By the names of the top slab and of the medium in it.
     let mut known: Vec<((&str, &str), ControlVariate)> = Vec::new();
-    let mut spans = Spans::default();
+    let mut chords = Chords::default();
     let mut of_pixel = Vec::with_capacity(rig.camera.pixels());
     for pixel in 0..rig.camera.pixels() {
-        let seen = first_hit(&rig.worlds[0], &rig.camera, pixel, &mut spans);
-        let slab = first_hit(&level.worlds[0], &rig.camera, pixel, &mut spans);
+        let seen = first_hit(&rig.worlds[0], &rig.camera, pixel, &mut chords);
+        let slab = first_hit(&level.worlds[0], &rig.camera, pixel, &mut chords);
         let (Some(seen), Some(slab)) = (seen, slab) else {
             of_pixel.push(None);
             continue;

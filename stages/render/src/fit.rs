@@ -9,7 +9,7 @@ use crate::moments::Moments;
 use crate::polynomials::Polynomials;
 use crate::rig::Rig;
 use crate::tail::{brightness, expected_kurtosis, image_holds, is_peaked};
-use crate::world::Spans;
+use crate::world::Chords;
 
 /// So many times the paths of a pixel are spent on each traced pixel of a control variate's image: its few terms have then less noise than
 /// most differences.
@@ -81,8 +81,8 @@ impl Guides {
     fn push(&mut self, rig: &Rig, carriers: &[Carrier], pixel: usize) -> Option<()> {
         let (world, camera) = (&rig.worlds[0], &rig.camera);
         let (origin, w) = camera.ray(pixel, 0.5, 0.5);
-        let mut spans = Spans::default();
-        let piece = world.trace(origin, w, None, &mut spans).find(|piece| piece.material != 0)?;
+        let mut chords = Chords::default();
+        let piece = world.trace(origin, w, None, &mut chords).find(|piece| piece.material != 0)?;
         let r = origin + piece.start * w;
         // Channels differ in their power, which the coefficients hold.
         let emission = match rig.lights[0].emission {

@@ -9,7 +9,7 @@ use crate::params::{Allocate, Params};
 use crate::response::Layout;
 use crate::rig::Rig;
 use crate::tail::{expected_kurtosis, is_peaked};
-use crate::trace::{ROUND, SEGMENT};
+use crate::trace::{ROUND, ROUND_PART};
 
 /// What is rendered.
 pub struct Asked<'a> {
@@ -33,7 +33,7 @@ const CODE_AND_TILE: u64 = 8 << 20;
 ///
 /// The most of three moments:
 /// - tracing: for each traced pixel the sums, q + q (q + 1) / 2 + 2 numbers of 8 bytes (q responses; means, products, two moments of the brightness), twice
-///   where control variates are walked, twice where paths go to where the error is; the sums of a round beside them, of at most [`SEGMENT`] batches where
+///   where control variates are walked, twice where paths go to where the error is; the sums of a round beside them, of at most [`ROUND_PART`] batches where
 ///   every pixel has the same paths; 8 bytes for a pixel's place and paths;
 /// - making images: the sums (or, where a surface is fitted, 8 + 16 c bytes of each pixel's place in c carriers), and 4 bytes for each layer;
 /// - what a scene says of each pixel: layers alone.
@@ -65,7 +65,7 @@ pub fn memory(asked: &Asked<'_>) -> Option<u64> {
     };
     let adaptive = params.allocate == Allocate::Adaptive && !matches!(taken, Taken::Fit | Taken::Rte { .. });
     let batches = (ROUND as u64 / fields).max(traced);
-    let batches = if adaptive { 2 * batches } else { batches.min(SEGMENT as u64) };
+    let batches = if adaptive { 2 * batches } else { batches.min(ROUND_PART as u64) };
     let sums = traced * fields * of_sums;
     let round = if traced == 0 { 0 } else { batches * fields * of_sums };
     // The sums of the further paths, all together where the error is tested, and how many paths each pixel needs.

@@ -139,7 +139,7 @@ impl Walker<'_> {
         let Setting { world, shared, .. } = self.setting;
         let (mut before, mut exit, mut n) = (None, None, None);
         let (mut tau, mut lengths) = (0.0, NO_LENGTHS);
-        for piece in world.trace(r, w, skin, &mut self.spans) {
+        for piece in world.trace(r, w, skin, &mut self.chords) {
             let material = &world.materials[piece.material];
             if material.is_opaque() {
                 let mirror = material.bsdf == Bsdf::Mirror;

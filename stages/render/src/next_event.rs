@@ -252,7 +252,7 @@ impl<'a> Walker<'a> {
         let world = self.setting.world;
         let mut pieces = std::mem::take(&mut self.pieces);
         pieces.clear();
-        pieces.extend(world.trace(at.r, at.w, at.skin, &mut self.spans));
+        pieces.extend(world.trace(at.r, at.w, at.skin, &mut self.chords));
         let (mut tau, mut entrance, mut scored) = (0.0, at.skin.map(|skin| skin.wall), 0);
         let mut lengths = at.lengths;
         let n = pieces.first().map_or(1.0, |piece| world.materials[piece.material].n);
@@ -378,7 +378,7 @@ impl<'a> Walker<'a> {
         let ratio = own_q / lobe_q;
         let balance = 2.0 / (1.0 + ratio * ratio.sqrt());
         let length = world
-            .trace(at.r, e, None, &mut self.spans)
+            .trace(at.r, e, None, &mut self.chords)
             .next()
             .map_or(f64::INFINITY, |piece| if piece.material == at.material { piece.end } else { 0.0 });
         if length > 0.0 {

@@ -137,13 +137,13 @@ pub fn bodies_by_material(world: &World) -> Option<Vec<u64>> {
 
 /// Where rays enter and leave a body.
 #[derive(Clone, Copy)]
-struct Span {
+struct Chord {
     enter: [f64; LANES],
     leave: [f64; LANES],
 }
 
 /// Where rays leave a medium, and by which body's surface.
-struct Wall {
+struct Exit {
     distance: [f64; LANES],
     body: [u64; LANES],
 }
@@ -158,9 +158,9 @@ impl NextEvents {
             set(&mut towards, i, to);
             *distance = far;
         }
-        let to_light = spans(&world.bodies, &self.r, &towards);
+        let to_light = chords(&world.bodies, &self.r, &towards);
         let tau = optical_depth(world, &to_light, &distance);
-        let wall = self.first_piece(world.bodies.len(), &to_light);
+        let exit = self.first_piece(world.bodies.len(), &to_light);
 
         // The line: along the path's own direction, or one from the lobe around the light.
         let (mut e, mut balance, mut u) = ([[0.0; LANES]; 3], [0.0; LANES], [0.0; LANES]);
@@ -179,8 +179,8 @@ impl NextEvents {
             u[i] = unit(block[3]);
             set(&mut e, i, along);
         }
-        let length = self.first_piece(world.bodies.len(), &spans(&world.bodies, &self.r, &e)).distance;
-        let (steepness, cos) = steepness(&world.bodies, &self.r, &towards, &wall, &e);
+        let length = self.first_piece(world.bodies.len(), &chords(&world.bodies, &self.r, &e)).distance;
+        let (steepness, cos) = steepness(&world.bodies, &self.r, &towards, &exit, &e);
 
         let (mut s, mut inverse_density, mut r1) = ([0.0; LANES], [0.0; LANES], [[0.0; LANES]; 3]);
         let (mut irradiance, mut lit) = ([0.0; LANES], [false; LANES]);
@@ -194,7 +194,7 @@ impl NextEvents {
             set(&mut self.on_plane, i, arrival.on_plane);
             (distance[i], irradiance[i], lit[i]) = (arrival.distance, arrival.irradiance, inside);
         }
-        let tau1 = optical_depth(world, &spans(&world.bodies, &r1, &towards), &distance);
+        let tau1 = optical_depth(world, &chords(&world.bodies, &r1, &towards), &distance);
         for i in 0..LANES {
             let inverse_survival = inverse_survival(depth(tau[i], cos[i], self.least[i]));
             let p = hg::density(self.g[i], at(&e, i).dot(at(&towards, i)));
@@ -208,22 +208,22 @@ impl NextEvents {
 
     /// Where the piece of the own medium that a ray starts in ends, and at which body's surface.
     #[inline(always)]
-    fn first_piece(&self, bodies: usize, spans: &[Span; MOST_BODIES]) -> Wall {
-        let mut wall = Wall { distance: [f64::INFINITY; LANES], body: [0; LANES] };
-        for (j, span) in spans[..bodies].iter().enumerate() {
+    fn first_piece(&self, bodies: usize, chords: &[Chord; MOST_BODIES]) -> Exit {
+        let mut exit = Exit { distance: [f64::INFINITY; LANES], body: [0; LANES] };
+        for (j, chord) in chords[..bodies].iter().enumerate() {
             let j = j as u64;
             for i in 0..LANES {
-                let (enter, leave) = (span.enter[i], span.leave[i]);
+                let (enter, leave) = (chord.enter[i], chord.leave[i]);
                 // Its own body ends it by its exit, one of higher priority by its entry: not one that is missed or behind.
                 let carves = (j < self.body[i]) & (enter < leave) & (leave > 0.0);
                 let own = j == self.body[i];
                 let end = if own { leave } else { enter };
-                let nearer = (carves | own) & (end < wall.distance[i]);
-                wall.distance[i] = if nearer { end } else { wall.distance[i] };
-                wall.body[i] = if nearer { j } else { wall.body[i] };
+                let nearer = (carves | own) & (end < exit.distance[i]);
+                exit.distance[i] = if nearer { end } else { exit.distance[i] };
+                exit.body[i] = if nearer { j } else { exit.body[i] };
             }
         }
-        wall
+        exit
     }
 }
 
@@ -238,34 +238,34 @@ fn set(axes: &mut Axes, i: usize, v: DVec3) {
 }
 
 #[inline(always)]
-fn spans(bodies: &[Body], r: &Axes, w: &Axes) -> [Span; MOST_BODIES] {
-    let mut spans = [Span { enter: [0.0; LANES], leave: [0.0; LANES] }; MOST_BODIES];
-    for (span, body) in spans.iter_mut().zip(bodies) {
+fn chords(bodies: &[Body], r: &Axes, w: &Axes) -> [Chord; MOST_BODIES] {
+    let mut chords = [Chord { enter: [0.0; LANES], leave: [0.0; LANES] }; MOST_BODIES];
+    for (chord, body) in chords.iter_mut().zip(bodies) {
         // Said again in each arm, so that its loop is about one kind of solid and goes by vectors.
         match body.solid {
-            Solid::Slab { bottom, top } => fill(span, &Solid::Slab { bottom, top }, r, w),
-            Solid::Box { low, high } => fill(span, &Solid::Box { low, high }, r, w),
-            Solid::Ellipsoid { center, radii } => fill(span, &Solid::Ellipsoid { center, radii }, r, w),
+            Solid::Slab { bottom, top } => fill(chord, &Solid::Slab { bottom, top }, r, w),
+            Solid::Box { low, high } => fill(chord, &Solid::Box { low, high }, r, w),
+            Solid::Ellipsoid { center, radii } => fill(chord, &Solid::Ellipsoid { center, radii }, r, w),
             Solid::Cylinder { axis, radius, bottom, top } => {
-                fill(span, &Solid::Cylinder { axis, radius, bottom, top }, r, w)
+                fill(chord, &Solid::Cylinder { axis, radius, bottom, top }, r, w)
             }
             // Kept away by `bodies_by_material`.
-            ref solid => fill(span, solid, r, w),
+            ref solid => fill(chord, solid, r, w),
         }
     }
-    spans
+    chords
 }
 
 #[inline(always)]
-fn fill(span: &mut Span, solid: &Solid, r: &Axes, w: &Axes) {
+fn fill(chord: &mut Chord, solid: &Solid, r: &Axes, w: &Axes) {
     for i in 0..LANES {
-        (span.enter[i], span.leave[i]) = solid.span(at(r, i), at(w, i));
+        (chord.enter[i], chord.leave[i]) = solid.chord(at(r, i), at(w, i));
     }
 }
 
 /// Along the first `distance` of rays: what of each body is not carved out by those of higher priority, by inclusion and exclusion.
 #[inline(always)]
-fn optical_depth(world: &World, spans: &[Span; MOST_BODIES], distance: &[f64; LANES]) -> [f64; LANES] {
+fn optical_depth(world: &World, chords: &[Chord; MOST_BODIES], distance: &[f64; LANES]) -> [f64; LANES] {
     let mut tau = [0.0; LANES];
     for (j, body) in world.bodies.iter().enumerate() {
         let mu_t = world.materials[body.material].mu_t();
@@ -273,10 +273,10 @@ fn optical_depth(world: &World, spans: &[Span; MOST_BODIES], distance: &[f64; LA
         for set in 0..1_usize << j {
             let sign = if set.count_ones() % 2 == 0 { mu_t } else { -mu_t };
             let (mut enter, mut leave) = ([0.0; LANES], *distance);
-            for (k, span) in spans[..=j].iter().enumerate() {
+            for (k, chord) in chords[..=j].iter().enumerate() {
                 if k == j || set >> k & 1 == 1 {
                     for i in 0..LANES {
-                        (enter[i], leave[i]) = (span.enter[i].max(enter[i]), span.leave[i].min(leave[i]));
+                        (enter[i], leave[i]) = (chord.enter[i].max(enter[i]), chord.leave[i].min(leave[i]));
                     }
                 }
             }
@@ -290,11 +290,11 @@ fn optical_depth(world: &World, spans: &[Span; MOST_BODIES], distance: &[f64; LA
 
 /// (e . n) / (L . n), n the normal of the wall through which the light comes; and L . n.
 #[inline(always)]
-fn steepness(bodies: &[Body], r: &Axes, towards: &Axes, wall: &Wall, e: &Axes) -> ([f64; LANES], [f64; LANES]) {
+fn steepness(bodies: &[Body], r: &Axes, towards: &Axes, exit: &Exit, e: &Axes) -> ([f64; LANES], [f64; LANES]) {
     let (mut ratio, mut cos) = ([0.0; LANES], [1.0; LANES]);
     for (j, body) in bodies.iter().enumerate() {
         for (i, (ratio, cos)) in ratio.iter_mut().zip(&mut cos).enumerate() {
-            let p = at(r, i) + wall.distance[i] * at(towards, i);
+            let p = at(r, i) + exit.distance[i] * at(towards, i);
             // Neither its length nor its sign matters.
             let n = match body.solid {
                 Solid::Slab { .. } => DVec3::Z,
@@ -313,8 +313,8 @@ fn steepness(bodies: &[Body], r: &Axes, towards: &Axes, wall: &Wall, e: &Axes) -
                 ref solid => solid.normal(0, p),
             };
             let (along, through) = (at(e, i).dot(n), at(towards, i).dot(n));
-            *ratio = if wall.body[i] == j as u64 { along / through } else { *ratio };
-            *cos = if wall.body[i] == j as u64 { through / n.length() } else { *cos };
+            *ratio = if exit.body[i] == j as u64 { along / through } else { *ratio };
+            *cos = if exit.body[i] == j as u64 { through / n.length() } else { *cos };
         }
     }
     (ratio, cos)
@@ -346,7 +346,7 @@ pub fn ahead(steepness: f64, length: f64, mu_t: f64, u: f64) -> (f64, f64) {
 
 /// Optical depth below the plane through which the light comes, which is `tau` away at the cosine `cos`; at least what is known.
 ///
-/// An estimate ahead is from further on along the path, which may come up to the wall the short way: where light grazes the wall, it is far
+/// An estimate ahead is from further on along the path, which may come up to the wall the short way: where light grazes the exit, it is far
 /// away from places near which it is bright. A roulette by `tau` itself would leave those to one estimate in very many (measured in a tube
 /// lit along its axis: kurtosis above 2000, intervals of two standard errors that hold the truth in 86 % of cases after 256 paths).
 #[inline(always)]

@@ -146,11 +146,11 @@ impl More {
 }
 
 /// Numbers that are written at a time.
-const PIECE: usize = 1 << 13;
+const CHUNK: usize = 1 << 13;
 
 fn write_sums(channels: &[Moments], to: &mut dyn Write) -> io::Result<()> {
-    let mut bytes = Vec::with_capacity(8 * PIECE);
-    for piece in channels.iter().flat_map(|channel| channel.sums().chunks(PIECE)) {
+    let mut bytes = Vec::with_capacity(8 * CHUNK);
+    for piece in channels.iter().flat_map(|channel| channel.sums().chunks(CHUNK)) {
         bytes.clear();
         bytes.extend(piece.iter().flat_map(|sum| sum.to_le_bytes()));
         to.write_all(&bytes)?;
@@ -184,8 +184,8 @@ impl Bytes<'_> {
 
     /// Fills the sums of channels that have their size.
     fn sums(&mut self, channels: &mut [Moments]) -> Option<()> {
-        let mut bytes = vec![0; 8 * PIECE];
-        for piece in channels.iter_mut().flat_map(|channel| channel.sums_mut().chunks_mut(PIECE)) {
+        let mut bytes = vec![0; 8 * CHUNK];
+        for piece in channels.iter_mut().flat_map(|channel| channel.sums_mut().chunks_mut(CHUNK)) {
             let bytes = &mut bytes[..8 * piece.len()];
             self.0.read_exact(bytes).ok()?;
             let (numbers, _) = bytes.as_chunks::<8>();

@@ -27,8 +27,8 @@ const BATCH: u32 = 8;
 const TILE: usize = 1024;
 /// Tiles and batches of a round are chosen so that it holds about this many batches of a pixel.
 pub const ROUND: usize = 1 << 15;
-/// Batches whose sums are held beside the state at a time; a multiple of the tile. More than this in a round are walked in segments.
-pub const SEGMENT: usize = 1 << 19;
+/// Batches whose sums are held beside the state at a time; a multiple of the tile. More than this in a round are walked in parts.
+pub const ROUND_PART: usize = 1 << 19;
 /// After so many paths per pixel it is decided where control variates are worth their time.
 pub const PILOT: u32 = 16;
 /// Tells the paths beside the even ones apart.
@@ -259,7 +259,7 @@ impl Job<'_> {
             None => (state.samples, until),
             Some(_) => (allocation::even(at) * BATCH, allocation::even(to) * BATCH + until % BATCH),
         };
-        if state.more.is_none() && self.alike_count(&(first..last)) > SEGMENT {
+        if state.more.is_none() && self.alike_count(&(first..last)) > ROUND_PART {
             return self.long_round(state, first..last);
         }
         let even = self.walk(state, &self.alike(first..last), 0)?;
@@ -289,16 +289,16 @@ impl Job<'_> {
         Ok(even.given_up + more.given_up)
     }
 
-    /// A round whose batches are so many that their sums would take as much memory as the state: segment by segment, in the order in which
+    /// A round whose batches are so many that their sums would take as much memory as the state: part by part, in the order in which
     /// [`fold`](Self::fold) adds them. One that does not come to its end leaves a state that is not whole.
     fn long_round(&self, state: &mut State, samples: Range<u32>) -> Result<u64, Error> {
         let mut given_up = 0;
         let until = samples.end;
-        // Of each pixel the batches follow each other from segment to segment as they do in a short round.
+        // Of each pixel the batches follow each other from part to part as they do in a short round.
         for first in samples.step_by(BATCH as usize) {
             let count = (until - first).min(BATCH);
-            for start in (0..self.task.pixels.len()).step_by(SEGMENT) {
-                let places = start..self.task.pixels.len().min(start + SEGMENT);
+            for start in (0..self.task.pixels.len()).step_by(ROUND_PART) {
+                let places = start..self.task.pixels.len().min(start + ROUND_PART);
                 let batches: Vec<Batch> = places.map(|place| Batch { place: place as u32, first, count }).collect();
                 let parts = self.walk(state, &batches, 0)?;
                 self.ctx.checked()?;

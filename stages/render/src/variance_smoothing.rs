@@ -8,7 +8,7 @@ use crate::neighbours::{around, within};
 use crate::rig::Rig;
 use crate::tail::{brightness, expected_kurtosis, image_holds, is_heavy, is_held, is_peaked, kurtosis, of_pixels};
 use crate::truth::first_hit;
-use crate::world::Spans;
+use crate::world::Chords;
 
 /// Half the sides of the windows over which variances are pooled, in turn, until one holds the tail; then all that looks at the same body.
 const REACHES: [usize; 2] = [2, 6];
@@ -25,10 +25,10 @@ pub fn by_paths<'a>(
 ) -> Vec<Box<dyn Field + 'a>> {
     let (world, columns) = (&rig.worlds[0], rig.camera.columns);
     let expected = expected_kurtosis(rig);
-    let mut spans = Spans::default();
+    let mut chords = Chords::default();
     let mut seen: Option<Vec<Option<usize>>> = None;
     let mut body = || -> Vec<Option<usize>> {
-        let hit = |pixel: usize| first_hit(world, &rig.camera, pixel, &mut spans).map(|hit| hit.body);
+        let hit = |pixel: usize| first_hit(world, &rig.camera, pixel, &mut chords).map(|hit| hit.body);
         seen.get_or_insert_with(|| (0..paths.len()).map(hit).collect()).clone()
     };
     let mean_paths = paths.iter().map(|&n| f64::from(n)).sum::<f64>() / paths.len() as f64;

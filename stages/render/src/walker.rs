@@ -12,7 +12,7 @@ use crate::next_event_lanes::{self, Queue};
 use crate::random::Stream;
 use crate::setting::{Nee, Place, Setting};
 use crate::strata::{self, Bending, clear};
-use crate::world::{Material, Piece, Spans, Wall};
+use crate::world::{Chords, Material, Piece, Wall};
 
 /// Where mu_a is below this part of mu_s', deep paths end by roulette (elsewhere it does not pay: measured) ...
 const WEAK_ABSORPTION: f64 = 0.01;
@@ -23,7 +23,7 @@ const WINDOW: f64 = 0.4;
 /// Walks paths and keeps their scratch.
 pub struct Walker<'a> {
     pub(crate) setting: Setting<'a>,
-    pub(crate) spans: Spans,
+    pub(crate) chords: Chords,
     pub(crate) pieces: Vec<Piece>,
     pub(crate) chain: SpecularChain,
     /// Connections to a light.
@@ -110,7 +110,7 @@ impl<'a> Walker<'a> {
             if weak { WINDOW * (3.0 * m.mu_a * (m.mu_a + reduced)).sqrt() } else { 0.0 }
         };
         let windows = setting.world.materials.iter().map(window).collect();
-        let (spans, pieces) = (Spans::default(), Vec::new());
+        let (chords, pieces) = (Chords::default(), Vec::new());
         let free_paths = setting.world.materials.iter().map(|m| 1.0 / m.mu_s).collect();
         // Projected images are looked up one by one, and lengths are counted only there.
         let lanes = setting.projected_images.layers() == 0 && setting.shared.is_none();
@@ -120,7 +120,7 @@ impl<'a> Walker<'a> {
         let (responses, queued, queue) = (Vec::new(), Vec::new(), Queue::default());
         Self {
             setting,
-            spans,
+            chords,
             pieces,
             chain: SpecularChain::default(),
             connections: Vec::new(),

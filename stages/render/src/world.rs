@@ -1,7 +1,7 @@
 //! The scene as a ray sees it: bodies in order of priority, and the pieces that they cut a ray into.
 
 use glam::DVec3;
-use turbid_optics::solid::{Solid, Start, Stay};
+use turbid_optics::solid::{Chord, Solid, Start};
 
 use crate::bsdf::Bsdf;
 use crate::texture::Texture;
@@ -91,9 +91,9 @@ const NOTHING: f64 = 1e-10;
 
 /// Scratch of [`World::trace`]: where the ray stays in each body.
 #[derive(Clone, Debug, Default)]
-pub struct Spans {
-    stays: Vec<Stay>,
-    /// Of each body, where its stays end in that list.
+pub struct Chords {
+    chords: Vec<Chord>,
+    /// Of each body, where its chords end in that list.
     ends: Vec<usize>,
 }
 
@@ -111,12 +111,12 @@ impl World {
         origin: DVec3,
         direction: DVec3,
         skin: Option<Skin>,
-        spans: &'a mut Spans,
+        scratch: &'a mut Chords,
     ) -> Pieces<'a> {
-        self.trace_by(spans, |i, solid, stays| {
+        self.trace_by(scratch, |i, solid, chords| {
             let skin = skin.filter(|skin| skin.wall.body == i);
             let start = skin.map(|skin| Start { face: skin.wall.face, inside: skin.inside });
-            solid.cut(origin, direction, start, stays);
+            solid.cut(origin, direction, start, chords);
         })
     }
 
@@ -124,16 +124,16 @@ impl World {
     #[inline(always)]
     pub fn trace_by<'a>(
         &'a self,
-        spans: &'a mut Spans,
-        mut cut: impl FnMut(usize, &Solid, &mut Vec<Stay>),
+        scratch: &'a mut Chords,
+        mut cut: impl FnMut(usize, &Solid, &mut Vec<Chord>),
     ) -> Pieces<'a> {
-        spans.stays.clear();
-        spans.ends.clear();
+        scratch.chords.clear();
+        scratch.ends.clear();
         for (i, body) in self.bodies.iter().enumerate() {
-            cut(i, &body.solid, &mut spans.stays);
-            spans.ends.push(spans.stays.len());
+            cut(i, &body.solid, &mut scratch.chords);
+            scratch.ends.push(scratch.chords.len());
         }
-        Pieces { world: self, spans, t: 0.0 }
+        Pieces { world: self, scratch, t: 0.0 }
     }
 
     /// Unit normal, out of the body, at a point of a wall.
@@ -165,7 +165,7 @@ impl World {
 /// The pieces of a ray in order; the last one ends at infinity.
 pub struct Pieces<'a> {
     world: &'a World,
-    spans: &'a Spans,
+    scratch: &'a Chords,
     t: f64,
 }
 
@@ -175,11 +175,11 @@ impl Pieces<'_> {
     fn at(&self, t: f64) -> Piece {
         let (mut end, mut wall) = (f64::INFINITY, None);
         let mut first = 0;
-        for (i, &last) in self.spans.ends.iter().enumerate() {
-            // The first stay that is not over: the others begin behind it.
-            let stay = self.spans.stays[first..last].iter().find(|stay| stay.leave > t);
+        for (i, &last) in self.scratch.ends.iter().enumerate() {
+            // The first chord that is not over: the others begin behind it.
+            let chord = self.scratch.chords[first..last].iter().find(|chord| chord.leave > t);
             first = last;
-            let Some(&Stay { enter, leave, into, out_of }) = stay else { continue };
+            let Some(&Chord { enter, leave, into, out_of }) = chord else { continue };
             let (next, face) = if enter > t { (enter, into) } else { (leave, out_of) };
             if next < end {
                 (end, wall) = (next, Some(Wall { body: i, face }));
@@ -238,8 +238,8 @@ mod tests {
     }
 
     fn cut(origin: DVec3, direction: DVec3, skin: Option<Skin>) -> Vec<(f64, f64, usize)> {
-        let (world, mut spans) = (world(), Spans::default());
-        world.trace(origin, direction, skin, &mut spans).map(|p| (p.start, p.end, p.material)).collect()
+        let (world, mut scratch) = (world(), Chords::default());
+        world.trace(origin, direction, skin, &mut scratch).map(|p| (p.start, p.end, p.material)).collect()
     }
 
     #[test]

@@ -17,7 +17,7 @@ use super::facets::{Cells, Seen};
 use super::memo::Memo;
 use super::normals::{Normals, Search};
 use super::rounded::Rounded;
-use super::{Start, Stay};
+use super::{Chord, Start};
 
 /// Cells of the distance grid along the longest side.
 const CELLS: f64 = 40.0;
@@ -179,7 +179,7 @@ impl Mesh {
     /// What [`super::Solid::cut`] says of the ray from `eye`, by what is `seen` from there: which triangles it crosses is decided in single precision,
     /// where it crosses them is not.
     #[inline(always)]
-    pub fn cut_seen<S: Simd>(&self, simd: S, (eye, seen): (DVec3, &Seen), direction: DVec3, stays: &mut Vec<Stay>) {
+    pub fn cut_seen<S: Simd>(&self, simd: S, (eye, seen): (DVec3, &Seen), direction: DVec3, chords: &mut Vec<Chord>) {
         let from = eye - self.center;
         let size = self.half.length();
         // Behind all of it.
@@ -197,7 +197,7 @@ impl Mesh {
                 // Towards the eye it would leave.
                 None if c.leaves => entered = Some((t, c.face)),
                 Some((enter, into)) if !c.leaves => {
-                    stays.push(Stay { enter, leave: t.max(enter), into, out_of: c.face });
+                    chords.push(Chord { enter, leave: t.max(enter), into, out_of: c.face });
                     entered = None;
                 }
                 _ => {}
@@ -205,7 +205,7 @@ impl Mesh {
         }
     }
 
-    pub(super) fn cut(&self, origin: DVec3, direction: DVec3, start: Option<Start>, stays: &mut Vec<Stay>) {
+    pub(super) fn cut(&self, origin: DVec3, direction: DVec3, start: Option<Start>, chords: &mut Vec<Chord>) {
         let mut crossings = Vec::new();
         // What lies so near to a start on the surface is rounding.
         let near = start.map_or(0.0, |_| 1e-12 * (self.half.max_element() + self.center.abs().max_element()));
@@ -228,13 +228,13 @@ impl Mesh {
             let real = crossings[..about].iter().find(|c| c.turn == wanted).map(|c| Crossing { t: c.t.max(0.0), ..*c });
             crossings.splice(..about, real);
         }
-        let mut enter = Stay { enter: f64::NEG_INFINITY, leave: f64::INFINITY, into: 0, out_of: 0 };
+        let mut enter = Chord { enter: f64::NEG_INFINITY, leave: f64::INFINITY, into: 0, out_of: 0 };
         for c in crossings {
             if c.turn < 0 && inside {
-                stays.push(Stay { leave: c.t, out_of: c.face, ..enter });
+                chords.push(Chord { leave: c.t, out_of: c.face, ..enter });
                 inside = false;
             } else if c.turn > 0 && !inside {
-                enter = Stay { enter: c.t, into: c.face, ..enter };
+                enter = Chord { enter: c.t, into: c.face, ..enter };
                 inside = true;
             }
         }

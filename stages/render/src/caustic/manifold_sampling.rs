@@ -8,7 +8,7 @@ use turbid_optics::ray_differential::NewtonStep;
 use turbid_optics::refraction::refract;
 
 use super::Next;
-use super::shot::{Shot, Walls};
+use super::shot::{Shot, SurfaceNormals};
 use crate::connect::{Draws, OTHER_CONNECTIONS};
 use crate::connection::{Connection, SAME};
 use crate::lamp::Source;
@@ -29,7 +29,7 @@ pub(crate) enum Beginning {
 pub(crate) struct Found {
     shot: Shot,
     newton: NewtonStep,
-    /// Walls that turn it.
+    /// SurfaceNormals that turn it.
     events: usize,
 }
 
@@ -40,7 +40,7 @@ pub(crate) struct Best {
     pub strength: f64,
     /// Normal of the wall through which it comes.
     pub exit: Option<DVec3>,
-    /// Walls that turn it.
+    /// SurfaceNormals that turn it.
     pub turns: usize,
     /// Its direction in single precision, where lanes have found it: then `self.known` does not hold it, and all known connections are by one refraction.
     pub about: Option<DVec3>,
@@ -223,7 +223,7 @@ impl Walker<'_> {
         let known = self.facetted && self.flat;
         let begun = begun.filter(|()| events[..] != [false] || !(known || (rarely && spare >= ONCE)));
         let first = begun.and_then(|()| self.among_facets(source, (r, skin), first, &events, dice));
-        let found = first.and_then(|w| self.walk_from(source, (r, skin), w, &events, Walls::AsTheyAre));
+        let found = first.and_then(|w| self.walk_from(source, (r, skin), w, &events, SurfaceNormals::AsTheyAre));
         let count = events.len();
         self.events = events;
         found.map(|(shot, newton)| Found { shot, newton, events: count })
@@ -246,7 +246,7 @@ impl Walker<'_> {
         if whether >= SMOOTHLY {
             return Some(w);
         }
-        let (shot, _) = self.walk_from(source, begin, w, events, Walls::Rounded)?;
+        let (shot, _) = self.walk_from(source, begin, w, events, SurfaceNormals::Rounded)?;
         let off = FARTHEST * libm::exp(-SCALES * scale) * u.sqrt();
         let (sin, cos) = sin_cos_turns(turns);
         Some(shot.differential.turned(off * DVec2::new(cos, sin)))

@@ -5,7 +5,7 @@ use turbid_optics::ray_differential::NewtonStep;
 use turbid_optics::solid::{Ends, Far};
 
 use super::NEAR;
-use super::shot::{Shot, Walls};
+use super::shot::{Shot, SurfaceNormals};
 use crate::connection::Known;
 use crate::lamp::Source;
 use crate::walker::Walker;
@@ -48,7 +48,7 @@ impl Walker<'_> {
         }
         for &p in &places {
             let Some(towards) = (p - r).try_normalize() else { continue };
-            let Some(shot) = self.shoot((r, skin), towards, &[true], Walls::AsTheyAre) else { continue };
+            let Some(shot) = self.shoot((r, skin), towards, &[true], SurfaceNormals::AsTheyAre) else { continue };
             let newton = shot.newton(source);
             let there = (shot.differential.r - p).length() <= THERE * (1.0 + p.abs().max_element());
             let open = match far {
@@ -64,7 +64,7 @@ impl Walker<'_> {
             }
             // The manifold walk takes away the rounding of a place on a large body.
             let Some(newton) = newton.filter(|newton| !focused && newton.turn.length() < NEAR) else { continue };
-            let walked = self.manifold_walk(source, (r, skin), (shot, newton), &[true], Walls::AsTheyAre);
+            let walked = self.manifold_walk(source, (r, skin), (shot, newton), &[true], SurfaceNormals::AsTheyAre);
             // A ray that grazes a wall elsewhere hardly has to be turned to go anywhere.
             if let Some(chain) = walked.filter(|(shot, _)| shot.leads(source)) {
                 self.keep(source, (r, skin), chain, &[true], known);

@@ -1,4 +1,4 @@
-//! Rays through given walls, and how they are turned to meet a source.
+//! Rays through given surface_normals, and how they are turned to meet a source.
 
 use glam::DVec3;
 use turbid_optics::ray_differential::{NewtonStep, RayDifferential};
@@ -27,7 +27,7 @@ pub(super) struct Shot {
 
 /// By which normals walls turn a ray.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Walls {
+pub(super) enum SurfaceNormals {
     AsTheyAre,
     /// Meshes by those of the smooth surfaces that they stand for: the ray knows about where to go on facets that it has not met yet.
     Rounded,
@@ -50,11 +50,11 @@ impl Walker<'_> {
         begin: (DVec3, Option<Skin>),
         w: DVec3,
         events: &[bool],
-        walls: Walls,
+        surface_normals: SurfaceNormals,
     ) -> Option<(Shot, NewtonStep)> {
-        let shot = self.shoot(begin, w, events, walls)?;
+        let shot = self.shoot(begin, w, events, surface_normals)?;
         let newton = shot.newton(source)?;
-        self.manifold_walk(source, begin, (shot, newton), events, walls)
+        self.manifold_walk(source, begin, (shot, newton), events, surface_normals)
     }
 
     /// The same, of a ray that has been shot.
@@ -64,7 +64,7 @@ impl Walker<'_> {
         begin: (DVec3, Option<Skin>),
         (mut shot, mut newton): (Shot, NewtonStep),
         events: &[bool],
-        walls: Walls,
+        surface_normals: SurfaceNormals,
     ) -> Option<(Shot, NewtonStep)> {
         for _ in 0..MOST_STEPS {
             let size = newton.turn.length();
@@ -74,7 +74,7 @@ impl Walker<'_> {
             let mut step = newton.turn * (LARGEST_STEP / size).min(1.0);
             let mut next = None;
             for _ in 0..MOST_HALVINGS {
-                let tried = self.shoot(begin, shot.differential.turned(step), events, walls);
+                let tried = self.shoot(begin, shot.differential.turned(step), events, surface_normals);
                 let better = tried.and_then(|shot| shot.newton(source).map(|newton| (shot, newton)));
                 next = better.filter(|(_, a)| a.miss < newton.miss);
                 if next.is_some() {
@@ -97,7 +97,7 @@ impl Walker<'_> {
         (r, skin): (DVec3, Option<Skin>),
         w: DVec3,
         events: &[bool],
-        walls: Walls,
+        surface_normals: SurfaceNormals,
     ) -> Option<Shot> {
         let world = self.setting.world;
         let differential = RayDifferential::new(r, w);
@@ -113,9 +113,11 @@ impl Walker<'_> {
             let normal = solid.normal(wall.face, p);
             let inside = normal.dot(differential.w) > 0.0;
             let indices = (edge.n, edge.beyond);
-            let reflectance = match walls {
-                Walls::AsTheyAre => differential.meet(normal, |d| solid.bends(wall.face, p, d), indices, reflected)?,
-                Walls::Rounded => {
+            let reflectance = match surface_normals {
+                SurfaceNormals::AsTheyAre => {
+                    differential.meet(normal, |d| solid.bends(wall.face, p, d), indices, reflected)?
+                }
+                SurfaceNormals::Rounded => {
                     let rounded = solid.rounded_normal(wall.face, p);
                     let met =
                         differential.meet(rounded, |d| solid.rounded_bends(wall.face, p, d), indices, reflected)?;

@@ -21,7 +21,7 @@ use crate::random::{NeeSite, Purpose, Stream};
 use crate::setting::{Nee, Setting};
 use crate::strata::Bending;
 use crate::walker::Walker;
-use crate::world::{Body, Material, Skin, Spans, Wall, World};
+use crate::world::{Body, Chords, Material, Skin, Wall, World};
 
 mod lamp_reflections;
 #[path = "../../../optics/tests/shapes/mod.rs"]
@@ -237,7 +237,7 @@ fn forward(case: &Case, key: u32, photons: u32) -> Vec<Measured> {
     // A cone around all that turns light and the balls.
     let (center, radius) = (DVec3::ZERO, 5.0);
     let mut sums = vec![[0.0; 2]; case.balls.len()];
-    let mut spans = Spans::default();
+    let mut chords = Chords::default();
     for i in 0..photons {
         let mut throws = (0..).map(|k| philox4x32([i, k, 0, 0], [7, key]).map(unit));
         let [u, turns, ..] = throws.next().unwrap();
@@ -261,7 +261,7 @@ fn forward(case: &Case, key: u32, photons: u32) -> Vec<Measured> {
         // 1e-6 of the light may remain.
         'flights: while weight > 1e-6 {
             let mut before: Option<(Wall, usize)> = None;
-            for piece in world.trace(r, w, skin, &mut spans) {
+            for piece in world.trace(r, w, skin, &mut chords) {
                 let m = &world.materials[piece.material];
                 if let (Bsdf::Mirror, Some((wall, _))) = (m.bsdf, before) {
                     r += piece.start * w;

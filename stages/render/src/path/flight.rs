@@ -70,7 +70,7 @@ impl Walker<'_> {
         let foresees = self.setting.nee == Nee::Line && !at.wholly;
         let mut before: Option<Wall> = None;
         let mut from: Option<usize> = None;
-        for piece in world.trace(at.r, at.w, at.skin, &mut self.spans) {
+        for piece in world.trace(at.r, at.w, at.skin, &mut self.chords) {
             let material = &world.materials[piece.material];
             if material.is_opaque() {
                 let Some(wall) = before else {

@@ -6,7 +6,7 @@ use fearless_simd::prelude::*;
 use glam::DVec3;
 pub use turbid_optics::solid::facets::bits;
 use turbid_optics::solid::facets::{Cells, Crossings, Rays, Seen};
-use turbid_optics::solid::{Mesh, Stay};
+use turbid_optics::solid::{Chord, Mesh};
 
 use super::lane::{F, V};
 
@@ -53,9 +53,9 @@ impl Facets {
 
     /// Where the camera's ray is in it; false where it has to be asked otherwise.
     #[inline(always)]
-    pub fn cut_from_camera<S: Simd>(&self, simd: S, eye: DVec3, along: DVec3, stays: &mut Vec<Stay>) -> bool {
+    pub fn cut_from_camera<S: Simd>(&self, simd: S, eye: DVec3, along: DVec3, chords: &mut Vec<Chord>) -> bool {
         let Some(from_camera) = &self.from_camera else { return false };
-        self.mesh.cut_seen(simd, (eye, from_camera), along, stays);
+        self.mesh.cut_seen(simd, (eye, from_camera), along, chords);
         true
     }
 

@@ -11,7 +11,7 @@ pub const FIRST: u32 = 1 << 31;
 pub const ENTRY: u32 = 1 << 30;
 
 /// The same of an estimate along a flight that a wall has turned.
-pub const WALL: u32 = 1 << 29;
+pub const TURNED: u32 = 1 << 29;
 
 /// Optical depth (optical distance to the light) beyond which it counts as none: e^-80 of it.
 pub const DARK: f32 = 80.0;

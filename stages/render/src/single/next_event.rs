@@ -7,10 +7,10 @@ use super::deposit::{Deposit, Seen};
 use super::facets::bits;
 use super::frame::Frame;
 use super::lane::{F, LANES, M, U, V, choose, exp, hg_denominator, hg_sample, ln, philox, splat, unit};
-use super::limits::{DARK, ENTRY, FIRST, MOST_CHANNELS, MOST_FACES, WALL};
+use super::limits::{DARK, ENTRY, FIRST, MOST_CHANNELS, MOST_FACES, TURNED};
 use super::rows::{Counts, Rows};
 use super::source::{Arrival, Source, whether_projected};
-use super::visibility::{Visibility, add_along, add_in_own, first_piece, spans, steepness, visibility};
+use super::visibility::{Visibility, add_along, add_in_own, chords, first_piece, steepness, visibility};
 use super::walls::Refraction;
 use crate::connect::OTHER_CONNECTIONS;
 use crate::lengths::MOST_LENGTHS;
@@ -183,12 +183,12 @@ fn line<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, key: [u32; 2], hig
     } else {
         (visibility(simd, frame, source, waiting, r), M::splat(simd, true))
     };
-    let Visibility { towards, spans: to_light, normals, tau, .. } = to_light;
+    let Visibility { towards, chords: to_light, normals, tau, .. } = to_light;
     let (wall, wall_body) = first_piece(simd, frame, body, r, &to_light);
 
     // The line: along the path's own direction, or one from the lobe around the light. Rays that come in from outside have no choice.
     let (first, entry) = (number.simd_ge(FIRST), (number & (FIRST | ENTRY)).simd_eq(ENTRY));
-    let turned = (number & (FIRST | ENTRY | WALL)).simd_eq(WALL);
+    let turned = (number & (FIRST | ENTRY | TURNED)).simd_eq(TURNED);
     let (block, piece) = source.numbers(simd, number, frame.first - 1, first, entry);
     let high = piece | high;
     let [choice, b, c, u] = philox(simd, block, high, sample, pixel, key);
@@ -210,7 +210,7 @@ fn line<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, key: [u32; 2], hig
     let depth = choose(depth.simd_gt(least), depth, least);
     let inverse_survival = choose(sure, splat(simd, 1.0), inverse_survival(simd, depth));
     let chosen = waiting & (roulette * inverse_survival).simd_lt(1.0);
-    let mut along = spans(simd, frame, r, e);
+    let mut along = chords(simd, frame, r, e);
     let rate = falling(simd, steepness, mu_t);
     if !frame.ground.meshes.is_empty() {
         let until = choose(rate.simd_gt(mu_t * 0.1), GONE / rate, splat(simd, f32::INFINITY));
@@ -341,11 +341,11 @@ fn see_through_walls<S: Simd>(
     loop {
         let last = rest.trailing_zeros().min(LANES as u32 - 1);
         rest &= !(1 << last);
-        let segment = ((2_u64 << last) - 1) & !((1 << start) - 1);
-        for (i, others) in [segment].iter().chain(&others).enumerate() {
+        let run = ((2_u64 << last) - 1) & !((1 << start) - 1);
+        for (i, others) in [run].iter().chain(&others).enumerate() {
             let (refraction, seen) = match i {
                 0 => (Some(&first), *others),
-                _ => (refractions[i - 1].as_ref(), others & several & segment & (1 << last)),
+                _ => (refractions[i - 1].as_ref(), others & several & run & (1 << last)),
             };
             let seen = seen & found.to_bitmask();
             if let (Some(refraction), true) = (refraction, seen != 0) {

@@ -19,7 +19,7 @@ use crate::lengths::MOST_LENGTHS;
 use crate::random::LAMPS_IN_LANES;
 use crate::setting::{Nee, Setting};
 use crate::walker::Walker;
-use crate::world::{Material, Spans, World};
+use crate::world::{Chords, Material, World};
 
 /// g of media in which light-directed branches pay (with g = 0 they cost more than they save: measured), up to where f32 holds their lobe.
 const PEAKED: RangeInclusive<f64> = 0.5..=0.99;
@@ -180,9 +180,9 @@ impl<'a> Frame<'a> {
 /// Where the middle of the image meets the first body that is not void; without one, where the camera looks.
 fn seen(s: &Setting<'_>) -> DVec3 {
     let view = &s.camera.view;
-    let mut spans = Spans::default();
+    let mut chords = Chords::default();
     let (from, along) = view.ray(0.5, 0.5);
-    let mut pieces = s.world.trace(from, along, None, &mut spans);
+    let mut pieces = s.world.trace(from, along, None, &mut chords);
     pieces.find(|piece| piece.material != 0).map_or(view.look_at, |piece| from + piece.start * along)
 }
 

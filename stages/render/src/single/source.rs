@@ -4,7 +4,7 @@ use fearless_simd::prelude::*;
 use glam::DVec3;
 
 use super::lane::{F, M, U, V, splat};
-use super::limits::{FIRST, MOST_CHANNELS, WALL};
+use super::limits::{FIRST, MOST_CHANNELS, TURNED};
 use crate::lamp::{Lamp, Steady};
 use crate::lengths::Shared;
 use crate::light::{Emission, Light};
@@ -206,7 +206,7 @@ impl Source {
     /// number is `start`, such as are from where a flight comes in, and all others.
     #[inline(always)]
     pub fn numbers<S: Simd>(&self, simd: S, number: U<S>, start: u32, first: M<S>, entry: M<S>) -> (U<S>, U<S>) {
-        let (word, low) = (|x: u32| U::splat(simd, x), number & (WALL - 1));
+        let (word, low) = (|x: u32| U::splat(simd, x), number & (TURNED - 1));
         if self.place == 0 {
             let ahead = entry.select(word(ENTERED), word(0));
             return (first.select(word(start), low), first.select(number & (FIRST - 1), ahead));

@@ -119,13 +119,13 @@ impl<'a> Starts<'a> {
             _ if !inside => {}
             _ if frame.walls.is_some() => {
                 let n = |piece: &Piece| s.world.materials[piece.material].n;
-                let mut rest = s.world.trace(from, along, None, &mut walker.spans);
+                let mut rest = s.world.trace(from, along, None, &mut walker.chords);
                 let first = rest.next();
                 let index = first.as_ref().map(n);
                 pieces.extend(first.into_iter().chain(rest.take_while(|piece| Some(n(piece)) == index)));
             }
             [only] if only.solid.is_convex() => {
-                let (start, end) = only.solid.span(from, along);
+                let (start, end) = only.solid.chord(from, along);
                 if start < end && end > 0.0 {
                     let start = if frame.plane.is_some() { start.max(0.0) } else { start };
                     pieces.push(Piece { start, end, material: only.material, wall: None });
@@ -140,24 +140,24 @@ impl<'a> Starts<'a> {
                     #[inline(always)]
                     || {
                         s.world.trace_by(
-                            &mut walker.spans,
+                            &mut walker.chords,
                             #[inline(always)]
-                            |i, solid, stays| {
+                            |i, solid, chords| {
                                 let mesh = frame.ground.meshes.iter().find(|mesh| mesh.body == i as u32);
                                 // No `is_some_and`: what is not inlined loses the vector instructions.
                                 if let Some(mesh) = mesh
-                                    && mesh.cut_from_camera(simd, from, along, stays)
+                                    && mesh.cut_from_camera(simd, from, along, chords)
                                 {
                                     return;
                                 }
-                                solid.cut(from, along, None, stays);
+                                solid.cut(from, along, None, chords);
                             },
                         )
                     },
                 );
                 pieces.extend(cut.filter(|p| p.material != 0));
             }
-            _ => pieces.extend(s.world.trace(from, along, None, &mut walker.spans).filter(|p| p.material != 0)),
+            _ => pieces.extend(s.world.trace(from, along, None, &mut walker.chords).filter(|p| p.material != 0)),
         }
         let ready = self.ready.len();
         let made = self.enter_pieces(&s, frame, next_events, ids, (from, along), absorption_depth, &pieces);

@@ -9,7 +9,7 @@ use super::face::Walls;
 use super::frame::Frame;
 use super::lane::{M, U, V, choose, splat};
 use super::limits::SLIVER;
-use super::visibility::spans;
+use super::visibility::chords;
 use crate::walker::Walker;
 use crate::world::Skin;
 
@@ -26,7 +26,7 @@ impl Walls {
     pub fn enter(&self, walker: &mut Walker<'_>, from: DVec3, along: DVec3, random: f64) -> Option<Outside> {
         let world = walker.setting().world;
         let mut before = None;
-        for piece in world.trace(from, along, None, &mut walker.spans) {
+        for piece in world.trace(from, along, None, &mut walker.chords) {
             let material = &world.materials[piece.material];
             if material.is_opaque() {
                 return None;
@@ -39,7 +39,7 @@ impl Walls {
                     return Some(Outside::In(place - self.behind * normal, refracted));
                 }
                 let skin = Skin { wall, inside: false };
-                let mut onward = world.trace(place, met.reflected, Some(skin), &mut walker.spans);
+                let mut onward = world.trace(place, met.reflected, Some(skin), &mut walker.chords);
                 return onward.all(|piece| piece.material == 0).then_some(Outside::Out(1));
             }
             before = piece.wall;
@@ -60,23 +60,23 @@ impl Walls {
     #[inline(always)]
     fn meet_by<S: Simd>(&self, simd: S, frame: &Frame<'_>, body: U<S>, r: V<S>, w: V<S>) -> (Meeting<S>, V<S>, M<S>) {
         let (zero, never) = (splat(simd, 0.0), splat(simd, f32::INFINITY));
-        let along = spans(simd, frame, r, w);
+        let along = chords(simd, frame, r, w);
         let mut distance = never;
-        for (j, span) in along.iter().enumerate().take(frame.parts.len()) {
-            distance = choose(body.simd_eq(j as u32), span.leave, distance);
+        for (j, chord) in along.iter().enumerate().take(frame.parts.len()) {
+            distance = choose(body.simd_eq(j as u32), chord.leave, distance);
         }
         let mut alone = distance.simd_lt(f32::MAX);
         let distance = distance.max(zero);
         let p = r.plus(distance, w);
         let slack = (distance + p.size()) * SLIVER;
         let mut normal = w;
-        for (j, span) in along.iter().enumerate().take(frame.parts.len()) {
+        for (j, chord) in along.iter().enumerate().take(frame.parts.len()) {
             let (own, above) = (body.simd_eq(j as u32), body.simd_gt(j as u32));
             normal = frame.ground.normal(simd, j, p).or(own, normal);
             // What comes before the end of the own body, or holds that.
             let from = choose(above, zero, distance - slack);
             let there =
-                span.enter.simd_lt(span.leave) & span.enter.simd_lt(distance + slack) & span.leave.simd_gt(from);
+                chord.enter.simd_lt(chord.leave) & chord.enter.simd_lt(distance + slack) & chord.leave.simd_gt(from);
             alone &= own | !there;
         }
         let through = w.dot(normal);
@@ -90,10 +90,10 @@ impl Walls {
         // Totally reflected, both are 1.
         let reflectance = choose(cos2.simd_gt(zero), (s * s + t * t) * 0.5, splat(simd, 1.0));
         let beyond = w.times(splat(simd, self.m)).plus(out - cos * self.m, normal);
-        let outside = spans(simd, frame, p, beyond);
+        let outside = chords(simd, frame, p, beyond);
         let mut free = M::splat(simd, true);
-        for (j, span) in outside.iter().enumerate().take(frame.parts.len()) {
-            free &= body.simd_eq(j as u32) | span.enter.simd_ge(span.leave) | span.leave.simd_le(-slack);
+        for (j, chord) in outside.iter().enumerate().take(frame.parts.len()) {
+            free &= body.simd_eq(j as u32) | chord.enter.simd_ge(chord.leave) | chord.leave.simd_le(-slack);
         }
         let meeting = Meeting {
             distance,

@@ -4,7 +4,7 @@ use fearless_simd::prelude::*;
 
 use super::facets::bits;
 use super::frame::Frame;
-use super::ground::{Span, Spans};
+use super::ground::{Chord, Chords};
 use super::lane::{F, M, U, V, choose, splat};
 use super::limits::{MOST_BODIES, SLIVER};
 use super::rows::Counts;
@@ -15,7 +15,7 @@ use crate::lengths::MOST_LENGTHS;
 pub struct Visibility<S: Simd> {
     /// Unit vector from the point against the light, and where its line meets the bodies.
     pub towards: V<S>,
-    pub spans: Spans<S>,
+    pub chords: Chords<S>,
     /// Of meshes, where the line first meets each.
     pub normals: [V<S>; MOST_BODIES],
     pub tau: F<S>,
@@ -35,24 +35,24 @@ pub fn visibility<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, asked: M
     let mut normals = [V { x: zero, y: zero, z: zero }; MOST_BODIES];
     let Some(plane) = &frame.plane else {
         let (towards, distance) = source.towards(p);
-        let mut spans = spans(simd, frame, p, towards);
+        let mut chords = chords(simd, frame, p, towards);
         let mut again = 0;
         if !frame.ground.meshes.is_empty() {
-            again = frame.ground.add_towards_light(simd, asked, p, towards, distance, &mut spans, &mut normals);
+            again = frame.ground.add_towards_light(simd, asked, p, towards, distance, &mut chords, &mut normals);
         }
-        let mut tau = optical_depth(simd, frame, &spans, distance);
+        let mut tau = optical_depth(simd, frame, &chords, distance);
         if again != 0 {
             let mut depths = tau.to_array();
             for lane in bits(again) {
-                let pieces = frame.ground.pieces_to_light(simd, lane, (p, towards, distance), &spans);
+                let pieces = frame.ground.pieces_to_light(simd, lane, (p, towards, distance), &chords);
                 depths[lane] = pieces.iter().map(|&(j, length)| frame.mu_t[j] * length).sum();
             }
             tau = F::load_array(simd, depths);
         }
-        let blocked = blocked(simd, frame, &spans, distance);
+        let blocked = blocked(simd, frame, &chords, distance);
         return Visibility {
             towards,
-            spans,
+            chords,
             normals,
             tau,
             length: distance,
@@ -63,44 +63,44 @@ pub fn visibility<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, asked: M
         };
     };
     let refraction = plane.refraction(simd, source.position, p);
-    let inside = spans(simd, frame, p, refraction.towards);
+    let inside = chords(simd, frame, p, refraction.towards);
     let tau = optical_depth(simd, frame, &inside, refraction.length);
     let stopped = blocked(simd, frame, &inside, refraction.length);
     let (towards, length) = (refraction.towards, refraction.length);
     let (foot, gain) = (refraction.foot, refraction.gain);
-    Visibility { towards, spans: inside, normals, tau, length, again: 0, blocked: stopped, foot, gain }
+    Visibility { towards, chords: inside, normals, tau, length, again: 0, blocked: stopped, foot, gain }
 }
 
 /// Meshes apart.
 #[inline(always)]
-pub fn spans<S: Simd>(simd: S, frame: &Frame<'_>, r: V<S>, w: V<S>) -> Spans<S> {
-    let nowhere = Span { enter: splat(simd, 0.0), leave: splat(simd, 0.0) };
-    let mut spans = [nowhere; MOST_BODIES];
-    for (j, span) in spans.iter_mut().enumerate().take(frame.ground.bodies()) {
+pub fn chords<S: Simd>(simd: S, frame: &Frame<'_>, r: V<S>, w: V<S>) -> Chords<S> {
+    let nowhere = Chord { enter: splat(simd, 0.0), leave: splat(simd, 0.0) };
+    let mut chords = [nowhere; MOST_BODIES];
+    for (j, chord) in chords.iter_mut().enumerate().take(frame.ground.bodies()) {
         if !frame.ground.is_mesh(j) {
-            *span = frame.ground.span(simd, j, r, w);
+            *chord = frame.ground.chord(simd, j, r, w);
         }
     }
-    spans
+    chords
 }
 
 /// Where the piece of the own medium that a ray starts in ends, and at which body's surface.
 #[inline(always)]
-pub fn first_piece<S: Simd>(simd: S, frame: &Frame<'_>, body: U<S>, r: V<S>, spans: &Spans<S>) -> (F<S>, U<S>) {
+pub fn first_piece<S: Simd>(simd: S, frame: &Frame<'_>, body: U<S>, r: V<S>, chords: &Chords<S>) -> (F<S>, U<S>) {
     let (mut distance, mut wall) = (splat(simd, f32::INFINITY), U::splat(simd, 0));
-    for (j, span) in spans.iter().enumerate().take(frame.ground.bodies()) {
+    for (j, chord) in chords.iter().enumerate().take(frame.ground.bodies()) {
         let j = j as u32;
         // Its own body ends it by its exit, one of higher priority by its entry: not one that is missed or behind. A ray may start where such a
         // one ends, whatever rounding says: its middle tells.
         let own = body.simd_eq(j);
-        let carves = body.simd_gt(j) & span.enter.simd_lt(span.leave) & (span.enter + span.leave).simd_gt(0.0);
-        let end = choose(own, span.leave, span.enter);
+        let carves = body.simd_gt(j) & chord.enter.simd_lt(chord.leave) & (chord.enter + chord.leave).simd_gt(0.0);
+        let end = choose(own, chord.leave, chord.enter);
         let nearer = (carves | own) & end.simd_lt(distance);
         distance = choose(nearer, end, distance);
         wall = nearer.select(U::splat(simd, j), wall);
     }
     if frame.repeated {
-        go_on(simd, frame, body, r, spans, &mut distance, &mut wall);
+        go_on(simd, frame, body, r, chords, &mut distance, &mut wall);
     }
     (distance, wall)
 }
@@ -112,7 +112,7 @@ fn go_on<S: Simd>(
     frame: &Frame<'_>,
     body: U<S>,
     r: V<S>,
-    spans: &Spans<S>,
+    chords: &Chords<S>,
     distance: &mut F<S>,
     wall: &mut U<S>,
 ) {
@@ -129,12 +129,12 @@ fn go_on<S: Simd>(
         let behind = reached + (reached + size) * SLIVER;
         let (mut its, mut end, mut ends) = (U::splat(simd, 0), never, *wall);
         // From the lowest priority upwards: what holds the place ends there, or where a higher body begins.
-        for (j, (span, part)) in spans.iter().zip(&frame.parts).enumerate().rev() {
-            let hit = span.enter.simd_lt(span.leave) & span.leave.simd_gt(behind);
-            let holds = hit & span.enter.simd_le(behind);
-            let comes = hit & !holds & span.enter.simd_lt(end);
+        for (j, (chord, part)) in chords.iter().zip(&frame.parts).enumerate().rev() {
+            let hit = chord.enter.simd_lt(chord.leave) & chord.leave.simd_gt(behind);
+            let holds = hit & chord.enter.simd_le(behind);
+            let comes = hit & !holds & chord.enter.simd_lt(end);
             its = holds.select(U::splat(simd, part.material as u32), its);
-            end = choose(holds, span.leave, choose(comes, span.enter, end));
+            end = choose(holds, chord.leave, choose(comes, chord.enter, end));
             ends = (holds | comes).select(U::splat(simd, j as u32), ends);
         }
         goes_on &= its.simd_eq(medium) & end.simd_lt(never);
@@ -148,7 +148,7 @@ fn go_on<S: Simd>(
 
 /// Along the first `distance` of rays: what of each body is not carved out by those of higher priority, by inclusion and exclusion.
 #[inline(always)]
-fn optical_depth<S: Simd>(simd: S, frame: &Frame<'_>, spans: &Spans<S>, distance: F<S>) -> F<S> {
+fn optical_depth<S: Simd>(simd: S, frame: &Frame<'_>, chords: &Chords<S>, distance: F<S>) -> F<S> {
     let (zero, mut tau) = (splat(simd, 0.0), splat(simd, 0.0));
     for (j, &mu_t) in frame.mu_t.iter().enumerate() {
         if mu_t == 0.0 {
@@ -157,10 +157,10 @@ fn optical_depth<S: Simd>(simd: S, frame: &Frame<'_>, spans: &Spans<S>, distance
         // Lengths common to body j and to every one of a set of higher bodies, the set by its bits.
         for set in 0..1_usize << j {
             let sign = if set.count_ones() % 2 == 0 { mu_t } else { -mu_t };
-            let (mut enter, mut leave) = (spans[j].enter.max(zero), spans[j].leave.min(distance));
-            for (k, span) in spans[..j].iter().enumerate() {
+            let (mut enter, mut leave) = (chords[j].enter.max(zero), chords[j].leave.min(distance));
+            for (k, chord) in chords[..j].iter().enumerate() {
                 if set >> k & 1 == 1 {
-                    (enter, leave) = (span.enter.max(enter), span.leave.min(leave));
+                    (enter, leave) = (chord.enter.max(enter), chord.leave.min(leave));
                 }
             }
             tau += (leave - enter).max(zero) * sign;
@@ -171,10 +171,10 @@ fn optical_depth<S: Simd>(simd: S, frame: &Frame<'_>, spans: &Spans<S>, distance
 
 /// Whether an opaque body stands in the first `distance` of rays; nothing carves those.
 #[inline(always)]
-fn blocked<S: Simd>(simd: S, frame: &Frame<'_>, spans: &Spans<S>, distance: F<S>) -> M<S> {
+fn blocked<S: Simd>(simd: S, frame: &Frame<'_>, chords: &Chords<S>, distance: F<S>) -> M<S> {
     let mut blocked = M::splat(simd, false);
-    for (span, _) in spans.iter().zip(&frame.opaque).filter(|(_, opaque)| **opaque) {
-        blocked |= span.enter.simd_lt(span.leave) & span.leave.simd_gt(0.0) & span.enter.simd_lt(distance);
+    for (chord, _) in chords.iter().zip(&frame.opaque).filter(|(_, opaque)| **opaque) {
+        blocked |= chord.enter.simd_lt(chord.leave) & chord.leave.simd_gt(0.0) & chord.enter.simd_lt(distance);
     }
     blocked
 }
@@ -213,13 +213,13 @@ pub fn add_in_own<S: Simd>(lengths: &mut Counts<S>, frame: &Frame<'_>, body: U<S
 #[inline(always)]
 pub fn add_along<S: Simd>(simd: S, lengths: &mut Counts<S>, frame: &Frame<'_>, p: V<S>, visibility: &Visibility<S>) {
     let (zero, before) = (splat(simd, 0.0), *lengths);
-    let Visibility { towards, spans, length: distance, again, .. } = visibility;
+    let Visibility { towards, chords, length: distance, again, .. } = visibility;
     for (j, &place) in frame.counted.iter().enumerate().filter(|(_, place)| **place < MOST_LENGTHS) {
         for set in 0..1_usize << j {
-            let (mut enter, mut leave) = (spans[j].enter.max(zero), spans[j].leave.min(*distance));
-            for (k, span) in spans[..j].iter().enumerate() {
+            let (mut enter, mut leave) = (chords[j].enter.max(zero), chords[j].leave.min(*distance));
+            for (k, chord) in chords[..j].iter().enumerate() {
                 if set >> k & 1 == 1 {
-                    (enter, leave) = (span.enter.max(enter), span.leave.min(leave));
+                    (enter, leave) = (chord.enter.max(enter), chord.leave.min(leave));
                 }
             }
             let common = (leave - enter).max(zero);
@@ -228,7 +228,7 @@ pub fn add_along<S: Simd>(simd: S, lengths: &mut Counts<S>, frame: &Frame<'_>, p
     }
     for lane in bits(*again) {
         let mut sums = before.map(|length| length.as_slice()[lane]);
-        for (j, length) in frame.ground.pieces_to_light(simd, lane, (p, *towards, *distance), spans) {
+        for (j, length) in frame.ground.pieces_to_light(simd, lane, (p, *towards, *distance), chords) {
             if frame.counted[j] < MOST_LENGTHS {
                 sums[frame.counted[j]] += length;
             }

@@ -6,7 +6,7 @@ use turbid_optics::at_level;
 use super::frame::Frame;
 use super::lane::{F, LANES, M, U, V, choose, hg_sample, ln, philox, spare, splat, unit, unit_short};
 use super::light_branch::{LightBranches, sends};
-use super::limits::{ENTRY, WALL};
+use super::limits::{ENTRY, TURNED};
 use super::next_event::{NextEvents, estimate_while, inverse_survival};
 use super::rows::{Counts, Paths};
 use super::scalar_connections::make_scalar_connections;
@@ -352,7 +352,7 @@ impl<'a, S: Simd> Packet<'a, S> {
             self.next_events.rays.pack(
                 turned,
                 &[end.x, end.y, end.z, e.x, e.y, e.z, e.x, e.y, e.z, weight, zero, mu_a, mu_s, g, zero],
-                &[(number + 1) | WALL, sample, pixel, path, body],
+                &[(number + 1) | TURNED, sample, pixel, path, body],
                 &lengths,
             );
             estimate_while(simd, &mut self.next_events, LANES, frame, key, high, responses);

@@ -9,10 +9,10 @@ use glam::DVec3;
 use super::bend::{advanced, tangent};
 use super::face::{Form, Walls, Within, extent, faces_of};
 use super::frame::Frame;
-use super::ground::{Ground, Part, Shape, Span, Spans, span};
+use super::ground::{Chord, Chords, Ground, Part, Shape, chord};
 use super::lane::{F, M, V, choose, splat};
 use super::limits::{MOST_BODIES, MOST_FACES, SLIVER};
-use super::visibility::{Visibility, spans};
+use super::visibility::{Visibility, chords};
 use crate::bsdf::Bsdf;
 use crate::strata::Bending;
 use crate::walker::Walker;
@@ -36,7 +36,7 @@ pub struct Refraction<S: Simd> {
     /// Optical depth up to the face.
     pub tau: F<S>,
     /// Where its line meets the bodies.
-    pub spans: Spans<S>,
+    pub chords: Chords<S>,
 }
 
 /// Where Snell's law may hold.
@@ -137,7 +137,7 @@ impl Walls {
             let outer = passed(simd, frame, (foot, a, d1), (face.body, splat(simd, f32::NEG_INFINITY)));
             found &= outer.length.simd_le(slack) & !outer.blocked;
         }
-        let Passed { tau, spans, .. } = inner;
+        let Passed { tau, chords, .. } = inner;
         Refraction {
             found,
             unsure,
@@ -147,7 +147,7 @@ impl Walls {
             normal,
             gain: transmitted * cos_in * cos_out / spread,
             tau,
-            spans,
+            chords,
         }
     }
 
@@ -241,14 +241,14 @@ impl Walls {
     ) -> Place<S> {
         let form = Form::Round { shape, least, low, high };
         let (towards, distance) = self.to_light(p);
-        let Span { enter, leave } = span(simd, shape, p, towards);
+        let Chord { enter, leave } = chord(simd, shape, p, towards);
         let slack = p.size() * SLIVER;
         let met = asked & enter.simd_le(slack) & leave.simd_gt(-slack) & leave.simd_lt(distance);
         let mut foot = shape.onto(p.plus(leave.max(splat(simd, 0.0)), towards));
         for _ in 0..BENT {
             // From there on as the wall bends it: right where the wall is nearly flat as seen from the point.
             let bent = self.refracted(self.to_light(foot).0, shape.unit_normal(foot));
-            let Span { leave, .. } = span(simd, shape, p, bent);
+            let Chord { leave, .. } = chord(simd, shape, p, bent);
             foot = shape.onto(p.plus(leave.max(splat(simd, 0.0)), bent));
         }
         let (mut open, mut unsure) = (met, M::splat(simd, false));
@@ -316,17 +316,18 @@ impl<S: Simd> Refraction<S> {
     #[inline(always)]
     pub fn visibility(&self, blocked: M<S>) -> Visibility<S> {
         let zero = splat(self.tau.token(), 0.0);
-        let &Self { towards, spans, tau, length, foot, gain, .. } = self;
+        let &Self { towards, chords, tau, length, foot, gain, .. } = self;
         let normals = [V { x: zero, y: zero, z: zero }; MOST_BODIES];
-        Visibility { towards, spans, normals, tau, length, again: 0, blocked, foot, gain }
+        Visibility { towards, chords, normals, tau, length, again: 0, blocked, foot, gain }
     }
 
     /// This where `mask` says so, else the other; found where either is, unsure too.
     #[inline(always)]
     pub fn or(self, mask: M<S>, other: &Self) -> Self {
-        let mut spans = self.spans;
-        for (span, other) in spans.iter_mut().zip(&other.spans) {
-            *span = Span { enter: choose(mask, span.enter, other.enter), leave: choose(mask, span.leave, other.leave) };
+        let mut chords = self.chords;
+        for (chord, other) in chords.iter_mut().zip(&other.chords) {
+            *chord =
+                Chord { enter: choose(mask, chord.enter, other.enter), leave: choose(mask, chord.leave, other.leave) };
         }
         Self {
             found: self.found | other.found,
@@ -337,7 +338,7 @@ impl<S: Simd> Refraction<S> {
             normal: self.normal.or(mask, other.normal),
             gain: choose(mask, self.gain, other.gain),
             tau: choose(mask, self.tau, other.tau),
-            spans,
+            chords,
         }
     }
 }
@@ -354,7 +355,7 @@ fn tangents<S: Simd>(simd: S, n: V<S>) -> (V<S>, V<S>) {
 
 /// What rays pass on a stretch.
 struct Passed<S: Simd> {
-    spans: Spans<S>,
+    chords: Chords<S>,
     tau: F<S>,
     /// mm in what light can enter.
     length: F<S>,
@@ -374,13 +375,13 @@ fn passed<S: Simd>(
         #[inline(always)]
         || {
             let zero = splat(simd, 0.0);
-            let spans = spans(simd, frame, r, w);
-            let mut cut = spans;
+            let chords = chords(simd, frame, r, w);
+            let mut cut = chords;
             cut[body].leave = leave;
             let (mut tau, mut length, mut blocked) = (zero, zero, M::splat(simd, false));
             for (j, &mu_t) in frame.mu_t.iter().enumerate() {
                 if frame.opaque[j] {
-                    let Span { enter, leave } = cut[j];
+                    let Chord { enter, leave } = cut[j];
                     blocked |= enter.simd_lt(leave) & leave.simd_gt(zero) & enter.simd_lt(distance);
                     continue;
                 }
@@ -388,9 +389,9 @@ fn passed<S: Simd>(
                 let mut own = zero;
                 for set in 0..1_usize << j {
                     let (mut enter, mut leave) = (cut[j].enter.max(zero), cut[j].leave.min(distance));
-                    for (k, span) in cut[..j].iter().enumerate() {
+                    for (k, chord) in cut[..j].iter().enumerate() {
                         if set >> k & 1 == 1 {
-                            (enter, leave) = (span.enter.max(enter), span.leave.min(leave));
+                            (enter, leave) = (chord.enter.max(enter), chord.leave.min(leave));
                         }
                     }
                     let common = (leave - enter).max(zero);
@@ -398,7 +399,7 @@ fn passed<S: Simd>(
                 }
                 (tau, length) = (tau + own * mu_t, length + own);
             }
-            Passed { spans, tau, length, blocked }
+            Passed { chords, tau, length, blocked }
         },
     )
 }
