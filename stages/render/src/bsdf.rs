@@ -1,6 +1,6 @@
-//! BSDFs: what a ray meets at the wall of a body.
+//! BSDFs: what a ray meets at the interface of a body.
 
-/// How the wall of a body treats light.
+/// How the interface of a body treats light.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Bsdf {
     /// A boundary that obeys Fresnel and Snell where the refractive indices differ, nothing where they do not.

@@ -203,7 +203,7 @@ impl Params {
 
 /// Whether light may be reflected several times in a mesh before it is extinguished: across it are less than three mean free paths.
 fn has_clear_facets(world: &World) -> bool {
-    let looked_for = Bending::of(world) == Bending::AtWalls;
+    let looked_for = Bending::of(world) == Bending::AtInterfaces;
     looked_for
         && facetted(world).any(|body| {
             let (low, high) = body.solid.bounds();
@@ -231,7 +231,7 @@ fn check_lamp_reflections(rig: &Rig, problems: &mut Problems) {
     }
     let world = &rig.worlds[0];
     let (bending, mirrors) = (Bending::of(world), Mirrors::of(world));
-    let smooth = matches!(bending, Bending::AtPlanes(_) | Bending::AtWalls) || !mirrors.is_empty();
+    let smooth = matches!(bending, Bending::AtPlanes(_) | Bending::AtInterfaces) || !mirrors.is_empty();
     if smooth && rig.is_parallel() {
         problems.push_with_hint(
             "",
@@ -240,7 +240,7 @@ fn check_lamp_reflections(rig: &Rig, problems: &mut Problems) {
         );
         return;
     }
-    if mirrors.face && bending != Bending::AtWalls {
+    if mirrors.face && bending != Bending::AtInterfaces {
         problems.push_with_hint(
             "",
             "flat mirrors face each other: the lamp reflections between them are endless",

@@ -13,7 +13,7 @@ use crate::random::{Dice, NeeSite, Purpose, Stream};
 use crate::setting::Setting;
 use crate::strata::{Bending, Layer, Strata};
 use crate::walker::Walker;
-use crate::world::Skin;
+use crate::world::SurfacePoint;
 
 /// Where light comes from, be it lit or not, and how far off it is.
 pub(crate) struct Heading {
@@ -66,30 +66,36 @@ impl Draws<'_> {
 pub(crate) const OTHER_CONNECTIONS: f64 = 0.125;
 impl Walker<'_> {
     /// What a shadow ray meets from r along `towards`.
-    pub(crate) fn visibility(&mut self, r: DVec3, towards: DVec3, distance: f64, skin: Option<Skin>) -> Visibility {
+    pub(crate) fn visibility(
+        &mut self,
+        r: DVec3,
+        towards: DVec3,
+        distance: f64,
+        surface_point: Option<SurfacePoint>,
+    ) -> Visibility {
         let Setting { world, shared, .. } = self.setting;
         let mut visibility = Visibility { tau: 0.0, blocked: false, exit: None, lengths: NO_LENGTHS };
         let mut n = None;
-        for piece in world.trace(r, towards, skin, &mut self.chords) {
-            if piece.start >= distance {
+        for segment in world.trace(r, towards, surface_point, &mut self.chords) {
+            if segment.start >= distance {
                 break;
             }
             if visibility.exit.is_none()
-                && let Some(wall) = piece.wall
+                && let Some(interface) = segment.interface
             {
-                let normal = world.normal(wall, r + piece.end * towards);
+                let normal = world.normal(interface, r + segment.end * towards);
                 visibility.exit = Some(if normal.dot(towards) < 0.0 { -normal } else { normal });
             }
-            let material = &world.materials[piece.material];
+            let material = &world.materials[segment.material];
             // Where light bends at planes a chain is made of stretches within one index.
-            let bends = matches!(self.bending, Bending::AtRough | Bending::AtWalls);
+            let bends = matches!(self.bending, Bending::AtRough | Bending::AtInterfaces);
             let crosses = bends && *n.get_or_insert(material.n) != material.n;
             if material.is_opaque() || crosses {
                 visibility.blocked = true;
-            } else if piece.material != 0 {
-                let length = piece.end.min(distance) - piece.start;
+            } else if segment.material != 0 {
+                let length = segment.end.min(distance) - segment.start;
                 visibility.tau += material.mu_t() * length;
-                count(shared, &mut visibility.lengths, piece.material, length);
+                count(shared, &mut visibility.lengths, segment.material, length);
             }
         }
         visibility
@@ -102,22 +108,22 @@ impl Walker<'_> {
         &mut self,
         source: Source<'_>,
         r: DVec3,
-        skin: Option<Skin>,
+        surface_point: Option<SurfacePoint>,
         lit: bool,
     ) -> Option<Connection> {
         if matches!(self.bending, Bending::Nowhere | Bending::AtRough) {
-            return self.straight(source, r, skin, 1.0);
+            return self.straight(source, r, surface_point, 1.0);
         }
-        if self.bending == Bending::AtWalls {
-            self.find_known(source, r, skin, true);
+        if self.bending == Bending::AtInterfaces {
+            self.find_known(source, r, surface_point, true);
             return self.known.first().map(|known| known.connection).filter(|connection| connection.lit || !lit);
         }
         self.on_scratch(|walker, chain| {
-            walker.without_reflections(source, r, skin, chain)?;
+            walker.without_reflections(source, r, surface_point, chain)?;
             match chain.stretches[..] {
                 // Exact for horizontal beams, too.
-                [only] => walker.straight(source, r, skin, only.leg.n),
-                _ => walker.along(source, r, skin, chain, 1.0),
+                [only] => walker.straight(source, r, surface_point, only.leg.n),
+                _ => walker.along(source, r, surface_point, chain, 1.0),
             }
         })
         .filter(|connection| connection.lit || !lit)
@@ -129,14 +135,14 @@ impl Walker<'_> {
         &mut self,
         source: Source<'_>,
         r: DVec3,
-        skin: Option<Skin>,
+        surface_point: Option<SurfacePoint>,
         connections: &mut Vec<Connection>,
     ) {
-        if self.bending == Bending::AtWalls {
-            self.find_known(source, r, skin, false);
+        if self.bending == Bending::AtInterfaces {
+            self.find_known(source, r, surface_point, false);
             connections.extend(self.known.iter().map(|known| known.connection).filter(|connection| connection.lit));
         } else {
-            connections.extend(self.connect(source, r, skin, true));
+            connections.extend(self.connect(source, r, surface_point, true));
         }
     }
 
@@ -146,23 +152,29 @@ impl Walker<'_> {
         &mut self,
         source: Source<'_>,
         r: DVec3,
-        skin: Option<Skin>,
+        surface_point: Option<SurfacePoint>,
         draws: &Draws<'_>,
         connections: &mut Vec<Connection>,
     ) {
-        if self.bending == Bending::AtWalls {
-            connections.extend(self.sample_manifold(source, r, skin, draws));
+        if self.bending == Bending::AtInterfaces {
+            connections.extend(self.sample_manifold(source, r, surface_point, draws));
         } else {
-            connections.extend(self.reflected_connection(source, r, skin, draws));
-            self.by_mirrors(source, r, skin, draws, connections);
+            connections.extend(self.reflected_connection(source, r, surface_point, draws));
+            self.by_mirrors(source, r, surface_point, draws, connections);
         }
     }
 
     /// Through index n all the way.
     #[inline]
-    pub(crate) fn straight(&mut self, source: Source<'_>, r: DVec3, skin: Option<Skin>, n: f64) -> Option<Connection> {
+    pub(crate) fn straight(
+        &mut self,
+        source: Source<'_>,
+        r: DVec3,
+        surface_point: Option<SurfacePoint>,
+        n: f64,
+    ) -> Option<Connection> {
         let arrival = source.arrival(r)?;
-        let visibility = self.visibility(r, arrival.towards, arrival.distance, skin);
+        let visibility = self.visibility(r, arrival.towards, arrival.distance, surface_point);
         (!visibility.blocked).then_some(Connection {
             towards: arrival.towards,
             irradiance: arrival.irradiance / (n * n),
@@ -189,7 +201,7 @@ impl Walker<'_> {
     }
 
     /// Towards a source from where a ray comes in at `start`; where light is bent, from a point on it inside.
-    pub(crate) fn heading_from_wall(&mut self, source: Source<'_>, start: DVec3, inside: DVec3) -> DVec3 {
+    pub(crate) fn heading_from_interface(&mut self, source: Source<'_>, start: DVec3, inside: DVec3) -> DVec3 {
         let bent = if matches!(self.bending, Bending::Nowhere | Bending::AtRough) {
             None
         } else {
@@ -211,13 +223,13 @@ impl Walker<'_> {
         &self,
         source: Source<'_>,
         r: DVec3,
-        skin: Option<Skin>,
+        surface_point: Option<SurfacePoint>,
         chain: &mut SpecularChain,
     ) -> Option<()> {
         let Bending::AtPlanes(strata) = &self.bending else { return None };
         let target = Target::of(source);
         let up = target.is_above(r.z);
-        let (mut layer, last) = (self.layer(strata, r, skin, up), strata.layer(target.origin.z, !up));
+        let (mut layer, last) = (self.layer(strata, r, surface_point, up), strata.layer(target.origin.z, !up));
         let mut z = r.z;
         while layer != last {
             let (edge, next) = strata.onward(layer, up)?;
@@ -238,7 +250,7 @@ impl Walker<'_> {
         &mut self,
         source: Source<'_>,
         r: DVec3,
-        skin: Option<Skin>,
+        surface_point: Option<SurfacePoint>,
         chain: &SpecularChain,
         probability: f64,
     ) -> Option<Connection> {
@@ -264,13 +276,13 @@ impl Walker<'_> {
             let reflectance = crossing.reflectance(n, beyond);
             connection.irradiance *= if reflected { reflectance } else { 1.0 - reflectance };
         }
-        let (mut p, mut skin) = (r, skin);
+        let (mut p, mut surface_point) = (r, surface_point);
         for (i, &Stretch { leg, up, until }) in chain.stretches.iter().enumerate() {
             let (sin, cos) = (crossing.sin(leg.n), crossing.cos(leg.n));
             let w = sin * sideways + (if up { cos } else { -cos }) * DVec3::Z;
             let last = i + 1 == chain.stretches.len();
             let distance = if last { source.towards(p).1 } else { leg.depth / cos };
-            let visibility = self.visibility(p, w, distance, skin);
+            let visibility = self.visibility(p, w, distance, surface_point);
             if visibility.blocked {
                 return None;
             }
@@ -282,10 +294,10 @@ impl Walker<'_> {
             if !last {
                 p += leg.depth * crossing.tan(leg.n) * sideways;
                 p.z = until;
-                skin = None;
+                surface_point = None;
             }
         }
-        // From the last wall on it is the light's own cone: there are its intensity and the place on its pattern.
+        // From the last interface on it is the light's own cone: there are its intensity and the place on its pattern.
         if let Some(arrival) = source.arrival(p) {
             let spread = match target.towards {
                 None => arrival.distance * arrival.distance * crossing.spread(n_source, n),
@@ -298,10 +310,10 @@ impl Walker<'_> {
     }
 
     /// The layer around a point; on a surface the one that the surface faces, else on an edge the one where light goes on.
-    pub(crate) fn layer(&self, strata: &Strata, r: DVec3, skin: Option<Skin>, up: bool) -> usize {
-        let faces = skin.map(|skin| {
-            let z = self.setting.world.normal(skin.wall, r).z;
-            if skin.inside { -z } else { z }
+    pub(crate) fn layer(&self, strata: &Strata, r: DVec3, surface_point: Option<SurfacePoint>, up: bool) -> usize {
+        let faces = surface_point.map(|surface_point| {
+            let z = self.setting.world.normal(surface_point.interface, r).z;
+            if surface_point.inside { -z } else { z }
         });
         strata.layer(r.z, faces.map_or(up, |z| z > 0.0 || (z == 0.0 && up)))
     }

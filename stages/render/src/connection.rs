@@ -89,7 +89,7 @@ impl SpecularChain {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Known {
     pub connection: Connection,
-    /// Walls that turn it.
+    /// Interfaces that turn it.
     pub(crate) events: usize,
 }
 

@@ -82,8 +82,8 @@ impl Guides {
         let (world, camera) = (&rig.worlds[0], &rig.camera);
         let (origin, w) = camera.ray(pixel, 0.5, 0.5);
         let mut chords = Chords::default();
-        let piece = world.trace(origin, w, None, &mut chords).find(|piece| piece.material != 0)?;
-        let r = origin + piece.start * w;
+        let segment = world.trace(origin, w, None, &mut chords).find(|segment| segment.material != 0)?;
+        let r = origin + segment.start * w;
         // Channels differ in their power, which the coefficients hold.
         let emission = match rig.lights[0].emission {
             Emission::Intensity(_) => Emission::Intensity(1.0),

@@ -1,6 +1,6 @@
 //! Light walked forward from its sources, to where it ends: the power that leaves the scene, and that absorbed in each object.
 //!
-//! The flights and walls are those of the paths from the camera ([`Walker::step`]); nothing is estimated on the way.
+//! The flights and interfaces are those of the paths from the camera ([`Walker::step`]); nothing is estimated on the way.
 
 use std::f64::consts::FRAC_1_PI;
 
@@ -37,7 +37,7 @@ pub struct Tally {
     pub left: [u64; 2],
     /// In each body or at its surface.
     pub absorbed: Vec<u64>,
-    /// Between the facets of rough walls.
+    /// Between the facets of rough interfaces.
     pub lost: u64,
     /// Of each detector.
     pub detected: Vec<Detected>,
@@ -190,7 +190,7 @@ impl<'a> Sources<'a> {
             r,
             w,
             material: 0,
-            skin: None,
+            surface_point: None,
             clear: 0.0,
             absorption_depth: -ln(unit_fine(ja, jb)),
             weight: 1.0,

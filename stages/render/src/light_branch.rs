@@ -10,7 +10,7 @@ use crate::random::{LIGHT_BRANCH, Purpose};
 use crate::setting::Place;
 use crate::walker::Walker;
 
-/// Light-directed branches start nearer to a wall than so many mean free paths: grazing light does not come further.
+/// Light-directed branches start nearer to an interface than so many mean free paths: grazing light does not come further.
 pub(crate) const NEAR: f64 = 1.0;
 /// A light-directed branch is followed with this times its MIS weight, or 1, as probability: most weights are some per cent.
 pub(crate) const KEPT: f64 = 8.0;

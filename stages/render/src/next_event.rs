@@ -17,7 +17,7 @@ use crate::setting::Place;
 use crate::single::ScalarConnection;
 use crate::strata::Bending;
 use crate::walker::{Entry, Walker};
-use crate::world::{Material, Skin};
+use crate::world::{Material, SurfacePoint};
 
 /// The line on which the next scattering is sampled.
 struct Line {
@@ -110,9 +110,9 @@ impl<'a> Walker<'a> {
         }
         let stream = self.stream(at);
         let mut connections = std::mem::take(&mut self.connections);
-        self.reach(source, at.r, at.skin, &mut connections);
+        self.reach(source, at.r, at.surface_point, &mut connections);
         let draws = Draws { stream: &stream, flight: at.flight(), site: NeeSite::Here };
-        self.reach_on(source, at.r, at.skin, &draws, &mut connections);
+        self.reach_on(source, at.r, at.surface_point, &draws, &mut connections);
         for connection in connections.drain(..) {
             let cos = normal.dot(connection.towards);
             if cos > 0.0 {
@@ -129,23 +129,28 @@ impl<'a> Walker<'a> {
         self.connections = connections;
     }
 
-    /// Whether a medium lies behind rough walls, through which its light comes: all lights are outside.
+    /// Whether a medium lies behind rough interfaces, through which its light comes: all lights are outside.
     fn hidden(&self, material: &Material) -> bool {
         self.bending == Bending::AtRough && material.n != 1.0
     }
 
-    /// Light that a rough wall throws into the path; `skin` is on the side from which the path comes.
-    pub(crate) fn next_event_at_rough(&mut self, at: &Place, rough: &Rough, skin: Skin) {
+    /// Light that a rough interface throws into the path; `surface_point` is on the side from which the path comes.
+    pub(crate) fn next_event_at_rough(&mut self, at: &Place, rough: &Rough, surface_point: SurfacePoint) {
         let stream = self.stream(at);
         for source in self.sources() {
             let behind = source.towards(at.r).0.dot(rough.normal) < 0.0;
-            let connection = self.connect(source, at.r, Some(Skin { inside: skin.inside != behind, ..skin }), true);
+            let connection = self.connect(
+                source,
+                at.r,
+                Some(SurfacePoint { inside: surface_point.inside != behind, ..surface_point }),
+                true,
+            );
             let mut mirrored = std::mem::take(&mut self.mirrored);
             let draws = Draws { stream: &stream, flight: at.flight(), site: NeeSite::Here };
             for behind in [false, true] {
                 let first = mirrored.len();
-                let skin = Skin { inside: skin.inside != behind, ..skin };
-                self.by_mirrors(source, at.r, Some(skin), &draws, &mut mirrored);
+                let surface_point = SurfacePoint { inside: surface_point.inside != behind, ..surface_point };
+                self.by_mirrors(source, at.r, Some(surface_point), &draws, &mut mirrored);
                 let others = mirrored.split_off(first);
                 mirrored.extend(others.into_iter().filter(|l| (l.towards.dot(rough.normal) < 0.0) == behind));
             }
@@ -182,7 +187,7 @@ impl<'a> Walker<'a> {
         }
     }
 
-    /// Light that the next scattering will see, in every piece of a medium that the flight, now over, came into from elsewhere.
+    /// Light that the next scattering will see, in every segment of a medium that the flight, now over, came into from elsewhere.
     pub(crate) fn next_event_in_entries(&mut self, at: &Place, roulette: f64) {
         let (mut entries, stream) = (std::mem::take(&mut self.entries), self.stream(at));
         for (place, entry) in entries.drain(..).enumerate() {
@@ -203,7 +208,7 @@ impl<'a> Walker<'a> {
         source: Source<'_>,
         stream: &Stream,
     ) {
-        let normal = entry.wall.map(|wall| self.setting.world.normal(wall, entry.r));
+        let normal = entry.interface.map(|interface| self.setting.world.normal(interface, entry.r));
         let normal = normal.map(|n| if n.dot(at.w) > 0.0 { -n } else { n });
         let Heading { towards, tau, exit } = self.heading(source, entry.r, 0.0);
         // Where the flight came in is where the light comes in, if it comes from that side.
@@ -246,49 +251,50 @@ impl<'a> Walker<'a> {
         self.connections = connections;
     }
 
-    /// Exact single scattering of a ray that starts outside or at a wall: one point in each scattering piece that it crosses, up to
-    /// where it is bent or ends; or in its first piece alone, where the others are sampled when the path gets there.
+    /// Exact single scattering of a ray that starts outside or at an interface: one point in each scattering segment that it crosses, up to
+    /// where it is bent or ends; or in its first segment alone, where the others are sampled when the path gets there.
     pub(crate) fn next_event_along(&mut self, at: &Place, stream: &Stream) {
         let world = self.setting.world;
-        let mut pieces = std::mem::take(&mut self.pieces);
-        pieces.clear();
-        pieces.extend(world.trace(at.r, at.w, at.skin, &mut self.chords));
-        let (mut tau, mut entrance, mut scored) = (0.0, at.skin.map(|skin| skin.wall), 0);
+        let mut segments = std::mem::take(&mut self.segments);
+        segments.clear();
+        segments.extend(world.trace(at.r, at.w, at.surface_point, &mut self.chords));
+        let (mut tau, mut entrance, mut scored) =
+            (0.0, at.surface_point.map(|surface_point| surface_point.interface), 0);
         let mut lengths = at.lengths;
-        let n = pieces.first().map_or(1.0, |piece| world.materials[piece.material].n);
-        for piece in &pieces {
-            let material = &world.materials[piece.material];
+        let n = segments.first().map_or(1.0, |segment| world.materials[segment.material].n);
+        for segment in &segments {
+            let material = &world.materials[segment.material];
             if material.is_opaque() || material.n != n {
                 break;
             }
-            let length = piece.end - piece.start;
+            let length = segment.end - segment.start;
             if material.mu_s > 0.0 && !self.hidden(material) {
-                let start = at.r + piece.start * at.w;
-                let normal = entrance.map(|wall| world.normal(wall, start));
+                let start = at.r + segment.start * at.w;
+                let normal = entrance.map(|interface| world.normal(interface, start));
                 let normal = normal.map(|n| if n.dot(at.w) > 0.0 { -n } else { n });
                 let inside = start + 0.5 * length.min(1.0 / material.mu_t()) * at.w;
                 for source in self.sources() {
-                    let towards = self.heading_from_wall(source, start, inside);
+                    let towards = self.heading_from_interface(source, start, inside);
                     // Where the ray came in is where the light comes in, if it comes from that side.
                     let exit = normal.filter(|n| n.dot(towards) > 0.0);
                     let draws = Draws { stream, flight: at.flight(), site: NeeSite::Next(scored) };
                     let [.., u] = draws.point(source);
-                    let line = Line { r: start, e: at.w, length, material: piece.material, towards, exit };
+                    let line = Line { r: start, e: at.w, length, material: segment.material, towards, exit };
                     let weight = at.weight * libm::exp(-tau);
                     self.score(at.response, &line, weight, unit(u), source, &draws, &lengths);
                 }
                 scored += 1;
             }
-            if piece.material != 0 {
+            if segment.material != 0 {
                 tau += material.mu_t() * length;
-                count(self.setting.shared, &mut lengths, piece.material, length);
+                count(self.setting.shared, &mut lengths, segment.material, length);
             }
-            entrance = piece.wall;
+            entrance = segment.interface;
             if !at.wholly {
                 break;
             }
         }
-        self.pieces = pieces;
+        self.segments = segments;
     }
 
     /// The light that the next scattering will see, from one point on a line (the one-sample light lobe).
@@ -335,7 +341,7 @@ impl<'a> Walker<'a> {
         let (flight, site) = NeeSite::of(scalar.number, scalar.place as usize);
         let draws = Draws { stream: &stream, flight, site };
         let mut connections = std::mem::take(&mut self.connections);
-        if self.bending == Bending::AtWalls {
+        if self.bending == Bending::AtInterfaces {
             if let Some(known) = scalar.known {
                 let [towards, normal] = [known.towards, known.normal].map(|v| DVec3::from(v.map(f64::from)));
                 let strength = unit * f64::from(known.strength);
@@ -380,7 +386,7 @@ impl<'a> Walker<'a> {
         let length = world
             .trace(at.r, e, None, &mut self.chords)
             .next()
-            .map_or(f64::INFINITY, |piece| if piece.material == at.material { piece.end } else { 0.0 });
+            .map_or(f64::INFINITY, |segment| if segment.material == at.material { segment.end } else { 0.0 });
         if length > 0.0 {
             let line = Line { r: at.r, e, length, material: at.material, towards, exit };
             let weight = at.weight * at.mis_weight * balance * inverse_survival;

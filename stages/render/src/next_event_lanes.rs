@@ -17,7 +17,7 @@ use crate::strata::Bending;
 use crate::world::{Body, Material, World};
 
 /// A vertex is connected with probability min(1, (TAU_SURE / tau)^4) at optical distance tau from the light; estimating ahead, from the plane of
-/// the wall through which it comes.
+/// the interface through which it comes.
 pub const TAU_SURE: f64 = 3.0;
 
 /// Overlaps are resolved for so many bodies at most.
@@ -160,7 +160,7 @@ impl NextEvents {
         }
         let to_light = chords(&world.bodies, &self.r, &towards);
         let tau = optical_depth(world, &to_light, &distance);
-        let exit = self.first_piece(world.bodies.len(), &to_light);
+        let exit = self.first_segment(world.bodies.len(), &to_light);
 
         // The line: along the path's own direction, or one from the lobe around the light.
         let (mut e, mut balance, mut u) = ([[0.0; LANES]; 3], [0.0; LANES], [0.0; LANES]);
@@ -179,7 +179,7 @@ impl NextEvents {
             u[i] = unit(block[3]);
             set(&mut e, i, along);
         }
-        let length = self.first_piece(world.bodies.len(), &chords(&world.bodies, &self.r, &e)).distance;
+        let length = self.first_segment(world.bodies.len(), &chords(&world.bodies, &self.r, &e)).distance;
         let (steepness, cos) = steepness(&world.bodies, &self.r, &towards, &exit, &e);
 
         let (mut s, mut inverse_density, mut r1) = ([0.0; LANES], [0.0; LANES], [[0.0; LANES]; 3]);
@@ -206,9 +206,9 @@ impl NextEvents {
         }
     }
 
-    /// Where the piece of the own medium that a ray starts in ends, and at which body's surface.
+    /// Where the segment of the own medium that a ray starts in ends, and at which body's surface.
     #[inline(always)]
-    fn first_piece(&self, bodies: usize, chords: &[Chord; MOST_BODIES]) -> Exit {
+    fn first_segment(&self, bodies: usize, chords: &[Chord; MOST_BODIES]) -> Exit {
         let mut exit = Exit { distance: [f64::INFINITY; LANES], body: [0; LANES] };
         for (j, chord) in chords[..bodies].iter().enumerate() {
             let j = j as u64;
@@ -288,7 +288,7 @@ fn optical_depth(world: &World, chords: &[Chord; MOST_BODIES], distance: &[f64; 
     tau
 }
 
-/// (e . n) / (L . n), n the normal of the wall through which the light comes; and L . n.
+/// (e . n) / (L . n), n the normal of the interface through which the light comes; and L . n.
 #[inline(always)]
 fn steepness(bodies: &[Body], r: &Axes, towards: &Axes, exit: &Exit, e: &Axes) -> ([f64; LANES], [f64; LANES]) {
     let (mut ratio, mut cos) = ([0.0; LANES], [1.0; LANES]);
@@ -346,7 +346,7 @@ pub fn ahead(steepness: f64, length: f64, mu_t: f64, u: f64) -> (f64, f64) {
 
 /// Optical depth below the plane through which the light comes, which is `tau` away at the cosine `cos`; at least what is known.
 ///
-/// An estimate ahead is from further on along the path, which may come up to the wall the short way: where light grazes the exit, it is far
+/// An estimate ahead is from further on along the path, which may come up to the interface the short way: where light grazes the exit, it is far
 /// away from places near which it is bright. A roulette by `tau` itself would leave those to one estimate in very many (measured in a tube
 /// lit along its axis: kurtosis above 2000, intervals of two standard errors that hold the truth in 86 % of cases after 256 paths).
 #[inline(always)]

@@ -152,7 +152,7 @@ fn scalar_fallback(walker: &mut Walker<'_>, place: &mut Place) -> bool {
         if !walker.step(place) {
             return false;
         }
-        if place.ahead && place.skin.is_none() {
+        if place.ahead && place.surface_point.is_none() {
             return true;
         }
     }

@@ -19,7 +19,7 @@ use crate::lengths::NO_LENGTHS;
 use crate::random::{MOST_NUMBERS, Purpose, Stream, after};
 pub use crate::setting::{Nee, Place, Setting};
 pub use crate::walker::{Ending, Walker};
-use crate::world::Skin;
+use crate::world::SurfacePoint;
 
 impl Walker<'_> {
     /// One path of a pixel: its radiances (W mm^-2 sr^-1) as [`crate::response::Layout`] says. The same numbers whenever and wherever it is called.
@@ -50,7 +50,7 @@ impl Walker<'_> {
             r,
             w,
             material: 0,
-            skin: None,
+            surface_point: None,
             clear: 0.0,
             // Absorption at a rate mu_a along the way ends the path: drawn once, exact for any albedo and sequence of media.
             absorption_depth: -ln(unit_fine(ja, jb)),
@@ -105,22 +105,22 @@ impl Walker<'_> {
                 self.see_ambient(at);
                 false
             }
-            End::Surface { skin, normal, rho } => {
-                at.skin = Some(skin);
+            End::Surface { surface_point, normal, rho } => {
+                at.surface_point = Some(surface_point);
                 at.clear = 0.0;
                 (at.scattered, at.specular, at.mis_weight) = (true, false, 1.0);
                 self.next_event_at_surface(at, normal, rho);
                 if roulette >= rho {
-                    self.ending = Ending::Absorbed(skin.wall.body);
+                    self.ending = Ending::Absorbed(surface_point.interface.body);
                     return false;
                 }
                 at.w = cosine_direction(normal, unit(b), unit(c));
                 (at.ahead, at.wholly) = (false, false);
                 true
             }
-            End::Mirror { skin, normal, from } => {
+            End::Mirror { surface_point, normal, from } => {
                 at.specular |= !at.scattered;
-                (at.skin, at.material) = (Some(skin), from);
+                (at.surface_point, at.material) = (Some(surface_point), from);
                 at.w = (at.w - 2.0 * at.w.dot(normal) * normal).normalize();
                 at.clear = 0.0;
                 let line = self.setting.nee == Nee::Line;
@@ -130,15 +130,15 @@ impl Walker<'_> {
                 }
                 true
             }
-            End::Boundary { skin, normal, from, to } => {
+            End::Boundary { surface_point, normal, from, to } => {
                 let [n_from, n_to] = [from, to].map(|m| self.setting.world.materials[m].n);
-                let owner = self.setting.world.bodies[skin.wall.body].material;
+                let owner = self.setting.world.bodies[surface_point.interface.body].material;
                 at.specular |= !at.scattered;
                 let on = if let Bsdf::Rough(alpha) = self.setting.world.materials[owner].bsdf {
-                    let normal = if skin.inside { -normal } else { normal };
+                    let normal = if surface_point.inside { -normal } else { normal };
                     let rough = Rough { alpha, normal, n_from, n_to };
                     if at.scattered || !self.excludes_specular {
-                        self.next_event_at_rough(at, &rough, skin);
+                        self.next_event_at_rough(at, &rough, surface_point);
                     }
                     let [fate, ..] = stream.block(Purpose::Facet(flight));
                     let Some(on) = rough.sample(at.w, [unit(b), unit(c), roulette, unit(fate)]) else {
@@ -150,9 +150,12 @@ impl Walker<'_> {
                     let refraction = refract(at.w, normal, n_from, n_to);
                     refraction.refracted.filter(|_| roulette >= refraction.reflectance).unwrap_or(refraction.reflected)
                 };
-                let through = (on.dot(normal) > 0.0) == skin.inside;
-                (at.skin, at.material) =
-                    if through { (Some(Skin { inside: !skin.inside, ..skin }), to) } else { (Some(skin), from) };
+                let through = (on.dot(normal) > 0.0) == surface_point.inside;
+                (at.surface_point, at.material) = if through {
+                    (Some(SurfacePoint { inside: !surface_point.inside, ..surface_point }), to)
+                } else {
+                    (Some(surface_point), from)
+                };
                 at.w = on;
                 at.clear = 0.0;
                 let line = self.setting.nee == Nee::Line;
@@ -163,7 +166,7 @@ impl Walker<'_> {
                 true
             }
             End::Scattered { crossed } => {
-                at.skin = None;
+                at.surface_point = None;
                 (at.scattered, at.specular) = (true, false);
                 if !(at.ahead || (crossed && self.setting.nee == Nee::Line)) {
                     self.next_event_at_collision(at, roulette);

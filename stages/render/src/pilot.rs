@@ -20,7 +20,7 @@ const PIXELS: f64 = 256.0;
 const SAMPLES: u32 = PILOT;
 /// And so many more, by which it shows where control variates are walked.
 const MORE_SAMPLES: u32 = 8;
-/// ns that the paths may take by the figures of [`plan`]: connections through curved walls take as long as thousands of flights.
+/// ns that the paths may take by the figures of [`plan`]: connections through curved interfaces take as long as thousands of flights.
 const MOST_NS: f64 = 3e7;
 /// What is known of the paths before they are walked.
 struct Walked {

@@ -8,7 +8,7 @@ use crate::channels::groups;
 use crate::fit::{FIT_PATHS, Lattice};
 use crate::form::sizes;
 use crate::kernel::Kernels;
-use crate::lamp_reflection::by_several_walls;
+use crate::lamp_reflection::by_several_interfaces;
 use crate::memory::{Asked, memory};
 use crate::method::{Taken, bound};
 use crate::mirrors::Mirrors;
@@ -30,10 +30,10 @@ const LEFT_BY_ROULETTE: f64 = 0.45;
 /// Variance of M_AC over paths / M_AC^2, at f_x l' of about 0.1 (1.5 to 5 in four scenes; see docs/theory/render.md).
 const VARIANCE_PER_PATH: f64 = 4.0;
 
-/// What a path costs where smooth walls turn light, over what it costs elsewhere (measured at n = 1.4: 131 s against 21 s to 1 % of M_AC).
+/// What a path costs where smooth interfaces turn light, over what it costs elsewhere (measured at n = 1.4: 131 s against 21 s to 1 % of M_AC).
 const REFRACTED: f64 = 5.0;
-/// ns more per path where walls are curved or tilted, or facets, and each estimate finds its connections by itself (measured; see docs/theory/render.md).
-const NS_AT_WALLS: f64 = 6e4;
+/// ns more per path where interfaces are curved or tilted, or facets, and each estimate finds its connections by itself (measured; see docs/theory/render.md).
+const NS_AT_INTERFACES: f64 = 6e4;
 /// The same where lanes find the connections, but for those that are left to manifold sampling (measured: 17 us at a half-embedded ball).
 const NS_AT_BULGES: f64 = 1.7e4;
 const NS_AT_FACETS: f64 = 4e5;
@@ -149,11 +149,11 @@ pub fn plan(params: &Params, scene: Option<&Scene>, known: &Known) -> StagePlan 
         sort(walks < scene.channels(), "paths shared by channels");
         sort(scene.media.values().any(|m| m.n != 1.0), "Fresnel boundaries");
         let world = rig.as_ref().map(|rig| &rig.worlds[0]);
-        let at_walls = world.is_some_and(|world| Bending::of(world) == Bending::AtWalls);
+        let at_interfaces = world.is_some_and(|world| Bending::of(world) == Bending::AtInterfaces);
         let refracts = world.is_some_and(|world| world.materials.iter().any(|m| m.n != 1.0));
-        sort(at_walls && refracts, "refraction at curved or tilted walls");
+        sort(at_interfaces && refracts, "refraction at curved or tilted walls");
         sort(world.is_some_and(|world| Mirrors::of(world).curved), "curved mirrors");
-        sort(rig.as_ref().is_some_and(by_several_walls), "glints by several walls, by chance");
+        sort(rig.as_ref().is_some_and(by_several_interfaces), "glints by several walls, by chance");
         sort(scene.objects.values().any(|o| matches!(o.surface, Surface::Rough(_))), "rough boundaries");
         let ambient = scene.lights.values().filter(|l| matches!(l, Lamp::Ambient { .. })).count();
         sort(scene.projector.is_some(), "projector");
@@ -242,13 +242,13 @@ pub fn ns_per_path(scene: &Scene, rig: Option<&Rig>) -> f64 {
     let refracts =
         |o: &Object| o.surface == Surface::Smooth && o.medium.as_ref().is_some_and(|m| scene.media[m].n != 1.0);
     let per_path = if scene.objects.values().any(refracts) { REFRACTED * per_path } else { per_path };
-    let at_walls = |world: &World| match Bending::of(world) {
-        Bending::AtWalls if turns_at_facets(world) => NS_AT_FACETS,
-        Bending::AtWalls if bulges(world) && Mirrors::of(world).is_empty() => NS_AT_BULGES,
-        Bending::AtWalls => NS_AT_WALLS,
+    let at_interfaces = |world: &World| match Bending::of(world) {
+        Bending::AtInterfaces if turns_at_facets(world) => NS_AT_FACETS,
+        Bending::AtInterfaces if bulges(world) && Mirrors::of(world).is_empty() => NS_AT_BULGES,
+        Bending::AtInterfaces => NS_AT_INTERFACES,
         _ => 0.0,
     };
-    per_path + rig.map_or(0.0, |rig| at_walls(&rig.worlds[0]))
+    per_path + rig.map_or(0.0, |rig| at_interfaces(&rig.worlds[0]))
 }
 
 /// CPU seconds for what follows the paths: standard errors, fits and frames of all pixels.

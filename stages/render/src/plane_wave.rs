@@ -79,8 +79,8 @@ impl Geometry {
         // Angles and distances are extreme at corners, or where a line is vertical.
         for (x, y) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)] {
             let (origin, w) = rig.camera.view.ray(x, y);
-            let piece = world.trace(origin, w, None, &mut chords).find(|piece| piece.material != 0)?;
-            let seen = origin + piece.start * w;
+            let segment = world.trace(origin, w, None, &mut chords).find(|segment| segment.material != 0)?;
+            let seen = origin + segment.start * w;
             let lines: [DVec3; 2] = [(seen - light.position).normalize(), w];
             for (i, line) in lines.iter().enumerate() {
                 let (sin, cos) = (line.truncate().length(), line.z.abs());
@@ -232,8 +232,9 @@ fn sharpness(rig: &Rig, pixel: usize, carrier: &Carrier) -> f64 {
     let (fx, fy) = carrier.along();
     let turns = |x: f64, y: f64| {
         let (origin, w) = rig.camera.ray(pixel, x, y);
-        let piece = rig.worlds[0].trace(origin, w, None, &mut Chords::default()).find(|piece| piece.material != 0);
-        let place = piece.map(|piece| rig.lights[0].arrives(origin + piece.start * w).0.on_plane);
+        let segment =
+            rig.worlds[0].trace(origin, w, None, &mut Chords::default()).find(|segment| segment.material != 0);
+        let place = segment.map(|segment| rig.lights[0].arrives(origin + segment.start * w).0.on_plane);
         place.map_or(0.0, |p| fx * p.x + fy * p.y)
     };
     let across = [turns(1.0, 0.5) - turns(0.0, 0.5), turns(0.5, 1.0) - turns(0.5, 0.0)];

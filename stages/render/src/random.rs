@@ -11,9 +11,9 @@ use turbid_optics::philox::{philox4x32, unit};
 pub(crate) enum NeeSite {
     /// From where the flight ends.
     Here,
-    /// One scattering ahead: in the n-th scattering piece of the way on from there.
+    /// One scattering ahead: in the n-th scattering segment of the way on from there.
     Next(usize),
-    /// One scattering ahead: in the n-th piece of a medium that the flight came into.
+    /// One scattering ahead: in the n-th segment of a medium that the flight came into.
     Entered(usize),
 }
 
@@ -29,7 +29,7 @@ pub(crate) enum Purpose {
     Flight(u64),
     /// Whether and where a light-directed branch goes from the end of a flight.
     LightBranch(u64),
-    /// The way on from a rough wall, beside the flight's own numbers.
+    /// The way on from a rough interface, beside the flight's own numbers.
     Facet(u64),
     /// The point that is connected, and a direction to it.
     NeeSite(u64, NeeSite, usize),
@@ -47,11 +47,11 @@ pub(crate) const MOST_NUMBERS: u64 = 7 << 29;
 pub(crate) const MOST_CHANNELS: usize = 1 << 15;
 
 // Codes: in the lower half of the word.
-/// Pieces of the way on, of the projector: codes from 0.
-const PIECES: usize = 1 << 11;
+/// Segments of the way on, of the projector: codes from 0.
+const SEGMENTS: usize = 1 << 11;
 /// Of what starts a light-directed branch.
 pub(crate) const SENT: u32 = 1 << 11;
-/// Pieces that a flight came into, of the projector: codes from here, so many.
+/// Segments that a flight came into, of the projector: codes from here, so many.
 pub(crate) const ENTERED: u32 = 1 << 12;
 const ENTRIES: usize = 1 << 12;
 const LENS: u32 = 1 << 13;
@@ -79,7 +79,7 @@ enum Address {
 }
 
 impl NeeSite {
-    /// The number of its blocks: of those beside one flight, estimates in entered pieces have even ones.
+    /// The number of its blocks: of those beside one flight, estimates in entered segments have even ones.
     #[inline(always)]
     fn number(self, flight: u64) -> u32 {
         let number = flight as u32;
@@ -130,7 +130,7 @@ const fn aside(source: usize, place: usize, kind: u32, here: bool) -> u32 {
 fn at_site(flight: u64, site: NeeSite, source: usize) -> Address {
     let (number, place) = (site.number(flight), site.place());
     match (source, site) {
-        (0, NeeSite::Next(_)) if place < PIECES => Address::At([number, place as u32]),
+        (0, NeeSite::Next(_)) if place < SEGMENTS => Address::At([number, place as u32]),
         (0, NeeSite::Entered(_)) if place < ENTRIES => Address::At([number, ENTERED + place as u32]),
         (1..=MOST_LAMPS, NeeSite::Next(_)) if flight == 0 => Address::At([index(place), first_of_lamp(source - 1)]),
         (1..=MOST_LAMPS, NeeSite::Next(0) | NeeSite::Entered(0)) => Address::At([number, of_lamp(source - 1)]),
@@ -156,13 +156,13 @@ fn index(i: usize) -> u32 {
     u32::try_from(i).expect("memory does not hold so many")
 }
 
-/// Code of a lamp's estimates along the camera's ray; their number is the piece.
+/// Code of a lamp's estimates along the camera's ray; their number is the segment.
 #[inline(always)]
 pub(crate) fn first_of_lamp(lamp: usize) -> u32 {
     LAMPS_FIRST | (lamp as u32) << 1
 }
 
-/// Code of a lamp's estimates into the first piece, ahead and entered.
+/// Code of a lamp's estimates into the first segment, ahead and entered.
 #[inline(always)]
 pub(crate) fn of_lamp(lamp: usize) -> u32 {
     LAMPS | (lamp as u32) << 1
@@ -170,7 +170,7 @@ pub(crate) fn of_lamp(lamp: usize) -> u32 {
 
 /// Lamps for which [`of_lamp`] and [`first_of_lamp`] hold.
 pub(crate) const LAMPS_IN_LANES: usize = MOST_LAMPS;
-/// Places on a ray for which [`whether`] holds, and pieces whose code is their place.
+/// Places on a ray for which [`whether`] holds, and segments whose code is their place.
 pub(crate) const PLACES_IN_LANES: usize = PLACES;
 
 /// The word, without a channel, of [`Purpose::Whether`] for the projector: 0 as the place, which stands above the lower eight bits.

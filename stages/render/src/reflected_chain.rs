@@ -9,7 +9,7 @@ use crate::lamp::Source;
 use crate::random::Dice;
 use crate::strata::{Bending, Strata};
 use crate::walker::Walker;
-use crate::world::Skin;
+use crate::world::SurfacePoint;
 
 /// The least and the most probable reflection of a chain.
 const RARE: f64 = 0.05;
@@ -28,7 +28,7 @@ impl Walker<'_> {
         &mut self,
         source: Source<'_>,
         r: DVec3,
-        skin: Option<Skin>,
+        surface_point: Option<SurfacePoint>,
         draws: &Draws<'_>,
     ) -> Option<Connection> {
         if !matches!(self.bending, Bending::AtPlanes(_)) {
@@ -39,8 +39,8 @@ impl Walker<'_> {
         }
         let mut dice = draws.which(source);
         self.on_scratch(|walker, chain| {
-            let probability = walker.with_reflections(source, r, skin, chain, &mut dice)?;
-            walker.along(source, r, skin, chain, OTHER_CONNECTIONS * probability)
+            let probability = walker.with_reflections(source, r, surface_point, chain, &mut dice)?;
+            walker.along(source, r, surface_point, chain, OTHER_CONNECTIONS * probability)
         })
         .filter(|connection| connection.lit)
     }
@@ -54,7 +54,7 @@ impl Walker<'_> {
         &self,
         source: Source<'_>,
         r: DVec3,
-        skin: Option<Skin>,
+        surface_point: Option<SurfacePoint>,
         chain: &mut SpecularChain,
         dice: &mut Dice,
     ) -> Option<f64> {
@@ -63,7 +63,7 @@ impl Walker<'_> {
         let [upwards, ..] = dice.throw();
         let mut up = upwards < 0.5;
         let mut probability = 0.5;
-        let (mut layer, mut z) = (self.layer(strata, r, skin, up), r.z);
+        let (mut layer, mut z) = (self.layer(strata, r, surface_point, up), r.z);
         let last = strata.layer(target.origin.z, !target.is_above(r.z));
         let mut passed = std::mem::take(&mut chain.passed);
         passed.clear();

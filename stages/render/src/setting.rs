@@ -9,7 +9,7 @@ use crate::light::{Carrier, Light};
 use crate::projected_images::ProjectedImages;
 use crate::random::before;
 use crate::response::Layout;
-use crate::world::{Skin, World};
+use crate::world::{SurfacePoint, World};
 
 /// How scatterings are connected to the light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,7 +60,7 @@ pub struct Place {
     /// Direction of flight.
     pub w: DVec3,
     pub material: usize,
-    pub skin: Option<Skin>,
+    pub surface_point: Option<SurfacePoint>,
     /// No boundary is nearer than this.
     pub clear: f64,
     /// Optical depth of absorption that is left until the path ends.
@@ -77,7 +77,7 @@ pub struct Place {
     pub wholly: bool,
     /// Whether it has been scattered, by a medium or diffusely.
     pub scattered: bool,
-    /// Whether smooth or rough walls have turned it, and nothing has scattered it.
+    /// Whether smooth or rough interfaces have turned it, and nothing has scattered it.
     pub specular: bool,
     /// MIS weight of the light that the next flight's end sees, against that of a light-directed branch.
     pub mis_weight: f64,

@@ -150,9 +150,9 @@ const CHUNK: usize = 1 << 13;
 
 fn write_sums(channels: &[Moments], to: &mut dyn Write) -> io::Result<()> {
     let mut bytes = Vec::with_capacity(8 * CHUNK);
-    for piece in channels.iter().flat_map(|channel| channel.sums().chunks(CHUNK)) {
+    for segment in channels.iter().flat_map(|channel| channel.sums().chunks(CHUNK)) {
         bytes.clear();
-        bytes.extend(piece.iter().flat_map(|sum| sum.to_le_bytes()));
+        bytes.extend(segment.iter().flat_map(|sum| sum.to_le_bytes()));
         to.write_all(&bytes)?;
     }
     Ok(())
@@ -185,11 +185,11 @@ impl Bytes<'_> {
     /// Fills the sums of channels that have their size.
     fn sums(&mut self, channels: &mut [Moments]) -> Option<()> {
         let mut bytes = vec![0; 8 * CHUNK];
-        for piece in channels.iter_mut().flat_map(|channel| channel.sums_mut().chunks_mut(CHUNK)) {
-            let bytes = &mut bytes[..8 * piece.len()];
+        for segment in channels.iter_mut().flat_map(|channel| channel.sums_mut().chunks_mut(CHUNK)) {
+            let bytes = &mut bytes[..8 * segment.len()];
             self.0.read_exact(bytes).ok()?;
             let (numbers, _) = bytes.as_chunks::<8>();
-            piece.iter_mut().zip(numbers).for_each(|(sum, number)| *sum = f64::from_le_bytes(*number));
+            segment.iter_mut().zip(numbers).for_each(|(sum, number)| *sum = f64::from_le_bytes(*number));
         }
         Some(())
     }

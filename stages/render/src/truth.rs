@@ -97,23 +97,23 @@ pub(crate) struct Hit {
 /// What the ray through a pixel's centre meets first that is not void.
 pub(crate) fn first_hit(world: &World, camera: &Camera, pixel: usize, chords: &mut Chords) -> Option<Hit> {
     let (origin, w) = camera.ray(pixel, 0.5, 0.5);
-    let mut wall = None;
-    for piece in world.trace(origin, w, None, chords) {
-        if piece.material != 0 {
-            let r = origin + piece.start * w;
+    let mut interface = None;
+    for segment in world.trace(origin, w, None, chords) {
+        if segment.material != 0 {
+            let r = origin + segment.start * w;
             // Parallel rays start beside the camera's place.
             let axis = camera.view.forward;
-            let depth = piece.start * w.dot(axis) + (origin - camera.view.position).dot(axis);
-            let wall = wall?;
-            let albedo = world.albedo(world.materials[piece.material].bsdf, wall, r);
-            let normal = world.normal(wall, r);
+            let depth = segment.start * w.dot(axis) + (origin - camera.view.position).dot(axis);
+            let interface = interface?;
+            let albedo = world.albedo(world.materials[segment.material].bsdf, interface, r);
+            let normal = world.normal(interface, r);
             let normal = if normal.dot(w) > 0.0 { -normal } else { normal };
             // Which body fills it: the first, in order of priority, that holds a point just inside.
-            let inside = origin + (piece.start + 1e-6 * (piece.end - piece.start).min(1.0)) * w;
+            let inside = origin + (segment.start + 1e-6 * (segment.end - segment.start).min(1.0)) * w;
             let body = world.bodies.iter().position(|b| b.solid.contains(inside))?;
             return Some(Hit { body, height: r.z, depth, normal, albedo });
         }
-        wall = piece.wall;
+        interface = segment.interface;
     }
     None
 }

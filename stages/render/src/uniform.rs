@@ -142,11 +142,11 @@ fn margin(rig: &Rig) -> Result<f64, String> {
     for (x, y) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)] {
         let (origin, w) = camera.ray(x, y);
         let scatters = |m: usize| world.materials[m].mu_s > 0.0 || world.materials[m].bsdf.is_opaque();
-        let mut pieces = world.trace(origin, w, None, &mut chords);
-        let Some(piece) = pieces.find(|p| scatters(p.material)) else {
+        let mut segments = world.trace(origin, w, None, &mut chords);
+        let Some(segment) = segments.find(|p| scatters(p.material)) else {
             return Err("not every pixel looks at something".to_owned());
         };
-        let seen = origin + piece.start * w;
+        let seen = origin + segment.start * w;
         let Some(on_plane) = light.project(seen) else {
             return Err("the projector does not face what is seen".to_owned());
         };

@@ -15,7 +15,7 @@ const REACHES: [usize; 2] = [2, 6];
 /// A window is large enough if its variance is made of so many times the paths that hold the tail at all.
 const AMPLE: f64 = 4.0;
 
-/// Images of all channels by these paths; pooled where the scene has hollow bodies, whose light comes by way of their other walls, and where a lobe is so
+/// Images of all channels by these paths; pooled where the scene has hollow bodies, whose light comes by way of their other interfaces, and where a lobe is so
 /// narrow that few paths see what is bright.
 pub fn by_paths<'a>(
     rig: &Rig,
@@ -35,7 +35,7 @@ pub fn by_paths<'a>(
     let of = |moments: &'a Moments| -> Box<dyn Field + 'a> {
         let sampled = |spread| Sampled { moments, paths, spread };
         let kurtosis = kurtosis(of_pixels(moments, paths), expected);
-        // Rare paths between walls are bright in few pixels: only what a lobe does is alike in all that look at a body.
+        // Rare paths between interfaces are bright in few pixels: only what a lobe does is alike in all that look at a body.
         if is_peaked(expected) && is_heavy(kurtosis.max(expected), mean_paths) {
             let scatters = |body: usize| world.materials[world.bodies[body].material].mu_s > 0.0;
             let views: Vec<PixelView> =

@@ -12,7 +12,7 @@ use crate::next_event_lanes::{self, Queue};
 use crate::random::Stream;
 use crate::setting::{Nee, Place, Setting};
 use crate::strata::{self, Bending, clear};
-use crate::world::{Chords, Material, Piece, Wall};
+use crate::world::{Chords, Interface, Material, RaySegment};
 
 /// Where mu_a is below this part of mu_s', deep paths end by roulette (elsewhere it does not pay: measured) ...
 const WEAK_ABSORPTION: f64 = 0.01;
@@ -24,14 +24,14 @@ const WINDOW: f64 = 0.4;
 pub struct Walker<'a> {
     pub(crate) setting: Setting<'a>,
     pub(crate) chords: Chords,
-    pub(crate) pieces: Vec<Piece>,
+    pub(crate) segments: Vec<RaySegment>,
     pub(crate) chain: SpecularChain,
     /// Connections to a light.
     pub(crate) connections: Vec<Connection>,
-    /// Those through walls of any shape that are known for sure, and places where there may be one.
+    /// Those through interfaces of any shape that are known for sure, and places where there may be one.
     pub(crate) known: Vec<Known>,
     pub(crate) places: Vec<DVec3>,
-    /// What walls do to a ray on the chain that is being searched: whether they reflect it.
+    /// What interfaces do to a ray on the chain that is being searched: whether they reflect it.
     pub(crate) events: Vec<bool>,
     /// Connections found by manifold sampling that were too rare to be weighed.
     pub(crate) given_up: u64,
@@ -41,7 +41,7 @@ pub struct Walker<'a> {
     pub(crate) clear: Vec<f64>,
     /// Whether facets do that.
     pub(crate) facetted: bool,
-    /// Whether all walls are flat.
+    /// Whether all interfaces are flat.
     pub(crate) flat: bool,
     pub(crate) mirrors: Mirrors,
     /// Connections by them.
@@ -60,7 +60,7 @@ pub struct Walker<'a> {
     pub(crate) body_of: Option<Vec<u64>>,
     /// For each material WINDOW mu_eff (mm^-1), 0 where there is no roulette.
     pub(crate) windows: Vec<f64>,
-    /// Pieces of media that the flight under way came into, from elsewhere.
+    /// Segments of media that the flight under way came into, from elsewhere.
     pub(crate) entries: Vec<Entry>,
     /// For each material whether light-directed branches start in it; empty where they are nowhere.
     pub light_branches: Vec<bool>,
@@ -71,7 +71,7 @@ pub struct Walker<'a> {
     pub(crate) flights: u64,
     pub(crate) endless: bool,
     pub(crate) ending: Ending,
-    /// Whether light that was never scattered, only turned by walls, is not seen.
+    /// Whether light that was never scattered, only turned by interfaces, is not seen.
     pub excludes_specular: bool,
 }
 
@@ -82,14 +82,14 @@ pub enum Ending {
     Left,
     /// In this body or at its surface.
     Absorbed(usize),
-    /// Between the facets of a rough wall.
+    /// Between the facets of a rough interface.
     Lost,
     /// It would not end.
     Endless,
 }
 
-/// A piece of a medium that a flight comes into across a boundary. If it gets there, the light that its scattering there will see is scored
-/// by one point on the piece: where light grazes the wall, few collisions are near enough to it to see any.
+/// A segment of a medium that a flight comes into across a boundary. If it gets there, the light that its scattering there will see is scored
+/// by one point on the segment: where light grazes the interface, few collisions are near enough to it to see any.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Entry {
     pub r: DVec3,
@@ -97,7 +97,7 @@ pub(crate) struct Entry {
     pub length: f64,
     pub material: usize,
     /// Where it comes in.
-    pub wall: Option<Wall>,
+    pub interface: Option<Interface>,
     /// Up to there.
     pub lengths: Lengths,
 }
@@ -110,7 +110,7 @@ impl<'a> Walker<'a> {
             if weak { WINDOW * (3.0 * m.mu_a * (m.mu_a + reduced)).sqrt() } else { 0.0 }
         };
         let windows = setting.world.materials.iter().map(window).collect();
-        let (chords, pieces) = (Chords::default(), Vec::new());
+        let (chords, segments) = (Chords::default(), Vec::new());
         let free_paths = setting.world.materials.iter().map(|m| 1.0 / m.mu_s).collect();
         // Projected images are looked up one by one, and lengths are counted only there.
         let lanes = setting.projected_images.layers() == 0 && setting.shared.is_none();
@@ -121,7 +121,7 @@ impl<'a> Walker<'a> {
         Self {
             setting,
             chords,
-            pieces,
+            segments,
             chain: SpecularChain::default(),
             connections: Vec::new(),
             known: Vec::new(),

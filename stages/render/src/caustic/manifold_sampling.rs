@@ -1,4 +1,4 @@
-//! Specular manifold sampling: a random ray, turned by walls at random, begins a manifold walk to the source; the number of trials until the
+//! Specular manifold sampling: a random ray, turned by interfaces at random, begins a manifold walk to the source; the number of trials until the
 //! same is found again says how probable that was.
 
 use glam::{DVec2, DVec3};
@@ -14,12 +14,12 @@ use crate::connection::{Connection, SAME};
 use crate::lamp::Source;
 use crate::random::Dice;
 use crate::walker::Walker;
-use crate::world::Skin;
+use crate::world::SurfacePoint;
 
 /// Where one begins to search.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Beginning {
-    /// All around, more towards the source and where this normal of a wall that light comes out of points.
+    /// All around, more towards the source and where this normal of an interface that light comes out of points.
     Around(Option<DVec3>),
     /// All over the camera's image.
     Image,
@@ -38,7 +38,7 @@ pub(crate) struct Found {
 pub(crate) struct Best {
     /// What it brings over n^2, W mm^-2.
     pub strength: f64,
-    /// Normal of the wall through which it comes.
+    /// Normal of the interface through which it comes.
     pub exit: Option<DVec3>,
     /// SurfaceNormals that turn it.
     pub turns: usize,
@@ -51,9 +51,9 @@ const ABOUT: f64 = 1e-4;
 
 /// Connections that bring less than this part of the light of the best are weighed by roulette.
 const WEAK: f64 = 1e-2;
-/// The same of lamp reflections of which walls and media leave less than this part.
+/// The same of lamp reflections of which interfaces and media leave less than this part.
 const FAINT: f64 = 1e-4;
-/// Of a trial's events: a ray from outside is reflected by a wall with this probability, one from inside with at least `RARE`.
+/// Of a trial's events: a ray from outside is reflected by an interface with this probability, one from inside with at least `RARE`.
 const OUTSIDE: f64 = 0.5;
 const RARE: f64 = 0.1;
 /// A trial ends at each event with this probability.
@@ -81,7 +81,7 @@ impl Walker<'_> {
         &mut self,
         source: Source<'_>,
         r: DVec3,
-        skin: Option<Skin>,
+        surface_point: Option<SurfacePoint>,
         draws: &Draws<'_>,
     ) -> Option<Connection> {
         let best = self.known.first().map(|known| Best {
@@ -90,21 +90,21 @@ impl Walker<'_> {
             turns: known.events,
             about: None,
         });
-        self.sample_manifold_once(source, (r, skin), draws, best)
+        self.sample_manifold_once(source, (r, surface_point), draws, best)
     }
 
     /// The same where a known connection is said.
     pub(crate) fn sample_manifold_once(
         &mut self,
         source: Source<'_>,
-        begin: (DVec3, Option<Skin>),
+        begin: (DVec3, Option<SurfacePoint>),
         draws: &Draws<'_>,
         best: Option<Best>,
     ) -> Option<Connection> {
         if self.mirrors.once {
             return None;
         }
-        let (r, skin) = begin;
+        let (r, surface_point) = begin;
         let tried = if best.is_some() { OTHER_CONNECTIONS } else { 1.0 };
         let [whether, roulette, ..] = draws.whether(source);
         if whether >= tried {
@@ -122,7 +122,7 @@ impl Walker<'_> {
             }
             self.known.clear();
             if refracted {
-                self.find_known(source, r, skin, false);
+                self.find_known(source, r, surface_point, false);
             }
         }
         if self.known.iter().any(|known| known.is(found.chain(), found.events)) {
@@ -144,7 +144,7 @@ impl Walker<'_> {
         Some(connection)
     }
 
-    /// One of the lamp reflections by several walls, found by trying from a place where the camera sees light (from a light, of parallel rays); scored
+    /// One of the lamp reflections by several interfaces, found by trying from a place where the camera sees light (from a light, of parallel rays); scored
     /// in the same way.
     pub(crate) fn sample_manifold_of_lamp_reflection(
         &mut self,
@@ -176,7 +176,7 @@ impl Walker<'_> {
     fn trials_until_again(
         &mut self,
         source: Source<'_>,
-        begin: (DVec3, Option<Skin>),
+        begin: (DVec3, Option<SurfacePoint>),
         beginning: Beginning,
         found: &Found,
         dice: &mut Dice,
@@ -197,7 +197,7 @@ impl Walker<'_> {
     fn try_chain(
         &mut self,
         source: Source<'_>,
-        (r, skin): (DVec3, Option<Skin>),
+        (r, surface_point): (DVec3, Option<SurfacePoint>),
         beginning: Beginning,
         n_far: f64,
         dice: &mut Dice,
@@ -209,7 +209,7 @@ impl Walker<'_> {
             let (sin_phi, cos_phi) = sin_cos_turns(turns);
             turn(axis, cos, (1.0 - cos * cos).max(0.0).sqrt(), sin_phi, cos_phi)
         };
-        // Towards the source, or where walls let light out, or into all directions.
+        // Towards the source, or where interfaces let light out, or into all directions.
         let first = match beginning {
             Beginning::Image => self.setting.camera.view.ray(u, turns).1,
             Beginning::Around(_) if choice < 0.25 => around(source.towards(r).0, 0.95),
@@ -218,12 +218,13 @@ impl Walker<'_> {
         };
         let mut events = std::mem::take(&mut self.events);
         events.clear();
-        let begun = self.events_of((r, skin), first, n_far, dice, &mut events);
-        // One refraction by a flat wall is known.
+        let begun = self.events_of((r, surface_point), first, n_far, dice, &mut events);
+        // One refraction by a flat interface is known.
         let known = self.facetted && self.flat;
         let begun = begun.filter(|()| events[..] != [false] || !(known || (rarely && spare >= ONCE)));
-        let first = begun.and_then(|()| self.among_facets(source, (r, skin), first, &events, dice));
-        let found = first.and_then(|w| self.walk_from(source, (r, skin), w, &events, SurfaceNormals::AsTheyAre));
+        let first = begun.and_then(|()| self.among_facets(source, (r, surface_point), first, &events, dice));
+        let found =
+            first.and_then(|w| self.walk_from(source, (r, surface_point), w, &events, SurfaceNormals::AsTheyAre));
         let count = events.len();
         self.events = events;
         found.map(|(shot, newton)| Found { shot, newton, events: count })
@@ -234,7 +235,7 @@ impl Walker<'_> {
     fn among_facets(
         &mut self,
         source: Source<'_>,
-        begin: (DVec3, Option<Skin>),
+        begin: (DVec3, Option<SurfacePoint>),
         w: DVec3,
         events: &[bool],
         dice: &mut Dice,
@@ -255,7 +256,7 @@ impl Walker<'_> {
     /// Random events along a ray, until it may see the source.
     fn events_of(
         &mut self,
-        (mut r, mut skin): (DVec3, Option<Skin>),
+        (mut r, mut surface_point): (DVec3, Option<SurfacePoint>),
         mut w: DVec3,
         n_far: f64,
         dice: &mut Dice,
@@ -263,7 +264,7 @@ impl Walker<'_> {
     ) -> Option<()> {
         loop {
             let [ends, dies, reflects, _] = dice.throw();
-            let edge = match self.next_edge(r, w, skin) {
+            let edge = match self.next_edge(r, w, surface_point) {
                 Next::Edge(edge) => edge,
                 Next::Free(n) => return (n == n_far && !events.is_empty()).then_some(()),
                 // The ray may be turned past it.
@@ -276,7 +277,7 @@ impl Walker<'_> {
                 return None;
             }
             r += edge.distance * w;
-            let normal = self.setting.world.normal(edge.wall, r);
+            let normal = self.setting.world.normal(edge.interface, r);
             let met = refract(w, normal, edge.n, edge.beyond);
             let likely = if edge.is_mirror() {
                 1.0
@@ -288,7 +289,7 @@ impl Walker<'_> {
             let on = met.refracted.filter(|_| reflects >= likely);
             events.push(on.is_none());
             let inside = normal.dot(w) > 0.0;
-            skin = Some(Skin { wall: edge.wall, inside: inside == on.is_none() });
+            surface_point = Some(SurfacePoint { interface: edge.interface, inside: inside == on.is_none() });
             w = on.unwrap_or(met.reflected);
         }
     }

@@ -1,4 +1,4 @@
-//! Connections by one reflection: all places are known where walls of any shape reflect light from one point to another.
+//! Connections by one reflection: all places are known where interfaces of any shape reflect light from one point to another.
 
 use glam::{DVec2, DVec3};
 use turbid_optics::ray_differential::NewtonStep;
@@ -9,13 +9,13 @@ use super::shot::{Shot, SurfaceNormals};
 use crate::connection::Known;
 use crate::lamp::Source;
 use crate::walker::Walker;
-use crate::world::Skin;
+use crate::world::SurfacePoint;
 
 /// So many times as bright as in the open, light is in focus.
 const FOCUSED: f64 = 1e8;
-/// What a place in focus may lie off where a ray meets the wall, relative to the coordinates: rounding.
+/// What a place in focus may lie off where a ray meets the interface, relative to the coordinates: rounding.
 const THERE: f64 = 1e-7;
-/// What a ray behind the wall may miss the source by, rad.
+/// What a ray behind the interface may miss the source by, rad.
 const LEADS: f64 = 1e-6;
 
 impl Shot {
@@ -26,12 +26,12 @@ impl Shot {
 }
 
 impl Walker<'_> {
-    /// Adds the connections from a source to a place by one reflection: all that mirrors throw, and if `smooth` those that walls between different
+    /// Adds the connections from a source to a place by one reflection: all that mirrors throw, and if `smooth` those that interfaces between different
     /// indices do. Where light is in focus, the irradiance is infinite.
     pub(crate) fn by_one_reflection(
         &mut self,
         source: Source<'_>,
-        (r, skin): (DVec3, Option<Skin>),
+        (r, surface_point): (DVec3, Option<SurfacePoint>),
         smooth: bool,
         known: &mut Vec<Known>,
     ) {
@@ -48,7 +48,9 @@ impl Walker<'_> {
         }
         for &p in &places {
             let Some(towards) = (p - r).try_normalize() else { continue };
-            let Some(shot) = self.shoot((r, skin), towards, &[true], SurfaceNormals::AsTheyAre) else { continue };
+            let Some(shot) = self.shoot((r, surface_point), towards, &[true], SurfaceNormals::AsTheyAre) else {
+                continue;
+            };
             let newton = shot.newton(source);
             let there = (shot.differential.r - p).length() <= THERE * (1.0 + p.abs().max_element());
             let open = match far {
@@ -64,10 +66,11 @@ impl Walker<'_> {
             }
             // The manifold walk takes away the rounding of a place on a large body.
             let Some(newton) = newton.filter(|newton| !focused && newton.turn.length() < NEAR) else { continue };
-            let walked = self.manifold_walk(source, (r, skin), (shot, newton), &[true], SurfaceNormals::AsTheyAre);
-            // A ray that grazes a wall elsewhere hardly has to be turned to go anywhere.
+            let walked =
+                self.manifold_walk(source, (r, surface_point), (shot, newton), &[true], SurfaceNormals::AsTheyAre);
+            // A ray that grazes an interface elsewhere hardly has to be turned to go anywhere.
             if let Some(chain) = walked.filter(|(shot, _)| shot.leads(source)) {
-                self.keep(source, (r, skin), chain, &[true], known);
+                self.keep(source, (r, surface_point), chain, &[true], known);
             }
         }
         self.places = places;

@@ -8,15 +8,15 @@ use crate::connection::SAME;
 use crate::lamp::Source;
 use crate::lengths::{Lengths, NO_LENGTHS, sum};
 use crate::walker::Walker;
-use crate::world::Skin;
+use crate::world::SurfacePoint;
 
-/// A ray behind the last wall of its chain.
+/// A ray behind the last interface of its chain.
 pub(super) struct Shot {
     pub differential: RayDifferential,
-    pub skin: Option<Skin>,
+    pub surface_point: Option<SurfacePoint>,
     /// Refractive index there.
     pub n: f64,
-    /// What the walls let through or reflect.
+    /// What the interfaces let through or reflect.
     pub passed: f64,
     /// Optical depth, and mm in each medium that tells channels apart.
     pub tau: f64,
@@ -25,7 +25,7 @@ pub(super) struct Shot {
     pub exit: Option<DVec3>,
 }
 
-/// By which normals walls turn a ray.
+/// By which normals interfaces turn a ray.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum SurfaceNormals {
     AsTheyAre,
@@ -47,7 +47,7 @@ impl Walker<'_> {
     pub(super) fn walk_from(
         &mut self,
         source: Source<'_>,
-        begin: (DVec3, Option<Skin>),
+        begin: (DVec3, Option<SurfacePoint>),
         w: DVec3,
         events: &[bool],
         surface_normals: SurfaceNormals,
@@ -61,7 +61,7 @@ impl Walker<'_> {
     pub(super) fn manifold_walk(
         &mut self,
         source: Source<'_>,
-        begin: (DVec3, Option<Skin>),
+        begin: (DVec3, Option<SurfacePoint>),
         (mut shot, mut newton): (Shot, NewtonStep),
         events: &[bool],
         surface_normals: SurfaceNormals,
@@ -94,33 +94,38 @@ impl Walker<'_> {
     /// A ray through its events; `None` where one of them cannot be.
     pub(super) fn shoot(
         &mut self,
-        (r, skin): (DVec3, Option<Skin>),
+        (r, surface_point): (DVec3, Option<SurfacePoint>),
         w: DVec3,
         events: &[bool],
         surface_normals: SurfaceNormals,
     ) -> Option<Shot> {
         let world = self.setting.world;
         let differential = RayDifferential::new(r, w);
-        let mut shot = Shot { differential, skin, n: f64::NAN, passed: 1.0, tau: 0.0, lengths: NO_LENGTHS, exit: None };
+        let mut shot =
+            Shot { differential, surface_point, n: f64::NAN, passed: 1.0, tau: 0.0, lengths: NO_LENGTHS, exit: None };
         for &reflected in events {
-            let Next::Edge(edge) = self.next_edge(shot.differential.r, shot.differential.w, shot.skin) else {
+            let Next::Edge(edge) = self.next_edge(shot.differential.r, shot.differential.w, shot.surface_point) else {
                 return None;
             };
             let differential = &mut shot.differential;
             differential.fly(edge.distance);
-            let (wall, p) = (edge.wall, differential.r);
-            let solid = &world.bodies[wall.body].solid;
-            let normal = solid.normal(wall.face, p);
+            let (interface, p) = (edge.interface, differential.r);
+            let solid = &world.bodies[interface.body].solid;
+            let normal = solid.normal(interface.face, p);
             let inside = normal.dot(differential.w) > 0.0;
             let indices = (edge.n, edge.beyond);
             let reflectance = match surface_normals {
                 SurfaceNormals::AsTheyAre => {
-                    differential.meet(normal, |d| solid.bends(wall.face, p, d), indices, reflected)?
+                    differential.meet(normal, |d| solid.bends(interface.face, p, d), indices, reflected)?
                 }
                 SurfaceNormals::Rounded => {
-                    let rounded = solid.rounded_normal(wall.face, p);
-                    let met =
-                        differential.meet(rounded, |d| solid.rounded_bends(wall.face, p, d), indices, reflected)?;
+                    let rounded = solid.rounded_normal(interface.face, p);
+                    let met = differential.meet(
+                        rounded,
+                        |d| solid.rounded_bends(interface.face, p, d),
+                        indices,
+                        reflected,
+                    )?;
                     // It may not have met the facet and gone on behind it.
                     (inside == ((normal.dot(differential.w) > 0.0) != reflected)).then_some(met)?
                 }
@@ -132,7 +137,7 @@ impl Walker<'_> {
                 (false, false) => 1.0 - reflectance,
             };
             shot.n = if reflected { edge.n } else { edge.beyond };
-            shot.skin = Some(Skin { wall, inside: inside == reflected });
+            shot.surface_point = Some(SurfacePoint { interface, inside: inside == reflected });
             shot.tau += edge.tau;
             shot.lengths = sum(&shot.lengths, &edge.lengths);
             shot.exit.get_or_insert(edge.exit);

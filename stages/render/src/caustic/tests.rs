@@ -21,7 +21,7 @@ use crate::random::{NeeSite, Purpose, Stream};
 use crate::setting::{Nee, Setting};
 use crate::strata::Bending;
 use crate::walker::Walker;
-use crate::world::{Body, Chords, Material, Skin, Wall, World};
+use crate::world::{Body, Chords, Interface, Material, SurfacePoint, World};
 
 mod lamp_reflections;
 #[path = "../../../optics/tests/shapes/mod.rs"]
@@ -257,32 +257,32 @@ fn forward(case: &Case, key: u32, photons: u32) -> Vec<Measured> {
             Lamp::Spot { .. } => unreachable!("no case has one"),
         };
         let mut scores = vec![0.0; case.balls.len()];
-        let mut skin: Option<Skin> = None;
+        let mut surface_point: Option<SurfacePoint> = None;
         // 1e-6 of the light may remain.
         'flights: while weight > 1e-6 {
-            let mut before: Option<(Wall, usize)> = None;
-            for piece in world.trace(r, w, skin, &mut chords) {
-                let m = &world.materials[piece.material];
-                if let (Bsdf::Mirror, Some((wall, _))) = (m.bsdf, before) {
-                    r += piece.start * w;
-                    let normal = world.normal(wall, r);
-                    skin = Some(Skin { wall, inside: normal.dot(w) > 0.0 });
+            let mut before: Option<(Interface, usize)> = None;
+            for segment in world.trace(r, w, surface_point, &mut chords) {
+                let m = &world.materials[segment.material];
+                if let (Bsdf::Mirror, Some((interface, _))) = (m.bsdf, before) {
+                    r += segment.start * w;
+                    let normal = world.normal(interface, r);
+                    surface_point = Some(SurfacePoint { interface, inside: normal.dot(w) > 0.0 });
                     w = (w - 2.0 * w.dot(normal) * normal).normalize();
                     continue 'flights;
                 }
                 if m.is_opaque() {
                     break 'flights;
                 }
-                if let Some((wall, from)) = before
+                if let Some((interface, from)) = before
                     && world.materials[from].n != m.n
                 {
-                    r += piece.start * w;
-                    let normal = world.normal(wall, r);
+                    r += segment.start * w;
+                    let normal = world.normal(interface, r);
                     let met = refract(w, normal, world.materials[from].n, m.n);
                     let inside = normal.dot(w) > 0.0;
                     let [u, ..] = throws.next().unwrap();
                     let on = met.refracted.filter(|_| u >= met.reflectance);
-                    skin = Some(Skin { wall, inside: inside == on.is_none() });
+                    surface_point = Some(SurfacePoint { interface, inside: inside == on.is_none() });
                     w = on.unwrap_or(met.reflected);
                     continue 'flights;
                 }
@@ -290,17 +290,18 @@ fn forward(case: &Case, key: u32, photons: u32) -> Vec<Measured> {
                     let near = (center - r).dot(w);
                     let half2 = radius * radius - (r + near * w - center).length_squared();
                     if half2 > 0.0 {
-                        let (from, to) = ((near - half2.sqrt()).max(piece.start), (near + half2.sqrt()).min(piece.end));
+                        let (from, to) =
+                            ((near - half2.sqrt()).max(segment.start), (near + half2.sqrt()).min(segment.end));
                         if from < to {
                             let mu = m.mu_t();
                             let mean = if mu > 0.0 { (1.0 - (-mu * (to - from)).exp()) / mu } else { to - from };
-                            *score += weight * (-mu * (from - piece.start)).exp() * mean;
+                            *score += weight * (-mu * (from - segment.start)).exp() * mean;
                         }
                     }
                 }
-                let Some(wall) = piece.wall else { break 'flights };
-                weight *= (-m.mu_t() * (piece.end - piece.start)).exp();
-                before = Some((wall, piece.material));
+                let Some(interface) = segment.interface else { break 'flights };
+                weight *= (-m.mu_t() * (segment.end - segment.start)).exp();
+                before = Some((interface, segment.material));
             }
             break;
         }
@@ -342,7 +343,7 @@ const EYE: f64 = 2.8;
 /// Irradiances of all connections to points of the balls, times n^2; how many points lie on known connections, and how many trials were given up.
 fn by_connections(case: &Case, points: u32) -> (Vec<Measured>, u64) {
     with_walker(case, |walker| {
-        assert_eq!(walker.bending, Bending::AtWalls, "{}", case.name);
+        assert_eq!(walker.bending, Bending::AtInterfaces, "{}", case.name);
         let mut measured = Vec::new();
         for (k, &(center, radius)) in case.balls.iter().enumerate() {
             let (mut sum, mut square) = (0.0, 0.0);
@@ -370,7 +371,7 @@ fn by_connections(case: &Case, points: u32) -> (Vec<Measured>, u64) {
     })
 }
 
-/// The fluence rate that all connections together bring to small balls is that of light walked forward through the same walls: all
+/// The fluence rate that all connections together bring to small balls is that of light walked forward through the same interfaces: all
 /// refractions, reflections and foci are in it, and their Jacobians. As z scores over all balls of all cases.
 fn check(cases: Vec<Case>, photons: u32, points: u32) {
     let (mut scores, mut imprecise) = (Vec::new(), false);

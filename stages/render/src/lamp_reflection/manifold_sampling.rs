@@ -1,4 +1,4 @@
-//! Lamp reflections by several walls, some of them curved or tilted: light that is mirrored to and fro in a bore, or goes into a clear body and out again. Nobody
+//! Lamp reflections by several interfaces, some of them curved or tilted: light that is reflected to and fro in a bore, or goes into a clear body and out again. Nobody
 //! knows all of these chains, so they are found by specular manifold sampling, without bias, and have standard errors.
 
 use glam::DVec3;
@@ -34,9 +34,9 @@ pub struct ManifoldSampled {
 }
 
 /// Whether there may be any.
-pub fn by_several_walls(rig: &Rig) -> bool {
+pub fn by_several_interfaces(rig: &Rig) -> bool {
     let world = &rig.worlds[0];
-    let sure = Bending::of(world) != Bending::AtWalls || Mirrors::of(world).once;
+    let sure = Bending::of(world) != Bending::AtInterfaces || Mirrors::of(world).once;
     !rig.excludes_specular && rig.shines() && !sure
 }
 
@@ -48,7 +48,7 @@ pub fn by_manifold_sampling(
     ctx: Ctx<'_>,
 ) -> Result<Vec<Option<ManifoldSampled>>, Error> {
     let (channels, pixels) = (rig.worlds.len(), rig.camera.pixels());
-    if !by_several_walls(rig) {
+    if !by_several_interfaces(rig) {
         return Ok((0..channels).map(|_| None).collect());
     }
     let trials = u64::from(paths) * pixels as u64 / PATHS_A_TRIAL;

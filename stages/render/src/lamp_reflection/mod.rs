@@ -1,4 +1,4 @@
-//! Lamp reflections: light that comes from a lamp to the camera by smooth walls alone. A lamp reflection is a point of the image, which no path can hit: it is
+//! Lamp reflections: light that comes from a lamp to the camera by smooth interfaces alone. A lamp reflection is a point of the image, which no path can hit: it is
 //! computed once, without noise, and added.
 //!
 //! `docs/theory/render.md` derives the radiance of its pixel.
@@ -15,7 +15,7 @@ use turbid_optics::elementary::sin_cos_turns;
 use turbid_optics::view::Lens;
 
 pub use field::WithLampReflections;
-pub use manifold_sampling::{ManifoldSampled, by_manifold_sampling, by_several_walls};
+pub use manifold_sampling::{ManifoldSampled, by_manifold_sampling, by_several_interfaces};
 
 use crate::camera::Camera;
 use crate::connection::Connection;
@@ -41,7 +41,7 @@ const TILE: usize = 512;
 /// The golden ratio's part behind the point: turns between neighbours of an even spiral.
 const GOLDEN_TURNS: f64 = 0.618_033_988_749_894_9;
 
-/// The lamp reflections of every channel; empty where walls turn no light or where they are excluded.
+/// The lamp reflections of every channel; empty where interfaces turn no light or where they are excluded.
 ///
 /// Error: there are too many chains to follow, or light is in focus at the camera.
 pub fn lamp_reflections(rig: &Rig, projected: &Projected, ctx: Ctx<'_>) -> Result<Vec<LampReflections>, Error> {
@@ -72,9 +72,9 @@ pub fn lamp_reflections(rig: &Rig, projected: &Projected, ctx: Ctx<'_>) -> Resul
     Ok(all)
 }
 
-/// Whether walls bring light to a focus at the camera, a pinhole, within the image: on the axis of round ones they do.
+/// Whether interfaces bring light to a focus at the camera, a pinhole, within the image: on the axis of round ones they do.
 pub fn in_focus(rig: &Rig) -> bool {
-    if Bending::of(&rig.worlds[0]) != Bending::AtWalls || rig.camera.has_aperture() {
+    if Bending::of(&rig.worlds[0]) != Bending::AtInterfaces || rig.camera.has_aperture() {
         return false;
     }
     let projected_images = ProjectedImages::NONE;
@@ -82,9 +82,9 @@ pub fn in_focus(rig: &Rig) -> bool {
     walker.add_lamp_reflections(rig.camera.view.position, 1.0, &mut LampReflections::new()).is_err()
 }
 
-/// Whether some of it comes to the camera by walls alone.
+/// Whether some of it comes to the camera by interfaces alone.
 fn turns_light(world: &World) -> bool {
-    matches!(Bending::of(world), Bending::AtPlanes(_) | Bending::AtWalls) || has_mirrors(world)
+    matches!(Bending::of(world), Bending::AtPlanes(_) | Bending::AtInterfaces) || has_mirrors(world)
 }
 
 fn setting<'a>(
@@ -145,7 +145,7 @@ impl Seen {
 
     /// What comes from a light at `at` to a camera whose rays are parallel: backwards, they are a beam that falls on the light, by that connection.
     fn in_parallel(camera: &Camera, source: Source<'_>, at: DVec3, connection: &Connection) -> Option<Self> {
-        // Behind the last wall the light goes where the beam came from.
+        // Behind the last interface the light goes where the beam came from.
         let (pixel, area) = camera.seen_along_axis(connection.on_plane)?;
         let arrival = source.arrival(at + connection.towards)?;
         let intensity = arrival.irradiance * arrival.distance * arrival.distance;
@@ -188,18 +188,18 @@ impl Walker<'_> {
     fn lamp_reflections_of(&mut self, source: Source<'_>, eye: DVec3) -> Result<Vec<Seen>, Error> {
         let camera = self.setting.camera;
         if camera.view.lens != Lens::Orthographic {
-            let connections = self.chains_by_walls(source, eye)?;
+            let connections = self.chains_by_interfaces(source, eye)?;
             return Ok(connections.iter().filter_map(|connection| Seen::through(camera, eye, connection)).collect());
         }
         let (at, None) = source.origin() else { return Ok(Vec::new()) };
         let beam = beam_of(camera);
-        let connections = self.chains_by_walls(Source::Lamp(0, &beam), at)?;
+        let connections = self.chains_by_interfaces(Source::Lamp(0, &beam), at)?;
         Ok(connections.iter().filter_map(|connection| Seen::in_parallel(camera, source, at, connection)).collect())
     }
 
-    /// Every lit connection from a source to `r` that smooth planes turn; or, where walls are curved or tilted, those by one reflection.
-    fn chains_by_walls(&mut self, source: Source<'_>, r: DVec3) -> Result<Vec<Connection>, Error> {
-        if self.bending == Bending::AtWalls {
+    /// Every lit connection from a source to `r` that smooth planes turn; or, where interfaces are curved or tilted, those by one reflection.
+    fn chains_by_interfaces(&mut self, source: Source<'_>, r: DVec3) -> Result<Vec<Connection>, Error> {
+        if self.bending == Bending::AtInterfaces {
             let mut known = Vec::new();
             self.by_one_reflection(source, (r, None), true, &mut known);
             return Ok(known.into_iter().map(|known| known.connection).filter(|connection| connection.lit).collect());

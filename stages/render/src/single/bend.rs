@@ -216,7 +216,7 @@ pub fn tangent<S: Simd>(simd: S, advance: F<S>, (depth, height): (F<S>, f32), m:
     t
 }
 
-/// A point for which the scalar walker finds connections that lanes do not know: those with reflections, or by several walls.
+/// A point for which the scalar walker finds connections that lanes do not know: those with reflections, or by several interfaces.
 #[derive(Clone, Copy, Debug)]
 pub struct ScalarConnection {
     /// Of the random numbers of its estimate.
@@ -243,7 +243,7 @@ pub struct ScalarConnection {
 pub struct KnownConnection {
     /// What it brings, in units of the projector's.
     pub strength: f32,
-    /// Unit vectors: against it at the point, and out of its wall.
+    /// Unit vectors: against it at the point, and out of its interface.
     pub towards: [f32; 3],
     pub normal: [f32; 3],
 }

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::bend::Plane;
-use super::face::Walls;
+use super::face::Interfaces;
 use super::ground::{Ground, Part};
 use super::image_lookup::ImageLookup;
 use super::refusal::Refusal;
@@ -40,8 +40,8 @@ pub struct Frame<'a> {
     pub dark: bool,
     /// Where light from the projector bends on its way to all that scatters.
     pub plane: Option<Plane>,
-    /// The same where it bends at walls of other shapes.
-    pub walls: Option<Walls>,
+    /// The same where it bends at interfaces of other shapes.
+    pub interfaces: Option<Interfaces>,
     /// Whether they turn flights in lanes, too.
     pub turns: bool,
     /// Block of random numbers of a path's first flight within a medium: where light bends the one before brings it through the plane.
@@ -99,7 +99,7 @@ pub struct Medium {
 impl Frame<'_> {
     /// Whether light bends on its way in, in lanes.
     pub fn bends(&self) -> bool {
-        self.plane.is_some() || self.walls.is_some()
+        self.plane.is_some() || self.interfaces.is_some()
     }
 
     /// In local coordinates.

@@ -59,7 +59,7 @@ pub struct Part {
 
 /// Bodies between which flights go on in lanes, and boundaries that one may cross.
 const MOST_PARTS: usize = 8;
-const MOST_WALLS: usize = 4;
+const MOST_INTERFACES: usize = 4;
 
 /// What a flight within a body meets.
 pub struct Passage<S: Simd> {
@@ -245,7 +245,7 @@ impl Ground {
         let mut t = onward.leaves;
         let mut found = no;
         let size = r.x.abs().max(r.y.abs().max(r.z.abs()));
-        for _ in 0..MOST_WALLS {
+        for _ in 0..MOST_INTERFACES {
             let just_behind = t + (t + size) * SLIVER;
             let (mut holder, mut filled, mut open, mut next) = (body, no, no, never);
             for (j, (chord, part)) in chords.iter().zip(parts).enumerate().rev() {

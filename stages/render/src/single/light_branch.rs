@@ -112,7 +112,7 @@ impl LightBranches {
                 let (floats, words, lengths) = frame.row(&light_branch);
                 self.waiting.push(floats, words, lengths);
             } else {
-                // Rounding: it stands on the wall.
+                // Rounding: it stands on the interface.
                 walker.step(&mut light_branch);
             }
         }

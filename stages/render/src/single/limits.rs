@@ -3,14 +3,14 @@
 /// Overlaps are resolved for so many bodies at most.
 pub const MOST_BODIES: usize = 4;
 
-/// The number of an estimate along a camera's ray, whose lower bits say in which piece of it, among those that scatter.
+/// The number of an estimate along a camera's ray, whose lower bits say in which segment of it, among those that scatter.
 pub const FIRST: u32 = 1 << 31;
 
 /// The number of an estimate from where a flight, by its block of random numbers, comes into a medium from elsewhere. Others have the (odd) block behind
 /// their flight's.
 pub const ENTRY: u32 = 1 << 30;
 
-/// The same of an estimate along a flight that a wall has turned.
+/// The same of an estimate along a flight that an interface has turned.
 pub const TURNED: u32 = 1 << 29;
 
 /// Optical depth (optical distance to the light) beyond which it counts as none: e^-80 of it.

@@ -184,9 +184,9 @@ impl Ground {
         again
     }
 
-    /// The line to the light in one lane, whatever meshes it comes back to: the body and the length of each piece.
+    /// The line to the light in one lane, whatever meshes it comes back to: the body and the length of each segment.
     #[inline(never)]
-    pub fn pieces_to_light<S: Simd>(
+    pub fn segments_to_light<S: Simd>(
         &self,
         simd: S,
         lane: usize,
@@ -214,11 +214,11 @@ impl Ground {
         let mut ends: Vec<f32> = all.iter().flat_map(|s| [s.1, s.2]).map(|t| t.clamp(0.0, far)).collect();
         ends.extend([0.0, far]);
         ends.sort_by(f32::total_cmp);
-        let piece = |pair: &[f32]| {
+        let segment = |pair: &[f32]| {
             let middle = 0.5 * (pair[0] + pair[1]);
             let holder = all.iter().filter(|s| s.1 < middle && middle < s.2).map(|s| s.0).min();
             holder.map(|j| (j, pair[1] - pair[0]))
         };
-        ends.windows(2).filter_map(piece).collect()
+        ends.windows(2).filter_map(segment).collect()
     }
 }

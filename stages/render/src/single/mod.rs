@@ -10,6 +10,7 @@ mod facets;
 pub mod frame;
 pub mod ground;
 mod image_lookup;
+mod interfaces;
 pub mod lane;
 mod light_branch;
 pub mod limits;
@@ -26,7 +27,6 @@ mod start;
 mod turns;
 mod visibility;
 mod walk;
-mod walls;
 
 pub(crate) use bend::ScalarConnection;
 pub use frame::Frame;

@@ -6,12 +6,12 @@ use super::bend::{KnownConnection, ScalarConnection};
 use super::deposit::{Deposit, Seen};
 use super::facets::bits;
 use super::frame::Frame;
+use super::interfaces::Refraction;
 use super::lane::{F, LANES, M, U, V, choose, exp, hg_denominator, hg_sample, ln, philox, splat, unit};
 use super::limits::{DARK, ENTRY, FIRST, MOST_CHANNELS, MOST_FACES, TURNED};
 use super::rows::{Counts, Rows};
 use super::source::{Arrival, Source, whether_projected};
-use super::visibility::{Visibility, add_along, add_in_own, chords, first_piece, steepness, visibility};
-use super::walls::Refraction;
+use super::visibility::{Visibility, add_along, add_in_own, chords, first_segment, steepness, visibility};
 use crate::connect::OTHER_CONNECTIONS;
 use crate::lengths::MOST_LENGTHS;
 use crate::next_event_lanes::{FLAT, TAU_SURE};
@@ -112,8 +112,17 @@ fn estimate<S: Simd>(
     let mut steady = [splat(simd, 0.0); MOST_CHANNELS];
     for source in &frame.sources {
         let line = line(simd, frame, source, key, high, &ray);
-        if frame.walls.is_some() {
-            see_through_walls(simd, &mut next_events.scalar_connections, source, key, high, &ray, &line, &mut deposit);
+        if frame.interfaces.is_some() {
+            see_through_interfaces(
+                simd,
+                &mut next_events.scalar_connections,
+                source,
+                key,
+                high,
+                &ray,
+                &line,
+                &mut deposit,
+            );
             continue;
         }
         let visibility = visibility(simd, frame, source, line.asked, line.r);
@@ -178,19 +187,19 @@ fn line<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, key: [u32; 2], hig
     let &Ray { waiting, r, came, own, weight, roulette, mu_a, mu_s, g, least, .. } = ray;
     let &Ray { number, sample, pixel, body, mut lengths, .. } = ray;
     let mu_t = mu_a + mu_s;
-    let (to_light, known) = if let Some(walls) = &frame.walls {
-        walls.heading(simd, frame, waiting, r)
+    let (to_light, known) = if let Some(interfaces) = &frame.interfaces {
+        interfaces.heading(simd, frame, waiting, r)
     } else {
         (visibility(simd, frame, source, waiting, r), M::splat(simd, true))
     };
     let Visibility { towards, chords: to_light, normals, tau, .. } = to_light;
-    let (wall, wall_body) = first_piece(simd, frame, body, r, &to_light);
+    let (interface, interface_body) = first_segment(simd, frame, body, r, &to_light);
 
     // The line: along the path's own direction, or one from the lobe around the light. Rays that come in from outside have no choice.
     let (first, entry) = (number.simd_ge(FIRST), (number & (FIRST | ENTRY)).simd_eq(ENTRY));
     let turned = (number & (FIRST | ENTRY | TURNED)).simd_eq(TURNED);
-    let (block, piece) = source.numbers(simd, number, frame.first - 1, first, entry);
-    let high = piece | high;
+    let (block, segment) = source.numbers(simd, number, frame.first - 1, first, entry);
+    let high = segment | high;
     let [choice, b, c, u] = philox(simd, block, high, sample, pixel, key);
     let lobe = hg_sample(g, towards, unit(b), unit(c));
     let sure = first | turned;
@@ -200,12 +209,12 @@ fn line<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, key: [u32; 2], hig
         V { x: choose(goes_on, own.x, lobe.x), y: choose(goes_on, own.y, lobe.y), z: choose(goes_on, own.z, lobe.z) };
     let ratio = hg_denominator(g, came.dot(e)) / hg_denominator(g, e.dot(towards));
     let balance = choose(given, splat(simd, 1.0), 2.0 / (1.0 + ratio * ratio.sqrt()));
-    let (mut steepness, mut incidence) = steepness(simd, frame, r, towards, (wall, wall_body, &normals), e);
-    if frame.walls.is_some() {
+    let (mut steepness, mut incidence) = steepness(simd, frame, r, towards, (interface, interface_body, &normals), e);
+    if frame.interfaces.is_some() {
         steepness = choose(known, steepness, splat(simd, 0.0));
         incidence = choose(known, incidence, splat(simd, 1.0));
     }
-    // Nor are the camera's and those from walls subject to roulette. See `next_event_lanes::depth`.
+    // Nor are the camera's and those from interfaces subject to roulette. See `next_event_lanes::depth`.
     let depth = tau * incidence.abs();
     let depth = choose(depth.simd_gt(least), depth, least);
     let inverse_survival = choose(sure, splat(simd, 1.0), inverse_survival(simd, depth));
@@ -216,7 +225,7 @@ fn line<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, key: [u32; 2], hig
         let until = choose(rate.simd_gt(mu_t * 0.1), GONE / rate, splat(simd, f32::INFINITY));
         frame.ground.add_ahead(simd, chosen, body, r, e, until, &mut along);
     }
-    let (length, _) = first_piece(simd, frame, body, r, &along);
+    let (length, _) = first_segment(simd, frame, body, r, &along);
     let (s, inverse_density) = ahead(simd, rate, length, mu_t, unit(!u));
     if frame.counts {
         add_in_own(&mut lengths, frame, body, s);
@@ -231,7 +240,7 @@ fn line<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, key: [u32; 2], hig
         fraction: weight * inverse_survival * (balance * inverse_density * mu_s),
         lengths,
         block,
-        place: first.select(piece, U::splat(simd, 0)),
+        place: first.select(segment, U::splat(simd, 0)),
     }
 }
 
@@ -306,7 +315,7 @@ fn tries<S: Simd>(simd: S, key: [u32; 2], high: u32, ray: &Ray<S>, line: &Line<S
 /// Every connection by one refraction, and others by manifold sampling; where lanes know none, or do not know, all is left to the scalar walker.
 #[inline(always)]
 #[allow(clippy::too_many_arguments, reason = "all that an estimate is made of")]
-fn see_through_walls<S: Simd>(
+fn see_through_interfaces<S: Simd>(
     simd: S,
     scalar_connections: &mut Vec<ScalarConnection>,
     source: &Source,
@@ -317,14 +326,14 @@ fn see_through_walls<S: Simd>(
     deposit: &mut Deposit<'_>,
 ) {
     let frame = deposit.frame;
-    let Some(walls) = &frame.walls else { return };
+    let Some(interfaces) = &frame.interfaces else { return };
     let mut refractions: [Option<Refraction<S>>; MOST_FACES] = [None; MOST_FACES];
     // Of each lane the first connection that there is, and by bits the lanes that each of the others has found, too.
-    let mut first = walls.refraction(simd, frame, 0, line.asked, line.r);
+    let mut first = interfaces.refraction(simd, frame, 0, line.asked, line.r);
     let mut others = [0; MOST_FACES];
     refractions[0] = Some(first);
-    for (i, face) in walls.faces.iter().enumerate().skip(1) {
-        let mut refraction = walls.refraction(simd, frame, i, line.asked, line.r);
+    for (i, face) in interfaces.faces.iter().enumerate().skip(1) {
+        let mut refraction = interfaces.refraction(simd, frame, i, line.asked, line.r);
         for same in face.same() {
             if let Some(before) = refractions.get(same).and_then(Option::as_ref) {
                 refraction.found &= !before.found;

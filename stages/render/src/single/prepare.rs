@@ -6,7 +6,7 @@ use glam::DVec3;
 use turbid_optics::solid::{Carved, Solid};
 
 use super::bend::Plane;
-use super::face::Walls;
+use super::face::Interfaces;
 use super::facets::Eyes;
 use super::frame::{Frame, Medium};
 use super::ground::{Ground, Part};
@@ -92,13 +92,13 @@ impl<'a> Frame<'a> {
         let channels = scales.iter().map(|scale| scale.excess.map(|mu_a| mu_a as f32)).collect();
         let blind = !s.light.shines() && s.steady.lamps.is_empty();
         let plane = if others || !ground.meshes.is_empty() { None } else { Plane::of(walker, &parts, origin) };
-        let walls = Walls::of(walker, &parts, &ground, origin);
-        // Lenses are looked up one by one; so are lamps where walls bend their light, and beside meshes.
+        let interfaces = Interfaces::of(walker, &parts, &ground, origin);
+        // Lenses are looked up one by one; so are lamps where interfaces bend their light, and beside meshes.
         let image_lookup = ImageLookup::over(s.light, s.projected_images, origin);
         let plain = view.distortion.is_none() && (s.projected_images.layers() == 0 || image_lookup.is_some());
         let for_lamps = straight && ground.meshes.is_empty() && s.steady.lamps.len() <= LAMPS_IN_LANES;
         let for_any = if s.light.shines() { plain } else { for_lamps && !blind };
-        let bends = plane.is_some() || walls.is_some();
+        let bends = plane.is_some() || interfaces.is_some();
         let next_events = (straight || bends) && !others && can_connect(s.world, &parts) && for_any;
         let repeated = repeats(&parts);
         // Rays meet the facets of their own body only.
@@ -117,7 +117,7 @@ impl<'a> Frame<'a> {
         let starts = (onward || (turns && !s.steady.shines())) && !s.camera.has_aperture();
         let mut refused = Vec::new();
         if !(next_events || blind) {
-            refused.extend((!(straight || bends)).then(|| refusal::of_walls(walker, &parts)));
+            refused.extend((!(straight || bends)).then(|| refusal::of_interfaces(walker, &parts)));
             refused.extend(refusal::of_solids(&ground, &parts, origin, range));
             refused.extend((parts.len() > MOST_BODIES).then_some(Refusal::Bodies(parts.len())));
             refused.extend((carves_opaque(s.world, &parts)).then_some(Refusal::CarvedOpaque));
@@ -144,7 +144,7 @@ impl<'a> Frame<'a> {
             mu_t: parts.iter().map(|part| s.world.materials[part.material].mu_t() as f32).collect(),
             opaque: parts.iter().map(|part| s.world.materials[part.material].is_opaque()).collect(),
             straight: straight && !others,
-            onward: onward || (walls.is_some() && lanes_alone),
+            onward: onward || (interfaces.is_some() && lanes_alone),
             light_branches: if sends { sends_light_branches(s.world, origin, range) } else { Vec::new() },
             others,
             known,
@@ -158,7 +158,7 @@ impl<'a> Frame<'a> {
             turns,
             first: if bends { 4 } else { 2 },
             plane,
-            walls,
+            interfaces,
             next_events,
             repeated,
             lamps: singly,
@@ -182,8 +182,8 @@ fn seen(s: &Setting<'_>) -> DVec3 {
     let view = &s.camera.view;
     let mut chords = Chords::default();
     let (from, along) = view.ray(0.5, 0.5);
-    let mut pieces = s.world.trace(from, along, None, &mut chords);
-    pieces.find(|piece| piece.material != 0).map_or(view.look_at, |piece| from + piece.start * along)
+    let mut segments = s.world.trace(from, along, None, &mut chords);
+    segments.find(|segment| segment.material != 0).map_or(view.look_at, |segment| from + segment.start * along)
 }
 
 /// The bodies of a world; the holes of carved ones are voids before them, where there is nothing else to be seen in a hole.
@@ -210,7 +210,7 @@ fn parts(world: &World) -> Vec<Part> {
 }
 
 /// For each material whether it fills bodies that have a bore or a hollow, within the range of f32, and scatters with a peak: what comes by way of
-/// other walls is then rare and bright. Empty where none does.
+/// other interfaces is then rare and bright. Empty where none does.
 fn sends_light_branches(world: &World, origin: DVec3, range: f64) -> Vec<bool> {
     let near = |solid: &Solid| {
         let (low, high) = solid.bounds();

@@ -15,14 +15,14 @@ pub fn scalar_fallback(walker: &mut Walker<'_>, frame: &Frame<'_>, place: &mut P
         if !walker.step(place) {
             return false;
         }
-        // In a medium, not at a wall; or through the plane, and not scattered yet.
-        let ready = place.skin.is_none() || (!place.scattered && place.number == u64::from(frame.first));
+        // In a medium, not at an interface; or through the plane, and not scattered yet.
+        let ready = place.surface_point.is_none() || (!place.scattered && place.number == u64::from(frame.first));
         if place.ahead && ready && place.number < u64::from(LATE) {
             let mut inside = *place;
-            if let (Some(walls), Some(skin)) = (&frame.walls, place.skin) {
-                // Lanes know no skins: rounding must not put it outside.
-                let normal = walker.setting().world.normal(skin.wall, place.r);
-                inside.r += if skin.inside { -walls.behind } else { walls.behind } * normal;
+            if let (Some(interfaces), Some(surface_point)) = (&frame.interfaces, place.surface_point) {
+                // Lanes know no surface points: rounding must not put it outside.
+                let normal = walker.setting().world.normal(surface_point.interface, place.r);
+                inside.r += if surface_point.inside { -interfaces.behind } else { interfaces.behind } * normal;
             }
             if frame.body_at(&inside).is_some() {
                 *place = inside;

@@ -17,7 +17,7 @@ use crate::lengths::{Lengths, MOST_LENGTHS, NO_LENGTHS, count};
 use crate::random::PLACES_IN_LANES;
 use crate::setting::{Place, Setting};
 use crate::walker::Walker;
-use crate::world::Piece;
+use crate::world::RaySegment;
 
 /// Paths still to be begun, and those ready for lanes.
 pub struct Starts<'a> {
@@ -83,7 +83,7 @@ impl<'a> Starts<'a> {
     }
 
     /// A path whose ray meets a medium before any surface: it starts where the ray enters, its single scattering left to next-event estimation in
-    /// every piece. False where things are not so simple.
+    /// every segment. False where things are not so simple.
     #[inline(never)]
     #[allow(clippy::too_many_arguments, reason = "all there is at a start")]
     fn enter<S: Simd>(
@@ -106,29 +106,29 @@ impl<'a> Starts<'a> {
                 _ => return false,
             }
         }
-        if let Some(walls) = &frame.walls {
-            match walls.enter(walker, from, along, random) {
+        if let Some(interfaces) = &frame.interfaces {
+            match interfaces.enter(walker, from, along, random) {
                 Some(Outside::In(place, refracted)) => (from, along) = (place, refracted),
-                Some(Outside::Out(walls)) if frame.dark => (inside, turns) = (false, walls),
+                Some(Outside::Out(interfaces)) if frame.dark => (inside, turns) = (false, interfaces),
                 _ => return false,
             }
         }
-        let mut pieces = std::mem::take(&mut walker.pieces);
-        pieces.clear();
+        let mut segments = std::mem::take(&mut walker.segments);
+        segments.clear();
         match &frame.parts[..] {
             _ if !inside => {}
-            _ if frame.walls.is_some() => {
-                let n = |piece: &Piece| s.world.materials[piece.material].n;
+            _ if frame.interfaces.is_some() => {
+                let n = |segment: &RaySegment| s.world.materials[segment.material].n;
                 let mut rest = s.world.trace(from, along, None, &mut walker.chords);
                 let first = rest.next();
                 let index = first.as_ref().map(n);
-                pieces.extend(first.into_iter().chain(rest.take_while(|piece| Some(n(piece)) == index)));
+                segments.extend(first.into_iter().chain(rest.take_while(|segment| Some(n(segment)) == index)));
             }
             [only] if only.solid.is_convex() => {
                 let (start, end) = only.solid.chord(from, along);
                 if start < end && end > 0.0 {
                     let start = if frame.plane.is_some() { start.max(0.0) } else { start };
-                    pieces.push(Piece { start, end, material: only.material, wall: None });
+                    segments.push(RaySegment { start, end, material: only.material, interface: None });
                 }
             }
             _ if !frame.ground.meshes.is_empty()
@@ -155,26 +155,26 @@ impl<'a> Starts<'a> {
                         )
                     },
                 );
-                pieces.extend(cut.filter(|p| p.material != 0));
+                segments.extend(cut.filter(|p| p.material != 0));
             }
-            _ => pieces.extend(s.world.trace(from, along, None, &mut walker.chords).filter(|p| p.material != 0)),
+            _ => segments.extend(s.world.trace(from, along, None, &mut walker.chords).filter(|p| p.material != 0)),
         }
         let ready = self.ready.len();
-        let made = self.enter_pieces(&s, frame, next_events, ids, (from, along), absorption_depth, &pieces);
+        let made = self.enter_segments(&s, frame, next_events, ids, (from, along), absorption_depth, &segments);
         if made && self.ready.len() == ready {
             // The camera's ray is a flight, wherever it ended.
             walker.count_flights(1);
         }
         if made {
-            // Up to the wall.
+            // Up to the interface.
             walker.count_flights(turns);
         }
-        walker.pieces = pieces;
+        walker.segments = segments;
         made
     }
 
     #[allow(clippy::too_many_arguments, reason = "the second half of `enter`")]
-    fn enter_pieces(
+    fn enter_segments(
         &mut self,
         s: &Setting<'_>,
         frame: &Frame<'_>,
@@ -182,40 +182,40 @@ impl<'a> Starts<'a> {
         ids: Ids,
         (from, along): (DVec3, DVec3),
         absorption_depth: f32,
-        pieces: &[Piece],
+        segments: &[RaySegment],
     ) -> bool {
-        let material = |piece: &Piece| &s.world.materials[piece.material];
-        let seen = pieces.iter().position(|piece| material(piece).is_opaque()).unwrap_or(pieces.len());
-        let scattering = pieces[..seen].iter().filter(|piece| material(piece).mu_s > 0.0).count();
-        if (!frame.bends() && pieces.first().is_some_and(|piece| piece.start <= 0.0))
-            || scattering > MOST_PIECES
+        let material = |segment: &RaySegment| &s.world.materials[segment.material];
+        let seen = segments.iter().position(|segment| material(segment).is_opaque()).unwrap_or(segments.len());
+        let scattering = segments[..seen].iter().filter(|segment| material(segment).mu_s > 0.0).count();
+        if (!frame.bends() && segments.first().is_some_and(|segment| segment.start <= 0.0))
+            || scattering > MOST_SEGMENTS
             // Ends at a surface, or sees light from infinity.
-            || (scattering == 0 && (seen < pieces.len() || !frame.dark))
+            || (scattering == 0 && (seen < segments.len() || !frame.dark))
             // Clear, and there is more behind it.
-            || (scattering == 0 && frame.walls.is_some() && !pieces.is_empty())
+            || (scattering == 0 && frame.interfaces.is_some() && !segments.is_empty())
         {
             return false;
         }
         let (mut tau, mut absorbed, mut scored) = (0.0, 0.0, 0);
         let mut lengths = NO_LENGTHS;
         let w = along.as_vec3().to_array();
-        for piece in &pieces[..seen] {
-            let (length, medium) = (piece.end - piece.start, material(piece));
+        for segment in &segments[..seen] {
+            let (length, medium) = (segment.end - segment.start, material(segment));
             if medium.mu_s > 0.0 {
-                let r = frame.local(from + piece.start * along);
-                let mut filled = frame.parts.iter().enumerate().filter(|(_, part)| part.material == piece.material);
+                let r = frame.local(from + segment.start * along);
+                let mut filled = frame.parts.iter().enumerate().filter(|(_, part)| part.material == segment.material);
                 let body = match (filled.next(), filled.next()) {
                     (Some((only, _)), None) => only,
                     // A point of it says which body it is.
                     _ => {
-                        let inside = from + (piece.start + 0.5 * length.min(1.0 / medium.mu_t())) * along;
+                        let inside = from + (segment.start + 0.5 * length.min(1.0 / medium.mu_t())) * along;
                         let Some(body) = frame.parts.iter().position(|part| part.solid.contains(inside)) else {
                             continue;
                         };
                         body
                     }
                 };
-                let m = &frame.media[piece.material];
+                let m = &frame.media[segment.material];
                 let left = absorption_depth - absorbed as f32;
                 if scored == 0 && left > 0.0 {
                     let coefficients = [m.free_path, m.mu_a, m.mu_s, m.g, m.window];
@@ -238,7 +238,7 @@ impl<'a> Starts<'a> {
                         frame.known,
                         1.0,
                     ];
-                    let words = [frame.first, ids.sample, ids.pixel, ids.path, piece.material as u32, body as u32];
+                    let words = [frame.first, ids.sample, ids.pixel, ids.path, segment.material as u32, body as u32];
                     self.ready.push(row, words, counted(&lengths));
                 }
                 if !frame.blind {
@@ -252,7 +252,7 @@ impl<'a> Starts<'a> {
             }
             absorbed += medium.mu_a * length;
             tau += medium.mu_t() * length;
-            count(s.shared, &mut lengths, piece.material, length);
+            count(s.shared, &mut lengths, segment.material, length);
         }
         true
     }
@@ -264,8 +264,8 @@ fn counted(lengths: &Lengths) -> [f32; MOST_LENGTHS] {
 }
 
 /// Next-event estimation along one camera's ray in lanes.
-const MOST_PIECES: usize = 8;
-const _: () = assert!(MOST_PIECES <= PLACES_IN_LANES);
+const MOST_SEGMENTS: usize = 8;
+const _: () = assert!(MOST_SEGMENTS <= PLACES_IN_LANES);
 
 /// Which path it is.
 #[derive(Clone, Copy)]
@@ -307,7 +307,7 @@ impl Frame<'_> {
             // Unit length to f64.
             w: DVec3::new(f64::from(a), f64::from(b), f64::from(c)).normalize(),
             material: material as usize,
-            skin: None,
+            surface_point: None,
             clear: 0.0,
             absorption_depth: f64::from(absorption_depth) - f64::from(lost),
             weight: f64::from(weight),

@@ -1,17 +1,17 @@
-//! How walls of convex bodies turn flights, in f32 lanes, and the camera's rays.
+//! How interfaces of convex bodies turn flights, in f32 lanes, and the camera's rays.
 
 use fearless_simd::prelude::*;
 use glam::DVec3;
 use turbid_optics::refraction::refract;
 
 use super::bend::Meeting;
-use super::face::Walls;
+use super::face::Interfaces;
 use super::frame::Frame;
 use super::lane::{M, U, V, choose, splat};
 use super::limits::SLIVER;
 use super::visibility::chords;
 use crate::walker::Walker;
-use crate::world::Skin;
+use crate::world::SurfacePoint;
 
 /// A camera's ray, from outside of all bodies.
 pub enum Outside {
@@ -21,28 +21,28 @@ pub enum Outside {
     Out(usize),
 }
 
-impl Walls {
-    /// A ray to the first wall where light bends, by a uniform random number. `None` where it meets something opaque, or is reflected and goes on.
+impl Interfaces {
+    /// A ray to the first interface where light bends, by a uniform random number. `None` where it meets something opaque, or is reflected and goes on.
     pub fn enter(&self, walker: &mut Walker<'_>, from: DVec3, along: DVec3, random: f64) -> Option<Outside> {
         let world = walker.setting().world;
         let mut before = None;
-        for piece in world.trace(from, along, None, &mut walker.chords) {
-            let material = &world.materials[piece.material];
+        for segment in world.trace(from, along, None, &mut walker.chords) {
+            let material = &world.materials[segment.material];
             if material.is_opaque() {
                 return None;
             }
-            if let (true, Some(wall)) = (material.n != 1.0, before) {
-                let place = from + piece.start * along;
-                let normal = world.normal(wall, place);
+            if let (true, Some(interface)) = (material.n != 1.0, before) {
+                let place = from + segment.start * along;
+                let normal = world.normal(interface, place);
                 let met = refract(along, normal, 1.0, material.n);
                 if let Some(refracted) = met.refracted.filter(|_| random >= met.reflectance) {
                     return Some(Outside::In(place - self.behind * normal, refracted));
                 }
-                let skin = Skin { wall, inside: false };
-                let mut onward = world.trace(place, met.reflected, Some(skin), &mut walker.chords);
-                return onward.all(|piece| piece.material == 0).then_some(Outside::Out(1));
+                let surface_point = SurfacePoint { interface, inside: false };
+                let mut onward = world.trace(place, met.reflected, Some(surface_point), &mut walker.chords);
+                return onward.all(|segment| segment.material == 0).then_some(Outside::Out(1));
             }
-            before = piece.wall;
+            before = segment.interface;
         }
         Some(Outside::Out(0))
     }

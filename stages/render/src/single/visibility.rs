@@ -44,8 +44,8 @@ pub fn visibility<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, asked: M
         if again != 0 {
             let mut depths = tau.to_array();
             for lane in bits(again) {
-                let pieces = frame.ground.pieces_to_light(simd, lane, (p, towards, distance), &chords);
-                depths[lane] = pieces.iter().map(|&(j, length)| frame.mu_t[j] * length).sum();
+                let segments = frame.ground.segments_to_light(simd, lane, (p, towards, distance), &chords);
+                depths[lane] = segments.iter().map(|&(j, length)| frame.mu_t[j] * length).sum();
             }
             tau = F::load_array(simd, depths);
         }
@@ -84,10 +84,10 @@ pub fn chords<S: Simd>(simd: S, frame: &Frame<'_>, r: V<S>, w: V<S>) -> Chords<S
     chords
 }
 
-/// Where the piece of the own medium that a ray starts in ends, and at which body's surface.
+/// Where the segment of the own medium that a ray starts in ends, and at which body's surface.
 #[inline(always)]
-pub fn first_piece<S: Simd>(simd: S, frame: &Frame<'_>, body: U<S>, r: V<S>, chords: &Chords<S>) -> (F<S>, U<S>) {
-    let (mut distance, mut wall) = (splat(simd, f32::INFINITY), U::splat(simd, 0));
+pub fn first_segment<S: Simd>(simd: S, frame: &Frame<'_>, body: U<S>, r: V<S>, chords: &Chords<S>) -> (F<S>, U<S>) {
+    let (mut distance, mut interface) = (splat(simd, f32::INFINITY), U::splat(simd, 0));
     for (j, chord) in chords.iter().enumerate().take(frame.ground.bodies()) {
         let j = j as u32;
         // Its own body ends it by its exit, one of higher priority by its entry: not one that is missed or behind. A ray may start where such a
@@ -97,12 +97,12 @@ pub fn first_piece<S: Simd>(simd: S, frame: &Frame<'_>, body: U<S>, r: V<S>, cho
         let end = choose(own, chord.leave, chord.enter);
         let nearer = (carves | own) & end.simd_lt(distance);
         distance = choose(nearer, end, distance);
-        wall = nearer.select(U::splat(simd, j), wall);
+        interface = nearer.select(U::splat(simd, j), interface);
     }
     if frame.repeated {
-        go_on(simd, frame, body, r, chords, &mut distance, &mut wall);
+        go_on(simd, frame, body, r, chords, &mut distance, &mut interface);
     }
-    (distance, wall)
+    (distance, interface)
 }
 
 /// On through bodies of the same medium: where they touch they are one.
@@ -114,7 +114,7 @@ fn go_on<S: Simd>(
     r: V<S>,
     chords: &Chords<S>,
     distance: &mut F<S>,
-    wall: &mut U<S>,
+    interface: &mut U<S>,
 ) {
     let (zero, never) = (splat(simd, 0.0), splat(simd, f32::INFINITY));
     let mut medium = U::splat(simd, 0);
@@ -123,11 +123,11 @@ fn go_on<S: Simd>(
     }
     let size = r.x.abs().max(r.y.abs().max(r.z.abs()));
     let mut goes_on = M::splat(simd, true);
-    // A line is in each body once, so that there are no more pieces.
+    // A line is in each body once, so that there are no more segments.
     for _ in 1..2 * MOST_BODIES {
         let reached = distance.max(zero);
         let behind = reached + (reached + size) * SLIVER;
-        let (mut its, mut end, mut ends) = (U::splat(simd, 0), never, *wall);
+        let (mut its, mut end, mut ends) = (U::splat(simd, 0), never, *interface);
         // From the lowest priority upwards: what holds the place ends there, or where a higher body begins.
         for (j, (chord, part)) in chords.iter().zip(&frame.parts).enumerate().rev() {
             let hit = chord.enter.simd_lt(chord.leave) & chord.leave.simd_gt(behind);
@@ -142,7 +142,7 @@ fn go_on<S: Simd>(
             break;
         }
         *distance = choose(goes_on, end, *distance);
-        *wall = goes_on.select(ends, *wall);
+        *interface = goes_on.select(ends, *interface);
     }
 }
 
@@ -179,21 +179,21 @@ fn blocked<S: Simd>(simd: S, frame: &Frame<'_>, chords: &Chords<S>, distance: F<
     blocked
 }
 
-/// (e . n) / (L . n), n the normal of the wall through which the light comes (its distance, its body, and normals of meshes); and L . n.
+/// (e . n) / (L . n), n the normal of the interface through which the light comes (its distance, its body, and normals of meshes); and L . n.
 #[inline(always)]
 pub fn steepness<S: Simd>(
     simd: S,
     frame: &Frame<'_>,
     r: V<S>,
     towards: V<S>,
-    (wall, wall_body, normals): (F<S>, U<S>, &[V<S>; MOST_BODIES]),
+    (interface, interface_body, normals): (F<S>, U<S>, &[V<S>; MOST_BODIES]),
     e: V<S>,
 ) -> (F<S>, F<S>) {
     let (mut ratio, mut cos) = (splat(simd, 0.0), splat(simd, 1.0));
-    let p = r.plus(wall, towards);
+    let p = r.plus(interface, towards);
     for (j, &facet) in normals.iter().enumerate().take(frame.ground.bodies()) {
         let n = if frame.ground.is_mesh(j) { facet } else { frame.ground.normal(simd, j, p) };
-        let (through, its) = (towards.dot(n), wall_body.simd_eq(j as u32));
+        let (through, its) = (towards.dot(n), interface_body.simd_eq(j as u32));
         ratio = choose(its, e.dot(n) / through, ratio);
         cos = choose(its, through / n.dot(n).sqrt(), cos);
     }
@@ -228,7 +228,7 @@ pub fn add_along<S: Simd>(simd: S, lengths: &mut Counts<S>, frame: &Frame<'_>, p
     }
     for lane in bits(*again) {
         let mut sums = before.map(|length| length.as_slice()[lane]);
-        for (j, length) in frame.ground.pieces_to_light(simd, lane, (p, *towards, *distance), chords) {
+        for (j, length) in frame.ground.segments_to_light(simd, lane, (p, *towards, *distance), chords) {
             if frame.counted[j] < MOST_LENGTHS {
                 sums[frame.counted[j]] += length;
             }

@@ -202,7 +202,7 @@ impl<'a, S: Simd> Packet<'a, S> {
             // The rest of the flight in the next body, if it stays in that.
             let on = frame.ground.onward(simd, &frame.parts, passage.crosses & alive, body, r, w);
             escapes = if frame.dark && frame.straight { passage.crosses & on.escapes } else { no };
-            // Where walls bend it, only into what touches.
+            // Where interfaces bend it, only into what touches.
             let on_into = if frame.straight { on.open } else { on.open & on.enters.simd_le(on.leaves) };
             crossed = if frame.onward { passage.crosses & on_into } else { no };
             if (crossed & alive).any_true() {
@@ -283,11 +283,11 @@ impl<'a, S: Simd> Packet<'a, S> {
             end = meeting.place.or(turned, end);
             passage.crosses &= !turned;
         }
-        if let Some(walls) = &frame.walls
+        if let Some(interfaces) = &frame.interfaces
             && frame.turns
             && (passage.crosses & alive).any_true()
         {
-            let (meeting, back, free) = walls.meet(simd, frame, body, r, w);
+            let (meeting, back, free) = interfaces.meet(simd, frame, body, r, w);
             let fresh = number.simd_eq(frame.first);
             let meets = passage.crosses & meeting.towards & meeting.distance.simd_le(s) & !fresh;
             let reflected = unit_short(d).simd_lt(meeting.reflectance);

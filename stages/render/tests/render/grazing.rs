@@ -134,10 +134,10 @@ fn by_photons(
         let (mut found, least) = (0.0, 0.01 * weight);
         loop {
             let [a, b, c, d] = numbers.next();
-            let to_wall = if w.z < 0.0 { (-thickness - r.z) / w.z } else { -r.z / w.z };
+            let to_interface = if w.z < 0.0 { (-thickness - r.z) / w.z } else { -r.z / w.z };
             let s = -a.ln() / mu_t;
-            if s >= to_wall {
-                r += to_wall * w;
+            if s >= to_interface {
+                r += to_interface * w;
                 let met = refract(w, DVec3::Z, n, 1.0);
                 if n == 1.0 || d >= met.reflectance {
                     break;

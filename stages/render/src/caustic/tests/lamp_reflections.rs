@@ -1,4 +1,4 @@
-//! Light that walls throw back to an eye: conservation, reciprocity, and light walked forward.
+//! Light that interfaces throw back to an eye: conservation, reciprocity, and light walked forward.
 
 use super::*;
 use crate::caustic::Beginning;
@@ -87,7 +87,7 @@ fn reflections_go_either_way() {
     }
 }
 
-/// What a camera sees by walls alone, by one reflection for sure and by several walls by manifold sampling, and of the lamp itself is the light that walks forward to its pinhole:
+/// What a camera sees by interfaces alone, by one reflection for sure and by several interfaces by manifold sampling, and of the lamp itself is the light that walks forward to its pinhole:
 /// behind glass, and over a bowl of mirrors in which light goes to and fro. Four standard errors.
 #[test]
 fn lamp_reflections_are_the_light_that_walks_forward() {

@@ -1,4 +1,4 @@
-//! Connections by one refraction, through the curved and plane walls of convex bodies of one refractive index, in f32 lanes.
+//! Connections by one refraction, through the curved and plane interfaces of convex bodies of one refractive index, in f32 lanes.
 //!
 //! `Walker::find_known` for worlds in which camera and projector are outside of all bodies: of each face the place where Snell's law takes light to a
 //! point. It is a connection if its inner part is within the bodies and its outer part is not. `docs/theory/render.md` derives the irradiance.
@@ -7,7 +7,7 @@ use fearless_simd::prelude::*;
 use glam::DVec3;
 
 use super::bend::{advanced, tangent};
-use super::face::{Form, Walls, Within, extent, faces_of};
+use super::face::{Form, Interfaces, Within, extent, faces_of};
 use super::frame::Frame;
 use super::ground::{Chord, Chords, Ground, Part, Shape, chord};
 use super::lane::{F, M, V, choose, splat};
@@ -54,16 +54,16 @@ const MOST_STEPS: usize = 12;
 const ENOUGH: f32 = 3e-4;
 /// How often the beginning of that is bettered.
 const BENT: usize = 2;
-/// Of the second derivatives' determinant, some n^2 where the wall is near: below this light is near a focus, where it may come by several places.
+/// Of the second derivatives' determinant, some n^2 where the interface is near: below this light is near a focus, where it may come by several places.
 const NEAR_FOCUS: f32 = 1e-3;
 /// What bodies may leave out of the inner part of a connection, or take of its outer one: of its length, and of the coordinates.
 const SLACK: f32 = 1e-5;
 
-impl Walls {
+impl Interfaces {
     /// `None` where light does not bend, or not like this.
     pub fn of(walker: &Walker<'_>, parts: &[Part], ground: &Ground, origin: DVec3) -> Option<Self> {
         let s = walker.setting();
-        if walker.bending != Bending::AtWalls || !walker.mirrors.is_empty() || !s.light.shines() {
+        if walker.bending != Bending::AtInterfaces || !walker.mirrors.is_empty() || !s.light.shines() {
             return None;
         }
         let material = |part: &Part| &s.world.materials[part.material];
@@ -73,7 +73,7 @@ impl Walls {
         let (eye, lamp) = (s.camera.view.position, s.light.view.position);
         let outside = !parts.iter().any(|part| part.solid.contains(eye) || part.solid.contains(lamp));
         let known = (0..parts.len()).all(|j| !ground.is_other(j) && !ground.is_mesh(j) && !ground.is_turned(j));
-        // Nothing carved: holes have walls that bulge the other way.
+        // Nothing carved: holes have interfaces that bulge the other way.
         let whole = parts.len() == s.world.bodies.len() && parts.len() <= MOST_BODIES;
         if n <= 1.0 || !alike || !outside || !known || !whole {
             return None;
@@ -114,7 +114,7 @@ impl Walls {
             Form::Round { shape, least, low, high } => self.through_round(simd, asked, p, shape, least, [low, high]),
         };
         let Place { foot, normal, .. } = place;
-        // From the foot outwards by the light's own direction: near the wall that of the inner part has few digits.
+        // From the foot outwards by the light's own direction: near the interface that of the inner part has few digits.
         let (light, d2) = (self.to_light(foot), foot.minus(p).dot(foot.minus(p)).sqrt());
         let (a, d1) = light;
         let cos_out = a.dot(normal);
@@ -246,7 +246,7 @@ impl Walls {
         let met = asked & enter.simd_le(slack) & leave.simd_gt(-slack) & leave.simd_lt(distance);
         let mut foot = shape.onto(p.plus(leave.max(splat(simd, 0.0)), towards));
         for _ in 0..BENT {
-            // From there on as the wall bends it: right where the wall is nearly flat as seen from the point.
+            // From there on as the interface bends it: right where the interface is nearly flat as seen from the point.
             let bent = self.refracted(self.to_light(foot).0, shape.unit_normal(foot));
             let Chord { leave, .. } = chord(simd, shape, p, bent);
             foot = shape.onto(p.plus(leave.max(splat(simd, 0.0)), bent));
