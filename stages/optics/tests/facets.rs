@@ -154,7 +154,7 @@ fn looks_towards_a_point_meet_what_rays_meet() {
     for case in cases() {
         for (k, far) in [2.0, 30.0].into_iter().enumerate() {
             let eye = case.center + far * case.size * DVec3::new(0.3, -0.2, 0.9).normalize();
-            let seen = case.mesh.seen_from(eye).expect("from outside");
+            let seen = case.mesh.item_buffer(eye).expect("from outside");
             assert!(seen.bytes() <= 12 << 20, "{}: {} bytes", case.name, seen.bytes());
             let (mut met, mut others, mut found) = (0, 0, Vec::new());
             for start in (0..4000).step_by(LANES) {
@@ -180,22 +180,22 @@ fn looks_towards_a_point_meet_what_rays_meet() {
             assert!(met > 100, "{}: {met} looks meet it", case.name);
             assert!(others <= 2, "{}, from {far}: {others} looks differ", case.name);
         }
-        assert!(case.mesh.seen_from(case.center).is_none(), "{}", case.name);
+        assert!(case.mesh.item_buffer(case.center).is_none(), "{}", case.name);
     }
 }
 
 /// Rays from an eye cross what the mesh says they cross, to f64.
 #[test]
-fn rays_from_a_point_are_cut_by_what_is_seen_from_there() {
+fn rays_from_a_point_are_cut_by_its_item_buffer() {
     for case in cases() {
         let eye = case.center + 20.0 * case.size * DVec3::new(-0.3, 0.4, 0.8).normalize();
-        let seen = case.mesh.seen_from(eye).expect("from outside");
+        let seen = case.mesh.item_buffer(eye).expect("from outside");
         let (mut met, mut others, mut chords) = (0, 0, Vec::new());
         for i in 0..4000 {
             let w = (case.center + 0.5 * (case.point(i) - case.center) - eye).normalize();
             let expected = cut(&case.solid, eye, w);
             chords.clear();
-            dispatch!(Level::new(), simd => case.mesh.cut_seen(simd, (eye, &seen), w, &mut chords));
+            dispatch!(Level::new(), simd => case.mesh.cut_by_item_buffer(simd, (eye, &seen), w, &mut chords));
             met += usize::from(!chords.is_empty());
             // The plane of a triangle is met to some roundings of the distance over the cosine.
             let near = |a: f64, b: f64| (a - b).abs() < 1e-9 * case.size;

@@ -22,7 +22,7 @@ const TOUCH: f64 = 2e-3;
 /// The plane across that direction through the mesh's center is divided into texels. A point at depth z (from the eye) is projected to it, and
 /// keeps the depth as z0 / z - 1: planes stay planes, and what is far has small numbers.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Seen {
+pub struct ItemBuffer {
     /// Unit vectors, the last from the eye to the mesh.
     axes: [[f32; 3]; 3],
     /// Depth of the mesh's center, mm.
@@ -47,7 +47,7 @@ struct Texel {
     behind: f32,
 }
 
-impl Seen {
+impl ItemBuffer {
     /// From `eye`, relative to the mesh's center as all coordinates are. Where texels of the wanted width would need more than `most_bytes` they
     /// are made wider; `None` where that does not help, or the eye is too near.
     pub fn from(eye: DVec3, triangles: &[[DVec3; 3]], half: DVec3, most_bytes: usize) -> Option<Self> {
@@ -80,9 +80,9 @@ impl Seen {
         }
         let mut texel = width.clamp(longest / MOST, longest / LEAST);
         while texel <= longest / LEAST {
-            let seen = Self::with_texels(texel, (axes, depth), &projected, (low, size), half);
-            if seen.bytes() <= most_bytes {
-                return Some(seen);
+            let buffer = Self::with_texels(texel, (axes, depth), &projected, (low, size), half);
+            if buffer.bytes() <= most_bytes {
+                return Some(buffer);
             }
             texel *= 1.25;
         }
@@ -119,7 +119,7 @@ impl Seen {
                 }
             }
         }
-        let mut seen = Self {
+        let mut buffer = Self {
             axes: axes.map(|axis| axis.as_vec3().to_array()),
             depth: depth as f32,
             low: low.as_vec2().to_array(),
@@ -134,19 +134,19 @@ impl Seen {
         for (i, list) in lists.iter_mut().enumerate() {
             list.sort_by(|a, b| nearest(b).total_cmp(&nearest(a)));
             let behind = list.get(WIDE).map_or(f32::NEG_INFINITY, |face| nearest(face) as f32);
-            seen.texels.push(Texel { first: seen.blocks.len() as u32, behind });
+            buffer.texels.push(Texel { first: buffer.blocks.len() as u32, behind });
             // Relative to the texel's middle as the questions are, lest digits are lost.
-            let [x, y] = seen.middle([i % counts[0], i / counts[0]]).map(f64::from);
+            let [x, y] = buffer.middle([i % counts[0], i / counts[0]]).map(f64::from);
             for some in list.chunks(WIDE) {
                 let images = some.iter().map(|&face| {
                     let image = projected[face as usize];
                     (face, image.map(|p| [(p.x - x) as f32, (p.y - y) as f32, p.z as f32]))
                 });
-                seen.blocks.push(Block::of(images));
+                buffer.blocks.push(Block::of(images));
             }
         }
-        seen.texels.push(Texel { first: seen.blocks.len() as u32, behind: 0.0 });
-        seen
+        buffer.texels.push(Texel { first: buffer.blocks.len() as u32, behind: 0.0 });
+        buffer
     }
 
     pub fn bytes(&self) -> usize {
