@@ -88,7 +88,7 @@ impl Lamp {
     }
 }
 
-/// A light to connect to.
+/// A light to look for.
 #[derive(Clone, Copy, Debug)]
 pub enum Source<'a> {
     Projector(&'a Light),
