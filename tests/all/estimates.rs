@@ -70,7 +70,7 @@ fn plan_and_record_name_the_kernel() {
         ("\"frames_of_four\" {}", "16 paths abreast in f32, 4 bodies", None),
         (
             "\"frames_of_five\" {}",
-            "16 paths abreast in f32, 5 bodies, looks for light one by one, starts one by one",
+            "16 paths abreast in f32, 5 bodies, light connections one by one, starts one by one",
             Some(bodies),
         ),
         ("\"frames_of_wide\" {\"mu_s\":90}", "16 paths abreast in f32, 1 body", None),
@@ -119,7 +119,7 @@ fn what_was_resumed_is_in_the_cost() {
     assert!((2.0..8.0).contains(&(seconds / longer)), "{seconds} s foreseen, {longer} s for a quarter");
 }
 
-/// A render beside stand-ins walks several images; its own checkpoint is no work of an earlier run, and no more CPU seconds are counted than all threads have.
+/// A render with control variates walks several images; its own checkpoint is no work of an earlier run, and no more CPU seconds are counted than all threads have.
 #[test]
 fn a_run_does_not_resume_itself() {
     let file = shipped("quickstart");

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use turbid_contract::payload::{Medium, Scene, Surface};
-use turbid_optics::solid::{Solid, Stay};
+use turbid_optics::solid::{Chord, Solid};
 
 use crate::solid::solid;
 
@@ -65,19 +65,20 @@ impl Bodies {
     /// How far media reach from `r` on the surface along the unit vector `w` into them, whatever they are, mm: to the first void, opaque
     /// object, or end of all objects.
     pub fn depth(&self, r: DVec3, w: DVec3) -> f64 {
-        let mut stays: Vec<(usize, Stay)> = Vec::new();
+        let mut chords: Vec<(usize, Chord)> = Vec::new();
         let mut own = Vec::new();
         for (place, body) in self.bodies.iter().enumerate() {
             own.clear();
             body.solid.cut(r, w, None, &mut own);
-            stays.extend(own.iter().filter(|stay| stay.leave > TOUCHING).map(|&stay| (place, stay)));
+            chords.extend(own.iter().filter(|chord| chord.leave > TOUCHING).map(|&chord| (place, chord)));
         }
-        let mut ends: Vec<f64> = stays.iter().flat_map(|(_, s)| [s.enter, s.leave]).filter(|&t| t > TOUCHING).collect();
+        let mut ends: Vec<f64> =
+            chords.iter().flat_map(|(_, s)| [s.enter, s.leave]).filter(|&t| t > TOUCHING).collect();
         ends.push(0.0);
         ends.sort_by(f64::total_cmp);
         for &t in &ends {
             let behind = t + TOUCHING;
-            let holds = stays.iter().filter(|(_, s)| s.enter < behind && behind < s.leave);
+            let holds = chords.iter().filter(|(_, s)| s.enter < behind && behind < s.leave);
             let inside = holds.max_by_key(|(place, _)| self.bodies[*place].priority);
             if !inside.is_some_and(|(place, _)| self.bodies[*place].turbid) {
                 return t;
@@ -88,27 +89,27 @@ impl Bodies {
 
     /// What the ray from `origin` (outside all that is not void) along the unit vector `w` meets first.
     pub fn first_hit(&self, origin: DVec3, w: DVec3) -> Option<Hit> {
-        let mut stays: Vec<(usize, Stay)> = Vec::new();
+        let mut chords: Vec<(usize, Chord)> = Vec::new();
         let mut own = Vec::new();
         for (place, body) in self.bodies.iter().enumerate() {
             own.clear();
             body.solid.cut(origin, w, None, &mut own);
-            stays.extend(own.iter().filter(|stay| stay.leave > 0.0).map(|&stay| (place, stay)));
+            chords.extend(own.iter().filter(|chord| chord.leave > 0.0).map(|&chord| (place, chord)));
         }
-        let mut ends: Vec<f64> = stays.iter().flat_map(|(_, s)| [s.enter, s.leave]).collect();
+        let mut ends: Vec<f64> = chords.iter().flat_map(|(_, s)| [s.enter, s.leave]).collect();
         ends.retain(|&t| t > 0.0 && t < f64::INFINITY);
         ends.sort_by(f64::total_cmp);
         for &t in &ends {
             // Just behind this end; what is thinner than that is rounding.
             let behind = t + TOUCHING;
-            let holds = stays.iter().filter(|(_, s)| s.enter < behind && behind < s.leave);
+            let holds = chords.iter().filter(|(_, s)| s.enter < behind && behind < s.leave);
             let Some(&(object, _)) = holds.max_by_key(|(place, _)| self.bodies[*place].priority) else { continue };
             if self.bodies[object].void {
                 continue;
             }
             let r = origin + t * w;
             let near = |end: f64| (end - t).abs() <= TOUCHING;
-            let walls: Vec<(usize, u32)> = stays
+            let walls: Vec<(usize, u32)> = chords
                 .iter()
                 .flat_map(|&(place, s)| [(place, s.enter, s.into), (place, s.leave, s.out_of)])
                 .filter(|&(_, end, _)| near(end))

@@ -9,7 +9,7 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, dispatch, f32x16};
 use glam::DVec3;
 use turbid_optics::philox::{philox4x32, unit};
-use turbid_optics::solid::facets::{Cells, Crossings, LANES, Rays, Seen, V};
+use turbid_optics::solid::facets::{Cells, Crossings, ItemBuffer, LANES, Rays, V};
 use turbid_optics::solid::{Ends, Far, Mesh, Solid};
 
 #[allow(dead_code, reason = "not all of them are needed here")]
@@ -31,7 +31,7 @@ fn main() {
     println!("cells: {:.2} s to make, {:.1} MB", cpu_seconds() - began, 1e-6 * cells.bytes() as f64);
     let eye = DVec3::new(35.0, 0.0, 500.0);
     let began = cpu_seconds();
-    let seen = mesh.seen_from(eye).expect("there is room");
+    let seen = mesh.item_buffer(eye).expect("there is room");
     println!("seen from 500 mm: {:.2} s to make, {:.1} MB", cpu_seconds() - began, 1e-6 * seen.bytes() as f64);
     let rays: Vec<(DVec3, DVec3)> = (0..POINTS)
         .map(|i| {
@@ -41,12 +41,12 @@ fn main() {
             ((RADIUS * (1.0 - 1e-3) - 2.0 * c * c) * up, direction(d, e[0]))
         })
         .collect();
-    let mut stays = Vec::new();
+    let mut chords = Vec::new();
     rate("f64: clearance", &rays, |p, _| solid.clearance(p));
     rate("f64: whole line", &rays, |p, w| {
-        stays.clear();
-        solid.cut(p, w, None, &mut stays);
-        stays.len() as f64
+        chords.clear();
+        solid.cut(p, w, None, &mut chords);
+        chords.len() as f64
     });
     rate("f64: refractions to the eye", &rays, |p, _| {
         let mut count = 0.0;
@@ -60,7 +60,7 @@ fn main() {
 }
 
 #[inline(always)]
-fn single<S: Simd>(simd: S, cells: &Cells, seen: &Seen, rays: &[(DVec3, DVec3)]) {
+fn single<S: Simd>(simd: S, cells: &Cells, seen: &ItemBuffer, rays: &[(DVec3, DVec3)]) {
     let flat = |v: DVec3| v.as_vec3().to_array();
     rate("f32: clearance", rays, |p, _| f64::from(cells.clearance(flat(p))));
     for (name, until) in [("flight of 0.24 mm", 0.24), ("way out up to 4 mm", 4.0), ("way out", f32::INFINITY)] {

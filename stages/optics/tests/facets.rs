@@ -5,7 +5,7 @@ use fearless_simd::{Level, Simd, dispatch, f32x16};
 use glam::DVec3;
 use turbid_optics::philox::{philox4x32, unit};
 use turbid_optics::solid::facets::{Cells, Crossing, Crossings, LANES, Rays, V};
-use turbid_optics::solid::{Mesh, Solid, Stay};
+use turbid_optics::solid::{Chord, Mesh, Solid};
 
 mod shapes;
 use shapes::{Triangles, block, icosphere, ring};
@@ -36,10 +36,10 @@ fn meshes() -> Vec<(&'static str, Triangles)> {
     ]
 }
 
-fn cut(solid: &Solid, p: DVec3, w: DVec3) -> Vec<Stay> {
-    let mut stays = Vec::new();
-    solid.cut(p, w, None, &mut stays);
-    stays
+fn cut(solid: &Solid, p: DVec3, w: DVec3) -> Vec<Chord> {
+    let mut chords = Vec::new();
+    solid.cut(p, w, None, &mut chords);
+    chords
 }
 
 struct Case {
@@ -72,8 +72,8 @@ impl Case {
 
     /// t > 0 of all crossings, and whether they lead out.
     fn crossings(&self, p: DVec3, w: DVec3) -> Vec<(f64, bool)> {
-        let stays = cut(&self.solid, p, w);
-        stays.iter().flat_map(|s| [(s.enter, false), (s.leave, true)]).filter(|c| c.0 > 0.0).collect()
+        let chords = cut(&self.solid, p, w);
+        chords.iter().flat_map(|s| [(s.enter, false), (s.leave, true)]).filter(|c| c.0 > 0.0).collect()
     }
 
     /// Whether two lists of crossings are the same but for what rounding may move: beside edges a line may touch or miss.
@@ -154,7 +154,7 @@ fn looks_towards_a_point_meet_what_rays_meet() {
     for case in cases() {
         for (k, far) in [2.0, 30.0].into_iter().enumerate() {
             let eye = case.center + far * case.size * DVec3::new(0.3, -0.2, 0.9).normalize();
-            let seen = case.mesh.seen_from(eye).expect("from outside");
+            let seen = case.mesh.item_buffer(eye).expect("from outside");
             assert!(seen.bytes() <= 12 << 20, "{}: {} bytes", case.name, seen.bytes());
             let (mut met, mut others, mut found) = (0, 0, Vec::new());
             for start in (0..4000).step_by(LANES) {
@@ -180,27 +180,27 @@ fn looks_towards_a_point_meet_what_rays_meet() {
             assert!(met > 100, "{}: {met} looks meet it", case.name);
             assert!(others <= 2, "{}, from {far}: {others} looks differ", case.name);
         }
-        assert!(case.mesh.seen_from(case.center).is_none(), "{}", case.name);
+        assert!(case.mesh.item_buffer(case.center).is_none(), "{}", case.name);
     }
 }
 
 /// Rays from an eye cross what the mesh says they cross, to f64.
 #[test]
-fn rays_from_a_point_are_cut_by_what_is_seen_from_there() {
+fn rays_from_a_point_are_cut_by_its_item_buffer() {
     for case in cases() {
         let eye = case.center + 20.0 * case.size * DVec3::new(-0.3, 0.4, 0.8).normalize();
-        let seen = case.mesh.seen_from(eye).expect("from outside");
-        let (mut met, mut others, mut stays) = (0, 0, Vec::new());
+        let seen = case.mesh.item_buffer(eye).expect("from outside");
+        let (mut met, mut others, mut chords) = (0, 0, Vec::new());
         for i in 0..4000 {
             let w = (case.center + 0.5 * (case.point(i) - case.center) - eye).normalize();
             let expected = cut(&case.solid, eye, w);
-            stays.clear();
-            dispatch!(Level::new(), simd => case.mesh.cut_seen(simd, (eye, &seen), w, &mut stays));
-            met += usize::from(!stays.is_empty());
+            chords.clear();
+            dispatch!(Level::new(), simd => case.mesh.cut_by_item_buffer(simd, (eye, &seen), w, &mut chords));
+            met += usize::from(!chords.is_empty());
             // The plane of a triangle is met to some roundings of the distance over the cosine.
             let near = |a: f64, b: f64| (a - b).abs() < 1e-9 * case.size;
-            let same = |(a, b): (&Stay, &Stay)| near(a.enter, b.enter) && near(a.leave, b.leave);
-            others += usize::from(stays.len() != expected.len() || !stays.iter().zip(&expected).all(same));
+            let same = |(a, b): (&Chord, &Chord)| near(a.enter, b.enter) && near(a.leave, b.leave);
+            others += usize::from(chords.len() != expected.len() || !chords.iter().zip(&expected).all(same));
         }
         assert!(met > 100, "{}: {met} rays meet it", case.name);
         // Those that pass an edge within the rounding of single precision.

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
 use turbid_optics::philox::{philox4x32, unit};
-use turbid_optics::solid::{Mesh, Solid, Start, Stay};
+use turbid_optics::solid::{Chord, Mesh, Solid, Start};
 
 mod shapes;
 use shapes::{Triangles, block, icosphere, ring};
@@ -25,10 +25,10 @@ fn direction(i: u32) -> DVec3 {
     DVec3::new(sin * phi.cos(), sin * phi.sin(), cos)
 }
 
-fn cut(solid: &Solid, origin: DVec3, w: DVec3, start: Option<Start>) -> Vec<Stay> {
-    let mut stays = Vec::new();
-    solid.cut(origin, w, start, &mut stays);
-    stays
+fn cut(solid: &Solid, origin: DVec3, w: DVec3, start: Option<Start>) -> Vec<Chord> {
+    let mut chords = Vec::new();
+    solid.cut(origin, w, start, &mut chords);
+    chords
 }
 
 /// Rays from outside through vertices, edges and along faces, 1e5 of them, from places and along directions of few digits, where
@@ -69,11 +69,14 @@ fn no_ray_slips_through_an_edge() {
             if solid.contains(from) {
                 continue;
             }
-            let stays = cut(&solid, from, w, None);
-            met += usize::from(!stays.is_empty());
-            for stay in &stays {
-                assert!(stay.enter > f64::NEG_INFINITY && stay.leave < f64::INFINITY, "{name}: {from} {w} {stays:?}");
-                assert!(stay.leave < 1000.0 + 3000.0, "{name}: {stay:?}");
+            let chords = cut(&solid, from, w, None);
+            met += usize::from(!chords.is_empty());
+            for chord in &chords {
+                assert!(
+                    chord.enter > f64::NEG_INFINITY && chord.leave < f64::INFINITY,
+                    "{name}: {from} {w} {chords:?}"
+                );
+                assert!(chord.leave < 1000.0 + 3000.0, "{name}: {chord:?}");
             }
             if name.starts_with("sphere") && i % 4 == 0 {
                 let through = cut(&solid, from, (center - from).normalize(), None);
@@ -85,7 +88,7 @@ fn no_ray_slips_through_an_edge() {
     }
 }
 
-/// A block and a cylinder of triangles against the solids themselves: the same stays but for rounding (block), and for the
+/// A block and a cylinder of triangles against the solids themselves: the same chords but for rounding (block), and for the
 /// sagitta r (1 - cos(pi / n)) = 2e-5 of the cylinder's 512 sides (lines that stay for less than 0.1 mm left out).
 #[test]
 fn meshes_are_cut_as_the_solids_they_stand_for() {
@@ -132,15 +135,15 @@ fn a_start_on_a_triangle_is_not_met_again() {
             let w = direction(i);
             let [x, y, z, _] = draw(i + 50_000);
             let from = low + DVec3::new(x, y, z) * (high - low) - 10.0 * w;
-            let stays = cut(&solid, from, w, None);
-            for (n, stay) in stays.iter().enumerate() {
-                for (t, face, into) in [(stay.enter, stay.into, true), (stay.leave, stay.out_of, false)] {
+            let chords = cut(&solid, from, w, None);
+            for (n, chord) in chords.iter().enumerate() {
+                for (t, face, into) in [(chord.enter, chord.into, true), (chord.leave, chord.out_of, false)] {
                     assert!(if into { -1.0 } else { 1.0 } * solid.normal(face, from).dot(w) > 0.0);
                     for off in [-2e-13, 0.0, 2e-13] {
                         let rest = cut(&solid, from + (t + off) * w, w, Some(Start { face, inside: into }));
-                        let expected = &stays[if into { n } else { n + 1 }..];
-                        assert_eq!(rest.len(), expected.len(), "{from} {w} {stays:?} {rest:?}");
-                        let far = |s: &[Stay]| s.last().map_or(0.0, |s| s.leave);
+                        let expected = &chords[if into { n } else { n + 1 }..];
+                        assert_eq!(rest.len(), expected.len(), "{from} {w} {chords:?} {rest:?}");
+                        let far = |s: &[Chord]| s.last().map_or(0.0, |s| s.leave);
                         assert!(expected.is_empty() || (far(&rest) + t - far(expected)).abs() < 1e-11);
                     }
                 }

@@ -16,18 +16,18 @@ use turbid_optics::Medium;
 use turbid_optics::solid::Solid;
 use turbid_optics::view::View;
 use turbid_render::camera::Camera;
-use turbid_render::flock;
 use turbid_render::lamp::Steady;
 use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
 use turbid_render::moments::Moments;
+use turbid_render::packet;
 use turbid_render::path::{Nee, Setting, Walker};
-use turbid_render::pictures::Pictures;
+use turbid_render::projected_images::ProjectedImages;
 use turbid_render::world::{Body, Material, World};
 
 use truth::{Quantity, Truth, half_spaces};
 
-/// Paths between two looks at the sums.
+/// Paths between two tests of the sums.
 const BATCH: u32 = 1024;
 
 fn main() {
@@ -100,7 +100,7 @@ fn z_scores(rows: &[Truth], seed: u32, paths: u32) -> Vec<f64> {
         light: &light,
         steady: &Steady::NONE,
         carriers: &carriers,
-        pictures: &Pictures::NONE,
+        projected_images: &ProjectedImages::NONE,
         key: [seed, 0],
         channel: 0,
         nee: Nee::Line,
@@ -111,7 +111,7 @@ fn z_scores(rows: &[Truth], seed: u32, paths: u32) -> Vec<f64> {
     let mut moments = Moments::new(1, 1 + 2 * carriers.len());
     for first in (0..paths).step_by(BATCH as usize) {
         let batch = first..paths.min(first + BATCH);
-        flock::walk(&mut walker, 0..1, batch.clone());
+        packet::walk(&mut walker, 0..1, batch.clone());
         (0..batch.len()).for_each(|path| moments.add(0, walker.response(path)));
     }
     let scale = PI * lit * lit;

@@ -6,12 +6,12 @@ use glam::{DVec2, DVec3};
 use turbid_optics::solid::{Mesh, Solid};
 use turbid_optics::view::View;
 use turbid_render::camera::Camera;
-use turbid_render::flock;
 use turbid_render::lamp::Steady;
 use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
+use turbid_render::packet;
 use turbid_render::path::{Nee, Setting, Walker};
-use turbid_render::pictures::Pictures;
+use turbid_render::projected_images::ProjectedImages;
 use turbid_render::world::{Body, Material, World};
 
 #[allow(dead_code, reason = "not all of them are needed here")]
@@ -96,7 +96,7 @@ fn row(name: &str, world: &World, lit: bool) {
             light: &light,
             steady: &Steady::NONE,
             carriers: &carriers,
-            pictures: &Pictures::NONE,
+            projected_images: &ProjectedImages::NONE,
             key: [1, 2],
             channel: 0,
             nee: Nee::Line,
@@ -107,7 +107,7 @@ fn row(name: &str, world: &World, lit: bool) {
         for _ in 0..3 {
             let began = cpu_seconds();
             for first in (0..4096).step_by(1024) {
-                flock::walk(&mut walker, first..first + 1024, 0..samples);
+                packet::walk(&mut walker, first..first + 1024, 0..samples);
             }
             let flights = walker.take_flights() as f64;
             best = f64::max(best, 1e-6 * flights / (cpu_seconds() - began));

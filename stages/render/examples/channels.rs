@@ -1,7 +1,7 @@
 //! What sharing paths saves: `cargo run --release -p turbid-render --example channels [paths per pixel]`.
 //!
 //! Three channels that differ in absorption, by one walk and by one each: CPU seconds, and the variance per path of M_DC and M_AC over mean^2
-//! (rv). The gain at equal error is (sum of seconds x rv apart) / (seconds together x the largest rv): what three images of the same error cost. Camera 500 mm
+//! (relative variance). The gain at equal error is (sum of seconds x relative variance apart) / (seconds together x the largest relative variance): what three images of the same error cost. Camera 500 mm
 //! straight above, projector at (35, 0, 500), f_x = 0.1, 64 x 64 pixels, g = 0.8, n = 1, one core.
 
 use glam::{DVec2, DVec3};
@@ -9,13 +9,13 @@ use turbid_optics::solid::Solid;
 use turbid_optics::view::View;
 use turbid_render::camera::Camera;
 use turbid_render::channels::{Channels, Group};
-use turbid_render::flock;
 use turbid_render::lamp::Steady;
 use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
 use turbid_render::moments::Moments;
+use turbid_render::packet;
 use turbid_render::path::{Nee, Setting, Walker};
-use turbid_render::pictures::Pictures;
+use turbid_render::projected_images::ProjectedImages;
 use turbid_render::world::{Body, Material, World};
 
 fn main() {
@@ -53,7 +53,7 @@ fn main() {
                 light: &lights[0],
                 steady: &steady[0],
                 carriers: &carriers,
-                pictures: &Pictures::NONE,
+                projected_images: &ProjectedImages::NONE,
                 key: [1, 2],
                 channel: 0,
                 nee: Nee::Line,
@@ -65,7 +65,7 @@ fn main() {
             for first in (0..camera.pixels()).step_by(pixels) {
                 for sample in (0..paths).step_by(batch) {
                     let samples = sample..paths.min(sample + batch as u32);
-                    flock::walk(&mut walker, first..first + pixels, samples.clone());
+                    packet::walk(&mut walker, first..first + pixels, samples.clone());
                     for path in 0..pixels * samples.len() {
                         for (c, moments) in moments.iter_mut().enumerate() {
                             moments.add(first + path / samples.len(), walker.response_in(path, c));
@@ -73,8 +73,9 @@ fn main() {
                     }
                 }
             }
-            let rv = moments.iter().map(|m| relative_variance(m, &camera, &carriers[0], paths)).collect::<Vec<_>>();
-            (cpu_seconds() - began, rv, walker.take_flights() as f64)
+            let relative_variance =
+                moments.iter().map(|m| relative_variance(m, &camera, &carriers[0], paths)).collect::<Vec<_>>();
+            (cpu_seconds() - began, relative_variance, walker.take_flights() as f64)
         };
         let (together, shared, flights) = run(&Group::of(all, vec![0, 1, 2]));
         let apart: Vec<_> = [0, 1, 2].map(|c| run(&Group::of(all, vec![c]))).into_iter().collect();
@@ -86,8 +87,8 @@ fn main() {
         );
         for (what, of) in [("M_DC", 0), ("M_AC", 1)] {
             let own: Vec<f64> = apart.iter().map(|a| a.1[0][of]).collect();
-            let ours: Vec<f64> = shared.iter().map(|rv| rv[of]).collect();
-            let cost: f64 = apart.iter().zip(&own).map(|(a, rv)| a.0 * rv).sum();
+            let ours: Vec<f64> = shared.iter().map(|relative_variance| relative_variance[of]).collect();
+            let cost: f64 = apart.iter().zip(&own).map(|(a, relative_variance)| a.0 * relative_variance).sum();
             let worst = ours.iter().copied().fold(0.0, f64::max);
             println!(
                 "  {what}: rv together {ours:.2?}, apart {own:.2?}; gain at equal error {:.2}",

@@ -1,19 +1,19 @@
 //! What a path costs and how much it varies: `cargo run --release -p turbid-render --example cost [paths per pixel] [part of a name]`.
 //!
 //! Camera 500 mm straight above, projector at (35, 0, 500), f_x = 0.1 across the pixels, slab of 2 m, g = 0.8, n = 1 but where said, one core.
-//! rv = variance per path / mean^2 (for M_AC of the component along the mean phase), so 1e4 rv paths give 1 %.
+//! relative variance = variance per path / mean^2 (for M_AC of the component along the mean phase), so 1e4 relative variance paths give 1 %.
 
 use glam::{DVec2, DVec3};
 use turbid_optics::solid::{Mesh, Solid};
 use turbid_optics::view::View;
 use turbid_render::camera::Camera;
-use turbid_render::flock;
 use turbid_render::lamp::Steady;
 use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
 use turbid_render::moments::Moments;
+use turbid_render::packet;
 use turbid_render::path::{Nee, Setting, Walker};
-use turbid_render::pictures::Pictures;
+use turbid_render::projected_images::ProjectedImages;
 use turbid_render::world::{Body, Material, World};
 
 #[allow(dead_code, reason = "not all of them are needed here")]
@@ -86,7 +86,7 @@ fn main() {
                 light: &light,
                 steady: &Steady::NONE,
                 carriers: &carriers,
-                pictures: &Pictures::NONE,
+                projected_images: &ProjectedImages::NONE,
                 key: [1, 2],
                 channel: 0,
                 nee,
@@ -100,7 +100,7 @@ fn main() {
             for first in (0..camera.pixels()).step_by(pixels) {
                 for sample in (0..paths).step_by(batch) {
                     let samples = sample..paths.min(sample + batch as u32);
-                    flock::walk(&mut walker, first..first + pixels, samples.clone());
+                    packet::walk(&mut walker, first..first + pixels, samples.clone());
                     for path in 0..pixels * samples.len() {
                         moments.add(first + path / samples.len(), walker.response(path));
                     }
@@ -139,16 +139,17 @@ fn main() {
                     m_ac += cos * m(1) + sin * m(2);
                     n += 1.0;
                 }
-                let (rv_dc, rv_ac) = (v_dc / n / (m_dc / n).powi(2), v_ac / n / (m_ac / n).powi(2));
+                let (relative_variance_dc, relative_variance_ac) =
+                    (v_dc / n / (m_dc / n).powi(2), v_ac / n / (m_ac / n).powi(2));
                 // At the mean time of a path, whichever region.
-                let seconds_to = |rv: f64| n * rv * 1e4 * seconds / total / 2.0;
+                let seconds_to = |relative_variance: f64| n * relative_variance * 1e4 * seconds / total / 2.0;
                 println!(
-                    "{name}, {nee:?}, {region} ({n} px): {:.1}, {:.1}, {:.1}, {rv_dc:.2}, {rv_ac:.2}, {:.1}, {:.1}; means {:.5e} {:.5e}",
+                    "{name}, {nee:?}, {region} ({n} px): {:.1}, {:.1}, {:.1}, {relative_variance_dc:.2}, {relative_variance_ac:.2}, {:.1}, {:.1}; means {:.5e} {:.5e}",
                     flights / total,
                     1e9 * seconds / flights,
                     1e-6 * flights / seconds,
-                    seconds_to(rv_dc),
-                    seconds_to(rv_ac),
+                    seconds_to(relative_variance_dc),
+                    seconds_to(relative_variance_ac),
                     m_dc / n,
                     m_ac / n,
                 );

@@ -17,7 +17,7 @@ use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
 use turbid_render::moments::Moments;
 use turbid_render::path::{Nee, Setting, Walker};
-use turbid_render::pictures::Pictures;
+use turbid_render::projected_images::ProjectedImages;
 use turbid_render::world::{Body, Material, World};
 
 const MATERIALS: [(f64, f64); 6] =
@@ -80,7 +80,7 @@ fn render((a_rho, s_rho): (f64, f64), seed: u32, paths: u32, apart: f64, distanc
         light: &light,
         steady: &Steady::NONE,
         carriers: &carriers,
-        pictures: &Pictures::NONE,
+        projected_images: &ProjectedImages::NONE,
         key: [seed, 0],
         channel: 0,
         nee: Nee::Line,

@@ -1,22 +1,22 @@
 //! What a path down a tube costs and how much it varies: `cargo run --release -p turbid-render --example tube [paths per pixel] [estimator] [pictures]`.
 //!
 //! The tube of the paper (250 mm long, bore of 20 mm, wall of 30 mm), seen along its axis from 110 mm and lit from 100 mm above its mouth, 64 x 64
-//! pixels, by depth below the mouth. rv = variance per path / mean^2 of M_DC, so 1e4 rv paths give 1 %; "within 2 se": how often the stated error of 64
-//! paths holds the mean of all those of the eight pixels that are alike. With `pictures` so many are shown in place of a sinusoid: phases of a fringe that is
-//! uniform along the wall, and rv of M_AC (the part of its amplitude along the mean) stands behind that of M_DC; it takes
-//! more than rv paths to be known.
+//! pixels, by depth below the mouth. relative variance = variance per path / mean^2 of M_DC, so 1e4 relative variance paths give 1 %; "within 2 se": how often the stated error of 64
+//! paths holds the mean of all those of the eight pixels that are alike. With `projected_images` so many are shown in place of a sinusoid: phases of a fringe that is
+//! uniform along the wall, and relative variance of M_AC (the part of its amplitude along the mean) stands behind that of M_DC; it takes
+//! more than relative variance paths to be known.
 
 use glam::{DVec2, DVec3};
 use turbid_optics::solid::Solid;
 use turbid_optics::view::View;
 use turbid_render::batches::Batches;
 use turbid_render::camera::Camera;
-use turbid_render::flock;
 use turbid_render::lamp::Steady;
 use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
+use turbid_render::packet;
 use turbid_render::path::{Nee, Setting, Walker};
-use turbid_render::pictures::Pictures;
+use turbid_render::projected_images::ProjectedImages;
 use turbid_render::single::{self, Frame};
 use turbid_render::world::{Body, Material, World};
 
@@ -40,7 +40,7 @@ fn main() {
     let light = Light::new(view(100.0, 0.0), 5.0, false);
     let carriers = [Carrier::new(0.05, 0.0)];
     let carriers = if shown > 0 { &[][..] } else { &carriers };
-    let pictures = if shown > 0 { along_the_wall(shown, 800) } else { Pictures::NONE };
+    let projected_images = if shown > 0 { along_the_wall(shown, 800) } else { ProjectedImages::NONE };
     let wall = Solid::tube(2.0 * RADIUS, 80.0, DVec2::ZERO, -LENGTH, 0.0);
     let world = World {
         bodies: vec![Body { solid: wall, material: 1 }],
@@ -48,7 +48,7 @@ fn main() {
         textures: Vec::new(),
     };
     println!("estimator, depth mm (pixels): M_DC / its error, rv, excess kurtosis, within 2 se; us a path");
-    let f32s = ["f32", "scouts"];
+    let f32s = ["f32", "branches"];
     for (name, nee) in [("point", Nee::Point), ("f64", Nee::Line), (f32s[0], Nee::Line), (f32s[1], Nee::Line)] {
         if only.as_ref().is_some_and(|only| only != name) {
             continue;
@@ -66,7 +66,7 @@ fn main() {
                 light: &light,
                 steady: &Steady::NONE,
                 carriers,
-                pictures: &pictures,
+                projected_images: &projected_images,
                 key: [1, 2],
                 channel: 0,
                 nee,
@@ -74,8 +74,8 @@ fn main() {
             };
             let mut walker = Walker::new(setting, named(&std::env::var("TURBID_SIMD").unwrap_or_default()));
             let mut frame = Frame::of(&walker);
-            if let (false, Some(frame)) = (name == "scouts", &mut frame) {
-                frame.scouts.clear();
+            if let (false, Some(frame)) = (name == "branches", &mut frame) {
+                frame.light_branches.clear();
             }
             let mut of_pixel = vec![Vec::with_capacity(paths); pixels.len()];
             let mut amplitude = vec![Amplitude::default(); pixels.len()];
@@ -87,7 +87,7 @@ fn main() {
                     let batches = Batches { of: &of, count };
                     match &frame {
                         Some(frame) if f32s.contains(&name) => single::walk(&mut walker, frame, batches),
-                        _ => flock::walk_double_among(&mut walker, batches),
+                        _ => packet::walk_double_among(&mut walker, batches),
                     }
                     for path in 0..some.len() * count as usize {
                         let place = some[path / count as usize];
@@ -135,7 +135,8 @@ fn main() {
                 intervals += 1;
             }
             let se = (variance / n / of_pixel.len() as f64).sqrt();
-            let ac = relative_variance(&amplitude).map_or(String::new(), |rv| format!(" and {rv:.0}"));
+            let ac = relative_variance(&amplitude)
+                .map_or(String::new(), |relative_variance| format!(" and {relative_variance:.0}"));
             println!(
                 "{name}, {from:.0} to {to:.0} ({}): {m:.4e} +- {:.2} %, {:.2}{ac}, {:.0}, {:.3}; {:.2}; {:.1} flights",
                 pixels.len(),
@@ -188,9 +189,9 @@ fn relative_variance(of: &[Amplitude]) -> Option<f64> {
 }
 
 /// Phases of a fringe of 0.05 mm^-1 along the wall, of n x n pixels.
-fn along_the_wall(phases: usize, n: usize) -> Pictures {
+fn along_the_wall(phases: usize, n: usize) -> ProjectedImages {
     let at = |i: usize| 20.4 * ((i as f64 + 0.5) / n as f64 - 0.5);
-    Pictures::new(phases, n, n, |phase, row, column| {
+    ProjectedImages::new(phases, n, n, |phase, row, column| {
         let depth = 100.0 * RADIUS / at(row).hypot(at(column)) - 100.0;
         let turns = 0.05 * depth + phase as f64 / phases as f64;
         (0.5 + 0.5 * (std::f64::consts::TAU * turns).cos()) as f32

@@ -1,31 +1,31 @@
-//! Ways of light through smooth walls of any shape, and by mirrors: some known for sure, all others by chance.
+//! Specular connections through smooth interfaces of any shape, and by mirrors: some known for sure, all others by manifold sampling.
 //!
-//! A way is found by aiming: a ray from the point is refracted and reflected as its events say, its neighbours tell how to turn it so that it
+//! A connection is found by a manifold walk (Newton's method): a ray from the point is refracted and reflected as its events say, its neighbours tell how to turn it so that it
 //! meets the light. `docs/theory/render.md` says why nothing is counted twice and nothing is left out.
 
 use glam::DVec3;
-use turbid_optics::pencil::Aim;
+use turbid_optics::ray_differential::NewtonStep;
 use turbid_optics::solid::{Ends, Far};
 
-use crate::finish::Finish;
+use crate::bsdf::Bsdf;
+use crate::connection::{Connection, Known};
 use crate::lamp::Source;
 use crate::lengths::{Lengths, NO_LENGTHS, count, sum};
 use crate::setting::Setting;
 use crate::walker::Walker;
-use crate::way::{Known, Link};
-use crate::world::{Skin, Wall};
+use crate::world::{Interface, SurfacePoint};
 
-mod chance;
+mod manifold_sampling;
 mod reflection;
 mod shot;
 
-pub(crate) use chance::{Beginning, Best};
-use shot::{Shot, Walls};
+pub(crate) use manifold_sampling::{Beginning, Best};
+use shot::{Shot, SurfaceNormals};
 
 /// Where the refractive index changes next on a ray, or there is a mirror.
 struct Edge {
     distance: f64,
-    wall: Wall,
+    interface: Interface,
     n: f64,
     /// Behind it; at a mirror the same as before it.
     beyond: f64,
@@ -44,28 +44,35 @@ enum Next {
     Free(f64),
 }
 
-/// A place where light may cross one wall is a way if what is left to turn is less than this, rad: else another wall comes first.
+/// A place where light may cross one interface is a connection if what is left to turn is less than this, rad: else another interface comes first.
 const NEAR: f64 = 1e-4;
 impl Walker<'_> {
-    /// Fills `self.known` with ways found from fixed beginnings: the straight line, or refraction at one wall, or the straight line's walls one
+    /// Fills `self.known` with connections found from fixed beginnings: the straight line, or refraction at one interface, or the straight line's interfaces one
     /// after the other; and reflection at one mirror. With the first of them if `one` will do.
-    pub(crate) fn know_ways(&mut self, source: Source<'_>, r: DVec3, skin: Option<Skin>, one: bool) {
+    pub(crate) fn find_known(&mut self, source: Source<'_>, r: DVec3, surface_point: Option<SurfacePoint>, one: bool) {
         let mut known = std::mem::take(&mut self.known);
         known.clear();
-        self.find_ways(source, r, skin, one, &mut known);
+        self.search_known(source, r, surface_point, one, &mut known);
         if (known.is_empty() || !one) && !self.mirrors.is_empty() {
-            self.by_one_reflection(source, (r, skin), false, &mut known);
+            self.by_one_reflection(source, (r, surface_point), false, &mut known);
             // In a focus there is no telling how bright it is; hardly any place is in one.
-            known.retain(|known| known.link.irradiance.is_finite());
+            known.retain(|known| known.connection.irradiance.is_finite());
         }
         self.known = known;
     }
 
-    fn find_ways(&mut self, source: Source<'_>, r: DVec3, skin: Option<Skin>, one: bool, known: &mut Vec<Known>) {
+    fn search_known(
+        &mut self,
+        source: Source<'_>,
+        r: DVec3,
+        surface_point: Option<SurfacePoint>,
+        one: bool,
+        known: &mut Vec<Known>,
+    ) {
         let (towards, distance) = source.towards(r);
-        let (n, edges) = self.edges(r, towards, skin, distance);
+        let (n, edges) = self.edges(r, towards, surface_point, distance);
         if edges == Some(0) {
-            known.extend(self.unbent(source, r, skin, n).map(|link| Known { link, events: 0 }));
+            known.extend(self.unbent(source, r, surface_point, n).map(|connection| Known { connection, events: 0 }));
             return;
         }
         let far = match source.origin() {
@@ -83,10 +90,10 @@ impl Walker<'_> {
                 }
             }
             for p in &places {
-                let shot = self.shoot((r, skin), (p - r).normalize(), &[false], Walls::AsTheyAre);
-                let shot = shot.and_then(|shot| shot.aim(source).map(|aim| (shot, aim)));
-                if let Some((shot, aim)) = shot.filter(|(_, aim)| aim.turn.length() < NEAR) {
-                    self.keep(source, (r, skin), (shot, aim), &[false], known);
+                let shot = self.shoot((r, surface_point), (p - r).normalize(), &[false], SurfaceNormals::AsTheyAre);
+                let shot = shot.and_then(|shot| shot.newton(source).map(|newton| (shot, newton)));
+                if let Some((shot, newton)) = shot.filter(|(_, newton)| newton.turn.length() < NEAR) {
+                    self.keep(source, (r, surface_point), (shot, newton), &[false], known);
                 }
                 if one && !known.is_empty() {
                     break;
@@ -98,126 +105,141 @@ impl Walker<'_> {
             && let Some(edges @ 1..) = edges
         {
             let events = vec![false; edges];
-            let shot = self.shoot((r, skin), towards, &events, Walls::AsTheyAre);
-            if let Some(shot) = shot.and_then(|shot| shot.aim(source).map(|aim| (shot, aim))) {
-                self.keep(source, (r, skin), shot, &events, known);
+            let shot = self.shoot((r, surface_point), towards, &events, SurfaceNormals::AsTheyAre);
+            if let Some(shot) = shot.and_then(|shot| shot.newton(source).map(|newton| (shot, newton))) {
+                self.keep(source, (r, surface_point), shot, &events, known);
             }
         }
     }
 
-    /// Adds the way that a ray leads to, if it is not known yet.
+    /// Adds the connection that a ray leads to, if it is not known yet.
     fn keep(
         &mut self,
         source: Source<'_>,
-        begin: (DVec3, Option<Skin>),
-        shot: (Shot, Aim),
+        begin: (DVec3, Option<SurfacePoint>),
+        shot: (Shot, NewtonStep),
         events: &[bool],
         known: &mut Vec<Known>,
     ) {
-        let Some((shot, aim)) = self.steer(source, begin, shot, events, Walls::AsTheyAre) else { return };
-        let way = shot.pencil.start();
-        if known.iter().any(|known| known.is(way, events.len())) {
+        let Some((shot, newton)) = self.manifold_walk(source, begin, shot, events, SurfaceNormals::AsTheyAre) else {
+            return;
+        };
+        let chain = shot.differential.start();
+        if known.iter().any(|known| known.is(chain, events.len())) {
             return;
         }
-        let link = self.arrive(source, &shot, &aim);
-        known.extend(link.map(|link| Known { link, events: events.len() }));
+        let connection = self.arrive(source, &shot, &newton);
+        known.extend(connection.map(|connection| Known { connection, events: events.len() }));
     }
 
-    /// The light that comes by a way that has been found, if nothing stands in its last part.
-    fn arrive(&mut self, source: Source<'_>, shot: &Shot, aim: &Aim) -> Option<Link> {
-        let Shot { pencil, skin, n, passed, tau, lengths, exit } = shot;
-        let sight = self.sight(pencil.r, pencil.w, source.towards(pencil.r).1, *skin);
-        if sight.blocked {
+    /// The light that comes by a chain that has been found, if nothing stands in its last part.
+    fn arrive(&mut self, source: Source<'_>, shot: &Shot, newton: &NewtonStep) -> Option<Connection> {
+        let Shot { differential, surface_point, n, passed, tau, lengths, exit } = shot;
+        let visibility =
+            self.visibility(differential.r, differential.w, source.towards(differential.r).1, *surface_point);
+        if visibility.blocked {
             return None;
         }
-        let mut link = Link {
-            towards: pencil.start(),
+        let mut connection = Connection {
+            towards: differential.start(),
             irradiance: 0.0,
-            tau: tau + sight.tau,
+            tau: tau + visibility.tau,
             exit: *exit,
             on_plane: DVec3::ZERO,
             lit: false,
-            lengths: sum(lengths, &sight.lengths),
+            lengths: sum(lengths, &visibility.lengths),
         };
-        // From the last wall on it is the light's own cone: there are its intensity and the place on its pattern.
-        if let Some(arrival) = source.arrival(pencil.r) {
+        // From the last interface on it is the light's own cone: there are its intensity and the place on its pattern.
+        if let Some(arrival) = source.arrival(differential.r) {
             let strength = match source.origin().1 {
                 None => arrival.irradiance * arrival.distance * arrival.distance,
                 Some(_) => arrival.irradiance,
             };
-            link.irradiance = strength * passed * aim.spread / (n * n);
-            (link.on_plane, link.lit) = (arrival.on_plane, true);
+            connection.irradiance = strength * passed * newton.spread / (n * n);
+            (connection.on_plane, connection.lit) = (arrival.on_plane, true);
         }
-        Some(link)
+        Some(connection)
     }
 
-    /// The straight way through one index.
-    fn unbent(&mut self, source: Source<'_>, r: DVec3, skin: Option<Skin>, n: f64) -> Option<Link> {
+    /// The straight connection through one index.
+    fn unbent(
+        &mut self,
+        source: Source<'_>,
+        r: DVec3,
+        surface_point: Option<SurfacePoint>,
+        n: f64,
+    ) -> Option<Connection> {
         let (towards, distance) = source.towards(r);
-        let sight = self.sight(r, towards, distance, skin);
-        if sight.blocked {
+        let visibility = self.visibility(r, towards, distance, surface_point);
+        if visibility.blocked {
             return None;
         }
         let arrival = source.arrival(r);
-        Some(Link {
+        Some(Connection {
             towards,
             irradiance: arrival.map_or(0.0, |arrival| arrival.irradiance / (n * n)),
-            tau: sight.tau,
-            exit: sight.exit,
+            tau: visibility.tau,
+            exit: visibility.exit,
             on_plane: arrival.map_or(DVec3::ZERO, |arrival| arrival.on_plane),
             lit: arrival.is_some(),
-            lengths: sight.lengths,
+            lengths: visibility.lengths,
         })
     }
 
     /// Where the index changes first along a ray, or a mirror is.
-    fn next_edge(&mut self, r: DVec3, w: DVec3, skin: Option<Skin>) -> Next {
+    fn next_edge(&mut self, r: DVec3, w: DVec3, surface_point: Option<SurfacePoint>) -> Next {
         let Setting { world, shared, .. } = self.setting;
         let (mut n, mut tau, mut lengths) = (None, 0.0, NO_LENGTHS);
-        let (mut before, mut exit): (Option<Wall>, Option<DVec3>) = (None, None);
-        for piece in world.trace(r, w, skin, &mut self.spans) {
-            let material = &world.materials[piece.material];
-            let mirror = material.finish == Finish::Mirror;
+        let (mut before, mut exit): (Option<Interface>, Option<DVec3>) = (None, None);
+        for segment in world.trace(r, w, surface_point, &mut self.chords) {
+            let material = &world.materials[segment.material];
+            let mirror = material.bsdf == Bsdf::Mirror;
             if material.is_opaque() && !mirror {
                 return Next::Opaque;
             }
             let n = *n.get_or_insert(material.n);
             let beyond = if mirror { n } else { material.n };
-            if let Some(wall) = before {
+            if let Some(interface) = before {
                 let along = || {
-                    let normal = world.normal(wall, r + piece.start * w);
+                    let normal = world.normal(interface, r + segment.start * w);
                     if normal.dot(w) < 0.0 { -normal } else { normal }
                 };
                 let exit = *exit.get_or_insert_with(along);
                 if mirror || beyond != n {
-                    return Next::Edge(Edge { distance: piece.start, wall, n, beyond, tau, lengths, exit });
+                    return Next::Edge(Edge { distance: segment.start, interface, n, beyond, tau, lengths, exit });
                 }
             } else if mirror {
                 // Rounding put the start of the ray into it.
                 return Next::Opaque;
             }
-            if piece.wall.is_none() {
+            if segment.interface.is_none() {
                 return Next::Free(n);
             }
-            if piece.material != 0 {
-                let length = piece.end - piece.start;
+            if segment.material != 0 {
+                let length = segment.end - segment.start;
                 tau += material.mu_t() * length;
-                count(shared, &mut lengths, piece.material, length);
+                count(shared, &mut lengths, segment.material, length);
             }
-            before = piece.wall;
+            before = segment.interface;
         }
         Next::Free(n.unwrap_or(1.0))
     }
 
     /// The index at r on the side of `w`, and how often it changes on the way along `w`; `None` where something opaque is in the way.
-    fn edges(&mut self, r: DVec3, w: DVec3, skin: Option<Skin>, distance: f64) -> (f64, Option<usize>) {
+    fn edges(
+        &mut self,
+        r: DVec3,
+        w: DVec3,
+        surface_point: Option<SurfacePoint>,
+        distance: f64,
+    ) -> (f64, Option<usize>) {
         let world = self.setting.world;
         let (mut first, mut n, mut edges) = (None, 1.0, 0);
-        for piece in world.trace(r, w, skin, &mut self.spans) {
-            if piece.start >= distance {
+        for segment in world.trace(r, w, surface_point, &mut self.chords) {
+            if segment.start >= distance {
                 break;
             }
-            let material = &world.materials[piece.material];
+            let material = &world.materials[segment.material];
             if first.is_none() {
                 (first, n) = (Some(material.n), material.n);
             }

@@ -5,9 +5,9 @@
 //! mean over the deaths that the channel's own absorption would have dealt.
 
 use crate::lamp::Lamp;
-use crate::lengths::{MOST_LENGTHS, Share, Shared};
+use crate::lengths::{ChannelScale, MOST_LENGTHS, Shared};
 use crate::light::{Carrier, Emission, Light};
-use crate::pictures::Pictures;
+use crate::projected_images::ProjectedImages;
 pub use crate::rig::Channels;
 use crate::rig::Rig;
 use crate::setting::{Nee, Setting};
@@ -38,11 +38,11 @@ impl Group {
         let tracked: Vec<usize> = (0..counted.len()).filter(|&m| varies(&mu_a[m])).collect();
         assert!(tracked.len() <= MOST_LENGTHS, "{} media differ between channels", tracked.len());
         tracked.iter().enumerate().for_each(|(place, &m)| counted[m] = place);
-        let share = |(place, &channel): (usize, &usize)| {
+        let scale = |(place, &channel): (usize, &usize)| {
             let mut excess = [0.0; MOST_LENGTHS];
             excess.iter_mut().zip(&tracked).for_each(|(x, &m)| *x = mu_a[m][place] - world.materials[m].mu_a);
             let (light, steady) = (&all.lights[channel], &all.steady[channel]);
-            Share {
+            ChannelScale {
                 excess,
                 projector: ratio(strength(light), strength(&all.lights[*first])),
                 lamps: steady
@@ -54,13 +54,13 @@ impl Group {
                 ambient: ratio(steady.ambient, all.steady[*first].ambient),
             }
         };
-        let shared = Shared { counted, channels: channels.iter().enumerate().map(share).collect() };
+        let shared = Shared { counted, channels: channels.iter().enumerate().map(scale).collect() };
         Self { channels, world, shared: Some(shared) }
     }
 }
 
 /// The channels of a rig in groups that share paths, as far as f32 lanes hold them.
-pub fn groups(rig: &Rig, carriers: &[Carrier], pictures: &Pictures) -> Vec<Group> {
+pub fn groups(rig: &Rig, carriers: &[Carrier], projected_images: &ProjectedImages) -> Vec<Group> {
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for channel in 0..rig.worlds.len() {
         match groups.iter_mut().find(|group| alike(&rig.worlds, group, channel)) {
@@ -75,7 +75,7 @@ pub fn groups(rig: &Rig, carriers: &[Carrier], pictures: &Pictures) -> Vec<Group
             light: &rig.lights[group.channels[0]],
             steady: &rig.steady[group.channels[0]],
             carriers,
-            pictures,
+            projected_images,
             key: [0; 2],
             channel: 0,
             nee: Nee::Line,

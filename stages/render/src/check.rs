@@ -3,7 +3,7 @@
 use turbid_contract::payload::Scene;
 use turbid_contract::{Problems, Usual};
 
-use crate::glint::in_focus;
+use crate::lamp_reflection::in_focus;
 use crate::light::Carrier;
 use crate::method::Taken;
 use crate::mirrors::Mirrors;
@@ -121,15 +121,15 @@ impl Params {
             if rig.worlds.iter().any(|world| Bending::of(world) == Bending::Anywhere) {
                 problems.push_with_hint(
                     "",
-                    "smooth and rough walls between different indices meet: the ways of light through both are not found",
+                    "smooth and rough walls between different indices meet: light connections through both are not found",
                     "give all that has n != 1 a rough surface, such as `surface: {rough: 0.1}`, or none of it",
                 );
             }
             if rig.worlds.iter().any(has_clear_facets) {
-                problems.warn("", "a mesh of another n than its surroundings is so clear that light is reflected in it several times: of ways by several facets few are found, and standard errors may say too little");
+                problems.warn("", "a mesh of another n than its surroundings is so clear that light is reflected in it several times: of connections by several facets few are found, and standard errors may say too little");
             }
             check_mirrors(&rig, problems);
-            check_glints(&rig, problems);
+            check_lamp_reflections(&rig, problems);
         }
         if let (Method::Rte, Some(reason)) = (self.method, no_plane_wave(scene)) {
             problems.push_with_hint(
@@ -147,7 +147,7 @@ impl Params {
             ),
             _ => {}
         }
-        if let (Taken::Path { .. } | Taken::Reference { .. }, Some(samples @ 2..64)) = (taken, self.samples) {
+        if let (Taken::Path { .. } | Taken::ControlVariates { .. }, Some(samples @ 2..64)) = (taken, self.samples) {
             let text = "standard errors from fewer than 64 paths per pixel are themselves uncertain";
             problems.warn("samples", format!("samples = {samples}: {text}"));
         }
@@ -203,7 +203,7 @@ impl Params {
 
 /// Whether light may be reflected several times in a mesh before it is extinguished: across it are less than three mean free paths.
 fn has_clear_facets(world: &World) -> bool {
-    let looked_for = Bending::of(world) == Bending::AtWalls;
+    let looked_for = Bending::of(world) == Bending::AtInterfaces;
     looked_for
         && facetted(world).any(|body| {
             let (low, high) = body.solid.bounds();
@@ -224,26 +224,26 @@ fn check_mirrors(rig: &Rig, problems: &mut Problems) {
     }
 }
 
-/// What this version cannot say of glints.
-fn check_glints(rig: &Rig, problems: &mut Problems) {
+/// What this version cannot say of lamp reflections.
+fn check_lamp_reflections(rig: &Rig, problems: &mut Problems) {
     if rig.excludes_specular || !rig.shines() {
         return;
     }
     let world = &rig.worlds[0];
     let (bending, mirrors) = (Bending::of(world), Mirrors::of(world));
-    let smooth = matches!(bending, Bending::AtPlanes(_) | Bending::AtWalls) || !mirrors.is_empty();
+    let smooth = matches!(bending, Bending::AtPlanes(_) | Bending::AtInterfaces) || !mirrors.is_empty();
     if smooth && rig.is_parallel() {
         problems.push_with_hint(
             "",
-            "an orthographic camera sees nothing or too much of a parallel beam's glint on planes: both have one direction only",
+            "an orthographic camera sees nothing or too much of a parallel beam's reflection in planes: both have one direction only",
             "write `specular: exclude` in the camera, make it a pinhole far away, or the beam a spot",
         );
         return;
     }
-    if mirrors.face && bending != Bending::AtWalls {
+    if mirrors.face && bending != Bending::AtInterfaces {
         problems.push_with_hint(
             "",
-            "flat mirrors face each other: the glints between them are endless",
+            "flat mirrors face each other: the lamp reflections between them are endless",
             "write `specular: exclude` in the camera, or leave one mirror",
         );
     }

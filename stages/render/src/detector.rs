@@ -131,8 +131,8 @@ mod tests {
             let points: Vec<DVec3> = points.iter().map(|&p| p.into()).collect();
             let mut sides = sides(&plates, points[0]);
             for pair in points.windows(2) {
-                let way = pair[1] - pair[0];
-                pass(&plates, (pair[0], way.normalize(), way.length()), &mut sides, &mut counts);
+                let step = pair[1] - pair[0];
+                pass(&plates, (pair[0], step.normalize(), step.length()), &mut sides, &mut counts);
             }
             assert_eq!(counts[0], expected, "{points:?}");
         };

@@ -1,7 +1,7 @@
 //! What an image is made from: for every pixel the responses (1, re, im, ..) with their covariance.
 
 use crate::moments::Moments;
-use crate::shown::{Shown, Terms};
+use crate::projected::{Projected, Terms};
 
 /// Estimates of the responses of every pixel, whose errors may be common to pixels.
 pub trait Field {
@@ -38,7 +38,7 @@ pub struct Sampled<'a> {
     pub moments: &'a Moments,
     /// Paths of each pixel.
     pub paths: &'a [u32],
-    /// Kurtosis of a path - 1: by it standard errors are widened, so that they hold the truth as often as they should; see [`widening`]. 0: they are not.
+    /// Kurtosis of a path - 1: by it standard errors are inflated, so that they hold the truth as often as they should; see [`inflation`]. 0: they are not.
     pub spread: f64,
 }
 
@@ -50,14 +50,14 @@ pub const LEAST_PATHS: u32 = 64;
 /// Few paths see the rare bright places. A pixel that has missed them is too dark, and its sampled variance too small: both at once, so that
 /// the interval misses the truth. The sampled variance has as many degrees of freedom as a normal sample's has with
 /// nu = 2 n / (kurtosis - 1), and Student's t of nu degrees exceeds the normal 68.3 % quantile by 1 + 1 / (2 nu) to first order. Below 4
-/// degrees variances are pooled instead (`pooled.rs`); where they cannot be, 4 are taken.
-pub fn widening(n: u32, spread: f64) -> f64 {
+/// degrees variances are pooled instead (`variance_smoothing.rs`); where they cannot be, 4 are taken.
+pub fn inflation(n: u32, spread: f64) -> f64 {
     let n = f64::from(n.max(LEAST_PATHS));
     1.0 + spread.min(0.5 * n) / (4.0 * n)
 }
 
 impl Sampled<'_> {
-    /// By what it is widened, and itself without.
+    /// By what it is inflated, and itself without.
     pub fn apart(self) -> (f64, Self) {
         (self.spread, Self { spread: 0.0, ..self })
     }
@@ -83,16 +83,16 @@ impl Field for Sampled<'_> {
     }
 
     fn covariance(&self, pixel: usize, a: &[(usize, f64)], b: &[(usize, f64)]) -> f64 {
-        let widening = widening(self.paths[pixel], self.spread);
-        widening * widening * self.raw(pixel, a, b)
+        let inflation = inflation(self.paths[pixel], self.spread);
+        inflation * inflation * self.raw(pixel, a, b)
     }
 
     fn variance_of_mean(&self, terms: &[(usize, f64)], _: f64) -> f64 {
         // All pixels together see what is rare, as far as their paths go.
         let (n, paths) = (self.paths.len() as f64, self.paths.iter().fold(0, |sum: u32, &n| sum.saturating_add(n)));
-        let widening = widening(paths, self.spread);
+        let inflation = inflation(paths, self.spread);
         let sum: f64 = (0..self.paths.len()).map(|pixel| self.raw(pixel, terms, terms).max(0.0)).sum();
-        widening * widening * sum / (n * n)
+        inflation * inflation * sum / (n * n)
     }
 }
 
@@ -104,8 +104,8 @@ pub struct Watched {
 }
 
 impl Watched {
-    pub fn of(shown: &Shown) -> Self {
-        let (dc, fringe) = shown.watched();
+    pub fn of(projected: &Projected) -> Self {
+        let (dc, fringe) = projected.watched();
         Self { dc: dc.clone(), fringe: fringe.map(|parts| parts.map(Terms::clone)) }
     }
 }

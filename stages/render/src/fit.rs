@@ -9,9 +9,9 @@ use crate::moments::Moments;
 use crate::polynomials::Polynomials;
 use crate::rig::Rig;
 use crate::tail::{brightness, expected_kurtosis, image_holds, is_peaked};
-use crate::world::Spans;
+use crate::world::Chords;
 
-/// So many times the paths of a pixel are spent on each traced pixel of a stand-in's image: its few terms have then less noise than
+/// So many times the paths of a pixel are spent on each traced pixel of a control variate's image: its few terms have then less noise than
 /// most differences.
 pub const FIT_PATHS: u32 = 1;
 
@@ -81,9 +81,9 @@ impl Guides {
     fn push(&mut self, rig: &Rig, carriers: &[Carrier], pixel: usize) -> Option<()> {
         let (world, camera) = (&rig.worlds[0], &rig.camera);
         let (origin, w) = camera.ray(pixel, 0.5, 0.5);
-        let mut spans = Spans::default();
-        let piece = world.trace(origin, w, None, &mut spans).find(|piece| piece.material != 0)?;
-        let r = origin + piece.start * w;
+        let mut chords = Chords::default();
+        let segment = world.trace(origin, w, None, &mut chords).find(|segment| segment.material != 0)?;
+        let r = origin + segment.start * w;
         // Channels differ in their power, which the coefficients hold.
         let emission = match rig.lights[0].emission {
             Emission::Intensity(_) => Emission::Intensity(1.0),
@@ -188,7 +188,7 @@ impl Fitted {
     }
 
     /// How many times the variance of the mean of M_DC exceeds that of independent pixels.
-    pub fn sharing(&self) -> f64 {
+    pub fn design_effect(&self) -> f64 {
         let terms = [(0, 1.0)];
         let total: f64 = (0..self.pixels()).map(|p| self.variance(p, &terms)).sum();
         let n = self.pixels() as f64;

@@ -7,8 +7,8 @@ use crate::cautions::errors_may_be_unknown;
 use crate::conditions::infos;
 use crate::frames::{covariance_layer, frame_layer, listed, pairs, white_layer};
 use crate::params::Params;
+use crate::projected::{Projected, Quantity, of_layers};
 use crate::response::Layout;
-use crate::shown::{Quantity, Shown, of_layers};
 use crate::{power, truth};
 
 /// Open where the scene is not known; frames and covariance also where the layers of the pattern are not.
@@ -33,9 +33,9 @@ fn forms(params: &Params, scene: &Scene, known: &Known, conditioned: bool) -> Fo
     let pattern = known.is_connected("pattern").then(|| known.form("pattern").cloned().unwrap_or_default());
     let mut frames = Form { attributes: of_frames(scene, pattern.as_ref()), ..seen.open() };
     let mut covariance = seen.open();
-    if let Some((shown, quantities)) = shown(params, pattern.as_ref()) {
+    if let Some((projected, quantities)) = projected(params, pattern.as_ref()) {
         let layers = |wavelength_nm: &Option<f64>| -> Vec<LayerInfo> {
-            shown.iter().map(|info| frame_layer(info, *wavelength_nm)).collect()
+            projected.iter().map(|info| frame_layer(info, *wavelength_nm)).collect()
         };
         seen.add_values(&mut frames, seen.wavelengths_nm.iter().flat_map(layers));
         if conditioned {
@@ -114,15 +114,15 @@ fn of_frames(scene: &Scene, pattern: Option<&Form>) -> Attributes {
 }
 
 /// What is projected, frame by frame, and the quantities behind the frames.
-fn shown(params: &Params, pattern: Option<&Form>) -> Option<(Vec<LayerInfo>, Vec<Quantity>)> {
+fn projected(params: &Params, pattern: Option<&Form>) -> Option<(Vec<LayerInfo>, Vec<Quantity>)> {
     let (frames, quantities) = match pattern {
         None => {
-            let Shown { frames, quantities, .. } = Shown::sinusoids(params, false);
+            let Projected { frames, quantities, .. } = Projected::sinusoids(params, false);
             (frames, quantities)
         }
         Some(pattern) => {
             let layers = pattern.values()?;
-            of_layers(&layers, Layout { carriers: 0, pictures: layers.len(), steady: false })
+            of_layers(&layers, Layout { carriers: 0, projected_images: layers.len(), steady: false })
         }
     };
     Some((frames.into_iter().map(|(info, _)| info).collect(), quantities))

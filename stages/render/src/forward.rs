@@ -1,6 +1,6 @@
 //! Light walked forward from its sources, to where it ends: the power that leaves the scene, and that absorbed in each object.
 //!
-//! The flights and walls are those of the paths from the camera ([`Walker::step`]); nothing is looked for on the way.
+//! The flights and interfaces are those of the paths from the camera ([`Walker::step`]); nothing is estimated on the way.
 
 use std::f64::consts::FRAC_1_PI;
 
@@ -15,7 +15,7 @@ use crate::lamp::{Lamp, Steady};
 use crate::lengths::NO_LENGTHS;
 use crate::level::named;
 use crate::light::{Emission, Light};
-use crate::pictures::Pictures;
+use crate::projected_images::ProjectedImages;
 use crate::random::{Purpose, Stream};
 use crate::rig::Rig;
 use crate::setting::{Nee, Place, Setting};
@@ -37,7 +37,7 @@ pub struct Tally {
     pub left: [u64; 2],
     /// In each body or at its surface.
     pub absorbed: Vec<u64>,
-    /// Between the facets of rough walls.
+    /// Between the facets of rough interfaces.
     pub lost: u64,
     /// Of each detector.
     pub detected: Vec<Detected>,
@@ -63,11 +63,11 @@ pub fn tally(rig: &Rig, detectors: &[Detector], photons: u32, ctx: Ctx<'_>) -> R
         let setting = Setting {
             world: &rig.worlds[channel],
             camera: &rig.camera,
-            // Nothing to look for.
+            // No light.
             light: &dark,
             steady: &still,
             carriers: &[],
-            pictures: &Pictures::NONE,
+            projected_images: &ProjectedImages::NONE,
             key,
             channel: channel as u32,
             nee: Nee::Point,
@@ -190,9 +190,9 @@ impl<'a> Sources<'a> {
             r,
             w,
             material: 0,
-            skin: None,
+            surface_point: None,
             clear: 0.0,
-            life: -ln(unit_fine(ja, jb)),
+            absorption_depth: -ln(unit_fine(ja, jb)),
             weight: 1.0,
             pixel: PIXEL,
             sample: photon,
@@ -200,9 +200,9 @@ impl<'a> Sources<'a> {
             ahead: false,
             wholly: false,
             scattered: false,
-            glint: false,
-            share: 1.0,
-            scout: false,
+            specular: false,
+            mis_weight: 1.0,
+            light_branch: false,
             response: 0,
             lengths: NO_LENGTHS,
         }

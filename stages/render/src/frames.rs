@@ -6,14 +6,14 @@ use turbid_contract::payload::{Covariance, Frames, White};
 use turbid_contract::{ImageStack, LayerInfo, LayerKind};
 
 use crate::field::{Field, Watched, relative_error_of};
+use crate::projected::{Projected, Quantity, Terms};
 use crate::response::ONE;
-use crate::shown::{Quantity, Shown, Terms};
 
 const RADIANCE: &str = "W mm^-2 sr^-1";
 
-/// What a layer of the frames says under the light of a channel; `shown`: what is projected.
-pub fn frame_layer(shown: &LayerInfo, wavelength_nm: Option<f64>) -> LayerInfo {
-    LayerInfo { unit: RADIANCE.to_owned(), wavelength_nm, ..shown.clone() }
+/// What a layer of the frames says under the light of a channel; `projected`: what is projected.
+pub fn frame_layer(projected: &LayerInfo, wavelength_nm: Option<f64>) -> LayerInfo {
+    LayerInfo { unit: RADIANCE.to_owned(), wavelength_nm, ..projected.clone() }
 }
 
 /// The frame under uniform light.
@@ -47,7 +47,7 @@ pub fn listed(quantities: &[Quantity], wavelengths_nm: &[Option<f64>]) -> (Strin
 
 /// The estimates of all channels.
 pub struct Images<'a> {
-    pub shown: &'a Shown,
+    pub projected: &'a Projected,
     pub rows: usize,
     pub columns: usize,
     /// Empty for one channel without a named wavelength.
@@ -56,7 +56,7 @@ pub struct Images<'a> {
     /// Paths per traced pixel.
     pub n: u32,
     /// Where the errors of pixels are common: how many times the variance of an image mean exceeds that of independent pixels.
-    pub sharing: Option<f64>,
+    pub design_effect: Option<f64>,
     /// Wavelengths of channels that share paths, so that their errors are correlated; those that share none are left out.
     pub shared_paths: Vec<Vec<f64>>,
 }
@@ -68,8 +68,8 @@ impl Images<'_> {
 
     fn attributes(&self, stack: &mut ImageStack) {
         stack.attributes.insert("samples".to_owned(), json!(self.n));
-        if let Some(sharing) = self.sharing {
-            stack.attributes.insert("sharing".to_owned(), json!(sharing));
+        if let Some(design_effect) = self.design_effect {
+            stack.attributes.insert("sharing".to_owned(), json!(design_effect));
         }
         if !self.shared_paths.is_empty() {
             stack.attributes.insert("shared_paths_nm".to_owned(), json!(self.shared_paths));
@@ -105,7 +105,7 @@ impl Images<'_> {
         let mut stack = ImageStack::new(self.rows, self.columns);
         self.attributes(&mut stack);
         for channel in 0..self.channels.len() {
-            for (info, terms) in &self.shown.frames {
+            for (info, terms) in &self.projected.frames {
                 let wavelength_nm = self.wavelength(channel);
                 self.push(&mut stack, frame_layer(info, wavelength_nm), channel, terms);
             }
@@ -117,21 +117,21 @@ impl Images<'_> {
     pub fn covariance(&self) -> Covariance {
         let mut stack = ImageStack::new(self.rows, self.columns);
         self.attributes(&mut stack);
-        let shown = &self.shown.quantities;
+        let projected = &self.projected.quantities;
         for (channel, field) in self.channels.iter().enumerate() {
-            let first = channel * shown.len();
-            for [i, j] in pairs(shown.len()) {
+            let first = channel * projected.len();
+            for [i, j] in pairs(projected.len()) {
                 let info = covariance_layer([first + i, first + j], self.wavelength(channel));
                 let data = Array2::from_shape_fn((self.rows, self.columns), |(row, column)| {
                     let pixel = row * self.columns + column;
-                    let cov = field.covariance(pixel, &shown[i].terms, &shown[j].terms);
+                    let cov = field.covariance(pixel, &projected[i].terms, &projected[j].terms);
                     (if i == j { cov.max(0.0) } else { cov }) as f32
                 });
                 stack.push(info, data);
             }
         }
         let wavelengths_nm: Vec<Option<f64>> = (0..self.channels.len()).map(|c| self.wavelength(c)).collect();
-        stack.attributes.extend([listed(shown, &wavelengths_nm)]);
+        stack.attributes.extend([listed(projected, &wavelengths_nm)]);
         Covariance(stack)
     }
 
@@ -141,7 +141,7 @@ impl Images<'_> {
         self.attributes(&mut stack);
         for channel in 0..self.channels.len() {
             let info = white_layer(self.wavelength(channel));
-            let steady = self.shown.layout.steady().map(|i| (i, 1.0));
+            let steady = self.projected.layout.steady().map(|i| (i, 1.0));
             let terms: Terms = [(ONE, 1.0)].into_iter().chain(steady).collect();
             self.push(&mut stack, info, channel, &terms);
         }
@@ -151,7 +151,7 @@ impl Images<'_> {
     /// SE(M_AC) / M_AC at the highest f_x and its first orientation (of M_DC where no f_x is > 0) of the lit pixel that has more than
     /// this `part` of the others below it (0.5: the median), the worst of the channels; `None` where no pixel is lit.
     pub fn relative_error_of(&self, part: f64) -> Option<f64> {
-        let watched = Watched::of(self.shown);
+        let watched = Watched::of(self.projected);
         let errors = self.channels.iter().filter_map(|field| relative_error_of(field.as_ref(), &watched, part));
         errors.max_by(f64::total_cmp)
     }

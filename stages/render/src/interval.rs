@@ -10,7 +10,7 @@ pub const CONFIDENCE: f64 = 0.95;
 /// whatever was counted. A trial that may count several times counts as one of size s = squares / sum, and there are k = sum / s of them:
 /// that keeps the mean and the variance (as for scaled Poisson distributions, Boehm and Zech, Nucl. Instrum. Methods A 748, 1, 2014).
 /// Where nothing was counted, s is taken as 1.
-pub fn share(sum: f64, squares: f64, n: f64) -> [f64; 2] {
+pub fn fraction(sum: f64, squares: f64, n: f64) -> [f64; 2] {
     let size = if sum > 0.0 { squares / sum } else { 1.0 };
     let k = if sum > 0.0 { sum / size } else { 0.0 };
     let tail = 0.5 * (1.0 - CONFIDENCE);
@@ -77,12 +77,12 @@ mod tests {
         for n in [1.0, 10.0, 1e5, 1e9] {
             // -expm1(ln(0.025) / n), to the digits that lgamma of n leaves.
             let end = -libm::expm1(libm::log(0.025) / n);
-            let [low, high] = share(0.0, 0.0, n);
+            let [low, high] = fraction(0.0, 0.0, n);
             assert!(low == 0.0 && (high / end - 1.0).abs() < 1e-5, "{n}: {high} {end}");
-            let [low, high] = share(n, n, n);
+            let [low, high] = fraction(n, n, n);
             assert!(high == 1.0 && ((1.0 - low) / end - 1.0).abs() < 1e-5, "{n}: {low} {end}");
         }
-        let [low, high] = share(5.0, 5.0, 20.0);
+        let [low, high] = fraction(5.0, 5.0, 20.0);
         assert!((low - 0.0866).abs() < 5e-5 && (high - 0.4910).abs() < 5e-5, "{low} {high}");
     }
 
@@ -92,7 +92,7 @@ mod tests {
         for (n, p) in [(10, 0.03), (10, 0.5), (200, 0.004), (200, 0.37), (100, 0.99)] {
             let (mut chance, mut held) = (f64::powi(1.0 - p, n), 0.0);
             for k in 0..=n {
-                let [low, high] = share(f64::from(k), f64::from(k), f64::from(n));
+                let [low, high] = fraction(f64::from(k), f64::from(k), f64::from(n));
                 held += if low <= p && p <= high { chance } else { 0.0 };
                 chance *= f64::from(n - k) / f64::from(k + 1) * p / (1.0 - p);
             }
@@ -103,12 +103,12 @@ mod tests {
     /// Counts of a thousand trials that are each 2 scale the interval by 2; many counts of any size give 1.96 standard errors, to 2 %.
     #[test]
     fn counts_of_several_are_scaled() {
-        let [low, high] = share(600.0, 1200.0, 1000.0);
-        let [one_low, one_high] = share(300.0, 300.0, 1000.0);
+        let [low, high] = fraction(600.0, 1200.0, 1000.0);
+        let [one_low, one_high] = fraction(300.0, 300.0, 1000.0);
         assert!((low - 2.0 * one_low).abs() < 1e-12 && (high - 2.0 * one_high).abs() < 1e-12);
         let (n, sum, squares) = (1e6_f64, 7e5, 1.9e6);
         let se = ((squares / n - (sum / n).powi(2)) / n).sqrt();
-        let [low, high] = share(sum, squares, n);
+        let [low, high] = fraction(sum, squares, n);
         assert!(((high - low) / (2.0 * 1.96 * se) - 1.0).abs() < 0.02, "{low} {high} {se}");
     }
 }

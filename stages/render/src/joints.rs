@@ -4,8 +4,8 @@ use turbid_contract::payload::Scene;
 use turbid_contract::{Error, Form, Known, LayerInfo, Problems};
 
 use crate::params::Params;
+use crate::projected::fits;
 use crate::rig::Rig;
-use crate::shown::fits;
 
 /// Reports what does not fit, as far as the inputs are known.
 pub fn check(params: &Params, scene: &Scene, known: &Known, problems: &mut Problems) {

@@ -2,11 +2,11 @@
 
 use std::fmt;
 
-use crate::look::{self, bodies_by_material};
 use crate::method::Taken;
+use crate::next_event_lanes::{self, bodies_by_material};
+use crate::projected::Projected;
 use crate::rig::Rig;
 use crate::setting::{Nee, Setting};
-use crate::shown::Shown;
 use crate::single::refusal::Refusal;
 use crate::single::{Frame, lane};
 use crate::strata::Bending;
@@ -16,10 +16,10 @@ use crate::world::World;
 /// How one walk goes on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kernel {
-    /// f32 lanes; whether looks for light and the starts of paths go in them.
-    Single { looks: bool, starts: bool, bodies: usize },
-    /// f64 lanes; whether looks for light go in them.
-    Double { looks: bool, bodies: usize },
+    /// f32 lanes; whether next-event estimation and the starts of paths go in them.
+    Single { next_events: bool, starts: bool, bodies: usize },
+    /// f64 lanes; whether next-event estimation goes in them.
+    Double { next_events: bool, bodies: usize },
     /// One path after the other.
     Scalar { bodies: usize },
 }
@@ -40,38 +40,42 @@ impl Kernel {
         let bodies = setting.world.bodies.len();
         let refusal = match Frame::held(&walker) {
             Ok(frame) => {
-                let looks = frame.blind || (frame.looks && !frame.lamps);
+                let next_events = frame.blind || (frame.next_events && !frame.lamps);
                 let refused = frame.refused.iter().map(Refusal::to_string).collect();
-                return (Self::Single { looks, starts: frame.starts, bodies: frame.parts.len() }, refused);
+                return (Self::Single { next_events, starts: frame.starts, bodies: frame.parts.len() }, refused);
             }
             Err(refusal) => refusal.to_string(),
         };
         if setting.shared.is_some() {
             return (Self::Scalar { bodies }, vec![refusal]);
         }
-        let looks = walker.body_of().is_some();
-        let also = (!looks).then(|| singly(&setting));
-        (Self::Double { looks, bodies }, [refusal].into_iter().chain(also).collect())
+        let next_events = walker.body_of().is_some();
+        let also = (!next_events).then(|| singly(&setting));
+        (Self::Double { next_events, bodies }, [refusal].into_iter().chain(also).collect())
     }
 }
 
-/// Why looks for light do not go in f64 lanes.
+/// Why next-event estimation does not go in f64 lanes.
 fn singly(setting: &Setting<'_>) -> String {
     let World { bodies, materials, .. } = setting.world;
-    if setting.pictures.layers() > 0 {
-        return "a pattern's images: f64 lanes look for light under sinusoids".to_owned();
+    if setting.projected_images.layers() > 0 {
+        return "a pattern's images: f64 lanes connect to light under sinusoids".to_owned();
     }
     if Bending::of(setting.world) != Bending::Nowhere {
-        return "walls turn light: f64 lanes look for light where it goes straight on".to_owned();
+        return "walls turn light: f64 lanes connect to light where it goes straight on".to_owned();
     }
-    if bodies.len() > look::MOST_BODIES {
-        return format!("{} bodies: f64 lanes look for light among up to {}", bodies.len(), look::MOST_BODIES);
+    if bodies.len() > next_event_lanes::MOST_BODIES {
+        return format!(
+            "{} bodies: f64 lanes make light connections among up to {}",
+            bodies.len(),
+            next_event_lanes::MOST_BODIES
+        );
     }
     if bodies.iter().any(|body| materials[body.material].is_opaque()) {
-        return "an opaque body: f64 lanes look for light among clear and turbid ones".to_owned();
+        return "an opaque body: f64 lanes make light connections among clear and turbid ones".to_owned();
     }
     debug_assert!(bodies_by_material(setting.world).is_none());
-    "a body with facets or holes, a turned one, or two of one medium: f64 lanes look for light in whole bodies of one medium each"
+    "a body with facets or holes, a turned one, or two of one medium: f64 lanes make light connections in whole bodies of one medium each"
         .to_owned()
 }
 
@@ -79,14 +83,14 @@ impl fmt::Display for Kernel {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let among = |n: usize| if n == 1 { "1 body".to_owned() } else { format!("{n} bodies") };
         match *self {
-            Self::Single { looks, starts, bodies } => {
+            Self::Single { next_events, starts, bodies } => {
                 write!(f, "{} paths abreast in f32, {}", lane::LANES, among(bodies))?;
-                write!(f, "{}", if looks { "" } else { ", looks for light one by one" })?;
+                write!(f, "{}", if next_events { "" } else { ", light connections one by one" })?;
                 write!(f, "{}", if starts { "" } else { ", starts one by one" })
             }
-            Self::Double { looks, bodies } => {
-                write!(f, "{} paths abreast in f64, {}", look::LANES, among(bodies))?;
-                write!(f, "{}", if looks { "" } else { ", looks for light one by one" })
+            Self::Double { next_events, bodies } => {
+                write!(f, "{} paths abreast in f64, {}", next_event_lanes::LANES, among(bodies))?;
+                write!(f, "{}", if next_events { "" } else { ", light connections one by one" })
             }
             Self::Scalar { bodies } => write!(f, "one path after the other in f64, {}", among(bodies)),
         }
@@ -95,7 +99,7 @@ impl fmt::Display for Kernel {
 
 impl Kernels {
     /// Those of all walks of a render; `power`: photons are counted, too.
-    pub fn of(taken: &Taken, rig: &Rig, shown: &Shown, power: bool) -> Self {
+    pub fn of(taken: &Taken, rig: &Rig, projected: &Projected, power: bool) -> Self {
         let mut names: Vec<String> = Vec::new();
         let mut refused: Vec<String> = Vec::new();
         let add = |list: &mut Vec<String>, text: String| {
@@ -106,15 +110,15 @@ impl Kernels {
         if matches!(taken, Taken::Rte { .. }) {
             names.push("transport solver for plane waves".to_owned());
         } else {
-            for group in crate::channels::groups(rig, &shown.carriers, &shown.pictures) {
+            for group in crate::channels::groups(rig, &projected.carriers, &projected.projected_images) {
                 let channel = group.channels[0];
                 let (kernel, reasons) = Kernel::of(Setting {
                     world: &group.world,
                     camera: &rig.camera,
                     light: &rig.lights[channel],
                     steady: &rig.steady[channel],
-                    carriers: &shown.carriers,
-                    pictures: &shown.pictures,
+                    carriers: &projected.carriers,
+                    projected_images: &projected.projected_images,
                     key: [0; 2],
                     channel: 0,
                     nee: Nee::Line,

@@ -88,7 +88,7 @@ impl Lamp {
     }
 }
 
-/// A light to look for.
+/// A light to connect to.
 #[derive(Clone, Copy, Debug)]
 pub enum Source<'a> {
     Projector(&'a Light),

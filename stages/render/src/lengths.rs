@@ -22,12 +22,12 @@ pub fn sum(a: &Lengths, b: &Lengths) -> Lengths {
 pub struct Shared {
     /// For each material of the world, its place in [`Lengths`].
     pub counted: Vec<usize>,
-    pub channels: Vec<Share>,
+    pub channels: Vec<ChannelScale>,
 }
 
 /// One of several channels.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Share {
+pub struct ChannelScale {
     /// Absorption beyond that of the walk, mm^-1, of each counted medium.
     pub excess: [f64; MOST_LENGTHS],
     /// Power of the projector over that of the group's first channel.
@@ -46,7 +46,7 @@ pub(crate) fn count(shared: Option<&Shared>, lengths: &mut Lengths, material: us
     }
 }
 
-impl Share {
+impl ChannelScale {
     /// What a path of these lengths brings to the channel, over what it brings to the walk.
     pub fn weight(&self, lengths: &Lengths) -> f64 {
         // A length may be infinite.

@@ -3,24 +3,24 @@
 use turbid_contract::payload::Scene;
 use turbid_contract::{Ctx, Error};
 
+use crate::control_variate::{ControlVariates, control_variates, no_control};
+use crate::controlled::{Controlled, Images};
 use crate::field::{Field, Sampled, Watched};
 use crate::fit::{FIT_PATHS, Fitted, Lattice};
-use crate::judge::{OfFit, OfPixels};
 use crate::light::Carrier;
 use crate::moments::Moments;
 use crate::params::{Allocate, Method, Params};
 use crate::plane_wave::{Bound, PlaneWave, bounds, no_plane_wave};
-use crate::pooled::by_paths;
-use crate::reference::{References, no_stand_in, references};
-use crate::referenced::{Images, Referenced};
+use crate::projected::Projected;
 use crate::rig::Rig;
-use crate::shown::Shown;
 use crate::so_far::SoFar;
 use crate::state::State;
+use crate::stopping::{OfFit, OfPixels};
 use crate::tail::{brightness, expected_kurtosis, kurtosis};
 use crate::trace::{Sums, Task, trace};
 use crate::uniform::obstacle;
 use crate::unsure::Unsure;
+use crate::variance_smoothing::by_paths;
 
 /// The error target of a pixel-by-pixel image is first tested after this many paths per pixel.
 pub const FIRST_TEST: u32 = 64;
@@ -37,8 +37,8 @@ pub enum Taken {
     Rte {
         bound: f64,
     },
-    /// Paths, beside those of laterally uniform stand-ins.
-    Reference {
+    /// Paths, beside those of laterally uniform control variates.
+    ControlVariates {
         because: String,
     },
 }
@@ -56,8 +56,8 @@ impl Taken {
                     (Some(bound), Some(target)) if bound <= target.0 => Self::Rte { bound },
                     _ => Self::Fit,
                 },
-                Some(because) => match no_stand_in(scene, params.target_error.map(|t| t.0)) {
-                    None => Self::Reference { because },
+                Some(because) => match no_control(scene, params.target_error.map(|t| t.0)) {
+                    None => Self::ControlVariates { because },
                     Some(_) => Self::Path { because: Some(because) },
                 },
             },
@@ -79,7 +79,7 @@ pub struct Estimate<'a> {
     pub channels: Vec<Box<dyn Field + 'a>>,
     /// Paths per traced pixel.
     pub n: u32,
-    pub sharing: Option<f64>,
+    pub design_effect: Option<f64>,
 }
 
 /// The sums behind an [`Estimate`].
@@ -90,14 +90,14 @@ pub struct Traced {
     /// Those of every pixel.
     paths: Vec<u32>,
     lattice: Option<Lattice>,
-    beside: Option<Beside>,
+    controls: Option<ControlImages>,
     flights: u64,
     solved: Vec<PlaneWave>,
 }
 
-/// Stand-ins, and the sums behind their images.
-struct Beside {
-    stand_ins: References,
+/// Control variates, and the sums behind their images.
+struct ControlImages {
+    controls: ControlVariates,
     images: Vec<Traced>,
 }
 
@@ -107,69 +107,74 @@ pub fn sums(
     params: &Params,
     scene: &Scene,
     rig: &Rig,
-    shown: &Shown,
+    projected: &Projected,
     ctx: Ctx<'_>,
 ) -> Result<Traced, Error> {
-    let so_far = SoFar { scene, rig, shown };
+    let so_far = SoFar { scene, rig, projected };
     match taken {
         Taken::Path { .. } => pixels(params, so_far, None, ctx),
-        Taken::Fit => fit(params, rig, shown, (0, Some(so_far)), ctx),
+        Taken::Fit => fit(params, rig, projected, (0, Some(so_far)), ctx),
         Taken::Rte { bound } => {
             ctx.measure("bound of a frame's error", 100.0 * bound, "%");
-            let solved = PlaneWave::all(scene, rig, &shown.carriers)?;
+            let solved = PlaneWave::all(scene, rig, &projected.carriers)?;
             Ok(Traced {
                 channels: Vec::new(),
                 n: 0,
                 paths: Vec::new(),
                 lattice: None,
-                beside: None,
+                controls: None,
                 flights: 0,
                 solved,
             })
         }
-        Taken::Reference { .. } => {
-            let stand_ins = references(scene, rig, params.target_error.map(|t| t.0))?;
-            let Some(stand_ins) = stand_ins else { return pixels(params, so_far, None, ctx) };
-            pixels(params, so_far, Some(stand_ins), ctx)
+        Taken::ControlVariates { .. } => {
+            let controls = control_variates(scene, rig, params.target_error.map(|t| t.0))?;
+            let Some(controls) = controls else { return pixels(params, so_far, None, ctx) };
+            pixels(params, so_far, Some(controls), ctx)
         }
     }
 }
 
-/// Every pixel by its own paths, perhaps beside stand-ins.
-fn pixels(params: &Params, so_far: SoFar<'_>, beside: Option<References>, ctx: Ctx<'_>) -> Result<Traced, Error> {
-    let SoFar { rig, shown, .. } = so_far;
+/// Every pixel by its own paths, perhaps with control variates.
+fn pixels(
+    params: &Params,
+    so_far: SoFar<'_>,
+    controls: Option<ControlVariates>,
+    ctx: Ctx<'_>,
+) -> Result<Traced, Error> {
+    let SoFar { rig, projected, .. } = so_far;
     let pixels: Vec<u32> = (0..rig.camera.pixels() as u32).collect();
-    let judge = OfPixels::new(rig, shown, beside.as_ref(), params.allocate);
+    let criterion = OfPixels::new(rig, projected, controls.as_ref(), params.allocate);
     let task = Task {
         params,
         rig,
-        shown,
+        projected,
         pixels: &pixels,
-        beside: beside.as_ref(),
+        controls: controls.as_ref(),
         salt: 0,
         kept: true,
         first_test: FIRST_TEST,
         allocate: params.allocate,
-        judge: &judge,
+        criterion: &criterion,
         so_far: Some(&|state: &State, paths: &[u32]| Some(so_far.of_pixels(state, paths))),
     };
-    let Sums { mut channels, samples: n, paths, beside: taken, flights } = trace(&task, ctx)?;
+    let Sums { mut channels, samples: n, paths, with_control: taken, flights } = trace(&task, ctx)?;
     let flights = flights.iter().sum();
-    let beside = beside.map(|stand_ins| stand_ins.within(taken.as_deref()));
-    let beside = beside.filter(|stand_ins| stand_ins.of_pixel.iter().any(Option::is_some));
-    if beside.is_none() {
+    let controls = controls.map(|controls| controls.within(taken.as_deref()));
+    let controls = controls.filter(|controls| controls.of_pixel.iter().any(Option::is_some));
+    if controls.is_none() {
         // Differences that nobody needs.
         channels.truncate(rig.worlds.len());
     }
-    let beside = beside.map(|stand_ins| {
+    let controls = controls.map(|controls| {
         let samples = Some(n.max(FIRST_TEST).saturating_mul(FIT_PATHS));
         let enough = Params { samples, target_error: None, max_seconds: None, ..params.clone() };
-        let images = stand_ins.references.iter().zip(1..);
-        let images = images.map(|(r, salt)| fit(&enough, &r.plain, shown, (salt, None), ctx));
-        Ok::<_, Error>(Beside { images: images.collect::<Result<_, _>>()?, stand_ins })
+        let images = controls.variates.iter().zip(1..);
+        let images = images.map(|(r, salt)| fit(&enough, &r.plain, projected, (salt, None), ctx));
+        Ok::<_, Error>(ControlImages { images: images.collect::<Result<_, _>>()?, controls })
     });
-    let beside = beside.transpose()?;
-    Ok(Traced { channels, n, paths, lattice: None, beside, flights, solved: Vec::new() })
+    let controls = controls.transpose()?;
+    Ok(Traced { channels, n, paths, lattice: None, controls, flights, solved: Vec::new() })
 }
 
 /// A lattice of pixels, to fit a smooth image to; `salt` as in [`Task`]. What is there so far is shown, and kept for a longer run, where it is an image of
@@ -177,7 +182,7 @@ fn pixels(params: &Params, so_far: SoFar<'_>, beside: Option<References>, ctx: C
 fn fit(
     params: &Params,
     rig: &Rig,
-    shown: &Shown,
+    projected: &Projected,
     (salt, so_far): (u64, Option<SoFar<'_>>),
     ctx: Ctx<'_>,
 ) -> Result<Traced, Error> {
@@ -185,27 +190,27 @@ fn fit(
     let lattice = Lattice::over(camera.columns, camera.rows);
     let pixels = lattice.pixels(camera.columns);
     let first_test = first_test_of_fit(pixels.len());
-    let judge = OfFit { rig, shown, lattice: &lattice };
+    let criterion = OfFit { rig, projected, lattice: &lattice };
     // Its error is that of a few coefficients, which all pixels share.
     let allocate = Allocate::Even;
     let kept = so_far.is_some();
-    let picture = |state: &State, _: &[u32]| so_far.and_then(|so_far| so_far.of_fit(state, &lattice));
+    let preview = |state: &State, _: &[u32]| so_far.and_then(|so_far| so_far.of_fit(state, &lattice));
     let task = Task {
         params,
         rig,
-        shown,
+        projected,
         pixels: &pixels,
-        beside: None,
+        controls: None,
         salt,
         kept,
         first_test,
         allocate,
-        judge: &judge,
-        so_far: kept.then_some(&picture),
+        criterion: &criterion,
+        so_far: kept.then_some(&preview),
     };
     let Sums { channels, samples: n, flights, .. } = trace(&task, ctx)?;
     let flights = flights.iter().sum();
-    Ok(Traced { channels, n, paths: Vec::new(), lattice: Some(lattice), beside: None, flights, solved: Vec::new() })
+    Ok(Traced { channels, n, paths: Vec::new(), lattice: Some(lattice), controls: None, flights, solved: Vec::new() })
 }
 
 /// Paths of each of so many traced pixels after which the error of a fit is first tested.
@@ -216,51 +221,62 @@ pub fn first_test_of_fit(pixels: usize) -> u32 {
 impl Traced {
     /// All that were made for it.
     pub fn flights(&self) -> u64 {
-        self.flights + self.beside.iter().flat_map(|b| &b.images).map(|image| image.flights).sum::<u64>()
+        self.flights + self.controls.iter().flat_map(|b| &b.images).map(|image| image.flights).sum::<u64>()
     }
 
     /// The fields of all channels.
-    pub fn estimate(&self, rig: &Rig, shown: &Shown, ctx: Ctx<'_>) -> Result<Estimate<'_>, Error> {
-        if let Some(beside) = &self.beside {
-            return self.estimate_beside(beside, rig, shown, ctx);
+    pub fn estimate(&self, rig: &Rig, projected: &Projected, ctx: Ctx<'_>) -> Result<Estimate<'_>, Error> {
+        if let Some(controls) = &self.controls {
+            return self.estimate_with_control(controls, rig, projected, ctx);
         }
         if !self.solved.is_empty() {
             let field = |solved: &'_ PlaneWave| -> Box<dyn Field> { Box::new(solved.clone()) };
             let pixels = rig.camera.pixels() as f64;
-            return Ok(Estimate { channels: self.solved.iter().map(field).collect(), n: 0, sharing: Some(pixels) });
+            return Ok(Estimate {
+                channels: self.solved.iter().map(field).collect(),
+                n: 0,
+                design_effect: Some(pixels),
+            });
         }
         let Some(lattice) = &self.lattice else {
-            let channels = by_paths(rig, &Watched::of(shown), &self.channels, &self.paths);
-            return Ok(Estimate { channels, n: self.n, sharing: None });
+            let channels = by_paths(rig, &Watched::of(projected), &self.channels, &self.paths);
+            return Ok(Estimate { channels, n: self.n, design_effect: None });
         };
         let mut channels: Vec<Box<dyn Field>> = Vec::new();
-        let (mut sharing, mut order) = (1.0_f64, 0);
+        let (mut design_effect, mut order) = (1.0_f64, 0);
         for moments in &self.channels {
-            let fitted = Fitted::new(rig, &shown.carriers, lattice, moments, self.n)
+            let fitted = Fitted::new(rig, &projected.carriers, lattice, moments, self.n)
                 .ok_or_else(|| Error::failed("a pixel sees nothing, so no surface can be fitted"))?;
             if fitted.rough {
                 ctx.warn("the image is not smooth enough for a fit of order 6; `method: path` renders every pixel");
             }
-            (sharing, order) = (sharing.max(fitted.sharing()), order.max(fitted.order));
+            (design_effect, order) = (design_effect.max(fitted.design_effect()), order.max(fitted.order));
             channels.push(Box::new(fitted));
         }
         ctx.measure("order of the fit", order as f64, "1");
-        Ok(Estimate { channels, n: self.n, sharing: Some(sharing) })
+        Ok(Estimate { channels, n: self.n, design_effect: Some(design_effect) })
     }
 
-    fn estimate_beside(&self, beside: &Beside, rig: &Rig, shown: &Shown, ctx: Ctx<'_>) -> Result<Estimate<'_>, Error> {
-        let (count, watched) = (rig.worlds.len(), Watched::of(shown));
+    fn estimate_with_control(
+        &self,
+        controls: &ControlImages,
+        rig: &Rig,
+        projected: &Projected,
+        ctx: Ctx<'_>,
+    ) -> Result<Estimate<'_>, Error> {
+        let (count, watched) = (rig.worlds.len(), Watched::of(projected));
         let mut channels: Vec<Box<dyn Field>> = Vec::new();
-        let (mut sharing, mut share) = (1.0_f64, 0.0_f64);
-        for (channel, images) in beside.fitted(&shown.carriers)?.into_iter().enumerate() {
+        let (mut design_effect, mut fraction) = (1.0_f64, 0.0_f64);
+        for (channel, images) in controls.fitted(&projected.carriers)?.into_iter().enumerate() {
             let sampled = |moments, spread| Sampled { moments, paths: &self.paths, spread };
             let seen = brightness(&self.channels[channel], &self.paths);
             let direct = sampled(&self.channels[channel], kurtosis(seen.iter().copied(), expected_kurtosis(rig)) - 1.0);
             // Variances of differences are pooled over pixels.
             let differences = sampled(&self.channels[count + channel], 0.0);
-            let (images, of_pixel) = (Images::Known(images), &beside.stand_ins.of_pixel);
-            let field = Referenced::new(direct, differences, images, of_pixel, rig.camera.columns, shown.layout);
-            (sharing, share) = (sharing.max(field.sharing(&watched.dc)), share.max(field.share()));
+            let (images, of_pixel) = (Images::Known(images), &controls.controls.of_pixel);
+            let field = Controlled::new(direct, differences, images, of_pixel, rig.camera.columns, projected.layout);
+            (design_effect, fraction) =
+                (design_effect.max(field.design_effect(&watched.dc)), fraction.max(field.fraction()));
             channels.push(Box::new(Unsure::of_tail(
                 Box::new(field),
                 &seen,
@@ -268,17 +284,17 @@ impl Traced {
                 rig.camera.columns,
             )));
         }
-        ctx.measure("pixels by difference", 100.0 * share, "%");
-        Ok(Estimate { channels, n: self.n, sharing: Some(sharing) })
+        ctx.measure("pixels by difference", 100.0 * fraction, "%");
+        Ok(Estimate { channels, n: self.n, design_effect: Some(design_effect) })
     }
 }
 
-impl Beside {
-    /// The images of all stand-ins, `[channel][stand-in]`.
+impl ControlImages {
+    /// The images of all control variates, `[channel][stand-in]`.
     fn fitted(&self, carriers: &[Carrier]) -> Result<Vec<Vec<Fitted>>, Error> {
         let channels = self.images.first().map_or(0, |image| image.channels.len());
         let one = |channel: usize, k: usize| {
-            let (image, rig) = (&self.images[k], &self.stand_ins.references[k].plain);
+            let (image, rig) = (&self.images[k], &self.controls.variates[k].plain);
             let lattice = image.lattice.as_ref().expect("it was traced to be fitted");
             Fitted::new(rig, carriers, lattice, &image.channels[channel], image.n)
                 .ok_or_else(|| Error::failed("a pixel sees nothing, so no surface can be fitted"))

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use turbid_optics::solid::Solid;
 
-use crate::finish::Finish;
+use crate::bsdf::Bsdf;
 use crate::lamp::Source;
 use crate::world::{Body, World};
 
@@ -25,7 +25,7 @@ pub struct Mirrors {
     pub face: bool,
     /// Whether one of them is not flat, or a mesh.
     pub curved: bool,
-    /// Whether no way of light has more turns than one, by a mirror: it is convex, and alone in turning light.
+    /// Whether no specular chain has more turns than one, by a mirror: it is convex, and alone in turning light.
     pub once: bool,
     /// Their planes, where all of them are flat.
     pub(crate) planes: Vec<Plane>,
@@ -83,7 +83,7 @@ impl Plane {
 
 impl Mirrors {
     pub fn of(world: &World) -> Self {
-        let is_mirror = |body: &Body| world.materials[body.material].finish == Finish::Mirror;
+        let is_mirror = |body: &Body| world.materials[body.material].bsdf == Bsdf::Mirror;
         let (mut mirrors, mut found) = (Self::default(), Vec::new());
         for (i, body) in world.bodies.iter().enumerate() {
             // What is carved into a mirror has mirrors for walls.
@@ -112,7 +112,7 @@ impl Mirrors {
 }
 
 pub fn has_mirrors(world: &World) -> bool {
-    world.bodies.iter().any(|body| world.materials[body.material].finish == Finish::Mirror)
+    world.bodies.iter().any(|body| world.materials[body.material].bsdf == Bsdf::Mirror)
 }
 
 /// Whether the bodies' bounding boxes touch.

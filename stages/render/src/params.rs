@@ -87,13 +87,13 @@ impl Params {
 
     /// With the fringes that the layers of a pattern say.
     pub fn showing<'l>(&self, pattern: impl IntoIterator<Item = &'l LayerInfo>) -> Self {
-        let mut shown = Self { f_x: Vec::new(), orientation_deg: Vec::new(), ..self.clone() };
+        let mut projected = Self { f_x: Vec::new(), orientation_deg: Vec::new(), ..self.clone() };
         for info in pattern {
             let (f, o) = (info.f_x_per_mm.map(PerLength), AngleDeg(info.orientation_deg.unwrap_or(0.0)));
-            shown.f_x.extend(f.filter(|f| !shown.f_x.contains(f)));
-            shown.orientation_deg.extend((!shown.orientation_deg.contains(&o)).then_some(o));
+            projected.f_x.extend(f.filter(|f| !projected.f_x.contains(f)));
+            projected.orientation_deg.extend((!projected.orientation_deg.contains(&o)).then_some(o));
         }
-        shown
+        projected
     }
 
     /// Where f_x is given beside a pattern, both must say the same.

@@ -1,6 +1,6 @@
 //! One path from the camera: free flights, analog absorption, and what follows from each.
 //!
-//! A path is walked backward from a random point of its pixel; what it sees of the light at its turns stands in `nee.rs`.
+//! A path is walked backward from a random point of its pixel; what it sees of the light at its turns stands in `next_event.rs`.
 //! `docs/theory/render.md` derives the weights.
 
 mod flight;
@@ -14,12 +14,12 @@ use turbid_optics::refraction::refract;
 use turbid_optics::rough::Rough;
 
 use self::flight::End;
-use crate::finish::Finish;
+use crate::bsdf::Bsdf;
 use crate::lengths::NO_LENGTHS;
 use crate::random::{MOST_NUMBERS, Purpose, Stream, after};
 pub use crate::setting::{Nee, Place, Setting};
 pub use crate::walker::{Ending, Walker};
-use crate::world::Skin;
+use crate::world::SurfacePoint;
 
 impl Walker<'_> {
     /// One path of a pixel: its radiances (W mm^-2 sr^-1) as [`crate::response::Layout`] says. The same numbers whenever and wherever it is called.
@@ -27,8 +27,8 @@ impl Walker<'_> {
         self.clear_responses(1);
         let mut at = self.begin(pixel, sample, 0);
         while self.step(&mut at) {}
-        while let Some(mut scout) = self.sent.pop_front() {
-            self.step(&mut scout);
+        while let Some(mut light_branch) = self.sent.pop_front() {
+            self.step(&mut light_branch);
         }
         self.gather();
         &self.responses
@@ -50,10 +50,10 @@ impl Walker<'_> {
             r,
             w,
             material: 0,
-            skin: None,
+            surface_point: None,
             clear: 0.0,
             // Absorption at a rate mu_a along the way ends the path: drawn once, exact for any albedo and sequence of media.
-            life: -ln(unit_fine(ja, jb)),
+            absorption_depth: -ln(unit_fine(ja, jb)),
             weight: 1.0,
             pixel: pixel as u32,
             sample,
@@ -61,14 +61,14 @@ impl Walker<'_> {
             ahead: line,
             wholly: line,
             scattered: false,
-            glint: false,
-            share: 1.0,
-            scout: false,
+            specular: false,
+            mis_weight: 1.0,
+            light_branch: false,
             response,
             lengths: NO_LENGTHS,
         };
         if line {
-            self.look_along(&at, &stream);
+            self.next_event_along(&at, &stream);
         }
         at
     }
@@ -78,7 +78,7 @@ impl Walker<'_> {
         let stream = self.stream(at);
         let flight = at.number;
         let [a, b, c, d] = stream.block(Purpose::Flight(flight));
-        at.number = after(flight, at.scout);
+        at.number = after(flight, at.light_branch);
         self.flights += 1;
         // In a closed white cavity light has nowhere to go.
         if at.number > MOST_NUMBERS {
@@ -89,11 +89,11 @@ impl Walker<'_> {
         let roulette = unit(d);
         let end = self.fly(at, -ln(unit_fine(a, d)));
         if !self.entries.is_empty() {
-            self.look_into_entries(at, roulette);
+            self.next_event_in_entries(at, roulette);
         }
         match end {
             // The path itself sees to the light there.
-            End::Left | End::Surface { .. } if at.scout => false,
+            End::Left | End::Surface { .. } if at.light_branch => false,
             End::Gone => {
                 // The first, in order of priority, that holds the place.
                 let body = self.setting.world.bodies.iter().position(|body| body.solid.contains(at.r));
@@ -105,40 +105,40 @@ impl Walker<'_> {
                 self.see_ambient(at);
                 false
             }
-            End::Surface { skin, normal, rho } => {
-                at.skin = Some(skin);
+            End::Surface { surface_point, normal, rho } => {
+                at.surface_point = Some(surface_point);
                 at.clear = 0.0;
-                (at.scattered, at.glint, at.share) = (true, false, 1.0);
-                self.look_from_surface(at, normal, rho);
+                (at.scattered, at.specular, at.mis_weight) = (true, false, 1.0);
+                self.next_event_at_surface(at, normal, rho);
                 if roulette >= rho {
-                    self.ending = Ending::Absorbed(skin.wall.body);
+                    self.ending = Ending::Absorbed(surface_point.interface.body);
                     return false;
                 }
                 at.w = cosine_direction(normal, unit(b), unit(c));
                 (at.ahead, at.wholly) = (false, false);
                 true
             }
-            End::Mirror { skin, normal, from } => {
-                at.glint |= !at.scattered;
-                (at.skin, at.material) = (Some(skin), from);
+            End::Mirror { surface_point, normal, from } => {
+                at.specular |= !at.scattered;
+                (at.surface_point, at.material) = (Some(surface_point), from);
                 at.w = (at.w - 2.0 * at.w.dot(normal) * normal).normalize();
                 at.clear = 0.0;
                 let line = self.setting.nee == Nee::Line;
                 (at.ahead, at.wholly) = (line, line && !at.scattered);
                 if line {
-                    self.look_along(at, &stream);
+                    self.next_event_along(at, &stream);
                 }
                 true
             }
-            End::Boundary { skin, normal, from, to } => {
+            End::Boundary { surface_point, normal, from, to } => {
                 let [n_from, n_to] = [from, to].map(|m| self.setting.world.materials[m].n);
-                let owner = self.setting.world.bodies[skin.wall.body].material;
-                at.glint |= !at.scattered;
-                let on = if let Finish::Rough(alpha) = self.setting.world.materials[owner].finish {
-                    let normal = if skin.inside { -normal } else { normal };
+                let owner = self.setting.world.bodies[surface_point.interface.body].material;
+                at.specular |= !at.scattered;
+                let on = if let Bsdf::Rough(alpha) = self.setting.world.materials[owner].bsdf {
+                    let normal = if surface_point.inside { -normal } else { normal };
                     let rough = Rough { alpha, normal, n_from, n_to };
                     if at.scattered || !self.excludes_specular {
-                        self.look_from_rough(at, &rough, skin);
+                        self.next_event_at_rough(at, &rough, surface_point);
                     }
                     let [fate, ..] = stream.block(Purpose::Facet(flight));
                     let Some(on) = rough.sample(at.w, [unit(b), unit(c), roulette, unit(fate)]) else {
@@ -150,38 +150,41 @@ impl Walker<'_> {
                     let refraction = refract(at.w, normal, n_from, n_to);
                     refraction.refracted.filter(|_| roulette >= refraction.reflectance).unwrap_or(refraction.reflected)
                 };
-                let through = (on.dot(normal) > 0.0) == skin.inside;
-                (at.skin, at.material) =
-                    if through { (Some(Skin { inside: !skin.inside, ..skin }), to) } else { (Some(skin), from) };
+                let through = (on.dot(normal) > 0.0) == surface_point.inside;
+                (at.surface_point, at.material) = if through {
+                    (Some(SurfacePoint { inside: !surface_point.inside, ..surface_point }), to)
+                } else {
+                    (Some(surface_point), from)
+                };
                 at.w = on;
                 at.clear = 0.0;
                 let line = self.setting.nee == Nee::Line;
                 (at.ahead, at.wholly) = (line, line && !at.scattered);
                 if line {
-                    self.look_along(at, &stream);
+                    self.next_event_along(at, &stream);
                 }
                 true
             }
             End::Scattered { crossed } => {
-                at.skin = None;
-                (at.scattered, at.glint) = (true, false);
+                at.surface_point = None;
+                (at.scattered, at.specular) = (true, false);
                 if !(at.ahead || (crossed && self.setting.nee == Nee::Line)) {
-                    self.look_from_collision(at, roulette);
+                    self.next_event_at_collision(at, roulette);
                 }
                 at.wholly = false;
-                if !at.scout && self.windows[at.material] > 0.0 && self.ends_deep(at, spare(b, c, d)) {
+                if !at.light_branch && self.windows[at.material] > 0.0 && self.ends_deep(at, spare(b, c, d)) {
                     return false;
                 }
                 let next = hg::sample(self.setting.world.materials[at.material].g, at.w, unit(b), unit(c));
                 if self.setting.nee == Nee::Line {
-                    self.look_ahead(at, next, roulette);
-                    (at.ahead, at.share) = (true, 1.0);
-                    if self.scouts.get(at.material) == Some(&true) && !at.scout {
-                        self.send_scout(at, next);
+                    self.next_event_ahead(at, next, roulette);
+                    (at.ahead, at.mis_weight) = (true, 1.0);
+                    if self.light_branches.get(at.material) == Some(&true) && !at.light_branch {
+                        self.send_light_branch(at, next);
                     }
                 }
                 at.w = next;
-                !at.scout
+                !at.light_branch
             }
         }
     }

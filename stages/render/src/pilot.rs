@@ -3,31 +3,31 @@
 use turbid_contract::payload::Scene;
 use turbid_contract::{Ctx, MemoryHost, Pilot};
 
+use crate::control_variate::{ControlVariates, control_variates};
 use crate::fit::{FIT_PATHS, Lattice};
-use crate::judge::{OfFit, OfPixels};
 use crate::method::{FIRST_TEST, Taken, first_test_of_fit};
-use crate::outline::shown;
+use crate::outline::projected;
 use crate::params::{Allocate, Params};
 use crate::plan;
-use crate::reference::{References, references};
+use crate::projected::Projected;
 use crate::rig::Rig;
-use crate::shown::Shown;
-use crate::trace::{Judge, PILOT, Task, trace};
+use crate::stopping::{OfFit, OfPixels};
+use crate::trace::{PILOT, StoppingCriterion, Task, trace};
 
 /// Pixels of the small image, at most: with 16 paths each they fill half a tile of a render, and their flights take some ms.
 const PIXELS: f64 = 256.0;
 /// Paths of each.
 const SAMPLES: u32 = PILOT;
-/// And so many more, by which it shows where stand-ins are walked.
-const BESIDE: u32 = 8;
-/// ns that the paths may take by the figures of [`plan`]: looks through curved walls take as long as thousands of flights.
+/// And so many more, by which it shows where control variates are walked.
+const MORE_SAMPLES: u32 = 8;
+/// ns that the paths may take by the figures of [`plan`]: connections through curved interfaces take as long as thousands of flights.
 const MOST_NS: f64 = 3e7;
 /// What is known of the paths before they are walked.
 struct Walked {
-    /// Flights of a path in the scene and of one in a stand-in, those of all walks.
+    /// Flights of a path in the scene and of one in a control variate, those of all walks.
     flights: [f64; 2],
-    /// The part of the pixels that may be walked beside a stand-in, and that for which it pays.
-    beside: [f64; 2],
+    /// The part of the pixels that may be walked with a control variate, and that for which it pays.
+    with_control: [f64; 2],
     /// (SE / mean)^2 of the watched amplitude after one path in each pixel; of a fit after one path in all.
     variance: Option<f64>,
     done: f64,
@@ -42,26 +42,26 @@ pub fn pilot(params: &Params, scene: &Scene, patterned: bool, ctx: Ctx<'_>) -> O
     let whole = Rig::of(scene).ok()?;
     let small = smaller(scene, &whole, &taken)?;
     let rig = Rig::of(&small).ok()?;
-    let shown = shown(params, scene, patterned, rig.steady[0].shines());
-    let stand_ins = match taken {
-        Taken::Reference { .. } => references(&small, &rig, params.target_error.map(|t| t.0)).ok()?,
+    let projected = projected(params, scene, patterned, rig.steady[0].shines());
+    let controls = match taken {
+        Taken::ControlVariates { .. } => control_variates(&small, &rig, params.target_error.map(|t| t.0)).ok()?,
         _ => None,
     };
     // Of meshes what camera and light see of them is found once, by the first paths: that is not theirs to be timed by.
-    let walk = |samples, ctx| walk(params, &taken, (&rig, &shown, stand_ins.as_ref()), samples, ctx);
+    let walk = |samples, ctx| walk(params, &taken, (&rig, &projected, controls.as_ref()), samples, ctx);
     let unseen = MemoryHost::default();
     walk(2, Ctx::new(&unseen))?;
-    let walked = walk(SAMPLES + if stand_ins.is_some() { BESIDE } else { 0 }, ctx)?;
+    let walked = walk(SAMPLES + if controls.is_some() { MORE_SAMPLES } else { 0 }, ctx)?;
     let lattice = Lattice::over(whole.camera.columns, whole.camera.rows);
     let lattice = (lattice.columns.len() * lattice.rows.len()) as f64;
     let pixels = if taken == Taken::Fit { lattice } else { whole.camera.pixels() as f64 };
     let samples = samples(params, &taken, pixels, walked.variance)?;
     let tested = samples.min(f64::from(PILOT));
-    let beside = pixels * (walked.beside[0] * tested + walked.beside[1] * (samples - tested));
-    let images = stand_ins.filter(|_| walked.beside[1] > 0.0).map_or(0.0, |stand_ins| {
-        stand_ins.references.len() as f64 * lattice * samples.max(f64::from(FIRST_TEST)) * f64::from(FIT_PATHS)
+    let with_control = pixels * (walked.with_control[0] * tested + walked.with_control[1] * (samples - tested));
+    let images = controls.filter(|_| walked.with_control[1] > 0.0).map_or(0.0, |controls| {
+        controls.variates.len() as f64 * lattice * samples.max(f64::from(FIRST_TEST)) * f64::from(FIT_PATHS)
     });
-    let flights = pixels * samples * walked.flights[0] + (beside + images) * walked.flights[1];
+    let flights = pixels * samples * walked.flights[0] + (with_control + images) * walked.flights[1];
     let rest_s = plan::after_paths(params, scene, &taken);
     Some(Pilot { done: walked.done, whole: flights, unit: "flights", rest_s })
 }
@@ -71,7 +71,7 @@ fn smaller(scene: &Scene, rig: &Rig, taken: &Taken) -> Option<Scene> {
     let mut small = scene.clone();
     let camera = small.camera.as_mut()?;
     let per_path =
-        plan::ns_per_path(scene, Some(rig)) * if matches!(taken, Taken::Reference { .. }) { 2.0 } else { 1.0 };
+        plan::ns_per_path(scene, Some(rig)) * if matches!(taken, Taken::ControlVariates { .. }) { 2.0 } else { 1.0 };
     let most = (MOST_NS / (per_path * f64::from(SAMPLES))).clamp(4.0, PIXELS);
     let side = most.sqrt();
     let [columns, rows] = camera.pixels.map(f64::from);
@@ -92,43 +92,44 @@ fn smaller(scene: &Scene, rig: &Rig, taken: &Taken) -> Option<Scene> {
 fn walk(
     params: &Params,
     taken: &Taken,
-    (rig, shown, stand_ins): (&Rig, &Shown, Option<&References>),
+    (rig, projected, controls): (&Rig, &Projected, Option<&ControlVariates>),
     samples: u32,
     ctx: Ctx<'_>,
 ) -> Option<Walked> {
     let pixels: Vec<u32> = (0..rig.camera.pixels() as u32).collect();
     let few = Params { samples: Some(samples), target_error: None, max_seconds: None, ..params.clone() };
     let lattice = Lattice::over(rig.camera.columns, rig.camera.rows);
-    let of_pixels = OfPixels::new(rig, shown, stand_ins, Allocate::Even);
-    let of_fit = OfFit { rig, shown, lattice: &lattice };
-    let judge: &dyn Judge = if *taken == Taken::Fit { &of_fit } else { &of_pixels };
+    let of_pixels = OfPixels::new(rig, projected, controls, Allocate::Even);
+    let of_fit = OfFit { rig, projected, lattice: &lattice };
+    let criterion: &dyn StoppingCriterion = if *taken == Taken::Fit { &of_fit } else { &of_pixels };
     let task = Task {
         params: &few,
         rig,
-        shown,
+        projected,
         pixels: &pixels,
-        beside: stand_ins,
+        controls: controls,
         salt: 0,
         kept: false,
         first_test: u32::MAX,
         allocate: Allocate::Even,
-        judge,
+        criterion,
         so_far: None,
     };
     let sums = trace(&task, ctx).ok()?;
     let count = pixels.len() as f64;
-    let candidates = stand_ins.map_or(0, |s| s.of_pixel.iter().flatten().count()) as f64;
-    let chosen = sums.beside.as_ref().map_or(0, |beside| beside.iter().filter(|&&b| b).count()) as f64;
+    let candidates = controls.map_or(0, |s| s.of_pixel.iter().flatten().count()) as f64;
+    let chosen =
+        sums.with_control.as_ref().map_or(0, |with_control| with_control.iter().filter(|&&b| b).count()) as f64;
     let tested = f64::from(PILOT.min(samples));
     let pairs = candidates * tested + chosen * (f64::from(samples) - tested);
     let [scene, paired] = sums.flights.map(|flights| flights as f64);
     let variance = params.target_error.and_then(|_| {
-        let error = judge.error(&sums.channels, &sums.paths, sums.beside.as_deref())?;
+        let error = criterion.error(&sums.channels, &sums.paths, sums.with_control.as_deref())?;
         Some(error * error * f64::from(samples) * if *taken == Taken::Fit { count } else { 1.0 })
     });
     let walked = Walked {
         flights: [scene / (count * f64::from(samples)), if pairs > 0.0 { paired / pairs } else { 0.0 }],
-        beside: [candidates / count, chosen / count],
+        with_control: [candidates / count, chosen / count],
         variance,
         done: scene + paired,
     };

@@ -7,14 +7,14 @@ use turbid_optics::diffusion::a_robin;
 use crate::channels::groups;
 use crate::fit::{FIT_PATHS, Lattice};
 use crate::form::sizes;
-use crate::glint::by_several_walls;
 use crate::kernel::Kernels;
+use crate::lamp_reflection::by_several_interfaces;
 use crate::memory::{Asked, memory};
 use crate::method::{Taken, bound};
 use crate::mirrors::Mirrors;
 use crate::outline::outline;
 use crate::params::{Allocate, Method, Params};
-use crate::pictures::Pictures;
+use crate::projected_images::ProjectedImages;
 use crate::rig::Rig;
 use crate::strata::{Bending, bulges, turns_at_facets};
 use crate::world::World;
@@ -22,7 +22,7 @@ use crate::world::World;
 /// ns per flight on one core, f32 lanes of AVX-512 (measured: 305, 547 and 2070 ns per path of 31, 67 and 387 flights; see
 /// docs/theory/render.md). AVX2 takes about twice as long.
 const NS_PER_FLIGHT: f64 = 5.0;
-/// ns per path for its start and for looking for light, where that goes in lanes.
+/// ns per path for its start and for next-event estimation, where that goes in lanes.
 const NS_PER_PATH: f64 = 160.0;
 /// What the roulette of deep paths leaves of the flights in weakly absorbing media (measured: 405 of 902).
 const LEFT_BY_ROULETTE: f64 = 0.45;
@@ -30,11 +30,11 @@ const LEFT_BY_ROULETTE: f64 = 0.45;
 /// Variance of M_AC over paths / M_AC^2, at f_x l' of about 0.1 (1.5 to 5 in four scenes; see docs/theory/render.md).
 const VARIANCE_PER_PATH: f64 = 4.0;
 
-/// What a path costs where smooth walls turn light, over what it costs elsewhere (measured at n = 1.4: 131 s against 21 s to 1 % of M_AC).
+/// What a path costs where smooth interfaces turn light, over what it costs elsewhere (measured at n = 1.4: 131 s against 21 s to 1 % of M_AC).
 const REFRACTED: f64 = 5.0;
-/// ns more per path where walls are curved or tilted, or facets, and each look finds its ways by itself (measured; see docs/theory/render.md).
-const NS_AT_WALLS: f64 = 6e4;
-/// The same where lanes find the ways, but for those that are left to chance (measured: 17 us at a half-embedded ball).
+/// ns more per path where interfaces are curved or tilted, or facets, and each estimate finds its connections by itself (measured; see docs/theory/render.md).
+const NS_AT_INTERFACES: f64 = 6e4;
+/// The same where lanes find the connections, but for those that are left to manifold sampling (measured: 17 us at a half-embedded ball).
 const NS_AT_BULGES: f64 = 1.7e4;
 const NS_AT_FACETS: f64 = 4e5;
 
@@ -79,7 +79,7 @@ fn walks(params: &Params, scene: &Scene) -> usize {
     if scene.channels() == 1 {
         return 1;
     }
-    Rig::of(scene).map_or(scene.channels(), |rig| groups(&rig, &params.carriers(), &Pictures::NONE).len())
+    Rig::of(scene).map_or(scene.channels(), |rig| groups(&rig, &params.carriers(), &ProjectedImages::NONE).len())
 }
 
 /// The least extent of a shape, mm.
@@ -121,7 +121,7 @@ pub fn plan(params: &Params, scene: Option<&Scene>, known: &Known) -> StagePlan 
             }
             (_, Some(Taken::Rte { bound })) => format!("rte, off by {:.2} % of a frame at most", 100.0 * bound),
             (_, Some(Taken::Fit)) => "fit".to_owned(),
-            (_, Some(Taken::Reference { because })) => {
+            (_, Some(Taken::ControlVariates { because })) => {
                 format!(
                     "path, with laterally uniform control variates where a pilot finds that it pays (auto: {because})"
                 )
@@ -149,11 +149,11 @@ pub fn plan(params: &Params, scene: Option<&Scene>, known: &Known) -> StagePlan 
         sort(walks < scene.channels(), "paths shared by channels");
         sort(scene.media.values().any(|m| m.n != 1.0), "Fresnel boundaries");
         let world = rig.as_ref().map(|rig| &rig.worlds[0]);
-        let at_walls = world.is_some_and(|world| Bending::of(world) == Bending::AtWalls);
+        let at_interfaces = world.is_some_and(|world| Bending::of(world) == Bending::AtInterfaces);
         let refracts = world.is_some_and(|world| world.materials.iter().any(|m| m.n != 1.0));
-        sort(at_walls && refracts, "refraction at curved or tilted walls");
+        sort(at_interfaces && refracts, "refraction at curved or tilted walls");
         sort(world.is_some_and(|world| Mirrors::of(world).curved), "curved mirrors");
-        sort(rig.as_ref().is_some_and(by_several_walls), "glints by several walls, by chance");
+        sort(rig.as_ref().is_some_and(by_several_interfaces), "glints by several walls, by chance");
         sort(scene.objects.values().any(|o| matches!(o.surface, Surface::Rough(_))), "rough boundaries");
         let ambient = scene.lights.values().filter(|l| matches!(l, Lamp::Ambient { .. })).count();
         sort(scene.projector.is_some(), "projector");
@@ -172,7 +172,7 @@ pub fn plan(params: &Params, scene: Option<&Scene>, known: &Known) -> StagePlan 
     if let Some(taken) = &taken {
         sort(!matches!(taken, Taken::Rte { .. }), "paths");
         sort(!matches!(taken, Taken::Fit | Taken::Rte { .. }), "paths for every pixel");
-        sort(matches!(taken, Taken::Reference { .. }), "control variates");
+        sort(matches!(taken, Taken::ControlVariates { .. }), "control variates");
     }
     sort(params.f_x.iter().any(|f| f.0 > 0.0), "carriers");
     sort(params.orientation_deg.len() > 1, "several orientations");
@@ -192,8 +192,8 @@ pub fn plan(params: &Params, scene: Option<&Scene>, known: &Known) -> StagePlan 
         && let Some(taken) = &taken
         && let Some(rig) = &rig
     {
-        let shown = outline(params, scene, patterned, rig.steady[0].shines());
-        let Kernels { name, refused } = Kernels::of(taken, rig, &shown, power);
+        let projected = outline(params, scene, patterned, rig.steady[0].shines());
+        let Kernels { name, refused } = Kernels::of(taken, rig, &projected, power);
         (plan.kernel, plan.refused) = (Some(name), refused);
     }
     if let Some(scene) = scene
@@ -202,7 +202,7 @@ pub fn plan(params: &Params, scene: Option<&Scene>, known: &Known) -> StagePlan 
         let [columns, rows] = camera.pixels.map(|n| n as usize);
         let channels = scene.channels() as f64;
         let pixels = (columns * rows) as f64 * channels;
-        let beside = matches!(taken, Some(Taken::Reference { .. }));
+        let with_control = matches!(taken, Some(Taken::ControlVariates { .. }));
         let lattice = Lattice::over(columns, rows);
         let traced = (lattice.columns.len() * lattice.rows.len()) as f64;
         let (traced, terms) =
@@ -214,9 +214,9 @@ pub fn plan(params: &Params, scene: Option<&Scene>, known: &Known) -> StagePlan 
             // Some ms for each spatial frequency (measured; see docs/theory/rte.md).
             plan.seconds = Some(5e-3 * channels * (1 + params.carriers().len()) as f64);
         } else if let Some(samples) = for_target.into_iter().chain(most).reduce(f64::min) {
-            // At most: all pixels have the one stand-in, and it pays.
+            // At most: all pixels have the one control variate, and it pays.
             let of_lattice = f64::from(FIT_PATHS) * (lattice.columns.len() * lattice.rows.len()) as f64;
-            let paths = if beside { 2.0 * traced + of_lattice } else { traced };
+            let paths = if with_control { 2.0 * traced + of_lattice } else { traced };
             plan.seconds = Some(paths * walks as f64 * samples * ns_per_path(scene, rig.as_ref()) * 1e-9);
         }
     }
@@ -233,7 +233,7 @@ pub fn plan(params: &Params, scene: Option<&Scene>, known: &Known) -> StagePlan 
     plan
 }
 
-/// ns that a path takes on one core, with its looks for light, by figures measured in other scenes.
+/// ns that a path takes on one core, with its next-event estimation, by figures measured in other scenes.
 pub fn ns_per_path(scene: &Scene, rig: Option<&Rig>) -> f64 {
     let flights = flights_per_path(scene);
     // Many flights are those of a weakly absorbing medium.
@@ -242,13 +242,13 @@ pub fn ns_per_path(scene: &Scene, rig: Option<&Rig>) -> f64 {
     let refracts =
         |o: &Object| o.surface == Surface::Smooth && o.medium.as_ref().is_some_and(|m| scene.media[m].n != 1.0);
     let per_path = if scene.objects.values().any(refracts) { REFRACTED * per_path } else { per_path };
-    let at_walls = |world: &World| match Bending::of(world) {
-        Bending::AtWalls if turns_at_facets(world) => NS_AT_FACETS,
-        Bending::AtWalls if bulges(world) && Mirrors::of(world).is_empty() => NS_AT_BULGES,
-        Bending::AtWalls => NS_AT_WALLS,
+    let at_interfaces = |world: &World| match Bending::of(world) {
+        Bending::AtInterfaces if turns_at_facets(world) => NS_AT_FACETS,
+        Bending::AtInterfaces if bulges(world) && Mirrors::of(world).is_empty() => NS_AT_BULGES,
+        Bending::AtInterfaces => NS_AT_INTERFACES,
         _ => 0.0,
     };
-    per_path + rig.map_or(0.0, |rig| at_walls(&rig.worlds[0]))
+    per_path + rig.map_or(0.0, |rig| at_interfaces(&rig.worlds[0]))
 }
 
 /// CPU seconds for what follows the paths: standard errors, fits and frames of all pixels.

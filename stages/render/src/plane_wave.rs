@@ -15,7 +15,7 @@ use crate::fit::Guides;
 use crate::light::{Carrier, Emission, Light};
 use crate::rig::Rig;
 use crate::uniform::{missing_light, obstacle};
-use crate::world::Spans;
+use crate::world::Chords;
 
 /// What bounds the error of the responses to one carrier, relative to their modulus.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -74,13 +74,13 @@ struct Geometry {
 impl Geometry {
     fn of(rig: &Rig) -> Option<Self> {
         let (world, light) = (&rig.worlds[0], &rig.lights[0].view);
-        let mut spans = Spans::default();
+        let mut chords = Chords::default();
         let mut geometry = Self { height: f64::INFINITY, sines: [0.0; 2], tangents: [0.0; 2], zoom: 1.0 };
         // Angles and distances are extreme at corners, or where a line is vertical.
         for (x, y) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)] {
             let (origin, w) = rig.camera.view.ray(x, y);
-            let piece = world.trace(origin, w, None, &mut spans).find(|piece| piece.material != 0)?;
-            let seen = origin + piece.start * w;
+            let segment = world.trace(origin, w, None, &mut chords).find(|segment| segment.material != 0)?;
+            let seen = origin + segment.start * w;
             let lines: [DVec3; 2] = [(seen - light.position).normalize(), w];
             for (i, line) in lines.iter().enumerate() {
                 let (sin, cos) = (line.truncate().length(), line.z.abs());
@@ -122,10 +122,10 @@ fn bound(scene: &Scene, channel: usize, geometry: &Geometry, f_x: f64) -> Bound 
     let decay = (3.0 * medium.mu_a * reduced + q * q).sqrt();
     let depth = (1.0 / reduced + 1.0 / decay).min(thickness);
     let tilt = q * depth * (geometry.tangents[0] + geometry.tangents[1]);
-    let [light, sight] = geometry.sines;
+    let [light, visibility] = geometry.sines;
     let missing = missing_light(scene, channel);
     Bound {
-        modulus: 2.0 * depth / geometry.height + light * light + sight * sight + 0.5 * tilt * tilt + missing,
+        modulus: 2.0 * depth / geometry.height + light * light + visibility * visibility + 0.5 * tilt * tilt + missing,
         phase: tilt,
     }
 }
@@ -232,8 +232,9 @@ fn sharpness(rig: &Rig, pixel: usize, carrier: &Carrier) -> f64 {
     let (fx, fy) = carrier.along();
     let turns = |x: f64, y: f64| {
         let (origin, w) = rig.camera.ray(pixel, x, y);
-        let piece = rig.worlds[0].trace(origin, w, None, &mut Spans::default()).find(|piece| piece.material != 0);
-        let place = piece.map(|piece| rig.lights[0].arrives(origin + piece.start * w).0.on_plane);
+        let segment =
+            rig.worlds[0].trace(origin, w, None, &mut Chords::default()).find(|segment| segment.material != 0);
+        let place = segment.map(|segment| rig.lights[0].arrives(origin + segment.start * w).0.on_plane);
         place.map_or(0.0, |p| fx * p.x + fy * p.y)
     };
     let across = [turns(1.0, 0.5) - turns(0.0, 0.5), turns(0.5, 1.0) - turns(0.5, 0.0)];

@@ -6,52 +6,52 @@
 
 use turbid_optics::philox::{philox4x32, unit};
 
-/// Where a path looks for the light of a source, beside one of its flights.
+/// The vertex, near one of a path's flights, that is connected to a source.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(crate) enum Look {
+pub(crate) enum NeeSite {
     /// From where the flight ends.
     Here,
-    /// One scattering ahead: in the n-th scattering piece of the way on from there.
+    /// One scattering ahead: in the n-th scattering segment of the way on from there.
     Next(usize),
-    /// One scattering ahead: in the n-th piece of a medium that the flight came into.
+    /// One scattering ahead: in the n-th segment of a medium that the flight came into.
     Entered(usize),
 }
 
 /// What a block is drawn for. Flights are known by their numbers: 0 is the camera, those after it are even; sources by `Source::place`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Purpose {
-    /// Where a path begins in its pixel, and how long it lives.
+    /// Where a path begins in its pixel, and its absorption depth.
     Begin,
     /// The same on the lens.
     Lens,
     /// Where a photon begins: trial after trial.
     Start(u32),
     Flight(u64),
-    /// Whether and where a scout goes from the end of a flight.
-    Scout(u64),
-    /// The way on from a rough wall, beside the flight's own numbers.
+    /// Whether and where a light-directed branch goes from the end of a flight.
+    LightBranch(u64),
+    /// The way on from a rough interface, beside the flight's own numbers.
     Facet(u64),
-    /// A point to look from, and a direction to it.
-    Look(u64, Look, usize),
-    /// Whether ways of light beside the likeliest are looked for there ...
-    Whether(u64, Look, usize),
+    /// The point that is connected, and a direction to it.
+    NeeSite(u64, NeeSite, usize),
+    /// Whether connections other than the likeliest are tried there ...
+    Whether(u64, NeeSite, usize),
     /// ... and which.
-    Which(u64, Look, usize),
+    Which(u64, NeeSite, usize),
 }
 
-/// Bit of the number of a scout's flight, beside the path's of the rest of it. Numbers of a path's own leave it out.
-pub(crate) const SCOUT: u32 = 1 << 28;
+/// Bit of the number of a light-directed branch's flight, beside the path's of the rest of it. Numbers of a path's own leave it out.
+pub(crate) const LIGHT_BRANCH: u32 = 1 << 28;
 /// The largest number of a flight, of a path that goes on for ever: some 9e8 flights.
 pub(crate) const MOST_NUMBERS: u64 = 7 << 29;
 /// Channels beyond that have no numbers.
 pub(crate) const MOST_CHANNELS: usize = 1 << 15;
 
 // Codes: in the lower half of the word.
-/// Pieces of the way on, of the projector: codes from 0.
-const PIECES: usize = 1 << 11;
-/// Of what sends a scout.
+/// Segments of the way on, of the projector: codes from 0.
+const SEGMENTS: usize = 1 << 11;
+/// Of what starts a light-directed branch.
 pub(crate) const SENT: u32 = 1 << 11;
-/// Pieces that a flight came into, of the projector: codes from here, so many.
+/// Segments that a flight came into, of the projector: codes from here, so many.
 pub(crate) const ENTERED: u32 = 1 << 12;
 const ENTRIES: usize = 1 << 12;
 const LENS: u32 = 1 << 13;
@@ -61,7 +61,7 @@ const LAMPS: u32 = 1 << 15;
 const MOST_LAMPS: usize = 1 << 13;
 /// The same along the camera's ray.
 const LAMPS_FIRST: u32 = 3 << 14;
-/// Bit of the word: the code is source, place, purpose and whether the look is [`Look::Here`], by four, four, seven bits and one.
+/// Bit of the word: the code is source, place, purpose and whether the site is [`NeeSite::Here`], by four, four, seven bits and one.
 const ASIDE: u32 = 1 << 31;
 const SOURCES: usize = 16;
 const PLACES: usize = 16;
@@ -78,8 +78,8 @@ enum Address {
     Within([u32; 2], [u32; 3]),
 }
 
-impl Look {
-    /// The number of its blocks: of those beside one flight, looks into entered pieces have even ones.
+impl NeeSite {
+    /// The number of its blocks: of those beside one flight, estimates in entered segments have even ones.
     #[inline(always)]
     fn number(self, flight: u64) -> u32 {
         let number = flight as u32;
@@ -94,7 +94,7 @@ impl Look {
         }
     }
 
-    /// The look whose blocks have this number, at a place on its ray, and the flight beside which it is.
+    /// The site whose blocks have this number, at a place on its ray, and the flight beside which it is.
     pub(crate) fn of(number: u32, place: usize) -> (u64, Self) {
         if number % 2 == 1 {
             (u64::from(number - 1), Self::Next(place))
@@ -112,11 +112,11 @@ impl Purpose {
             Self::Lens => Address::At([0, LENS]),
             Self::Start(trial) => Address::At([trial, START]),
             Self::Flight(flight) => Address::At([flight as u32, 0]),
-            Self::Scout(flight) => Address::At([flight as u32, SENT]),
+            Self::LightBranch(flight) => Address::At([flight as u32, SENT]),
             Self::Facet(flight) => Address::At([flight as u32, aside(0, 0, FACET, false)]),
-            Self::Look(flight, look, source) => at_look(flight, look, source),
-            Self::Whether(flight, look, source) => beside_look(flight, look, source, WHETHER),
-            Self::Which(flight, look, source) => beside_look(flight, look, source, WHICH),
+            Self::NeeSite(flight, site, source) => at_site(flight, site, source),
+            Self::Whether(flight, site, source) => other_than_site(flight, site, source, WHETHER),
+            Self::Which(flight, site, source) => other_than_site(flight, site, source, WHICH),
         }
     }
 }
@@ -127,42 +127,42 @@ const fn aside(source: usize, place: usize, kind: u32, here: bool) -> u32 {
 }
 
 #[inline(always)]
-fn at_look(flight: u64, look: Look, source: usize) -> Address {
-    let (number, place) = (look.number(flight), look.place());
-    match (source, look) {
-        (0, Look::Next(_)) if place < PIECES => Address::At([number, place as u32]),
-        (0, Look::Entered(_)) if place < ENTRIES => Address::At([number, ENTERED + place as u32]),
-        (1..=MOST_LAMPS, Look::Next(_)) if flight == 0 => Address::At([index(place), first_of_lamp(source - 1)]),
-        (1..=MOST_LAMPS, Look::Next(0) | Look::Entered(0)) => Address::At([number, of_lamp(source - 1)]),
-        _ => within(flight, look, source, 0),
+fn at_site(flight: u64, site: NeeSite, source: usize) -> Address {
+    let (number, place) = (site.number(flight), site.place());
+    match (source, site) {
+        (0, NeeSite::Next(_)) if place < SEGMENTS => Address::At([number, place as u32]),
+        (0, NeeSite::Entered(_)) if place < ENTRIES => Address::At([number, ENTERED + place as u32]),
+        (1..=MOST_LAMPS, NeeSite::Next(_)) if flight == 0 => Address::At([index(place), first_of_lamp(source - 1)]),
+        (1..=MOST_LAMPS, NeeSite::Next(0) | NeeSite::Entered(0)) => Address::At([number, of_lamp(source - 1)]),
+        _ => within(flight, site, source, 0),
     }
 }
 
 #[inline(always)]
-fn beside_look(flight: u64, look: Look, source: usize, kind: u32) -> Address {
-    if source < SOURCES && look.place() < PLACES {
-        Address::At([look.number(flight), aside(source, look.place(), kind, look == Look::Here)])
+fn other_than_site(flight: u64, site: NeeSite, source: usize, kind: u32) -> Address {
+    if source < SOURCES && site.place() < PLACES {
+        Address::At([site.number(flight), aside(source, site.place(), kind, site == NeeSite::Here)])
     } else {
-        within(flight, look, source, kind)
+        within(flight, site, source, kind)
     }
 }
 
-fn within(flight: u64, look: Look, source: usize, kind: u32) -> Address {
-    let base = [look.number(flight), aside(0, 0, BEYOND, look == Look::Here)];
-    Address::Within(base, [kind, index(source), index(look.place())])
+fn within(flight: u64, site: NeeSite, source: usize, kind: u32) -> Address {
+    let base = [site.number(flight), aside(0, 0, BEYOND, site == NeeSite::Here)];
+    Address::Within(base, [kind, index(source), index(site.place())])
 }
 
 fn index(i: usize) -> u32 {
     u32::try_from(i).expect("memory does not hold so many")
 }
 
-/// Code of a lamp's looks along the camera's ray; their number is the piece.
+/// Code of a lamp's estimates along the camera's ray; their number is the segment.
 #[inline(always)]
 pub(crate) fn first_of_lamp(lamp: usize) -> u32 {
     LAMPS_FIRST | (lamp as u32) << 1
 }
 
-/// Code of a lamp's looks into the first piece, ahead and entered.
+/// Code of a lamp's estimates into the first segment, ahead and entered.
 #[inline(always)]
 pub(crate) fn of_lamp(lamp: usize) -> u32 {
     LAMPS | (lamp as u32) << 1
@@ -170,13 +170,13 @@ pub(crate) fn of_lamp(lamp: usize) -> u32 {
 
 /// Lamps for which [`of_lamp`] and [`first_of_lamp`] hold.
 pub(crate) const LAMPS_IN_LANES: usize = MOST_LAMPS;
-/// Places on a ray for which [`whether`] holds, and pieces whose code is their place.
+/// Places on a ray for which [`whether`] holds, and segments whose code is their place.
 pub(crate) const PLACES_IN_LANES: usize = PLACES;
 
 /// The word, without a channel, of [`Purpose::Whether`] for the projector: 0 as the place, which stands above the lower eight bits.
 pub(crate) const WHETHER_PROJECTED: u32 = aside(0, 0, WHETHER, false);
 
-/// Counter of a flight, or of the projector's look ahead from its end.
+/// Counter of a flight, or of the projector's estimate ahead from its end.
 #[inline(always)]
 pub(crate) fn counter(number: u64, channel: u32, sample: u32, pixel: u32) -> [u32; 4] {
     [number as u32, channel << 16, sample, pixel]
@@ -184,16 +184,16 @@ pub(crate) fn counter(number: u64, channel: u32, sample: u32, pixel: u32) -> [u3
 
 /// The number of the flight before the one of `number`.
 #[inline(always)]
-pub(crate) fn before(number: u64, scout: bool) -> u64 {
+pub(crate) fn before(number: u64, light_branch: bool) -> u64 {
     let before = number - 2;
-    if !scout && before & u64::from(SCOUT) != 0 { before - u64::from(SCOUT) } else { before }
+    if !light_branch && before & u64::from(LIGHT_BRANCH) != 0 { before - u64::from(LIGHT_BRANCH) } else { before }
 }
 
 /// The number of the flight after the one of `number`.
 #[inline(always)]
-pub(crate) fn after(number: u64, scout: bool) -> u64 {
+pub(crate) fn after(number: u64, light_branch: bool) -> u64 {
     let after = number + 2;
-    if !scout && after & u64::from(SCOUT) != 0 { after + u64::from(SCOUT) } else { after }
+    if !light_branch && after & u64::from(LIGHT_BRANCH) != 0 { after + u64::from(LIGHT_BRANCH) } else { after }
 }
 
 /// Random numbers of one path in one channel.
@@ -263,33 +263,44 @@ mod tests {
 
     use super::*;
 
-    /// The first flights, the last that lanes make, those around the gap that scouts' numbers leave, and the last; and scouts beside some.
+    /// The first flights, the last that lanes make, those around the gap that light-directed branches' numbers leave, and the last; and light-directed branches beside some.
     fn flights() -> Vec<u64> {
-        let scout = u64::from(SCOUT);
-        let late = after(scout - 2, false);
-        let own = [2, 4, 6, scout - 4, scout - 2, late, late + 2, 3 * scout - 2, 4 * scout, MOST_NUMBERS];
-        let scouts = own.iter().map(|flight| flight | scout);
-        own.into_iter().chain(scouts).collect()
+        let light_branch = u64::from(LIGHT_BRANCH);
+        let late = after(light_branch - 2, false);
+        let own = [
+            2,
+            4,
+            6,
+            light_branch - 4,
+            light_branch - 2,
+            late,
+            late + 2,
+            3 * light_branch - 2,
+            4 * light_branch,
+            MOST_NUMBERS,
+        ];
+        let light_branches = own.iter().map(|flight| flight | light_branch);
+        own.into_iter().chain(light_branches).collect()
     }
 
     /// Of a flight all that may be drawn: every index that has a code of its own, and some beyond.
     fn purposes(flight: u64) -> Vec<Purpose> {
         let places = |until: usize| (0..=until).chain([until + 1, 1 << 20]);
         let sources = || (0..=MOST_LAMPS + 1).chain([1 << 20]);
-        let looks = |until: usize| places(until).flat_map(|p| [Look::Next(p), Look::Entered(p)]);
-        let mut all: Vec<Purpose> = looks(ENTRIES).map(|look| Purpose::Look(flight, look, 0)).collect();
-        all.extend(sources().skip(1).flat_map(|s| looks(2).map(move |look| Purpose::Look(flight, look, s))));
+        let next_events = |until: usize| places(until).flat_map(|p| [NeeSite::Next(p), NeeSite::Entered(p)]);
+        let mut all: Vec<Purpose> = next_events(ENTRIES).map(|site| Purpose::NeeSite(flight, site, 0)).collect();
+        all.extend(sources().skip(1).flat_map(|s| next_events(2).map(move |site| Purpose::NeeSite(flight, site, s))));
         for source in (0..=SOURCES).chain([MOST_LAMPS + 1]) {
-            for look in looks(PLACES).chain([Look::Here]) {
-                all.extend([Purpose::Whether(flight, look, source), Purpose::Which(flight, look, source)]);
+            for site in next_events(PLACES).chain([NeeSite::Here]) {
+                all.extend([Purpose::Whether(flight, site, source), Purpose::Which(flight, site, source)]);
             }
         }
         // The camera makes no flight.
         if flight > 0 {
             all.extend([Purpose::Flight(flight), Purpose::Facet(flight)]);
         }
-        if flight & u64::from(SCOUT) != 0 {
-            all.push(Purpose::Scout(flight));
+        if flight & u64::from(LIGHT_BRANCH) != 0 {
+            all.push(Purpose::LightBranch(flight));
         }
         all
     }
@@ -319,32 +330,43 @@ mod tests {
         }
     }
 
-    /// Numbers of flights go up and down the same way, never a scout's bit among a path's own, and fit the counter to the last.
+    /// Numbers of flights go up and down the same way, never a light-directed branch's bit among a path's own, and fit the counter to the last.
     #[test]
-    fn numbers_of_flights_leave_those_of_scouts_out() {
-        let scout = u64::from(SCOUT);
-        for number in [2, 4, scout - 4, scout - 2, 2 * scout, 3 * scout - 2, 4 * scout, 13 * scout - 2] {
+    fn numbers_of_flights_leave_those_of_light_branches_out() {
+        let light_branch = u64::from(LIGHT_BRANCH);
+        for number in [
+            2,
+            4,
+            light_branch - 4,
+            light_branch - 2,
+            2 * light_branch,
+            3 * light_branch - 2,
+            4 * light_branch,
+            13 * light_branch - 2,
+        ] {
             let next = after(number, false);
             assert_eq!(before(next, false), number);
-            assert!(next > number && next & scout == 0 && next <= MOST_NUMBERS);
-            let scouts = number | scout;
-            assert_eq!(before(after(scouts, true), true), scouts);
+            assert!(next > number && next & light_branch == 0 && next <= MOST_NUMBERS);
+            let light_branches = number | light_branch;
+            assert_eq!(before(after(light_branches, true), true), light_branches);
         }
-        assert!(MOST_NUMBERS & scout == 0 && (MOST_NUMBERS | scout) < u64::from(u32::MAX));
+        assert!(MOST_NUMBERS & light_branch == 0 && (MOST_NUMBERS | light_branch) < u64::from(u32::MAX));
     }
 
     /// Thousands of throws of one decision after the other, none twice: what has an end must not have it by repeating itself.
     #[test]
     fn throws_do_not_repeat() {
         let stream = Stream::new([5, 0], 7, 11, 13);
-        let mut dice = stream.dice(Purpose::Which(2, Look::Here, 1));
+        let mut dice = stream.dice(Purpose::Which(2, NeeSite::Here, 1));
         let thrown: std::collections::HashSet<[u64; 4]> = (0..10_000).map(|_| dice.throw().map(f64::to_bits)).collect();
         assert_eq!(thrown.len(), 10_000);
         // Sources and places beyond the code differ, too.
         let many = (0..3).flat_map(|s| [0, 15, 16, 17, 5000].map(|p| (s * 40_000, p)));
         let drawn: std::collections::HashSet<[u32; 4]> = many
-            .flat_map(|(s, p)| [Look::Next(p), Look::Entered(p)].map(|look| (s, look)))
-            .flat_map(|(s, look)| [Purpose::Look(2, look, s), Purpose::Whether(2, look, s), Purpose::Which(2, look, s)])
+            .flat_map(|(s, p)| [NeeSite::Next(p), NeeSite::Entered(p)].map(|site| (s, site)))
+            .flat_map(|(s, site)| {
+                [Purpose::NeeSite(2, site, s), Purpose::Whether(2, site, s), Purpose::Which(2, site, s)]
+            })
             .map(|purpose| stream.block(purpose))
             .collect();
         assert_eq!(drawn.len(), 3 * 5 * 2 * 3);

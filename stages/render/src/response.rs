@@ -1,13 +1,13 @@
 //! What the numbers are that a path brings home.
 
-/// In this order: the response to the pattern 1; re and im of that to each carrier; that to each picture; that to steady light, where
+/// In this order: the response to the pattern 1; re and im of that to each carrier; that to each projected image; that to steady light, where
 /// there is any.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layout {
     /// Carriers with f_x > 0.
     pub carriers: usize,
     /// Patterns that are images.
-    pub pictures: usize,
+    pub projected_images: usize,
     /// Whether there is light that no pattern modulates.
     pub steady: bool,
 }
@@ -18,7 +18,7 @@ pub const ONE: usize = 0;
 impl Layout {
     /// How many numbers a path has.
     pub fn width(&self) -> usize {
-        1 + 2 * self.carriers + self.pictures + usize::from(self.steady)
+        1 + 2 * self.carriers + self.projected_images + usize::from(self.steady)
     }
 
     /// Place of re of a carrier; im follows.
@@ -26,9 +26,9 @@ impl Layout {
         1 + 2 * carrier
     }
 
-    /// Place of the response to a picture.
-    pub fn picture(&self, picture: usize) -> usize {
-        1 + 2 * self.carriers + picture
+    /// Place of the response to a projected image.
+    pub fn projected_image(&self, projected_image: usize) -> usize {
+        1 + 2 * self.carriers + projected_image
     }
 
     /// Place of the response to steady light.

@@ -7,8 +7,8 @@ use turbid_geometry::{camera_view, projector_view, solid};
 use turbid_optics::solid::Solid;
 use turbid_optics::view::Lens;
 
+use crate::bsdf::Bsdf;
 use crate::camera::Camera;
-use crate::finish::Finish;
 use crate::lamp::{Lamp, Steady};
 use crate::light::Light;
 use crate::texture::Texture;
@@ -54,15 +54,15 @@ impl Rig {
                     (Surface::Lambertian(rho), _) => Material::lambertian(*rho),
                     (Surface::Textured(texture), _) => {
                         textures.push(Texture::of(texture));
-                        Material { finish: Finish::Textured(textures.len() - 1), ..Material::VOID }
+                        Material { bsdf: Bsdf::Textured(textures.len() - 1), ..Material::VOID }
                     }
-                    (Surface::Mirror, _) => Material { finish: Finish::Mirror, ..Material::VOID },
+                    (Surface::Mirror, _) => Material { bsdf: Bsdf::Mirror, ..Material::VOID },
                     (surface @ (Surface::Smooth | Surface::Rough(_)), Some(m)) => {
                         let (mu_a, mu_s) = (m.mu_a[channel], m.mu_s[channel]);
                         // Without scattering g means nothing; equal materials shall be one.
                         let medium = Material::medium(mu_a, mu_s, if mu_s > 0.0 { m.g } else { 0.0 }, m.n);
                         match surface {
-                            Surface::Rough(alpha) if m.n != 1.0 => Material { finish: Finish::Rough(*alpha), ..medium },
+                            Surface::Rough(alpha) if m.n != 1.0 => Material { bsdf: Bsdf::Rough(*alpha), ..medium },
                             _ => medium,
                         }
                     }

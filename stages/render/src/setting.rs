@@ -6,12 +6,12 @@ use crate::camera::Camera;
 use crate::lamp::Steady;
 use crate::lengths::{Lengths, Shared};
 use crate::light::{Carrier, Light};
-use crate::pictures::Pictures;
+use crate::projected_images::ProjectedImages;
 use crate::random::before;
 use crate::response::Layout;
-use crate::world::{Skin, World};
+use crate::world::{SurfacePoint, World};
 
-/// How scatterings look for the light.
+/// How scatterings are connected to the light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Nee {
     /// At the scattering itself. The reference that the others are tested against.
@@ -30,7 +30,7 @@ pub struct Setting<'a> {
     pub steady: &'a Steady,
     /// Those with f_x > 0.
     pub carriers: &'a [Carrier],
-    pub pictures: &'a Pictures,
+    pub projected_images: &'a ProjectedImages,
     pub key: [u32; 2],
     pub channel: u32,
     pub nee: Nee,
@@ -40,7 +40,11 @@ pub struct Setting<'a> {
 
 impl Setting<'_> {
     pub fn layout(&self) -> Layout {
-        Layout { carriers: self.carriers.len(), pictures: self.pictures.layers(), steady: self.steady.shines() }
+        Layout {
+            carriers: self.carriers.len(),
+            projected_images: self.projected_images.layers(),
+            steady: self.steady.shines(),
+        }
     }
 
     /// How many channels see what a path brings.
@@ -56,11 +60,11 @@ pub struct Place {
     /// Direction of flight.
     pub w: DVec3,
     pub material: usize,
-    pub skin: Option<Skin>,
+    pub surface_point: Option<SurfacePoint>,
     /// No boundary is nearer than this.
     pub clear: f64,
     /// Optical depth of absorption that is left until the path ends.
-    pub life: f64,
+    pub absorption_depth: f64,
     /// What the path stands for, after the roulettes it survived.
     pub weight: f64,
     pub pixel: u32,
@@ -73,12 +77,12 @@ pub struct Place {
     pub wholly: bool,
     /// Whether it has been scattered, by a medium or diffusely.
     pub scattered: bool,
-    /// Whether smooth or rough walls have turned it, and nothing has scattered it.
-    pub glint: bool,
-    /// Of the light that the next flight's end sees, what is left beside a scout's.
-    pub share: f64,
-    /// Whether it is a scout: it ends where its flight does.
-    pub scout: bool,
+    /// Whether smooth or rough interfaces have turned it, and nothing has scattered it.
+    pub specular: bool,
+    /// MIS weight of the light that the next flight's end sees, against that of a light-directed branch.
+    pub mis_weight: f64,
+    /// Whether it is a light-directed branch: it ends where its flight does.
+    pub light_branch: bool,
     /// Which of the walker's responses is its own.
     pub response: usize,
     /// How far it has come in each medium that tells channels apart.
@@ -88,6 +92,6 @@ pub struct Place {
 impl Place {
     /// Number of the flight that has come here; 0 at the camera.
     pub(crate) fn flight(&self) -> u64 {
-        before(self.number, self.scout)
+        before(self.number, self.light_branch)
     }
 }

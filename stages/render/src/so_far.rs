@@ -8,11 +8,11 @@ use turbid_contract::{Artifact, ImageStack};
 use crate::field::Field;
 use crate::fit::{Fitted, Lattice};
 use crate::frames::frame_layer;
+use crate::projected::Projected;
 use crate::rig::Rig;
-use crate::shown::Shown;
 use crate::state::State;
 
-/// Longer side of the frames: what a picture shows of an image. Means over squares of pixels where the image has more.
+/// Longer side of the frames: what a preview shows of an image. Means over squares of pixels where the image has more.
 const SIDE: usize = 320;
 
 /// Paths per pixel after which it is worth a look: whenever their batches have doubled.
@@ -25,11 +25,11 @@ pub fn is_due(before: u32, now: u32, batch: u32) -> bool {
 pub struct SoFar<'a> {
     pub scene: &'a Scene,
     pub rig: &'a Rig,
-    pub shown: &'a Shown,
+    pub projected: &'a Projected,
 }
 
 impl SoFar<'_> {
-    /// Every pixel by its own paths. What is added at the end is not there yet: stand-ins, and glints that no path finds.
+    /// Every pixel by its own paths. What is added at the end is not there yet: control variates, and lamp reflections that no path finds.
     pub fn of_pixels(&self, state: &State, paths: &[u32]) -> Artifact {
         self.frames(&|channel, pixel, i| {
             let more = state.more.as_ref().map_or(0.0, |more| more.channels[channel].mean(pixel, i, paths[pixel]));
@@ -41,7 +41,7 @@ impl SoFar<'_> {
     pub fn of_fit(&self, state: &State, lattice: &Lattice) -> Option<Artifact> {
         let fitted = |channel| {
             let moments = &state.channels[channel];
-            Fitted::new(self.rig, &self.shown.carriers, lattice, moments, state.samples)
+            Fitted::new(self.rig, &self.projected.carriers, lattice, moments, state.samples)
         };
         let channels: Vec<Fitted> = (0..self.rig.worlds.len()).map(fitted).collect::<Option<_>>()?;
         Some(self.frames(&|channel, pixel, i| channels[channel].mean(pixel, i)))
@@ -51,13 +51,13 @@ impl SoFar<'_> {
     fn frames(&self, mean: &dyn Fn(usize, usize, usize) -> f64) -> Artifact {
         let (rows, columns) = (self.rig.camera.rows, self.rig.camera.columns);
         let step = rows.max(columns).div_ceil(SIDE);
-        let shown = [rows.div_ceil(step), columns.div_ceil(step)];
-        let mut stack = ImageStack::new(shown[0], shown[1]);
+        let projected = [rows.div_ceil(step), columns.div_ceil(step)];
+        let mut stack = ImageStack::new(projected[0], projected[1]);
         for channel in 0..self.rig.worlds.len() {
             let wavelength_nm = self.scene.wavelengths_nm.get(channel).copied();
-            for (info, terms) in &self.shown.frames {
+            for (info, terms) in &self.projected.frames {
                 let pixel = |pixel: usize| terms.iter().map(|&(i, w)| w * mean(channel, pixel, i)).sum::<f64>();
-                let data = Array2::from_shape_fn((shown[0], shown[1]), |(row, column)| {
+                let data = Array2::from_shape_fn((projected[0], projected[1]), |(row, column)| {
                     let (mut sum, mut count) = (0.0, 0.0);
                     for r in row * step..rows.min((row + 1) * step) {
                         for c in column * step..columns.min((column + 1) * step) {

@@ -11,14 +11,14 @@ use crate::field::Field;
 use crate::form;
 use crate::forward::tally;
 use crate::frames::Images;
-use crate::glint::{Glinting, by_chance, glints};
 use crate::joints;
 use crate::kernel::Kernels;
+use crate::lamp_reflection::{WithLampReflections, by_manifold_sampling, lamp_reflections};
 use crate::method::{Taken, sums};
 use crate::params::Params;
 use crate::power::power;
+use crate::projected::Projected;
 use crate::rig::Rig;
-use crate::shown::Shown;
 use crate::truth::truth;
 use crate::unsure::Unsure;
 
@@ -102,28 +102,29 @@ impl Stage for RenderStage {
         }
         let rig = Rig::of(&scene)?;
         let steady = rig.steady[0].shines();
-        let shown = match (&inputs.pattern, &scene.projector) {
-            (None, _) => Shown::sinusoids(params, steady),
-            (Some(pattern), Some(projector)) => Shown::pattern(pattern, params, projector, steady)?,
+        let projected = match (&inputs.pattern, &scene.projector) {
+            (None, _) => Projected::sinusoids(params, steady),
+            (Some(pattern), Some(projector)) => Projected::pattern(pattern, params, projector, steady)?,
             (Some(_), None) => {
                 return Err(joints::no_projector());
             }
         };
         let taken = Taken::of(params, &scene, inputs.pattern.is_some());
-        let kernels = Kernels::of(&taken, &rig, &shown, ctx.wants("power"));
+        let kernels = Kernels::of(&taken, &rig, &projected, ctx.wants("power"));
         ctx.kernel(&kernels.name, &kernels.refused);
-        let traced = sums(&taken, params, &scene, &rig, &shown, ctx)?;
-        let mut estimate = traced.estimate(&rig, &shown, ctx)?;
-        let (glints, chanced) = (glints(&rig, &shown, ctx)?, by_chance(&rig, &shown, estimate.n, ctx)?);
+        let traced = sums(&taken, params, &scene, &rig, &projected, ctx)?;
+        let mut estimate = traced.estimate(&rig, &projected, ctx)?;
+        let (lamp_reflections, sampled) =
+            (lamp_reflections(&rig, &projected, ctx)?, by_manifold_sampling(&rig, &projected, estimate.n, ctx)?);
         estimate.channels = estimate
             .channels
             .into_iter()
-            .zip(glints.into_iter().zip(chanced))
-            .map(|(field, (glints, chanced))| -> Box<dyn Field> {
-                if glints.is_empty() && chanced.is_none() {
+            .zip(lamp_reflections.into_iter().zip(sampled))
+            .map(|(field, (lamp_reflections, sampled))| -> Box<dyn Field> {
+                if lamp_reflections.is_empty() && sampled.is_none() {
                     field
                 } else {
-                    Box::new(Glinting { field, glints, chanced })
+                    Box::new(WithLampReflections { field, lamp_reflections, sampled })
                 }
             })
             .collect();
@@ -145,14 +146,14 @@ impl Stage for RenderStage {
             }
         }
         let images = Images {
-            shown: &shown,
+            projected: &projected,
             rows: rig.camera.rows,
             columns: rig.camera.columns,
             wavelengths_nm: &scene.wavelengths_nm,
             channels: &estimate.channels,
             n: estimate.n,
-            sharing: estimate.sharing,
-            shared_paths: shared_paths(&scene, &rig, &shown),
+            design_effect: estimate.design_effect,
+            shared_paths: shared_paths(&scene, &rig, &projected),
         };
         let power = if ctx.wants("power") {
             joints::has_power(&rig)?;
@@ -206,10 +207,12 @@ fn infos(pattern: &Pattern) -> impl Iterator<Item = &LayerInfo> {
 }
 
 /// The wavelengths of each group of channels that one walk serves.
-fn shared_paths(scene: &Scene, rig: &Rig, shown: &Shown) -> Vec<Vec<f64>> {
+fn shared_paths(scene: &Scene, rig: &Rig, projected: &Projected) -> Vec<Vec<f64>> {
     if scene.channels() == 1 {
         return Vec::new();
     }
-    let shared = groups(rig, &shown.carriers, &shown.pictures).into_iter().filter(|group| group.shared.is_some());
+    let shared = groups(rig, &projected.carriers, &projected.projected_images)
+        .into_iter()
+        .filter(|group| group.shared.is_some());
     shared.map(|group| group.channels.iter().map(|&c| scene.wavelengths_nm[c]).collect()).collect()
 }

@@ -19,10 +19,10 @@ pub struct State {
     pub channels: Vec<Moments>,
     /// (samples, relative error) wherever the error target was tested: a longer run must stop where a fresh one would.
     pub history: Vec<(u32, f64)>,
-    /// In the scene, and in stand-ins beside it.
+    /// In the scene, and in control variates with it.
     pub flights: [u64; 2],
-    /// Where pixels have stand-ins: whether their paths are walked there, too. `None` before that is decided.
-    pub beside: Option<Vec<bool>>,
+    /// Where pixels have control variates: whether their paths are walked there, too. `None` before that is decided.
+    pub with_control: Option<Vec<bool>>,
     /// Where paths go to where the error is.
     pub more: Option<More>,
     /// False while a round is at work whose first part it holds already: then it is no state to go on from.
@@ -51,7 +51,7 @@ impl State {
             channels,
             history: Vec::new(),
             flights: [0; 2],
-            beside: None,
+            with_control: None,
             more: (allocate == Allocate::Adaptive).then(more),
             is_whole: true,
         }
@@ -77,10 +77,10 @@ impl State {
     ///
     /// Error: that of `to`.
     pub fn write_to(&self, to: &mut dyn Write) -> io::Result<()> {
-        let beside = self.beside.as_deref().unwrap_or_default();
+        let with_control = self.with_control.as_deref().unwrap_or_default();
         let planned = self.more.as_ref().map_or(0, |more| more.planned.len());
         to.write_all(MAGIC)?;
-        for number in [self.samples as usize, self.history.len(), beside.len(), planned] {
+        for number in [self.samples as usize, self.history.len(), with_control.len(), planned] {
             to.write_all(&(number as u32).to_le_bytes())?;
         }
         for number in self.flights {
@@ -90,7 +90,7 @@ impl State {
             to.write_all(&samples.to_le_bytes())?;
             to.write_all(&error.to_le_bytes())?;
         }
-        to.write_all(&beside.iter().map(|&b| u8::from(b)).collect::<Vec<_>>())?;
+        to.write_all(&with_control.iter().map(|&b| u8::from(b)).collect::<Vec<_>>())?;
         write_sums(&self.channels, to)?;
         let Some(more) = &self.more else { return Ok(()) };
         write_sums(&more.channels, to)?;
@@ -104,16 +104,16 @@ impl State {
         if rest.bytes::<8>()? != *MAGIC {
             return None;
         }
-        let [samples, history, beside, planned] = [rest.u32()?, rest.u32()?, rest.u32()?, rest.u32()?];
+        let [samples, history, with_control, planned] = [rest.u32()?, rest.u32()?, rest.u32()?, rest.u32()?];
         let mut state = Self { samples, flights: [rest.u64()?, rest.u64()?], ..empty };
         state.history =
             (0..history).map(|_| Some((rest.u32()?, f64::from_bits(rest.u64()?)))).collect::<Option<_>>()?;
         let pixels = state.pixels();
-        if ![0, pixels].contains(&(beside as usize)) || ![0, pixels].contains(&(planned as usize)) {
+        if ![0, pixels].contains(&(with_control as usize)) || ![0, pixels].contains(&(planned as usize)) {
             return None;
         }
-        let beside = rest.take(beside as usize)?.into_iter().map(|b| b == 1).collect::<Vec<_>>();
-        state.beside = (!beside.is_empty()).then_some(beside);
+        let with_control = rest.take(with_control as usize)?.into_iter().map(|b| b == 1).collect::<Vec<_>>();
+        state.with_control = (!with_control.is_empty()).then_some(with_control);
         rest.sums(&mut state.channels)?;
         if let Some(more) = &mut state.more {
             rest.sums(&mut more.channels)?;
@@ -146,13 +146,13 @@ impl More {
 }
 
 /// Numbers that are written at a time.
-const PIECE: usize = 1 << 13;
+const CHUNK: usize = 1 << 13;
 
 fn write_sums(channels: &[Moments], to: &mut dyn Write) -> io::Result<()> {
-    let mut bytes = Vec::with_capacity(8 * PIECE);
-    for piece in channels.iter().flat_map(|channel| channel.sums().chunks(PIECE)) {
+    let mut bytes = Vec::with_capacity(8 * CHUNK);
+    for segment in channels.iter().flat_map(|channel| channel.sums().chunks(CHUNK)) {
         bytes.clear();
-        bytes.extend(piece.iter().flat_map(|sum| sum.to_le_bytes()));
+        bytes.extend(segment.iter().flat_map(|sum| sum.to_le_bytes()));
         to.write_all(&bytes)?;
     }
     Ok(())
@@ -184,12 +184,12 @@ impl Bytes<'_> {
 
     /// Fills the sums of channels that have their size.
     fn sums(&mut self, channels: &mut [Moments]) -> Option<()> {
-        let mut bytes = vec![0; 8 * PIECE];
-        for piece in channels.iter_mut().flat_map(|channel| channel.sums_mut().chunks_mut(PIECE)) {
-            let bytes = &mut bytes[..8 * piece.len()];
+        let mut bytes = vec![0; 8 * CHUNK];
+        for segment in channels.iter_mut().flat_map(|channel| channel.sums_mut().chunks_mut(CHUNK)) {
+            let bytes = &mut bytes[..8 * segment.len()];
             self.0.read_exact(bytes).ok()?;
             let (numbers, _) = bytes.as_chunks::<8>();
-            piece.iter_mut().zip(numbers).for_each(|(sum, number)| *sum = f64::from_le_bytes(*number));
+            segment.iter_mut().zip(numbers).for_each(|(sum, number)| *sum = f64::from_le_bytes(*number));
         }
         Some(())
     }
@@ -206,13 +206,13 @@ mod tests {
     #[test]
     fn bytes_round_trip_and_torn_ones_are_refused() {
         for (allocate, other) in [(Allocate::Even, Allocate::Adaptive), (Allocate::Adaptive, Allocate::Even)] {
-            let layout = Layout { carriers: 1, pictures: 0, steady: false };
+            let layout = Layout { carriers: 1, projected_images: 0, steady: false };
             let empty = |pixels: usize| State::new(2, pixels, layout, allocate);
             let mut state = empty(3);
             state.samples = 64;
             state.flights = [1 << 40, 7];
             state.history = vec![(64, 0.1)];
-            state.beside = Some(vec![true, false, true]);
+            state.with_control = Some(vec![true, false, true]);
             state.channels[1].add(2, &[1.0, -0.5, 1e-300]);
             if let Some(more) = &mut state.more {
                 (more.before, more.planned) = (vec![1, 2, 3], vec![4, 5, 6]);

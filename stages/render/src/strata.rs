@@ -3,7 +3,7 @@
 use glam::DVec3;
 use turbid_optics::solid::Solid;
 
-use crate::finish::Finish;
+use crate::bsdf::Bsdf;
 use crate::mirrors::Mirrors;
 use crate::single::limits::MOST_BODIES;
 use crate::world::{Body, World};
@@ -30,11 +30,11 @@ pub enum Bending {
     /// Nowhere: all that light can enter has one refractive index, and mirrors are flat.
     Nowhere,
     AtPlanes(Strata),
-    /// At rough walls only: no light crosses them without being scattered by them.
+    /// At rough interfaces only: no light crosses them without being scattered by them.
     AtRough,
-    /// At smooth walls of any shape, mirrors among them.
-    AtWalls,
-    /// At walls for which there is no way to find the light behind them.
+    /// At smooth interfaces of any shape, mirrors among them.
+    AtInterfaces,
+    /// At interfaces for which no connection to the light behind them is found.
     Anywhere,
 }
 
@@ -45,11 +45,11 @@ impl Bending {
             world.bodies.iter().filter(|b| clear(b.material) && world.materials[b.material].n != 1.0).collect();
         let mirrors = Mirrors::of(world);
         if bends.is_empty() {
-            return if mirrors.curved { Self::AtWalls } else { Self::Nowhere };
+            return if mirrors.curved { Self::AtInterfaces } else { Self::Nowhere };
         }
-        let rough = |material: usize| matches!(world.materials[material].finish, Finish::Rough(_));
+        let rough = |material: usize| matches!(world.materials[material].bsdf, Bsdf::Rough(_));
         if bends.iter().any(|b| rough(b.material)) {
-            // A smooth body carved into a rough one has smooth walls.
+            // A smooth body carved into a rough one has smooth interfaces.
             let carves = |i: usize, hole: &Body| {
                 clear(hole.material)
                     && !rough(hole.material)
@@ -61,12 +61,12 @@ impl Bending {
         }
         match Strata::of(world) {
             Some(strata) if mirrors.is_empty() => Self::AtPlanes(strata),
-            _ => Self::AtWalls,
+            _ => Self::AtInterfaces,
         }
     }
 }
 
-/// Whether no wall is curved: then all ways of light by one refraction are known.
+/// Whether no interface is curved: then all connections by one refraction are known.
 pub fn is_flat(world: &World) -> bool {
     fn flat(solid: &Solid) -> bool {
         match solid {
@@ -78,7 +78,7 @@ pub fn is_flat(world: &World) -> bool {
     world.bodies.iter().all(|body| world.materials[body.material].is_opaque() || flat(&body.solid))
 }
 
-/// Whether all that bends light is the walls of few whole bodies of one refractive index that bulge outwards: f32 lanes find its ways.
+/// Whether all that bends light is the interfaces of few whole bodies of one refractive index that bulge outwards: f32 lanes find the connections.
 pub fn bulges(world: &World) -> bool {
     let n = |body: &Body| world.materials[body.material].n;
     let bends = world.bodies.iter().filter(|body| !world.materials[body.material].is_opaque());
@@ -112,7 +112,7 @@ pub fn turns_at_facets(world: &World) -> bool {
 }
 
 /// Bounds of what shows of a solid, less what boxes and slabs before it take off its top and bottom; upside down where nothing shows.
-pub fn shown<'a>(before: impl Iterator<Item = &'a Solid>, solid: &Solid) -> (DVec3, DVec3) {
+pub fn visible_bounds<'a>(before: impl Iterator<Item = &'a Solid>, solid: &Solid) -> (DVec3, DVec3) {
     let (mut low, mut high) = solid.bounds();
     for solid in before.filter(|solid| matches!(solid, Solid::Slab { .. } | Solid::Box { .. })) {
         let (from, to) = solid.bounds();
@@ -166,7 +166,7 @@ impl Strata {
             if matches!(body.solid, Solid::Slab { .. }) || material.is_opaque() {
                 return true;
             }
-            let (low, high) = shown(world.bodies[..i].iter().map(|body| &body.solid), &body.solid);
+            let (low, high) = visible_bounds(world.bodies[..i].iter().map(|body| &body.solid), &body.solid);
             if low.z >= high.z {
                 return true;
             }
@@ -263,7 +263,7 @@ mod tests {
             let bending = Bending::of(&world(vec![ball(z, 2), slab(-10.0, 1.0, 1)]));
             assert_eq!(matches!(bending, Bending::AtPlanes(_)), planes, "ball at {z}");
         }
-        assert_eq!(Bending::of(&world(vec![ball(0.0, 0), slab(-10.0, 1.0, 1)])), Bending::AtWalls);
+        assert_eq!(Bending::of(&world(vec![ball(0.0, 0), slab(-10.0, 1.0, 1)])), Bending::AtInterfaces);
         // Cut level with the slab by something as wide, it does not stand out of it.
         let cut = |side: f64, material| Body {
             solid: Solid::Box { low: DVec3::new(-side, -side, 1.0), high: DVec3::new(side, side, 3.0) },
@@ -275,7 +275,7 @@ mod tests {
         }
         // What a slab hides does not bend.
         assert!(matches!(Bending::of(&world(vec![slab(-10.0, 1.0, 1), ball(0.0, 0)])), Bending::AtPlanes(_)));
-        assert_eq!(Bending::of(&world(vec![slab(-10.0, 0.5, 1), ball(0.0, 1)])), Bending::AtWalls);
+        assert_eq!(Bending::of(&world(vec![slab(-10.0, 0.5, 1), ball(0.0, 1)])), Bending::AtInterfaces);
         assert_eq!(Bending::of(&world(vec![ball(0.0, 0), slab(-10.0, 1.0, 3)])), Bending::Nowhere);
     }
 }

@@ -9,7 +9,7 @@ use crate::rig::Rig;
 /// and domes at g = 0.8.
 const USUAL: f64 = 20.0;
 /// The same under a lobe of g is this over (1 - g)^2. Measured at mu_a = 0.02, mu_s' = 1 mm^-1: 59, 251, 1620 and 34,000 at g = 0.9,
-/// 0.95, 0.98 and 0.995, which are 0.59, 0.63, 0.65 and 0.84. (A look along the lobe sees 1 / (1 - g)^2 of the mean, one in as many
+/// 0.95, 0.98 and 0.995, which are 0.59, 0.63, 0.65 and 0.84. (A connection along the lobe sees 1 / (1 - g)^2 of the mean, one in as many
 /// is along it.)
 const OF_LOBE: f64 = 0.6;
 /// As many paths of the expected kurtosis stand beside those of the image: fewer know nothing of theirs.

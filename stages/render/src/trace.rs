@@ -8,14 +8,14 @@ use turbid_optics::philox;
 use crate::allocation;
 use crate::batches::Batches;
 use crate::channels::{Group, groups};
-use crate::flock;
+use crate::control_variate::ControlVariates;
 use crate::level::named;
 use crate::moments::Moments;
+use crate::packet;
 use crate::params::{Allocate, Params};
-use crate::reference::References;
+use crate::projected::Projected;
 use crate::rig::Rig;
 use crate::setting::{Nee, Setting};
-use crate::shown::Shown;
 use crate::so_far::is_due;
 use crate::state::State;
 use crate::walker::Walker;
@@ -27,26 +27,26 @@ const BATCH: u32 = 8;
 const TILE: usize = 1024;
 /// Tiles and batches of a round are chosen so that it holds about this many batches of a pixel.
 pub const ROUND: usize = 1 << 15;
-/// Batches whose sums are held beside the state at a time; a multiple of the tile. More than this in a round are walked in segments.
-pub const SEGMENT: usize = 1 << 19;
-/// After so many paths per pixel it is decided where stand-ins are worth their time.
+/// Batches whose sums are held beside the state at a time; a multiple of the tile. More than this in a round are walked in parts.
+pub const ROUND_PART: usize = 1 << 19;
+/// After so many paths per pixel it is decided where control variates are worth their time.
 pub const PILOT: u32 = 16;
 /// Tells the paths beside the even ones apart.
 const MORE: u64 = 1 << 63;
 
 /// What there is of the frames: of a state and the paths of each pixel.
-pub type Picture<'a> = dyn Fn(&State, &[u32]) -> Option<Artifact> + Sync + 'a;
+pub type Preview<'a> = dyn Fn(&State, &[u32]) -> Option<Artifact> + Sync + 'a;
 
 /// What to trace, and how to judge it.
 pub struct Task<'a> {
     pub params: &'a Params,
     pub rig: &'a Rig,
-    pub shown: &'a Shown,
+    pub projected: &'a Projected,
     /// Which pixels.
     pub pixels: &'a [u32],
-    /// Stand-ins that are walked beside the scene by the same random numbers: then the sums of all channels are followed by those of
-    /// the differences scene - stand-in (of nothing, in pixels without a stand-in).
-    pub beside: Option<&'a References>,
+    /// Control variates that are walked with the scene by the same random numbers: then the sums of all channels are followed by those of
+    /// the differences scene - control variate (of nothing, in pixels without one).
+    pub controls: Option<&'a ControlVariates>,
     /// Told apart from other tasks of one seed.
     pub salt: u64,
     /// Whether it is kept for a longer run to continue.
@@ -54,24 +54,24 @@ pub struct Task<'a> {
     /// The error target is tested after this many paths per pixel and after every doubling.
     pub first_test: u32,
     pub allocate: Allocate,
-    pub judge: &'a dyn Judge,
+    pub criterion: &'a dyn StoppingCriterion,
     /// What there is of the frames, for people who look on.
-    pub so_far: Option<&'a Picture<'a>>,
+    pub so_far: Option<&'a Preview<'a>>,
 }
 
 /// What is made of sums while they grow: of those of all channels, and the paths of each pixel.
-pub trait Judge: Sync {
-    /// Relative error of the image; `None` where it is dark. `beside`: the pixels whose paths are walked in their stand-in, too.
-    fn error(&self, sums: &[Moments], paths: &[u32], beside: Option<&[bool]>) -> Option<f64>;
+pub trait StoppingCriterion: Sync {
+    /// Relative error of the image; `None` where it is dark. `with_control`: the pixels whose paths are walked in their control variate, too.
+    fn error(&self, sums: &[Moments], paths: &[u32], with_control: Option<&[bool]>) -> Option<f64>;
 
     /// How many paths the pixels need in proportion; see [`allocation::needs`].
-    fn needs(&self, sums: &[Moments], paths: &[u32], beside: Option<&[bool]>) -> Vec<f64>;
+    fn needs(&self, sums: &[Moments], paths: &[u32], with_control: Option<&[bool]>) -> Vec<f64>;
 
-    /// In which pixels walking their stand-in, too, is worth it. `flights` of a path in the scene and in a stand-in.
-    fn beside(&self, sums: &[Moments], paths: &[u32], flights: [f64; 2]) -> Vec<bool>;
+    /// In which pixels walking their control variate, too, is worth it. `flights` of a path in the scene and in a control variate.
+    fn with_control(&self, sums: &[Moments], paths: &[u32], flights: [f64; 2]) -> Vec<bool>;
 
     /// The part of the time that may be spent on these paths.
-    fn part(&self, beside: Option<&[bool]>) -> f64;
+    fn part(&self, with_control: Option<&[bool]>) -> f64;
 }
 
 /// What was traced.
@@ -82,16 +82,16 @@ pub struct Sums {
     pub samples: u32,
     /// Those of each pixel.
     pub paths: Vec<u32>,
-    /// The pixels whose paths were all walked in their stand-in, too.
-    pub beside: Option<Vec<bool>>,
-    /// In the scene, and in stand-ins.
+    /// The pixels whose paths were all walked in their control variate, too.
+    pub with_control: Option<Vec<bool>>,
+    /// In the scene, and in control variates.
     pub flights: [u64; 2],
 }
 
 impl Task<'_> {
     /// How many sums per pixel there are.
     fn fields(&self) -> usize {
-        self.rig.worlds.len() * if self.beside.is_some() { 2 } else { 1 }
+        self.rig.worlds.len() * if self.controls.is_some() { 2 } else { 1 }
     }
 
     /// Paths of each pixel.
@@ -111,7 +111,7 @@ impl Task<'_> {
 pub fn trace(task: &Task<'_>, ctx: Ctx<'_>) -> Result<Sums, Error> {
     let params = task.params;
     let job = Job::new(task, ctx);
-    // Ways of light that are missing.
+    // Connections that are missing.
     let mut given_up = 0;
     let cap = params.samples.unwrap_or(u32::MAX);
     let whole = cap / BATCH * BATCH;
@@ -119,12 +119,12 @@ pub fn trace(task: &Task<'_>, ctx: Ctx<'_>) -> Result<Sums, Error> {
     let resumed_at = state.samples;
     let stopped = |state: &State| {
         let reached = params.target_error.is_some_and(|target| state.history.iter().any(|&(_, e)| e <= target.0));
-        let part = || task.judge.part(state.beside.as_deref());
+        let part = || task.criterion.part(state.with_control.as_deref());
         reached || (state.samples > 0 && params.max_seconds.is_some_and(|limit| ctx.time_is_up(part() * limit.0)))
     };
     while state.samples < whole && !stopped(&state) {
-        if state.samples >= PILOT && task.beside.is_some() && state.beside.is_none() {
-            state.beside = Some(job.beside(&state));
+        if state.samples >= PILOT && task.controls.is_some() && state.with_control.is_none() {
+            state.with_control = Some(job.with_control(&state));
         }
         job.plan(&mut state);
         let mut next_test = task.first_test;
@@ -132,12 +132,12 @@ pub fn trace(task: &Task<'_>, ctx: Ctx<'_>) -> Result<Sums, Error> {
             next_test = next_test.saturating_mul(2);
         }
         let until = whole.min(next_test);
-        let until = if task.beside.is_some() && state.samples < PILOT { until.min(PILOT) } else { until };
+        let until = if task.controls.is_some() && state.samples < PILOT { until.min(PILOT) } else { until };
         let most = (ROUND / (task.pixels.len() * task.fields())).max(1) as u32 * BATCH;
         let until = until.min(state.samples.saturating_add(most));
         let before = state.samples;
         match job.round(&mut state, until) {
-            Ok(ways) => given_up += ways,
+            Ok(connections) => given_up += connections,
             Err(interrupted) => {
                 if state.samples > resumed_at && task.kept && state.is_whole {
                     keep(&state, ctx);
@@ -146,7 +146,7 @@ pub fn trace(task: &Task<'_>, ctx: Ctx<'_>) -> Result<Sums, Error> {
             }
         }
         if state.samples == next_test {
-            let error = task.judge.error(&state.sums(), &task.paths(&state), state.beside.as_deref());
+            let error = task.criterion.error(&state.sums(), &task.paths(&state), state.with_control.as_deref());
             // Where nothing is lit there is nothing to wait for.
             state.history.push((state.samples, error.unwrap_or(0.0)));
         }
@@ -169,10 +169,11 @@ pub fn trace(task: &Task<'_>, ctx: Ctx<'_>) -> Result<Sums, Error> {
     }
     if given_up > 0 {
         ctx.measure("ways of light given up", given_up as f64, "1");
-        ctx.warn("some ways of light through curved walls are too rare to be weighed, and are missing");
+        ctx.warn("some light connections through curved walls are too rare to be weighed, and are missing");
     }
-    let (samples, paths, flights, beside) = (state.samples, task.paths(&state), state.flights, state.beside.take());
-    Ok(Sums { channels: state.into_sums(), samples, paths, beside, flights })
+    let (samples, paths, flights, with_control) =
+        (state.samples, task.paths(&state), state.flights, state.with_control.take());
+    Ok(Sums { channels: state.into_sums(), samples, paths, with_control, flights })
 }
 
 /// Keeps a state for a longer run, or for one after a kill, to continue.
@@ -183,7 +184,7 @@ fn keep(state: &State, ctx: Ctx<'_>) {
 /// The furthest checkpoint at which a fresh run would not have stopped before.
 fn resume(task: &Task<'_>, whole: u32, ctx: Ctx<'_>) -> State {
     // Made when needed: its zeros take no room before they are written over.
-    let empty = || State::new(task.fields(), task.pixels.len(), task.shown.layout, task.allocate);
+    let empty = || State::new(task.fields(), task.pixels.len(), task.projected.layout, task.allocate);
     let mut at_most = whole;
     // The host counts what it hands over as work of this run: it is not asked in vain.
     loop {
@@ -211,30 +212,30 @@ struct Job<'a> {
     ctx: Ctx<'a>,
     /// The channels, each group by one walk.
     groups: Vec<Group>,
-    /// For each stand-in, the same groups.
+    /// For each control variate, the same groups.
     paired: Vec<Vec<Group>>,
 }
 
 impl<'a> Job<'a> {
     fn new(task: &'a Task<'a>, ctx: Ctx<'a>) -> Self {
-        let groups = groups(task.rig, &task.shown.carriers, &task.shown.pictures);
-        let stand_ins = task.beside.iter().flat_map(|beside| &beside.references);
-        let paired = stand_ins
-            .map(|stand_in| groups.iter().map(|g| Group::of(stand_in.paired.channels(), g.channels.clone())).collect());
+        let groups = groups(task.rig, &task.projected.carriers, &task.projected.projected_images);
+        let controls = task.controls.iter().flat_map(|with_control| &with_control.variates);
+        let paired = controls
+            .map(|control| groups.iter().map(|g| Group::of(control.paired.channels(), g.channels.clone())).collect());
         Self { task, ctx, paired: paired.collect(), groups }
     }
 }
 
 impl Job<'_> {
-    /// In which pixels stand-ins are worth their time, by the paths so far.
-    fn beside(&self, state: &State) -> Vec<bool> {
-        let of_pixel = &self.task.beside.expect("there are stand-ins").of_pixel;
+    /// In which pixels control variates are worth their time, by the paths so far.
+    fn with_control(&self, state: &State) -> Vec<bool> {
+        let of_pixel = &self.task.controls.expect("there are stand-ins").of_pixel;
         let pairs = of_pixel.iter().flatten().count();
         let walks = self.groups.len();
         let per_path =
             |flights: u64, pixels: usize| flights as f64 / (f64::from(state.samples) * (walks * pixels).max(1) as f64);
         let flights = [per_path(state.flights[0], of_pixel.len()), per_path(state.flights[1], pairs)];
-        self.task.judge.beside(&state.sums(), &self.task.paths(state), flights)
+        self.task.criterion.with_control(&state.sums(), &self.task.paths(state), flights)
     }
 
     /// At a doubling, what each pixel gets until the next.
@@ -246,19 +247,19 @@ impl Job<'_> {
         if from < batches || !more.planned.is_empty() {
             return;
         }
-        let needs = self.task.judge.needs(&state.channels, &paths, state.beside.as_deref());
+        let needs = self.task.criterion.needs(&state.channels, &paths, state.with_control.as_deref());
         more.planned = allocation::plan(&needs, &more.before, from);
     }
 
     /// Goes on to `until` paths per pixel on average, not beyond the next doubling. What is left of a batch is even.
-    /// How many ways of light were given up.
+    /// How many connections were given up.
     fn round(&self, state: &mut State, until: u32) -> Result<u64, Error> {
         let (at, to) = (state.samples / BATCH, until / BATCH);
         let (first, last) = match state.more {
             None => (state.samples, until),
             Some(_) => (allocation::even(at) * BATCH, allocation::even(to) * BATCH + until % BATCH),
         };
-        if state.more.is_none() && self.alike_count(&(first..last)) > SEGMENT {
+        if state.more.is_none() && self.alike_count(&(first..last)) > ROUND_PART {
             return self.long_round(state, first..last);
         }
         let even = self.walk(state, &self.alike(first..last), 0)?;
@@ -288,16 +289,16 @@ impl Job<'_> {
         Ok(even.given_up + more.given_up)
     }
 
-    /// A round whose batches are so many that their sums would take as much memory as the state: segment by segment, in the order in which
+    /// A round whose batches are so many that their sums would take as much memory as the state: part by part, in the order in which
     /// [`fold`](Self::fold) adds them. One that does not come to its end leaves a state that is not whole.
     fn long_round(&self, state: &mut State, samples: Range<u32>) -> Result<u64, Error> {
         let mut given_up = 0;
         let until = samples.end;
-        // Of each pixel the batches follow each other from segment to segment as they do in a short round.
+        // Of each pixel the batches follow each other from part to part as they do in a short round.
         for first in samples.step_by(BATCH as usize) {
             let count = (until - first).min(BATCH);
-            for start in (0..self.task.pixels.len()).step_by(SEGMENT) {
-                let places = start..self.task.pixels.len().min(start + SEGMENT);
+            for start in (0..self.task.pixels.len()).step_by(ROUND_PART) {
+                let places = start..self.task.pixels.len().min(start + ROUND_PART);
                 let batches: Vec<Batch> = places.map(|place| Batch { place: place as u32, first, count }).collect();
                 let parts = self.walk(state, &batches, 0)?;
                 self.ctx.checked()?;
@@ -330,7 +331,7 @@ impl Job<'_> {
             .collect()
     }
 
-    /// Walks batches of paths in the scene, and in stand-ins beside it.
+    /// Walks batches of paths in the scene, and in control variates with it.
     fn walk(&self, state: &State, batches: &[Batch], salt: u64) -> Result<Parts, Error> {
         let rig = self.task.rig;
         let key = philox::key(self.ctx.seed() ^ self.task.salt ^ salt);
@@ -345,14 +346,14 @@ impl Job<'_> {
                 camera: &rig.camera,
                 light: &rig.lights[channel],
                 steady: &rig.steady[channel],
-                carriers: &self.task.shown.carriers,
-                pictures: &self.task.shown.pictures,
+                carriers: &self.task.projected.carriers,
+                projected_images: &self.task.projected.projected_images,
                 key,
                 channel: channel as u32,
                 nee: Nee::Line,
                 shared: group.shared.as_ref(),
             };
-            self.tile(setting, place, tile, state.beside.as_deref())
+            self.tile(setting, place, tile, state.with_control.as_deref())
         })?;
         let mut all = Parts::default();
         for part in &parts {
@@ -383,10 +384,10 @@ impl Job<'_> {
     }
 
     /// A tile of the `group`-th walk.
-    fn tile(&self, setting: Setting<'_>, group: usize, tile: &[Batch], beside: Option<&[bool]>) -> Part {
+    fn tile(&self, setting: Setting<'_>, group: usize, tile: &[Batch], with_control: Option<&[bool]>) -> Part {
         let mut walker = Walker::new(setting, named(self.ctx.simd()));
         walker.excludes_specular = self.task.rig.excludes_specular;
-        let layout = self.task.shown.layout;
+        let layout = self.task.projected.layout;
         let sums = Moments::new(tile.len(), layout.width()).with_steady(layout.steady);
         let fresh = || vec![sums.clone(); setting.channels()];
         let mut part = Part { moments: fresh(), differences: Vec::new(), flights: [0; 2], given_up: 0, endless: false };
@@ -396,22 +397,22 @@ impl Job<'_> {
         }
         let count = tile[0].count;
         let of: Vec<(u32, u32)> = tile.iter().map(|b| (self.task.pixels[b.place as usize], b.first)).collect();
-        flock::walk_among(&mut walker, Batches { of: &of, count });
+        packet::walk_among(&mut walker, Batches { of: &of, count });
         for path in 0..of.len() * count as usize {
             for (channel, moments) in part.moments.iter_mut().enumerate() {
                 moments.add(path / count as usize, walker.response_in(path, channel));
             }
         }
-        if let Some(references) = self.task.beside {
+        if let Some(controls) = self.task.controls {
             let mut differences = fresh();
-            for k in 0..references.references.len() {
-                let has = |pixel: usize| references.of_pixel[pixel] == Some(k) && beside.is_none_or(|b| b[pixel]);
+            for k in 0..controls.variates.len() {
+                let has = |pixel: usize| controls.of_pixel[pixel] == Some(k) && with_control.is_none_or(|b| b[pixel]);
                 let places: Vec<usize> = (0..of.len()).filter(|&i| has(of[i].0 as usize)).collect();
                 if !places.is_empty() {
-                    let stand_in = &self.paired[k][group];
-                    let there = Setting { world: &stand_in.world, shared: stand_in.shared.as_ref(), ..setting };
+                    let control = &self.paired[k][group];
+                    let there = Setting { world: &control.world, shared: control.shared.as_ref(), ..setting };
                     let mut other = Walker::new(there, walker.level());
-                    other.excludes_specular = references.references[k].paired.excludes_specular;
+                    other.excludes_specular = controls.variates[k].paired.excludes_specular;
                     pair(&walker, &mut other, Batches { of: &of, count }, &places, &mut differences);
                     part.flights[1] += other.take_flights();
                 }
@@ -424,22 +425,23 @@ impl Job<'_> {
     }
 }
 
-/// Walks the batches at `places` in a stand-in, too, and adds how far the scene's paths in `walker` differ, channel by channel.
+/// Walks the batches at `places` in a control variate, too, and adds how far the scene's paths in `walker` differ, channel by channel.
 fn pair(
     walker: &Walker<'_>,
-    stand_in: &mut Walker<'_>,
+    control: &mut Walker<'_>,
     batches: Batches<'_>,
     places: &[usize],
     differences: &mut [Moments],
 ) {
     let some: Vec<(u32, u32)> = places.iter().map(|&i| batches.of[i]).collect();
-    flock::walk_among(stand_in, Batches { of: &some, ..batches });
+    packet::walk_among(control, Batches { of: &some, ..batches });
     let (mut difference, count) = (vec![0.0; walker.setting().layout().width()], batches.count as usize);
     for (among, &place) in places.iter().enumerate() {
         for sample in 0..count {
-            let (in_scene, beside) = (place * count + sample, among * count + sample);
+            let (in_scene, with_control) = (place * count + sample, among * count + sample);
             for (channel, differences) in differences.iter_mut().enumerate() {
-                let (ours, theirs) = (walker.response_in(in_scene, channel), stand_in.response_in(beside, channel));
+                let (ours, theirs) =
+                    (walker.response_in(in_scene, channel), control.response_in(with_control, channel));
                 difference.iter_mut().zip(ours.iter().zip(theirs)).for_each(|(d, (a, b))| *d = a - b);
                 differences.add(place, &difference);
             }
@@ -473,7 +475,7 @@ fn batches_between(done: &[u32], due: &[u32]) -> Vec<Batch> {
 struct Part {
     /// Of every channel of the group.
     moments: Vec<Moments>,
-    /// The same of the differences from stand-ins; empty where there are none.
+    /// The same of the differences from control variates; empty where there are none.
     differences: Vec<Moments>,
     flights: [u64; 2],
     given_up: u64,

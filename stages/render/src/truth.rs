@@ -6,7 +6,7 @@ use turbid_contract::payload::{MaskReason, Scene, Surface, Truth};
 use turbid_contract::{Attributes, ImageStack, LayerInfo, LayerKind};
 
 use crate::camera::Camera;
-use crate::world::{Spans, World};
+use crate::world::{Chords, World};
 
 /// The first thing that the ray through a pixel's centre meets that is not void.
 ///
@@ -31,13 +31,13 @@ pub fn truth(scene: &Scene, world: &World, object_of: &[usize], camera: &Camera)
     // Where surfaces have textures.
     values.push(Box::new(|hit| hit.albedo.unwrap_or(0.0)));
     let (infos, mask_info) = layers(scene);
-    let mut spans = Spans::default();
+    let mut chords = Chords::default();
     // Pixel by pixel into all layers: a hit takes more room than what is said of it.
     let zeros = || Array2::<f32>::zeros((rows, columns));
     let mut data: Vec<Array2<f32>> = infos.iter().map(|_| zeros()).collect();
     let mut mask = zeros();
     for (pixel, mask) in mask.iter_mut().enumerate() {
-        let Some(hit) = first_hit(world, camera, pixel, &mut spans) else {
+        let Some(hit) = first_hit(world, camera, pixel, &mut chords) else {
             *mask = MaskReason::Background.code();
             continue;
         };
@@ -95,25 +95,25 @@ pub(crate) struct Hit {
 }
 
 /// What the ray through a pixel's centre meets first that is not void.
-pub(crate) fn first_hit(world: &World, camera: &Camera, pixel: usize, spans: &mut Spans) -> Option<Hit> {
+pub(crate) fn first_hit(world: &World, camera: &Camera, pixel: usize, chords: &mut Chords) -> Option<Hit> {
     let (origin, w) = camera.ray(pixel, 0.5, 0.5);
-    let mut wall = None;
-    for piece in world.trace(origin, w, None, spans) {
-        if piece.material != 0 {
-            let r = origin + piece.start * w;
+    let mut interface = None;
+    for segment in world.trace(origin, w, None, chords) {
+        if segment.material != 0 {
+            let r = origin + segment.start * w;
             // Parallel rays start beside the camera's place.
             let axis = camera.view.forward;
-            let depth = piece.start * w.dot(axis) + (origin - camera.view.position).dot(axis);
-            let wall = wall?;
-            let albedo = world.albedo(world.materials[piece.material].finish, wall, r);
-            let normal = world.normal(wall, r);
+            let depth = segment.start * w.dot(axis) + (origin - camera.view.position).dot(axis);
+            let interface = interface?;
+            let albedo = world.albedo(world.materials[segment.material].bsdf, interface, r);
+            let normal = world.normal(interface, r);
             let normal = if normal.dot(w) > 0.0 { -normal } else { normal };
             // Which body fills it: the first, in order of priority, that holds a point just inside.
-            let inside = origin + (piece.start + 1e-6 * (piece.end - piece.start).min(1.0)) * w;
+            let inside = origin + (segment.start + 1e-6 * (segment.end - segment.start).min(1.0)) * w;
             let body = world.bodies.iter().position(|b| b.solid.contains(inside))?;
             return Some(Hit { body, height: r.z, depth, normal, albedo });
         }
-        wall = piece.wall;
+        interface = segment.interface;
     }
     None
 }

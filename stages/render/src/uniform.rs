@@ -5,7 +5,7 @@ use turbid_contract::payload::{Medium, Object, Projection, Scene, Shape, Surface
 use turbid_optics::diffusion::a_robin;
 
 use crate::rig::Rig;
-use crate::world::Spans;
+use crate::world::Chords;
 
 /// The least pixels along a side that a surface is fitted to.
 const LEAST_PIXELS: u32 = 4;
@@ -136,17 +136,17 @@ fn gap(layers: &[Layer<'_>], high: f64, low: f64) -> Option<String> {
 fn margin(rig: &Rig) -> Result<f64, String> {
     let world = &rig.worlds[0];
     let (camera, light) = (rig.camera.view, rig.lights[0].view);
-    let mut spans = Spans::default();
+    let mut chords = Chords::default();
     let mut lines: [Vec<DVec3>; 2] = Default::default();
     let mut margin = f64::INFINITY;
     for (x, y) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)] {
         let (origin, w) = camera.ray(x, y);
-        let scatters = |m: usize| world.materials[m].mu_s > 0.0 || world.materials[m].finish.is_opaque();
-        let mut pieces = world.trace(origin, w, None, &mut spans);
-        let Some(piece) = pieces.find(|p| scatters(p.material)) else {
+        let scatters = |m: usize| world.materials[m].mu_s > 0.0 || world.materials[m].bsdf.is_opaque();
+        let mut segments = world.trace(origin, w, None, &mut chords);
+        let Some(segment) = segments.find(|p| scatters(p.material)) else {
             return Err("not every pixel looks at something".to_owned());
         };
-        let seen = origin + piece.start * w;
+        let seen = origin + segment.start * w;
         let Some(on_plane) = light.project(seen) else {
             return Err("the projector does not face what is seen".to_owned());
         };

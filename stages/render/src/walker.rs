@@ -5,14 +5,14 @@ use std::collections::VecDeque;
 use fearless_simd::Level;
 use glam::DVec3;
 
+use crate::connection::{Connection, Known, SpecularChain};
 use crate::lengths::Lengths;
-use crate::look::{self, Queue};
 use crate::mirrors::Mirrors;
+use crate::next_event_lanes::{self, Queue};
 use crate::random::Stream;
 use crate::setting::{Nee, Place, Setting};
 use crate::strata::{self, Bending, clear};
-use crate::way::{Known, Link, Way};
-use crate::world::{Material, Piece, Spans, Wall};
+use crate::world::{Chords, Interface, Material, RaySegment};
 
 /// Where mu_a is below this part of mu_s', deep paths end by roulette (elsewhere it does not pay: measured) ...
 const WEAK_ABSORPTION: f64 = 0.01;
@@ -23,17 +23,17 @@ const WINDOW: f64 = 0.4;
 /// Walks paths and keeps their scratch.
 pub struct Walker<'a> {
     pub(crate) setting: Setting<'a>,
-    pub(crate) spans: Spans,
-    pub(crate) pieces: Vec<Piece>,
-    pub(crate) way: Way,
-    /// Ways to a light.
-    pub(crate) links: Vec<Link>,
-    /// Those through walls of any shape that are known for sure, and places where there may be one.
+    pub(crate) chords: Chords,
+    pub(crate) segments: Vec<RaySegment>,
+    pub(crate) chain: SpecularChain,
+    /// Connections to a light.
+    pub(crate) connections: Vec<Connection>,
+    /// Those through interfaces of any shape that are known for sure, and places where there may be one.
     pub(crate) known: Vec<Known>,
     pub(crate) places: Vec<DVec3>,
-    /// What walls do to a ray on the way that is being looked for: whether they reflect it.
+    /// What interfaces do to a ray on the chain that is being searched: whether they reflect it.
     pub(crate) events: Vec<bool>,
-    /// Ways found by chance that were too rare to be weighed.
+    /// Connections found by manifold sampling that were too rare to be weighed.
     pub(crate) given_up: u64,
     /// Where light bends in the world.
     pub(crate) bending: Bending,
@@ -41,11 +41,11 @@ pub struct Walker<'a> {
     pub(crate) clear: Vec<f64>,
     /// Whether facets do that.
     pub(crate) facetted: bool,
-    /// Whether all walls are flat.
+    /// Whether all interfaces are flat.
     pub(crate) flat: bool,
     pub(crate) mirrors: Mirrors,
-    /// Ways of light by them.
-    pub(crate) mirrored: Vec<Link>,
+    /// Connections by them.
+    pub(crate) mirrored: Vec<Connection>,
     /// Path after path, channel after channel of each, as [`crate::response::Layout`] says.
     pub(crate) responses: Vec<f64>,
     /// The part of it that comes by the queue; apart, so that it does not matter when the queue is flushed.
@@ -56,22 +56,22 @@ pub struct Walker<'a> {
     pub(crate) level: Level,
     /// For each material 1 / mu_s, infinite where nothing scatters.
     pub(crate) free_paths: Vec<f64>,
-    /// For each material its body, where looks ahead are free of branches.
+    /// For each material its body, where next-event estimation ahead are free of branches.
     pub(crate) body_of: Option<Vec<u64>>,
     /// For each material WINDOW mu_eff (mm^-1), 0 where there is no roulette.
     pub(crate) windows: Vec<f64>,
-    /// Pieces of media that the flight under way came into, from elsewhere.
+    /// Segments of media that the flight under way came into, from elsewhere.
     pub(crate) entries: Vec<Entry>,
-    /// For each material whether scouts are sent in it; empty where they are nowhere.
-    pub scouts: Vec<bool>,
-    /// Scouts that have not gone yet, in the order in which they were sent.
+    /// For each material whether light-directed branches start in it; empty where they are nowhere.
+    pub light_branches: Vec<bool>,
+    /// Light-directed branches that are not followed yet, in the order in which they started.
     pub(crate) sent: VecDeque<Place>,
     /// Of how many paths there are responses.
     pub(crate) paths: usize,
     pub(crate) flights: u64,
     pub(crate) endless: bool,
     pub(crate) ending: Ending,
-    /// Whether light that was never scattered, only turned by walls, is not seen.
+    /// Whether light that was never scattered, only turned by interfaces, is not seen.
     pub excludes_specular: bool,
 }
 
@@ -82,14 +82,14 @@ pub enum Ending {
     Left,
     /// In this body or at its surface.
     Absorbed(usize),
-    /// Between the facets of a rough wall.
+    /// Between the facets of a rough interface.
     Lost,
     /// It would not end.
     Endless,
 }
 
-/// A piece of a medium that a flight comes into across a boundary. If it gets there, the light that its scattering there will see is scored
-/// by one point on the piece: where light grazes the wall, few collisions are near enough to it to see any.
+/// A segment of a medium that a flight comes into across a boundary. If it gets there, the light that its scattering there will see is scored
+/// by one point on the segment: where light grazes the interface, few collisions are near enough to it to see any.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Entry {
     pub r: DVec3,
@@ -97,7 +97,7 @@ pub(crate) struct Entry {
     pub length: f64,
     pub material: usize,
     /// Where it comes in.
-    pub wall: Option<Wall>,
+    pub interface: Option<Interface>,
     /// Up to there.
     pub lengths: Lengths,
 }
@@ -110,20 +110,20 @@ impl<'a> Walker<'a> {
             if weak { WINDOW * (3.0 * m.mu_a * (m.mu_a + reduced)).sqrt() } else { 0.0 }
         };
         let windows = setting.world.materials.iter().map(window).collect();
-        let (spans, pieces) = (Spans::default(), Vec::new());
+        let (chords, segments) = (Chords::default(), Vec::new());
         let free_paths = setting.world.materials.iter().map(|m| 1.0 / m.mu_s).collect();
-        // Pictures are looked up one by one, and lengths are counted only there.
-        let lanes = setting.pictures.layers() == 0 && setting.shared.is_none();
-        let body_of = if lanes { look::bodies_by_material(setting.world) } else { None };
+        // Projected images are looked up one by one, and lengths are counted only there.
+        let lanes = setting.projected_images.layers() == 0 && setting.shared.is_none();
+        let body_of = if lanes { next_event_lanes::bodies_by_material(setting.world) } else { None };
         let bending = Bending::of(setting.world);
         let clear = if let Bending::AtPlanes(strata) = &bending { clear(setting.world, strata) } else { Vec::new() };
         let (responses, queued, queue) = (Vec::new(), Vec::new(), Queue::default());
         Self {
             setting,
-            spans,
-            pieces,
-            way: Way::default(),
-            links: Vec::new(),
+            chords,
+            segments,
+            chain: SpecularChain::default(),
+            connections: Vec::new(),
             known: Vec::new(),
             places: Vec::new(),
             events: Vec::new(),
@@ -143,7 +143,7 @@ impl<'a> Walker<'a> {
             body_of,
             windows,
             entries: Vec::new(),
-            scouts: Vec::new(),
+            light_branches: Vec::new(),
             sent: VecDeque::new(),
             paths: 0,
             flights: 0,
@@ -163,7 +163,7 @@ impl<'a> Walker<'a> {
         self.ending
     }
 
-    /// How many ways of light were found by chance, but too rarely to be weighed: they are missing.
+    /// How many connections were found by manifold sampling, but too rarely to be weighed: they are missing.
     pub fn given_up(&self) -> u64 {
         self.given_up
     }
@@ -187,7 +187,7 @@ impl<'a> Walker<'a> {
         self.free_paths[material]
     }
 
-    /// For each material the body that it fills, where looks can go by the queue.
+    /// For each material the body that it fills, where next-event estimation can go by the queue.
     pub fn body_of(&self) -> Option<&[u64]> {
         self.body_of.as_deref()
     }

@@ -1,12 +1,12 @@
-//! The scene as a ray sees it: bodies in order of priority, and the pieces that they cut a ray into.
+//! The scene as a ray sees it: bodies in order of priority, and the segments that they cut a ray into.
 
 use glam::DVec3;
-use turbid_optics::solid::{Solid, Start, Stay};
+use turbid_optics::solid::{Chord, Solid, Start};
 
-use crate::finish::Finish;
+use crate::bsdf::Bsdf;
 use crate::texture::Texture;
 
-/// What fills a piece of a ray.
+/// What fills a segment of a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Material {
     /// mm^-1.
@@ -16,26 +16,26 @@ pub struct Material {
     pub g: f64,
     /// Refractive index.
     pub n: f64,
-    /// What light meets at the wall of a body of it.
-    pub finish: Finish,
+    /// What light meets at the interface of a body of it.
+    pub bsdf: Bsdf,
 }
 
 impl Material {
     pub const VOID: Self = Self::medium(0.0, 0.0, 0.0, 1.0);
 
-    /// One that light can enter, with smooth walls.
+    /// One that light can enter, with smooth interfaces.
     pub const fn medium(mu_a: f64, mu_s: f64, g: f64, n: f64) -> Self {
-        Self { mu_a, mu_s, g, n, finish: Finish::Smooth }
+        Self { mu_a, mu_s, g, n, bsdf: Bsdf::Smooth }
     }
 
     pub fn lambertian(rho: f64) -> Self {
-        Self { finish: Finish::Lambertian(rho), ..Self::VOID }
+        Self { bsdf: Bsdf::Lambertian(rho), ..Self::VOID }
     }
 
     /// Whether light cannot enter.
     #[inline(always)]
     pub fn is_opaque(&self) -> bool {
-        self.finish.is_opaque()
+        self.bsdf.is_opaque()
     }
 
     pub fn mu_t(&self) -> f64 {
@@ -60,40 +60,40 @@ pub struct World {
 
 /// Part of a body's surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Wall {
+pub struct Interface {
     /// Index into [`World::bodies`].
     pub body: usize,
-    /// Which of its faces; 0 for bodies of one smooth piece.
+    /// Which of its faces; 0 for bodies with one smooth face.
     pub face: u32,
 }
 
-/// A point on a wall from which a ray starts, and on which side of the body: with it, no rounding of the point can put the
+/// A point on an interface from which a ray starts, and on which side of the body: with it, no rounding of the point can put the
 /// ray on the wrong side.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Skin {
-    pub wall: Wall,
+pub struct SurfacePoint {
+    pub interface: Interface,
     pub inside: bool,
 }
 
 /// Part of a ray within one material.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Piece {
+pub struct RaySegment {
     pub start: f64,
     /// Infinite on the way out.
     pub end: f64,
     pub material: usize,
     /// What lies at `end`; `None` where `end` is infinite.
-    pub wall: Option<Wall>,
+    pub interface: Option<Interface>,
 }
 
-/// Pieces shorter than this (mm) are rounding of touching faces.
+/// Segments shorter than this (mm) are rounding of touching faces.
 const NOTHING: f64 = 1e-10;
 
 /// Scratch of [`World::trace`]: where the ray stays in each body.
 #[derive(Clone, Debug, Default)]
-pub struct Spans {
-    stays: Vec<Stay>,
-    /// Of each body, where its stays end in that list.
+pub struct Chords {
+    chords: Vec<Chord>,
+    /// Of each body, where its chords end in that list.
     ends: Vec<usize>,
 }
 
@@ -110,13 +110,14 @@ impl World {
         &'a self,
         origin: DVec3,
         direction: DVec3,
-        skin: Option<Skin>,
-        spans: &'a mut Spans,
-    ) -> Pieces<'a> {
-        self.trace_by(spans, |i, solid, stays| {
-            let skin = skin.filter(|skin| skin.wall.body == i);
-            let start = skin.map(|skin| Start { face: skin.wall.face, inside: skin.inside });
-            solid.cut(origin, direction, start, stays);
+        surface_point: Option<SurfacePoint>,
+        scratch: &'a mut Chords,
+    ) -> RaySegments<'a> {
+        self.trace_by(scratch, |i, solid, chords| {
+            let surface_point = surface_point.filter(|surface_point| surface_point.interface.body == i);
+            let start = surface_point
+                .map(|surface_point| Start { face: surface_point.interface.face, inside: surface_point.inside });
+            solid.cut(origin, direction, start, chords);
         })
     }
 
@@ -124,34 +125,34 @@ impl World {
     #[inline(always)]
     pub fn trace_by<'a>(
         &'a self,
-        spans: &'a mut Spans,
-        mut cut: impl FnMut(usize, &Solid, &mut Vec<Stay>),
-    ) -> Pieces<'a> {
-        spans.stays.clear();
-        spans.ends.clear();
+        scratch: &'a mut Chords,
+        mut cut: impl FnMut(usize, &Solid, &mut Vec<Chord>),
+    ) -> RaySegments<'a> {
+        scratch.chords.clear();
+        scratch.ends.clear();
         for (i, body) in self.bodies.iter().enumerate() {
-            cut(i, &body.solid, &mut spans.stays);
-            spans.ends.push(spans.stays.len());
+            cut(i, &body.solid, &mut scratch.chords);
+            scratch.ends.push(scratch.chords.len());
         }
-        Pieces { world: self, spans, t: 0.0 }
+        RaySegments { world: self, scratch, t: 0.0 }
     }
 
-    /// Unit normal, out of the body, at a point of a wall.
-    pub fn normal(&self, wall: Wall, p: DVec3) -> DVec3 {
-        self.bodies[wall.body].solid.normal(wall.face, p)
+    /// Unit normal, out of the body, at a point of an interface.
+    pub fn normal(&self, interface: Interface, p: DVec3) -> DVec3 {
+        self.bodies[interface.body].solid.normal(interface.face, p)
     }
 
-    /// Fraction of the light that a finish reflects diffusely at a point of a wall; `None` where it goes on as a ray.
+    /// Fraction of the light that a BSDF reflects diffusely at a point of an interface; `None` where it goes on as a ray.
     #[inline]
-    pub fn albedo(&self, finish: Finish, wall: Wall, p: DVec3) -> Option<f64> {
-        match finish {
-            Finish::Lambertian(rho) => Some(rho),
-            Finish::Textured(texture) => {
-                let place = self.bodies[wall.body].solid.patch(wall.face, p);
+    pub fn albedo(&self, bsdf: Bsdf, interface: Interface, p: DVec3) -> Option<f64> {
+        match bsdf {
+            Bsdf::Lambertian(rho) => Some(rho),
+            Bsdf::Textured(texture) => {
+                let place = self.bodies[interface.body].solid.patch(interface.face, p);
                 // Meshes are refused; a hole of such a shape in a textured body is black.
                 Some(place.map_or(0.0, |place| self.textures[texture].albedo(&place)))
             }
-            Finish::Smooth | Finish::Rough(_) | Finish::Mirror => None,
+            Bsdf::Smooth | Bsdf::Rough(_) | Bsdf::Mirror => None,
         }
     }
 
@@ -162,59 +163,59 @@ impl World {
     }
 }
 
-/// The pieces of a ray in order; the last one ends at infinity.
-pub struct Pieces<'a> {
+/// The segments of a ray in order; the last one ends at infinity.
+pub struct RaySegments<'a> {
     world: &'a World,
-    spans: &'a Spans,
+    scratch: &'a Chords,
     t: f64,
 }
 
-impl Pieces<'_> {
+impl RaySegments<'_> {
     /// Material at t, and where and at which body it ends.
     #[inline]
-    fn at(&self, t: f64) -> Piece {
-        let (mut end, mut wall) = (f64::INFINITY, None);
+    fn at(&self, t: f64) -> RaySegment {
+        let (mut end, mut interface) = (f64::INFINITY, None);
         let mut first = 0;
-        for (i, &last) in self.spans.ends.iter().enumerate() {
-            // The first stay that is not over: the others begin behind it.
-            let stay = self.spans.stays[first..last].iter().find(|stay| stay.leave > t);
+        for (i, &last) in self.scratch.ends.iter().enumerate() {
+            // The first chord that is not over: the others begin behind it.
+            let chord = self.scratch.chords[first..last].iter().find(|chord| chord.leave > t);
             first = last;
-            let Some(&Stay { enter, leave, into, out_of }) = stay else { continue };
+            let Some(&Chord { enter, leave, into, out_of }) = chord else { continue };
             let (next, face) = if enter > t { (enter, into) } else { (leave, out_of) };
             if next < end {
-                (end, wall) = (next, Some(Wall { body: i, face }));
+                (end, interface) = (next, Some(Interface { body: i, face }));
             }
             if enter <= t {
                 // The first that holds t has the highest priority; those after it do not show.
-                return Piece { start: t, end, material: self.world.bodies[i].material, wall };
+                return RaySegment { start: t, end, material: self.world.bodies[i].material, interface };
             }
         }
-        Piece { start: t, end, material: 0, wall }
+        RaySegment { start: t, end, material: 0, interface }
     }
 }
 
-impl Iterator for Pieces<'_> {
-    type Item = Piece;
+impl Iterator for RaySegments<'_> {
+    type Item = RaySegment;
 
     #[inline]
-    fn next(&mut self) -> Option<Piece> {
+    fn next(&mut self) -> Option<RaySegment> {
         if self.t == f64::INFINITY {
             return None;
         }
-        let mut piece = self.at(self.t);
-        while piece.end - piece.start < NOTHING {
-            piece = self.at(piece.end);
+        let mut segment = self.at(self.t);
+        while segment.end - segment.start < NOTHING {
+            segment = self.at(segment.end);
         }
-        // Neighbours of one material are one piece: no boundary lies between them.
-        while piece.end < f64::INFINITY {
-            let next = self.at(piece.end);
-            if next.material != piece.material && next.end - next.start >= NOTHING {
+        // Neighbours of one material are one segment: no boundary lies between them.
+        while segment.end < f64::INFINITY {
+            let next = self.at(segment.end);
+            if next.material != segment.material && next.end - next.start >= NOTHING {
                 break;
             }
-            (piece.end, piece.wall) = (next.end, next.wall);
+            (segment.end, segment.interface) = (next.end, next.interface);
         }
-        self.t = piece.end;
-        Some(piece)
+        self.t = segment.end;
+        Some(segment)
     }
 }
 
@@ -237,9 +238,9 @@ mod tests {
         }
     }
 
-    fn cut(origin: DVec3, direction: DVec3, skin: Option<Skin>) -> Vec<(f64, f64, usize)> {
-        let (world, mut spans) = (world(), Spans::default());
-        world.trace(origin, direction, skin, &mut spans).map(|p| (p.start, p.end, p.material)).collect()
+    fn cut(origin: DVec3, direction: DVec3, surface_point: Option<SurfacePoint>) -> Vec<(f64, f64, usize)> {
+        let (world, mut scratch) = (world(), Chords::default());
+        world.trace(origin, direction, surface_point, &mut scratch).map(|p| (p.start, p.end, p.material)).collect()
     }
 
     #[test]
@@ -253,15 +254,15 @@ mod tests {
         assert_eq!(cut(DVec3::new(5.0, 0.0, 1.0), DVec3::X, None), [(0.0, inf, 0)]);
     }
 
-    /// From the skin of the outer ball, slightly off by rounding, the side is the one that was said.
+    /// From the surface point of the outer ball, slightly off by rounding, the side is the one that was said.
     #[test]
-    fn a_skin_settles_the_side() {
+    fn a_surface_point_settles_the_side() {
         for off in [-1e-15, 0.0, 1e-15] {
             let p = DVec3::new(0.0, 0.0, 2.0 + off);
-            let wall = Wall { body: 1, face: 0 };
-            let outside = cut(p, DVec3::Z, Some(Skin { wall, inside: false }));
+            let interface = Interface { body: 1, face: 0 };
+            let outside = cut(p, DVec3::Z, Some(SurfacePoint { interface, inside: false }));
             assert_eq!(outside, [(0.0, f64::INFINITY, 0)]);
-            let inside = cut(p, DVec3::NEG_Z, Some(Skin { wall, inside: true }));
+            let inside = cut(p, DVec3::NEG_Z, Some(SurfacePoint { interface, inside: true }));
             assert_eq!(inside[0].2, 2);
             assert!((inside[0].1 - 1.0).abs() < 1e-14);
         }

@@ -1,7 +1,7 @@
 //! Whether two solids share volume.
 
 use glam::DVec3;
-use turbid_optics::solid::{Solid, Stay};
+use turbid_optics::solid::{Chord, Solid};
 
 /// Solids that share less than this fraction of their extent only touch: coordinates are rounded.
 const TOUCH: f64 = 1e-9;
@@ -9,7 +9,7 @@ const TOUCH: f64 = 1e-9;
 /// Lines along each axis with which shared volume is looked for.
 const LINES: usize = 64;
 /// Part of the shared box that a line must spend in both solids to tell: roots near a tangent lose half their digits.
-const LEAST_STAY: f64 = 1e-6;
+const LEAST_CHORD: f64 = 1e-6;
 
 /// Whether two solids share volume; touching faces, edges and points do not count.
 ///
@@ -41,7 +41,7 @@ fn boxes_overlap(a: &Solid, b: &Solid) -> bool {
 fn lines_overlap(a: &Solid, b: &Solid) -> bool {
     let ((a_low, a_high), (b_low, b_high)) = (a.bounds(), b.bounds());
     let (low, size) = (a_low.max(b_low), a_high.min(b_high) - a_low.max(b_low));
-    let (mut in_a, mut in_b): (Vec<Stay>, Vec<Stay>) = (Vec::new(), Vec::new());
+    let (mut in_a, mut in_b): (Vec<Chord>, Vec<Chord>) = (Vec::new(), Vec::new());
     (0..3 * LINES * LINES).any(|i| {
         let (axis, i) = (i % 3, i / 3);
         // Off the middles, where the edges of round numbers are.
@@ -55,7 +55,7 @@ fn lines_overlap(a: &Solid, b: &Solid) -> bool {
         in_b.clear();
         a.cut(origin, direction, None, &mut in_a);
         b.cut(origin, direction, None, &mut in_b);
-        in_a.iter().any(|a| in_b.iter().any(|b| a.leave.min(b.leave) - a.enter.max(b.enter) > LEAST_STAY * size[axis]))
+        in_a.iter().any(|a| in_b.iter().any(|b| a.leave.min(b.leave) - a.enter.max(b.enter) > LEAST_CHORD * size[axis]))
     })
 }
 

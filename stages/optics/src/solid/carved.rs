@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::{Solid, Start, Stay};
+use super::{Chord, Solid, Start};
 
 /// What lies in `whole` and in none of the holes. All of them are convex. Face 0 is the surface of `whole`, face k that of
 /// the hole k - 1.
@@ -13,28 +13,28 @@ pub struct Carved {
 }
 
 impl Carved {
-    pub(super) fn cut(&self, origin: DVec3, direction: DVec3, start: Option<Start>, stays: &mut Vec<Stay>) {
-        let first = stays.len();
+    pub(super) fn cut(&self, origin: DVec3, direction: DVec3, start: Option<Start>, chords: &mut Vec<Chord>) {
+        let first = chords.len();
         let within = |face: u32, solid: &Solid| {
             // Inside a hole is outside the body.
             let own = start.filter(|s| s.face == face).map(|s| s.inside == (face == 0));
             solid.interval_from(own, origin, direction)
         };
         let Some((enter, leave)) = within(0, &self.whole) else { return };
-        stays.push(Stay { enter, leave, into: 0, out_of: 0 });
+        chords.push(Chord { enter, leave, into: 0, out_of: 0 });
         for (k, hole) in self.holes.iter().enumerate() {
             let face = k as u32 + 1;
             let Some((enter, leave)) = within(face, hole) else { continue };
             let mut i = first;
-            while i < stays.len() {
-                let stay = stays[i];
-                if leave <= stay.enter || stay.leave <= enter {
+            while i < chords.len() {
+                let chord = chords[i];
+                if leave <= chord.enter || chord.leave <= enter {
                     i += 1;
                     continue;
                 }
-                let before = (stay.enter < enter).then_some(Stay { leave: enter, out_of: face, ..stay });
-                let after = (leave < stay.leave).then_some(Stay { enter: leave, into: face, ..stay });
-                stays.splice(i..=i, before.into_iter().chain(after));
+                let before = (chord.enter < enter).then_some(Chord { leave: enter, out_of: face, ..chord });
+                let after = (leave < chord.leave).then_some(Chord { enter: leave, into: face, ..chord });
+                chords.splice(i..=i, before.into_iter().chain(after));
                 i += usize::from(before.is_some()) + usize::from(after.is_some());
             }
         }

@@ -119,17 +119,17 @@ mod tests {
             for (i, j) in (0..9).flat_map(|i| (0..9).map(move |j| (i, j))) {
                 let at = |k: i32| 0.37 * f64::from(k) - 1.4;
                 let (origin, w) = (DVec3::new(at(i), at(j), 9.0), DVec3::new(0.05, 0.1, -1.0).normalize());
-                let mut stays = Vec::new();
-                solid.cut(origin, w, None, &mut stays);
-                for stay in &stays {
-                    for (t, face) in [(stay.enter, stay.into), (stay.leave, stay.out_of)] {
+                let mut chords = Vec::new();
+                solid.cut(origin, w, None, &mut chords);
+                for chord in &chords {
+                    for (t, face) in [(chord.enter, chord.into), (chord.leave, chord.out_of)] {
                         let p = origin + t * w;
                         let n = solid.normal(face, p);
                         // Onto the surface from a point beside it, along the normal; `None` across an edge.
                         let on = |q: DVec3| {
-                            let (mut stays, start) = (Vec::new(), q + 1e-3 * n);
-                            solid.cut(start, -n, None, &mut stays);
-                            let ends = stays.iter().flat_map(|s| [(s.enter, s.into), (s.leave, s.out_of)]);
+                            let (mut chords, start) = (Vec::new(), q + 1e-3 * n);
+                            solid.cut(start, -n, None, &mut chords);
+                            let ends = chords.iter().flat_map(|s| [(s.enter, s.into), (s.leave, s.out_of)]);
                             let (t, face) = ends.min_by(|a, b| (a.0 - 1e-3).abs().total_cmp(&(b.0 - 1e-3).abs()))?;
                             let near = (t - 1e-3).abs() < 1e-6;
                             near.then(|| solid.coordinates(face, start - t * n)).flatten()

@@ -252,7 +252,7 @@ impl Solid {
     /// On a curved surface, from where the straight line meets it first.
     fn round(&self, ends: &Ends, surface: Curved, center: DVec3) -> Option<DVec3> {
         let (towards, inverse) = ends.far.from(ends.near);
-        let (enter, leave) = self.span(ends.near, towards);
+        let (enter, leave) = self.chord(ends.near, towards);
         let t = if enter > 0.0 { enter } else { leave };
         let met = enter < leave && t > 0.0 && t * inverse < 1.0;
         let start = met.then(|| surface.drop(ends.near + t * towards - center))?;

@@ -42,7 +42,7 @@ mod tests {
     use glam::DVec2;
 
     use super::*;
-    use crate::solid::{Frame, Start, Stay};
+    use crate::solid::{Chord, Frame, Start};
 
     /// Normals of neighbouring points, met by neighbouring lines, against the derivative: central differences of 1e-5 mm leave
     /// 1e-10 of curvature and 1e-11 of rounding.
@@ -65,9 +65,9 @@ mod tests {
                 let (origin, w) =
                     (DVec3::new(at(1.1), at(1.7), at(2.3)), DVec3::new(at(3.1), at(4.3), at(0.7)).normalize());
                 let first = |origin: DVec3| {
-                    let mut stays: Vec<Stay> = Vec::new();
-                    solid.cut(origin - 9.0 * w, w, None::<Start>, &mut stays);
-                    stays.first().map(|s| (origin + (s.enter - 9.0) * w, s.into))
+                    let mut chords: Vec<Chord> = Vec::new();
+                    solid.cut(origin - 9.0 * w, w, None::<Start>, &mut chords);
+                    chords.first().map(|s| (origin + (s.enter - 9.0) * w, s.into))
                 };
                 let across = w.any_orthonormal_vector();
                 let h = 1e-5;

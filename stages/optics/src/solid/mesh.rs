@@ -13,11 +13,11 @@ use glam::DVec3;
 
 use super::bvh::Tree;
 use super::crossing::Ends;
-use super::facets::{Cells, Seen};
+use super::facets::{Cells, ItemBuffer};
 use super::memo::Memo;
 use super::normals::{Normals, Search};
 use super::rounded::Rounded;
-use super::{Start, Stay};
+use super::{Chord, Start};
 
 /// Cells of the distance grid along the longest side.
 const CELLS: f64 = 40.0;
@@ -41,7 +41,7 @@ pub struct Mesh {
     rounded: OnceLock<Rounded>,
     cells: OnceLock<Option<Cells>>,
     /// From the last points that were asked for: that of the light, that of the camera.
-    seen: Memo<DVec3, Option<Arc<Seen>>>,
+    item_buffers: Memo<DVec3, Option<Arc<ItemBuffer>>>,
 }
 
 /// What one thread has built so far of the parts of meshes that take long, for tests that count it.
@@ -69,7 +69,7 @@ impl Built {
 
 /// The two forms in single precision may have so many bytes.
 const CELLS_BYTES: usize = 40 << 20;
-const SEEN_BYTES: usize = 12 << 20;
+const ITEM_BUFFER_BYTES: usize = 12 << 20;
 
 /// Distances from the surface at the middles of cubes that fill the bounding box.
 #[derive(Clone, Debug, PartialEq)]
@@ -117,7 +117,7 @@ impl Mesh {
             lies: OnceLock::new(),
             rounded: OnceLock::new(),
             cells: OnceLock::new(),
-            seen: Memo::default(),
+            item_buffers: Memo::default(),
         }
     }
 
@@ -125,7 +125,7 @@ impl Mesh {
         self.corners.len()
     }
 
-    /// What [`Cells`] and [`Seen`] are relative to.
+    /// What [`Cells`] and [`ItemBuffer`] are relative to.
     pub fn center(&self) -> DVec3 {
         self.center
     }
@@ -146,8 +146,10 @@ impl Mesh {
 
     /// Its triangles as they lie on lines through a point, for many looks towards it; `None` where that is too near, or it
     /// would need too much memory.
-    pub fn seen_from(&self, eye: DVec3) -> Option<Arc<Seen>> {
-        self.seen.get(eye - self.center, |&eye| Seen::from(eye, &self.corners, self.half, SEEN_BYTES).map(Arc::new))
+    pub fn item_buffer(&self, eye: DVec3) -> Option<Arc<ItemBuffer>> {
+        self.item_buffers.get(eye - self.center, |&eye| {
+            ItemBuffer::from(eye, &self.corners, self.half, ITEM_BUFFER_BYTES).map(Arc::new)
+        })
     }
 
     pub(super) fn bounds(&self) -> (DVec3, DVec3) {
@@ -176,16 +178,22 @@ impl Mesh {
         turns > 0
     }
 
-    /// What [`super::Solid::cut`] says of the ray from `eye`, by what is `seen` from there: which triangles it crosses is decided in single precision,
+    /// What [`super::Solid::cut`] says of the ray from `eye`, by the item buffer from there: which triangles it crosses is decided in single precision,
     /// where it crosses them is not.
     #[inline(always)]
-    pub fn cut_seen<S: Simd>(&self, simd: S, (eye, seen): (DVec3, &Seen), direction: DVec3, stays: &mut Vec<Stay>) {
+    pub fn cut_by_item_buffer<S: Simd>(
+        &self,
+        simd: S,
+        (eye, buffer): (DVec3, &ItemBuffer),
+        direction: DVec3,
+        chords: &mut Vec<Chord>,
+    ) {
         let from = eye - self.center;
         let size = self.half.length();
         // Behind all of it.
         let far = size - from.dot(direction);
         let mut found = Vec::new();
-        seen.towards(simd, (from + far * direction).as_vec3().to_array(), &mut found);
+        buffer.towards(simd, (from + far * direction).as_vec3().to_array(), &mut found);
         let mut entered = None;
         for c in found.iter().rev() {
             let (n, a) = (self.normals[c.face as usize], self.corners[c.face as usize][0]);
@@ -197,7 +205,7 @@ impl Mesh {
                 // Towards the eye it would leave.
                 None if c.leaves => entered = Some((t, c.face)),
                 Some((enter, into)) if !c.leaves => {
-                    stays.push(Stay { enter, leave: t.max(enter), into, out_of: c.face });
+                    chords.push(Chord { enter, leave: t.max(enter), into, out_of: c.face });
                     entered = None;
                 }
                 _ => {}
@@ -205,7 +213,7 @@ impl Mesh {
         }
     }
 
-    pub(super) fn cut(&self, origin: DVec3, direction: DVec3, start: Option<Start>, stays: &mut Vec<Stay>) {
+    pub(super) fn cut(&self, origin: DVec3, direction: DVec3, start: Option<Start>, chords: &mut Vec<Chord>) {
         let mut crossings = Vec::new();
         // What lies so near to a start on the surface is rounding.
         let near = start.map_or(0.0, |_| 1e-12 * (self.half.max_element() + self.center.abs().max_element()));
@@ -228,13 +236,13 @@ impl Mesh {
             let real = crossings[..about].iter().find(|c| c.turn == wanted).map(|c| Crossing { t: c.t.max(0.0), ..*c });
             crossings.splice(..about, real);
         }
-        let mut enter = Stay { enter: f64::NEG_INFINITY, leave: f64::INFINITY, into: 0, out_of: 0 };
+        let mut enter = Chord { enter: f64::NEG_INFINITY, leave: f64::INFINITY, into: 0, out_of: 0 };
         for c in crossings {
             if c.turn < 0 && inside {
-                stays.push(Stay { leave: c.t, out_of: c.face, ..enter });
+                chords.push(Chord { leave: c.t, out_of: c.face, ..enter });
                 inside = false;
             } else if c.turn > 0 && !inside {
-                enter = Stay { enter: c.t, into: c.face, ..enter };
+                enter = Chord { enter: c.t, into: c.face, ..enter };
                 inside = true;
             }
         }

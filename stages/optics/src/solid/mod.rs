@@ -60,7 +60,7 @@ pub struct Start {
 
 /// Part of a line within a solid.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stay {
+pub struct Chord {
     /// Infinite where the solid is, or where the line starts inside.
     pub enter: f64,
     pub leave: f64,
@@ -81,7 +81,7 @@ impl Solid {
         Self::Carved(Arc::new(Carved { whole: self, holes }))
     }
 
-    /// Whether a line stays in it at most once.
+    /// Whether a line is in it at most once.
     pub fn is_convex(&self) -> bool {
         match self {
             Self::Turned(turned) => turned.solid.is_convex(),
@@ -90,20 +90,20 @@ impl Solid {
         }
     }
 
-    /// Appends to `stays` where the line origin + t direction is in the solid, in ascending order; what ends at t <= 0 may be
+    /// Appends to `chords` where the line origin + t direction is in the solid, in ascending order; what ends at t <= 0 may be
     /// missing. With `start`, the ray t > 0 starts on that face, on that side. A line that only touches is outside.
     #[inline]
-    pub fn cut(&self, origin: DVec3, direction: DVec3, start: Option<Start>, stays: &mut Vec<Stay>) {
+    pub fn cut(&self, origin: DVec3, direction: DVec3, start: Option<Start>, chords: &mut Vec<Chord>) {
         match self {
             Self::Turned(turned) => {
                 let frame = &turned.frame;
-                turned.solid.cut(frame.point_into(origin), frame.direction_into(direction), start, stays);
+                turned.solid.cut(frame.point_into(origin), frame.direction_into(direction), start, chords);
             }
-            Self::Carved(carved) => carved.cut(origin, direction, start, stays),
-            Self::Mesh(mesh) => mesh.cut(origin, direction, start, stays),
+            Self::Carved(carved) => carved.cut(origin, direction, start, chords),
+            Self::Mesh(mesh) => mesh.cut(origin, direction, start, chords),
             _ => {
                 if let Some((enter, leave)) = self.interval_from(start.map(|s| s.inside), origin, direction) {
-                    stays.push(Stay { enter, leave, into: 0, out_of: 0 });
+                    chords.push(Chord { enter, leave, into: 0, out_of: 0 });
                 }
             }
         }
@@ -124,7 +124,7 @@ impl Solid {
     /// are infinite where the solid is. A line that only touches is outside.
     #[inline]
     pub fn interval(&self, origin: DVec3, direction: DVec3) -> Option<(f64, f64)> {
-        let (enter, leave) = self.span(origin, direction);
+        let (enter, leave) = self.chord(origin, direction);
         (enter < leave).then_some((enter, leave))
     }
 
@@ -133,7 +133,7 @@ impl Solid {
     /// # Panics
     /// For solids that are not convex.
     #[inline(always)]
-    pub fn span(&self, origin: DVec3, direction: DVec3) -> (f64, f64) {
+    pub fn chord(&self, origin: DVec3, direction: DVec3) -> (f64, f64) {
         match *self {
             Self::Slab { bottom, top } => between(origin.z, direction.z, bottom, top),
             Self::Box { low, high } => {
@@ -167,7 +167,7 @@ impl Solid {
             }
             Self::Turned(ref turned) => {
                 let frame = &turned.frame;
-                turned.solid.span(frame.point_into(origin), frame.direction_into(direction))
+                turned.solid.chord(frame.point_into(origin), frame.direction_into(direction))
             }
             Self::Carved(_) | Self::Mesh(_) => panic!("a line may stay several times in a solid that is not convex"),
         }
@@ -205,7 +205,7 @@ impl Solid {
             Self::Turned(ref turned) => turned.solid.reach(turned.frame.point_into(p), turned.frame.direction_into(w)),
             Self::Carved(_) | Self::Mesh(_) => self.clearance(p),
             _ => {
-                let (enter, leave) = self.span(p, w);
+                let (enter, leave) = self.chord(p, w);
                 let t = if enter >= 0.0 { enter } else { leave };
                 if (enter < leave) & (t >= 0.0) { t } else { f64::INFINITY }
             }

@@ -39,10 +39,10 @@ fn hollows() -> Vec<Solid> {
     ]
 }
 
-fn cut(solid: &Solid, origin: DVec3, direction: DVec3, start: Option<Start>) -> Vec<Stay> {
-    let mut stays = Vec::new();
-    solid.cut(origin, direction, start, &mut stays);
-    stays
+fn cut(solid: &Solid, origin: DVec3, direction: DVec3, start: Option<Start>) -> Vec<Chord> {
+    let mut chords = Vec::new();
+    solid.cut(origin, direction, start, &mut chords);
+    chords
 }
 
 /// The i-th number of the Halton sequence in [0, 1).
@@ -132,24 +132,24 @@ fn hollow_solids_are_cut_where_they_are() {
         for i in 0..1000 {
             let direction = DVec3::new(halton(i, 7) - 0.5, halton(i, 11) - 0.5, halton(i, 13) - 0.5).normalize();
             let origin = 0.7 * spread(i) - 8.0 * direction;
-            let stays = cut(&solid, origin, direction, None);
+            let chords = cut(&solid, origin, direction, None);
             let at = |t: f64| origin + t * direction;
-            several += usize::from(stays.len() > 1);
+            several += usize::from(chords.len() > 1);
             for k in 0..400 {
                 let t = 0.07 * f64::from(k) - 14.0;
-                let inside = stays.iter().any(|s| s.enter <= t && t <= s.leave);
+                let inside = chords.iter().any(|s| s.enter <= t && t <= s.leave);
                 assert_eq!(solid.contains(at(t)), inside, "{solid:?} {origin} {direction} {t}");
             }
-            for (n, stay) in stays.iter().enumerate() {
-                assert!(stay.enter < stay.leave && (n == 0 || stays[n - 1].leave < stay.enter));
-                for (t, face, into) in [(stay.enter, stay.into, true), (stay.leave, stay.out_of, false)] {
+            for (n, chord) in chords.iter().enumerate() {
+                assert!(chord.enter < chord.leave && (n == 0 || chords[n - 1].leave < chord.enter));
+                for (t, face, into) in [(chord.enter, chord.into, true), (chord.leave, chord.out_of, false)] {
                     assert!(solid.clearance(at(t)) <= 1e-12, "{solid:?}: {} off", solid.clearance(at(t)));
                     let along = solid.normal(face, at(t)).dot(direction);
                     assert!(if into { along < 0.0 } else { along > 0.0 }, "{solid:?}: {along}");
                     for off in [-1e-13, 0.0, 1e-13] {
                         let rest = cut(&solid, at(t + off), direction, Some(Start { face, inside: into }));
                         let ahead: Vec<_> = rest.iter().filter(|s| s.leave > 0.0).collect();
-                        let expected = &stays[if into { n } else { n + 1 }..];
+                        let expected = &chords[if into { n } else { n + 1 }..];
                         assert_eq!(ahead.len(), expected.len(), "{solid:?} {origin} {direction}");
                         for (a, b) in ahead.iter().zip(expected) {
                             assert!((a.leave - (b.leave - t)).abs() < 1e-11);
@@ -166,7 +166,7 @@ fn hollow_solids_are_cut_where_they_are() {
 /// against pi (R^2 - r^2) L, and the block less its groove, whose
 /// edges lie on the lattice. On the round outline the midpoint rule errs by less than a cell over the diameter: 1 %.
 #[test]
-fn stays_add_up_to_the_volume() {
+fn chords_add_up_to_the_volume() {
     use std::f64::consts::PI;
     let n = 96;
     for (solid, volume) in hollows().iter().zip([PI * (4.0 - 1.44) * 3.0, f64::NAN, 64.0 - 12.0]) {

@@ -1,33 +1,33 @@
-//! Rays through given walls, and how they are turned to meet a source.
+//! Rays through given surface_normals, and how they are turned to meet a source.
 
 use glam::DVec3;
-use turbid_optics::pencil::{Aim, Pencil};
+use turbid_optics::ray_differential::{NewtonStep, RayDifferential};
 
 use super::Next;
+use crate::connection::SAME;
 use crate::lamp::Source;
 use crate::lengths::{Lengths, NO_LENGTHS, sum};
 use crate::walker::Walker;
-use crate::way::SAME;
-use crate::world::Skin;
+use crate::world::SurfacePoint;
 
-/// A ray behind the last wall of its way.
+/// A ray behind the last interface of its chain.
 pub(super) struct Shot {
-    pub pencil: Pencil,
-    pub skin: Option<Skin>,
+    pub differential: RayDifferential,
+    pub surface_point: Option<SurfacePoint>,
     /// Refractive index there.
     pub n: f64,
-    /// What the walls let through or reflect.
+    /// What the interfaces let through or reflect.
     pub passed: f64,
     /// Optical depth, and mm in each medium that tells channels apart.
     pub tau: f64,
     pub lengths: Lengths,
-    /// As of a [`Link`](crate::link::Link).
+    /// As of a [`Connection`](crate::connection::Connection).
     pub exit: Option<DVec3>,
 }
 
-/// By which normals walls turn a ray.
+/// By which normals interfaces turn a ray.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Walls {
+pub(super) enum SurfaceNormals {
     AsTheyAre,
     /// Meshes by those of the smooth surfaces that they stand for: the ray knows about where to go on facets that it has not met yet.
     Rounded,
@@ -44,49 +44,49 @@ const SETTLED: f64 = 1e-8;
 
 impl Walker<'_> {
     /// Turns a ray along w with these events until it meets the source; `None` where it does not come to that.
-    pub(super) fn connect(
+    pub(super) fn walk_from(
         &mut self,
         source: Source<'_>,
-        begin: (DVec3, Option<Skin>),
+        begin: (DVec3, Option<SurfacePoint>),
         w: DVec3,
         events: &[bool],
-        walls: Walls,
-    ) -> Option<(Shot, Aim)> {
-        let shot = self.shoot(begin, w, events, walls)?;
-        let aim = shot.aim(source)?;
-        self.steer(source, begin, (shot, aim), events, walls)
+        surface_normals: SurfaceNormals,
+    ) -> Option<(Shot, NewtonStep)> {
+        let shot = self.shoot(begin, w, events, surface_normals)?;
+        let newton = shot.newton(source)?;
+        self.manifold_walk(source, begin, (shot, newton), events, surface_normals)
     }
 
     /// The same, of a ray that has been shot.
-    pub(super) fn steer(
+    pub(super) fn manifold_walk(
         &mut self,
         source: Source<'_>,
-        begin: (DVec3, Option<Skin>),
-        (mut shot, mut aim): (Shot, Aim),
+        begin: (DVec3, Option<SurfacePoint>),
+        (mut shot, mut newton): (Shot, NewtonStep),
         events: &[bool],
-        walls: Walls,
-    ) -> Option<(Shot, Aim)> {
+        surface_normals: SurfaceNormals,
+    ) -> Option<(Shot, NewtonStep)> {
         for _ in 0..MOST_STEPS {
-            let size = aim.turn.length();
+            let size = newton.turn.length();
             if size < SETTLED {
-                return Some((shot, aim));
+                return Some((shot, newton));
             }
-            let mut step = aim.turn * (LARGEST_STEP / size).min(1.0);
+            let mut step = newton.turn * (LARGEST_STEP / size).min(1.0);
             let mut next = None;
             for _ in 0..MOST_HALVINGS {
-                let tried = self.shoot(begin, shot.pencil.turned(step), events, walls);
-                let better = tried.and_then(|shot| shot.aim(source).map(|aim| (shot, aim)));
-                next = better.filter(|(_, a)| a.miss < aim.miss);
+                let tried = self.shoot(begin, shot.differential.turned(step), events, surface_normals);
+                let better = tried.and_then(|shot| shot.newton(source).map(|newton| (shot, newton)));
+                next = better.filter(|(_, a)| a.miss < newton.miss);
                 if next.is_some() {
                     break;
                 }
                 step *= 0.5;
             }
-            let Some((better, better_aim)) = next else {
+            let Some((better, better_newton)) = next else {
                 // As near as rounding lets it come.
-                return (size < SAME).then_some((shot, aim));
+                return (size < SAME).then_some((shot, newton));
             };
-            (shot, aim) = (better, better_aim);
+            (shot, newton) = (better, better_newton);
         }
         None
     }
@@ -94,30 +94,40 @@ impl Walker<'_> {
     /// A ray through its events; `None` where one of them cannot be.
     pub(super) fn shoot(
         &mut self,
-        (r, skin): (DVec3, Option<Skin>),
+        (r, surface_point): (DVec3, Option<SurfacePoint>),
         w: DVec3,
         events: &[bool],
-        walls: Walls,
+        surface_normals: SurfaceNormals,
     ) -> Option<Shot> {
         let world = self.setting.world;
-        let pencil = Pencil::new(r, w);
-        let mut shot = Shot { pencil, skin, n: f64::NAN, passed: 1.0, tau: 0.0, lengths: NO_LENGTHS, exit: None };
+        let differential = RayDifferential::new(r, w);
+        let mut shot =
+            Shot { differential, surface_point, n: f64::NAN, passed: 1.0, tau: 0.0, lengths: NO_LENGTHS, exit: None };
         for &reflected in events {
-            let Next::Edge(edge) = self.next_edge(shot.pencil.r, shot.pencil.w, shot.skin) else { return None };
-            let pencil = &mut shot.pencil;
-            pencil.fly(edge.distance);
-            let (wall, p) = (edge.wall, pencil.r);
-            let solid = &world.bodies[wall.body].solid;
-            let normal = solid.normal(wall.face, p);
-            let inside = normal.dot(pencil.w) > 0.0;
+            let Next::Edge(edge) = self.next_edge(shot.differential.r, shot.differential.w, shot.surface_point) else {
+                return None;
+            };
+            let differential = &mut shot.differential;
+            differential.fly(edge.distance);
+            let (interface, p) = (edge.interface, differential.r);
+            let solid = &world.bodies[interface.body].solid;
+            let normal = solid.normal(interface.face, p);
+            let inside = normal.dot(differential.w) > 0.0;
             let indices = (edge.n, edge.beyond);
-            let reflectance = match walls {
-                Walls::AsTheyAre => pencil.meet(normal, |d| solid.bends(wall.face, p, d), indices, reflected)?,
-                Walls::Rounded => {
-                    let rounded = solid.rounded_normal(wall.face, p);
-                    let met = pencil.meet(rounded, |d| solid.rounded_bends(wall.face, p, d), indices, reflected)?;
+            let reflectance = match surface_normals {
+                SurfaceNormals::AsTheyAre => {
+                    differential.meet(normal, |d| solid.bends(interface.face, p, d), indices, reflected)?
+                }
+                SurfaceNormals::Rounded => {
+                    let rounded = solid.rounded_normal(interface.face, p);
+                    let met = differential.meet(
+                        rounded,
+                        |d| solid.rounded_bends(interface.face, p, d),
+                        indices,
+                        reflected,
+                    )?;
                     // It may not have met the facet and gone on behind it.
-                    (inside == ((normal.dot(pencil.w) > 0.0) != reflected)).then_some(met)?
+                    (inside == ((normal.dot(differential.w) > 0.0) != reflected)).then_some(met)?
                 }
             };
             shot.passed *= match (edge.is_mirror(), reflected) {
@@ -127,7 +137,7 @@ impl Walker<'_> {
                 (false, false) => 1.0 - reflectance,
             };
             shot.n = if reflected { edge.n } else { edge.beyond };
-            shot.skin = Some(Skin { wall, inside: inside == reflected });
+            shot.surface_point = Some(SurfacePoint { interface, inside: inside == reflected });
             shot.tau += edge.tau;
             shot.lengths = sum(&shot.lengths, &edge.lengths);
             shot.exit.get_or_insert(edge.exit);
@@ -137,10 +147,10 @@ impl Walker<'_> {
 }
 
 impl Shot {
-    pub fn aim(&self, source: Source<'_>) -> Option<Aim> {
+    pub fn newton(&self, source: Source<'_>) -> Option<NewtonStep> {
         match source.origin() {
-            (_, Some(along)) => self.pencil.aim_along(-along),
-            (origin, None) => self.pencil.aim_at(origin),
+            (_, Some(along)) => self.differential.newton_step_along(-along),
+            (origin, None) => self.differential.newton_step_to(origin),
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Ways of light against light walked forward.
+//! Connections against light walked forward.
 
 use std::f64::consts::PI;
 
@@ -10,24 +10,24 @@ use turbid_optics::refraction::refract;
 use turbid_optics::solid::{Frame, Mesh, Solid};
 use turbid_optics::view::View;
 
+use crate::bsdf::Bsdf;
 use crate::camera::Camera;
-use crate::finish::Finish;
+use crate::connect::Draws;
 use crate::lamp::{Lamp, Source, Steady};
 use crate::level::named;
 use crate::light::Light;
-use crate::link::Chance;
-use crate::pictures::Pictures;
-use crate::random::{Look, Purpose, Stream};
+use crate::projected_images::ProjectedImages;
+use crate::random::{NeeSite, Purpose, Stream};
 use crate::setting::{Nee, Setting};
 use crate::strata::Bending;
 use crate::walker::Walker;
-use crate::world::{Body, Material, Skin, Spans, Wall, World};
+use crate::world::{Body, Chords, Interface, Material, SurfacePoint, World};
 
-mod glints;
+mod lamp_reflections;
 #[path = "../../../optics/tests/shapes/mod.rs"]
 mod shapes;
 
-/// mu_t in mm^-1, n. In clearer ones, light beyond foci comes by ways so rarely found that a few of them make the mean, and standard errors say too
+/// mu_t in mm^-1, n. In clearer ones, light beyond foci comes by chains so rarely found that a few of them make the mean, and standard errors say too
 /// little: `docs/theory/render.md` has what longer runs gave there.
 const MEDIA: [(f64, f64); 4] = [(0.6, 1.4), (0.4, 1.5), (0.8, 1.33), (0.0, 1.0)];
 
@@ -43,7 +43,7 @@ fn case(name: &'static str, bodies: Vec<(Solid, usize)>, lamp: Lamp, balls: &[([
     let mut materials = vec![Material::VOID];
     materials.extend(MEDIA.map(|(mu_t, n)| Material::medium(mu_t, 0.0, 0.0, n)));
     materials.push(Material::lambertian(0.0));
-    materials.push(Material { finish: Finish::Mirror, ..Material::VOID });
+    materials.push(Material { bsdf: Bsdf::Mirror, ..Material::VOID });
     let bodies = bodies.into_iter().map(|(solid, material)| Body { solid, material }).collect();
     Case {
         name,
@@ -237,7 +237,7 @@ fn forward(case: &Case, key: u32, photons: u32) -> Vec<Measured> {
     // A cone around all that turns light and the balls.
     let (center, radius) = (DVec3::ZERO, 5.0);
     let mut sums = vec![[0.0; 2]; case.balls.len()];
-    let mut spans = Spans::default();
+    let mut chords = Chords::default();
     for i in 0..photons {
         let mut throws = (0..).map(|k| philox4x32([i, k, 0, 0], [7, key]).map(unit));
         let [u, turns, ..] = throws.next().unwrap();
@@ -257,32 +257,32 @@ fn forward(case: &Case, key: u32, photons: u32) -> Vec<Measured> {
             Lamp::Spot { .. } => unreachable!("no case has one"),
         };
         let mut scores = vec![0.0; case.balls.len()];
-        let mut skin: Option<Skin> = None;
+        let mut surface_point: Option<SurfacePoint> = None;
         // 1e-6 of the light may remain.
         'flights: while weight > 1e-6 {
-            let mut before: Option<(Wall, usize)> = None;
-            for piece in world.trace(r, w, skin, &mut spans) {
-                let m = &world.materials[piece.material];
-                if let (Finish::Mirror, Some((wall, _))) = (m.finish, before) {
-                    r += piece.start * w;
-                    let normal = world.normal(wall, r);
-                    skin = Some(Skin { wall, inside: normal.dot(w) > 0.0 });
+            let mut before: Option<(Interface, usize)> = None;
+            for segment in world.trace(r, w, surface_point, &mut chords) {
+                let m = &world.materials[segment.material];
+                if let (Bsdf::Mirror, Some((interface, _))) = (m.bsdf, before) {
+                    r += segment.start * w;
+                    let normal = world.normal(interface, r);
+                    surface_point = Some(SurfacePoint { interface, inside: normal.dot(w) > 0.0 });
                     w = (w - 2.0 * w.dot(normal) * normal).normalize();
                     continue 'flights;
                 }
                 if m.is_opaque() {
                     break 'flights;
                 }
-                if let Some((wall, from)) = before
+                if let Some((interface, from)) = before
                     && world.materials[from].n != m.n
                 {
-                    r += piece.start * w;
-                    let normal = world.normal(wall, r);
+                    r += segment.start * w;
+                    let normal = world.normal(interface, r);
                     let met = refract(w, normal, world.materials[from].n, m.n);
                     let inside = normal.dot(w) > 0.0;
                     let [u, ..] = throws.next().unwrap();
                     let on = met.refracted.filter(|_| u >= met.reflectance);
-                    skin = Some(Skin { wall, inside: inside == on.is_none() });
+                    surface_point = Some(SurfacePoint { interface, inside: inside == on.is_none() });
                     w = on.unwrap_or(met.reflected);
                     continue 'flights;
                 }
@@ -290,17 +290,18 @@ fn forward(case: &Case, key: u32, photons: u32) -> Vec<Measured> {
                     let near = (center - r).dot(w);
                     let half2 = radius * radius - (r + near * w - center).length_squared();
                     if half2 > 0.0 {
-                        let (from, to) = ((near - half2.sqrt()).max(piece.start), (near + half2.sqrt()).min(piece.end));
+                        let (from, to) =
+                            ((near - half2.sqrt()).max(segment.start), (near + half2.sqrt()).min(segment.end));
                         if from < to {
                             let mu = m.mu_t();
                             let mean = if mu > 0.0 { (1.0 - (-mu * (to - from)).exp()) / mu } else { to - from };
-                            *score += weight * (-mu * (from - piece.start)).exp() * mean;
+                            *score += weight * (-mu * (from - segment.start)).exp() * mean;
                         }
                     }
                 }
-                let Some(wall) = piece.wall else { break 'flights };
-                weight *= (-m.mu_t() * (piece.end - piece.start)).exp();
-                before = Some((wall, piece.material));
+                let Some(interface) = segment.interface else { break 'flights };
+                weight *= (-m.mu_t() * (segment.end - segment.start)).exp();
+                before = Some((interface, segment.material));
             }
             break;
         }
@@ -327,7 +328,7 @@ fn with_walker<T>(case: &Case, work: impl FnOnce(&mut Walker<'_>) -> T) -> T {
         light: &light,
         steady: &steady,
         carriers: &[],
-        pictures: &Pictures::NONE,
+        projected_images: &ProjectedImages::NONE,
         key: [1, 2],
         channel: 0,
         nee: Nee::Point,
@@ -339,10 +340,10 @@ fn with_walker<T>(case: &Case, work: impl FnOnce(&mut Walker<'_>) -> T) -> T {
 /// Height of the camera.
 const EYE: f64 = 2.8;
 
-/// Irradiances of all ways to points of the balls, times n^2; how many points lie on known ways, and how many trials were given up.
-fn by_links(case: &Case, points: u32) -> (Vec<Measured>, u64) {
+/// Irradiances of all connections to points of the balls, times n^2; how many points lie on known connections, and how many trials were given up.
+fn by_connections(case: &Case, points: u32) -> (Vec<Measured>, u64) {
     with_walker(case, |walker| {
-        assert_eq!(walker.bending, Bending::AtWalls, "{}", case.name);
+        assert_eq!(walker.bending, Bending::AtInterfaces, "{}", case.name);
         let mut measured = Vec::new();
         for (k, &(center, radius)) in case.balls.iter().enumerate() {
             let (mut sum, mut square) = (0.0, 0.0);
@@ -354,12 +355,13 @@ fn by_links(case: &Case, points: u32) -> (Vec<Measured>, u64) {
                 let direction = DVec3::new(cos * (1.0 - z * z).sqrt(), sin * (1.0 - z * z).sqrt(), z);
                 let r = center + radius * libm::cbrt(c) * direction;
                 let n = walker.index_around(r);
-                let mut links = Vec::new();
-                let chance = Chance { stream: &stream, flight: 2, look: Look::Entered(0) };
+                let mut connections = Vec::new();
+                let draws = Draws { stream: &stream, flight: 2, site: NeeSite::Entered(0) };
                 let source = Source::Lamp(0, &case.lamp);
-                walker.reach(source, r, None, &mut links);
-                walker.reach_on(source, r, None, &chance, &mut links);
-                let fluence: f64 = links.iter().map(|link| link.irradiance * n * n * (-link.tau).exp()).sum();
+                walker.reach(source, r, None, &mut connections);
+                walker.reach_on(source, r, None, &draws, &mut connections);
+                let fluence: f64 =
+                    connections.iter().map(|connection| connection.irradiance * n * n * (-connection.tau).exp()).sum();
                 (sum, square) = (sum + fluence, square + fluence * fluence);
             }
             let n = f64::from(points);
@@ -369,13 +371,13 @@ fn by_links(case: &Case, points: u32) -> (Vec<Measured>, u64) {
     })
 }
 
-/// The fluence rate that all ways together bring to small balls is that of light walked forward through the same walls: all
+/// The fluence rate that all connections together bring to small balls is that of light walked forward through the same interfaces: all
 /// refractions, reflections and foci are in it, and their Jacobians. As z scores over all balls of all cases.
 fn check(cases: Vec<Case>, photons: u32, points: u32) {
     let (mut scores, mut imprecise) = (Vec::new(), false);
     for (i, case) in cases.into_iter().enumerate() {
-        let (walked, (linked, given_up)) = (forward(&case, i as u32, photons), by_links(&case, points));
-        for (k, ((a, a_se), (b, b_se))) in walked.into_iter().zip(linked).enumerate() {
+        let (walked, (connected, given_up)) = (forward(&case, i as u32, photons), by_connections(&case, points));
+        for (k, ((a, a_se), (b, b_se))) in walked.into_iter().zip(connected).enumerate() {
             let z = (a - b) / f64::hypot(a_se, b_se);
             println!("{}, ball {k}: {a:.5} +- {a_se:.5}, {b:.5} +- {b_se:.5}, z {z:.2}", case.name);
             imprecise |= a_se > 0.35 * a || b_se > 0.35 * b;
@@ -391,12 +393,12 @@ fn check(cases: Vec<Case>, photons: u32, points: u32) {
 }
 
 #[test]
-fn ways_bring_the_light_that_walks_forward() {
+fn connections_bring_the_light_that_walks_forward() {
     check(cases(), 400_000, 15_000);
 }
 
 #[test]
-fn ways_through_facets_bring_the_light_that_walks_forward() {
+fn connections_through_facets_bring_the_light_that_walks_forward() {
     check(facetted_cases(), 400_000, 4_000);
 }
 

@@ -5,7 +5,7 @@ use glam::DVec3;
 use crate::lengths::count;
 use crate::setting::{Nee, Place, Setting};
 use crate::walker::{Entry, Walker};
-use crate::world::{Skin, Wall};
+use crate::world::{Interface, SurfacePoint};
 
 /// How a flight ended.
 pub(super) enum End {
@@ -13,19 +13,19 @@ pub(super) enum End {
         crossed: bool,
     },
     Surface {
-        skin: Skin,
+        surface_point: SurfacePoint,
         normal: DVec3,
         rho: f64,
     },
     /// At a mirror in a material; `normal` towards the path.
     Mirror {
-        skin: Skin,
+        surface_point: SurfacePoint,
         normal: DVec3,
         from: usize,
     },
-    /// At a smooth wall between materials of different refractive index; `skin` is on this side.
+    /// At a smooth interface between materials of different refractive index; `surface_point` is on this side.
     Boundary {
-        skin: Skin,
+        surface_point: SurfacePoint,
         normal: DVec3,
         from: usize,
         to: usize,
@@ -49,9 +49,9 @@ impl Walker<'_> {
                 at.clear = world.clearance(at.r);
             }
             if s < at.clear {
-                at.life -= here.mu_a * s;
-                if at.life < 0.0 {
-                    at.r += (s + at.life / here.mu_a) * at.w;
+                at.absorption_depth -= here.mu_a * s;
+                if at.absorption_depth < 0.0 {
+                    at.r += (s + at.absorption_depth / here.mu_a) * at.w;
                     return End::Gone;
                 }
                 at.r += s * at.w;
@@ -68,55 +68,55 @@ impl Walker<'_> {
         let Setting { world, shared, .. } = self.setting;
         let mut crossed = false;
         let foresees = self.setting.nee == Nee::Line && !at.wholly;
-        let mut before: Option<Wall> = None;
+        let mut before: Option<Interface> = None;
         let mut from: Option<usize> = None;
-        for piece in world.trace(at.r, at.w, at.skin, &mut self.spans) {
-            let material = &world.materials[piece.material];
+        for segment in world.trace(at.r, at.w, at.surface_point, &mut self.chords) {
+            let material = &world.materials[segment.material];
             if material.is_opaque() {
-                let Some(wall) = before else {
+                let Some(interface) = before else {
                     // Rounding put the start of the ray into an opaque body: a set of measure zero.
                     return End::Gone;
                 };
-                let r = at.r + piece.start * at.w;
-                let normal = world.normal(wall, r);
+                let r = at.r + segment.start * at.w;
+                let normal = world.normal(interface, r);
                 // The surface faces the ray: the outside of the body if the ray comes from there.
                 let inside = normal.dot(at.w) > 0.0;
                 at.r = r;
                 let normal = if inside { -normal } else { normal };
-                let skin = Skin { wall, inside };
-                return match world.albedo(material.finish, wall, r) {
-                    Some(rho) => End::Surface { skin, normal, rho },
-                    None => End::Mirror { skin, normal, from: from.unwrap_or(0) },
+                let surface_point = SurfacePoint { interface, inside };
+                return match world.albedo(material.bsdf, interface, r) {
+                    Some(rho) => End::Surface { surface_point, normal, rho },
+                    None => End::Mirror { surface_point, normal, from: from.unwrap_or(0) },
                 };
             }
-            if let (Some(wall), Some(from)) = (before, from)
+            if let (Some(interface), Some(from)) = (before, from)
                 && world.materials[from].n != material.n
             {
-                at.r += piece.start * at.w;
-                let normal = world.normal(wall, at.r);
-                let skin = Skin { wall, inside: normal.dot(at.w) > 0.0 };
-                return End::Boundary { skin, normal, from, to: piece.material };
+                at.r += segment.start * at.w;
+                let normal = world.normal(interface, at.r);
+                let surface_point = SurfacePoint { interface, inside: normal.dot(at.w) > 0.0 };
+                return End::Boundary { surface_point, normal, from, to: segment.material };
             }
-            let length = piece.end - piece.start;
+            let length = segment.end - segment.start;
             if crossed && foresees && material.mu_s > 0.0 {
-                let r = at.r + piece.start * at.w;
-                let (material, lengths) = (piece.material, at.lengths);
-                self.entries.push(Entry { r, length, material, wall: before, lengths });
+                let r = at.r + segment.start * at.w;
+                let (material, lengths) = (segment.material, at.lengths);
+                self.entries.push(Entry { r, length, material, interface: before, lengths });
             }
-            let to_scattering = tau * self.free_paths[piece.material];
+            let to_scattering = tau * self.free_paths[segment.material];
             let flown = length.min(to_scattering);
             if material.mu_a > 0.0 {
-                at.life -= material.mu_a * flown;
-                if at.life < 0.0 {
-                    // The life went out before its end.
-                    at.r += (piece.start + flown + at.life / material.mu_a) * at.w;
+                at.absorption_depth -= material.mu_a * flown;
+                if at.absorption_depth < 0.0 {
+                    // The absorption depth is used up before its end.
+                    at.r += (segment.start + flown + at.absorption_depth / material.mu_a) * at.w;
                     return End::Gone;
                 }
             }
-            count(shared, &mut at.lengths, piece.material, flown);
+            count(shared, &mut at.lengths, segment.material, flown);
             if to_scattering < length {
-                at.r += (piece.start + to_scattering) * at.w;
-                at.material = piece.material;
+                at.r += (segment.start + to_scattering) * at.w;
+                at.material = segment.material;
                 at.clear = world.clearance(at.r);
                 return End::Scattered { crossed };
             }
@@ -124,7 +124,7 @@ impl Walker<'_> {
                 tau -= length * material.mu_s;
             }
             crossed = true;
-            (before, from) = (piece.wall, Some(piece.material));
+            (before, from) = (segment.interface, Some(segment.material));
         }
         End::Left
     }

@@ -13,10 +13,10 @@ impl Walker<'_> {
         self.queued.resize(numbers, 0.0);
     }
 
-    /// Responses of all paths, and where there are scouts so many of each kind: what scouts bring is summed apart, so that it does not matter
+    /// Responses of all paths, and where there are light-directed branches so many of each kind: what light-directed branches bring is summed apart, so that it does not matter
     /// when they go.
     fn slots(&self, kinds: usize) -> usize {
-        if self.scouts.is_empty() { self.paths } else { kinds * self.paths }
+        if self.light_branches.is_empty() { self.paths } else { kinds * self.paths }
     }
 
     /// Completes the responses, once all paths have ended.
@@ -26,9 +26,9 @@ impl Walker<'_> {
             *response += queued;
         }
         let own = self.paths * self.stride();
-        let (sums, scouted) = self.responses.split_at_mut(own);
-        for (sum, scouted) in sums.iter_mut().zip(scouted) {
-            *sum += *scouted;
+        let (sums, branched) = self.responses.split_at_mut(own);
+        for (sum, branched) in sums.iter_mut().zip(branched) {
+            *sum += *branched;
         }
         self.responses.truncate(own);
     }
@@ -37,7 +37,7 @@ impl Walker<'_> {
     pub(crate) fn take_single(&mut self) -> Vec<f64> {
         let mut single = std::mem::take(&mut self.single);
         single.clear();
-        // Those of scouts where they end and where they come in.
+        // Those of light-directed branches where they end and where they come in.
         single.resize(self.slots(3) * self.stride(), 0.0);
         single
     }

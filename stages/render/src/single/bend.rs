@@ -1,6 +1,6 @@
-//! Light that bends once on its way: through one plane between the medium and the projector, in f32 lanes.
+//! Connections by one refraction: through one plane between the medium and the projector, in f32 lanes.
 //!
-//! `Walker::link` for worlds in which that plane is all there is between what scatters and the light; `docs/theory/render.md` derives the irradiance.
+//! `Walker::connect` for worlds in which that plane is all there is between what scatters and the light; `docs/theory/render.md` derives the irradiance.
 
 use fearless_simd::prelude::*;
 use glam::DVec3;
@@ -36,7 +36,7 @@ pub struct Plane {
     /// How far behind the plane paths are put that start on it, mm: so little of a free path that light does not see it.
     behind: f64,
     /// Whether light may come by reflections between the ends of the layer.
-    pub detours: bool,
+    pub scalar_connections: bool,
 }
 
 /// Where flights come to the plane from within the layer.
@@ -59,7 +59,7 @@ pub enum Entrance {
 }
 
 /// How light comes to points.
-pub struct Way<S: Simd> {
+pub struct Refraction<S: Simd> {
     /// Unit vector from the point against it.
     pub towards: V<S>,
     /// mm to the plane.
@@ -79,13 +79,13 @@ impl Plane {
     /// `None` where light does not bend, or not like this.
     pub fn of(walker: &Walker<'_>, parts: &[Part], origin: DVec3) -> Option<Self> {
         let Bending::AtPlanes(layers) = &walker.bending else { return None };
-        let shown = |i: usize| {
-            let (low, high) = strata::shown(parts[..i].iter().map(|part| &part.solid), &parts[i].solid);
+        let visible = |i: usize| {
+            let (low, high) = strata::visible_bounds(parts[..i].iter().map(|part| &part.solid), &parts[i].solid);
             (low.z, high.z)
         };
         let (low, high) = (0..parts.len())
             .filter(|&i| parts[i].open)
-            .map(shown)
+            .map(visible)
             .filter(|(low, high)| low < high)
             .fold((f64::INFINITY, f64::NEG_INFINITY), |ends, (low, high)| (ends.0.min(low), ends.1.max(high)));
         let lamp = walker.setting().light.view.position.z;
@@ -98,7 +98,7 @@ impl Plane {
         }
         let end = |up: bool| layers.onward(layer, up).map_or(if up { f64::MAX } else { f64::MIN }, |(edge, _)| edge);
         let stands = |i: usize| {
-            let (low, high) = shown(i);
+            let (low, high) = visible(i);
             parts[i].material != 0 && low < high && if up { high > edge } else { low < edge }
         };
         // Bodies on the light's side would have to be looked past twice.
@@ -117,7 +117,7 @@ impl Plane {
             edge,
             indices: [n_light, n],
             behind: sign * behind,
-            detours: thinnest * (layer[1] - layer[0]) < f64::from(DARK),
+            scalar_connections: thinnest * (layer[1] - layer[0]) < f64::from(DARK),
             z: (edge - origin.z) as f32,
             up: if up { 1.0 } else { -1.0 },
             height: (lamp - edge).abs() as f32,
@@ -166,7 +166,7 @@ impl Plane {
     /// With t the tangent on the light's side, H the light's height above the plane, d the point's depth below and m = n / n_light,
     /// the advance sideways is t (H + d / q), q^2 = m^2 + (m^2 - 1) t^2.
     #[inline(always)]
-    pub fn way<S: Simd>(&self, simd: S, light: [f32; 3], p: V<S>) -> Way<S> {
+    pub fn refraction<S: Simd>(&self, simd: S, light: [f32; 3], p: V<S>) -> Refraction<S> {
         let (zero, height, m2) = (splat(simd, 0.0), self.height, self.m * self.m);
         let (x, y) = (light[0] - p.x, light[1] - p.y);
         let advance = (x * x + y * y).sqrt();
@@ -180,7 +180,7 @@ impl Plane {
         let (a, b) = (q + 1.0, q + m2);
         let transmitted = q * 2.0 * (1.0 / (a * a) + m2 / (b * b));
         let aside = depth * t / q * sideways;
-        Way {
+        Refraction {
             towards: V { x: x * sin, y: y * sin, z: cos * self.up },
             length: depth / cos,
             foot: V { x: p.x + x * aside, y: p.y + y * aside, z: splat(simd, self.z) },
@@ -189,7 +189,7 @@ impl Plane {
     }
 }
 
-/// q, the advance sideways over t, and its derivative by t; see [`Plane::way`].
+/// q, the advance sideways over t, and its derivative by t; see [`Plane::refraction`].
 #[inline(always)]
 pub fn advanced<S: Simd>(t: F<S>, (depth, height): (F<S>, f32), (m2, excess): (f32, f32)) -> (F<S>, F<S>, F<S>) {
     let q2 = t * t * excess + m2;
@@ -198,7 +198,7 @@ pub fn advanced<S: Simd>(t: F<S>, (depth, height): (F<S>, f32), (m2, excess): (f
     (q, reach + height, reach * m2 / q2 + height)
 }
 
-/// The tangent t on the light's side with which light advances so far sideways; see [`Plane::way`].
+/// The tangent t on the light's side with which light advances so far sideways; see [`Plane::refraction`].
 #[inline(always)]
 pub fn tangent<S: Simd>(simd: S, advance: F<S>, (depth, height): (F<S>, f32), m: f32, excess: f32) -> F<S> {
     let mut t = advance / (depth * (1.0 / m) + height);
@@ -216,10 +216,10 @@ pub fn tangent<S: Simd>(simd: S, advance: F<S>, (depth, height): (F<S>, f32), m:
     t
 }
 
-/// A point for which the scalar walker looks for ways of light that lanes do not know: those with reflections, or by several walls.
+/// A point for which the scalar walker finds connections that lanes do not know: those with reflections, or by several interfaces.
 #[derive(Clone, Copy, Debug)]
-pub struct Detour {
-    /// Of the look's random numbers.
+pub struct ScalarConnection {
+    /// Of the random numbers of its estimate.
     pub number: u32,
     pub sample: u32,
     pub pixel: u32,
@@ -232,18 +232,18 @@ pub struct Detour {
     pub fraction: f32,
     /// mm up to it in each medium that tells channels apart.
     pub lengths: [f32; MOST_LENGTHS + 1],
-    /// Of the look on its ray.
+    /// Of the estimate on its ray.
     pub place: u32,
-    /// One that lanes do know; without one all are looked for.
-    pub known: Option<KnownWay>,
+    /// One that lanes do know; without one all are tried.
+    pub known: Option<KnownConnection>,
 }
 
-/// Of a way of light that lanes have found.
+/// Of a connection that lanes have found.
 #[derive(Clone, Copy, Debug)]
-pub struct KnownWay {
+pub struct KnownConnection {
     /// What it brings, in units of the projector's.
     pub strength: f32,
-    /// Unit vectors: against it at the point, and out of its wall.
+    /// Unit vectors: against it at the point, and out of its interface.
     pub towards: [f32; 3],
     pub normal: [f32; 3],
 }
@@ -268,24 +268,24 @@ mod tests {
             layer: [0.0; 2],
             indices: [1.0, f64::from(m)],
             behind: 0.0,
-            detours: true,
+            scalar_connections: true,
         }
     }
 
     /// Of each lane: direction, length, foot, gain.
     #[inline(always)]
-    fn ways<S: Simd>(simd: S, plane: Plane, light: [f32; 3], points: [[f32; 3]; LANES]) -> [[f32; 8]; LANES] {
+    fn refractions<S: Simd>(simd: S, plane: Plane, light: [f32; 3], points: [[f32; 3]; LANES]) -> [[f32; 8]; LANES] {
         let axis = |i: usize| F::load_array(simd, points.map(|p| p[i]));
-        let way = plane.way(simd, light, V { x: axis(0), y: axis(1), z: axis(2) });
-        let (towards, foot) = (way.towards, way.foot);
-        let columns = [towards.x, towards.y, towards.z, way.length, foot.x, foot.y, foot.z, way.gain];
+        let refraction = plane.refraction(simd, light, V { x: axis(0), y: axis(1), z: axis(2) });
+        let (towards, foot) = (refraction.towards, refraction.foot);
+        let columns = [towards.x, towards.y, towards.z, refraction.length, foot.x, foot.y, foot.z, refraction.gain];
         std::array::from_fn(|lane| columns.map(|column| column.as_slice()[lane]))
     }
 
     /// Against the f64 solution for the same f32 inputs, from the plane to far below it, upright to grazing, light far and near, up and
     /// down: direction to 5e-7, foot to as much of the advance, gain to 2e-6 (some ten roundings of 6e-8 each, and 1e-8 of Newton's).
     #[test]
-    fn ways_are_those_of_the_scalar_walker() {
+    fn connections_are_those_of_the_scalar_walker() {
         let depths = [0.0, 1e-4, 0.03, 0.7, 5.0, 40.0, 900.0, 5e3];
         for (m, height, up) in [1.0_f32, 1.01, 1.4, 2.5]
             .into_iter()
@@ -300,19 +300,20 @@ mod tests {
                 });
                 let found = dispatch!(crate::level::named(""), simd => simd.vectorize(
                     #[inline(always)]
-                    || ways(simd, plane, position, points)
+                    || refractions(simd, plane, position, points)
                 ));
                 for (p, found) in points.iter().zip(found) {
                     let [x, y] = [0, 1].map(|i| f64::from(position[i]) - f64::from(p[i]));
                     let (depth, rho) = (f64::from((0.25 - p[2]) * up), x.hypot(y));
                     let (height, m) = (f64::from(height), f64::from(m));
                     let legs = [Leg { n: m, depth }, Leg { n: 1.0, depth: height }];
-                    let way = Crossing::new(legs.into_iter(), rho).expect("it gets there");
+                    let refraction = Crossing::new(legs.into_iter(), rho).expect("it gets there");
                     let along = if rho > 0.0 { [x / rho, y / rho] } else { [0.0; 2] };
-                    let (sin, cos) = (way.sin(m), way.cos(m));
-                    let aside = depth * way.tan(m);
-                    let distance = height / way.cos(1.0);
-                    let gain = distance * distance * way.spread(1.0, m) * (1.0 - way.reflectance(m, 1.0)) / (m * m);
+                    let (sin, cos) = (refraction.sin(m), refraction.cos(m));
+                    let aside = depth * refraction.tan(m);
+                    let distance = height / refraction.cos(1.0);
+                    let gain = distance * distance * refraction.spread(1.0, m) * (1.0 - refraction.reflectance(m, 1.0))
+                        / (m * m);
                     let case = format!("m {m}, height {height}, up {up}, point {p:?}: {found:?}");
                     let near = |i: usize, expected: f64, tolerance: f64| {
                         assert!((f64::from(found[i]) - expected).abs() <= tolerance, "{case}: {i} is {expected}");

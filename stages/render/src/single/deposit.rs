@@ -1,4 +1,4 @@
-//! What looks see, in the responses of their paths, as [`Layout`](crate::response::Layout) says.
+//! What next-event estimation sees, in the responses of their paths, as [`Layout`](crate::response::Layout) says.
 
 use fearless_simd::prelude::*;
 
@@ -19,7 +19,7 @@ pub struct Seen<S: Simd> {
 pub struct Deposit<'a> {
     pub frame: &'a Frame<'a>,
     pub channels: usize,
-    /// Those that look: the first ones.
+    /// Those that estimate: the first ones.
     pub paths: &'a [u32],
     pub responses: &'a mut [f64],
 }
@@ -50,16 +50,16 @@ impl Deposit<'_> {
                 self.add(channel * width + 2 + 2 * j, seen.radiance[channel] * sin, frame.projected[channel]);
             }
         }
-        if let Some(shown) = &frame.shown {
-            let [(column, right), (row, below)] = shown.place(simd, x, y);
+        if let Some(image_lookup) = &frame.image_lookup {
+            let [(column, right), (row, below)] = image_lookup.place(simd, x, y);
             let [column, right, row, below] = [column, right, row, below].map(|x| x.to_array());
             let first = 1 + 2 * frame.carriers.len();
             for lane in bits(seen.lit.to_bitmask()) {
                 let start = self.paths[lane] as usize * frame.stride + first;
                 for channel in 0..channels {
                     let radiance = seen.radiance[channel].as_slice()[lane];
-                    let sums = &mut self.responses[start + channel * width..][..shown.pictures.layers()];
-                    let values = shown.pictures.blend(column[lane], row[lane], right[lane], below[lane]);
+                    let sums = &mut self.responses[start + channel * width..][..image_lookup.projected_images.layers()];
+                    let values = image_lookup.projected_images.blend(column[lane], row[lane], right[lane], below[lane]);
                     for (sum, value) in sums.iter_mut().zip(values) {
                         *sum += f64::from(radiance * value) * frame.projected[channel];
                     }

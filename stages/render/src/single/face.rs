@@ -33,7 +33,7 @@ pub enum Within {
 
 /// What bends light.
 #[derive(Clone, Debug)]
-pub struct Walls {
+pub struct Interfaces {
     pub faces: Vec<Face>,
     /// The projector, local.
     pub(super) light: [f32; 3],
@@ -41,12 +41,12 @@ pub struct Walls {
     pub m: f32,
     /// m^2 - 1.
     pub(super) excess: f32,
-    /// How far behind walls paths are put that start on them, mm: so little of a free path that light does not see it.
+    /// How far behind interfaces paths are put that start on them, mm: so little of a free path that light does not see it.
     pub behind: f64,
 }
 
 impl Face {
-    /// Those before it that lie in its plane, by bits: a way by one of them is its own.
+    /// Those before it that lie in its plane, by bits: a connection by one of them is its own.
     pub fn same(&self) -> impl Iterator<Item = usize> + use<> {
         let same = self.same;
         (0..MOST_FACES).filter(move |i| same >> i & 1 == 1)
@@ -101,7 +101,7 @@ pub fn faces_of(solid: &Solid, shape: Shape, body: usize, origin: DVec3, lamp: D
     }
 }
 
-/// The largest coordinate of walls that light comes to, mm.
+/// The largest coordinate of interfaces that light comes to, mm.
 pub fn extent(solid: &Solid, origin: DVec3) -> f64 {
     if let Solid::Slab { bottom, top } = *solid {
         return (bottom - origin.z).abs().min((top - origin.z).abs());

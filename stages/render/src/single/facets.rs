@@ -5,8 +5,8 @@ use std::sync::Arc;
 use fearless_simd::prelude::*;
 use glam::DVec3;
 pub use turbid_optics::solid::facets::bits;
-use turbid_optics::solid::facets::{Cells, Crossings, Rays, Seen};
-use turbid_optics::solid::{Mesh, Stay};
+use turbid_optics::solid::facets::{Cells, Crossings, ItemBuffer, Rays};
+use turbid_optics::solid::{Chord, Mesh};
 
 use super::lane::{F, V};
 
@@ -17,9 +17,9 @@ pub struct Facets {
     pub body: u32,
     pub(super) mesh: Arc<Mesh>,
     /// From where light comes; `None` where it stands too near.
-    pub(super) lit: Option<Arc<Seen>>,
+    pub(super) from_light: Option<Arc<ItemBuffer>>,
     /// The same from where the camera stands.
-    pub(super) shown: Option<Arc<Seen>>,
+    pub(super) from_camera: Option<Arc<ItemBuffer>>,
     /// Local coordinates of its center.
     pub(super) center: [f32; 3],
     /// Of its faces.
@@ -41,21 +41,21 @@ impl Facets {
         }
         let center = (mesh.center() - origin).as_vec3().to_array();
         let normals = (0..mesh.triangles() as u32).map(|face| mesh.normal(face).as_vec3().to_array()).collect();
-        Some(Self { body: body as u32, mesh: mesh.clone(), lit: None, shown: None, center, normals })
+        Some(Self { body: body as u32, mesh: mesh.clone(), from_light: None, from_camera: None, center, normals })
     }
 
     /// Makes its cells, and what is seen of it from the eyes; a plan does without, and it takes as long as all the rest.
     pub fn prepare(&mut self, eyes: &Eyes) {
         self.mesh.cells();
-        self.lit = eyes.light.and_then(|eye| self.mesh.seen_from(eye));
-        self.shown = self.mesh.seen_from(eyes.camera);
+        self.from_light = eyes.light.and_then(|eye| self.mesh.item_buffer(eye));
+        self.from_camera = self.mesh.item_buffer(eyes.camera);
     }
 
     /// Where the camera's ray is in it; false where it has to be asked otherwise.
     #[inline(always)]
-    pub fn cut_shown<S: Simd>(&self, simd: S, eye: DVec3, along: DVec3, stays: &mut Vec<Stay>) -> bool {
-        let Some(shown) = &self.shown else { return false };
-        self.mesh.cut_seen(simd, (eye, shown), along, stays);
+    pub fn cut_from_camera<S: Simd>(&self, simd: S, eye: DVec3, along: DVec3, chords: &mut Vec<Chord>) -> bool {
+        let Some(from_camera) = &self.from_camera else { return false };
+        self.mesh.cut_by_item_buffer(simd, (eye, from_camera), along, chords);
         true
     }
 
@@ -85,7 +85,7 @@ impl Facets {
         (r, to, distance): (V<S>, V<S>, &F<S>),
         found: &mut Crossings,
     ) {
-        match &self.lit {
+        match &self.from_light {
             Some(seen) => seen.all_towards(simd, asked, &self.local_lanes(r), found),
             None => {
                 let rays = Rays { p: self.local_lanes(r), w: [to.x, to.y, to.z] };

@@ -3,9 +3,9 @@
 use glam::DVec3;
 
 use super::bend::Plane;
-use super::face::Walls;
+use super::face::Interfaces;
 use super::ground::{Ground, Part};
-use super::picture::Shown;
+use super::image_lookup::ImageLookup;
 use super::refusal::Refusal;
 use super::source::Source;
 use crate::lengths::MOST_LENGTHS;
@@ -32,27 +32,27 @@ pub struct Frame<'a> {
     pub known: f32,
     /// Whether light goes straight through all boundaries, and lanes know them.
     pub straight: bool,
-    /// Whether flights go on into other bodies in lanes: looks behind boundaries go there, too.
+    /// Whether flights go on into other bodies in lanes: so does next-event estimation behind boundaries.
     pub onward: bool,
-    /// For each material whether scouts are sent in it; empty where they are nowhere.
-    pub scouts: Vec<bool>,
+    /// For each material whether light-directed branches start in it; empty where they are nowhere.
+    pub light_branches: Vec<bool>,
     /// Whether a path that leaves all bodies has ended: boundaries do not turn it, and there is no light from infinity.
     pub dark: bool,
     /// Where light from the projector bends on its way to all that scatters.
     pub plane: Option<Plane>,
-    /// The same where it bends at walls of other shapes.
-    pub walls: Option<Walls>,
+    /// The same where it bends at interfaces of other shapes.
+    pub interfaces: Option<Interfaces>,
     /// Whether they turn flights in lanes, too.
     pub turns: bool,
     /// Block of random numbers of a path's first flight within a medium: where light bends the one before brings it through the plane.
     pub first: u32,
-    /// Whether looks go in lanes: few enough bodies for `look.rs`.
-    pub looks: bool,
+    /// Whether next-event estimation goes in lanes: few enough bodies for `next_event_lanes.rs`.
+    pub next_events: bool,
     /// Whether bodies share a medium: where they touch they are one.
     pub repeated: bool,
-    /// Whether there is nothing to look for: no light but from infinity.
+    /// Whether there is nothing to connect to: no light but from infinity.
     pub blind: bool,
-    /// Whether there are lamps for which looks go one by one.
+    /// Whether there are lamps that are connected one by one.
     pub lamps: bool,
     /// Whether paths start in lanes.
     pub starts: bool,
@@ -71,7 +71,7 @@ pub struct Frame<'a> {
     /// Cycles per mm along x and y, and at the origin, of each carrier.
     pub carriers: Vec<[f32; 3]>,
     /// Where patterns are pictures.
-    pub shown: Option<Shown<'a>>,
+    pub image_lookup: Option<ImageLookup<'a>>,
     /// For each body, which of a path's lengths counts what lies in it.
     pub counted: Vec<usize>,
     /// The same for each material.
@@ -80,7 +80,7 @@ pub struct Frame<'a> {
     pub counts: bool,
     /// Of each of those that share the paths: absorption beyond that of the walk, mm^-1, for each length.
     pub channels: Vec<[f32; MOST_LENGTHS]>,
-    /// What keeps looks and starts from going in lanes.
+    /// What keeps next-event estimation and starts from going in lanes.
     pub refused: Vec<Refusal>,
 }
 
@@ -99,7 +99,7 @@ pub struct Medium {
 impl Frame<'_> {
     /// Whether light bends on its way in, in lanes.
     pub fn bends(&self) -> bool {
-        self.plane.is_some() || self.walls.is_some()
+        self.plane.is_some() || self.interfaces.is_some()
     }
 
     /// In local coordinates.

@@ -1,4 +1,4 @@
-//! The bodies of a world in f32, about a place near what the camera sees; and how flights and looks pass through them.
+//! The bodies of a world in f32, about a place near what the camera sees; and how flights and shadow rays pass through them.
 
 use fearless_simd::prelude::*;
 use glam::{DMat3, DVec3};
@@ -59,7 +59,7 @@ pub struct Part {
 
 /// Bodies between which flights go on in lanes, and boundaries that one may cross.
 const MOST_PARTS: usize = 8;
-const MOST_WALLS: usize = 4;
+const MOST_INTERFACES: usize = 4;
 
 /// What a flight within a body meets.
 pub struct Passage<S: Simd> {
@@ -83,12 +83,12 @@ pub struct Onward<S: Simd> {
 
 /// Where rays enter and leave a body.
 #[derive(Clone, Copy)]
-pub struct Span<S: Simd> {
+pub struct Chord<S: Simd> {
     pub enter: F<S>,
     pub leave: F<S>,
 }
 
-pub type Spans<S> = [Span<S>; MOST_BODIES];
+pub type Chords<S> = [Chord<S>; MOST_BODIES];
 
 impl Ground {
     /// Bodies with curved or upright faces further than `range` (mm) from `origin` are others too: f32 does not hold them. Meshes are
@@ -191,7 +191,7 @@ impl Ground {
         if asked.all_false() {
             return asked;
         }
-        let Span { enter, leave } = span(simd, shape, r, w);
+        let Chord { enter, leave } = chord(simd, shape, r, w);
         enter.simd_lt(leave) & leave.simd_gt(0.0) & enter.simd_le(s)
     }
 
@@ -205,7 +205,7 @@ impl Ground {
         let size = r.x.abs().max(r.y.abs().max(r.z.abs()));
         let until = distance - (distance + size) * SLIVER;
         for j in 0..parts.len() {
-            let Span { enter, leave } = self.span(simd, j, r, w);
+            let Chord { enter, leave } = self.chord(simd, j, r, w);
             let (own, above) = (body.simd_eq(j as u32), body.simd_gt(j as u32));
             let meets = above & enter.simd_lt(leave) & leave.simd_gt(splat(simd, 0.0)) & enter.simd_lt(until);
             free &= !(meets | (own & leave.simd_lt(until)));
@@ -226,35 +226,35 @@ impl Ground {
         if parts.len() > MOST_PARTS {
             return onward;
         }
-        let mut spans = [Span { enter: zero, leave: zero }; MOST_PARTS];
+        let mut chords = [Chord { enter: zero, leave: zero }; MOST_PARTS];
         let mut again = 0;
-        for (j, span) in spans.iter_mut().enumerate().take(parts.len()) {
-            *span = if self.is_mesh(j) {
-                self.span_of_mesh(simd, j, asked, r, w, &mut again)
+        for (j, chord) in chords.iter_mut().enumerate().take(parts.len()) {
+            *chord = if self.is_mesh(j) {
+                self.chord_in_mesh(simd, j, asked, r, w, &mut again)
             } else {
-                self.span(simd, j, r, w)
+                self.chord(simd, j, r, w)
             };
             // One that is missed lies nowhere.
-            let hit = span.enter.simd_lt(span.leave);
-            *span = Span { enter: choose(hit, span.enter, never), leave: choose(hit, span.leave, -never) };
+            let hit = chord.enter.simd_lt(chord.leave);
+            *chord = Chord { enter: choose(hit, chord.enter, never), leave: choose(hit, chord.leave, -never) };
             let (own, above) = (body.simd_eq(j as u32), body.simd_gt(j as u32));
-            let end = choose(own, span.leave, choose(above & span.leave.simd_gt(zero), span.enter, never));
+            let end = choose(own, chord.leave, choose(above & chord.leave.simd_gt(zero), chord.enter, never));
             onward.leaves = onward.leaves.min(end);
         }
         onward.leaves = onward.leaves.max(zero);
         let mut t = onward.leaves;
         let mut found = no;
         let size = r.x.abs().max(r.y.abs().max(r.z.abs()));
-        for _ in 0..MOST_WALLS {
+        for _ in 0..MOST_INTERFACES {
             let just_behind = t + (t + size) * SLIVER;
             let (mut holder, mut filled, mut open, mut next) = (body, no, no, never);
-            for (j, (span, part)) in spans.iter().zip(parts).enumerate().rev() {
-                let (begun, over) = (span.enter.simd_le(just_behind), span.leave.simd_le(just_behind));
+            for (j, (chord, part)) in chords.iter().zip(parts).enumerate().rev() {
+                let (begun, over) = (chord.enter.simd_le(just_behind), chord.leave.simd_le(just_behind));
                 let holds = begun & !over;
                 holder = holds.select(U::splat(simd, j as u32), holder);
                 filled = if part.filled { filled | holds } else { filled & !holds };
                 open = if part.open { open | holds } else { open & !holds };
-                next = next.min(choose(over, never, choose(begun, span.leave, span.enter)));
+                next = next.min(choose(over, never, choose(begun, chord.leave, chord.enter)));
             }
             onward.body = found.select(onward.body, holder);
             onward.open |= !found & open;
@@ -270,8 +270,8 @@ impl Ground {
 
     /// Where rays enter and leave body `j`.
     #[inline(always)]
-    pub fn span<S: Simd>(&self, simd: S, j: usize, r: V<S>, w: V<S>) -> Span<S> {
-        span(simd, self.shapes[j], self.own(j, r), self.own(j, w))
+    pub fn chord<S: Simd>(&self, simd: S, j: usize, r: V<S>, w: V<S>) -> Chord<S> {
+        chord(simd, self.shapes[j], self.own(j, r), self.own(j, w))
     }
 
     /// The normal of body `j` at points of its surface; neither its length nor its sign matters.
@@ -351,23 +351,23 @@ fn facets(solid: &Solid, body: usize, origin: DVec3, range: f64) -> Option<Facet
 
 /// Entry >= exit where the line misses.
 #[inline(always)]
-pub fn span<S: Simd>(simd: S, shape: Shape, r: V<S>, w: V<S>) -> Span<S> {
+pub fn chord<S: Simd>(simd: S, shape: Shape, r: V<S>, w: V<S>) -> Chord<S> {
     match shape {
         Shape::Slab { bottom, top } => between(r.z, w.z, bottom, top),
         Shape::Box { low, high } => {
             let x = between(r.x, w.x, low[0], high[0]);
             let y = between(r.y, w.y, low[1], high[1]);
             let z = between(r.z, w.z, low[2], high[2]);
-            Span { enter: x.enter.max(y.enter).max(z.enter), leave: x.leave.min(y.leave).min(z.leave) }
+            Chord { enter: x.enter.max(y.enter).max(z.enter), leave: x.leave.min(y.leave).min(z.leave) }
         }
         Shape::Ellipsoid { center, inverse_radii, .. } => {
-            // A unit sphere, from the point of closest approach, as in `Solid::span`.
+            // A unit sphere, from the point of closest approach, as in `Solid::chord`.
             let (o, d) = (r.from(center).scaled(inverse_radii), w.scaled(inverse_radii));
             let inverse = 1.0 / d.dot(d);
             let nearest = -(o.dot(d) * inverse);
             let p = o.plus(nearest, d);
             let half = ((1.0 - p.dot(p)).max(splat(simd, 0.0)) * inverse).sqrt();
-            Span { enter: nearest - half, leave: nearest + half }
+            Chord { enter: nearest - half, leave: nearest + half }
         }
         Shape::Cylinder { axis, radius, bottom, top } => {
             let inverse_radius = 1.0 / radius;
@@ -380,7 +380,7 @@ pub fn span<S: Simd>(simd: S, shape: Shape, r: V<S>, w: V<S>) -> Span<S> {
             let (px, py) = (ox + nearest * dx, oy + nearest * dy);
             let half = ((1.0 - (px * px + py * py)).max(splat(simd, 0.0)) * inverse).sqrt();
             let caps = between(r.z, w.z, bottom, top);
-            Span { enter: (nearest - half).max(caps.enter), leave: (nearest + half).min(caps.leave) }
+            Chord { enter: (nearest - half).max(caps.enter), leave: (nearest + half).min(caps.leave) }
         }
         Shape::Mesh | Shape::Other => unreachable!("they are cut in `mesh.rs`, or not at all"),
     }
@@ -388,8 +388,8 @@ pub fn span<S: Simd>(simd: S, shape: Shape, r: V<S>, w: V<S>) -> Span<S> {
 
 /// Where o + t d lies between two planes.
 #[inline(always)]
-fn between<S: Simd>(o: F<S>, d: F<S>, low: f32, high: f32) -> Span<S> {
+fn between<S: Simd>(o: F<S>, d: F<S>, low: f32, high: f32) -> Chord<S> {
     let inverse = 1.0 / d;
     let (a, b) = ((low - o) * inverse, (high - o) * inverse);
-    Span { enter: a.min(b), leave: a.max(b) }
+    Chord { enter: a.min(b), leave: a.max(b) }
 }

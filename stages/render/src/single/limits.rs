@@ -1,22 +1,22 @@
-//! What f32 and the lanes hold, and how the random numbers of looks are marked.
+//! What f32 and the lanes hold, and how the random numbers of next-event estimation are marked.
 
 /// Overlaps are resolved for so many bodies at most.
 pub const MOST_BODIES: usize = 4;
 
-/// The number of a look along a camera's ray, whose lower bits say in which piece of it, among those that scatter.
+/// The number of an estimate along a camera's ray, whose lower bits say in which segment of it, among those that scatter.
 pub const FIRST: u32 = 1 << 31;
 
-/// The number of a look from where a flight, by its block of random numbers, comes into a medium from elsewhere. Others have the (odd) block behind
+/// The number of an estimate from where a flight, by its block of random numbers, comes into a medium from elsewhere. Others have the (odd) block behind
 /// their flight's.
 pub const ENTRY: u32 = 1 << 30;
 
-/// The same of a look along a flight that a wall has turned.
-pub const WALL: u32 = 1 << 29;
+/// The same of an estimate along a flight that an interface has turned.
+pub const TURNED: u32 = 1 << 29;
 
 /// Optical depth (optical distance to the light) beyond which it counts as none: e^-80 of it.
 pub const DARK: f32 = 80.0;
 
-/// The most channels whose looks go in lanes together.
+/// The most channels whose next-event estimation goes in lanes together.
 pub const MOST_CHANNELS: usize = 16;
 
 /// Coordinates up to so many mean free paths: their last digit is 2^-12 of one, and the error made by it, of either sign from

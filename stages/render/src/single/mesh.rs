@@ -4,12 +4,12 @@ use fearless_simd::prelude::*;
 use turbid_optics::solid::facets::{Crossing, Crossings, Rays};
 
 use super::facets::bits;
-use super::ground::{Ground, Span, Spans};
+use super::ground::{Chord, Chords, Ground};
 use super::lane::{F, LANES, M, U, V};
 use super::limits::MOST_BODIES;
 
-/// Where a line stays in a mesh first, and what else there is.
-struct FirstStay {
+/// The first chord of a line in a mesh, and what else there is.
+struct FirstChord {
     enter: f32,
     leave: f32,
     /// The face at `leave` if it starts inside, else at `enter`.
@@ -18,13 +18,13 @@ struct FirstStay {
     again: bool,
 }
 
-/// In order along a line, the first stay ahead of its start.
+/// In order along a line, the first chord ahead of its start.
 #[inline(always)]
-fn first_stay(crossings: &[Crossing]) -> Option<FirstStay> {
+fn first_chord(crossings: &[Crossing]) -> Option<FirstChord> {
     let first = crossings.first()?;
     let (enter, last) = if first.leaves { (f32::NEG_INFINITY, 0) } else { (first.t, 1) };
     let leave = crossings.get(last).map_or(f32::INFINITY, |c| c.t);
-    Some(FirstStay { enter, leave, face: first.face, again: crossings.len() > last + 1 })
+    Some(FirstChord { enter, leave, face: first.face, again: crossings.len() > last + 1 })
 }
 
 #[inline(always)]
@@ -89,7 +89,15 @@ impl Ground {
 
     /// Where rays are in the mesh that is body `j`; the lanes that come back to it later are added to `again`.
     #[inline(always)]
-    pub fn span_of_mesh<S: Simd>(&self, simd: S, j: usize, asked: M<S>, r: V<S>, w: V<S>, again: &mut u64) -> Span<S> {
+    pub fn chord_in_mesh<S: Simd>(
+        &self,
+        simd: S,
+        j: usize,
+        asked: M<S>,
+        r: V<S>,
+        w: V<S>,
+        again: &mut u64,
+    ) -> Chord<S> {
         let (mut enter, mut leave) = ([f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]);
         let mut found = Crossings::default();
         for mesh in self.meshes.iter().filter(|mesh| mesh.body == j as u32) {
@@ -97,16 +105,16 @@ impl Ground {
             let until = F::splat(simd, f32::INFINITY);
             mesh.cells().crossings(simd, asked.to_bitmask(), &rays, &until, &mut found);
             for lane in bits(asked.to_bitmask()) {
-                if let Some(stay) = first_stay(found.of(lane)) {
-                    (enter[lane], leave[lane]) = (stay.enter, stay.leave);
-                    *again |= u64::from(stay.again) << lane;
+                if let Some(chord) = first_chord(found.of(lane)) {
+                    (enter[lane], leave[lane]) = (chord.enter, chord.leave);
+                    *again |= u64::from(chord.again) << lane;
                 }
             }
         }
-        Span { enter: F::load_array(simd, enter), leave: F::load_array(simd, leave) }
+        Chord { enter: F::load_array(simd, enter), leave: F::load_array(simd, leave) }
     }
 
-    /// Adds to the spans of rays where they leave their own mesh, or come to one of higher priority; what is farther than `until` may be
+    /// Adds to the chords of rays where they leave their own mesh, or come to one of higher priority; what is farther than `until` may be
     /// missing, and counts as there.
     #[inline(always)]
     #[allow(clippy::too_many_arguments, reason = "a question in lanes")]
@@ -118,7 +126,7 @@ impl Ground {
         r: V<S>,
         w: V<S>,
         until: F<S>,
-        spans: &mut Spans<S>,
+        chords: &mut Chords<S>,
     ) {
         for mesh in &self.meshes {
             let (own, above) = (body.simd_eq(mesh.body), body.simd_gt(mesh.body));
@@ -137,11 +145,11 @@ impl Ground {
                     (met.unwrap_or(f32::INFINITY), met.map_or(f32::NEG_INFINITY, |_| f32::INFINITY))
                 };
             }
-            spans[mesh.body as usize] = Span { enter: F::load_array(simd, enter), leave: F::load_array(simd, leave) };
+            chords[mesh.body as usize] = Chord { enter: F::load_array(simd, enter), leave: F::load_array(simd, leave) };
         }
     }
 
-    /// Adds to the spans of lines to the light where they first stay in meshes, and to `normals` those of the first face of each; says
+    /// Adds to the chords of lines to the light their first chords in meshes, and to `normals` those of the first face of each; says
     /// which lanes come back to one later.
     #[inline(always)]
     #[allow(clippy::too_many_arguments, reason = "a question in lanes")]
@@ -152,7 +160,7 @@ impl Ground {
         r: V<S>,
         towards: V<S>,
         distance: F<S>,
-        spans: &mut Spans<S>,
+        chords: &mut Chords<S>,
         normals: &mut [V<S>; MOST_BODIES],
     ) -> u64 {
         let (mut again, mut found) = (0, Crossings::default());
@@ -161,35 +169,35 @@ impl Ground {
             let mut normal = [[f32::NAN; LANES]; 3];
             mesh.between(simd, asked.to_bitmask(), (r, towards, &distance), &mut found);
             for lane in bits(asked.to_bitmask()) {
-                if let Some(stay) = first_stay(found.of(lane)) {
-                    (enter[lane], leave[lane]) = (stay.enter, stay.leave);
-                    again |= u64::from(stay.again) << lane;
-                    let n = mesh.normals[stay.face as usize];
+                if let Some(chord) = first_chord(found.of(lane)) {
+                    (enter[lane], leave[lane]) = (chord.enter, chord.leave);
+                    again |= u64::from(chord.again) << lane;
+                    let n = mesh.normals[chord.face as usize];
                     normal.iter_mut().zip(n).for_each(|(axis, n)| axis[lane] = n);
                 }
             }
             let j = mesh.body as usize;
-            spans[j] = Span { enter: F::load_array(simd, enter), leave: F::load_array(simd, leave) };
+            chords[j] = Chord { enter: F::load_array(simd, enter), leave: F::load_array(simd, leave) };
             let [x, y, z] = normal.map(|axis| F::load_array(simd, axis));
             normals[j] = V { x, y, z };
         }
         again
     }
 
-    /// The line to the light in one lane, whatever meshes it comes back to: the body and the length of each piece.
+    /// The line to the light in one lane, whatever meshes it comes back to: the body and the length of each segment.
     #[inline(never)]
-    pub fn pieces_to_light<S: Simd>(
+    pub fn segments_to_light<S: Simd>(
         &self,
         simd: S,
         lane: usize,
         (r, towards, distance): (V<S>, V<S>, F<S>),
-        spans: &Spans<S>,
+        chords: &Chords<S>,
     ) -> Vec<(usize, f32)> {
         let far = distance.as_slice()[lane];
-        let mut stays = Vec::new();
-        for (j, span) in spans.iter().enumerate().take(self.bodies()) {
+        let mut all = Vec::new();
+        for (j, chord) in chords.iter().enumerate().take(self.bodies()) {
             let Some(mesh) = self.meshes.iter().find(|mesh| mesh.body == j as u32) else {
-                stays.push((j, span.enter.as_slice()[lane], span.leave.as_slice()[lane]));
+                all.push((j, chord.enter.as_slice()[lane], chord.leave.as_slice()[lane]));
                 continue;
             };
             let mut found = Crossings::default();
@@ -197,20 +205,20 @@ impl Ground {
             let mut inside = found.of(lane).first().filter(|c| c.leaves).map(|_| f32::NEG_INFINITY);
             for &c in found.of(lane) {
                 if let (true, Some(enter)) = (c.leaves, inside) {
-                    stays.push((j, enter, c.t));
+                    all.push((j, enter, c.t));
                 }
                 inside = (!c.leaves).then_some(c.t);
             }
-            stays.extend(inside.map(|enter| (j, enter, f32::INFINITY)));
+            all.extend(inside.map(|enter| (j, enter, f32::INFINITY)));
         }
-        let mut ends: Vec<f32> = stays.iter().flat_map(|s| [s.1, s.2]).map(|t| t.clamp(0.0, far)).collect();
+        let mut ends: Vec<f32> = all.iter().flat_map(|s| [s.1, s.2]).map(|t| t.clamp(0.0, far)).collect();
         ends.extend([0.0, far]);
         ends.sort_by(f32::total_cmp);
-        let piece = |pair: &[f32]| {
+        let segment = |pair: &[f32]| {
             let middle = 0.5 * (pair[0] + pair[1]);
-            let holder = stays.iter().filter(|s| s.1 < middle && middle < s.2).map(|s| s.0).min();
+            let holder = all.iter().filter(|s| s.1 < middle && middle < s.2).map(|s| s.0).min();
             holder.map(|j| (j, pair[1] - pair[0]))
         };
-        ends.windows(2).filter_map(piece).collect()
+        ends.windows(2).filter_map(segment).collect()
     }
 }

@@ -1,33 +1,33 @@
 //! The f32 lanes: paths walked sixteen abreast in single precision, where that holds the scene ([`Frame::of`]).
 //!
-//! What befalls a path beside flights inside one convex body is left to the scalar [`Walker`](crate::path::Walker), as in `flock.rs`;
+//! What befalls a path beside flights inside one convex body is left to the scalar [`Walker`](crate::path::Walker), as in `packet.rs`;
 //! random numbers are the same, so a path differs from the scalar one by rounding only.
 
 mod bend;
 mod deposit;
-mod detour;
 mod face;
 mod facets;
 pub mod frame;
 pub mod ground;
+mod image_lookup;
+mod interfaces;
 pub mod lane;
+mod light_branch;
 pub mod limits;
-mod look;
 mod mesh;
-mod picture;
+mod next_event;
 mod prepare;
 pub mod refusal;
 mod round;
 mod rows;
-mod scout;
-mod settle;
-mod sight;
+mod scalar_connections;
+mod scalar_fallback;
 mod source;
 mod start;
 mod turns;
+mod visibility;
 mod walk;
-mod walls;
 
-pub(crate) use bend::Detour;
+pub(crate) use bend::ScalarConnection;
 pub use frame::Frame;
 pub use walk::walk;

@@ -6,22 +6,22 @@ use glam::DVec3;
 use turbid_optics::solid::{Carved, Solid};
 
 use super::bend::Plane;
-use super::face::Walls;
+use super::face::Interfaces;
 use super::facets::Eyes;
 use super::frame::{Frame, Medium};
 use super::ground::{Ground, Part};
+use super::image_lookup::ImageLookup;
 use super::limits::{CYCLES, LARGEST, MOST_BODIES, MOST_CHANNELS, RANGE};
-use super::picture::Shown;
 use super::refusal::{self, Refusal};
 use super::source::Source;
-use crate::finish::Finish;
+use crate::bsdf::Bsdf;
 use crate::lengths::MOST_LENGTHS;
 use crate::random::LAMPS_IN_LANES;
 use crate::setting::{Nee, Setting};
 use crate::walker::Walker;
-use crate::world::{Material, Spans, World};
+use crate::world::{Chords, Material, World};
 
-/// g of media in which scouts pay (with g = 0 they cost more than they save: measured), up to where f32 holds their lobe.
+/// g of media in which light-directed branches pay (with g = 0 they cost more than they save: measured), up to where f32 holds their lobe.
 const PEAKED: RangeInclusive<f64> = 0.5..=0.99;
 
 impl<'a> Frame<'a> {
@@ -84,49 +84,56 @@ impl<'a> Frame<'a> {
         let ground = Ground::about(&parts, origin, range);
         let others = (0..parts.len()).any(|j| ground.is_other(j));
         let known = if others || !ground.meshes.is_empty() { 0.0 } else { f32::INFINITY };
-        let matt = |m: &Material| m.is_opaque() && m.finish != Finish::Mirror;
-        let straight = |m: &Material| matt(m) || (m.n == 1.0 && m.finish == Finish::Smooth);
+        let matt = |m: &Material| m.is_opaque() && m.bsdf != Bsdf::Mirror;
+        let straight = |m: &Material| matt(m) || (m.n == 1.0 && m.bsdf == Bsdf::Smooth);
         let straight = s.world.materials.iter().all(straight);
         let counted_in = s.shared.map_or_else(|| vec![MOST_LENGTHS; s.world.materials.len()], |s| s.counted.clone());
-        let shares = s.shared.map_or(&[][..], |shared| &shared.channels);
-        let channels = shares.iter().map(|share| share.excess.map(|mu_a| mu_a as f32)).collect();
+        let scales = s.shared.map_or(&[][..], |shared| &shared.channels);
+        let channels = scales.iter().map(|scale| scale.excess.map(|mu_a| mu_a as f32)).collect();
         let blind = !s.light.shines() && s.steady.lamps.is_empty();
         let plane = if others || !ground.meshes.is_empty() { None } else { Plane::of(walker, &parts, origin) };
-        let walls = Walls::of(walker, &parts, &ground, origin);
-        // Lenses are looked up one by one; so are lamps where walls bend their light, and beside meshes.
-        let shown = Shown::over(s.light, s.pictures, origin);
-        let plain = view.distortion.is_none() && (s.pictures.layers() == 0 || shown.is_some());
+        let interfaces = Interfaces::of(walker, &parts, &ground, origin);
+        // Lenses are looked up one by one; so are lamps where interfaces bend their light, and beside meshes.
+        let image_lookup = ImageLookup::over(s.light, s.projected_images, origin);
+        let plain = view.distortion.is_none() && (s.projected_images.layers() == 0 || image_lookup.is_some());
         let for_lamps = straight && ground.meshes.is_empty() && s.steady.lamps.len() <= LAMPS_IN_LANES;
         let for_any = if s.light.shines() { plain } else { for_lamps && !blind };
-        let bends = plane.is_some() || walls.is_some();
-        let looks = (straight || bends) && !others && can_look(s.world, &parts) && for_any;
+        let bends = plane.is_some() || interfaces.is_some();
+        let next_events = (straight || bends) && !others && can_connect(s.world, &parts) && for_any;
         let repeated = repeats(&parts);
         // Rays meet the facets of their own body only.
         let alone = !repeated || ground.meshes.is_empty();
-        let looks = looks && alone;
+        let next_events = next_events && alone;
         let (projector, unit) = Source::projector(s.light, origin);
         let (lamps, steady) = Source::lamps(s.steady, s.shared, origin);
-        let singly = !(lamps.is_empty() || (looks && for_lamps));
+        let singly = !(lamps.is_empty() || (next_events && for_lamps));
         let lamps = lamps.into_iter().filter(|_| !singly);
         let projected =
-            if s.shared.is_some() { shares.iter().map(|s| unit * s.projector).collect() } else { vec![unit] };
-        let lanes_alone = blind || (looks && !singly);
+            if s.shared.is_some() { scales.iter().map(|scale| unit * scale.projector).collect() } else { vec![unit] };
+        let lanes_alone = blind || (next_events && !singly);
         let turns = bends && lanes_alone;
         let onward = straight && !others && lanes_alone;
-        let sends = onward && looks && s.light.shines() && ground.meshes.is_empty();
+        let sends = onward && next_events && s.light.shines() && ground.meshes.is_empty();
         let starts = (onward || (turns && !s.steady.shines())) && !s.camera.has_aperture();
         let mut refused = Vec::new();
-        if !(looks || blind) {
-            refused.extend((!(straight || bends)).then(|| refusal::of_walls(walker, &parts)));
+        if !(next_events || blind) {
+            refused.extend((!(straight || bends)).then(|| refusal::of_interfaces(walker, &parts)));
             refused.extend(refusal::of_solids(&ground, &parts, origin, range));
             refused.extend((parts.len() > MOST_BODIES).then_some(Refusal::Bodies(parts.len())));
             refused.extend((carves_opaque(s.world, &parts)).then_some(Refusal::CarvedOpaque));
             refused.extend(view.distortion.as_ref().filter(|_| s.light.shines()).map(|_| Refusal::Distortion));
-            let longer = s.pictures.size().into_iter().max().filter(|_| s.pictures.layers() > 0 && shown.is_none());
+            let longer = s
+                .projected_images
+                .size()
+                .into_iter()
+                .max()
+                .filter(|_| s.projected_images.layers() > 0 && image_lookup.is_none());
             refused.extend(longer.map(Refusal::Pattern));
             refused.extend((!alone).then_some(Refusal::RepeatedMedium));
         }
-        refused.extend(singly.then_some(Refusal::Lamps(s.steady.lamps.len())).filter(|_| looks || !s.light.shines()));
+        refused.extend(
+            singly.then_some(Refusal::Lamps(s.steady.lamps.len())).filter(|_| next_events || !s.light.shines()),
+        );
         refused.extend(s.camera.has_aperture().then_some(Refusal::Aperture));
         refused.dedup();
         Ok(Self {
@@ -137,8 +144,8 @@ impl<'a> Frame<'a> {
             mu_t: parts.iter().map(|part| s.world.materials[part.material].mu_t() as f32).collect(),
             opaque: parts.iter().map(|part| s.world.materials[part.material].is_opaque()).collect(),
             straight: straight && !others,
-            onward: onward || (walls.is_some() && lanes_alone),
-            scouts: if sends { sends_scouts(s.world, origin, range) } else { Vec::new() },
+            onward: onward || (interfaces.is_some() && lanes_alone),
+            light_branches: if sends { sends_light_branches(s.world, origin, range) } else { Vec::new() },
             others,
             known,
             counted: parts.iter().map(|part| counted_in[part.material]).collect(),
@@ -151,8 +158,8 @@ impl<'a> Frame<'a> {
             turns,
             first: if bends { 4 } else { 2 },
             plane,
-            walls,
-            looks,
+            interfaces,
+            next_events,
             repeated,
             lamps: singly,
             blind,
@@ -164,7 +171,7 @@ impl<'a> Frame<'a> {
             unit,
             steady,
             carriers: carriers.collect(),
-            shown,
+            image_lookup,
             refused,
         })
     }
@@ -173,10 +180,10 @@ impl<'a> Frame<'a> {
 /// Where the middle of the image meets the first body that is not void; without one, where the camera looks.
 fn seen(s: &Setting<'_>) -> DVec3 {
     let view = &s.camera.view;
-    let mut spans = Spans::default();
+    let mut chords = Chords::default();
     let (from, along) = view.ray(0.5, 0.5);
-    let mut pieces = s.world.trace(from, along, None, &mut spans);
-    pieces.find(|piece| piece.material != 0).map_or(view.look_at, |piece| from + piece.start * along)
+    let mut segments = s.world.trace(from, along, None, &mut chords);
+    segments.find(|segment| segment.material != 0).map_or(view.look_at, |segment| from + segment.start * along)
 }
 
 /// The bodies of a world; the holes of carved ones are voids before them, where there is nothing else to be seen in a hole.
@@ -203,8 +210,8 @@ fn parts(world: &World) -> Vec<Part> {
 }
 
 /// For each material whether it fills bodies that have a bore or a hollow, within the range of f32, and scatters with a peak: what comes by way of
-/// other walls is then rare and bright. Empty where none does.
-fn sends_scouts(world: &World, origin: DVec3, range: f64) -> Vec<bool> {
+/// other interfaces is then rare and bright. Empty where none does.
+fn sends_light_branches(world: &World, origin: DVec3, range: f64) -> Vec<bool> {
     let near = |solid: &Solid| {
         let (low, high) = solid.bounds();
         (low - origin).abs().max((high - origin).abs()).length() <= range
@@ -229,8 +236,8 @@ fn overlap(a: &Solid, b: &Solid) -> bool {
     a_low.cmplt(b_high).all() && b_low.cmplt(a_high).all()
 }
 
-/// Whether looks in lanes are right: few bodies that they know, and nothing that carves opaque ones.
-fn can_look(world: &World, parts: &[Part]) -> bool {
+/// Whether next-event estimation in lanes is right: few bodies that they know, and nothing that carves opaque ones.
+fn can_connect(world: &World, parts: &[Part]) -> bool {
     parts.len() <= MOST_BODIES && !carves_opaque(world, parts)
 }
 

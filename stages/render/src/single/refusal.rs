@@ -5,9 +5,9 @@ use std::fmt;
 use turbid_optics::solid::Solid;
 
 use super::ground::{Ground, Part};
+use super::image_lookup::MOST_PIXELS;
 use super::limits::{CYCLES, LARGEST, MOST_BODIES, MOST_CHANNELS, MOST_FACES, RANGE};
-use super::picture::MOST_PIXELS;
-use crate::finish::Finish;
+use crate::bsdf::Bsdf;
 use crate::strata::Bending;
 use crate::walker::Walker;
 use crate::world::Material;
@@ -44,25 +44,25 @@ pub enum Refusal {
     Distortion,
     /// Pixels of a pattern along its longer side.
     Pattern(usize),
-    /// Lamps where walls turn light, or beside meshes.
+    /// Lamps where interfaces turn light, or beside meshes.
     Lamps(usize),
     /// The camera's lens has an aperture, so paths begin one by one.
     Aperture,
     Mirrors,
-    RoughWalls,
+    RoughInterfaces,
     /// Light bends at horizontal planes, but not at one alone between the light and all that scatters.
     Planes,
     /// Two refractive indices of bodies that turn light.
     Indices(f64, f64),
     /// A refractive index at or below that of the surroundings.
     Index(f64),
-    /// Facets, holes or turned solids at whose walls light bends.
-    Walls(&'static str),
-    /// Camera or projector is in a body at whose walls light bends.
+    /// Facets, holes or turned solids at whose interfaces light bends.
+    Interfaces(&'static str),
+    /// Camera or projector is in a body at whose interfaces light bends.
     Inside,
     /// More faces than lanes hold.
     Faces,
-    /// No projector shines where walls turn light.
+    /// No projector shines where interfaces turn light.
     NoProjector,
 }
 
@@ -107,14 +107,14 @@ impl fmt::Display for Refusal {
             ),
             Self::Aperture => write!(f, "the camera has an aperture: f32 lanes begin paths at a pinhole"),
             Self::Mirrors => write!(f, "mirrors: f32 lanes hold none"),
-            Self::RoughWalls => write!(f, "rough walls turn light: f32 lanes hold smooth ones"),
+            Self::RoughInterfaces => write!(f, "rough walls turn light: f32 lanes hold smooth ones"),
             Self::Planes => write!(
                 f,
                 "light bends at planes, but not at one alone between the projector and all that scatters: f32 lanes hold one"
             ),
             Self::Indices(a, b) => write!(f, "walls of n = {a} and n = {b} turn light: f32 lanes hold one index"),
             Self::Index(n) => write!(f, "curved walls of n = {n}: f32 lanes hold n above 1"),
-            Self::Walls(kind) => write!(f, "light bends at {kind}: f32 lanes hold whole bodies without facets"),
+            Self::Interfaces(kind) => write!(f, "light bends at {kind}: f32 lanes hold whole bodies without facets"),
             Self::Inside => {
                 write!(f, "camera or projector stands in a body that turns light: f32 lanes hold them outside")
             }
@@ -153,16 +153,16 @@ pub fn of_solids(ground: &Ground, parts: &[Part], origin: glam::DVec3, range: f6
     Some(if held && far > range { Refusal::FarSolid(far, range) } else { Refusal::Solid(kind(&part.solid)) })
 }
 
-/// Why lanes do not know the ways of light by the walls that turn it.
-pub fn of_walls(walker: &Walker<'_>, parts: &[Part]) -> Refusal {
+/// Why lanes do not know the connections by the interfaces that turn light.
+pub fn of_interfaces(walker: &Walker<'_>, parts: &[Part]) -> Refusal {
     let setting = walker.setting();
     let of = |part: &Part| &setting.world.materials[part.material];
     let refracts = |m: &&Material| !m.is_opaque() && m.n != 1.0;
-    if setting.world.materials.iter().any(|m| m.finish == Finish::Mirror) {
+    if setting.world.materials.iter().any(|m| m.bsdf == Bsdf::Mirror) {
         return Refusal::Mirrors;
     }
-    if setting.world.materials.iter().any(|m| matches!(m.finish, Finish::Rough(_))) {
-        return Refusal::RoughWalls;
+    if setting.world.materials.iter().any(|m| matches!(m.bsdf, Bsdf::Rough(_))) {
+        return Refusal::RoughInterfaces;
     }
     if matches!(walker.bending, Bending::AtPlanes(_)) {
         return Refusal::Planes;
@@ -180,7 +180,7 @@ pub fn of_walls(walker: &Walker<'_>, parts: &[Part]) -> Refusal {
     }
     let whole = |solid: &Solid| !matches!(solid, Solid::Turned(_) | Solid::Carved(_) | Solid::Mesh(_));
     if let Some(body) = setting.world.bodies.iter().find(|body| !whole(&body.solid)) {
-        return Refusal::Walls(kind(&body.solid));
+        return Refusal::Interfaces(kind(&body.solid));
     }
     if parts.len() > MOST_BODIES {
         return Refusal::Bodies(parts.len());

@@ -153,6 +153,6 @@ impl<const FLOATS: usize, const WORDS: usize> Rows<FLOATS, WORDS> {
     }
 }
 
-/// Columns: r, w, what is left of life, what its rounding lost, weight, free path, mu_a, mu_s, g, window, distance
-/// within which there is no surface that lanes do not know, share beside a scout; block of random numbers, sample, pixel, response, material, body.
+/// Columns: r, w, what is left of the absorption depth, what its rounding lost, weight, free path, mu_a, mu_s, g, window, distance
+/// within which there is no surface that lanes do not know, MIS weight with a light-directed branch; block of random numbers, sample, pixel, response, material, body.
 pub type Paths = Rows<16, 6>;

@@ -1,10 +1,10 @@
-//! Lights that lanes look for: the projector, and lamps where their light comes straight.
+//! Lights that lanes connect to: the projector, and lamps where their light comes straight.
 
 use fearless_simd::prelude::*;
 use glam::DVec3;
 
 use super::lane::{F, M, U, V, splat};
-use super::limits::{FIRST, MOST_CHANNELS, WALL};
+use super::limits::{FIRST, MOST_CHANNELS, TURNED};
 use crate::lamp::{Lamp, Steady};
 use crate::lengths::Shared;
 use crate::light::{Emission, Light};
@@ -21,7 +21,7 @@ pub struct Source {
     /// Its number, as of `lamp::Source::place`: 0 is the projector.
     place: usize,
     /// Of the response of each channel that it is part of, over that of the first.
-    pub shares: [f32; MOST_CHANNELS],
+    pub scales: [f32; MOST_CHANNELS],
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -92,12 +92,12 @@ impl Source {
             strength: reach as f32,
             place: 0,
             // Its channels have units of their own.
-            shares: [1.0; MOST_CHANNELS],
+            scales: [1.0; MOST_CHANNELS],
         };
         (source, strength / reach)
     }
 
-    /// Lamps, and the irradiance (W mm^-2) that is the unit of all of them: what one look sees of them is one sum.
+    /// Lamps, and the irradiance (W mm^-2) that is the unit of all of them: what one estimate sees of them is one sum.
     pub fn lamps(steady: &Steady, shared: Option<&Shared>, origin: DVec3) -> (Vec<Self>, f64) {
         // (W mm^-2 there, mm^2), there being 1 mm away at least.
         let strength = |lamp: &Lamp| match *lamp {
@@ -127,13 +127,13 @@ impl Source {
                 }
             };
             let (irradiance, reach) = strength(lamp);
-            let share = |channel: usize| shared.and_then(|s| s.channels.get(channel)).map_or(1.0, |s| s.lamps[i]);
+            let scale = |channel: usize| shared.and_then(|s| s.channels.get(channel)).map_or(1.0, |s| s.lamps[i]);
             Self {
                 position,
                 kind,
                 strength: (reach * (irradiance / unit)) as f32,
                 place: i + 1,
-                shares: std::array::from_fn(|channel| share(channel) as f32),
+                scales: std::array::from_fn(|channel| scale(channel) as f32),
             }
         };
         (steady.lamps.iter().enumerate().map(of).collect(), unit)
@@ -202,11 +202,11 @@ impl Source {
         }
     }
 
-    /// Where random numbers of looks for it stand, number and word without the channel (`random.rs`): of such as are `first` along a camera's ray, whose
+    /// Where random numbers of connections to it stand, number and word without the channel (`random.rs`): of such as are `first` along a camera's ray, whose
     /// number is `start`, such as are from where a flight comes in, and all others.
     #[inline(always)]
     pub fn numbers<S: Simd>(&self, simd: S, number: U<S>, start: u32, first: M<S>, entry: M<S>) -> (U<S>, U<S>) {
-        let (word, low) = (|x: u32| U::splat(simd, x), number & (WALL - 1));
+        let (word, low) = (|x: u32| U::splat(simd, x), number & (TURNED - 1));
         if self.place == 0 {
             let ahead = entry.select(word(ENTERED), word(0));
             return (first.select(word(start), low), first.select(number & (FIRST - 1), ahead));
@@ -216,7 +216,7 @@ impl Source {
     }
 }
 
-/// Word without the channel of the numbers that say whether more ways of the projector's light are looked for, at a place on a ray.
+/// Word without the channel of the numbers that say whether more connections to the projector are tried, at a place on a ray.
 #[inline(always)]
 pub fn whether_projected<S: Simd>(simd: S, place: U<S>) -> U<S> {
     (place << 8) | U::splat(simd, WHETHER_PROJECTED)

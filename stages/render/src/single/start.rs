@@ -1,4 +1,4 @@
-//! Paths at their start: the camera's ray to the first medium, and the looks along it.
+//! Paths at their start: the camera's ray to the first medium, and next-event estimation along it.
 
 use fearless_simd::prelude::*;
 use glam::DVec3;
@@ -8,16 +8,16 @@ use super::bend::Entrance;
 use super::frame::Frame;
 use super::lane::{LANES, U, ln, philox, unit};
 use super::limits::FIRST;
-use super::look::{Looks, look_while};
+use super::next_event::{NextEvents, estimate_while};
 use super::rows::Paths;
-use super::settle::settles;
+use super::scalar_fallback::scalar_fallback;
 use super::turns::Outside;
 use crate::batches::Batches;
 use crate::lengths::{Lengths, MOST_LENGTHS, NO_LENGTHS, count};
 use crate::random::PLACES_IN_LANES;
 use crate::setting::{Place, Setting};
 use crate::walker::Walker;
-use crate::world::Piece;
+use crate::world::RaySegment;
 
 /// Paths still to be begun, and those ready for lanes.
 pub struct Starts<'a> {
@@ -46,7 +46,7 @@ impl<'a> Starts<'a> {
         simd: S,
         walker: &mut Walker<'_>,
         frame: &Frame<'_>,
-        looks: &mut Looks,
+        next_events: &mut NextEvents,
         responses: &mut [f64],
     ) {
         let first = self.next;
@@ -59,31 +59,31 @@ impl<'a> Starts<'a> {
         let (key, high) = (walker.setting().key, walker.setting().channel << 16);
         let (p, s) = (U::load_array(simd, pixel), U::load_array(simd, sample));
         let [jx, jy, ja, _] = philox(simd, U::splat(simd, 0), U::splat(simd, high), s, p, key);
-        let life = -ln(unit(ja));
+        let absorption_depth = -ln(unit(ja));
         let bends = frame.starts && frame.bends();
-        let chance = if bends {
+        let random = if bends {
             let [.., d] = philox(simd, U::splat(simd, 2), U::splat(simd, high), s, p, key);
             d.to_array()
         } else {
             [0; LANES]
         };
         for i in 0..count {
-            let draw = [unit_of(jx[i]), unit_of(jy[i]), unit_of(chance[i])];
+            let draw = [unit_of(jx[i]), unit_of(jy[i]), unit_of(random[i])];
             let ids = Ids { pixel: pixel[i], sample: sample[i], path: (first + i) as u32 };
-            let made = frame.starts && self.enter(simd, walker, frame, looks, ids, draw, life[i]);
+            let made = frame.starts && self.enter(simd, walker, frame, next_events, ids, draw, absorption_depth[i]);
             if !made {
                 let mut place = walker.begin(pixel[i] as usize, sample[i], first + i);
-                if settles(walker, frame, &mut place) {
+                if scalar_fallback(walker, frame, &mut place) {
                     let (floats, words, lengths) = frame.row(&place);
                     self.ready.push(floats, words, lengths);
                 }
             }
-            look_while(simd, looks, LANES, frame, key, high, responses);
+            estimate_while(simd, next_events, LANES, frame, key, high, responses);
         }
     }
 
-    /// A path whose ray meets a medium before any surface: it starts where the ray enters, its single scattering left to looks in
-    /// every piece. False where things are not so simple.
+    /// A path whose ray meets a medium before any surface: it starts where the ray enters, its single scattering left to next-event estimation in
+    /// every segment. False where things are not so simple.
     #[inline(never)]
     #[allow(clippy::too_many_arguments, reason = "all there is at a start")]
     fn enter<S: Simd>(
@@ -91,44 +91,44 @@ impl<'a> Starts<'a> {
         simd: S,
         walker: &mut Walker<'_>,
         frame: &Frame<'_>,
-        looks: &mut Looks,
+        next_events: &mut NextEvents,
         ids: Ids,
-        [across, down, chance]: [f64; 3],
-        life: f32,
+        [across, down, random]: [f64; 3],
+        absorption_depth: f32,
     ) -> bool {
         let s = *walker.setting();
         let (mut from, mut along) = s.camera.ray(ids.pixel as usize, across, down);
         let (mut inside, mut turns) = (true, usize::from(frame.bends()));
         if let Some(plane) = &frame.plane {
-            match plane.enter(from, along, chance) {
+            match plane.enter(from, along, random) {
                 Some(Entrance::In(place, refracted)) => (from, along) = (place, refracted),
                 Some(Entrance::Out) if frame.dark => inside = false,
                 _ => return false,
             }
         }
-        if let Some(walls) = &frame.walls {
-            match walls.enter(walker, from, along, chance) {
+        if let Some(interfaces) = &frame.interfaces {
+            match interfaces.enter(walker, from, along, random) {
                 Some(Outside::In(place, refracted)) => (from, along) = (place, refracted),
-                Some(Outside::Out(walls)) if frame.dark => (inside, turns) = (false, walls),
+                Some(Outside::Out(interfaces)) if frame.dark => (inside, turns) = (false, interfaces),
                 _ => return false,
             }
         }
-        let mut pieces = std::mem::take(&mut walker.pieces);
-        pieces.clear();
+        let mut segments = std::mem::take(&mut walker.segments);
+        segments.clear();
         match &frame.parts[..] {
             _ if !inside => {}
-            _ if frame.walls.is_some() => {
-                let n = |piece: &Piece| s.world.materials[piece.material].n;
-                let mut rest = s.world.trace(from, along, None, &mut walker.spans);
+            _ if frame.interfaces.is_some() => {
+                let n = |segment: &RaySegment| s.world.materials[segment.material].n;
+                let mut rest = s.world.trace(from, along, None, &mut walker.chords);
                 let first = rest.next();
                 let index = first.as_ref().map(n);
-                pieces.extend(first.into_iter().chain(rest.take_while(|piece| Some(n(piece)) == index)));
+                segments.extend(first.into_iter().chain(rest.take_while(|segment| Some(n(segment)) == index)));
             }
             [only] if only.solid.is_convex() => {
-                let (start, end) = only.solid.span(from, along);
+                let (start, end) = only.solid.chord(from, along);
                 if start < end && end > 0.0 {
                     let start = if frame.plane.is_some() { start.max(0.0) } else { start };
-                    pieces.push(Piece { start, end, material: only.material, wall: None });
+                    segments.push(RaySegment { start, end, material: only.material, interface: None });
                 }
             }
             _ if !frame.ground.meshes.is_empty()
@@ -140,83 +140,83 @@ impl<'a> Starts<'a> {
                     #[inline(always)]
                     || {
                         s.world.trace_by(
-                            &mut walker.spans,
+                            &mut walker.chords,
                             #[inline(always)]
-                            |i, solid, stays| {
+                            |i, solid, chords| {
                                 let mesh = frame.ground.meshes.iter().find(|mesh| mesh.body == i as u32);
                                 // No `is_some_and`: what is not inlined loses the vector instructions.
                                 if let Some(mesh) = mesh
-                                    && mesh.cut_shown(simd, from, along, stays)
+                                    && mesh.cut_from_camera(simd, from, along, chords)
                                 {
                                     return;
                                 }
-                                solid.cut(from, along, None, stays);
+                                solid.cut(from, along, None, chords);
                             },
                         )
                     },
                 );
-                pieces.extend(cut.filter(|p| p.material != 0));
+                segments.extend(cut.filter(|p| p.material != 0));
             }
-            _ => pieces.extend(s.world.trace(from, along, None, &mut walker.spans).filter(|p| p.material != 0)),
+            _ => segments.extend(s.world.trace(from, along, None, &mut walker.chords).filter(|p| p.material != 0)),
         }
         let ready = self.ready.len();
-        let made = self.enter_pieces(&s, frame, looks, ids, (from, along), life, &pieces);
+        let made = self.enter_segments(&s, frame, next_events, ids, (from, along), absorption_depth, &segments);
         if made && self.ready.len() == ready {
             // The camera's ray is a flight, wherever it ended.
             walker.count_flights(1);
         }
         if made {
-            // Up to the wall.
+            // Up to the interface.
             walker.count_flights(turns);
         }
-        walker.pieces = pieces;
+        walker.segments = segments;
         made
     }
 
     #[allow(clippy::too_many_arguments, reason = "the second half of `enter`")]
-    fn enter_pieces(
+    fn enter_segments(
         &mut self,
         s: &Setting<'_>,
         frame: &Frame<'_>,
-        looks: &mut Looks,
+        next_events: &mut NextEvents,
         ids: Ids,
         (from, along): (DVec3, DVec3),
-        life: f32,
-        pieces: &[Piece],
+        absorption_depth: f32,
+        segments: &[RaySegment],
     ) -> bool {
-        let material = |piece: &Piece| &s.world.materials[piece.material];
-        let seen = pieces.iter().position(|piece| material(piece).is_opaque()).unwrap_or(pieces.len());
-        let scattering = pieces[..seen].iter().filter(|piece| material(piece).mu_s > 0.0).count();
-        if (!frame.bends() && pieces.first().is_some_and(|piece| piece.start <= 0.0))
-            || scattering > MOST_PIECES
+        let material = |segment: &RaySegment| &s.world.materials[segment.material];
+        let seen = segments.iter().position(|segment| material(segment).is_opaque()).unwrap_or(segments.len());
+        let scattering = segments[..seen].iter().filter(|segment| material(segment).mu_s > 0.0).count();
+        if (!frame.bends() && segments.first().is_some_and(|segment| segment.start <= 0.0))
+            || scattering > MOST_SEGMENTS
             // Ends at a surface, or sees light from infinity.
-            || (scattering == 0 && (seen < pieces.len() || !frame.dark))
+            || (scattering == 0 && (seen < segments.len() || !frame.dark))
             // Clear, and there is more behind it.
-            || (scattering == 0 && frame.walls.is_some() && !pieces.is_empty())
+            || (scattering == 0 && frame.interfaces.is_some() && !segments.is_empty())
         {
             return false;
         }
         let (mut tau, mut absorbed, mut scored) = (0.0, 0.0, 0);
         let mut lengths = NO_LENGTHS;
         let w = along.as_vec3().to_array();
-        for piece in &pieces[..seen] {
-            let (length, medium) = (piece.end - piece.start, material(piece));
+        for segment in &segments[..seen] {
+            let (length, medium) = (segment.end - segment.start, material(segment));
             if medium.mu_s > 0.0 {
-                let r = frame.local(from + piece.start * along);
-                let mut filled = frame.parts.iter().enumerate().filter(|(_, part)| part.material == piece.material);
+                let r = frame.local(from + segment.start * along);
+                let mut filled = frame.parts.iter().enumerate().filter(|(_, part)| part.material == segment.material);
                 let body = match (filled.next(), filled.next()) {
                     (Some((only, _)), None) => only,
                     // A point of it says which body it is.
                     _ => {
-                        let inside = from + (piece.start + 0.5 * length.min(1.0 / medium.mu_t())) * along;
+                        let inside = from + (segment.start + 0.5 * length.min(1.0 / medium.mu_t())) * along;
                         let Some(body) = frame.parts.iter().position(|part| part.solid.contains(inside)) else {
                             continue;
                         };
                         body
                     }
                 };
-                let m = &frame.media[piece.material];
-                let left = life - absorbed as f32;
+                let m = &frame.media[segment.material];
+                let left = absorption_depth - absorbed as f32;
                 if scored == 0 && left > 0.0 {
                     let coefficients = [m.free_path, m.mu_a, m.mu_s, m.g, m.window];
                     let [free_path, mu_a, mu_s, g, window] = coefficients;
@@ -238,7 +238,7 @@ impl<'a> Starts<'a> {
                         frame.known,
                         1.0,
                     ];
-                    let words = [frame.first, ids.sample, ids.pixel, ids.path, piece.material as u32, body as u32];
+                    let words = [frame.first, ids.sample, ids.pixel, ids.path, segment.material as u32, body as u32];
                     self.ready.push(row, words, counted(&lengths));
                 }
                 if !frame.blind {
@@ -246,13 +246,13 @@ impl<'a> Starts<'a> {
                     let row =
                         [r[0], r[1], r[2], w[0], w[1], w[2], w[0], w[1], w[2], weight, 0.0, m.mu_a, m.mu_s, m.g, 0.0];
                     let words = [FIRST | scored, ids.sample, ids.pixel, ids.path, body as u32];
-                    looks.rays.push(row, words, counted(&lengths));
+                    next_events.rays.push(row, words, counted(&lengths));
                 }
                 scored += 1;
             }
             absorbed += medium.mu_a * length;
             tau += medium.mu_t() * length;
-            count(s.shared, &mut lengths, piece.material, length);
+            count(s.shared, &mut lengths, segment.material, length);
         }
         true
     }
@@ -263,9 +263,9 @@ fn counted(lengths: &Lengths) -> [f32; MOST_LENGTHS] {
     std::array::from_fn(|k| lengths[k] as f32)
 }
 
-/// Looks along one camera's ray in lanes.
-const MOST_PIECES: usize = 8;
-const _: () = assert!(MOST_PIECES <= PLACES_IN_LANES);
+/// Next-event estimation along one camera's ray in lanes.
+const MOST_SEGMENTS: usize = 8;
+const _: () = assert!(MOST_SEGMENTS <= PLACES_IN_LANES);
 
 /// Which path it is.
 #[derive(Clone, Copy)]
@@ -288,10 +288,11 @@ impl Frame<'_> {
         let body = self.body_at(place).expect("only settled paths are put into lanes");
         let m = &self.media[place.material];
         let ([x, y, z], [a, b, c]) = (self.local(place.r), place.w.as_vec3().to_array());
-        let (life, weight) = (place.life as f32, place.weight as f32);
+        let (absorption_depth, weight) = (place.absorption_depth as f32, place.weight as f32);
         let [free_path, mu_a, mu_s, g, window] = [m.free_path, m.mu_a, m.mu_s, m.g, m.window];
-        let (known, share) = (self.known, place.share as f32);
-        let floats = [x, y, z, a, b, c, life, 0.0, weight, free_path, mu_a, mu_s, g, window, known, share];
+        let (known, mis_weight) = (self.known, place.mis_weight as f32);
+        let floats =
+            [x, y, z, a, b, c, absorption_depth, 0.0, weight, free_path, mu_a, mu_s, g, window, known, mis_weight];
         let (path, material) = (place.response as u32, place.material as u32);
         let words = [place.number as u32, place.sample, place.pixel, path, material, body as u32];
         (floats, words, counted(&place.lengths))
@@ -299,16 +300,16 @@ impl Frame<'_> {
 
     /// The path of a row, for the scalar walker.
     pub fn place(&self, (floats, words, lengths): ([f32; 16], [u32; 6], [f32; MOST_LENGTHS])) -> Place {
-        let [x, y, z, a, b, c, life, lost, weight, .., share] = floats;
+        let [x, y, z, a, b, c, absorption_depth, lost, weight, .., mis_weight] = floats;
         let [number, sample, pixel, path, material, _] = words;
         Place {
             r: self.world([x, y, z]),
             // Unit length to f64.
             w: DVec3::new(f64::from(a), f64::from(b), f64::from(c)).normalize(),
             material: material as usize,
-            skin: None,
+            surface_point: None,
             clear: 0.0,
-            life: f64::from(life) - f64::from(lost),
+            absorption_depth: f64::from(absorption_depth) - f64::from(lost),
             weight: f64::from(weight),
             pixel,
             sample,
@@ -317,9 +318,9 @@ impl Frame<'_> {
             // The camera's ray was scored as far as it goes.
             wholly: number == self.first,
             scattered: number != self.first,
-            glint: number == self.first && self.bends(),
-            share: f64::from(share),
-            scout: false,
+            specular: number == self.first && self.bends(),
+            mis_weight: f64::from(mis_weight),
+            light_branch: false,
             response: path as usize,
             lengths: std::array::from_fn(|k| lengths.get(k).copied().map_or(0.0, f64::from)),
         }

@@ -1,17 +1,17 @@
-//! How walls of convex bodies turn flights, in f32 lanes, and the camera's rays.
+//! How interfaces of convex bodies turn flights, in f32 lanes, and the camera's rays.
 
 use fearless_simd::prelude::*;
 use glam::DVec3;
 use turbid_optics::refraction::refract;
 
 use super::bend::Meeting;
-use super::face::Walls;
+use super::face::Interfaces;
 use super::frame::Frame;
 use super::lane::{M, U, V, choose, splat};
 use super::limits::SLIVER;
-use super::sight::spans;
+use super::visibility::chords;
 use crate::walker::Walker;
-use crate::world::Skin;
+use crate::world::SurfacePoint;
 
 /// A camera's ray, from outside of all bodies.
 pub enum Outside {
@@ -21,28 +21,28 @@ pub enum Outside {
     Out(usize),
 }
 
-impl Walls {
-    /// A ray to the first wall where light bends, by a uniform random number. `None` where it meets something opaque, or is reflected and goes on.
+impl Interfaces {
+    /// A ray to the first interface where light bends, by a uniform random number. `None` where it meets something opaque, or is reflected and goes on.
     pub fn enter(&self, walker: &mut Walker<'_>, from: DVec3, along: DVec3, random: f64) -> Option<Outside> {
         let world = walker.setting().world;
         let mut before = None;
-        for piece in world.trace(from, along, None, &mut walker.spans) {
-            let material = &world.materials[piece.material];
+        for segment in world.trace(from, along, None, &mut walker.chords) {
+            let material = &world.materials[segment.material];
             if material.is_opaque() {
                 return None;
             }
-            if let (true, Some(wall)) = (material.n != 1.0, before) {
-                let place = from + piece.start * along;
-                let normal = world.normal(wall, place);
+            if let (true, Some(interface)) = (material.n != 1.0, before) {
+                let place = from + segment.start * along;
+                let normal = world.normal(interface, place);
                 let met = refract(along, normal, 1.0, material.n);
                 if let Some(refracted) = met.refracted.filter(|_| random >= met.reflectance) {
                     return Some(Outside::In(place - self.behind * normal, refracted));
                 }
-                let skin = Skin { wall, inside: false };
-                let mut onward = world.trace(place, met.reflected, Some(skin), &mut walker.spans);
-                return onward.all(|piece| piece.material == 0).then_some(Outside::Out(1));
+                let surface_point = SurfacePoint { interface, inside: false };
+                let mut onward = world.trace(place, met.reflected, Some(surface_point), &mut walker.chords);
+                return onward.all(|segment| segment.material == 0).then_some(Outside::Out(1));
             }
-            before = piece.wall;
+            before = segment.interface;
         }
         Some(Outside::Out(0))
     }
@@ -60,23 +60,23 @@ impl Walls {
     #[inline(always)]
     fn meet_by<S: Simd>(&self, simd: S, frame: &Frame<'_>, body: U<S>, r: V<S>, w: V<S>) -> (Meeting<S>, V<S>, M<S>) {
         let (zero, never) = (splat(simd, 0.0), splat(simd, f32::INFINITY));
-        let along = spans(simd, frame, r, w);
+        let along = chords(simd, frame, r, w);
         let mut distance = never;
-        for (j, span) in along.iter().enumerate().take(frame.parts.len()) {
-            distance = choose(body.simd_eq(j as u32), span.leave, distance);
+        for (j, chord) in along.iter().enumerate().take(frame.parts.len()) {
+            distance = choose(body.simd_eq(j as u32), chord.leave, distance);
         }
         let mut alone = distance.simd_lt(f32::MAX);
         let distance = distance.max(zero);
         let p = r.plus(distance, w);
         let slack = (distance + p.size()) * SLIVER;
         let mut normal = w;
-        for (j, span) in along.iter().enumerate().take(frame.parts.len()) {
+        for (j, chord) in along.iter().enumerate().take(frame.parts.len()) {
             let (own, above) = (body.simd_eq(j as u32), body.simd_gt(j as u32));
             normal = frame.ground.normal(simd, j, p).or(own, normal);
             // What comes before the end of the own body, or holds that.
             let from = choose(above, zero, distance - slack);
             let there =
-                span.enter.simd_lt(span.leave) & span.enter.simd_lt(distance + slack) & span.leave.simd_gt(from);
+                chord.enter.simd_lt(chord.leave) & chord.enter.simd_lt(distance + slack) & chord.leave.simd_gt(from);
             alone &= own | !there;
         }
         let through = w.dot(normal);
@@ -90,10 +90,10 @@ impl Walls {
         // Totally reflected, both are 1.
         let reflectance = choose(cos2.simd_gt(zero), (s * s + t * t) * 0.5, splat(simd, 1.0));
         let beyond = w.times(splat(simd, self.m)).plus(out - cos * self.m, normal);
-        let outside = spans(simd, frame, p, beyond);
+        let outside = chords(simd, frame, p, beyond);
         let mut free = M::splat(simd, true);
-        for (j, span) in outside.iter().enumerate().take(frame.parts.len()) {
-            free &= body.simd_eq(j as u32) | span.enter.simd_ge(span.leave) | span.leave.simd_le(-slack);
+        for (j, chord) in outside.iter().enumerate().take(frame.parts.len()) {
+            free &= body.simd_eq(j as u32) | chord.enter.simd_ge(chord.leave) | chord.leave.simd_le(-slack);
         }
         let meeting = Meeting {
             distance,

@@ -3,32 +3,32 @@
 use fearless_simd::prelude::*;
 use turbid_optics::at_level;
 
-use super::detour::try_detours;
 use super::frame::Frame;
 use super::lane::{F, LANES, M, U, V, choose, hg_sample, ln, philox, spare, splat, unit, unit_short};
-use super::limits::{ENTRY, WALL};
-use super::look::{Looks, look_while, rarity};
+use super::light_branch::{LightBranches, sends};
+use super::limits::{ENTRY, TURNED};
+use super::next_event::{NextEvents, estimate_while, inverse_survival};
 use super::rows::{Counts, Paths};
-use super::scout::{Scouts, sends};
-use super::settle::{LATE, settles};
+use super::scalar_connections::make_scalar_connections;
+use super::scalar_fallback::{LATE, scalar_fallback};
 use super::start::Starts;
 use crate::batches::Batches;
 use crate::lengths::MOST_LENGTHS;
-use crate::random::SCOUT;
+use crate::random::LIGHT_BRANCH;
 use crate::walker::Walker;
 
 /// Walks the batches and leaves the responses of their paths in the walker, in order.
 pub fn walk(walker: &mut Walker<'_>, frame: &Frame<'_>, batches: Batches<'_>) {
-    walker.scouts.clone_from(&frame.scouts);
+    walker.light_branches.clone_from(&frame.light_branches);
     walker.clear_responses(batches.paths());
     let mut responses = walker.take_single();
     let starts = Starts::new(batches, frame.counts);
     at_level!(walker.level(), simd => simd.vectorize(#[inline(always)] || {
-        Flock::new(simd, frame, batches.paths()).run(walker, starts, &mut responses);
+        Packet::new(simd, frame, batches.paths()).run(walker, starts, &mut responses);
     }));
     walker.gather();
     walker.add_single(responses);
-    walker.scouts.clear();
+    walker.light_branches.clear();
 }
 
 fn with_room(mut floats: [f32; 16], known: f32) -> [f32; 16] {
@@ -37,7 +37,7 @@ fn with_room(mut floats: [f32; 16], known: f32) -> [f32; 16] {
 }
 
 /// The paths in flight.
-struct Flock<'a, S: Simd> {
+struct Packet<'a, S: Simd> {
     simd: S,
     frame: &'a Frame<'a>,
     floats: [F<S>; 16],
@@ -49,18 +49,18 @@ struct Flock<'a, S: Simd> {
     /// Flights that only ask how far they may go, by bits, and the lengths of all.
     asking: u64,
     steps: [f32; LANES],
-    looks: Looks,
+    next_events: NextEvents,
     /// For what goes through memory.
     memory: Paths,
-    scouts: Scouts,
-    /// The paths that rest while scouts fly, and by bits those that live.
+    light_branches: LightBranches,
+    /// The paths that rest while light-directed branches fly, and by bits those that live.
     resting: Paths,
     resting_alive: u64,
-    /// How many responses there are of each kind: after those of paths come those of scouts where they end, and where they come in.
+    /// How many responses there are of each kind: after those of paths come those of light-directed branches where they end, and where they come in.
     paths: u32,
 }
 
-impl<'a, S: Simd> Flock<'a, S> {
+impl<'a, S: Simd> Packet<'a, S> {
     #[inline(always)]
     fn new(simd: S, frame: &'a Frame<'a>, paths: usize) -> Self {
         let (floats, words) = ([splat(simd, 0.0); 16], [U::splat(simd, 0); 6]);
@@ -74,9 +74,9 @@ impl<'a, S: Simd> Flock<'a, S> {
             alive: 0,
             asking: 0,
             steps: [0.0; LANES],
-            looks: Looks::new(counted),
+            next_events: NextEvents::new(counted),
             memory: Paths::new(counted),
-            scouts: Scouts::new(counted),
+            light_branches: LightBranches::new(counted),
             resting: Paths::new(counted),
             resting_alive: 0,
             paths: paths as u32,
@@ -89,16 +89,16 @@ impl<'a, S: Simd> Flock<'a, S> {
         let (key, high) = (walker.setting().key, walker.setting().channel << 16);
         let mut flights = 0;
         loop {
-            // The last scouts go when all paths have ended.
+            // The last light-directed branches go when all paths have ended.
             let last = self.alive == 0 && starts.ready.len() == 0 && !starts.more();
-            let scouting = self.scouts.muster(simd, walker, self.frame, last, key, high);
+            let branching = self.light_branches.muster(simd, walker, self.frame, last, key, high);
             let dead = !self.alive & 0xFFFF;
-            if scouting {
+            if branching {
                 self.rest();
             } else if dead != 0 {
                 let wanted = dead.count_ones() as usize;
                 while starts.ready.len() < wanted && starts.more() {
-                    starts.make(simd, walker, self.frame, &mut self.looks, responses);
+                    starts.make(simd, walker, self.frame, &mut self.next_events, responses);
                 }
                 let mut filled = dead;
                 while filled.count_ones() as usize > starts.ready.len() {
@@ -111,42 +111,59 @@ impl<'a, S: Simd> Flock<'a, S> {
                     break;
                 }
                 if self.alive == 0 {
-                    if self.scouts.is_empty() && walker.sent.is_empty() {
+                    if self.light_branches.is_empty() && walker.sent.is_empty() {
                         break;
                     }
                     continue;
                 }
             }
             flights += self.alive.count_ones() as usize;
-            let (odd, looking, out) = self.fly(scouting, key, high, responses);
+            let (divergent, connecting, out) = self.fly(branching, key, high, responses);
             // On its way to infinity a path makes one more.
             flights += out.count_ones() as usize;
-            if looking != 0 && (self.frame.lamps || !self.frame.looks) {
-                self.look_singly(walker, looking);
+            if connecting != 0 && (self.frame.lamps || !self.frame.next_events) {
+                self.next_event_singly(walker, connecting);
             }
-            if odd != 0 {
-                flights -= odd.count_ones() as usize;
-                self.settle(walker, odd, scouting);
+            if divergent != 0 {
+                flights -= divergent.count_ones() as usize;
+                self.scalar_fallback(walker, divergent, branching);
             }
-            if scouting {
+            if branching {
                 self.resume();
             }
-            look_while(simd, &mut self.looks, LANES, self.frame, key, high, responses);
-            if !self.looks.detours.is_empty() {
-                try_detours(walker, self.frame, &mut self.looks);
+            estimate_while(simd, &mut self.next_events, LANES, self.frame, key, high, responses);
+            if !self.next_events.scalar_connections.is_empty() {
+                make_scalar_connections(walker, self.frame, &mut self.next_events);
             }
         }
-        look_while(simd, &mut self.looks, 1, self.frame, key, high, responses);
-        try_detours(walker, self.frame, &mut self.looks);
+        estimate_while(simd, &mut self.next_events, 1, self.frame, key, high, responses);
+        make_scalar_connections(walker, self.frame, &mut self.next_events);
         walker.count_flights(flights);
     }
 
     /// One flight of every lane that lives. Those that meet a boundary, to be made by the scalar walker from where they stand;
-    /// those that look for light, queued where lanes can look; and those that have left through a plane where light bends.
+    /// those with a next event, queued where lanes can estimate it; and those that have left through a plane where light bends.
     #[inline(always)]
-    fn fly(&mut self, scouting: bool, key: [u32; 2], high: u32, responses: &mut [f64]) -> (u64, u64, u64) {
+    fn fly(&mut self, branching: bool, key: [u32; 2], high: u32, responses: &mut [f64]) -> (u64, u64, u64) {
         let (simd, frame) = (self.simd, self.frame);
-        let [rx, ry, rz, wx, wy, wz, life, lost, weight, free_path, mu_a, mu_s, g, window, known, share] = self.floats;
+        let [
+            rx,
+            ry,
+            rz,
+            wx,
+            wy,
+            wz,
+            absorption_depth,
+            lost,
+            weight,
+            free_path,
+            mu_a,
+            mu_s,
+            g,
+            window,
+            known,
+            mis_weight,
+        ] = self.floats;
         let [number, sample, pixel, path, material, body] = self.words;
         let (r, w) = (V { x: rx, y: ry, z: rz }, V { x: wx, y: wy, z: wz });
         let alive = M::from_bitmask(simd, self.alive);
@@ -158,7 +175,7 @@ impl<'a, S: Simd> Flock<'a, S> {
         let mut passage = frame.ground.pass(simd, body, r, w, s, end);
         let no = M::splat(simd, false);
         let (meshes, mut left_known, mut stale) = (!frame.ground.meshes.is_empty(), known - s, no);
-        let beside = passage.clear;
+        let passage_clear = passage.clear;
         if meshes {
             let asks = s.simd_ge(known) & !passage.crosses & alive;
             stale = !asks;
@@ -185,7 +202,7 @@ impl<'a, S: Simd> Flock<'a, S> {
             // The rest of the flight in the next body, if it stays in that.
             let on = frame.ground.onward(simd, &frame.parts, passage.crosses & alive, body, r, w);
             escapes = if frame.dark && frame.straight { passage.crosses & on.escapes } else { no };
-            // Where walls bend it, only into what touches.
+            // Where interfaces bend it, only into what touches.
             let on_into = if frame.straight { on.open } else { on.open & on.enters.simd_le(on.leaves) };
             crossed = if frame.onward { passage.crosses & on_into } else { no };
             if (crossed & alive).any_true() {
@@ -219,8 +236,8 @@ impl<'a, S: Simd> Flock<'a, S> {
                 // In another medium, or behind a gap: touching bodies of one medium are one. The camera's ray was scored as far as it goes.
                 let beyond =
                     crossed & (!its.simd_eq(material) | on.enters.simd_gt(on.leaves)) & !number.simd_eq(frame.first);
-                let entered = beyond & alive & (life - (mu_a * on.leaves + lost)).simd_ge(splat(simd, 0.0));
-                if frame.looks && entered.any_true() {
+                let entered = beyond & alive & (absorption_depth - (mu_a * on.leaves + lost)).simd_ge(splat(simd, 0.0));
+                if frame.next_events && entered.any_true() {
                     let (zero, [_, mu_a, mu_s, g, _]) = (splat(simd, 0.0), here);
                     let mut before = self.lengths;
                     if frame.counts {
@@ -230,16 +247,16 @@ impl<'a, S: Simd> Flock<'a, S> {
                             before[place] += choose(was_in.simd_eq(m as u32), on.leaves, zero);
                         }
                     }
-                    let (seen, roulette) = (weight * share, unit_short(d));
-                    // Those of scouts apart: which of them fly together must not show.
-                    let path = if scouting { path + self.paths } else { path };
-                    self.looks.rays.pack(
+                    let (seen, roulette) = (weight * mis_weight, unit_short(d));
+                    // Those of light-directed branches apart: which of them fly together must not show.
+                    let path = if branching { path + self.paths } else { path };
+                    self.next_events.rays.pack(
                         entered,
                         &[from.x, from.y, from.z, wx, wy, wz, wx, wy, wz, seen, roulette, mu_a, mu_s, g, zero],
                         &[number | ENTRY, sample, pixel, path, on.body],
                         &before,
                     );
-                    look_while(simd, &mut self.looks, LANES, frame, key, high, responses);
+                    estimate_while(simd, &mut self.next_events, LANES, frame, key, high, responses);
                 }
                 if frame.counts {
                     (first, second_in) = (choose(crossed, on.leaves, first), choose(crossed, rest, second_in));
@@ -266,11 +283,11 @@ impl<'a, S: Simd> Flock<'a, S> {
             end = meeting.place.or(turned, end);
             passage.crosses &= !turned;
         }
-        if let Some(walls) = &frame.walls
+        if let Some(interfaces) = &frame.interfaces
             && frame.turns
             && (passage.crosses & alive).any_true()
         {
-            let (meeting, back, free) = walls.meet(simd, frame, body, r, w);
+            let (meeting, back, free) = interfaces.meet(simd, frame, body, r, w);
             let fresh = number.simd_eq(frame.first);
             let meets = passage.crosses & meeting.towards & meeting.distance.simd_le(s) & !fresh;
             let reflected = unit_short(d).simd_lt(meeting.reflectance);
@@ -282,7 +299,7 @@ impl<'a, S: Simd> Flock<'a, S> {
             mirrored = back;
             passage.crosses &= !turned;
         }
-        let flight = if scouting { number & (SCOUT - 1) } else { number };
+        let flight = if branching { number & (LIGHT_BRANCH - 1) } else { number };
         let far = end.dot(end).simd_gt(frame.range_squared) | flight.simd_ge(LATE);
         turned &= !far;
         if frame.counts {
@@ -294,17 +311,17 @@ impl<'a, S: Simd> Flock<'a, S> {
         let [free_path, mu_a, mu_s, g, window] = here;
         // Compensated: at high albedo each flight takes less than the last digit of what is left.
         let taken = -absorbed - lost;
-        let left = life + taken;
-        let lost = (left - life) - taken;
+        let left = absorption_depth + taken;
+        let lost = (left - absorption_depth) - taken;
         let dies = left.simd_lt(0.0);
         if frame.turns {
             out = escapes & alive & !dies;
         }
         let crosses = passage.crosses | (far & !crossed);
-        let odd = alive & crosses & !escapes;
+        let divergent = alive & crosses & !escapes;
         let mut gone = (dies & !crosses) | escapes;
         let mut heavier = weight;
-        if frame.windows && !scouting {
+        if frame.windows && !branching {
             // Roulette of deep paths, for W/2 and above.
             let x = passage.clear * window + 1.0;
             let (x2, zero) = (x * x, splat(simd, 0.0));
@@ -314,47 +331,47 @@ impl<'a, S: Simd> Flock<'a, S> {
             heavier = choose(plays, deep, weight);
         }
         let (roulette, mut least) = (unit_short(d), (mu_a + mu_s) * passage.clear);
-        let mut near = (roulette * rarity(simd, least)).simd_lt(1.0);
+        let mut near = (roulette * inverse_survival(simd, least)).simd_lt(1.0);
         if meshes {
-            // A look costs more than to ask how far the surface really is.
+            // An estimate costs more than to ask how far the surface really is.
             let asks = near & stale & alive & !crosses & !dies;
             if asks.any_true() {
                 let clear = frame.ground.from_meshes(simd, asks, body, end);
                 left_known = choose(asks, clear, left_known);
-                least = choose(asks, (mu_a + mu_s) * clear.min(beside), least);
-                near &= (roulette * rarity(simd, least)).simd_lt(1.0);
+                least = choose(asks, (mu_a + mu_s) * clear.min(passage_clear), least);
+                near &= (roulette * inverse_survival(simd, least)).simd_lt(1.0);
             }
         }
         let goes_on = alive & !crosses & !gone;
-        let looks = if frame.blind { no } else { near & goes_on & !turned };
+        let next_events = if frame.blind { no } else { near & goes_on & !turned };
         let e = hg_sample(g, w, unit_short(b), unit_short(c));
         let e = mirrored.or(turned, e);
         let turned = turned & goes_on;
         if !frame.blind && turned.any_true() {
             let zero = splat(simd, 0.0);
-            self.looks.rays.pack(
+            self.next_events.rays.pack(
                 turned,
                 &[end.x, end.y, end.z, e.x, e.y, e.z, e.x, e.y, e.z, weight, zero, mu_a, mu_s, g, zero],
-                &[(number + 1) | WALL, sample, pixel, path, body],
+                &[(number + 1) | TURNED, sample, pixel, path, body],
                 &lengths,
             );
-            look_while(simd, &mut self.looks, LANES, frame, key, high, responses);
+            estimate_while(simd, &mut self.next_events, LANES, frame, key, high, responses);
         }
-        if frame.looks && looks.any_true() {
-            self.looks.rays.pack(
-                looks,
-                &[end.x, end.y, end.z, wx, wy, wz, e.x, e.y, e.z, heavier * share, roulette, mu_a, mu_s, g, least],
+        if frame.next_events && next_events.any_true() {
+            self.next_events.rays.pack(
+                next_events,
+                &[end.x, end.y, end.z, wx, wy, wz, e.x, e.y, e.z, heavier * mis_weight, roulette, mu_a, mu_s, g, least],
                 &[number + 1, sample, pixel, path, body],
                 &lengths,
             );
         }
-        let mut left_share = splat(simd, 1.0);
-        if !frame.scouts.is_empty() && !scouting && looks.any_true() {
+        let mut left_mis_weight = splat(simd, 1.0);
+        if !frame.light_branches.is_empty() && !branching && next_events.any_true() {
             let sending;
-            (sending, left_share) = sends(simd, frame, looks, material, (end, w, e), g, least);
+            (sending, left_mis_weight) = sends(simd, frame, next_events, material, (end, w, e), g, least);
             if sending.any_true() {
                 let one = splat(simd, 1.0);
-                self.scouts.collisions.pack(
+                self.light_branches.collisions.pack(
                     sending,
                     &[
                         end.x, end.y, end.z, wx, wy, wz, left, lost, heavier, free_path, mu_a, mu_s, g, window,
@@ -365,7 +382,7 @@ impl<'a, S: Simd> Flock<'a, S> {
                 );
             }
         }
-        if (frame.lamps || !frame.looks) && looks.any_true() {
+        if (frame.lamps || !frame.next_events) && next_events.any_true() {
             let mut floats = self.floats;
             let words = [number, sample, pixel, path, material, body];
             (floats[0], floats[1], floats[2]) = (end.x, end.y, end.z);
@@ -388,7 +405,7 @@ impl<'a, S: Simd> Flock<'a, S> {
             step(e.x, wx),
             step(e.y, wy),
             step(e.z, wz),
-            step(left, life),
+            step(left, absorption_depth),
             step(lost, old[7]),
             step(heavier, weight),
             step(free_path, old[9]),
@@ -397,7 +414,7 @@ impl<'a, S: Simd> Flock<'a, S> {
             step(g, old[12]),
             step(window, old[13]),
             step(left_known, old[14]),
-            step(left_share, share),
+            step(left_mis_weight, mis_weight),
         ];
         self.words = [
             goes_on.select(number + 2, number),
@@ -407,31 +424,32 @@ impl<'a, S: Simd> Flock<'a, S> {
             goes_on.select(material, self.words[4]),
             goes_on.select(body, self.words[5]),
         ];
-        let odd = odd.to_bitmask();
-        self.alive = if scouting { odd } else { goes_on.to_bitmask() | odd };
-        (odd, looks.to_bitmask(), out.to_bitmask())
+        let divergent = divergent.to_bitmask();
+        self.alive = if branching { divergent } else { goes_on.to_bitmask() | divergent };
+        (divergent, next_events.to_bitmask(), out.to_bitmask())
     }
 
-    /// Puts scouts into lanes, as many as go in, and what is there aside.
+    /// Puts light-directed branches into lanes, as many as go in, and what is there aside.
     #[inline(always)]
     fn rest(&mut self) {
         self.resting.store(&self.floats, &self.words, &self.lengths);
-        (self.floats, self.words, self.lengths) = self.scouts.waiting.load(self.simd);
-        self.resting_alive = std::mem::replace(&mut self.alive, (1 << self.scouts.waiting.len().min(LANES)) - 1);
-        self.scouts.waiting.drop_first(self.simd);
+        (self.floats, self.words, self.lengths) = self.light_branches.waiting.load(self.simd);
+        self.resting_alive =
+            std::mem::replace(&mut self.alive, (1 << self.light_branches.waiting.len().min(LANES)) - 1);
+        self.light_branches.waiting.drop_first(self.simd);
     }
 
-    /// The paths again: scouts make one flight.
+    /// The paths again: light-directed branches make one flight.
     #[inline(always)]
     fn resume(&mut self) {
         (self.floats, self.words, self.lengths) = self.resting.load(self.simd);
         self.alive = self.resting_alive;
     }
 
-    /// Looks that lanes cannot make.
+    /// Next-event estimation that lanes cannot make.
     #[inline(never)]
-    fn look_singly(&mut self, walker: &mut Walker<'_>, looking: u64) {
-        let mut lanes = looking;
+    fn next_event_singly(&mut self, walker: &mut Walker<'_>, connecting: u64) {
+        let mut lanes = connecting;
         while lanes != 0 {
             let lane = lanes.trailing_zeros() as usize;
             lanes &= lanes - 1;
@@ -441,25 +459,25 @@ impl<'a, S: Simd> Flock<'a, S> {
             (place.weight, place.clear) = (f64::from(floats[9]), f64::from(floats[12]));
             let roulette = f64::from(floats[10]);
             let own = [floats[6], floats[7], floats[8]].map(f64::from).into();
-            if self.frame.looks {
-                walker.look_at_lamps(&place, own, roulette);
+            if self.frame.next_events {
+                walker.next_event_to_lamps(&place, own, roulette);
             } else {
-                walker.look_ahead(&mut place, own, roulette);
+                walker.next_event_ahead(&mut place, own, roulette);
             }
         }
     }
 
-    /// Lets the scalar walker make odd flights.
+    /// Lets the scalar walker make divergent flights.
     #[inline(never)]
-    fn settle(&mut self, walker: &mut Walker<'_>, odd: u64, scouting: bool) {
+    fn scalar_fallback(&mut self, walker: &mut Walker<'_>, divergent: u64, branching: bool) {
         self.memory.store(&self.floats, &self.words, &self.lengths);
-        let mut lanes = odd;
+        let mut lanes = divergent;
         while lanes != 0 {
             let lane = lanes.trailing_zeros() as usize;
             lanes &= lanes - 1;
             let row = self.memory.get(lane);
             let mut place = self.frame.place(row);
-            place.scout = scouting;
+            place.light_branch = branching;
             if self.asking >> lane & 1 == 1 {
                 let known = (self.frame.clearance(place.r) * (1.0 - 1e-6)) as f32;
                 if self.steps[lane] < known {
@@ -468,7 +486,7 @@ impl<'a, S: Simd> Flock<'a, S> {
                     continue;
                 }
             }
-            if settles(walker, self.frame, &mut place) {
+            if scalar_fallback(walker, self.frame, &mut place) {
                 let (floats, words, lengths) = self.frame.row(&place);
                 self.memory.set(lane, floats, words, lengths);
             } else {

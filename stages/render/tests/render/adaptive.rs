@@ -15,7 +15,7 @@ fn tube(pixels: u32) -> Scene {
     scene(&[("m", medium(0.1, 5.0, 0.8))], vec![object(shape, "m", 0)], (camera, projector))
 }
 
-/// A ball half embedded in a slab: pixels beside it have stand-ins.
+/// A ball half embedded in a slab: pixels beside it have control variates.
 fn dome() -> Scene {
     let media = [("m", medium(0.05, 2.5, 0.8)), ("core", medium(0.2, 4.0, 0.8))];
     let ball = Shape::Sphere { diameter: 3.0, center: [0.3, 0.1, 0.0] };
@@ -30,7 +30,7 @@ fn measure(host: &MemoryHost, name: &str) -> f64 {
     host.measures.lock().unwrap()[name]
 }
 
-/// A run that is continued, wherever it stopped, is a fresh one: on any number of threads, with stand-ins and without.
+/// A run that is continued, wherever it stopped, is a fresh one: on any number of threads, with control variates and without.
 #[test]
 fn continued_and_threaded_runs_give_the_same_bytes() {
     for (scene, method) in [(tube(12), "path"), (dome(), "auto")] {

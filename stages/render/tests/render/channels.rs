@@ -5,13 +5,13 @@ use turbid_optics::view::View;
 use turbid_render::batches::{Batches, alike};
 use turbid_render::camera::Camera;
 use turbid_render::channels::{Channels, Group};
-use turbid_render::flock;
 use turbid_render::lamp::{Lamp, Steady};
 use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
 use turbid_render::moments::Moments;
+use turbid_render::packet;
 use turbid_render::path::{Nee, Setting, Walker};
-use turbid_render::pictures::Pictures;
+use turbid_render::projected_images::ProjectedImages;
 use turbid_render::single::{self, Frame};
 use turbid_render::world::{Material, World};
 
@@ -20,7 +20,7 @@ use crate::unbiased::{curved_scenes, lamps, mesh_scenes, scenes, shaped_scenes};
 /// Factor and summand (mm^-1) of the absorption in the media of even and odd places: none is the least everywhere.
 const ABSORPTION: [[(f64, f64); 2]; 3] =
     [[(1.0, 0.0), (1.0, 0.1)], [(1.5, 0.02), (2.0, 0.0)], [(0.3, 0.0), (1.0, 0.4)]];
-static NO_PICTURES: Pictures = Pictures::NONE;
+static NO_PROJECTED_IMAGES: ProjectedImages = ProjectedImages::NONE;
 
 const POWERS: [f64; 3] = [1.0, 0.25, 3.0];
 
@@ -70,7 +70,7 @@ fn setting<'a>(rig: &'a Rig, group: &'a Group, steady: &'a [Steady], seed: u32) 
         light: &rig.lights[group.channels[0]],
         steady: &steady[group.channels[0]],
         carriers: &rig.carriers,
-        pictures: &NO_PICTURES,
+        projected_images: &NO_PROJECTED_IMAGES,
         key: [seed, 0],
         channel: 0,
         nee: Nee::Line,
@@ -98,7 +98,7 @@ fn shared_paths_are_unbiased() {
             let mut walker = Walker::new(setting(&rig, group, &steady, seed), named(""));
             let mut moments = vec![Moments::new(16, width); group.channels.len()];
             for sample in (0..paths).step_by(50) {
-                flock::walk(&mut walker, 0..16, sample..sample + 50);
+                packet::walk(&mut walker, 0..16, sample..sample + 50);
                 for (path, place) in (0..800).flat_map(|path| (0..group.channels.len()).map(move |c| (path, c))) {
                     moments[place].add(path / 50, walker.response_in(path, place));
                 }
@@ -156,7 +156,7 @@ fn lanes_count_the_lengths_of_the_scalar_walker() {
             }
             turned += usize::from((expected[0] - lanes.response(path)[0]).abs() > 1e-3 * expected[0]);
         }
-        // As in `lanes.rs`: the camera's ray may be looked along elsewhere.
+        // As in `lanes.rs`: the camera's ray may be sampled elsewhere.
         assert!(turned <= 16 * 128 / 6, "{name}: {turned} paths are others");
         for [sum, difference, square] in sums {
             let noise = 4.5 * f64::sqrt(square) + 1e-5 * sum;
@@ -174,11 +174,11 @@ fn lanes_count_the_lengths_of_the_scalar_walker() {
         let alone = Group { channels: vec![0], shared: None, ..together.clone() };
         let walked = |group: &Group| {
             let mut walker = Walker::new(self::setting(&rig, group, &steady, 7), named(""));
-            flock::walk(&mut walker, 0..16, 0..16);
+            packet::walk(&mut walker, 0..16, 0..16);
             (0..256).map(|path| walker.response_in(path, 0).to_vec()).collect::<Vec<_>>()
         };
         for (path, (a, b)) in walked(&together).iter().zip(walked(&alone)).enumerate() {
-            // Looks from odd flights go one by one beside others, and by a queue alone: another order of sums.
+            // Estimates at divergent flights go one by one beside others, and by a queue alone: another order of sums.
             let same = a.iter().zip(&b).all(|(a, b)| (a - b).abs() <= 1e-12 * b.abs().max(1e-12));
             assert!(same, "{name}: path {path} brings {a:?}, alone {b:?}");
         }

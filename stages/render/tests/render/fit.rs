@@ -117,8 +117,8 @@ fn covariances_are_those_of_the_frames() {
     }
     // All pixels share their errors: a mean over n pixels is as noisy as that of n / 6, order 2 having six terms (a fifth off where
     // the light falls off over the image).
-    let sharing = ports["frames"].attributes["sharing"].as_f64().unwrap();
-    assert!((sharing / (144.0 / 6.0) - 1.0).abs() < 0.2, "{sharing}");
+    let design_effect = ports["frames"].attributes["sharing"].as_f64().unwrap();
+    assert!((design_effect / (144.0 / 6.0) - 1.0).abs() < 0.2, "{design_effect}");
 }
 
 /// A large image is fitted from a lattice of its pixels: the same light as a small one of the same field, whose blur is larger.

@@ -9,9 +9,9 @@ use crate::patterns::{show, sinusoids};
 use crate::setup::*;
 use crate::shapes::icosphere;
 
-/// FNV-1a over the f32 of all layers of all ports of eleven scenes: looks by the queue, looks one by one with surfaces, deep
+/// FNV-1a over the f32 of all layers of all ports of eleven scenes: connections by the queue, connections one by one with surfaces, deep
 /// paths under roulette, a fit, a mesh in tissue, a boundary that refracts, with something under it, channels that share paths, lamps beside the
-/// projector, a pattern of pictures, scouts in a tube, and a ball that stands out of a slab where both refract. On every machine, with every number of threads and every vector width.
+/// projector, a pattern of images, light-directed branches in a tube, and a ball that stands out of a slab where both refract. On every machine, with every number of threads and every vector width.
 #[test]
 fn bytes_belong_to_the_version() {
     let media = [

@@ -51,7 +51,7 @@ fn tilted(degrees: f64) -> DVec3 {
     DVec3::new(sin, 0.0, cos)
 }
 
-/// One pixel of `field` mm that parallel light sees `degrees` off the normal; no glints.
+/// One pixel of `field` mm that parallel light sees `degrees` off the normal; no lamp reflections.
 fn looked_at(slab: Slab, lit: Lit, degrees: f64, field: f64) -> Scene {
     let (mut camera, mut projector) = rig(1000.0, 0.0, field, 1, LIT);
     camera.position = (1000.0 * tilted(degrees)).to_array();
@@ -134,10 +134,10 @@ fn by_photons(
         let (mut found, least) = (0.0, 0.01 * weight);
         loop {
             let [a, b, c, d] = numbers.next();
-            let to_wall = if w.z < 0.0 { (-thickness - r.z) / w.z } else { -r.z / w.z };
+            let to_interface = if w.z < 0.0 { (-thickness - r.z) / w.z } else { -r.z / w.z };
             let s = -a.ln() / mu_t;
-            if s >= to_wall {
-                r += to_wall * w;
+            if s >= to_interface {
+                r += to_interface * w;
                 let met = refract(w, DVec3::Z, n, 1.0);
                 if n == 1.0 || d >= met.reflectance {
                     break;
@@ -263,11 +263,11 @@ fn a_lamp_close_to_a_slab_agrees_with_photons() {
     }
 }
 
-/// A lamp's glint on a clear sheet, seen as steeply as it is lit, over that on a thick absorber of the same n: with the reflectance R of one plane
+/// A lamp's lamp reflection on a clear sheet, seen as steeply as it is lit, over that on a thick absorber of the same n: with the reflectance R of one plane
 /// (1 + (1 - R)^2 / (1 - R^2)) = 2 / (1 + R), whatever the many reflections within. At 89.9 degrees some 1600 of them are followed, within 1e-10 of the light
 /// each; the sheet of 1e-6 mm shifts them by as little. f32 images: 1e-6.
 #[test]
-fn glints_on_a_sheet_add_up_at_grazing_angles() {
+fn lamp_reflections_on_a_sheet_add_up_at_grazing_angles() {
     for (degrees, n) in [(0.1, 1.5), (85.0, 1.0001), (85.0, 1.5), (85.0, 2.5), (89.0, 1.4), (89.9, 1.4)] {
         let seen = |thickness: f64, mu_a: f64| {
             let at = 100.0 * tilted(degrees);

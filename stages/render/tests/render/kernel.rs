@@ -41,7 +41,7 @@ fn the_plan_names_the_kernel_and_what_refused_a_faster_one() {
     assert!(four.refused.is_empty(), "{four:?}");
     assert_eq!(
         five.kernel.as_deref(),
-        Some("16 paths abreast in f32, 5 bodies, looks for light one by one, starts one by one")
+        Some("16 paths abreast in f32, 5 bodies, light connections one by one, starts one by one")
     );
     assert_eq!(five.refused, ["5 bodies (a hole counts as one): f32 lanes hold up to 4"]);
 
@@ -97,7 +97,7 @@ fn without_a_limit_nobody_asks_the_clock() {
 }
 
 /// Flights that the pilot foresees against those that the render counts. A pilot holds thousands of paths, whose mean number of flights it knows to
-/// some percent; where stand-ins pay is decided by its own few paths, and that is at most a factor of 2 in the flights.
+/// some percent; where control variates pay is decided by its own few paths, and that is at most a factor of 2 in the flights.
 #[test]
 fn the_pilot_foresees_the_flights() {
     let cases = [

@@ -5,12 +5,12 @@ use turbid_optics::solid::Solid;
 use turbid_optics::view::View;
 use turbid_render::batches::{Batches, alike};
 use turbid_render::camera::Camera;
-use turbid_render::flock;
 use turbid_render::lamp::Steady;
 use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
+use turbid_render::packet;
 use turbid_render::path::{Nee, Setting, Walker};
-use turbid_render::pictures::Pictures;
+use turbid_render::projected_images::ProjectedImages;
 use turbid_render::single::{self, Frame};
 use turbid_render::world::{Body, Material, World};
 
@@ -19,7 +19,7 @@ use crate::unbiased::{
 };
 
 static NO_LAMPS: Steady = Steady::NONE;
-static NO_PICTURES: Pictures = Pictures::NONE;
+static NO_PROJECTED_IMAGES: ProjectedImages = ProjectedImages::NONE;
 
 /// One channel, the projector alone, and the pattern 1.
 fn setting<'a>(world: &'a World, camera: &'a Camera, light: &'a Light) -> Setting<'a> {
@@ -29,7 +29,7 @@ fn setting<'a>(world: &'a World, camera: &'a Camera, light: &'a Light) -> Settin
         light,
         steady: &NO_LAMPS,
         carriers: &[],
-        pictures: &NO_PICTURES,
+        projected_images: &NO_PROJECTED_IMAGES,
         key: [7, 0],
         channel: 0,
         nee: Nee::Line,
@@ -37,7 +37,7 @@ fn setting<'a>(world: &'a World, camera: &'a Camera, light: &'a Light) -> Settin
     }
 }
 
-/// In every odd scene, for whole and partial bundles, from channels and samples beyond the first.
+/// In every odd scene, for whole and partial packets, from channels and samples beyond the first.
 #[test]
 fn f64_lanes_and_levels_do_not_show() {
     let view = |position: [f64; 3], field: f64| {
@@ -60,7 +60,7 @@ fn f64_lanes_and_levels_do_not_show() {
             let flights = alone.take_flights();
             for level in ["baseline", "v3", "v4"] {
                 let mut walker = Walker::new(setting, named(level));
-                flock::walk_double(&mut walker, pixels.clone(), samples.clone());
+                packet::walk_double(&mut walker, pixels.clone(), samples.clone());
                 for (path, expected) in expected.iter().enumerate() {
                     assert_eq!(walker.response(path), expected, "{name}, {level}: path {path}");
                 }
@@ -78,20 +78,20 @@ fn camera_and_light() -> (Camera, Light) {
     (camera, Light::new(view([-9.0, 8.0, 20.0], 6.0), 1.0, false))
 }
 
-/// Each by the projector's carriers alone, and with pictures and lamps beside them.
-fn single_scenes() -> impl Iterator<Item = ((&'static str, World), Steady, Pictures)> {
+/// Each by the projector's carriers alone, and with projected images and lamps beside them.
+fn single_scenes() -> impl Iterator<Item = ((&'static str, World), Steady, ProjectedImages)> {
     let scenes = scenes().into_iter().chain(turned_scenes()).chain(mesh_scenes()).chain(hollow_scenes());
     let scenes = scenes.chain(bent_scenes());
-    scenes.flat_map(|s| [(s.clone(), Steady::NONE, Pictures::NONE), (s, lamps(), checks())])
+    scenes.flat_map(|s| [(s.clone(), Steady::NONE, ProjectedImages::NONE), (s, lamps(), checks())])
 }
 
 /// Three coarse pictures with sharp edges, neither alike nor square.
-fn checks() -> Pictures {
-    Pictures::new(3, 23, 31, |layer, row, column| ((row * 7 + column * (layer + 3)) % 5) as f32 / 4.0)
+fn checks() -> ProjectedImages {
+    ProjectedImages::new(3, 23, 31, |layer, row, column| ((row * 7 + column * (layer + 3)) % 5) as f32 / 4.0)
 }
 
-/// Of 4096 paths, how many lanes see otherwise than the scalar walker by more than 1e-3: by the projector alone, and with lamps and pictures beside it. Where the
-/// light comes in through another wall than the camera's ray, the first look of lanes lies elsewhere on its line; ways of light through curved walls are
+/// Of 4096 paths, how many lanes see otherwise than the scalar walker by more than 1e-3: by the projector alone, and with lamps and projected images beside it. Where the
+/// light comes in through another wall than the camera's ray, the first estimate of lanes lies elsewhere on its line; connections through curved walls are
 /// found elsewhere first. Elsewhere only rounding turns decisions: each by some 1e-7 of what it compares, ten for each of up to 90 flights, so less than one
 /// path. Another choice of random numbers gives other counts: those here hold within 5 of their standard errors and 4.
 const OTHERS: [(&str, [u32; 2]); 23] = [
@@ -126,18 +126,18 @@ const OTHERS: [(&str, [u32; 2]); 23] = [
 fn f32_lanes_are_the_scalar_paths_to_rounding() {
     let (camera, light) = camera_and_light();
     let carriers = [Carrier::new(0.15, 20.0), Carrier::new(0.3, 110.0)];
-    for ((name, world), steady, pictures) in single_scenes() {
+    for ((name, world), steady, projected_images) in single_scenes() {
         let setting = Setting {
             steady: &steady,
             carriers: &carriers,
-            pictures: &pictures,
+            projected_images: &projected_images,
             channel: 3,
             ..setting(&world, &camera, &light)
         };
         let (samples, mut alone, mut lanes) =
             (0..256, Walker::new(setting, named("")), Walker::new(setting, named("")));
         let frame = Frame::of(&lanes).expect("f32 holds these scenes");
-        alone.scouts.clone_from(&frame.scouts);
+        alone.light_branches.clone_from(&frame.light_branches);
         single::walk(&mut lanes, &frame, Batches { of: &alike(0..16, &samples), count: samples.len() as u32 });
         // Per response: sum of magnitudes, of differences and of their squares.
         let (mut sums, mut turned, mut path) = ([[0.0; 3]; 9], 0_u32, 0);
@@ -165,10 +165,10 @@ fn f32_lanes_are_the_scalar_paths_to_rounding() {
     }
 }
 
-/// Down a tube the camera's light and the projector's come in at a grazing angle, through the wall of a hole that was there before: no look
+/// Down a tube the camera's light and the projector's come in at a grazing angle, through the wall of a hole that was there before: no estimate
 /// that starts at a wall may be lost to rounding. They make 6 % of this image.
 #[test]
-fn looks_from_walls_of_holes_are_not_lost() {
+fn next_events_at_walls_of_holes_are_not_lost() {
     let view = |z: f64, look_at: f64| {
         View::new(DVec3::new(0.0, 0.0, z), DVec3::new(0.0, 0.0, look_at), DVec3::Y, DVec2::splat(20.4)).unwrap()
     };
@@ -183,8 +183,8 @@ fn looks_from_walls_of_holes_are_not_lost() {
     let setting = setting(&world, &camera, &light);
     let (samples, mut alone, mut lanes) = (0..32, Walker::new(setting, named("")), Walker::new(setting, named("")));
     let frame = Frame::of(&lanes).expect("f32 holds it");
-    alone.scouts.clone_from(&frame.scouts);
-    assert_eq!(frame.scouts, [false, true]);
+    alone.light_branches.clone_from(&frame.light_branches);
+    assert_eq!(frame.light_branches, [false, true]);
     single::walk(&mut lanes, &frame, Batches { of: &alike(0..64, &samples), count: samples.len() as u32 });
     let (mut sum, mut difference, mut square, mut path) = (0.0, 0.0, 0.0, 0);
     for (pixel, sample) in (0..64).flat_map(|p| samples.clone().map(move |s| (p, s))) {
@@ -225,11 +225,11 @@ fn a_floor_under_fog_is_met() {
 fn f32_lanes_and_levels_do_not_show() {
     let (camera, light) = camera_and_light();
     let carriers = [Carrier::new(0.15, 20.0)];
-    for ((name, world), steady, pictures) in single_scenes() {
+    for ((name, world), steady, projected_images) in single_scenes() {
         let setting = Setting {
             steady: &steady,
             carriers: &carriers,
-            pictures: &pictures,
+            projected_images: &projected_images,
             channel: 3,
             ..setting(&world, &camera, &light)
         };

@@ -129,7 +129,7 @@ fn refracting_half_spaces_match_the_transport_table() {
 }
 
 /// Camera and projector in one place see each other in a smooth wall: tables do not hold that.
-fn without_glint((camera, projector): (Camera, Projector)) -> (Camera, Projector) {
+fn without_lamp_reflection((camera, projector): (Camera, Projector)) -> (Camera, Projector) {
     (Camera { specular: Some(Specular::Exclude), ..camera }, projector)
 }
 
@@ -146,7 +146,8 @@ fn match_table(n: f64, table: &str, samples: u32) {
         let lit = (20.0 / mu_eff).max(40.0);
         let slab = Shape::Slab { top: 0.0, bottom: -1000.0 };
         let medium = Medium { n, ..medium(mu_a, mu_s_prime / (1.0 - g), g) };
-        let s = scene(&[("m", medium)], vec![object(slab, "m", 0)], without_glint(rig(1e6, 0.0, 0.001, 1, lit)));
+        let s =
+            scene(&[("m", medium)], vec![object(slab, "m", 0)], without_lamp_reflection(rig(1e6, 0.0, 0.001, 1, lit)));
         let f_x: Vec<f64> = same_medium.iter().map(|r| r[3]).collect();
         let ports = run(&s, &json!({"f_x": f_x, "samples": samples}), 17);
         let factor = PI / irradiance(lit);
@@ -186,7 +187,7 @@ fn refracting_slabs_match_the_transport_solver() {
         let lit = 200.0;
         let m = Medium { n, ..medium(mu_a, mu_s, g) };
         let slab = Shape::Slab { top: 0.0, bottom: -thickness };
-        let s = scene(&[("m", m)], vec![object(slab, "m", 0)], without_glint(rig(1e6, 0.0, 0.001, 1, lit)));
+        let s = scene(&[("m", m)], vec![object(slab, "m", 0)], without_lamp_reflection(rig(1e6, 0.0, 0.001, 1, lit)));
         let (mean, se) = dc(&s, 24_000, 23);
         let medium = turbid_optics::Medium { mu_a, mu_s_prime: mu_s * (1.0 - g), g, n };
         let truth = turbid_optics::rte::respond(&medium, Some(thickness), 0.0).unwrap().reflectance.camera;

@@ -74,7 +74,7 @@ fn the_mirrored_sky_is_excluded() {
     assert_eq!(seen(Some(Specular::Exclude)), 0.0);
 }
 
-/// Camera and projector may change places: bodies that are not slabs behind rough walls, in which no way is specular. Pixels and
+/// Camera and projector may change places: bodies that are not slabs behind rough walls, in which no connection is specular. Pixels and
 /// projector fields cover the same solid angles with as many paths, so both images have the same mean.
 #[test]
 fn places_may_change_across_rough_walls() {

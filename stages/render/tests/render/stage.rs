@@ -142,7 +142,7 @@ fn a_cut_through_one_medium_is_not_there() {
 }
 
 /// Each channel is the scene with that channel's coefficients, and where one absorbs least, its paths are those that it has alone (`auto`
-/// takes stand-ins for all of them or none); a channel's layers carry its wavelength.
+/// takes control variates for all of them or none); a channel's layers carry its wavelength.
 #[test]
 fn channels_are_scenes_of_their_own() {
     let mut s = ball_on_slab(8);
@@ -315,7 +315,7 @@ fn plan_says_what_is_left_out() {
 }
 
 /// What is shown of a render meanwhile: the frames of a shorter one where pixels have paths of their own or share a fit, without standard errors;
-/// beside stand-ins something like them. It changes nothing.
+/// with control variates something like them. It changes nothing.
 #[test]
 fn what_there_is_so_far_is_shown() {
     let slab = || scene(&[("m", medium(0.1, 4.0, 0.8))], vec![object(FLOOR, "m", 0)], rig(200.0, 20.0, 16.0, 20, 60.0));

@@ -3,15 +3,15 @@
 use glam::{DVec2, DVec3};
 use turbid_optics::solid::{self, Mesh, Solid};
 use turbid_optics::view::View;
+use turbid_render::bsdf::Bsdf;
 use turbid_render::camera::Camera;
-use turbid_render::finish::Finish;
-use turbid_render::flock;
 use turbid_render::lamp::{Lamp, Steady};
 use turbid_render::level::named;
 use turbid_render::light::{Carrier, Light};
 use turbid_render::moments::Moments;
+use turbid_render::packet;
 use turbid_render::path::{Nee, Setting, Walker};
-use turbid_render::pictures::Pictures;
+use turbid_render::projected_images::ProjectedImages;
 use turbid_render::single::Frame;
 use turbid_render::world::{Body, Material, World};
 
@@ -30,7 +30,7 @@ const GLASS: usize = 8;
 const DENSE: usize = 9;
 const FROSTED: usize = 10;
 const FROSTED_CORE: usize = 11;
-/// Dark, so that paths are short: a look for light through curved walls costs as much as a hundred flights.
+/// Dark, so that paths are short: a connection through curved walls costs as much as a hundred flights.
 const MURKY: usize = 12;
 const MURKY_CORE: usize = 13;
 
@@ -51,8 +51,8 @@ fn world(bodies: Vec<(Solid, usize)>) -> World {
             Material::medium(0.4, 4.0, 0.5, 1.4),
             Material::medium(0.01, 0.0, 0.0, 1.5),
             Material::medium(0.05, 1.0, -0.3, 2.5),
-            Material { finish: Finish::Rough(0.4), ..Material::medium(0.02, 2.0, 0.7, 1.4) },
-            Material { finish: Finish::Rough(0.7), ..Material::medium(0.1, 3.0, 0.5, 1.5) },
+            Material { bsdf: Bsdf::Rough(0.4), ..Material::medium(0.02, 2.0, 0.7, 1.4) },
+            Material { bsdf: Bsdf::Rough(0.7), ..Material::medium(0.1, 3.0, 0.5, 1.5) },
             Material::medium(0.6, 2.0, 0.7, 1.4),
             Material::medium(1.2, 4.0, 0.5, 1.4),
         ],
@@ -256,7 +256,7 @@ pub fn mesh_scenes() -> Vec<(&'static str, World)> {
     ]
 }
 
-/// Tubes whose walls send scouts: with a ball in the bore, alone, and a longer one.
+/// Tubes whose walls send light-directed branches: with a ball in the bore, alone, and a longer one.
 pub fn hollow_scenes() -> Vec<(&'static str, World)> {
     let tube = |length: f64| Solid::tube(4.0, 6.0, DVec2::ZERO, -length, 0.0);
     vec![
@@ -341,11 +341,11 @@ fn line_and_point_estimators_agree_at_curved_walls() {
     for (name, world) in curved_scenes() {
         pool.add(&compare(&lamps(), name, &world, 2000));
     }
-    // Ways of light that are found by chance have heavy tails.
+    // Connections that are found by manifold sampling have heavy tails.
     pool.is_unbiased(0.12);
 }
 
-/// Without lamps, for which looks go one by one: flights go on across boundaries in lanes.
+/// Without lamps, which are connected one by one: flights go on across boundaries in lanes.
 #[test]
 fn line_and_point_estimators_agree_without_lamps() {
     let several = scenes().into_iter().filter(|(name, _)| CROSSED.contains(name));
@@ -361,9 +361,9 @@ fn line_and_point_estimators_agree_without_lamps() {
     pool.is_unbiased(0.05);
 }
 
-/// Scouts go towards the projector, and look for lamps too.
+/// Light-directed branches go towards the projector, and are connected to lamps too.
 #[test]
-fn line_and_point_estimators_agree_with_scouts_and_lamps() {
+fn line_and_point_estimators_agree_with_light_branches_and_lamps() {
     let mut pool = Pool::default();
     for (name, world) in hollow_scenes() {
         pool.add(&compare(&lamps(), name, &world, 4000));
@@ -404,20 +404,20 @@ pub fn difference(steady: &Steady, name: &str, world: &World, paths: u32) -> Dif
             light: &light,
             steady,
             carriers: &carriers,
-            pictures: &Pictures::NONE,
+            projected_images: &ProjectedImages::NONE,
             key: [seed, 0],
             channel: 0,
             nee,
             shared: None,
         };
         let mut walker = Walker::new(setting, named(""));
-        let scouts = Frame::of(&walker).is_some_and(|frame| !frame.scouts.is_empty());
+        let light_branches = Frame::of(&walker).is_some_and(|frame| !frame.light_branches.is_empty());
         let hollow =
             name == "hollow sphere with two ports" || hollow_scenes().iter().any(|(hollow, _)| *hollow == name);
-        assert_eq!(scouts, nee == Nee::Line && hollow, "{name}");
+        assert_eq!(light_branches, nee == Nee::Line && hollow, "{name}");
         let mut moments = Moments::new(16, numbers);
         for sample in (0..paths).step_by(100) {
-            flock::walk(&mut walker, 0..16, sample..sample + 100);
+            packet::walk(&mut walker, 0..16, sample..sample + 100);
             for path in 0..1600 {
                 moments.add(path / 100, walker.response(path));
             }

@@ -164,7 +164,7 @@ fn places_on_an_ellipsoid_add_up() {
                 clear &= det.abs() > 1e-5;
             }
             let (towards, inverse) = ends.far.from(ends.near);
-            let (enter, leave) = solid.span(ends.near, towards);
+            let (enter, leave) = solid.chord(ends.near, towards);
             let crossed =
                 [enter, leave].into_iter().filter(|t| enter < leave && *t > 0.0 && *t * inverse < 1.0).count();
             counts[places.len()] += 1;

@@ -1,0 +1,414 @@
+//! Next-event estimation one scattering ahead, in f32 lanes: `Walker::next_event_ahead` for worlds of few transparent bodies.
+
+use fearless_simd::prelude::*;
+
+use super::bend::{KnownConnection, ScalarConnection};
+use super::deposit::{Deposit, Seen};
+use super::facets::bits;
+use super::frame::Frame;
+use super::interfaces::Refraction;
+use super::lane::{F, LANES, M, U, V, choose, exp, hg_denominator, hg_sample, ln, philox, splat, unit};
+use super::limits::{DARK, ENTRY, FIRST, MOST_CHANNELS, MOST_FACES, TURNED};
+use super::rows::{Counts, Rows};
+use super::source::{Arrival, Source, whether_projected};
+use super::visibility::{Visibility, add_along, add_in_own, chords, first_segment, steepness, visibility};
+use crate::connect::OTHER_CONNECTIONS;
+use crate::lengths::MOST_LENGTHS;
+use crate::next_event_lanes::{FLAT, TAU_SURE};
+
+/// Of a density e^-x what lies behind this x is nothing to f32.
+const GONE: f32 = 17.0;
+
+/// Columns: r, the direction in which the path came, the one in which it goes on, weight, roulette, mu_a, mu_s, g, optical distance of
+/// the nearest surface; number, sample, pixel, response, body.
+pub type Rays = Rows<15, 5>;
+
+/// Vertices that wait for their next-event estimation.
+#[derive(Clone, Debug)]
+pub struct NextEvents {
+    pub rays: Rays,
+    /// Where light bends.
+    pub scalar_connections: Vec<ScalarConnection>,
+}
+
+impl NextEvents {
+    pub fn new(counted: bool) -> Self {
+        Self { rays: Rays::new(counted), scalar_connections: Vec::new() }
+    }
+}
+
+/// Estimates while so many wait.
+#[inline(always)]
+pub fn estimate_while<S: Simd>(
+    simd: S,
+    next_events: &mut NextEvents,
+    many: usize,
+    frame: &Frame<'_>,
+    key: [u32; 2],
+    high: u32,
+    responses: &mut [f64],
+) {
+    while next_events.rays.len() >= many {
+        estimate_once(simd, next_events, frame, key, high, responses);
+    }
+}
+
+/// Compiled once for all callers, each of which would be as large as all the rest of a flight.
+#[inline(never)]
+fn estimate_once<S: Simd>(
+    simd: S,
+    next_events: &mut NextEvents,
+    frame: &Frame<'_>,
+    key: [u32; 2],
+    high: u32,
+    responses: &mut [f64],
+) {
+    simd.vectorize(
+        #[inline(always)]
+        || {
+            estimate(simd, next_events, frame, key, high, responses);
+            next_events.rays.drop_first(simd);
+        },
+    );
+}
+
+/// The first 16 vertices, or as many as there are: adds to the responses of their paths.
+#[inline(always)]
+fn estimate<S: Simd>(
+    simd: S,
+    next_events: &mut NextEvents,
+    frame: &Frame<'_>,
+    key: [u32; 2],
+    high: u32,
+    responses: &mut [f64],
+) {
+    let (floats, words, lengths) = next_events.rays.load(simd);
+    let [rx, ry, rz, cx, cy, cz, ox, oy, oz, weight, roulette, mu_a, mu_s, g, least] = floats;
+    let [number, sample, pixel, path, body] = words;
+    let (r, came, own) = (V { x: rx, y: ry, z: rz }, V { x: cx, y: cy, z: cz }, V { x: ox, y: oy, z: oz });
+    let count = next_events.rays.len().min(LANES);
+    let waiting = M::from_bitmask(simd, (1 << count) - 1);
+    let ray = Ray {
+        waiting,
+        r,
+        came,
+        own,
+        weight,
+        roulette,
+        mu_a,
+        mu_s,
+        g,
+        least,
+        number,
+        sample,
+        pixel,
+        path,
+        body,
+        lengths,
+    };
+    let channels = if frame.counts { frame.channels.len() } else { 1 };
+    let mut deposit = Deposit { frame, channels, paths: &path.as_slice()[..count], responses };
+    // Of all lamps one sum: that a path's estimates are added one by one must not depend on which go together.
+    let mut steady = [splat(simd, 0.0); MOST_CHANNELS];
+    for source in &frame.sources {
+        let line = line(simd, frame, source, key, high, &ray);
+        if frame.interfaces.is_some() {
+            see_through_interfaces(
+                simd,
+                &mut next_events.scalar_connections,
+                source,
+                key,
+                high,
+                &ray,
+                &line,
+                &mut deposit,
+            );
+            continue;
+        }
+        let visibility = visibility(simd, frame, source, line.asked, line.r);
+        let seen = line.sees(simd, frame, source, &visibility);
+        if frame.plane.as_ref().is_some_and(|plane| plane.scalar_connections) {
+            let tried = line.asked & tries(simd, key, high, &ray, &line);
+            line.leave(simd, &mut next_events.scalar_connections, &ray, tried, |_| None);
+        }
+        if source.is_lamp() {
+            for ((sum, radiance), scale) in steady[..channels].iter_mut().zip(seen.radiance).zip(source.scales) {
+                *sum += radiance * scale;
+            }
+        } else {
+            deposit.add_projected(simd, &seen);
+        }
+    }
+    if frame.sources.last().is_some_and(Source::is_lamp) {
+        deposit.add_steady(&steady);
+    }
+}
+
+/// Lanes that estimate, as in [`Rays`].
+struct Ray<S: Simd> {
+    waiting: M<S>,
+    r: V<S>,
+    came: V<S>,
+    own: V<S>,
+    weight: F<S>,
+    roulette: F<S>,
+    mu_a: F<S>,
+    mu_s: F<S>,
+    g: F<S>,
+    least: F<S>,
+    number: U<S>,
+    sample: U<S>,
+    pixel: U<S>,
+    path: U<S>,
+    body: U<S>,
+    lengths: Counts<S>,
+}
+
+/// The line on which the next scattering is sampled.
+struct Line<S: Simd> {
+    asked: M<S>,
+    r: V<S>,
+    /// Unit vector along which the path comes there, and mm.
+    e: V<S>,
+    s: F<S>,
+    mu_t: F<S>,
+    g: F<S>,
+    /// Of what is scattered there, without what is lost on the line.
+    fraction: F<S>,
+    lengths: Counts<S>,
+    /// Random numbers of the estimate: its block, and its place on the ray.
+    block: U<S>,
+    place: U<S>,
+}
+
+/// A point on a line that a lane connects to a source.
+#[inline(always)]
+fn line<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, key: [u32; 2], high: u32, ray: &Ray<S>) -> Line<S> {
+    let &Ray { waiting, r, came, own, weight, roulette, mu_a, mu_s, g, least, .. } = ray;
+    let &Ray { number, sample, pixel, body, mut lengths, .. } = ray;
+    let mu_t = mu_a + mu_s;
+    let (to_light, known) = if let Some(interfaces) = &frame.interfaces {
+        interfaces.heading(simd, frame, waiting, r)
+    } else {
+        (visibility(simd, frame, source, waiting, r), M::splat(simd, true))
+    };
+    let Visibility { towards, chords: to_light, normals, tau, .. } = to_light;
+    let (interface, interface_body) = first_segment(simd, frame, body, r, &to_light);
+
+    // The line: along the path's own direction, or one from the lobe around the light. Rays that come in from outside have no choice.
+    let (first, entry) = (number.simd_ge(FIRST), (number & (FIRST | ENTRY)).simd_eq(ENTRY));
+    let turned = (number & (FIRST | ENTRY | TURNED)).simd_eq(TURNED);
+    let (block, segment) = source.numbers(simd, number, frame.first - 1, first, entry);
+    let high = segment | high;
+    let [choice, b, c, u] = philox(simd, block, high, sample, pixel, key);
+    let lobe = hg_sample(g, towards, unit(b), unit(c));
+    let sure = first | turned;
+    let given = sure | entry;
+    let goes_on = (choice >> 31).simd_eq(0) | given;
+    let e =
+        V { x: choose(goes_on, own.x, lobe.x), y: choose(goes_on, own.y, lobe.y), z: choose(goes_on, own.z, lobe.z) };
+    let ratio = hg_denominator(g, came.dot(e)) / hg_denominator(g, e.dot(towards));
+    let balance = choose(given, splat(simd, 1.0), 2.0 / (1.0 + ratio * ratio.sqrt()));
+    let (mut steepness, mut incidence) = steepness(simd, frame, r, towards, (interface, interface_body, &normals), e);
+    if frame.interfaces.is_some() {
+        steepness = choose(known, steepness, splat(simd, 0.0));
+        incidence = choose(known, incidence, splat(simd, 1.0));
+    }
+    // Nor are the camera's and those from interfaces subject to roulette. See `next_event_lanes::depth`.
+    let depth = tau * incidence.abs();
+    let depth = choose(depth.simd_gt(least), depth, least);
+    let inverse_survival = choose(sure, splat(simd, 1.0), inverse_survival(simd, depth));
+    let chosen = waiting & (roulette * inverse_survival).simd_lt(1.0);
+    let mut along = chords(simd, frame, r, e);
+    let rate = falling(simd, steepness, mu_t);
+    if !frame.ground.meshes.is_empty() {
+        let until = choose(rate.simd_gt(mu_t * 0.1), GONE / rate, splat(simd, f32::INFINITY));
+        frame.ground.add_ahead(simd, chosen, body, r, e, until, &mut along);
+    }
+    let (length, _) = first_segment(simd, frame, body, r, &along);
+    let (s, inverse_density) = ahead(simd, rate, length, mu_t, unit(!u));
+    if frame.counts {
+        add_in_own(&mut lengths, frame, body, s);
+    }
+    Line {
+        asked: chosen & length.simd_gt(0.0),
+        r: r.plus(s, e),
+        e,
+        s,
+        mu_t,
+        g,
+        fraction: weight * inverse_survival * (balance * inverse_density * mu_s),
+        lengths,
+        block,
+        place: first.select(segment, U::splat(simd, 0)),
+    }
+}
+
+impl<S: Simd> Line<S> {
+    /// What its point sees of a source.
+    #[inline(always)]
+    fn sees(&self, simd: S, frame: &Frame<'_>, source: &Source, visibility: &Visibility<S>) -> Seen<S> {
+        let zero = splat(simd, 0.0);
+        let &Visibility { towards, tau, blocked, foot, gain, .. } = visibility;
+        let Arrival { irradiance, lit, x, y } = source.arrives(simd, foot);
+        let dark = self.mu_t * self.s + tau;
+        let q = hg_denominator(self.g, self.e.dot(towards));
+        let p = (1.0 - self.g) * (1.0 + self.g) * (0.25 * std::f32::consts::FRAC_1_PI) / (q * q.sqrt());
+        let seen = self.asked & lit & !blocked & dark.simd_lt(DARK);
+        let radiance = choose(seen, self.fraction * p * (irradiance * gain) * exp(-dark.min(splat(simd, DARK))), zero);
+        // What each channel sees of it.
+        let mut seen_in = [radiance; MOST_CHANNELS];
+        if frame.counts {
+            let mut lengths = self.lengths;
+            add_along(simd, &mut lengths, frame, self.r, visibility);
+            for (of, excess) in seen_in.iter_mut().zip(&frame.channels) {
+                if *excess == [0.0; MOST_LENGTHS] {
+                    // It is that of the walk, to the last digit.
+                    continue;
+                }
+                let depth = lengths.iter().zip(excess).fold(zero, |sum, (&length, &excess)| sum + length * excess);
+                // Lengths of lanes that see nothing need not be numbers.
+                *of = choose(seen, radiance * exp(-depth.min(splat(simd, DARK))), zero);
+            }
+        }
+        Seen { radiance: seen_in, lit: seen, x, y }
+    }
+
+    /// Leaves connections that lanes do not know to the scalar walker: one of them at random, or all of them.
+    #[inline(always)]
+    fn leave(
+        &self,
+        simd: S,
+        scalar_connections: &mut Vec<ScalarConnection>,
+        ray: &Ray<S>,
+        left: M<S>,
+        known: impl Fn(usize) -> Option<KnownConnection>,
+    ) {
+        let scattered = self.fraction * exp(-(self.mu_t * self.s).min(splat(simd, DARK)));
+        let (r, e) = (self.r, self.e);
+        for i in bits(left.to_bitmask()) {
+            scalar_connections.push(ScalarConnection {
+                number: self.block.as_slice()[i],
+                sample: ray.sample.as_slice()[i],
+                pixel: ray.pixel.as_slice()[i],
+                path: ray.path.as_slice()[i],
+                r: [r.x, r.y, r.z].map(|x| x.as_slice()[i]),
+                e: [e.x, e.y, e.z].map(|x| x.as_slice()[i]),
+                g: self.g.as_slice()[i],
+                fraction: scattered.as_slice()[i],
+                lengths: std::array::from_fn(|k| self.lengths.get(k).map_or(0.0, |l| l.as_slice()[i])),
+                place: self.place.as_slice()[i],
+                known: known(i),
+            });
+        }
+    }
+}
+
+/// Whether `Walker::reflected_connection`, or `Walker::sample_manifold`, tries at all.
+#[inline(always)]
+fn tries<S: Simd>(simd: S, key: [u32; 2], high: u32, ray: &Ray<S>, line: &Line<S>) -> M<S> {
+    let word = whether_projected(simd, line.place) | high;
+    let [draws, ..] = philox(simd, line.block, word, ray.sample, ray.pixel, key);
+    draws.simd_lt((OTHER_CONNECTIONS * 4_294_967_296.0) as u32)
+}
+
+/// Every connection by one refraction, and others by manifold sampling; where lanes know none, or do not know, all is left to the scalar walker.
+#[inline(always)]
+#[allow(clippy::too_many_arguments, reason = "all that an estimate is made of")]
+fn see_through_interfaces<S: Simd>(
+    simd: S,
+    scalar_connections: &mut Vec<ScalarConnection>,
+    source: &Source,
+    key: [u32; 2],
+    high: u32,
+    ray: &Ray<S>,
+    line: &Line<S>,
+    deposit: &mut Deposit<'_>,
+) {
+    let frame = deposit.frame;
+    let Some(interfaces) = &frame.interfaces else { return };
+    let mut refractions: [Option<Refraction<S>>; MOST_FACES] = [None; MOST_FACES];
+    // Of each lane the first connection that there is, and by bits the lanes that each of the others has found, too.
+    let mut first = interfaces.refraction(simd, frame, 0, line.asked, line.r);
+    let mut others = [0; MOST_FACES];
+    refractions[0] = Some(first);
+    for (i, face) in interfaces.faces.iter().enumerate().skip(1) {
+        let mut refraction = interfaces.refraction(simd, frame, i, line.asked, line.r);
+        for same in face.same() {
+            if let Some(before) = refractions.get(same).and_then(Option::as_ref) {
+                refraction.found &= !before.found;
+            }
+        }
+        others[i] = (refraction.found & first.found).to_bitmask();
+        refractions[i] = Some(refraction);
+        first = first.or(first.found | !refraction.found, &refraction);
+    }
+    let found = first.found & !first.unsure;
+    let several = others.iter().fold(0, |several, others| several | others) & found.to_bitmask();
+    // Lane by lane where one has several: that a path's estimates are added one by one must not depend on which go together.
+    let (mut start, mut rest) = (0, several);
+    loop {
+        let last = rest.trailing_zeros().min(LANES as u32 - 1);
+        rest &= !(1 << last);
+        let run = ((2_u64 << last) - 1) & !((1 << start) - 1);
+        for (i, others) in [run].iter().chain(&others).enumerate() {
+            let (refraction, seen) = match i {
+                0 => (Some(&first), *others),
+                _ => (refractions[i - 1].as_ref(), others & several & run & (1 << last)),
+            };
+            let seen = seen & found.to_bitmask();
+            if let (Some(refraction), true) = (refraction, seen != 0) {
+                let seen = line.sees(simd, frame, source, &refraction.visibility(!M::from_bitmask(simd, seen)));
+                deposit.add_projected(simd, &seen);
+            }
+        }
+        start = last + 1;
+        if start == LANES as u32 {
+            break;
+        }
+    }
+    let wholly = line.asked & !found;
+    let tried = line.asked & !wholly & tries(simd, key, high, ray, line);
+    let dark = first.tau.max(splat(simd, 0.0)).min(splat(simd, DARK));
+    let strength = source.arrives(simd, first.foot).irradiance * first.gain * exp(-dark);
+    let known = found.to_bitmask();
+    line.leave(simd, scalar_connections, ray, tried | wholly, |i| {
+        let at = |v: V<S>| [v.x, v.y, v.z].map(|x| x.as_slice()[i]);
+        let (strength, towards, normal) = (strength.as_slice()[i], at(first.towards), at(first.normal));
+        (known >> i & 1 == 1).then_some(KnownConnection { strength, towards, normal })
+    });
+}
+
+/// One over the probability of connecting; see `next_event_lanes::inverse_survival`.
+#[inline(always)]
+pub fn inverse_survival<S: Simd>(simd: S, tau: F<S>) -> F<S> {
+    let x = (tau * (1.0 / TAU_SURE as f32)).max(splat(simd, 1.0));
+    let square = x * x;
+    square * square
+}
+
+/// The rate of the density along the line by its steepness; see `crate::next_event_lanes::ahead`.
+#[inline(always)]
+fn falling<S: Simd>(simd: S, steepness: F<S>, mu_t: F<S>) -> F<S> {
+    let known = steepness.simd_eq(steepness);
+    choose(known, (1.0 - steepness).max(splat(simd, -1.0)).min(splat(simd, 2.0)), splat(simd, 1.0)) * mu_t
+}
+
+/// s in (0, length) from a density proportional to exp(-rate s), and one over that density; see `crate::next_event_lanes::ahead`.
+#[inline(always)]
+fn ahead<S: Simd>(simd: S, rate: F<S>, length: F<S>, mu_t: F<S>, u: F<S>) -> (F<S>, F<S>) {
+    // On an infinite length only positive rates have a density.
+    let endless = length.simd_ge(f32::MAX) & rate.simd_le(mu_t * 1e-4);
+    let rate = choose(endless, mu_t, rate);
+    let steep = (rate * length).abs();
+    let rest = exp(-steep.min(splat(simd, DARK)));
+    let mass = 1.0 - rest;
+    // `u` is one minus the scalar's: fine where little is left.
+    let left = rest + u * mass;
+    let inverse = 1.0 / rate.abs();
+    let fallen = (-ln(left) * inverse).min(length);
+    // A growing density is a falling one seen from the other end.
+    let s = choose(rate.simd_gt(0.0), fallen, length - fallen);
+    let flat = steep.simd_lt(FLAT as f32);
+    (choose(flat, (1.0 - u) * length, s), choose(flat, length, mass * inverse / left))
+}
