@@ -1,6 +1,8 @@
 //! BLAKE3 digests: the names of everything that the store holds, and of everything that is hashed into a key.
 
+use std::collections::HashMap;
 use std::fmt;
+use std::hash::{BuildHasherDefault, Hasher};
 use std::io::{self, Read, Write};
 use std::str::FromStr;
 
@@ -45,6 +47,25 @@ impl Digest {
         u64::from_le_bytes(self.0[..8].try_into().expect("a digest has 32 bytes"))
     }
 }
+
+/// Digests are uniformly random already; their first bytes are the hash.
+#[derive(Default)]
+pub struct FirstBytes(u64);
+
+impl Hasher for FirstBytes {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+    fn write(&mut self, bytes: &[u8]) {
+        if let Some(first) = bytes.first_chunk() {
+            self.0 = u64::from_le_bytes(*first);
+        }
+    }
+    fn write_usize(&mut self, _: usize) {}
+}
+
+/// By digest.
+pub type DigestMap<T> = HashMap<Digest, T, BuildHasherDefault<FirstBytes>>;
 
 /// Hashes what passes on to `to`.
 pub struct Hashing<W> {

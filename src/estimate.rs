@@ -15,7 +15,7 @@ use serde_json::Value;
 use turbid_contract::{Ctx, Host, Job, Known, Pilot};
 
 use crate::digest::Digest;
-use crate::plan::InstanceId;
+use crate::plan::{IdMap, InstanceId};
 use crate::resolve::{Prepared, Resolver, State, Survey};
 use crate::store::InstanceRecord;
 
@@ -58,9 +58,12 @@ const MOST_WAIT: Duration = Duration::from_secs(2);
 /// As much as a main thread has.
 const STACK: usize = 8 << 20;
 
+/// By instance.
+pub type Estimates = IdMap<InstanceId, Estimate>;
+
 /// The estimates of all instances that have to run or wait.
-pub fn estimates(resolver: &Resolver<'_>, survey: &Survey) -> BTreeMap<InstanceId, Estimate> {
-    let mut found = BTreeMap::new();
+pub fn estimates(resolver: &Resolver<'_>, survey: &Survey) -> Estimates {
+    let mut found = Estimates::default();
     let mut spent = 0.0;
     for &stage in &resolver.plan.needed {
         let mut open = Vec::new();

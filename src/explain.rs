@@ -28,6 +28,8 @@ pub struct History<'a> {
     store: Option<&'a Store>,
     /// The latest of all, for whoever asks for the nearest one.
     latest: OnceLock<HashMap<String, Vec<Arc<Earlier>>>>,
+    /// The reason of all that never ran: one for a million instances.
+    no_earlier: Arc<[String]>,
 }
 
 /// Comparing with every record of a big sweep would be quadratic; the latest ones of a kind of stage are near enough ...
@@ -37,12 +39,12 @@ const LATEST: usize = 16 * COMPARED;
 
 impl<'a> History<'a> {
     pub fn of(store: &'a Store) -> Self {
-        Self { store: Some(store), latest: OnceLock::new() }
+        Self { store: Some(store), ..Self::none() }
     }
 
     /// Of nothing: everything is new.
     pub fn none() -> Self {
-        Self { store: None, latest: OnceLock::new() }
+        Self { store: None, latest: OnceLock::new(), no_earlier: ["no earlier result".to_owned()].into() }
     }
 
     /// Whether there may be an earlier result of this kind of stage.
@@ -63,8 +65,9 @@ impl<'a> History<'a> {
 
     /// The last result under the very label of the instance: what the user compares with.
     fn same_label(&self, plan: &Plan, id: InstanceId, use_name: &str) -> Option<Earlier> {
+        let store = self.store.filter(|store| store.has_records())?;
         let (stage, axes) = (plan.stage_name(id), plan.axes(id));
-        self.store?.latest_of(&Label { use_name, pipeline: &plan.spec.pipeline, stage, axes: &axes })
+        store.latest_of(&Label { use_name, pipeline: &plan.spec.pipeline, stage, axes: &axes })
     }
 
     /// The latest results of a kind of stage.
@@ -103,19 +106,19 @@ impl<'a> History<'a> {
     }
 
     /// Short reasons for `plan` and `run`.
-    pub fn reasons(&self, plan: &Plan, id: InstanceId, now: &Dependencies) -> Vec<String> {
+    pub fn reasons(&self, plan: &Plan, id: InstanceId, now: &Dependencies) -> Arc<[String]> {
         let Some(earlier) = self.same_label(plan, id, &now.use_name) else {
-            return vec!["no earlier result".to_owned()];
+            return self.no_earlier.clone();
         };
         let differences = differences(&dependencies_of(&earlier), now);
         if differences.is_empty() {
-            return vec!["its stored result is damaged or gone".to_owned()];
+            return ["its stored result is damaged or gone".to_owned()].into();
         }
         let mut reasons: Vec<String> = differences.iter().take(4).map(Difference::short).collect();
         if differences.len() > 4 {
             reasons.push(format!("and {} more fields", differences.len() - 4));
         }
-        reasons
+        reasons.into()
     }
 }
 

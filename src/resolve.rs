@@ -18,7 +18,7 @@ use serde_json::Value;
 use turbid_contract::{Ctx, Error, Forms, Job, Known, MemoryHost, Problem, Problems, Shared, StagePlan};
 
 use crate::brief::{Brief, Outputs};
-use crate::digest::Digest;
+use crate::digest::{Digest, DigestMap};
 use crate::explain::History;
 use crate::key::Dependencies;
 use crate::memory::need;
@@ -54,6 +54,7 @@ pub struct Keyed {
     pub dependencies: Dependencies,
     pub key: Digest,
     pub state_key: Option<Digest>,
+    /// 0 of an instance that does not draw.
     pub seed: u64,
     pub files: BTreeMap<String, InputFile>,
 }
@@ -74,7 +75,7 @@ type Checked = Result<Sound, Vec<Diagnostic>>;
 
 /// An instance without mistakes.
 struct Sound {
-    plan: StagePlan,
+    plan: Arc<StagePlan>,
     forms: Forms,
     /// With their sizes.
     warnings: Vec<(Diagnostic, f64)>,
@@ -92,6 +93,8 @@ pub struct Resolver<'a> {
     forms: Mutex<KnownForms>,
     extents: Mutex<HashMap<InstanceId, Arc<Sizes>>>,
     asked: Mutex<Asked>,
+    /// The plan of an instance of each stage: most of a sweep share it.
+    plans: Mutex<HashMap<StageId, Arc<StagePlan>>>,
 }
 
 /// A sweep repeats its mistakes; this many are enough to see what is wrong.
@@ -119,8 +122,8 @@ struct Look {
 impl<'a> Resolver<'a> {
     pub fn new(plan: &'a Plan, store: &'a Store) -> Self {
         let (files, instant, forms) = <(Arc<_>, Mutex<_>, Mutex<_>)>::default();
-        let (extents, fetched, asked) = <(Mutex<_>, Mutex<_>, Mutex<_>)>::default();
-        Self { plan, store, history: History::of(store), files, instant, fetched, forms, extents, asked }
+        let (extents, fetched, asked, plans) = <(Mutex<_>, Mutex<_>, Mutex<_>, Mutex<_>)>::default();
+        Self { plan, store, history: History::of(store), files, instant, fetched, forms, extents, asked, plans }
     }
 
     /// The same, which compares with no earlier result: nobody asks why an instance runs.
@@ -133,7 +136,7 @@ impl<'a> Resolver<'a> {
     /// `force` names stages that run even where the store holds their outputs.
     pub fn survey(&self, force: &[StageId]) -> Survey {
         let mut survey = Survey::of(self.plan.instances().len());
-        let mut first_of: HashMap<Digest, InstanceId> = HashMap::new();
+        let mut first_of: DigestMap<InstanceId> = DigestMap::default();
         let mut warned = Warned::default();
         // At first all that has a record is up to date: its digests key those that read it.
         let asked = std::mem::take(&mut *lock(&self.asked));
@@ -194,7 +197,7 @@ impl<'a> Resolver<'a> {
         id: InstanceId,
         looked: Looked,
         survey: &mut Survey,
-        first_of: &mut HashMap<Digest, InstanceId>,
+        first_of: &mut DigestMap<InstanceId>,
         warned: &mut Warned,
     ) {
         let Look { mut state, key, checked, made } = match looked {
@@ -214,12 +217,7 @@ impl<'a> Resolver<'a> {
         match checked {
             Some(Ok(sound)) => {
                 self.note_extents(id, &sound.plan);
-                let known = id.before().and_then(|before| survey.plans.get(&before));
-                let plan = match known.filter(|known| ***known == sound.plan) {
-                    Some(known) => known.clone(),
-                    None => Arc::new(sound.plan),
-                };
-                survey.plans.insert(id, plan);
+                survey.plans.insert(id, sound.plan);
                 if self.is_read(id) {
                     self.note_forms(id, sound.forms);
                 }
@@ -283,7 +281,7 @@ impl<'a> Resolver<'a> {
             return Ok((State::run("forced".to_owned()), Some(keyed)));
         }
         let Some(record) = record else {
-            let reasons = self.history.reasons(self.plan, id, &keyed.dependencies).into();
+            let reasons = self.history.reasons(self.plan, id, &keyed.dependencies);
             return Ok((State::Run { reasons }, Some(keyed)));
         };
         let stage = self.plan.stage_of(id);
@@ -347,7 +345,7 @@ impl<'a> Resolver<'a> {
     /// What the stage says of an instance whose inputs are there: method, kernel, what it leaves out. `None` where it finds a mistake.
     pub fn stage_plan(&self, id: InstanceId, outputs: &AllOutputs) -> Option<StagePlan> {
         let keyed = self.keyed(id, outputs).ok()?;
-        self.check(id, &*keyed.job, &keyed.files, outputs).ok().map(|sound| sound.plan)
+        self.check(id, &*keyed.job, &keyed.files, outputs).ok().map(|sound| StagePlan::clone(&sound.plan))
     }
 
     /// The stage's own check and plan, with all inputs that are known by now, and the forms of its outputs.
@@ -381,7 +379,18 @@ impl<'a> Resolver<'a> {
         known.extents = self.extents_of_inputs(id, outputs);
         let mut plan = job.plan(&known);
         plan.memory = need(&plan, &known.extents);
-        Ok(Sound { plan, forms, warnings })
+        Ok(Sound { plan: self.shared(self.plan.stage_of(id), plan), forms, warnings })
+    }
+
+    /// The plan, or an equal one of another instance of the stage.
+    fn shared(&self, stage: StageId, plan: StagePlan) -> Arc<StagePlan> {
+        let mut plans = lock(&self.plans);
+        if let Some(known) = plans.get(&stage).filter(|known| ***known == plan) {
+            return known.clone();
+        }
+        let plan = Arc::new(plan);
+        plans.insert(stage, plan.clone());
+        plan
     }
 
     fn problem_diagnostic(&self, id: InstanceId, problem: Problem) -> Diagnostic {

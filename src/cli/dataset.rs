@@ -268,7 +268,7 @@ impl Look {
         let points: usize = dataset.splits.iter().map(|split| split.indices.len()).sum();
         // What is not drawn is computed once.
         let times = |id: &InstanceId| if sample.axis(*id, DRAW_AXIS).is_some() { points as f64 } else { 1.0 };
-        let seconds: f64 = estimates(&resolver, &survey).iter().map(|(id, of)| of.seconds * times(id)).sum();
+        let seconds: f64 = estimates(&resolver, &survey).iter().map(|(id, of)| of.seconds * times(&id)).sum();
         let features = dataset.features.iter().zip(&shapes);
         let sizes = features.filter_map(|(feature, shape)| Some(shape.as_ref()?.values() * feature.spec.dtype.bytes()));
         let bytes = sizes.sum::<usize>() as u64 * points as u64;

@@ -29,7 +29,7 @@ impl MemoryLimit {
 pub(super) fn too_large(plan: &Plan, survey: &Survey, budget: Option<Budget>) -> Vec<Diagnostic> {
     let Some(Budget { bytes: most, by }) = budget else { return Vec::new() };
     let mut largest: BTreeMap<StageId, (u64, InstanceId)> = BTreeMap::new();
-    for (&id, detail) in &survey.plans {
+    for (id, detail) in survey.plans.iter() {
         let need = detail.memory.unwrap_or(0);
         if need > most.max(SMALL) {
             let stage = plan.stage_of(id);

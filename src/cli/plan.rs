@@ -7,7 +7,7 @@ use clap::Args;
 use serde::Serialize;
 use turbid_contract::{Axes, StagePlan};
 
-use crate::estimate::{Basis, Estimate, estimates};
+use crate::estimate::{Basis, Estimates, estimates};
 use crate::memory::Budget;
 use crate::plan::{InstanceId, Plan, StageId};
 use crate::registry::Registry;
@@ -178,8 +178,6 @@ fn forms<S: serde::Serializer>(made: &Option<Described>, to: S) -> Result<S::Ok,
 fn bytes_of<S: serde::Serializer>(budget: &Option<Budget>, to: S) -> Result<S::Ok, S::Error> {
     budget.map(|budget| budget.bytes).serialize(to)
 }
-
-type Estimates = BTreeMap<InstanceId, Estimate>;
 
 #[derive(Serialize)]
 struct Listing<'a> {

@@ -20,7 +20,7 @@ use crate::key::axes_text;
 use crate::registry::Registry;
 use crate::spec::{DRAW_AXIS, Diagnostic, Draw, Report, Section, Spec, nearest};
 
-pub use crate::ids::{Id, IdRange, IdVec, InstanceId, StageId};
+pub use crate::ids::{Id, IdMap, IdRange, IdVec, InstanceId, StageId};
 pub use axes::{MAX_INSTANCES, same_value};
 pub use targets::Target;
 

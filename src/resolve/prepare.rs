@@ -50,7 +50,9 @@ impl Resolver<'_> {
             .collect();
         let files = self.input_files(stage, &job.files())?;
         let explicit = self.plan.spec.stages[stage].seed;
-        let seed = instance_seed(self.plan.spec.seed, row.name, &self.plan.axes_text(id), &inputs, explicit);
+        let drawn = || instance_seed(self.plan.spec.seed, row.name, &self.plan.axes_text(id), &inputs, explicit);
+        // What is not in the key reaches no stage.
+        let seed = job.draws().then(drawn);
         let dependencies = Dependencies {
             use_name: row.name.to_owned(),
             version: row.version,
@@ -63,10 +65,10 @@ impl Resolver<'_> {
                     (at.clone(), name, file.digest)
                 })
                 .collect(),
-            seed: job.draws().then_some(seed),
+            seed,
         };
         let state_key = dependencies.state_key(row.stopping);
-        Ok(Keyed { params, job, key: dependencies.key(), state_key, dependencies, seed, files })
+        Ok(Keyed { params, job, key: dependencies.key(), state_key, dependencies, seed: seed.unwrap_or(0), files })
     }
 
     pub(super) fn input_files(

@@ -6,7 +6,7 @@ use turbid_contract::Shared;
 
 use super::{AllOutputs, Resolver, State, Survey};
 use crate::brief::Outputs;
-use crate::digest::Digest;
+use crate::digest::DigestMap;
 use crate::panics::lock;
 use crate::plan::InstanceId;
 use crate::warned::Warned;
@@ -35,7 +35,7 @@ impl Resolver<'_> {
         &self,
         asked: Asked,
         survey: &mut Survey,
-        first_of: &mut HashMap<Digest, InstanceId>,
+        first_of: &mut DigestMap<InstanceId>,
         warned: &mut Warned,
     ) {
         *lock(&self.asked) = asked;

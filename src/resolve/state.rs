@@ -6,7 +6,7 @@ use std::sync::Arc;
 use turbid_contract::StagePlan;
 
 use crate::brief::Brief;
-use crate::plan::{IdVec, InstanceId, StageId};
+use crate::plan::{IdMap, IdVec, InstanceId, StageId};
 use crate::spec::Diagnostic;
 
 use super::AllOutputs;
@@ -39,7 +39,9 @@ impl State {
     /// The same, which shares its words with another one where they are equal: in a sweep most are.
     pub(super) fn sharing(self, other: Option<&Self>) -> Self {
         match (self, other) {
-            (Self::Run { reasons }, Some(Self::Run { reasons: known })) if reasons == *known => {
+            (Self::Run { reasons }, Some(Self::Run { reasons: known }))
+                if !Arc::ptr_eq(&reasons, known) && reasons == *known =>
+            {
                 Self::Run { reasons: known.clone() }
             }
             (Self::Waits(stages), Some(Self::Waits(known))) if stages == *known => Self::Waits(known.clone()),
@@ -53,7 +55,7 @@ pub struct Survey {
     pub states: IdVec<InstanceId, Option<State>>,
     pub outputs: AllOutputs,
     /// The plan of every instance that is not a hit; instances of a stage with equal plans share one.
-    pub plans: HashMap<InstanceId, Arc<StagePlan>>,
+    pub plans: IdMap<InstanceId, Arc<StagePlan>>,
     /// Instances whose work another one with the same key does.
     pub twins: HashMap<InstanceId, InstanceId>,
     pub problems: Vec<Diagnostic>,
@@ -65,7 +67,7 @@ impl Survey {
         Self {
             states: (0..instances).map(|_| None).collect(),
             outputs: IdVec::filled(None, instances),
-            plans: HashMap::new(),
+            plans: IdMap::default(),
             twins: HashMap::new(),
             problems: Vec::new(),
         }

@@ -19,6 +19,7 @@ use crate::store::{Cost, InstanceRecord, KeyLock, PortRecord, Provenance, Recipe
 use super::host::InstanceHost;
 use super::inputs::StoredInputs;
 use super::partial::Partial;
+use super::peak;
 use super::worker::Worker;
 
 /// What became of a running instance.
@@ -41,6 +42,8 @@ pub struct Task {
     pub forced: bool,
     /// Whether nothing else ran when it began.
     pub alone: bool,
+    /// Whether its stage says that it takes less than the way to other threads.
+    pub is_light: bool,
     /// Held until the record is published: a second run looks after other work meanwhile, and then finds it.
     pub lock: KeyLock,
 }
@@ -53,7 +56,7 @@ pub fn execute(worker: Worker<'_>, task: Task) -> Outcome {
 
 fn attempt(worker: Worker<'_>, task: Task) -> Outcome {
     let Worker { resolver, progress, .. } = worker;
-    let Task { id, job, outputs, forced, alone, lock: _held } = task;
+    let Task { id, job, outputs, forced, alone, is_light, lock: _held } = task;
     let job = &job;
     let (plan, store) = (resolver.plan, resolver.store);
     let stage = plan.stage_of(id);
@@ -75,7 +78,7 @@ fn attempt(worker: Worker<'_>, task: Task) -> Outcome {
         Err(message) => return Outcome::Failed(message),
     };
     let partial = worker.options.live.as_deref().and_then(|outputs| Partial::of(plan, id, job.key, outputs));
-    let host = InstanceHost::new(worker, job, &label, wanted, lent.files.clone(), partial, forced);
+    let host = InstanceHost::new(worker, job, &label, wanted, lent.files.clone(), partial, forced).light(is_light);
     let inputs = StoredInputs {
         plan,
         store,
@@ -86,8 +89,8 @@ fn attempt(worker: Worker<'_>, task: Task) -> Outcome {
         opened: Mutex::default(),
     };
     let started = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
-    if alone {
-        reset_peak_memory();
+    if alone && !is_light {
+        peak::reset();
     }
     let row = plan.row(stage);
     // What the clock stopped once is added to where it stopped then: no clock would stop there again.
@@ -108,7 +111,8 @@ fn attempt(worker: Worker<'_>, task: Task) -> Outcome {
             return damaged.map_or_else(|| Outcome::Failed(error.to_string()), Outcome::Damaged);
         }
     };
-    let cost = Cost { wall_s: host.wall().as_secs_f64(), cpu_s: host.cpu_s(), peak_bytes: peak_memory(), alone };
+    let cost =
+        Cost { wall_s: host.wall().as_secs_f64(), cpu_s: host.cpu_s(), peak_bytes: peak::of_process(is_light), alone };
     let mut ports = match publish_blobs(resolver, id, made, wanted) {
         Ok(ports) => ports,
         Err(message) => return Outcome::Failed(message),
@@ -239,16 +243,4 @@ fn reached_params(job: &Keyed, record: &InstanceRecord, row: &StageRow) -> Optio
 fn recipe(dependencies: &Dependencies) -> Recipe {
     let Dependencies { params, inputs, files, .. } = dependencies.clone();
     Recipe { params, inputs, files }
-}
-
-/// Starts a new high-water mark of this process's memory (Linux; elsewhere the mark is that of the process).
-fn reset_peak_memory() {
-    let _ = std::fs::write("/proc/self/clear_refs", "5");
-}
-
-/// High-water mark of this process's memory in bytes, 0 where the system does not tell.
-fn peak_memory() -> u64 {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"));
-    line.and_then(|l| l.trim().trim_end_matches("kB").trim().parse::<u64>().ok()).map_or(0, |kb| kb * 1024)
 }

@@ -16,6 +16,7 @@ pub mod log;
 pub(crate) mod name;
 mod options;
 mod partial;
+mod peak;
 pub mod progress;
 mod schedule;
 mod state;

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use crate::brief::{Brief, Outputs};
 use crate::digest::Digest;
-use crate::plan::{Id, InstanceId, Plan};
+use crate::plan::{Id, IdVec, InstanceId, Plan};
 use crate::resolve::{AllOutputs, Keyed, Resolver, State, Survey};
 use crate::spec::Diagnostic;
 use crate::store::{Cost, InstanceRecord, KeyLock, StoreError};
@@ -23,6 +23,8 @@ use super::summary::End;
 
 /// A damaged input makes its producer run again; this often, then the disk is to blame.
 const MAX_REPAIRS: usize = 3;
+/// Less is not worth the way to other threads, CPU s: waking them and waiting for them takes a tenth of that.
+const LIGHT_S: f64 = 1e-3;
 
 /// The needed instances of a run, and what they wait for.
 ///
@@ -44,6 +46,8 @@ pub struct Schedule<'a> {
     /// Those that ran although the store held their outputs.
     forced: HashSet<InstanceId>,
     admission: Admission,
+    /// Those that take less time than the way to other threads, by their stages' own figures.
+    light: IdVec<InstanceId, bool>,
     /// Nothing begins any more.
     stopping: bool,
     began: Instant,
@@ -58,7 +62,7 @@ pub struct Schedule<'a> {
 impl<'a> Schedule<'a> {
     pub fn new(resolver: &'a Resolver<'a>, survey: Survey, options: &'a Options, progress: &'a dyn Progress) -> Self {
         let plan = resolver.plan;
-        let needs = survey.plans.iter().filter_map(|(&id, plan)| Some((id, plan.memory?)));
+        let needs = survey.plans.iter().filter_map(|(id, plan)| Some((id, plan.memory?)));
         let mut schedule = Self {
             resolver,
             options,
@@ -72,12 +76,16 @@ impl<'a> Schedule<'a> {
             twins: HashMap::new(),
             forced: HashSet::new(),
             admission: Admission::new(options.memory, needs),
+            light: IdVec::filled(false, plan.instances().len()),
             stopping: false,
             began: Instant::now(),
             elsewhere: Elsewhere::default(),
             met: false,
             start: None,
         };
+        for (id, detail) in survey.plans.iter() {
+            schedule.light[id] = detail.seconds.is_some_and(|seconds| seconds < LIGHT_S);
+        }
         for (id, state) in plan.instances().zip(survey.states) {
             if let Some(State::Hit(brief)) = state {
                 schedule.states.set(id, BuildState::Done { brief, ran: false });
@@ -146,7 +154,8 @@ impl<'a> Schedule<'a> {
                 self.states.set(id, BuildState::Running);
                 self.admission.begin(id);
                 let forced = self.forced.contains(&id);
-                return Some(Task { id, job, outputs: self.inputs_of(id), forced, alone: self.running() == 1, lock });
+                let (alone, is_light) = (self.running() == 1, self.light[id]);
+                return Some(Task { id, job, outputs: self.inputs_of(id), forced, alone, is_light, lock });
             }
         }
         None

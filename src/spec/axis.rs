@@ -93,6 +93,10 @@ pub fn values(node: &Node, key: Span, path: &str, reader: &mut Reader<'_>) -> Op
 
 /// Reports the first value that stands twice; whether all are distinct.
 pub fn distinct(values: &[Value], node: &Node, key: Span, path: &str, reader: &mut Reader<'_>) -> bool {
+    // Most are ranges.
+    if values.is_sorted_by(|a, b| a.as_f64().zip(b.as_f64()).is_some_and(|(a, b)| a < b)) {
+        return true;
+    }
     let mut seen = HashSet::new();
     let Some(twice) = values.iter().find(|v| !seen.insert(v.to_string())) else { return true };
     let place = if node.span.len == 0 { key } else { node.span };

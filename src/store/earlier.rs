@@ -18,6 +18,11 @@ impl Store {
         self.latest(Named::Work, state_key).filter(|(record, _)| record.state_key == Some(*state_key))
     }
 
+    /// Whether there may be any result.
+    pub fn has_records(&self) -> bool {
+        self.folder.packs.has_entries()
+    }
+
     /// Whether there may be a result of this kind of stage.
     pub fn knows(&self, use_name: &str) -> bool {
         self.folder.packs.latest(Named::Kind, &labels::kind(use_name)).is_some()

@@ -5,10 +5,10 @@
 use std::io;
 use std::path::Path;
 
-use crate::digest::Digest;
+use crate::digest::{Digest, DigestMap};
 use crate::store::frame::{self, Frame, HEADER, Kind};
 use crate::store::labels;
-use crate::store::place::{Entry, Map, Named, Place, seconds};
+use crate::store::place::{Entry, Named, Place, seconds};
 use crate::store::saved::{Fresh, Merged, Saved, Source};
 
 /// The newest frame of every record and every packed blob, and the latest record of every label.
@@ -16,7 +16,7 @@ use crate::store::saved::{Fresh, Merged, Saved, Source};
 pub(super) struct Index {
     pub saved: Saved,
     /// What the files lack, by what digests name.
-    recent: [Map<Place>; Named::ALL.len()],
+    recent: [DigestMap<Place>; Named::ALL.len()],
     /// Bytes of the packs that newer frames replace, by what was taken in since.
     dead: i64,
     /// Whether a blob may have been released since.
@@ -37,6 +37,11 @@ impl Index {
             (saved, recent) => saved.or(recent),
         };
         found.filter(Place::is_known)
+    }
+
+    /// Whether anything may be known.
+    pub fn has_entries(&self) -> bool {
+        self.recent() > 0 || self.saved.has_files()
     }
 
     /// Takes in a frame that stands at `offset` of a pack; frames may come in any order, and again.

@@ -8,6 +8,7 @@
 mod backend;
 mod checkpoint;
 mod codec;
+mod columns;
 mod compact;
 mod compared;
 mod disk;

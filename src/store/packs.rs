@@ -127,6 +127,11 @@ impl Packs {
         read_key(&file, &place).ok()?
     }
 
+    /// Whether anything may be in the packs.
+    pub fn has_entries(&self) -> bool {
+        self.state().index.has_entries()
+    }
+
     /// Stamp of the newest frame of a record.
     pub fn record_stamp(&self, key: &Digest) -> Option<u64> {
         self.look(|state| state.find(Named::Record, key)).map(|(place, _)| place.stamp)

@@ -4,15 +4,9 @@
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
-use arrow_array::cast::AsArray;
-use arrow_array::types::{Float64Type, Int64Type};
-use arrow_array::{
-    Array, ArrayRef, BooleanArray, Float64Array, Int64Array, RecordBatch, RecordBatchOptions, StringArray,
-};
+use arrow_array::{ArrayRef, BooleanArray, Float64Array, Int64Array, RecordBatch, RecordBatchOptions, StringArray};
 use arrow_schema::{DataType, Field, Schema};
-use bytes::Bytes;
 use parquet::arrow::ArrowWriter;
-use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use parquet::basic::{Compression, ZstdLevel};
 use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
@@ -21,6 +15,7 @@ use serde_json::Value;
 use turbid_contract::canonical::{canonical_text, canonical_value};
 use turbid_contract::{ArtifactKind, Attributes, Cells, Column, Record, Table};
 
+use crate::store::columns::{Columns, RawColumn};
 use crate::store::error::StoreError;
 
 const KEY: &str = "turbid";
@@ -34,13 +29,6 @@ const ROW_GROUP: usize = 65_536;
 struct Description {
     kind: ArtifactKind,
     attributes: Attributes,
-}
-
-/// A column on its way to or from the file.
-struct RawColumn {
-    name: String,
-    metadata: HashMap<String, String>,
-    cells: Cells,
 }
 
 /// Encodes a table. Error: a cell that is not finite.
@@ -201,45 +189,11 @@ fn begin(batch: &RecordBatch, description: &Description) -> Result<ArrowWriter<V
 }
 
 fn read(bytes: &[u8], kind: ArtifactKind) -> Result<(Vec<RawColumn>, Attributes, usize), StoreError> {
-    let builder = ParquetRecordBatchReaderBuilder::try_new(Bytes::copy_from_slice(bytes)).map_err(wrong)?;
-    let metadata = builder.metadata().file_metadata();
-    let rows = usize::try_from(metadata.num_rows()).map_err(wrong)?;
-    let pairs = metadata.key_value_metadata();
-    let text = pairs.and_then(|pairs| pairs.iter().find(|pair| pair.key == KEY)).and_then(|pair| pair.value.as_ref());
-    let text = text.ok_or_else(|| wrong("its metadata are missing"))?;
+    let file = Columns::open(bytes).map_err(wrong)?;
+    let text = file.said(KEY).ok_or_else(|| wrong("its metadata are missing"))?;
     let description: Description = serde_json::from_str(text).map_err(wrong)?;
     if description.kind != kind {
         return Err(wrong(format!("it is a {:?}, not a {kind:?}", description.kind)));
     }
-    let schema = builder.schema().clone();
-    let batches: Vec<RecordBatch> =
-        builder.with_batch_size(ROW_GROUP).build().map_err(wrong)?.collect::<Result<_, _>>().map_err(wrong)?;
-    let mut columns = Vec::with_capacity(schema.fields().len());
-    for (i, field) in schema.fields().iter().enumerate() {
-        let chunks = batches.iter().map(|batch| batch.column(i));
-        let cells = match field.data_type() {
-            DataType::Float64 if field.is_nullable() => {
-                Cells::MaybeF64(chunks.flat_map(|c| c.as_primitive::<Float64Type>().iter()).collect())
-            }
-            DataType::Float64 => {
-                Cells::F64(chunks.flat_map(|c| c.as_primitive::<Float64Type>().values().iter().copied()).collect())
-            }
-            DataType::Int64 => {
-                Cells::I64(chunks.flat_map(|c| c.as_primitive::<Int64Type>().values().iter().copied()).collect())
-            }
-            DataType::Boolean => {
-                Cells::Bool(chunks.flat_map(|c| (0..c.len()).map(|row| c.as_boolean().value(row))).collect())
-            }
-            DataType::Utf8 => Cells::Text(
-                chunks.flat_map(|c| (0..c.len()).map(|row| c.as_string::<i32>().value(row).to_owned())).collect(),
-            ),
-            other => return Err(wrong(format!("column `{}` has the type {other}", field.name()))),
-        };
-        if cells.len() != rows {
-            return Err(wrong(format!("column `{}` has {} cells, not {rows}", field.name(), cells.len())));
-        }
-        let metadata = field.metadata().iter().map(|(k, v)| (k.to_string(), v.to_string())).collect();
-        columns.push(RawColumn { name: field.name().clone(), metadata, cells });
-    }
-    Ok((columns, description.attributes, rows))
+    Ok((file.read().map_err(wrong)?, description.attributes, file.rows().map_err(wrong)?))
 }

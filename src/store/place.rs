@@ -1,29 +1,9 @@
 //! Where in the packs the newest frame of a digest is.
 
 use std::cmp::Ordering;
-use std::collections::HashMap;
-use std::hash::{BuildHasherDefault, Hasher};
 
 use crate::digest::Digest;
 use crate::store::frame::HEADER;
-
-/// Digests are uniformly random already; their first bytes are the hash.
-#[derive(Default)]
-pub(super) struct FirstBytes(u64);
-
-impl Hasher for FirstBytes {
-    fn finish(&self) -> u64 {
-        self.0
-    }
-    fn write(&mut self, bytes: &[u8]) {
-        if let Some(first) = bytes.first_chunk() {
-            self.0 = u64::from_le_bytes(*first);
-        }
-    }
-    fn write_usize(&mut self, _: usize) {}
-}
-
-pub(super) type Map<T> = HashMap<Digest, T, BuildHasherDefault<FirstBytes>>;
 
 /// What a digest names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

@@ -63,6 +63,10 @@ pub(super) fn bytes(root: &Path) -> u64 {
 }
 
 impl Saved {
+    pub fn has_files(&self) -> bool {
+        !self.files.is_empty()
+    }
+
     /// Opens all files that are there. What cannot be read is none: the index is only a cache.
     pub fn open(root: &Path) -> Self {
         let mut saved = Self::default();

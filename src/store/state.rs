@@ -6,12 +6,12 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crate::digest::Digest;
+use crate::digest::{Digest, DigestMap};
 use crate::store::disk::{self, Identity};
 use crate::store::error::StoreError;
 use crate::store::frame::{self, Frame, HEADER, Kind};
 use crate::store::index::Index;
-use crate::store::place::{Entry, Map, Named, Place};
+use crate::store::place::{Entry, Named, Place};
 use crate::store::saved::{Merged, Source};
 use crate::store::sorted::{Covered, Sorted};
 
@@ -44,7 +44,7 @@ pub(super) struct State {
     next: u32,
     pub index: Index,
     /// Blobs of packs that are gone. What this process found once it can still read: the files are open.
-    gone_blobs: Map<(Place, Arc<File>)>,
+    gone_blobs: DigestMap<(Place, Arc<File>)>,
     /// Whether the files of the index lack something that `index` holds, or are not as they should be.
     pub stale: bool,
     /// Frames that the files of the index name and that the packs no longer hold.
@@ -283,7 +283,7 @@ impl State {
         self.packs.clear();
         self.index.saved.keep_those(|_| None);
         self.forget(&BTreeSet::new());
-        self.gone_blobs = Map::default();
+        self.gone_blobs = DigestMap::default();
     }
 
     /// Reads all packs again and adds what the index lacks; a place whose frame has a damaged header stays known.

@@ -5,7 +5,8 @@ use std::io;
 use std::sync::atomic::Ordering;
 
 use super::*;
-use crate::store::place::{Entry, Map, Named, Place};
+use crate::digest::DigestMap;
+use crate::store::place::{Entry, Named, Place};
 use crate::store::saved::{Fresh, Saved};
 use crate::store::sorted::{self, Covered, Foot, Sorted};
 
@@ -184,7 +185,7 @@ fn files_are_few_and_the_newest_entry_holds() {
     let ids = names.iter().map(|(id, name)| (*name, *id)).collect();
     let mut random = Random::new(9);
     let pool: Vec<Digest> = (0..8000).map(|_| random.digest()).collect();
-    let mut known: Map<Place> = Map::default();
+    let mut known: DigestMap<Place> = DigestMap::default();
     let (mut files, mut at, mut rewritten) = (saved(folder.path(), &ids), 0, 0);
     for round in 0..150 {
         let mut fresh: BTreeMap<Digest, Place> = BTreeMap::new();

@@ -1,12 +1,21 @@
 //! Gauss-Legendre quadrature.
 
 use std::f64::consts::PI;
+use std::sync::OnceLock;
+
+/// Rules of fewer points are kept: they are asked for again and again.
+const KEPT: usize = 129;
+static RULES: [OnceLock<Vec<(f64, f64)>>; KEPT] = [const { OnceLock::new() }; KEPT];
 
 /// Nodes (increasing) and weights of the n-point rule on [-1, 1]; exact for polynomials of degree 2n - 1.
 ///
 /// Newton's iteration on P_n from the asymptotic guess; a few ulp up to n of some thousand.
 pub fn gauss_legendre(n: usize) -> Vec<(f64, f64)> {
     assert!(n > 0, "a quadrature without nodes");
+    RULES.get(n).map_or_else(|| worked_out(n), |rule| rule.get_or_init(|| worked_out(n)).clone())
+}
+
+fn worked_out(n: usize) -> Vec<(f64, f64)> {
     let mut rule = vec![(0.0, 0.0); n];
     for i in 0..n.div_ceil(2) {
         let mut x = libm::cos(PI * (i as f64 + 0.75) / (n as f64 + 0.5));
