@@ -11,7 +11,7 @@ use std::sync::{Arc, OnceLock};
 use fearless_simd::Simd;
 use glam::DVec3;
 
-use super::bvh::Tree;
+use super::bvh::{Tree, Wide};
 use super::crossing::Ends;
 use super::facets::{Cells, ItemBuffer};
 use super::memo::Memo;
@@ -32,6 +32,8 @@ pub struct Mesh {
     corners: Vec<[DVec3; 3]>,
     normals: Vec<DVec3>,
     tree: Tree,
+    /// The same for lines; `None` where it would be too deep for that.
+    wide: Option<Wide>,
     /// Half the size of the bounding box.
     half: DVec3,
     /// Made when first asked for, as is what follows.
@@ -102,16 +104,19 @@ impl Mesh {
         let (low, high) = used.fold(nowhere, |(low, high), &i| (low.min(at(i)), high.max(at(i))));
         let center = 0.5 * (low + high);
         let half = (high - center).max(center - low);
-        let all: Vec<[DVec3; 3]> = triangles.iter().map(|t| t.map(|i| at(i) - center)).collect();
-        let boxes: Vec<_> = all.iter().map(|[a, b, c]| (a.min(*b).min(*c), a.max(*b).max(*c))).collect();
-        let tree = Tree::over(&boxes);
-        let corners: Vec<[DVec3; 3]> = tree.order().iter().map(|&i| all[i as usize]).collect();
+        let corners_of = |triangle: &[u32; 3]| triangle.map(|i| at(i) - center);
+        let around = |[a, b, c]: [DVec3; 3]| (a.min(b).min(c), a.max(b).max(c));
+        let boxes: Vec<_> = triangles.iter().map(|triangle| around(corners_of(triangle))).collect();
+        let (tree, wide) = Tree::with_wide(&boxes);
+        drop(boxes);
+        let corners: Vec<[DVec3; 3]> = tree.order().iter().map(|&i| corners_of(&triangles[i as usize])).collect();
         let normals = corners.iter().map(|[a, b, c]| (b - a).cross(c - a).normalize_or_zero()).collect();
         Self {
             center,
             corners,
             normals,
             tree,
+            wide,
             half,
             grid: OnceLock::new(),
             lies: OnceLock::new(),
@@ -228,7 +233,7 @@ impl Mesh {
         if crossings.is_empty() && start.is_none_or(|s| !s.inside) {
             return;
         }
-        crossings.sort_by(|a, b| a.t.total_cmp(&b.t));
+        crossings.sort_unstable_by(|a, b| a.t.total_cmp(&b.t).then(a.face.cmp(&b.face)));
         // From the inside a ray leaves once more often than it enters. What is far away tells whether anything near is real.
         let mut inside = start.map_or(beyond < 0, |s| s.inside);
         if about > 0 {
@@ -252,16 +257,15 @@ impl Mesh {
     #[inline]
     fn crossings(&self, origin: DVec3, direction: DVec3, from: f64, mut met: impl FnMut(Crossing)) {
         let line = Line::new(origin - self.center, direction, self.half.max_element());
-        self.tree.visit(
-            |low, high| line.may_meet(low, high, from),
-            |places| {
-                for place in places {
-                    if let Some((t, turn)) = line.meets(&self.corners[place]) {
-                        met(Crossing { t, face: place as u32, turn });
-                    }
-                }
-            },
-        );
+        let mut look = |place: usize| {
+            if let Some((t, turn)) = line.meets(&self.corners[place]) {
+                met(Crossing { t, face: place as u32, turn });
+            }
+        };
+        let wide = self.wide.as_ref();
+        if wide.is_none_or(|wide| !wide.visit(line.origin, direction, from, line.slack, &mut look)) {
+            self.tree.visit(|low, high| line.may_meet(low, high, from), |places| places.for_each(&mut look));
+        }
     }
 
     /// Points of its facets at which Snell's law takes light from the far end to the near one; those on an edge may come twice.
