@@ -85,6 +85,28 @@ fn boxes_hold_their_things_exactly() {
     }
 }
 
+/// A line along no axis through the middle of a box meets it in the tree for lines.
+#[test]
+fn lines_meet_what_they_go_through() {
+    for (name, boxes) in cases() {
+        let (tree, wide) = Tree::with_wide(&boxes);
+        assert_eq!(wide.is_none(), ["one point", "one point, often", "1e-310 mm"].contains(&name), "{name}");
+        let size =
+            boxes.iter().fold(0.0, |size: f64, b| size.max(b.0.abs().max_element()).max(b.1.abs().max_element()));
+        let direction = DVec3::new(0.6, -0.48, 0.64);
+        for place in (0..boxes.len()).step_by(boxes.len().div_ceil(100)) {
+            let (low, high) = boxes[tree.order[place] as usize];
+            let origin = 0.5 * low + 0.5 * high - (0.1 * size) * direction;
+            let mut met = false;
+            let fine = wide
+                .as_ref()
+                .is_none_or(|wide| wide.visit(origin, direction, 0.0, 1e-14 * size, |i| met |= i == place));
+            assert_eq!(fine, name != "1 mm, 1e9 mm away", "{name}");
+            assert!(met || !fine || wide.is_none(), "{name}: {place}");
+        }
+    }
+}
+
 /// The nearest box, as all boxes asked one by one have it.
 #[test]
 fn the_nearest_is_found() {

@@ -20,6 +20,7 @@ const ROUNDING: f64 = 1e-6;
 
 /// Invariant: no thing that a line meets is left out. Boxes, origin, direction and slabs, whose planes are at most 3.8 from the origin,
 /// are rounded by 4e-6 in all (1.3e-6 of that because obvhs takes a direction along an axis for one 1.2e-7 off it); boxes are larger by 1e-5.
+/// How large obvhs's steps of boxes are may differ between machines; what is left in the end, the things that are met themselves, does not.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Wide {
     bvh: CwBvh,
