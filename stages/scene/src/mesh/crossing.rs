@@ -46,10 +46,12 @@ pub fn crossings(nearby: &Nearby<'_>) -> Crossings {
 
 fn looked_at(nearby: &Nearby<'_>, most_near: u64) -> Crossings {
     let mut found = Crossings::default();
+    let mut first = (usize::MAX, usize::MAX);
     let all = nearby.pairs(most_near, |i, j| {
         if let Some(point) = crossing(nearby, i, j) {
-            if found.count == 0 {
-                found.first = point;
+            // By the order in the file, not by that of the tree.
+            if (i, j) < first {
+                (first, found.first) = ((i, j), point);
             }
             found.count += 1;
             if found.count == MOST_FOUND {
