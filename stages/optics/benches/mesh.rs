@@ -23,9 +23,10 @@ const ROUNDS: u32 = 40;
 fn main() {
     let levels = std::env::args().filter_map(|a| a.parse().ok()).next().unwrap_or(6);
     let (vertices, triangles) = shapes::icosphere(RADIUS, DVec3::ZERO, levels);
+    let began = cpu_seconds();
     let mesh = Mesh::new(&vertices, &triangles);
+    println!("{} triangles: trees: {:.3} s to make", mesh.triangles(), cpu_seconds() - began);
     let solid = Solid::Mesh(mesh.clone().into());
-    println!("{} triangles", mesh.triangles());
     let began = cpu_seconds();
     let cells = mesh.cells().expect("there is room");
     println!("cells: {:.2} s to make, {:.1} MB", cpu_seconds() - began, 1e-6 * cells.bytes() as f64);
@@ -44,6 +45,18 @@ fn main() {
     let mut chords = Vec::new();
     rate("f64: clearance", &rays, |p, _| solid.clearance(p));
     rate("f64: whole line", &rays, |p, w| {
+        chords.clear();
+        solid.cut(p, w, None, &mut chords);
+        chords.len() as f64
+    });
+    let outside: Vec<(DVec3, DVec3)> = (0..POINTS)
+        .map(|i| {
+            let [a, b, c, d] = philox4x32([i, 2, 0, 0], [7, 0]).map(unit);
+            let from = 3.0 * RADIUS * direction(a, b);
+            (from, (1.1 * RADIUS * direction(c, d) - from).normalize())
+        })
+        .collect();
+    rate("f64: whole line from outside", &outside, |p, w| {
         chords.clear();
         solid.cut(p, w, None, &mut chords);
         chords.len() as f64

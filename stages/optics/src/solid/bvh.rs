@@ -3,16 +3,21 @@
 //!
 //! Boxes are f64: they hold the things exactly, and one tree serves all of them.
 
+mod clusters;
+mod wide;
+
 use std::ops::Range;
 
 use glam::DVec3;
+use obvhs::bvh2::node::Bvh2Node;
+
+use clusters::{Clusters, HALVED_BELOW};
+pub use wide::Wide;
 
 /// Things in one leaf at most.
 const LEAF: usize = 4;
-/// Places at which a split is tried along each axis.
-const BINS: usize = 16;
-/// Deeper than any tree of 2^32 things that `Tree::over` builds: below this depth it splits in the middle.
-const DEEP: usize = 64;
+/// Deeper than any tree of 2^32 things.
+const DEEP: usize = HALVED_BELOW + 33;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Node {
@@ -32,26 +37,50 @@ pub struct Tree {
 }
 
 impl Tree {
-    /// The tree over boxes (low, high), split by the surface area heuristic. The same whatever the machine.
+    /// The tree over boxes (low, high). The same whatever the machine.
     pub fn over(boxes: &[(DVec3, DVec3)]) -> Self {
-        let mut order: Vec<u32> = (0..boxes.len() as u32).collect();
-        let all = Node { low: DVec3::ZERO, high: DVec3::ZERO, first: 0, count: boxes.len() as u32 };
-        let mut nodes = vec![all];
-        let mut open = vec![(0, 0)];
-        while let Some((node, depth)) = open.pop() {
-            let Node { first, count, .. } = nodes[node];
-            let range = first as usize..(first + count) as usize;
-            let (low, high) = around(boxes, &order[range.clone()]);
-            (nodes[node].low, nodes[node].high) = (low, high);
-            if range.len() <= LEAF {
+        Self::of(&Clusters::over(boxes), boxes)
+    }
+
+    /// With one for lines, where there is one.
+    pub fn with_wide(boxes: &[(DVec3, DVec3)]) -> (Self, Option<Wide>) {
+        let clusters = Clusters::over(boxes);
+        let tree = Self::of(&clusters, boxes);
+        let mut places = vec![0; tree.order.len()];
+        for (place, &thing) in (0..).zip(&tree.order) {
+            places[thing as usize] = place;
+        }
+        let wide = Wide::of(&clusters, &places);
+        (tree, wide)
+    }
+
+    /// The clusters with boxes of their own, which hold the things exactly.
+    fn of(clusters: &Clusters, boxes: &[(DVec3, DVec3)]) -> Self {
+        let clusters = &clusters.bvh;
+        let counts = counts(&clusters.nodes);
+        let nothing = Node { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY, first: 0, count: 0 };
+        let (mut nodes, mut order, mut open) = (vec![nothing], Vec::with_capacity(boxes.len()), vec![(0, 0)]);
+        while let Some((cluster, node)) = open.pop() {
+            let first = order.len();
+            if counts[cluster] as usize <= LEAF {
+                order.extend(things(&clusters.nodes, cluster));
+                let (low, high) = around(order[first..].iter().map(|&thing: &u32| &boxes[thing as usize]));
+                nodes[node] = Node { low, high, first: first as u32, count: counts[cluster] };
                 continue;
             }
-            let left = split(boxes, &mut order[range.clone()], depth) as u32;
-            let children = nodes.len();
-            nodes.push(Node { low, high, first, count: left });
-            nodes.push(Node { low, high, first: first + left, count: count - left });
-            (nodes[node].first, nodes[node].count) = (children as u32, 0);
-            open.extend([(children, depth + 1), (children + 1, depth + 1)]);
+            let [lower, upper] = children(&clusters.nodes, cluster);
+            let pair = nodes.len();
+            nodes[node].first = pair as u32;
+            nodes.extend([nothing, nothing]);
+            open.extend([(upper, pair + 1), (lower, pair)]);
+        }
+        // Branches stand before what is in them.
+        for i in (0..nodes.len()).rev() {
+            if nodes[i].count > 0 {
+                continue;
+            }
+            let [a, b] = [0, 1].map(|k| nodes[nodes[i].first as usize + k]);
+            (nodes[i].low, nodes[i].high) = (a.low.min(b.low), a.high.max(b.high));
         }
         Self { nodes, order }
     }
@@ -82,7 +111,7 @@ impl Tree {
     /// The same, where `meets` is told the number of the box, too.
     #[inline]
     pub fn visit_numbered(&self, meets: impl Fn(usize, DVec3, DVec3) -> bool, mut leaf: impl FnMut(Range<usize>)) {
-        let mut stack = [0_u32; 2 * DEEP];
+        let mut stack = [0_u32; DEEP + 1];
         let mut top = 1;
         while top > 0 {
             top -= 1;
@@ -104,7 +133,7 @@ impl Tree {
     #[inline]
     pub fn nearest(&self, p: DVec3, mut least: f64, mut distance2: impl FnMut(Range<usize>) -> f64) -> f64 {
         let to_box = |node: &Node| (node.low - p).max(p - node.high).max(DVec3::ZERO).length_squared();
-        let mut stack = [(0_u32, 0.0); 2 * DEEP];
+        let mut stack = [(0_u32, 0.0); DEEP + 1];
         stack[0] = (0, to_box(&self.nodes[0]));
         let mut top = 1;
         while top > 0 {
@@ -127,58 +156,49 @@ impl Tree {
     }
 }
 
-fn around(boxes: &[(DVec3, DVec3)], things: &[u32]) -> (DVec3, DVec3) {
+fn around<'a>(boxes: impl Iterator<Item = &'a (DVec3, DVec3)>) -> (DVec3, DVec3) {
     let nowhere = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    things.iter().map(|&i| boxes[i as usize]).fold(nowhere, |(low, high), b| (low.min(b.0), high.max(b.1)))
+    boxes.fold(nowhere, |(low, high), b| (low.min(b.0), high.max(b.1)))
 }
 
-fn half_area(low: DVec3, high: DVec3) -> f64 {
-    let d = high - low;
-    d.x * d.y + d.y * d.z + d.z * d.x
+/// Things in each cluster.
+fn counts(clusters: &[Bvh2Node]) -> Vec<u32> {
+    let mut counts: Vec<u32> = clusters.iter().map(|cluster| cluster.prim_count).collect();
+    let (mut branches, mut open) = (Vec::new(), vec![0]);
+    while let Some(i) = open.pop() {
+        if !clusters[i].is_leaf() {
+            branches.push(i);
+            open.extend([clusters[i].first_index as usize, clusters[i].first_index as usize + 1]);
+        }
+    }
+    for i in branches.into_iter().rev() {
+        let first = clusters[i].first_index as usize;
+        counts[i] = counts[first] + counts[first + 1];
+    }
+    counts
 }
 
-/// Brings those of the left child to the front, and says how many they are; never none nor all.
-fn split(boxes: &[(DVec3, DVec3)], things: &mut [u32], depth: usize) -> usize {
-    let middle = |i: u32| boxes[i as usize].0 + boxes[i as usize].1;
-    let nowhere = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    let (low, high) = things.iter().map(|&i| middle(i)).fold(nowhere, |(l, h), m| (l.min(m), h.max(m)));
-    let scale = BINS as f64 / (high - low);
-    let bin = |i: u32, axis: usize| (((middle(i)[axis] - low[axis]) * scale[axis]) as usize).min(BINS - 1);
-    let mut best: Option<(f64, usize, usize)> = None;
-    for axis in (0..3).filter(|&axis| high[axis] > low[axis] && scale[axis].is_finite()) {
-        let mut bins = [(0_usize, nowhere.0, nowhere.1); BINS];
-        for &i in things.iter() {
-            let (count, low, high) = &mut bins[bin(i, axis)];
-            *count += 1;
-            (*low, *high) = (low.min(boxes[i as usize].0), high.max(boxes[i as usize].1));
-        }
-        // What the bins up to each place would cost, from either end.
-        let grow = |sum: &mut (usize, DVec3, DVec3), b: &(usize, DVec3, DVec3)| {
-            *sum = (sum.0 + b.0, sum.1.min(b.1), sum.2.max(b.2));
-            if sum.0 > 0 { sum.0 as f64 * half_area(sum.1, sum.2) } else { 0.0 }
-        };
-        let mut left = [0.0; BINS];
-        let mut sum = (0, nowhere.0, nowhere.1);
-        for (cost, b) in left.iter_mut().zip(&bins) {
-            *cost = grow(&mut sum, b);
-        }
-        let mut sum = (0, nowhere.0, nowhere.1);
-        for place in (1..BINS).rev() {
-            let cost = grow(&mut sum, &bins[place]) + left[place - 1];
-            if sum.0 > 0 && sum.0 < things.len() && best.is_none_or(|(least, ..)| cost < least) {
-                best = Some((cost, axis, place));
+/// Both parts of a cluster, that first whose middle is lower along the axis along which they lie apart most.
+fn children(clusters: &[Bvh2Node], cluster: usize) -> [usize; 2] {
+    let first = clusters[cluster].first_index as usize;
+    let apart = clusters[first + 1].aabb().center() - clusters[first].aabb().center();
+    if apart[apart.abs().max_position()] < 0.0 { [first + 1, first] } else { [first, first + 1] }
+}
+
+/// The things of a small cluster, in the order of [`children`].
+fn things(clusters: &[Bvh2Node], cluster: usize) -> impl Iterator<Item = u32> {
+    let mut open = vec![cluster];
+    std::iter::from_fn(move || {
+        loop {
+            let i = open.pop()?;
+            if clusters[i].is_leaf() {
+                return Some(clusters[i].first_index);
             }
+            let [lower, upper] = children(clusters, i);
+            open.extend([upper, lower]);
         }
-    }
-    let halves = things.len() / 2;
-    match best {
-        Some((_, axis, place)) if depth < DEEP / 2 => {
-            // In their order on either side.
-            let (left, right): (Vec<u32>, Vec<u32>) = things.iter().partition(|&&i| bin(i, axis) < place);
-            things[..left.len()].copy_from_slice(&left);
-            things[left.len()..].copy_from_slice(&right);
-            left.len()
-        }
-        _ => halves,
-    }
+    })
 }
+
+#[cfg(test)]
+mod tests;

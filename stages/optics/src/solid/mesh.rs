@@ -5,19 +5,22 @@
 //! for all its triangles, the signs are those of exact arithmetic, and where a determinant is exactly 0 the line counts as
 //! shifted by an infinitesimal (e, e^2). So it crosses the projected triangles as in exact geometry a line crosses a closed surface.
 
+mod line;
+
 use std::cell::Cell;
 use std::sync::{Arc, OnceLock};
 
 use fearless_simd::Simd;
 use glam::DVec3;
 
-use super::bvh::Tree;
+use super::bvh::{Tree, Wide};
 use super::crossing::Ends;
 use super::facets::{Cells, ItemBuffer};
 use super::memo::Memo;
 use super::normals::{Normals, Search};
 use super::rounded::Rounded;
 use super::{Chord, Start};
+use line::Line;
 
 /// Cells of the distance grid along the longest side.
 const CELLS: f64 = 40.0;
@@ -32,6 +35,8 @@ pub struct Mesh {
     corners: Vec<[DVec3; 3]>,
     normals: Vec<DVec3>,
     tree: Tree,
+    /// The same for lines; `None` where it would be too deep for that.
+    wide: Option<Wide>,
     /// Half the size of the bounding box.
     half: DVec3,
     /// Made when first asked for, as is what follows.
@@ -102,16 +107,19 @@ impl Mesh {
         let (low, high) = used.fold(nowhere, |(low, high), &i| (low.min(at(i)), high.max(at(i))));
         let center = 0.5 * (low + high);
         let half = (high - center).max(center - low);
-        let all: Vec<[DVec3; 3]> = triangles.iter().map(|t| t.map(|i| at(i) - center)).collect();
-        let boxes: Vec<_> = all.iter().map(|[a, b, c]| (a.min(*b).min(*c), a.max(*b).max(*c))).collect();
-        let tree = Tree::over(&boxes);
-        let corners: Vec<[DVec3; 3]> = tree.order().iter().map(|&i| all[i as usize]).collect();
+        let corners_of = |triangle: &[u32; 3]| triangle.map(|i| at(i) - center);
+        let around = |[a, b, c]: [DVec3; 3]| (a.min(b).min(c), a.max(b).max(c));
+        let boxes: Vec<_> = triangles.iter().map(|triangle| around(corners_of(triangle))).collect();
+        let (tree, wide) = Tree::with_wide(&boxes);
+        drop(boxes);
+        let corners: Vec<[DVec3; 3]> = tree.order().iter().map(|&i| corners_of(&triangles[i as usize])).collect();
         let normals = corners.iter().map(|[a, b, c]| (b - a).cross(c - a).normalize_or_zero()).collect();
         Self {
             center,
             corners,
             normals,
             tree,
+            wide,
             half,
             grid: OnceLock::new(),
             lies: OnceLock::new(),
@@ -228,7 +236,7 @@ impl Mesh {
         if crossings.is_empty() && start.is_none_or(|s| !s.inside) {
             return;
         }
-        crossings.sort_by(|a, b| a.t.total_cmp(&b.t));
+        crossings.sort_unstable_by(|a, b| a.t.total_cmp(&b.t).then(a.face.cmp(&b.face)));
         // From the inside a ray leaves once more often than it enters. What is far away tells whether anything near is real.
         let mut inside = start.map_or(beyond < 0, |s| s.inside);
         if about > 0 {
@@ -252,16 +260,15 @@ impl Mesh {
     #[inline]
     fn crossings(&self, origin: DVec3, direction: DVec3, from: f64, mut met: impl FnMut(Crossing)) {
         let line = Line::new(origin - self.center, direction, self.half.max_element());
-        self.tree.visit(
-            |low, high| line.may_meet(low, high, from),
-            |places| {
-                for place in places {
-                    if let Some((t, turn)) = line.meets(&self.corners[place]) {
-                        met(Crossing { t, face: place as u32, turn });
-                    }
-                }
-            },
-        );
+        let mut look = |place: usize| {
+            if let Some((t, turn)) = line.meets(&self.corners[place]) {
+                met(Crossing { t, face: place as u32, turn });
+            }
+        };
+        let wide = self.wide.as_ref();
+        if wide.is_none_or(|wide| !wide.visit(line.origin, direction, from, line.slack, &mut look)) {
+            self.tree.visit(|low, high| line.may_meet(low, high, from), |places| places.for_each(&mut look));
+        }
     }
 
     /// Points of its facets at which Snell's law takes light from the far end to the near one; those on an edge may come twice.
@@ -286,6 +293,7 @@ impl Mesh {
         let lies = self.lies.get_or_init(|| {
             self.tree.ranges().into_iter().map(|range| Normals::around(&self.normals[range])).collect()
         });
+        let mut all = Vec::new();
         self.tree.visit_numbered(
             |i, low, high| search.may_be_in(low, high, &lies[i]),
             |places| {
@@ -294,11 +302,17 @@ impl Mesh {
                     if search.may_be_on(corners, normal)
                         && let Some(p) = on(corners, normal)
                     {
-                        found(p + self.center);
+                        all.push(p + self.center);
                     }
                 }
             },
         );
+        // Sums over them are rounded alike whatever the tree.
+        all.sort_unstable_by(|p, q| {
+            let axes = [0, 1, 2].map(|axis| p[axis].total_cmp(&q[axis]));
+            axes[0].then(axes[1]).then(axes[2])
+        });
+        all.into_iter().for_each(found);
     }
 
     /// At most the distance from the surface: exact near it, from the grid elsewhere.
@@ -356,101 +370,6 @@ impl Grid {
         // f32 rounds by 6e-8.
         (distance * (1.0 - 1e-7) - away, distance * (1.0 + 1e-7) + away)
     }
-}
-
-/// A line, with what is needed to project points across it (Woop, Benthin and Wald 2013).
-struct Line {
-    origin: DVec3,
-    /// x, y, z of the projection: z is the axis along which the line runs most, and the three are right-handed.
-    axes: [usize; 3],
-    shear: DVec3,
-    /// One over the direction, never infinite.
-    inverse: DVec3,
-    /// What rounding may move a projected point by.
-    slack: f64,
-}
-
-impl Line {
-    fn new(origin: DVec3, direction: DVec3, size: f64) -> Self {
-        let along = direction.abs();
-        let z = if along.x >= along.y && along.x >= along.z {
-            0
-        } else if along.y >= along.z {
-            1
-        } else {
-            2
-        };
-        let (x, y) = ((z + 1) % 3, (z + 2) % 3);
-        let axes = if direction[z] < 0.0 { [y, x, z] } else { [x, y, z] };
-        let d = direction[z];
-        let shear = DVec3::new(direction[axes[0]] / d, direction[axes[1]] / d, 1.0 / d);
-        let inverse = DVec3::from(direction.to_array().map(|d| 1.0 / if d.abs() < 1e-200 { 1e-200 } else { d }));
-        Self { origin, axes, shear, inverse, slack: 1e-14 * (origin.abs().max_element() + size) }
-    }
-
-    /// Whether the line from `from` on meets a box, or nearly.
-    #[inline]
-    fn may_meet(&self, low: DVec3, high: DVec3, from: f64) -> bool {
-        let a = (low - self.origin - self.slack) * self.inverse;
-        let b = (high - self.origin + self.slack) * self.inverse;
-        let (near, far) = (a.min(b), a.max(b));
-        let leaves = far.min_element();
-        // What the slack is for a box, a little more of it is along the line.
-        near.max_element() <= leaves && leaves >= from - 4.0 * self.slack
-    }
-
-    fn project(&self, p: DVec3) -> (f64, f64, f64) {
-        let p = p - self.origin;
-        let [x, y, z] = self.axes;
-        (p[x] - self.shear.x * p[z], p[y] - self.shear.y * p[z], self.shear.z * p[z])
-    }
-
-    /// Where it crosses a triangle, and whether against its normal (+1) or along it (-1).
-    #[inline]
-    fn meets(&self, [a, b, c]: &[DVec3; 3]) -> Option<(f64, i32)> {
-        let [a, b, c] = [a, b, c].map(|&p| self.project(p));
-        let sign = side(b, c);
-        if sign == 0 || side(c, a) != sign || side(a, b) != sign {
-            return None;
-        }
-        let weights = [area(b, c), area(c, a), area(a, b)];
-        let sum: f64 = weights.iter().sum();
-        let (low, high) = (a.2.min(b.2).min(c.2), a.2.max(b.2).max(c.2));
-        let t = if sum == 0.0 {
-            // Seen on edge: anywhere within it.
-            0.5 * (low + high)
-        } else {
-            ((weights[0] * a.2 + weights[1] * b.2 + weights[2] * c.2) / sum).clamp(low, high)
-        };
-        // Counterclockwise, seen along the line: its normal runs along it.
-        Some((t, -sign))
-    }
-}
-
-/// Twice the area of the triangle of the line, p and q, seen along the line.
-#[inline]
-fn area(p: (f64, f64, f64), q: (f64, f64, f64)) -> f64 {
-    p.0 * q.1 - p.1 * q.0
-}
-
-/// Its exact sign. Products that differ after rounding differ alike before; where they do not, what rounding took away decides.
-#[inline]
-fn side(p: (f64, f64, f64), q: (f64, f64, f64)) -> i32 {
-    let (one, other) = (p.0 * q.1, p.1 * q.0);
-    if one > other {
-        return 1;
-    }
-    if one < other {
-        return -1;
-    }
-    let (lost, other_lost) = (libm::fma(p.0, q.1, -one), libm::fma(p.1, q.0, -other));
-    // The line moved by (e, e^2), where the determinant is 0.
-    let tie = if p.1 == q.1 { sign(q.0 - p.0) } else { sign(p.1 - q.1) };
-    if lost == other_lost { tie } else { sign(lost - other_lost) }
-}
-
-fn sign(x: f64) -> i32 {
-    i32::from(x > 0.0) - i32::from(x < 0.0)
 }
 
 /// The square of the distance of a point from a triangle (Ericson, Real-Time Collision Detection, 5.1.5).

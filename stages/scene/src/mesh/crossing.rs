@@ -46,10 +46,12 @@ pub fn crossings(nearby: &Nearby<'_>) -> Crossings {
 
 fn looked_at(nearby: &Nearby<'_>, most_near: u64) -> Crossings {
     let mut found = Crossings::default();
+    let mut first = (usize::MAX, usize::MAX);
     let all = nearby.pairs(most_near, |i, j| {
         if let Some(point) = crossing(nearby, i, j) {
-            if found.count == 0 {
-                found.first = point;
+            // By the order in the file, not by that of the tree.
+            if (i, j) < first {
+                (first, found.first) = ((i, j), point);
             }
             found.count += 1;
             if found.count == MOST_FOUND {
@@ -145,5 +147,16 @@ mod tests {
         let mesh = Mesh { vertices, triangles };
         assert_eq!(looked_at(&Nearby::of(&mesh), 10_000), Crossings::default());
         assert_eq!(looked_at(&Nearby::of(&mesh), 50).left, Left::TooNear(50));
+    }
+
+    /// Two tetrahedra: of three crossings of the first triangle that with the sixth.
+    #[test]
+    fn the_first_is_that_of_the_file() {
+        let one = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0]];
+        let other = [[0.2, 0.2, -1.0], [0.4, 0.2, -1.0], [0.2, 0.4, -1.0], [0.2, 0.2, 1.0]];
+        let sides = |k: u32| [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]].map(|t: [u32; 3]| t.map(|i| i + k));
+        let mesh = Mesh { vertices: [one, other].concat(), triangles: [sides(0), sides(4)].concat() };
+        let first = first_crossing(&mesh).expect("they share a volume");
+        assert!(first.abs_diff_eq(DVec3::new(0.3, 0.2, 0.0), 1e-15), "{first}");
     }
 }

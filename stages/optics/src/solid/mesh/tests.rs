@@ -1,4 +1,4 @@
-//! Refraction at facets: the tree leaves none out.
+//! Refraction at facets, and lines: the trees leave none out.
 
 use glam::DVec3;
 
@@ -72,5 +72,51 @@ fn no_facet_that_turns_light_is_left_out() {
             }
         }
         assert!(seen > 300 && several > 20, "{name}: {seen} places, {several} pairs with several");
+    }
+}
+
+/// What lines meet in the tree for them is what they meet among all triangles: lines through vertices, along edges and axes, from within, from
+/// near and from 1e4 and 1e10 times as far as the mesh is large, of meshes of 1e-9 to 1e9 mm, about the origin and not.
+#[test]
+fn no_triangle_on_a_line_is_left_out() {
+    let shapes = [
+        ("sphere", shapes::icosphere(1.0, DVec3::ZERO, 4)),
+        ("sphere not about the origin", shapes::icosphere(1.0, DVec3::new(300.0, -70.0, 3.0), 4)),
+        ("block", shapes::block(DVec3::new(-1.0, -0.7, -0.5), DVec3::new(0.8, 0.9, 0.6))),
+        ("needle", shapes::block(DVec3::ZERO, DVec3::new(1e-6, 1e-6, 1.0))),
+        ("ring", shapes::ring(0.4, 1.0, 0.3, 400)),
+    ];
+    for ((name, (vertices, triangles)), scale) in
+        shapes.iter().flat_map(|shape| [(shape, 1.0), (shape, 1e-9), (shape, 1e9)])
+    {
+        let vertices: Vec<_> = vertices.iter().map(|v| v.map(|x| scale * x)).collect();
+        let mesh = Mesh::new(&vertices, triangles);
+        assert!(mesh.wide.is_some(), "{name}");
+        let (mut seen, half) = (0, mesh.half.max_element());
+        for i in 0..1500_u32 {
+            let [u, v, w, _] = philox4x32([i, 2, 0, 0], [5, 6]).map(unit);
+            let [a, b, c] = mesh.corners[(u * mesh.corners.len() as f64) as usize];
+            let target = mesh.center + [a, 0.5 * (a + b), a + v * (b - a), (a + b + c) / 3.0][i as usize % 4];
+            let away = [1.5, 0.1, 1e4, 1e10][(i / 4) as usize % 4] * half;
+            let towards = [
+                cube(i).normalize(),
+                DVec3::AXES[i as usize % 3],
+                -(b - a).normalize(),
+                DVec3::new(1e-9 * w, -1.0, -0.0),
+            ];
+            let direction = towards[(i / 16) as usize % 4].normalize();
+            let origin = target - away * direction;
+            let from = [0.0, -1e-12 * half, away - 1e-3 * half][i as usize % 3];
+            let mut found = Vec::new();
+            mesh.crossings(origin, direction, from, |c| found.push((c.face, c.t)));
+            found.retain(|&(_, t)| t >= from);
+            found.sort_by_key(|&(face, _)| face);
+            let line = Line::new(origin - mesh.center, direction, half);
+            let all = mesh.corners.iter().zip(0..).filter_map(|(corners, face)| Some((face, line.meets(corners)?.0)));
+            let expected: Vec<_> = all.filter(|&(_, t)| t >= from).collect();
+            assert_eq!(found, expected, "{name} {scale}: {origin} {direction} {from}");
+            seen += expected.len();
+        }
+        assert!(seen > 500, "{name}: {seen}");
     }
 }
