@@ -121,6 +121,7 @@ pub fn plan(params: &Params, scene: Option<&Scene>, known: &Known) -> StagePlan 
             }
             (_, Some(Taken::Rte { bound })) => format!("rte, off by {:.2} % of a frame at most", 100.0 * bound),
             (_, Some(Taken::Fit)) => "fit".to_owned(),
+            (_, Some(Taken::Surfaces)) => "fit of smooth surfaces where it holds, path elsewhere".to_owned(),
             (_, Some(Taken::ControlVariates { because })) => {
                 format!(
                     "path, with laterally uniform control variates where a pilot finds that it pays (auto: {because})"
@@ -178,7 +179,10 @@ pub fn plan(params: &Params, scene: Option<&Scene>, known: &Known) -> StagePlan 
     sort(params.orientation_deg.len() > 1, "several orientations");
     sort(patterned, "pattern images");
     sort(params.target_error.is_some(), "error target");
-    sort(params.allocate == Allocate::Adaptive && taken != Some(Taken::Fit), "paths to where the error is");
+    sort(
+        params.allocate == Allocate::Adaptive && !matches!(taken, Some(Taken::Fit | Taken::Surfaces)),
+        "paths to where the error is",
+    );
     let camera = scene.and_then(|s| s.camera.as_ref());
     let projector = scene.and_then(|s| s.projector.as_ref());
     let distorted = camera.is_some_and(|c| c.distortion.is_some()) || projector.is_some_and(|p| p.distortion.is_some());
