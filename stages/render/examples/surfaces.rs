@@ -176,6 +176,25 @@ fn main() {
             let off = mean - truth.values[k][p];
             (off * off - truth.variances[k][p]) / variance - 1.0 / fits.len() as f64
         });
+        if std::env::var("MAP").is_ok() {
+            for row in 0..pixels as usize {
+                let at = |c: usize| {
+                    let p = row * pixels as usize + c;
+                    if !places.contains(&p) {
+                        return "  .".to_owned();
+                    }
+                    let z = fits
+                        .iter()
+                        .map(|f| {
+                            (f.values[k][p] - truth.values[k][p]) / (f.variances[k][p] + truth.variances[k][p]).sqrt()
+                        })
+                        .sum::<f64>()
+                        / fits.len() as f64;
+                    format!("{:3.0}", 10.0 * z)
+                };
+                println!("{}", (0..pixels as usize).map(at).collect::<String>());
+            }
+        }
         let bias = bias.sum::<f64>() / places.len() as f64;
         println!(
             "  {what}: {} px; error % fit {:.2} (stated {:.2}), path {:.2}; s to 1 %: fit {:.2}, path {:.1}; z mean {:+.2} sd {:.2} worst {:.1}; off^2 / fit's var {:.2}, bias^2 {:+.2}",

@@ -183,7 +183,7 @@ mod tests {
         let points: Vec<DVec3> = (-10..=10).map(|k| at(f64::from(k) * 0.15)).collect();
         let places = Places::of(&ball, 0, &points, &points, 50.0 * DVec3::Z, &pixels[..21]);
         let steps: Vec<f64> = places.at.windows(2).map(|w| (w[1][0] - w[0][0]).hypot(w[1][1] - w[0][1])).collect();
-        // 2 sin(angle / 2): at the rim its steps are those of the middle times cos(45 deg) = 0.71.
-        assert!((steps[19] / steps[10] - 0.71).abs() < 0.04, "{steps:?}");
+        // From the middle it is 2 sin(angle / 2): near the rim, at 1.425 rad, steps are those of the middle times cos(angle / 2).
+        assert!((steps[19] / steps[10] - 0.7125_f64.cos() / 0.075_f64.cos()).abs() < 0.01, "{steps:?}");
     }
 }

@@ -18,6 +18,9 @@ pub const LEAST_PIXELS: usize = 64;
 const LEAST_TURN: f64 = 0.9;
 /// The least cosine between normal and light: below, what falls on a pixel's centre says little of what falls on it.
 const LEAST_COSINE: f64 = 5e-3;
+/// How deep something else is looked for below a surface: in 1 / mu_eff, and in mean free paths of transport at most.
+const DEEP: f64 = 3.0;
+const MOST_DEEP: f64 = 10.0;
 /// A shadow ray starts this far off the surface (of its length): rounding.
 const OFF: f64 = 1e-7;
 
@@ -51,6 +54,23 @@ impl Region {
         1 + 2 * self.carriers
     }
 
+    /// With pixels of even light at `cells`, an edge on their left.
+    #[cfg(test)]
+    pub fn known(chart: Chart, cells: Vec<[usize; 2]>, places: Vec<[f64; 2]>, carriers: usize) -> Self {
+        let n = cells.len();
+        Self {
+            name: "known".to_owned(),
+            chart,
+            pixels: (0..n as u32).collect(),
+            places,
+            rings: cells.iter().map(|c| c[0] as u32).collect(),
+            cells,
+            gains: vec![1.0; n],
+            phases: vec![(0.0, 1.0); n * carriers],
+            carriers,
+        }
+    }
+
     pub fn guide(&self, i: usize) -> Guide<'_> {
         Guide { gain: self.gains[i], phases: &self.phases[i * self.carriers..][..self.carriers] }
     }
@@ -65,12 +85,14 @@ struct Seen {
     interface: Interface,
 }
 
-/// Rays with one of these look at one surface: what fills it, whose boundary it is, which of its faces.
+/// Rays with one of these look at one surface: what fills it, whose boundary it is, which of its faces, and the material behind what fills it, where light from
+/// there still shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Key {
     body: usize,
     boundary: usize,
     face: u32,
+    below: Option<usize>,
 }
 
 /// All regions of an image, by their first pixels.
@@ -137,7 +159,8 @@ fn seen_at(rig: &Rig, place: (usize, f64, f64), chords: &mut Chords) -> Option<S
     let material = &world.materials[world.bodies[hit.body].material];
     (is_diffuse(material) && is_lit(rig, hit.r, hit.normal, chords)).then(|| {
         let face = if is_mesh(&world.bodies[hit.interface.body].solid) { 0 } else { hit.interface.face };
-        let key = Key { body: hit.body, boundary: hit.interface.body, face };
+        let below = below(world, material, hit.r, hit.normal, chords);
+        let key = Key { body: hit.body, boundary: hit.interface.body, face, below };
         Seen { key, r: hit.r, normal: hit.normal, interface: hit.interface }
     })
 }
@@ -150,6 +173,20 @@ fn is_diffuse(material: &Material) -> bool {
         Bsdf::Rough(_) => material.mu_s > 0.0 && material.n == 1.0,
         Bsdf::Textured(_) | Bsdf::Mirror => false,
     }
+}
+
+/// The material behind the one at a surface, down its normal, as deep as light comes back from.
+fn below(world: &World, material: &Material, r: DVec3, normal: DVec3, chords: &mut Chords) -> Option<usize> {
+    if material.is_opaque() {
+        return None;
+    }
+    let reduced = material.mu_a + material.mu_s * (1.0 - material.g);
+    // Light from a depth d comes back like exp(-2 mu_eff d).
+    let mu_eff = (3.0 * material.mu_a * reduced).sqrt();
+    let deep = (DEEP / mu_eff).min(MOST_DEEP / reduced);
+    let own = world.materials.iter().position(|m| m == material);
+    let mut segments = world.trace(r - OFF * deep * normal, -normal, None, chords);
+    segments.find(|segment| Some(segment.material) != own).filter(|s| s.start < deep).map(|s| s.material)
 }
 
 fn is_mesh(solid: &Solid) -> bool {

@@ -2,19 +2,21 @@
 //!
 //! `docs/theory/render.md`, "Fit".
 
+use std::collections::BTreeSet;
+
 use crate::blocks::Blocks;
 use crate::orthonormal::Orthonormal;
 use crate::reduced::Reduced;
 use crate::regions::{LEAST_PIXELS, Region};
 use crate::variance_model::weights;
 
-/// The highest order that is tried; there are [`PER_TERM`] pixels for each function.
-const MOST_ORDER: usize = 9;
+/// The most functions that are tried; there are [`PER_TERM`] pixels for each.
+const MOST_TERMS: usize = 144;
 const PER_TERM: usize = 6;
-/// An order is needed if its terms are larger than their noise by this many standard deviations of the noise's square.
-const SIGNIFICANT: f64 = 3.0;
 /// A block whose mean residual exceeds its standard error by this is not fitted. Of a thousand blocks of noise less than one in ten does.
 const MOST_SCORE: f64 = 4.0;
+/// The same of a whole ring along the edge, where misfits are to be expected.
+const MOST_SCORE_OF_RING: f64 = 2.5;
 /// In one go only blocks that are off by at least this part of the worst are given up: they pull at their neighbours.
 const WORST: f64 = 0.5;
 /// Rounds in which blocks are given up; what has misfits after that, or less than [`LEAST_PART`] of its pixels left, is not smooth.
@@ -41,12 +43,21 @@ pub struct Smooth {
     pub fitted: Vec<bool>,
     /// `[response][response][term][term]`.
     errors: Vec<f64>,
-    /// Variance of what is left of each reduced response in a block beyond noise, and the pixels of a block.
-    misfit: Vec<f64>,
-    block: f64,
+    /// What is left over all tiles, and over each ring along the edge.
+    misfits: Vec<Misfit>,
     /// `[pixel][response]` and `[pixel][response][response]`; zeros where it is not fitted.
     values: Vec<f64>,
     covariances: Vec<f64>,
+}
+
+/// What is left of reduced responses in blocks beyond noise.
+struct Misfit {
+    /// Of a ring: its number; everywhere in the region if there is none.
+    ring: Option<u32>,
+    /// Mean square of each response.
+    variances: Vec<f64>,
+    /// Pixels that share one.
+    pixels: f64,
 }
 
 /// A fit to the active pixels.
@@ -55,7 +66,7 @@ struct Trial {
     top: usize,
     /// `[term][response]`.
     coefficients: Vec<f64>,
-    /// Highest order that is needed.
+    /// The order by which the expected error is least.
     needed: usize,
 }
 
@@ -108,7 +119,7 @@ impl Smooth {
             self.functions(region, i, &mut b, &mut phi);
             for (a, w) in weights(i) {
                 sums[a * self.terms..][..self.terms].iter_mut().zip(&phi).for_each(|(sum, p)| *sum += w * p);
-                alone += w * w * self.misfit[a] * self.block;
+                alone += w * w * self.misfits(region, i).map(|m| m.variances[a] * m.pixels).sum::<f64>();
             }
         }
         let m = self.terms;
@@ -121,6 +132,12 @@ impl Smooth {
         let order = if self.terms > region.chart.terms(self.order) { self.order + 1 } else { self.order };
         region.chart.basis(region.places[i], order, b);
         self.phi.at(b, phi);
+    }
+
+    /// Those that a pixel has a part in.
+    fn misfits(&self, region: &Region, i: usize) -> impl Iterator<Item = &Misfit> {
+        let ring = region.rings[i];
+        self.misfits.iter().filter(move |misfit| misfit.ring.is_none_or(|r| r == ring))
     }
 
     /// Covariance of two sums of weight x coefficient.
@@ -156,7 +173,8 @@ impl Fit<'_> {
     fn trial(&self, active: &[bool]) -> Option<Trial> {
         let (chart, q) = (self.region.chart, self.reduced.q);
         let count = self.some(active).count();
-        let top = (2..=MOST_ORDER).take_while(|&order| PER_TERM * chart.terms(order) <= count).last()?;
+        let most = MOST_TERMS.min(count / PER_TERM);
+        let top = (2..).take_while(|&order| chart.terms(order) <= most).last()?;
         let m = chart.terms(top);
         let (mut b, mut gram) = (Vec::new(), vec![0.0; m * m]);
         for i in self.some(active) {
@@ -180,13 +198,20 @@ impl Fit<'_> {
                 }
             }
         }
-        let needed = (1..=top).rev().find(|&order| {
-            let terms = || (chart.terms(order - 1)..chart.terms(order)).filter(|&k| phi.is_new(k));
-            groups(q).any(|group| {
-                let (excess, count) = excess(terms(), &group, &coefficients, &variances, q);
-                excess > SIGNIFICANT * (2.0 * count).sqrt()
-            })
+        let needed = groups(q).map(|group| {
+            let terms = |order: usize| (chart.terms(order - 1)..chart.terms(order)).filter(|&k| phi.is_new(k));
+            let gain = |order: usize| {
+                let (excess, count) = excess(terms(order), &group, &coefficients, &variances, q);
+                excess - count
+            };
+            // Mallows: the squares that an order takes away, less twice the noise that it brings.
+            let gains = (1..=top).scan(0.0, |sum, order| {
+                *sum += gain(order);
+                Some((*sum, order))
+            });
+            gains.fold((0.0, 0), |best, this| if this.0 > best.0 { this } else { best }).1
         });
+        let needed = needed.max();
         Some(Trial { phi, top, coefficients, needed: needed.unwrap_or(0) })
     }
 
@@ -201,10 +226,23 @@ impl Fit<'_> {
             let scores = self.scores(trial, order, block, &residuals, &scale);
             scores.into_iter().map(of).filter(|z| z.is_finite()).fold(0.0, f64::max)
         };
-        let scores: Vec<(f64, &Vec<usize>)> = blocks.all().map(|block| (score(block), block)).collect();
-        let most = scores.iter().map(|s| s.0).fold(0.0, f64::max);
-        let given_up = |z: f64| z > MOST_SCORE.max(WORST * most);
-        scores.into_iter().filter(|s| given_up(s.0)).map(|s| s.1.clone()).collect()
+        let squares = blocks.tiles.iter().chain(&blocks.larger).map(|block| (score(block) / MOST_SCORE, block, true));
+        let rings = blocks.rings.iter().map(|(_, block)| (score(block) / MOST_SCORE_OF_RING, block, false));
+        let scores: Vec<(f64, &Vec<usize>, bool)> = squares.chain(rings).collect();
+        let most = scores.iter().map(|s| s.0).fold(1.0, f64::max);
+        let worst = scores.into_iter().filter(|s| s.0 > (WORST * most).max(1.0));
+        worst.map(|(_, block, square)| if square { self.with_border(block, active) } else { block.clone() }).collect()
+    }
+
+    /// A block and the active pixels that touch it: what is off does not end where a tile does.
+    fn with_border(&self, block: &[usize], active: &[bool]) -> Vec<usize> {
+        let cells: BTreeSet<[usize; 2]> = block.iter().map(|&i| self.region.cells[i]).collect();
+        let touches = |i: &usize| {
+            let [column, row] = self.region.cells[*i];
+            let around = |at: usize| at.saturating_sub(1)..=at + 1;
+            around(column).any(|c| around(row).any(|r| cells.contains(&[c, r])))
+        };
+        self.some(active).filter(touches).collect()
     }
 
     /// Value less fit, `[pixel][response]`.
@@ -262,23 +300,14 @@ impl Fit<'_> {
         let (chart, q) = (self.region.chart, self.reduced.q);
         let blocks = Blocks::of(self.region, &active, TILES_PER_TERM * chart.terms(order));
         let (residuals, scale) = (self.residuals(&trial, order, &active), self.scale(&active));
-        let tiles = blocks.tiles.iter();
-        let scores: Vec<Vec<Score>> = tiles.map(|tile| self.scores(&trial, order, tile, &residuals, &scale)).collect();
-        let mut misfit = vec![0.0; q];
-        for group in groups(q) {
-            let of = || scores.iter().flat_map(|scores| group.clone().map(move |a| &scores[a]));
-            let (squares, noise) = (of().map(|s| s.mean * s.mean), of().map(|s| s.sampled));
-            let weighted = |values: &mut dyn Iterator<Item = f64>| -> f64 {
-                values.zip(of()).map(|(value, s)| s.weight * value).sum()
-            };
-            let (squares, noise) = (weighted(&mut squares.into_iter()), weighted(&mut noise.into_iter()));
-            if squares > MOST_CHI2 * noise && noise > 0.0 {
-                return None;
-            }
-            let weight: f64 = of().map(|s| s.weight).sum();
-            let excess = if weight > 0.0 { ((squares - noise) / weight).max(0.0) } else { 0.0 };
-            group.for_each(|a| misfit[a] = excess);
+        let scores = |block: &Vec<usize>| self.scores(&trial, order, block, &residuals, &scale);
+        let (everywhere, chi2) = left(q, None, blocks.whole as f64, blocks.tiles.iter().map(scores).collect());
+        if chi2 > MOST_CHI2 {
+            return None;
         }
+        let rings =
+            blocks.rings.iter().map(|(ring, pixels)| left(q, Some(*ring), pixels.len() as f64, vec![scores(pixels)]).0);
+        let misfits = std::iter::once(everywhere).chain(rings).collect();
         let chi2 = self.chi2(&residuals, &active, chart.terms(order));
         let next = order < trial.top;
         let terms = chart.terms(if next { order + 1 } else { order });
@@ -291,8 +320,7 @@ impl Fit<'_> {
             chi2,
             fitted: active,
             errors,
-            misfit,
-            block: blocks.whole as f64,
+            misfits,
             values: vec![0.0; self.region.len() * q],
             covariances: vec![0.0; self.region.len() * q * q],
         };
@@ -366,14 +394,30 @@ impl Fit<'_> {
             for a in 0..q {
                 smooth.values[i * q + a] = (0..inside).map(|k| phi[k] * coefficients[k * q + a]).sum();
                 for other in a..q {
-                    let own = if a == other { smooth.misfit[a] } else { 0.0 };
-                    let covariance = smooth.between(a, other, &phi, &phi) + own;
+                    let own = smooth.misfits(self.region, i).map(|m| if a == other { m.variances[a] } else { 0.0 });
+                    let covariance = smooth.between(a, other, &phi, &phi) + own.sum::<f64>();
                     smooth.covariances[(i * q + a) * q + other] = covariance;
                     smooth.covariances[(i * q + other) * q + a] = covariance;
                 }
             }
         }
     }
+}
+
+/// By how much squares of mean residuals exceed their noise, of the `scores` of blocks of so many pixels; and the largest mean square of scores of any response.
+fn left(q: usize, ring: Option<u32>, pixels: f64, scores: Vec<Vec<Score>>) -> (Misfit, f64) {
+    let (mut variances, mut chi2) = (vec![0.0; q], 0.0_f64);
+    for group in groups(q).filter(|_| !scores.is_empty()) {
+        let of = || scores.iter().flat_map(|scores| group.clone().map(move |a| &scores[a]));
+        let weight: f64 = of().map(|s| s.weight).sum();
+        let squares = of().map(|s| s.weight * s.mean * s.mean).sum::<f64>() / weight;
+        let noise = of().map(|s| s.weight * s.sampled).sum::<f64>() / weight;
+        if noise > 0.0 {
+            chi2 = chi2.max(squares / noise);
+        }
+        group.for_each(|a| variances[a] = (squares - noise).max(0.0));
+    }
+    (Misfit { ring, variances, pixels }, chi2)
 }
 
 /// Responses that are alike: that to 1; re and im of each carrier.
