@@ -15,10 +15,19 @@ pub struct Blocks {
     pub tiles: Vec<Vec<usize>>,
     /// Pixels of a whole tile.
     pub whole: usize,
-    /// Squares of squares, and quarters of rings along the edges.
+    /// Squares of tiles.
     pub larger: Vec<Vec<usize>>,
-    /// Whole rings, by their numbers.
-    pub rings: Vec<(u32, Vec<usize>)>,
+    /// Rings along the edges, whole and by quarters of the image.
+    pub rings: Vec<Ring>,
+    pub quarters: Vec<Ring>,
+}
+
+/// Pixels at one distance from the edge.
+pub struct Ring {
+    pub number: u32,
+    pub pixels: Vec<usize>,
+    /// These and all nearer to the edge.
+    pub outside: Vec<usize>,
 }
 
 impl Blocks {
@@ -34,15 +43,25 @@ impl Blocks {
         };
         let middle = [0, 1].map(|k| some().map(|i| region.cells[i][k] as f64).sum::<f64>() / pixels as f64);
         let quarter = |i: usize| [0, 1].map(|k| region.cells[i][k] as f64 > middle[k]);
-        let near = || some().filter(|&i| region.rings[i] < RINGS);
-        let quarters = by_key(near().map(|i| ((region.rings[i], quarter(i)), i))).into_iter().map(|(_, ring)| ring);
         Self {
             tiles: squares(side).collect(),
             whole: side * side,
-            larger: squares(2 * side).chain(squares(4 * side)).chain(quarters).filter(|b| b.len() >= LEAST).collect(),
-            rings: by_key(near().map(|i| (region.rings[i], i))).into_iter().filter(|(_, r)| r.len() >= LEAST).collect(),
+            larger: squares(2 * side).chain(squares(4 * side)).filter(|b| b.len() >= LEAST).collect(),
+            rings: rings(region, some().collect()),
+            quarters: by_key(some().map(|i| (quarter(i), i))).into_iter().flat_map(|(_, q)| rings(region, q)).collect(),
         }
     }
+}
+
+/// Those of some pixels.
+fn rings(region: &Region, pixels: Vec<usize>) -> Vec<Ring> {
+    let near = |number: u32| pixels.iter().copied().filter(move |&i| region.rings[i] <= number);
+    let of = |number: u32| {
+        let outside: Vec<usize> = near(number).collect();
+        let pixels = outside.iter().copied().filter(|&i| region.rings[i] == number).collect();
+        Ring { number, pixels, outside }
+    };
+    (0..RINGS).map(of).filter(|ring| ring.pixels.len() >= LEAST).collect()
 }
 
 /// Groups of one key each, by key.

@@ -119,7 +119,7 @@ fn walk(
         rig,
         projected,
         pixels: &pixels,
-        controls: controls,
+        controls,
         salt: 0,
         kept: false,
         first_test: u32::MAX,

@@ -294,3 +294,6 @@ fn step_of(world: &World, body: usize) -> f64 {
     let material = &world.materials[world.bodies[body].material];
     if material.is_opaque() { 0.0 } else { 1.0 / (material.mu_a + material.mu_s * (1.0 - material.g)) }
 }
+
+#[cfg(test)]
+mod tests;

@@ -10,9 +10,9 @@ use crate::reduced::Reduced;
 use crate::regions::{LEAST_PIXELS, Region};
 use crate::variance_model::weights;
 
-/// The most functions that are tried; there are [`PER_TERM`] pixels for each.
-const MOST_TERMS: usize = 144;
-const PER_TERM: usize = 6;
+/// So many functions are tried, and more where that is not enough; there are [`PER_TERM`] pixels for each.
+const TERMS: [usize; 3] = [36, 66, 144];
+const PER_TERM: usize = 4;
 /// A block whose mean residual exceeds its standard error by this is not fitted. Of a thousand blocks of noise less than one in ten does.
 const MOST_SCORE: f64 = 4.0;
 /// The same of a whole ring along the edge, where misfits are to be expected.
@@ -90,8 +90,10 @@ impl Smooth {
             if count < LEAST_PIXELS || (count as f64) < LEAST_PART * region.len() as f64 {
                 return None;
             }
-            let trial = fit.trial(&active)?;
-            let order = trial.order()?;
+            let (trial, order) = TERMS.into_iter().find_map(|most| {
+                let trial = fit.trial(&active, most.min(count / PER_TERM))?;
+                trial.order().map(|order| (trial, order))
+            })?;
             let worst = fit.worst_blocks(&trial, order, &active);
             if worst.is_empty() {
                 return fit.end(trial, order, active, inflation);
@@ -129,8 +131,7 @@ impl Smooth {
     }
 
     fn functions(&self, region: &Region, i: usize, b: &mut Vec<f64>, phi: &mut Vec<f64>) {
-        let order = if self.terms > region.chart.terms(self.order) { self.order + 1 } else { self.order };
-        region.chart.basis(region.places[i], order, b);
+        region.chart.basis(region.places[i], self.order + 1, b);
         self.phi.at(b, phi);
     }
 
@@ -150,9 +151,10 @@ impl Smooth {
 }
 
 impl Trial {
-    /// One more than is needed, so that what is left out is less than the noise; `None` where the highest that there is would not do.
+    /// One more than is needed, so that what is left out is less than the noise; `None` where there is none beyond to tell.
     fn order(&self) -> Option<usize> {
-        (self.needed < self.top).then(|| (self.needed + 1).max(2))
+        let order = (self.needed + 1).max(2);
+        (order < self.top).then_some(order)
     }
 }
 
@@ -169,11 +171,9 @@ impl Fit<'_> {
         (0..self.region.len()).filter(|&i| active[i])
     }
 
-    /// Least squares of all orders that the pixels hold.
-    fn trial(&self, active: &[bool]) -> Option<Trial> {
+    /// Least squares of all orders up to `most` functions.
+    fn trial(&self, active: &[bool], most: usize) -> Option<Trial> {
         let (chart, q) = (self.region.chart, self.reduced.q);
-        let count = self.some(active).count();
-        let most = MOST_TERMS.min(count / PER_TERM);
         let top = (2..).take_while(|&order| chart.terms(order) <= most).last()?;
         let m = chart.terms(top);
         let (mut b, mut gram) = (Vec::new(), vec![0.0; m * m]);
@@ -226,12 +226,14 @@ impl Fit<'_> {
             let scores = self.scores(trial, order, block, &residuals, &scale);
             scores.into_iter().map(of).filter(|z| z.is_finite()).fold(0.0, f64::max)
         };
-        let squares = blocks.tiles.iter().chain(&blocks.larger).map(|block| (score(block) / MOST_SCORE, block, true));
-        let rings = blocks.rings.iter().map(|(_, block)| (score(block) / MOST_SCORE_OF_RING, block, false));
-        let scores: Vec<(f64, &Vec<usize>, bool)> = squares.chain(rings).collect();
+        let squares = blocks.tiles.iter().chain(&blocks.larger).map(|block| (score(block) / MOST_SCORE, block, false));
+        // What is off at the edge is so up to there.
+        let quarters = blocks.quarters.iter().map(|ring| (score(&ring.pixels) / MOST_SCORE, &ring.outside, true));
+        let rings = blocks.rings.iter().map(|ring| (score(&ring.pixels) / MOST_SCORE_OF_RING, &ring.outside, true));
+        let scores: Vec<(f64, &Vec<usize>, bool)> = squares.chain(quarters).chain(rings).collect();
         let most = scores.iter().map(|s| s.0).fold(1.0, f64::max);
         let worst = scores.into_iter().filter(|s| s.0 > (WORST * most).max(1.0));
-        worst.map(|(_, block, square)| if square { self.with_border(block, active) } else { block.clone() }).collect()
+        worst.map(|(_, block, edge)| if edge { block.clone() } else { self.with_border(block, active) }).collect()
     }
 
     /// A block and the active pixels that touch it: what is off does not end where a tile does.
@@ -305,12 +307,13 @@ impl Fit<'_> {
         if chi2 > MOST_CHI2 {
             return None;
         }
-        let rings =
-            blocks.rings.iter().map(|(ring, pixels)| left(q, Some(*ring), pixels.len() as f64, vec![scores(pixels)]).0);
+        let rings = blocks
+            .rings
+            .iter()
+            .map(|ring| left(q, Some(ring.number), ring.pixels.len() as f64, vec![scores(&ring.pixels)]).0);
         let misfits = std::iter::once(everywhere).chain(rings).collect();
         let chi2 = self.chi2(&residuals, &active, chart.terms(order));
-        let next = order < trial.top;
-        let terms = chart.terms(if next { order + 1 } else { order });
+        let terms = chart.terms(order + 1);
         let errors = self.errors(&trial, order, terms, &active, inflation * inflation);
         let mut smooth = Smooth {
             q,
@@ -346,7 +349,7 @@ impl Fit<'_> {
         let mut errors = vec![0.0; q * q * terms * terms];
         let (mut b, mut phi) = (Vec::new(), Vec::new());
         for i in self.some(active) {
-            chart.basis(self.region.places[i], if terms > inside { order + 1 } else { order }, &mut b);
+            chart.basis(self.region.places[i], order + 1, &mut b);
             trial.phi.at(&b, &mut phi);
             let square = self.weights[i] * self.weights[i];
             for (ab, &covariance) in self.reduced.covariances(i).iter().enumerate().filter(|(ab, _)| ab / q <= ab % q) {
