@@ -8,10 +8,14 @@ use std::collections::BTreeMap;
 use serde_json::json;
 use turbid_contract::kit::Inputs;
 use turbid_contract::payload::{
-    Camera, Medium, Object, Profile, Projection, Projector, Scene, Shape, Specular, Surface,
+    Camera, Medium, Mesh, Object, Profile, Projection, Projector, Scene, Shape, Specular, Surface,
 };
 use turbid_contract::{Artifact, Ctx, ImageStack, LayerKind, MemoryHost, StageRow};
 use turbid_render::RenderStage;
+
+#[allow(dead_code, reason = "other tests use the rest")]
+#[path = "../../optics/tests/shapes/mod.rs"]
+mod shapes;
 
 fn medium(a_rho: f64, s_rho: f64) -> Medium {
     Medium { mu_a: vec![a_rho / 1000.0], mu_s: vec![s_rho / 1000.0], g: 0.8, n: 1.0 }
@@ -45,7 +49,10 @@ fn scene(name: &str, pixels: u32) -> Scene {
             [110.0, 20.0],
             [0.0, 100.0, 20.0],
         ),
-        _ => panic!("dome, polyp, ball, sunk or tube"),
+        "relief" => (vec![object(relief(80, 80.0), "scc", 0)], [500.0, 64.0], [35.0, 500.0, 256.0]),
+        "facets" => (vec![object(facets(), "scc", 0)], [500.0, 48.0], [35.0, 500.0, 256.0]),
+        "refracting" => (vec![spheroid([60.0; 3], [0.0; 3])], [500.0, 64.0], [35.0, 500.0, 256.0]),
+        _ => panic!("dome, polyp, ball, sunk, relief, facets, refracting or tube"),
     };
     let camera = Camera {
         position: [0.0, 0.0, camera_z],
@@ -68,7 +75,10 @@ fn scene(name: &str, pixels: u32) -> Scene {
         pixels: None,
         distortion: None,
     };
-    let media = [("healthy", medium(25.0, 4236.0)), ("scc", medium(96.0, 3721.0))];
+    let mut media = [("healthy", medium(25.0, 4236.0)), ("scc", medium(96.0, 3721.0))];
+    if name == "refracting" {
+        media[1].1.n = 1.4;
+    }
     Scene {
         wavelengths_nm: Vec::new(),
         media: media.into_iter().map(|(name, m)| (name.to_owned(), m)).collect(),
@@ -78,6 +88,43 @@ fn scene(name: &str, pixels: u32) -> Scene {
         lights: BTreeMap::new(),
         detectors: BTreeMap::new(),
     }
+}
+
+/// A block whose upper side waves by +-1.5 mm over 30 mm, of n x n squares.
+fn relief(n: usize, side: f64) -> Shape {
+    let at = |i: usize| side * (i as f64 / n as f64 - 0.5);
+    let wave = std::f64::consts::TAU / 30.0;
+    let mut vertices = Vec::new();
+    for level in [0, 1] {
+        for (j, i) in (0..=n).flat_map(|j| (0..=n).map(move |i| (j, i))) {
+            let top = 1.5 * (wave * at(i)).sin() * (wave * at(j)).cos();
+            vertices.push([at(i), at(j), if level == 0 { top } else { -40.0 }]);
+        }
+    }
+    let vertex = |level: usize, i: usize, j: usize| (level * (n + 1) * (n + 1) + j * (n + 1) + i) as u32;
+    let mut triangles = Vec::new();
+    let mut square = |[a, b, c, d]: [u32; 4]| triangles.extend([[a, b, c], [a, c, d]]);
+    for (j, i) in (0..n).flat_map(|j| (0..n).map(move |i| (j, i))) {
+        let of = |level| {
+            [vertex(level, i, j), vertex(level, i + 1, j), vertex(level, i + 1, j + 1), vertex(level, i, j + 1)]
+        };
+        square(of(0));
+        let [a, b, c, d] = of(1);
+        square([d, c, b, a]);
+    }
+    for i in 0..n {
+        square([vertex(1, i, 0), vertex(1, i + 1, 0), vertex(0, i + 1, 0), vertex(0, i, 0)]);
+        square([vertex(0, i, n), vertex(0, i + 1, n), vertex(1, i + 1, n), vertex(1, i, n)]);
+        square([vertex(0, 0, i), vertex(0, 0, i + 1), vertex(1, 0, i + 1), vertex(1, 0, i)]);
+        square([vertex(1, n, i), vertex(1, n, i + 1), vertex(0, n, i + 1), vertex(0, n, i)]);
+    }
+    Shape::Mesh(Mesh { vertices, triangles }.into())
+}
+
+/// A ball of 40 mm of 5120 facets.
+fn facets() -> Shape {
+    let (vertices, triangles) = shapes::icosphere(20.0, [0.0; 3].into(), 4);
+    Shape::Mesh(Mesh { vertices, triangles }.into())
 }
 
 /// M_DC and M_AC of every pixel with their variances.
@@ -133,7 +180,7 @@ fn main() {
     let scene = scene(&name, pixels);
     let truth = render(&scene, "path", long, 9999);
     let fits: Vec<Image> = (0..seeds).map(|seed| render(&scene, "fit", samples, seed)).collect();
-    let paths: Vec<Image> = (0..seeds.min(4)).map(|seed| render(&scene, "path", samples, seed)).collect();
+    let paths: Vec<Image> = (0..seeds).map(|seed| render(&scene, "path", samples, seed)).collect();
     println!("{name}: {pixels} x {pixels}, {samples} paths, {seeds} seeds, reference {long}; {:?}", fits[0].measures);
     let mut orders = BTreeMap::<String, Vec<f64>>::new();
     for fit in &fits {
@@ -146,59 +193,42 @@ fn main() {
     println!("  CPU s: fit {:.2}, path {:.2}", seconds(&fits), seconds(&paths));
     for (k, what) in ["M_DC", "M_AC"].into_iter().enumerate() {
         // A pixel that is fitted has another value than by paths.
-        let fitted = |p: usize| fits.iter().zip(&paths).any(|(fit, path)| fit.values[k][p] != path.values[k][p]);
-        let places: Vec<usize> = (0..truth.values[k].len()).filter(|&p| fitted(p)).collect();
+        let fitted = |seed: usize, p: usize| fits[seed].values[k][p] != paths[seed].values[k][p];
+        let places: Vec<(usize, usize)> = (0..fits.len())
+            .flat_map(|seed| (0..truth.values[k].len()).map(move |p| (seed, p)))
+            .filter(|&(seed, p)| fitted(seed, p))
+            .collect();
+        let count = places.len() as f64;
         let rms = |images: &[Image]| {
-            let squares = images.iter().flat_map(|image| {
-                places.iter().map(|&p| {
-                    let off = image.values[k][p] - truth.values[k][p];
-                    (off * off - truth.variances[k][p]) / truth.values[k][p].powi(2)
-                })
+            let squares = places.iter().map(|&(seed, p)| {
+                let off = images[seed].values[k][p] - truth.values[k][p];
+                (off * off - truth.variances[k][p]) / truth.values[k][p].powi(2)
             });
-            (squares.sum::<f64>() / (images.len() * places.len()) as f64).max(0.0).sqrt()
+            (squares.sum::<f64>() / count).max(0.0).sqrt()
         };
         let (by_fit, by_path) = (rms(&fits), rms(&paths));
-        let (mut sum, mut squares, mut worst, mut stated, mut count) = (0.0, 0.0, 0.0_f64, 0.0, 0.0);
-        let mut own = 0.0;
-        for fit in &fits {
-            for &p in &places {
-                let off = fit.values[k][p] - truth.values[k][p];
-                let z = off / (fit.variances[k][p] + truth.variances[k][p]).sqrt();
-                (sum, squares, worst, count) = (sum + z, squares + z * z, worst.max(z.abs()), count + 1.0);
-                own += (off * off - truth.variances[k][p]) / fit.variances[k][p];
-                stated += fit.variances[k][p] / truth.values[k][p].powi(2);
-            }
+        let (mut sum, mut squares, mut worst, mut stated, mut own) = (0.0, 0.0, 0.0_f64, 0.0, 0.0);
+        for &(seed, p) in &places {
+            let (off, variance) = (fits[seed].values[k][p] - truth.values[k][p], fits[seed].variances[k][p]);
+            let z = off / (variance + truth.variances[k][p]).sqrt();
+            (sum, squares, worst) = (sum + z, squares + z * z, worst.max(z.abs()));
+            own += (off * off - truth.variances[k][p]) / variance;
+            stated += variance / truth.values[k][p].powi(2);
         }
-        // Of the mean over seeds: what does not average out.
-        let bias = places.iter().map(|&p| {
-            let mean = fits.iter().map(|f| f.values[k][p]).sum::<f64>() / fits.len() as f64;
-            let variance = fits.iter().map(|f| f.variances[k][p]).sum::<f64>() / fits.len() as f64;
+        // Of the mean over seeds, for pixels that all of them fit: what does not average out.
+        let n = fits.len() as f64;
+        let always: Vec<usize> =
+            (0..truth.values[k].len()).filter(|&p| (0..fits.len()).all(|seed| fitted(seed, p))).collect();
+        let bias = always.iter().map(|&p| {
+            let mean = fits.iter().map(|f| f.values[k][p]).sum::<f64>() / n;
             let off = mean - truth.values[k][p];
-            (off * off - truth.variances[k][p]) / variance - 1.0 / fits.len() as f64
+            let variance = fits.iter().map(|f| f.variances[k][p]).sum::<f64>() / n;
+            (off * off - truth.variances[k][p]) / variance - 1.0 / n
         });
-        if std::env::var("MAP").is_ok() {
-            for row in 0..pixels as usize {
-                let at = |c: usize| {
-                    let p = row * pixels as usize + c;
-                    if !places.contains(&p) {
-                        return "  .".to_owned();
-                    }
-                    let z = fits
-                        .iter()
-                        .map(|f| {
-                            (f.values[k][p] - truth.values[k][p]) / (f.variances[k][p] + truth.variances[k][p]).sqrt()
-                        })
-                        .sum::<f64>()
-                        / fits.len() as f64;
-                    format!("{:3.0}", 10.0 * z)
-                };
-                println!("{}", (0..pixels as usize).map(at).collect::<String>());
-            }
-        }
-        let bias = bias.sum::<f64>() / places.len() as f64;
+        let bias = bias.sum::<f64>() / always.len() as f64;
         println!(
-            "  {what}: {} px; error % fit {:.2} (stated {:.2}), path {:.2}; s to 1 %: fit {:.2}, path {:.1}; z mean {:+.2} sd {:.2} worst {:.1}; off^2 / fit's var {:.2}, bias^2 {:+.2}",
-            places.len(),
+            "  {what}: {:.0} px; error % fit {:.2} (stated {:.2}), path {:.2}; s to 1 %: fit {:.2}, path {:.1}; z mean {:+.2} sd {:.2} worst {:.1}; squares over stated {:.2}, bias^2 {:+.2}",
+            count / n,
             100.0 * by_fit,
             100.0 * (stated / count).sqrt(),
             100.0 * by_path,

@@ -3,7 +3,7 @@
 use crate::regions::Region;
 
 /// Rings along the edge of a region that are looked at by themselves.
-const RINGS: u32 = 4;
+pub const RINGS: u32 = 4;
 /// Tiles at the edge count from this part of a whole one on.
 const LEAST_PART: f64 = 0.4;
 /// The fewest pixels of other blocks.

@@ -334,6 +334,9 @@ impl Traced {
             channels.push(Box::new(field));
         }
         ctx.measure("pixels fitted", 100.0 * fraction, "%");
+        if fraction == 0.0 {
+            ctx.warn("nowhere is what is seen smooth enough for a fit: all pixels are by their own paths");
+        }
         for name in fits.iter().map(|fit| &fit.0).collect::<BTreeSet<_>>() {
             let of = || fits.iter().filter(|fit| fit.0 == *name);
             let (order, chi2) = (of().map(|fit| fit.1).max(), of().map(|fit| fit.2).fold(0.0, f64::max));

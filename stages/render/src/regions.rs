@@ -92,7 +92,8 @@ struct Key {
     body: usize,
     boundary: usize,
     face: u32,
-    below: Option<usize>,
+    /// Of all channels, as one number.
+    below: usize,
 }
 
 /// All regions of an image, by their first pixels.
@@ -152,17 +153,21 @@ fn smooth_pixels(rig: &Rig) -> Vec<Option<Seen>> {
     corners.iter().enumerate().map(agree).collect()
 }
 
-/// What a ray meets first, if that is diffuse and lit.
+/// What a ray meets first, if that is diffuse in all channels, and lit.
 fn seen_at(rig: &Rig, place: (usize, f64, f64), chords: &mut Chords) -> Option<Seen> {
     let world = &rig.worlds[0];
     let hit = first_hit_at(world, &rig.camera, place, chords)?;
-    let material = &world.materials[world.bodies[hit.body].material];
-    (is_diffuse(material) && is_lit(rig, hit.r, hit.normal, chords)).then(|| {
-        let face = if is_mesh(&world.bodies[hit.interface.body].solid) { 0 } else { hit.interface.face };
-        let below = below(world, material, hit.r, hit.normal, chords);
-        let key = Key { body: hit.body, boundary: hit.interface.body, face, below };
-        Seen { key, r: hit.r, normal: hit.normal, interface: hit.interface }
-    })
+    let of = |world: &World| world.materials[world.bodies[hit.body].material];
+    if !rig.worlds.iter().all(|world| is_diffuse(&of(world))) || !is_lit(rig, hit.r, hit.normal, chords) {
+        return None;
+    }
+    let face = if is_mesh(&world.bodies[hit.interface.body].solid) { 0 } else { hit.interface.face };
+    let below = rig.worlds.iter().fold(0_usize, |all, world| {
+        let next = below(world, &of(world), hit.r, hit.normal, chords).map_or(0, |material| material + 1);
+        all.wrapping_mul(world.materials.len() + 1).wrapping_add(next)
+    });
+    let key = Key { body: hit.body, boundary: hit.interface.body, face, below };
+    Some(Seen { key, r: hit.r, normal: hit.normal, interface: hit.interface })
 }
 
 /// Whether its radiance varies slowly with the place and the angle.

@@ -4,7 +4,7 @@
 
 use std::collections::BTreeSet;
 
-use crate::blocks::Blocks;
+use crate::blocks::{Blocks, RINGS};
 use crate::orthonormal::Orthonormal;
 use crate::reduced::Reduced;
 use crate::regions::{LEAST_PIXELS, Region};
@@ -84,16 +84,13 @@ impl Smooth {
     pub fn of(region: &Region, reduced: &Reduced, paths: &[u32], inflation: f64) -> Option<Self> {
         let weights = weights(region, reduced, paths)?;
         let fit = Fit { region, reduced, weights };
-        let mut active = vec![true; region.len()];
+        let mut active = fit.start();
         for _ in 0..ROUNDS {
             let count = active.iter().filter(|&&a| a).count();
             if count < LEAST_PIXELS || (count as f64) < LEAST_PART * region.len() as f64 {
                 return None;
             }
-            let (trial, order) = TERMS.into_iter().find_map(|most| {
-                let trial = fit.trial(&active, most.min(count / PER_TERM))?;
-                trial.order().map(|order| (trial, order))
-            })?;
+            let (trial, order) = fit.lowest(&active)?;
             let worst = fit.worst_blocks(&trial, order, &active);
             if worst.is_empty() {
                 return fit.end(trial, order, active, inflation);
@@ -169,6 +166,43 @@ struct Fit<'a> {
 impl Fit<'_> {
     fn some(&self, active: &[bool]) -> impl Iterator<Item = usize> + Clone {
         (0..self.region.len()).filter(|&i| active[i])
+    }
+
+    /// The pixels to begin with: without the rings along the edges that take functions from all others.
+    ///
+    /// By a fit of m functions to n pixels these gain n log(n / m) in the logarithms of their variances.
+    fn start(&self) -> Vec<bool> {
+        let gain = |active: &[bool]| {
+            let (count, found) = (self.some(active).count() as f64, self.lowest(active));
+            let terms = found.map(|(_, order)| self.region.chart.terms(order) as f64);
+            terms.map_or(0.0, |terms| count * libm::log(count / terms))
+        };
+        let all = vec![true; self.region.len()];
+        if self.trial(&all, TERMS[0].min(all.len() / PER_TERM)).is_some_and(|trial| trial.order().is_some()) {
+            return all;
+        }
+        let mut best = (gain(&all), all);
+        for edge in 1..=RINGS {
+            let inside: Vec<bool> = self.region.rings.iter().map(|&ring| ring >= edge).collect();
+            let count = self.some(&inside).count();
+            if count < LEAST_PIXELS || (count as f64) < LEAST_PART * self.region.len() as f64 {
+                break;
+            }
+            let gain = gain(&inside);
+            if gain > best.0 {
+                best = (gain, inside);
+            }
+        }
+        best.1
+    }
+
+    /// The first trial that has functions enough, and its order.
+    fn lowest(&self, active: &[bool]) -> Option<(Trial, usize)> {
+        let count = self.some(active).count();
+        TERMS.into_iter().find_map(|most| {
+            let trial = self.trial(active, most.min(count / PER_TERM))?;
+            trial.order().map(|order| (trial, order))
+        })
     }
 
     /// Least squares of all orders up to `most` functions.
