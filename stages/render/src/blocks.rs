@@ -4,6 +4,8 @@ use crate::regions::Region;
 
 /// Rings along the edge of a region that are looked at by themselves.
 pub const RINGS: u32 = 4;
+/// What is outside of them is no more than one of so many parts of the pixels.
+const EDGE: usize = 3;
 /// Tiles at the edge count from this part of a whole one on.
 const LEAST_PART: f64 = 0.4;
 /// The fewest pixels of other blocks.
@@ -61,7 +63,8 @@ fn rings(region: &Region, pixels: Vec<usize>) -> Vec<Ring> {
         let pixels = outside.iter().copied().filter(|&i| region.rings[i] == number).collect();
         Ring { number, pixels, outside }
     };
-    (0..RINGS).map(of).filter(|ring| ring.pixels.len() >= LEAST).collect()
+    let is_edge = |ring: &Ring| ring.pixels.len() >= LEAST && EDGE * ring.outside.len() <= pixels.len();
+    (0..RINGS).map(of).filter(is_edge).collect()
 }
 
 /// Groups of one key each, by key.

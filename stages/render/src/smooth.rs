@@ -11,7 +11,7 @@ use crate::regions::{LEAST_PIXELS, Region};
 use crate::variance_model::weights;
 
 /// So many functions are tried, and more where that is not enough; there are [`PER_TERM`] pixels for each.
-const TERMS: [usize; 3] = [36, 66, 144];
+const TERMS: [usize; 4] = [36, 66, 144, 256];
 const PER_TERM: usize = 4;
 /// A block whose mean residual exceeds its standard error by this is not fitted. Of a thousand blocks of noise less than one in ten does.
 const MOST_SCORE: f64 = 4.0;
