@@ -13,7 +13,7 @@ use crate::plane_wave::no_plane_wave;
 use crate::random::MOST_CHANNELS;
 use crate::rig::Rig;
 use crate::strata::{Bending, facetted};
-use crate::uniform::obstacle;
+use crate::surfaces::no_surface;
 use crate::world::World;
 
 /// The most frames that one instance may make.
@@ -139,15 +139,16 @@ impl Params {
             );
         }
         let taken = Taken::of(self, scene, false);
-        match obstacle(scene, self.target_error.map(|t| t.0)) {
-            Some(reason) if self.method == Method::Fit => problems.push_with_hint(
+        if let (Taken::Surfaces, Some(reason)) = (&taken, no_surface(scene)) {
+            problems.push_with_hint(
                 "method",
-                format!("a smooth surface over the pixels would not be the image: {reason}"),
+                format!("no part of the image can be fitted: {reason}"),
                 "write `method: path` or `method: auto`",
-            ),
-            _ => {}
+            );
         }
-        if let (Taken::Path { .. } | Taken::ControlVariates { .. }, Some(samples @ 2..64)) = (taken, self.samples) {
+        if let (Taken::Path { .. } | Taken::Surfaces | Taken::ControlVariates { .. }, Some(samples @ 2..64)) =
+            (taken, self.samples)
+        {
             let text = "standard errors from fewer than 64 paths per pixel are themselves uncertain";
             problems.warn("samples", format!("samples = {samples}: {text}"));
         }

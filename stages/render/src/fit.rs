@@ -4,9 +4,11 @@
 //! the image as slowly as the angles of view and light do: low polynomials in pixel position, fitted by least squares.
 
 use crate::field::Field;
+use crate::guide::Guide;
 use crate::light::{Carrier, Emission, Light};
 use crate::moments::Moments;
 use crate::polynomials::Polynomials;
+use crate::reduced::Reduced;
 use crate::rig::Rig;
 use crate::tail::{brightness, expected_kurtosis, image_holds, is_peaked};
 use crate::world::Chords;
@@ -47,16 +49,7 @@ impl Lattice {
     }
 }
 
-/// What is known of a pixel beforehand.
-#[derive(Clone, Copy, Debug)]
-pub struct Guide<'a> {
-    /// Irradiance at the centre of what is seen, but for the power of the light.
-    pub gain: f64,
-    /// (sin, cos) of each carrier there.
-    pub phases: &'a [(f64, f64)],
-}
-
-/// The same of all pixels: 8 bytes for each, and 16 for each carrier.
+/// What is known of all pixels beforehand: 8 bytes for each, and 16 for each carrier.
 #[derive(Clone, Debug)]
 pub struct Guides {
     gains: Vec<f64>,
@@ -128,14 +121,6 @@ pub struct Fitted {
     held: bool,
 }
 
-/// Sum over p of a_p b_p C_p, C the covariances of reduced responses.
-struct Reduced {
-    /// `[pixel][response]`.
-    values: Vec<f64>,
-    /// `[pixel][response][response]`.
-    covariances: Vec<f64>,
-}
-
 impl Fitted {
     /// From the sums of the lattice's pixels after `n` >= 2 paths each. Every pixel must look at something.
     pub fn new(rig: &Rig, carriers: &[Carrier], lattice: &Lattice, moments: &Moments, n: u32) -> Option<Self> {
@@ -153,7 +138,8 @@ impl Fitted {
         terms.retain(|(i, j)| i + j <= MOST_ORDER);
         terms.sort_by_key(|&(i, j)| (i + j, i));
         let pixels = lattice.pixels(columns);
-        let reduced = reduce(&pixels, &guides, moments, n, q);
+        let traced = pixels.iter().enumerate().map(|(place, &pixel)| (place, n, guides.at(pixel as usize)));
+        let reduced = Reduced::of(q, moments, traced);
         // A term's place at each traced pixel; orthonormal, so that a coefficient is a plain sum.
         let basis: Vec<Vec<f64>> = terms
             .iter()
@@ -164,9 +150,9 @@ impl Fitted {
             .collect();
         let coefficients: Vec<f64> = basis
             .iter()
-            .flat_map(|p| (0..q).map(|a| p.iter().enumerate().map(|(i, p)| p * reduced.values[i * q + a]).sum()))
+            .flat_map(|p| (0..q).map(|a| p.iter().enumerate().map(|(i, p)| p * reduced.value(i, a)).sum()))
             .collect();
-        let (order, rough) = order(&terms, &basis, &coefficients, &reduced, q);
+        let (order, rough) = order(&terms, &basis, &coefficients, &reduced);
         terms.retain(|(i, j)| i + j <= order);
         let m = terms.len();
         let mut covariances = vec![0.0; q * q * m * m];
@@ -174,7 +160,7 @@ impl Fitted {
             let mut sums = vec![0.0; q * q];
             for (i, (pk, pl)) in basis[k].iter().zip(&basis[l]).enumerate() {
                 let weight = pk * pl;
-                sums.iter_mut().zip(&reduced.covariances[i * q * q..]).for_each(|(s, c)| *s += weight * c);
+                sums.iter_mut().zip(reduced.covariances(i)).for_each(|(s, c)| *s += weight * c);
             }
             for (ab, sum) in sums.into_iter().enumerate() {
                 covariances[(ab * m + k) * m + l] = sum;
@@ -201,7 +187,7 @@ impl Fitted {
         // Weight of every coefficient in the sum.
         let mut weights: Vec<(usize, Vec<f64>)> = Vec::new();
         for pixel in (0..self.pixels()).filter(|&pixel| counts(pixel)) {
-            for (a, w) in self.collect(pixel, terms) {
+            for (a, w) in self.guides.at(pixel).collect(terms) {
                 let place = weights.iter().position(|entry| entry.0 == a).unwrap_or_else(|| {
                     weights.push((a, vec![0.0; m]));
                     weights.len() - 1
@@ -217,32 +203,6 @@ impl Fitted {
     fn basis(&self, pixel: usize) -> impl Iterator<Item = f64> + Clone + '_ {
         let (x, y) = (&self.along_x[pixel % self.columns], &self.along_y[pixel / self.columns]);
         self.terms.iter().map(move |&(i, j)| x[i] * y[j])
-    }
-
-    /// Response i as a sum of weight x reduced response.
-    fn in_reduced(&self, pixel: usize, i: usize) -> [(usize, f64); 2] {
-        let guide = self.guides.at(pixel);
-        if i == 0 {
-            return [(0, guide.gain), (0, 0.0)];
-        }
-        let re = i - (i - 1) % 2;
-        let (sin, cos) = guide.phases[(i - 1) / 2];
-        let (of_re, of_im) = if i == re { (cos, -sin) } else { (sin, cos) };
-        [(re, guide.gain * of_re), (re + 1, guide.gain * of_im)]
-    }
-
-    /// The sum of weight x response over `terms` by reduced responses, each once.
-    fn collect(&self, pixel: usize, terms: &[(usize, f64)]) -> Vec<(usize, f64)> {
-        let mut sums: Vec<(usize, f64)> = Vec::with_capacity(2 * terms.len());
-        for &(i, weight) in terms {
-            for (a, w) in self.in_reduced(pixel, i) {
-                match sums.iter_mut().find(|s| s.0 == a) {
-                    Some(sum) => sum.1 += weight * w,
-                    None => sums.push((a, weight * w)),
-                }
-            }
-        }
-        sums
     }
 
     /// Covariance of two sums of weight x coefficient.
@@ -263,12 +223,12 @@ impl Field for Fitted {
         let reduced = |a: usize| -> f64 {
             self.basis(pixel).enumerate().map(|(k, p)| p * self.coefficients[k * self.q + a]).sum()
         };
-        self.in_reduced(pixel, i).into_iter().map(|(a, w)| if w == 0.0 { 0.0 } else { w * reduced(a) }).sum()
+        self.guides.at(pixel).in_reduced(i).into_iter().map(|(a, w)| if w == 0.0 { 0.0 } else { w * reduced(a) }).sum()
     }
 
     fn covariance(&self, pixel: usize, a: &[(usize, f64)], b: &[(usize, f64)]) -> f64 {
-        let basis: Vec<f64> = self.basis(pixel).collect();
-        let (left, right) = (self.collect(pixel, a), self.collect(pixel, b));
+        let (basis, guide): (Vec<f64>, _) = (self.basis(pixel).collect(), self.guides.at(pixel));
+        let (left, right) = (guide.collect(a), guide.collect(b));
         let pairs = left.iter().flat_map(|l| right.iter().map(move |r| (l, r)));
         pairs
             .filter(|(l, r)| l.1 * r.1 != 0.0)
@@ -278,7 +238,7 @@ impl Field for Fitted {
 
     fn variance(&self, pixel: usize, terms: &[(usize, f64)]) -> f64 {
         let basis: Vec<f64> = self.basis(pixel).collect();
-        let sums = self.collect(pixel, terms);
+        let sums = self.guides.at(pixel).collect(terms);
         let mut variance = 0.0;
         for (i, &(a, wa)) in sums.iter().enumerate() {
             for &(b, wb) in &sums[i..] {
@@ -305,44 +265,12 @@ impl Field for Fitted {
     }
 }
 
-/// Responses of the traced pixels divided by the gain and turned back by the carriers' phases, with covariances.
-fn reduce(pixels: &[u32], guides: &Guides, moments: &Moments, n: u32, q: usize) -> Reduced {
-    let mut values = Vec::with_capacity(pixels.len() * q);
-    let mut covariances = Vec::with_capacity(pixels.len() * q * q);
-    for (place, &pixel) in pixels.iter().enumerate() {
-        let guide = guides.at(pixel as usize);
-        // Reduced response a as a sum over responses; the turn undoes that of `in_reduced`.
-        let of = |a: usize| -> [(usize, f64); 2] {
-            if a == 0 {
-                return [(0, 1.0 / guide.gain), (0, 0.0)];
-            }
-            let re = a - (a - 1) % 2;
-            let (sin, cos) = guide.phases[(a - 1) / 2];
-            let (of_re, of_im) = if a == re { (cos, sin) } else { (-sin, cos) };
-            [(re, of_re / guide.gain), (re + 1, of_im / guide.gain)]
-        };
-        values.extend((0..q).map(|a| of(a).iter().map(|&(i, w)| w * moments.mean(place, i, n)).sum::<f64>()));
-        for (a, b) in (0..q).flat_map(|a| (0..q).map(move |b| (a, b))) {
-            let (left, right) = (of(a), of(b));
-            let pairs = left.iter().flat_map(|l| right.iter().map(move |r| (l, r)));
-            covariances.push(pairs.map(|(l, r)| l.1 * r.1 * moments.covariance(place, l.0, r.0, n)).sum());
-        }
-    }
-    Reduced { values, covariances }
-}
-
 /// The lowest order beyond which the terms of every further order are noise, and whether the highest is not.
 ///
 /// For each response and order the sum of (coefficient / its standard error)^2 over the terms is compared with their number k:
 /// noise gives k +- sqrt(2 k).
-fn order(
-    terms: &[(usize, usize)],
-    basis: &[Vec<f64>],
-    coefficients: &[f64],
-    reduced: &Reduced,
-    q: usize,
-) -> (usize, bool) {
-    let mut order = LEAST_ORDER;
+fn order(terms: &[(usize, usize)], basis: &[Vec<f64>], coefficients: &[f64], reduced: &Reduced) -> (usize, bool) {
+    let (mut order, q) = (LEAST_ORDER, reduced.q);
     let mut rough = false;
     for degree in LEAST_ORDER + 1..=MOST_ORDER {
         let of_degree: Vec<usize> = (0..terms.len()).filter(|&k| terms[k].0 + terms[k].1 == degree).collect();
@@ -350,7 +278,7 @@ fn order(
         let significant = (0..q).any(|a| {
             let squares = of_degree.iter().map(|&k| {
                 let places = basis[k].iter().enumerate();
-                let variance: f64 = places.map(|(i, p)| p * p * reduced.covariances[(i * q + a) * q + a]).sum();
+                let variance: f64 = places.map(|(i, p)| p * p * reduced.variance(i, a)).sum();
                 let c = coefficients[k * q + a];
                 if variance > 0.0 { c * c / variance } else { 0.0 }
             });

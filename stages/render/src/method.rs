@@ -1,5 +1,7 @@
 //! Which way the radiance of a scene is found, and the images that come of it.
 
+use std::collections::BTreeSet;
+
 use turbid_contract::payload::Scene;
 use turbid_contract::{Ctx, Error};
 
@@ -12,10 +14,12 @@ use crate::moments::Moments;
 use crate::params::{Allocate, Method, Params};
 use crate::plane_wave::{Bound, PlaneWave, bounds, no_plane_wave};
 use crate::projected::Projected;
+use crate::regions::{Region, regions};
 use crate::rig::Rig;
 use crate::so_far::SoFar;
 use crate::state::State;
-use crate::stopping::{OfFit, OfPixels};
+use crate::stopping::{OfFit, OfPixels, OfSurfaces};
+use crate::surfaces::{Surfaces, by_surfaces};
 use crate::tail::{brightness, expected_kurtosis, kurtosis};
 use crate::trace::{Sums, Task, trace};
 use crate::uniform::obstacle;
@@ -33,6 +37,8 @@ pub enum Taken {
         because: Option<String>,
     },
     Fit,
+    /// Paths of every pixel, and a fit to them wherever what is seen is smooth.
+    Surfaces,
     /// The transport solver; the bound of the error of a frame.
     Rte {
         bound: f64,
@@ -49,7 +55,10 @@ impl Taken {
         match params.method {
             Method::Path => Self::Path { because: None },
             _ if patterned => Self::Path { because: Some("images are projected".to_owned()) },
-            Method::Fit => Self::Fit,
+            Method::Fit => match obstacle(scene, params.target_error.map(|t| t.0)) {
+                None => Self::Fit,
+                Some(_) => Self::Surfaces,
+            },
             Method::Rte => Self::Rte { bound: bound(params, scene).unwrap_or(f64::INFINITY) },
             Method::Auto => match obstacle(scene, params.target_error.map(|t| t.0)) {
                 None => match (bound(params, scene), params.target_error) {
@@ -90,6 +99,8 @@ pub struct Traced {
     /// Those of every pixel.
     paths: Vec<u32>,
     lattice: Option<Lattice>,
+    /// What may be fitted, pixel by pixel.
+    regions: Option<Vec<Region>>,
     controls: Option<ControlImages>,
     flights: u64,
     solved: Vec<PlaneWave>,
@@ -114,6 +125,7 @@ pub fn sums(
     match taken {
         Taken::Path { .. } => pixels(params, so_far, None, ctx),
         Taken::Fit => fit(params, rig, projected, (0, Some(so_far)), ctx),
+        Taken::Surfaces => surfaces(params, so_far, ctx),
         Taken::Rte { bound } => {
             ctx.measure("bound of a frame's error", 100.0 * bound, "%");
             let solved = PlaneWave::all(scene, rig, &projected.carriers)?;
@@ -122,6 +134,7 @@ pub fn sums(
                 n: 0,
                 paths: Vec::new(),
                 lattice: None,
+                regions: None,
                 controls: None,
                 flights: 0,
                 solved,
@@ -174,7 +187,39 @@ fn pixels(
         Ok::<_, Error>(ControlImages { images: images.collect::<Result<_, _>>()?, controls })
     });
     let controls = controls.transpose()?;
-    Ok(Traced { channels, n, paths, lattice: None, controls, flights, solved: Vec::new() })
+    Ok(Traced { channels, n, paths, lattice: None, regions: None, controls, flights, solved: Vec::new() })
+}
+
+/// Every pixel by its own paths, to be fitted where it can be. All have as many: errors of a fit are shared.
+fn surfaces(params: &Params, so_far: SoFar<'_>, ctx: Ctx<'_>) -> Result<Traced, Error> {
+    let SoFar { scene, rig, projected } = so_far;
+    let pixels: Vec<u32> = (0..rig.camera.pixels() as u32).collect();
+    let regions = regions(scene, rig, &projected.carriers);
+    let task = Task {
+        params,
+        rig,
+        projected,
+        pixels: &pixels,
+        controls: None,
+        salt: 0,
+        kept: true,
+        first_test: FIRST_TEST,
+        allocate: Allocate::Even,
+        criterion: &OfSurfaces { rig, projected, regions: &regions },
+        so_far: Some(&|state: &State, paths: &[u32]| Some(so_far.of_pixels(state, paths))),
+    };
+    let Sums { channels, samples: n, paths, flights, .. } = trace(&task, ctx)?;
+    let flights = flights.iter().sum();
+    Ok(Traced {
+        channels,
+        n,
+        paths,
+        lattice: None,
+        regions: Some(regions),
+        controls: None,
+        flights,
+        solved: Vec::new(),
+    })
 }
 
 /// A lattice of pixels, to fit a smooth image to; `salt` as in [`Task`]. What is there so far is shown, and kept for a longer run, where it is an image of
@@ -210,7 +255,16 @@ fn fit(
     };
     let Sums { channels, samples: n, flights, .. } = trace(&task, ctx)?;
     let flights = flights.iter().sum();
-    Ok(Traced { channels, n, paths: Vec::new(), lattice: Some(lattice), controls: None, flights, solved: Vec::new() })
+    Ok(Traced {
+        channels,
+        n,
+        paths: Vec::new(),
+        lattice: Some(lattice),
+        regions: None,
+        controls: None,
+        flights,
+        solved: Vec::new(),
+    })
 }
 
 /// Paths of each of so many traced pixels after which the error of a fit is first tested.
@@ -238,6 +292,9 @@ impl Traced {
                 design_effect: Some(pixels),
             });
         }
+        if let Some(regions) = &self.regions {
+            return Ok(self.estimate_surfaces(regions, rig, projected, ctx));
+        }
         let Some(lattice) = &self.lattice else {
             let channels = by_paths(rig, &Watched::of(projected), &self.channels, &self.paths);
             return Ok(Estimate { channels, n: self.n, design_effect: None });
@@ -255,6 +312,38 @@ impl Traced {
         }
         ctx.measure("order of the fit", order as f64, "1");
         Ok(Estimate { channels, n: self.n, design_effect: Some(design_effect) })
+    }
+
+    fn estimate_surfaces<'a>(
+        &'a self,
+        regions: &'a [Region],
+        rig: &Rig,
+        projected: &Projected,
+        ctx: Ctx<'_>,
+    ) -> Estimate<'a> {
+        let watched = Watched::of(projected);
+        let fields = by_surfaces(rig, &watched, regions, &self.channels, &self.paths);
+        let (mut channels, mut design_effect, mut fraction): (Vec<Box<dyn Field>>, f64, f64) = (Vec::new(), 1.0, 1.0);
+        let of = |surfaces: &Surfaces<'_>| {
+            surfaces.fits().map(|(name, order, chi2)| (name.to_owned(), order, chi2)).collect::<Vec<_>>()
+        };
+        let fits: Vec<(String, usize, f64)> = fields.iter().flat_map(of).collect();
+        for field in fields {
+            (design_effect, fraction) =
+                (design_effect.max(field.design_effect(&watched.dc)), fraction.min(field.fraction()));
+            channels.push(Box::new(field));
+        }
+        ctx.measure("pixels fitted", 100.0 * fraction, "%");
+        if fraction == 0.0 {
+            ctx.warn("nowhere is what is seen smooth enough for a fit: all pixels are by their own paths");
+        }
+        for name in fits.iter().map(|fit| &fit.0).collect::<BTreeSet<_>>() {
+            let of = || fits.iter().filter(|fit| fit.0 == *name);
+            let (order, chi2) = (of().map(|fit| fit.1).max(), of().map(|fit| fit.2).fold(0.0, f64::max));
+            ctx.measure(&format!("order of the fit: {name}"), order.unwrap_or_default() as f64, "1");
+            ctx.measure(&format!("chi2 per degree of the fit: {name}"), chi2, "1");
+        }
+        Estimate { channels, n: self.n, design_effect: (fraction > 0.0).then_some(design_effect) }
     }
 
     fn estimate_with_control(

@@ -60,7 +60,7 @@ pub enum Method {
     Auto,
     /// Path tracing, every pixel on its own.
     Path,
-    /// Path tracing, with a smooth surface fitted to the pixels of a laterally uniform scene.
+    /// Path tracing, with smooth functions fitted to the pixels of smooth surfaces; where that does not hold, pixels on their own.
     Fit,
     /// The deterministic transport solver for laterally uniform scenes.
     Rte,

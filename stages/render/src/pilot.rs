@@ -10,6 +10,7 @@ use crate::outline::projected;
 use crate::params::{Allocate, Params};
 use crate::plan;
 use crate::projected::Projected;
+use crate::regions::{Region, regions};
 use crate::rig::Rig;
 use crate::stopping::{OfFit, OfPixels};
 use crate::trace::{PILOT, StoppingCriterion, Task, trace};
@@ -22,6 +23,8 @@ const SAMPLES: u32 = PILOT;
 const MORE_SAMPLES: u32 = 8;
 /// ns that the paths may take by the figures of [`plan`]: connections through curved interfaces take as long as thousands of flights.
 const MOST_NS: f64 = 3e7;
+/// Functions of a fit to a surface (6 to 81).
+const FUNCTIONS: f64 = 30.0;
 /// What is known of the paths before they are walked.
 struct Walked {
     /// Flights of a path in the scene and of one in a control variate, those of all walks.
@@ -55,7 +58,8 @@ pub fn pilot(params: &Params, scene: &Scene, patterned: bool, ctx: Ctx<'_>) -> O
     let lattice = Lattice::over(whole.camera.columns, whole.camera.rows);
     let lattice = (lattice.columns.len() * lattice.rows.len()) as f64;
     let pixels = if taken == Taken::Fit { lattice } else { whole.camera.pixels() as f64 };
-    let samples = samples(params, &taken, pixels, walked.variance)?;
+    let fitted = if taken == Taken::Surfaces { gain_of_fit(scene, &whole, params) } else { 1.0 };
+    let samples = samples(params, &taken, pixels, walked.variance.map(|variance| fitted * variance))?;
     let tested = samples.min(f64::from(PILOT));
     let with_control = pixels * (walked.with_control[0] * tested + walked.with_control[1] * (samples - tested));
     let images = controls.filter(|_| walked.with_control[1] > 0.0).map_or(0.0, |controls| {
@@ -64,6 +68,14 @@ pub fn pilot(params: &Params, scene: &Scene, patterned: bool, ctx: Ctx<'_>) -> O
     let flights = pixels * samples * walked.flights[0] + (with_control + images) * walked.flights[1];
     let rest_s = plan::after_paths(params, scene, &taken);
     Some(Pilot { done: walked.done, whole: flights, unit: "flights", rest_s })
+}
+
+/// What fits leave of the variance of the pixel that a target asks for, the middle one: one pixel's over so many as there are for each function.
+fn gain_of_fit(scene: &Scene, rig: &Rig, params: &Params) -> f64 {
+    let regions = regions(scene, rig, &params.carriers());
+    let largest = regions.iter().map(Region::len).max().unwrap_or_default();
+    let fitted: usize = regions.iter().map(Region::len).sum();
+    if 2 * fitted > rig.camera.pixels() { (FUNCTIONS / largest as f64).min(1.0) } else { 1.0 }
 }
 
 /// The scene in few pixels: all of the image, or where it looks the same everywhere a part of it with pixels as they are.

@@ -41,6 +41,8 @@ const NS_AT_FACETS: f64 = 4e5;
 /// ns for each pixel and response after the paths: of a fit (measured with 300 x 300 and 500 x 500 pixels), and of pixels by their own paths
 /// (300 x 300).
 const NS_OF_FIT: f64 = 1000.0;
+/// The same of fits on surfaces (64 x 64 pixels of a dome and of a bore: 4000 and 10,000).
+const NS_OF_SURFACES: f64 = 7000.0;
 const NS_OF_PIXEL: f64 = 500.0;
 
 /// Flights that a path makes on average in the object where it makes most.
@@ -121,6 +123,7 @@ pub fn plan(params: &Params, scene: Option<&Scene>, known: &Known) -> StagePlan 
             }
             (_, Some(Taken::Rte { bound })) => format!("rte, off by {:.2} % of a frame at most", 100.0 * bound),
             (_, Some(Taken::Fit)) => "fit".to_owned(),
+            (_, Some(Taken::Surfaces)) => "fit of smooth surfaces where it holds, path elsewhere".to_owned(),
             (_, Some(Taken::ControlVariates { because })) => {
                 format!(
                     "path, with laterally uniform control variates where a pilot finds that it pays (auto: {because})"
@@ -178,7 +181,10 @@ pub fn plan(params: &Params, scene: Option<&Scene>, known: &Known) -> StagePlan 
     sort(params.orientation_deg.len() > 1, "several orientations");
     sort(patterned, "pattern images");
     sort(params.target_error.is_some(), "error target");
-    sort(params.allocate == Allocate::Adaptive && taken != Some(Taken::Fit), "paths to where the error is");
+    sort(
+        params.allocate == Allocate::Adaptive && !matches!(taken, Some(Taken::Fit | Taken::Surfaces)),
+        "paths to where the error is",
+    );
     let camera = scene.and_then(|s| s.camera.as_ref());
     let projector = scene.and_then(|s| s.projector.as_ref());
     let distorted = camera.is_some_and(|c| c.distortion.is_some()) || projector.is_some_and(|p| p.distortion.is_some());
@@ -256,6 +262,10 @@ pub fn after_paths(params: &Params, scene: &Scene, taken: &Taken) -> f64 {
     let Some(camera) = &scene.camera else { return 0.0 };
     let pixels = camera.pixels.iter().map(|&n| f64::from(n)).product::<f64>() * scene.channels() as f64;
     let q = 1.0 + 2.0 * params.carriers().len() as f64;
-    let ns = if *taken == Taken::Fit { NS_OF_FIT } else { NS_OF_PIXEL };
+    let ns = match taken {
+        Taken::Fit => NS_OF_FIT,
+        Taken::Surfaces => NS_OF_SURFACES,
+        _ => NS_OF_PIXEL,
+    };
     1e-9 * ns * q * pixels
 }

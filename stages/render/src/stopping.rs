@@ -8,7 +8,9 @@ use crate::fit::{FIT_PATHS, Fitted, Lattice};
 use crate::moments::Moments;
 use crate::params::Allocate;
 use crate::projected::Projected;
+use crate::regions::Region;
 use crate::rig::Rig;
+use crate::surfaces::by_surfaces;
 use crate::tail::{expected_kurtosis, kurtosis, of_pixels};
 use crate::trace::StoppingCriterion;
 use crate::variance_smoothing::by_paths;
@@ -33,6 +35,33 @@ impl StoppingCriterion for OfFit<'_> {
             fitted.and_then(|f| relative_error(&f, &watched))
         };
         sums.iter().filter_map(of).max_by(f64::total_cmp)
+    }
+
+    fn needs(&self, _: &[Moments], paths: &[u32], _: Option<&[bool]>) -> Vec<f64> {
+        vec![1.0; paths.len()]
+    }
+
+    fn with_control(&self, _: &[Moments], paths: &[u32], _: [f64; 2]) -> Vec<bool> {
+        vec![false; paths.len()]
+    }
+
+    fn part(&self, _: Option<&[bool]>) -> f64 {
+        1.0
+    }
+}
+
+/// Of pixels by their own paths, and of what is fitted to them.
+pub struct OfSurfaces<'a> {
+    pub rig: &'a Rig,
+    pub projected: &'a Projected,
+    pub regions: &'a [Region],
+}
+
+impl StoppingCriterion for OfSurfaces<'_> {
+    fn error(&self, sums: &[Moments], paths: &[u32], _: Option<&[bool]>) -> Option<f64> {
+        let watched = Watched::of(self.projected);
+        let fields = by_surfaces(self.rig, &watched, self.regions, sums, paths);
+        fields.iter().filter_map(|field| relative_error(field, &watched)).max_by(f64::total_cmp)
     }
 
     fn needs(&self, _: &[Moments], paths: &[u32], _: Option<&[bool]>) -> Vec<f64> {

@@ -1,12 +1,13 @@
 //! The truth port: what stands at the centre of every pixel.
 
+use glam::DVec3;
 use serde_json::json;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{MaskReason, Scene, Surface, Truth};
 use turbid_contract::{Attributes, ImageStack, LayerInfo, LayerKind};
 
 use crate::camera::Camera;
-use crate::world::{Chords, World};
+use crate::world::{Chords, Interface, World};
 
 /// The first thing that the ray through a pixel's centre meets that is not void.
 ///
@@ -84,19 +85,33 @@ type Value<'a> = Box<dyn Fn(&Hit) -> f64 + 'a>;
 pub(crate) struct Hit {
     /// The body that fills the space behind the boundary.
     pub body: usize,
+    /// The boundary itself, which may be that of another body whose void ends there.
+    pub interface: Interface,
+    /// Where, mm.
+    pub r: DVec3,
     /// World z, mm.
     height: f64,
     /// Along the camera's axis, mm.
     pub depth: f64,
     /// Towards the camera.
-    normal: glam::DVec3,
+    pub normal: DVec3,
     /// Of an opaque object.
     albedo: Option<f64>,
 }
 
 /// What the ray through a pixel's centre meets first that is not void.
 pub(crate) fn first_hit(world: &World, camera: &Camera, pixel: usize, chords: &mut Chords) -> Option<Hit> {
-    let (origin, w) = camera.ray(pixel, 0.5, 0.5);
+    first_hit_at(world, camera, (pixel, 0.5, 0.5), chords)
+}
+
+/// The same through the place (x, y) of a pixel: (0, 0) is its top left corner, (1, 1) its bottom right.
+pub(crate) fn first_hit_at(
+    world: &World,
+    camera: &Camera,
+    (pixel, x, y): (usize, f64, f64),
+    chords: &mut Chords,
+) -> Option<Hit> {
+    let (origin, w) = camera.ray(pixel, x, y);
     let mut interface = None;
     for segment in world.trace(origin, w, None, chords) {
         if segment.material != 0 {
@@ -111,7 +126,7 @@ pub(crate) fn first_hit(world: &World, camera: &Camera, pixel: usize, chords: &m
             // Which body fills it: the first, in order of priority, that holds a point just inside.
             let inside = origin + (segment.start + 1e-6 * (segment.end - segment.start).min(1.0)) * w;
             let body = world.bodies.iter().position(|b| b.solid.contains(inside))?;
-            return Some(Hit { body, height: r.z, depth, normal, albedo });
+            return Some(Hit { body, interface, r, height: r.z, depth, normal, albedo });
         }
         interface = segment.interface;
     }

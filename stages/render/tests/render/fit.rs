@@ -2,9 +2,10 @@
 
 use serde_json::{Value, json};
 use turbid_contract::payload::{Scene, Shape, Specular};
-use turbid_contract::{ImageStack, Layer, LayerKind, Problems};
-use turbid_render::Params;
+use turbid_contract::{ImageStack, Layer, LayerKind, Problems, StageRow};
+use turbid_render::{Params, RenderStage};
 
+use crate::kernel::known;
 use crate::setup::*;
 
 /// A half-space under a rig at 300 mm that looks and shines obliquely, lit 12 / mu_eff beyond the view.
@@ -142,7 +143,7 @@ fn large_images_cost_no_more_than_small_ones() {
     }
 }
 
-/// What is not laterally uniform is named, and `auto` takes paths there; where it is, `auto` is the fit.
+/// Where a scene is not laterally uniform `auto` takes paths and says why, and `fit` goes by surfaces; where it is, `auto` is the fit.
 #[test]
 fn fits_are_refused_where_they_would_lie() {
     let good = oblique(12);
@@ -190,8 +191,12 @@ fn fits_are_refused_where_they_would_lie() {
         ),
     ];
     for (scene, words) in table {
-        let refused = run_on(&MemoryHost::new(1, &[], 1), &scene, &params("fit", 8)).unwrap_err().to_string();
-        assert!(refused.contains(words), "`{words}` is not in: {refused}");
+        let planned = |method: &str| {
+            let job = (StageRow::of::<RenderStage>().prepare)(&params(method, 8)).unwrap();
+            job.plan(&known(&scene)).method.unwrap()
+        };
+        assert!(planned("auto").contains(words), "`{words}` is not in: {}", planned("auto"));
+        assert!(planned("fit").contains("where it holds"), "{}", planned("fit"));
         let frames = |method: &str| {
             run_on(&MemoryHost::new(1, &[], 1), &scene, &params(method, 8)).unwrap().remove("frames").unwrap()
         };

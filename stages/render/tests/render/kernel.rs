@@ -9,7 +9,7 @@ use turbid_render::RenderStage;
 
 use crate::setup::{FLOOR, MemoryHost, input, lambertian, medium, object, rig, scene};
 
-fn known(scene: &Scene) -> Known {
+pub fn known(scene: &Scene) -> Known {
     let mut known = Known::default();
     known.insert("scene", scene.clone().into_artifact());
     known

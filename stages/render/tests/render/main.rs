@@ -31,5 +31,6 @@ mod setup;
 #[path = "../../../optics/tests/shapes/mod.rs"]
 mod shapes;
 mod stage;
+mod surfaces;
 mod textures;
 mod unbiased;

@@ -1,0 +1,189 @@
+//! Coordinates on a smooth surface, and the functions of them that are fitted to images of it.
+
+use glam::DVec3;
+use turbid_optics::solid::Solid;
+
+/// Around an axis are harmonics where at least this part of the full turn is seen.
+const LEAST_TURN: f64 = 0.75;
+/// Steps around, in which it is looked for what is seen of a turn.
+const STEPS: usize = 32;
+/// A wall runs along its axis where its normal's part along it is below this.
+const ACROSS: f64 = 0.5;
+/// Points of a sphere are mapped where none is nearer than this to the antipode of the middle (1 + cos of the angle).
+const LEAST_FROM_ANTIPODE: f64 = 0.05;
+
+/// What the functions are made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Chart {
+    /// Polynomials in two coordinates in [-1, 1]: order L has those of total degree L.
+    Plane,
+    /// Along an axis polynomials in a coordinate in [-1, 1], around it harmonics of an angle in rad: order L has the products of degree i and
+    /// harmonic L - i.
+    Axis,
+}
+
+impl Chart {
+    /// How many functions there are up to an order.
+    pub fn terms(self, order: usize) -> usize {
+        match self {
+            Self::Plane => (order + 1) * (order + 2) / 2,
+            Self::Axis => (order + 1) * (order + 1),
+        }
+    }
+
+    /// All functions up to an order at a place, order ascending.
+    pub fn basis(self, [u, v]: [f64; 2], order: usize, into: &mut Vec<f64>) {
+        into.clear();
+        let chebyshev = |x: f64| {
+            let mut values = vec![1.0, x];
+            for k in 1..order.max(1) {
+                values.push(2.0 * x * values[k] - values[k - 1]);
+            }
+            values
+        };
+        let along = chebyshev(u);
+        match self {
+            Self::Plane => {
+                let across = chebyshev(v);
+                for degree in 0..=order {
+                    into.extend((0..=degree).map(|i| along[i] * across[degree - i]));
+                }
+            }
+            Self::Axis => {
+                let (sin, cos) = (libm::sin(v), libm::cos(v));
+                let mut around = vec![(0.0, 1.0)];
+                for k in 0..order {
+                    let (s, c) = around[k];
+                    around.push((s * cos + c * sin, c * cos - s * sin));
+                }
+                for degree in 0..=order {
+                    for i in 0..=degree {
+                        let (s, c) = around[degree - i];
+                        into.push(along[i] * c);
+                        into.extend((i < degree).then_some(along[i] * s));
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Where points of a surface are on it.
+pub struct Places {
+    pub chart: Chart,
+    pub at: Vec<[f64; 2]>,
+}
+
+impl Places {
+    /// Of `points` on a face of a solid, with their normals, seen from `eye`: around a sphere the equal-area map about the middle of what is seen, along and around a wall
+    /// about an axis; elsewhere, as for graphs over the image plane, `pixels`, the places in the image.
+    pub fn of(solid: &Solid, face: u32, points: &[DVec3], normals: &[DVec3], eye: DVec3, pixels: &[[f64; 2]]) -> Self {
+        let on = match solid {
+            Solid::Turned(turned) => {
+                let into: Vec<DVec3> = points.iter().map(|&p| turned.frame.point_into(p)).collect();
+                let normals: Vec<DVec3> = normals.iter().map(|&m| turned.frame.direction_into(m)).collect();
+                return Self::of(&turned.solid, face, &into, &normals, turned.frame.point_into(eye), pixels);
+            }
+            Solid::Carved(carved) => {
+                let part = face.checked_sub(1).map_or(&carved.whole, |k| &carved.holes[k as usize]);
+                return Self::of(part, 0, points, normals, eye, pixels);
+            }
+            Solid::Ellipsoid { center, radii } => around_sphere(points.iter().map(|p| (p - center) / radii)),
+            Solid::Cylinder { axis, radius, .. } if normals.iter().all(|m| m.z.abs() < ACROSS) => {
+                let from = points.iter().map(|p| p - axis.extend(eye.z));
+                along_axis(from.map(|p| p / *radius))
+            }
+            _ => None,
+        };
+        let (chart, at) = on.unwrap_or_else(|| (Chart::Plane, pixels.to_vec()));
+        Self { at: scaled(chart, at), chart }
+    }
+}
+
+/// Lambert's azimuthal equal-area map of points of the unit sphere, about their mean: smooth up to the rim, where places in the image are not.
+fn around_sphere(points: impl Iterator<Item = DVec3> + Clone) -> Option<(Chart, Vec<[f64; 2]>)> {
+    let middle = points.clone().sum::<DVec3>().try_normalize()?;
+    let (right, top) = middle.any_orthonormal_pair();
+    let of = |p: DVec3| {
+        let from_antipode = 1.0 + p.dot(middle);
+        let stretch = (2.0 / from_antipode).sqrt();
+        (from_antipode > LEAST_FROM_ANTIPODE).then(|| [stretch * p.dot(right), stretch * p.dot(top)])
+    };
+    Some((Chart::Plane, points.map(of).collect::<Option<_>>()?))
+}
+
+/// Along the z axis and around it, of points from a place on it, in units of the radius; `None` where only a part of the turn is seen.
+///
+/// Along: asinh, so that far away equal steps are equal ratios of distances, by which light falls off.
+fn along_axis(points: impl Iterator<Item = DVec3>) -> Option<(Chart, Vec<[f64; 2]>)> {
+    let at: Vec<[f64; 2]> = points.map(|p| [libm::asinh(p.z), libm::atan2(p.y, p.x)]).collect();
+    let mut seen = [false; STEPS];
+    let step = |angle: f64| ((angle / std::f64::consts::TAU + 0.5) * STEPS as f64) as usize;
+    at.iter().for_each(|p| seen[step(p[1]).min(STEPS - 1)] = true);
+    let turn = seen.iter().filter(|&&s| s).count() as f64 / STEPS as f64;
+    (turn >= LEAST_TURN).then_some((Chart::Axis, at))
+}
+
+/// With lengths mapped to [-1, 1]; angles stay.
+fn scaled(chart: Chart, mut at: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
+    let lengths = if chart == Chart::Plane { 2 } else { 1 };
+    for i in 0..lengths {
+        let (low, high) =
+            at.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), p| (low.min(p[i]), high.max(p[i])));
+        let scale = if high > low { 2.0 / (high - low) } else { 0.0 };
+        at.iter_mut().for_each(|p| p[i] = (p[i] - 0.5 * (low + high)) * scale);
+    }
+    at
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec2;
+
+    /// As many functions as are said, the first ones those of the lower orders; Chebyshev's are cos(i arccos x), 1e-13 is rounding.
+    #[test]
+    fn functions_come_order_by_order() {
+        let (u, v) = (0.3_f64, -0.7_f64);
+        for chart in [Chart::Plane, Chart::Axis] {
+            let (mut all, mut some) = (Vec::new(), Vec::new());
+            chart.basis([u, v], 7, &mut all);
+            assert_eq!(all.len(), chart.terms(7));
+            for order in 0..7 {
+                chart.basis([u, v], order, &mut some);
+                assert_eq!(some[..], all[..chart.terms(order)], "{chart:?} {order}");
+            }
+        }
+        let mut values = Vec::new();
+        Chart::Axis.basis([u, v], 3, &mut values);
+        // Order 3: i = 1 stands behind the pair of i = 0.
+        let expected = (u.acos()).cos() * (2.0 * v).sin();
+        assert!((values[Chart::Axis.terms(2) + 3] - expected).abs() < 1e-13);
+    }
+
+    /// The bore of a tube is seen all around; a ball keeps its rim at a finite slope; what is neither has the places of the image.
+    #[test]
+    fn surfaces_have_their_coordinates() {
+        let tube = Solid::tube(4.0, 9.0, DVec2::ZERO, -50.0, 0.0);
+        let wall = |k: usize| {
+            let angle = k as f64;
+            DVec3::new(2.0 * angle.cos(), 2.0 * angle.sin(), -(k as f64) / 3.0)
+        };
+        let points: Vec<DVec3> = (0..90).map(wall).collect();
+        let normals: Vec<DVec3> = points.iter().map(|p| tube.normal(1, *p)).collect();
+        let pixels = vec![[0.0, 0.0]; 90];
+        let places = Places::of(&tube, 1, &points, &normals, 10.0 * DVec3::Z, &pixels);
+        assert_eq!(places.chart, Chart::Axis);
+        assert!((places.at[0][0] - 1.0).abs() < 1e-12 || (places.at[0][0] + 1.0).abs() < 1e-12);
+        let half: Vec<DVec3> = points.iter().copied().filter(|p| p.x > 0.0).collect();
+        let places = Places::of(&tube, 1, &half, &normals[..half.len()], 10.0 * DVec3::Z, &pixels);
+        assert_eq!(places.chart, Chart::Plane);
+        let ball = Solid::Ellipsoid { center: DVec3::ZERO, radii: DVec3::new(3.0, 3.0, 5.0) };
+        let at = |angle: f64| DVec3::new(3.0 * angle.sin(), 0.0, 5.0 * angle.cos());
+        let points: Vec<DVec3> = (-10..=10).map(|k| at(f64::from(k) * 0.15)).collect();
+        let places = Places::of(&ball, 0, &points, &points, 50.0 * DVec3::Z, &pixels[..21]);
+        let steps: Vec<f64> = places.at.windows(2).map(|w| (w[1][0] - w[0][0]).hypot(w[1][1] - w[0][1])).collect();
+        // From the middle it is 2 sin(angle / 2): near the rim, at 1.425 rad, steps are those of the middle times cos(angle / 2).
+        assert!((steps[19] / steps[10] - 0.7125_f64.cos() / 0.075_f64.cos()).abs() < 0.01, "{steps:?}");
+    }
+}
