@@ -190,7 +190,7 @@ fn main() {
         };
         let auto: &[u32] = if scene.uniform { &[16, 64, 256] } else { scene.samples };
         // In laterally uniform scenes that is `auto`.
-        let fit = if scene.uniform { &[] } else { scene.samples };
+        let fit: &[u32] = if scene.uniform { &[] } else { scene.samples };
         for (method, samples) in [("path", scene.samples), ("auto", auto), ("fit", fit)] {
             let mut points = Vec::new();
             for &n in samples.iter().take(if quick { 2 } else { usize::MAX }) {

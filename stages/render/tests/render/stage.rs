@@ -3,7 +3,7 @@
 use std::sync::Mutex;
 
 use serde_json::{Value, json};
-use turbid_contract::payload::{Medium, Payload, Scene, Shape, Surface};
+use turbid_contract::payload::{Lamp, Medium, Payload, Scene, Shape, Surface};
 use turbid_contract::{Artifact, ImageStack, Known, LayerKind, Problem, Problems, StageRow};
 use turbid_render::RenderStage;
 
@@ -225,10 +225,12 @@ fn mistakes_are_named() {
         (good.clone(), json!({"f_x": [0.1], "target_error": 0}), "target_error", &["0", "(0, 1)"]),
         (good.clone(), json!({"f_x": [0.1], "max_seconds": 0}), "max_seconds", &["0 s", "> 0"]),
         (
-            good.clone(),
+            with(&|s| {
+                s.lights.insert("lamp".to_owned(), Lamp::Ambient { radiance: vec![1e-6] });
+            }),
             json!({"f_x": [0.1], "samples": 4, "method": "fit"}),
             "method",
-            &["smooth surface", "bounded sideways"],
+            &["no part of the image can be fitted", "lights other than the projector"],
         ),
         (
             good.clone(),
