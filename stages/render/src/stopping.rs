@@ -36,18 +36,6 @@ impl StoppingCriterion for OfFit<'_> {
         };
         sums.iter().filter_map(of).max_by(f64::total_cmp)
     }
-
-    fn needs(&self, _: &[Moments], paths: &[u32], _: Option<&[bool]>) -> Vec<f64> {
-        vec![1.0; paths.len()]
-    }
-
-    fn with_control(&self, _: &[Moments], paths: &[u32], _: [f64; 2]) -> Vec<bool> {
-        vec![false; paths.len()]
-    }
-
-    fn part(&self, _: Option<&[bool]>) -> f64 {
-        1.0
-    }
 }
 
 /// Of pixels by their own paths, and of what is fitted to them.
@@ -62,18 +50,6 @@ impl StoppingCriterion for OfSurfaces<'_> {
         let watched = Watched::of(self.projected);
         let fields = by_surfaces(self.rig, &watched, self.regions, sums, paths);
         fields.iter().filter_map(|field| relative_error(field, &watched)).max_by(f64::total_cmp)
-    }
-
-    fn needs(&self, _: &[Moments], paths: &[u32], _: Option<&[bool]>) -> Vec<f64> {
-        vec![1.0; paths.len()]
-    }
-
-    fn with_control(&self, _: &[Moments], paths: &[u32], _: [f64; 2]) -> Vec<bool> {
-        vec![false; paths.len()]
-    }
-
-    fn part(&self, _: Option<&[bool]>) -> f64 {
-        1.0
     }
 }
 
