@@ -68,7 +68,7 @@ pub(super) fn write(file: &mut File, bytes: &[u8]) -> io::Result<()> {
     file.write_all(bytes)
 }
 
-/// Lets every byte pass [`write`].
+/// Lets every byte pass [`write()`].
 pub(super) struct Passing<'a>(pub &'a mut File);
 
 impl Write for Passing<'_> {

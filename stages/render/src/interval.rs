@@ -1,6 +1,6 @@
 //! Intervals of a share that was counted: where the true share may lie, also where all or none were counted.
 
-/// Probability with which [`share`] holds the truth, at least.
+/// Probability with which [`fraction`] holds the truth, at least.
 pub const CONFIDENCE: f64 = 0.95;
 
 /// The interval [low, high] of the mean of a count over `n` trials whose sums are `sum` and, of its squares, `squares`.

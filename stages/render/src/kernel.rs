@@ -34,7 +34,7 @@ pub struct Kernels {
 }
 
 impl Kernel {
-    /// Of paths in a setting, as [`walk_among`](crate::flock::walk_among) takes it.
+    /// Of paths in a setting, as [`walk_among`](crate::packet::walk_among) takes it.
     fn of(setting: Setting<'_>) -> (Self, Vec<String>) {
         let walker = Walker::new(setting, crate::level::named("baseline"));
         let bodies = setting.world.bodies.len();

@@ -36,7 +36,7 @@ impl Tally {
         }
     }
 
-    /// Takes away what [`Pass::drop_weak`] dropped.
+    /// Takes away what [`Pass::drop_weak`](super::Pass::drop_weak) dropped.
     pub fn less(&mut self, dropped: &Self) {
         self.good -= dropped.good;
         self.variances.iter_mut().zip(&dropped.variances).for_each(|(sum, part)| *sum -= part);
