@@ -77,6 +77,7 @@ mod so_far;
 mod stage;
 mod state;
 mod stopping;
+mod stopping_criterion;
 mod surfaces;
 mod tail;
 mod trace;

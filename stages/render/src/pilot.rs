@@ -13,7 +13,8 @@ use crate::projected::Projected;
 use crate::regions::{Region, regions};
 use crate::rig::Rig;
 use crate::stopping::{OfFit, OfPixels};
-use crate::trace::{PILOT, StoppingCriterion, Task, trace};
+use crate::stopping_criterion::StoppingCriterion;
+use crate::trace::{PILOT, Task, trace};
 
 /// Pixels of the small image, at most: with 16 paths each they fill half a tile of a render, and their flights take some ms.
 const PIXELS: f64 = 256.0;

@@ -170,7 +170,7 @@ pub(crate) fn of_lamp(lamp: usize) -> u32 {
 
 /// Lamps for which [`of_lamp`] and [`first_of_lamp`] hold.
 pub(crate) const LAMPS_IN_LANES: usize = MOST_LAMPS;
-/// Places on a ray for whose [`Purpose::Whether`] lanes have the word, and segments whose code is their place.
+/// Places on a ray for which lanes make the number of [`Purpose::Whether`] themselves, and segments whose code is their place.
 pub(crate) const PLACES_IN_LANES: usize = PLACES;
 
 /// The word, without a channel, of [`Purpose::Whether`] for the projector: 0 as the place, which stands above the lower eight bits.

@@ -10,9 +10,9 @@ use crate::params::Allocate;
 use crate::projected::Projected;
 use crate::regions::Region;
 use crate::rig::Rig;
+use crate::stopping_criterion::StoppingCriterion;
 use crate::surfaces::by_surfaces;
 use crate::tail::{expected_kurtosis, kurtosis, of_pixels};
-use crate::trace::StoppingCriterion;
 use crate::variance_smoothing::by_paths;
 
 /// Terms of a fit of the least order.

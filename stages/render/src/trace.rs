@@ -18,6 +18,7 @@ use crate::rig::Rig;
 use crate::setting::{Nee, Setting};
 use crate::so_far::is_due;
 use crate::state::State;
+use crate::stopping_criterion::StoppingCriterion;
 use crate::walker::Walker;
 
 /// Paths per pixel that are summed before they are added to the image: in f64, and always the same ones, so that neither the
@@ -57,28 +58,6 @@ pub struct Task<'a> {
     pub criterion: &'a dyn StoppingCriterion,
     /// What there is of the frames, for people who look on.
     pub so_far: Option<&'a Preview<'a>>,
-}
-
-/// What is made of sums while they grow: of those of all channels, and the paths of each pixel. By default every pixel has as many paths,
-/// and no control variate.
-pub trait StoppingCriterion: Sync {
-    /// Relative error of the image; `None` where it is dark. `with_control`: the pixels whose paths are walked in their control variate, too.
-    fn error(&self, sums: &[Moments], paths: &[u32], with_control: Option<&[bool]>) -> Option<f64>;
-
-    /// How many paths the pixels need in proportion; see [`allocation::needs`].
-    fn needs(&self, _sums: &[Moments], paths: &[u32], _with_control: Option<&[bool]>) -> Vec<f64> {
-        vec![1.0; paths.len()]
-    }
-
-    /// In which pixels walking their control variate, too, is worth it. `flights` of a path in the scene and in a control variate.
-    fn with_control(&self, _sums: &[Moments], paths: &[u32], _flights: [f64; 2]) -> Vec<bool> {
-        vec![false; paths.len()]
-    }
-
-    /// The part of the time that may be spent on these paths.
-    fn part(&self, _with_control: Option<&[bool]>) -> f64 {
-        1.0
-    }
 }
 
 /// What was traced.
