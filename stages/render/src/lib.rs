@@ -38,6 +38,7 @@ pub mod single;
 pub mod strata;
 pub mod texture;
 mod walker;
+mod weight_window;
 pub mod world;
 
 mod allocation;

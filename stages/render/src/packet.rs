@@ -77,8 +77,8 @@ fn walk_singly(walker: &mut Walker<'_>, batches: Batches<'_>) {
     walker.clear_responses(batches.paths());
     for path in 0..batches.paths() {
         let (pixel, sample) = batches.path(path);
-        let mut place = walker.begin(pixel as usize, sample, path);
-        while walker.step(&mut place) {}
+        let place = walker.begin(pixel as usize, sample, path);
+        walker.finish(place);
     }
     walker.gather();
 }
@@ -89,6 +89,10 @@ pub fn walk_double(walker: &mut Walker<'_>, pixels: Range<usize>, samples: Range
 }
 
 pub fn walk_double_among(walker: &mut Walker<'_>, batches: Batches<'_>) {
+    if walker.peaked_index.is_some() {
+        // Those lanes do not split paths.
+        return walk_singly(walker, batches);
+    }
     let paths = batches.paths();
     walker.clear_responses(paths);
     let (setting, mut packet) = (*walker.setting(), Packet::default());

@@ -25,8 +25,8 @@ impl Walker<'_> {
     /// One path of a pixel: its radiances (W mm^-2 sr^-1) as [`crate::response::Layout`] says. The same numbers whenever and wherever it is called.
     pub fn path(&mut self, pixel: usize, sample: u32) -> &[f64] {
         self.clear_responses(1);
-        let mut at = self.begin(pixel, sample, 0);
-        while self.step(&mut at) {}
+        let at = self.begin(pixel, sample, 0);
+        self.finish(at);
         while let Some(mut light_branch) = self.sent.pop_front() {
             self.step(&mut light_branch);
         }
@@ -172,7 +172,11 @@ impl Walker<'_> {
                     self.next_event_at_collision(at, roulette);
                 }
                 at.wholly = false;
-                if !at.light_branch && self.windows[at.material] > 0.0 && self.ends_deep(at, spare(b, c, d)) {
+                if !at.light_branch
+                    && self.peaked_index.is_none()
+                    && self.windows[at.material] > 0.0
+                    && self.ends_deep(at, spare(b, c, d))
+                {
                     return false;
                 }
                 let next = hg::sample(self.setting.world.materials[at.material].g, at.w, unit(b), unit(c));
@@ -183,8 +187,8 @@ impl Walker<'_> {
                         self.send_light_branch(at, next);
                     }
                 }
-                at.w = next;
-                !at.light_branch
+                let came = std::mem::replace(&mut at.w, next);
+                !at.light_branch && (self.peaked_index.is_none() || self.keep_in_window(at, came, &stream))
             }
         }
     }

@@ -29,6 +29,10 @@ pub(crate) enum Purpose {
     Flight(u64),
     /// Whether and where a light-directed branch goes from the end of a flight.
     LightBranch(u64),
+    /// Whether a path whose weight is below its window goes on from the end of a flight, and the direction of its copies towards the light ...
+    WeightWindow(u64),
+    /// ... and what a copy has of its own.
+    Copy(u64, u32),
     /// The way on from a rough interface, beside the flight's own numbers.
     Facet(u64),
     /// The point that is connected, and a direction to it.
@@ -41,6 +45,8 @@ pub(crate) enum Purpose {
 
 /// Bit of the number of a light-directed branch's flight, beside the path's of the rest of it. Numbers of a path's own leave it out.
 pub(crate) const LIGHT_BRANCH: u32 = 1 << 28;
+/// Bit of the sample of a path's copy, whose other bits are drawn: samples of paths leave it out.
+pub(crate) const COPY: u32 = 1 << 31;
 /// The largest number of a flight, of a path that goes on for ever: some 9e8 flights.
 pub(crate) const MOST_NUMBERS: u64 = 7 << 29;
 /// Channels beyond that have no numbers.
@@ -51,6 +57,8 @@ pub(crate) const MOST_CHANNELS: usize = 1 << 15;
 const SEGMENTS: usize = 1 << 11;
 /// Of what starts a light-directed branch.
 pub(crate) const SENT: u32 = 1 << 11;
+/// Of weight windows: codes from here, the copy's number behind it, fewer than 128.
+pub(crate) const WINDOW: u32 = SENT | 128;
 /// Segments that a flight came into, of the projector: codes from here, so many.
 pub(crate) const ENTERED: u32 = 1 << 12;
 const ENTRIES: usize = 1 << 12;
@@ -113,6 +121,8 @@ impl Purpose {
             Self::Start(trial) => Address::At([trial, START]),
             Self::Flight(flight) => Address::At([flight as u32, 0]),
             Self::LightBranch(flight) => Address::At([flight as u32, SENT]),
+            Self::WeightWindow(flight) => Address::At([flight as u32, WINDOW]),
+            Self::Copy(flight, copy) => Address::At([flight as u32, WINDOW | copy]),
             Self::Facet(flight) => Address::At([flight as u32, aside(0, 0, FACET, false)]),
             Self::NeeSite(flight, site, source) => at_site(flight, site, source),
             Self::Whether(flight, site, source) => other_than_site(flight, site, source, WHETHER),
@@ -262,6 +272,7 @@ mod tests {
     use std::collections::HashMap;
 
     use super::*;
+    use crate::weight_window::MOST_COPIES;
 
     /// The first flights, the last that lanes make, those around the gap that light-directed branches' numbers leave, and the last; and light-directed branches beside some.
     fn flights() -> Vec<u64> {
@@ -297,7 +308,8 @@ mod tests {
         }
         // The camera makes no flight.
         if flight > 0 {
-            all.extend([Purpose::Flight(flight), Purpose::Facet(flight)]);
+            all.extend([Purpose::Flight(flight), Purpose::Facet(flight), Purpose::WeightWindow(flight)]);
+            all.extend((1..2 * MOST_COPIES).map(|copy| Purpose::Copy(flight, copy)));
         }
         if flight & u64::from(LIGHT_BRANCH) != 0 {
             all.push(Purpose::LightBranch(flight));

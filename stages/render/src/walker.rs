@@ -12,6 +12,7 @@ use crate::next_event_lanes::{self, Queue};
 use crate::random::Stream;
 use crate::setting::{Nee, Place, Setting};
 use crate::strata::{self, Bending, clear};
+use crate::weight_window;
 use crate::world::{Chords, Interface, Material, RaySegment};
 
 /// Where mu_a is below this part of mu_s', deep paths end by roulette (elsewhere it does not pay: measured) ...
@@ -66,6 +67,10 @@ pub struct Walker<'a> {
     pub light_branches: Vec<bool>,
     /// Light-directed branches that are not followed yet, in the order in which they started.
     pub(crate) sent: VecDeque<Place>,
+    /// Refractive index of the medium for which paths have weight windows, if they do.
+    pub(crate) peaked_index: Option<f64>,
+    /// Copies of paths that were split, the last first.
+    pub(crate) copies: Vec<Place>,
     /// Of how many paths there are responses.
     pub(crate) paths: usize,
     pub(crate) flights: u64,
@@ -116,6 +121,7 @@ impl<'a> Walker<'a> {
         let lanes = setting.projected_images.layers() == 0 && setting.shared.is_none();
         let body_of = if lanes { next_event_lanes::bodies_by_material(setting.world) } else { None };
         let bending = Bending::of(setting.world);
+        let peaked_index = weight_window::peaked_index(&setting, &bending);
         let clear = if let Bending::AtPlanes(strata) = &bending { clear(setting.world, strata) } else { Vec::new() };
         let (responses, queued, queue) = (Vec::new(), Vec::new(), Queue::default());
         Self {
@@ -145,6 +151,8 @@ impl<'a> Walker<'a> {
             entries: Vec::new(),
             light_branches: Vec::new(),
             sent: VecDeque::new(),
+            peaked_index,
+            copies: Vec::new(),
             paths: 0,
             flights: 0,
             endless: false,

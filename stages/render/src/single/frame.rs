@@ -1,11 +1,13 @@
 //! What the f32 lanes know of a render.
 
+use fearless_simd::prelude::*;
 use glam::DVec3;
 
 use super::bend::Plane;
 use super::face::Interfaces;
 use super::ground::{Ground, Part};
 use super::image_lookup::ImageLookup;
+use super::lane::{V, splat};
 use super::refusal::Refusal;
 use super::source::Source;
 use crate::lengths::MOST_LENGTHS;
@@ -58,6 +60,8 @@ pub struct Frame<'a> {
     pub starts: bool,
     /// Whether any medium has a roulette of deep paths.
     pub windows: bool,
+    /// What weight windows are about, if paths have them: a light, and one over the refractive index of the medium.
+    pub weight_windows: Option<(Source, f32)>,
     /// For which they go in lanes: the projector first.
     pub sources: Vec<Source>,
     /// Irradiance of the projector at the centre of its field in each channel, W mm^-2: in lanes it is 1 there.
@@ -100,6 +104,15 @@ impl Frame<'_> {
     /// Whether light bends on its way in, in lanes.
     pub fn bends(&self) -> bool {
         self.plane.is_some() || self.interfaces.is_some()
+    }
+
+    /// Unit vectors against the light of weight windows, as horizontal planes turn it on its way in.
+    #[inline(always)]
+    pub fn against_light<S: Simd>(&self, simd: S, r: V<S>, (source, index): &(Source, f32)) -> V<S> {
+        let (towards, _) = source.towards(r);
+        let (x, y) = (towards.x * *index, towards.y * *index);
+        let z = (1.0 - x * x - y * y).max(splat(simd, 0.0)).sqrt().copysign(towards.z);
+        V { x, y, z }
     }
 
     /// In local coordinates.

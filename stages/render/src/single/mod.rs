@@ -27,6 +27,7 @@ mod start;
 mod turns;
 mod visibility;
 mod walk;
+mod weight_window;
 
 pub(crate) use bend::ScalarConnection;
 pub use frame::Frame;

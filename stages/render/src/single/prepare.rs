@@ -106,6 +106,8 @@ impl<'a> Frame<'a> {
         let next_events = next_events && alone;
         let (projector, unit) = Source::projector(s.light, origin);
         let (lamps, steady) = Source::lamps(s.steady, s.shared, origin);
+        let first = if s.light.shines() { Some(projector) } else { lamps.first().copied() };
+        let weight_windows = first.zip(walker.peaked_index.map(|n| n.recip() as f32));
         let singly = !(lamps.is_empty() || (next_events && for_lamps));
         let lamps = lamps.into_iter().filter(|_| !singly);
         let projected =
@@ -165,6 +167,7 @@ impl<'a> Frame<'a> {
             blind,
             starts,
             stride: walker.stride(),
+            weight_windows,
             windows: (0..s.world.materials.len()).any(|m| walker.window(m) > 0.0),
             sources: s.light.shines().then_some(projector).into_iter().chain(lamps).collect(),
             projected,

@@ -73,7 +73,9 @@ impl<'a> Starts<'a> {
             let made = frame.starts && self.enter(simd, walker, frame, next_events, ids, draw, absorption_depth[i]);
             if !made {
                 let mut place = walker.begin(pixel[i] as usize, sample[i], first + i);
-                if scalar_fallback(walker, frame, &mut place) {
+                let goes_on = scalar_fallback(walker, frame, &mut place);
+                walker.finish_copies();
+                if goes_on {
                     let (floats, words, lengths) = frame.row(&place);
                     self.ready.push(floats, words, lengths);
                 }

@@ -12,6 +12,7 @@ use super::rows::{Counts, Paths};
 use super::scalar_connections::make_scalar_connections;
 use super::scalar_fallback::{LATE, scalar_fallback};
 use super::start::Starts;
+use super::weight_window::Copies;
 use crate::batches::Batches;
 use crate::lengths::MOST_LENGTHS;
 use crate::random::LIGHT_BRANCH;
@@ -37,25 +38,28 @@ fn with_room(mut floats: [f32; 16], known: f32) -> [f32; 16] {
 }
 
 /// The paths in flight.
-struct Packet<'a, S: Simd> {
-    simd: S,
-    frame: &'a Frame<'a>,
-    floats: [F<S>; 16],
-    words: [U<S>; 6],
+pub(super) struct Packet<'a, S: Simd> {
+    pub(super) simd: S,
+    pub(super) frame: &'a Frame<'a>,
+    pub(super) floats: [F<S>; 16],
+    pub(super) words: [U<S>; 6],
     /// By which channels differ, mm.
-    lengths: Counts<S>,
+    pub(super) lengths: Counts<S>,
     /// By bits.
-    alive: u64,
+    pub(super) alive: u64,
     /// Flights that only ask how far they may go, by bits, and the lengths of all.
     asking: u64,
     steps: [f32; LANES],
     next_events: NextEvents,
     /// For what goes through memory.
     memory: Paths,
-    light_branches: LightBranches,
+    /// Copies of paths, and memory for what is done with them.
+    pub(super) copies: Copies,
+    pub(super) aside: Paths,
+    pub(super) light_branches: LightBranches,
     /// The paths that rest while light-directed branches fly, and by bits those that live.
-    resting: Paths,
-    resting_alive: u64,
+    pub(super) resting: Paths,
+    pub(super) resting_alive: u64,
     /// How many responses there are of each kind: after those of paths come those of light-directed branches where they end, and where they come in.
     paths: u32,
 }
@@ -76,6 +80,8 @@ impl<'a, S: Simd> Packet<'a, S> {
             steps: [0.0; LANES],
             next_events: NextEvents::new(counted),
             memory: Paths::new(counted),
+            copies: Copies::default(),
+            aside: Paths::new(counted),
             light_branches: LightBranches::new(counted),
             resting: Paths::new(counted),
             resting_alive: 0,
@@ -89,6 +95,9 @@ impl<'a, S: Simd> Packet<'a, S> {
         let (key, high) = (walker.setting().key, walker.setting().channel << 16);
         let mut flights = 0;
         loop {
+            if self.frame.weight_windows.is_some() {
+                self.revive();
+            }
             // The last light-directed branches go when all paths have ended.
             let last = self.alive == 0 && starts.ready.len() == 0 && !starts.more();
             let branching = self.light_branches.muster(simd, walker, self.frame, last, key, high);
@@ -321,7 +330,7 @@ impl<'a, S: Simd> Packet<'a, S> {
         let divergent = alive & crosses & !escapes;
         let mut gone = (dies & !crosses) | escapes;
         let mut heavier = weight;
-        if frame.windows && !branching {
+        if frame.windows && !branching && frame.weight_windows.is_none() {
             // Roulette of deep paths, for W/2 and above.
             let x = passage.clear * window + 1.0;
             let (x2, zero) = (x * x, splat(simd, 0.0));
@@ -426,24 +435,10 @@ impl<'a, S: Simd> Packet<'a, S> {
         ];
         let divergent = divergent.to_bitmask();
         self.alive = if branching { divergent } else { goes_on.to_bitmask() | divergent };
+        if let Some(window) = frame.weight_windows.as_ref().filter(|_| !branching) {
+            self.keep_in_windows(goes_on & !turned, w, passage.clear, window, key, high);
+        }
         (divergent, next_events.to_bitmask(), out.to_bitmask())
-    }
-
-    /// Puts light-directed branches into lanes, as many as go in, and what is there aside.
-    #[inline(always)]
-    fn rest(&mut self) {
-        self.resting.store(&self.floats, &self.words, &self.lengths);
-        (self.floats, self.words, self.lengths) = self.light_branches.waiting.load(self.simd);
-        self.resting_alive =
-            std::mem::replace(&mut self.alive, (1 << self.light_branches.waiting.len().min(LANES)) - 1);
-        self.light_branches.waiting.drop_first(self.simd);
-    }
-
-    /// The paths again: light-directed branches make one flight.
-    #[inline(always)]
-    fn resume(&mut self) {
-        (self.floats, self.words, self.lengths) = self.resting.load(self.simd);
-        self.alive = self.resting_alive;
     }
 
     /// Next-event estimation that lanes cannot make.
@@ -486,7 +481,9 @@ impl<'a, S: Simd> Packet<'a, S> {
                     continue;
                 }
             }
-            if scalar_fallback(walker, self.frame, &mut place) {
+            let goes_on = scalar_fallback(walker, self.frame, &mut place);
+            self.take_copies(walker, lane);
+            if goes_on {
                 let (floats, words, lengths) = self.frame.row(&place);
                 self.memory.set(lane, floats, words, lengths);
             } else {

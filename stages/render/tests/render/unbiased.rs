@@ -24,15 +24,20 @@ const DYE: usize = 3;
 const WHITE: usize = 4;
 /// Absorbs so weakly that deep paths are roulettes.
 const PALE: usize = 5;
-const WET: usize = 6;
-const WET_CORE: usize = 7;
-const GLASS: usize = 8;
-const DENSE: usize = 9;
-const FROSTED: usize = 10;
-const FROSTED_CORE: usize = 11;
+/// With narrow peaks, so that paths have weight windows: into the lobe of the second copies are sent, the third is pale.
+const SHARP: usize = 6;
+const SHARPEST: usize = 7;
+const PALE_SHARP: usize = 8;
+const WET: usize = 9;
+const WET_CORE: usize = 10;
+const GLASS: usize = 11;
+const DENSE: usize = 12;
+const FROSTED: usize = 13;
+const FROSTED_CORE: usize = 14;
 /// Dark, so that paths are short: a connection through curved walls costs as much as a hundred flights.
-const MURKY: usize = 12;
-const MURKY_CORE: usize = 13;
+const MURKY: usize = 15;
+const MURKY_CORE: usize = 16;
+const WET_SHARP: usize = 17;
 
 fn world(bodies: Vec<(Solid, usize)>) -> World {
     let medium = |mu_a, mu_s, g| Material::medium(mu_a, mu_s, g, 1.0);
@@ -47,6 +52,9 @@ fn world(bodies: Vec<(Solid, usize)>) -> World {
             medium(0.3, 0.0, 0.0),
             Material::lambertian(0.8),
             medium(0.002, 5.0, 0.5),
+            medium(0.05, 15.0, 0.92),
+            medium(0.1, 30.0, 0.97),
+            medium(0.002, 15.0, 0.9),
             Material::medium(0.05, 2.0, 0.7, 1.4),
             Material::medium(0.4, 4.0, 0.5, 1.4),
             Material::medium(0.01, 0.0, 0.0, 1.5),
@@ -55,6 +63,7 @@ fn world(bodies: Vec<(Solid, usize)>) -> World {
             Material { bsdf: Bsdf::Rough(0.7), ..Material::medium(0.1, 3.0, 0.5, 1.5) },
             Material::medium(0.6, 2.0, 0.7, 1.4),
             Material::medium(1.2, 4.0, 0.5, 1.4),
+            Material::medium(0.1, 15.0, 0.92, 1.4),
         ],
         textures: Vec::new(),
     };
@@ -242,6 +251,22 @@ pub fn bent_scenes() -> Vec<(&'static str, World)> {
 }
 
 /// Bodies of triangles: in a slab, with a bore and another body in it, and white.
+/// Media with narrow peaks of scattering, also beside others.
+pub fn peaked_scenes() -> Vec<(&'static str, World)> {
+    let slab = |bottom: f64, top: f64| Solid::Slab { bottom, top };
+    vec![
+        ("sharp slab", world(vec![(slab(-50.0, 0.0), SHARP)])),
+        ("wet sharp slab", world(vec![(slab(-50.0, 0.0), WET_SHARP)])),
+        ("pale sharp slab", world(vec![(slab(-50.0, 0.0), PALE_SHARP)])),
+        ("sharp slab under glass", world(vec![(slab(2.0, 3.0), GLASS), (slab(-50.0, 0.0), SHARP)])),
+        ("sharpest slab", world(vec![(slab(-50.0, 0.0), SHARPEST)])),
+        (
+            "tissue with a sharpest ball on a sharp floor",
+            world(vec![(ball([0.0, 0.0, -1.0], 1.0), SHARPEST), (slab(-2.0, 0.0), TISSUE), (slab(-20.0, -2.0), SHARP)]),
+        ),
+    ]
+}
+
 pub fn mesh_scenes() -> Vec<(&'static str, World)> {
     let mesh = |(vertices, triangles): shapes::Triangles| Solid::Mesh(Mesh::new(&vertices, &triangles).into());
     let slab = |top: f64, bottom: f64| Solid::Slab { bottom, top };
@@ -357,6 +382,18 @@ fn line_and_point_estimators_agree_without_lamps() {
     let mut pool = Pool::default();
     for (name, world) in hollow_scenes().into_iter().chain(several).chain([on_floor]) {
         pool.add(&compare(&Steady::NONE, name, &world, 2000));
+    }
+    pool.is_unbiased(0.05);
+}
+
+/// Weight windows split paths towards the projector, or the first lamp, whatever else shines.
+#[test]
+fn line_and_point_estimators_agree_under_narrow_peaks() {
+    let mut pool = Pool::default();
+    for (name, world) in peaked_scenes() {
+        for steady in [Steady::NONE, lamps()] {
+            pool.add(&compare(&steady, name, &world, 2000));
+        }
     }
     pool.is_unbiased(0.05);
 }

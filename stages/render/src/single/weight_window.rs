@@ -1,0 +1,223 @@
+//! Weight windows towards the light in lanes: `Walker::keep_in_window`, sixteen abreast.
+
+use std::ops::Range;
+
+use fearless_simd::prelude::*;
+use turbid_optics::elementary::ln as ln_of;
+use turbid_optics::philox::unit_fine;
+
+use super::frame::Frame;
+use super::lane::{F, LANES, M, U, V, choose, exp, hg_denominator, hg_sample, ln, philox, splat, unit};
+use super::source::Source;
+use super::walk::Packet;
+use crate::lengths::MOST_LENGTHS;
+use crate::random::{COPY, Purpose, Stream, WINDOW};
+use crate::walker::Walker;
+use crate::weight_window::{MOST_COPIES, NARROW, SCATTERINGS, WIDE};
+
+/// Of the exponent of what is as good as nothing.
+const LEAST_EXPONENT: f32 = -80.0;
+
+type Row = ([f32; 16], [u32; 6], [f32; MOST_LENGTHS]);
+
+/// Copies of the paths in flight that wait for the lane of their path, of each the last first: what a path brings is so added up in an order of its own.
+#[derive(Default)]
+pub struct Copies {
+    waiting: [Vec<Row>; LANES],
+    /// Lanes, by bits, for which some wait.
+    lanes: u64,
+}
+
+impl Copies {
+    fn push(&mut self, lane: usize, row: Row) {
+        self.waiting[lane].push(row);
+        self.lanes |= 1 << lane;
+    }
+
+    /// Copies of a path after a collision, whose random numbers are their own from there on; see `Walker::push_copies`.
+    fn add(
+        &mut self,
+        lane: usize,
+        (mut floats, mut words, lengths): Row,
+        numbers: Range<u32>,
+        key: [u32; 2],
+        high: u32,
+    ) {
+        let [next, sample, pixel, ..] = words;
+        let stream = Stream::new(key, pixel, sample, high >> 16);
+        for number in numbers {
+            let [sample, a, b, _] = stream.block(Purpose::Copy(u64::from(next - 2), number));
+            (floats[6], floats[7]) = (-ln_of(unit_fine(a, b)) as f32, 0.0);
+            words[1] = sample | COPY;
+            self.push(lane, (floats, words, lengths));
+        }
+    }
+
+    fn pop(&mut self, lane: usize) -> Row {
+        let row = self.waiting[lane].pop().expect("some wait");
+        self.lanes ^= u64::from(self.waiting[lane].is_empty()) << lane;
+        row
+    }
+}
+
+/// ln G; see `crate::weight_window`.
+#[inline(always)]
+fn exponent<S: Simd>(simd: S, g: F<S>, tau: F<S>) -> F<S> {
+    let g = g.max(splat(simd, f32::MIN_POSITIVE));
+    ((tau + 1.0) * SCATTERINGS as f32 * ln(g)).max(splat(simd, LEAST_EXPONENT))
+}
+
+/// `weight_window::Lobe`, sixteen abreast.
+struct Lobe<S: Simd> {
+    towards: V<S>,
+    wide: F<S>,
+    /// Whether it is narrow enough to split for.
+    near: M<S>,
+}
+
+impl<S: Simd> Lobe<S> {
+    #[inline(always)]
+    fn importance(&self, simd: S, w: V<S>) -> F<S> {
+        let wide = self.wide;
+        let peak = (1.0 - wide) * (wide + 1.0) / hg_denominator(wide, w.dot(self.towards));
+        (peak * peak * peak).max(splat(simd, 1.0))
+    }
+
+    #[inline(always)]
+    fn mis_weight(&self, simd: S, g: F<S>, came: V<S>, e: V<S>) -> F<S> {
+        let (narrow, cos) = (self.wide.sqrt(), e.dot(self.towards));
+        let ratio = hg_denominator(g, came.dot(e)) / hg_denominator(narrow, cos);
+        let constants = (1.0 - narrow) * (narrow + 1.0) / ((1.0 - g) * (g + 1.0));
+        let shared = 1.0 / (1.0 + constants * ratio * ratio.sqrt());
+        choose(cos.simd_gt(self.wide), shared, splat(simd, 1.0))
+    }
+}
+
+impl<S: Simd> Packet<'_, S> {
+    /// Splits the paths `at` a collision, to which they came along `came` and whose nearest surface is `clear` mm away, or ends them by roulette.
+    #[inline(always)]
+    pub(super) fn keep_in_windows(
+        &mut self,
+        at: M<S>,
+        came: V<S>,
+        clear: F<S>,
+        about: &(Source, f32),
+        key: [u32; 2],
+        high: u32,
+    ) {
+        let simd = self.simd;
+        let [x, y, z, .., weight, _, _, mu_s, g, window, _, _] = self.floats;
+        let deep = clear * window + 1.0;
+        let deep = deep * deep * (deep * deep);
+        let exponent = exponent(simd, g, mu_s * clear);
+        let near = exponent.simd_gt(-WIDE as f32) & g.simd_gt(0.0);
+        let asked = at & (near | weight.simd_lt(deep * 0.5));
+        if asked.any_true() {
+            let towards = self.frame.against_light(simd, V { x, y, z }, about);
+            let lobe = Lobe { towards, wide: choose(g.simd_gt(0.0), exp(exponent), splat(simd, 0.0)), near };
+            self.keep(asked, came, &lobe, deep, key, high);
+        }
+    }
+
+    #[inline(always)]
+    fn keep(&mut self, asked: M<S>, came: V<S>, lobe: &Lobe<S>, deep: F<S>, key: [u32; 2], high: u32) {
+        let simd = self.simd;
+        let [.., wx, wy, wz, _, _, weight, _, _, _, g, _, _, _] = self.floats;
+        let [number, sample, pixel, ..] = self.words;
+        let own = V { x: wx, y: wy, z: wz };
+        let most = splat(simd, MOST_COPIES as f32);
+        let narrow = asked & lobe.near & g.simd_ge(NARROW as f32);
+        let mut random = U::splat(simd, 0);
+        let mut left = weight;
+        let least_own = deep / lobe.importance(simd, own);
+        if (narrow | (asked & weight.simd_lt(least_own * 0.5))).any_true() {
+            let [a, b, c, d] = philox(simd, number - 2, U::splat(simd, WINDOW | high), sample, pixel, key);
+            random = a;
+            if narrow.any_true() {
+                let e = hg_sample(lobe.wide.sqrt(), lobe.towards, unit(b), unit(c));
+                let inside = narrow & e.dot(lobe.towards).simd_gt(lobe.wide);
+                let weight_there = weight * lobe.mis_weight(simd, g, came, e);
+                let parts = weight_there * lobe.importance(simd, e) / deep;
+                let count = (parts + unit(d)).min(most);
+                let sent = inside & count.simd_ge(1.0);
+                if sent.any_true() {
+                    self.send(sent.to_bitmask(), e, weight_there / parts.min(most), &count.to_array(), key, high);
+                }
+                left = choose(narrow, weight * lobe.mis_weight(simd, g, came, own), weight);
+            }
+        }
+        let light = asked & left.simd_lt(least_own * 0.5);
+        let survives = (unit(random) * least_own).simd_lt(left);
+        self.floats[8] = choose(light, least_own, left);
+        self.alive &= !(light & !survives).to_bitmask();
+        let heavy = asked & left.simd_ge(least_own * 2.0);
+        if heavy.any_true() {
+            let parts = (left / least_own).min(most);
+            self.split(heavy.to_bitmask(), &parts.to_array(), key, high);
+        }
+    }
+
+    /// Copies along `e`, of the weight `weight`, so many of each lane.
+    #[inline(never)]
+    fn send(&mut self, lanes: u64, e: V<S>, weight: F<S>, counts: &[f32; LANES], key: [u32; 2], high: u32) {
+        self.aside.store(&self.floats, &self.words, &self.lengths);
+        let (e, weight) = ([e.x, e.y, e.z].map(|x| x.to_array()), weight.to_array());
+        for lane in (0..LANES).filter(|lane| lanes >> lane & 1 == 1) {
+            let (mut floats, words, lengths) = self.aside.get(lane);
+            for (column, x) in floats[3..6].iter_mut().zip(e) {
+                *column = x[lane];
+            }
+            floats[8] = weight[lane];
+            self.copies.add(lane, (floats, words, lengths), MOST_COPIES..MOST_COPIES + counts[lane] as u32, key, high);
+        }
+    }
+
+    #[inline(never)]
+    fn split(&mut self, lanes: u64, parts: &[f32; LANES], key: [u32; 2], high: u32) {
+        self.aside.store(&self.floats, &self.words, &self.lengths);
+        for lane in (0..LANES).filter(|lane| lanes >> lane & 1 == 1) {
+            let (mut floats, words, lengths) = self.aside.get(lane);
+            let parts = parts[lane] as u32;
+            floats[8] /= parts as f32;
+            self.aside.set(lane, floats, words, lengths);
+            self.copies.add(lane, (floats, words, lengths), 1..parts, key, high);
+        }
+        (self.floats, self.words, self.lengths) = self.aside.load(self.simd);
+    }
+
+    /// Puts copies into the lanes of their paths that have ended.
+    #[inline(always)]
+    pub(super) fn revive(&mut self) {
+        let waiting = self.copies.lanes & !self.alive;
+        if waiting != 0 {
+            self.resume_copies(waiting);
+        }
+    }
+
+    #[inline(never)]
+    fn resume_copies(&mut self, waiting: u64) {
+        self.aside.store(&self.floats, &self.words, &self.lengths);
+        for lane in (0..LANES).filter(|lane| waiting >> lane & 1 == 1) {
+            let (floats, words, lengths) = self.copies.pop(lane);
+            self.aside.set(lane, floats, words, lengths);
+        }
+        self.alive |= waiting;
+        (self.floats, self.words, self.lengths) = self.aside.load(self.simd);
+    }
+
+    /// Takes over the copies of a lane's path that the scalar walker has made.
+    pub(super) fn take_copies(&mut self, walker: &mut Walker<'_>, lane: usize) {
+        take_copies(walker, self.frame, |row| self.copies.push(lane, row));
+    }
+}
+
+/// Hands over the copies that the scalar walker has made; it walks those that lanes cannot take, where rounding has put them onto an interface.
+fn take_copies(walker: &mut Walker<'_>, frame: &Frame<'_>, mut push: impl FnMut(Row)) {
+    for copy in std::mem::take(&mut walker.copies) {
+        if frame.body_at(&copy).is_some() {
+            push(frame.row(&copy));
+        } else {
+            walker.finish(copy);
+        }
+    }
+}
