@@ -1,60 +1,13 @@
-//! What is known beforehand to be wrong or uncertain in an image: light that rough interfaces lose, and light that few paths see.
+//! What is known beforehand to be uncertain in an image: light that few paths see.
 
-use turbid_contract::payload::{Lamp, Scene, Surface};
+use turbid_contract::payload::{Lamp, Scene};
 use turbid_contract::{Problems, StagePlan};
-use turbid_optics::between_facets::worst_neighbour;
 
-use crate::bsdf::Bsdf;
-use crate::camera::Camera;
 use crate::params::Params;
 use crate::tail::{is_peaked, kurtosis_of_lobe, paths_to_hold};
-use crate::world::{Chords, World};
 
-/// Where more than this part of the light is lost between facets, standard errors say nothing of an image's error.
-pub const MOST_LOST: f64 = 0.01;
-
-/// For each material what its rough interfaces lose of light that goes in and would all come back; 0 where interfaces are not rough.
-fn lost_by_material(world: &World) -> Vec<f64> {
-    let indices = || world.materials.iter().filter(|m| !m.is_opaque()).map(|m| m.n);
-    let lost = |bsdf: Bsdf, n: f64| match bsdf {
-        Bsdf::Rough(alpha) => worst_neighbour(alpha, n, indices()).1,
-        _ => 0.0,
-    };
-    world.materials.iter().map(|m| lost(m.bsdf, m.n)).collect()
-}
-
-/// Pixels that look at, or through, rough interfaces which lose more than [`MOST_LOST`]: what is missing there no paths tell. Empty where
-/// there are none.
-pub fn pixels_with_lost_light(world: &World, camera: &Camera) -> Vec<bool> {
-    let lossy: Vec<bool> = lost_by_material(world).iter().map(|&lost| lost > MOST_LOST).collect();
-    if !lossy.contains(&true) {
-        return Vec::new();
-    }
-    let mut chords = Chords::default();
-    let mut meets = |pixel: usize, (x, y): (f64, f64)| {
-        let (origin, w) = camera.ray(pixel, x, y);
-        let mut segments = world.trace(origin, w, None, &mut chords);
-        let seen = segments.find(|segment| lossy[segment.material] || world.materials[segment.material].is_opaque());
-        seen.is_some_and(|segment| lossy[segment.material])
-    };
-    const PLACES: [(f64, f64); 5] = [(0.5, 0.5), (0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)];
-    (0..camera.pixels()).map(|pixel| PLACES.into_iter().any(|place| meets(pixel, place))).collect()
-}
-
-/// Says in the plan what the scene's interfaces lose, and what its lobes cost.
+/// Says in the plan what the scene's lobes cost.
 pub fn say_in(plan: &mut StagePlan, scene: &Scene) {
-    for (name, object) in &scene.objects {
-        let (Surface::Rough(alpha), Some(medium)) = (&object.surface, &object.medium) else { continue };
-        let indices = scene.media.values().map(|medium| medium.n).chain([1.0]);
-        let (_, lost) = worst_neighbour(*alpha, scene.media[medium].n, indices);
-        if lost > 0.0 {
-            let errors = if lost > MOST_LOST { "; standard errors of what sees it are unknown" } else { "" };
-            plan.needs.push(format!(
-                "the rough walls of {name} (alpha = {alpha} loses {:.2} % of the light that goes in and comes back{errors})",
-                100.0 * lost
-            ));
-        }
-    }
     if let Some((_, g)) = narrowest(scene) {
         let times = (0.2 / (1.0 - g.abs())).powi(2);
         plan.needs
@@ -62,9 +15,9 @@ pub fn say_in(plan: &mut StagePlan, scene: &Scene) {
     }
 }
 
-/// Whether pixels may not know their standard error: where few paths find a narrow lobe, and where rough interfaces lose light.
+/// Whether pixels may not know their standard error: where few paths find a narrow lobe.
 pub fn errors_may_be_unknown(scene: &Scene) -> bool {
-    narrowest(scene).is_some() || scene.objects.values().any(|object| matches!(object.surface, Surface::Rough(_)))
+    narrowest(scene).is_some()
 }
 
 /// Relative variance of a path under a narrow lobe is this over (1 - g)^2. Measured, as [`kurtosis_of_lobe`]: 1.7, 5.6, 22, 137 and
