@@ -2,8 +2,10 @@
 //!
 //! `docs/theory/render.md`, "Errors".
 
+use crate::bsdf::Bsdf;
 use crate::moments::{Brightness, Moments};
 use crate::rig::Rig;
+use crate::world::Material;
 
 /// The fourth central moment of a path's brightness over the square of its variance, where nothing speaks for more: 13 to 26 in half-spaces
 /// and domes at g = 0.8.
@@ -12,6 +14,9 @@ const USUAL: f64 = 20.0;
 /// 0.95, 0.98 and 0.995, which are 0.59, 0.63, 0.65 and 0.84. (A connection along the lobe sees 1 / (1 - g)^2 of the mean, one in as many
 /// is along it.)
 const OF_LOBE: f64 = 0.6;
+/// The same of light that comes out through facets of roughness alpha is this over (alpha (n - 1))^2, the solid angle into which they refract. Measured with
+/// mu_s' = 1 mm^-1: 2.5 at n = 1.4, mu_a = 0.02; 3 to 5 at n = 1.1 and 1.4, mu_a = 0.1. (9 at n = 2, and 17 at mu_a = 0.5: there the sample has to show it.)
+const OF_FACETS: f64 = 5.0;
 /// As many paths of the expected kurtosis stand beside those of the image: fewer know nothing of theirs.
 const EXPECTED_PATHS: f64 = 1024.0;
 /// A sample holds the tail if its variance is made of so many paths as bright as the brightest or more: their number is then known to 35 %, and the
@@ -24,8 +29,10 @@ pub fn expected_kurtosis(rig: &Rig) -> f64 {
     if !rig.shines() {
         return USUAL;
     }
-    let scatterers = rig.worlds.iter().flat_map(|world| &world.materials).filter(|m| m.mu_s > 0.0);
-    kurtosis_of_lobe(scatterers.fold(0.0, |g, m| m.g.abs().max(g)))
+    let materials = || rig.worlds.iter().flat_map(|world| &world.materials);
+    let lobes = materials().filter(|m| m.mu_s > 0.0).map(|m| kurtosis_of_lobe(m.g));
+    let of_facets = |m: &Material| if let Bsdf::Rough(alpha) = m.bsdf { kurtosis_of_facets(alpha, m.n) } else { USUAL };
+    lobes.chain(materials().map(of_facets)).fold(USUAL, f64::max)
 }
 
 /// The same of a medium; a lobe that turns light back is as narrow.
@@ -34,7 +41,13 @@ pub fn kurtosis_of_lobe(g: f64) -> f64 {
     (OF_LOBE / (width * width)).max(USUAL)
 }
 
-/// Whether light is seen by so few paths that g has to be thought of.
+/// The same of light that comes out of a medium of index `n` through facets of roughness `alpha`.
+pub fn kurtosis_of_facets(alpha: f64, n: f64) -> f64 {
+    let width = alpha * (n - 1.0);
+    (OF_FACETS / (width * width)).max(USUAL)
+}
+
+/// Whether light is seen by so few paths that lobes have to be thought of.
 pub fn is_peaked(kurtosis: f64) -> bool {
     kurtosis > USUAL
 }

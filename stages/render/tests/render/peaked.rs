@@ -2,7 +2,7 @@
 
 use serde_json::json;
 use turbid_contract::payload::Scene;
-use turbid_contract::{Known, Problems, StageRow};
+use turbid_contract::{Known, Problem, Problems, StageRow};
 use turbid_render::RenderStage;
 
 use crate::setup::*;
@@ -140,16 +140,7 @@ fn a_sky_needs_no_lobe() {
 /// `check` says what g costs where that is much, and `plan` from where the lobe is narrower than usual.
 #[test]
 fn check_and_plan_say_what_g_costs() {
-    let row = StageRow::of::<RenderStage>();
-    let said = |g: f64, samples: u32| {
-        let params = json!({"f_x": [0], "samples": samples});
-        let known = known(&half_space(g, 16));
-        let mut problems = Problems::default();
-        row.check(&params, &known, &mut problems);
-        let warnings = problems.into_parts().1;
-        let needs = (row.prepare)(&params).unwrap().plan(&known).needs;
-        (warnings.into_iter().filter(|w| w.message.contains("g = ")).collect::<Vec<_>>(), needs.join("; "))
-    };
+    let said = |g: f64, samples: u32| said(&half_space(g, 16), samples);
     let (warnings, needs) = said(0.98, 64);
     assert!(warnings.len() == 1 && warnings[0].path == "samples", "{warnings:?}");
     assert!(needs.contains("g = 0.98"), "{needs}");
@@ -157,6 +148,18 @@ fn check_and_plan_say_what_g_costs() {
     assert!(warnings[0].message.contains("unknown"), "{warnings:?}");
     let (warnings, needs) = said(0.8, 64);
     assert!(warnings.is_empty() && !needs.contains("g = "), "{warnings:?} {needs}");
+}
+
+/// What `check` says of lobes, and all that `plan` does.
+pub fn said(scene: &Scene, samples: u32) -> (Vec<Problem>, String) {
+    let row = StageRow::of::<RenderStage>();
+    let params = json!({"f_x": [0], "samples": samples});
+    let known = known(scene);
+    let mut problems = Problems::default();
+    row.check(&params, &known, &mut problems);
+    let warnings = problems.into_parts().1;
+    let needs = (row.prepare)(&params).unwrap().plan(&known).needs;
+    (warnings.into_iter().filter(|w| w.message.contains("so narrow a lobe")).collect(), needs.join("; "))
 }
 
 fn known(scene: &Scene) -> Known {
