@@ -80,24 +80,22 @@ fn closed_forms_come_out() {
     assert_eq!(number(&layers("ball_glint", "black.frames", "radiance")[0], "max"), 0.0);
 }
 
-/// Rough walls lose light, and everyone who asks is told: `check` at the roughness, `plan`, the frames, `power`.
+/// Rough walls lose no light: a slab under an even sky is as bright as that, with known errors, nobody warns of anything, and `power` has no row for what is lost.
 #[test]
-fn lost_light_is_said() {
+fn rough_walls_lose_no_light() {
     let file = format!("{}/pipelines/checks/rough_furnace.yaml", env!("CARGO_MANIFEST_DIR"));
     let space = Space::new();
     let check = space.turbid(&["check", &file]);
-    let line = std::fs::read_to_string(&file).expect("it is there").lines().position(|l| l.contains("{rough:"));
-    let place = format!("rough_furnace.yaml:{}:", line.expect("a rough wall") + 1);
-    assert!(check.out.contains(&place) && check.out.contains("second facet"), "{}", check.out);
-    assert!(space.turbid(&["plan", &file]).out.contains("alpha = 0.3 loses"));
-    let frames = &layers("rough_furnace", "smooth.frames", "radiance")[0];
-    assert!((number(frames, "mean") - 1.0).abs() < 1e-6 && frames["mean_se"].is_number(), "{frames}");
-    let flags = &layers("rough_furnace", "rough.frames", "radiance_se_unknown")[0];
-    assert_eq!(number(flags, "min"), 1.0);
-    assert!(layers("rough_furnace", "rough.frames", "radiance")[0]["mean_se"].is_null());
+    assert!(!check.out.contains("rough_furnace.yaml:"), "{}", check.out);
+    for stage in ["smooth", "rough"] {
+        let frames = &layers("rough_furnace", &format!("{stage}.frames"), "radiance")[0];
+        let ends = ["min", "max"].map(|end| number(frames, end));
+        assert!(ends.iter().all(|x| (x - 1.0).abs() < 1e-6) && frames["mean_se"].is_number(), "{stage}: {frames}");
+        assert!(layers("rough_furnace", &format!("{stage}.frames"), "radiance_se_unknown").is_empty());
+    }
     space.turbid(&["run", &file, "balance.power"]).ok();
     let shown = space.turbid(&["show", &file, "balance.power"]).out;
-    assert!(shown.contains("lost between facets") && shown.contains("share_high"), "{shown}");
+    assert!(shown.contains("left upwards") && shown.contains("share_high") && !shown.contains("lost"), "{shown}");
 }
 
 /// Frames say where the lobe is too narrow for their paths.

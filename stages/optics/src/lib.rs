@@ -4,7 +4,6 @@
 //! Lengths mm, coefficients and spatial frequencies mm^-1. Transcendental functions come from `libm` or are our own
 //! and sums have a fixed order, so results have the same bits on every machine.
 
-pub mod between_facets;
 pub mod chromophore;
 pub mod diffusion;
 pub mod distortion;

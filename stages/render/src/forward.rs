@@ -37,8 +37,6 @@ pub struct Tally {
     pub left: [u64; 2],
     /// In each body or at its surface.
     pub absorbed: Vec<u64>,
-    /// Between the facets of rough interfaces.
-    pub lost: u64,
     /// Of each detector.
     pub detected: Vec<Detected>,
 }
@@ -91,7 +89,6 @@ pub fn tally(rig: &Rig, detectors: &[Detector], photons: u32, ctx: Ctx<'_>) -> R
                 (Some(detector), _) => tally.detected[detector].taken += 1,
                 (None, Ending::Left) => tally.left[usize::from(at.w.z <= 0.0)] += 1,
                 (None, Ending::Absorbed(body)) => tally.absorbed[body] += 1,
-                (None, Ending::Lost) => tally.lost += 1,
                 // The tile is thrown away.
                 (None, Ending::Endless) => break,
             }
@@ -134,14 +131,13 @@ fn walk(walker: &mut Walker<'_>, at: &mut Place, detectors: &[Detector], counts:
 impl Tally {
     fn new(world: &World, detectors: &[Detector]) -> Self {
         let (absorbed, detected) = (vec![0; world.bodies.len()], vec![Detected::default(); detectors.len()]);
-        Self { photons: 0, power: 0.0, left: [0; 2], absorbed, lost: 0, detected }
+        Self { photons: 0, power: 0.0, left: [0; 2], absorbed, detected }
     }
 
     /// Adds where photons of another tile ended.
     fn add(&mut self, other: &Self) {
         self.left.iter_mut().zip(other.left).for_each(|(sum, n)| *sum += n);
         self.absorbed.iter_mut().zip(&other.absorbed).for_each(|(sum, n)| *sum += n);
-        self.lost += other.lost;
         for (sum, part) in self.detected.iter_mut().zip(&other.detected) {
             sum.taken += part.taken;
             sum.passages += part.passages;

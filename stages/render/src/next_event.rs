@@ -134,7 +134,7 @@ impl<'a> Walker<'a> {
         self.bending == Bending::AtRough && material.n != 1.0
     }
 
-    /// Light that a rough interface throws into the path; `surface_point` is on the side from which the path comes.
+    /// Light that a rough interface throws into the path by the facets of its last walk; `surface_point` is on the side from which the path comes.
     pub(crate) fn next_event_at_rough(&mut self, at: &Place, rough: &Rough, surface_point: SurfacePoint) {
         let stream = self.stream(at);
         for source in self.sources() {
@@ -156,7 +156,7 @@ impl<'a> Walker<'a> {
             }
             for connection in connection.into_iter().chain(mirrored.drain(..)) {
                 let n = if connection.towards.dot(rough.normal) < 0.0 { rough.n_to } else { rough.n_from };
-                let response = rough.response(at.w, connection.towards);
+                let response = rough.response(&self.facet_flights, connection.towards);
                 let radiance = response * connection.irradiance / (n * n) * libm::exp(-connection.tau);
                 let lengths = sum(&at.lengths, &connection.lengths);
                 self.deposit(at.response, at.weight * radiance, connection.on_plane, source, &lengths);

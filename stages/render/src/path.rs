@@ -137,14 +137,11 @@ impl Walker<'_> {
                 let on = if let Bsdf::Rough(alpha) = self.setting.world.materials[owner].bsdf {
                     let normal = if surface_point.inside { -normal } else { normal };
                     let rough = Rough { alpha, normal, n_from, n_to };
+                    let mut dice = stream.dice(Purpose::Facets(flight));
+                    let on = rough.walk(at.w, || dice.throw(), &mut self.facet_flights);
                     if at.scattered || !self.excludes_specular {
                         self.next_event_at_rough(at, &rough, surface_point);
                     }
-                    let [fate, ..] = stream.block(Purpose::Facet(flight));
-                    let Some(on) = rough.sample(at.w, [unit(b), unit(c), roulette, unit(fate)]) else {
-                        self.ending = Ending::Lost;
-                        return false;
-                    };
                     on
                 } else {
                     let refraction = refract(at.w, normal, n_from, n_to);

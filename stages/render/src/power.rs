@@ -1,16 +1,14 @@
 //! The power port: where the light of all sources went, as a table.
 
 use serde_json::json;
-use turbid_contract::payload::{Power, Scene, Surface};
+use turbid_contract::payload::{Power, Scene};
 use turbid_contract::{Cells, ColumnInfo, Form, Table};
 
 use crate::forward::Tally;
 use crate::interval::{CONFIDENCE, fraction as interval};
 
-/// One row for each way out, each object that is not void, what rough interfaces lose between their facets where there are any, and each detector,
-/// channel by channel. `object_of` gives for each body its place among the objects.
+/// One row for each way out, each object that is not void, and each detector, channel by channel. `object_of` gives for each body its place among the objects.
 pub fn power(scene: &Scene, object_of: &[usize], tallies: &[Tally]) -> Power {
-    let has_rough_interfaces = has_rough_interfaces(scene);
     let names: Vec<&String> = scene.objects.keys().collect();
     let (mut detectors, mut wavelengths) = (Vec::new(), Vec::new());
     let (mut shares, mut powers): ([Vec<f64>; 3], [Vec<f64>; 3]) = Default::default();
@@ -20,9 +18,8 @@ pub fn power(scene: &Scene, object_of: &[usize], tallies: &[Tally]) -> Power {
         let absorbed = object_of.iter().zip(&tally.absorbed);
         let absorbed = absorbed.map(|(&object, &count)| (format!("absorbed in {}", names[object]), count));
         let left = ["left upwards", "left downwards"].into_iter().map(str::to_owned).zip(tally.left);
-        let lost = has_rough_interfaces.then(|| ("lost between facets".to_owned(), tally.lost));
         // Every photon either comes there or does not, ...
-        let once = left.chain(absorbed).chain(lost).map(|(name, count)| (name, count, count));
+        let once = left.chain(absorbed).map(|(name, count)| (name, count, count));
         // ... but it may come through a detector several times.
         let detected = scene.detectors.iter().zip(&tally.detected).map(|((name, d), found)| {
             let name = if d.absorbs { format!("taken by {name}") } else { format!("through {name}") };
@@ -63,7 +60,7 @@ pub fn power(scene: &Scene, object_of: &[usize], tallies: &[Tally]) -> Power {
 
 /// The form of that table, by so many `photons` of each wavelength.
 pub fn form(scene: &Scene, photons: u32) -> Form {
-    let of_channel = 2 + scene.objects.len() + usize::from(has_rough_interfaces(scene)) + scene.detectors.len();
+    let of_channel = 2 + scene.objects.len() + scene.detectors.len();
     let mut columns = vec![ColumnInfo::new("detector", "")];
     if !scene.wavelengths_nm.is_empty() {
         columns.push(ColumnInfo::new("wavelength_nm", "nm"));
@@ -75,12 +72,4 @@ pub fn form(scene: &Scene, photons: u32) -> Form {
     let attributes = [("photons", json!(u64::from(photons))), ("confidence", json!(CONFIDENCE))];
     let attributes = attributes.map(|(name, value)| (name.to_owned(), value)).into();
     Form { rows, columns: Some(columns), attributes, ..Form::default() }
-}
-
-/// Whether interfaces lose light between their facets: rough ones between different n.
-fn has_rough_interfaces(scene: &Scene) -> bool {
-    scene.objects.values().any(|object| {
-        let medium = object.medium.as_ref().and_then(|medium| scene.media.get(medium));
-        matches!(object.surface, Surface::Rough(_)) && medium.is_some_and(|medium| medium.n != 1.0)
-    })
 }

@@ -33,8 +33,8 @@ pub(crate) enum Purpose {
     WeightWindow(u64),
     /// ... and what a copy has of its own.
     Copy(u64, u32),
-    /// The way on from a rough interface, beside the flight's own numbers.
-    Facet(u64),
+    /// The walk among the facets of a rough interface at the end of a flight.
+    Facets(u64),
     /// The point that is connected, and a direction to it.
     NeeSite(u64, NeeSite, usize),
     /// Whether connections other than the likeliest are tried there ...
@@ -76,7 +76,7 @@ const PLACES: usize = 16;
 const WHETHER: u32 = 1;
 const WHICH: u32 = 2;
 const BEYOND: u32 = 126;
-const FACET: u32 = 127;
+const FACETS: u32 = 127;
 
 /// Where a block stands: number and word, that without the channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -123,7 +123,7 @@ impl Purpose {
             Self::LightBranch(flight) => Address::At([flight as u32, SENT]),
             Self::WeightWindow(flight) => Address::At([flight as u32, WINDOW]),
             Self::Copy(flight, copy) => Address::At([flight as u32, WINDOW | copy]),
-            Self::Facet(flight) => Address::At([flight as u32, aside(0, 0, FACET, false)]),
+            Self::Facets(flight) => Address::At([flight as u32, aside(0, 0, FACETS, false)]),
             Self::NeeSite(flight, site, source) => at_site(flight, site, source),
             Self::Whether(flight, site, source) => other_than_site(flight, site, source, WHETHER),
             Self::Which(flight, site, source) => other_than_site(flight, site, source, WHICH),
@@ -308,7 +308,7 @@ mod tests {
         }
         // The camera makes no flight.
         if flight > 0 {
-            all.extend([Purpose::Flight(flight), Purpose::Facet(flight), Purpose::WeightWindow(flight)]);
+            all.extend([Purpose::Flight(flight), Purpose::Facets(flight), Purpose::WeightWindow(flight)]);
             all.extend((1..2 * MOST_COPIES).map(|copy| Purpose::Copy(flight, copy)));
         }
         if flight & u64::from(LIGHT_BRANCH) != 0 {

@@ -3,7 +3,7 @@
 use turbid_contract::payload::{CONDITIONS, Covariance, Frames, Pattern, Power, Scene, Truth, White};
 use turbid_contract::{Ctx, Error, Forms, Known, LayerInfo, Pilot, Problems, Stage, StagePlan, in_ports, out_ports};
 
-use crate::cautions::{self, pixels_with_lost_light, say_in};
+use crate::cautions::{self, say_in};
 use crate::channels::groups;
 use crate::conditions::{layers, tell_dark_frames, warn_of_darkness};
 use crate::detector::Detector;
@@ -20,7 +20,6 @@ use crate::power::power;
 use crate::projected::Projected;
 use crate::rig::Rig;
 use crate::truth::truth;
-use crate::unsure::Unsure;
 
 in_ports! {
     pub struct In {
@@ -128,22 +127,14 @@ impl Stage for RenderStage {
                 }
             })
             .collect();
-        let unsure = pixels_with_lost_light(&rig.worlds[0], &rig.camera);
-        if unsure.contains(&true) {
-            ctx.warn("rough walls lose more than 1 % of the light between their facets: standard errors of pixels that see them are unknown");
-            let marked = |field| -> Box<dyn Field> { Box::new(Unsure { field, pixels: unsure.clone(), mean: true }) };
-            estimate.channels = estimate.channels.into_iter().map(marked).collect();
-        }
         let unknown = |field: &dyn Field| (0..field.pixels()).filter(|&pixel| field.se_unknown(pixel)).count();
         let unknown = estimate.channels.iter().map(|field| unknown(field.as_ref())).max().unwrap_or(0);
         if unknown > 0 {
             let percent = 100.0 * unknown as f64 / rig.camera.pixels() as f64;
             ctx.measure("pixels of unknown standard error", percent, "%");
-            if unsure.is_empty() {
-                ctx.warn(format!(
-                    "of {percent:.1} % of the pixels the standard errors are unknown: too few paths see what makes them bright"
-                ));
-            }
+            ctx.warn(format!(
+                "of {percent:.1} % of the pixels the standard errors are unknown: too few paths see what makes them bright"
+            ));
         }
         let images = Images {
             projected: &projected,

@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 
 use fearless_simd::Level;
 use glam::DVec3;
+use turbid_optics::rough::FacetFlight;
 
 use crate::connection::{Connection, Known, SpecularChain};
 use crate::lengths::Lengths;
@@ -61,6 +62,8 @@ pub struct Walker<'a> {
     pub(crate) body_of: Option<Vec<u64>>,
     /// For each material WINDOW mu_eff (mm^-1), 0 where there is no roulette.
     pub(crate) windows: Vec<f64>,
+    /// Of the last walk among facets.
+    pub(crate) facet_flights: Vec<FacetFlight>,
     /// Segments of media that the flight under way came into, from elsewhere.
     pub(crate) entries: Vec<Entry>,
     /// For each material whether light-directed branches start in it; empty where they are nowhere.
@@ -87,8 +90,6 @@ pub enum Ending {
     Left,
     /// In this body or at its surface.
     Absorbed(usize),
-    /// Between the facets of a rough interface.
-    Lost,
     /// It would not end.
     Endless,
 }
@@ -148,6 +149,7 @@ impl<'a> Walker<'a> {
             free_paths,
             body_of,
             windows,
+            facet_flights: Vec::new(),
             entries: Vec::new(),
             light_branches: Vec::new(),
             sent: VecDeque::new(),

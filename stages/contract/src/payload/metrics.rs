@@ -32,8 +32,8 @@ impl Payload for Metrics {
     }
 }
 
-/// Where the power of the lights went. Columns detector (`left upwards`, `left downwards`, `absorbed in OBJECT`, `lost between facets` where walls are
-/// rough, `through DETECTOR` or `taken by DETECTOR`), wavelength_nm (where the scene names wavelengths), power (W) and share (of the power of all lights), each with _se (null
+/// Where the power of the lights went. Columns detector (`left upwards`, `left downwards`, `absorbed in OBJECT`, `through DETECTOR` or
+/// `taken by DETECTOR`), wavelength_nm (where the scene names wavelengths), power (W) and share (of the power of all lights), each with _se (null
 /// where nothing or all was counted), _low and _high: the interval that holds the truth with the probability that the attribute `confidence` says. The attribute `photons` says
 /// how many were walked for each wavelength.
 #[derive(Clone, Debug, PartialEq)]

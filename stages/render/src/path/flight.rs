@@ -23,7 +23,7 @@ pub(super) enum End {
         normal: DVec3,
         from: usize,
     },
-    /// At a smooth interface between materials of different refractive index; `surface_point` is on this side.
+    /// At an interface between materials of different refractive index; `surface_point` is on this side.
     Boundary {
         surface_point: SurfacePoint,
         normal: DVec3,

@@ -94,7 +94,7 @@ fn what_is_said_is_made() {
     let peaked = floor(&[530.0, 635.0], &|medium| (medium.g, medium.mu_s) = (0.97, vec![130.0; 2]));
     assert_held(&peaked, None, &few(json!({"method": "path"})));
     assert_held(&peaked, None, &few(json!({"method": "fit"})));
-    // A ball on the slab, rough walls that lose light, textures, a steady light, detectors: a thickness that differs, and more rows of power.
+    // A ball on the slab, rough walls, textures, a steady light, detectors: a thickness that differs, and more rows of power.
     let mut mixed = floor(&[], &|medium| medium.n = 1.4);
     mixed.objects.get_mut("a").unwrap().surface = Surface::Rough(0.6);
     let ball = Shape::Sphere { diameter: 6.0, center: [0.0, 0.0, 3.2] };

@@ -2,7 +2,7 @@
 
 use serde_json::json;
 use turbid_contract::payload::{Medium, Scene, Shape};
-use turbid_contract::{Known, Problems, StageRow};
+use turbid_contract::{Known, Problem, Problems, StageRow};
 use turbid_render::RenderStage;
 
 use crate::setup::*;
@@ -146,16 +146,6 @@ fn a_sky_needs_no_lobe() {
 /// `check` says what g costs where paths have no weight windows, and where they are too few; `plan` from where the lobe is narrower than usual.
 #[test]
 fn check_and_plan_say_what_g_costs() {
-    let row = StageRow::of::<RenderStage>();
-    let said = |scene: &Scene, samples: u32| {
-        let params = json!({"f_x": [0], "samples": samples});
-        let known = known(scene);
-        let mut problems = Problems::default();
-        row.check(&params, &known, &mut problems);
-        let warnings = problems.into_parts().1;
-        let needs = (row.prepare)(&params).unwrap().plan(&known).needs;
-        (warnings.into_iter().filter(|w| w.message.contains("g = ")).collect::<Vec<_>>(), needs.join("; "))
-    };
     let (warnings, needs) = said(&half_space(0.98, 16), 64);
     assert!(warnings.is_empty() && needs.contains("g = 0.98 takes about 6 times"), "{warnings:?} {needs}");
     let (warnings, _) = said(&half_space(0.98, 4), 16);
@@ -165,6 +155,18 @@ fn check_and_plan_say_what_g_costs() {
     assert!(needs.contains("g = 0.98 takes about 100 times"), "{needs}");
     let (warnings, needs) = said(&half_space(0.8, 16), 64);
     assert!(warnings.is_empty() && !needs.contains("g = "), "{warnings:?} {needs}");
+}
+
+/// What `check` says of lobes, and all that `plan` does.
+pub fn said(scene: &Scene, samples: u32) -> (Vec<Problem>, String) {
+    let row = StageRow::of::<RenderStage>();
+    let params = json!({"f_x": [0], "samples": samples});
+    let known = known(scene);
+    let mut problems = Problems::default();
+    row.check(&params, &known, &mut problems);
+    let warnings = problems.into_parts().1;
+    let needs = (row.prepare)(&params).unwrap().plan(&known).needs;
+    (warnings.into_iter().filter(|w| w.message.contains("so narrow a lobe")).collect(), needs.join("; "))
 }
 
 fn known(scene: &Scene) -> Known {

@@ -82,7 +82,7 @@ pub fn run(scene: &Scene, params: &Value, seed: u64) -> BTreeMap<&'static str, I
 pub fn dc(scene: &Scene, samples: u32, seed: u64) -> (f64, f64) {
     let frames = &run(scene, &json!({"f_x": [0], "samples": samples}), seed)["frames"];
     let layer = frames.find("radiance", Some(0.0)).unwrap();
-    // Where light is lost between facets the error of the mean is unknown; that of the paths is a lower bound.
+    // Where the paths do not hold the tail the error of the mean is unknown; that of the paths is a lower bound.
     let of_paths = || {
         let se = frames.standard_error(&layer.info).unwrap().data.mapv(|se| f64::from(se).powi(2));
         se.sum().sqrt() / se.len() as f64

@@ -16,7 +16,6 @@ mod chromophores;
 mod detector;
 mod drawn;
 mod lamp;
-mod lost;
 mod medium;
 mod object;
 mod path;
@@ -32,7 +31,6 @@ mod whole;
 use channels::Channels;
 use detector::detector;
 use lamp::lamp;
-use lost::warn_of_lost_light;
 use medium::medium;
 use object::objects;
 use plausible::doubt;
@@ -91,7 +89,6 @@ pub fn assemble(
     if problems.is_empty() && !matches!(rig, RigInput::Unknown) {
         let mut whole = Problems::default();
         check_whole(&scene, &scattered, &mut whole);
-        warn_of_lost_light(&scene, &mut whole);
         taken.replace(at_their_origin(whole, &scattered), problems);
     }
     scene

@@ -294,18 +294,3 @@ fn legal_oddities_are_accepted() {
     let (mistakes, warnings) = check(&with("/camera/look_at", json!([0, 0, 600])));
     assert!(mistakes.is_empty() && warnings[0].path == "camera.look_at", "{mistakes:?} {warnings:?}");
 }
-
-/// A rough wall loses light between its facets: said where alpha stands, with its index, from n != 1 on.
-#[test]
-fn lost_light_is_warned_of_at_alpha() {
-    let mut scene = with("/media/healthy/n", json!(1.4));
-    scene["camera"]["specular"] = json!("include");
-    scene["objects"]["tissue"]["surface"] = json!({"rough": 0.3});
-    scene["objects"].as_object_mut().expect("objects").remove("polyp");
-    let (mistakes, warnings) = check(&scene);
-    let lost: Vec<_> = warnings.iter().filter(|w| w.path == "objects.tissue.surface.rough").collect();
-    assert!(mistakes.is_empty() && lost.len() == 1, "{mistakes:?} {warnings:?}");
-    assert!(lost[0].message.contains("rough = 0.3") && lost[0].message.contains("n = 1 and 1.4"), "{lost:?}");
-    scene["media"]["healthy"]["n"] = json!(1.0);
-    assert!(!check(&scene).1.iter().any(|w| w.path.ends_with("rough")));
-}
