@@ -31,6 +31,11 @@ fn scene(name: &str, pixels: u32) -> Scene {
     let (objects, [camera_z, field], [aside, projector_z, lit]) = match name {
         "dome" => (vec![tissue(), spheroid([40.0; 3], [0.0; 3])], [500.0, 64.0], [35.0, 500.0, 256.0]),
         "polyp" => (vec![tissue(), spheroid([40.0, 40.0, 80.0], [0.0; 3])], [500.0, 64.0], [35.0, 500.0, 256.0]),
+        "lesion" => {
+            let air = Shape::Box { size: [200.0, 200.0, 30.0], center: [0.0, 0.0, 15.0] };
+            let air = object(air, "air", 2);
+            (vec![tissue(), spheroid([36.0, 36.0, 24.0], [0.0; 3]), air], [500.0, 64.0], [35.0, 500.0, 256.0])
+        }
         "ball" => (vec![spheroid([40.0; 3], [0.0; 3])], [500.0, 48.0], [100.0, 400.0, 256.0]),
         "sunk" => (
             vec![
@@ -52,7 +57,7 @@ fn scene(name: &str, pixels: u32) -> Scene {
         "relief" => (vec![object(relief(80, 80.0), "scc", 0)], [500.0, 64.0], [35.0, 500.0, 256.0]),
         "facets" => (vec![object(facets(), "scc", 0)], [500.0, 48.0], [35.0, 500.0, 256.0]),
         "refracting" => (vec![spheroid([60.0; 3], [0.0; 3])], [500.0, 64.0], [35.0, 500.0, 256.0]),
-        _ => panic!("dome, polyp, ball, sunk, relief, facets, refracting or tube"),
+        _ => panic!("dome, polyp, lesion, ball, sunk, relief, facets, refracting or tube"),
     };
     let camera = Camera {
         position: [0.0, 0.0, camera_z],
@@ -75,7 +80,8 @@ fn scene(name: &str, pixels: u32) -> Scene {
         pixels: None,
         distortion: None,
     };
-    let mut media = [("healthy", medium(25.0, 4236.0)), ("scc", medium(96.0, 3721.0))];
+    let air = Medium { mu_a: vec![0.0], mu_s: vec![0.0], g: 0.0, n: 1.0 };
+    let mut media = [("healthy", medium(25.0, 4236.0)), ("scc", medium(96.0, 3721.0)), ("air", air)];
     if name == "refracting" {
         media[1].1.n = 1.4;
     }

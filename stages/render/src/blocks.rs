@@ -4,6 +4,8 @@ use crate::regions::Region;
 
 /// Rings along the edge of a region that are looked at by themselves.
 pub const RINGS: u32 = 4;
+/// Rings in which what a fit leaves is told apart.
+const ALL_RINGS: u32 = 6;
 /// What is outside of them is no more than one of so many parts of the pixels.
 const EDGE: usize = 3;
 /// Tiles at the edge count from this part of a whole one on.
@@ -30,6 +32,8 @@ pub struct Ring {
     pub pixels: Vec<usize>,
     /// These and all nearer to the edge.
     pub outside: Vec<usize>,
+    /// Whether they are few enough to be left out.
+    pub is_edge: bool,
 }
 
 impl Blocks {
@@ -60,11 +64,11 @@ fn rings(region: &Region, pixels: Vec<usize>) -> Vec<Ring> {
     let near = |number: u32| pixels.iter().copied().filter(move |&i| region.rings[i] <= number);
     let of = |number: u32| {
         let outside: Vec<usize> = near(number).collect();
+        let is_edge = number < RINGS && EDGE * outside.len() <= pixels.len();
         let pixels = outside.iter().copied().filter(|&i| region.rings[i] == number).collect();
-        Ring { number, pixels, outside }
+        Ring { number, pixels, outside, is_edge }
     };
-    let is_edge = |ring: &Ring| ring.pixels.len() >= LEAST && EDGE * ring.outside.len() <= pixels.len();
-    (0..RINGS).map(of).filter(is_edge).collect()
+    (0..ALL_RINGS).map(of).filter(|ring| ring.pixels.len() >= LEAST).collect()
 }
 
 /// Groups of one key each, by key.

@@ -59,6 +59,7 @@ mod light_branch;
 mod memory;
 mod method;
 mod mirror;
+mod misfit;
 mod neighbours;
 mod orthonormal;
 mod params;

@@ -47,3 +47,8 @@ impl Reduced {
         self.covariances[(i * self.q + a) * self.q + a]
     }
 }
+
+/// Responses that are alike: that to 1; re and im of each carrier.
+pub fn groups(q: usize) -> impl Iterator<Item = std::ops::Range<usize>> {
+    std::iter::once(0..1).chain((1..q).step_by(2).map(|a| a..a + 2))
+}

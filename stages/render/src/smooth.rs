@@ -4,9 +4,10 @@
 
 use std::collections::BTreeSet;
 
-use crate::blocks::{Blocks, RINGS};
+use crate::blocks::{Blocks, RINGS, Ring};
+use crate::misfit::{Misfit, Score};
 use crate::orthonormal::Orthonormal;
-use crate::reduced::Reduced;
+use crate::reduced::{Reduced, groups};
 use crate::regions::{LEAST_PIXELS, Region};
 use crate::variance_model::weights;
 
@@ -50,14 +51,13 @@ pub struct Smooth {
     covariances: Vec<f64>,
 }
 
-/// What is left of reduced responses in blocks beyond noise.
-struct Misfit {
-    /// Of a ring: its number; everywhere in the region if there is none.
-    ring: Option<u32>,
-    /// Mean square of each response.
-    variances: Vec<f64>,
-    /// Pixels that share one.
-    pixels: f64,
+/// What a trial leaves beyond noise.
+struct Left {
+    misfits: Vec<Misfit>,
+    /// Mean square of the scores of all tiles, of the response that has the most.
+    chi2: f64,
+    /// The tile that is off the most.
+    worst: Vec<usize>,
 }
 
 /// A fit to the active pixels.
@@ -70,32 +70,32 @@ struct Trial {
     needed: usize,
 }
 
-/// The mean residual of a response in a block.
-struct Score {
-    mean: f64,
-    /// As the paths of the block say, and as those of the whole region do.
-    sampled: f64,
-    expected: f64,
-    weight: f64,
-}
-
 impl Smooth {
     /// `None` where the responses are no smooth function. `paths`: of each pixel; `inflation`: of standard errors, see [`crate::field::inflation`].
     pub fn of(region: &Region, reduced: &Reduced, paths: &[u32], inflation: f64) -> Option<Self> {
         let weights = weights(region, reduced, paths)?;
         let fit = Fit { region, reduced, weights };
         let mut active = fit.start();
-        for _ in 0..ROUNDS {
-            let count = active.iter().filter(|&&a| a).count();
-            if count < LEAST_PIXELS || (count as f64) < LEAST_PART * region.len() as f64 {
+        for round in 1..=ROUNDS {
+            if !fit.is_enough(&active) {
                 return None;
             }
             let (trial, order) = fit.lowest(&active)?;
-            let worst = fit.worst_blocks(&trial, order, &active);
-            if worst.is_empty() {
-                return fit.end(trial, order, active, inflation);
+            let left = fit.left(&trial, order, &active);
+            let is_smooth = left.chi2 <= MOST_CHI2;
+            let mut worst = fit.worst_blocks(&trial, order, &active);
+            if worst.is_empty() && !is_smooth {
+                // No block is off by itself, but all together are.
+                worst.push(left.worst);
             }
-            worst.into_iter().flatten().for_each(|i| active[i] = false);
+            let mut rest = active.clone();
+            worst.iter().flatten().for_each(|&i| rest[i] = false);
+            // What cannot be given up, for too little would stay, is in the errors as a misfit.
+            let is_last = round == ROUNDS || !fit.is_enough(&rest);
+            if is_smooth && (worst.is_empty() || is_last) {
+                return Some(fit.end(trial, order, active, left.misfits, inflation));
+            }
+            active = rest;
         }
         None
     }
@@ -118,7 +118,8 @@ impl Smooth {
             self.functions(region, i, &mut b, &mut phi);
             for (a, w) in weights(i) {
                 sums[a * self.terms..][..self.terms].iter_mut().zip(&phi).for_each(|(sum, p)| *sum += w * p);
-                alone += w * w * self.misfits(region, i).map(|m| m.variances[a] * m.pixels).sum::<f64>();
+                let (variance, pixels) = self.misfit(region, i, a);
+                alone += w * w * variance * pixels;
             }
         }
         let m = self.terms;
@@ -132,10 +133,11 @@ impl Smooth {
         self.phi.at(b, phi);
     }
 
-    /// Those that a pixel has a part in.
-    fn misfits(&self, region: &Region, i: usize) -> impl Iterator<Item = &Misfit> {
+    /// What is left of response a in a pixel, and how many pixels share it: the largest of all that it has a part in, which see one misfit.
+    fn misfit(&self, region: &Region, i: usize, a: usize) -> (f64, f64) {
         let ring = region.rings[i];
-        self.misfits.iter().filter(move |misfit| misfit.ring.is_none_or(|r| r == ring))
+        let own = self.misfits.iter().filter(|misfit| misfit.ring.is_none_or(|r| r == ring));
+        own.map(|m| (m.variances[a], m.pixels)).fold((0.0, 1.0), |most, this| if this.0 > most.0 { this } else { most })
     }
 
     /// Covariance of two sums of weight x coefficient.
@@ -148,9 +150,9 @@ impl Smooth {
 }
 
 impl Trial {
-    /// One more than is needed, so that what is left out is less than the noise; `None` where there is none beyond to tell.
+    /// Two more than are needed, so that what is left out is well below the noise: after many paths one more is off by as much, beside edges by twice that; `None` where there is none beyond to tell.
     fn order(&self) -> Option<usize> {
-        let order = (self.needed + 1).max(2);
+        let order = (self.needed + 2).max(2);
         (order < self.top).then_some(order)
     }
 }
@@ -166,6 +168,12 @@ struct Fit<'a> {
 impl Fit<'_> {
     fn some(&self, active: &[bool]) -> impl Iterator<Item = usize> + Clone {
         (0..self.region.len()).filter(|&i| active[i])
+    }
+
+    /// Whether there are pixels enough for a fit to stand for the region.
+    fn is_enough(&self, active: &[bool]) -> bool {
+        let count = self.some(active).count();
+        count >= LEAST_PIXELS && count as f64 >= LEAST_PART * self.region.len() as f64
     }
 
     /// The pixels to begin with: without the rings along the edges that take functions from all others.
@@ -184,8 +192,7 @@ impl Fit<'_> {
         let mut best = (gain(&all), all);
         for edge in 1..=RINGS {
             let inside: Vec<bool> = self.region.rings.iter().map(|&ring| ring >= edge).collect();
-            let count = self.some(&inside).count();
-            if count < LEAST_PIXELS || (count as f64) < LEAST_PART * self.region.len() as f64 {
+            if !self.is_enough(&inside) {
                 break;
             }
             let gain = gain(&inside);
@@ -256,14 +263,21 @@ impl Fit<'_> {
         let residuals = self.residuals(trial, order, active);
         let scale = self.scale(active);
         let score = |block: &Vec<usize>| {
-            let of = |s: Score| s.mean.abs() / s.sampled.max(s.expected).sqrt();
             let scores = self.scores(trial, order, block, &residuals, &scale);
-            scores.into_iter().map(of).filter(|z| z.is_finite()).fold(0.0, f64::max)
+            scores.iter().map(Score::squared).fold(0.0, f64::max).sqrt()
         };
         let squares = blocks.tiles.iter().chain(&blocks.larger).map(|block| (score(block) / MOST_SCORE, block, false));
         // What is off at the edge is so up to there.
-        let quarters = blocks.quarters.iter().map(|ring| (score(&ring.pixels) / MOST_SCORE, &ring.outside, true));
-        let rings = blocks.rings.iter().map(|ring| (score(&ring.pixels) / MOST_SCORE_OF_RING, &ring.outside, true));
+        let quarters = blocks
+            .quarters
+            .iter()
+            .filter(|ring| ring.is_edge)
+            .map(|ring| (score(&ring.pixels) / MOST_SCORE, &ring.outside, true));
+        let rings = blocks
+            .rings
+            .iter()
+            .filter(|ring| ring.is_edge)
+            .map(|ring| (score(&ring.pixels) / MOST_SCORE_OF_RING, &ring.outside, true));
         let scores: Vec<(f64, &Vec<usize>, bool)> = squares.chain(quarters).chain(rings).collect();
         let most = scores.iter().map(|s| s.0).fold(1.0, f64::max);
         let worst = scores.into_iter().filter(|s| s.0 > (WORST * most).max(1.0));
@@ -331,21 +345,35 @@ impl Fit<'_> {
         (0..q).map(of).collect()
     }
 
-    /// Of the last trial; `None` where misfits of all blocks together are too large.
-    fn end(&self, trial: Trial, order: usize, active: Vec<bool>, inflation: f64) -> Option<Smooth> {
+    /// What the residuals of a trial say beyond noise.
+    fn left(&self, trial: &Trial, order: usize, active: &[bool]) -> Left {
+        let blocks = Blocks::of(self.region, active, TILES_PER_TERM * self.region.chart.terms(order));
+        let (q, residuals, scale) = (self.reduced.q, self.residuals(trial, order, active), self.scale(active));
+        let scores = |block: &Vec<usize>| self.scores(trial, order, block, &residuals, &scale);
+        let tiles: Vec<Vec<Score>> = blocks.tiles.iter().map(scores).collect();
+        let most = |scores: &Vec<Score>| scores.iter().map(Score::squared).fold(0.0, f64::max);
+        let worst = (0..tiles.len()).max_by(|&i, &j| most(&tiles[i]).total_cmp(&most(&tiles[j])));
+        let worst = worst.map_or_else(Vec::new, |i| self.with_border(&blocks.tiles[i], active));
+        let (everywhere, chi2) = Misfit::of(q, None, blocks.whole as f64, &tiles);
+        let ring = |number: u32| {
+            // Around the edge misfits may cancel, so its quarters are looked at, too.
+            let of = |rings: &[Ring]| {
+                let rings: Vec<&Ring> = rings.iter().filter(|ring| ring.number == number).collect();
+                let pixels =
+                    rings.iter().map(|ring| ring.pixels.len()).sum::<usize>() as f64 / rings.len().max(1) as f64;
+                let scores: Vec<Vec<Score>> = rings.iter().map(|ring| scores(&ring.pixels)).collect();
+                Misfit::of(q, Some(number), pixels, &scores).0
+            };
+            of(&blocks.rings).or(of(&blocks.quarters))
+        };
+        let misfits = std::iter::once(everywhere).chain(blocks.rings.iter().map(|r| ring(r.number))).collect();
+        Left { misfits, chi2, worst }
+    }
+
+    /// Of the last trial.
+    fn end(&self, trial: Trial, order: usize, active: Vec<bool>, misfits: Vec<Misfit>, inflation: f64) -> Smooth {
         let (chart, q) = (self.region.chart, self.reduced.q);
-        let blocks = Blocks::of(self.region, &active, TILES_PER_TERM * chart.terms(order));
-        let (residuals, scale) = (self.residuals(&trial, order, &active), self.scale(&active));
-        let scores = |block: &Vec<usize>| self.scores(&trial, order, block, &residuals, &scale);
-        let (everywhere, chi2) = left(q, None, blocks.whole as f64, blocks.tiles.iter().map(scores).collect());
-        if chi2 > MOST_CHI2 {
-            return None;
-        }
-        let rings = blocks
-            .rings
-            .iter()
-            .map(|ring| left(q, Some(ring.number), ring.pixels.len() as f64, vec![scores(&ring.pixels)]).0);
-        let misfits = std::iter::once(everywhere).chain(rings).collect();
+        let residuals = self.residuals(&trial, order, &active);
         let chi2 = self.chi2(&residuals, &active, chart.terms(order));
         let terms = chart.terms(order + 1);
         let errors = self.errors(&trial, order, terms, &active, inflation * inflation);
@@ -362,7 +390,7 @@ impl Fit<'_> {
             covariances: vec![0.0; self.region.len() * q * q],
         };
         self.fill(&mut smooth, &trial.coefficients);
-        Some(smooth)
+        smooth
     }
 
     /// Squares of the residuals over what the paths say of them.
@@ -431,35 +459,14 @@ impl Fit<'_> {
             for a in 0..q {
                 smooth.values[i * q + a] = (0..inside).map(|k| phi[k] * coefficients[k * q + a]).sum();
                 for other in a..q {
-                    let own = smooth.misfits(self.region, i).map(|m| if a == other { m.variances[a] } else { 0.0 });
-                    let covariance = smooth.between(a, other, &phi, &phi) + own.sum::<f64>();
+                    let own = if a == other { smooth.misfit(self.region, i, a).0 } else { 0.0 };
+                    let covariance = smooth.between(a, other, &phi, &phi) + own;
                     smooth.covariances[(i * q + a) * q + other] = covariance;
                     smooth.covariances[(i * q + other) * q + a] = covariance;
                 }
             }
         }
     }
-}
-
-/// By how much squares of mean residuals exceed their noise, of the `scores` of blocks of so many pixels; and the largest mean square of scores of any response.
-fn left(q: usize, ring: Option<u32>, pixels: f64, scores: Vec<Vec<Score>>) -> (Misfit, f64) {
-    let (mut variances, mut chi2) = (vec![0.0; q], 0.0_f64);
-    for group in groups(q).filter(|_| !scores.is_empty()) {
-        let of = || scores.iter().flat_map(|scores| group.clone().map(move |a| &scores[a]));
-        let weight: f64 = of().map(|s| s.weight).sum();
-        let squares = of().map(|s| s.weight * s.mean * s.mean).sum::<f64>() / weight;
-        let noise = of().map(|s| s.weight * s.sampled).sum::<f64>() / weight;
-        if noise > 0.0 {
-            chi2 = chi2.max(squares / noise);
-        }
-        group.for_each(|a| variances[a] = (squares - noise).max(0.0));
-    }
-    (Misfit { ring, variances, pixels }, chi2)
-}
-
-/// Responses that are alike: that to 1; re and im of each carrier.
-fn groups(q: usize) -> impl Iterator<Item = std::ops::Range<usize>> {
-    std::iter::once(0..1).chain((1..q).step_by(2).map(|a| a..a + 2))
 }
 
 /// By how much sum of (coefficient / standard error)^2 over terms and the responses of a group exceeds their number, and that number.
