@@ -2,6 +2,7 @@
 
 use turbid_contract::payload::{Lamp, Object, Scene, Shape, Surface};
 use turbid_contract::{Problems, StagePlan};
+use turbid_optics::elementary::ln;
 
 use crate::params::Params;
 use crate::tail::{is_peaked, kurtosis_of_facets, kurtosis_of_lobe, kurtosis_under, paths_to_hold};
@@ -28,7 +29,7 @@ const NARROW: f64 = 0.95;
 impl Lobe {
     fn of_medium(name: &str, g: f64, windows: bool) -> Self {
         let width = 1.0 - g.abs();
-        let variance = if windows && g > 0.0 { -VARIANCE_IN_WINDOWS * width.ln() } else { VARIANCE / (width * width) };
+        let variance = if windows && g > 0.0 { -VARIANCE_IN_WINDOWS * ln(width) } else { VARIANCE / (width * width) };
         Self { what: format!("g = {g} of {name}"), variance, kurtosis: kurtosis_under(g, windows) }
     }
 

@@ -76,6 +76,7 @@ mod regions;
 mod rig;
 mod smooth;
 mod so_far;
+mod splitting;
 mod stage;
 mod state;
 mod stopping;

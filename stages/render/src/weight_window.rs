@@ -3,18 +3,12 @@
 //!
 //! `docs/theory/render.md`, "Weight windows". Weight windows: Booth and Hendricks, "Importance estimation in forward Monte Carlo calculations", Nucl. Technol. Fusion 5 (1984).
 
-use std::ops::Range;
-
 use glam::DVec3;
 use turbid_optics::elementary::ln;
 use turbid_optics::henyey_greenstein::{denominator, density, sample};
-use turbid_optics::philox::{unit, unit_fine};
 
-use crate::path::deep_weight;
-use crate::random::{COPY, Purpose, Stream};
-use crate::setting::{Nee, Place, Setting};
+use crate::setting::{Nee, Setting};
 use crate::strata::Bending;
-use crate::walker::Walker;
 use crate::world::{Material, World};
 
 /// Least g of a medium for which they are taken; they then hold in all media of the world. Below it the copies cost more than they save.
@@ -70,6 +64,11 @@ impl Lobe {
     }
 }
 
+/// Whether a place is so near to the surface that paths are split there, `tau` scattering mean free paths from it.
+pub fn is_near(g: f64, tau: f64) -> bool {
+    g > 0.0 && -exponent(g, tau) < WIDE
+}
+
 /// ln G.
 fn exponent(g: f64, tau: f64) -> f64 {
     (SCATTERINGS * (1.0 + tau) * ln(g)).max(-80.0)
@@ -90,74 +89,51 @@ pub fn peaked_index(setting: &Setting<'_>, bending: &Bending) -> Option<f64> {
     most_peaked(setting.world, bending).filter(|_| setting.nee == Nee::Line && shines).map(|medium| medium.n)
 }
 
-/// The direction against the light in a medium of index `n`, as horizontal planes between it and air turn it.
-fn refracted(towards: DVec3, n: f64) -> DVec3 {
-    let (x, y) = (towards.x / n, towards.y / n);
-    DVec3::new(x, y, (1.0 - x * x - y * y).max(0.0).sqrt().copysign(towards.z))
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use turbid_optics::philox::{philox4x32, unit, unit_fine};
 
-impl Walker<'_> {
-    /// Walks a path to its end, and all copies into which it is split.
-    pub(crate) fn finish(&mut self, mut at: Place) {
-        while self.step(&mut at) {}
-        self.finish_copies();
-    }
-
-    /// Walks those that wait, the last first.
-    pub(crate) fn finish_copies(&mut self) {
-        while let Some(mut copy) = self.copies.pop() {
-            while self.step(&mut copy) {}
-        }
-    }
-
-    /// Splits a path that goes on from a collision, to which it came along `came`, or ends it by roulette: false. Copies wait in [`Walker::copies`].
-    pub(crate) fn keep_in_window(&mut self, at: &mut Place, came: DVec3, stream: &Stream) -> bool {
-        let world = self.setting.world;
-        let material = world.materials[at.material];
-        let window = self.windows[at.material];
-        let near = |clear: f64| material.g > 0.0 && -exponent(material.g, material.mu_s * clear) < WIDE;
-        if window > 0.0 {
-            at.clear = world.clearance(at.r);
-        }
-        if !near(at.clear) && at.weight >= 0.5 * deep_weight(window, at.clear) {
-            return true;
-        }
-        at.clear = at.clear.max(world.clearance(at.r));
-        let (Some(source), Some(n)) = (self.sources().next(), self.peaked_index) else { return true };
-        let lobe = Lobe::of(material.g, material.mu_s * at.clear, refracted(source.towards(at.r).0, n));
-        let deep = deep_weight(window, at.clear);
-        let [random, b, c, d] = stream.block(Purpose::WeightWindow(at.flight()));
-        if material.g >= NARROW && near(at.clear) {
-            if let Some(e) = lobe.sample(unit(b), unit(c)) {
-                let weight = at.weight * lobe.mis_weight(material.g, came, e);
-                let parts = weight * lobe.importance(e) / deep;
-                let sent = Place { w: e, weight: weight / parts.min(f64::from(MOST_COPIES)), ..*at };
-                let count = ((parts + unit(d)) as u32).min(MOST_COPIES);
-                self.push_copies(&sent, MOST_COPIES..MOST_COPIES + count, stream);
+    /// A path that keeps its share of its own direction, and the copy that is sent, bring together what the phase function does: its integral 1, its mean cosine g, and the part in the lobe,
+    /// from inside and outside the lobe; 5 sigma.
+    #[test]
+    fn path_and_copy_are_the_phase_function() {
+        for (g, tau, tilt) in [(0.97, 0.0, 0.02), (0.97, 3.0, 0.3), (0.99, 5.0, 1.0), (0.995, 0.5, 0.01)] {
+            let (came, n) = (DVec3::new(f64::sin(tilt), 0.0, f64::cos(tilt)), 200_000);
+            let lobe = Lobe::of(g, tau, DVec3::Z);
+            let moments = |e: DVec3, weight: f64| {
+                [weight, weight * e.dot(came), if e.z > lobe.wide { weight } else { 0.0 }, weight * e.x]
+            };
+            let (mut shared, mut squares, mut alone) = ([0.0; 4], [0.0; 4], [0.0; 4]);
+            for i in 0..n {
+                let [a, b, c, _] = philox4x32([i, 1, 2, 3], [5, 6]);
+                let [d, e, _, _] = philox4x32([i, 2, 2, 3], [5, 6]);
+                let own = sample(g, came, unit_fine(a, b), unit(c));
+                let sent = lobe.sample(unit(d), unit(e));
+                let of_sent = sent.map_or([0.0; 4], |e| moments(e, lobe.mis_weight(g, came, e)));
+                let of_own = moments(own, lobe.mis_weight(g, came, own));
+                for (k, plain) in moments(own, 1.0).into_iter().enumerate() {
+                    let difference = of_own[k] + of_sent[k] - plain;
+                    shared[k] += difference;
+                    squares[k] += difference * difference;
+                    alone[k] += plain;
+                }
             }
-            at.weight *= lobe.mis_weight(material.g, came, at.w);
+            for k in 0..4 {
+                assert!(shared[k].abs() <= 5.0 * squares[k].sqrt(), "g = {g}, {k}: {} beside {}", shared[k], alone[k]);
+            }
         }
-        let least = deep / lobe.importance(at.w);
-        if at.weight < 0.5 * least {
-            let survives = unit(random) * least < at.weight;
-            at.weight = least;
-            return survives;
-        }
-        let parts = (at.weight / least).min(f64::from(MOST_COPIES)) as u32;
-        if parts > 1 {
-            at.weight /= f64::from(parts);
-            self.push_copies(at, 1..parts, stream);
-        }
-        true
     }
 
-    /// Copies of `numbers`, whose random numbers are their own from here on.
-    fn push_copies(&mut self, of: &Place, numbers: Range<u32>, stream: &Stream) {
-        for number in numbers {
-            let [sample, a, b, _] = stream.block(Purpose::Copy(of.flight(), number));
-            // Absorption has no memory: theirs is drawn anew.
-            let absorption_depth = -ln(unit_fine(a, b));
-            self.copies.push(Place { sample: sample | COPY, absorption_depth, ..*of });
-        }
+    /// It is 1 away from the light and from the surface, and falls steadily from the light to where cos = G.
+    #[test]
+    fn importance_falls_from_the_light() {
+        let worth = |g: f64, tau: f64, cos: f64| {
+            Lobe::of(g, tau, DVec3::Z).importance(DVec3::new((1.0 - cos * cos).sqrt(), 0.0, cos))
+        };
+        let falling = [1.0, 0.999, 0.99, 0.97, 0.9, 0.0, -1.0].map(|cos| worth(0.98, 0.0, cos));
+        assert!(falling.windows(2).all(|pair| pair[0] >= pair[1]) && falling[0] > 1e4, "{falling:?}");
+        assert_eq!([worth(0.98, 0.0, 0.98 * 0.98 - 1e-9), worth(-0.5, 0.0, 1.0)], [1.0, 1.0]);
+        assert!(worth(0.9, 20.0, 1.0) < 2.0 && !is_near(0.9, 20.0) && is_near(0.9, 1.0));
     }
 }

@@ -5,7 +5,6 @@ use fearless_simd::prelude::*;
 use super::frame::Frame;
 use super::lane::{F, LANES, M, U, V, choose, hg_denominator, hg_sample, philox, splat, unit_short};
 use super::rows::Paths;
-use super::walk::Packet;
 use crate::light_branch::{KEPT, NEAR};
 use crate::random::{LIGHT_BRANCH, SENT};
 use crate::walker::Walker;
@@ -117,24 +116,5 @@ impl LightBranches {
                 walker.step(&mut light_branch);
             }
         }
-    }
-}
-
-impl<S: Simd> Packet<'_, S> {
-    /// Puts light-directed branches into lanes, as many as go in, and what is there aside.
-    #[inline(always)]
-    pub(super) fn rest(&mut self) {
-        self.resting.store(&self.floats, &self.words, &self.lengths);
-        (self.floats, self.words, self.lengths) = self.light_branches.waiting.load(self.simd);
-        self.resting_alive =
-            std::mem::replace(&mut self.alive, (1 << self.light_branches.waiting.len().min(LANES)) - 1);
-        self.light_branches.waiting.drop_first(self.simd);
-    }
-
-    /// The paths again: light-directed branches make one flight.
-    #[inline(always)]
-    pub(super) fn resume(&mut self) {
-        (self.floats, self.words, self.lengths) = self.resting.load(self.simd);
-        self.alive = self.resting_alive;
     }
 }

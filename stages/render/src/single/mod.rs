@@ -4,6 +4,7 @@
 //! random numbers are the same, so a path differs from the scalar one by rounding only.
 
 mod bend;
+mod copies;
 mod deposit;
 mod face;
 mod facets;
@@ -18,6 +19,7 @@ mod mesh;
 mod next_event;
 mod prepare;
 pub mod refusal;
+mod resting;
 mod round;
 mod rows;
 mod scalar_connections;

@@ -3,6 +3,7 @@
 use fearless_simd::prelude::*;
 use turbid_optics::at_level;
 
+use super::copies::Copies;
 use super::frame::Frame;
 use super::lane::{F, LANES, M, U, V, choose, hg_sample, ln, philox, spare, splat, unit, unit_short};
 use super::light_branch::{LightBranches, sends};
@@ -12,7 +13,6 @@ use super::rows::{Counts, Paths};
 use super::scalar_connections::make_scalar_connections;
 use super::scalar_fallback::{LATE, scalar_fallback};
 use super::start::Starts;
-use super::weight_window::Copies;
 use crate::batches::Batches;
 use crate::lengths::MOST_LENGTHS;
 use crate::random::LIGHT_BRANCH;

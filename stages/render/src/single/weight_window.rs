@@ -1,64 +1,18 @@
 //! Weight windows towards the light in lanes: `Walker::keep_in_window`, sixteen abreast.
 
-use std::ops::Range;
-
 use fearless_simd::prelude::*;
-use turbid_optics::elementary::ln as ln_of;
-use turbid_optics::philox::unit_fine;
 
+use super::copies::Row;
 use super::frame::Frame;
 use super::lane::{F, LANES, M, U, V, choose, exp, hg_denominator, hg_sample, ln, philox, splat, unit};
 use super::source::Source;
 use super::walk::Packet;
-use crate::lengths::MOST_LENGTHS;
-use crate::random::{COPY, Purpose, Stream, WINDOW};
+use crate::random::WINDOW;
 use crate::walker::Walker;
 use crate::weight_window::{MOST_COPIES, NARROW, SCATTERINGS, WIDE};
 
 /// Of the exponent of what is as good as nothing.
 const LEAST_EXPONENT: f32 = -80.0;
-
-type Row = ([f32; 16], [u32; 6], [f32; MOST_LENGTHS]);
-
-/// Copies of the paths in flight that wait for the lane of their path, of each the last first: what a path brings is so added up in an order of its own.
-#[derive(Default)]
-pub struct Copies {
-    waiting: [Vec<Row>; LANES],
-    /// Lanes, by bits, for which some wait.
-    lanes: u64,
-}
-
-impl Copies {
-    fn push(&mut self, lane: usize, row: Row) {
-        self.waiting[lane].push(row);
-        self.lanes |= 1 << lane;
-    }
-
-    /// Copies of a path after a collision, whose random numbers are their own from there on; see `Walker::push_copies`.
-    fn add(
-        &mut self,
-        lane: usize,
-        (mut floats, mut words, lengths): Row,
-        numbers: Range<u32>,
-        key: [u32; 2],
-        high: u32,
-    ) {
-        let [next, sample, pixel, ..] = words;
-        let stream = Stream::new(key, pixel, sample, high >> 16);
-        for number in numbers {
-            let [sample, a, b, _] = stream.block(Purpose::Copy(u64::from(next - 2), number));
-            (floats[6], floats[7]) = (-ln_of(unit_fine(a, b)) as f32, 0.0);
-            words[1] = sample | COPY;
-            self.push(lane, (floats, words, lengths));
-        }
-    }
-
-    fn pop(&mut self, lane: usize) -> Row {
-        let row = self.waiting[lane].pop().expect("some wait");
-        self.lanes ^= u64::from(self.waiting[lane].is_empty()) << lane;
-        row
-    }
-}
 
 /// ln G; see `crate::weight_window`.
 #[inline(always)]
