@@ -94,5 +94,5 @@ fn bytes_belong_to_the_version() {
         0x05b0_b083_b3a1_0f91,
         0x31b4_af0c_a092_eea5,
     ];
-    assert_eq!((RenderStage::VERSION, &digests[..]), (24, &expected[..]), "digests {digests:#x?}");
+    assert_eq!((RenderStage::VERSION, &digests[..]), (25, &expected[..]), "digests {digests:#x?}");
 }

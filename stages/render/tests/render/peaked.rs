@@ -147,12 +147,12 @@ fn a_sky_needs_no_lobe() {
 #[test]
 fn check_and_plan_say_what_g_costs() {
     let (warnings, needs) = said(&half_space(0.98, 16), 64);
-    assert!(warnings.is_empty() && needs.contains("g = 0.98 takes about 6 times"), "{warnings:?} {needs}");
+    assert!(warnings.is_empty() && needs.contains("g = 0.98 of tissue takes about 6 times"), "{warnings:?} {needs}");
     let (warnings, _) = said(&half_space(0.98, 4), 16);
     assert!(warnings.len() == 1 && warnings[0].message.contains("unknown"), "{warnings:?}");
     let (warnings, needs) = said(&ball(0.98, 16), 64);
     assert!(warnings.len() == 1 && warnings[0].path == "samples", "{warnings:?}");
-    assert!(needs.contains("g = 0.98 takes about 100 times"), "{needs}");
+    assert!(needs.contains("g = 0.98 of tissue takes about 100 times"), "{needs}");
     let (warnings, needs) = said(&half_space(0.8, 16), 64);
     assert!(warnings.is_empty() && !needs.contains("g = "), "{warnings:?} {needs}");
 }
