@@ -6,6 +6,7 @@ use turbid_optics::elementary::ln;
 
 use crate::params::Params;
 use crate::tail::{is_peaked, kurtosis_of_facets, kurtosis_of_lobe, kurtosis_under, paths_to_hold};
+use crate::weight_window::NARROWEST;
 
 /// A lobe in which few paths find light.
 struct Lobe {
@@ -64,7 +65,8 @@ fn has_weight_windows(scene: &Scene) -> bool {
     let plain = scene.objects.values().all(|object| !matches!(object.surface, Surface::Mirror | Surface::Rough(_)));
     let straight = clear().all(|object| n(object) == 1.0);
     let slabs = clear().all(|object| matches!(object.shape, Shape::Slab { .. }));
-    plain && (straight || slabs) && !clear().any(|object| hollow(&object.shape))
+    let holds = scene.media.values().all(|medium| medium.g <= NARROWEST || medium.mu_s.iter().all(|&mu_s| mu_s == 0.0));
+    plain && holds && (straight || slabs) && !clear().any(|object| hollow(&object.shape))
 }
 
 /// Says in the plan what the scene's lobes cost.

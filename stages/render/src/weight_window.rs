@@ -13,6 +13,8 @@ use crate::world::{Material, World};
 
 /// Least g of a medium for which they are taken; they then hold in all media of the world. Below it the copies cost more than they save.
 pub(crate) const PEAKED: f64 = 0.875;
+/// Largest g of a scattering medium up to which there are any: f32 holds no narrower lobe.
+pub(crate) const NARROWEST: f64 = 0.998;
 /// Least g of media in which copies are also sent towards the light: there a path that turns into the lobe around it by chance would bring too much at once.
 pub(crate) const NARROW: f64 = 0.97;
 /// Copies of a kind that one collision makes, at most.
@@ -80,7 +82,7 @@ pub fn most_peaked<'a>(world: &'a World, bending: &Bending) -> Option<&'a Materi
     let known = matches!(bending, Bending::Nowhere | Bending::AtPlanes(_)) && !world.is_hollow();
     let filling = world.bodies.iter().map(|body| &world.materials[body.material]);
     let peaked = filling.filter(|m| known && m.mu_s > 0.0 && m.g >= PEAKED);
-    peaked.max_by(|a, b| a.g.total_cmp(&b.g))
+    peaked.max_by(|a, b| a.g.total_cmp(&b.g)).filter(|most| most.g <= NARROWEST)
 }
 
 /// Its refractive index, where paths are connected one scattering ahead to a light with a place or a direction.

@@ -108,9 +108,9 @@ impl Frame<'_> {
 
     /// Unit vectors against the light of weight windows, as horizontal planes turn it on its way in.
     #[inline(always)]
-    pub fn against_light<S: Simd>(&self, simd: S, r: V<S>, (source, index): &(Source, f32)) -> V<S> {
+    pub fn against_light<S: Simd>(&self, simd: S, r: V<S>, (source, inverse_index): &(Source, f32)) -> V<S> {
         let (towards, _) = source.towards(r);
-        let (x, y) = (towards.x * *index, towards.y * *index);
+        let (x, y) = (towards.x * *inverse_index, towards.y * *inverse_index);
         let z = (1.0 - x * x - y * y).max(splat(simd, 0.0)).sqrt().copysign(towards.z);
         V { x, y, z }
     }

@@ -32,18 +32,20 @@ struct Lobe<S: Simd> {
 impl<S: Simd> Lobe<S> {
     #[inline(always)]
     fn importance(&self, simd: S, w: V<S>) -> F<S> {
-        let wide = self.wide;
-        let peak = (1.0 - wide) * (wide + 1.0) / hg_denominator(wide, w.dot(self.towards));
+        // Rounding must not make a cosine larger than 1: the lobe is as narrow as a few of its last digits.
+        let (wide, cos) = (self.wide, w.dot(self.towards).min(splat(simd, 1.0)));
+        let peak = (1.0 - wide) * (wide + 1.0) / hg_denominator(wide, cos);
         (peak * peak * peak).max(splat(simd, 1.0))
     }
 
     #[inline(always)]
     fn mis_weight(&self, simd: S, g: F<S>, came: V<S>, e: V<S>) -> F<S> {
-        let (narrow, cos) = (self.wide.sqrt(), e.dot(self.towards));
-        let ratio = hg_denominator(g, came.dot(e)) / hg_denominator(narrow, cos);
+        let one = splat(simd, 1.0);
+        let (narrow, cos) = (self.wide.sqrt(), e.dot(self.towards).min(one));
+        let ratio = hg_denominator(g, came.dot(e).min(one)) / hg_denominator(narrow, cos);
         let constants = (1.0 - narrow) * (narrow + 1.0) / ((1.0 - g) * (g + 1.0));
         let shared = 1.0 / (1.0 + constants * ratio * ratio.sqrt());
-        choose(cos.simd_gt(self.wide), shared, splat(simd, 1.0))
+        choose(cos.simd_gt(self.wide), shared, one)
     }
 }
 
