@@ -86,7 +86,9 @@ fn rough_walls_lose_no_light() {
     let file = format!("{}/pipelines/checks/rough_furnace.yaml", env!("CARGO_MANIFEST_DIR"));
     let space = Space::new();
     let check = space.turbid(&["check", &file]);
-    assert!(check.out.contains("no mistakes") && !check.out.contains("lost"), "{}", check.out);
+    // It warns of the few paths of `balance` alone.
+    let [warnings, lobes] = ["warning:", "so narrow a lobe"].map(|text| check.out.matches(text).count());
+    assert!(check.out.contains("no mistakes") && [warnings, lobes] == [1, 1], "{}", check.out);
     for stage in ["smooth", "rough"] {
         let frames = &layers("rough_furnace", &format!("{stage}.frames"), "radiance")[0];
         let ends = ["min", "max"].map(|end| number(frames, end));
