@@ -75,17 +75,17 @@ impl Params {
                 "give samples, target_error or max_seconds",
             );
         }
-        if patterned && matches!(self.method, Method::Fit | Method::Rte) {
+        if patterned && self.method == Method::Rte {
             problems.push_with_hint(
                 "method",
-                "images are projected, and what they light is not smooth: neither a fit nor the solver gives the image",
-                "write `method: path` or `method: auto`",
+                "images are projected: the transport solver gives what sinusoids light",
+                "write `method: auto`, `fit` or `path`",
             );
         }
     }
 
-    /// What is wrong with them for this scene.
-    pub fn check_scene(&self, scene: &Scene, problems: &mut Problems) {
+    /// What is wrong with them for this scene; `patterned`: what is shown comes by the port `pattern`.
+    pub fn check_scene(&self, scene: &Scene, patterned: bool, problems: &mut Problems) {
         if scene.objects.is_empty() {
             let hint = "render a scene that takes its rig from it: `in: {rig: ..}`";
             problems.at_input("scene", "the scene has no object: it is a rig for other scenes", hint);
@@ -138,7 +138,7 @@ impl Params {
                 "write `method: auto`, `fit` or `path`",
             );
         }
-        let taken = Taken::of(self, scene, false);
+        let taken = Taken::of(self, scene, patterned);
         if let (Taken::Surfaces, Some(reason)) = (&taken, no_surface(scene)) {
             problems.push_with_hint(
                 "method",

@@ -4,6 +4,7 @@
 //! the image as slowly as the angles of view and light do: low polynomials in pixel position, fitted by least squares.
 
 use crate::field::Field;
+use crate::fringes::Fringes;
 use crate::guide::Guide;
 use crate::light::{Carrier, Emission, Light};
 use crate::moments::Moments;
@@ -55,7 +56,7 @@ pub struct Guides {
     gains: Vec<f64>,
     /// `[pixel][carrier]`.
     phases: Vec<(f64, f64)>,
-    carriers: usize,
+    fringes: Fringes,
 }
 
 impl Guides {
@@ -65,7 +66,7 @@ impl Guides {
         let mut guides = Self {
             gains: Vec::with_capacity(pixels),
             phases: Vec::with_capacity(pixels * carriers.len()),
-            carriers: carriers.len(),
+            fringes: Fringes::carriers(carriers.len()),
         };
         (0..pixels).try_for_each(|pixel| guides.push(rig, carriers, pixel))?;
         Some(guides)
@@ -93,8 +94,8 @@ impl Guides {
     }
 
     pub fn at(&self, pixel: usize) -> Guide<'_> {
-        let phases = &self.phases[pixel * self.carriers..][..self.carriers];
-        Guide { gain: self.gains[pixel], phases }
+        let count = self.fringes.phases();
+        Guide { gain: self.gains[pixel], phases: &self.phases[pixel * count..][..count], fringes: &self.fringes }
     }
 }
 
@@ -139,7 +140,7 @@ impl Fitted {
         terms.sort_by_key(|&(i, j)| (i + j, i));
         let pixels = lattice.pixels(columns);
         let traced = pixels.iter().enumerate().map(|(place, &pixel)| (place, n, guides.at(pixel as usize)));
-        let reduced = Reduced::of(q, moments, traced);
+        let reduced = Reduced::of(&guides.fringes, moments, traced);
         // A term's place at each traced pixel; orthonormal, so that a coefficient is a plain sum.
         let basis: Vec<Vec<f64>> = terms
             .iter()

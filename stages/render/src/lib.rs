@@ -50,6 +50,7 @@ mod controlled;
 mod fit;
 mod form;
 mod frames;
+mod fringes;
 mod guide;
 mod interval;
 mod joints;

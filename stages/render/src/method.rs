@@ -1,6 +1,7 @@
 //! Which way the radiance of a scene is found, and the images that come of it.
 
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 use turbid_contract::payload::Scene;
 use turbid_contract::{Ctx, Error};
@@ -9,6 +10,7 @@ use crate::control_variate::{ControlVariates, control_variates, no_control};
 use crate::controlled::{Controlled, Images};
 use crate::field::{Field, Sampled, Watched};
 use crate::fit::{FIT_PATHS, Fitted, Lattice};
+use crate::fringes::Fringes;
 use crate::light::Carrier;
 use crate::moments::Moments;
 use crate::params::{Allocate, Method, Params};
@@ -54,6 +56,7 @@ impl Taken {
     pub fn of(params: &Params, scene: &Scene, patterned: bool) -> Self {
         match params.method {
             Method::Path => Self::Path { because: None },
+            Method::Fit if patterned => Self::Surfaces,
             _ if patterned => Self::Path { because: Some("images are projected".to_owned()) },
             Method::Fit => match obstacle(scene, params.target_error.map(|t| t.0)) {
                 None => Self::Fit,
@@ -194,7 +197,13 @@ fn pixels(
 fn surfaces(params: &Params, so_far: SoFar<'_>, ctx: Ctx<'_>) -> Result<Traced, Error> {
     let SoFar { scene, rig, projected } = so_far;
     let pixels: Vec<u32> = (0..rig.camera.pixels() as u32).collect();
-    let regions = regions(scene, rig, &projected.carriers);
+    let regions = match Fringes::of(projected) {
+        Ok(fringes) => regions(scene, rig, projected, &Arc::new(fringes)),
+        Err(reason) => {
+            ctx.warn(&format!("{reason}: no surface is fitted"));
+            Vec::new()
+        }
+    };
     let task = Task {
         params,
         rig,

@@ -1,6 +1,6 @@
 //! What residuals of a fit in blocks of pixels show beyond noise.
 
-use crate::reduced::groups;
+use std::ops::Range;
 
 /// Squares that exceed their noise by less than so many of its standard deviations are taken for noise: added up wherever they are positive they would make every
 /// error too large.
@@ -34,11 +34,16 @@ pub struct Misfit {
 }
 
 impl Misfit {
-    /// By how much squares of mean residuals exceed their noise, of the `scores` of blocks of so many pixels, `[block][response]`; and the largest mean square of scores
+    /// By how much squares of mean residuals exceed their noise, of the `scores` of blocks of so many pixels, `[block][response]`, those of a group together; and the largest mean square of scores
     /// of any response.
-    pub fn of(q: usize, ring: Option<u32>, pixels: f64, scores: &[Vec<Score>]) -> (Self, f64) {
-        let (mut variances, mut chi2) = (vec![0.0; q], 0.0_f64);
-        for group in groups(q).filter(|_| !scores.is_empty()) {
+    pub fn of(
+        groups: impl Iterator<Item = Range<usize>> + Clone,
+        ring: Option<u32>,
+        pixels: f64,
+        scores: &[Vec<Score>],
+    ) -> (Self, f64) {
+        let (mut variances, mut chi2) = (vec![0.0; groups.clone().map(|g| g.end).max().unwrap_or(0)], 0.0_f64);
+        for group in groups.filter(|_| !scores.is_empty()) {
             let of = || scores.iter().flat_map(|scores| group.clone().map(move |a| &scores[a]));
             let weight: f64 = of().map(|s| s.weight).sum();
             let squares = of().map(|s| s.weight * s.mean * s.mean).sum::<f64>() / weight;
@@ -75,20 +80,20 @@ mod tests {
     #[test]
     fn noise_is_no_misfit() {
         let of = |square: f64| {
-            let (misfit, chi2) = Misfit::of(1, None, 4.0, &scores(&[square.sqrt(); 8]));
+            let (misfit, chi2) = Misfit::of(std::iter::once(0..1), None, 4.0, &scores(&[square.sqrt(); 8]));
             assert!((chi2 - square).abs() < 1e-12);
             misfit.variances[0]
         };
         assert_eq!(of(1.5), 0.0);
         assert!((of(2.0) - 1.0).abs() < 1e-12);
-        assert_eq!(Misfit::of(1, None, 4.0, &[]).0.variances, [0.0]);
+        assert_eq!(Misfit::of(std::iter::once(0..1), None, 4.0, &[]).0.variances, [0.0]);
     }
 
     /// What cancels around a ring shows in its quarters.
     #[test]
     fn quarters_show_what_cancels_around() {
-        let whole = Misfit::of(1, Some(2), 40.0, &scores(&[0.0])).0;
-        let quarters = Misfit::of(1, Some(2), 10.0, &scores(&[4.0, -4.0, 4.0, -4.0])).0;
+        let whole = Misfit::of(std::iter::once(0..1), Some(2), 40.0, &scores(&[0.0])).0;
+        let quarters = Misfit::of(std::iter::once(0..1), Some(2), 10.0, &scores(&[4.0, -4.0, 4.0, -4.0])).0;
         let both = whole.or(quarters);
         assert_eq!((both.variances[0], both.pixels), (15.0, 10.0));
     }

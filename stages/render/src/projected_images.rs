@@ -39,6 +39,11 @@ impl ProjectedImages {
         [self.rows, self.columns]
     }
 
+    /// Values of all layers in a pixel.
+    pub fn texel(&self, row: usize, column: usize) -> &[f32] {
+        &self.texels[(row * self.columns + column) * self.layers..][..self.layers]
+    }
+
     /// Values of all layers, for lanes: between the pixel of a column and a row and those to the right of it and below, by their shares `x` and `y`.
     #[inline(always)]
     pub fn blend(&self, column: f32, row: f32, x: f32, y: f32) -> impl Iterator<Item = f32> {

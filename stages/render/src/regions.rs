@@ -1,13 +1,17 @@
 //! Parts of an image in which every pixel looks at one smooth, lit surface, away from its rims, seams and shadows.
 
+use std::sync::Arc;
+
 use glam::DVec3;
 use turbid_contract::payload::Scene;
 use turbid_optics::solid::Solid;
 
 use crate::bsdf::Bsdf;
 use crate::chart::{Chart, Places};
+use crate::fringes::Fringes;
 use crate::guide::Guide;
-use crate::light::{Carrier, Emission, Light};
+use crate::light::{Emission, Light};
+use crate::projected::Projected;
 use crate::rig::Rig;
 use crate::truth::first_hit_at;
 use crate::world::{Chords, Interface, Material, World};
@@ -39,19 +43,14 @@ pub struct Region {
     /// larger; whole steps.
     pub rings: Vec<u32>,
     gains: Vec<f64>,
-    /// `[pixel][carrier]`.
+    /// `[pixel][fringe]`.
     phases: Vec<(f64, f64)>,
-    carriers: usize,
+    pub fringes: Arc<Fringes>,
 }
 
 impl Region {
     pub fn len(&self) -> usize {
         self.pixels.len()
-    }
-
-    /// How many responses a pixel has: 1, then re, im of each carrier.
-    pub fn responses(&self) -> usize {
-        1 + 2 * self.carriers
     }
 
     /// With pixels of even light at `cells`, an edge on their left.
@@ -67,12 +66,13 @@ impl Region {
             cells,
             gains: vec![1.0; n],
             phases: vec![(0.0, 1.0); n * carriers],
-            carriers,
+            fringes: Arc::new(Fringes::carriers(carriers)),
         }
     }
 
     pub fn guide(&self, i: usize) -> Guide<'_> {
-        Guide { gain: self.gains[i], phases: &self.phases[i * self.carriers..][..self.carriers] }
+        let count = self.fringes.phases();
+        Guide { gain: self.gains[i], phases: &self.phases[i * count..][..count], fringes: &self.fringes }
     }
 }
 
@@ -96,10 +96,13 @@ struct Key {
     below: usize,
 }
 
-/// All regions of an image, by their first pixels.
-pub fn regions(scene: &Scene, rig: &Rig, carriers: &[Carrier]) -> Vec<Region> {
+/// All regions of an image under fringes, by their first pixels.
+pub fn regions(scene: &Scene, rig: &Rig, projected: &Projected, fringes: &Arc<Fringes>) -> Vec<Region> {
     let (columns, rows) = (rig.camera.columns, rig.camera.rows);
-    let seen = smooth_pixels(rig);
+    let mut seen = smooth_pixels(rig);
+    // Where a fringe has no contrast its phase is not known.
+    let has_phases = |s: &Seen| fringes.at(projected, &rig.lights[0], rig.lights[0].arrives(s.r).0.on_plane).is_some();
+    seen.iter_mut().for_each(|s| *s = s.filter(has_phases));
     let distances = distances(&seen, columns, rows);
     // Those that touch the edge are left out: the light there varies within a pixel.
     let inside = |pixel: usize| seen[pixel].filter(|_| distances[pixel] > 1).map(|s| s.key);
@@ -121,7 +124,7 @@ pub fn regions(scene: &Scene, rig: &Rig, carriers: &[Carrier]) -> Vec<Region> {
         }
         if found.len() >= LEAST_PIXELS {
             found.sort_unstable();
-            regions.push(region(scene, rig, carriers, &found, &seen, &distances));
+            regions.push(region(scene, rig, (projected, fringes), &found, &seen, &distances));
         }
     }
     regions
@@ -252,7 +255,7 @@ fn beside(pixel: usize, columns: usize, rows: usize) -> impl Iterator<Item = usi
 fn region(
     scene: &Scene,
     rig: &Rig,
-    carriers: &[Carrier],
+    (projected, fringes): (&Projected, &Arc<Fringes>),
     pixels: &[usize],
     seen: &[Option<Seen>],
     distances: &[u32],
@@ -281,14 +284,15 @@ fn region(
     };
     let light = Light { emission, ..rig.lights[0] };
     let arrivals: Vec<_> = seen.iter().map(|s| (light.arrives(s.r).0, s.normal)).collect();
+    let phases = |on_plane| fringes.at(projected, &light, on_plane).expect("pixels of a region see contrast");
     Region {
         name: scene.objects.keys().nth(rig.object_of[seen[0].key.body]).cloned().unwrap_or_default(),
         chart: places.chart,
         places: places.at,
         rings: rings.collect(),
         gains: arrivals.iter().map(|(a, normal)| a.irradiance * normal.dot(a.towards)).collect(),
-        phases: arrivals.iter().flat_map(|(a, _)| carriers.iter().map(|c| c.at(a.on_plane))).collect(),
-        carriers: carriers.len(),
+        phases: arrivals.iter().flat_map(|(a, _)| phases(a.on_plane)).collect(),
+        fringes: fringes.clone(),
         pixels: pixels.iter().map(|&p| p as u32).collect(),
         cells,
     }

@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use crate::blocks::{Blocks, RINGS, Ring};
 use crate::misfit::{Misfit, Score};
 use crate::orthonormal::Orthonormal;
-use crate::reduced::{Reduced, groups};
+use crate::reduced::Reduced;
 use crate::regions::{LEAST_PIXELS, Region};
 use crate::variance_model::weights;
 
@@ -239,7 +239,7 @@ impl Fit<'_> {
                 }
             }
         }
-        let needed = groups(q).map(|group| {
+        let needed = self.reduced.groups().map(|group| {
             let terms = |order: usize| (chart.terms(order - 1)..chart.terms(order)).filter(|&k| phi.is_new(k));
             let gain = |order: usize| {
                 let (excess, count) = excess(terms(order), &group, &coefficients, &variances, q);
@@ -348,13 +348,13 @@ impl Fit<'_> {
     /// What the residuals of a trial say beyond noise.
     fn left(&self, trial: &Trial, order: usize, active: &[bool]) -> Left {
         let blocks = Blocks::of(self.region, active, TILES_PER_TERM * self.region.chart.terms(order));
-        let (q, residuals, scale) = (self.reduced.q, self.residuals(trial, order, active), self.scale(active));
+        let (residuals, scale) = (self.residuals(trial, order, active), self.scale(active));
         let scores = |block: &Vec<usize>| self.scores(trial, order, block, &residuals, &scale);
         let tiles: Vec<Vec<Score>> = blocks.tiles.iter().map(scores).collect();
         let most = |scores: &Vec<Score>| scores.iter().map(Score::squared).fold(0.0, f64::max);
         let worst = (0..tiles.len()).max_by(|&i, &j| most(&tiles[i]).total_cmp(&most(&tiles[j])));
         let worst = worst.map_or_else(Vec::new, |i| self.with_border(&blocks.tiles[i], active));
-        let (everywhere, chi2) = Misfit::of(q, None, blocks.whole as f64, &tiles);
+        let (everywhere, chi2) = Misfit::of(self.reduced.groups(), None, blocks.whole as f64, &tiles);
         let ring = |number: u32| {
             // Around the edge misfits may cancel, so its quarters are looked at, too.
             let of = |rings: &[Ring]| {
@@ -362,7 +362,7 @@ impl Fit<'_> {
                 let pixels =
                     rings.iter().map(|ring| ring.pixels.len()).sum::<usize>() as f64 / rings.len().max(1) as f64;
                 let scores: Vec<Vec<Score>> = rings.iter().map(|ring| scores(&ring.pixels)).collect();
-                Misfit::of(q, Some(number), pixels, &scores).0
+                Misfit::of(self.reduced.groups(), Some(number), pixels, &scores).0
             };
             of(&blocks.rings).or(of(&blocks.quarters))
         };
@@ -429,7 +429,7 @@ impl Fit<'_> {
             .map(|(k, a)| errors[((a * q + a) * terms + k) * terms + k])
             .collect();
         let mut beyond = vec![0.0; q];
-        for group in groups(q) {
+        for group in self.reduced.groups() {
             let next = (inside..terms).filter(|&k| trial.phi.is_new(k));
             let (excess, count) = excess(next, &group, &trial.coefficients, &variances, q);
             group.for_each(|a| beyond[a] = if count > 0.0 { (excess / count).max(0.0) } else { 0.0 });

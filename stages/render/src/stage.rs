@@ -63,9 +63,10 @@ impl Stage for RenderStage {
     }
 
     fn check(params: &Params, known: &Known, problems: &mut Problems) {
-        params.check(known.connected.iter().any(|port| port == "pattern"), problems);
+        let patterned = known.connected.iter().any(|port| port == "pattern");
+        params.check(patterned, problems);
         if let Some(scene) = known.get::<Scene>("scene") {
-            params.check_scene(&scene, problems);
+            params.check_scene(&scene, patterned, problems);
             cautions::check(params, &scene, problems);
             warn_of_darkness(&scene, problems);
             joints::check(params, &scene, known, problems);
@@ -95,7 +96,7 @@ impl Stage for RenderStage {
         let mut problems = Problems::default();
         params.check(inputs.pattern.is_some(), &mut problems);
         let asked = inputs.pattern.as_ref().map_or_else(|| params.clone(), |pattern| params.showing(infos(pattern)));
-        asked.check_scene(&scene, &mut problems);
+        asked.check_scene(&scene, inputs.pattern.is_some(), &mut problems);
         if let Some(problem) = problems.into_parts().0.into_iter().next() {
             return Err(Error::Invalid(problem));
         }

@@ -65,7 +65,7 @@ impl<'a> Surfaces<'a> {
             let inflation = inflation(all, kurtosis(seen.iter().copied(), expected) - 1.0);
             let traced = region.pixels.iter().zip(&own).enumerate();
             let traced = traced.map(|(i, (&p, &n))| (p as usize, n, region.guide(i)));
-            let reduced = Reduced::of(region.responses(), moments, traced);
+            let reduced = Reduced::of(&region.fringes, moments, traced);
             let Some(smooth) = Smooth::of(region, &reduced, &own, inflation) else { continue };
             for (i, &pixel) in region.pixels.iter().enumerate().filter(|&(i, _)| smooth.fitted[i]) {
                 place[pixel as usize] = Some((parts.len(), i));

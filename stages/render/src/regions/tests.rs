@@ -1,4 +1,5 @@
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use turbid_contract::payload::{Camera, Medium, Object, Profile, Projection, Projector, Shape, Surface};
 
@@ -46,7 +47,9 @@ fn scene(objects: Vec<(&str, Object)>, light: [f64; 3]) -> Scene {
 }
 
 fn found(scene: &Scene) -> Vec<Region> {
-    regions(scene, &Rig::of(scene).expect("it has a camera"), &[Carrier::new(0.1, 0.0)])
+    let params = serde_json::from_value(serde_json::json!({"f_x": [0.1]})).expect("all others have defaults");
+    let projected = Projected::sinusoids(&params, false);
+    regions(scene, &Rig::of(scene).expect("it has a camera"), &projected, &Arc::new(Fringes::carriers(1)))
 }
 
 /// Of a pixel's middle, mm.

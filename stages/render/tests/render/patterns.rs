@@ -10,6 +10,7 @@ use turbid_contract::{Artifact, Ctx, Error, ImageStack, Known, LayerInfo, Proble
 use turbid_render::RenderStage;
 
 use crate::setup::*;
+use crate::surfaces::{Image, coverage_of, tube};
 
 pub fn show(
     scene: &Scene,
@@ -75,6 +76,41 @@ fn sampled_sinusoids_are_sinusoids() {
     assert!((dc_a / dc_b - 1.0).abs() < 0.2, "{dc_a} {dc_b}");
     // Standard errors of 6000 paths with tails: a few percent each.
     assert!((se_a / se_b - 1.0).abs() < 0.25, "{se_a} {se_b}");
+}
+
+/// Fringes that are uniform along the wall of a bore, as images of three phases: fits to the wall are right, and their errors as those of carriers are (`surfaces.rs`); and the frames without a
+/// fringe beside them are those of the same fit.
+#[test]
+fn fringes_along_a_wall_are_fitted() {
+    let (scene, n, f_x) = (tube(), 400, 0.05);
+    let mut stack = ImageStack::new(n, n);
+    for k in 0..4 {
+        let (f, phase) = if k == 3 { (0.0, 0.0) } else { (f_x, TAU * f64::from(k) / 3.0) };
+        let mut info = LayerInfo::value("pattern", "1").with_f_x(f);
+        info.phase_rad = Some(phase);
+        let value = |(row, column): (usize, usize)| {
+            let [x, y] = [column, row].map(|i| 20.0 * ((i as f64 + 0.5) / n as f64 - 0.5));
+            // The ray by (x, y) on z = 0, from 100 mm above, meets the wall, 10 mm from the axis, as deep.
+            let depth = 1000.0 / x.hypot(y).max(1.0) - 100.0;
+            let modulation = if k == 3 { 0.0 } else { (TAU * f_x * depth + phase).cos() };
+            (0.5 * (1.0 + modulation)) as f32
+        };
+        stack.push(info, Array2::from_shape_fn((n, n), value));
+    }
+    let pattern = Pattern(stack);
+    let image = |method: &str, samples: u32, seed: u64| {
+        let ports = show(&scene, &pattern, &json!({"samples": samples, "method": method}), seed).unwrap();
+        let (fringe, even) = (&ports["frames"].layers[..6], &ports["frames"].layers[6]);
+        let mean = |p: usize| (0..3).map(|k| fringe[2 * k].pixels()[p] / 3.0).sum::<f32>();
+        // f32 values of some digits.
+        assert!((0..576).all(|p| (even.pixels()[p] - mean(p)).abs() <= 1e-4 * mean(p)), "{method}");
+        Image::of(&ports["frames"], &ports["covariance"])
+    };
+    for (k, c) in coverage_of(&image, 64, 12, 4096).iter().enumerate() {
+        let (mean, sd, pixels) = (c.mean, c.sd, c.pixels);
+        assert!((0.7..1.2).contains(&sd) && mean.abs() < 0.33, "{k}: mean {mean}, sd {sd}");
+        assert!(pixels >= 120, "{pixels} of 576 pixels are fitted");
+    }
 }
 
 /// Row 0 is the field's upper side, column 0 its left; layers without f_x are frames like others.

@@ -88,7 +88,7 @@ fn refused_or_taken_by_the_bound() {
         let params: Params = serde_json::from_value(params.clone()).unwrap();
         let mut problems = Problems::default();
         params.check(false, &mut problems);
-        params.check_scene(scene, &mut problems);
+        params.check_scene(scene, false, &mut problems);
         problems.into_parts().0
     };
     let rte = json!({"f_x": [0, 0.1], "method": "rte"});

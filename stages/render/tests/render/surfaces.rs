@@ -25,7 +25,7 @@ fn dome() -> Scene {
 }
 
 /// Down a bore of 20 mm, lit along it.
-fn tube() -> Scene {
+pub fn tube() -> Scene {
     let tube = Shape::Tube { inner_diameter: 20.0, outer_diameter: 60.0, center: [0.0; 2], bottom: -120.0, top: 0.0 };
     let mut scene = with(vec![object(tube, "dark", 0)], 20.0);
     scene.camera.as_mut().unwrap().position = [0.0, 0.0, 110.0];
@@ -35,13 +35,13 @@ fn tube() -> Scene {
 }
 
 /// Of every pixel M_DC and M_AC, with their variances.
-struct Image {
+pub struct Image {
     values: [Vec<f64>; 2],
     variances: [Vec<f64>; 2],
 }
 
 impl Image {
-    fn of(frames: &ImageStack, covariance: &ImageStack) -> Self {
+    pub fn of(frames: &ImageStack, covariance: &ImageStack) -> Self {
         let shots: Vec<_> =
             frames.layers.iter().filter(|l| l.info.kind == LayerKind::Value).map(|l| l.pixels()).collect();
         let cov = |i: u32, j: u32| {
@@ -71,22 +71,27 @@ fn image(scene: &Scene, method: &str, samples: u32, seed: u64) -> Image {
 }
 
 /// Of M_DC or M_AC over the pixels that are fitted.
-struct Coverage {
+pub struct Coverage {
     /// Of z scores.
-    mean: f64,
-    sd: f64,
+    pub mean: f64,
+    pub sd: f64,
     /// The largest part of the mean error over seeds of any pixel that noise does not explain (3.5 standard deviations of that mean, and of the reference), in stated
     /// standard errors.
-    bias: f64,
+    pub bias: f64,
     /// Fitted by any of the seeds.
-    pixels: usize,
+    pub pixels: usize,
 }
 
 /// Of `seeds` fits of `samples` paths per pixel against `long` ones.
 fn coverage(scene: &Scene, samples: u32, seeds: u64, long: u32) -> [Coverage; 2] {
-    let truth = image(scene, "path", long, 4711);
-    let fits: Vec<Image> = (0..seeds).map(|seed| image(scene, "fit", samples, seed)).collect();
-    let paths: Vec<Image> = (0..seeds).map(|seed| image(scene, "path", samples, seed)).collect();
+    coverage_of(&|method, samples, seed| image(scene, method, samples, seed), samples, seeds, long)
+}
+
+/// The same of images by method, paths per pixel and seed.
+pub fn coverage_of(image: &dyn Fn(&str, u32, u64) -> Image, samples: u32, seeds: u64, long: u32) -> [Coverage; 2] {
+    let truth = image("path", long, 4711);
+    let fits: Vec<Image> = (0..seeds).map(|seed| image("fit", samples, seed)).collect();
+    let paths: Vec<Image> = (0..seeds).map(|seed| image("path", samples, seed)).collect();
     [0, 1].map(|k| {
         let (mut sum, mut squares, mut count, mut bias, mut pixels) = (0.0, 0.0, 0.0_f64, 0.0_f64, 0);
         for p in 0..truth.values[k].len() {
