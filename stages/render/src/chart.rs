@@ -18,16 +18,42 @@ pub enum Chart {
     /// Polynomials in two coordinates in [-1, 1]: order L has those of total degree L.
     Plane,
     /// Along an axis polynomials in a coordinate in [-1, 1], around it harmonics of an angle in rad: order L has the products of degree i and
-    /// harmonic L - i.
+    /// harmonic h with i + steepness h = L.
     Axis,
 }
 
+/// Functions of the places of a chart, order by order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Functions {
+    chart: Chart,
+    /// So many orders along an axis come with each harmonic around it; 0: none has any.
+    steepness: usize,
+}
+
 impl Chart {
+    /// Sets of functions that an image may be made of, the one with the most first: what is round has few harmonics, or none.
+    pub fn functions(self) -> impl Iterator<Item = Functions> {
+        let steepness: &[usize] = if self == Self::Axis { &[1, 2, 4, 0] } else { &[1] };
+        steepness.iter().map(move |&steepness| Functions { chart: self, steepness })
+    }
+
+    /// The first of them.
+    pub fn all_functions(self) -> Functions {
+        Functions { chart: self, steepness: 1 }
+    }
+}
+
+impl Functions {
+    /// How many harmonics an order of them has, each by cosine and sine.
+    fn harmonics(self, order: usize) -> usize {
+        order.checked_div(self.steepness).unwrap_or(0)
+    }
+
     /// How many functions there are up to an order.
     pub fn terms(self, order: usize) -> usize {
-        match self {
-            Self::Plane => (order + 1) * (order + 2) / 2,
-            Self::Axis => (order + 1) * (order + 1),
+        match self.chart {
+            Chart::Plane => (order + 1) * (order + 2) / 2,
+            Chart::Axis => (0..=order).map(|order| 1 + 2 * self.harmonics(order)).sum(),
         }
     }
 
@@ -42,25 +68,25 @@ impl Chart {
             values
         };
         let along = chebyshev(u);
-        match self {
-            Self::Plane => {
+        match self.chart {
+            Chart::Plane => {
                 let across = chebyshev(v);
                 for degree in 0..=order {
                     into.extend((0..=degree).map(|i| along[i] * across[degree - i]));
                 }
             }
-            Self::Axis => {
+            Chart::Axis => {
                 let (sin, cos) = (libm::sin(v), libm::cos(v));
                 let mut around = vec![(0.0, 1.0)];
-                for k in 0..order {
+                for k in 0..self.harmonics(order) {
                     let (s, c) = around[k];
                     around.push((s * cos + c * sin, c * cos - s * sin));
                 }
                 for degree in 0..=order {
-                    for i in 0..=degree {
-                        let (s, c) = around[degree - i];
-                        into.push(along[i] * c);
-                        into.extend((i < degree).then_some(along[i] * s));
+                    for harmonic in (0..=self.harmonics(degree)).rev() {
+                        let ((s, c), along) = (around[harmonic], along[degree - self.steepness * harmonic]);
+                        into.push(along * c);
+                        into.extend((harmonic > 0).then_some(along * s));
                     }
                 }
             }
@@ -145,20 +171,28 @@ mod tests {
     #[test]
     fn functions_come_order_by_order() {
         let (u, v) = (0.3_f64, -0.7_f64);
-        for chart in [Chart::Plane, Chart::Axis] {
+        for functions in [Chart::Plane, Chart::Axis].into_iter().flat_map(Chart::functions) {
             let (mut all, mut some) = (Vec::new(), Vec::new());
-            chart.basis([u, v], 7, &mut all);
-            assert_eq!(all.len(), chart.terms(7));
-            for order in 0..7 {
-                chart.basis([u, v], order, &mut some);
-                assert_eq!(some[..], all[..chart.terms(order)], "{chart:?} {order}");
+            functions.basis([u, v], 9, &mut all);
+            assert_eq!(all.len(), functions.terms(9));
+            for order in 0..9 {
+                functions.basis([u, v], order, &mut some);
+                assert_eq!(some[..], all[..functions.terms(order)], "{functions:?} {order}");
             }
         }
         let mut values = Vec::new();
-        Chart::Axis.basis([u, v], 3, &mut values);
-        // Order 3: i = 1 stands behind the pair of i = 0.
-        let expected = (u.acos()).cos() * (2.0 * v).sin();
-        assert!((values[Chart::Axis.terms(2) + 3] - expected).abs() < 1e-13);
+        let chebyshev = |i: f64| (i * u.acos()).cos();
+        for (functions, order, place, expected) in [
+            // Degree 1 stands behind the pair of degree 0.
+            (Functions { chart: Chart::Axis, steepness: 1 }, 3, 3, chebyshev(1.0) * (2.0 * v).sin()),
+            // Harmonics 2, 1 and 0 with degrees 1, 3 and 5.
+            (Functions { chart: Chart::Axis, steepness: 2 }, 5, 2, chebyshev(3.0) * v.cos()),
+            (Functions { chart: Chart::Axis, steepness: 0 }, 5, 0, chebyshev(5.0)),
+        ] {
+            functions.basis([u, v], order, &mut values);
+            let found = values[functions.terms(order - 1) + place];
+            assert!((found - expected).abs() < 1e-13, "{functions:?}: {found} {expected}");
+        }
     }
 
     /// The bore of a tube is seen all around; a ball keeps its rim at a finite slope; what is neither has the places of the image.

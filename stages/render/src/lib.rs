@@ -85,6 +85,7 @@ mod stopping_criterion;
 mod surfaces;
 mod tail;
 mod trace;
+mod trial;
 mod truth;
 mod uniform;
 mod unsure;

@@ -9,6 +9,7 @@ use crate::misfit::{Misfit, Score};
 use crate::orthonormal::Orthonormal;
 use crate::reduced::Reduced;
 use crate::regions::{LEAST_PIXELS, Region};
+use crate::trial::{Bounded, Fit, LeastSquares, Trial};
 use crate::variance_model::weights;
 
 /// So many functions are tried, and more where that is not enough; there are [`PER_TERM`] pixels for each.
@@ -33,11 +34,9 @@ const LEAST_LEFT: f64 = 0.1;
 /// One channel over a region: response = gain x (carrier) x sum over k of coefficient_k phi_k(place).
 pub struct Smooth {
     q: usize,
-    /// Functions: those of the fit, then those of the next order, whose coefficients are 0 with errors that bound what is left out.
-    terms: usize,
+    /// Coefficients of those beyond the fit are 0 with errors that bound what is left out.
+    functions: Bounded,
     phi: Orthonormal,
-    /// Highest order of the functions of the fit.
-    pub order: usize,
     /// Of the residuals over all pixels that are fitted, per degree of freedom.
     pub chi2: f64,
     /// For each pixel of the region whether it is.
@@ -60,21 +59,12 @@ struct Left {
     worst: Vec<usize>,
 }
 
-/// A fit to the active pixels.
-struct Trial {
-    phi: Orthonormal,
-    top: usize,
-    /// `[term][response]`.
-    coefficients: Vec<f64>,
-    /// The order by which the expected error is least.
-    needed: usize,
-}
-
 impl Smooth {
     /// `None` where the responses are no smooth function. `paths`: of each pixel; `inflation`: of standard errors, see [`crate::field::inflation`].
     pub fn of(region: &Region, reduced: &Reduced, paths: &[u32], inflation: f64) -> Option<Self> {
         let weights = weights(region, reduced, paths)?;
-        let fit = Fit { region, reduced, weights };
+        let fit =
+            Fit { region, reduced, weights, functions: region.chart.all_functions(), rest: None }.of_best_functions();
         let mut active = fit.start();
         for round in 1..=ROUNDS {
             if !fit.is_enough(&active) {
@@ -93,11 +83,16 @@ impl Smooth {
             // What cannot be given up, for too little would stay, is in the errors as a misfit.
             let is_last = round == ROUNDS || !fit.is_enough(&rest);
             if is_smooth && (worst.is_empty() || is_last) {
-                return Some(fit.end(trial, order, active, left.misfits, inflation));
+                return Some(fit.end(&trial, order, active, left.misfits, inflation));
             }
             active = rest;
         }
         None
+    }
+
+    /// Highest order of the functions of the fit.
+    pub fn order(&self) -> usize {
+        self.functions.order
     }
 
     /// Reduced response a of a pixel of the region that is fitted.
@@ -112,24 +107,24 @@ impl Smooth {
     /// Variance of the sum over the fitted pixels of weight x reduced response, by `weights` of pixel i.
     pub fn variance_of_sum(&self, region: &Region, weights: &dyn Fn(usize) -> Vec<(usize, f64)>) -> f64 {
         // Weight of every coefficient in the sum, `[response][term]`.
-        let mut sums = vec![0.0; self.q * self.terms];
+        let m = self.functions.count();
+        let mut sums = vec![0.0; self.q * m];
         let (mut b, mut phi, mut alone) = (Vec::new(), Vec::new(), 0.0);
         for i in (0..region.len()).filter(|&i| self.fitted[i]) {
-            self.functions(region, i, &mut b, &mut phi);
+            self.phi_at(region, i, &mut b, &mut phi);
             for (a, w) in weights(i) {
-                sums[a * self.terms..][..self.terms].iter_mut().zip(&phi).for_each(|(sum, p)| *sum += w * p);
+                sums[a * m..][..m].iter_mut().zip(&phi).for_each(|(sum, p)| *sum += w * p);
                 let (variance, pixels) = self.misfit(region, i, a);
                 alone += w * w * variance * pixels;
             }
         }
-        let m = self.terms;
         let of = |a: usize, b: usize| self.between(a, b, &sums[a * m..][..m], &sums[b * m..][..m]);
         let shared: f64 = (0..self.q).flat_map(|a| (0..self.q).map(move |b| (a, b))).map(|(a, b)| of(a, b)).sum();
         shared.max(0.0) + alone
     }
 
-    fn functions(&self, region: &Region, i: usize, b: &mut Vec<f64>, phi: &mut Vec<f64>) {
-        region.chart.basis(region.places[i], self.order + 1, b);
+    fn phi_at(&self, region: &Region, i: usize, b: &mut Vec<f64>, phi: &mut Vec<f64>) {
+        self.functions.basis(region.places[i], b);
         self.phi.at(b, phi);
     }
 
@@ -142,27 +137,11 @@ impl Smooth {
 
     /// Covariance of two sums of weight x coefficient.
     fn between(&self, a: usize, b: usize, left: &[f64], right: &[f64]) -> f64 {
-        let m = self.terms;
+        let m = self.functions.count();
         let block = &self.errors[(a * self.q + b) * m * m..][..m * m];
         let rows = block.chunks_exact(m).zip(left);
         rows.map(|(row, l)| l * row.iter().zip(right).map(|(c, r)| c * r).sum::<f64>()).sum()
     }
-}
-
-impl Trial {
-    /// Two more than are needed, so that what is left out is well below the noise: after many paths one more is off by as much, beside edges by twice that; `None` where there is none beyond to tell.
-    fn order(&self) -> Option<usize> {
-        let order = (self.needed + 2).max(2);
-        (order < self.top).then_some(order)
-    }
-}
-
-/// What is fitted to what.
-struct Fit<'a> {
-    region: &'a Region,
-    reduced: &'a Reduced,
-    /// 1 / variance of the response to 1, as it is expected.
-    weights: Vec<f64>,
 }
 
 impl Fit<'_> {
@@ -176,17 +155,38 @@ impl Fit<'_> {
         count >= LEAST_PIXELS && count as f64 >= LEAST_PART * self.region.len() as f64
     }
 
+    /// With the functions by which the expected error over all pixels is least, by the same rule by which orders are chosen.
+    fn of_best_functions(mut self) -> Self {
+        let (all, pixels) = (self.functions, vec![true; self.region.len()]);
+        let (mut best, mut most, mut rest) = (all, 0.0, None);
+        for functions in self.region.chart.functions() {
+            self.functions = functions;
+            let Some((trial, order)) = self.lowest(&pixels) else { continue };
+            let gain = trial.gain(order);
+            if functions == all {
+                rest = Some(order);
+            }
+            if gain > most {
+                (best, most) = (functions, gain);
+            }
+        }
+        // Without an order of all functions that is enough nobody knows what is left out.
+        self.functions = if rest.is_some() { best } else { all };
+        self.rest = rest.filter(|_| self.functions != all);
+        self
+    }
+
     /// The pixels to begin with: without the rings along the edges that take functions from all others.
     ///
     /// By a fit of m functions to n pixels these gain n log(n / m) in the logarithms of their variances.
     fn start(&self) -> Vec<bool> {
         let gain = |active: &[bool]| {
             let (count, found) = (self.some(active).count() as f64, self.lowest(active));
-            let terms = found.map(|(_, order)| self.region.chart.terms(order) as f64);
+            let terms = found.map(|(_, order)| self.functions.terms(order) as f64);
             terms.map_or(0.0, |terms| count * libm::log(count / terms))
         };
         let all = vec![true; self.region.len()];
-        if self.trial(&all, TERMS[0].min(all.len() / PER_TERM)).is_some_and(|trial| trial.order().is_some()) {
+        if Trial::of(self, &all, TERMS[0].min(all.len() / PER_TERM)).is_some_and(|trial| trial.order().is_some()) {
             return all;
         }
         let mut best = (gain(&all), all);
@@ -207,58 +207,14 @@ impl Fit<'_> {
     fn lowest(&self, active: &[bool]) -> Option<(Trial, usize)> {
         let count = self.some(active).count();
         TERMS.into_iter().find_map(|most| {
-            let trial = self.trial(active, most.min(count / PER_TERM))?;
+            let trial = Trial::of(self, active, most.min(count / PER_TERM))?;
             trial.order().map(|order| (trial, order))
         })
     }
 
-    /// Least squares of all orders up to `most` functions.
-    fn trial(&self, active: &[bool], most: usize) -> Option<Trial> {
-        let (chart, q) = (self.region.chart, self.reduced.q);
-        let top = (2..).take_while(|&order| chart.terms(order) <= most).last()?;
-        let m = chart.terms(top);
-        let (mut b, mut gram) = (Vec::new(), vec![0.0; m * m]);
-        for i in self.some(active) {
-            chart.basis(self.region.places[i], top, &mut b);
-            for (k, row) in gram.chunks_exact_mut(m).enumerate() {
-                let wb = self.weights[i] * b[k];
-                row[..=k].iter_mut().zip(&b).for_each(|(sum, b)| *sum += wb * b);
-            }
-        }
-        (0..m).for_each(|k| (0..k).for_each(|l| gram[l * m + k] = gram[k * m + l]));
-        let phi = Orthonormal::of(&gram, m);
-        let (mut coefficients, mut variances, mut values) = (vec![0.0; m * q], vec![0.0; m * q], Vec::new());
-        for i in self.some(active) {
-            chart.basis(self.region.places[i], top, &mut b);
-            phi.at(&b, &mut values);
-            for (k, value) in values.iter().enumerate() {
-                let weight = self.weights[i] * value;
-                for a in 0..q {
-                    coefficients[k * q + a] += weight * self.reduced.value(i, a);
-                    variances[k * q + a] += weight * weight * self.reduced.variance(i, a);
-                }
-            }
-        }
-        let needed = self.reduced.groups().map(|group| {
-            let terms = |order: usize| (chart.terms(order - 1)..chart.terms(order)).filter(|&k| phi.is_new(k));
-            let gain = |order: usize| {
-                let (excess, count) = excess(terms(order), &group, &coefficients, &variances, q);
-                excess - count
-            };
-            // Mallows: the squares that an order takes away, less twice the noise that it brings.
-            let gains = (1..=top).scan(0.0, |sum, order| {
-                *sum += gain(order);
-                Some((*sum, order))
-            });
-            gains.fold((0.0, 0), |best, this| if this.0 > best.0 { this } else { best }).1
-        });
-        let needed = needed.max();
-        Some(Trial { phi, top, coefficients, needed: needed.unwrap_or(0) })
-    }
-
     /// Blocks whose residuals are no noise, if they are among the worst.
     fn worst_blocks(&self, trial: &Trial, order: usize, active: &[bool]) -> Vec<Vec<usize>> {
-        let terms = self.region.chart.terms(order);
+        let terms = self.functions.terms(order);
         let blocks = Blocks::of(self.region, active, TILES_PER_TERM * terms);
         let residuals = self.residuals(trial, order, active);
         let scale = self.scale(active);
@@ -297,13 +253,13 @@ impl Fit<'_> {
 
     /// Value less fit, `[pixel][response]`.
     fn residuals(&self, trial: &Trial, order: usize, active: &[bool]) -> Vec<f64> {
-        let (chart, q) = (self.region.chart, self.reduced.q);
+        let (functions, q) = (self.functions, self.reduced.q);
         let (mut residuals, mut b, mut phi) = (vec![0.0; self.region.len() * q], Vec::new(), Vec::new());
         for i in self.some(active) {
-            chart.basis(self.region.places[i], order, &mut b);
-            trial.phi.at(&b, &mut phi);
+            functions.basis(self.region.places[i], order, &mut b);
+            trial.solved.phi.at(&b, &mut phi);
             for a in 0..q {
-                let fit: f64 = phi.iter().enumerate().map(|(k, p)| p * trial.coefficients[k * q + a]).sum();
+                let fit: f64 = phi.iter().enumerate().map(|(k, p)| p * trial.solved.coefficients[k * q + a]).sum();
                 residuals[i * q + a] = self.reduced.value(i, a) - fit;
             }
         }
@@ -319,14 +275,14 @@ impl Fit<'_> {
 
     /// Of each response.
     fn scores(&self, trial: &Trial, order: usize, block: &[usize], residuals: &[f64], scale: &[f64]) -> Vec<Score> {
-        let (chart, q) = (self.region.chart, self.reduced.q);
+        let (functions, q) = (self.functions, self.reduced.q);
         let weight: f64 = block.iter().map(|&i| self.weights[i]).sum();
         let (mut mean, mut sampled) = (vec![0.0; q], vec![0.0; q]);
-        let (mut b, mut phi, mut along) = (Vec::new(), Vec::new(), vec![0.0; chart.terms(order)]);
+        let (mut b, mut phi, mut along) = (Vec::new(), Vec::new(), vec![0.0; functions.terms(order)]);
         for &i in block {
             let u = self.weights[i] / weight;
-            chart.basis(self.region.places[i], order, &mut b);
-            trial.phi.at(&b, &mut phi);
+            functions.basis(self.region.places[i], order, &mut b);
+            trial.solved.phi.at(&b, &mut phi);
             along.iter_mut().zip(&phi).for_each(|(sum, p)| *sum += u * p);
             for a in 0..q {
                 mean[a] += u * residuals[i * q + a];
@@ -347,7 +303,7 @@ impl Fit<'_> {
 
     /// What the residuals of a trial say beyond noise.
     fn left(&self, trial: &Trial, order: usize, active: &[bool]) -> Left {
-        let blocks = Blocks::of(self.region, active, TILES_PER_TERM * self.region.chart.terms(order));
+        let blocks = Blocks::of(self.region, active, TILES_PER_TERM * self.functions.terms(order));
         let (residuals, scale) = (self.residuals(trial, order, active), self.scale(active));
         let scores = |block: &Vec<usize>| self.scores(trial, order, block, &residuals, &scale);
         let tiles: Vec<Vec<Score>> = blocks.tiles.iter().map(scores).collect();
@@ -371,17 +327,18 @@ impl Fit<'_> {
     }
 
     /// Of the last trial.
-    fn end(&self, trial: Trial, order: usize, active: Vec<bool>, misfits: Vec<Misfit>, inflation: f64) -> Smooth {
-        let (chart, q) = (self.region.chart, self.reduced.q);
-        let residuals = self.residuals(&trial, order, &active);
-        let chi2 = self.chi2(&residuals, &active, chart.terms(order));
-        let terms = chart.terms(order + 1);
-        let errors = self.errors(&trial, order, terms, &active, inflation * inflation);
+    fn end(&self, trial: &Trial, order: usize, active: Vec<bool>, misfits: Vec<Misfit>, inflation: f64) -> Smooth {
+        let q = self.reduced.q;
+        let residuals = self.residuals(trial, order, &active);
+        let chi2 = self.chi2(&residuals, &active, self.functions.terms(order));
+        let functions = Bounded::of(self, order);
+        let basis = |place: [f64; 2], into: &mut Vec<f64>| functions.basis(place, into);
+        let solved = LeastSquares::of(self, &active, functions.count(), &basis);
+        let errors = self.errors(&solved, functions, &active, inflation * inflation);
         let mut smooth = Smooth {
             q,
-            terms,
-            phi: trial.phi,
-            order,
+            functions,
+            phi: solved.phi,
             chi2,
             fitted: active,
             errors,
@@ -389,7 +346,7 @@ impl Fit<'_> {
             values: vec![0.0; self.region.len() * q],
             covariances: vec![0.0; self.region.len() * q * q],
         };
-        self.fill(&mut smooth, &trial.coefficients);
+        self.fill(&mut smooth, &solved.coefficients);
         smooth
     }
 
@@ -404,43 +361,41 @@ impl Fit<'_> {
         (0..q).map(of).fold(0.0, f64::max)
     }
 
-    /// Covariances of coefficients; those of the next order are scaled by how much larger than their noise their squares are.
-    fn errors(&self, trial: &Trial, order: usize, terms: usize, active: &[bool], inflation: f64) -> Vec<f64> {
-        let (chart, q) = (self.region.chart, self.reduced.q);
-        let inside = chart.terms(order);
-        let mut errors = vec![0.0; q * q * terms * terms];
+    /// Covariances of coefficients; those beyond the fit are scaled by how much larger than their noise their squares are.
+    fn errors(&self, solved: &LeastSquares, functions: Bounded, active: &[bool], inflation: f64) -> Vec<f64> {
+        let (q, m) = (self.reduced.q, functions.count());
+        let [next, rest] = functions.beyond();
+        // Those of the fit, of the next order and of the rest are no errors of each other.
+        let parts = [0..next.start, next, rest];
+        let mut errors = vec![0.0; q * q * m * m];
         let (mut b, mut phi) = (Vec::new(), Vec::new());
         for i in self.some(active) {
-            chart.basis(self.region.places[i], order + 1, &mut b);
-            trial.phi.at(&b, &mut phi);
+            functions.basis(self.region.places[i], &mut b);
+            solved.phi.at(&b, &mut phi);
             let square = self.weights[i] * self.weights[i];
             for (ab, &covariance) in self.reduced.covariances(i).iter().enumerate().filter(|(ab, _)| ab / q <= ab % q) {
-                let block = &mut errors[ab * terms * terms..][..terms * terms];
-                for (k, row) in block.chunks_exact_mut(terms).enumerate() {
+                let block = &mut errors[ab * m * m..][..m * m];
+                for (part, k) in parts.iter().flat_map(|part| part.clone().map(move |k| (part, k))) {
                     let weight = square * covariance * phi[k];
-                    // Terms of the fit and those of the next order are no errors of each other.
-                    let (from, to) = if k < inside { (0, k + 1) } else { (inside, k + 1) };
-                    row[from..to].iter_mut().zip(&phi[from..to]).for_each(|(sum, p)| *sum += weight * p);
+                    let row = &mut block[k * m..][part.start..=k];
+                    row.iter_mut().zip(&phi[part.start..=k]).for_each(|(sum, p)| *sum += weight * p);
                 }
             }
         }
-        let variances: Vec<f64> = (0..terms)
-            .flat_map(|k| (0..q).map(move |a| (k, a)))
-            .map(|(k, a)| errors[((a * q + a) * terms + k) * terms + k])
-            .collect();
-        let mut beyond = vec![0.0; q];
-        for group in self.reduced.groups() {
-            let next = (inside..terms).filter(|&k| trial.phi.is_new(k));
-            let (excess, count) = excess(next, &group, &trial.coefficients, &variances, q);
-            group.for_each(|a| beyond[a] = if count > 0.0 { (excess / count).max(0.0) } else { 0.0 });
-        }
-        for (a, b) in (0..q).flat_map(|a| (a..q).map(move |b| (a, b))) {
-            for (k, l) in (0..terms).flat_map(|k| (0..=k).map(move |l| (k, l))) {
-                let scale = if k < inside { 1.0 } else { (beyond[a] * beyond[b]).sqrt() };
-                let value = inflation * scale * errors[((a * q + b) * terms + k) * terms + l];
-                for (a, b) in [(a, b), (b, a)] {
-                    errors[((a * q + b) * terms + k) * terms + l] = value;
-                    errors[((a * q + b) * terms + l) * terms + k] = value;
+        for (number, part) in parts.iter().enumerate() {
+            let mut scales = vec![1.0; q];
+            for group in self.reduced.groups().filter(|_| number > 0) {
+                let (excess, count) = solved.excess(part.clone(), &group, q);
+                group.for_each(|a| scales[a] = if count > 0.0 { (excess / count).max(0.0) } else { 0.0 });
+            }
+            for (a, b) in (0..q).flat_map(|a| (a..q).map(move |b| (a, b))) {
+                let scale = inflation * (scales[a] * scales[b]).sqrt();
+                for (k, l) in part.clone().flat_map(|k| (part.start..=k).map(move |l| (k, l))) {
+                    let value = scale * errors[((a * q + b) * m + k) * m + l];
+                    for (a, b) in [(a, b), (b, a)] {
+                        errors[((a * q + b) * m + k) * m + l] = value;
+                        errors[((a * q + b) * m + l) * m + k] = value;
+                    }
                 }
             }
         }
@@ -449,13 +404,13 @@ impl Fit<'_> {
 
     /// Values and covariances of all pixels that are fitted.
     fn fill(&self, smooth: &mut Smooth, coefficients: &[f64]) {
-        let (q, inside) = (self.reduced.q, self.region.chart.terms(smooth.order));
+        let (q, inside) = (self.reduced.q, smooth.functions.inside());
         let (mut b, mut phi) = (Vec::new(), Vec::new());
         for i in 0..self.region.len() {
             if !smooth.fitted[i] {
                 continue;
             }
-            smooth.functions(self.region, i, &mut b, &mut phi);
+            smooth.phi_at(self.region, i, &mut b, &mut phi);
             for a in 0..q {
                 smooth.values[i * q + a] = (0..inside).map(|k| phi[k] * coefficients[k * q + a]).sum();
                 for other in a..q {
@@ -467,20 +422,6 @@ impl Fit<'_> {
             }
         }
     }
-}
-
-/// By how much sum of (coefficient / standard error)^2 over terms and the responses of a group exceeds their number, and that number.
-fn excess(
-    terms: impl Iterator<Item = usize>,
-    group: &std::ops::Range<usize>,
-    coefficients: &[f64],
-    variances: &[f64],
-    q: usize,
-) -> (f64, f64) {
-    let each = terms.flat_map(|k| group.clone().map(move |a| k * q + a)).filter(|&ka| variances[ka] > 0.0);
-    each.fold((0.0, 0.0), |(sum, count), ka| {
-        (sum + coefficients[ka] * coefficients[ka] / variances[ka] - 1.0, count + 1.0)
-    })
 }
 
 #[cfg(test)]

@@ -90,7 +90,7 @@ impl<'a> Surfaces<'a> {
 
     /// Of each region that is fitted its object, the order, and chi2 per degree of freedom.
     pub fn fits(&self) -> impl Iterator<Item = (&str, usize, f64)> {
-        self.regions.iter().map(|part| (part.region.name.as_str(), part.smooth.order, part.smooth.chi2))
+        self.regions.iter().map(|part| (part.region.name.as_str(), part.smooth.order(), part.smooth.chi2))
     }
 }
 

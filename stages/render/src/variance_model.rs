@@ -28,24 +28,25 @@ pub fn weights(region: &Region, reduced: &Reduced, paths: &[u32]) -> Option<Vec<
         })
         .collect();
     let order = if tiles.len() >= LEAST_TILES { 2 } else { 0 };
-    let m = region.chart.terms(order);
+    let functions = region.chart.all_functions();
+    let m = functions.terms(order);
     let (mut b, mut gram) = (Vec::new(), vec![0.0; m * m]);
     for (place, _) in &tiles {
-        region.chart.basis(*place, order, &mut b);
+        functions.basis(*place, order, &mut b);
         (0..m * m).for_each(|kl| gram[kl] += b[kl / m] * b[kl % m]);
     }
     let phi = Orthonormal::of(&gram, m);
     let (mut coefficients, mut values) = (vec![0.0; m], Vec::new());
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
     for (place, log) in &tiles {
-        region.chart.basis(*place, order, &mut b);
+        functions.basis(*place, order, &mut b);
         phi.at(&b, &mut values);
         coefficients.iter_mut().zip(&values).for_each(|(c, v)| *c += v * log);
         (low, high) = (low.min(*log), high.max(*log));
     }
     (!tiles.is_empty()).then(|| {
         let of = |i: usize| {
-            region.chart.basis(region.places[i], order, &mut b);
+            functions.basis(region.places[i], order, &mut b);
             phi.at(&b, &mut values);
             let log: f64 = coefficients.iter().zip(&values).map(|(c, v)| c * v).sum();
             f64::from(paths[i]) * libm::exp(-log.clamp(low, high))

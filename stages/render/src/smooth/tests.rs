@@ -95,6 +95,24 @@ fn a_fit_is_better_than_its_pixels() {
     assert!((of_sum / (576.0 * 0.09) - 1.0).abs() < 0.6, "{of_sum}");
 }
 
+/// What is the same all around takes functions of the depth alone: a cubic, 4 of them, and the bounds, so the error is that of a pixel times sqrt(4 / 576) = 0.083, half again as much at the most; with
+/// harmonics of each degree it would be sqrt(16 / 576). Where harmonics are, they are taken: `smooth_responses_are_found_within_their_errors`.
+#[test]
+fn what_is_round_takes_no_harmonics() {
+    let region = square(24, Chart::Axis);
+    let errors: Vec<f64> = (0..8)
+        .map(|seed| {
+            let reduced =
+                noisy(&region, &|[u, _]| [1.0 + 0.5 * u, 0.5 - 0.2 * u, 0.3 * u], 0.3, &mut Draws(seed * 31 + 1));
+            let smooth = fitted(&region, &reduced).expect("it is smooth");
+            let sum: f64 = (0..region.len()).map(|i| smooth.covariance(i, 0, 0)).sum();
+            (sum / region.len() as f64).sqrt() / 0.3
+        })
+        .collect();
+    let mean = errors.iter().sum::<f64>() / 8.0;
+    assert!((0.07..0.125).contains(&mean), "{errors:?}");
+}
+
 /// A spot that no polynomial follows is left to its pixels, or is within the stated errors where noise hides it; so is a fall at the edge.
 #[test]
 fn what_is_not_smooth_is_left_to_pixels() {
