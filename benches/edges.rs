@@ -169,7 +169,7 @@ const ROWS: &[Row] = &[
         before: "1.357 by M_R, 4.823 by M_T, both `ok`",
     },
     Row {
-        case: "five bodies, and 64 mm at mu_s = 92",
+        case: "seventeen bodies, and pixels of 4 mm at mu_s = 1500",
         file: "kernel_limits",
         target: &[],
         set: &[],

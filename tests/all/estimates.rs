@@ -28,7 +28,7 @@ fn the_work_of_shipped_pipelines_is_foreseen() {
             &["vars.samples=8", "vars.tissue_samples=8", "vars.pixels=[24,24]", "vars.projector_pixels=[100,100]"],
             &["reference_frames", "phantom_frames", "frames"],
         ),
-        ("checks/kernel_limits", &[], &["frames_of_four", "frames_of_five", "frames_of_wide"]),
+        ("checks/kernel_limits", &[], &["frames_of_sixteen", "frames_of_seventeen", "frames_of_wide"]),
     ];
     for (name, set, stages) in cases {
         let (space, file) = (Space::new(), shipped(name));
@@ -64,17 +64,17 @@ fn the_work_of_shipped_pipelines_is_foreseen() {
 #[test]
 fn plan_and_record_name_the_kernel() {
     let (space, file) = (Space::new(), shipped("checks/kernel_limits"));
-    let bodies = "5 bodies (a hole counts as one): f32 lanes hold up to 4";
-    let reach = "the camera sees up to 45.3 mm beside its middle, 4163 mean free paths at mu_s = 92 mm^-1: f32 lanes hold up to 4096";
+    let bodies = "17 bodies (a hole counts as one): f32 lanes hold up to 16";
+    let reach = "the camera sees up to 45.3 mm beside its middle, 67882 mean free paths at mu_s = 1500 mm^-1: f32 lanes hold up to 4096 in each part of an image (a pixel, or a 64th of its sides)";
     let expected = [
-        ("\"frames_of_four\" {}", "16 paths abreast in f32, 4 bodies", None),
+        ("\"frames_of_sixteen\" {}", "16 paths abreast in f32, 16 bodies", None),
         (
-            "\"frames_of_five\" {}",
-            "16 paths abreast in f32, 5 bodies, light connections one by one, starts one by one",
+            "\"frames_of_seventeen\" {}",
+            "16 paths abreast in f32, 17 bodies, light connections one by one, starts one by one",
             Some(bodies),
         ),
-        ("\"frames_of_wide\" {\"mu_s\":90}", "16 paths abreast in f32, 1 body", None),
-        ("\"frames_of_wide\" {\"mu_s\":92}", "16 paths abreast in f64, 1 body", Some(reach)),
+        ("\"frames_of_wide\" {\"mu_s\":1400}", "16 paths abreast in f32, 1 body", None),
+        ("\"frames_of_wide\" {\"mu_s\":1500}", "one path after the other in f64, 1 body", Some(reach)),
     ];
     let agrees = |listing: &Value| {
         let found = instances(listing);
@@ -87,10 +87,10 @@ fn plan_and_record_name_the_kernel() {
     agrees(&space.turbid(&["plan", &file, "--json"]).json());
     let text = space.turbid(&["plan", &file]).ok();
     assert!(text.contains(bodies) && text.contains(reach), "{text}");
-    let few = ["--set", "stages.frames_of_four.with.samples=8"];
+    let few = ["--set", "stages.frames_of_sixteen.with.samples=8"];
     space.turbid(&["run", &file, few[0], few[1]]).ok();
     agrees(&space.turbid(&["show", &file, "--json", few[0], few[1]]).json());
-    let text = space.turbid(&["show", &file, "frames_of_five"]).ok();
+    let text = space.turbid(&["show", &file, "frames_of_seventeen"]).ok();
     assert!(text.contains(bodies), "{text}");
 }
 

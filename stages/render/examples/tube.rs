@@ -49,7 +49,7 @@ fn main() {
     };
     println!("estimator, depth mm (pixels): M_DC / its error, rv, excess kurtosis, within 2 se; us a path");
     let f32s = ["f32", "branches"];
-    for (name, nee) in [("point", Nee::Point), ("f64", Nee::Line), (f32s[0], Nee::Line), (f32s[1], Nee::Line)] {
+    for (name, nee) in [("point", Nee::Point), ("scalar", Nee::Line), (f32s[0], Nee::Line), (f32s[1], Nee::Line)] {
         if only.as_ref().is_some_and(|only| only != name) {
             continue;
         }
@@ -87,7 +87,7 @@ fn main() {
                     let batches = Batches { of: &of, count };
                     match &frame {
                         Some(frame) if f32s.contains(&name) => single::walk(&mut walker, frame, batches),
-                        _ => packet::walk_double_among(&mut walker, batches),
+                        _ => packet::walk_singly(&mut walker, batches),
                     }
                     for path in 0..some.len() * count as usize {
                         let place = some[path / count as usize];

@@ -2,24 +2,22 @@
 
 use std::fmt;
 
+use crate::image_part::{ImagePart, parts_along};
+use crate::level::named;
 use crate::method::Taken;
-use crate::next_event_lanes::{self, bodies_by_material};
 use crate::projected::Projected;
 use crate::rig::Rig;
 use crate::setting::{Nee, Setting};
+use crate::single::limits::range;
 use crate::single::refusal::Refusal;
 use crate::single::{Frame, lane};
-use crate::strata::Bending;
 use crate::walker::Walker;
-use crate::world::World;
 
 /// How one walk goes on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kernel {
     /// f32 lanes; whether next-event estimation and the starts of paths go in them.
     Single { next_events: bool, starts: bool, bodies: usize },
-    /// f64 lanes; whether next-event estimation goes in them.
-    Double { next_events: bool, bodies: usize },
     /// One path after the other.
     Scalar { bodies: usize },
 }
@@ -36,47 +34,25 @@ pub struct Kernels {
 impl Kernel {
     /// Of paths in a setting, as [`walk_among`](crate::packet::walk_among) takes it.
     fn of(setting: Setting<'_>) -> (Self, Vec<String>) {
-        let walker = Walker::new(setting, crate::level::named("baseline"));
-        let bodies = setting.world.bodies.len();
-        let refusal = match Frame::held(&walker) {
-            Ok(frame) => {
+        let (mut walker, along) =
+            (Walker::new(setting, named("baseline")), parts_along(&setting, range(setting.world)));
+        // All parts are alike but for how they are seen, so the middle and the corners stand for them.
+        let (middle, last) = (along / 2, along - 1);
+        let parts = [[middle; 2], [0; 2], [last, 0], [0, last], [last; 2]];
+        let held = parts.iter().take(if along == 1 { 1 } else { parts.len() }).map(|&at| {
+            walker.image_part = ImagePart::of(along, at);
+            Frame::held(&walker)
+        });
+        match held.collect::<Result<Vec<_>, _>>() {
+            Ok(frames) => {
+                let frame = &frames[0];
                 let next_events = frame.blind || (frame.next_events && !frame.lamps);
                 let refused = frame.refused.iter().map(Refusal::to_string).collect();
-                return (Self::Single { next_events, starts: frame.starts, bodies: frame.parts.len() }, refused);
+                (Self::Single { next_events, starts: frame.starts, bodies: frame.parts.len() }, refused)
             }
-            Err(refusal) => refusal.to_string(),
-        };
-        if setting.shared.is_some() {
-            return (Self::Scalar { bodies }, vec![refusal]);
+            Err(refusal) => (Self::Scalar { bodies: setting.world.bodies.len() }, vec![refusal.to_string()]),
         }
-        let next_events = walker.body_of().is_some();
-        let also = (!next_events).then(|| singly(&setting));
-        (Self::Double { next_events, bodies }, [refusal].into_iter().chain(also).collect())
     }
-}
-
-/// Why next-event estimation does not go in f64 lanes.
-fn singly(setting: &Setting<'_>) -> String {
-    let World { bodies, materials, .. } = setting.world;
-    if setting.projected_images.layers() > 0 {
-        return "a pattern's images: f64 lanes connect to light under sinusoids".to_owned();
-    }
-    if Bending::of(setting.world) != Bending::Nowhere {
-        return "walls turn light: f64 lanes connect to light where it goes straight on".to_owned();
-    }
-    if bodies.len() > next_event_lanes::MOST_BODIES {
-        return format!(
-            "{} bodies: f64 lanes make light connections among up to {}",
-            bodies.len(),
-            next_event_lanes::MOST_BODIES
-        );
-    }
-    if bodies.iter().any(|body| materials[body.material].is_opaque()) {
-        return "an opaque body: f64 lanes make light connections among clear and turbid ones".to_owned();
-    }
-    debug_assert!(bodies_by_material(setting.world).is_none());
-    "a body with facets or holes, a turned one, or two of one medium: f64 lanes make light connections in whole bodies of one medium each"
-        .to_owned()
 }
 
 impl fmt::Display for Kernel {
@@ -87,10 +63,6 @@ impl fmt::Display for Kernel {
                 write!(f, "{} paths abreast in f32, {}", lane::LANES, among(bodies))?;
                 write!(f, "{}", if next_events { "" } else { ", light connections one by one" })?;
                 write!(f, "{}", if starts { "" } else { ", starts one by one" })
-            }
-            Self::Double { next_events, bodies } => {
-                write!(f, "{} paths abreast in f64, {}", next_event_lanes::LANES, among(bodies))?;
-                write!(f, "{}", if next_events { "" } else { ", light connections one by one" })
             }
             Self::Scalar { bodies } => write!(f, "one path after the other in f64, {}", among(bodies)),
         }

@@ -7,12 +7,12 @@ use turbid_optics::henyey_greenstein as hg;
 use turbid_optics::philox::unit;
 use turbid_optics::rough::Rough;
 
+use crate::ahead::{ahead, depth, inverse_survival};
 use crate::caustic::Best;
 use crate::connect::{Draws, Heading};
 use crate::lamp::Source;
 use crate::lengths::{Lengths, count, sum};
-use crate::next_event_lanes::{self, depth, inverse_survival};
-use crate::random::{LIGHT_BRANCH, NeeSite, Stream};
+use crate::random::{NeeSite, Stream};
 use crate::setting::Place;
 use crate::single::ScalarConnection;
 use crate::strata::Bending;
@@ -165,18 +165,6 @@ impl<'a> Walker<'a> {
         }
     }
 
-    /// Leaves next-event estimation ahead to the queue.
-    #[inline]
-    pub fn queue_next_event(&mut self, at: &Place, own: DVec3, roulette: f64, material: &Material, body: u64) {
-        if !self.setting.light.shines() {
-            return;
-        }
-        self.queue.push(at, own, roulette, material, body);
-        if self.queue.is_full() {
-            self.queue.flush(self.level, &self.setting, &mut self.queued);
-        }
-    }
-
     /// Light scattered into the path at a collision.
     pub(crate) fn next_event_at_collision(&mut self, at: &mut Place, roulette: f64) {
         if self.hidden(&self.setting.world.materials[at.material]) {
@@ -314,19 +302,12 @@ impl<'a> Walker<'a> {
         if roulette * inverse_survival(material.mu_t() * at.clear) >= 1.0 {
             return;
         }
-        if let Some(body_of) = self.body_of.as_ref().filter(|_| at.light_branch || at.number < u64::from(LIGHT_BRANCH))
-        {
-            let body = body_of[at.material];
-            self.queue_next_event(at, own, roulette, &material, body);
-            self.next_event_to_lamps(at, own, roulette);
-            return;
-        }
         for source in self.sources() {
             self.line_lit(at, own, roulette, source);
         }
     }
 
-    /// Connects a collision to the steady lights one by one, where the queue connects it to the projector; `at.clear` is what
+    /// Connects a collision to the steady lights one by one, where lanes connect it to the projector; `at.clear` is what
     /// decided that.
     pub fn next_event_to_lamps(&mut self, at: &Place, own: DVec3, roulette: f64) {
         for (i, lamp) in self.setting.steady.lamps.iter().enumerate() {
@@ -334,7 +315,7 @@ impl<'a> Walker<'a> {
         }
     }
 
-    /// The connections from r to the projector that lanes, which have estimated ahead, do not know; apart from what is not queued. `unit`: W mm^-2.
+    /// The connections from r to the projector that lanes, which have estimated ahead, do not know; apart from what the path itself sees. `unit`: W mm^-2.
     pub(crate) fn scalar_connection(&mut self, scalar: &ScalarConnection, r: DVec3, e: DVec3, unit: f64) {
         let s = self.setting;
         let (source, stream) = (Source::Projector(s.light), Stream::new(s.key, scalar.pixel, scalar.sample, s.channel));
@@ -354,14 +335,14 @@ impl<'a> Walker<'a> {
         } else {
             connections.extend(self.reflected_connection(source, r, None, &draws));
         }
-        std::mem::swap(&mut self.responses, &mut self.queued);
+        std::mem::swap(&mut self.responses, &mut self.connected);
         for connection in connections.drain(..) {
             let p = hg::density(f64::from(scalar.g), e.dot(connection.towards));
             let radiance = f64::from(scalar.fraction) * p * connection.irradiance * libm::exp(-connection.tau);
             let lengths = sum(&scalar.lengths.map(f64::from), &connection.lengths);
             self.deposit(scalar.path as usize, radiance, connection.on_plane, source, &lengths);
         }
-        std::mem::swap(&mut self.responses, &mut self.queued);
+        std::mem::swap(&mut self.responses, &mut self.connected);
         self.connections = connections;
     }
 
@@ -412,7 +393,7 @@ impl<'a> Walker<'a> {
         let material = self.setting.world.materials[line.material];
         let mu_t = material.mu_t();
         let steepness = line.exit.map_or(0.0, |n| e.dot(n) / towards.dot(n));
-        let (s, inverse_density) = next_event_lanes::ahead(steepness, length, mu_t, u);
+        let (s, inverse_density) = ahead(steepness, length, mu_t, u);
         let at = r + s * e;
         let mut lengths = *lengths;
         count(self.setting.shared, &mut lengths, line.material, s);

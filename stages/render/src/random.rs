@@ -186,12 +186,6 @@ pub(crate) const PLACES_IN_LANES: usize = PLACES;
 /// The word, without a channel, of [`Purpose::Whether`] for the projector: 0 as the place, which stands above the lower eight bits.
 pub(crate) const WHETHER_PROJECTED: u32 = aside(0, 0, WHETHER, false);
 
-/// Counter of a flight, or of the projector's estimate ahead from its end.
-#[inline(always)]
-pub(crate) fn counter(number: u64, channel: u32, sample: u32, pixel: u32) -> [u32; 4] {
-    [number as u32, channel << 16, sample, pixel]
-}
-
 /// The number of the flight before the one of `number`.
 #[inline(always)]
 pub(crate) fn before(number: u64, light_branch: bool) -> u64 {

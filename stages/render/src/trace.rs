@@ -9,6 +9,7 @@ use crate::allocation;
 use crate::batches::Batches;
 use crate::channels::{Group, groups};
 use crate::control_variate::ControlVariates;
+use crate::image_part::{ImagePart, part_of, parts_along};
 use crate::level::named;
 use crate::moments::Moments;
 use crate::packet;
@@ -16,6 +17,7 @@ use crate::params::{Allocate, Params};
 use crate::projected::Projected;
 use crate::rig::Rig;
 use crate::setting::{Nee, Setting};
+use crate::single::limits::range;
 use crate::so_far::is_due;
 use crate::state::State;
 use crate::stopping_criterion::StoppingCriterion;
@@ -200,6 +202,8 @@ struct Job<'a> {
     groups: Vec<Group>,
     /// For each control variate, the same groups.
     paired: Vec<Vec<Group>>,
+    /// Into so many parts along each side the image is cut, each with an origin of its own; of the pixels of a part are those of a tile.
+    parts: usize,
 }
 
 impl<'a> Job<'a> {
@@ -208,7 +212,36 @@ impl<'a> Job<'a> {
         let controls = task.controls.iter().flat_map(|with_control| &with_control.variates);
         let paired = controls
             .map(|control| groups.iter().map(|g| Group::of(control.paired.channels(), g.channels.clone())).collect());
-        Self { task, ctx, paired: paired.collect(), groups }
+        let mut job = Self { task, ctx, paired: paired.collect(), groups, parts: 1 };
+        let all = || job.groups.iter().chain(job.paired.iter().flatten());
+        let parts = all().map(|group| {
+            let setting = job.setting(group, [0; 2]);
+            parts_along(&setting, range(setting.world))
+        });
+        job.parts = parts.max().unwrap_or(1);
+        job
+    }
+
+    /// Of the paths of a group.
+    fn setting<'b>(&'b self, group: &'b Group, key: [u32; 2]) -> Setting<'b> {
+        let (Task { rig, projected, .. }, channel) = (self.task, group.channels[0]);
+        Setting {
+            world: &group.world,
+            camera: &rig.camera,
+            light: &rig.lights[channel],
+            steady: &rig.steady[channel],
+            carriers: &projected.carriers,
+            projected_images: &projected.projected_images,
+            key,
+            channel: channel as u32,
+            nee: Nee::Line,
+            shared: group.shared.as_ref(),
+        }
+    }
+
+    /// The part of the image that a pixel lies in, by its place among those that are traced.
+    fn part_of(&self, place: u32) -> [usize; 2] {
+        part_of(&self.task.rig.camera, self.parts, self.task.pixels[place as usize] as usize)
     }
 }
 
@@ -319,27 +352,22 @@ impl Job<'_> {
 
     /// Walks batches of paths in the scene, and in control variates with it.
     fn walk(&self, state: &State, batches: &[Batch], salt: u64) -> Result<Parts, Error> {
-        let rig = self.task.rig;
         let key = philox::key(self.ctx.seed() ^ self.task.salt ^ salt);
-        // Tiles of batches of one size.
-        let tiles: Vec<&[Batch]> = batches.chunk_by(|a, b| a.count == b.count).flat_map(|b| b.chunks(TILE)).collect();
+        let mut sorted = Vec::new();
+        if self.parts > 1 {
+            // Those of a pixel stay in their order.
+            sorted.extend_from_slice(batches);
+            sorted.sort_by_cached_key(|batch| self.part_of(batch.place));
+        }
+        let batches = if self.parts > 1 { &sorted } else { batches };
+        // Tiles of batches of one size in one part.
+        let alike = |a: &Batch, b: &Batch| {
+            a.count == b.count && (self.parts == 1 || self.part_of(a.place) == self.part_of(b.place))
+        };
+        let tiles: Vec<&[Batch]> = batches.chunk_by(alike).flat_map(|b| b.chunks(TILE)).collect();
         let parts = self.ctx.map_tiles(self.groups.len() * tiles.len(), |i| {
             let (place, tile) = (i / tiles.len(), tiles[i % tiles.len()]);
-            let group = &self.groups[place];
-            let channel = group.channels[0];
-            let setting = Setting {
-                world: &group.world,
-                camera: &rig.camera,
-                light: &rig.lights[channel],
-                steady: &rig.steady[channel],
-                carriers: &self.task.projected.carriers,
-                projected_images: &self.task.projected.projected_images,
-                key,
-                channel: channel as u32,
-                nee: Nee::Line,
-                shared: group.shared.as_ref(),
-            };
-            self.tile(setting, place, tile, state.with_control.as_deref())
+            self.tile(self.setting(&self.groups[place], key), place, tile, state.with_control.as_deref())
         })?;
         let mut all = Parts::default();
         for part in &parts {
@@ -373,6 +401,7 @@ impl Job<'_> {
     fn tile(&self, setting: Setting<'_>, group: usize, tile: &[Batch], with_control: Option<&[bool]>) -> Part {
         let mut walker = Walker::new(setting, named(self.ctx.simd()));
         walker.excludes_specular = self.task.rig.excludes_specular;
+        walker.image_part = ImagePart::of(self.parts, self.part_of(tile[0].place));
         let layout = self.task.projected.layout;
         let sums = Moments::new(tile.len(), layout.width()).with_steady(layout.steady);
         let fresh = || vec![sums.clone(); setting.channels()];
@@ -399,6 +428,7 @@ impl Job<'_> {
                     let there = Setting { world: &control.world, shared: control.shared.as_ref(), ..setting };
                     let mut other = Walker::new(there, walker.level());
                     other.excludes_specular = controls.variates[k].paired.excludes_specular;
+                    other.image_part = walker.image_part;
                     pair(&walker, &mut other, Batches { of: &of, count }, &places, &mut differences);
                     part.flights[1] += other.take_flights();
                 }
@@ -443,6 +473,7 @@ fn endless() -> Error {
 }
 
 /// The next `count` paths of a pixel, by its place among those that are traced.
+#[derive(Clone, Copy)]
 struct Batch {
     place: u32,
     first: u32,

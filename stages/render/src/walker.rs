@@ -7,9 +7,9 @@ use glam::DVec3;
 use turbid_optics::rough::FacetFlight;
 
 use crate::connection::{Connection, Known, SpecularChain};
+use crate::image_part::ImagePart;
 use crate::lengths::Lengths;
 use crate::mirrors::Mirrors;
-use crate::next_event_lanes::{self, Queue};
 use crate::random::Stream;
 use crate::setting::{Nee, Place, Setting};
 use crate::strata::{self, Bending, clear};
@@ -50,16 +50,13 @@ pub struct Walker<'a> {
     pub(crate) mirrored: Vec<Connection>,
     /// Path after path, channel after channel of each, as [`crate::response::Layout`] says.
     pub(crate) responses: Vec<f64>,
-    /// The part of it that comes by the queue; apart, so that it does not matter when the queue is flushed.
-    pub(crate) queued: Vec<f64>,
+    /// What lanes leave to be connected one by one; apart, so that it does not matter when that is done.
+    pub(crate) connected: Vec<f64>,
     /// The part that comes by f32 lanes.
     pub(crate) single: Vec<f64>,
-    pub(crate) queue: Queue,
     pub(crate) level: Level,
     /// For each material 1 / mu_s, infinite where nothing scatters.
     pub(crate) free_paths: Vec<f64>,
-    /// For each material its body, where next-event estimation ahead are free of branches.
-    pub(crate) body_of: Option<Vec<u64>>,
     /// For each material WINDOW mu_eff (mm^-1), 0 where there is no roulette.
     pub(crate) windows: Vec<f64>,
     /// Of the last walk among facets.
@@ -81,6 +78,8 @@ pub struct Walker<'a> {
     pub(crate) ending: Ending,
     /// Whether light that was never scattered, only turned by interfaces, is not seen.
     pub excludes_specular: bool,
+    /// What all its paths begin in.
+    pub image_part: ImagePart,
 }
 
 /// What became of a path that has ended.
@@ -118,13 +117,9 @@ impl<'a> Walker<'a> {
         let windows = setting.world.materials.iter().map(window).collect();
         let (chords, segments) = (Chords::default(), Vec::new());
         let free_paths = setting.world.materials.iter().map(|m| 1.0 / m.mu_s).collect();
-        // Projected images are looked up one by one, and lengths are counted only there.
-        let lanes = setting.projected_images.layers() == 0 && setting.shared.is_none();
-        let body_of = if lanes { next_event_lanes::bodies_by_material(setting.world) } else { None };
         let bending = Bending::of(setting.world);
         let peaked_index = weight_window::peaked_index(&setting, &bending);
         let clear = if let Bending::AtPlanes(strata) = &bending { clear(setting.world, strata) } else { Vec::new() };
-        let (responses, queued, queue) = (Vec::new(), Vec::new(), Queue::default());
         Self {
             setting,
             chords,
@@ -141,13 +136,11 @@ impl<'a> Walker<'a> {
             facetted: strata::turns_at_facets(setting.world),
             mirrors: Mirrors::of(setting.world),
             mirrored: Vec::new(),
-            responses,
-            queued,
+            responses: Vec::new(),
+            connected: Vec::new(),
             single: Vec::new(),
-            queue,
             level,
             free_paths,
-            body_of,
             windows,
             facet_flights: Vec::new(),
             entries: Vec::new(),
@@ -160,6 +153,7 @@ impl<'a> Walker<'a> {
             endless: false,
             ending: Ending::Left,
             excludes_specular: false,
+            image_part: ImagePart::WHOLE,
         }
     }
 
@@ -195,11 +189,6 @@ impl<'a> Walker<'a> {
     /// mm, in a material; infinite where nothing scatters.
     pub fn free_path(&self, material: usize) -> f64 {
         self.free_paths[material]
-    }
-
-    /// For each material the body that it fills, where next-event estimation can go by the queue.
-    pub fn body_of(&self) -> Option<&[u64]> {
-        self.body_of.as_deref()
     }
 
     /// The vector instructions to use.

@@ -9,8 +9,8 @@ impl Walker<'_> {
         let numbers = self.slots(2) * self.stride();
         self.responses.clear();
         self.responses.resize(numbers, 0.0);
-        self.queued.clear();
-        self.queued.resize(numbers, 0.0);
+        self.connected.clear();
+        self.connected.resize(numbers, 0.0);
     }
 
     /// Responses of all paths, and where there are light-directed branches so many of each kind: what light-directed branches bring is summed apart, so that it does not matter
@@ -21,9 +21,8 @@ impl Walker<'_> {
 
     /// Completes the responses, once all paths have ended.
     pub fn gather(&mut self) {
-        self.queue.flush(self.level, &self.setting, &mut self.queued);
-        for (response, queued) in self.responses.iter_mut().zip(&self.queued) {
-            *response += queued;
+        for (response, connected) in self.responses.iter_mut().zip(&self.connected) {
+            *response += connected;
         }
         let own = self.paths * self.stride();
         let (sums, branched) = self.responses.split_at_mut(own);

@@ -48,7 +48,7 @@ pub struct Frame<'a> {
     pub turns: bool,
     /// Block of random numbers of a path's first flight within a medium: where light bends the one before brings it through the plane.
     pub first: u32,
-    /// Whether next-event estimation goes in lanes: few enough bodies for `next_event_lanes.rs`.
+    /// Whether next-event estimation goes in lanes: few enough bodies that lanes know.
     pub next_events: bool,
     /// Whether bodies share a medium: where they touch they are one.
     pub repeated: bool,

@@ -1,5 +1,6 @@
 //! The bodies of a world in f32, about a place near what the camera sees; and how flights and shadow rays pass through them.
 
+use arrayvec::ArrayVec;
 use fearless_simd::prelude::*;
 use glam::{DMat3, DVec3};
 use turbid_optics::solid::Solid;
@@ -57,8 +58,7 @@ pub struct Part {
     pub open: bool,
 }
 
-/// Bodies between which flights go on in lanes, and boundaries that one may cross.
-const MOST_PARTS: usize = 8;
+/// Boundaries that a flight may cross in lanes.
 const MOST_INTERFACES: usize = 4;
 
 /// What a flight within a body meets.
@@ -88,7 +88,8 @@ pub struct Chord<S: Simd> {
     pub leave: F<S>,
 }
 
-pub type Chords<S> = [Chord<S>; MOST_BODIES];
+/// One of each body.
+pub type Chords<S> = ArrayVec<Chord<S>, MOST_BODIES>;
 
 impl Ground {
     /// Bodies with curved or upright faces further than `range` (mm) from `origin` are others too: f32 does not hold them. Meshes are
@@ -223,10 +224,10 @@ impl Ground {
             onward.escapes = M::splat(simd, true);
             return onward;
         }
-        if parts.len() > MOST_PARTS {
+        if parts.len() > MOST_BODIES {
             return onward;
         }
-        let mut chords = [Chord { enter: zero, leave: zero }; MOST_PARTS];
+        let mut chords = [Chord { enter: zero, leave: zero }; MOST_BODIES];
         let mut again = 0;
         for (j, chord) in chords.iter_mut().enumerate().take(parts.len()) {
             *chord = if self.is_mesh(j) {

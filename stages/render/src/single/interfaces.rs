@@ -11,14 +11,14 @@ use super::face::{Form, Interfaces, Within, extent, faces_of};
 use super::frame::Frame;
 use super::ground::{Chord, Chords, Ground, Part, Shape, chord};
 use super::lane::{F, M, V, choose, splat};
-use super::limits::{MOST_BODIES, MOST_FACES, SLIVER};
-use super::visibility::{Visibility, chords};
+use super::limits::{MOST_FACES, MOST_TURNING, SLIVER};
+use super::visibility::{Normals, Visibility, chords, own_length};
 use crate::bsdf::Bsdf;
 use crate::strata::Bending;
 use crate::walker::Walker;
 
 /// How light comes to points through one face.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 pub struct Refraction<S: Simd> {
     /// Whether it does.
     pub found: M<S>,
@@ -74,7 +74,7 @@ impl Interfaces {
         let outside = !parts.iter().any(|part| part.solid.contains(eye) || part.solid.contains(lamp));
         let known = (0..parts.len()).all(|j| !ground.is_other(j) && !ground.is_mesh(j) && !ground.is_turned(j));
         // Nothing carved: holes have interfaces that bulge the other way.
-        let whole = parts.len() == s.world.bodies.len() && parts.len() <= MOST_BODIES;
+        let whole = parts.len() == s.world.bodies.len() && parts.len() <= MOST_TURNING;
         if n <= 1.0 || !alike || !outside || !known || !whole {
             return None;
         }
@@ -315,10 +315,9 @@ impl Interfaces {
 impl<S: Simd> Refraction<S> {
     #[inline(always)]
     pub fn visibility(&self, blocked: M<S>) -> Visibility<S> {
-        let zero = splat(self.tau.token(), 0.0);
-        let &Self { towards, chords, tau, length, foot, gain, .. } = self;
-        let normals = [V { x: zero, y: zero, z: zero }; MOST_BODIES];
-        Visibility { towards, chords, normals, tau, length, again: 0, blocked, foot, gain }
+        let &Self { towards, ref chords, tau, length, foot, gain, .. } = self;
+        let chords = chords.clone();
+        Visibility { towards, chords, normals: Normals::new(), tau, length, again: 0, blocked, foot, gain }
     }
 
     /// This where `mask` says so, else the other; found where either is, unsure too.
@@ -376,7 +375,7 @@ fn passed<S: Simd>(
         || {
             let zero = splat(simd, 0.0);
             let chords = chords(simd, frame, r, w);
-            let mut cut = chords;
+            let mut cut = chords.clone();
             cut[body].leave = leave;
             let (mut tau, mut length, mut blocked) = (zero, zero, M::splat(simd, false));
             for (j, &mu_t) in frame.mu_t.iter().enumerate() {
@@ -385,18 +384,7 @@ fn passed<S: Simd>(
                     blocked |= enter.simd_lt(leave) & leave.simd_gt(zero) & enter.simd_lt(distance);
                     continue;
                 }
-                // As in `visibility::optical_depth`.
-                let mut own = zero;
-                for set in 0..1_usize << j {
-                    let (mut enter, mut leave) = (cut[j].enter.max(zero), cut[j].leave.min(distance));
-                    for (k, chord) in cut[..j].iter().enumerate() {
-                        if set >> k & 1 == 1 {
-                            (enter, leave) = (chord.enter.max(enter), chord.leave.min(leave));
-                        }
-                    }
-                    let common = (leave - enter).max(zero);
-                    own = if set.count_ones() % 2 == 0 { own + common } else { own - common };
-                }
+                let own = own_length(simd, &cut, j, distance);
                 (tau, length) = (tau + own * mu_t, length + own);
             }
             Passed { chords, tau, length, blocked }

@@ -1,7 +1,12 @@
 //! What f32 and the lanes hold, and how the random numbers of next-event estimation are marked.
 
+use crate::world::World;
+
 /// Overlaps are resolved for so many bodies at most.
-pub const MOST_BODIES: usize = 4;
+pub const MOST_BODIES: usize = 16;
+
+/// Of so many at most where they turn light: each of their faces is asked for a connection.
+pub const MOST_TURNING: usize = 4;
 
 /// The number of an estimate along a camera's ray, whose lower bits say in which segment of it, among those that scatter.
 pub const FIRST: u32 = 1 << 31;
@@ -22,6 +27,12 @@ pub const MOST_CHANNELS: usize = 16;
 /// Coordinates up to so many mean free paths: their last digit is 2^-12 of one, and the error made by it, of either sign from
 /// flight to flight, stays below 1e-4.
 pub const RANGE: f64 = 4096.0;
+
+/// How far (mm) from its origin f32 holds a world: [`RANGE`] of the shortest mean free paths.
+pub fn range(world: &World) -> f64 {
+    let most = world.materials.iter().map(|m| m.mu_s).fold(0.0, f64::max);
+    (RANGE / most).min(LARGEST)
+}
 
 /// Cycles of a carrier across the field, beyond which its phase loses 1e-4 rad.
 pub const CYCLES: f64 = 256.0;

@@ -4,9 +4,8 @@ use fearless_simd::prelude::*;
 use turbid_optics::solid::facets::{Crossing, Crossings, Rays};
 
 use super::facets::bits;
-use super::ground::{Chord, Chords, Ground};
+use super::ground::{Chord, Ground};
 use super::lane::{F, LANES, M, U, V};
-use super::limits::MOST_BODIES;
 
 /// The first chord of a line in a mesh, and what else there is.
 struct FirstChord {
@@ -126,7 +125,7 @@ impl Ground {
         r: V<S>,
         w: V<S>,
         until: F<S>,
-        chords: &mut Chords<S>,
+        chords: &mut [Chord<S>],
     ) {
         for mesh in &self.meshes {
             let (own, above) = (body.simd_eq(mesh.body), body.simd_gt(mesh.body));
@@ -160,8 +159,8 @@ impl Ground {
         r: V<S>,
         towards: V<S>,
         distance: F<S>,
-        chords: &mut Chords<S>,
-        normals: &mut [V<S>; MOST_BODIES],
+        chords: &mut [Chord<S>],
+        normals: &mut [V<S>],
     ) -> u64 {
         let (mut again, mut found) = (0, Crossings::default());
         for mesh in &self.meshes {
@@ -191,11 +190,11 @@ impl Ground {
         simd: S,
         lane: usize,
         (r, towards, distance): (V<S>, V<S>, F<S>),
-        chords: &Chords<S>,
+        chords: &[Chord<S>],
     ) -> Vec<(usize, f32)> {
         let far = distance.as_slice()[lane];
         let mut all = Vec::new();
-        for (j, chord) in chords.iter().enumerate().take(self.bodies()) {
+        for (j, chord) in chords.iter().enumerate() {
             let Some(mesh) = self.meshes.iter().find(|mesh| mesh.body == j as u32) else {
                 all.push((j, chord.enter.as_slice()[lane], chord.leave.as_slice()[lane]));
                 continue;

@@ -1,6 +1,6 @@
 //! The f32 lanes: paths walked sixteen abreast in single precision, where that holds the scene ([`Frame::of`]).
 //!
-//! What befalls a path beside flights inside one convex body is left to the scalar [`Walker`](crate::path::Walker), as in `packet.rs`;
+//! What befalls a path beside flights inside one convex body is left to the scalar [`Walker`](crate::path::Walker);
 //! random numbers are the same, so a path differs from the scalar one by rounding only.
 
 mod bend;

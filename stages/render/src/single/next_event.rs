@@ -12,9 +12,9 @@ use super::limits::{DARK, ENTRY, FIRST, MOST_CHANNELS, MOST_FACES, TURNED};
 use super::rows::{Counts, Rows};
 use super::source::{Arrival, Source, whether_projected};
 use super::visibility::{Visibility, add_along, add_in_own, chords, first_segment, steepness, visibility};
+use crate::ahead::{FLAT, TAU_SURE};
 use crate::connect::OTHER_CONNECTIONS;
 use crate::lengths::MOST_LENGTHS;
-use crate::next_event_lanes::{FLAT, TAU_SURE};
 
 /// Of a density e^-x what lies behind this x is nothing to f32.
 const GONE: f32 = 17.0;
@@ -214,7 +214,7 @@ fn line<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, key: [u32; 2], hig
         steepness = choose(known, steepness, splat(simd, 0.0));
         incidence = choose(known, incidence, splat(simd, 1.0));
     }
-    // Nor are the camera's and those from interfaces subject to roulette. See `next_event_lanes::depth`.
+    // Nor are the camera's and those from interfaces subject to roulette. See `crate::ahead::depth`.
     let depth = tau * incidence.abs();
     let depth = choose(depth.simd_gt(least), depth, least);
     let inverse_survival = choose(sure, splat(simd, 1.0), inverse_survival(simd, depth));
@@ -327,11 +327,11 @@ fn see_through_interfaces<S: Simd>(
 ) {
     let frame = deposit.frame;
     let Some(interfaces) = &frame.interfaces else { return };
-    let mut refractions: [Option<Refraction<S>>; MOST_FACES] = [None; MOST_FACES];
+    let mut refractions: [Option<Refraction<S>>; MOST_FACES] = std::array::from_fn(|_| None);
     // Of each lane the first connection that there is, and by bits the lanes that each of the others has found, too.
     let mut first = interfaces.refraction(simd, frame, 0, line.asked, line.r);
     let mut others = [0; MOST_FACES];
-    refractions[0] = Some(first);
+    refractions[0] = Some(first.clone());
     for (i, face) in interfaces.faces.iter().enumerate().skip(1) {
         let mut refraction = interfaces.refraction(simd, frame, i, line.asked, line.r);
         for same in face.same() {
@@ -340,8 +340,9 @@ fn see_through_interfaces<S: Simd>(
             }
         }
         others[i] = (refraction.found & first.found).to_bitmask();
+        let mask = first.found | !refraction.found;
+        first = first.or(mask, &refraction);
         refractions[i] = Some(refraction);
-        first = first.or(first.found | !refraction.found, &refraction);
     }
     let found = first.found & !first.unsure;
     let several = others.iter().fold(0, |several, others| several | others) & found.to_bitmask();
@@ -379,7 +380,7 @@ fn see_through_interfaces<S: Simd>(
     });
 }
 
-/// One over the probability of connecting; see `next_event_lanes::inverse_survival`.
+/// One over the probability of connecting; see `crate::ahead::inverse_survival`.
 #[inline(always)]
 pub fn inverse_survival<S: Simd>(simd: S, tau: F<S>) -> F<S> {
     let x = (tau * (1.0 / TAU_SURE as f32)).max(splat(simd, 1.0));
@@ -387,14 +388,14 @@ pub fn inverse_survival<S: Simd>(simd: S, tau: F<S>) -> F<S> {
     square * square
 }
 
-/// The rate of the density along the line by its steepness; see `crate::next_event_lanes::ahead`.
+/// The rate of the density along the line by its steepness; see `crate::ahead::ahead`.
 #[inline(always)]
 fn falling<S: Simd>(simd: S, steepness: F<S>, mu_t: F<S>) -> F<S> {
     let known = steepness.simd_eq(steepness);
     choose(known, (1.0 - steepness).max(splat(simd, -1.0)).min(splat(simd, 2.0)), splat(simd, 1.0)) * mu_t
 }
 
-/// s in (0, length) from a density proportional to exp(-rate s), and one over that density; see `crate::next_event_lanes::ahead`.
+/// s in (0, length) from a density proportional to exp(-rate s), and one over that density; see `crate::ahead::ahead`.
 #[inline(always)]
 fn ahead<S: Simd>(simd: S, rate: F<S>, length: F<S>, mu_t: F<S>, u: F<S>) -> (F<S>, F<S>) {
     // On an infinite length only positive rates have a density.

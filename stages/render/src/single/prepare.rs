@@ -11,15 +11,15 @@ use super::facets::Eyes;
 use super::frame::{Frame, Medium};
 use super::ground::{Ground, Part};
 use super::image_lookup::ImageLookup;
-use super::limits::{CYCLES, LARGEST, MOST_BODIES, MOST_CHANNELS, RANGE};
+use super::limits::{CYCLES, LARGEST, MOST_BODIES, MOST_CHANNELS, RANGE, range};
 use super::refusal::{self, Refusal};
 use super::source::Source;
 use crate::bsdf::Bsdf;
 use crate::lengths::MOST_LENGTHS;
 use crate::random::LAMPS_IN_LANES;
-use crate::setting::{Nee, Setting};
+use crate::setting::Nee;
 use crate::walker::Walker;
-use crate::world::{Chords, Material, World};
+use crate::world::{Material, World};
 
 /// g of media in which light-directed branches pay (with g = 0 they cost more than they save: measured), up to where f32 holds their lobe.
 const PEAKED: RangeInclusive<f64> = 0.5..=0.99;
@@ -41,8 +41,7 @@ impl<'a> Frame<'a> {
         if s.nee != Nee::Line {
             return Err(Refusal::Reference);
         }
-        let shortest = (0..s.world.materials.len()).map(|m| walker.free_path(m)).fold(f64::INFINITY, f64::min);
-        let range = (RANGE * shortest).min(LARGEST);
+        let range = range(s.world);
         let view = &s.light.view;
         let cycles = view.field.length() * s.carriers.iter().fold(0.0, |most: f64, c| most.max(c.f_x()));
         let dense = s.world.materials.iter().find(|m| m.mu_t() > LARGEST || (m.mu_s > 0.0 && m.mu_s < 1.0 / LARGEST));
@@ -57,15 +56,10 @@ impl<'a> Frame<'a> {
         if let Some(refusal) = refusal {
             return Err(refusal);
         }
-        let origin = seen(s);
         // What the camera sees of the plane through the origin must lie within the range.
-        let corners = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)].map(|(x, y)| {
-            let (from, along) = s.camera.view.ray(x, y);
-            from + (origin.z - from.z) / along.z * along
-        });
-        let reaches = corners.map(|corner| (corner - origin).length());
-        if let Some(&reach) = reaches.iter().find(|reach| reach.is_nan() || **reach > range) {
-            return Err(Refusal::Extent { reach, mu_s: 1.0 / shortest });
+        let (origin, reach) = walker.image_part.seen(s);
+        if reach.is_nan() || reach > range {
+            return Err(Refusal::Extent { reach, mu_s: RANGE / range });
         }
         let media = s.world.materials.iter().enumerate();
         let media = media.map(|(i, m)| Medium {
@@ -178,15 +172,6 @@ impl<'a> Frame<'a> {
             refused,
         })
     }
-}
-
-/// Where the middle of the image meets the first body that is not void; without one, where the camera looks.
-fn seen(s: &Setting<'_>) -> DVec3 {
-    let view = &s.camera.view;
-    let mut chords = Chords::default();
-    let (from, along) = view.ray(0.5, 0.5);
-    let mut segments = s.world.trace(from, along, None, &mut chords);
-    segments.find(|segment| segment.material != 0).map_or(view.look_at, |segment| from + segment.start * along)
 }
 
 /// The bodies of a world; the holes of carved ones are voids before them, where there is nothing else to be seen in a hole.

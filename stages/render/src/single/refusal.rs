@@ -6,8 +6,9 @@ use turbid_optics::solid::Solid;
 
 use super::ground::{Ground, Part};
 use super::image_lookup::MOST_PIXELS;
-use super::limits::{CYCLES, LARGEST, MOST_BODIES, MOST_CHANNELS, MOST_FACES, RANGE};
+use super::limits::{CYCLES, LARGEST, MOST_BODIES, MOST_CHANNELS, MOST_FACES, MOST_TURNING, RANGE};
 use crate::bsdf::Bsdf;
+use crate::image_part::MOST_PARTS;
 use crate::strata::Bending;
 use crate::walker::Walker;
 use crate::world::Material;
@@ -32,6 +33,8 @@ pub enum Refusal {
     },
     /// Bodies, a hole counting as one.
     Bodies(usize),
+    /// The same of bodies that turn light.
+    TurningBodies(usize),
     /// A kind of solid that lanes know by its distance only.
     Solid(&'static str),
     /// A solid with curved or upright faces that reaches so far from the middle of the image; how far lanes hold it, mm.
@@ -83,9 +86,15 @@ impl fmt::Display for Refusal {
                     f,
                     "the camera sees up to {reach:.1} mm beside its middle, {taus:.0} mean free paths at mu_s = {mu_s} mm^-1: "
                 )?;
-                write!(f, "f32 lanes hold up to {RANGE}")
+                write!(
+                    f,
+                    "f32 lanes hold up to {RANGE} in each part of an image (a pixel, or a {MOST_PARTS}th of its sides)"
+                )
             }
             Self::Bodies(n) => write!(f, "{n} bodies (a hole counts as one): f32 lanes hold up to {MOST_BODIES}"),
+            Self::TurningBodies(n) => {
+                write!(f, "{n} bodies where walls turn light: f32 lanes hold up to {MOST_TURNING} there")
+            }
             Self::Solid(kind) => {
                 write!(f, "{kind}: f32 lanes hold slabs, boxes, spheroids, cylinders, holes of these and meshes")
             }
@@ -182,8 +191,8 @@ pub fn of_interfaces(walker: &Walker<'_>, parts: &[Part]) -> Refusal {
     if let Some(body) = setting.world.bodies.iter().find(|body| !whole(&body.solid)) {
         return Refusal::Interfaces(kind(&body.solid));
     }
-    if parts.len() > MOST_BODIES {
-        return Refusal::Bodies(parts.len());
+    if parts.len() > MOST_TURNING {
+        return Refusal::TurningBodies(parts.len());
     }
     let (eye, lamp) = (setting.camera.view.position, setting.light.view.position);
     if parts.iter().any(|part| part.solid.contains(eye) || part.solid.contains(lamp)) {

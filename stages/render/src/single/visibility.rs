@@ -1,5 +1,6 @@
 //! What lies between points and a light, and ahead of them, in f32 lanes.
 
+use arrayvec::ArrayVec;
 use fearless_simd::prelude::*;
 
 use super::facets::bits;
@@ -11,13 +12,16 @@ use super::rows::Counts;
 use super::source::Source;
 use crate::lengths::MOST_LENGTHS;
 
+/// Neither their lengths nor their signs matter.
+pub type Normals<S> = ArrayVec<V<S>, MOST_BODIES>;
+
 /// What lies between points and the light.
 pub struct Visibility<S: Simd> {
     /// Unit vector from the point against the light, and where its line meets the bodies.
     pub towards: V<S>,
     pub chords: Chords<S>,
-    /// Of meshes, where the line first meets each.
-    pub normals: [V<S>; MOST_BODIES],
+    /// Where there are meshes, of each body; that of a mesh where the line first meets it.
+    pub normals: Normals<S>,
     pub tau: F<S>,
     /// mm of that line, and by bits the lanes in which it comes back to a mesh.
     pub length: F<S>,
@@ -31,13 +35,14 @@ pub struct Visibility<S: Simd> {
 /// Of those lanes that are asked; of the others the meshes are left out.
 #[inline(always)]
 pub fn visibility<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, asked: M<S>, p: V<S>) -> Visibility<S> {
-    let zero = splat(simd, 0.0);
-    let mut normals = [V { x: zero, y: zero, z: zero }; MOST_BODIES];
+    let mut normals = Normals::new();
     let Some(plane) = &frame.plane else {
         let (towards, distance) = source.towards(p);
         let mut chords = chords(simd, frame, p, towards);
         let mut again = 0;
         if !frame.ground.meshes.is_empty() {
+            let zero = splat(simd, 0.0);
+            normals.extend((0..frame.ground.bodies()).map(|_| V { x: zero, y: zero, z: zero }));
             again = frame.ground.add_towards_light(simd, asked, p, towards, distance, &mut chords, &mut normals);
         }
         let mut tau = optical_depth(simd, frame, &chords, distance);
@@ -75,11 +80,9 @@ pub fn visibility<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, asked: M
 #[inline(always)]
 pub fn chords<S: Simd>(simd: S, frame: &Frame<'_>, r: V<S>, w: V<S>) -> Chords<S> {
     let nowhere = Chord { enter: splat(simd, 0.0), leave: splat(simd, 0.0) };
-    let mut chords = [nowhere; MOST_BODIES];
-    for (j, chord) in chords.iter_mut().enumerate().take(frame.ground.bodies()) {
-        if !frame.ground.is_mesh(j) {
-            *chord = frame.ground.chord(simd, j, r, w);
-        }
+    let mut chords = Chords::new();
+    for j in 0..frame.ground.bodies() {
+        chords.push(if frame.ground.is_mesh(j) { nowhere } else { frame.ground.chord(simd, j, r, w) });
     }
     chords
 }
@@ -88,7 +91,7 @@ pub fn chords<S: Simd>(simd: S, frame: &Frame<'_>, r: V<S>, w: V<S>) -> Chords<S
 #[inline(always)]
 pub fn first_segment<S: Simd>(simd: S, frame: &Frame<'_>, body: U<S>, r: V<S>, chords: &Chords<S>) -> (F<S>, U<S>) {
     let (mut distance, mut interface) = (splat(simd, f32::INFINITY), U::splat(simd, 0));
-    for (j, chord) in chords.iter().enumerate().take(frame.ground.bodies()) {
+    for (j, chord) in chords.iter().enumerate() {
         let j = j as u32;
         // Its own body ends it by its exit, one of higher priority by its entry: not one that is missed or behind. A ray may start where such a
         // one ends, whatever rounding says: its middle tells.
@@ -146,27 +149,44 @@ fn go_on<S: Simd>(
     }
 }
 
-/// Along the first `distance` of rays: what of each body is not carved out by those of higher priority, by inclusion and exclusion.
+/// Optical depth along the first `distance` of rays.
 #[inline(always)]
 fn optical_depth<S: Simd>(simd: S, frame: &Frame<'_>, chords: &Chords<S>, distance: F<S>) -> F<S> {
-    let (zero, mut tau) = (splat(simd, 0.0), splat(simd, 0.0));
-    for (j, &mu_t) in frame.mu_t.iter().enumerate() {
-        if mu_t == 0.0 {
-            continue;
-        }
-        // Lengths common to body j and to every one of a set of higher bodies, the set by its bits.
-        for set in 0..1_usize << j {
-            let sign = if set.count_ones() % 2 == 0 { mu_t } else { -mu_t };
-            let (mut enter, mut leave) = (chords[j].enter.max(zero), chords[j].leave.min(distance));
-            for (k, chord) in chords[..j].iter().enumerate() {
-                if set >> k & 1 == 1 {
-                    (enter, leave) = (chord.enter.max(enter), chord.leave.min(leave));
-                }
-            }
-            tau += (leave - enter).max(zero) * sign;
-        }
+    let mut tau = splat(simd, 0.0);
+    for (j, &mu_t) in frame.mu_t.iter().enumerate().filter(|(_, mu_t)| **mu_t > 0.0) {
+        tau += own_length(simd, chords, j, distance) * mu_t;
     }
     tau
+}
+
+/// Along the first `distance` of rays what of body j is not carved out by those of higher priority, the first in `chords`: by inclusion and exclusion over the sets of these
+/// that have a part in common with it. Each set follows the one without its last body, so those of which no lane meets a common part are passed over with all that hold them.
+#[inline(always)]
+pub fn own_length<S: Simd>(simd: S, chords: &[Chord<S>], j: usize, distance: F<S>) -> F<S> {
+    let zero = splat(simd, 0.0);
+    let Chord { enter, leave } = chords[j];
+    let whole = Chord { enter: enter.max(zero), leave: leave.min(distance) };
+    let mut length = (whole.leave - whole.enter).max(zero);
+    // What the sets up to the present one have in common, and the last body of each.
+    let (mut common, mut last, mut next) = (ArrayVec::<_, MOST_BODIES>::new(), ArrayVec::<_, MOST_BODIES>::new(), 0);
+    loop {
+        if next == j {
+            common.pop();
+            let Some(k) = last.pop() else { break };
+            next = k + 1;
+            continue;
+        }
+        let (inner, outer) = (chords[next], *common.last().unwrap_or(&whole));
+        let both = Chord { enter: inner.enter.max(outer.enter), leave: inner.leave.min(outer.leave) };
+        if both.enter.simd_lt(both.leave).any_true() {
+            let part = (both.leave - both.enter).max(zero);
+            length = if last.len() % 2 == 0 { length - part } else { length + part };
+            common.push(both);
+            last.push(next);
+        }
+        next += 1;
+    }
+    length
 }
 
 /// Whether an opaque body stands in the first `distance` of rays; nothing carves those.
@@ -186,13 +206,13 @@ pub fn steepness<S: Simd>(
     frame: &Frame<'_>,
     r: V<S>,
     towards: V<S>,
-    (interface, interface_body, normals): (F<S>, U<S>, &[V<S>; MOST_BODIES]),
+    (interface, interface_body, normals): (F<S>, U<S>, &Normals<S>),
     e: V<S>,
 ) -> (F<S>, F<S>) {
     let (mut ratio, mut cos) = (splat(simd, 0.0), splat(simd, 1.0));
     let p = r.plus(interface, towards);
-    for (j, &facet) in normals.iter().enumerate().take(frame.ground.bodies()) {
-        let n = if frame.ground.is_mesh(j) { facet } else { frame.ground.normal(simd, j, p) };
+    for j in 0..frame.ground.bodies() {
+        let n = if frame.ground.is_mesh(j) { normals[j] } else { frame.ground.normal(simd, j, p) };
         let (through, its) = (towards.dot(n), interface_body.simd_eq(j as u32));
         ratio = choose(its, e.dot(n) / through, ratio);
         cos = choose(its, through / n.dot(n).sqrt(), cos);
@@ -209,22 +229,13 @@ pub fn add_in_own<S: Simd>(lengths: &mut Counts<S>, frame: &Frame<'_>, body: U<S
     }
 }
 
-/// Adds what the lines to the light have in each body and is not carved out; as in [`optical_depth`].
+/// Adds what the lines to the light have in each body and is not carved out.
 #[inline(always)]
 pub fn add_along<S: Simd>(simd: S, lengths: &mut Counts<S>, frame: &Frame<'_>, p: V<S>, visibility: &Visibility<S>) {
-    let (zero, before) = (splat(simd, 0.0), *lengths);
+    let before = *lengths;
     let Visibility { towards, chords, length: distance, again, .. } = visibility;
     for (j, &place) in frame.counted.iter().enumerate().filter(|(_, place)| **place < MOST_LENGTHS) {
-        for set in 0..1_usize << j {
-            let (mut enter, mut leave) = (chords[j].enter.max(zero), chords[j].leave.min(*distance));
-            for (k, chord) in chords[..j].iter().enumerate() {
-                if set >> k & 1 == 1 {
-                    (enter, leave) = (chord.enter.max(enter), chord.leave.min(leave));
-                }
-            }
-            let common = (leave - enter).max(zero);
-            lengths[place] = if set.count_ones() % 2 == 0 { lengths[place] + common } else { lengths[place] - common };
-        }
+        lengths[place] += own_length(simd, chords, j, *distance);
     }
     for lane in bits(*again) {
         let mut sums = before.map(|length| length.as_slice()[lane]);

@@ -19,15 +19,16 @@ fn plan(scene: &Scene, params: &Value) -> StagePlan {
     (StageRow::of::<RenderStage>().prepare)(params).unwrap().plan(&known(scene))
 }
 
-/// A slab and so many small balls in it, all of one medium each.
+/// A slab and so many small balls in it, of five media in turn.
 fn balls(count: usize) -> Scene {
     let names = ["b", "c", "d", "e", "f"];
-    let mut media = vec![("m", medium(0.1, 5.0, 0.8))];
+    let media = names.iter().enumerate().map(|(i, name)| (*name, medium(0.2 + 0.1 * i as f64, 4.0, 0.8)));
+    let mut media: Vec<_> = std::iter::once(("m", medium(0.1, 5.0, 0.8))).chain(media).collect();
+    media.truncate(1 + count);
     let mut objects = vec![object(FLOOR, "m", 0)];
-    for (i, name) in names.iter().enumerate().take(count) {
-        media.push((name, medium(0.2 + 0.1 * i as f64, 4.0, 0.8)));
-        let center = [8.0 * i as f64 - 16.0, 0.0, -5.0];
-        objects.push(object(Shape::Sphere { diameter: 6.0, center }, name, i as i32 + 1));
+    for i in 0..count {
+        let center = [8.0 * (i % 5) as f64 - 16.0, 8.0 * (i / 5) as f64, -5.0];
+        objects.push(object(Shape::Sphere { diameter: 6.0, center }, names[i % 5], i as i32 + 1));
     }
     scene(&media, objects, rig(500.0, 35.0, 40.0, 8, 160.0))
 }
@@ -36,25 +37,28 @@ fn balls(count: usize) -> Scene {
 #[test]
 fn the_plan_names_the_kernel_and_what_refused_a_faster_one() {
     let params = json!({"f_x": [0.1], "samples": 64, "method": "path"});
-    let [four, five] = [3, 4].map(|n| plan(&balls(n), &params));
-    assert_eq!(four.kernel.as_deref(), Some("16 paths abreast in f32, 4 bodies"), "{four:?}");
-    assert!(four.refused.is_empty(), "{four:?}");
+    let [sixteen, seventeen] = [15, 16].map(|n| plan(&balls(n), &params));
+    assert_eq!(sixteen.kernel.as_deref(), Some("16 paths abreast in f32, 16 bodies"), "{sixteen:?}");
+    assert!(sixteen.refused.is_empty(), "{sixteen:?}");
     assert_eq!(
-        five.kernel.as_deref(),
-        Some("16 paths abreast in f32, 5 bodies, light connections one by one, starts one by one")
+        seventeen.kernel.as_deref(),
+        Some("16 paths abreast in f32, 17 bodies, light connections one by one, starts one by one")
     );
-    assert_eq!(five.refused, ["5 bodies (a hole counts as one): f32 lanes hold up to 4"]);
+    assert_eq!(seventeen.refused, ["17 bodies (a hole counts as one): f32 lanes hold up to 16"]);
 
-    // A corner is 32 sqrt(2) mm from the middle: 4073 free paths of 90 mm^-1, 4163 of 92.
+    // A corner is 32 sqrt(2) mm from the middle, 4163 free paths of 92 mm^-1: then the image is held in parts, of 64 along a side up to 5793 mm^-1.
     let wide = |mu_s: f64| {
         let scene =
             scene(&[("m", medium(0.1, mu_s, 0.8))], vec![object(FLOOR, "m", 0)], rig(500.0, 35.0, 64.0, 64, 256.0));
         plan(&scene, &params)
     };
-    let [held, beyond] = [90.0, 92.0].map(wide);
-    assert_eq!((held.kernel.as_deref(), held.refused.len()), (Some("16 paths abreast in f32, 1 body"), 0));
-    assert_eq!(beyond.kernel.as_deref(), Some("16 paths abreast in f64, 1 body"));
-    let said = "the camera sees up to 45.3 mm beside its middle, 4163 mean free paths at mu_s = 92 mm^-1: f32 lanes hold up to 4096";
+    for mu_s in [90.0, 92.0, 5700.0] {
+        let held = wide(mu_s);
+        assert_eq!((held.kernel.as_deref(), held.refused.len()), (Some("16 paths abreast in f32, 1 body"), 0));
+    }
+    let beyond = wide(5900.0);
+    assert_eq!(beyond.kernel.as_deref(), Some("one path after the other in f64, 1 body"));
+    let said = "the camera sees up to 45.3 mm beside its middle, 267004 mean free paths at mu_s = 5900 mm^-1: f32 lanes hold up to 4096 in each part of an image (a pixel, or a 64th of its sides)";
     assert_eq!(beyond.refused, [said]);
 
     // Each of these leaves the lanes by another door.
@@ -110,7 +114,7 @@ fn the_pilot_foresees_the_flights() {
             json!({"f_x": [0.1], "target_error": 0.1, "method": "path"}),
         ),
         ("balls in a slab, beside stand-ins", balls(2), json!({"f_x": [0.1], "samples": 256})),
-        ("five bodies", balls(4), json!({"f_x": [0.1], "samples": 128, "method": "path"})),
+        ("seventeen bodies", balls(16), json!({"f_x": [0.1], "samples": 128, "method": "path"})),
         (
             "opaque floor",
             scene(&[], vec![lambertian(FLOOR, 0.5)], rig(500.0, 35.0, 40.0, 16, 160.0)),

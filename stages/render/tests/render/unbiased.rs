@@ -100,6 +100,18 @@ pub fn scenes() -> Vec<(&'static str, World)> {
                 (slab(-0.6, -500.0), TISSUE),
             ]),
         ),
+        (
+            "tissue with a row of balls, two of them hollowed by another",
+            world(
+                std::iter::once((ball([0.2, 0.1, -0.7], 0.6), VOID))
+                    .chain((0..9_u8).map(|k| {
+                        let [x, y] = [k % 3, k / 3].map(|i| 1.1 * f64::from(i) - 1.1);
+                        (ball([x, y, -0.8], 0.6), if k % 2 == 0 { CORE } else { DYE })
+                    }))
+                    .chain([(slab(0.0, -500.0), TISSUE)])
+                    .collect(),
+            ),
+        ),
         ("pale half-space with a core", world(vec![(ball([0.5, 0.0, -4.0], 3.0), CORE), (slab(0.0, -500.0), PALE)])),
         ("pale half-space", world(vec![(slab(0.0, -500.0), PALE)])),
         (
@@ -142,7 +154,7 @@ pub fn scenes() -> Vec<(&'static str, World)> {
     ]
 }
 
-/// Bodies of other shapes, most of them left by the lanes of f32 to those of f64, or to be met twice.
+/// Bodies of other shapes, most of them left by lanes to the scalar walker, or to be met twice.
 pub fn shaped_scenes() -> Vec<(&'static str, World)> {
     let slab = |top: f64, bottom: f64| Solid::Slab { bottom, top };
     let cuboid = |low: [f64; 3], high: [f64; 3]| Solid::Box { low: low.into(), high: high.into() };

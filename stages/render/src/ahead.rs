@@ -1,0 +1,48 @@
+//! Next-event estimation one scattering ahead: where on the line of the next flight a point is taken, and how often any is.
+
+use turbid_optics::elementary::{exp, ln};
+
+/// A vertex is connected with probability min(1, (TAU_SURE / tau)^4) at optical distance tau from the light; estimating ahead, from the plane of
+/// the interface through which it comes.
+pub const TAU_SURE: f64 = 3.0;
+/// A density that falls by less than this along a line is taken as even, before its `mass` loses digits.
+pub const FLAT: f64 = 0.02;
+/// Optical depth at which nothing is left; [`exp`] needs a bound.
+const DARK: f64 = 700.0;
+
+/// s in (0, length) from a density proportional to exp(-rate s), and one over that density.
+///
+/// Below a plane the optical depth to the light falls by mu_t `steepness` per mm: then the rate mu_t (1 - steepness) makes every s
+/// score the same. Elsewhere it is a guess, kept where the weight cannot explode: [-1, 2] mu_t. Any rate is unbiased.
+#[inline]
+pub fn ahead(steepness: f64, length: f64, mu_t: f64, u: f64) -> (f64, f64) {
+    let rate = if steepness.is_nan() { 1.0 } else { 1.0 - steepness }.clamp(-1.0, 2.0) * mu_t;
+    // On an infinite length only positive rates have a density.
+    let rate = if (length == f64::INFINITY) & (rate <= 1e-4 * mu_t) { mu_t } else { rate };
+    let steep = (rate * length).abs();
+    let mass = 1.0 - exp(-steep.min(DARK));
+    let left = 1.0 - u * mass;
+    let fallen = (-ln(left) / rate.abs()).min(length);
+    // A growing density is a falling one seen from the other end.
+    let s = if rate > 0.0 { fallen } else { length - fallen };
+    let flat = steep < FLAT;
+    (if flat { u * length } else { s }, if flat { length } else { mass / (rate.abs() * left) })
+}
+
+/// Optical depth below the plane through which the light comes, which is `tau` away at the cosine `cos`; at least what is known.
+///
+/// An estimate ahead is from further on along the path, which may come up to the interface the short way: where light grazes the exit, it is far
+/// away from places near which it is bright. A roulette by `tau` itself would leave those to one estimate in very many (measured in a tube
+/// lit along its axis: kurtosis above 2000, intervals of two standard errors that hold the truth in 86 % of cases after 256 paths).
+#[inline]
+pub fn depth(tau: f64, cos: f64, least: f64) -> f64 {
+    let depth = tau * cos.abs();
+    if depth > least { depth } else { least }
+}
+
+/// One over the probability of connecting at optical distance `tau`; that falls slower than the light does.
+#[inline]
+pub fn inverse_survival(tau: f64) -> f64 {
+    let x = (tau * (1.0 / TAU_SURE)).max(1.0);
+    x * x * x * x
+}
