@@ -37,6 +37,14 @@ fn main() {
     row("(25, 4236), spheroid cut level", &world(&lesion), true);
     let layers = [(Solid::Slab { bottom: -1.0, top: 0.0 }, tumour), (Solid::Slab { bottom: -2000.0, top: -1.0 }, m2)];
     row("(25, 4236) under 1 mm of another", &world(&layers), true);
+    let vessel = |k: usize| Solid::Ellipsoid {
+        center: DVec3::new(8.0 * (k % 4) as f64 - 12.0, 8.0 * (k / 4) as f64 - 12.0, -3.0),
+        radii: DVec3::splat(2.0),
+    };
+    for count in [3, 15, 16] {
+        let balls = (0..count).map(|k| (vessel(k), tumour)).chain([(floor(), m2)]).collect::<Vec<_>>();
+        row(&format!("(25, 4236), {count} balls of 4 mm in it"), &world(&balls), true);
+    }
     let tube = Solid::tube(40.0, 50.0, DVec2::ZERO, -100.0, 0.0);
     row("(25, 4236), tube of 40 mm bore, 5 mm wall", &world(&[(tube, m2)]), true);
     let white = Solid::Box { low: DVec3::new(-5.0, -5.0, 0.0), high: DVec3::new(5.0, 5.0, 5.0) };

@@ -200,7 +200,7 @@ fn surfaces(params: &Params, so_far: SoFar<'_>, ctx: Ctx<'_>) -> Result<Traced, 
     let regions = match Fringes::of(projected) {
         Ok(fringes) => regions(scene, rig, projected, &Arc::new(fringes)),
         Err(reason) => {
-            ctx.warn(&format!("{reason}: no surface is fitted"));
+            ctx.warn(format!("{reason}: no surface is fitted"));
             Vec::new()
         }
     };

@@ -12,7 +12,7 @@ use super::frame::Frame;
 use super::ground::{Chord, Chords, Ground, Part, Shape, chord};
 use super::lane::{F, M, V, choose, splat};
 use super::limits::{MOST_FACES, MOST_TURNING, SLIVER};
-use super::visibility::{Normals, Visibility, chords, own_length};
+use super::visibility::{Met, Visibility, chords, own_length};
 use crate::bsdf::Bsdf;
 use crate::strata::Bending;
 use crate::walker::Walker;
@@ -153,7 +153,14 @@ impl Interfaces {
 
     /// Towards the light by the first connection that there is, and where there is one; else straight.
     #[inline(always)]
-    pub fn heading<S: Simd>(&self, simd: S, frame: &Frame<'_>, asked: M<S>, p: V<S>) -> (Visibility<S>, M<S>) {
+    pub fn heading<S: Simd>(
+        &self,
+        simd: S,
+        frame: &Frame<'_>,
+        asked: M<S>,
+        p: V<S>,
+        met: &mut Met<S>,
+    ) -> (Visibility<S>, M<S>) {
         let mut first = self.refraction(simd, frame, 0, asked, p);
         for face in 1..self.faces.len() {
             let open = asked & !first.found;
@@ -166,7 +173,9 @@ impl Interfaces {
         let found = first.found;
         first.towards = first.towards.or(found, self.to_light(p).0);
         first.tau = choose(found, first.tau, splat(simd, 0.0));
-        (first.visibility(!found), found)
+        let visibility = first.visibility(!found);
+        met.chords = first.chords;
+        (visibility, found)
     }
 
     /// Unit vectors inside towards the light that comes from a; n is the normal outwards.
@@ -315,9 +324,8 @@ impl Interfaces {
 impl<S: Simd> Refraction<S> {
     #[inline(always)]
     pub fn visibility(&self, blocked: M<S>) -> Visibility<S> {
-        let &Self { towards, ref chords, tau, length, foot, gain, .. } = self;
-        let chords = chords.clone();
-        Visibility { towards, chords, normals: Normals::new(), tau, length, again: 0, blocked, foot, gain }
+        let &Self { towards, tau, length, foot, gain, .. } = self;
+        Visibility { towards, tau, length, again: 0, blocked, foot, gain }
     }
 
     /// This where `mask` says so, else the other; found where either is, unsure too.

@@ -6,12 +6,13 @@ use super::bend::{KnownConnection, ScalarConnection};
 use super::deposit::{Deposit, Seen};
 use super::facets::bits;
 use super::frame::Frame;
+use super::ground::Chord;
 use super::interfaces::Refraction;
 use super::lane::{F, LANES, M, U, V, choose, exp, hg_denominator, hg_sample, ln, philox, splat, unit};
 use super::limits::{DARK, ENTRY, FIRST, MOST_CHANNELS, MOST_FACES, TURNED};
 use super::rows::{Counts, Rows};
 use super::source::{Arrival, Source, whether_projected};
-use super::visibility::{Visibility, add_along, add_in_own, chords, first_segment, steepness, visibility};
+use super::visibility::{Met, Visibility, add_along, add_in_own, find_chords, first_segment, steepness, visibility};
 use crate::ahead::{FLAT, TAU_SURE};
 use crate::connect::OTHER_CONNECTIONS;
 use crate::lengths::MOST_LENGTHS;
@@ -110,8 +111,9 @@ fn estimate<S: Simd>(
     let mut deposit = Deposit { frame, channels, paths: &path.as_slice()[..count], responses };
     // Of all lamps one sum: that a path's estimates are added one by one must not depend on which go together.
     let mut steady = [splat(simd, 0.0); MOST_CHANNELS];
+    let mut met = Met::new();
     for source in &frame.sources {
-        let line = line(simd, frame, source, key, high, &ray);
+        let line = line(simd, frame, source, key, high, &ray, &mut met);
         if frame.interfaces.is_some() {
             see_through_interfaces(
                 simd,
@@ -125,8 +127,8 @@ fn estimate<S: Simd>(
             );
             continue;
         }
-        let visibility = visibility(simd, frame, source, line.asked, line.r);
-        let seen = line.sees(simd, frame, source, &visibility);
+        let visibility = visibility(simd, frame, source, line.asked, line.r, &mut met);
+        let seen = line.sees(simd, frame, source, &visibility, &met.chords);
         if frame.plane.as_ref().is_some_and(|plane| plane.scalar_connections) {
             let tried = line.asked & tries(simd, key, high, &ray, &line);
             line.leave(simd, &mut next_events.scalar_connections, &ray, tried, |_| None);
@@ -183,17 +185,25 @@ struct Line<S: Simd> {
 
 /// A point on a line that a lane connects to a source.
 #[inline(always)]
-fn line<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, key: [u32; 2], high: u32, ray: &Ray<S>) -> Line<S> {
+fn line<S: Simd>(
+    simd: S,
+    frame: &Frame<'_>,
+    source: &Source,
+    key: [u32; 2],
+    high: u32,
+    ray: &Ray<S>,
+    met: &mut Met<S>,
+) -> Line<S> {
     let &Ray { waiting, r, came, own, weight, roulette, mu_a, mu_s, g, least, .. } = ray;
     let &Ray { number, sample, pixel, body, mut lengths, .. } = ray;
     let mu_t = mu_a + mu_s;
     let (to_light, known) = if let Some(interfaces) = &frame.interfaces {
-        interfaces.heading(simd, frame, waiting, r)
+        interfaces.heading(simd, frame, waiting, r, met)
     } else {
-        (visibility(simd, frame, source, waiting, r), M::splat(simd, true))
+        (visibility(simd, frame, source, waiting, r, met), M::splat(simd, true))
     };
-    let Visibility { towards, chords: to_light, normals, tau, .. } = to_light;
-    let (interface, interface_body) = first_segment(simd, frame, body, r, &to_light);
+    let Visibility { towards, tau, .. } = to_light;
+    let (interface, interface_body) = first_segment(simd, frame, body, r, &met.chords);
 
     // The line: along the path's own direction, or one from the lobe around the light. Rays that come in from outside have no choice.
     let (first, entry) = (number.simd_ge(FIRST), (number & (FIRST | ENTRY)).simd_eq(ENTRY));
@@ -209,7 +219,8 @@ fn line<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, key: [u32; 2], hig
         V { x: choose(goes_on, own.x, lobe.x), y: choose(goes_on, own.y, lobe.y), z: choose(goes_on, own.z, lobe.z) };
     let ratio = hg_denominator(g, came.dot(e)) / hg_denominator(g, e.dot(towards));
     let balance = choose(given, splat(simd, 1.0), 2.0 / (1.0 + ratio * ratio.sqrt()));
-    let (mut steepness, mut incidence) = steepness(simd, frame, r, towards, (interface, interface_body, &normals), e);
+    let (mut steepness, mut incidence) =
+        steepness(simd, frame, r, towards, (interface, interface_body, &met.normals), e);
     if frame.interfaces.is_some() {
         steepness = choose(known, steepness, splat(simd, 0.0));
         incidence = choose(known, incidence, splat(simd, 1.0));
@@ -219,13 +230,14 @@ fn line<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, key: [u32; 2], hig
     let depth = choose(depth.simd_gt(least), depth, least);
     let inverse_survival = choose(sure, splat(simd, 1.0), inverse_survival(simd, depth));
     let chosen = waiting & (roulette * inverse_survival).simd_lt(1.0);
-    let mut along = chords(simd, frame, r, e);
+    let along = &mut met.chords;
+    find_chords(simd, frame, r, e, along);
     let rate = falling(simd, steepness, mu_t);
     if !frame.ground.meshes.is_empty() {
         let until = choose(rate.simd_gt(mu_t * 0.1), GONE / rate, splat(simd, f32::INFINITY));
-        frame.ground.add_ahead(simd, chosen, body, r, e, until, &mut along);
+        frame.ground.add_ahead(simd, chosen, body, r, e, until, along);
     }
-    let (length, _) = first_segment(simd, frame, body, r, &along);
+    let (length, _) = first_segment(simd, frame, body, r, along);
     let (s, inverse_density) = ahead(simd, rate, length, mu_t, unit(!u));
     if frame.counts {
         add_in_own(&mut lengths, frame, body, s);
@@ -247,7 +259,14 @@ fn line<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, key: [u32; 2], hig
 impl<S: Simd> Line<S> {
     /// What its point sees of a source.
     #[inline(always)]
-    fn sees(&self, simd: S, frame: &Frame<'_>, source: &Source, visibility: &Visibility<S>) -> Seen<S> {
+    fn sees(
+        &self,
+        simd: S,
+        frame: &Frame<'_>,
+        source: &Source,
+        visibility: &Visibility<S>,
+        chords: &[Chord<S>],
+    ) -> Seen<S> {
         let zero = splat(simd, 0.0);
         let &Visibility { towards, tau, blocked, foot, gain, .. } = visibility;
         let Arrival { irradiance, lit, x, y } = source.arrives(simd, foot);
@@ -260,7 +279,7 @@ impl<S: Simd> Line<S> {
         let mut seen_in = [radiance; MOST_CHANNELS];
         if frame.counts {
             let mut lengths = self.lengths;
-            add_along(simd, &mut lengths, frame, self.r, visibility);
+            add_along(simd, &mut lengths, frame, self.r, visibility, chords);
             for (of, excess) in seen_in.iter_mut().zip(&frame.channels) {
                 if *excess == [0.0; MOST_LENGTHS] {
                     // It is that of the walk, to the last digit.
@@ -359,7 +378,8 @@ fn see_through_interfaces<S: Simd>(
             };
             let seen = seen & found.to_bitmask();
             if let (Some(refraction), true) = (refraction, seen != 0) {
-                let seen = line.sees(simd, frame, source, &refraction.visibility(!M::from_bitmask(simd, seen)));
+                let visibility = refraction.visibility(!M::from_bitmask(simd, seen));
+                let seen = line.sees(simd, frame, source, &visibility, &refraction.chords);
                 deposit.add_projected(simd, &seen);
             }
         }

@@ -12,16 +12,24 @@ use super::rows::Counts;
 use super::source::Source;
 use crate::lengths::MOST_LENGTHS;
 
-/// Neither their lengths nor their signs matter.
-pub type Normals<S> = ArrayVec<V<S>, MOST_BODIES>;
+/// Where lines to the light meet bodies. It is filled in place: too large to be handed over.
+pub struct Met<S: Simd> {
+    pub chords: Chords<S>,
+    /// Where there are meshes, of each body; that of a mesh where the line first meets it. Neither their lengths nor their signs matter.
+    pub normals: ArrayVec<V<S>, MOST_BODIES>,
+}
+
+impl<S: Simd> Met<S> {
+    #[inline(always)]
+    pub fn new() -> Self {
+        Self { chords: Chords::new(), normals: ArrayVec::new() }
+    }
+}
 
 /// What lies between points and the light.
 pub struct Visibility<S: Simd> {
-    /// Unit vector from the point against the light, and where its line meets the bodies.
+    /// Unit vector from the point against the light.
     pub towards: V<S>,
-    pub chords: Chords<S>,
-    /// Where there are meshes, of each body; that of a mesh where the line first meets it.
-    pub normals: Normals<S>,
     pub tau: F<S>,
     /// mm of that line, and by bits the lanes in which it comes back to a mesh.
     pub length: F<S>,
@@ -32,64 +40,68 @@ pub struct Visibility<S: Simd> {
     pub gain: F<S>,
 }
 
-/// Of those lanes that are asked; of the others the meshes are left out.
+/// Of those lanes that are asked, with where their lines have `met` bodies; of the others the meshes are left out.
 #[inline(always)]
-pub fn visibility<S: Simd>(simd: S, frame: &Frame<'_>, source: &Source, asked: M<S>, p: V<S>) -> Visibility<S> {
-    let mut normals = Normals::new();
+pub fn visibility<S: Simd>(
+    simd: S,
+    frame: &Frame<'_>,
+    source: &Source,
+    asked: M<S>,
+    p: V<S>,
+    Met { chords, normals }: &mut Met<S>,
+) -> Visibility<S> {
+    normals.clear();
     let Some(plane) = &frame.plane else {
         let (towards, distance) = source.towards(p);
-        let mut chords = chords(simd, frame, p, towards);
+        find_chords(simd, frame, p, towards, chords);
         let mut again = 0;
         if !frame.ground.meshes.is_empty() {
             let zero = splat(simd, 0.0);
             normals.extend((0..frame.ground.bodies()).map(|_| V { x: zero, y: zero, z: zero }));
-            again = frame.ground.add_towards_light(simd, asked, p, towards, distance, &mut chords, &mut normals);
+            again = frame.ground.add_towards_light(simd, asked, p, towards, distance, chords, normals);
         }
-        let mut tau = optical_depth(simd, frame, &chords, distance);
+        let mut tau = optical_depth(simd, frame, chords, distance);
         if again != 0 {
             let mut depths = tau.to_array();
             for lane in bits(again) {
-                let segments = frame.ground.segments_to_light(simd, lane, (p, towards, distance), &chords);
+                let segments = frame.ground.segments_to_light(simd, lane, (p, towards, distance), chords);
                 depths[lane] = segments.iter().map(|&(j, length)| frame.mu_t[j] * length).sum();
             }
             tau = F::load_array(simd, depths);
         }
-        let blocked = blocked(simd, frame, &chords, distance);
-        return Visibility {
-            towards,
-            chords,
-            normals,
-            tau,
-            length: distance,
-            again,
-            blocked,
-            foot: p,
-            gain: splat(simd, 1.0),
-        };
+        let blocked = blocked(simd, frame, chords, distance);
+        return Visibility { towards, tau, length: distance, again, blocked, foot: p, gain: splat(simd, 1.0) };
     };
     let refraction = plane.refraction(simd, source.position, p);
-    let inside = chords(simd, frame, p, refraction.towards);
-    let tau = optical_depth(simd, frame, &inside, refraction.length);
-    let stopped = blocked(simd, frame, &inside, refraction.length);
+    find_chords(simd, frame, p, refraction.towards, chords);
+    let tau = optical_depth(simd, frame, chords, refraction.length);
+    let stopped = blocked(simd, frame, chords, refraction.length);
     let (towards, length) = (refraction.towards, refraction.length);
     let (foot, gain) = (refraction.foot, refraction.gain);
-    Visibility { towards, chords: inside, normals, tau, length, again: 0, blocked: stopped, foot, gain }
+    Visibility { towards, tau, length, again: 0, blocked: stopped, foot, gain }
 }
 
 /// Meshes apart.
 #[inline(always)]
 pub fn chords<S: Simd>(simd: S, frame: &Frame<'_>, r: V<S>, w: V<S>) -> Chords<S> {
-    let nowhere = Chord { enter: splat(simd, 0.0), leave: splat(simd, 0.0) };
     let mut chords = Chords::new();
+    find_chords(simd, frame, r, w, &mut chords);
+    chords
+}
+
+/// The same in place of what was there.
+#[inline(always)]
+pub fn find_chords<S: Simd>(simd: S, frame: &Frame<'_>, r: V<S>, w: V<S>, chords: &mut Chords<S>) {
+    let nowhere = Chord { enter: splat(simd, 0.0), leave: splat(simd, 0.0) };
+    chords.clear();
     for j in 0..frame.ground.bodies() {
         chords.push(if frame.ground.is_mesh(j) { nowhere } else { frame.ground.chord(simd, j, r, w) });
     }
-    chords
 }
 
 /// Where the segment of the own medium that a ray starts in ends, and at which body's surface.
 #[inline(always)]
-pub fn first_segment<S: Simd>(simd: S, frame: &Frame<'_>, body: U<S>, r: V<S>, chords: &Chords<S>) -> (F<S>, U<S>) {
+pub fn first_segment<S: Simd>(simd: S, frame: &Frame<'_>, body: U<S>, r: V<S>, chords: &[Chord<S>]) -> (F<S>, U<S>) {
     let (mut distance, mut interface) = (splat(simd, f32::INFINITY), U::splat(simd, 0));
     for (j, chord) in chords.iter().enumerate() {
         let j = j as u32;
@@ -115,7 +127,7 @@ fn go_on<S: Simd>(
     frame: &Frame<'_>,
     body: U<S>,
     r: V<S>,
-    chords: &Chords<S>,
+    chords: &[Chord<S>],
     distance: &mut F<S>,
     interface: &mut U<S>,
 ) {
@@ -151,7 +163,7 @@ fn go_on<S: Simd>(
 
 /// Optical depth along the first `distance` of rays.
 #[inline(always)]
-fn optical_depth<S: Simd>(simd: S, frame: &Frame<'_>, chords: &Chords<S>, distance: F<S>) -> F<S> {
+fn optical_depth<S: Simd>(simd: S, frame: &Frame<'_>, chords: &[Chord<S>], distance: F<S>) -> F<S> {
     let mut tau = splat(simd, 0.0);
     for (j, &mu_t) in frame.mu_t.iter().enumerate().filter(|(_, mu_t)| **mu_t > 0.0) {
         tau += own_length(simd, chords, j, distance) * mu_t;
@@ -191,7 +203,7 @@ pub fn own_length<S: Simd>(simd: S, chords: &[Chord<S>], j: usize, distance: F<S
 
 /// Whether an opaque body stands in the first `distance` of rays; nothing carves those.
 #[inline(always)]
-fn blocked<S: Simd>(simd: S, frame: &Frame<'_>, chords: &Chords<S>, distance: F<S>) -> M<S> {
+fn blocked<S: Simd>(simd: S, frame: &Frame<'_>, chords: &[Chord<S>], distance: F<S>) -> M<S> {
     let mut blocked = M::splat(simd, false);
     for (chord, _) in chords.iter().zip(&frame.opaque).filter(|(_, opaque)| **opaque) {
         blocked |= chord.enter.simd_lt(chord.leave) & chord.leave.simd_gt(0.0) & chord.enter.simd_lt(distance);
@@ -206,7 +218,7 @@ pub fn steepness<S: Simd>(
     frame: &Frame<'_>,
     r: V<S>,
     towards: V<S>,
-    (interface, interface_body, normals): (F<S>, U<S>, &Normals<S>),
+    (interface, interface_body, normals): (F<S>, U<S>, &[V<S>]),
     e: V<S>,
 ) -> (F<S>, F<S>) {
     let (mut ratio, mut cos) = (splat(simd, 0.0), splat(simd, 1.0));
@@ -231,9 +243,16 @@ pub fn add_in_own<S: Simd>(lengths: &mut Counts<S>, frame: &Frame<'_>, body: U<S
 
 /// Adds what the lines to the light have in each body and is not carved out.
 #[inline(always)]
-pub fn add_along<S: Simd>(simd: S, lengths: &mut Counts<S>, frame: &Frame<'_>, p: V<S>, visibility: &Visibility<S>) {
+pub fn add_along<S: Simd>(
+    simd: S,
+    lengths: &mut Counts<S>,
+    frame: &Frame<'_>,
+    p: V<S>,
+    visibility: &Visibility<S>,
+    chords: &[Chord<S>],
+) {
     let before = *lengths;
-    let Visibility { towards, chords, length: distance, again, .. } = visibility;
+    let Visibility { towards, length: distance, again, .. } = visibility;
     for (j, &place) in frame.counted.iter().enumerate().filter(|(_, place)| **place < MOST_LENGTHS) {
         lengths[place] += own_length(simd, chords, j, *distance);
     }
