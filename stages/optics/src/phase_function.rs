@@ -40,6 +40,11 @@ impl PhaseFunction {
         }
     }
 
+    /// Whether it is Henyey and Greenstein's function alone.
+    pub const fn has_one_term(&self) -> bool {
+        matches!(self, Self::HenyeyGreenstein { .. })
+    }
+
     /// Mean cosine of the scattering angle, in (-1, 1): mu_s' = mu_s (1 - g).
     #[inline(always)]
     pub fn g(&self) -> f64 {
@@ -55,12 +60,6 @@ impl PhaseFunction {
     #[inline(always)]
     pub const fn g_forward(&self) -> f64 {
         self.terms()[0].1
-    }
-
-    /// The g of its narrowest lobe, forward or backward, by which it is hard to sample, and to resolve in moments.
-    pub fn g_narrowest(&self) -> f64 {
-        let [(_, forward), (_, backward)] = self.terms();
-        if backward.abs() > forward.abs() { backward } else { forward }
     }
 
     /// Moment of Legendre of degree `l`: the mean of P_l(cos theta), 1 for l = 0 and g for l = 1. The g^l of each term.

@@ -46,6 +46,10 @@ impl Kernel {
             }
             Err(refusal) => refusal.to_string(),
         };
+        if !setting.world.has_one_term() {
+            let also = "a phase function of two terms: f64 lanes scatter by one g".to_owned();
+            return (Self::Scalar { bodies }, vec![refusal, also]);
+        }
         if setting.shared.is_some() {
             return (Self::Scalar { bodies }, vec![refusal]);
         }

@@ -78,7 +78,7 @@ impl Queue {
         set(&mut to.w, lane, place.w);
         set(&mut to.own, lane, own);
         (to.weight[lane], to.roulette[lane], to.body[lane]) = (place.weight, roulette, body);
-        (to.mu_a[lane], to.mu_s[lane], to.g[lane]) = (material.mu_a, material.mu_s, material.g);
+        (to.mu_a[lane], to.mu_s[lane], to.g[lane]) = (material.mu_a, material.mu_s, material.phase.g_forward());
         to.least[lane] = material.mu_t() * place.clear;
         // Of the estimate ahead from the end of the flight, `random.rs`.
         (to.number[lane], to.sample[lane], to.pixel[lane]) = (place.flight() + 1, place.sample, place.pixel);
@@ -120,7 +120,7 @@ impl Queue {
 
 /// For each material the body that it fills, where this module's estimates are right for the world.
 pub fn bodies_by_material(world: &World) -> Option<Vec<u64>> {
-    if Bending::of(world) != Bending::Nowhere {
+    if Bending::of(world) != Bending::Nowhere || !world.has_one_term() {
         return None;
     }
     let mut body_of = vec![0; world.materials.len()];

@@ -89,8 +89,8 @@ pub fn walk_double(walker: &mut Walker<'_>, pixels: Range<usize>, samples: Range
 }
 
 pub fn walk_double_among(walker: &mut Walker<'_>, batches: Batches<'_>) {
-    if walker.peaked_index.is_some() {
-        // Those lanes do not split paths.
+    if walker.peaked_index.is_some() || !walker.setting().world.has_one_term() {
+        // Those lanes do not split paths, and scatter by one g.
         return walk_singly(walker, batches);
     }
     let paths = batches.paths();
@@ -174,7 +174,7 @@ impl Packet {
         self.mu_s[lane] = material.mu_s;
         self.free_path[lane] = walker.free_path(place.material);
         self.mu_a[lane] = material.mu_a;
-        self.g[lane] = material.g;
+        self.g[lane] = material.phase.g_forward();
         self.window[lane] = walker.window(place.material);
         self.number[lane] = place.number;
         self.sample[lane] = place.sample;

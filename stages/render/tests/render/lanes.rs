@@ -16,6 +16,7 @@ use turbid_render::world::{Body, Material, World};
 
 use crate::unbiased::{
     bent_scenes, curved_scenes, hollow_scenes, lamps, mesh_scenes, peaked_scenes, scenes, shaped_scenes, turned_scenes,
+    two_term_scenes,
 };
 
 static NO_LAMPS: Steady = Steady::NONE;
@@ -46,7 +47,7 @@ fn f64_lanes_and_levels_do_not_show() {
     let camera = Camera { view: view([4.0, -3.0, 25.0], 5.0), columns: 4, rows: 4 };
     let light = Light::new(view([-9.0, 8.0, 20.0], 6.0), 1.0, false);
     let carriers = [Carrier::new(0.15, 20.0), Carrier::new(0.3, 110.0)];
-    let all = scenes().into_iter().chain(shaped_scenes()).chain(curved_scenes());
+    let all = scenes().into_iter().chain(shaped_scenes()).chain(curved_scenes()).chain(two_term_scenes());
     for ((name, world), steady) in all.flat_map(|s| [(s.clone(), Steady::NONE), (s, lamps())]) {
         let setting = Setting { steady: &steady, carriers: &carriers, channel: 3, ..setting(&world, &camera, &light) };
         for (pixels, samples) in [(0..16, 8..16), (5..6, 0..3)] {
@@ -81,7 +82,7 @@ fn camera_and_light() -> (Camera, Light) {
 /// Each by the projector's carriers alone, and with projected images and lamps beside them.
 fn single_scenes() -> impl Iterator<Item = ((&'static str, World), Steady, ProjectedImages)> {
     let scenes = scenes().into_iter().chain(turned_scenes()).chain(mesh_scenes()).chain(hollow_scenes());
-    let scenes = scenes.chain(bent_scenes()).chain(peaked_scenes());
+    let scenes = scenes.chain(bent_scenes()).chain(peaked_scenes()).chain(two_term_scenes().into_iter().take(1));
     scenes.flat_map(|s| [(s.clone(), Steady::NONE, ProjectedImages::NONE), (s, lamps(), checks())])
 }
 
@@ -183,7 +184,10 @@ fn next_events_at_walls_of_holes_are_not_lost() {
     let tube = Solid::tube(20.0, 80.0, DVec2::ZERO, -250.0, 0.0);
     let world = World {
         bodies: vec![Body { solid: tube, material: 1 }],
-        materials: vec![Material::VOID, Material::medium(0.5, 10.0, 0.8, 1.0)],
+        materials: vec![
+            Material::VOID,
+            Material::medium(0.5, 10.0, turbid_optics::PhaseFunction::henyey_greenstein(0.8), 1.0),
+        ],
         textures: Vec::new(),
     };
     let setting = setting(&world, &camera, &light);
@@ -210,7 +214,11 @@ fn a_floor_under_fog_is_met() {
         let slab = |bottom: f64, top: f64, material: usize| Body { solid: Solid::Slab { bottom, top }, material };
         let world = World {
             bodies: vec![slab(-9.0, 0.0, 1), slab(0.0, 10.0, 2)],
-            materials: vec![Material::VOID, Material::lambertian(0.5), Material::medium(0.0, mu_s, 0.8, 1.0)],
+            materials: vec![
+                Material::VOID,
+                Material::lambertian(0.5),
+                Material::medium(0.0, mu_s, turbid_optics::PhaseFunction::henyey_greenstein(0.8), 1.0),
+            ],
             textures: Vec::new(),
         };
         let setting = setting(&world, &camera, &light);
