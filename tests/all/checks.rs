@@ -39,6 +39,10 @@ fn closed_forms_come_out() {
     let expected = 0.5 * 5.0 / (200.0 * 200.0) * 0.5e-6 * backward;
     // The inverse square from 100 m over the mean depth: 2e-5.
     assert!((number(frame, "mean") / expected - 1.0).abs() < 3e-5, "{frame}, {expected:e}");
+    let frame = &layers("two_term", "frames.frames", "radiance")[0];
+    let term = |g: f64| (1.0 - g) / (4.0 * PI * (1.0 + g).powi(2));
+    let expected = 0.5 * 5.0 / (200.0 * 200.0) * 0.5e-6 * (0.95 * term(0.9) + 0.05 * term(-0.3));
+    assert!((number(frame, "mean") / expected - 1.0).abs() < 3e-5, "{frame}, {expected:e}");
     let frame = &layers("beer_lambert", "frames.frames", "radiance")[0];
     let bare = 0.8 * 5.0 / (200.0 * 200.0) / (2.0 * PI);
     let expected = bare * 0.5 * ((-1.2f64).exp() + (-0.4f64).exp());

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use turbid_import::{Channel, Picture, Wanted, decode};
-use turbid_optics::{Medium, rte};
+use turbid_optics::{Medium, PhaseFunction, rte};
 
 use crate::measured::planes;
 use crate::space::Space;
@@ -72,7 +72,7 @@ fn single_shots_of_phantoms_agree_with_the_laboratory() {
             pick(places().map(|(r, c)| plane[(r - top) * columns + c - left]).collect())
         };
         let mean = |values: Vec<f64>| values.iter().sum::<f64>() / values.len() as f64;
-        let medium = Medium { mu_a, mu_s_prime, g: 0.9, n: 1.4 };
+        let medium = Medium { mu_a, mu_s_prime, phase: PhaseFunction::henyey_greenstein(0.9), n: 1.4 };
         let r_d = [0.0, 0.2].map(|f_x| rte::reflectance(&medium, None, f_x).expect("a medium").hemispherical_entered);
         let found = [
             part("modulation", "m_dc", mean) / r_d[0],

@@ -10,7 +10,7 @@ use turbid_contract::payload::{Concentrations, Frames, Lut, Maps, Modulation, Pa
 use turbid_contract::serde_json::{Value, json};
 use turbid_contract::{ImageStack, LayerInfo};
 use turbid_optics::chromophore::{Chromophore, reduced_scattering};
-use turbid_optics::{Medium, rte};
+use turbid_optics::{Medium, PhaseFunction, rte};
 
 const WAVELENGTHS_NM: [f64; 8] = [660.0, 730.0, 760.0, 800.0, 850.0, 900.0, 940.0, 970.0];
 /// Anisotropy at each; two tables.
@@ -33,7 +33,12 @@ impl Tissue {
         let of = |c: Chromophore| c.mu_a_per_mm(nm).expect("the tables reach");
         let mu_a =
             self.oxy * of(Chromophore::HbO2) + self.deoxy * of(Chromophore::Hb) + self.water * of(Chromophore::Water);
-        Medium { mu_a, mu_s_prime: reduced_scattering(1.6, 1.1, nm), g: G[k], n: N }
+        Medium {
+            mu_a,
+            mu_s_prime: reduced_scattering(1.6, 1.1, nm),
+            phase: PhaseFunction::henyey_greenstein(G[k]),
+            n: N,
+        }
     }
 }
 
@@ -46,7 +51,7 @@ fn phantom(k: usize) -> Medium {
     let (low, high) = (PHANTOM[above - 1], PHANTOM[above]);
     let share = (nm - low[0]) / (high[0] - low[0]);
     let between = |column: usize| low[column] * (1.0 - share) + high[column] * share;
-    Medium { mu_a: between(1), mu_s_prime: between(2), g: G[k], n: N }
+    Medium { mu_a: between(1), mu_s_prime: between(2), phase: PhaseFunction::henyey_greenstein(G[k]), n: N }
 }
 
 /// Frames under three phases of a fringe, and with `even` one under even light; the carrier's phase runs over the image.

@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use turbid_contract::Error;
 use turbid_contract::payload::Convention;
-use turbid_optics::{Medium, Reflectance};
+use turbid_optics::{Medium, PhaseFunction, Reflectance};
 
 /// The forward model of the reference.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -72,7 +72,7 @@ impl Plate {
 impl Phantom {
     fn reflectance(&self, model: Model, convention: Convention, f_x_per_mm: f64) -> Result<f64, Error> {
         let Self { mu_a, mu_s_prime, g, n } = *self;
-        let medium = Medium { mu_a, mu_s_prime, g, n };
+        let medium = Medium { mu_a, mu_s_prime, phase: PhaseFunction::henyey_greenstein(g), n };
         let reflectance = match model {
             Model::Rte => transport(&medium, f_x_per_mm),
             Model::Diffusion => turbid_optics::diffusion::reflectance(&medium, None, f_x_per_mm),
@@ -93,10 +93,9 @@ const MOST_KNOWN: usize = 256;
 /// R_d of a half-space by transport, up to a second of work. What was asked for once is remembered: the instances of a sweep and the samples of a data set
 /// ask for the same phantom by the thousand. A pure function, so that nothing shows but the time.
 fn transport(medium: &Medium, f_x_per_mm: f64) -> Result<Reflectance, turbid_optics::Error> {
-    type Known = Vec<([u64; 5], Reflectance)>;
+    type Known = Vec<((Medium, f64), Reflectance)>;
     static KNOWN: Mutex<Known> = Mutex::new(Vec::new());
-    let Medium { mu_a, mu_s_prime, g, n } = *medium;
-    let key = [mu_a, mu_s_prime, g, n, f_x_per_mm].map(f64::to_bits);
+    let key = (*medium, f_x_per_mm);
     let known = || KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
     if let Some((_, found)) = known().iter().find(|(of, _)| *of == key) {
         return Ok(*found);

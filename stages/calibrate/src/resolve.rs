@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use turbid_contract::payload::{CONDITIONS, Conditions};
+use turbid_contract::payload::{CONDITIONS, Conditions, PhaseFunction};
 use turbid_contract::serde_json::{Value, json};
 use turbid_contract::{Attributes, Error, PerChannel, serde_json};
 
@@ -78,7 +78,16 @@ fn shown(object: &str, arm: &Attributes, wavelengths_nm: &[Option<f64>]) -> Resu
         let shows = if named.is_empty() { "nothing that has a name".to_owned() } else { named.join(", ") };
         return Err(wrong(format!("the reference arm shows {shows}, not `{object}`")));
     };
-    let (Some(g), Some(n)) = (of.g, of.n) else {
+    let g = match of.phase {
+        None => None,
+        Some(PhaseFunction::HenyeyGreenstein(g)) => Some(g),
+        Some(PhaseFunction::TwoTermHenyeyGreenstein { .. }) => {
+            let what = "which the models of phantoms do not know: they scatter by one g";
+            let way_out = "give its `reflectance`, or `mu_a`, `mu_s_prime`, `g`, `n` of a phantom that stands for it";
+            return Err(wrong(format!("`{object}` has the phase function two_term, {what}; {way_out}")));
+        }
+    };
+    let (Some(g), Some(n)) = (g, of.n) else {
         return Err(wrong(format!("g and n of `{object}` are not known; write `mu_a`, `mu_s_prime`, `g`, `n`")));
     };
     let count = wavelengths_nm.len();

@@ -2,7 +2,9 @@
 
 use turbid_contract::canonical::canonical_value;
 use turbid_contract::layers::place;
-use turbid_contract::payload::{CONDITIONS, Conditions, Convention, Modulation, REFERENCE_CONDITIONS, Reflectance};
+use turbid_contract::payload::{
+    CONDITIONS, Conditions, Convention, Modulation, PhaseFunction, REFERENCE_CONDITIONS, Reflectance,
+};
 use turbid_contract::{
     Attributes, Ctx, Error, Extents, FileUse, Forms, Head, ImageStack, Known, Layer, LayerInfo, LayerKind, Parts,
     Problems, Stage, StagePlan, Usual, in_ports, out_ports, serde_json,
@@ -256,6 +258,22 @@ const SAME: f64 = 1e-6;
 fn compare_phantom(taken: &[Standard], reference: &Attributes, problems: &mut Problems) {
     let Some(Conditions { seen, .. }) = Conditions::of(reference, CONDITIONS) else { return };
     let Some(phantom) = seen.first() else { return };
+    let one_g = match phantom.phase {
+        Some(PhaseFunction::HenyeyGreenstein(g)) => Some(g),
+        Some(PhaseFunction::TwoTermHenyeyGreenstein { .. }) => {
+            let of_one_g = taken.iter().any(|taken| matches!(taken, Standard::Medium(_)));
+            let message = format!(
+                "the phantom that the reference shows (`{}`) has the phase function two_term, `reference` is taken to scatter by one g: reflectances are off by as much as the model differs",
+                phantom.object
+            );
+            let hint = "give the `reflectance` of the phantom, or take one that scatters by one g";
+            if of_one_g {
+                problems.warn_ranked(1.0, "reference.g", message, hint);
+            }
+            None
+        }
+        None => None,
+    };
     let at = |name: &str, channel: usize| {
         if taken.len() > 1 { format!("{name} of wavelength {}", channel + 1) } else { name.to_owned() }
     };
@@ -265,7 +283,7 @@ fn compare_phantom(taken: &[Standard], reference: &Attributes, problems: &mut Pr
         vec![
             ("mu_a", at("mu_a", channel), " mm^-1", Some(mu_a), taken.mu_a),
             ("mu_s_prime", at("mu_s_prime", channel), " mm^-1", Some(mu_s_prime), taken.mu_s_prime),
-            ("g", at("g", channel), "", phantom.g, taken.g),
+            ("g", at("g", channel), "", one_g, taken.g),
             ("n", at("n", channel), "", phantom.n, taken.n),
         ]
     });

@@ -8,16 +8,16 @@ use turbid_contract::{
     Ctx, Error, Form, ImageStack, Known, LayerInfo, LayerKind, MaxFile, MemoryHost, PerChannel, PerLength, Problems,
     Stage, serde_json,
 };
-use turbid_optics::{Medium, Reflectance};
+use turbid_optics::{Medium, PhaseFunction, Reflectance};
 
-const PHANTOM: Medium = Medium { mu_a: 0.02, mu_s_prime: 1.5, g: 0.8, n: 1.4 };
+const PHANTOM: Medium = Medium { mu_a: 0.02, mu_s_prime: 1.5, phase: PhaseFunction::henyey_greenstein(0.8), n: 1.4 };
 
 fn params(smooth: f64) -> Params {
-    let Medium { mu_a, mu_s_prime, g, n } = PHANTOM;
+    let Medium { mu_a, mu_s_prime, phase, n } = PHANTOM;
     let reference = Reference {
         mu_a: Some(PerChannel::One(PerLength(mu_a))),
         mu_s_prime: Some(PerChannel::One(PerLength(mu_s_prime))),
-        g: Some(PerChannel::One(g)),
+        g: Some(PerChannel::One(phase.g())),
         n: Some(PerChannel::One(n)),
         ..Reference::default()
     };

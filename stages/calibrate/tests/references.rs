@@ -6,7 +6,7 @@ use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{CONDITIONS, Conditions, Modulation, Reflectance, Rig, SaidBy, Seen};
 use turbid_contract::serde_json::{Value, json};
 use turbid_contract::{ImageStack, LayerInfo, StageRow};
-use turbid_optics::Medium;
+use turbid_optics::{Medium, PhaseFunction};
 
 /// Name, f_x and value of a layer.
 type OfLayer = (&'static str, f64, f32);
@@ -45,8 +45,10 @@ fn values(stack: &ImageStack) -> Vec<f32> {
 }
 
 /// Interpolated by hand at 660 and 850 nm.
-const BY_HAND: [Medium; 2] =
-    [Medium { mu_a: 0.018, mu_s_prime: 1.12, g: 0.7, n: 1.4 }, Medium { mu_a: 0.01, mu_s_prime: 0.9, g: 0.7, n: 1.4 }];
+const BY_HAND: [Medium; 2] = [
+    Medium { mu_a: 0.018, mu_s_prime: 1.12, phase: PhaseFunction::henyey_greenstein(0.7), n: 1.4 },
+    Medium { mu_a: 0.01, mu_s_prime: 0.9, phase: PhaseFunction::henyey_greenstein(0.7), n: 1.4 },
+];
 const TABLE: &str =
     "# a block of silicone\nwavelength_nm, mu_a, mu_s_prime\n600, 0.03, 1.3\n700, 0.01, 1.0\n850, 0.01, 0.9\n";
 
@@ -248,7 +250,7 @@ fn an_object_is_what_the_arm_says_of_it() {
         object: "block".to_owned(),
         mu_a: vec![a.mu_a, b.mu_a],
         mu_s_prime: vec![a.mu_s_prime, b.mu_s_prime],
-        g: Some(0.7),
+        phase: Some(turbid_contract::payload::PhaseFunction::HenyeyGreenstein(0.7)),
         n: Some(1.4),
         ..Seen::default()
     };

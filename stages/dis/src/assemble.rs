@@ -4,6 +4,7 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 use turbid_contract::{Problems, Usual};
+use turbid_optics::PhaseFunction;
 
 use crate::light::{Beam, Method, Setup, Target};
 use crate::opening::{Opening, Outline};
@@ -92,7 +93,8 @@ fn media(params: &Params, problems: &mut Problems) -> Vec<(String, Plate)> {
     let plates = params.media.iter().map(|(name, medium)| {
         let [mu_a, mu_s] = coefficients(name, medium, sample.thickness.0, problems);
         let size = sample.size.map_or([f64::INFINITY; 2], |size| size.map(|side| side.0));
-        let plate = Plate { mu_a, mu_s, g: medium.g.0, n: medium.n.0, thickness: sample.thickness.0, size, slides };
+        let phase = PhaseFunction::henyey_greenstein(medium.g.0);
+        let plate = Plate { mu_a, mu_s, phase, n: medium.n.0, thickness: sample.thickness.0, size, slides };
         (name.clone(), plate)
     });
     plates.collect()

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use turbid_optics::elementary::{exp, ln};
-use turbid_optics::{fresnel, henyey_greenstein};
+use turbid_optics::{PhaseFunction, fresnel};
 
 use crate::stream::Stream;
 
@@ -13,8 +13,7 @@ pub struct Plate {
     pub mu_a: f64,
     /// mm^-1, >= 0.
     pub mu_s: f64,
-    /// Mean cosine of the Henyey-Greenstein phase function, in (-1, 1).
-    pub g: f64,
+    pub phase: PhaseFunction,
     /// Refractive index, >= 1.
     pub n: f64,
     /// mm.
@@ -110,7 +109,7 @@ impl Plate {
             }
             if step == free {
                 let (a, b) = (random.uniform(), random.uniform());
-                ray.u = henyey_greenstein::sample(self.g, u, a, b);
+                ray.u = self.phase.sample(u, a, b);
                 free = self.free_path(random);
             } else if step == to_face {
                 free -= step;

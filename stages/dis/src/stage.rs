@@ -124,7 +124,8 @@ impl Stage for CalibrateDis {
         let mut measured = Vec::with_capacity(experiment.media.len());
         let mut leaked = 0.0f64;
         for (name, plate) in &experiment.media {
-            let tally = lab.read(Target::Medium(*plate), of_medium(&[plate.mu_a, plate.mu_s, plate.g, plate.n]))?;
+            let tally =
+                lab.read(Target::Medium(*plate), of_medium(&[plate.mu_a, plate.mu_s, plate.phase.g(), plate.n]))?;
             leaked = leaked.max(tally.fate(Fate::Rim));
             let Some(found) = normals.measure(&tally) else {
                 return Err(Error::failed_with_hint(
@@ -197,8 +198,8 @@ fn table(experiment: &Experiment, rows: &[(&String, &Plate, Measured)]) -> Readi
     }
     let of_plate = |value: fn(&Plate) -> f64| Cells::F64(rows.iter().map(|(_, plate, _)| value(plate)).collect());
     table.push("mu_a", "mm^-1", of_plate(|p| p.mu_a));
-    table.push("mu_s_prime", "mm^-1", of_plate(|p| p.mu_s * (1.0 - p.g)));
-    table.push("g", "1", of_plate(|p| p.g));
+    table.push("mu_s_prime", "mm^-1", of_plate(|p| p.mu_s * (1.0 - p.phase.g())));
+    table.push("g", "1", of_plate(|p| p.phase.g()));
     table.push("n", "1", of_plate(|p| p.n));
     attributes(&mut table, experiment);
     Readings(table)

@@ -5,6 +5,7 @@ use turbid_contract::payload::{Conditions, Projector, SaidBy, Scene, Seen, Thick
 use turbid_optics::view::View;
 
 use crate::hit::Bodies;
+use crate::phase_function::phase_function;
 use crate::view::{camera_view, projector_view};
 
 /// Rays along a side of the image that conditions are read from.
@@ -91,8 +92,8 @@ pub fn conditions(scene: &Scene) -> Option<Conditions> {
         Some(Seen {
             object: name.clone(),
             mu_a: medium.mu_a.clone(),
-            mu_s_prime: medium.mu_s.iter().map(|mu_s| mu_s * (1.0 - medium.g)).collect(),
-            g: Some(medium.g),
+            mu_s_prime: medium.mu_s.iter().map(|mu_s| mu_s * (1.0 - phase_function(&medium.phase).g())).collect(),
+            phase: Some(medium.phase),
             n: Some(medium.n),
             thickness: Some(Thickness::Mm(spread(list.iter().map(|a| a.thickness).collect()))),
             view_deg: Some(spread(list.iter().map(|a| a.view_deg).collect())),
@@ -129,12 +130,12 @@ fn spread(mut values: Vec<f64>) -> [f64; 3] {
 mod tests {
     use std::collections::BTreeMap;
 
-    use turbid_contract::payload::{Camera, Medium, Object, Profile, Projection, Shape, Surface};
+    use turbid_contract::payload::{Camera, Medium, Object, PhaseFunction, Profile, Projection, Shape, Surface};
 
     use super::*;
 
     fn scene(camera: [f64; 3], projector: [f64; 3], bottom: f64) -> Scene {
-        let medium = Medium { mu_a: vec![0.1], mu_s: vec![5.0], g: 0.8, n: 1.4 };
+        let medium = Medium { mu_a: vec![0.1], mu_s: vec![5.0], phase: PhaseFunction::HenyeyGreenstein(0.8), n: 1.4 };
         let shape = Shape::Slab { top: 0.0, bottom };
         let object = Object { shape, medium: Some("m".to_owned()), priority: 0, surface: Surface::Smooth };
         let (look_at, up) = ([0.0; 3], [0.0, 1.0, 0.0]);
@@ -175,7 +176,10 @@ mod tests {
         let scene = scene([0.0, -side, side], [0.0, 1000.0 * 0.75f64.sqrt(), 500.0], -2.0);
         let found = conditions(&scene).expect("a camera that sees a medium");
         let [seen] = &found.seen[..] else { panic!("{found:?}") };
-        assert_eq!((seen.object.as_str(), seen.g, seen.n), ("block", Some(0.8), Some(1.4)));
+        assert_eq!(
+            (seen.object.as_str(), seen.phase, seen.n),
+            ("block", Some(PhaseFunction::HenyeyGreenstein(0.8)), Some(1.4))
+        );
         assert!((seen.mu_s_prime[0] - 1.0).abs() < 1e-15);
         let within = |spread: Option<[f64; 3]>, angle: f64| spread.unwrap().iter().all(|a| (a - angle).abs() < 0.05);
         assert!(within(seen.view_deg, 45.0) && within(seen.incidence_deg, 60.0), "{seen:?}");

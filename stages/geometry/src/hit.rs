@@ -128,12 +128,17 @@ impl Bodies {
 mod tests {
     use std::collections::BTreeMap;
 
-    use turbid_contract::payload::{Object, Shape};
+    use turbid_contract::payload::{Object, PhaseFunction, Shape};
 
     use super::*;
 
     fn scene() -> Scene {
-        let medium = |mu_s: f64| Medium { mu_a: vec![0.0], mu_s: vec![mu_s], g: 0.0, n: 1.0 };
+        let medium = |mu_s: f64| Medium {
+            mu_a: vec![0.0],
+            mu_s: vec![mu_s],
+            phase: PhaseFunction::HenyeyGreenstein(0.0),
+            n: 1.0,
+        };
         let object = |shape, medium: &str, priority| Object {
             shape,
             medium: Some(medium.to_owned()),

@@ -4,6 +4,7 @@
 mod conditions;
 mod hit;
 mod normals;
+mod phase_function;
 pub mod picture;
 mod solid;
 mod view;
@@ -11,5 +12,6 @@ mod view;
 pub use conditions::{Angles, Sights, conditions, lit_points};
 pub use hit::{Bodies, Hit};
 pub use normals::{Tangent, normal_of, tangent};
+pub use phase_function::phase_function;
 pub use solid::solid;
 pub use view::{camera_view, projector_view};

@@ -1,5 +1,7 @@
 //! mu_a, mu_s' and g from M_R, M_T and the unscattered transmittance M_U.
 
+use turbid_optics::PhaseFunction;
+
 use crate::{Error, Experiment, Fit, Instrument, Inverse, Measurement, Reading, Slab, Spheres, unscattered_depth};
 
 /// The medium with its anisotropy.
@@ -9,7 +11,7 @@ pub struct FitWithG {
     pub fit: Fit,
 }
 
-/// Also finds g; `slab.g` is where the search starts. g below -0.98 or above 1 - 1e-9 is not looked for.
+/// Also finds g of Henyey and Greenstein's function; the mean cosine of `slab.phase` is where the search starts. g below -0.98 or above 1 - 1e-9 is not looked for.
 ///
 /// M_U fixes mu_t, hence the mu_s that is wanted; the mu_s found from M_R and M_T grows with the g assumed, about as
 /// 1 / (1 - g), so that their log ratio over -ln(1 - g) is close to a line of slope 1: secant steps within a bracket.
@@ -49,14 +51,14 @@ fn search(
     let anisotropy = |v: f64| -libm::expm1(-v);
     let solve = |v: f64| -> Result<(f64, Fit), Error> {
         let g = anisotropy(v);
-        let fit = invert(&Slab { g, ..*slab })?;
+        let fit = invert(&Slab { phase: PhaseFunction::henyey_greenstein(g), ..*slab })?;
         let ratio = fit.mu_s_prime_per_mm / (1.0 - g) / (mu_t - fit.mu_a_per_mm);
         if ratio > 0.0 && ratio.is_finite() { Ok((libm::log(ratio), fit)) } else { Err(inconsistent(mu_t, &fit)) }
     };
     // -ln(1 - g) at the ends, with the log ratio once it is known there.
     let (mut low, mut high): ((f64, Option<f64>), (f64, Option<f64>)) =
         ((-libm::log(1.98), None), (-libm::log(1e-9), None));
-    let mut v = -libm::log1p(-slab.g);
+    let mut v = -libm::log1p(-slab.phase.g());
     let mut last = None;
     for _ in 0..STEPS {
         let at_end = v <= low.0 || v >= high.0;

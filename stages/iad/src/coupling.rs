@@ -2,26 +2,48 @@
 
 #![allow(clippy::needless_range_loop, reason = "rows and columns of one matrix")]
 
+use turbid_optics::PhaseFunction;
+
 use crate::angles::Directions;
 use crate::cholesky::{Cholesky, cholesky_of_sums};
 use crate::matrix::{Matrix, zeros};
 
-/// Scattering between the nodes, azimuth averaged, for one Henyey-Greenstein phase function.
+/// Scattering between the nodes, azimuth averaged, by one phase function.
 pub struct Coupling<const N: usize> {
     /// Even part, times both weights, off the diagonal; the diagonal follows from conservation.
     pub even: Matrix<N>,
     /// Odd part, times the roots of both weights.
     pub odd: Matrix<N>,
-    /// Fraction of the scattering in the peak, which is taken as exactly forward (g > 0) or backward (g < 0).
-    pub peak: f64,
-    /// 1 - peak, with all its digits.
+    /// Fraction of the scattering that is not taken as exactly forward (of g > 0) or backward (of g < 0), with all its digits.
     pub rest: f64,
-    backward: bool,
+    /// Fraction of the scattering that is taken as exactly backward.
+    backward: f64,
 }
 
 impl<const N: usize> Coupling<N> {
-    /// For anisotropy `g` in (-1, 1).
-    pub fn new(directions: &Directions<N>, g: f64) -> Self {
+    /// Of the terms of a phase function, each with its share.
+    pub fn new(directions: &Directions<N>, phase: &PhaseFunction) -> Self {
+        let [forward, backward] = phase.terms();
+        let first = Self::of_term(directions, forward.1);
+        if backward.0 == 0.0 {
+            return first;
+        }
+        let second = Self::of_term(directions, backward.1);
+        let rest = forward.0 * first.rest + backward.0 * second.rest;
+        let shares = [forward.0 * first.rest / rest, backward.0 * second.rest / rest];
+        let mixed = |a: &Matrix<N>, b: &Matrix<N>| -> Matrix<N> {
+            std::array::from_fn(|i| std::array::from_fn(|j| shares[0] * a[i][j] + shares[1] * b[i][j]))
+        };
+        Self {
+            even: mixed(&first.even, &second.even),
+            odd: mixed(&first.odd, &second.odd),
+            rest,
+            backward: forward.0 * first.backward + backward.0 * second.backward,
+        }
+    }
+
+    /// Of Henyey and Greenstein's function of `g` in (-1, 1).
+    fn of_term(directions: &Directions<N>, g: f64) -> Self {
         let Directions { terms, weights, .. } = *directions;
         let sharp = g.abs();
         let log = if sharp > 0.0 { libm::log(sharp) } else { -800.0 };
@@ -63,12 +85,12 @@ impl<const N: usize> Coupling<N> {
                 odd[i][j] *= both.sqrt();
             }
         }
-        Self { even, odd, peak, rest, backward: g < 0.0 }
+        Self { even, odd, rest, backward: if g < 0.0 { peak } else { 0.0 } }
     }
 
     /// U of [`crate::modes`] per unit depth, at this share of scattering.
     pub fn odd_matrix(&self, directions: &Directions<N>, scatter: f64) -> Matrix<N> {
-        let backward = if self.backward { scatter * 2.0 * self.peak / self.rest } else { 0.0 };
+        let backward = scatter * 2.0 * self.backward / self.rest;
         let roots = &directions.inverse_roots;
         std::array::from_fn(|i| {
             std::array::from_fn(|j| {
@@ -99,10 +121,14 @@ mod tests {
     #[test]
     fn coupling_conserves() {
         let rule = Directions::<8>::new(1.0, Incidence::Normal);
-        for g in [-0.9, 0.0, 0.5, 0.99] {
-            for (row, weight) in Coupling::new(&rule, g).even.iter().zip(rule.weights) {
+        let of_g = [-0.9, 0.0, 0.5, 0.99].map(PhaseFunction::henyey_greenstein);
+        let two_term = [(0.9, -0.3, 0.95), (0.99, 0.5, 0.3)].map(|(g_forward, g_backward, forward)| {
+            PhaseFunction::TwoTermHenyeyGreenstein { g_forward, g_backward, forward }
+        });
+        for phase in of_g.into_iter().chain(two_term) {
+            for (row, weight) in Coupling::new(&rule, &phase).even.iter().zip(rule.weights) {
                 let sum = row.iter().fold(0.0, |sum, x| sum + x);
-                assert!((sum / weight - 1.0).abs() < 1e-12, "g = {g}: {sum} of {weight}");
+                assert!((sum / weight - 1.0).abs() < 1e-12, "{phase}: {sum} of {weight}");
             }
         }
     }

@@ -62,7 +62,7 @@ impl<const N: usize> Plan<N> {
         slab.check()?;
         let light = light.checked()?;
         let directions = Directions::<N>::new(slab.n, light);
-        let coupling = Coupling::new(&directions, slab.g);
+        let coupling = Coupling::new(&directions, &slab.phase);
         if !coupling.is_resolved(&directions) {
             return Err(Error::Unresolved { points: N });
         }
@@ -116,7 +116,7 @@ impl<const N: usize> Plan<N> {
 
     pub(crate) fn depths(&self, mu_a: f64, mu_s_prime: f64) -> Depths {
         let d = self.slab.thickness_mm;
-        Depths::new(mu_a, mu_s_prime, self.slab.g, self.coupling.rest, d)
+        Depths::new(mu_a, mu_s_prime, self.slab.phase.g(), self.coupling.rest, d)
     }
 
     /// A half-space with mu_a / mu_s' = `ratio`.
@@ -207,14 +207,14 @@ impl<const N: usize> Plan<N> {
 
     /// [`Self::respond`] with its derivatives by mu_a d and mu_s' d.
     pub(crate) fn respond_with_slopes(&self, depths: Depths) -> Option<(Response, [Response; 2])> {
-        let share = self.coupling.rest / (1.0 - self.slab.g);
+        let share = self.coupling.rest / (1.0 - self.slab.phase.g());
         let sum = depths.total.max(THIN);
         self.response_with_slopes(depths, [1.0 / sum, share / sum], 1.0)
     }
 
     fn respond_with_slopes_per_mm(&self, mu_a: f64, mu_s_prime: f64) -> Option<(Response, [Response; 2])> {
         let d = self.slab.thickness_mm;
-        let share = self.coupling.rest / (1.0 - self.slab.g);
+        let share = self.coupling.rest / (1.0 - self.slab.phase.g());
         let sum = (mu_a + mu_s_prime * share).max(THIN / d);
         self.response_with_slopes(self.depths(mu_a, mu_s_prime), [1.0 / sum, share / sum], d)
     }
@@ -225,7 +225,7 @@ impl<const N: usize> Plan<N> {
         let by_tau = self.unscattered_slope(depths.tau);
         let slopes = std::array::from_fn(|i| {
             let [light, diffuse] = slopes[i].map(|s| s.map(|x| x * per[i]));
-            let tau = if i == 0 { thickness } else { thickness / (1.0 - self.slab.g) };
+            let tau = if i == 0 { thickness } else { thickness / (1.0 - self.slab.phase.g()) };
             // No light is left of an infinite tau: 0 times its thickness is 0.
             let unscattered = |slope: f64| if slope == 0.0 { 0.0 } else { slope * tau };
             Response {

@@ -8,6 +8,8 @@
 //! ```
 //! What a layer absorbs is a sum of its own over the light that enters it from either side, not a difference of fluxes.
 
+use turbid_optics::PhaseFunction;
+
 use crate::Error;
 use crate::coupling::Coupling;
 use crate::forward::{Plan, Response, check_coefficients};
@@ -125,7 +127,7 @@ impl<const N: usize> Stack<N> {
             let known = layers[..i].iter().position(|earlier| earlier.g == layer.g);
             coupled.push(known.map_or(couplings.len(), |earlier| coupled[earlier]));
             if known.is_none() {
-                let coupling = Coupling::new(&plan.directions, layer.g);
+                let coupling = Coupling::new(&plan.directions, &PhaseFunction::henyey_greenstein(layer.g));
                 coupling.is_resolved(&plan.directions).then_some(())?;
                 couplings.push(coupling);
             }

@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use glam::DVec3;
 use turbid_optics::elementary::{exp, ln, sin_cos_turns};
 use turbid_optics::philox::{key, philox4x32, unit};
-use turbid_optics::{fresnel, henyey_greenstein};
+use turbid_optics::{PhaseFunction, fresnel};
 
 use crate::{Lost, Slab};
 
@@ -31,7 +31,7 @@ pub struct Spot {
 /// Losses of any number of media, each node computed once; what it holds does not depend on the order of questions.
 pub struct Losses {
     seed: u64,
-    nodes: Mutex<BTreeMap<[u64; 14], Slot>>,
+    nodes: Mutex<BTreeMap<[u64; 16], Slot>>,
 }
 
 /// A node, once it was followed.
@@ -82,9 +82,15 @@ impl Losses {
             // Light does not travel sideways in what is not there.
             if n == 1.0 || spot.slides_mm[i] == 0.0 { (n, 0.0) } else { (n, spot.slides_mm[i]) }
         };
+        let phase = match slab.phase {
+            PhaseFunction::HenyeyGreenstein { g } => {
+                PhaseFunction::henyey_greenstein(steps(g, 20.0).clamp(-0.95, 0.95))
+            }
+            phase @ PhaseFunction::TwoTermHenyeyGreenstein { .. } => phase,
+        };
         let room = Room {
             n: steps(slab.n, 100.0),
-            g: steps(slab.g, 20.0).clamp(-0.95, 0.95),
+            phase,
             thickness: slab.thickness_mm,
             slides: [slide(0), slide(1)],
             tau: [slab.top.tau, slab.bottom.tau],
@@ -127,7 +133,7 @@ impl Node {
 /// The sample as photons meet it.
 struct Room {
     n: f64,
-    g: f64,
+    phase: PhaseFunction,
     thickness: f64,
     /// Index and thickness of each slide; thickness 0 for one that is thin.
     slides: [(f64, f64); 2],
@@ -146,11 +152,14 @@ struct Layer {
 }
 
 impl Room {
-    fn name(&self) -> [u64; 14] {
-        let Self { n, g, thickness, slides, tau, mu_s_prime, spot } = self;
+    fn name(&self) -> [u64; 16] {
+        let Self { n, phase, thickness, slides, tau, mu_s_prime, spot } = self;
+        let [(forward, g_forward), (_, g_backward)] = phase.terms();
         [
             *n,
-            *g,
+            forward,
+            g_forward,
+            g_backward,
             *thickness,
             slides[0].0,
             slides[0].1,
@@ -190,7 +199,7 @@ enum Exit {
 impl Node {
     fn follow(room: &Room, seed: u64) -> Self {
         let layers = room.layers();
-        let mu_s = room.mu_s_prime / (1.0 - room.g);
+        let mu_s = room.mu_s_prime / (1.0 - room.phase.g());
         // Without absorption diffuse light runs 2 n^2 times the thickness on average, whatever scatters it.
         let each = 2.0 * room.n * room.n * mu_s * room.thickness + 1.0;
         let photons = ((SCATTERINGS / each) as u64).clamp(PHOTONS[1], PHOTONS[0]);
@@ -199,7 +208,7 @@ impl Node {
             for photon in 0..photons {
                 let mut random = Stream::new(seed, photon, u32::from(diffuse));
                 let (r, u) = room.enter(diffuse, &mut random);
-                if let Exit::Through(side, distance, path, weight) = walk(&layers, mu_s, room.g, r, u, &mut random)
+                if let Exit::Through(side, distance, path, weight) = walk(&layers, mu_s, &room.phase, r, u, &mut random)
                     && distance > 0.5 * room.spot.ports_mm[side]
                 {
                     lost[2 * usize::from(diffuse) + side].push((path, weight));
@@ -229,7 +238,7 @@ impl Room {
 }
 
 /// Of a photon in the air above the first layer.
-fn walk(layers: &[Layer], mu_s: f64, g: f64, mut r: DVec3, mut u: DVec3, random: &mut Stream) -> Exit {
+fn walk(layers: &[Layer], mu_s: f64, phase: &PhaseFunction, mut r: DVec3, mut u: DVec3, random: &mut Stream) -> Exit {
     /// Ways without end are those of light that a mirror holds; a photon scatters far more rarely.
     const EVENTS: u32 = 10_000_000;
     // The layer that the photon is in; -1 and the number of layers are the air.
@@ -286,7 +295,7 @@ fn walk(layers: &[Layer], mu_s: f64, g: f64, mut r: DVec3, mut u: DVec3, random:
                 break;
             }
             let (a, b) = (random.uniform(), random.uniform());
-            u = henyey_greenstein::sample(g, u, a, b);
+            u = phase.sample(u, a, b);
         }
     }
     Exit::Nowhere

@@ -1,6 +1,6 @@
 //! The slab between its slides, and what their surfaces reflect and let through.
 
-use turbid_optics::fresnel;
+use turbid_optics::{PhaseFunction, fresnel};
 
 use crate::Error;
 
@@ -28,8 +28,8 @@ impl Slide {
 pub struct Slab {
     /// Refractive index, >= 1.
     pub n: f64,
-    /// Mean cosine of the Henyey-Greenstein phase function, in (-1, 1).
-    pub g: f64,
+    /// How it scatters; mu_s' = mu_s (1 - g) with its mean cosine g.
+    pub phase: PhaseFunction,
     /// Thickness, mm, > 0; infinity for a half-space.
     pub thickness_mm: f64,
     /// The side where the light comes in.
@@ -38,9 +38,10 @@ pub struct Slab {
 }
 
 impl Slab {
-    /// A slab of index `n` without slides.
+    /// A slab of index `n` without slides, which scatters by Henyey and Greenstein's function of `g`.
     pub const fn bare(n: f64, g: f64, thickness_mm: f64) -> Self {
-        Self { n, g, thickness_mm, top: Slide::NONE, bottom: Slide::NONE }
+        let phase = PhaseFunction::henyey_greenstein(g);
+        Self { n, phase, thickness_mm, top: Slide::NONE, bottom: Slide::NONE }
     }
 
     pub(crate) fn check(&self) -> Result<(), Error> {
@@ -49,8 +50,12 @@ impl Slab {
                 return Err(Error::InvalidIndex { name, value: n });
             }
         }
-        if self.g.abs() >= 1.0 || self.g.is_nan() {
-            return Err(Error::InvalidG { value: self.g });
+        match (self.phase, self.phase.check()) {
+            (PhaseFunction::HenyeyGreenstein { g }, Err(_)) => return Err(Error::InvalidG { value: g }),
+            (_, Err(turbid_optics::Error::Range { name, value, must, .. })) => {
+                return Err(Error::Range { name, value, must });
+            }
+            _ => {}
         }
         if self.thickness_mm <= 0.0 || self.thickness_mm.is_nan() {
             return Err(Error::InvalidThickness { value_mm: self.thickness_mm });

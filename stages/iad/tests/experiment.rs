@@ -7,6 +7,7 @@ use turbid_iad::{
     Error, Experiment, From, Instrument, Inverse, Known, Lost, Measurement, Plan, Reading, Seen, Slab, Slide, Sphere,
     Spheres, solve_with_g,
 };
+use turbid_optics::PhaseFunction;
 
 /// The spheres of the tables: port sizes as shares of a disc, which is what the table took; black detectors of 3 mm.
 fn spheres(diameter: f64, port: f64, wall_reflectance: f64) -> [Sphere; 2] {
@@ -232,7 +233,7 @@ fn g_behind_spheres() {
     let plan = Plan::<8>::new(&slab).expect("a slab");
     let m_u = plan.forward(0.05, 0.8).expect("within range").ut1_unscattered;
     let [m_r, m_t] = experiment::<8>(&slab, &instrument).readings(0.05, 0.8, &Lost::default()).expect("within range");
-    let start = Slab { g: 0.5, ..slab };
+    let start = Slab { phase: PhaseFunction::henyey_greenstein(0.5), ..slab };
     let found = solve_with_g::<8>(&start, &instrument, &Measurement::exact(m_r, m_t), m_u).expect("a medium");
     assert!((found.g - 0.9).abs() < 1e-8 && (found.fit.mu_a_per_mm / 0.05 - 1.0).abs() < 1e-7, "{found:?}");
 }

@@ -2,7 +2,7 @@
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use turbid_contract::payload::{Conditions, SaidBy, Seen, Thickness};
+use turbid_contract::payload::{Conditions, PhaseFunction, SaidBy, Seen, Thickness};
 use turbid_contract::{AngleDeg, Length, Problems, Ratio};
 
 /// What is left out is taken as what the table is of; `invert` then says so.
@@ -55,7 +55,7 @@ impl ConditionsParams {
     pub fn said(&self) -> Conditions {
         let thickness = self.thickness.map(|d| Thickness::Mm([d.0; 3]));
         let seen = Seen {
-            g: self.g.map(|g| g.0),
+            phase: self.g.map(|g| PhaseFunction::HenyeyGreenstein(g.0)),
             n: self.n.map(|n| n.0),
             thickness: thickness.or(self.half_space.then_some(Thickness::HalfSpace)),
             view_deg: self.view_deg.map(|a| [a.0; 3]),

@@ -11,13 +11,13 @@ use turbid_contract::{Cells, Ctx, ImageStack, LayerInfo, LayerKind, MemoryHost, 
 use turbid_invert::forward::Forward;
 use turbid_invert::inverse::{Found, InverseTable};
 use turbid_invert::{In, Invert, Method, Params};
-use turbid_optics::{LogGrid, Medium, diffusion};
+use turbid_optics::{LogGrid, Medium, PhaseFunction, diffusion};
 
 const RANGE: [[f64; 2]; 2] = [[1e-4, 0.5], [0.1, 5.0]];
 const SIDE: usize = 3072;
 
 fn r_d(p: [f64; 2], n: f64, f_x: f64) -> f64 {
-    let medium = Medium { mu_a: p[0], mu_s_prime: p[1], g: 0.8, n };
+    let medium = Medium { mu_a: p[0], mu_s_prime: p[1], phase: PhaseFunction::henyey_greenstein(0.8), n };
     diffusion::reflectance(&medium, None, f_x).expect("an ordinary half-space").camera
 }
 

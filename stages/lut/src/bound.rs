@@ -1,7 +1,7 @@
 //! What the transport solver's own discretisation leaves uncertain of a table: its answer against that of finer orders.
 
 use turbid_optics::rte::{self, Orders};
-use turbid_optics::{Medium, Reflectance};
+use turbid_optics::{Medium, PhaseFunction, Reflectance};
 
 use crate::table::{Convention, Recipe};
 
@@ -26,9 +26,10 @@ pub fn samples(recipe: &Recipe) -> Vec<Node> {
 /// |R - R of finer orders| / R at a node; `None` where the finer solver has no answer.
 pub fn change(recipe: &Recipe, [f, a, s]: Node) -> Option<f64> {
     let (mu_a, mu_s_prime, f_x) = (recipe.mu_a[a], recipe.mu_s_prime[s], recipe.f_x[f]);
+    let phase = PhaseFunction::henyey_greenstein(recipe.g);
     let raise = |count: usize| (count as f64 * FINER).ceil() as usize;
     let orders = |kappa: f64| {
-        let own = Orders::new(recipe.g, recipe.n, kappa);
+        let own = Orders::new(&phase, recipe.n, kappa);
         Orders {
             degree: raise(own.degree),
             cosines: raise(own.cosines),
@@ -37,7 +38,7 @@ pub fn change(recipe: &Recipe, [f, a, s]: Node) -> Option<f64> {
             tolerance: 0.1 * own.tolerance,
         }
     };
-    let medium = Medium { mu_a, mu_s_prime, g: recipe.g, n: recipe.n };
+    let medium = Medium { mu_a, mu_s_prime, phase, n: recipe.n };
     let finer = rte::respond_with(&medium, recipe.thickness, f_x, orders).ok()?.reflectance;
     let Reflectance { camera, hemispherical_incident, hemispherical_entered } = finer;
     let finer = match recipe.convention {

@@ -1,6 +1,6 @@
 //! A table from one white Monte Carlo run: which (alpha, kappa) it scores, and how nodes and standard errors come of them.
 
-use turbid_optics::{Error, LogGrid};
+use turbid_optics::{Error, LogGrid, PhaseFunction};
 
 use crate::nodes::Nodes;
 use crate::table::Recipe;
@@ -34,7 +34,13 @@ pub fn white(recipe: &Recipe) -> White {
     if !patterned.is_empty() {
         kappa.extend(span(ends(&patterned), PER_DECADE[1]));
     }
-    White { g: recipe.g, n: recipe.n, convention: recipe.convention, alpha: span(mu_a, PER_DECADE[0]), kappa }
+    White {
+        phase: PhaseFunction::henyey_greenstein(recipe.g),
+        n: recipe.n,
+        convention: recipe.convention,
+        alpha: span(mu_a, PER_DECADE[0]),
+        kappa,
+    }
 }
 
 /// The table, from the mean T of each part, of equal numbers of paths.

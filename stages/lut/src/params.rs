@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use turbid_contract::payload::Convention;
 use turbid_contract::{Length, PerChannel, PerLength, Problems, Ratio, Usual, Wavelength};
-use turbid_optics::rte;
+use turbid_optics::{PhaseFunction, rte};
 
 use crate::nodes::Nodes;
 use crate::table::{self, Recipe};
@@ -115,7 +115,7 @@ impl Params {
         }
         self.check_wavelengths(problems);
         for recipe in self.recipes().iter().filter(|recipe| self.solves() && recipe.g.abs() < 1.0) {
-            if let Err(error) = rte::solvable(recipe.g, recipe.n) {
+            if let Err(error) = rte::solvable(&PhaseFunction::henyey_greenstein(recipe.g), recipe.n) {
                 problems.push("g", error.to_string());
             }
         }

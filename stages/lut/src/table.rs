@@ -1,6 +1,6 @@
 //! The numbers of a table: one reflectance per node and spatial frequency.
 
-use turbid_optics::{Error, LogGrid, Medium, Reflectance, diffusion, rte};
+use turbid_optics::{Error, LogGrid, Medium, PhaseFunction, Reflectance, diffusion, rte};
 
 /// Which of the three reflectances a table holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,7 +38,7 @@ impl Recipe {
 
     /// The reflectance of one medium.
     pub fn value(&self, mu_a: f64, mu_s_prime: f64, f_x: f64) -> Result<f64, Error> {
-        let medium = Medium { mu_a, mu_s_prime, g: self.g, n: self.n };
+        let medium = Medium { mu_a, mu_s_prime, phase: PhaseFunction::henyey_greenstein(self.g), n: self.n };
         let model = if self.transport { rte::reflectance } else { diffusion::reflectance };
         let Reflectance { camera, hemispherical_incident, hemispherical_entered } =
             model(&medium, self.thickness, f_x)?;

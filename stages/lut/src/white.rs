@@ -10,9 +10,8 @@ use std::f64::consts::{PI, TAU};
 use fearless_simd::{Level, Simd, dispatch};
 use glam::DVec3;
 use turbid_optics::elementary::{bessel_j0, exp, ln};
-use turbid_optics::fresnel;
-use turbid_optics::henyey_greenstein as hg;
 use turbid_optics::philox::{philox4x32, unit, unit_fine};
+use turbid_optics::{PhaseFunction, fresnel};
 
 use crate::table::Convention;
 
@@ -31,7 +30,7 @@ const WAITING: usize = 256;
 /// Half-space and what is asked of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct White {
-    pub g: f64,
+    pub phase: PhaseFunction,
     pub n: f64,
     pub convention: Convention,
     /// mu_a / mu_s', increasing, >= 0.
@@ -111,9 +110,9 @@ impl White {
         if camera {
             // Single scattering: s from 2 exp(-2 s), and back the same way.
             let s = -0.5 * ln(unit(c));
-            self.score(tally, 2.0 * s, 0.0, 0.5 * hg::density(self.g, -1.0), life);
+            self.score(tally, 2.0 * s, 0.0, 0.5 * self.phase.density(-1.0), life);
         }
-        let mut next_long = LONG / (1.0 - self.g);
+        let mut next_long = LONG / (1.0 - self.phase.g());
         let mut step = 0;
         loop {
             let [a, b, c, d] = block(step, 0);
@@ -142,7 +141,7 @@ impl White {
             }
             photon.r += s * photon.w;
             photon.length += s;
-            if photon.length * (1.0 - self.g) > life {
+            if photon.length * (1.0 - self.phase.g()) > life {
                 return;
             }
             while photon.length > next_long {
@@ -158,12 +157,12 @@ impl White {
             let rarity = rarity(depth);
             let seen = camera && roulette * rarity < 1.0;
             if seen && (crossed || !photon.ahead) {
-                let p = hg::density(self.g, photon.w.z);
+                let p = self.phase.density(photon.w.z);
                 let rho = across(photon.r);
                 let value = photon.weight * rarity * p * exp(-depth.min(DARK));
                 self.score(tally, photon.length + depth, rho, value, life);
             }
-            let own = hg::sample(self.g, photon.w, unit(b), unit(c));
+            let own = self.phase.sample(photon.w, unit(b), unit(c));
             if seen {
                 self.look_ahead(tally, &photon, own, rarity, [choice, e, f, u], life);
             }
@@ -175,9 +174,8 @@ impl White {
     /// The next collision, if no surface comes before it, by one point on one of two lines: the path's own, or one from the phase
     /// function around the normal.
     fn look_ahead(&self, tally: &mut Tally, photon: &Photon, own: DVec3, rarity: f64, random: [u32; 4], life: f64) {
-        let e = if random[0] >> 31 == 0 { own } else { hg::sample(self.g, DVec3::Z, unit(random[1]), unit(random[2])) };
-        let ratio = hg::denominator(self.g, photon.w.dot(e)) / hg::denominator(self.g, e.z);
-        let balance = 2.0 / (1.0 + ratio * ratio.sqrt());
+        let e = if random[0] >> 31 == 0 { own } else { self.phase.sample(DVec3::Z, unit(random[1]), unit(random[2])) };
+        let balance = 2.0 * self.phase.balance(photon.w.dot(e), e.z);
         let depth = -photon.r.z;
         let farthest = if e.z > 0.0 { depth / e.z } else { f64::INFINITY };
         // Going s along e and then straight up takes depth + (1 - e.z) s: its exponential is the density of s.
@@ -192,13 +190,13 @@ impl White {
         };
         let s = s.min(farthest);
         let p = photon.r + s * e;
-        let value = photon.weight * rarity * balance * exp(-depth.min(DARK)) * mass * hg::density(self.g, e.z);
+        let value = photon.weight * rarity * balance * exp(-depth.min(DARK)) * mass * self.phase.density(e.z);
         self.score(tally, photon.length + s - p.z, across(p), value, life);
     }
 
     /// Enters light that left after `length` at distance `rho`, in scattering mean free paths, of a path that ends at `life`.
     fn score(&self, tally: &mut Tally, length: f64, rho: f64, value: f64, life: f64) {
-        let reduced = 1.0 - self.g;
+        let reduced = 1.0 - self.phase.g();
         // A look goes beyond the point where its path is, and may outlive it.
         if length * reduced <= life {
             tally.waiting.push(Score { length: length * reduced, rho: rho * reduced, value });

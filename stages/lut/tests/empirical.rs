@@ -10,7 +10,7 @@ use turbid_contract::{
     StageRow, Table,
 };
 use turbid_lut::BuildLut;
-use turbid_optics::{Medium, rte};
+use turbid_optics::{Medium, PhaseFunction, rte};
 
 const F_X: [f64; 2] = [0.0, 0.1];
 const G: f64 = 0.5;
@@ -19,7 +19,9 @@ const REFERENCE: [f64; 2] = [0.02, 1.5];
 const SIDE: usize = 8;
 
 fn camera([mu_a, mu_s_prime]: [f64; 2], f_x: f64) -> f64 {
-    rte::reflectance(&Medium { mu_a, mu_s_prime, g: G, n: 1.0 }, None, f_x).unwrap().camera
+    rte::reflectance(&Medium { mu_a, mu_s_prime, phase: PhaseFunction::henyey_greenstein(G), n: 1.0 }, None, f_x)
+        .unwrap()
+        .camera
 }
 
 /// Modulation of a medium: reflectance times a vignette times `1 + error`; `se` relative, of every pixel, not known where it is negative.

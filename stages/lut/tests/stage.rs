@@ -5,7 +5,7 @@ use turbid_contract::kit::Inputs;
 use turbid_contract::payload::{Lut, Validity};
 use turbid_contract::{Ctx, Known, MemoryHost, Payload, Problems, Stage, StageRow};
 use turbid_lut::{BuildLut, Convention, Nodes, Recipe, monte_carlo};
-use turbid_optics::{Medium, diffusion, rte};
+use turbid_optics::{Medium, PhaseFunction, diffusion, rte};
 
 fn build(params: &Value, host: &MemoryHost) -> (Lut, Option<Validity>) {
     let outputs = StageRow::of::<BuildLut>().run(params, &Inputs::none(), Ctx::new(host)).unwrap();
@@ -35,7 +35,12 @@ fn rows_are_the_models_values() {
         assert_eq!(column("f_x"), [[0.0; 6], [0.1; 6]].concat());
         assert_eq!(column("mu_a"), [[0.01; 3], [0.1; 3], [0.01; 3], [0.1; 3]].concat());
         for i in 0..table.rows() {
-            let medium = Medium { mu_a: column("mu_a")[i], mu_s_prime: column("mu_s_prime")[i], g: 0.5, n: 1.4 };
+            let medium = Medium {
+                mu_a: column("mu_a")[i],
+                mu_s_prime: column("mu_s_prime")[i],
+                phase: PhaseFunction::henyey_greenstein(0.5),
+                n: 1.4,
+            };
             let solve = if model == "rte" { rte::reflectance } else { diffusion::reflectance };
             let truth = solve(&medium, None, column("f_x")[i]).unwrap().hemispherical_entered;
             assert_eq!(column("r_d")[i], truth);
@@ -143,7 +148,13 @@ fn interpolation_of_the_white_run_is_below_its_noise() {
     };
     let white = monte_carlo::white(&recipe);
     let at = |kappa: f64, alpha: f64| {
-        rte::reflectance(&Medium { mu_a: alpha, mu_s_prime: 1.0, g: 0.5, n: 1.0 }, None, kappa).unwrap().camera
+        rte::reflectance(
+            &Medium { mu_a: alpha, mu_s_prime: 1.0, phase: PhaseFunction::henyey_greenstein(0.5), n: 1.0 },
+            None,
+            kappa,
+        )
+        .unwrap()
+        .camera
     };
     let t: Vec<f64> = white.kappa.iter().flat_map(|&k| white.alpha.iter().map(move |&a| at(k, a))).collect();
     let found = monte_carlo::estimate(&recipe, &white, &[t.clone(), t]).unwrap();
@@ -172,7 +183,12 @@ fn the_monte_carlo_table_is_the_solvers_within_its_errors() {
         };
         let mut precise = 0;
         for i in 0..table.rows() {
-            let medium = Medium { mu_a: column("mu_a")[i], mu_s_prime: column("mu_s_prime")[i], g: 0.8, n };
+            let medium = Medium {
+                mu_a: column("mu_a")[i],
+                mu_s_prime: column("mu_s_prime")[i],
+                phase: PhaseFunction::henyey_greenstein(0.8),
+                n,
+            };
             let truth = rte::reflectance(&medium, None, column("f_x")[i]).unwrap();
             let truth = if convention == "camera" { truth.camera } else { truth.hemispherical_entered };
             let (r, se) = (column("r_d")[i], column("r_d_se")[i]);
@@ -198,9 +214,14 @@ fn rows_state_what_the_solver_leaves_uncertain() {
         let bounds = table.maybe_f64s("r_d_bound").unwrap();
         let mut worst: f64 = 0.0;
         for (i, bound) in bounds.iter().enumerate() {
-            let medium = Medium { mu_a: column("mu_a")[i], mu_s_prime: column("mu_s_prime")[i], g, n };
+            let medium = Medium {
+                mu_a: column("mu_a")[i],
+                mu_s_prime: column("mu_s_prime")[i],
+                phase: PhaseFunction::henyey_greenstein(g),
+                n,
+            };
             let twice = |kappa: f64| {
-                let own = rte::Orders::new(g, n, kappa);
+                let own = rte::Orders::new(&medium.phase, n, kappa);
                 rte::Orders { degree: 2 * own.degree, cosines: 2 * own.cosines, tolerance: 1e-10, ..own }
             };
             let finer = rte::respond_with(&medium, None, 0.0, twice).unwrap().reflectance.camera;

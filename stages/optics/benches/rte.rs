@@ -6,7 +6,7 @@ mod truth;
 use std::time::Instant;
 
 use truth::{Quantity, Truth};
-use turbid_optics::rte;
+use turbid_optics::{PhaseFunction, rte};
 
 fn main() {
     if std::env::args().any(|a| a == "--orders") {
@@ -70,7 +70,12 @@ fn orders() {
     {
         let truths: Vec<&Truth> = all
             .iter()
-            .filter(|t| t.medium.g == g && t.medium.n == n && t.error < 2e-5 && t.medium.mu_a > 0.0)
+            .filter(|t| {
+                t.medium.phase == PhaseFunction::henyey_greenstein(g)
+                    && t.medium.n == n
+                    && t.error < 2e-5
+                    && t.medium.mu_a > 0.0
+            })
             .filter(|t| t.thickness.is_none_or(|tau| tau <= 16.0))
             .collect();
         let keep = truths.len().div_ceil(24);
@@ -79,7 +84,7 @@ fn orders() {
             for truth in truths.iter().step_by(keep) {
                 let start = Instant::now();
                 let response = rte::respond_with(&truth.medium, truth.thickness, truth.f_x, |kappa| {
-                    let orders = rte::Orders::new(g, n, kappa);
+                    let orders = rte::Orders::new(&PhaseFunction::henyey_greenstein(g), n, kappa);
                     let modes = orders.modes.min(degree + 1);
                     rte::Orders { degree, cosines: 18 + 6 * degree / 5, modes, ..orders }
                 });

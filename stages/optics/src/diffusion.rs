@@ -47,6 +47,7 @@ pub(crate) fn check_f_x(f_x: f64) -> Result<(), Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::PhaseFunction;
 
     /// Published values of the exact moments, to the digits given.
     #[test]
@@ -59,7 +60,7 @@ mod tests {
     /// Nothing is lost without absorption; the scaling law holds to rounding; the limits are finite.
     #[test]
     fn limits() {
-        let medium = Medium { mu_a: 0.0, mu_s_prime: 1.0, g: 0.8, n: 1.4 };
+        let medium = Medium { mu_a: 0.0, mu_s_prime: 1.0, phase: PhaseFunction::henyey_greenstein(0.8), n: 1.4 };
         assert_eq!(reflectance(&medium, None, 0.0).unwrap().hemispherical_entered, 1.0);
         let fine = reflectance(&medium, None, 1e6).unwrap().camera;
         assert!(fine > 0.0 && fine < 1e-12);

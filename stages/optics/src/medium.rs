@@ -1,16 +1,15 @@
 //! A homogeneous turbid medium, and what it reflects.
 
-use crate::Error;
+use crate::{Error, PhaseFunction};
 
-/// Optical properties of a medium with the Henyey-Greenstein phase function, seen from vacuum.
+/// Optical properties of a medium, seen from vacuum.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Medium {
     /// Absorption coefficient, mm^-1, >= 0.
     pub mu_a: f64,
-    /// Reduced scattering coefficient mu_s (1 - g), mm^-1, >= 0.
+    /// Reduced scattering coefficient mu_s (1 - g), mm^-1, >= 0; g the mean cosine of the phase function.
     pub mu_s_prime: f64,
-    /// Mean cosine of the scattering angle, in (-1, 1).
-    pub g: f64,
+    pub phase: PhaseFunction,
     /// Refractive index relative to the outside, >= 1.
     pub n: f64,
 }
@@ -18,7 +17,7 @@ pub struct Medium {
 impl Medium {
     /// Scattering coefficient, mm^-1.
     pub fn mu_s(&self) -> f64 {
-        self.mu_s_prime / (1.0 - self.g)
+        self.mu_s_prime / (1.0 - self.phase.g())
     }
 
     /// Extinction coefficient mu_a + mu_s, mm^-1.
@@ -35,10 +34,10 @@ impl Medium {
     pub fn check(&self) -> Result<(), Error> {
         const PER_MM: &str = "mm^-1";
         const NOT_NEGATIVE: &str = "be a finite number >= 0";
-        let Self { mu_a, mu_s_prime, g, n } = *self;
+        let Self { mu_a, mu_s_prime, phase, n } = *self;
         Error::unless(mu_a >= 0.0 && mu_a.is_finite(), "mu_a", mu_a, PER_MM, NOT_NEGATIVE)?;
         Error::unless(mu_s_prime >= 0.0 && mu_s_prime.is_finite(), "mu_s_prime", mu_s_prime, PER_MM, NOT_NEGATIVE)?;
-        Error::unless(g.abs() < 1.0, "g", g, "", "lie in (-1, 1)")?;
+        phase.check()?;
         Error::unless(n >= 1.0 && n.is_finite(), "n", n, "", "be a finite number >= 1")
     }
 }

@@ -1,11 +1,11 @@
 //! What a table reads of a medium that was lit and looked at in another way than the table takes it to have been.
 
-use crate::{Error, Medium, rte};
+use crate::{Error, Medium, PhaseFunction, rte};
 
 /// How a medium was seen, or how a model takes it to have been.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Setting {
-    pub g: f64,
+    pub phase: PhaseFunction,
     pub n: f64,
     /// mm; `None` for a half-space.
     pub thickness: Option<f64>,
@@ -87,7 +87,7 @@ fn cos(angle_deg: f64) -> f64 {
 
 /// ln of pi x radiance / irradiance on the surface.
 fn ln_reflectance(mu: [f64; 2], seen: &Setting, f_x: f64) -> Result<f64, Error> {
-    let medium = Medium { mu_a: mu[0], mu_s_prime: mu[1], g: seen.g, n: seen.n };
+    let medium = Medium { mu_a: mu[0], mu_s_prime: mu[1], phase: seen.phase, n: seen.n };
     let lines = [seen.incidence_deg, seen.view_deg].map(cos);
     let found = rte::oblique(&medium, seen.thickness, f_x, lines)?.camera;
     Ok(libm::log(found.max(f64::MIN_POSITIVE)))
@@ -98,7 +98,13 @@ mod tests {
     use super::*;
 
     fn setting() -> Setting {
-        Setting { g: 0.8, n: 1.0, thickness: None, view_deg: 0.0, incidence_deg: 0.0 }
+        Setting {
+            phase: PhaseFunction::henyey_greenstein(0.8),
+            n: 1.0,
+            thickness: None,
+            view_deg: 0.0,
+            incidence_deg: 0.0,
+        }
     }
 
     fn reading(seen: Setting) -> Reading {
@@ -123,7 +129,7 @@ mod tests {
         for seen in [
             Setting { thickness: Some(2.0), ..setting() },
             Setting { n: 1.4, ..setting() },
-            Setting { g: 0.95, ..setting() },
+            Setting { phase: PhaseFunction::henyey_greenstein(0.95), ..setting() },
             Setting { view_deg: 45.0, incidence_deg: 60.0, ..setting() },
         ] {
             let own = misreading(&Reading { table: seen, ..reading(seen) }).unwrap();

@@ -1,7 +1,7 @@
 //! Oblique light and view of the transport solver: laws that hold at every angle.
 
 use turbid_optics::quadrature::gauss_legendre_on;
-use turbid_optics::{Medium, rte};
+use turbid_optics::{Medium, PhaseFunction, rte};
 
 const ANGLES: [f64; 5] = [0.0, 20.0, 45.0, 60.0, 80.0];
 
@@ -10,7 +10,7 @@ fn cos(angle_deg: f64) -> f64 {
 }
 
 fn media() -> Vec<(Medium, Option<f64>)> {
-    let medium = |mu_a, g, n| Medium { mu_a, mu_s_prime: 1.0, g, n };
+    let medium = |mu_a, g, n| Medium { mu_a, mu_s_prime: 1.0, phase: PhaseFunction::henyey_greenstein(g), n };
     vec![
         (medium(0.02, 0.0, 1.0), None),
         (medium(0.1, 0.8, 1.0), None),
@@ -60,7 +60,7 @@ fn views_add_up_to_the_power_that_leaves() {
 #[test]
 fn isotropic_half_spaces_are_chandrasekhars() {
     for mu_a in [0.5, 0.05] {
-        let medium = Medium { mu_a, mu_s_prime: 1.0, g: 0.0, n: 1.0 };
+        let medium = Medium { mu_a, mu_s_prime: 1.0, phase: PhaseFunction::henyey_greenstein(0.0), n: 1.0 };
         let albedo = medium.albedo();
         let nodes = gauss_legendre_on(0.0, 1.0, 64);
         let mut h = vec![1.0; nodes.len()];

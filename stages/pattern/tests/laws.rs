@@ -41,7 +41,12 @@ fn projector(position: [f64; 3], field: [f64; 2], pixels: u32) -> Projector {
 }
 
 fn scene(shape: Shape, projector: Projector) -> Scene {
-    let medium = Medium { mu_a: vec![0.1], mu_s: vec![5.0], g: 0.8, n: 1.0 };
+    let medium = Medium {
+        mu_a: vec![0.1],
+        mu_s: vec![5.0],
+        phase: turbid_contract::payload::PhaseFunction::HenyeyGreenstein(0.8),
+        n: 1.0,
+    };
     let object = Object { shape, medium: Some("m".into()), priority: 0, surface: Surface::Smooth };
     Scene {
         detectors: Default::default(),

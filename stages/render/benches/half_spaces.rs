@@ -67,7 +67,9 @@ fn main() {
     println!("| rows | values | mean z | sd | worst | spread of the mean |\n| --- | --- | --- | --- | --- | --- |");
     all("all", &|_| true);
     for (n, g) in [(1.0, 0.0), (1.0, 0.8), (1.4, 0.0), (1.4, 0.8)] {
-        all(&format!("n = {n}, g = {g}"), &|m| m.n == n && m.g == g);
+        all(&format!("n = {n}, g = {g}"), &|m| {
+            m.n == n && m.phase == turbid_optics::PhaseFunction::henyey_greenstein(g)
+        });
     }
 }
 
@@ -85,14 +87,14 @@ fn report(name: &str, media: &[&Vec<f64>]) {
 
 /// (rendered - table) / sqrt(se^2 + error of the table^2) of each row of a medium.
 fn z_scores(rows: &[Truth], seed: u32, paths: u32) -> Vec<f64> {
-    let Medium { mu_a, mu_s_prime, g, n } = rows[0].medium;
+    let Medium { mu_a, mu_s_prime, phase, n } = rows[0].medium;
     let lit = (20.0 / (3.0 * mu_a * (mu_a + mu_s_prime)).sqrt()).max(40.0);
     let view = |field: f64| View::new(1e6 * DVec3::Z, DVec3::ZERO, DVec3::Y, DVec2::splat(field)).expect("not along y");
     let camera = Camera { view: view(0.001), columns: 1, rows: 1 };
     let light = Light::new(view(lit), 1.0, true);
     let carriers: Vec<Carrier> = rows.iter().filter(|r| r.f_x > 0.0).map(|r| Carrier::new(r.f_x, 0.0)).collect();
     let bodies = vec![Body { solid: Solid::Slab { bottom: -5000.0, top: 0.0 }, material: 1 }];
-    let materials = vec![Material::VOID, Material::medium(mu_a, mu_s_prime / (1.0 - g), g, n)];
+    let materials = vec![Material::VOID, Material::medium(mu_a, rows[0].medium.mu_s(), phase, n)];
     let world = World { bodies, materials, textures: Vec::new() };
     let setting = Setting {
         world: &world,

@@ -60,7 +60,7 @@ fn main() {
 }
 
 fn medium(mu_a: f64, mu_s: f64) -> Material {
-    Material::medium(mu_a, mu_s, 0.8, 1.0)
+    Material::medium(mu_a, mu_s, turbid_optics::PhaseFunction::henyey_greenstein(0.8), 1.0)
 }
 
 fn half_space(tissue: Material) -> World {

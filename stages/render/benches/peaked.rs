@@ -33,7 +33,10 @@ fn paths(g: f64) -> [f64; 4] {
     let light = Light::new(view(35.0, 128.0), 1.0, false);
     let world = World {
         bodies: vec![Body { solid: Solid::Slab { bottom: -2000.0, top: 0.0 }, material: 1 }],
-        materials: vec![Material::VOID, Material::medium(0.02, 1.0 / (1.0 - g), g, 1.0)],
+        materials: vec![
+            Material::VOID,
+            Material::medium(0.02, 1.0 / (1.0 - g), turbid_optics::PhaseFunction::henyey_greenstein(g), 1.0),
+        ],
         textures: Vec::new(),
     };
     let setting = Setting {

@@ -92,10 +92,18 @@ fn row(line: &'static str) -> Row {
         |name: &str| cells[1].split(' ').find_map(|part| part.strip_prefix(name)?.strip_prefix('=')).map(number);
     let n = field("n").unwrap_or(1.0);
     let medium = match field("albedo") {
-        Some(albedo) => {
-            Medium { mu_a: vec![1.0 - albedo], mu_s: vec![albedo], g: field("g").expect("of a scatterer"), n }
-        }
-        None => Medium { mu_a: vec![field("mua").expect("of an absorber")], mu_s: vec![0.0], g: 0.0, n },
+        Some(albedo) => Medium {
+            mu_a: vec![1.0 - albedo],
+            mu_s: vec![albedo],
+            phase: turbid_contract::payload::PhaseFunction::HenyeyGreenstein(field("g").expect("of a scatterer")),
+            n,
+        },
+        None => Medium {
+            mu_a: vec![field("mua").expect("of an absorber")],
+            mu_s: vec![0.0],
+            phase: turbid_contract::payload::PhaseFunction::HenyeyGreenstein(0.0),
+            n,
+        },
     };
     let reflex = if cells[2].contains("no specular") { ((n - 1.0) / (n + 1.0)).powi(2) } else { 0.0 };
     let value = number(cells[3]) + reflex;

@@ -38,7 +38,7 @@ fn main() {
     ];
     for (name, mu_s, slab_mu_a, dome_mu_a) in scenes {
         let world = |c: usize| {
-            let medium = |mu_a| Material::medium(mu_a, mu_s, 0.8, 1.0);
+            let medium = |mu_a| Material::medium(mu_a, mu_s, turbid_optics::PhaseFunction::henyey_greenstein(0.8), 1.0);
             let mut materials = vec![Material::VOID, medium(slab_mu_a[c])];
             materials.extend(dome_mu_a.map(|mu_a: [f64; 3]| medium(mu_a[c])));
             let bodies = if dome_mu_a.is_some() { vec![ball(), slab()] } else { vec![slab()] };

@@ -48,7 +48,8 @@ fn main() {
     let only = std::env::args().nth(2).unwrap_or_default();
     for (name, a_rho, s_rho) in media.into_iter().filter(|medium| medium.0.contains(&only)) {
         let n = if name.ends_with("n = 1.4") { 1.4 } else { 1.0 };
-        let medium = Material::medium(a_rho / 1000.0, s_rho / 1000.0, 0.8, n);
+        let medium =
+            Material::medium(a_rho / 1000.0, s_rho / 1000.0, turbid_optics::PhaseFunction::henyey_greenstein(0.8), n);
         let lesion = Material { mu_a: 0.096, mu_s: 3.721, ..medium };
         let mut bodies = vec![Body { solid: Solid::Slab { bottom: -2000.0, top: 0.0 }, material: 1 }];
         if name.ends_with("lesion") {

@@ -12,7 +12,12 @@ use turbid_contract::{Artifact, Ctx, ImageStack, LayerKind, MemoryHost, StageRow
 use turbid_render::RenderStage;
 
 fn scene(a_rho: f64, s_rho: f64) -> Scene {
-    let medium = Medium { mu_a: vec![a_rho / 1000.0], mu_s: vec![s_rho / 1000.0], g: 0.8, n: 1.0 };
+    let medium = Medium {
+        mu_a: vec![a_rho / 1000.0],
+        mu_s: vec![s_rho / 1000.0],
+        phase: turbid_contract::payload::PhaseFunction::HenyeyGreenstein(0.8),
+        n: 1.0,
+    };
     let block = Object {
         shape: Shape::Slab { top: 0.0, bottom: -2000.0 },
         medium: Some("m".to_owned()),

@@ -31,7 +31,12 @@ fn main() {
     // Not the same paths as the sample of that material.
     let reference = render(MATERIALS[0], 99, paths, apart, distance);
     let truth = |(a, s): (f64, f64), f: f64| {
-        let medium = Medium { mu_a: a / 1000.0, mu_s_prime: s / 1000.0 * 0.2, g: 0.8, n: 1.0 };
+        let medium = Medium {
+            mu_a: a / 1000.0,
+            mu_s_prime: s / 1000.0 * 0.2,
+            phase: turbid_optics::PhaseFunction::henyey_greenstein(0.8),
+            n: 1.0,
+        };
         reflectance(&medium, None, f).expect("an ordinary medium").camera
     };
     let mut z = Vec::new();
@@ -71,7 +76,7 @@ fn render((a_rho, s_rho): (f64, f64), seed: u32, paths: u32, apart: f64, distanc
     let camera = Camera { view: view(0.0, SIDE as f64), columns: SIDE, rows: SIDE };
     let light = Light::new(view(apart, lit), 1.0, true);
     let carriers = [Carrier::new(F_X[1], 0.0), Carrier::new(F_X[2], 0.0)];
-    let medium = Material::medium(mu_a, mu_s, 0.8, 1.0);
+    let medium = Material::medium(mu_a, mu_s, turbid_optics::PhaseFunction::henyey_greenstein(0.8), 1.0);
     let bodies = vec![Body { solid: Solid::Slab { bottom: -1000.0, top: 0.0 }, material: 1 }];
     let world = World { bodies, materials: vec![Material::VOID, medium], textures: Vec::new() };
     let setting = Setting {

@@ -18,7 +18,12 @@ use turbid_render::RenderStage;
 mod shapes;
 
 fn medium(a_rho: f64, s_rho: f64) -> Medium {
-    Medium { mu_a: vec![a_rho / 1000.0], mu_s: vec![s_rho / 1000.0], g: 0.8, n: 1.0 }
+    Medium {
+        mu_a: vec![a_rho / 1000.0],
+        mu_s: vec![s_rho / 1000.0],
+        phase: turbid_contract::payload::PhaseFunction::HenyeyGreenstein(0.8),
+        n: 1.0,
+    }
 }
 
 fn object(shape: Shape, medium: &str, priority: i32) -> Object {
@@ -80,7 +85,12 @@ fn scene(name: &str, pixels: u32) -> Scene {
         pixels: None,
         distortion: None,
     };
-    let air = Medium { mu_a: vec![0.0], mu_s: vec![0.0], g: 0.0, n: 1.0 };
+    let air = Medium {
+        mu_a: vec![0.0],
+        mu_s: vec![0.0],
+        phase: turbid_contract::payload::PhaseFunction::HenyeyGreenstein(0.0),
+        n: 1.0,
+    };
     let mut media = [("healthy", medium(25.0, 4236.0)), ("scc", medium(96.0, 3721.0)), ("air", air)];
     if name == "refracting" {
         media[1].1.n = 1.4;

@@ -44,7 +44,10 @@ fn main() {
     let wall = Solid::tube(2.0 * RADIUS, 80.0, DVec2::ZERO, -LENGTH, 0.0);
     let world = World {
         bodies: vec![Body { solid: wall, material: 1 }],
-        materials: vec![Material::VOID, Material::medium(0.06, 10.0, 0.8, 1.0)],
+        materials: vec![
+            Material::VOID,
+            Material::medium(0.06, 10.0, turbid_optics::PhaseFunction::henyey_greenstein(0.8), 1.0),
+        ],
         textures: Vec::new(),
     };
     println!("estimator, depth mm (pixels): M_DC / its error, rv, excess kurtosis, within 2 se; us a path");

@@ -2,6 +2,8 @@
 
 use turbid_contract::payload::{Lamp, Object, Scene, Shape, Surface};
 use turbid_contract::{Problems, StagePlan};
+use turbid_geometry::phase_function;
+use turbid_optics::PhaseFunction;
 use turbid_optics::elementary::ln;
 
 use crate::params::Params;
@@ -28,10 +30,14 @@ const OF_KURTOSIS: f64 = 0.27;
 const NARROW: f64 = 0.95;
 
 impl Lobe {
-    fn of_medium(name: &str, g: f64, windows: bool) -> Self {
-        let width = 1.0 - g.abs();
-        let variance = if windows && g > 0.0 { -VARIANCE_IN_WINDOWS * ln(width) } else { VARIANCE / (width * width) };
-        Self { what: format!("g = {g} of {name}"), variance, kurtosis: kurtosis_under(g, windows) }
+    fn of_medium(name: &str, phase: &PhaseFunction, windows: bool) -> Self {
+        let of = |(_, g): (f64, f64)| {
+            let width = 1.0 - g.abs();
+            if windows && g > 0.0 { -VARIANCE_IN_WINDOWS * ln(width) } else { VARIANCE / (width * width) }
+        };
+        let lobes = phase.terms().into_iter().filter(|(share, _)| *share > 0.0);
+        let variance = lobes.map(of).fold(0.0, f64::max);
+        Self { what: format!("{phase} of {name}"), variance, kurtosis: kurtosis_under(phase, windows) }
     }
 
     fn of_facets(name: &str, alpha: f64, n: f64) -> Self {
@@ -44,7 +50,7 @@ impl Lobe {
         let shines = scene.projector.is_some() || scene.lights.values().any(|l| !matches!(l, Lamp::Ambient { .. }));
         let scatterers = scene.media.iter().filter(|(_, m)| m.mu_s.iter().any(|&mu_s| mu_s > 0.0));
         let windows = has_weight_windows(scene);
-        let media = scatterers.map(|(name, m)| Self::of_medium(name, m.g, windows));
+        let media = scatterers.map(|(name, m)| Self::of_medium(name, &phase_function(&m.phase), windows));
         let walls = scene.objects.iter().filter_map(|(name, object)| match (&object.surface, &object.medium) {
             (Surface::Rough(alpha), Some(medium)) => Some((name, *alpha, scene.media[medium].n)),
             _ => None,
@@ -65,14 +71,16 @@ fn has_weight_windows(scene: &Scene) -> bool {
     let plain = scene.objects.values().all(|object| !matches!(object.surface, Surface::Mirror | Surface::Rough(_)));
     let straight = clear().all(|object| n(object) == 1.0);
     let slabs = clear().all(|object| matches!(object.shape, Shape::Slab { .. }));
-    let holds = scene.media.values().all(|medium| medium.g <= NARROWEST || medium.mu_s.iter().all(|&mu_s| mu_s == 0.0));
+    let holds = scene.media.values().all(|medium| {
+        phase_function(&medium.phase).g_forward() <= NARROWEST || medium.mu_s.iter().all(|&mu_s| mu_s == 0.0)
+    });
     plain && holds && (straight || slabs) && !clear().any(|object| hollow(&object.shape))
 }
 
 /// Says in the plan what the scene's lobes cost.
 pub fn say_in(plan: &mut StagePlan, scene: &Scene) {
     if let Some(lobe) = Lobe::narrowest(scene) {
-        let times = lobe.variance / Lobe::of_medium("", 0.8, false).variance;
+        let times = lobe.variance / Lobe::of_medium("", &PhaseFunction::henyey_greenstein(0.8), false).variance;
         let what = lobe.what;
         plan.needs
             .push(format!("errors pooled over pixels ({what} takes about {times:.0} times the paths of g = 0.8)"));

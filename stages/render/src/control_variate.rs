@@ -2,7 +2,7 @@
 //! them varies much less than the image, if both are seen by the same random numbers.
 
 use turbid_contract::Error;
-use turbid_contract::payload::{Medium, Scene, Shape, Surface};
+use turbid_contract::payload::{Medium, PhaseFunction, Scene, Shape, Surface};
 
 use crate::rig::Rig;
 use crate::truth::first_hit;
@@ -110,7 +110,10 @@ fn slabs_of(scene: &Scene) -> Scene {
 fn paired(scene: &Scene, plain: &Scene) -> Scene {
     let mut paired = scene.clone();
     let nothing = vec![0.0; scene.channels()];
-    paired.media.insert(NOTHING.to_owned(), Medium { mu_a: nothing.clone(), mu_s: nothing, g: 0.0, n: 1.0 });
+    paired.media.insert(
+        NOTHING.to_owned(),
+        Medium { mu_a: nothing.clone(), mu_s: nothing, phase: PhaseFunction::HenyeyGreenstein(0.0), n: 1.0 },
+    );
     // Ranks instead of priorities, which may be as large as they like.
     let mut ranks: Vec<i32> = scene.objects.values().map(|object| object.priority).collect();
     ranks.sort_unstable();

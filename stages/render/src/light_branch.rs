@@ -3,6 +3,7 @@
 //! `docs/theory/render.md`, "Light-directed branches".
 
 use glam::DVec3;
+use turbid_optics::PhaseFunction;
 use turbid_optics::henyey_greenstein as hg;
 use turbid_optics::philox::unit;
 
@@ -15,7 +16,7 @@ pub(crate) const NEAR: f64 = 1.0;
 /// A light-directed branch is followed with this times its MIS weight, or 1, as probability: most weights are some per cent.
 pub(crate) const KEPT: f64 = 8.0;
 
-/// g of the lobe around the light from which light-directed branches are drawn: half as wide as the phase function.
+/// g of the lobe around the light from which light-directed branches are drawn: half as wide as the phase function, or as its forward term.
 fn lobe(g: f64) -> f64 {
     0.5 * (1.0 + g)
 }
@@ -26,9 +27,17 @@ pub(crate) fn narrower(g: f64) -> f64 {
 }
 
 /// p(w . e) / (p(w . e) + lobe(e . L)), the balance heuristic: the part that a path going from w along e has of the light that it sees next.
-fn mis_weight(g: f64, w: DVec3, e: DVec3, towards: DVec3) -> f64 {
-    let ratio = hg::denominator(g, w.dot(e)) / hg::denominator(lobe(g), e.dot(towards));
-    1.0 / (1.0 + narrower(g) * ratio * ratio.sqrt())
+fn mis_weight(phase: &PhaseFunction, w: DVec3, e: DVec3, towards: DVec3) -> f64 {
+    match *phase {
+        PhaseFunction::HenyeyGreenstein { g } => {
+            let ratio = hg::denominator(g, w.dot(e)) / hg::denominator(lobe(g), e.dot(towards));
+            1.0 / (1.0 + narrower(g) * ratio * ratio.sqrt())
+        }
+        PhaseFunction::TwoTermHenyeyGreenstein { g_forward, .. } => {
+            let (own, around) = (phase.density(w.dot(e)), hg::density(lobe(g_forward), e.dot(towards)));
+            own / (own + around)
+        }
+    }
 }
 
 impl Walker<'_> {
@@ -44,11 +53,11 @@ impl Walker<'_> {
             return;
         }
         let towards = self.setting.light.towards(at.r).0;
-        at.mis_weight = mis_weight(here.g, at.w, next, towards);
+        at.mis_weight = mis_weight(&here.phase, at.w, next, towards);
         let number = at.flight() | u64::from(LIGHT_BRANCH);
         let [b, c, d, _] = self.stream(at).block(Purpose::LightBranch(number));
-        let w = hg::sample(lobe(here.g), towards, unit(b), unit(c));
-        let part = mis_weight(here.g, at.w, w, towards);
+        let w = hg::sample(lobe(here.phase.g_forward()), towards, unit(b), unit(c));
+        let part = mis_weight(&here.phase, at.w, w, towards);
         let kept = (KEPT * part).min(1.0);
         if unit(d) < kept {
             let (weight, response) = (at.weight * part / kept, at.response + self.paths);

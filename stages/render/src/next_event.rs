@@ -3,7 +3,6 @@
 use std::f64::consts::FRAC_1_PI;
 
 use glam::DVec3;
-use turbid_optics::henyey_greenstein as hg;
 use turbid_optics::philox::unit;
 use turbid_optics::rough::Rough;
 
@@ -230,9 +229,9 @@ impl<'a> Walker<'a> {
             let draws = Draws { stream: &stream, flight: at.flight(), site: NeeSite::Here };
             self.reach_on(source, at.r, None, &draws, &mut connections);
         }
-        let g = self.setting.world.materials[at.material].g;
+        let phase = self.setting.world.materials[at.material].phase;
         for connection in connections.drain(..) {
-            let p = hg::density(g, at.w.dot(connection.towards));
+            let p = phase.density(at.w.dot(connection.towards));
             let radiance = at.weight * p * connection.irradiance * libm::exp(-connection.tau) * inverse_survival;
             self.deposit(at.response, radiance, connection.on_plane, source, &sum(&at.lengths, &connection.lengths));
         }
@@ -337,7 +336,7 @@ impl<'a> Walker<'a> {
         }
         std::mem::swap(&mut self.responses, &mut self.connected);
         for connection in connections.drain(..) {
-            let p = hg::density(f64::from(scalar.g), e.dot(connection.towards));
+            let p = scalar.phase.density(e.dot(connection.towards));
             let radiance = f64::from(scalar.fraction) * p * connection.irradiance * libm::exp(-connection.tau);
             let lengths = sum(&scalar.lengths.map(f64::from), &connection.lengths);
             self.deposit(scalar.path as usize, radiance, connection.on_plane, source, &lengths);
@@ -355,15 +354,13 @@ impl<'a> Walker<'a> {
         if roulette * inverse_survival >= 1.0 {
             return;
         }
-        let g = material.g;
+        let phase = material.phase;
         let stream = self.stream(at);
         let draws = Draws { stream: &stream, flight: at.flight(), site: NeeSite::Next(0) };
         let [choice, b, c, u] = draws.point(source);
-        let e = if choice >> 31 == 0 { own } else { hg::sample(g, towards, unit(b), unit(c)) };
+        let e = if choice >> 31 == 0 { own } else { phase.sample(towards, unit(b), unit(c)) };
         // 2 p_A / (p_A + p_B): p_A would have sent the path along e, p_B is the lobe around the light.
-        let (own_q, lobe_q) = (hg::denominator(g, at.w.dot(e)), hg::denominator(g, e.dot(towards)));
-        let ratio = own_q / lobe_q;
-        let balance = 2.0 / (1.0 + ratio * ratio.sqrt());
+        let balance = 2.0 * phase.balance(at.w.dot(e), e.dot(towards));
         let length = world
             .trace(at.r, e, None, &mut self.chords)
             .next()
@@ -401,7 +398,7 @@ impl<'a> Walker<'a> {
         self.reach(source, at, None, &mut connections);
         self.reach_on(source, at, None, draws, &mut connections);
         for connection in connections.drain(..) {
-            let p = hg::density(material.g, e.dot(connection.towards));
+            let p = material.phase.density(e.dot(connection.towards));
             let attenuation = libm::exp(-(mu_t * s + connection.tau));
             let radiance = weight * material.mu_s * p * connection.irradiance * attenuation * inverse_density;
             self.deposit(path, radiance, connection.on_plane, source, &sum(&lengths, &connection.lengths));

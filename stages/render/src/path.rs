@@ -176,7 +176,7 @@ impl Walker<'_> {
                 {
                     return false;
                 }
-                let next = hg::sample(self.setting.world.materials[at.material].g, at.w, unit(b), unit(c));
+                let next = self.setting.world.materials[at.material].phase.sample(at.w, unit(b), unit(c));
                 if self.setting.nee == Nee::Line {
                     self.next_event_ahead(at, next, roulette);
                     (at.ahead, at.mis_weight) = (true, 1.0);

@@ -2,6 +2,7 @@
 
 use turbid_contract::payload::{Lamp, Medium, Object, Scene, Shape, Specular, Surface};
 use turbid_contract::{Extent, Known, StagePlan};
+use turbid_geometry::phase_function;
 use turbid_optics::diffusion::a_robin;
 
 use crate::channels::groups;
@@ -55,7 +56,8 @@ pub fn flights_per_path(scene: &Scene) -> f64 {
         let thickness = thickness(shape);
         let channels = medium.mu_a.iter().zip(&medium.mu_s);
         let flights = channels.map(|(&mu_a, &mu_s)| {
-            let k = (mu_a / (3.0 * (mu_a + mu_s * (1.0 - medium.g)).max(f64::MIN_POSITIVE))).sqrt();
+            let k = (mu_a / (3.0 * (mu_a + mu_s * (1.0 - phase_function(&medium.phase).g())).max(f64::MIN_POSITIVE)))
+                .sqrt();
             let x = 2.6 * k * (1.0 + 4.0 * k) * (1.0 + a_robin(medium.n));
             let until_absorbed = x / (1.0 + x) * (mu_a + mu_s) / mu_a;
             let until_out = 2.0 * mu_s * thickness;

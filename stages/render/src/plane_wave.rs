@@ -7,6 +7,7 @@ use std::sync::Arc;
 use glam::DVec3;
 use turbid_contract::Error;
 use turbid_contract::payload::{Scene, Shape, Surface};
+use turbid_geometry::phase_function;
 use turbid_optics::elementary::sin_cos_turns;
 use turbid_optics::{Medium, rte};
 
@@ -56,7 +57,9 @@ pub fn no_plane_wave(scene: &Scene) -> Option<String> {
     if scene.camera.as_ref().is_some_and(|camera| camera.aperture.is_some()) {
         return Some("a lens with an aperture looks from many sides".to_owned());
     }
-    let unsolvable = |m: &turbid_contract::payload::Medium| rte::solvable(m.g, m.n).err().map(|e| e.to_string());
+    let unsolvable = |m: &turbid_contract::payload::Medium| {
+        rte::solvable(&phase_function(&m.phase), m.n).err().map(|e| e.to_string())
+    };
     scene.media.values().find_map(unsolvable)
 }
 
@@ -136,7 +139,8 @@ fn slab(scene: &Scene, channel: usize) -> Option<(Medium, f64)> {
     let (Shape::Slab { top, bottom }, Some(medium)) = (&object.shape, &object.medium) else { return None };
     let m = scene.media.get(medium)?;
     let (mu_a, mu_s) = (m.mu_a[channel], m.mu_s[channel]);
-    Some((Medium { mu_a, mu_s_prime: mu_s * (1.0 - m.g), g: m.g, n: m.n }, top - bottom))
+    let phase = phase_function(&m.phase);
+    Some((Medium { mu_a, mu_s_prime: mu_s * (1.0 - phase.g()), phase, n: m.n }, top - bottom))
 }
 
 /// Radiance over irradiance at a spatial frequency on the surface.

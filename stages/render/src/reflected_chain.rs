@@ -158,7 +158,7 @@ mod tests {
         let mut world = World { bodies: Vec::new(), materials: vec![Material::VOID], textures: Vec::new() };
         let mut top = 0.0;
         for &(thickness, mu_t, n) in layers {
-            world.materials.push(Material::medium(0.0, mu_t, 0.0, n));
+            world.materials.push(Material::medium(0.0, mu_t, turbid_optics::PhaseFunction::ISOTROPIC, n));
             let solid = Solid::Slab { bottom: top - thickness, top };
             world.bodies.push(Body { solid, material: world.materials.len() - 1 });
             top -= thickness;

@@ -188,7 +188,7 @@ fn below(world: &World, material: &Material, r: DVec3, normal: DVec3, chords: &m
     if material.is_opaque() {
         return None;
     }
-    let reduced = material.mu_a + material.mu_s * (1.0 - material.g);
+    let reduced = material.mu_a + material.mu_s_prime();
     // Light from a depth d comes back like exp(-2 mu_eff d).
     let mu_eff = (3.0 * material.mu_a * reduced).sqrt();
     let deep = (DEEP / mu_eff).min(MOST_DEEP / reduced);
@@ -301,7 +301,7 @@ fn region(
 /// Over such a distance (mm) light at an edge shows: the mean free path of transport; 0 for opaque surfaces.
 fn step_of(world: &World, body: usize) -> f64 {
     let material = &world.materials[world.bodies[body].material];
-    if material.is_opaque() { 0.0 } else { 1.0 / (material.mu_a + material.mu_s * (1.0 - material.g)) }
+    if material.is_opaque() { 0.0 } else { 1.0 / (material.mu_a + material.mu_s_prime()) }
 }
 
 #[cfg(test)]

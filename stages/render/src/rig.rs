@@ -3,7 +3,8 @@
 use glam::DVec3;
 use turbid_contract::Error;
 use turbid_contract::payload::{self, Profile, Scene, Specular, Surface};
-use turbid_geometry::{camera_view, projector_view, solid};
+use turbid_geometry::{camera_view, phase_function, projector_view, solid};
+use turbid_optics::PhaseFunction;
 use turbid_optics::solid::Solid;
 use turbid_optics::view::Lens;
 
@@ -59,8 +60,10 @@ impl Rig {
                     (Surface::Mirror, _) => Material { bsdf: Bsdf::Mirror, ..Material::VOID },
                     (surface @ (Surface::Smooth | Surface::Rough(_)), Some(m)) => {
                         let (mu_a, mu_s) = (m.mu_a[channel], m.mu_s[channel]);
-                        // Without scattering g means nothing; equal materials shall be one.
-                        let medium = Material::medium(mu_a, mu_s, if mu_s > 0.0 { m.g } else { 0.0 }, m.n);
+                        // Without scattering there is no phase function; equal materials shall be one.
+                        let scatters = mu_s > 0.0;
+                        let phase = if scatters { phase_function(&m.phase) } else { PhaseFunction::ISOTROPIC };
+                        let medium = Material::medium(mu_a, mu_s, phase, m.n);
                         match surface {
                             Surface::Rough(alpha) if m.n != 1.0 => Material { bsdf: Bsdf::Rough(*alpha), ..medium },
                             _ => medium,

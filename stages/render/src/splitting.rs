@@ -37,7 +37,8 @@ impl Walker<'_> {
         let world = self.setting.world;
         let material = world.materials[at.material];
         let window = self.windows[at.material];
-        let near = |clear: f64| is_near(material.g, material.mu_s * clear);
+        let g = material.phase.g_forward();
+        let near = |clear: f64| is_near(g, material.mu_s * clear);
         if window > 0.0 {
             at.clear = world.clearance(at.r);
         }
@@ -46,18 +47,18 @@ impl Walker<'_> {
         }
         at.clear = at.clear.max(world.clearance(at.r));
         let (Some(source), Some(n)) = (self.sources().next(), self.peaked_index) else { return true };
-        let lobe = Lobe::of(material.g, material.mu_s * at.clear, refracted(source.towards(at.r).0, n));
+        let lobe = Lobe::of(g, material.mu_s * at.clear, refracted(source.towards(at.r).0, n));
         let deep = deep_weight(window, at.clear);
         let [random, b, c, d] = stream.block(Purpose::WeightWindow(at.flight()));
-        if material.g >= NARROW && near(at.clear) {
+        if g >= NARROW && near(at.clear) {
             if let Some(e) = lobe.sample(unit(b), unit(c)) {
-                let weight = at.weight * lobe.mis_weight(material.g, came, e);
+                let weight = at.weight * lobe.mis_weight(&material.phase, came, e);
                 let parts = weight * lobe.importance(e) / deep;
                 let sent = Place { w: e, weight: weight / parts.min(f64::from(MOST_COPIES)), ..*at };
                 let count = ((parts + unit(d)) as u32).min(MOST_COPIES);
                 self.push_copies(&sent, MOST_COPIES..MOST_COPIES + count, stream);
             }
-            at.weight *= lobe.mis_weight(material.g, came, at.w);
+            at.weight *= lobe.mis_weight(&material.phase, came, at.w);
         }
         let least = deep / lobe.importance(at.w);
         if at.weight < 0.5 * least {

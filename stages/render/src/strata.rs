@@ -227,6 +227,8 @@ pub fn clear(world: &World, strata: &Strata) -> Vec<f64> {
 
 #[cfg(test)]
 mod tests {
+    use turbid_optics::PhaseFunction;
+
     use super::*;
     use crate::world::Material;
 
@@ -239,8 +241,8 @@ mod tests {
             bodies,
             materials: vec![
                 Material::VOID,
-                Material::medium(0.1, 1.0, 0.8, 1.4),
-                Material::medium(0.2, 2.0, 0.8, 1.4),
+                Material::medium(0.1, 1.0, PhaseFunction::henyey_greenstein(0.8), 1.4),
+                Material::medium(0.2, 2.0, PhaseFunction::henyey_greenstein(0.8), 1.4),
                 Material::lambertian(0.5),
             ],
             textures: Vec::new(),

@@ -2,6 +2,8 @@
 //!
 //! `docs/theory/render.md`, "Errors".
 
+use turbid_optics::PhaseFunction;
+
 use crate::bsdf::Bsdf;
 use crate::moments::{Brightness, Moments};
 use crate::rig::Rig;
@@ -40,16 +42,19 @@ pub fn expected_kurtosis(rig: &Rig) -> f64 {
     let of = |world: &World| {
         let windows = most_peaked(world, &Bending::of(world)).is_some();
         let scatterers = world.materials.iter().filter(|m| m.mu_s > 0.0);
-        let lobes = scatterers.map(|m| kurtosis_under(m.g, windows));
+        let lobes = scatterers.map(|m| kurtosis_under(&m.phase, windows));
         lobes.chain(world.materials.iter().map(of_facets)).fold(USUAL, f64::max)
     };
     rig.worlds.iter().map(of).fold(USUAL, f64::max)
 }
 
-/// The same of a medium, where paths have weight windows towards the light or have none.
-pub fn kurtosis_under(g: f64, windows: bool) -> f64 {
-    let alone = kurtosis_of_lobe(g);
-    if windows && g > 0.0 { alone.min(IN_WINDOWS) } else { alone }
+/// The same of a medium, where paths have weight windows towards the light or have none: the largest of its lobes.
+pub fn kurtosis_under(phase: &PhaseFunction, windows: bool) -> f64 {
+    let of = |(_, g): (f64, f64)| {
+        let alone = kurtosis_of_lobe(g);
+        if windows && g > 0.0 { alone.min(IN_WINDOWS) } else { alone }
+    };
+    phase.terms().into_iter().map(of).fold(USUAL, f64::max)
 }
 
 /// The same of a medium; a lobe that turns light back is as narrow.

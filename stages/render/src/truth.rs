@@ -5,6 +5,7 @@ use serde_json::json;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{MaskReason, Scene, Surface, Truth};
 use turbid_contract::{Attributes, ImageStack, LayerInfo, LayerKind};
+use turbid_geometry::phase_function;
 
 use crate::camera::Camera;
 use crate::world::{Chords, Interface, World};
@@ -23,7 +24,8 @@ pub fn truth(scene: &Scene, world: &World, object_of: &[usize], camera: &Camera)
     for channel in 0..scene.channels() {
         let of = |hit: &Hit| media[object_of[hit.body]];
         values.push(Box::new(move |hit| of(hit).map_or(0.0, |m| m.mu_a[channel])));
-        values.push(Box::new(move |hit| of(hit).map_or(0.0, |m| m.mu_s[channel] * (1.0 - m.g))));
+        values
+            .push(Box::new(move |hit| of(hit).map_or(0.0, |m| m.mu_s[channel] * (1.0 - phase_function(&m.phase).g()))));
     }
     values.push(Box::new(|hit| hit.height));
     values.push(Box::new(|hit| hit.depth));

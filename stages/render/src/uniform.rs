@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 use turbid_contract::payload::{Medium, Object, Projection, Scene, Shape, Surface};
+use turbid_geometry::phase_function;
 use turbid_optics::diffusion::a_robin;
 
 use crate::rig::Rig;
@@ -178,7 +179,7 @@ fn missing(layers: &[Layer<'_>], channel: usize, margin: f64, thickness: f64) ->
     let (mut least_d, mut most_d) = (f64::INFINITY, 0.0_f64);
     let (mut least_reduced, mut boundary) = (f64::INFINITY, 1.0_f64);
     for m in media {
-        let (mu_a, reduced) = (m.mu_a[channel], m.mu_s[channel] * (1.0 - m.g));
+        let (mu_a, reduced) = (m.mu_a[channel], m.mu_s[channel] * (1.0 - phase_function(&m.phase).g()));
         let d = 1.0 / (3.0 * (mu_a + reduced));
         (rate, attenuation) = (rate.min(mu_a / d), attenuation.min(mu_a + reduced));
         (least_d, most_d) = (least_d.min(d), most_d.max(d));
@@ -208,7 +209,12 @@ mod tests {
     #[test]
     fn the_bound_holds_for_the_dipole() {
         for (mu_a, mu_s, margin) in [(0.001, 20.0, 32.0), (0.025, 4.236, 20.0), (0.1, 5.0, 15.0), (0.05, 5.0, 8.0)] {
-            let m = Medium { mu_a: vec![mu_a], mu_s: vec![mu_s], g: 0.8, n: 1.0 };
+            let m = Medium {
+                mu_a: vec![mu_a],
+                mu_s: vec![mu_s],
+                phase: turbid_contract::payload::PhaseFunction::HenyeyGreenstein(0.8),
+                n: 1.0,
+            };
             let (reduced, k) = (0.2 * mu_s, (3.0 * mu_a * (mu_a + 0.2 * mu_s)).sqrt());
             let (z0, zb) = (1.0 / (mu_a + reduced), 2.0 / 3.0 / (mu_a + reduced));
             let beyond = |rho: f64| {

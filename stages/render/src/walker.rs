@@ -110,7 +110,7 @@ pub(crate) struct Entry {
 impl<'a> Walker<'a> {
     pub fn new(setting: Setting<'a>, level: Level) -> Self {
         let window = |m: &Material| {
-            let reduced = m.mu_s * (1.0 - m.g);
+            let reduced = m.mu_s_prime();
             let weak = setting.nee == Nee::Line && m.mu_a < WEAK_ABSORPTION * reduced;
             if weak { WINDOW * (3.0 * m.mu_a * (m.mu_a + reduced)).sqrt() } else { 0.0 }
         };

@@ -4,6 +4,7 @@
 //! `docs/theory/render.md`, "Weight windows". Weight windows: Booth and Hendricks, "Importance estimation in forward Monte Carlo calculations", Nucl. Technol. Fusion 5 (1984).
 
 use glam::DVec3;
+use turbid_optics::PhaseFunction;
 use turbid_optics::elementary::ln;
 use turbid_optics::henyey_greenstein::{denominator, density, sample};
 
@@ -50,12 +51,12 @@ impl Lobe {
     }
 
     /// p / (p + l) of a scattering from `w` to `e`, p the phase function and l the density of [`Lobe::sample`]: the MIS weight of both.
-    pub fn mis_weight(&self, g: f64, w: DVec3, e: DVec3) -> f64 {
+    pub fn mis_weight(&self, phase: &PhaseFunction, w: DVec3, e: DVec3) -> f64 {
         let cos = e.dot(self.towards);
         if cos <= self.wide {
             return 1.0;
         }
-        let p = density(g, w.dot(e));
+        let p = phase.density(w.dot(e));
         p / (p + density(self.wide.sqrt(), cos))
     }
 
@@ -81,8 +82,10 @@ fn exponent(g: f64, tau: f64) -> f64 {
 pub fn most_peaked<'a>(world: &'a World, bending: &Bending) -> Option<&'a Material> {
     let known = matches!(bending, Bending::Nowhere | Bending::AtPlanes(_)) && !world.is_hollow();
     let filling = world.bodies.iter().map(|body| &world.materials[body.material]);
-    let peaked = filling.filter(|m| known && m.mu_s > 0.0 && m.g >= PEAKED);
-    peaked.max_by(|a, b| a.g.total_cmp(&b.g)).filter(|most| most.g <= NARROWEST)
+    let peaked = filling.filter(|m| known && m.mu_s > 0.0 && m.phase.g_forward() >= PEAKED);
+    peaked
+        .max_by(|a, b| a.phase.g_forward().total_cmp(&b.phase.g_forward()))
+        .filter(|most| most.phase.g_forward() <= NARROWEST)
 }
 
 /// Its refractive index, where paths are connected one scattering ahead to a light with a place or a direction.
@@ -102,7 +105,7 @@ mod tests {
     fn path_and_copy_are_the_phase_function() {
         for (g, tau, tilt) in [(0.97, 0.0, 0.02), (0.97, 3.0, 0.3), (0.99, 5.0, 1.0), (0.995, 0.5, 0.01)] {
             let (came, n) = (DVec3::new(f64::sin(tilt), 0.0, f64::cos(tilt)), 200_000);
-            let lobe = Lobe::of(g, tau, DVec3::Z);
+            let (lobe, phase) = (Lobe::of(g, tau, DVec3::Z), PhaseFunction::henyey_greenstein(g));
             let moments = |e: DVec3, weight: f64| {
                 [weight, weight * e.dot(came), if e.z > lobe.wide { weight } else { 0.0 }, weight * e.x]
             };
@@ -112,8 +115,8 @@ mod tests {
                 let [d, e, _, _] = philox4x32([i, 2, 2, 3], [5, 6]);
                 let own = sample(g, came, unit_fine(a, b), unit(c));
                 let sent = lobe.sample(unit(d), unit(e));
-                let of_sent = sent.map_or([0.0; 4], |e| moments(e, lobe.mis_weight(g, came, e)));
-                let of_own = moments(own, lobe.mis_weight(g, came, own));
+                let of_sent = sent.map_or([0.0; 4], |e| moments(e, lobe.mis_weight(&phase, came, e)));
+                let of_own = moments(own, lobe.mis_weight(&phase, came, own));
                 for (k, plain) in moments(own, 1.0).into_iter().enumerate() {
                     let difference = of_own[k] + of_sent[k] - plain;
                     shared[k] += difference;

@@ -1,6 +1,7 @@
 //! The scene as a ray sees it: bodies in order of priority, and the segments that they cut a ray into.
 
 use glam::DVec3;
+use turbid_optics::PhaseFunction;
 use turbid_optics::solid::{Chord, Solid, Start};
 
 use crate::bsdf::Bsdf;
@@ -13,7 +14,7 @@ pub struct Material {
     pub mu_a: f64,
     /// mm^-1.
     pub mu_s: f64,
-    pub g: f64,
+    pub phase: PhaseFunction,
     /// Refractive index.
     pub n: f64,
     /// What light meets at the interface of a body of it.
@@ -21,11 +22,11 @@ pub struct Material {
 }
 
 impl Material {
-    pub const VOID: Self = Self::medium(0.0, 0.0, 0.0, 1.0);
+    pub const VOID: Self = Self::medium(0.0, 0.0, PhaseFunction::ISOTROPIC, 1.0);
 
     /// One that light can enter, with smooth interfaces.
-    pub const fn medium(mu_a: f64, mu_s: f64, g: f64, n: f64) -> Self {
-        Self { mu_a, mu_s, g, n, bsdf: Bsdf::Smooth }
+    pub const fn medium(mu_a: f64, mu_s: f64, phase: PhaseFunction, n: f64) -> Self {
+        Self { mu_a, mu_s, phase, n, bsdf: Bsdf::Smooth }
     }
 
     pub fn lambertian(rho: f64) -> Self {
@@ -40,6 +41,11 @@ impl Material {
 
     pub fn mu_t(&self) -> f64 {
         self.mu_a + self.mu_s
+    }
+
+    /// Reduced scattering coefficient mu_s (1 - g), mm^-1.
+    pub fn mu_s_prime(&self) -> f64 {
+        self.mu_s * (1.0 - self.phase.g())
     }
 }
 
@@ -224,7 +230,7 @@ mod tests {
     use super::*;
 
     fn world() -> World {
-        let medium = |mu_s| Material::medium(0.1, mu_s, 0.0, 1.0);
+        let medium = |mu_s| Material::medium(0.1, mu_s, PhaseFunction::ISOTROPIC, 1.0);
         World {
             // Highest priority first: void ball in a ball in a slab, beside a block that touches the slab.
             bodies: vec![

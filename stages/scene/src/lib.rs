@@ -8,6 +8,7 @@
 //!     scc: {mu_a: 0.12, mu_s_prime: 0.64, g: 0.8, n: 1.0}     # coefficients in mm^-1 (mu_s or mu_s_prime)
 //!     # or what absorbs, and a power law, at the scene's wavelengths:
 //!     # skin: {HbO2: 40 uM, Hb: 20 uM, water: 0.7, scattering: {a: 1.5, b: 1.2}, g: 0.8, n: 1.0}
+//!     # peak: {mu_a: 0.05, mu_s: 10, phase: {two_term: {g_forward: 0.9, g_backward: -0.3, forward: 0.95}}, n: 1.0}   # in the place of g
 //!   objects:
 //!     tissue: {slab: {thickness: 2000, top: 0}, medium: healthy}
 //!     polyp: {spheroid: {diameters: [40, 40, 80], center: [0, 0, 0]}, medium: scc, priority: 1}

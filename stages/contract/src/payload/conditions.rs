@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::artifact::{Attributes, ImageStack, LayerKind};
+use crate::payload::PhaseFunction;
 
 /// Who says what the conditions are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -34,8 +35,9 @@ pub struct Seen {
     pub mu_a: Vec<f64>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub mu_s_prime: Vec<f64>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub g: Option<f64>,
+    /// As in a [`super::Medium`]: a field `g`, or that of another kind.
+    #[serde(flatten)]
+    pub phase: Option<PhaseFunction>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub n: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 use turbid_dis::{Plate, Ray, Stream};
+use turbid_optics::PhaseFunction;
 
 use crate::statistics::{judge, mean};
 
@@ -27,7 +28,15 @@ fn wide_plates_meet_adding_doubling() {
     for (k, line) in rows.enumerate() {
         let row: Vec<f64> = line.split(',').map(|cell| cell.parse().expect("a number")).collect();
         let &[albedo, tau, g, n, slides, ur1, ut1, uru, utu, bound] = row.as_slice() else { panic!("{line}") };
-        let plate = Plate { mu_a: tau * (1.0 - albedo), mu_s: tau * albedo, g, n, thickness: 1.0, size: WIDE, slides };
+        let plate = Plate {
+            mu_a: tau * (1.0 - albedo),
+            mu_s: tau * albedo,
+            phase: PhaseFunction::henyey_greenstein(g),
+            n,
+            thickness: 1.0,
+            size: WIDE,
+            slides,
+        };
         for (beam, expected) in [(true, [ur1, ut1]), (false, [uru, utu])] {
             for (face, expected) in expected.into_iter().enumerate() {
                 let (found, se) = mean(8_000, |i| {
@@ -57,7 +66,15 @@ fn shares_sum_to_one() {
         (0.0, 3.0, -0.9, 1.33, 1.0),
         (200.0, 1.0, 0.5, 1.5, 1.0),
     ] {
-        let plate = Plate { mu_a, mu_s, g, n, thickness: 1.0, size: [2.0, 3.0], slides };
+        let plate = Plate {
+            mu_a,
+            mu_s,
+            phase: PhaseFunction::henyey_greenstein(g),
+            n,
+            thickness: 1.0,
+            size: [2.0, 3.0],
+            slides,
+        };
         for i in 0..3000 {
             let mut random = Stream::new(9, 1, i);
             let ray = diffuse(&mut random, 2.0);
@@ -77,7 +94,15 @@ fn shares_sum_to_one() {
 #[test]
 fn mean_path_knows_no_scattering() {
     for (mu_s, g) in [(0.0, 0.0), (1.0, 0.0), (30.0, 0.8), (4.0, -0.5)] {
-        let plate = Plate { mu_a: 1e-7, mu_s, g, n: 1.0, thickness: 1.0, size: WIDE, slides: 1.0 };
+        let plate = Plate {
+            mu_a: 1e-7,
+            mu_s,
+            phase: PhaseFunction::henyey_greenstein(g),
+            n: 1.0,
+            thickness: 1.0,
+            size: WIDE,
+            slides: 1.0,
+        };
         let (path, se) = mean(40_000, |i| {
             let mut random = Stream::new(8, 2, i);
             let ray = diffuse(&mut random, 0.0);
@@ -94,7 +119,15 @@ fn the_wide_twin_is_a_wide_plate() {
     for (k, (n, slides, size)) in
         [(1.0, 1.0, 1.0), (1.4, 1.0, 1.0), (1.4, 1.5, 3.0), (1.0, 1.0, 10.0)].into_iter().enumerate()
     {
-        let plate = Plate { mu_a: 0.05, mu_s: 8.0, g: 0.8, n, thickness: 1.0, size: [size, 1.5 * size], slides };
+        let plate = Plate {
+            mu_a: 0.05,
+            mu_s: 8.0,
+            phase: PhaseFunction::henyey_greenstein(0.8),
+            n,
+            thickness: 1.0,
+            size: [size, 1.5 * size],
+            slides,
+        };
         let wide = Plate { size: WIDE, ..plate };
         for face in 0..2 {
             let share = |plate: &Plate, stream, i| {

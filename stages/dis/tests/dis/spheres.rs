@@ -4,10 +4,19 @@ use glam::DVec3;
 use turbid_dis::{
     Baffle, Beam, FATES, Fate, Method, Opening, Outline, Plate, Port, Setup, Sphere, Stream, Tally, Target,
 };
+use turbid_optics::PhaseFunction;
 
 use crate::statistics::judge;
 
-const MEDIUM: Plate = Plate { mu_a: 0.05, mu_s: 5.0, g: 0.8, n: 1.0, thickness: 1.0, size: [10.0, 10.0], slides: 1.0 };
+const MEDIUM: Plate = Plate {
+    mu_a: 0.05,
+    mu_s: 5.0,
+    phase: PhaseFunction::henyey_greenstein(0.8),
+    n: 1.0,
+    thickness: 1.0,
+    size: [10.0, 10.0],
+    slides: 1.0,
+};
 
 fn spheres(reflectance: f64, sample: Outline, neck: f64, baffle: Option<f64>) -> [Sphere; 2] {
     let radius = 25.0;

@@ -66,7 +66,7 @@ const ANISOTROPY: [f64; 2] = [-20.723_265_836_946_41, 0.683_096_844_706_443_9];
 impl Line {
     pub fn new(slab: &Slab, known: Constraint, m_u: Option<f64>) -> Result<Self, Error> {
         let mu_t = m_u.map(|m_u| unscattered_depth(slab, m_u).map(|tau| tau / slab.thickness_mm)).transpose()?;
-        let line = Self { known, g: slab.g, mu_t, thickness_mm: slab.thickness_mm };
+        let line = Self { known, g: slab.phase.g(), mu_t, thickness_mm: slab.thickness_mm };
         if let Some(mu_t) = mu_t {
             let used = match known {
                 Constraint::MuA(x) | Constraint::MuS(x) => x,

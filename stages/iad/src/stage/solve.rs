@@ -2,6 +2,8 @@
 
 use std::sync::OnceLock;
 
+use turbid_optics::PhaseFunction;
+
 use super::line::{Constraint, Line, meet};
 use super::source::Case;
 use crate::{
@@ -49,10 +51,15 @@ impl<const N: usize> Level<N> {
     /// M_R and M_T of a medium [mu_a, mu_s', g].
     pub fn readings(&self, case: &Case, medium: [f64; 3], lost: &Lost) -> Result<[f64; 2], Error> {
         let [mu_a, mu_s_prime, g] = medium;
-        if g == case.slab.g {
+        if g == case.slab.phase.g() {
             return self.model(case)?.readings(mu_a, mu_s_prime, lost);
         }
-        Model::<N>::new(&Slab { g, ..case.slab }, &case.instrument, case.light)?.readings(mu_a, mu_s_prime, lost)
+        Model::<N>::new(
+            &Slab { phase: PhaseFunction::henyey_greenstein(g), ..case.slab },
+            &case.instrument,
+            case.light,
+        )?
+        .readings(mu_a, mu_s_prime, lost)
     }
 }
 
@@ -87,7 +94,7 @@ pub fn answer<const N: usize>(case: &Case, level: &Level<N>, losses: &Losses) ->
     let mut last = at_loss(case, level, lost, se)?;
     let ports_let_out = |answer: &Answer| {
         let [mu_a, mu_s_prime, g] = answer.medium;
-        losses.lost(&Slab { g, ..case.slab }, spot, mu_a, mu_s_prime)
+        losses.lost(&Slab { phase: PhaseFunction::henyey_greenstein(g), ..case.slab }, spot, mu_a, mu_s_prime)
     };
     for round in 0..ROUNDS {
         let (next, next_se) = ports_let_out(&last);
@@ -208,7 +215,7 @@ fn both<const N: usize>(case: &Case, level: &Level<N>, measured: &Measurement) -
         format!("mu_a = {mu_a:.6} and mu_s' = {mu_s_prime:.6} mm^-1 give the same readings")
     });
     let slopes = solution.covariance.and(experiment.responses(measured, &solution.fit));
-    let medium = [mu_a_per_mm, mu_s_prime_per_mm, case.slab.g];
+    let medium = [mu_a_per_mm, mu_s_prime_per_mm, case.slab.phase.g()];
     Ok(Answer {
         medium,
         slopes: slopes.map(|[a, s]| [[a[0], a[1], 0.0], [s[0], s[1], 0.0], [0.0; 3]]),
@@ -224,10 +231,15 @@ fn both<const N: usize>(case: &Case, level: &Level<N>, measured: &Measurement) -
 fn with_g<const N: usize>(case: &Case, level: &Level<N>, measured: &Measurement, m_u: f64) -> Result<Answer, Failure> {
     let at = |g: f64, r: f64, t: f64, u: f64| -> Result<[f64; 3], Error> {
         let moved = Measurement { m_r: measured.m_r + r, m_t: measured.m_t + t, ..*measured };
-        let found = solve_with_g::<N>(&Slab { g, ..case.slab }, &case.instrument, &moved, m_u + u)?;
+        let found = solve_with_g::<N>(
+            &Slab { phase: PhaseFunction::henyey_greenstein(g), ..case.slab },
+            &case.instrument,
+            &moved,
+            m_u + u,
+        )?;
         Ok([found.fit.mu_a_per_mm, found.fit.mu_s_prime_per_mm, found.g])
     };
-    let medium = at(case.slab.g, 0.0, 0.0, 0.0)?;
+    let medium = at(case.slab.phase.g(), 0.0, 0.0, 0.0)?;
     // What moves little is found from where it was.
     let at = |r: f64, t: f64, u: f64| at(medium[2], r, t, u);
     let slope = |r: f64, t: f64, u: f64| -> Option<[f64; 3]> {

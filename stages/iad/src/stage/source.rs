@@ -5,6 +5,7 @@ use std::fmt::Debug;
 
 use turbid_contract::serde_json::Value;
 use turbid_contract::{Cells, Ctx, Error, Table};
+use turbid_optics::PhaseFunction;
 
 use super::line::Constraint;
 use super::params::{FromParam, LostLight, Params, SpheresChoice};
@@ -244,7 +245,7 @@ impl Source {
             let n = cell("n_slides").or(self.slides).filter(|n| *n != 0.0 && slide_mm != Some(0.0)).unwrap_or(1.0);
             [Slide { n, tau: cell("slide_tau").unwrap_or(0.0) }; 2]
         });
-        let slab = Slab { n, g, thickness_mm, top, bottom };
+        let slab = Slab { n, phase: PhaseFunction::henyey_greenstein(g), thickness_mm, top, bottom };
         let degrees = cell("angle").unwrap_or(0.0);
         let light = if degrees == 0.0 { Incidence::Normal } else { Incidence::Oblique(degrees.to_radians()) };
         let instrument = self.instrument_of(params, row);

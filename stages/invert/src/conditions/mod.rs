@@ -11,6 +11,8 @@ use std::sync::Mutex;
 use turbid_contract::layers::wavelengths;
 use turbid_contract::payload::{CONDITIONS, Conditions, REFERENCE_CONDITIONS, SaidBy, Seen, Thickness};
 use turbid_contract::{Attributes, Known, Problems, serde_json};
+use turbid_geometry::phase_function;
+use turbid_optics::PhaseFunction;
 use turbid_optics::misreading::{Reading, Setting, Side, misreading};
 
 pub use run::tell;
@@ -34,19 +36,19 @@ pub const LEAST_TOLD: f64 = 0.01;
 pub enum Cause {
     Angles,
     Thickness,
-    G,
+    Phase,
     N,
 }
 
 impl Cause {
-    pub const ALL: [Cause; 4] = [Self::Angles, Self::Thickness, Self::G, Self::N];
+    pub const ALL: [Cause; 4] = [Self::Angles, Self::Thickness, Self::Phase, Self::N];
 
     /// `base` with what this cause is about as in `other`.
     fn taken(self, base: Setting, other: Setting) -> Setting {
         match self {
             Self::Angles => Setting { view_deg: other.view_deg, incidence_deg: other.incidence_deg, ..base },
             Self::Thickness => Setting { thickness: other.thickness, ..base },
-            Self::G => Setting { g: other.g, ..base },
+            Self::Phase => Setting { phase: other.phase, ..base },
             Self::N => Setting { n: other.n, ..base },
         }
     }
@@ -87,7 +89,7 @@ impl Compared {
         slopes_corrected: bool,
     ) -> Option<Self> {
         let normal = Setting {
-            g: number(lut, "g")?,
+            phase: PhaseFunction::henyey_greenstein(number(lut, "g")?),
             n: number(lut, "n")?,
             thickness: number(lut, "thickness"),
             view_deg: 0.0,
@@ -107,7 +109,8 @@ impl Compared {
                 let value = phantom.get(name)?;
                 value.as_f64().or_else(|| value.get(channel)?.as_f64())
             };
-            let seen = Setting { g: of("g")?, n: of("n")?, thickness: None, ..normal };
+            let seen =
+                Setting { phase: PhaseFunction::henyey_greenstein(of("g")?), n: of("n")?, thickness: None, ..normal };
             let seen_as = Conditions::of(reflectance, REFERENCE_CONDITIONS).and_then(|c| c.seen.into_iter().next());
             Some((seen_as, Side { mu: [of("mu_a")?, of("mu_s_prime")?], seen }))
         });
@@ -163,7 +166,13 @@ impl Compared {
     ) -> bool {
         let other = |a: Option<f64>, b: f64| a.is_some_and(|a| !same_f_x(a, b));
         match cause {
-            Cause::G => other(seen.g, taken.g),
+            Cause::Phase => match (seen.phase.as_ref().map(phase_function), taken.phase) {
+                (None, _) => false,
+                (Some(PhaseFunction::HenyeyGreenstein { g }), PhaseFunction::HenyeyGreenstein { g: taken }) => {
+                    other(Some(g), taken)
+                }
+                (Some(phase), taken) => phase != taken,
+            },
             Cause::N => other(seen.n, taken.n),
             Cause::Angles => match of_phantoms {
                 None => {
@@ -196,7 +205,7 @@ fn through([mu_a, mu_s_prime]: [f64; 2], thickness: f64) -> f64 {
 pub fn setting(seen: &Seen, taken: &Setting) -> Setting {
     let median = |spread: Option<[f64; 3]>, taken: f64| spread.map_or(taken, |[_, median, _]| median);
     Setting {
-        g: seen.g.unwrap_or(taken.g),
+        phase: seen.phase.as_ref().map_or(taken.phase, phase_function),
         n: seen.n.unwrap_or(taken.n),
         thickness: match seen.thickness {
             None => taken.thickness,

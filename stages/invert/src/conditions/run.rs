@@ -253,7 +253,7 @@ fn report(
         let named = causes.iter().map(|cause| match cause {
             Cause::Angles => "angles of view and light",
             Cause::Thickness => "thickness",
-            Cause::G => "g",
+            Cause::Phase => "g",
             Cause::N => "n",
         });
         let named = named.collect::<Vec<_>>().join(", ");

@@ -1,6 +1,7 @@
 //! The words: what differs, by how much it moves the maps, and the way out.
 
 use turbid_contract::payload::{Seen, Thickness};
+use turbid_optics::PhaseFunction;
 use turbid_optics::misreading::Setting;
 
 use super::{Cause, Compared, by_scene, setting};
@@ -26,7 +27,7 @@ pub fn unsaid(compared: &Compared) -> Option<String> {
         ("view", format!("view at {:.0} deg to the normal", table.view_deg)),
         ("light", format!("light at {:.0} deg", table.incidence_deg)),
         ("thickness", slab(table.thickness)),
-        ("g", format!("g = {}", table.g)),
+        ("g", table.phase.to_string()),
         ("n", format!("n = {}", table.n)),
     ];
     let said = |name: &str| {
@@ -35,7 +36,7 @@ pub fn unsaid(compared: &Compared) -> Option<String> {
             "view" => seen.view_deg.is_some(),
             "light" => seen.incidence_deg.is_some(),
             "thickness" => seen.thickness.is_some(),
-            "g" => seen.g.is_some(),
+            "g" => seen.phase.is_some(),
             _ => seen.n.is_some(),
         })
     };
@@ -68,7 +69,10 @@ fn what(cause: Cause, s: &Setting) -> String {
     match cause {
         Cause::Angles => angles(s),
         Cause::Thickness => slab(s.thickness),
-        Cause::G => format!("g = {}", short(s.g)),
+        Cause::Phase => match s.phase {
+            PhaseFunction::HenyeyGreenstein { g } => format!("g = {}", short(g)),
+            phase @ PhaseFunction::TwoTermHenyeyGreenstein { .. } => format!("the phase function {phase}"),
+        },
         Cause::N => format!("n = {}", short(s.n)),
     }
 }
@@ -114,7 +118,14 @@ pub fn differs(
             Some(Thickness::Mm([_, d, _])) => format!("write `thickness: {}` in build_lut, for a sample of even thickness", short(d)),
             _ => "leave `thickness` out of build_lut".to_owned(),
         },
-        Cause::G => format!("write `g: {}` in build_lut and in the reference of calibrate", short(at.g)),
+        Cause::Phase => match at.phase {
+            PhaseFunction::HenyeyGreenstein { g } => {
+                format!("write `g: {}` in build_lut and in the reference of calibrate", short(g))
+            }
+            PhaseFunction::TwoTermHenyeyGreenstein { .. } => {
+                "models of build_lut scatter by one g: take a table of phantoms of this medium (build_lut, `model: empirical`)".to_owned()
+            }
+        },
         Cause::N => format!("write `n: {}` in build_lut and in the reference of calibrate", short(at.n)),
     };
     (message, way_out)

@@ -9,7 +9,7 @@ use turbid_contract::{
 use turbid_invert::forward::Forward;
 use turbid_invert::inverse::{Found, InverseTable};
 use turbid_invert::{In, Invert, Method, NoiseBias, Out, Outside, Params};
-use turbid_optics::{LogGrid, Medium, diffusion};
+use turbid_optics::{LogGrid, Medium, PhaseFunction, diffusion};
 
 mod noise;
 mod profile;
@@ -23,7 +23,7 @@ const F_X: [f64; 2] = [0.0, 0.1];
 const RANGE: [[f64; 2]; 2] = [[1e-4, 0.5], [0.1, 5.0]];
 
 fn r_d(mu_a: f64, mu_s_prime: f64, f_x: f64) -> f64 {
-    let medium = Medium { mu_a, mu_s_prime, g: 0.8, n: 1.4 };
+    let medium = Medium { mu_a, mu_s_prime, phase: PhaseFunction::henyey_greenstein(0.8), n: 1.4 };
     diffusion::reflectance(&medium, None, f_x).expect("an ordinary half-space").camera
 }
 

@@ -8,7 +8,9 @@ use super::*;
 const MEDIA: [[f64; 2]; 2] = [[0.8, 1.4], [0.6, 1.33]];
 
 fn of_medium([g, n]: [f64; 2], f_x: f64, [mu_a, mu_s_prime]: [f64; 2]) -> f64 {
-    diffusion::reflectance(&Medium { mu_a, mu_s_prime, g, n }, None, f_x).expect("an ordinary half-space").camera
+    diffusion::reflectance(&Medium { mu_a, mu_s_prime, phase: PhaseFunction::henyey_greenstein(g), n }, None, f_x)
+        .expect("an ordinary half-space")
+        .camera
 }
 
 /// A table for each medium, one after the other, for these wavelengths.

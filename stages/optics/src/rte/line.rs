@@ -2,8 +2,8 @@
 
 use std::f64::consts::PI;
 
-use super::Optical;
 use super::angles::legendre;
+use super::{Optical, over_isotropic};
 use crate::fresnel;
 
 /// A direction in the medium, towards the light or the camera.
@@ -38,14 +38,12 @@ pub fn excess(optical: &Optical, light: &Line, view: &Line) -> [f64; 2] {
     if light.cos == 1.0 && view.cos == 1.0 {
         return optical.excess;
     }
-    let g = optical.g;
     let sin = |line: &Line| ((1.0 - line.cos) * (1.0 + line.cos)).sqrt();
     [1.0, -1.0].map(|sign: f64| {
         let exact = |p: usize| {
             let phi = (p as f64 + 0.5) * PI / AZIMUTHS as f64;
             let cos = sign * light.cos * view.cos + sin(light) * sin(view) * libm::cos(phi);
-            let base = 1.0 + g * g - 2.0 * g * cos;
-            (1.0 - g * g) / (base * base.sqrt())
+            over_isotropic(&optical.phase, cos)
         };
         let exact = (0..AZIMUTHS).map(exact).sum::<f64>() / AZIMUTHS as f64;
         let each = optical.beta.iter().zip(&light.moments).zip(&view.moments).enumerate();

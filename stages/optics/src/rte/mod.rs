@@ -25,7 +25,7 @@ use transport::Transport;
 
 use crate::diffusion::{a_robin, check_f_x};
 use crate::fresnel::normal_reflectance;
-use crate::{Error, Medium, Reflectance};
+use crate::{Error, Medium, PhaseFunction, Reflectance};
 
 /// What a half-space or a slab in vacuum does with the light that falls on it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,7 +56,7 @@ pub fn respond(medium: &Medium, thickness: Option<f64>, f_x_per_mm: f64) -> Resu
     if medium.mu_s_prime == 0.0 {
         return Ok(clear(medium, thickness));
     }
-    solvable(medium.g, medium.n)?;
+    solvable(&medium.phase, medium.n)?;
     if thickness.is_none() {
         // To first order in its depth, light that is spread by a coarse pattern is as good as absorbed:
         // mu_eff^2 = 3 mu_a mu_s' + (2 pi f_x)^2.
@@ -71,8 +71,8 @@ pub fn respond(medium: &Medium, thickness: Option<f64>, f_x_per_mm: f64) -> Resu
     {
         return thin(medium, d, f_x_per_mm);
     }
-    let optical = Optical::new(medium, thickness, f_x_per_mm, Orders::degree(medium.g, medium.n));
-    let orders = Orders::new(medium.g, medium.n, optical.kappa);
+    let optical = Optical::new(medium, thickness, f_x_per_mm, Orders::degree(&medium.phase, medium.n));
+    let orders = Orders::new(&medium.phase, medium.n, optical.kappa);
     solve(&optical, &orders)
 }
 
@@ -96,12 +96,12 @@ pub fn oblique(
     }
     medium.check()?;
     check_f_x(f_x_per_mm)?;
-    solvable(medium.g, medium.n)?;
+    solvable(&medium.phase, medium.n)?;
     // A medium that loses next to nothing is taken to lose a little: R changes by the square root of it, 3e-5.
     let medium = Medium { mu_a: medium.mu_a.max(NEARLY_CONSERVATIVE * medium.mu_s_prime), ..*medium };
-    let optical = Optical::new(&medium, thickness, f_x_per_mm, Orders::degree(medium.g, medium.n));
+    let optical = Optical::new(&medium, thickness, f_x_per_mm, Orders::degree(&medium.phase, medium.n));
     let lines = [light, view].map(|cos| Line::new(medium.n, optical.beta.len() - 1, cos));
-    Ok(solve_along(&optical, &Orders::new(medium.g, medium.n, optical.kappa), &lines)?.reflectance)
+    Ok(solve_along(&optical, &Orders::new(&medium.phase, medium.n, optical.kappa), &lines)?.reflectance)
 }
 
 /// Below this optical thickness a slab's response is linear in it to double precision.
@@ -113,8 +113,9 @@ fn thin(medium: &Medium, thickness: f64, f_x_per_mm: f64) -> Result<Response, Er
     // The same slab of 1 mm, so that a medium of 1e-300 mm^-1 has a solvable twin.
     let dense = THIN / medium.mu_t();
     let twin = Medium { mu_a: medium.mu_a * dense, mu_s_prime: medium.mu_s_prime * dense, ..*medium };
-    let end =
-        respond_with(&twin, Some(1.0), f_x_per_mm * thickness / share, |kappa| Orders::new(medium.g, medium.n, kappa))?;
+    let end = respond_with(&twin, Some(1.0), f_x_per_mm * thickness / share, |kappa| {
+        Orders::new(&medium.phase, medium.n, kappa)
+    })?;
     let start = clear(&Medium { mu_a: 0.0, ..*medium }, Some(thickness));
     let between = |a: f64, b: f64| a + share * (b - a);
     let (a, b) = (start.reflectance, end.reflectance);
@@ -158,10 +159,28 @@ fn nearly_conservative(medium: &Medium, loss: f64) -> Result<Response, Error> {
 }
 
 /// Error: the phase function's peak is so narrow that its moments are too many to solve for.
-pub fn solvable(g: f64, n: f64) -> Result<(), Error> {
+pub fn solvable(phase: &PhaseFunction, n: f64) -> Result<(), Error> {
     let rule =
         "lie within +-0.999 for the transport solver (+-0.99 if negative): a narrower peak takes too many moments";
-    Error::unless(g.abs() < 1.0 && Orders::degree(g, n) <= 1000, "g", g, "", rule)
+    phase.check()?;
+    let [(_, forward), (_, backward)] = phase.terms();
+    let names = match phase {
+        PhaseFunction::HenyeyGreenstein { .. } => ["g", "g"],
+        PhaseFunction::TwoTermHenyeyGreenstein { .. } => ["g_forward", "g_backward"],
+    };
+    for (name, g) in names.into_iter().zip([forward, backward]) {
+        Error::unless(Orders::degree(&PhaseFunction::henyey_greenstein(g), n) <= 1000, name, g, "", rule)?;
+    }
+    Ok(())
+}
+
+/// The phase function over that of isotropic scattering.
+fn over_isotropic(phase: &PhaseFunction, cos: f64) -> f64 {
+    let [forward, backward] = phase.terms().map(|(share, g)| {
+        let base = 1.0 + g * g - 2.0 * g * cos;
+        share * ((1.0 - g * g) / (base * base.sqrt()))
+    });
+    forward + backward
 }
 
 /// As [`respond`], with orders of one's own as a function of kappa = 2 pi f_x per optical depth: what
@@ -185,8 +204,8 @@ struct Optical {
     beta: Vec<f64>,
     /// Exact less truncated phase function, times the albedo, forward and backward: what the last collision adds.
     excess: [f64; 2],
-    /// Mean cosine of the exact phase function, and the share of it that counts as no deflection.
-    g: f64,
+    /// The exact phase function, and the share of it that counts as no deflection.
+    phase: PhaseFunction,
     peak: f64,
     /// 2 pi f_x.
     kappa: f64,
@@ -196,30 +215,26 @@ struct Optical {
 
 impl Optical {
     fn new(medium: &Medium, thickness: Option<f64>, f_x: f64, degree: usize) -> Self {
-        let Medium { g, n, .. } = *medium;
+        let Medium { phase, n, .. } = *medium;
         let albedo = medium.albedo();
-        let power = |l: usize| libm::pow(g, l as f64);
         // delta-M: the part g^(L + 1) of the scattering is taken as no deflection at all. A backward peak (g < 0) must
         // not be moved forward: there the moments are cut.
-        let peak = if g > 0.0 { power(degree + 1) } else { 0.0 };
+        let forward = |(share, g): (f64, f64)| if g > 0.0 { share * libm::pow(g, (degree + 1) as f64) } else { 0.0 };
+        let peak = phase.terms().into_iter().map(forward).fold(0.0, |sum, x| sum + x);
         let scale = 1.0 - albedo * peak;
-        let beta: Vec<f64> = (0..=degree).map(|l| (power(l) - peak) / (1.0 - peak)).collect();
+        let beta: Vec<f64> = (0..=degree).map(|l| (phase.moment(l) - peak) / (1.0 - peak)).collect();
         let scaled_albedo = albedo * (1.0 - peak) / scale;
-        let exact = |cos: f64| {
-            let base = 1.0 + g * g - 2.0 * g * cos;
-            (1.0 - g * g) / (base * base.sqrt())
-        };
         let excess = [1.0, -1.0].map(|cos| {
             let truncated: f64 =
                 beta.iter().enumerate().map(|(l, b)| (2 * l + 1) as f64 * b * if l % 2 == 0 { 1.0 } else { cos }).sum();
-            scaled_albedo * (exact(cos) / (1.0 - peak) - truncated)
+            scaled_albedo * (over_isotropic(&phase, cos) / (1.0 - peak) - truncated)
         });
         let per_mm = medium.mu_t() * scale;
         Self {
             albedo: scaled_albedo,
             beta,
             excess,
-            g,
+            phase,
             peak,
             // A yet finer pattern changes no convention by more than 1e-9: what the camera sees is at its limit, the
             // rest fades as 1 / kappa.

@@ -1,6 +1,7 @@
 //! How finely to discretise: the smallest orders that hold the absolute error below 1e-5.
 
 use super::angles::Azimuths;
+use crate::PhaseFunction;
 
 /// Orders of the discretisation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,12 +19,12 @@ pub struct Orders {
 }
 
 impl Orders {
-    /// Orders for the anisotropy `g`, the index `n` and `kappa` = 2 pi f_x / mu_t.
+    /// Orders for the phase function, the index `n` and `kappa` = 2 pi f_x / mu_t.
     ///
     /// Fitted to the measured errors of `benches/rte.rs --orders`; they do not depend on the albedo, so that a table
     /// over mu_a is smooth.
-    pub fn new(g: f64, n: f64, kappa: f64) -> Self {
-        let degree = Self::degree(g, n);
+    pub fn new(phase: &PhaseFunction, n: f64, kappa: f64) -> Self {
+        let degree = Self::degree(phase, n);
         let tolerance = 1e-9;
         // Products of two Legendre functions must not alias: half a node per degree over the hemisphere, more where the
         // nodes crowd at the critical angle.
@@ -32,12 +33,15 @@ impl Orders {
             return Self { degree, cosines, modes: 1, azimuths: 1, tolerance };
         }
         let cosines = cosines + (8.0 * libm::log(1.0 + kappa).min(3.0)) as usize;
-        // 1 / (removal + i kappa cos phi), removal = 1 - g^m of mode m, hands on a share `ratio` to the next mode.
+        // 1 / (removal + i kappa cos phi), removal = 1 - moment m of mode m, hands on a share `ratio` to the next mode.
         let ratio = |removal: f64| kappa / (removal + (removal * removal + kappa * kappa).sqrt());
-        let (mut modes, mut returned, mut power) = (1, 1.0, 1.0);
+        let (mut modes, mut returned) = (1, 1.0);
+        let mut powers = phase.terms().map(|(share, _)| share);
         while modes <= degree && returned > 1e-4 {
-            power *= g.abs();
-            let handed_on = ratio(1.0 - power);
+            for (power, (_, g)) in powers.iter_mut().zip(phase.terms()) {
+                *power *= g.abs();
+            }
+            let handed_on = ratio(1.0 - (powers[0] + powers[1]));
             returned *= handed_on * handed_on;
             modes += 1;
         }
@@ -47,8 +51,13 @@ impl Orders {
     /// The degree alone: it sets the optical depth that `kappa` is measured in.
     ///
     /// The smaller of where |g|^l is negligible and where what is cut no longer shows in the reflectance: beyond the
-    /// second, single scattering is exact anyhow and multiple scattering is blind to detail.
-    pub fn degree(g: f64, n: f64) -> usize {
+    /// second, single scattering is exact anyhow and multiple scattering is blind to detail. Of several terms the largest.
+    pub fn degree(phase: &PhaseFunction, n: f64) -> usize {
+        phase.terms().map(|(_, g)| Self::degree_of(g, n)).into_iter().fold(0, usize::max)
+    }
+
+    /// The same of Henyey and Greenstein's function.
+    fn degree_of(g: f64, n: f64) -> usize {
         if g == 0.0 {
             return 0;
         }

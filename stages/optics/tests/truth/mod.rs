@@ -1,6 +1,6 @@
 //! The truth tables of `tests/reference` (sources in its README).
 
-use turbid_optics::Medium;
+use turbid_optics::{Medium, PhaseFunction};
 
 /// What a row states of the response.
 #[derive(Clone, Copy, Debug)]
@@ -42,7 +42,8 @@ pub fn half_spaces() -> Vec<Truth> {
     rows(include_str!("../reference/rte_halfspace.csv"))
         .flat_map(|r| {
             let r: Vec<f64> = r.into_iter().map(number).collect();
-            let medium = Medium { g: r[0], n: r[1], mu_a: r[2], mu_s_prime: r[3] };
+            let medium =
+                Medium { phase: PhaseFunction::henyey_greenstein(r[0]), n: r[1], mu_a: r[2], mu_s_prime: r[3] };
             let truth = |quantity, value, error| Truth { medium, thickness: None, f_x: r[4], quantity, value, error };
             [truth(Quantity::HemisphericalIncident, r[5], r[6]), truth(Quantity::Camera, r[7], r[8])]
         })
@@ -58,7 +59,12 @@ pub fn extremes() -> Vec<Truth> {
         let Some(albedo) = field("albedo") else { continue };
         let g = field("g").expect("every scattering row has g");
         let n = field("n").unwrap_or(1.0);
-        let medium = Medium { mu_a: 1.0 - albedo, mu_s_prime: albedo * (1.0 - g), g, n };
+        let medium = Medium {
+            mu_a: 1.0 - albedo,
+            mu_s_prime: albedo * (1.0 - g),
+            phase: PhaseFunction::henyey_greenstein(g),
+            n,
+        };
         let quantity = if row[2].starts_with('T') { Quantity::Transmittance } else { Quantity::HemisphericalIncident };
         let value = number(row[3]);
         let error = row[4].strip_prefix("relative ").map_or_else(|| number(row[4]), |e| number(e) * value);
@@ -73,7 +79,12 @@ pub fn adding_doubling() -> Vec<Truth> {
         .flat_map(|r| {
             let r: Vec<f64> = r.into_iter().map(number).collect();
             let (albedo, g, n) = (r[0], r[2], r[3]);
-            let medium = Medium { mu_a: 1.0 - albedo, mu_s_prime: albedo * (1.0 - g), g, n };
+            let medium = Medium {
+                mu_a: 1.0 - albedo,
+                mu_s_prime: albedo * (1.0 - g),
+                phase: PhaseFunction::henyey_greenstein(g),
+                n,
+            };
             let thickness = r[1].is_finite().then_some(r[1]);
             let specular = turbid_optics::fresnel::normal_reflectance(n);
             let truth = |quantity, value, error| Truth { medium, thickness, f_x: 0.0, quantity, value, error };
@@ -88,7 +99,8 @@ pub fn chandrasekhar() -> Vec<Truth> {
         .filter(|r| r[1] == "1")
         .map(|r| {
             let albedo = number(r[0]);
-            let medium = Medium { mu_a: 1.0 - albedo, mu_s_prime: albedo, g: 0.0, n: 1.0 };
+            let medium =
+                Medium { mu_a: 1.0 - albedo, mu_s_prime: albedo, phase: PhaseFunction::henyey_greenstein(0.0), n: 1.0 };
             let quantity = Quantity::HemisphericalIncident;
             Truth { medium, thickness: None, f_x: 0.0, quantity, value: number(r[3]), error: 1e-14 }
         })

@@ -3,6 +3,7 @@
 use std::f64::consts::PI;
 
 use glam::{DVec2, DVec3};
+use turbid_optics::PhaseFunction;
 use turbid_optics::elementary::sin_cos_turns;
 use turbid_optics::henyey_greenstein::turn;
 use turbid_optics::philox::{philox4x32, unit};
@@ -41,7 +42,7 @@ struct Case {
 
 fn case(name: &'static str, bodies: Vec<(Solid, usize)>, lamp: Lamp, balls: &[([f64; 3], f64)]) -> Case {
     let mut materials = vec![Material::VOID];
-    materials.extend(MEDIA.map(|(mu_t, n)| Material::medium(mu_t, 0.0, 0.0, n)));
+    materials.extend(MEDIA.map(|(mu_t, n)| Material::medium(mu_t, 0.0, PhaseFunction::ISOTROPIC, n)));
     materials.push(Material::lambertian(0.0));
     materials.push(Material { bsdf: Bsdf::Mirror, ..Material::VOID });
     let bodies = bodies.into_iter().map(|(solid, material)| Body { solid, material }).collect();

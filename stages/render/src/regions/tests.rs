@@ -13,7 +13,12 @@ fn object(shape: Shape, medium: &str, priority: i32) -> Object {
 
 /// Seen from straight above in pixels of 1 mm at z = 0, in parallel; lit from `light`.
 fn scene(objects: Vec<(&str, Object)>, light: [f64; 3]) -> Scene {
-    let medium = |mu_a: f64| Medium { mu_a: vec![mu_a], mu_s: vec![5.0], g: 0.8, n: 1.0 };
+    let medium = |mu_a: f64| Medium {
+        mu_a: vec![mu_a],
+        mu_s: vec![5.0],
+        phase: turbid_contract::payload::PhaseFunction::HenyeyGreenstein(0.8),
+        n: 1.0,
+    };
     let camera = Camera {
         position: [0.0, 0.0, 300.0],
         look_at: [0.0; 3],

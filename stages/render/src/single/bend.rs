@@ -4,6 +4,7 @@
 
 use fearless_simd::prelude::*;
 use glam::DVec3;
+use turbid_optics::PhaseFunction;
 use turbid_optics::refraction::refract;
 
 use super::ground::Part;
@@ -227,7 +228,7 @@ pub struct ScalarConnection {
     pub r: [f32; 3],
     /// Unit vector along which the path comes to it.
     pub e: [f32; 3],
-    pub g: f32,
+    pub phase: PhaseFunction,
     /// Of what is scattered there.
     pub fraction: f32,
     /// mm up to it in each medium that tells channels apart.

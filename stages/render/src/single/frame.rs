@@ -8,6 +8,7 @@ use super::face::Interfaces;
 use super::ground::{Ground, Part};
 use super::image_lookup::ImageLookup;
 use super::lane::{V, splat};
+use super::phase_function::Second;
 use super::refusal::Refusal;
 use super::source::Source;
 use crate::lengths::MOST_LENGTHS;
@@ -22,6 +23,8 @@ pub struct Frame<'a> {
     pub ground: Ground,
     /// Of each material.
     pub media: Vec<Medium>,
+    /// Of each material the second term of its phase function; empty where none has any.
+    pub second_terms: Vec<Second>,
     /// Of each body, mm^-1.
     pub mu_t: Vec<f32>,
     /// Highest priority first; as in `ground`.
@@ -95,6 +98,7 @@ pub struct Medium {
     pub free_path: f32,
     pub mu_a: f32,
     pub mu_s: f32,
+    /// Of the forward term of the phase function.
     pub g: f32,
     /// WINDOW mu_eff.
     pub window: f32,

@@ -3,7 +3,8 @@
 use fearless_simd::prelude::*;
 
 use super::frame::Frame;
-use super::lane::{F, LANES, M, U, V, choose, hg_denominator, hg_sample, philox, splat, unit_short};
+use super::lane::{F, LANES, M, U, V, choose, hg_sample, philox, splat, unit_short};
+use super::phase_function::Phase;
 use super::rows::Paths;
 use crate::light_branch::{KEPT, NEAR};
 use crate::random::{LIGHT_BRANCH, SENT};
@@ -11,10 +12,10 @@ use crate::walker::Walker;
 
 /// p(w . e) / (p(w . e) + lobe(e . L)); see `crate::light_branch`.
 #[inline(always)]
-fn mis_weight<S: Simd>(g: F<S>, w: V<S>, e: V<S>, towards: V<S>) -> F<S> {
+fn mis_weight<S: Simd>(phase: &Phase<S>, w: V<S>, e: V<S>, towards: V<S>) -> F<S> {
+    let g = phase.g;
     let (lobe, narrower) = ((g + 1.0) * 0.5, (g + 3.0) * 0.25 / (g + 1.0));
-    let ratio = hg_denominator(g, w.dot(e)) / hg_denominator(lobe, e.dot(towards));
-    1.0 / (1.0 + narrower * ratio * ratio.sqrt())
+    phase.mis_weight(w.dot(e), (lobe, e.dot(towards)), narrower)
 }
 
 /// Of the paths in `asked`, at `r`, those from which light-directed branches may go, and what is left to each of the light that its next flight along `own` sees.
@@ -38,7 +39,8 @@ pub fn sends<S: Simd>(
         return (sends, one);
     }
     let (towards, _) = frame.sources[0].towards(r);
-    (sends, choose(sends, mis_weight(g, came, own, towards), one))
+    let phase = frame.phase_of_media(simd, g, material);
+    (sends, choose(sends, mis_weight(&phase, came, own, towards), one))
 }
 
 /// What is to become light-directed branches, and those that wait: rows of paths that stand there; all of a path in its own order.
@@ -87,13 +89,13 @@ impl LightBranches {
         let at = M::from_bitmask(simd, (1 << self.collisions.len().min(LANES)) - 1);
         let (mut floats, mut words, lengths) = self.collisions.load(simd);
         let [x, y, z, wx, wy, wz, _, _, weight, _, _, _, g, ..] = floats;
-        let [number, sample, pixel, ..] = words;
+        let [number, sample, pixel, _, material, _] = words;
         let (r, came) = (V { x, y, z }, V { x: wx, y: wy, z: wz });
         let (towards, _) = frame.sources[0].towards(r);
         let number = number | LIGHT_BRANCH;
         let [b, c, d, _] = philox(simd, number, U::splat(simd, high | SENT), sample, pixel, key);
         let along = hg_sample((g + 1.0) * 0.5, towards, unit_short(b), unit_short(c));
-        let part = mis_weight(g, came, along, towards);
+        let part = mis_weight(&frame.phase_of_media(simd, g, material), came, along, towards);
         let kept = (part * KEPT as f32).min(splat(simd, 1.0));
         (floats[3], floats[4], floats[5]) = (along.x, along.y, along.z);
         floats[8] = weight * (part / kept);

@@ -17,6 +17,7 @@ mod light_branch;
 pub mod limits;
 mod mesh;
 mod next_event;
+mod phase_function;
 mod prepare;
 pub mod refusal;
 mod resting;

@@ -8,8 +8,9 @@ use super::facets::bits;
 use super::frame::Frame;
 use super::ground::Chord;
 use super::interfaces::Refraction;
-use super::lane::{F, LANES, M, U, V, choose, exp, hg_denominator, hg_sample, ln, philox, splat, unit};
+use super::lane::{F, LANES, M, U, V, choose, exp, ln, philox, splat, unit};
 use super::limits::{DARK, ENTRY, FIRST, MOST_CHANNELS, MOST_FACES, TURNED};
+use super::phase_function::Phase;
 use super::rows::{Counts, Rows};
 use super::source::{Arrival, Source, whether_projected};
 use super::visibility::{Met, Visibility, add_along, add_in_own, find_chords, first_segment, steepness, visibility};
@@ -174,7 +175,7 @@ struct Line<S: Simd> {
     e: V<S>,
     s: F<S>,
     mu_t: F<S>,
-    g: F<S>,
+    phase: Phase<S>,
     /// Of what is scattered there, without what is lost on the line.
     fraction: F<S>,
     lengths: Counts<S>,
@@ -211,14 +212,14 @@ fn line<S: Simd>(
     let (block, segment) = source.numbers(simd, number, frame.first - 1, first, entry);
     let high = segment | high;
     let [choice, b, c, u] = philox(simd, block, high, sample, pixel, key);
-    let lobe = hg_sample(g, towards, unit(b), unit(c));
+    let phase = frame.phase_of_bodies(simd, g, body);
+    let lobe = phase.sample(towards, unit(b), unit(c));
     let sure = first | turned;
     let given = sure | entry;
     let goes_on = (choice >> 31).simd_eq(0) | given;
     let e =
         V { x: choose(goes_on, own.x, lobe.x), y: choose(goes_on, own.y, lobe.y), z: choose(goes_on, own.z, lobe.z) };
-    let ratio = hg_denominator(g, came.dot(e)) / hg_denominator(g, e.dot(towards));
-    let balance = choose(given, splat(simd, 1.0), 2.0 / (1.0 + ratio * ratio.sqrt()));
+    let balance = choose(given, splat(simd, 1.0), phase.twice_balance(came.dot(e), e.dot(towards)));
     let (mut steepness, mut incidence) =
         steepness(simd, frame, r, towards, (interface, interface_body, &met.normals), e);
     if frame.interfaces.is_some() {
@@ -248,7 +249,7 @@ fn line<S: Simd>(
         e,
         s,
         mu_t,
-        g,
+        phase,
         fraction: weight * inverse_survival * (balance * inverse_density * mu_s),
         lengths,
         block,
@@ -271,8 +272,7 @@ impl<S: Simd> Line<S> {
         let &Visibility { towards, tau, blocked, foot, gain, .. } = visibility;
         let Arrival { irradiance, lit, x, y } = source.arrives(simd, foot);
         let dark = self.mu_t * self.s + tau;
-        let q = hg_denominator(self.g, self.e.dot(towards));
-        let p = (1.0 - self.g) * (1.0 + self.g) * (0.25 * std::f32::consts::FRAC_1_PI) / (q * q.sqrt());
+        let p = self.phase.density(self.e.dot(towards));
         let seen = self.asked & lit & !blocked & dark.simd_lt(DARK);
         let radiance = choose(seen, self.fraction * p * (irradiance * gain) * exp(-dark.min(splat(simd, DARK))), zero);
         // What each channel sees of it.
@@ -313,7 +313,7 @@ impl<S: Simd> Line<S> {
                 path: ray.path.as_slice()[i],
                 r: [r.x, r.y, r.z].map(|x| x.as_slice()[i]),
                 e: [e.x, e.y, e.z].map(|x| x.as_slice()[i]),
-                g: self.g.as_slice()[i],
+                phase: self.phase.of_lane(i),
                 fraction: scattered.as_slice()[i],
                 lengths: std::array::from_fn(|k| self.lengths.get(k).map_or(0.0, |l| l.as_slice()[i])),
                 place: self.place.as_slice()[i],

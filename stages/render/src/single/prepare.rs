@@ -12,6 +12,7 @@ use super::frame::{Frame, Medium};
 use super::ground::{Ground, Part};
 use super::image_lookup::ImageLookup;
 use super::limits::{CYCLES, LARGEST, MOST_BODIES, MOST_CHANNELS, RANGE, range};
+use super::phase_function::second_terms;
 use super::refusal::{self, Refusal};
 use super::source::Source;
 use crate::bsdf::Bsdf;
@@ -66,7 +67,7 @@ impl<'a> Frame<'a> {
             free_path: walker.free_path(i) as f32,
             mu_a: m.mu_a as f32,
             mu_s: m.mu_s as f32,
-            g: m.g as f32,
+            g: m.phase.g_forward() as f32,
             window: walker.window(i) as f32,
         });
         let carriers = s.carriers.iter().map(|c| {
@@ -137,6 +138,7 @@ impl<'a> Frame<'a> {
             range_squared: (range * range) as f32,
             ground,
             media: media.collect(),
+            second_terms: second_terms(&s.world.materials),
             mu_t: parts.iter().map(|part| s.world.materials[part.material].mu_t() as f32).collect(),
             opaque: parts.iter().map(|part| s.world.materials[part.material].is_opaque()).collect(),
             straight: straight && !others,
@@ -207,7 +209,11 @@ fn sends_light_branches(world: &World, origin: DVec3, range: f64) -> Vec<bool> {
     let sends = |(m, material): (usize, &Material)| {
         let mut filled = world.bodies.iter().filter(|body| body.material == m);
         let hollow = filled.clone().any(|body| matches!(body.solid, Solid::Carved(_)));
-        m != 0 && material.mu_s > 0.0 && PEAKED.contains(&material.g) && hollow && filled.all(|body| near(&body.solid))
+        m != 0
+            && material.mu_s > 0.0
+            && PEAKED.contains(&material.phase.g_forward())
+            && hollow
+            && filled.all(|body| near(&body.solid))
     };
     let of: Vec<bool> = world.materials.iter().enumerate().map(sends).collect();
     if of.contains(&true) { of } else { Vec::new() }

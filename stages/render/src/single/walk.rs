@@ -5,7 +5,7 @@ use turbid_optics::at_level;
 
 use super::copies::Copies;
 use super::frame::Frame;
-use super::lane::{F, LANES, M, U, V, choose, hg_sample, ln, philox, spare, splat, unit, unit_short};
+use super::lane::{F, LANES, M, U, V, choose, ln, philox, spare, splat, unit, unit_short};
 use super::light_branch::{LightBranches, sends};
 use super::limits::{ENTRY, TURNED};
 use super::next_event::{NextEvents, estimate_while, inverse_survival};
@@ -353,7 +353,7 @@ impl<'a, S: Simd> Packet<'a, S> {
         }
         let goes_on = alive & !crosses & !gone;
         let next_events = if frame.blind { no } else { near & goes_on & !turned };
-        let e = hg_sample(g, w, unit_short(b), unit_short(c));
+        let e = frame.phase_of_media(simd, g, material).sample(w, unit_short(b), unit_short(c));
         let e = mirrored.or(turned, e);
         let turned = turned & goes_on;
         if !frame.blind && turned.any_true() {

@@ -5,6 +5,7 @@ use fearless_simd::prelude::*;
 use super::copies::Row;
 use super::frame::Frame;
 use super::lane::{F, LANES, M, U, V, choose, exp, hg_denominator, hg_sample, ln, philox, splat, unit};
+use super::phase_function::Phase;
 use super::source::Source;
 use super::walk::Packet;
 use crate::random::WINDOW;
@@ -39,12 +40,11 @@ impl<S: Simd> Lobe<S> {
     }
 
     #[inline(always)]
-    fn mis_weight(&self, simd: S, g: F<S>, came: V<S>, e: V<S>) -> F<S> {
+    fn mis_weight(&self, simd: S, phase: &Phase<S>, came: V<S>, e: V<S>) -> F<S> {
         let one = splat(simd, 1.0);
         let (narrow, cos) = (self.wide.sqrt(), e.dot(self.towards).min(one));
-        let ratio = hg_denominator(g, came.dot(e).min(one)) / hg_denominator(narrow, cos);
-        let constants = (1.0 - narrow) * (narrow + 1.0) / ((1.0 - g) * (g + 1.0));
-        let shared = 1.0 / (1.0 + constants * ratio * ratio.sqrt());
+        let constants = (1.0 - narrow) * (narrow + 1.0) / ((1.0 - phase.g) * (phase.g + 1.0));
+        let shared = phase.mis_weight(came.dot(e).min(one), (narrow, cos), constants);
         choose(cos.simd_gt(self.wide), shared, one)
     }
 }
@@ -79,7 +79,7 @@ impl<S: Simd> Packet<'_, S> {
     fn keep(&mut self, asked: M<S>, came: V<S>, lobe: &Lobe<S>, deep: F<S>, key: [u32; 2], high: u32) {
         let simd = self.simd;
         let [.., wx, wy, wz, _, _, weight, _, _, _, g, _, _, _] = self.floats;
-        let [number, sample, pixel, ..] = self.words;
+        let [number, sample, pixel, _, material, _] = self.words;
         let own = V { x: wx, y: wy, z: wz };
         let most = splat(simd, MOST_COPIES as f32);
         let narrow = asked & lobe.near & g.simd_ge(NARROW as f32);
@@ -90,16 +90,17 @@ impl<S: Simd> Packet<'_, S> {
             let [a, b, c, d] = philox(simd, number - 2, U::splat(simd, WINDOW | high), sample, pixel, key);
             random = a;
             if narrow.any_true() {
+                let phase = self.frame.phase_of_media(simd, g, material);
                 let e = hg_sample(lobe.wide.sqrt(), lobe.towards, unit(b), unit(c));
                 let inside = narrow & e.dot(lobe.towards).simd_gt(lobe.wide);
-                let weight_there = weight * lobe.mis_weight(simd, g, came, e);
+                let weight_there = weight * lobe.mis_weight(simd, &phase, came, e);
                 let parts = weight_there * lobe.importance(simd, e) / deep;
                 let count = (parts + unit(d)).min(most);
                 let sent = inside & count.simd_ge(1.0);
                 if sent.any_true() {
                     self.send(sent.to_bitmask(), e, weight_there / parts.min(most), &count.to_array(), key, high);
                 }
-                left = choose(narrow, weight * lobe.mis_weight(simd, g, came, own), weight);
+                left = choose(narrow, weight * lobe.mis_weight(simd, &phase, came, own), weight);
             }
         }
         let light = asked & left.simd_lt(least_own * 0.5);

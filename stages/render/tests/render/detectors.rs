@@ -125,7 +125,12 @@ fn slabs_transmit_what_the_solver_says() {
         let channels: Vec<_> = found.chunks(found.len() / 2).collect();
         for (channel, rows) in channels.into_iter().enumerate() {
             let (mu_a, mu_s_prime) = (m.mu_a[channel], 0.25 * m.mu_s[channel]);
-            let truth = rte::respond(&Medium { mu_a, mu_s_prime, g: 0.75, n }, Some(1.5), 0.0).unwrap();
+            let truth = rte::respond(
+                &Medium { mu_a, mu_s_prime, phase: turbid_optics::PhaseFunction::henyey_greenstein(0.75), n },
+                Some(1.5),
+                0.0,
+            )
+            .unwrap();
             // What the surface turns back before it enters does not come through its plane.
             let reflected = truth.reflectance.hemispherical_incident;
             for (name, expected) in [

@@ -59,7 +59,12 @@ fn thick_slabs_match_the_transport_solver() {
         (0.1, 5.0, 0.0, 2.5, 200.0, 20_000),
         (0.01, 100.0, 0.99, 1.0, 100.0, 4_000),
     ] {
-        let solved = turbid_optics::Medium { mu_a, mu_s_prime: mu_s * (1.0 - g), g, n };
+        let solved = turbid_optics::Medium {
+            mu_a,
+            mu_s_prime: mu_s * (1.0 - g),
+            phase: turbid_optics::PhaseFunction::henyey_greenstein(g),
+            n,
+        };
         let name = format!("mu_a = {mu_a}, mu_s = {mu_s}, g = {g}, n = {n}");
         let expected = match reflectance(&solved, Some(thickness), 0.0) {
             Ok(found) => found.camera,
@@ -108,7 +113,12 @@ fn backward_peaks_are_followed() {
         add("sky", seen, se, expected, error);
         let lit = 200.0;
         let (seen, se) = dc(&half_space(rig(1e6, 0.0, 0.001, 1, lit)), 10_000, i as u64 + 21);
-        let solved = turbid_optics::Medium { mu_a: 1.0 - albedo, mu_s_prime: 1.99 * albedo, g: -0.99, n };
+        let solved = turbid_optics::Medium {
+            mu_a: 1.0 - albedo,
+            mu_s_prime: 1.99 * albedo,
+            phase: turbid_optics::PhaseFunction::henyey_greenstein(-0.99),
+            n,
+        };
         let on_peak = reflectance(&solved, None, 0.0).expect("the solver takes g = -0.99").camera;
         let scale = 2.0 * PI * lit * lit / 5.0;
         add("peak", scale * seen, scale * se, on_peak, 1e-4 * on_peak);

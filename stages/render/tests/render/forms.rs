@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde_json::{Value, json};
 use turbid_contract::payload::{
-    Detector, Lamp, Medium, Motif, Outline, Pattern, Payload, Scene, Shape, Surface, Texture,
+    Detector, Lamp, Medium, Motif, Outline, Pattern, Payload, PhaseFunction, Scene, Shape, Surface, Texture,
 };
 use turbid_contract::{Artifact, Axes, Ctx, Error, Form, InputSource, Known, LayerKind, Problems, StageRow};
 use turbid_render::RenderStage;
@@ -69,7 +69,12 @@ fn assert_held(scene: &Scene, pattern: Option<&Pattern>, params: &Value) {
 
 fn floor(wavelengths_nm: &[f64], change: &dyn Fn(&mut Medium)) -> Scene {
     let channels = wavelengths_nm.len().max(1);
-    let mut medium = Medium { mu_a: vec![0.1; channels], mu_s: vec![4.0; channels], g: 0.8, n: 1.0 };
+    let mut medium = Medium {
+        mu_a: vec![0.1; channels],
+        mu_s: vec![4.0; channels],
+        phase: PhaseFunction::HenyeyGreenstein(0.8),
+        n: 1.0,
+    };
     change(&mut medium);
     let mut scene = scene(&[("m", medium)], vec![object(FLOOR, "m", 0)], rig(200.0, 20.0, 16.0, 6, 60.0));
     scene.wavelengths_nm = wavelengths_nm.to_vec();
@@ -91,7 +96,9 @@ fn what_is_said_is_made() {
     assert_held(&plain, None, &few(json!({"method": "rte"})));
     assert_held(&floor(&[530.0, 635.0], &|_| {}), None, &few(turned));
     // Few paths know nothing of a narrow lobe: pixels are flagged, with the path and with a fit.
-    let peaked = floor(&[530.0, 635.0], &|medium| (medium.g, medium.mu_s) = (0.97, vec![130.0; 2]));
+    let peaked = floor(&[530.0, 635.0], &|medium| {
+        (medium.phase, medium.mu_s) = (PhaseFunction::HenyeyGreenstein(0.97), vec![130.0; 2]);
+    });
     assert_held(&peaked, None, &few(json!({"method": "path"})));
     assert_held(&peaked, None, &few(json!({"method": "fit"})));
     // A ball on the slab, rough walls, textures, a steady light, detectors: a thickness that differs, and more rows of power.

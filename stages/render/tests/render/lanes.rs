@@ -14,7 +14,9 @@ use turbid_render::projected_images::ProjectedImages;
 use turbid_render::single::{self, Frame};
 use turbid_render::world::{Body, Material, World};
 
-use crate::unbiased::{bent_scenes, hollow_scenes, lamps, mesh_scenes, peaked_scenes, scenes, turned_scenes};
+use crate::unbiased::{
+    bent_scenes, hollow_scenes, lamps, mesh_scenes, peaked_scenes, scenes, turned_scenes, two_term_scenes,
+};
 
 static NO_LAMPS: Steady = Steady::NONE;
 static NO_PROJECTED_IMAGES: ProjectedImages = ProjectedImages::NONE;
@@ -46,7 +48,7 @@ fn camera_and_light() -> (Camera, Light) {
 /// Each by the projector's carriers alone, and with projected images and lamps beside them.
 fn single_scenes() -> impl Iterator<Item = ((&'static str, World), Steady, ProjectedImages)> {
     let scenes = scenes().into_iter().chain(turned_scenes()).chain(mesh_scenes()).chain(hollow_scenes());
-    let scenes = scenes.chain(bent_scenes()).chain(peaked_scenes());
+    let scenes = scenes.chain(bent_scenes()).chain(peaked_scenes()).chain(two_term_scenes().into_iter().take(1));
     scenes.flat_map(|s| [(s.clone(), Steady::NONE, ProjectedImages::NONE), (s, lamps(), checks())])
 }
 
@@ -149,7 +151,10 @@ fn next_events_at_walls_of_holes_are_not_lost() {
     let tube = Solid::tube(20.0, 80.0, DVec2::ZERO, -250.0, 0.0);
     let world = World {
         bodies: vec![Body { solid: tube, material: 1 }],
-        materials: vec![Material::VOID, Material::medium(0.5, 10.0, 0.8, 1.0)],
+        materials: vec![
+            Material::VOID,
+            Material::medium(0.5, 10.0, turbid_optics::PhaseFunction::henyey_greenstein(0.8), 1.0),
+        ],
         textures: Vec::new(),
     };
     let setting = setting(&world, &camera, &light);
@@ -176,7 +181,11 @@ fn a_floor_under_fog_is_met() {
         let slab = |bottom: f64, top: f64, material: usize| Body { solid: Solid::Slab { bottom, top }, material };
         let world = World {
             bodies: vec![slab(-9.0, 0.0, 1), slab(0.0, 10.0, 2)],
-            materials: vec![Material::VOID, Material::lambertian(0.5), Material::medium(0.0, mu_s, 0.8, 1.0)],
+            materials: vec![
+                Material::VOID,
+                Material::lambertian(0.5),
+                Material::medium(0.0, mu_s, turbid_optics::PhaseFunction::henyey_greenstein(0.8), 1.0),
+            ],
             textures: Vec::new(),
         };
         let setting = setting(&world, &camera, &light);
@@ -203,7 +212,10 @@ fn wide_images_are_held_in_parts() {
     let light = Light::new(view(35.0, 256.0), 1.0, false);
     let world = World {
         bodies: vec![Body { solid: Solid::Slab { bottom: -50.0, top: 0.0 }, material: 1 }],
-        materials: vec![Material::VOID, Material::medium(10.0, 400.0, 0.8, 1.0)],
+        materials: vec![
+            Material::VOID,
+            Material::medium(10.0, 400.0, turbid_optics::PhaseFunction::henyey_greenstein(0.8), 1.0),
+        ],
         textures: Vec::new(),
     };
     let carriers = [Carrier::new(0.15, 20.0)];

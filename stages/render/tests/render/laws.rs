@@ -189,7 +189,12 @@ fn refracting_slabs_match_the_transport_solver() {
         let slab = Shape::Slab { top: 0.0, bottom: -thickness };
         let s = scene(&[("m", m)], vec![object(slab, "m", 0)], without_lamp_reflection(rig(1e6, 0.0, 0.001, 1, lit)));
         let (mean, se) = dc(&s, 24_000, 23);
-        let medium = turbid_optics::Medium { mu_a, mu_s_prime: mu_s * (1.0 - g), g, n };
+        let medium = turbid_optics::Medium {
+            mu_a,
+            mu_s_prime: mu_s * (1.0 - g),
+            phase: turbid_optics::PhaseFunction::henyey_greenstein(g),
+            n,
+        };
         let truth = turbid_optics::rte::respond(&medium, Some(thickness), 0.0).unwrap().reflectance.camera;
         let factor = 2.0 * PI / irradiance(lit);
         z.push((mean * factor - truth) / (se * factor));

@@ -33,4 +33,5 @@ mod shapes;
 mod stage;
 mod surfaces;
 mod textures;
+mod two_term;
 mod unbiased;

@@ -10,7 +10,12 @@ use turbid_contract::{Artifact, Cells, Ctx, Error, Host, ImageStack, StageRow, T
 use turbid_render::RenderStage;
 
 pub fn medium(mu_a: f64, mu_s: f64, g: f64) -> Medium {
-    Medium { mu_a: vec![mu_a], mu_s: vec![mu_s], g, n: 1.0 }
+    Medium {
+        mu_a: vec![mu_a],
+        mu_s: vec![mu_s],
+        phase: turbid_contract::payload::PhaseFunction::HenyeyGreenstein(g),
+        n: 1.0,
+    }
 }
 
 pub fn object(shape: Shape, medium: &str, priority: i32) -> Object {

@@ -1,6 +1,7 @@
 //! The line estimator, in lanes, against point next-event estimation at every collision, in scenes that try to mislead it.
 
 use glam::{DVec2, DVec3};
+use turbid_optics::PhaseFunction;
 use turbid_optics::solid::{self, Mesh, Solid};
 use turbid_optics::view::View;
 use turbid_render::bsdf::Bsdf;
@@ -40,7 +41,8 @@ const MURKY_CORE: usize = 16;
 const WET_SHARP: usize = 17;
 
 fn world(bodies: Vec<(Solid, usize)>) -> World {
-    let medium = |mu_a, mu_s, g| Material::medium(mu_a, mu_s, g, 1.0);
+    let of_g = |mu_a, mu_s, g, n| Material::medium(mu_a, mu_s, PhaseFunction::henyey_greenstein(g), n);
+    let medium = |mu_a, mu_s, g| of_g(mu_a, mu_s, g, 1.0);
     // As in a render: what no body is made of is not there.
     let used = bodies.iter().map(|&(_, material)| material).max().unwrap_or(VOID);
     let mut world = World {
@@ -55,15 +57,15 @@ fn world(bodies: Vec<(Solid, usize)>) -> World {
             medium(0.05, 15.0, 0.92),
             medium(0.1, 30.0, 0.97),
             medium(0.002, 15.0, 0.9),
-            Material::medium(0.05, 2.0, 0.7, 1.4),
-            Material::medium(0.4, 4.0, 0.5, 1.4),
-            Material::medium(0.01, 0.0, 0.0, 1.5),
-            Material::medium(0.05, 1.0, -0.3, 2.5),
-            Material { bsdf: Bsdf::Rough(0.4), ..Material::medium(0.02, 2.0, 0.7, 1.4) },
-            Material { bsdf: Bsdf::Rough(0.7), ..Material::medium(0.1, 3.0, 0.5, 1.5) },
-            Material::medium(0.6, 2.0, 0.7, 1.4),
-            Material::medium(1.2, 4.0, 0.5, 1.4),
-            Material::medium(0.1, 15.0, 0.92, 1.4),
+            of_g(0.05, 2.0, 0.7, 1.4),
+            of_g(0.4, 4.0, 0.5, 1.4),
+            of_g(0.01, 0.0, 0.0, 1.5),
+            of_g(0.05, 1.0, -0.3, 2.5),
+            Material { bsdf: Bsdf::Rough(0.4), ..of_g(0.02, 2.0, 0.7, 1.4) },
+            Material { bsdf: Bsdf::Rough(0.7), ..of_g(0.1, 3.0, 0.5, 1.5) },
+            of_g(0.6, 2.0, 0.7, 1.4),
+            of_g(1.2, 4.0, 0.5, 1.4),
+            of_g(0.1, 15.0, 0.92, 1.4),
         ],
         textures: Vec::new(),
     };
@@ -279,6 +281,34 @@ pub fn peaked_scenes() -> Vec<(&'static str, World)> {
     ]
 }
 
+/// Media that scatter by two terms of Henyey and Greenstein: alone and beside one of one term, where light refracts, with peaks that ask for weight windows and
+/// for copies towards the light, and in a tube whose walls send light-directed branches.
+pub fn two_term_scenes() -> Vec<(&'static str, World)> {
+    let slab = |bottom: f64, top: f64| Solid::Slab { bottom, top };
+    let of = |mu_a, mu_s, (g_forward, g_backward, forward), n| {
+        let phase = PhaseFunction::TwoTermHenyeyGreenstein { g_forward, g_backward, forward };
+        Material::medium(mu_a, mu_s, phase, n)
+    };
+    let tissue = of(0.05, 4.0, (0.8, -0.4, 0.9), 1.0);
+    let core = Material::medium(0.4, 4.0, PhaseFunction::henyey_greenstein(0.5), 1.0);
+    let world = |bodies: Vec<(Solid, Material)>| {
+        let materials = std::iter::once(Material::VOID).chain(bodies.iter().map(|(_, material)| *material)).collect();
+        let bodies = bodies.into_iter().enumerate().map(|(i, (solid, _))| Body { solid, material: i + 1 }).collect();
+        World { bodies, materials, textures: Vec::new() }
+    };
+    vec![
+        ("two-term slab", world(vec![(slab(-50.0, 0.0), tissue)])),
+        ("dome on a two-term slab", world(vec![(ball([0.0; 3], 1.5), core), (slab(-50.0, 0.0), tissue)])),
+        ("wet two-term slab", world(vec![(slab(-50.0, 0.0), of(0.05, 4.0, (0.8, -0.4, 0.9), 1.4))])),
+        ("two-term slab with windows", world(vec![(slab(-50.0, 0.0), of(0.05, 10.0, (0.92, -0.3, 0.9), 1.0))])),
+        ("two-term slab with copies", world(vec![(slab(-50.0, 0.0), of(0.1, 20.0, (0.97, 0.2, 0.8), 1.0))])),
+        (
+            "two-term tube",
+            world(vec![(Solid::tube(4.0, 6.0, DVec2::ZERO, -1.5, 0.0), of(0.05, 3.0, (0.7, -0.3, 0.9), 1.0))]),
+        ),
+    ]
+}
+
 pub fn mesh_scenes() -> Vec<(&'static str, World)> {
     let mesh = |(vertices, triangles): shapes::Triangles| Solid::Mesh(Mesh::new(&vertices, &triangles).into());
     let slab = |top: f64, bottom: f64| Solid::Slab { bottom, top };
@@ -410,6 +440,17 @@ fn line_and_point_estimators_agree_under_narrow_peaks() {
     pool.is_unbiased(0.05);
 }
 
+#[test]
+fn line_and_point_estimators_agree_for_two_terms() {
+    let mut pool = Pool::default();
+    for (name, world) in two_term_scenes() {
+        for steady in [Steady::NONE, lamps()] {
+            pool.add(&compare(&steady, name, &world, 1000));
+        }
+    }
+    pool.is_unbiased(0.05);
+}
+
 /// Light-directed branches go towards the projector, and are connected to lamps too.
 #[test]
 fn line_and_point_estimators_agree_with_light_branches_and_lamps() {
@@ -461,8 +502,8 @@ pub fn difference(steady: &Steady, name: &str, world: &World, paths: u32) -> Dif
         };
         let mut walker = Walker::new(setting, named(""));
         let light_branches = Frame::of(&walker).is_some_and(|frame| !frame.light_branches.is_empty());
-        let hollow =
-            name == "hollow sphere with two ports" || hollow_scenes().iter().any(|(hollow, _)| *hollow == name);
+        let hollow = ["hollow sphere with two ports", "two-term tube"].contains(&name)
+            || hollow_scenes().iter().any(|(hollow, _)| *hollow == name);
         assert_eq!(light_branches, nee == Nee::Line && hollow, "{name}");
         let mut moments = Moments::new(16, numbers);
         for sample in (0..paths).step_by(100) {

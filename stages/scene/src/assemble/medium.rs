@@ -5,6 +5,7 @@ use turbid_contract::payload::Medium;
 
 use crate::assemble::channels::Channels;
 use crate::assemble::chromophores::{absorption, scattering};
+use crate::assemble::phase_function::phase_function;
 use crate::assemble::plausible::doubt_medium;
 use crate::params::MediumParams;
 use turbid_contract::PerChannel;
@@ -13,16 +14,11 @@ use turbid_contract::PerChannel;
 pub fn medium(name: &str, m: &MediumParams, light: (Channels, &[f64]), problems: &mut Problems) -> Medium {
     let (channels, _) = light;
     let at = |field: &str| format!("media.{name}.{field}");
-    if m.g.0 >= 2.0 && m.g.0 < 100.0 {
-        let meant = format!("if per cent are meant, write `{} %`", m.g.0);
-        problems.push_with_hint(at("g"), format!("g = {} must lie in (-1, 1)", m.g.0), meant);
-    } else {
-        problems.require(m.g.0.abs() < 1.0, at("g"), m.g.0, "", "lie in (-1, 1)");
-    }
+    let phase = phase_function(&format!("media.{name}"), m, problems);
     problems.require(m.n.0 >= 1.0 && m.n.0 <= 10.0, at("n"), m.n.0, "", "lie in [1, 10]");
     let here = format!("media.{name}");
     let chromophores = m.chromophores();
-    let g = m.g.0;
+    let g = turbid_geometry::phase_function(&phase).g();
     let mu_a = match (&m.mu_a, &chromophores[..]) {
         (Some(a), []) => Some(values(numbers(a, |v| v.0), &at("mu_a"), "mm^-1", channels, problems)),
         (None, [_, ..]) => Some(absorption(&here, &chromophores, light, problems)),
@@ -59,7 +55,7 @@ pub fn medium(name: &str, m: &MediumParams, light: (Channels, &[f64]), problems:
     let none = || vec![0.0; channels.count()];
     let (mu_a, mu_s): (Vec<f64>, Vec<f64>) = coefficients.unwrap_or_else(|| (none(), none()));
     let settled = |values: Vec<f64>| values.into_iter().map(settle).collect();
-    let medium = Medium { mu_a: settled(mu_a), mu_s: settled(mu_s), g, n: m.n.0 };
+    let medium = Medium { mu_a: settled(mu_a), mu_s: settled(mu_s), phase, n: m.n.0 };
     doubt_medium(name, m, &medium, problems);
     medium
 }

@@ -19,6 +19,7 @@ mod lamp;
 mod medium;
 mod object;
 mod path;
+mod phase_function;
 mod plausible;
 mod relief;
 mod rig;

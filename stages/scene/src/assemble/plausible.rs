@@ -22,8 +22,9 @@ const USUAL_VIEWS: std::ops::RangeInclusive<f64> = 0.01..=4.0;
 /// beside a scattering that is none of tissue's. Too little scattering is doubted where there is more absorption.
 pub fn doubt_medium(name: &str, params: &MediumParams, medium: &Medium, problems: &mut Problems) {
     let (absorption, scattering) = (absorption(params), scattering(params));
+    let g = turbid_geometry::phase_function(&medium.phase).g();
     for (i, (&mu_a, &mu_s)) in medium.mu_a.iter().zip(&medium.mu_s).enumerate() {
-        let mu_s_prime = mu_s * (1.0 - medium.g);
+        let mu_s_prime = mu_s * (1.0 - g);
         let doubted = scattering.filter(|s| mu_s > 0.0 && (s.value(i) > s.usual.most || mu_s_prime < mu_a));
         let doubted = doubted.filter(|s| !s.usual.meant(s.value(i)).is_empty());
         let Some(given) = doubted.or(absorption.filter(|_| TURBID.contains(&mu_s_prime))) else { continue };

@@ -7,8 +7,10 @@ use turbid_optics::Chromophore;
 
 use turbid_contract::PerChannel;
 
+use crate::params::PhaseParams;
+
 /// Absorption by mu_a (mm^-1) or by what absorbs (HbO2, Hb, water, lipid, melanin at the scene's wavelengths), with scattering by mu_s, mu_s_prime
-/// (mm^-1) or a power law; or the densities A_rho and S_rho (m^-1); g and n always.
+/// (mm^-1) or a power law; or the densities A_rho and S_rho (m^-1); g, or another phase function, and n always.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(crate = "turbid_contract::schemars")]
@@ -19,7 +21,7 @@ pub struct MediumParams {
     /// Scattering coefficient, mm^-1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mu_s: Option<PerChannel<PerLength>>,
-    /// Reduced scattering coefficient mu_s (1 - g), mm^-1.
+    /// Reduced scattering coefficient mu_s (1 - g), mm^-1, g the mean cosine of the phase function.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mu_s_prime: Option<PerChannel<PerLength>>,
     /// Absorption density, m^-1: mu_a = A_rho / 1000.
@@ -47,7 +49,11 @@ pub struct MediumParams {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scattering: Option<ScatteringParams>,
     /// Mean cosine of the Henyey-Greenstein phase function, in (-1, 1).
-    pub g: Ratio,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub g: Option<Ratio>,
+    /// Another phase function, in the place of g.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub phase: Option<PhaseParams>,
     /// Refractive index, >= 1.
     pub n: Ratio,
 }

@@ -12,6 +12,7 @@ mod lamp;
 mod medium;
 mod object;
 mod path;
+mod phase_function;
 mod relief;
 mod scatter;
 mod shape;
@@ -24,6 +25,7 @@ pub use lamp::{AmbientParams, CollimatedParams, LampParams, PointParams, SpotPar
 pub use medium::{MediumParams, ScatteringParams};
 pub use object::ObjectParams;
 pub use path::PathParams;
+pub use phase_function::PhaseParams;
 pub use relief::ReliefParams;
 pub use scatter::{RegionParams, ScatterParams};
 pub use shape::{

@@ -196,6 +196,22 @@ fn equal_meaning_equal_scene() {
     assert_eq!(block.objects["tissue"].shape, Shape::Box { size: [60.0, 70.0, 8.0], center: [5.0, 6.0, -3.0] });
 }
 
+/// Two terms stand in the place of g, in the record too; mu_s' is mu_s (1 - mean cosine), 0.95 x 0.9 - 0.05 x 0.3 = 0.84. A medium of one g keeps its record.
+#[test]
+fn two_terms_stand_in_the_place_of_g() {
+    let terms = json!({"g_forward": 0.9, "g_backward": "-30 %", "forward": 0.95});
+    let two =
+        scene(&with("/media/scc", json!({"mu_a": 0.12, "mu_s_prime": 0.64, "phase": {"two_term": terms}, "n": 1})));
+    assert!((two.media["scc"].mu_s[0] - 4.0).abs() < 1e-12, "{:?}", two.media["scc"]);
+    assert_eq!(
+        serde_json::to_value(&two.media["scc"]).unwrap(),
+        json!({"mu_a": [0.12], "mu_s": [4.0], "two_term": {"g_forward": 0.9, "g_backward": -0.3, "forward": 0.95}, "n": 1.0})
+    );
+    assert_eq!(Scene::from_artifact(two.clone().into_artifact()).unwrap(), two);
+    let one = serde_json::to_string(&scene(&carcinoma()).media["healthy"]).unwrap();
+    assert_eq!(one, r#"{"mu_a":[0.025],"mu_s":[4.236],"g":0.8,"n":1.0}"#);
+}
+
 #[test]
 fn channels_broadcast_single_numbers() {
     let mut params = with("/media/healthy", json!({"mu_a": [0.1, 0.2], "mu_s": 5, "g": 0.8, "n": 1}));

@@ -10,6 +10,17 @@ use crate::{carcinoma, check, with};
 /// Each mistake: where it stands, and words that the message or the way out must have.
 #[test]
 fn mistakes_are_named() {
+    let terms = json!({"g_forward": 0.9, "g_backward": -0.3, "forward": 0.95});
+    let two_term = |field: &str, value: Value| {
+        let mut params = with("/media/scc/g", Value::Null);
+        let mut terms = terms.clone();
+        match value {
+            Value::Null => drop(terms.as_object_mut().unwrap().remove(field)),
+            value => terms[field] = value,
+        }
+        params["media"]["scc"]["phase"] = json!({"two_term": terms});
+        params
+    };
     let two = |second: Value| {
         let mut p = carcinoma();
         p["objects"] = json!({"a": {"box": {"size": [4, 4, 4], "center": [0, 0, 0]}, "medium": "scc"}, "b": second});
@@ -37,7 +48,14 @@ fn mistakes_are_named() {
         (with("/media/scc/mu_s_prime", json!(-0.5)), "media.scc.mu_s_prime", &["-0.5 mm^-1", ">= 0"]),
         (with("/media/scc/g", json!(1)), "media.scc.g", &["g = 1", "(-1, 1)"]),
         (with("/media/scc/g", json!(-1.5)), "media.scc.g", &["g = -1.5"]),
-        (with("/media/scc/g", Value::Null), "media.scc", &["`g` is missing"]),
+        (with("/media/scc/g", Value::Null), "media.scc.g", &["`g` is missing", "two_term"]),
+        (with("/media/scc/phase", json!({"two_term": terms})), "media.scc.phase", &["beside `g`"]),
+        (two_term("g_forward", json!(1)), "media.scc.phase.two_term.g_forward", &["g_forward = 1", "(-1, 1)"]),
+        (two_term("g_backward", json!(-1)), "media.scc.phase.two_term.g_backward", &["g_backward = -1", "(-1, 1)"]),
+        (two_term("g_backward", json!(0.9)), "media.scc.phase.two_term.g_backward", &["less than g_forward = 0.9"]),
+        (two_term("forward", json!(1)), "media.scc.phase.two_term.forward", &["forward = 1", "(0, 1)", "`g`"]),
+        (two_term("forward", json!(95)), "media.scc.phase.two_term.forward", &["forward = 95", "95 %"]),
+        (two_term("forward", Value::Null), "media.scc.phase.two_term", &["`forward` is missing"]),
         (with("/media/scc/n", Value::Null), "media.scc", &["`n` is missing"]),
         (with("/media/scc/n", json!(0.9)), "media.scc.n", &["n = 0.9"]),
         (with("/media/scc/mu_q", json!(1)), "media.scc.mu_q", &["there is no key `mu_q`", "did you mean `mu_a`?"]),

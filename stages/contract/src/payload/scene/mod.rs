@@ -12,6 +12,7 @@ mod detector;
 mod lamp;
 mod lens;
 mod mesh;
+mod phase_function;
 mod rig;
 mod shape;
 mod surface;
@@ -22,6 +23,7 @@ pub use detector::{Detector, Outline};
 pub use lamp::Lamp;
 pub use lens::{Aperture, Distortion, Projection};
 pub use mesh::Mesh;
+pub use phase_function::PhaseFunction;
 pub use rig::{RIG, Rig};
 pub use shape::{Port, Shape};
 pub use surface::Surface;
@@ -64,8 +66,9 @@ pub struct Medium {
     pub mu_a: Vec<f64>,
     /// Scattering coefficient, mm^-1, >= 0, one value per channel.
     pub mu_s: Vec<f64>,
-    /// Mean cosine of the Henyey-Greenstein phase function, in (-1, 1).
-    pub g: f64,
+    /// How it scatters: a field `g`, or that of another kind.
+    #[serde(flatten)]
+    pub phase: PhaseFunction,
     /// Refractive index, >= 1.
     pub n: f64,
 }
