@@ -7,8 +7,8 @@ use super::bend::Plane;
 use super::face::Interfaces;
 use super::ground::{Ground, Part};
 use super::image_lookup::ImageLookup;
-use super::lane::{V, splat};
-use super::phase_function::Second;
+use super::lane::{F, U, V, splat};
+use super::phase_function::{Phase, Second};
 use super::refusal::Refusal;
 use super::source::Source;
 use crate::lengths::MOST_LENGTHS;
@@ -117,6 +117,33 @@ impl Frame<'_> {
         let (x, y) = (towards.x * *inverse_index, towards.y * *inverse_index);
         let z = (1.0 - x * x - y * y).max(splat(simd, 0.0)).sqrt().copysign(towards.z);
         V { x, y, z }
+    }
+
+    /// Of paths in these media, `g` that of their forward terms.
+    #[inline(always)]
+    pub fn phase_of_media<S: Simd>(&self, simd: S, g: F<S>, material: U<S>) -> Phase<S> {
+        let seconds = (!self.second_terms.is_empty()).then(|| self.second_terms.iter().copied());
+        Phase::of(
+            simd,
+            g,
+            seconds,
+            #[inline(always)]
+            |m| material.simd_eq(m),
+        )
+    }
+
+    /// The same of paths in these bodies.
+    #[inline(always)]
+    pub fn phase_of_bodies<S: Simd>(&self, simd: S, g: F<S>, body: U<S>) -> Phase<S> {
+        let of = |part: &Part| self.second_terms.get(part.material).copied();
+        let seconds = (!self.second_terms.is_empty()).then(|| self.parts.iter().filter_map(of));
+        Phase::of(
+            simd,
+            g,
+            seconds,
+            #[inline(always)]
+            |j| body.simd_eq(j),
+        )
     }
 
     /// In local coordinates.

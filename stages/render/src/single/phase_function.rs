@@ -5,8 +5,7 @@
 use fearless_simd::prelude::*;
 use turbid_optics::PhaseFunction;
 
-use super::frame::Frame;
-use super::lane::{F, M, U, V, choose, hg_denominator, hg_sample, splat};
+use super::lane::{F, M, V, choose, hg_denominator, hg_sample, splat};
 use crate::world::Material;
 
 /// The second term of a medium: its g and its share, and the share of the first; of media of one term 0, 0, 1.
@@ -40,6 +39,20 @@ fn hg_density<S: Simd>(g: F<S>, cos: F<S>) -> F<S> {
 }
 
 impl<S: Simd> Phase<S> {
+    /// With the second term that `is` says, by its number among `seconds`; `None` where no medium has one. `g` of the forward term.
+    #[inline(always)]
+    pub fn of(simd: S, g: F<S>, seconds: Option<impl Iterator<Item = Second>>, is: impl Fn(u32) -> M<S>) -> Self {
+        let Some(seconds) = seconds else { return Self { g, second: None } };
+        let mut second = [0.0, 0.0, 1.0].map(|x| splat(simd, x));
+        for (i, of) in (0..).zip(seconds) {
+            let here = is(i);
+            for (x, y) in second.iter_mut().zip(of) {
+                *x = choose(here, splat(simd, y), *x);
+            }
+        }
+        Self { g, second: Some(second) }
+    }
+
     /// That of one path.
     pub fn of_lane(&self, lane: usize) -> PhaseFunction {
         let of = |x: F<S>| f64::from(x.as_slice()[lane]);
@@ -87,41 +100,5 @@ impl<S: Simd> Phase<S> {
             return 1.0 / (1.0 + constants * ratio * ratio.sqrt());
         }
         1.0 / (1.0 + hg_density(lobe, b) / self.density(a))
-    }
-}
-
-impl Frame<'_> {
-    /// Of paths in these media, `g` that of their forward terms.
-    #[inline(always)]
-    pub fn phase_of_media<S: Simd>(&self, simd: S, g: F<S>, material: U<S>) -> Phase<S> {
-        self.phase(simd, g, self.second_terms.iter().copied(), |m| material.simd_eq(m))
-    }
-
-    /// The same of paths in these bodies.
-    #[inline(always)]
-    pub fn phase_of_bodies<S: Simd>(&self, simd: S, g: F<S>, body: U<S>) -> Phase<S> {
-        let seconds = self.parts.iter().filter_map(|part| self.second_terms.get(part.material).copied());
-        self.phase(simd, g, seconds, |j| body.simd_eq(j))
-    }
-
-    #[inline(always)]
-    fn phase<S: Simd>(
-        &self,
-        simd: S,
-        g: F<S>,
-        seconds: impl Iterator<Item = Second>,
-        is: impl Fn(u32) -> M<S>,
-    ) -> Phase<S> {
-        if self.second_terms.is_empty() {
-            return Phase { g, second: None };
-        }
-        let mut second = [0.0, 0.0, 1.0].map(|x| splat(simd, x));
-        for (i, of) in (0..).zip(seconds) {
-            let here = is(i);
-            for (x, y) in second.iter_mut().zip(of) {
-                *x = choose(here, splat(simd, y), *x);
-            }
-        }
-        Phase { g, second: Some(second) }
     }
 }

@@ -224,7 +224,10 @@ pub fn steepness<S: Simd>(
     let (mut ratio, mut cos) = (splat(simd, 0.0), splat(simd, 1.0));
     let p = r.plus(interface, towards);
     for j in 0..frame.ground.bodies() {
-        let n = if frame.ground.is_mesh(j) { normals[j] } else { frame.ground.normal(simd, j, p) };
+        let n = match normals.get(j) {
+            Some(&facet) if frame.ground.is_mesh(j) => facet,
+            _ => frame.ground.normal(simd, j, p),
+        };
         let (through, its) = (towards.dot(n), interface_body.simd_eq(j as u32));
         ratio = choose(its, e.dot(n) / through, ratio);
         cos = choose(its, through / n.dot(n).sqrt(), cos);

@@ -82,17 +82,17 @@ fn bytes_belong_to_the_version() {
         digests.push(digest);
     }
     let expected = [
-        0x2ae8_6ffe_0dd1_696a,
-        0xfd37_a81a_c03e_9aed,
+        0x5241_4568_261b_9cf2,
+        0x4f75_c814_382e_fd3b,
         0x2d02_54e0_af65_0468,
         0xbcb8_1ce2_c345_6e32,
-        0x5e83_dba7_34b4_18b3,
-        0x901b_f470_4900_0458,
-        0xb7df_3df4_65f9_dbfb,
-        0x8f13_d149_2430_5ac2,
-        0x8426_c983_a7dd_7030,
-        0x05b0_b083_b3a1_0f91,
+        0xe0f8_3e9f_503f_d50d,
+        0x2e09_a90a_78c5_efd1,
+        0xf066_d97d_b1af_c6fb,
+        0xbbd8_5235_26a7_1f78,
+        0x827a_6989_0e9b_515d,
+        0x72f2_011b_3dcc_5b00,
         0x31b4_af0c_a092_eea5,
     ];
-    assert_eq!((RenderStage::VERSION, &digests[..]), (25, &expected[..]), "digests {digests:#x?}");
+    assert_eq!((RenderStage::VERSION, &digests[..]), (26, &expected[..]), "digests {digests:#x?}");
 }
