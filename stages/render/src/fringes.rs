@@ -117,7 +117,7 @@ impl Fringes {
         let of = |terms: &Terms| 2.0 * sum_over(terms, projected.layout.projected_image(0), &values);
         let phase = |[re, im]: &[Terms; 2]| {
             let (sin, cos) = (of(im), of(re));
-            (sin.hypot(cos) >= LEAST_CONTRAST).then_some((sin, cos))
+            (sin * sin + cos * cos >= LEAST_CONTRAST * LEAST_CONTRAST).then_some((sin, cos))
         };
         self.parts.iter().map(phase).collect()
     }
