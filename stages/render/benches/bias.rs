@@ -4,6 +4,9 @@
 //! Both are means of independent paths over the same image. With so many the pooled error is below a sixth of 0.5 %, the bound on the bias: a larger bias ends the
 //! program with an error, and so does one of more than 4 standard errors.
 
+#[path = "../tests/render/odd_worlds.rs"]
+#[allow(dead_code, reason = "not all of it is needed here")]
+mod odd_worlds;
 #[path = "../../optics/tests/shapes/mod.rs"]
 #[allow(dead_code, reason = "not all of it is needed here")]
 mod shapes;
@@ -11,8 +14,9 @@ mod shapes;
 #[allow(dead_code, reason = "not all of it is needed here")]
 mod unbiased;
 
+use odd_worlds::lamps;
 use turbid_render::lamp::Steady;
-use unbiased::{Difference, Pool, difference, lamps};
+use unbiased::{Difference, Pool, difference};
 
 /// Relative.
 const MOST: f64 = 5e-3;
@@ -25,12 +29,12 @@ fn main() {
     let mut pool = Pool::default();
     println!("bias, its error, error of the line estimator alone (%); rms of z of pixels");
     let all = [
-        unbiased::scenes(),
-        unbiased::shaped_scenes(),
-        unbiased::curved_scenes(),
-        unbiased::bent_scenes(),
-        unbiased::mesh_scenes(),
-        unbiased::hollow_scenes(),
+        odd_worlds::scenes(),
+        odd_worlds::shaped_scenes(),
+        odd_worlds::curved_scenes(),
+        odd_worlds::bent_scenes(),
+        odd_worlds::mesh_scenes(),
+        odd_worlds::hollow_scenes(),
     ];
     for (name, world) in all.into_iter().flatten() {
         for (lit, steady) in [("projector", Steady::NONE), ("and lamps", lamps())] {

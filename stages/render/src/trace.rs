@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use self::round::{BATCH, Batch, Part, Parts, batches_between};
 use turbid_contract::{Artifact, Ctx, Error};
 use turbid_optics::philox;
 
@@ -23,9 +24,8 @@ use crate::state::State;
 use crate::stopping_criterion::StoppingCriterion;
 use crate::walker::Walker;
 
-/// Paths per pixel that are summed before they are added to the image: in f64, and always the same ones, so that neither the
-/// thread count nor a stop in between shows in the result.
-const BATCH: u32 = 8;
+mod round;
+
 /// Batches of a tile: enough paths that lanes run dry for a small part of its time only.
 const TILE: usize = 1024;
 /// Tiles and batches of a round are chosen so that it holds about this many batches of a pixel.
@@ -470,43 +470,4 @@ fn endless() -> Error {
         "a path of light does not end: it is in a closed space that absorbs nothing",
         "give a surface a reflectance below 1, or a medium some absorption",
     )
-}
-
-/// The next `count` paths of a pixel, by its place among those that are traced.
-#[derive(Clone, Copy)]
-struct Batch {
-    place: u32,
-    first: u32,
-    count: u32,
-}
-
-/// Those between `done` and `due` batches of each pixel, pixel by pixel.
-fn batches_between(done: &[u32], due: &[u32]) -> Vec<Batch> {
-    let of = |(place, (&done, &due)): (usize, (&u32, &u32))| {
-        (done..due).map(move |batch| Batch { place: place as u32, first: batch * BATCH, count: BATCH })
-    };
-    done.iter().zip(due).enumerate().flat_map(of).collect()
-}
-
-/// The sums of a tile's batches, one after the other.
-struct Part {
-    /// Of every channel of the group.
-    moments: Vec<Moments>,
-    /// The same of the differences from control variates; empty where there are none.
-    differences: Vec<Moments>,
-    flights: [u64; 2],
-    given_up: u64,
-    endless: bool,
-}
-
-/// What a round brings.
-#[derive(Default)]
-struct Parts {
-    /// Walk by walk, each of all tiles.
-    parts: Vec<Part>,
-    /// For each tile the places of its batches.
-    places: Vec<Vec<u32>>,
-    flights: [u64; 2],
-    given_up: u64,
-    endless: bool,
 }

@@ -15,7 +15,7 @@ use turbid_render::projected_images::ProjectedImages;
 use turbid_render::single::{self, Frame};
 use turbid_render::world::{Material, World};
 
-use crate::unbiased::{curved_scenes, lamps, mesh_scenes, scenes, shaped_scenes};
+use crate::odd_worlds::{curved_scenes, lamps, mesh_scenes, scenes, shaped_scenes};
 
 /// Factor and summand (mm^-1) of the absorption in the media of even and odd places: none is the least everywhere.
 const ABSORPTION: [[(f64, f64); 2]; 3] =

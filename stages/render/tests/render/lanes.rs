@@ -14,7 +14,7 @@ use turbid_render::projected_images::ProjectedImages;
 use turbid_render::single::{self, Frame};
 use turbid_render::world::{Body, Material, World};
 
-use crate::unbiased::{
+use crate::odd_worlds::{
     bent_scenes, hollow_scenes, lamps, mesh_scenes, peaked_scenes, scenes, turned_scenes, two_term_scenes,
 };
 

@@ -21,6 +21,7 @@ mod lights;
 mod mean_se;
 mod meshes;
 mod mirrors;
+mod odd_worlds;
 mod patterns;
 mod peaked;
 mod plane_wave;
