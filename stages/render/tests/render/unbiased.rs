@@ -1,7 +1,6 @@
 //! The line estimator, in lanes, against point next-event estimation at every collision, in scenes that try to mislead it.
 
 use glam::{DVec2, DVec3};
-use turbid_optics::solid::Solid;
 use turbid_optics::view::View;
 use turbid_render::camera::Camera;
 use turbid_render::lamp::Steady;
@@ -89,7 +88,8 @@ fn line_and_point_estimators_agree_at_curved_walls() {
 fn line_and_point_estimators_agree_without_lamps() {
     let several = scenes().into_iter().filter(|(name, _)| CROSSED.contains(name));
     // The bore ends where the floor begins.
-    let (tube, floor) = (Solid::tube(4.0, 6.0, DVec2::ZERO, -1.5, 0.0), Solid::Slab { bottom: -20.0, top: -1.5 });
+    let tube = turbid_optics::solid::Solid::tube(4.0, 6.0, DVec2::ZERO, -1.5, 0.0);
+    let floor = turbid_optics::solid::Solid::Slab { bottom: -20.0, top: -1.5 };
     let bulb = ball([0.4, 0.0, -0.7], 0.8);
     let on_floor =
         ("tube on another floor, a ball in its bore", world(vec![(bulb, CORE), (tube, TISSUE), (floor, PALE)]));
