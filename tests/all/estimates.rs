@@ -65,7 +65,7 @@ fn the_work_of_shipped_pipelines_is_foreseen() {
 fn plan_and_record_name_the_kernel() {
     let (space, file) = (Space::new(), shipped("checks/kernel_limits"));
     let bodies = "17 bodies (a hole counts as one): f32 lanes hold up to 16";
-    let reach = "the camera sees up to 45.3 mm beside its middle, 67882 mean free paths at mu_s = 1500 mm^-1: f32 lanes hold up to 4096 in each part of an image (a pixel, or a 64th of its sides)";
+    let reach = "the camera sees up to 452.5 mm beside its middle, 67882 mean free paths at mu_s = 150 mm^-1: f32 lanes hold up to 4096 in each part of an image (a pixel, or a 64th of its sides)";
     let expected = [
         ("\"frames_of_sixteen\" {}", "16 paths abreast in f32, 16 bodies", None),
         (
@@ -73,8 +73,8 @@ fn plan_and_record_name_the_kernel() {
             "16 paths abreast in f32, 17 bodies, light connections one by one, starts one by one",
             Some(bodies),
         ),
-        ("\"frames_of_wide\" {\"mu_s\":1400}", "16 paths abreast in f32, 1 body", None),
-        ("\"frames_of_wide\" {\"mu_s\":1500}", "one path after the other in f64, 1 body", Some(reach)),
+        ("\"frames_of_wide\" {\"mu_s\":140}", "16 paths abreast in f32, 1 body", None),
+        ("\"frames_of_wide\" {\"mu_s\":150}", "one path after the other in f64, 1 body", Some(reach)),
     ];
     let agrees = |listing: &Value| {
         let found = instances(listing);
