@@ -1,6 +1,9 @@
 //! Flights per second of one core, bare and with next-event estimation, by vector width; and what odd scenes leave of it.
 //!
 //! `cargo bench -p turbid-render --bench kernel [-- v4] [-- mesh]`: of some widths only, and of rows with a word in their name. CPU time, best of three; a flight ends at a collision, at a boundary or by absorption.
+//! Beside half-spaces the algorithm of MCML in C (`photons.c`, where there is a C compiler `cc`), bare too.
+
+use std::process::Command;
 
 use glam::{DVec2, DVec3};
 use turbid_optics::solid::{Mesh, Solid};
@@ -27,6 +30,7 @@ fn main() {
     for (name, tissue) in [("(100, 5000)", m1), ("(25, 4236)", m2), ("(1, 20000)", m3)] {
         row(&format!("half-space {name}, bare"), &half_space(tissue), false);
         row(&format!("half-space {name}"), &half_space(tissue), true);
+        row_in_c(&format!("half-space {name}, MCML in C"), &tissue);
     }
     let tumour = Material { mu_a: 0.096, mu_s: 3.721, ..m2 };
     let ball = |radii: [f64; 3]| Solid::Ellipsoid { center: DVec3::ZERO, radii: radii.into() };
@@ -80,10 +84,40 @@ fn world(parts: &[(Solid, Material)]) -> World {
     world
 }
 
-fn row(name: &str, world: &World, lit: bool) {
+/// Whether a row is asked for.
+fn is_asked(name: &str) -> bool {
     let words: Vec<String> =
         std::env::args().skip(1).filter(|a| !a.starts_with("--") && !LEVELS.contains(&&a[..])).collect();
-    if !words.is_empty() && !words.iter().any(|word| name.contains(word)) {
+    words.is_empty() || words.iter().any(|word| name.contains(word))
+}
+
+/// Flights of photons from a narrow beam, by `photons.c`.
+fn row_in_c(name: &str, tissue: &Material) {
+    if !is_asked(name) {
+        return;
+    }
+    let program = std::env::temp_dir().join(format!("turbid-photons-{}", std::process::id()));
+    let source = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/photons.c");
+    let made = Command::new("cc").args(["-O3", "-march=native", "-o"]).arg(&program).args([source, "-lm"]).status();
+    if !made.is_ok_and(|status| status.success()) {
+        println!("{name:46} there is no C compiler `cc`");
+        return;
+    }
+    let words = [tissue.mu_a, tissue.mu_s, tissue.phase.g(), 20_000.0].map(|x| x.to_string());
+    let (mut best, mut per_photon) = (0.0, 0.0);
+    for _ in 0..3 {
+        let output = Command::new(&program).args(&words).output().expect("it was just made").stdout;
+        let text = String::from_utf8_lossy(&output);
+        let numbers: Vec<f64> = text.split_whitespace().map(|word| word.parse().expect("a number")).collect();
+        best = f64::max(best, 1e-6 * numbers[0] / numbers[1]);
+        per_photon = numbers[0] / 20_000.0;
+    }
+    std::fs::remove_file(&program).expect("it was just made");
+    println!("{name:46} {best:9.1}   {per_photon:.1}");
+}
+
+fn row(name: &str, world: &World, lit: bool) {
+    if !is_asked(name) {
         return;
     }
     let view = |position: [f64; 3], field: f64| {

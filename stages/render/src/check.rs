@@ -5,7 +5,6 @@ use turbid_contract::{Problems, Usual};
 
 use crate::lamp_reflection::in_focus;
 use crate::light::Carrier;
-use crate::method::Taken;
 use crate::mirrors::Mirrors;
 use crate::params::{Method, Params};
 use crate::plan::flights_per_path;
@@ -14,6 +13,7 @@ use crate::random::MOST_CHANNELS;
 use crate::rig::Rig;
 use crate::strata::{Bending, facetted};
 use crate::surfaces::no_surface;
+use crate::uniform::obstacle;
 use crate::world::World;
 
 /// The most frames that one instance may make.
@@ -138,17 +138,19 @@ impl Params {
                 "write `method: auto`, `fit` or `path`",
             );
         }
-        let taken = Taken::of(self, scene, patterned);
-        if let (Taken::Surfaces, Some(reason)) = (&taken, no_surface(scene)) {
+        let by_pixels = match self.method {
+            Method::Path => true,
+            Method::Rte => false,
+            Method::Fit | Method::Auto => patterned || obstacle(scene, self.target_error.map(|t| t.0)).is_some(),
+        };
+        if let (Method::Fit, true, Some(reason)) = (self.method, by_pixels, no_surface(scene)) {
             problems.push_with_hint(
                 "method",
                 format!("no part of the image can be fitted: {reason}"),
                 "write `method: path` or `method: auto`",
             );
         }
-        if let (Taken::Path { .. } | Taken::Surfaces | Taken::ControlVariates { .. }, Some(samples @ 2..64)) =
-            (taken, self.samples)
-        {
+        if let (true, Some(samples @ 2..64)) = (by_pixels, self.samples) {
             let text = "standard errors from fewer than 64 paths per pixel are themselves uncertain";
             problems.warn("samples", format!("samples = {samples}: {text}"));
         }

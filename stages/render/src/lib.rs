@@ -76,6 +76,7 @@ mod reduced;
 mod reflected_chain;
 mod regions;
 mod rig;
+mod served;
 mod smooth;
 mod so_far;
 mod splitting;

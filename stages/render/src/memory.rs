@@ -62,11 +62,11 @@ pub fn memory(asked: &Asked<'_>) -> Option<u64> {
         // Of each pixel which control variate it has, what is pooled around it, and what its own paths say.
         Taken::ControlVariates { .. } => (pixels, channels * pixels * (8 + 16 * carriers) + channels * pixels * 96),
         // Of each pixel where it looks at, twice what it and its neighbours see, and reduced responses with covariances twice.
-        Taken::Surfaces => (pixels, pixels * (448 + 32 * carriers) + channels * pixels * 24 * (q + q * q)),
+        Taken::Surfaces { .. } => (pixels, pixels * (448 + 32 * carriers) + channels * pixels * 24 * (q + q * q)),
         Taken::Path { .. } => (pixels, 0),
     };
     let adaptive =
-        params.allocate == Allocate::Adaptive && !matches!(taken, Taken::Fit | Taken::Surfaces | Taken::Rte { .. });
+        params.allocate == Allocate::Adaptive && !matches!(taken, Taken::Fit | Taken::Surfaces { .. } | Taken::Rte { .. });
     let batches = (ROUND as u64 / fields).max(traced);
     let batches = if adaptive { 2 * batches } else { batches.min(ROUND_PART as u64) };
     let sums = traced * fields * of_sums;

@@ -21,7 +21,8 @@ use crate::rig::Rig;
 use crate::so_far::SoFar;
 use crate::state::State;
 use crate::stopping::{OfFit, OfPixels, OfSurfaces};
-use crate::surfaces::{Surfaces, by_surfaces};
+use crate::served::fits_serve_more;
+use crate::surfaces::{Surfaces, by_surfaces, no_surface};
 use crate::tail::{brightness, expected_kurtosis, kurtosis};
 use crate::trace::{Sums, Task, trace};
 use crate::uniform::obstacle;
@@ -40,7 +41,9 @@ pub enum Taken {
     },
     Fit,
     /// Paths of every pixel, and a fit to them wherever what is seen is smooth.
-    Surfaces,
+    Surfaces {
+        because: Option<String>,
+    },
     /// The transport solver; the bound of the error of a frame.
     Rte {
         bound: f64,
@@ -56,11 +59,11 @@ impl Taken {
     pub fn of(params: &Params, scene: &Scene, patterned: bool) -> Self {
         match params.method {
             Method::Path => Self::Path { because: None },
-            Method::Fit if patterned => Self::Surfaces,
+            Method::Fit if patterned => Self::Surfaces { because: None },
             _ if patterned => Self::Path { because: Some("images are projected".to_owned()) },
             Method::Fit => match obstacle(scene, params.target_error.map(|t| t.0)) {
                 None => Self::Fit,
-                Some(_) => Self::Surfaces,
+                Some(_) => Self::Surfaces { because: None },
             },
             Method::Rte => Self::Rte { bound: bound(params, scene).unwrap_or(f64::INFINITY) },
             Method::Auto => match obstacle(scene, params.target_error.map(|t| t.0)) {
@@ -68,11 +71,21 @@ impl Taken {
                     (Some(bound), Some(target)) if bound <= target.0 => Self::Rte { bound },
                     _ => Self::Fit,
                 },
-                Some(because) => match no_control(scene, params.target_error.map(|t| t.0)) {
-                    None => Self::ControlVariates { because },
-                    Some(_) => Self::Path { because: Some(because) },
-                },
+                Some(because) => Self::of_pixels(params, scene, because),
             },
+        }
+    }
+
+    /// What `auto` takes where no function fits the whole image.
+    fn of_pixels(params: &Params, scene: &Scene, because: String) -> Self {
+        let target = params.target_error.map(|t| t.0);
+        // A fit shares its error among all pixels: there is no pixel that needs more paths.
+        let fits = params.allocate == Allocate::Even && no_surface(scene).is_none();
+        match (fits, no_control(scene, target).is_none()) {
+            (true, true) if fits_serve_more(scene, target) => Self::Surfaces { because: Some(because) },
+            (_, true) => Self::ControlVariates { because },
+            (true, false) => Self::Surfaces { because: Some(because) },
+            (false, false) => Self::Path { because: Some(because) },
         }
     }
 }
@@ -128,7 +141,7 @@ pub fn sums(
     match taken {
         Taken::Path { .. } => pixels(params, so_far, None, ctx),
         Taken::Fit => fit(params, rig, projected, (0, Some(so_far)), ctx),
-        Taken::Surfaces => surfaces(params, so_far, ctx),
+        Taken::Surfaces { .. } => surfaces(params, so_far, ctx),
         Taken::Rte { bound } => {
             ctx.measure("bound of a frame's error", 100.0 * bound, "%");
             let solved = PlaneWave::all(scene, rig, &projected.carriers)?;
@@ -288,7 +301,13 @@ impl Traced {
     }
 
     /// The fields of all channels.
-    pub fn estimate(&self, rig: &Rig, projected: &Projected, ctx: Ctx<'_>) -> Result<Estimate<'_>, Error> {
+    pub fn estimate(
+        &self,
+        params: &Params,
+        rig: &Rig,
+        projected: &Projected,
+        ctx: Ctx<'_>,
+    ) -> Result<Estimate<'_>, Error> {
         if let Some(controls) = &self.controls {
             return self.estimate_with_control(controls, rig, projected, ctx);
         }
@@ -302,7 +321,11 @@ impl Traced {
             });
         }
         if let Some(regions) = &self.regions {
-            return Ok(self.estimate_surfaces(regions, rig, projected, ctx));
+            let estimate = self.estimate_surfaces(regions, rig, projected, ctx);
+            if estimate.design_effect.is_none() && params.method == Method::Fit {
+                ctx.warn("nowhere is what is seen smooth enough for a fit: all pixels are by their own paths");
+            }
+            return Ok(estimate);
         }
         let Some(lattice) = &self.lattice else {
             let channels = by_paths(rig, &Watched::of(projected), &self.channels, &self.paths);
@@ -343,9 +366,6 @@ impl Traced {
             channels.push(Box::new(field));
         }
         ctx.measure("pixels fitted", 100.0 * fraction, "%");
-        if fraction == 0.0 {
-            ctx.warn("nowhere is what is seen smooth enough for a fit: all pixels are by their own paths");
-        }
         for name in fits.iter().map(|fit| &fit.0).collect::<BTreeSet<_>>() {
             let of = || fits.iter().filter(|fit| fit.0 == *name);
             let (order, chi2) = (of().map(|fit| fit.1).max(), of().map(|fit| fit.2).fold(0.0, f64::max));

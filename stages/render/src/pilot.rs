@@ -1,20 +1,17 @@
 //! A small image of the scene by the very kernel of the render: how many flights the whole takes, for `turbid plan` to time.
 
-use std::sync::Arc;
-
 use turbid_contract::payload::Scene;
 use turbid_contract::{Ctx, MemoryHost, Pilot};
 
 use crate::control_variate::{ControlVariates, control_variates};
 use crate::fit::{FIT_PATHS, Lattice};
-use crate::fringes::Fringes;
 use crate::method::{FIRST_TEST, Taken, first_test_of_fit};
 use crate::outline::projected;
 use crate::params::{Allocate, Params};
 use crate::plan;
 use crate::projected::Projected;
-use crate::regions::{Region, regions};
 use crate::rig::Rig;
+use crate::served::Served;
 use crate::stopping::{OfFit, OfPixels};
 use crate::stopping_criterion::StoppingCriterion;
 use crate::trace::{PILOT, Task, trace};
@@ -62,7 +59,7 @@ pub fn pilot(params: &Params, scene: &Scene, patterned: bool, ctx: Ctx<'_>) -> O
     let lattice = Lattice::over(whole.camera.columns, whole.camera.rows);
     let lattice = (lattice.columns.len() * lattice.rows.len()) as f64;
     let pixels = if taken == Taken::Fit { lattice } else { whole.camera.pixels() as f64 };
-    let fitted = if taken == Taken::Surfaces { gain_of_fit(scene, &whole, &projected) } else { 1.0 };
+    let fitted = if matches!(taken, Taken::Surfaces { .. }) { gain_of_fit(scene, &whole) } else { 1.0 };
     let samples = samples(params, &taken, pixels, walked.variance.map(|variance| fitted * variance))?;
     let tested = samples.min(f64::from(PILOT));
     let with_control = pixels * (walked.with_control[0] * tested + walked.with_control[1] * (samples - tested));
@@ -75,13 +72,10 @@ pub fn pilot(params: &Params, scene: &Scene, patterned: bool, ctx: Ctx<'_>) -> O
 }
 
 /// What fits leave of the variance of the pixel that a target asks for, the middle one: one pixel's over so many as there are for each function.
-fn gain_of_fit(scene: &Scene, rig: &Rig, projected: &Projected) -> f64 {
-    // Of a pattern that is still to be made nobody knows the phases; they do not part regions.
-    let fringes = Fringes::of(projected).unwrap_or_else(|_| Fringes::carriers(0));
-    let regions = regions(scene, rig, projected, &Arc::new(fringes));
-    let largest = regions.iter().map(Region::len).max().unwrap_or_default();
-    let fitted: usize = regions.iter().map(Region::len).sum();
-    if 2 * fitted > rig.camera.pixels() { (FUNCTIONS / largest as f64).min(1.0) } else { 1.0 }
+fn gain_of_fit(scene: &Scene, rig: &Rig) -> f64 {
+    let served = Served::of(scene);
+    let largest = served.largest_region * rig.camera.pixels() as f64;
+    if served.by_fits > 0.5 { (FUNCTIONS / largest).min(1.0) } else { 1.0 }
 }
 
 /// The scene in few pixels: all of the image, or where it looks the same everywhere a part of it with pixels as they are.

@@ -125,7 +125,10 @@ pub fn plan(params: &Params, scene: Option<&Scene>, known: &Known) -> StagePlan 
             }
             (_, Some(Taken::Rte { bound })) => format!("rte, off by {:.2} % of a frame at most", 100.0 * bound),
             (_, Some(Taken::Fit)) => "fit".to_owned(),
-            (_, Some(Taken::Surfaces)) => "fit of smooth surfaces where it holds, path elsewhere".to_owned(),
+            (_, Some(Taken::Surfaces { because })) => {
+                let because = because.as_ref().map_or_else(String::new, |because| format!(" (auto: {because})"));
+                format!("fit of smooth surfaces where it holds, path elsewhere{because}")
+            }
             (_, Some(Taken::ControlVariates { because })) => {
                 format!(
                     "path, with laterally uniform control variates where a pilot finds that it pays (auto: {because})"
@@ -184,7 +187,7 @@ pub fn plan(params: &Params, scene: Option<&Scene>, known: &Known) -> StagePlan 
     sort(patterned, "pattern images");
     sort(params.target_error.is_some(), "error target");
     sort(
-        params.allocate == Allocate::Adaptive && !matches!(taken, Some(Taken::Fit | Taken::Surfaces)),
+        params.allocate == Allocate::Adaptive && !matches!(taken, Some(Taken::Fit | Taken::Surfaces { .. })),
         "paths to where the error is",
     );
     let camera = scene.and_then(|s| s.camera.as_ref());
@@ -266,7 +269,7 @@ pub fn after_paths(params: &Params, scene: &Scene, taken: &Taken) -> f64 {
     let q = 1.0 + 2.0 * params.carriers().len() as f64;
     let ns = match taken {
         Taken::Fit => NS_OF_FIT,
-        Taken::Surfaces => NS_OF_SURFACES,
+        Taken::Surfaces { .. } => NS_OF_SURFACES,
         _ => NS_OF_PIXEL,
     };
     1e-9 * ns * q * pixels

@@ -49,7 +49,7 @@ pub struct RenderStage;
 
 impl Stage for RenderStage {
     const NAME: &'static str = "render";
-    const VERSION: u32 = 26;
+    const VERSION: u32 = 27;
     const ABOUT: &'static str =
         "Renders camera frames under projected sinusoids by unbiased path tracing, with standard errors";
     const STOPPING: &'static [&'static str] = &["samples", "target_error", "max_seconds"];
@@ -113,7 +113,7 @@ impl Stage for RenderStage {
         let kernels = Kernels::of(&taken, &rig, &projected, ctx.wants("power"));
         ctx.kernel(&kernels.name, &kernels.refused);
         let traced = sums(&taken, params, &scene, &rig, &projected, ctx)?;
-        let mut estimate = traced.estimate(&rig, &projected, ctx)?;
+        let mut estimate = traced.estimate(params, &rig, &projected, ctx)?;
         let (lamp_reflections, sampled) =
             (lamp_reflections(&rig, &projected, ctx)?, by_manifold_sampling(&rig, &projected, estimate.n, ctx)?);
         estimate.channels = estimate

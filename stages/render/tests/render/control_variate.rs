@@ -1,7 +1,7 @@
 //! Control variates and differences from them against every pixel by its own paths.
 
 use serde_json::json;
-use turbid_contract::payload::{Medium, Scene, Shape, Specular};
+use turbid_contract::payload::{Medium, Object, Scene, Shape, Specular, Surface};
 use turbid_contract::{ImageStack, LayerKind};
 
 use crate::setup::*;
@@ -53,13 +53,13 @@ fn differences_from_control_variates_are_unbiased() {
     }
 }
 
-/// Where most pixels see a dome, and so have no control variate, those of the others are not worth their time: the image is that of paths alone,
+/// Where most pixels see a rough dome, which has no control variate and no fit, those of the others are not worth their time: the image is that of paths alone,
 /// bit for bit. At a smaller dome they are where paths go to where the error is: what is saved beside it goes to the dome.
 #[test]
 fn control_variates_are_taken_where_they_pay() {
-    let media = [("m", medium(0.05, 2.5, 0.8)), ("core", medium(0.2, 4.0, 0.8))];
-    let dome = |diameter: f64| {
-        let ball = object(Shape::Sphere { diameter, center: [0.0; 3] }, "core", 1);
+    let media = [("m", medium(0.05, 2.5, 0.8)), ("core", Medium { n: 1.1, ..medium(0.2, 4.0, 0.8) })];
+    let dome = |diameter: f64, surface: Surface| {
+        let ball = Object { surface, ..object(Shape::Sphere { diameter, center: [0.0; 3] }, "core", 1) };
         scene(&media, vec![object(FLOOR, "m", 0), ball], rig(200.0, 20.0, 16.0, 24, 300.0))
     };
     let render = |scene: &Scene, method: &str, allocate: &str| {
@@ -69,13 +69,13 @@ fn control_variates_are_taken_where_they_pay() {
         let measures = host.measures.lock().unwrap();
         (frames, measures["flights"], measures["error: m_ac per pixel, 95th percentile"])
     };
-    let large = dome(15.0);
+    let large = dome(15.0, Surface::Rough(0.4));
     let (alone, flights, _) = render(&large, "path", "even");
     let (with_control, with_pilot, _) = render(&large, "auto", "even");
     assert!(with_control == alone, "the pilot must not show");
     // Of 256 paths 16 are walked in control variates, too, by a third of the pixels.
     assert!(with_pilot > flights && with_pilot < 1.06 * flights, "{with_pilot}, {flights}");
-    let [alone, with_control] = ["path", "auto"].map(|method| render(&dome(5.0), method, "adaptive"));
+    let [alone, with_control] = ["path", "auto"].map(|method| render(&dome(5.0, Surface::Smooth), method, "adaptive"));
     println!(
         "adaptive, flights and error: alone {:?}, beside {:?}",
         (alone.1, alone.2),

@@ -143,9 +143,9 @@ fn large_images_cost_no_more_than_small_ones() {
     }
 }
 
-/// Where a scene is not laterally uniform `auto` takes paths and says why, and `fit` goes by surfaces; where it is, `auto` is the fit.
+/// Where a scene is not laterally uniform `auto` says why, and goes by surfaces as `fit` does; where it is, `auto` is the fit of the whole image.
 #[test]
-fn fits_are_refused_where_they_would_lie() {
+fn a_fit_of_the_whole_image_is_not_taken_where_it_would_lie() {
     let good = oblique(12);
     let with = |change: &dyn Fn(&mut Scene)| {
         let mut s = good.clone();
@@ -200,7 +200,7 @@ fn fits_are_refused_where_they_would_lie() {
         let frames = |method: &str| {
             run_on(&MemoryHost::new(1, &[], 1), &scene, &params(method, 8)).unwrap().remove("frames").unwrap()
         };
-        assert_eq!(frames("auto"), frames("path"), "{words}");
+        assert_eq!(frames("auto"), frames("fit"), "{words}");
     }
     let frames = |method: &str| run(&good, &params(method, 8), 1).remove("frames").unwrap();
     assert_eq!(frames("auto"), frames("fit"));
@@ -225,11 +225,11 @@ fn fits_continue_and_stop() {
     assert_eq!(run_on(&half, &json!({"f_x": [0.1], "target_error": 0.01, "method": "fit"})), done);
 }
 
-/// Projected images are rendered pixel by pixel, and who asks for a fit of them hears so from `check`, not from the frames.
+/// What is lit by projected images the transport solver does not give, and who asks it for them hears so from `check`, not from the frames; every other method does.
 #[test]
-fn fits_of_projected_images_are_refused() {
+fn the_solver_refuses_projected_images() {
     for (method, patterned, refused) in
-        [("fit", true, true), ("fit", false, false), ("auto", true, false), ("path", true, false)]
+        [("rte", true, true), ("rte", false, false), ("fit", true, false), ("auto", true, false), ("path", true, false)]
     {
         let params: Params = serde_json::from_value(json!({"f_x": [0], "samples": 64, "method": method})).unwrap();
         let mut problems = Problems::default();
