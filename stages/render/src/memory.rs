@@ -65,8 +65,8 @@ pub fn memory(asked: &Asked<'_>) -> Option<u64> {
         Taken::Surfaces { .. } => (pixels, pixels * (448 + 32 * carriers) + channels * pixels * 24 * (q + q * q)),
         Taken::Path { .. } => (pixels, 0),
     };
-    let adaptive =
-        params.allocate == Allocate::Adaptive && !matches!(taken, Taken::Fit | Taken::Surfaces { .. } | Taken::Rte { .. });
+    let adaptive = params.allocate == Allocate::Adaptive
+        && !matches!(taken, Taken::Fit | Taken::Surfaces { .. } | Taken::Rte { .. });
     let batches = (ROUND as u64 / fields).max(traced);
     let batches = if adaptive { 2 * batches } else { batches.min(ROUND_PART as u64) };
     let sums = traced * fields * of_sums;

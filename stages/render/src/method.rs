@@ -18,10 +18,10 @@ use crate::plane_wave::{Bound, PlaneWave, bounds, no_plane_wave};
 use crate::projected::Projected;
 use crate::regions::{Region, regions};
 use crate::rig::Rig;
+use crate::served::{Served, by_controls};
 use crate::so_far::SoFar;
 use crate::state::State;
 use crate::stopping::{OfFit, OfPixels, OfSurfaces};
-use crate::served::fits_serve_more;
 use crate::surfaces::{Surfaces, by_surfaces, no_surface};
 use crate::tail::{brightness, expected_kurtosis, kurtosis};
 use crate::trace::{Sums, Task, trace};
@@ -76,16 +76,22 @@ impl Taken {
         }
     }
 
-    /// What `auto` takes where no function fits the whole image.
+    /// What `auto` takes where no function fits the whole image: of fits on surfaces and control variates what serves more pixels.
+    ///
+    /// Both are many times better than a pixel's own paths, and fits are the better ones; but they end before an edge, where control variates may go on. Over a lesion flush with
+    /// the skin those serve every pixel, and its outline does not stand out by its noise; a dome has none.
     fn of_pixels(params: &Params, scene: &Scene, because: String) -> Self {
         let target = params.target_error.map(|t| t.0);
         // A fit shares its error among all pixels: there is no pixel that needs more paths.
-        let fits = params.allocate == Allocate::Even && no_surface(scene).is_none();
-        match (fits, no_control(scene, target).is_none()) {
-            (true, true) if fits_serve_more(scene, target) => Self::Surfaces { because: Some(because) },
-            (_, true) => Self::ControlVariates { because },
-            (true, false) => Self::Surfaces { because: Some(because) },
-            (false, false) => Self::Path { because: Some(because) },
+        let may_fit = params.allocate == Allocate::Even && no_surface(scene).is_none();
+        let has_controls = no_control(scene, target).is_none();
+        let by_fits = if may_fit { Served::of(scene).by_fits } else { 0.0 };
+        if by_fits > if has_controls { by_controls(scene, target) } else { 0.0 } {
+            Self::Surfaces { because: Some(because) }
+        } else if has_controls {
+            Self::ControlVariates { because }
+        } else {
+            Self::Path { because: Some(because) }
         }
     }
 }

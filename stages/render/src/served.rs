@@ -27,30 +27,23 @@ impl Served {
     /// Of a scene under fringes whose phases do not part regions.
     pub fn of(scene: &Scene) -> Self {
         let scene = outlined(scene);
-        Rig::of(&scene).map_or(Self { by_fits: 0.0, largest_region: 0.0 }, |rig| Self::within(&scene, &rig))
-    }
-
-    fn within(scene: &Scene, rig: &Rig) -> Self {
+        let Ok(rig) = Rig::of(&scene) else { return Self { by_fits: 0.0, largest_region: 0.0 } };
         let layout = Layout { carriers: 0, projected_images: 0, steady: false };
         let (projected_images, frames) = (ProjectedImages::NONE, Vec::new());
         let dark = Projected { carriers: Vec::new(), projected_images, layout, frames, quantities: Vec::new() };
-        let regions = regions(scene, rig, &dark, &Arc::new(Fringes::carriers(0)));
+        let regions = regions(&scene, &rig, &dark, &Arc::new(Fringes::carriers(0)));
         let pixels = rig.camera.pixels() as f64;
         let lengths = || regions.iter().map(|region: &Region| region.len() as f64 / pixels);
         Self { by_fits: lengths().sum(), largest_region: lengths().fold(0.0, f64::max) }
     }
 }
 
-/// Whether fits serve more of an image than control variates.
-///
-/// Both are many times better than a pixel's own paths where they serve, and fits are the better ones; but they end before an edge, where control variates may go on. Over
-/// a lesion flush with the skin those serve every pixel, and its outline does not stand out by its noise; a dome has none.
-pub fn fits_serve_more(scene: &Scene, target_error: Option<f64>) -> bool {
+/// The part of the pixels that have a control variate.
+pub fn by_controls(scene: &Scene, target_error: Option<f64>) -> f64 {
     let scene = outlined(scene);
-    let Ok(rig) = Rig::of(&scene) else { return false };
-    let Ok(controls) = control_variates(&scene, &rig, target_error) else { return true };
-    let by_controls = controls.map_or(0, |controls| controls.of_pixel.iter().flatten().count());
-    Served::within(&scene, &rig).by_fits > by_controls as f64 / rig.camera.pixels() as f64
+    let Ok(rig) = Rig::of(&scene) else { return 0.0 };
+    let controls = control_variates(&scene, &rig, target_error).ok().flatten();
+    controls.map_or(0.0, |c| c.of_pixel.iter().flatten().count() as f64 / rig.camera.pixels() as f64)
 }
 
 /// The scene in at most [`ALONG`] pixels along a side.
