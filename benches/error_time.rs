@@ -1,4 +1,5 @@
-//! Error against run time of renders, through the program as a user runs it: `cargo bench --bench error_time [-- quick] [-- --svg FILE]`.
+//! Error against run time of renders, through the program as a user runs it: `cargo bench --bench error_time [-- quick] [-- --svg FILE]`, or
+//! of scenes with these words in their names: `-- --only spheroid,tube`.
 //!
 //! 64 x 64 pixels of 1 mm, f_x = 0.1, three phases, g = 0.8, camera at 500 mm, projector 35 mm beside it. Seconds are CPU seconds of the
 //! render alone: on two free cores a user waits half as long. The error of a pixel is measured against a render that is hundreds of times longer where
@@ -174,13 +175,15 @@ fn error(shot: &Shot, truth: Option<&Shot>, region: &Region) -> [f64; 2] {
 fn main() {
     let arguments: Vec<String> = std::env::args().collect();
     let quick = arguments.iter().any(|a| a == "quick");
-    let svg = arguments.iter().position(|a| a == "--svg").and_then(|i| arguments.get(i + 1));
+    let said = |word: &str| arguments.iter().position(|a| a == word).and_then(|i| arguments.get(i + 1));
+    let (svg, only) = (said("--svg"), said("--only"));
+    let is_asked = |scene: &Scene| only.is_none_or(|words| words.split(',').any(|word| scene.name.contains(word)));
     let space = tempfile::tempdir().expect("a temporary folder");
     let mut curves: Vec<Curve> = Vec::new();
     println!(
         "| scene | region | method | paths per pixel | CPU s | error of M_DC, M_AC | CPU s to 1 % of M_DC, M_AC | Cycles / turbid |\n| --- | --- | --- | --- | --- | --- | --- | --- |"
     );
-    for (k, scene) in scenes().iter().enumerate() {
+    for (k, scene) in scenes().iter().enumerate().filter(|(_, scene)| is_asked(scene)) {
         let truth = if scene.uniform {
             shoot(space.path(), scene, "fit", if quick { 256 } else { 2048 }, 1000)
                 .map_err(|e| println!("{}: {e}", scene.name))

@@ -34,6 +34,49 @@ fn what_differs_is_told_before_anything_runs() {
     }
 }
 
+/// Models that know one g say so of media that scatter by two terms: a table, numbers of a reference that is such a medium, and a reference by name.
+#[test]
+fn two_terms_are_told_where_one_g_is_taken() {
+    let shipped = std::fs::read_to_string(file("quickstart")).expect("a shipped pipeline");
+    let two_term = "phase: {two_term: {g_forward: 0.9, g_backward: -0.3, forward: 0.95}}";
+    let tissue = ("A_rho: 25, S_rho: 4236, g: \"${g}\"", format!("A_rho: 25, S_rho: 4236, {two_term}"));
+    let phantom = (
+        "reference: &reference {mu_a: 0.05, mu_s_prime: 1.0, g: \"${g}\"",
+        format!("reference: {{mu_a: 0.05, mu_s_prime: 1.0, {two_term}"),
+    );
+    let reference = |with: &str| ("reference: *reference", format!("reference: {with}"));
+    let numbers = reference("{mu_a: 0.05, mu_s_prime: 1, g: 0.8, n: 1}");
+    for (changes, severity, path, message, way_out) in [
+        (vec![tissue], "warning", "stages.maps.with", "the table is of g = 0.8: mu_a reads", "model: empirical"),
+        (
+            vec![phantom.clone(), numbers],
+            "warning",
+            "stages.reflectance.with.reference.g",
+            "(`block`) has the phase function two_term, `reference` is taken to scatter by one g",
+            "give the `reflectance` of the phantom",
+        ),
+        (
+            vec![phantom, reference("{object: block}")],
+            "error",
+            "stages.reflectance.with.reference.object",
+            "`block` has the phase function two_term, which the models of phantoms do not know",
+            "",
+        ),
+    ] {
+        let changed = changes.iter().fold(shipped.clone(), |text, (from, to)| {
+            assert!(text.contains(from), "{from}");
+            text.replacen(from, to, 1)
+        });
+        let space = Space::with(&changed);
+        let found: Value = serde_json::from_str(&space.turbid(&["check", "p.yaml", "--json"]).out).expect("a list");
+        let is_told =
+            |told: &&Value| (told["severity"].as_str(), told["path"].as_str()) == (Some(severity), Some(path));
+        let told = found.as_array().and_then(|found| found.iter().find(is_told)).unwrap_or_else(|| panic!("{found}"));
+        assert!(told["message"].as_str().is_some_and(|text| text.contains(message)), "{told}");
+        assert!(way_out.is_empty() || told["hint"].as_str().is_some_and(|text| text.contains(way_out)), "{told}");
+    }
+}
+
 /// What holds is not complained of: near normal light and view, thick media, one g and n; tables of phantoms that were seen the same way.
 #[test]
 fn pipelines_whose_model_holds_are_quiet() {
