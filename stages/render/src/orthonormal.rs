@@ -5,8 +5,8 @@ const DEPENDENT: f64 = 1e-9;
 
 /// phi = L^-1 b with sum over the points of w b b^T = L L^T (Cholesky): phi_k is a sum of b_0 .. b_k, so the first ones are the same however many follow.
 pub struct Orthonormal {
-    /// L^-1, row after row; a row of zeros for a function that depends on those before.
-    rows: Vec<Vec<f64>>,
+    /// L^-1, column after column from its diagonal down, so that all phi of a place are summed side by side; rows of zeros for functions that depend on those before.
+    columns: Vec<Vec<f64>>,
 }
 
 impl Orthonormal {
@@ -18,7 +18,7 @@ impl Orthonormal {
             let mut row = vec![0.0; k + 1];
             row[k] = 1.0;
             for before in &rows {
-                let along: f64 = before.iter().enumerate().map(|(l, w)| w * gram[k * count + l]).sum();
+                let along: f64 = before.iter().enumerate().map(|(l, w)| w * gram[l * count + k]).sum();
                 row.iter_mut().zip(before).for_each(|(r, w)| *r -= along * w);
             }
             let dot = |l: usize| row.iter().enumerate().map(|(m, w)| w * gram[l * count + m]).sum::<f64>();
@@ -31,19 +31,21 @@ impl Orthonormal {
             }
             rows.push(row);
         }
-        Self { rows }
+        Self { columns: (0..count).map(|l| rows[l..].iter().map(|row| row[l]).collect()).collect() }
     }
 
     /// phi of the first `b`s at a place: as many as there are.
     pub fn at(&self, b: &[f64], into: &mut Vec<f64>) {
         into.clear();
-        let of = |row: &Vec<f64>| row.iter().zip(b).map(|(w, b)| w * b).sum::<f64>();
-        into.extend(self.rows[..b.len()].iter().map(of));
+        into.resize(b.len(), 0.0);
+        for (l, (column, b)) in self.columns.iter().zip(b).enumerate() {
+            into[l..].iter_mut().zip(column).for_each(|(phi, w)| *phi += w * b);
+        }
     }
 
     /// Whether function k says something that those before it do not.
     pub fn is_new(&self, k: usize) -> bool {
-        self.rows[k][k] != 0.0
+        self.columns[k][0] != 0.0
     }
 }
 
