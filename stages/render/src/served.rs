@@ -12,7 +12,7 @@ use crate::regions::{Region, regions};
 use crate::response::Layout;
 use crate::rig::Rig;
 
-/// Pixels along a side that regions are looked for in, at most: beyond, parts of an image no longer change.
+/// Pixels along a side that regions are looked for in, at most. Regions end some pixels before an edge, so in a larger image they serve a little more than is counted here.
 const ALONG: u32 = 128;
 
 /// Parts of the pixels of an image.
