@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3};
 use turbid_optics::solid::Solid;
 
 use super::facets::Facets;
-use super::lane::{F, M, U, V, choose, splat};
+use super::lane::{F, M, U, V, apart, choose, splat};
 use super::limits::{MOST_BODIES, SLIVER};
 
 /// A convex solid, mm from the local origin.
@@ -145,45 +145,50 @@ impl Ground {
     /// Bodies are convex: one that holds the start is left if and only if it does not hold the end, whatever rounding has done.
     #[inline(always)]
     pub fn pass<S: Simd>(&self, simd: S, body: U<S>, r: V<S>, w: V<S>, s: F<S>, end: V<S>) -> Passage<S> {
-        let mut crosses = M::splat(simd, false);
-        let mut clear = splat(simd, f32::INFINITY);
-        for (j, shape) in self.shapes.iter().enumerate() {
-            if matches!(shape, Shape::Mesh | Shape::Other) {
-                continue;
-            }
-            let (r, w, end) = (self.own(j, r), self.own(j, w), self.own(j, end));
-            let j = j as u32;
-            let (own, above) = (body.simd_eq(j), body.simd_gt(j));
-            // How deep inside the end lies, at least; negative outside.
-            let (depth, meets) = match *shape {
-                Shape::Slab { bottom, top } => {
-                    let over = r.z.simd_ge(top);
-                    let (below_top, above_bottom) = (top - end.z, end.z - bottom);
-                    let zero = splat(simd, 0.0);
-                    let meets = choose(over, below_top, above_bottom).simd_gt(zero);
-                    (below_top.min(above_bottom), meets)
+        apart::<S, _>(
+            #[inline(always)]
+            || {
+                let mut crosses = M::splat(simd, false);
+                let mut clear = splat(simd, f32::INFINITY);
+                for (j, shape) in self.shapes.iter().enumerate() {
+                    if matches!(shape, Shape::Mesh | Shape::Other) {
+                        continue;
+                    }
+                    let (r, w, end) = (self.own(j, r), self.own(j, w), self.own(j, end));
+                    let j = j as u32;
+                    let (own, above) = (body.simd_eq(j), body.simd_gt(j));
+                    // How deep inside the end lies, at least; negative outside.
+                    let (depth, meets) = match *shape {
+                        Shape::Slab { bottom, top } => {
+                            let over = r.z.simd_ge(top);
+                            let (below_top, above_bottom) = (top - end.z, end.z - bottom);
+                            let zero = splat(simd, 0.0);
+                            let meets = choose(over, below_top, above_bottom).simd_gt(zero);
+                            (below_top.min(above_bottom), meets)
+                        }
+                        Shape::Box { low, high } => {
+                            let (a, b) = (end.from(low), end.from(high));
+                            let x = a.x.min(-b.x);
+                            (x.min(a.y.min(-b.y)).min(a.z.min(-b.z)), self.meets(simd, *shape, above, r, w, s))
+                        }
+                        Shape::Ellipsoid { center, inverse_radii, least } => {
+                            let q = end.from(center).scaled(inverse_radii);
+                            ((1.0 - q.dot(q).sqrt()) * least, self.meets(simd, *shape, above, r, w, s))
+                        }
+                        Shape::Cylinder { axis, radius, bottom, top } => {
+                            let (x, y) = (end.x - axis[0], end.y - axis[1]);
+                            let side = radius - (x * x + y * y).sqrt();
+                            let depth = side.min((top - end.z).min(end.z - bottom));
+                            (depth, self.meets(simd, *shape, above, r, w, s))
+                        }
+                        Shape::Mesh | Shape::Other => unreachable!("passed over"),
+                    };
+                    crosses |= (own & depth.simd_le(0.0)) | (above & meets);
+                    clear = choose(own | above, clear.min(depth.abs()), clear);
                 }
-                Shape::Box { low, high } => {
-                    let (a, b) = (end.from(low), end.from(high));
-                    let x = a.x.min(-b.x);
-                    (x.min(a.y.min(-b.y)).min(a.z.min(-b.z)), self.meets(simd, *shape, above, r, w, s))
-                }
-                Shape::Ellipsoid { center, inverse_radii, least } => {
-                    let q = end.from(center).scaled(inverse_radii);
-                    ((1.0 - q.dot(q).sqrt()) * least, self.meets(simd, *shape, above, r, w, s))
-                }
-                Shape::Cylinder { axis, radius, bottom, top } => {
-                    let (x, y) = (end.x - axis[0], end.y - axis[1]);
-                    let side = radius - (x * x + y * y).sqrt();
-                    let depth = side.min((top - end.z).min(end.z - bottom));
-                    (depth, self.meets(simd, *shape, above, r, w, s))
-                }
-                Shape::Mesh | Shape::Other => unreachable!("passed over"),
-            };
-            crosses |= (own & depth.simd_le(0.0)) | (above & meets);
-            clear = choose(own | above, clear.min(depth.abs()), clear);
-        }
-        Passage { crosses, clear }
+                Passage { crosses, clear }
+            },
+        )
     }
 
     /// Whether a flight that starts outside comes to a body, in whose axes it is given; a start that rounding put inside counts.
@@ -217,56 +222,61 @@ impl Ground {
     /// Follows the rays of some lanes from within `body` straight through boundaries and voids to the next filled body.
     #[inline(always)]
     pub fn onward<S: Simd>(&self, simd: S, parts: &[Part], asked: M<S>, body: U<S>, r: V<S>, w: V<S>) -> Onward<S> {
-        let (never, zero, no) = (splat(simd, f32::INFINITY), splat(simd, 0.0), M::splat(simd, false));
-        let mut onward = Onward { leaves: never, enters: never, body, open: no, escapes: no };
-        // A single convex one is not come back to.
-        if parts.len() == 1 && self.meshes.is_empty() {
-            onward.escapes = M::splat(simd, true);
-            return onward;
-        }
-        if parts.len() > MOST_BODIES {
-            return onward;
-        }
-        let mut chords = [Chord { enter: zero, leave: zero }; MOST_BODIES];
-        let mut again = 0;
-        for (j, chord) in chords.iter_mut().enumerate().take(parts.len()) {
-            *chord = if self.is_mesh(j) {
-                self.chord_in_mesh(simd, j, asked, r, w, &mut again)
-            } else {
-                self.chord(simd, j, r, w)
-            };
-            // One that is missed lies nowhere.
-            let hit = chord.enter.simd_lt(chord.leave);
-            *chord = Chord { enter: choose(hit, chord.enter, never), leave: choose(hit, chord.leave, -never) };
-            let (own, above) = (body.simd_eq(j as u32), body.simd_gt(j as u32));
-            let end = choose(own, chord.leave, choose(above & chord.leave.simd_gt(zero), chord.enter, never));
-            onward.leaves = onward.leaves.min(end);
-        }
-        onward.leaves = onward.leaves.max(zero);
-        let mut t = onward.leaves;
-        let mut found = no;
-        let size = r.x.abs().max(r.y.abs().max(r.z.abs()));
-        for _ in 0..MOST_INTERFACES {
-            let just_behind = t + (t + size) * SLIVER;
-            let (mut holder, mut filled, mut open, mut next) = (body, no, no, never);
-            for (j, (chord, part)) in chords.iter().zip(parts).enumerate().rev() {
-                let (begun, over) = (chord.enter.simd_le(just_behind), chord.leave.simd_le(just_behind));
-                let holds = begun & !over;
-                holder = holds.select(U::splat(simd, j as u32), holder);
-                filled = if part.filled { filled | holds } else { filled & !holds };
-                open = if part.open { open | holds } else { open & !holds };
-                next = next.min(choose(over, never, choose(begun, chord.leave, chord.enter)));
-            }
-            onward.body = found.select(onward.body, holder);
-            onward.open |= !found & open;
-            found |= filled;
-            t = choose(found, t, next);
-        }
-        onward.enters = t;
-        let once = !M::from_bitmask(simd, again);
-        onward.open &= once & t.simd_lt(f32::MAX);
-        onward.escapes = once & t.simd_ge(f32::MAX);
-        onward
+        apart::<S, _>(
+            #[inline(always)]
+            || {
+                let (never, zero, no) = (splat(simd, f32::INFINITY), splat(simd, 0.0), M::splat(simd, false));
+                let mut onward = Onward { leaves: never, enters: never, body, open: no, escapes: no };
+                // A single convex one is not come back to.
+                if parts.len() == 1 && self.meshes.is_empty() {
+                    onward.escapes = M::splat(simd, true);
+                    return onward;
+                }
+                if parts.len() > MOST_BODIES {
+                    return onward;
+                }
+                let mut chords = [Chord { enter: zero, leave: zero }; MOST_BODIES];
+                let mut again = 0;
+                for (j, chord) in chords.iter_mut().enumerate().take(parts.len()) {
+                    *chord = if self.is_mesh(j) {
+                        self.chord_in_mesh(simd, j, asked, r, w, &mut again)
+                    } else {
+                        self.chord(simd, j, r, w)
+                    };
+                    // One that is missed lies nowhere.
+                    let hit = chord.enter.simd_lt(chord.leave);
+                    *chord = Chord { enter: choose(hit, chord.enter, never), leave: choose(hit, chord.leave, -never) };
+                    let (own, above) = (body.simd_eq(j as u32), body.simd_gt(j as u32));
+                    let end = choose(own, chord.leave, choose(above & chord.leave.simd_gt(zero), chord.enter, never));
+                    onward.leaves = onward.leaves.min(end);
+                }
+                onward.leaves = onward.leaves.max(zero);
+                let mut t = onward.leaves;
+                let mut found = no;
+                let size = r.x.abs().max(r.y.abs().max(r.z.abs()));
+                for _ in 0..MOST_INTERFACES {
+                    let just_behind = t + (t + size) * SLIVER;
+                    let (mut holder, mut filled, mut open, mut next) = (body, no, no, never);
+                    for (j, (chord, part)) in chords.iter().zip(parts).enumerate().rev() {
+                        let (begun, over) = (chord.enter.simd_le(just_behind), chord.leave.simd_le(just_behind));
+                        let holds = begun & !over;
+                        holder = holds.select(U::splat(simd, j as u32), holder);
+                        filled = if part.filled { filled | holds } else { filled & !holds };
+                        open = if part.open { open | holds } else { open & !holds };
+                        next = next.min(choose(over, never, choose(begun, chord.leave, chord.enter)));
+                    }
+                    onward.body = found.select(onward.body, holder);
+                    onward.open |= !found & open;
+                    found |= filled;
+                    t = choose(found, t, next);
+                }
+                onward.enters = t;
+                let once = !M::from_bitmask(simd, again);
+                onward.open &= once & t.simd_lt(f32::MAX);
+                onward.escapes = once & t.simd_ge(f32::MAX);
+                onward
+            },
+        )
     }
 
     /// Where rays enter and leave body `j`.
@@ -278,35 +288,41 @@ impl Ground {
     /// The normal of body `j` at points of its surface; neither its length nor its sign matters.
     #[inline(always)]
     pub fn normal<S: Simd>(&self, simd: S, j: usize, p: V<S>) -> V<S> {
-        let (zero, one) = (splat(simd, 0.0), splat(simd, 1.0));
-        let p = self.own(j, p);
-        let normal = match self.shapes[j] {
-            Shape::Slab { .. } => V { x: zero, y: zero, z: one },
-            Shape::Box { low, high } => {
-                let (a, b) = (p.from(low), p.from(high));
-                let off = V { x: a.x.abs().min(b.x.abs()), y: a.y.abs().min(b.y.abs()), z: a.z.abs().min(b.z.abs()) };
-                let x = off.x.simd_le(off.y) & off.x.simd_le(off.z);
-                let y = off.y.simd_le(off.z);
-                V { x: choose(x, one, zero), y: choose(!x & y, one, zero), z: choose(!x & !y, one, zero) }
-            }
-            Shape::Cylinder { axis, radius, bottom, top } => {
-                let (x, y) = (p.x - axis[0], p.y - axis[1]);
-                let side = (radius - (x * x + y * y).sqrt()).abs();
-                let round = side.simd_le((top - p.z).abs().min((p.z - bottom).abs()));
-                V { x: choose(round, x, zero), y: choose(round, y, zero), z: choose(round, zero, one) }
-            }
-            Shape::Mesh | Shape::Other => unreachable!("they have faces of their own, or are not looked past"),
-            Shape::Ellipsoid { center, inverse_radii: i, .. } => {
-                p.from(center).scaled([i[0] * i[0], i[1] * i[1], i[2] * i[2]])
-            }
-        };
-        match self.turns[j] {
-            None => normal,
-            Some([x, y, z]) => {
-                let column = |i: usize| normal.along([x[i], y[i], z[i]]);
-                V { x: column(0), y: column(1), z: column(2) }
-            }
-        }
+        apart::<S, _>(
+            #[inline(always)]
+            || {
+                let (zero, one) = (splat(simd, 0.0), splat(simd, 1.0));
+                let p = self.own(j, p);
+                let normal = match self.shapes[j] {
+                    Shape::Slab { .. } => V { x: zero, y: zero, z: one },
+                    Shape::Box { low, high } => {
+                        let (a, b) = (p.from(low), p.from(high));
+                        let off =
+                            V { x: a.x.abs().min(b.x.abs()), y: a.y.abs().min(b.y.abs()), z: a.z.abs().min(b.z.abs()) };
+                        let x = off.x.simd_le(off.y) & off.x.simd_le(off.z);
+                        let y = off.y.simd_le(off.z);
+                        V { x: choose(x, one, zero), y: choose(!x & y, one, zero), z: choose(!x & !y, one, zero) }
+                    }
+                    Shape::Cylinder { axis, radius, bottom, top } => {
+                        let (x, y) = (p.x - axis[0], p.y - axis[1]);
+                        let side = (radius - (x * x + y * y).sqrt()).abs();
+                        let round = side.simd_le((top - p.z).abs().min((p.z - bottom).abs()));
+                        V { x: choose(round, x, zero), y: choose(round, y, zero), z: choose(round, zero, one) }
+                    }
+                    Shape::Mesh | Shape::Other => unreachable!("they have faces of their own, or are not looked past"),
+                    Shape::Ellipsoid { center, inverse_radii: i, .. } => {
+                        p.from(center).scaled([i[0] * i[0], i[1] * i[1], i[2] * i[2]])
+                    }
+                };
+                match self.turns[j] {
+                    None => normal,
+                    Some([x, y, z]) => {
+                        let column = |i: usize| normal.along([x[i], y[i], z[i]]);
+                        V { x: column(0), y: column(1), z: column(2) }
+                    }
+                }
+            },
+        )
     }
 }
 
@@ -353,38 +369,43 @@ fn facets(solid: &Solid, body: usize, origin: DVec3, range: f64) -> Option<Facet
 /// Entry >= exit where the line misses.
 #[inline(always)]
 pub fn chord<S: Simd>(simd: S, shape: Shape, r: V<S>, w: V<S>) -> Chord<S> {
-    match shape {
-        Shape::Slab { bottom, top } => between(r.z, w.z, bottom, top),
-        Shape::Box { low, high } => {
-            let x = between(r.x, w.x, low[0], high[0]);
-            let y = between(r.y, w.y, low[1], high[1]);
-            let z = between(r.z, w.z, low[2], high[2]);
-            Chord { enter: x.enter.max(y.enter).max(z.enter), leave: x.leave.min(y.leave).min(z.leave) }
-        }
-        Shape::Ellipsoid { center, inverse_radii, .. } => {
-            // A unit sphere, from the point of closest approach, as in `Solid::chord`.
-            let (o, d) = (r.from(center).scaled(inverse_radii), w.scaled(inverse_radii));
-            let inverse = 1.0 / d.dot(d);
-            let nearest = -(o.dot(d) * inverse);
-            let p = o.plus(nearest, d);
-            let half = ((1.0 - p.dot(p)).max(splat(simd, 0.0)) * inverse).sqrt();
-            Chord { enter: nearest - half, leave: nearest + half }
-        }
-        Shape::Cylinder { axis, radius, bottom, top } => {
-            let inverse_radius = 1.0 / radius;
-            let (ox, oy) = ((r.x - axis[0]) * inverse_radius, (r.y - axis[1]) * inverse_radius);
-            let (dx, dy) = (w.x * inverse_radius, w.y * inverse_radius);
-            // Along the axis the side is infinitely far, or nowhere.
-            let d2 = (dx * dx + dy * dy).max(splat(simd, 1e-30));
-            let inverse = 1.0 / d2;
-            let nearest = -((ox * dx + oy * dy) * inverse);
-            let (px, py) = (ox + nearest * dx, oy + nearest * dy);
-            let half = ((1.0 - (px * px + py * py)).max(splat(simd, 0.0)) * inverse).sqrt();
-            let caps = between(r.z, w.z, bottom, top);
-            Chord { enter: (nearest - half).max(caps.enter), leave: (nearest + half).min(caps.leave) }
-        }
-        Shape::Mesh | Shape::Other => unreachable!("they are cut in `mesh.rs`, or not at all"),
-    }
+    apart::<S, _>(
+        #[inline(always)]
+        || {
+            match shape {
+                Shape::Slab { bottom, top } => between(r.z, w.z, bottom, top),
+                Shape::Box { low, high } => {
+                    let x = between(r.x, w.x, low[0], high[0]);
+                    let y = between(r.y, w.y, low[1], high[1]);
+                    let z = between(r.z, w.z, low[2], high[2]);
+                    Chord { enter: x.enter.max(y.enter).max(z.enter), leave: x.leave.min(y.leave).min(z.leave) }
+                }
+                Shape::Ellipsoid { center, inverse_radii, .. } => {
+                    // A unit sphere, from the point of closest approach, as in `Solid::chord`.
+                    let (o, d) = (r.from(center).scaled(inverse_radii), w.scaled(inverse_radii));
+                    let inverse = 1.0 / d.dot(d);
+                    let nearest = -(o.dot(d) * inverse);
+                    let p = o.plus(nearest, d);
+                    let half = ((1.0 - p.dot(p)).max(splat(simd, 0.0)) * inverse).sqrt();
+                    Chord { enter: nearest - half, leave: nearest + half }
+                }
+                Shape::Cylinder { axis, radius, bottom, top } => {
+                    let inverse_radius = 1.0 / radius;
+                    let (ox, oy) = ((r.x - axis[0]) * inverse_radius, (r.y - axis[1]) * inverse_radius);
+                    let (dx, dy) = (w.x * inverse_radius, w.y * inverse_radius);
+                    // Along the axis the side is infinitely far, or nowhere.
+                    let d2 = (dx * dx + dy * dy).max(splat(simd, 1e-30));
+                    let inverse = 1.0 / d2;
+                    let nearest = -((ox * dx + oy * dy) * inverse);
+                    let (px, py) = (ox + nearest * dx, oy + nearest * dy);
+                    let half = ((1.0 - (px * px + py * py)).max(splat(simd, 0.0)) * inverse).sqrt();
+                    let caps = between(r.z, w.z, bottom, top);
+                    Chord { enter: (nearest - half).max(caps.enter), leave: (nearest + half).min(caps.leave) }
+                }
+                Shape::Mesh | Shape::Other => unreachable!("they are cut in `mesh.rs`, or not at all"),
+            }
+        },
+    )
 }
 
 /// Where o + t d lies between two planes.

@@ -72,6 +72,17 @@ impl<S: Simd> V<S> {
     }
 }
 
+/// Runs an expression where it stands, or, where sixteen lanes are four vectors, in a function of its own: with all of it in one
+/// function the kernels of such machines would be half of the time that this crate takes to build, and run no faster.
+#[inline(always)]
+pub fn apart<S: Simd, R>(f: impl FnOnce() -> R) -> R {
+    #[inline(never)]
+    fn called<R>(f: impl FnOnce() -> R) -> R {
+        f()
+    }
+    if const { size_of::<S::f32s>() == 16 } { called(f) } else { f() }
+}
+
 #[inline(always)]
 pub fn splat<S: Simd>(simd: S, x: f32) -> F<S> {
     F::splat(simd, x)
@@ -87,19 +98,24 @@ pub fn choose<S: Simd>(mask: M<S>, yes: F<S>, no: F<S>) -> F<S> {
 /// Coefficients: Cephes `logf` (Moshier 1992).
 #[inline(always)]
 pub fn ln<S: Simd>(x: F<S>) -> F<S> {
-    const TWO_23: f32 = 8_388_608.0;
-    // x = 2^k (1 + f), 1 + f in [sqrt(1/2), sqrt(2)): adding to the bits carries into the exponent at sqrt(2).
-    let shifted = x.to_bits() + (0x3F80_0000 - 0x3F35_04F3_u32);
-    // In the low bits of 2^23 an integer is a float.
-    let k = F::from_bits((shifted >> 23) | 0x4B00_0000) - (TWO_23 + 127.0);
-    let f = F::from_bits((shifted & 0x007F_FFFF) + 0x3F35_04F3) - 1.0;
-    let z = f * f;
-    // Pairs first: half the latency of Horner's rule.
-    let (p1, p2) = (f * 1.166_769_99e-1 - 1.242_014_1e-1, f * 1.424_932_3e-1 - 1.666_805_8e-1);
-    let (p3, p4) = (f * 2.000_071_5e-1 - 2.499_999_4e-1, f * 7.037_683_6e-2 - 1.151_461e-1);
-    let p = ((p4 * z + p1) * z + p2) * z + p3;
-    let y = (p * f + 3.333_333_1e-1) * (f * z) - k * 2.121_944_4e-4 - z * 0.5;
-    f + y + k * 0.693_359_375
+    apart::<S, _>(
+        #[inline(always)]
+        || {
+            const TWO_23: f32 = 8_388_608.0;
+            // x = 2^k (1 + f), 1 + f in [sqrt(1/2), sqrt(2)): adding to the bits carries into the exponent at sqrt(2).
+            let shifted = x.to_bits() + (0x3F80_0000 - 0x3F35_04F3_u32);
+            // In the low bits of 2^23 an integer is a float.
+            let k = F::from_bits((shifted >> 23) | 0x4B00_0000) - (TWO_23 + 127.0);
+            let f = F::from_bits((shifted & 0x007F_FFFF) + 0x3F35_04F3) - 1.0;
+            let z = f * f;
+            // Pairs first: half the latency of Horner's rule.
+            let (p1, p2) = (f * 1.166_769_99e-1 - 1.242_014_1e-1, f * 1.424_932_3e-1 - 1.666_805_8e-1);
+            let (p3, p4) = (f * 2.000_071_5e-1 - 2.499_999_4e-1, f * 7.037_683_6e-2 - 1.151_461e-1);
+            let p = ((p4 * z + p1) * z + p2) * z + p3;
+            let y = (p * f + 3.333_333_1e-1) * (f * z) - k * 2.121_944_4e-4 - z * 0.5;
+            f + y + k * 0.693_359_375
+        },
+    )
 }
 
 /// e^x for |x| <= 87; within 2e-7 of it. Beyond that range the result is meaningless: the caller knows its numbers.
@@ -107,16 +123,21 @@ pub fn ln<S: Simd>(x: F<S>) -> F<S> {
 /// Coefficients: Cephes `expf` (Moshier 1992).
 #[inline(always)]
 pub fn exp<S: Simd>(x: F<S>) -> F<S> {
-    // Adding 1.5 * 2^23 rounds to the nearest integer, and leaves that integer in the low bits.
-    const ROUND: f32 = 12_582_912.0;
-    let rounded = x * std::f32::consts::LOG2_E + ROUND;
-    let k = rounded - ROUND;
-    let r = (x - k * 0.693_359_375) + k * 2.121_944_4e-4;
-    let z = r * r;
-    let (p0, p1) = (r * 1.987_569_1e-4 + 1.398_199_9e-3, r * 8.333_452e-3 + 4.166_579_6e-2);
-    let p2 = r * 1.666_666_5e-1 + 0.5;
-    let mantissa = ((p0 * z + p1) * z + p2) * z + r + 1.0;
-    F::from_bits(mantissa.to_bits() + (rounded.to_bits() << 23))
+    apart::<S, _>(
+        #[inline(always)]
+        || {
+            // Adding 1.5 * 2^23 rounds to the nearest integer, and leaves that integer in the low bits.
+            const ROUND: f32 = 12_582_912.0;
+            let rounded = x * std::f32::consts::LOG2_E + ROUND;
+            let k = rounded - ROUND;
+            let r = (x - k * 0.693_359_375) + k * 2.121_944_4e-4;
+            let z = r * r;
+            let (p0, p1) = (r * 1.987_569_1e-4 + 1.398_199_9e-3, r * 8.333_452e-3 + 4.166_579_6e-2);
+            let p2 = r * 1.666_666_5e-1 + 0.5;
+            let mantissa = ((p0 * z + p1) * z + p2) * z + r + 1.0;
+            F::from_bits(mantissa.to_bits() + (rounded.to_bits() << 23))
+        },
+    )
 }
 
 /// (sin, cos) of 2 pi `turns`, |turns| < 2^20; within 1.2e-7 of the exact values at that argument.
@@ -124,35 +145,45 @@ pub fn exp<S: Simd>(x: F<S>) -> F<S> {
 /// Coefficients: Cephes `sinf` (Moshier 1992).
 #[inline(always)]
 pub fn sin_cos_turns<S: Simd>(turns: F<S>) -> (F<S>, F<S>) {
-    const ROUND: f32 = 12_582_912.0;
-    let rounded = turns * 4.0 + ROUND;
-    let quarter = rounded.to_bits();
-    // Exact: within an eighth of a turn of zero.
-    let x = (turns - (rounded - ROUND) * 0.25) * std::f32::consts::TAU;
-    let z = x * x;
-    let sin = x + x * z * (-1.666_665_5e-1 + z * (8.332_161e-3 - z * 1.951_529_6e-4));
-    let cos = 1.0 - (z * 0.5 - z * z * (4.166_664_6e-2 + z * (-1.388_731_6e-3 + z * 2.443_315_7e-5)));
-    // The quarter turns: swap by the lowest bit, signs by the next.
-    let swap = (quarter & 1).simd_eq(1);
-    let (s, c) = (choose(swap, cos, sin), choose(swap, sin, cos));
-    let sin_sign = (quarter & 2) << 30;
-    let cos_sign = ((quarter ^ (quarter << 1)) & 2) << 30;
-    (F::from_bits(s.to_bits() ^ sin_sign), F::from_bits(c.to_bits() ^ cos_sign))
+    apart::<S, _>(
+        #[inline(always)]
+        || {
+            const ROUND: f32 = 12_582_912.0;
+            let rounded = turns * 4.0 + ROUND;
+            let quarter = rounded.to_bits();
+            // Exact: within an eighth of a turn of zero.
+            let x = (turns - (rounded - ROUND) * 0.25) * std::f32::consts::TAU;
+            let z = x * x;
+            let sin = x + x * z * (-1.666_665_5e-1 + z * (8.332_161e-3 - z * 1.951_529_6e-4));
+            let cos = 1.0 - (z * 0.5 - z * z * (4.166_664_6e-2 + z * (-1.388_731_6e-3 + z * 2.443_315_7e-5)));
+            // The quarter turns: swap by the lowest bit, signs by the next.
+            let swap = (quarter & 1).simd_eq(1);
+            let (s, c) = (choose(swap, cos, sin), choose(swap, sin, cos));
+            let sin_sign = (quarter & 2) << 30;
+            let cos_sign = ((quarter ^ (quarter << 1)) & 2) << 30;
+            (F::from_bits(s.to_bits() ^ sin_sign), F::from_bits(c.to_bits() ^ cos_sign))
+        },
+    )
 }
 
 /// Four random numbers in each lane: Philox4x32-10 of `turbid_optics::philox` at (number, high, sample, pixel).
 #[inline(always)]
 pub fn philox<S: Simd>(simd: S, number: U<S>, high: U<S>, sample: U<S>, pixel: U<S>, key: [u32; 2]) -> [U<S>; 4] {
-    let (n, h) = (simd.widen_u32x16(number), simd.widen_u32x16(high));
-    let (s, p) = (simd.widen_u32x16(sample), simd.widen_u32x16(pixel));
-    let (low, upper) = (rounds([n.0, h.0, s.0, p.0], key), rounds([n.1, h.1, s.1, p.1], key));
-    // No `map`: what is not inlined loses the vector instructions.
-    [
-        simd.narrow_u64x8(low[0], upper[0]),
-        simd.narrow_u64x8(low[1], upper[1]),
-        simd.narrow_u64x8(low[2], upper[2]),
-        simd.narrow_u64x8(low[3], upper[3]),
-    ]
+    apart::<S, _>(
+        #[inline(always)]
+        || {
+            let (n, h) = (simd.widen_u32x16(number), simd.widen_u32x16(high));
+            let (s, p) = (simd.widen_u32x16(sample), simd.widen_u32x16(pixel));
+            let (low, upper) = (rounds([n.0, h.0, s.0, p.0], key), rounds([n.1, h.1, s.1, p.1], key));
+            // No `map`: what is not inlined loses the vector instructions.
+            [
+                simd.narrow_u64x8(low[0], upper[0]),
+                simd.narrow_u64x8(low[1], upper[1]),
+                simd.narrow_u64x8(low[2], upper[2]),
+                simd.narrow_u64x8(low[3], upper[3]),
+            ]
+        },
+    )
 }
 
 /// In words of 64 bits, of which the upper halves hold what the products left: the next product does not look at them.
@@ -200,25 +231,30 @@ pub fn hg_denominator<S: Simd>(g: F<S>, cos: F<S>) -> F<S> {
 /// See `turbid_optics::henyey_greenstein`; one division for the angle and the basis.
 #[inline(always)]
 pub fn hg_sample<S: Simd>(g: F<S>, w: V<S>, u: F<S>, turns: F<S>) -> V<S> {
-    let simd = g.token();
-    let one = splat(simd, 1.0);
-    let sign = one.copysign(w.z);
-    let (rest, basis) = (1.0 - g, sign + w.z);
-    let wide = rest + g * 2.0 * u;
-    let inverse = 1.0 / (wide * basis);
-    let (ratio, a) = (rest * (inverse * basis), -(inverse * wide));
-    let h = ratio * ratio * 2.0 * (1.0 - u) * (g * u + 1.0);
-    let (cos_theta, sin_theta) = (1.0 - h, (h * (2.0 - h)).max(splat(simd, 0.0)).sqrt());
-    let (sin_phi, cos_phi) = sin_cos_turns(turns);
-    let b = w.x * w.y * a;
-    let (x, y) = (sin_theta * cos_phi, sin_theta * sin_phi);
-    let turned = V {
-        x: x * (sign * w.x * w.x * a + 1.0) + y * b + cos_theta * w.x,
-        y: x * sign * b + y * (sign + w.y * w.y * a) + cos_theta * w.y,
-        z: cos_theta * w.z - x * sign * w.x - y * w.y,
-    };
-    // One Newton step towards length 1: rounding would drift over millions of turns.
-    turned.times(1.5 - turned.dot(turned) * 0.5)
+    apart::<S, _>(
+        #[inline(always)]
+        || {
+            let simd = g.token();
+            let one = splat(simd, 1.0);
+            let sign = one.copysign(w.z);
+            let (rest, basis) = (1.0 - g, sign + w.z);
+            let wide = rest + g * 2.0 * u;
+            let inverse = 1.0 / (wide * basis);
+            let (ratio, a) = (rest * (inverse * basis), -(inverse * wide));
+            let h = ratio * ratio * 2.0 * (1.0 - u) * (g * u + 1.0);
+            let (cos_theta, sin_theta) = (1.0 - h, (h * (2.0 - h)).max(splat(simd, 0.0)).sqrt());
+            let (sin_phi, cos_phi) = sin_cos_turns(turns);
+            let b = w.x * w.y * a;
+            let (x, y) = (sin_theta * cos_phi, sin_theta * sin_phi);
+            let turned = V {
+                x: x * (sign * w.x * w.x * a + 1.0) + y * b + cos_theta * w.x,
+                y: x * sign * b + y * (sign + w.y * w.y * a) + cos_theta * w.y,
+                z: cos_theta * w.z - x * sign * w.x - y * w.y,
+            };
+            // One Newton step towards length 1: rounding would drift over millions of turns.
+            turned.times(1.5 - turned.dot(turned) * 0.5)
+        },
+    )
 }
 
 #[cfg(test)]

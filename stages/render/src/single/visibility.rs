@@ -6,7 +6,7 @@ use fearless_simd::prelude::*;
 use super::facets::bits;
 use super::frame::Frame;
 use super::ground::{Chord, Chords};
-use super::lane::{F, M, U, V, choose, splat};
+use super::lane::{F, M, U, V, apart, choose, splat};
 use super::limits::{MOST_BODIES, SLIVER};
 use super::rows::Counts;
 use super::source::Source;
@@ -50,35 +50,40 @@ pub fn visibility<S: Simd>(
     p: V<S>,
     Met { chords, normals }: &mut Met<S>,
 ) -> Visibility<S> {
-    normals.clear();
-    let Some(plane) = &frame.plane else {
-        let (towards, distance) = source.towards(p);
-        find_chords(simd, frame, p, towards, chords);
-        let mut again = 0;
-        if !frame.ground.meshes.is_empty() {
-            let zero = splat(simd, 0.0);
-            normals.extend((0..frame.ground.bodies()).map(|_| V { x: zero, y: zero, z: zero }));
-            again = frame.ground.add_towards_light(simd, asked, p, towards, distance, chords, normals);
-        }
-        let mut tau = optical_depth(simd, frame, chords, distance);
-        if again != 0 {
-            let mut depths = tau.to_array();
-            for lane in bits(again) {
-                let segments = frame.ground.segments_to_light(simd, lane, (p, towards, distance), chords);
-                depths[lane] = segments.iter().map(|&(j, length)| frame.mu_t[j] * length).sum();
-            }
-            tau = F::load_array(simd, depths);
-        }
-        let blocked = blocked(simd, frame, chords, distance);
-        return Visibility { towards, tau, length: distance, again, blocked, foot: p, gain: splat(simd, 1.0) };
-    };
-    let refraction = plane.refraction(simd, source.position, p);
-    find_chords(simd, frame, p, refraction.towards, chords);
-    let tau = optical_depth(simd, frame, chords, refraction.length);
-    let stopped = blocked(simd, frame, chords, refraction.length);
-    let (towards, length) = (refraction.towards, refraction.length);
-    let (foot, gain) = (refraction.foot, refraction.gain);
-    Visibility { towards, tau, length, again: 0, blocked: stopped, foot, gain }
+    apart::<S, _>(
+        #[inline(always)]
+        || {
+            normals.clear();
+            let Some(plane) = &frame.plane else {
+                let (towards, distance) = source.towards(p);
+                find_chords(simd, frame, p, towards, chords);
+                let mut again = 0;
+                if !frame.ground.meshes.is_empty() {
+                    let zero = splat(simd, 0.0);
+                    normals.extend((0..frame.ground.bodies()).map(|_| V { x: zero, y: zero, z: zero }));
+                    again = frame.ground.add_towards_light(simd, asked, p, towards, distance, chords, normals);
+                }
+                let mut tau = optical_depth(simd, frame, chords, distance);
+                if again != 0 {
+                    let mut depths = tau.to_array();
+                    for lane in bits(again) {
+                        let segments = frame.ground.segments_to_light(simd, lane, (p, towards, distance), chords);
+                        depths[lane] = segments.iter().map(|&(j, length)| frame.mu_t[j] * length).sum();
+                    }
+                    tau = F::load_array(simd, depths);
+                }
+                let blocked = blocked(simd, frame, chords, distance);
+                return Visibility { towards, tau, length: distance, again, blocked, foot: p, gain: splat(simd, 1.0) };
+            };
+            let refraction = plane.refraction(simd, source.position, p);
+            find_chords(simd, frame, p, refraction.towards, chords);
+            let tau = optical_depth(simd, frame, chords, refraction.length);
+            let stopped = blocked(simd, frame, chords, refraction.length);
+            let (towards, length) = (refraction.towards, refraction.length);
+            let (foot, gain) = (refraction.foot, refraction.gain);
+            Visibility { towards, tau, length, again: 0, blocked: stopped, foot, gain }
+        },
+    )
 }
 
 /// Meshes apart.
@@ -102,22 +107,28 @@ pub fn find_chords<S: Simd>(simd: S, frame: &Frame<'_>, r: V<S>, w: V<S>, chords
 /// Where the segment of the own medium that a ray starts in ends, and at which body's surface.
 #[inline(always)]
 pub fn first_segment<S: Simd>(simd: S, frame: &Frame<'_>, body: U<S>, r: V<S>, chords: &[Chord<S>]) -> (F<S>, U<S>) {
-    let (mut distance, mut interface) = (splat(simd, f32::INFINITY), U::splat(simd, 0));
-    for (j, chord) in chords.iter().enumerate() {
-        let j = j as u32;
-        // Its own body ends it by its exit, one of higher priority by its entry: not one that is missed or behind. A ray may start where such a
-        // one ends, whatever rounding says: its middle tells.
-        let own = body.simd_eq(j);
-        let carves = body.simd_gt(j) & chord.enter.simd_lt(chord.leave) & (chord.enter + chord.leave).simd_gt(0.0);
-        let end = choose(own, chord.leave, chord.enter);
-        let nearer = (carves | own) & end.simd_lt(distance);
-        distance = choose(nearer, end, distance);
-        interface = nearer.select(U::splat(simd, j), interface);
-    }
-    if frame.repeated {
-        go_on(simd, frame, body, r, chords, &mut distance, &mut interface);
-    }
-    (distance, interface)
+    apart::<S, _>(
+        #[inline(always)]
+        || {
+            let (mut distance, mut interface) = (splat(simd, f32::INFINITY), U::splat(simd, 0));
+            for (j, chord) in chords.iter().enumerate() {
+                let j = j as u32;
+                // Its own body ends it by its exit, one of higher priority by its entry: not one that is missed or behind. A ray may start where such a
+                // one ends, whatever rounding says: its middle tells.
+                let own = body.simd_eq(j);
+                let carves =
+                    body.simd_gt(j) & chord.enter.simd_lt(chord.leave) & (chord.enter + chord.leave).simd_gt(0.0);
+                let end = choose(own, chord.leave, chord.enter);
+                let nearer = (carves | own) & end.simd_lt(distance);
+                distance = choose(nearer, end, distance);
+                interface = nearer.select(U::splat(simd, j), interface);
+            }
+            if frame.repeated {
+                go_on(simd, frame, body, r, chords, &mut distance, &mut interface);
+            }
+            (distance, interface)
+        },
+    )
 }
 
 /// On through bodies of the same medium: where they touch they are one.
@@ -175,30 +186,36 @@ fn optical_depth<S: Simd>(simd: S, frame: &Frame<'_>, chords: &[Chord<S>], dista
 /// that have a part in common with it. Each set follows the one without its last body, so those of which no lane meets a common part are passed over with all that hold them.
 #[inline(always)]
 pub fn own_length<S: Simd>(simd: S, chords: &[Chord<S>], j: usize, distance: F<S>) -> F<S> {
-    let zero = splat(simd, 0.0);
-    let Chord { enter, leave } = chords[j];
-    let whole = Chord { enter: enter.max(zero), leave: leave.min(distance) };
-    let mut length = (whole.leave - whole.enter).max(zero);
-    // What the sets up to the present one have in common, and the last body of each.
-    let (mut common, mut last, mut next) = (ArrayVec::<_, MOST_BODIES>::new(), ArrayVec::<_, MOST_BODIES>::new(), 0);
-    loop {
-        if next == j {
-            common.pop();
-            let Some(k) = last.pop() else { break };
-            next = k + 1;
-            continue;
-        }
-        let (inner, outer) = (chords[next], *common.last().unwrap_or(&whole));
-        let both = Chord { enter: inner.enter.max(outer.enter), leave: inner.leave.min(outer.leave) };
-        if both.enter.simd_lt(both.leave).any_true() {
-            let part = (both.leave - both.enter).max(zero);
-            length = if last.len() % 2 == 0 { length - part } else { length + part };
-            common.push(both);
-            last.push(next);
-        }
-        next += 1;
-    }
-    length
+    apart::<S, _>(
+        #[inline(always)]
+        || {
+            let zero = splat(simd, 0.0);
+            let Chord { enter, leave } = chords[j];
+            let whole = Chord { enter: enter.max(zero), leave: leave.min(distance) };
+            let mut length = (whole.leave - whole.enter).max(zero);
+            // What the sets up to the present one have in common, and the last body of each.
+            let (mut common, mut last, mut next) =
+                (ArrayVec::<_, MOST_BODIES>::new(), ArrayVec::<_, MOST_BODIES>::new(), 0);
+            loop {
+                if next == j {
+                    common.pop();
+                    let Some(k) = last.pop() else { break };
+                    next = k + 1;
+                    continue;
+                }
+                let (inner, outer) = (chords[next], *common.last().unwrap_or(&whole));
+                let both = Chord { enter: inner.enter.max(outer.enter), leave: inner.leave.min(outer.leave) };
+                if both.enter.simd_lt(both.leave).any_true() {
+                    let part = (both.leave - both.enter).max(zero);
+                    length = if last.len() % 2 == 0 { length - part } else { length + part };
+                    common.push(both);
+                    last.push(next);
+                }
+                next += 1;
+            }
+            length
+        },
+    )
 }
 
 /// Whether an opaque body stands in the first `distance` of rays; nothing carves those.
@@ -221,18 +238,23 @@ pub fn steepness<S: Simd>(
     (interface, interface_body, normals): (F<S>, U<S>, &[V<S>]),
     e: V<S>,
 ) -> (F<S>, F<S>) {
-    let (mut ratio, mut cos) = (splat(simd, 0.0), splat(simd, 1.0));
-    let p = r.plus(interface, towards);
-    for j in 0..frame.ground.bodies() {
-        let n = match normals.get(j) {
-            Some(&facet) if frame.ground.is_mesh(j) => facet,
-            _ => frame.ground.normal(simd, j, p),
-        };
-        let (through, its) = (towards.dot(n), interface_body.simd_eq(j as u32));
-        ratio = choose(its, e.dot(n) / through, ratio);
-        cos = choose(its, through / n.dot(n).sqrt(), cos);
-    }
-    (ratio, cos)
+    apart::<S, _>(
+        #[inline(always)]
+        || {
+            let (mut ratio, mut cos) = (splat(simd, 0.0), splat(simd, 1.0));
+            let p = r.plus(interface, towards);
+            for j in 0..frame.ground.bodies() {
+                let n = match normals.get(j) {
+                    Some(&facet) if frame.ground.is_mesh(j) => facet,
+                    _ => frame.ground.normal(simd, j, p),
+                };
+                let (through, its) = (towards.dot(n), interface_body.simd_eq(j as u32));
+                ratio = choose(its, e.dot(n) / through, ratio);
+                cos = choose(its, through / n.dot(n).sqrt(), cos);
+            }
+            (ratio, cos)
+        },
+    )
 }
 
 /// Adds a stretch within the own body to the lengths by which channels differ.
