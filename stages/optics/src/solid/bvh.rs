@@ -105,26 +105,66 @@ impl Tree {
     /// Calls `leaf` with the places of each leaf whose box, and all boxes around it, `meets` says yes to.
     #[inline]
     pub fn visit(&self, meets: impl Fn(DVec3, DVec3) -> bool, leaf: impl FnMut(Range<usize>)) {
-        self.visit_numbered(|_, low, high| meets(low, high), leaf);
+        if meets(self.nodes[0].low, self.nodes[0].high) {
+            self.visit_below(0, |_, low, high| meets(low, high), leaf);
+        }
     }
 
-    /// The same, where `meets` is told the number of the box, too.
+    /// The same of what is in the box of that number, which is not asked about itself; `meets` is told the numbers of boxes, too.
     #[inline]
-    pub fn visit_numbered(&self, meets: impl Fn(usize, DVec3, DVec3) -> bool, mut leaf: impl FnMut(Range<usize>)) {
+    pub fn visit_below(
+        &self,
+        root: u32,
+        meets: impl Fn(usize, DVec3, DVec3) -> bool,
+        mut leaf: impl FnMut(Range<usize>),
+    ) {
         let mut stack = [0_u32; DEEP + 1];
+        stack[0] = root;
         let mut top = 1;
         while top > 0 {
             top -= 1;
-            let i = stack[top] as usize;
-            let node = &self.nodes[i];
-            if !meets(i, node.low, node.high) {
-                continue;
-            }
+            let node = &self.nodes[stack[top] as usize];
             if node.count > 0 {
                 leaf(node.first as usize..(node.first + node.count) as usize);
-            } else {
-                (stack[top], stack[top + 1]) = (node.first + 1, node.first);
-                top += 2;
+                continue;
+            }
+            for i in [node.first + 1, node.first] {
+                let child = &self.nodes[i as usize];
+                if meets(i as usize, child.low, child.high) {
+                    stack[top] = i;
+                    top += 1;
+                }
+            }
+        }
+    }
+
+    /// The numbers of boxes that hold all that `meets` says yes to, small ones: at most `most` of them. Of leaves `leaf` is asked, too.
+    pub fn boxes_of(
+        &self,
+        most: usize,
+        meets: impl Fn(usize, DVec3, DVec3) -> bool,
+        leaf: impl Fn(Range<usize>) -> bool,
+    ) -> Vec<u32> {
+        let met = |i: &u32| {
+            let Node { low, high, first, count } = self.nodes[*i as usize];
+            meets(*i as usize, low, high) && (count == 0 || leaf(first as usize..(first + count) as usize))
+        };
+        let mut boxes: Vec<u32> = [0].into_iter().filter(met).collect();
+        // Level by level: each pass divides branches while there is room.
+        loop {
+            let (mut divided, mut next) = (false, Vec::with_capacity(boxes.len() + 1));
+            for (at, &i) in boxes.iter().enumerate() {
+                let node = &self.nodes[i as usize];
+                if node.count > 0 || next.len() + (boxes.len() - at) >= most {
+                    next.push(i);
+                } else {
+                    divided = true;
+                    next.extend([node.first, node.first + 1].into_iter().filter(met));
+                }
+            }
+            boxes = next;
+            if !divided {
+                return boxes;
             }
         }
     }

@@ -101,7 +101,56 @@ impl Ends {
 
     /// Through a triangle.
     pub(super) fn through_facet(&self, corners: &[DVec3; 3], normal: DVec3) -> Option<DVec3> {
-        self.through_plane(normal, normal.dot(corners[0])).filter(|p| holds(corners, normal, *p))
+        let offset = normal.dot(corners[0]);
+        if self.misses(corners, normal, offset) {
+            return None;
+        }
+        self.through_plane(normal, offset).filter(|p| holds(corners, normal, *p))
+    }
+
+    /// True only if light comes through the plane of a triangle beside it: both ends of a stretch that holds the place are beyond one edge.
+    fn misses(&self, corners: &[DVec3; 3], normal: DVec3, offset: f64) -> bool {
+        let depth = offset - self.near.dot(normal);
+        let foot = self.near + depth * normal;
+        // Both ends of the stretch from the foot of the near end, towards that of the far one.
+        let [p, q] = match self.far {
+            Far::Point(a) => {
+                let height = a.dot(normal) - offset;
+                if height * depth <= 0.0 {
+                    return true;
+                }
+                let across = a - self.near - (height + depth) * normal;
+                if self.n_near < self.n_far {
+                    [depth / (height + depth), 1.0].map(|part| foot + part * across)
+                } else {
+                    // The light comes down on the plane at an angle between that of the straight line and that towards the foot; by Snell's law of the
+                    // tangents t_near = t_far sqrt(r / (1 + (1 - r) t_far^2)), r = (n_far / n_near)^2, which grows with t_far.
+                    let (r, square) = ((self.n_far / self.n_near).powi(2), across.length_squared());
+                    [height + depth, height].map(|h| {
+                        let tangent = square / (h * h);
+                        foot + depth / h * (r / (1.0 + (1.0 - r) * tangent)).sqrt() * across
+                    })
+                }
+            }
+            Far::Direction(towards) => {
+                let up = towards.dot(normal);
+                if up * depth <= 0.0 {
+                    return true;
+                }
+                if self.n_near < self.n_far {
+                    return false;
+                }
+                [foot, self.near + depth / up * towards]
+            }
+        };
+        let size = p.abs().max(q.abs()).max(corners[0].abs()).max_element();
+        (0..3).any(|k| {
+            let (from, edge) = (corners[k], corners[(k + 1) % 3] - corners[k]);
+            let inwards = normal.cross(edge);
+            // More than rounding, and than what `holds` takes in.
+            let beside = -1e-9 * size * edge.abs().max_element();
+            inwards.dot(p - from) < beside && inwards.dot(q - from) < beside
+        })
     }
 
     /// The place of least optical length on a curved surface, downhill from `p` on it; `None` where the two ends are on the same side.

@@ -18,6 +18,7 @@ use super::crossing::Ends;
 use super::facets::{Cells, ItemBuffer};
 use super::memo::Memo;
 use super::normals::{Normals, Search};
+use super::refracting::{MOST_BOXES, Refracting};
 use super::rounded::Rounded;
 use super::{Chord, Start};
 use line::Line;
@@ -43,6 +44,8 @@ pub struct Mesh {
     grid: OnceLock<Grid>,
     /// How the normals in each box of the tree differ.
     lies: OnceLock<Vec<Normals>>,
+    /// Where refraction towards points in each cell of a grid may be.
+    refracting: Refracting,
     rounded: OnceLock<Rounded>,
     cells: OnceLock<Option<Cells>>,
     /// From the last points that were asked for: that of the light, that of the camera.
@@ -123,10 +126,16 @@ impl Mesh {
             half,
             grid: OnceLock::new(),
             lies: OnceLock::new(),
+            refracting: Refracting::default(),
             rounded: OnceLock::new(),
             cells: OnceLock::new(),
             item_buffers: Memo::default(),
         }
+    }
+
+    /// Bytes that it takes at the most for what it keeps of `sources` of light that it refracts.
+    pub fn bytes_of_refraction(sources: usize) -> u64 {
+        Refracting::bytes(sources)
     }
 
     pub fn triangles(&self) -> usize {
@@ -274,39 +283,49 @@ impl Mesh {
     /// Points of its facets at which Snell's law takes light from the far end to the near one; those on an edge may come twice.
     pub fn refractions(&self, ends: &Ends, found: &mut dyn FnMut(DVec3)) {
         let ends = ends.moved(|p| p - self.center, |w| w);
-        self.places(&Search::refracting(&ends), |corners, normal| ends.through_facet(corners, normal), found);
+        let cell = self.refracting.cell(&ends, self.half, |middle, radius| {
+            let ends = Ends { near: middle, ..ends };
+            let search = Search::refracting(&ends).around_near(radius);
+            let may_be_on = |place: usize| search.may_be_on(&self.corners[place], self.normals[place]);
+            self.tree.boxes_of(MOST_BOXES, self.may_be_in(&search), |mut places| places.any(may_be_on))
+        });
+        let on = |corners: &_, normal| ends.through_facet(corners, normal);
+        self.places(&Search::refracting(&ends), cell.unwrap_or(&[0]), on, found);
     }
 
     /// The same of the law of reflection, on either side of them.
     pub fn reflections(&self, ends: &Ends, found: &mut dyn FnMut(DVec3)) {
         let ends = ends.moved(|p| p - self.center, |w| w);
-        self.places(&Search::reflecting(&ends), |corners, normal| ends.by_facet(corners, normal), found);
+        let search = Search::reflecting(&ends);
+        let on =
+            |corners: &_, normal| search.may_be_on(corners, normal).then(|| ends.by_facet(corners, normal)).flatten();
+        self.places(&search, &[0], on, found);
     }
 
-    /// What `on` finds on facets, where the search lets it look.
-    fn places(
-        &self,
-        search: &Search<'_>,
-        on: impl Fn(&[DVec3; 3], DVec3) -> Option<DVec3>,
-        found: &mut dyn FnMut(DVec3),
-    ) {
+    /// What a search says of the boxes of the tree.
+    fn may_be_in(&self, search: &Search<'_>) -> impl Fn(usize, DVec3, DVec3) -> bool {
         let lies = self.lies.get_or_init(|| {
             self.tree.ranges().into_iter().map(|range| Normals::around(&self.normals[range])).collect()
         });
+        |i, low, high| search.may_be_in(low, high, &lies[i])
+    }
+
+    /// What `on` finds on facets of these boxes of the tree, where the search lets it look.
+    fn places(
+        &self,
+        search: &Search<'_>,
+        boxes: &[u32],
+        on: impl Fn(&[DVec3; 3], DVec3) -> Option<DVec3>,
+        found: &mut dyn FnMut(DVec3),
+    ) {
         let mut all = Vec::new();
-        self.tree.visit_numbered(
-            |i, low, high| search.may_be_in(low, high, &lies[i]),
-            |places| {
+        for &root in boxes {
+            self.tree.visit_below(root, self.may_be_in(search), |places| {
                 for place in places {
-                    let (corners, normal) = (&self.corners[place], self.normals[place]);
-                    if search.may_be_on(corners, normal)
-                        && let Some(p) = on(corners, normal)
-                    {
-                        all.push(p + self.center);
-                    }
+                    all.extend(on(&self.corners[place], self.normals[place]).map(|p| p + self.center));
                 }
-            },
-        );
+            });
+        }
         // Sums over them are rounded alike whatever the tree.
         all.sort_unstable_by(|p, q| {
             let axes = [0, 1, 2].map(|axis| p[axis].total_cmp(&q[axis]));

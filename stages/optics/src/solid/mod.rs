@@ -16,6 +16,7 @@ pub mod mesh;
 mod normals;
 mod patch;
 mod reflection;
+mod refracting;
 mod rounded;
 mod shapes;
 

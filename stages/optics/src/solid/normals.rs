@@ -50,6 +50,8 @@ pub struct Search<'a> {
     sign: f64,
     /// Of b . m, where a . m is positive.
     side: f64,
+    /// mm; the near end may be anywhere in a ball of this radius.
+    near_radius: f64,
 }
 
 impl<'a> Search<'a> {
@@ -57,12 +59,17 @@ impl<'a> Search<'a> {
         let (less, more) = (ends.n_far.min(ends.n_near), ends.n_far.max(ends.n_near));
         let cos = less / more;
         let turns = Some((cos, (1.0 - cos * cos).max(0.0).sqrt()));
-        Self { ends, turns, sign: (ends.n_far - ends.n_near).signum(), side: -1.0 }
+        Self { ends, turns, sign: (ends.n_far - ends.n_near).signum(), side: -1.0, near_radius: 0.0 }
     }
 
     /// Between ends of the same index.
     pub fn reflecting(ends: &'a Ends) -> Self {
-        Self { ends, turns: None, sign: 1.0, side: 1.0 }
+        Self { ends, turns: None, sign: 1.0, side: 1.0, near_radius: 0.0 }
+    }
+
+    /// For all near ends within `radius` mm of this one together.
+    pub fn around_near(self, radius: f64) -> Self {
+        Self { near_radius: radius, ..self }
     }
 
     /// False only if no facet in the box between two corners, its normal among `normals`, takes light from one end to the other.
@@ -72,7 +79,7 @@ impl<'a> Search<'a> {
         let radius = 0.5 * (high - low).length();
         let ((a, a_inverse), (b, b_inverse)) = (self.ends.far.from(middle), Far::Point(self.ends.near).from(middle));
         // Sines of the cones of a and b, from the points of the ball around the box.
-        let (a_sin, b_sin) = (radius * a_inverse + ROUNDING, radius * b_inverse + ROUNDING);
+        let (a_sin, b_sin) = (radius * a_inverse + ROUNDING, (radius + self.near_radius) * b_inverse + ROUNDING);
         // Written so that an end in the middle of the box, with no direction to it, is near.
         let far_off = a_sin < 1.0 && b_sin < 1.0;
         if !far_off || normals.cos <= 0.0 {
@@ -115,7 +122,7 @@ impl<'a> Search<'a> {
         let square = [p, q, r].into_iter().map(|corner| (corner - middle).length_squared()).fold(0.0, f64::max);
         let radius = square.sqrt() * (1.0 + ROUNDING);
         let ((a, a_inverse), (b, b_inverse)) = (self.ends.far.from(middle), Far::Point(self.ends.near).from(middle));
-        let (a_near, b_near) = (radius * a_inverse, radius * b_inverse);
+        let (a_near, b_near) = (radius * a_inverse, (radius + self.near_radius) * b_inverse);
         let far_off = a_near < 1.0 && b_near < 1.0;
         if !far_off {
             return true;

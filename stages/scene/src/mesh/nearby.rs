@@ -76,7 +76,7 @@ impl<'a> Nearby<'a> {
                 visited.set(visited.get() + 1);
                 !stopped.get() && shares(l, h) && stacks.is_none_or(|stacks| stacks[node].may_hold(&corners))
             };
-            self.tree.visit_numbered(meets, |places| {
+            self.tree.visit_below(0, meets, |places| {
                 for j in self.triangles(places) {
                     if j > i && !stopped.get() && shares(self.boxes[j].0, self.boxes[j].1) {
                         shared += 1;

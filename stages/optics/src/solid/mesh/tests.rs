@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::super::Far;
+use super::super::crossing::holds;
 use super::*;
 use crate::philox::{philox4x32, unit};
 
@@ -15,7 +16,7 @@ fn cube(i: u32) -> DVec3 {
     2.0 * DVec3::new(unit(a), unit(b), unit(c)) - 1.0
 }
 
-/// What the tree finds is what all facets, asked one by one, find: points inside and outside, near and far, light from points and from
+/// What the tree finds, from its root or from what it keeps for cells of a grid (four lights), is what all facets' planes, asked one by one, find: points inside and outside, near and far, light from points and from
 /// infinity, either side the denser, by a little or by much. Snell's law holds there in vectors to 1e-12, the ends being on opposite sides.
 #[test]
 fn no_facet_that_turns_light_is_left_out() {
@@ -25,17 +26,18 @@ fn no_facet_that_turns_light_is_left_out() {
         ("ring", shapes::ring(0.4, 1.0, 0.3, 200)),
     ];
     let indices = [(1.0, 1.4), (1.4, 1.0), (1.0, 1.001), (2.5, 1.0), (1.0, 2.5), (1.33, 1.4)];
-    for (name, (vertices, triangles)) in meshes {
-        let mesh = Mesh::new(&vertices, &triangles);
+    for ((name, (vertices, triangles)), lights) in meshes.iter().flat_map(|mesh| [(mesh, 3000), (mesh, 4)]) {
+        let mesh = Mesh::new(vertices, triangles);
         let (mut seen, mut several) = (0, 0);
         for i in 0..3000_u32 {
-            let (near, place) = ([1.0, 1.0, 3.0][i as usize % 3] * cube(2 * i), cube(2 * i + 1));
-            let far = match i % 4 {
+            let light = i % lights;
+            let (near, place) = ([1.0, 1.0, 3.0, 1.0, 30.0][i as usize % 5] * cube(2 * i), cube(2 * light + 1));
+            let far = match light % 4 {
                 0 => Far::Direction(place.normalize()),
                 1 => Far::Point(1.5 * place),
                 _ => Far::Point(50.0 * place),
             };
-            let (n_far, n_near) = indices[i as usize % indices.len()];
+            let (n_far, n_near) = indices[light as usize % indices.len()];
             let (ends, mirrored) = (Ends { far, n_far, near, n_near }, Ends::alike(far, near));
             let about = |ends: &Ends| ends.moved(|p| p - mesh.center, |w| w);
             let sort = |mut list: Vec<[f64; 3]>| {
@@ -47,7 +49,10 @@ fn no_facet_that_turns_light_is_left_out() {
                 let mut keep = |p: DVec3| found.push(p.to_array());
                 let local = about(&ends);
                 let on = |corners: &[DVec3; 3], normal: DVec3| {
-                    if side < 0.0 { local.through_facet(corners, normal) } else { local.by_facet(corners, normal) }
+                    if side > 0.0 {
+                        return local.by_facet(corners, normal);
+                    }
+                    local.through_plane(normal, normal.dot(corners[0])).filter(|p| holds(corners, normal, *p))
                 };
                 if side < 0.0 {
                     mesh.refractions(&ends, &mut keep);
@@ -61,8 +66,10 @@ fn no_facet_that_turns_light_is_left_out() {
                     let p = p + mesh.center;
                     let (a, b) = (far.from(p).0, (near - p).normalize());
                     let off = (ends.n_far * a + ends.n_near * b).cross(normal).length();
-                    // A direction from p has as many digits as the distance.
-                    assert!(off < 1e-12 + 1e-15 / (near - p).length(), "{name} {i}: {off}");
+                    // A direction from p has as many digits as the distance, of what the coordinates have.
+                    let nearest = 1.0 / far.from(p).1.max(1.0 / (near - p).length());
+                    let size = near.abs().max_element().max(1.0);
+                    assert!(off < 1e-12 + 1e-15 * size / nearest, "{name} {i}: {off}, {ends:?}");
                     assert!(side * a.dot(normal) * b.dot(normal) > 0.0, "{name} {i}");
                     expected.push(p.to_array());
                 }
