@@ -253,7 +253,7 @@ impl Walker<'_> {
     }
 
     /// The refractive index around a point.
-    fn index_around(&self, p: DVec3) -> f64 {
+    pub(crate) fn index_around(&self, p: DVec3) -> f64 {
         let world = self.setting.world;
         world.bodies.iter().find(|body| body.solid.contains(p)).map_or(1.0, |body| world.materials[body.material].n)
     }

@@ -5,6 +5,7 @@
 use glam::DVec3;
 use turbid_optics::philox::unit;
 use turbid_optics::refraction::{Crossing, Leg};
+use turbid_optics::solid::{Ends, Far};
 
 use crate::connection::{Connection, SpecularChain, Stretch};
 use crate::lamp::Source;
@@ -188,7 +189,10 @@ impl Walker<'_> {
 
     /// The direction of a source from r, inside a medium and at least the optical depth `tau` away.
     #[inline]
-    pub(crate) fn heading(&mut self, source: Source<'_>, r: DVec3, tau: f64) -> Heading {
+    pub(crate) fn heading(&mut self, source: Source<'_>, r: DVec3, material: usize, tau: f64) -> Heading {
+        if self.facetted && self.bending == Bending::AtInterfaces {
+            return self.heading_past_facets(source, r, material, tau);
+        }
         let (towards, distance) = source.towards(r);
         if matches!(self.bending, Bending::Nowhere | Bending::AtRough) {
             let visibility = self.visibility(r, towards, distance, None);
@@ -200,8 +204,47 @@ impl Walker<'_> {
         }
     }
 
-    /// Towards a source from where a ray comes in at `start`; where light is bent, from a point on it inside.
-    pub(crate) fn heading_from_interface(&mut self, source: Source<'_>, start: DVec3, inside: DVec3) -> DVec3 {
+    /// The same by the nearest place where a body refracts light to r. Whether it gets there is not asked: no estimate depends on what it is aimed at, and a
+    /// search for the connection takes most of the time of an estimate.
+    fn heading_past_facets(&mut self, source: Source<'_>, r: DVec3, material: usize, tau: f64) -> Heading {
+        let world = self.setting.world;
+        let (origin, along) = source.origin();
+        let (towards, distance) = source.towards(r);
+        let (n_far, n_near) = (self.index_around(origin), world.materials[material].n);
+        if n_far == n_near {
+            let visibility = self.visibility(r, towards, distance, None);
+            return Heading { towards, tau: visibility.tau.max(tau), exit: visibility.exit };
+        }
+        let ends =
+            Ends { far: along.map_or(Far::Point(origin), |along| Far::Direction(-along)), n_far, near: r, n_near };
+        let mut nearest: Option<(DVec3, f64)> = None;
+        for body in world.bodies.iter().filter(|body| !world.materials[body.material].is_opaque()) {
+            body.solid.crossings(&ends, &mut |p| {
+                let distance = (p - r).length();
+                if distance > 0.0 && nearest.is_none_or(|(_, least)| distance < least) {
+                    nearest = Some((p, distance));
+                }
+            });
+        }
+        let Some((p, distance)) = nearest else { return Heading { towards, tau, exit: None } };
+        let (a, b) = (source.towards(p).0, (r - p) / distance);
+        // By Snell's law that is along the normal.
+        let normal = (n_far * a + n_near * b).normalize();
+        let exit = if normal.dot(b) > 0.0 { -normal } else { normal };
+        Heading { towards: -b, tau: world.materials[material].mu_t() * distance, exit: Some(exit) }
+    }
+
+    /// Towards a source from where a ray comes into a material at `start`; where light is bent, from a point on it inside.
+    pub(crate) fn heading_from_interface(
+        &mut self,
+        source: Source<'_>,
+        start: DVec3,
+        inside: DVec3,
+        material: usize,
+    ) -> DVec3 {
+        if self.facetted && self.bending == Bending::AtInterfaces {
+            return self.heading_past_facets(source, inside, material, 0.0).towards;
+        }
         let bent = if matches!(self.bending, Bending::Nowhere | Bending::AtRough) {
             None
         } else {

@@ -2,12 +2,14 @@
 
 use turbid_contract::payload::{Scene, Shape};
 use turbid_contract::{Extent, Forms};
+use turbid_optics::solid::Mesh;
 
 use crate::fit::Lattice;
 use crate::method::Taken;
 use crate::params::{Allocate, Params};
 use crate::response::Layout;
 use crate::rig::Rig;
+use crate::strata::turns_at_facets;
 use crate::tail::{expected_kurtosis, is_peaked};
 use crate::trace::{ROUND, ROUND_PART};
 
@@ -80,7 +82,11 @@ pub fn memory(asked: &Asked<'_>) -> Option<u64> {
     let telling = of_layers(&["frames", "covariance", "white", "truth"]) + 4 * pixels;
     let triangles: u64 = scene.objects.values().map(|object| triangles(&object.shape)).sum();
     // The pattern as it came, and pixel by pixel.
-    let held = triangles * OF_TRIANGLE * channels + asked.pattern.map_or(0, |pattern| 2 * pattern.bytes());
+    let refracting =
+        if turns_at_facets(&rig.worlds[0]) { Mesh::bytes_of_refraction(1 + rig.steady[0].lamps.len()) } else { 0 };
+    let meshes = scene.objects.values().filter(|object| self::triangles(&object.shape) > 0).count() as u64;
+    let held = (triangles * OF_TRIANGLE + meshes * refracting) * channels
+        + asked.pattern.map_or(0, |pattern| 2 * pattern.bytes());
     Some(held + tracing.max(imaging).max(telling) + CODE_AND_TILE)
 }
 

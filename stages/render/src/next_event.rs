@@ -197,7 +197,7 @@ impl<'a> Walker<'a> {
     ) {
         let normal = entry.interface.map(|interface| self.setting.world.normal(interface, entry.r));
         let normal = normal.map(|n| if n.dot(at.w) > 0.0 { -n } else { n });
-        let Heading { towards, tau, exit } = self.heading(source, entry.r, 0.0);
+        let Heading { towards, tau, exit } = self.heading(source, entry.r, entry.material, 0.0);
         // Where the flight came in is where the light comes in, if it comes from that side.
         let exit = normal.filter(|n| n.dot(towards) > 0.0).or(exit);
         let inverse_survival = inverse_survival(depth(tau, exit.map_or(1.0, |n| n.dot(towards)), 0.0));
@@ -261,7 +261,7 @@ impl<'a> Walker<'a> {
                 let normal = normal.map(|n| if n.dot(at.w) > 0.0 { -n } else { n });
                 let inside = start + 0.5 * length.min(1.0 / material.mu_t()) * at.w;
                 for source in self.sources() {
-                    let towards = self.heading_from_interface(source, start, inside);
+                    let towards = self.heading_from_interface(source, start, inside, segment.material);
                     // Where the ray came in is where the light comes in, if it comes from that side.
                     let exit = normal.filter(|n| n.dot(towards) > 0.0);
                     let draws = Draws { stream, flight: at.flight(), site: NeeSite::Next(scored) };
@@ -349,7 +349,7 @@ impl<'a> Walker<'a> {
         let world = self.setting.world;
         let material = world.materials[at.material];
         let least = material.mu_t() * at.clear;
-        let Heading { towards, tau, exit } = self.heading(source, at.r, least);
+        let Heading { towards, tau, exit } = self.heading(source, at.r, at.material, least);
         let inverse_survival = inverse_survival(depth(tau, exit.map_or(1.0, |n| n.dot(towards)), least));
         if roulette * inverse_survival >= 1.0 {
             return;
