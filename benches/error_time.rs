@@ -60,9 +60,10 @@ fn half_space(name: &'static str, a_rho: f64, s_rho: f64, n: f64, cycles: Option
 fn scenes() -> Vec<Scene> {
     const MEDIA: &str =
         "healthy: {A_rho: 25, S_rho: 4236, g: 0.8, n: 1.0}, scc: {A_rho: 96, S_rho: 3721, g: 0.8, n: 1.0}";
-    let polyp = |shape: &str| {
+    let polyp = |shape: &str, n: &str| {
+        let media = MEDIA.replace("n: 1.0", n);
         format!(
-            "      media: {{{MEDIA}}}
+            "      media: {{{media}}}
       objects:
         tissue: {{slab: {{thickness: 2000, top: 0}}, medium: healthy}}
         polyp: {{{shape}, medium: scc, priority: 1}}
@@ -111,8 +112,14 @@ fn scenes() -> Vec<Scene> {
         half_space("(1, 20000)", 1.0, 20_000.0, 1.0, Some([43_000.0, 128_000.0])),
         half_space("(100, 5000), n = 1.4", 100.0, 5000.0, 1.4, None),
         scene("lesion level with the surface", flush, vec![region("", 0.0, f64::INFINITY)]),
-        scene("spheroid on a slab", polyp(spheroid), dome([Some([56_000.0, 509_000.0]), Some([23_600.0, 204_000.0])])),
-        scene("ball of 1280 facets on a slab", polyp(&mesh), dome([Some([44_000.0, 284_000.0]), None])),
+        scene(
+            "spheroid on a slab",
+            polyp(spheroid, "n: 1.0"),
+            dome([Some([56_000.0, 509_000.0]), Some([23_600.0, 204_000.0])]),
+        ),
+        scene("ball of 1280 facets on a slab", polyp(&mesh, "n: 1.0"), dome([Some([44_000.0, 284_000.0]), None])),
+        scene("spheroid on a slab, n = 1.4", polyp(spheroid, "n: 1.4"), dome([None; 2])),
+        scene("ball of 1280 facets on a slab, n = 1.4", polyp(&mesh, "n: 1.4"), dome([None; 2])),
         scene("tube", tube, lumen),
     ]
 }
