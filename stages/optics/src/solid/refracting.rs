@@ -12,9 +12,9 @@ const CELLS: f64 = 32.0;
 const GRIDS: usize = 4;
 /// Sources, by the indices on both sides of their light, for which there are grids.
 const MOST: usize = 4;
-
-/// At most so many are kept of a cell.
+/// Boxes of the tree that are kept of a cell at the most: in those a search for a point of the cell begins.
 pub(super) const MOST_BOXES: usize = 16;
+
 /// Answers that are found when first asked for. They are no part of what they belong to: copies start without, and all are equal.
 #[derive(Debug, Default)]
 pub(super) struct Refracting([OnceLock<Light>; MOST]);

@@ -16,8 +16,9 @@ fn cube(i: u32) -> DVec3 {
     2.0 * DVec3::new(unit(a), unit(b), unit(c)) - 1.0
 }
 
-/// What the tree finds, from its root or from what it keeps for cells of a grid (four lights), is what all facets' planes, asked one by one, find: points inside and outside, near and far, light from points and from
-/// infinity, either side the denser, by a little or by much. Snell's law holds there in vectors to 1e-12, the ends being on opposite sides.
+/// What the tree finds, from its root or from what it keeps for cells of a grid (four lights), is what the planes of all facets, asked one by
+/// one, say: points inside and outside, near and far, light from points and from infinity, either side the denser, by a little or by much.
+/// Snell's law holds there in vectors to 1e-12, the ends being on opposite sides.
 #[test]
 fn no_facet_that_turns_light_is_left_out() {
     let meshes = [
