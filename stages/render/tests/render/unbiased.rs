@@ -138,7 +138,7 @@ const CROSSED: [&str; 4] = ["dome", "buried ball under a dye", "air gap", "hole"
 
 /// The two differ by nothing but noise: z over all scores has rms 1 and no outlier.
 fn compare(steady: &Steady, name: &str, world: &World, paths: u32) -> Difference {
-    let found = difference(steady, name, world, paths);
+    let found = difference(steady, name, world, paths, 0);
     let Difference { bias, error, precision, ref scores } = found;
     let rms = (scores.iter().map(|z| z * z).sum::<f64>() / scores.len() as f64).sqrt();
     let worst = scores.iter().fold(0.0, |worst: f64, z| worst.max(z.abs()));
@@ -149,8 +149,9 @@ fn compare(steady: &Steady, name: &str, world: &World, paths: u32) -> Difference
     found
 }
 
-/// Of `paths` paths by the line estimator, and by the other, for each of 4 x 4 pixels: tilted camera and light, a lit field that ends within the view.
-pub fn difference(steady: &Steady, name: &str, world: &World, paths: u32) -> Difference {
+/// Of `paths` paths by the line estimator, and by the other, for each of 4 x 4 pixels: tilted camera and light, a lit field that ends within the view. Each series has random numbers
+/// of its own.
+pub fn difference(steady: &Steady, name: &str, world: &World, paths: u32, series: u32) -> Difference {
     let view = |position: [f64; 3], field: f64| {
         View::new(position.into(), DVec3::ZERO, DVec3::Y, DVec2::splat(field)).unwrap()
     };
@@ -167,7 +168,7 @@ pub fn difference(steady: &Steady, name: &str, world: &World, paths: u32) -> Dif
             steady,
             carriers: &carriers,
             projected_images: &ProjectedImages::NONE,
-            key: [seed, 0],
+            key: [seed, series],
             channel: 0,
             nee,
             shared: None,
