@@ -22,24 +22,47 @@ pub enum Chart {
     Axis,
 }
 
+/// Where a pixel looks at.
+#[derive(Clone, Copy, Debug)]
+pub struct Place {
+    /// By the chart.
+    pub at: [f64; 2],
+    /// (sin, cos) of the phase of the fringe there, over its contrast; zeros of what has no fringe.
+    pub carrier: (f64, f64),
+}
+
 /// Functions of the places of a chart, order by order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Functions {
     chart: Chart,
     /// So many orders along an axis come with each harmonic around it; 0: none has any.
     steepness: usize,
+    /// Whether there are those of light from elsewhere, too.
+    ///
+    /// Light that comes by way of other places has not the phase of the fringe at this one, but a smooth one: freed from the phase of this one it is a smooth
+    /// function times the carrier's sine and cosine. Order L has those of order L - [`LATER`] times both.
+    elsewhere: bool,
 }
 
+/// Light from elsewhere is smoother than what is scattered here.
+const LATER: usize = 2;
+
 impl Chart {
-    /// Sets of functions that an image may be made of, the one with the most first: what is round has few harmonics, or none.
-    pub fn functions(self) -> impl Iterator<Item = Functions> {
-        let steepness: &[usize] = if self == Self::Axis { &[1, 2, 4, 0] } else { &[1] };
-        steepness.iter().map(move |&steepness| Functions { chart: self, steepness })
+    /// Sets of functions that an image may be made of, the one with the most first: what is round has few harmonics, or none, and in a bore light comes by way of all
+    /// walls. `is_fringe`: of re and im of a fringe.
+    pub fn functions(self, is_fringe: bool) -> impl Iterator<Item = Functions> {
+        let (steepness, elsewhere): (&[usize], &[bool]) = match self {
+            Self::Plane => (&[1], &[false]),
+            Self::Axis if is_fringe => (&[1, 2, 4, 0], &[true, false]),
+            Self::Axis => (&[1, 2, 4, 0], &[false]),
+        };
+        let all = elsewhere.iter().flat_map(move |&elsewhere| steepness.iter().map(move |&s| (elsewhere, s)));
+        all.map(move |(elsewhere, steepness)| Functions { chart: self, steepness, elsewhere })
     }
 
-    /// The first of them.
-    pub fn all_functions(self) -> Functions {
-        Functions { chart: self, steepness: 1 }
+    /// All harmonics, without light from elsewhere.
+    pub fn own_functions(self) -> Functions {
+        Functions { chart: self, steepness: 1, elsewhere: false }
     }
 }
 
@@ -49,40 +72,39 @@ impl Functions {
         order.checked_div(self.steepness).unwrap_or(0)
     }
 
-    /// How many functions there are up to an order.
-    pub fn terms(self, order: usize) -> usize {
+    /// Whether no harmonic is left out that belongs to an order.
+    pub fn has_all_harmonics(self) -> bool {
+        self.steepness == 1
+    }
+
+    /// How many there are of a degree, but for those of light from elsewhere.
+    fn of_degree(self, degree: usize) -> usize {
         match self.chart {
-            Chart::Plane => (order + 1) * (order + 2) / 2,
-            Chart::Axis => (0..=order).map(|order| 1 + 2 * self.harmonics(order)).sum(),
+            Chart::Plane => degree + 1,
+            Chart::Axis => 1 + 2 * self.harmonics(degree),
         }
     }
 
+    /// How many functions there are up to an order.
+    pub fn terms(self, order: usize) -> usize {
+        let up_to = |order: usize| (0..=order).map(|degree| self.of_degree(degree)).sum::<usize>();
+        let later = order.checked_sub(LATER).filter(|_| self.elsewhere);
+        up_to(order) + later.map_or(0, |order| 2 * up_to(order))
+    }
+
     /// All functions up to an order at a place, order ascending.
-    pub fn basis(self, [u, v]: [f64; 2], order: usize, into: &mut Vec<f64>) {
+    pub fn basis(self, Place { at: [u, v], carrier: (sine, cosine) }: Place, order: usize, into: &mut Vec<f64>) {
         into.clear();
-        let chebyshev = |x: f64| {
-            let mut values = vec![1.0, x];
-            for k in 1..order.max(1) {
-                values.push(2.0 * x * values[k] - values[k - 1]);
-            }
-            values
-        };
-        let along = chebyshev(u);
-        match self.chart {
-            Chart::Plane => {
-                let across = chebyshev(v);
-                for degree in 0..=order {
-                    into.extend((0..=degree).map(|i| along[i] * across[degree - i]));
-                }
-            }
-            Chart::Axis => {
-                let (sin, cos) = (libm::sin(v), libm::cos(v));
-                let mut around = vec![(0.0, 1.0)];
-                for k in 0..self.harmonics(order) {
-                    let (s, c) = around[k];
-                    around.push((s * cos + c * sin, c * cos - s * sin));
-                }
-                for degree in 0..=order {
+        let along = chebyshev(u, order);
+        let across = if self.chart == Chart::Plane { chebyshev(v, order) } else { Vec::new() };
+        let around = if self.chart == Chart::Axis { harmonics(v, self.harmonics(order)) } else { Vec::new() };
+        // Where those of each degree begin.
+        let mut begin = Vec::with_capacity(order + 1);
+        for degree in 0..=order {
+            begin.push(into.len());
+            match self.chart {
+                Chart::Plane => into.extend((0..=degree).map(|i| along[i] * across[degree - i])),
+                Chart::Axis => {
                     for harmonic in (0..=self.harmonics(degree)).rev() {
                         let ((s, c), along) = (around[harmonic], along[degree - self.steepness * harmonic]);
                         into.push(along * c);
@@ -90,8 +112,34 @@ impl Functions {
                     }
                 }
             }
+            if let Some(lower) = degree.checked_sub(LATER).filter(|_| self.elsewhere) {
+                for k in begin[lower]..begin[lower] + self.of_degree(lower) {
+                    let function = into[k];
+                    into.extend([function * sine, function * cosine]);
+                }
+            }
         }
     }
+}
+
+/// Chebyshev's polynomials of x up to a degree (and 1 at least).
+fn chebyshev(x: f64, degree: usize) -> Vec<f64> {
+    let mut values = vec![1.0, x];
+    for k in 1..degree.max(1) {
+        values.push(2.0 * x * values[k] - values[k - 1]);
+    }
+    values
+}
+
+/// Sine and cosine of 0, 1, .. `most` times an angle in rad.
+fn harmonics(angle: f64, most: usize) -> Vec<(f64, f64)> {
+    let (sin, cos) = (libm::sin(angle), libm::cos(angle));
+    let mut around = vec![(0.0, 1.0)];
+    for k in 0..most {
+        let (s, c) = around[k];
+        around.push((s * cos + c * sin, c * cos - s * sin));
+    }
+    around
 }
 
 /// Where points of a surface are on it.
@@ -171,26 +219,30 @@ mod tests {
     #[test]
     fn functions_come_order_by_order() {
         let (u, v) = (0.3_f64, -0.7_f64);
-        for functions in [Chart::Plane, Chart::Axis].into_iter().flat_map(Chart::functions) {
+        let place = Place { at: [u, v], carrier: (0.6, -0.8) };
+        for functions in [Chart::Plane, Chart::Axis].into_iter().flat_map(|chart| chart.functions(true)) {
             let (mut all, mut some) = (Vec::new(), Vec::new());
-            functions.basis([u, v], 9, &mut all);
+            functions.basis(place, 9, &mut all);
             assert_eq!(all.len(), functions.terms(9));
             for order in 0..9 {
-                functions.basis([u, v], order, &mut some);
+                functions.basis(place, order, &mut some);
                 assert_eq!(some[..], all[..functions.terms(order)], "{functions:?} {order}");
             }
         }
         let mut values = Vec::new();
         let chebyshev = |i: f64| (i * u.acos()).cos();
-        for (functions, order, place, expected) in [
+        let of = |chart, steepness, elsewhere| Functions { chart, steepness, elsewhere };
+        for (functions, order, number, expected) in [
             // Degree 1 stands behind the pair of degree 0.
-            (Functions { chart: Chart::Axis, steepness: 1 }, 3, 3, chebyshev(1.0) * (2.0 * v).sin()),
+            (of(Chart::Axis, 1, false), 3, 3, chebyshev(1.0) * (2.0 * v).sin()),
             // Harmonics 2, 1 and 0 with degrees 1, 3 and 5.
-            (Functions { chart: Chart::Axis, steepness: 2 }, 5, 2, chebyshev(3.0) * v.cos()),
-            (Functions { chart: Chart::Axis, steepness: 0 }, 5, 0, chebyshev(5.0)),
+            (of(Chart::Axis, 2, false), 5, 2, chebyshev(3.0) * v.cos()),
+            (of(Chart::Axis, 0, false), 5, 0, chebyshev(5.0)),
+            // Behind nine of degree 4 the sine and cosine of the carrier with each of degree 2, the last of which is of u alone.
+            (of(Chart::Axis, 1, true), 4, 9 + 9, -0.8 * chebyshev(2.0)),
         ] {
-            functions.basis([u, v], order, &mut values);
-            let found = values[functions.terms(order - 1) + place];
+            functions.basis(place, order, &mut values);
+            let found = values[functions.terms(order - 1) + number];
             assert!((found - expected).abs() < 1e-13, "{functions:?}: {found} {expected}");
         }
     }

@@ -233,7 +233,7 @@ fn surfaces(params: &Params, so_far: SoFar<'_>, ctx: Ctx<'_>) -> Result<Traced, 
         kept: true,
         first_test: FIRST_TEST,
         allocate: Allocate::Even,
-        criterion: &OfSurfaces { rig, projected, regions: &regions },
+        criterion: &OfSurfaces { ctx, rig, projected, regions: &regions },
         so_far: Some(&|state: &State, paths: &[u32]| Some(so_far.of_pixels(state, paths))),
     };
     let Sums { channels, samples: n, paths, flights, .. } = trace(&task, ctx)?;
@@ -360,7 +360,7 @@ impl Traced {
         ctx: Ctx<'_>,
     ) -> Estimate<'a> {
         let watched = Watched::of(projected);
-        let fields = by_surfaces(rig, &watched, regions, &self.channels, &self.paths);
+        let fields = by_surfaces(ctx, rig, &watched, regions, &self.channels, &self.paths);
         let (mut channels, mut design_effect, mut fraction): (Vec<Box<dyn Field>>, f64, f64) = (Vec::new(), 1.0, 1.0);
         let of = |surfaces: &Surfaces<'_>| {
             surfaces.fits().map(|(name, order, chi2)| (name.to_owned(), order, chi2)).collect::<Vec<_>>()

@@ -1,5 +1,6 @@
 //! What residuals of a fit in blocks of pixels show beyond noise.
 
+use std::borrow::Borrow;
 use std::ops::Range;
 
 /// Squares that exceed their noise by less than so many of its standard deviations are taken for noise: added up wherever they are positive they would make every
@@ -40,11 +41,11 @@ impl Misfit {
         groups: impl Iterator<Item = Range<usize>> + Clone,
         ring: Option<u32>,
         pixels: f64,
-        scores: &[Vec<Score>],
+        scores: &[impl Borrow<Vec<Score>>],
     ) -> (Self, f64) {
         let (mut variances, mut chi2) = (vec![0.0; groups.clone().map(|g| g.end).max().unwrap_or(0)], 0.0_f64);
         for group in groups.filter(|_| !scores.is_empty()) {
-            let of = || scores.iter().flat_map(|scores| group.clone().map(move |a| &scores[a]));
+            let of = || scores.iter().flat_map(|scores| group.clone().map(move |a| &scores.borrow()[a]));
             let weight: f64 = of().map(|s| s.weight).sum();
             let squares = of().map(|s| s.weight * s.mean * s.mean).sum::<f64>() / weight;
             let noise = of().map(|s| s.weight * s.sampled).sum::<f64>() / weight;
@@ -86,7 +87,8 @@ mod tests {
         };
         assert_eq!(of(1.5), 0.0);
         assert!((of(2.0) - 1.0).abs() < 1e-12);
-        assert_eq!(Misfit::of(std::iter::once(0..1), None, 4.0, &[]).0.variances, [0.0]);
+        let none: [Vec<Score>; 0] = [];
+        assert_eq!(Misfit::of(std::iter::once(0..1), None, 4.0, &none).0.variances, [0.0]);
     }
 
     /// What cancels around a ring shows in its quarters.

@@ -43,6 +43,12 @@ impl Orthonormal {
         }
     }
 
+    /// Coefficients of the functions b whose sum is that of the first phi by these.
+    pub fn back(&self, coefficients: &[f64]) -> Vec<f64> {
+        let of = |(l, column): (usize, &Vec<f64>)| coefficients[l..].iter().zip(column).map(|(c, w)| c * w).sum();
+        self.columns[..coefficients.len()].iter().enumerate().map(of).collect()
+    }
+
     /// Whether function k says something that those before it do not.
     pub fn is_new(&self, k: usize) -> bool {
         self.columns[k][0] != 0.0
@@ -74,5 +80,10 @@ mod tests {
             let expected = if k == l && k != 2 { 1.0 } else { 0.0 };
             assert!((product - expected).abs() < 1e-12, "{k} {l}: {product}");
         }
+        let (coefficients, mut values) = ([0.3, -1.2, 0.0, 2.0], Vec::new());
+        phi.at(&b(0.7), &mut values);
+        let by_phi: f64 = values.iter().zip(coefficients).map(|(phi, c)| phi * c).sum();
+        let by_b: f64 = phi.back(&coefficients).iter().zip(b(0.7)).map(|(c, b)| c * b).sum();
+        assert!((by_phi - by_b).abs() < 1e-12, "{by_phi} {by_b}");
     }
 }

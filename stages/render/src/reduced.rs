@@ -48,6 +48,11 @@ impl Reduced {
         groups(self.singles, self.q)
     }
 
+    /// The fringe whose re and im a group is, if it is one.
+    pub fn fringe(&self, group: &Range<usize>) -> Option<usize> {
+        group.start.checked_sub(self.singles).map(|place| place / 2)
+    }
+
     /// `[response][response]`.
     pub fn covariances(&self, i: usize) -> &[f64] {
         &self.covariances[i * self.q * self.q..][..self.q * self.q]

@@ -7,7 +7,7 @@ use turbid_contract::payload::Scene;
 use turbid_optics::solid::Solid;
 
 use crate::bsdf::Bsdf;
-use crate::chart::{Chart, Places};
+use crate::chart::{Chart, Place, Places};
 use crate::fringes::Fringes;
 use crate::guide::Guide;
 use crate::light::{Emission, Light};
@@ -53,7 +53,7 @@ impl Region {
         self.pixels.len()
     }
 
-    /// With pixels of even light at `cells`, an edge on their left.
+    /// With pixels of even light at `cells`, an edge on their left; fringes of 7 pixels.
     #[cfg(test)]
     pub fn known(chart: Chart, cells: Vec<[usize; 2]>, places: Vec<[f64; 2]>, carriers: usize) -> Self {
         let n = cells.len();
@@ -63,11 +63,21 @@ impl Region {
             pixels: (0..n as u32).collect(),
             places,
             rings: cells.iter().map(|c| c[0] as u32).collect(),
-            cells,
             gains: vec![1.0; n],
-            phases: vec![(0.0, 1.0); n * carriers],
+            phases: cells.iter().flat_map(|c| (0..carriers).map(|_| (0.9 * c[0] as f64).sin_cos())).collect(),
+            cells,
             fringes: Arc::new(Fringes::carriers(carriers)),
         }
+    }
+
+    /// Where pixel i looks at, for fits of a fringe, or of what has none.
+    pub fn place(&self, i: usize, fringe: Option<usize>) -> Place {
+        let carrier = fringe.map_or((0.0, 0.0), |fringe| {
+            let (sin, cos) = self.phases[i * self.fringes.phases() + fringe];
+            let contrast = sin * sin + cos * cos;
+            (sin / contrast, cos / contrast)
+        });
+        Place { at: self.places[i], carrier }
     }
 
     pub fn guide(&self, i: usize) -> Guide<'_> {

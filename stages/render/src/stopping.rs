@@ -1,5 +1,7 @@
 //! The stopping criterion: how good an image is while its paths are walked, its error, where more are needed, and where control variates are worth their time.
 
+use turbid_contract::Ctx;
+
 use crate::allocation::needs;
 use crate::control_variate::ControlVariates;
 use crate::controlled::{Controlled, Images};
@@ -40,6 +42,7 @@ impl StoppingCriterion for OfFit<'_> {
 
 /// Of pixels by their own paths, and of what is fitted to them.
 pub struct OfSurfaces<'a> {
+    pub ctx: Ctx<'a>,
     pub rig: &'a Rig,
     pub projected: &'a Projected,
     pub regions: &'a [Region],
@@ -48,7 +51,7 @@ pub struct OfSurfaces<'a> {
 impl StoppingCriterion for OfSurfaces<'_> {
     fn error(&self, sums: &[Moments], paths: &[u32], _: Option<&[bool]>) -> Option<f64> {
         let watched = Watched::of(self.projected);
-        let fields = by_surfaces(self.rig, &watched, self.regions, sums, paths);
+        let fields = by_surfaces(self.ctx, self.rig, &watched, self.regions, sums, paths);
         fields.iter().filter_map(|field| relative_error(field, &watched)).max_by(f64::total_cmp)
     }
 }

@@ -1,5 +1,6 @@
 //! Images of smooth surfaces: fitted over their regions where that holds, elsewhere pixels by their own paths.
 
+use turbid_contract::Ctx;
 use turbid_contract::payload::Scene;
 
 use crate::field::{Field, Watched, inflation};
@@ -41,6 +42,7 @@ struct Part<'a> {
 
 /// The images of all channels by these paths.
 pub fn by_surfaces<'a>(
+    ctx: Ctx<'_>,
     rig: &Rig,
     watched: &Watched,
     regions: &'a [Region],
@@ -48,12 +50,19 @@ pub fn by_surfaces<'a>(
     paths: &'a [u32],
 ) -> Vec<Surfaces<'a>> {
     let pixels = by_paths(rig, watched, channels, paths);
-    let of = |(moments, pixels)| Surfaces::of(rig, regions, moments, paths, pixels);
+    let of = |(moments, pixels)| Surfaces::of(ctx, rig, regions, moments, paths, pixels);
     channels.iter().zip(pixels).map(of).collect()
 }
 
 impl<'a> Surfaces<'a> {
-    fn of(rig: &Rig, regions: &'a [Region], moments: &Moments, paths: &[u32], pixels: Box<dyn Field + 'a>) -> Self {
+    fn of(
+        ctx: Ctx<'_>,
+        rig: &Rig,
+        regions: &'a [Region],
+        moments: &Moments,
+        paths: &[u32],
+        pixels: Box<dyn Field + 'a>,
+    ) -> Self {
         let expected = expected_kurtosis(rig);
         let mut place = vec![None; paths.len()];
         let mut parts: Vec<Part<'a>> = Vec::new();
@@ -66,7 +75,7 @@ impl<'a> Surfaces<'a> {
             let traced = region.pixels.iter().zip(&own).enumerate();
             let traced = traced.map(|(i, (&p, &n))| (p as usize, n, region.guide(i)));
             let reduced = Reduced::of(&region.fringes, moments, traced);
-            let Some(smooth) = Smooth::of(region, &reduced, &own, inflation) else { continue };
+            let Some(smooth) = Smooth::of(ctx, region, &reduced, &own, inflation) else { continue };
             for (i, &pixel) in region.pixels.iter().enumerate().filter(|&(i, _)| smooth.fitted[i]) {
                 place[pixel as usize] = Some((parts.len(), i));
             }

@@ -1,6 +1,7 @@
 //! The variance of a path over a region, as weights of a fit to it need it.
 
 use crate::blocks::Blocks;
+use crate::chart::Place;
 use crate::orthonormal::Orthonormal;
 use crate::reduced::Reduced;
 use crate::regions::Region;
@@ -17,18 +18,18 @@ const LEAST_TILES: usize = 24;
 pub fn weights(region: &Region, reduced: &Reduced, paths: &[u32]) -> Option<Vec<f64>> {
     let blocks = Blocks::of(region, &vec![true; region.len()], TILES);
     let of_path = |i: usize| f64::from(paths[i]) * reduced.variance(i, 0);
-    let tiles: Vec<([f64; 2], f64)> = blocks
+    let tiles: Vec<(Place, f64)> = blocks
         .tiles
         .iter()
         .filter_map(|tile| {
             let count = tile.len() as f64;
             let variance = tile.iter().map(|&i| of_path(i)).sum::<f64>() / count;
             // In the middle of the tile there may be none of its pixels, so one of them stands for it.
-            (variance > 0.0).then(|| (region.places[tile[tile.len() / 2]], libm::log(variance)))
+            (variance > 0.0).then(|| (region.place(tile[tile.len() / 2], None), libm::log(variance)))
         })
         .collect();
     let order = if tiles.len() >= LEAST_TILES { 2 } else { 0 };
-    let functions = region.chart.all_functions();
+    let functions = region.chart.own_functions();
     let m = functions.terms(order);
     let (mut b, mut gram) = (Vec::new(), vec![0.0; m * m]);
     for (place, _) in &tiles {
@@ -46,7 +47,7 @@ pub fn weights(region: &Region, reduced: &Reduced, paths: &[u32]) -> Option<Vec<
     }
     (!tiles.is_empty()).then(|| {
         let of = |i: usize| {
-            functions.basis(region.places[i], order, &mut b);
+            functions.basis(region.place(i, None), order, &mut b);
             phi.at(&b, &mut values);
             let log: f64 = coefficients.iter().zip(&values).map(|(c, v)| c * v).sum();
             f64::from(paths[i]) * libm::exp(-log.clamp(low, high))

@@ -1,3 +1,5 @@
+use turbid_contract::MemoryHost;
+
 use super::*;
 use crate::chart::Chart;
 
@@ -45,7 +47,8 @@ fn noisy(region: &Region, truth: &dyn Fn([f64; 2]) -> [f64; 3], noise: f64, draw
 }
 
 fn fitted(region: &Region, reduced: &Reduced) -> Option<Smooth> {
-    Smooth::of(region, reduced, &vec![PATHS; region.len()], 1.0)
+    let host = MemoryHost::new(1, &[], 2);
+    Smooth::of(Ctx::new(&host), region, reduced, &vec![PATHS; region.len()], 1.0)
 }
 
 /// z scores over the pixels of `seeds` fits: mean, root mean square, and the part of pixels that are fitted.
@@ -111,6 +114,25 @@ fn what_is_round_takes_no_harmonics() {
         .collect();
     let mean = errors.iter().sum::<f64>() / 8.0;
     assert!((0.07..0.125).contains(&mean), "{errors:?}");
+}
+
+/// Light from elsewhere has the phase of no fringe here: a third of a fringe is so, three turns and more of which no polynomial of low order follows. It is found
+/// within its errors (bounds as above), by few functions: the error is that of a pixel times sqrt(terms / 576), some 20 to 50 of them with the bound of what is left out.
+#[test]
+fn light_from_elsewhere_is_found() {
+    let region = square(24, Chart::Axis);
+    let truth = |[u, v]: [f64; 2]| {
+        let column = (12.0 * (u + 1.0) - 0.5).round();
+        let (sin, cos) = (0.9 * column).sin_cos();
+        let (x, y) = (0.15 * (1.0 - u), 0.1 * u);
+        [1.0 + 0.3 * u, 0.5 + 0.2 * u * v.cos() + x * cos + y * sin, -x * sin + y * cos]
+    };
+    let (mean, rms, part) = scores(&region, &truth, 0.1, 20);
+    assert!((0.65..1.16).contains(&rms) && mean.abs() < 0.33, "mean {mean}, rms {rms}");
+    assert!(part > 0.9, "{part} of the pixels are fitted");
+    let smooth = fitted(&region, &noisy(&region, &truth, 0.1, &mut Draws(5))).expect("it is smooth");
+    let mean: f64 = (0..region.len()).map(|i| smooth.covariance(i, 1, 1)).sum::<f64>() / region.len() as f64;
+    assert!(mean.sqrt() / 0.1 < 0.35, "{}", mean.sqrt());
 }
 
 /// A spot that no polynomial follows is left to its pixels, or is within the stated errors where noise hides it; so is a fall at the edge.

@@ -94,5 +94,5 @@ fn bytes_belong_to_the_version() {
         0x72f2_011b_3dcc_5b00,
         0x31b4_af0c_a092_eea5,
     ];
-    assert_eq!((RenderStage::VERSION, &digests[..]), (28, &expected[..]), "digests {digests:#x?}");
+    assert_eq!((RenderStage::VERSION, &digests[..]), (29, &expected[..]), "digests {digests:#x?}");
 }
