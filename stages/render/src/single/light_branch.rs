@@ -5,7 +5,7 @@ use fearless_simd::prelude::*;
 use super::frame::Frame;
 use super::lane::{F, LANES, M, U, V, choose, hg_sample, philox, splat, unit_short};
 use super::phase_function::Phase;
-use super::rows::Paths;
+use super::rows::{PathLanes, Paths};
 use crate::light_branch::{KEPT, NEAR};
 use crate::random::{LIGHT_BRANCH, SENT};
 use crate::walker::Walker;
@@ -87,20 +87,17 @@ impl LightBranches {
     #[inline(always)]
     fn send<S: Simd>(&mut self, simd: S, frame: &Frame<'_>, key: [u32; 2], high: u32) {
         let at = M::from_bitmask(simd, (1 << self.collisions.len().min(LANES)) - 1);
-        let (mut floats, mut words, lengths) = self.collisions.load(simd);
-        let [x, y, z, wx, wy, wz, _, _, weight, _, _, _, g, ..] = floats;
-        let [number, sample, pixel, _, material, _] = words;
-        let (r, came) = (V { x, y, z }, V { x: wx, y: wy, z: wz });
+        let mut collision = PathLanes::zeros(simd);
+        self.collisions.load(simd, &mut collision);
+        let PathLanes { r, w: came, weight, g, number, sample, pixel, material, .. } = collision;
         let (towards, _) = frame.sources[0].towards(r);
         let number = number | LIGHT_BRANCH;
         let [b, c, d, _] = philox(simd, number, U::splat(simd, high | SENT), sample, pixel, key);
         let along = hg_sample((g + 1.0) * 0.5, towards, unit_short(b), unit_short(c));
         let part = mis_weight(&frame.phase_of_media(simd, g, material), came, along, towards);
         let kept = (part * KEPT as f32).min(splat(simd, 1.0));
-        (floats[3], floats[4], floats[5]) = (along.x, along.y, along.z);
-        floats[8] = weight * (part / kept);
-        words[0] = number;
-        self.waiting.pack(at & unit_short(d).simd_lt(kept), &floats, &words, &lengths);
+        let light_branch = PathLanes { w: along, weight: weight * (part / kept), number, ..collision };
+        self.waiting.pack(at & unit_short(d).simd_lt(kept), &light_branch);
         self.collisions.drop_first(simd);
     }
 
@@ -111,8 +108,7 @@ impl LightBranches {
             && let Some(mut light_branch) = walker.sent.pop_front()
         {
             if frame.body_at(&light_branch).is_some() {
-                let (floats, words, lengths) = frame.row(&light_branch);
-                self.waiting.push(floats, words, lengths);
+                self.waiting.push(&frame.row(&light_branch));
             } else {
                 // Rounding: it stands on the interface.
                 walker.step(&mut light_branch);

@@ -5,12 +5,15 @@
 
 mod bend;
 mod copies;
+mod crossing;
 mod deposit;
 mod face;
 mod facets;
+mod flight;
 pub mod frame;
 pub mod ground;
 mod image_lookup;
+mod in_flight;
 mod interfaces;
 pub mod lane;
 mod light_branch;

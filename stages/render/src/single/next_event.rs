@@ -11,7 +11,7 @@ use super::interfaces::Refraction;
 use super::lane::{F, LANES, M, U, V, choose, exp, ln, philox, splat, unit};
 use super::limits::{DARK, ENTRY, FIRST, MOST_CHANNELS, MOST_FACES, TURNED};
 use super::phase_function::Phase;
-use super::rows::{Counts, Rows};
+use super::rows::{Counts, VertexLanes, Vertices};
 use super::source::{Arrival, Source, whether_projected};
 use super::visibility::{Met, Visibility, add_along, add_in_own, find_chords, first_segment, steepness, visibility};
 use crate::ahead::{FLAT, TAU_SURE};
@@ -21,21 +21,17 @@ use crate::lengths::MOST_LENGTHS;
 /// Of a density e^-x what lies behind this x is nothing to f32.
 const GONE: f32 = 17.0;
 
-/// Columns: r, the direction in which the path came, the one in which it goes on, weight, roulette, mu_a, mu_s, g, optical distance of
-/// the nearest surface; number, sample, pixel, response, body.
-pub type Rays = Rows<15, 5>;
-
 /// Vertices that wait for their next-event estimation.
 #[derive(Clone, Debug)]
 pub struct NextEvents {
-    pub rays: Rays,
+    pub vertices: Vertices,
     /// Where light bends.
     pub scalar_connections: Vec<ScalarConnection>,
 }
 
 impl NextEvents {
     pub fn new(counted: bool) -> Self {
-        Self { rays: Rays::new(counted), scalar_connections: Vec::new() }
+        Self { vertices: Vertices::new(counted), scalar_connections: Vec::new() }
     }
 }
 
@@ -50,7 +46,7 @@ pub fn estimate_while<S: Simd>(
     high: u32,
     responses: &mut [f64],
 ) {
-    while next_events.rays.len() >= many {
+    while next_events.vertices.len() >= many {
         estimate_once(simd, next_events, frame, key, high, responses);
     }
 }
@@ -69,7 +65,7 @@ fn estimate_once<S: Simd>(
         #[inline(always)]
         || {
             estimate(simd, next_events, frame, key, high, responses);
-            next_events.rays.drop_first(simd);
+            next_events.vertices.drop_first(simd);
         },
     );
 }
@@ -84,32 +80,12 @@ fn estimate<S: Simd>(
     high: u32,
     responses: &mut [f64],
 ) {
-    let (floats, words, lengths) = next_events.rays.load(simd);
-    let [rx, ry, rz, cx, cy, cz, ox, oy, oz, weight, roulette, mu_a, mu_s, g, least] = floats;
-    let [number, sample, pixel, path, body] = words;
-    let (r, came, own) = (V { x: rx, y: ry, z: rz }, V { x: cx, y: cy, z: cz }, V { x: ox, y: oy, z: oz });
-    let count = next_events.rays.len().min(LANES);
-    let waiting = M::from_bitmask(simd, (1 << count) - 1);
-    let ray = Ray {
-        waiting,
-        r,
-        came,
-        own,
-        weight,
-        roulette,
-        mu_a,
-        mu_s,
-        g,
-        least,
-        number,
-        sample,
-        pixel,
-        path,
-        body,
-        lengths,
-    };
+    let count = next_events.vertices.len().min(LANES);
+    let mut vertex = VertexLanes::zeros(simd);
+    next_events.vertices.load(simd, &mut vertex);
+    let ray = Ray { waiting: M::from_bitmask(simd, (1 << count) - 1), vertex };
     let channels = if frame.counts { frame.channels.len() } else { 1 };
-    let mut deposit = Deposit { frame, channels, paths: &path.as_slice()[..count], responses };
+    let mut deposit = Deposit { frame, channels, paths: &ray.vertex.response.as_slice()[..count], responses };
     // Of all lamps one sum: that a path's estimates are added one by one must not depend on which go together.
     let mut steady = [splat(simd, 0.0); MOST_CHANNELS];
     let mut met = Met::new();
@@ -147,24 +123,10 @@ fn estimate<S: Simd>(
     }
 }
 
-/// Lanes that estimate, as in [`Rays`].
+/// Lanes that estimate.
 struct Ray<S: Simd> {
     waiting: M<S>,
-    r: V<S>,
-    came: V<S>,
-    own: V<S>,
-    weight: F<S>,
-    roulette: F<S>,
-    mu_a: F<S>,
-    mu_s: F<S>,
-    g: F<S>,
-    least: F<S>,
-    number: U<S>,
-    sample: U<S>,
-    pixel: U<S>,
-    path: U<S>,
-    body: U<S>,
-    lengths: Counts<S>,
+    vertex: VertexLanes<S>,
 }
 
 /// The line on which the next scattering is sampled.
@@ -195,8 +157,9 @@ fn line<S: Simd>(
     ray: &Ray<S>,
     met: &mut Met<S>,
 ) -> Line<S> {
-    let &Ray { waiting, r, came, own, weight, roulette, mu_a, mu_s, g, least, .. } = ray;
-    let &Ray { number, sample, pixel, body, mut lengths, .. } = ray;
+    let &Ray { waiting, vertex } = ray;
+    let VertexLanes { r, came, own, weight, roulette, mu_a, mu_s, g, least, .. } = vertex;
+    let VertexLanes { number, sample, pixel, body, mut lengths, .. } = vertex;
     let mu_t = mu_a + mu_s;
     let (to_light, known) = if let Some(interfaces) = &frame.interfaces {
         interfaces.heading(simd, frame, waiting, r, met)
@@ -308,9 +271,9 @@ impl<S: Simd> Line<S> {
         for i in bits(left.to_bitmask()) {
             scalar_connections.push(ScalarConnection {
                 number: self.block.as_slice()[i],
-                sample: ray.sample.as_slice()[i],
-                pixel: ray.pixel.as_slice()[i],
-                path: ray.path.as_slice()[i],
+                sample: ray.vertex.sample.as_slice()[i],
+                pixel: ray.vertex.pixel.as_slice()[i],
+                path: ray.vertex.response.as_slice()[i],
                 r: [r.x, r.y, r.z].map(|x| x.as_slice()[i]),
                 e: [e.x, e.y, e.z].map(|x| x.as_slice()[i]),
                 phase: self.phase.of_lane(i),
@@ -327,7 +290,7 @@ impl<S: Simd> Line<S> {
 #[inline(always)]
 fn tries<S: Simd>(simd: S, key: [u32; 2], high: u32, ray: &Ray<S>, line: &Line<S>) -> M<S> {
     let word = whether_projected(simd, line.place) | high;
-    let [draws, ..] = philox(simd, line.block, word, ray.sample, ray.pixel, key);
+    let [draws, ..] = philox(simd, line.block, word, ray.vertex.sample, ray.vertex.pixel, key);
     draws.simd_lt((OTHER_CONNECTIONS * 4_294_967_296.0) as u32)
 }
 

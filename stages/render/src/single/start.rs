@@ -5,11 +5,11 @@ use glam::DVec3;
 use turbid_optics::philox::unit as unit_of;
 
 use super::bend::Entrance;
-use super::frame::Frame;
+use super::frame::{Frame, Medium};
 use super::lane::{LANES, U, ln, philox, unit};
 use super::limits::FIRST;
 use super::next_event::{NextEvents, estimate_while};
-use super::rows::Paths;
+use super::rows::{PathRow, Paths, VertexRow};
 use super::scalar_fallback::scalar_fallback;
 use super::turns::Outside;
 use crate::batches::Batches;
@@ -17,7 +17,7 @@ use crate::lengths::{Lengths, MOST_LENGTHS, NO_LENGTHS, count};
 use crate::random::PLACES_IN_LANES;
 use crate::setting::{Place, Setting};
 use crate::walker::Walker;
-use crate::world::RaySegment;
+use crate::world::{Material, RaySegment};
 
 /// Paths still to be begun, and those ready for lanes.
 pub struct Starts<'a> {
@@ -69,15 +69,14 @@ impl<'a> Starts<'a> {
         };
         for i in 0..count {
             let draw = [unit_of(jx[i]), unit_of(jy[i]), unit_of(random[i])];
-            let ids = Ids { pixel: pixel[i], sample: sample[i], path: (first + i) as u32 };
+            let ids = Ids { pixel: pixel[i], sample: sample[i], response: (first + i) as u32 };
             let made = frame.starts && self.enter(simd, walker, frame, next_events, ids, draw, absorption_depth[i]);
             if !made {
                 let mut place = walker.begin(pixel[i] as usize, sample[i], first + i);
                 let goes_on = scalar_fallback(walker, frame, &mut place);
                 walker.finish_copies();
                 if goes_on {
-                    let (floats, words, lengths) = frame.row(&place);
-                    self.ready.push(floats, words, lengths);
+                    self.ready.push(&frame.row(&place));
                 }
             }
             estimate_while(simd, next_events, LANES, frame, key, high, responses);
@@ -117,49 +116,8 @@ impl<'a> Starts<'a> {
         }
         let mut segments = std::mem::take(&mut walker.segments);
         segments.clear();
-        match &frame.parts[..] {
-            _ if !inside => {}
-            _ if frame.interfaces.is_some() => {
-                let n = |segment: &RaySegment| s.world.materials[segment.material].n;
-                let mut rest = s.world.trace(from, along, None, &mut walker.chords);
-                let first = rest.next();
-                let index = first.as_ref().map(n);
-                segments.extend(first.into_iter().chain(rest.take_while(|segment| Some(n(segment)) == index)));
-            }
-            [only] if only.solid.is_convex() => {
-                let (start, end) = only.solid.chord(from, along);
-                if start < end && end > 0.0 {
-                    let start = if frame.plane.is_some() { start.max(0.0) } else { start };
-                    segments.push(RaySegment { start, end, material: only.material, interface: None });
-                }
-            }
-            _ if !frame.ground.meshes.is_empty()
-                && from == s.camera.view.position
-                // Nothing carved is told apart.
-                && frame.parts.len() == s.world.bodies.len() =>
-            {
-                let cut = simd.vectorize(
-                    #[inline(always)]
-                    || {
-                        s.world.trace_by(
-                            &mut walker.chords,
-                            #[inline(always)]
-                            |i, solid, chords| {
-                                let mesh = frame.ground.meshes.iter().find(|mesh| mesh.body == i as u32);
-                                // No `is_some_and`: what is not inlined loses the vector instructions.
-                                if let Some(mesh) = mesh
-                                    && mesh.cut_from_camera(simd, from, along, chords)
-                                {
-                                    return;
-                                }
-                                solid.cut(from, along, None, chords);
-                            },
-                        )
-                    },
-                );
-                segments.extend(cut.filter(|p| p.material != 0));
-            }
-            _ => segments.extend(s.world.trace(from, along, None, &mut walker.chords).filter(|p| p.material != 0)),
+        if inside {
+            find_segments(simd, walker, frame, (from, along), &mut segments);
         }
         let ready = self.ready.len();
         let made = self.enter_segments(&s, frame, next_events, ids, (from, along), absorption_depth, &segments);
@@ -175,6 +133,7 @@ impl<'a> Starts<'a> {
         made
     }
 
+    /// A path in the first of the segments that scatters, and next-event estimation in each. False where lanes cannot.
     #[allow(clippy::too_many_arguments, reason = "the second half of `enter`")]
     fn enter_segments(
         &mut self,
@@ -188,67 +147,31 @@ impl<'a> Starts<'a> {
     ) -> bool {
         let material = |segment: &RaySegment| &s.world.materials[segment.material];
         let seen = segments.iter().position(|segment| material(segment).is_opaque()).unwrap_or(segments.len());
-        let scattering = segments[..seen].iter().filter(|segment| material(segment).mu_s > 0.0).count();
-        if (!frame.bends() && segments.first().is_some_and(|segment| segment.start <= 0.0))
-            || scattering > MOST_SEGMENTS
-            // Ends at a surface, or sees light from infinity.
-            || (scattering == 0 && (seen < segments.len() || !frame.dark))
-            // Clear, and there is more behind it.
-            || (scattering == 0 && frame.interfaces.is_some() && !segments.is_empty())
-        {
+        if !lanes_can_start(frame, segments, seen, material) {
             return false;
         }
         let (mut tau, mut absorbed, mut scored) = (0.0, 0.0, 0);
         let mut lengths = NO_LENGTHS;
-        let w = along.as_vec3().to_array();
         for segment in &segments[..seen] {
             let (length, medium) = (segment.end - segment.start, material(segment));
             if medium.mu_s > 0.0 {
-                let r = frame.local(from + segment.start * along);
-                let mut filled = frame.parts.iter().enumerate().filter(|(_, part)| part.material == segment.material);
-                let body = match (filled.next(), filled.next()) {
-                    (Some((only, _)), None) => only,
-                    // A point of it says which body it is.
-                    _ => {
-                        let inside = from + (segment.start + 0.5 * length.min(1.0 / medium.mu_t())) * along;
-                        let Some(body) = frame.parts.iter().position(|part| part.solid.contains(inside)) else {
-                            continue;
-                        };
-                        body
-                    }
-                };
-                let m = &frame.media[segment.material];
+                let Some(body) = body_of(frame, segment, medium, (from, along)) else { continue };
                 let left = absorption_depth - absorbed as f32;
+                let r = frame.local(from + segment.start * along);
+                let path = PathRow {
+                    absorption_depth: left,
+                    sample: ids.sample,
+                    pixel: ids.pixel,
+                    response: ids.response,
+                    lengths: counted(&lengths),
+                    ..frame.path_at(r, along, segment.material, body)
+                };
                 if scored == 0 && left > 0.0 {
-                    let coefficients = [m.free_path, m.mu_a, m.mu_s, m.g, m.window];
-                    let [free_path, mu_a, mu_s, g, window] = coefficients;
-                    let row = [
-                        r[0],
-                        r[1],
-                        r[2],
-                        w[0],
-                        w[1],
-                        w[2],
-                        left,
-                        0.0,
-                        1.0,
-                        free_path,
-                        mu_a,
-                        mu_s,
-                        g,
-                        window,
-                        frame.known,
-                        1.0,
-                    ];
-                    let words = [frame.first, ids.sample, ids.pixel, ids.path, segment.material as u32, body as u32];
-                    self.ready.push(row, words, counted(&lengths));
+                    self.ready.push(&path);
                 }
                 if !frame.blind {
                     let weight = libm::exp(-tau) as f32;
-                    let row =
-                        [r[0], r[1], r[2], w[0], w[1], w[2], w[0], w[1], w[2], weight, 0.0, m.mu_a, m.mu_s, m.g, 0.0];
-                    let words = [FIRST | scored, ids.sample, ids.pixel, ids.path, body as u32];
-                    next_events.rays.push(row, words, counted(&lengths));
+                    next_events.vertices.push(&VertexRow { weight, ..camera_vertex(&path, scored) });
                 }
                 scored += 1;
             }
@@ -257,6 +180,110 @@ impl<'a> Starts<'a> {
             count(s.shared, &mut lengths, segment.material, length);
         }
         true
+    }
+}
+
+/// Whether a camera's ray through these segments, of which `seen` are before anything opaque, is begun in lanes.
+fn lanes_can_start<'a>(
+    frame: &Frame<'_>,
+    segments: &[RaySegment],
+    seen: usize,
+    material: impl Fn(&RaySegment) -> &'a Material,
+) -> bool {
+    let scattering = segments[..seen].iter().filter(|segment| material(segment).mu_s > 0.0).count();
+    let from_outside = frame.bends() || segments.first().is_none_or(|segment| segment.start > 0.0);
+    // It ends at a surface, or sees light from infinity.
+    let sees_more = scattering == 0 && (seen < segments.len() || !frame.dark);
+    // What comes first is clear, and there is more behind it.
+    let behind_clear = scattering == 0 && frame.interfaces.is_some() && !segments.is_empty();
+    from_outside && scattering <= MOST_SEGMENTS && !sees_more && !behind_clear
+}
+
+/// The body in which a segment lies.
+fn body_of(frame: &Frame<'_>, segment: &RaySegment, medium: &Material, (from, along): (DVec3, DVec3)) -> Option<usize> {
+    let mut filled = frame.parts.iter().enumerate().filter(|(_, part)| part.material == segment.material);
+    if let (Some((only, _)), None) = (filled.next(), filled.next()) {
+        return Some(only);
+    }
+    // A point of it says which body it is.
+    let length = segment.end - segment.start;
+    let inside = from + (segment.start + 0.5 * length.min(1.0 / medium.mu_t())) * along;
+    frame.parts.iter().position(|part| part.solid.contains(inside))
+}
+
+/// Next-event estimation along a camera's ray in the `segment`-th medium that scatters, in which a path would begin like this.
+fn camera_vertex(path: &PathRow, segment: u32) -> VertexRow {
+    VertexRow {
+        r: path.r,
+        came: path.w,
+        own: path.w,
+        weight: 1.0,
+        roulette: 0.0,
+        mu_a: path.mu_a,
+        mu_s: path.mu_s,
+        g: path.g,
+        least: 0.0,
+        number: FIRST | segment,
+        sample: path.sample,
+        pixel: path.pixel,
+        response: path.response,
+        body: path.body,
+        lengths: path.lengths,
+    }
+}
+
+/// The segments of a camera's ray from where it comes in; where interfaces bend it, as far as n stays what it is.
+#[inline(always)]
+fn find_segments<S: Simd>(
+    simd: S,
+    walker: &mut Walker<'_>,
+    frame: &Frame<'_>,
+    (from, along): (DVec3, DVec3),
+    segments: &mut Vec<RaySegment>,
+) {
+    let s = *walker.setting();
+    match &frame.parts[..] {
+        _ if frame.interfaces.is_some() => {
+            let n = |segment: &RaySegment| s.world.materials[segment.material].n;
+            let mut rest = s.world.trace(from, along, None, &mut walker.chords);
+            let first = rest.next();
+            let index = first.as_ref().map(n);
+            segments.extend(first.into_iter().chain(rest.take_while(|segment| Some(n(segment)) == index)));
+        }
+        [only] if only.solid.is_convex() => {
+            let (start, end) = only.solid.chord(from, along);
+            if start < end && end > 0.0 {
+                let start = if frame.plane.is_some() { start.max(0.0) } else { start };
+                segments.push(RaySegment { start, end, material: only.material, interface: None });
+            }
+        }
+        _ if !frame.ground.meshes.is_empty()
+            && from == s.camera.view.position
+            // Nothing carved is told apart.
+            && frame.parts.len() == s.world.bodies.len() =>
+        {
+            let cut = simd.vectorize(
+                #[inline(always)]
+                || {
+                    s.world.trace_by(
+                        &mut walker.chords,
+                        #[inline(always)]
+                        |i, solid, chords| {
+                            let mesh = frame.ground.meshes.iter().find(|mesh| mesh.body == i as u32);
+                            // No `is_some_and`: what is not inlined loses the vector instructions.
+                            if let Some(mesh) = mesh
+                                && mesh.cut_from_camera(simd, from, along, chords)
+                            {
+                                return;
+                            }
+                            solid.cut(from, along, None, chords);
+                        },
+                    )
+                },
+            );
+            segments.extend(cut.filter(|p| p.material != 0));
+        }
+        _ => segments.extend(s.world.trace(from, along, None, &mut walker.chords).filter(|p| p.material != 0)),
     }
 }
 
@@ -274,7 +301,7 @@ const _: () = assert!(MOST_SEGMENTS <= PLACES_IN_LANES);
 struct Ids {
     pixel: u32,
     sample: u32,
-    path: u32,
+    response: u32,
 }
 
 impl Frame<'_> {
@@ -286,45 +313,70 @@ impl Frame<'_> {
     }
 
     /// The row of a path in its medium.
-    pub fn row(&self, place: &Place) -> ([f32; 16], [u32; 6], [f32; MOST_LENGTHS]) {
+    pub fn row(&self, place: &Place) -> PathRow {
         let body = self.body_at(place).expect("only settled paths are put into lanes");
-        let m = &self.media[place.material];
-        let ([x, y, z], [a, b, c]) = (self.local(place.r), place.w.as_vec3().to_array());
-        let (absorption_depth, weight) = (place.absorption_depth as f32, place.weight as f32);
-        let [free_path, mu_a, mu_s, g, window] = [m.free_path, m.mu_a, m.mu_s, m.g, m.window];
-        let (known, mis_weight) = (self.known, place.mis_weight as f32);
-        let floats =
-            [x, y, z, a, b, c, absorption_depth, 0.0, weight, free_path, mu_a, mu_s, g, window, known, mis_weight];
-        let (path, material) = (place.response as u32, place.material as u32);
-        let words = [place.number as u32, place.sample, place.pixel, path, material, body as u32];
-        (floats, words, counted(&place.lengths))
+        PathRow {
+            absorption_depth: place.absorption_depth as f32,
+            weight: place.weight as f32,
+            mis_weight: place.mis_weight as f32,
+            number: place.number as u32,
+            sample: place.sample,
+            pixel: place.pixel,
+            response: place.response as u32,
+            lengths: counted(&place.lengths),
+            ..self.path_at(self.local(place.r), place.w, place.material, body)
+        }
+    }
+
+    /// A path that begins there.
+    fn path_at(&self, r: [f32; 3], w: DVec3, material: usize, body: usize) -> PathRow {
+        let &Medium { free_path, mu_a, mu_s, g, window } = &self.media[material];
+        PathRow {
+            r,
+            w: w.as_vec3().to_array(),
+            absorption_depth: 0.0,
+            absorption_lost: 0.0,
+            weight: 1.0,
+            free_path,
+            mu_a,
+            mu_s,
+            g,
+            window,
+            known_clear: self.known,
+            mis_weight: 1.0,
+            number: self.first,
+            sample: 0,
+            pixel: 0,
+            response: 0,
+            material: material as u32,
+            body: body as u32,
+            lengths: [0.0; MOST_LENGTHS],
+        }
     }
 
     /// The path of a row, for the scalar walker.
-    pub fn place(&self, (floats, words, lengths): ([f32; 16], [u32; 6], [f32; MOST_LENGTHS])) -> Place {
-        let [x, y, z, a, b, c, absorption_depth, lost, weight, .., mis_weight] = floats;
-        let [number, sample, pixel, path, material, _] = words;
+    pub fn place(&self, path: PathRow) -> Place {
         Place {
-            r: self.world([x, y, z]),
+            r: self.world(path.r),
             // Unit length to f64.
-            w: DVec3::new(f64::from(a), f64::from(b), f64::from(c)).normalize(),
-            material: material as usize,
+            w: DVec3::from(path.w.map(f64::from)).normalize(),
+            material: path.material as usize,
             surface_point: None,
             clear: 0.0,
-            absorption_depth: f64::from(absorption_depth) - f64::from(lost),
-            weight: f64::from(weight),
-            pixel,
-            sample,
-            number: u64::from(number),
+            absorption_depth: f64::from(path.absorption_depth) - f64::from(path.absorption_lost),
+            weight: f64::from(path.weight),
+            pixel: path.pixel,
+            sample: path.sample,
+            number: u64::from(path.number),
             ahead: true,
             // The camera's ray was scored as far as it goes.
-            wholly: number == self.first,
-            scattered: number != self.first,
-            specular: number == self.first && self.bends(),
-            mis_weight: f64::from(mis_weight),
+            wholly: path.number == self.first,
+            scattered: path.number != self.first,
+            specular: path.number == self.first && self.bends(),
+            mis_weight: f64::from(path.mis_weight),
             light_branch: false,
-            response: path as usize,
-            lengths: std::array::from_fn(|k| lengths.get(k).copied().map_or(0.0, f64::from)),
+            response: path.response as usize,
+            lengths: std::array::from_fn(|k| path.lengths.get(k).copied().map_or(0.0, f64::from)),
         }
     }
 }

@@ -2,12 +2,12 @@
 
 use fearless_simd::prelude::*;
 
-use super::copies::Row;
 use super::frame::Frame;
+use super::in_flight::Packet;
 use super::lane::{F, LANES, M, U, V, choose, exp, hg_denominator, hg_sample, ln, philox, splat, unit};
 use super::phase_function::Phase;
+use super::rows::{PathLanes, PathRow};
 use super::source::Source;
-use super::walk::Packet;
 use crate::random::WINDOW;
 use crate::walker::Walker;
 use crate::weight_window::{MOST_COPIES, NARROW, SCATTERINGS, WIDE};
@@ -52,42 +52,32 @@ impl<S: Simd> Lobe<S> {
 impl<S: Simd> Packet<'_, S> {
     /// Splits the paths `at` a collision, to which they came along `came` and whose nearest surface is `clear` mm away, or ends them by roulette.
     #[inline(always)]
-    pub(super) fn keep_in_windows(
-        &mut self,
-        at: M<S>,
-        came: V<S>,
-        clear: F<S>,
-        about: &(Source, f32),
-        key: [u32; 2],
-        high: u32,
-    ) {
+    pub(super) fn keep_in_windows(&mut self, at: M<S>, came: V<S>, clear: F<S>, about: &(Source, f32)) {
         let simd = self.simd;
-        let [x, y, z, .., weight, _, _, mu_s, g, window, _, _] = self.floats;
+        let PathLanes { r, weight, mu_s, g, window, .. } = self.path;
         let deep = clear * window + 1.0;
         let deep = deep * deep * (deep * deep);
         let exponent = exponent(simd, g, mu_s * clear);
         let near = exponent.simd_gt(-WIDE as f32) & g.simd_gt(0.0);
         let asked = at & (near | weight.simd_lt(deep * 0.5));
         if asked.any_true() {
-            let towards = self.frame.against_light(simd, V { x, y, z }, about);
+            let towards = self.frame.against_light(simd, r, about);
             let lobe = Lobe { towards, wide: choose(g.simd_gt(0.0), exp(exponent), splat(simd, 0.0)), near };
-            self.keep(asked, came, &lobe, deep, key, high);
+            self.keep(asked, came, &lobe, deep);
         }
     }
 
     #[inline(always)]
-    fn keep(&mut self, asked: M<S>, came: V<S>, lobe: &Lobe<S>, deep: F<S>, key: [u32; 2], high: u32) {
+    fn keep(&mut self, asked: M<S>, came: V<S>, lobe: &Lobe<S>, deep: F<S>) {
         let simd = self.simd;
-        let [.., wx, wy, wz, _, _, weight, _, _, _, g, _, _, _] = self.floats;
-        let [number, sample, pixel, _, material, _] = self.words;
-        let own = V { x: wx, y: wy, z: wz };
+        let PathLanes { w: own, weight, g, number, sample, pixel, material, .. } = self.path;
         let most = splat(simd, MOST_COPIES as f32);
         let narrow = asked & lobe.near & g.simd_ge(NARROW as f32);
         let mut random = U::splat(simd, 0);
         let mut left = weight;
         let least_own = deep / lobe.importance(simd, own);
         if (narrow | (asked & weight.simd_lt(least_own * 0.5))).any_true() {
-            let [a, b, c, d] = philox(simd, number - 2, U::splat(simd, WINDOW | high), sample, pixel, key);
+            let [a, b, c, d] = philox(simd, number - 2, U::splat(simd, WINDOW | self.high), sample, pixel, self.key);
             random = a;
             if narrow.any_true() {
                 let phase = self.frame.phase_of_media(simd, g, material);
@@ -98,48 +88,44 @@ impl<S: Simd> Packet<'_, S> {
                 let count = (parts + unit(d)).min(most);
                 let sent = inside & count.simd_ge(1.0);
                 if sent.any_true() {
-                    self.send(sent.to_bitmask(), e, weight_there / parts.min(most), &count.to_array(), key, high);
+                    self.send(sent.to_bitmask(), e, weight_there / parts.min(most), &count.to_array());
                 }
                 left = choose(narrow, weight * lobe.mis_weight(simd, &phase, came, own), weight);
             }
         }
         let light = asked & left.simd_lt(least_own * 0.5);
         let survives = (unit(random) * least_own).simd_lt(left);
-        self.floats[8] = choose(light, least_own, left);
+        self.path.weight = choose(light, least_own, left);
         self.alive &= !(light & !survives).to_bitmask();
         let heavy = asked & left.simd_ge(least_own * 2.0);
         if heavy.any_true() {
             let parts = (left / least_own).min(most);
-            self.split(heavy.to_bitmask(), &parts.to_array(), key, high);
+            self.split(heavy.to_bitmask(), &parts.to_array());
         }
     }
 
     /// Copies along `e`, of the weight `weight`, so many of each lane.
     #[inline(never)]
-    fn send(&mut self, lanes: u64, e: V<S>, weight: F<S>, counts: &[f32; LANES], key: [u32; 2], high: u32) {
-        self.aside.store(&self.floats, &self.words, &self.lengths);
+    fn send(&mut self, lanes: u64, e: V<S>, weight: F<S>, counts: &[f32; LANES]) {
+        self.aside.store(&self.path);
         let (e, weight) = ([e.x, e.y, e.z].map(|x| x.to_array()), weight.to_array());
         for lane in (0..LANES).filter(|lane| lanes >> lane & 1 == 1) {
-            let (mut floats, words, lengths) = self.aside.get(lane);
-            for (column, x) in floats[3..6].iter_mut().zip(e) {
-                *column = x[lane];
-            }
-            floats[8] = weight[lane];
-            self.copies.add(lane, (floats, words, lengths), MOST_COPIES..MOST_COPIES + counts[lane] as u32, key, high);
+            let copy = PathRow { w: e.map(|x| x[lane]), weight: weight[lane], ..self.aside.get(lane) };
+            let numbers = MOST_COPIES..MOST_COPIES + counts[lane] as u32;
+            self.copies.add(lane, copy, numbers, self.key, self.high);
         }
     }
 
     #[inline(never)]
-    fn split(&mut self, lanes: u64, parts: &[f32; LANES], key: [u32; 2], high: u32) {
-        self.aside.store(&self.floats, &self.words, &self.lengths);
+    fn split(&mut self, lanes: u64, parts: &[f32; LANES]) {
+        self.aside.store(&self.path);
         for lane in (0..LANES).filter(|lane| lanes >> lane & 1 == 1) {
-            let (mut floats, words, lengths) = self.aside.get(lane);
-            let parts = parts[lane] as u32;
-            floats[8] /= parts as f32;
-            self.aside.set(lane, floats, words, lengths);
-            self.copies.add(lane, (floats, words, lengths), 1..parts, key, high);
+            let (mut part, parts) = (self.aside.get(lane), parts[lane] as u32);
+            part.weight /= parts as f32;
+            self.aside.set(lane, &part);
+            self.copies.add(lane, part, 1..parts, self.key, self.high);
         }
-        (self.floats, self.words, self.lengths) = self.aside.load(self.simd);
+        self.aside.load(self.simd, &mut self.path);
     }
 
     /// Puts copies into the lanes of their paths that have ended.
@@ -153,13 +139,12 @@ impl<S: Simd> Packet<'_, S> {
 
     #[inline(never)]
     fn resume_copies(&mut self, waiting: u64) {
-        self.aside.store(&self.floats, &self.words, &self.lengths);
+        self.aside.store(&self.path);
         for lane in (0..LANES).filter(|lane| waiting >> lane & 1 == 1) {
-            let (floats, words, lengths) = self.copies.pop(lane);
-            self.aside.set(lane, floats, words, lengths);
+            self.aside.set(lane, &self.copies.pop(lane));
         }
         self.alive |= waiting;
-        (self.floats, self.words, self.lengths) = self.aside.load(self.simd);
+        self.aside.load(self.simd, &mut self.path);
     }
 
     /// Takes over the copies of a lane's path that the scalar walker has made.
@@ -169,7 +154,7 @@ impl<S: Simd> Packet<'_, S> {
 }
 
 /// Hands over the copies that the scalar walker has made; it walks those that lanes cannot take, where rounding has put them onto an interface.
-fn take_copies(walker: &mut Walker<'_>, frame: &Frame<'_>, mut push: impl FnMut(Row)) {
+fn take_copies(walker: &mut Walker<'_>, frame: &Frame<'_>, mut push: impl FnMut(PathRow)) {
     for copy in std::mem::take(&mut walker.copies) {
         if frame.body_at(&copy).is_some() {
             push(frame.row(&copy));
