@@ -107,33 +107,16 @@ impl Walker<'_> {
             }
             End::Surface { surface_point, normal, rho } => {
                 at.surface_point = Some(surface_point);
-                at.clear = 0.0;
-                (at.scattered, at.specular, at.mis_weight) = (true, false, 1.0);
-                self.next_event_at_surface(at, normal, rho);
-                if roulette >= rho {
-                    self.ending = Ending::Absorbed(surface_point.interface.body);
-                    return false;
-                }
-                at.w = cosine_direction(normal, unit(b), unit(c));
-                (at.ahead, at.wholly) = (false, false);
-                true
+                self.meet_surface(at, normal, rho, roulette, [b, c])
             }
             End::Mirror { surface_point, normal, from } => {
-                at.specular |= !at.scattered;
-                (at.surface_point, at.material) = (Some(surface_point), from);
-                at.w = (at.w - 2.0 * at.w.dot(normal) * normal).normalize();
-                at.clear = 0.0;
-                let line = self.setting.nee == Nee::Line;
-                (at.ahead, at.wholly) = (line, line && !at.scattered);
-                if line {
-                    self.next_event_along(at, &stream);
-                }
+                let w = (at.w - 2.0 * at.w.dot(normal) * normal).normalize();
+                self.turn(at, (surface_point, from), w, &stream);
                 true
             }
             End::Boundary { surface_point, normal, from, to } => {
                 let [n_from, n_to] = [from, to].map(|m| self.setting.world.materials[m].n);
                 let owner = self.setting.world.bodies[surface_point.interface.body].material;
-                at.specular |= !at.scattered;
                 let on = if let Bsdf::Rough(alpha) = self.setting.world.materials[owner].bsdf {
                     let normal = if surface_point.inside { -normal } else { normal };
                     let rough = Rough { alpha, normal, n_from, n_to };
@@ -148,46 +131,67 @@ impl Walker<'_> {
                     refraction.refracted.filter(|_| roulette >= refraction.reflectance).unwrap_or(refraction.reflected)
                 };
                 let through = (on.dot(normal) > 0.0) == surface_point.inside;
-                (at.surface_point, at.material) = if through {
-                    (Some(SurfacePoint { inside: !surface_point.inside, ..surface_point }), to)
-                } else {
-                    (Some(surface_point), from)
-                };
-                at.w = on;
-                at.clear = 0.0;
-                let line = self.setting.nee == Nee::Line;
-                (at.ahead, at.wholly) = (line, line && !at.scattered);
-                if line {
-                    self.next_event_along(at, &stream);
-                }
+                let behind = SurfacePoint { inside: !surface_point.inside, ..surface_point };
+                self.turn(at, if through { (behind, to) } else { (surface_point, from) }, on, &stream);
                 true
             }
-            End::Scattered { crossed } => {
-                at.surface_point = None;
-                (at.scattered, at.specular) = (true, false);
-                if !(at.ahead || (crossed && self.setting.nee == Nee::Line)) {
-                    self.next_event_at_collision(at, roulette);
-                }
-                at.wholly = false;
-                if !at.light_branch
-                    && self.peaked_index.is_none()
-                    && self.windows[at.material] > 0.0
-                    && self.ends_deep(at, spare(b, c, d))
-                {
-                    return false;
-                }
-                let next = self.setting.world.materials[at.material].phase.sample(at.w, unit(b), unit(c));
-                if self.setting.nee == Nee::Line {
-                    self.next_event_ahead(at, next, roulette);
-                    (at.ahead, at.mis_weight) = (true, 1.0);
-                    if self.light_branches.get(at.material) == Some(&true) && !at.light_branch {
-                        self.send_light_branch(at, next);
-                    }
-                }
-                let came = std::mem::replace(&mut at.w, next);
-                !at.light_branch && (self.peaked_index.is_none() || self.keep_in_window(at, came, &stream))
+            End::Scattered { crossed } => self.scatter(at, crossed, roulette, [b, c, d], &stream),
+        }
+    }
+
+    /// A Lambertian surface of reflectance `rho`, in its normal; false where the path ends there.
+    fn meet_surface(&mut self, at: &mut Place, normal: DVec3, rho: f64, roulette: f64, [b, c]: [u32; 2]) -> bool {
+        at.clear = 0.0;
+        (at.scattered, at.specular, at.mis_weight) = (true, false, 1.0);
+        self.next_event_at_surface(at, normal, rho);
+        if roulette >= rho {
+            let body = at.surface_point.expect("it stands on one").interface.body;
+            self.ending = Ending::Absorbed(body);
+            return false;
+        }
+        at.w = cosine_direction(normal, unit(b), unit(c));
+        (at.ahead, at.wholly) = (false, false);
+        true
+    }
+
+    /// From a specular interface the path goes on along `w`, on this side of it and in this material.
+    fn turn(&mut self, at: &mut Place, (surface_point, material): (SurfacePoint, usize), w: DVec3, stream: &Stream) {
+        at.specular |= !at.scattered;
+        (at.surface_point, at.material) = (Some(surface_point), material);
+        (at.w, at.clear) = (w, 0.0);
+        let line = self.setting.nee == Nee::Line;
+        (at.ahead, at.wholly) = (line, line && !at.scattered);
+        if line {
+            self.next_event_along(at, stream);
+        }
+    }
+
+    /// A collision: next-event estimation, roulette, a new direction, weight windows. False where the path ends.
+    fn scatter(&mut self, at: &mut Place, crossed: bool, roulette: f64, [b, c, d]: [u32; 3], stream: &Stream) -> bool {
+        at.surface_point = None;
+        (at.scattered, at.specular) = (true, false);
+        let line = self.setting.nee == Nee::Line;
+        if !(at.ahead || (crossed && line)) {
+            self.next_event_at_collision(at, roulette);
+        }
+        at.wholly = false;
+        if !at.light_branch
+            && self.peaked_index.is_none()
+            && self.windows[at.material] > 0.0
+            && self.ends_deep(at, spare(b, c, d))
+        {
+            return false;
+        }
+        let next = self.setting.world.materials[at.material].phase.sample(at.w, unit(b), unit(c));
+        if line {
+            self.next_event_ahead(at, next, roulette);
+            (at.ahead, at.mis_weight) = (true, 1.0);
+            if self.light_branches.get(at.material) == Some(&true) && !at.light_branch {
+                self.send_light_branch(at, next);
             }
         }
+        let came = std::mem::replace(&mut at.w, next);
+        !at.light_branch && (self.peaked_index.is_none() || self.keep_in_window(at, came, stream))
     }
 
     /// Roulette of deep paths where absorption is weak.

@@ -114,70 +114,110 @@ pub fn plan(params: &Params, scene: Option<&Scene>, known: &Known) -> StagePlan 
         Method::Path => Some(Taken::Path { because: None }),
         _ => scene.map(|scene| Taken::of(params, scene, patterned)),
     };
-    let mut plan = StagePlan {
-        method: Some(match (params.method, &taken) {
-            (_, None) => "auto: known once the scene is".to_owned(),
-            (Method::Auto, Some(Taken::Fit)) => {
-                format!("fit (auto: the scene is laterally uniform{})", solver(params, scene))
-            }
-            (Method::Auto, Some(Taken::Rte { bound })) => {
-                format!("rte (auto: its bound, {:.2} % of a frame, is within the target)", 100.0 * bound)
-            }
-            (_, Some(Taken::Rte { bound })) => format!("rte, off by {:.2} % of a frame at most", 100.0 * bound),
-            (_, Some(Taken::Fit)) => "fit".to_owned(),
-            (_, Some(Taken::Surfaces { because })) => {
-                let because = because.as_ref().map_or_else(String::new, |because| format!(" (auto: {because})"));
-                format!("fit of smooth surfaces where it holds, path elsewhere{because}")
-            }
-            (_, Some(Taken::ControlVariates { because })) => {
-                format!(
-                    "path, with laterally uniform control variates where a pilot finds that it pays (auto: {because})"
-                )
-            }
-            (_, Some(Taken::Path { because: Some(because) })) => format!("path (auto: {because})"),
-            (_, Some(Taken::Path { because: None })) => "path".to_owned(),
-        }),
-        ..StagePlan::default()
-    };
-    let walks = scene.map_or(1, |scene| walks(params, scene));
+    let mut plan = StagePlan { method: Some(named(params, scene, taken.as_ref())), ..StagePlan::default() };
     let mut sort = |needed: bool, what: &str| {
         if needed { plan.needs.push(what.to_owned()) } else { plan.left_out.push(what.to_owned()) }
     };
+    let walks = scene.map_or(1, |scene| walks(params, scene));
     if let Some(scene) = scene {
-        let used = scene.objects.values().filter_map(|o| o.medium.as_ref());
-        let scattering = used.filter(|m| scene.media[*m].mu_s.iter().any(|&s| s > 0.0));
-        let scattering = scattering.collect::<std::collections::BTreeSet<_>>().len();
-        sort(scattering > 0, "volume scattering");
-        sort(scattering > 1, "several media");
-        let diffuse = |o: &Object| o.surface.is_opaque() && o.surface != Surface::Mirror;
-        sort(scene.objects.values().any(diffuse), "Lambertian surfaces");
-        sort(scene.objects.values().any(|o| o.surface == Surface::Mirror), "mirrors");
-        sort(scene.objects.len() > 1, "shadow rays through several objects");
-        sort(scene.channels() > 1, "several channels");
-        sort(walks < scene.channels(), "paths shared by channels");
-        sort(scene.media.values().any(|m| m.n != 1.0), "Fresnel boundaries");
-        let world = rig.as_ref().map(|rig| &rig.worlds[0]);
-        let at_interfaces = world.is_some_and(|world| Bending::of(world) == Bending::AtInterfaces);
-        let refracts = world.is_some_and(|world| world.materials.iter().any(|m| m.n != 1.0));
-        sort(at_interfaces && refracts, "refraction at curved or tilted walls");
-        sort(world.is_some_and(|world| Mirrors::of(world).curved), "curved mirrors");
-        sort(rig.as_ref().is_some_and(by_several_interfaces), "glints by several walls, by chance");
-        sort(scene.objects.values().any(|o| matches!(o.surface, Surface::Rough(_))), "rough boundaries");
-        let ambient = scene.lights.values().filter(|l| matches!(l, Lamp::Ambient { .. })).count();
-        sort(scene.projector.is_some(), "projector");
-        sort(scene.lights.len() > ambient, "steady lights");
-        sort(ambient > 0, "ambient light");
-        sort(!scene.detectors.is_empty(), "detectors (for the port `power`)");
+        sort_objects(scene, rig.as_ref(), walks, &mut sort);
+        sort_glints(scene, &mut sort);
     }
-    if let Some(scene) = scene {
-        let included = scene.camera.as_ref().is_some_and(|c| c.specular == Some(Specular::Include));
-        let smooth = |o: &Object| {
-            let bends = o.medium.as_ref().is_some_and(|m| scene.media[m].n != 1.0);
-            o.surface == Surface::Mirror || (o.surface == Surface::Smooth && bends)
-        };
-        sort(included && scene.objects.values().any(smooth), "glints");
+    sort_work(params, scene, taken.as_ref(), patterned, &mut sort);
+    if let Some(scene) = scene
+        && let Some(taken) = &taken
+        && let Some(rig) = &rig
+    {
+        let projected = outline(params, scene, patterned, rig.steady[0].shines());
+        let Kernels { name, refused } = Kernels::of(taken, rig, &projected, power);
+        (plan.kernel, plan.refused) = (Some(name), refused);
     }
-    if let Some(taken) = &taken {
+    if let (Some(scene), Some(taken)) = (scene, &taken) {
+        plan.seconds = seconds(params, scene, taken, rig.as_ref(), walks);
+    }
+    if let (Some(scene), Some(taken), Some(rig)) = (scene, &taken, &rig) {
+        let pattern = known.extent("pattern");
+        let mut made = sizes(params, scene, known);
+        made.retain(|port, _| *port == "frames" || known.is_wanted(port));
+        let asked = Asked { params, scene, rig, taken, pattern, patterned, made: &made };
+        if let Some(bytes) = memory(&asked) {
+            plan.memory = Some(bytes);
+            plan.bytes = Some(made.values().filter_map(|form| form.extent()).map(Extent::bytes).sum());
+        }
+    }
+    plan
+}
+
+/// What is done, and why `auto` chose it.
+fn named(params: &Params, scene: Option<&Scene>, taken: Option<&Taken>) -> String {
+    match (params.method, taken) {
+        (_, None) => "auto: known once the scene is".to_owned(),
+        (Method::Auto, Some(Taken::Fit)) => {
+            format!("fit (auto: the scene is laterally uniform{})", solver(params, scene))
+        }
+        (Method::Auto, Some(Taken::Rte { bound })) => {
+            format!("rte (auto: its bound, {:.2} % of a frame, is within the target)", 100.0 * bound)
+        }
+        (_, Some(Taken::Rte { bound })) => format!("rte, off by {:.2} % of a frame at most", 100.0 * bound),
+        (_, Some(Taken::Fit)) => "fit".to_owned(),
+        (_, Some(Taken::Surfaces { because })) => {
+            let because = because.as_ref().map_or_else(String::new, |because| format!(" (auto: {because})"));
+            format!("fit of smooth surfaces where it holds, path elsewhere{because}")
+        }
+        (_, Some(Taken::ControlVariates { because })) => {
+            format!("path, with laterally uniform control variates where a pilot finds that it pays (auto: {because})")
+        }
+        (_, Some(Taken::Path { because: Some(because) })) => format!("path (auto: {because})"),
+        (_, Some(Taken::Path { because: None })) => "path".to_owned(),
+    }
+}
+
+/// What the objects and lights of a scene need.
+fn sort_objects(scene: &Scene, rig: Option<&Rig>, walks: usize, sort: &mut impl FnMut(bool, &str)) {
+    let used = scene.objects.values().filter_map(|o| o.medium.as_ref());
+    let scattering = used.filter(|m| scene.media[*m].mu_s.iter().any(|&s| s > 0.0));
+    let scattering = scattering.collect::<std::collections::BTreeSet<_>>().len();
+    sort(scattering > 0, "volume scattering");
+    sort(scattering > 1, "several media");
+    let diffuse = |o: &Object| o.surface.is_opaque() && o.surface != Surface::Mirror;
+    sort(scene.objects.values().any(diffuse), "Lambertian surfaces");
+    sort(scene.objects.values().any(|o| o.surface == Surface::Mirror), "mirrors");
+    sort(scene.objects.len() > 1, "shadow rays through several objects");
+    sort(scene.channels() > 1, "several channels");
+    sort(walks < scene.channels(), "paths shared by channels");
+    sort(scene.media.values().any(|m| m.n != 1.0), "Fresnel boundaries");
+    let world = rig.map(|rig| &rig.worlds[0]);
+    let at_interfaces = world.is_some_and(|world| Bending::of(world) == Bending::AtInterfaces);
+    let refracts = world.is_some_and(|world| world.materials.iter().any(|m| m.n != 1.0));
+    sort(at_interfaces && refracts, "refraction at curved or tilted walls");
+    sort(world.is_some_and(|world| Mirrors::of(world).curved), "curved mirrors");
+    sort(rig.is_some_and(by_several_interfaces), "glints by several walls, by chance");
+    sort(scene.objects.values().any(|o| matches!(o.surface, Surface::Rough(_))), "rough boundaries");
+    let ambient = scene.lights.values().filter(|l| matches!(l, Lamp::Ambient { .. })).count();
+    sort(scene.projector.is_some(), "projector");
+    sort(scene.lights.len() > ambient, "steady lights");
+    sort(ambient > 0, "ambient light");
+    sort(!scene.detectors.is_empty(), "detectors (for the port `power`)");
+}
+
+fn sort_glints(scene: &Scene, sort: &mut impl FnMut(bool, &str)) {
+    let included = scene.camera.as_ref().is_some_and(|c| c.specular == Some(Specular::Include));
+    let smooth = |o: &Object| {
+        let bends = o.medium.as_ref().is_some_and(|m| scene.media[m].n != 1.0);
+        o.surface == Surface::Mirror || (o.surface == Surface::Smooth && bends)
+    };
+    sort(included && scene.objects.values().any(smooth), "glints");
+}
+
+/// What the method, the parameters and the cameras need.
+fn sort_work(
+    params: &Params,
+    scene: Option<&Scene>,
+    taken: Option<&Taken>,
+    patterned: bool,
+    sort: &mut impl FnMut(bool, &str),
+) {
+    if let Some(taken) = taken {
         sort(!matches!(taken, Taken::Rte { .. }), "paths");
         sort(!matches!(taken, Taken::Fit | Taken::Rte { .. }), "paths for every pixel");
         sort(matches!(taken, Taken::ControlVariates { .. }), "control variates");
@@ -199,49 +239,28 @@ pub fn plan(params: &Params, scene: Option<&Scene>, known: &Known) -> StagePlan 
     sort(meshes, "BVH");
     let textured = |scene: &Scene| scene.objects.values().any(|o| matches!(o.surface, Surface::Textured(_)));
     sort(scene.is_some_and(textured), "textures");
-    if let Some(scene) = scene
-        && let Some(taken) = &taken
-        && let Some(rig) = &rig
-    {
-        let projected = outline(params, scene, patterned, rig.steady[0].shines());
-        let Kernels { name, refused } = Kernels::of(taken, rig, &projected, power);
-        (plan.kernel, plan.refused) = (Some(name), refused);
+}
+
+/// CPU s on one core; `None` where the clock alone ends a run.
+fn seconds(params: &Params, scene: &Scene, taken: &Taken, rig: Option<&Rig>, walks: usize) -> Option<f64> {
+    let [columns, rows] = scene.camera.as_ref()?.pixels.map(|n| n as usize);
+    let channels = scene.channels() as f64;
+    if matches!(taken, Taken::Rte { .. }) {
+        // Some ms for each spatial frequency (measured; see docs/theory/rte.md).
+        return Some(5e-3 * channels * (1 + params.carriers().len()) as f64);
     }
-    if let Some(scene) = scene
-        && let Some(camera) = &scene.camera
-    {
-        let [columns, rows] = camera.pixels.map(|n| n as usize);
-        let channels = scene.channels() as f64;
-        let pixels = (columns * rows) as f64 * channels;
-        let with_control = matches!(taken, Some(Taken::ControlVariates { .. }));
-        let lattice = Lattice::over(columns, rows);
-        let traced = (lattice.columns.len() * lattice.rows.len()) as f64;
-        let (traced, terms) =
-            if taken == Some(Taken::Fit) { (traced, 6.0) } else { (pixels / channels, pixels / channels) };
-        // The error of a fit of 6 terms is that of as many pixels with all the paths.
-        let for_target = params.target_error.map(|t| (VARIANCE_PER_PATH * terms / traced / (t.0 * t.0)).max(8.0));
-        let most = params.samples.map(f64::from);
-        if matches!(taken, Some(Taken::Rte { .. })) {
-            // Some ms for each spatial frequency (measured; see docs/theory/rte.md).
-            plan.seconds = Some(5e-3 * channels * (1 + params.carriers().len()) as f64);
-        } else if let Some(samples) = for_target.into_iter().chain(most).reduce(f64::min) {
-            // At most: all pixels have the one control variate, and it pays.
-            let of_lattice = f64::from(FIT_PATHS) * (lattice.columns.len() * lattice.rows.len()) as f64;
-            let paths = if with_control { 2.0 * traced + of_lattice } else { traced };
-            plan.seconds = Some(paths * walks as f64 * samples * ns_per_path(scene, rig.as_ref()) * 1e-9);
-        }
-    }
-    if let (Some(scene), Some(taken), Some(rig)) = (scene, &taken, &rig) {
-        let pattern = known.extent("pattern");
-        let mut made = sizes(params, scene, known);
-        made.retain(|port, _| *port == "frames" || known.is_wanted(port));
-        let asked = Asked { params, scene, rig, taken, pattern, patterned, made: &made };
-        if let Some(bytes) = memory(&asked) {
-            plan.memory = Some(bytes);
-            plan.bytes = Some(made.values().filter_map(|form| form.extent()).map(Extent::bytes).sum());
-        }
-    }
-    plan
+    let pixels = (columns * rows) as f64;
+    let lattice = Lattice::over(columns, rows);
+    let of_lattice = (lattice.columns.len() * lattice.rows.len()) as f64;
+    // The error of a fit of 6 terms is that of as many pixels with all the paths.
+    let (traced, terms) = if *taken == Taken::Fit { (of_lattice, 6.0) } else { (pixels, pixels) };
+    let for_target = params.target_error.map(|t| (VARIANCE_PER_PATH * terms / traced / (t.0 * t.0)).max(8.0));
+    let most = params.samples.map(f64::from);
+    let samples = for_target.into_iter().chain(most).reduce(f64::min)?;
+    let with_control = matches!(taken, Taken::ControlVariates { .. });
+    // At most: all pixels have the one control variate, and it pays.
+    let paths = if with_control { 2.0 * traced + f64::from(FIT_PATHS) * of_lattice } else { traced };
+    Some(paths * walks as f64 * samples * ns_per_path(scene, rig) * 1e-9)
 }
 
 /// ns that a path takes on one core, with its next-event estimation, by figures measured in other scenes.

@@ -14,7 +14,7 @@ use crate::frames::Images;
 use crate::joints;
 use crate::kernel::Kernels;
 use crate::lamp_reflection::{WithLampReflections, by_manifold_sampling, lamp_reflections};
-use crate::method::{Taken, sums};
+use crate::method::{Estimate, Taken, sums};
 use crate::params::Params;
 use crate::power::power;
 use crate::projected::Projected;
@@ -114,29 +114,8 @@ impl Stage for RenderStage {
         ctx.kernel(&kernels.name, &kernels.refused);
         let traced = sums(&taken, params, &scene, &rig, &projected, ctx)?;
         let mut estimate = traced.estimate(params, &rig, &projected, ctx)?;
-        let (lamp_reflections, sampled) =
-            (lamp_reflections(&rig, &projected, ctx)?, by_manifold_sampling(&rig, &projected, estimate.n, ctx)?);
-        estimate.channels = estimate
-            .channels
-            .into_iter()
-            .zip(lamp_reflections.into_iter().zip(sampled))
-            .map(|(field, (lamp_reflections, sampled))| -> Box<dyn Field> {
-                if lamp_reflections.is_empty() && sampled.is_none() {
-                    field
-                } else {
-                    Box::new(WithLampReflections { field, lamp_reflections, sampled })
-                }
-            })
-            .collect();
-        let unknown = |field: &dyn Field| (0..field.pixels()).filter(|&pixel| field.se_unknown(pixel)).count();
-        let unknown = estimate.channels.iter().map(|field| unknown(field.as_ref())).max().unwrap_or(0);
-        if unknown > 0 {
-            let percent = 100.0 * unknown as f64 / rig.camera.pixels() as f64;
-            ctx.measure("pixels of unknown standard error", percent, "%");
-            ctx.warn(format!(
-                "of {percent:.1} % of the pixels the standard errors are unknown: too few paths see what makes them bright"
-            ));
-        }
+        estimate.add_lamp_reflections(&rig, &projected, ctx)?;
+        tell_unknown(&estimate, &rig, ctx);
         let images = Images {
             projected: &projected,
             rows: rig.camera.rows,
@@ -180,8 +159,8 @@ impl Stage for RenderStage {
             layers(&scene, &mut frames.0, ctx)?;
         }
         let mut truth = ctx.wants("truth").then(|| truth(&scene, &rig.worlds[0], &rig.object_of, &rig.camera));
-        let others = [covariance.as_mut().map(|c| &mut c.0), white.as_mut().map(|w| &mut w.0)];
-        for stack in others.into_iter().flatten().chain([&mut frames.0]) {
+        let seen = [covariance.as_mut().map(|c| &mut c.0), white.as_mut().map(|w| &mut w.0)];
+        for stack in seen.into_iter().flatten().chain([&mut frames.0]) {
             scene.rig().insert_into(&mut stack.attributes);
             if let Some(camera) = &scene.camera {
                 stack.set_pixel_pitch(camera);
@@ -191,6 +170,38 @@ impl Stage for RenderStage {
             scene.rig().insert_into(&mut truth.0.attributes);
         }
         Ok(Out { frames, covariance, truth, white, power })
+    }
+}
+
+impl<'a> Estimate<'a> {
+    /// Adds the images of lamps in smooth surfaces.
+    fn add_lamp_reflections(&mut self, rig: &'a Rig, projected: &'a Projected, ctx: Ctx<'_>) -> Result<(), Error> {
+        let known = lamp_reflections(rig, projected, ctx)?;
+        let sampled = by_manifold_sampling(rig, projected, self.n, ctx)?;
+        let fields = std::mem::take(&mut self.channels).into_iter().zip(known.into_iter().zip(sampled));
+        self.channels = fields
+            .map(|(field, (lamp_reflections, sampled))| -> Box<dyn Field + 'a> {
+                if lamp_reflections.is_empty() && sampled.is_none() {
+                    field
+                } else {
+                    Box::new(WithLampReflections { field, lamp_reflections, sampled })
+                }
+            })
+            .collect();
+        Ok(())
+    }
+}
+
+/// Says so where too few paths see what makes pixels bright.
+fn tell_unknown(estimate: &Estimate<'_>, rig: &Rig, ctx: Ctx<'_>) {
+    let unknown = |field: &dyn Field| (0..field.pixels()).filter(|&pixel| field.se_unknown(pixel)).count();
+    let unknown = estimate.channels.iter().map(|field| unknown(field.as_ref())).max().unwrap_or(0);
+    if unknown > 0 {
+        let percent = 100.0 * unknown as f64 / rig.camera.pixels() as f64;
+        ctx.measure("pixels of unknown standard error", percent, "%");
+        ctx.warn(format!(
+            "of {percent:.1} % of the pixels the standard errors are unknown: too few paths see what makes them bright"
+        ));
     }
 }
 

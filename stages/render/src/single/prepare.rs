@@ -17,8 +17,9 @@ use super::refusal::{self, Refusal};
 use super::source::Source;
 use crate::bsdf::Bsdf;
 use crate::lengths::MOST_LENGTHS;
+use crate::light::Carrier;
 use crate::random::LAMPS_IN_LANES;
-use crate::setting::Nee;
+use crate::setting::{Nee, Setting};
 use crate::walker::Walker;
 use crate::world::{Material, World};
 
@@ -39,22 +40,8 @@ impl<'a> Frame<'a> {
     /// For plans: its meshes are not prepared for lines. Error: why f32 cannot hold the render.
     pub fn held(walker: &Walker<'a>) -> Result<Self, Refusal> {
         let s = walker.setting();
-        if s.nee != Nee::Line {
-            return Err(Refusal::Reference);
-        }
         let range = range(s.world);
-        let view = &s.light.view;
-        let cycles = view.field.length() * s.carriers.iter().fold(0.0, |most: f64, c| most.max(c.f_x()));
-        let dense = s.world.materials.iter().find(|m| m.mu_t() > LARGEST || (m.mu_s > 0.0 && m.mu_s < 1.0 / LARGEST));
-        let distance = (view.position - view.look_at).length();
-        let refusal = match dense {
-            _ if cycles > CYCLES => Some(Refusal::Cycles(cycles)),
-            Some(m) => Some(Refusal::Coefficient(if m.mu_t() > LARGEST { m.mu_t() } else { m.mu_s })),
-            None if distance > LARGEST => Some(Refusal::Distance(distance)),
-            None if s.channels() > MOST_CHANNELS => Some(Refusal::Channels(s.channels())),
-            None => None,
-        };
-        if let Some(refusal) = refusal {
+        if let Some(refusal) = too_large(s) {
             return Err(refusal);
         }
         // What the camera sees of the plane through the origin must lie within the range.
@@ -62,117 +49,175 @@ impl<'a> Frame<'a> {
         if reach.is_nan() || reach > range {
             return Err(Refusal::Extent { reach, mu_s: RANGE / range });
         }
-        let media = s.world.materials.iter().enumerate();
-        let media = media.map(|(i, m)| Medium {
-            free_path: walker.free_path(i) as f32,
-            mu_a: m.mu_a as f32,
-            mu_s: m.mu_s as f32,
-            g: m.phase.g_forward() as f32,
-            window: walker.window(i) as f32,
-        });
-        let carriers = s.carriers.iter().map(|c| {
-            let (x, y) = c.along();
-            let turns = x * origin.x + y * origin.y;
-            [x as f32, y as f32, (turns - turns.round()) as f32]
-        });
         let parts = parts(s.world);
         let ground = Ground::about(&parts, origin, range);
         let others = (0..parts.len()).any(|j| ground.is_other(j));
-        let known = if others || !ground.meshes.is_empty() { 0.0 } else { f32::INFINITY };
-        let matt = |m: &Material| m.is_opaque() && m.bsdf != Bsdf::Mirror;
-        let straight = |m: &Material| matt(m) || (m.n == 1.0 && m.bsdf == Bsdf::Smooth);
-        let straight = s.world.materials.iter().all(straight);
-        let counted_in = s.shared.map_or_else(|| vec![MOST_LENGTHS; s.world.materials.len()], |s| s.counted.clone());
-        let scales = s.shared.map_or(&[][..], |shared| &shared.channels);
-        let channels = scales.iter().map(|scale| scale.excess.map(|mu_a| mu_a as f32)).collect();
-        let blind = !s.light.shines() && s.steady.lamps.is_empty();
-        let plane = if others || !ground.meshes.is_empty() { None } else { Plane::of(walker, &parts, origin) };
+        let by_distance = others || !ground.meshes.is_empty();
+        let plane = if by_distance { None } else { Plane::of(walker, &parts, origin) };
         let interfaces = Interfaces::of(walker, &parts, &ground, origin);
-        // Lenses are looked up one by one; so are lamps where interfaces bend their light, and beside meshes.
         let image_lookup = ImageLookup::over(s.light, s.projected_images, origin);
-        let plain = view.distortion.is_none() && (s.projected_images.layers() == 0 || image_lookup.is_some());
-        let for_lamps = straight && ground.meshes.is_empty() && s.steady.lamps.len() <= LAMPS_IN_LANES;
-        let for_any = if s.light.shines() { plain } else { for_lamps && !blind };
         let bends = plane.is_some() || interfaces.is_some();
-        let next_events = (straight || bends) && !others && can_connect(s.world, &parts) && for_any;
-        let repeated = repeats(&parts);
-        // Rays meet the facets of their own body only.
-        let alone = !repeated || ground.meshes.is_empty();
-        let next_events = next_events && alone;
-        let (projector, unit) = Source::projector(s.light, origin);
-        let (lamps, steady) = Source::lamps(s.steady, s.shared, origin);
-        let first = if s.light.shines() { Some(projector) } else { lamps.first().copied() };
-        let weight_windows = first.zip(walker.peaked_index.map(|n| n.recip() as f32));
-        let singly = !(lamps.is_empty() || (next_events && for_lamps));
-        let lamps = lamps.into_iter().filter(|_| !singly);
-        let projected =
-            if s.shared.is_some() { scales.iter().map(|scale| unit * scale.projector).collect() } else { vec![unit] };
-        let lanes_alone = blind || (next_events && !singly);
+        let can = Abilities::of(s, &ground, &parts, others, bends, image_lookup.is_some());
+        let Abilities { straight, blind, next_events, singly, lanes_alone, .. } = can;
         let turns = bends && lanes_alone;
         let onward = straight && !others && lanes_alone;
         let sends = onward && next_events && s.light.shines() && ground.meshes.is_empty();
-        let starts = (onward || (turns && !s.steady.shines())) && !s.camera.has_aperture();
-        let mut refused = Vec::new();
-        if !(next_events || blind) {
-            refused.extend((!(straight || bends)).then(|| refusal::of_interfaces(walker, &parts)));
-            refused.extend(refusal::of_solids(&ground, &parts, origin, range));
-            refused.extend((parts.len() > MOST_BODIES).then_some(Refusal::Bodies(parts.len())));
-            refused.extend((carves_opaque(s.world, &parts)).then_some(Refusal::CarvedOpaque));
-            refused.extend(view.distortion.as_ref().filter(|_| s.light.shines()).map(|_| Refusal::Distortion));
-            let longer = s
-                .projected_images
-                .size()
-                .into_iter()
-                .max()
-                .filter(|_| s.projected_images.layers() > 0 && image_lookup.is_none());
-            refused.extend(longer.map(Refusal::Pattern));
-            refused.extend((!alone).then_some(Refusal::RepeatedMedium));
-        }
-        refused.extend(
-            singly.then_some(Refusal::Lamps(s.steady.lamps.len())).filter(|_| next_events || !s.light.shines()),
-        );
-        refused.extend(s.camera.has_aperture().then_some(Refusal::Aperture));
-        refused.dedup();
+        let refused = can.refused(walker, &ground, &parts, (origin, range), image_lookup.is_some());
+        let (projector, unit) = Source::projector(s.light, origin);
+        let (lamps, steady) = Source::lamps(s.steady, s.shared, origin);
+        let shining = s.light.shines().then_some(projector);
+        let first = shining.or(lamps.first().copied());
+        let scales = s.shared.map_or(&[][..], |shared| &shared.channels);
+        let counted_in = s.shared.map_or_else(|| vec![MOST_LENGTHS; s.world.materials.len()], |s| s.counted.clone());
+        let projected =
+            if s.shared.is_some() { scales.iter().map(|scale| unit * scale.projector).collect() } else { vec![unit] };
+        let material = |part: &Part| &s.world.materials[part.material];
         Ok(Self {
             origin,
             range_squared: (range * range) as f32,
-            ground,
-            media: media.collect(),
+            media: media(walker),
             second_terms: second_terms(&s.world.materials),
-            mu_t: parts.iter().map(|part| s.world.materials[part.material].mu_t() as f32).collect(),
-            opaque: parts.iter().map(|part| s.world.materials[part.material].is_opaque()).collect(),
+            mu_t: parts.iter().map(|part| material(part).mu_t() as f32).collect(),
+            opaque: parts.iter().map(|part| material(part).is_opaque()).collect(),
             straight: straight && !others,
             onward: onward || (interfaces.is_some() && lanes_alone),
             light_branches: if sends { sends_light_branches(s.world, origin, range) } else { Vec::new() },
             others,
-            known,
+            known: if by_distance { 0.0 } else { f32::INFINITY },
             counted: parts.iter().map(|part| counted_in[part.material]).collect(),
             counted_in,
-            // As many as there are kernels for.
             counts: s.shared.is_some(),
-            channels,
-            parts,
+            channels: scales.iter().map(|scale| scale.excess.map(|mu_a| mu_a as f32)).collect(),
             dark: ((straight && !others) || turns) && s.steady.ambient == 0.0,
             turns,
             first: if bends { 4 } else { 2 },
             plane,
             interfaces,
             next_events,
-            repeated,
+            repeated: can.repeated,
             lamps: singly,
             blind,
-            starts,
+            starts: (onward || (turns && !s.steady.shines())) && !s.camera.has_aperture(),
             stride: walker.stride(),
-            weight_windows,
+            weight_windows: first.zip(walker.peaked_index.map(|n| n.recip() as f32)),
             windows: (0..s.world.materials.len()).any(|m| walker.window(m) > 0.0),
-            sources: s.light.shines().then_some(projector).into_iter().chain(lamps).collect(),
+            sources: shining.into_iter().chain(lamps.into_iter().filter(|_| !singly)).collect(),
             projected,
             unit,
             steady,
-            carriers: carriers.collect(),
+            carriers: carriers(s, origin),
             image_lookup,
             refused,
+            parts,
+            ground,
         })
+    }
+}
+
+/// A number that is too large for f32, or for the lanes.
+fn too_large(s: &Setting<'_>) -> Option<Refusal> {
+    if s.nee != Nee::Line {
+        return Some(Refusal::Reference);
+    }
+    let view = &s.light.view;
+    let cycles = view.field.length() * s.carriers.iter().fold(0.0, |most: f64, c| most.max(c.f_x()));
+    let dense = s.world.materials.iter().find(|m| m.mu_t() > LARGEST || (m.mu_s > 0.0 && m.mu_s < 1.0 / LARGEST));
+    let distance = (view.position - view.look_at).length();
+    match dense {
+        _ if cycles > CYCLES => Some(Refusal::Cycles(cycles)),
+        Some(m) => Some(Refusal::Coefficient(if m.mu_t() > LARGEST { m.mu_t() } else { m.mu_s })),
+        None if distance > LARGEST => Some(Refusal::Distance(distance)),
+        None if s.channels() > MOST_CHANNELS => Some(Refusal::Channels(s.channels())),
+        None => None,
+    }
+}
+
+fn media(walker: &Walker<'_>) -> Vec<Medium> {
+    let materials = walker.setting().world.materials.iter().enumerate();
+    let medium = |(i, m): (usize, &Material)| Medium {
+        free_path: walker.free_path(i) as f32,
+        mu_a: m.mu_a as f32,
+        mu_s: m.mu_s as f32,
+        g: m.phase.g_forward() as f32,
+        window: walker.window(i) as f32,
+    };
+    materials.map(medium).collect()
+}
+
+/// Cycles per mm along x and y of each carrier, and at the origin.
+fn carriers(s: &Setting<'_>, origin: DVec3) -> Vec<[f32; 3]> {
+    let carrier = |c: &Carrier| {
+        let (x, y) = c.along();
+        let turns = x * origin.x + y * origin.y;
+        [x as f32, y as f32, (turns - turns.round()) as f32]
+    };
+    s.carriers.iter().map(carrier).collect()
+}
+
+/// What of a render goes in lanes.
+struct Abilities {
+    /// Light goes straight through all boundaries; or it bends where lanes know how.
+    straight: bool,
+    bends: bool,
+    /// There is nothing to connect to.
+    blind: bool,
+    repeated: bool,
+    /// No other body shares the medium of one that is a mesh.
+    alone: bool,
+    next_events: bool,
+    /// Lamps are connected by the scalar walker.
+    singly: bool,
+    /// Nothing but divergent flights is left to that.
+    lanes_alone: bool,
+}
+
+impl Abilities {
+    fn of(s: &Setting<'_>, ground: &Ground, parts: &[Part], others: bool, bends: bool, pictured: bool) -> Self {
+        let matt = |m: &Material| m.is_opaque() && m.bsdf != Bsdf::Mirror;
+        let straight = |m: &Material| matt(m) || (m.n == 1.0 && m.bsdf == Bsdf::Smooth);
+        let straight = s.world.materials.iter().all(straight);
+        let blind = !s.light.shines() && s.steady.lamps.is_empty();
+        // Lenses are looked up one by one; so are lamps where interfaces bend their light, and beside meshes.
+        let plain = s.light.view.distortion.is_none() && (s.projected_images.layers() == 0 || pictured);
+        let for_lamps = straight && ground.meshes.is_empty() && s.steady.lamps.len() <= LAMPS_IN_LANES;
+        let for_any = if s.light.shines() { plain } else { for_lamps && !blind };
+        let repeated = repeats(parts);
+        // Rays meet the facets of their own body only.
+        let alone = !repeated || ground.meshes.is_empty();
+        let next_events = (straight || bends) && !others && can_connect(s.world, parts) && for_any && alone;
+        let singly = !(s.steady.lamps.is_empty() || (next_events && for_lamps));
+        let lanes_alone = blind || (next_events && !singly);
+        Self { straight, bends, blind, repeated, alone, next_events, singly, lanes_alone }
+    }
+
+    /// What keeps next-event estimation and starts from going in lanes.
+    fn refused(
+        &self,
+        walker: &Walker<'_>,
+        ground: &Ground,
+        parts: &[Part],
+        (origin, range): (DVec3, f64),
+        pictured: bool,
+    ) -> Vec<Refusal> {
+        let s = walker.setting();
+        let mut refused = Vec::new();
+        if !(self.next_events || self.blind) {
+            refused.extend((!(self.straight || self.bends)).then(|| refusal::of_interfaces(walker, parts)));
+            refused.extend(refusal::of_solids(ground, parts, origin, range));
+            refused.extend((parts.len() > MOST_BODIES).then_some(Refusal::Bodies(parts.len())));
+            refused.extend(carves_opaque(s.world, parts).then_some(Refusal::CarvedOpaque));
+            let distorted = s.light.view.distortion.is_some() && s.light.shines();
+            refused.extend(distorted.then_some(Refusal::Distortion));
+            let images = s.projected_images;
+            let longer = images.size().into_iter().max().filter(|_| images.layers() > 0 && !pictured);
+            refused.extend(longer.map(Refusal::Pattern));
+            refused.extend((!self.alone).then_some(Refusal::RepeatedMedium));
+        }
+        let lamps = self.singly && (self.next_events || !s.light.shines());
+        refused.extend(lamps.then_some(Refusal::Lamps(s.steady.lamps.len())));
+        refused.extend(s.camera.has_aperture().then_some(Refusal::Aperture));
+        refused.dedup();
+        refused
     }
 }
 
