@@ -13,7 +13,7 @@ use crate::lamp::Source;
 use crate::lengths::{Lengths, count, sum};
 use crate::random::{NeeSite, Stream};
 use crate::setting::Place;
-use crate::single::ScalarConnection;
+use crate::single::{FoundInLanes, ScalarConnection};
 use crate::strata::Bending;
 use crate::walker::{Entry, Walker};
 use crate::world::{Material, SurfacePoint};
@@ -322,14 +322,21 @@ impl<'a> Walker<'a> {
         let draws = Draws { stream: &stream, flight, site };
         let mut connections = std::mem::take(&mut self.connections);
         if self.bending == Bending::AtInterfaces {
-            if let Some(known) = scalar.known {
-                let [towards, normal] = [known.towards, known.normal].map(|v| DVec3::from(v.map(f64::from)));
-                let strength = unit * f64::from(known.strength);
-                let best = Best { strength, exit: Some(normal), turns: 1, about: Some(towards) };
-                connections.extend(self.sample_manifold_once(source, (r, None), &draws, Some(best)));
-            } else {
-                self.reach(source, r, None, &mut connections);
-                connections.extend(self.sample_manifold(source, r, None, &draws));
+            match scalar.found {
+                FoundInLanes::Known(known) => {
+                    let [towards, normal] = [known.towards, known.normal].map(|v| DVec3::from(v.map(f64::from)));
+                    let strength = unit * f64::from(known.strength);
+                    let best = Best { strength, exit: Some(normal), turns: 1, about: Some(towards) };
+                    connections.extend(self.sample_manifold_once(source, (r, None), &draws, Some(best)));
+                }
+                FoundInLanes::Nothing => {
+                    self.known.clear();
+                    connections.extend(self.sample_manifold_once(source, (r, None), &draws, None));
+                }
+                FoundInLanes::Unsure => {
+                    self.reach(source, r, None, &mut connections);
+                    connections.extend(self.sample_manifold(source, r, None, &draws));
+                }
             }
         } else {
             connections.extend(self.reflected_connection(source, r, None, &draws));

@@ -2,7 +2,7 @@
 //! same is found again says how probable that was.
 
 use glam::{DVec2, DVec3};
-use turbid_optics::elementary::sin_cos_turns;
+use turbid_optics::elementary::{ln, sin_cos_turns};
 use turbid_optics::henyey_greenstein::turn;
 use turbid_optics::ray_differential::NewtonStep;
 use turbid_optics::refraction::refract;
@@ -29,8 +29,19 @@ pub(crate) enum Beginning {
 pub(crate) struct Found {
     shot: Shot,
     newton: NewtonStep,
-    /// SurfaceNormals that turn it.
+    /// Interfaces that turn it.
     events: usize,
+    /// With which probability the ray that led to it was followed so deep.
+    followed: f64,
+}
+
+/// What only the first trial of a chain does: those that count how often it is found do all alike.
+#[derive(Clone, Copy, Debug)]
+struct First {
+    /// One refraction is known, or not worth much: such trials go on with the probability [`ONCE`].
+    rarely: bool,
+    /// Rays through more optical depth than this are followed by roulette.
+    depth: f64,
 }
 
 /// Of a known connection.
@@ -40,7 +51,7 @@ pub(crate) struct Best {
     pub strength: f64,
     /// Normal of the interface through which it comes.
     pub exit: Option<DVec3>,
-    /// SurfaceNormals that turn it.
+    /// Interfaces that turn it.
     pub turns: usize,
     /// Its direction in single precision, where lanes have found it: then `self.known` does not hold it, and all known connections are by one refraction.
     pub about: Option<DVec3>,
@@ -114,7 +125,12 @@ impl Walker<'_> {
         let beginning = Beginning::Around(best.and_then(|best| best.exit));
         let n_far = self.index_around(source.origin().0);
         let rarely = !self.facetted && best.is_some_and(|best| best.turns == 1);
-        let found = self.try_chain(source, begin, beginning, n_far, &mut dice, rarely)?;
+        let unattenuated = source.arrival(r).map_or(0.0, |arrival| arrival.irradiance / (n_far * n_far));
+        // What medium leaves less of than WEAK of the best brings next to nothing beside it.
+        let attenuation = best.map_or(1.0, |best| (best.strength / unattenuated).min(1.0));
+        let depth = if attenuation > 0.0 { -ln(WEAK * attenuation) } else { f64::INFINITY };
+        let first = Some(First { rarely, depth });
+        let found = self.try_chain(source, begin, beginning, n_far, &mut dice, first)?;
         let refracted = self.events[..] == [false];
         if let Some(about) = best.and_then(|best| best.about) {
             if refracted && (found.chain() - about).length() < ABOUT {
@@ -130,17 +146,15 @@ impl Walker<'_> {
         }
         let mut connection = self.arrive(source, &found.shot, &found.newton).filter(|connection| connection.lit)?;
         let strength = connection.irradiance * libm::exp(-connection.tau);
-        let best = match best {
-            Some(best) => best.strength,
-            None => source.arrival(r).map_or(0.0, |arrival| arrival.irradiance / (n_far * n_far)),
-        };
-        let kept = if best > 0.0 { (strength / (WEAK * best)).min(1.0) } else { 1.0 };
+        let best = best.map_or(unattenuated, |best| best.strength);
+        // One that was followed by roulette is heavier by that.
+        let kept = if best > 0.0 { (strength / (found.followed * WEAK * best)).min(1.0) } else { 1.0 };
         if roulette >= kept {
             return None;
         }
         let trials = self.trials_until_again(source, begin, beginning, &found, &mut dice)?;
         let tried = if rarely && refracted { ONCE * tried } else { tried };
-        connection.irradiance *= f64::from(trials) / (tried * kept);
+        connection.irradiance *= f64::from(trials) / (tried * kept * found.followed);
         Some(connection)
     }
 
@@ -156,7 +170,7 @@ impl Walker<'_> {
     ) -> Option<Connection> {
         let n_far = self.index_around(source.origin().0);
         let [roulette, ..] = dice.throw();
-        let found = self.try_chain(source, (eye, None), beginning, n_far, dice, false)?;
+        let found = self.try_chain(source, (eye, None), beginning, n_far, dice, None)?;
         // Between ends of one index that is a reflection, and all of those are known.
         if found.events == 1 {
             return None;
@@ -184,7 +198,7 @@ impl Walker<'_> {
         let n_far = self.index_around(source.origin().0);
         for trial in 1..MOST_TRIALS {
             dice.begin(trial);
-            let again = self.try_chain(source, begin, beginning, n_far, dice, false);
+            let again = self.try_chain(source, begin, beginning, n_far, dice, None);
             if again.is_some_and(|a| a.events == found.events && (a.chain() - found.chain()).length() < SAME) {
                 return Some(trial);
             }
@@ -193,7 +207,7 @@ impl Walker<'_> {
         None
     }
 
-    /// A manifold walk to the source from a random ray with random events; if it is refracted once, only with the probability `ONCE` where `rarely`.
+    /// A manifold walk to the source from a random ray with random events.
     fn try_chain(
         &mut self,
         source: Source<'_>,
@@ -201,7 +215,7 @@ impl Walker<'_> {
         beginning: Beginning,
         n_far: f64,
         dice: &mut Dice,
-        rarely: bool,
+        trial: Option<First>,
     ) -> Option<Found> {
         let [choice, u, turns, spare] = dice.throw();
         let around = |axis: DVec3, least: f64| {
@@ -218,16 +232,18 @@ impl Walker<'_> {
         };
         let mut events = std::mem::take(&mut self.events);
         events.clear();
-        let begun = self.events_of((r, surface_point), first, n_far, dice, &mut events);
+        let depth = trial.map_or(f64::INFINITY, |trial| trial.depth);
+        let followed = self.events_of((r, surface_point), first, n_far, dice, depth, &mut events);
         // One refraction by a flat interface is known.
         let known = self.facetted && self.flat;
-        let begun = begun.filter(|()| events[..] != [false] || !(known || (rarely && spare >= ONCE)));
-        let first = begun.and_then(|()| self.among_facets(source, (r, surface_point), first, &events, dice));
+        let rarely = trial.is_some_and(|trial| trial.rarely);
+        let followed = followed.filter(|_| events[..] != [false] || !(known || (rarely && spare >= ONCE)));
+        let first = followed.and_then(|_| self.among_facets(source, (r, surface_point), first, &events, dice));
         let found =
             first.and_then(|w| self.walk_from(source, (r, surface_point), w, &events, SurfaceNormals::AsTheyAre));
         let count = events.len();
         self.events = events;
-        found.map(|(shot, newton)| Found { shot, newton, events: count })
+        found.zip(followed).map(|((shot, newton), followed)| Found { shot, newton, events: count, followed })
     }
 
     /// Where there are facets, mostly a direction at random about the one that would be the chain if the surfaces that they stand for were smooth: chains
@@ -253,29 +269,34 @@ impl Walker<'_> {
         Some(shot.differential.turned(off * DVec2::new(cos, sin)))
     }
 
-    /// Random events along a ray, until it may see the source.
+    /// Random events along a ray, until it may see the source: the probability with which roulette let it go deeper than `depth`.
     fn events_of(
         &mut self,
         (mut r, mut surface_point): (DVec3, Option<SurfacePoint>),
         mut w: DVec3,
         n_far: f64,
         dice: &mut Dice,
+        depth: f64,
         events: &mut Vec<bool>,
-    ) -> Option<()> {
+    ) -> Option<f64> {
+        let (mut tau, mut followed) = (0.0, 1.0);
         loop {
-            let [ends, dies, reflects, _] = dice.throw();
+            let [ends, dies, reflects, deep] = dice.throw();
             let edge = match self.next_edge(r, w, surface_point) {
                 Next::Edge(edge) => edge,
-                Next::Free(n) => return (n == n_far && !events.is_empty()).then_some(()),
+                Next::Free(n) => return (n == n_far && !events.is_empty()).then_some(followed),
                 // The ray may be turned past it.
-                Next::Opaque => return (!events.is_empty()).then_some(()),
+                Next::Opaque => return (!events.is_empty()).then_some(followed),
             };
             if edge.n == n_far && !events.is_empty() && ends < 0.5 {
-                return Some(());
+                return Some(followed);
             }
-            if dies < DIES {
+            tau += edge.tau;
+            let goes_on = libm::exp(depth - tau).min(1.0) / followed;
+            if dies < DIES || deep >= goes_on {
                 return None;
             }
+            followed *= goes_on;
             r += edge.distance * w;
             let normal = self.setting.world.normal(edge.interface, r);
             let met = refract(w, normal, edge.n, edge.beyond);

@@ -1,4 +1,4 @@
-//! Rays through given surface_normals, and how they are turned to meet a source.
+//! Rays that interfaces refract and reflect as given events say, and how they are turned to meet a source.
 
 use glam::DVec3;
 use turbid_optics::ray_differential::{NewtonStep, RayDifferential};

@@ -235,8 +235,18 @@ pub struct ScalarConnection {
     pub lengths: [f32; MOST_LENGTHS + 1],
     /// Of the estimate on its ray.
     pub place: u32,
-    /// One that lanes do know; without one all are tried.
-    pub known: Option<KnownConnection>,
+    pub found: FoundInLanes,
+}
+
+/// What lanes know of the connections of a point.
+#[derive(Clone, Copy, Debug)]
+pub enum FoundInLanes {
+    /// One by one refraction, or the best of them.
+    Known(KnownConnection),
+    /// None by one refraction.
+    Nothing,
+    /// They do not know.
+    Unsure,
 }
 
 /// Of a connection that lanes have found.

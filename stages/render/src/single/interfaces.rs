@@ -9,10 +9,10 @@ use glam::DVec3;
 use super::bend::{advanced, tangent};
 use super::face::{Form, Interfaces, Within, extent, faces_of};
 use super::frame::Frame;
-use super::ground::{Chord, Chords, Ground, Part, Shape, chord};
+use super::ground::{Chord, Ground, Part, Shape, chord};
 use super::lane::{F, M, V, choose, splat};
 use super::limits::{MOST_FACES, MOST_TURNING, SLIVER};
-use super::visibility::{Met, Visibility, chords, own_length};
+use super::visibility::{Met, Visibility, chords, find_chords, own_length};
 use crate::bsdf::Bsdf;
 use crate::strata::Bending;
 use crate::walker::Walker;
@@ -35,8 +35,6 @@ pub struct Refraction<S: Simd> {
     pub gain: F<S>,
     /// Optical depth up to the face.
     pub tau: F<S>,
-    /// Where its line meets the bodies.
-    pub chords: Chords<S>,
 }
 
 /// Where Snell's law may hold.
@@ -137,7 +135,6 @@ impl Interfaces {
             let outer = passed(simd, frame, (foot, a, d1), (face.body, splat(simd, f32::NEG_INFINITY)));
             found &= outer.length.simd_le(slack) & !outer.blocked;
         }
-        let Passed { tau, chords, .. } = inner;
         Refraction {
             found,
             unsure,
@@ -146,8 +143,7 @@ impl Interfaces {
             foot,
             normal,
             gain: transmitted * cos_in * cos_out / spread,
-            tau,
-            chords,
+            tau: inner.tau,
         }
     }
 
@@ -174,7 +170,7 @@ impl Interfaces {
         first.towards = first.towards.or(found, self.to_light(p).0);
         first.tau = choose(found, first.tau, splat(simd, 0.0));
         let visibility = first.visibility(!found);
-        met.chords = first.chords;
+        find_chords(simd, frame, p, first.towards, &mut met.chords);
         (visibility, found)
     }
 
@@ -331,11 +327,6 @@ impl<S: Simd> Refraction<S> {
     /// This where `mask` says so, else the other; found where either is, unsure too.
     #[inline(always)]
     pub fn or(self, mask: M<S>, other: &Self) -> Self {
-        let mut chords = self.chords;
-        for (chord, other) in chords.iter_mut().zip(&other.chords) {
-            *chord =
-                Chord { enter: choose(mask, chord.enter, other.enter), leave: choose(mask, chord.leave, other.leave) };
-        }
         Self {
             found: self.found | other.found,
             unsure: self.unsure | other.unsure,
@@ -345,7 +336,6 @@ impl<S: Simd> Refraction<S> {
             normal: self.normal.or(mask, other.normal),
             gain: choose(mask, self.gain, other.gain),
             tau: choose(mask, self.tau, other.tau),
-            chords,
         }
     }
 }
@@ -362,7 +352,6 @@ fn tangents<S: Simd>(simd: S, n: V<S>) -> (V<S>, V<S>) {
 
 /// What rays pass on a stretch.
 struct Passed<S: Simd> {
-    chords: Chords<S>,
     tau: F<S>,
     /// mm in what light can enter.
     length: F<S>,
@@ -382,8 +371,7 @@ fn passed<S: Simd>(
         #[inline(always)]
         || {
             let zero = splat(simd, 0.0);
-            let chords = chords(simd, frame, r, w);
-            let mut cut = chords.clone();
+            let mut cut = chords(simd, frame, r, w);
             cut[body].leave = leave;
             let (mut tau, mut length, mut blocked) = (zero, zero, M::splat(simd, false));
             for (j, &mu_t) in frame.mu_t.iter().enumerate() {
@@ -395,7 +383,7 @@ fn passed<S: Simd>(
                 let own = own_length(simd, &cut, j, distance);
                 (tau, length) = (tau + own * mu_t, length + own);
             }
-            Passed { chords, tau, length, blocked }
+            Passed { tau, length, blocked }
         },
     )
 }

@@ -35,6 +35,6 @@ mod visibility;
 mod walk;
 mod weight_window;
 
-pub(crate) use bend::ScalarConnection;
+pub(crate) use bend::{FoundInLanes, ScalarConnection};
 pub use frame::Frame;
 pub use walk::walk;

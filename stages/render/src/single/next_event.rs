@@ -2,7 +2,7 @@
 
 use fearless_simd::prelude::*;
 
-use super::bend::{KnownConnection, ScalarConnection};
+use super::bend::{FoundInLanes, KnownConnection, ScalarConnection};
 use super::deposit::{Deposit, Seen};
 use super::facets::bits;
 use super::frame::Frame;
@@ -101,6 +101,7 @@ fn estimate<S: Simd>(
                 &ray,
                 &line,
                 &mut deposit,
+                &mut met,
             );
             continue;
         }
@@ -108,7 +109,7 @@ fn estimate<S: Simd>(
         let seen = line.sees(simd, frame, source, &visibility, &met.chords);
         if frame.plane.as_ref().is_some_and(|plane| plane.scalar_connections) {
             let tried = line.asked & tries(simd, key, high, &ray, &line);
-            line.leave(simd, &mut next_events.scalar_connections, &ray, tried, |_| None);
+            line.leave(simd, &mut next_events.scalar_connections, &ray, tried, |_| FoundInLanes::Unsure);
         }
         if source.is_lamp() {
             for ((sum, radiance), scale) in steady[..channels].iter_mut().zip(seen.radiance).zip(source.scales) {
@@ -264,7 +265,7 @@ impl<S: Simd> Line<S> {
         scalar_connections: &mut Vec<ScalarConnection>,
         ray: &Ray<S>,
         left: M<S>,
-        known: impl Fn(usize) -> Option<KnownConnection>,
+        found: impl Fn(usize) -> FoundInLanes,
     ) {
         let scattered = self.fraction * exp(-(self.mu_t * self.s).min(splat(simd, DARK)));
         let (r, e) = (self.r, self.e);
@@ -280,7 +281,7 @@ impl<S: Simd> Line<S> {
                 fraction: scattered.as_slice()[i],
                 lengths: std::array::from_fn(|k| self.lengths.get(k).map_or(0.0, |l| l.as_slice()[i])),
                 place: self.place.as_slice()[i],
-                known: known(i),
+                found: found(i),
             });
         }
     }
@@ -294,7 +295,7 @@ fn tries<S: Simd>(simd: S, key: [u32; 2], high: u32, ray: &Ray<S>, line: &Line<S
     draws.simd_lt((OTHER_CONNECTIONS * 4_294_967_296.0) as u32)
 }
 
-/// Every connection by one refraction, and others by manifold sampling; where lanes know none, or do not know, all is left to the scalar walker.
+/// Every connection by one refraction, and others by manifold sampling, which the scalar walker does; where lanes do not know, all is left to that.
 #[inline(always)]
 #[allow(clippy::too_many_arguments, reason = "all that an estimate is made of")]
 fn see_through_interfaces<S: Simd>(
@@ -306,6 +307,7 @@ fn see_through_interfaces<S: Simd>(
     ray: &Ray<S>,
     line: &Line<S>,
     deposit: &mut Deposit<'_>,
+    met: &mut Met<S>,
 ) {
     let frame = deposit.frame;
     let Some(interfaces) = &frame.interfaces else { return };
@@ -342,7 +344,10 @@ fn see_through_interfaces<S: Simd>(
             let seen = seen & found.to_bitmask();
             if let (Some(refraction), true) = (refraction, seen != 0) {
                 let visibility = refraction.visibility(!M::from_bitmask(simd, seen));
-                let seen = line.sees(simd, frame, source, &visibility, &refraction.chords);
+                if frame.counts {
+                    find_chords(simd, frame, line.r, refraction.towards, &mut met.chords);
+                }
+                let seen = line.sees(simd, frame, source, &visibility, &met.chords);
                 deposit.add_projected(simd, &seen);
             }
         }
@@ -355,11 +360,15 @@ fn see_through_interfaces<S: Simd>(
     let tried = line.asked & !wholly & tries(simd, key, high, ray, line);
     let dark = first.tau.max(splat(simd, 0.0)).min(splat(simd, DARK));
     let strength = source.arrives(simd, first.foot).irradiance * first.gain * exp(-dark);
-    let known = found.to_bitmask();
+    let (known, unsure) = (found.to_bitmask(), first.unsure.to_bitmask());
     line.leave(simd, scalar_connections, ray, tried | wholly, |i| {
         let at = |v: V<S>| [v.x, v.y, v.z].map(|x| x.as_slice()[i]);
         let (strength, towards, normal) = (strength.as_slice()[i], at(first.towards), at(first.normal));
-        (known >> i & 1 == 1).then_some(KnownConnection { strength, towards, normal })
+        match (known >> i & 1, unsure >> i & 1) {
+            (1, _) => FoundInLanes::Known(KnownConnection { strength, towards, normal }),
+            (_, 1) => FoundInLanes::Unsure,
+            _ => FoundInLanes::Nothing,
+        }
     });
 }
 
