@@ -33,7 +33,7 @@ const SHIPPED: [(&str, &[&str]); 19] = [
     ("speckle", &[]),
     ("thickness_check", &["samples=2048"]),
     ("tube_pattern", &[]),
-    ("tube_sectioned", &["samples=512", "reference_samples=2048"]),
+    ("tube_sectioned", &["samples=2048", "reference_samples=8192"]),
     ("tube_two_materials", &[]),
 ];
 /// CPU seconds from which a stage counts.
