@@ -104,12 +104,34 @@ impl Walker<'_> {
         if known.is_empty()
             && let Some(edges @ 1..) = edges
         {
-            let events = vec![false; edges];
-            let shot = self.shoot((r, surface_point), towards, &events, SurfaceNormals::AsTheyAre);
-            if let Some(shot) = shot.and_then(|shot| shot.newton(source).map(|newton| (shot, newton))) {
-                self.keep(source, (r, surface_point), shot, &events, known);
-            }
+            self.by_straight_line(source, (r, surface_point), edges, known);
         }
+    }
+
+    /// Adds the connection through the interfaces of the straight line, one after the other.
+    fn by_straight_line(
+        &mut self,
+        source: Source<'_>,
+        begin: (DVec3, Option<SurfacePoint>),
+        edges: usize,
+        known: &mut Vec<Known>,
+    ) {
+        let events = vec![false; edges];
+        let shot = self.shoot(begin, source.towards(begin.0).0, &events, SurfaceNormals::AsTheyAre);
+        if let Some(shot) = shot.and_then(|shot| shot.newton(source).map(|newton| (shot, newton))) {
+            self.keep(source, begin, shot, &events, known);
+        }
+    }
+
+    /// Fills `self.known` where lanes have found that no single refraction leads there: with the connection through the bodies that stand in the way.
+    pub(crate) fn find_known_by_several(&mut self, source: Source<'_>, r: DVec3) {
+        let mut known = std::mem::take(&mut self.known);
+        known.clear();
+        let (towards, distance) = source.towards(r);
+        if let Some(edges @ 2..) = self.edges(r, towards, None, distance).1 {
+            self.by_straight_line(source, (r, None), edges, &mut known);
+        }
+        self.known = known;
     }
 
     /// Adds the connection that a ray leads to, if it is not known yet.

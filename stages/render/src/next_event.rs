@@ -330,8 +330,10 @@ impl<'a> Walker<'a> {
                     connections.extend(self.sample_manifold_once(source, (r, None), &draws, Some(best)));
                 }
                 FoundInLanes::Nothing => {
-                    self.known.clear();
-                    connections.extend(self.sample_manifold_once(source, (r, None), &draws, None));
+                    self.find_known_by_several(source, r);
+                    let lit = self.known.iter().map(|known| known.connection).filter(|connection| connection.lit);
+                    connections.extend(lit);
+                    connections.extend(self.sample_manifold(source, r, None, &draws));
                 }
                 FoundInLanes::Unsure => {
                     self.reach(source, r, None, &mut connections);
