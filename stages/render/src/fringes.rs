@@ -2,8 +2,10 @@
 
 use std::ops::Range;
 
+use glam::DVec2;
 use turbid_optics::elementary::sin_cos_turns;
 
+use crate::fringe_shape::{FringeShape, LEAST_CONTRAST};
 use crate::light::{Carrier, Light};
 use crate::projected::{Projected, Quantity, Terms};
 use crate::projected_images::ProjectedImages;
@@ -11,8 +13,6 @@ use crate::response::ONE;
 
 /// Images that are off the sinusoids of their phases by more than this are not fitted: values are f32.
 const MOST_OFF: f64 = 1e-5;
-/// Where a fringe has less contrast than this it says little of its phase.
-const LEAST_CONTRAST: f64 = 0.1;
 
 /// Reduced responses are, in this order: that to the pattern 1; of images the mean of each fringe; re and im of each fringe.
 #[derive(Clone, Debug, PartialEq)]
@@ -64,12 +64,28 @@ impl Fringes {
             let (sin, cos) = sin_cos_turns(info.phase_rad.unwrap_or(0.0) / std::f64::consts::TAU);
             fringes.images.push(Image { mean, part: part.map(|part| (part, cos, sin)) });
         }
-        match fringes.most_off(projected) {
-            Some((number, off)) if off > MOST_OFF => {
-                Err(format!("image {number} of the pattern is off a sinusoid of its phase by up to {off:.2}"))
-            }
-            _ => Ok(fringes),
+        if let Some((number, off)) = fringes.most_off(projected).filter(|most| most.1 > MOST_OFF) {
+            return Err(format!("image {number} of the pattern is off a sinusoid of its phase by up to {off:.2}"));
         }
+        for (fringe, &((f, o), _)) in keys.iter().filter(|(_, part)| part.is_some()).enumerate() {
+            if let Some(reason) = fringes.shape(fringe, projected).refusal() {
+                return Err(format!("the images of f_x = {f} mm^-1 at {o} deg are no sinusoids: {reason}"));
+            }
+        }
+        Ok(fringes)
+    }
+
+    /// What three values cannot show by themselves, which are always a sinusoid's: the shape of a fringe from pixel to pixel.
+    fn shape(&self, fringe: usize, projected: &Projected) -> FringeShape {
+        let images = &projected.projected_images;
+        let of_fringe = || self.images.iter().filter(|image| image.part.is_some_and(|part| part.0 == fringe));
+        let mean = of_fringe().next().map_or(&[][..], |image| &self.means[image.mean]);
+        FringeShape::of(images.size(), of_fringe().count(), |row, column| {
+            let values = images.texel(row, column);
+            let of = |terms: &[(usize, f64)]| 2.0 * sum_over(terms, projected.layout.projected_image(0), values);
+            let [re, im] = self.parts[fringe].each_ref().map(|terms| of(terms));
+            (DVec2::new(re, im), of(mean))
+        })
     }
 
     /// The image that is off the sinusoid of its phases the most, and by how much.
@@ -169,7 +185,7 @@ impl Fringes {
 }
 
 /// Of the values of images whose responses begin at `first`.
-fn sum_over(terms: &Terms, first: usize, values: &[f32]) -> f64 {
+fn sum_over(terms: &[(usize, f64)], first: usize, values: &[f32]) -> f64 {
     terms.iter().map(|&(i, w)| w * f64::from(values[i - first])).sum()
 }
 
@@ -241,7 +257,7 @@ mod tests {
             glam::DVec3::new(0.0, 0.0, 10.0),
             glam::DVec3::ZERO,
             glam::DVec3::Y,
-            glam::DVec2::new(SIDE as f64, 1.0),
+            DVec2::new(SIDE as f64, 1.0),
         );
         let light = Light::new(view.expect("not along y"), 1.0, true);
         let at = |column: usize| glam::DVec3::new(column as f64 + 0.5 - 0.5 * SIDE as f64, 0.0, 0.0);
@@ -266,6 +282,8 @@ mod tests {
         let six: Vec<(f64, f64)> = (0..6).map(|k| (0.2, TAU * f64::from(k) / 6.0)).collect();
         let refused = Fringes::of(&shown(&six, square)).expect_err("harmonics");
         assert!(refused.contains("off a sinusoid"), "{refused}");
+        let refused = Fringes::of(&shown(&THREE, square)).expect_err("three values are always a sinusoid's");
+        assert!(refused.contains("no sinusoids: "), "{refused}");
         let refused = Fringes::of(&shown(&THREE[..2], fringe)).expect_err("two phases");
         assert!(refused.contains("no set of phases"), "{refused}");
     }

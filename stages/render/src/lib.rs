@@ -53,6 +53,7 @@ mod fit;
 
 mod form;
 mod frames;
+mod fringe_shape;
 mod fringes;
 mod group_fits;
 mod guide;

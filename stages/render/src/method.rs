@@ -60,7 +60,7 @@ impl Taken {
         match params.method {
             Method::Path => Self::Path { because: None },
             Method::Fit if patterned => Self::Surfaces { because: None },
-            _ if patterned => Self::Path { because: Some("images are projected".to_owned()) },
+            _ if patterned => Self::of_pixels(params, scene, ("images are projected".to_owned(), patterned)),
             Method::Fit => match obstacle(scene, params.target_error.map(|t| t.0)) {
                 None => Self::Fit,
                 Some(_) => Self::Surfaces { because: None },
@@ -71,7 +71,7 @@ impl Taken {
                     (Some(bound), Some(target)) if bound <= target.0 => Self::Rte { bound },
                     _ => Self::Fit,
                 },
-                Some(because) => Self::of_pixels(params, scene, because),
+                Some(because) => Self::of_pixels(params, scene, (because, patterned)),
             },
         }
     }
@@ -80,11 +80,12 @@ impl Taken {
     ///
     /// Both are many times better than a pixel's own paths, and fits are the better ones; but they end before an edge, where control variates may go on. Over a lesion flush with
     /// the skin those serve every pixel, and its outline does not stand out by its noise; a dome has none.
-    fn of_pixels(params: &Params, scene: &Scene, because: String) -> Self {
+    /// Images of control variates are those of sinusoids.
+    fn of_pixels(params: &Params, scene: &Scene, (because, patterned): (String, bool)) -> Self {
         let target = params.target_error.map(|t| t.0);
         // A fit shares its error among all pixels: there is no pixel that needs more paths.
         let may_fit = params.allocate == Allocate::Even && no_surface(scene).is_none();
-        let has_controls = no_control(scene, target).is_none();
+        let has_controls = !patterned && no_control(scene, target).is_none();
         let by_fits = if may_fit { Served::of(scene).by_fits } else { 0.0 };
         if by_fits > if has_controls { by_controls(scene, target) } else { 0.0 } {
             Self::Surfaces { because: Some(because) }
@@ -219,7 +220,9 @@ fn surfaces(params: &Params, so_far: SoFar<'_>, ctx: Ctx<'_>) -> Result<Traced, 
     let regions = match Fringes::of(projected) {
         Ok(fringes) => regions(scene, rig, projected, &Arc::new(fringes)),
         Err(reason) => {
-            ctx.warn(format!("{reason}: no surface is fitted"));
+            if params.method == Method::Fit {
+                ctx.warn(format!("{reason}: no surface is fitted"));
+            }
             Vec::new()
         }
     };
