@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use turbid_compare::score::{Pixels, Standing, score};
 use turbid_contract::ImageStack;
 use turbid_contract::payload::MaskReason;
+use turbid_contract::sharing::Sharing;
 
 use crate::digest::Digest;
 use crate::plan::{InstanceId, Plan};
@@ -19,7 +20,8 @@ pub struct Seen {
     /// NaN where not known.
     pub se: Vec<f32>,
     pub se_unknown: Vec<f32>,
-    pub sharing: f64,
+    /// Factors of [`Sharing`].
+    pub sharing: Vec<f32>,
     pub counts: Vec<bool>,
     pub absent: Vec<bool>,
     /// Empty where no truth is named.
@@ -40,8 +42,9 @@ impl Seen {
             let info = &layer.info;
             self.unit.clone_from(&info.unit);
             self.position = info.unit == "mm";
-            self.sharing = self.sharing.max(stack.sharing(info));
             let pixels = layer.pixels();
+            let sharing = stack.sharing(info);
+            self.sharing.extend((0..pixels.len()).map(|i| sharing.at(i) as f32));
             let mut masks: Vec<_> = stack.mask(info.wavelength_nm).into_iter().collect();
             match truth {
                 None => {}
@@ -86,11 +89,12 @@ impl Seen {
             })
             .collect();
         let known = self.se.iter().all(|se| !se.is_nan());
+        let sharing = Sharing::of_pixels(self.sharing.clone());
         let pixels = Pixels {
             estimate: &self.estimate,
             se: known.then_some(&self.se[..]),
             se_unknown: Some(&self.se_unknown),
-            sharing: self.sharing,
+            sharing: &sharing,
             truth: &self.truth,
             position: self.position,
             standing: &standing,

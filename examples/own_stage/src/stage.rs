@@ -4,7 +4,6 @@ use std::borrow::Cow;
 
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{MaskReason, Modulation};
-use turbid_contract::planes::mean_se;
 use turbid_contract::schemars::JsonSchema;
 use turbid_contract::serde::{Deserialize, Serialize};
 use turbid_contract::{
@@ -160,10 +159,9 @@ fn depths(of: &[&Fringe], stack: &ImageStack, least: f64, ctx: Ctx<'_>) -> Resul
 
 /// Standard error of the mean over the good pixels: where pixels of the modulation share paths, those of the depth do.
 fn mean_error(q: &Fringe, stack: &ImageStack, se: &Array2<f32>, masked: &Array2<f32>) -> Option<f64> {
-    let sharing = [q.m_dc, q.m_ac].map(|layer| stack.sharing(&stack.layers[layer].info));
-    let good = se.iter().zip(masked).filter(|(_, mask)| **mask == 0.0);
-    let (n, variances) = good.fold((0, 0.0), |(n, sum), (se, _)| (n + 1, sum + f64::from(*se) * f64::from(*se)));
-    mean_se(variances, n, sharing[0].max(sharing[1]).max(stack.common_sharing()))
+    let [of_dc, of_ac] = [q.m_dc, q.m_ac].map(|layer| stack.sharing(&stack.layers[layer].info));
+    let [se, masked] = [se, masked].map(|plane| plane.as_slice().expect("planes are row-major"));
+    of_dc.or(of_ac).mean_se(se, |i| masked[i] == 0.0)
 }
 
 /// Good pixels at which a standard error that went in is not known; `None` where there are none.

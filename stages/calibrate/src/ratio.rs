@@ -5,6 +5,7 @@ use std::borrow::Cow;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{MaskReason, Modulation};
 use turbid_contract::planes::mean_se;
+use turbid_contract::sharing::Sharing;
 use turbid_contract::{Ctx, Error, ImageStack, Layer, LayerInfo, LayerKind, Parts};
 
 use crate::gauss::Gauss;
@@ -97,11 +98,10 @@ pub fn calibrate(
     let dim = (sample.stack.rows(), sample.stack.columns());
     let count = sample.layers.len();
     let masks = arms.map(Arm::mask);
-    let sharings: [Vec<f64>; 2] = arms.map(|arm| (0..count).map(|k| arm.stack.sharing(arm.info(k))).collect());
+    let sharings: [Vec<Sharing>; 2] = arms.map(|arm| (0..count).map(|k| arm.stack.sharing(arm.info(k))).collect());
     let smoothed = |arm: usize| {
-        // Rounding of the layers' f32 alone is no sharing.
-        let sharing = sharings[arm].iter().copied().fold(1.0, f64::max);
-        Smoothing::new(room, gauss[arm], masks[arm].as_deref(), if sharing > 1.001 { sharing } else { 1.0 })
+        let sharing = sharings[arm].iter().cloned().fold(Sharing::NONE, Sharing::or);
+        Smoothing::new(room, gauss[arm], masks[arm].as_deref(), sharing)
     };
     let smoothing = [smoothed(0)?, smoothed(1)?];
     let known = arms.iter().all(|arm| (0..count).all(|k| arm.se(k).is_some()));
@@ -189,7 +189,7 @@ pub fn calibrate(
                 let value = &smooth[arm][k].value;
                 let sensitivity = |i: usize| over(f64::from(pixels[i]), value.at(i));
                 let se = arms[arm].se(k).expect("all errors are known");
-                Ok(smoothing[arm].variance_of_sum(sensitivity, &se)? * sharings[arm][k])
+                smoothing[arm].variance_of_sum(sensitivity, &se, &sharings[arm][k])
             };
             // What an arm does not know of a pixel it may still know of its mean.
             let mean_known = |arm: usize| arms[arm].se_unknown(k).is_none() || arms[arm].info(k).mean_se.is_some();

@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 
 use turbid_contract::Error;
+use turbid_contract::sharing::Sharing;
 
 use crate::gauss::Gauss;
 use crate::plane::{Plane, Room};
@@ -47,15 +48,14 @@ pub struct Smoothing<'a, 'r> {
     room: &'r Room<'r>,
     gauss: &'a Gauss,
     mask: Option<&'a [f32]>,
-    sharing: f64,
+    sharing: Sharing,
     /// sum_j w_ij over good pixels; `None` where nothing is smoothed.
     weight: Option<Plane<'r>>,
 }
 
 impl<'a, 'r> Smoothing<'a, 'r> {
-    /// `mask` is 0 at good pixels; without one all are. So many pixels as `sharing` are as noisy as one, their errors being common: 1 where
-    /// they are independent.
-    pub fn new(room: &'r Room<'r>, gauss: &'a Gauss, mask: Option<&'a [f32]>, sharing: f64) -> Result<Self, Error> {
+    /// `mask` is 0 at good pixels; without one all are. `sharing`: how the errors of pixels are common.
+    pub fn new(room: &'r Room<'r>, gauss: &'a Gauss, mask: Option<&'a [f32]>, sharing: Sharing) -> Result<Self, Error> {
         let weight = if gauss.is_none() { None } else { Some(gauss.sum(room, |i| good(mask, i), |_, sum| sum)?) };
         Ok(Self { room, gauss, mask, sharing, weight })
     }
@@ -96,18 +96,26 @@ impl<'a, 'r> Smoothing<'a, 'r> {
         }
     }
 
-    /// That of independent pixels falls to sum w^2 / (sum w)^2; it grows by as many of them as share their error.
+    /// That of independent pixels falls to sum w^2 / (sum w)^2; each counts as often as it shares its error, all of them at most as one that is the same in all.
     fn covariance_of(&self, weight: &Plane<'_>, covariance: impl Fn(usize) -> f64 + Sync) -> Result<Plane<'r>, Error> {
         let (room, weight) = (self.room, &weight.pixels);
         let squared = |i: usize| weight[i] * weight[i];
         let independent = |i, sum| quotient(sum, squared(i));
         let x = |i| self.good(i) * covariance(i);
-        if self.sharing <= 1.0 {
-            return self.gauss.sum_of_squares(room, x, independent);
+        let alone = self.gauss.sum_of_squares(room, x, independent)?;
+        if self.sharing == Sharing::NONE {
+            return Ok(alone);
         }
         let pixels = self.gauss.sum_of_squares(room, |i| self.good(i), |i, sum| quotient(squared(i), sum))?;
         let pixels = &pixels.pixels;
-        self.gauss.sum_of_squares(room, x, |i, sum| independent(i, sum) * self.sharing.min(pixels[i]))
+        self.gauss.sum_of_squares(
+            room,
+            |i| self.sharing.at(i) * x(i),
+            |i, sum| {
+                let (shared, most) = (independent(i, sum), pixels[i] * alone.pixels[i]);
+                if shared.abs() > most.abs() { most } else { shared }
+            },
+        )
     }
 
     /// The share of what a smoothed pixel is made of that `flags` (0 or 1) marks.
@@ -116,14 +124,21 @@ impl<'a, 'r> Smoothing<'a, 'r> {
     }
 
     /// Variance of sum_i s_i v_i over a smoothed image v by the arm's own noise: smoothing makes neighbours share it, so their
-    /// errors add up instead of averaging out.
-    pub fn variance_of_sum(&self, sensitivity: impl Fn(usize) -> f64 + Sync, se: &[f32]) -> Result<f64, Error> {
+    /// errors add up instead of averaging out. `sharing`: of v before it was smoothed.
+    pub fn variance_of_sum(
+        &self,
+        sensitivity: impl Fn(usize) -> f64 + Sync,
+        se: &[f32],
+        sharing: &Sharing,
+    ) -> Result<f64, Error> {
+        let n = (0..se.len()).map(|i| self.good(i)).sum();
         let term = |i: usize, back: f64| (self.good(i) * back * f64::from(se[i])).powi(2);
         let Some(weight) = &self.weight else {
-            return Ok((0..se.len()).map(|i| term(i, quotient(sensitivity(i), self.good(i)))).sum());
+            let terms = (0..se.len()).map(|i| (i, term(i, quotient(sensitivity(i), self.good(i)))));
+            return Ok(sharing.variance_of_sum(terms, n));
         };
         let terms = self.gauss.sum(self.room, |i| quotient(sensitivity(i), weight.pixels[i]), term)?;
-        Ok(terms.pixels.iter().sum())
+        Ok(sharing.variance_of_sum(terms.pixels.iter().copied().enumerate(), n))
     }
 }
 
@@ -163,7 +178,7 @@ mod tests {
         let value: [f32; 108] = pixels(|i| if i % 7 == 3 { 1e30 } else { 0.25 });
         let gauss = Gauss::new(1.5);
         in_room([9, 12], |room| {
-            let smooth = Smoothing::new(room, &gauss, Some(&mask), 1.0)?.smooth(of(&value), None)?;
+            let smooth = Smoothing::new(room, &gauss, Some(&mask), Sharing::NONE)?.smooth(of(&value), None)?;
             assert!((0..108).all(|i| (smooth.value.at(i) - 0.25).abs() < 1e-14));
             Ok(())
         });
@@ -177,9 +192,9 @@ mod tests {
         let good = mask.map(|m| 1.0 - m);
         let (none, gauss) = (Gauss::new(0.0), Gauss::new(1.0));
         in_room([9, 12], |room| {
-            let plain = Smoothing::new(room, &none, Some(&mask), 1.0)?.share(of(&flags))?;
+            let plain = Smoothing::new(room, &none, Some(&mask), Sharing::NONE)?.share(of(&flags))?;
             assert!((0..108).all(|i| plain.at(i) == if i == 52 { 1.0 } else { 0.0 }));
-            let smoothing = Smoothing::new(room, &gauss, Some(&mask), 1.0)?;
+            let smoothing = Smoothing::new(room, &gauss, Some(&mask), Sharing::NONE)?;
             let own = smoothing.share(of(&flags))?.at(52);
             // 1 / (2 pi sigma^2), and a little more for the hole and the border.
             assert!((own - 0.159).abs() < 0.03, "{own}");
@@ -197,7 +212,7 @@ mod tests {
         let variance = |sigma: f64, at: usize| {
             let gauss = Gauss::new(sigma);
             in_room([61, 61], |room| {
-                let smooth = Smoothing::new(room, &gauss, None, 1.0)?.smooth(of(&value), Some(of(&se)))?;
+                let smooth = Smoothing::new(room, &gauss, None, Sharing::NONE)?.smooth(of(&value), Some(of(&se)))?;
                 Ok(smooth.variance.map(|variance| variance.at(at)))
             })
         };
@@ -216,7 +231,8 @@ mod tests {
         let (value, se): ([f32; 108], [f32; 108]) = (pixels(|_| 1.0), pixels(|_| 0.25));
         let gauss = Gauss::new(2.0);
         in_room([9, 12], |room| {
-            let smooth = Smoothing::new(room, &gauss, Some(&mask), 108.0)?.smooth(of(&value), Some(of(&se)))?;
+            let smooth =
+                Smoothing::new(room, &gauss, Some(&mask), Sharing::even(108.0))?.smooth(of(&value), Some(of(&se)))?;
             let variance = smooth.variance.unwrap();
             assert!((0..108).all(|i| (variance.at(i) - 0.0625).abs() < 1e-15));
             Ok(())
@@ -232,7 +248,7 @@ mod tests {
         let s = |i: usize| if i == 7 { 0.0 } else { (i as f64).cos() };
         let gauss = Gauss::new(1.2);
         let [got, want] = in_room([4, 5], |room| {
-            let smoothing = Smoothing::new(room, &gauss, Some(&mask), 1.0)?;
+            let smoothing = Smoothing::new(room, &gauss, Some(&mask), Sharing::NONE)?;
             let mut want = 0.0;
             for (j, se) in se.iter().enumerate() {
                 let unit: [f32; N] = pixels(|i| if i == j { 1.0 } else { 0.0 });
@@ -240,7 +256,7 @@ mod tests {
                 let total: f64 = (0..N).map(|i| response.at(i) * s(i)).sum();
                 want += (total * f64::from(*se)).powi(2);
             }
-            Ok([smoothing.variance_of_sum(s, &se)?, want])
+            Ok([smoothing.variance_of_sum(s, &se, &Sharing::NONE)?, want])
         });
         assert!((got / want - 1.0).abs() < 1e-12, "{got} for {want}");
     }

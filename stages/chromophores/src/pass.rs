@@ -129,8 +129,6 @@ pub struct Tally {
     pub good: u64,
     /// Pixels with a concentration that is held at 0.
     pub held: u64,
-    /// Of the squared standard errors, in the order of their planes.
-    pub variances: Vec<f64>,
     /// Sum of chi2 over pixels where nothing is held, and how many there are.
     pub chi2: f64,
     pub free: u64,
@@ -143,8 +141,6 @@ impl Tally {
         self.held += other.held;
         self.chi2 += other.chi2;
         self.free += other.free;
-        self.variances.resize(other.variances.len(), 0.0);
-        self.variances.iter_mut().zip(&other.variances).for_each(|(sum, v)| *sum += v);
         self
     }
 }
@@ -203,8 +199,8 @@ impl<'a> Pass<'a> {
 
     /// Fills the planes of some pixels.
     pub fn run(&self, pixels: Range<usize>, planes: &mut [&mut [f32]]) -> Tally {
-        let (errors, mut scratch) = (planes.len() - self.values - DOUBTS - 1, Scratch::default());
-        let mut tally = Tally { variances: vec![0.0; errors], ..Tally::default() };
+        let mut scratch = Scratch::default();
+        let mut tally = Tally::default();
         for first in pixels.clone().step_by(LANES) {
             let mut solved = self.lanes(first, pixels.end, &mut scratch);
             for (pixel, solved) in (first..pixels.end).zip(&mut solved) {
@@ -254,7 +250,6 @@ impl<'a> Pass<'a> {
         }
         tally.good += 1;
         tally.held += u64::from(said.held > 0);
-        tally.variances.iter_mut().zip(se).for_each(|(sum, se)| *sum += se * se);
         if let (0, Some(chi2)) = (said.held, said.chi2) {
             tally.chi2 += chi2;
             tally.free += 1;

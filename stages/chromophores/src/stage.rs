@@ -3,8 +3,8 @@
 use turbid_contract::canonical::canonical_value;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Concentrations, Maps};
-use turbid_contract::planes::mean_se;
 use turbid_contract::serde_json::Value;
+use turbid_contract::sharing::Sharing;
 use turbid_contract::{
     Ctx, Error, Extent, Extents, FileUse, Forms, ImageStack, Known, LayerInfo, LayerKind, Problems, Stage, StagePlan,
     in_ports, out_ports,
@@ -45,7 +45,7 @@ pub struct Chromophores;
 
 impl Stage for Chromophores {
     const NAME: &'static str = "chromophores";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const ABOUT: &'static str = "concentrations of what absorbs, oxygen saturation and the power law of scattering from maps of several wavelengths";
 
     type Params = Params;
@@ -160,22 +160,29 @@ fn concentrations(params: &Params, resolved: &Resolved, stack: &ImageStack, ctx:
         flags.into_iter().map(|plane| plane.iter().any(|&flag| flag != 0.0).then_some(plane)).collect();
     let sharing = |quantity: &[usize]| {
         let of = quantity.iter().map(|&place| stack.sharing(&stack.layers[place].info));
-        of.fold(stack.common_sharing(), f64::max)
+        of.fold(Sharing::NONE, Sharing::or)
     };
     let channels = &resolved.channels;
     let of_mu_a = sharing(&channels.mu_a.layers);
-    let of_mu_s_prime = channels.mu_s_prime.as_ref().map_or(1.0, |q| sharing(&q.layers));
+    let of_mu_s_prime = channels.mu_s_prime.as_ref().map_or(Sharing::NONE, |q| sharing(&q.layers));
     let with_errors = made.with_errors();
     let mut out = ImageStack::new(stack.rows(), stack.columns());
     out.attributes = attributes(stack.attributes.clone(), resolved);
+    let values: Vec<&LayerInfo> = made.values().collect();
+    let of_means: Vec<Option<f64>> = with_errors
+        .iter()
+        .zip(&planes[values.len()..])
+        .map(|((_, doubt), se)| {
+            let sharing = if *doubt == Doubt::Scattering { &of_mu_s_prime } else { &of_mu_a };
+            let [se, mask] = [se, &mask_plane].map(|plane| plane.as_slice().expect("planes are row-major"));
+            sharing.mean_se(se, |i| mask[i] == 0.0)
+        })
+        .collect();
     let mut planes = planes.into_iter();
     let mut next = || planes.next().expect("as many planes as there are layers");
-    for info in made.values() {
+    for info in values {
         let place = with_errors.iter().position(|(other, _)| other.name == info.name);
-        let of_mean = place.filter(|&k| flags[with_errors[k].1 as usize].is_none()).and_then(|k| {
-            let sharing = if with_errors[k].1 == Doubt::Scattering { of_mu_s_prime } else { of_mu_a };
-            mean_se(tally.variances[k], tally.good, sharing)
-        });
+        let of_mean = place.filter(|&k| flags[with_errors[k].1 as usize].is_none()).and_then(|k| of_means[k]);
         out.push(LayerInfo { mean_se: of_mean, ..info.clone() }, next());
     }
     with_errors.iter().for_each(|(info, _)| out.push(info.standard_error(), next()));

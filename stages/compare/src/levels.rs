@@ -26,25 +26,23 @@ fn level(stack: &ImageStack, layer: &Layer) -> Level {
     let unknown = stack.se_unknown(info).map(Layer::pixels);
     let se = stack.standard_error(info).map(Layer::pixels);
     let pixels = layer.pixels();
-    let (mut n, mut sum, mut variances, mut known) = (0_u64, 0.0, 0.0, se.is_some());
+    let (mut n, mut sum, mut known) = (0_u64, 0.0, se.is_some());
     for (i, &value) in pixels.iter().enumerate() {
         if mask.as_ref().is_some_and(|mask| mask[i] != 0.0) {
             continue;
         }
         n += 1;
         sum += f64::from(value);
-        variances += se.as_ref().map_or(0.0, |se| f64::from(se[i]) * f64::from(se[i]));
         known &= unknown.as_ref().is_none_or(|unknown| unknown[i] == 0.0);
     }
-    let count = n as f64;
-    // Errors that are the same in all pixels have the sharing of their count; of fewer it cannot be more.
-    let mean_se = (variances * stack.sharing(info).min(count)).sqrt() / count;
+    let good = |i: usize| mask.as_ref().is_none_or(|mask| mask[i] == 0.0);
+    let mean_se = se.and_then(|se| stack.sharing(info).mean_se(&se, good));
     Level {
         info: info.clone(),
         pixels: pixels.len() as u64,
         n,
-        mean: (n > 0).then(|| sum / count),
-        mean_se: (known && n > 0).then_some(mean_se),
+        mean: (n > 0).then(|| sum / n as f64),
+        mean_se: mean_se.filter(|_| known),
     }
 }
 

@@ -2,6 +2,7 @@
 
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Errors, MaskReason, Metrics};
+use turbid_contract::sharing::Sharing;
 use turbid_contract::{Cells, Ctx, Error, ImageStack, Layer, LayerInfo, LayerKind, Table};
 
 use crate::params::Params;
@@ -115,7 +116,7 @@ struct Quantity<'a> {
     estimate: Vec<f32>,
     se: Option<Vec<f32>>,
     se_unknown: Option<Vec<f32>>,
-    sharing: f64,
+    sharing: Sharing,
     truth: Vec<f32>,
     /// Reason for each pixel that does not count.
     mask: Vec<f32>,
@@ -141,7 +142,7 @@ impl Quantity<'_> {
             estimate: &self.estimate,
             se: self.se.as_deref(),
             se_unknown: self.se_unknown.as_deref(),
-            sharing: self.sharing,
+            sharing: &self.sharing,
             truth: &self.truth,
             position: self.is_position(),
             standing: &self.standing,

@@ -1,5 +1,7 @@
 //! What one region says about one quantity.
 
+use turbid_contract::sharing::Sharing;
+
 /// The figures of one region and quantity. What is not known is `None`, never 0: no figure of no pixels, no percentage of a position.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Score {
@@ -49,8 +51,8 @@ pub struct Pixels<'a> {
     pub se: Option<&'a [f32]>,
     /// Not 0 where a pixel's `se` is a lower bound of an error that is not known.
     pub se_unknown: Option<&'a [f32]>,
-    /// How many times the variance of a mean exceeds that of independent pixels.
-    pub sharing: f64,
+    /// How the errors of pixels are common.
+    pub sharing: &'a Sharing,
     pub truth: &'a [f32],
     /// A position has no natural 0: it is scored in its unit only, also where it is 0.
     pub position: bool,
@@ -102,14 +104,20 @@ pub fn score(pixels: &Pixels<'_>, selected: &[bool]) -> Option<Score> {
         errors.push(e - t);
     }
     let (mean, truth) = (sum / count, of_truth / count);
-    // Errors common to all pixels have the sharing of their count; a region has no more.
-    let of_mean = |variances: f64| (variances * pixels.sharing.min(count)).sqrt() / count;
+    // By what the pixels say, and by a sum of variances that is spread evenly over them.
+    let of_pixels = |se: &[f32]| {
+        let variances = counting().map(|i| (i, f64::from(se[i]) * f64::from(se[i])));
+        pixels.sharing.variance_of_sum(variances, count).sqrt() / count
+    };
+    let of_scatter =
+        |sum: f64| pixels.sharing.variance_of_sum(counting().map(|i| (i, sum / count)), count).sqrt() / count;
     let scattered = scatter(errors.iter().copied());
     found.mean_se = match pixels.se {
-        None => scatter(counting().map(|i| f64::from(pixels.estimate[i]))).map(of_mean),
-        Some(_) if found.n_unknown == 0 => Some(of_mean(variances)),
+        None => scatter(counting().map(|i| f64::from(pixels.estimate[i]))).map(of_scatter),
+        Some(se) if found.n_unknown == 0 => Some(of_pixels(se)),
         Some(_) if found.n_unknown as f64 > MOST_UNKNOWN * count => None,
-        Some(_) => scattered.map(|scattered| of_mean(variances.max(scattered))),
+        Some(se) => scattered
+            .map(|scattered| of_pixels(se).max(if scattered > variances { of_scatter(scattered) } else { 0.0 })),
     };
     // Of one pixel: whatever is the larger of what it says and what its neighbours scatter by.
     let deviation = match (pixels.se, scattered) {
@@ -148,6 +156,8 @@ mod tests {
     use super::Standing::{Absent, Counts, LeftOut};
     use super::*;
 
+    static NONE: Sharing = Sharing::NONE;
+
     /// The figures of four pixels, worked out by hand.
     #[test]
     fn four_pixels() {
@@ -155,7 +165,7 @@ mod tests {
             estimate: &[1.5, 3.0, 0.0, 99.0],
             se: Some(&[0.25, 0.5, 0.0, 1.0]),
             se_unknown: None,
-            sharing: 4.0,
+            sharing: &Sharing::even(4.0),
             truth: &[1.0, 4.0, 2.0, 1.0],
             position: false,
             standing: &[Counts, Counts, LeftOut, Counts],
@@ -165,14 +175,14 @@ mod tests {
         let close = |found: Option<f64>, want: f64| assert!((found.unwrap() - want).abs() < 1e-12, "{found:?} {want}");
         // Two pixels share no more than two.
         close(got.mean_se, (2.0 * 0.3125_f64).sqrt() / 2.0);
-        let apart = score(&Pixels { sharing: 1.5, ..pixels }, &[true, true, true, false]).unwrap();
+        let apart = score(&Pixels { sharing: &Sharing::even(1.5), ..pixels }, &[true, true, true, false]).unwrap();
         close(apart.mean_se, (1.5 * 0.3125_f64).sqrt() / 2.0);
         close(got.bias_percent, -10.0);
         close(got.rmse_percent, 100.0 * ((0.25 + 0.0625) / 2.0_f64).sqrt());
         assert!((got.masked_percent - 100.0 / 3.0).abs() < 1e-12);
         assert_eq!((got.bias, got.p95), (Some(-0.25), Some(1.0)));
         close(got.rmse, 0.625_f64.sqrt());
-        let spread = score(&Pixels { se: None, sharing: 1.0, ..pixels }, &[true, true, false, false]).unwrap();
+        let spread = score(&Pixels { se: None, sharing: &NONE, ..pixels }, &[true, true, false, false]).unwrap();
         close(spread.mean_se, 0.75);
         assert_eq!(spread.n_unknown, 2, "no standard errors at all");
         // One of three is left out: sqrt(1/2) of the deviation of the errors 0.5 and -1, which is above the standard errors.
@@ -192,7 +202,7 @@ mod tests {
             estimate: &[1.5, 0.5, 1.25, 0.75],
             se: Some(&[0.1; 4]),
             se_unknown: Some(&[0.0, 1.0, 0.0, 0.0]),
-            sharing: 1.0,
+            sharing: &NONE,
             truth: &truth,
             position: false,
             standing: &standing,
@@ -215,7 +225,7 @@ mod tests {
             estimate: &[1.0],
             se: None,
             se_unknown: None,
-            sharing: 1.0,
+            sharing: &NONE,
             truth,
             position: false,
             standing,

@@ -29,6 +29,7 @@ pub mod problem;
 pub mod quantity;
 pub mod read;
 pub mod shared;
+pub mod sharing;
 pub mod stage;
 pub mod suggest;
 pub mod usual;

@@ -72,29 +72,6 @@ impl ImageStack {
     pub fn se_unknown(&self, info: &LayerInfo) -> Option<&Layer> {
         self.layers.iter().find(|l| l.info.flags_errors_of(info))
     }
-
-    /// How many times the variance of the mean of the value layer `info` exceeds that of independent pixels: 1 where
-    /// nothing else is known, more where pixels share paths or a smoothed reference.
-    pub fn sharing(&self, info: &LayerInfo) -> f64 {
-        let (Some(mean_se), Some(se)) = (info.mean_se, self.standard_error(info)) else { return 1.0 };
-        let mask = self.mask(info.wavelength_nm).map(Layer::pixels);
-        let (mut variances, mut n) = (0.0, 0_u64);
-        for (i, &se) in se.pixels().iter().enumerate() {
-            if mask.as_ref().is_none_or(|m| m[i] == 0.0) {
-                variances += f64::from(se) * f64::from(se);
-                n += 1;
-            }
-        }
-        if variances > 0.0 { (mean_se * n as f64).powi(2) / variances } else { 1.0 }
-    }
-}
-
-impl ImageStack {
-    /// The attribute `sharing`: the same for quantities that are yet to be made from the layers, where the errors of pixels are
-    /// common as in a fitted image; 1 where they are independent.
-    pub fn common_sharing(&self) -> f64 {
-        self.attributes.get("sharing").and_then(serde_json::Value::as_f64).unwrap_or(1.0)
-    }
 }
 
 impl LayerInfo {
@@ -119,8 +96,8 @@ fn same_light(a: &LayerInfo, b: &LayerInfo) -> bool {
         && a.wavelength_nm == b.wavelength_nm
 }
 
-/// Standard error of the mean of `n` pixels whose variances add up to `variances`, `sharing` as in
-/// [`ImageStack::sharing`]; `None` without pixels.
+/// Standard error of the mean of `n` pixels whose variances add up to `variances`, with one factor of [`Sharing`](crate::sharing::Sharing) for all; `None` without
+/// pixels.
 ///
 /// Errors that are the same in all n pixels have the sharing n: of a part of an image it cannot be more.
 pub fn mean_se(variances: f64, n: u64, sharing: f64) -> Option<f64> {
@@ -163,21 +140,5 @@ mod tests {
         assert!(stack.mask(None).is_none());
         assert_eq!(stack.se_unknown(&info).map(|l| l.info.name.as_str()), Some("m_ac_se_unknown"));
         assert!(stack.se_unknown(&LayerInfo::value("m_ac", "1").with_f_x(0.2)).is_none());
-    }
-
-    /// Independent pixels share nothing (factor 1); one number seen by all n pixels has the factor n.
-    #[test]
-    fn sharing_counts_common_noise() {
-        let mut stack = ImageStack::new(2, 2);
-        let mut info = LayerInfo::value("r_d", "1");
-        info.mean_se = mean_se(4.0 * 0.25, 4, 1.0);
-        stack.push(info.clone(), Array2::zeros((2, 2)));
-        stack.push(info.standard_error(), Array2::from_elem((2, 2), 0.5));
-        assert_eq!(stack.sharing(&info), 1.0);
-        info.mean_se = Some(0.5);
-        assert_eq!(stack.sharing(&info), 4.0);
-        assert_eq!(mean_se(1.0, 0, 1.0), None);
-        // Two of the four pixels have no more noise in their mean than one.
-        assert_eq!(mean_se(2.0 * 0.25, 2, 4.0), Some(0.5));
     }
 }

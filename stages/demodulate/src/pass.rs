@@ -22,7 +22,6 @@ use crate::unknown;
 mod describe;
 mod tally;
 
-pub use describe::Mean;
 pub use tally::{Tally, of};
 
 /// Pixels that are worked on at a time: their f64 intermediates stay in the first-level cache.
@@ -276,14 +275,6 @@ impl<'a> Pass<'a> {
                 planes.iter_mut().for_each(|p| p[i] = 0.0);
             }
         }
-        if self.blocks.is_some() {
-            // Masked pixels hold 0 by now.
-            let quantities = self.quantity_count();
-            for q in 0..quantities {
-                let se = planes[quantities + q].iter().map(|&se| f64::from(se));
-                tally.variances[q] += se.map(|se| se * se).sum::<f64>();
-            }
-        }
     }
 
     /// The second pass: masks the pixels around which a signal does not stand above `low_signal` standard errors. The tally
@@ -316,9 +307,6 @@ impl<'a> Pass<'a> {
                 }
                 mask[o] = MaskReason::LowSignal.code();
                 dropped.good += 1;
-                for q in 0..count {
-                    dropped.variances[q] += f64::from(planes[count + q][o]).powi(2);
-                }
                 planes.iter_mut().for_each(|p| p[o] = 0.0);
             }
             dropped

@@ -2,9 +2,8 @@
 
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Covariance, Frames, Modulation, Phase, Scene};
-use turbid_contract::planes::mean_se;
 use turbid_contract::{
-    Ctx, Error, Forms, ImageStack, Known, LayerInfo, LayerKind, Problems, Stage, StagePlan, in_ports, out_ports,
+    Ctx, Error, Forms, ImageStack, Known, LayerInfo, Problems, Stage, StagePlan, in_ports, out_ports,
 };
 
 use crate::ambient;
@@ -16,7 +15,7 @@ use crate::layers::Group;
 use crate::masked::measure_masked;
 use crate::memory::memory;
 use crate::params::{Filter, Method, Params, Steps};
-use crate::pass::{Mean, Pass, Tally};
+use crate::pass::{Pass, Tally};
 use crate::set::channels;
 use crate::{joints, snapshot, speckled};
 
@@ -47,7 +46,7 @@ pub struct Demodulate;
 
 impl Stage for Demodulate {
     const NAME: &'static str = "demodulate";
-    const VERSION: u32 = 7;
+    const VERSION: u32 = 8;
     const ABOUT: &'static str =
         "M_DC, M_AC and phase of each pixel from frames of shifted sinusoids, with standard errors";
 
@@ -122,20 +121,16 @@ impl Stage for Demodulate {
         }
         let head = inputs.frames.head();
         let conditions = inputs.frames.conditions()?.0;
-        let mut sharing = conditions.common_sharing();
         let wants_phase = ctx.wants("phase");
         let mut values = Group::default();
         let mut phases = Group::default();
-        let mut means = Vec::new();
         let (mut worst, mut all_good) = (Worst::default(), true);
         let layers: Vec<&LayerInfo> = head.layers.iter().collect();
-        for wavelength_nm in channels(&layers)?.into_iter().map(|channel| channel.wavelength_nm) {
+        for (number, wavelength_nm) in channels(&layers)?.into_iter().map(|channel| channel.wavelength_nm).enumerate() {
             // Of the frames those of one wavelength are in memory.
             let part = inputs.frames.channel(wavelength_nm)?;
             let frames = &part.0;
             warn_of_darkness(frames, ctx);
-            let shared = frames.layers.iter().filter(|l| l.info.kind == LayerKind::Value);
-            sharing = shared.map(|l| frames.sharing(&l.info)).fold(sharing, f64::max);
             let infos: Vec<&LayerInfo> = frames.layers.iter().map(|layer| &layer.info).collect();
             let mut channel = channels(&infos)?.pop().expect("the frames of a wavelength are one channel");
             if params.steps == Steps::Estimated {
@@ -155,17 +150,13 @@ impl Stage for Demodulate {
             tally.less(&pass.drop_weak(&mut planes, ctx)?);
             all_good &= tally.all_good();
             tally.report(&channel, noise.is_some(), &planes[planes.len() - 1], ctx);
-            pass.describe(planes, &tally, &mut values, &mut phases, &mut means);
+            pass.describe(planes, &tally, (frames, number), &mut values, &mut phases);
             let mask = &values.masks.last().expect("each channel has one").1;
             let light = ambient::of_channel(&channel, frames, noise.as_ref(), mask, ctx);
             if let (Some(info), Some((light, errors))) = (ambient::info(&channel), light) {
                 values.errors.extend(errors.map(|errors| (info.standard_error(), errors)));
                 values.values.push((info, light));
             }
-        }
-        // Once all frames were seen.
-        for Mean { value, variances, good } in means {
-            values.values[value].0.mean_se = mean_se(variances, good, sharing);
         }
         let stack = |group: Group<(LayerInfo, Array2<f32>)>| {
             let mut stack = ImageStack::new(head.rows, head.columns);

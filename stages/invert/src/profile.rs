@@ -9,7 +9,6 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{MaskReason, Relief, Scene};
-use turbid_contract::planes::mean_se;
 use turbid_contract::{AngleDeg, Ctx, Error, ImageStack, Known, Layer, LayerInfo, LayerKind, Problems};
 use turbid_geometry::{camera_view, normal_of, tangent};
 use turbid_optics::elementary::{ln, sin_cos_turns};
@@ -226,9 +225,8 @@ impl Correction {
             let sharing = reflectance.sharing(&reflectance.layers[k].info);
             let Some(se) = stack.standard_error(info).map(Layer::pixels) else { continue };
             let mask = stack.mask(info.wavelength_nm).map(Layer::pixels);
-            let good = se.iter().enumerate().filter(|&(i, _)| mask.as_ref().is_none_or(|m| m[i] == 0.0));
-            let (n, variances) = good.fold((0, 0.0), |(n, sum), (_, &se)| (n + 1, sum + f64::from(se) * f64::from(se)));
-            stack.layers[k].info.mean_se = mean_se(variances, n, sharing);
+            let of_mean = sharing.mean_se(&se, |i| mask.as_ref().is_none_or(|m| m[i] == 0.0));
+            stack.layers[k].info.mean_se = of_mean;
         }
         stack
     }

@@ -6,6 +6,7 @@ use turbid_contract::layers::wavelengths;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Covariance, Exposure, Lut, Maps, Reflectance, Relief, Scene, Sections};
 use turbid_contract::planes::mean_se;
+use turbid_contract::sharing::Sharing;
 use turbid_contract::{
     Attributes, Ctx, Error, Extent, Extents, Forms, ImageStack, Known, Layer, LayerInfo, LayerKind, Parts, Problems,
     Ratio, Stage, StagePlan, in_ports, out_ports,
@@ -65,7 +66,7 @@ pub struct Invert;
 
 impl Stage for Invert {
     const NAME: &'static str = "invert";
-    const VERSION: u32 = 8;
+    const VERSION: u32 = 9;
     const ABOUT: &'static str =
         "maps of mu_a and mu_s' from calibrated reflectance by a look-up table, with standard errors";
 
@@ -347,11 +348,11 @@ fn invert(
     })?;
     let mut tally = tiles.iter().fold(Tally::default(), Tally::add);
     let mut flags = unknown::of_layers(stack, &of);
-    let sharing = of.iter().map(|l| stack.sharing(&l.info)).fold(1.0, f64::max);
+    let sharing = of.iter().map(|l| stack.sharing(&l.info)).fold(Sharing::NONE, Sharing::or);
     // A node that is near says nothing of slopes, and pixels that hold the nearest one are not lost.
     if known && !pass.outside && !solvers.iter().any(Solver::reads_nodes) {
         let image =
-            Image::of(stack.columns(), (&r, &se, &covariance), mask.as_deref(), &planes, sharing, pass.corrects);
+            Image::of(stack.columns(), (&r, &se, &covariance), mask.as_deref(), &planes, &sharing, pass.corrects);
         let kept = image.keep(
             &|i, r, noise| {
                 let solved = places.solve(i, |k| solvers[k].solve(r, Some(noise)))?;
@@ -377,11 +378,16 @@ fn invert(
     let mean_known = of.iter().all(|l| stack.se_unknown(&l.info).is_none() || l.info.mean_se.is_some());
     let flags = unknown::plane(flags, &planes[planes.len() - 1]);
     let infos = ["mu_a", "mu_s_prime"].map(|name| form::property(name, wavelength_nm));
+    let factors = (known && mean_known).then(|| {
+        let plane = |k: usize| planes[k].as_slice().expect("planes are row-major");
+        let mask = plane(planes.len() - 1);
+        [2, 3].map(|k| sharing.factor(plane(k), |i| mask[i] == 0.0))
+    });
     let mut planes = planes.into_iter();
     let mut next = || planes.next().expect("as many planes as plane_count says");
     for (k, info) in infos.iter().enumerate() {
         let mut info = info.clone();
-        let own = if known && mean_known { mean_se(sums.variances()[k], tally.good, sharing) } else { None };
+        let own = factors.as_ref().and_then(|factors| mean_se(sums.variances()[k], tally.good, factors[k]));
         info.mean_se = own.map(|own| libm::hypot(own, sums.common()[k] / tally.good as f64));
         maps.values.push((info, next()));
     }

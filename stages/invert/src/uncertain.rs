@@ -15,6 +15,7 @@ use std::ops::Range;
 
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::MaskReason;
+use turbid_contract::sharing::Sharing;
 use turbid_contract::{Ctx, Error, ImageStack};
 
 use crate::lut::MOST;
@@ -42,8 +43,8 @@ pub struct Image<'a> {
     pub after: &'a [f32],
     /// mu_a and mu_s' with their standard errors, of the pass.
     pub found: [&'a [f32]; 4],
-    /// How many pixels are as noisy as one, as for means.
-    pub sharing: f64,
+    /// How the errors of pixels are common.
+    pub sharing: &'a Sharing,
     /// Whether pixels that the table holds may be read along the tangent, too.
     pub corrects: bool,
 }
@@ -66,7 +67,7 @@ impl<'a> Image<'a> {
         (r, se, covariance): (Planes<'a, '_>, Planes<'a, '_>, MaybePlanes<'a, '_>),
         before: Option<&'a [f32]>,
         planes: &'a [Array2<f32>],
-        sharing: f64,
+        sharing: &'a Sharing,
         corrects: bool,
     ) -> Self {
         let plane = |k: usize| planes[k].as_slice().expect("planes are row-major");
@@ -156,7 +157,7 @@ impl<'a> Image<'a> {
         };
         let mut settled = settle(middle.p, &spread, false);
         // The mean of the neighbours is itself a noisy point of a curve.
-        let of_mean = self.sharing.min(pixels) / pixels;
+        let of_mean = self.sharing.at(pixel).min(pixels) / pixels;
         let mut quiet = spread;
         quiet.covariance = quiet.covariance.map(|row| row.map(|c| c * of_mean));
         quiet.bias = quiet.bias.map(|bias| bias.map(|b| b * of_mean));

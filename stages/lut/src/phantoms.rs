@@ -259,19 +259,17 @@ fn ratio(sample: &ImageStack, reference: &ImageStack, f_x: f64, part: &Part, nam
     let masks = [mask(sample, sample_layer), mask(reference, reference_layer)];
     let good = |i: usize| masks.iter().flatten().all(|m| m[i] == 0.0);
     let sums = |stack: &ImageStack, layer: &Layer| {
-        let (mut sum, mut variances, mut shares, mut squares) = (0.0, 0.0, 0.0, 0.0);
+        let (mut sum, mut shares, mut squares) = (0.0, 0.0, 0.0);
         let se = stack.standard_error(&layer.info).map(Layer::pixels);
         for (i, &m) in layer.pixels().iter().enumerate().filter(|(i, _)| good(*i)) {
             let share = part.share(i);
             sum += share * f64::from(m);
-            let se = se.as_ref().map_or(0.0, |se| share * f64::from(se[i]));
-            variances += se * se;
             shares += share;
             squares += share * share;
         }
-        // Pixels that share their errors count for no more than there are, as if of so many whole ones.
-        let sharing = stack.sharing(&layer.info).min(shares * shares / squares);
-        [sum / shares, (variances * sharing).sqrt() / shares]
+        let parts = se.iter().flat_map(|se| se.iter().enumerate()).filter(|&(i, _)| good(i));
+        let parts = parts.map(|(i, &se)| (i, (part.share(i) * f64::from(se)).powi(2)));
+        [sum / shares, stack.sharing(&layer.info).variance_of_sum(parts, shares * shares / squares).sqrt() / shares]
     };
     let [[m, m_se], [m_r, m_r_se]] = [sums(sample, sample_layer), sums(reference, reference_layer)];
     let usable = |x: f64| x > 0.0 && x.is_finite();

@@ -138,6 +138,8 @@ pub struct Difference {
     pub se: Option<Vec<f64>>,
     /// Where `se` is a lower bound of an error that is not known; `None` where it is known everywhere.
     pub se_unknown: Option<Vec<bool>>,
+    /// How many times the variance of a mean exceeds that of independent pixels.
+    pub sharing: f64,
 }
 
 /// Sample minus reference; the reference's phase is measured (`reference`) or 2 pi f_x u.
@@ -174,11 +176,12 @@ pub fn difference(
         };
         wrap(f64::from(phase[i]) - from)
     };
+    let sharing = reference.map_or(1.0, ImageStack::common_sharing).max(sample.common_sharing());
     let se = own.map(|own| {
         let square = |se: f32| f64::from(se) * f64::from(se);
         (0..own.len()).map(|i| (square(own[i]) + base_se.as_ref().map_or(0.0, |b| square(b[i]))).sqrt()).collect()
     });
-    Ok(Difference { delta: (0..phase.len()).map(of).collect(), se, se_unknown })
+    Ok(Difference { delta: (0..phase.len()).map(of).collect(), se, se_unknown, sharing })
 }
 
 /// Turns without whole ones.

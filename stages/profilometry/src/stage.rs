@@ -49,7 +49,7 @@ pub struct Profilometry;
 
 impl Stage for Profilometry {
     const NAME: &'static str = "profilometry";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     const ABOUT: &'static str = "Height of a surface from the phase of the fringes on it, with standard errors";
 
     type Params = Params;
@@ -386,7 +386,7 @@ fn planes(rig: &Rig, heights: &[Height], found: &Difference, mask: &mut [MaskRea
     let unknown: Vec<f32> = (0..heights.len()).map(unknown).collect();
     let any_unknown = unknown.contains(&1.0);
     if found.se.is_some() && !any_unknown {
-        info.mean_se = mean_se(variances, good, 1.0);
+        info.mean_se = mean_se(variances, good, found.sharing);
     }
     stack.push(info.clone(), image(z));
     if found.se.is_some() {

@@ -3,6 +3,7 @@
 use serde_json::{Value, json};
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Covariance, Frames, White};
+use turbid_contract::sharing::{COVARIANCE_OF_M_DC, SHARING};
 use turbid_contract::{ImageStack, LayerInfo, LayerKind};
 
 use crate::field::{Field, Watched, relative_error_of};
@@ -69,11 +70,21 @@ impl Images<'_> {
     fn attributes(&self, stack: &mut ImageStack) {
         stack.attributes.insert("samples".to_owned(), json!(self.n));
         if let Some(design_effect) = self.design_effect {
-            stack.attributes.insert("sharing".to_owned(), json!(design_effect));
+            stack.attributes.insert(SHARING.to_owned(), json!(design_effect));
         }
         if !self.shared_paths.is_empty() {
             stack.attributes.insert("shared_paths_nm".to_owned(), json!(self.shared_paths));
         }
+    }
+
+    /// The mean covariance of M_DC at two pixels, over the square of its mean over the image.
+    fn covariance_of_m_dc(&self, field: &dyn Field) -> f64 {
+        let (dc, n) = (self.projected.watched().0, field.pixels() as f64);
+        let of_pixel = |p: usize| dc.iter().map(|&(i, w)| w * field.mean(p, i)).sum::<f64>();
+        let mean = (0..field.pixels()).map(of_pixel).sum::<f64>() / n;
+        let total: f64 = (0..field.pixels()).map(|p| field.variance(p, dc)).sum();
+        let shared = (field.variance_of_mean(dc, total) - total / (n * n)).max(0.0);
+        if mean > 0.0 { shared / (mean * mean) } else { 0.0 }
     }
 
     /// Adds `sum of weight x response` as a value layer, and its standard error.
@@ -104,6 +115,10 @@ impl Images<'_> {
     pub fn frames(&self) -> Frames {
         let mut stack = ImageStack::new(self.rows, self.columns);
         self.attributes(&mut stack);
+        if self.design_effect.is_some() {
+            let shared: Vec<f64> = self.channels.iter().map(|field| self.covariance_of_m_dc(field.as_ref())).collect();
+            stack.attributes.insert(COVARIANCE_OF_M_DC.to_owned(), json!(shared));
+        }
         for channel in 0..self.channels.len() {
             for (info, terms) in &self.projected.frames {
                 let wavelength_nm = self.wavelength(channel);

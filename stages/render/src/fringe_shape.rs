@@ -106,7 +106,9 @@ mod tests {
             let rounded = |_, column, phase| (255.0 * chirp(column, phase)).round() / 255.0;
             assert_eq!(shape(phases, rounded).refusal(), None, "{phases}, eight bits");
         }
-        let square = |_: usize, column: usize, phase: f64| f64::from(u8::from((TAU * column as f64 / 16.0 + phase + 0.1).sin() > 0.0));
+        let square = |_: usize, column: usize, phase: f64| {
+            f64::from(u8::from((TAU * column as f64 / 16.0 + phase + 0.1).sin() > 0.0))
+        };
         for phases in [3, 4] {
             let refused = shape(phases, square).refusal().expect("it has harmonics");
             assert!(refused.contains("ripples"), "{phases}: {refused}");

@@ -1,8 +1,9 @@
 //! From planes of numbers to layers that say what they are.
 
-use turbid_contract::LayerInfo;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::MaskReason;
+use turbid_contract::sharing::Sharing;
+use turbid_contract::{ImageStack, LayerInfo, LayerKind};
 
 use crate::layers::{Group, OfChannel};
 use crate::pass::{Pass, Tally};
@@ -10,24 +11,15 @@ use crate::unknown;
 
 pub type Described = (LayerInfo, Array2<f32>);
 
-/// What the standard error of the mean of a value is made of.
-pub struct Mean {
-    /// Which of the values.
-    pub value: usize,
-    /// The sum of those of its good pixels.
-    pub variances: f64,
-    pub good: u64,
-}
-
 impl Pass<'_> {
-    /// Gives the planes their descriptions and sorts them into the two stacks.
+    /// Gives the planes their descriptions and sorts them into the two stacks. `frames`: as they were given, and which of their channels this is.
     pub fn describe(
         &self,
         planes: Vec<Array2<f32>>,
         tally: &Tally,
+        frames: (&ImageStack, usize),
         values: &mut Group<Described>,
         phases: &mut Group<Described>,
-        means: &mut Vec<Mean>,
     ) {
         let fringes = &self.channel.fringes;
         let known = self.blocks.is_some();
@@ -55,16 +47,11 @@ impl Pass<'_> {
             phases.unknown.extend(own);
             phases.masks.push((mask.clone(), data));
         }
+        let of_means = self.mean_errors(&planes, frames);
         let mut planes = planes.into_iter();
         let mut next = || planes.next().expect("as many planes as plane_count says");
-        for (q, info) in infos.iter().enumerate() {
-            // What frames do not know of a pixel they may still know of their mean.
-            let known = known && (self.unknown[q / 2].is_none() || self.mean_known[q / 2]);
-            if known {
-                let value = values.values.len();
-                means.push(Mean { value, variances: tally.variances[q], good: tally.good });
-            }
-            values.values.push((info.clone(), next()));
+        for (info, &mean_se) in infos.iter().zip(&of_means) {
+            values.values.push((LayerInfo { mean_se, ..info.clone() }, next()));
         }
         if known {
             infos.iter().for_each(|info| values.errors.push((info.standard_error(), next())));
@@ -83,6 +70,33 @@ impl Pass<'_> {
             phase_infos.iter().for_each(|info| phases.errors.push((info.standard_error(), phase_plane(next()))));
         }
         values.masks.push((mask, next()));
+    }
+
+    /// The standard error of the mean of each quantity, where it is known.
+    fn mean_errors(&self, planes: &[Array2<f32>], (frames, channel): (&ImageStack, usize)) -> Vec<Option<f64>> {
+        let count = self.quantity_count();
+        if self.blocks.is_none() {
+            return vec![None; count];
+        }
+        let plane = |k: usize| planes[k].as_slice().expect("planes are row-major");
+        let (m_dc, m_dc_se, mask) = (plane(0), plane(count), plane(planes.len() - 1));
+        let good = |i: usize| mask[i] == 0.0;
+        let sharing = match frames.covariance_of_m_dc(channel) {
+            // What pixels share of M_DC they share of M_AC, as parts of their variances.
+            Some(covariance) => {
+                let n = (0..mask.len()).filter(|&i| good(i)).count() as f64;
+                let mean = m_dc.iter().map(|&m| f64::from(m)).sum::<f64>() / n.max(1.0);
+                let variances = m_dc_se.iter().map(|&se| f64::from(se) * f64::from(se));
+                Sharing::of_covariance(covariance * n * mean * mean, variances)
+            }
+            None => {
+                let shot = frames.layers.iter().filter(|l| l.info.kind == LayerKind::Value);
+                shot.map(|l| frames.sharing(&l.info)).fold(Sharing::even(frames.common_sharing()), Sharing::or)
+            }
+        };
+        // What frames do not know of a pixel they may still know of their mean.
+        let known = |q: usize| self.unknown[q / 2].is_none() || self.mean_known[q / 2];
+        (0..count).map(|q| if known(q) { sharing.mean_se(plane(count + q), good) } else { None }).collect()
     }
 
     /// The good pixels of which noise has left no signal, but whose neighbours have one; `None` where there are none.

@@ -12,8 +12,6 @@ pub struct Tally {
     pub(super) pixels: u64,
     /// Good pixels with a value that is not above 0.
     pub(super) uncertain: u64,
-    /// Of each quantity, over good pixels.
-    pub(super) variances: Vec<f64>,
     /// Of each fringe: Rician bias, and M_AC that it belongs to.
     pub(super) rician: Vec<f64>,
     pub(super) m_ac: Vec<f64>,
@@ -22,15 +20,14 @@ pub struct Tally {
 impl Tally {
     pub fn new(channel: &Channel) -> Self {
         let n = channel.fringes.len();
-        Self { good: 0, pixels: 0, uncertain: 0, variances: vec![0.0; 2 * n], rician: vec![0.0; n], m_ac: vec![0.0; n] }
+        Self { good: 0, pixels: 0, uncertain: 0, rician: vec![0.0; n], m_ac: vec![0.0; n] }
     }
 
     pub fn add(&mut self, tile: &Self) {
         self.good += tile.good;
         self.pixels += tile.pixels;
         self.uncertain += tile.uncertain;
-        let pairs =
-            [(&mut self.variances, &tile.variances), (&mut self.rician, &tile.rician), (&mut self.m_ac, &tile.m_ac)];
+        let pairs = [(&mut self.rician, &tile.rician), (&mut self.m_ac, &tile.m_ac)];
         for (sum, part) in pairs {
             sum.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
         }
@@ -39,7 +36,6 @@ impl Tally {
     /// Takes away what [`Pass::drop_weak`](super::Pass::drop_weak) dropped.
     pub fn less(&mut self, dropped: &Self) {
         self.good -= dropped.good;
-        self.variances.iter_mut().zip(&dropped.variances).for_each(|(sum, part)| *sum -= part);
     }
 
     /// Whether no pixel is masked.

@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 
 use turbid_contract::payload::{INCIDENCE_LAYER, MaskReason, Seen, THICKNESS_LAYER, Thickness, VIEW_LAYER};
-use turbid_contract::planes::mean_se;
 use turbid_contract::{Ctx, Error, ImageStack, Layer, LayerKind};
 use turbid_optics::misreading::Setting;
 
@@ -286,8 +285,7 @@ fn mask(maps: &mut ImageStack, wavelength_nm: Option<f64>, of_pixel: &[Option<[f
         let sharing = before.sharing(&before.layers[k].info);
         let Some(se) = maps.standard_error(info).map(Layer::pixels) else { continue };
         let mask = maps.mask(wavelength_nm).map(Layer::pixels);
-        let good = se.iter().enumerate().filter(|&(i, _)| mask.as_ref().is_none_or(|m| m[i] == 0.0));
-        let (n, variances) = good.fold((0, 0.0), |(n, sum), (_, &se)| (n + 1, sum + f64::from(se) * f64::from(se)));
-        maps.layers[k].info.mean_se = mean_se(variances, n, sharing);
+        let of_mean = sharing.mean_se(&se, |i| mask.as_ref().is_none_or(|m| m[i] == 0.0));
+        maps.layers[k].info.mean_se = of_mean;
     }
 }
