@@ -1,5 +1,7 @@
 //! Coordinates on a smooth surface, and the functions of them that are fitted to images of it.
 
+use std::f64::consts::TAU;
+
 use glam::DVec3;
 use turbid_optics::solid::Solid;
 
@@ -165,7 +167,7 @@ impl Places {
             Solid::Ellipsoid { center, radii } => around_sphere(points.iter().map(|p| (p - center) / radii)),
             Solid::Cylinder { axis, radius, .. } if normals.iter().all(|m| m.z.abs() < ACROSS) => {
                 let from = points.iter().map(|p| p - axis.extend(eye.z));
-                along_axis(from.map(|p| p / *radius))
+                Some(along_axis(from.map(|p| p / *radius)))
             }
             _ => None,
         };
@@ -186,16 +188,24 @@ fn around_sphere(points: impl Iterator<Item = DVec3> + Clone) -> Option<(Chart, 
     Some((Chart::Plane, points.map(of).collect::<Option<_>>()?))
 }
 
-/// Along the z axis and around it, of points from a place on it, in units of the radius; `None` where only a part of the turn is seen.
+/// Along the z axis and around it, of points from a place on it, in units of the radius. Where only a part of the turn is seen it is rolled out.
 ///
 /// Along: asinh, so that far away equal steps are equal ratios of distances, by which light falls off.
-fn along_axis(points: impl Iterator<Item = DVec3>) -> Option<(Chart, Vec<[f64; 2]>)> {
-    let at: Vec<[f64; 2]> = points.map(|p| [libm::asinh(p.z), libm::atan2(p.y, p.x)]).collect();
+fn along_axis(points: impl Iterator<Item = DVec3>) -> (Chart, Vec<[f64; 2]>) {
+    let mut at: Vec<[f64; 2]> = points.map(|p| [libm::asinh(p.z), libm::atan2(p.y, p.x)]).collect();
     let mut seen = [false; STEPS];
-    let step = |angle: f64| ((angle / std::f64::consts::TAU + 0.5) * STEPS as f64) as usize;
+    let step = |angle: f64| ((angle / TAU + 0.5) * STEPS as f64) as usize;
     at.iter().for_each(|p| seen[step(p[1]).min(STEPS - 1)] = true);
     let turn = seen.iter().filter(|&&s| s).count() as f64 / STEPS as f64;
-    (turn >= LEAST_TURN).then_some((Chart::Axis, at))
+    if turn >= LEAST_TURN {
+        return (Chart::Axis, at);
+    }
+    // How many steps behind each one nothing is seen: the cut is in the middle of the longest such part.
+    let unseen = |from: usize| (0..STEPS).take_while(|k| !seen[(from + k) % STEPS]).count();
+    let from = (0..STEPS).rev().max_by_key(|&from| unseen(from)).unwrap_or(0);
+    let cut = ((from as f64 + 0.5 * unseen(from) as f64) / STEPS as f64 - 0.5) * TAU;
+    at.iter_mut().for_each(|p| p[1] = (p[1] - cut).rem_euclid(TAU));
+    (Chart::Plane, at)
 }
 
 /// With lengths mapped to [-1, 1]; angles stay.
@@ -264,6 +274,18 @@ mod tests {
         let half: Vec<DVec3> = points.iter().copied().filter(|p| p.x > 0.0).collect();
         let places = Places::of(&tube, 1, &half, &normals[..half.len()], 10.0 * DVec3::Z, &pixels);
         assert_eq!(places.chart, Chart::Plane);
+        // Rolled out: along it as above, around it by the angle, also where the half is cut by the angle's jump at -x.
+        let spread = |places: &Places| places.at.iter().fold(0.0, |most: f64, p| most.max(p[1].abs()));
+        assert!((spread(&places) - 1.0).abs() < 1e-12);
+        let left: Vec<DVec3> = points.iter().copied().filter(|p| p.x < 0.0).collect();
+        let places = Places::of(&tube, 1, &left, &normals[..left.len()], 10.0 * DVec3::Z, &pixels);
+        let angle = |p: &DVec3| p.y.atan2(-p.x);
+        for pair in 1..left.len() {
+            let (turned, before) = (angle(&left[pair]) - angle(&left[pair - 1]), places.at[pair - 1][1]);
+            // Half a turn is 2; angles of (-x, y) run the other way round.
+            let scale = (places.at[pair][1] - before) / -turned;
+            assert!((scale - 2.0 / std::f64::consts::PI).abs() < 0.05, "{scale}");
+        }
         let ball = Solid::Ellipsoid { center: DVec3::ZERO, radii: DVec3::new(3.0, 3.0, 5.0) };
         let at = |angle: f64| DVec3::new(3.0 * angle.sin(), 0.0, 5.0 * angle.cos());
         let points: Vec<DVec3> = (-10..=10).map(|k| at(f64::from(k) * 0.15)).collect();

@@ -43,6 +43,27 @@ pub fn sinusoids(lit: f64, n: usize, f_x: f64) -> Pattern {
     Pattern(stack)
 }
 
+/// Under images `auto` fits smooth surfaces, where they are sinusoids; under square waves, as under few paths that go where the error is, it is `path` bit for bit.
+#[test]
+fn auto_fits_surfaces_under_sinusoids_only() {
+    let objects = vec![object(Shape::Slab { top: 0.0, bottom: -40.0 }, "m", 0)];
+    let tissue = scene(&[("m", medium(0.05, 4.0, 0.8))], objects, rig(200.0, 20.0, 12.0, 16, 60.0));
+    let pattern = sinusoids(60.0, 400, 0.05);
+    let mut square = pattern.clone();
+    for layer in &mut square.0.layers[..3] {
+        layer.data.mapv_inplace(|v| f32::from(u8::from(v > 0.5)));
+    }
+    let shown = |pattern: &Pattern, method: &str, allocate: &str| {
+        let params = json!({"samples": 64, "method": method, "allocate": allocate});
+        show(&tissue, pattern, &params, 1).unwrap().remove("frames").unwrap()
+    };
+    let by_paths = shown(&pattern, "path", "even");
+    assert_ne!(shown(&pattern, "auto", "even"), by_paths);
+    assert_eq!(shown(&pattern, "auto", "even"), shown(&pattern, "fit", "even"));
+    assert_eq!(shown(&pattern, "auto", "adaptive"), shown(&pattern, "path", "adaptive"));
+    assert_eq!(shown(&square, "auto", "even").layers, shown(&square, "path", "even").layers);
+}
+
 /// Sampled sinusoids do what the projector's own do: on a Lambertian floor to (2 pi f pitch)^2 / 8 of linear interpolation, also
 /// through a lens that distorts; below tissue within the noise, with the same standard errors.
 #[test]

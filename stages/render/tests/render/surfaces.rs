@@ -223,6 +223,36 @@ fn means_over_the_image_have_their_errors() {
     assert!((0.2..2.1).contains(&mean_square), "{mean_square}");
 }
 
+/// So is that of the mean over the pixels of the tissue around the dome which are fitted, though noisier ones at its rim are not: the same bound.
+#[test]
+fn means_over_what_is_fitted_have_their_errors() {
+    let scene = dome();
+    let frame = |method: &str, samples: u32, seed: u64| {
+        run(&scene, &json!({"f_x": [0], "samples": samples, "method": method}), seed).remove("frames").unwrap()
+    };
+    let truth = frame("path", 4096, 99);
+    let middle = 0.5 * f64::from(SIDE) - 0.5;
+    // mm from the middle of the dome.
+    let away = |i: usize| 44.0 / f64::from(SIDE) * ((i % 24) as f64 - middle).hypot((i / 24) as f64 - middle);
+    let mut squares = Vec::new();
+    for seed in 0..24 {
+        let (fit, path) = (frame("fit", 64, seed), frame("path", 64, seed));
+        let [fitted, own, long] = [&fit, &path, &truth].map(|frames| frames.layers[0].pixels());
+        let counts = |i: usize| away(i) > 18.0 && fitted[i] != own[i];
+        let pixels = || (0..fitted.len()).filter(|&i| counts(i));
+        assert!(pixels().count() > 100);
+        let off = pixels().map(|i| f64::from(fitted[i] - long[i])).sum::<f64>() / pixels().count() as f64;
+        let mean_se = |frames: &ImageStack| {
+            let info = &frames.layers[0].info;
+            let se = frames.standard_error(info).unwrap().pixels();
+            frames.sharing(info).mean_se(&se, counts).unwrap()
+        };
+        squares.push((off / mean_se(&fit).hypot(mean_se(&truth))).powi(2));
+    }
+    let mean_square = squares.iter().sum::<f64>() / squares.len() as f64;
+    assert!((0.2..2.1).contains(&mean_square), "{mean_square}");
+}
+
 /// A target is met by the error of the fit: after fewer paths than pixels by their own need, and a run that is continued has the bytes of a fresh one.
 #[test]
 fn targets_are_met_by_the_fit() {
