@@ -65,9 +65,21 @@ fn the_camera_sees_the_phase_that_was_meant() {
     assert!(low > 0.0198 && high < 0.0202, "{low} to {high} mm^-1");
 }
 
-/// Few paths, one f_x: seconds.
-const QUICK: [&str; 6] =
-    ["--set", "vars.f_x=[0.2]", "--set", "vars.samples=256", "--set", "vars.reference_samples=1024"];
+/// Isotropic scattering, a strip of pixels across the mouth, few paths, one f_x: seconds.
+const QUICK: [&str; 12] = [
+    "--set",
+    "vars.g=0",
+    "--set",
+    "vars.pixels=[200,1]",
+    "--set",
+    "vars.field=[20.4,0.102]",
+    "--set",
+    "vars.f_x=[0.2]",
+    "--set",
+    "vars.samples=256",
+    "--set",
+    "vars.reference_samples=1024",
+];
 
 /// `pipelines/tube_sectioned.yaml`: the reference's own medium, by other random numbers, comes back within 4.5 standard errors, by one table and by five (on a phantom
 /// the table has no error between phantoms); a medium that is darker than the reference, whose fringes lose less than its mean, is found on its

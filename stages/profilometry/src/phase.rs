@@ -5,6 +5,7 @@ use std::f64::consts::{PI, TAU};
 use glam::DVec3;
 use turbid_contract::layers::{place, values, wavelengths};
 use turbid_contract::payload::MaskReason;
+use turbid_contract::sharing::Sharing;
 use turbid_contract::{Error, ImageStack, Layer, LayerInfo};
 
 use crate::geometry::Rig;
@@ -138,8 +139,8 @@ pub struct Difference {
     pub se: Option<Vec<f64>>,
     /// Where `se` is a lower bound of an error that is not known; `None` where it is known everywhere.
     pub se_unknown: Option<Vec<bool>>,
-    /// How many times the variance of a mean exceeds that of independent pixels.
-    pub sharing: f64,
+    /// How the errors of pixels are common.
+    pub sharing: Sharing,
 }
 
 /// Sample minus reference; the reference's phase is measured (`reference`) or 2 pi f_x u.
@@ -154,13 +155,13 @@ pub fn difference(
     let phase = layer.pixels();
     let own = sample.standard_error(&layer.info).map(Layer::pixels);
     let mut flagged = vec![sample.se_unknown(&layer.info)];
-    let (base, base_se) = match reference {
+    let (base, base_se, of_base) = match reference {
         Some(stack) => {
             let layer = same(stack, &layer.info)?;
             flagged.push(stack.se_unknown(&layer.info));
-            (Some(layer.pixels()), stack.standard_error(&layer.info).map(Layer::pixels))
+            (Some(layer.pixels()), stack.standard_error(&layer.info).map(Layer::pixels), stack.sharing(&layer.info))
         }
-        None => (None, None),
+        None => (None, None, Sharing::NONE),
     };
     let flagged: Vec<_> = flagged.into_iter().flatten().map(Layer::pixels).collect();
     let se_unknown =
@@ -176,11 +177,17 @@ pub fn difference(
         };
         wrap(f64::from(phase[i]) - from)
     };
-    let sharing = reference.map_or(1.0, ImageStack::common_sharing).max(sample.common_sharing());
-    let se = own.map(|own| {
-        let square = |se: f32| f64::from(se) * f64::from(se);
-        (0..own.len()).map(|i| (square(own[i]) + base_se.as_ref().map_or(0.0, |b| square(b[i]))).sqrt()).collect()
-    });
+    let square = |se: f32| f64::from(se) * f64::from(se);
+    let of_sample = sample.sharing(&layer.info);
+    let (mut se, mut factors) = (own.is_some().then(Vec::new), Vec::new());
+    for (i, &own) in own.iter().flat_map(|own| own.iter().enumerate()) {
+        let (own, base) = (square(own), base_se.as_ref().map_or(0.0, |b| square(b[i])));
+        let sum = own + base;
+        let shared = of_sample.at(i) * own + of_base.at(i) * base;
+        factors.push(if sum > 0.0 { (shared / sum) as f32 } else { 1.0 });
+        se.iter_mut().for_each(|se| se.push(sum.sqrt()));
+    }
+    let sharing = Sharing::of_pixels(factors);
     Ok(Difference { delta: (0..phase.len()).map(of).collect(), se, se_unknown, sharing })
 }
 

@@ -5,7 +5,6 @@ use std::f64::consts::{PI, TAU};
 use glam::DVec3;
 use turbid_contract::ndarray::Array2;
 use turbid_contract::payload::{Maps, MaskReason, Phase, Rig as Rigs, Scene};
-use turbid_contract::planes::mean_se;
 use turbid_contract::{
     Ctx, Error, Extent, Forms, ImageStack, Known, Layer, LayerInfo, LayerKind, Length, Problems, Stage, StagePlan,
     in_ports, out_ports,
@@ -360,15 +359,12 @@ fn heights(
 /// Height, its standard error where known, and the mask.
 fn planes(rig: &Rig, heights: &[Height], found: &Difference, mask: &mut [MaskReason], ctx: Ctx<'_>) -> ImageStack {
     let (mut z, mut se) = (vec![0.0_f32; heights.len()], vec![0.0_f32; heights.len()]);
-    let (mut good, mut variances) = (0_u64, 0.0);
     for (i, height) in heights.iter().enumerate() {
         match *height {
             Ok((height, slope)) if (height + slope).is_finite() => {
-                good += 1;
                 z[i] = height as f32;
                 if let Some(phase_se) = &found.se {
                     let own = slope * phase_se[i];
-                    variances += own * own;
                     se[i] = own.abs() as f32;
                 }
             }
@@ -386,7 +382,7 @@ fn planes(rig: &Rig, heights: &[Height], found: &Difference, mask: &mut [MaskRea
     let unknown: Vec<f32> = (0..heights.len()).map(unknown).collect();
     let any_unknown = unknown.contains(&1.0);
     if found.se.is_some() && !any_unknown {
-        info.mean_se = mean_se(variances, good, found.sharing);
+        info.mean_se = found.sharing.mean_se(&se, |i| mask[i] == MaskReason::Good);
     }
     stack.push(info.clone(), image(z));
     if found.se.is_some() {
@@ -397,7 +393,7 @@ fn planes(rig: &Rig, heights: &[Height], found: &Difference, mask: &mut [MaskRea
         stack.push(info.se_unknown(), image(unknown));
     }
     let reasons = ctx.measure_masked(mask.iter().map(|m| m.code()));
-    if good == 0 {
+    if !mask.contains(&MaskReason::Good) {
         ctx.warn(format!("no pixel has a height: {reasons}"));
     }
     stack

@@ -65,18 +65,20 @@ impl Pass<'_> {
             }
             plane
         };
-        phase_infos.iter().for_each(|info| phases.values.push((info.clone(), phase_plane(next()))));
+        for (info, &mean_se) in phase_infos.iter().zip(&of_means[infos.len()..]) {
+            phases.values.push((LayerInfo { mean_se, ..info.clone() }, phase_plane(next())));
+        }
         if known {
             phase_infos.iter().for_each(|info| phases.errors.push((info.standard_error(), phase_plane(next()))));
         }
         values.masks.push((mask, next()));
     }
 
-    /// The standard error of the mean of each quantity, where it is known.
+    /// The standard error of the mean of each quantity, then of each phase, where it is known.
     fn mean_errors(&self, planes: &[Array2<f32>], (frames, channel): (&ImageStack, usize)) -> Vec<Option<f64>> {
-        let count = self.quantity_count();
+        let (count, phases) = (self.quantity_count(), self.phase_count());
         if self.blocks.is_none() {
-            return vec![None; count];
+            return vec![None; count + phases];
         }
         let plane = |k: usize| planes[k].as_slice().expect("planes are row-major");
         let (m_dc, m_dc_se, mask) = (plane(0), plane(count), plane(planes.len() - 1));
@@ -95,8 +97,13 @@ impl Pass<'_> {
             }
         };
         // What frames do not know of a pixel they may still know of their mean.
-        let known = |q: usize| self.unknown[q / 2].is_none() || self.mean_known[q / 2];
-        (0..count).map(|q| if known(q) { sharing.mean_se(plane(count + q), good) } else { None }).collect()
+        let known = |k: &usize| self.unknown[*k].is_none() || self.mean_known[*k];
+        let fringes = &self.channel.fringes;
+        let fringed = (0..fringes.len()).filter(|&k| self.wants_phase && fringes[k].f_x_per_mm > 0.0);
+        // Standard errors of phases follow covariances and the phases themselves.
+        let of_phases = 2 * count + self.pairs.len() + phases;
+        let places = (0..count).map(|q| (q / 2, count + q)).chain(fringed.zip(of_phases..));
+        places.map(|(k, place)| Some(k).filter(known).and_then(|_| sharing.mean_se(plane(place), good))).collect()
     }
 
     /// The good pixels of which noise has left no signal, but whose neighbours have one; `None` where there are none.
