@@ -47,7 +47,7 @@ pub struct Calibrate;
 
 impl Stage for Calibrate {
     const NAME: &'static str = "calibrate";
-    const VERSION: u32 = 6;
+    const VERSION: u32 = 7;
     const ABOUT: &'static str = "reflectance of a sample from its modulation and that of a reference phantom";
 
     type Params = Params;

@@ -45,7 +45,7 @@ pub struct Chromophores;
 
 impl Stage for Chromophores {
     const NAME: &'static str = "chromophores";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     const ABOUT: &'static str = "concentrations of what absorbs, oxygen saturation and the power law of scattering from maps of several wavelengths";
 
     type Params = Params;

@@ -36,7 +36,7 @@ pub struct Compare;
 
 impl Stage for Compare {
     const NAME: &'static str = "compare";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     const ABOUT: &'static str =
         "bias, RMS error and masked share against the truth: of maps for each region, of a fit for each medium";
 

@@ -33,9 +33,12 @@ impl Sharing {
         Self { even: 1.0, of_pixels: factors }
     }
 
-    /// From what the covariances of a pixel with all others add up to, in the mean over the image; `variances` of the pixels.
-    pub fn of_covariance(sum: f64, variances: impl Iterator<Item = f64>) -> Self {
-        Self::of_pixels(variances.map(|v| if v > 0.0 { (1.0 + sum / v) as f32 } else { 1.0 }).collect())
+    /// From the part of the variance of the sum over all pixels that is not their own, `shared`; each has a part of it by its weight. `pixels`: these weights (0 of
+    /// those that do not count) and the variances.
+    pub fn of_shared(shared: f64, pixels: impl Iterator<Item = [f64; 2]> + Clone) -> Self {
+        let whole: f64 = pixels.clone().map(|[weight, _]| weight).sum();
+        let factor = |[weight, v]: [f64; 2]| if v > 0.0 { (1.0 + shared * weight / whole / v) as f32 } else { 1.0 };
+        Self::of_pixels(pixels.map(factor).collect())
     }
 
     /// Of a pixel.
@@ -81,22 +84,26 @@ impl Sharing {
 impl ImageStack {
     /// How errors of the value layer `info` are common to pixels, by the standard error of its mean; where that is not known by the attribute [`SHARING`].
     ///
-    /// What is common to two pixels is the same wherever they are, and the rest of a pixel's variance its own: a noisy rim beside a fitted surface has no part in
-    /// what the fit's pixels share.
+    /// What pixels have in common is the same part of their values everywhere (the same length or angle, of layers in mm or rad), and the rest of a pixel's variance
+    /// its own: a noisy rim beside a fitted surface has no part in what the fit's pixels share.
     pub fn sharing(&self, info: &LayerInfo) -> Sharing {
         let (Some(mean_se), Some(se)) = (info.mean_se, self.standard_error(info)) else {
             return Sharing::even(self.common_sharing());
         };
         let mask = self.mask(info.wavelength_nm).map(Layer::pixels);
-        let se = se.pixels();
-        let square = |se: f32| f64::from(se) * f64::from(se);
-        let good = se.iter().enumerate().filter(|&(i, _)| mask.as_ref().is_none_or(|m| m[i] == 0.0));
-        let (n, alone) = good.fold((0.0, 0.0), |(n, sum), (_, &se)| (n + 1.0, sum + square(se)));
+        let (se, square) = (se.pixels(), |x: f32| f64::from(x) * f64::from(x));
+        let good = |i: usize| mask.as_ref().is_none_or(|m| m[i] == 0.0);
+        let all = se.iter().enumerate().filter(|&(i, _)| good(i));
+        let (n, alone) = all.fold((0.0, 0.0), |(n, sum), (_, &se)| (n + 1.0, sum + square(se)));
         let together = mean_se * n * mean_se * n;
         if together <= (1.0 + ROUNDING) * alone {
             return Sharing::even(if alone > 0.0 { (together / alone).min(1.0) } else { 1.0 });
         }
-        Sharing::of_covariance((together - alone) / n, se.iter().map(|&se| square(se)))
+        let values =
+            self.layers.iter().find(|l| l.info == *info).filter(|_| !["mm", "rad"].contains(&info.unit.as_str()));
+        let values = values.map(Layer::pixels).filter(|values| values.iter().any(|&v| v != 0.0));
+        let weight = |i: usize| if good(i) { values.as_ref().map_or(1.0, |values| square(values[i])) } else { 0.0 };
+        Sharing::of_shared(together - alone, se.iter().enumerate().map(|(i, &se)| [weight(i), square(se)]))
     }
 
     /// The attribute [`SHARING`]: how many times the variance of the mean of an image exceeds that of independent pixels.
@@ -156,10 +163,24 @@ mod tests {
         assert!(own > 1.0 && own < 3.0_f64.sqrt() + 1e-3, "{own}");
     }
 
+    /// What is common is a part of the values: dark pixels share less of it, in lengths they share the same.
+    #[test]
+    fn common_errors_go_with_the_values() {
+        let (mut stack, info) = stack(&[0.5; 4], 0.5);
+        stack.layers[0].data = Array2::from_shape_vec((1, 4), vec![1.0, 1.0, 2.0, 0.0]).expect("one row");
+        let sharing = stack.sharing(&info);
+        assert_eq!([0, 1, 2, 3].map(|i| sharing.at(i)), [3.0, 3.0, 9.0, 1.0]);
+        for layer in &mut stack.layers {
+            layer.info.unit = "mm".to_owned();
+        }
+        let sharing = stack.sharing(&LayerInfo { unit: "mm".to_owned(), ..info });
+        assert_eq!([0, 1, 2, 3].map(|i| sharing.at(i)), [4.0; 4]);
+    }
+
     /// Of two the larger holds at each pixel.
     #[test]
     fn the_larger_holds() {
-        let one = Sharing::of_covariance(3.0, [1.0, 3.0, 0.0].into_iter());
+        let one = Sharing::of_shared(6.0, [[1.0, 1.0], [1.0, 3.0], [0.0, 0.0]].into_iter());
         let all = one.or(Sharing::even(2.5));
         assert_eq!([0, 1, 2].map(|i| all.at(i)), [4.0, 2.5, 2.5]);
         assert_eq!(Sharing::even(2.0).or(Sharing::NONE), Sharing::even(2.0));

@@ -46,7 +46,7 @@ pub struct Demodulate;
 
 impl Stage for Demodulate {
     const NAME: &'static str = "demodulate";
-    const VERSION: u32 = 8;
+    const VERSION: u32 = 9;
     const ABOUT: &'static str =
         "M_DC, M_AC and phase of each pixel from frames of shifted sinusoids, with standard errors";
 

@@ -66,7 +66,7 @@ pub struct Invert;
 
 impl Stage for Invert {
     const NAME: &'static str = "invert";
-    const VERSION: u32 = 9;
+    const VERSION: u32 = 10;
     const ABOUT: &'static str =
         "maps of mu_a and mu_s' from calibrated reflectance by a look-up table, with standard errors";
 

@@ -61,7 +61,7 @@ pub struct BuildLut;
 
 impl Stage for BuildLut {
     const NAME: &'static str = "build_lut";
-    const VERSION: u32 = 6;
+    const VERSION: u32 = 7;
     const ABOUT: &'static str =
         "Look-up table of reflectance over mu_a and mu_s' from transport, Monte Carlo or diffusion";
 

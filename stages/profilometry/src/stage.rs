@@ -48,7 +48,7 @@ pub struct Profilometry;
 
 impl Stage for Profilometry {
     const NAME: &'static str = "profilometry";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     const ABOUT: &'static str = "Height of a surface from the phase of the fringes on it, with standard errors";
 
     type Params = Params;

@@ -86,10 +86,11 @@ impl Pass<'_> {
         let sharing = match frames.covariance_of_m_dc(channel) {
             // What pixels share of M_DC they share of M_AC, as parts of their variances.
             Some(covariance) => {
-                let n = (0..mask.len()).filter(|&i| good(i)).count() as f64;
-                let mean = m_dc.iter().map(|&m| f64::from(m)).sum::<f64>() / n.max(1.0);
-                let variances = m_dc_se.iter().map(|&se| f64::from(se) * f64::from(se));
-                Sharing::of_covariance(covariance * n * mean * mean, variances)
+                // Masked pixels hold 0 by now.
+                let sum = m_dc.iter().map(|&m| f64::from(m)).sum::<f64>();
+                let squares =
+                    m_dc.iter().zip(m_dc_se).map(|pair| [pair.0, pair.1].map(|&x| f64::from(x) * f64::from(x)));
+                Sharing::of_shared(covariance * sum * sum, squares)
             }
             None => {
                 let shot = frames.layers.iter().filter(|l| l.info.kind == LayerKind::Value);
