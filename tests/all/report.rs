@@ -63,7 +63,7 @@ fn a_page_holds_all_of_a_pipeline() {
         "What is left of M_AC?",
         "<pre>  half</pre>",
         "reflectance.reflectance",
-        "demodulate 7",
+        "demodulate 9",
         "m_ac per pixel",
         "turbid run p.yaml --set vars.samples=8",
         "low_signal",

@@ -15,7 +15,7 @@ fn row<'a>(rows: &'a [Row], region: &str, quantity: &str) -> &'a Row {
 fn one_frame_gives_the_maps_of_three() {
     let file = format!("{}/pipelines/snapshot.yaml", env!("CARGO_MANIFEST_DIR"));
     let space = Space::new();
-    let settings = ["--set", "vars.samples=128", "--set", "vars.reference_samples=256"];
+    let settings = ["--set", "vars.samples=256", "--set", "vars.reference_samples=1024"];
     space.turbid(&[&["run", &file, "metrics", "single_metrics"], &settings[..]].concat()).ok();
     let three = metrics(&space, &file, "metrics", &settings);
     let of = |filter: &str| metrics(&space, &file, &format!("single_metrics[filter={filter}]"), &settings);

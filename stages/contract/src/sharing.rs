@@ -37,7 +37,9 @@ impl Sharing {
     /// those that do not count) and the variances.
     pub fn of_shared(shared: f64, pixels: impl Iterator<Item = [f64; 2]> + Clone) -> Self {
         let whole: f64 = pixels.clone().map(|[weight, _]| weight).sum();
-        let factor = |[weight, v]: [f64; 2]| if v > 0.0 { (1.0 + shared * weight / whole / v) as f32 } else { 1.0 };
+        let factor = |[weight, v]: [f64; 2]| {
+            if v > 0.0 && whole > 0.0 { (1.0 + shared * weight / whole / v) as f32 } else { 1.0 }
+        };
         Self::of_pixels(pixels.map(factor).collect())
     }
 
